@@ -1,0 +1,47 @@
+"""The errors and warnings of the package, and how ids are named in them.
+
+Every message says what came, what was expected, the ids, the likely cause and the next step.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+
+class StvkError(ValueError):
+    """Base of all errors that this package raises for bad input."""
+
+
+class MeshError(StvkError):
+    """The mesh cannot carry an elastic body as it is."""
+
+
+class MaterialError(StvkError):
+    """A material constant is missing, out of range or of the wrong shape."""
+
+
+class RegionError(StvkError):
+    """A region is unknown, empty or out of range."""
+
+
+class StateError(StvkError):
+    """A displacement vector has the wrong length or is not finite."""
+
+
+class StvkWarning(UserWarning):
+    """The input can be used, but is probably not what was meant."""
+
+
+def name_ids(ids: ArrayLike, what: str, most: int = 5) -> str:
+    """The first few of the ids and how many there are.
+
+    >>> name_ids([3, 7], "element")
+    '2 elements (3, 7)'
+    >>> name_ids(range(9), "vertex", most=3)
+    '9 vertices (0, 1, 2, ...)'
+    """
+    ids = np.atleast_1d(np.asarray(ids))
+    plural = {"vertex": "vertices", "entry": "entries"}.get(what, what + "s")
+    shown = ", ".join(str(i) for i in ids[:most].tolist()) + (", ..." if len(ids) > most else "")
+    return f"{len(ids)} {what if len(ids) == 1 else plural} ({shown})"

@@ -1,0 +1,112 @@
+"""What is wrong with a mesh, said before any work is done on it."""
+
+from __future__ import annotations
+
+import warnings
+from math import factorial
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import cKDTree
+
+from ..errors import MeshError, StvkWarning, name_ids
+from .simplices import SimplexMesh
+
+
+def check_mesh(mesh: SimplexMesh) -> None:
+    """Refuse a mesh that cannot carry an elastic body, and warn of one that is probably not what was meant.
+
+    Negative orientation is normal (half of the elements of `MeshTet.init_tensor`) and accepted.
+
+    Raises
+    ------
+    MeshError
+        with the ids of: vertices that are not finite; elements that repeat a vertex, have no volume or stand twice; vertices
+        on no element.
+
+    Warns
+    -----
+    StvkWarning
+        of vertices in the same place, and of parts that are not connected.
+    """
+    bad = np.flatnonzero(~np.isfinite(mesh.p).all(axis=0))
+    if len(bad):
+        raise MeshError(f"{name_ids(bad, 'vertex')} have coordinates that are not finite. Was the mesh exported or scaled wrongly?")
+    ordered = np.sort(mesh.t, axis=0)
+    bad = np.flatnonzero((ordered[1:] == ordered[:-1]).any(axis=0))
+    if len(bad):
+        raise MeshError(
+            f"{name_ids(bad, 'element')} name the same vertex twice and so have no volume. Collapsed cells of a converter? Remove them."
+        )
+    bad = flat_elements(mesh)
+    if len(bad):
+        raise MeshError(
+            f"{name_ids(bad, 'element')} have no volume: their vertices lie in one "
+            f"{('point', 'line', 'plane')[mesh.k - 1]} to within rounding. Remesh or remove these slivers."
+        )
+    order = np.lexsort(ordered)
+    same = np.flatnonzero((ordered[:, order[1:]] == ordered[:, order[:-1]]).all(axis=0))
+    if len(same):
+        bad = np.sort(order[same + 1])
+        raise MeshError(
+            f"{name_ids(bad, 'element')} have the same vertices as an earlier element: the stiffness would count twice. Two overlapping "
+            "physical groups, or a part exported twice? Remove the copies."
+        )
+    unused = unused_vertices(mesh)
+    if len(unused):
+        raise MeshError(
+            f"{name_ids(unused, 'vertex')} are on no element, so K would have zero rows. Remove them: mesh.remove_unused_nodes() in "
+            "scikit-fem; `skfem-stvk verify FILE` and `read_mesh` drop them."
+        )
+    warn_of_coincident_vertices(mesh)
+    warn_of_parts(mesh)
+
+
+def flat_elements(mesh: SimplexMesh) -> NDArray[np.int64]:
+    """Elements whose volume is zero to within rounding: of the coordinates, and 1e-12 of the longest edge to the power k."""
+    x = mesh.p.T[mesh.t.T]
+    spokes = np.swapaxes(x[:, 1:] - x[:, :1], 1, 2)
+    longest = np.sqrt((spokes**2).sum(axis=1).max(axis=1))
+    triangular = spokes if mesh.k == mesh.d else np.linalg.qr(spokes, mode="r")
+    volume = np.abs(np.linalg.det(triangular)) / factorial(mesh.k)
+    rounding = np.finfo(float).eps * np.abs(x).max(axis=(1, 2))
+    with np.errstate(over="ignore"):
+        return np.flatnonzero(volume <= (1e-12 * longest + 4 * rounding) * longest ** (mesh.k - 1))
+
+
+def unused_vertices(mesh: SimplexMesh) -> NDArray[np.int64]:
+    """Vertices on no element."""
+    return np.flatnonzero(np.bincount(mesh.t.ravel(), minlength=mesh.nv) == 0)
+
+
+def warn_of_coincident_vertices(mesh: SimplexMesh) -> None:
+    """Warn of vertices closer than 1e-6 of the median edge (of each element's first): seams that do not hold together."""
+    edge = np.median(np.linalg.norm(mesh.p[:, mesh.t[0]] - mesh.p[:, mesh.t[1]], axis=0))
+    pairs = cKDTree(mesh.p.T).query_pairs(1e-6 * edge, output_type="ndarray")
+    if len(pairs):
+        warnings.warn(
+            f"{name_ids(np.unique(pairs[:, 1]), 'vertex')} lie in the same place as another one: parts that touch there are not "
+            "connected. Merge them if they should be, e.g. mesh.remove_duplicate_nodes() in scikit-fem.",
+            StvkWarning,
+            stacklevel=4,
+        )
+
+
+def parts(mesh: SimplexMesh) -> NDArray[np.int32]:
+    """(nv,) number of the connected part that each vertex belongs to; parts that share one vertex are connected."""
+    links = coo_matrix((np.ones(mesh.t[1:].size), (np.tile(mesh.t[0], mesh.k), mesh.t[1:].ravel())), shape=(mesh.nv, mesh.nv))
+    return connected_components(links, directed=False)[1]
+
+
+def warn_of_parts(mesh: SimplexMesh) -> None:
+    sizes = np.sort(np.bincount(parts(mesh)))[::-1]
+    if len(sizes) > 1:
+        shown = ", ".join(str(size) for size in sizes[:5]) + (", ..." if len(sizes) > 5 else "")
+        warnings.warn(
+            f"The mesh is in {len(sizes)} parts that are not connected ({shown} vertices): each needs its own supports. If they should hold "
+            "together, merge the vertices of their common faces.",
+            StvkWarning,
+            stacklevel=4,
+        )

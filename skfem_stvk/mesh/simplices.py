@@ -1,0 +1,174 @@
+"""A mesh of simplices as bare arrays: what every part of the package computes on."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from types import MappingProxyType
+from typing import Any, TypeAlias
+
+import numpy as np
+import skfem
+from numpy.typing import NDArray
+
+from ..errors import MeshError, RegionError, StvkWarning, name_ids
+
+#: What `System` and `verify` take for a mesh: a scikit-fem mesh of segments, triangles or tetrahedra, arrays
+#: `(p, t)`, or a `SimplexMesh`.
+MeshLike: TypeAlias = Any
+
+KINDS = {1: "segment", 2: "triangle", 3: "tetrahedron"}
+LARGEST_INDEX = np.iinfo(np.int32).max
+
+
+@dataclass(frozen=True, eq=False)
+class SimplexMesh:
+    """Simplices of dimension `k` in a space of dimension `d >= k`.
+
+    Parameters
+    ----------
+    p : (d, nv) coordinates of the vertices [m], as in scikit-fem.
+    t : (k + 1, nt) vertices of the simplices, as in scikit-fem; both orientations are fine.
+    subdomains : element ids by name.
+    boundaries : facets by name, each as a (k, n) array of vertices.
+
+    Raises
+    ------
+    MeshError
+        if the arrays do not have these shapes, or an index is out of range.
+
+    >>> cable = SimplexMesh(p=[[0, 1, 2], [0, 0, 1], [0, 0, 1]], t=[[0, 1], [1, 2]])
+    >>> cable
+    SimplexMesh: 2 segments in 3D, 3 vertices
+    """
+
+    p: NDArray[np.float64]
+    t: NDArray[np.int32]
+    subdomains: Mapping[str, NDArray[np.int32]] = field(default_factory=dict)
+    boundaries: Mapping[str, NDArray[np.int32]] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        p, t = np.array(self.p, dtype=np.float64), np.asarray(self.t)
+        if p.ndim != 2 or p.shape[0] not in (1, 2, 3):
+            raise MeshError(f"p has shape {p.shape}; expected (d, nv) with d = 1, 2 or 3. Transpose arrays of shape (nv, d).")
+        if t.ndim != 2 or not 2 <= t.shape[0] <= p.shape[0] + 1:
+            raise MeshError(
+                f"t has shape {t.shape} in a space of {p.shape[0]} dimensions; expected (k + 1, nt) with 1 <= k <= {p.shape[0]}: "
+                "segments, triangles or tetrahedra. Transpose arrays of shape (nt, k + 1)."
+            )
+        if t.shape[1] == 0:
+            raise MeshError("The mesh has no elements.")
+        if not np.issubdtype(t.dtype, np.integer):
+            raise MeshError(f"t has dtype {t.dtype}; expected integers (vertex ids from 0).")
+        check_index_range(p.shape[1], "vertices")
+        check_index_range(t.shape[1], "elements")
+        bad = np.flatnonzero(((t < 0) | (t >= p.shape[1])).any(axis=0))
+        if len(bad):
+            raise MeshError(
+                f"{name_ids(bad, 'element')} name vertices outside 0 ... {p.shape[1] - 1}. Are the ids counted from 1? Subtract 1 then."
+            )
+        object.__setattr__(self, "p", p)
+        object.__setattr__(self, "t", np.array(t, dtype=np.int32))
+        for name in ("subdomains", "boundaries"):
+            object.__setattr__(self, name, MappingProxyType(dict(getattr(self, name) or {})))
+
+    @classmethod
+    def of(cls, mesh: MeshLike) -> SimplexMesh:
+        """The simplices of a scikit-fem mesh, of arrays `(p, t)`, or of a `SimplexMesh` (handed back as it is).
+
+        Second-order scikit-fem meshes are reduced to their corner vertices, with a warning.
+        """
+        if isinstance(mesh, cls):
+            return mesh
+        if isinstance(mesh, skfem.Mesh):
+            if not isinstance(mesh, skfem.MeshTet1 | skfem.MeshTri1 | skfem.MeshLine1):
+                raise MeshError(
+                    f"{type(mesh).__name__} is not a mesh of simplices; expected MeshTet1, MeshTri1 or MeshLine1. Quadrilaterals and "
+                    "hexahedra can be split: mesh.to_meshtri(), mesh.to_meshtet()."
+                )
+            p, t = mesh.doflocs, mesh.t
+            if isinstance(mesh, skfem.MeshTet2 | skfem.MeshTri2):
+                p = p[:, : mesh.nvertices]
+                warnings.warn(
+                    f"{type(mesh).__name__} is of second order: its {mesh.nvertices} corner vertices are used and its curved edges are "
+                    "taken as straight. Displacements have one entry a corner and component.",
+                    StvkWarning,
+                    stacklevel=3,
+                )
+            return cls(p, t, mesh.subdomains or {})
+        if isinstance(mesh, tuple) and len(mesh) == 2:
+            return cls(*mesh)
+        raise MeshError(f"A mesh of type {type(mesh).__name__} came; expected a scikit-fem mesh, arrays (p, t) or a SimplexMesh.")
+
+    @property
+    def k(self) -> int:
+        """Dimension of the simplices."""
+        return self.t.shape[0] - 1
+
+    @property
+    def d(self) -> int:
+        """Dimension of the space."""
+        return self.p.shape[0]
+
+    @property
+    def nv(self) -> int:
+        """Number of vertices."""
+        return self.p.shape[1]
+
+    @property
+    def nt(self) -> int:
+        """Number of simplices."""
+        return self.t.shape[1]
+
+    @property
+    def kind(self) -> str:
+        """The simplices in words, such as 'tetrahedra in 3D'."""
+        return f"{KINDS[self.k].replace('hedron', 'hedra') + ('' if self.k == 3 else 's')} in {self.d}D"
+
+    def elements(self, region: str | NDArray[Any] | None) -> NDArray[np.int64]:
+        """Ids of the elements of a region: a name in `subdomains`, element ids, a mask, or None for all.
+
+        Raises
+        ------
+        RegionError
+            if the name is unknown, or the ids are none, out of range or repeated.
+        """
+        if region is None:
+            return np.arange(self.nt)
+        if isinstance(region, str):
+            if region not in self.subdomains:
+                known = ", ".join(repr(name) for name in sorted(self.subdomains)) or "none"
+                raise RegionError(f"The mesh has no subdomain {region!r}; known: {known}.")
+            what, ids = f"Subdomain {region!r}", np.asarray(self.subdomains[region])
+        else:
+            what, ids = "The region", np.asarray(region)
+        if ids.dtype == bool:
+            if ids.shape != (self.nt,):
+                raise RegionError(f"{what} is a mask of shape {ids.shape}; expected one value for each of the {self.nt} elements.")
+            ids = np.flatnonzero(ids)
+        if ids.ndim != 1 or ids.size == 0 or not np.issubdtype(ids.dtype, np.integer):
+            raise RegionError(f"{what} has shape {ids.shape} and dtype {ids.dtype}; expected a list of at least one element id.")
+        bad = ids[(ids < 0) | (ids >= self.nt)]
+        if len(bad):
+            raise RegionError(f"{what} names {name_ids(bad, 'element')} outside 0 ... {self.nt - 1}.")
+        unique, counts = np.unique(ids, return_counts=True)
+        if len(unique) < len(ids):
+            raise RegionError(f"{what} names {name_ids(unique[counts > 1], 'element')} more than once.")
+        return ids.astype(np.int64)
+
+    def __repr__(self) -> str:
+        return f"SimplexMesh: {self.nt} {self.kind}, {self.nv} vertices"
+
+
+def check_index_range(count: int, what: str) -> None:
+    """Refuse what 32-bit indices cannot count, before any array of that size is made.
+
+    >>> check_index_range(3 * 10**9, "non-zeros of K")
+    Traceback (most recent call last):
+    skfem_stvk.errors.MeshError: 3000000000 non-zeros of K are more than 32-bit indices can count (2147483647). ...
+    """
+    if count > LARGEST_INDEX:
+        raise MeshError(
+            f"{count} {what} are more than 32-bit indices can count ({LARGEST_INDEX}). Split the body, or coarsen the mesh."
+        )
