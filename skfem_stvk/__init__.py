@@ -1,7 +1,24 @@
 """St. Venant-Kirchhoff elasticity on simplices from edges, and the referee for everybody else's: a plugin for scikit-fem."""
 
 from .errors import MaterialError, MeshError, RegionError, StateError, StvkError, StvkWarning
+from .materials import Anisotropic, Isotropic, Orthotropic, TransverselyIsotropic
 from .mesh import SimplexMesh
+from .system import System
+from .terms import StVK
 
 __version__ = "0.1.0"
-__all__ = ["MaterialError", "MeshError", "RegionError", "SimplexMesh", "StateError", "StvkError", "StvkWarning"]
+__all__ = [
+    "Anisotropic",
+    "Isotropic",
+    "MaterialError",
+    "MeshError",
+    "Orthotropic",
+    "RegionError",
+    "SimplexMesh",
+    "StVK",
+    "StateError",
+    "StvkError",
+    "StvkWarning",
+    "System",
+    "TransverselyIsotropic",
+]

@@ -1,0 +1,5 @@
+"""Edges, tetrahedron-sharing edge pairs (TSEPs) and their coefficients L: the heart."""
+
+from .form import EdgeForm
+
+__all__ = ["EdgeForm"]

@@ -1,0 +1,74 @@
+"""Isotropic material: Young's modulus and Poisson's ratio, or a Lame pair."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ..errors import MaterialError
+from .material import Hypothesis, Material
+from .values import Values, check_length, constant
+
+
+@dataclass(frozen=True, eq=False)
+class Isotropic(Material):
+    """`S = lam tr(E) I + 2 mu E`; every constant is a number, or an array with one value an element.
+
+    Parameters
+    ----------
+    young : Young's modulus [Pa], positive.
+    poisson : Poisson's ratio, in (-1, 1/2); in plane stress in (-1, 1). Segments have no use for it.
+    density : mass density [kg/m^3].
+
+    Raises
+    ------
+    MaterialError
+        for a constant that is not finite or out of range, with element ids.
+
+    >>> Isotropic(young=2.6, poisson=0.3).lame(Hypothesis.SOLID)
+    (np.float64(1.5), np.float64(1.0))
+    >>> Isotropic.from_lame(lam=1.5, mu=1.0).poisson
+    0.3
+    """
+
+    young: ArrayLike
+    poisson: ArrayLike | None = None
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        object.__setattr__(self, "young", constant(self.young, "young", low=0.0))
+        if self.poisson is not None:
+            object.__setattr__(self, "poisson", constant(self.poisson, "poisson", low=-1.0, high=1.0))
+
+    @classmethod
+    def from_lame(cls, lam: ArrayLike, mu: ArrayLike, *, density: ArrayLike | None = None) -> Isotropic:
+        """The material with these Lame constants [Pa]: `mu > 0` and `3 lam + 2 mu > 0`."""
+        lam, mu = constant(lam, "lam"), constant(mu, "mu", low=0.0)
+        bulk = constant(3 * lam + 2 * mu, "3 lam + 2 mu", low=0.0)
+        return cls(mu * bulk / (lam + mu), lam / (2 * (lam + mu)), density=density)
+
+    def check(self, n: int, hypothesis: Hypothesis) -> None:
+        super().check(n, hypothesis)
+        check_length(np.asarray(self.young), n, "young")
+        if hypothesis is Hypothesis.UNIAXIAL_STRESS:
+            return
+        if self.poisson is None:
+            raise MaterialError(f"poisson is missing: only segments can do without it, {hypothesis.value} needs it.")
+        check_length(np.asarray(self.poisson), n, "poisson")
+        if hypothesis is not Hypothesis.PLANE_STRESS:
+            constant(self.poisson, f"poisson ({hypothesis.value})", low=-1.0, high=0.5)
+
+    def lame(self, hypothesis: Hypothesis) -> tuple[Values, Values]:
+        """The pair `(lam, mu)` [Pa] that acts within the simplex's own dimensions.
+
+        `lam = E nu/((1 + nu)(1 - 2 nu))` in solids and plane strain, `E nu/(1 - nu^2)` in plane stress; `mu = E/(2 (1 + nu))`.
+        Under uniaxial stress the one modulus is `lam + 2 mu = E`: the pair is `(E, 0)`.
+        """
+        young = np.asarray(self.young)
+        if hypothesis is Hypothesis.UNIAXIAL_STRESS:
+            return young, 0 * young
+        nu = np.asarray(self.poisson)
+        narrowing = 1 - nu if hypothesis is Hypothesis.PLANE_STRESS else 1 - 2 * nu
+        return young * nu / ((1 + nu) * narrowing), young / (2 * (1 + nu))

@@ -1,0 +1,110 @@
+"""What all materials share: a density, a frame, and the question whether they fit a region."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from enum import Enum
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ..errors import MaterialError, name_ids
+from .values import Values, check_length, constant
+
+
+class Hypothesis(Enum):
+    """Which components of strain or stress vanish across a simplex."""
+
+    SOLID = "three-dimensional"
+    PLANE_STRAIN = "plane strain"
+    PLANE_STRESS = "plane stress"
+    UNIAXIAL_STRESS = "uniaxial stress"
+
+    @property
+    def condensed(self) -> bool:
+        """Whether the stress across the simplex vanishes, so that the strain across it is condensed out."""
+        return self in (Hypothesis.PLANE_STRESS, Hypothesis.UNIAXIAL_STRESS)
+
+
+@dataclass(frozen=True, eq=False)
+class Material:
+    """A linear relation `S = C : E` of second Piola-Kirchhoff stress and Green-Lagrange strain, without a mesh."""
+
+    density: ArrayLike | None = field(default=None, kw_only=True)
+
+    def __post_init__(self) -> None:
+        if self.density is not None:
+            object.__setattr__(self, "density", constant(self.density, "density", low=0.0))
+
+    def check(self, n: int, hypothesis: Hypothesis) -> None:
+        """Refuse constants that do not fit a region of `n` elements under this hypothesis.
+
+        Raises
+        ------
+        MaterialError
+        """
+        if self.density is not None:
+            check_length(np.asarray(self.density), n, "density")
+
+
+@dataclass(frozen=True, eq=False)
+class FramedMaterial(Material):
+    """A material given by constants along its own axes.
+
+    `frame`'s columns are the material axes in global coordinates: (3, 3), (2, 2) for axes in the plane, or one an element with
+    one more axis in front; the global axes by default.
+    """
+
+    frame: ArrayLike | None = field(default=None, kw_only=True)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.frame is not None:
+            object.__setattr__(self, "frame", _orthonormal(self.frame))
+        _refuse_indefinite(self.stiffness())
+
+    def stiffness(self) -> Values:
+        """Elasticity matrix in material axes [Pa], Voigt order 11, 22, 33, 23, 13, 12, engineering shear: (6, 6) or (n, 6, 6)."""
+        raise NotImplementedError
+
+    def check(self, n: int, hypothesis: Hypothesis) -> None:
+        super().check(n, hypothesis)
+        check_length(self.stiffness(), n, "the elasticity matrix", (6, 6))
+        if self.frame is not None:
+            check_length(np.asarray(self.frame), n, "frame", (3, 3))
+
+
+def _orthonormal(frame: ArrayLike) -> Values:
+    """The frame as (3, 3) or (n, 3, 3)."""
+    array = np.asarray(frame)
+    size = 2 if array.shape[-2:] == (2, 2) else 3
+    array = constant(frame, "frame", shape=(size, size))
+    error = np.abs(np.swapaxes(array, -1, -2) @ array - np.eye(size)).max(axis=(-1, -2))
+    bad = np.flatnonzero(np.atleast_1d(error) > 1e-8)
+    if len(bad):
+        where = f" in {name_ids(bad, 'element')}" if array.ndim == 3 else ""
+        raise MaterialError(
+            f"The columns of frame are not orthonormal{where}: frame' frame differs from the identity by {error.max():.1e}. "
+            "Expected the material axes as unit vectors at right angles, one a column."
+        )
+    if size == 2:
+        embedded = np.broadcast_to(np.eye(3), (*array.shape[:-2], 3, 3)).copy()
+        embedded[..., :2, :2] = array
+        return embedded
+    return array
+
+
+def _refuse_indefinite(stiffness: Values) -> None:
+    """Refuse an elasticity matrix that is not symmetric positive definite."""
+    matrices = stiffness.reshape(-1, 6, 6)
+    size = np.abs(matrices).max(axis=(1, 2))
+    asymmetry = np.abs(matrices - np.swapaxes(matrices, 1, 2)).max(axis=(1, 2))
+    lowest = np.linalg.eigvalsh(matrices)[:, 0]
+    for bad, what, cause in (
+        (asymmetry > 1e-9 * size, "symmetric", "A transposed or mistyped entry?"),
+        (~(lowest > 1e-14 * size), "positive definite", "Poisson's ratios too large for the moduli (nu_ij^2 < E_i/E_j must hold)?"),
+    ):
+        if bad.any():
+            where = f" in {name_ids(np.flatnonzero(bad), 'element')}" if stiffness.ndim == 3 else ""
+            detail = f"entries differ by {asymmetry.max():.2e}" if what == "symmetric" else f"lowest eigenvalue {lowest.min():.2e}"
+            raise MaterialError(f"The elasticity matrix is not {what}{where} ({detail}). {cause}")

@@ -1,0 +1,71 @@
+"""Elasticity tensors in full, for the reference: its own Lame pair, rotation and condensation."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+Array = NDArray[np.float64]
+
+#: Index pairs of the Voigt order 11, 22, 33, 23, 13, 12.
+FIRST, SECOND = np.array([(0, 0), (1, 1), (2, 2), (1, 2), (0, 2), (0, 1)]).T
+#: Which of the six act within a simplex of dimension 1, 2 and 3.
+WITHIN = {1: [0], 2: [0, 1, 5], 3: [0, 1, 2, 3, 4, 5]}
+
+
+def isotropic_tensor(young: ArrayLike, poisson: ArrayLike, k: int, condensed: bool) -> Array:
+    """(n, k, k, k, k) of `S = lam tr(E) I + 2 mu E` in `k` dimensions; `condensed`: no stress across the simplex."""
+    E = np.atleast_1d(np.asarray(young, dtype=float))
+    if k == 1:
+        return E.reshape(-1, 1, 1, 1, 1)
+    nu = np.atleast_1d(np.asarray(poisson, dtype=float))
+    mu = E / 2 / (1 + nu)
+    lam = 2 * mu * nu / (1 - nu) if condensed else 2 * mu * nu / (1 - 2 * nu)
+    one = np.eye(k)
+    spherical = np.einsum("ij,kl->ijkl", one, one)
+    symmetric = np.einsum("ik,jl->ijkl", one, one) + np.einsum("il,jk->ijkl", one, one)
+    return np.multiply.outer(lam, spherical) + np.multiply.outer(mu, symmetric)
+
+
+def anisotropic_tensor(voigt: ArrayLike, frame: ArrayLike | None, axes: Array, condensed: bool) -> Array:
+    """(n, k, k, k, k) of the Voigt matrix (6, 6) or (n, 6, 6) in the simplices' own axes (n, d, k).
+
+    The full tensor is rotated from the material frame into an orthonormal triad that begins with the simplices' axes. Where the
+    stress across them vanishes, the strain across them is eliminated.
+    """
+    k = axes.shape[2]
+    matrix = np.asarray(voigt, dtype=float).reshape(-1, 6, 6)
+    triad = _triad(axes)
+    turn = triad if frame is None else np.swapaxes(np.asarray(frame, dtype=float), -1, -2) @ triad
+    rotated = np.einsum("nabcd,nai,nbj,nck,ndl->nijkl", *np.broadcast_arrays(_tensor(matrix)), *[turn] * 4, optimize=True)
+    if not condensed:
+        return rotated[:, :k, :k, :k, :k]
+    local = rotated[:, FIRST[:, None], SECOND[:, None], FIRST, SECOND]
+    inside, outside = WITHIN[k], [i for i in range(6) if i not in WITHIN[k]]
+    across = local[:, outside][:, :, inside]
+    eliminated = local.copy()
+    eliminated[np.ix_(range(len(local)), inside, inside)] -= np.swapaxes(across, 1, 2) @ np.linalg.solve(
+        local[:, outside][:, :, outside], across
+    )
+    return _tensor(eliminated)[:, :k, :k, :k, :k]
+
+
+def _tensor(matrix: Array) -> Array:
+    """(n, 3, 3, 3, 3) from (n, 6, 6)."""
+    row = np.empty((3, 3), dtype=int)
+    row[FIRST, SECOND] = row[SECOND, FIRST] = range(6)
+    return matrix[:, row[:, :, None, None], row]
+
+
+def _triad(axes: Array) -> Array:
+    """(n, 3, 3) orthonormal columns that begin with `axes` (n, d, k)."""
+    n, d, k = axes.shape
+    triad = np.zeros((n, 3, 3))
+    triad[:, :d, :k] = axes
+    for column in range(k, 3):  # the unit vector farthest from the columns so far, made orthogonal to them
+        known = triad[:, :, :column]
+        rest = np.eye(3) - known @ np.swapaxes(known, 1, 2)
+        best = np.argmax(np.linalg.norm(rest, axis=1), axis=1)
+        vector = rest[np.arange(n), :, best]
+        triad[:, :, column] = vector / np.linalg.norm(vector, axis=1, keepdims=True)
+    return triad

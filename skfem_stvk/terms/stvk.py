@@ -1,0 +1,107 @@
+"""St. Venant-Kirchhoff material on a region of the mesh."""
+
+from __future__ import annotations
+
+from dataclasses import InitVar, dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..edges import EdgeForm
+from ..edges.coefficients import simplex_coefficients
+from ..errors import MaterialError
+from ..materials import Hypothesis, Isotropic, Material
+from ..materials.values import check_length, constant
+from ..mesh import SimplexMesh
+from ..mesh.geometry import Geometry
+
+
+@dataclass(frozen=True, eq=False)
+class StVK:
+    """Elastic body with strain energy `W = integral of 1/2 E : C : E`, `E` the Green-Lagrange strain.
+
+    A specification without a mesh, good for many systems; `System` binds it.
+
+    Parameters
+    ----------
+    material : `Isotropic`, `Orthotropic`, `TransverselyIsotropic` or `Anisotropic`.
+    region : name of a subdomain of the mesh, element ids, or None for all elements. Arrays of material constants follow the
+        order of the region's elements.
+    plane : "strain" or "stress" for triangles in the plane, by default "strain". Triangles in space are in plane stress.
+    thickness : of triangles [m], by default 1; a number or one value an element.
+    area : cross-section of segments [m^2], by default 1; a number or one value an element.
+    young, poisson, density : shorthand for `material=Isotropic(young, poisson, density=density)`.
+
+    Raises
+    ------
+    MaterialError
+        if a constant is missing, given twice or out of range; when it is bound, if it does not fit the mesh.
+    RegionError
+        when it is bound, if the region is not in the mesh.
+
+    >>> StVK(young=1e5, poisson=0.3).material.poisson
+    array(0.3)
+    """
+
+    material: Material | None = None
+    region: str | NDArray[Any] | None = None
+    plane: str | None = None
+    thickness: ArrayLike | None = None
+    area: ArrayLike | None = None
+    young: InitVar[ArrayLike | None] = None
+    poisson: InitVar[ArrayLike | None] = None
+    density: InitVar[ArrayLike | None] = None
+
+    def __post_init__(self, young: ArrayLike | None, poisson: ArrayLike | None, density: ArrayLike | None) -> None:
+        if self.material is None:
+            if young is None:
+                raise MaterialError("A material is missing: give young= and poisson=, or a material such as Orthotropic(...).")
+            object.__setattr__(self, "material", Isotropic(young, poisson, density=density))
+        elif not isinstance(self.material, Material):
+            raise MaterialError(f"material is of type {type(self.material).__name__}; expected Isotropic, Orthotropic, ...")
+        elif any(value is not None for value in (young, poisson, density)):
+            raise MaterialError("young, poisson and density are shorthand for an Isotropic material; a material came as well.")
+        if self.plane not in (None, "strain", "stress"):
+            raise MaterialError(f'plane = {self.plane!r}; expected "strain" or "stress".')
+        for name in ("thickness", "area"):
+            if getattr(self, name) is not None:
+                object.__setattr__(self, name, constant(getattr(self, name), name, low=0.0))
+
+    def hypothesis(self, mesh: SimplexMesh) -> Hypothesis:
+        """Which components of strain or stress vanish across the simplices of this mesh.
+
+        Raises
+        ------
+        MaterialError
+            if `plane`, `thickness` or `area` is of no use for them.
+        """
+        for name, k in (("plane", 2), ("thickness", 2), ("area", 1)):
+            if getattr(self, name) is not None and mesh.k != k:
+                raise MaterialError(
+                    f"{name} is for {'triangles' if k == 2 else 'segments'}; the mesh has {mesh.kind}. Leave it out."
+                )
+        if mesh.k == 3:
+            return Hypothesis.SOLID
+        if mesh.k == 1:
+            return Hypothesis.UNIAXIAL_STRESS
+        if mesh.d == 3 and self.plane == "strain":
+            raise MaterialError("Triangles in space are membranes, always in plane stress; leave plane out.")
+        return Hypothesis.PLANE_STRESS if mesh.d == 3 or self.plane == "stress" else Hypothesis.PLANE_STRAIN
+
+    def bind(self, mesh: SimplexMesh) -> EdgeForm:
+        """The edge form of this body on a mesh."""
+        assert self.material is not None
+        elements, hypothesis = mesh.elements(self.region), self.hypothesis(mesh)
+        self.material.check(len(elements), hypothesis)
+        section = self.section(mesh, len(elements))
+        t = mesh.t[:, elements]
+        L = simplex_coefficients(Geometry(mesh.p, t), self.material, hypothesis)
+        return EdgeForm(mesh.p, t, L * section[..., None, None])
+
+    def section(self, mesh: SimplexMesh, n: int) -> NDArray[np.float64]:
+        """What turns the measure of a simplex into a volume: thickness, area, or 1; a number or (n,)."""
+        name, value = {1: ("area", self.area), 2: ("thickness", self.thickness)}.get(mesh.k, ("", None))
+        section = np.asarray(1.0 if value is None else value)
+        check_length(section, n, name)
+        return section
