@@ -1,5 +1,5 @@
 """Edges, tetrahedron-sharing edge pairs (TSEPs) and their coefficients L: the heart."""
 
-from .form import EdgeForm
+from .form import EdgeForm, Places
 
-__all__ = ["EdgeForm"]
+__all__ = ["EdgeForm", "Places"]

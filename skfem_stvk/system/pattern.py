@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_matrix
 
-from ..edges.form import Places
+from ..edges import Places
 from ..errors import StvkError, name_ids
 from ..mesh.simplices import check_index_range
 

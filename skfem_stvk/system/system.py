@@ -10,11 +10,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.sparse import csr_matrix
 
-from ..edges.form import Places
+from ..edges import Places
 from ..errors import StateError, StvkError, StvkWarning, name_ids
 from ..mesh import MeshLike, SimplexMesh
 from ..mesh.diagnostics import check_mesh
-from ..terms import StVK
+from ..terms import BoundTerm, Term
 from .pattern import Pattern
 
 Array = NDArray[np.float64]
@@ -39,25 +39,26 @@ class System:
         for what cannot carry an elastic body, before any work, with ids.
 
     >>> import numpy as np, skfem
+    >>> from skfem_stvk import StVK
     >>> mesh = skfem.MeshTet().refined(2)
     >>> body = System(mesh, StVK(young=1e5, poisson=0.3))
     >>> u = 0.01 * mesh.p.ravel("F")                     # 1 % larger in all directions
-    >>> round(body.energy(u), 6), round(9 / 2 * 1e5 / 1.2 * 0.01005**2, 6)
-    (37.875938, 37.875938)
+    >>> round(body.energy(u), 4), round(9 / 2 * 1e5 / 1.2 * 0.01005**2, 4)
+    (37.8759, 37.8759)
     >>> abs(body.internal_force(u).reshape(-1, 3).sum(axis=0)).max() < 1e-10
     True
     >>> body.tangent(u)
     <Compressed Sparse Row sparse matrix of dtype 'float64' with ... stored elements and shape (375, 375)>
     """
 
-    def __init__(self, mesh: MeshLike, terms: StVK | Sequence[StVK]) -> None:
+    def __init__(self, mesh: MeshLike, terms: Term | Sequence[Term]) -> None:
         self.mesh = SimplexMesh.of(mesh)
         check_mesh(self.mesh)
-        self.terms = (terms,) if isinstance(terms, StVK) else tuple(terms)
+        self.terms = tuple(terms) if isinstance(terms, Sequence) else (terms,)
         for term in self.terms:
-            if not isinstance(term, StVK):
-                raise StvkError(f"A term of type {type(term).__name__} came; expected StVK(...) or a list of them.")
-        self._forms = [term.bind(self.mesh) for term in self.terms]
+            if not hasattr(term, "bind"):
+                raise StvkError(f"A term of type {type(term).__name__} came; expected StVK(...) or a list of terms.")
+        self._bound: list[BoundTerm] = [term.bind(self.mesh) for term in self.terms]
         self._warn_of_bare_vertices()
 
     @property
@@ -68,11 +69,11 @@ class System:
     @cached_property
     def pattern(self) -> Pattern:
         """The pattern that every K of this system has; made when it is first needed."""
-        return Pattern(self.mesh.nv, self.mesh.d, [form.edges for form in self._forms])
+        return Pattern(self.mesh.nv, self.mesh.d, [term.edges for term in self._bound])
 
     @cached_property
     def _places(self) -> list[Places]:
-        return [self.pattern.places(form.edges) for form in self._forms]
+        return [self.pattern.places(term.edges) for term in self._bound]
 
     def energy(self, u: ArrayLike) -> float:
         """Strain energy `W(u)` [J].
@@ -83,7 +84,7 @@ class System:
             if `u` does not have one finite entry for each degree of freedom.
         """
         x = self._state(u)
-        return sum(form.energy(x) for form in self._forms)
+        return sum(term.energy(x) for term in self._bound)
 
     def internal_force(self, u: ArrayLike) -> Array:
         """Internal force `F = dW/du` (ndofs,) [N]; the residual of statics is `F - f_ext`.
@@ -95,8 +96,8 @@ class System:
         """
         x = self._state(u)
         force = np.zeros_like(x)
-        for form in self._forms:
-            form.add_force(x, force)
+        for term in self._bound:
+            term.add_force(x, force)
         return force.ravel()
 
     def tangent(self, u: ArrayLike, out: csr_matrix | None = None) -> csr_matrix:
@@ -124,8 +125,8 @@ class System:
                 f"out has shape {out.shape} and {out.nnz} values in another pattern than this system's K ({self.pattern.shape}, "
                 f"{self.pattern.nnz}). Hand in a matrix that tangent() returned, unchanged by eliminate_zeros() and the like."
             )
-        for form, places in zip(self._forms, self._places, strict=True):
-            form.add_tangent(x, places, out.data)
+        for term, places in zip(self._bound, self._places, strict=True):
+            term.add_tangent(x, places, out.data)
         return out
 
     def _state(self, u: ArrayLike) -> Array:
@@ -143,8 +144,8 @@ class System:
 
     def _warn_of_bare_vertices(self) -> None:
         used = np.zeros(self.mesh.nv, dtype=bool)
-        for form in self._forms:
-            used[form.edges.ravel()] = True
+        for term in self._bound:
+            used[term.edges.ravel()] = True
         bare = np.flatnonzero(~used)
         if len(bare):
             warnings.warn(

@@ -1,0 +1,184 @@
+"""Closed forms of homogeneous states, and the patch test.
+
+With `e = (s^2 - 1)/2`, Lame constants `lam`, `mu` of the simplex's own dimensions, nominal stress `P` (force per rest area):
+
+    uniaxial strain     P_11 = (lam + 2 mu)/2 s (s^2 - 1), P_22 = lam e      W/V = (lam + 2 mu)/2 e^2
+    uniaxial stress     P_11 = E/2 s (s^2 - 1),  t^2 = 1 - nu (s^2 - 1)      W/V = E/2 e^2
+    equibiaxial         P_11 = P_22 = E/(2 (1 - nu)) s (s^2 - 1)             W/V = E/(1 - nu) e^2
+    hydrostatic         P_ii = 3 K/2 s (s^2 - 1)                             W/V = 9 K/2 e^2
+    simple shear g      P_12 = mu g + (lam/2 + mu) g^3, P_21 = mu g, P_11 = (lam/2 + mu) g^2, P_22 = (lam + 2 mu)/2 g^2,
+                        P_33 = lam/2 g^2                                     W/V = mu g^2/2 + (lam/8 + mu/4) g^4
+
+In the plane `E` and `nu` are those of the plane: `nu = lam/(lam + 2 mu)`, `E = 2 mu (1 + nu)`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from functools import partial
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...mesh import SimplexMesh
+from ...mesh.facets import boundary_vertices
+from ..case import Case
+from ..places import worst_places
+from ..players import Player
+from ..tasks import NotApplicable, Task
+
+Array = NDArray[np.float64]
+
+LIMIT = 1e-12
+STRETCH, SHEAR = 1.15, 0.4
+#: An affine state without symmetry: stretch, shear and turn together.
+AFFINE = np.array([[1.2, 0.3, -0.1], [-0.2, 0.9, 0.25], [0.15, -0.1, 1.1]])
+
+
+def uniaxial_strain(k: int, lam: float, mu: float) -> tuple[Array, Array, float]:
+    F, P, s, e = _at(k)
+    P[range(k), range(k)] = lam * e
+    F[0, 0], P[0, 0] = s, (lam + 2 * mu) * s * e
+    return F, P, (lam + 2 * mu) / 2 * e**2
+
+
+def uniaxial_stress(k: int, lam: float, mu: float) -> tuple[Array, Array, float]:
+    F, P, s, e = _at(k)
+    E, nu = _young_and_poisson(k, lam, mu)
+    F[range(1, k), range(1, k)] = np.sqrt(1 - 2 * nu * e)
+    F[0, 0], P[0, 0] = s, E * s * e
+    return F, P, E / 2 * e**2
+
+
+def equibiaxial(k: int, lam: float, mu: float) -> tuple[Array, Array, float]:
+    F, P, s, e = _at(k)
+    E, nu = _young_and_poisson(k, lam, mu)
+    F[range(2), range(2)], P[range(2), range(2)] = s, E / (1 - nu) * s * e
+    if k == 3:
+        F[2, 2] = np.sqrt(1 - 4 * nu / (1 - nu) * e)
+    return F, P, E / (1 - nu) * e**2
+
+
+def hydrostatic(k: int, lam: float, mu: float) -> tuple[Array, Array, float]:
+    F, P, s, e = _at(k)
+    bulk = lam + 2 * mu / 3
+    F[range(3), range(3)], P[range(3), range(3)] = s, 3 * bulk * s * e
+    return F, P, 9 / 2 * bulk * e**2
+
+
+def simple_shear(k: int, lam: float, mu: float) -> tuple[Array, Array, float]:
+    F, P, _, _ = _at(k)
+    g = SHEAR
+    F[0, 1] = g
+    P[0, 1], P[1, 0] = mu * g + (lam / 2 + mu) * g**3, mu * g
+    P[range(k), range(k)] = lam / 2 * g**2
+    P[0, 0], P[1, 1] = (lam / 2 + mu) * g**2, (lam + 2 * mu) / 2 * g**2
+    return F, P, mu * g**2 / 2 + (lam / 8 + mu / 4) * g**4
+
+
+ClosedForm = Callable[[int, float, float], tuple[Array, Array, float]]
+#: Deformation gradient, nominal stress and energy density by name, and the dimensions in which the state is of its own.
+CLOSED_FORMS: dict[str, tuple[ClosedForm, tuple[int, ...]]] = {
+    "uniaxial strain": (uniaxial_strain, (2, 3)),
+    "uniaxial stress": (uniaxial_stress, (1, 2, 3)),
+    "equibiaxial": (equibiaxial, (2, 3)),
+    "hydrostatic": (hydrostatic, (3,)),
+    "simple shear": (simple_shear, (2, 3)),
+}
+
+
+def _at(k: int) -> tuple[Array, Array, float, float]:
+    return np.eye(k), np.zeros((k, k)), STRETCH, (STRETCH**2 - 1) / 2
+
+
+def _young_and_poisson(k: int, lam: float, mu: float) -> tuple[float, float]:
+    """`E` and `nu` of an isotropic law in `k` dimensions; on a line `lam` is `E`."""
+    if k == 1:
+        return lam + 2 * mu, 0.0
+    nu = lam / (2 * (lam + mu)) if k == 3 else lam / (lam + 2 * mu)
+    return 2 * mu * (1 + nu), nu
+
+
+def homogeneous_states(case: Case, homogeneous: Player, lame: tuple[float, float], candidate_too: bool) -> Iterator[Task]:
+    """Closed forms and the patch test, on a homogeneous body; the candidate's too if the body itself is that.
+
+    Parameters
+    ----------
+    homogeneous : our W, F, K of a homogeneous isotropic body on the same mesh, of unit section.
+    lame : its Lame pair within the simplices' dimensions.
+    candidate_too : whether the body itself, and so the candidate, is homogeneous and isotropic.
+    """
+    players = [homogeneous] + ([case.candidate] if case.candidate is not None else [])
+    for player in players:
+        refused = ""
+        if player is case.candidate and not case.candidate_is_stvk:
+            refused = "the candidate does not claim to be St. Venant-Kirchhoff"
+        elif player is case.candidate and not candidate_too:
+            refused = "closed forms are for homogeneous isotropic bodies; the candidate's is not"
+        for name in CLOSED_FORMS:
+            for quantity, needs in (("W", "W"), ("P", "F")):
+                yield Task(
+                    "closed forms",
+                    player,
+                    quantity,
+                    name,
+                    needs,
+                    partial(_closed_form, case, player, quantity, name, lame, refused),
+                )
+        yield Task("patch test", player, "F", "affine", "F", partial(_patch_test, case, player, refused))
+
+
+def _refuse(case: Case, refused: str) -> None:
+    if case.mesh.k < case.mesh.d:
+        raise NotApplicable("on membranes and cables in space an affine motion is no homogeneous state")
+    if refused:
+        raise NotApplicable(refused)
+
+
+def _closed_form(case: Case, player: Player, quantity: str, name: str, lame: tuple[float, float], refused: str) -> dict[str, Any]:
+    _refuse(case, refused)
+    form, dimensions = CLOSED_FORMS[name]
+    k = case.mesh.k
+    if k not in dimensions:
+        raise NotApplicable(f"in {k}D this is no state of its own")
+    F, P, density = form(k, *lame)
+    X = case.centred
+    u = (X @ (F - np.eye(k)).T).ravel()
+    volume = total_volume(case.mesh)
+    if quantity == "W":
+        measured, scale = abs(player.W(u) / volume - density), density
+    else:  # first moment of the nodal forces: sum f_a (x) X_a = integral of P
+        mean = player.F(u).reshape(-1, k).T @ X / volume
+        measured, scale = float(np.abs(mean - P).max()), float(np.abs(P).max())
+    return {
+        "measured": measured / scale,
+        "limit": LIMIT,
+        "scale": f"{scale:.3e} ({'energy density' if quantity == 'W' else 'largest entry of the nominal stress'})",
+        "reason": "a closed form, met by every mesh; round-off of a sum over all vertices",
+    }
+
+
+def _patch_test(case: Case, player: Player, refused: str) -> dict[str, Any]:
+    _refuse(case, refused)
+    k = case.mesh.k
+    inner = np.setdiff1d(np.arange(case.mesh.nv), boundary_vertices(case.mesh))
+    if not len(inner):
+        raise NotApplicable("the mesh has no inner vertices")
+    F = player.F((case.centred @ (AFFINE[:k, :k] - np.eye(k)).T).ravel())
+    error = np.zeros(F.size).reshape(-1, k)
+    error[inner] = np.abs(F.reshape(-1, k)[inner])
+    scale = float(np.abs(F).max())
+    return {
+        "measured": error.max() / scale,
+        "limit": LIMIT,
+        "scale": f"{scale:.3e} (largest force on the boundary); {len(inner)} inner vertices",
+        "reason": "a constant stress is in equilibrium: no force on inner vertices but round-off",
+        "worst": worst_places(case.mesh, error.ravel(), LIMIT * scale),
+    }
+
+
+def total_volume(mesh: SimplexMesh) -> float:
+    """Volume of the body, `k = d`."""
+    x = mesh.p.T[mesh.t.T]
+    return float(np.abs(np.linalg.det(x[:, 1:] - x[:, :1])).sum() / np.prod(range(1, mesh.k + 1)))

@@ -1,0 +1,112 @@
+"""What was measured, on what, and with what: the head of every report."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import platform
+import sys
+from collections.abc import Sequence
+from datetime import datetime, timezone
+from importlib.metadata import PackageNotFoundError, version
+from typing import Any
+
+import numpy as np
+
+from ..materials import FramedMaterial, Isotropic
+from ..mesh import SimplexMesh
+from ..terms import StVK
+from .bodies import volumes
+
+PACKAGES = ("skfem-stvk", "scikit-fem", "numpy", "scipy", "meshio", "rich", "matplotlib", "jinja2")
+
+
+def versions(packages: Sequence[str] = PACKAGES) -> dict[str, str]:
+    """Versions of Python and the packages; "not installed" for those that are not."""
+
+    def installed(package: str) -> str:
+        try:
+            return version(package)
+        except PackageNotFoundError:
+            return "not installed"
+
+    return {"python": platform.python_version()} | {package: installed(package) for package in packages}
+
+
+def machine() -> dict[str, Any]:
+    """Processor, cores, system and the settings that change a speed."""
+    threads = {
+        name: os.environ[name] for name in ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS") if name in os.environ
+    }
+    return {
+        "system": platform.platform(),
+        "processor": _processor(),
+        "cores": len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count(),
+    } | threads
+
+
+def _processor() -> str:
+    try:
+        with open("/proc/cpuinfo", encoding="utf-8") as lines:
+            return next(line.split(":", 1)[1].strip() for line in lines if line.startswith("model name"))
+    except (OSError, StopIteration):
+        return platform.processor() or platform.machine()
+
+
+def mesh_facts(mesh: SimplexMesh) -> dict[str, Any]:
+    """Hash, counts and shape of a mesh; the hash covers coordinates and elements."""
+    x = mesh.p.T[mesh.t.T]
+    spokes = x[:, 1:] - x[:, :1]
+    lengths = np.linalg.norm(spokes, axis=2)
+    facts: dict[str, Any] = {
+        "sha256": hashlib.sha256(mesh.p.tobytes() + mesh.t.tobytes()).hexdigest()[:16],
+        "simplices": f"{mesh.nt} {mesh.kind}",
+        "vertices": mesh.nv,
+        "dofs": mesh.p.size,
+        "size": [float(extent) for extent in np.ptp(mesh.p, axis=1)],
+        "edges": [float(f(lengths)) for f in (np.min, np.median, np.max)],
+        "measure": float(volumes(mesh.p, mesh.t).sum()),
+        "subdomains": {name: len(ids) for name, ids in mesh.subdomains.items()},
+        "boundaries": {name: facets.shape[1] for name, facets in mesh.boundaries.items()},
+    }
+    if mesh.k == mesh.d:
+        facts["negative elements"] = int((np.linalg.det(spokes) < 0).sum())
+    return facts
+
+
+def material_facts(term: StVK) -> str:
+    """A term in one line."""
+    material = term.material
+    if isinstance(material, Isotropic):
+        words = f"isotropic, E = {_range(material.young)}, nu = {'-' if material.poisson is None else _range(material.poisson)}"
+    else:
+        assert isinstance(material, FramedMaterial)
+        stiffness = np.einsum("...ii->...i", material.stiffness())
+        frames = {0: "", 2: ", a frame", 3: ", a frame an element"}[np.ndim(material.frame) if material.frame is not None else 0]
+        words = f"{type(material).__name__}, diagonal of the elasticity matrix {_range(stiffness)}{frames}"
+    region = (
+        "" if term.region is None else f"{term.region!r}: " if isinstance(term.region, str) else f"{len(term.region)} elements: "
+    )
+    extras = [f"plane {term.plane}"] if term.plane else []
+    extras += [
+        f"{name} {_range(value)}" for name, value in (("thickness", term.thickness), ("area", term.area)) if value is not None
+    ]
+    return region + ", ".join([words, *extras])
+
+
+def _range(values: Any) -> str:
+    array = np.asarray(values, dtype=float)
+    return f"{array.min():.6g}" if array.min() == array.max() else f"{array.min():.6g} ... {array.max():.6g}"
+
+
+def header(mesh: SimplexMesh, terms: Sequence[StVK], source: str, seed: int) -> dict[str, Any]:
+    """The head of a report on this body; `source` says where the mesh came from."""
+    return {
+        "date": datetime.now(timezone.utc).isoformat(timespec="seconds"),
+        "command": " ".join(sys.argv),
+        "versions": versions(),
+        "machine": machine(),
+        "mesh": {"source": source} | mesh_facts(mesh),
+        "material": [material_facts(term) for term in terms],
+        "seed": seed,
+    }

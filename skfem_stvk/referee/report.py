@@ -1,0 +1,89 @@
+"""The report: all results with what they were measured on, and the verdict."""
+
+from __future__ import annotations
+
+import json
+from collections import Counter
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from .results import Outcome, Result
+
+
+@dataclass
+class Report:
+    """What `verify` found.
+
+    Attributes
+    ----------
+    header : versions, machine, mesh, material, command line, seed.
+    results : every check of every quantity in every state.
+    precision : rows of error against strain (`checks.precision`).
+    speed : rows of time and memory (`checks.speed`).
+    errors : errors against 50 digits that the speed is shown against.
+    seconds : how long the verification took.
+    """
+
+    header: dict[str, Any]
+    results: list[Result] = field(default_factory=list)
+    precision: list[dict[str, Any]] = field(default_factory=list)
+    speed: list[dict[str, Any]] = field(default_factory=list)
+    errors: dict[str, dict[str, float]] = field(default_factory=dict)
+    seconds: float = 0.0
+
+    @property
+    def passed(self) -> bool:
+        """Whether something was measured, and everything passed or is not applicable by nature."""
+        counts = self.counts
+        return counts[Outcome.PASSED] > 0 and not counts[Outcome.FAILED] and not counts[Outcome.COULD_NOT_RUN]
+
+    @property
+    def counts(self) -> Counter[Outcome]:
+        """How many checks ended in which way."""
+        return Counter(result.outcome for result in self.results)
+
+    def failures(self, subject: str | None = None) -> list[Result]:
+        """The results that failed, of one subject or of all."""
+        return [r for r in self.results if r.outcome is Outcome.FAILED and subject in (None, r.subject)]
+
+    def groups(self) -> dict[tuple[str, str, str, str], list[Result]]:
+        """The results by check, subject, reference and quantity: the lines of a table."""
+        groups: dict[tuple[str, str, str, str], list[Result]] = {}
+        for result in self.results:
+            groups.setdefault((result.check, result.subject, result.against, result.quantity), []).append(result)
+        return groups
+
+    def to_dict(self) -> dict[str, Any]:
+        """Everything, for JSON."""
+        return {
+            "passed": self.passed,
+            "counts": {outcome.value: self.counts[outcome] for outcome in Outcome},
+            "seconds": self.seconds,
+            "header": self.header,
+            "results": [result.to_dict() for result in self.results],
+            "precision": self.precision,
+            "speed": self.speed,
+            "errors": self.errors,
+        }
+
+    def save(self, folder: str | Path) -> Path:
+        """Write `report.json` and `report.html` (one file that needs no other) into a folder, made if it is missing.
+
+        Raises
+        ------
+        OSError
+            if the folder cannot be written to.
+        """
+        from .page import page  # matplotlib is imported only when a page is made
+
+        folder = Path(folder)
+        folder.mkdir(parents=True, exist_ok=True)
+        (folder / "report.json").write_text(json.dumps(self.to_dict(), indent=1), encoding="utf-8")
+        (folder / "report.html").write_text(page(self), encoding="utf-8")
+        return folder
+
+    def __str__(self) -> str:
+        from .terminal import as_text
+
+        return as_text(self)

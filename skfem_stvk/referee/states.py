@@ -1,0 +1,60 @@
+"""The named states in which W, F and K are compared."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+Array = NDArray[np.float64]
+
+
+def random_rotation(d: int, rng: np.random.Generator, degrees: float = 170.0) -> Array:
+    """(d, d) rotation by this angle, about a random axis in space; on a line the identity."""
+    if d == 1:
+        return np.eye(1)
+    angle = np.deg2rad(degrees)
+    if d == 2:
+        return np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+    axis = rng.standard_normal(3)
+    return np.asarray(Rotation.from_rotvec(angle * axis / np.linalg.norm(axis)).as_matrix())
+
+
+def named_states(X: Array, node_size: Array, rng: np.random.Generator) -> dict[str, Array]:
+    """Displacements (ndofs,) [m] by name.
+
+    Parameters
+    ----------
+    X : (nv, d) coordinates from the centre of the body [m].
+    node_size : (nv,) size of the elements around each vertex [m], the unit of the random displacements.
+    rng : random numbers.
+    """
+    d = X.shape[1]
+    turn = random_rotation(d, rng)
+    shift = np.ptp(X, axis=0).max() * rng.standard_normal(d)
+    along = np.eye(d)[0]
+
+    def noise(amplitude: float) -> Array:
+        return amplitude * node_size[:, None] * rng.standard_normal(X.shape)
+
+    def stretched(s: float) -> Array:
+        return (s - 1) * np.outer(X @ along, along) + noise(0.02)
+
+    strained = 0.1 * np.outer(X @ along, along) + noise(0.05)
+    mirror = np.eye(d) - 2 * np.outer(along, along)
+    crumpled = noise(0.3)
+    states = {
+        "rest": np.zeros_like(X),
+        "small random strain": noise(1e-3),
+        "rigid rotation": X @ turn.T - X + shift,
+        "rotated strained": (X + strained) @ turn.T - X + shift,
+        "100 % stretch": stretched(2.0),
+        "35 % compression": stretched(0.65),
+        "large random": crumpled,
+        "reflected random": (X + noise(0.3)) @ mirror.T - X,
+    }
+    return {name: u.ravel() for name, u in states.items()}
+
+
+#: States in which elements may be inside out, where laws other than St. Venant-Kirchhoff may not be defined.
+INVERTED = ("large random", "reflected random")

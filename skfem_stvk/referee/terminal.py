@@ -1,0 +1,178 @@
+"""The report in a terminal, and progress while it is made."""
+
+from __future__ import annotations
+
+import io
+import math
+from types import TracebackType
+
+from rich import box
+from rich.console import Console, Group, RenderableType
+from rich.markup import escape
+from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeElapsedColumn
+from rich.progress import Progress as RichProgress
+from rich.table import Table
+
+from .places import in_words
+from .report import Report
+from .results import Outcome, Result
+
+STYLE = {Outcome.PASSED: "green", Outcome.FAILED: "bold red", Outcome.COULD_NOT_RUN: "yellow", Outcome.NOT_APPLICABLE: "dim"}
+WORST_FIRST = (Outcome.FAILED, Outcome.COULD_NOT_RUN, Outcome.PASSED, Outcome.NOT_APPLICABLE)
+WIDTH, STORIES = 120, 12
+
+
+class Progress:
+    """A bar on standard error that goes away when the work is done; nothing if quiet or not on a terminal."""
+
+    def __init__(self, total: int, quiet: bool) -> None:
+        columns = TextColumn("verify"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(), TextColumn("{task.description}")
+        console = Console(stderr=True)
+        self._bar = RichProgress(*columns, console=console, transient=True, disable=quiet or not console.is_terminal)
+        self._task = self._bar.add_task("", total=total)
+
+    def __enter__(self) -> Progress:
+        self._bar.start()
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+        self._bar.stop()
+
+    def step(self, description: str) -> None:
+        """One more piece of work begins."""
+        self._bar.update(self._task, advance=1, description=description)
+
+
+def as_text(report: Report) -> str:
+    """The report as plain text."""
+    buffer = io.StringIO()
+    Console(file=buffer, width=WIDTH, no_color=True, highlight=False).print(rendered(report))
+    return buffer.getvalue().rstrip()
+
+
+def rendered(report: Report) -> RenderableType:
+    """The report for a rich console: head, checks, what did not pass, precision, speed, verdict."""
+    parts: list[RenderableType] = [
+        _head(report),
+        _checks(report),
+        *_troubles(report),
+        _precision(report),
+        _speed(report),
+        _verdict(report),
+    ]
+    return Group(*parts)
+
+
+def _head(report: Report) -> RenderableType:
+    mesh, machine, versions = report.header["mesh"], report.header["machine"], report.header["versions"]
+    lines = [
+        f"{mesh['source']}: {mesh['simplices']}, {mesh['vertices']} vertices, {mesh['dofs']} dofs, "
+        f"edges {mesh['edges'][0]:.3g} ... {mesh['edges'][2]:.3g}, sha256 {mesh['sha256']}",
+        *report.header["material"],
+        f"{machine['processor']}, {machine['cores']} cores; "
+        + ", ".join(f"{name} {versions[name]}" for name in ("python", "skfem-stvk", "scikit-fem", "numpy", "scipy")),
+    ]
+    return escape("\n".join(lines))
+
+
+def _table(title: str, *columns: str, right: tuple[str, ...] = ()) -> Table:
+    table = Table(title=title, title_justify="left", title_style="bold", box=box.SIMPLE_HEAD, pad_edge=False)
+    for column in columns:
+        table.add_column(column, justify="right" if column in right else "left", no_wrap=True)
+    return table
+
+
+def _checks(report: Report) -> Table:
+    columns = "check", "of", "against", "what", "error", "limit", "worst in", "passed"
+    table = _table("Checks, the worst state of each", *columns, right=("error", "limit"))
+    for (check, subject, against, quantity), results in report.groups().items():
+        outcome = next(outcome for outcome in WORST_FIRST if any(r.outcome is outcome for r in results))
+        worst = max((r for r in results if r.outcome is outcome), key=lambda r: -1.0 if r.measured is None else r.measured)
+        table.add_row(
+            check,
+            subject,
+            against,
+            quantity,
+            _number(worst.measured),
+            _number(worst.limit),
+            "" if outcome is Outcome.NOT_APPLICABLE else worst.state,
+            f"[{STYLE[outcome]}]{_tally(results, outcome)}[/]",
+        )
+    return table
+
+
+def _tally(results: list[Result], outcome: Outcome) -> str:
+    passed = sum(r.outcome is Outcome.PASSED for r in results)
+    asked = sum(r.outcome is not Outcome.NOT_APPLICABLE for r in results)
+    return (
+        f"{passed}/{asked}" if outcome is Outcome.PASSED else outcome.value if not passed else f"{passed}/{asked} {outcome.value}"
+    )
+
+
+def _number(value: float | None) -> str:
+    if value is not None and not math.isfinite(value):
+        return str(value)
+    return "" if value is None else f"{value:.0f}" if value == int(value) and abs(value) < 1e6 else f"{value:.1e}"
+
+
+def _troubles(report: Report) -> list[RenderableType]:
+    """The first checks that failed, in full; those that did not run or do not apply once for each reason."""
+    failed = report.failures()
+    parts = [f"[{STYLE[Outcome.FAILED]}]failed[/] {escape(_story(result))}" for result in failed[:STORIES]]
+    if len(failed) > STORIES:
+        parts.append(f"... and {len(failed) - STORIES} more that failed: report.failures(), report.json")
+    for outcome in (Outcome.COULD_NOT_RUN, Outcome.NOT_APPLICABLE):
+        reasons: dict[str, dict[str, None]] = {}
+        for result in report.results:
+            if result.outcome is outcome:
+                reasons.setdefault(result.reason, {})[f"{result.check} of {result.subject}"] = None
+        for reason, names in reasons.items():
+            parts.append(f"[{STYLE[outcome]}]{outcome.value}[/] {escape(', '.join(names))}: {escape(reason)}")
+    return [*parts, ""] if parts else []
+
+
+def _story(result: Result) -> str:
+    what = f"{result.check}, {result.quantity} of {result.subject}" + (f" against {result.against}" if result.against else "")
+    if result.measured is None:
+        return f"{what}, {result.state}: {result.reason}"
+    return f"{what}, {result.state}: {result.measured:.2e} > {result.limit:.0e} of {result.scale}. {in_words(result.worst)}"
+
+
+def _precision(report: Report) -> Table:
+    strains = sorted({row["strain"] for row in report.precision}, reverse=True)
+    shown = strains[:: max(1, len(strains) // 6)]
+    table = _table(
+        "Precision: error of F against 50 digits, by strain",
+        "form",
+        "rotation",
+        "offset [m]",
+        *(f"{s:.0e}" for s in shown),
+        right=tuple(f"{s:.0e}" for s in shown),
+    )
+    errors = {(r["rotation_deg"], r["offset_m"], r["form"], r["strain"]): r["error"] for r in report.precision}
+    for degrees, offset, form in dict.fromkeys(key[:3] for key in errors):
+        table.add_row(form, f"{degrees} deg", f"{offset:g}", *(f"{errors[degrees, offset, form, s]:.0e}" for s in shown))
+    return table
+
+
+def _speed(report: Report) -> Table:
+    right = ("ns an element", "median", "x reference", "peak bytes an element", "error")
+    table = _table("Speed against error, one run", "", "of", *right, right=right)
+    for row in report.speed:
+        error = report.errors.get(row["player"], {}).get(row["quantity"])
+        table.add_row(
+            row["quantity"],
+            row["player"],
+            f"{row['ns_per_element']:.0f}",
+            f"{row['median_ns_per_element']:.0f}",
+            f"{row['ratio']:.1f}",
+            f"{row['peak_bytes_per_element']:.0f}",
+            "" if error is None else f"{error:.0e}",
+        )
+    return table
+
+
+def _verdict(report: Report) -> str:
+    counts = ", ".join(f"{report.counts[outcome]} {outcome.value}" for outcome in Outcome)
+    word, style = ("PASSED", "bold green") if report.passed else ("NOT PASSED", "bold red")
+    return f"[{style}]{word}[/]: {counts} in {report.seconds:.1f} s"

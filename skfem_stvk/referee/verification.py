@@ -1,0 +1,135 @@
+"""The referee's one function."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from typing import Any
+
+from numpy.typing import ArrayLike
+
+from ..errors import MaterialError, StvkError
+from ..materials import Material
+from ..mesh import MeshLike, SimplexMesh
+from ..system import System
+from ..terms import StVK
+from .bodies import homogeneous_copy, reference_of
+from .case import CANDIDATE, OURS, REFERENCE, Case
+from .checks.agreement import agreement
+from .checks.balance import balance
+from .checks.derivatives import derivatives
+from .checks.homogeneous import homogeneous_states
+from .checks.invariance import invariance
+from .checks.precision import precision, precision_table
+from .checks.speed import error_table, speed_table
+from .checks.zero_modes import zero_modes
+from .header import header
+from .players import METHODS, Player
+from .report import Report
+from .states import named_states
+from .terminal import Progress
+
+
+def verify(
+    mesh: MeshLike,
+    material: Material | StVK | Sequence[StVK] | None = None,
+    *,
+    young: ArrayLike | None = None,
+    poisson: ArrayLike | None = None,
+    candidate: Any = None,
+    candidate_is_stvk: bool = True,
+    seed: int = 0,
+    quiet: bool = False,
+) -> Report:
+    """Hold this package's W, F and K, and a candidate's, against scikit-fem's standard assembly and against what must be true.
+
+    Parameters
+    ----------
+    mesh : scikit-fem mesh of simplices, arrays `(p, t)`, or `SimplexMesh`.
+    material : a material, an `StVK` term, or several terms for several regions; or instead
+    young, poisson : of an isotropic one.
+    candidate : any object with any of `energy(u)`, `internal_force(u)`, `tangent(u)` (dense, sparse or a `LinearOperator`), for the
+        same mesh, with scikit-fem's order of degrees of freedom.
+    candidate_is_stvk : whether the candidate claims to be St. Venant-Kirchhoff. If not, it is not compared with it, and its
+        derivatives get a Taylor test instead of the exact stencil.
+    seed : of the random numbers.
+    quiet : show no progress.
+
+    Returns
+    -------
+    Report
+        `report.passed`, `print(report)`, `report.save("folder")`.
+
+    Raises
+    ------
+    MeshError, MaterialError, RegionError
+        for what cannot carry an elastic body.
+    StvkError
+        if the candidate has none of the three methods.
+
+    >>> import skfem
+    >>> report = verify(skfem.MeshTet().refined(1), young=1e5, poisson=0.3, quiet=True)
+    >>> report.passed
+    True
+    """
+    started = time.perf_counter()
+    body = SimplexMesh.of(mesh)
+    terms = _terms(material, young, poisson)
+    system = System(body, terms)
+    if candidate is not None and not any(callable(getattr(candidate, method, None)) for method in METHODS.values()):
+        raise StvkError(f"The candidate, of type {type(candidate).__name__}, has none of {', '.join(METHODS.values())}.")
+    case = _case(system, terms, candidate, candidate_is_stvk, seed)
+    homogeneous = homogeneous_copy(body, terms)
+    twin = case.ours if homogeneous.same else Player(f"{OURS}, homogeneous copy", System(body, homogeneous.term), system.ndofs)
+    report = Report(header(body, terms, type(mesh).__name__, seed))
+    tasks = [
+        *agreement(case),
+        *derivatives(case),
+        *invariance(case),
+        *balance(case),
+        *zero_modes(case),
+        *homogeneous_states(case, twin, homogeneous.lame, homogeneous.same),
+        *precision(case, report.precision),
+    ]
+    with Progress(len(tasks) + 2, quiet) as progress:
+        progress.step("precision: 50 digits")
+        report.precision.extend(precision_table(body, homogeneous, case.random("precision")))
+        for task in tasks:
+            progress.step(f"{task.check}: {task.player.name}, {task.quantity}, {task.state}")
+            report.results.append(task.run())
+        progress.step("speed")
+        report.speed.extend(speed_table(case))
+        report.errors.update(error_table(case, homogeneous))
+    report.seconds = time.perf_counter() - started
+    return report
+
+
+def _terms(material: Material | StVK | Sequence[StVK] | None, young: ArrayLike | None, poisson: ArrayLike | None) -> list[StVK]:
+    if material is None:
+        return [StVK(young=young, poisson=poisson)]
+    if young is not None or poisson is not None:
+        raise MaterialError("young and poisson are shorthand for material=Isotropic(young, poisson); a material came as well.")
+    if isinstance(material, Material):
+        return [StVK(material)]
+    terms = [material] if isinstance(material, StVK) else list(material)
+    for term in terms:
+        if not isinstance(term, StVK):
+            raise MaterialError(
+                f"material holds an object of type {type(term).__name__}; expected a material, StVK, or a list of StVK."
+            )
+    return terms
+
+
+def _case(system: System, terms: Sequence[StVK], candidate: Any, candidate_is_stvk: bool, seed: int) -> Case:
+    mesh, ndofs = system.mesh, system.ndofs
+    case = Case(
+        mesh=mesh,
+        ours=Player(OURS, system, ndofs),
+        reference=Player(REFERENCE, reference_of(mesh, terms), ndofs),
+        candidate=None if candidate is None else Player(CANDIDATE, candidate, ndofs),
+        candidate_is_stvk=candidate_is_stvk,
+        states={},
+        seed=seed,
+    )
+    case.states.update(named_states(case.centred, case.node_size, case.random("states")))
+    return case
