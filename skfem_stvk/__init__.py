@@ -2,7 +2,8 @@
 
 from .errors import MaterialError, MeshError, RegionError, StateError, StvkError, StvkWarning
 from .materials import Anisotropic, Isotropic, Orthotropic, TransverselyIsotropic
-from .mesh import SimplexMesh
+from .mesh import SimplexMesh, embedded_mesh, read_mesh
+from .referee import Report, verify
 from .system import System
 from .terms import StVK
 
@@ -14,6 +15,7 @@ __all__ = [
     "MeshError",
     "Orthotropic",
     "RegionError",
+    "Report",
     "SimplexMesh",
     "StVK",
     "StateError",
@@ -21,4 +23,7 @@ __all__ = [
     "StvkWarning",
     "System",
     "TransverselyIsotropic",
+    "embedded_mesh",
+    "read_mesh",
+    "verify",
 ]

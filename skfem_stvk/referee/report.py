@@ -50,7 +50,8 @@ class Report:
     def groups(self) -> dict[tuple[str, str, str, str], list[Result]]:
         """The results by check, subject, reference and quantity: the lines of a table."""
         groups: dict[tuple[str, str, str, str], list[Result]] = {}
-        for result in self.results:
+        checks = list(dict.fromkeys(result.check for result in self.results))
+        for result in sorted(self.results, key=lambda result: checks.index(result.check)):
             groups.setdefault((result.check, result.subject, result.against, result.quantity), []).append(result)
         return groups
 

@@ -19,7 +19,7 @@ from .results import Outcome, Result
 
 STYLE = {Outcome.PASSED: "green", Outcome.FAILED: "bold red", Outcome.COULD_NOT_RUN: "yellow", Outcome.NOT_APPLICABLE: "dim"}
 WORST_FIRST = (Outcome.FAILED, Outcome.COULD_NOT_RUN, Outcome.PASSED, Outcome.NOT_APPLICABLE)
-WIDTH, STORIES = 120, 12
+WIDTH = 124
 
 
 class Progress:
@@ -78,7 +78,7 @@ def _head(report: Report) -> RenderableType:
 def _table(title: str, *columns: str, right: tuple[str, ...] = ()) -> Table:
     table = Table(title=title, title_justify="left", title_style="bold", box=box.SIMPLE_HEAD, pad_edge=False)
     for column in columns:
-        table.add_column(column, justify="right" if column in right else "left", no_wrap=True)
+        table.add_column(column, justify="right" if column in right else "left", no_wrap=column in right, overflow="fold")
     return table
 
 
@@ -87,7 +87,7 @@ def _checks(report: Report) -> Table:
     table = _table("Checks, the worst state of each", *columns, right=("error", "limit"))
     for (check, subject, against, quantity), results in report.groups().items():
         outcome = next(outcome for outcome in WORST_FIRST if any(r.outcome is outcome for r in results))
-        worst = max((r for r in results if r.outcome is outcome), key=lambda r: -1.0 if r.measured is None else r.measured)
+        worst = max((r for r in results if r.outcome is outcome), key=_size)
         table.add_row(
             check,
             subject,
@@ -99,6 +99,13 @@ def _checks(report: Report) -> Table:
             f"[{STYLE[outcome]}]{_tally(results, outcome)}[/]",
         )
     return table
+
+
+def _size(result: Result) -> float:
+    """For the worst first: nothing measured, numbers, not a number."""
+    if result.measured is None:
+        return -1.0
+    return result.measured if math.isfinite(result.measured) else math.inf
 
 
 def _tally(results: list[Result], outcome: Outcome) -> str:
@@ -116,11 +123,12 @@ def _number(value: float | None) -> str:
 
 
 def _troubles(report: Report) -> list[RenderableType]:
-    """The first checks that failed, in full; those that did not run or do not apply once for each reason."""
-    failed = report.failures()
-    parts = [f"[{STYLE[Outcome.FAILED]}]failed[/] {escape(_story(result))}" for result in failed[:STORIES]]
-    if len(failed) > STORIES:
-        parts.append(f"... and {len(failed) - STORIES} more that failed: report.failures(), report.json")
+    """What failed, at its worst; what did not run or does not apply, once for each reason."""
+    parts: list[RenderableType] = []
+    for results in report.groups().values():
+        failed = [r for r in results if r.outcome is Outcome.FAILED]
+        if failed:
+            parts.append(f"[{STYLE[Outcome.FAILED]}]failed[/] {escape(_story(max(failed, key=_size)))}")
     for outcome in (Outcome.COULD_NOT_RUN, Outcome.NOT_APPLICABLE):
         reasons: dict[str, dict[str, None]] = {}
         for result in report.results:

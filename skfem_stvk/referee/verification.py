@@ -80,7 +80,7 @@ def verify(
         raise StvkError(f"The candidate, of type {type(candidate).__name__}, has none of {', '.join(METHODS.values())}.")
     case = _case(system, terms, candidate, candidate_is_stvk, seed)
     homogeneous = homogeneous_copy(body, terms)
-    twin = case.ours if homogeneous.same else Player(f"{OURS}, homogeneous copy", System(body, homogeneous.term), system.ndofs)
+    twin = case.ours if homogeneous.same else Player("homogeneous copy", System(body, homogeneous.term), system.ndofs)
     report = Report(header(body, terms, type(mesh).__name__, seed))
     tasks = [
         *agreement(case),

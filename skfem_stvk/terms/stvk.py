@@ -91,13 +91,16 @@ class StVK:
 
     def bind(self, mesh: SimplexMesh) -> EdgeForm:
         """The edge form of this body on a mesh."""
+        return EdgeForm(mesh.p, mesh.t[:, mesh.elements(self.region)], self.coefficients(mesh))
+
+    def coefficients(self, mesh: SimplexMesh) -> NDArray[np.float64]:
+        """(n, m, m) coefficients `L` of each simplex of the region, for the pairs of its edges [J/m^4]."""
         assert self.material is not None
         elements, hypothesis = mesh.elements(self.region), self.hypothesis(mesh)
         self.material.check(len(elements), hypothesis)
         section = self.section(mesh, len(elements))
-        t = mesh.t[:, elements]
-        L = simplex_coefficients(Geometry(mesh.p, t), self.material, hypothesis)
-        return EdgeForm(mesh.p, t, L * section[..., None, None])
+        geometry = Geometry(mesh.p, mesh.t[:, elements])
+        return simplex_coefficients(geometry, self.material, hypothesis) * section[..., None, None]
 
     def section(self, mesh: SimplexMesh, n: int) -> NDArray[np.float64]:
         """What turns the measure of a simplex into a volume: thickness, area, or 1; a number or (n,)."""

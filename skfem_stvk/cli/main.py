@@ -1,0 +1,95 @@
+"""The command `skfem-stvk`."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import warnings
+from collections.abc import Sequence
+
+from rich.console import Console
+from rich.markup import escape
+
+from ..errors import StvkError, StvkWarning
+from ..mesh import SimplexMesh, embedded_mesh, read_mesh
+from ..referee.header import machine, versions
+from ..referee.report import Report
+from ..referee.terminal import WIDTH, rendered
+from ..referee.verification import verify
+from ..terms import StVK
+
+#: Materials of the embedded mesh: a bracket of aluminium with a bushing of rubber; Poisson's ratios such that lambda != mu.
+EMBEDDED = [StVK(young=70e9, poisson=0.33, region="bracket"), StVK(young=5e6, poisson=0.45, region="bushing")]
+OPTIONAL = ("gmsh", "h5py", "netCDF4")
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the command; the exit code is 0 if all went well, 1 if a check did not pass, 2 for bad input."""
+    options = _parser().parse_args(arguments)
+    console = Console(stderr=True, highlight=False)
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("always", StvkWarning)
+            warnings.showwarning = lambda message, *_, **__: console.print(f"[yellow]note[/] {escape(str(message))}")
+            code: int = options.run(options)
+            return code
+    except StvkError as error:
+        console.print(f"[bold red]error[/] {escape(str(error))}")
+    except OSError as error:
+        console.print(f"[bold red]error[/] {escape(str(error))}")
+    except KeyboardInterrupt:
+        console.print("[yellow]interrupted[/]")
+        return 130
+    return 2
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(prog="skfem-stvk", description="St. Venant-Kirchhoff elasticity from edges, and its referee.")
+    commands = parser.add_subparsers(required=True, metavar="COMMAND")
+
+    check = commands.add_parser("verify", help="hold W, F and K against scikit-fem's on a mesh", description=_verify.__doc__)
+    check.add_argument("mesh", nargs="?", help="mesh file that meshio reads; by default an embedded bracket of two materials")
+    check.add_argument("--young", type=float, help="Young's modulus [Pa]")
+    check.add_argument("--poisson", type=float, help="Poisson's ratio")
+    check.add_argument("--out", metavar="FOLDER", help="write report.json and report.html there")
+    check.add_argument("--seed", type=int, default=0, help="of the random states, 0 by default")
+    check.set_defaults(run=_verify)
+
+    info = commands.add_parser(
+        "info", help="versions, machine, optional packages: the head of a bug report", description=_info.__doc__
+    )
+    info.set_defaults(run=_info)
+    return parser
+
+
+def _verify(options: argparse.Namespace) -> int:
+    """Hold W, F and K against scikit-fem's standard assembly and against what must be true; exit code 0 if all passed."""
+    mesh, terms = _body(options)
+    report: Report = verify(mesh, terms, seed=options.seed)
+    report.header["mesh"]["source"] = options.mesh or "embedded bracket"
+    console = Console(highlight=False, width=None if sys.stdout.isatty() else WIDTH)
+    console.print(rendered(report))
+    if options.out:
+        folder = report.save(options.out)
+        console.print(f"report.json and report.html are in {escape(str(folder))}")
+    return 0 if report.passed else 1
+
+
+def _body(options: argparse.Namespace) -> tuple[SimplexMesh, list[StVK]]:
+    given = options.young is not None or options.poisson is not None
+    if options.mesh and not given:
+        raise StvkError("A mesh needs a material: add --young (Pa) and --poisson, e.g. --young 70e9 --poisson 0.33.")
+    terms = [StVK(young=options.young, poisson=options.poisson)] if given else EMBEDDED
+    return read_mesh(options.mesh) if options.mesh else embedded_mesh(), terms
+
+
+def _info(options: argparse.Namespace) -> int:
+    """Print versions, the machine and which optional packages are installed."""
+    console = Console(highlight=False)
+    for name, value in (machine() | versions() | versions(OPTIONAL)).items():
+        console.print(f"{name:>16}  {escape(str(value))}")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

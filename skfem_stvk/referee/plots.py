@@ -1,0 +1,61 @@
+"""Pictures of a report. matplotlib is imported here, so this module is imported only when a picture is asked for."""
+
+from __future__ import annotations
+
+import io
+
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from .case import OURS, REFERENCE
+from .checks.precision import TEXTBOOK
+from .report import Report
+
+COLOURS = {OURS: "#0072B2", REFERENCE: "#D55E00", TEXTBOOK: "#009E73"}
+MARKERS = {"W": "s", "F": "o", "K": "^"}
+
+
+def error_against_strain(report: Report) -> Figure:
+    """Error of F against strain: without and with a large rotation, at the origin and far from it."""
+    figure = Figure(figsize=(9, 3.6), layout="constrained")
+    panels: list[Axes] = list(figure.subplots(1, 2, sharey=True))
+    styles = dict(zip(sorted({row["offset_m"] for row in report.precision}), ("-", "--", ":"), strict=False))
+    for axes, degrees in zip(panels, (0, 170), strict=True):
+        for form, colour in COLOURS.items():
+            for offset, style in styles.items():
+                rows = [r for r in report.precision if (r["form"], r["rotation_deg"], r["offset_m"]) == (form, degrees, offset)]
+                label = f"{form}, at {offset:g} m"
+                axes.loglog([r["strain"] for r in rows], [max(r["error"], 1e-17) for r in rows], style, color=colour, label=label)
+        axes.set(xlabel="strain", title="no rotation" if not degrees else f"rotated by {degrees} degrees", ylim=(1e-17, 10))
+        axes.invert_xaxis()
+        axes.grid(alpha=0.3)
+    panels[0].set_ylabel("error of F, relative to 50 digits")
+    figure.legend(*panels[0].get_legend_handles_labels(), loc="outside right center", fontsize=8)
+    return figure
+
+
+def speed_against_error(report: Report) -> Figure:
+    """Time of W, F and K against their errors: down and to the left is better."""
+    figure = Figure(figsize=(6, 3.6), layout="constrained")
+    axes = figure.subplots()
+    for row in report.speed:
+        error = report.errors.get(row["player"], {}).get(row["quantity"])
+        if error is None:
+            continue
+        marker, colour = MARKERS[row["quantity"]], COLOURS[row["player"]]
+        axes.loglog(
+            row["ns_per_element"], max(error, 1e-17), marker, color=colour, label=f"{row['quantity']}, {row['player']}", ms=8
+        )
+    axes.set(xlabel="time [ns an element]", ylabel="error at 0.1 % strain, relative to 50 digits")
+    axes.grid(alpha=0.3)
+    axes.margins(0.2)
+    axes.legend(fontsize=8)
+    return figure
+
+
+def as_svg(figure: Figure) -> str:
+    """The figure as SVG text."""
+    buffer = io.StringIO()
+    figure.savefig(buffer, format="svg", metadata={"Date": None})
+    text = buffer.getvalue()
+    return text[text.index("<svg") :]

@@ -1,0 +1,48 @@
+import numpy as np
+import pytest
+import skfem
+from bodies import MESHES
+
+from skfem_stvk import SimplexMesh
+from skfem_stvk.edges.topology import LOCAL_EDGES, edge_topology
+from skfem_stvk.mesh.facets import boundary_vertices, facet_ids
+from skfem_stvk.terms import StVK
+
+
+@pytest.mark.parametrize(
+    "mesh", [skfem.MeshTet().refined(2), skfem.MeshTet.init_ball(2), skfem.MeshTet.init_tensor(*[np.arange(4.0)] * 3)]
+)
+def test_edges_of_tetrahedra_are_scikit_fems(mesh):
+    edges, t2e = edge_topology(mesh.t)
+    assert np.array_equal(edges, mesh.edges)
+    assert np.array_equal(t2e, mesh.t2e)
+
+
+@pytest.mark.parametrize("mesh", [skfem.MeshTri().refined(3), skfem.MeshTri.init_circle(2)])
+def test_edges_of_triangles_are_scikit_fems_facets(mesh):
+    edges, t2e = edge_topology(mesh.t)
+    assert np.array_equal(edges, mesh.facets)
+    assert np.array_equal(t2e, mesh.t2f)
+
+
+@pytest.mark.parametrize("name", MESHES)
+def test_the_edges_of_a_simplex_join_its_own_vertices(name):
+    mesh = MESHES[name]
+    edges, t2e = edge_topology(mesh.t)
+    for local, (a, b) in enumerate(LOCAL_EDGES[mesh.k]):
+        assert np.array_equal(edges[:, t2e[local]], np.sort(mesh.t[[a, b]], axis=0))
+
+
+@pytest.mark.parametrize("mesh", [skfem.MeshTet().refined(2), skfem.MeshTet.init_ball(2)])
+def test_tseps_are_three_a_facet_and_three_a_tetrahedron(mesh):
+    form = StVK(young=1.0, poisson=0.3).bind(SimplexMesh.of(mesh))
+    assert form.pairs.shape[1] == 3 * mesh.nfacets + 3 * mesh.nelements
+    assert (~form.adjacent).sum() == 3 * mesh.nelements
+    assert form.L.nnz <= form.edges.shape[1] + 2 * form.pairs.shape[1]  # exact zeros are left out
+
+
+@pytest.mark.parametrize("mesh", [skfem.MeshTet().refined(2), skfem.MeshTri.init_circle(2)])
+def test_facets_and_boundary_vertices_are_scikit_fems(mesh):
+    simplices = SimplexMesh.of(mesh)
+    assert facet_ids(simplices).max() + 1 == mesh.nfacets
+    assert np.array_equal(boundary_vertices(simplices), np.sort(mesh.boundary_nodes()))

@@ -1,0 +1,121 @@
+import numpy as np
+import pytest
+from bodies import MESHES
+
+from skfem_stvk import Anisotropic, Isotropic, MaterialError, Orthotropic, StVK, TransverselyIsotropic
+from skfem_stvk.materials import Hypothesis
+
+SOLID, PLANE_STRESS, UNIAXIAL = Hypothesis.SOLID, Hypothesis.PLANE_STRESS, Hypothesis.UNIAXIAL_STRESS
+
+
+def isotropic_voigt(young, poisson):
+    lam, mu = Isotropic(young, poisson).lame(SOLID)
+    C = np.diag([2 * mu] * 3 + [mu] * 3)
+    C[:3, :3] += lam
+    return C
+
+
+@pytest.mark.parametrize("poisson", [-0.9, -0.4, 0.0, 0.25, 0.45, 0.4999])
+def test_lame_pair_gives_back_young_and_poisson(poisson):
+    lam, mu = Isotropic(2.0, poisson).lame(SOLID)
+    back = Isotropic.from_lame(lam, mu)
+    assert back.young == pytest.approx(2.0, rel=1e-12)
+    assert back.poisson == pytest.approx(poisson, abs=1e-12)
+
+
+def test_plane_stress_allows_poisson_up_to_one():
+    lam, mu = Isotropic(2.0, 0.8).lame(PLANE_STRESS)
+    assert lam == pytest.approx(2.0 * 0.8 / (1 - 0.64))
+    Isotropic(2.0, 0.8).check(5, PLANE_STRESS)
+    with pytest.raises(MaterialError, match=r"poisson \(three-dimensional\) = 0.8 is outside \(-1, 0.5\)"):
+        Isotropic(2.0, 0.8).check(5, SOLID)
+
+
+def test_segments_do_without_poisson_and_solids_do_not():
+    Isotropic(2.0).check(3, UNIAXIAL)
+    with pytest.raises(MaterialError, match="poisson is missing"):
+        Isotropic(2.0).check(3, SOLID)
+
+
+def test_engineering_constants_of_an_isotropic_body_give_the_isotropic_matrix():
+    E, nu = 3.0, 0.3
+    G = E / (2 * (1 + nu))
+    assert np.allclose(Orthotropic((E, E, E), (nu, nu, nu), (G, G, G)).stiffness(), isotropic_voigt(E, nu))
+    assert np.allclose(TransverselyIsotropic(E, E, nu, nu, G).stiffness(), isotropic_voigt(E, nu))
+
+
+def test_orthotropic_compliance_holds_the_engineering_constants():
+    S = np.linalg.inv(Orthotropic((10.0, 2.0, 1.0), (0.4, 0.3, 0.2), (0.5, 0.6, 0.7)).stiffness())
+    assert np.allclose(np.diag(S), [0.1, 0.5, 1.0, 2.0, 1 / 0.6, 1 / 0.7])
+    assert np.allclose([S[1, 2], S[0, 2], S[0, 1]], [-0.4 / 2.0, -0.3 / 10.0, -0.2 / 10.0])
+
+
+def test_a_transversely_isotropic_matrix_is_the_same_in_all_directions_across_its_axis():
+    ply = {"young_axial": 14.0, "young_transverse": 1.0, "poisson_axial": 0.3, "poisson_transverse": 0.4, "shear_axial": 0.6}
+    c, s = np.cos(0.7), np.sin(0.7)
+    about_the_axis = np.array([[1, 0, 0], [0, c, -s], [0, s, c]])
+    about_another = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
+    plain = StVK(TransverselyIsotropic(**ply)).coefficients(MESHES["tetrahedra"])
+    same = StVK(TransverselyIsotropic(**ply, frame=about_the_axis)).coefficients(MESHES["tetrahedra"])
+    other = StVK(TransverselyIsotropic(**ply, frame=about_another)).coefficients(MESHES["tetrahedra"])
+    assert np.abs(plain - same).max() < 1e-13 * np.abs(plain).max()
+    assert np.abs(plain - other).max() > 1e-2 * np.abs(plain).max()
+
+
+BAD_AT_7 = np.where(np.arange(20) == 7, np.nan, 1.0)
+SYMMETRIC = isotropic_voigt(1.0, 0.3)
+LOPSIDED = SYMMETRIC + np.eye(6, k=1)
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda: Isotropic(0.0, 0.3), r"young = 0\. is outside \(0, inf\)"),
+        (lambda: Isotropic(-1.0, 0.3), "young = -1. is outside"),
+        (lambda: Isotropic(np.nan, 0.3), "young = nan is not finite"),
+        (lambda: Isotropic("steel", 0.3), "young = 'steel' is not a number"),
+        (lambda: Isotropic(BAD_AT_7, 0.3), r"young is not finite in 1 element \(7\)"),
+        (
+            lambda: Isotropic(np.where(BAD_AT_7 > 0, 1.0, -3.0), 0.3),
+            r"young is outside \(0, inf\) in 1 element \(7\), first value -3",
+        ),
+        (lambda: Isotropic(1.0, 1.0), r"poisson = 1. is outside \(-1, 1\)"),
+        (lambda: Isotropic(1.0, -1.0), "poisson = -1. is outside"),
+        (lambda: Isotropic(np.ones((2, 2)), 0.3), r"young has shape \(2, 2\)"),
+        (lambda: Isotropic(1.0, 0.3, density=-1.0), "density = -1. is outside"),
+        (lambda: Isotropic.from_lame(-1.0, 1.0), r"3 lam \+ 2 mu = -1. is outside"),
+        (lambda: Isotropic.from_lame(1.0, 0.0), "mu = 0. is outside"),
+        (lambda: Orthotropic((1.0, 1.0), (0.3,) * 3, (1.0,) * 3), "young has 2 entries; expected three, for 1, 2, 3"),
+        (lambda: Orthotropic((1.0, 1.0, -2.0), (0.3,) * 3, (1.0,) * 3), "young_3 = -2. is outside"),
+        (lambda: Orthotropic((1.0, 1.0, 1.0), (0.3,) * 3, (1.0, 0.0, 1.0)), "shear_13 = 0. is outside"),
+        (lambda: Orthotropic((1.0, 1.0, 1.0), (0.9,) * 3, (1.0,) * 3), "not positive definite"),
+        (lambda: Orthotropic((np.ones(3), np.ones(4), 1.0), (0.1,) * 3, (1.0,) * 3), "different lengths"),
+        (lambda: TransverselyIsotropic(1.0, 1.0, 0.3, 1.0, 1.0), "poisson_transverse = 1. is outside"),
+        (lambda: Anisotropic(np.eye(3)), r"voigt has shape \(3, 3\); expected \(6, 6\)"),
+        (lambda: Anisotropic(LOPSIDED), "not symmetric"),
+        (lambda: Anisotropic(np.stack([SYMMETRIC, -SYMMETRIC])), r"not positive definite in 1 element \(1\)"),
+        (lambda: Anisotropic(SYMMETRIC, frame=2 * np.eye(3)), "columns of frame are not orthonormal"),
+        (lambda: Anisotropic(SYMMETRIC, frame=np.ones((4, 3, 3))), r"not orthonormal in 4 elements \(0, 1, 2, 3\)"),
+        (lambda: Anisotropic(SYMMETRIC, frame=np.eye(4)), r"frame has shape \(4, 4\)"),
+    ],
+)
+def test_bad_constants_are_refused_when_they_are_given(make, message):
+    with pytest.raises(MaterialError, match=message):
+        make()
+
+
+@pytest.mark.parametrize(
+    ("material", "message"),
+    [
+        (Isotropic(np.ones(4), 0.3), "young has 4 values; expected a single one, or one for each of the 5 elements"),
+        (Isotropic(1.0, np.full(6, 0.3)), "poisson has 6 values"),
+        (Isotropic(1.0, np.array([0.3, 0.3, 0.5, 0.3, 0.7])), r"in 2 elements \(2, 4\)"),
+        (Isotropic(1.0, 0.3, density=np.ones(3)), "density has 3 values"),
+        (Anisotropic(np.stack([SYMMETRIC] * 4)), "the elasticity matrix has 4 values"),
+        (Anisotropic(SYMMETRIC, frame=np.stack([np.eye(3)] * 4)), "frame has 4 values"),
+        (Orthotropic((np.ones(6), 1.0, 1.0), (0.3,) * 3, (1.0,) * 3), "the elasticity matrix has 6 values"),
+    ],
+)
+def test_arrays_that_do_not_fit_the_region_are_refused(material, message):
+    with pytest.raises(MaterialError, match=message):
+        material.check(5, SOLID)

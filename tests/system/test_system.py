@@ -1,0 +1,181 @@
+import hypothesis.strategies as st
+import numpy as np
+import pytest
+from bodies import BODIES, MESHES, state
+from hypothesis import given, settings
+
+from skfem_stvk import MeshError, SimplexMesh, StateError, StVK, StvkError, StvkWarning, System
+from skfem_stvk.referee.bodies import reference_of
+
+TERM = StVK(young=2.0, poisson=0.3)
+SOLID = System(MESHES["tetrahedra"], TERM)
+
+
+@pytest.mark.parametrize("name", BODIES)
+def test_W_F_and_K_are_scikit_fems(name):
+    mesh, terms = BODIES[name]
+    body, reference, u = System(mesh, terms), reference_of(mesh, terms), state(mesh)
+    F, K = reference.internal_force(u), reference.tangent(u)
+    assert np.abs(F).max() > 1e-3  # not the trivial state
+    assert body.energy(u) == pytest.approx(reference.energy(u), rel=1e-12)
+    assert np.abs(body.internal_force(u) - F).max() < 1e-13 * np.abs(F).max()
+    assert abs(body.tangent(u) - K).max() < 1e-13 * abs(K).max()
+
+
+@pytest.mark.parametrize("name", BODIES)
+def test_the_tangent_is_the_hessian_of_the_energy(name):
+    """By the five-point stencil, which is exact for a quartic."""
+    mesh, terms = BODIES[name]
+    body, u, v = System(mesh, terms), state(mesh), state(mesh, seed=9)
+    weights = {-2: 1 / 12, -1: -8 / 12, 1: 8 / 12, 2: -1 / 12}
+    W = np.array([w * body.energy(u + s * v) for s, w in weights.items()])
+    F = np.array([w * body.internal_force(u + s * v) for s, w in weights.items()])
+    assert abs(W.sum() - body.internal_force(u) @ v) < 1e-13 * np.abs(W).max()
+    assert np.abs(F.sum(axis=0) - body.tangent(u) @ v).max() < 1e-13 * np.abs(F).max()
+
+
+@settings(max_examples=40, deadline=None)
+@given(poisson=st.floats(-0.9, 0.49), amount=st.floats(1e-6, 3.0), seed=st.integers(0, 10**6), name=st.sampled_from(sorted(MESHES)))
+def test_any_poisson_and_any_state_agrees_with_scikit_fem(poisson, amount, seed, name):
+    mesh = MESHES[name]
+    terms = [StVK(young=1.0, poisson=poisson)]
+    body, reference, u = System(mesh, terms), reference_of(mesh, terms), state(mesh, amount, seed)
+    K = reference.tangent(u)
+    scale = abs(K).max()
+    assert abs(body.tangent(u) - K).max() < 1e-12 * scale
+    assert np.abs(body.internal_force(u) - reference.internal_force(u)).max() < 1e-12 * scale * max(1.0, np.abs(u).max())
+
+
+@settings(max_examples=20, deadline=None)
+@given(seed=st.integers(0, 10**6))
+def test_numbering_and_order_of_vertices_do_not_matter(seed):
+    rng = np.random.default_rng(seed)
+    mesh = MESHES["tetrahedra"]
+    order = rng.permutation(mesh.nv)  # vertex i becomes order[i]
+    p = np.empty_like(mesh.p)
+    p[:, order] = mesh.p
+    other = System(SimplexMesh(p, rng.permuted(order[mesh.t], axis=0)[:, rng.permutation(mesh.nt)]), TERM)
+    u = state(mesh)
+    moved = np.empty((mesh.nv, 3))
+    moved[order] = u.reshape(-1, 3)
+    assert other.energy(moved.ravel()) == pytest.approx(SOLID.energy(u), rel=1e-12)
+    F = SOLID.internal_force(u)
+    assert np.abs(other.internal_force(moved.ravel()).reshape(-1, 3)[order].ravel() - F).max() < 1e-12 * np.abs(F).max()
+
+
+@pytest.mark.parametrize("name", MESHES)
+def test_energy_scales_with_young_and_with_the_size(name):
+    mesh, u = MESHES[name], state(MESHES[name])
+    body, larger = System(mesh, TERM), System(SimplexMesh(10 * mesh.p, mesh.t), StVK(young=6.0, poisson=0.3))
+    assert larger.energy(10 * u) == pytest.approx(3 * 10**mesh.k * body.energy(u), rel=1e-12)
+    F = body.internal_force(u)
+    assert np.allclose(
+        larger.internal_force(10 * u), 3 * 10 ** (mesh.k - 1) * F, rtol=0, atol=1e-11 * 10 ** (mesh.k - 1) * np.abs(F).max()
+    )
+
+
+def test_far_from_the_origin_the_answer_is_the_same():
+    """The mesh is first put on a grid that the offset does not round."""
+    mesh, u = MESHES["tetrahedra"], state(MESHES["tetrahedra"], 1e-9)
+    p = np.round(mesh.p * 2**20) / 2**20
+    here, there = System((p, mesh.t), TERM), System((p + 2.0**20, mesh.t), TERM)
+    assert np.array_equal(here.internal_force(u), there.internal_force(u))
+
+
+def test_a_rigid_rotation_has_no_energy_and_no_force():
+    from scipy.spatial.transform import Rotation
+
+    X = SOLID.mesh.p.T
+    u = (X @ Rotation.from_rotvec([0.3, -2.0, 1.1]).as_matrix().T - X + [1.0, 2.0, 3.0]).ravel()
+    scale = abs(SOLID.tangent(u)).max()
+    assert abs(SOLID.energy(u)) < 1e-28 * scale * 1e3
+    assert np.abs(SOLID.internal_force(u)).max() < 1e-14 * scale
+
+
+def test_two_tangents_never_differ_in_pattern():
+    rest, crumpled = SOLID.tangent(np.zeros(SOLID.ndofs)), SOLID.tangent(state(SOLID.mesh, 3.0))
+    assert np.array_equal(rest.indptr, crumpled.indptr) and np.array_equal(rest.indices, crumpled.indices)
+    assert rest.indices.dtype == rest.indptr.dtype == np.int32
+    assert rest.has_sorted_indices and rest.has_canonical_format
+    full = np.zeros((SOLID.mesh.nv,) * 2, dtype=bool)
+    full[SOLID.mesh.t[:, None], SOLID.mesh.t[None]] = True
+    assert rest.nnz == 9 * full.sum() == SOLID.pattern.nnz
+    assert np.array_equal(SOLID.pattern.indices, rest.indices) and SOLID.pattern.shape == rest.shape
+
+
+def test_the_tangent_is_symmetric_and_singular_only_by_rigid_motions():
+    K = SOLID.tangent(np.zeros(SOLID.ndofs)).toarray()
+    assert np.abs(K - K.T).max() < 1e-15 * np.abs(K).max()
+    values = np.linalg.eigvalsh(K)
+    assert (np.abs(values[:6]) < 1e-13 * values[-1]).all() and values[6] > 1e-4 * values[-1]
+    stressed = SOLID.tangent(state(SOLID.mesh, 0.3)).toarray()
+    values = np.abs(np.linalg.eigvalsh(stressed))
+    assert (np.sort(values)[:3] < 1e-13 * values.max()).all() and np.sort(values)[3] > 1e-8 * values.max()
+
+
+def test_out_is_filled_anew_in_place():
+    u = state(SOLID.mesh)
+    K = SOLID.tangent(0 * u)
+    data = K.data
+    again = SOLID.tangent(u, out=K)
+    assert again is K and again.data is data
+    assert abs(K - SOLID.tangent(u)).max() == 0
+
+
+def test_out_of_another_pattern_is_refused():
+    K = SOLID.tangent(np.zeros(SOLID.ndofs))
+    K.eliminate_zeros()
+    K = K[:, :-1]
+    with pytest.raises(StvkError, match="another pattern than this system's K"):
+        SOLID.tangent(np.zeros(SOLID.ndofs), out=K)
+
+
+def test_spoiling_a_tangent_does_not_spoil_the_system():
+    u = state(SOLID.mesh)
+    before = SOLID.tangent(u)
+    spoiled = SOLID.tangent(u)
+    spoiled.data[::2] = 0
+    spoiled.eliminate_zeros()
+    assert abs(SOLID.tangent(u) - before).max() == 0
+    with pytest.raises(ValueError, match="read-only"):
+        SOLID.pattern.indices[0] = 5
+
+
+def test_a_block_outside_of_the_pattern_is_a_loud_error():
+    bar = System(MESHES["cable"], StVK(young=1.0))
+    with pytest.raises(StvkError, match=r"1 block \(1\) are not in the pattern of K, vertices \[\(0, 5\)\]"):
+        bar.pattern.values_at(np.array([0, 0]), np.array([1, 5]))
+
+
+@pytest.mark.parametrize("call", [SOLID.energy, SOLID.internal_force, SOLID.tangent])
+@pytest.mark.parametrize(
+    ("u", "message"),
+    [
+        (np.zeros(5), r"u has shape \(5,\); expected \(192,\): 3 components at each of 64 vertices"),
+        (np.zeros((64, 3)), r"u has shape \(64, 3\)"),
+        (np.where(np.arange(192) == 17, np.nan, 0.0), r"u is not finite in 1 entry \(17\)"),
+        (np.where(np.arange(192) > 180, np.inf, 0.0), r"u is not finite in 11 entries \(181, 182, 183, 184, 185, ...\)"),
+    ],
+)
+def test_a_bad_state_is_refused(call, u, message):
+    with pytest.raises(StateError, match=message):
+        call(u)
+
+
+def test_too_large_a_matrix_is_refused_before_it_is_made(monkeypatch):
+    from skfem_stvk.mesh import simplices
+
+    body = System(MESHES["tetrahedra"], TERM)
+    monkeypatch.setattr(simplices, "LARGEST_INDEX", 1000)
+    with pytest.raises(MeshError, match="values of K are more than 32-bit indices can count"):
+        body.tangent(np.zeros(body.ndofs))
+
+
+def test_vertices_without_a_term_are_warned_of():
+    with pytest.warns(StvkWarning, match="vertices .* belong to no term"):
+        System(MESHES["tetrahedra"], StVK(young=1.0, poisson=0.3, region=[0, 1]))
+
+
+def test_something_that_is_no_term_is_refused():
+    with pytest.raises(StvkError, match="A term of type float came"):
+        System(MESHES["tetrahedra"], [TERM, 3.0])
