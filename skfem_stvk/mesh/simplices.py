@@ -49,7 +49,7 @@ class SimplexMesh:
     boundaries: Mapping[str, NDArray[np.int32]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        p, t = np.array(self.p, dtype=np.float64), np.asarray(self.t)
+        p, t = np.array(self.p, dtype=np.float64, order="C"), np.asarray(self.t)
         if p.ndim != 2 or p.shape[0] not in (1, 2, 3):
             raise MeshError(f"p has shape {p.shape}; expected (d, nv) with d = 1, 2 or 3. Transpose arrays of shape (nv, d).")
         if t.ndim != 2 or not 2 <= t.shape[0] <= p.shape[0] + 1:
@@ -69,7 +69,7 @@ class SimplexMesh:
                 f"{name_ids(bad, 'element')} name vertices outside 0 ... {p.shape[1] - 1}. Are the ids counted from 1? Subtract 1 then."
             )
         object.__setattr__(self, "p", p)
-        object.__setattr__(self, "t", np.array(t, dtype=np.int32))
+        object.__setattr__(self, "t", np.array(t, dtype=np.int32, order="C"))
         for name in ("subdomains", "boundaries"):
             object.__setattr__(self, name, MappingProxyType(dict(getattr(self, name) or {})))
 
@@ -136,6 +136,7 @@ class SimplexMesh:
         """
         if region is None:
             return np.arange(self.nt)
+        ids: NDArray[Any]
         if isinstance(region, str):
             if region not in self.subdomains:
                 known = ", ".join(repr(name) for name in sorted(self.subdomains)) or "none"

@@ -1,0 +1,101 @@
+"""Named groups of the cells of a file: physical groups, element sets, indicator arrays, material numbers."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import meshio
+import numpy as np
+import skfem.refdom
+from numpy.typing import NDArray
+
+from .abaqus import element_sets
+from .cells import corners, is_simplex
+
+#: Ids within each cell block of the file, by name.
+Sets = dict[str, list[NDArray[np.int64]]]
+MOST_VALUES = 64
+REFERENCE = {1: skfem.refdom.RefLine, 2: skfem.refdom.RefTri, 3: skfem.refdom.RefTet}
+
+
+def cell_groups(raw: meshio.Mesh, path: Path, k: int) -> Sets:
+    """Named groups, or where simplices of dimension `k` are in none, one for each value of the arrays of integers."""
+    sets = element_sets(path, raw.cells) if path.suffix.lower() == ".inp" else listed_sets(raw)
+    sets |= indicator_sets(raw)
+    sets |= {name: ids for name, ids in physical_sets(raw).items() if name not in sets}
+    return sets if pick(sets, raw, k) else sets | value_sets(raw, k)
+
+
+def pick(sets: Sets, raw: meshio.Mesh, k: int) -> dict[str, NDArray[np.int32]]:
+    """Of each group its simplices of dimension `k`, counted through their blocks; groups without any are left out."""
+    picked = {}
+    for name, ids_of_block in sets.items():
+        start, ids = 0, [np.empty(0, dtype=np.int64)]
+        for block, members in zip(raw.cells, ids_of_block, strict=False):
+            if is_simplex(block, k):
+                ids.append(np.asarray(members, dtype=np.int64) + start)
+                start += len(block)
+        picked[name] = np.unique(np.concatenate(ids)).astype(np.int32)
+    return {name: ids for name, ids in picked.items() if len(ids)}
+
+
+def listed_sets(raw: meshio.Mesh) -> Sets:
+    """The cell sets of meshio, without Gmsh's own such as the phantom 'gmsh:bounding_entities'."""
+    empty = np.empty(0, dtype=np.int64)
+    return {
+        name: [empty if ids is None else ids for ids in ids_of_block]
+        for name, ids_of_block in raw.cell_sets.items()
+        if not name.startswith("gmsh:")
+    }
+
+
+def indicator_sets(raw: meshio.Mesh) -> Sets:
+    """Subdomains as scikit-fem's `mesh.save` writes them: arrays 'skfem:s:NAME' that are 1 inside."""
+    prefix = "skfem:s:"
+    return {
+        name.removeprefix(prefix): [np.flatnonzero(values) for values in arrays]
+        for name, arrays in raw.cell_data.items()
+        if name.startswith(prefix)
+    }
+
+
+def physical_sets(raw: meshio.Mesh) -> Sets:
+    """Gmsh's physical groups by tag; a tag without a name is its own name."""
+    names = {(int(v[1]), int(v[0])): name for name, v in raw.field_data.items() if np.shape(v) == (2,)}
+    sets: Sets = {}
+    for i, tags in enumerate(raw.cell_data.get("gmsh:physical", [])):
+        for tag in np.unique(tags[tags != 0]).tolist():
+            name = names.get((raw.cells[i].dim, tag), str(tag))
+            sets.setdefault(name, [np.empty(0, dtype=np.int64)] * len(raw.cells))[i] = np.flatnonzero(tags == tag)
+    return sets
+
+
+def value_sets(raw: meshio.Mesh, k: int) -> Sets:
+    """A group 'NAME:VALUE' for each value of an array of integers that has few values on simplices of dimension `k`."""
+    sets: Sets = {}
+    for name, arrays in raw.cell_data.items():
+        if name.startswith(("gmsh:", "skfem:")) or any(values.ndim != 1 or values.dtype.kind not in "iu" for values in arrays):
+            continue
+        found = np.unique(np.concatenate([values for values, block in zip(arrays, raw.cells, strict=True) if is_simplex(block, k)]))
+        if len(found) <= MOST_VALUES:
+            present = np.unique(np.concatenate(arrays)).tolist()
+            sets |= {f"{name}:{value}": [np.flatnonzero(values == value) for values in arrays] for value in present}
+    return sets
+
+
+def facet_groups(raw: meshio.Mesh, sets: Sets, k: int) -> dict[str, NDArray[np.int64]]:
+    """(k, n) vertices of the facets of each group: cells one dimension lower, and scikit-fem's arrays 'skfem:b:NAME'.
+
+    Bit `j` of such an array says that facet `j` of the cell, in scikit-fem's order, is in the boundary.
+    """
+    facets, t = corners(raw.cells, k - 1), corners(raw.cells, k)
+    boundaries = {name: facets[:, ids] for name, ids in pick(sets, raw, k - 1).items()}
+    prefix = "skfem:b:"
+    for name, arrays in raw.cell_data.items():
+        if name.startswith(prefix):
+            bits = np.concatenate([values for values, block in zip(arrays, raw.cells, strict=True) if is_simplex(block, k)]).astype(
+                int
+            )
+            found = [t[local][:, bits >> j & 1 == 1] for j, local in enumerate(REFERENCE[k].facets)]
+            boundaries[name.removeprefix(prefix)] = np.concatenate(found, axis=1)
+    return boundaries

@@ -1,0 +1,136 @@
+"""Broken meshes are refused with the ids of what is broken; sound ones pass whatever their looks."""
+
+import numpy as np
+import pytest
+import skfem
+
+from skfem_stvk import MeshError, SimplexMesh, StvkWarning
+from skfem_stvk.mesh.diagnostics import check_mesh, parts
+
+CUBE = skfem.MeshTet().refined(2)
+SQUARE = skfem.MeshTri().refined(2)
+UNIT_TET = [[0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]
+
+
+def with_points(mesh, changed):
+    p = mesh.p.copy()
+    for vertex, x in changed.items():
+        p[:, vertex] = x
+    return SimplexMesh(p, mesh.t)
+
+
+def with_elements(mesh, *more):
+    return SimplexMesh(mesh.p, np.column_stack([mesh.t, *more]))
+
+
+BROKEN = {
+    "a coordinate that is not a number": (
+        with_points(CUBE, {7: np.nan, 30: (0, np.inf, 0)}),
+        r"2 vertices \(7, 30\) have coordinates that are not finite.*scaled",
+    ),
+    "a tetrahedron that repeats a vertex": (
+        with_elements(CUBE, [3, 5, 3, 9]),
+        r"1 element \(320\) name the same vertex twice.*Collapsed cells",
+    ),
+    "a triangle that repeats a vertex": (
+        with_elements(SQUARE, [3, 3, 5], [0, 1, 1]),
+        r"2 elements \(32, 33\) name the same vertex",
+    ),
+    "a segment from a vertex to itself": (SimplexMesh([[0, 1]], [[0, 1], [1, 1]]), r"1 element \(1\) name the same vertex"),
+    "a copy of an element": (with_elements(CUBE, CUBE.t[:, 11]), r"1 element \(320\) have the same vertices as an earlier element"),
+    "copies in another vertex order": (
+        with_elements(CUBE, CUBE.t[[1, 0, 2, 3], 11], CUBE.t[::-1, 4], CUBE.t[[2, 0, 1, 3], 11]),
+        r"3 elements \(320, 321, 322\) have the same vertices.*count twice.*Remove the copies",
+    ),
+    "vertices on no element": (
+        SimplexMesh(np.column_stack([[[5.0]] * 3, CUBE.p, [[6.0]] * 3]), CUBE.t + 1),
+        rf"2 vertices \(0, {CUBE.nvertices + 1}\) are on no element, so K would have zero rows.*remove_unused_nodes",
+    ),
+}
+
+
+@pytest.mark.parametrize("what", BROKEN)
+def test_a_broken_mesh_is_refused_with_the_ids_of(what):
+    mesh, message = BROKEN[what]
+    with pytest.raises(MeshError, match=message):
+        check_mesh(mesh)
+
+
+def turned(p, seed=1):
+    d = len(p)
+    return np.linalg.qr(np.random.default_rng(seed).normal(size=(d, d)))[0] @ p
+
+
+FLAT = {
+    "a tetrahedron in a plane": ([[0, 1, 0, 1], [0, 0, 1, 1], [0, 0, 0, 0]], "plane"),
+    "a tetrahedron in a line": ([[0, 1, 2, 3], [0, 0, 0, 0], [0, 0, 0, 0]], "plane"),
+    "a triangle in a line": ([[0, 1, 3], [0, 1, 3]], "line"),
+    "a triangle in a line in space": ([[0, 1, 3], [0, 1, 3], [0, 2, 6]], "line"),
+    "a segment in a point": ([[2, 2], [1, 1], [0, 0]], "point"),
+    "a triangle in a point": ([[1, 1, 1], [1, 1, 1]], "line"),
+}
+
+
+@pytest.mark.parametrize("offset", [0, 1, 1e6])
+@pytest.mark.parametrize("scale", [1e-9, 1, 1e9])
+@pytest.mark.parametrize("what", FLAT)
+def test_an_element_without_volume_is_refused_at_any_size_and_place(what, scale, offset):
+    p, where = FLAT[what]
+    p = scale * (turned(np.array(p, dtype=float)) + offset)
+    good = np.vstack([np.eye(len(p)), np.zeros(len(p))]).T[:, : p.shape[1]] * scale
+    mesh = SimplexMesh(np.hstack([good, p]), np.arange(2 * p.shape[1]).reshape(2, -1).T)
+    with pytest.raises(MeshError, match=rf"1 element \(1\) have no volume: their vertices lie in one {where} to within rounding"):
+        check_mesh(mesh)
+
+
+def tent(degrees):
+    """Two faces that meet at the given angle along an edge: a sliver with one dihedral angle near 0."""
+    height = np.tan(np.radians(degrees))
+    return SimplexMesh([[0, 1, 0.5, 0.5], [0, 0, 1, 1], [0, 0, 0, height]], [[0], [1], [2], [3]])
+
+
+def cube(stretch=(1, 1, 1), offset=0.0, scale=1.0):
+    return SimplexMesh(turned(CUBE.p * np.reshape(stretch, (3, 1)) + offset) * scale, CUBE.t)
+
+
+GOOD = {
+    "half of the elements are negative": SimplexMesh.of(skfem.MeshTet.init_tensor(*[np.linspace(0, 1, 4)] * 3)),
+    "all elements are negative": SimplexMesh(UNIT_TET, [[1], [0], [2], [3]]),
+    "a sliver has an angle of 1 degree": tent(1),
+    "a needle has an angle of 1 degree": SimplexMesh([[0, 1, 1], [0, 0, np.tan(np.radians(1))]], [[0], [1], [2]]),
+    "the elements are 1000 times longer than thick": cube(stretch=(1000, 1, 1)),
+    "the elements are 1000 times flatter than wide": cube(stretch=(1000, 1000, 1)),
+    "the mesh is 1e6 times its size away": cube(offset=1e6),
+    "the mesh is tiny": cube(scale=1e-9),
+    "the mesh is tiny and far away": cube(scale=1e-9, offset=1e6),
+    "the mesh is huge": cube(scale=1e9, offset=1e6),
+    "triangles stand in space": SimplexMesh(turned(np.vstack([SQUARE.p, 0 * SQUARE.p[:1]])), SQUARE.t),
+    "a cable hangs in space": SimplexMesh([[0, 1, 2], [0, 0, 1], [0, 0, 1]], [[0, 1], [1, 2]]),
+    "parts touch in one vertex": SimplexMesh([[0, 1, 0, -1, 0], [0, 0, 1, 0, -1]], [[0, 0], [1, 3], [2, 4]]),
+}
+
+
+@pytest.mark.parametrize("what", GOOD)
+def test_a_sound_mesh_passes_though(what):
+    check_mesh(GOOD[what])
+
+
+def test_vertices_in_the_same_place_are_named_in_a_warning():
+    mesh = skfem.MeshTri().refined(1)
+    p = np.hstack([mesh.p, mesh.p + np.array([[1 + 1e-9], [0]])])
+    with (
+        pytest.warns(StvkWarning, match="in 2 parts that are not connected"),
+        pytest.warns(StvkWarning, match=r"3 vertices \(\d+, \d+, \d+\) lie in the same place as another one.*not connected"),
+    ):
+        check_mesh(SimplexMesh(p, np.hstack([mesh.t, mesh.t + mesh.nvertices])))
+
+
+def test_parts_that_are_not_connected_are_counted_with_their_sizes():
+    p = np.hstack([*(np.array(UNIT_TET) + np.array([[3.0 * i], [0], [0]]) for i in range(7)), [[0], [0], [-1]]])
+    t = np.column_stack([np.arange(28).reshape(7, 4).T, [0, 1, 2, 28]])
+    mesh = SimplexMesh(p, t)
+    with pytest.warns(
+        StvkWarning, match=r"in 7 parts that are not connected \(5, 4, 4, 4, 4, \.\.\. vertices\): each needs its own"
+    ):
+        check_mesh(mesh)
+    assert np.bincount(parts(mesh)).tolist() == [5, 4, 4, 4, 4, 4, 4]

@@ -1,0 +1,81 @@
+"""Volumes and gradients against closed forms, for all simplices in all spaces."""
+
+import numpy as np
+import pytest
+
+from skfem_stvk.mesh.geometry import Geometry
+
+KINDS = [(1, 1), (1, 2), (1, 3), (2, 2), (2, 3), (3, 3)]
+EDGE = 0.3
+REGULAR = {1: EDGE, 2: np.sqrt(3) / 4 * EDGE**2, 3: EDGE**3 / (6 * np.sqrt(2))}
+
+
+def random_simplices(k, d, count=20):
+    """Simplices that do not share vertices."""
+    p = np.random.default_rng(k + 10 * d).normal(size=(d, count * (k + 1)))
+    return p, np.arange(count * (k + 1)).reshape(k + 1, count)
+
+
+def regular_simplex(k, d):
+    """One simplex of edges EDGE, turned at random in d dimensions: corners of a cube of k + 1 dimensions, projected."""
+    centred = np.eye(k + 1) - 1 / (k + 1)
+    axes = np.linalg.svd(centred)[2][:k]
+    turn = np.linalg.qr(np.random.default_rng(k).normal(size=(d, d)))[0]
+    return turn[:, :k] @ (axes @ centred) * EDGE / np.sqrt(2), np.arange(k + 1).reshape(-1, 1)
+
+
+@pytest.mark.parametrize(("k", "d"), KINDS)
+def test_the_gradients_of_the_barycentric_coordinates_sum_to_zero(k, d):
+    gradients = Geometry(*random_simplices(k, d)).gradients
+    assert gradients.shape == (20, k + 1, k)
+    assert np.abs(gradients.sum(axis=1)).max() < 1e-13 * np.abs(gradients).max()
+
+
+@pytest.mark.parametrize(("k", "d"), KINDS)
+def test_linear_fields_have_their_exact_gradient_along_the_simplex(k, d):
+    p, t = random_simplices(k, d)
+    geometry = Geometry(p, t)
+    slope = np.arange(1.0, d + 1)
+    found = np.einsum("tak,at->tk", geometry.gradients, (slope @ p + 4)[t])
+    assert np.allclose(found, np.einsum("tdk,d->tk", geometry.axes, slope), rtol=1e-9, atol=1e-9)
+
+
+@pytest.mark.parametrize(("k", "d"), KINDS)
+def test_the_axes_are_orthonormal_and_span_the_simplex(k, d):
+    p, t = random_simplices(k, d)
+    axes = Geometry(p, t).axes
+    assert np.allclose(np.swapaxes(axes, 1, 2) @ axes, np.eye(k), atol=1e-14)
+    spokes = np.swapaxes(p[:, t[1:]] - p[:, t[:1]], 0, 2).swapaxes(1, 2)
+    assert np.allclose(axes @ (np.swapaxes(axes, 1, 2) @ spokes), spokes, atol=1e-13)
+
+
+@pytest.mark.parametrize(("k", "d"), KINDS)
+def test_a_regular_simplex_has_its_textbook_volume(k, d):
+    assert Geometry(*regular_simplex(k, d)).volume[0] == pytest.approx(REGULAR[k], rel=1e-14)
+
+
+@pytest.mark.parametrize(("k", "d"), KINDS)
+def test_a_regular_simplex_has_the_gram_matrix_of_its_heights(k, d):
+    height = (k + 1) / k * np.sqrt(k / (2 * (k + 1))) * EDGE
+    expected = ((k + 1) * np.eye(k + 1) - 1) / k / height**2
+    assert np.allclose(Geometry(*regular_simplex(k, d)).gram[0], expected, rtol=1e-13, atol=1e-13 / height**2)
+
+
+@pytest.mark.parametrize(("k", "d"), KINDS)
+def test_both_orientations_have_the_same_positive_volume_and_gram_matrix(k, d):
+    p, t = random_simplices(k, d)
+    turned = t.copy()
+    turned[:2] = t[1::-1]
+    one, other = Geometry(p, t), Geometry(p, turned)
+    swap = [1, 0, *range(2, k + 1)]
+    assert (one.volume > 0).all()
+    assert np.allclose(one.volume, other.volume, rtol=1e-12)
+    assert np.allclose(one.gram, other.gram[:, swap][:, :, swap], rtol=1e-9, atol=1e-9 * np.abs(one.gram).max())
+
+
+@pytest.mark.parametrize(("k", "d"), KINDS)
+def test_volume_and_gradients_scale_with_the_size(k, d):
+    p, t = random_simplices(k, d)
+    one, small = Geometry(p, t), Geometry(1e-6 * p, t)
+    assert np.allclose(small.volume, 1e-6**k * one.volume, rtol=1e-10)
+    assert np.allclose(small.gram, 1e12 * one.gram, rtol=1e-9, atol=1e-9 * 1e12 * np.abs(one.gram).max())

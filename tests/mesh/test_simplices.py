@@ -1,0 +1,118 @@
+"""SimplexMesh takes what carries simplices and says what is wrong with the rest."""
+
+import numpy as np
+import pytest
+import skfem
+
+from skfem_stvk import MeshError, RegionError, SimplexMesh, StvkWarning
+from skfem_stvk.mesh.simplices import check_index_range
+
+TRIANGLES = skfem.MeshTri().refined(2).with_subdomains({"left": lambda x: x[0] < 0.5})
+
+
+@pytest.mark.parametrize(
+    ("p", "t", "message"),
+    [
+        (np.zeros(3), [[0], [1]], r"p has shape \(3,\); expected \(d, nv\).*Transpose"),
+        (np.zeros((4, 3)), [[0], [1]], r"p has shape \(4, 3\); expected \(d, nv\) with d = 1, 2 or 3"),
+        (np.zeros((2, 4)), [[0], [1], [2], [3]], r"t has shape \(4, 1\) in a space of 2 dimensions; .* 1 <= k <= 2"),
+        (np.zeros((3, 4)), [0, 1, 2, 3], r"t has shape \(4,\).*Transpose"),
+        (np.zeros((3, 4)), [[0]], r"t has shape \(1, 1\)"),
+        (np.zeros((3, 4)), np.zeros((4, 0), dtype=int), "has no elements"),
+        (np.zeros((1, 2)), [[0.0], [1.0]], "t has dtype float64; expected integers"),
+        (np.zeros((1, 2)), [[True], [False]], "t has dtype bool; expected integers"),
+        (np.zeros((1, 2)), [[1, 0], [2, 1]], r"1 element \(0\) name vertices outside 0 \.\.\. 1\. Are the ids counted from 1"),
+        (np.zeros((1, 2)), [[1, 0, -1], [0, 1, 1]], r"1 element \(2\) name vertices outside"),
+    ],
+)
+def test_arrays_that_are_no_mesh_are_refused_with_what_was_expected(p, t, message):
+    with pytest.raises(MeshError, match=message):
+        SimplexMesh(p, t)
+
+
+def test_more_than_32_bit_indices_can_count_is_refused():
+    check_index_range(2**31 - 1, "elements")
+    with pytest.raises(MeshError, match=r"2147483648 elements are more than 32-bit indices can count \(2147483647\)"):
+        check_index_range(2**31, "elements")
+
+
+@pytest.mark.parametrize(("cls", "k"), [(skfem.MeshLine, 1), (skfem.MeshTri, 2), (skfem.MeshTet, 3)])
+def test_a_scikit_fem_mesh_keeps_its_vertices_elements_and_subdomains(cls, k):
+    given = cls().refined(2).with_subdomains({"left": lambda x: x[0] < 0.5})
+    mesh = SimplexMesh.of(given)
+    assert (mesh.k, mesh.d, mesh.nv, mesh.nt) == (k, k, given.nvertices, given.nelements)
+    assert np.array_equal(mesh.p, given.p) and np.array_equal(mesh.t, given.t)
+    assert np.array_equal(mesh.elements("left"), given.subdomains["left"])
+
+
+@pytest.mark.parametrize(("cls", "corner_cls"), [(skfem.MeshTet2, skfem.MeshTet), (skfem.MeshTri2, skfem.MeshTri)])
+def test_a_mesh_of_second_order_is_reduced_to_its_corners_with_a_warning(cls, corner_cls):
+    straight = corner_cls().refined(1)
+    with pytest.warns(StvkWarning, match=f"{cls.__name__} is of second order: its {straight.nvertices} corner vertices are used"):
+        mesh = SimplexMesh.of(cls.from_mesh(straight))
+    assert np.array_equal(mesh.p, straight.p) and np.array_equal(mesh.t, straight.t)
+
+
+@pytest.mark.parametrize("cls", [skfem.MeshQuad, skfem.MeshHex])
+def test_other_cells_are_refused_with_how_to_split_them(cls):
+    with pytest.raises(MeshError, match=rf"{cls.__name__} is not a mesh of simplices.*mesh.to_meshtri\(\), mesh.to_meshtet\(\)"):
+        SimplexMesh.of(cls())
+
+
+def test_a_pair_of_arrays_is_a_mesh_and_a_mesh_is_handed_back_as_it_is():
+    mesh = SimplexMesh.of(([[0, 1, 2], [0, 0, 1], [0, 0, 1]], [[0, 1], [1, 2]]))
+    assert repr(mesh) == "SimplexMesh: 2 segments in 3D, 3 vertices"
+    assert SimplexMesh.of(mesh) is mesh
+
+
+@pytest.mark.parametrize("given", ["mesh.msh", 3, (1, 2, 3), None])
+def test_what_is_no_mesh_at_all_is_refused_by_its_type(given):
+    with pytest.raises(MeshError, match=f"A mesh of type {type(given).__name__} came; expected"):
+        SimplexMesh.of(given)
+
+
+def test_the_arrays_of_the_caller_are_copied():
+    p, t = np.array([[0.0, 1.0]]), np.array([[0], [1]], dtype=np.int32)
+    mesh = SimplexMesh(p, t)
+    p[:], t[:] = 7, 0
+    assert mesh.p.tolist() == [[0, 1]] and mesh.t.tolist() == [[0], [1]]
+
+
+def test_a_region_is_a_name_ids_a_mask_or_everything():
+    mesh = SimplexMesh.of(TRIANGLES)
+    left = TRIANGLES.subdomains["left"]
+    mask = np.isin(np.arange(mesh.nt), left)
+    for region in ("left", left, left.tolist(), mask):
+        assert np.array_equal(mesh.elements(region), left)
+    assert np.array_equal(mesh.elements(None), np.arange(mesh.nt))
+
+
+@pytest.mark.parametrize(
+    ("region", "message"),
+    [
+        ("right", "no subdomain 'right'; known: 'left'"),
+        ([], r"The region has shape \(0,\) and dtype float64; expected a list of at least one element id"),
+        ([0.0, 1.0], "dtype float64; expected a list"),
+        ([[0, 1]], r"The region has shape \(1, 2\)"),
+        (np.zeros(32, dtype=bool), "at least one element id"),
+        (np.ones(7, dtype=bool), r"mask of shape \(7,\); expected one value for each of the 32 elements"),
+        ([0, 32, -1], r"names 2 elements \(32, -1\) outside 0 \.\.\. 31"),
+        ([4, 5, 5, 4, 3], r"names 2 elements \(4, 5\) more than once"),
+    ],
+)
+def test_a_region_that_is_none_is_refused_with_its_ids(region, message):
+    with pytest.raises(RegionError, match=message):
+        SimplexMesh.of(TRIANGLES).elements(region)
+
+
+def test_a_subdomain_that_is_out_of_range_is_refused_by_its_name():
+    mesh = SimplexMesh([[0, 1]], [[0], [1]], {"rod": [0, 1], "hole": []})
+    with pytest.raises(RegionError, match=r"Subdomain 'rod' names 1 element \(1\) outside 0 \.\.\. 0"):
+        mesh.elements("rod")
+    with pytest.raises(RegionError, match=r"Subdomain 'hole' has shape \(0,\)"):
+        mesh.elements("hole")
+
+
+def test_an_unknown_name_on_a_mesh_without_subdomains_says_that_there_are_none():
+    with pytest.raises(RegionError, match="no subdomain 'rod'; known: none"):
+        SimplexMesh([[0, 1]], [[0], [1]]).elements("rod")
