@@ -7,6 +7,8 @@ from math import factorial
 import numpy as np
 from numpy.typing import NDArray
 
+from .simplices import SimplexMesh
+
 
 class Geometry:
     """Rest geometry of `nt` simplices of dimension `k` in a space of dimension `d`.
@@ -37,3 +39,13 @@ class Geometry:
     def gram(self) -> NDArray[np.float64]:
         """(nt, k + 1, k + 1) Gram matrix `G_ab = g_a . g_b` [1/m^2]."""
         return self.gradients @ np.swapaxes(self.gradients, 1, 2)
+
+
+def aspect_ratios(mesh: SimplexMesh) -> NDArray[np.float64]:
+    """(nt,) longest edge over smallest height of the simplices; 1.22 for a regular tetrahedron, 1 for a segment."""
+    x = mesh.p[:, mesh.t]
+    pairs = [(a, b) for a in range(mesh.k + 1) for b in range(a)]
+    longest = np.max([np.linalg.norm(x[:, a] - x[:, b], axis=0) for a, b in pairs], axis=0)
+    steepest = np.linalg.norm(Geometry(mesh.p, mesh.t).gradients, axis=2).max(axis=1)
+    ratios: NDArray[np.float64] = longest * steepest
+    return ratios

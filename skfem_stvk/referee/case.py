@@ -11,10 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..mesh import SimplexMesh
+from ..mesh.geometry import aspect_ratios
 from .players import Player
 
 Array = NDArray[np.float64]
 
+EPS = float(np.finfo(float).eps)
 OURS, REFERENCE, CANDIDATE = "skfem-stvk", "scikit-fem", "candidate"
 
 
@@ -103,6 +105,19 @@ class Case:
     def force_scale(self) -> float:
         """Largest entry of K at rest x median edge [N]: what force means on this body where F = 0."""
         return self.stiffness_scale * self.median_edge
+
+    @cached_property
+    def flatness(self) -> float:
+        """Largest (longest edge / smallest height)^2 of the elements.
+
+        Squared lengths of long edges determine the strain across a flat element as a small difference, so the edge form loses
+        eps x flatness where forms that build the deformation gradient lose the root of it.
+        """
+        return float(aspect_ratios(self.mesh).max()) ** 2
+
+    def limit(self, least: float = 1e-12, growth: float | None = None) -> float:
+        """A limit for round-off: `least`, or what the flattest element costs, `growth` (eps x flatness), but never above 1e-6."""
+        return min(max(least, EPS * self.flatness if growth is None else growth), 1e-6)
 
     def scale(self, quantity: str, reference: float) -> tuple[float, str]:
         """What an error of W, F or K is relative to, and in words.

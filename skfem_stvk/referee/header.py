@@ -15,6 +15,7 @@ import numpy as np
 
 from ..materials import FramedMaterial, Isotropic
 from ..mesh import SimplexMesh
+from ..mesh.geometry import aspect_ratios
 from ..terms import StVK
 from .bodies import volumes
 
@@ -58,6 +59,7 @@ def mesh_facts(mesh: SimplexMesh) -> dict[str, Any]:
     x = mesh.p.T[mesh.t.T]
     spokes = x[:, 1:] - x[:, :1]
     lengths = np.linalg.norm(spokes, axis=2)
+    aspect = aspect_ratios(mesh)
     facts: dict[str, Any] = {
         "sha256": hashlib.sha256(mesh.p.tobytes() + mesh.t.tobytes()).hexdigest()[:16],
         "simplices": f"{mesh.nt} {mesh.kind}",
@@ -65,6 +67,7 @@ def mesh_facts(mesh: SimplexMesh) -> dict[str, Any]:
         "dofs": mesh.p.size,
         "size": [float(extent) for extent in np.ptp(mesh.p, axis=1)],
         "edges": [float(f(lengths)) for f in (np.min, np.median, np.max)],
+        "aspect ratio": f"{np.median(aspect):.3g} median, {aspect.max():.3g} in element {aspect.argmax()} (longest edge/smallest height)",
         "measure": float(volumes(mesh.p, mesh.t).sum()),
         "subdomains": {name: len(ids) for name, ids in mesh.subdomains.items()},
         "boundaries": {name: facets.shape[1] for name, facets in mesh.boundaries.items()},

@@ -58,3 +58,4 @@ def named_states(X: Array, node_size: Array, rng: np.random.Generator) -> dict[s
 
 #: States in which elements may be inside out, where laws other than St. Venant-Kirchhoff may not be defined.
 INVERTED = ("large random", "reflected random")
+UNDEFINED = "elements may be inside out, where the candidate's law may not be defined"

@@ -24,7 +24,7 @@ def test_lame_pair_gives_back_young_and_poisson(poisson):
 
 
 def test_plane_stress_allows_poisson_up_to_one():
-    lam, mu = Isotropic(2.0, 0.8).lame(PLANE_STRESS)
+    lam, _ = Isotropic(2.0, 0.8).lame(PLANE_STRESS)
     assert lam == pytest.approx(2.0 * 0.8 / (1 - 0.64))
     Isotropic(2.0, 0.8).check(5, PLANE_STRESS)
     with pytest.raises(MaterialError, match=r"poisson \(three-dimensional\) = 0.8 is outside \(-1, 0.5\)"):

@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from skfem_stvk.mesh.geometry import Geometry
+from skfem_stvk import SimplexMesh
+from skfem_stvk.mesh.geometry import Geometry, aspect_ratios
 
 KINDS = [(1, 1), (1, 2), (1, 3), (2, 2), (2, 3), (3, 3)]
 EDGE = 0.3
@@ -79,3 +80,8 @@ def test_volume_and_gradients_scale_with_the_size(k, d):
     one, small = Geometry(p, t), Geometry(1e-6 * p, t)
     assert np.allclose(small.volume, 1e-6**k * one.volume, rtol=1e-10)
     assert np.allclose(small.gram, 1e12 * one.gram, rtol=1e-9, atol=1e-9 * 1e12 * np.abs(one.gram).max())
+
+
+@pytest.mark.parametrize(("k", "ratio"), [(1, 1.0), (2, 2 / np.sqrt(3)), (3, np.sqrt(3 / 2))])
+def test_the_aspect_ratio_of_a_regular_simplex(k, ratio):
+    assert aspect_ratios(SimplexMesh(*regular_simplex(k, 3)))[0] == pytest.approx(ratio, rel=1e-12)

@@ -14,11 +14,10 @@ from scipy.sparse import issparse
 from ..case import Case
 from ..places import worst_places
 from ..players import Player
+from ..states import INVERTED, UNDEFINED
 from ..tasks import NotApplicable, Task
 
 Array = NDArray[np.float64]
-
-LIMIT = 1e-12
 
 
 def balance(case: Case) -> Iterator[Task]:
@@ -31,12 +30,19 @@ def balance(case: Case) -> Iterator[Task]:
         yield Task("rigid modes", player, "K", "rest", "K", partial(_rigid_modes, case, player))
 
 
+def _refuse(case: Case, player: Player, state: str) -> None:
+    if state in INVERTED and not case.is_stvk(player):
+        raise NotApplicable(UNDEFINED)
+
+
 def _forces(case: Case, player: Player, state: str) -> dict[str, Any]:
+    _refuse(case, player, state)
     F = case.value(player, "F", state).reshape(-1, case.mesh.d)
-    return _resultant(F.sum(axis=0), max(float(np.abs(F).sum()), case.force_scale), "sum of |F|, at least that of one edge")
+    return _resultant(case, F.sum(axis=0), max(float(np.abs(F).sum()), case.force_scale), "sum of |F|, at least that of one edge")
 
 
 def _torques(case: Case, player: Player, state: str) -> dict[str, Any]:
+    _refuse(case, player, state)
     d = case.mesh.d
     if d == 1:
         raise NotApplicable("there are no torques on a line")
@@ -45,20 +51,21 @@ def _torques(case: Case, player: Player, state: str) -> dict[str, Any]:
     x = x - x.mean(axis=0)
     torque = np.array([(x[:, i] * F[:, j] - x[:, j] * F[:, i]).sum() for i, j in combinations(range(d), 2)])
     reach = float(np.abs(x).max())
-    return _resultant(torque, max(float(np.abs(F).sum()), case.force_scale) * reach, "sum of |F| x size of the body")
+    return _resultant(case, torque, max(float(np.abs(F).sum()), case.force_scale) * reach, "sum of |F| x size of the body")
 
 
-def _resultant(total: Array, scale: float, words: str) -> dict[str, Any]:
+def _resultant(case: Case, total: Array, scale: float, words: str) -> dict[str, Any]:
     return {
         "measured": np.abs(total).max() / scale,
-        "limit": LIMIT,
+        "limit": case.limit(),
         "scale": f"{scale:.3e} ({words})",
         "reason": "forces between the vertices of an element cancel to round-off",
     }
 
 
 def _symmetry(case: Case, player: Player, state: str) -> dict[str, Any]:
-    K = case.value(player, "K", state)
+    _refuse(case, player, state)
+    limit, K = case.limit(), case.value(player, "K", state)
     if issparse(K):
         difference = abs(K - K.T).tocsr()
         scale, words = float(abs(K).max()), "largest |K|"
@@ -70,10 +77,10 @@ def _symmetry(case: Case, player: Player, state: str) -> dict[str, Any]:
         error, scale, words = np.array([abs(y @ Kx - x @ Ky)]), float(np.abs(y * Kx).sum()), "sum of |y K x|, random x and y"
     return {
         "measured": error.max() / max(scale, np.finfo(float).tiny),
-        "limit": LIMIT,
+        "limit": limit,
         "scale": f"{scale:.3e} ({words})",
         "reason": "second derivatives commute; only round-off of the diagonal blocks is left",
-        "worst": worst_places(case.mesh, error, LIMIT * scale) if len(error) == case.mesh.p.size else {},
+        "worst": worst_places(case.mesh, error, limit * scale) if len(error) == case.mesh.p.size else {},
     }
 
 
@@ -91,13 +98,13 @@ def rigid_motions(X: Array) -> Array:
 
 
 def _rigid_modes(case: Case, player: Player) -> dict[str, Any]:
-    K = player.K(np.zeros(case.mesh.p.size))
+    limit, K = case.limit(), player.K(np.zeros(case.mesh.p.size))
     error = np.max([np.abs(K @ mode) for mode in rigid_motions(case.centred).T], axis=0)
     scale = case.stiffness_scale
     return {
         "measured": error.max() / scale,
-        "limit": LIMIT,
+        "limit": limit,
         "scale": f"{scale:.3e} (largest K at rest, modes of size 1)",
         "reason": "translations and rotations strain nothing to first order",
-        "worst": worst_places(case.mesh, error, LIMIT * scale),
+        "worst": worst_places(case.mesh, error, limit * scale),
     }

@@ -19,12 +19,11 @@ from numpy.typing import NDArray
 from ..case import Case
 from ..places import worst_places
 from ..players import Player
-from ..states import INVERTED
+from ..states import INVERTED, UNDEFINED
 from ..tasks import NotApplicable, Task
 
 Array = NDArray[np.float64]
 
-LIMIT = 1e-12
 STENCIL = ((-2, 1 / 12), (-1, -8 / 12), (1, 8 / 12), (2, -1 / 12))
 ORDER = 1.9
 
@@ -49,22 +48,23 @@ def _line(case: Case, player: Player, quantity: str, state: str) -> tuple[Callab
 
 def _stencil(case: Case, player: Player, quantity: str, state: str) -> dict[str, Any]:
     function, claimed = _line(case, player, quantity, state)
+    limit = case.limit()
     terms = np.array([weight * function(s) for s, weight in STENCIL])
     error = np.abs(terms.sum(axis=0) - claimed)
     scale = max(float(np.abs(terms).max()), np.finfo(float).tiny)
     return {
         "measured": error.max() / scale,
-        "limit": LIMIT,
+        "limit": limit,
         "scale": f"{scale:.3e} (largest term of the stencil)",
-        "reason": "five-point stencil, exact for this law, so only round-off is left: 1e-15 is usual",
-        "worst": worst_places(case.mesh, error, LIMIT * scale) if quantity == "K" else {},
+        "reason": "five-point stencil, exact for this law, so only round-off is left: 1e-15 is usual; flat elements cost more",
+        "worst": worst_places(case.mesh, error, limit * scale) if quantity == "K" else {},
     }
 
 
 def _taylor(case: Case, player: Player, quantity: str, state: str) -> dict[str, Any]:
     """`|f(s) - f(0) - s f'(0)|` must fall with order 2: the deficit from 2 of the fitted order is measured."""
     if state in INVERTED:
-        raise NotApplicable("elements may be inside out, where the candidate's law may not be defined")
+        raise NotApplicable(UNDEFINED)
     function, claimed = _line(case, player, quantity, state)
     start = function(0.0)
     steps = 0.5 ** np.arange(2, 16)

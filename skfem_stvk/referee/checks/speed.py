@@ -21,7 +21,7 @@ from .precision import TEXTBOOK, patch, textbook_force
 
 Array = NDArray[np.float64]
 
-STATE = "large random"
+STATE = "100 % stretch"
 REPETITIONS, SECONDS = 5, 1.0
 
 

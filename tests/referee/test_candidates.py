@@ -1,0 +1,152 @@
+"""Candidates of all kinds: partial, dense, operators, broken, of another law."""
+
+import numpy as np
+import pytest
+from bodies import MESHES, box
+from scipy.sparse.linalg import LinearOperator
+
+from skfem_stvk import StVK, StvkError, System, verify
+from skfem_stvk.referee.faults import FAULTS
+from skfem_stvk.referee.results import Outcome
+
+MESH = box(3)
+TERM = StVK(young=2.0, poisson=0.3)
+BODY = System(MESH, TERM)
+
+
+class Candidate:
+    """Any of W, F, K."""
+
+    def __init__(self, **methods):
+        for name, method in methods.items():
+            setattr(self, name, method)
+
+
+def outcomes(report, check, quantity):
+    return {r.outcome for r in report.results if r.subject == "candidate" and (r.check, r.quantity) == (check, quantity)}
+
+
+def test_a_candidate_with_F_alone_is_checked_for_what_it_has():
+    report = verify(MESH, TERM, candidate=Candidate(internal_force=BODY.internal_force), quiet=True)
+    assert report.passed
+    assert outcomes(report, "agreement", "F") == {Outcome.PASSED}
+    assert outcomes(report, "agreement", "K") == outcomes(report, "derivatives", "F") == {Outcome.NOT_APPLICABLE}
+    assert any("candidate has no tangent(u)" in r.reason for r in report.results)
+
+
+@pytest.mark.parametrize(
+    "convert",
+    [lambda K: K.toarray(), lambda K: K.tocoo(), lambda K: LinearOperator(K.shape, matvec=lambda v: K @ v, dtype=float)],
+    ids=["dense", "coo", "operator"],
+)
+def test_K_may_be_dense_sparse_or_an_operator(convert):
+    good = Candidate(tangent=lambda u: convert(BODY.tangent(u)))
+    bad = Candidate(tangent=lambda u: convert(FAULTS["one wrong sign"].make(MESH, TERM).tangent(u)))
+    assert verify(MESH, TERM, candidate=good, quiet=True).passed
+    failures = verify(MESH, TERM, candidate=bad, quiet=True).failures("candidate")
+    assert {r.worst["suspects"][0] for r in failures if r.check == "agreement"} == {MESH.nt // 2}
+
+
+@pytest.mark.parametrize(
+    ("methods", "outcome", "words"),
+    [
+        ({"internal_force": lambda u: np.zeros(3)}, Outcome.COULD_NOT_RUN, r"internal_force\(u\) returned shape \(3,\); expected"),
+        ({"internal_force": lambda u: 1 / 0}, Outcome.COULD_NOT_RUN, r"raised ZeroDivisionError"),
+        ({"energy": lambda u: [1.0, 2.0]}, Outcome.COULD_NOT_RUN, r"energy\(u\) returned shape \(2,\)"),
+        ({"tangent": lambda u: np.eye(3)}, Outcome.COULD_NOT_RUN, r"tangent\(u\) returned ndarray of shape \(3, 3\)"),
+        ({"tangent": lambda u: "K"}, Outcome.COULD_NOT_RUN, r"returned str of shape None"),
+        ({"internal_force": lambda u: np.full(u.size, np.nan)}, Outcome.FAILED, ""),
+        ({"energy": lambda u: float("nan")}, Outcome.FAILED, ""),
+        ({"tangent": lambda u: BODY.tangent(u) * np.nan}, Outcome.FAILED, ""),
+    ],
+)
+def test_a_broken_candidate_is_never_a_pass_nor_an_exception(methods, outcome, words):
+    import re
+
+    report = verify(MESH, TERM, candidate=Candidate(**methods), quiet=True)
+    assert not report.passed
+    agreement = [r for r in report.results if r.check == "agreement" and r.subject == "candidate" and r.outcome is outcome]
+    assert agreement and all(re.search(words, r.reason) for r in agreement)
+    assert all(r.outcome is Outcome.PASSED for r in report.results if r.subject == "skfem-stvk")
+
+
+def test_a_candidate_that_changes_u_does_not_harm_the_others():
+    class Vandal:
+        def internal_force(self, u):
+            force = BODY.internal_force(u)
+            u[:] = np.nan
+            return force
+
+    assert verify(MESH, TERM, candidate=Vandal(), quiet=True).passed
+
+
+def test_a_candidate_without_any_method_is_an_error():
+    with pytest.raises(StvkError, match="of type int, has none of energy, internal_force, tangent"):
+        verify(MESH, TERM, candidate=3)
+
+
+class NeoHookean:
+    """Another hyperelastic law: `W = mu/2 (|F|^2 - 3 - 2 log J) + lam/2 (log J)^2` on P1 tetrahedra."""
+
+    def __init__(self, mesh, lam, mu, error_in_K=0.0):
+        from skfem_stvk.mesh.geometry import Geometry
+
+        self.t, self.nv, self.lam, self.mu, self.error = mesh.t, mesh.nv, lam, mu, error_in_K
+        geometry = Geometry(mesh.p, mesh.t)
+        self.g, self.V = geometry.gradients, geometry.volume
+
+    def _F(self, u):
+        return np.eye(3) + np.einsum("eai,eaj->eij", u.reshape(-1, 3)[self.t.T], self.g)
+
+    def energy(self, u):
+        F = self._F(u)
+        log = np.log(np.linalg.det(F))
+        return float(self.V @ (self.mu / 2 * ((F**2).sum(axis=(1, 2)) - 3 - 2 * log) + self.lam / 2 * log**2))
+
+    def internal_force(self, u):
+        F = self._F(u)
+        inverse = np.swapaxes(np.linalg.inv(F), 1, 2)
+        P = self.mu * (F - inverse) + self.lam * np.log(np.linalg.det(F))[:, None, None] * inverse
+        force = np.zeros((self.nv, 3))
+        np.add.at(force, self.t.T, np.einsum("e,eij,eaj->eai", self.V, P, self.g))
+        return force.ravel()
+
+    def tangent(self, u):
+        F = self._F(u)
+        H = np.swapaxes(np.linalg.inv(F), 1, 2)
+        log = np.log(np.linalg.det(F))
+        A = self.mu * np.einsum("ik,jl->ijkl", np.eye(3), np.eye(3)) + (self.lam + self.error) * np.einsum("eij,ekl->eijkl", H, H)
+        A = A + np.einsum("e,eil,ekj->eijkl", self.mu - self.lam * log, H, H)
+        blocks = np.einsum("e,eijkl,eaj,ebl->eaibk", self.V, A, self.g, self.g)
+        dofs = (3 * self.t.T[:, :, None] + np.arange(3)).reshape(len(self.V), -1)
+        K = np.zeros((3 * self.nv,) * 2)
+        np.add.at(K, (dofs[:, :, None], dofs[:, None, :]), blocks.reshape(len(self.V), 12, 12))
+        return K
+
+
+def test_another_law_gets_a_taylor_test_and_no_comparison():
+    report = verify(MESH, TERM, candidate=NeoHookean(MESH, 1.5, 1.0), candidate_is_stvk=False, quiet=True)
+    assert report.passed, str(report)
+    assert outcomes(report, "agreement", "F") == outcomes(report, "closed forms", "P") == {Outcome.NOT_APPLICABLE}
+    taylor = [r for r in report.results if r.check == "derivatives" and r.subject == "candidate" and r.outcome is Outcome.PASSED]
+    assert len(taylor) == 12 and all("order" in r.scale and r.reason.startswith("Taylor test") for r in taylor)
+    assert "Taylor test" in str(report.to_dict())
+
+
+def test_the_taylor_test_catches_a_wrong_tangent_of_another_law():
+    report = verify(MESH, TERM, candidate=NeoHookean(MESH, 1.5, 1.0, error_in_K=0.01), candidate_is_stvk=False, quiet=True)
+    assert {(r.check, r.quantity) for r in report.failures("candidate")} == {("derivatives", "K")}
+
+
+def test_another_law_passed_off_as_stvk_is_caught():
+    report = verify(MESH, TERM, candidate=NeoHookean(MESH, 1.5, 1.0), quiet=True)
+    assert "agreement" in {r.check for r in report.failures("candidate")}
+
+
+@pytest.mark.parametrize("name", MESHES)
+def test_candidates_on_every_kind_of_simplex(name):
+    mesh, term = MESHES[name], StVK(young=2.0, poisson=0.3)
+    report = verify(mesh, term, candidate=System(mesh, term), quiet=True)
+    assert report.passed, str(report)
+    wrong = verify(mesh, term, candidate=System(mesh, StVK(young=2.02, poisson=0.3)), quiet=True)
+    assert {r.quantity for r in wrong.failures("candidate") if r.check == "agreement"} == {"W", "F", "K"}

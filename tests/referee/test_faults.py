@@ -1,0 +1,88 @@
+"""Every planted fault is caught, by the checks that it is for, and found."""
+
+import numpy as np
+import pytest
+from bodies import box
+
+from skfem_stvk import SimplexMesh, StVK, System, embedded_mesh, verify
+from skfem_stvk.referee.faults import FAULTS
+from skfem_stvk.referee.results import Outcome
+
+MESH = box(4)
+TERM = StVK(young=2.0, poisson=0.3)
+
+
+def checked(candidate, mesh=MESH, **options):
+    return verify(mesh, TERM, candidate=candidate, quiet=True, **options)
+
+
+@pytest.mark.parametrize("name", FAULTS)
+def test_a_planted_fault_is_caught_by_its_checks(name):
+    report = checked(FAULTS[name].make(MESH, TERM))
+    failed = {result.check for result in report.failures("candidate")}
+    assert not report.passed
+    assert FAULTS[name].caught_by <= failed
+    assert not [r for r in report.results if r.subject != "candidate" and r.outcome is not Outcome.PASSED]
+
+
+@pytest.mark.parametrize("name", ["twice lambda", "no geometric term", "linear strain", "one wrong sign"])
+def test_the_report_names_check_quantity_state_and_place(name):
+    report = checked(FAULTS[name].make(MESH, TERM))
+    text = str(report)
+    assert "NOT PASSED" in text and "failed agreement, K of candidate against scikit-fem" in text.replace("\n", " ")
+    failures = [r for r in report.failures("candidate") if r.check == "agreement" and r.quantity == "K"]
+    assert failures and all("vertex" in r.worst and r.state and r.scale and r.reason for r in failures)
+
+
+def test_a_single_wrong_sign_in_one_tetrahedron_is_found_in_that_tetrahedron():
+    report = checked(FAULTS["one wrong sign"].make(MESH, TERM))
+    places = [r.worst for r in report.failures("candidate") if r.check == "agreement" and r.quantity in "FK"]
+    assert places
+    for place in places:
+        assert place["elements_off"] == 1 and place["suspects"] == [MESH.nt // 2] and place["vertices_off"] == 4
+    assert f"all vertices of 1 element: {MESH.nt // 2}" in str(report).replace("\n", " ")
+
+
+def test_a_single_wrong_sign_is_caught_on_the_embedded_mesh():
+    mesh = SimplexMesh(embedded_mesh().p, embedded_mesh().t)
+    report = checked(FAULTS["one wrong sign"].make(mesh, TERM), mesh)
+    assert {r.worst["suspects"][0] for r in report.failures("candidate") if r.check == "agreement" and r.quantity == "K"} == {
+        mesh.nt // 2
+    }
+
+
+def test_twice_lambda_cannot_be_seen_at_nu_zero():
+    """The fault that a test at nu = 0 missed for years: why the checks insist on nu != 0."""
+    term = StVK(young=2.0, poisson=0.0)
+    assert verify(MESH, term, candidate=FAULTS["twice lambda"].make(MESH, term), quiet=True).passed
+
+
+def test_without_the_geometric_term_K_is_right_at_rest_only():
+    report = checked(FAULTS["no geometric term"].make(MESH, TERM))
+    states = {
+        r.state
+        for r in report.results
+        if r.check == "agreement" and r.quantity == "K" and r.subject == "candidate" and r.outcome is Outcome.PASSED
+    }
+    assert states == {"rest", "rigid rotation"}
+
+
+def test_a_right_candidate_passes():
+    report = checked(System(MESH, TERM))
+    assert report.passed
+    assert {r.check for r in report.results if r.subject == "candidate"} >= {
+        "agreement",
+        "derivatives",
+        "closed forms",
+        "patch test",
+    }
+
+
+def test_W_alone_off_by_a_rounding_of_a_float32_is_caught():
+    class Rounded(System):
+        def energy(self, u):
+            return float(np.float32(super().energy(u)))
+
+    failed = checked(Rounded(MESH, TERM)).failures("candidate")
+    assert {"agreement", "derivatives"} <= {r.check for r in failed}
+    assert {r.quantity for r in failed if r.check == "agreement"} == {"W"}
