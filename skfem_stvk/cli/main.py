@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import argparse
+import os
 import sys
 import warnings
 from collections.abc import Sequence
+from pathlib import Path
 
 from rich.console import Console
 from rich.markup import escape
@@ -64,6 +66,8 @@ def _parser() -> argparse.ArgumentParser:
 
 def _verify(options: argparse.Namespace) -> int:
     """Hold W, F and K against scikit-fem's standard assembly and against what must be true; exit code 0 if all passed."""
+    if options.out:
+        _refuse_unwritable(Path(options.out))
     mesh, terms = _body(options)
     report: Report = verify(mesh, terms, seed=options.seed)
     report.header["mesh"]["source"] = options.mesh or "embedded bracket"
@@ -81,6 +85,15 @@ def _body(options: argparse.Namespace) -> tuple[SimplexMesh, list[StVK]]:
         raise StvkError("A mesh needs a material: add --young (Pa) and --poisson, e.g. --young 70e9 --poisson 0.33.")
     terms = [StVK(young=options.young, poisson=options.poisson)] if given else EMBEDDED
     return read_mesh(options.mesh) if options.mesh else embedded_mesh(), terms
+
+
+def _refuse_unwritable(folder: Path) -> None:
+    """Before the work, say so if its results could not be written; nothing is made yet."""
+    nearest = next(parent for parent in (folder.absolute(), *folder.absolute().parents) if parent.exists())
+    if not nearest.is_dir():
+        raise StvkError(f"--out {folder}: {nearest} is a file; expected a folder, which is made if it is missing.")
+    if not os.access(nearest, os.W_OK | os.X_OK):
+        raise StvkError(f"--out {folder}: {nearest} cannot be written to. Choose another folder, or change its permissions.")
 
 
 def _info(options: argparse.Namespace) -> int:

@@ -23,8 +23,19 @@ def facet_ids(mesh: SimplexMesh) -> NDArray[np.int64]:
     return ids.reshape(mesh.k + 1, mesh.nt)
 
 
-def boundary_vertices(mesh: SimplexMesh) -> NDArray[np.int64]:
-    """Vertices of facets that belong to one simplex only."""
+def boundary_facets(mesh: SimplexMesh) -> NDArray[np.int32]:
+    """(k, n) vertices of the facets that belong to one simplex only; of tetrahedra counterclockwise when seen from outside."""
     ids = facet_ids(mesh)
-    single = np.bincount(ids.ravel())[ids] == 1
-    return np.unique(np.concatenate([np.delete(mesh.t, i, axis=0)[:, single[i]].ravel() for i in range(mesh.k + 1)]))
+    corner, element = np.nonzero(np.bincount(ids.ravel())[ids] == 1)
+    others = np.array([[j for j in range(mesh.k + 1) if j != i] for i in range(mesh.k + 1)])
+    facets = mesh.t[others[corner].T, element]
+    if mesh.k == mesh.d == 3:
+        a, b, c, inside = mesh.p[:, [*facets, mesh.t[corner, element]]].transpose(1, 0, 2)
+        inwards = (np.cross(b - a, c - a, axis=0) * (inside - a)).sum(axis=0) > 0
+        facets[:2, inwards] = facets[1::-1, inwards]
+    return facets
+
+
+def boundary_vertices(mesh: SimplexMesh) -> NDArray[np.int32]:
+    """Vertices of the boundary facets."""
+    return np.unique(boundary_facets(mesh))

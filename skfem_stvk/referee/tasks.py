@@ -29,23 +29,32 @@ class Task:
     measure: Callable[[], dict[str, Any]]
     against: str = ""
 
-    def run(self) -> Result:
-        """The result; never an exception."""
-        who: dict[str, Any] = {
+    @property
+    def _who(self) -> dict[str, Any]:
+        return {
             "check": self.check,
             "subject": self.player.name,
             "quantity": self.quantity,
             "state": self.state,
             "against": self.against,
         }
+
+    def missed(self, reason: str) -> Result:
+        """The result of a task that could not run."""
+        return Result(outcome=Outcome.COULD_NOT_RUN, reason=reason, **self._who)
+
+    def run(self) -> Result:
+        """The result; never an exception."""
         lacking = [f"{METHODS[quantity]}(u)" for quantity in self.needs if not self.player.has(quantity)]
         if lacking:
-            return Result(outcome=Outcome.NOT_APPLICABLE, reason=f"{self.player.name} has no {' and no '.join(lacking)}", **who)
+            return Result(
+                outcome=Outcome.NOT_APPLICABLE, reason=f"{self.player.name} has no {' and no '.join(lacking)}", **self._who
+            )
         try:
-            return judged(**who, **self.measure())
+            return judged(**self._who, **self.measure())
         except NotApplicable as why:
-            return Result(outcome=Outcome.NOT_APPLICABLE, reason=str(why), **who)
+            return Result(outcome=Outcome.NOT_APPLICABLE, reason=str(why), **self._who)
         except Foul as foul:
-            return Result(outcome=Outcome.COULD_NOT_RUN, reason=str(foul), **who)
+            return self.missed(str(foul))
         except Exception as error:
-            return Result(outcome=Outcome.COULD_NOT_RUN, reason=f"{type(error).__name__}: {error}", **who)
+            return self.missed(f"{type(error).__name__}: {error}")

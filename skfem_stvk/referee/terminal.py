@@ -75,7 +75,8 @@ def _head(report: Report) -> RenderableType:
     return escape("\n".join(lines))
 
 
-def _table(title: str, *columns: str, right: tuple[str, ...] = ()) -> Table:
+def grid(title: str, *columns: str, right: tuple[str, ...] = ()) -> Table:
+    """A table in the house style; the columns named in `right` hold numbers."""
     table = Table(title=title, title_justify="left", title_style="bold", box=box.SIMPLE_HEAD, pad_edge=False)
     for column in columns:
         table.add_column(column, justify="right" if column in right else "left", no_wrap=column in right, overflow="fold")
@@ -84,7 +85,7 @@ def _table(title: str, *columns: str, right: tuple[str, ...] = ()) -> Table:
 
 def _checks(report: Report) -> Table:
     columns = "check", "of", "against", "what", "error", "limit", "worst in", "passed"
-    table = _table("Checks, the worst state of each", *columns, right=("error", "limit"))
+    table = grid("Checks, the worst state of each", *columns, right=("error", "limit"))
     for (check, subject, against, quantity), results in report.groups().items():
         outcome = next(outcome for outcome in WORST_FIRST if any(r.outcome is outcome for r in results))
         worst = max((r for r in results if r.outcome is outcome), key=_size)
@@ -133,7 +134,7 @@ def _troubles(report: Report) -> list[RenderableType]:
         reasons: dict[str, dict[str, None]] = {}
         for result in report.results:
             if result.outcome is outcome:
-                reasons.setdefault(result.reason, {})[f"{result.check} of {result.subject}"] = None
+                reasons.setdefault(result.reason, {})[f"{result.check} ({result.quantity}) of {result.subject}"] = None
         for reason, names in reasons.items():
             parts.append(f"[{STYLE[outcome]}]{outcome.value}[/] {escape(', '.join(names))}: {escape(reason)}")
     return [*parts, ""] if parts else []
@@ -149,7 +150,7 @@ def _story(result: Result) -> str:
 def _precision(report: Report) -> Table:
     strains = sorted({row["strain"] for row in report.precision}, reverse=True)
     shown = strains[:: max(1, len(strains) // 6)]
-    table = _table(
+    table = grid(
         "Precision: error of F against 50 digits, by strain",
         "form",
         "rotation",
@@ -165,7 +166,7 @@ def _precision(report: Report) -> Table:
 
 def _speed(report: Report) -> Table:
     right = ("ns an element", "median", "x reference", "peak bytes an element", "error")
-    table = _table("Speed against error, one run", "", "of", *right, right=right)
+    table = grid("Speed against error, one run", "", "of", *right, right=right)
     for row in report.speed:
         error = report.errors.get(row["player"], {}).get(row["quantity"])
         table.add_row(

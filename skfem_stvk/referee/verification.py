@@ -94,12 +94,15 @@ def verify(
     with Progress(len(tasks) + 2, quiet) as progress:
         progress.step("precision: 50 digits")
         report.precision.extend(precision_table(body, homogeneous, case.random("precision")))
-        for task in tasks:
-            progress.step(f"{task.check}: {task.player.name}, {task.quantity}, {task.state}")
-            report.results.append(task.run())
-        progress.step("speed")
-        report.speed.extend(speed_table(case))
-        report.errors.update(error_table(case, homogeneous))
+        try:
+            for task in tasks:
+                progress.step(f"{task.check}: {task.player.name}, {task.quantity}, {task.state}")
+                report.results.append(task.run())
+            progress.step("speed")
+            report.speed.extend(speed_table(case))
+            report.errors.update(error_table(case, homogeneous))
+        except KeyboardInterrupt:  # what is there is kept, what is not says so
+            report.results += [task.missed("interrupted") for task in tasks[len(report.results) :]]
     report.seconds = time.perf_counter() - started
     return report
 

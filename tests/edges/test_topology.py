@@ -5,7 +5,6 @@ from bodies import MESHES
 
 from skfem_stvk import SimplexMesh
 from skfem_stvk.edges.topology import LOCAL_EDGES, edge_topology
-from skfem_stvk.mesh.facets import boundary_vertices, facet_ids
 from skfem_stvk.terms import StVK
 
 
@@ -39,10 +38,3 @@ def test_tseps_are_three_a_facet_and_three_a_tetrahedron(mesh):
     assert form.pairs.shape[1] == 3 * mesh.nfacets + 3 * mesh.nelements
     assert (~form.adjacent).sum() == 3 * mesh.nelements
     assert form.L.nnz <= form.edges.shape[1] + 2 * form.pairs.shape[1]  # exact zeros are left out
-
-
-@pytest.mark.parametrize("mesh", [skfem.MeshTet().refined(2), skfem.MeshTri.init_circle(2)])
-def test_facets_and_boundary_vertices_are_scikit_fems(mesh):
-    simplices = SimplexMesh.of(mesh)
-    assert facet_ids(simplices).max() + 1 == mesh.nfacets
-    assert np.array_equal(boundary_vertices(simplices), np.sort(mesh.boundary_nodes()))

@@ -14,7 +14,7 @@ from ..places import worst_places
 from ..players import Player
 from ..tasks import NotApplicable, Task
 
-REASON = "round-off of two orders of summation: 1e-15 is usual; above 1e-12 only for flat elements, eps x (longest edge/height)^2"
+REASON = "round-off of two orders of summation: 1e-15 is usual; above 1e-12 only for elements flatter than 1:200, eps/10 x (longest edge/height)^2"
 
 
 def agreement(case: Case) -> Iterator[Task]:

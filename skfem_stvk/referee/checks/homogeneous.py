@@ -179,7 +179,7 @@ def _patch_test(case: Case, player: Player, refused: str) -> dict[str, Any]:
 
 def _limit(case: Case) -> float:
     """Along a flat element the stress is a small part of its stiffness across, so flatness costs twice."""
-    return case.limit(growth=0.01 * EPS * case.flatness**2)
+    return case.limit(growth=0.001 * EPS * case.flatness**2)
 
 
 def total_volume(mesh: SimplexMesh) -> float:

@@ -43,7 +43,7 @@ def precision(case: Case, table: list[dict[str, Any]]) -> Iterator[Task]:
             "worst": {"at strain": row["strain"], "offset [m]": row["offset_m"]},
         }
 
-    states = [(False, "strains 1e-1 to 1e-12"), (True, "the same, rotated by 170 degrees")]
+    states = [(False, "no rotation"), (True, "rotated by 170 deg")]
     for turned, state in states[: 1 if case.mesh.d == 1 else 2]:  # a line cannot turn
         yield Task("precision", case.ours, "F", state, "F", partial(worst, turned), against="50 digits")
 

@@ -1,0 +1,126 @@
+import json
+import re
+import subprocess
+import sys
+
+import meshio
+import numpy as np
+import pytest
+import skfem
+from bodies import box
+
+from skfem_stvk.cli.main import main
+
+MATERIAL = ["--young", "70e9", "--poisson", "0.33"]
+
+
+def saved(path, p, t, cells="tetra", **data):
+    meshio.Mesh(np.asarray(p, dtype=float).T, [(cells, np.asarray(t).T)], **data).write(path)
+    return str(path)
+
+
+def test_without_arguments_the_embedded_mesh_is_verified(capsys):
+    assert main(["verify"]) == 0
+    out = capsys.readouterr().out
+    assert "embedded bracket" in out and "PASSED" in out and "NOT PASSED" not in out
+
+
+def test_a_mesh_file_is_verified_and_reported(tmp_path, capsys):
+    mesh = saved(tmp_path / "part.vtu", box(3).p, box(3).t)
+    assert main(["verify", mesh, *MATERIAL, "--out", str(tmp_path / "a" / "report")]) == 0
+    report = json.loads((tmp_path / "a" / "report" / "report.json").read_text())
+    assert report["passed"] and report["header"]["mesh"]["source"] == mesh
+    assert (tmp_path / "a" / "report" / "report.html").stat().st_size > 10_000
+
+
+def test_nodes_on_no_element_are_dropped_with_a_line(tmp_path, capsys):
+    mesh = box(2)
+    p = np.concatenate([mesh.p, [[9.0], [9.0], [9.0]]], axis=1)
+    assert main(["verify", saved(tmp_path / "part.vtu", p, mesh.t), *MATERIAL]) == 0
+    assert "1 vertex (27)" in capsys.readouterr().err.replace("\n", " ")
+
+
+def test_a_check_that_fails_is_exit_code_one(tmp_path, capsys):
+    """On elements this flat the stress keeps six digits: the report says so and does not pass."""
+    mesh = saved(tmp_path / "flat.vtu", box(3).p * np.array([[1.0], [2e-4], [1.0]]), box(3).t)
+    assert main(["verify", mesh, *MATERIAL]) == 1
+    assert "NOT PASSED" in capsys.readouterr().out
+
+
+BOX = box(2)
+NAN = np.where(np.arange(BOX.nv) == 5, np.nan, BOX.p)
+REPEATED = BOX.t.copy()
+REPEATED[1, 3] = REPEATED[0, 3]
+FLAT = BOX.p * np.array([[1.0], [1.0], [0.0]])
+DOUBLE = np.concatenate([BOX.t, BOX.t[[2, 0, 1, 3], 4:6]], axis=1)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (lambda f: [saved(f / "m.vtu", NAN, BOX.t), *MATERIAL], r"1 vertex \(5\) have coordinates that are not finite"),
+        (lambda f: [saved(f / "m.vtu", BOX.p, REPEATED), *MATERIAL], r"1 element \(3\) name the same vertex twice"),
+        (lambda f: [saved(f / "m.vtu", FLAT, BOX.t), *MATERIAL], r"48 elements \(0, 1, 2, 3, 4, ...\) have no volume"),
+        (
+            lambda f: [saved(f / "m.vtu", BOX.p, DOUBLE), *MATERIAL],
+            r"2 elements \(48, 49\) have the same vertices as an earlier element",
+        ),
+        (lambda f: [saved(f / "m.vtu", BOX.p, BOX.t)], "A mesh needs a material: add --young"),
+        (lambda f: [saved(f / "m.vtu", BOX.p, BOX.t), "--young", "70e9"], "poisson is missing"),
+        (lambda f: [saved(f / "m.vtu", BOX.p, BOX.t), "--poisson", "0.3"], "A material is missing"),
+        (lambda f: [saved(f / "m.vtu", BOX.p, BOX.t), "--young", "70e9", "--poisson", "0.5"], "poisson .* is outside"),
+        (lambda f: [saved(f / "m.vtu", BOX.p, BOX.t), "--young", "nan", "--poisson", "0.3"], "young = nan is not finite"),
+        (lambda f: [saved(f / "m.vtu", BOX.p, BOX.t), "--young", "-1", "--poisson", "0.3"], "young = -1. is outside"),
+        (lambda f: [str(f / "nothing.msh"), *MATERIAL], "nothing.msh"),
+        (lambda f: [saved(f / "m.vtu", box(2).p, box(2).t[[0, 1, 2, 3, 0, 1, 2, 3]], "hexahedron"), *MATERIAL], "hexahedr"),
+    ],
+)
+def test_broken_input_is_an_error_and_nothing_is_written(arguments, message, tmp_path, capsys):
+    out = tmp_path / "report"
+    assert main(["verify", *arguments(tmp_path), "--out", str(out)]) == 2
+    err = " ".join(capsys.readouterr().err.split())
+    assert err.startswith("error ") and re.search(message, err), err
+    assert not out.exists()
+
+
+def test_duplicate_nodes_and_parts_are_notes(tmp_path, capsys):
+    """Two blocks whose faces lie on each other, not merged."""
+    block = skfem.MeshTet.init_tensor(*[np.linspace(0, 1, 3)] * 3)
+    p, t = np.concatenate([block.p, block.p + np.array([[1.0], [0], [0]])], axis=1), np.concatenate([block.t, block.t + 27], axis=1)
+    assert main(["verify", saved(tmp_path / "m.vtu", p, t), *MATERIAL]) == 0
+    err = " ".join(capsys.readouterr().err.split())
+    assert "9 vertices" in err and "lie in the same place" in err and "2 parts that are not connected (27, 27 vertices)" in err
+
+
+@pytest.mark.parametrize("make", [lambda f: f / "file" / "report", lambda f: f / "file"])
+def test_a_folder_that_cannot_be_made_is_an_error_before_the_work(make, tmp_path, capsys):
+    (tmp_path / "file").write_text("")
+    assert main(["verify", "--out", str(make(tmp_path))]) == 2
+    captured = capsys.readouterr()
+    assert "is a file; expected a folder" in " ".join(captured.err.split()) and not captured.out
+
+
+def test_ctrl_c_keeps_what_was_checked(monkeypatch):
+    from skfem_stvk import StVK, verify
+    from skfem_stvk.referee.checks import derivatives
+    from skfem_stvk.referee.results import Outcome
+
+    def interrupted(*_):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(derivatives, "_line", interrupted)
+    report = verify(box(2), StVK(young=1.0, poisson=0.3), quiet=True)
+    assert not report.passed
+    assert report.counts[Outcome.PASSED] == 24
+    assert {r.reason for r in report.results if r.outcome is Outcome.COULD_NOT_RUN} == {"interrupted"}
+
+
+def test_info_prints_versions_and_optional_packages(capsys):
+    assert main(["info"]) == 0
+    out = capsys.readouterr().out
+    assert all(word in out for word in ("python", "skfem-stvk", "scikit-fem", "cores", "h5py"))
+
+
+def test_the_command_is_installed():
+    done = subprocess.run([sys.executable, "-m", "skfem_stvk.cli.main", "--help"], capture_output=True, text=True)
+    assert done.returncode == 0 and "verify" in done.stdout and "info" in done.stdout

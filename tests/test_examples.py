@@ -1,0 +1,35 @@
+"""Every example of the docs runs, draws its picture, and gives its number."""
+
+import importlib.util
+from pathlib import Path
+
+import pytest
+
+EXAMPLES = Path(__file__).parent.parent / "docs" / "examples"
+
+
+def run(name):
+    spec = importlib.util.spec_from_file_location(name, EXAMPLES / f"{name}.py")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    assert module.picture().get_axes()
+    return module
+
+
+def test_ex01_bracket():
+    example = run("ex01_bracket")
+    assert example.shift == pytest.approx(1.9714e-3, rel=1e-4)
+    assert example.energy == pytest.approx(0.57463, rel=1e-4)
+
+
+def test_ex02_referee():
+    example = run("ex02_referee")
+    assert example.right.passed and not example.wrong.passed
+    assert example.caught_by == {"agreement", "closed forms"}
+    assert 0.5 < example.error < 1.5
+
+
+def test_no_example_is_forgotten():
+    tested = {name.removeprefix("test_") for name in globals() if name.startswith("test_ex")}
+    assert tested == {path.stem for path in EXAMPLES.glob("ex*.py")}
+    assert all(path.with_suffix(".png").exists() for path in EXAMPLES.glob("ex*.py"))

@@ -1,0 +1,48 @@
+"""The house stands: lint, format, types and layers, as claims like any other."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parent.parent
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ["-m", "ruff", "check", "."],
+        ["-m", "ruff", "format", "--check", "."],
+        ["-m", "mypy"],
+        ["-c", "from importlinter.cli import lint_imports_command as lint; lint()"],
+    ],
+    ids=["lint", "format", "types", "layers"],
+)
+def test_the_house_is_in_order(arguments):
+    done = _python(arguments)
+    assert done.returncode == 0, done.stdout + done.stderr
+
+
+def _python(arguments):
+    return subprocess.run([sys.executable, *arguments], cwd=ROOT, capture_output=True, text=True)
+
+
+def test_importing_the_package_imports_no_optional_package():
+    code = "import sys, skfem_stvk; print([m for m in ('matplotlib', 'gmsh', 'h5py', 'jinja2', 'hypothesis') if m in sys.modules])"
+    done = _python(["-c", code])
+    assert done.stdout.strip() == "[]", done.stdout + done.stderr
+
+
+def test_no_module_is_named_like_a_public_name():
+    import skfem_stvk
+
+    modules = {path.stem for path in (ROOT / "skfem_stvk").glob("*") if path.stem != "__init__"}
+    assert not modules & set(skfem_stvk.__all__)
+
+
+def test_public_names_are_documented():
+    import skfem_stvk
+
+    for name in skfem_stvk.__all__:
+        assert getattr(skfem_stvk, name).__doc__, name
