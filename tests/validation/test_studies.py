@@ -13,7 +13,9 @@ def gmsh():
     except (ImportError, OSError) as error:
         if os.environ.get("CI"):
             raise
-        pytest.skip(f"Gmsh is missing ({error}): pip install 'skfem-stvk[gmsh]'; on Debian also apt install libglu1-mesa libxft2 ...")
+        pytest.skip(
+            f"Gmsh is missing ({error}): pip install 'skfem-stvk[gmsh]'; on Debian also apt install libglu1-mesa libxft2 ..."
+        )
     return gmsh
 
 
