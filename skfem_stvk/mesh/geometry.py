@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import combinations
 from math import factorial
 
 import numpy as np
@@ -41,11 +42,17 @@ class Geometry:
         return self.gradients @ np.swapaxes(self.gradients, 1, 2)
 
 
+def edge_lengths(mesh: SimplexMesh) -> NDArray[np.float64]:
+    """(m, nt) lengths of the edges of the simplices [m]."""
+    a, b = np.array(list(combinations(range(mesh.k + 1), 2))).T
+    x = mesh.p[:, mesh.t]
+    lengths: NDArray[np.float64] = np.linalg.norm(x[:, a] - x[:, b], axis=0)
+    return lengths
+
+
 def aspect_ratios(mesh: SimplexMesh) -> NDArray[np.float64]:
     """(nt,) longest edge over smallest height of the simplices; 1.22 for a regular tetrahedron, 1 for a segment."""
-    x = mesh.p[:, mesh.t]
-    pairs = [(a, b) for a in range(mesh.k + 1) for b in range(a)]
-    longest = np.max([np.linalg.norm(x[:, a] - x[:, b], axis=0) for a, b in pairs], axis=0)
+    longest = edge_lengths(mesh).max(axis=0)
     steepest = np.linalg.norm(Geometry(mesh.p, mesh.t).gradients, axis=2).max(axis=1)
     ratios: NDArray[np.float64] = longest * steepest
     return ratios

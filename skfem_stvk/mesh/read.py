@@ -16,8 +16,6 @@ from .files import load
 from .groups import cell_groups, facet_groups, pick
 from .simplices import KINDS, SimplexMesh
 
-PLURAL = {1: "segments", 2: "triangles", 3: "tetrahedra"}
-
 
 def read_mesh(path: str | Path) -> SimplexMesh:
     """The simplices of a mesh file: Gmsh, VTK, VTU, Abaqus and whatever else meshio reads.
@@ -73,7 +71,7 @@ def dimension(raw: meshio.Mesh, path: Path) -> int:
     if k > 0 and any(simplex_dimension(block.type) == k for block in filled):
         return k
     raise MeshError(
-        f"{path} holds no {PLURAL.get(k, 'simplices')}: {count_cells(filled)} came; expected tetrahedra, triangles or segments. "
+        f"{path} holds no {KINDS.get(k, 'simplices')}: {count_cells(filled)} came; expected tetrahedra, triangles or segments. "
         "Hexahedra and quadrilaterals can be split: mesh.to_meshtet(), mesh.to_meshtri() in scikit-fem."
     )
 
@@ -84,7 +82,7 @@ def warn_of_cells(raw: meshio.Mesh, k: int) -> None:
     others = [block for block in carriers if simplex_dimension(block.type) != k]
     if others:
         warnings.warn(
-            f"{count_cells(others)} are left out: only {PLURAL[k]} are used. Split them if the body goes on there.",
+            f"{count_cells(others)} are left out: only {KINDS[k]} are used. Split them if the body goes on there.",
             StvkWarning,
             stacklevel=3,
         )
@@ -102,7 +100,7 @@ def warn_of_vertices(mesh: SimplexMesh, used: NDArray[Any], inner: NDArray[Any])
     unused = np.setdiff1d(np.arange(mesh.nv), np.union1d(used, inner))
     if len(unused):
         warnings.warn(
-            f"{name_ids(unused, 'vertex')} are on no {KINDS[mesh.k]} and are dropped; the later ones move up. Centres of arcs, or "
+            f"{name_ids(unused, 'vertex')} are on none of the {KINDS[mesh.k]} and are dropped; the later ones move up. Centres of arcs, or "
             "cells that are left out?",
             StvkWarning,
             stacklevel=3,

@@ -18,7 +18,7 @@ from ..errors import MeshError, RegionError, StvkWarning, name_ids
 #: `(p, t)`, or a `SimplexMesh`.
 MeshLike: TypeAlias = Any
 
-KINDS = {1: "segment", 2: "triangle", 3: "tetrahedron"}
+KINDS = {1: "segments", 2: "triangles", 3: "tetrahedra"}
 LARGEST_INDEX = np.iinfo(np.int32).max
 
 
@@ -124,7 +124,7 @@ class SimplexMesh:
     @property
     def kind(self) -> str:
         """The simplices in words, such as 'tetrahedra in 3D'."""
-        return f"{KINDS[self.k].replace('hedron', 'hedra') + ('' if self.k == 3 else 's')} in {self.d}D"
+        return f"{KINDS[self.k]} in {self.d}D"
 
     def elements(self, region: str | NDArray[Any] | None) -> NDArray[np.int64]:
         """Ids of the elements of a region: a name in `subdomains`, element ids, a mask, or None for all.

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..mesh import SimplexMesh
-from ..mesh.geometry import aspect_ratios
+from ..mesh.geometry import aspect_ratios, edge_lengths
 from .players import Player
 
 Array = NDArray[np.float64]
@@ -81,12 +81,12 @@ class Case:
     @cached_property
     def median_edge(self) -> float:
         """Median edge of the simplices [m]."""
-        return float(np.median(np.linalg.norm(self.edges, axis=0)))
+        return float(np.median(edge_lengths(self.mesh)))
 
     @cached_property
     def node_size(self) -> Array:
         """(nv,) shortest edge of the simplices around each vertex [m]."""
-        shortest = np.linalg.norm(self.edges, axis=0).min(axis=0)
+        shortest = edge_lengths(self.mesh).min(axis=0)
         size = np.full(self.mesh.nv, np.inf)
         np.minimum.at(size, self.mesh.t.ravel(), np.tile(shortest, self.mesh.k + 1))
         return size

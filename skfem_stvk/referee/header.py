@@ -9,13 +9,14 @@ import sys
 from collections.abc import Sequence
 from datetime import datetime, timezone
 from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from ..materials import FramedMaterial, Isotropic
 from ..mesh import SimplexMesh
-from ..mesh.geometry import aspect_ratios
+from ..mesh.geometry import aspect_ratios, edge_lengths
 from ..terms import StVK
 from .bodies import volumes
 
@@ -56,24 +57,22 @@ def _processor() -> str:
 
 def mesh_facts(mesh: SimplexMesh) -> dict[str, Any]:
     """Hash, counts and shape of a mesh; the hash covers coordinates and elements."""
-    x = mesh.p.T[mesh.t.T]
-    spokes = x[:, 1:] - x[:, :1]
-    lengths = np.linalg.norm(spokes, axis=2)
-    aspect = aspect_ratios(mesh)
+    lengths, aspect = edge_lengths(mesh), aspect_ratios(mesh)
     facts: dict[str, Any] = {
         "sha256": hashlib.sha256(mesh.p.tobytes() + mesh.t.tobytes()).hexdigest()[:16],
         "simplices": f"{mesh.nt} {mesh.kind}",
         "vertices": mesh.nv,
         "dofs": mesh.p.size,
         "size": [float(extent) for extent in np.ptp(mesh.p, axis=1)],
-        "edges": [float(f(lengths)) for f in (np.min, np.median, np.max)],
+        "edges": {"shortest": float(lengths.min()), "median": float(np.median(lengths)), "longest": float(lengths.max())},
         "aspect ratio": f"{np.median(aspect):.3g} median, {aspect.max():.3g} in element {aspect.argmax()} (longest edge/smallest height)",
         "measure": float(volumes(mesh.p, mesh.t).sum()),
         "subdomains": {name: len(ids) for name, ids in mesh.subdomains.items()},
         "boundaries": {name: facets.shape[1] for name, facets in mesh.boundaries.items()},
     }
     if mesh.k == mesh.d:
-        facts["negative elements"] = int((np.linalg.det(spokes) < 0).sum())
+        x = mesh.p.T[mesh.t.T]
+        facts["negative elements"] = int((np.linalg.det(x[:, 1:] - x[:, :1]) < 0).sum())
     return facts
 
 
@@ -106,7 +105,7 @@ def header(mesh: SimplexMesh, terms: Sequence[StVK], source: str, seed: int) -> 
     """The head of a report on this body; `source` says where the mesh came from."""
     return {
         "date": datetime.now(timezone.utc).isoformat(timespec="seconds"),
-        "command": " ".join(sys.argv),
+        "command": " ".join([Path(sys.argv[0]).name, *sys.argv[1:]]),
         "versions": versions(),
         "machine": machine(),
         "mesh": {"source": source} | mesh_facts(mesh),

@@ -67,7 +67,7 @@ def _head(report: Report) -> RenderableType:
     mesh, machine, versions = report.header["mesh"], report.header["machine"], report.header["versions"]
     lines = [
         f"{mesh['source']}: {mesh['simplices']}, {mesh['vertices']} vertices, {mesh['dofs']} dofs, "
-        f"edges {mesh['edges'][0]:.3g} ... {mesh['edges'][2]:.3g}, sha256 {mesh['sha256']}",
+        f"edges {mesh['edges']['shortest']:.3g} ... {mesh['edges']['longest']:.3g}, sha256 {mesh['sha256']}",
         *report.header["material"],
         f"{machine['processor']}, {machine['cores']} cores; "
         + ", ".join(f"{name} {versions[name]}" for name in ("python", "skfem-stvk", "scikit-fem", "numpy", "scipy")),

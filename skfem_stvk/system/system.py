@@ -49,7 +49,7 @@ class System:
     True
     >>> K = body.tangent(u)
     >>> K.shape, bool(abs(K - K.T).max() < 1e-10)
-    ((375, 375), True)
+    ((345, 345), True)
     """
 
     def __init__(self, mesh: MeshLike, terms: Term | Sequence[Term]) -> None:
