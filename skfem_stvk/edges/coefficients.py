@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..errors import MaterialError
 from ..materials import FramedMaterial, Hypothesis, Isotropic, Material
 from ..mesh.geometry import Geometry
 from .topology import LOCAL_EDGES
@@ -33,7 +34,10 @@ def simplex_coefficients(geometry: Geometry, material: Material, hypothesis: Hyp
     """(nt, m, m) coefficients per unit of section [Pa m^(k-4)], symmetric and positive semi-definite."""
     if isinstance(material, Isotropic):
         return isotropic_coefficients(geometry, *material.lame(hypothesis))
-    assert isinstance(material, FramedMaterial)
+    if not isinstance(material, FramedMaterial):
+        raise MaterialError(
+            f"{type(material).__name__} is neither Isotropic nor a FramedMaterial, which has a stiffness() in its frame."
+        )
     return general_coefficients(geometry, material, hypothesis)
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
 from numpy.typing import ArrayLike
 
 from .material import FramedMaterial
@@ -39,4 +40,4 @@ class Anisotropic(FramedMaterial):
         super().__post_init__()
 
     def stiffness(self) -> Values:
-        return constant(self.voigt, "voigt", shape=(6, 6))
+        return np.asarray(self.voigt)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -43,8 +44,8 @@ class Orthotropic(FramedMaterial):
     def __post_init__(self) -> None:
         for name, labels in (("young", "123"), ("poisson", ("23", "13", "12")), ("shear", ("23", "13", "12"))):
             values = getattr(self, name)
-            if len(values) != 3:
-                raise MaterialError(f"{name} has {len(values)} entries; expected three, for {', '.join(labels)}.")
+            if not isinstance(values, Sequence | np.ndarray) or isinstance(values, str) or len(values) != 3:
+                raise MaterialError(f"{name} = {values!r}; expected three entries, for {', '.join(labels)}.")
             low = -np.inf if name == "poisson" else 0.0
             named = tuple(constant(value, f"{name}_{label}", low=low) for value, label in zip(values, labels, strict=True))
             object.__setattr__(self, name, named)
@@ -56,8 +57,8 @@ class Orthotropic(FramedMaterial):
         super().__post_init__()
 
     def stiffness(self) -> Values:
-        axial = np.broadcast_arrays(*self.young, *self.poisson, *self.shear)
-        (e1, e2, e3, nu23, nu13, nu12), shear = axial[:6], axial[6:]
+        constants = np.broadcast_arrays(*self.young, *self.poisson, *self.shear)
+        (e1, e2, e3, nu23, nu13, nu12), shear = constants[:6], constants[6:]
         compliance = np.zeros((*e1.shape, 6, 6))
         for i, young in enumerate((e1, e2, e3)):
             compliance[..., i, i] = 1 / young

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
 from numpy.typing import ArrayLike
 
 from .material import FramedMaterial
@@ -41,14 +42,15 @@ class TransverselyIsotropic(FramedMaterial):
     shear_axial: ArrayLike
 
     def __post_init__(self) -> None:
-        constant(self.poisson_transverse, "poisson_transverse", low=-1.0, high=1.0)
+        limits = {"poisson_transverse": (-1.0, 1.0), "poisson_axial": (-np.inf, np.inf)}
+        for name in ("young_axial", "young_transverse", "poisson_axial", "poisson_transverse", "shear_axial"):
+            object.__setattr__(self, name, constant(getattr(self, name), name, *limits.get(name, (0.0, np.inf))))
         super().__post_init__()
 
     def stiffness(self) -> Values:
-        across = constant(self.young_transverse, "young_transverse", low=0.0)
-        shear = across / (2 * (1 + constant(self.poisson_transverse, "poisson_transverse")))
+        shear = np.asarray(self.young_transverse) / (2 * (1 + np.asarray(self.poisson_transverse)))
         return Orthotropic(
-            young=(self.young_axial, across, across),
+            young=(self.young_axial, self.young_transverse, self.young_transverse),
             poisson=(self.poisson_transverse, self.poisson_axial, self.poisson_axial),
             shear=(shear, self.shear_axial, self.shear_axial),
         ).stiffness()

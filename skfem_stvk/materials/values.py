@@ -21,7 +21,7 @@ def constant(value: ArrayLike, name: str, low: float = -np.inf, high: float = np
         if it has another shape, is not finite, or not strictly between `low` and `high`; with the ids.
     """
     try:
-        array = np.asarray(value, dtype=np.float64)
+        array = np.array(value, dtype=np.float64)  # a copy: materials are frozen
     except (TypeError, ValueError) as error:
         raise MaterialError(f"{name} = {value!r} is not a number, nor an array with one value an element.") from error
     if array.shape not in (shape, (array.shape[0] if array.ndim else 0, *shape)):
@@ -29,6 +29,7 @@ def constant(value: ArrayLike, name: str, low: float = -np.inf, high: float = np
             f"{name} has shape {array.shape}; expected {shape or 'a number'}, or one value an element: {('n', *shape)}."
         )
     _refuse(array, ~np.isfinite(array), name, "not finite", shape)
+    array.flags.writeable = False
     _refuse(array, ~((array > low) & (array < high)), name, f"outside ({low:g}, {high:g})", shape)
     return array
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import warnings
-from math import factorial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +11,7 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from ..errors import MeshError, StvkWarning, name_ids
+from .geometry import edge_lengths
 from .simplices import SimplexMesh
 
 
@@ -65,15 +65,21 @@ def check_mesh(mesh: SimplexMesh) -> None:
 
 
 def flat_elements(mesh: SimplexMesh) -> NDArray[np.int64]:
-    """Elements whose volume is zero to within rounding: of the coordinates, and 1e-12 of the longest edge to the power k."""
+    """Elements whose smallest height is zero to within rounding: of the coordinates, and 1e-12 of the longest edge."""
     x = mesh.p.T[mesh.t.T]
-    spokes = np.swapaxes(x[:, 1:] - x[:, :1], 1, 2)
-    longest = np.sqrt((spokes**2).sum(axis=1).max(axis=1))
-    triangular = spokes if mesh.k == mesh.d else np.linalg.qr(spokes, mode="r")
-    volume = np.abs(np.linalg.det(triangular)) / factorial(mesh.k)
+    spokes = x[:, 1:] - x[:, :1]
+    if mesh.k < mesh.d:
+        spokes = np.swapaxes(np.linalg.qr(np.swapaxes(spokes, 1, 2), mode="r"), 1, 2)
+    parallelepiped = np.abs(np.linalg.det(spokes))
+    longest = edge_lengths(mesh).max(axis=0)
+    if mesh.k == 3:
+        a, b, c = spokes.transpose(1, 0, 2)
+        faces = np.cross([a, b, c, b - a], [b, c, a, c - a])
+        largest_facet = np.linalg.norm(faces, axis=2).max(axis=0)
+    else:
+        largest_facet = longest if mesh.k == 2 else np.ones(mesh.nt)
     rounding = np.finfo(float).eps * np.abs(x).max(axis=(1, 2))
-    with np.errstate(over="ignore"):
-        return np.flatnonzero(volume <= (1e-12 * longest + 4 * rounding) * longest ** (mesh.k - 1))
+    return np.flatnonzero(parallelepiped <= (1e-12 * longest + 4 * rounding) * largest_facet)
 
 
 def unused_vertices(mesh: SimplexMesh) -> NDArray[np.int64]:

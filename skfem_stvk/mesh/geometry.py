@@ -50,6 +50,13 @@ def edge_lengths(mesh: SimplexMesh) -> NDArray[np.float64]:
     return lengths
 
 
+def vertex_sizes(mesh: SimplexMesh) -> NDArray[np.float64]:
+    """(nv,) shortest edge of the simplices around each vertex [m]."""
+    size = np.full(mesh.nv, np.inf)
+    np.minimum.at(size, mesh.t.ravel(), np.tile(edge_lengths(mesh).min(axis=0), mesh.k + 1))
+    return size
+
+
 def aspect_ratios(mesh: SimplexMesh) -> NDArray[np.float64]:
     """(nt,) longest edge over smallest height of the simplices; 1.22 for a regular tetrahedron, 1 for a segment."""
     longest = edge_lengths(mesh).max(axis=0)

@@ -77,7 +77,8 @@ class SimplexMesh:
     def of(cls, mesh: MeshLike) -> SimplexMesh:
         """The simplices of a scikit-fem mesh, of arrays `(p, t)`, or of a `SimplexMesh` (handed back as it is).
 
-        Second-order scikit-fem meshes are reduced to their corner vertices, with a warning.
+        Second-order scikit-fem meshes are reduced to their corner vertices, with a warning. Subdomains come along; boundaries stay
+        with the scikit-fem mesh, for finding their facets costs more than an assembly.
         """
         if isinstance(mesh, cls):
             return mesh
@@ -99,7 +100,10 @@ class SimplexMesh:
             return cls(p, t, mesh.subdomains or {})
         if isinstance(mesh, tuple) and len(mesh) == 2:
             return cls(*mesh)
-        raise MeshError(f"A mesh of type {type(mesh).__name__} came; expected a scikit-fem mesh, arrays (p, t) or a SimplexMesh.")
+        raise MeshError(
+            f"A mesh of type {type(mesh).__name__} came; expected a scikit-fem mesh, arrays (p, t) or a SimplexMesh. "
+            "Files are read by read_mesh(path) or by scikit-fem."
+        )
 
     @property
     def k(self) -> int:

@@ -21,6 +21,7 @@ from ..terms import StVK
 from .bodies import volumes
 
 PACKAGES = ("skfem-stvk", "scikit-fem", "numpy", "scipy", "meshio", "rich", "matplotlib", "jinja2")
+THREAD_LIMITS = ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS")
 
 
 def versions(packages: Sequence[str] = PACKAGES) -> dict[str, str]:
@@ -37,14 +38,13 @@ def versions(packages: Sequence[str] = PACKAGES) -> dict[str, str]:
 
 def machine() -> dict[str, Any]:
     """Processor, cores, system and the settings that change a speed."""
-    threads = {
-        name: os.environ[name] for name in ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS") if name in os.environ
-    }
+    limits = [f"{name}={os.environ[name]}" for name in THREAD_LIMITS if name in os.environ]
     return {
         "system": platform.platform(),
         "processor": _processor(),
         "cores": len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count(),
-    } | threads
+        "threads": ", ".join(limits) or "not limited by the environment",
+    }
 
 
 def _processor() -> str:

@@ -81,14 +81,14 @@ class Pattern:
 
         Its index arrays are copies, so that changing the matrix in place cannot harm the pattern.
         """
-        matrix = csr_matrix((data, self.indices.copy(), self.indptr.copy()), shape=self.shape)
-        matrix.has_sorted_indices = True
-        return matrix
+        return csr_matrix((data, self.indices.copy(), self.indptr.copy()), shape=self.shape)
 
-    def fits(self, matrix: csr_matrix) -> bool:
-        """Whether a CSR matrix still has this pattern."""
+    def fits(self, matrix: Any) -> bool:
+        """Whether this is a CSR matrix of doubles that still has this pattern."""
         return (
-            matrix.shape == self.shape
+            isinstance(matrix, csr_matrix)
+            and matrix.dtype == np.float64
+            and matrix.shape == self.shape
             and np.array_equal(matrix.indptr, self.indptr)
             and np.array_equal(matrix.indices, self.indices)
         )

@@ -56,6 +56,8 @@ class System:
         self.mesh = SimplexMesh.of(mesh)
         check_mesh(self.mesh)
         self.terms = tuple(terms) if isinstance(terms, Sequence) else (terms,)
+        if not self.terms:
+            raise StvkError("No terms came; expected at least one, such as StVK(young=..., poisson=...).")
         for term in self.terms:
             if not hasattr(term, "bind"):
                 raise StvkError(f"A term of type {type(term).__name__} came; expected StVK(...) or a list of terms.")
@@ -123,8 +125,9 @@ class System:
             out.data[:] = 0
         else:
             raise StvkError(
-                f"out has shape {out.shape} and {out.nnz} values in another pattern than this system's K ({self.pattern.shape}, "
-                f"{self.pattern.nnz}). Hand in a matrix that tangent() returned, unchanged by eliminate_zeros() and the like."
+                f"out, a {type(out).__name__} of shape {np.shape(out)}, does not have the pattern and type of this system's K "
+                f"({self.pattern.shape}, {self.pattern.nnz} values). Hand in a matrix that tangent() returned, unchanged by "
+                "eliminate_zeros() and the like."
             )
         for term, places in zip(self._bound, self._places, strict=True):
             term.add_tangent(x, places, out.data)
@@ -132,7 +135,10 @@ class System:
 
     def _state(self, u: ArrayLike) -> Array:
         """The displacements as (nv, d)."""
-        u = np.asarray(u, dtype=np.float64)
+        u = np.asarray(u)
+        if u.dtype.kind not in "fiu":
+            raise StateError(f"u has dtype {u.dtype}; expected real numbers, displacements in m.")
+        u = u.astype(np.float64, copy=False)
         if u.shape != (self.ndofs,):
             raise StateError(
                 f"u has shape {u.shape}; expected ({self.ndofs},): {self.mesh.d} components at each of {self.mesh.nv} vertices, "

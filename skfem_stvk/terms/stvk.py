@@ -108,3 +108,7 @@ class StVK:
         section = np.asarray(1.0 if value is None else value)
         check_length(section, n, name)
         return section
+
+
+for _shorthand in ("young", "poisson", "density"):  # the defaults of the shorthand are not attributes: ask term.material
+    delattr(StVK, _shorthand)

@@ -47,3 +47,16 @@ def test_tension_is_the_projection_of_the_second_piola_kirchhoff_stress(name):
     a, b = TERM.bind(one).edges
     expected = -geometry.volume[0] * np.einsum("ei,ij,ej->e", geometry.gradients[0][a], S, geometry.gradients[0][b])
     assert np.allclose(tension, expected, rtol=1e-11, atol=1e-13)
+
+
+def test_small_strains_keep_all_digits():
+    """`|p|^2 - |P|^2` would keep 8 of them."""
+    from skfem_stvk.referee.exact import exact_energy_and_force
+
+    mesh = MESHES["tetrahedra"]
+    u = state(mesh, 1e-8)
+    W, F = exact_energy_and_force(mesh.p, mesh.t, *(float(value) for value in TERM.material.lame(TERM.hypothesis(mesh))), u)
+    force = np.zeros((mesh.nv, 3))
+    TERM.bind(mesh).add_force(u.reshape(-1, 3), force)
+    assert np.abs(force.ravel() - F).max() < 1e-13 * np.abs(F).max()
+    assert TERM.bind(mesh).energy(u.reshape(-1, 3)) == pytest.approx(W, rel=1e-13)

@@ -85,12 +85,19 @@ LOPSIDED = SYMMETRIC + np.eye(6, k=1)
         (lambda: Isotropic(1.0, 0.3, density=-1.0), "density = -1. is outside"),
         (lambda: Isotropic.from_lame(-1.0, 1.0), r"3 lam \+ 2 mu = -1. is outside"),
         (lambda: Isotropic.from_lame(1.0, 0.0), "mu = 0. is outside"),
-        (lambda: Orthotropic((1.0, 1.0), (0.3,) * 3, (1.0,) * 3), "young has 2 entries; expected three, for 1, 2, 3"),
+        (lambda: Orthotropic((1.0, 1.0), (0.3,) * 3, (1.0,) * 3), r"young = \(1.0, 1.0\); expected three entries, for 1, 2, 3"),
+        (lambda: Orthotropic(1.0, (0.3,) * 3, (1.0,) * 3), "young = 1.0; expected three entries"),
+        (lambda: Orthotropic("abc", (0.3,) * 3, (1.0,) * 3), "young = 'abc'; expected three entries"),
         (lambda: Orthotropic((1.0, 1.0, -2.0), (0.3,) * 3, (1.0,) * 3), "young_3 = -2. is outside"),
         (lambda: Orthotropic((1.0, 1.0, 1.0), (0.3,) * 3, (1.0, 0.0, 1.0)), "shear_13 = 0. is outside"),
         (lambda: Orthotropic((1.0, 1.0, 1.0), (0.9,) * 3, (1.0,) * 3), "not positive definite"),
         (lambda: Orthotropic((np.ones(3), np.ones(4), 1.0), (0.1,) * 3, (1.0,) * 3), "different lengths"),
         (lambda: TransverselyIsotropic(1.0, 1.0, 0.3, 1.0, 1.0), "poisson_transverse = 1. is outside"),
+        (lambda: TransverselyIsotropic(-1.0, 1.0, 0.3, 0.3, 1.0), "young_axial = -1. is outside"),
+        (lambda: TransverselyIsotropic(1.0, 1.0, 0.3, 0.3, 0.0), "shear_axial = 0. is outside"),
+        (lambda: TransverselyIsotropic(1.0, 1.0, np.nan, 0.3, 1.0), "poisson_axial = nan is not finite"),
+        (lambda: Anisotropic(np.diag([1.0, 1, 1, 1, 1, 0])), "not positive definite"),
+        (lambda: Anisotropic(SYMMETRIC, frame=np.eye(3) + 1e-6), "columns of frame are not orthonormal"),
         (lambda: Anisotropic(np.eye(3)), r"voigt has shape \(3, 3\); expected \(6, 6\)"),
         (lambda: Anisotropic(LOPSIDED), "not symmetric"),
         (lambda: Anisotropic(np.stack([SYMMETRIC, -SYMMETRIC])), r"not positive definite in 1 element \(1\)"),
@@ -119,3 +126,23 @@ def test_bad_constants_are_refused_when_they_are_given(make, message):
 def test_arrays_that_do_not_fit_the_region_are_refused(material, message):
     with pytest.raises(MaterialError, match=message):
         material.check(5, SOLID)
+
+
+def test_a_frame_in_the_plane_is_that_frame_in_space():
+    c, s = np.cos(0.4), np.sin(0.4)
+    ply = Orthotropic((10.0, 2.0, 1.0), (0.4, 0.3, 0.2), (0.5, 0.6, 0.7))
+    turned = {"young": ply.young, "poisson": ply.poisson, "shear": ply.shear}
+    flat = StVK(Orthotropic(**turned, frame=[[c, -s], [s, c]])).coefficients(MESHES["triangles"])
+    solid = StVK(Orthotropic(**turned, frame=[[c, -s, 0], [s, c, 0], [0, 0, 1]])).coefficients(MESHES["triangles"])
+    other = StVK(Orthotropic(**turned, frame=[[c, s], [-s, c]])).coefficients(MESHES["triangles"])
+    assert np.array_equal(flat, solid)
+    assert np.abs(flat - other).max() > 1e-2 * np.abs(flat).max()
+
+
+def test_a_material_keeps_its_own_copy_of_an_array():
+    young = np.ones(4)
+    material = Isotropic(young, 0.3)
+    young[0] = np.nan
+    assert np.isfinite(material.young).all()
+    with pytest.raises(ValueError, match="read-only"):
+        material.young[0] = 2.0

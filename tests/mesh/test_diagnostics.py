@@ -5,7 +5,7 @@ import pytest
 import skfem
 
 from skfem_stvk import MeshError, SimplexMesh, StvkWarning
-from skfem_stvk.mesh.diagnostics import check_mesh, parts
+from skfem_stvk.mesh.diagnostics import check_mesh, flat_elements, parts
 
 CUBE = skfem.MeshTet().refined(2)
 SQUARE = skfem.MeshTri().refined(2)
@@ -134,3 +134,9 @@ def test_parts_that_are_not_connected_are_counted_with_their_sizes():
     ):
         check_mesh(mesh)
     assert np.bincount(parts(mesh)).tolist() == [5, 4, 4, 4, 4, 4, 4]
+
+
+def test_straight_needles_are_not_flat():
+    """Graded to 1e-6 of the edge: well-shaped across, long along."""
+    p = np.array([[0, 0, 0], [1, 0, 0], [0, 1e-6, 0], [0, 0, 1e-6]]).T
+    assert len(flat_elements(SimplexMesh(p, np.arange(4)[:, None]))) == 0

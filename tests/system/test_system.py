@@ -122,12 +122,32 @@ def test_out_is_filled_anew_in_place():
     assert abs(K - SOLID.tangent(u)).max() == 0
 
 
-def test_out_of_another_pattern_is_refused():
+def moved_column(K):
+    K.indices[0] += 1
+    return K
+
+
+def moved_row(K):
+    K.indptr[1] -= 1
+    return K
+
+
+@pytest.mark.parametrize(
+    "spoil",
+    [
+        lambda K: K[:, :-1],
+        moved_column,
+        moved_row,
+        lambda K: K.toarray(),
+        lambda K: K.tocsc(),
+        lambda K: K.astype(np.float32),
+        lambda K: type(K)((K.data[:0], K.indices[:0], 0 * K.indptr), shape=K.shape),
+    ],
+)
+def test_out_of_another_pattern_or_type_is_refused(spoil):
     K = SOLID.tangent(np.zeros(SOLID.ndofs))
-    K.eliminate_zeros()
-    K = K[:, :-1]
-    with pytest.raises(StvkError, match="another pattern than this system's K"):
-        SOLID.tangent(np.zeros(SOLID.ndofs), out=K)
+    with pytest.raises(StvkError, match="does not have the pattern and type of this system's K"):
+        SOLID.tangent(np.zeros(SOLID.ndofs), out=spoil(K))
 
 
 def test_spoiling_a_tangent_does_not_spoil_the_system():
@@ -152,6 +172,8 @@ def test_a_block_outside_of_the_pattern_is_a_loud_error():
     ("u", "message"),
     [
         (np.zeros(5), r"u has shape \(5,\); expected \(192,\): 3 components at each of 64 vertices"),
+        (np.zeros(192, dtype=complex), "u has dtype complex128; expected real numbers"),
+        ("abc", "u has dtype"),
         (np.zeros((64, 3)), r"u has shape \(64, 3\)"),
         (np.where(np.arange(192) == 17, np.nan, 0.0), r"u is not finite in 1 entry \(17\)"),
         (np.where(np.arange(192) > 180, np.inf, 0.0), r"u is not finite in 11 entries \(181, 182, 183, 184, 185, ...\)"),
@@ -179,3 +201,18 @@ def test_vertices_without_a_term_are_warned_of():
 def test_something_that_is_no_term_is_refused():
     with pytest.raises(StvkError, match="A term of type float came"):
         System(MESHES["tetrahedra"], [TERM, 3.0])
+
+
+def test_no_terms_are_refused():
+    with pytest.raises(StvkError, match="No terms came"):
+        System(MESHES["tetrahedra"], [])
+
+
+def test_terms_on_the_same_elements_add_up():
+    mesh, u = MESHES["tetrahedra"], state(MESHES["tetrahedra"])
+    half = StVK(young=1.0, poisson=0.3, region=np.arange(50))
+    both = System(mesh, [TERM, half])
+    reference = reference_of(mesh, [TERM, half])
+    F = reference.internal_force(u)
+    assert np.abs(both.internal_force(u) - F).max() < 1e-13 * np.abs(F).max()
+    assert both.energy(u) > SOLID.energy(u)

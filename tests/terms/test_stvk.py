@@ -70,3 +70,7 @@ def test_a_specification_is_frozen_and_reusable():
     with pytest.raises(AttributeError):
         term.region = "other"
     assert System(MESHES["tetrahedra"], term).ndofs != System(MESHES["membrane"], term).ndofs
+
+
+def test_the_shorthand_is_no_attribute_that_says_none():
+    assert not hasattr(StVK(young=1.0, poisson=0.3), "young")
