@@ -1,4 +1,8 @@
-"""The referee's bodies: the reference for given terms, and a homogeneous isotropic copy."""
+"""The referee's bodies: the reference for given terms, and a homogeneous isotropic copy.
+
+Whatever a term's constants mean is worked out anew here and in `reference`, from the constants that the user gave: the player's own
+elasticity matrices, Lame pairs and plane hypotheses are not asked, so that a fault in them shows.
+"""
 
 from __future__ import annotations
 
@@ -9,21 +13,26 @@ from math import factorial
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import StvkError
-from ..materials import FramedMaterial, Isotropic
+from ..errors import MaterialError
+from ..materials import Anisotropic, FramedMaterial, Isotropic, Material, Orthotropic, TransverselyIsotropic
 from ..mesh import SimplexMesh
-from ..reference import ReferenceStVK, anisotropic_tensor, isotropic_tensor, simplex_axes
+from ..reference import ReferenceStVK, anisotropic_tensor, engineering_matrix, isotropic_tensor, simplex_axes
 from ..terms import StVK
 
 Array = NDArray[np.float64]
 
 
-def volumes(p: Array, t: NDArray[np.int32]) -> Array:
+def volumes(mesh: SimplexMesh) -> Array:
     """(nt,) lengths, areas or volumes, from the Gram determinant [m^k]."""
-    x = p.T[t.T]
+    x = mesh.p.T[mesh.t.T]
     spokes = x[:, 1:] - x[:, :1]
     squared: Array = np.linalg.det(spokes @ np.swapaxes(spokes, 1, 2))
-    return np.sqrt(np.abs(squared)) / factorial(len(t) - 1)
+    return np.sqrt(np.abs(squared)) / factorial(mesh.k)
+
+
+def is_condensed(mesh: SimplexMesh, term: StVK) -> bool:
+    """Whether there is no stress across the simplices: segments, membranes in space, plane stress on request."""
+    return mesh.k == 1 or (mesh.k == 2 and (mesh.d == 3 or term.plane == "stress"))
 
 
 def reference_of(mesh: SimplexMesh, terms: Sequence[StVK]) -> ReferenceStVK:
@@ -39,25 +48,44 @@ def reference_of(mesh: SimplexMesh, terms: Sequence[StVK]) -> ReferenceStVK:
 
 
 def _tensor(mesh: SimplexMesh, term: StVK, axes: Array) -> Array:
-    condensed, material = term.hypothesis(mesh).condensed, term.material
+    condensed, material = is_condensed(mesh, term), term.material
     if isinstance(material, Isotropic):
         tensor = isotropic_tensor(material.young, np.nan if material.poisson is None else material.poisson, mesh.k, condensed)
     else:
-        assert isinstance(material, FramedMaterial)
-        tensor = anisotropic_tensor(material.stiffness(), material.frame, axes, condensed)
-    section = {1: term.area, 2: term.thickness}.get(mesh.k)
-    return tensor if section is None else tensor * np.reshape(section, (-1, 1, 1, 1, 1))
+        frame = material.frame if isinstance(material, FramedMaterial) else None
+        tensor = anisotropic_tensor(_voigt_matrix(material), frame, axes, condensed)
+    section = _section(mesh, term)
+    return tensor if section is None else tensor * section.reshape(-1, 1, 1, 1, 1)
+
+
+def _voigt_matrix(material: Material | None) -> Array:
+    """(n, 6, 6) in material axes, from the constants as they were given."""
+    if isinstance(material, Orthotropic):
+        return engineering_matrix(material.young, material.poisson, material.shear)
+    if isinstance(material, TransverselyIsotropic):
+        axial, across = material.young_axial, np.asarray(material.young_transverse)
+        nu_axial, nu_across = material.poisson_axial, np.asarray(material.poisson_transverse)
+        shear = across / (2 * (1 + nu_across)), material.shear_axial, material.shear_axial
+        return engineering_matrix((axial, across, across), (nu_across, nu_axial, nu_axial), shear)
+    if isinstance(material, Anisotropic):
+        return np.asarray(material.voigt)
+    raise MaterialError(f"The referee has no reference for a {type(material).__name__}; add its matrix to referee/bodies.py.")
+
+
+def _section(mesh: SimplexMesh, term: StVK) -> Array | None:
+    value = {1: term.area, 2: term.thickness}.get(mesh.k)
+    return None if value is None else np.asarray(value)
 
 
 @dataclass(frozen=True)
 class Homogeneous:
-    """A homogeneous isotropic copy of a body, of unit section, for checks that have a closed form.
+    """A homogeneous isotropic copy of a body, for checks that have a closed form.
 
     Attributes
     ----------
     term : the copy's only term.
-    lame : its Lame pair within the simplices' dimensions [Pa].
-    tensor : (1, k, k, k, k) its elasticity tensor for the reference.
+    lame : its Lame pair within the simplices' dimensions, times the section (thickness or area).
+    tensor : (1, k, k, k, k) its elasticity tensor for the reference, times the section.
     same : whether the body itself is this one.
     """
 
@@ -66,32 +94,39 @@ class Homogeneous:
     tensor: Array
     same: bool
 
+    @property
+    def condition(self) -> float:
+        """Ratio of the extreme moduli: grows without bound as Poisson's ratio nears its limits, and digits go with it."""
+        lam, mu = self.lame
+        if not mu:
+            return 1.0
+        bulk = self.tensor.shape[1] * lam + 2 * mu
+        return max(bulk / (2 * mu), 2 * mu / bulk)
+
 
 def homogeneous_copy(mesh: SimplexMesh, terms: Sequence[StVK]) -> Homogeneous:
     """The body itself if it is homogeneous and isotropic, else one with the mean of its isotropic constants over its volume."""
-    volume = volumes(mesh.p, mesh.t)
-    weight, young, poisson = 0.0, 0.0, 0.0
-    for term in terms:
-        v = volume[mesh.elements(term.region)]
-        E, nu = _isotropic_constants(term)
-        weight, young, poisson = weight + v.sum(), young + (E * v).sum(), poisson + (nu * v).sum()
     first = terms[0]
-    same = (
-        len(terms) == 1
-        and first.region is None
-        and isinstance(first.material, Isotropic)
-        and np.ndim(first.material.young) == 0
-        and np.ndim(first.material.poisson if first.material.poisson is not None else 0.0) == 0
-        and first.thickness is None
-        and first.area is None
-    )
-    material = first.material if same else Isotropic(young / weight, poisson / weight)
-    assert isinstance(material, Isotropic)
-    copy = StVK(material, plane=first.plane)
-    lam, mu = material.lame(copy.hypothesis(mesh))
-    poisson_or_none = np.nan if material.poisson is None else material.poisson
-    tensor = isotropic_tensor(material.young, poisson_or_none, mesh.k, copy.hypothesis(mesh).condensed)
-    return Homogeneous(copy, (float(lam), float(mu)), tensor, same)
+    if len(terms) == 1 and first.region is None and _is_uniform(mesh, first):
+        copy = first
+    else:
+        volume = volumes(mesh)
+        parts = [(volume[mesh.elements(term.region)], *_isotropic_constants(term)) for term in terms]
+        total = sum(float(v.sum()) for v, _, _ in parts)
+        young = sum(float((E * v).sum()) for v, E, _ in parts) / total
+        poisson = sum(float((nu * v).sum()) for v, _, nu in parts) / total
+        copy = StVK(Isotropic(young, min(poisson, 0.49)), plane=first.plane)
+    tensor = _tensor(mesh, copy, simplex_axes(mesh.p, mesh.t[:, :1]))
+    lam, mu = (tensor[0, 0, 0, 1, 1], tensor[0, 0, 1, 0, 1]) if mesh.k > 1 else (tensor[0, 0, 0, 0, 0], 0.0)
+    return Homogeneous(copy, (float(lam), float(mu)), tensor, same=copy is first)
+
+
+def _is_uniform(mesh: SimplexMesh, term: StVK) -> bool:
+    """Isotropic, with one value of every constant."""
+    if not isinstance(term.material, Isotropic):
+        return False
+    constants = (term.material.young, term.material.poisson, _section(mesh, term))
+    return all(value is None or np.ndim(value) == 0 for value in constants)
 
 
 def _isotropic_constants(term: StVK) -> tuple[Array, Array]:
@@ -99,10 +134,8 @@ def _isotropic_constants(term: StVK) -> tuple[Array, Array]:
     material = term.material
     if isinstance(material, Isotropic):
         return np.asarray(material.young), np.asarray(0.0 if material.poisson is None else material.poisson)
-    if not isinstance(material, FramedMaterial):
-        raise StvkError(f"A material of type {type(material).__name__} came; expected one of skfem_stvk.materials.")
-    C = material.stiffness()
-    axial, mixed = np.einsum("...ii->...", C[..., :3, :3]), C[..., 0, 1] + C[..., 0, 2] + C[..., 1, 2]
-    shear = np.einsum("...ii->...", C[..., 3:, 3:])
+    C = _voigt_matrix(material).reshape(-1, 6, 6)
+    axial, mixed = np.einsum("nii->n", C[:, :3, :3]), C[:, 0, 1] + C[:, 0, 2] + C[:, 1, 2]
+    shear = np.einsum("nii->n", C[:, 3:, 3:])
     bulk, mu = (axial + 2 * mixed) / 9, (axial - mixed + 3 * shear) / 15
     return 9 * bulk * mu / (3 * bulk + mu), (3 * bulk - 2 * mu) / (2 * (3 * bulk + mu))

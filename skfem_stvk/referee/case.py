@@ -9,10 +9,12 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.sparse import issparse
 
 from ..mesh import SimplexMesh
-from ..mesh.geometry import aspect_ratios, edge_lengths
+from ..mesh.geometry import aspect_ratios, edge_lengths, vertex_sizes
 from .players import Player
+from .states import STRETCH
 
 Array = NDArray[np.float64]
 
@@ -32,6 +34,7 @@ class Case:
     candidate_is_stvk : whether the candidate claims to be this model.
     states : displacements (ndofs,) [m] by name.
     seed : of all random numbers.
+    bare : number of elements that belong to no term.
     """
 
     mesh: SimplexMesh
@@ -41,8 +44,10 @@ class Case:
     candidate_is_stvk: bool
     states: dict[str, Array]
     seed: int
+    bare: int = 0
     _state: str = field(default="", init=False)
     _values: dict[tuple[str, str], Any] = field(default_factory=dict, init=False)
+    _stiffness: dict[str, float] = field(default_factory=dict, init=False)
 
     @property
     def players(self) -> list[Player]:
@@ -86,25 +91,33 @@ class Case:
     @cached_property
     def node_size(self) -> Array:
         """(nv,) shortest edge of the simplices around each vertex [m]."""
-        shortest = edge_lengths(self.mesh).min(axis=0)
-        size = np.full(self.mesh.nv, np.inf)
-        np.minimum.at(size, self.mesh.t.ravel(), np.tile(shortest, self.mesh.k + 1))
-        return size
+        return vertex_sizes(self.mesh)
 
     @cached_property
     def centred(self) -> Array:
         """(nv, d) coordinates from the centre of the body [m]: rotations about it cost the fewest digits."""
         return (self.mesh.p - self.mesh.p.mean(axis=1, keepdims=True)).T
 
-    @cached_property
-    def stiffness_scale(self) -> float:
-        """Largest entry of the reference's K at rest [N/m]."""
-        return float(abs(self.reference.K(np.zeros(self.mesh.p.size))).max())
+    def stiffness_scale(self, player: Player) -> float:
+        """Largest entry of K at rest [N/m]: the reference's, or of a player of another law its own, estimated if it has no matrix."""
+        judge = self.reference if self.is_stvk(player) else player
+        if judge.name not in self._stiffness:
+            self._stiffness[judge.name] = self._largest_at_rest(judge)
+        return self._stiffness[judge.name]
 
-    @cached_property
-    def force_scale(self) -> float:
+    def _largest_at_rest(self, player: Player) -> float:
+        if player.has("K"):
+            K = player.K(np.zeros(self.mesh.p.size))
+            if issparse(K):
+                return float(abs(K).max())
+            return float(np.abs(K @ self.random("scale").choice([-1.0, 1.0], size=self.mesh.p.size)).max())
+        if player.has("F"):
+            return float(np.abs(player.F(self.states[STRETCH])).max()) / self.median_edge
+        return abs(player.W(self.states[STRETCH])) / self.median_edge**2
+
+    def force_scale(self, player: Player) -> float:
         """Largest entry of K at rest x median edge [N]: what force means on this body where F = 0."""
-        return self.stiffness_scale * self.median_edge
+        return self.stiffness_scale(player) * self.median_edge
 
     @cached_property
     def flatness(self) -> float:
@@ -115,14 +128,20 @@ class Case:
         """
         return float(aspect_ratios(self.mesh).max()) ** 2
 
-    def limit(self, least: float = 1e-12, growth: float | None = None) -> float:
-        """A limit for round-off: `least`, or what the flattest element costs, never above 1e-6.
+    @cached_property
+    def fineness(self) -> float:
+        """Size of the body over its shortest edge: displacements of the body's size carry eps x fineness into every strain."""
+        return float(np.ptp(self.mesh.p, axis=1).max() / self.node_size.min())
 
-        That cost was measured as 0.005 to 0.02 x eps x flatness; the limit only leaves 1e-12 at aspect ratios beyond 200.
+    def limit(self, least: float = 1e-12, growth: float = 0.0) -> float:
+        """A limit for round-off: `least`, or what flat or many small elements cost, or `growth`, never above 1e-6.
+
+        Single slivers cost up to 5 eps x flatness and long chains 6 eps x fineness, as measured; so the limit leaves 1e-12 at aspect
+        ratios beyond 20 and at bodies of more than 200 shortest edges in a row.
         """
-        return min(max(least, 0.1 * EPS * self.flatness if growth is None else growth), 1e-6)
+        return min(max(least, 10 * EPS * self.flatness, 20 * EPS * self.fineness, growth), 1e-6)
 
-    def scale(self, quantity: str, reference: float) -> tuple[float, str]:
+    def scale(self, quantity: str, reference: float, player: Player) -> tuple[float, str]:
         """What an error of W, F or K is relative to, and in words.
 
         `reference` is the largest entry of what it is held against; W and F have a floor, for at rest and under rigid motion they
@@ -130,10 +149,9 @@ class Case:
         """
         if quantity == "K":
             return max(reference, np.finfo(float).tiny), "largest |K_ref|"
-        floor, words = {
-            "F": (self.force_scale, "largest K at rest x median edge"),
-            "W": (self.force_scale * self.median_edge, "largest K at rest x median edge squared"),
-        }[quantity]
+        edge = self.median_edge if quantity == "W" else 1.0
+        floor = max(self.force_scale(player) * edge, np.finfo(float).tiny)
+        words = f"largest K at rest x median edge{' squared' if quantity == 'W' else ''}"
         return (reference, f"largest |{quantity}_ref|") if reference >= floor else (floor, words)
 
     def strain(self, u: Array) -> float:

@@ -16,6 +16,7 @@ from scipy.sparse import coo_matrix, csr_matrix, identity, kron
 
 from ..edges import EdgeForm
 from ..edges.topology import LOCAL_EDGES
+from ..errors import StvkError
 from ..materials import Hypothesis, Isotropic
 from ..mesh import SimplexMesh
 from ..system import System
@@ -31,13 +32,13 @@ class Fault:
     Attributes
     ----------
     description : what is wrong, and where it was met.
-    make : a faulty candidate for a mesh and a material.
-    caught_by : the checks that must fail, of a homogeneous solid with `lambda != mu`, `nu != 0`.
+    make : a faulty candidate for a mesh of tetrahedra and an isotropic term.
+    caught_by : the checks, with the quantity, that must fail on a homogeneous body with `lambda != mu`, `nu != 0`.
     """
 
     description: str
     make: Callable[[SimplexMesh, StVK], Any]
-    caught_by: frozenset[str]
+    caught_by: frozenset[tuple[str, str]]
 
 
 @dataclass(frozen=True)
@@ -53,11 +54,27 @@ class _Altered:
         return EdgeForm(mesh.p, mesh.t[:, mesh.elements(self.term.region)], coefficients)
 
 
-class _OtherTangent:
-    """Right W and F, another K."""
+class _Disturbed:
+    """A right model with something added to W, F or K."""
 
-    def __init__(self, body: System, tangent: Callable[[Array], Any]) -> None:
-        self.energy, self.internal_force, self.tangent = body.energy, body.internal_force, tangent
+    def __init__(
+        self,
+        body: System,
+        energy: Callable[[Array], float] = lambda u: 0.0,
+        force: Callable[[Array], Any] = lambda u: 0.0,
+        tangent: Callable[[Array], Any] | None = None,
+    ) -> None:
+        self._body, self._energy, self._force, self._tangent = body, energy, force, tangent
+
+    def energy(self, u: Array) -> float:
+        return self._body.energy(u) + self._energy(u)
+
+    def internal_force(self, u: Array) -> Array:
+        return self._body.internal_force(u) + np.asarray(self._force(u))
+
+    def tangent(self, u: Array) -> csr_matrix:
+        K = self._body.tangent(u)
+        return K if self._tangent is None else csr_matrix(K + self._tangent(u))
 
 
 class _Linear:
@@ -95,6 +112,7 @@ class _Transposed:
 
 def _with_lame(lam_factor: float, mu_factor: float) -> Callable[[SimplexMesh, StVK], System]:
     def make(mesh: SimplexMesh, term: StVK) -> System:
+        _refuse_other_bodies(mesh, term)
         assert isinstance(term.material, Isotropic)
         lam, mu = term.material.lame(Hypothesis.SOLID)
         return System(mesh, StVK(Isotropic.from_lame(lam_factor * lam, mu_factor * mu), term.region))
@@ -103,7 +121,16 @@ def _with_lame(lam_factor: float, mu_factor: float) -> Callable[[SimplexMesh, St
 
 
 def _altered(change: Callable[[Array], None]) -> Callable[[SimplexMesh, StVK], System]:
-    return lambda mesh, term: System(mesh, _Altered(term, change))
+    def make(mesh: SimplexMesh, term: StVK) -> System:
+        _refuse_other_bodies(mesh, term)
+        return System(mesh, _Altered(term, change))
+
+    return make
+
+
+def _refuse_other_bodies(mesh: SimplexMesh, term: StVK) -> None:
+    if mesh.k != 3 or not isinstance(term.material, Isotropic):
+        raise StvkError(f"This fault is for isotropic tetrahedra; {mesh.kind} of {type(term.material).__name__} came.")
 
 
 def _drop_pairs(L: Array) -> None:
@@ -127,36 +154,122 @@ def _opposite(m: int) -> tuple[list[int], list[int]]:
     return [i for i, _ in pairs], [j for _, j in pairs]
 
 
-def _no_geometric_term(mesh: SimplexMesh, term: StVK) -> _OtherTangent:
-    body, form = System(mesh, term), term.bind(mesh)
+def _no_geometric_term(mesh: SimplexMesh, term: StVK) -> _Disturbed:
+    form = term.bind(mesh)
 
-    def tangent(u: Array) -> csr_matrix:
+    def geometric(u: Array) -> csr_matrix:
         tension, _ = form.tension(u.reshape(-1, mesh.d))
         a, b = form.edges
         entries = np.concatenate([tension, tension, -tension, -tension])
         laplacian = coo_matrix((entries, (np.concatenate([a, b, a, b]), np.concatenate([a, b, b, a]))), shape=(mesh.nv, mesh.nv))
-        return csr_matrix(body.tangent(u) - kron(laplacian, identity(mesh.d)))
+        return csr_matrix(kron(laplacian, identity(mesh.d)))
 
-    return _OtherTangent(body, tangent)
+    return _Disturbed(System(mesh, term), tangent=lambda u: -geometric(u))
 
 
-def _scaled_tangent(mesh: SimplexMesh, term: StVK) -> _OtherTangent:
+def _wrong_sign_of_K(mesh: SimplexMesh, term: StVK) -> _Disturbed:
     body = System(mesh, term)
-    return _OtherTangent(body, lambda u: -body.tangent(u))
+    return _Disturbed(body, tangent=lambda u: -2 * body.tangent(u))
 
 
-_VALUE = frozenset({"agreement", "closed forms"})
-_TANGENT = frozenset({"agreement", "derivatives"})
+def _units(mesh: SimplexMesh, term: StVK) -> tuple[System, float, float]:
+    """The body, a force and a stiffness that are small on it, but far beyond round-off."""
+    body = System(mesh, term)
+    stiffness = 1e-6 * float(abs(body.tangent(np.zeros(body.ndofs))).max())
+    return body, stiffness * float(np.ptp(mesh.p)) / mesh.nv, stiffness
+
+
+def _lone_force(mesh: SimplexMesh, term: StVK) -> _Disturbed:
+    body, force, _ = _units(mesh, term)
+    return _Disturbed(body, force=lambda u: force * _unit(mesh, 0, 0))
+
+
+def _couple(mesh: SimplexMesh, term: StVK) -> _Disturbed:
+    """Opposite forces along x at the lowest and the highest vertex: no sum, but a torque, and a mean stress P_13."""
+    body, force, _ = _units(mesh, term)
+    low, high = int(np.argmin(mesh.p[2])), int(np.argmax(mesh.p[2]))
+    return _Disturbed(body, force=lambda u: force * (_unit(mesh, high, 0) - _unit(mesh, low, 0)))
+
+
+def _skew_tangent(mesh: SimplexMesh, term: StVK) -> _Disturbed:
+    body, _, stiffness = _units(mesh, term)
+    skew = coo_matrix(([stiffness, -stiffness], ([0, 1], [1, 0])), shape=(body.ndofs,) * 2)
+    return _Disturbed(body, tangent=lambda u: skew)
+
+
+def _anchored(mesh: SimplexMesh, term: StVK) -> _Disturbed:
+    body, _, stiffness = _units(mesh, term)
+    return _Disturbed(
+        body,
+        energy=lambda u: stiffness / 2 * float(u @ u),
+        force=lambda u: stiffness * u,
+        tangent=lambda u: stiffness * identity(body.ndofs),
+    )
+
+
+def _energy_of_a_place(mesh: SimplexMesh, term: StVK) -> _Disturbed:
+    body, _, stiffness = _units(mesh, term)
+    return _Disturbed(body, energy=lambda u: stiffness / 2 * float(u[0]) ** 2)
+
+
+def _unit(mesh: SimplexMesh, vertex: int, component: int) -> Array:
+    unit = np.zeros(mesh.p.size)
+    unit[mesh.d * vertex + component] = 1.0
+    return unit
+
+
+def _checks(**quantities: str) -> frozenset[tuple[str, str]]:
+    """`_checks(agreement="W F")` is agreement of W and agreement of F; underscores stand for blanks, commas for words apart."""
+    return frozenset((check.replace("_", " "), quantity) for check, text in quantities.items() for quantity in text.split(","))
+
+
+_LAW = _checks(agreement="W,F,K", closed_forms="W,P")
+_ELEMENT = _LAW | _checks(patch_test="F")
 
 #: Names and faults; the name is what a table shows.
 FAULTS: dict[str, Fault] = {
-    "twice lambda": Fault("lambda doubled, as MuJoCo 3.3 to 3.17 did in 3D; invisible at nu = 0", _with_lame(2.0, 1.0), _VALUE),
-    "half mu": Fault("engineering shear strain taken for the tensor's", _with_lame(1.0, 0.5), _VALUE),
-    "no pairs": Fault("the spring network: the diagonal of L alone", _altered(_drop_pairs), _VALUE | {"patch test"}),
-    "no opposite pairs": Fault("pairs of edges that do not meet are forgotten", _altered(_drop_opposite), _VALUE | {"patch test"}),
-    "one wrong sign": Fault("one opposite pair of one tetrahedron", _altered(_flip_one_opposite), _VALUE | {"patch test"}),
-    "no geometric term": Fault("K without the edge tensions (initial stress)", _no_geometric_term, _TANGENT),
-    "linear strain": Fault("small-strain elasticity", lambda mesh, term: _Linear(System(mesh, term)), _VALUE | {"invariance"}),
-    "wrong sign of K": Fault("the derivative of the external instead of the internal force", _scaled_tangent, _TANGENT),
-    "components first": Fault("degrees of freedom component by component", lambda m, t: _Transposed(System(m, t)), _VALUE),
+    "twice lambda": Fault("lambda doubled, as MuJoCo 3.3 to 3.17 did in 3D; invisible at nu = 0", _with_lame(2.0, 1.0), _LAW),
+    "half mu": Fault("engineering shear strain taken for the tensor's", _with_lame(1.0, 0.5), _LAW),
+    "no pairs": Fault("the spring network: the diagonal of L alone", _altered(_drop_pairs), _ELEMENT),
+    "no opposite pairs": Fault("pairs of edges that do not meet are forgotten", _altered(_drop_opposite), _ELEMENT),
+    "one wrong sign": Fault("one opposite pair of one tetrahedron", _altered(_flip_one_opposite), _ELEMENT),
+    "no geometric term": Fault(
+        "K without the edge tensions (initial stress)", _no_geometric_term, _checks(agreement="K", derivatives="K")
+    ),
+    "linear strain": Fault(
+        "small-strain elasticity",
+        lambda mesh, term: _Linear(System(mesh, term)),
+        _LAW | _checks(invariance="W,F,K", balance="sum of torques"),
+    ),
+    "wrong sign of K": Fault(
+        "the derivative of the external instead of the internal force",
+        _wrong_sign_of_K,
+        _checks(agreement="K", derivatives="K", no_further_zero_mode="K"),
+    ),
+    "components first": Fault(
+        "degrees of freedom component by component",
+        lambda mesh, term: _Transposed(System(mesh, term)),
+        _checks(agreement="F,K", derivatives="F", rigid_modes="K", patch_test="F"),
+    ),
+    "lone force": Fault(
+        "a constant force on one vertex: a boundary term left in",
+        _lone_force,
+        _checks(agreement="F", derivatives="F", invariance="F", balance="sum of forces"),
+    ),
+    "couple": Fault(
+        "two opposite forces that do not pull along their line",
+        _couple,
+        _checks(agreement="F", derivatives="F", invariance="F", balance="sum of torques", closed_forms="P"),
+    ),
+    "skew K": Fault(
+        "one entry of K that its mirror does not have", _skew_tangent, _checks(agreement="K", symmetry="K", derivatives="K")
+    ),
+    "anchored": Fault(
+        "a weak spring from every vertex to its rest position; W, F and K fit each other",
+        _anchored,
+        _checks(agreement="W,F,K", invariance="W,F", rigid_modes="K", balance="sum of forces,sum of torques"),
+    ),
+    "energy of a place": Fault(
+        "an energy that knows where the body is", _energy_of_a_place, _checks(agreement="W", derivatives="F", invariance="W")
+    ),
 }

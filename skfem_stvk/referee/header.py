@@ -66,7 +66,7 @@ def mesh_facts(mesh: SimplexMesh) -> dict[str, Any]:
         "size": [float(extent) for extent in np.ptp(mesh.p, axis=1)],
         "edges": {"shortest": float(lengths.min()), "median": float(np.median(lengths)), "longest": float(lengths.max())},
         "aspect ratio": f"{np.median(aspect):.3g} median, {aspect.max():.3g} in element {aspect.argmax()} (longest edge/smallest height)",
-        "measure": float(volumes(mesh.p, mesh.t).sum()),
+        "measure": float(volumes(mesh).sum()),
         "subdomains": {name: len(ids) for name, ids in mesh.subdomains.items()},
         "boundaries": {name: facets.shape[1] for name, facets in mesh.boundaries.items()},
     }
@@ -76,18 +76,23 @@ def mesh_facts(mesh: SimplexMesh) -> dict[str, Any]:
     return facts
 
 
-def material_facts(term: StVK) -> str:
+def material_facts(mesh: SimplexMesh, term: StVK) -> str:
     """A term in one line."""
     material = term.material
     if isinstance(material, Isotropic):
         words = f"isotropic, E = {_range(material.young)}, nu = {'-' if material.poisson is None else _range(material.poisson)}"
-    else:
-        assert isinstance(material, FramedMaterial)
+    elif isinstance(material, FramedMaterial):
         stiffness = np.einsum("...ii->...i", material.stiffness())
         frames = {0: "", 2: ", a frame", 3: ", a frame an element"}[np.ndim(material.frame) if material.frame is not None else 0]
         words = f"{type(material).__name__}, diagonal of the elasticity matrix {_range(stiffness)}{frames}"
+    else:
+        words = type(material).__name__
     region = (
-        "" if term.region is None else f"{term.region!r}: " if isinstance(term.region, str) else f"{len(term.region)} elements: "
+        ""
+        if term.region is None
+        else f"{term.region!r}: "
+        if isinstance(term.region, str)
+        else f"{len(mesh.elements(term.region))} elements: "
     )
     extras = [f"plane {term.plane}"] if term.plane else []
     extras += [
@@ -109,6 +114,6 @@ def header(mesh: SimplexMesh, terms: Sequence[StVK], source: str, seed: int) -> 
         "versions": versions(),
         "machine": machine(),
         "mesh": {"source": source} | mesh_facts(mesh),
-        "material": [material_facts(term) for term in terms],
+        "material": [material_facts(mesh, term) for term in terms],
         "seed": seed,
     }

@@ -36,14 +36,14 @@ class Player:
 
     def W(self, u: Array) -> float:
         """Strain energy [J]."""
-        value = np.asarray(self._call("W", u), dtype=float)
+        value = self._numbers("W", u)
         if value.size != 1:
             raise Foul(f"{self.name}.energy(u) returned shape {value.shape}; expected one number.")
         return float(value.reshape(()))
 
     def F(self, u: Array) -> Array:
         """Internal force (ndofs,) [N]."""
-        force = np.asarray(self._call("F", u), dtype=float)
+        force = self._numbers("F", u)
         if force.shape != (self.ndofs,):
             raise Foul(f"{self.name}.internal_force(u) returned shape {force.shape}; expected ({self.ndofs},).")
         return force
@@ -56,7 +56,21 @@ class Player:
                 f"{self.name}.tangent(u) returned {type(matrix).__name__} of shape {getattr(matrix, 'shape', None)}; "
                 f"expected a dense or sparse matrix or a LinearOperator of shape {(self.ndofs, self.ndofs)}."
             )
-        return csr_matrix(matrix) if issparse(matrix) or isinstance(matrix, np.ndarray) else matrix
+        if np.dtype(getattr(matrix, "dtype", float) or float).kind not in "fiu":
+            raise Foul(f"{self.name}.tangent(u) returned a matrix of {matrix.dtype}; expected real numbers.")
+        return csr_matrix(matrix, dtype=float) if issparse(matrix) or isinstance(matrix, np.ndarray) else matrix
+
+    def _numbers(self, quantity: str, u: Array) -> Array:
+        """What the candidate returned, as a copy of its own: the candidate may use its buffer again."""
+        returned = self._call(quantity, u)
+        try:
+            array = np.array(returned)
+        except ValueError:
+            array = np.array(None)
+        if array.dtype.kind not in "fiu":
+            kind = type(returned).__name__ if array.dtype == object else f"{type(returned).__name__} of {array.dtype}"
+            raise Foul(f"{self.name}.{METHODS[quantity]}(u) returned a {kind}; expected real numbers.")
+        return array.astype(float)
 
     def _call(self, quantity: str, u: Array) -> Any:
         try:

@@ -22,6 +22,7 @@ class Report:
     precision : rows of error against strain (`checks.precision`).
     speed : rows of time and memory (`checks.speed`).
     errors : errors against 50 digits that the speed is shown against.
+    interrupted : whether it was stopped before the end.
     seconds : how long the verification took.
     """
 
@@ -30,13 +31,14 @@ class Report:
     precision: list[dict[str, Any]] = field(default_factory=list)
     speed: list[dict[str, Any]] = field(default_factory=list)
     errors: dict[str, dict[str, float]] = field(default_factory=dict)
+    interrupted: bool = False
     seconds: float = 0.0
 
     @property
     def passed(self) -> bool:
-        """Whether something was measured, and everything passed or is not applicable by nature."""
+        """Whether it ran to the end, something was measured, and everything passed or is not applicable by nature."""
         counts = self.counts
-        return counts[Outcome.PASSED] > 0 and not counts[Outcome.FAILED] and not counts[Outcome.COULD_NOT_RUN]
+        return counts[Outcome.PASSED] > 0 and not (counts[Outcome.FAILED] or counts[Outcome.COULD_NOT_RUN] or self.interrupted)
 
     @property
     def counts(self) -> Counter[Outcome]:
@@ -60,6 +62,7 @@ class Report:
         return {
             "passed": self.passed,
             "counts": {outcome.value: self.counts[outcome] for outcome in Outcome},
+            "interrupted": self.interrupted,
             "seconds": self.seconds,
             "header": self.header,
             "results": [result.to_dict() for result in self.results],

@@ -32,7 +32,7 @@ def named_states(X: Array, node_size: Array, rng: np.random.Generator) -> dict[s
     d = X.shape[1]
     turn = random_rotation(d, rng)
     shift = np.ptp(X, axis=0).max() * rng.standard_normal(d)
-    along = np.eye(d)[0]
+    along = np.linalg.svd(X, full_matrices=False)[2][0]  # the direction in which the body is longest
 
     def noise(amplitude: float) -> Array:
         return amplitude * node_size[:, None] * rng.standard_normal(X.shape)
@@ -42,20 +42,23 @@ def named_states(X: Array, node_size: Array, rng: np.random.Generator) -> dict[s
 
     strained = 0.1 * np.outer(X @ along, along) + noise(0.05)
     mirror = np.eye(d) - 2 * np.outer(along, along)
-    crumpled = noise(0.3)
     states = {
         "rest": np.zeros_like(X),
         "small random strain": noise(1e-3),
         "rigid rotation": X @ turn.T - X + shift,
         "rotated strained": (X + strained) @ turn.T - X + shift,
-        "100 % stretch": stretched(2.0),
+        STRETCH: stretched(2.0),
         "35 % compression": stretched(0.65),
-        "large random": crumpled,
+        "large random": noise(0.3),
         "reflected random": (X + noise(0.3)) @ mirror.T - X,
     }
+    if d == 1:  # a line cannot turn
+        states["rigid translation"] = states.pop("rigid rotation")
+        states["translated strained"] = states.pop("rotated strained")
     return {name: u.ravel() for name, u in states.items()}
 
 
+STRETCH = "100 % stretch"
 #: States in which elements may be inside out, where laws other than St. Venant-Kirchhoff may not be defined.
 INVERTED = ("large random", "reflected random")
 UNDEFINED = "elements may be inside out, where the candidate's law may not be defined"

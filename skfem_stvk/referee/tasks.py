@@ -14,6 +14,10 @@ class NotApplicable(Exception):
     """The check has no meaning here, by nature; the message says why."""
 
 
+class CannotTell(Exception):
+    """The check ran and could not decide; the message says why."""
+
+
 @dataclass(frozen=True)
 class Task:
     """One check of one quantity of one player in one state.
@@ -54,7 +58,7 @@ class Task:
             return judged(**self._who, **self.measure())
         except NotApplicable as why:
             return Result(outcome=Outcome.NOT_APPLICABLE, reason=str(why), **self._who)
-        except Foul as foul:
-            return self.missed(str(foul))
+        except (Foul, CannotTell) as why:
+            return self.missed(str(why))
         except Exception as error:
             return self.missed(f"{type(error).__name__}: {error}")

@@ -151,7 +151,7 @@ def _precision(report: Report) -> Table:
     strains = sorted({row["strain"] for row in report.precision}, reverse=True)
     shown = strains[:: max(1, len(strains) // 6)]
     table = grid(
-        "Precision: error of F against 50 digits, by strain",
+        "Precision: error of F against 50 digits, by strain, on a homogeneous patch of the mesh",
         "form",
         "rotation",
         "offset [m]",
@@ -184,4 +184,4 @@ def _speed(report: Report) -> Table:
 def _verdict(report: Report) -> str:
     counts = ", ".join(f"{report.counts[outcome]} {outcome.value}" for outcome in Outcome)
     word, style = ("PASSED", "bold green") if report.passed else ("NOT PASSED", "bold red")
-    return f"[{style}]{word}[/]: {counts} in {report.seconds:.1f} s"
+    return f"[{style}]{word}[/]: {counts} in {report.seconds:.1f} s{', interrupted' if report.interrupted else ''}"

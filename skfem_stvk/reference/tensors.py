@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
@@ -25,6 +27,25 @@ def isotropic_tensor(young: ArrayLike, poisson: ArrayLike, k: int, condensed: bo
     spherical = np.einsum("ij,kl->ijkl", one, one)
     symmetric = np.einsum("ik,jl->ijkl", one, one) + np.einsum("il,jk->ijkl", one, one)
     return np.multiply.outer(lam, spherical) + np.multiply.outer(mu, symmetric)
+
+
+def engineering_matrix(young: Sequence[ArrayLike], poisson: Sequence[ArrayLike], shear: Sequence[ArrayLike]) -> Array:
+    """(n, 6, 6) Voigt matrix of `(E_1, E_2, E_3)`, `(nu_23, nu_13, nu_12)`, `(G_23, G_13, G_12)`, in closed form.
+
+    With `nu_ji = nu_ij E_j/E_i` and `D = 1 - nu_12 nu_21 - nu_23 nu_32 - nu_13 nu_31 - 2 nu_21 nu_32 nu_13`:
+    `C_11 = E_1 (1 - nu_23 nu_32)/D`, `C_12 = E_1 (nu_21 + nu_31 nu_23)/D`, and so on round.
+    """
+    values = [np.asarray(value, dtype=float) for value in (*young, *poisson, *shear)]
+    e1, e2, e3, n23, n13, n12, g23, g13, g12 = (np.atleast_1d(value) for value in np.broadcast_arrays(*values))
+    n32, n31, n21 = n23 * e3 / e2, n13 * e3 / e1, n12 * e2 / e1
+    D = 1 - n12 * n21 - n23 * n32 - n13 * n31 - 2 * n21 * n32 * n13
+    matrix = np.zeros((len(e1), 6, 6))
+    matrix[:, 0, 0], matrix[:, 1, 1], matrix[:, 2, 2] = e1 * (1 - n23 * n32) / D, e2 * (1 - n13 * n31) / D, e3 * (1 - n12 * n21) / D
+    matrix[:, 0, 1] = matrix[:, 1, 0] = e1 * (n21 + n31 * n23) / D
+    matrix[:, 0, 2] = matrix[:, 2, 0] = e1 * (n31 + n21 * n32) / D
+    matrix[:, 1, 2] = matrix[:, 2, 1] = e2 * (n32 + n12 * n31) / D
+    matrix[:, 3, 3], matrix[:, 4, 4], matrix[:, 5, 5] = g23, g13, g12
+    return matrix
 
 
 def anisotropic_tensor(voigt: ArrayLike, frame: ArrayLike | None, axes: Array, condensed: bool) -> Array:

@@ -19,7 +19,7 @@ def checked(candidate, mesh=MESH, **options):
 @pytest.mark.parametrize("name", FAULTS)
 def test_a_planted_fault_is_caught_by_its_checks(name):
     report = checked(FAULTS[name].make(MESH, TERM))
-    failed = {result.check for result in report.failures("candidate")}
+    failed = {(result.check, result.quantity) for result in report.failures("candidate")}
     assert not report.passed
     assert FAULTS[name].caught_by <= failed
     assert not [r for r in report.results if r.subject != "candidate" and r.outcome is not Outcome.PASSED]

@@ -14,7 +14,10 @@ from ..places import worst_places
 from ..players import Player
 from ..tasks import NotApplicable, Task
 
-REASON = "round-off of two orders of summation: 1e-15 is usual; above 1e-12 only for elements flatter than 1:200, eps/10 x (longest edge/height)^2"
+REASON = (
+    "round-off of two orders of summation: 1e-15 is usual. Above 1e-12 only on meshes whose shape costs more: 10 eps x (longest "
+    "edge/height)^2, or 20 eps x body size/shortest edge"
+)
 
 
 def agreement(case: Case) -> Iterator[Task]:
@@ -37,22 +40,26 @@ def _difference(case: Case, player: Player, reference: Player, quantity: str, st
         return _matrix_difference(case, value, truth)
     limit = case.limit()
     error = np.atleast_1d(np.abs(np.subtract(value, truth)))
-    scale, words = case.scale(quantity, float(np.max(np.abs(truth))))
+    scale, words = case.scale(quantity, float(np.max(np.abs(truth))), case.reference)
     worst = worst_places(case.mesh, error, limit * scale) if quantity == "F" else {}
     return _judgement(error.max() / scale, limit, scale, words, worst)
 
 
 def _matrix_difference(case: Case, K: Any, truth: csr_matrix) -> dict[str, Any]:
+    limit = case.limit()
     if issparse(K):
-        difference = csr_matrix(abs(K - truth))
-        scale, words = case.scale("K", float(abs(truth).max()))
+        difference = abs(K - truth).tocoo()
+        scale, words = case.scale("K", float(abs(truth).max()), case.reference)
         rows = difference.max(axis=1).toarray().ravel()
     else:  # a LinearOperator: every entry of a row counts in its products with random signs
         signs = case.random("agreement").choice([-1.0, 1.0], size=(K.shape[1], 4))
         rows = np.max([np.abs(K @ v - truth @ v) for v in signs.T], axis=0)
         scale, words = float(abs(truth).sum(axis=1).max()), "largest row sum of |K_ref|, products with random signs"
-    limit = case.limit()
-    return _judgement(rows.max() / scale, limit, scale, words, worst_places(case.mesh, rows, limit * scale))
+    worst = worst_places(case.mesh, rows, limit * scale)
+    if issparse(K) and difference.nnz:
+        entry = int(np.argmax(np.where(np.isfinite(difference.data), difference.data, np.inf)))
+        worst["entry"] = [int(difference.row[entry]), int(difference.col[entry])]
+    return _judgement(rows.max() / scale, limit, scale, words, worst)
 
 
 def _judgement(measured: float, limit: float, scale: float, words: str, worst: dict[str, Any]) -> dict[str, Any]:

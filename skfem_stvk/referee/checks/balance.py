@@ -38,7 +38,9 @@ def _refuse(case: Case, player: Player, state: str) -> None:
 def _forces(case: Case, player: Player, state: str) -> dict[str, Any]:
     _refuse(case, player, state)
     F = case.value(player, "F", state).reshape(-1, case.mesh.d)
-    return _resultant(case, F.sum(axis=0), max(float(np.abs(F).sum()), case.force_scale), "sum of |F|, at least that of one edge")
+    return _resultant(
+        case, F.sum(axis=0), max(float(np.abs(F).sum()), case.force_scale(player)), "sum of |F|, at least that of one edge"
+    )
 
 
 def _torques(case: Case, player: Player, state: str) -> dict[str, Any]:
@@ -51,12 +53,12 @@ def _torques(case: Case, player: Player, state: str) -> dict[str, Any]:
     x = x - x.mean(axis=0)
     torque = np.array([(x[:, i] * F[:, j] - x[:, j] * F[:, i]).sum() for i, j in combinations(range(d), 2)])
     reach = float(np.abs(x).max())
-    return _resultant(case, torque, max(float(np.abs(F).sum()), case.force_scale) * reach, "sum of |F| x size of the body")
+    return _resultant(case, torque, max(float(np.abs(F).sum()), case.force_scale(player)) * reach, "sum of |F| x size of the body")
 
 
 def _resultant(case: Case, total: Array, scale: float, words: str) -> dict[str, Any]:
     return {
-        "measured": np.abs(total).max() / scale,
+        "measured": np.abs(total).max() / scale if scale else np.inf,
         "limit": case.limit(),
         "scale": f"{scale:.3e} ({words})",
         "reason": "forces between the vertices of an element cancel to round-off",
@@ -100,9 +102,9 @@ def rigid_motions(X: Array) -> Array:
 def _rigid_modes(case: Case, player: Player) -> dict[str, Any]:
     limit, K = case.limit(), player.K(np.zeros(case.mesh.p.size))
     error = np.max([np.abs(K @ mode) for mode in rigid_motions(case.centred).T], axis=0)
-    scale = case.stiffness_scale
+    scale = case.stiffness_scale(player)
     return {
-        "measured": error.max() / scale,
+        "measured": error.max() / scale if scale else np.inf,
         "limit": limit,
         "scale": f"{scale:.3e} (largest K at rest, modes of size 1)",
         "reason": "translations and rotations strain nothing to first order",

@@ -21,8 +21,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...mesh import SimplexMesh
 from ...mesh.facets import boundary_vertices
+from ..bodies import Homogeneous, volumes
 from ..case import EPS, Case
 from ..places import worst_places
 from ..players import Player
@@ -99,21 +99,14 @@ def _young_and_poisson(k: int, lam: float, mu: float) -> tuple[float, float]:
     return 2 * mu * (1 + nu), nu
 
 
-def homogeneous_states(case: Case, homogeneous: Player, lame: tuple[float, float], candidate_too: bool) -> Iterator[Task]:
-    """Closed forms and the patch test, on a homogeneous body; the candidate's too if the body itself is that.
-
-    Parameters
-    ----------
-    homogeneous : our W, F, K of a homogeneous isotropic body on the same mesh, of unit section.
-    lame : its Lame pair within the simplices' dimensions.
-    candidate_too : whether the body itself, and so the candidate, is homogeneous and isotropic.
-    """
-    players = [homogeneous] + ([case.candidate] if case.candidate is not None else [])
+def homogeneous_states(case: Case, twin: Player, body: Homogeneous) -> Iterator[Task]:
+    """Closed forms and the patch test, of our W, F, K on the homogeneous copy; the candidate's too if the body itself is that."""
+    players = [twin] + ([case.candidate] if case.candidate is not None else [])
     for player in players:
         refused = ""
         if player is case.candidate and not case.candidate_is_stvk:
             refused = "the candidate does not claim to be St. Venant-Kirchhoff"
-        elif player is case.candidate and not candidate_too:
+        elif player is case.candidate and not body.same:
             refused = "closed forms are for homogeneous isotropic bodies; the candidate's is not"
         for name in CLOSED_FORMS:
             for quantity, needs in (("W", "W"), ("P", "F")):
@@ -123,9 +116,9 @@ def homogeneous_states(case: Case, homogeneous: Player, lame: tuple[float, float
                     quantity,
                     name,
                     needs,
-                    partial(_closed_form, case, player, quantity, name, lame, refused),
+                    partial(_closed_form, case, player, quantity, name, body, refused),
                 )
-        yield Task("patch test", player, "F", "affine", "F", partial(_patch_test, case, player, refused))
+        yield Task("patch test", player, "F", "affine", "F", partial(_patch_test, case, player, body, refused))
 
 
 def _refuse(case: Case, refused: str) -> None:
@@ -135,16 +128,16 @@ def _refuse(case: Case, refused: str) -> None:
         raise NotApplicable(refused)
 
 
-def _closed_form(case: Case, player: Player, quantity: str, name: str, lame: tuple[float, float], refused: str) -> dict[str, Any]:
+def _closed_form(case: Case, player: Player, quantity: str, name: str, body: Homogeneous, refused: str) -> dict[str, Any]:
     _refuse(case, refused)
     form, dimensions = CLOSED_FORMS[name]
     k = case.mesh.k
     if k not in dimensions:
         raise NotApplicable(f"in {k}D this is no state of its own")
-    F, P, density = form(k, *lame)
+    F, P, density = form(k, *body.lame)
     X = case.centred
     u = (X @ (F - np.eye(k)).T).ravel()
-    volume = total_volume(case.mesh)
+    volume = float(volumes(case.mesh).sum())
     if quantity == "W":
         measured, scale = abs(player.W(u) / volume - density), density
     else:  # first moment of the nodal forces: sum f_a (x) X_a = integral of P
@@ -152,13 +145,13 @@ def _closed_form(case: Case, player: Player, quantity: str, name: str, lame: tup
         measured, scale = float(np.abs(mean - P).max()), float(np.abs(P).max())
     return {
         "measured": measured / scale,
-        "limit": _limit(case),
+        "limit": _limit(case, body.condition),
         "scale": f"{scale:.3e} ({'energy density' if quantity == 'W' else 'largest entry of the nominal stress'})",
-        "reason": "a closed form, met by every mesh; round-off of a sum over all vertices; flat elements cost more",
+        "reason": "a closed form, met by every mesh; round-off of a sum over all vertices; flat elements, many elements and nearly incompressible laws cost more",
     }
 
 
-def _patch_test(case: Case, player: Player, refused: str) -> dict[str, Any]:
+def _patch_test(case: Case, player: Player, body: Homogeneous, refused: str) -> dict[str, Any]:
     _refuse(case, refused)
     k = case.mesh.k
     inner = np.setdiff1d(np.arange(case.mesh.nv), boundary_vertices(case.mesh))
@@ -167,22 +160,17 @@ def _patch_test(case: Case, player: Player, refused: str) -> dict[str, Any]:
     F = player.F((case.centred @ (AFFINE[:k, :k] - np.eye(k)).T).ravel())
     error = np.zeros(F.size).reshape(-1, k)
     error[inner] = np.abs(F.reshape(-1, k)[inner])
-    scale, limit = float(np.abs(F).max()), _limit(case)
+    scale, limit = float(np.abs(F).max()), _limit(case, body.condition)
     return {
         "measured": error.max() / scale,
         "limit": limit,
         "scale": f"{scale:.3e} (largest force on the boundary); {len(inner)} inner vertices",
-        "reason": "a constant stress is in equilibrium: no force on inner vertices but round-off; flat elements cost more",
+        "reason": "a constant stress is in equilibrium: no force on inner vertices but round-off; flat elements, many elements and nearly incompressible laws cost more",
         "worst": worst_places(case.mesh, error.ravel(), limit * scale),
     }
 
 
-def _limit(case: Case) -> float:
-    """Along a flat element the stress is a small part of its stiffness across, so flatness costs twice."""
-    return case.limit(growth=0.001 * EPS * case.flatness**2)
-
-
-def total_volume(mesh: SimplexMesh) -> float:
-    """Volume of the body, `k = d`."""
-    x = mesh.p.T[mesh.t.T]
-    return float(np.abs(np.linalg.det(x[:, 1:] - x[:, :1])).sum() / np.prod(range(1, mesh.k + 1)))
+def _limit(case: Case, condition: float) -> float:
+    """Along a flat element the stress is a small part of its stiffness across, so flatness costs once more; and what a ratio of
+    moduli near its limit costs."""
+    return case.limit(growth=EPS * max(1e3 * case.flatness, 1e-3 * case.flatness**2, 20 * condition))

@@ -12,13 +12,12 @@ from numpy.typing import NDArray
 from ..case import Case
 from ..places import worst_places
 from ..players import Player
-from ..states import random_rotation
+from ..states import STRETCH, random_rotation
 from ..tasks import NotApplicable, Task
 
 Array = NDArray[np.float64]
 
-REASON = "round-off of moving the body by about its own size: eps x size / edge, 1e-14 on a hundred elements in a row; flat elements cost more"
-STATE = "100 % stretch"
+REASON = "round-off of moving the body by about its own size: eps x size / edge, 1e-14 on a hundred elements in a row; flat or many elements cost more"
 
 
 def invariance(case: Case) -> Iterator[Task]:
@@ -32,15 +31,17 @@ def invariance(case: Case) -> Iterator[Task]:
     for player in case.players:
         for motion, (Q, c) in motions.items():
             for quantity in "WFK":
-                measure = partial(_change, case, player, quantity, Q, c)
+                measure = partial(_change, case, player, quantity, motion, Q, c)
                 yield Task("invariance", player, quantity, motion, quantity, measure)
 
 
-def _change(case: Case, player: Player, quantity: str, Q: Array, c: Array) -> dict[str, Any]:
+def _change(case: Case, player: Player, quantity: str, motion: str, Q: Array, c: Array) -> dict[str, Any]:
     d = case.mesh.d
     if np.linalg.det(Q) < 0 and not case.is_stvk(player):
         raise NotApplicable("a law may tell a body from its mirror image; the candidate does not claim to be St. Venant-Kirchhoff")
-    u = case.states[STATE]
+    if case.mesh.d == 1 and motion == "rotation":
+        raise NotApplicable("a line cannot turn")
+    u = case.states[STRETCH]
     moved = (case.centred @ (Q - np.eye(d)).T + u.reshape(-1, d) @ Q.T + c).ravel()
 
     def turned(f: Array) -> Array:
@@ -57,9 +58,9 @@ def _change(case: Case, player: Player, quantity: str, Q: Array, c: Array) -> di
     error = np.abs(after - before)
     scale, words = float(np.abs(before).max()), f"largest |{quantity}{' v' if quantity == 'K' else ''}| before"
     if quantity != "K":
-        scale, words = case.scale(quantity, scale)
+        scale, words = case.scale(quantity, scale, player)
     return {
-        "measured": error.max() / scale,
+        "measured": error.max() / scale if scale else np.inf,  # a body that does not resist is none
         "limit": limit,
         "scale": f"{scale:.3e} ({words})",
         "reason": REASON,
