@@ -46,3 +46,8 @@ def test_public_names_are_documented():
 
     for name in skfem_stvk.__all__:
         assert getattr(skfem_stvk, name).__doc__, name
+
+
+def test_ci_runs_the_readmes_test_command():
+    (command,) = [line.strip() for line in (ROOT / "README.md").read_text().splitlines() if "python -m pytest" in line]
+    assert command in (ROOT / ".ci" / "run").read_text().splitlines()

@@ -32,13 +32,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("always", StvkWarning)
-            warnings.showwarning = lambda message, *_, **__: console.print(f"[yellow]note[/] {escape(str(message))}")
+            warnings.showwarning = lambda message, *_, **__: console.print(
+                f"[yellow]note[/] {escape(str(message))}", soft_wrap=True
+            )
             code: int = options.run(options)
             return code
-    except StvkError as error:
-        console.print(f"[bold red]error[/] {escape(str(error))}")
-    except OSError as error:
-        console.print(f"[bold red]error[/] {escape(str(error))}")
+    except (StvkError, OSError) as error:
+        console.print(f"[bold red]error[/] {escape(str(error))}", soft_wrap=True)
     except KeyboardInterrupt:
         console.print("[yellow]interrupted[/]")
         return 130

@@ -33,17 +33,17 @@ def check_mesh(mesh: SimplexMesh) -> None:
     """
     bad = np.flatnonzero(~np.isfinite(mesh.p).all(axis=0))
     if len(bad):
-        raise MeshError(f"{name_ids(bad, 'vertex')} have coordinates that are not finite. Was the mesh exported or scaled wrongly?")
+        raise MeshError(f"{name_ids(bad, 'vertex')}: coordinates that are not finite. Was the mesh exported or scaled wrongly?")
     ordered = np.sort(mesh.t, axis=0)
     bad = np.flatnonzero((ordered[1:] == ordered[:-1]).any(axis=0))
     if len(bad):
         raise MeshError(
-            f"{name_ids(bad, 'element')} name the same vertex twice and so have no volume. Collapsed cells of a converter? Remove them."
+            f"{name_ids(bad, 'element')}: the same vertex twice, so no volume. Collapsed cells of a converter? Remove them."
         )
     bad = flat_elements(mesh)
     if len(bad):
         raise MeshError(
-            f"{name_ids(bad, 'element')} have no volume: their vertices lie in one "
+            f"{name_ids(bad, 'element')}: no volume, all vertices lie in one "
             f"{('point', 'line', 'plane')[mesh.k - 1]} to within rounding. Remesh or remove these slivers."
         )
     order = np.lexsort(ordered)
@@ -51,13 +51,13 @@ def check_mesh(mesh: SimplexMesh) -> None:
     if len(same):
         bad = np.sort(order[same + 1])
         raise MeshError(
-            f"{name_ids(bad, 'element')} have the same vertices as an earlier element: the stiffness would count twice. Two overlapping "
+            f"{name_ids(bad, 'element')}: the same vertices as an earlier element, so the stiffness would count twice. Two overlapping "
             "physical groups, or a part exported twice? Remove the copies."
         )
     unused = unused_vertices(mesh)
     if len(unused):
         raise MeshError(
-            f"{name_ids(unused, 'vertex')} are on no element, so K would have zero rows. Remove them: mesh.remove_unused_nodes() in "
+            f"{name_ids(unused, 'vertex')}: on no element, so K would have zero rows. Remove them: mesh.remove_unused_nodes() in "
             "scikit-fem; `skfem-stvk verify FILE` and `read_mesh` drop them."
         )
     warn_of_coincident_vertices(mesh)
@@ -93,7 +93,7 @@ def warn_of_coincident_vertices(mesh: SimplexMesh) -> None:
     pairs = cKDTree(mesh.p.T).query_pairs(1e-6 * edge, output_type="ndarray")
     if len(pairs):
         warnings.warn(
-            f"{name_ids(np.unique(pairs[:, 1]), 'vertex')} lie in the same place as another one: parts that touch there are not "
+            f"{name_ids(np.unique(pairs[:, 1]), 'vertex')}: in the same place as another one, so parts that touch there are not "
             "connected. Merge them if they should be, e.g. mesh.remove_duplicate_nodes() in scikit-fem.",
             StvkWarning,
             stacklevel=4,

@@ -100,7 +100,7 @@ def warn_of_vertices(mesh: SimplexMesh, used: NDArray[Any], inner: NDArray[Any])
     unused = np.setdiff1d(np.arange(mesh.nv), np.union1d(used, inner))
     if len(unused):
         warnings.warn(
-            f"{name_ids(unused, 'vertex')} are on none of the {KINDS[mesh.k]} and are dropped; the later ones move up. Centres of arcs, or "
+            f"{name_ids(unused, 'vertex')}: on none of the {KINDS[mesh.k]}, so dropped; the later ones move up. Centres of arcs, or "
             "cells that are left out?",
             StvkWarning,
             stacklevel=3,

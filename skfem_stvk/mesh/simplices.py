@@ -66,7 +66,7 @@ class SimplexMesh:
         bad = np.flatnonzero(((t < 0) | (t >= p.shape[1])).any(axis=0))
         if len(bad):
             raise MeshError(
-                f"{name_ids(bad, 'element')} name vertices outside 0 ... {p.shape[1] - 1}. Are the ids counted from 1? Subtract 1 then."
+                f"{name_ids(bad, 'element')}: vertex ids outside 0 ... {p.shape[1] - 1}. Are the ids counted from 1? Subtract 1 then."
             )
         object.__setattr__(self, "p", p)
         object.__setattr__(self, "t", np.array(t, dtype=np.int32, order="C"))

@@ -219,7 +219,7 @@ def _unit(mesh: SimplexMesh, vertex: int, component: int) -> Array:
 
 
 def _checks(**quantities: str) -> frozenset[tuple[str, str]]:
-    """`_checks(agreement="W F")` is agreement of W and agreement of F; underscores stand for blanks, commas for words apart."""
+    """`_checks(agreement="W,F", closed_forms="P")`: pairs of a check and a quantity."""
     return frozenset((check.replace("_", " "), quantity) for check, text in quantities.items() for quantity in text.split(","))
 
 

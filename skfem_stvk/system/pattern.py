@@ -63,7 +63,7 @@ class Pattern:
         if len(missing):
             pairs = [(int(keys[i] // nv), int(keys[i] % nv)) for i in missing[:5]]
             raise StvkError(
-                f"{name_ids(missing, 'block')} are not in the pattern of K, vertices {pairs}: no edge joins them. The pattern is made "
+                f"{name_ids(missing, 'block')}: not in the pattern of K, vertices {pairs}: no edge joins them. The pattern is made "
                 "from the edges of the terms; a term must name all the pairs it writes to."
             )
         begin, count = self._begin[keys // nv], np.diff(self._begin)[keys // nv]

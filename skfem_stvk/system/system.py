@@ -156,7 +156,7 @@ class System:
         bare = np.flatnonzero(~used)
         if len(bare):
             warnings.warn(
-                f"{name_ids(bare, 'vertex')} belong to no term, so their rows of K are zero. Is a region missing from the terms?",
+                f"{name_ids(bare, 'vertex')}: in no term, so their rows of K are zero. Is a region missing from the terms?",
                 StvkWarning,
                 stacklevel=3,
             )

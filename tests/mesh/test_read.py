@@ -271,7 +271,7 @@ def test_segments_are_in_as_many_dimensions_as_they_need(last, d, tmp_path):
 
 def test_a_vertex_that_is_dropped_does_not_lift_the_rest_into_space(tmp_path):
     points = [[0, 0, 0], [1, 0, 0], [0, 1, 0], [5, 5, 5]]
-    with pytest.warns(StvkWarning, match=r"1 vertex \(3\) are on none of the triangles and are dropped"):
+    with pytest.warns(StvkWarning, match=r"1 vertex \(3\): on none of the triangles, so dropped"):
         mesh = read_mesh(write(tmp_path / "mesh.vtu", points, [("triangle", [[0, 1, 2]])]))
     assert (mesh.d, mesh.nv) == (2, 3)
 
@@ -290,7 +290,7 @@ def test_hexahedra_and_wedges_among_tetrahedra_are_left_out_with_a_warning(tmp_p
     cells = [("hexahedron", HEXAHEDRON), ("tetra", [[4, 5, 7, 8], [5, 6, 7, 8]]), ("wedge", [[0, 1, 3, 4, 5, 7]] * 2)]
     with (
         pytest.warns(StvkWarning, match="^1 hexahedron and 2 wedge cells are left out: only tetrahedra are used"),
-        pytest.warns(StvkWarning, match=r"^4 vertices \(0, 1, 2, 3\) are on none of the tetrahedra and are dropped.*left out\?"),
+        pytest.warns(StvkWarning, match=r"^4 vertices \(0, 1, 2, 3\): on none of the tetrahedra, so dropped.*left out\?"),
     ):
         mesh = read_mesh(write(tmp_path / "mesh.vtu", points, cells))
     assert mesh.t.T.tolist() == [[0, 1, 3, 4], [1, 2, 3, 4]]
@@ -355,7 +355,7 @@ def test_vertices_on_no_element_are_dropped_and_the_groups_renumbered(tmp_path):
     cells = [("triangle", number[[[0, 1, 3], [1, 2, 3]]]), ("tetra", number[FIVE_TETS])]
     data = {"part": [np.array([1, 2]), np.array([1, 1, 1, 1, 2])]}
     with pytest.warns(
-        StvkWarning, match=r"^3 vertices \(0, 4, 10\) are on none of the tetrahedra and are dropped; the later ones move up"
+        StvkWarning, match=r"^3 vertices \(0, 4, 10\): on none of the tetrahedra, so dropped; the later ones move up"
     ):
         mesh = read_mesh(write(tmp_path / "mesh.vtu", points, cells, cell_data=data))
     assert mesh.p.T.tolist() == CUBE and mesh.t.T.tolist() == FIVE_TETS
@@ -367,7 +367,7 @@ def test_facets_on_dropped_vertices_leave_their_boundary_with_a_warning(tmp_path
     cells = [("triangle", [[0, 1, 3], [0, 1, 8]]), ("tetra", FIVE_TETS)]
     data = {"part": [np.array([1, 1]), np.array([1, 1, 1, 1, 1])]}
     with (
-        pytest.warns(StvkWarning, match=r"1 vertex \(8\) are on none of the tetrahedra"),
+        pytest.warns(StvkWarning, match=r"1 vertex \(8\): on none of the tetrahedra"),
         pytest.warns(StvkWarning, match=r"Boundary 'part:1': 1 facet \(1\) of 2 are left out: they have dropped vertices"),
     ):
         mesh = read_mesh(write(tmp_path / "mesh.vtu", [*CUBE, [9, 9, 9]], cells, cell_data=data))
@@ -437,5 +437,5 @@ def test_gmsh_files_that_end_between_their_sections_are_refused(tmp_path):
 
 def test_indices_beyond_the_vertices_are_refused_by_the_name_of_the_file(tmp_path):
     file = write(tmp_path / "mesh.vtu", CUBE, [("tetra", [*FIVE_TETS, [0, 1, 2, 8]])])
-    with pytest.raises(MeshError, match=r"mesh\.vtu: 1 element \(5\) name vertices outside 0 \.\.\. 7"):
+    with pytest.raises(MeshError, match=r"mesh\.vtu: 1 element \(5\): vertex ids outside 0 \.\.\. 7"):
         read_mesh(file)

@@ -21,8 +21,8 @@ TRIANGLES = skfem.MeshTri().refined(2).with_subdomains({"left": lambda x: x[0] <
         (np.zeros((3, 4)), np.zeros((4, 0), dtype=int), "has no elements"),
         (np.zeros((1, 2)), [[0.0], [1.0]], "t has dtype float64; expected integers"),
         (np.zeros((1, 2)), [[True], [False]], "t has dtype bool; expected integers"),
-        (np.zeros((1, 2)), [[1, 0], [2, 1]], r"1 element \(0\) name vertices outside 0 \.\.\. 1\. Are the ids counted from 1"),
-        (np.zeros((1, 2)), [[1, 0, -1], [0, 1, 1]], r"1 element \(2\) name vertices outside"),
+        (np.zeros((1, 2)), [[1, 0], [2, 1]], r"1 element \(0\): vertex ids outside 0 \.\.\. 1\. Are the ids counted from 1"),
+        (np.zeros((1, 2)), [[1, 0, -1], [0, 1, 1]], r"1 element \(2\): vertex ids outside"),
     ],
 )
 def test_arrays_that_are_no_mesh_are_refused_with_what_was_expected(p, t, message):

@@ -1,8 +1,11 @@
 """Candidates of all kinds: partial, dense, operators, broken, of another law."""
 
+import re
+
 import numpy as np
 import pytest
 from bodies import MESHES, box
+from scipy.sparse import csr_array, csr_matrix
 from scipy.sparse.linalg import LinearOperator
 
 from skfem_stvk import StVK, StvkError, System, verify
@@ -36,8 +39,14 @@ def test_a_candidate_with_F_alone_is_checked_for_what_it_has():
 
 @pytest.mark.parametrize(
     "convert",
-    [lambda K: K.toarray(), lambda K: K.tocoo(), lambda K: LinearOperator(K.shape, matvec=lambda v: K @ v, dtype=float)],
-    ids=["dense", "coo", "operator"],
+    [
+        lambda K: K.toarray(),
+        lambda K: K.todense(),
+        lambda K: K.tocoo(),
+        csr_array,
+        lambda K: LinearOperator(K.shape, matvec=lambda v: K @ v, dtype=float),
+    ],
+    ids=["dense", "matrix", "coo", "array", "operator"],
 )
 def test_K_may_be_dense_sparse_or_an_operator(convert):
     good = Candidate(tangent=lambda u: convert(BODY.tangent(u)))
@@ -55,14 +64,19 @@ def test_K_may_be_dense_sparse_or_an_operator(convert):
         ({"energy": lambda u: [1.0, 2.0]}, Outcome.COULD_NOT_RUN, r"energy\(u\) returned shape \(2,\)"),
         ({"tangent": lambda u: np.eye(3)}, Outcome.COULD_NOT_RUN, r"tangent\(u\) returned ndarray of shape \(3, 3\)"),
         ({"tangent": lambda u: "K"}, Outcome.COULD_NOT_RUN, r"returned str of shape None"),
+        ({"energy": lambda u: "abc"}, Outcome.COULD_NOT_RUN, r"energy\(u\) returned a str of <U3; expected real numbers"),
+        ({"energy": lambda u: {}}, Outcome.COULD_NOT_RUN, r"energy\(u\) returned a dict; expected real numbers"),
+        ({"energy": lambda u: 1 + 1j}, Outcome.COULD_NOT_RUN, r"returned a complex of complex128"),
+        ({"internal_force": lambda u: BODY.internal_force(u) + 7j}, Outcome.COULD_NOT_RUN, "returned a ndarray of complex128"),
+        ({"internal_force": lambda u: [[1.0], [1.0, 2.0]]}, Outcome.COULD_NOT_RUN, "returned a list; expected real numbers"),
+        ({"internal_force": lambda u: csr_matrix(BODY.internal_force(u))}, Outcome.COULD_NOT_RUN, "returned a csr_matrix"),
+        ({"tangent": lambda u: BODY.tangent(u) * (1 + 1j)}, Outcome.COULD_NOT_RUN, "returned a matrix of complex128"),
         ({"internal_force": lambda u: np.full(u.size, np.nan)}, Outcome.FAILED, ""),
         ({"energy": lambda u: float("nan")}, Outcome.FAILED, ""),
         ({"tangent": lambda u: BODY.tangent(u) * np.nan}, Outcome.FAILED, ""),
     ],
 )
 def test_a_broken_candidate_is_never_a_pass_nor_an_exception(methods, outcome, words):
-    import re
-
     report = verify(MESH, TERM, candidate=Candidate(**methods), quiet=True)
     assert not report.passed
     agreement = [r for r in report.results if r.check == "agreement" and r.subject == "candidate" and r.outcome is outcome]
@@ -151,3 +165,62 @@ def test_candidates_on_every_kind_of_simplex(name):
     assert report.passed, str(report)
     wrong = verify(mesh, term, candidate=System(mesh, StVK(young=2.02, poisson=0.3)), quiet=True)
     assert {r.quantity for r in wrong.failures("candidate") if r.check == "agreement"} == {"W", "F", "K"}
+
+
+def test_an_operator_that_is_not_symmetric_is_caught():
+    wrong = FAULTS["skew K"].make(MESH, TERM)
+    operator = Candidate(tangent=lambda u: LinearOperator((MESH.p.size,) * 2, matvec=lambda v: wrong.tangent(u) @ v, dtype=float))
+    failed = {r.check for r in verify(MESH, TERM, candidate=operator, quiet=True).failures("candidate")}
+    assert {"agreement", "symmetry"} <= failed
+
+
+def test_a_large_operator_is_checked_for_zero_modes_on_a_piece():
+    mesh = box(6)
+    body = System(mesh, TERM)
+    operator = Candidate(tangent=lambda u: LinearOperator((mesh.p.size,) * 2, matvec=lambda v: body.tangent(u) @ v, dtype=float))
+    report = verify(mesh, TERM, candidate=operator, quiet=True)
+    (result,) = [r for r in report.results if r.check == "no further zero mode" and r.subject == "candidate"]
+    assert result.outcome is Outcome.PASSED and "all others held" in result.scale
+
+
+def test_a_candidate_that_uses_its_buffer_again_is_not_misjudged():
+    class Reusing(NeoHookean):
+        def internal_force(self, u):
+            self.buffer = getattr(self, "buffer", np.empty(u.size))
+            self.buffer[:] = super().internal_force(u)
+            return self.buffer
+
+    assert verify(MESH, TERM, candidate=Reusing(MESH, 1.5, 1.0), candidate_is_stvk=False, quiet=True).passed
+
+
+@pytest.mark.parametrize("factor", [1e-15, 1e6])
+def test_another_law_is_judged_on_its_own_scale(factor):
+    class Scaled(NeoHookean):
+        def energy(self, u):
+            return factor * super().energy(u)
+
+        def internal_force(self, u):
+            return factor * super().internal_force(u)
+
+        def tangent(self, u):
+            return factor * super().tangent(u)
+
+    assert verify(MESH, TERM, candidate=Scaled(MESH, 1.5, 1.0), candidate_is_stvk=False, quiet=True).passed
+    linear = FAULTS["linear strain"].make(MESH, StVK(young=factor, poisson=0.3))
+    failed = {(r.check, r.quantity) for r in verify(MESH, TERM, candidate=linear, candidate_is_stvk=False, quiet=True).failures()}
+    assert {("invariance", "W"), ("invariance", "F"), ("invariance", "K"), ("balance", "sum of torques")} <= failed
+
+
+@pytest.mark.parametrize("is_stvk", [True, False])
+def test_nothing_at_all_does_not_pass(is_stvk):
+    nothing = Candidate(energy=lambda u: 0.0, internal_force=lambda u: 0 * u)
+    report = verify(MESH, TERM, candidate=nothing, candidate_is_stvk=is_stvk, quiet=True)
+    assert not report.passed
+    assert {"derivatives"} <= {r.check for r in report.results if r.subject == "candidate" and r.outcome is not Outcome.PASSED}
+
+
+def test_a_derivative_that_round_off_hides_is_no_pass():
+    hidden = Candidate(energy=lambda u: 1e14 + BODY.energy(u), internal_force=lambda u: 2 * BODY.internal_force(u))
+    report = verify(MESH, TERM, candidate=hidden, candidate_is_stvk=False, quiet=True)
+    assert not report.passed
+    assert any("round-off hides the derivative" in r.reason for r in report.results if r.outcome is Outcome.COULD_NOT_RUN)

@@ -163,7 +163,7 @@ def test_spoiling_a_tangent_does_not_spoil_the_system():
 
 def test_a_block_outside_of_the_pattern_is_a_loud_error():
     bar = System(MESHES["cable"], StVK(young=1.0))
-    with pytest.raises(StvkError, match=r"1 block \(1\) are not in the pattern of K, vertices \[\(0, 5\)\]"):
+    with pytest.raises(StvkError, match=r"1 block \(1\): not in the pattern of K, vertices \[\(0, 5\)\]"):
         bar.pattern.values_at(np.array([0, 0]), np.array([1, 5]))
 
 
@@ -194,7 +194,7 @@ def test_too_large_a_matrix_is_refused_before_it_is_made(monkeypatch):
 
 
 def test_vertices_without_a_term_are_warned_of():
-    with pytest.warns(StvkWarning, match="vertices .* belong to no term"):
+    with pytest.warns(StvkWarning, match=r"\d+ vertices .*: in no term"):
         System(MESHES["tetrahedra"], StVK(young=1.0, poisson=0.3, region=[0, 1]))
 
 
