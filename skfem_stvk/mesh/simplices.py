@@ -5,7 +5,6 @@ from __future__ import annotations
 import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from types import MappingProxyType
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -71,7 +70,7 @@ class SimplexMesh:
         object.__setattr__(self, "p", p)
         object.__setattr__(self, "t", np.array(t, dtype=np.int32, order="C"))
         for name in ("subdomains", "boundaries"):
-            object.__setattr__(self, name, MappingProxyType(dict(getattr(self, name) or {})))
+            object.__setattr__(self, name, dict(getattr(self, name) or {}))
 
     @classmethod
     def of(cls, mesh: MeshLike) -> SimplexMesh:

@@ -1,10 +1,12 @@
 """Every planted fault is caught, by the checks that it is for, and found."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
-from bodies import box
+from bodies import MESHES, box
 
-from skfem_stvk import SimplexMesh, StVK, System, embedded_mesh, verify
+from skfem_stvk import SimplexMesh, StVK, StvkError, System, embedded_mesh, verify
 from skfem_stvk.referee.faults import FAULTS
 from skfem_stvk.referee.results import Outcome
 
@@ -86,3 +88,16 @@ def test_W_alone_off_by_a_rounding_of_a_float32_is_caught():
     failed = checked(Rounded(MESH, TERM)).failures("candidate")
     assert {"agreement", "derivatives"} <= {r.check for r in failed}
     assert {r.quantity for r in failed if r.check == "agreement"} == {"W"}
+
+
+def test_the_docs_show_the_table_of_faults():
+    text = (Path(__file__).parents[2] / "docs" / "referee.md").read_text()
+    for name, fault in FAULTS.items():
+        checks = ", ".join(sorted(f"{check} ({quantity})" for check, quantity in fault.caught_by))
+        assert f"| {name} | {fault.description} | {checks} |" in text
+
+
+@pytest.mark.parametrize("name", ["twice lambda", "half mu", "no pairs", "no opposite pairs", "one wrong sign"])
+def test_a_fault_of_tetrahedra_refuses_triangles(name):
+    with pytest.raises(StvkError, match="This fault is for isotropic tetrahedra; triangles in 2D of Isotropic came"):
+        FAULTS[name].make(MESHES["triangles"], TERM)

@@ -1,3 +1,5 @@
+import pickle
+
 import hypothesis.strategies as st
 import numpy as np
 import pytest
@@ -216,3 +218,9 @@ def test_terms_on_the_same_elements_add_up():
     F = reference.internal_force(u)
     assert np.abs(both.internal_force(u) - F).max() < 1e-13 * np.abs(F).max()
     assert both.energy(u) > SOLID.energy(u)
+
+
+def test_a_system_can_be_sent_to_another_process():
+    u = state(SOLID.mesh)
+    there = pickle.loads(pickle.dumps(SOLID))
+    assert np.array_equal(there.internal_force(u), SOLID.internal_force(u))
