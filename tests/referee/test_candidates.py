@@ -224,3 +224,9 @@ def test_a_derivative_that_round_off_hides_is_no_pass():
     report = verify(MESH, TERM, candidate=hidden, candidate_is_stvk=False, quiet=True)
     assert not report.passed
     assert any("round-off hides the derivative" in r.reason for r in report.results if r.outcome is Outcome.COULD_NOT_RUN)
+
+
+def test_a_candidate_that_fills_the_same_matrix_again_is_not_misjudged():
+    K = BODY.tangent(np.zeros(BODY.ndofs))
+    reusing = Candidate(tangent=lambda u: BODY.tangent(u, out=K), internal_force=BODY.internal_force)
+    assert verify(MESH, TERM, candidate=reusing, quiet=True).passed
