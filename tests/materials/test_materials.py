@@ -100,6 +100,7 @@ LOPSIDED = SYMMETRIC + np.eye(6, k=1)
         (lambda: Anisotropic(SYMMETRIC, frame=np.eye(3) + 1e-6), "columns of frame are not orthonormal"),
         (lambda: Anisotropic(np.eye(3)), r"voigt has shape \(3, 3\); expected \(6, 6\)"),
         (lambda: Anisotropic(LOPSIDED), "not symmetric"),
+        (lambda: Anisotropic(SYMMETRIC + 1e-6 * np.eye(6, k=1)), "not symmetric"),
         (lambda: Anisotropic(np.stack([SYMMETRIC, -SYMMETRIC])), r"not positive definite in 1 element \(1\)"),
         (lambda: Anisotropic(SYMMETRIC, frame=2 * np.eye(3)), "columns of frame are not orthonormal"),
         (lambda: Anisotropic(SYMMETRIC, frame=np.ones((4, 3, 3))), r"not orthonormal in 4 elements \(0, 1, 2, 3\)"),

@@ -140,3 +140,20 @@ def test_straight_needles_are_not_flat():
     """Graded to 1e-6 of the edge: well-shaped across, long along."""
     p = np.array([[0, 0, 0], [1, 0, 0], [0, 1e-6, 0], [0, 0, 1e-6]]).T
     assert len(flat_elements(SimplexMesh(p, np.arange(4)[:, None]))) == 0
+
+
+CORNER = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0.2, 0.3, 1.0]])
+
+
+@pytest.mark.parametrize("order", [[0, 1, 2, 3], [3, 0, 1, 2], [2, 3, 0, 1], [1, 2, 3, 0]])
+@pytest.mark.parametrize(("height", "flat"), [(1e-10, False), (1e-13, True)])
+def test_flat_is_a_height_of_1e_12_of_the_longest_edge(order, height, flat):
+    """Whichever vertex is near the plane of the others."""
+    p = CORNER * [1, 1, height]
+    assert len(flat_elements(SimplexMesh(p[order].T, np.arange(4)[:, None]))) == flat
+
+
+def test_a_tetrahedron_far_away_does_not_make_the_others_flat():
+    """Rounding is that of an element's own coordinates."""
+    p = np.concatenate([1e-9 * CORNER, 1e9 + CORNER * 1e3])
+    assert len(flat_elements(SimplexMesh(p.T, np.arange(8).reshape(2, 4).T))) == 0

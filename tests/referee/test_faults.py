@@ -101,3 +101,50 @@ def test_the_docs_show_the_table_of_faults():
 def test_a_fault_of_tetrahedra_refuses_triangles(name):
     with pytest.raises(StvkError, match="This fault is for isotropic tetrahedra; triangles in 2D of Isotropic came"):
         FAULTS[name].make(MESHES["triangles"], TERM)
+
+
+def test_twice_lambda_is_off_in_every_closed_form():
+    failed = checked(FAULTS["twice lambda"].make(MESH, TERM)).failures("candidate")
+    states = {"uniaxial strain", "uniaxial stress", "equibiaxial", "hydrostatic", "simple shear"}
+    assert {r.state for r in failed if r.check == "closed forms" and r.quantity == "P"} == states
+    assert max(r.measured for r in failed if r.state == "hydrostatic" and r.quantity == "P") == pytest.approx(
+        1.5 / 2.5 * 1.0 / 1.0385, rel=0.1
+    )
+
+
+def test_an_energy_of_a_place_fails_under_translation():
+    failed = checked(FAULTS["energy of a place"].make(MESH, TERM)).failures("candidate")
+    assert {r.state for r in failed if r.check == "invariance"} == {"translation", "rotation", "reflection"}
+
+
+def test_a_handed_energy_fails_under_reflection_alone():
+    """The signed volume turns its sign in a mirror, and nowhere else."""
+
+    class Handed:
+        def energy(self, u):
+            x = (MESH.p.T + u.reshape(-1, 3))[ORIENTED.T]
+            return System(MESH, TERM).energy(u) + 0.1 * np.linalg.det(x[:, 1:] - x[:, :1]).sum()
+
+    rest = MESH.p.T[MESH.t.T]
+    ORIENTED = MESH.t.copy()
+    negative = np.linalg.det(rest[:, 1:] - rest[:, :1]) < 0
+    ORIENTED[:2, negative] = ORIENTED[1::-1, negative]
+    failed = checked(Handed()).failures("candidate")
+    assert {r.state for r in failed if r.check == "invariance"} == {"reflection"}
+
+
+def test_the_worst_entry_of_K_is_named():
+    class OneEntry:
+        def tangent(self, u):
+            K = System(MESH, TERM).tangent(u).tolil()
+            K[30, 33] += 1.0
+            return K.tocsr()
+
+    worst = [r.worst for r in checked(OneEntry()).failures("candidate") if r.check == "agreement"]
+    assert worst and all(place["entry"] == [30, 33] and place["dof"] == 30 and place["vertex"] == 10 for place in worst)
+
+
+def test_a_table_row_says_how_many_of_its_checks_failed():
+    text = str(checked(FAULTS["no geometric term"].make(MESH, TERM)))
+    rows = [line for line in text.splitlines() if line.split()[:2] == ["agreement", "candidate"] and " K " in line]
+    assert rows and all(line.rstrip().endswith("2/8 failed") for line in rows)

@@ -202,6 +202,12 @@ def test_states_are_what_they_say():
         assert np.abs(turned.mean(axis=0)).max() > 0.01 * np.ptp(X)
         if mesh.d > 1:
             assert np.abs(turned - turned.mean(axis=0) - X).max() > 0.1 * np.ptp(X)
+            strained = X + moved["rotated strained"]
+            assert np.abs(strained - turned).max() < 0.3 * np.ptp(X) < np.ptp(X)  # turned and shifted in the same way
+            assert not np.allclose(strained, turned, atol=0.01 * np.ptp(X))
+        if np.linalg.matrix_rank(X, tol=1e-9) == mesh.d:
+            mirrored = np.linalg.lstsq(X, X + moved["reflected random"], rcond=None)[0]
+            assert np.linalg.det(mirrored) < 0
 
 
 def test_on_a_line_nothing_turns():
@@ -285,6 +291,7 @@ def test_errors_that_the_speed_is_shown_against_are_round_off():
     assert set(errors) == {"skfem-stvk", "scikit-fem", "|p|^2 - |P|^2"}
     assert 0 < errors["skfem-stvk"]["F"] < 1e-14 < errors["|p|^2 - |P|^2"]["F"] < 1e-11
     assert 0 < errors["skfem-stvk"]["K"] < 1e-14
+    assert 0 < errors["scikit-fem"]["W"] < 1e-11
 
 
 @pytest.mark.parametrize("poisson", [-0.9999, -0.4, 0.0, 0.25, 0.45, 0.499, 0.49999])
@@ -333,10 +340,18 @@ def test_precision_is_kept_at_every_strain_and_offset_and_lost_by_the_textbook_f
     assert error["scikit-fem", 0, 0.0, 1e-8] > 1e-10
 
 
+def test_another_seed_gives_other_numbers():
+    first, second = (verify(box(2), TERM, seed=seed, **QUIET).results for seed in (3, 4))
+    assert first != second
+
+
 def test_speed_has_a_row_for_each_player_and_quantity():
     rows = verify(box(3), TERM, **QUIET).speed
     assert {(r["player"], r["quantity"]) for r in rows} == {(p, q) for p in ("skfem-stvk", "scikit-fem") for q in "WFK"}
-    assert all(r["ns_per_element"] > 0 and r["peak_bytes_per_element"] > 0 for r in rows)
+    ns = {(r["player"], r["quantity"]): r["ns_per_element"] for r in rows}
+    assert all(r["ratio"] == pytest.approx(ns["scikit-fem", r["quantity"]] / r["ns_per_element"]) for r in rows)
+    nnz = System(box(3), TERM).pattern.nnz
+    assert all(r["peak_bytes_per_element"] * box(3).nt >= 8 * nnz for r in rows if r["quantity"] == "K")
 
 
 def test_the_report_is_saved_as_json_and_as_one_html_file(tmp_path):

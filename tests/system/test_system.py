@@ -140,6 +140,7 @@ def moved_row(K):
         lambda K: K[:, :-1],
         moved_column,
         moved_row,
+        lambda K: type(K)((K.data, K.indices, K.indptr), shape=(K.shape[0], K.shape[1] + 3)),
         lambda K: K.toarray(),
         lambda K: K.tocsc(),
         lambda K: K.astype(np.float32),
@@ -224,3 +225,8 @@ def test_a_system_can_be_sent_to_another_process():
     u = state(SOLID.mesh)
     there = pickle.loads(pickle.dumps(SOLID))
     assert np.array_equal(there.internal_force(u), SOLID.internal_force(u))
+
+
+def test_whole_numbers_are_displacements_too():
+    assert SOLID.energy(np.zeros(SOLID.ndofs, dtype=int)) == 0.0
+    assert SOLID.energy(np.ones(SOLID.ndofs, dtype=int)) == pytest.approx(0.0, abs=1e-12)
