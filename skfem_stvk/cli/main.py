@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import argparse
+import io
 import os
 import sys
 import warnings
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
+from typing import Any
 
 from rich.console import Console
 from rich.markup import escape
@@ -28,21 +31,30 @@ OPTIONAL = ("gmsh", "h5py", "netCDF4")
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command; the exit code is 0 if all went well, 1 if a check did not pass, 2 for bad input."""
     options = _parser().parse_args(arguments)
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="backslashreplace")  # names of files need not be text
     console = Console(stderr=True, highlight=False)
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("always", StvkWarning)
-            warnings.showwarning = lambda message, *_, **__: console.print(
-                f"[yellow]note[/] {escape(str(message))}", soft_wrap=True
-            )
+            warnings.showwarning = partial(_show, console, warnings.showwarning)
             code: int = options.run(options)
             return code
     except (StvkError, OSError) as error:
         console.print(f"[bold red]error[/] {escape(str(error))}", soft_wrap=True)
+        return 2
     except KeyboardInterrupt:
         console.print("[yellow]interrupted[/]")
         return 130
-    return 2
+
+
+def _show(console: Console, otherwise: Callable[..., None], message: Warning | str, *details: Any, **more: Any) -> None:
+    """Our warnings as notes, all others as Python shows them."""
+    if isinstance(message, StvkWarning):
+        console.print(f"[yellow]note[/] {escape(str(message))}", soft_wrap=True)
+    else:
+        otherwise(message, *details, **more)
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -66,29 +78,36 @@ def _parser() -> argparse.ArgumentParser:
 
 def _verify(options: argparse.Namespace) -> int:
     """Hold W, F and K against scikit-fem's standard assembly and against what must be true; exit code 0 if all passed."""
-    if options.out:
-        _refuse_unwritable(Path(options.out))
+    if options.out is not None:
+        _refuse_unwritable(options.out)
     mesh, terms = _body(options)
-    report: Report = verify(mesh, terms, seed=options.seed)
-    report.header["mesh"]["source"] = options.mesh or "embedded bracket"
-    console = Console(highlight=False, width=None if sys.stdout.isatty() else WIDTH)
-    console.print(rendered(report))
-    if options.out:
-        folder = report.save(options.out)
-        console.print(f"report.json and report.html are in {escape(str(folder))}")
+    report = verify(mesh, terms, seed=options.seed)
+    report.header["mesh"]["source"] = "embedded bracket" if options.mesh is None else options.mesh
+    failure = _saved(report, options.out)  # before anything is printed: a closed pipe ends the program
+    console = Console(highlight=False)
+    if not console.is_terminal:
+        console = Console(highlight=False, width=WIDTH)
+    console.print(rendered(report, console.width))
+    if failure is not None:
+        raise failure
+    if options.out is not None:
+        console.print(f"report.json and report.html are in {escape(options.out)}", soft_wrap=True)
     return 0 if report.passed else 1
 
 
 def _body(options: argparse.Namespace) -> tuple[SimplexMesh, list[StVK]]:
     given = options.young is not None or options.poisson is not None
-    if options.mesh and not given:
+    if options.mesh is not None and not given:
         raise StvkError("A mesh needs a material: add --young (Pa) and --poisson, e.g. --young 70e9 --poisson 0.33.")
     terms = [StVK(young=options.young, poisson=options.poisson)] if given else EMBEDDED
-    return read_mesh(options.mesh) if options.mesh else embedded_mesh(), terms
+    return embedded_mesh() if options.mesh is None else read_mesh(options.mesh), terms
 
 
-def _refuse_unwritable(folder: Path) -> None:
+def _refuse_unwritable(name: str) -> None:
     """Before the work, say so if its results could not be written; nothing is made yet."""
+    if not name:
+        raise StvkError("--out is empty; expected the name of a folder, which is made if it is missing.")
+    folder = Path(name)
     nearest = next(parent for parent in (folder.absolute(), *folder.absolute().parents) if parent.exists())
     if not nearest.is_dir():
         raise StvkError(f"--out {folder}: {nearest} is a file; expected a folder, which is made if it is missing.")
@@ -96,11 +115,21 @@ def _refuse_unwritable(folder: Path) -> None:
         raise StvkError(f"--out {folder}: {nearest} cannot be written to. Choose another folder, or change its permissions.")
 
 
+def _saved(report: Report, folder: str | None) -> OSError | None:
+    """Write the report; what went wrong waits until it has been printed."""
+    try:
+        if folder is not None:
+            report.save(folder)
+    except OSError as error:
+        return error
+    return None
+
+
 def _info(options: argparse.Namespace) -> int:
     """Print versions, the machine and which optional packages are installed."""
     console = Console(highlight=False)
     for name, value in (machine() | versions() | versions(OPTIONAL)).items():
-        console.print(f"{name:>16}  {escape(str(value))}")
+        console.print(f"{name:>16}  {escape(str(value))}", soft_wrap=True)
     return 0
 
 

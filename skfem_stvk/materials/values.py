@@ -21,6 +21,8 @@ def constant(value: ArrayLike, name: str, low: float = -np.inf, high: float = np
         if it has another shape, is not finite, or not strictly between `low` and `high`; with the ids.
     """
     try:
+        if np.asarray(value).dtype.kind not in "fiu":
+            raise TypeError
         array = np.array(value, dtype=np.float64)  # a copy: materials are frozen
     except (TypeError, ValueError) as error:
         raise MaterialError(f"{name} = {value!r} is not a number, nor an array with one value an element.") from error

@@ -32,7 +32,10 @@ class Player:
 
     def has(self, quantity: str) -> bool:
         """Whether the candidate has the method for W, F or K."""
-        return callable(getattr(self.model, METHODS[quantity], None))
+        try:
+            return callable(getattr(self.model, METHODS[quantity], None))
+        except Exception:  # a property that raises: the call will say so
+            return True
 
     def W(self, u: Array) -> float:
         """Strain energy [J]."""
@@ -75,5 +78,5 @@ class Player:
     def _call(self, quantity: str, u: Array) -> Any:
         try:
             return getattr(self.model, METHODS[quantity])(u.copy())
-        except Exception as error:
+        except (Exception, SystemExit) as error:
             raise Foul(f"{self.name}.{METHODS[quantity]}(u) raised {type(error).__name__}: {error}") from error

@@ -30,7 +30,8 @@ def error_against_strain(report: Report) -> Figure:
         axes.invert_xaxis()
         axes.grid(alpha=0.3)
     panels[0].set_ylabel("error of F, relative to 50 digits")
-    figure.legend(*panels[0].get_legend_handles_labels(), loc="outside right center", fontsize=8)
+    if report.precision:
+        figure.legend(*panels[0].get_legend_handles_labels(), loc="outside right center", fontsize=8)
     return figure
 
 
@@ -49,7 +50,8 @@ def speed_against_error(report: Report) -> Figure:
     axes.set(xlabel="time [ns an element]", ylabel="error at 0.1 % strain, relative to 50 digits")
     axes.grid(alpha=0.3)
     axes.margins(0.2)
-    axes.legend(fontsize=8)
+    if axes.get_legend_handles_labels()[0]:
+        axes.legend(fontsize=8)
     return figure
 
 

@@ -84,7 +84,7 @@ class Report:
         folder = Path(folder)
         folder.mkdir(parents=True, exist_ok=True)
         (folder / "report.json").write_text(json.dumps(self.to_dict(), indent=1), encoding="utf-8")
-        (folder / "report.html").write_text(page(self), encoding="utf-8")
+        (folder / "report.html").write_text(page(self), encoding="utf-8", errors="backslashreplace")
         return folder
 
     def __str__(self) -> str:

@@ -50,14 +50,14 @@ def as_text(report: Report) -> str:
     return buffer.getvalue().rstrip()
 
 
-def rendered(report: Report) -> RenderableType:
-    """The report for a rich console: head, checks, what did not pass, precision, speed, verdict."""
+def rendered(report: Report, width: int = WIDTH) -> RenderableType:
+    """The report for a rich console: head, checks, what did not pass, precision, speed, verdict; fewer columns if it is narrow."""
     parts: list[RenderableType] = [
         _head(report),
-        _checks(report),
+        _checks(report, width),
         *_troubles(report),
-        _precision(report),
-        _speed(report),
+        _precision(report, width),
+        _speed(report, width),
         _verdict(report),
     ]
     return Group(*parts)
@@ -83,22 +83,24 @@ def grid(title: str, *columns: str, right: tuple[str, ...] = ()) -> Table:
     return table
 
 
-def _checks(report: Report) -> Table:
-    columns = "check", "of", "against", "what", "error", "limit", "worst in", "passed"
-    table = grid("Checks, the worst state of each", *columns, right=("error", "limit"))
+def _checks(report: Report, width: int) -> Table:
+    columns = {"check": 0, "of": 0, "against": 108, "what": 0, "error": 0, "limit": 118, "worst in": 96, "passed": 0}
+    shown = [column for column, needed in columns.items() if width >= needed]  # the rest is in report.json
+    table = grid("Checks, the worst state of each", *shown, right=("error", "limit"))
     for (check, subject, against, quantity), results in report.groups().items():
         outcome = next(outcome for outcome in WORST_FIRST if any(r.outcome is outcome for r in results))
         worst = max((r for r in results if r.outcome is outcome), key=_size)
-        table.add_row(
-            check,
-            subject,
-            against,
-            quantity,
-            _number(worst.measured),
-            _number(worst.limit),
-            "" if outcome is Outcome.NOT_APPLICABLE else worst.state,
-            f"[{STYLE[outcome]}]{_tally(results, outcome)}[/]",
-        )
+        row = {
+            "check": check,
+            "of": subject,
+            "against": against,
+            "what": quantity,
+            "error": _number(worst.measured),
+            "limit": _number(worst.limit),
+            "worst in": "" if outcome is Outcome.NOT_APPLICABLE else worst.state,
+            "passed": f"[{STYLE[outcome]}]{_tally(results, outcome)}[/]",
+        }
+        table.add_row(*(row[column] for column in shown))
     return table
 
 
@@ -147,9 +149,9 @@ def _story(result: Result) -> str:
     return f"{what}, {result.state}: {result.measured:.2e} > {result.limit:.0e} of {result.scale}. {in_words(result.worst)}"
 
 
-def _precision(report: Report) -> Table:
+def _precision(report: Report, width: int) -> Table:
     strains = sorted({row["strain"] for row in report.precision}, reverse=True)
-    shown = strains[:: max(1, len(strains) // 6)]
+    shown = strains[:: 2 if width >= 90 else 4]
     table = grid(
         "Precision: error of F against 50 digits, by strain, on a homogeneous patch of the mesh",
         "form",
@@ -164,20 +166,22 @@ def _precision(report: Report) -> Table:
     return table
 
 
-def _speed(report: Report) -> Table:
-    right = ("ns an element", "median", "x reference", "peak bytes an element", "error")
-    table = grid("Speed against error, one run", "", "of", *right, right=right)
+def _speed(report: Report, width: int) -> Table:
+    columns = {"": 0, "of": 0, "ns an element": 0, "median": 90, "x reference": 0, "peak bytes an element": 90, "error": 0}
+    shown = [column for column, needed in columns.items() if width >= needed]
+    table = grid("Speed against error, one run", *shown, right=tuple(shown[2:]))
     for row in report.speed:
         error = report.errors.get(row["player"], {}).get(row["quantity"])
-        table.add_row(
-            row["quantity"],
-            row["player"],
-            f"{row['ns_per_element']:.0f}",
-            f"{row['median_ns_per_element']:.0f}",
-            f"{row['ratio']:.1f}",
-            f"{row['peak_bytes_per_element']:.0f}",
-            "" if error is None else f"{error:.0e}",
-        )
+        cells = {
+            "": row["quantity"],
+            "of": row["player"],
+            "ns an element": f"{row['ns_per_element']:.0f}",
+            "median": f"{row['median_ns_per_element']:.0f}",
+            "x reference": f"{row['ratio']:.1f}",
+            "peak bytes an element": f"{row['peak_bytes_per_element']:.0f}",
+            "error": "" if error is None else f"{error:.0e}",
+        }
+        table.add_row(*(cells[column] for column in shown))
     return table
 
 

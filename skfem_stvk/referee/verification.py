@@ -28,7 +28,8 @@ from .checks.zero_modes import zero_modes
 from .header import header
 from .players import METHODS, Player
 from .report import Report
-from .states import named_states
+from .results import Outcome, Result
+from .states import STRETCH, named_states
 from .terminal import Progress
 
 
@@ -75,14 +76,14 @@ def verify(
     True
     """
     started = time.perf_counter()
-    if seed < 0:
-        raise StvkError(f"seed = {seed}; expected a number from 0.")
+    if not isinstance(seed, int) or seed < 0:
+        raise StvkError(f"seed = {seed!r}; expected a whole number from 0.")
     body = SimplexMesh.of(mesh)
     terms = _terms(material, young, poisson)
     system = System(body, terms)
-    if candidate is not None and not any(callable(getattr(candidate, method, None)) for method in METHODS.values()):
-        raise StvkError(f"The candidate, of type {type(candidate).__name__}, has none of {', '.join(METHODS.values())}.")
     case = _case(system, terms, candidate, candidate_is_stvk, seed)
+    if case.candidate is not None and not any(case.candidate.has(quantity) for quantity in METHODS):
+        raise StvkError(f"The candidate, of type {type(candidate).__name__}, has none of {', '.join(METHODS.values())}.")
     homogeneous = homogeneous_copy(body, terms)
     report = Report(header(body, terms, type(mesh).__name__, seed))
     tasks = [
@@ -100,13 +101,21 @@ def verify(
                 progress.step(f"{task.check}: {task.player.name}, {task.quantity}, {task.state}")
                 report.results.append(task.run())
             progress.step("speed")
-            report.speed.extend(speed_table(case))
-            report.errors.update(error_table(case, homogeneous))
+            _measure_speed(report, case, homogeneous)
         except KeyboardInterrupt:  # what is there is kept, what is not says so
             report.interrupted = True
             report.results += [task.missed("interrupted") for task in tasks[len(report.results) :]]
     report.seconds = time.perf_counter() - started
     return report
+
+
+def _measure_speed(report: Report, case: Case, homogeneous: Homogeneous) -> None:
+    try:
+        report.speed += list(speed_table(case))
+        report.errors |= error_table(case, homogeneous)
+    except Exception as error:  # nothing that was found before is lost
+        reason = f"{type(error).__name__}: {error}"
+        report.results.append(Result("speed", OURS, "W, F, K", STRETCH, Outcome.COULD_NOT_RUN, reason=reason))
 
 
 def _twin(case: Case, homogeneous: Homogeneous) -> Player:

@@ -1,3 +1,4 @@
+import io
 import json
 import re
 import subprocess
@@ -8,8 +9,14 @@ import numpy as np
 import pytest
 import skfem
 from bodies import box
+from rich.console import Console
 
+from skfem_stvk import StVK, verify
 from skfem_stvk.cli.main import main
+from skfem_stvk.referee import verification
+from skfem_stvk.referee.checks import derivatives, precision
+from skfem_stvk.referee.results import Outcome
+from skfem_stvk.referee.terminal import rendered
 
 MATERIAL = ["--young", "70e9", "--poisson", "0.33"]
 
@@ -71,7 +78,8 @@ DOUBLE = np.concatenate([BOX.t, BOX.t[[2, 0, 1, 3], 4:6]], axis=1)
         (lambda f: [saved(f / "m.vtu", BOX.p, BOX.t), "--young", "70e9", "--poisson", "0.5"], "poisson .* is outside"),
         (lambda f: [saved(f / "m.vtu", BOX.p, BOX.t), "--young", "nan", "--poisson", "0.3"], "young = nan is not finite"),
         (lambda f: [saved(f / "m.vtu", BOX.p, BOX.t), "--young", "-1", "--poisson", "0.3"], "young = -1. is outside"),
-        (lambda f: [str(f / "nothing.msh"), *MATERIAL], "nothing.msh"),
+        (lambda f: [str(f / "nothing.msh"), *MATERIAL], "nothing.msh is no file"),
+        (lambda f: ["", *MATERIAL], "is no file"),
         (lambda f: [saved(f / "m.vtu", box(2).p, box(2).t[[0, 1, 2, 3, 0, 1, 2, 3]], "hexahedron"), *MATERIAL], "hexahedr"),
     ],
 )
@@ -101,9 +109,6 @@ def test_a_folder_that_cannot_be_made_is_an_error_before_the_work(make, tmp_path
 
 
 def test_ctrl_c_keeps_what_was_checked(monkeypatch):
-    from skfem_stvk import StVK, verify
-    from skfem_stvk.referee.checks import derivatives
-    from skfem_stvk.referee.results import Outcome
 
     def interrupted(*_):
         raise KeyboardInterrupt
@@ -124,3 +129,58 @@ def test_info_prints_versions_and_optional_packages(capsys):
 def test_the_command_is_installed():
     done = subprocess.run([sys.executable, "-m", "skfem_stvk.cli.main", "--help"], capture_output=True, text=True)
     assert done.returncode == 0 and "verify" in done.stdout and "info" in done.stdout
+
+
+def test_an_empty_folder_name_is_an_error(capsys):
+    assert main(["verify", "--out", ""]) == 2
+    assert "--out is empty" in capsys.readouterr().err
+
+
+def test_a_report_that_cannot_be_written_after_all_is_printed_first(tmp_path, capsys):
+    (tmp_path / "report.json").mkdir()
+    assert main(["verify", "--out", str(tmp_path)]) == 2
+    captured = capsys.readouterr()
+    assert "PASSED" in captured.out and "report.json" in captured.err
+
+
+def test_names_that_are_not_text_are_no_traceback(tmp_path, capsys):
+    name = str(tmp_path / "b\udce9.vtu")
+    saved(name, box(2).p, box(2).t)
+    assert main(["verify", name, *MATERIAL, "--out", str(tmp_path / "report")]) == 0
+    assert "b" in (tmp_path / "report" / "report.html").read_text()
+
+
+def test_a_narrow_terminal_gets_fewer_columns_and_whole_words():
+    report = verify(box(2), StVK(young=1.0, poisson=0.3), quiet=True)
+    buffer = io.StringIO()
+    Console(file=buffer, width=80).print(rendered(report, 80))
+    text = buffer.getvalue()
+    assert max(map(len, text.splitlines())) <= 80
+    assert "no further zero mode" in text and "skfem-stvk" in text and "scikit-fem" in text
+    assert "against" not in text.split("Precision")[0].split("agreement")[0]
+
+
+@pytest.mark.parametrize("call", [1, 3, 20, 70])
+@pytest.mark.parametrize("kind", [KeyboardInterrupt, ValueError])
+def test_a_stop_in_the_midst_of_the_precision_keeps_the_rest(call, kind, monkeypatch, tmp_path):
+    calls = iter(range(1, 10**6))
+    right = precision.exact_energy_and_force
+
+    def stopped(*arguments):
+        if next(calls) == call:
+            raise kind("stop")
+        return right(*arguments)
+
+    monkeypatch.setattr(precision, "exact_energy_and_force", stopped)
+    report = verify(box(2), StVK(young=1.0, poisson=0.3), quiet=True)
+    assert not report.passed and "PASSED" in str(report)
+    assert (report.save(tmp_path) / "report.html").exists()
+    results = [r for r in report.results if r.check == "precision"]
+    assert results[0].outcome is Outcome.COULD_NOT_RUN and len(results) == 2
+    assert "a line cannot turn" not in {r.reason for r in results}
+
+
+def test_a_speed_that_cannot_be_measured_is_no_pass_and_loses_nothing(monkeypatch):
+    monkeypatch.setattr(verification, "speed_table", lambda case: 1 / 0)
+    report = verify(box(2), StVK(young=1.0, poisson=0.3), quiet=True)
+    assert not report.passed and "could not run speed" in " ".join(str(report).split()) and len(report.results) > 80

@@ -74,6 +74,9 @@ LOPSIDED = SYMMETRIC + np.eye(6, k=1)
         (lambda: Isotropic(-1.0, 0.3), "young = -1. is outside"),
         (lambda: Isotropic(np.nan, 0.3), "young = nan is not finite"),
         (lambda: Isotropic("steel", 0.3), "young = 'steel' is not a number"),
+        (lambda: Isotropic("70e9", 0.3), "young = '70e9' is not a number"),
+        (lambda: Isotropic(True, 0.3), "young = True is not a number"),
+        (lambda: Isotropic(1j, 0.3), "young = 1j is not a number"),
         (lambda: Isotropic(BAD_AT_7, 0.3), r"young is not finite in 1 element \(7\)"),
         (
             lambda: Isotropic(np.where(BAD_AT_7 > 0, 1.0, -3.0), 0.3),

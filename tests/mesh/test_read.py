@@ -439,3 +439,22 @@ def test_indices_beyond_the_vertices_are_refused_by_the_name_of_the_file(tmp_pat
     file = write(tmp_path / "mesh.vtu", CUBE, [("tetra", [*FIVE_TETS, [0, 1, 2, 8]])])
     with pytest.raises(MeshError, match=r"mesh\.vtu: 1 element \(5\): vertex ids outside 0 \.\.\. 7"):
         read_mesh(file)
+
+
+def test_copies_of_an_element_in_no_group_are_left_for_the_diagnostics(tmp_path):
+    """Gmsh writes an element once a group; a copy without a group is not one of those."""
+    t = np.array([*FIVE_TETS, FIVE_TETS[4]])
+    tags = [np.array([1, 1, 1, 2, 0, 0])]
+    names = {"one": np.array([1, 3]), "two": np.array([2, 3])}
+    data = {"gmsh:physical": tags, "gmsh:geometrical": tags}
+    given = meshio.Mesh(np.array(CUBE, dtype=float), [("tetra", t)], cell_data=data, field_data=names)
+    meshio.write(tmp_path / "mesh.msh", given, file_format="gmsh22")
+    mesh = read_mesh(tmp_path / "mesh.msh")
+    assert mesh.nt == 6
+
+
+def test_empty_blocks_do_not_count(tmp_path):
+    from skfem_stvk.mesh import read
+
+    raw = meshio.Mesh(np.array(CUBE, dtype=float), [("triangle", [[0, 1, 2], [0, 2, 3]]), ("tetra", np.empty((0, 4), dtype=int))])
+    assert read.dimension(raw, tmp_path) == 2

@@ -10,6 +10,7 @@ from scipy.sparse.linalg import LinearOperator
 
 from skfem_stvk import StVK, StvkError, System, verify
 from skfem_stvk.referee.faults import FAULTS
+from skfem_stvk.referee.places import worst_places
 from skfem_stvk.referee.results import Outcome
 
 MESH = box(3)
@@ -230,3 +231,25 @@ def test_a_candidate_that_fills_the_same_matrix_again_is_not_misjudged():
     K = BODY.tangent(np.zeros(BODY.ndofs))
     reusing = Candidate(tangent=lambda u: BODY.tangent(u, out=K), internal_force=BODY.internal_force)
     assert verify(MESH, TERM, candidate=reusing, quiet=True).passed
+
+
+def test_a_candidate_that_exits_or_has_a_raising_property_does_not_stop_the_referee():
+    class Quits:
+        def energy(self, u):
+            raise SystemExit(3)
+
+        @property
+        def internal_force(self):
+            raise RuntimeError("not built")
+
+    report = verify(MESH, TERM, candidate=Quits(), quiet=True)
+    reasons = " ".join(r.reason for r in report.results if r.outcome is Outcome.COULD_NOT_RUN)
+    assert "raised SystemExit: 3" in reasons and "raised RuntimeError: not built" in reasons
+
+
+def test_the_worst_place_is_where_the_error_is_largest():
+    error = np.zeros(MESH.p.size)
+    error[17], error[3] = 1.0, 0.5
+    place = worst_places(MESH, error, 0.7)
+    assert (place["dof"], place["vertex"], place["component"], place["vertices_off"]) == (17, 5, "z", 1)
+    assert all(5 in MESH.t[:, element] for element in place["elements"]) and place["elements_off"] == 0

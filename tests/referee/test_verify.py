@@ -317,7 +317,8 @@ def test_the_same_seed_gives_the_same_numbers():
         (lambda: verify(box(2), [TERM, Isotropic(1.0, 0.3)]), MaterialError, "holds an object of type Isotropic"),
         (lambda: verify("bracket.msh", TERM), MeshError, "A mesh of type str came.*Files are read by read_mesh"),
         (lambda: verify(box(2), []), MaterialError, "empty list"),
-        (lambda: verify(box(2), TERM, seed=-1), StvkError, "seed = -1; expected a number from 0"),
+        (lambda: verify(box(2), TERM, seed=-1), StvkError, "seed = -1; expected a whole number from 0"),
+        (lambda: verify(box(2), TERM, seed=1.5), StvkError, "seed = 1.5; expected a whole number from 0"),
         (lambda: verify(skfem.MeshHex(), TERM), MeshError, "MeshHex1 is not a mesh of simplices"),
     ],
 )
@@ -387,3 +388,23 @@ def test_no_picture_no_matplotlib():
         "print(verify(skfem.MeshTet().refined(1), young=1.0, poisson=0.3))\nassert 'matplotlib' not in sys.modules"
     )
     subprocess.run([sys.executable, "-c", code], check=True, capture_output=True)
+
+
+@pytest.mark.parametrize(("i", "j"), [(0, 0), (0, 1), (1, 0), (1, 1), (2, 2)])
+def test_every_entry_of_the_nominal_stress_is_compared(i, j, monkeypatch):
+    def wrong(k, lam, mu):
+        F, P, W = simple_shear(k, lam, mu)
+        P[i, j] *= 1.01
+        return F, P, W
+
+    simple_shear, dimensions = CLOSED_FORMS["simple shear"]
+    monkeypatch.setitem(CLOSED_FORMS, "simple shear", (wrong, dimensions))
+    assert [(r.check, r.quantity, r.state) for r in verify(box(2), TERM, **QUIET).failures()] == [
+        ("closed forms", "P", "simple shear")
+    ]
+
+
+def test_an_error_of_the_energy_shows_beside_its_speed(monkeypatch):
+    right = System.energy
+    monkeypatch.setattr(System, "energy", lambda self, u: right(self, u) * (1 + 1e-10))
+    assert verify(box(2), TERM, **QUIET).errors["skfem-stvk"]["W"] == pytest.approx(1e-10, rel=1e-3)

@@ -39,11 +39,11 @@ def precision(case: Case, body: Homogeneous, table: list[dict[str, Any]]) -> Ite
 
 
 def _worst(case: Case, body: Homogeneous, table: list[dict[str, Any]], degrees: int) -> dict[str, Any]:
-    if not table:
-        table.extend(precision_table(case.mesh, body, case.random("precision")))
-    rows = [row for row in table if row["form"] == OURS and row["rotation_deg"] == degrees]
-    if not rows:
+    if degrees and case.mesh.d == 1:
         raise NotApplicable("a line cannot turn")
+    if not table:
+        table += list(precision_table(case.mesh, body, case.random("precision")))  # all of it or nothing
+    rows = [row for row in table if row["form"] == OURS and row["rotation_deg"] == degrees]
     errors = np.array([row["error"] * (row["strain"] if degrees else 1.0) for row in rows])
     worst = rows[int(np.argmax(errors))]  # not a number counts as the largest
     return {
