@@ -26,7 +26,7 @@ def error_against_strain(report: Report) -> Figure:
                 rows = [r for r in report.precision if (r["form"], r["rotation_deg"], r["offset_m"]) == (form, degrees, offset)]
                 label = f"{form}, at {offset:g} m"
                 axes.loglog([r["strain"] for r in rows], [max(r["error"], 1e-17) for r in rows], style, color=colour, label=label)
-        axes.set(xlabel="strain", title="no rotation" if not degrees else f"rotated by {degrees} degrees", ylim=(1e-17, 10))
+        axes.set(xlabel="strain", title="no rotation" if not degrees else f"rotated by {degrees} degrees", ylim=(1e-17, 100))
         axes.invert_xaxis()
         axes.grid(alpha=0.3)
     panels[0].set_ylabel("error of F, relative to 50 digits")

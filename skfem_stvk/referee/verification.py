@@ -76,7 +76,7 @@ def verify(
     True
     """
     started = time.perf_counter()
-    if not isinstance(seed, int) or seed < 0:
+    if not isinstance(seed, int | np.integer) or seed < 0:
         raise StvkError(f"seed = {seed!r}; expected a whole number from 0.")
     body = SimplexMesh.of(mesh)
     terms = _terms(material, young, poisson)
