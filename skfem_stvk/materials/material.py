@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from dataclasses import dataclass, field
 from enum import Enum
 
@@ -48,7 +49,7 @@ class Material:
 
 
 @dataclass(frozen=True, eq=False)
-class FramedMaterial(Material):
+class FramedMaterial(Material, ABC):
     """A material given by constants along its own axes.
 
     `frame`'s columns are the material axes in global coordinates: (3, 3), (2, 2) for axes in the plane, or one an element with
@@ -63,9 +64,9 @@ class FramedMaterial(Material):
             object.__setattr__(self, "frame", _orthonormal(self.frame))
         _refuse_indefinite(self.stiffness())
 
+    @abstractmethod
     def stiffness(self) -> Values:
         """Elasticity matrix in material axes [Pa], Voigt order 11, 22, 33, 23, 13, 12, engineering shear: (6, 6) or (n, 6, 6)."""
-        raise NotImplementedError
 
     def check(self, n: int, hypothesis: Hypothesis) -> None:
         super().check(n, hypothesis)

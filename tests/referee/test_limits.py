@@ -1,0 +1,89 @@
+"""Limits follow the shape of the mesh, and right bodies of any shape pass."""
+
+import numpy as np
+import pytest
+import skfem
+from bodies import box
+
+from skfem_stvk import (
+    StVK,
+    embedded_mesh,
+    verify,
+)
+from skfem_stvk.referee.results import Outcome
+
+TERM = StVK(young=2.0, poisson=0.3)
+QUIET = {"quiet": True}
+
+
+@pytest.mark.parametrize("offset", [0.0, 1e6])
+@pytest.mark.parametrize("size", [1e-6, 1.0, 1e6])
+def test_unit_and_place_do_not_matter(size, offset):
+    mesh = box(3)
+    report = verify((size * (mesh.p + offset), mesh.t), TERM, **QUIET)
+    assert report.passed, str(report)
+
+
+def test_flat_elements_pass_at_the_digits_that_they_cost():
+    mesh = box(3)
+    assert verify((mesh.p * np.array([[1.0], [1e-2], [1.0]]), mesh.t), TERM, **QUIET).passed
+
+
+def test_elements_so_flat_that_the_stress_keeps_six_digits_do_not_pass():
+    mesh = box(3)
+    report = verify((mesh.p * np.array([[1.0], [2e-4], [1.0]]), mesh.t), TERM, **QUIET)
+    assert {r.check for r in report.failures()} == {"closed forms", "patch test"}
+    assert "aspect ratio" in report.header["mesh"] and "flat elements" in report.failures()[0].reason
+
+
+def sliver(h):
+    """Two tetrahedra, one of them flat: four vertices about a square, h out of its plane."""
+    p = np.array([[1, 0, h], [-1, 0, h], [0, 1, -h], [0, -1, -h], [0, 0, 2.0]]).T
+    return p, np.array([[0, 1, 2, 3], [0, 1, 2, 4]]).T
+
+
+@pytest.mark.parametrize("h", [0.3, 0.1, 0.03, 0.01, 0.001])
+def test_single_slivers_pass(h):
+    assert verify(sliver(h), TERM, **QUIET).passed
+
+
+def test_a_delaunay_mesh_of_random_points_passes():
+    from scipy.spatial import Delaunay
+
+    points = np.random.default_rng(0).random((200, 3))
+    t = Delaunay(points).simplices.T
+    x = points[t.T]
+    t = t[:, np.abs(np.linalg.det(x[:, 1:] - x[:, :1])) > 1e-6]
+    assert verify((points.T, t), TERM, **QUIET).passed
+
+
+def test_slivers_whose_offset_would_flatten_them_are_measured_where_they_can_be():
+    p, t = sliver(3e-4)
+    report = verify((3e-6 * p, t), TERM, **QUIET)
+    assert {r["offset_m"] for r in report.precision} == {0.0, 1e3}
+    assert not [r for r in report.results if r.outcome is Outcome.COULD_NOT_RUN]
+
+
+def test_long_chains_and_graded_meshes_pass():
+    assert verify(skfem.MeshLine(np.linspace(0, 1, 3001)), young=1.0, **QUIET).passed
+    graded = skfem.MeshTri().refined(1)
+    for _ in range(9):
+        graded = graded.refined(graded.elements_satisfying(lambda x: np.hypot(*x) < 1.5 * np.hypot(*x).min()))
+    assert verify(graded, young=1.0, poisson=0.3, **QUIET).passed
+
+
+def test_limits_of_ordinary_meshes_are_1e_12():
+    limits = {(r.check, r.limit) for r in verify(embedded_mesh(), TERM, **QUIET).results}
+    assert {limit for check, limit in limits if check in ("agreement", "derivatives", "invariance", "balance", "symmetry")} == {
+        1e-12
+    }
+    assert all(limit < 1e-11 for check, limit in limits)
+
+
+def test_limits_never_leave_1e_6():
+    assert max(r.limit for r in verify(sliver(1e-5), TERM, **QUIET).results if r.limit is not None) == 1e-6
+
+
+@pytest.mark.parametrize("poisson", [-0.9999, -0.4, 0.0, 0.25, 0.45, 0.499, 0.49999])
+def test_any_poisson_passes(poisson):
+    assert verify(box(2), young=1.0, poisson=poisson, **QUIET).passed

@@ -1,0 +1,103 @@
+"""What the report holds, how it is saved, and what happens to it when something goes wrong."""
+
+import json
+
+import pytest
+from bodies import box
+
+from skfem_stvk import (
+    Report,
+    StVK,
+    System,
+    verify,
+)
+
+TERM = StVK(young=2.0, poisson=0.3)
+QUIET = {"quiet": True}
+
+
+def test_an_interrupted_speed_is_no_pass(monkeypatch):
+    from skfem_stvk.referee import verification
+
+    def interrupted(case):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(verification, "speed_table", interrupted)
+    report = verify(box(2), TERM, **QUIET)
+    assert report.interrupted and not report.passed and "interrupted" in str(report)
+
+
+def test_an_empty_report_has_not_passed():
+    assert not Report(header={}).passed
+
+
+def test_errors_that_the_speed_is_shown_against_are_round_off():
+    errors = verify(box(3), TERM, **QUIET).errors
+    assert set(errors) == {"skfem-stvk", "scikit-fem", "|p|^2 - |P|^2"}
+    assert 0 < errors["skfem-stvk"]["F"] < 1e-14 < errors["|p|^2 - |P|^2"]["F"] < 1e-11
+    assert 0 < errors["skfem-stvk"]["K"] < 1e-14
+    assert 0 < errors["scikit-fem"]["W"] < 1e-11
+
+
+def test_precision_is_kept_at_every_strain_and_offset_and_lost_by_the_textbook_form():
+    rows = verify(box(3), TERM, **QUIET).precision
+    error = {(r["form"], r["rotation_deg"], r["offset_m"], r["strain"]): r["error"] for r in rows}
+    strains = sorted({r["strain"] for r in rows})
+    assert len(strains) == 12 and {r["offset_m"] for r in rows} == {0.0, 1e3, 1e6}
+    for offset in (0.0, 1e3, 1e6):
+        for strain in strains:
+            assert error["skfem-stvk", 0, offset, strain] < 1e-14
+            assert error["skfem-stvk", 170, offset, strain] < 1e-14 / strain
+    assert error["|p|^2 - |P|^2", 0, 0.0, 1e-8] > 1e-10
+    assert error["|p|^2 - |P|^2", 0, 1e6, 1e-8] > 1e-3
+    assert error["scikit-fem", 0, 0.0, 1e-8] > 1e-10
+
+
+def test_speed_has_a_row_for_each_player_and_quantity():
+    rows = verify(box(3), TERM, **QUIET).speed
+    assert {(r["player"], r["quantity"]) for r in rows} == {(p, q) for p in ("skfem-stvk", "scikit-fem") for q in "WFK"}
+    ns = {(r["player"], r["quantity"]): r["ns_per_element"] for r in rows}
+    assert all(r["ratio"] == pytest.approx(ns["scikit-fem", r["quantity"]] / r["ns_per_element"]) for r in rows)
+    nnz = System(box(3), TERM).pattern.nnz
+    assert all(r["peak_bytes_per_element"] * box(3).nt >= 8 * nnz for r in rows if r["quantity"] == "K")
+
+
+def test_the_report_is_saved_as_json_and_as_one_html_file(tmp_path):
+    report = verify(box(2), TERM, **QUIET)
+    folder = report.save(tmp_path / "new" / "report")
+    saved = json.loads((folder / "report.json").read_text())
+    assert saved["passed"] and len(saved["results"]) == len(report.results)
+    assert {"versions", "machine", "mesh", "material", "command", "seed"} <= set(saved["header"])
+    assert all(r["reason"] for r in saved["results"]), "every limit is explained"
+    html = (folder / "report.html").read_text()
+    assert html.count("<svg") == 2 and "http://" not in html.replace("http://www.w3.org", "").replace(
+        "http://purl.org", ""
+    ).replace("http://creativecommons.org", "")
+    assert "src=" not in html and "passed" in html
+
+
+def test_a_failed_value_that_is_no_number_is_still_json(tmp_path):
+    class Nothing:
+        def energy(self, u):
+            return float("nan")
+
+    report = verify(box(2), TERM, candidate=Nothing(), **QUIET)
+    saved = json.loads((report.save(tmp_path) / "report.json").read_text(), parse_constant=lambda name: pytest.fail(name))
+    assert "nan" in {r["measured"] for r in saved["results"]}
+
+
+def test_no_picture_no_matplotlib():
+    import subprocess
+    import sys
+
+    code = (
+        "import sys, skfem\nfrom skfem_stvk import verify\n"
+        "print(verify(skfem.MeshTet().refined(1), young=1.0, poisson=0.3))\nassert 'matplotlib' not in sys.modules"
+    )
+    subprocess.run([sys.executable, "-c", code], check=True, capture_output=True)
+
+
+def test_an_error_of_the_energy_shows_beside_its_speed(monkeypatch):
+    right = System.energy
+    monkeypatch.setattr(System, "energy", lambda self, u: right(self, u) * (1 + 1e-10))
+    assert verify(box(2), TERM, **QUIET).errors["skfem-stvk"]["W"] == pytest.approx(1e-10, rel=1e-3)
