@@ -84,10 +84,13 @@ class System:
         Raises
         ------
         StateError
-            if `u` does not have one finite entry for each degree of freedom.
+            if `u` does not have one finite entry for each degree of freedom, or is so large that the result overflows.
         """
         x = self._state(u)
-        return sum(term.energy(x) for term in self._bound)
+        with np.errstate(over="ignore", invalid="ignore"):
+            energy = sum(term.energy(x) for term in self._bound)
+        _refuse_overflow(energy, "W", x)
+        return energy
 
     def internal_force(self, u: ArrayLike) -> Array:
         """Internal force `F = dW/du` (ndofs,) [N]; the residual of statics is `F - f_ext`.
@@ -95,12 +98,14 @@ class System:
         Raises
         ------
         StateError
-            if `u` does not have one finite entry for each degree of freedom.
+            if `u` does not have one finite entry for each degree of freedom, or is so large that the result overflows.
         """
         x = self._state(u)
         force = np.zeros_like(x)
-        for term in self._bound:
-            term.add_force(x, force)
+        with np.errstate(over="ignore", invalid="ignore"):
+            for term in self._bound:
+                term.add_force(x, force)
+        _refuse_overflow(force, "F", x)
         return force.ravel()
 
     def tangent(self, u: ArrayLike, out: csr_matrix | None = None) -> csr_matrix:
@@ -114,7 +119,7 @@ class System:
         Raises
         ------
         StateError
-            if `u` does not have one finite entry for each degree of freedom.
+            if `u` does not have one finite entry for each degree of freedom, or is so large that the result overflows.
         StvkError
             if `out` has another pattern.
         """
@@ -129,8 +134,10 @@ class System:
                 f"({self.pattern.shape}, {self.pattern.nnz} values). Hand in a matrix that tangent() returned, unchanged by "
                 "eliminate_zeros() and the like."
             )
-        for term, places in zip(self._bound, self._places, strict=True):
-            term.add_tangent(x, places, out.data)
+        with np.errstate(over="ignore", invalid="ignore"):
+            for term, places in zip(self._bound, self._places, strict=True):
+                term.add_tangent(x, places, out.data)
+        _refuse_overflow(out.data, "K", x)
         return out
 
     def _state(self, u: ArrayLike) -> Array:
@@ -163,3 +170,10 @@ class System:
 
     def __repr__(self) -> str:
         return f"System: {self.mesh.nt} {self.mesh.kind}, {self.ndofs} degrees of freedom, {len(self.terms)} term(s)"
+
+
+def _refuse_overflow(values: ArrayLike, name: str, u: Array) -> None:
+    if not np.isfinite(values).all():
+        raise StateError(
+            f"{name} overflows at displacements of up to {np.abs(u).max():.1e}: did the step before diverge, or are units mixed up?"
+        )

@@ -230,3 +230,9 @@ def test_a_system_can_be_sent_to_another_process():
 def test_whole_numbers_are_displacements_too():
     assert SOLID.energy(np.zeros(SOLID.ndofs, dtype=int)) == 0.0
     assert SOLID.energy(np.ones(SOLID.ndofs, dtype=int)) == pytest.approx(0.0, abs=1e-12)
+
+
+@pytest.mark.parametrize(("call", "name"), [(SOLID.energy, "W"), (SOLID.internal_force, "F"), (SOLID.tangent, "K")])
+def test_what_overflows_is_an_error_and_no_nan(call, name):
+    with pytest.raises(StateError, match=rf"{name} overflows at displacements of up to .*e\+160"):
+        call(1e160 * np.sign(state(SOLID.mesh)))
