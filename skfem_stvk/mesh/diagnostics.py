@@ -88,9 +88,8 @@ def unused_vertices(mesh: SimplexMesh) -> NDArray[np.int64]:
 
 
 def warn_of_coincident_vertices(mesh: SimplexMesh) -> None:
-    """Warn of vertices closer than 1e-6 of the median edge (of each element's first): seams that do not hold together."""
-    edge = np.median(np.linalg.norm(mesh.p[:, mesh.t[0]] - mesh.p[:, mesh.t[1]], axis=0))
-    pairs = cKDTree(mesh.p.T).query_pairs(1e-6 * edge, output_type="ndarray")
+    """Warn of vertices closer than 1e-6 of the median edge: seams that do not hold together."""
+    pairs = cKDTree(mesh.p.T).query_pairs(1e-6 * np.median(edge_lengths(mesh)), output_type="ndarray")
     if len(pairs):
         warnings.warn(
             f"{name_ids(np.unique(pairs[:, 1]), 'vertex')}: in the same place as another one, so parts that touch there are not "

@@ -42,11 +42,16 @@ class Geometry:
         return self.gradients @ np.swapaxes(self.gradients, 1, 2)
 
 
+def edge_differences(mesh: SimplexMesh, x: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(d, m, nt) differences of a field `x` (d, nv) along the edges of the simplices."""
+    a, b = np.array(list(combinations(range(mesh.k + 1), 2))).T
+    corners = x[:, mesh.t]
+    return corners[:, a] - corners[:, b]
+
+
 def edge_lengths(mesh: SimplexMesh) -> NDArray[np.float64]:
     """(m, nt) lengths of the edges of the simplices [m]."""
-    a, b = np.array(list(combinations(range(mesh.k + 1), 2))).T
-    x = mesh.p[:, mesh.t]
-    lengths: NDArray[np.float64] = np.linalg.norm(x[:, a] - x[:, b], axis=0)
+    lengths: NDArray[np.float64] = np.linalg.norm(edge_differences(mesh, mesh.p), axis=0)
     return lengths
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from functools import cached_property
-from itertools import combinations
 from typing import Any
 
 import numpy as np
@@ -12,9 +11,10 @@ from numpy.typing import NDArray
 from scipy.sparse import issparse
 
 from ..mesh import SimplexMesh
-from ..mesh.geometry import aspect_ratios, edge_lengths, vertex_sizes
+from ..mesh.geometry import aspect_ratios, edge_differences, edge_lengths, vertex_sizes
 from .players import Player
-from .states import STRETCH
+from .states import INVERTED, STRETCH
+from .tasks import NotApplicable
 
 Array = NDArray[np.float64]
 
@@ -58,6 +58,11 @@ class Case:
         """Whether the player claims to be St. Venant-Kirchhoff."""
         return player is not self.candidate or self.candidate_is_stvk
 
+    def refuse_undefined(self, player: Player, state: str) -> None:
+        """States in which elements may be inside out, where laws other than St. Venant-Kirchhoff may not be defined."""
+        if state in INVERTED and not self.is_stvk(player):
+            raise NotApplicable("elements may be inside out, where the candidate's law may not be defined")
+
     def value(self, player: Player, quantity: str, state: str) -> Any:
         """W, F or K of a player in a named state; those of the latest state are kept, for several checks hold them against each other."""
         if state != self._state:
@@ -74,16 +79,10 @@ class Case:
         """Random numbers for one check, independent of which others run."""
         return np.random.default_rng([self.seed, *name.encode()])
 
-    def edge_differences(self, x: Array) -> Array:
-        """(d, m, nt) differences of a nodal field (d, nv) along the edges of the simplices."""
-        a, b = np.array(list(combinations(range(self.mesh.k + 1), 2))).T
-        corners = x[:, self.mesh.t]
-        return corners[:, a] - corners[:, b]
-
     @cached_property
     def edges(self) -> Array:
         """(d, m, nt) rest edges of the simplices [m]."""
-        return self.edge_differences(self.mesh.p)
+        return edge_differences(self.mesh, self.mesh.p)
 
     @cached_property
     def median_edge(self) -> float:
@@ -158,7 +157,7 @@ class Case:
 
     def strain(self, u: Array) -> float:
         """Largest relative change of a squared edge length, |zeta|/|P|^2."""
-        U = self.edge_differences(u.reshape(-1, self.mesh.d).T)
+        U = edge_differences(self.mesh, u.reshape(-1, self.mesh.d).T)
         change = ((2 * self.edges + U) * U).sum(axis=0)
         return float(np.abs(change / (self.edges**2).sum(axis=0)).max())
 

@@ -73,7 +73,7 @@ class Player:
         if array.dtype.kind not in "fiu":
             kind = type(returned).__name__ if array.dtype == object else f"{type(returned).__name__} of {array.dtype}"
             raise Foul(f"{self.name}.{METHODS[quantity]}(u) returned a {kind}; expected real numbers.")
-        return array.astype(float)
+        return array.astype(float, copy=False)
 
     def _call(self, quantity: str, u: Array) -> Any:
         try:

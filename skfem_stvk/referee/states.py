@@ -59,6 +59,5 @@ def named_states(X: Array, node_size: Array, rng: np.random.Generator) -> dict[s
 
 
 STRETCH = "100 % stretch"
-#: States in which elements may be inside out, where laws other than St. Venant-Kirchhoff may not be defined.
+#: States in which elements may be inside out.
 INVERTED = ("large random", "reflected random")
-UNDEFINED = "elements may be inside out, where the candidate's law may not be defined"

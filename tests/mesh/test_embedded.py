@@ -9,6 +9,7 @@ import skfem
 from skfem_stvk.mesh import embedded_mesh
 from skfem_stvk.mesh.diagnostics import check_mesh
 from skfem_stvk.mesh.geometry import Geometry
+from validation import meshes
 
 MESH = embedded_mesh()
 FILE = files("skfem_stvk.mesh") / "data" / "bracket.msh"
@@ -57,9 +58,7 @@ def test_scikit_fem_loads_the_same_mesh():
         assert sorted(found.T.tolist()) == sorted(np.sort(facets, axis=0).T.tolist())
 
 
-def test_its_generator_also_makes_a_fine_one():
-    pytest.importorskip("gmsh")
-    meshes = pytest.importorskip("validation.meshes")
+def test_its_generator_also_makes_a_fine_one(gmsh):
     fine = meshes.bracket(meshes.FINE_SIZE)
     check_mesh(fine)
     assert fine.nt >= 20_000

@@ -1,22 +1,4 @@
-import os
-
-import pytest
-
 from validation import aspect
-
-
-@pytest.fixture
-def gmsh():
-    """Gmsh itself; where its wheel finds no system libraries the studies that mesh cannot run, and CI counts that as a failure."""
-    try:
-        import gmsh
-    except (ImportError, OSError) as error:
-        if os.environ.get("CI"):
-            raise
-        pytest.skip(
-            f"Gmsh is missing ({error}): pip install 'skfem-stvk[gmsh]'; on Debian also apt install libglu1-mesa libxft2 ..."
-        )
-    return gmsh
 
 
 def test_a_part_meshed_by_gmsh_agrees_to_1e_13_in_every_state(gmsh, capsys):

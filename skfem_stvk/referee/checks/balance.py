@@ -14,7 +14,6 @@ from scipy.sparse import issparse
 from ..case import Case
 from ..places import worst_places
 from ..players import Player
-from ..states import INVERTED, UNDEFINED
 from ..tasks import NotApplicable, Task
 
 Array = NDArray[np.float64]
@@ -30,13 +29,8 @@ def balance(case: Case) -> Iterator[Task]:
         yield Task("rigid modes", player, "K", "rest", "K", partial(_rigid_modes, case, player))
 
 
-def _refuse(case: Case, player: Player, state: str) -> None:
-    if state in INVERTED and not case.is_stvk(player):
-        raise NotApplicable(UNDEFINED)
-
-
 def _forces(case: Case, player: Player, state: str) -> dict[str, Any]:
-    _refuse(case, player, state)
+    case.refuse_undefined(player, state)
     F = case.value(player, "F", state).reshape(-1, case.mesh.d)
     return _resultant(
         case, F.sum(axis=0), max(float(np.abs(F).sum()), case.force_scale(player)), "sum of |F|, at least that of one edge"
@@ -44,7 +38,7 @@ def _forces(case: Case, player: Player, state: str) -> dict[str, Any]:
 
 
 def _torques(case: Case, player: Player, state: str) -> dict[str, Any]:
-    _refuse(case, player, state)
+    case.refuse_undefined(player, state)
     d = case.mesh.d
     if d == 1:
         raise NotApplicable("there are no torques on a line")
@@ -66,7 +60,7 @@ def _resultant(case: Case, total: Array, scale: float, words: str) -> dict[str, 
 
 
 def _symmetry(case: Case, player: Player, state: str) -> dict[str, Any]:
-    _refuse(case, player, state)
+    case.refuse_undefined(player, state)
     limit, K = case.limit(), case.value(player, "K", state)
     if issparse(K):
         difference = abs(K - K.T).tocsr()

@@ -19,8 +19,7 @@ from numpy.typing import NDArray
 from ..case import EPS, Case
 from ..places import worst_places
 from ..players import Player
-from ..states import INVERTED, UNDEFINED
-from ..tasks import CannotTell, NotApplicable, Task
+from ..tasks import CannotTell, Task
 
 Array = NDArray[np.float64]
 
@@ -69,8 +68,7 @@ def _along(case: Case, quantity: str, function: Callable[[float], Array], claime
 
 
 def _taylor(case: Case, player: Player, quantity: str, state: str) -> dict[str, Any]:
-    if state in INVERTED:
-        raise NotApplicable(UNDEFINED)
+    case.refuse_undefined(player, state)
     return max((_order(*line) for line in _lines(case, player, quantity, state)), key=_badness)
 
 

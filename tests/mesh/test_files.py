@@ -1,0 +1,74 @@
+"""Files that cannot be read are refused with what is wrong and what to do, and nothing is printed."""
+
+import sys
+
+import meshio
+import pytest
+from meshfiles import CUBE, FIVE_TETS, TETS, write
+
+from skfem_stvk import MeshError
+from skfem_stvk.mesh import read_mesh
+
+
+def test_a_missing_file_is_refused(tmp_path):
+    with pytest.raises(MeshError, match=r"gone\.msh is no file; expected the path of a mesh file"):
+        read_mesh(tmp_path / "gone.msh")
+
+
+def test_an_unknown_extension_is_refused_with_the_known_ones(tmp_path):
+    file = tmp_path / "mesh.step"
+    file.touch()
+    with pytest.raises(MeshError, match=r"unknown extension '\.step'; known: .*\.inp.*\.msh.*\.vtu.*convert it"):
+        read_mesh(file)
+
+
+@pytest.mark.parametrize("ending", ["msh", "vtu", "vtk", "inp"])
+def test_an_empty_file_is_refused(ending, tmp_path):
+    (tmp_path / f"mesh.{ending}").touch()
+    with pytest.raises(MeshError, match=r"is empty\. Did the program that writes it fail"):
+        read_mesh(tmp_path / f"mesh.{ending}")
+
+
+@pytest.mark.parametrize(("ending", "package"), [("med", "h5py"), ("h5m", "h5py"), ("exo", "netCDF4")])
+def test_a_format_that_needs_another_package_names_it(ending, package, tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, package, None)
+    (tmp_path / f"mesh.{ending}").write_text("data")
+    with pytest.raises(MeshError, match=rf"Reading \.{ending} files needs the package {package}.*: pip install {package}"):
+        read_mesh(tmp_path / f"mesh.{ending}")
+
+
+@pytest.mark.parametrize("part", [0.02, 0.3, 0.6, 0.9])
+@pytest.mark.parametrize(
+    ("ending", "options"),
+    [
+        ("msh", {"file_format": "gmsh"}),
+        ("msh", {"file_format": "gmsh", "binary": False}),
+        ("msh", {"file_format": "gmsh22"}),
+        ("msh", {"file_format": "gmsh22", "binary": False}),
+        ("vtu", {}),
+        ("vtk", {}),
+        ("inp", {}),
+    ],
+)
+def test_a_file_that_is_cut_off_is_refused_and_nothing_is_printed(ending, options, part, tmp_path, capfd):
+    file = tmp_path / f"mesh.{ending}"
+    meshio.write(file, meshio.Mesh(TETS.p.T, [("tetra", TETS.t.T)]), **options)
+    file.write_bytes(file.read_bytes()[: int(part * file.stat().st_size)])
+    capfd.readouterr()
+    with pytest.raises(MeshError, match=rf"mesh\.{ending}.*(Is it cut off, or|outside 0)"):
+        read_mesh(file)
+    assert capfd.readouterr() == ("", "")
+
+
+def test_gmsh_files_that_end_between_their_sections_are_refused(tmp_path):
+    file = tmp_path / "mesh.msh"
+    meshio.write(file, meshio.Mesh(TETS.p.T, [("tetra", TETS.t.T)]), file_format="gmsh22", binary=False)
+    file.write_text(file.read_text().replace("$EndElements\n", ""))
+    with pytest.raises(MeshError, match=r"\$Elements not closed by \$EndElements"):
+        read_mesh(file)
+
+
+def test_indices_beyond_the_vertices_are_refused_by_the_name_of_the_file(tmp_path):
+    file = write(tmp_path / "mesh.vtu", CUBE, [("tetra", [*FIVE_TETS, [0, 1, 2, 8]])])
+    with pytest.raises(MeshError, match=r"mesh\.vtu: 1 element \(5\): vertex ids outside 0 \.\.\. 7"):
+        read_mesh(file)

@@ -1,0 +1,25 @@
+"""Meshes and files that the tests of reading share."""
+
+import meshio
+import numpy as np
+import skfem
+
+LEFT = {"left_half": lambda x: x[0] < 0.5, "right:half": lambda x: x[0] > 0.5}
+TETS = skfem.MeshTet().refined(2).with_subdomains(LEFT).with_boundaries({"wall": lambda x: x[0] == 0})
+TRIANGLES = skfem.MeshTri().refined(2).with_subdomains(LEFT).with_boundaries({"wall": lambda x: x[0] == 0})
+SEGMENTS = skfem.MeshLine().refined(2).with_subdomains(LEFT).with_boundaries({"wall": lambda x: x[0] == 0})
+
+CUBE = [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [0, 0, 1], [1, 0, 1], [1, 1, 1], [0, 1, 1]]
+HEXAHEDRON = [list(range(8))]
+FIVE_TETS = [[0, 1, 3, 4], [1, 2, 3, 6], [1, 4, 5, 6], [3, 4, 6, 7], [1, 3, 4, 6]]
+
+
+def write(path, points, cells, **more):
+    meshio.Mesh(np.array(points, dtype=float), cells, **more).write(path)
+    return path
+
+
+def same_facets(mesh, boundary, given, name):
+    """Do the facets join the same vertices, whatever their order?"""
+    one, other = np.sort(mesh.boundaries[boundary], axis=0), np.sort(given.facets[:, given.boundaries[name]], axis=0)
+    return sorted(one.T.tolist()) == sorted(other.T.tolist())
