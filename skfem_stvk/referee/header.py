@@ -87,18 +87,17 @@ def material_facts(mesh: SimplexMesh, term: StVK) -> str:
         words = f"{type(material).__name__}, diagonal of the elasticity matrix {_range(stiffness)}{frames}"
     else:
         words = type(material).__name__
-    region = (
-        ""
-        if term.region is None
-        else f"{term.region!r}: "
-        if isinstance(term.region, str)
-        else f"{len(mesh.elements(term.region))} elements: "
-    )
     extras = [f"plane {term.plane}"] if term.plane else []
     extras += [
         f"{name} {_range(value)}" for name, value in (("thickness", term.thickness), ("area", term.area)) if value is not None
     ]
-    return region + ", ".join([words, *extras])
+    return _region(mesh, term) + ", ".join([words, *extras])
+
+
+def _region(mesh: SimplexMesh, term: StVK) -> str:
+    if term.region is None:
+        return ""
+    return f"{term.region!r}: " if isinstance(term.region, str) else f"{len(mesh.elements(term.region))} elements: "
 
 
 def _range(values: Any) -> str:
