@@ -1,5 +1,7 @@
-"""Edges, tetrahedron-sharing edge pairs (TSEPs) and their coefficients L: the heart."""
+"""Edges, tetrahedron-sharing edge pairs (TSEPs), their coefficients L, and the assembly from them: the heart."""
 
-from .form import EdgeForm, Places
+from .assembly import Assembly, Linearized
+from .form import EdgeForm
+from .rows import Rows
 
-__all__ = ["EdgeForm", "Places"]
+__all__ = ["Assembly", "EdgeForm", "Linearized", "Rows"]

@@ -5,7 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-#: Local edges of a segment, triangle and tetrahedron, as pairs of local vertices.
+from ..kernels.topology import edges_of_simplices
+
+#: Local edges of a segment, triangle and tetrahedron, as pairs of local vertices: those of a tetrahedron begin with a triangle's.
 LOCAL_EDGES = {
     1: ((0, 1),),
     2: ((0, 1), (1, 2), (0, 2)),
@@ -31,8 +33,6 @@ def edge_topology(t: NDArray[np.int32]) -> tuple[NDArray[np.int32], NDArray[np.i
            [2, 4],
            [1, 3]], dtype=int32))
     """
-    local = np.array(LOCAL_EDGES[t.shape[0] - 1]).T
-    a, b = np.minimum(*t[local]), np.maximum(*t[local])  # (m, nt)
-    nv = int(t.max()) + 1
-    keys, t2e = np.unique(a.astype(np.int64) * nv + b, return_inverse=True)
-    return np.stack([keys // nv, keys % nv]).astype(np.int32), t2e.reshape(a.shape).astype(np.int32)
+    t = np.ascontiguousarray(t, dtype=np.int32)
+    edges, t2e = edges_of_simplices(t, np.array(LOCAL_EDGES[t.shape[0] - 1]), int(t.max()) + 1)
+    return edges, t2e

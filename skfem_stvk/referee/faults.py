@@ -11,10 +11,11 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import DTypeLike, NDArray
 from scipy.sparse import coo_matrix, csr_matrix, identity, kron
 
-from ..edges import EdgeForm
+from ..edges import Assembly, EdgeForm
+from ..edges.stiffness import GeneralStiffness
 from ..edges.topology import LOCAL_EDGES
 from ..errors import StvkError
 from ..materials import Hypothesis, Isotropic
@@ -48,10 +49,10 @@ class _Altered:
     term: StVK
     change: Callable[[Array], None]
 
-    def bind(self, mesh: SimplexMesh) -> EdgeForm:
+    def bind(self, mesh: SimplexMesh, dtype: DTypeLike = np.float64) -> Assembly:
         coefficients = self.term.coefficients(mesh).copy()
         self.change(coefficients)
-        return EdgeForm(mesh.p, mesh.t[:, mesh.elements(self.term.region)], coefficients)
+        return Assembly(EdgeForm(mesh.p, mesh.t[:, mesh.elements(self.term.region)], GeneralStiffness(coefficients)), dtype)
 
 
 class _Disturbed:
@@ -155,11 +156,10 @@ def _opposite(m: int) -> tuple[list[int], list[int]]:
 
 
 def _no_geometric_term(mesh: SimplexMesh, term: StVK) -> _Disturbed:
-    form = term.bind(mesh)
+    form = term.bind(mesh).form
 
     def geometric(u: Array) -> csr_matrix:
-        tension, _ = form.tension(u.reshape(-1, mesh.d))
-        a, b = form.edges
+        tension, (a, b) = form.tensions(u.reshape(-1, mesh.d)), form.edges
         entries = np.concatenate([tension, tension, -tension, -tension])
         laplacian = coo_matrix((entries, (np.concatenate([a, b, a, b]), np.concatenate([a, b, b, a]))), shape=(mesh.nv, mesh.nv))
         return csr_matrix(kron(laplacian, identity(mesh.d)))

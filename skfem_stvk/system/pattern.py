@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+import weakref
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import DTypeLike, NDArray
 from scipy.sparse import csr_matrix
 
-from ..edges import Places
 from ..errors import StvkError, name_ids
+from ..kernels.topology import expand, first_places, lexicographic_order, stars
 from ..mesh.simplices import check_index_range
 
 
@@ -19,11 +20,16 @@ class Pattern:
 
     Zeros are kept, so the pattern does not depend on the state, and a symbolic factorisation can be reused.
 
+    Parameters
+    ----------
+    edges : of each term, (2, ne) vertices `a < b` in lexicographic order.
+
     Attributes
     ----------
     indptr, indices : int32 arrays of scipy's CSR format, columns sorted; read only.
     shape : (ndofs, ndofs).
     nnz : number of values.
+    strides : (nv,) values from a row of a vertex to its next.
 
     Raises
     ------
@@ -31,64 +37,72 @@ class Pattern:
         if there are more values than 32-bit indices can count.
     """
 
-    def __init__(self, nv: int, d: int, edges: Iterable[NDArray[np.int32]]) -> None:
-        ends = np.concatenate([np.empty((2, 0), dtype=np.int64), *edges], axis=1).astype(np.int64)
-        own = np.arange(nv, dtype=np.int64)
-        self._keys = np.unique(np.concatenate([own * nv + own, ends[0] * nv + ends[1], ends[1] * nv + ends[0]]))
-        self._nv, self._d = nv, d
-        self.nnz = d * d * len(self._keys)
+    def __init__(self, nv: int, d: int, edges: Sequence[NDArray[np.int32]]) -> None:
+        self._d = d
+        self._begin, self._columns, _ = stars(edges[0] if len(edges) == 1 else _union(edges, nv), nv)
+        self.nnz = d * d * len(self._columns)
         check_index_range(self.nnz, "values of K")
         self.shape = (d * nv, d * nv)
-        rows, columns = self._keys // nv, self._keys % nv
-        self._begin = np.searchsorted(rows, np.arange(nv + 1))  # first block of each block row
-        per_row = np.diff(self._begin)
-        self.indptr = np.concatenate([[0], np.cumsum(np.repeat(d * per_row, d))]).astype(np.int32)
-        self.indices = np.empty(self.nnz, dtype=np.int32)
-        at = self.values_at(rows, columns)
-        self.indices[at] = (d * columns[:, None] + np.arange(d))[:, None, :]
+        self.strides = (d * np.diff(self._begin)).astype(np.int32)
+        self.indptr, self.indices = expand(self._begin, self._columns, d)
         self.indptr.flags.writeable = self.indices.flags.writeable = False
+        self._known: tuple[Any, Any] = _nothing, None
 
-    def values_at(self, a: NDArray[np.integer[Any]], b: NDArray[np.integer[Any]]) -> NDArray[np.int32]:
-        """(n, d, d) places of the values of the blocks `(a, b)` in the CSR data.
+    def places(self, a: NDArray[np.int32], b: NDArray[np.int32]) -> NDArray[np.int32]:
+        """(n,) place in the CSR values of the first value of each block `(a, b)`; its next rows follow after `strides[a]`.
 
         Raises
         ------
         StvkError
             if a block is not in the pattern.
         """
-        nv, d = self._nv, self._d
-        keys = np.asarray(a, dtype=np.int64) * nv + b
-        block = np.minimum(np.searchsorted(self._keys, keys), len(self._keys) - 1)
-        missing = np.flatnonzero(self._keys[block] != keys)
+        places = first_places(self._begin, self._columns, self._d, a, b)
+        missing = np.flatnonzero(places < 0)
         if len(missing):
-            pairs = [(int(keys[i] // nv), int(keys[i] % nv)) for i in missing[:5]]
+            pairs = [(int(a[i]), int(b[i])) for i in missing[:5]]
             raise StvkError(
                 f"{name_ids(missing, 'block')}: not in the pattern of K, vertices {pairs}: no edge joins them. The pattern is made "
                 "from the edges of the terms; a term must name all the pairs it writes to."
             )
-        begin, count = self._begin[keys // nv], np.diff(self._begin)[keys // nv]
-        first = d * d * begin + d * (block - begin)
-        places = first[:, None, None] + (d * count)[:, None, None] * np.arange(d)[:, None] + np.arange(d)
         return places.astype(np.int32)
 
-    def places(self, edges: NDArray[np.int32]) -> Places:
-        """Where the blocks of these edges (2, ne) and of all vertices stand."""
-        own = np.arange(self._nv)
-        return Places(self.values_at(edges[0], edges[1]), self.values_at(edges[1], edges[0]), self.values_at(own, own))
-
-    def matrix(self, data: NDArray[np.float64]) -> csr_matrix:
+    def matrix(self, data: NDArray[Any]) -> csr_matrix:
         """A CSR matrix of this pattern around the values `data` (nnz,), which it does not copy.
 
         Its index arrays are copies, so that changing the matrix in place cannot harm the pattern.
         """
         return csr_matrix((data, self.indices.copy(), self.indptr.copy()), shape=self.shape)
 
-    def fits(self, matrix: Any) -> bool:
-        """Whether this is a CSR matrix of doubles that still has this pattern."""
-        return (
-            isinstance(matrix, csr_matrix)
-            and matrix.dtype == np.float64
-            and matrix.shape == self.shape
-            and np.array_equal(matrix.indptr, self.indptr)
-            and np.array_equal(matrix.indices, self.indices)
-        )
+    def fits(self, matrix: Any, dtype: DTypeLike) -> bool:
+        """Whether this is a CSR matrix of this type that still has this pattern.
+
+        The matrix that was found to fit last is not looked through again as long as it holds the same index array of the same length.
+        """
+        if not isinstance(matrix, csr_matrix) or matrix.dtype != dtype or matrix.shape != self.shape or matrix.nnz != self.nnz:
+            return False
+        if self._known[0]() is matrix and self._known[1] is matrix.indices:
+            return True
+        fits: bool = np.array_equal(matrix.indptr, self.indptr) and np.array_equal(matrix.indices, self.indices)
+        if fits:
+            self._known = weakref.ref(matrix), matrix.indices
+        return fits
+
+    def memory(self) -> int:
+        """Bytes of its arrays."""
+        return sum(array.nbytes for array in (self._begin, self._columns, self.strides, self.indptr, self.indices))
+
+    def __getstate__(self) -> dict[str, Any]:
+        return self.__dict__ | {"_known": (_nothing, None)}
+
+
+def _nothing() -> None:
+    """A reference to nothing."""
+
+
+def _union(edges: Sequence[NDArray[np.int32]], nv: int) -> NDArray[np.int32]:
+    """The edges of all terms, each once."""
+    every = np.ascontiguousarray(np.concatenate(edges, axis=1))
+    every = every[:, lexicographic_order(every, nv)]
+    first = np.ones(every.shape[1], dtype=bool)
+    first[1:] = (every[:, 1:] != every[:, :-1]).any(axis=0)
+    return np.ascontiguousarray(every[:, first])

@@ -2,35 +2,46 @@
 
 from __future__ import annotations
 
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import DTypeLike, NDArray
 
-from ..edges import Places
+from ..edges import Linearized, Rows
+from ..edges.rows import Places
 from ..mesh import SimplexMesh
 
-Array = NDArray[np.float64]
+Array = NDArray[np.floating[Any]]
 
 
 class BoundTerm(Protocol):
     """A term on a mesh: it adds what it contributes at displacements `u` (nv, d) to arrays that it is handed."""
 
-    edges: NDArray[np.int32]
-    """(2, ne) pairs of vertices `a < b` that it couples."""
+    @property
+    def edges(self) -> NDArray[np.int32]:
+        """(2, ne) pairs of vertices `a < b` that it couples, in lexicographic order."""
 
-    def energy(self, u: Array) -> float:
-        """Strain energy [J]."""
+    def energy_and_force(self, u: Array, out: Array) -> float:
+        """Strain energy [J]; adds the internal force [N] to `out` (nv, d)."""
 
-    def add_force(self, u: Array, out: Array) -> None:
-        """Add the internal force [N] to `out` (nv, d)."""
+    def rows(self, pattern: Places) -> Rows:
+        """Where its blocks stand in the values of a matrix of this pattern."""
 
-    def add_tangent(self, u: Array, places: Places, data: Array) -> None:
-        """Add the tangent stiffness [N/m] to the values of a CSR matrix."""
+    def tangent(self, u: Array, rows: Rows, data: Array, add: bool, force: Array | None = None) -> Linearized:
+        """Write the tangent stiffness [N/m] of its edges and vertices to CSR values, or add it; adds the force to `force` (nv, d)."""
+
+    def edge_blocks(self, u: Array, force: Array | None = None, out: Array | None = None) -> tuple[float, Array]:
+        """The energy [J], and what `add_product` needs at `u`; `out` is what it returned before, to be filled anew."""
+
+    def add_product(self, blocks: Array, v: Array, out: Array) -> None:
+        """Add `K v` to `out` (nv, d)."""
+
+    def memory(self) -> dict[str, int]:
+        """Bytes of what there is now, by part."""
 
 
 class Term(Protocol):
     """A specification without a mesh."""
 
-    def bind(self, mesh: SimplexMesh) -> BoundTerm:
-        """The term on this mesh."""
+    def bind(self, mesh: SimplexMesh, dtype: DTypeLike) -> BoundTerm:
+        """The term on this mesh, with results of this type."""

@@ -6,10 +6,11 @@ from dataclasses import InitVar, dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike, DTypeLike, NDArray
 
-from ..edges import EdgeForm
+from ..edges import Assembly, EdgeForm
 from ..edges.coefficients import simplex_coefficients
+from ..edges.stiffness import GeneralStiffness, IsotropicStiffness, Stiffness
 from ..errors import MaterialError
 from ..materials import Hypothesis, Isotropic, Material
 from ..materials.values import check_length, constant
@@ -89,9 +90,21 @@ class StVK:
             raise MaterialError("Triangles in space are membranes, always in plane stress; leave plane out.")
         return Hypothesis.PLANE_STRESS if mesh.d == 3 or self.plane == "stress" else Hypothesis.PLANE_STRAIN
 
-    def bind(self, mesh: SimplexMesh) -> EdgeForm:
-        """The edge form of this body on a mesh."""
-        return EdgeForm(mesh.p, mesh.t[:, mesh.elements(self.region)], self.coefficients(mesh))
+    def bind(self, mesh: SimplexMesh, dtype: DTypeLike = np.float64) -> Assembly:
+        """The assembly of this body on a mesh; its `form` is the edge form."""
+        form = EdgeForm(mesh.p, mesh.t[:, mesh.elements(self.region)], self.stiffness(mesh))
+        return Assembly(form, dtype)
+
+    def stiffness(self, mesh: SimplexMesh) -> Stiffness:
+        """The stiffness of each simplex of the region, in the form that stores least."""
+        assert self.material is not None
+        if not isinstance(self.material, Isotropic):
+            return GeneralStiffness(self.coefficients(mesh))
+        n, hypothesis = len(mesh.elements(self.region)), self.hypothesis(mesh)
+        self.material.check(n, hypothesis)
+        section = self.section(mesh, n)
+        lam, mu = (np.broadcast_to(value * section, n) for value in self.material.lame(hypothesis))
+        return IsotropicStiffness(lam, mu)
 
     def coefficients(self, mesh: SimplexMesh) -> NDArray[np.float64]:
         """(n, m, m) coefficients `L` of each simplex of the region, for the pairs of its edges [J/m^4]."""

@@ -167,7 +167,7 @@ def test_spoiling_a_tangent_does_not_spoil_the_system():
 def test_a_block_outside_of_the_pattern_is_a_loud_error():
     bar = System(MESHES["cable"], StVK(young=1.0))
     with pytest.raises(StvkError, match=r"1 block \(1\): not in the pattern of K, vertices \[\(0, 5\)\]"):
-        bar.pattern.values_at(np.array([0, 0]), np.array([1, 5]))
+        bar.pattern.places(np.array([0, 0]), np.array([1, 5]))
 
 
 @pytest.mark.parametrize("call", [SOLID.energy, SOLID.internal_force, SOLID.tangent])

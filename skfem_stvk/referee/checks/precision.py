@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...edges import EdgeForm
+from ...edges import Assembly, EdgeForm
 from ...mesh import SimplexMesh
 from ...mesh.geometry import aspect_ratios, vertex_sizes
 from ...reference import ReferenceStVK
@@ -89,18 +89,18 @@ def patch(mesh: SimplexMesh) -> SimplexMesh:
 
 def forms_on(mesh: SimplexMesh, body: Homogeneous) -> dict[str, Force]:
     """F(u) by name: our form, the textbook form and scikit-fem's."""
-    form = body.term.bind(mesh)
+    assembly = body.term.bind(mesh)
     return {
-        OURS: partial(edge_force, form),
-        TEXTBOOK: partial(textbook_force, form, mesh.p.T),
+        OURS: partial(edge_force, assembly),
+        TEXTBOOK: partial(textbook_force, assembly.form, mesh.p.T),
         REFERENCE: ReferenceStVK(mesh.p, mesh.t, body.tensor).internal_force,
     }
 
 
-def edge_force(form: EdgeForm, u: Array) -> Array:
+def edge_force(assembly: Assembly, u: Array) -> Array:
     """F of our form."""
-    force = np.zeros((form.nv, form.P.shape[1]))
-    form.add_force(u.reshape(force.shape), force)
+    force = np.zeros(assembly.form.p.T.shape)
+    assembly.energy_and_force(u.reshape(force.shape), force)
     return force.ravel()
 
 

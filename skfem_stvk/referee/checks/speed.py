@@ -104,5 +104,5 @@ def error_table(case: Case, body: Homogeneous) -> dict[str, dict[str, float]]:
     return errors | {TEXTBOOK: {"F": _relative(textbook(u), F)}}
 
 
-def _relative(value: Array, truth: Array) -> float:
+def _relative(value: NDArray[Any], truth: Array) -> float:
     return float(np.abs(value - truth).max() / np.abs(truth).max())

@@ -1,0 +1,175 @@
+"""W, F and K of an edge form on the arrays that the kernels read."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import cached_property
+from typing import Any, NamedTuple
+
+import numba
+import numpy as np
+from numpy.typing import DTypeLike, NDArray
+
+from ..kernels import blocks as block_kernels
+from ..kernels import simplices as simplex_kernels
+from ..kernels.simplices import LANES
+from .form import EdgeForm
+from .lanes import in_lanes, out_of_lanes
+from .order import own_order
+from .rows import Places, Rows, rows_of
+from .sharing import Shares, parts_of, shares_of
+from .topology import edge_topology
+
+Array = NDArray[np.floating[Any]]
+
+AXES = {1: (0,), 2: (0, 1), 3: (0, 1, 2)}
+
+
+class Linearized(NamedTuple):
+    """What a tangent comes with.
+
+    Attributes
+    ----------
+    energy : strain energy [J].
+    trace : of K [N/m]; not finite if any value of K is not.
+    """
+
+    energy: float
+    trace: float
+
+
+class Assembly:
+    """The simplices of an edge form in blocks of lanes, in an order of their own, and the calls of the kernels.
+
+    What only K needs is made at the first K. Its arrays are in use during a call: one Python thread at a time.
+
+    Parameters
+    ----------
+    form : the edge form.
+    dtype : of results, rest edges and coefficients, which are computed in double and rounded then.
+    """
+
+    def __init__(self, form: EdgeForm, dtype: DTypeLike = np.float64) -> None:
+        self.form, self.dtype = form, np.dtype(dtype)
+        order = own_order(form.t, form.edges)
+        self.vertices = order.vertices
+        k, n = len(order.t) - 1, len(order.elements)
+        t = order.vertices[order.t]
+        P = np.zeros((9, n), dtype=self.dtype)
+        for i in range(k):
+            P[3 * i : 3 * i + len(form.p)] = form.p[:, t[i + 1]] - form.p[:, t[0]]
+        stored = form.stiffness.stored(form.p, t, order.elements, order.local)
+        D = in_lanes(stored.astype(self.dtype))
+        D.reshape(len(D), -1, LANES)[-1, :, n - (len(D) - 1) * LANES :] = 0  # what only fills the last block has no stiffness
+        self._P, self._D = in_lanes(P).ravel(), D.ravel() if len(stored) == 7 else D
+        self._t = in_lanes(order.t[[*range(k + 1), *[0] * (3 - k)]].astype(np.uint32))
+        self._n, self._x = n, np.zeros(3 * len(order.vertices))
+        self._threads = 0
+        self._shared: dict[str, Any] = {}
+
+    @property
+    def edges(self) -> NDArray[np.int32]:
+        """(2, ne) pairs of vertices `a < b` of the mesh that are coupled."""
+        return self.form.edges
+
+    def energy_and_force(self, u: Array, out: Array) -> float:
+        """Strain energy [J] at displacements `u` (nv, d) [m]; adds the internal force `dW/du` [N] to `out` (nv, d)."""
+        shares = self._forces
+        f = self._slots(shares)
+        block_kernels.gather(u, self.vertices, self._x)
+        W = simplex_kernels.energy_and_force(shares.parts, self._t.ravel(), shares.slots, self._P, self._D, self._x, f)
+        self._add(f, shares, out)
+        return float(W)
+
+    def edge_blocks(self, u: Array, force: Array | None = None, out: Array | None = None) -> tuple[float, Array]:
+        """The energy [J] and the blocks `K_ab` (9 ne,) of the edges at `u` (nv, d), with room for what threads add to them.
+
+        Adds the internal force to `force` (nv, d). `out` are blocks that this method returned before, to be filled anew.
+        """
+        shares, to = self._forces, self._blocks
+        size = 9 * (self._edges.shape[1] + len(to.extra))
+        blocks = np.empty(size, dtype=self.dtype) if out is None or len(out) != size else out
+        f = self._slots(shares) if force is not None else np.empty(0, dtype=self.dtype)
+        block_kernels.gather(u, self.vertices, self._x)
+        W = simplex_kernels.linearize(
+            shares.parts, self._t.ravel(), shares.slots, to.slots.reshape(len(self._t), -1), self._P, self._D, self._x, f, blocks
+        )
+        block_kernels.fold(blocks, self._edges.shape[1], to.extra, 9)
+        if force is not None:
+            self._add(f, shares, force)
+        return float(W), blocks
+
+    def rows(self, pattern: Places) -> Rows:
+        """Where the blocks stand in the values of a matrix of this pattern."""
+        return rows_of(self._edges, self.vertices, pattern)
+
+    def tangent(self, u: Array, rows: Rows, data: Array, add: bool, force: Array | None = None) -> Linearized:
+        """Write the tangent stiffness [N/m] to the CSR values `data`, or add it to them; adds the force to `force` (nv, d)."""
+        W, blocks = self.edge_blocks(u, force, out=self._shared.get("blocks"))
+        self._shared["blocks"] = blocks
+        parts = parts_of(len(self.vertices), 1, self._threads)
+        trace = block_kernels.fill_rows(parts, *rows, blocks, AXES[u.shape[1]], add, data)
+        return Linearized(W, float(trace))
+
+    def add_product(self, blocks: Array, v: Array, out: Array) -> None:
+        """Add `K v` to `out` (nv, d), for the `blocks` of the edges and `v` (nv, d)."""
+        shares = self._products
+        x, y = np.zeros(3 * len(self.vertices), dtype=self.dtype), self._slots(shares)
+        block_kernels.gather(v, self.vertices, x)
+        block_kernels.multiply(shares.parts, self._edges, shares.slots.reshape(-1, 2), blocks, x, y)
+        self._add(y, shares, out)
+
+    def memory(self) -> dict[str, int]:
+        """Bytes of what there is now, by part."""
+        shared = {name: value for name, value in self._shared.items() if name != "blocks"}
+        return {
+            "edges of the mesh": _bytes(self.edges),
+            "simplices": _bytes((self._t, self._P, self._D, self.vertices, self._x)),
+            "own edges": _bytes(self.__dict__.get("_topology", ())),
+            "shares of threads": _bytes([value for value in shared.values() if len(value.parts) > 2]),
+            "blocks of edges": _bytes(self._shared.get("blocks", ())),
+        }
+
+    @cached_property
+    def _topology(self) -> tuple[NDArray[np.int32], NDArray[np.uint32]]:
+        """(2, ne) edges in the own order of the vertices, and those of the simplices in lanes."""
+        edges, t2e = edge_topology(out_of_lanes(self._t, self._n)[: len(self.form.t)].astype(np.int32))
+        return edges, in_lanes(t2e.astype(np.uint32))
+
+    @property
+    def _edges(self) -> NDArray[np.int32]:
+        return self._topology[0]
+
+    @property
+    def _forces(self) -> Shares:
+        return self._share("F", lambda n: shares_of(self._t, len(self.vertices), LANES, n))
+
+    @property
+    def _blocks(self) -> Shares:
+        return self._share("K", lambda n: shares_of(self._topology[1], self._edges.shape[1], LANES, n))
+
+    @property
+    def _products(self) -> Shares:
+        return self._share("K v", lambda n: shares_of(np.ascontiguousarray(self._edges.T), len(self.vertices), 1, n))
+
+    def _share(self, name: str, make: Callable[[int], Shares]) -> Shares:
+        """Shares for numba's number of threads; those for another number are thrown away."""
+        threads = numba.get_num_threads()
+        if threads != self._threads:
+            self._threads, self._shared = threads, {}
+        if name not in self._shared:
+            self._shared[name] = make(threads)
+        shares: Shares = self._shared[name]
+        return shares
+
+    def _slots(self, shares: Shares) -> Array:
+        return np.zeros(3 * (len(self.vertices) + len(shares.extra)), dtype=self.dtype)
+
+    def _add(self, f: Array, shares: Shares, out: Array) -> None:
+        """Add what stands in the slots to `out` (nv, d) of the mesh."""
+        block_kernels.fold(f, len(self.vertices), shares.extra, 3)
+        block_kernels.add_scattered(f, self.vertices, out)
+
+
+def _bytes(arrays: Any) -> int:
+    return arrays.nbytes if isinstance(arrays, np.ndarray) else sum(map(_bytes, arrays))

@@ -1,0 +1,52 @@
+"""The kernels' own order of vertices and elements: neighbours in space are neighbours in memory."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import csr_matrix
+from scipy.sparse.csgraph import reverse_cuthill_mckee
+
+from ..kernels.topology import lexicographic_order, stars
+
+Ids = NDArray[np.int32]
+
+
+class OwnOrder(NamedTuple):
+    """Simplices in an order that the caches like; users never see it.
+
+    Vertices in reverse Cuthill-McKee order (only those that the simplices have), ascending in each simplex, simplices sorted by them.
+    On an unstructured mesh of 315 000 tetrahedra this makes W and F 2.9 x and K 2.2 x as fast as the order that Gmsh gives.
+
+    Attributes
+    ----------
+    vertices : (nv,) vertex of the mesh.
+    elements : (nt,) position of the simplex in what came.
+    t : (k + 1, nt) vertices of the simplices, in this order.
+    local : (k + 1, nt) which vertex of the simplex each of them was.
+    """
+
+    vertices: Ids
+    elements: Ids
+    t: Ids
+    local: NDArray[np.int64]
+
+
+def own_order(t: Ids, edges: Ids) -> OwnOrder:
+    """The order for simplices `t` (k + 1, nt) with these `edges` (2, ne) in lexicographic order."""
+    used = np.zeros(int(t.max()) + 1, dtype=bool)
+    used[t.ravel()] = True
+    vertices = np.flatnonzero(used).astype(np.int32)
+    number = np.empty(len(used), dtype=np.int32)
+    number[vertices] = np.arange(len(vertices))
+    begin, others, _ = stars(number[edges], len(vertices))
+    graph = csr_matrix((np.ones(len(others), dtype=np.int8), others, begin.astype(np.int32)), shape=(len(vertices),) * 2)
+    vertices = vertices[reverse_cuthill_mckee(graph, symmetric_mode=True)]
+    number[vertices] = np.arange(len(vertices))
+    corners = number[t.T]  # (nt, k + 1)
+    local = np.argsort(corners, axis=1)
+    corners = np.ascontiguousarray(np.take_along_axis(corners, local, axis=1).T)
+    elements = lexicographic_order(corners, len(vertices))
+    return OwnOrder(vertices, elements, corners[:, elements], local.T[:, elements])

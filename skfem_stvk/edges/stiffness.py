@@ -1,0 +1,82 @@
+"""The stiffness of simplices, as the coefficients L of their edges and as the kernels store it, by their spokes."""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..mesh.geometry import Geometry
+from .coefficients import isotropic_coefficients
+from .topology import LOCAL_EDGES
+
+Array = NDArray[np.float64]
+
+#: Pairs of spokes: the order of the strains `M_ij` and tensions `S_ij` of the kernels.
+PAIRS = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
+
+
+class Stiffness(Protocol):
+    """The stiffness of simplices with vertices `t` (k + 1, n)."""
+
+    def coefficients(self, p: Array, t: NDArray[np.int32]) -> Array:
+        """(n, m, m) `L` of each simplex, for the pairs of its edges [J/m^4]."""
+
+    def stored(self, p: Array, t: NDArray[np.int32], elements: NDArray[np.int32], local: NDArray[np.int64]) -> Array:
+        """(7 or 21, n) what the kernels store of these `elements` with vertices `t` (k + 1, n), which were their `local` ones."""
+
+
+class IsotropicStiffness:
+    """Lame constants times section, (n,) each: those that act within the simplices' own dimensions."""
+
+    def __init__(self, lam: Array, mu: Array) -> None:
+        self.lam, self.mu = lam, mu
+
+    def coefficients(self, p: Array, t: NDArray[np.int32]) -> Array:
+        return isotropic_coefficients(Geometry(p, t), self.lam, self.mu)
+
+    def stored(self, p: Array, t: NDArray[np.int32], elements: NDArray[np.int32], local: NDArray[np.int64]) -> Array:
+        """`g_ij = sqrt(V mu) G_ij` of the spokes and `r = lam / (2 mu)`; zero for the spokes that a triangle or segment lacks."""
+        lam, mu = self.lam[elements], self.mu[elements]
+        if len(t) == 2:  # one strain: lam + 2 mu is all there is, and mu may be zero
+            lam, mu = 0 * lam, mu + lam / 2
+        geometry = Geometry(p, t)
+        g = np.sqrt(geometry.volume * mu)[:, None, None] * geometry.gram
+        rows = [g[:, i + 1, j + 1] if j + 1 < len(t) else 0 * mu for i, j in PAIRS]
+        return np.stack([*rows, lam / (2 * mu)])
+
+
+class GeneralStiffness:
+    """Any coefficients `L` (n, m, m) of the edges of each simplex, symmetric."""
+
+    def __init__(self, coefficients: Array) -> None:
+        self._L = coefficients
+
+    def coefficients(self, p: Array, t: NDArray[np.int32]) -> Array:
+        return self._L
+
+    def stored(self, p: Array, t: NDArray[np.int32], elements: NDArray[np.int32], local: NDArray[np.int64]) -> Array:
+        """The upper half of `D`: with `zeta = Q M`, `W = 1/4 zeta' L zeta` is `1/4 M' (Q' L Q) M`."""
+        k = len(t) - 1
+        edges = np.array(LOCAL_EDGES[k])
+        number = np.zeros((k + 1, k + 1), dtype=np.int64)
+        number[edges[:, 0], edges[:, 1]] = number[edges[:, 1], edges[:, 0]] = np.arange(len(edges))
+        own = number[local[edges[:, 0]], local[edges[:, 1]]].T  # (n, m) the edges in their old order
+        L = self._L[elements[:, None, None], own[:, :, None], own[:, None, :]]
+        Q = elongations_of_pairs(k)
+        D = np.swapaxes(Q, 0, 1) @ L @ Q
+        rows, columns = np.triu_indices(6)
+        stored: Array = np.ascontiguousarray(D[:, rows, columns].T)
+        return stored
+
+
+def elongations_of_pairs(k: int) -> Array:
+    """(m, 6) `Q` with `zeta = Q M`, `M` in both orders of each pair: `zeta_0i = M_ii`, `zeta_ij = M_ii + M_jj - M_ij - M_ji`."""
+    Q = np.zeros((len(LOCAL_EDGES[k]), len(PAIRS)))
+    for edge, (a, b) in enumerate(LOCAL_EDGES[k]):
+        for column, (i, j) in enumerate(PAIRS):
+            # M_ij belongs to the vertices i + 1 and j + 1; each off-diagonal one counts half for ij and half for ji
+            ends = [int(v == i + 1) for v in (a, b)], [int(v == j + 1) for v in (a, b)]
+            Q[edge, column] = (ends[0][1] - ends[0][0]) * (ends[1][1] - ends[1][0])
+    return Q

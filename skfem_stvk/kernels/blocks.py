@@ -1,0 +1,158 @@
+"""What is made of the edge blocks of K: values of a CSR matrix, and the product with a vector.
+
+The blocks `K_ab` of the edges `a < b` are all there is of K: `K_ba = K_ab'`, and a translation costs nothing, so that `K_aa = -sum_b
+K_ab` and `(K v)_a = sum_b K_ab (v_b - v_a)`.
+
+Arrays: `blocks` (9 ne,), row by row, three components always; vectors of the kernels (3 nv,) in their own order of the vertices, `order`
+its vertices in the mesh. Several parts of an array are worked on at a time, and none by two.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import prange
+
+from .compiled import Ids, Reals, inlined, kernel, parallel_kernel
+from .topology import OWN
+
+I = np.uint64
+
+
+@kernel
+def gather(x: Reals, order: Ids, out: Reals) -> None:
+    """`x` (n, d) of the mesh in the kernels' order, with three components."""
+    d = x.shape[1]
+    for i in range(len(order)):
+        vertex, to = I(order[I(i)]), I(3 * i)
+        for c in range(d):
+            out[to + I(c)] = x[vertex, I(c)]
+
+
+@kernel
+def fold(values: Reals, size: int, targets: Ids, width: int) -> None:
+    """Add the slots of other parts, which stand from `size` on, to those that they are `targets` of."""
+    for i in range(len(targets)):
+        to, at = I(width) * I(targets[I(i)]), I(width * (size + i))
+        for c in range(width):
+            values[to + I(c)] += values[at + I(c)]
+
+
+@kernel
+def add_scattered(x: Reals, order: Ids, out: Reals) -> None:
+    """Add `x` in the kernels' order to `out` (n, d) of the mesh."""
+    d = out.shape[1]
+    for i in range(len(order)):
+        vertex, at = I(order[I(i)]), I(3 * i)
+        for c in range(d):
+            out[vertex, I(c)] += x[at + I(c)]
+
+
+@inlined
+def _nine(a, at):
+    return a[at], a[at + I(1)], a[at + I(2)], a[at + I(3)], a[at + I(4)], a[at + I(5)], a[at + I(6)], a[at + I(7)], a[at + I(8)]
+
+
+@inlined
+def _transposed(b):
+    return b[0], b[3], b[6], b[1], b[4], b[7], b[2], b[5], b[8]
+
+
+@inlined
+def _minus(a, b):
+    return (
+        a[0] - b[0],
+        a[1] - b[1],
+        a[2] - b[2],
+        a[3] - b[3],
+        a[4] - b[4],
+        a[5] - b[5],
+        a[6] - b[6],
+        a[7] - b[7],
+        a[8] - b[8],
+    )
+
+
+@inlined
+def _store(block, place, stride, axes, add, data):
+    """A block of `len(axes)` rows and columns to the CSR values."""
+    for r in range(len(axes)):
+        for c in range(len(axes)):
+            to = place + I(r) * stride + I(c)
+            if add:
+                data[to] += block[3 * r + c]
+            else:
+                data[to] = block[3 * r + c]
+
+
+@kernel
+def _fill_rows(begin, end, rows, entries, places, strides, blocks, axes, add, data):
+    zero = blocks.dtype.type(0)
+    total = 0.0
+    for row in range(begin, end):
+        stride = I(strides[I(row)])
+        own = (zero, zero, zero, zero, zero, zero, zero, zero, zero)
+        place = I(0)
+        for i in range(rows[I(row)], rows[I(row + 1)]):
+            entry = entries[I(i)]
+            if entry == OWN:
+                place = I(places[I(i)])
+                continue
+            block = _nine(blocks, I(9) * I(entry)) if entry >= 0 else _transposed(_nine(blocks, I(9) * I(-1 - entry)))
+            _store(block, I(places[I(i)]), stride, axes, add, data)
+            own = _minus(own, block)
+        _store(own, place, stride, axes, add, data)
+        total += own[0] + own[4] + own[8]
+    return total
+
+
+@parallel_kernel
+def fill_rows(
+    parts: Ids,
+    rows: Ids,
+    entries: Ids,
+    places: Ids,
+    strides: Ids,
+    blocks: Reals,
+    axes: tuple[int, ...],
+    add: bool,
+    data: Reals,
+) -> float:
+    """Write the block rows of the vertices into the CSR values `data`, or add them; the trace, which is not finite if a value is not.
+
+    `rows`, `entries` are the stars of the vertices (`topology.stars`): the block of an edge, its transpose, the diagonal; `places` the place
+    in `data` of the first value of each, `strides` (nv,) from there to the next row. `axes` is a tuple as long as a block is wide.
+    """
+    n = len(parts) - 1
+    if n == 1:
+        return _fill_rows(parts[0], parts[1], rows, entries, places, strides, blocks, axes, add, data)
+    trace = np.zeros(n)
+    for i in prange(n):
+        trace[i] = _fill_rows(parts[i], parts[i + 1], rows, entries, places, strides, blocks, axes, add, data)
+    return trace.sum()
+
+
+@kernel
+def _multiply(begin, end, edges, slots, blocks, v, out):
+    for e in range(begin, end):
+        i = I(e)
+        a, b, at = I(3) * I(edges[I(0), i]), I(3) * I(edges[I(1), i]), I(9) * i
+        x, y, z = v[b] - v[a], v[b + I(1)] - v[a + I(1)], v[b + I(2)] - v[a + I(2)]
+        K = _nine(blocks, at)
+        a, b = I(3) * I(slots[i, I(0)]), I(3) * I(slots[i, I(1)])
+        out[a] += K[0] * x + K[1] * y + K[2] * z
+        out[a + I(1)] += K[3] * x + K[4] * y + K[5] * z
+        out[a + I(2)] += K[6] * x + K[7] * y + K[8] * z
+        out[b] -= K[0] * x + K[3] * y + K[6] * z
+        out[b + I(1)] -= K[1] * x + K[4] * y + K[7] * z
+        out[b + I(2)] -= K[2] * x + K[5] * y + K[8] * z
+
+
+@parallel_kernel
+def multiply(parts: Ids, edges: Ids, slots: Ids, blocks: Reals, v: Reals, out: Reals) -> None:
+    """Add `K v` to the slots `out`; `edges` (2, ne), their `slots` (ne, 2), each block read once."""
+    n = len(parts) - 1
+    if n == 1:
+        _multiply(parts[0], parts[1], edges, slots, blocks, v, out)
+    else:
+        for i in prange(n):
+            _multiply(parts[i], parts[i + 1], edges, slots, blocks, v, out)

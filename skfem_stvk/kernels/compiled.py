@@ -1,0 +1,63 @@
+"""How kernels are compiled: by numba, once a machine."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, TypeAlias, TypeVar
+
+import numba
+import numpy as np
+from numba.core.event import Listener, register
+from numpy.typing import NDArray
+from rich.console import Console
+
+Ids: TypeAlias = NDArray[Any]
+Reals: TypeAlias = NDArray[np.floating[Any]]
+Function = TypeVar("Function", bound=Callable[..., Any])
+
+#: Sums may be reordered and contracted; NaN and infinity keep their meaning, so that what overflows is seen.
+FASTMATH = {"reassoc", "contract", "nsz", "arcp"}
+
+
+def kernel(function: Function, **more: Any) -> Function:
+    """Compile at the first call with arguments of a type, keep the machine code on disk, and let go of the GIL.
+
+    The code on disk is keyed by the file of the function alone: callees stand in the caller's file. Where no folder can be written
+    to, every process compiles anew.
+    """
+    options: dict[str, Any] = {"fastmath": FASTMATH, "nogil": True, "error_model": "numpy", **more}
+    try:
+        compiled: Function = numba.njit(cache=True, **options)(function)
+    except RuntimeError:  # no folder for the cache
+        compiled = numba.njit(**options)(function)
+    return compiled
+
+
+def inlined(function: Function) -> Function:
+    """A piece of a kernel's innermost loop: a loop with a call in it is not vectorised."""
+    return kernel(function, forceinline=True)
+
+
+def parallel_kernel(function: Function) -> Function:
+    """A kernel whose `prange` loops run on as many threads as `numba.set_num_threads` says."""
+    return kernel(function, parallel=True)
+
+
+class _Announcement(Listener):
+    """Says once a process why a first call takes long."""
+
+    def __init__(self) -> None:
+        self.made = False
+
+    def on_start(self, event: Any) -> None:
+        package = __name__.partition(".")[0]
+        if not self.made and event.data["dispatcher"].py_func.__module__.startswith(package):
+            self.made = True
+            text = f"{package}: compiling kernels for their first use; they are kept on disk"
+            Console(stderr=True, highlight=False).print(f"[dim]{text}[/]", soft_wrap=True)
+
+    def on_end(self, event: Any) -> None:
+        pass
+
+
+register("numba:compile", _Announcement())

@@ -1,0 +1,128 @@
+"""Edges, orders and neighbours of simplices, each in time and memory proportional to the mesh: sorting is counting."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from .compiled import Ids, kernel
+
+#: An entry of a star: the vertex itself.
+OWN = np.iinfo(np.int32).min
+
+
+@kernel
+def _counting_sort(keys, order, n):
+    """`order` sorted by `keys[order]` in 0 ... n - 1; equal keys stay as they are."""
+    begin = np.zeros(n + 1, np.int64)
+    for key in keys:
+        begin[key + 1] += 1
+    for i in range(n):
+        begin[i + 1] += begin[i]
+    result = np.empty_like(order)
+    for item in order:
+        key = keys[item]
+        result[begin[key]] = item
+        begin[key] += 1
+    return result
+
+
+@kernel
+def lexicographic_order(rows: Ids, n: int) -> Ids:
+    """(items,) order of the columns of `rows` (m, items), with entries in 0 ... n - 1, first row first."""
+    order = np.arange(rows.shape[1]).astype(np.int32)
+    for row in range(len(rows) - 1, -1, -1):
+        order = _counting_sort(rows[row], order, n)
+    return order
+
+
+@kernel
+def edges_of_simplices(t: Ids, local: Ids, n: int) -> tuple[Ids, Ids]:
+    """Edges (2, ne), `a < b` in lexicographic order, and (m, nt) edges of the simplices `t` (k + 1, nt).
+
+    `local` (m, 2) are the local edges, `n` is larger than every vertex.
+    """
+    m, nt = len(local), t.shape[1]
+    ends = np.empty((2, m * nt), np.int32)
+    for i in range(m):
+        for e in range(nt):
+            a, b = t[local[i, 0], e], t[local[i, 1], e]
+            ends[0, i * nt + e], ends[1, i * nt + e] = min(a, b), max(a, b)
+    order = lexicographic_order(ends, n)
+    t2e = np.empty((m, nt), np.int32)
+    edges = np.empty((2, m * nt), np.int32)
+    last, a, b = -1, -1, -1
+    for item in order:
+        if ends[0, item] != a or ends[1, item] != b:
+            last += 1
+            a, b = ends[0, item], ends[1, item]
+            edges[0, last], edges[1, last] = a, b
+        t2e[item // nt, item % nt] = last
+    return edges[:, : last + 1].copy(), t2e
+
+
+@kernel
+def stars(edges: Ids, n: int) -> tuple[Ids, Ids, Ids]:
+    """The star of each vertex in compressed rows: `begin` (n + 1,), `others` neighbours and the vertex itself, ascending, `entries` edges.
+
+    `edges` (2, ne) are `a < b` in lexicographic order: then a vertex meets its lower neighbours in ascending order, after them itself
+    and its upper ones. An entry is the edge to an upper neighbour, -1 - edge to a lower one, OWN for the vertex itself.
+    """
+    begin = np.zeros(n + 1, np.int64)
+    for v in range(n):
+        begin[v + 1] = 1
+    for e in range(edges.shape[1]):
+        begin[edges[0, e] + 1] += 1
+        begin[edges[1, e] + 1] += 1
+    for v in range(n):
+        begin[v + 1] += begin[v]
+    others, entries = np.empty(begin[n], np.int32), np.empty(begin[n], np.int32)
+    at = begin[:-1].copy()
+    own = 0
+    for e in range(edges.shape[1] + 1):
+        a = edges[0, e] if e < edges.shape[1] else n - 1
+        while own <= a:  # all lower neighbours of `own` have come
+            others[at[own]], entries[at[own]] = own, OWN
+            at[own] += 1
+            own += 1
+        if e < edges.shape[1]:
+            b = edges[1, e]
+            others[at[a]], entries[at[a]] = b, e
+            others[at[b]], entries[at[b]] = a, -1 - e
+            at[a] += 1
+            at[b] += 1
+    return begin, others, entries
+
+
+@kernel
+def expand(begin: Ids, columns: Ids, d: int) -> tuple[Ids, Ids]:
+    """`indptr` and `indices` of scipy's CSR format for `d x d` blocks in compressed rows."""
+    n = len(begin) - 1
+    indptr, indices = np.empty(d * n + 1, np.int32), np.empty(d * d * len(columns), np.int32)
+    indptr[0] = 0
+    at = 0
+    for v in range(n):
+        for r in range(d):
+            for i in range(begin[v], begin[v + 1]):
+                for c in range(d):
+                    indices[at] = d * columns[i] + c
+                    at += 1
+            indptr[d * v + r + 1] = at
+    return indptr, indices
+
+
+@kernel
+def first_places(begin: Ids, columns: Ids, d: int, a: Ids, b: Ids) -> Ids:
+    """(n,) place in the CSR values of the first value of each block `(a, b)`, -1 for a block that is not there."""
+    places = np.empty(len(a), np.int64)
+    for i in range(len(a)):
+        low, high = begin[a[i]], begin[a[i] + 1]
+        count, first = high - low, low
+        while low < high:
+            middle = (low + high) // 2
+            if columns[middle] < b[i]:
+                low = middle + 1
+            else:
+                high = middle
+        found = low < first + count and columns[low] == b[i]
+        places[i] = d * d * first + d * (low - first) if found else -1
+    return places

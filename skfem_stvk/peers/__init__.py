@@ -1,0 +1,44 @@
+"""W, F and K of other codes for the same model, in this package's conventions: what users of those codes would get, and how fast.
+
+No package of a peer is imported before its class is made; none is needed to use skfem_stvk.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+
+from ..errors import StvkError
+from .packages import PACKAGES
+from .peer import Peer
+
+PEERS = {"MuJoCo": "mujoco.MuJoCo", "FElupe": "felupe.FElupe", "NGSolve": "ngsolve.NGSolve", "DOLFINx": "dolfinx.DOLFINx"}
+
+__all__ = ["PEERS", "Peer", "available", "load"]
+
+
+def available() -> dict[str, str]:
+    """The version of each peer's package, or the line that installs it.
+
+    >>> list(available())
+    ['MuJoCo', 'FElupe', 'NGSolve', 'DOLFINx']
+    """
+    packages = {name: PACKAGES[module_of(name)] for name in PEERS}
+    return {name: package.version() or package.install for name, package in packages.items()}
+
+
+def load(name: str) -> type[Peer]:
+    """The class of a peer; its package is imported only when the class is called.
+
+    Raises
+    ------
+    StvkError
+        if there is no peer of that name.
+    """
+    if name not in PEERS:
+        raise StvkError(f"There is no peer {name!r}; there are {', '.join(PEERS)}.")
+    peer: type[Peer] = getattr(import_module(f".{module_of(name)}", __name__), PEERS[name].split(".")[1])
+    return peer
+
+
+def module_of(name: str) -> str:
+    return PEERS[name].split(".")[0]

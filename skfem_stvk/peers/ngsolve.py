@@ -1,0 +1,100 @@
+"""NGSolve: the derivatives of a symbolic energy, compiled."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import sysconfig
+from collections.abc import Iterator
+from contextlib import contextmanager
+from importlib import import_module
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import csr_matrix
+
+from .packages import require
+from .peer import Array, lame
+from .reordering import Reordering
+
+
+class NGSolve:
+    """`Variation` of the energy with one quadrature point, outside of a task manager, so on one thread; see `Peer`.
+
+    NGSolve translates the energy and its derivatives to C++ and compiles them, if there is a compiler, which takes seconds; if not,
+    it interprets them, at two to four times the cost. Its degrees of freedom come component by component and are reordered.
+
+    Attributes
+    ----------
+    compiled : whether the energy was translated and compiled.
+    """
+
+    name = "NGSolve"
+
+    def __init__(self, p: Array, t: NDArray[np.int32], young: float, poisson: float) -> None:
+        ngsolve = require("ngsolve")
+        self.version: str = ngsolve.__version__
+        space = ngsolve.VectorH1(_mesh(ngsolve, p, t), order=1)
+        F = ngsolve.Id(3) + ngsolve.Grad(space.TrialFunction())
+        E = 0.5 * (F.trans * F - ngsolve.Id(3))
+        lam, mu = lame(young, poisson)
+        density, self.compiled = _compiled(lam / 2 * ngsolve.Trace(E) ** 2 + mu * ngsolve.InnerProduct(E, E))
+        self.name = "NGSolve" if self.compiled else "NGSolve (no compiler)"
+        centre = ngsolve.IntegrationRule([(0.25, 0.25, 0.25)], [1 / 6])
+        self._form = ngsolve.BilinearForm(space)
+        self._form += ngsolve.Variation(density * ngsolve.dx(intrules={ngsolve.ET.TET: centre}))
+        self._field = ngsolve.GridFunction(space)  # whose vector it would take along when it is deleted
+        self._u = self._field.vec
+        self._f = self._u.CreateVector()
+        self._components = self._u.FV().NumPy().reshape(3, -1), self._f.FV().NumPy().reshape(3, -1)
+        self._u[:] = 0
+        self._form.AssembleLinearization(self._u)
+        values, columns, begin = (vector.NumPy() for vector in self._form.mat.CSR())
+        numbered = csr_matrix((1.0 + np.arange(len(values)), columns, begin), shape=(p.size, p.size))
+        self._reordered = Reordering(numbered, np.arange(p.size).reshape(-1, 3).T.ravel(), p.size)
+
+    def energy(self, u: Array) -> float:
+        return float(self._form.Energy(self._at(u)))
+
+    def internal_force(self, u: Array) -> Array:
+        self._form.Apply(self._at(u), self._f)
+        return self._components[1].T.ravel()
+
+    def tangent(self, u: Array) -> csr_matrix:
+        self._form.AssembleLinearization(self._at(u))
+        return self._reordered(self._form.mat.CSR()[0].NumPy())
+
+    def _at(self, u: Array) -> Any:
+        self._components[0][:] = u.reshape(-1, 3).T
+        return self._u
+
+
+def _mesh(ngsolve: Any, p: Array, t: NDArray[np.int32]) -> Any:
+    """Netgen takes the arrays as they are, with their order of vertices and either orientation."""
+    mesh = import_module("netgen.meshing").Mesh(dim=3)
+    mesh.AddPoints(np.ascontiguousarray(p.T, dtype=float))
+    mesh.AddElements(dim=3, index=mesh.AddRegion("body", dim=3), data=np.ascontiguousarray(t.T, dtype=np.int32), base=0)
+    return ngsolve.Mesh(mesh)
+
+
+def _compiled(density: Any) -> tuple[Any, bool]:
+    """The energy density, translated and compiled if possible, and whether it was."""
+    with _scripts_on_path():
+        if shutil.which("ngscxx") and shutil.which("c++"):
+            try:
+                return density.Compile(realcompile=True, wait=True), True
+            except Exception:  # a compiler that fails: Python's or its own headers are missing, or of another version
+                pass
+    return density.Compile(), False
+
+
+@contextmanager
+def _scripts_on_path() -> Iterator[None]:
+    """NGSolve finds its compiler's driver by the path, where the scripts of an environment that is not active are missing."""
+    before = os.environ.get("PATH", "")
+    os.environ["PATH"] = os.pathsep.join([sysconfig.get_path("scripts"), before])
+    try:
+        yield
+    finally:
+        os.environ["PATH"] = before

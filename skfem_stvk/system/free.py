@@ -1,0 +1,98 @@
+"""K, F and u restricted to the free degrees of freedom."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.sparse import csr_matrix
+
+from ..errors import StvkError, name_ids
+from .pattern import Pattern
+
+Array = NDArray[np.floating[Any]]
+
+
+class FreeDofs:
+    """The degrees of freedom that are not held, and K restricted to them by a gather that is computed once.
+
+    Parameters
+    ----------
+    pattern : of K.
+    fixed : degrees of freedom that are held, such as scikit-fem's `basis.get_dofs(...)`.
+
+    Attributes
+    ----------
+    free, fixed : their numbers, ascending; scikit-fem's `I` and `D`.
+
+    Raises
+    ------
+    StvkError
+        if a number is out of range, or none is free.
+
+    >>> import skfem
+    >>> from skfem_stvk import StVK, System
+    >>> mesh = skfem.MeshTet().refined(2)
+    >>> body = System(mesh, StVK(young=1e5, poisson=0.3))
+    >>> held = body.free_dofs(skfem.Basis(mesh, skfem.ElementVector(skfem.ElementTetP1())).get_dofs(lambda x: x[0] == 0))
+    >>> K = body.tangent(np.zeros(body.ndofs))
+    >>> Kff = held.matrix(K)
+    >>> bool(abs(Kff - K[held.free][:, held.free]).max() == 0)
+    True
+    >>> held.matrix(body.tangent(held.vector(np.full(len(held.free), 0.01)), out=K), out=Kff) is Kff    # each Newton step
+    True
+    """
+
+    def __init__(self, pattern: Pattern, fixed: ArrayLike | Any) -> None:
+        ndofs = pattern.shape[0]
+        ids = np.asarray(fixed.all() if hasattr(fixed, "all") and not isinstance(fixed, np.ndarray) else fixed)
+        if ids.ndim != 1 or (ids.size and not np.issubdtype(ids.dtype, np.integer)):
+            raise StvkError(f"fixed has shape {ids.shape} and dtype {ids.dtype}; expected a list of degrees of freedom.")
+        bad = ids[(ids < 0) | (ids >= ndofs)]
+        if len(bad):
+            raise StvkError(
+                f"fixed names {name_ids(bad, 'degree of freedom')} outside 0 ... {ndofs - 1}. Are they of another mesh?"
+            )
+        is_free = np.ones(ndofs, dtype=bool)
+        is_free[ids.astype(np.int64)] = False
+        self.free, self.fixed = np.flatnonzero(is_free), np.flatnonzero(~is_free)
+        if not len(self.free):
+            raise StvkError(f"All {ndofs} degrees of freedom are fixed: there is nothing to solve for.")
+        kept = is_free[pattern.indices]
+        kept &= np.repeat(is_free, np.diff(pattern.indptr))
+        self._gather = np.flatnonzero(kept).astype(np.int32)
+        number = np.cumsum(is_free, dtype=np.int32) - 1
+        self._indices = number[pattern.indices[self._gather]].astype(np.int32)
+        counts = np.add.reduceat(kept, pattern.indptr[:-1], dtype=np.int32)[self.free]
+        self._indptr = np.concatenate([[0], np.cumsum(counts)]).astype(np.int32)
+        self._nnz, self._ndofs = pattern.nnz, ndofs
+
+    def matrix(self, K: csr_matrix, out: csr_matrix | None = None) -> csr_matrix:
+        """`K` (ndofs, ndofs) of the system's pattern restricted to the free rows and columns; `out` is filled anew.
+
+        Raises
+        ------
+        StvkError
+            if `K` or `out` has another pattern.
+        """
+        if K.nnz != self._nnz or K.shape[0] != self._ndofs:
+            raise StvkError(f"K has {K.nnz} values, expected {self._nnz}: hand in what tangent() returned, zeros kept.")
+        if out is None:
+            data = np.empty(len(self._gather), dtype=K.dtype)
+            shape = (len(self.free),) * 2
+            out = csr_matrix((data, self._indices.copy(), self._indptr.copy()), shape=shape)
+        elif out.nnz != len(self._gather) or out.dtype != K.dtype:
+            raise StvkError(f"out has {out.nnz} values of {out.dtype}; expected a matrix that matrix() returned before.")
+        np.take(K.data, self._gather, out=out.data, mode="clip")  # "clip" writes to out without a buffer
+        return out
+
+    def vector(self, free: ArrayLike, fixed: ArrayLike = 0.0) -> Array:
+        """(ndofs,) vector with these values at the free and at the fixed degrees of freedom; `x[held.free]` goes the other way."""
+        free = np.asarray(free)
+        x = np.empty(self._ndofs, dtype=np.result_type(free.dtype, np.float32))
+        x[self.free], x[self.fixed] = free, fixed
+        return x
+
+    def __repr__(self) -> str:
+        return f"FreeDofs: {len(self.free)} free, {len(self.fixed)} fixed"

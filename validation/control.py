@@ -1,0 +1,105 @@
+"""The control: a plain element loop in C, timed in the same run as the assembly from edges."""
+
+from __future__ import annotations
+
+import ctypes
+import shutil
+import subprocess
+from functools import cache
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.sparse import bsr_matrix
+
+from skfem_stvk.errors import StvkError
+
+Array = NDArray[np.float64]
+
+SOURCE = Path(__file__).with_name("control.c")
+FLAGS = ("-O3", "-march=native", "-ffast-math", "-shared", "-fPIC")
+COMPILERS = ("gcc", "cc", "clang")
+
+
+def compiler() -> str | None:
+    """The path of the C compiler; None if there is none."""
+    return next((found for name in COMPILERS if (found := shutil.which(name))), None)
+
+
+class Control:
+    """`W`, `F` and `K` of St. Venant-Kirchhoff's law, Total Lagrangian, element by element on one thread.
+
+    Parameters
+    ----------
+    p : (3, nv) coordinates [m].
+    t : (4, nt) vertices of the tetrahedra, of either orientation.
+    lam, mu : Lame's constants [Pa]; numbers or (nt,).
+
+    Raises
+    ------
+    StvkError
+        if there is no C compiler, or it fails.
+    """
+
+    def __init__(self, p: ArrayLike, t: ArrayLike, lam: ArrayLike, mu: ArrayLike) -> None:
+        self._library = _library()
+        self._rest = np.ascontiguousarray(np.asarray(p, dtype=float).T)
+        self._corners = np.ascontiguousarray(np.asarray(t).T, dtype=np.int32)
+        self.nv, self.nt = len(self._rest), len(self._corners)
+        edges = self._rest[self._corners[:, 1:]] - self._rest[self._corners[:, :1]]
+        self._gradients = np.ascontiguousarray(np.swapaxes(np.linalg.inv(edges), 1, 2))
+        volumes = np.abs(np.linalg.det(edges)) / 6
+        self._lame = np.asarray(lam) * volumes, np.asarray(mu) * volumes
+
+        corners = self._corners.astype(np.int64)
+        keys, places = np.unique(corners[:, :, None] * self.nv + corners[:, None, :], return_inverse=True)
+        self._places = places.astype(np.int32).ravel()
+        self._columns = (keys % self.nv).astype(np.int32)
+        self._begin = np.searchsorted(keys // self.nv, np.arange(self.nv + 1)).astype(np.int32)
+        self._x, self._f = np.empty((self.nv, 3)), np.empty(3 * self.nv)
+        self._blocks = np.empty((len(keys), 3, 3))
+        self._mesh = [_at(array) for array in (self._x, self._corners, self._gradients)]
+        self._material = [_at(array) for array in self._lame]
+
+    def energy(self, u: Array) -> float:
+        """Strain energy [J]."""
+        self._move(u)
+        return float(self._library.energy(ctypes.c_long(self.nt), *self._mesh, *self._material))
+
+    def internal_force(self, u: Array) -> Array:
+        """Internal force (3 nv,) [N], in an array that the next call fills anew."""
+        self._move(u)
+        sizes = ctypes.c_long(self.nt), ctypes.c_long(self.nv)
+        self._library.force(*sizes, *self._mesh, *self._material, _at(self._f))
+        return self._f
+
+    def tangent(self, u: Array) -> bsr_matrix:
+        """Tangent stiffness [N/m], around values that the next call fills anew."""
+        self._move(u)
+        sizes = ctypes.c_long(self.nt), ctypes.c_long(len(self._blocks))
+        self._library.tangent(*sizes, *self._mesh, _at(self._places), *self._material, _at(self._blocks))
+        return bsr_matrix((self._blocks, self._columns, self._begin), shape=(3 * self.nv, 3 * self.nv))
+
+    def _move(self, u: Array) -> None:
+        np.add(self._rest, np.reshape(u, self._rest.shape), out=self._x)
+
+
+def _at(array: NDArray[np.float64] | NDArray[np.int32]) -> ctypes.c_void_p:
+    return array.ctypes.data_as(ctypes.c_void_p)
+
+
+@cache
+def _library() -> ctypes.CDLL:
+    """The compiled loop; the file that it comes from is deleted once it is loaded."""
+    found = compiler()
+    if found is None:
+        raise StvkError(f"No C compiler ({', '.join(COMPILERS)}) is on the path; the control needs one. On Debian: apt install gcc")
+    with TemporaryDirectory() as folder:
+        built = Path(folder) / "control.so"
+        run = subprocess.run([found, *FLAGS, str(SOURCE), "-o", str(built)], capture_output=True, text=True, check=False)
+        if run.returncode:
+            raise StvkError(f"{found} could not compile {SOURCE.name}: {run.stderr.strip()}")
+        library = ctypes.CDLL(str(built))
+    library.energy.restype = ctypes.c_double
+    return library

@@ -1,0 +1,46 @@
+"""Meshes from one tetrahedron to one that is nearly all inside."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+import skfem
+
+from skfem_stvk import SimplexMesh
+from skfem_stvk.mesh import embedded_mesh
+
+CORNERS = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1], [1, 1, 0], [1, 0, 1], [0, 1, 1], [1, 1, 1]], dtype=float).T
+
+
+def several(*tetrahedra: tuple[int, int, int, int]) -> SimplexMesh:
+    """A mesh of tetrahedra between corners of a cube."""
+    used, t = np.unique(np.array(tetrahedra).T, return_inverse=True)
+    return SimplexMesh(CORNERS[:, used], t.reshape(4, -1).astype(np.int32))
+
+
+def cube_of_five() -> SimplexMesh:
+    """One tetrahedron in the middle of a cube, four in its corners."""
+    return several((0, 4, 5, 6), (1, 0, 4, 5), (2, 0, 4, 6), (3, 0, 5, 6), (7, 4, 5, 6))
+
+
+def box(cubes: int) -> SimplexMesh:
+    """`cubes` along each side, six tetrahedra in each."""
+    return SimplexMesh.of(skfem.MeshTet.init_tensor(*[np.linspace(0, 1, cubes + 1)] * 3))
+
+
+def pieces() -> Iterator[SimplexMesh]:
+    """Small meshes with unlike numbers of vertices, edges, faces and tetrahedra: enough to tell what each of them costs."""
+    yield several((0, 1, 2, 3))
+    yield several((0, 1, 2, 3), (4, 1, 2, 3))
+    yield several((0, 1, 2, 3), (2, 3, 6, 7))
+    yield several((0, 1, 2, 3), (3, 4, 5, 6))
+    yield cube_of_five()
+    yield box(1)
+
+
+def meshes(quick: bool) -> dict[str, SimplexMesh]:
+    """The meshes of the table: boxes of cubes of six tetrahedra each, and the unstructured bracket."""
+    small = {"tetrahedron": several((0, 1, 2, 3)), "cube of 5": cube_of_five(), "box 2^3": box(2)}
+    large = {} if quick else {"box 10^3": box(10), "box 19^3": box(19)}
+    return {**small, "box 4^3": box(4), "bracket": embedded_mesh(), **large}

@@ -1,0 +1,98 @@
+"""The tables of the study: what an entity costs, what a mesh costs, what was claimed, and the time it takes."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from rich.console import Console
+from rich.table import Table
+
+from skfem_stvk.referee.terminal import WIDTH, grid
+
+from .algorithms import ALGORITHMS
+from .body import Body
+from .claims import verdicts
+from .costs import LAM, MU, costs, operations
+from .meshes import meshes
+
+Costs = dict[tuple[str, str], NDArray[np.int64]]
+
+#: Columns of the tables by mesh.
+SHORT = {
+    "F": {
+        "edges": "edges",
+        "Total Lagrangian": "TL",
+        "Total Lagrangian, matrix B": "TL, B",
+        "O'Brien-Hodgins": "OH",
+        "Picinbono": "Pic.",
+    },
+    "K": {"edges": "edges", "edges, pair by pair": "by pairs", "Total Lagrangian": "TL", "Total Lagrangian, matrix B": "TL, B"},
+}
+
+
+def show(quick: bool) -> int:
+    """Print the tables; the exit code is 0 if whole meshes, counted, agree with the sums over their entities."""
+    console = Console(width=WIDTH, highlight=False)
+    bodies = {name: Body(mesh, LAM, MU) for name, mesh in meshes(quick).items()}
+    found = {(a.quantity, a.name): costs(a) for a in ALGORITHMS}
+    largest = list(bodies)[-1]
+    seconds = {} if quick else _seconds(console, bodies[largest])
+    console.print(_entities(found, seconds, bodies[largest]))
+    for quantity in "FK":
+        console.print(_by_mesh(quantity, found, bodies))
+    console.print(_claims(found, bodies))
+    whole = "box 4^3" if quick else "bracket"
+    same = all(operations(a, bodies[whole]) == found[a.quantity, a.name] @ bodies[whole].entities for a in ALGORITHMS)
+    console.print(f"counted on the whole {whole}: {'the same numbers' if same else 'OTHER NUMBERS than by entities'}")
+    return 0 if same else 1
+
+
+def _seconds(console: Console, body: Body) -> dict[tuple[str, str], float]:
+    from .timing import times
+
+    try:
+        return times(ALGORITHMS, body)
+    except ImportError as error:
+        console.print(str(error))
+        return {}
+
+
+def _entities(found: Costs, seconds: dict[tuple[str, str], float], body: Body) -> Table:
+    title = "Operations (additions and multiplications) for each entity" + (
+        f", and time compiled, {body.nt} tetrahedra, one thread" if seconds else ""
+    )
+    numbers = ["vertex", "edge", "face", "tetrahedron"] + (["all, a tet", "ns a tet"] if seconds else [])
+    table = grid(title, "of", "algorithm", *numbers, right=tuple(numbers))
+    for (quantity, name), cost in found.items():
+        row = [str(c) if c else "" for c in cost]
+        if seconds:
+            row += [f"{cost @ body.entities / body.nt:.0f}", f"{seconds[quantity, name] / body.nt * 1e9:.0f}"]
+        table.add_row(quantity, name, *row)
+    return table
+
+
+def _by_mesh(quantity: str, found: Costs, bodies: dict[str, Body]) -> Table:
+    names = SHORT[quantity]
+    others = [name for name in names if not name.startswith("edges")]
+    sizes = ["edges ", "TSEPs", "tets"]
+    ratios = [f"of {names[name]}" for name in others]
+    columns = [*sizes, *names.values(), *ratios]
+    table = grid(f"Operations of {quantity} for each tetrahedron", "mesh", *columns, right=tuple(columns))
+    for mesh, body in bodies.items():
+        each = {name: found[quantity, name] @ body.entities / body.nt for name in names}
+        row = [str(n) for n in (body.edges.shape[1], body.pairs, body.nt)]
+        row += [f"{each[name]:.0f}" for name in names] + [f"{each['edges'] / each[name]:.0%}" for name in others]
+        table.add_row(mesh, *row)
+    return table
+
+
+def _claims(found: Costs, bodies: dict[str, Body]) -> Table:
+    table = grid(
+        "Operations of the edge form, in those of another", "of", "against", "claimed", "tetrahedron", "largest", "holds on"
+    )
+    entities = {name: body.entities for name, body in bodies.items()}
+    for claim, ratios, holds in verdicts(found, entities):
+        first, last = next(iter(ratios.values())), list(ratios.values())[-1]
+        where = "none" if not holds else "all" if len(holds) == len(ratios) else ", ".join(holds)
+        table.add_row(claim.quantity, claim.against, f"{claim.low:.0%} - {claim.high:.0%}", f"{first:.0%}", f"{last:.0%}", where)
+    return table

@@ -1,0 +1,55 @@
+"""Times of the same sources, compiled: operations are not time."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from time import perf_counter
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .algorithms import Algorithm, state, zeros
+from .body import Body
+from .compiled import compiled
+
+
+def times(chosen: Iterable[Algorithm], body: Body, repeats: int = 15) -> dict[tuple[str, str], float]:
+    """Shortest time of a call [s] on one thread, by quantity and name; the algorithms take turns."""
+    u = state(body)
+    calls = {(a.quantity, a.name): call(a, body, u) for a in chosen}
+    return shortest(calls, repeats)
+
+
+def call(chosen: Algorithm, body: Body, u: NDArray[np.float64], prepare: Callable[[Body], Any] | None = None) -> Callable[[], Any]:
+    """One run of an algorithm, compiled, into arrays that it has to itself; clearing them belongs to it."""
+    rest = (prepare or chosen.prepare)(body)
+    rest = type(rest)(*(unsigned(field) for field in rest))
+    out, x = zeros(body, chosen.quantity), u if chosen.displacements else body.p.T + u
+    run = compiled(chosen.run)
+
+    def once() -> Any:
+        for array in out:
+            array.fill(0)
+        run(rest, x, *out)
+        return out
+
+    return once
+
+
+def shortest(calls: dict[tuple[str, str], Callable[[], Any]], repeats: int) -> dict[tuple[str, str], float]:
+    """Shortest time of each call [s], after one to warm up."""
+    for once in calls.values():
+        once()
+    best = dict.fromkeys(calls, np.inf)
+    for _ in range(repeats):
+        for key, once in calls.items():
+            begin = perf_counter()
+            once()
+            best[key] = min(best[key], perf_counter() - begin)
+    return best
+
+
+def unsigned(field: NDArray[Any]) -> NDArray[Any]:
+    """Indices without a sign, which need no test for being negative."""
+    return field.astype(np.uint32) if field.dtype.kind == "i" else field
