@@ -7,6 +7,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from ..kernels.geometry import scaled_gram
 from ..mesh.geometry import Geometry
 from .coefficients import isotropic_coefficients
 from .topology import LOCAL_EDGES
@@ -41,10 +42,7 @@ class IsotropicStiffness:
         lam, mu = self.lam[elements], self.mu[elements]
         if len(t) == 2:  # one strain: lam + 2 mu is all there is, and mu may be zero
             lam, mu = 0 * lam, mu + lam / 2
-        geometry = Geometry(p, t)
-        g = np.sqrt(geometry.volume * mu)[:, None, None] * geometry.gram
-        rows = [g[:, i + 1, j + 1] if j + 1 < len(t) else 0 * mu for i, j in PAIRS]
-        return np.stack([*rows, lam / (2 * mu)])
+        return np.concatenate([scaled_gram(p, t, mu), [lam / (2 * mu)]])
 
 
 class GeneralStiffness:

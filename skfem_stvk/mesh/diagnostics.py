@@ -11,7 +11,8 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from ..errors import MeshError, StvkWarning, name_ids
-from .geometry import edge_lengths
+from ..kernels.geometry import measures
+from ..kernels.topology import lexicographic_order
 from .simplices import SimplexMesh
 
 
@@ -46,7 +47,7 @@ def check_mesh(mesh: SimplexMesh) -> None:
             f"{name_ids(bad, 'element')}: no volume, all vertices lie in one "
             f"{('point', 'line', 'plane')[mesh.k - 1]} to within rounding. Remesh or remove these slivers."
         )
-    order = np.lexsort(ordered)
+    order = lexicographic_order(ordered, mesh.nv)
     same = np.flatnonzero((ordered[:, order[1:]] == ordered[:, order[:-1]]).all(axis=0))
     if len(same):
         bad = np.sort(order[same + 1])
@@ -66,20 +67,13 @@ def check_mesh(mesh: SimplexMesh) -> None:
 
 def flat_elements(mesh: SimplexMesh) -> NDArray[np.int64]:
     """Elements whose smallest height is zero to within rounding: of the coordinates, and 1e-12 of the longest edge."""
-    x = mesh.p.T[mesh.t.T]
-    spokes = x[:, 1:] - x[:, :1]
-    if mesh.k < mesh.d:
-        spokes = np.swapaxes(np.linalg.qr(np.swapaxes(spokes, 1, 2), mode="r"), 1, 2)
-    parallelepiped = np.abs(np.linalg.det(spokes))
-    longest = edge_lengths(mesh).max(axis=0)
+    parallelepiped, longest, largest_facet = measures(mesh.p, mesh.t)
+    rounding = np.finfo(float).eps * np.abs(mesh.p).max(axis=0)[mesh.t].max(axis=0)
+    nothing = 1e-12 * longest + 4 * rounding
+    flat = parallelepiped <= nothing * largest_facet
     if mesh.k == 3:
-        a, b, c = spokes.transpose(1, 0, 2)
-        faces = np.cross([a, b, c, b - a], [b, c, a, c - a])
-        largest_facet = np.linalg.norm(faces, axis=2).max(axis=0)
-    else:
-        largest_facet = longest if mesh.k == 2 else np.ones(mesh.nt)
-    rounding = np.finfo(float).eps * np.abs(x).max(axis=(1, 2))
-    return np.flatnonzero(parallelepiped <= (1e-12 * longest + 4 * rounding) * largest_facet)
+        flat |= largest_facet <= nothing * longest  # all vertices in a line: the volume is noise of noise
+    return np.flatnonzero(flat)
 
 
 def unused_vertices(mesh: SimplexMesh) -> NDArray[np.int64]:
@@ -88,8 +82,9 @@ def unused_vertices(mesh: SimplexMesh) -> NDArray[np.int64]:
 
 
 def warn_of_coincident_vertices(mesh: SimplexMesh) -> None:
-    """Warn of vertices closer than 1e-6 of the median edge: seams that do not hold together."""
-    pairs = cKDTree(mesh.p.T).query_pairs(1e-6 * np.median(edge_lengths(mesh)), output_type="ndarray")
+    """Warn of vertices closer than 1e-6 of the elements' longest edge, in the median: seams that do not hold together."""
+    near = 1e-6 * float(np.median(measures(mesh.p, mesh.t)[1]))
+    pairs = cKDTree(mesh.p.T).query_pairs(near, output_type="ndarray")
     if len(pairs):
         warnings.warn(
             f"{name_ids(np.unique(pairs[:, 1]), 'vertex')}: in the same place as another one, so parts that touch there are not "
