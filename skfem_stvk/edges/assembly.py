@@ -6,19 +6,18 @@ from collections.abc import Callable
 from functools import cached_property
 from typing import Any, NamedTuple
 
-import numba
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
 from ..kernels import blocks as block_kernels
 from ..kernels import simplices as simplex_kernels
 from ..kernels.simplices import LANES
+from ..kernels.threads import parts_of, run, threads
 from .form import EdgeForm
 from .lanes import in_lanes, out_of_lanes
-from .order import own_order
+from .order import OwnEdges, own_edges, own_order
 from .rows import Places, Rows, rows_of
-from .sharing import Shares, parts_of, shares_of
-from .topology import edge_topology
+from .sharing import Shares, shares_of
 
 Array = NDArray[np.floating[Any]]
 
@@ -77,9 +76,9 @@ class Assembly:
         shares = self._forces
         f = self._slots(shares)
         block_kernels.gather(u, self.vertices, self._x)
-        W = simplex_kernels.energy_and_force(shares.parts, self._t.ravel(), shares.slots, self._P, self._D, self._x, f)
+        W = run(simplex_kernels.energy_and_force, shares.parts, self._t.ravel(), shares.slots, self._P, self._D, self._x, f)
         self._add(f, shares, out)
-        return float(W)
+        return sum(W)
 
     def edge_blocks(self, u: Array, force: Array | None = None, out: Array | None = None) -> tuple[float, Array]:
         """The energy [J] and the blocks `K_ab` (9 ne,) of the edges at `u` (nv, d), with room for what threads add to them.
@@ -87,36 +86,37 @@ class Assembly:
         Adds the internal force to `force` (nv, d). `out` are blocks that this method returned before, to be filled anew.
         """
         shares, to = self._forces, self._blocks
-        size = 9 * (self._edges.shape[1] + len(to.extra))
+        size = 9 * (self._own.total + len(to.extra))
         blocks = np.empty(size, dtype=self.dtype) if out is None or len(out) != size else out
         f = self._slots(shares) if force is not None else np.empty(0, dtype=self.dtype)
         block_kernels.gather(u, self.vertices, self._x)
-        W = simplex_kernels.linearize(
-            shares.parts, self._t.ravel(), shares.slots, to.slots.reshape(len(self._t), -1), self._P, self._D, self._x, f, blocks
-        )
-        block_kernels.fold(blocks, self._edges.shape[1], to.extra, 9)
+        edge_slots = to.slots.reshape(len(self._t), -1)
+        simplices = self._t.ravel(), shares.slots, edge_slots, self._own.marks, self._P, self._D
+        blocks[9 * self._own.total :] = 0
+        W = run(simplex_kernels.linearize, shares.parts, *simplices, self._x, f, blocks)
+        block_kernels.fold(blocks, self._own.total, to.extra, 9)
         if force is not None:
             self._add(f, shares, force)
-        return float(W), blocks
+        return sum(W), blocks
 
     def rows(self, pattern: Places) -> Rows:
         """Where the blocks stand in the values of a matrix of this pattern."""
-        return rows_of(self._edges, self.vertices, pattern)
+        return rows_of(self._own, self.vertices, pattern)
 
     def tangent(self, u: Array, rows: Rows, data: Array, add: bool, force: Array | None = None) -> Linearized:
         """Write the tangent stiffness [N/m] to the CSR values `data`, or add it to them; adds the force to `force` (nv, d)."""
         W, blocks = self.edge_blocks(u, force, out=self._shared.get("blocks"))
         self._shared["blocks"] = blocks
         parts = parts_of(len(self.vertices), 1, self._threads)
-        trace = block_kernels.fill_rows(parts, *rows, blocks, AXES[u.shape[1]], add, data)
-        return Linearized(W, float(trace))
+        trace = run(block_kernels.fill_rows, parts, *rows, blocks, AXES[u.shape[1]], add, data)
+        return Linearized(W, sum(trace))
 
     def add_product(self, blocks: Array, v: Array, out: Array) -> None:
         """Add `K v` to `out` (nv, d), for the `blocks` of the edges and `v` (nv, d)."""
         shares = self._products
         x, y = np.zeros(3 * len(self.vertices), dtype=self.dtype), self._slots(shares)
         block_kernels.gather(v, self.vertices, x)
-        block_kernels.multiply(shares.parts, self._edges, shares.slots.reshape(-1, 2), blocks, x, y)
+        run(block_kernels.multiply, shares.parts, self._own.edges, shares.slots.reshape(-1, 2), blocks, x, y)
         self._add(y, shares, out)
 
     def memory(self) -> dict[str, int]:
@@ -125,20 +125,14 @@ class Assembly:
         return {
             "edges of the mesh": _bytes(self.edges),
             "simplices": _bytes((self._t, self._P, self._D, self.vertices, self._x)),
-            "own edges": _bytes(self.__dict__.get("_topology", ())),
+            "own edges": _bytes(self.__dict__.get("_own", ())),
             "shares of threads": _bytes([value for value in shared.values() if len(value.parts) > 2]),
             "blocks of edges": _bytes(self._shared.get("blocks", ())),
         }
 
     @cached_property
-    def _topology(self) -> tuple[NDArray[np.int32], NDArray[np.uint32]]:
-        """(2, ne) edges in the own order of the vertices, and those of the simplices in lanes."""
-        edges, t2e = edge_topology(out_of_lanes(self._t, self._n)[: len(self.form.t)].astype(np.int32))
-        return edges, in_lanes(t2e.astype(np.uint32))
-
-    @property
-    def _edges(self) -> NDArray[np.int32]:
-        return self._topology[0]
+    def _own(self) -> OwnEdges:
+        return own_edges(out_of_lanes(self._t, self._n)[: len(self.form.t)].astype(np.int32))
 
     @property
     def _forces(self) -> Shares:
@@ -146,19 +140,18 @@ class Assembly:
 
     @property
     def _blocks(self) -> Shares:
-        return self._share("K", lambda n: shares_of(self._topology[1], self._edges.shape[1], LANES, n))
+        return self._share("K", lambda n: shares_of(self._own.t2e, self._own.total, LANES, n))
 
     @property
     def _products(self) -> Shares:
-        return self._share("K v", lambda n: shares_of(np.ascontiguousarray(self._edges.T), len(self.vertices), 1, n))
+        return self._share("K v", lambda n: shares_of(np.ascontiguousarray(self._own.edges.T), len(self.vertices), 1, n))
 
     def _share(self, name: str, make: Callable[[int], Shares]) -> Shares:
         """Shares for numba's number of threads; those for another number are thrown away."""
-        threads = numba.get_num_threads()
-        if threads != self._threads:
-            self._threads, self._shared = threads, {}
+        if threads() != self._threads:
+            self._threads, self._shared = threads(), {}
         if name not in self._shared:
-            self._shared[name] = make(threads)
+            self._shared[name] = make(self._threads)
         shares: Shares = self._shared[name]
         return shares
 

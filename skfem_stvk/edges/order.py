@@ -1,4 +1,4 @@
-"""The kernels' own order of vertices and elements: neighbours in space are neighbours in memory."""
+"""The kernels' own order of vertices, elements and edges: neighbours in space are neighbours in memory."""
 
 from __future__ import annotations
 
@@ -9,7 +9,9 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_matrix
 from scipy.sparse.csgraph import reverse_cuthill_mckee
 
-from ..kernels.topology import lexicographic_order, stars
+from ..kernels.topology import lexicographic_order, numbers_by_first_use, stars
+from .lanes import in_lanes
+from .topology import edge_topology
 
 Ids = NDArray[np.int32]
 
@@ -50,3 +52,35 @@ def own_order(t: Ids, edges: Ids) -> OwnOrder:
     corners = np.ascontiguousarray(np.take_along_axis(corners, local, axis=1).T)
     elements = lexicographic_order(corners, len(vertices))
     return OwnOrder(vertices, elements, corners[:, elements], local.T[:, elements])
+
+
+class OwnEdges(NamedTuple):
+    """Edges in the order in which the simplices first use them.
+
+    Attributes
+    ----------
+    edges : (2, ne) vertices `a < b`.
+    number : (ne,) place in this order of the edges in lexicographic order.
+    t2e : (blocks, m LANES) edges of the simplices.
+    marks : (blocks + 1,) edges that the blocks before use.
+    """
+
+    edges: Ids
+    number: Ids
+    t2e: NDArray[np.uint32]
+    marks: NDArray[np.int64]
+
+    @property
+    def total(self) -> int:
+        """Number of edges."""
+        return self.edges.shape[1]
+
+
+def own_edges(t: Ids) -> OwnEdges:
+    """The edges of simplices `t` (k + 1, nt) in their own order."""
+    edges, t2e = edge_topology(t)
+    blocks = in_lanes(t2e)
+    number, marks = numbers_by_first_use(blocks, edges.shape[1])
+    own = np.empty_like(edges)
+    own[:, number] = edges
+    return OwnEdges(own, number, number[blocks].astype(np.uint32), marks)

@@ -7,7 +7,8 @@ from typing import NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from ..kernels.topology import stars
+from ..kernels.topology import OWN, stars
+from .order import OwnEdges
 
 
 class Places(Protocol):
@@ -29,8 +30,11 @@ class Rows(NamedTuple):
     strides: NDArray[np.int32]
 
 
-def rows_of(edges: NDArray[np.int32], vertices: NDArray[np.int32], pattern: Places) -> Rows:
-    """Rows for `edges` (2, ne) between `vertices` (n,) of the mesh."""
-    begin, others, entries = stars(edges, len(vertices))
-    own = np.repeat(vertices, np.diff(begin))
-    return Rows(begin, entries, pattern.places(own, vertices[others]), pattern.strides[vertices])
+def rows_of(own: OwnEdges, vertices: NDArray[np.int32], pattern: Places) -> Rows:
+    """Rows for the edges between `vertices` (n,) of the mesh."""
+    begin, others, entries = stars(own.edges[:, own.number], len(vertices))
+    upper = entries >= 0
+    number = own.number[np.where(upper, entries, -1 - entries) * (entries != OWN)]
+    entries = np.where(entries == OWN, OWN, np.where(upper, number, -1 - number))
+    mine = np.repeat(vertices, np.diff(begin))
+    return Rows(begin, entries.astype(np.int32), pattern.places(mine, vertices[others]), pattern.strides[vertices])

@@ -7,8 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-#: Items (simplices, vertices, edges) that a part has at least: with fewer, waking a thread takes longer than their work.
-SMALLEST_PART = 2048
+from ..kernels.threads import parts_of
 
 
 class Shares(NamedTuple):
@@ -27,12 +26,6 @@ class Shares(NamedTuple):
     parts: NDArray[np.int64]
     slots: NDArray[Any]
     extra: NDArray[np.int32]
-
-
-def parts_of(count: int, each: int, threads: int) -> NDArray[np.int64]:
-    """(n + 1,) where the parts of `count` rows of `each` items begin, and the end: `threads` parts unless they are too small."""
-    n = max(1, min(threads, count * each // SMALLEST_PART))
-    return np.linspace(0, count, n + 1).astype(np.int64)
 
 
 def shares_of(targets: NDArray[Any], size: int, each: int, threads: int) -> Shares:

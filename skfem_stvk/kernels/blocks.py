@@ -4,15 +4,14 @@ The blocks `K_ab` of the edges `a < b` are all there is of K: `K_ba = K_ab'`, an
 K_ab` and `(K v)_a = sum_b K_ab (v_b - v_a)`.
 
 Arrays: `blocks` (9 ne,), row by row, three components always; vectors of the kernels (3 nv,) in their own order of the vertices, `order`
-its vertices in the mesh. Several parts of an array are worked on at a time, and none by two.
+its vertices in the mesh.
 """
 
 from __future__ import annotations
 
 import numpy as np
-from numba import prange
 
-from .compiled import Ids, Reals, inlined, kernel, parallel_kernel
+from .compiled import Ids, Reals, inlined, kernel
 from .topology import OWN
 
 I = np.uint64
@@ -85,7 +84,24 @@ def _store(block, place, stride, axes, add, data):
 
 
 @kernel
-def _fill_rows(begin, end, rows, entries, places, strides, blocks, axes, add, data):
+def fill_rows(
+    begin: int,
+    end: int,
+    rows: Ids,
+    entries: Ids,
+    places: Ids,
+    strides: Ids,
+    blocks: Reals,
+    axes: tuple[int, ...],
+    add: bool,
+    data: Reals,
+) -> float:
+    """Write the block rows of vertices `begin` to `end` into the CSR values `data`, or add them; their trace.
+
+    `rows`, `entries` are the stars of the vertices (`topology.stars`): the block of an edge, its transpose, the diagonal; `places` the place
+    in `data` of the first value of each, `strides` (nv,) from there to the next row. `axes` is a tuple as long as a block is wide. The trace
+    is not finite if any value is not.
+    """
     zero = blocks.dtype.type(0)
     total = 0.0
     for row in range(begin, end):
@@ -105,34 +121,9 @@ def _fill_rows(begin, end, rows, entries, places, strides, blocks, axes, add, da
     return total
 
 
-@parallel_kernel
-def fill_rows(
-    parts: Ids,
-    rows: Ids,
-    entries: Ids,
-    places: Ids,
-    strides: Ids,
-    blocks: Reals,
-    axes: tuple[int, ...],
-    add: bool,
-    data: Reals,
-) -> float:
-    """Write the block rows of the vertices into the CSR values `data`, or add them; the trace, which is not finite if a value is not.
-
-    `rows`, `entries` are the stars of the vertices (`topology.stars`): the block of an edge, its transpose, the diagonal; `places` the place
-    in `data` of the first value of each, `strides` (nv,) from there to the next row. `axes` is a tuple as long as a block is wide.
-    """
-    n = len(parts) - 1
-    if n == 1:
-        return _fill_rows(parts[0], parts[1], rows, entries, places, strides, blocks, axes, add, data)
-    trace = np.zeros(n)
-    for i in prange(n):
-        trace[i] = _fill_rows(parts[i], parts[i + 1], rows, entries, places, strides, blocks, axes, add, data)
-    return trace.sum()
-
-
 @kernel
-def _multiply(begin, end, edges, slots, blocks, v, out):
+def multiply(begin: int, end: int, edges: Ids, slots: Ids, blocks: Reals, v: Reals, out: Reals) -> None:
+    """Add what edges `begin` to `end` do to `K v` to the slots `out`; `edges` (2, ne), their `slots` (ne, 2), each block read once."""
     for e in range(begin, end):
         i = I(e)
         a, b, at = I(3) * I(edges[I(0), i]), I(3) * I(edges[I(1), i]), I(9) * i
@@ -145,14 +136,3 @@ def _multiply(begin, end, edges, slots, blocks, v, out):
         out[b] -= K[0] * x + K[3] * y + K[6] * z
         out[b + I(1)] -= K[1] * x + K[4] * y + K[7] * z
         out[b + I(2)] -= K[2] * x + K[5] * y + K[8] * z
-
-
-@parallel_kernel
-def multiply(parts: Ids, edges: Ids, slots: Ids, blocks: Reals, v: Reals, out: Reals) -> None:
-    """Add `K v` to the slots `out`; `edges` (2, ne), their `slots` (ne, 2), each block read once."""
-    n = len(parts) - 1
-    if n == 1:
-        _multiply(parts[0], parts[1], edges, slots, blocks, v, out)
-    else:
-        for i in prange(n):
-            _multiply(parts[i], parts[i + 1], edges, slots, blocks, v, out)

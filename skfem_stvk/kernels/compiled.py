@@ -38,11 +38,6 @@ def inlined(function: Function) -> Function:
     return kernel(function, forceinline=True)
 
 
-def parallel_kernel(function: Function) -> Function:
-    """A kernel whose `prange` loops run on as many threads as `numba.set_num_threads` says."""
-    return kernel(function, parallel=True)
-
-
 class _Announcement(Listener):
     """Says once a process why a first call takes long."""
 

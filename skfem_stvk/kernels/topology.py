@@ -61,11 +61,25 @@ def edges_of_simplices(t: Ids, local: Ids, n: int) -> tuple[Ids, Ids]:
 
 
 @kernel
+def numbers_by_first_use(blocks: Ids, count: int) -> tuple[Ids, Ids]:
+    """(count,) new numbers of the ids in `blocks` (n, m), in the order of their first use, and (n + 1,) how many blocks 0 ... i - 1 use."""
+    number, marks = np.full(count, -1, np.int32), np.zeros(len(blocks) + 1, np.int64)
+    used = 0
+    for block in range(len(blocks)):
+        for item in blocks[block]:
+            if number[item] < 0:
+                number[item] = used
+                used += 1
+        marks[block + 1] = used
+    return number, marks
+
+
+@kernel
 def stars(edges: Ids, n: int) -> tuple[Ids, Ids, Ids]:
     """The star of each vertex in compressed rows: `begin` (n + 1,), `others` neighbours and the vertex itself, ascending, `entries` edges.
 
     `edges` (2, ne) are `a < b` in lexicographic order: then a vertex meets its lower neighbours in ascending order, after them itself
-    and its upper ones. An entry is the edge to an upper neighbour, -1 - edge to a lower one, OWN for the vertex itself.
+    and its upper ones. An entry is the place of the edge to an upper neighbour, -1 - place to a lower one, OWN for the vertex itself.
     """
     begin = np.zeros(n + 1, np.int64)
     for v in range(n):
