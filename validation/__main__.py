@@ -5,9 +5,9 @@ from __future__ import annotations
 import argparse
 import sys
 
-from . import aspect, operations, part
+from . import aspect, kernels, operations, part
 
-STUDIES = {"part": part.main, "aspect": aspect.main, "operations": operations.main}
+STUDIES = {"part": part.main, "aspect": aspect.main, "kernels": kernels.main, "operations": operations.main}
 
 
 def main() -> int:

@@ -45,7 +45,7 @@ def run(kernel: Callable[..., Result], parts: NDArray[np.int64], *arguments: Any
 
 @cache
 def _pool() -> ThreadPoolExecutor:
-    return ThreadPoolExecutor(numba.config.NUMBA_NUM_THREADS, thread_name_prefix="skfem-stvk")
+    return ThreadPoolExecutor(os.cpu_count(), thread_name_prefix="skfem-stvk")
 
 
 if hasattr(os, "register_at_fork"):  # threads do not live on in a forked process

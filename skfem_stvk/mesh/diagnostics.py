@@ -84,7 +84,10 @@ def unused_vertices(mesh: SimplexMesh) -> NDArray[np.int64]:
 def warn_of_coincident_vertices(mesh: SimplexMesh) -> None:
     """Warn of vertices closer than 1e-6 of the elements' longest edge, in the median: seams that do not hold together."""
     near = 1e-6 * float(np.median(measures(mesh.p, mesh.t)[1]))
-    pairs = cKDTree(mesh.p.T).query_pairs(near, output_type="ndarray")
+    size = np.ptp(mesh.p, axis=1).max()
+    # far from zero: where a library has made the process flush denormal numbers, scipy's tree never ends on coordinates that are zero
+    away = 1 + (mesh.p - mesh.p.min(axis=1, keepdims=True)) / size
+    pairs = cKDTree(away.T).query_pairs(near / size, output_type="ndarray")
     if len(pairs):
         warnings.warn(
             f"{name_ids(np.unique(pairs[:, 1]), 'vertex')}: in the same place as another one, so parts that touch there are not "

@@ -1,5 +1,9 @@
 """Broken meshes are refused with the ids of what is broken; sound ones pass whatever their looks."""
 
+import shutil
+import subprocess
+import sys
+
 import numpy as np
 import pytest
 import skfem
@@ -157,3 +161,29 @@ def test_a_tetrahedron_far_away_does_not_make_the_others_flat():
     """Rounding is that of an element's own coordinates."""
     p = np.concatenate([1e-9 * CORNER, 1e9 + CORNER * 1e3])
     assert len(flat_elements(SimplexMesh(p.T, np.arange(8).reshape(2, 4).T))) == 0
+
+
+FLUSHED = """
+import ctypes, subprocess, sys, tempfile, pathlib
+import numpy as np
+folder = pathlib.Path(tempfile.mkdtemp())
+(folder / "x.c").write_text("int x;")
+if subprocess.run(["cc", "-ffast-math", "-shared", "-fPIC", str(folder / "x.c"), "-o", str(folder / "x.so")]).returncode:
+    sys.exit(77)
+ctypes.CDLL(str(folder / "x.so"))
+if np.nextafter(0, 1) * 1.0 != 0:
+    sys.exit(77)
+from skfem_stvk import embedded_mesh
+from skfem_stvk.mesh.diagnostics import check_mesh
+check_mesh(embedded_mesh())
+"""
+
+
+def test_a_mesh_is_checked_where_denormal_numbers_are_flushed_to_zero():
+    """Met with a library that GCC had linked with -ffast-math: scipy's tree took all memory."""
+    if shutil.which("cc") is None:
+        pytest.skip("no C compiler")
+    run = subprocess.run([sys.executable, "-c", FLUSHED], timeout=60, check=False)
+    if run.returncode == 77:
+        pytest.skip("this compiler does not flush")
+    assert run.returncode == 0
