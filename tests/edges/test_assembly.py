@@ -1,0 +1,138 @@
+"""The arrays that the kernels read, and what an assembly does to the arrays that it is handed."""
+
+import numpy as np
+import pytest
+from bodies import BODIES, MESHES, box, state
+
+from skfem_stvk import SimplexMesh, StVK, System
+from skfem_stvk.edges.lanes import in_lanes, out_of_lanes
+from skfem_stvk.edges.order import own_order
+from skfem_stvk.edges.topology import LOCAL_EDGES, edge_topology
+from skfem_stvk.kernels.simplices import LANES
+from skfem_stvk.system import Pattern
+
+TERM = StVK(young=2.0, poisson=0.3)
+
+
+@pytest.mark.parametrize("n", [1, LANES - 1, LANES, LANES + 1, 5 * LANES + 3])
+def test_what_goes_into_lanes_comes_out_again(n):
+    rows = np.arange(3 * n).reshape(3, n)
+    blocks = in_lanes(rows)
+    assert blocks.flags.c_contiguous and len(blocks) == -(-n // LANES)
+    assert np.array_equal(out_of_lanes(blocks, n), rows)
+    last = blocks.reshape(-1, 3, LANES)[-1]
+    left_over = last[:, n - LANES * (len(blocks) - 1) :]
+    assert (left_over == rows[:, -1:]).all()
+    assert blocks.reshape(-1, 3, LANES)[0, :, 0].tolist() == rows[:, 0].tolist()
+
+
+@pytest.mark.parametrize("name", MESHES)
+def test_the_own_order_is_another_order_of_the_same_simplices(name):
+    mesh = MESHES[name]
+    order = own_order(mesh.t, edge_topology(mesh.t)[0])
+    assert sorted(order.vertices) == list(range(mesh.nv)) and sorted(order.elements) == list(range(mesh.nt))
+    assert (np.diff(order.t, axis=0) > 0).all()
+    assert np.array_equal(order.vertices[order.t], np.take_along_axis(mesh.t[:, order.elements], order.local, axis=0))
+    assert np.array_equal(np.lexsort(order.t[::-1]), np.arange(mesh.nt))
+
+
+def test_neighbours_in_the_own_order_are_near():
+    """Bandwidth after a shuffle of all vertices, which users' meshes often come with."""
+    mesh = box(8)
+    number = np.random.default_rng(0).permutation(mesh.nv).astype(np.int32)
+    t = number[mesh.t]
+    order = own_order(t, edge_topology(t)[0])
+    assert np.ptp(order.t, axis=0).max() < 0.4 * np.ptp(t, axis=0).max()
+
+
+def test_vertices_of_other_terms_are_not_in_the_own_order():
+    t = np.array([[9, 4, 7, 2], [4, 9, 11, 2]], dtype=np.int32).T
+    order = own_order(t, edge_topology(t)[0])
+    assert sorted(order.vertices) == [2, 4, 7, 9, 11] and order.t.max() == 4
+
+
+@pytest.mark.parametrize("name", BODIES)
+def test_force_is_added_and_K_is_written_or_added(name):
+    mesh, terms = BODIES[name]
+    assembly, u = terms[0].bind(mesh, np.float64), state(mesh).reshape(-1, mesh.d)
+    pattern = Pattern(mesh.nv, mesh.d, [assembly.edges])
+    rows = assembly.rows(pattern)
+    before = np.random.default_rng(0).standard_normal(u.shape)
+    F, sum_of_both, same = np.zeros_like(u), before.copy(), before.copy()
+    W = assembly.energy_and_force(u, F)
+    assert assembly.energy_and_force(u, sum_of_both) == W
+    scale = np.abs(F).max() + 1
+    assert np.abs(F).max() > 1e-3 and np.abs(sum_of_both - before - F).max() < 1e-14 * scale
+
+    K = np.zeros(pattern.nnz)
+    assembly.tangent(u, rows, K, True)
+    more = np.full(pattern.nnz, 7.0)
+    linearized = assembly.tangent(u, rows, more, True, same)
+    assert linearized.energy == pytest.approx(W, rel=1e-14)
+    assert np.abs(same - before - F).max() < 1e-14 * scale
+    assert np.abs(more - K - 7).max() < 1e-14 * (np.abs(K).max() + 7)
+    written = np.zeros(pattern.nnz)
+    written[K != 0] = np.nan  # all that the term has is written over
+    assembly.tangent(u, rows, written, False)
+    assert np.array_equal(written, K)
+
+
+@pytest.mark.parametrize("name", MESHES)
+def test_blocks_of_edges_are_those_of_K_and_their_trace_is_its_trace(name):
+    """In fewer dimensions than three the trace has the parts across too, which nothing else needs."""
+    mesh = MESHES[name]
+    assembly, u = TERM.bind(mesh), state(mesh).reshape(-1, mesh.d)
+    K = System(mesh, TERM).tangent(u.ravel()).toarray().reshape(mesh.nv, mesh.d, mesh.nv, mesh.d).swapaxes(1, 2)
+    energy, blocks = assembly.edge_blocks(u)
+    alone = assembly.energy_and_force(u, np.zeros_like(u))
+    assert energy == pytest.approx(alone, rel=1e-14)
+    a, b = assembly.edges
+    wanted = np.sort(np.einsum("exx->e", K[a, b]))
+    found = blocks[: 9 * len(a)].reshape(-1, 3, 3)[:, : mesh.d, : mesh.d]
+    assert np.abs(np.sort(np.einsum("exx->e", found)) - wanted).max() < 1e-13 * np.abs(wanted).max()
+    pattern = Pattern(mesh.nv, mesh.d, [assembly.edges])
+    data = np.zeros(pattern.nnz)
+    trace = assembly.tangent(u, assembly.rows(pattern), data, False).trace
+    if mesh.d == 3:
+        assert trace == pytest.approx(np.einsum("aaxx->", K), rel=1e-13)
+    assert trace > 0
+
+
+def test_blocks_are_filled_anew_where_they_stand():
+    mesh = MESHES["tetrahedra"]
+    assembly, u = TERM.bind(mesh), state(mesh).reshape(-1, 3)
+    _, wanted = assembly.edge_blocks(u)
+    _, blocks = assembly.edge_blocks(-2 * u)
+    assert np.abs(blocks - wanted).max() > 1e-3
+    _, again = assembly.edge_blocks(u, out=blocks)
+    assert again is blocks and np.array_equal(again, wanted)
+    _, other = assembly.edge_blocks(u, out=np.empty(3))
+    assert np.array_equal(other, wanted)
+
+
+def test_simplices_that_only_fill_a_block_have_no_energy():
+    """Seventeen simplices in two blocks of sixteen: the last stands fifteen times more."""
+    mesh = box(3)
+    p, t = mesh.p, mesh.t[:, : LANES + 1]
+    used, t = np.unique(t, return_inverse=True)
+    part = SimplexMesh(p[:, used], t.reshape(4, -1))
+    u = state(part)
+    alone = []
+    for e in range(part.nt):
+        corners = part.t[:, e]
+        single = System((part.p[:, corners], np.arange(4)[:, None]), TERM)
+        alone.append(single.energy(u.reshape(-1, 3)[corners].ravel()))
+    assert System(part, TERM).energy(u) == pytest.approx(sum(alone), rel=1e-13)
+
+
+@pytest.mark.parametrize("name", MESHES)
+def test_coefficients_of_edges_and_what_the_kernels_store_are_one_stiffness(name):
+    """W from `form.L` and from the kernels, whose spokes begin at another vertex and come in another order."""
+    mesh = MESHES[name]
+    u = state(mesh).reshape(-1, mesh.d)
+    for terms in (BODIES[f"{name}, isotropic"][1], BODIES[f"{name}, anisotropic"][1], BODIES[f"{name}, fibres"][1]):
+        assembly = terms[0].bind(mesh, np.float64)
+        form = assembly.form
+        assert len(form.t2e) == len(LOCAL_EDGES[mesh.k])
+        zeta = form.squared_elongations(u)
+        assert zeta @ form.L @ zeta / 4 == pytest.approx(assembly.energy_and_force(u, np.zeros_like(u)), rel=1e-13)

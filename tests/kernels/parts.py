@@ -1,0 +1,31 @@
+"""Small meshes in several parts, and systems on the readable twins of the kernels."""
+
+import numba
+
+from skfem_stvk.edges import assembly, order, rows, stiffness, topology
+from skfem_stvk.kernels import readable, threads
+from skfem_stvk.system import pattern
+
+#: Modules and the kernels that they import by name.
+BY_NAME = {
+    order: ("lexicographic_order", "numbers_by_first_use", "stars"),
+    rows: ("stars",),
+    stiffness: ("scaled_gram",),
+    topology: ("edges_of_simplices",),
+    pattern: ("expand", "first_places", "lexicographic_order", "stars"),
+}
+
+
+def in_parts(monkeypatch, n):
+    """From now on work is shared by `n` parts, on however many threads there are; some parts of a tiny mesh are empty."""
+    monkeypatch.setattr(threads, "SMALLEST_PART", 1)
+    monkeypatch.setattr(numba, "get_num_threads", lambda: n)
+
+
+def on_twins(monkeypatch):
+    """From now on nothing compiled is called."""
+    monkeypatch.setattr(assembly, "simplex_kernels", readable)
+    monkeypatch.setattr(assembly, "block_kernels", readable)
+    for module, names in BY_NAME.items():
+        for name in names:
+            monkeypatch.setattr(module, name, getattr(readable, name))

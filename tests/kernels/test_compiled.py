@@ -1,0 +1,103 @@
+"""Compilation: once a machine, said when it happens, and nothing that a machine without a cache cannot do."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numba
+import numpy as np
+import pytest
+
+from skfem_stvk.kernels import compiled
+
+ROOT = Path(__file__).parent.parent.parent
+TWO_KERNELS = """
+import numpy as np
+from skfem_stvk.kernels.topology import lexicographic_order, expand
+assert lexicographic_order(np.array([[2, 0, 1]], dtype=np.int32), 3).tolist() == [1, 2, 0]
+expand(np.array([0, 1]), np.array([0], dtype=np.int32), 2)
+"""
+
+
+def run(code, cache):
+    environment = {**os.environ, "NUMBA_CACHE_DIR": str(cache), "PYTHONPATH": str(ROOT)}
+    done = subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, text=True, timeout=100)
+    assert done.returncode == 0, done.stderr
+    return done
+
+
+def test_compiling_is_said_once_and_done_once_a_machine(tmp_path):
+    first, second = run(TWO_KERNELS, tmp_path), run(TWO_KERNELS, tmp_path)
+    assert first.stderr.count("skfem_stvk: compiling kernels for their first use; they are kept on disk") == 1
+    assert "compiling" not in second.stderr
+    assert first.stdout == second.stdout == ""
+    assert list(tmp_path.rglob("*.nbc"))
+
+
+def test_kernels_of_others_are_compiled_in_silence(tmp_path):
+    code = "import numba, skfem_stvk.kernels.topology\nassert numba.njit(lambda x: x + 1)(1) == 2"
+    assert run(code, tmp_path).stderr == ""
+
+
+@pytest.fixture
+def no_cache(monkeypatch):
+    """Numba as it is where no folder can be written to."""
+    njit = numba.njit
+
+    def refuse(*arguments, cache=False, **options):
+        decorate = njit(*arguments, **options)
+
+        def decorated(function):
+            if cache:
+                raise RuntimeError(f"cannot cache function {function.__name__!r}: no locator available for file 'x.py'")
+            return decorate(function)
+
+        return decorated
+
+    monkeypatch.setattr(numba, "njit", refuse)
+
+
+@pytest.mark.parametrize("decorate", [compiled.kernel, compiled.inlined])
+def test_without_a_cache_kernels_are_compiled_in_every_process(decorate, no_cache):
+    def total(x):
+        s = 0.0
+        for i in range(len(x)):
+            s += x[i]
+        return s
+
+    kernel = decorate(total)
+    assert kernel(np.arange(5.0)) == 10.0
+    assert kernel.stats.cache_path is None and kernel.nopython_signatures
+    options = kernel.targetoptions
+    assert options["fastmath"] == compiled.FASTMATH and options["nogil"] and options["error_model"] == "numpy"
+
+
+def test_a_body_has_its_energy_where_nothing_can_be_cached(tmp_path):
+    code = """
+import numba
+njit = numba.njit
+def refuse(*arguments, cache=False, **options):
+    if cache:
+        raise RuntimeError("cannot cache function: no locator available")
+    return njit(*arguments, **options)
+numba.njit = refuse
+import skfem
+from skfem_stvk import StVK, System
+mesh = skfem.MeshTet()
+print(System(mesh, StVK(young=1e5, poisson=0.3)).energy(0.01 * mesh.p.ravel("F")))
+"""
+    done = run(code, tmp_path)
+    assert float(done.stdout) == pytest.approx(4.5 * 1e5 / 1.2 * 0.01005**2, rel=1e-12)
+    assert done.stderr.count("compiling") == 1 and not list(tmp_path.rglob("*.nbc"))
+
+
+def test_what_overflows_is_not_optimised_away():
+    """Of the fast math flags those that assume finite numbers are missing."""
+    assert not {"ninf", "nnan", "fast", "afn"} & set(compiled.FASTMATH)
+
+    @compiled.kernel
+    def ratio(a, b):
+        return a / b if a == a else -1.0
+
+    assert ratio(np.nan, 1.0) == -1.0 and ratio(1.0, 0.0) == np.inf

@@ -1,0 +1,111 @@
+"""Edges, orders, stars and places against their readable twins and scikit-fem, on meshes that are not nice."""
+
+import hypothesis.strategies as st
+import numpy as np
+import pytest
+import skfem
+from bodies import MESHES
+from hypothesis import given, settings
+
+from skfem_stvk.edges.topology import LOCAL_EDGES
+from skfem_stvk.kernels import geometry, readable, topology
+from skfem_stvk.kernels.topology import OWN
+
+HUB = 10_000
+
+
+def random_simplices(seed, k, n, nt):
+    """(k + 1, nt) distinct vertices out of `n`, in any order; most vertices may be on no simplex, and simplices may repeat edges."""
+    rng = np.random.default_rng(seed)
+    return np.stack([rng.choice(n, k + 1, replace=False) for _ in range(nt)], axis=1).astype(np.int32)
+
+
+def fan():
+    """Tetrahedra around an axis, the first vertex of which has HUB neighbours on a circle: isolated vertices before and behind."""
+    ring = np.arange(HUB, dtype=np.int32) + 7
+    hub, top = np.full(HUB, 3, np.int32), np.full(HUB, HUB + 9, np.int32)
+    return np.stack([ring, hub, np.roll(ring, -1), top])
+
+
+def assert_same(one, other):
+    for a, b in zip(one, other, strict=True):
+        assert a.dtype == b.dtype and a.shape == b.shape and np.array_equal(a, b)
+
+
+def compare(t, n, d):
+    """All kernels on the edges of these simplices."""
+    local = np.array(LOCAL_EDGES[len(t) - 1])
+    edges, t2e = topology.edges_of_simplices(t, local, n)
+    assert_same((edges, t2e), readable.edges_of_simplices(t, local, n))
+    begin, others, entries = topology.stars(edges, n)
+    assert_same((begin, others, entries), readable.stars(edges, n))
+    assert_same(topology.expand(begin, others, d), readable.expand(begin, others, d))
+    assert_same(topology.numbers_by_first_use(t2e.T, edges.shape[1]), readable.numbers_by_first_use(t2e.T, edges.shape[1]))
+    rng = np.random.default_rng(0)
+    a, b = np.concatenate([edges, edges[::-1], rng.integers(0, n, (2, 50))], axis=1)
+    places = topology.first_places(begin, others, d, a, b)
+    assert_same([places], [readable.first_places(begin, others, d, a, b)])
+    assert (places[: 2 * edges.shape[1]] >= 0).all()
+    return edges, begin, others, entries
+
+
+@settings(max_examples=40, deadline=None)
+@given(seed=st.integers(0, 10**6), k=st.integers(1, 3), n=st.integers(4, 40), nt=st.integers(1, 30), d=st.integers(1, 3))
+def test_kernels_on_random_simplices_are_their_twins(seed, k, n, nt, d):
+    compare(random_simplices(seed, k, n, nt), n, d)
+
+
+@settings(max_examples=40, deadline=None)
+@given(seed=st.integers(0, 10**6), m=st.integers(1, 4), items=st.integers(0, 60), n=st.integers(1, 9))
+def test_the_lexicographic_order_is_stable(seed, m, items, n):
+    """Few numbers and many columns, so that equal ones come."""
+    rows = np.random.default_rng(seed).integers(0, n, (m, items)).astype(np.int32)
+    assert_same([topology.lexicographic_order(rows, n)], [readable.lexicographic_order(rows, n)])
+
+
+def test_a_hub_of_ten_thousand_neighbours_is_a_vertex_like_others():
+    n = HUB + 20
+    edges, begin, others, entries = compare(fan(), n, 3)
+    valence = np.diff(begin) - 1
+    assert valence[3] == valence[HUB + 9] == HUB + 1
+    assert (valence[[0, 1, 2, 4, 5, 6, HUB + 10, n - 1]] == 0).all() and edges.shape[1] == 3 * HUB + 1
+    star = slice(begin[3], begin[4])
+    assert (np.diff(others[star]) > 0).all() and others[star][entries[star] == OWN] == [3]
+
+
+@pytest.mark.parametrize("k", [1, 2, 3])
+def test_one_simplex_has_all_pairs_of_its_vertices_as_edges(k):
+    t = np.array([[5], [2], [4], [0]], dtype=np.int32)[: k + 1]
+    edges, begin, _, entries = compare(t, 6, 3)
+    assert edges.shape[1] == k * (k + 1) // 2
+    assert (entries == OWN).sum() == 6 and begin[-1] == 6 + 2 * edges.shape[1]
+
+
+def test_vertices_without_edges_have_a_star_of_their_own():
+    begin, others, entries = topology.stars(np.empty((2, 0), dtype=np.int32), 4)
+    assert begin.tolist() == [0, 1, 2, 3, 4] and others.tolist() == [0, 1, 2, 3] and (entries == OWN).all()
+
+
+@pytest.mark.parametrize(
+    ("mesh", "edges", "t2e"),
+    [
+        (skfem.MeshTet().refined(2), "edges", "t2e"),
+        (skfem.MeshTet.init_tensor(*[np.linspace(0, 1, 4)] * 3), "edges", "t2e"),
+        (skfem.MeshTri().refined(3), "facets", "t2f"),
+    ],
+)
+def test_edges_are_scikit_fems(mesh, edges, t2e):
+    t = mesh.t.astype(np.int32)
+    found = topology.edges_of_simplices(t, np.array(LOCAL_EDGES[len(t) - 1]), mesh.p.shape[1])
+    assert np.array_equal(found[0], getattr(mesh, edges)) and np.array_equal(found[1], getattr(mesh, t2e))
+
+
+@pytest.mark.parametrize("name", MESHES)
+def test_measures_and_gram_matrices_are_their_twins(name):
+    mesh = MESHES[name]
+    mu = np.random.default_rng(0).uniform(1, 5, mesh.nt)
+    for kernel, twin in (
+        (geometry.measures(mesh.p, mesh.t), readable.measures(mesh.p, mesh.t)),
+        (geometry.scaled_gram(mesh.p, mesh.t, mu), readable.scaled_gram(mesh.p, mesh.t, mu)),
+    ):
+        assert np.abs(kernel - twin).max() < 1e-13 * np.abs(twin).max()

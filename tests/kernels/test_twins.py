@@ -1,0 +1,113 @@
+"""The compiled kernels against the readable ones, in systems that run on either."""
+
+import numpy as np
+import pytest
+from bodies import BODIES, MESHES, box, state
+from kernels.parts import in_parts, on_twins
+from numba.core.dispatcher import Dispatcher
+
+from skfem_stvk import Anisotropic, StVK, System
+from skfem_stvk.kernels import blocks, geometry, readable, simplices, topology
+from skfem_stvk.kernels.simplices import LANES
+
+
+def results(mesh, terms, dtype=np.float64):
+    """All that the kernels compute, by name."""
+    body, u, v = System(mesh, terms, dtype=dtype), state(mesh), state(mesh, seed=9)
+    W, F = body.energy_and_force(u)
+    again, too, K = body.linearize(u)
+    return {
+        "W": W,
+        "F": F,
+        "W of linearize": again,
+        "F of linearize": too,
+        "K": body.tangent(u).data,
+        "K of linearize": K.data,
+        "K v": body.product(u, v),
+        "indices": K.indices,
+        "indptr": K.indptr,
+    }
+
+
+def assert_same(one, other, limit):
+    for name, value in one.items():
+        assert np.abs(value).max() > 1e-3, name
+        difference = np.abs(value - np.asarray(other[name], dtype=np.float64)).max()
+        assert difference <= limit * np.abs(value).max(), f"{name}: {difference / np.abs(value).max():.1e}"
+
+
+@pytest.mark.parametrize("parts", [1, 2, 5])
+@pytest.mark.parametrize("name", BODIES)
+def test_compiled_and_readable_kernels_agree(name, parts, monkeypatch):
+    in_parts(monkeypatch, parts)
+    compiled = results(*BODIES[name])
+    on_twins(monkeypatch)
+    assert_same(results(*BODIES[name]), compiled, 1e-14)
+
+
+@pytest.mark.parametrize("name", BODIES)
+def test_one_pass_gives_what_three_calls_give(name):
+    found = results(*BODIES[name])
+    for what in ("W", "F", "K"):
+        assert np.abs(found[what] - found[f"{what} of linearize"]).max() <= 1e-14 * np.abs(found[what]).max(), what
+
+
+@pytest.mark.parametrize("name", ["tetrahedra, two regions", "membrane, anisotropic", "cable, area"])
+def test_kernels_in_single_precision_agree_with_the_readable_ones_in_double(name, monkeypatch):
+    in_parts(monkeypatch, 2)
+    compiled = results(*BODIES[name], dtype=np.float32)
+    on_twins(monkeypatch)
+    assert_same(results(*BODIES[name]), compiled, 2e-6)
+
+
+@pytest.mark.parametrize("count", [1, LANES - 1, LANES, LANES + 1])
+@pytest.mark.parametrize("general", [False, True])
+def test_blocks_of_lanes_may_be_full_or_not(count, general, monkeypatch):
+    mesh = box(2)
+    p, t = mesh.p, mesh.t[:, :count]
+    used, t = np.unique(t, return_inverse=True)
+    mesh = (p[:, used], t.reshape(4, -1))
+    C = np.diag([3.0, 4, 5, 1, 2, 3]) + 0.5
+    term = StVK(Anisotropic(C)) if general else StVK(young=2.0, poisson=0.3)
+    mesh = System(mesh, term).mesh
+    compiled = results(mesh, term)
+    on_twins(monkeypatch)
+    assert_same(results(mesh, term), compiled, 1e-14)
+
+
+def test_on_twins_no_kernel_is_called(monkeypatch):
+    """Otherwise the comparison would be of kernels with themselves."""
+
+    def refuse(kernel, *_):
+        raise AssertionError(kernel)
+
+    mesh, terms = BODIES["triangles, two regions"]
+    monkeypatch.setattr("skfem_stvk.system.system.check_mesh", lambda _: None)
+    monkeypatch.setattr(Dispatcher, "__call__", refuse)
+    with pytest.raises(AssertionError, match="CPUDispatcher"):
+        results(mesh, terms)
+    on_twins(monkeypatch)
+    results(mesh, terms)
+
+
+@pytest.mark.parametrize("module", [simplices, blocks, topology, geometry])
+def test_every_kernel_that_python_calls_has_a_twin_with_its_signature(module):
+    """What is annotated is called from Python."""
+    called = {name: value.py_func for name, value in vars(module).items() if hasattr(value, "py_func") and name[0] != "_"}
+    called = {name: function for name, function in called.items() if function.__module__ == module.__name__}
+    annotated = {name: function for name, function in called.items() if function.__annotations__}
+    assert len(annotated) >= 2
+    for name, function in annotated.items():
+        assert getattr(readable, name).__annotations__ == function.__annotations__, name
+
+
+def test_the_readable_tensor_of_general_stiffness_is_that_of_the_isotropic_one():
+    """Two ways to store one material are one tensor D."""
+    mesh = MESHES["tetrahedra"]
+    young, poisson = 2.0, 0.3
+    mu, lam = young / (2 * (1 + poisson)), young * poisson / ((1 + poisson) * (1 - 2 * poisson))
+    C = np.diag([2 * mu] * 3 + [mu] * 3)
+    C[:3, :3] += lam
+    one, other = StVK(young=young, poisson=poisson).bind(mesh), StVK(Anisotropic(C)).bind(mesh)
+    D, E = readable.stiffness(one._D, slice(None)), readable.stiffness(other._D, slice(None))
+    assert np.abs(D).max() > 1e-3 and np.abs(D - E).max() < 1e-13 * np.abs(D).max()

@@ -1,0 +1,148 @@
+"""Single precision: errors of 1e-6, also where digits cancel in other forms."""
+
+import numpy as np
+import pytest
+from bodies import BODIES, MESHES, box, state
+
+from skfem_stvk import Isotropic, SimplexMesh, StVK, StvkError, System
+from skfem_stvk.mesh.geometry import aspect_ratios
+from skfem_stvk.referee.exact import exact_energy_and_force, exact_product
+
+TERM = StVK(young=2.0, poisson=0.3)
+LIMIT = 4e-6
+
+
+def errors(mesh, terms, u):
+    """Largest error of F, K and K v in single precision over their largest entry, and of W over its value."""
+    double, single, v = System(mesh, terms), System(mesh, terms, dtype=np.float32), state(mesh, seed=9)
+    wanted = [double.internal_force(u), double.tangent(u).data, double.product(u, v)]
+    found = [single.internal_force(u), single.tangent(u).data, single.product(u, v)]
+    assert all(array.dtype == np.float32 for array in found)
+    energy = double.energy(u)
+    return [
+        abs(single.energy(u) - energy) / energy,
+        *(np.abs(a - b).max() / np.abs(a).max() for a, b in zip(wanted, found, strict=True)),
+    ]
+
+
+def stretched(mesh, strain):
+    """A smooth field of this strain with all components, without rotation: the gradient of a potential."""
+    x = mesh.p - mesh.p.mean(axis=1, keepdims=True)
+    gradient = np.random.default_rng(0).uniform(-1, 1, (mesh.d, mesh.d))
+    return (strain * (x.T @ (gradient + gradient.T) / 2 + 0.3 * x.T**2)).ravel()
+
+
+@pytest.mark.parametrize("name", BODIES)
+def test_every_body_is_right_to_single_precision(name):
+    mesh, terms = BODIES[name]
+    assert max(errors(mesh, terms, state(mesh))) < LIMIT
+
+
+@pytest.mark.parametrize("strain", [1e-1, 1e-2, 1e-3, 1e-4, 1e-5, 1e-6])
+@pytest.mark.parametrize("name", ["tetrahedra, isotropic", "tetrahedra, fibres", "membrane, anisotropic", "triangles, auxetic"])
+def test_small_strains_keep_their_digits(name, strain):
+    mesh, terms = BODIES[name]
+    assert max(errors(mesh, terms, stretched(mesh, strain))) < LIMIT
+
+
+@pytest.mark.parametrize("strain", [1e-1, 1e-3, 1e-6])
+def test_against_fifty_digits(strain):
+    mesh, u = box(2), stretched(box(2), strain)
+    young, poisson = 2.0, 0.25
+    lam, mu = young * poisson / ((1 + poisson) * (1 - 2 * poisson)), young / (2 * (1 + poisson))
+    v = state(mesh, seed=9)
+    body = System(mesh, StVK(young=young, poisson=poisson), dtype=np.float32)
+    W, F = exact_energy_and_force(mesh.p, mesh.t, lam, mu, u)
+    Kv = exact_product(mesh.p, mesh.t, lam, mu, u, v)
+    assert body.energy(u) == pytest.approx(W, rel=LIMIT)
+    assert np.abs(body.internal_force(u) - F).max() < LIMIT * np.abs(F).max()
+    for product in (body.product(u, v), body.tangent(u) @ v):
+        assert np.abs(product - Kv).max() < LIMIT * np.abs(Kv).max()
+
+
+def test_the_textbook_form_loses_the_digits_that_this_one_keeps():
+    """`E = 1/2 (F'F - I)` in single precision, at a strain of 1e-4."""
+    mesh = MESHES["tetrahedra"]
+    u = stretched(mesh, 1e-4)
+    X = mesh.p.T[mesh.t.T]
+    spokes = np.swapaxes(X[:, 1:] - X[:, :1], 1, 2)
+    U = u.reshape(-1, 3)[mesh.t.T]
+    F = np.eye(3) + np.swapaxes(U[:, 1:] - U[:, :1], 1, 2) @ np.linalg.inv(spokes)
+    F = F.astype(np.float32)
+    E = (np.swapaxes(F, 1, 2) @ F - np.eye(3, dtype=np.float32)) / 2
+    mu, lam = np.float32(2 / 2.6), np.float32(0.6 / (1.3 * 0.4))
+    trace = np.einsum("eii->e", E)
+    W = float((np.abs(np.linalg.det(spokes)) / 6 * (lam / 2 * trace**2 + mu * (E**2).sum(axis=(1, 2)))).sum())
+    exact = System(mesh, TERM).energy(u)
+    textbook = abs(W - exact) / exact
+    ours = abs(System(mesh, TERM, dtype=np.float32).energy(u) - exact) / exact
+    assert 1e-5 < textbook < 0.1 and ours < textbook / 30
+
+
+@pytest.mark.parametrize("offset", [1e3, 1e6])
+def test_far_from_the_origin_nothing_is_lost(offset):
+    """Rest edges and displacements are differences in double."""
+    mesh = box(3)
+    there = SimplexMesh(mesh.p + offset, mesh.t)
+    for strain in (1e-1, 1e-5):
+        assert max(errors(there, TERM, stretched(there, strain))) < LIMIT
+    moved = stretched(there, 1e-3) + offset
+    assert max(errors(there, TERM, moved)) < LIMIT
+
+
+@pytest.mark.parametrize("strain", [1e-1, 1e-4])
+def test_graded_materials(strain):
+    """Young's moduli over six decades, Poisson's ratios over nearly all."""
+    mesh = box(4)
+    young = 10 ** np.random.default_rng(0).uniform(-3, 3, mesh.nt)
+    assert max(errors(mesh, StVK(young=young, poisson=np.linspace(-0.3, 0.45, mesh.nt)), stretched(mesh, strain))) < LIMIT
+
+
+@pytest.mark.parametrize("height", [1.0, 0.3, 0.1, 0.03])
+def test_flat_elements_cost_their_aspect_ratio_squared(height):
+    mesh = box(2)
+    flat = SimplexMesh(mesh.p * np.array([[height], [1], [1]]), mesh.t)
+    aspect = aspect_ratios(flat).max()
+    assert max(errors(flat, TERM, stretched(flat, 1e-3))) < 5 * np.finfo(np.float32).eps * aspect**2
+
+
+def test_units_do_not_matter():
+    """Steel in pascal and millimetres in metres: squares and products stay in the range of single precision."""
+    mesh = box(2)
+    small = SimplexMesh(1e-3 * mesh.p, mesh.t)
+    assert max(errors(small, StVK(young=210e9, poisson=0.3), stretched(small, 1e-3))) < LIMIT
+
+
+def test_everything_comes_in_the_type_that_was_asked_for():
+    mesh = MESHES["tetrahedra"]
+    body, u = System(mesh, TERM, dtype=np.float32), state(mesh)
+    energy, force, K = body.linearize(u)
+    assert isinstance(energy, float) and isinstance(body.energy(u), float)
+    assert body.dtype == force.dtype == K.dtype == body.internal_force(u).dtype == body.tangent(u).dtype == np.float32
+    assert body.product(u, u).dtype == body.linear_operator(u).dtype == np.float32
+
+
+@pytest.mark.parametrize("dtype", [np.float32, np.float64])
+def test_displacements_may_be_single_in_either_system(dtype):
+    """They are taken as they are, not rounded."""
+    mesh = MESHES["tetrahedra"]
+    body, u, v = System(mesh, TERM, dtype=dtype), state(mesh).astype(np.float32), state(mesh, seed=9).astype(np.float32)
+    same, w = u.astype(np.float64), v.astype(np.float64)
+    assert body.energy(u) == body.energy(same)
+    assert np.array_equal(body.internal_force(u), body.internal_force(same))
+    assert np.array_equal(body.tangent(u).data, body.tangent(same).data)
+    assert np.array_equal(body.product(u, v), body.product(same, w))
+    assert body.internal_force(u).dtype == dtype
+
+
+@pytest.mark.parametrize("dtype", [int, np.float16, complex, bool])
+def test_other_types_are_refused(dtype):
+    with pytest.raises(StvkError, match=f"dtype = {np.dtype(dtype)}; expected float64 or float32"):
+        System(MESHES["tetrahedra"], TERM, dtype=dtype)
+
+
+def test_a_material_of_nearly_no_shear_is_no_surprise():
+    """`r = lam / (2 mu)` is large, and still a number of single precision."""
+    mesh = MESHES["tetrahedra"]
+    term = StVK(Isotropic(2.0, 0.4999))
+    assert max(errors(mesh, term, stretched(mesh, 1e-2))) < LIMIT

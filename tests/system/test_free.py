@@ -1,0 +1,185 @@
+"""Restriction to the free degrees of freedom is slicing, only cheaper."""
+
+import hypothesis.strategies as st
+import numpy as np
+import pytest
+import skfem
+from bodies import BODIES, MESHES, state
+from hypothesis import given, settings
+
+from skfem_stvk import StVK, StvkError, System
+
+SOLID = System(MESHES["tetrahedra"], StVK(young=2.0, poisson=0.3))
+N = SOLID.ndofs
+HELD = SOLID.free_dofs(np.arange(0, N, 5))
+
+
+def is_slice(restricted, K, free):
+    """To the last bit, explicit zeros, order of columns and all."""
+    wanted = K[free][:, free]
+    assert restricted.shape == (len(free),) * 2 and restricted.has_sorted_indices
+    assert np.array_equal(restricted.indptr, wanted.indptr) and np.array_equal(restricted.indices, wanted.indices)
+    return np.array_equal(restricted.data, wanted.data) and restricted.indices.dtype == restricted.indptr.dtype == np.int32
+
+
+@pytest.mark.parametrize("name", BODIES)
+def test_the_restricted_matrix_is_the_slice(name):
+    mesh, terms = BODIES[name]
+    body = System(mesh, terms)
+    held = body.free_dofs(np.random.default_rng(0).choice(body.ndofs, body.ndofs // 3, replace=False))
+    K = body.tangent(state(mesh))
+    assert is_slice(held.matrix(K), K, held.free)
+    assert sorted([*held.free, *held.fixed]) == list(range(body.ndofs))
+
+
+@settings(max_examples=40, deadline=None)
+@given(fixed=st.sets(st.integers(0, N - 1), max_size=N - 1))
+def test_any_choice_of_degrees_of_freedom_is_a_slice(fixed):
+    held = SOLID.free_dofs(sorted(fixed))
+    K = SOLID.tangent(state(SOLID.mesh))
+    assert is_slice(held.matrix(K), K, np.setdiff1d(np.arange(N), sorted(fixed)))
+
+
+def test_one_matrix_is_filled_again_and_again():
+    K, Kff = None, None
+    for amount in (0.0, 1.0, -2.0, 0.5):
+        K = SOLID.tangent(amount * state(SOLID.mesh), out=K)
+        before = Kff
+        Kff = HELD.matrix(K, out=Kff)
+        if before is not None:
+            assert Kff is before
+        assert is_slice(Kff, K, HELD.free)
+
+
+def test_the_values_are_written_where_they_stand():
+    K = SOLID.tangent(state(SOLID.mesh))
+    Kff = HELD.matrix(0 * K)
+    data = Kff.data
+    assert HELD.matrix(K, out=Kff).data is data and np.array_equal(data, HELD.matrix(K).data)
+
+
+def test_spoiling_a_restricted_matrix_does_not_spoil_the_next():
+    K = SOLID.tangent(state(SOLID.mesh))
+    spoiled = HELD.matrix(K)
+    spoiled.data[::2] = 0
+    spoiled.eliminate_zeros()
+    with pytest.raises(StvkError, match="expected a matrix that"):
+        HELD.matrix(K, out=spoiled)
+    assert is_slice(HELD.matrix(K), K, HELD.free)
+
+
+def test_scikit_fems_degrees_of_freedom_are_taken_as_they_are():
+    mesh = skfem.MeshTet().refined(2).with_boundaries({"floor": lambda x: x[2] == 0})
+    body, basis = System(mesh, StVK(young=2.0, poisson=0.3)), skfem.Basis(mesh, skfem.ElementVector(skfem.ElementTetP1()))
+    view = basis.get_dofs("floor")
+    from_view, from_ids = body.free_dofs(view), body.free_dofs(view.all())
+    assert np.array_equal(from_view.fixed, np.sort(view.all())) and np.array_equal(from_view.free, basis.complement_dofs(view))
+    assert np.array_equal(from_view.free, from_ids.free)
+    only_z = body.free_dofs(view.all("u^3"))
+    assert (only_z.fixed % 3 == 2).all() and len(only_z.fixed) == len(view.all()) // 3
+    f = np.cos(np.arange(body.ndofs))
+    K = body.tangent(np.zeros(body.ndofs))
+    by_skfem = skfem.solve(*skfem.condense(K, f, D=view))
+    x = from_view.vector(skfem.solve(from_view.matrix(K), f[from_view.free]))
+    assert np.abs(x - by_skfem).max() < 1e-12 * np.abs(x).max()
+
+
+@pytest.mark.parametrize(
+    ("fixed", "same"),
+    [
+        ([3, 1, 2, 3, 3], [1, 2, 3]),
+        ((7,), [7]),
+        (range(4), [0, 1, 2, 3]),
+        (np.array([5, 0], dtype=np.uint8), [0, 5]),
+        (np.array([N - 1], dtype=np.int64), [N - 1]),
+        ([], []),
+        (np.empty(0, dtype=np.int32), []),
+    ],
+)
+def test_duplicates_order_and_type_do_not_matter(fixed, same):
+    held = SOLID.free_dofs(fixed)
+    assert held.fixed.tolist() == same and len(held.free) == N - len(same)
+
+
+def test_with_nothing_fixed_the_matrix_is_K():
+    K = SOLID.tangent(state(SOLID.mesh))
+    assert is_slice(SOLID.free_dofs([]).matrix(K), K, np.arange(N))
+
+
+@pytest.mark.parametrize(
+    ("fixed", "message"),
+    [
+        (np.arange(N), f"All {N} degrees of freedom are fixed: there is nothing to solve for"),
+        ([3, N, N + 4], rf"fixed names 2 degree.* \({N}, {N + 4}\) outside 0 ... {N - 1}. Are they of another mesh"),
+        ([-1], r"\(-1\) outside 0"),
+        (np.zeros(N, dtype=bool), rf"fixed has shape \({N},\) and dtype bool; expected a list of degrees of freedom"),
+        ([1.0, 2.0], "dtype float64; expected a list"),
+        ([[1, 2]], r"shape \(1, 2\)"),
+        (5, r"shape \(\)"),
+        ({1, 2}, r"shape \(\) and dtype object"),
+        ("wall", r"shape \(\)"),
+    ],
+)
+def test_what_is_no_list_of_degrees_of_freedom_is_refused(fixed, message):
+    with pytest.raises(StvkError, match=message):
+        SOLID.free_dofs(fixed)
+
+
+def without_zeros(K):
+    K = K.copy()
+    K.data[::3] = 0
+    K.eliminate_zeros()
+    return K
+
+
+def with_an_empty_row(K):
+    return type(K)((K.data, K.indices, np.append(K.indptr, K.nnz)), shape=(K.shape[0] + 1, K.shape[1]))
+
+
+@pytest.mark.parametrize(
+    "spoil",
+    [
+        with_an_empty_row,
+        without_zeros,
+        lambda K: K[:-1],
+        lambda K: K[:-3, :-3],
+        lambda K: System(*BODIES["cable, area"]).tangent(np.zeros(21)),
+    ],
+)
+def test_a_matrix_of_another_pattern_is_refused(spoil):
+    K = SOLID.tangent(state(SOLID.mesh))
+    with pytest.raises(StvkError, match=rf"K has \d+ values, expected {K.nnz}: hand in what tangent\(\) returned"):
+        HELD.matrix(spoil(K))
+
+
+def test_out_of_another_type_or_pattern_is_refused():
+    K = SOLID.tangent(state(SOLID.mesh))
+    for out in (SOLID.free_dofs([1]).matrix(K), HELD.matrix(K).astype(np.float32), K):
+        with pytest.raises(StvkError, match="out has"):
+            HELD.matrix(K, out=out)
+
+
+@pytest.mark.parametrize("dtype", [np.float64, np.float32])
+def test_vector_is_the_inverse_of_slicing(dtype):
+    x = np.random.default_rng(0).standard_normal(N).astype(dtype)
+    again = HELD.vector(x[HELD.free], x[HELD.fixed])
+    assert again.dtype == dtype and np.array_equal(again, x)
+    assert not HELD.vector(x[HELD.free])[HELD.fixed].any()
+    assert (HELD.vector(x[HELD.free], 0.25)[HELD.fixed] == 0.25).all()
+    assert HELD.vector([1] * len(HELD.free)).dtype == np.float64
+
+
+def test_a_vector_of_another_length_is_refused():
+    with pytest.raises(ValueError, match=r"shape mismatch|broadcast"):
+        HELD.vector(np.zeros(len(HELD.free) + 1))
+
+
+def test_single_precision_stays_single():
+    body = System(SOLID.mesh, StVK(young=2.0, poisson=0.3), dtype=np.float32)
+    held = body.free_dofs([0, 1, 2])
+    K = body.tangent(state(SOLID.mesh))
+    assert held.matrix(K).dtype == np.float32 and is_slice(held.matrix(K), K, held.free)
+
+
+def test_it_says_how_many_are_free():
+    assert repr(HELD) == f"FreeDofs: {len(HELD.free)} free, {len(HELD.fixed)} fixed"

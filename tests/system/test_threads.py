@@ -1,0 +1,148 @@
+"""Threads change nothing but the time: the same bits from run to run, the same results with any number of them, at any moment."""
+
+import multiprocessing
+import os
+from concurrent.futures import ThreadPoolExecutor
+
+import numba
+import numpy as np
+import pytest
+from bodies import BODIES, box, state
+from kernels.parts import in_parts
+
+from skfem_stvk import Anisotropic, StVK, System
+from skfem_stvk.kernels import threads as kernel_threads
+
+SOME = ["tetrahedra, two regions", "tetrahedra, anisotropic", "membrane, isotropic", "cable, fibres"]
+needs_two = pytest.mark.skipif(numba.config.NUMBA_NUM_THREADS < 2, reason="this machine has one core")
+
+
+@pytest.fixture
+def threads(monkeypatch):
+    """Sets the number of threads, on meshes of any size."""
+    before = numba.get_num_threads()
+    monkeypatch.setattr(kernel_threads, "SMALLEST_PART", 1)
+    yield numba.set_num_threads
+    numba.set_num_threads(before)
+
+
+def results(body, u, v):
+    W, F, K = body.linearize(u)
+    return [np.array([body.energy(u), W]), body.internal_force(u), F, body.tangent(u).data, K.data, body.product(u, v)]
+
+
+def assert_close(one, other, limit=1e-14):
+    for a, b in zip(one, other, strict=True):
+        assert np.abs(a).max() > 1e-3
+        assert np.abs(a - b).max() <= limit * np.abs(a).max()
+
+
+@pytest.mark.parametrize("n", [1, pytest.param(2, marks=needs_two)])
+@pytest.mark.parametrize("name", SOME)
+def test_results_are_the_same_to_the_last_bit_from_run_to_run(name, n, threads):
+    mesh, terms = BODIES[name]
+    u, v = state(mesh), state(mesh, seed=9)
+    threads(n)
+    body = System(mesh, terms)
+    first = results(body, u, v)
+    for _ in range(5):
+        body.tangent(-2 * u)
+        body.product(-2 * u, v)
+        for a, b in zip(first, results(body, u, v), strict=True):
+            assert np.array_equal(a, b)
+    for a, b in zip(first, results(System(mesh, terms), u, v), strict=True):
+        assert np.array_equal(a, b)
+
+
+@pytest.mark.parametrize("name", BODIES)
+def test_any_number_of_parts_gives_the_same_results(name, monkeypatch):
+    mesh, terms = BODIES[name]
+    u, v, body = state(mesh), state(mesh, seed=9), System(mesh, terms)
+    in_parts(monkeypatch, 1)
+    alone = results(body, u, v)
+    for n in (2, 3, 64):
+        in_parts(monkeypatch, n)
+        assert_close(alone, results(body, u, v))
+
+
+@needs_two
+def test_meshes_that_are_large_enough_are_shared(threads, monkeypatch):
+    monkeypatch.setattr(kernel_threads, "SMALLEST_PART", 2000)
+    mesh = box(9)
+    u, v = state(mesh), state(mesh, seed=9)
+    for term in (StVK(young=2.0, poisson=0.3), StVK(Anisotropic(np.diag([3.0, 4, 5, 1, 2, 3]) + 0.5))):
+        found, shares = [], []
+        for n in (1, 2):
+            threads(n)
+            body = System(mesh, term)
+            found.append(results(body, u, v))
+            shares.append(body.memory()["shares of threads"])
+        assert_close(*found)
+        assert shares[0] == 0 and shares[1] > 16 * mesh.nt
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="this system has no fork")
+@pytest.mark.filterwarnings("ignore::DeprecationWarning")
+def test_a_forked_process_has_threads_of_its_own(monkeypatch):
+    in_parts(monkeypatch, 3)
+    mesh, terms = BODIES["tetrahedra, isotropic"]
+    body, u = System(mesh, terms), state(mesh)
+    F = body.internal_force(u)
+    with multiprocessing.get_context("fork").Pool(1) as pool:
+        assert np.array_equal(pool.apply_async(body.internal_force, (u,)).get(timeout=30), F)
+
+
+def test_bodies_of_several_python_threads_do_not_disturb_each_other(monkeypatch):
+    in_parts(monkeypatch, 3)
+    cases = [(System(mesh, terms), state(mesh), state(mesh, seed=9)) for mesh, terms in map(BODIES.get, SOME)]
+    wanted = [results(*case) for case in cases]
+    with ThreadPoolExecutor(len(cases)) as pool:
+        for _ in range(5):
+            for one, other in zip(wanted, pool.map(lambda case: results(*case), cases), strict=True):
+                assert all(np.array_equal(a, b) for a, b in zip(one, other, strict=True))
+
+
+@pytest.mark.parametrize("name", SOME)
+@pytest.mark.parametrize(("first", "then"), [(1, 2), (2, 1), (2, 3), (5, 2), (1, 5)])
+def test_the_number_may_change_between_any_two_calls(name, first, then, monkeypatch):
+    mesh, terms = BODIES[name]
+    u, v = state(mesh), state(mesh, seed=9)
+    in_parts(monkeypatch, 1)
+    W, F, K = System(mesh, terms).linearize(u)
+    in_parts(monkeypatch, first)
+    body = System(mesh, terms)
+    operator, matrix = body.linear_operator(u), body.tangent(-u)
+    body.product(-u, v)
+    in_parts(monkeypatch, then)
+    assert_close([K @ v], [operator @ v])  # prepared by as many as `first`
+    assert_close([K @ v], [body.product(u, v)])  # prepared anew
+    matrix = body.tangent(u, out=matrix)  # filled anew
+    assert_close([K.data], [matrix.data])
+    in_parts(monkeypatch, first)
+    assert_close([K @ v], [operator @ v])
+    assert_close([K @ v], [body.product(u, v)])
+    again = body.linearize(u, out=matrix)
+    assert_close([np.array([W]), F, K.data], [np.array([again[0]]), again[1], again[2].data])
+
+
+def test_work_is_shared_anew_when_the_number_changes(monkeypatch):
+    mesh, terms = BODIES["tetrahedra, isotropic"]
+    body, shares = System(mesh, terms), []
+    for n in (1, 3, 2, 3, 1):
+        in_parts(monkeypatch, n)
+        body.tangent(state(mesh))
+        shares.append(body.memory()["shares of threads"])
+    assert shares[0] == shares[4] == 0 < shares[2] < shares[1] == shares[3]
+
+
+@pytest.mark.parametrize("n", [2, 5])
+def test_preparing_again_with_another_number_leaves_other_operators_alone(n, monkeypatch):
+    mesh, terms = BODIES["tetrahedra, isotropic"]
+    u, v, body = state(mesh), state(mesh, seed=9), System(mesh, terms)
+    operator = body.linear_operator(u)
+    before = operator @ v
+    in_parts(monkeypatch, n)
+    body.tangent(-u)
+    body.product(2 * u, v)
+    body.linear_operator(-3 * u)
+    assert_close([before], [operator @ v])
