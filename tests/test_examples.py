@@ -29,6 +29,12 @@ def test_ex02_referee():
     assert 0.5 < example.error < 1.5
 
 
+def test_ex03_speed():
+    example = run("ex03_speed")
+    assert example.error < 1e-12
+    assert set(example.times) == {"W and F", "K", "K v, applied"}
+
+
 def test_no_example_is_forgotten():
     tested = {name.removeprefix("test_") for name in globals() if name.startswith("test_ex")}
     assert tested == {path.stem for path in EXAMPLES.glob("ex*.py")}

@@ -80,7 +80,7 @@ def candidates(mesh: SimplexMesh, body: Body, u: Any) -> Iterator[tuple[tuple[st
     yield ("", "CSR product"), lambda: K @ x
     with patch("skfem_stvk.edges.assembly.own_order", order_of_the_mesh):
         unsorted = System(mesh, TERM)
-    with patch.object(StVK, "stiffness", lambda self, mesh: GeneralStiffness(self.coefficients(mesh))):
+    with patch.object(StVK, "stiffness", lambda self, mesh: GeneralStiffness(partial(self.coefficients, mesh))):
         general = System(mesh, TERM)
     lists = {(of, name): call(candidate, body, u) for of, name, candidate in LISTS}
     gather = EdgeGather(mesh.p, mesh.t, LAM, MU)

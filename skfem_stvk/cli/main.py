@@ -15,10 +15,12 @@ from typing import Any
 from rich.console import Console
 from rich.markup import escape
 
+from ..bench import FULL, QUICK, bench
+from ..bench import page as bench_page
+from ..bench import terminal as bench_terminal
 from ..errors import StvkError, StvkWarning
 from ..mesh import SimplexMesh, embedded_mesh, read_mesh
 from ..referee.header import machine, versions
-from ..referee.report import Report
 from ..referee.terminal import WIDTH, rendered
 from ..referee.verification import verify
 from ..terms import StVK
@@ -69,6 +71,11 @@ def _parser() -> argparse.ArgumentParser:
     check.add_argument("--seed", type=int, default=0, help="of the random states, 0 by default")
     check.set_defaults(run=_verify)
 
+    times = commands.add_parser("bench", help="time and memory of W, F, K and K v, against targets", description=_bench.__doc__)
+    times.add_argument("--quick", action="store_true", help="under two minutes; the full run takes about half an hour")
+    times.add_argument("--out", metavar="FOLDER", help="write benchmark.md, its pictures and benchmark.json there")
+    times.set_defaults(run=_bench)
+
     info = commands.add_parser(
         "info", help="versions, machine, optional packages: the head of a bug report", description=_info.__doc__
     )
@@ -83,16 +90,35 @@ def _verify(options: argparse.Namespace) -> int:
     mesh, terms = _body(options)
     report = verify(mesh, terms, seed=options.seed)
     report.header["mesh"]["source"] = "embedded bracket" if options.mesh is None else options.mesh
-    failure = _saved(report, options.out)  # before anything is printed: a closed pipe ends the program
-    console = Console(highlight=False)
-    if not console.is_terminal:
-        console = Console(highlight=False, width=WIDTH)
+    failure = _saved(report.save, options.out)  # before anything is printed: a closed pipe ends the program
+    console = _console(WIDTH)
     console.print(rendered(report, console.width))
     if failure is not None:
         raise failure
     if options.out is not None:
         console.print(f"report.json and report.html are in {escape(options.out)}", soft_wrap=True)
     return 0 if report.passed else 1
+
+
+def _bench(options: argparse.Namespace) -> int:
+    """Measure time, memory and errors of W, F, K and K v, of this package and of what else is installed; exit code 0 if all ran."""
+    if options.out is not None:
+        _refuse_unwritable(options.out)
+    results = bench(QUICK if options.quick else FULL)
+    failure = _saved(partial(bench_page.save, results), options.out)
+    console = _console(bench_terminal.WIDTH)
+    console.print(bench_terminal.rendered(results))
+    if failure is not None:
+        raise failure
+    if options.out is not None:
+        console.print(f"benchmark.md, its pictures and benchmark.json are in {escape(options.out)}", soft_wrap=True)
+    return 130 if results.interrupted else 1 if results.failures else 0
+
+
+def _console(width: int) -> Console:
+    """Standard output: as wide as the terminal, or `width` if it is none."""
+    console = Console(highlight=False)
+    return console if console.is_terminal else Console(highlight=False, width=width)
 
 
 def _body(options: argparse.Namespace) -> tuple[SimplexMesh, list[StVK]]:
@@ -115,11 +141,11 @@ def _refuse_unwritable(name: str) -> None:
         raise StvkError(f"--out {folder}: {nearest} cannot be written to. Choose another folder, or change its permissions.")
 
 
-def _saved(report: Report, folder: str | None) -> OSError | None:
-    """Write the report; what went wrong waits until it has been printed."""
+def _saved(save: Callable[[str], object], folder: str | None) -> OSError | None:
+    """Write the results; what went wrong waits until they have been printed."""
     try:
         if folder is not None:
-            report.save(folder)
+            save(folder)
     except OSError as error:
         return error
     return None

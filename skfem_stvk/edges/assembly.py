@@ -30,11 +30,11 @@ class Linearized(NamedTuple):
     Attributes
     ----------
     energy : strain energy [J].
-    trace : of K [N/m]; not finite if any value of K is not.
+    total : a sum that is not finite if any value of K is not.
     """
 
     energy: float
-    trace: float
+    total: float
 
 
 class Assembly:
@@ -108,8 +108,8 @@ class Assembly:
         W, blocks = self.edge_blocks(u, force, out=self._shared.get("blocks"))
         self._shared["blocks"] = blocks
         parts = parts_of(len(self.vertices), 1, self._threads)
-        trace = run(block_kernels.fill_rows, parts, *rows, blocks, AXES[u.shape[1]], add, data)
-        return Linearized(W, sum(trace))
+        totals = run(block_kernels.fill_rows, parts, *rows, blocks, AXES[u.shape[1]], add, data)
+        return Linearized(W, sum(totals))
 
     def add_product(self, blocks: Array, v: Array, out: Array) -> None:
         """Add `K v` to `out` (nv, d), for the `blocks` of the edges and `v` (nv, d)."""
@@ -144,7 +144,7 @@ class Assembly:
 
     @property
     def _products(self) -> Shares:
-        return self._share("K v", lambda n: shares_of(np.ascontiguousarray(self._own.edges.T), len(self.vertices), 1, n))
+        return self._share("K v", lambda n: shares_of(self._own.edges, len(self.vertices), 1, n))
 
     def _share(self, name: str, make: Callable[[int], Shares]) -> Shares:
         """Shares for numba's number of threads; those for another number are thrown away."""

@@ -59,7 +59,7 @@ class OwnEdges(NamedTuple):
 
     Attributes
     ----------
-    edges : (2, ne) vertices `a < b`.
+    edges : (ne, 2) vertices `a < b`.
     number : (ne,) place in this order of the edges in lexicographic order.
     t2e : (blocks, m LANES) edges of the simplices.
     marks : (blocks + 1,) edges that the blocks before use.
@@ -73,7 +73,7 @@ class OwnEdges(NamedTuple):
     @property
     def total(self) -> int:
         """Number of edges."""
-        return self.edges.shape[1]
+        return len(self.edges)
 
 
 def own_edges(t: Ids) -> OwnEdges:
@@ -81,6 +81,6 @@ def own_edges(t: Ids) -> OwnEdges:
     edges, t2e = edge_topology(t)
     blocks = in_lanes(t2e)
     number, marks = numbers_by_first_use(blocks, edges.shape[1])
-    own = np.empty_like(edges)
-    own[:, number] = edges
+    own = np.empty_like(edges.T, order="C")
+    own[number] = edges.T
     return OwnEdges(own, number, number[blocks].astype(np.uint32), marks)

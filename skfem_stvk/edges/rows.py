@@ -32,7 +32,7 @@ class Rows(NamedTuple):
 
 def rows_of(own: OwnEdges, vertices: NDArray[np.int32], pattern: Places) -> Rows:
     """Rows for the edges between `vertices` (n,) of the mesh."""
-    begin, others, entries = stars(own.edges[:, own.number], len(vertices))
+    begin, others, entries = stars(own.edges[own.number].T, len(vertices))
     upper = entries >= 0
     number = own.number[np.where(upper, entries, -1 - entries) * (entries != OWN)]
     entries = np.where(entries == OWN, OWN, np.where(upper, number, -1 - number))

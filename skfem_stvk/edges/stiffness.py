@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Protocol
 
 import numpy as np
@@ -46,13 +47,13 @@ class IsotropicStiffness:
 
 
 class GeneralStiffness:
-    """Any coefficients `L` (n, m, m) of the edges of each simplex, symmetric."""
+    """Any coefficients `L` (n, m, m) of the edges of each simplex, symmetric; computed when they are needed, for they are large."""
 
-    def __init__(self, coefficients: Array) -> None:
-        self._L = coefficients
+    def __init__(self, compute: Callable[[], Array]) -> None:
+        self._compute = compute
 
     def coefficients(self, p: Array, t: NDArray[np.int32]) -> Array:
-        return self._L
+        return self._compute()
 
     def stored(self, p: Array, t: NDArray[np.int32], elements: NDArray[np.int32], local: NDArray[np.int64]) -> Array:
         """The upper half of `D`: with `zeta = Q M`, `W = 1/4 zeta' L zeta` is `1/4 M' (Q' L Q) M`."""
@@ -61,7 +62,7 @@ class GeneralStiffness:
         number = np.zeros((k + 1, k + 1), dtype=np.int64)
         number[edges[:, 0], edges[:, 1]] = number[edges[:, 1], edges[:, 0]] = np.arange(len(edges))
         own = number[local[edges[:, 0]], local[edges[:, 1]]].T  # (n, m) the edges in their old order
-        L = self._L[elements[:, None, None], own[:, :, None], own[:, None, :]]
+        L = self._compute()[elements[:, None, None], own[:, :, None], own[:, None, :]]
         Q = elongations_of_pairs(k)
         D = np.swapaxes(Q, 0, 1) @ L @ Q
         rows, columns = np.triu_indices(6)

@@ -96,11 +96,11 @@ def fill_rows(
     add: bool,
     data: Reals,
 ) -> float:
-    """Write the block rows of vertices `begin` to `end` into the CSR values `data`, or add them; their trace.
+    """Write the block rows of vertices `begin` to `end` into the CSR values `data`, or add them.
 
     `rows`, `entries` are the stars of the vertices (`topology.stars`): the block of an edge, its transpose, the diagonal; `places` the place
-    in `data` of the first value of each, `strides` (nv,) from there to the next row. `axes` is a tuple as long as a block is wide. The trace
-    is not finite if any value is not.
+    in `data` of the first value of each, `strides` (nv,) from there to the next row. `axes` is a tuple as long as a block is wide. Returns
+    the sum of the diagonals of the diagonal blocks, of three components each: it is not finite if any value is not.
     """
     zero = blocks.dtype.type(0)
     total = 0.0
@@ -123,10 +123,10 @@ def fill_rows(
 
 @kernel
 def multiply(begin: int, end: int, edges: Ids, slots: Ids, blocks: Reals, v: Reals, out: Reals) -> None:
-    """Add what edges `begin` to `end` do to `K v` to the slots `out`; `edges` (2, ne), their `slots` (ne, 2), each block read once."""
+    """Add what edges `begin` to `end` do to `K v` to the slots `out`; `edges` (ne, 2), their `slots` (ne, 2), each block read once."""
     for e in range(begin, end):
         i = I(e)
-        a, b, at = I(3) * I(edges[I(0), i]), I(3) * I(edges[I(1), i]), I(9) * i
+        a, b, at = I(3) * I(edges[i, I(0)]), I(3) * I(edges[i, I(1)]), I(9) * i
         x, y, z = v[b] - v[a], v[b + I(1)] - v[a + I(1)], v[b + I(2)] - v[a + I(2)]
         K = _nine(blocks, at)
         a, b = I(3) * I(slots[i, I(0)]), I(3) * I(slots[i, I(1)])

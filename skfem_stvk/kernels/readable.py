@@ -147,7 +147,7 @@ def fill_rows(
 
 def multiply(begin: int, end: int, edges: Ids, slots: Ids, blocks: Reals, v: Reals, out: Reals) -> None:
     """`(K v)_a = sum_b K_ab (v_b - v_a)`, and at the other end `K_ab' (v_a - v_b)`."""
-    (a, b), slots = edges[:, begin:end], slots[begin:end]
+    (a, b), slots = edges[begin:end].T, slots[begin:end]
     K, x, to = blocks.reshape(-1, 3, 3)[begin:end], v.reshape(-1, 3), out.reshape(-1, 3)
     np.add.at(to, slots[:, 0], np.einsum("exy,ey->ex", K, x[b] - x[a]))
     np.add.at(to, slots[:, 1], np.einsum("eyx,ey->ex", K, x[a] - x[b]))

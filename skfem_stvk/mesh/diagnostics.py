@@ -76,6 +76,20 @@ def flat_elements(mesh: SimplexMesh) -> NDArray[np.int64]:
     return np.flatnonzero(flat)
 
 
+def warn_of_flat_elements(mesh: SimplexMesh) -> None:
+    """Warn of elements that are too flat for single precision, where errors are 1e-7 x (longest edge/smallest height)^2."""
+    parallelepiped, longest, largest_facet = measures(mesh.p, mesh.t)
+    aspect = longest * largest_facet / parallelepiped
+    flat = np.flatnonzero(aspect > 50)
+    if mesh.k > 1 and len(flat):
+        warnings.warn(
+            f"{name_ids(flat, 'element')}: flatter than 1:50, the flattest 1:{aspect.max():.0f}. In float32, forces across them are off by "
+            f"as much as {min(1.0, 6e-8 * float(aspect.max()) ** 2):.0e} of the largest. Use float64, or remesh.",
+            StvkWarning,
+            stacklevel=3,
+        )
+
+
 def unused_vertices(mesh: SimplexMesh) -> NDArray[np.int64]:
     """Vertices on no element."""
     return np.flatnonzero(np.bincount(mesh.t.ravel(), minlength=mesh.nv) == 0)

@@ -52,7 +52,7 @@ class _Altered:
     def bind(self, mesh: SimplexMesh, dtype: DTypeLike = np.float64) -> Assembly:
         coefficients = self.term.coefficients(mesh).copy()
         self.change(coefficients)
-        return Assembly(EdgeForm(mesh.p, mesh.t[:, mesh.elements(self.term.region)], GeneralStiffness(coefficients)), dtype)
+        return Assembly(EdgeForm(mesh.p, mesh.t[:, mesh.elements(self.term.region)], GeneralStiffness(lambda: coefficients)), dtype)
 
 
 class _Disturbed:

@@ -20,8 +20,8 @@ from ..mesh.geometry import aspect_ratios, edge_lengths
 from ..terms import StVK
 from .bodies import volumes
 
-PACKAGES = ("skfem-stvk", "scikit-fem", "numpy", "scipy", "meshio", "rich", "matplotlib", "jinja2")
-THREAD_LIMITS = ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS")
+PACKAGES = ("skfem-stvk", "scikit-fem", "numpy", "scipy", "numba", "meshio", "rich", "matplotlib", "jinja2")
+THREAD_LIMITS = ("NUMBA_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS")
 
 
 def versions(packages: Sequence[str] = PACKAGES) -> dict[str, str]:

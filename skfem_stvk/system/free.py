@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.sparse import csr_matrix
 
 from ..errors import StvkError, name_ids
-from .pattern import Pattern
+from .pattern import Pattern, Structure
 
 Array = NDArray[np.floating[Any]]
 
@@ -63,10 +63,10 @@ class FreeDofs:
         kept &= np.repeat(is_free, np.diff(pattern.indptr))
         self._gather = np.flatnonzero(kept).astype(np.int32)
         number = np.cumsum(is_free, dtype=np.int32) - 1
-        self._indices = number[pattern.indices[self._gather]].astype(np.int32)
         counts = np.add.reduceat(kept, pattern.indptr[:-1], dtype=np.int32)[self.free]
-        self._indptr = np.concatenate([[0], np.cumsum(counts)]).astype(np.int32)
-        self._nnz, self._ndofs = pattern.nnz, ndofs
+        indptr = np.concatenate([[0], np.cumsum(counts)]).astype(np.int32)
+        self._structure = Structure(indptr, number[pattern.indices[self._gather]].astype(np.int32), (len(self.free),) * 2)
+        self._pattern = pattern
 
     def matrix(self, K: csr_matrix, out: csr_matrix | None = None) -> csr_matrix:
         """`K` (ndofs, ndofs) of the system's pattern restricted to the free rows and columns; `out` is filled anew.
@@ -76,22 +76,37 @@ class FreeDofs:
         StvkError
             if `K` or `out` has another pattern.
         """
-        if K.nnz != self._nnz or K.shape[0] != self._ndofs:
-            raise StvkError(f"K has {K.nnz} values, expected {self._nnz}: hand in what tangent() returned, zeros kept.")
+        if not isinstance(K, csr_matrix) or not self._pattern.fits(K, K.dtype):
+            raise StvkError(
+                f"K, a {type(K).__name__} of shape {np.shape(K)}, does not have the pattern of this system's K ({self._pattern.shape}, "
+                f"{self._pattern.nnz} values). Hand in what tangent() returned, zeros kept."
+            )
         if out is None:
-            data = np.empty(len(self._gather), dtype=K.dtype)
-            shape = (len(self.free),) * 2
-            out = csr_matrix((data, self._indices.copy(), self._indptr.copy()), shape=shape)
-        elif out.nnz != len(self._gather) or out.dtype != K.dtype:
-            raise StvkError(f"out has {out.nnz} values of {out.dtype}; expected a matrix that matrix() returned before.")
+            out = self._structure.matrix(np.empty(self._structure.nnz, dtype=K.dtype))
+        elif not self._structure.fits(out, K.dtype):
+            raise StvkError(
+                f"out, a {type(out).__name__} of shape {np.shape(out)}, does not have the pattern and type of the restricted K "
+                f"({self._structure.shape}, {self._structure.nnz} values of {K.dtype}); expected a matrix that matrix() returned before."
+            )
         np.take(K.data, self._gather, out=out.data, mode="clip")  # "clip" writes to out without a buffer
         return out
 
     def vector(self, free: ArrayLike, fixed: ArrayLike = 0.0) -> Array:
-        """(ndofs,) vector with these values at the free and at the fixed degrees of freedom; `x[held.free]` goes the other way."""
-        free = np.asarray(free)
-        x = np.empty(self._ndofs, dtype=np.result_type(free.dtype, np.float32))
-        x[self.free], x[self.fixed] = free, fixed
+        """(ndofs,) vector with these values at the free and at the fixed degrees of freedom; `x[held.free]` goes the other way.
+
+        Raises
+        ------
+        StvkError
+            if there are not as many values.
+        """
+        values = np.asarray(free), np.asarray(fixed)
+        for name, given, own in (("free", values[0], self.free), ("fixed", values[1], self.fixed)):
+            if given.shape not in ((len(own),), ()):
+                raise StvkError(
+                    f"{name} has shape {given.shape}; expected ({len(own)},), one value for each {name} degree of freedom."
+                )
+        x = np.empty(self._pattern.shape[0], dtype=np.result_type(values[0], np.float32, *values[1:][: values[1].ndim]))
+        x[self.free], x[self.fixed] = values
         return x
 
     def __repr__(self) -> str:

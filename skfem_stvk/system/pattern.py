@@ -15,7 +15,47 @@ from ..kernels.topology import expand, first_places, lexicographic_order, stars
 from ..mesh.simplices import check_index_range
 
 
-class Pattern:
+class Structure:
+    """Rows and columns of a CSR matrix.
+
+    Attributes
+    ----------
+    indptr, indices : int32 arrays of scipy's CSR format, columns sorted; read only.
+    shape : (rows, columns).
+    nnz : number of values.
+    """
+
+    def __init__(self, indptr: NDArray[np.int32], indices: NDArray[np.int32], shape: tuple[int, int]) -> None:
+        self.indptr, self.indices, self.shape, self.nnz = indptr, indices, shape, len(indices)
+        self.indptr.flags.writeable = self.indices.flags.writeable = False
+        self._known: tuple[Any, Any] = _nothing, None
+
+    def matrix(self, data: NDArray[Any]) -> csr_matrix:
+        """A CSR matrix around the values `data` (nnz,), which it does not copy.
+
+        Its index arrays are copies, so that changing the matrix in place cannot harm the structure.
+        """
+        return csr_matrix((data, self.indices.copy(), self.indptr.copy()), shape=self.shape)
+
+    def fits(self, matrix: Any, dtype: DTypeLike) -> bool:
+        """Whether this is a CSR matrix of this type that still has this structure.
+
+        The matrix that was found to fit last is not looked through again as long as it holds the same index array of the same length.
+        """
+        if not isinstance(matrix, csr_matrix) or matrix.dtype != dtype or matrix.shape != self.shape or matrix.nnz != self.nnz:
+            return False
+        if self._known[0]() is matrix and self._known[1] is matrix.indices:
+            return True
+        fits: bool = np.array_equal(matrix.indptr, self.indptr) and np.array_equal(matrix.indices, self.indices)
+        if fits:
+            self._known = weakref.ref(matrix), matrix.indices
+        return fits
+
+    def __getstate__(self) -> dict[str, Any]:
+        return self.__dict__ | {"_known": (_nothing, None)}
+
+
+class Pattern(Structure):
     """The full block pattern of a matrix with a `d x d` block for each vertex and each pair of vertices on an edge.
 
     Zeros are kept, so the pattern does not depend on the state, and a symbolic factorisation can be reused.
@@ -40,13 +80,9 @@ class Pattern:
     def __init__(self, nv: int, d: int, edges: Sequence[NDArray[np.int32]]) -> None:
         self._d = d
         self._begin, self._columns, _ = stars(edges[0] if len(edges) == 1 else _union(edges, nv), nv)
-        self.nnz = d * d * len(self._columns)
-        check_index_range(self.nnz, "values of K")
-        self.shape = (d * nv, d * nv)
+        check_index_range(d * d * len(self._columns), "values of K")
         self.strides = (d * np.diff(self._begin)).astype(np.int32)
-        self.indptr, self.indices = expand(self._begin, self._columns, d)
-        self.indptr.flags.writeable = self.indices.flags.writeable = False
-        self._known: tuple[Any, Any] = _nothing, None
+        super().__init__(*expand(self._begin, self._columns, d), (d * nv, d * nv))
 
     def places(self, a: NDArray[np.int32], b: NDArray[np.int32]) -> NDArray[np.int32]:
         """(n,) place in the CSR values of the first value of each block `(a, b)`; its next rows follow after `strides[a]`.
@@ -66,33 +102,9 @@ class Pattern:
             )
         return places.astype(np.int32)
 
-    def matrix(self, data: NDArray[Any]) -> csr_matrix:
-        """A CSR matrix of this pattern around the values `data` (nnz,), which it does not copy.
-
-        Its index arrays are copies, so that changing the matrix in place cannot harm the pattern.
-        """
-        return csr_matrix((data, self.indices.copy(), self.indptr.copy()), shape=self.shape)
-
-    def fits(self, matrix: Any, dtype: DTypeLike) -> bool:
-        """Whether this is a CSR matrix of this type that still has this pattern.
-
-        The matrix that was found to fit last is not looked through again as long as it holds the same index array of the same length.
-        """
-        if not isinstance(matrix, csr_matrix) or matrix.dtype != dtype or matrix.shape != self.shape or matrix.nnz != self.nnz:
-            return False
-        if self._known[0]() is matrix and self._known[1] is matrix.indices:
-            return True
-        fits: bool = np.array_equal(matrix.indptr, self.indptr) and np.array_equal(matrix.indices, self.indices)
-        if fits:
-            self._known = weakref.ref(matrix), matrix.indices
-        return fits
-
     def memory(self) -> int:
         """Bytes of its arrays."""
         return sum(array.nbytes for array in (self._begin, self._columns, self.strides, self.indptr, self.indices))
-
-    def __getstate__(self) -> dict[str, Any]:
-        return self.__dict__ | {"_known": (_nothing, None)}
 
 
 def _nothing() -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import InitVar, dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -92,14 +93,15 @@ class StVK:
 
     def bind(self, mesh: SimplexMesh, dtype: DTypeLike = np.float64) -> Assembly:
         """The assembly of this body on a mesh; its `form` is the edge form."""
-        form = EdgeForm(mesh.p, mesh.t[:, mesh.elements(self.region)], self.stiffness(mesh))
+        t = mesh.t if self.region is None else mesh.t[:, mesh.elements(self.region)]
+        form = EdgeForm(mesh.p, t, self.stiffness(mesh))
         return Assembly(form, dtype)
 
     def stiffness(self, mesh: SimplexMesh) -> Stiffness:
         """The stiffness of each simplex of the region, in the form that stores least."""
         assert self.material is not None
         if not isinstance(self.material, Isotropic):
-            return GeneralStiffness(self.coefficients(mesh))
+            return GeneralStiffness(partial(self.coefficients, mesh))
         n, hypothesis = len(mesh.elements(self.region)), self.hypothesis(mesh)
         self.material.check(n, hypothesis)
         section = self.section(mesh, n)

@@ -12,6 +12,9 @@ from bodies import box
 from rich.console import Console
 
 from skfem_stvk import StVK, verify
+from skfem_stvk.bench import Benchmark, Plan
+from skfem_stvk.bench.run import _header
+from skfem_stvk.cli import main as cli
 from skfem_stvk.cli.main import main
 from skfem_stvk.referee import verification
 from skfem_stvk.referee.checks import derivatives, precision
@@ -184,3 +187,42 @@ def test_a_speed_that_cannot_be_measured_is_no_pass_and_loses_nothing(monkeypatc
     monkeypatch.setattr(verification, "speed_table", lambda case: 1 / 0)
     report = verify(box(2), StVK(young=1.0, poisson=0.3), quiet=True)
     assert not report.passed and "could not run speed" in " ".join(str(report).split()) and len(report.results) > 80
+
+
+def measured(monkeypatch, **outcome):
+    """The command with a run that measured nothing and came out like this; the plans that it was asked for."""
+    plans = []
+
+    def run(plan):
+        plans.append(plan)
+        return Benchmark(plan, _header(), **outcome)
+
+    monkeypatch.setattr(cli, "bench", run)
+    return plans
+
+
+@pytest.mark.parametrize(
+    ("outcome", "code"),
+    [({}, 0), ({"not_measured": {"NGSolve": "why"}}, 0), ({"failures": {"K": "why"}}, 1), ({"interrupted": True}, 130)],
+)
+def test_the_benchmark_fails_only_if_something_failed_to_run(outcome, code, monkeypatch, capsys):
+    plans = measured(monkeypatch, **outcome)
+    assert main(["bench", "--quick"]) == code and main(["bench"]) == code
+    assert [plan.name for plan in plans] == ["quick", "full"] and isinstance(plans[0], Plan)
+    assert "quick run" in capsys.readouterr().out
+
+
+def test_the_benchmark_writes_its_page(monkeypatch, tmp_path, capsys):
+    measured(monkeypatch, interrupted=True)
+    assert main(["bench", "--out", str(tmp_path / "docs")]) == 130
+    assert "**Interrupted**" in (tmp_path / "docs" / "benchmark.md").read_text()
+    assert "are in" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("name", ["", "file/docs"])
+def test_a_folder_for_the_benchmark_that_cannot_be_is_an_error_before_the_work(name, monkeypatch, tmp_path, capsys):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "file").write_text("")
+    plans = measured(monkeypatch)
+    assert main(["bench", "--out", name]) == 2 and not plans
+    assert "expected" in capsys.readouterr().err

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from bodies import BODIES, MESHES, box, state
 
-from skfem_stvk import Isotropic, SimplexMesh, StVK, StvkError, System
+from skfem_stvk import Isotropic, SimplexMesh, StVK, StvkError, StvkWarning, System
 from skfem_stvk.mesh.geometry import aspect_ratios
 from skfem_stvk.referee.exact import exact_energy_and_force, exact_product
 
@@ -98,12 +98,20 @@ def test_graded_materials(strain):
     assert max(errors(mesh, StVK(young=young, poisson=np.linspace(-0.3, 0.45, mesh.nt)), stretched(mesh, strain))) < LIMIT
 
 
+@pytest.mark.filterwarnings("ignore:.*flatter than 1")
 @pytest.mark.parametrize("height", [1.0, 0.3, 0.1, 0.03])
 def test_flat_elements_cost_their_aspect_ratio_squared(height):
     mesh = box(2)
     flat = SimplexMesh(mesh.p * np.array([[height], [1], [1]]), mesh.t)
     aspect = aspect_ratios(flat).max()
     assert max(errors(flat, TERM, stretched(flat, 1e-3))) < 5 * np.finfo(np.float32).eps * aspect**2
+
+
+def test_elements_too_flat_for_single_precision_are_warned_of():
+    flat = SimplexMesh(box(2).p * np.array([[0.03], [1], [1]]), box(2).t)
+    with pytest.warns(StvkWarning, match=r"\d+ elements \(.*\): flatter than 1:50, the flattest 1:74. In float32"):
+        System(flat, TERM, dtype=np.float32)
+    System(flat, TERM)  # not in double
 
 
 def test_units_do_not_matter():

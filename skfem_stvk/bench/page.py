@@ -1,0 +1,72 @@
+"""The page of the docs, and the files of a run."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+from .results import Benchmark
+from .tables import Table, tables
+from .terminal import as_text, grid_of, head
+
+NAME = "benchmark"
+PICTURES = {
+    "speed-error": "Time of a call against its error: down and to the left is better",
+    "size": "Time of a call for each tetrahedron, against the size of the mesh",
+}
+METHOD = """\
+Boxes are grids of six tetrahedra a cell, in scikit-fem's order; parts are a bracket that Gmsh meshes. Half of all tetrahedra are
+turned round. Poisson's ratio is 0.3, strains are about 0.6. Calls that are compared take turns, of five each after one that is not
+counted, as what came before has filled the caches: after other work a CSR product took twice as long here. The best and the median
+are shown. All is on one thread unless it says otherwise. K is filled into the CSR matrix that the solver takes (`tangent(u,
+out=K)`); the CSR product is scipy's, with the same K. The C loop is a plain element loop of this project (`validation/control.c`),
+compiled with `-O3 -march=native -ffast-math`. scikit-fem's forms are written as well as they can be, with one quadrature point and
+all constant parts hoisted out. The textbook form is the edge form with `zeta = |p|^2 - |P|^2` from positions, in NumPy and sparse
+products. The peers get what their codes offer for the same law, element and one thread (`skfem_stvk/peers`).
+
+Bytes for the memory limit, each read or written once: for F vertices, rest edges and coefficients of the tetrahedra, u and F; for K
+the tetrahedra with the ids of their edges, the blocks of the edges written and read again, their places in K, and the values of K;
+for K v the blocks and vertices of the edges, and both vectors. The same arrays count as memory, with what threads need.
+
+Left out: time in a solver, I/O, more than two threads, second-order elements, other laws, scikit-fem's and the peers' memory, and
+scikit-fem in single precision, which it does not offer."""
+
+
+def save(results: Benchmark, folder: str | Path) -> None:
+    """Write benchmark.json, benchmark.md and its pictures.
+
+    Raises
+    ------
+    OSError
+        if the folder cannot be written to.
+    """
+    from .plots import speed_against_error, time_against_size
+
+    folder = Path(folder)
+    folder.mkdir(parents=True, exist_ok=True)
+    (folder / f"{NAME}.json").write_text(json.dumps(results.as_dict(), indent=1) + "\n", encoding="utf-8")
+    drawn = {"speed-error": speed_against_error(results), "size": time_against_size(results)}
+    for picture, figure in drawn.items():
+        figure.savefig(folder / f"{NAME}-{picture}.png", dpi=110)
+    (folder / f"{NAME}.md").write_text(page(results), encoding="utf-8")
+
+
+def page(results: Benchmark) -> str:
+    """The page as Markdown."""
+    command = "skfem-stvk bench --out docs" if results.plan.name == "full" else f"skfem-stvk bench --{results.plan.name} --out docs"
+    warning = "**Interrupted**: what was measured until then.\n\n" if results.interrupted else ""
+    parts = [f"# The benchmark\n\nThis page is written by\n\n    {command}\n\n{warning}on\n\n{_indented(head(results))}"]
+    shown = tables(results)
+    parts += [_section(table) for table in shown[:1]]
+    parts += [f"![{words}](benchmark-{picture}.png)" for picture, words in PICTURES.items()]
+    parts += ["## How it is measured\n\n" + METHOD]
+    return "\n\n".join([*parts, *(_section(table) for table in shown[1:])]) + "\n"
+
+
+def _section(table: Table) -> str:
+    note = f"{table.note}\n\n" if table.note else ""
+    return f"## {table.title}\n\n{note}{_indented(as_text(grid_of(table)))}"
+
+
+def _indented(text: str) -> str:
+    return "\n".join(f"    {line}".rstrip() for line in text.splitlines())

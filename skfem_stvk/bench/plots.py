@@ -1,0 +1,121 @@
+"""The pictures of a run. matplotlib is imported here, so this module is imported only when a picture is asked for."""
+
+from __future__ import annotations
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.transforms import Bbox
+
+from .results import CONTROL, CSR, OURS, REFERENCE, TEXTBOOK, Benchmark
+
+COLOURS = {  # Okabe and Ito's, which colour-blind readers can tell apart
+    OURS: "#0072B2",
+    REFERENCE: "#D55E00",
+    TEXTBOOK: "#009E73",
+    CONTROL: "#000000",
+    CSR: "#999999",
+    "MuJoCo": "#CC79A7",
+    "FElupe": "#E69F00",
+    "NGSolve": "#56B4E9",
+    "DOLFINx": "#8A6D00",
+}
+FLOOR = 1e-17
+OFFSETS = (7, -7, 17, -17, 27, -27)  # of the names [points]
+Point = tuple[float, float, str, str]  # time, error, player, type
+PANELS = (("F", 1e-3), ("F", 1e-6), ("K", 1e-3))
+
+
+def speed_against_error(results: Benchmark) -> Figure:
+    """Errors of F at two strains and of K, each against the time of a call on the mesh that most players were timed on."""
+    figure = Figure(figsize=(11, 4.2), layout="constrained")
+    panels: list[Axes] = list(figure.subplots(1, len(PANELS), sharey=True))
+    mesh, shown = _mesh_of_most(results), []
+    for axes, (quantity, strain) in zip(panels, PANELS, strict=True):
+        points: list[Point] = []
+        for e in results.errors:
+            if (e.quantity, e.strain) == (quantity, strain) and mesh:
+                time = results.best(mesh, e.player, quantity, dtype=e.dtype)
+                if time is not None:
+                    points.append((time, max(e.error, FLOOR), e.player, e.dtype))
+        _scatter(axes, points)
+        _finish(axes, "ns a tetrahedron", f"{quantity}, strain {strain:.0e}")
+        shown.append(points)
+    panels[0].set_ylabel("error, relative to 50 digits")
+    figure.suptitle(f"{mesh}: filled in double precision, open in single; down and to the left is better", fontsize=10)
+    for axes in panels:
+        if axes.has_data():
+            axes.margins(0.22)
+    figure.draw_without_rendering()  # for the places of the points
+    for axes, points in zip(panels, shown, strict=True):
+        _name(axes, points)
+    return figure
+
+
+def _scatter(axes: Axes, points: list[Point]) -> None:
+    for time, error, player, dtype in points:
+        colour, double = COLOURS.get(player, "#444444"), dtype == "float64"
+        marker, fill = ("o", colour) if double else ("s", "white")
+        axes.plot([time], [error], marker, ms=8, mec=colour, mfc=fill, mew=1.8)
+
+
+def _finish(axes: Axes, xlabel: str, title: str) -> None:
+    """Logarithms, if there is something to take them of."""
+    axes.set(xlabel=xlabel, title=title)
+    axes.grid(alpha=0.3)
+    if axes.has_data():
+        axes.set(xscale="log", yscale="log")
+
+
+def _name(axes: Axes, points: list[Point]) -> None:
+    """The players' names above or below their points, the nearest place that is free."""
+    places = axes.transData.transform(np.array([point[:2] for point in points]).reshape(len(points), 2))
+    taken = [Bbox.from_extents(x - 5, y - 5, x + 5, y + 5) for x, y in places]
+    for time, error, player, _ in sorted(points):
+        for away in OFFSETS:
+            name = axes.annotate(player, (time, error), (0, away), textcoords="offset points", ha="center", fontsize=8)
+            name.set(va="bottom" if away > 0 else "top", color=COLOURS.get(player, "#444444"))
+            extent = name.get_window_extent().padded(2, 0)
+            if away == OFFSETS[-1] or not any(extent.overlaps(other) for other in taken):
+                taken.append(extent)
+                break
+            name.remove()
+
+
+def _mesh_of_most(results: Benchmark) -> str:
+    """The largest box that as many players as possible were timed on."""
+    boxes = {mesh: facts["nt"] for mesh, facts in results.meshes.items() if mesh.startswith("box")}
+    players = {mesh: len({t.player for t in results.timings if t.mesh == mesh}) for mesh in boxes}
+    return max(boxes, key=lambda mesh: (players[mesh], boxes[mesh]), default="")
+
+
+def time_against_size(results: Benchmark) -> Figure:
+    """ns a tetrahedron of the force and of the tangent: boxes as lines, parts as open markers."""
+    figure = Figure(figsize=(11, 4.2), layout="constrained")
+    panels: list[Axes] = list(figure.subplots(1, 2, sharey=True))
+    for axes, quantity, title in zip(panels, ("F", "K"), ("internal force F", "tangent stiffness K"), strict=True):
+        for player, colour in COLOURS.items():
+            shown = "K v" if player == CSR else quantity
+            _line(axes, results, player, shown, colour, "float64", "-")
+            if player == OURS:
+                _line(axes, results, player, shown, colour, "float32", "--")
+        _finish(axes, "tetrahedra", title)
+    panels[0].set_ylabel("ns a tetrahedron, one thread")
+    if any(name.startswith("part") for name in results.meshes):
+        figure.suptitle("lines: boxes; diamonds: a part meshed by Gmsh", fontsize=10)
+    handles = dict(zip(*reversed(panels[1].get_legend_handles_labels()), strict=True))
+    handles |= dict(zip(*reversed(panels[0].get_legend_handles_labels()), strict=True))
+    if handles:
+        figure.legend(handles.values(), handles.keys(), loc="outside right center", fontsize=8)
+    return figure
+
+
+def _line(axes: Axes, results: Benchmark, player: str, quantity: str, colour: str, dtype: str, style: str) -> None:
+    found = [t for t in results.timings if (t.player, t.quantity, t.threads, t.dtype) == (player, quantity, 1, dtype)]
+    boxes, parts = ([t for t in found if t.mesh.startswith(kind)] for kind in ("box", "part"))
+    label = player if dtype == "float64" else f"{player}, float32"
+    if boxes:
+        axes.plot([t.nt for t in boxes], [t.best for t in boxes], style, marker="o", ms=4, color=colour, label=label)
+    if parts and dtype == "float64":
+        label = "" if boxes else label
+        axes.plot([t.nt for t in parts], [t.best for t in parts], "D", ms=6, mfc="none", color=colour, label=label)

@@ -1,0 +1,136 @@
+"""The targets, and whether they are met."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+
+from .case import Case
+from .growth import of_memory, of_time
+from .results import CONTROL, CSR, OURS, REFERENCE, Benchmark
+
+Measure = Callable[[Benchmark, str], float | None]
+
+
+@dataclass(frozen=True)
+class Target:
+    """A number that shall be at most (`at_least`: at least) `limit`, or even `moonshot`.
+
+    `measure` gives it for a mesh, by name; None where it was not measured. `where` says on which meshes: 'judged', the sizes that the
+    plan judges, 'largest' of them, or 'run', once for the whole run, where the mesh's name is empty.
+    """
+
+    what: str
+    limit: float
+    measure: Measure
+    moonshot: float | None = None
+    at_least: bool = False
+    where: str = "judged"
+
+    def meets(self, value: float, limit: float) -> bool:
+        return value >= limit if self.at_least else value <= limit
+
+    def missed_by(self, value: float) -> float:
+        """The part of the limit that the value is off; 0 if it is met."""
+        off = 1 - value / self.limit if self.at_least else value / self.limit - 1
+        return max(off, 0.0)
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """A target and what was measured, by mesh; the worst of them decides."""
+
+    target: Target
+    values: dict[str, float]
+
+    @property
+    def worst(self) -> float | None:
+        worst = min if self.target.at_least else max
+        return worst(self.values.values()) if self.values else None
+
+    @property
+    def met(self) -> bool | None:
+        """None if nothing was measured."""
+        return None if self.worst is None else self.target.meets(self.worst, self.target.limit)
+
+    @property
+    def moonshot(self) -> bool | None:
+        """None if nothing was measured or there is none."""
+        if self.worst is None or self.target.moonshot is None:
+            return None
+        return self.target.meets(self.worst, self.target.moonshot)
+
+    def in_words(self) -> str:
+        """
+        >>> target = Target("time", 2.0, lambda results, mesh: None)
+        >>> [Verdict(target, values).in_words() for values in ({}, {"a": 2.0}, {"a": 1.0, "b": 2.5})]
+        ['not measured', 'met', 'missed by 25 %']
+        """
+        if self.worst is None:
+            return "not measured"
+        return "met" if self.met else f"missed by {100 * self.target.missed_by(self.worst):.2g} %"
+
+
+def verdicts(results: Benchmark) -> list[Verdict]:
+    """Each target against what was measured so far."""
+    return [
+        Verdict(target, {mesh: value for mesh in _meshes(results, target) if (value := target.measure(results, mesh)) is not None})
+        for target in TARGETS
+    ]
+
+
+def judged(results: Benchmark) -> list[str]:
+    """Names of the measured meshes that the targets are for."""
+    sizes = results.plan.judged
+    names = [Case(kind, size).name for size in sizes for kind in ("box", "part")]
+    return [name for name in names if name in results.meshes]
+
+
+def _meshes(results: Benchmark, target: Target) -> list[str]:
+    if target.where == "run":
+        return [""]
+    largest = Case("", max(results.plan.judged)).name
+    return [name for name in judged(results) if target.where == "judged" or name.endswith(largest)]
+
+
+def over(above: tuple[str, ...], below: tuple[str, ...], threads: int = 1) -> Measure:
+    """The ratio of two times; each a player and the quantities that are summed; the one below on `threads`."""
+
+    def ratio(results: Benchmark, mesh: str) -> float | None:
+        first, second = results.best(mesh, *above), results.best(mesh, *below, threads=threads)
+        return None if first is None or second is None else first / second
+
+    return ratio
+
+
+def bytes_a_tet(results: Benchmark, mesh: str, quantity: str) -> float | None:
+    """What a system in double precision holds besides the pattern of K."""
+    wanted = mesh, quantity, "float64"
+    return next((m.besides / m.nt for m in results.memory if (m.mesh, m.quantity, m.dtype) == wanted), None)
+
+
+PRODUCT, WF, K = (CSR, "K v"), (OURS, "W+F"), (OURS, "K")
+TARGETS = (
+    Target("W + F, in CSR products", 1.3, over(WF, PRODUCT), moonshot=0.8),
+    Target("W + F, of the C loop's F", 0.85, over(WF, (CONTROL, "F"))),
+    Target("K into CSR, in CSR products", 7, over(K, PRODUCT), moonshot=4),
+    Target("K into CSR, of the C loop's K", 0.55, over(K, (CONTROL, "K"))),
+    Target("K v applied without K, in CSR products", 1.5, over((OURS, "K v"), PRODUCT), moonshot=1),
+    Target("W + F against scikit-fem's W and F", 25, over((REFERENCE, "W", "F"), WF), at_least=True),
+    Target("F against scikit-fem's F", 25, over((REFERENCE, "F"), (OURS, "F")), at_least=True),
+    Target("K against scikit-fem's", 130, over((REFERENCE, "K"), K), moonshot=250, at_least=True),
+    Target("K against FElupe's", 25, over(("FElupe", "K"), K), at_least=True),
+    Target("K against DOLFINx's", 15, over(("DOLFINx", "K"), K), at_least=True),
+    Target("F against MuJoCo's", 3, over(("MuJoCo", "F"), (OURS, "F")), at_least=True),
+    Target("F, 2 threads against 1", 1.6, over((OURS, "F"), (OURS, "F"), 2), 1.9, at_least=True, where="largest"),
+    Target("K, 2 threads against 1", 1.6, over(K, K, 2), 1.9, at_least=True, where="largest"),
+    Target("growth of the time of W + F, exponent", 1.08, lambda results, _: of_time(results, "W+F"), where="run"),
+    Target("growth of the time of K, exponent", 1.08, lambda results, _: of_time(results, "K"), where="run"),
+    Target("growth of memory for F, exponent", 1.02, lambda results, _: of_memory(results, "F"), where="run"),
+    Target("growth of memory for F and K, exponent", 1.02, lambda results, _: of_memory(results, "F and K"), where="run"),
+    Target("memory for F, bytes a tet", 400, partial(bytes_a_tet, quantity="F")),
+    Target("memory for F and K besides K and its pattern", 700, partial(bytes_a_tet, quantity="F and K")),
+    Target("setup, in assemblies of K", 60, over((OURS, "setup of K"), K), moonshot=20),
+    Target("first use with an empty cache, s", 20, lambda results, _: results.first_use, where="run"),
+)
