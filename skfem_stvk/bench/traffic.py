@@ -15,7 +15,7 @@ COPIED = 2**29  # [B]; more than a last-level cache
 def least_bytes(body: System, K: csr_matrix) -> dict[str, int]:
     """Bytes that each quantity must read and write once, from the sizes of the arrays of a system that has made all of them.
 
-    - W, F: the simplices (vertices, rest edges, coefficients), u and F;
+    - W, F: the simplices (vertices, coefficients, coordinates), u and F;
     - K: the simplices with their edges' ids and u, the edges' blocks written and read again, the places in K, the values of K;
     - K v: the blocks and vertices of the edges, v and the result. To prepare: as K, up to writing the blocks;
     - one CSR product: values, columns and rows of K, v and the result.

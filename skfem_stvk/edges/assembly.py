@@ -45,7 +45,7 @@ class Assembly:
     Parameters
     ----------
     form : the edge form.
-    dtype : of results, rest edges and coefficients, which are computed in double and rounded then.
+    dtype : of results, coefficients, which are computed in double and rounded then.
     """
 
     def __init__(self, form: EdgeForm, dtype: DTypeLike = np.float64) -> None:
@@ -54,15 +54,13 @@ class Assembly:
         self.vertices = order.vertices
         k, n = len(order.t) - 1, len(order.elements)
         t = order.vertices[order.t]
-        P = np.zeros((9, n), dtype=self.dtype)
-        for i in range(k):
-            P[3 * i : 3 * i + len(form.p)] = form.p[:, t[i + 1]] - form.p[:, t[0]]
         stored = form.stiffness.stored(form.p, t, order.elements, order.local)
         D = in_lanes(stored.astype(self.dtype))
         D.reshape(len(D), -1, LANES)[-1, :, n - (len(D) - 1) * LANES :] = 0  # what only fills the last block has no stiffness
-        self._P, self._D = in_lanes(P).ravel(), D.ravel() if len(stored) == 7 else D
+        self._D = D.ravel() if len(stored) == 7 else D
         self._t = in_lanes(order.t[[*range(k + 1), *[0] * (3 - k)]].astype(np.uint32))
-        self._n, self._x = n, np.zeros(3 * len(order.vertices))
+        self._n, self._X, self._u = n, np.zeros(3 * len(order.vertices)), np.zeros(3 * len(order.vertices))
+        block_kernels.gather(np.ascontiguousarray(form.p.T), self.vertices, self._X)
         self._threads = 0
         self._shared: dict[str, Any] = {}
 
@@ -75,8 +73,8 @@ class Assembly:
         """Strain energy [J] at displacements `u` (nv, d) [m]; adds the internal force `dW/du` [N] to `out` (nv, d)."""
         shares = self._forces
         f = self._slots(shares)
-        block_kernels.gather(u, self.vertices, self._x)
-        W = run(simplex_kernels.energy_and_force, shares.parts, self._t.ravel(), shares.slots, self._P, self._D, self._x, f)
+        block_kernels.gather(u, self.vertices, self._u)
+        W = run(simplex_kernels.energy_and_force, shares.parts, self._t.ravel(), shares.slots, self._D, self._X, self._u, f)
         self._add(f, shares, out)
         return sum(W)
 
@@ -89,11 +87,11 @@ class Assembly:
         size = 9 * (self._own.total + len(to.extra))
         blocks = np.empty(size, dtype=self.dtype) if out is None or len(out) != size else out
         f = self._slots(shares) if force is not None else np.empty(0, dtype=self.dtype)
-        block_kernels.gather(u, self.vertices, self._x)
+        block_kernels.gather(u, self.vertices, self._u)
         edge_slots = to.slots.reshape(len(self._t), -1)
-        simplices = self._t.ravel(), shares.slots, edge_slots, self._own.marks, self._P, self._D
+        simplices = self._t.ravel(), shares.slots, edge_slots, self._own.marks, self._D, self._X
         blocks[9 * self._own.total :] = 0
-        W = run(simplex_kernels.linearize, shares.parts, *simplices, self._x, f, blocks)
+        W = run(simplex_kernels.linearize, shares.parts, *simplices, self._u, f, blocks)
         block_kernels.fold(blocks, self._own.total, to.extra, 9)
         if force is not None:
             self._add(f, shares, force)
@@ -124,7 +122,7 @@ class Assembly:
         shared = {name: value for name, value in self._shared.items() if name != "blocks"}
         return {
             "edges of the mesh": _bytes(self.edges),
-            "simplices": _bytes((self._t, self._P, self._D, self.vertices, self._x)),
+            "simplices": _bytes((self._t, self._D, self.vertices, self._X, self._u)),
             "own edges": _bytes(self.__dict__.get("_own", ())),
             "shares of threads": _bytes([value for value in shared.values() if len(value.parts) > 2]),
             "blocks of edges": _bytes(self._shared.get("blocks", ())),

@@ -50,30 +50,29 @@ def stiffness(D: Reals, part: slice) -> Reals:
     return tensor
 
 
-def edges_and_tensions(part: slice, t: Ids, P: Reals, D: Reals, u: Reals) -> tuple[Reals, Reals, Reals, Reals]:
+def edges_and_tensions(part: slice, t: Ids, D: Reals, X: Reals, u: Reals) -> tuple[Reals, Reals, Reals, Reals]:
     """Of each simplex: `x` (n, 4, 3) its vertices, seen from vertex 0; squared elongations and tensions (n, 6) of its edges; `S`.
 
     zeta_ab = (P_ab + p_ab) . U_ab        M_ii = zeta_0i        M_ij = 1/2 (zeta_0i + zeta_0j - zeta_ij)
     t_ij    = -S_ij                       t_0i = sum_j S_ij     S_ij = sum_kl D_ijkl M_kl
     """
     a, b = np.array(EDGES).T
-    X = np.pad(out_of_lanes(P, 9, part).reshape(-1, 3, 3), ((0, 0), (1, 0), (0, 0)))
-    U = u.reshape(-1, 3)[out_of_lanes(t, 4, part)]
-    U = (U - U[:, :1]).astype(P.dtype)
-    P_ab, U_ab = X[:, a] - X[:, b], U[:, a] - U[:, b]
+    P, U = (x.reshape(-1, 3)[out_of_lanes(t, 4, part)] for x in (X, u))
+    P, U = (P - P[:, :1]).astype(D.dtype), (U - U[:, :1]).astype(D.dtype)
+    P_ab, U_ab = P[:, a] - P[:, b], U[:, a] - U[:, b]
     zeta = ((P_ab + P_ab + U_ab) * U_ab).sum(axis=2)
-    square = np.zeros((len(zeta), 4, 4), P.dtype)  # zeta_ab, zeta_aa = 0
+    square = np.zeros((len(zeta), 4, 4), D.dtype)  # zeta_ab, zeta_aa = 0
     square[:, a, b] = square[:, b, a] = zeta
     M = (square[:, 1:, :1] + square[:, :1, 1:] - square[:, 1:, 1:]) / 2
     S = np.einsum("nijkl,nkl->nij", stiffness(D, part), M)
     tensions = np.stack([S[:, b - 1].sum(axis=1) if a == 0 else -S[:, a - 1, b - 1] for a, b in EDGES], axis=1)
-    return X + U, zeta, tensions, S
+    return P + U, zeta, tensions, S
 
 
-def energy_and_force(begin: int, end: int, t: Ids, slots: Ids, P: Reals, D: Reals, u: Reals, f: Reals) -> float:
+def energy_and_force(begin: int, end: int, t: Ids, slots: Ids, D: Reals, X: Reals, u: Reals, f: Reals) -> float:
     """`W = 1/4 sum t_ab zeta_ab`; an edge pulls its ends with `t_ab p_ab`."""
     part = slice(begin, end)
-    x, zeta, tensions, _ = edges_and_tensions(part, t, P, D, u)
+    x, zeta, tensions, _ = edges_and_tensions(part, t, D, X, u)
     to, slots = f.reshape(-1, 3), out_of_lanes(slots, 4, part)
     for e, (a, b) in enumerate(EDGES if len(f) else ()):
         pull = tensions[:, e, None] * (x[:, a] - x[:, b])
@@ -83,13 +82,13 @@ def energy_and_force(begin: int, end: int, t: Ids, slots: Ids, P: Reals, D: Real
 
 
 def linearize(
-    begin: int, end: int, t: Ids, slots: Ids, edge_slots: Ids, marks: Ids, P: Reals, D: Reals, u: Reals, f: Reals, blocks: Reals
+    begin: int, end: int, t: Ids, slots: Ids, edge_slots: Ids, marks: Ids, D: Reals, X: Reals, u: Reals, f: Reals, blocks: Reals
 ) -> float:
     """`K_ij = 2 sum_kl D_ikjl p_k p_l' + S_ij I` of the spokes, `K_0j = -sum_i K_ij`, and of them the blocks of the edges."""
     part = slice(begin, end)
-    p, _, _, S = edges_and_tensions(part, t, P, D, u)
+    p, _, _, S = edges_and_tensions(part, t, D, X, u)
     p = p[:, 1:]
-    K = np.empty((len(p), 4, 4, 3, 3), P.dtype)
+    K = np.empty((len(p), 4, 4, 3, 3), D.dtype)
     spokes = 2 * np.einsum("nikjl,nkx,nly->nijxy", stiffness(D, part), p, p)
     K[:, 1:, 1:] = spokes + np.einsum("nij,xy->nijxy", S, np.eye(3))
     K[:, 0, 1:] = -K[:, 1:, 1:].sum(axis=1)
@@ -98,7 +97,7 @@ def linearize(
     slots_of_edges = out_of_lanes(edge_slots, edges, part)
     for e, (a, b) in enumerate(EDGES[:edges]):
         np.add.at(blocks.reshape(-1, 3, 3), slots_of_edges[:, e], K[:, a, b])
-    return energy_and_force(begin, end, t, slots, P, D, u, f)
+    return energy_and_force(begin, end, t, slots, D, X, u, f)
 
 
 def gather(x: Reals, order: Ids, out: Reals) -> None:
