@@ -69,13 +69,14 @@ class Assembly:
         """(2, ne) pairs of vertices `a < b` of the mesh that are coupled."""
         return self.form.edges
 
-    def energy_and_force(self, u: Array, out: Array) -> float:
-        """Strain energy [J] at displacements `u` (nv, d) [m]; adds the internal force `dW/du` [N] to `out` (nv, d)."""
+    def energy(self, u: Array, force: Array | None = None) -> float:
+        """Strain energy [J] at displacements `u` (nv, d) [m]; adds the internal force `dW/du` [N] to `force` (nv, d)."""
         shares = self._forces
-        f = self._slots(shares)
+        f = self._slots(shares) if force is not None else np.empty(0, dtype=self.dtype)
         block_kernels.gather(u, self.vertices, self._u)
         W = run(simplex_kernels.energy_and_force, shares.parts, self._t.ravel(), shares.slots, self._D, self._X, self._u, f)
-        self._add(f, shares, out)
+        if force is not None:
+            self._add(f, shares, force)
         return sum(W)
 
     def edge_blocks(self, u: Array, force: Array | None = None, out: Array | None = None) -> tuple[float, Array]:

@@ -188,7 +188,7 @@ def _put_forces(S, p1, p2, p3, forces, lane):
 
 @kernel
 def energy_and_force(begin: int, end: int, t: Ids, slots: Ids, D: Reals, X: Reals, u: Reals, f: Reals) -> float:
-    """The energy of the blocks `begin` to `end`; adds their forces to the slots `f`."""
+    """The energy of the blocks `begin` to `end`; adds their forces to the slots `f`, unless that is empty."""
     P, U, forces = np.empty(9 * LANES, D.dtype), np.empty(9 * LANES, D.dtype), np.empty(9 * LANES, D.dtype)
     W = 0.0
     for block in range(begin, end):
@@ -204,7 +204,8 @@ def energy_and_force(begin: int, end: int, t: Ids, slots: Ids, D: Reals, X: Real
             w += _four_energies(S, M)
             _put_forces(S, p1, p2, p3, forces, lane)
         W += w
-        _scatter_forces(slots, block, forces, f)
+        if len(f) > 0:
+            _scatter_forces(slots, block, forces, f)
     return W / 4
 
 

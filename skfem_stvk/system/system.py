@@ -98,7 +98,7 @@ class System:
             if `u` does not have one finite entry for each degree of freedom, or is so large that the result overflows.
         """
         x = self._state(u)
-        energy, _ = self._energy_and_force(x)
+        energy = sum(term.energy(x) for term in self._bound)
         _refuse_overflow(energy, "W", x)
         return energy
 
@@ -215,7 +215,7 @@ class System:
 
     def _energy_and_force(self, x: Array) -> tuple[float, Array]:
         force = np.zeros(x.shape, dtype=self.dtype)
-        return sum(term.energy_and_force(x, force) for term in self._bound), force
+        return sum(term.energy(x, force) for term in self._bound), force
 
     def _matrix(self, out: csr_matrix | None) -> csr_matrix:
         if out is None:

@@ -21,8 +21,8 @@ class BoundTerm(Protocol):
     def edges(self) -> NDArray[np.int32]:
         """(2, ne) pairs of vertices `a < b` that it couples, in lexicographic order."""
 
-    def energy_and_force(self, u: Array, out: Array) -> float:
-        """Strain energy [J]; adds the internal force [N] to `out` (nv, d)."""
+    def energy(self, u: Array, force: Array | None = None) -> float:
+        """Strain energy [J]; adds the internal force [N] to `force` (nv, d)."""
 
     def rows(self, pattern: Places) -> Rows:
         """Where its blocks stand in the values of a matrix of this pattern."""

@@ -55,12 +55,12 @@ STATES = dict(states())
 
 
 @pytest.mark.parametrize("state", STATES)
-@pytest.mark.parametrize("quantity", ["energy", "internal_force", "tangent"])
-def test_a_peer_agrees(peer, body, quantity, state):
-    if not hasattr(peer, quantity):
-        pytest.skip(f"{peer.name} has no {quantity}")
-    ours, theirs = (getattr(model, quantity)(STATES[state]) for model in (body, peer))
-    assert abs(theirs - ours).max() <= LIMIT * abs(ours).max() if quantity != "energy" else abs(theirs - ours) <= LIMIT * ours
+def test_a_peer_agrees_in_what_it_has(peer, body, state):
+    quantities = [quantity for quantity in ("energy", "internal_force", "tangent") if hasattr(peer, quantity)]
+    assert "internal_force" in quantities
+    for quantity in quantities:
+        ours, theirs = (getattr(model, quantity)(STATES[state]) for model in (body, peer))
+        assert abs(theirs - ours).max() <= LIMIT * abs(ours).max() if quantity != "energy" else abs(theirs - ours) <= LIMIT * ours
 
 
 def test_a_peer_gives_what_its_type_promises(peer):
