@@ -54,7 +54,7 @@ def our_calls(body: System, u: NDArray[Any], v: NDArray[Any]) -> tuple[Calls, An
         "W+F": partial(body.energy_and_force, u),
         "K": partial(body.tangent, u, out=K),
         "W+F+K": partial(body.linearize, u, out=K),
-        "K v: prepare": partial(operator.prepare, u.reshape(-1, 3)),
+        "K v: prepare": partial(operator.prepare, u),
         "K v": partial(operator.matvec, v),
     }
     return {(OURS, quantity): call for quantity, call in calls.items()}, K

@@ -24,7 +24,7 @@ compiled with `-O3 -march=native -ffast-math`. scikit-fem's forms are written as
 all constant parts hoisted out. The textbook form is the edge form with `zeta = |p|^2 - |P|^2` from positions, in NumPy and sparse
 products. The peers get what their codes offer for the same law, element and one thread (`skfem_stvk/peers`).
 
-Bytes for the memory limit, each read or written once: for F vertices, rest edges and coefficients of the tetrahedra, u and F; for K
+Bytes for the memory limit, each read or written once: for F vertices, coefficients and coordinates of the tetrahedra, u and F; for K
 the tetrahedra with the ids of their edges, the blocks of the edges written and read again, their places in K, and the values of K;
 for K v the blocks and vertices of the edges, and both vectors. The same arrays count as memory, with what threads need.
 

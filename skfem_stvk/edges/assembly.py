@@ -12,7 +12,7 @@ from numpy.typing import DTypeLike, NDArray
 from ..kernels import blocks as block_kernels
 from ..kernels import simplices as simplex_kernels
 from ..kernels.simplices import LANES
-from ..kernels.threads import parts_of, run, threads
+from ..kernels.threads import Turn, in_turn, parts_of, run, threads
 from .form import EdgeForm
 from .lanes import in_lanes, out_of_lanes
 from .order import OwnEdges, own_edges, own_order
@@ -40,7 +40,7 @@ class Linearized(NamedTuple):
 class Assembly:
     """The simplices of an edge form in blocks of lanes, in an order of their own, and the calls of the kernels.
 
-    What only K needs is made at the first K. Its arrays are in use during a call: one Python thread at a time.
+    What only K needs is made at the first K. Its arrays are in use during a call: Python threads take turns.
 
     Parameters
     ----------
@@ -63,12 +63,14 @@ class Assembly:
         block_kernels.gather(np.ascontiguousarray(form.p.T), self.vertices, self._X)
         self._threads = 0
         self._shared: dict[str, Any] = {}
+        self._turn = Turn()
 
     @property
     def edges(self) -> NDArray[np.int32]:
         """(2, ne) pairs of vertices `a < b` of the mesh that are coupled."""
         return self.form.edges
 
+    @in_turn
     def energy(self, u: Array, force: Array | None = None) -> float:
         """Strain energy [J] at displacements `u` (nv, d) [m]; adds the internal force `dW/du` [N] to `force` (nv, d)."""
         shares = self._forces
@@ -79,6 +81,7 @@ class Assembly:
             self._add(f, shares, force)
         return sum(W)
 
+    @in_turn
     def edge_blocks(self, u: Array, force: Array | None = None, out: Array | None = None) -> tuple[float, Array]:
         """The energy [J] and the blocks `K_ab` (9 ne,) of the edges at `u` (nv, d), with room for what threads add to them.
 
@@ -102,6 +105,7 @@ class Assembly:
         """Where the blocks stand in the values of a matrix of this pattern."""
         return rows_of(self._own, self.vertices, pattern)
 
+    @in_turn
     def tangent(self, u: Array, rows: Rows, data: Array, add: bool, force: Array | None = None) -> Linearized:
         """Write the tangent stiffness [N/m] to the CSR values `data`, or add it to them; adds the force to `force` (nv, d)."""
         W, blocks = self.edge_blocks(u, force, out=self._shared.get("blocks"))
@@ -110,6 +114,7 @@ class Assembly:
         totals = run(block_kernels.fill_rows, parts, *rows, blocks, AXES[u.shape[1]], add, data)
         return Linearized(W, sum(totals))
 
+    @in_turn
     def add_product(self, blocks: Array, v: Array, out: Array) -> None:
         """Add `K v` to `out` (nv, d), for the `blocks` of the edges and `v` (nv, d)."""
         shares = self._products
@@ -143,7 +148,7 @@ class Assembly:
 
     @property
     def _products(self) -> Shares:
-        return self._share("K v", lambda n: shares_of(self._own.edges, len(self.vertices), 1, n))
+        return self._share("K v", lambda n: shares_of(self._own.edges, len(self.vertices), 0.25, n))
 
     def _share(self, name: str, make: Callable[[int], Shares]) -> Shares:
         """Shares for numba's number of threads; those for another number are thrown away."""

@@ -28,8 +28,8 @@ class Shares(NamedTuple):
     extra: NDArray[np.int32]
 
 
-def shares_of(targets: NDArray[Any], size: int, each: int, threads: int) -> Shares:
-    """Shares of the rows of `targets` (n, m), which are 0 ... size - 1; `each` row stands for so many items."""
+def shares_of(targets: NDArray[Any], size: int, each: float, threads: int) -> Shares:
+    """Shares of the rows of `targets` (n, m), which are 0 ... size - 1; a row is as much work as `each` simplices."""
     parts = parts_of(len(targets), each, threads)
     n = len(parts) - 1
     if n == 1:

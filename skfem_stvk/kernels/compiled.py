@@ -19,6 +19,25 @@ Function = TypeVar("Function", bound=Callable[..., Any])
 FASTMATH = {"reassoc", "contract", "nsz", "arcp"}
 
 
+class _Announcement(Listener):
+    """Says once a process why a first call takes long."""
+
+    kept = "for their first use; they are kept on disk"
+
+    def __init__(self) -> None:
+        self.made = False
+
+    def on_start(self, event: Any) -> None:
+        package = __name__.partition(".")[0]
+        if not self.made and event.data["dispatcher"].py_func.__module__.startswith(package):
+            self.made = True
+            text = f"{package}: compiling kernels {self.kept}"
+            Console(stderr=True, highlight=False).print(f"[dim]{text}[/]", soft_wrap=True)
+
+    def on_end(self, event: Any) -> None:
+        pass
+
+
 def kernel(function: Function, **more: Any) -> Function:
     """Compile at the first call with arguments of a type, keep the machine code on disk, and let go of the GIL.
 
@@ -30,29 +49,13 @@ def kernel(function: Function, **more: Any) -> Function:
         compiled: Function = numba.njit(cache=True, **options)(function)
     except RuntimeError:  # no folder for the cache
         compiled = numba.njit(**options)(function)
+        _Announcement.kept = "in every process: no folder can be written to. Set NUMBA_CACHE_DIR to one that can"
     return compiled
 
 
 def inlined(function: Function) -> Function:
     """A piece of a kernel's innermost loop: a loop with a call in it is not vectorised."""
     return kernel(function, forceinline=True)
-
-
-class _Announcement(Listener):
-    """Says once a process why a first call takes long."""
-
-    def __init__(self) -> None:
-        self.made = False
-
-    def on_start(self, event: Any) -> None:
-        package = __name__.partition(".")[0]
-        if not self.made and event.data["dispatcher"].py_func.__module__.startswith(package):
-            self.made = True
-            text = f"{package}: compiling kernels for their first use; they are kept on disk"
-            Console(stderr=True, highlight=False).print(f"[dim]{text}[/]", soft_wrap=True)
-
-    def on_end(self, event: Any) -> None:
-        pass
 
 
 register("numba:compile", _Announcement())

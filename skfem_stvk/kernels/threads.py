@@ -9,36 +9,74 @@ from __future__ import annotations
 import os
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from functools import cache
+from functools import cache, wraps
 from itertools import pairwise
-from typing import Any, TypeVar
+from threading import RLock
+from typing import Any, TypeVar, cast
 
 import numba
 import numpy as np
 from numpy.typing import NDArray
 
 Result = TypeVar("Result")
+Method = TypeVar("Method", bound=Callable[..., Any])
 
-#: Items (simplices, vertices, edges) that a thread gets at least: with fewer, waking it takes longer than their work.
+#: Simplices, or work of as many, that a thread gets at least: with fewer, waking it takes longer than the work.
 SMALLEST_PART = 4096
 
 
 def threads() -> int:
-    """How many threads kernels run on: what `numba.set_num_threads` says, by default one a core."""
-    count: int = numba.get_num_threads()
+    """How many threads kernels run on: what `numba.set_num_threads` says in this Python thread, by default one a core."""
+    try:
+        count: int = numba.get_num_threads()
+    except ValueError:  # numba misses the library that NUMBA_THREADING_LAYER asks for, which is not needed here
+        count = numba.config.NUMBA_NUM_THREADS  # type: ignore[attr-defined]
     return count
 
 
-def parts_of(count: int, each: int, threads: int) -> NDArray[np.int64]:
-    """(n + 1,) where the parts of `count` rows of `each` items begin, and the end: `threads` parts unless they are too small."""
-    n = max(1, min(threads, count * each // SMALLEST_PART))
+class Turn:
+    """A lock: arrays that calls work in are for one Python thread at a time. A copy, or one in another process, has its own."""
+
+    def __init__(self) -> None:
+        self._lock = RLock()
+
+    def __enter__(self) -> None:
+        self._lock.acquire()
+
+    def __exit__(self, *exception: object) -> None:
+        self._lock.release()
+
+    def __reduce__(self) -> tuple[type[Turn], tuple[()]]:
+        return Turn, ()
+
+
+def in_turn(method: Method) -> Method:
+    """A method that waits for the `_turn` of its object."""
+
+    @wraps(method)
+    def waiting(self: Any, *arguments: Any, **named: Any) -> Any:
+        with self._turn:
+            return method(self, *arguments, **named)
+
+    return cast(Method, waiting)
+
+
+def parts_of(count: int, each: float, threads: int) -> NDArray[np.int64]:
+    """(n + 1,) where the parts of `count` rows begin, and the end: `threads` parts unless they are too small.
+
+    A row is as much work as `each` simplices.
+    """
+    n = max(1, min(threads, int(count * each // SMALLEST_PART)))
     return np.linspace(0, count, n + 1).astype(np.int64)
 
 
 def run(kernel: Callable[..., Result], parts: NDArray[np.int64], *arguments: Any) -> list[Result]:
     """`kernel(begin, end, *arguments)` for each part at the same time; results in the order of the parts."""
     (begin, end), *others = [(int(begin), int(end)) for begin, end in pairwise(parts)]
-    running = [_pool().submit(kernel, *part, *arguments) for part in others]
+    try:
+        running = [_pool().submit(kernel, *part, *arguments) for part in others]
+    except RuntimeError:  # Python is on its way out and starts nothing any more
+        return [kernel(begin, end, *arguments), *(kernel(*part, *arguments) for part in others)]
     first = kernel(begin, end, *arguments)
     return [first, *(part.result() for part in running)]
 

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import DTypeLike, NDArray
+from numpy.typing import ArrayLike, DTypeLike, NDArray
 from scipy.sparse.linalg import LinearOperator
 
 from ..errors import StateError
@@ -22,20 +22,28 @@ class TangentOperator(LinearOperator):
     `(K v)_a = sum_b K_ab (v_b - v_a)`. `System.linear_operator` makes it.
     """
 
-    def __init__(self, terms: Sequence[BoundTerm], u: Array, dtype: DTypeLike) -> None:
-        super().__init__(dtype, (u.size, u.size))
-        self._terms, self._width = terms, u.shape[1]
+    def __init__(self, terms: Sequence[BoundTerm], state: Callable[[ArrayLike], Array], u: ArrayLike, dtype: DTypeLike) -> None:
+        self._terms, self._state = terms, state
         self._blocks: list[Any] = [None] * len(terms)
         self.prepare(u)
+        super().__init__(dtype, (self._u.size, self._u.size))
 
-    def prepare(self, u: Array) -> None:
-        """Fill the blocks anew, at other displacements `u` (nv, d) [m]."""
-        self._u = u.copy()
-        self._blocks = [term.edge_blocks(u, out=out)[1] for term, out in zip(self._terms, self._blocks, strict=True)]
+    def prepare(self, u: ArrayLike) -> None:
+        """Fill the blocks anew, at other displacements `u` (ndofs,) [m].
+
+        Raises
+        ------
+        StateError
+            if `u` does not have one finite entry for each degree of freedom, or is so large that K overflows.
+        """
+        x = self._state(u)
+        self._u = np.empty(0)  # nowhere, until all of it is done
+        self._blocks = [term.edge_blocks(x, out=out)[1] for term, out in zip(self._terms, self._blocks, strict=True)]
         if not all(np.isfinite(blocks).all() for blocks in self._blocks):
             raise StateError(
-                f"K overflows at displacements of up to {np.abs(u).max():.1e}: did the step before diverge, or are units mixed up?"
+                f"K overflows at displacements of up to {np.abs(x).max():.1e}: did the step before diverge, or are units mixed up?"
             )
+        self._u = x.copy()
 
     def is_at(self, u: Array) -> bool:
         """Whether it is prepared at these displacements (nv, d)."""
@@ -46,7 +54,11 @@ class TangentOperator(LinearOperator):
         return self._u.nbytes + sum(blocks.nbytes for blocks in self._blocks)
 
     def _matvec(self, v: Array) -> Array:
-        x = np.asarray(v).reshape(-1, self._width)
+        if not self._u.size:
+            raise StateError("The operator is not prepared: its last prepare(u) did not end well. Prepare it at another u.")
+        if np.iscomplexobj(v):
+            return np.asarray(self._matvec(v.real) + 1j * self._matvec(v.imag))
+        x = np.ascontiguousarray(v, dtype=np.float32 if v.dtype == np.float32 else np.float64).reshape(self._u.shape)
         out = np.zeros(x.shape, dtype=self.dtype)
         for term, blocks in zip(self._terms, self._blocks, strict=True):
             term.add_product(blocks, x, out)

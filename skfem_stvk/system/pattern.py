@@ -28,7 +28,7 @@ class Structure:
     def __init__(self, indptr: NDArray[np.int32], indices: NDArray[np.int32], shape: tuple[int, int]) -> None:
         self.indptr, self.indices, self.shape, self.nnz = indptr, indices, shape, len(indices)
         self.indptr.flags.writeable = self.indices.flags.writeable = False
-        self._known: tuple[Any, Any] = _nothing, None
+        self._known: tuple[Any, Any, Any] = _nothing, None, None
 
     def matrix(self, data: NDArray[Any]) -> csr_matrix:
         """A CSR matrix around the values `data` (nnz,), which it does not copy.
@@ -38,21 +38,24 @@ class Structure:
         return csr_matrix((data, self.indices.copy(), self.indptr.copy()), shape=self.shape)
 
     def fits(self, matrix: Any, dtype: DTypeLike) -> bool:
-        """Whether this is a CSR matrix of this type that still has this structure.
+        """Whether this is a CSR matrix of this type that still has this structure, and room for its values.
 
-        The matrix that was found to fit last is not looked through again as long as it holds the same index array of the same length.
+        The matrix that was found to fit last is not looked through again as long as it holds the same index arrays: edit those in place and
+        this goes unnoticed.
         """
         if not isinstance(matrix, csr_matrix) or matrix.dtype != dtype or matrix.shape != self.shape or matrix.nnz != self.nnz:
             return False
-        if self._known[0]() is matrix and self._known[1] is matrix.indices:
+        if matrix.data.shape != (self.nnz,) or not matrix.data.flags.c_contiguous or not matrix.data.flags.writeable:
+            return False
+        if self._known[0]() is matrix and self._known[1] is matrix.indices and self._known[2] is matrix.indptr:
             return True
         fits: bool = np.array_equal(matrix.indptr, self.indptr) and np.array_equal(matrix.indices, self.indices)
         if fits:
-            self._known = weakref.ref(matrix), matrix.indices
+            self._known = weakref.ref(matrix), matrix.indices, matrix.indptr
         return fits
 
     def __getstate__(self) -> dict[str, Any]:
-        return self.__dict__ | {"_known": (_nothing, None)}
+        return self.__dict__ | {"_known": (_nothing, None, None)}
 
 
 class Pattern(Structure):

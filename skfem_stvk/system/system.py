@@ -13,6 +13,7 @@ from scipy.sparse import csr_matrix
 
 from ..edges import Rows
 from ..errors import StateError, StvkError, StvkWarning, name_ids
+from ..kernels.threads import Turn
 from ..mesh import MeshLike, SimplexMesh
 from ..mesh.diagnostics import check_mesh, warn_of_flat_elements
 from ..terms import BoundTerm, Term
@@ -60,7 +61,10 @@ class System:
     def __init__(self, mesh: MeshLike, terms: Term | Sequence[Term], dtype: DTypeLike = np.float64) -> None:
         self.mesh = SimplexMesh.of(mesh)
         check_mesh(self.mesh)
-        self.dtype = np.dtype(dtype)
+        try:
+            self.dtype = np.dtype(dtype)
+        except TypeError as error:
+            raise StvkError(f"dtype = {dtype!r}; expected float64 or float32.") from error
         if self.dtype not in (np.float64, np.float32):
             raise StvkError(f"dtype = {self.dtype}; expected float64 or float32.")
         self.terms = tuple(terms) if isinstance(terms, Sequence) else (terms,)
@@ -73,6 +77,7 @@ class System:
                 raise StvkError(f"A term of type {type(term).__name__} came; expected StVK(...) or a list of terms.")
         self._bound: list[BoundTerm] = [term.bind(self.mesh, self.dtype) for term in self.terms]
         self._operator: TangentOperator | None = None
+        self._turn = Turn()
         self._warn_of_bare_vertices()
 
     @property
@@ -168,12 +173,13 @@ class System:
         StateError
             if `u` or `v` does not have one finite entry for each degree of freedom, or the result overflows.
         """
-        x = self._state(u)
-        if self._operator is None:
-            self._operator = TangentOperator(self._bound, x, self.dtype)
-        elif not self._operator.is_at(x):
-            self._operator.prepare(x)
-        product = self._operator.matvec(self._state(v, "v").ravel())
+        x, y = self._state(u), self._state(v, "v").ravel()
+        with self._turn:
+            if self._operator is None:
+                self._operator = self.linear_operator(u)
+            elif not self._operator.is_at(x):
+                self._operator.prepare(u)
+            product = self._operator.matvec(y)
         _refuse_overflow(product, "K v", x)
         return product
 
@@ -188,7 +194,7 @@ class System:
         >>> bool(abs(K @ v - body.tangent(u) @ v).max() < 1e-9), bool(abs(K @ v - body.product(u, v)).max() == 0)
         (True, True)
         """
-        return TangentOperator(self._bound, self._state(u), self.dtype)
+        return TangentOperator(self._bound, self._state, u, self.dtype)
 
     def free_dofs(self, fixed: Any) -> FreeDofs:
         """The degrees of freedom that are not `fixed`, and K restricted to them without slicing."""

@@ -156,11 +156,8 @@ def test_without_a_compiler_the_c_loop_is_not_measured(monkeypatch):
 def outside(monkeypatch, tmp_path):
     """Installed, without a checkout."""
 
-    def missing(name):
-        raise ModuleNotFoundError(f"No module named {name!r}")
-
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(checkout, "import_module", missing)
+    monkeypatch.setattr(checkout, "__file__", str(tmp_path / "lib" / "skfem_stvk" / "bench" / "checkout.py"))
     return tmp_path
 
 
@@ -169,12 +166,13 @@ def test_without_a_checkout_its_parts_are_not_measured(outside):
     assert all("only in a checkout" in found.not_measured[name] for name in (CONTROL, "part 5 k")) and not found.failures
 
 
-def test_a_checkout_in_the_current_folder_is_found(outside):
+def test_a_checkout_in_the_current_folder_is_found_and_nothing_else_that_is_called_validation(outside):
     (outside / "validation").mkdir()
-    (outside / "validation" / "control.py").write_text("answer = 42")
-    assert checkout.from_checkout("control").answer == 42
+    (outside / "validation" / "control.py").write_text("raise SystemExit('not ours')")
     with pytest.raises(StvkError, match="only in a checkout"):
-        checkout.from_checkout("meshes")
+        checkout.from_checkout("control")
+    (outside / "pyproject.toml").write_text('[project]\nname = "skfem-stvk"\n')
+    assert checkout.checkout() == outside
 
 
 def test_without_gmsh_parts_are_not_measured(monkeypatch):

@@ -92,7 +92,7 @@ def test_preparing_at_another_state_is_a_new_operator_in_the_same_memory():
     u, v = state(SOLID.mesh), state(SOLID.mesh, seed=9)
     A = SOLID.linear_operator(u)
     memory = A.memory()
-    A.prepare(2 * u.reshape(-1, 3))
+    A.prepare(2 * u)
     assert A.is_at(2 * u.reshape(-1, 3)) and not A.is_at(u.reshape(-1, 3))
     assert np.array_equal(A @ v, SOLID.linear_operator(2 * u) @ v) and A.memory() == memory
 
@@ -140,3 +140,47 @@ def test_a_vertex_without_a_term_gets_no_force():
     product, K = body.product(u, v), body.tangent(u)
     assert len(bare) and not product.reshape(-1, 3)[bare].any() and np.abs(product).max() > 1e-2
     assert np.abs(product - K @ v).max() < 1e-13 * np.abs(product).max()
+
+
+def test_an_operator_whose_preparation_was_cut_off_says_so_and_a_product_is_never_stale(monkeypatch):
+    """Two terms; Ctrl-C between them."""
+    mesh = MESHES["tetrahedra"]
+    half = np.arange(mesh.nt // 2)
+    body = System(mesh, [StVK(young=2.0, poisson=0.3, region=half), StVK(young=1.0, poisson=0.1, region=half + len(half))])
+    u, v = state(mesh), state(mesh, seed=9)
+    right, operator = body.tangent(0.5 * u) @ v, body.linear_operator(u)
+    body.product(u, v)
+
+    def cut_off(*arguments, **named):
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as during:
+        during.setattr(body._bound[1], "edge_blocks", cut_off, raising=False)
+        for call in (lambda: body.product(0.5 * u, v), lambda: operator.prepare(0.5 * u)):
+            with pytest.raises(KeyboardInterrupt):
+                call()
+    with pytest.raises(StateError, match="is not prepared"):
+        operator @ v
+    assert np.abs(body.product(0.5 * u, v) - right).max() < 1e-13 * np.abs(right).max()
+
+
+def test_a_preparation_that_overflows_leaves_no_nan():
+    mesh = MESHES["tetrahedra"]
+    operator = System(mesh, StVK(young=2.0, poisson=0.3)).linear_operator(state(mesh))
+    with pytest.raises(StateError, match="K overflows"):
+        operator.prepare(1e160 * state(mesh))
+    with pytest.raises(StateError, match="is not prepared"):
+        operator @ state(mesh)
+
+
+def test_a_complex_vector_is_two_products():
+    mesh = MESHES["tetrahedra"]
+    operator, v = System(mesh, StVK(young=2.0, poisson=0.3)).linear_operator(state(mesh)), state(mesh, seed=9)
+    assert np.array_equal(operator @ (v + 2j * v), operator @ v + 1j * (operator @ (2 * v)))
+
+
+def test_prepare_refuses_what_is_no_state():
+    mesh = MESHES["tetrahedra"]
+    operator = System(mesh, StVK(young=2.0, poisson=0.3)).linear_operator(state(mesh))
+    with pytest.raises(StateError, match="u has shape"):
+        operator.prepare(np.zeros((3, 3)))

@@ -153,6 +153,29 @@ def test_out_of_another_pattern_or_type_is_refused(spoil):
         SOLID.tangent(np.zeros(SOLID.ndofs), out=spoil(K))
 
 
+def shortened(K):
+    K.data = np.zeros(10)
+
+
+def locked(K):
+    K.data.flags.writeable = False
+
+
+def other_rows(K):
+    K.indptr = K.indptr.copy()
+    K.indptr[1:-1] -= 1
+
+
+@pytest.mark.parametrize("spoil", [shortened, locked, other_rows])
+def test_out_that_was_spoiled_after_it_was_known_is_refused(spoil):
+    """The first would write out of bounds."""
+    u = state(SOLID.mesh)
+    K = SOLID.tangent(u, out=SOLID.tangent(u))
+    spoil(K)
+    with pytest.raises(StvkError, match="does not have the pattern and type of this system's K"):
+        SOLID.tangent(u, out=K)
+
+
 def test_spoiling_a_tangent_does_not_spoil_the_system():
     u = state(SOLID.mesh)
     before = SOLID.tangent(u)
@@ -204,6 +227,11 @@ def test_vertices_without_a_term_are_warned_of():
 def test_something_that_is_no_term_is_refused():
     with pytest.raises(StvkError, match="A term of type float came"):
         System(MESHES["tetrahedra"], [TERM, 3.0])
+
+
+def test_something_that_is_no_type_is_refused():
+    with pytest.raises(StvkError, match="dtype = 'banana'; expected float64 or float32"):
+        System(MESHES["tetrahedra"], TERM, dtype="banana")
 
 
 def test_no_terms_are_refused():

@@ -7,7 +7,7 @@ from concurrent.futures import ThreadPoolExecutor
 import numba
 import numpy as np
 import pytest
-from bodies import BODIES, box, state
+from bodies import BODIES, MESHES, box, state
 from kernels.parts import in_parts
 
 from skfem_stvk import Anisotropic, StVK, System
@@ -146,3 +146,16 @@ def test_preparing_again_with_another_number_leaves_other_operators_alone(n, mon
     body.product(2 * u, v)
     body.linear_operator(-3 * u)
     assert_close([before], [operator @ v])
+
+
+def test_python_threads_that_share_a_system_take_turns():
+    from concurrent.futures import ThreadPoolExecutor
+
+    body = System(MESHES["tetrahedra"], StVK(young=2.0, poisson=0.3))
+    states = [state(body.mesh, seed=seed) for seed in range(8)]
+    wanted = [(body.energy(u), body.internal_force(u), body.tangent(u).data, body.product(u, u)) for u in states]
+    with ThreadPoolExecutor(4) as pool:
+        for _ in range(5):
+            found = pool.map(lambda u: (body.energy(u), body.internal_force(u), body.tangent(u).data, body.product(u, u)), states)
+            for one, other in zip(wanted, found, strict=True):
+                assert all(np.array_equal(a, b) for a, b in zip(one, other, strict=True))
