@@ -20,7 +20,7 @@ class OwnOrder(NamedTuple):
     """Simplices in an order that the caches like; users never see it.
 
     Vertices in reverse Cuthill-McKee order (only those that the simplices have), ascending in each simplex, simplices sorted by them.
-    On an unstructured mesh of 315 000 tetrahedra this makes W and F 2.9 x and K 2.2 x as fast as the order that Gmsh gives.
+    On 38 000 tetrahedra of Gmsh, K takes 61 ns a tetrahedron instead of 107 in the mesh's own order (`python -m validation kernels`).
 
     Attributes
     ----------

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import ThreadPoolExecutor, wait
 from functools import cache, wraps
 from itertools import pairwise
 from threading import RLock
@@ -77,7 +77,10 @@ def run(kernel: Callable[..., Result], parts: NDArray[np.int64], *arguments: Any
         running = [_pool().submit(kernel, *part, *arguments) for part in others]
     except RuntimeError:  # Python is on its way out and starts nothing any more
         return [kernel(begin, end, *arguments), *(kernel(*part, *arguments) for part in others)]
-    first = kernel(begin, end, *arguments)
+    try:
+        first = kernel(begin, end, *arguments)
+    finally:
+        wait(running)  # after Ctrl-C too nobody writes on
     return [first, *(part.result() for part in running)]
 
 
