@@ -182,6 +182,18 @@ def _four_energies(S, M):
 
 
 @inlined
+def _state(P, U, D, block, i):
+    """Of simplex `i` of a block: the spokes now, the tensions `S`, and four times the energy."""
+    lane = I(i)
+    P1, P2, P3 = _vector(P, lane), _vector(P, lane + I(3 * LANES)), _vector(P, lane + I(6 * LANES))
+    U1, U2, U3 = _vector(U, lane), _vector(U, lane + I(3 * LANES)), _vector(U, lane + I(6 * LANES))
+    p1, p2, p3 = _sum(P1, U1), _sum(P2, U2), _sum(P3, U3)
+    M = _strain(P1, P2, P3, U1, U2, U3, p1, p2, p3)
+    S = _stress(D, block, i, M)
+    return p1, p2, p3, S, _four_energies(S, M)
+
+
+@inlined
 def _put_forces(S, p1, p2, p3, forces, lane):
     _put(_combination(S[0], p1, S[3], p2, S[4], p3), forces, lane)
     _put(_combination(S[3], p1, S[1], p2, S[5], p3), forces, lane + I(3 * LANES))
@@ -198,12 +210,8 @@ def energy_and_force(begin: int, end: int, t: Ids, slots: Ids, D: Reals, X: Real
         w = D.dtype.type(0)
         for i in range(LANES):
             lane = I(i)
-            P1, P2, P3 = _vector(P, lane), _vector(P, lane + I(3 * LANES)), _vector(P, lane + I(6 * LANES))
-            U1, U2, U3 = _vector(U, lane), _vector(U, lane + I(3 * LANES)), _vector(U, lane + I(6 * LANES))
-            p1, p2, p3 = _sum(P1, U1), _sum(P2, U2), _sum(P3, U3)
-            M = _strain(P1, P2, P3, U1, U2, U3, p1, p2, p3)
-            S = _stress(D, block, i, M)
-            w += _four_energies(S, M)
+            p1, p2, p3, S, four_energies = _state(P, U, D, block, i)
+            w += four_energies
             _put_forces(S, p1, p2, p3, forces, lane)
         W += w
         if len(f) > 0:
@@ -348,12 +356,8 @@ def linearize(
         w = D.dtype.type(0)
         for i in range(LANES):
             lane = I(i)
-            P1, P2, P3 = _vector(P, lane), _vector(P, lane + I(3 * LANES)), _vector(P, lane + I(6 * LANES))
-            U1, U2, U3 = _vector(U, lane), _vector(U, lane + I(3 * LANES)), _vector(U, lane + I(6 * LANES))
-            p1, p2, p3 = _sum(P1, U1), _sum(P2, U2), _sum(P3, U3)
-            M = _strain(P1, P2, P3, U1, U2, U3, p1, p2, p3)
-            S = _stress(D, block, i, M)
-            w += _four_energies(S, M)
+            p1, p2, p3, S, four_energies = _state(P, U, D, block, i)
+            w += four_energies
             _put_forces(S, p1, p2, p3, values, lane + I(54 * LANES))
             if D.ndim == 1:
                 _put_isotropic_blocks(_gram(D, block, i), S, p1, p2, p3, values, lane)
