@@ -8,16 +8,12 @@ from datetime import datetime, timezone
 from functools import partial
 from pathlib import Path
 from time import perf_counter
-from types import TracebackType
-
-from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeElapsedColumn
-from rich.progress import Progress as Bar
 
 from ..peers import PEERS
 from ..peers.packages import PACKAGES
 from ..referee.header import PACKAGES as OWN
 from ..referee.header import machine, versions
+from ..referee.progress import Progress
 from .case import Case
 from .contenders import time_contenders
 from .errors import compare_errors
@@ -37,29 +33,6 @@ STEPS: dict[str, Callable[[Benchmark, Case], None]] = {
 }
 
 
-class Progress:
-    """A bar on standard error that goes away when the work is done; nothing if quiet or not on a terminal."""
-
-    def __init__(self, total: int, quiet: bool) -> None:
-        columns = TextColumn("bench"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(), TextColumn("{task.description}")
-        console = Console(stderr=True)
-        self._bar = Bar(*columns, console=console, transient=True, disable=quiet or not console.is_terminal)
-        self._task = self._bar.add_task("", total=total)
-
-    def __enter__(self) -> Progress:
-        self._bar.start()
-        return self
-
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
-        self._bar.stop()
-
-    def now(self, description: str) -> None:
-        self._bar.update(self._task, description=description)
-
-    def done(self) -> None:
-        self._bar.advance(self._task)
-
-
 def bench(plan: Plan = FULL, quiet: bool = False) -> Benchmark:
     """Measure what the plan says.
 
@@ -70,7 +43,7 @@ def bench(plan: Plan = FULL, quiet: bool = False) -> Benchmark:
     begin = perf_counter()
     leave_out(results, list(PEERS))
     try:
-        with Progress(2 + len(cases) * (1 + len(STEPS)) + plan.first_use, quiet) as progress:
+        with Progress("bench", 3 + len(cases) * (1 + len(STEPS)) + plan.first_use, quiet) as progress:
             _run(results, cases, progress)
     except KeyboardInterrupt:
         results.interrupted = True
@@ -80,9 +53,8 @@ def bench(plan: Plan = FULL, quiet: bool = False) -> Benchmark:
 
 def _run(results: Benchmark, cases: list[Case], progress: Progress) -> None:
     def attempt(what: str, step: Callable[[], None]) -> None:
-        progress.now(what)
+        progress.step(what)
         results.attempt(what, step)
-        progress.done()
 
     attempt("speed of a copy", lambda: setattr(results, "bandwidth", copy_bandwidth()))
     for case in cases:
@@ -91,7 +63,7 @@ def _run(results: Benchmark, cases: list[Case], progress: Progress) -> None:
             if case.name in results.meshes:
                 attempt(f"{case.name}: {what}", partial(step, results, case))
             else:
-                progress.done()
+                progress.step(what)
     if "box" in {case.kind for case in cases}:
         attempt("errors", partial(compare_errors, results, cases[0]))
     if results.plan.first_use:

@@ -4,13 +4,10 @@ from __future__ import annotations
 
 import io
 import math
-from types import TracebackType
 
 from rich import box
 from rich.console import Console, Group, RenderableType
 from rich.markup import escape
-from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeElapsedColumn
-from rich.progress import Progress as RichProgress
 from rich.table import Table
 
 from .places import in_words
@@ -20,27 +17,6 @@ from .results import Outcome, Result
 STYLE = {Outcome.PASSED: "green", Outcome.FAILED: "bold red", Outcome.COULD_NOT_RUN: "yellow", Outcome.NOT_APPLICABLE: "dim"}
 WORST_FIRST = (Outcome.FAILED, Outcome.COULD_NOT_RUN, Outcome.PASSED, Outcome.NOT_APPLICABLE)
 WIDTH = 124
-
-
-class Progress:
-    """A bar on standard error that goes away when the work is done; nothing if quiet or not on a terminal."""
-
-    def __init__(self, total: int, quiet: bool) -> None:
-        columns = TextColumn("verify"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(), TextColumn("{task.description}")
-        console = Console(stderr=True)
-        self._bar = RichProgress(*columns, console=console, transient=True, disable=quiet or not console.is_terminal)
-        self._task = self._bar.add_task("", total=total)
-
-    def __enter__(self) -> Progress:
-        self._bar.start()
-        return self
-
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
-        self._bar.stop()
-
-    def step(self, description: str) -> None:
-        """One more piece of work begins."""
-        self._bar.update(self._task, advance=1, description=description)
 
 
 def as_text(report: Report) -> str:

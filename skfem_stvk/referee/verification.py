@@ -27,10 +27,10 @@ from .checks.speed import error_table, speed_table
 from .checks.zero_modes import zero_modes
 from .header import header
 from .players import METHODS, Player
+from .progress import Progress
 from .report import Report
 from .results import Outcome, Result
 from .states import STRETCH, named_states
-from .terminal import Progress
 
 
 def verify(
@@ -95,7 +95,7 @@ def verify(
         *homogeneous_states(case, _twin(case, homogeneous), homogeneous),
         *precision(case, homogeneous, report.precision),
     ]
-    with Progress(len(tasks) + 1, quiet) as progress:
+    with Progress("verify", len(tasks) + 1, quiet) as progress:
         try:
             for task in tasks:
                 progress.step(f"{task.check}: {task.player.name}, {task.quantity}, {task.state}")
