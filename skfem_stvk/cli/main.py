@@ -72,7 +72,7 @@ def _parser() -> argparse.ArgumentParser:
     check.set_defaults(run=_verify)
 
     times = commands.add_parser("bench", help="time and memory of W, F, K and K v, against targets", description=_bench.__doc__)
-    times.add_argument("--quick", action="store_true", help="under two minutes; the full run takes about half an hour")
+    times.add_argument("--quick", action="store_true", help="under two minutes; the full run takes about a quarter of an hour")
     times.add_argument("--out", metavar="FOLDER", help="write benchmark.md, its pictures and benchmark.json there")
     times.set_defaults(run=_bench)
 

@@ -45,7 +45,7 @@ class Assembly:
     Parameters
     ----------
     form : the edge form.
-    dtype : of results, coefficients, which are computed in double and rounded then.
+    dtype : of results and of coefficients, which are computed in double and rounded then.
     """
 
     def __init__(self, form: EdgeForm, dtype: DTypeLike = np.float64) -> None:
