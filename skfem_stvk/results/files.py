@@ -1,0 +1,74 @@
+"""Files that are whole or not there: written beside their place, forced to the disk, renamed into it."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+
+from ..errors import StvkError
+
+
+def output_path(path: str | os.PathLike[str], *suffixes: str) -> Path:
+    """The path as one that can be written: call it before expensive work.
+
+    Raises
+    ------
+    StvkError
+        if it ends in none of the suffixes, or its folder is missing or cannot be written to.
+
+    >>> output_path("missing/bracket.vtu", ".vtu")
+    Traceback (most recent call last):
+    skfem_stvk.errors.StvkError: The folder missing of bracket.vtu does not exist. Make it first, or is the path relative to another one?
+    """
+    path = Path(path)
+    if path.suffix.lower() not in suffixes:
+        named = path.with_suffix(suffixes[0]).name if path.name else f"result{suffixes[0]}"
+        raise StvkError(f"{str(path)!r} does not end in {' or '.join(suffixes)}, which is what is written here. Name it {named}.")
+    if not path.parent.is_dir():
+        raise StvkError(
+            f"The folder {path.parent} of {path.name} does not exist. Make it first, or is the path relative to another one?"
+        )
+    if path.is_dir():
+        raise StvkError(f"{path} is a folder; expected the path of a file.")
+    try:
+        _beside(path).touch()
+        _beside(path).unlink()
+    except OSError as error:
+        raise StvkError(f"{path} cannot be written: {error.strerror}. Choose another folder, or change its permissions.") from error
+    return path
+
+
+@contextmanager
+def replacing(path: Path) -> Iterator[Path]:
+    """A path beside `path` to write to; renamed into place at the end, removed on an error.
+
+    Whoever reads `path` finds the old file or the new one, never a part of it, whenever the program is killed; what is left beside it
+    then, `.NAME.part`, is overwritten by the next one.
+    """
+    part = _beside(path)
+    try:
+        yield part
+        with part.open("rb") as file:
+            os.fsync(file.fileno())
+        os.replace(part, path)
+    except BaseException:
+        with suppress(OSError):
+            part.unlink()
+        raise
+    _sync_folder(path.parent)
+
+
+def _beside(path: Path) -> Path:
+    return path.with_name(f".{path.name}.part")
+
+
+def _sync_folder(folder: Path) -> None:
+    """Force the new name to the disk too, where folders can be (not on Windows)."""
+    with suppress(OSError):
+        descriptor = os.open(folder, os.O_RDONLY)
+        try:
+            os.fsync(descriptor)
+        finally:
+            os.close(descriptor)

@@ -1,0 +1,91 @@
+"""The law of a material on simplices: the full strain and stress from the strain within them.
+
+Across a simplex either the strain vanishes (plane strain), or the stress does (plane stress, segments), and the strain follows from it.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..edges.coefficients import VOIGT
+from ..errors import MaterialError
+from ..materials import FramedMaterial, Hypothesis, Isotropic, Material
+
+Array = NDArray[np.float64]
+FIRST, SECOND = np.array(VOIGT[3]).T
+PLACE = np.array([[0, 5, 4], [5, 1, 3], [4, 3, 2]])  # of each component of a tensor in the Voigt vector
+SHEAR = np.array([1.0, 1.0, 1.0, 2.0, 2.0, 2.0])
+
+
+def strain_and_stress(material: Material, hypothesis: Hypothesis, strain: Array, frames: Array) -> tuple[Array, Array]:
+    """`E` and `S` (n, 3, 3) [1], [Pa] in the simplices' frames, from the Green-Lagrange strain (n, k, k) in their own axes.
+
+    Parameters
+    ----------
+    material : of these simplices, checked for their number.
+    frames : (n, 3, 3) the simplices' axes and normals as columns (`frames.rest_frames`).
+
+    Raises
+    ------
+    MaterialError
+        for a material that is neither `Isotropic` nor a `FramedMaterial`.
+
+    >>> E, S = strain_and_stress(Isotropic(1.0, 0.25), Hypothesis.PLANE_STRESS, np.array([[[0.1, 0], [0, 0]]]), np.eye(3)[None])
+    >>> np.round(np.diagonal(E[0]), 4), np.round(np.diagonal(S[0]), 4)
+    (array([ 0.1   ,  0.    , -0.0333]), array([0.1067, 0.0267, 0.    ]))
+    """
+    if isinstance(material, Isotropic):
+        return _isotropic(material, hypothesis, strain)
+    if not isinstance(material, FramedMaterial):
+        raise MaterialError(
+            f"{type(material).__name__} is neither Isotropic nor a FramedMaterial, which has a stiffness() in its frame."
+        )
+    turn = frames if material.frame is None else np.swapaxes(np.asarray(material.frame), -1, -2) @ frames
+    return (_condensed if hypothesis.condensed else _framed)(material.stiffness(), strain, turn)
+
+
+def _isotropic(material: Isotropic, hypothesis: Hypothesis, strain: Array) -> tuple[Array, Array]:
+    """`S = lam tr(E) I + 2 mu E`; where the stress across vanishes `E_33 = -nu/E tr S`, a missing Poisson's ratio taken as zero."""
+    lam, mu = (value[..., None, None] for value in material.lame(hypothesis))
+    trace = np.trace(strain, axis1=1, axis2=2)[:, None, None]
+    E, k = _embedded(strain), strain.shape[1]
+    if not hypothesis.condensed:
+        return E, lam * trace * np.eye(3) + 2 * mu * E
+    S = _embedded(lam * trace * np.eye(k) + 2 * mu * strain)
+    nu = np.asarray(0.0 if material.poisson is None else material.poisson)
+    across = -nu / np.asarray(material.young) * np.trace(S, axis1=1, axis2=2)
+    for i in range(k, 3):
+        E[:, i, i] = across
+    return E, S
+
+
+def _framed(C: Array, strain: Array, turn: Array) -> tuple[Array, Array]:
+    """`S = C : E` in material axes, `turn` the frames in them."""
+    E, back = _embedded(strain), np.swapaxes(turn, 1, 2)
+    own = turn @ E @ back
+    stress = np.squeeze(C @ (own[:, FIRST, SECOND] * SHEAR)[..., None], axis=-1)
+    return E, back @ stress[:, PLACE] @ turn
+
+
+def _condensed(C: Array, strain: Array, turn: Array) -> tuple[Array, Array]:
+    """The stress `s` that there is, from `(N' C^-1 N) s = e`, and the full strain `C^-1 N s`; `N` the dyads of the simplices' axes."""
+    k, compliance = strain.shape[1], np.linalg.inv(C)
+    i, j = np.array(VOIGT[k]).T
+    dyads = turn[:, :, i, None].swapaxes(1, 2) * turn[:, :, j, None].transpose(0, 2, 3, 1)
+    dyads = dyads + (i != j)[:, None, None] * dyads.swapaxes(2, 3)
+    N = dyads[..., FIRST, SECOND]  # (n, s, 6)
+    within = (strain[:, i, j] * np.where(i == j, 1.0, 2.0))[..., None]
+    s = np.linalg.solve(N @ compliance @ N.swapaxes(1, 2), within)
+    own = np.squeeze(compliance @ (N.swapaxes(1, 2) @ s), axis=-1) / SHEAR
+    E, S = np.swapaxes(turn, 1, 2) @ own[:, PLACE] @ turn, np.zeros((len(strain), 3, 3))
+    E[:, :k, :k] = strain
+    S[:, i, j] = S[:, j, i] = s[..., 0]
+    return E, S
+
+
+def _embedded(tensor: Array) -> Array:
+    """(n, 3, 3) from (n, k, k), zero across."""
+    solid = np.zeros((len(tensor), 3, 3))
+    solid[:, : tensor.shape[1], : tensor.shape[2]] = tensor
+    return solid

@@ -1,0 +1,140 @@
+"""Pictures by matplotlib. It is imported here, so this module is imported only when a picture is asked for."""
+
+from __future__ import annotations
+
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib import colormaps
+from matplotlib.cm import ScalarMappable
+from matplotlib.collections import LineCollection, PolyCollection
+from matplotlib.colors import LinearSegmentedColormap, Normalize, to_rgba
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from .picture import Picture
+
+Array = NDArray[np.float64]
+MISSING, REST, EDGE = "#c8c8c8", "#909090", "#202020"
+#: Yellow to red without the palest tenth, which white paper would swallow.
+COLOURS = LinearSegmentedColormap.from_list("stvk", colormaps["YlOrRd"](np.linspace(0.12, 1, 256))).with_extremes(bad=MISSING)
+PIECES = 30_000  # in which triangles are cut, so that colours run smoothly
+VIEW = (24.0, -50.0)  # elevation and azimuth [degrees]
+LIGHT = np.array([0.35, -0.55, 0.76])
+
+
+def draw(picture: Picture, path: Path | None) -> Figure:
+    """The figure; written to `path` if there is one, else known to pyplot, which can show it."""
+    figure = _new_figure(interactive=path is None)
+    colours = ScalarMappable(Normalize(*picture.limits), COLOURS)
+    (_draw_in_space if picture.d == 3 else _draw_in_plane)(figure, picture, colours)
+    bar = figure.colorbar(colours, ax=figure.axes, label=picture.label, shrink=0.7, aspect=24, pad=0.03)
+    bar.outline.set_visible(False)
+    if picture.scale != 1:
+        figure.text(0.01, 0.01, f"displacements × {picture.scale:g}", fontsize=8, color=REST)
+    if path is not None:
+        figure.savefig(path, dpi=200, bbox_inches="tight")
+    return figure
+
+
+def _new_figure(interactive: bool) -> Figure:
+    if not interactive:
+        return Figure(figsize=(7, 4.5), layout="constrained")
+    from matplotlib import pyplot
+
+    return pyplot.figure(figsize=(7, 4.5), layout="constrained")
+
+
+def _draw_in_plane(figure: Figure, picture: Picture, colours: ScalarMappable) -> None:
+    axes: Any = figure.add_subplot()
+    rest, moved = picture.rest[:, :2].copy(), picture.moved[:, :2]
+    points, values = _pieces(moved[picture.cells], picture.values)
+    rgba = colours.to_rgba(values)
+    if picture.d == 1:
+        rest[:, 1] -= 0.04 * np.ptp(picture.rest[:, 0])  # beside the deformed body, which would hide it
+        axes.plot(*rest.T, "|", color=REST, ms=6)
+    axes.add_collection(LineCollection(rest[picture.lines.T], colors=REST, linewidths=0.8, zorder=1))
+    if len(picture.cells) == 2:
+        axes.add_collection(LineCollection(list(points), colors=EDGE, linewidths=5, capstyle="round"))
+        axes.add_collection(LineCollection(list(points), colors=rgba, linewidths=4, capstyle="round"))
+    else:
+        axes.add_collection(PolyCollection(list(points), facecolors=rgba, edgecolors=rgba, linewidths=0.3, rasterized=True))
+        axes.add_collection(LineCollection(moved[picture.lines.T], colors=EDGE, linewidths=0.8))
+    axes.autoscale_view()
+    axes.set_aspect("equal")
+    axes.spines[["top", "right"]].set_visible(False)
+    axes.set(xlabel="x [m]", ylabel="y [m]")
+    if picture.d == 1:
+        axes.set_ylim(np.array([-0.1, 0.06]) * np.ptp(picture.rest[:, 0]))
+        axes.yaxis.set_visible(False)
+        axes.spines["left"].set_visible(False)
+
+
+def _draw_in_space(figure: Figure, picture: Picture, colours: ScalarMappable) -> None:
+    art: Any = import_module("mpl_toolkits.mplot3d.art3d")
+    axes: Any = figure.add_subplot(projection="3d", proj_type="ortho")
+    axes.view_init(*VIEW)
+    axes.set_axis_off()
+    points, values = _pieces(picture.moved[picture.cells], picture.values)
+    rgba = colours.to_rgba(values)
+    if points.shape[1] == 2:
+        axes.add_collection3d(art.Line3DCollection(picture.rest[picture.lines.T], colors=REST, linewidths=0.8))
+        axes.add_collection3d(art.Line3DCollection(points, colors=EDGE, linewidths=4, capstyle="round"))
+        axes.add_collection3d(art.Line3DCollection(points, colors=rgba, linewidths=3, capstyle="round"))
+    else:
+        shapes, shades = _sorted_together(points, rgba, picture)
+        axes.add_collection3d(art.Poly3DCollection(shapes, facecolors=shades, edgecolors=shades, linewidths=0.6, rasterized=True))
+    for collection in axes.collections:
+        collection.set_clip_on(False)
+    both = np.concatenate([picture.rest, picture.moved])
+    axes.auto_scale_xyz(*both.T)
+    size = np.ptp(both, axis=0)
+    axes.set_box_aspect(np.maximum(size, 1e-3 * size.max()), zoom=1.1)
+
+
+def _sorted_together(triangles: Array, rgba: Array, picture: Picture) -> tuple[Array, Array]:
+    """Triangles and outlines with their colours, lines as flat triangles: matplotlib hides what is behind within one list only."""
+    rgba[:, :3] *= _brightness(triangles)[:, None]
+    rest, moved = (_pieces(x[picture.lines], np.zeros(picture.lines.shape))[0][:, [0, 1, 1]] for x in (picture.rest, picture.moved))
+    elevation, azimuth = np.radians(VIEW)
+    viewer = np.array([np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)])
+    moved = moved + viewer * np.linalg.norm(triangles[:, 1] - triangles[:, 0], axis=1).max()  # in front of the triangles it borders
+    colours = np.concatenate([rgba, np.repeat([to_rgba(REST), to_rgba(EDGE)], [len(rest), len(moved)], axis=0)])
+    return np.concatenate([triangles, rest, moved]), colours
+
+
+def _brightness(triangles: Array) -> Array:
+    """(n,) how much light each triangle (n, 3, 3) throws back, of 1."""
+    normals = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
+    length = np.linalg.norm(normals, axis=1)
+    cosine: Array = np.abs(normals @ LIGHT) / np.where(length > 0, length, 1.0)
+    return 0.8 + 0.2 * cosine
+
+
+def _pieces(points: Array, values: Array) -> tuple[Array, Array]:
+    """Cells (m, n, d) with values (m, n) at their corners, cut in equal pieces (pieces, m, d), with one value each."""
+    m, n, d = points.shape
+    cuts = int(np.clip((PIECES / n) ** (1 / (m - 1)), 1, 8))
+    lattice = _lattice(m, cuts)  # (pieces, m, m)
+    cut = np.einsum("pcm,mnd->npcd", lattice, points).reshape(-1, m, d)
+    missing: NDArray[np.bool_] = np.asarray(np.ma.getmaskarray(values).any(axis=0))
+    mean = np.einsum("pm,mn->np", lattice.mean(axis=1), np.ma.filled(values, 0.0))
+    return cut, np.ma.MaskedArray(mean, np.repeat(missing[:, None], len(lattice), axis=1)).ravel()
+
+
+def _lattice(m: int, cuts: int) -> Array:
+    """(pieces, m, m) barycentric coordinates of the corners of the pieces of a segment or triangle."""
+    if m == 2:
+        s = np.linspace(0, 1, cuts + 1)
+        ends = np.stack([s[:-1], s[1:]], axis=1)
+        return np.stack([1 - ends, ends], axis=2)
+    pieces = []
+    for i in range(cuts):
+        for j in range(cuts - i):
+            pieces.append([(i, j), (i + 1, j), (i, j + 1)])
+            if i + j < cuts - 1:
+                pieces.append([(i + 1, j), (i + 1, j + 1), (i, j + 1)])
+    ij = np.array(pieces) / cuts
+    return np.concatenate([ij, 1 - ij.sum(axis=2, keepdims=True)], axis=2)

@@ -1,0 +1,119 @@
+"""What a picture of a deformed body shows, whoever draws it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..errors import StvkError
+from .frames import in_space
+from .nodal import NodalAverage, split_nodes
+from .state import State, masked
+from .surface import outline, visible_cells
+from .table import FIELDS, find
+
+Array = NDArray[np.float64]
+PREFIXES = {-9: "n", -6: "µ", -3: "m", 0: "", 3: "k", 6: "M", 9: "G", 12: "T"}
+
+
+@dataclass(frozen=True, eq=False)
+class Picture:
+    """Triangles or segments with a colour value at each corner.
+
+    Attributes
+    ----------
+    d : dimension of the space.
+    rest, moved : (nv, 3) vertices at rest and with `scale` times their displacements [m].
+    cells : (m, n) vertices of the n triangles (m = 3) or segments (m = 2).
+    values : (m, n) at their corners, masked where there are none.
+    lines : (2, ne) edges that outline the body.
+    label : what the colours mean, with the unit.
+    scale : of the displacements.
+    """
+
+    d: int
+    rest: Array
+    moved: Array
+    cells: NDArray[np.integer]
+    values: Array
+    lines: NDArray[np.integer]
+    label: str
+    scale: float
+
+    @property
+    def limits(self) -> tuple[float, float]:
+        """Least and largest value, a little apart."""
+        known = np.ma.compressed(self.values)
+        low, high = (float(known.min()), float(known.max())) if known.size else (0.0, 1.0)
+        least = 1e-9 * max(abs(low), abs(high), 1e-300)
+        return (low, high) if high - low > least else (low - 1e3 * least, high + 1e3 * least)
+
+
+def picture_of(state: State, field: str | ArrayLike, scale: float, label: str | None) -> Picture:
+    """The body at this state, coloured by a field.
+
+    Values by element are averaged to the nodes within each material, so that stress still jumps from one to the next.
+
+    Raises
+    ------
+    StvkError
+        for a field that is unknown or has several components, for values of another length, or a scale that is not finite.
+    """
+    if not np.isfinite(scale):
+        raise StvkError(f"scale = {scale}; expected a finite factor for the displacements, such as 1.")
+    mesh = state.fields.mesh
+    values, named, unit = _corner_values(state, field)
+    corners, elements = visible_cells(mesh)
+    cells, values = mesh.t[corners, elements], values[corners, elements]
+    if label is None:
+        factor, prefixed = _prefixed(values, unit)
+        values, label = values * factor, f"{named} [{prefixed}]" if unit else named
+    rest = in_space(mesh.p.T[..., None])[..., 0]
+    moved = rest + scale * in_space(state.u[..., None])[..., 0]
+    return Picture(mesh.d, rest, moved, cells, values, outline(rest, cells), label, scale)
+
+
+def _corner_values(state: State, field: str | ArrayLike) -> tuple[Array, str, str]:
+    """(k + 1, nt) values at the corners of all elements, their name, and their unit or nothing."""
+    mesh = state.fields.mesh
+    if not isinstance(field, str):
+        return _given(state, field), "", ""
+    if field == "displacement":
+        return np.linalg.norm(state.u, axis=1)[mesh.t], "displacement", "m"
+    found = find(field)
+    if found.shape:
+        scalars = ", ".join(["displacement", *(other.name for other in FIELDS if not other.shape)])
+        raise StvkError(
+            f"{found.name} has {'3 x 3' if len(found.shape) == 2 else 3} components; a picture shows one number. Take one of {scalars}, or hand "
+            f'in a component and its label: field=state["{field}"][:, 0{", 0" if len(found.shape) == 2 else ""}], label="...".'
+        )
+    return _by_material(state, *state.raw(found.name)), found.words, found.unit.replace("-", "")
+
+
+def _given(state: State, values: Any) -> Array:
+    mesh, values = state.fields.mesh, np.ma.asarray(values)
+    if values.shape not in ((mesh.nt,), (mesh.nv,)):
+        raise StvkError(
+            f"field has shape {values.shape}; expected a name, or a number for each of the {mesh.nt} elements or {mesh.nv} vertices."
+        )
+    missing = np.ma.getmaskarray(values) | ~np.isfinite(np.ma.getdata(values))
+    known = np.where(missing, 0.0, np.ma.getdata(values))
+    return masked(known, missing)[mesh.t] if len(known) == mesh.nv != mesh.nt else _by_material(state, known, missing)
+
+
+def _by_material(state: State, values: Array, missing: NDArray[np.bool_]) -> Array:
+    fields = state.fields
+    nodes, count = split_nodes(fields.mesh.t, fields.material_of)
+    return masked(*NodalAverage(nodes, fields.volume, count)(values, missing))[nodes]
+
+
+def _prefixed(values: Array, unit: str) -> tuple[float, str]:
+    """A factor that makes the largest value one of 1 ... 1000, and the unit with the prefix that goes with it."""
+    largest = float(np.abs(np.ma.compressed(values)).max(initial=0.0))
+    if not unit or not largest:
+        return 1.0, unit
+    power = int(np.clip(3 * np.floor(np.log10(largest) / 3 + 1e-9), min(PREFIXES), max(PREFIXES)))
+    return 10.0**-power, PREFIXES[power] + unit.replace("^3", "³")

@@ -1,0 +1,119 @@
+"""Forces that act on some vertices: their resultant, their moment, and each of them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..errors import StateError, StvkError, name_ids
+from ..mesh import SimplexMesh
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Reaction:
+    """Forces on some vertices of a deformed body, such as those of a support.
+
+    Attributes
+    ----------
+    vertices : (n,) their ids.
+    by_node : (n, d) force on each [N].
+    rest, u : (n, d) where they were, and by how much they have moved [m].
+
+    >>> mesh = SimplexMesh(p=[[0, 2, 2, 0], [0, 0, 1, 1]], t=[[0, 0], [1, 2], [2, 3]])
+    >>> force = np.array([[0, 0], [3.0, 1], [-3, 1], [0, 0]])
+    >>> right = Reaction.of(mesh, np.zeros(8), force, [1, 2])
+    >>> right
+    Reaction at 2 vertices: resultant (0, 2) N, moment 3 N m about (2, 0.5)
+    >>> right.moment(about=(0, 0))
+    7.0
+    """
+
+    vertices: NDArray[np.int64]
+    by_node: Array
+    rest: Array
+    u: Array
+
+    @classmethod
+    def of(cls, mesh: SimplexMesh, u: ArrayLike, forces: ArrayLike, vertices: ArrayLike) -> Reaction:
+        """Those of the nodal forces (nv, d) [N], flat or not, that act on these vertices at displacements `u` (ndofs,) [m].
+
+        Raises
+        ------
+        StateError
+            if `u` or `forces` do not fit the mesh or are not finite.
+        StvkError
+            if there are no vertices, or not these.
+        """
+        ids = np.unique(np.asarray(vertices, dtype=np.int64))
+        if not len(ids):
+            raise StvkError("No vertices came; expected the ids of at least one.")
+        if ids[0] < 0 or ids[-1] >= mesh.nv:
+            outside = ids[(ids < 0) | (ids >= mesh.nv)]
+            raise StvkError(
+                f"{name_ids(outside, 'vertex')} outside 0 ... {mesh.nv - 1}. Are the ids counted from 1, or of another mesh?"
+            )
+        return cls(ids, _nodal(forces, "forces", mesh)[ids], mesh.p.T[ids], _nodal(u, "u", mesh)[ids])
+
+    @property
+    def resultant(self) -> Array:
+        """(d,) sum of the forces [N]."""
+        total: Array = self.by_node.sum(axis=0)
+        return total
+
+    @property
+    def centroid(self) -> Array:
+        """(d,) mean place of the vertices as they are now [m]."""
+        place: Array = self.rest.mean(axis=0) + self.u.mean(axis=0)
+        return place
+
+    def moment(self, about: ArrayLike | None = None) -> Array | float:
+        """Moment `sum (x - about) x f` [N m] with lever arms as they are now: (3,) in space, a number in the plane, 0 on a line.
+
+        `about` is a point (d,), by default the centroid of these vertices as they are now.
+
+        Raises
+        ------
+        StvkError
+            if `about` is no point of this space.
+        """
+        levers = _centred(self.rest) + _centred(self.u) if about is None else self.rest - self._point(about) + self.u
+        if levers.shape[1] == 3:
+            total: Array = np.cross(levers, self.by_node).sum(axis=0)
+            return total
+        return float((levers[:, 0] * self.by_node[:, -1] - levers[:, -1] * self.by_node[:, 0]).sum())
+
+    def _point(self, about: ArrayLike) -> Array:
+        point = np.asarray(about, dtype=np.float64)
+        if point.shape != self.rest.shape[1:] or not np.isfinite(point).all():
+            raise StvkError(f"about = {about!r}; expected a point with {self.rest.shape[1]} coordinates [m].")
+        return point
+
+    def __repr__(self) -> str:
+        count = f"{len(self.vertices)} {'vertex' if len(self.vertices) == 1 else 'vertices'}"
+        moment = "" if self.rest.shape[1] == 1 else f", moment {_digits(self.moment())} N m about {_digits(self.centroid)}"
+        return f"Reaction at {count}: resultant {_digits(self.resultant)} N{moment}"
+
+
+def _centred(x: Array) -> Array:
+    """The rows without their mean; the first is taken off before, or far from the origin the mean would round off what u has."""
+    x = x - x[0]
+    return x - x.mean(axis=0)
+
+
+def _nodal(values: ArrayLike, name: str, mesh: SimplexMesh) -> Array:
+    array = np.asarray(values, dtype=np.float64)
+    if array.shape not in ((mesh.p.size,), (mesh.nv, mesh.d)):
+        raise StateError(f"{name} has shape {array.shape}; expected {mesh.d} components at each of {mesh.nv} vertices.")
+    bad = np.flatnonzero(~np.isfinite(array))
+    if len(bad):
+        raise StateError(f"{name} is not finite in {name_ids(bad, 'entry')}: did the step before diverge?")
+    return array.reshape(mesh.nv, mesh.d)
+
+
+def _digits(values: ArrayLike) -> str:
+    numbers = [f"{value:.6g}" for value in np.atleast_1d(values)]
+    return numbers[0] if np.ndim(values) == 0 else f"({', '.join(numbers)})"

@@ -1,0 +1,99 @@
+"""A series of results in time: one VTU a step, and a PVD that ParaView opens."""
+
+from __future__ import annotations
+
+import os
+import re
+import xml.etree.ElementTree as ET
+from collections.abc import Sequence
+from contextlib import nullcontext, suppress
+from pathlib import Path
+
+import numpy as np
+
+from ..errors import StvkError
+from .files import output_path, replacing
+from .state import State
+from .table import find
+from .vtu import DEFAULT, write_vtu
+
+
+class Series:
+    """Results of one run: `NAME_0000.vtu`, `NAME_0001.vtu`, ... beside `NAME.pvd`, which after each step lists all of them.
+
+    A run that is killed leaves a series that opens, with all steps but the one it was writing.
+
+    Parameters
+    ----------
+    path : of the .pvd file, in a folder that exists.
+    fields : names of what each step holds, see `write_vtu`.
+    resume : go on with the series that is there, if any: its steps before the first one that is added are kept. By default the
+        first step replaces an older series. The .vtu files of steps that are not kept are removed, if the older .pvd lists them under
+        this series' name; other files stay.
+
+    Raises
+    ------
+    StvkError
+        for an unknown field, a path that cannot be written, or a series to resume that cannot be read, before any work.
+    """
+
+    def __init__(self, path: str | os.PathLike[str], fields: Sequence[str] = DEFAULT, resume: bool = False) -> None:
+        self.fields = tuple(find(name).name for name in fields)
+        self.path, self.resume = output_path(path, ".pvd"), resume
+        self.steps: list[tuple[float, Path]] = []
+        self._begun = False
+        if resume:
+            self._read()
+
+    def add(self, state: State, t: float) -> Path:
+        """Write the next step, at the load factor or time `t` (by which ParaView orders them), and list it.
+
+        Raises
+        ------
+        StvkError
+            if `t` is not finite.
+        """
+        if not np.isfinite(t):
+            raise StvkError(f"t = {t}; expected a finite load factor or time.")
+        if not self._begun:
+            self._begin(t)
+        last = int(self.steps[-1][1].stem.rpartition("_")[2]) if self.steps else -1
+        file = self.path.with_name(f"{self.path.stem}_{last + 1:04d}.vtu")
+        write_vtu(file, state, self.fields)
+        self.steps.append((float(t), file))
+        self._write()
+        return file
+
+    def _begin(self, t: float) -> None:
+        """Leave out what an older run wrote, from `t` on or altogether: first in the list, so that it never names what is not there."""
+        former = []
+        with nullcontext() if self.resume else suppress(StvkError):
+            former = self._read()
+        self.steps = [step for step in former if self.resume and step[0] < t]
+        if self.steps:
+            self._write()
+        else:
+            self.path.unlink(missing_ok=True)
+        for _, file in former[len(self.steps) :]:
+            file.unlink(missing_ok=True)
+        self._begun = True
+
+    def _read(self) -> list[tuple[float, Path]]:
+        """Times and files that the .pvd lists and that this series may have written; none if there is no .pvd."""
+        if not self.path.exists():
+            return []
+        ours = re.compile(re.escape(self.path.stem) + r"_\d{4,}\.vtu")
+        try:
+            listed = [(float(item.attrib["timestep"]), item.attrib["file"]) for item in ET.parse(self.path).iter("DataSet")]
+        except (ET.ParseError, KeyError, ValueError) as error:
+            raise StvkError(f"{self.path} is no series that can be resumed ({error}). Start a new one without resume.") from error
+        return sorted((t, self.path.with_name(name)) for t, name in listed if ours.fullmatch(name))
+
+    def _write(self) -> None:
+        root = ET.Element("VTKFile", type="Collection", version="0.1", byte_order="LittleEndian")
+        collection = ET.SubElement(root, "Collection")
+        for t, file in self.steps:
+            ET.SubElement(collection, "DataSet", timestep=repr(t), group="", part="0", file=file.name)
+        ET.indent(root)
+        with replacing(self.path) as part:
+            ET.ElementTree(root).write(part, encoding="utf-8", xml_declaration=True)

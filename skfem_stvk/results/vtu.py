@@ -1,0 +1,97 @@
+"""Results as VTU, the file format of ParaView, through meshio."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import meshio
+import numpy as np
+from numpy.typing import NDArray
+
+from ..mesh import SimplexMesh
+from .files import output_path, replacing
+from .state import State
+from .table import Field, find
+
+Array = NDArray[np.float64]
+Arrays = dict[str, NDArray[Any]]
+CELLS = {1: "line", 2: "triangle", 3: "tetra"}
+#: VTK's order of the components of a symmetric tensor: XX, YY, ZZ, XY, YZ, XZ.
+VTK = ((0, 0), (1, 1), (2, 2), (0, 1), (1, 2), (0, 2))
+DEFAULT = ("cauchy_stress", "von_mises_stress", "green_strain", "volume_ratio")
+
+
+def write_vtu(path: str | os.PathLike[str], state: State, fields: Sequence[str] = DEFAULT) -> Path:
+    """Write the mesh at rest, the displacements and these fields, by cell and averaged to the points, all under their full names.
+
+    ========================  ==============================================================================================
+    points                    at rest, padded to three components; "Warp By Vector" with `displacement` gives the deformed body
+    `displacement`            [m], three components
+    symmetric tensors         six components in VTK's order XX, YY, ZZ, XY, YZ, XZ
+    other tensors             nine components, row by row
+    `NAME_missing`            only where something is missing: 1 where there is no value, and zeros stand in `NAME`
+    `region`                  only if the mesh has subdomains: 1 for the first in its order, 0 for none; the last one counts
+    `skfem:s:NAME`            1 in the subdomain, as scikit-fem writes it: `read_mesh` gives the subdomains back
+    ========================  ==============================================================================================
+
+    The file is renamed into place when it is complete.
+
+    Raises
+    ------
+    StvkError
+        for a field that there is not, or a path that cannot be written, before any work.
+    """
+    wanted, path = [find(name) for name in fields], output_path(path, ".vtu")
+    mesh = _with_fields(state, wanted)
+    with replacing(path) as part:
+        meshio.vtu.write(part, mesh, compression=None)
+    return path
+
+
+def _with_fields(state: State, fields: Sequence[Field]) -> meshio.Mesh:
+    mesh = state.fields.mesh
+    points: Arrays = {"displacement": _padded(state.u)}
+    cells = _regions(mesh)
+    for field in fields:
+        points |= _arrays(field, state.at_nodes(field.name))
+        cells |= _arrays(field, state[field.name])
+    return meshio.Mesh(_padded(mesh.p.T), [(CELLS[mesh.k], mesh.t.T)], points, {name: [values] for name, values in cells.items()})
+
+
+def _arrays(field: Field, values: Array) -> Arrays:
+    """The components by name, and where there are none."""
+    filled = np.ma.filled(values, 0.0)
+    arrays: Arrays = {field.name: _components(filled, field.symmetric)}
+    if np.ma.is_masked(values):
+        arrays[f"{field.name}_missing"] = np.ma.getmaskarray(values).reshape(len(values), -1)[:, 0].astype(np.uint8)
+    return arrays
+
+
+def _components(values: Array, symmetric: bool) -> Array:
+    if not symmetric:
+        return values.reshape(len(values), -1) if values.ndim > 1 else values
+    i, j = np.array(VTK).T
+    components: Array = values[:, i, j]
+    return components
+
+
+def _regions(mesh: SimplexMesh) -> Arrays:
+    arrays: Arrays = {}
+    if mesh.subdomains:
+        region = np.zeros(mesh.nt, dtype=np.int32)
+        for number, name in enumerate(mesh.subdomains, start=1):
+            elements = mesh.elements(name)
+            region[elements] = number
+            arrays[f"skfem:s:{name}"] = np.isin(np.arange(mesh.nt), elements).astype(np.uint8)
+        arrays["region"] = region
+    return arrays
+
+
+def _padded(vectors: Array) -> Array:
+    """(n, 3) from (n, d)."""
+    solid = np.zeros((len(vectors), 3))
+    solid[:, : vectors.shape[1]] = vectors
+    return solid

@@ -1,0 +1,28 @@
+"""Homogeneous states for the tests of this folder."""
+
+import numpy as np
+from bodies import MESHES
+
+from skfem_stvk import StVK
+from skfem_stvk.results import Fields
+
+YOUNG, POISSON = 1.7, 0.3
+LAM = YOUNG * POISSON / ((1 + POISSON) * (1 - 2 * POISSON))
+MU = YOUNG / (2 * (1 + POISSON))
+
+
+def affine(mesh, F):
+    """Displacements of x = F X."""
+    return ((np.asarray(F)[: mesh.d, : mesh.d] - np.eye(mesh.d)) @ mesh.p).ravel("F")
+
+
+def homogeneous(name, F, **term):
+    mesh = MESHES[name]
+    return Fields(mesh, StVK(young=YOUNG, poisson=POISSON, **term)).at(affine(mesh, F))
+
+
+def turned(axis, angle):
+    """The rotation about an axis (3,)."""
+    a = np.asarray(axis) / np.linalg.norm(axis)
+    K = np.cross(np.eye(3), -a)
+    return np.eye(3) + np.sin(angle) * K + (1 - np.cos(angle)) * K @ K

@@ -1,0 +1,169 @@
+"""What pictures show. How they look was looked at."""
+
+import importlib.util
+import re
+
+import matplotlib
+import numpy as np
+import pytest
+import skfem
+from bodies import MESHES, state
+
+from skfem_stvk import SimplexMesh, StVK, StvkError, embedded_mesh
+from skfem_stvk.results import Fields, plot, plotting
+from skfem_stvk.results.picture import picture_of
+from skfem_stvk.results.surface import outline, visible_cells
+
+BACKENDS = [
+    "matplotlib",
+    pytest.param("pyvista", marks=pytest.mark.skipif(not importlib.util.find_spec("pyvista"), reason="no PyVista")),
+]
+matplotlib.use("Agg")
+
+
+def at(mesh, amount=0.03, **term):
+    return Fields(mesh, StVK(young=2e6, poisson=0.3, **term)).at(state(mesh, amount))
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+@pytest.mark.parametrize("name", MESHES)
+def test_every_kind_of_mesh_has_a_picture(name, backend, tmp_path):
+    path = tmp_path / "body.png"
+    assert plot(at(MESHES[name]), path=path, backend=backend) is not None
+    pixels = matplotlib.image.imread(path)[..., :3]
+    coloured = np.ptp(pixels, axis=2) > 0.2
+    assert coloured.mean() > 0.003  # the body and its colour bar
+    assert (pixels.min(axis=2) > 0.98).mean() < 0.99
+
+
+@pytest.mark.parametrize("suffix", [".pdf", ".svg"])
+def test_pictures_are_written_as_vectors_too(suffix, tmp_path):
+    path = tmp_path / f"body{suffix}"
+    plot(at(MESHES["tetrahedra"]), "displacement", path=path, backend="matplotlib")
+    assert path.stat().st_size > 1000
+
+
+def test_the_colour_bar_has_the_name_and_the_unit():
+    now = at(MESHES["tetrahedra"])
+    for field, words in (
+        ("von_mises", r"von Mises stress \[.*Pa\]"),
+        ("displacement", r"displacement \[.*m\]"),
+        ("volume_ratio", "volume ratio"),
+    ):
+        assert re.fullmatch(words, picture_of(now, field, 1.0, None).label)
+    own = picture_of(now, "von_mises", 1.0, "stress [psi]")  # whose numbers stay what they are
+    assert own.label == "stress [psi]" and own.values.max() == pytest.approx(now.at_nodes("von_mises")[own.cells].max())
+
+
+@pytest.mark.parametrize(("size", "unit"), [(3e-7, "nm"), (2e-3, "mm"), (1.0, "m"), (999.0, "m"), (5e3, "km")])
+def test_colours_are_in_units_of_which_there_are_1_to_1000(size, unit):
+    mesh = MESHES["triangles"]
+    u = np.zeros((mesh.nv, 2))
+    u[3] = 0, size
+    picture = picture_of(Fields(mesh, StVK(young=1.0, poisson=0.3)).at(u.ravel()), "displacement", 1.0, None)
+    assert picture.label == f"displacement [{unit}]"
+    factor = {"nm": 1e9, "mm": 1e3, "m": 1, "km": 1e-3}[unit]
+    assert picture.values.max() == pytest.approx(size * factor) and 1 <= picture.values.max() < 1000
+
+
+def test_the_body_is_drawn_where_it_is_times_the_scale():
+    mesh = MESHES["triangles"]
+    now = at(mesh)
+    picture = picture_of(now, "volume_ratio", 3.0, None)
+    assert np.allclose(picture.moved[:, :2], mesh.p.T + 3 * now.u) and np.allclose(picture.rest[:, :2], mesh.p.T)
+    texts = [text.get_text() for text in plot(now, scale=3.0, backend="matplotlib").texts]
+    assert texts == ["displacements × 3"]
+    assert not plot(now, backend="matplotlib").texts
+
+
+def test_colours_do_not_run_from_one_material_into_another():
+    mesh = MESHES["tetrahedra"]
+    left = mesh.p[0, mesh.t].mean(axis=0) < 0.5
+    terms = [StVK(young=1.0, poisson=0.3, region=left), StVK(young=1000.0, poisson=0.3, region=~left)]
+    u = state(mesh, 0.05)
+    both, alone = (picture_of(Fields(mesh, some).at(u), "von_mises", 1.0, "x").values for some in (terms, terms[:1]))
+    _, elements = visible_cells(mesh)
+    mine = left[elements]
+    assert np.allclose(both[:, mine], alone[:, mine]) and np.ma.getmaskarray(alone)[:, ~mine].all()
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+def test_where_there_is_no_value_the_body_is_grey(backend, tmp_path):
+    mesh = MESHES["triangles"]
+    path = tmp_path / "body.png"
+    right = np.flatnonzero(mesh.p[0, mesh.t].mean(axis=0) > 0.6)
+    plot(at(mesh, region=right), path=path, backend=backend)
+    pixels = np.round(255 * matplotlib.image.imread(path)[..., :3]).astype(int)
+    grey = (np.ptp(pixels, axis=2) < 3) & (abs(pixels[..., 0] - 0xC8) < 20)
+    assert grey.mean() > 0.05
+
+
+def test_numbers_of_ones_own_can_be_drawn():
+    mesh = MESHES["tetrahedra"]
+    now = at(mesh)
+    picture = picture_of(now, mesh.p[0], 1.0, "x [m]")  # one a vertex: as they are
+    assert np.allclose(picture.values, mesh.p[0][picture.cells])
+    picture = picture_of(now, np.full(mesh.nt, 2.5), 1.0, None)  # one an element: averaged
+    assert np.allclose(picture.values, 2.5) and picture.limits[0] < 2.5 < picture.limits[1]
+    picture = picture_of(now, np.where(np.arange(mesh.nt) < 80, np.nan, 1.0), 1.0, None)
+    assert np.ma.is_masked(picture.values) and np.isfinite(picture.values.data).all()
+
+
+def test_what_cannot_be_drawn_is_refused(tmp_path):
+    now = at(MESHES["tetrahedra"])
+    for arguments, message in (
+        ({"field": "sigma"}, "no field 'sigma'"),
+        (
+            {"field": "cauchy"},
+            r'cauchy_stress has 3 x 3 components; a picture shows one number. Take one of displacement, .* field=state\["cauchy"\]',
+        ),
+        ({"field": "principal_stretches"}, r"has 3 components.*state\[\"principal_stretches\"\]\[:, 0\], label"),
+        (
+            {"field": np.zeros(7)},
+            r"field has shape \(7,\); expected a name, or a number for each of the 162 elements or 64 vertices",
+        ),
+        ({"scale": np.inf}, "scale = inf"),
+        ({"backend": "paraview"}, "backend = 'paraview'; expected one of pyvista, matplotlib"),
+        ({"path": tmp_path / "body.vtu"}, "does not end in .png or .pdf or .svg"),
+        ({"path": tmp_path / "no" / "body.png"}, "does not exist"),
+    ):
+        with pytest.raises(StvkError, match=message):
+            plot(now, **{"backend": "matplotlib", **arguments})
+
+
+def test_without_pyvista_matplotlib_draws(monkeypatch):
+    monkeypatch.setattr(plotting, "find_spec", lambda name: None)
+    now = at(MESHES["triangles"])
+    assert isinstance(plot(now), matplotlib.figure.Figure)
+    with pytest.raises(StvkError, match="PyVista is not installed: pip install pyvista"):
+        plot(now, backend="pyvista")
+
+
+def test_the_surface_is_closed_and_seen_from_outside():
+    mesh = embedded_mesh()
+    corners, elements = visible_cells(mesh)
+    cells = mesh.t[corners, elements]
+    a, b, c = mesh.p.T[cells]
+    enclosed = (np.cross(a, b) * c).sum() / 6
+    assert enclosed == pytest.approx(Fields(mesh, StVK(young=1.0, poisson=0.3)).volume.sum(), rel=1e-12)
+    edges = np.sort(np.concatenate([cells[[0, 1]], cells[[1, 2]], cells[[2, 0]]], axis=1), axis=0)
+    assert (np.unique(edges, axis=1, return_counts=True)[1] % 2 == 0).all()
+
+
+def test_the_outline_of_a_cube_is_its_twelve_edges():
+    mesh = skfem.MeshTet.init_tensor(*[np.linspace(0, 1, 4)] * 3)
+    corners, elements = visible_cells(SimplexMesh(mesh.p, mesh.t))
+    lines = outline(mesh.p.T, mesh.t[corners, elements])
+    assert lines.shape == (2, 36)
+    on_sides = np.isin(np.round(mesh.p[:, lines], 12), (0, 1)).sum(axis=0)
+    assert (on_sides >= 2).all()
+
+
+def test_the_outline_of_a_sheet_is_its_boundary_and_of_segments_themselves():
+    mesh = skfem.MeshTri.init_tensor(*[np.linspace(0, 1, 4)] * 2)
+    points = np.column_stack([mesh.p.T, np.zeros(mesh.p.shape[1])])
+    lines = outline(points, mesh.t)
+    assert {tuple(line) for line in np.sort(lines, axis=0).T.tolist()} == {
+        tuple(f) for f in np.sort(mesh.facets[:, mesh.boundary_facets()], axis=0).T.tolist()
+    }
+    assert outline(points, mesh.t[:2]) is not None and np.array_equal(outline(points, mesh.t[:2]), mesh.t[:2])

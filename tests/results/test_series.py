@@ -1,0 +1,155 @@
+import os
+import signal
+import subprocess
+import sys
+import time
+import xml.etree.ElementTree as ET
+
+import meshio
+import numpy as np
+import pytest
+from bodies import MESHES, state
+
+from skfem_stvk import StVK, StvkError
+from skfem_stvk.results import Fields, Series
+
+MESH = MESHES["triangles"]
+FIELDS = Fields(MESH, StVK(young=2.0, poisson=0.3))
+
+
+def at(factor):
+    return FIELDS.at(factor * state(MESH, 0.03))
+
+
+def listed(path):
+    """(t, largest displacement) of each step, read back."""
+    steps = []
+    for item in ET.parse(path).iter("DataSet"):
+        file = meshio.read(path.parent / item.attrib["file"])
+        steps.append((float(item.attrib["timestep"]), np.abs(file.point_data["displacement"]).max()))
+    return steps
+
+
+def run(path, times, **options):
+    series = Series(path, ["cauchy"], **options)
+    for t in times:
+        series.add(at(t), t)
+    return series
+
+
+def expected(times):
+    size = np.abs(state(MESH, 0.03)).max()
+    return [(t, pytest.approx(t * size, rel=1e-12)) for t in times]
+
+
+def names(folder):
+    return sorted(file.name for file in folder.iterdir())
+
+
+def test_after_each_step_the_series_is_complete(tmp_path):
+    path = tmp_path / "flag.pvd"
+    series = Series(path)
+    for number, t in enumerate((0.1, 0.3, 1.0)):
+        assert series.add(at(t), t).name == f"flag_{number:04d}.vtu"
+        assert listed(path) == expected((0.1, 0.3, 1.0)[: number + 1])
+
+
+def test_a_new_run_replaces_a_longer_one_and_leaves_other_files_alone(tmp_path):
+    path = tmp_path / "flag.pvd"
+    run(path, (0.1, 0.2, 0.3, 0.4))
+    (tmp_path / "flag_9999.vtu").write_text("somebody else's")
+    series = Series(path)
+    assert len(listed(path)) == 4  # nothing is touched before the first step
+    series.add(at(0.5), 0.5)
+    series.add(at(1.0), 1.0)
+    assert listed(path) == expected((0.5, 1.0))
+    assert names(tmp_path) == ["flag.pvd", "flag_0000.vtu", "flag_0001.vtu", "flag_9999.vtu"]
+
+
+def test_a_resumed_run_keeps_the_steps_before_its_first(tmp_path):
+    path = tmp_path / "flag.pvd"
+    run(path, (0.1, 0.2, 0.3, 0.4))
+    run(path, (0.3, 0.35), resume=True)
+    assert listed(path) == expected((0.1, 0.2, 0.3, 0.35))
+    run(path, (0.15,), resume=True)
+    assert listed(path) == expected((0.1, 0.15))
+    assert names(tmp_path) == ["flag.pvd", "flag_0000.vtu", "flag_0001.vtu"]
+    run(tmp_path / "other.pvd", (0.1,), resume=True)  # nothing there yet
+    assert listed(tmp_path / "other.pvd") == expected((0.1,))
+
+
+def test_a_list_never_names_files_that_are_being_replaced(tmp_path, monkeypatch):
+    def killed(path, *_):
+        names = [item.attrib["file"] for item in ET.parse(pvd).iter("DataSet")] if pvd.exists() else []
+        assert path.name not in names and all((tmp_path / name).exists() for name in names)
+        raise KeyboardInterrupt
+
+    for resume in (False, True):
+        pvd = tmp_path / "flag.pvd"
+        run(pvd, (0.1, 0.2, 0.3))
+        monkeypatch.setattr("skfem_stvk.results.series.write_vtu", killed)
+        with pytest.raises(KeyboardInterrupt):
+            run(pvd, (0.2,), resume=resume)
+        monkeypatch.undo()
+        assert not resume or listed(pvd) == expected((0.1,))
+
+
+def test_files_that_a_list_names_elsewhere_are_never_removed(tmp_path):
+    precious = tmp_path / "precious.vtu"
+    precious.write_text("data")
+    path = tmp_path / "flag.pvd"
+    path.write_text(
+        '<VTKFile><Collection><DataSet timestep="0" file="precious.vtu"/><DataSet timestep="0" file="../x.vtu"/></Collection></VTKFile>'
+    )
+    run(path, (0.1,))
+    assert precious.read_text() == "data" and listed(path) == expected((0.1,))
+
+
+def test_a_damaged_list_is_replaced_but_not_resumed(tmp_path):
+    path = tmp_path / "flag.pvd"
+    path.write_text("<VTKFile><Coll")
+    with pytest.raises(StvkError, match=r"flag\.pvd is no series that can be resumed"):
+        Series(path, resume=True)
+    run(path, (0.1,))
+    assert listed(path) == expected((0.1,))
+
+
+def test_bad_places_and_times_are_refused(tmp_path):
+    with pytest.raises(StvkError, match=r"does not end in .pvd"):
+        Series(tmp_path / "flag.vtu")
+    with pytest.raises(StvkError, match="no field 'sigma'"):
+        Series(tmp_path / "flag.pvd", ["sigma"])
+    with pytest.raises(StvkError, match="t = nan; expected a finite load factor or time"):
+        Series(tmp_path / "flag.pvd").add(at(1), np.nan)
+
+
+ENDLESS = """
+import sys
+sys.path[:0] = {path!r}
+from test_series import Series, at
+series = Series({file!r})
+t = 0.0
+while True:
+    t += 0.001
+    series.add(at(t), t)
+    print(t, flush=True)
+"""
+
+
+@pytest.mark.skipif(os.name == "nt", reason="no SIGKILL")
+@pytest.mark.parametrize("delay", [0.0, 0.003, 0.011, 0.02])
+def test_a_killed_run_leaves_a_series_that_opens(tmp_path, delay):
+    path = tmp_path / "flag.pvd"
+    run(path, np.arange(1, 30) / 100)  # an older and longer run
+    code = ENDLESS.format(path=sys.path, file=str(path))
+    child = subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True)
+    for _ in range(5):
+        done = float(child.stdout.readline())
+    time.sleep(delay)
+    child.send_signal(signal.SIGKILL)
+    child.wait()
+    steps = listed(path)
+    assert len(steps) >= round(done / 0.001)
+    assert steps == expected([t for t, _ in steps]) and np.allclose(np.diff([t for t, _ in steps]), 0.001)
+    run(path, (0.5,))  # what was being written is no obstacle
+    assert listed(path) == expected((0.5,))

@@ -1,0 +1,240 @@
+"""Stresses against closed forms, against the internal force, and under rotations."""
+
+import numpy as np
+import pytest
+from bodies import BODIES, MESHES, state
+from homogeneous import LAM, MU, POISSON, YOUNG, affine, homogeneous, turned
+from hypothesis import given
+from hypothesis import strategies as st
+
+from skfem_stvk import Isotropic, SimplexMesh, StateError, StVK, StvkWarning, System
+from skfem_stvk.mesh.geometry import Geometry
+from skfem_stvk.referee.bodies import _voigt_matrix, is_condensed
+from skfem_stvk.reference import anisotropic_tensor, engineering_matrix
+from skfem_stvk.results import Fields
+
+SOLIDS = ("tetrahedra", "triangles")  # of full strain across: uniaxial strain and shear in them are the same state
+
+
+@pytest.mark.parametrize("name", SOLIDS)
+@pytest.mark.parametrize("s", [0.6, 1.0, 1.7])
+def test_uniaxial_strain(name, s):
+    now = homogeneous(name, np.diag([s, 1, 1]))
+    across = LAM / 2 * (s**2 - 1)
+    assert np.allclose(now["pk1"], np.diag([(LAM + 2 * MU) / 2 * s * (s**2 - 1), across, across]), rtol=0, atol=1e-13)
+    assert np.allclose(now["cauchy"], np.diag([(LAM + 2 * MU) / 2 * s * (s**2 - 1), across / s, across / s]), rtol=0, atol=1e-13)
+    assert np.allclose(now["von_mises"], abs((LAM + 2 * MU) / 2 * s * (s**2 - 1) - across / s), rtol=0, atol=1e-13)
+
+
+@pytest.mark.parametrize("name", SOLIDS)
+@pytest.mark.parametrize("g", [-0.4, 0.9])
+def test_simple_shear(name, g):
+    now = homogeneous(name, [[1, g, 0], [0, 1, 0], [0, 0, 1]])
+    P = [
+        [(LAM / 2 + MU) * g**2, MU * g + (LAM / 2 + MU) * g**3, 0],
+        [MU * g, (LAM + 2 * MU) * g**2 / 2, 0],
+        [0, 0, LAM * g**2 / 2],
+    ]
+    assert np.allclose(now["pk1_stress"], P, rtol=0, atol=1e-13)
+    assert np.allclose(now["cauchy_stress"], np.array(P) @ [[1, 0, 0], [g, 1, 0], [0, 0, 1]], rtol=0, atol=1e-13)
+
+
+@pytest.mark.parametrize("s", [0.8, 1.3])
+def test_hydrostatic(s):
+    now = homogeneous("tetrahedra", s * np.eye(3))
+    bulk = LAM + 2 * MU / 3
+    assert np.allclose(now["pk1"], 1.5 * bulk * s * (s**2 - 1) * np.eye(3), rtol=0, atol=1e-13)
+    assert np.allclose(now["cauchy"], 1.5 * bulk * (s**2 - 1) / s * np.eye(3), rtol=0, atol=1e-13)
+    assert np.abs(now["von_mises"]).max() < 1e-13
+
+
+@pytest.mark.parametrize("name", ["segments", "cable in the plane", "cable", "tetrahedra"])
+@pytest.mark.parametrize("s", [0.7, 1.4])
+def test_uniaxial_stress(name, s):
+    lateral = np.sqrt(1 - POISSON * (s**2 - 1))
+    mesh = MESHES[name]
+    now = homogeneous(name, np.diag([s, lateral, lateral]) if name == "tetrahedra" else s * np.eye(3))
+    tangent = Geometry(mesh.p, mesh.t).axes[:, :, 0]
+    axis = np.zeros((mesh.nt, 3))
+    axis[:, : mesh.d] = tangent
+    along = axis[:, :, None] * axis[:, None, :]
+    force = YOUNG / 2 * s * (s**2 - 1)
+    assert np.allclose(now["pk1"], force * along, rtol=0, atol=1e-13)
+    assert np.allclose(now["cauchy"], force / lateral**2 * along, rtol=0, atol=1e-12)
+    assert np.allclose(now["von_mises"], abs(force) / lateral**2, rtol=0, atol=1e-12)
+    assert np.allclose(now["volume_ratio"], s * lateral**2, rtol=1e-13)
+
+
+@pytest.mark.parametrize("name", ["triangles", "membrane"])
+@pytest.mark.parametrize("s", [0.8, 1.2])
+def test_equibiaxial_plane_stress(name, s):
+    mesh = MESHES[name]
+    now = homogeneous(name, s * np.eye(3), **({"plane": "stress"} if name == "triangles" else {}))
+    thin = np.sqrt(1 - 2 * POISSON / (1 - POISSON) * (s**2 - 1))
+    S = YOUNG / (2 * (1 - POISSON)) * (s**2 - 1)
+    spokes = np.zeros((2, mesh.nt, 3))
+    spokes[:, :, : mesh.d] = (mesh.p[:, mesh.t[1:]] - mesh.p[:, mesh.t[:1]]).transpose(1, 2, 0)
+    normal = np.cross(*spokes)
+    normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+    within = np.eye(3) - normal[:, :, None] * normal[:, None, :]
+    assert np.allclose(now["pk2"], S * within, rtol=0, atol=1e-13)
+    assert np.allclose(now["pk1"], s * S * within, rtol=0, atol=1e-13)
+    assert np.allclose(now["cauchy"], S / thin * within, rtol=0, atol=1e-13)
+    assert np.allclose(now["volume_ratio"], s**2 * thin, rtol=1e-13)
+    assert np.allclose(np.sort(now["principal_stretches"]), np.sort([s, s, thin]), rtol=1e-13)
+
+
+def small(mesh):
+    """Random displacements that leave membranes some thickness."""
+    return state(mesh, 0.1 if mesh.d == mesh.k == 3 else 0.03)
+
+
+def forces(mesh, stress, gradients, volume):
+    """Nodal forces `sum of V stress . grad N_a` (ndofs,)."""
+    local = volume[:, None, None] * np.einsum("nij,naj->nai", np.asarray(stress)[:, : mesh.d, : mesh.d], gradients)
+    total = np.zeros((mesh.nv, mesh.d))
+    np.add.at(total, mesh.t.T, local)
+    return total.ravel()
+
+
+def gradients(p, t):
+    geometry = Geometry(p, t)
+    return np.einsum("ndk,nak->nad", geometry.axes, geometry.gradients)
+
+
+@pytest.mark.parametrize("name", BODIES)
+def test_the_internal_force_is_the_virtual_work_of_each_stress(name):
+    mesh, terms = BODIES[name]
+    u, system = small(mesh), System(mesh, terms)
+    now, force = Fields(mesh, terms).at(u), system.internal_force(u)
+    rest, V = gradients(mesh.p, mesh.t), now.fields.volume
+    p = mesh.p + u.reshape(-1, mesh.d).T
+    limit = 1e-12 * np.abs(force).max()
+    assert limit > 0
+    F = np.asarray(now["deformation_gradient"])
+    assert np.abs(forces(mesh, now["pk1"], rest, V) - force).max() < limit
+    assert np.abs(forces(mesh, F @ now["pk2"], rest, V) - force).max() < limit
+    assert np.abs(forces(mesh, now["cauchy"], gradients(p, mesh.t), V * np.abs(now["volume_ratio"])) - force).max() < limit
+    assert (V * now["strain_energy_density"]).sum() == pytest.approx(system.energy(u), rel=1e-12)
+
+
+def stiffness_in_space(term, n):
+    """(n, 3, 3, 3, 3) elasticity tensor in global axes, from the constants as they were given."""
+    material = term.material
+    frame = getattr(material, "frame", None)
+    if isinstance(material, Isotropic):
+        E, nu = np.asarray(material.young), np.asarray(0.0 if material.poisson is None else material.poisson)
+        G = E / 2 / (1 + nu)
+        voigt = engineering_matrix((E, E, E), (nu, nu, nu), (G, G, G))
+    else:
+        voigt = _voigt_matrix(material)
+    return anisotropic_tensor(voigt, frame, np.broadcast_to(np.eye(3), (n, 3, 3)), False)
+
+
+@pytest.mark.parametrize("name", [name for name in BODIES if "regions" not in name])
+def test_stress_is_the_full_stiffness_times_the_full_strain_and_one_of_them_vanishes_across(name):
+    mesh, (term,) = BODIES[name]
+    now = Fields(mesh, term).at(small(mesh))
+    E, S = np.asarray(now["green_strain"]), np.asarray(now["pk2"])
+    limit = 1e-12 * np.abs(S).max()
+    assert np.abs(np.einsum("nijkl,nkl->nij", stiffness_in_space(term, mesh.nt), E) - S).max() < limit
+    normals = now.fields.frames[..., mesh.k :]
+    assert np.abs((S if is_condensed(mesh, term) else E) @ normals).max(initial=0) < limit
+    if is_condensed(mesh, term):  # nor is there true stress across, seen from the current normals
+        F = np.asarray(now["deformation_gradient"])
+        current = np.linalg.inv(F).swapaxes(1, 2) @ normals
+        assert np.abs(now["cauchy"] @ current).max() < 1e-11 * np.abs(now["cauchy"]).max()
+
+
+@given(st.lists(st.floats(-1, 1), min_size=3, max_size=3).filter(lambda a: np.linalg.norm(a) > 0.1), st.floats(-3, 3))
+@pytest.mark.parametrize("name", ["tetrahedra, fibres", "membrane, anisotropic", "cable, isotropic"])
+def test_cauchy_stress_turns_with_the_body_and_pk2_stress_does_not(name, axis, angle):
+    mesh, terms = BODIES[name]
+    fields, u, Q = Fields(mesh, terms), small(mesh), turned(axis, angle)
+    moved = (Q @ (mesh.p + u.reshape(-1, 3).T) - mesh.p).ravel("F")
+    here, there = fields.at(u), fields.at(moved)
+    size = np.abs(here["cauchy"]).max()
+    assert np.abs(there["pk2"] - here["pk2"]).max() < 1e-12 * size
+    assert np.abs(there["pk1"] - Q @ here["pk1"]).max() < 1e-12 * size
+    assert np.abs(there["cauchy"] - Q @ here["cauchy"] @ Q.T).max() < 1e-12 * size
+    for scalar in ("von_mises", "volume_ratio", "strain_energy_density"):
+        assert np.allclose(there[scalar], here[scalar], rtol=1e-9, atol=1e-12 * size)
+
+
+def test_terms_on_one_element_add_up_by_their_sections():
+    mesh = MESHES["triangles"]
+    thick, thin = (StVK(young=E, poisson=nu, plane="stress", thickness=h) for E, nu, h in ((2.0, 0.3, 0.5), (9.0, 0.1, 0.2)))
+    u = small(mesh)
+    both, one, other = (Fields(mesh, terms).at(u) for terms in ([thick, thin], thick, thin))
+    assert np.allclose(both.fields.volume, one.fields.volume)
+    assert np.allclose(both["pk2"], one["pk2"] + 0.2 / 0.5 * other["pk2"], rtol=1e-13, atol=1e-16)
+    E33 = (0.5 * one["green_strain"] + 0.2 * other["green_strain"])[:, 2, 2] / 0.7
+    assert np.allclose(both["green_strain"][:, 2, 2], E33, rtol=1e-13, atol=1e-16)
+    system = System(mesh, [thick, thin])
+    force = system.internal_force(u)
+    assert np.abs(forces(mesh, both["pk1"], gradients(mesh.p, mesh.t), both.fields.volume) - force).max() < 1e-13
+    assert (both.fields.volume * both["strain_energy_density"]).sum() == pytest.approx(system.energy(u), rel=1e-13)
+
+
+def test_elements_in_no_term_are_masked_and_the_others_as_before():
+    mesh = MESHES["triangles"]
+    ids = np.arange(5, mesh.nt)
+    u = small(mesh)
+    part, whole = (Fields(mesh, StVK(young=2.0, poisson=0.3, region=region)).at(u) for region in (ids, None))
+    for name in ("cauchy", "green_strain", "strain_energy_density", "volume_ratio", "von_mises"):
+        mask = np.ma.getmaskarray(part[name]).reshape(mesh.nt, -1)
+        assert mask[:5].all() and not mask[5:].any()
+        assert np.array_equal(np.ma.getdata(part[name])[5:], whole[name][5:])
+        assert not np.ma.isMaskedArray(whole[name])
+
+
+def test_solids_without_a_term_have_strain_but_no_stress():
+    mesh = MESHES["tetrahedra"]
+    now = Fields(mesh, StVK(young=2.0, poisson=0.3, region=np.arange(9))).at(small(mesh))
+    for name in ("deformation_gradient", "green_strain", "volume_ratio", "principal_stretches"):
+        assert not np.ma.is_masked(now[name])
+    for name in ("pk1", "pk2", "cauchy", "von_mises", "strain_energy_density"):
+        assert np.ma.getmaskarray(now[name]).reshape(mesh.nt, -1)[:, 0].sum() == mesh.nt - 9
+
+
+def test_tension_stays_tension_in_an_element_that_is_inside_out():
+    mirrored = homogeneous("tetrahedra", np.diag([-1.3, 1, 1]))
+    straight = homogeneous("tetrahedra", np.diag([1.3, 1, 1]))
+    assert (mirrored["volume_ratio"] < 0).all()
+    assert np.allclose(mirrored["cauchy"], straight["cauchy"], rtol=1e-12, atol=1e-13)
+    assert straight["cauchy"][0, 0, 0] > 0.5
+
+
+def test_an_element_that_has_shrunk_to_nothing_is_named_and_masked():
+    mesh = SimplexMesh([[0, 1, 0, 0, 1], [0, 0, 1, 0, 1], [0, 0, 0, 1, 1.0]], [[0, 1], [1, 2], [2, 3], [3, 4]])
+    u = np.zeros((5, 3))
+    u[0] = [1.0, 0, 0]  # onto vertex 1: exactly flat
+    now = Fields(mesh, StVK(young=1.0, poisson=0.3)).at(u.ravel())
+    with pytest.warns(StvkWarning, match=r"1 element \(0\): shrunk to nothing"):
+        cauchy = now["cauchy"]
+    assert cauchy.mask[0].all() and not cauchy.mask[1].any()
+    assert np.isfinite(np.ma.getdata(cauchy)).all()
+    assert np.isfinite(now["pk1"]).all()
+
+
+@pytest.mark.parametrize("name", ["triangles", "membrane", "cable"])
+def test_where_zero_stress_across_leaves_no_thickness_nothing_is_invented(name):
+    mesh = MESHES[name]
+    u = affine(mesh, 3 * np.eye(3))
+    term = StVK(young=2.0, poisson=0.3, plane="stress" if name == "triangles" else None)
+    now = Fields(mesh, term).at(u)
+    with pytest.warns(StvkWarning, match=f"{mesh.nt} elements .0, 1, .* leaves no thickness"):
+        assert now["volume_ratio"].mask.all()
+    assert now["cauchy"].mask.all() and now["von_mises"].mask.all() and now["principal_stretches"].mask.all()
+    for field in ("pk1", "pk2", "green_strain", "strain_energy_density"):
+        assert np.isfinite(now[field]).all() and not np.ma.is_masked(now[field])
+    force = System(mesh, term).internal_force(u)
+    rest = gradients(mesh.p, mesh.t)
+    assert np.abs(forces(mesh, now["pk1"], rest, now.fields.volume) - force).max() < 1e-12 * np.abs(force).max()
+
+
+@pytest.mark.parametrize("size", [1e80, 1e160, 1e300])
+def test_what_overflows_is_refused(size):
+    mesh = MESHES["tetrahedra"]
+    with pytest.raises(StateError, match=r"overflow at displacements of up to .*: did the step before diverge"):
+        Fields(mesh, StVK(young=1e200, poisson=0.3)).at(size * state(mesh))["pk2"]

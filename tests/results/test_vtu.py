@@ -1,0 +1,116 @@
+import os
+
+import meshio
+import numpy as np
+import pytest
+from bodies import MESHES, state
+
+from skfem_stvk import SimplexMesh, StVK, StvkError, embedded_mesh, read_mesh
+from skfem_stvk.results import Fields, names, write_vtu
+from skfem_stvk.results.files import output_path, replacing
+
+
+def at(mesh, **term):
+    return Fields(mesh, StVK(young=2.0, poisson=0.3, **term)).at(state(mesh, 0.03))
+
+
+@pytest.mark.parametrize("name", MESHES)
+def test_all_fields_come_back_as_they_were(name, tmp_path):
+    mesh = MESHES[name]
+    now = at(mesh)
+    path = write_vtu(tmp_path / "body.vtu", now, names())
+    file = meshio.read(path)
+    assert np.array_equal(file.points[:, : mesh.d], mesh.p.T) and not file.points[:, mesh.d :].any()
+    assert np.array_equal(file.cells[0].data, mesh.t.T)
+    assert np.array_equal(file.point_data["displacement"][:, : mesh.d], now.u)
+    assert file.point_data["displacement"].shape == (mesh.nv, 3)
+    for field in names():
+        for values, written in ((now[field], file.cell_data[field][0]), (now.at_nodes(field), file.point_data[field])):
+            assert np.isfinite(written).all()
+            if field in ("green_strain", "pk2_stress", "cauchy_stress"):
+                xx, yy, zz, xy, yz, xz = written.T
+                again = np.moveaxis(np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]), 2, 0)
+                assert np.allclose(again, values, rtol=0, atol=1e-15 * np.abs(values).max())
+            else:
+                assert np.array_equal(written, values.reshape(len(values), -1) if values.ndim > 1 else values)
+
+
+def test_an_unsymmetric_tensor_is_written_row_by_row(tmp_path):
+    now = at(MESHES["tetrahedra"])
+    written = meshio.read(write_vtu(tmp_path / "body.vtu", now, ["pk1"])).cell_data["pk1_stress"][0]
+    assert written.shape[1] == 9 and np.array_equal(written[:, 1], now["pk1"][:, 0, 1])
+    assert np.abs(written[:, 1] - written[:, 3]).max() > 1e-3
+
+
+def test_the_file_is_a_mesh_file_with_its_subdomains(tmp_path):
+    mesh = embedded_mesh()
+    path = write_vtu(tmp_path / "bracket.vtu", Fields(mesh, StVK(young=1.0, poisson=0.3)).at(np.zeros(mesh.p.size)))
+    again = read_mesh(path)
+    assert np.array_equal(again.p, mesh.p) and np.array_equal(again.t, mesh.t)
+    assert set(again.subdomains) == {"bracket", "bushing"}
+    for name, ids in mesh.subdomains.items():
+        assert np.array_equal(again.subdomains[name], np.sort(ids))
+    region = meshio.read(path).cell_data["region"][0]
+    for number, name in enumerate(mesh.subdomains, start=1):
+        assert (region[mesh.subdomains[name]] == number).all()
+
+
+def test_what_is_missing_is_said_and_never_nan(tmp_path):
+    mesh = MESHES["triangles"]
+    now = at(mesh, region=np.arange(9, mesh.nt))
+    file = meshio.read(write_vtu(tmp_path / "body.vtu", now, ["cauchy", "volume_ratio"]))
+    missing = file.cell_data["cauchy_stress_missing"][0]
+    assert missing[:9].all() and not missing[9:].any()
+    assert not file.cell_data["cauchy_stress"][0][:9].any() and np.isfinite(file.cell_data["cauchy_stress"][0]).all()
+    assert np.array_equal(file.point_data["cauchy_stress_missing"] == 1, now.at_nodes("cauchy").mask[:, 0, 0])
+    complete = meshio.read(write_vtu(tmp_path / "other.vtu", at(mesh), ["cauchy"]))
+    assert not [name for name in (*complete.cell_data, *complete.point_data) if "missing" in name]
+
+
+def test_unknown_fields_are_refused_before_anything_is_written(tmp_path):
+    with pytest.raises(StvkError, match="no field 'sigma'"):
+        write_vtu(tmp_path / "body.vtu", at(MESHES["triangles"]), ["cauchy", "sigma"])
+    assert not list(tmp_path.iterdir())
+
+
+def test_places_that_cannot_be_written_are_refused(tmp_path):
+    for path, message in (
+        (tmp_path / "body.vtk", "does not end in .vtu, which is what is written here. Name it body.vtu"),
+        ("", "does not end in .vtu"),
+        (tmp_path / "missing" / "body.vtu", "The folder .*missing of body.vtu does not exist"),
+    ):
+        with pytest.raises(StvkError, match=message):
+            output_path(path, ".vtu")
+    (tmp_path / "folder.vtu").mkdir()
+    with pytest.raises(StvkError, match="is a folder"):
+        output_path(tmp_path / "folder.vtu", ".vtu")
+    (tmp_path / ".taken.vtu.part").mkdir()  # stands for a folder without permission, which root would have
+    with pytest.raises(StvkError, match=r"cannot be written: .* Choose another folder"):
+        output_path(tmp_path / "taken.vtu", ".vtu")
+
+
+@pytest.mark.skipif(os.name == "nt" or os.geteuid() == 0, reason="root may write everywhere")
+def test_a_folder_without_permission_is_refused(tmp_path):
+    tmp_path.chmod(0o500)
+    with pytest.raises(StvkError, match="cannot be written: Permission denied"):
+        output_path(tmp_path / "body.vtu", ".vtu")
+
+
+def test_a_file_is_replaced_whole_or_not_at_all(tmp_path):
+    path = tmp_path / "body.vtu"
+    path.write_text("old")
+    with pytest.raises(RuntimeError, match="halfway"), replacing(path) as part:
+        part.write_text("new, but")
+        raise RuntimeError("halfway")
+    assert path.read_text() == "old" and list(tmp_path.iterdir()) == [path]
+    with replacing(path) as part:
+        part.write_text("new")
+        assert path.read_text() == "old"
+    assert path.read_text() == "new" and list(tmp_path.iterdir()) == [path]
+
+
+def test_overlapping_subdomains_are_all_there(tmp_path):
+    mesh = MESHES["triangles"]
+    named = SimplexMesh(mesh.p, mesh.t, {"all": np.arange(mesh.nt), "first": np.arange(4)})
+    again = read_mesh(write_vtu(tmp_path / "body.vtu", at(named), []))
+    assert len(again.subdomains["all"]) == mesh.nt and len(again.subdomains["first"]) == 4
