@@ -5,6 +5,9 @@ Every message says what came, what was expected, the ids, the likely cause and t
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+from difflib import get_close_matches
+
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -23,6 +26,14 @@ class MaterialError(StvkError):
 
 class RegionError(StvkError):
     """A region is unknown, empty or out of range."""
+
+
+class LoadError(StvkError):
+    """A load has values of the wrong shape, or that are not finite, or acts where it has no meaning."""
+
+
+class SupportError(StvkError):
+    """A body is not held, or it is held in a way that contradicts itself."""
 
 
 class StateError(StvkError):
@@ -45,3 +56,17 @@ def name_ids(ids: ArrayLike, what: str, most: int = 5) -> str:
     plural = {"vertex": "vertices", "entry": "entries"}.get(what, what + "s")
     shown = ", ".join(str(i) for i in ids[:most].tolist()) + (", ..." if len(ids) > most else "")
     return f"{len(ids)} {what if len(ids) == 1 else plural} ({shown})"
+
+
+def name_known(name: str, known: Iterable[str]) -> str:
+    """The known names, and the one that was probably meant.
+
+    >>> name_known("tpi", ["wall", "tip"])
+    "known: 'tip', 'wall'. Did you mean 'tip'?"
+    >>> name_known("tip", [])
+    'known: none.'
+    """
+    names = sorted(known)
+    lower = {other.lower(): other for other in names}
+    near = get_close_matches(name.lower(), lower, n=1)
+    return f"known: {', '.join(map(repr, names)) or 'none'}." + (f" Did you mean {lower[near[0]]!r}?" if near else "")

@@ -28,7 +28,7 @@ def time_contenders(results: Benchmark, case: Case) -> None:
     """Both precisions on one and two threads; the C loop and the CSR product have one."""
     control = results.optional(CONTROL, partial(_control_calls, case))
     for dtype in ("float64", "float32"):
-        body, u, v = System(case.mesh, case.term, dtype), case.u.astype(dtype), case.v.astype(dtype)
+        body, u, v = System(case.mesh, case.term, dtype=dtype), case.u.astype(dtype), case.v.astype(dtype)
         for count in (1, 2):
             if count > most_threads():
                 results.not_measured["2 threads"] = "numba has one thread here"

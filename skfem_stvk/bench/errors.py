@@ -50,7 +50,7 @@ def _models(results: Benchmark, case: Case, piece: SimplexMesh) -> dict[tuple[st
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", StvkWarning)  # the patch may be in pieces
         for dtype in ("float64", "float32"):
-            models[OURS, dtype] = System(piece, case.term, dtype)
+            models[OURS, dtype] = System(piece, case.term, dtype=dtype)
             models[TEXTBOOK, dtype] = Textbook(piece, case.term, dtype)
     for name in dict.fromkeys(timing.player for timing in results.timings if timing.player in results.plan.peers):
         models[name, "float64"] = peer_on(name, piece)

@@ -21,7 +21,7 @@ def weigh(results: Benchmark, case: Case) -> None:
     """Bytes of systems that were asked for one thing each, on one thread."""
     for dtype in ("float64", "float32"):
         for quantity, ask in ASKED.items():
-            body = System(case.mesh, case.term, dtype)
+            body = System(case.mesh, case.term, dtype=dtype)
             with threads(1):
                 body.internal_force(case.u)
                 ask(body, case.u)

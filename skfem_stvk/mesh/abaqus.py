@@ -1,4 +1,4 @@
-"""Element sets of Abaqus input files, which meshio assigns to the wrong elements where not every block names one."""
+"""Sets of Abaqus input files: meshio assigns elements to the wrong ones where not every block names one, and misses nodes of sets of sets."""
 
 from __future__ import annotations
 
@@ -32,20 +32,43 @@ def element_sets(path: Path, cells: Sequence[Any]) -> dict[str, list[NDArray[np.
             members = numbers.reshape(-1, 1 + cells[len(blocks)].data.shape[1])[:, 0]
             blocks.append(members)
         elif keyword == "ELSET":
-            members = set_members(options, lines, sets)
-        if keyword in ("ELEMENT", "ELSET") and "ELSET" in options:
-            name = same_name(options["ELSET"], sets)
-            sets[name] = np.union1d(sets.get(name, []), members).astype(np.int64)
+            members = set_members("ELSET", options, lines, sets)
+        if keyword in ("ELEMENT", "ELSET"):
+            add_to_set("ELSET", options, members, sets)
     return {name: [np.flatnonzero(np.isin(block, members)) for block in blocks] for name, members in sets.items()}
 
 
-def set_members(options: dict[str, str], lines: list[list[str]], sets: dict[str, NDArray[np.int64]]) -> NDArray[np.int64]:
-    """Element ids of an `*ELSET` section."""
+def node_sets(path: Path) -> dict[str, NDArray[np.int64]]:
+    """Positions of the nodes of each set by name, in the order of the file.
+
+    Sets may be named by `*NODE, NSET=` and by `*NSET`: of node ids, ranges (`GENERATE`) or other sets.
+
+    Raises
+    ------
+    MeshError
+        if a set has a member that is not there.
+    """
+    nodes = np.empty(0, dtype=np.int64)
+    sets: dict[str, NDArray[np.int64]] = {}
+    for keyword, options, lines in sections(path):
+        if keyword == "NODE":
+            members = nodes = np.array([line[0] for line in lines], dtype=np.int64)
+        elif keyword == "NSET":
+            members = set_members("NSET", options, lines, sets)
+        if keyword in ("NODE", "NSET"):
+            add_to_set("NSET", options, members, sets)
+    return {name: np.flatnonzero(np.isin(nodes, members)) for name, members in sets.items()}
+
+
+def set_members(
+    kind: str, options: dict[str, str], lines: list[list[str]], sets: dict[str, NDArray[np.int64]]
+) -> NDArray[np.int64]:
+    """Ids of an `*ELSET` or `*NSET` section."""
     members: list[int] = []
     for line in lines:
         if "GENERATE" in options:
-            first, last, step = (int(word) for word in line)
-            members += range(first, last + 1, step)
+            first, last, *step = (int(word) for word in line)
+            members += range(first, last + 1, *step)
             continue
         for word in line:
             if word.isdigit():
@@ -53,10 +76,18 @@ def set_members(options: dict[str, str], lines: list[list[str]], sets: dict[str,
             elif same_name(word, sets) in sets:
                 members += sets[same_name(word, sets)].tolist()
             else:
+                what = "Element" if kind == "ELSET" else "Node"
                 raise MeshError(
-                    f"Element set {options.get('ELSET')!r} names the set {word!r}, which is not defined above it. Move or add its *ELSET."
+                    f"{what} set {options.get(kind)!r} names the set {word!r}, which is not defined above it. Move or add its *{kind}."
                 )
     return np.array(members, dtype=np.int64)
+
+
+def add_to_set(kind: str, options: dict[str, str], members: NDArray[np.int64], sets: dict[str, NDArray[np.int64]]) -> None:
+    """Add the members to the set that the section names, if it does."""
+    if kind in options:
+        name = same_name(options[kind], sets)
+        sets[name] = np.union1d(sets.get(name, []), members).astype(np.int64)
 
 
 def same_name(name: str, sets: dict[str, NDArray[np.int64]]) -> str:

@@ -1,4 +1,4 @@
-"""Named groups of the cells of a file: physical groups, element sets, indicator arrays, material numbers."""
+"""Named groups in a file: physical groups, element and node sets, indicator arrays, material numbers."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 import skfem.refdom
 from numpy.typing import NDArray
 
-from .abaqus import element_sets
+from .abaqus import element_sets, node_sets
 from .cells import corners, is_simplex
 
 #: Ids within each cell block of the file, by name.
@@ -99,3 +99,14 @@ def facet_groups(raw: meshio.Mesh, sets: Sets, k: int) -> dict[str, NDArray[np.i
             found = [t[local][:, bits >> j & 1 == 1] for j, local in enumerate(REFERENCE[k].facets)]
             boundaries[name.removeprefix(prefix)] = np.concatenate(found, axis=1)
     return boundaries
+
+
+def node_groups(raw: meshio.Mesh, path: Path, sets: Sets, k: int) -> dict[str, NDArray[np.int64]]:
+    """Vertices of each group, ascending: node sets, and groups of points, or curves where facets are surfaces, such as Gmsh's."""
+    groups: dict[str, NDArray[np.int64]] = {}
+    for j in range(max(k - 1, 1)):
+        cells = corners(raw.cells, j)
+        for name, ids in pick(sets, raw, j).items():
+            groups[name] = np.union1d(groups.get(name, []), cells[:, ids]).astype(np.int64)
+    listed = node_sets(path) if path.suffix.lower() == ".inp" else raw.point_sets
+    return groups | {name: np.union1d(groups.get(name, []), ids).astype(np.int64) for name, ids in listed.items()}

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from ..errors import MeshError, StvkWarning, name_ids
 from .cells import corners, count_cells, inner_nodes, simplex_dimension
 from .files import load
-from .groups import cell_groups, facet_groups, pick
+from .groups import cell_groups, facet_groups, node_groups, pick
 from .simplices import KINDS, SimplexMesh
 
 
@@ -24,7 +24,8 @@ def read_mesh(path: str | Path) -> SimplexMesh:
     file. Triangles are in 2D if all their z are equal, otherwise membranes in 3D; segments likewise in 1D, 2D or 3D.
 
     Physical groups, element sets and the subdomains of scikit-fem's `mesh.save` become `subdomains`, or `boundaries`
-    where they hold facets. If the simplices are in no such group, arrays of integers with at most 64 values become
+    where they hold facets. Node sets and physical points (and curves between tetrahedra) become
+    `node_sets`. If the simplices are in no such group, arrays of integers with at most 64 values become
     subdomains 'NAME:VALUE'. Elements that Gmsh writes once for each of several groups are taken once.
 
     Raises
@@ -55,11 +56,13 @@ def read_mesh(path: str | Path) -> SimplexMesh:
     except MeshError as error:
         raise MeshError(f"{path}: {error}") from error
     used = np.unique(whole.t)
-    warn_of_vertices(whole, used, inner_nodes(raw.cells))
+    inner = inner_nodes(raw.cells)
+    warn_of_vertices(whole, used, inner)
     number = np.full(whole.nv, -1, dtype=np.int32)
     number[used] = np.arange(len(used))
     boundaries = {name: number[facets] for name, facets in facets_on(used, facet_groups(raw, sets, k)).items()}
-    return SimplexMesh(flatten(whole.p[:, used], k), number[whole.t], subdomains, boundaries)
+    node_sets = {name: number[ids] for name, ids in nodes_on(used, inner, node_groups(raw, path, sets, k)).items()}
+    return SimplexMesh(flatten(whole.p[:, used], k), number[whole.t], subdomains, boundaries, node_sets)
 
 
 def dimension(raw: meshio.Mesh, path: Path) -> int:
@@ -139,6 +142,21 @@ def facets_on(used: NDArray[Any], boundaries: dict[str, NDArray[Any]]) -> dict[s
         if good.any():
             kept[name] = facets[:, good]
     return kept
+
+
+def nodes_on(used: NDArray[Any], inner: NDArray[Any], sets: dict[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
+    """The nodes that are used, with a warning of others that are not inside elements of higher order; no empty sets."""
+    kept = {}
+    for name, nodes in sets.items():
+        kept[name] = np.intersect1d(nodes, used)
+        lost = np.setdiff1d(nodes, np.union1d(used, inner))
+        if len(lost):
+            warnings.warn(
+                f"Node set {name!r}: {name_ids(lost, 'vertex')} of {len(nodes)} are left out: dropped, since on no element.",
+                StvkWarning,
+                stacklevel=3,
+            )
+    return {name: nodes for name, nodes in kept.items() if len(nodes)}
 
 
 def flatten(p: NDArray[np.float64], k: int) -> NDArray[np.float64]:

@@ -5,13 +5,16 @@ from __future__ import annotations
 import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any, TypeAlias
 
 import numpy as np
 import skfem
 from numpy.typing import NDArray
 
-from ..errors import MeshError, RegionError, StvkWarning, name_ids
+from ..errors import MeshError, RegionError, StvkWarning, name_ids, name_known
+from .boundaries import NamedFacets
+from .facets import boundary_facets
 
 #: What `System` and `verify` take for a mesh: a scikit-fem mesh of segments, triangles or tetrahedra, arrays
 #: `(p, t)`, or a `SimplexMesh`.
@@ -31,6 +34,7 @@ class SimplexMesh:
     t : (k + 1, nt) vertices of the simplices, as in scikit-fem; both orientations are fine.
     subdomains : element ids by name.
     boundaries : facets by name, each as a (k, n) array of vertices.
+    node_sets : vertex ids by name.
 
     Raises
     ------
@@ -46,6 +50,7 @@ class SimplexMesh:
     t: NDArray[np.int32]
     subdomains: Mapping[str, NDArray[np.int32]] = field(default_factory=dict)
     boundaries: Mapping[str, NDArray[np.int32]] = field(default_factory=dict)
+    node_sets: Mapping[str, NDArray[np.int32]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         p, t = np.array(self.p, dtype=np.float64, order="C"), np.asarray(self.t)
@@ -69,15 +74,16 @@ class SimplexMesh:
             )
         object.__setattr__(self, "p", p)
         object.__setattr__(self, "t", np.array(t, dtype=np.int32, order="C"))
-        for name in ("subdomains", "boundaries"):
-            object.__setattr__(self, name, dict(getattr(self, name) or {}))
+        for name in ("subdomains", "boundaries", "node_sets"):
+            named = getattr(self, name)
+            object.__setattr__(self, name, named if isinstance(named, NamedFacets) else dict(named or {}))
 
     @classmethod
     def of(cls, mesh: MeshLike) -> SimplexMesh:
         """The simplices of a scikit-fem mesh, of arrays `(p, t)`, or of a `SimplexMesh` (handed back as it is).
 
-        Second-order scikit-fem meshes are reduced to their corner vertices, with a warning. Subdomains come along; boundaries stay
-        with the scikit-fem mesh, for finding their facets costs more than an assembly.
+        Second-order scikit-fem meshes are reduced to their corner vertices, with a warning. Subdomains and boundaries come along;
+        the facets of these are found when they are first looked at, which costs more than an assembly.
         """
         if isinstance(mesh, cls):
             return mesh
@@ -96,7 +102,7 @@ class SimplexMesh:
                     StvkWarning,
                     stacklevel=3,
                 )
-            return cls(p, t, mesh.subdomains or {})
+            return cls(p, t, mesh.subdomains or {}, NamedFacets(t, p.shape[1], mesh.boundaries or {}))
         if isinstance(mesh, tuple) and len(mesh) == 2:
             return cls(*mesh)
         raise MeshError(
@@ -129,6 +135,13 @@ class SimplexMesh:
         """The simplices in words, such as 'tetrahedra in 3D'."""
         return f"{KINDS[self.k]} in {self.d}D"
 
+    @cached_property
+    def surface(self) -> NDArray[np.int32]:
+        """(k, n) vertices of the boundary facets, turned outwards (`facets.boundary_facets`); found when first asked for."""
+        facets = boundary_facets(self)
+        facets.flags.writeable = False
+        return facets
+
     def elements(self, region: str | NDArray[Any] | None) -> NDArray[np.int64]:
         """Ids of the elements of a region: a name in `subdomains`, element ids, a mask, or None for all.
 
@@ -142,8 +155,7 @@ class SimplexMesh:
         ids: NDArray[Any]
         if isinstance(region, str):
             if region not in self.subdomains:
-                known = ", ".join(repr(name) for name in sorted(self.subdomains)) or "none"
-                raise RegionError(f"The mesh has no subdomain {region!r}; known: {known}.")
+                raise RegionError(f"The mesh has no subdomain {region!r}; {name_known(region, self.subdomains)}")
             what, ids = f"Subdomain {region!r}", np.asarray(self.subdomains[region])
         else:
             what, ids = "The region", np.asarray(region)

@@ -1,8 +1,9 @@
-"""Terms that share one mesh and one pattern."""
+"""Terms that share one mesh and one pattern, what loads them, and what holds them."""
 
 from .free import FreeDofs
-from .operator import TangentOperator
+from .operator import FreeOperator, TangentOperator
 from .pattern import Pattern
+from .supports import Supports
 from .system import System
 
-__all__ = ["FreeDofs", "Pattern", "System", "TangentOperator"]
+__all__ = ["FreeDofs", "FreeOperator", "Pattern", "Supports", "System", "TangentOperator"]

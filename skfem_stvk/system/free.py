@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Any
+from functools import cached_property
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -14,12 +15,24 @@ from .pattern import Pattern, Structure
 Array = NDArray[np.floating[Any]]
 
 
+class Patterned(Protocol):
+    """What has degrees of freedom and, when it is asked for, a pattern of K."""
+
+    @property
+    def ndofs(self) -> int:
+        """Number of degrees of freedom."""
+
+    @property
+    def pattern(self) -> Pattern:
+        """Of K."""
+
+
 class FreeDofs:
-    """The degrees of freedom that are not held, and K restricted to them by a gather that is computed once.
+    """The degrees of freedom that are not held, and K restricted to them by a gather that is computed once, when it is first needed.
 
     Parameters
     ----------
-    pattern : of K.
+    system : whose they are.
     fixed : degrees of freedom that are held, such as scikit-fem's `basis.get_dofs(...)`.
 
     Attributes
@@ -44,8 +57,8 @@ class FreeDofs:
     True
     """
 
-    def __init__(self, pattern: Pattern, fixed: ArrayLike | Any) -> None:
-        ndofs = pattern.shape[0]
+    def __init__(self, system: Patterned, fixed: ArrayLike | Any) -> None:
+        ndofs = system.ndofs
         ids = np.asarray(fixed.all() if hasattr(fixed, "all") and not isinstance(fixed, np.ndarray) else fixed)
         if ids.ndim != 1 or (ids.size and not np.issubdtype(ids.dtype, np.integer)):
             raise StvkError(f"fixed has shape {ids.shape} and dtype {ids.dtype}; expected a list of degrees of freedom.")
@@ -59,14 +72,26 @@ class FreeDofs:
         self.free, self.fixed = np.flatnonzero(is_free), np.flatnonzero(~is_free)
         if not len(self.free):
             raise StvkError(f"All {ndofs} degrees of freedom are fixed: there is nothing to solve for.")
+        self._system = system
+
+    @property
+    def structure(self) -> Structure:
+        """Of K over the free degrees of freedom."""
+        return self._restriction[0]
+
+    @cached_property
+    def _restriction(self) -> tuple[Structure, NDArray[np.int32]]:
+        """The structure of K over the free degrees of freedom, and where its values stand in those of K."""
+        pattern, free = self._system.pattern, self.free
+        is_free = np.zeros(pattern.shape[0], dtype=bool)
+        is_free[free] = True
         kept = is_free[pattern.indices]
         kept &= np.repeat(is_free, np.diff(pattern.indptr))
-        self._gather = np.flatnonzero(kept).astype(np.int32)
+        places = np.flatnonzero(kept).astype(np.int32)
         number = np.cumsum(is_free, dtype=np.int32) - 1
-        counts = np.add.reduceat(kept, pattern.indptr[:-1], dtype=np.int32)[self.free]
+        counts = np.add.reduceat(kept, pattern.indptr[:-1], dtype=np.int32)[free]
         indptr = np.concatenate([[0], np.cumsum(counts)]).astype(np.int32)
-        self._structure = Structure(indptr, number[pattern.indices[self._gather]].astype(np.int32), (len(self.free),) * 2)
-        self._pattern = pattern
+        return Structure(indptr, number[pattern.indices[places]].astype(np.int32), (len(free),) * 2), places
 
     def matrix(self, K: csr_matrix, out: csr_matrix | None = None) -> csr_matrix:
         """`K` (ndofs, ndofs) of the system's pattern restricted to the free rows and columns; `out` is filled anew.
@@ -76,19 +101,21 @@ class FreeDofs:
         StvkError
             if `K` or `out` has another pattern.
         """
-        if not isinstance(K, csr_matrix) or not self._pattern.fits(K, K.dtype):
+        pattern = self._system.pattern
+        if not isinstance(K, csr_matrix) or not pattern.fits(K, K.dtype):
             raise StvkError(
-                f"K, a {type(K).__name__} of shape {np.shape(K)}, does not have the pattern of this system's K ({self._pattern.shape}, "
-                f"{self._pattern.nnz} values). Hand in what tangent() returned, zeros kept."
+                f"K, a {type(K).__name__} of shape {np.shape(K)}, does not have the pattern of this system's K ({pattern.shape}, "
+                f"{pattern.nnz} values). Hand in what tangent() returned, zeros kept."
             )
+        structure, places = self._restriction
         if out is None:
-            out = self._structure.matrix(np.empty(self._structure.nnz, dtype=K.dtype))
-        elif not self._structure.fits(out, K.dtype):
+            out = structure.matrix(np.empty(structure.nnz, dtype=K.dtype))
+        elif not structure.fits(out, K.dtype):
             raise StvkError(
                 f"out, a {type(out).__name__} of shape {np.shape(out)}, does not have the pattern and type of the restricted K "
-                f"({self._structure.shape}, {self._structure.nnz} values of {K.dtype}); expected a matrix that matrix() returned before."
+                f"({structure.shape}, {structure.nnz} values of {K.dtype}); expected a matrix that matrix() returned before."
             )
-        np.take(K.data, self._gather, out=out.data, mode="clip")  # "clip" writes to out without a buffer
+        np.take(K.data, places, out=out.data, mode="clip")  # "clip" writes to out without a buffer
         return out
 
     def vector(self, free: ArrayLike, fixed: ArrayLike = 0.0) -> Array:
@@ -105,7 +132,7 @@ class FreeDofs:
                 raise StvkError(
                     f"{name} has shape {given.shape}; expected ({len(own)},), one value for each {name} degree of freedom."
                 )
-        x = np.empty(self._pattern.shape[0], dtype=np.result_type(values[0], np.float32, *values[1:][: values[1].ndim]))
+        x = np.empty(self._system.ndofs, dtype=np.result_type(values[0], np.float32, *values[1:][: values[1].ndim]))
         x[self.free], x[self.fixed] = values
         return x
 

@@ -1,4 +1,4 @@
-"""A system: terms that share one mesh and one pattern of K."""
+"""A system: terms that share one mesh and one pattern of K, its loads and its supports."""
 
 from __future__ import annotations
 
@@ -12,37 +12,45 @@ from numpy.typing import ArrayLike, DTypeLike, NDArray
 from scipy.sparse import csr_matrix
 
 from ..edges import Rows
-from ..errors import StateError, StvkError, StvkWarning, name_ids
+from ..errors import LoadError, StateError, StvkError, StvkWarning, name_ids
 from ..kernels.threads import Turn
 from ..mesh import MeshLike, SimplexMesh
 from ..mesh.diagnostics import check_mesh, warn_of_flat_elements
-from ..terms import BoundTerm, Term
+from ..terms import Body, BoundLoad, BoundTerm, HasVolume, Load, Term
 from .free import FreeDofs
 from .operator import TangentOperator
 from .pattern import Pattern
+from .rigid import check_held
+from .supports import Displacements, Supports
 
 Array = NDArray[np.floating[Any]]
 
 
 class System:
-    """An elastic body: its strain energy W, internal force F and tangent stiffness K.
+    """An elastic body: its strain energy W, internal force F and tangent stiffness K; what acts on it, and how it is held.
 
         W = 1/4 sum L_ij zeta_i zeta_j        F = dW/du        K = d2W/du2
 
     over edges and tetrahedron-sharing edge pairs, `zeta` the squared elongations of the edges. Displacements `u` are flat vectors
     with the degree of freedom `d * vertex + component`, scikit-fem's for `ElementVector(ElementTetP1())`.
 
+    `energy`, `internal_force`, `tangent` and `product` are elastic; `potential`, `residual` and `jacobian` are those of all terms, at the
+    load factor `t`. Supports change none of them: they say which degrees of freedom a solver keeps.
+
     Parameters
     ----------
     mesh : scikit-fem mesh of simplices, arrays `(p, t)`, or `SimplexMesh`.
-    terms : a term, or several that add up.
+    terms : a term, or several that add up: `StVK`, `ElasticFoundation`; the loads `Gravity`, `BodyForce`, `NodalLoad`, `Traction`, `Pressure`.
+    fixed : components that do not move, by place: `{"wall": "xyz", "symmetry": "y"}`. A place is the name of a boundary or of a node
+        set, vertex ids, or a predicate of the coordinates, as in scikit-fem.
+    prescribed : displacements by place and component: `{"handle": {"x": 0.01}}` [m], reached at t = 1; or functions of (x, t).
     dtype : float64, or float32: half the memory, faster on large meshes, with errors of 1e-6 instead of 1e-15 (of the largest entry, and
         on elements that are not flat).
 
     Raises
     ------
-    MeshError, MaterialError, RegionError
-        for what cannot carry an elastic body, before any work, with ids.
+    MeshError, MaterialError, RegionError, LoadError, SupportError
+        for what cannot carry an elastic body, load or hold it, before any work, with ids.
 
     >>> import numpy as np, skfem
     >>> from skfem_stvk import StVK
@@ -58,7 +66,15 @@ class System:
     ((345, 345), True)
     """
 
-    def __init__(self, mesh: MeshLike, terms: Term | Sequence[Term], dtype: DTypeLike = np.float64) -> None:
+    def __init__(
+        self,
+        mesh: MeshLike,
+        terms: Term | Load | Sequence[Term | Load],
+        fixed: Displacements | None = None,
+        prescribed: Displacements | None = None,
+        *,
+        dtype: DTypeLike = np.float64,
+    ) -> None:
         self.mesh = SimplexMesh.of(mesh)
         check_mesh(self.mesh)
         try:
@@ -75,7 +91,13 @@ class System:
         for term in self.terms:
             if not hasattr(term, "bind"):
                 raise StvkError(f"A term of type {type(term).__name__} came; expected StVK(...) or a list of terms.")
-        self._bound: list[BoundTerm] = [term.bind(self.mesh, self.dtype) for term in self.terms]
+        self.elastic_terms = tuple(term for term in self.terms if not isinstance(term, Load))
+        if not self.elastic_terms:
+            raise StvkError("Only loads came; expected at least one elastic term, such as StVK(young=..., poisson=...).")
+        self.supports = Supports(self.mesh, fixed, prescribed)
+        self._bound: list[BoundTerm] = [term.bind(self.mesh, self.dtype) for term in self.elastic_terms]
+        body = Body(self.mesh, self.elastic_terms)
+        self._loads: list[BoundLoad] = [term.bind(body) for term in self.terms if isinstance(term, Load)]
         self._operator: TangentOperator | None = None
         self._turn = Turn()
         self._warn_of_bare_vertices()
@@ -88,11 +110,21 @@ class System:
     @cached_property
     def pattern(self) -> Pattern:
         """The pattern that every K of this system has; made when it is first needed."""
-        return Pattern(self.mesh.nv, self.mesh.d, [term.edges for term in self._bound])
+        loads = [load.edges for load in self._loads if load.edges.size]
+        return Pattern(self.mesh.nv, self.mesh.d, [term.edges for term in self._bound] + loads)
 
     @cached_property
     def _rows(self) -> list[Rows]:
         return [term.rows(self.pattern) for term in self._bound]
+
+    @cached_property
+    def _load_places(self) -> list[Any]:
+        return [load.places(self.pattern) for load in self._loads]
+
+    @property
+    def conservative(self) -> bool:
+        """Whether all loads have a potential; if not, the Jacobian is not symmetric."""
+        return all(load.conservative for load in self._loads)
 
     def energy(self, u: ArrayLike) -> float:
         """Strain energy `W(u)` [J].
@@ -149,10 +181,7 @@ class System:
         StvkError
             if `out` has another pattern.
         """
-        x = self._state(u)
-        K = self._matrix(out)
-        self._fill(x, K, None)
-        return K
+        return self._elastic_tangent(u, out)
 
     def linearize(self, u: ArrayLike, out: csr_matrix | None = None) -> tuple[float, Array, csr_matrix]:
         """`W(u)`, `F(u)` and `K(u)` in one pass over the simplices, for little more than K; parameters and errors as of `tangent`."""
@@ -183,8 +212,8 @@ class System:
         _refuse_overflow(product, "K v", x)
         return product
 
-    def linear_operator(self, u: ArrayLike) -> TangentOperator:
-        """`v -> K(u) v` as an operator of its own for `scipy.sparse.linalg`.
+    def linear_operator(self, u: ArrayLike, *, clamped: bool = False) -> TangentOperator:
+        """`v -> K(u) v` as an operator of its own for `scipy.sparse.linalg`; `clamped` as of `jacobian`.
 
         >>> import numpy as np, skfem
         >>> from skfem_stvk import StVK
@@ -194,11 +223,117 @@ class System:
         >>> bool(abs(K @ v - body.tangent(u) @ v).max() < 1e-9), bool(abs(K @ v - body.product(u, v)).max() == 0)
         (True, True)
         """
-        return TangentOperator(self._bound, self._state, u, self.dtype)
+        return TangentOperator(self._bound, self._state, u, self.dtype, clamped)
+
+    def external_force(self, u: ArrayLike, t: float = 1.0) -> Array:
+        """Sum of the loads (ndofs,) [N] at displacements `u` and load factor `t`.
+
+        Raises
+        ------
+        StateError
+            if `u` does not have one finite entry for each degree of freedom.
+        LoadError
+            if a load that is given as a function does not return finite values.
+        """
+        return self._external_force(self._state(u), t).ravel()
+
+    def potential(self, u: ArrayLike, t: float = 1.0) -> float:
+        """Total potential energy `W(u) + sum of the loads' potentials` [J]; its gradient is the residual.
+
+        Raises
+        ------
+        StateError
+            as `energy`.
+        LoadError
+            if a load has no potential, such as follower pressure.
+        """
+        return self.energy(u) + self._potential(self._state(u), t)
+
+    def residual(self, u: ArrayLike, t: float = 1.0) -> Array:
+        """`F(u) - f_ext(u, t)` (ndofs,) [N]; at rest it vanishes but for the reactions at the supports. Errors as of `energy`."""
+        return self.internal_force(u) - self.external_force(u, t)
+
+    def jacobian(self, u: ArrayLike, t: float = 1.0, out: csr_matrix | None = None, *, clamped: bool = False) -> csr_matrix:
+        """Derivative of the residual: `K(u)` minus the loads' `df_ext/du` (ndofs, ndofs) [N/m]; parameters and errors as of `tangent`.
+
+        `clamped` leaves out the negative tensions of edges, the only part of K that can be indefinite: positive semi-definite then, but
+        for the loads.
+        """
+        K = self._elastic_tangent(u, out, clamped)
+        for load, places in zip(self._loads, self._load_places, strict=True):
+            load.add_stiffness(self._state(u), t, places, K.data)
+        return K
+
+    def energies(self, u: ArrayLike, t: float = 1.0) -> dict[str, float]:
+        """Energy by term [J], named after its type and number: strain energies, and the potentials of loads that have one."""
+        x = self._state(u)
+        elastic = [term.energy(x) for term in self._bound]
+        loads = [load.potential(x, t) if load.conservative else None for load in self._loads]
+        values = iter(elastic), iter(loads)
+        found: dict[str, float] = {}
+        for number, term in enumerate(self.terms):
+            value = next(values[isinstance(term, Load)])
+            if value is not None:
+                found[f"{type(term).__name__} {number}"] = value
+        return found
+
+    def energy_along(self, u: ArrayLike, v: ArrayLike) -> NDArray[np.float64]:
+        """(5,) coefficients of the strain energy along `u + s v` [J]: `W(u + s v) = c0 + c1 s + c2 s^2 + c3 s^3 + c4 s^4`, exactly.
+
+        Raises
+        ------
+        StateError
+            if `u` or `v` does not have one finite entry for each degree of freedom, or the result overflows.
+        """
+        x, y = self._state(u), self._state(v, "v")
+        coefficients = sum((term.along(x, y) for term in self._bound), np.zeros(5))
+        _refuse_overflow(coefficients, "W along a line", x)
+        return coefficients
+
+    def round_off(self, u: ArrayLike) -> Array:
+        """(ndofs,) sums of the absolute values of all that adds up to `F(u)` [N]: times eps, the size of its rounding error.
+
+        Displacements count as rounded, too: no `u` can do better. Errors as of `internal_force`.
+        """
+        x = self._state(u)
+        sums = np.zeros(x.shape, dtype=self.dtype)
+        for term in self._bound:
+            term.add_round_off(x, sums)
+        return sums.ravel()
+
+    def check_held(self) -> None:
+        """Refuse a body that can move without strain, by its supports and foundations.
+
+        Raises
+        ------
+        SupportError
+            with the rigid modes that are left to each part, counted and named.
+        """
+        check_held(self.mesh.p, self._bound, self.supports.held)
+
+    def smallest_volume_ratio(self, u: ArrayLike) -> float:
+        """The smallest ratio `J` of an element's volume at `u` to that at rest; below zero it is inside out. Errors as of `energy`.
+
+        Of triangles in space and segments in more than one dimension the ratio of areas and lengths, which has no sign.
+        """
+        x = self._state(u)
+        return min(term.smallest_volume_ratio(x) for term in self._bound if isinstance(term, HasVolume))
+
+    def inside_out(self, u: ArrayLike) -> NDArray[np.int64]:
+        """Ids of the elements that are inside out or flat at `u`, ascending: `J <= 0`. Errors as of `energy`."""
+        if self.mesh.k < self.mesh.d or self.smallest_volume_ratio(u) > 0:
+            return np.empty(0, dtype=np.int64)
+        x = self._state(u)
+        turned = [
+            self.mesh.elements(specification.region)[term.volume_ratios(x) <= 0]
+            for specification, term in zip(self.elastic_terms, self._bound, strict=True)
+            if isinstance(term, HasVolume)
+        ]
+        return np.unique(np.concatenate(turned))
 
     def free_dofs(self, fixed: Any) -> FreeDofs:
         """The degrees of freedom that are not `fixed`, and K restricted to them without slicing."""
-        return FreeDofs(self.pattern, fixed)
+        return FreeDofs(self, fixed)
 
     def memory(self) -> dict[str, int]:
         """Bytes of what the system holds now, by part; what has not been asked for yet is not there.
@@ -210,7 +345,7 @@ class System:
         0
         """
         parts = {"mesh": self.mesh.p.nbytes + self.mesh.t.nbytes}
-        for term in self._bound:
+        for term in [*self._bound, *self._loads]:
             for name, count in term.memory().items():
                 parts[name] = parts.get(name, 0) + count
         rows = self.__dict__.get("_rows", [])
@@ -218,6 +353,25 @@ class System:
         parts["pattern of K"] = self.pattern.memory() if "pattern" in self.__dict__ else 0
         parts["product"] = self._operator.memory() if self._operator is not None else 0
         return parts
+
+    def _potential(self, x: Array, t: float) -> float:
+        if not self.conservative:
+            loads = [type(term).__name__ for term in self.terms if isinstance(term, Load)]
+            without = [name for name, load in zip(loads, self._loads, strict=True) if not load.conservative]
+            raise LoadError(f"{', '.join(without)} has no potential: its work depends on the path. Ask for residual(u, t) instead.")
+        return sum(load.potential(x, t) for load in self._loads)
+
+    def _external_force(self, x: Array, t: float) -> Array:
+        force = np.zeros(x.shape)
+        for load in self._loads:
+            load.add_force(x, t, force)
+        return force
+
+    def _elastic_tangent(self, u: ArrayLike, out: csr_matrix | None, clamped: bool = False) -> csr_matrix:
+        x = self._state(u)
+        K = self._matrix(out)
+        self._fill(x, K, None, clamped)
+        return K
 
     def _energy_and_force(self, x: Array) -> tuple[float, Array]:
         force = np.zeros(x.shape, dtype=self.dtype)
@@ -234,14 +388,15 @@ class System:
             )
         return out
 
-    def _fill(self, x: Array, K: csr_matrix, force: Array | None) -> float:
+    def _fill(self, x: Array, K: csr_matrix, force: Array | None, clamped: bool = False) -> float:
         """Fill the values of K; adds the force; the energy."""
-        add = len(self._bound) > 1 or self._bare
+        add = self.mesh.d**2 * len(self._rows[0].entries) < self.pattern.nnz  # otherwise the first term writes to all of K
         if add:
             K.data[:] = 0
         energy = 0.0
         for term, rows in zip(self._bound, self._rows, strict=True):
-            linearized = term.tangent(x, rows, K.data, add, force)
+            linearized = term.tangent(x, rows, K.data, add, force, clamped)
+            add = True
             _refuse_overflow(linearized.total, "K", x)
             energy += linearized.energy
         return energy
@@ -267,8 +422,7 @@ class System:
         for term in self._bound:
             used[term.edges.ravel()] = True
         bare = np.flatnonzero(~used)
-        self._bare = len(bare) > 0
-        if self._bare:
+        if len(bare):
             warnings.warn(
                 f"{name_ids(bare, 'vertex')}: in no term, so their rows of K are zero. Is a region missing from the terms?",
                 StvkWarning,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, Protocol
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
@@ -15,7 +15,7 @@ Array = NDArray[np.floating[Any]]
 
 
 class BoundTerm(Protocol):
-    """A term on a mesh: it adds what it contributes at displacements `u` (nv, d) to arrays that it is handed."""
+    """An elastic term on a mesh: it adds what it contributes at displacements `u` (nv, d) to arrays that it is handed."""
 
     @property
     def edges(self) -> NDArray[np.int32]:
@@ -27,17 +27,44 @@ class BoundTerm(Protocol):
     def rows(self, pattern: Places) -> Rows:
         """Where its blocks stand in the values of a matrix of this pattern."""
 
-    def tangent(self, u: Array, rows: Rows, data: Array, add: bool, force: Array | None = None) -> Linearized:
-        """Write the tangent stiffness [N/m] of its edges and vertices to CSR values, or add it; adds the force to `force` (nv, d)."""
+    def tangent(
+        self, u: Array, rows: Rows, data: Array, add: bool, force: Array | None = None, clamped: bool = False
+    ) -> Linearized:
+        """Write the tangent stiffness [N/m] of its edges and vertices to CSR values, or add it; adds the force to `force` (nv, d).
 
-    def edge_blocks(self, u: Array, force: Array | None = None, out: Array | None = None) -> tuple[float, Array]:
+        `clamped`: without what could make it indefinite (negative tensions), so that it is positive semi-definite.
+        """
+
+    def edge_blocks(
+        self, u: Array, force: Array | None = None, out: Array | None = None, clamped: bool = False
+    ) -> tuple[float, Array]:
         """The energy [J], and what `add_product` needs at `u`; `out` is what it returned before, to be filled anew."""
 
     def add_product(self, blocks: Array, v: Array, out: Array) -> None:
         """Add `K v` to `out` (nv, d)."""
 
+    def add_diagonal(self, blocks: Array, out: Array) -> None:
+        """Add the diagonal blocks `K_aa` to `out` (nv, d, d)."""
+
+    def along(self, u: Array, v: Array) -> NDArray[np.float64]:
+        """(5,) coefficients of the energy along `u + s v`, exactly a quartic: `c0 + c1 s + c2 s^2 + c3 s^3 + c4 s^4` [J]."""
+
+    def add_round_off(self, u: Array, out: Array) -> None:
+        """Add to `out` (nv, d) the absolute values of all that adds up to the force [N]: times eps, the size of its rounding error."""
+
     def memory(self) -> dict[str, int]:
         """Bytes of what there is now, by part."""
+
+
+@runtime_checkable
+class HasVolume(Protocol):
+    """A term with simplices that can turn inside out; its specification has their `region`."""
+
+    def volume_ratios(self, u: Array) -> NDArray[np.float64]:
+        """(n,) volume at `u` (nv, d) over that at rest of the region's simplices, in their order."""
+
+    def smallest_volume_ratio(self, u: Array) -> float:
+        """The smallest of them."""
 
 
 class Term(Protocol):
@@ -45,3 +72,30 @@ class Term(Protocol):
 
     def bind(self, mesh: SimplexMesh, dtype: DTypeLike) -> BoundTerm:
         """The term on this mesh, with results of this type."""
+
+
+class BoundLoad(Protocol):
+    """What acts on a body from outside, at displacements `u` (nv, d) and load factor or time `t`."""
+
+    @property
+    def conservative(self) -> bool:
+        """Whether it has a potential; otherwise its stiffness is not symmetric."""
+
+    @property
+    def edges(self) -> NDArray[np.int32]:
+        """(2, ne) pairs of vertices `a < b` that its stiffness couples, in lexicographic order; none if it does not depend on `u`."""
+
+    def potential(self, u: Array, t: float) -> float:
+        """Its potential [J]; the force is `-d potential/du`."""
+
+    def add_force(self, u: Array, t: float, out: Array) -> None:
+        """Add the external force [N] to `out` (nv, d)."""
+
+    def places(self, pattern: Places) -> Any:
+        """Where its blocks stand in the values of a matrix of this pattern."""
+
+    def add_stiffness(self, u: Array, t: float, places: Any, data: Array) -> None:
+        """Add `-d force/du` [N/m] to CSR values."""
+
+    def memory(self) -> dict[str, int]:
+        """Bytes of what there is now, by part."""

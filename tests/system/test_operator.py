@@ -6,7 +6,7 @@ import scipy.sparse.linalg
 from bodies import BODIES, MESHES, state
 
 from skfem_stvk import StateError, StVK, System
-from skfem_stvk.system import TangentOperator
+from skfem_stvk.system import FreeOperator, TangentOperator
 
 TERM = StVK(young=2.0, poisson=0.3)
 SOLID = System(MESHES["tetrahedra"], TERM)
@@ -184,3 +184,134 @@ def test_prepare_refuses_what_is_no_state():
     operator = System(mesh, StVK(young=2.0, poisson=0.3)).linear_operator(state(mesh))
     with pytest.raises(StateError, match="u has shape"):
         operator.prepare(np.zeros((3, 3)))
+
+
+def held_body(name="tetrahedra, two regions"):
+    mesh, terms = BODIES[name]
+    body = System(mesh, terms)
+    return body, body.free_dofs(np.flatnonzero(np.random.default_rng(0).random(body.ndofs) < 0.3))
+
+
+@pytest.mark.parametrize("name", BODIES)
+def test_diagonal_blocks_are_those_of_K(name):
+    mesh, terms = BODIES[name]
+    body, u = System(mesh, terms), state(mesh)
+    vertices = np.arange(mesh.nv)
+    for clamped in (False, True):
+        K = body.jacobian(u, clamped=clamped).toarray().reshape(mesh.nv, mesh.d, mesh.nv, mesh.d)
+        blocks = body.linear_operator(u, clamped=clamped).diagonal_blocks()
+        assert blocks.shape == (mesh.nv, mesh.d, mesh.d)
+        assert np.abs(blocks - K[vertices, :, vertices]).max() < 1e-13 * np.abs(K).max()
+
+
+@pytest.mark.parametrize("clamped", [False, True])
+def test_over_the_free_degrees_of_freedom_it_is_K_without_rows_and_columns(clamped):
+    body, held = held_body()
+    u, v = -3 * state(body.mesh), state(body.mesh, seed=9)[held.free]
+    operator = FreeOperator(body.linear_operator(u, clamped=clamped), held)
+    K = held.matrix(body.jacobian(u, clamped=clamped))
+    assert operator.shape == K.shape and operator.dtype == np.float64 and operator.H is operator
+    limit = 1e-13 * np.abs(K @ v).max()
+    for w in (v, v[:, None], np.stack([v, -2 * v], axis=1), v * (1 + 2j)):
+        assert (operator @ w).shape == (K @ w).shape and np.abs(operator @ w - K @ w).max() < 3 * limit
+    again = operator @ v
+    operator @ (7 * v)
+    assert np.array_equal(operator @ v, again)
+
+
+def test_it_follows_the_tangent_that_it_is_made_of():
+    body, held = held_body()
+    u, v = state(body.mesh), state(body.mesh, seed=9)[held.free]
+    tangent = body.linear_operator(u)
+    operator = FreeOperator(tangent, held)
+    before = operator @ v
+    tangent.prepare(-2 * u, clamped=True)
+    K = held.matrix(body.jacobian(-2 * u, clamped=True))
+    assert np.abs(operator @ v - K @ v).max() < 1e-13 * np.abs(K @ v).max() < np.abs(operator @ v - before).max()
+
+
+def test_diagonal_blocks_of_what_is_held_are_the_identity():
+    """So that they can be inverted one by one, and the inverse restricted is that of the free block."""
+    body, held = held_body()
+    u = state(body.mesh)
+    blocks = FreeOperator(body.linear_operator(u), held).diagonal_blocks()
+    K = body.tangent(u).toarray()
+    K[held.fixed] = 0
+    K[:, held.fixed] = 0
+    K[held.fixed, held.fixed] = 1
+    vertices = np.arange(body.mesh.nv)
+    wanted = K.reshape(body.mesh.nv, 3, body.mesh.nv, 3)[vertices, :, vertices]
+    assert np.abs(blocks - wanted).max() < 1e-13 * np.abs(wanted).max()
+    assert (blocks.reshape(body.ndofs, 3)[held.fixed].sum(axis=1) == 1).all()
+
+
+def test_a_held_body_is_solved_with_its_diagonal_blocks_as_preconditioner():
+    body, held = held_body()
+    u, f = 0.1 * state(body.mesh), np.cos(np.arange(len(held.free)))
+    operator = FreeOperator(body.linear_operator(u), held)
+    inverse = np.linalg.inv(operator.diagonal_blocks())
+
+    def precondition(r):
+        return np.einsum("aij,aj->ai", inverse, held.vector(r.ravel()).reshape(-1, 3)).ravel()[held.free]
+
+    M = scipy.sparse.linalg.LinearOperator(operator.shape, precondition, dtype=float)
+    x, info = scipy.sparse.linalg.cg(operator, f, rtol=1e-12, maxiter=5000, M=M)
+    assert info == 0 and np.abs(held.matrix(body.tangent(u)) @ x - f).max() < 1e-9
+
+
+def test_products_of_a_free_operator_reuse_their_vectors():
+    body, held = held_body()
+    operator, v = FreeOperator(body.linear_operator(state(body.mesh)), held), np.ones(len(held.free))
+    arrays = operator._all, operator._out
+    operator @ v
+    assert operator._all is arrays[0] and operator._out is arrays[1]
+    assert not operator._all.ravel()[held.fixed].any()
+
+
+def test_a_free_operator_whose_tangent_is_not_prepared_says_so():
+    body, held = held_body()
+    tangent = body.linear_operator(state(body.mesh))
+    operator = FreeOperator(tangent, held)
+    with pytest.raises(StateError, match="K overflows"):
+        tangent.prepare(1e160 * state(body.mesh))
+    for call in (lambda: operator @ np.ones(len(held.free)), operator.diagonal_blocks, tangent.diagonal_blocks):
+        with pytest.raises(StateError, match="is not prepared"):
+            call()
+
+
+def test_a_clamped_operator_is_never_taken_for_the_tangent():
+    u = state(SOLID.mesh).reshape(-1, 3)
+    operator = SOLID.linear_operator(u.ravel(), clamped=True)
+    assert not operator.is_at(u)
+    operator.prepare(u.ravel())
+    assert operator.is_at(u)
+
+
+class Anchors:
+    """A term that is no assembly: springs `c` from some vertices to where they are at rest."""
+
+    def __init__(self, c):
+        self.c = c
+
+    def edge_blocks(self, u, force=None, out=None, clamped=False):
+        blocks = np.multiply.outer(self.c, np.eye(u.shape[1]))
+        if out is not None:
+            out[:] = blocks
+        return float((self.c[:, None] * u**2).sum() / 2), blocks if out is None else out
+
+    def add_product(self, blocks, v, out):
+        out += np.einsum("aij,aj->ai", blocks, v)
+
+    def add_diagonal(self, blocks, out):
+        out += blocks
+
+
+def test_terms_that_are_no_assemblies_will_do():
+    mesh = SOLID.mesh
+    u, v, c = state(mesh), state(mesh, seed=9), np.arange(mesh.nv) % 5.0
+    operator = TangentOperator([TERM.bind(mesh), Anchors(c)], lambda u: u.reshape(-1, 3), u, np.float64)
+    operator.prepare(u)
+    wanted = SOLID.tangent(u) @ v + np.repeat(c, 3) * v
+    assert np.abs(operator @ v - wanted).max() < 1e-13 * np.abs(wanted).max()
+    with_anchors, without = operator.diagonal_blocks(), SOLID.linear_operator(u).diagonal_blocks()
+    assert np.abs(with_anchors - without - c[:, None, None] * np.eye(3)).max() < 1e-13 * np.abs(with_anchors).max()

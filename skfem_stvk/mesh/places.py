@@ -1,0 +1,156 @@
+"""Places on a mesh, where it is held or loaded: by name, by vertex ids, by a predicate of the coordinates."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, TypeAlias
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..errors import RegionError, name_ids, name_known
+from .facets import find_facets
+from .simplices import SimplexMesh
+
+#: The name of a boundary or of a node set; vertex ids, or a mask; or a predicate of coordinates `x` (d, n), as in scikit-fem:
+#: `lambda x: x[0] == 0`.
+Where: TypeAlias = str | ArrayLike | Callable[[NDArray[np.float64]], ArrayLike]
+
+
+def vertices_at(mesh: SimplexMesh, where: Where, what: str = "The place") -> NDArray[np.int64]:
+    """Ids of the vertices there, ascending.
+
+    Raises
+    ------
+    RegionError
+        if there are none, or the name is unknown; the message begins with `what` asks for them.
+
+    >>> mesh = SimplexMesh(p=[[0, 1, 0, 1], [0, 0, 1, 1]], t=[[0, 1], [1, 2], [2, 3]], node_sets={"corner": [3]})
+    >>> vertices_at(mesh, "corner"), vertices_at(mesh, lambda x: x[0] == 0)
+    (array([3]), array([0, 2]))
+    """
+    if isinstance(where, str):
+        ids = _named(mesh, where, what)
+    elif callable(where):
+        ids = _satisfying(mesh, where, what)
+    else:
+        ids = _listed(mesh, where, f"{what}: the vertices")
+    if not len(ids):
+        raise RegionError(f"{what}: no vertex there. {describe(where)} is empty.")
+    return ids
+
+
+def facets_at(mesh: SimplexMesh, where: Where, what: str = "The place") -> NDArray[np.int32]:
+    """(k, n) vertices of the facets there, each once: those of a named boundary, or the boundary facets with all vertices there.
+
+    Raises
+    ------
+    RegionError
+        if there are none, or the name is unknown.
+
+    >>> mesh = SimplexMesh(p=[[0, 1, 0, 1], [0, 0, 1, 1]], t=[[0, 1], [1, 2], [2, 3]])
+    >>> facets_at(mesh, lambda x: x[0] == 0)
+    array([[2],
+           [0]], dtype=int32)
+    """
+    if isinstance(where, str) and where in mesh.boundaries:
+        return _boundary(mesh, where)
+    ids = vertices_at(mesh, where, what)
+    there = np.zeros(mesh.nv, dtype=bool)
+    there[ids] = True
+    facets = mesh.surface[:, there[mesh.surface].all(axis=0)]
+    if not facets.shape[1]:
+        raise RegionError(
+            f"{what}: {describe(where)} has {name_ids(ids, 'vertex')}, but none of the {mesh.surface.shape[1]} boundary facets has all "
+            "its vertices there. Widen it; for forces on vertices there is NodalLoad."
+        )
+    return facets
+
+
+def describe(where: Any) -> str:
+    """A place in words.
+
+    >>> describe("tip"), describe([3, 4]), describe(lambda x: x[0] == 0)
+    ("'tip'", '2 vertices (3, 4)', "the predicate '<lambda>'")
+    """
+    if isinstance(where, str):
+        return repr(where)
+    if callable(where):
+        return f"the predicate {getattr(where, '__name__', type(where).__name__)!r}"
+    ids = np.asarray(where)
+    return name_ids(np.flatnonzero(ids) if ids.dtype == bool else ids, "vertex")
+
+
+def _named(mesh: SimplexMesh, name: str, what: str) -> NDArray[np.int64]:
+    _refuse_unknown(mesh, name, what)
+    on_boundary = np.unique(_boundary(mesh, name)).astype(np.int64) if name in mesh.boundaries else None
+    in_set = _listed(mesh, mesh.node_sets[name], f"Node set {name!r}") if name in mesh.node_sets else None
+    if on_boundary is None or in_set is None:
+        return in_set if on_boundary is None else on_boundary  # type: ignore[return-value]
+    if not np.array_equal(on_boundary, in_set):
+        raise RegionError(
+            f"{what}: {name!r} is the name of a boundary with {len(on_boundary)} vertices and of a node set with {len(in_set)} others. "
+            f"Say which: mesh.node_sets[{name!r}], or np.unique(mesh.boundaries[{name!r}])."
+        )
+    return in_set
+
+
+def _refuse_unknown(mesh: SimplexMesh, name: str, what: str) -> None:
+    known = {*mesh.boundaries, *mesh.node_sets}
+    if name not in known:
+        hint = " It is a subdomain: for its vertices, np.unique(mesh.t[:, mesh.elements(name)])." if name in mesh.subdomains else ""
+        raise RegionError(f"{what}: the mesh has no boundary or node set {name!r}; {name_known(name, known)}{hint}")
+
+
+def _boundary(mesh: SimplexMesh, name: str) -> NDArray[np.int32]:
+    """(k, n) facets of a named boundary, each once."""
+    facets = np.asarray(mesh.boundaries[name])
+    if facets.ndim != 2 or len(facets) != mesh.k or not facets.size or facets.dtype.kind not in "iu":
+        raise RegionError(
+            f"Boundary {name!r} has shape {facets.shape} and dtype {facets.dtype}; expected ({mesh.k}, n), n > 0: the vertices of facets."
+        )
+    bad = np.flatnonzero(((facets < 0) | (facets >= mesh.nv)).any(axis=0))
+    if len(bad):
+        raise RegionError(f"Boundary {name!r}: {name_ids(bad, 'facet')} with vertex ids outside 0 ... {mesh.nv - 1}.")
+    return facets[:, np.unique(find_facets(facets, facets, mesh.nv))].astype(np.int32)
+
+
+def _satisfying(mesh: SimplexMesh, predicate: Callable[[Any], Any], what: str) -> NDArray[np.int64]:
+    try:
+        mask = np.asarray(predicate(mesh.p.copy()))
+    except Exception as error:
+        raise RegionError(
+            f"{what}: {describe(predicate)} failed with {type(error).__name__}: {error}. It gets coordinates x of shape {mesh.p.shape}: "
+            f"x[0] ... x[{mesh.d - 1}]."
+        ) from error
+    if mask.dtype != bool or mask.shape != (mesh.nv,):
+        raise RegionError(
+            f"{what}: {describe(predicate)} returned shape {mask.shape} and dtype {mask.dtype}; expected a mask ({mesh.nv},), True for the "
+            f"vertices that are meant, such as lambda x: x[0] == 0."
+        )
+    if not mask.any():
+        box = ", ".join(
+            f"x[{i}] from {low:.9g} to {high:.9g}" for i, (low, high) in enumerate(np.stack([mesh.p.min(1), mesh.p.max(1)], 1))
+        )
+        raise RegionError(
+            f"{what}: none of the {mesh.nv} vertices satisfies {describe(predicate)}. The mesh has {box}. Coordinates that are compared "
+            "need a tolerance: np.isclose(x[0], 1)."
+        )
+    return np.flatnonzero(mask)
+
+
+def _listed(mesh: SimplexMesh, given: Any, what: str) -> NDArray[np.int64]:
+    ids = np.asarray(given)
+    if ids.dtype == bool:
+        if ids.shape != (mesh.nv,):
+            raise RegionError(f"{what} are a mask of shape {ids.shape}; expected one value for each of the {mesh.nv} vertices.")
+        return np.flatnonzero(ids)
+    if ids.ndim != 1 or (ids.size and ids.dtype.kind not in "iu"):
+        raise RegionError(
+            f"{what} have shape {ids.shape} and dtype {ids.dtype}; expected the name of a boundary or of a node set, a list of vertex ids, "
+            "a mask, or a predicate such as lambda x: x[0] == 0."
+        )
+    bad = ids[(ids < 0) | (ids >= mesh.nv)] if ids.size else ids
+    if len(bad):
+        raise RegionError(f"{what} name {name_ids(bad, 'vertex')} outside 0 ... {mesh.nv - 1}.")
+    return np.unique(ids).astype(np.int64)

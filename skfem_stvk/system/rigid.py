@@ -1,0 +1,149 @@
+"""Rigid motions: those of a body, and those that its supports leave to its parts."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
+
+from ..errors import SupportError, name_ids
+from ..terms import BoundTerm
+from .motions import names
+
+Array = NDArray[np.float64]
+
+#: Below this part of the largest, what resists a motion is rounding: supports that are closer together than 3e-7 of a body are one.
+NOTHING = 1e-13
+MOST = 5
+
+
+def rigid_modes(x: Array) -> Array:
+    """(ndofs, r) displacements of unit translations and of rotations about the centre of the vertices `x` (nv, d), of unit size at most.
+
+    `r` is 1, 3, 6 for d = 1, 2, 3; fewer of them are independent where all vertices are on a line.
+
+    >>> rigid_modes(np.array([[0.0, 0.0], [2.0, 0.0]]))
+    array([[ 1.,  0., -0.],
+           [ 0.,  1., -1.],
+           [ 1.,  0., -0.],
+           [ 0.,  1.,  1.]])
+    """
+    x = x - x.mean(axis=0)
+    modes = _motions(x / (np.linalg.norm(x, axis=1).max() or 1.0))
+    return modes.reshape(x.size, -1)
+
+
+def check_held(p: Array, terms: Sequence[BoundTerm], held: NDArray[Any]) -> None:
+    """Refuse a body that can move without strain.
+
+    Parameters
+    ----------
+    p : (d, nv) coordinates [m].
+    terms : whose edges hold it together; those that also tie it to the ground have `grounded` degrees of freedom.
+    held : degrees of freedom of the supports.
+
+    Raises
+    ------
+    SupportError
+        with the rigid modes that are left, by part.
+    """
+    grounded = [getattr(term, "grounded", np.empty(0, dtype=np.int64)) for term in terms]
+    left = rigid_modes_left(p, [term.edges for term in terms], np.concatenate([held, *grounded]))
+    if left:
+        more = f"; and {len(left) - MOST} more parts" if len(left) > MOST else ""
+        raise SupportError(
+            f"Not held: {'; '.join(left[:MOST])}{more}. Fix more components (fixed={{place: 'xyz'}}), prescribe them, or add an "
+            "ElasticFoundation. Parts that should hold together: merge the vertices of their common faces."
+        )
+
+
+def rigid_modes_left(p: Array, edges: Sequence[NDArray[np.int32]], held: NDArray[Any]) -> list[str]:
+    """What each part of a body can still do when degrees of freedom are `held`, in words; parts are what `edges` (2, ne) connect.
+
+    >>> square = np.array([[0.0, 1, 0, 1], [0, 0, 1, 1]])
+    >>> edges = np.array([[0, 0, 1, 1, 2], [1, 2, 2, 3, 3]])
+    >>> rigid_modes_left(square, [edges], held=np.array([0, 4]))
+    ['the body of 4 vertices has 1 rigid mode left, translation along y']
+    >>> rigid_modes_left(square, [edges], held=np.array([0, 1]))
+    ['the body of 4 vertices has 1 rigid mode left, rotation about the point (0, 0)']
+    """
+    d, nv = p.shape
+    part = _parts(edges, nv)
+    centre, size, x = _centred(p, part)
+    modes = _motions(x)
+    vertex, component = np.divmod(np.unique(held).astype(np.int64), d)
+    resisted = _gram(modes[vertex, component][:, None], part[vertex], len(size))
+    lowest, trace = np.linalg.eigvalsh(resisted)[:, 0], np.trace(resisted, axis1=1, axis2=2)
+    loose = np.flatnonzero(lowest <= NOTHING * trace)
+    if not len(loose):
+        return []
+    moved = _gram(modes, part, len(size))
+    free = {int(i): _free(resisted[i], moved[i]) for i in loose}
+    return [
+        f"{_name_part(part, i) if len(size) > 1 else f'the body of {nv} vertices'} has {motions.shape[1]} rigid "
+        f"mode{'s' * (motions.shape[1] > 1)} left, {', '.join(names(motions, d, centre[i], size[i]))}"
+        for i, motions in free.items()
+        if motions.size
+    ]
+
+
+def _parts(edges: Sequence[NDArray[np.int32]], nv: int) -> NDArray[np.int32]:
+    """(nv,) number of the part of each vertex."""
+    a, b = np.concatenate([np.empty((2, 0), dtype=np.int32), *edges], axis=1)
+    links = coo_matrix((np.ones(len(a), dtype=np.int8), (a, b)), shape=(nv, nv))
+    parts: NDArray[np.int32] = connected_components(links, directed=False)[1]
+    return parts
+
+
+def _name_part(part: NDArray[np.int32], i: int) -> str:
+    return f"the part of {name_ids(np.flatnonzero(part == i), 'vertex')}"
+
+
+def _centred(p: Array, part: NDArray[np.int32]) -> tuple[Array, Array, Array]:
+    """Centre (n, d) and size (n,) of the parts, and (nv, d) coordinates from there in units of the size."""
+    count = np.bincount(part)
+    rough = p[:, np.unique(part, return_index=True)[1]]  # of a vertex: far from the origin, means of differences are exact
+    x = p - rough[:, part]
+    shift = np.stack([np.bincount(part, weights=row) / count for row in x])
+    x -= shift[:, part]
+    size = np.zeros(len(count))
+    np.maximum.at(size, part, np.linalg.norm(x, axis=0))
+    size[size == 0] = 1.0
+    return (rough + shift).T, size, (x / size[part]).T
+
+
+def _motions(x: Array) -> Array:
+    """(nv, d, r) unit translations, and rotations about zero: in the plane, or about each axis."""
+    nv, d = x.shape
+    modes = np.zeros((nv, d, {1: 1, 2: 3, 3: 6}[d]))
+    modes[:, range(d), range(d)] = 1
+    if d == 2:
+        modes[:, 0, 2], modes[:, 1, 2] = -x[:, 1], x[:, 0]
+    for axis in range(3 if d == 3 else 0):
+        y, z = (axis + 1) % 3, (axis + 2) % 3
+        modes[:, y, 3 + axis], modes[:, z, 3 + axis] = -x[:, z], x[:, y]
+    return modes
+
+
+def _gram(modes: Array, part: NDArray[Any], parts: int) -> Array:
+    """(parts, r, r) sums of the products of motions `modes` (n, c, r)."""
+    r = modes.shape[2]
+    gram = np.empty((parts, r, r))
+    for i in range(r):
+        for j in range(i + 1):
+            product = np.einsum("nc,nc->n", modes[:, :, i], modes[:, :, j])
+            gram[:, i, j] = gram[:, j, i] = np.bincount(part, weights=product, minlength=parts)
+    return gram
+
+
+def _free(resisted: Array, moved: Array) -> Array:
+    """(r, m) orthonormal motions that nothing resists and that move something."""
+    values, vectors = np.linalg.eigh(resisted)
+    free = vectors[:, values <= NOTHING * np.trace(resisted)]
+    values, vectors = np.linalg.eigh(free.T @ moved @ free)
+    found: Array = free @ vectors[:, values > NOTHING * np.trace(moved)]
+    return found

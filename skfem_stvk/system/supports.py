@@ -1,0 +1,157 @@
+"""How a body is held: which degrees of freedom do not move, and which move as prescribed."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from typing import Any, NamedTuple, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import SupportError, name_ids
+from ..mesh import SimplexMesh
+from ..mesh.places import Where, describe, vertices_at
+from ..terms.load import Value
+
+Dofs = NDArray[np.int64]
+
+#: By place: `{"wall": "xyz"}`; or pairs of a place and what is said about it, for places that cannot be keys, such as arrays.
+Displacements: TypeAlias = Mapping[Any, Any] | Iterable[tuple[Where, Any]]
+
+
+class Motion(NamedTuple):
+    """A prescribed displacement: its degrees of freedom, and its values by component and vertex."""
+
+    dofs: Dofs
+    value: Value
+
+
+class Supports:
+    """The degrees of freedom of a body that are held: those that are fixed, and those whose displacements are prescribed.
+
+    Parameters
+    ----------
+    mesh : of the body.
+    fixed : components that do not move, by place: `{"wall": "xyz", "symmetry": "y"}`.
+    prescribed : displacements [m], by place and component: `{"handle": {"x": 0.01}}`; a number, (n,) values for the vertices there in
+        ascending order, or a function of t or of (x, t). Or one function of (x, t) for all components of a place, which returns (d, n).
+        What is given by constants ramps with the load factor.
+
+    Attributes
+    ----------
+    fixed, prescribed, held : degrees of freedom `d * vertex + component`, ascending; `held` are both.
+
+    Raises
+    ------
+    RegionError
+        if there is nothing at a place.
+    SupportError
+        if a component is not of the mesh; a value has the wrong shape or is not finite; a degree of freedom is both fixed and prescribed,
+        or prescribed twice with different values; or none is free.
+
+    >>> mesh = SimplexMesh(p=[[0, 1, 0], [0, 0, 1]], t=[[0], [1], [2]])
+    >>> supports = Supports(mesh, {(0,): "xy"}, {(1,): {"y": 0.1}})
+    >>> supports.fixed, supports.prescribed, supports.values(0.5)
+    (array([0, 1]), array([3]), array([0.  , 0.  , 0.05]))
+    """
+
+    def __init__(self, mesh: SimplexMesh, fixed: Displacements | None = None, prescribed: Displacements | None = None) -> None:
+        self._mesh = mesh
+        held = [self._fix(where, letters) for where, letters in _pairs(fixed, "fixed", '{"wall": "xyz"}')]
+        entries = _pairs(prescribed, "prescribed", '{"handle": {"x": 0.01}}')
+        motions = [motion for where, given in entries for motion in self._move(where, given)]
+        self.fixed = _union(held)
+        self.prescribed = _union([motion.dofs for motion in motions])
+        self.held = np.union1d(self.fixed, self.prescribed)
+        self._refuse_both()
+        if len(self.held) == mesh.p.size:
+            raise SupportError(f"All {mesh.p.size} degrees of freedom are fixed or prescribed: there is nothing to solve for.")
+        self._motions = [(np.searchsorted(self.held, motion.dofs), motion.value) for motion in motions]
+        places = np.concatenate([np.empty(0, dtype=np.int64), *(place.ravel() for place, _ in self._motions)])
+        self._twice = len(places) > len(self.prescribed)
+        for t in (0.0, 1 / 3, 1.0):
+            self.values(t)
+
+    def values(self, t: float) -> NDArray[np.float64]:
+        """Displacements of `held` at load factor or time `t` [m].
+
+        Raises
+        ------
+        SupportError
+            if a function does not return finite values, or two of them give different ones for the same degree of freedom.
+        """
+        values = np.zeros(len(self.held))
+        for place, value in self._motions:
+            values[place] = value.at(t)
+        if self._twice:
+            for place, value in self._motions:
+                self._refuse_different(place, values[place], value.at(t), t)
+        return values
+
+    def _fix(self, where: Where, letters: Any) -> Dofs:
+        what = f"fixed on {describe(where)}"
+        components = self._components(letters, what)
+        return _dofs(vertices_at(self._mesh, where, what), components, self._mesh.d)
+
+    def _move(self, where: Where, given: Any) -> list[Motion]:
+        what = f"prescribed on {describe(where)}"
+        vertices, d = vertices_at(self._mesh, where, what), self._mesh.d
+        x = self._mesh.p[:, vertices]
+        if callable(given):
+            whole = Value(given, (d,), x, what, SupportError)
+            return [Motion(_dofs(vertices, range(d), d).reshape(-1, d).T, whole)]
+        if not isinstance(given, Mapping) or not given:
+            raise SupportError(
+                f"{what}: {given!r} came; expected displacements by component, such as {{'x': 0.01}}, or a function of (x, t) that returns "
+                f"all {d} components."
+            )
+        return [
+            Motion(_dofs(vertices, [component], d), Value(value, (), x, f"{what}, component {letter}", SupportError))
+            for letter, value in given.items()
+            for component in self._components(letter, what)
+        ]
+
+    def _components(self, letters: Any, what: str) -> list[int]:
+        own = "xyz"[: self._mesh.d]
+        if not isinstance(letters, str) or not letters or not set(letters) <= set(own):
+            raise SupportError(f"{what}: {letters!r} came; expected components of this mesh of {self._mesh.kind}, from {own!r}.")
+        return [own.index(letter) for letter in letters]
+
+    def _refuse_both(self) -> None:
+        both = np.intersect1d(self.fixed, self.prescribed)
+        if len(both):
+            raise SupportError(
+                f"Both fixed and prescribed: {self._name(both)}. Places that share an edge or a corner? Leave the component out of one of "
+                "them, or take the vertices out with a predicate."
+            )
+
+    def _refuse_different(self, place: Dofs, one: NDArray[np.float64], other: NDArray[np.float64], t: float) -> None:
+        differ = np.abs(one - other) > 1e-12 * np.maximum(np.abs(one), np.abs(other))
+        bad = np.unique(place[np.broadcast_to(differ, place.shape)])
+        if len(bad):
+            raise SupportError(
+                f"Prescribed twice, with different displacements at t = {t:.3g}: {self._name(self.held[bad])}. Places that share an edge or a "
+                "corner? Leave the component out of one of them."
+            )
+
+    def _name(self, dofs: Dofs) -> str:
+        """Degrees of freedom in words, by component."""
+        vertices, components = np.divmod(dofs, self._mesh.d)
+        return "; ".join(f"{'xyz'[c]} of {name_ids(vertices[components == c], 'vertex')}" for c in np.unique(components))
+
+
+def _pairs(given: Any, name: str, example: str) -> list[tuple[Any, Any]]:
+    """Places and what is said about them."""
+    pairs = list(given.items()) if isinstance(given, Mapping) else given if given is not None else []
+    if not isinstance(pairs, list | tuple) or any(not isinstance(pair, list | tuple) or len(pair) != 2 for pair in pairs):
+        raise SupportError(f"{name} = {given!r}; expected a dict such as {example}, or a list of such pairs.")
+    return list(pairs)
+
+
+def _dofs(vertices: NDArray[np.int64], components: Iterable[int], d: int) -> Dofs:
+    """(n c,) degrees of freedom of these components, vertex by vertex."""
+    return (d * vertices[:, None] + np.array(list(components))).ravel()
+
+
+def _union(dofs: list[Dofs]) -> Dofs:
+    return np.unique(np.concatenate([np.empty(0, dtype=np.int64), *(ids.ravel() for ids in dofs)]))

@@ -1,0 +1,110 @@
+"""A body: a mesh and what it is made of, as loads need to know it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import cached_property
+from math import factorial
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import LoadError, MaterialError, name_ids
+from ..kernels.geometry import measures
+from ..mesh import SimplexMesh
+from ..mesh.facets import facet_sizes, facets_of, find_facets
+from .stvk import StVK
+
+Array = NDArray[np.float64]
+
+
+class Body:
+    """A mesh and its elastic terms. Everything is worked out when it is first asked for.
+
+    >>> import skfem
+    >>> body = Body(SimplexMesh.of(skfem.MeshTri()), [StVK(young=1.0, poisson=0.3, density=2.0, thickness=0.1)])
+    >>> body.volumes, body.mass
+    (array([0.05, 0.05]), array([0.1, 0.1]))
+    """
+
+    def __init__(self, mesh: SimplexMesh, terms: Sequence[Any]) -> None:
+        self.mesh = mesh
+        self._materials = [term for term in terms if isinstance(term, StVK)]
+
+    @cached_property
+    def sizes(self) -> Array:
+        """(nt,) lengths, areas or volumes of the simplices at rest [m^k]."""
+        sizes: Array = measures(self.mesh.p, self.mesh.t)[0] / factorial(self.mesh.k)
+        return sizes
+
+    @cached_property
+    def section(self) -> Array:
+        """(nt,) what turns a size into a volume: thickness of triangles [m], area of segments [m^2], 1 for tetrahedra.
+
+        Raises
+        ------
+        LoadError
+            if terms on the same elements give different ones.
+        """
+        section = np.full(self.mesh.nt, np.nan)
+        for term in self._materials:
+            ids = self.mesh.elements(term.region)
+            own = np.broadcast_to(term.section(self.mesh, len(ids)), ids.shape)
+            bad = ids[~np.isnan(section[ids]) & (section[ids] != own)]
+            if len(bad):
+                raise LoadError(
+                    f"{name_ids(bad, 'element')}: terms of different {'thickness' if self.mesh.k == 2 else 'area'} on the same elements, so "
+                    "forces per volume or per area have no meaning there. Give all of them the same; for forces on vertices there is NodalLoad."
+                )
+            section[ids] = own
+        return np.nan_to_num(section, nan=1.0)
+
+    @property
+    def volumes(self) -> Array:
+        """(nt,) volumes at rest [m^3]: sizes times section."""
+        return self.sizes * self.section
+
+    @cached_property
+    def mass(self) -> Array:
+        """(nt,) [kg], of all terms on each element.
+
+        Raises
+        ------
+        MaterialError
+            if a material has no density.
+        """
+        if not self._materials:
+            raise MaterialError("No term has a density. Give one to the material: StVK(..., density=...).")
+        mass = np.zeros(self.mesh.nt)
+        for term in self._materials:
+            assert term.material is not None
+            if term.material.density is None:
+                region = f" on {term.region!r}" if isinstance(term.region, str) else ""
+                raise MaterialError(f"The material{region} has no density. Give it one: StVK(..., density=...) [kg/m^3].")
+            ids = self.mesh.elements(term.region)
+            mass[ids] += self.sizes[ids] * term.section(self.mesh, len(ids)) * np.asarray(term.material.density)
+        return mass
+
+    def facet_areas(self, facets: NDArray[np.int32]) -> Array:
+        """(n,) areas of facets (k, n) at rest [m^2]: their sizes times section."""
+        return facet_sizes(self.mesh.p, facets) * self.facet_sections(facets)
+
+    def facet_sections(self, facets: NDArray[np.int32]) -> Array:
+        """(n,) the section of the simplex that each facet (k, n) belongs to; the mean of both between two of them.
+
+        Raises
+        ------
+        LoadError
+            if it is of no simplex and the section is not the same everywhere.
+        """
+        if (self.section == self.section[0]).all():
+            return np.full(facets.shape[1], self.section[0])
+        every, t2f = facets_of(self.mesh.t, self.mesh.nv)
+        owners = t2f.ravel()
+        means = np.bincount(owners, weights=np.tile(self.section, len(t2f))) / np.bincount(owners)
+        found = find_facets(facets, every, self.mesh.nv)
+        bad = np.flatnonzero(found < 0)
+        if len(bad):
+            raise LoadError(f"{name_ids(bad, 'facet')} of {len(found)}: of no element, so without thickness or area.")
+        return means[found]

@@ -1,0 +1,76 @@
+"""Dead loads: forces on vertices that do not depend on where those go."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..edges.rows import Places
+from ..mesh import SimplexMesh
+from .load import Value, ramp
+from .spread import Spread
+
+Array = NDArray[np.floating[Any]]
+Values = NDArray[np.float64]
+
+
+class Nodes:
+    """Vertices that take the values as they are: what `Spread` is for forces on vertices."""
+
+    def __init__(self, mesh: SimplexMesh, vertices: NDArray[np.int64]) -> None:
+        self.vertices, self.x = vertices, mesh.p[:, vertices]
+
+    def integrate(self, values: Values) -> Values:
+        """(nv, d) the `values` (d, nv) or (d, 1)."""
+        return np.broadcast_to(values.T, self.x.T.shape)
+
+
+class DeadLoad:
+    """Values `f(t)` with the potential `-f . u`. Those of constants are computed once, others once for each new `t`.
+
+    Parameters
+    ----------
+    spread : vertices, and how values go to them.
+    value : what acts there, (d,) components at each of them.
+    """
+
+    conservative = True
+    edges: NDArray[np.int32] = np.empty((2, 0), dtype=np.int32)
+
+    def __init__(self, mesh: SimplexMesh, spread: Spread | Nodes, value: Value) -> None:
+        self._at: Any = slice(None) if len(spread.vertices) == mesh.nv else spread.vertices
+        if value.constant is not None:
+            unit = spread.integrate(value.constant)
+            self._compute: Callable[[float], Values] = lambda t: ramp(t) * unit
+        else:
+            self._compute = lambda t: spread.integrate(value.at(t))
+        self._known = 1.0, self._compute(1.0)
+
+    def forces(self, t: float) -> Values:
+        """(n, d) forces on its vertices [N]."""
+        known, forces = self._known
+        if t != known:
+            forces = self._compute(t)
+            self._known = t, forces
+        return forces
+
+    def potential(self, u: Array, t: float) -> float:
+        """`-f(t) . u` [J]."""
+        return -float(np.vdot(self.forces(t), u[self._at]))
+
+    def add_force(self, u: Array, t: float, out: Array) -> None:
+        """Add the forces [N] to `out` (nv, d)."""
+        out[self._at] += self.forces(t)
+
+    def places(self, pattern: Places) -> None:
+        """It has no stiffness."""
+
+    def add_stiffness(self, u: Array, t: float, places: None, data: Array) -> None:
+        """It has no stiffness."""
+
+    def memory(self) -> dict[str, int]:
+        """Bytes of what there is now, by part."""
+        return {"loads": self._known[1].nbytes}

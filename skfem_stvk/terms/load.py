@@ -1,0 +1,137 @@
+"""What acts from outside, and how what a user gives for it becomes a function of place and time."""
+
+from __future__ import annotations
+
+import inspect
+from abc import ABC, abstractmethod
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import LoadError, StvkError, name_ids
+from .body import Body
+from .protocols import BoundLoad
+
+Array = NDArray[np.float64]
+
+
+class Load(ABC):
+    """A load without a mesh, good for many systems."""
+
+    @abstractmethod
+    def bind(self, body: Body) -> BoundLoad:
+        """The load on this body; raises RegionError or LoadError where it has no meaning there."""
+
+
+def ramp(t: float) -> float:
+    """The factor of everything that is given by constants, at load factor `t`."""
+    return t
+
+
+class Value:
+    """A load's value, or a prescribed displacement, as a function of place and time.
+
+        t c         constants `c`: they ramp with the load factor
+        f(t)        a function of one argument
+        f(x, t)     a function of two: reference coordinates `x` (d, n), and `t`
+
+    Parameters
+    ----------
+    given : a number or (d,) components; one more axis for one value at each of the n points; or a function that returns one of these.
+    shape : () for a number, (d,) for components.
+    x : (d, n) points where it is needed.
+    what : the beginning of messages.
+    error : the class of errors.
+
+    Attributes
+    ----------
+    constant : the values that ramp, None for functions.
+
+    Raises
+    ------
+    LoadError or `error`
+        if it has another shape, or is not finite at t = 0 or 1.
+
+    >>> x = np.array([[0.0, 1.0], [0.0, 0.0]])
+    >>> Value((0, -2), (2,), x, "Traction").at(0.5)
+    array([[ 0.],
+           [-1.]])
+    >>> Value(lambda x, t: (0, 1 - x[0]), (2,), x, "Traction").at(0.5)
+    array([[0., 0.],
+           [1., 0.]])
+    """
+
+    def __init__(self, given: Any, shape: tuple[int, ...], x: Array, what: str, error: type[StvkError] = LoadError) -> None:
+        self._shape, self._x, self._what, self._error = shape, x, what, error
+        self._arguments = self._count_arguments(given) if callable(given) else 0
+        self._function = given
+        self.constant = None if self._arguments else self._values(given, "the value")
+        for t in (0.0, 1.0):
+            self.at(t)
+
+    def at(self, t: float) -> Array:
+        """Values at time `t`: a number a point (1,) or (n,), components (d, 1) or (d, n); the last axis is 1 where all points have the same.
+
+        Raises
+        ------
+        LoadError or `error`
+            if the function fails, or returns something of another shape or that is not finite.
+        """
+        if self.constant is not None:
+            return ramp(t) * self.constant
+        arguments = (t,) if self._arguments == 1 else (self._x.copy(), t)
+        try:
+            result = self._function(*arguments)
+        except Exception as error:
+            meaning = "t, a number" if self._arguments == 1 else f"x, of shape {self._x.shape}, and t"
+            raise self._error(
+                f"{self._what}: the function failed at t = {t:g} with {type(error).__name__}: {error}. It gets {meaning}."
+            ) from error
+        return self._values(result, f"what the function returned at t = {t:g}")
+
+    def _values(self, given: Any, source: str) -> Array:
+        try:
+            if self._shape and isinstance(given, tuple | list):
+                given = np.stack(np.broadcast_arrays(*given))
+            values = np.asarray(given)
+            if values.dtype.kind not in "fiu":
+                raise TypeError
+        except (TypeError, ValueError) as error:
+            raise self._error(f"{self._what}: {source} is {given!r}; expected {self._expected}.") from error
+        if values.shape == self._shape:
+            values = values[..., None]
+        if values.shape not in ((*self._shape, 1), (*self._shape, self._x.shape[1])):
+            raise self._error(f"{self._what}: {source} has shape {values.shape}; expected {self._expected}.")
+        bad = np.flatnonzero(~np.isfinite(values).all(axis=tuple(range(len(self._shape)))))
+        if len(bad):
+            where = f" in {name_ids(bad, 'entry')}" if values.shape[-1] > 1 else ""
+            raise self._error(f"{self._what}: {source} is not finite{where}.")
+        return values.astype(np.float64)
+
+    @property
+    def _expected(self) -> str:
+        n = self._x.shape[1]
+        if self._shape:
+            d = self._shape[0]
+            return f"{d} components ({', '.join('xyz'[:d])}), or ({d}, {n}), one column for each of the {n} vertices there"
+        return f"a number, or ({n},), one for each of the {n} vertices there"
+
+    def _count_arguments(self, function: Any) -> int:
+        try:
+            parameters = inspect.signature(function).parameters.values()
+        except (TypeError, ValueError) as error:
+            raise self._error(
+                f"{self._what}: cannot tell the arguments of {function!r}. Write it as lambda t: ... then."
+            ) from error
+        positional = [p for p in parameters if p.kind in (p.POSITIONAL_ONLY, p.POSITIONAL_OR_KEYWORD) and p.default is p.empty]
+        if len(positional) not in (1, 2):
+            raise self._error(
+                f"{self._what}: a function of {len(positional)} arguments came; expected one of t, or one of x and t: lambda x, t: ..."
+            )
+        if len(positional) == 1 and positional[0].name == "x":
+            raise self._error(
+                f"{self._what}: a function of one argument is a function of t, but this one calls it x. For a function of place write "
+                "lambda x, t: ...; to ramp it, multiply by t."
+            )
+        return len(positional)

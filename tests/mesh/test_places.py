@@ -1,0 +1,184 @@
+"""Places by name, ids, masks and predicates."""
+
+import numpy as np
+import pytest
+import skfem
+from bodies import MESHES, box, sheet
+from hypothesis import given
+from hypothesis import strategies as st
+
+from skfem_stvk import MeshError, RegionError, SimplexMesh
+from skfem_stvk.mesh.facets import boundary_facets, facets_of, find_facets
+from skfem_stvk.mesh.places import describe, facets_at, vertices_at
+
+MESH = box()
+LEFT = np.flatnonzero(MESH.p[0] < 0.5)
+
+
+def as_sets(facets):
+    return {tuple(sorted(facet)) for facet in facets.T.tolist()}
+
+
+@pytest.mark.parametrize("name", MESHES)
+def test_a_predicate_ids_a_mask_and_a_node_set_mean_the_same(name):
+    mesh = MESHES[name]
+    mask = mesh.p[0] < 0.6
+    ids = np.flatnonzero(mask)
+    mesh = SimplexMesh(mesh.p, mesh.t, node_sets={"left": ids[::-1]})
+    for where in (lambda x: x[0] < 0.6, ids, ids[::-1].tolist(), tuple(ids), mask, "left", np.repeat(ids, 2)):
+        assert np.array_equal(vertices_at(mesh, where), ids)
+        assert np.array_equal(facets_at(mesh, where), mesh.surface[:, mask[mesh.surface].all(axis=0)])
+
+
+def test_facets_of_a_predicate_are_those_that_scikit_fem_finds_with_all_vertices():
+    mesh = skfem.MeshTet().refined(2)
+    expected = mesh.facets_satisfying(lambda x: x[0] == 0, boundaries_only=True)
+    assert as_sets(facets_at(SimplexMesh.of(mesh), lambda x: x[0] == 0)) == as_sets(mesh.facets[:, expected])
+
+
+def test_a_boundary_gives_its_facets_once_and_their_vertices():
+    facets = MESH.surface[:, [4, 2, 4]]
+    mesh = SimplexMesh(MESH.p, MESH.t, boundaries={"some": np.concatenate([facets, facets[::-1]], axis=1)})
+    assert facets_at(mesh, "some").shape == (3, 2)
+    assert as_sets(facets_at(mesh, "some")) == as_sets(facets)
+    assert np.array_equal(vertices_at(mesh, "some"), np.unique(facets))
+
+
+def test_a_name_of_a_boundary_and_of_a_node_set_must_mean_the_same_vertices():
+    facets = MESH.surface[:, :2]
+    same = SimplexMesh(MESH.p, MESH.t, boundaries={"a": facets}, node_sets={"a": np.unique(facets)})
+    assert np.array_equal(vertices_at(same, "a"), np.unique(facets))
+    other = SimplexMesh(MESH.p, MESH.t, boundaries={"a": facets}, node_sets={"a": [1, 2]})
+    with pytest.raises(
+        RegionError, match=r"fixed: 'a' is the name of a boundary with \d vertices and of a node set with 2 others.*Say which"
+    ):
+        vertices_at(other, "a", "fixed")
+
+
+@pytest.mark.parametrize(
+    ("where", "message"),
+    [
+        ("Wal", r"^It: the mesh has no boundary or node set 'Wal'; known: 'tip', 'wall'\. Did you mean 'wall'\?$"),
+        ("TIP", r"known: 'tip', 'wall'\. Did you mean 'tip'\?$"),
+        ("steel", r"known: 'tip', 'wall'\. It is a subdomain: for its vertices, np\.unique\("),
+        ("empty", r"It: no vertex there\. 'empty' is empty"),
+        ("wall", r"Boundary 'wall' has shape \(2, 1\) and dtype int64; expected \(3, n\), n > 0"),
+        ([], r"It: no vertex there"),
+        ([1, 64], r"It: the vertices name 1 vertex \(64\) outside 0 \.\.\. 63"),
+        ([-1], r"name 1 vertex \(-1\) outside"),
+        (
+            [0.5],
+            r"shape \(1,\) and dtype float64; expected the name of a boundary or of a node set, a list of vertex ids, a mask, or",
+        ),
+        (3, r"shape \(\) and dtype int64; expected the name"),
+        (None, r"dtype object; expected the name of a boundary"),
+        (np.ones(3, dtype=bool), r"a mask of shape \(3,\); expected one value for each of the 64 vertices"),
+        (
+            lambda x: x[0] == 99,
+            r"none of the 64 vertices satisfies the predicate '<lambda>'\. The mesh has x\[0\] from -0\.\d+ to 1\.\d+.*np\.isclose",
+        ),
+        (lambda x: x[3] == 0, r"failed with IndexError.*It gets coordinates x of shape \(3, 64\): x\[0\] \.\.\. x\[2\]"),
+        (lambda x: x[0], r"returned shape \(64,\) and dtype float64; expected a mask \(64,\)"),
+        (lambda x: True, r"returned shape \(\) and dtype bool; expected a mask"),
+    ],
+)
+def test_a_place_where_nothing_is_says_what_was_looked_for(where, message):
+    mesh = SimplexMesh(MESH.p, MESH.t, {"steel": [0]}, {"wall": np.array([[0], [1]])}, {"tip": [5]})
+    if isinstance(where, str) and where == "empty":
+        mesh = SimplexMesh(MESH.p, MESH.t, node_sets={"empty": []})
+    with pytest.raises(RegionError, match=message):
+        vertices_at(mesh, where, "It")
+
+
+def test_facets_of_a_boundary_outside_the_mesh_are_refused():
+    mesh = SimplexMesh(MESH.p, MESH.t, boundaries={"wall": np.array([[0, 1], [1, 2], [2, 64]])})
+    with pytest.raises(RegionError, match=r"Boundary 'wall': 1 facet \(1\) with vertex ids outside 0 \.\.\. 63"):
+        facets_at(mesh, "wall")
+
+
+def test_vertices_that_make_no_facet_say_how_many_there_are():
+    with pytest.raises(
+        RegionError, match=r"It: 2 vertices \(0, 1\) has 2 vertices|none of the 108 boundary facets has all its vertices there"
+    ):
+        facets_at(MESH, [0, 1], "It")
+
+
+def test_a_predicate_cannot_change_the_mesh():
+    before = MESH.p.copy()
+    vertices_at(MESH, lambda x: (np.multiply(x, 0, out=x) == 0).all(axis=0))
+    assert np.array_equal(MESH.p, before)
+
+
+def test_places_are_named_in_words():
+    from functools import partial
+
+    assert describe(np.array([False, True, True])) == "2 vertices (1, 2)"
+    assert describe(partial(np.isclose, 1)) == "the predicate 'partial'"
+
+
+@given(st.integers(0, 10_000))
+def test_facets_are_found_whatever_the_order_of_their_vertices(seed):
+    rng = np.random.default_rng(seed)
+    for mesh in (MESH, sheet()):
+        chosen = rng.permutation(mesh.surface.shape[1])[:5]
+        wanted = rng.permuted(mesh.surface[:, chosen], axis=0)
+        assert np.array_equal(find_facets(wanted, mesh.surface, mesh.nv), chosen)
+    strange = np.array([[0], [0], [0]])
+    assert find_facets(strange, MESH.surface, MESH.nv).tolist() == [-1]
+
+
+@pytest.mark.parametrize("mesh", [skfem.MeshTet().refined(2), skfem.MeshTri.init_circle(2), skfem.MeshLine().refined(3)])
+def test_facets_are_scikit_fems_in_the_same_order(mesh):
+    facets, t2f = facets_of(mesh.t.astype(np.int32), mesh.nvertices)
+    assert np.array_equal(facets, mesh.facets)
+    for element in range(mesh.nelements):
+        assert sorted(t2f[:, element]) == sorted(mesh.t2f[:, element])
+        for corner in range(len(mesh.t)):
+            assert set(facets[:, t2f[corner, element]]) == set(mesh.t[:, element]) - {mesh.t[corner, element]}
+
+
+def test_the_boundary_of_triangles_goes_round_with_the_body_on_the_left():
+    """The area by Green's theorem, whichever way the triangles are turned; the boundary is one closed path."""
+    mesh = sheet()
+    facets = boundary_facets(mesh)
+    (xa, xb), (ya, yb) = mesh.p[:, facets]
+    a, b, c = mesh.p[:, mesh.t].transpose(1, 0, 2)
+    area = np.abs(np.linalg.det(np.stack([b - a, c - a]).transpose(2, 0, 1))).sum() / 2
+    assert (xa * yb - xb * ya).sum() / 2 == pytest.approx(area, rel=1e-13)
+    assert np.array_equal(np.sort(facets[0]), np.sort(facets[1]))
+
+
+def test_the_surface_is_found_once_and_cannot_be_written_to():
+    mesh = box()
+    assert mesh.surface is mesh.surface
+    with pytest.raises(ValueError, match="read-only"):
+        mesh.surface[0, 0] = 1
+
+
+@pytest.mark.parametrize(
+    "mesh", [skfem.MeshTet().refined(2), skfem.MeshTri.init_circle(2), skfem.MeshLine().refined(3), skfem.MeshTet2().refined(1)]
+)
+@pytest.mark.filterwarnings("ignore::skfem_stvk.StvkWarning")
+def test_boundaries_of_a_scikit_fem_mesh_come_along(mesh):
+    named = mesh.with_boundaries({"wall": lambda x: x[0] < 0.2, "inner": np.array([4, 2])})
+    simplices = SimplexMesh.of(named)
+    assert set(simplices.boundaries) == {"wall", "inner"} and len(simplices.boundaries) == 2
+    for name, facets in simplices.boundaries.items():
+        assert np.array_equal(facets, named.facets[:, np.asarray(named.boundaries[name])])
+    with pytest.raises(KeyError):
+        simplices.boundaries["tip"]
+
+
+def test_the_facets_of_a_scikit_fem_mesh_are_not_looked_for_before_a_boundary_is_looked_at(monkeypatch):
+    from skfem_stvk.mesh import boundaries
+
+    mesh = skfem.MeshTet().refined(1).with_boundaries({"wall": lambda x: x[0] == 0})
+    monkeypatch.setattr(boundaries, "facets_of", lambda *a: pytest.fail("looked for facets"))
+    simplices = SimplexMesh.of(mesh)
+    assert "wall" in simplices.boundaries and list(simplices.boundaries) == ["wall"] and "wall" in repr(simplices.boundaries)
+    assert SimplexMesh.of(skfem.MeshTet()).boundaries == {}
+
+
+def test_named_parts_of_a_mesh_may_be_left_out():
+    assert SimplexMesh(MESH.p, MESH.t, None, None, None).node_sets == {}
+    assert issubclass(MeshError, ValueError)

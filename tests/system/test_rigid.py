@@ -1,0 +1,170 @@
+"""Rigid modes: what supports leave is counted as K counts it, and named."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+import skfem
+from bodies import MESHES, box, sheet
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from skfem_stvk import SimplexMesh, StVK, System
+from skfem_stvk.edges.topology import edge_topology
+from skfem_stvk.errors import SupportError
+from skfem_stvk.system.rigid import check_held, rigid_modes, rigid_modes_left
+from skfem_stvk.system.supports import Supports
+
+CUBE = SimplexMesh.of(skfem.MeshTet().refined(2))
+SQUARE = SimplexMesh.of(skfem.MeshTri().refined(2))
+
+
+def left(mesh, supports=(), move=lambda p: p):
+    held = Supports(mesh, list(supports)).held
+    return rigid_modes_left(move(mesh.p), [edge_topology(mesh.t)[0]], held)
+
+
+def at(mesh, condition):
+    return np.flatnonzero(condition(mesh.p))
+
+
+@pytest.mark.parametrize("name", MESHES)
+def test_rigid_modes_cost_nothing_at_rest(name):
+    mesh = MESHES[name]
+    system = System(mesh, StVK(young=2.0, poisson=0.3))
+    R = rigid_modes(mesh.p.T)
+    K = system.tangent(np.zeros(system.ndofs))
+    assert R.shape == (mesh.p.size, {1: 1, 2: 3, 3: 6}[mesh.d])
+    assert np.linalg.matrix_rank(R) == R.shape[1] and np.abs(R).max() <= 1
+    assert np.abs(K @ R).max() < 1e-13 * np.abs(K.data).max()
+
+
+@settings(max_examples=60, deadline=None)
+@given(seed=st.integers(0, 10**6), count=st.integers(0, 8), offset=st.sampled_from([0.0, 1e6]))
+@pytest.mark.parametrize("mesh", [box(1), sheet(2)], ids=["box", "sheet"])
+def test_as_many_rigid_modes_are_left_as_the_stiffness_has_zero_eigenvalues(mesh, seed, count, offset):
+    held = np.random.default_rng(seed).permutation(mesh.p.size)[:count]
+    K = System(mesh, StVK(young=2.0, poisson=0.3)).tangent(np.zeros(mesh.p.size)).toarray()
+    free = np.setdiff1d(np.arange(mesh.p.size), held)
+    values = np.linalg.eigvalsh(K[np.ix_(free, free)])
+    zeros = (values < 1e-9 * values[-1]).sum()
+    said = rigid_modes_left(mesh.p + offset, [edge_topology(mesh.t)[0]], held)
+    counted = int(said[0].split(" has ")[1].split()[0]) if said else 0
+    assert counted == zeros == (said[0].count("translation") + said[0].count("rotation") + said[0].count("screw") if said else 0)
+
+
+THE_CUBE = f"the body of {CUBE.nv} vertices has "
+TRANSLATIONS, ROTATIONS = [f"translation along {a}" for a in "xyz"], [f"rotation about the {a} axis" for a in "xyz"]
+
+
+@pytest.mark.parametrize("offset", [0.0, 1e5, -1e8])
+@pytest.mark.parametrize(
+    ("supports", "modes"),
+    [
+        ([], [*TRANSLATIONS, *ROTATIONS]),
+        ([(lambda p: p[0] == 0, "x")], ["translation along y", "translation along z", "rotation about the x axis"]),
+        ([(lambda p: p[0] == 0, "xy")], ["translation along z"]),
+        ([(lambda p: (p[:2] == 0).all(axis=0), "xyz")], ["rotation about the line along z through {O}"]),
+        ([(lambda p: (p[:2] == 0).all(axis=0), "xy")], ["translation along z", "rotation about the line along z through {O}"]),
+        ([(lambda p: p[0] == 0, "xyz")], []),
+        ([(lambda p: p[0] == 0, "x"), (lambda p: p[1] == 0, "y"), (lambda p: p[2] == 0, "z")], []),
+    ],
+)
+def test_the_modes_that_are_left_are_named(supports, modes, offset):
+    where = [(at(CUBE, condition), letters) for condition, letters in supports]
+    said = left(CUBE, where, lambda p: p + offset)
+    if not modes:
+        assert said == []
+        return
+    (text,) = said
+    count, _, names = text.removeprefix(THE_CUBE).partition(" left, ")
+    assert count == f"{len(modes)} rigid mode{'s' * (len(modes) > 1)}"
+    origin = "(" + ", ".join([f"{offset:.6g}", f"{offset:.6g}", f"{offset + 0.5:.6g}"]) + ")"
+    assert names == ", ".join(mode.format(O=origin) for mode in modes)
+
+
+def test_directions_that_are_no_axes_are_given_by_components():
+    turn = np.array([[0.8, -0.6, 0], [0.6, 0.8, 0], [0, 0, 1]])
+    mesh = SimplexMesh(turn @ CUBE.p, CUBE.t)
+    line = np.flatnonzero((CUBE.p[1] == 0) & (CUBE.p[2] == 0))
+    assert left(mesh, [(line, "xyz")]) == [
+        f"{THE_CUBE}1 rigid mode left, rotation about the line along (0.8, 0.6, 0) through (0.4, 0.3, 0)"
+    ]
+
+
+def test_what_five_components_in_general_position_leave_is_a_screw_motion():
+    mesh = box(1)
+    held = np.array([0, 4, 8, 12, 16])
+    (text,) = rigid_modes_left(mesh.p, [edge_topology(mesh.t)[0]], held)
+    assert "1 rigid mode left, screw motion along (" in text
+    axis, pitch = text.partition("along ")[2].split("), ")
+    e, pitch = np.array([float(c) for c in axis.strip("(").split(", ")]), float(pitch.removesuffix(" a turn"))
+    lines, b = rigid_modes(mesh.p.T)[held], np.zeros(5)  # v + w x (x - c) = 0 there: w and v . w/w . w do not depend on c
+    motion = np.linalg.svd(lines)[2][-1]
+    size = np.linalg.norm(mesh.p - mesh.p.mean(axis=1, keepdims=True), axis=0).max()
+    v, w = motion[:3], motion[3:] / size
+    assert lines @ motion == pytest.approx(b, abs=1e-14)
+    assert np.abs(np.cross(e, w)).max() < 1e-5 * np.linalg.norm(w)
+    assert pitch == pytest.approx(2 * np.pi * (v @ w) / (w @ w), rel=1e-3)
+
+
+def test_the_plane_has_three_modes_and_turns_about_a_pin():
+    assert left(SQUARE) == [
+        f"the body of {SQUARE.nv} vertices has 3 rigid modes left, translation along x, translation along y, rotation in the plane"
+    ]
+    pin = np.flatnonzero((SQUARE.p == [[1], [0.5]]).all(axis=0))
+    assert left(SQUARE, [(pin, "xy")])[0].endswith("1 rigid mode left, rotation about the point (1, 0.5)")
+    assert left(SQUARE, [(pin, "xy")], lambda p: p - 3e4)[0].endswith("rotation about the point (-29999, -29999.5)")
+    roller = at(SQUARE, lambda p: p[1] == 0)
+    assert left(SQUARE, [(roller, "y")])[0].endswith("1 rigid mode left, translation along x")
+    assert left(SQUARE, [(roller, "y"), (pin, "x")]) == []
+
+
+def test_a_straight_cable_does_not_turn_about_itself():
+    mesh = SimplexMesh([[0, 1, 2.0], [0, 2, 4.0], [0, 0, 0]], [[0, 1], [1, 2]])
+    assert "5 rigid modes left" in left(mesh)[0]
+    assert "2 rigid modes left" in left(mesh, [((0,), "xyz")])[0]
+    assert left(mesh, [((0, 1), "xyz")]) == []
+
+
+def test_a_bar_on_a_line_slides():
+    mesh = SimplexMesh([[0, 1, 2.0]], [[0, 1], [1, 2]])
+    assert left(mesh) == ["the body of 3 vertices has 1 rigid mode left, translation along x"]
+    assert left(mesh, [((2,), "x")]) == []
+
+
+def test_each_part_needs_supports_of_its_own():
+    n = CUBE.nv
+    two = SimplexMesh(np.concatenate([CUBE.p, CUBE.p + 3], axis=1), np.concatenate([CUBE.t, CUBE.t + n], axis=1))
+    held = at(two, lambda p: p[0] == 0)
+    (text,) = left(two, [(held, "xyz")])
+    assert text.startswith(f"the part of {n} vertices ({n}, {n + 1}, {n + 2}, {n + 3}, {n + 4}, ...) has 6 rigid modes left")
+    bridge = np.array([[0], [n]])
+    assert rigid_modes_left(two.p, [edge_topology(two.t)[0], bridge], Supports(two, [(held, "xyz")]).held) == []
+
+
+def test_a_body_that_is_not_held_is_refused_and_a_foundation_holds_it():
+    edges = edge_topology(CUBE.t)[0]
+    floor = at(CUBE, lambda p: p[2] == 0)
+    term, held = SimpleNamespace(edges=edges), np.array([0])
+    with pytest.raises(SupportError, match=r"^Not held: the body of \d+ vertices has 5 rigid modes left, .*\. Fix more components"):
+        check_held(CUBE.p, [term], held)
+    bedding = SimpleNamespace(edges=np.empty((2, 0), dtype=np.int32), grounded=(3 * floor[:, None] + np.arange(3)).ravel())
+    check_held(CUBE.p, [term, bedding], held)
+
+
+def test_many_parts_are_counted():
+    n, copies = CUBE.nv, 9
+    p = np.concatenate([CUBE.p + 3 * i for i in range(copies)], axis=1)
+    edges = np.concatenate([edge_topology(CUBE.t)[0] + n * i for i in range(copies)], axis=1)
+    with pytest.raises(SupportError, match=r"; and 4 more parts\. Fix") as said:
+        check_held(p, [SimpleNamespace(edges=edges)], np.array([], dtype=int))
+    assert str(said.value).count("the part of") == 5
+
+
+def test_supports_on_a_small_patch_hold_a_large_body():
+    mesh = SimplexMesh(CUBE.p * np.array([[1e4], [1], [1]]), CUBE.t)
+    patch = np.flatnonzero(np.linalg.norm(CUBE.p, axis=0) <= 0.5)
+    assert left(mesh, [(patch, "xyz")]) == []
+    far = lambda p: p * 1e-3 + 1e3  # noqa: E731
+    assert left(CUBE, [(patch, "xyz")], far) == []

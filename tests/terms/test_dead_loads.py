@@ -1,0 +1,269 @@
+"""Gravity, body forces, tractions and nodal loads have the resultant and the moment of what is given, on all kinds of simplices."""
+
+import numpy as np
+import pytest
+from bodies import MESHES, sheet
+from forces import force, integral, moment
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from skfem_stvk import MaterialError, RegionError, SimplexMesh, StVK
+from skfem_stvk.errors import LoadError
+from skfem_stvk.mesh.facets import facet_sizes
+from skfem_stvk.mesh.geometry import Geometry
+from skfem_stvk.terms import Body, BodyForce, Gravity, NodalLoad, Traction
+
+NAMES = list(MESHES)
+
+
+def body_of(mesh, density=None):
+    """With a section of its own for each element, but for tetrahedra."""
+    section = np.random.default_rng(5).uniform(0.5, 2, mesh.nt)
+    return Body(
+        mesh, [StVK(young=2.0, poisson=0.3, density=density, **{1: {"area": section}, 2: {"thickness": section}}.get(mesh.k, {}))]
+    )
+
+
+def uniform_body(mesh):
+    return Body(mesh, [StVK(young=2.0, poisson=0.3, **{1: {"area": 0.3}, 2: {"thickness": 0.3}}.get(mesh.k, {}))])
+
+
+def linear(d, seed=6):
+    """A field that is linear in x, and ramps as t squared."""
+    rng = np.random.default_rng(seed)
+    A, b = rng.standard_normal((d, d)), rng.standard_normal((d, 1))
+    return lambda x, t: t**2 * (A @ x + b)
+
+
+def outer(x, f):
+    """(d d, n) components of the moment's density."""
+    return np.einsum("an,bn->abn", x, f).reshape(-1, x.shape[1])
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_weight_is_mass_times_g_and_acts_in_the_centre_of_mass(name):
+    mesh = MESHES[name]
+    density = np.random.default_rng(7).uniform(1, 3, mesh.nt)
+    body, g = body_of(mesh, density), np.array([1.0, -2.0, 3.0])[: mesh.d]
+    f = force(Gravity(g).bind(body), mesh)
+    section = body.section
+    mass = Geometry(mesh.p, mesh.t).volume * section * density
+    centre = mesh.p[:, mesh.t].mean(axis=1) @ mass / mass.sum()
+    assert f.sum(axis=1) == pytest.approx(mass.sum() * g, rel=1e-13)
+    assert moment(mesh.p, f) == pytest.approx(moment(centre[:, None], mass.sum() * g[:, None]), rel=1e-12, abs=1e-13)
+
+
+@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("region", [None, "half"])
+def test_a_linear_body_force_is_integrated_exactly(name, region):
+    mesh = MESHES[name]
+    mesh = SimplexMesh(mesh.p, mesh.t, subdomains={"half": np.arange(mesh.nt // 2)})
+    ids = mesh.elements(region)
+    body, b, t = body_of(mesh), linear(mesh.d), 0.7
+    f = force(BodyForce(b, region).bind(body), mesh, t=t)
+    sizes = (Geometry(mesh.p, mesh.t).volume * body.section)[ids]
+    assert f.sum(axis=1) == pytest.approx(integral(mesh.p, mesh.t[:, ids], sizes, lambda x: b(x, t)), rel=1e-12)
+    density = integral(mesh.p, mesh.t[:, ids], sizes, lambda x: outer(x, b(x, t))).reshape(mesh.d, mesh.d)
+    assert mesh.p @ f.T == pytest.approx(density, rel=1e-12, abs=1e-14)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_linear_traction_is_integrated_exactly_over_the_whole_surface(name):
+    mesh = MESHES[name]
+    body, T, t = uniform_body(mesh), linear(mesh.d), 0.7
+    f = force(Traction(lambda x: x[0] > -9, T).bind(body), mesh, t=t)
+    areas = facet_sizes(mesh.p, mesh.surface) * (0.3 if mesh.k < 3 else 1)
+    assert f.sum(axis=1) == pytest.approx(integral(mesh.p, mesh.surface, areas, lambda x: T(x, t)), rel=1e-12)
+    density = integral(mesh.p, mesh.surface, areas, lambda x: outer(x, T(x, t))).reshape(mesh.d, mesh.d)
+    assert mesh.p @ f.T == pytest.approx(density, rel=1e-12, abs=1e-14)
+
+
+@pytest.mark.parametrize("load", [Traction, BodyForce])
+def test_a_constant_is_a_function_that_ramps(load):
+    mesh = MESHES["tetrahedra"]
+    body, value = body_of(mesh), (1.0, -2.0, 3.0)
+    where = [lambda x: x[0] > -9] if load is Traction else []
+    constant = load(*where, value).bind(body)
+    for same in (lambda t: t * np.array(value), lambda x, t: t * np.array(value), lambda x, t: [t + 0 * x[0], -2 * t, 3 * t]):
+        other = load(*where, same).bind(body)
+        for t in (0.0, 0.3, 1.0, 0.3):
+            assert force(other, mesh, t=t) == pytest.approx(force(constant, mesh, t=t), rel=1e-13, abs=1e-15)
+    assert force(constant, mesh, t=0.3) == pytest.approx(0.3 * force(constant, mesh), rel=1e-15)
+    assert not force(constant, mesh, t=0.0).any()
+
+
+def test_traction_resultant_is_area_times_thickness_times_traction():
+    mesh = sheet()
+    thickness = np.where(mesh.p[0, mesh.t].mean(axis=0) < 0.5, 0.1, 0.4)
+    body = Body(mesh, [StVK(young=1.0, poisson=0.3, thickness=thickness)])
+    boundary = mesh.surface[:, 3:5]
+    lengths = np.linalg.norm(np.diff(mesh.p[:, boundary], axis=1)[:, 0], axis=0)
+    owner = [next(e for e in range(mesh.nt) if set(facet) <= set(mesh.t[:, e])) for facet in boundary.T.tolist()]
+    named = SimplexMesh(mesh.p, mesh.t, boundaries={"some": boundary[::-1]})
+    body = Body(named, [StVK(young=1.0, poisson=0.3, thickness=thickness)])
+    f = force(Traction("some", (2.0, -1.0)).bind(body), mesh)
+    assert f.sum(axis=1) == pytest.approx((lengths @ thickness[owner]) * np.array([2.0, -1.0]), rel=1e-13)
+
+
+def test_a_traction_may_act_on_inner_facets_of_a_named_boundary():
+    mesh = MESHES["tetrahedra"]
+    inner = np.array([[a, b, c] for a, b, c in mesh.t[:3].T if not {a, b, c} <= set(mesh.surface.ravel())])[:1].T
+    named = SimplexMesh(mesh.p, mesh.t, boundaries={"inner": np.concatenate([inner, inner[::-1]], axis=1)})
+    f = force(Traction("inner", (0, 0, 2.0)).bind(body_of(named)), mesh)
+    assert f.sum(axis=1) == pytest.approx([0, 0, 2 * facet_sizes(mesh.p, inner)[0]])  # the same facet twice counts once
+
+
+def test_the_end_of_a_segment_has_its_area():
+    mesh = MESHES["cable"]
+    area = np.linspace(1, 2, mesh.nt)
+    body = Body(mesh, [StVK(young=1.0, poisson=0.3, area=area)])
+    f = force(Traction(lambda x: x[0] == x[0].max(), (1.0, 2.0, 3.0)).bind(body), mesh)
+    assert f[:, -1] == pytest.approx(area[-1] * np.array([1.0, 2.0, 3.0]))
+    assert np.count_nonzero(f) == 3
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_nodal_loads_are_what_is_given_on_each_vertex(name):
+    mesh = MESHES[name]
+    rng = np.random.default_rng(8)
+    ids = rng.permutation(mesh.nv)[:4]
+    values = rng.standard_normal((mesh.d, 4))
+    f = force(NodalLoad(ids, values).bind(body_of(mesh)), mesh, t=0.5)
+    assert np.array_equal(f[:, np.sort(ids)], 0.5 * values)
+    assert f.sum() == pytest.approx(0.5 * values.sum())
+    each = force(NodalLoad(ids, lambda t: t * np.ones(mesh.d)).bind(body_of(mesh)), mesh, t=0.5)
+    assert each.sum() == pytest.approx(0.5 * 4 * mesh.d)
+
+
+@settings(max_examples=25, deadline=None)
+@given(name=st.sampled_from(NAMES), seed=st.integers(0, 1000), t=st.floats(0, 1))
+def test_the_force_of_a_dead_load_is_minus_the_gradient_of_its_potential(name, seed, t):
+    mesh = MESHES[name]
+    rng = np.random.default_rng(seed)
+    load = BodyForce(linear(mesh.d, seed)).bind(body_of(mesh))
+    u, v = rng.standard_normal((2, mesh.nv, mesh.d))
+    slope = load.potential(u + v, t) - load.potential(u, t)
+    scale = np.abs(force(load, mesh, u, t)).sum() + 1
+    assert slope == pytest.approx(-np.vdot(force(load, mesh, u, t).T, v), abs=1e-13 * scale)
+    assert load.conservative and load.edges.shape == (2, 0)
+    assert load.add_stiffness(u, t, load.places(None), np.zeros(0)) is None
+
+
+def test_loads_on_part_of_a_body_leave_the_rest_alone():
+    mesh = MESHES["tetrahedra"]
+    load = Traction(lambda x: x[0] < 0.4, (1.0, 0, 0)).bind(body_of(mesh))
+    out = np.full((mesh.nv, 3), 7.0)
+    load.add_force(out, 1.0, out)
+    assert (out[mesh.p[0] > 0.4] == 7).all() and (out[:, 0] > 7).any()
+
+
+def test_functions_are_called_once_for_each_new_time():
+    mesh, times = MESHES["tetrahedra"], []
+    load = BodyForce(lambda t: times.append(t) or (0, 0, t)).bind(body_of(mesh))
+    times.clear()
+    for t in (0.5, 0.5, 0.5, 1.0):
+        force(load, mesh, t=t)
+    assert times == [0.5, 1.0]
+
+
+def test_single_precision_takes_the_forces():
+    mesh = MESHES["tetrahedra"]
+    for where in (lambda x: x[0] > -9, lambda x: x[0] < 0.4):
+        load = Traction(where, (1.0, -2.0, 0.5)).bind(body_of(mesh))
+        out = np.zeros((mesh.nv, 3), dtype=np.float32)
+        load.add_force(out, 0.5, out)
+        assert out.dtype == np.float32
+        expected = force(load, mesh, t=0.5)
+        assert np.abs(out.T - expected).max() < 1e-6 * np.abs(expected).max()
+
+
+LOADS = [
+    (
+        Gravity((0, 0, -9.81)),
+        MaterialError,
+        r"The material has no density\. Give it one: StVK\(\.\.\., density=\.\.\.\) \[kg/m\^3\]",
+    ),
+    (BodyForce((0, 0)), LoadError, r"BodyForce: the value has shape \(2,\); expected 3 components \(x, y, z\), or \(3, \d+\)"),
+    (BodyForce((0, 0, np.nan)), LoadError, r"BodyForce: the value is not finite\."),
+    (BodyForce("down"), LoadError, r"BodyForce: the value is 'down'; expected 3 components"),
+    (BodyForce((0, 0, 1), region="steel"), RegionError, "The mesh has no subdomain 'steel'; known: none"),
+    (
+        Traction("tpi", (0, 0, 1)),
+        RegionError,
+        r"Traction on 'tpi': the mesh has no boundary or node set 'tpi'; known: 'tip'\. Did you mean 'tip'\?",
+    ),
+    (
+        Traction(lambda x: x[0] == 99, (0, 0, 1)),
+        RegionError,
+        r"none of the 64 vertices satisfies the predicate '<lambda>'. The mesh has x\[0\] from",
+    ),
+    (
+        Traction([0, 1], (0, 0, 1)),
+        RegionError,
+        r"Traction on 2 vertices \(0, 1\): .*none of the 108 boundary facets has all its vertices there.*NodalLoad",
+    ),
+    (
+        Traction("tip", lambda x: x),
+        LoadError,
+        r"Traction on 'tip': a function of one argument is a function of t, but this one calls it x",
+    ),
+    (
+        Traction("tip", lambda x, t: x[:2]),
+        LoadError,
+        r"what the function returned at t = 0 has shape \(2, \d+\); expected 3 components",
+    ),
+    (
+        Traction("tip", lambda x, t: x + (np.nan if t == 0 else t)),
+        LoadError,
+        r"what the function returned at t = 0 is not finite in \d+ entries",
+    ),
+    (
+        Traction("tip", lambda x, t: x[3]),
+        LoadError,
+        r"failed at t = 0 with IndexError: index 3.*It gets x, of shape \(3, \d+\), and t",
+    ),
+    (Traction("tip", lambda t: (1 / t, 0, 0)), LoadError, r"failed at t = 0 with ZeroDivisionError.*It gets t, a number"),
+    (Traction("tip", lambda: 0), LoadError, r"a function of 0 arguments came; expected one of t, or one of x and t"),
+    (Traction("tip", lambda x, t: "no"), LoadError, r"what the function returned at t = 0 is 'no'; expected 3 components"),
+    (NodalLoad("tip", 5.0), LoadError, r"NodalLoad on 'tip': the value has shape \(\); expected 3 components"),
+    (NodalLoad([], (0, 0, 1)), RegionError, r"NodalLoad on 0 vertices \(\): no vertex there"),
+    (
+        NodalLoad([0, 64], (0, 0, 1)),
+        RegionError,
+        r"NodalLoad on 2 vertices \(0, 64\): the vertices name 1 vertex \(64\) outside 0 \.\.\. 63",
+    ),
+]
+
+
+@pytest.mark.parametrize(("load", "error", "message"), LOADS, ids=[message[:50] for _, _, message in LOADS])
+def test_a_load_that_has_no_meaning_is_refused_with_what_to_do(load, error, message):
+    mesh = MESHES["tetrahedra"]
+    named = SimplexMesh(mesh.p, mesh.t, boundaries={"tip": mesh.surface[:, :4]})
+    with pytest.raises(error, match=message):
+        load.bind(body_of(named))
+
+
+def test_a_function_that_fails_later_says_when():
+    load = BodyForce(lambda t: (0, 0, np.nan if t == 0.5 else t)).bind(body_of(MESHES["tetrahedra"]))
+    with pytest.raises(LoadError, match=r"BodyForce: what the function returned at t = 0\.5 is not finite"):
+        load.forces(0.5)
+    assert load.forces(0.25).any()
+
+
+@pytest.mark.parametrize("other", [0.05, 0.2])
+def test_terms_of_different_thickness_on_the_same_elements_have_no_section(other):
+    mesh = sheet()
+    some = np.arange(5)
+    body = Body(mesh, [StVK(young=1.0, poisson=0.3, thickness=0.1), StVK(young=1.0, poisson=0.3, thickness=other, region=some)])
+    with pytest.raises(LoadError, match=r"5 elements \(0, 1, 2, 3, 4\): terms of different thickness on the same elements"):
+        BodyForce((0, 1)).bind(body)
+
+
+def test_masses_of_terms_on_the_same_elements_add_up():
+    mesh = sheet()
+    one, other = StVK(young=1.0, poisson=0.3, density=2.0), StVK(young=1.0, poisson=0.3, density=3.0, region=np.array([4, 1]))
+    mass = Body(mesh, [one, other]).mass
+    area = Geometry(mesh.p, mesh.t).volume
+    assert mass == pytest.approx(area * np.where(np.isin(np.arange(mesh.nt), [1, 4]), 5, 2))
+    with pytest.raises(MaterialError, match="No term has a density"):
+        _ = Body(mesh, []).mass
