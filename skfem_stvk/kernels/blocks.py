@@ -1,4 +1,4 @@
-"""What is made of the edge blocks of K: values of a CSR matrix, and the product with a vector.
+"""What is made of the edge blocks of K: values of a CSR matrix, its diagonal blocks, and the product with a vector.
 
 The blocks `K_ab` of the edges `a < b` are all there is of K: `K_ba = K_ab'`, and a translation costs nothing, so that `K_aa = -sum_b
 K_ab` and `(K v)_a = sum_b K_ab (v_b - v_a)`.
@@ -119,6 +119,30 @@ def fill_rows(
         _store(own, place, stride, axes, add, data)
         total += own[0] + own[4] + own[8]
     return total
+
+
+@kernel
+def clamp(begin: int, end: int, tensions: Reals, blocks: Reals) -> None:
+    """Leave negative tensions out of the blocks of edges `begin` to `end`: `t_ab` stands in `K_ab` as `-t_ab I`."""
+    for e in range(begin, end):
+        tension, at = tensions[I(e)], I(9 * e)
+        if tension < 0:
+            blocks[at] += tension
+            blocks[at + I(4)] += tension
+            blocks[at + I(8)] += tension
+
+
+@kernel
+def add_diagonal(edges: Ids, order: Ids, blocks: Reals, out: Reals) -> None:
+    """Add `K_aa = -sum_b K_ab` to `out` (n, d, d) of the mesh; `edges` (ne, 2)."""
+    d = out.shape[1]
+    for e in range(len(edges)):
+        i = I(e)
+        a, b, at = I(order[I(edges[i, I(0)])]), I(order[I(edges[i, I(1)])]), I(9) * i
+        for r in range(d):
+            for c in range(d):
+                out[a, I(r), I(c)] -= blocks[at + I(3 * r + c)]
+                out[b, I(r), I(c)] -= blocks[at + I(3 * c + r)]
 
 
 @kernel

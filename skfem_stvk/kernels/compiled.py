@@ -15,7 +15,8 @@ Ids: TypeAlias = NDArray[Any]
 Reals: TypeAlias = NDArray[np.floating[Any]]
 Function = TypeVar("Function", bound=Callable[..., Any])
 
-#: Sums may be reordered and contracted; NaN and infinity keep their meaning, so that what overflows is seen.
+#: Sums may be reordered and contracted; NaN and infinity keep their meaning, so that what overflows is seen. A difference that must be taken first,
+#: as that of displacements before it is added to that of coordinates, is stored in an array: in one expression LLVM may turn the two round.
 FASTMATH = {"reassoc", "contract", "nsz", "arcp"}
 
 

@@ -50,23 +50,40 @@ def stiffness(D: Reals, part: slice) -> Reals:
     return tensor
 
 
-def edges_and_tensions(part: slice, t: Ids, D: Reals, X: Reals, u: Reals) -> tuple[Reals, Reals, Reals, Reals]:
-    """Of each simplex: `x` (n, 4, 3) its vertices, seen from vertex 0; squared elongations and tensions (n, 6) of its edges; `S`.
+def corners(x: Reals, part: slice, t: Ids, D: Reals) -> Reals:
+    """(n, 4, 3) what `x` is at the vertices of each simplex more than at vertex 0, the difference taken in double."""
+    corners = x.reshape(-1, 3)[out_of_lanes(t, 4, part)]
+    return (corners - corners[:, :1]).astype(D.dtype)
 
-    zeta_ab = (P_ab + p_ab) . U_ab        M_ii = zeta_0i        M_ij = 1/2 (zeta_0i + zeta_0j - zeta_ij)
-    t_ij    = -S_ij                       t_0i = sum_j S_ij     S_ij = sum_kl D_ijkl M_kl
+
+def along_edges(x: Reals) -> Reals:
+    """(n, 6, 3) differences `x_a - x_b` of `x` (n, 4, 3)."""
+    a, b = np.array(EDGES).T
+    return x[:, a] - x[:, b]
+
+
+def tensions_of(zeta: Reals, part: slice, D: Reals) -> tuple[Reals, Reals]:
+    """Tensions (n, 6) of the edges of each simplex at squared elongations `zeta` (n, 6), and `S` (n, 3, 3).
+
+    M_ii = zeta_0i    M_ij = 1/2 (zeta_0i + zeta_0j - zeta_ij)    S_ij = sum_kl D_ijkl M_kl    t_ij = -S_ij    t_0i = sum_j S_ij
     """
     a, b = np.array(EDGES).T
-    P, U = (x.reshape(-1, 3)[out_of_lanes(t, 4, part)] for x in (X, u))
-    P, U = (P - P[:, :1]).astype(D.dtype), (U - U[:, :1]).astype(D.dtype)
-    P_ab, U_ab = P[:, a] - P[:, b], U[:, a] - U[:, b]
-    zeta = ((P_ab + P_ab + U_ab) * U_ab).sum(axis=2)
     square = np.zeros((len(zeta), 4, 4), D.dtype)  # zeta_ab, zeta_aa = 0
     square[:, a, b] = square[:, b, a] = zeta
     M = (square[:, 1:, :1] + square[:, :1, 1:] - square[:, 1:, 1:]) / 2
     S = np.einsum("nijkl,nkl->nij", stiffness(D, part), M)
-    tensions = np.stack([S[:, b - 1].sum(axis=1) if a == 0 else -S[:, a - 1, b - 1] for a, b in EDGES], axis=1)
-    return P + U, zeta, tensions, S
+    return np.stack([S[:, b - 1].sum(axis=1) if a == 0 else -S[:, a - 1, b - 1] for a, b in EDGES], axis=1), S
+
+
+def edges_and_tensions(part: slice, t: Ids, D: Reals, X: Reals, u: Reals) -> tuple[Reals, Reals, Reals, Reals]:
+    """Of each simplex: `x` (n, 4, 3) its vertices, seen from vertex 0; squared elongations and tensions (n, 6) of its edges; `S`.
+
+    zeta_ab = (P_ab + p_ab) . U_ab
+    """
+    P, U = corners(X, part, t, D), corners(u, part, t, D)
+    P_ab, U_ab = along_edges(P), along_edges(U)
+    zeta = ((P_ab + P_ab + U_ab) * U_ab).sum(axis=2)
+    return P + U, zeta, *tensions_of(zeta, part, D)
 
 
 def energy_and_force(begin: int, end: int, t: Ids, slots: Ids, D: Reals, X: Reals, u: Reals, f: Reals) -> float:
@@ -98,6 +115,54 @@ def linearize(
     for e, (a, b) in enumerate(EDGES[:edges]):
         np.add.at(blocks.reshape(-1, 3, 3), slots_of_edges[:, e], K[:, a, b])
     return energy_and_force(begin, end, t, slots, D, X, u, f)
+
+
+def tensions(begin: int, end: int, t: Ids, edge_slots: Ids, marks: Ids, D: Reals, X: Reals, u: Reals, out: Reals) -> None:
+    """`t_ij = -S_ij`, `t_0i = sum_j S_ij` of each simplex, each to the slot of its edge."""
+    part = slice(begin, end)
+    found = edges_and_tensions(part, t, D, X, u)[2]
+    out[marks[begin] : marks[end]] = 0
+    edges = edge_slots.shape[1] // LANES
+    np.add.at(out, out_of_lanes(edge_slots, edges, part), found[:, :edges])
+
+
+def along(begin: int, end: int, t: Ids, D: Reals, X: Reals, u: Reals, v: Reals) -> tuple[float, float, float, float, float]:
+    """`W(s) = 1/4 sum t_ab(s) zeta_ab(s)` with `zeta_ab(s) = zeta_ab + 2 s p_ab . V_ab + s^2 V_ab . V_ab`, and tensions likewise."""
+    part = slice(begin, end)
+    x, zeta, _, _ = edges_and_tensions(part, t, D, X, u)
+    p, V = along_edges(x), along_edges(corners(v, part, t, D))
+    zetas = zeta, 2 * (p * V).sum(axis=2), (V * V).sum(axis=2)
+    c = [0.0] * 5
+    for m, tensions in enumerate(tensions_of(zeta, part, D)[0] for zeta in zetas):
+        for n, elongations in enumerate(zetas):
+            c[m + n] += float((tensions * elongations).sum()) / 4
+    return c[0], c[1], c[2], c[3], c[4]
+
+
+def round_off(begin: int, end: int, t: Ids, slots: Ids, D: Reals, X: Reals, u: Reals, f: Reals) -> None:
+    """`f_i = sum_j S_ij |p_j|`, `f_0 = sum_i f_i` with `S = |D| : M`, `M_ij = |p_i| . B_j + B_i . |P_j|` for `i <= j`, `B_i = |u_i| + |u_0|`."""
+    part = slice(begin, end)
+    P, U, ends = corners(X, part, t, D)[:, 1:], corners(u, part, t, D)[:, 1:], np.abs(u).reshape(-1, 3)[out_of_lanes(t, 4, part)]
+    B, p = (ends[:, 1:] + ends[:, :1]).astype(D.dtype), np.abs(P + U)
+    M = np.einsum("nix,njx->nij", p, B) + np.einsum("nix,njx->nij", B, np.abs(P))
+    M = np.triu(M) + np.swapaxes(np.triu(M, 1), 1, 2)
+    forces = np.einsum("nijkl,nkl,njx->nix", stiffness(np.abs(D), part), M, p)
+    to, slots = f.reshape(-1, 3), out_of_lanes(slots, 4, part)
+    np.add.at(to, slots[:, 1:], forces)
+    np.add.at(to, slots[:, 0], forces.sum(axis=1))
+
+
+def volume_ratios(begin: int, end: int, t: Ids, X: Reals, u: Reals, k: int, d: int, out: Reals) -> float:
+    """`det(p_1 ... p_k) / det(P_1 ... P_k)`; where the spokes have more than `k` components, the root of the ratio of Gram determinants."""
+    P, U = (corners(x, slice(begin, end), t, X)[:, 1 : k + 1, :d] for x in (X, u))
+    if k == d:
+        ratios = np.linalg.det(P + U) / np.linalg.det(P)
+    else:
+        now, rest = (np.linalg.det(x @ np.swapaxes(x, 1, 2)) for x in (P + U, P))
+        ratios = np.sqrt(np.maximum(now, 0) / rest)
+    if len(out):
+        out[begin * LANES : end * LANES] = ratios
+    return float(ratios.min(initial=np.inf))
 
 
 def gather(x: Reals, order: Ids, out: Reals) -> None:
@@ -142,6 +207,18 @@ def fill_rows(
                 data[to] = block[r, : len(axes)] + (data[to] if add else 0)
         trace += np.trace(own)
     return trace
+
+
+def clamp(begin: int, end: int, tensions: Reals, blocks: Reals) -> None:
+    """`K_ab + min(t_ab, 0) I`."""
+    blocks.reshape(-1, 3, 3)[begin:end] += np.minimum(tensions[begin:end, None, None], 0) * np.eye(3)
+
+
+def add_diagonal(edges: Ids, order: Ids, blocks: Reals, out: Reals) -> None:
+    """Add `K_aa = -sum_b K_ab` to `out` (n, d, d) of the mesh, and at the other end `-sum_a K_ab'`."""
+    d, K = out.shape[1], blocks.reshape(-1, 3, 3)[: len(edges)]
+    np.subtract.at(out, order[edges[:, 0]], K[:, :d, :d])
+    np.subtract.at(out, order[edges[:, 1]], np.swapaxes(K, 1, 2)[:, :d, :d])
 
 
 def multiply(begin: int, end: int, edges: Ids, slots: Ids, blocks: Reals, v: Reals, out: Reals) -> None:
@@ -226,3 +303,208 @@ def _metric(p: Reals, t: Ids) -> Reals:
 def _measure(p: Reals, t: Ids) -> Reals:
     """(nt,) `k!` times the volume."""
     return np.sqrt(np.linalg.det(_metric(p, t)))
+
+
+def _dense(rows: Ids, columns: Ids, blocks: Reals, width: int) -> NDArray[np.float64]:
+    """(3 n, 3 width) all entries of a matrix of blocks."""
+    matrix = np.zeros((len(rows) - 1, width, 3, 3))
+    matrix[np.repeat(np.arange(len(rows) - 1), np.diff(rows)), columns] = blocks.reshape(-1, 3, 3)
+    return matrix.transpose(0, 2, 1, 3).reshape(3 * len(matrix), 3 * width)
+
+
+def _of_part(begin: int, end: int, rows: Ids, columns: Ids, blocks: Reals, keep: str) -> NDArray[np.float64]:
+    """(3 (end - begin), 3 n) rows of the part; kept of them: all, or the blocks "before" the diagonal or "after" it within the part."""
+    n = len(rows) - 1
+    i, j = np.indices((n, n))
+    kept = {"all": i == i, "before": (begin <= j) & (j < i), "after": (i < j) & (j < end)}[keep]
+    return (_dense(rows, columns, blocks, n) * np.kron(kept, np.ones((3, 3))))[3 * begin : 3 * end]
+
+
+def _diagonal_of(begin: int, end: int, inverse: Reals) -> NDArray[np.float64]:
+    """(3 (end - begin),) * 2 the diagonal blocks of the part, from their inverses."""
+    matrix = np.zeros((3 * (end - begin),) * 2)
+    for k, block in enumerate(inverse.reshape(-1, 3, 3)[begin:end]):
+        matrix[3 * k : 3 * k + 3, 3 * k : 3 * k + 3] = np.linalg.inv(block)
+    return matrix
+
+
+def fill_blocks(
+    begin: int,
+    end: int,
+    rows: Ids,
+    columns: Ids,
+    diagonal: Ids,
+    first: Ids,
+    block: Ids,
+    component: Ids,
+    indptr: Ids,
+    indices: Ids,
+    values: Reals,
+    scale: float,
+    blocks: Reals,
+    single: Reals,
+) -> None:
+    """Entry by entry; what has no unknown gets a diagonal."""
+    n, place = len(rows) - 1, 3 * block + component
+    K = np.zeros((3 * n, 3 * n))
+    K[place[np.repeat(np.arange(len(block)), np.diff(indptr))], place[indices]] = values
+    bare = np.setdiff1d(np.arange(3 * n), place)
+    K[bare, bare] = 1 / scale
+    for i in range(begin, end):
+        for k in range(rows[i], rows[i + 1]):
+            blocks[9 * k : 9 * k + 9] = K[3 * i : 3 * i + 3, 3 * columns[k] : 3 * columns[k] + 3].ravel()
+            single[9 * k : 9 * k + 9] = scale * blocks[9 * k : 9 * k + 9]
+
+
+def product(begin: int, end: int, rows: Ids, columns: Ids, blocks: Reals, x: Reals, add: bool, out: Reals) -> None:
+    """`A x`."""
+    part = slice(3 * begin, 3 * end)
+    out[part] = _dense(rows, columns, blocks, len(x) // 3)[part] @ x + (out[part] if add else 0)
+
+
+def sweep_forward(
+    begin: int, end: int, rows: Ids, columns: Ids, diagonal: Ids, blocks: Reals, inverse: Reals, b: Reals, x: Reals
+) -> None:
+    """`(L + D) x = b` within the part."""
+    part = slice(3 * begin, 3 * end)
+    lower = _of_part(begin, end, rows, columns, blocks, "before")[:, part]
+    x[part] = np.linalg.solve(lower + _diagonal_of(begin, end, inverse), b[part])
+
+
+def residual_after_forward(
+    begin: int, end: int, rows: Ids, columns: Ids, diagonal: Ids, blocks: Reals, extra: Reals, x: Reals, out: Reals
+) -> None:
+    """`(L + D) x - A x`, where D has `extra` on its diagonal."""
+    part = slice(3 * begin, 3 * end)
+    own = np.repeat(extra, 3)[part] * x[part]
+    for i in range(begin, end):
+        own[3 * (i - begin) : 3 * (i - begin) + 3] += blocks.reshape(-1, 3, 3)[diagonal[i]] @ x[3 * i : 3 * i + 3]
+    lower, all_of_it = (_of_part(begin, end, rows, columns, blocks, kept) for kept in ("before", "all"))
+    out[part] = own + (lower - all_of_it) @ x
+
+
+def sweep_backward(
+    begin: int, end: int, rows: Ids, columns: Ids, blocks: Reals, inverse: Reals, b: Reals, before: Reals, x: Reals
+) -> None:
+    """`(U + D) (x_new - x) = b - A x` within the part; outside of it `before` counts."""
+    part = slice(3 * begin, 3 * end)
+    upper = _of_part(begin, end, rows, columns, blocks, "after")[:, part]
+    state = before.copy()
+    state[part] = x[part]
+    residual = b[part] - _of_part(begin, end, rows, columns, blocks, "all") @ state
+    x[part] += np.linalg.solve(upper + _diagonal_of(begin, end, inverse), residual)
+
+
+def outside(begin: int, end: int, rows: Ids, columns: Ids, blocks: Reals, extra: Reals) -> None:
+    """Half the sum of the Frobenius norms outside of the part."""
+    norms = np.linalg.norm(blocks.reshape(-1, 9), axis=1) * ((columns < begin) | (columns >= end))
+    for i in range(begin, end):
+        extra[i] = norms[rows[i] : rows[i + 1]].sum() / 2
+
+
+def invert_diagonal(begin: int, end: int, diagonal: Ids, blocks: Reals, extra: Reals, out: Reals) -> None:
+    """`L^-T |P|^-1 L^-1` of `D = L P L'`; pivots that are as good as zero are replaced by the size of the block."""
+    for i in range(begin, end):
+        L, S = np.eye(3), blocks.reshape(-1, 3, 3)[diagonal[i]].astype(np.float64) + extra[i] * np.eye(3)
+        total = np.abs(np.diag(S)).sum() or 1.0
+        pivots = []
+        for k in range(3):
+            pivots.append(S[k, k] if abs(S[k, k]) > 1e-12 * total else total)
+            below = np.eye(3)
+            below[k + 1 :, k] = S[k + 1 :, k] / pivots[k]
+            inverse = np.linalg.inv(below)
+            S, L = inverse @ S @ inverse.T, L @ below
+        inverse = np.linalg.inv(L)
+        out[9 * i : 9 * i + 9] = (inverse.T / np.abs(pivots) @ inverse).ravel()
+
+
+def multiply_blocks(
+    begin: int,
+    end: int,
+    rows: Ids,
+    columns: Ids,
+    blocks: Reals,
+    other_rows: Ids,
+    other_columns: Ids,
+    other: Reals,
+    out_rows: Ids,
+    out_columns: Ids,
+    width: int,
+    out: Reals,
+) -> None:
+    """`A B`, of which the structure keeps its places."""
+    matrix = _dense(rows, columns, blocks, len(other_rows) - 1) @ _dense(other_rows, other_columns, other, width)
+    for i in range(begin, end):
+        for k in range(out_rows[i], out_rows[i + 1]):
+            out[9 * k : 9 * k + 9] = matrix[3 * i : 3 * i + 3, 3 * out_columns[k] : 3 * out_columns[k] + 3].ravel()
+
+
+def smooth_prolongator(
+    begin: int,
+    end: int,
+    rows: Ids,
+    own: Ids,
+    count: int,
+    inverse: Reals,
+    omega: float,
+    products: Reals,
+    tentative: Reals,
+    out: Reals,
+) -> None:
+    """`T - omega D^-1 (A T)`."""
+    for i in range(begin, end):
+        places = slice(rows[i], rows[i + 1])
+        out.reshape(-1, 3, 3)[places] = -omega * inverse.reshape(-1, 3, 3)[i] @ products.reshape(-1, 3, 3)[places]
+        out.reshape(-1, 3, 3)[own[i] : own[i] + count] += tentative.reshape(-1, count, 3, 3)[i]
+
+
+def transpose_blocks(begin: int, end: int, places: Ids, blocks: Reals, out: Reals) -> None:
+    """Each block from its place."""
+    out.reshape(-1, 3, 3)[begin:end] = blocks.reshape(-1, 3, 3)[places[begin:end]].transpose(0, 2, 1)
+
+
+def orthonormalise(begin: int, end: int, starts: Ids, members: Ids, count: int, modes: Reals, coarse: Reals) -> None:
+    """`Q R` of each aggregate by projection, `R = Q' B`."""
+    of_row, of_aggregate = modes.reshape(-1, count, 3, 3), coarse.reshape(-1, count, count, 3, 3)
+    for a in range(begin, end):
+        ids = members[starts[a] : starts[a + 1]]
+        B = of_row[ids].transpose(0, 2, 1, 3).reshape(3 * len(ids), 3 * count)
+        Q = np.zeros_like(B)
+        for c in range(3 * count):
+            v = B[:, c] - Q @ (Q.T @ B[:, c])
+            v -= Q @ (Q.T @ v)
+            if v @ v > 1e-16 * (B[:, c] @ B[:, c]):
+                Q[:, c] = v / np.linalg.norm(v)
+        of_row[ids] = Q.reshape(len(ids), 3, count, 3).transpose(0, 2, 1, 3)
+        of_aggregate[a] = np.triu(Q.T @ B).reshape(count, 3, count, 3).transpose(0, 2, 1, 3)
+
+
+def invert_dense(a: Reals) -> bool:
+    """Whether it is positive definite; then its inverse."""
+    if np.linalg.eigvalsh(a).min() <= 0:
+        return False
+    a[:] = np.linalg.inv(a)
+    return True
+
+
+def dot(begin: int, end: int, x: Reals, y: Reals) -> float:
+    """The part of `x'y`."""
+    return float((x[begin:end] * y[begin:end]).sum())
+
+
+def step(begin: int, end: int, alpha: float, p: Reals, q: Reals, x: Reals, r: Reals) -> float:
+    """`x += alpha p`, `r -= alpha q`, `r'r`."""
+    part = slice(begin, end)
+    x[part] += alpha * p[part]
+    r[part] -= alpha * q[part]
+    return float((r[part] ** 2).sum())
+
+
+def turn(begin: int, end: int, beta: float, z: Reals, p: Reals) -> None:
+    """`p = z + beta p`."""
+    p[begin:end] = z[begin:end] + beta * p[begin:end]
+
+
+def multiply_diagonal(begin: int, end: int, blocks: Reals, x: Reals, out: Reals) -> None:
+    """Block by block."""
+    out.reshape(-1, 3)[begin:end] = np.einsum("nij,nj->ni", blocks.reshape(-1, 3, 3)[begin:end], x.reshape(-1, 3)[begin:end])

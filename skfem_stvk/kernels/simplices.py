@@ -8,6 +8,10 @@ A simplex has its vertex 0 and `k` spokes from there to the others: at rest `P_i
     W    = 1/4 sum_ij S_ij M_ij        f_i = sum_j S_ij p_j    f_0 = -sum_i f_i
     K_ij = 2 sum_kl D_ikjl p_k p_l' + S_ij I                     K_0j = -sum_i K_ij
 
+    zeta(u + s v) is quadratic in s, so W is a quartic: with M' = dM/ds and M'' = d2M/ds2, both at s = 0, S' and S'' likewise,
+    M'_ij = p_i . V_j + V_i . p_j        M''_ij = 2 V_i . V_j
+    W(s)  = S:M/4 + S:M'/2 s + (S:M'' + S':M')/4 s^2 + S':M''/4 s^3 + S'':M''/16 s^4
+
     isotropic, 7 numbers    S = r (g : M) g + g M g        g_ij = sqrt(V mu) G_ij,  r = lam / (2 mu),  G_ij = g_i . g_j the Gram matrix
                             K_ij = 2 r y_i y_j' + y_j y_i' + g_ij B + S_ij I        y_i = sum_j g_ij p_j,  B = sum_i p_i y_i'
     general, 21 numbers     D in the order 11, 22, 33, 12, 13, 23
@@ -20,7 +24,7 @@ offsets known at compile time are what lets LLVM see that. W and F take 15 ns a 
 (`python -m validation kernels`).
 
 Arrays: `t` vertices (blocks 4 LANES), `slots` where forces go, `edge_slots` (blocks, edges LANES) where edge blocks go; `D` one-dimensional
-(blocks 7 LANES) if isotropic, two-dimensional (blocks, 21 LANES) if general; `X`, `u` (3 nv,) in double, `f` (3 slots,), `blocks` (9 slots,).
+(blocks 7 LANES) if isotropic, two-dimensional (blocks, 21 LANES) if general; `X`, `u`, `v` (3 nv,) in double, `f` (3 slots,), `blocks` (9 slots,).
 Threads take runs of blocks, and no two of them share a slot.
 """
 
@@ -369,3 +373,130 @@ def linearize(
         blocks[9 * marks[block] : 9 * marks[block + 1]] = 0  # while it is in the cache
         _scatter_blocks(edge_slots, block, values, blocks)
     return W / 4
+
+
+@kernel
+def _scatter_tensions(edge_slots, block, values, out):
+    edges = edge_slots.shape[1] // LANES
+    for lane in range(LANES):
+        for edge in range(edges):
+            at = I(edge * LANES + lane)
+            out[I(edge_slots[block, at])] += values[at]
+
+
+@kernel
+def tensions(begin: int, end: int, t: Ids, edge_slots: Ids, marks: Ids, D: Reals, X: Reals, u: Reals, out: Reals) -> None:
+    """Add the tensions of the edges to their slots in `out`, which are set to zero as those of `linearize` are."""
+    P, U, values = np.empty(9 * LANES, D.dtype), np.empty(9 * LANES, D.dtype), np.empty(6 * LANES, D.dtype)
+    for block in range(begin, end):
+        _gather_spokes(t, block, X, u, P, U)
+        for i in range(LANES):
+            _, _, _, S, _ = _state(P, U, D, block, i)
+            _put((S[0] + S[3] + S[4], -S[3], S[3] + S[1] + S[5], S[4] + S[5] + S[2], -S[4], -S[5]), values, I(i))
+        out[marks[block] : marks[block + 1]] = 0
+        _scatter_tensions(edge_slots, block, values, out)
+
+
+@kernel
+def _gather_differences(t, block, v, V):
+    """What `v` is at the ends of the spokes of a block more than at their beginning, in double."""
+    first = I(block * 4 * LANES)
+    for lane in range(LANES):
+        at = first + I(lane)
+        a, b = I(3) * I(t[at]), I(3) * I(t[at + I(LANES)])
+        c, d = I(3) * I(t[at + I(2 * LANES)]), I(3) * I(t[at + I(3 * LANES)])
+        for i in range(3):
+            x, to = v[a + I(i)], I(i * LANES + lane)
+            V[to] = v[b + I(i)] - x
+            V[to + I(3 * LANES)] = v[c + I(i)] - x
+            V[to + I(6 * LANES)] = v[d + I(i)] - x
+
+
+@kernel
+def along(begin: int, end: int, t: Ids, D: Reals, X: Reals, u: Reals, v: Reals) -> tuple[float, float, float, float, float]:
+    """Coefficients of the energy of the blocks `begin` to `end` along `u + s v`, a quartic in `s`."""
+    P, U, V = np.empty(9 * LANES, D.dtype), np.empty(9 * LANES, D.dtype), np.empty(9 * LANES, D.dtype)
+    c0, c1, c2, c3, c4 = 0.0, 0.0, 0.0, 0.0, 0.0
+    zero = D.dtype.type(0)
+    for block in range(begin, end):
+        _gather_spokes(t, block, X, u, P, U)
+        _gather_differences(t, block, v, V)
+        w0, w1, w2, w3, w4 = zero, zero, zero, zero, zero
+        for i in range(LANES):
+            lane = I(i)
+            P1, P2, P3 = _vector(P, lane), _vector(P, lane + I(3 * LANES)), _vector(P, lane + I(6 * LANES))
+            U1, U2, U3 = _vector(U, lane), _vector(U, lane + I(3 * LANES)), _vector(U, lane + I(6 * LANES))
+            V1, V2, V3 = _vector(V, lane), _vector(V, lane + I(3 * LANES)), _vector(V, lane + I(6 * LANES))
+            p1, p2, p3 = _sum(P1, U1), _sum(P2, U2), _sum(P3, U3)
+            M = _strain(P1, P2, P3, U1, U2, U3, p1, p2, p3)
+            N = _strain(p1, p2, p3, V1, V2, V3, p1, p2, p3)  # M', and with V in the place of p twice V_i . V_j: M''
+            O = _strain(V1, V2, V3, V1, V2, V3, V1, V2, V3)
+            S, T = _stress(D, block, i, M), _stress(D, block, i, N)
+            w0 += _four_energies(S, M)
+            w1 += _four_energies(S, N)
+            w2 += _four_energies(S, O) + _four_energies(T, N)
+            w3 += _four_energies(T, O)
+            w4 += _four_energies(_stress(D, block, i, O), O)
+        c0, c1, c2, c3, c4 = c0 + w0, c1 + w1, c2 + w2, c3 + w3, c4 + w4
+    return c0 / 4, c1 / 2, c2 / 4, c3 / 4, c4 / 16
+
+
+@kernel
+def _gather_sizes(t, block, X, u, P, B, p):
+    """Absolute values of the spokes of a block: at rest, of both displacements together, and now."""
+    first = I(block * 4 * LANES)
+    for lane in range(LANES):
+        at = first + I(lane)
+        a = I(3) * I(t[at])
+        for spoke in range(3):
+            b = I(3) * I(t[at + I((spoke + 1) * LANES)])
+            for i in range(3):
+                to = I((3 * spoke + i) * LANES + lane)
+                rest, x, y = X[b + I(i)] - X[a + I(i)], u[a + I(i)], u[b + I(i)]
+                P[to], B[to], p[to] = abs(rest), abs(x) + abs(y), abs(rest + (y - x))
+
+
+@kernel
+def _absolute(D, block):
+    """Absolute values of the stiffness of a block, as of a first block."""
+    if D.ndim == 1:
+        return np.abs(D[block * 7 * LANES : (block + 1) * 7 * LANES])
+    else:
+        return np.abs(D[block : block + 1])
+
+
+@kernel
+def _scatter_sizes(slots, block, forces, f):
+    """Add the sizes of the forces of a block: those of vertices 1, 2, 3 as they are, and their sum to vertex 0."""
+    first = I(block * 4 * LANES)
+    for lane in range(LANES):
+        at = first + I(lane)
+        a = I(3) * I(slots[at])
+        for vertex in range(3):
+            b = I(3) * I(slots[at + I((vertex + 1) * LANES)])
+            for i in range(3):
+                size = forces[I((3 * vertex + i) * LANES + lane)]
+                f[a + I(i)] += size
+                f[b + I(i)] += size
+
+
+@kernel
+def round_off(begin: int, end: int, t: Ids, slots: Ids, D: Reals, X: Reals, u: Reals, f: Reals) -> None:
+    """Add to the slots `f` the forces of absolute values: of D, P and p, and `|u_i| + |u_0|` for U, for `u` is rounded itself."""
+    P, B, p, forces = (
+        np.empty(9 * LANES, D.dtype),
+        np.empty(9 * LANES, D.dtype),
+        np.empty(9 * LANES, D.dtype),
+        np.empty(9 * LANES, D.dtype),
+    )
+    for block in range(begin, end):
+        _gather_sizes(t, block, X, u, P, B, p)
+        A = _absolute(D, block)
+        for i in range(LANES):
+            lane = I(i)
+            P1, P2, P3 = _vector(P, lane), _vector(P, lane + I(3 * LANES)), _vector(P, lane + I(6 * LANES))
+            B1, B2, B3 = _vector(B, lane), _vector(B, lane + I(3 * LANES)), _vector(B, lane + I(6 * LANES))
+            p1, p2, p3 = _vector(p, lane), _vector(p, lane + I(3 * LANES)), _vector(p, lane + I(6 * LANES))
+            S = _stress(A, 0, i, _strain(P1, P2, P3, B1, B2, B3, p1, p2, p3))
+            _put_forces(S, p1, p2, p3, forces, lane)
+        _scatter_sizes(slots, block, forces, f)

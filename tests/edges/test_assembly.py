@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from bodies import BODIES, MESHES, box, state
+from kernels.parts import in_parts
 
 from skfem_stvk import SimplexMesh, StVK, System
 from skfem_stvk.edges.lanes import in_lanes, out_of_lanes
@@ -136,3 +137,23 @@ def test_coefficients_of_edges_and_what_the_kernels_store_are_one_stiffness(name
         assert len(form.t2e) == len(LOCAL_EDGES[mesh.k])
         zeta = form.squared_elongations(u)
         assert zeta @ form.L @ zeta / 4 == pytest.approx(assembly.energy(u, np.zeros_like(u)), rel=1e-13)
+
+
+def test_vectors_to_work_in_are_kept_and_counted(monkeypatch):
+    """Nothing of the size of the mesh is made anew by what a solver asks again and again."""
+    in_parts(monkeypatch, 2)
+    mesh = MESHES["tetrahedra"]
+    assembly, u = TERM.bind(mesh), state(mesh).reshape(-1, 3)
+    pattern = Pattern(mesh.nv, 3, [assembly.edges])
+    rows, data, force = assembly.rows(pattern), np.zeros(pattern.nnz), np.zeros_like(u)
+    kept = []
+    for _ in range(3):
+        assembly.energy(u, force)
+        assembly.tangent(u, rows, data, False, force, clamped=True)
+        assembly.along(u, u)
+        assembly.add_round_off(u, force)
+        assembly.add_product(assembly._kept["blocks"], u, force)
+        kept.append({name: id(vector) for name, vector in assembly._kept.items()})
+    assert kept[0] == kept[1] == kept[2] and len(kept[0]) > 4
+    memory = assembly.memory()
+    assert memory["vectors"] + memory["blocks of edges"] == sum(vector.nbytes for vector in assembly._kept.values())

@@ -2,12 +2,13 @@
 
 import numba
 
-from skfem_stvk.edges import assembly, order, rows, stiffness, topology
+from skfem_stvk.edges import arrays, assembly, order, rows, stiffness, topology
 from skfem_stvk.kernels import readable, threads
 from skfem_stvk.system import pattern
 
 #: Modules and the kernels that they import by name.
 BY_NAME = {
+    arrays: ("lexicographic_order",),
     order: ("lexicographic_order", "numbers_by_first_use", "stars"),
     rows: ("stars",),
     stiffness: ("scaled_gram",),
@@ -26,6 +27,8 @@ def on_twins(monkeypatch):
     """From now on nothing compiled is called."""
     monkeypatch.setattr(assembly, "simplex_kernels", readable)
     monkeypatch.setattr(assembly, "block_kernels", readable)
+    monkeypatch.setattr(arrays, "block_kernels", readable)
+    monkeypatch.setattr(assembly, "volume_kernels", readable)
     for module, names in BY_NAME.items():
         for name in names:
             monkeypatch.setattr(module, name, getattr(readable, name))

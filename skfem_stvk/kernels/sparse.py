@@ -1,0 +1,363 @@
+"""Sparse matrices of 3 x 3 blocks: products, Gauss-Seidel sweeps, and what algebraic multigrid makes of them.
+
+Arrays: a matrix has the blocks `rows[i]` ... `rows[i + 1]` in block row `i`, with ascending block `columns`, and `blocks` (9 nnz,), row
+by row; `diagonal[i]` is the place of the diagonal block. Vectors have three components a block row. A kernel works on block rows `begin`
+to `end`; Gauss-Seidel takes what other parts hold as it was before.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from .compiled import Ids, Reals, inlined, kernel
+
+I = np.uint64
+
+
+@kernel
+def fill_blocks(
+    begin: int,
+    end: int,
+    rows: Ids,
+    columns: Ids,
+    diagonal: Ids,
+    first: Ids,
+    block: Ids,
+    component: Ids,
+    indptr: Ids,
+    indices: Ids,
+    values: Reals,
+    scale: float,
+    blocks: Reals,
+    single: Reals,
+) -> None:
+    """The values of a CSR matrix as `blocks`, and `scale` times them as `single`.
+
+    Unknown `w` is `component[w]` of block row `block[w]`; those of block row `i` are `first[i]` and the next ones. Components
+    without an unknown get the diagonal `1/scale`.
+    """
+    place = np.empty(len(rows), np.int64)
+    for i in range(begin, end):
+        for k in range(rows[I(i)], rows[I(i + 1)]):
+            place[I(columns[I(k)])] = 9 * k
+        for k in range(9 * rows[I(i)], 9 * rows[I(i + 1)]):
+            blocks[I(k)] = 0
+            single[I(k)] = 0
+        for c in range(3):
+            blocks[I(9 * diagonal[I(i)] + 4 * c)] = 1 / scale
+            single[I(9 * diagonal[I(i)] + 4 * c)] = 1
+        u = first[I(i)]
+        while u < len(block) and block[I(u)] == i:
+            for e in range(indptr[I(u)], indptr[I(u + 1)]):
+                w = I(indices[I(e)])
+                to = I(place[I(block[w])] + 3 * component[I(u)] + component[w])
+                blocks[to] = values[I(e)]
+                single[to] = scale * values[I(e)]
+            u += 1
+
+
+@inlined
+def _row(begin, end, columns, blocks, x):
+    """The sum of `A_ij x_j` over the places `begin` to `end`."""
+    s0 = s1 = s2 = blocks.dtype.type(0)
+    for i in range(begin, end):
+        k, c = I(9) * I(i), I(3) * I(columns[I(i)])
+        x0, x1, x2 = x[c], x[c + I(1)], x[c + I(2)]
+        s0 += blocks[k] * x0 + blocks[k + I(1)] * x1 + blocks[k + I(2)] * x2
+        s1 += blocks[k + I(3)] * x0 + blocks[k + I(4)] * x1 + blocks[k + I(5)] * x2
+        s2 += blocks[k + I(6)] * x0 + blocks[k + I(7)] * x1 + blocks[k + I(8)] * x2
+    return s0, s1, s2
+
+
+@inlined
+def _times(blocks, k, x0, x1, x2):
+    """A block times a vector."""
+    return (
+        blocks[k] * x0 + blocks[k + I(1)] * x1 + blocks[k + I(2)] * x2,
+        blocks[k + I(3)] * x0 + blocks[k + I(4)] * x1 + blocks[k + I(5)] * x2,
+        blocks[k + I(6)] * x0 + blocks[k + I(7)] * x1 + blocks[k + I(8)] * x2,
+    )
+
+
+@kernel
+def product(begin: int, end: int, rows: Ids, columns: Ids, blocks: Reals, x: Reals, add: bool, out: Reals) -> None:
+    """`A x`, written to `out` or added to it."""
+    for i in range(begin, end):
+        s0, s1, s2 = _row(rows[I(i)], rows[I(i + 1)], columns, blocks, x)
+        to = I(3) * I(i)
+        if add:
+            out[to] += s0
+            out[to + I(1)] += s1
+            out[to + I(2)] += s2
+        else:
+            out[to] = s0
+            out[to + I(1)] = s1
+            out[to + I(2)] = s2
+
+
+@kernel
+def sweep_forward(
+    begin: int, end: int, rows: Ids, columns: Ids, diagonal: Ids, blocks: Reals, inverse: Reals, b: Reals, x: Reals
+) -> None:
+    """Gauss-Seidel from `x = 0`, rows ascending: `x_i = D_i^-1 (b_i - sum_{begin <= j < i} A_ij x_j)`; `inverse` (9 n,) has `D_i^-1`."""
+    for i in range(begin, end):
+        inner = rows[I(i)]
+        while columns[I(inner)] < begin:
+            inner += 1
+        s0, s1, s2 = _row(inner, diagonal[I(i)], columns, blocks, x)
+        at = I(3) * I(i)
+        x0, x1, x2 = _times(inverse, I(9) * I(i), b[at] - s0, b[at + I(1)] - s1, b[at + I(2)] - s2)
+        x[at], x[at + I(1)], x[at + I(2)] = x0, x1, x2
+
+
+@kernel
+def residual_after_forward(
+    begin: int, end: int, rows: Ids, columns: Ids, diagonal: Ids, blocks: Reals, extra: Reals, x: Reals, out: Reals
+) -> None:
+    """`b - A x` after `sweep_forward`: what it did not see, `extra_i x_i - sum_{j < begin or j > i} A_ij x_j`."""
+    for i in range(begin, end):
+        inner = rows[I(i)]
+        while columns[I(inner)] < begin:
+            inner += 1
+        s0, s1, s2 = _row(rows[I(i)], inner, columns, blocks, x)
+        t0, t1, t2 = _row(diagonal[I(i)] + 1, rows[I(i + 1)], columns, blocks, x)
+        at, e = I(3) * I(i), extra[I(i)]
+        out[at] = e * x[at] - s0 - t0
+        out[at + I(1)] = e * x[at + I(1)] - s1 - t1
+        out[at + I(2)] = e * x[at + I(2)] - s2 - t2
+
+
+@kernel
+def sweep_backward(
+    begin: int, end: int, rows: Ids, columns: Ids, blocks: Reals, inverse: Reals, b: Reals, before: Reals, x: Reals
+) -> None:
+    """Gauss-Seidel, rows descending: `x_i += D_i^-1 (b_i - sum_j A_ij x_j)`, with `before_j` outside of the part."""
+    for i in range(end - 1, begin - 1, -1):
+        inner, outer = rows[I(i)], rows[I(i + 1)]
+        while columns[I(inner)] < begin:
+            inner += 1
+        while columns[I(outer - 1)] >= end:
+            outer -= 1
+        r0, r1, r2 = _row(rows[I(i)], inner, columns, blocks, before)
+        s0, s1, s2 = _row(inner, outer, columns, blocks, x)
+        t0, t1, t2 = _row(outer, rows[I(i + 1)], columns, blocks, before)
+        at = I(3) * I(i)
+        y0, y1, y2 = _times(inverse, I(9) * I(i), b[at] - r0 - s0 - t0, b[at + I(1)] - r1 - s1 - t1, b[at + I(2)] - r2 - s2 - t2)
+        x[at] += y0
+        x[at + I(1)] += y1
+        x[at + I(2)] += y2
+
+
+@kernel
+def outside(begin: int, end: int, rows: Ids, columns: Ids, blocks: Reals, extra: Reals) -> None:
+    """Half the sum of the norms of the blocks of a row outside of the part: with it on the diagonal Gauss-Seidel in parts converges."""
+    for i in range(begin, end):
+        total = 0.0
+        for j in range(rows[I(i)], rows[I(i + 1)]):
+            if columns[I(j)] < begin or columns[I(j)] >= end:
+                square = 0.0
+                for k in range(9 * j, 9 * j + 9):
+                    square += blocks[I(k)] ** 2
+                total += np.sqrt(square)
+        extra[I(i)] = total / 2
+
+
+@kernel
+def invert_diagonal(begin: int, end: int, diagonal: Ids, blocks: Reals, extra: Reals, out: Reals) -> None:
+    """`(D_i + extra_i 1)^-1` of the symmetric diagonal blocks, by `D = L P L'` with `|P|` in place of P: always positive definite.
+
+    Pivots that are as good as zero are replaced by the size of the block.
+    """
+    for i in range(begin, end):
+        k, e = I(9) * I(diagonal[I(i)]), extra[I(i)]
+        a, b, c = float(blocks[k]) + e, float(blocks[k + I(1)]), float(blocks[k + I(2)])
+        d, f, g = float(blocks[k + I(4)]) + e, float(blocks[k + I(5)]), float(blocks[k + I(8)]) + e
+        total = abs(a) + abs(d) + abs(g)
+        total = total if total > 0 else 1.0
+        least = 1e-12 * total
+        a = a if abs(a) > least else total
+        l, m = b / a, c / a
+        d, f = d - l * b, f - l * c
+        d = d if abs(d) > least else total
+        n = f / d
+        g = g - m * c - n * f
+        g = g if abs(g) > least else total
+        p, q, s = 1 / abs(a), 1 / abs(d), 1 / abs(g)
+        o = l * n - m
+        k = I(9) * I(i)
+        out[k] = p + l * l * q + o * o * s
+        out[k + I(1)] = out[k + I(3)] = -l * q - o * n * s
+        out[k + I(2)] = out[k + I(6)] = o * s
+        out[k + I(4)] = q + n * n * s
+        out[k + I(5)] = out[k + I(7)] = -n * s
+        out[k + I(8)] = s
+
+
+@kernel
+def multiply_blocks(
+    begin: int,
+    end: int,
+    rows: Ids,
+    columns: Ids,
+    blocks: Reals,
+    other_rows: Ids,
+    other_columns: Ids,
+    other: Reals,
+    out_rows: Ids,
+    out_columns: Ids,
+    width: int,
+    out: Reals,
+) -> None:
+    """The product of two matrices in a structure that holds all of it; `width` is its number of block columns."""
+    place = np.empty(width, np.int64)
+    for i in range(begin, end):
+        for k in range(out_rows[I(i)], out_rows[I(i + 1)]):
+            place[I(out_columns[I(k)])] = 9 * k
+        for k in range(9 * out_rows[I(i)], 9 * out_rows[I(i + 1)]):
+            out[I(k)] = 0
+        for j in range(rows[I(i)], rows[I(i + 1)]):
+            at, via = I(9) * I(j), I(columns[I(j)])
+            a0, a1, a2 = blocks[at], blocks[at + I(1)], blocks[at + I(2)]
+            a3, a4, a5 = blocks[at + I(3)], blocks[at + I(4)], blocks[at + I(5)]
+            a6, a7, a8 = blocks[at + I(6)], blocks[at + I(7)], blocks[at + I(8)]
+            for k in range(other_rows[via], other_rows[via + I(1)]):
+                to, b = I(place[I(other_columns[I(k)])]), I(9) * I(k)
+                for c in range(3):
+                    b0, b1, b2 = other[b + I(c)], other[b + I(3 + c)], other[b + I(6 + c)]
+                    out[to + I(c)] += a0 * b0 + a1 * b1 + a2 * b2
+                    out[to + I(3 + c)] += a3 * b0 + a4 * b1 + a5 * b2
+                    out[to + I(6 + c)] += a6 * b0 + a7 * b1 + a8 * b2
+
+
+@kernel
+def smooth_prolongator(
+    begin: int,
+    end: int,
+    rows: Ids,
+    own: Ids,
+    count: int,
+    inverse: Reals,
+    omega: float,
+    products: Reals,
+    tentative: Reals,
+    out: Reals,
+) -> None:
+    """`T - omega D^-1 (A T)` in the structure of `A T`; row `i` of T has `count` blocks, from the place `own[i]` of that structure on."""
+    for i in range(begin, end):
+        at = I(9) * I(i)
+        for k in range(rows[I(i)], rows[I(i + 1)]):
+            to = I(9) * I(k)
+            for c in range(3):
+                y0, y1, y2 = _times(inverse, at, products[to + I(c)], products[to + I(3 + c)], products[to + I(6 + c)])
+                out[to + I(c)] = -omega * y0
+                out[to + I(3 + c)] = -omega * y1
+                out[to + I(6 + c)] = -omega * y2
+        for k in range(9 * count):
+            out[I(9 * own[I(i)] + k)] += tentative[I(9 * count * i + k)]
+
+
+@kernel
+def transpose_blocks(begin: int, end: int, places: Ids, blocks: Reals, out: Reals) -> None:
+    """Block `k` of `out` is the transpose of block `places[k]`."""
+    for k in range(begin, end):
+        to, at = I(9) * I(k), I(9) * I(places[I(k)])
+        for r in range(3):
+            for c in range(3):
+                out[to + I(3 * r + c)] = blocks[at + I(3 * c + r)]
+
+
+@kernel
+def orthonormalise(begin: int, end: int, starts: Ids, members: Ids, count: int, modes: Reals, coarse: Reals) -> None:
+    """Modes `B = Q R` aggregate by aggregate: Q in place of `modes`, R to `coarse`; a mode that depends on those before becomes zero.
+
+    Aggregate `a` is the block rows `members[starts[a]]` ... of `starts[a + 1]`; `modes` has `count` blocks a row, `coarse` `count^2` an aggregate.
+    """
+    for a in range(begin, end):
+        for k in range(9 * count * count * a, 9 * count * count * (a + 1)):
+            coarse[k] = 0
+        for c in range(3 * count):
+            at_c = 9 * (c // 3) + c % 3
+            size = 0.0
+            for j in range(starts[a], starts[a + 1]):
+                for r in range(3):
+                    size += modes[9 * count * members[j] + at_c + 3 * r] ** 2
+            for _ in range(2):
+                for e in range(c):
+                    at_e, dot = 9 * (e // 3) + e % 3, 0.0
+                    for j in range(starts[a], starts[a + 1]):
+                        m = 9 * count * members[j]
+                        for r in range(0, 9, 3):
+                            dot += modes[m + at_c + r] * modes[m + at_e + r]
+                    for j in range(starts[a], starts[a + 1]):
+                        m = 9 * count * members[j]
+                        for r in range(0, 9, 3):
+                            modes[m + at_c + r] -= dot * modes[m + at_e + r]
+                    coarse[9 * count * (count * a + e // 3) + 9 * (c // 3) + 3 * (e % 3) + c % 3] += dot
+            left = 0.0
+            for j in range(starts[a], starts[a + 1]):
+                for r in range(3):
+                    left += modes[9 * count * members[j] + at_c + 3 * r] ** 2
+            norm = np.sqrt(left) if left > 1e-16 * size else 0.0
+            for j in range(starts[a], starts[a + 1]):
+                for r in range(3):
+                    m = 9 * count * members[j] + at_c + 3 * r
+                    modes[m] = modes[m] / norm if norm > 0 else 0.0
+            coarse[9 * count * (count * a + c // 3) + 9 * (c // 3) + 3 * (c % 3) + c % 3] = norm
+
+
+@kernel
+def invert_dense(a: Reals) -> bool:
+    """The inverse of a symmetric matrix (n, n) in its place, by Gauss and Jordan; False, and nothing of use, unless it is positive definite."""
+    n, least = len(a), 0.0
+    for k in range(n):
+        least = max(least, 1e-14 * a[k, k])
+    for k in range(n):
+        pivot = a[k, k]
+        if not pivot > least:
+            return False
+        a[k, k] = 1.0
+        for j in range(n):
+            a[k, j] /= pivot
+        for i in range(n):
+            if i != k:
+                factor = a[i, k]
+                a[i, k] = 0.0
+                for j in range(n):
+                    a[i, j] -= factor * a[k, j]
+    return True
+
+
+@kernel
+def dot(begin: int, end: int, x: Reals, y: Reals) -> float:
+    """The part of `x'y`."""
+    total = 0.0
+    for i in range(begin, end):
+        total += x[I(i)] * y[I(i)]
+    return total
+
+
+@kernel
+def step(begin: int, end: int, alpha: float, p: Reals, q: Reals, x: Reals, r: Reals) -> float:
+    """`x += alpha p`, `r -= alpha q`; the part of `r'r`."""
+    total = 0.0
+    for i in range(begin, end):
+        x[I(i)] += alpha * p[I(i)]
+        r[I(i)] -= alpha * q[I(i)]
+        total += r[I(i)] * r[I(i)]
+    return total
+
+
+@kernel
+def turn(begin: int, end: int, beta: float, z: Reals, p: Reals) -> None:
+    """`p = z + beta p`."""
+    for i in range(begin, end):
+        p[I(i)] = z[I(i)] + beta * p[I(i)]
+
+
+@kernel
+def multiply_diagonal(begin: int, end: int, blocks: Reals, x: Reals, out: Reals) -> None:
+    """A block diagonal matrix times x."""
+    for i in range(begin, end):
+        at = I(3) * I(i)
+        y0, y1, y2 = _times(blocks, I(9) * I(i), x[at], x[at + I(1)], x[at + I(2)])
+        out[at], out[at + I(1)], out[at + I(2)] = y0, y1, y2

@@ -1,0 +1,164 @@
+"""The tangent without negative tensions: `2 J' L J + sum max(t, 0) Lap (x) I`, positive semi-definite."""
+
+import numpy as np
+import pytest
+from bodies import BODIES, MESHES, state
+from kernels.parts import in_parts
+from scipy.spatial import Delaunay
+
+from skfem_stvk import Anisotropic, SimplexMesh, StVK, System
+from skfem_stvk.system import Pattern, TangentOperator
+
+
+def unstructured(k, d, n=40):
+    """Simplices between random points; segments and triangles bent into space."""
+    rng = np.random.default_rng(5)
+    if k == 1:
+        p, t = np.cumsum(rng.uniform(0.2, 1, (1, n)), axis=1) / n, np.stack([np.arange(n - 1), np.arange(1, n)])
+    else:
+        p = rng.random((k, n))
+        t = Delaunay(p.T).simplices.T
+        volume = np.abs(np.linalg.det((p[:, t[1:]] - p[:, t[:1]]).T))
+        t = t[:, volume > 0.02 * volume.mean()]
+    used, t = np.unique(t, return_inverse=True)
+    p = p[:, used]
+    return SimplexMesh(np.stack([*p, *(np.sin(3 * p[0] + i) for i in range(d - k))]), t.reshape(k + 1, -1))
+
+
+def compressed(mesh):
+    """(nv, d) displacements of a body that is pushed together, with edges in tension and in compression."""
+    return state(mesh).reshape(-1, mesh.d) - 0.3 * mesh.p.T
+
+
+def bound(mesh, terms, dtype=np.float64):
+    return [term.bind(mesh, dtype) for term in terms]
+
+
+def from_the_edges(assembly, u, clamped):
+    """(ndofs, ndofs) `2 J' L J + sum t Lap (x) I`, dense, from the coefficients of the edges."""
+    form, (nv, d) = assembly.form, u.shape
+    (a, b), e = form.edges, np.arange(form.edges.shape[1])
+    J, B = np.zeros((len(e), nv, d)), np.zeros((len(e), nv))
+    B[e, a], B[e, b] = 1, -1
+    J[e, a] = form.P + form.differences(u)
+    J[e, b] = -J[e, a]
+    J, t = J.reshape(len(e), -1), form.tensions(u)
+    return 2 * J.T @ form.L @ J + np.kron(B.T @ ((np.maximum(t, 0) if clamped else t)[:, None] * B), np.eye(d))
+
+
+def dense(assembly, u, clamped):
+    """The same from the kernels, by way of CSR values."""
+    pattern = Pattern(len(u), u.shape[1], [assembly.edges])
+    data = np.zeros(pattern.nnz)
+    assembly.tangent(u, assembly.rows(pattern), data, False, None, clamped)
+    return pattern.matrix(data).toarray()
+
+
+@pytest.mark.parametrize("parts", [1, 3])
+@pytest.mark.parametrize("name", BODIES)
+def test_tensions_are_L_times_squared_elongations(name, parts, monkeypatch):
+    in_parts(monkeypatch, parts)
+    mesh, terms = BODIES[name]
+    u = compressed(mesh)
+    for assembly in bound(mesh, terms):
+        wanted = assembly.form.tensions(u)
+        assert wanted.min() < -1e-3 < 1e-3 < wanted.max()
+        for _ in range(2):
+            assert np.abs(assembly.tensions(u) - wanted).max() < 1e-12 * np.abs(wanted).max()
+            assembly.tensions(-2 * u)
+
+
+def test_tensions_of_small_strains_keep_all_digits_far_from_the_origin():
+    near = MESHES["tetrahedra"]
+    u = state(near, 1e-10).reshape(-1, 3)
+    far = SimplexMesh(near.p + 2.0**20, near.t)
+    same = SimplexMesh(far.p - 2.0**20, near.t)  # what is left of the coordinates there
+    term = StVK(young=2.0, poisson=0.3)
+    here, there = term.bind(same).tensions(u), term.bind(far).tensions(u)
+    assert np.abs(here - there).max() < 1e-14 * np.abs(here).max() > 0
+
+
+@pytest.mark.parametrize("parts", [1, 2, 5])
+@pytest.mark.parametrize("name", BODIES)
+def test_the_clamped_tangent_is_that_of_the_edges(name, parts, monkeypatch):
+    in_parts(monkeypatch, parts)
+    mesh, terms = BODIES[name]
+    u = compressed(mesh)
+    for assembly in bound(mesh, terms):
+        exact, clamped = (from_the_edges(assembly, u, clamped) for clamped in (False, True))
+        scale = np.abs(exact).max()
+        assert np.abs(clamped - exact).max() > 1e-3 * scale
+        assert np.abs(dense(assembly, u, False) - exact).max() < 1e-12 * scale
+        assert np.abs(dense(assembly, u, True) - clamped).max() < 1e-12 * scale
+
+
+KINDS = {"tetrahedra": (3, 3), "triangles": (2, 2), "membrane": (2, 3), "segments": (1, 1), "cable": (1, 3)}
+STATES = {
+    "crushed": lambda x, noise: -0.7 * x + 0.1 * noise,
+    "inside out": lambda x, noise: -1.7 * x + 0.1 * noise,
+    "pushed together at random": lambda x, noise: -0.4 * x + 0.2 * noise,
+    "collapsed to a point": lambda x, noise: -x,
+}
+
+
+@pytest.mark.parametrize("stress", STATES)
+@pytest.mark.parametrize("law", ["isotropic", "general"])
+@pytest.mark.parametrize("kind", KINDS)
+def test_the_clamped_tangent_is_positive_semi_definite_where_the_exact_one_is_not(kind, law, stress):
+    mesh = unstructured(*KINDS[kind])
+    rng = np.random.default_rng(6)
+    if law == "isotropic":
+        term = StVK(young=rng.uniform(1, 10, mesh.nt), poisson=rng.uniform(-0.3, 0.45, mesh.nt))
+    else:
+        A = rng.standard_normal((mesh.nt, 6, 6))
+        term = StVK(Anisotropic(A @ np.swapaxes(A, 1, 2) + np.eye(6)))
+    noise = rng.standard_normal(mesh.p.T.shape) / mesh.nv ** (1 / mesh.k)
+    body, u = System(mesh, term), STATES[stress](mesh.p.T, noise)
+    (assembly,) = body._bound
+    exact, clamped = (np.linalg.eigvalsh(dense(assembly, u, clamped)) for clamped in (False, True))
+    assert exact[0] < -1e-6 * np.abs(exact).max()
+    assert clamped[0] >= -1e-13 * clamped[-1]
+
+
+def regular(k):
+    """Two equilateral triangles, regular tetrahedra or equal segments with common vertices: no angle is obtuse."""
+    if k == 1:
+        return SimplexMesh(np.array([[0.0, 1.0, 2.0]]), np.array([[0, 1], [1, 2]]))
+    if k == 2:
+        p = np.array([[0, 1, 0.5, 1.5], [0, 0, np.sqrt(0.75), np.sqrt(0.75)]])
+        return SimplexMesh(p, np.array([[0, 1, 2], [1, 3, 2]]).T)
+    p = np.array([[1.0, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1]])
+    other = p[1:].sum(axis=0) * 2 / 3 - p[0]
+    return SimplexMesh(np.concatenate([p, [other]]).T, np.array([[0, 1, 2, 3], [4, 1, 2, 3]]).T)
+
+
+@pytest.mark.parametrize("k", [1, 2, 3])
+def test_where_all_edges_are_in_tension_the_clamped_tangent_is_the_exact_one_to_the_last_bit(k):
+    mesh = regular(k)
+    assembly = StVK(young=2.0, poisson=0.3).bind(mesh)
+    u = 0.1 * mesh.p.T + 0.01 * state(mesh).reshape(-1, mesh.d)
+    assert (assembly.tensions(u) > 0).all()
+    assert np.array_equal(dense(assembly, u, True), dense(assembly, u, False))
+    assert (assembly.tensions(-2 * u) < 0).any()
+    assert np.abs(dense(assembly, -2 * u, True) - dense(assembly, -2 * u, False)).max() > 1e-3
+
+
+def test_energy_and_force_that_come_with_a_clamped_tangent_are_the_exact_ones():
+    mesh, terms = BODIES["tetrahedra, isotropic"]
+    (assembly,), u = bound(mesh, terms), state(mesh).reshape(-1, 3)
+    F, same = np.zeros_like(u), np.zeros_like(u)
+    W = assembly.energy(u, F)
+    energy, _ = assembly.edge_blocks(u, same, clamped=True)
+    assert energy == pytest.approx(W, rel=1e-14) and np.abs(F - same).max() < 1e-14 * np.abs(F).max()
+
+
+@pytest.mark.parametrize("name", ["tetrahedra, two regions", "membrane, anisotropic", "cable, area"])
+def test_the_operator_without_negative_tensions_is_the_clamped_tangent(name):
+    mesh, terms = BODIES[name]
+    body, u, v = System(mesh, terms), compressed(mesh).ravel(), state(mesh, seed=9)
+    x = u.reshape(-1, mesh.d)
+    K = sum(dense(assembly, x, True) for assembly in body._bound)
+    operator = TangentOperator(body._bound, body._state, u, body.dtype, clamped=True)
+    assert np.abs(operator @ v - K @ v).max() < 1e-13 * np.abs(K @ v).max()
+    operator.prepare(u)
+    assert np.abs(operator @ v - body.tangent(u) @ v).max() < 1e-13 * np.abs(K @ v).max() < np.abs(operator @ v - K @ v).max()

@@ -1,0 +1,100 @@
+"""Ratios of volumes, and whether a simplex is inside out."""
+
+from fractions import Fraction
+
+import numpy as np
+import pytest
+from bodies import BODIES, MESHES, box, state
+from kernels.parts import in_parts
+
+from skfem_stvk import SimplexMesh, StVK
+from skfem_stvk.kernels.simplices import LANES
+
+TERM = StVK(young=2.0, poisson=0.3)
+
+
+def spokes(mesh, x):
+    """(nt, k, d)"""
+    return np.swapaxes(x[mesh.t[1:]] - x[mesh.t[:1]], 0, 1)
+
+
+def ratios(mesh, u):
+    """Determinants of deformation gradients; of surfaces and curves, ratios of measures."""
+    P, p = spokes(mesh, mesh.p.T), spokes(mesh, mesh.p.T + u)
+    if mesh.k == mesh.d:
+        return np.linalg.det(p) / np.linalg.det(P)
+    return np.sqrt(np.linalg.det(p @ np.swapaxes(p, 1, 2)) / np.linalg.det(P @ np.swapaxes(P, 1, 2)))
+
+
+@pytest.mark.parametrize("parts", [1, 2, 5])
+@pytest.mark.parametrize("name", MESHES)
+def test_ratios_of_volumes_come_in_the_order_of_the_elements(name, parts, monkeypatch):
+    in_parts(monkeypatch, parts)
+    mesh = MESHES[name]
+    assembly, u = TERM.bind(mesh), 4 * state(mesh).reshape(-1, mesh.d)
+    wanted, found = ratios(mesh, u), assembly.volume_ratios(u)
+    assert np.abs(found - wanted).max() < 1e-12 * np.abs(wanted).max()
+    assert assembly.smallest_volume_ratio(u) == found.min()
+    assert (found.min() < 0) == (mesh.k == mesh.d)
+
+
+@pytest.mark.parametrize("name", MESHES)
+def test_at_rest_all_are_one_for_both_orientations(name):
+    """To the last bit; and all change their sign in a mirror."""
+    mesh = MESHES[name]
+    assembly = TERM.bind(mesh)
+    assert (assembly.volume_ratios(np.zeros((mesh.nv, mesh.d))) == 1).all()
+    mirrored = -2 * mesh.p.T * (np.arange(mesh.d) == 0)
+    assert np.allclose(assembly.volume_ratios(mirrored), -1 if mesh.k == mesh.d else 1, rtol=1e-12)
+
+
+def test_a_term_of_a_region_has_the_elements_of_that_region_in_its_order():
+    mesh = MESHES["tetrahedra"]
+    region = np.random.default_rng(0).permutation(mesh.nt)[: mesh.nt // 2]
+    u = state(mesh).reshape(-1, 3)
+    found = StVK(young=2.0, poisson=0.3, region=region).bind(mesh).volume_ratios(u)
+    assert np.abs(found - ratios(mesh, u)[mesh.elements(region)]).max() < 1e-12
+
+
+@pytest.mark.parametrize("count", [1, LANES - 1, LANES, LANES + 1])
+def test_the_one_element_that_is_inside_out_is_found_wherever_it_stands(count):
+    whole = box(2)
+    used, t = np.unique(whole.t[:, :count], return_inverse=True)
+    mesh = SimplexMesh(whole.p[:, used], t.reshape(4, -1))
+    assembly = TERM.bind(mesh)
+    for e in range(count):
+        top, base = mesh.t[0, e], mesh.t[1:, e]
+        u = np.zeros((mesh.nv, 3))
+        u[top] = 1.2 * (mesh.p[:, base].mean(axis=1) - mesh.p[:, top])  # through the opposite facet
+        found = assembly.volume_ratios(u)
+        assert found[e] == pytest.approx(-0.2) and assembly.smallest_volume_ratio(u) == found.min() <= found[e]
+
+
+def test_the_sign_is_right_for_slivers():
+    """1 : 1e10, turned and moved so far that `X + u` would lose their thickness: against exact arithmetic."""
+    rng = np.random.default_rng(8)
+    p = rng.random((3, 400))
+    p[2] *= 1e-10
+    mesh = SimplexMesh(p, np.arange(400).reshape(4, 100))
+    turn = np.linalg.qr(rng.standard_normal((3, 3)))[0]
+    u = mesh.p.T @ (turn.T - np.eye(3)) + 2.0**20 + 2e-11 * rng.standard_normal((400, 3)) * [[0, 0, 1]] @ turn.T
+    found = TERM.bind(mesh).volume_ratios(u)
+    signs = []
+    for corners in mesh.t.T:
+        P = [[Fraction(value) for value in row] for row in mesh.p.T[corners].tolist()]
+        x = [[a + Fraction(b) for a, b in zip(*pair, strict=True)] for pair in zip(P, u[corners].tolist(), strict=True)]
+        signs.append(determinant(x) * determinant(P) > 0)
+    assert 10 < sum(signs) < 90 and np.array_equal(found > 0, signs)
+
+
+def determinant(x):
+    (a, b, c), (d, e, f), (g, h, i) = [[v - w for v, w in zip(corner, x[0], strict=True)] for corner in x[1:]]
+    return a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g)
+
+
+@pytest.mark.parametrize("name", ["tetrahedra, two regions", "membrane, anisotropic"])
+def test_in_single_precision_they_are_the_same(name):
+    mesh, terms = BODIES[name]
+    u = state(mesh).reshape(-1, mesh.d)
+    single, double = (terms[0].bind(mesh, dtype).volume_ratios(u) for dtype in (np.float32, np.float64))
+    assert np.array_equal(single, double)
