@@ -1,0 +1,25 @@
+"""Linear solvers behind one joint: they know matrices, not meshes."""
+
+from .amg import AmgCg
+from .block_jacobi import BlockJacobiCg
+from .choose import SOLVERS, choose
+from .pardiso import Pardiso
+from .solver import Analysis, Factors, Kind, LinearSolver, Operator, Outcome, Solution, Unknowns
+from .superlu import SuperLU
+
+__all__ = [
+    "SOLVERS",
+    "AmgCg",
+    "Analysis",
+    "BlockJacobiCg",
+    "Factors",
+    "Kind",
+    "LinearSolver",
+    "Operator",
+    "Outcome",
+    "Pardiso",
+    "Solution",
+    "SuperLU",
+    "Unknowns",
+    "choose",
+]

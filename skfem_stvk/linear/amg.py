@@ -1,0 +1,145 @@
+"""Conjugate gradients with smoothed-aggregation multigrid."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any, ClassVar
+
+import numpy as np
+
+from ..errors import StvkError
+from ..kernels.threads import parts_of, threads
+from .cg import conjugate_gradients, dot
+from .checks import Newest, check_kind, checked_values, checked_vector
+from .hierarchy import Hierarchy
+from .level import SINGLE, Level
+from .solver import Kind, Solution, Unknowns, Vector
+from .vertices import VertexRows
+
+#: Iterations at most.
+MOST = 1000
+
+#: The hierarchy is built anew when a decade of the residual takes so many times the iterations that it took just after it was built.
+GROWTH = 1.5
+
+
+@dataclass(frozen=True)
+class AmgCg:
+    """Memory and time grow with the number of unknowns, hardly faster; an indefinite matrix is noticed.
+
+    Aggregates of strongly coupled vertices, the rigid motions as near-null space, Gauss-Seidel by vertex. The cycle works in single precision,
+    conjugate gradients in double. From one matrix to the next the aggregates and R, P are kept, until iterations grow.
+
+    >>> import numpy as np
+    >>> from scipy.sparse import diags
+    >>> K = diags([-1.0, 2.0, -1.0], [-1, 0, 1], shape=(500, 500), format="csr")
+    >>> one = np.ones((500, 1))
+    >>> unknowns = Unknowns(np.arange(500), np.zeros(500, dtype=int), K.indptr, K.indices, near_null_space=lambda: one)
+    >>> solution = AmgCg().analyse(unknowns).factorise(K, Kind.POSITIVE_DEFINITE).solve(one[:, 0], rtol=1e-8)
+    >>> solution.outcome.value, bool(solution.iterations < 20)
+    ('solved', True)
+    """
+
+    name: ClassVar[str] = "amg-cg"
+    takes: ClassVar[Kind] = Kind.SYMMETRIC
+    matrix_free: ClassVar[bool] = False
+    iterative: ClassVar[bool] = True
+
+    def analyse(self, unknowns: Unknowns) -> AmgAnalysis:
+        """Vertices, their order, and room for the values.
+
+        Raises
+        ------
+        StvkError
+            if there is no near-null space, or K has not a full block for each pair of vertices that it couples.
+        """
+        return AmgAnalysis(self, unknowns)
+
+
+class AmgAnalysis:
+    """What is kept between Newton steps: room for K in blocks, and the hierarchy."""
+
+    def __init__(self, solver: AmgCg, unknowns: Unknowns) -> None:
+        self._solver, self._unknowns, self._newest = solver, unknowns, Newest()
+        if unknowns.near_null_space is None:
+            raise StvkError("The unknowns have no near_null_space; multigrid expects a function that gives the rigid motions.")
+        self.rows = VertexRows(unknowns)
+        structure = self.rows.structure
+        self.finest = Level(self.rows.graph, structure, self.rows.diagonal, structure.room(), structure.room(SINGLE))
+        self.parts = parts_of(len(self.finest.x), 0.1, threads())
+        self.hierarchy: Hierarchy | None = None
+        self._pace = _Pace()
+
+    def factorise(self, K: Any, kind: Kind) -> AmgFactors:
+        """The values of all levels; a hierarchy if there is none, or the last one has become slow."""
+        check_kind(self._solver, kind)
+        values = checked_values(K, self._unknowns)
+        number = self._newest.next()
+        size = float(np.abs(K.diagonal()).mean())
+        scale = 1 / size if size > 0 else 1.0
+        self.rows.fill(values, scale, self.finest.blocks, self.finest.single)
+        if self.hierarchy is None or self._pace.is_slow:
+            modes = self.rows.padded(_modes(self._unknowns))
+            self.hierarchy, self._pace = Hierarchy(self.finest, modes, scale), _Pace()
+        else:
+            self.hierarchy.refresh(scale)
+        return AmgFactors(self, self._newest, number, self._pace)
+
+
+class AmgFactors:
+    """The hierarchy, filled."""
+
+    negative_pivots: ClassVar[None] = None
+
+    def __init__(self, analysis: AmgAnalysis, newest: Newest, number: int, pace: _Pace) -> None:
+        self._analysis, self._newest, self._number, self._pace = analysis, newest, number, pace
+        self._single = np.empty_like(analysis.finest.x)
+        self._product = np.empty(len(self._single))
+
+    def solve(self, b: Vector, rtol: float = 1e-10) -> Solution:
+        """Conjugate gradients, each iteration with a product in double precision and a cycle in single."""
+        self._newest.check(self._number)
+        rows = self._analysis.rows
+        b = rows.padded(checked_vector(b, rows.n))
+        found = conjugate_gradients(self._multiply, self._precondition, b, rtol, MOST)
+        self._pace.note(found)
+        direction = None if found.direction is None else rows.taken(found.direction)
+        return replace(found, x=rows.taken(found.x), direction=direction)
+
+    def _multiply(self, x: Vector) -> Vector:
+        finest = self._analysis.finest
+        finest.A.product(finest.blocks, x, self._product)
+        return self._product
+
+    def _precondition(self, r: Vector) -> Vector:
+        """A cycle for r of size one, so that single precision cannot underflow."""
+        size = float(np.sqrt(dot(self._analysis.parts, r, r)))
+        np.multiply(r, 1 / size, out=self._single, casting="same_kind")
+        assert self._analysis.hierarchy is not None
+        return np.multiply(self._analysis.hierarchy(self._single), size, dtype=np.float64)
+
+
+class _Pace:
+    """Iterations a decade, of the first solve with a hierarchy and of the last."""
+
+    def __init__(self) -> None:
+        self._first: float | None = None
+        self.is_slow = False
+
+    def note(self, found: Solution) -> None:
+        """A solve of few iterations says nothing."""
+        if found.iterations < 5 or not 0 < found.residual < 0.1:
+            return
+        pace = found.iterations / -np.log10(found.residual)
+        self._first = self._first or pace
+        self.is_slow = pace > GROWTH * self._first
+
+
+def _modes(unknowns: Unknowns) -> Vector:
+    assert unknowns.near_null_space is not None
+    modes = np.asarray(unknowns.near_null_space())
+    if modes.ndim != 2 or modes.shape[0] != unknowns.n or not 1 <= modes.shape[1] <= 6 or not np.isfinite(modes).all():
+        raise StvkError(
+            f"near_null_space() has shape {modes.shape}; expected ({unknowns.n}, r), finite, with r = 1 ... 6 rigid motions, restricted to the unknowns."
+        )
+    return modes

@@ -1,0 +1,40 @@
+"""Which solver: by name, by object, or "auto"."""
+
+from __future__ import annotations
+
+from ..errors import StvkError
+from .amg import AmgCg
+from .block_jacobi import BlockJacobiCg
+from .checks import check_kind
+from .pardiso import Pardiso, pardiso_is_installed
+from .solver import Kind, LinearSolver, names
+from .superlu import SuperLU
+
+#: All there are, in the order in which messages name them.
+SOLVERS: tuple[LinearSolver, ...] = (SuperLU(), Pardiso(), AmgCg(), BlockJacobiCg())
+
+
+def choose(solver: str | LinearSolver, n: int, kind: Kind) -> LinearSolver:
+    """The solver of this name, the object itself, or for "auto" what `docs/solvers.md` measured to be fastest for `n` unknowns.
+
+    Raises
+    ------
+    StvkError
+        if the name is unknown, or the solver does not take this kind of matrix.
+    """
+    if solver == "auto":
+        return automatic(n, kind)
+    if isinstance(solver, str):
+        known = {one.name: one for one in SOLVERS}
+        if solver not in known:
+            raise StvkError(f"solver = {solver!r}; expected 'auto', {names(SOLVERS)}, or an object such as SuperLU().")
+        solver = known[solver]
+    if not hasattr(solver, "analyse"):
+        raise StvkError(f"solver is a {type(solver).__name__}; expected 'auto', {names(SOLVERS)}, or an object such as SuperLU().")
+    check_kind(solver, kind)
+    return solver
+
+
+def automatic(n: int, kind: Kind) -> LinearSolver:
+    """The fastest by measurement."""
+    return Pardiso() if pardiso_is_installed() and n > 2000 else SuperLU()

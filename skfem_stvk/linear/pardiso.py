@@ -1,0 +1,206 @@
+"""PARDISO of Intel's MKL, by the optional package pypardiso: direct, on all cores.
+
+Symmetric matrices go as mtype -2 (Bunch-Kaufman): as fast as positive definite ones, and it gives the inertia. Of those PARDISO wants the upper
+triangle with every diagonal entry: handed all of the matrix, it crashes the process.
+"""
+
+from __future__ import annotations
+
+import importlib
+import importlib.util
+import weakref
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import csr_matrix
+
+from ..errors import StvkError, name_ids
+from .checks import Newest, check_kind, checked_values, checked_vector
+from .direct import nothing, solve_checked
+from .solver import Kind, Outcome, Solution, Unknowns, Vector
+
+SYMMETRIC, GENERAL = -2, 11  # mtype
+ANALYSE, FACTORISE, SOLVE = 11, 22, 33  # phase
+NEGATIVE, PERTURBED = 23, 14  # iparm, counted from 1
+
+#: iparm, counted from 1: ours, METIS, no refinement unless pivots were perturbed (it took five times the solve), pivots below 10^-iparm(10) perturbed.
+OPTIONS = {SYMMETRIC: {1: 1, 2: 2, 8: 0, 10: 8, 21: 1}, GENERAL: {1: 1, 2: 2, 8: 0, 10: 13, 11: 1, 13: 1}}
+
+#: What its error codes mean.
+ERRORS = {
+    -2: "not enough memory",
+    -3: "reordering failed",
+    -4: "a zero pivot",
+    -7: "the diagonal matrix is singular",
+    -8: "32-bit overflow",
+}
+
+
+def pardiso_is_installed() -> bool:
+    """Whether pypardiso can be imported; it is not imported."""
+    return importlib.util.find_spec("pypardiso") is not None
+
+
+@dataclass(frozen=True)
+class Pardiso:
+    """Its three phases kept apart: the order of elimination is worked out once a mesh.
+
+    >>> import numpy as np
+    >>> from scipy.sparse import csr_matrix
+    >>> K = csr_matrix(np.array([[2.0, -1, 0], [-1, -2, 1], [0, 1, 3]]))
+    >>> unknowns = Unknowns(np.arange(3), np.zeros(3, dtype=int), K.indptr, K.indices)
+    >>> factors = Pardiso().analyse(unknowns).factorise(K, Kind.SYMMETRIC)                # doctest: +SKIP
+    >>> factors.negative_pivots                                                           # doctest: +SKIP
+    1
+    """
+
+    name: ClassVar[str] = "pardiso"
+    takes: ClassVar[Kind] = Kind.GENERAL
+    matrix_free: ClassVar[bool] = False
+    iterative: ClassVar[bool] = False
+
+    def analyse(self, unknowns: Unknowns) -> PardisoAnalysis:
+        """The order of elimination of symmetric matrices of this structure.
+
+        Raises
+        ------
+        ImportError
+            if pypardiso is missing, with the line that installs it.
+        """
+        return PardisoAnalysis(self, unknowns)
+
+
+class PardisoAnalysis:
+    """One set of PARDISO's internal memory, of symmetric or of general matrices: the last that were asked for."""
+
+    def __init__(self, solver: Pardiso, unknowns: Unknowns) -> None:
+        self._solver, self._unknowns, self._newest = solver, unknowns, Newest()
+        self._memory = _Memory(unknowns, SYMMETRIC)
+        self._memory.call(ANALYSE)
+
+    def factorise(self, K: Any, kind: Kind) -> PardisoFactors:
+        """Numbers into the order of elimination that there is; a general matrix after symmetric ones, or the reverse, needs a new one."""
+        check_kind(self._solver, kind)
+        values = checked_values(K, self._unknowns)
+        mtype = GENERAL if kind == Kind.GENERAL else SYMMETRIC
+        number = self._newest.next()
+        if self._memory.mtype != mtype:
+            self._memory.release()
+            self._memory = _Memory(self._unknowns, mtype)
+            self._memory.fill(values)
+            self._memory.call(ANALYSE)  # of a general matrix it looks at the values, too
+        self._memory.fill(values)
+        return PardisoFactors(self._memory, self._newest, number)
+
+
+class PardisoFactors:
+    """`L D L'` or `L U`, in the memory of the analysis.
+
+    Attributes
+    ----------
+    perturbed_pivots : pivots too small to divide by, which PARDISO replaced; there the matrix is nearly singular.
+    """
+
+    def __init__(self, memory: _Memory, newest: Newest, number: int) -> None:
+        self._memory, self._newest, self._number = memory, newest, number
+        self._exact = memory.call(FACTORISE)
+        self.perturbed_pivots = memory.iparm(PERTURBED)
+        certain = self._exact and memory.mtype == SYMMETRIC and not self.perturbed_pivots
+        self._negative = memory.iparm(NEGATIVE) if certain else None
+
+    @property
+    def negative_pivots(self) -> int | None:
+        """The inertia; None where pivots were perturbed, for their signs say nothing."""
+        return self._negative
+
+    def solve(self, b: Vector, rtol: float = 1e-10) -> Solution:
+        """Two triangular solves, and as many products and solves more as the residual asks for."""
+        self._newest.check(self._number)
+        b = checked_vector(b, self._memory.n)
+        if not self._exact:
+            return nothing(b, Outcome.SINGULAR)
+        return solve_checked(self._memory.product, self._memory.solve, b, rtol)
+
+
+class _Memory:
+    """PARDISO's handle and the arrays that it reads; the only place that calls pypardiso, whose `_call_pardiso` is private."""
+
+    def __init__(self, unknowns: Unknowns, mtype: int) -> None:
+        self._error, self._pardiso = _package(mtype)
+        self.n, self.mtype = unknowns.n, mtype
+        indptr, indices, self._kept = _structure(unknowns, mtype)
+        self._matrix = csr_matrix((np.zeros(len(indices)), indices, indptr), shape=(self.n, self.n))
+        self._diagonal = indptr[:-1] if mtype == SYMMETRIC else None
+        self.release = weakref.finalize(self, _release, self._pardiso)
+
+    def fill(self, values: NDArray[np.float64]) -> None:
+        """The values that the next phases work with."""
+        self._matrix.data[:] = values if self._kept is None else values[self._kept]
+
+    def call(self, phase: int) -> bool:
+        """A phase without a right-hand side; False if the matrix is singular."""
+        self._pardiso.set_phase(phase)
+        try:
+            self._pardiso._call_pardiso(self._matrix, np.zeros(self.n))
+        except self._error as error:
+            if error.value in (-4, -7):
+                return False
+            raise StvkError(
+                f"PARDISO ended with error {error.value}, {ERRORS.get(error.value, 'see its manual')}, for {self.n} unknowns and "
+                f"{self._matrix.nnz} values. An iterative solver needs less memory: solver='amg-cg'."
+            ) from error
+        return True
+
+    def solve(self, b: Vector) -> Vector:
+        """`x` by the factors that there are."""
+        self._pardiso.set_phase(SOLVE)
+        return np.asarray(self._pardiso._call_pardiso(self._matrix, b))
+
+    def product(self, x: Vector) -> Vector:
+        """`K x`, from the triangle that there is."""
+        K = self._matrix
+        if self._diagonal is None:
+            return np.asarray(K @ x)
+        return np.asarray(K @ x + K.T @ x - K.data[self._diagonal] * x)
+
+    def iparm(self, number: int) -> int:
+        """What PARDISO reports under this number, counted from 1."""
+        return int(self._pardiso.get_iparm(number))
+
+
+def _structure(unknowns: Unknowns, mtype: int) -> tuple[Any, Any, Any]:
+    """Rows, columns, and which values are kept: the upper triangle of symmetric matrices."""
+    indptr, indices = unknowns.indptr, unknowns.indices
+    if indptr is None or indices is None:
+        raise StvkError("The unknowns have no indptr and indices; expected the structure of K over the free degrees of freedom.")
+    row = np.repeat(np.arange(unknowns.n, dtype=np.int32), np.diff(indptr))
+    bare = np.setdiff1d(np.arange(unknowns.n), row[row == indices])
+    if len(bare):
+        raise StvkError(f"K has no diagonal entry in {name_ids(bare, 'row')}, which PARDISO needs. Keep its zeros.")
+    if mtype != SYMMETRIC:
+        return indptr, indices, None
+    kept = indices >= row
+    counts = np.bincount(row[kept], minlength=unknowns.n)
+    return np.concatenate([[0], np.cumsum(counts)]).astype(np.int32), indices[kept].astype(np.int32), np.flatnonzero(kept)
+
+
+def _package(mtype: int) -> tuple[type[Any], Any]:
+    """pypardiso's error, and a solver of its own for this type of matrix."""
+    try:
+        package = importlib.import_module("pypardiso.pardiso_wrapper")
+    except ImportError as error:
+        raise ImportError(
+            f"solver='pardiso' needs the package pypardiso and Intel's MKL ({error}): pip install 'skfem-stvk[pardiso]'"
+        ) from error
+    if not hasattr(package.PyPardisoSolver, "_call_pardiso"):
+        raise ImportError("This pypardiso is not one of those that skfem-stvk was made for: pip install 'skfem-stvk[pardiso]'")
+    pardiso = package.PyPardisoSolver(mtype=mtype)
+    for number, value in OPTIONS[mtype].items():
+        pardiso.set_iparm(number, value)
+    return package.PyPardisoError, pardiso
+
+
+def _release(pardiso: Any) -> None:
+    pardiso.free_memory(everything=True)

@@ -1,0 +1,142 @@
+"""The joint of linear solvers: what they are told, and what they answer.
+
+    analysis = solver.analyse(unknowns)            once a mesh and its supports
+    factors = analysis.factorise(K, kind)          once a Newton step
+    solution = factors.solve(b, rtol)              as often as needed
+
+A solver holds options only and never changes. What is kept between Newton steps is in the analysis, which owns one set of factors: with
+new ones the old refuse to solve.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from enum import Enum, IntEnum
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+Vector = NDArray[np.float64]
+
+
+class Kind(IntEnum):
+    """What a matrix is, from special to general. A solver that takes a kind takes those before it."""
+
+    POSITIVE_DEFINITE = 0
+    SYMMETRIC = 1
+    GENERAL = 2
+
+    def __str__(self) -> str:
+        return self.name.lower().replace("_", " ")
+
+
+class Outcome(Enum):
+    """How a solve ended, in words."""
+
+    SOLVED = "solved"
+    NEGATIVE_CURVATURE = "the matrix is not positive definite: p'Kp <= 0 along a direction p"
+    OUT_OF_ITERATIONS = "the residual was still above rtol after the last iteration allowed"
+    INACCURATE = "the residual stayed above rtol: the matrix is nearly singular, or rtol is below round-off"
+    SINGULAR = "the matrix is singular: a pivot is zero"
+    NOT_FINITE = "NaN or infinity in the right-hand side or on the way"
+
+
+@dataclass(frozen=True)
+class Solution:
+    """What a solve found. Always finite.
+
+    Attributes
+    ----------
+    x : (n,) the solution; of an outcome other than SOLVED the best there is, zero if there is none.
+    iterations : of CG; 0 of a direct solver, or how often it refined.
+    residual : `|b - K x| / |b|`, computed from x, 1 if there is none.
+    outcome : how it ended.
+    direction : (n,) of NEGATIVE_CURVATURE the direction p with `p'Kp <= 0` and `p'b > 0`, otherwise None.
+    """
+
+    x: Vector
+    iterations: int
+    residual: float
+    outcome: Outcome
+    direction: Vector | None = None
+
+
+@dataclass(frozen=True)
+class Unknowns:
+    """The free degrees of freedom, and which of them K couples.
+
+    Attributes
+    ----------
+    vertex, component : (n,) of each unknown, sorted by vertex, then by component.
+    indptr, indices : structure of K in CSR format, columns sorted; None where K is never formed.
+    near_null_space : gives the (n, r) rigid motions, restricted to the unknowns, of the body as it is when it is called; AMG needs it.
+    """
+
+    vertex: NDArray[np.integer[Any]]
+    component: NDArray[np.integer[Any]]
+    indptr: NDArray[np.integer[Any]] | None = None
+    indices: NDArray[np.integer[Any]] | None = None
+    near_null_space: Callable[[], Vector] | None = None
+
+    @property
+    def n(self) -> int:
+        """How many."""
+        return len(self.vertex)
+
+
+class Operator(Protocol):
+    """K as a matrix-free solver needs it."""
+
+    def matvec(self, v: Vector) -> Vector:
+        """`K v` (n,) over the free degrees of freedom."""
+
+    def diagonal_blocks(self) -> Vector:
+        """(nv, d, d) blocks `K_aa` of the vertices that `Unknowns.vertex` counts; held components are not looked at."""
+
+
+class Factors(Protocol):
+    """A matrix made ready to solve with."""
+
+    @property
+    def negative_pivots(self) -> int | None:
+        """How many eigenvalues of K are negative; None if the solver cannot tell."""
+
+    def solve(self, b: Vector, rtol: float = 1e-10) -> Solution:
+        """`x` with `|b - K x| <= rtol |b|`, or the outcome says why not."""
+
+
+class Analysis(Protocol):
+    """All that depends on the structure of K alone."""
+
+    def factorise(self, K: Any, kind: Kind) -> Factors:
+        """Factors of a matrix of this structure (an `Operator` where the solver is matrix-free); values are copied."""
+
+
+class LinearSolver(Protocol):
+    """Options of a solver, frozen."""
+
+    @property
+    def name(self) -> str:
+        """As `solver="..."` has it."""
+
+    @property
+    def takes(self) -> Kind:
+        """The most general kind of matrix."""
+
+    @property
+    def matrix_free(self) -> bool:
+        """Whether it takes an `Operator` instead of a matrix."""
+
+    @property
+    def iterative(self) -> bool:
+        """Whether a larger rtol makes it faster."""
+
+    def analyse(self, unknowns: Unknowns) -> Analysis:
+        """What can be done before the values are known."""
+
+
+def names(solvers: Sequence[LinearSolver]) -> str:
+    """Their names in a message."""
+    return ", ".join(f"'{solver.name}'" for solver in solvers)

@@ -1,0 +1,94 @@
+"""Matrices for the solvers: small bodies held at one end, of every dimension, and what becomes of them."""
+
+import numpy as np
+import skfem
+from bodies import distorted, turned_round
+
+from skfem_stvk import SimplexMesh, StVK, System
+from skfem_stvk.linear import Unknowns
+
+
+def body(name):
+    """Unstructured in its coordinates, both orientations, nu != 0; longer than thick."""
+    rng = np.random.default_rng(1)
+    lines = [np.linspace(0, 2, 9), np.linspace(0, 1, 5), np.linspace(0, 1, 4)]
+    if name == "cable":
+        s = np.linspace(0, 1, 40) ** 1.2
+        return System(SimplexMesh(s[None], np.stack([np.arange(39), np.arange(1, 40)])), StVK(young=2.0, poisson=0.3))
+    mesh = skfem.MeshTri.init_tensor(*lines[:2]) if name in ("sheet", "membrane") else skfem.MeshTet.init_tensor(*lines)
+    p = distorted(mesh.p, rng, 0.1)
+    if name == "membrane":
+        p = np.stack([*p, 0.3 * np.sin(p[0]) + 0.2 * p[1] ** 2])
+    young = np.where(p[0][mesh.t].mean(axis=0) > 1, 1e4, 1.0) if name == "soft and stiff" else 2.0
+    return System(SimplexMesh(p, turned_round(mesh.t, rng)), StVK(young=young, poisson=0.45 if name == "box" else 0.3))
+
+
+NAMES = ("box", "soft and stiff", "sheet", "membrane", "cable")
+
+
+def held(system):
+    """One end held altogether; a third of the rest of the boundary slides, so that vertices have one, two or three unknowns."""
+    p, d = system.mesh.p, system.mesh.d
+    wall = np.flatnonzero(p[0] < np.quantile(p[0], 0.12))
+    sliding = np.flatnonzero(p[-1] < np.quantile(p[-1], 0.1)) if d > 1 else []
+    fixed = [*(d * v + c for v in wall for c in range(d)), *(d * v + d - 1 for v in sliding)]
+    if system.mesh.k < d:  # a membrane has no stiffness across: its normal component is held
+        fixed += [d * v + d - 1 for v in range(system.mesh.nv)]
+    return system.free_dofs(np.unique(fixed).astype(int))
+
+
+def problem(name="box", amount=0.0, seed=2):
+    """K at a state that is not at rest if `amount` > 0, and its unknowns."""
+    system = body(name)
+    free, d = held(system), system.mesh.d
+    u = amount * np.random.default_rng(seed).standard_normal(system.ndofs) / system.mesh.nv ** (1 / system.mesh.k)
+    K = free.matrix(system.tangent(free.vector(u[free.free])))
+    modes = rigid_motions(system.mesh.p)[free.free]
+    vertex, component = np.divmod(free.free, d)
+    return K, Unknowns(vertex, component, K.indptr, K.indices, lambda: modes)
+
+
+def rigid_motions(p):
+    d, nv = p.shape
+    x = (p - p.mean(axis=1, keepdims=True)).T
+    modes = [np.tile(axis, (nv, 1)) for axis in np.eye(d)]
+    for a in range(d):
+        for b in range(a):
+            turn = np.zeros((nv, d))
+            turn[:, a], turn[:, b] = -x[:, b], x[:, a]
+            modes.append(turn)
+    return np.stack(modes, axis=2).reshape(d * nv, -1)
+
+
+class Matrix:
+    """K as the operator that matrix-free solvers take."""
+
+    def __init__(self, K, unknowns):
+        self.K, d = K, unknowns.component.max() + 1
+        dense = np.zeros((unknowns.vertex.max() + 1, d, d))
+        coo = K.tocoo()
+        own = unknowns.vertex[coo.row] == unknowns.vertex[coo.col]
+        rows, columns = coo.row[own], coo.col[own]
+        dense[unknowns.vertex[rows], unknowns.component[rows], unknowns.component[columns]] = coo.data[own]
+        self.blocks = dense
+
+    def matvec(self, v):
+        return self.K @ v
+
+    def diagonal_blocks(self):
+        return self.blocks
+
+
+def given(solver, K, unknowns):
+    """K in the form that the solver takes."""
+    return Matrix(K, unknowns) if solver.matrix_free else K
+
+
+def indefinite(K, unknowns, below=3):
+    """K shifted such that exactly `below` of its eigenvalues are negative; same structure."""
+    values = np.linalg.eigvalsh(K.toarray())
+    shift = (values[below - 1] + values[below]) / 2
+    shifted = K.copy()
+    row = np.repeat(np.arange(K.shape[0]), np.diff(K.indptr))
+    shifted.data[row == K.indices] -= shift
+    return shifted

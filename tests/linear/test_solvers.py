@@ -1,0 +1,227 @@
+"""One suite for all solvers: what they answer, what they refuse, and that nothing stale is used."""
+
+import numpy as np
+import pytest
+from linear.problems import NAMES, given, indefinite, problem
+
+from skfem_stvk.errors import StateError, StvkError
+from skfem_stvk.linear import SOLVERS, Kind, Outcome, Solution, Unknowns
+from skfem_stvk.linear.pardiso import pardiso_is_installed
+
+EVERY = [
+    pytest.param(s, id=s.name, marks=pytest.mark.skipif(s.name == "pardiso" and not pardiso_is_installed(), reason="pypardiso is missing"))
+    for s in SOLVERS
+]
+all_solvers = pytest.mark.parametrize("solver", EVERY)
+direct = pytest.mark.parametrize("solver", [p for p in EVERY if not p.values[0].iterative])
+iterative = pytest.mark.parametrize("solver", [p for p in EVERY if p.values[0].iterative])
+DEFINITE, SYMMETRIC, GENERAL = Kind.POSITIVE_DEFINITE, Kind.SYMMETRIC, Kind.GENERAL
+
+
+def load(n, seed=3):
+    return np.random.default_rng(seed).standard_normal(n)
+
+
+def true_residual(K, x, b):
+    return np.linalg.norm(b - K @ x) / np.linalg.norm(b)
+
+
+@all_solvers
+@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("amount", [0.0, 0.001])
+def test_the_residual_is_below_rtol_and_is_what_the_solution_says(solver, name, amount):
+    K, unknowns = problem(name, amount)
+    b = load(unknowns.n)
+    factors = solver.analyse(unknowns).factorise(given(solver, K, unknowns), SYMMETRIC)
+    for rtol in (1e-3, 1e-9):
+        solution = factors.solve(b, rtol)
+        assert solution.outcome is Outcome.SOLVED, solution.outcome.value
+        residual = true_residual(K, solution.x, b)
+        assert residual <= rtol * (1 + 1e-6)
+        assert abs(residual - solution.residual) <= 1e-10 + 1e-2 * residual
+
+
+@all_solvers
+def test_a_second_matrix_is_solved_with_the_same_analysis(solver):
+    K, unknowns = problem()
+    other, b = problem(amount=0.01)[0], load(unknowns.n)
+    analysis = solver.analyse(unknowns)
+    analysis.factorise(given(solver, K, unknowns), SYMMETRIC).solve(b)
+    x = analysis.factorise(given(solver, other, unknowns), DEFINITE).solve(b, 1e-9).x
+    assert true_residual(other, x, b) <= 1e-9 < 1e-3 < true_residual(K, x, b)
+
+
+@all_solvers
+def test_stale_factors_refuse_to_solve(solver):
+    K, unknowns = problem()
+    analysis = solver.analyse(unknowns)
+    old = analysis.factorise(given(solver, K, unknowns), SYMMETRIC)
+    new = analysis.factorise(given(solver, K, unknowns), SYMMETRIC)
+    with pytest.raises(StvkError, match="stale"):
+        old.solve(load(unknowns.n))
+    assert new.solve(load(unknowns.n)).outcome is Outcome.SOLVED
+
+
+@pytest.mark.parametrize("solver", [p for p in EVERY if not p.values[0].matrix_free])
+def test_a_matrix_that_is_filled_anew_in_place_does_not_change_the_factors(solver):
+    K, unknowns = problem()
+    same, b = K.copy(), load(unknowns.n)
+    factors = solver.analyse(unknowns).factorise(K, SYMMETRIC)
+    K.data[:] = problem(amount=0.1)[0].data
+    assert true_residual(same, factors.solve(b, 1e-9).x, b) <= 1e-9
+
+
+@all_solvers
+def test_no_load_gives_no_displacement(solver):
+    K, unknowns = problem()
+    solution = solver.analyse(unknowns).factorise(given(solver, K, unknowns), SYMMETRIC).solve(np.zeros(unknowns.n))
+    assert (solution.x == 0).all() and solution.residual == 0 and solution.outcome is Outcome.SOLVED
+
+
+@all_solvers
+@pytest.mark.parametrize("size", [1e-30, 1e30])
+def test_solutions_are_proportional_to_the_load_however_small_or_large(solver, size):
+    K, unknowns = problem()
+    b = load(unknowns.n)
+    factors = solver.analyse(unknowns).factorise(given(solver, K, unknowns), SYMMETRIC)
+    one, other = factors.solve(b, 1e-10).x, factors.solve(size * b, 1e-10).x
+    assert np.abs(other / size - one).max() < 1e-6 * np.abs(one).max()
+
+
+@all_solvers
+@pytest.mark.parametrize("size", [1e-25, 1e25])
+def test_units_of_stiffness_do_not_matter(solver, size):
+    K, unknowns = problem()
+    b = load(unknowns.n)
+    solution = solver.analyse(unknowns).factorise(given(solver, size * K, unknowns), SYMMETRIC).solve(b, 1e-9)
+    assert true_residual(size * K, solution.x, b) <= 1e-9
+
+
+@all_solvers
+@pytest.mark.parametrize("bad", [np.nan, np.inf])
+def test_a_load_that_is_not_finite_is_an_outcome_and_the_answer_is_finite(solver, bad):
+    K, unknowns = problem()
+    b = load(unknowns.n)
+    b[5] = bad
+    solution = solver.analyse(unknowns).factorise(given(solver, K, unknowns), SYMMETRIC).solve(b)
+    assert solution.outcome is Outcome.NOT_FINITE and np.isfinite(solution.x).all()
+
+
+@all_solvers
+def test_a_matrix_that_is_not_finite_is_refused_with_places(solver):
+    K, unknowns = problem()
+    K.data[K.indptr[7] + np.flatnonzero(K.indices[K.indptr[7] : K.indptr[8]] == 7)] = np.nan
+    with pytest.raises(StateError, match="not finite"):
+        solver.analyse(unknowns).factorise(given(solver, K, unknowns), SYMMETRIC)
+
+
+@all_solvers
+def test_wrong_lengths_are_refused(solver):
+    K, unknowns = problem()
+    factors = solver.analyse(unknowns).factorise(given(solver, K, unknowns), SYMMETRIC)
+    with pytest.raises(StvkError, match=rf"b has shape \(3,\); expected \({unknowns.n},\)"):
+        factors.solve(np.ones(3))
+
+
+@pytest.mark.parametrize("solver", [p for p in EVERY if not p.values[0].matrix_free])
+def test_another_structure_than_analysed_is_refused(solver):
+    K, unknowns = problem()
+    analysis, dropped = solver.analyse(unknowns), K.copy()
+    dropped.data[abs(dropped.data) < 0.1 * dropped.data.max()] = 0
+    dropped.eliminate_zeros()
+    for other, words in ((dropped, "another structure"), (K.tocoo(), "csr_matrix"), (K[:5, :5], "shape")):
+        with pytest.raises(StvkError, match=words):
+            analysis.factorise(other, SYMMETRIC)
+
+
+@iterative
+def test_iterative_solvers_refuse_general_matrices_and_name_those_that_take_them(solver):
+    K, unknowns = problem()
+    with pytest.raises(StvkError, match=r"general.*'superlu', 'pardiso'"):
+        solver.analyse(unknowns).factorise(given(solver, K, unknowns), GENERAL)
+
+
+@direct
+def test_direct_solvers_solve_unsymmetric_matrices_before_and_after_symmetric_ones(solver):
+    K, unknowns = problem()
+    b, skewed = load(unknowns.n), K.copy()
+    skewed.data *= 1 + 0.2 * np.random.default_rng(5).uniform(-1, 1, K.nnz)
+    assert abs(skewed - skewed.T).max() > 0.1 * abs(K).max()
+    analysis = solver.analyse(unknowns)
+    for matrix, kind in ((K, SYMMETRIC), (skewed, GENERAL), (K, DEFINITE), (skewed, GENERAL)):
+        factors = analysis.factorise(matrix, kind)
+        assert true_residual(matrix, factors.solve(b, 1e-10).x, b) <= 1e-10
+        assert factors.negative_pivots == (None if kind == GENERAL else 0)
+
+
+@direct
+@pytest.mark.parametrize("below", [1, 3])
+def test_negative_pivots_count_negative_eigenvalues(solver, below):
+    K, unknowns = problem("sheet")
+    factors = solver.analyse(unknowns).factorise(indefinite(K, unknowns, below), SYMMETRIC)
+    assert factors.negative_pivots in (below, None if solver.name == "superlu" else below)
+    b = load(unknowns.n)
+    assert true_residual(indefinite(K, unknowns, below), factors.solve(b).x, b) <= 1e-10
+
+
+@iterative
+def test_negative_curvature_is_an_outcome_with_a_direction_of_it(solver):
+    K, unknowns = problem()
+    b, matrix = load(unknowns.n), indefinite(K, unknowns)
+    solution = solver.analyse(unknowns).factorise(given(solver, matrix, unknowns), SYMMETRIC).solve(b, 1e-12)
+    assert solution.outcome is Outcome.NEGATIVE_CURVATURE
+    p = solution.direction
+    assert p is not None and p @ (matrix @ p) <= 0 < p @ b
+    assert solution.iterations == 0 or b @ solution.x > 0
+    assert abs(true_residual(matrix, solution.x, b) - solution.residual) < 1e-9
+
+
+@iterative
+def test_a_matrix_that_is_negative_everywhere_is_noticed_at_once(solver):
+    K, unknowns = problem()
+    matrix = -K
+    solution = solver.analyse(unknowns).factorise(given(solver, matrix, unknowns), SYMMETRIC).solve(load(unknowns.n))
+    assert solution.outcome is Outcome.NEGATIVE_CURVATURE and solution.iterations == 0
+
+
+def singular(K):
+    """Without its supports: the first unknown decoupled, with nothing on its diagonal."""
+    matrix = K.copy()
+    row = np.repeat(np.arange(K.shape[0]), np.diff(K.indptr))
+    matrix.data[(row == 0) | (K.indices == 0)] = 0
+    return matrix
+
+
+@all_solvers
+def test_a_singular_matrix_never_passes_as_solved(solver):
+    K, unknowns = problem()
+    solution = solver.analyse(unknowns).factorise(given(solver, singular(K), unknowns), SYMMETRIC).solve(load(unknowns.n))
+    assert solution.outcome in (Outcome.SINGULAR, Outcome.INACCURATE, Outcome.NEGATIVE_CURVATURE, Outcome.NOT_FINITE)
+    assert np.isfinite(solution.x).all() and solution.residual > 1e-10
+
+
+@all_solvers
+def test_what_round_off_does_not_allow_is_not_claimed(solver):
+    K, unknowns = problem("soft and stiff")
+    b = load(unknowns.n)
+    solution = solver.analyse(unknowns).factorise(given(solver, K, unknowns), SYMMETRIC).solve(b, 1e-18)
+    assert solution.outcome in (Outcome.INACCURATE, Outcome.OUT_OF_ITERATIONS)
+    assert 1e-18 < true_residual(K, solution.x, b) < 1e-9
+
+
+@all_solvers
+def test_solvers_are_frozen_and_results_too(solver):
+    with pytest.raises(AttributeError):
+        solver.name = "other"
+    with pytest.raises(AttributeError):
+        Solution(np.zeros(1), 0, 0.0, Outcome.SOLVED).x = 1
+
+
+def test_the_structure_is_needed_by_all_that_form_a_matrix():
+    K, unknowns = problem()
+    bare = Unknowns(unknowns.vertex, unknowns.component, near_null_space=unknowns.near_null_space)
+    for solver in SOLVERS:
+        if solver.matrix_free or (solver.name == "pardiso" and not pardiso_is_installed()):
+            continue
+        with pytest.raises(StvkError, match="indptr and indices"):
+            solver.analyse(bare).factorise(K, SYMMETRIC)
