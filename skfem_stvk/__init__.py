@@ -1,29 +1,41 @@
 """St. Venant-Kirchhoff elasticity on simplices from edges, and the referee for everybody else's: a plugin for scikit-fem."""
 
-from .errors import MaterialError, MeshError, RegionError, StateError, StvkError, StvkWarning
+from .errors import LoadError, MaterialError, MeshError, RegionError, StateError, StvkError, StvkWarning, SupportError
 from .materials import Anisotropic, Isotropic, Orthotropic, TransverselyIsotropic
 from .mesh import SimplexMesh, embedded_mesh, read_mesh
 from .referee import Report, verify
+from .statics import SolveError, StaticResult, solve_static
 from .system import System
-from .terms import StVK
+from .terms import BodyForce, ElasticFoundation, Gravity, NodalLoad, Pressure, StVK, Traction
 
 __version__ = "0.1.0"
 __all__ = [
     "Anisotropic",
+    "BodyForce",
+    "ElasticFoundation",
+    "Gravity",
     "Isotropic",
+    "LoadError",
     "MaterialError",
     "MeshError",
+    "NodalLoad",
     "Orthotropic",
+    "Pressure",
     "RegionError",
     "Report",
     "SimplexMesh",
+    "SolveError",
     "StVK",
     "StateError",
+    "StaticResult",
     "StvkError",
     "StvkWarning",
+    "SupportError",
     "System",
+    "Traction",
     "TransverselyIsotropic",
     "embedded_mesh",
     "read_mesh",
+    "solve_static",
     "verify",
 ]

@@ -1,0 +1,171 @@
+"""The equilibrium of a system: residuals and tangents over the free degrees of freedom, on arrays that are made once."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import Enum
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import csr_matrix
+
+from ..errors import name_ids
+from ..linear import Factors, Kind, LinearSolver, Solution, Unknowns, choose
+from ..system import FreeOperator, System, TangentOperator
+from ..system.rigid import rigid_modes
+from .stopwatch import Stopwatch
+
+Array = NDArray[np.float64]
+
+
+#: What is added to a tangent without any stiffness in some direction, as a part of its largest diagonal entry.
+SHIFT = 1e-4
+
+
+class Tangent(Enum):
+    """What Newton's method solves with, in the order in which it tries them.
+
+    exact       the Jacobian
+    clamped     without negative tensions of edges: positive semi-definite
+    shifted     that, and a little stiffness against the ground: positive definite, for flat membranes and slack cables
+    """
+
+    EXACT = "exact"
+    CLAMPED = "clamped"
+    SHIFTED = "shifted"
+
+
+@dataclass(frozen=True)
+class Residual:
+    """Forces that are not in equilibrium.
+
+    Attributes
+    ----------
+    free : (n,) residual `F - f_ext` over the free degrees of freedom [N].
+    size : its 2-norm.
+    scale : 2-norm of the loads plus that of the reactions, what `size` is small against.
+    """
+
+    free: Array
+    size: float
+    scale: float
+
+    @property
+    def relative(self) -> float:
+        """`size / scale`; 0 if there is no force at all."""
+        return self.size / self.scale if self.scale > 0 else float(self.size > 0)
+
+
+class Equilibrium:
+    """`F(u) = f_ext(u, t)` over the free degrees of freedom.
+
+    Attributes
+    ----------
+    free : the free and held degrees of freedom.
+    solver : the linear solver.
+    """
+
+    def __init__(self, system: System, solver: str | LinearSolver, watch: Stopwatch) -> None:
+        self.system, self._watch = system, watch
+        self.free = system.free_dofs(system.supports.held)
+        self._kind = Kind.SYMMETRIC if system.conservative else Kind.GENERAL
+        self.solver = choose(solver, len(self.free.free), self._kind)
+        self._u = np.zeros(system.ndofs)
+        self._operator: TangentOperator | None = None
+        self._K: csr_matrix | None = None
+        self._Kff: csr_matrix | None = None
+        with watch("factor"):
+            self._analysis = self.solver.analyse(self._unknowns())
+
+    def residual(self, u: Array, t: float) -> Residual:
+        """What is not in equilibrium at `u` (ndofs,)."""
+        with self._watch("assemble"):
+            external = self.system.external_force(u, t)
+            force = self.system.internal_force(u)
+            force -= external
+            free = force[self.free.free]
+            scale = np.linalg.norm(external) + np.linalg.norm(force[self.free.fixed])
+            return Residual(free, float(np.linalg.norm(free)), float(scale))
+
+    def round_off(self, u: Array, t: float) -> float:
+        """Size of the residual that is left by rounding alone [N]."""
+        with self._watch("assemble"):
+            sums = self.system.round_off(u) + np.abs(self.system.external_force(u, t))
+            return float(np.finfo(float).eps * np.linalg.norm(sums[self.free.free]))
+
+    def energy_along(self, u: Array, v: Array, t: float) -> Array:
+        """(5,) coefficients of the potential along `u + s v`, but for the constant one."""
+        with self._watch("assemble"):
+            c = self.system.energy_along(u, v)
+            c[1] -= self.system.external_force(u, t) @ v
+            return c
+
+    def factorise(self, u: Array, t: float, tangent: Tangent = Tangent.EXACT) -> Factors:
+        """The Jacobian at `u`, or what stands in for it, factorised."""
+        K: Any
+        clamped = tangent is not Tangent.EXACT
+        self._u = u
+        with self._watch("assemble"):
+            if self.solver.matrix_free:
+                K = self._free_operator(u, clamped)
+            else:
+                self._K = self.system.jacobian(u, t, out=self._K, clamped=clamped)
+                K = self._Kff = self.free.matrix(self._K, out=self._Kff)
+                if tangent is Tangent.SHIFTED:
+                    K.setdiag(K.diagonal() + SHIFT * K.diagonal().max())
+        with self._watch("factor"):
+            return self._analysis.factorise(K, Kind.POSITIVE_DEFINITE if clamped and self._kind is Kind.SYMMETRIC else self._kind)
+
+    def solve(self, factors: Factors, b: Array, rtol: float) -> Solution:
+        """The solution of `K_ff x = b`."""
+        with self._watch("solve"):
+            return factors.solve(b, rtol)
+
+    def inside_out(self, u: Array) -> NDArray[np.int64]:
+        """Ids of the elements that are inside out at `u`."""
+        with self._watch("assemble"):
+            return self.system.inside_out(u)
+
+    def named(self, elements: NDArray[np.int64]) -> str:
+        """The first few elements, and where they are."""
+        x = self.system.mesh.p[:, self.system.mesh.t[:, elements[0]]].mean(axis=1)
+        return f"{name_ids(elements, 'element')}, the first one near x = ({', '.join(f'{c:.4g}' for c in x)})"
+
+    def smallest_volume_ratio(self, u: Array) -> float:
+        """The smallest ratio of volumes now and at rest."""
+        with self._watch("assemble"):
+            return self.system.smallest_volume_ratio(u)
+
+    def energies(self, u: Array, t: float) -> tuple[float, float]:
+        """Strain energy and potential [J]; that is NaN if a load has none."""
+        with self._watch("assemble"):
+            energy = self.system.energy(u)
+            return energy, self.system.potential(u, t) if self.system.conservative else float("nan")
+
+    def force_of(self, w: Array) -> Array:
+        """(n,) what displacements `w` (ndofs,) of held degrees of freedom do to the free ones, by the tangent that was made last."""
+        with self._watch("assemble"):
+            K = self._operator if self._K is None else self._K
+            assert K is not None
+            force: Array = (K @ w)[self.free.free]
+            return force
+
+    def _free_operator(self, u: Array, clamped: bool) -> FreeOperator:
+        if self._operator is None:
+            self._operator = self.system.linear_operator(u, clamped=clamped)
+        else:
+            self._operator.prepare(u, clamped=clamped)
+        return FreeOperator(self._operator, self.free)
+
+    def _unknowns(self) -> Unknowns:
+        free, d = self.free.free, self.system.mesh.d
+        if self.solver.matrix_free:
+            return Unknowns(free // d, free % d)
+        structure = self.free.structure
+        return Unknowns(free // d, free % d, structure.indptr, structure.indices, self._rigid_modes)
+
+    def _rigid_modes(self) -> Array:
+        """(n, r) rigid motions of the body as it is deformed now."""
+        mesh = self.system.mesh
+        return rigid_modes(mesh.p.T + self._u.reshape(-1, mesh.d))[self.free.free]

@@ -1,0 +1,108 @@
+"""The path of a static solve: its steps, and the attempts that failed."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import overload
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .newton import End, Iterations
+from .status import Status
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Step:
+    """A state of equilibrium on the path.
+
+    Attributes
+    ----------
+    t : load factor.
+    u : (ndofs,) displacements [m].
+    status : of this state; unstable and inside-out states are equilibria too.
+    iterations : residuals (relative to loads and reactions), line-search factors, tangents and linear iterations of Newton's method.
+    strain_energy : [J].
+    potential : strain energy less the work of the loads [J]; NaN if a load has none.
+    smallest_volume_ratio : the smallest J of an element; below 0 it is inside out.
+    seconds : that the step took, failed attempts included.
+    """
+
+    t: float
+    u: Array
+    status: Status
+    iterations: Iterations
+    strain_energy: float
+    potential: float
+    smallest_volume_ratio: float
+    seconds: float
+
+    def __str__(self) -> str:
+        largest = float(np.abs(self.u).max())
+        return (
+            f"t {self.t:<9.4g} {len(self.iterations):>3} iterations   residual {self.iterations.residuals[-1]:.1e}   "
+            f"largest |u| {largest:.4g}   {self.seconds:.2g} s" + (f"   {self.status}" if not self.status.success else "")
+        )
+
+
+@dataclass(frozen=True)
+class Attempt:
+    """A step that failed, and was cut back."""
+
+    t: float
+    end: End
+    iterations: Iterations
+
+    def __str__(self) -> str:
+        detail = f" ({self.iterations.detail})" if self.iterations.detail else ""
+        return f"t {self.t:<9.4g} {len(self.iterations):>3} iterations   failed: {self.end.value}{detail}"
+
+
+class History(Sequence[Step]):
+    """The steps of a path, in order.
+
+    Attributes
+    ----------
+    attempts : steps that failed and were cut back.
+    """
+
+    def __init__(self) -> None:
+        self._steps: list[Step] = []
+        self.attempts: list[Attempt] = []
+
+    def append(self, outcome: Step | Attempt) -> None:
+        if isinstance(outcome, Step):
+            self._steps.append(outcome)
+        else:
+            self.attempts.append(outcome)
+
+    @overload
+    def __getitem__(self, i: int) -> Step: ...
+    @overload
+    def __getitem__(self, i: slice) -> list[Step]: ...
+    def __getitem__(self, i: int | slice) -> Step | list[Step]:
+        return self._steps[i]
+
+    def __len__(self) -> int:
+        return len(self._steps)
+
+    @property
+    def t(self) -> Array:
+        """(n,) load factors."""
+        return np.array([step.t for step in self._steps])
+
+    @property
+    def u(self) -> Array:
+        """(n, ndofs) displacements [m]."""
+        return np.array([step.u for step in self._steps])
+
+    @property
+    def iterations(self) -> int:
+        """Iterations of Newton's method in all, those of failed attempts included."""
+        return sum(len(one.iterations) for one in [*self._steps, *self.attempts])
+
+    def __repr__(self) -> str:
+        return "\n".join(map(str, self._steps))

@@ -1,0 +1,61 @@
+"""How far to go along a direction of descent."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+#: A residual along the line is as good as zero below this part of what it was.
+GOOD_ENOUGH = 0.1
+
+
+def quartic_minimum(c: Array) -> float:
+    """The first minimum at `s > 0` of `c0 + c1 s + ... + c4 s^4`, which falls at 0; infinite if it never ends to fall.
+
+    The first one: those behind it belong to other states, mirrored ones among them.
+
+    >>> round(quartic_minimum(np.array([0, -1, 0.5, 0, 0])), 12)
+    1.0
+    >>> quartic_minimum(np.array([0, -1.0, 0, 0, 0]))
+    inf
+    """
+    slope = np.array([4 * c[4], 3 * c[3], 2 * c[2], c[1]])
+    size = np.abs(slope).max()
+    roots = np.roots(np.where(np.abs(slope) > 1e-14 * size, slope, 0))
+    real = np.sort(roots.real[(np.abs(roots.imag) <= 1e-7 * np.abs(roots)) & (roots.real > 0)])
+    return float(real[0]) if len(real) else np.inf
+
+
+def root_of_slope(slope: Callable[[float], float], at_zero: float, most: int = 12) -> float | None:
+    """A length `s` with `|slope(s)| <= 0.1 |slope(0)|`, by doubling and safeguarded secants; None if it is not found.
+
+    `slope(s)` is the residual times the direction, negative at zero.
+
+    >>> round(root_of_slope(lambda s: s**3 - 8, -8.0), 1)
+    2.0
+    """
+    enough = GOOD_ENOUGH * abs(at_zero)
+    low, f_low, high = 0.0, at_zero, 1.0
+    f_high = slope(high)
+    while f_high < -enough:
+        low, f_low, high = high, f_high, 2 * high
+        if high > 2**most:
+            return None
+        f_high = slope(high)
+    if f_high <= enough:
+        return high
+    for _ in range(most):
+        margin = 0.1 * (high - low)
+        s = float(np.clip((low * f_high - high * f_low) / (f_high - f_low), low + margin, high - margin))
+        f = slope(s)
+        if abs(f) <= enough:
+            return s
+        if f < 0:
+            low, f_low = s, f
+        else:
+            high, f_high = s, f
+    return None

@@ -1,0 +1,158 @@
+"""Newton's method at one load."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from enum import Enum
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import StateError
+from ..linear import Outcome
+from .equilibrium import Equilibrium, Residual, Tangent
+from .line_search import quartic_minimum, root_of_slope
+
+Array = NDArray[np.float64]
+
+MOST_ITERATIONS = 40
+#: The loosest linear solve of an iterative solver (Eisenstat and Walker 1996, choice 2).
+LOOSEST = 0.1
+
+
+class End(Enum):
+    """How Newton's method ended; the value says it in words."""
+
+    CONVERGED = "the residual is below rtol times loads and reactions"
+    AT_ROUND_OFF = "the residual is what rounding leaves"
+    OUT_OF_ITERATIONS = f"Newton's method did not converge in {MOST_ITERATIONS} iterations"
+    INSIDE_OUT = "elements would turn inside out"
+    NO_DESCENT = "no tangent gave a direction of descent"
+    NO_LENGTH = "the residual does not fall along the direction of Newton's method"
+    OVERFLOW = "displacements grew without bound"
+
+    @property
+    def converged(self) -> bool:
+        return self in (End.CONVERGED, End.AT_ROUND_OFF)
+
+
+@dataclass
+class Iterations:
+    """What happened in the iterations, one entry each.
+
+    Attributes
+    ----------
+    residuals : relative to loads and reactions, one more than iterations.
+    lengths : factors of the line search.
+    tangents : "exact", "clamped" or "shifted".
+    linear : iterations of the linear solver.
+    negative_pivots : of the last exact tangent; None if the solver does not know.
+    detail : what a failure says of itself.
+    """
+
+    residuals: list[float] = field(default_factory=list)
+    lengths: list[float] = field(default_factory=list)
+    tangents: list[str] = field(default_factory=list)
+    linear: list[int] = field(default_factory=list)
+    negative_pivots: int | None = None
+    detail: str = ""
+
+    def __len__(self) -> int:
+        return len(self.lengths)
+
+
+def newton(
+    problem: Equilibrium, u: Array, t: float, rtol: float, most_inside_out: int, watch: Callable[[Iterations], None]
+) -> tuple[Array, End, Iterations]:
+    """Equilibrium at load factor `t` from `u` (ndofs,), whose held degrees of freedom are where they belong.
+
+    The exact tangent, where it gives a direction of descent; otherwise one that is positive definite (`Tangent`). The line search is exact where
+    loads have a potential: W is a quartic along any line. Steps are cut back where more than `most_inside_out` elements would be inside out.
+    """
+    record = Iterations()
+    forcing = LOOSEST
+    try:
+        residual = problem.residual(u, t)
+        for _ in range(MOST_ITERATIONS + 1):
+            record.residuals.append(residual.relative)
+            watch(record)
+            if residual.size <= rtol * residual.scale:
+                return u, End.CONVERGED, record
+            if residual.size <= problem.round_off(u, t):
+                return u, End.AT_ROUND_OFF, record
+            if len(record) == MOST_ITERATIONS:
+                record.detail = "" if record.tangents[-1] == "exact" else "K is not positive definite there: the body gives way or buckles"
+                break
+            v = _direction(problem, u, t, residual, max(forcing, 0.3 * rtol / residual.relative), record)
+            if v is None:
+                return u, End.NO_DESCENT, record
+            moved = _moved(problem, u, v, t, residual, most_inside_out, record)
+            if isinstance(moved, End):
+                return u, moved, record
+            u, before = moved, residual
+            residual = problem.residual(u, t)
+            forcing = _forcing(forcing, residual, before)
+    except StateError:
+        return u, End.OVERFLOW, record
+    return u, End.OUT_OF_ITERATIONS, record
+
+
+def _forcing(last: float, now: Residual, before: Residual) -> float:
+    """How precise the next linear solve of an iterative solver has to be."""
+    new = 0.9 * (now.size / before.size) ** 2
+    kept = 0.9 * last**2
+    return min(LOOSEST, max(new, kept) if kept > 0.1 else new)
+
+
+def _direction(problem: Equilibrium, u: Array, t: float, residual: Residual, rtol: float, record: Iterations) -> Array | None:
+    """(ndofs,) Newton's direction, with the first tangent that gives one of descent."""
+    for tangent in Tangent:
+        factors = problem.factorise(u, t, tangent)
+        solution = problem.solve(factors, -residual.free, rtol)
+        if tangent is Tangent.EXACT:
+            record.negative_pivots = factors.negative_pivots
+        if solution.outcome is not Outcome.SOLVED:
+            record.detail = solution.outcome.value
+            continue
+        if solution.x @ residual.free < 0:
+            record.tangents.append(tangent.value)
+            record.linear.append(solution.iterations)
+            record.detail = ""
+            return problem.free.vector(solution.x)
+        record.detail = "the direction is not one of descent"
+    return None
+
+
+def _moved(
+    problem: Equilibrium, u: Array, v: Array, t: float, residual: Residual, most_inside_out: int, record: Iterations
+) -> Array | End:
+    """`u + s v`, with the length `s` of the line search, cut back where elements would turn inside out."""
+    s = _length(problem, u, v, t, residual)
+    if s is None:
+        return End.NO_LENGTH
+    for _ in range(10):
+        moved = u + s * v
+        turned = problem.inside_out(moved)
+        if len(turned) <= most_inside_out:
+            record.lengths.append(s)
+            return moved
+        s /= 2
+    record.detail = problem.named(turned)
+    return End.INSIDE_OUT
+
+
+def _length(problem: Equilibrium, u: Array, v: Array, t: float, residual: Residual) -> float | None:
+    slope = float(residual.free @ v[problem.free.free])
+    if problem.system.conservative:
+        c = problem.energy_along(u, v, t)
+        if abs(c[1] - slope) > 0.1 * abs(slope):  # rounding is as large as what there is to gain
+            return 1.0
+        s = quartic_minimum(c)
+        return s if np.isfinite(s) else None
+
+    def slope_at(s: float) -> float:
+        return float(problem.residual(u + s * v, t).free @ v[problem.free.free])
+
+    return root_of_slope(slope_at, slope)

@@ -1,0 +1,146 @@
+"""What a static solve found."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..errors import StvkError, SupportError
+from ..mesh.places import Where, describe, vertices_at
+from ..results import Fields, Reaction, Series, State, plot, write_vtu
+from ..results.vtu import DEFAULT
+from ..system import System
+from .history import History
+from .status import Status
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class StaticResult:
+    """A state of equilibrium, the path to it, and how it was found.
+
+    Attributes
+    ----------
+    u : (ndofs,) displacements of the last good state [m].
+    t : its load factor; 1 if the full load was reached.
+    status, message : how it came out, in a word and in full.
+    history : the states on the way, with iterations, residuals, line-search factors and tangents; `history.attempts` are those that failed.
+    solver : name of the linear solver.
+    seconds : by part: assemble, factor, solve, other.
+    """
+
+    system: System
+    u: Array
+    t: float
+    status: Status
+    message: str
+    history: History
+    solver: str
+    seconds: dict[str, float]
+
+    @property
+    def success(self) -> bool:
+        """Whether the full load is carried by a state that is stable, as far as was seen, with no element inside out."""
+        return self.status.success
+
+    def reaction(self, where: Where | None = None) -> Reaction:
+        """What the supports at a place do to the body: `.resultant` [N], `.moment(about)` [N m], `.by_node`.
+
+        With loads and foundations it adds up to zero. `where` is a boundary, a node set, vertex ids or a predicate; None for all supports.
+
+        Raises
+        ------
+        RegionError
+            if there is no such place.
+        SupportError
+            if nothing is held there.
+        """
+        mesh, held = self.system.mesh, self.system.supports.held
+        forces = np.zeros(self.system.ndofs)
+        forces[held] = self.system.residual(self.u, self.t)[held]
+        vertices = np.unique(held // mesh.d)
+        if where is not None:
+            vertices = np.intersect1d(vertices, vertices_at(mesh, where, "reaction"))
+        if not len(vertices):
+            raise SupportError(f"Nothing is held at {describe(where)}, so there is no reaction. Is it held somewhere else?")
+        return Reaction.of(mesh, self.u, forces, vertices)
+
+    @cached_property
+    def state(self) -> State:
+        """All fields: `result.state["green_strain"]` by element, `result.state.at_nodes("volume_ratio")`; see `skfem_stvk.results.names()`."""
+        return Fields(self.system.mesh, self.system.elastic_terms).at(self.u)
+
+    def stress(self, measure: str = "cauchy", at: str = "elements") -> Array:
+        """Stress [Pa] by its measure: "cauchy", "pk1", "pk2" (nt, 3, 3) or "von_mises" (nt,); `at="nodes"` averages over the elements around.
+
+        Raises
+        ------
+        StvkError
+            if there is no such measure or place.
+        """
+        if at not in ("elements", "nodes"):
+            raise StvkError(f"at = {at!r}; expected 'elements' or 'nodes'.")
+        name = f"{measure.removesuffix('_stress')}_stress"
+        return self.state[name] if at == "elements" else self.state.at_nodes(name)
+
+    def energies(self) -> dict[str, float]:
+        """Energy by term [J]: strain energies, and the potentials of those loads that have one."""
+        return self.system.energies(self.u, self.t)
+
+    def save(self, path: str | os.PathLike[str], fields: Sequence[str] = DEFAULT) -> Path:
+        """Write displacements and fields: of the last good state to a .vtu file, of the whole path to a .pvd file with one .vtu a step.
+
+        Files are written beside and renamed into place. Errors as of `results.write_vtu`.
+        """
+        if Path(path).suffix != ".pvd":
+            return write_vtu(path, self.state, fields)
+        series = Series(path, fields)
+        for step in self.history:
+            series.add(self.state.fields.at(step.u), step.t)
+        return series.path
+
+    def plot(self, field: str | ArrayLike = "von_mises_stress", **options: Any) -> Any:
+        """Draw the deformed body, coloured by a field; options as of `results.plot`."""
+        return plot(self.state, field, **options)
+
+    def __repr__(self) -> str:
+        parts = ", ".join(f"{name} {seconds:.2g} s" for name, seconds in self.seconds.items())
+        return (
+            f"StaticResult: {self.message}\n{len(self.history)} states, {self.history.iterations} Newton iterations, "
+            f"solver '{self.solver}'; {parts}"
+        )
+
+
+class SolveError(RuntimeError):
+    """A static solve did not end as it should.
+
+    Attributes
+    ----------
+    result : what was found so far, with the last good state.
+    """
+
+    def __init__(self, result: StaticResult) -> None:
+        super().__init__(result.message)
+        self.result = result
+
+    def __reduce__(self) -> Any:
+        return type(self), (self.result,)
+
+
+class Interrupted(KeyboardInterrupt):
+    """Ctrl-C came during a static solve; `result` is what was found so far."""
+
+    def __init__(self, result: StaticResult) -> None:
+        super().__init__(result.message)
+        self.result = result
+
+    def __reduce__(self) -> Any:
+        return type(self), (self.result,)

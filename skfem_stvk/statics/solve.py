@@ -1,0 +1,132 @@
+"""Quasi-static solves."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..errors import LoadError, StvkError
+from ..linear import LinearSolver
+from ..results import Fields, Series
+from ..system import System
+from ..terms import Load
+from .equilibrium import Equilibrium
+from .history import History, Step
+from .message import reason
+from .report import Report
+from .result import Interrupted, SolveError, StaticResult
+from .stability import stability
+from .status import Status
+from .stepping import follow
+from .stopwatch import Stopwatch
+
+Array = NDArray[np.float64]
+
+
+def solve_static(
+    system: System,
+    steps: int = 10,
+    *,
+    solver: str | LinearSolver = "auto",
+    rtol: float = 1e-8,
+    u0: ArrayLike | None = None,
+    save: str | Path | None = None,
+    quiet: bool = False,
+    raise_on_failure: bool = True,
+) -> StaticResult:
+    """Equilibrium `F(u) = f_ext(u, t)` on the path from t = 0 to t = 1, along which loads and prescribed displacements grow.
+
+    Newton's method with the exact tangent where its step is one of descent and the tangent without negative tensions where it is not, the
+    line search exact where loads have a potential (along any line the energy is a quartic); steps grow and are cut back as they
+    succeed and fail. A step in which elements would turn inside out is cut back too.
+
+    Parameters
+    ----------
+    system : with `fixed` and `prescribed` supports that leave no rigid motion.
+    steps : the first step is 1/steps.
+    solver : "auto", "superlu", "pardiso", "amg-cg", "block-jacobi-cg", or an object of `skfem_stvk.linear`; see "how to choose a solver".
+    rtol : the residual's 2-norm is small enough below `rtol` times that of the loads plus that of the reactions.
+    u0 : (ndofs,) displacements to start from [m], by default none.
+    save : a .pvd file that is written as the states are found, with one .vtu each.
+    quiet : print nothing.
+    raise_on_failure : raise where the result is no success; otherwise look at `result.status`.
+
+    Raises
+    ------
+    LoadError, SupportError
+        if nothing acts on the body, or its supports leave rigid motions, which are counted and named.
+    SolveError
+        if no stable state under the full load was found; it says why and what to try, and carries the result so far.
+    StvkError
+        for other parameters that are not as they should be.
+
+    >>> import skfem
+    >>> from skfem_stvk import StVK, System, Traction, solve_static
+    >>> beam = skfem.MeshTet.init_tensor(np.linspace(0, 4, 17), np.linspace(0, 1, 5), np.linspace(0, 1, 5))
+    >>> system = System(
+    ...     beam,
+    ...     [StVK(young=1e5, poisson=0.3), Traction(lambda x: x[0] == 4, (0, 0, -500.0))],
+    ...     fixed={lambda x: x[0] == 0: "xyz"},
+    ... )
+    >>> result = solve_static(system, steps=4, quiet=True)
+    >>> result.status.value, round(float(result.reaction().force[2]))
+    ('converged', 500)
+    """
+    start = _checked(system, steps, rtol, u0)
+    system.check_held()
+    watch, history = Stopwatch(), History()
+    problem = Equilibrium(system, solver, watch)
+    series = None if save is None else Series(save)
+    fields = None if save is None else Fields(system.mesh, system.elastic_terms)
+    interrupted = False
+    with Report(f"{system!r}, {len(problem.free.free)} of them free; solver '{problem.solver.name}'", quiet) as report:
+        try:
+            for outcome in follow(problem, start, steps, rtol, report.iterating):
+                history.append(outcome)
+                if series is not None and isinstance(outcome, Step):
+                    series.add(fields.at(outcome.u), outcome.t)
+                report.line(outcome)
+        except KeyboardInterrupt:
+            interrupted = True
+    result = _result(problem, start, history, watch, interrupted)
+    if interrupted:
+        raise Interrupted(result)
+    if raise_on_failure and not result.success:
+        raise SolveError(result)
+    return result
+
+
+def _checked(system: System, steps: int, rtol: float, u0: ArrayLike | None) -> Array:
+    """The displacements to start from; refuses parameters that make no sense."""
+    if not isinstance(system, System):
+        raise StvkError(f"A {type(system).__name__} came; expected a System: System(mesh, terms, fixed=..., prescribed=...).")
+    if system.dtype != np.float64:
+        raise StvkError(f"The system is in {system.dtype}, whose residuals stop at 1e-6; expected float64: System(..., dtype=np.float64).")
+    if not isinstance(steps, int | np.integer) or isinstance(steps, bool) or steps < 1:
+        raise StvkError(f"steps = {steps!r}; expected a whole number of at least 1: the first step is 1/steps of the load.")
+    if not 0 < rtol < 1:
+        raise StvkError(f"rtol = {rtol!r}; expected a number between 0 and 1, such as 1e-8.")
+    if u0 is None and not system.supports.prescribed.size and not any(isinstance(term, Load) for term in system.terms):
+        raise LoadError("Nothing acts on the body: no load, nothing prescribed. Add Gravity(...), Traction(...) or prescribed={...}.")
+    start = np.zeros(system.ndofs) if u0 is None else np.array(u0, dtype=np.float64)
+    system.energy(start)  # refuses another length, and NaN
+    return start
+
+
+def _result(problem: Equilibrium, start: Array, history: History, watch: Stopwatch, interrupted: bool) -> StaticResult:
+    t, u = (history[-1].t, history[-1].u) if len(history) else (0.0, start)
+    negative, inverted = None, problem.inside_out(u)
+    if interrupted:
+        status = Status.INTERRUPTED
+    elif t < 1:
+        status = Status.STOPPED
+    elif len(inverted):
+        status = Status.INVERTED
+    else:
+        stable, negative = stability(problem, u, t)
+        status = history[-1].status if stable else Status.UNSTABLE
+    named = problem.named(inverted) if len(inverted) else ""
+    message = reason(status, history, t, negative, named)
+    return StaticResult(problem.system, u, t, status, message, history, problem.solver.name, watch.parts())

@@ -1,0 +1,52 @@
+"""Scenes that the tests of statics share: small, unstructured, of both orientations, nu != 0."""
+
+import numpy as np
+import skfem
+from bodies import turned_round
+
+from skfem_stvk import Gravity, SimplexMesh, StVK, System, Traction
+
+LOAD = np.array([30.0, -20.0, -60.0])
+
+
+def beam(n=2, length=5.0, seed=7):
+    """A cantilever along x whose inner vertices are moved about."""
+    mesh = skfem.MeshTet.init_tensor(np.linspace(0, length, int(length * n) + 1), np.linspace(0, 1, n + 1), np.linspace(0, 1, n + 1))
+    rng, p = np.random.default_rng(seed), mesh.p.copy()
+    inner = np.setdiff1d(np.arange(p.shape[1]), mesh.boundary_nodes())
+    p[:, inner] += 0.2 / n * rng.uniform(-1, 1, (3, len(inner)))
+    ends = {"wall": mesh.facets[:, mesh.facets_satisfying(lambda x: x[0] == 0)]}
+    ends["tip"] = mesh.facets[:, mesh.facets_satisfying(lambda x: x[0] == length)]
+    return SimplexMesh(p, turned_round(mesh.t, rng), boundaries=ends)
+
+
+def bent(load=LOAD, n=2, **options):
+    """A cantilever that a traction bends far, and its own weight."""
+    terms = [StVK(young=1e4, poisson=0.3, density=1.0), Gravity(g=(0, 0, -5.0)), Traction("tip", load)]
+    return System(beam(n), terms, fixed={"wall": "xyz"}, **options)
+
+
+def block(squeeze, n=6, nu=0.3):
+    """The unit cube between two plates that hold it, pressed together."""
+    mesh = skfem.MeshTet.init_tensor(*[np.linspace(0, 1, n + 1)] * 3)
+    return System(
+        mesh,
+        StVK(young=1e5, poisson=nu),
+        fixed={lambda x: x[0] == 0: "xyz"},
+        prescribed={lambda x: x[0] == 1: {"x": -squeeze, "y": 0.0, "z": 0.0}},
+    )
+
+
+def column(load, imperfection=0.0, n=40):
+    """A slender strut in plane strain, held at its foot and pressed on its head; its mesh is symmetric about its axis."""
+    quads = skfem.MeshQuad.init_tensor(np.linspace(0, 20, n + 1), np.linspace(-0.5, 0.5, 3))
+    a, b, c, d = quads.t
+    middle = quads.p[:, quads.t].mean(axis=1)
+    p = np.hstack([quads.p, middle])
+    m = quads.nvertices + np.arange(quads.nelements)
+    t = np.hstack([np.stack(corner) for corner in ((a, b, m), (b, c, m), (c, d, m), (d, a, m))])
+    return System(
+        (p, t),
+        [StVK(young=1e4, poisson=0.3), Traction(lambda x: x[0] == 20, (-load, imperfection * load))],
+        fixed={lambda x: x[0] == 0: "xy"},
+    )

@@ -1,0 +1,179 @@
+import pickle
+
+import meshio
+import numpy as np
+import pytest
+from scenes import beam, bent, block, column
+
+from skfem_stvk import Gravity, Isotropic, StVK, System, Traction, solve_static
+from skfem_stvk.errors import LoadError, RegionError, StateError, StvkError, SupportError
+from skfem_stvk.statics import Interrupted, SolveError, Status
+from skfem_stvk.statics import report as report_module
+
+MATERIAL = StVK(young=1e4, poisson=0.3, density=1.0)
+PULL = Traction("tip", (0, 0, -1.0))
+WALL = {"wall": "xyz"}
+
+
+@pytest.fixture(scope="module")
+def result():
+    return solve_static(bent(), steps=3, quiet=True)
+
+
+def test_one_line_a_step_is_printed(capsys):
+    result = solve_static(bent(), steps=3)
+    out, err = capsys.readouterr()
+    assert len(out.splitlines()) == 1 + len(result.history) + len(result.history.attempts)
+    assert "iterations" in out and "residual" in out and not err
+
+
+def test_quiet_prints_nothing(capsys):
+    solve_static(bent(), steps=3, quiet=True)
+    assert capsys.readouterr() == ("", "")
+
+
+def test_the_record_of_a_step_is_complete(result):
+    for step in result.history:
+        record = step.iterations
+        assert len(record.residuals) == len(record) + 1 == len(record.tangents) + 1 == len(record.linear) + 1
+        assert set(record.tangents) <= {"exact", "clamped"} and all(0 < s for s in record.lengths)
+    assert sum(result.seconds.values()) > 0 and set(result.seconds) == {"assemble", "factor", "solve", "other"}
+    assert np.array_equal(result.history[-1].u, result.u) and result.history.u.shape == (len(result.history), len(result.u))
+
+
+def test_energies_add_up_to_the_potential(result):
+    assert sum(result.energies().values()) == pytest.approx(result.system.potential(result.u), rel=1e-12)
+    assert result.history[-1].potential == pytest.approx(result.system.potential(result.u), rel=1e-12)
+
+
+def test_reactions_by_place(result):
+    np.testing.assert_allclose(result.reaction().resultant, result.reaction(lambda x: x[0] == 0).resultant)
+    with pytest.raises(SupportError, match="Nothing is held at 'tip'"):
+        result.reaction("tip")
+    with pytest.raises(RegionError, match="'wall'"):
+        result.reaction("wal")
+
+
+def test_stress_by_element_and_node(result):
+    mesh = result.system.mesh
+    assert result.stress("cauchy").shape == (mesh.nt, 3, 3) and result.stress("von_mises", at="nodes").shape == (mesh.nv,)
+    with pytest.raises(StvkError, match="pk1"):
+        result.stress("piola")
+    with pytest.raises(StvkError, match="'elements' or 'nodes'"):
+        result.stress("cauchy", at="vertices")
+
+
+def test_saved_files_hold_the_displacements(result, tmp_path):
+    vtu = meshio.read(result.save(tmp_path / "beam.vtu"))
+    np.testing.assert_allclose(vtu.point_data["displacement"].ravel(), result.u)
+    result.save(tmp_path / "path.pvd")
+    assert len(list(tmp_path.glob("path_*.vtu"))) == len(result.history)
+
+
+def test_states_are_saved_as_they_are_found(tmp_path):
+    with pytest.raises(SolveError) as failure:
+        solve_static(block(0.4), steps=4, quiet=True, save=tmp_path / "path.pvd")
+    history = failure.value.result.history
+    files = sorted(tmp_path.glob("path_*.vtu"))
+    assert len(files) == len(history) > 0
+    np.testing.assert_allclose(meshio.read(files[-1]).point_data["displacement"].ravel(), history[-1].u)
+
+
+def test_ctrl_c_keeps_the_states_so_far(monkeypatch):
+    def interrupt(self, outcome):
+        if outcome.t > 0.3:
+            raise KeyboardInterrupt
+
+    monkeypatch.setattr(report_module.Report, "line", interrupt)
+    with pytest.raises(KeyboardInterrupt) as caught:
+        solve_static(bent(), steps=10, quiet=True)
+    assert isinstance(caught.value, Interrupted)
+    result = caught.value.result
+    assert result.status is Status.INTERRUPTED and len(result.history) >= 2 and result.t == result.history[-1].t
+
+
+def test_results_and_errors_can_be_pickled(result):
+    again = pickle.loads(pickle.dumps(result))
+    np.testing.assert_array_equal(again.u, result.u)
+    error = pickle.loads(pickle.dumps(SolveError(result)))
+    assert error.result.status is result.status
+
+
+def test_a_result_says_how_it_came_out(result):
+    text = repr(result)
+    assert "Converged" in text and f"{len(result.history)} states" in text and "factor" in text
+
+
+def test_matrices_are_made_once():
+    from skfem_stvk.statics.equilibrium import Equilibrium
+    from skfem_stvk.statics.stopwatch import Stopwatch
+
+    system = bent()
+    problem = Equilibrium(system, "superlu", Stopwatch())
+    problem.factorise(np.zeros(system.ndofs), 0.0)
+    K, Kff = problem._K, problem._Kff
+    problem.factorise(np.full(system.ndofs, 0.1), 0.0)
+    assert problem._K is K and problem._Kff is Kff
+
+
+def test_a_matrix_free_solve_makes_no_pattern():
+    system = bent()
+    solve_static(system, steps=1, solver="block-jacobi-cg", quiet=True)
+    assert "pattern" not in system.__dict__
+
+
+def test_iterative_solvers_are_only_as_precise_as_newton_needs():
+    linear = solve_static(bent(), steps=1, solver="block-jacobi-cg", quiet=True).history[-1].iterations.linear
+    assert min(linear) < 0.3 * max(linear)
+
+
+@pytest.mark.parametrize(
+    ("make", "error", "message"),
+    [
+        (lambda: System(beam(), [MATERIAL], fixed=WALL), LoadError, "Nothing acts on the body"),
+        (lambda: System(beam(), [MATERIAL, PULL]), SupportError, r"Not held: .*6 rigid modes.*translation along x.*rotation"),
+        (lambda: System(beam(), [MATERIAL, PULL], fixed={"wall": "xy"}), SupportError, "1 rigid mode left, translation along z|rigid mode"),
+        (lambda: System(beam(), [MATERIAL, PULL], fixed=WALL, dtype=np.float32), StvkError, "float32.*float64"),
+    ],
+)
+def test_what_cannot_be_solved_is_refused_before_the_solve(make, error, message):
+    with pytest.raises(error, match=message):
+        solve_static(make(), quiet=True)
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"steps": 0}, "steps = 0; expected a whole number"),
+        ({"steps": 2.5}, "steps = 2.5"),
+        ({"rtol": 0.0}, "rtol = 0.0"),
+        ({"rtol": float("nan")}, "rtol = nan"),
+        ({"solver": "mumps"}, "solver = 'mumps'; expected 'auto', 'superlu'"),
+        ({"u0": np.zeros(5)}, r"shape \(5,\)"),
+        ({"save": "nowhere/at/all.pvd"}, "nowhere"),
+    ],
+)
+def test_parameters_that_make_no_sense_are_refused(options, message):
+    with pytest.raises(StvkError, match=message):
+        solve_static(bent(), quiet=True, **options)
+
+
+def test_nan_to_start_from_is_refused():
+    system = bent()
+    with pytest.raises(StateError, match="not finite in 1 entry"):
+        solve_static(system, u0=np.where(np.arange(system.ndofs) == 3, np.nan, 0.0), quiet=True)
+
+
+def test_the_issues_other_bad_input():
+    with pytest.raises(RegionError, match="'wal'.*'wall'"):
+        System(beam(), [MATERIAL], fixed={"wal": "xyz"})
+    with pytest.raises(RegionError, match="'tipp'.*'tip'"):
+        System(beam(), [MATERIAL, Traction("tipp", (0, 0, 1.0))])
+    with pytest.raises(StvkError, match="fixed and prescribed"):
+        System(beam(), [MATERIAL], fixed=WALL, prescribed={"wall": {"x": 0.1}})
+    with pytest.raises(ValueError, match="density"):
+        System(beam(), [StVK(Isotropic(1e4, 0.3)), Gravity(g=(0, 0, -9.81))])
+
+
+def test_a_solve_in_the_plane_says_so():
+    assert "triangles in 2D" in repr(column(1.0))
