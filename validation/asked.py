@@ -1,0 +1,52 @@
+"""What solvers ask of the kernels beside W, F and K, and what it costs: one run, one thread."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from functools import partial
+from typing import Any
+
+import numpy as np
+from rich.table import Table
+
+from skfem_stvk import SimplexMesh, StVK
+from skfem_stvk.bench.timing import best_and_median
+from skfem_stvk.system import Pattern
+
+
+def costs(meshes: Mapping[str, SimplexMesh], term: StVK, seconds: float) -> Table:
+    """ns a tetrahedron of each call, and how many times that of W and F."""
+    table = Table(box=None, header_style="bold")
+    table.add_column("asked")
+    for name, mesh in meshes.items():
+        table.add_column(f"{name}, {mesh.nt} tets", justify="right")
+    columns = []
+    for mesh in meshes.values():
+        best = {name: 1e9 * taken.best / mesh.nt for name, taken in best_and_median(calls(mesh, term), seconds).items()}
+        columns.append({name: f"{ns:.0f} ns {ns / best['W and F']:5.2f} x" for name, ns in best.items()})
+    for name in columns[0]:
+        table.add_row(name, *(column[name] for column in columns))
+    return table
+
+
+def calls(mesh: SimplexMesh, term: StVK) -> dict[str, Callable[[], Any]]:
+    """Calls by what is asked, in a state with edges in tension and in compression."""
+    assembly, rng = term.bind(mesh), np.random.default_rng(0)
+    u, v = (amount * rng.standard_normal((mesh.nv, 3)) for amount in (0.1 * np.cbrt(np.ptp(mesh.p) ** 3 / mesh.nv), 1.0))
+    force, diagonal = np.zeros_like(u), np.zeros((mesh.nv, 3, 3))
+    pattern = Pattern(mesh.nv, 3, [assembly.edges])
+    rows, data = assembly.rows(pattern), np.zeros(pattern.nnz)
+    (_, exact), (_, clamped) = assembly.edge_blocks(u), assembly.edge_blocks(u, clamped=True)
+    return {
+        "W and F": partial(assembly.energy, u, force),
+        "W along a line": partial(assembly.along, u, v),
+        "round-off of F": partial(assembly.add_round_off, u, force),
+        "smallest ratio of volumes": partial(assembly.smallest_volume_ratio, u),
+        "ratios of volumes": partial(assembly.volume_ratios, u),
+        "K": partial(assembly.tangent, u, rows, data, False),
+        "K, clamped": partial(assembly.tangent, u, rows, data, False, None, True),
+        "K v: prepared": partial(assembly.edge_blocks, u, None, exact),
+        "K v: prepared, clamped": partial(assembly.edge_blocks, u, None, clamped, True),
+        "K v": partial(assembly.add_product, exact, v, force),
+        "diagonal blocks of K": partial(assembly.add_diagonal, exact, diagonal),
+    }
