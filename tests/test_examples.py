@@ -35,6 +35,12 @@ def test_ex03_speed():
     assert set(example.times) == {"W and F", "K", "K v, applied"}
 
 
+def test_ex04_statics():
+    example = run("ex04_statics")
+    assert example.result.success
+    assert example.push == pytest.approx(541934, rel=1e-5)
+
+
 def test_no_example_is_forgotten():
     tested = {name.removeprefix("test_") for name in globals() if name.startswith("test_ex")}
     assert tested == {path.stem for path in EXAMPLES.glob("ex*.py")}

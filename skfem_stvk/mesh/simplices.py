@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any, TypeAlias
 
@@ -141,6 +141,24 @@ class SimplexMesh:
         facets = boundary_facets(self)
         facets.flags.writeable = False
         return facets
+
+    def with_boundaries(self, boundaries: Mapping[str, Any]) -> SimplexMesh:
+        """The same mesh with more boundaries, as in scikit-fem: each a place (`mesh.places.Where`), such as a predicate of the coordinates.
+
+        Raises
+        ------
+        RegionError
+            if there is no facet at a place.
+
+        >>> mesh = SimplexMesh(p=[[0, 1, 0, 1], [0, 0, 1, 1]], t=[[0, 1], [1, 2], [2, 3]])
+        >>> mesh.with_boundaries({"left": lambda x: x[0] == 0}).boundaries["left"]
+        array([[2],
+               [0]], dtype=int32)
+        """
+        from .places import facets_at
+
+        added = {name: facets_at(self, where, f"boundary {name!r}") for name, where in boundaries.items()}
+        return replace(self, boundaries={**self.boundaries, **added})
 
     def elements(self, region: str | NDArray[Any] | None) -> NDArray[np.int64]:
         """Ids of the elements of a region: a name in `subdomains`, element ids, a mask, or None for all.
