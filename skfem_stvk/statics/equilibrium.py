@@ -16,7 +16,7 @@ from ..system import FreeOperator, System, TangentOperator
 from ..system.rigid import rigid_modes
 from .stopwatch import Stopwatch
 
-Array = NDArray[np.float64]
+Array = NDArray[Any]
 
 
 #: What is added to a tangent without any stiffness in some direction, as a part of its largest diagonal entry.

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import overload
+from typing import Any, overload
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from .newton import End, Iterations
 from .status import Status
 
-Array = NDArray[np.float64]
+Array = NDArray[Any]
 
 
 @dataclass(frozen=True)
@@ -102,7 +102,7 @@ class History(Sequence[Step]):
     @property
     def iterations(self) -> int:
         """Iterations of Newton's method in all, those of failed attempts included."""
-        return sum(len(one.iterations) for one in [*self._steps, *self.attempts])
+        return sum(len(step.iterations) for step in self._steps) + sum(len(attempt.iterations) for attempt in self.attempts)
 
     def __repr__(self) -> str:
         return "\n".join(map(str, self._steps))

@@ -15,7 +15,7 @@ from ..linear import Outcome
 from .equilibrium import Equilibrium, Residual, Tangent
 from .line_search import quartic_minimum, root_of_slope
 
-Array = NDArray[np.float64]
+Array = NDArray[Any]
 
 MOST_ITERATIONS = 40
 #: The loosest linear solve of an iterative solver (Eisenstat and Walker 1996, choice 2).
@@ -72,7 +72,7 @@ def newton(
     loads have a potential: W is a quartic along any line. Steps are cut back where more than `most_inside_out` elements would be inside out.
     """
     record = Iterations()
-    forcing = LOOSEST
+    forcing, before = LOOSEST, None
     try:
         residual = problem.residual(u, t)
         for _ in range(MOST_ITERATIONS + 1):
@@ -80,10 +80,14 @@ def newton(
             watch(record)
             if residual.size <= rtol * residual.scale:
                 return u, End.CONVERGED, record
-            if residual.size <= problem.round_off(u, t):
+            # the estimate is an upper one: what rounding leaves has also ceased to fall
+            ceased = before is None or residual.size > before.size / 2
+            if ceased and residual.size <= problem.round_off(u, t):
                 return u, End.AT_ROUND_OFF, record
             if len(record) == MOST_ITERATIONS:
-                record.detail = "" if record.tangents[-1] == "exact" else "K is not positive definite there: the body gives way or buckles"
+                record.detail = (
+                    "" if record.tangents[-1] == "exact" else "K is not positive definite there: the body gives way or buckles"
+                )
                 break
             v = _direction(problem, u, t, residual, max(forcing, 0.3 * rtol / residual.relative), record)
             if v is None:

@@ -20,7 +20,7 @@ from ..system import System
 from .history import History
 from .status import Status
 
-Array = NDArray[np.float64]
+Array = NDArray[Any]
 
 
 @dataclass(frozen=True)

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -22,7 +24,7 @@ from .status import Status
 from .stepping import follow
 from .stopwatch import Stopwatch
 
-Array = NDArray[np.float64]
+Array = NDArray[Any]
 
 
 def solve_static(
@@ -78,15 +80,14 @@ def solve_static(
     system.check_held()
     watch, history = Stopwatch(), History()
     problem = Equilibrium(system, solver, watch)
-    series = None if save is None else Series(save)
-    fields = None if save is None else Fields(system.mesh, system.elastic_terms)
+    write = _writer(system, save)
     interrupted = False
     with Report(f"{system!r}, {len(problem.free.free)} of them free; solver '{problem.solver.name}'", quiet) as report:
         try:
             for outcome in follow(problem, start, steps, rtol, report.iterating):
                 history.append(outcome)
-                if series is not None and isinstance(outcome, Step):
-                    series.add(fields.at(outcome.u), outcome.t)
+                if isinstance(outcome, Step):
+                    write(outcome)
                 report.line(outcome)
         except KeyboardInterrupt:
             interrupted = True
@@ -98,18 +99,30 @@ def solve_static(
     return result
 
 
+def _writer(system: System, save: str | Path | None) -> Callable[[Step], object]:
+    """What writes a state to the series of files `save`, if there is to be one."""
+    if save is None:
+        return lambda step: None
+    series, fields = Series(save), Fields(system.mesh, system.elastic_terms)
+    return lambda step: series.add(fields.at(step.u), step.t)
+
+
 def _checked(system: System, steps: int, rtol: float, u0: ArrayLike | None) -> Array:
     """The displacements to start from; refuses parameters that make no sense."""
     if not isinstance(system, System):
         raise StvkError(f"A {type(system).__name__} came; expected a System: System(mesh, terms, fixed=..., prescribed=...).")
     if system.dtype != np.float64:
-        raise StvkError(f"The system is in {system.dtype}, whose residuals stop at 1e-6; expected float64: System(..., dtype=np.float64).")
+        raise StvkError(
+            f"The system is in {system.dtype}, whose residuals stop at 1e-6; expected float64: System(..., dtype=np.float64)."
+        )
     if not isinstance(steps, int | np.integer) or isinstance(steps, bool) or steps < 1:
         raise StvkError(f"steps = {steps!r}; expected a whole number of at least 1: the first step is 1/steps of the load.")
     if not 0 < rtol < 1:
         raise StvkError(f"rtol = {rtol!r}; expected a number between 0 and 1, such as 1e-8.")
     if u0 is None and not system.supports.prescribed.size and not any(isinstance(term, Load) for term in system.terms):
-        raise LoadError("Nothing acts on the body: no load, nothing prescribed. Add Gravity(...), Traction(...) or prescribed={...}.")
+        raise LoadError(
+            "Nothing acts on the body: no load, nothing prescribed. Add Gravity(...), Traction(...) or prescribed={...}."
+        )
     start = np.zeros(system.ndofs) if u0 is None else np.array(u0, dtype=np.float64)
     system.energy(start)  # refuses another length, and NaN
     return start

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
 from ..linear import Outcome
 from .equilibrium import Equilibrium
 
-Array = NDArray[np.float64]
+Array = NDArray[Any]
 
 
 def stability(problem: Equilibrium, u: Array, t: float) -> tuple[bool, int | None]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from time import perf_counter
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +15,7 @@ from .history import Attempt, Step
 from .newton import End, Iterations, newton
 from .status import Status
 
-Array = NDArray[np.float64]
+Array = NDArray[Any]
 
 #: A step that took no more iterations lets the next one grow, by this factor, up to this many times the first one.
 FEW, GROWTH, LARGEST = 5, 1.5, 4.0

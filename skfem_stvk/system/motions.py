@@ -32,7 +32,7 @@ def _rotation(turning: Array, axis: Array, translations: Array, centre: Array, s
     """The motion among `turning` (r, m) that turns about the direction `axis`, in words."""
     d = len(centre)
     motion = turning @ np.linalg.lstsq(turning[d:], axis, rcond=None)[0]
-    v = motion[:d] - translations @ (translations.T @ motion[:d])
+    v = motion[:d]  # at right angles to the translations, since `turning` is
     if d == 2:
         point = centre + size * np.array([-v[1], v[0]]) * np.sign(axis[0])
         return "rotation in the plane" if translations.shape[1] else f"rotation about the point {_numbers(point, size)}"

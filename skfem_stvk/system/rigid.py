@@ -106,14 +106,12 @@ def _name_part(part: NDArray[np.int32], i: int) -> str:
 def _centred(p: Array, part: NDArray[np.int32]) -> tuple[Array, Array, Array]:
     """Centre (n, d) and size (n,) of the parts, and (nv, d) coordinates from there in units of the size."""
     count = np.bincount(part)
-    rough = p[:, np.unique(part, return_index=True)[1]]  # of a vertex: far from the origin, means of differences are exact
-    x = p - rough[:, part]
-    shift = np.stack([np.bincount(part, weights=row) / count for row in x])
-    x -= shift[:, part]
+    centre = np.stack([np.bincount(part, weights=row) / count for row in p])
+    x = p - centre[:, part]
     size = np.zeros(len(count))
     np.maximum.at(size, part, np.linalg.norm(x, axis=0))
     size[size == 0] = 1.0
-    return (rough + shift).T, size, (x / size[part]).T
+    return centre.T, size, (x / size[part]).T
 
 
 def _motions(x: Array) -> Array:

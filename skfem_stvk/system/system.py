@@ -91,7 +91,7 @@ class System:
         for term in self.terms:
             if not hasattr(term, "bind"):
                 raise StvkError(f"A term of type {type(term).__name__} came; expected StVK(...) or a list of terms.")
-        self.elastic_terms = tuple(term for term in self.terms if not isinstance(term, Load))
+        self.elastic_terms: tuple[Any, ...] = tuple(term for term in self.terms if not isinstance(term, Load))
         if not self.elastic_terms:
             raise StvkError("Only loads came; expected at least one elastic term, such as StVK(young=..., poisson=...).")
         self.supports = Supports(self.mesh, fixed, prescribed)
@@ -345,7 +345,8 @@ class System:
         0
         """
         parts = {"mesh": self.mesh.p.nbytes + self.mesh.t.nbytes}
-        for term in [*self._bound, *self._loads]:
+        every: list[BoundTerm | BoundLoad] = [*self._bound, *self._loads]
+        for term in every:
             for name, count in term.memory().items():
                 parts[name] = parts.get(name, 0) + count
         rows = self.__dict__.get("_rows", [])

@@ -11,7 +11,9 @@ LOAD = np.array([30.0, -20.0, -60.0])
 
 def beam(n=2, length=5.0, seed=7):
     """A cantilever along x whose inner vertices are moved about."""
-    mesh = skfem.MeshTet.init_tensor(np.linspace(0, length, int(length * n) + 1), np.linspace(0, 1, n + 1), np.linspace(0, 1, n + 1))
+    mesh = skfem.MeshTet.init_tensor(
+        np.linspace(0, length, int(length * n) + 1), np.linspace(0, 1, n + 1), np.linspace(0, 1, n + 1)
+    )
     rng, p = np.random.default_rng(seed), mesh.p.copy()
     inner = np.setdiff1d(np.arange(p.shape[1]), mesh.boundary_nodes())
     p[:, inner] += 0.2 / n * rng.uniform(-1, 1, (3, len(inner)))

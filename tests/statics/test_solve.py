@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 import skfem
-from scenes import LOAD, beam, bent, block, column
+from scenes import beam, bent, block, column
 
 from skfem_stvk import NodalLoad, Pressure, StVK, System, Traction, solve_static
 from skfem_stvk.statics import SolveError, Status
@@ -117,7 +117,10 @@ def test_what_rounding_leaves_is_an_end_of_its_own():
 
 def test_prescribed_displacements_arrive_exactly():
     mesh = beam()
-    move = lambda x, t: np.stack([0.1 * t + 0 * x[0], 0.3 * np.sin(t) * x[1], -2 * t**2 + 0 * x[0]])
+
+    def move(x, t):
+        return np.stack([0.1 * t + 0 * x[0], 0.3 * np.sin(t) * x[1], -2 * t**2 + 0 * x[0]])
+
     system = System(mesh, StVK(young=1e4, poisson=0.3), fixed={"wall": "xyz"}, prescribed={"tip": move})
     result = solve_static(system, steps=5, quiet=True)
     tip = np.unique(mesh.boundaries["tip"])
@@ -143,7 +146,7 @@ def test_follower_pressure_stays_normal_to_the_surface():
 @pytest.mark.parametrize("solver", ["amg-cg", "block-jacobi-cg"])
 def test_solvers_for_symmetric_matrices_refuse_follower_pressure(solver):
     system = System(beam(), [StVK(young=1e4, poisson=0.3), Pressure("tip", 10.0)], fixed={"wall": "xyz"})
-    with pytest.raises(ValueError, match="general.*superlu"):
+    with pytest.raises(ValueError, match=r"general.*superlu"):
         solve_static(system, solver=solver, quiet=True)
 
 
