@@ -21,7 +21,7 @@ from ..errors import StvkError
 from ..materials import Hypothesis, Isotropic
 from ..mesh import SimplexMesh
 from ..system import System
-from ..terms import StVK
+from ..terms import Body, StVK
 
 Array = NDArray[np.float64]
 
@@ -49,8 +49,8 @@ class _Altered:
     term: StVK
     change: Callable[[Array], None]
 
-    def bind(self, mesh: SimplexMesh, dtype: DTypeLike = np.float64) -> Assembly:
-        coefficients = self.term.coefficients(mesh).copy()
+    def bind(self, body: Body, dtype: DTypeLike = np.float64) -> Assembly:
+        mesh, coefficients = body.mesh, self.term.coefficients(body.mesh).copy()
         self.change(coefficients)
         return Assembly(EdgeForm(mesh.p, mesh.t[:, mesh.elements(self.term.region)], GeneralStiffness(lambda: coefficients)), dtype)
 

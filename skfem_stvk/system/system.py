@@ -95,8 +95,8 @@ class System:
         if not self.elastic_terms:
             raise StvkError("Only loads came; expected at least one elastic term, such as StVK(young=..., poisson=...).")
         self.supports = Supports(self.mesh, fixed, prescribed)
-        self._bound: list[BoundTerm] = [term.bind(self.mesh, self.dtype) for term in self.elastic_terms]
         body = Body(self.mesh, self.elastic_terms)
+        self._bound: list[BoundTerm] = [term.bind(body, self.dtype) for term in self.elastic_terms]
         self._loads: list[BoundLoad] = [term.bind(body) for term in self.terms if isinstance(term, Load)]
         self._operator: TangentOperator | None = None
         self._turn = Turn()
@@ -231,11 +231,15 @@ class System:
         Raises
         ------
         StateError
-            if `u` does not have one finite entry for each degree of freedom.
+            if `u` does not have one finite entry for each degree of freedom, or `t` is not finite.
         LoadError
             if a load that is given as a function does not return finite values.
         """
-        return self._external_force(self._state(u), t).ravel()
+        x, force = self._state(u), np.zeros(self.mesh.p.T.shape)
+        for load in self._loads:
+            load.add_force(x, _checked(t), force)
+        _refuse_overflow(force, "The external force", x)
+        return force.ravel()
 
     def potential(self, u: ArrayLike, t: float = 1.0) -> float:
         """Total potential energy `W(u) + sum of the loads' potentials` [J]; its gradient is the residual.
@@ -261,7 +265,7 @@ class System:
         """
         K = self._elastic_tangent(u, out, clamped)
         for load, places in zip(self._loads, self._load_places, strict=True):
-            load.add_stiffness(self._state(u), t, places, K.data)
+            load.add_stiffness(self._state(u), _checked(t), places, K.data)
         return K
 
     def energies(self, u: ArrayLike, t: float = 1.0) -> dict[str, float]:
@@ -360,13 +364,7 @@ class System:
             loads = [type(term).__name__ for term in self.terms if isinstance(term, Load)]
             without = [name for name, load in zip(loads, self._loads, strict=True) if not load.conservative]
             raise LoadError(f"{', '.join(without)} has no potential: its work depends on the path. Ask for residual(u, t) instead.")
-        return sum(load.potential(x, t) for load in self._loads)
-
-    def _external_force(self, x: Array, t: float) -> Array:
-        force = np.zeros(x.shape)
-        for load in self._loads:
-            load.add_force(x, t, force)
-        return force
+        return sum(load.potential(x, _checked(t)) for load in self._loads)
 
     def _elastic_tangent(self, u: ArrayLike, out: csr_matrix | None, clamped: bool = False) -> csr_matrix:
         x = self._state(u)
@@ -432,6 +430,12 @@ class System:
 
     def __repr__(self) -> str:
         return f"System: {self.mesh.nt} {self.mesh.kind}, {self.ndofs} degrees of freedom, {len(self.terms)} term(s)"
+
+
+def _checked(t: float) -> float:
+    if not np.isfinite(t):
+        raise StateError(f"t = {t}; expected a finite load factor (in statics from 0 to 1) or time.")
+    return t
 
 
 def _refuse_overflow(values: ArrayLike, name: str, u: Array) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -42,11 +41,8 @@ class DeadLoad:
 
     def __init__(self, mesh: SimplexMesh, spread: Spread | Nodes, value: Value) -> None:
         self._at: Any = slice(None) if len(spread.vertices) == mesh.nv else spread.vertices
-        if value.constant is not None:
-            unit = spread.integrate(value.constant)
-            self._compute: Callable[[float], Values] = lambda t: ramp(t) * unit
-        else:
-            self._compute = lambda t: spread.integrate(value.at(t))
+        self._spread, self._value = spread, value
+        self._unit = None if value.constant is None else spread.integrate(value.constant)
         self._known = 1.0, self._compute(1.0)
 
     def forces(self, t: float) -> Values:
@@ -56,6 +52,9 @@ class DeadLoad:
             forces = self._compute(t)
             self._known = t, forces
         return forces
+
+    def _compute(self, t: float) -> Values:
+        return self._spread.integrate(self._value.at(t)) if self._unit is None else ramp(t) * self._unit
 
     def potential(self, u: Array, t: float) -> float:
         """`-f(t) . u` [J]."""

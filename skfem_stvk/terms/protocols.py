@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from typing import Any, Protocol, runtime_checkable
+from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
 from ..edges import Linearized, Rows
 from ..edges.rows import Places
-from ..mesh import SimplexMesh
+
+if TYPE_CHECKING:
+    from .body import Body
 
 Array = NDArray[np.floating[Any]]
 
@@ -70,8 +72,8 @@ class HasVolume(Protocol):
 class Term(Protocol):
     """A specification without a mesh."""
 
-    def bind(self, mesh: SimplexMesh, dtype: DTypeLike) -> BoundTerm:
-        """The term on this mesh, with results of this type."""
+    def bind(self, body: Body, dtype: DTypeLike) -> BoundTerm:
+        """The term on this body, with results of this type."""
 
 
 class BoundLoad(Protocol):

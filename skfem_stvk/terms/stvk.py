@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import InitVar, dataclass
 from functools import partial
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, DTypeLike, NDArray
@@ -17,6 +17,9 @@ from ..materials import Hypothesis, Isotropic, Material
 from ..materials.values import check_length, constant
 from ..mesh import SimplexMesh
 from ..mesh.geometry import Geometry
+
+if TYPE_CHECKING:
+    from .body import Body
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,8 +94,9 @@ class StVK:
             raise MaterialError("Triangles in space are membranes, always in plane stress; leave plane out.")
         return Hypothesis.PLANE_STRESS if mesh.d == 3 or self.plane == "stress" else Hypothesis.PLANE_STRAIN
 
-    def bind(self, mesh: SimplexMesh, dtype: DTypeLike = np.float64) -> Assembly:
-        """The assembly of this body on a mesh; its `form` is the edge form."""
+    def bind(self, body: Body | SimplexMesh, dtype: DTypeLike = np.float64) -> Assembly:
+        """The assembly of this material on a body's mesh; its `form` is the edge form."""
+        mesh = body if isinstance(body, SimplexMesh) else body.mesh
         t = mesh.t if self.region is None else mesh.t[:, mesh.elements(self.region)]
         form = EdgeForm(mesh.p, t, self.stiffness(mesh))
         return Assembly(form, dtype)

@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
-from bodies import MESHES, sheet, state
+from bodies import MESHES, box, sheet, state
 
 from skfem_stvk import BodyForce, ElasticFoundation, Gravity, NodalLoad, Pressure, StVK, System, Traction
-from skfem_stvk.errors import LoadError, SupportError
+from skfem_stvk.errors import LoadError, StateError, SupportError
 
 SECTION = {1: {"area": 0.3}, 2: {"thickness": 0.3}, 3: {}}
 
@@ -89,3 +89,11 @@ def test_a_foundation_holds_a_body_that_supports_do_not():
     System(mesh, [body, ElasticFoundation(left, 1e-6)]).check_held()
     with pytest.raises(SupportError, match="1 rigid mode left, translation along y"):
         System(mesh, [body, ElasticFoundation(left, (1, 0, 1))]).check_held()
+
+
+@pytest.mark.parametrize("t", [np.nan, np.inf])
+def test_a_load_factor_that_is_not_finite_is_refused(t):
+    system = System(box(), [StVK(young=2.0, poisson=0.3), BodyForce((0, 0, -1.0))])
+    for ask in (system.external_force, system.residual, system.potential):
+        with pytest.raises(StateError, match="finite load factor"):
+            ask(np.zeros(system.ndofs), t)
