@@ -17,8 +17,10 @@ TRY = {
 }
 
 
-def reason(status: Status, history: History, t: float, negative: int | None, inverted: str) -> str:
-    """The message of a result."""
+def reason(
+    status: Status, history: History, t: float, negative: int | None, inverted: str, cause: BaseException | None = None
+) -> str:
+    """The message of a result; `cause` is what interrupted it."""
     if status is Status.UNSTABLE:
         count = f"K has {negative} negative eigenvalue(s)" if negative else "K is not positive definite"
         return (
@@ -30,16 +32,17 @@ def reason(status: Status, history: History, t: float, negative: int | None, inv
             f"At t = {t:.4g} the body is in equilibrium, but turned inside out in {inverted}. The energy does not change when an "
             "element is mirrored, so this is a solution of the equations, not one of the body. Start from a state that is not inside out."
         )
-    if status in (Status.STOPPED, Status.INTERRUPTED):
-        return f"{status.value.capitalize()}, at t = {t:.6g} of 1" + _why(history, status)
+    if status is Status.INTERRUPTED:
+        by = "" if isinstance(cause, KeyboardInterrupt) else f" by {type(cause).__name__}: {cause}"
+        return f"Interrupted at t = {t:.6g} of 1{by}. The {len(history)} states so far are kept."
+    if status is Status.STOPPED:
+        return f"Stopped before the full load, at t = {t:.6g} of 1" + _why(history)
     residual = history[-1].iterations.residuals[-1]
     kind = "the full load is reached" if status is Status.CONVERGED else "the full load is reached as far as rounding allows"
     return f"Converged: {kind}, residual {residual:.1e} of loads and reactions."
 
 
-def _why(history: History, status: Status) -> str:
-    if status is Status.INTERRUPTED or not history.attempts:
-        return f". The {len(history)} states so far are kept."
+def _why(history: History) -> str:
     last = history.attempts[-1]
     detail = f" ({last.iterations.detail})" if last.iterations.detail else ""
     return f": {last.end.value}{detail}, in a step of {last.t - (history[-1].t if len(history) else 0):.1e} too. {TRY[last.end]}"

@@ -60,7 +60,8 @@ def solve_static(
     LoadError, SupportError
         if nothing acts on the body, or its supports leave rigid motions, which are counted and named.
     SolveError
-        if no stable state under the full load was found; it says why and what to try, and carries the result so far.
+        if no stable state under the full load was found, or something failed on the way, such as a load's function or the disk; it says why
+        and what to try, and carries the result so far.
     StvkError
         for other parameters that are not as they should be.
 
@@ -81,7 +82,7 @@ def solve_static(
     watch, history = Stopwatch(), History()
     problem = Equilibrium(system, solver, watch)
     write = _writer(system, save)
-    interrupted = False
+    cause: BaseException | None = None
     with Report(f"{system!r}, {len(problem.free.free)} of them free; solver '{problem.solver.name}'", quiet) as report:
         try:
             for outcome in follow(problem, start, steps, rtol, report.iterating):
@@ -89,13 +90,13 @@ def solve_static(
                 if isinstance(outcome, Step):
                     write(outcome)
                 report.line(outcome)
-        except KeyboardInterrupt:
-            interrupted = True
-    result = _result(problem, start, history, watch, interrupted)
-    if interrupted:
+        except (KeyboardInterrupt, Exception) as error:  # a full disk, a load's function that fails: the states so far are kept
+            cause = error
+    result = _result(problem, start, history, watch, cause)
+    if isinstance(cause, KeyboardInterrupt):
         raise Interrupted(result)
-    if raise_on_failure and not result.success:
-        raise SolveError(result)
+    if cause is not None or (raise_on_failure and not result.success):
+        raise SolveError(result) from cause
     return result
 
 
@@ -128,10 +129,12 @@ def _checked(system: System, steps: int, rtol: float, u0: ArrayLike | None) -> A
     return start
 
 
-def _result(problem: Equilibrium, start: Array, history: History, watch: Stopwatch, interrupted: bool) -> StaticResult:
+def _result(
+    problem: Equilibrium, start: Array, history: History, watch: Stopwatch, cause: BaseException | None
+) -> StaticResult:
     t, u = (history[-1].t, history[-1].u) if len(history) else (0.0, start)
     negative, inverted = None, problem.inside_out(u)
-    if interrupted:
+    if cause is not None:
         status = Status.INTERRUPTED
     elif t < 1:
         status = Status.STOPPED
@@ -141,5 +144,5 @@ def _result(problem: Equilibrium, start: Array, history: History, watch: Stopwat
         stable, negative = stability(problem, u, t)
         status = history[-1].status if stable else Status.UNSTABLE
     named = problem.named(inverted) if len(inverted) else ""
-    message = reason(status, history, t, negative, named)
+    message = reason(status, history, t, negative, named, cause)
     return StaticResult(problem.system, u, t, status, message, history, problem.solver.name, watch.parts())

@@ -92,6 +92,18 @@ def test_ctrl_c_keeps_the_states_so_far(monkeypatch):
     assert result.status is Status.INTERRUPTED and len(result.history) >= 2 and result.t == result.history[-1].t
 
 
+def test_a_load_that_fails_on_the_way_keeps_the_states_so_far():
+    def push(t):
+        if 0.5 < t < 1:  # what it gives at 0, 1/3 and 1 is looked at before
+            raise ZeroDivisionError("no load there")
+        return (0.0, 0.0, -10 * t)
+
+    system = System(beam(), [MATERIAL, Traction("tip", push)], fixed=WALL)
+    with pytest.raises(SolveError, match="Interrupted at t = 0.*no load there") as failure:
+        solve_static(system, steps=10, quiet=True)
+    assert len(failure.value.result.history) >= 2 and isinstance(failure.value.__cause__, LoadError)
+
+
 def test_results_and_errors_can_be_pickled(result):
     again = pickle.loads(pickle.dumps(result))
     np.testing.assert_array_equal(again.u, result.u)
