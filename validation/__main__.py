@@ -5,16 +5,35 @@ from __future__ import annotations
 import argparse
 import sys
 
-from . import aspect, kernels, operations, part
+from . import aspect, kernels, operations, part, solvers, statics
 
-STUDIES = {"part": part.main, "aspect": aspect.main, "kernels": kernels.main, "operations": operations.main}
+#: Studies and the options that they take.
+STUDIES = {
+    "part": (part.main, ()),
+    "aspect": (aspect.main, ()),
+    "kernels": (kernels.main, ("quick",)),
+    "operations": (operations.main, ()),
+    "solvers": (solvers.main, ("quick",)),
+    "statics": (statics.main, ("quick", "only", "out")),
+}
 
 
 def main() -> int:
     """Run one study; the exit code is 0 if it came out as it must."""
     parser = argparse.ArgumentParser(prog="python -m validation", description=__doc__)
-    parser.add_argument("study", choices=STUDIES, help="; ".join(f"{name}: {study.__doc__}" for name, study in STUDIES.items()))
-    return STUDIES[parser.parse_args().study]()
+    commands = parser.add_subparsers(dest="study", required=True, metavar="STUDY")
+    for name, (study, options) in STUDIES.items():
+        command = commands.add_parser(name, help=study.__doc__, description=study.__doc__)
+        if "quick" in options:
+            command.add_argument("--quick", action="store_true", help="smaller meshes, as the tests run it")
+        if "only" in options:
+            names = (*statics.NAMES, *statics.ON_DEMAND)
+            command.add_argument("--only", action="append", default=[], choices=names, metavar="NAME", help=", ".join(names))
+        if "out" in options:
+            command.add_argument("--out", metavar="FOLDER", help="write pictures there")
+    arguments = vars(parser.parse_args())
+    study, _ = STUDIES[arguments.pop("study")]
+    return study(**arguments)
 
 
 if __name__ == "__main__":

@@ -65,18 +65,16 @@ class BlockJacobiAnalysis:
         return BlockJacobiFactors(self, K, inverse, self._newest)
 
     def _inverted(self, diagonal: Vector) -> Vector:
-        """(9 rows,) inverses of the blocks of the vertices that have unknowns; a held component has 1 on its own."""
+        """(9 rows,) inverses of the blocks of the vertices that have unknowns; held components are left out."""
         d, count = diagonal.shape[-1], len(self._vertices)
-        bad = self._vertices[~np.isfinite(diagonal[self._vertices]).all(axis=(1, 2))]
-        if len(bad):
-            raise StateError(f"The diagonal of K is not finite at {name_ids(bad, 'vertex')}: did the step before diverge?")
         is_free = np.zeros((count, 3), dtype=bool)
         is_free[self._row, self._component] = True
         blocks = np.zeros((count, 3, 3))
         blocks[:, :d, :d] = diagonal[self._vertices]
         blocks[~(is_free[:, :, None] & is_free[:, None, :])] = 0
-        held, component = np.nonzero(~is_free)
-        blocks[held, component, component] = 1
+        bad = self._vertices[~np.isfinite(blocks).all(axis=(1, 2))]
+        if len(bad):
+            raise StateError(f"The diagonal of K is not finite at {name_ids(bad, 'vertex')}: did the step before diverge?")
         inverse, parts = np.empty(9 * count), parts_of(count, 1, threads())
         run(kernels.invert_diagonal, parts, np.arange(count), blocks.ravel(), np.zeros(count), inverse)
         return inverse

@@ -10,6 +10,9 @@ from .pardiso import Pardiso, pardiso_is_installed
 from .solver import Kind, LinearSolver, names
 from .superlu import SuperLU
 
+#: From so many unknowns on PARDISO is faster than SuperLU; from so many on multigrid is faster than either.
+FEW, MANY_WITHOUT_PARDISO, MANY = 3_000, 6_000, 15_000
+
 #: All there are, in the order in which messages name them.
 SOLVERS: tuple[LinearSolver, ...] = (SuperLU(), Pardiso(), AmgCg(), BlockJacobiCg())
 
@@ -36,5 +39,12 @@ def choose(solver: str | LinearSolver, n: int, kind: Kind) -> LinearSolver:
 
 
 def automatic(n: int, kind: Kind) -> LinearSolver:
-    """The fastest by measurement."""
-    return Pardiso() if pardiso_is_installed() and n > 2000 else SuperLU()
+    """By the table of `docs/solvers.md`: multigrid where it is faster than the direct solvers even on slender bodies, SuperLU where nothing gains.
+
+    Below, direct solvers tell how many eigenvalues are negative and take what is indefinite, for little more time.
+    """
+    if n < FEW:
+        return SuperLU()
+    direct: LinearSolver = Pardiso() if pardiso_is_installed() else SuperLU()
+    many = MANY if direct == Pardiso() else MANY_WITHOUT_PARDISO
+    return direct if kind == Kind.GENERAL or n < many else AmgCg()

@@ -74,7 +74,6 @@ def _graph(unknowns: Unknowns, starts: Ids, node: Ids) -> csr_matrix:
         )
     begin = np.concatenate([[0], np.cumsum(counts[starts])])
     columns = node[indices[np.arange(begin[-1]) + np.repeat(indptr[starts] - begin[:-1], counts[starts])]]
-    first = np.diff(columns, prepend=-1) != 0
-    first[begin[:-1]] = True
+    first = np.diff(columns, prepend=-1) != 0  # in a symmetric structure no row begins with what the one before ends with
     rows = np.concatenate([[0], np.cumsum(first)])[begin]
     return csr_matrix((np.ones(rows[-1], dtype=np.int8), columns[first], rows), shape=(len(starts),) * 2)

@@ -9,7 +9,9 @@ from skfem_stvk.linear import SOLVERS, Kind, Outcome, Solution, Unknowns
 from skfem_stvk.linear.pardiso import pardiso_is_installed
 
 EVERY = [
-    pytest.param(s, id=s.name, marks=pytest.mark.skipif(s.name == "pardiso" and not pardiso_is_installed(), reason="pypardiso is missing"))
+    pytest.param(
+        s, id=s.name, marks=pytest.mark.skipif(s.name == "pardiso" and not pardiso_is_installed(), reason="pypardiso is missing")
+    )
     for s in SOLVERS
 ]
 all_solvers = pytest.mark.parametrize("solver", EVERY)
@@ -28,7 +30,7 @@ def true_residual(K, x, b):
 
 @all_solvers
 @pytest.mark.parametrize("name", NAMES)
-@pytest.mark.parametrize("amount", [0.0, 0.001])
+@pytest.mark.parametrize("amount", [0.0, 0.2])
 def test_the_residual_is_below_rtol_and_is_what_the_solution_says(solver, name, amount):
     K, unknowns = problem(name, amount)
     b = load(unknowns.n)
@@ -44,7 +46,7 @@ def test_the_residual_is_below_rtol_and_is_what_the_solution_says(solver, name, 
 @all_solvers
 def test_a_second_matrix_is_solved_with_the_same_analysis(solver):
     K, unknowns = problem()
-    other, b = problem(amount=0.01)[0], load(unknowns.n)
+    other, b = problem(amount=0.3)[0], load(unknowns.n)
     analysis = solver.analyse(unknowns)
     analysis.factorise(given(solver, K, unknowns), SYMMETRIC).solve(b)
     x = analysis.factorise(given(solver, other, unknowns), DEFINITE).solve(b, 1e-9).x
@@ -67,8 +69,9 @@ def test_a_matrix_that_is_filled_anew_in_place_does_not_change_the_factors(solve
     K, unknowns = problem()
     same, b = K.copy(), load(unknowns.n)
     factors = solver.analyse(unknowns).factorise(K, SYMMETRIC)
-    K.data[:] = problem(amount=0.1)[0].data
-    assert true_residual(same, factors.solve(b, 1e-9).x, b) <= 1e-9
+    K.data[:] = problem(amount=0.3)[0].data
+    solution = factors.solve(b, 1e-9)
+    assert solution.outcome is Outcome.SOLVED and true_residual(same, solution.x, b) <= 1e-9
 
 
 @all_solvers
@@ -79,7 +82,7 @@ def test_no_load_gives_no_displacement(solver):
 
 
 @all_solvers
-@pytest.mark.parametrize("size", [1e-30, 1e30])
+@pytest.mark.parametrize("size", [1e-60, 1e60])
 def test_solutions_are_proportional_to_the_load_however_small_or_large(solver, size):
     K, unknowns = problem()
     b = load(unknowns.n)

@@ -1,0 +1,164 @@
+"""Multigrid: iterations that hardly grow, a hierarchy that is kept and built anew, and the same answers on any number of threads."""
+
+import numpy as np
+import pytest
+import skfem
+from kernels.parts import in_parts
+from linear.problems import problem, rigid_motions
+
+from skfem_stvk import StVK, System
+from skfem_stvk.errors import StvkError
+from skfem_stvk.linear import AmgCg, Kind, Outcome, Unknowns, amg
+from skfem_stvk.linear.aggregation import FEWEST, aggregates
+from skfem_stvk.linear.vertices import VertexRows
+
+
+def beam(size, young=1.0, flat=1.0):
+    """K of a beam five times as long as thick, and its unknowns."""
+    lines = np.linspace(0, 5, 5 * size + 1), np.linspace(0, 1, size + 1), np.linspace(0, flat, size + 1)
+    mesh = skfem.MeshTet.init_tensor(*lines)
+    if young != 1.0:
+        young = np.where(mesh.p[1][mesh.t].mean(axis=0) > 0.5, young, 1.0)
+    system = System(mesh, StVK(young=young, poisson=0.3))
+    free = system.free_dofs(np.flatnonzero(np.repeat(mesh.p[0] == 0, 3)))
+    K, modes = free.matrix(system.tangent(np.zeros(system.ndofs))), rigid_motions(mesh.p)[free.free]
+    return K, Unknowns(*np.divmod(free.free, 3), K.indptr, K.indices, lambda: modes)
+
+
+def across(unknowns):
+    return np.where(unknowns.component == 2, -1.0, 0.0)
+
+
+def solved(K, unknowns, rtol=1e-8):
+    solution = AmgCg().analyse(unknowns).factorise(K, Kind.SYMMETRIC).solve(across(unknowns), rtol)
+    assert solution.outcome is Outcome.SOLVED
+    return solution
+
+
+def test_iterations_hardly_grow_with_the_number_of_unknowns():
+    small, large = solved(*beam(3)), solved(*beam(9))
+    assert len(large.x) > 18 * len(small.x)
+    assert 5 < small.iterations <= large.iterations + 3 <= small.iterations + 10
+
+
+def test_stiffnesses_in_contrast_cost_few_iterations():
+    assert solved(*beam(5, young=1e4)).iterations <= solved(*beam(5)).iterations + 6
+
+
+def test_slender_elements_are_aggregated_along_strong_couplings(monkeypatch):
+    K, unknowns = beam(6, flat=0.15)
+    few = solved(K, unknowns, 1e-6).iterations
+    monkeypatch.setattr("skfem_stvk.linear.aggregation.STRONG", 0.0)
+    assert few < 0.7 * solved(K, unknowns, 1e-6).iterations
+
+
+def test_rotations_are_needed():
+    K, unknowns = beam(5)
+    shifts = unknowns.near_null_space()[:, :3]
+    without = Unknowns(unknowns.vertex, unknowns.component, K.indptr, K.indices, lambda: shifts)
+    assert solved(K, unknowns).iterations < 0.6 * solved(K, without).iterations
+
+
+@pytest.mark.parametrize("parts", [2, 5])
+def test_in_parts_the_answer_is_the_same_and_takes_no_more_than_twice_the_iterations(parts, monkeypatch):
+    K, unknowns = problem("box")
+    whole = solved(K, unknowns, 1e-10)
+    in_parts(monkeypatch, parts)
+    shared = solved(K, unknowns, 1e-10)
+    assert np.abs(shared.x - whole.x).max() < 1e-7 * np.abs(whole.x).max()
+    assert shared.iterations <= 2 * whole.iterations
+
+
+def test_the_same_solve_twice_gives_the_same_bits():
+    K, unknowns = beam(5)
+    assert (solved(K, unknowns).x == solved(K, unknowns).x).all()
+
+
+def test_a_hierarchy_is_kept_for_a_matrix_like_the_last():
+    K, unknowns = beam(4)
+    analysis = AmgCg().analyse(unknowns)
+    first = analysis.factorise(K, Kind.SYMMETRIC).solve(across(unknowns), 1e-8)
+    kept = analysis.hierarchy
+    again = analysis.factorise(2 * K, Kind.SYMMETRIC).solve(across(unknowns), 1e-8)
+    assert analysis.hierarchy is kept and again.iterations == first.iterations
+    assert np.abs(2 * again.x - first.x).max() < 1e-6 * np.abs(first.x).max()
+
+
+def test_a_hierarchy_is_built_anew_when_iterations_have_grown_and_from_the_modes_of_then():
+    (K, unknowns), other = beam(5), beam(5, young=1e4)[0]
+    asked = []
+
+    def modes():
+        asked.append(1)
+        return unknowns.near_null_space()
+
+    analysis = AmgCg().analyse(Unknowns(unknowns.vertex, unknowns.component, K.indptr, K.indices, modes))
+    analysis.factorise(K, Kind.SYMMETRIC).solve(across(unknowns), 1e-8)
+    kept = analysis.hierarchy
+    slow = analysis.factorise(other, Kind.SYMMETRIC).solve(across(unknowns), 1e-8)
+    assert analysis.hierarchy is kept and len(asked) == 1
+    fast = analysis.factorise(other, Kind.SYMMETRIC).solve(across(unknowns), 1e-8)
+    assert analysis.hierarchy is not kept and len(asked) == 2
+    assert amg.GROWTH * fast.iterations < slow.iterations
+    assert fast.iterations == solved(other, unknowns).iterations
+
+
+def test_aggregates_cover_all_vertices_and_are_neither_tiny_nor_without_end():
+    K, unknowns = beam(6)
+    rows = VertexRows(unknowns)
+    blocks, single = rows.structure.room(), rows.structure.room(np.float32)
+    rows.fill(K.data, 1.0, blocks, single)
+    numbers = aggregates(rows.graph, rows.structure, blocks)
+    sizes = np.bincount(numbers)
+    assert len(numbers) == rows.structure.n and sizes.min() >= 1
+    assert FEWEST <= sizes.mean() <= 40
+
+
+def test_couplings_that_would_leave_tiny_aggregates_do_not_count(monkeypatch):
+    monkeypatch.setattr("skfem_stvk.linear.aggregation.STRONG", 0.4)
+    K, unknowns = beam(6)
+    rows = VertexRows(unknowns)
+    blocks, single = rows.structure.room(), rows.structure.room(np.float32)
+    rows.fill(K.data, 1.0, blocks, single)
+    numbers = aggregates(rows.graph, rows.structure, blocks)
+    assert np.bincount(numbers).mean() >= FEWEST
+
+
+def test_no_level_has_a_zero_on_its_diagonal_though_a_cable_has_one_mode_of_three():
+    K, unknowns = problem("cable")
+    analysis = AmgCg().analyse(unknowns)
+    analysis.factorise(K, Kind.SYMMETRIC)
+    levels = analysis.hierarchy._levels
+    assert len(levels) > 1
+    for level in levels:
+        assert np.diag(level.A.dense(level.blocks)).min() > 0
+
+
+def test_blocks_hold_the_matrix_and_vectors_go_there_and_back():
+    K, unknowns = problem("box")
+    rows = VertexRows(unknowns)
+    blocks, single = rows.structure.room(), rows.structure.room(np.float32)
+    rows.fill(K.data, 0.5, blocks, single)
+    x = np.random.default_rng(0).standard_normal(unknowns.n)
+    product = rows.structure.product(blocks, rows.padded(x), np.empty(3 * rows.structure.n))
+    assert np.abs(rows.taken(product) - K @ x).max() < 1e-13 * np.abs(K @ x).max()
+    assert len(product) > unknowns.n and (rows.taken(rows.padded(x)) == x).all()
+    assert np.abs(single - 0.5 * blocks).max() < 1e-6 * np.abs(blocks).max()
+
+
+def test_modes_are_asked_for_and_looked_at():
+    K, unknowns = problem("box")
+    bare = Unknowns(unknowns.vertex, unknowns.component, K.indptr, K.indices)
+    with pytest.raises(StvkError, match="near_null_space"):
+        AmgCg().analyse(bare)
+    wrong = Unknowns(unknowns.vertex, unknowns.component, K.indptr, K.indices, lambda: np.ones((3, 6)))
+    with pytest.raises(StvkError, match=rf"shape \(3, 6\); expected \({unknowns.n}, r\)"):
+        AmgCg().analyse(wrong).factorise(K, Kind.SYMMETRIC)
+
+
+def test_vertices_without_full_blocks_are_refused():
+    K, unknowns = problem("box")
+    K.data[K.indptr[8]] = 0
+    K.eliminate_zeros()
+    with pytest.raises(StvkError, match="no full block"):
+        AmgCg().analyse(Unknowns(unknowns.vertex, unknowns.component, K.indptr, K.indices, unknowns.near_null_space))

@@ -1,0 +1,60 @@
+"""Solvers by name, by object, and automatically."""
+
+import importlib
+import sys
+
+import pytest
+from linear.problems import problem
+
+from skfem_stvk.errors import StvkError
+from skfem_stvk.linear import SOLVERS, AmgCg, Kind, Pardiso, SuperLU, choose
+from skfem_stvk.linear import choose as function
+
+module = importlib.import_module(function.__module__)
+
+
+@pytest.mark.parametrize("solver", SOLVERS, ids=lambda s: s.name)
+def test_a_name_and_an_object_are_the_same_solver(solver):
+    assert choose(solver.name, 100, Kind.SYMMETRIC) == solver == choose(solver, 100, Kind.SYMMETRIC)
+
+
+@pytest.mark.parametrize("wrong", ["umfpack", 3, None])
+def test_what_is_no_solver_is_refused_with_the_names_of_those_there_are(wrong):
+    with pytest.raises(StvkError, match=r"'auto', 'superlu', 'pardiso', 'amg-cg', 'block-jacobi-cg'"):
+        choose(wrong, 100, Kind.SYMMETRIC)
+
+
+def test_a_solver_that_cannot_take_the_matrix_is_refused_before_any_work():
+    with pytest.raises(StvkError, match="general matrix"):
+        choose("amg-cg", 100, Kind.GENERAL)
+
+
+@pytest.mark.parametrize("installed", [True, False])
+@pytest.mark.parametrize("kind", Kind)
+@pytest.mark.parametrize("n", [10, 3_000, 300_000])
+def test_automatic_choice_takes_the_matrix_and_needs_nothing_that_is_missing(installed, kind, n, monkeypatch):
+    monkeypatch.setattr(module, "pardiso_is_installed", lambda: installed)
+    chosen = choose("auto", n, kind)
+    assert chosen.takes >= kind and (installed or chosen != Pardiso())
+    assert (chosen == AmgCg()) == (n == 300_000 and kind != Kind.GENERAL)
+    assert n > 10 or chosen == SuperLU()
+
+
+@pytest.mark.parametrize(("installed", "solver"), [(True, Pardiso()), (False, AmgCg())])
+def test_of_direct_solvers_only_pardiso_pays_with_10_000_unknowns(installed, solver, monkeypatch):
+    monkeypatch.setattr(module, "pardiso_is_installed", lambda: installed)
+    assert choose("auto", 10_000, Kind.SYMMETRIC) == solver
+
+
+def test_a_missing_pypardiso_names_the_line_that_installs_it(monkeypatch):
+    monkeypatch.setitem(sys.modules, "pypardiso", None)
+    monkeypatch.setitem(sys.modules, "pypardiso.pardiso_wrapper", None)
+    with pytest.raises(ImportError, match=r"pip install 'skfem-stvk\[pardiso\]'"):
+        Pardiso().analyse(problem()[1])
+
+
+def test_pypardiso_is_not_imported_before_it_is_used():
+    import subprocess
+
+    code = "import sys, skfem_stvk.linear; sys.exit('pypardiso' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", code]).returncode == 0

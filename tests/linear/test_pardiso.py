@@ -1,0 +1,56 @@
+"""What PARDISO alone promises."""
+
+import numpy as np
+import pytest
+from linear.problems import indefinite, problem
+
+from skfem_stvk.errors import StvkError
+from skfem_stvk.linear import Kind, Pardiso, Unknowns
+
+pytest.importorskip("pypardiso")
+
+
+def test_the_order_of_elimination_is_worked_out_once(monkeypatch):
+    from pypardiso.pardiso_wrapper import PyPardisoSolver
+
+    phases, call = [], PyPardisoSolver._call_pardiso
+    monkeypatch.setattr(PyPardisoSolver, "_call_pardiso", lambda self, A, b: phases.append(self.phase) or call(self, A, b))
+    K, unknowns = problem()
+    analysis = Pardiso().analyse(unknowns)
+    for _ in range(3):
+        analysis.factorise(K, Kind.SYMMETRIC).solve(np.ones(unknowns.n), 1e-6)
+    assert phases == [11, 22, 33, 22, 33, 22, 33]
+
+
+def test_memory_is_released_with_the_analysis(monkeypatch):
+    from pypardiso.pardiso_wrapper import PyPardisoSolver
+
+    freed, free = [], PyPardisoSolver.free_memory
+    monkeypatch.setattr(PyPardisoSolver, "free_memory", lambda self, everything: freed.append(everything) or free(self, everything))
+    K, unknowns = problem()
+    analysis = Pardiso().analyse(unknowns)
+    factors = analysis.factorise(K, Kind.SYMMETRIC)
+    del analysis
+    assert not freed and factors.negative_pivots == 0
+    del factors
+    assert freed == [True]
+
+
+def test_perturbed_pivots_are_counted_and_their_inertia_is_not_claimed():
+    K, unknowns = problem("sheet")
+    values = np.linalg.eigvalsh(K.toarray())
+    row = np.repeat(np.arange(unknowns.n), np.diff(K.indptr))
+    shifted = K.copy()
+    shifted.data[row == K.indices] -= values[0] * (1 + 1e-15)
+    factors = Pardiso().analyse(unknowns).factorise(shifted, Kind.SYMMETRIC)
+    assert factors.perturbed_pivots == 1 and factors.negative_pivots is None
+    assert Pardiso().analyse(unknowns).factorise(indefinite(K, unknowns), Kind.SYMMETRIC).perturbed_pivots == 0
+
+
+def test_a_missing_diagonal_is_refused_before_pardiso_sees_it():
+    K, unknowns = problem()
+    row = np.repeat(np.arange(unknowns.n), np.diff(K.indptr))
+    K.data[(row == 4) & (K.indices == 4)] = 0
+    K.eliminate_zeros()
+    with pytest.raises(StvkError, match=r"no diagonal entry in 1 row \(4\)"):
+        Pardiso().analyse(Unknowns(unknowns.vertex, unknowns.component, K.indptr, K.indices))

@@ -1,0 +1,48 @@
+"""The command that prints the table of docs/solvers.md, on bodies that take no time."""
+
+import io
+
+import numpy as np
+import pytest
+from rich.console import Console
+
+from skfem_stvk.linear import SOLVERS
+from skfem_stvk.linear.pardiso import pardiso_is_installed
+from validation import solvers
+
+
+@pytest.mark.parametrize("name", [s.name for s in SOLVERS])
+def test_each_solver_is_measured_and_solves(name):
+    if name == "pardiso" and not pardiso_is_installed():
+        pytest.skip("pypardiso is missing")
+    row = solvers.measured("beam 10:1", 2, name)
+    assert row["n"] == solvers.unknowns_of("beam 10:1", 2) == 540
+    assert row["residual"] <= solvers.RTOL and (row["iterations"] > 0) == (name in ("amg-cg", "block-jacobi-cg"))
+
+
+def test_what_would_take_too_long_is_not_started_and_said_so(monkeypatch):
+    monkeypatch.setattr(solvers, "LIMIT", 0)
+    monkeypatch.setattr(solvers, "SOLVERS", SOLVERS[:1])
+    rows = list(solvers.measurements("cube", (2, 3)))
+    assert "residual" in rows[0] and rows[1]["skipped"] > 0
+    console = Console(width=132, record=True, file=io.StringIO())
+    console.print(solvers.table_of("cube", rows))
+    assert "not run: some" in console.export_text()
+
+
+@pytest.mark.parametrize("variant", solvers.VARIANTS)
+def test_every_variant_of_multigrid_solves(variant, monkeypatch):
+    for target, name, value in solvers.VARIANTS[variant]:
+        monkeypatch.setattr(target, name, value)
+    K, unknowns = solvers.problem("beam 10:1", 3)
+    row = solvers.times_of(solvers.AmgCg(), K, unknowns)
+    assert row["residual"] <= solvers.RTOL and 5 < row["iterations"] < 120
+
+
+def test_the_operator_is_the_matrix():
+    operator, unknowns = solvers.problem("cube", 3, matrix_free=True)
+    K, _ = solvers.problem("cube", 3)
+    v = np.cos(np.arange(unknowns.n))
+    assert np.abs(operator.matvec(v) - K @ v).max() < 1e-9 * np.abs(K @ v).max()
+    d = operator.diagonal_blocks()[unknowns.vertex, unknowns.component, unknowns.component]
+    assert np.abs(d - K.diagonal()).max() < 1e-9 * np.abs(d).max()

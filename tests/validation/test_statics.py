@@ -1,0 +1,224 @@
+"""The studies of static solves, in their quick versions; and that they see what is wrong."""
+
+import numpy as np
+import pytest
+
+from skfem_stvk import StVK
+from validation import statics
+from validation.statics import (
+    cantilever,
+    elastica,
+    homogeneous,
+    kinds,
+    large,
+    manufactured,
+    speed,
+    turek_hron,
+    with_felupe,
+    with_scikit_fem,
+    work_precision,
+)
+from validation.statics.closed_states import STATES
+from validation.statics.linear_solvers import superlu
+from validation.statics.orders import extrapolated
+from validation.statics.studies import run
+from validation.statics.study import Study
+
+FIVE = np.arange(1, 3) / 5
+
+
+def lame(k, young=2.0, poisson=0.3):
+    return (young, 0.0) if k == 1 else (young * poisson / ((1 + poisson) * (1 - 2 * poisson)), young / (2 * (1 + poisson)))
+
+
+@pytest.mark.parametrize("t", [0.3, 1.0])
+@pytest.mark.parametrize(("state", "k"), [(name, k) for name, (_, dimensions) in STATES.items() for k in dimensions])
+def test_closed_forms_are_those_of_the_law(state, k, t):
+    lam, mu = lame(k)
+    F, P = STATES[state][0](k, lam, mu, t)
+    E = (F.T @ F - np.eye(k)) / 2
+    assert np.abs(P).max() > 0.01
+    np.testing.assert_allclose(F @ (lam * np.trace(E) * np.eye(k) + 2 * mu * E), P, atol=1e-14)
+
+
+def test_body_force_is_minus_the_divergence_of_the_nominal_stress():
+    x, h = np.random.default_rng(0).random((3, 50)), 1e-5
+    steps = h * np.eye(3)[:, :, None]
+    by_differences = -sum(
+        (manufactured.nominal_stress(x + steps[J], 0.7) - manufactured.nominal_stress(x - steps[J], 0.7))[:, J] / (2 * h)
+        for J in range(3)
+    )
+    exact = manufactured.body_force(x, 0.7)
+    assert np.abs(by_differences - exact).max() < 1e-8 * np.abs(exact).max()
+
+
+def test_gradient_is_that_of_the_displacement():
+    x, h = np.random.default_rng(0).random((3, 50)), 1e-6
+    for J, step in enumerate(h * np.eye(3)[:, :, None]):
+        by_differences = (manufactured.displacement(x + step, 0.7) - manufactured.displacement(x - step, 0.7)) / (2 * h)
+        np.testing.assert_allclose(by_differences, manufactured.gradient(x, 0.7)[:, J], atol=1e-9)
+
+
+@pytest.mark.parametrize("case", elastica.CASES, ids=lambda case: f"{case.kind} {case.load:g}")
+def test_the_elastica_is_the_published_one(case):
+    np.testing.assert_allclose(elastica.elastica_tip(case.kind, case.load), case.table, atol=6e-6)
+
+
+def test_a_short_elastica_is_eulers_beam():
+    np.testing.assert_allclose(elastica.elastica_tip("tip", 1e-3)[0], 1e-3 / 3, rtol=1e-5)
+    np.testing.assert_allclose(elastica.elastica_tip("uniform", 1e-3)[0], 1e-3 / 8, rtol=1e-5)
+
+
+def test_the_flag_is_clamped_at_the_arc():
+    mesh = turek_hron.strip(10, 4, turek_hron.flag)
+    clamp = mesh.p[:, :5]
+    np.testing.assert_allclose(np.hypot(*(clamp - 0.2)), 0.05, rtol=1e-14)
+    np.testing.assert_allclose(clamp[:, 0], (0.2489898, 0.19), atol=1e-7)
+    assert np.ptp(mesh.p[0, -5:]) < 1e-15 and mesh.p[0].max() == pytest.approx(0.6)
+
+
+def test_extrapolation_takes_two_orders_out_of_three_meshes():
+    assert extrapolated([1 + 2 * h**2 + 3 * h**4 for h in (1, 0.5, 0.25)]) == pytest.approx(1.0, abs=1e-14)
+
+
+def test_homogeneous_states_come_out():
+    study = homogeneous.homogeneous(quick=True)
+    assert study.passed, study.failures
+    assert len(study.rows) == 5 + 3 * 4 + 2
+
+
+def test_a_wrong_modulus_is_seen(monkeypatch):
+    monkeypatch.setattr(kinds.Kind, "term", lambda self: StVK(young=kinds.YOUNG, poisson=kinds.POISSON + 1e-8, **self.options))
+    kind = kinds.KINDS["triangles, plane strain"]
+    errors = homogeneous.by_tractions(kind, STATES["uniaxial strain"][0], 3)
+    assert max(errors) > homogeneous.LIMIT
+
+
+def test_turek_and_hron_is_met():
+    study = turek_hron.turek_hron(quick=True)
+    assert study.passed, study.failures
+
+
+def test_a_straight_clamp_is_seen(monkeypatch):
+    monkeypatch.setattr(turek_hron, "flag", lambda a, b: (0.25 + a * 0.35, 0.19 + 0.02 * b))
+    monkeypatch.setattr(turek_hron, "CASES", turek_hron.CASES[:1])
+    study = turek_hron.turek_hron(quick=True)
+    assert not study.passed and "extrapolated to" in study.failures[0]
+
+
+def test_the_manufactured_solution_converges():
+    study = manufactured.manufactured(quick=True)
+    assert study.passed, study.failures
+
+
+def test_a_wrong_body_force_is_seen(monkeypatch):
+    right = manufactured.body_force
+    monkeypatch.setattr(manufactured, "body_force", lambda x, t: 1.3 * right(x, t))
+    monkeypatch.setattr(manufactured, "CELLS", (4, 6, 8))
+    assert not manufactured.manufactured(quick=True).passed
+
+
+def test_slender_cantilevers_are_elasticas():
+    study = elastica.elastica(quick=True)
+    assert study.passed, study.failures
+
+
+def test_all_programs_find_the_same_cantilever():
+    pytest.importorskip("felupe")
+    mesh = cantilever.cantilever(2)
+    runs = [with_scikit_fem.solve(mesh, "P1", superlu, FIVE), with_felupe.solve(mesh, superlu, FIVE)]
+    np.testing.assert_allclose(runs[0].tip, runs[1].tip, rtol=1e-7)
+    assert runs[0].iterations == runs[1].iterations > 4
+
+
+def test_work_and_precision_is_drawn(tmp_path):
+    pytest.importorskip("pypardiso")
+    study = work_precision.work_precision(quick=True, folder=tmp_path)
+    assert study.passed, study.failures
+    assert study.pictures[0].stat().st_size > 10_000
+
+
+def test_speed_is_compared_on_the_same_answer():
+    pytest.importorskip("pypardiso")
+    pytest.importorskip("felupe")
+    study = speed.speed(quick=True)
+    assert study.passed, study.failures
+    assert {row[0] for row in study.rows} == {"edges P1", "scikit-fem P1", "FElupe P1"}
+
+
+def test_the_command_says_what_does_not_hold(monkeypatch, capsys):
+    broken = Study("a study", "1 = 2", ("number",), (("1",),), ("1 is not 2",))
+    monkeypatch.setattr("validation.statics.studies.elastica", lambda quick: broken)
+    assert run(["elastica"], quick=True, out=None) == 1
+    assert "DOES NOT HOLD: a study" in capsys.readouterr().out
+
+
+def test_a_study_without_rows_does_not_pass():
+    assert not Study("a study", "nothing", ("number",), ()).passed
+
+
+def test_the_command_prints_the_studies_that_are_asked_for(capsys):
+    assert statics.main(quick=True, only=["homogeneous"]) == 0
+    out = capsys.readouterr().out
+    assert "Homogeneous" in out and "all 1 claims hold" in out and "Turek" not in out
+
+
+def a_run(name, seconds, tip=(0.0, 0.0, -1.0), ndofs=50_000):
+    return cantilever.Run(name, ndofs, np.array(tip), 20, {"assemble": 0.04 * seconds, "solve": 0.96 * seconds})
+
+
+def entries(*others, seconds=1.0):
+    """Ours, and others as (program, solver, seconds)."""
+    ours = [speed.Entry(a_run("edges P1", seconds), "auto: amg-cg"), speed.Entry(a_run("edges P1", seconds), "pardiso")]
+    return ours + [speed.Entry(a_run(name, time), solver) for name, solver, time in others]
+
+
+def test_speed_is_claimed_against_each_solver_by_its_own_factor():
+    fast = entries(("FElupe P1", "SuperLU", 10.5), ("scikit-fem P1", "PARDISO", 1.1))
+    assert not list(speed._failures(fast))
+    slow = entries(("FElupe P1", "SuperLU", 9.5), ("scikit-fem P1", "PARDISO", 0.9))
+    assert len(list(speed._failures(slow))) == 2
+
+
+def test_another_answer_is_no_speed():
+    (*_, last) = found = entries(("FElupe P1", "SuperLU", 20.0))
+    found[-1] = last._replace(run=last.run._replace(tip=np.array([0, 0, -1.0 - 1e-5])))
+    assert "tip" in next(speed._failures(found))
+
+
+def test_assembly_that_takes_long_is_named():
+    found = entries()
+    found[1] = found[1]._replace(run=found[1].run._replace(seconds={"assemble": 0.06, "solve": 0.94}))
+    assert list(speed._failures(found)) == ["50000 unknowns, edges P1 with pardiso: assembly takes 6.0%"]
+
+
+def test_a_long_run_is_told_from_two_iterations():
+    def solve(most=1000):
+        assert most < 3
+        return cantilever.Run("FElupe P1", 10, np.zeros(3), most, {"other": 7.0, "solve": 50.0 * most})
+
+    entry = speed._patiently(solve, "SuperLU", 20)
+    assert entry.estimated and entry.run.seconds == {"other": 7.0, "solve": 1000.0}
+    assert "~1007.00" in speed._row(entry, entry) and speed._row(entry, entry)[-1] == ""
+
+
+def test_work_and_precision_are_read_between_meshes():
+    points = [work_precision.Point(n, a_run("edges P1", time), error) for n, time, error in ((2, 1.0, 0.1), (4, 100.0, 0.001))]
+    assert work_precision.seconds_to_reach(0.01, points) == pytest.approx(10.0)
+    assert np.isnan(work_precision.seconds_to_reach(0.0001, points))
+
+
+def test_slower_or_other_linear_elements_are_named():
+    def points(name, time, tip=-1.0):
+        return [work_precision.Point(2, a_run(name, time, (0, 0, tip)), 0.1)]
+
+    theirs = points("scikit-fem P1", 1.0)
+    failures = list(work_precision._failures({"edges P1": points("edges P1", 1.1, -1.1), "scikit-fem P1": theirs}))
+    assert len(failures) == 2
+    assert not list(work_precision._failures({"edges P1": points("edges P1", 0.9), "scikit-fem P1": theirs}))
+
+
+def test_a_large_body_is_solved_by_amg():
+    study = large.large(quick=True)
+    assert study.passed, study.failures
+    assert len(study.rows) == 2

@@ -1,0 +1,294 @@
+"""Time and memory of the linear solvers from 5 000 to 500 000 unknowns, and what was tried for multigrid."""
+
+from __future__ import annotations
+
+import gc
+import json
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack
+from pathlib import Path
+from time import perf_counter
+from typing import Any
+from unittest.mock import patch
+
+import numpy as np
+import pyamg
+import skfem
+from numpy.typing import NDArray
+from rich.console import Console
+from rich.table import Table
+
+from skfem_stvk import StVK, System
+from skfem_stvk.linear import SOLVERS, AmgCg, Kind, LinearSolver, Unknowns, aggregation, amg, hierarchy, level
+from skfem_stvk.linear.pardiso import pardiso_is_installed
+
+#: Elements across a cube and across a beam ten times as long as thick: about 5, 15, 50, 150, 500 thousand unknowns, and a million.
+FULL = {"cube": (11, 16, 25, 36, 54), "beam 10:1": (5, 7, 11, 16, 25, 32)}
+QUICK = {"cube": (5, 7), "beam 10:1": (2, 3)}
+RTOL = 1e-8
+LIMIT = 120  # [s]; what would take longer by the square of the size is not started
+
+
+def main(quick: bool = False) -> int:
+    """The linear solvers: time and memory by number of unknowns, on a cube and a slender beam; what was tried for multigrid."""
+    console = Console(highlight=False, width=132)
+    ok = True
+    for shape, sizes in (QUICK if quick else FULL).items():
+        rows = list(measurements(shape, sizes))
+        ok &= all(row.get("residual", 0) <= RTOL for row in rows)
+        console.print(table_of(shape, rows))
+        console.print()
+    console.print(variants(0.3 if quick else 1))
+    return 0 if ok else 1
+
+
+def measurements(shape: str, sizes: tuple[int, ...]) -> Iterator[dict[str, Any]]:
+    """Each solver at each size in a process of its own, so that memory is its own."""
+    for solver in SOLVERS:
+        if solver.name == "pardiso" and not pardiso_is_installed():
+            continue
+        before: tuple[int, float] | None = None
+        for size in sizes:
+            n = unknowns_of(shape, size)
+            expected = 0.0 if before is None else before[1] * (n / before[0]) ** (1.4 if solver.iterative else 2)
+            if expected > LIMIT:
+                yield {"solver": solver.name, "n": n, "skipped": expected}
+                continue
+            run = subprocess.run(
+                [sys.executable, "-m", "validation.solvers", shape, str(size), solver.name], capture_output=True, text=True
+            )
+            if run.returncode:
+                raise RuntimeError(f"{solver.name}, {shape} {size}: {run.stderr[-2000:]}")
+            row = json.loads(run.stdout.splitlines()[-1])
+            before = n, row["first"] + row["solve"]
+            yield row
+
+
+def measured(shape: str, size: int, name: str) -> dict[str, Any]:
+    """Seconds and bytes of the parts of a solve; the factorisation also when all that can be kept is kept."""
+    [solver] = [solver for solver in SOLVERS if solver.name == name]
+    times_of(solver, *problem(shape, 6, solver.matrix_free))  # kernels are compiled, libraries loaded
+    K, unknowns = problem(shape, size, solver.matrix_free)
+    gc.collect()
+    start = reset_peak()
+    row = times_of(solver, K, unknowns)
+    return {"solver": name, "n": unknowns.n, "peak": peak() - start, **row}
+
+
+def times_of(solver: LinearSolver, K: Any, unknowns: Unknowns) -> dict[str, Any]:
+    """Gravity across the body, solved with factors from the second factorisation."""
+    b = np.where(unknowns.component == 2, -1.0, 0.0)
+    clock = [perf_counter()]
+    analysis = solver.analyse(unknowns)
+    clock.append(perf_counter())
+    analysis.factorise(K, Kind.SYMMETRIC)
+    clock.append(perf_counter())
+    factors = analysis.factorise(K, Kind.SYMMETRIC)
+    clock.append(perf_counter())
+    solution = factors.solve(b, RTOL)
+    clock.append(perf_counter())
+    analyse, first, again, solve = np.diff(clock)
+    return {
+        "analyse": analyse,
+        "first": first,
+        "again": again,
+        "solve": solve,
+        "iterations": solution.iterations,
+        "residual": solution.residual,
+    }
+
+
+def box(shape: str, size: int) -> skfem.MeshTet:
+    """A cube, or a beam ten times as long, with cubic cells."""
+    long = 1 if shape == "cube" else 10
+    across = np.linspace(0, 1, size + 1)
+    return skfem.MeshTet.init_tensor(np.linspace(0, long, long * size + 1), across, across)
+
+
+def unknowns_of(shape: str, size: int) -> int:
+    """Three for each vertex but those of the face that is held."""
+    return 3 * (size if shape == "cube" else 10 * size) * (size + 1) ** 2
+
+
+def problem(shape: str, size: int, matrix_free: bool = False) -> tuple[Any, Unknowns]:
+    """K at rest, as a matrix or as an operator, of a body held at x = 0, and its unknowns."""
+    return of_mesh(box(shape, size), matrix_free)
+
+
+def of_mesh(mesh: Any, matrix_free: bool = False, young: Any = 1e5, poisson: float = 0.3) -> tuple[Any, Unknowns]:
+    """The same of any mesh."""
+    body = System(mesh, StVK(young=young, poisson=poisson))
+    wall = np.flatnonzero(body.mesh.p[0] == 0)
+    held = body.free_dofs((3 * wall[:, None] + np.arange(3)).ravel())
+    K = body.tangent(np.zeros(body.ndofs))
+    modes = rigid_motions(body.mesh.p)[held.free]
+    vertex, component = np.divmod(held.free, 3)
+    if matrix_free:
+        return FreeOperator(body, held, K), Unknowns(vertex, component)
+    K = held.matrix(K)
+    return K, Unknowns(vertex, component, K.indptr, K.indices, lambda: modes)
+
+
+class FreeOperator:
+    """K of the free degrees of freedom as an operator."""
+
+    def __init__(self, body: System, held: Any, K: Any) -> None:
+        self._operator, self._held = body.linear_operator(np.zeros(body.ndofs)), held
+        blocks = K.tobsr((3, 3))
+        row = np.repeat(np.arange(body.mesh.nv), np.diff(blocks.indptr))
+        self._blocks = blocks.data[row == blocks.indices]
+
+    def matvec(self, v: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Held ones do not move."""
+        return np.asarray(self._operator.matvec(self._held.vector(v))[self._held.free])
+
+    def diagonal_blocks(self) -> NDArray[np.float64]:
+        """(nv, 3, 3)."""
+        return self._blocks
+
+
+def rigid_motions(p: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(3 nv, 6) translations, and rotations about the middle."""
+    x = (p - p.mean(axis=1, keepdims=True)).T / np.ptp(p)
+    turns = [np.cross(axis, x) for axis in np.eye(3)]
+    return np.stack([*(np.tile(axis, (len(x), 1)) for axis in np.eye(3)), *turns], axis=2).reshape(-1, 6)
+
+
+def reset_peak() -> int:
+    """Bytes in memory now; from here on the peak counts. Linux only: elsewhere the peak of the whole process."""
+    try:
+        Path("/proc/self/clear_refs").write_text("5")
+    except OSError:
+        return 0
+    return _status("VmRSS")
+
+
+def peak() -> int:
+    """Bytes in memory at most."""
+    try:
+        return _status("VmHWM")
+    except OSError:
+        import resource
+
+        return 1024 * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+
+
+def _status(name: str) -> int:
+    lines = Path("/proc/self/status").read_text().splitlines()
+    return 1024 * int(next(line.split()[1] for line in lines if line.startswith(name)))
+
+
+def table_of(shape: str, rows: list[dict[str, Any]]) -> Table:
+    """A line for each solver and size."""
+    table = Table(title=f"{shape}, load across, to {RTOL:.0e}; seconds", title_justify="left", box=None, header_style="bold")
+    for heading in ("solver", "unknowns", "analyse", "factorise", "again", "solve", "again + solve", "iterations", "memory"):
+        table.add_column(heading, justify="left" if heading == "solver" else "right")
+    for row in rows:
+        if "skipped" in row:
+            table.add_row(row["solver"], f"{row['n']}", f"not run: some {row['skipped']:.0f} s")
+            continue
+        seconds = [
+            f"{value:.3f}" for value in (row["analyse"], row["first"], row["again"], row["solve"], row["again"] + row["solve"])
+        ]
+        table.add_row(row["solver"], f"{row['n']}", *seconds, f"{row['iterations'] or ''}", f"{row['peak'] / 1e6:.0f} MB")
+    return table
+
+
+def chebyshev(self: level.Level, b: NDArray[Any]) -> NDArray[Any]:
+    """Second degree in `D^-1 A`, on the upper three quarters of its spectrum, of the residual b."""
+    if not hasattr(self, "rho"):
+        self.rho = self._spectral_radius()  # type: ignore[attr-defined]
+    top, D = self.rho, self._inverse.reshape(-1, 3, 3)  # type: ignore[attr-defined]
+    middle, half = 0.625 * top, 0.375 * top
+    apply = lambda r: np.einsum("nij,nj->ni", D, r.reshape(-1, 3)).ravel()  # noqa: E731
+    step = apply(b) / middle
+    x = step.copy()
+    r = b - self.A.product(self.single, x, np.empty_like(x))
+    rho = 1 / (2 * middle / half - half / middle)
+    x += rho * half / middle * step + 2 * rho / half * apply(r)
+    return x.astype(b.dtype)
+
+
+def chebyshev_forward(self: level.Level, b: NDArray[Any]) -> NDArray[Any]:
+    """In place of a sweep."""
+    self.x[:] = chebyshev(self, b)
+    return np.asarray(b - self.A.product(self.single, self.x, self._left))
+
+
+def chebyshev_backward(self: level.Level, b: NDArray[Any]) -> NDArray[Any]:
+    """In place of a sweep."""
+    self.x += chebyshev(self, b - self.A.product(self.single, self.x, self._left))
+    return self.x
+
+
+#: What is patched for each variant of multigrid.
+VARIANTS: dict[str, list[tuple[Any, str, Any]]] = {
+    "as it is": [],
+    "V-cycle": [(hierarchy.Hierarchy, "_twice", hierarchy.Hierarchy._cycle)],
+    "double precision": [(module, "SINGLE", np.float64) for module in (level, hierarchy, amg)],
+    "all couplings strong": [(aggregation, "STRONG", 0.0)],
+    "Chebyshev of degree 2": [(level.Level, "forward", chebyshev_forward), (level.Level, "backward", chebyshev_backward)],
+    "translations only": [(amg, "_modes", lambda unknowns: unknowns.near_null_space()[:, :3])],
+}
+
+
+def bodies(part: float) -> dict[str, Callable[[], tuple[Any, Unknowns]]]:
+    """Of about 50 000 unknowns, or less."""
+
+    def halves() -> tuple[Any, Unknowns]:
+        mesh = box("cube", round(25 * part))
+        return of_mesh(mesh, young=np.where(mesh.p[1][mesh.t].mean(axis=0) > 0.5, 1e9, 1e5))
+
+    def plate() -> tuple[Any, Unknowns]:
+        n = round(60 * part)
+        return of_mesh(skfem.MeshTet.init_tensor(np.linspace(0, 1, n + 1), np.linspace(0, 1, n + 1), np.linspace(0, 0.02, 4)))
+
+    return {
+        "cube": lambda: problem("cube", round(25 * part)),
+        "beam 10:1": lambda: problem("beam 10:1", round(11 * part)),
+        "soft and stiff 1:10^4": halves,
+        "poisson 0.45": lambda: of_mesh(box("cube", round(25 * part)), poisson=0.45),
+        "plate, elements 1:2.5": plate,
+    }
+
+
+def variants(part: float) -> Table:
+    """Iterations, and time of a second factorisation and a solve, of each variant on each body."""
+    table = Table(
+        title="amg-cg: iterations, seconds to factorise again and to solve", title_justify="left", box=None, header_style="bold"
+    )
+    problems = {name: make() for name, make in bodies(part).items()}
+    table.add_column("variant")
+    for name, (_, unknowns) in problems.items():
+        table.add_column(f"{name}, {unknowns.n}", justify="right")
+    for name, patches in VARIANTS.items():
+        with ExitStack() as stack:
+            for target, attribute, value in patches:
+                stack.enter_context(patch.object(target, attribute, value))
+            cells = [cell(times_of(AmgCg(), *problem)) for problem in (problems["cube"], *problems.values())][1:]
+        table.add_row(name, *cells)
+    table.add_row("pyamg's own", *(cell(pyamg_times(*problem)) for problem in problems.values()))
+    return table
+
+
+def cell(row: dict[str, Any]) -> str:
+    """Of the table."""
+    return f"{row['iterations']} {row['again']:6.2f} {row['solve']:6.2f}"
+
+
+def pyamg_times(K: Any, unknowns: Unknowns) -> dict[str, Any]:
+    """pyamg with the same near-null space, Gauss-Seidel and its own conjugate gradients; each time its whole setup."""
+    begin = perf_counter()
+    sweeps = {"presmoother": ("gauss_seidel", {"sweep": "forward"}), "postsmoother": ("gauss_seidel", {"sweep": "backward"})}
+    assert unknowns.near_null_space is not None
+    solver = pyamg.smoothed_aggregation_solver(K.tobsr((3, 3)), B=unknowns.near_null_space(), max_coarse=300, **sweeps)
+    middle, residuals = perf_counter(), []  # type: tuple[float, list[float]]
+    b = np.where(unknowns.component == 2, -1.0, 0.0)
+    solver.solve(b, tol=RTOL, accel="cg", maxiter=1000, residuals=residuals)
+    return {"iterations": len(residuals) - 1, "again": middle - begin, "solve": perf_counter() - middle}
+
+
+if __name__ == "__main__":
+    print(json.dumps(measured(sys.argv[1], int(sys.argv[2]), sys.argv[3])))

@@ -1,0 +1,22 @@
+"""The linear solvers that programs are run with: SciPy's own, and PARDISO as its wrapper offers it."""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import Any
+
+from scipy.sparse.linalg import spsolve
+
+from .cantilever import Array
+
+
+def superlu(K: Any, b: Array) -> Array:
+    """SciPy's default, and with it scikit-fem's and FElupe's."""
+    x: Array = spsolve(K, b)
+    return x
+
+
+def pardiso(K: Any, b: Array) -> Array:
+    """`pypardiso.spsolve`, which takes every matrix for an unsymmetric one."""
+    x: Array = import_module("pypardiso").spsolve(K.tocsr(), b)
+    return x

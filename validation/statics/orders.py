@@ -1,0 +1,29 @@
+"""Orders of convergence, and what a sequence of meshes tends to."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+
+def fitted_order(sizes: ArrayLike, errors: ArrayLike) -> float:
+    """Slope of the straight line through `log(errors)` over `log(sizes)`, by least squares.
+
+    >>> round(fitted_order([1, 1 / 2, 1 / 4], [3, 3 / 4, 3 / 16]), 12)
+    2.0
+    """
+    return float(np.polyfit(np.log(np.asarray(sizes)), np.log(np.asarray(errors)), 1)[0])
+
+
+def extrapolated(values: ArrayLike) -> float:
+    """Richardson's limit of values on meshes that are halved each time, repeated: errors in `h^2, h^4, ...` are taken out one by one.
+
+    >>> extrapolated([5 + 3, 5 + 3 / 4, 5 + 3 / 16])
+    5.0
+    >>> round(extrapolated([5 + 3 * h**2 - 7 * h**4 for h in (1, 1 / 2, 1 / 4)]), 12)
+    5.0
+    """
+    v, power = np.asarray(values, dtype=np.float64), 4
+    while len(v) > 1:
+        v, power = v[1:] + (v[1:] - v[:-1]) / (power - 1), 4 * power
+    return float(v[0])
