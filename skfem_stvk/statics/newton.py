@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import StateError
-from ..linear import Outcome
+from ..linear import Outcome, Solution
 from .equilibrium import Equilibrium, Residual, Tangent
 from .line_search import quartic_minimum, root_of_slope
 
@@ -117,7 +117,7 @@ def _direction(problem: Equilibrium, u: Array, t: float, residual: Residual, rto
         solution = problem.solve(factors, -residual.free, rtol)
         if tangent is Tangent.EXACT:
             record.negative_pivots = factors.negative_pivots
-        if solution.outcome is not Outcome.SOLVED:
+        if not usable(solution):
             record.detail = solution.outcome.value
             continue
         if solution.x @ residual.free < 0:
@@ -127,6 +127,12 @@ def _direction(problem: Equilibrium, u: Array, t: float, residual: Residual, rto
             return problem.free.vector(solution.x)
         record.detail = "the direction is not one of descent"
     return None
+
+
+def usable(solution: Solution) -> bool:
+    """Whether Newton's method can go on with it: with less precision than asked for, too, as long as most of the residual is answered."""
+    imprecise = solution.outcome in (Outcome.INACCURATE, Outcome.OUT_OF_ITERATIONS)
+    return solution.outcome is Outcome.SOLVED or (imprecise and solution.residual <= LOOSEST)
 
 
 def _moved(

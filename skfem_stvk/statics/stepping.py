@@ -9,10 +9,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..linear import Outcome
 from .equilibrium import Equilibrium, Tangent
 from .history import Attempt, Step
-from .newton import End, Iterations, newton
+from .newton import End, Iterations, newton, usable
 from .status import Status
 
 Array = NDArray[Any]
@@ -116,7 +115,7 @@ class _Walk:
         for tangent in Tangent:
             factors = problem.factorise(self._u, t, tangent)
             solution = problem.solve(factors, -problem.force_of(move), 1e-3)
-            if solution.outcome is Outcome.SOLVED:
+            if usable(solution):
                 move = move + problem.free.vector(solution.x)
                 break
         return self._u + move
