@@ -170,6 +170,11 @@ def gather(x: Reals, order: Ids, out: Reals) -> None:
     out.reshape(-1, 3)[: len(order), : x.shape[1]] = x[order]
 
 
+def pick(begin: int, end: int, places: Ids, values: Reals, out: Reals) -> None:
+    """Values at their places."""
+    out[begin:end] = values[places[begin:end]]
+
+
 def fold(values: Reals, size: int, targets: Ids, width: int) -> None:
     """Add the slots behind the first `size` to their targets."""
     slots = values.reshape(-1, width)

@@ -64,6 +64,8 @@ class AmgAnalysis:
         if unknowns.near_null_space is None:
             raise StvkError("The unknowns have no near_null_space; multigrid expects a function that gives the rigid motions.")
         self.rows = VertexRows(unknowns)
+        assert unknowns.indptr is not None
+        self._diagonal = np.flatnonzero(np.repeat(np.arange(unknowns.n), np.diff(unknowns.indptr)) == unknowns.indices)
         structure = self.rows.structure
         self.finest = Level(self.rows.graph, structure, self.rows.diagonal, structure.room(), structure.room(SINGLE))
         self.parts = parts_of(len(self.finest.x), 0.1, threads())
@@ -75,7 +77,7 @@ class AmgAnalysis:
         check_kind(self._solver, kind)
         values = checked_values(K, self._unknowns)
         number = self._newest.next()
-        size = float(np.abs(K.diagonal()).mean())
+        size = float(np.abs(values[self._diagonal]).mean())
         scale = 1 / size if size > 0 else 1.0
         self.rows.fill(values, scale, self.finest.blocks, self.finest.single)
         if self.hierarchy is None or self._pace.is_slow:

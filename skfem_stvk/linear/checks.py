@@ -56,7 +56,7 @@ def checked_values(K: Any, unknowns: Unknowns) -> NDArray[np.float64]:
             f"K has {K.nnz} values in another structure than was analysed, of {len(unknowns.indices)} values. Keep its zeros, or analyse anew."
         )
     values = np.ascontiguousarray(K.data, dtype=np.float64)
-    if not np.isfinite(values @ np.ones(len(values))) and len(bad := np.flatnonzero(~np.isfinite(values))):
+    if not np.isfinite(values.sum()) and len(bad := np.flatnonzero(~np.isfinite(values))):
         raise StateError(f"K is not finite in {name_ids(bad, 'value')}: did the step before diverge?")
     return values
 

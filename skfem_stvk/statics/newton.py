@@ -17,7 +17,8 @@ from .line_search import quartic_minimum, root_of_slope
 
 Array = NDArray[Any]
 
-MOST_ITERATIONS = 40
+#: With the line search, and with full steps.
+MOST_ITERATIONS, MOST_FULL = 40, 12
 #: The loosest linear solve of an iterative solver (Eisenstat and Walker 1996, choice 2).
 LOOSEST = 0.1
 
@@ -44,11 +45,12 @@ class Iterations:
 
     Attributes
     ----------
-    residuals : relative to loads and reactions, one more than iterations.
+    residuals : relative to loads and reactions, where each iteration began and at the end.
     lengths : factors of the line search.
     tangents : "exact", "clamped" or "shifted".
     linear : iterations of the linear solver.
     negative_pivots : of the last exact tangent; None if the solver does not know.
+    restarted : after how many iterations full steps were given up and it began anew with the line search; None if it did not.
     detail : what a failure says of itself.
     """
 
@@ -57,6 +59,7 @@ class Iterations:
     tangents: list[str] = field(default_factory=list)
     linear: list[int] = field(default_factory=list)
     negative_pivots: int | None = None
+    restarted: int | None = None
     detail: str = ""
 
     def __len__(self) -> int:
@@ -64,43 +67,70 @@ class Iterations:
 
 
 def newton(
-    problem: Equilibrium, u: Array, t: float, rtol: float, most_inside_out: int, watch: Callable[[Iterations], None]
+    problem: Equilibrium,
+    u: Array,
+    t: float,
+    rtol: float,
+    most_inside_out: int,
+    watch: Callable[[Iterations], None],
+    full_first: bool,
 ) -> tuple[Array, End, Iterations]:
     """Equilibrium at load factor `t` from `u` (ndofs,), whose held degrees of freedom are where they belong.
 
-    The exact tangent, where it gives a direction of descent; otherwise one that is positive definite (`Tangent`). The line search is exact where
-    loads have a potential: W is a quartic along any line. Steps are cut back where more than `most_inside_out` elements would be inside out.
+    With `full_first`, full steps of the exact tangent are tried: slender bodies bend that way in a third of the iterations, for a full step
+    stretches them first and a line search does not let it. Unless they arrive, at a stable state and with no more than `most_inside_out`
+    elements inside out, it begins anew with the line search, which is exact where loads have a potential (W is a quartic along any line), a
+    tangent that is positive definite where the exact one gives no descent, and steps cut back where elements would turn inside out.
     """
     record = Iterations()
-    forcing, before = LOOSEST, None
+    if full_first:
+        found, end = _iterate(problem, u, t, rtol, most_inside_out, record, watch, search=False)
+        if end.converged and not record.negative_pivots:
+            return found, end, record
+        record.restarted = len(record)
+    found, end = _iterate(problem, u, t, rtol, most_inside_out, record, watch, search=True)
+    return found, end, record
+
+
+def _iterate(
+    problem: Equilibrium,
+    u: Array,
+    t: float,
+    rtol: float,
+    most_inside_out: int,
+    record: Iterations,
+    watch: Callable[[Iterations], None],
+    search: bool,
+) -> tuple[Array, End]:
+    """Newton's iterations, with the line search or with full steps."""
+    forcing, before, most = LOOSEST, None, len(record) + (MOST_ITERATIONS if search else MOST_FULL)
     try:
         residual = problem.residual(u, t)
-        for _ in range(MOST_ITERATIONS + 1):
+        while True:
             record.residuals.append(residual.relative)
             watch(record)
             if residual.size <= rtol * residual.scale:
-                return u, End.CONVERGED, record
+                return u, End.CONVERGED
             # the estimate is an upper one: what rounding leaves has also ceased to fall
             ceased = before is None or residual.size > before.size / 2
             if ceased and residual.size <= problem.round_off(u, t):
-                return u, End.AT_ROUND_OFF, record
-            if len(record) == MOST_ITERATIONS:
+                return u, End.AT_ROUND_OFF
+            if len(record) == most:
                 record.detail = (
                     "" if record.tangents[-1] == "exact" else "K is not positive definite there: the body gives way or buckles"
                 )
-                break
-            v = _direction(problem, u, t, residual, max(forcing, 0.3 * rtol / residual.relative), record)
+                return u, End.OUT_OF_ITERATIONS
+            v = _direction(problem, u, t, residual, max(forcing, 0.3 * rtol / residual.relative), record, search)
             if v is None:
-                return u, End.NO_DESCENT, record
-            moved = _moved(problem, u, v, t, residual, most_inside_out, record)
+                return u, End.NO_DESCENT
+            moved = _moved(problem, u, v, t, residual, most_inside_out, record, search)
             if isinstance(moved, End):
-                return u, moved, record
+                return u, moved
             u, before = moved, residual
             residual = problem.residual(u, t)
             forcing = _forcing(forcing, residual, before)
     except StateError:
-        return u, End.OVERFLOW, record
-    return u, End.OUT_OF_ITERATIONS, record
+        return u, End.OVERFLOW
 
 
 def _forcing(last: float, now: Residual, before: Residual) -> float:
@@ -110,9 +140,11 @@ def _forcing(last: float, now: Residual, before: Residual) -> float:
     return min(LOOSEST, max(new, kept) if kept > 0.1 else new)
 
 
-def _direction(problem: Equilibrium, u: Array, t: float, residual: Residual, rtol: float, record: Iterations) -> Array | None:
-    """(ndofs,) Newton's direction, with the first tangent that gives one of descent."""
-    for tangent in Tangent:
+def _direction(
+    problem: Equilibrium, u: Array, t: float, residual: Residual, rtol: float, record: Iterations, search: bool
+) -> Array | None:
+    """(ndofs,) Newton's direction, with the first tangent that gives one of descent; for full steps the exact one only."""
+    for tangent in Tangent if search else (Tangent.EXACT,):
         factors = problem.factorise(u, t, tangent)
         solution = problem.solve(factors, -residual.free, rtol)
         if tangent is Tangent.EXACT:
@@ -136,13 +168,13 @@ def usable(solution: Solution) -> bool:
 
 
 def _moved(
-    problem: Equilibrium, u: Array, v: Array, t: float, residual: Residual, most_inside_out: int, record: Iterations
+    problem: Equilibrium, u: Array, v: Array, t: float, residual: Residual, most_inside_out: int, record: Iterations, search: bool
 ) -> Array | End:
-    """`u + s v`, with the length `s` of the line search, cut back where elements would turn inside out."""
-    s = _length(problem, u, v, t, residual)
+    """`u + s v`, with the length `s` of the line search, cut back where elements would turn inside out; full steps are not cut back."""
+    s = _length(problem, u, v, t, residual) if search else 1.0
     if s is None:
         return End.NO_LENGTH
-    for _ in range(10):
+    for _ in range(10 if search else 1):
         moved = u + s * v
         turned = problem.inside_out(moved)
         if len(turned) <= most_inside_out:

@@ -129,9 +129,7 @@ def _checked(system: System, steps: int, rtol: float, u0: ArrayLike | None) -> A
     return start
 
 
-def _result(
-    problem: Equilibrium, start: Array, history: History, watch: Stopwatch, cause: BaseException | None
-) -> StaticResult:
+def _result(problem: Equilibrium, start: Array, history: History, watch: Stopwatch, cause: BaseException | None) -> StaticResult:
     t, u = (history[-1].t, history[-1].u) if len(history) else (0.0, start)
     negative, inverted = None, problem.inside_out(u)
     if cause is not None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from functools import partial
 from time import perf_counter
 from typing import Any
 
@@ -11,7 +12,7 @@ from numpy.typing import NDArray
 
 from .equilibrium import Equilibrium, Tangent
 from .history import Attempt, Step
-from .newton import End, Iterations, newton, usable
+from .newton import MOST_FULL, End, Iterations, newton, usable
 from .status import Status
 
 Array = NDArray[Any]
@@ -54,6 +55,7 @@ class _Walk:
         self._problem, self._rtol, self._iterating = problem, rtol, iterating
         self.t, self._clock = 0.0, perf_counter()
         self._before: tuple[float, Array] | None = None
+        self._full_first = True
 
     def begin(self, u0: Array) -> Step | Attempt | None:
         """The state at t = 0: `u0`, unless something acts there already."""
@@ -75,7 +77,9 @@ class _Walk:
         if len(turned) > self._allowed:
             u, end, record = start, End.INSIDE_OUT, Iterations(detail=problem.named(turned))
         else:
-            u, end, record = newton(problem, start, t, self._rtol, self._allowed, lambda record: self._iterating(t, record))
+            watch = partial(self._iterating, t)
+            u, end, record = newton(problem, start, t, self._rtol, self._allowed, watch, self._full_first)
+            self._full_first = record.restarted is None and len(record) <= MOST_FULL
         if not end.converged:
             self._before = None
             return Attempt(t, end, record)

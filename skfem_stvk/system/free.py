@@ -10,6 +10,8 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.sparse import csr_matrix
 
 from ..errors import StvkError, name_ids
+from ..kernels import blocks as block_kernels
+from ..kernels.threads import parts_of, run, threads
 from .pattern import Pattern, Structure
 
 Array = NDArray[np.floating[Any]]
@@ -115,7 +117,7 @@ class FreeDofs:
                 f"out, a {type(out).__name__} of shape {np.shape(out)}, does not have the pattern and type of the restricted K "
                 f"({structure.shape}, {structure.nnz} values of {K.dtype}); expected a matrix that matrix() returned before."
             )
-        np.take(K.data, places, out=out.data, mode="clip")  # "clip" writes to out without a buffer
+        run(block_kernels.pick, parts_of(len(places), 0.02, threads()), places, K.data, out.data)
         return out
 
     def vector(self, free: ArrayLike, fixed: ArrayLike = 0.0) -> Array:

@@ -4,7 +4,7 @@ import numba
 
 from skfem_stvk.edges import arrays, assembly, order, rows, stiffness, topology
 from skfem_stvk.kernels import readable, threads
-from skfem_stvk.system import pattern
+from skfem_stvk.system import free, pattern
 
 #: Modules and the kernels that they import by name.
 BY_NAME = {
@@ -28,6 +28,7 @@ def on_twins(monkeypatch):
     monkeypatch.setattr(assembly, "simplex_kernels", readable)
     monkeypatch.setattr(assembly, "block_kernels", readable)
     monkeypatch.setattr(arrays, "block_kernels", readable)
+    monkeypatch.setattr(free, "block_kernels", readable)
     monkeypatch.setattr(assembly, "volume_kernels", readable)
     for module, names in BY_NAME.items():
         for name in names:

@@ -23,6 +23,7 @@ def results(mesh, terms, dtype=np.float64):
         "F of linearize": too,
         "K": body.tangent(u).data,
         "K of linearize": K.data,
+        "K without the first vertex": body.free_dofs(np.arange(mesh.d)).matrix(K).data,
         "K v": body.product(u, v),
         "indices": K.indices,
         "indptr": K.indptr,
