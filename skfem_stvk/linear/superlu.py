@@ -66,10 +66,15 @@ class SuperLUFactors:
 
     @cached_property
     def negative_pivots(self) -> int | None:
-        """From the diagonal of U, where no rows were exchanged: then `U = D L'`. Reading it copies L and U."""
-        if self._lu is None or self._kind == Kind.GENERAL or not np.array_equal(self._lu.perm_r, self._lu.perm_c):
+        """From the diagonal of U, where no rows were exchanged: then `U = D L'`. Reading it copies L and U.
+
+        Where some were, another factorisation takes diagonal pivots only; if one of those is zero, K is indefinite or singular, and 1 stands
+        for at least one eigenvalue that is not positive.
+        """
+        if self._kind == Kind.GENERAL:
             return None
-        return int((self._lu.U.diagonal() < 0).sum())
+        lu = _factors(self._transpose, Kind.POSITIVE_DEFINITE) if _exchanged(self._lu) else self._lu
+        return 1 if lu is None or _exchanged(lu) else int((lu.U.diagonal() < 0).sum())
 
     def solve(self, b: Vector, rtol: float = 1e-10) -> Solution:
         """Two triangular solves, and as many products and solves more as the residual asks for."""
@@ -79,6 +84,11 @@ class SuperLUFactors:
             return nothing(b, Outcome.SINGULAR)
         lu, K = self._lu, self._transpose.T
         return solve_checked(lambda x: K @ x, lambda r: lu.solve(r, trans="T"), b, rtol)
+
+
+def _exchanged(lu: Any) -> bool:
+    """Whether rows were exchanged, or there are no factors."""
+    return lu is None or not np.array_equal(lu.perm_r, lu.perm_c)
 
 
 def _factors(transpose: csc_matrix, kind: Kind) -> Any:

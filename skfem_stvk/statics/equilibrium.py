@@ -19,8 +19,11 @@ from .stopwatch import Stopwatch
 Array = NDArray[Any]
 
 
-#: What is added to a tangent without any stiffness in some direction, as a part of its largest diagonal entry.
+#: What is added to a tangent without any stiffness in some direction, as a part of the largest diagonal entry of each vertex.
 SHIFT = 1e-4
+#: Loads and reactions below this part of the largest on the path count as this part: where they go back to zero, nothing else is left to
+#: be small against.
+NOTHING = 1e-6
 
 
 class Tangent(Enum):
@@ -72,6 +75,8 @@ class Equilibrium:
         self._kind = Kind.SYMMETRIC if system.conservative else Kind.GENERAL
         self.solver = choose(solver, len(self.free.free), self._kind)
         self._u = np.zeros(system.ndofs)
+        self._largest = 0.0
+        self._exact: Factors | None = None
         self._operator: TangentOperator | None = None
         self._K: csr_matrix | None = None
         self._Kff: csr_matrix | None = None
@@ -86,7 +91,12 @@ class Equilibrium:
             force -= external
             free = force[self.free.free]
             scale = np.linalg.norm(external) + np.linalg.norm(force[self.free.fixed])
-            return Residual(free, float(np.linalg.norm(free)), float(scale))
+            return Residual(free, float(np.linalg.norm(free)), max(float(scale), NOTHING * self._largest))
+
+    def accept(self, u: Array, t: float) -> None:
+        """A state of the path: its forces are something that others are small against."""
+        residual = self.residual(u, t)
+        self._largest = max(self._largest, residual.scale, residual.size)
 
     def round_off(self, u: Array, t: float) -> float:
         """Size of the residual that is left by rounding alone [N]."""
@@ -104,18 +114,27 @@ class Equilibrium:
     def factorise(self, u: Array, t: float, tangent: Tangent = Tangent.EXACT) -> Factors:
         """The Jacobian at `u`, or what stands in for it, factorised."""
         K: Any
-        clamped = tangent is not Tangent.EXACT
+        clamped, shifted = tangent is not Tangent.EXACT, tangent is Tangent.SHIFTED
         self._u = u
         with self._watch("assemble"):
             if self.solver.matrix_free:
-                K = self._free_operator(u, clamped)
+                K = self._free_operator(u, clamped, shifted)
             else:
                 self._K = self.system.jacobian(u, t, out=self._K, clamped=clamped)
                 K = self._Kff = self.free.matrix(self._K, out=self._Kff)
-                if tangent is Tangent.SHIFTED:
-                    K.setdiag(K.diagonal() + SHIFT * K.diagonal().max())
+                if shifted:
+                    K.setdiag(K.diagonal() + self._shift(K.diagonal()))
         with self._watch("factor"):
-            return self._analysis.factorise(K, Kind.POSITIVE_DEFINITE if clamped and self._kind is Kind.SYMMETRIC else self._kind)
+            kind = Kind.POSITIVE_DEFINITE if clamped and self._kind is Kind.SYMMETRIC else self._kind
+            factors = self._analysis.factorise(K, kind)
+        if tangent is Tangent.EXACT:
+            self._exact = factors
+        return factors
+
+    def negative_pivots(self) -> int | None:
+        """Of the exact tangent that was factorised last; None if there is none yet, or the solver does not know."""
+        with self._watch("factor"):
+            return None if self._exact is None else self._exact.negative_pivots
 
     def solve(self, factors: Factors, b: Array, rtol: float) -> Solution:
         """The solution of `K_ff x = b`."""
@@ -151,12 +170,22 @@ class Equilibrium:
             force: Array = (K @ w)[self.free.free]
             return force
 
-    def _free_operator(self, u: Array, clamped: bool) -> FreeOperator:
+    def _shift(self, diagonal: Array) -> Array:
+        """(n,) a little stiffness for each free degree of freedom, small against the largest of its vertex."""
+        vertex = self.free.free // self.system.mesh.d
+        largest = np.zeros(self.system.mesh.nv)
+        np.maximum.at(largest, vertex, diagonal)
+        return SHIFT * np.where(largest > 0, largest, largest.max())[vertex]
+
+    def _free_operator(self, u: Array, clamped: bool, shifted: bool) -> FreeOperator:
         if self._operator is None:
             self._operator = self.system.linear_operator(u, clamped=clamped)
         else:
             self._operator.prepare(u, clamped=clamped)
-        return FreeOperator(self._operator, self.free)
+        if not shifted:
+            return FreeOperator(self._operator, self.free)
+        diagonal = np.einsum("vcc->vc", self._operator.diagonal_blocks()).ravel()[self.free.free]
+        return FreeOperator(self._operator, self.free, self._shift(diagonal))
 
     def _unknowns(self) -> Unknowns:
         free, d = self.free.free, self.system.mesh.d

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, overload
 
 import numpy as np
@@ -15,7 +15,7 @@ from .status import Status
 Array = NDArray[Any]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False, repr=False)
 class Step:
     """A state of equilibrium on the path.
 
@@ -24,6 +24,7 @@ class Step:
     t : load factor.
     u : (ndofs,) displacements [m].
     status : of this state; unstable and inside-out states are equilibria too.
+    end : how Newton's method ended.
     iterations : residuals (relative to loads and reactions), line-search factors, tangents and linear iterations of Newton's method.
     strain_energy : [J].
     potential : strain energy less the work of the loads [J]; NaN if a load has none.
@@ -34,6 +35,7 @@ class Step:
     t: float
     u: Array
     status: Status
+    end: End
     iterations: Iterations
     strain_energy: float
     potential: float
@@ -46,6 +48,8 @@ class Step:
             f"t {self.t:<9.4g} {len(self.iterations):>3} iterations   residual {self.iterations.residuals[-1]:.1e}   "
             f"largest |u| {largest:.4g}   {self.seconds:.2g} s" + (f"   {self.status}" if not self.status.success else "")
         )
+
+    __repr__ = __str__
 
 
 @dataclass(frozen=True)
@@ -78,6 +82,10 @@ class History(Sequence[Step]):
             self._steps.append(outcome)
         else:
             self.attempts.append(outcome)
+
+    def judge_last(self, status: Status) -> None:
+        """What was found about the last state when all was done."""
+        self._steps[-1] = replace(self._steps[-1], status=status)
 
     @overload
     def __getitem__(self, i: int) -> Step: ...

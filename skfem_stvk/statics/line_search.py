@@ -23,11 +23,16 @@ def quartic_minimum(c: Array) -> float:
     >>> quartic_minimum(np.array([0, -1.0, 0, 0, 0]))
     inf
     """
-    slope = np.array([4 * c[4], 3 * c[3], 2 * c[2], c[1]])
-    size = np.abs(slope).max()
-    roots = np.roots(np.where(np.abs(slope) > 1e-14 * size, slope, 0))
+    k = np.array([4, 3, 2])
+    slope = k * c[k]
+    if not slope.any():
+        return np.inf
+    with np.errstate(divide="ignore"):
+        unit = float(((np.abs(c[1] / slope)) ** (1 / (k - 1))).min())  # in which no term is larger than the first
+    scaled = np.append(slope * unit ** (k - 1.0), c[1]) / abs(c[1])
+    roots = np.roots(scaled)
     real = np.sort(roots.real[(np.abs(roots.imag) <= 1e-7 * np.abs(roots)) & (roots.real > 0)])
-    return float(real[0]) if len(real) else np.inf
+    return unit * float(real[0]) if len(real) else np.inf
 
 
 def root_of_slope(slope: Callable[[float], float], at_zero: float, most: int = 12) -> float | None:

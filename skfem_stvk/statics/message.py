@@ -34,7 +34,8 @@ def reason(
         )
     if status is Status.INTERRUPTED:
         by = "" if isinstance(cause, KeyboardInterrupt) else f" by {type(cause).__name__}: {cause}"
-        return f"Interrupted at t = {t:.6g} of 1{by}. The {len(history)} states so far are kept."
+        kept = "1 state" if len(history) == 1 else f"{len(history)} states"
+        return f"Interrupted at t = {t:.6g} of 1{by.rstrip('.')}. Kept so far: {kept}."
     if status is Status.STOPPED:
         return f"Stopped before the full load, at t = {t:.6g} of 1" + _why(history)
     residual = history[-1].iterations.residuals[-1]
@@ -45,4 +46,6 @@ def reason(
 def _why(history: History) -> str:
     last = history.attempts[-1]
     detail = f" ({last.iterations.detail})" if last.iterations.detail else ""
+    if last.t == 0:
+        return f": {last.end.value}{detail}. What is there from the start cannot be approached in steps: let it grow with t. {TRY[last.end]}"
     return f": {last.end.value}{detail}, in a step of {last.t - (history[-1].t if len(history) else 0):.1e} too. {TRY[last.end]}"

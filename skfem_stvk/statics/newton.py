@@ -14,11 +14,12 @@ from ..errors import StateError
 from ..linear import Outcome, Solution
 from .equilibrium import Equilibrium, Residual, Tangent
 from .line_search import quartic_minimum, root_of_slope
+from .status import Status
 
 Array = NDArray[Any]
 
 #: With the line search, and with full steps.
-MOST_ITERATIONS, MOST_FULL = 40, 12
+MOST_ITERATIONS, MOST_FULL = 40, 20
 #: The loosest linear solve of an iterative solver (Eisenstat and Walker 1996, choice 2).
 LOOSEST = 0.1
 
@@ -36,7 +37,13 @@ class End(Enum):
 
     @property
     def converged(self) -> bool:
+        """Whether a state of equilibrium was found."""
         return self in (End.CONVERGED, End.AT_ROUND_OFF)
+
+    @property
+    def status(self) -> Status:
+        """Of a state that was found, if it is stable and not inside out."""
+        return Status.CONVERGED if self is End.CONVERGED else Status.AT_ROUND_OFF
 
 
 @dataclass
@@ -85,7 +92,7 @@ def newton(
     record = Iterations()
     if full_first:
         found, end = _iterate(problem, u, t, rtol, most_inside_out, record, watch, search=False)
-        if end.converged and not record.negative_pivots:
+        if end.converged and not record.negative_pivots and len(problem.inside_out(found)) <= most_inside_out:
             return found, end, record
         record.restarted = len(record)
     found, end = _iterate(problem, u, t, rtol, most_inside_out, record, watch, search=True)
@@ -110,15 +117,15 @@ def _iterate(
             record.residuals.append(residual.relative)
             watch(record)
             if residual.size <= rtol * residual.scale:
-                return u, End.CONVERGED
+                return u, _converged(problem, record, End.CONVERGED)
             # the estimate is an upper one: what rounding leaves has also ceased to fall
             ceased = before is None or residual.size > before.size / 2
             if ceased and residual.size <= problem.round_off(u, t):
-                return u, End.AT_ROUND_OFF
+                return u, _converged(problem, record, End.AT_ROUND_OFF)
             if len(record) == most:
-                record.detail = (
-                    "" if record.tangents[-1] == "exact" else "K is not positive definite there: the body gives way or buckles"
-                )
+                if record.tangents[-1] != "exact":
+                    record.detail = "K is not positive definite there: the body gives way or buckles"
+                    record.detail += ", or it is too ill-conditioned for CG: try solver='superlu'" * problem.solver.iterative
                 return u, End.OUT_OF_ITERATIONS
             v = _direction(problem, u, t, residual, max(forcing, 0.3 * rtol / residual.relative), record, search)
             if v is None:
@@ -131,6 +138,13 @@ def _iterate(
             forcing = _forcing(forcing, residual, before)
     except StateError:
         return u, End.OVERFLOW
+
+
+def _converged(problem: Equilibrium, record: Iterations, end: End) -> End:
+    """The end, with what the last exact tangent says of stability."""
+    if "exact" in record.tangents:
+        record.negative_pivots = problem.negative_pivots()
+    return end
 
 
 def _forcing(last: float, now: Residual, before: Residual) -> float:
@@ -147,8 +161,6 @@ def _direction(
     for tangent in Tangent if search else (Tangent.EXACT,):
         factors = problem.factorise(u, t, tangent)
         solution = problem.solve(factors, -residual.free, rtol)
-        if tangent is Tangent.EXACT:
-            record.negative_pivots = factors.negative_pivots
         if not usable(solution):
             record.detail = solution.outcome.value
             continue
@@ -170,11 +182,14 @@ def usable(solution: Solution) -> bool:
 def _moved(
     problem: Equilibrium, u: Array, v: Array, t: float, residual: Residual, most_inside_out: int, record: Iterations, search: bool
 ) -> Array | End:
-    """`u + s v`, with the length `s` of the line search, cut back where elements would turn inside out; full steps are not cut back."""
-    s = _length(problem, u, v, t, residual) if search else 1.0
+    """`u + s v`, with the length `s` of the line search, cut back where elements would turn inside out; or the full step."""
+    if not search:
+        record.lengths.append(1.0)
+        return u + v
+    s = _length(problem, u, v, t, residual)
     if s is None:
         return End.NO_LENGTH
-    for _ in range(10 if search else 1):
+    for _ in range(10):
         moved = u + s * v
         turned = problem.inside_out(moved)
         if len(turned) <= most_inside_out:

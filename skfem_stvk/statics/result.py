@@ -23,7 +23,7 @@ from .status import Status
 Array = NDArray[Any]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False, repr=False)
 class StaticResult:
     """A state of equilibrium, the path to it, and how it was found.
 
@@ -70,7 +70,11 @@ class StaticResult:
         if where is not None:
             vertices = np.intersect1d(vertices, vertices_at(mesh, where, "reaction"))
         if not len(vertices):
-            raise SupportError(f"Nothing is held at {describe(where)}, so there is no reaction. Is it held somewhere else?")
+            raise SupportError(
+                "The body has no supports, only a foundation, so there is no reaction."
+                if where is None
+                else f"Nothing is held at {describe(where)}, so there is no reaction. Is it held somewhere else?"
+            )
         return Reaction.of(mesh, self.u, forces, vertices)
 
     @cached_property
@@ -88,7 +92,7 @@ class StaticResult:
         """
         if at not in ("elements", "nodes"):
             raise StvkError(f"at = {at!r}; expected 'elements' or 'nodes'.")
-        name = f"{measure.removesuffix('_stress')}_stress"
+        name = f"{str(measure).removesuffix('_stress')}_stress"
         return self.state[name] if at == "elements" else self.state.at_nodes(name)
 
     def energies(self) -> dict[str, float]:
@@ -102,6 +106,8 @@ class StaticResult:
         """
         if Path(path).suffix != ".pvd":
             return write_vtu(path, self.state, fields)
+        if not len(self.history):
+            raise StvkError(f"There is no state to write to {path}: none was found.")
         series = Series(path, fields)
         for step in self.history:
             series.add(self.state.fields.at(step.u), step.t)

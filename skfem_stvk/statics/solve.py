@@ -53,7 +53,8 @@ def solve_static(
     u0 : (ndofs,) displacements to start from [m], by default none.
     save : a .pvd file that is written as the states are found, with one .vtu each.
     quiet : print nothing.
-    raise_on_failure : raise where the result is no success; otherwise look at `result.status`.
+    raise_on_failure : raise where the result is no success; otherwise look at `result.status`. What interrupts the path, such as Ctrl-C or
+        a full disk, is raised in any case.
 
     Raises
     ------
@@ -79,20 +80,23 @@ def solve_static(
     """
     start = _checked(system, steps, rtol, u0)
     system.check_held()
+    write = _writer(system, save)
     watch, history = Stopwatch(), History()
     problem = Equilibrium(system, solver, watch)
-    write = _writer(system, save)
     cause: BaseException | None = None
+    verdict: tuple[bool, int | None] = True, None
     with Report(f"{system!r}, {len(problem.free.free)} of them free; solver '{problem.solver.name}'", quiet) as report:
         try:
-            for outcome in follow(problem, start, steps, rtol, report.iterating):
+            for outcome in follow(problem, start, int(steps), float(rtol), report.iterating):
                 history.append(outcome)
                 if isinstance(outcome, Step):
                     write(outcome)
                 report.line(outcome)
+            if len(history) and history[-1].t == 1:
+                verdict = stability(problem, history[-1].u, 1.0)
         except (KeyboardInterrupt, Exception) as error:  # a full disk, a load's function that fails: the states so far are kept
             cause = error
-    result = _result(problem, start, history, watch, cause)
+    result = _result(problem, start, history, watch, verdict, cause)
     if isinstance(cause, KeyboardInterrupt):
         raise Interrupted(result)
     if cause is not None or (raise_on_failure and not result.success):
@@ -104,6 +108,8 @@ def _writer(system: System, save: str | Path | None) -> Callable[[Step], object]
     """What writes a state to the series of files `save`, if there is to be one."""
     if save is None:
         return lambda step: None
+    if not isinstance(save, str | Path):
+        raise StvkError(f"save = {save!r}; expected the path of a .pvd file.")
     series, fields = Series(save), Fields(system.mesh, system.elastic_terms)
     return lambda step: series.add(fields.at(step.u), step.t)
 
@@ -116,31 +122,37 @@ def _checked(system: System, steps: int, rtol: float, u0: ArrayLike | None) -> A
         raise StvkError(
             f"The system is in {system.dtype}, whose residuals stop at 1e-6; expected float64: System(..., dtype=np.float64)."
         )
+    if isinstance(rtol, bool) or not isinstance(rtol, float | int | np.floating) or not 0 < rtol < 1:
+        raise StvkError(f"rtol = {rtol!r}; expected a number between 0 and 1, such as 1e-8.")
     if not isinstance(steps, int | np.integer) or isinstance(steps, bool) or steps < 1:
         raise StvkError(f"steps = {steps!r}; expected a whole number of at least 1: the first step is 1/steps of the load.")
-    if not 0 < rtol < 1:
-        raise StvkError(f"rtol = {rtol!r}; expected a number between 0 and 1, such as 1e-8.")
     if u0 is None and not system.supports.prescribed.size and not any(isinstance(term, Load) for term in system.terms):
         raise LoadError(
             "Nothing acts on the body: no load, nothing prescribed. Add Gravity(...), Traction(...) or prescribed={...}."
         )
-    start = np.zeros(system.ndofs) if u0 is None else np.array(u0, dtype=np.float64)
-    system.energy(start)  # refuses another length, and NaN
-    return start
+    start = np.zeros(system.ndofs) if u0 is None else u0
+    system.energy(start)  # refuses another type or length, and NaN
+    return np.array(start, dtype=np.float64)
 
 
-def _result(problem: Equilibrium, start: Array, history: History, watch: Stopwatch, cause: BaseException | None) -> StaticResult:
+def _result(
+    problem: Equilibrium,
+    start: Array,
+    history: History,
+    watch: Stopwatch,
+    verdict: tuple[bool, int | None],
+    cause: BaseException | None,
+) -> StaticResult:
     t, u = (history[-1].t, history[-1].u) if len(history) else (0.0, start)
-    negative, inverted = None, problem.inside_out(u)
+    stable, negative = verdict
+    inverted = problem.inside_out(u)
     if cause is not None:
         status = Status.INTERRUPTED
     elif t < 1:
         status = Status.STOPPED
-    elif len(inverted):
-        status = Status.INVERTED
     else:
-        stable, negative = stability(problem, u, t)
-        status = history[-1].status if stable else Status.UNSTABLE
+        status = Status.INVERTED if len(inverted) else history[-1].end.status if stable else Status.UNSTABLE
+        history.judge_last(status)
     named = problem.named(inverted) if len(inverted) else ""
     message = reason(status, history, t, negative, named, cause)
     return StaticResult(problem.system, u, t, status, message, history, problem.solver.name, watch.parts())

@@ -20,8 +20,9 @@ def stability(problem: Equilibrium, u: Array, t: float) -> tuple[bool, int | Non
     any. Of follower loads, whose K is not symmetric, nothing is said.
     """
     factors = problem.factorise(u, t)
-    if factors.negative_pivots is not None:
-        return factors.negative_pivots == 0, factors.negative_pivots
+    negative = problem.negative_pivots()
+    if negative is not None:
+        return negative == 0, negative
     if not problem.solver.iterative:
         return True, None
     force = np.random.default_rng(0).standard_normal(len(problem.free.free))

@@ -55,15 +55,14 @@ class _Walk:
         self._problem, self._rtol, self._iterating = problem, rtol, iterating
         self.t, self._clock = 0.0, perf_counter()
         self._before: tuple[float, Array] | None = None
-        self._full_first = True
+        self._full_first, self._unstable = True, False
 
     def begin(self, u0: Array) -> Step | Attempt | None:
         """The state at t = 0: `u0`, unless something acts there already."""
-        problem = self._problem
-        u = u0.copy()
-        u[problem.free.fixed] = problem.system.supports.values(0.0)
-        self._u, self._allowed = u, len(problem.inside_out(u))
-        if not u.any() and problem.residual(u, 0.0).size == 0:
+        self._u, self._allowed = u0, len(self._problem.inside_out(u0))
+        self._problem.accept(u0, 0.0)
+        u = self._start(0.0)
+        if not u.any() and self._problem.residual(u, 0.0).size == 0:
             return None
         return self._try(u, 0.0)
 
@@ -81,7 +80,7 @@ class _Walk:
             u, end, record = newton(problem, start, t, self._rtol, self._allowed, watch, self._full_first)
             self._full_first = record.restarted is None and len(record) <= MOST_FULL
         if not end.converged:
-            self._before = None
+            self._before, self._full_first = None, True
             return Attempt(t, end, record)
         self._before = None if t == 0 else (self.t, self._u)
         self.t, self._u = t, u
@@ -90,15 +89,15 @@ class _Walk:
     def _step(self, end: End, record: Iterations) -> Step:
         """The state that was found, with what there is to say of it."""
         problem, u = self._problem, self._u
+        problem.accept(u, self.t)
         self._allowed = len(problem.inside_out(u))
-        status = Status.CONVERGED if end is End.CONVERGED else Status.AT_ROUND_OFF
-        if self._allowed:
-            status = Status.INVERTED
-        elif record.negative_pivots:
-            status = Status.UNSTABLE
+        self._unstable = (
+            bool(record.negative_pivots) if "exact" in record.tangents else self._unstable
+        )  # without a tangent, as before
+        status = Status.INVERTED if self._allowed else Status.UNSTABLE if self._unstable else end.status
         now, before = perf_counter(), self._clock
         self._clock = now
-        return Step(self.t, u, status, record, *problem.energies(u, self.t), problem.smallest_volume_ratio(u), now - before)
+        return Step(self.t, u, status, end, record, *problem.energies(u, self.t), problem.smallest_volume_ratio(u), now - before)
 
     def _start(self, t: float) -> Array:
         """Where Newton's method starts; its held degrees of freedom are where they belong at `t`."""

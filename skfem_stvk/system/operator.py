@@ -118,6 +118,7 @@ class FreeOperator(LinearOperator):
     ----------
     tangent : the operator of all degrees of freedom.
     held : which of them are free.
+    shift : (n,) stiffness against the ground that is added to the free ones [N/m]; none by default.
 
     >>> import numpy as np, skfem
     >>> from skfem_stvk import StVK, System
@@ -130,8 +131,8 @@ class FreeOperator(LinearOperator):
     True
     """
 
-    def __init__(self, tangent: TangentOperator, held: FreeDofs) -> None:
-        self.tangent, self.held = tangent, held
+    def __init__(self, tangent: TangentOperator, held: FreeDofs, shift: Array | None = None) -> None:
+        self.tangent, self.held, self._shift = tangent, held, shift
         self._all, self._out = (np.zeros(tangent.nodal_shape, dtype=tangent.dtype) for _ in range(2))
         super().__init__(tangent.dtype, (len(held.free), len(held.free)))
 
@@ -147,6 +148,9 @@ class FreeOperator(LinearOperator):
         vertex, component = np.divmod(self.held.fixed, blocks.shape[1])
         blocks[vertex, component, :] = blocks[vertex, :, component] = 0
         blocks[vertex, component, component] = 1
+        if self._shift is not None:
+            vertex, component = np.divmod(self.held.free, blocks.shape[1])
+            blocks[vertex, component, component] += self._shift
         return blocks
 
     def _matvec(self, v: Array) -> Array:
@@ -156,7 +160,7 @@ class FreeOperator(LinearOperator):
         self._out[:] = 0
         self.tangent.add_product(self._all, self._out)
         product: Array = self._out.reshape(-1)[self.held.free]
-        return product
+        return product if self._shift is None else product + self._shift * v.ravel()
 
     def _adjoint(self) -> FreeOperator:
         return self

@@ -89,8 +89,9 @@ class System:
         if self.dtype == np.float32:
             warn_of_flat_elements(self.mesh)
         for term in self.terms:
-            if not hasattr(term, "bind"):
-                raise StvkError(f"A term of type {type(term).__name__} came; expected StVK(...) or a list of terms.")
+            if isinstance(term, type) or not hasattr(term, "bind"):
+                name = term.__name__ if isinstance(term, type) else type(term).__name__
+                raise StvkError(f"A term of type {name} came; expected StVK(...) or a list of terms.")
         self.elastic_terms: tuple[Any, ...] = tuple(term for term in self.terms if not isinstance(term, Load))
         if not self.elastic_terms:
             raise StvkError("Only loads came; expected at least one elastic term, such as StVK(young=..., poisson=...).")

@@ -99,7 +99,7 @@ def test_a_load_that_fails_on_the_way_keeps_the_states_so_far():
         return (0.0, 0.0, -10 * t)
 
     system = System(beam(), [MATERIAL, Traction("tip", push)], fixed=WALL)
-    with pytest.raises(SolveError, match="Interrupted at t = 0.*no load there") as failure:
+    with pytest.raises(SolveError, match=r"Interrupted at t = 0.*no load there") as failure:
         solve_static(system, steps=10, quiet=True)
     assert len(failure.value.result.history) >= 2 and isinstance(failure.value.__cause__, LoadError)
 

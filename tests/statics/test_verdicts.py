@@ -1,0 +1,264 @@
+"""What solves must not get wrong: stability, starts, scales, ends."""
+
+import pickle
+
+import numpy as np
+import pytest
+import skfem
+from scenes import beam, bent, block, column
+
+from skfem_stvk import Gravity, NodalLoad, StVK, System, Traction, solve_static
+from skfem_stvk.errors import StvkError
+from skfem_stvk.statics import Interrupted, SolveError, Status, stepping
+from skfem_stvk.statics import solve as solve_module
+from skfem_stvk.statics.line_search import quartic_minimum
+
+OPTIONS = {"quiet": True, "raise_on_failure": False}
+CRITICAL = np.pi**2 * (1e4 / (1 - 0.3**2)) / 12 / (4 * 20**2)
+
+
+def truss(load):
+    """Two bars that snap through at a load of 0.377."""
+    p, t = np.array([[-1, 0, 1.0], [0, 0.1, 0]]), np.array([[0, 1], [1, 2]])
+    terms = [StVK(young=1e5, poisson=0.3, area=1e-2), NodalLoad([1], load)]
+    return System((p, t), terms, fixed=[([0, 2], "xy")])
+
+
+@pytest.mark.parametrize("size", [1e-12, 1e-6, 1e-3, 1e3, 1e6, 1e12])
+def test_the_minimum_does_not_depend_on_the_length_of_the_direction(size):
+    c = np.array([0, -1.0, 0.5, 0.1, 1.0])
+    assert quartic_minimum(c * size ** np.arange(5)) * size == pytest.approx(quartic_minimum(c), rel=1e-9)
+
+
+@pytest.mark.parametrize("solver", ["superlu", "pardiso", "amg-cg", "block-jacobi-cg"])
+def test_a_straight_cable_takes_its_weight_with_every_solver(solver):
+    n = 21
+    p, t = np.zeros((3, n)), np.stack([np.arange(n - 1), np.arange(1, n)])
+    p[0] = np.linspace(0, 10, n)
+    cable = [StVK(young=2e11, poisson=0.3, area=1e-4, density=7800.0), Gravity((0, 0, -9.81))]
+    assert solve_static(System((p, t), cable, fixed=[([0, n - 1], "xyz")]), solver=solver, **OPTIONS).success
+
+
+@pytest.mark.parametrize("order", [[0, 1, 2, 3], [3, 2, 1, 0], [0, 2, 1, 3]])
+def test_a_chain_of_which_one_link_is_pressed_is_unstable_however_it_is_numbered(order):
+    """K = 50 N/m [[0, 1], [1, -1]]: SuperLU exchanges rows, and does not know the inertia then."""
+    order, x = np.array(order), np.arange(4.0)
+    goal = np.cumsum([0, np.sqrt(1.1), np.sqrt(0.9), 1.0])
+    goal[3] = goal[2] + 1
+    p = np.zeros((2, 4))
+    p[0, order] = x
+    system = System(
+        (p, np.array([order[:-1], order[1:]])),
+        StVK(young=1e5, poisson=0.3, area=1e-2),
+        fixed=[([order[0]], "xy"), ([order[3]], "y")],
+        prescribed=[([order[i]], {"x": goal[i] - x[i]}) for i in (1, 2, 3)],
+    )
+    assert solve_static(system, steps=1, solver="superlu", **OPTIONS).status is Status.UNSTABLE
+
+
+def test_a_state_behind_a_snap_through_is_as_stable_as_its_own_tangent_says():
+    """The last step starts where K is indefinite and arrives, in one iteration, where it is not."""
+    result = solve_static(truss(lambda t: (0, -0.72 * t if t <= 0.5 else -0.5)), steps=2, **OPTIONS)
+    free = [2, 3]
+    assert (np.linalg.eigvalsh(result.system.jacobian(result.u).toarray()[np.ix_(free, free)]) > 1).all()
+    assert result.status is Status.CONVERGED, result.message
+
+
+def test_states_without_an_iteration_are_as_unstable_as_the_one_before():
+    p, t = np.array([[0, 1, 2.0], [0, 0, 0]]), np.array([[0, 1], [1, 2]])
+    strut = System((p, t), StVK(young=1e5, poisson=0.3, area=1e-2), fixed=[([0], "xy")], prescribed=[([2], {"x": -0.1, "y": 0.0})])
+    assert {step.status for step in solve_static(strut, **OPTIONS).history} == {Status.UNSTABLE}
+
+
+def test_displacements_that_are_there_from_the_start_are_carried_into_the_body():
+    ramped = solve_static(block(0.2), quiet=True)
+    pressed = {lambda x: x[0] == 1: {"x": lambda t: -0.2, "y": 0.0, "z": 0.0}}
+    system = System(ramped.system.mesh, StVK(young=1e5, poisson=0.3), fixed={lambda x: x[0] == 0: "xyz"}, prescribed=pressed)
+    result = solve_static(system, **OPTIONS)
+    assert result.success
+    np.testing.assert_allclose(result.u, ramped.u, atol=1e-7)
+
+
+@pytest.mark.parametrize("solver", ["superlu", "amg-cg", "block-jacobi-cg"])
+def test_a_load_that_goes_back_to_zero_ends_at_rest(solver):
+    system = System(
+        skfem.MeshTet.init_tensor(*[np.linspace(0, 1, 7)] * 3),
+        [StVK(young=1e5, poisson=0.3), Traction(lambda x: x[0] == 1, lambda t: (0, 0, -4e3 * t * (1 - t)))],
+        fixed={lambda x: x[0] == 0: "xyz"},
+    )
+    result = solve_static(system, solver=solver, **OPTIONS)
+    assert result.success and np.abs(result.u).max() < 1e-9
+    assert len(result.history[-1].iterations) <= 8
+
+
+@pytest.mark.parametrize("error", [KeyboardInterrupt, MemoryError])
+def test_what_interrupts_the_look_at_stability_keeps_the_states(monkeypatch, error):
+    def fail(*_):
+        raise error
+
+    monkeypatch.setattr(solve_module, "stability", fail)
+    with pytest.raises(BaseException) as caught:  # a bare KeyboardInterrupt would end pytest
+        solve_static(bent(), steps=3, quiet=True)
+    assert isinstance(caught.value, Interrupted | SolveError) and caught.value.result.t == 1
+
+
+@pytest.mark.parametrize("options", [{"rtol": None}, {"rtol": "1e-8"}, {"u0": "zero"}, {"u0": lambda x: x}, {"save": 3}])
+def test_parameters_of_the_wrong_type_are_refused_in_words(options):
+    with pytest.raises(StvkError):
+        solve_static(bent(), quiet=True, **options)
+
+
+def test_without_supports_the_message_on_reactions_says_so():
+    from skfem_stvk import ElasticFoundation
+    from skfem_stvk.errors import SupportError
+
+    system = System(beam(), [StVK(young=1e4, poisson=0.3), ElasticFoundation("wall", 1e6), Traction("tip", (0, 0, -1.0))])
+    with pytest.raises(SupportError, match=r"foundation|no supports"):
+        solve_static(system, quiet=True).reaction()
+
+
+def test_steps_and_results_compare_and_hash_as_objects():
+    result = solve_static(bent(), steps=1, quiet=True)
+    assert isinstance(hash(result), int) and result.history[0] in result.history and len(repr(result.history[0])) < 500
+    assert (pickle.loads(pickle.dumps(result)) == result) in (True, False)
+
+
+def test_a_step_starts_where_the_last_two_states_point_to():
+    """Where the answer is linear the next states are there without an iteration."""
+    history = solve_static(truss((0, -1e-9)), steps=10, quiet=True).history
+    assert [len(step.iterations) for step in history[2:]] == [0] * (len(history) - 2)
+
+
+def test_prescribed_displacements_are_carried_into_the_body():
+    history = solve_static(block(0.2), steps=1, quiet=True).history
+    assert len(history) == 1 and not history.attempts
+    assert history[0].iterations.residuals[0] < 1
+
+
+def test_the_last_of_seven_equal_steps_is_the_seventh(monkeypatch):
+    monkeypatch.setattr(stepping, "FEW", -1)
+    t = solve_static(bent(), steps=7, quiet=True).history.t  # seven times 1/7, added up, is less than 1
+    assert len(t) == 7 and t[-1] == 1
+
+
+def test_unstable_states_on_the_way_say_so():
+    history = solve_static(column(3 * CRITICAL), steps=4, solver="superlu", **OPTIONS).history
+    assert history[0].status is Status.CONVERGED and history[-1].status is Status.UNSTABLE
+    assert "unstable" in str(history[-1])
+
+
+def test_once_elements_are_right_none_may_turn_inside_out_again():
+    system = block(0.4)
+    u0 = np.tile([0.5, 0, 0], system.mesh.nv)  # inside out between the plates, which do not move along
+    result = solve_static(system, u0=u0, **OPTIONS)
+    assert result.history[0].t == 0 and result.history[0].status is Status.CONVERGED
+    assert result.status is Status.STOPPED and not len(system.inside_out(result.u))
+
+
+def test_supports_hold_what_a_path_starts_from():
+    system = bent()
+    first = solve_static(system, steps=1, u0=np.full(system.ndofs, 0.01), quiet=True).history[0]
+    assert first.t == 0 and not first.u[system.supports.held].any()
+
+
+def test_a_load_that_is_there_from_the_start_has_a_state_at_zero():
+    system = System(beam(), [StVK(young=1e4, poisson=0.3), Traction("tip", lambda t: (0, 0, -10.0))], fixed={"wall": "xyz"})
+    history = solve_static(system, steps=5, quiet=True).history
+    assert history.t[0] == 0 and len(history[0].iterations) > 1
+    assert [len(step.iterations) for step in history[1:]] == [0] * (len(history) - 1)
+
+
+def test_without_a_state_at_zero_there_is_no_path():
+    system = System(beam(), [StVK(young=1e4, poisson=0.3), Traction("tip", lambda t: (-1e6, 0, 0))], fixed={"wall": "xyz"})
+    result = solve_static(system, **OPTIONS)
+    assert result.status is Status.STOPPED and not len(result.history) and len(result.history.attempts) == 1
+
+
+def test_round_off_is_an_end_only_where_the_residual_has_ceased_to_fall():
+    for step in solve_static(bent(), steps=2, rtol=1e-18, quiet=True).history:
+        before, last = step.iterations.residuals[-2:]
+        assert last > before / 2
+
+
+def test_a_flat_element_counts_as_inside_out():
+    """Into tests/system/test_system.py: J = 0 exactly."""
+    system = System((np.eye(3, 4, 1), np.arange(4)[:, None]), StVK(young=1.0, poisson=0.3))
+    u = np.zeros((4, 3))
+    u[3, 2] = -1
+    assert system.smallest_volume_ratio(u.ravel()) == 0
+    np.testing.assert_array_equal(system.inside_out(u.ravel()), [0])
+
+
+def test_elements_inside_out_are_numbered_in_the_mesh_and_seen_in_every_term():
+    """Into tests/system/test_system.py: the second of two terms, over a region that does not begin with element 0."""
+    mesh = beam()
+    last = np.zeros(mesh.nt, dtype=bool)
+    last[mesh.p[0, mesh.t].mean(axis=0) > 2.5] = True
+    mesh = type(mesh)(mesh.p, mesh.t, subdomains={"wall side": np.flatnonzero(~last), "tip side": np.flatnonzero(last)})
+    system = System(mesh, [StVK(young=1.0, poisson=0.3, region="wall side"), StVK(young=1.0, poisson=0.3, region="tip side")])
+    u = np.zeros((mesh.nv, 3))
+    u[:, 0] = -2 * np.maximum(mesh.p[0] - 2.5, 0)
+    turned = system.inside_out(u.ravel())
+    a, b, c, d = (mesh.p.T + u)[mesh.t]
+    A, B, C, D = mesh.p.T[mesh.t]
+    J = np.linalg.det(np.stack([b - a, c - a, d - a], 1)) / np.linalg.det(np.stack([B - A, C - A, D - A], 1))
+    np.testing.assert_array_equal(turned, np.flatnonzero(J <= 0))
+    assert system.smallest_volume_ratio(u.ravel()) == pytest.approx(J.min())
+
+
+def test_stopped_results_speak_of_their_own_load_factor():
+    result = solve_static(bent(load=(-1e4, 0, 0)), steps=4, **OPTIONS)
+    assert result.status is Status.STOPPED and 0 < result.t < 1
+    loads = result.system.external_force(result.u, result.t).reshape(-1, 3).sum(axis=0)
+    np.testing.assert_allclose(result.reaction().resultant, -loads, rtol=1e-6, atol=1e-6 * np.abs(loads).max())
+    assert result.energies() == result.system.energies(result.u, result.t)
+    attempts = result.history.attempts
+    assert (
+        result.history.iterations
+        == sum(len(one.iterations) for one in [*result.history, *attempts])
+        > sum(len(step.iterations) for step in result.history)
+    )
+
+
+def test_seconds_add_up_to_the_whole_solve():
+    from time import perf_counter
+
+    begin = perf_counter()
+    result = solve_static(bent(), steps=3, quiet=True)
+    whole = perf_counter() - begin
+    assert 0.5 * whole < sum(result.seconds.values()) <= whole and result.seconds["other"] > 0
+
+
+def test_an_interrupted_solve_raises_even_if_failures_are_not_to():
+    def push(t):
+        if 0.5 < t < 1:
+            raise ZeroDivisionError
+        return (0.0, 0.0, -10 * t)
+
+    system = System(beam(), [StVK(young=1e4, poisson=0.3), Traction("tip", push)], fixed={"wall": "xyz"})
+    with pytest.raises(SolveError):
+        solve_static(system, **OPTIONS)
+
+
+@pytest.mark.parametrize(("outcome", "stable"), [("SOLVED", True), ("OUT_OF_ITERATIONS", True), ("NEGATIVE_CURVATURE", False)])
+def test_cg_that_only_runs_out_of_iterations_says_nothing_against_a_state(outcome, stable):
+    from types import SimpleNamespace
+
+    from skfem_stvk.linear import Outcome
+    from skfem_stvk.statics.stability import stability
+
+    problem = SimpleNamespace(
+        solver=SimpleNamespace(iterative=True),
+        free=SimpleNamespace(free=np.arange(3)),
+        factorise=lambda u, t: None,
+        negative_pivots=lambda: None,
+        solve=lambda factors, b, rtol: SimpleNamespace(outcome=Outcome[outcome]),
+    )
+    assert stability(problem, np.zeros(3), 1.0) == (stable, None)
+
+
+def test_energies_by_term_are_those_at_the_load_factor():
+    """Into tests/system/test_loads.py."""
+    system = bent()
+    u = 0.01 * np.sin(np.arange(system.ndofs))
+    assert sum(system.energies(u, 0.3).values()) == pytest.approx(system.potential(u, 0.3), rel=1e-12)
