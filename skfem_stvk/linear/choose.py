@@ -32,7 +32,9 @@ def choose(solver: str | LinearSolver, n: int, kind: Kind) -> LinearSolver:
         if solver not in known:
             raise StvkError(f"solver = {solver!r}; expected 'auto', {names(SOLVERS)}, or an object such as SuperLU().")
         solver = known[solver]
-    if isinstance(solver, type) or not all(hasattr(solver, name) for name in ("analyse", "name", "takes", "matrix_free", "iterative")):
+    if isinstance(solver, type) or not all(
+        hasattr(solver, name) for name in ("analyse", "name", "takes", "matrix_free", "iterative")
+    ):
         raise StvkError(f"solver is a {type(solver).__name__}; expected 'auto', {names(SOLVERS)}, or an object such as SuperLU().")
     check_kind(solver, kind)
     return solver

@@ -186,10 +186,10 @@ def test_another_answer_is_no_speed():
     assert "tip" in next(speed._failures(found))
 
 
-def test_assembly_that_takes_long_is_named():
-    found = entries()
+def test_the_share_of_assembly_is_told():
+    found = entries(("FElupe P1", "SuperLU", 20.0))
     found[1] = found[1]._replace(run=found[1].run._replace(seconds={"assemble": 0.06, "solve": 0.94}))
-    assert list(speed._failures(found)) == ["50000 unknowns, edges P1 with pardiso: assembly takes 6.0%"]
+    assert list(speed._shares(found)) == ["4.0% (amg-cg, 50000)", "6.0% (pardiso, 50000)"]
 
 
 def test_a_long_run_is_told_from_two_iterations():

@@ -16,6 +16,11 @@ def superlu(K: Any, b: Array) -> Array:
     return x
 
 
+def forget() -> None:
+    """Let PARDISO's wrapper forget the matrix that it factorised last; it would not factorise the same one again."""
+    import_module("pypardiso").scipy_aliases.pypardiso_solver.free_memory(everything=True)
+
+
 def pardiso(K: Any, b: Array) -> Array:
     """`pypardiso.spsolve`, which takes every matrix for an unsymmetric one."""
     x: Array = import_module("pypardiso").spsolve(K.tocsr(), b)
