@@ -75,7 +75,7 @@ def solve_static(
     ...     fixed={lambda x: x[0] == 0: "xyz"},
     ... )
     >>> result = solve_static(system, steps=4, quiet=True)
-    >>> result.status.value, round(float(result.reaction().force[2]))
+    >>> result.status.value, round(float(result.reaction().resultant[2]))
     ('converged', 500)
     """
     start = _checked(system, steps, rtol, u0)

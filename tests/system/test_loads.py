@@ -74,9 +74,7 @@ def test_single_precision_is_single_precision(name):
 
 def test_a_foundation_of_a_sheet_counts_its_thickness():
     mesh = sheet()
-    thin, thick = (
-        System(mesh, [StVK(young=1.0, poisson=0.3, thickness=h), ElasticFoundation(left, 2.0)]) for h in (0.1, 0.3)
-    )
+    thin, thick = (System(mesh, [StVK(young=1.0, poisson=0.3, thickness=h), ElasticFoundation(left, 2.0)]) for h in (0.1, 0.3))
     u = np.ones(mesh.p.size)
     assert thin.energy(u) > 0 and thick.energy(u) == pytest.approx(3 * thin.energy(u), rel=1e-10)
 
