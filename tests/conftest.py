@@ -3,6 +3,10 @@
 import os
 
 import pytest
+from hypothesis import settings
+
+settings.register_profile("house", deadline=None)  # tests never assert a time, and the first example may compile a kernel
+settings.load_profile("house")
 
 
 @pytest.fixture(scope="session")
