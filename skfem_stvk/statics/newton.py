@@ -141,8 +141,8 @@ def _iterate(
 
 
 def _converged(problem: Equilibrium, record: Iterations, end: End) -> End:
-    """The end, with what the last exact tangent says of stability."""
-    if "exact" in record.tangents:
+    """The end, with what the last exact tangent says of stability; each iteration has one, also where another one is taken."""
+    if len(record):
         record.negative_pivots = problem.negative_pivots()
     return end
 

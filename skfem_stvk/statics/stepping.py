@@ -91,9 +91,8 @@ class _Walk:
         problem, u = self._problem, self._u
         problem.accept(u, self.t)
         self._allowed = len(problem.inside_out(u))
-        self._unstable = (
-            bool(record.negative_pivots) if "exact" in record.tangents else self._unstable
-        )  # without a tangent, as before
+        if len(record):  # without a tangent it is as stable as the state before
+            self._unstable = bool(record.negative_pivots)
         status = Status.INVERTED if self._allowed else Status.UNSTABLE if self._unstable else end.status
         now, before = perf_counter(), self._clock
         self._clock = now
