@@ -10,9 +10,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..errors import StateError, StvkError, name_ids
+from ..errors import StvkError
 from ..materials import Hypothesis, Material
 from ..mesh import MeshLike, SimplexMesh
+from ..mesh.displacements import by_vertex
 from ..mesh.geometry import Geometry
 from ..terms import StVK
 from .frames import rest_frames
@@ -118,13 +119,4 @@ class Fields:
         StateError
             if `u` does not have one finite entry for each degree of freedom.
         """
-        u = np.asarray(u, dtype=np.float64)
-        if u.shape != (self.mesh.p.size,):
-            raise StateError(
-                f"u has shape {u.shape}; expected ({self.mesh.p.size},): {self.mesh.d} components at each of {self.mesh.nv} vertices, "
-                "degree of freedom d * vertex + component."
-            )
-        bad = np.flatnonzero(~np.isfinite(u))
-        if len(bad):
-            raise StateError(f"u is not finite in {name_ids(bad, 'entry')}: did the step before diverge?")
-        return State(self, u.reshape(-1, self.mesh.d))
+        return State(self, by_vertex(self.mesh, u).astype(np.float64, copy=False))

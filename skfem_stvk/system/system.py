@@ -16,6 +16,7 @@ from ..errors import LoadError, StateError, StvkError, StvkWarning, name_ids
 from ..kernels.threads import Turn
 from ..mesh import MeshLike, SimplexMesh
 from ..mesh.diagnostics import check_mesh, warn_of_flat_elements
+from ..mesh.displacements import by_vertex
 from ..terms import Body, BoundLoad, BoundTerm, HasVolume, Load, Term
 from .free import FreeDofs
 from .operator import TangentOperator
@@ -403,19 +404,7 @@ class System:
 
     def _state(self, u: ArrayLike, name: str = "u") -> Array:
         """Displacements as (nv, d)."""
-        u = np.asarray(u)
-        if u.dtype.kind not in "fiu":
-            raise StateError(f"{name} has dtype {u.dtype}; expected real numbers, displacements in m.")
-        u = np.ascontiguousarray(u, dtype=np.float32 if u.dtype == np.float32 else np.float64)
-        if u.shape != (self.ndofs,):
-            raise StateError(
-                f"{name} has shape {u.shape}; expected ({self.ndofs},): {self.mesh.d} components at each of {self.mesh.nv} vertices, "
-                "degree of freedom d * vertex + component. Is it of another mesh or of second order?"
-            )
-        bad = np.flatnonzero(~np.isfinite(u))
-        if len(bad):
-            raise StateError(f"{name} is not finite in {name_ids(bad, 'entry')}: did the step before diverge?")
-        return u.reshape(-1, self.mesh.d)
+        return by_vertex(self.mesh, u, name)
 
     def _warn_of_bare_vertices(self) -> None:
         used = np.zeros(self.mesh.nv, dtype=bool)

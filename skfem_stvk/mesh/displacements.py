@@ -1,0 +1,38 @@
+"""Displacements of the vertices of a mesh: flat for users, by vertex within."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..errors import StateError, name_ids
+from .simplices import SimplexMesh
+
+
+def by_vertex(mesh: SimplexMesh, u: ArrayLike, name: str = "u") -> NDArray[np.floating[Any]]:
+    """`u` (ndofs,) as (nv, d), not copied if it is in double or single precision and contiguous.
+
+    Raises
+    ------
+    StateError
+        if it does not have one finite entry for each degree of freedom; messages call it by `name`.
+
+    >>> by_vertex(SimplexMesh(p=[[0, 1], [0, 0]], t=[[0], [1]]), [1, 2, 3, 4])
+    array([[1., 2.],
+           [3., 4.]])
+    """
+    u = np.asarray(u)
+    if u.dtype.kind not in "fiu":
+        raise StateError(f"{name} has dtype {u.dtype}; expected real numbers, displacements in m.")
+    u = np.ascontiguousarray(u, dtype=np.float32 if u.dtype == np.float32 else np.float64)
+    if u.shape != (mesh.p.size,):
+        raise StateError(
+            f"{name} has shape {u.shape}; expected ({mesh.p.size},): {mesh.d} components at each of {mesh.nv} vertices, "
+            "degree of freedom d * vertex + component. Is it of another mesh or of second order?"
+        )
+    bad = np.flatnonzero(~np.isfinite(u))
+    if len(bad):
+        raise StateError(f"{name} is not finite in {name_ids(bad, 'entry')}: did the step before diverge?")
+    return u.reshape(-1, mesh.d)
