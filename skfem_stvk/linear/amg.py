@@ -105,8 +105,7 @@ class AmgFactors:
         b = rows.padded(checked_vector(b, rows.n))
         found = conjugate_gradients(self._multiply, self._precondition, b, rtol, MOST)
         self._pace.note(found)
-        direction = None if found.direction is None else rows.taken(found.direction)
-        return replace(found, x=rows.taken(found.x), direction=direction)
+        return replace(found, x=rows.taken(found.x))
 
     def _multiply(self, x: Vector) -> Vector:
         finest = self._analysis.finest

@@ -33,7 +33,7 @@ def conjugate_gradients(product: Map, precondition: Map, b: Vector, rtol: float,
         return nothing(b, Outcome.NOT_FINITE)
     if outcome is Outcome.SOLVED and residual > rtol * size:
         outcome = Outcome.INACCURATE
-    return Solution(search.x, search.iterations, residual / size if size else 0.0, outcome, search.direction)
+    return Solution(search.x, search.iterations, residual / size if size else 0.0, outcome)
 
 
 class _Search:
@@ -44,7 +44,7 @@ class _Search:
         self._parts = parts_of(len(b), 0.1, threads())
         self.x, self._r, self._p, self._before = np.zeros_like(b), b.copy(), np.zeros_like(b), np.empty_like(b)
         self.norm, self._rho = float(np.sqrt(self._dot(b, b))), 0.0
-        self.iterations, self.direction = 0, None  # type: tuple[int, Vector | None]
+        self.iterations = 0
 
     def run(self, enough: float, most: int) -> Outcome:
         """Iterate until the residual is small enough, or something else happens."""
@@ -73,7 +73,6 @@ class _Search:
         q = self._product(self._p)
         curvature = self._dot(self._p, q)
         if not curvature > 0:
-            self.direction = self._p if np.isfinite(curvature) else None
             return Outcome.NEGATIVE_CURVATURE if np.isfinite(curvature) else Outcome.NOT_FINITE
         np.copyto(self._before, self._r)
         square = sum(run(kernels.step, self._parts, rho / curvature, self._p, q, self.x, self._r))

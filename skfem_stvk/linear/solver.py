@@ -53,14 +53,12 @@ class Solution:
     iterations : of CG; 0 of a direct solver, or how often it refined.
     residual : `|b - K x| / |b|`, computed from x, 1 if there is none.
     outcome : how it ended.
-    direction : (n,) of NEGATIVE_CURVATURE the direction p with `p'Kp <= 0` and `p'b > 0`, otherwise None.
     """
 
     x: Vector
     iterations: int
     residual: float
     outcome: Outcome
-    direction: Vector | None = None
 
 
 @dataclass(frozen=True)
