@@ -1,7 +1,9 @@
 """Edges, tetrahedron-sharing edge pairs (TSEPs), their coefficients L, and the assembly from them: the heart."""
 
-from .assembly import Assembly, Linearized
+from .assembly import Assembly
 from .form import EdgeForm
+from .penalty import PenaltyAssembly
 from .rows import Rows
+from .simplices import Linearized
 
-__all__ = ["Assembly", "EdgeForm", "Linearized", "Rows"]
+__all__ = ["Assembly", "EdgeForm", "Linearized", "PenaltyAssembly", "Rows"]

@@ -13,47 +13,54 @@ from ..kernels import blocks as block_kernels
 from ..kernels.simplices import LANES
 from ..kernels.threads import Turn, threads
 from ..kernels.topology import lexicographic_order
-from .form import EdgeForm
 from .lanes import in_lanes, out_of_lanes
-from .order import OwnEdges, own_edges, own_order
+from .order import OwnEdges, OwnOrder, own_edges, own_order
 from .sharing import Shares, shares_of
 
 Array = NDArray[np.floating[Any]]
 
 
 class OwnArrays:
-    """The simplices of an edge form in blocks of lanes, in an order of their own; how threads share them; vectors to work in.
+    """Simplices in blocks of lanes, in an order of their own; how threads share them; vectors to work in.
 
     What only K needs is made at the first K, and vectors when they are first used.
 
     Parameters
     ----------
-    form : the edge form.
-    dtype : of results and of coefficients, which are computed in double and rounded then.
+    p : (d, nv) rest coordinates of all vertices of the mesh [m].
+    t : (k + 1, nt) vertices of the simplices.
+    edges : (2, ne) their edges, `a < b` in lexicographic order.
+    stored : what the kernels store of the simplices in their own order, (m, nt) from its vertices of the mesh (k + 1, nt) and the order.
+    dtype : of results and of what is stored, which is computed in double and rounded then.
+
+    Attributes
+    ----------
+    k, d : dimension of the simplices, and of the space.
     """
 
-    def __init__(self, form: EdgeForm, dtype: DTypeLike = np.float64) -> None:
-        self.form, self.dtype = form, np.dtype(dtype)
-        order = own_order(form.t, form.edges)
+    def __init__(
+        self,
+        p: NDArray[np.float64],
+        t: NDArray[np.int32],
+        edges: NDArray[np.int32],
+        stored: Callable[[NDArray[np.int32], OwnOrder], NDArray[np.float64]],
+        dtype: DTypeLike = np.float64,
+    ) -> None:
+        self.edges, self.dtype = edges, np.dtype(dtype)
+        self.k, self.d = len(t) - 1, len(p)
+        order = own_order(t, edges)
         self.vertices, self._elements = order.vertices, order.elements
-        k, n = len(order.t) - 1, len(order.elements)
-        t = order.vertices[order.t]
-        stored = form.stiffness.stored(form.p, t, order.elements, order.local)
-        D = in_lanes(stored.astype(self.dtype))
+        n = len(order.elements)
+        D = in_lanes(stored(order.vertices[order.t], order).astype(self.dtype))
         D.reshape(len(D), -1, LANES)[-1, :, n - (len(D) - 1) * LANES :] = 0  # what only fills the last block has no stiffness
-        self._D = D.ravel() if len(stored) == 7 else D
-        self._t = in_lanes(order.t[[*range(k + 1), *[0] * (3 - k)]].astype(np.uint32))
+        self._D = D
+        self._t = in_lanes(order.t[[*range(self.k + 1), *[0] * (3 - self.k)]].astype(np.uint32))
         self._X, self._u = np.zeros(3 * len(order.vertices)), np.zeros(3 * len(order.vertices))
-        block_kernels.gather(np.ascontiguousarray(form.p.T), self.vertices, self._X)
+        block_kernels.gather(np.ascontiguousarray(p.T), self.vertices, self._X)
         self._threads = 0
         self._shared: dict[str, Shares] = {}
         self._kept: dict[str, Array] = {}
         self._turn = Turn()
-
-    @property
-    def edges(self) -> NDArray[np.int32]:
-        """(2, ne) pairs of vertices `a < b` of the mesh that are coupled."""
-        return self.form.edges
 
     def memory(self) -> dict[str, int]:
         """Bytes of what there is now, by part."""
@@ -68,7 +75,7 @@ class OwnArrays:
 
     @cached_property
     def _own(self) -> OwnEdges:
-        return own_edges(out_of_lanes(self._t, len(self._elements))[: len(self.form.t)].astype(np.int32))
+        return own_edges(out_of_lanes(self._t, len(self._elements))[: self.k + 1].astype(np.int32))
 
     @cached_property
     def _lexicographic(self) -> NDArray[np.int32]:

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .compiled import Ids, Reals
+from .penalty import BARRIER, COMPRESSION, QUADRATIC
 from .simplices import LANES
 from .topology import OWN
 
@@ -163,6 +164,145 @@ def volume_ratios(begin: int, end: int, t: Ids, X: Reals, u: Reals, k: int, d: i
     if len(out):
         out[begin * LANES : end * LANES] = ratios
     return float(ratios.min(initial=np.inf))
+
+
+def smallest_stretches(begin: int, end: int, t: Ids, X: Reals, u: Reals, k: int, out: Reals) -> float:
+    """The smallest singular value of `F Q = Q + U R^-1` with `P = Q R`, spokes as columns: within the simplex's own dimensions."""
+    P, U = (np.swapaxes(corners(x, slice(begin, end), t, X)[:, 1 : k + 1], 1, 2) for x in (X, u))
+    Q, R = np.linalg.qr(P)
+    stretches = np.linalg.svd(Q + U @ np.linalg.inv(R), compute_uv=False)[:, -1]
+    if len(out):
+        out[begin * LANES : end * LANES] = stretches
+    return float(stretches.min(initial=np.inf))
+
+
+def step_limit(begin: int, end: int, t: Ids, X: Reals, u: Reals, v: Reals, k: int) -> float:
+    """The smallest positive root of the cubics `det(p + s V)` of matrices of order `k`, found by their values at four places."""
+    P, U, V = (corners(x, slice(begin, end), t, X)[:, 1 : k + 1, :k] for x in (X, u, v))
+    least, places = np.inf, np.array([0.0, 1.0, -1.0, 2.0])
+    for rest, p, q in zip(P, P + U, V, strict=True):
+        if not q.any() or np.linalg.det(p) * np.linalg.det(rest) <= 0:
+            continue
+        scale = np.abs(p).max() / np.abs(q).max()
+        c = np.linalg.solve(np.vander(places, increasing=True), [np.linalg.det(p + s * scale * q) for s in places])
+        c[np.abs(c) < 1e-13 * np.abs(c).max()] = 0
+        roots = np.roots(c[::-1])
+        real = roots.real[(np.abs(roots.imag) <= 1e-7 * np.abs(roots)) & (roots.real > 0)]
+        least = min(least, scale * real.min(initial=np.inf))
+    return least
+
+
+def volume_energies(kind: int, J: Reals) -> tuple[Reals, Reals, Reals]:
+    """`psi, psi', psi''` of `J` for a stiffness of 1."""
+    if kind == QUADRATIC:
+        return (J - 1) ** 2 / 2, J - 1, np.ones_like(J)
+    J = np.minimum(J, 1)
+    if kind == COMPRESSION:
+        return (1 - J) ** 3 / 3, -((1 - J) ** 2), 2 * (1 - J)
+    J = np.where(J > 0, J, 1)
+    log = np.log(J)
+    slope = 2 * (1 - J) * log - (J - 1) ** 2 / J
+    return -((J - 1) ** 2) * log, slope, -2 * log + 4 * (1 - J) / J + ((J - 1) / J) ** 2
+
+
+def volumes_of(
+    part: slice, t: Ids, D: Reals, X: Reals, u: Reals, k: int, kind: int
+) -> tuple[Reals, Reals, Reals, tuple[Reals, Reals, Reals], float]:
+    """Of each simplex: `p` (n, k, k) its spokes now, `dJ/dp_i` (n, k, k), `k V0`, the energies, and the smallest `J` of the barrier.
+
+    dJ/dp = J p^-T = cof(p)/C0
+    """
+    stored = out_of_lanes(D, 2, part)
+    p = (corners(X, part, t, X) + corners(u, part, t, X))[:, 1 : k + 1, :k]
+    cofactors = np.empty_like(p)
+    for i in range(k):
+        for j in range(k):
+            minor = np.delete(np.delete(p, i, axis=1), j, axis=2)
+            cofactors[:, i, j] = (-1) ** (i + j) * np.linalg.det(minor)
+    J = np.linalg.det(p) * stored[:, 1]
+    real = stored[:, 0] > 0
+    least = float(J[real].min(initial=1.0)) if kind == BARRIER else 1.0
+    return p, cofactors * stored[:, 1, None, None], stored[:, 0], volume_energies(kind, np.where(real, J, 1)), least
+
+
+def penalty_energy_and_force(
+    begin: int, end: int, t: Ids, slots: Ids, D: Reals, X: Reals, u: Reals, k: int, kind: int, f: Reals
+) -> tuple[float, float]:
+    """`W = k V0 psi(J)`, `f_i = k V0 psi' dJ/dp_i`, `f_0 = -sum_i f_i`."""
+    part = slice(begin, end)
+    _, n, stiffness, (psi, slope, _), least = volumes_of(part, t, D, X, u, k, kind)
+    if len(f):
+        forces, to = (stiffness * slope)[:, None, None] * n, out_of_lanes(slots, 4, part)
+        np.add.at(f.reshape(-1, 3)[:, :k], to[:, 1 : k + 1], forces)
+        np.subtract.at(f.reshape(-1, 3)[:, :k], to[:, 0], forces.sum(axis=1))
+    return float((stiffness * psi).sum()), least
+
+
+def penalty_linearize(
+    begin: int,
+    end: int,
+    t: Ids,
+    slots: Ids,
+    edge_slots: Ids,
+    marks: Ids,
+    D: Reals,
+    X: Reals,
+    u: Reals,
+    k: int,
+    kind: int,
+    clamped: bool,
+    f: Reals,
+    blocks: Reals,
+) -> tuple[float, float]:
+    """`K_ij = k V0 (psi'' dJ/dp_i dJ/dp_j' + psi' d2J/dp_i dp_j)` of the spokes, `K_0j = -sum_i K_ij`.
+
+    d2J/dp_ix dp_jy = sum_mz eps_ijm eps_xyz p_mz / C0; in one and two dimensions with the axes across for the spokes that are missing
+    """
+    part = slice(begin, end)
+    p, n, stiffness, (_, slope, curvature), least = volumes_of(part, t, D, X, u, k, kind)
+    e = np.zeros((3, 3, 3))
+    e[[0, 1, 2], [1, 2, 0], [2, 0, 1]], e[[0, 2, 1], [2, 1, 0], [1, 0, 2]] = 1, -1
+    q = np.broadcast_to(np.eye(3), (len(p), 3, 3)).copy()
+    q[:, :k, :k] = p
+    second = np.einsum("ijm,xyz,nmz->nijxy", e, e, q)[:, :k, :k, :k, :k] * out_of_lanes(D, 2, part)[:, 1, None, None, None, None]
+    spokes = np.einsum("n,nix,njy->nijxy", stiffness * curvature, n, n)
+    spokes += (0 if clamped else 1) * np.einsum("n,nijxy->nijxy", stiffness * slope, second)
+    K = np.zeros((len(p), 4, 4, 3, 3))
+    K[:, 1 : k + 1, 1 : k + 1, :k, :k] = spokes
+    K[:, 0, 1:] = -K[:, 1:, 1:].sum(axis=1)
+    blocks[9 * marks[begin] : 9 * marks[end]] = 0
+    edges = edge_slots.shape[1] // LANES
+    slots_of_edges = out_of_lanes(edge_slots, edges, part)
+    for i, (a, b) in enumerate(EDGES[:edges]):
+        np.add.at(blocks.reshape(-1, 3, 3), slots_of_edges[:, i], K[:, a, b])
+    return penalty_energy_and_force(begin, end, t, slots, D, X, u, k, kind, f)[0], least
+
+
+def penalty_round_off(begin: int, end: int, t: Ids, slots: Ids, D: Reals, X: Reals, u: Reals, k: int, kind: int, f: Reals) -> float:
+    """`f_i = k V0 (psi'' |e| + |psi'|) |dJ/dp_i|`, with permanents for determinants, and in `|e|` `B_i = |u_i| + |u_0|` for `U_i`."""
+    part = slice(begin, end)
+    _, _, stiffness, (_, slope, curvature), least = volumes_of(part, t, D, X, u, k, kind)
+    P, U, ends = corners(X, part, t, X), corners(u, part, t, X), np.abs(u).reshape(-1, 3)[out_of_lanes(t, 4, part)]
+    P, p, B = (x[:, 1 : k + 1, :k] for x in (np.abs(P), np.abs(P + U), ends + ends[:, :1]))
+    scale = np.abs(out_of_lanes(D, 2, part)[:, 1])
+    e = scale * sum(_permanent([P[:, j] if j < i else B[:, j] if j == i else p[:, j] for j in range(k)]) for i in range(k))
+    to, slots = f.reshape(-1, 3), out_of_lanes(slots, 4, part)
+    factor = stiffness * scale * (curvature * e + np.abs(slope))
+    for i in range(k):
+        for x in range(k):
+            minor = [np.delete(p[:, j], x, axis=1) for j in range(k) if j != i]
+            size = factor * _permanent(minor)
+            np.add.at(to[:, x], slots[:, i + 1], size)
+            np.add.at(to[:, x], slots[:, 0], size)
+    return least
+
+
+def _permanent(rows: list[Reals]) -> Reals | float:
+    """(n,) the determinant of matrices, given by their rows (n, k), with plus for minus."""
+    if not rows:
+        return 1.0
+    total: Reals = sum(rows[0][:, x] * _permanent([np.delete(row, x, axis=1) for row in rows[1:]]) for x in range(len(rows)))  # type: ignore[assignment]
+    return total
 
 
 def gather(x: Reals, order: Ids, out: Reals) -> None:

@@ -1,4 +1,12 @@
-"""How the volumes of simplices change, with their sign: whether one is turned inside out."""
+"""How the volumes of simplices change, with their sign: whether one is turned inside out, and how far there is to go until one is.
+
+Along `u + s v` the signed volume form `C = p_1 . (p_2 x p_3)` is exactly a cubic in `s`: with `p_i + s V_i` for `p_i`
+
+    C(s) = p_1 . p_2 x p_3    +    s (V_1 . p_2 x p_3 + p_1 . V_2 x p_3 + p_1 . p_2 x V_3)
+         + s^2 (p_1 . V_2 x V_3 + V_1 . p_2 x V_3 + V_1 . V_2 x p_3)    +    s^3 V_1 . V_2 x V_3
+
+A triangle in the plane has (0, 0, 1) for its third spoke, a segment on the line (0, 1, 0) and (0, 0, 1), which do not move.
+"""
 
 from __future__ import annotations
 
@@ -8,6 +16,7 @@ from .compiled import Ids, Reals, inlined, kernel
 from .simplices import LANES
 
 I = np.uint64
+EPS = 2.0**-52
 
 
 @inlined
@@ -72,3 +81,163 @@ def volume_ratios(begin: int, end: int, t: Ids, X: Reals, u: Reals, k: int, d: i
         if len(out) > 0:
             out[block * LANES : (block + 1) * LANES] = J
     return least.min()
+
+
+@kernel
+def _gather_direction(t, block, v, V):
+    first = I(block * 4 * LANES)
+    for lane in range(LANES):
+        at = first + I(lane)
+        a = I(3) * I(t[at])
+        for spoke in range(3):
+            b = I(3) * I(t[at + I((spoke + 1) * LANES)])
+            for i in range(3):
+                V[I((3 * spoke + i) * LANES + lane)] = v[b + I(i)] - v[a + I(i)]
+
+
+@inlined
+def _triple(a, b, c):
+    """`a . (b x c)`."""
+    return _dot(a, _cross(b, c))
+
+
+@inlined
+def _size(a, b, c):
+    """The sum of the absolute values of all that adds up to `a . (b x c)`."""
+    return (
+        abs(a[0]) * (abs(b[1] * c[2]) + abs(b[2] * c[1]))
+        + abs(a[1]) * (abs(b[2] * c[0]) + abs(b[0] * c[2]))
+        + abs(a[2]) * (abs(b[0] * c[1]) + abs(b[1] * c[0]))
+    )
+
+
+@inlined
+def _value(c0, c1, c2, c3, s):
+    return c0 + s * (c1 + s * (c2 + s * c3))
+
+
+@kernel
+def _crossing(c0, c1, c2, c3, a, b):
+    """The zero of a cubic that falls from above zero at `a` to zero or below at `b`: Newton's method, within what bisection leaves."""
+    s = (a + b) / 2
+    for _ in range(200):
+        value, slope = _value(c0, c1, c2, c3, s), c1 + s * (2 * c2 + 3 * s * c3)
+        if value > 0:
+            a = s
+        else:
+            b = s
+        following = s - value / slope if slope < 0 else a
+        if not a < following < b:
+            following = a + (b - a) / 2
+        if abs(following - s) <= EPS * b or not a < following < b:
+            return following
+        s = following
+    return s
+
+
+@kernel
+def _first_zero(c0, c1, c2, c3, end):
+    """The smallest positive zero of a cubic with `c0 > 0` before `end`, which may be infinite; `end` if there is none.
+
+    Between its extrema it is monotone. A minimum that is zero but for rounding is a zero.
+    """
+    begin = 0.0
+    # zeros of the slope c1 + 2 c2 s + 3 c3 s^2, without cancellation
+    discriminant = c2 * c2 - 3 * c1 * c3
+    if discriminant >= 0:
+        q = -(c2 + np.copysign(np.sqrt(discriminant), c2))
+        x = q / (3 * c3) if c3 != 0 else -1.0
+        y = c1 / q if q != 0 else -1.0
+        for extremum in (min(x, y), max(x, y)):
+            if not begin < extremum < end:
+                continue
+            sizes = c0 + extremum * (abs(c1) + extremum * (abs(c2) + extremum * abs(c3)))
+            value = _value(c0, c1, c2, c3, extremum)
+            if value <= 0:
+                return _crossing(c0, c1, c2, c3, begin, extremum)
+            if value <= 8 * EPS * sizes:
+                return extremum
+            begin = extremum
+    # from here on it rises for ever or falls for ever
+    last = end
+    if last == np.inf:
+        leading, degree = (c3, 3) if c3 != 0 else (c2, 2) if c2 != 0 else (c1, 1)
+        if leading >= 0:
+            return end
+        last = 0.0  # twice the bound of Fujiwara: no zero is larger
+        for power, c in ((degree, c0), (degree - 1, c1), (degree - 2, c2)):
+            if power > 0:
+                last = max(last, 4 * (abs(c) / abs(leading)) ** (1 / power))
+        last = max(last, 2 * begin)
+    if _value(c0, c1, c2, c3, last) > 0:
+        return end
+    return _crossing(c0, c1, c2, c3, begin, last)
+
+
+@inlined
+def _significant(c, size):
+    """A coefficient, unless it is what rounding leaves of zero."""
+    return c if abs(c) > 8 * EPS * size else 0.0
+
+
+@inlined
+def _ends(v, a, b):
+    """The sizes of both ends of a difference: what it is rounded by."""
+    return abs(v[a]) + abs(v[b]), abs(v[a + I(1)]) + abs(v[b + I(1)]), abs(v[a + I(2)]) + abs(v[b + I(2)])
+
+
+@kernel
+def _limit(p1, p2, p3, V1, V2, V3, B1, B2, B3, sign, end):
+    """The smallest `s` before `end` at which a simplex has no volume left; `end` if there is none. `B` are the sizes of what `V` came from."""
+    c1 = _triple(V1, p2, p3) + _triple(p1, V2, p3) + _triple(p1, p2, V3)
+    c2 = _triple(p1, V2, V3) + _triple(V1, p2, V3) + _triple(V1, V2, p3)
+    c1 = _significant(c1, _size(B1, p2, p3) + _size(p1, B2, p3) + _size(p1, p2, B3))
+    c2 = _significant(c2, _size(p1, B2, B3) + _size(B1, p2, B3) + _size(B1, B2, p3))
+    c3 = _significant(_triple(V1, V2, V3), _size(B1, B2, B3))
+    return _first_zero(sign * _triple(p1, p2, p3), sign * c1, sign * c2, sign * c3, end)
+
+
+@kernel
+def step_limit(begin: int, end: int, t: Ids, X: Reals, u: Reals, v: Reals, k: int) -> float:
+    """The smallest `s > 0` at which a simplex of the blocks `begin` to `end` with `J > 0` at `u` has `J = 0` at `u + s v`; or infinity.
+
+    No zero is looked for where `C(s) >= c0 - |c1| s - |c2| s^2 - |c3| s^3 > 0` up to the smallest `s` so far, or where no coefficient is
+    negative.
+    """
+    P, U, V = np.empty(9 * LANES), np.empty(9 * LANES), np.empty(9 * LANES)
+    least, looked_at = np.inf, np.empty(LANES, dtype=np.bool_)
+    for block in range(begin, end):
+        _gather(t, block, X, u, P, U)
+        _gather_direction(t, block, v, V)
+        if k < 3:
+            P[8 * LANES :] = 1
+        if k < 2:
+            P[4 * LANES : 5 * LANES] = 1
+        s = min(least, 1e100)  # infinity times zero is not zero
+        for i in range(LANES):
+            lane = I(i)
+            P1, P2, P3 = _spoke(P, lane), _spoke(P, lane + I(3 * LANES)), _spoke(P, lane + I(6 * LANES))
+            U1, U2, U3 = _spoke(U, lane), _spoke(U, lane + I(3 * LANES)), _spoke(U, lane + I(6 * LANES))
+            V1, V2, V3 = _spoke(V, lane), _spoke(V, lane + I(3 * LANES)), _spoke(V, lane + I(6 * LANES))
+            p1, p2, p3 = _sum(P1, U1), _sum(P2, U2), _sum(P3, U3)
+            n1, n2, n3, m1, m2, m3 = _cross(p2, p3), _cross(p3, p1), _cross(p1, p2), _cross(V2, V3), _cross(V3, V1), _cross(V1, V2)
+            rest = _triple(P1, P2, P3)
+            c0 = rest * _dot(p1, n1)  # the signs of J and of its slopes
+            c1 = rest * (_dot(V1, n1) + _dot(V2, n2) + _dot(V3, n3))
+            c2 = rest * (_dot(p1, m1) + _dot(p2, m2) + _dot(p3, m3))
+            c3 = rest * _dot(V1, m1)
+            bound = c0 - s * (abs(c1) + s * (abs(c2) + s * abs(c3)))
+            looked_at[lane] = (c0 > 0) & ~(bound > 0) & (min(c1, c2, c3) < 0)
+        for i in range(LANES):
+            lane = I(i)
+            if looked_at[lane]:
+                P1, P2, P3 = _spoke(P, lane), _spoke(P, lane + I(3 * LANES)), _spoke(P, lane + I(6 * LANES))
+                U1, U2, U3 = _spoke(U, lane), _spoke(U, lane + I(3 * LANES)), _spoke(U, lane + I(6 * LANES))
+                V1, V2, V3 = _spoke(V, lane), _spoke(V, lane + I(3 * LANES)), _spoke(V, lane + I(6 * LANES))
+                sign = np.copysign(1.0, _triple(P1, P2, P3))
+                at = I(block * 4 * LANES) + lane
+                a, b = I(3) * I(t[at]), I(3) * I(t[at + I(LANES)])
+                c, d = I(3) * I(t[at + I(2 * LANES)]), I(3) * I(t[at + I(3 * LANES)])
+                B1, B2, B3 = _ends(v, a, b), _ends(v, a, c), _ends(v, a, d)
+                least = _limit(_sum(P1, U1), _sum(P2, U2), _sum(P3, U3), V1, V2, V3, B1, B2, B3, sign, least)
+    return least

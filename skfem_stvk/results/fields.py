@@ -15,7 +15,7 @@ from ..materials import Hypothesis, Material
 from ..mesh import MeshLike, SimplexMesh
 from ..mesh.displacements import by_vertex
 from ..mesh.geometry import Geometry
-from ..terms import StVK
+from ..terms import Body, StVK, VolumePenalty
 from .frames import rest_frames
 from .kinematics import Array
 from .nodal import NodalAverage
@@ -30,6 +30,16 @@ class Part:
     material: Material
     hypothesis: Hypothesis
     section: Array
+
+
+@dataclass(frozen=True)
+class VolumePart:
+    """A volume penalty on its elements, with its stiffness [Pa], and whether something keeps them from giving way across."""
+
+    elements: NDArray[np.int64]
+    term: VolumePenalty
+    stiffness: Array
+    held_across: NDArray[np.bool_]
 
 
 class Fields:
@@ -67,8 +77,10 @@ class Fields:
 
     def __init__(self, mesh: MeshLike, terms: Any) -> None:
         self.mesh = SimplexMesh.of(mesh)
-        carrying = [term for term in (terms if isinstance(terms, Iterable) else [terms]) if isinstance(term, StVK)]
-        if not carrying:
+        every = list(terms) if isinstance(terms, Iterable) else [terms]
+        carrying = [term for term in every if isinstance(term, StVK)]
+        penalties = [term for term in every if isinstance(term, VolumePenalty)]
+        if not carrying and not penalties:
             raise StvkError("None of the terms carries stress; expected at least one StVK(...).")
         self.parts = [self._part(term) for term in carrying]
         self.section, self.total_section = np.zeros(self.mesh.nt), np.zeros(self.mesh.nt)
@@ -77,6 +89,10 @@ class Fields:
             self.total_section[part.elements] += part.section
         self.without_term: NDArray[np.bool_] = self.total_section == 0
         self.section[self.without_term] = 1.0
+        body = Body(self.mesh, carrying)
+        self.volume_parts = [self._volume_part(term, body) for term in penalties]
+        for penalty in self.volume_parts:
+            self.without_term[penalty.elements] = False
 
     def _part(self, term: StVK) -> Part:
         elements, hypothesis = self.mesh.elements(term.region), term.hypothesis(self.mesh)
@@ -84,6 +100,14 @@ class Fields:
         term.material.check(len(elements), hypothesis)
         section = np.broadcast_to(term.section(self.mesh, len(elements)), len(elements))
         return Part(elements, term.material, hypothesis, section)
+
+    def _volume_part(self, term: VolumePenalty, body: Body) -> VolumePart:
+        """What no other term is on is in plane strain."""
+        held = (self.total_section == 0) & (self.mesh.k > 1)
+        for part in self.parts:
+            held[part.elements] |= not part.hypothesis.condensed
+        elements = self.mesh.elements(term.region)
+        return VolumePart(elements, term, term.moduli(body), held[elements])
 
     @cached_property
     def geometry(self) -> Geometry:
@@ -106,9 +130,10 @@ class Fields:
     @cached_property
     def material_of(self) -> NDArray[np.int64]:
         """(nt,) a number for each combination of terms that elements are in: stress jumps between them."""
-        covered = np.zeros((len(self.parts), self.mesh.nt), dtype=bool)
-        for row, part in zip(covered, self.parts, strict=True):
-            row[part.elements] = True
+        every = [part.elements for part in self.parts] + [part.elements for part in self.volume_parts]
+        covered = np.zeros((len(every), self.mesh.nt), dtype=bool)
+        for row, elements in zip(covered, every, strict=True):
+            row[elements] = True
         return np.unique(covered, axis=1, return_inverse=True)[1].reshape(-1)
 
     def at(self, u: ArrayLike) -> State:

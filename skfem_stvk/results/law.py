@@ -1,4 +1,4 @@
-"""The law of a material on simplices: the full strain and stress from the strain within them.
+"""The law of a material on simplices: the full strain and stress from the strain within them; and that of an energy of their volume.
 
 Across a simplex either the strain vanishes (plane strain), or the stress does (plane stress, segments), and the strain follows from it.
 """
@@ -43,6 +43,40 @@ def strain_and_stress(material: Material, hypothesis: Hypothesis, strain: Array,
         )
     turn = frames if material.frame is None else np.swapaxes(np.asarray(material.frame), -1, -2) @ frames
     return (_condensed if hypothesis.condensed else _framed)(material.stiffness(), strain, turn)
+
+
+def dilation(gradient: Array) -> Array:
+    """(n,) `J - 1 = det(I + H) - 1` from displacement gradients `H` (n, k, k), without cancellation at small strain."""
+    k, trace = gradient.shape[1], np.trace(gradient, axis1=1, axis2=2)
+    if k == 1:
+        return trace
+    found = trace + np.linalg.det(gradient)
+    if k == 3:
+        found = found + (trace**2 - np.einsum("nij,nji->n", gradient, gradient)) / 2
+    return found
+
+
+def volume_stress(slope: Array, gradient: Array, held_across: NDArray[np.bool_]) -> tuple[Array, NDArray[np.bool_]]:
+    """`S = psi' J C^-1 = psi' A A'/J` (n, 3, 3) with the adjugate `A` of `I + H`, and where it is infinite; 0 there.
+
+    Cauchy's stress is `psi' I` within the simplices, and across those that are held there (plane strain).
+
+    Parameters
+    ----------
+    slope : (n,) `psi'(J)` [Pa].
+    gradient : (n, k, k) displacement gradients `H` of simplices that fill their space.
+    """
+    k = gradient.shape[1]
+    F = np.broadcast_to(np.eye(3), (len(gradient), 3, 3)).copy()
+    F[:, :k, :k] += gradient
+    columns = F[:, :, 0], F[:, :, 1], F[:, :, 2]
+    A = np.stack([np.cross(columns[1], columns[2]), np.cross(columns[2], columns[0]), np.cross(columns[0], columns[1])], axis=1)
+    J = (A[:, 0] * columns[0]).sum(axis=1)
+    lost = (J == 0) & (slope != 0)
+    S: Array = (slope / np.where(J == 0, 1.0, J))[:, None, None] * (A @ np.swapaxes(A, 1, 2))
+    S[:, range(k, 3), range(k, 3)] *= held_across[:, None]
+    S[lost] = 0
+    return S, lost
 
 
 def _isotropic(material: Isotropic, hypothesis: Hypothesis, strain: Array) -> tuple[Array, Array]:

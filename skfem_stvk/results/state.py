@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from ..errors import StateError
 from .kinematics import Array, Masked, displacement_gradient, strain_within
-from .law import strain_and_stress
+from .law import dilation, strain_and_stress, volume_stress
 from .table import find
 
 if TYPE_CHECKING:
@@ -84,9 +84,14 @@ class State:
         """(nt,) strain energy per rest volume [J/m^3]."""
         return self._response[2]
 
+    @property
+    def shrunk(self) -> NDArray[np.bool_]:
+        """(nt,) whether the second Piola-Kirchhoff stress is infinite: that of a `VolumePenalty` on an element without volume, `J = 0`."""
+        return self._response[3]
+
     @cached_property
-    def _response(self) -> tuple[Array, Array, Array]:
-        """Strain, stress and energy density, the terms' added up by their sections.
+    def _response(self) -> tuple[Array, Array, Array, NDArray[np.bool_]]:
+        """Strain, stress and energy density, the terms' added up by their sections; and where stress is infinite, 0 there.
 
         Raises
         ------
@@ -94,14 +99,14 @@ class State:
             if they overflow.
         """
         with np.errstate(over="ignore", invalid="ignore"):
-            strain, stress, density = self._added_up()
+            strain, stress, density, shrunk = self._added_up()
         if not np.isfinite(stress).all() or not np.isfinite(density).all():
             raise StateError(
                 f"Stresses overflow at displacements of up to {np.abs(self.u).max():.1e}: did the step before diverge?"
             )
-        return strain, stress, density
+        return strain, stress, density, shrunk
 
-    def _added_up(self) -> tuple[Array, Array, Array]:
+    def _added_up(self) -> tuple[Array, Array, Array, NDArray[np.bool_]]:
         fields, k = self.fields, self.fields.mesh.k
         within = strain_within(self.gradient, fields.geometry.axes)
         strain, stress, density = np.zeros((len(within), 3, 3)), np.zeros((len(within), 3, 3)), np.zeros(len(within))
@@ -113,7 +118,16 @@ class State:
             stress[ids] += share[:, None, None] * S
             density[ids] += share * (S * E).sum(axis=(1, 2)) / 2
         strain[:, :k, :k] = within
-        return strain, stress, density
+        shrunk = np.zeros(len(within), dtype=bool)
+        for penalty in fields.volume_parts:
+            ids, gradient = penalty.elements, self.gradient[penalty.elements]
+            psi, slope = penalty.term.density_and_slope(dilation(gradient), ids)
+            S, lost = volume_stress(penalty.stiffness * slope, gradient, penalty.held_across)
+            stress[ids] += S
+            density[ids] += penalty.stiffness * psi
+            shrunk[ids] |= lost
+        stress[shrunk] = 0
+        return strain, stress, density, shrunk
 
     def globally(self, tensor: Array) -> Array:
         """A tensor (nt, 3, 3) of the simplices' frames in global axes."""

@@ -18,8 +18,17 @@ Array = NDArray[np.float64]
 
 
 def pk2_stress(state: State) -> Masked:
-    """Second Piola-Kirchhoff stress `S = C : E` (nt, 3, 3) [Pa], on rest axes."""
-    return state.globally(state.stress), state.fields.without_term
+    """Second Piola-Kirchhoff stress (nt, 3, 3) [Pa], on rest axes: `S = C : E`, and `psi'(J) J (F'F)^-1` of a `VolumePenalty`.
+
+    Warns
+    -----
+    StvkWarning
+        with the ids of the elements of a `VolumePenalty` that have shrunk to nothing (`J = 0`); they are masked.
+    """
+    lost = np.flatnonzero(state.shrunk)
+    if len(lost):
+        _warn_of_shrunk(lost, "stress is infinite")
+    return state.globally(state.stress), state.fields.without_term | state.shrunk
 
 
 def pk1_stress(state: State) -> Masked:
@@ -27,8 +36,9 @@ def pk1_stress(state: State) -> Masked:
 
     There is no stress across where `F` may be missing, so `P` is there all the same.
     """
-    P: Array = state.raw("deformation_gradient")[0] @ state.raw("pk2_stress")[0]
-    return P, state.fields.without_term
+    S, missing = state.raw("pk2_stress")
+    P: Array = state.raw("deformation_gradient")[0] @ S
+    return P, missing
 
 
 def cauchy_stress(state: State) -> Masked:
@@ -43,20 +53,25 @@ def cauchy_stress(state: State) -> Masked:
     """
     F, _ = state.raw("deformation_gradient")
     J, missing = state.raw("volume_ratio")
-    missing = missing | state.fields.without_term
+    S, without = state.raw("pk2_stress")
+    missing = missing | without
     with np.errstate(divide="ignore", over="ignore", invalid="ignore"):
-        stress = F @ state.raw("pk2_stress")[0] @ np.swapaxes(F, 1, 2) / np.abs(J)[:, None, None]
+        stress = F @ S @ np.swapaxes(F, 1, 2) / np.abs(J)[:, None, None]
     infinite = ~np.isfinite(stress).all(axis=(1, 2))
     lost = np.flatnonzero(infinite & ~missing)
     if len(lost):
-        warnings.warn(
-            f"{name_ids(lost, 'element')}: shrunk to nothing (J = 0), so that the Cauchy stress is infinite; it is masked there. "
-            "Did the solve converge, and do prescribed displacements put vertices in one place?",
-            StvkWarning,
-            stacklevel=2,
-        )
+        _warn_of_shrunk(lost, "the Cauchy stress is infinite")
     stress[infinite] = 0.0
     return stress, missing | infinite
+
+
+def _warn_of_shrunk(ids: NDArray[np.int64], what: str) -> None:
+    warnings.warn(
+        f"{name_ids(ids, 'element')}: shrunk to nothing (J = 0), so that {what}; it is masked there. "
+        "Did the solve converge, and do prescribed displacements put vertices in one place?",
+        StvkWarning,
+        stacklevel=3,
+    )
 
 
 def von_mises_stress(state: State) -> Masked:
@@ -67,5 +82,5 @@ def von_mises_stress(state: State) -> Masked:
 
 
 def strain_energy_density(state: State) -> Masked:
-    """Strain energy per rest volume `1/2 S : E` (nt,) [J/m^3], added up over the terms."""
+    """Strain energy per rest volume (nt,) [J/m^3], added up over the terms: `1/2 E : C : E`, and `psi(J)` of a `VolumePenalty`."""
     return state.energy_density, state.fields.without_term

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from ..errors import StvkError, name_known
-from . import kinematics, stress
+from . import ellipticity, kinematics, stress
 from .kinematics import Masked
 
 if TYPE_CHECKING:
@@ -52,6 +52,7 @@ FIELDS = (
     Field("cauchy_stress", "Pa", TENSOR, True, stress.cauchy_stress),
     Field("von_mises_stress", "Pa", (), False, stress.von_mises_stress),
     Field("strain_energy_density", "J/m^3", (), False, stress.strain_energy_density),
+    Field("smallest_acoustic_eigenvalue", "Pa", (), False, ellipticity.smallest_acoustic_eigenvalue),
 )
 
 
@@ -59,7 +60,7 @@ def names() -> tuple[str, ...]:
     """The names of all fields.
 
     >>> names()[-3:]
-    ('cauchy_stress', 'von_mises_stress', 'strain_energy_density')
+    ('von_mises_stress', 'strain_energy_density', 'smallest_acoustic_eigenvalue')
     """
     return tuple(field.name for field in FIELDS)
 

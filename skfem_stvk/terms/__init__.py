@@ -7,9 +7,10 @@ from .gravity import Gravity
 from .load import Load
 from .nodal_load import NodalLoad
 from .pressure import Pressure
-from .protocols import BoundLoad, BoundTerm, HasVolume, Term
+from .protocols import BoundLoad, BoundTerm, HasStretch, HasVolume, Quartic, Term
 from .stvk import StVK
 from .traction import Traction
+from .volume_penalty import VolumePenalty
 
 __all__ = [
     "Body",
@@ -18,11 +19,14 @@ __all__ = [
     "BoundTerm",
     "ElasticFoundation",
     "Gravity",
+    "HasStretch",
     "HasVolume",
     "Load",
     "NodalLoad",
     "Pressure",
+    "Quartic",
     "StVK",
     "Term",
     "Traction",
+    "VolumePenalty",
 ]

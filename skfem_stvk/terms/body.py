@@ -60,6 +60,15 @@ class Body:
             section[ids] = own
         return np.nan_to_num(section, nan=1.0)
 
+    @cached_property
+    def confined_modulus(self) -> Array:
+        """(nt,) `lam + 2 mu` [Pa] of all terms on each element: the stiffness where nothing can give way sideways; 0 where there is none."""
+        modulus = np.zeros(self.mesh.nt)
+        for term in self._materials:
+            ids = self.mesh.elements(term.region)
+            modulus[ids] += term.confined_modulus(self.mesh, len(ids))
+        return modulus
+
     @property
     def volumes(self) -> Array:
         """(nt,) volumes at rest [m^3]: sizes times section."""

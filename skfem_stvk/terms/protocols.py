@@ -34,7 +34,7 @@ class BoundTerm(Protocol):
     ) -> Linearized:
         """Write the tangent stiffness [N/m] of its edges and vertices to CSR values, or add it; adds the force to `force` (nv, d).
 
-        `clamped`: without what could make it indefinite (negative tensions), so that it is positive semi-definite.
+        `clamped`: without what could make it indefinite (negative tensions of edges, `psi' d2J` of volumes), so that it is positive semi-definite.
         """
 
     def edge_blocks(
@@ -48,14 +48,19 @@ class BoundTerm(Protocol):
     def add_diagonal(self, blocks: Array, out: Array) -> None:
         """Add the diagonal blocks `K_aa` to `out` (nv, d, d)."""
 
-    def along(self, u: Array, v: Array) -> NDArray[np.float64]:
-        """(5,) coefficients of the energy along `u + s v`, exactly a quartic: `c0 + c1 s + c2 s^2 + c3 s^3 + c4 s^4` [J]."""
-
     def add_round_off(self, u: Array, out: Array) -> None:
         """Add to `out` (nv, d) the absolute values of all that adds up to the force [N]: times eps, the size of its rounding error."""
 
     def memory(self) -> dict[str, int]:
         """Bytes of what there is now, by part."""
+
+
+@runtime_checkable
+class Quartic(Protocol):
+    """A term whose energy along any line is exactly a quartic."""
+
+    def along(self, u: Array, v: Array) -> NDArray[np.float64]:
+        """(5,) coefficients of the energy along `u + s v`: `c0 + c1 s + c2 s^2 + c3 s^3 + c4 s^4` [J]."""
 
 
 @runtime_checkable
@@ -66,6 +71,20 @@ class HasVolume(Protocol):
         """(n,) volume at `u` (nv, d) over that at rest of the region's simplices, in their order."""
 
     def smallest_volume_ratio(self, u: Array) -> float:
+        """The smallest of them."""
+
+    def step_limit(self, u: Array, v: Array) -> float:
+        """The smallest `s > 0` at which a simplex that is right side out at `u` has no volume left at `u + s v`; or infinity."""
+
+
+@runtime_checkable
+class HasStretch(Protocol):
+    """A term with simplices that can be compressed; its specification has their `region`."""
+
+    def smallest_stretches(self, u: Array) -> NDArray[np.float64]:
+        """(n,) smallest principal stretch at `u` (nv, d) of the region's simplices, in their order, within their own dimensions."""
+
+    def smallest_stretch(self, u: Array) -> float:
         """The smallest of them."""
 
 

@@ -13,7 +13,7 @@ from ..edges import Assembly, EdgeForm
 from ..edges.coefficients import simplex_coefficients
 from ..edges.stiffness import GeneralStiffness, IsotropicStiffness, Stiffness
 from ..errors import MaterialError
-from ..materials import Hypothesis, Isotropic, Material
+from ..materials import FramedMaterial, Hypothesis, Isotropic, Material
 from ..materials.values import check_length, constant
 from ..mesh import SimplexMesh
 from ..mesh.geometry import Geometry
@@ -120,6 +120,18 @@ class StVK:
         section = self.section(mesh, len(elements))
         geometry = Geometry(mesh.p, mesh.t[:, elements])
         return simplex_coefficients(geometry, self.material, hypothesis) * section[..., None, None]
+
+    def confined_modulus(self, mesh: SimplexMesh, n: int) -> NDArray[np.float64]:
+        """`lam + 2 mu` [Pa] within the simplices' own dimensions; if not isotropic the largest of `C_1111, C_2222, C_3333` in material axes."""
+        assert self.material is not None
+        hypothesis = self.hypothesis(mesh)
+        self.material.check(n, hypothesis)
+        if isinstance(self.material, Isotropic):
+            lam, mu = self.material.lame(hypothesis)
+            return lam + 2 * mu
+        assert isinstance(self.material, FramedMaterial)
+        modulus: NDArray[np.float64] = np.diagonal(self.material.stiffness(), axis1=-2, axis2=-1)[..., :3].max(axis=-1)
+        return modulus
 
     def section(self, mesh: SimplexMesh, n: int) -> NDArray[np.float64]:
         """What turns the measure of a simplex into a volume: thickness, area, or 1; a number or (n,)."""

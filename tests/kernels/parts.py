@@ -2,7 +2,7 @@
 
 import numba
 
-from skfem_stvk.edges import arrays, assembly, order, rows, stiffness, topology
+from skfem_stvk.edges import arrays, assembly, order, penalty, rows, simplices, stiffness, stretches, topology, volumes
 from skfem_stvk.kernels import readable, threads
 from skfem_stvk.system import free, pattern
 
@@ -26,10 +26,12 @@ def in_parts(monkeypatch, n):
 def on_twins(monkeypatch):
     """From now on nothing compiled is called."""
     monkeypatch.setattr(assembly, "simplex_kernels", readable)
-    monkeypatch.setattr(assembly, "block_kernels", readable)
-    monkeypatch.setattr(arrays, "block_kernels", readable)
-    monkeypatch.setattr(free, "block_kernels", readable)
-    monkeypatch.setattr(assembly, "volume_kernels", readable)
+    monkeypatch.setattr(penalty, "penalty_kernels", readable)
+    monkeypatch.setattr(volumes, "volume_kernels", readable)
+    for module in (arrays, assembly, free, simplices, volumes):
+        monkeypatch.setattr(module, "block_kernels", readable)
+    for name in ("block_kernels", "stretch_kernels"):
+        monkeypatch.setattr(stretches, name, readable)
     for module, names in BY_NAME.items():
         for name in names:
             monkeypatch.setattr(module, name, getattr(readable, name))

@@ -6,17 +6,17 @@ from bodies import BODIES, MESHES, box, state
 from kernels.parts import in_parts, on_twins
 from numba.core.dispatcher import Dispatcher
 
-from skfem_stvk import Anisotropic, StVK, System
-from skfem_stvk.kernels import blocks, geometry, readable, simplices, topology, volumes
+from skfem_stvk import Anisotropic, StVK, System, VolumePenalty
+from skfem_stvk.kernels import blocks, geometry, penalty, readable, simplices, stretches, topology, volumes
 from skfem_stvk.kernels.simplices import LANES
 
 
-def results(mesh, terms, dtype=np.float64):
+def results(mesh, terms, dtype=np.float64, amount=0.3):
     """All that the kernels compute, by name."""
-    body, u, v = System(mesh, terms, dtype=dtype), state(mesh), state(mesh, seed=9)
+    body, u, v = System(mesh, terms, dtype=dtype), state(mesh, amount), state(mesh, seed=9)
     W, F = body.energy_and_force(u)
     again, too, K = body.linearize(u)
-    return of_terms(mesh, terms, dtype) | {
+    return of_terms(mesh, terms, dtype, amount) | {
         "W": W,
         "F": F,
         "W of linearize": again,
@@ -30,20 +30,25 @@ def results(mesh, terms, dtype=np.float64):
     }
 
 
-def of_terms(mesh, terms, dtype):
+def of_terms(mesh, terms, dtype, amount):
     """What the terms know and systems do not ask for one by one; pushed together, so that there are negative tensions."""
     found = {}
     for i, term in enumerate(terms if isinstance(terms, list) else [terms]):
         assembly, v = term.bind(mesh, dtype), state(mesh, seed=9).reshape(-1, mesh.d)
-        u = state(mesh).reshape(-1, mesh.d) - 0.3 * mesh.p.T
+        u = state(mesh, amount).reshape(-1, mesh.d) - 0.3 * mesh.p.T
         sizes, diagonal, product = np.zeros_like(u), np.zeros((*u.shape, mesh.d)), np.zeros_like(u)
         assembly.add_round_off(u, sizes)
         _, blocks = assembly.edge_blocks(u, clamped=True)
         assembly.add_diagonal(blocks, diagonal)
         assembly.add_product(blocks, v, product)
+        if isinstance(term, StVK):
+            found |= {
+                f"tensions of {i}": assembly.tensions(u),
+                f"energy of {i} along a line": assembly.along(u, v),
+                f"stretches of {i}": assembly.smallest_stretches(0.1 * u),
+                f"smallest stretch of {i}": assembly.smallest_stretch(0.1 * u),
+            }
         found |= {
-            f"tensions of {i}": assembly.tensions(u),
-            f"energy of {i} along a line": assembly.along(u, v),
             f"round-off of {i}": sizes,
             f"clamped diagonal of {i}": diagonal,
             f"clamped product of {i}": product,
@@ -67,6 +72,36 @@ def test_compiled_and_readable_kernels_agree(name, parts, monkeypatch):
     compiled = results(*BODIES[name])
     on_twins(monkeypatch)
     assert_same(results(*BODIES[name]), compiled, 1e-14)
+
+
+def penalties(kind):
+    """(mesh, terms) by name, on all and on half of the elements."""
+    for name in ("tetrahedra", "triangles", "segments"):
+        mesh, rng = MESHES[name], np.random.default_rng(6)
+        half = rng.permutation(mesh.nt)[: mesh.nt // 2]
+        yield mesh, [StVK(young=1.0, poisson=0.3), VolumePenalty(rng.uniform(1, 5, mesh.nt), kind), VolumePenalty(9.0, kind, half)]
+
+
+@pytest.mark.parametrize("dtype", [np.float64, np.float32])
+@pytest.mark.parametrize("parts", [1, 3])
+@pytest.mark.parametrize("kind", ["quadratic", "compression", "barrier"])
+def test_those_of_penalties_agree_with_the_readable_ones_in_double(kind, parts, dtype, monkeypatch):
+    in_parts(monkeypatch, parts)
+    bodies = list(penalties(kind))
+    compiled = [results(*body, dtype=dtype, amount=0.08) for body in bodies]
+    on_twins(monkeypatch)
+    for body, found in zip(bodies, compiled, strict=True):
+        assert_same(results(*body, amount=0.08), found, 1e-13 if dtype == np.float64 else 1e-5)
+
+
+@pytest.mark.parametrize("kind", ["quadratic", "compression"])
+def test_those_of_penalties_agree_inside_out(kind, monkeypatch):
+    bodies = list(penalties(kind))
+    compiled = [results(*body) for body in bodies]
+    assert min(found["smallest ratio of 1"] for found in compiled) < 0
+    on_twins(monkeypatch)
+    for body, found in zip(bodies, compiled, strict=True):
+        assert_same(results(*body), found, 1e-13)
 
 
 @pytest.mark.parametrize("name", BODIES)
@@ -114,7 +149,7 @@ def test_on_twins_no_kernel_is_called(monkeypatch):
     results(mesh, terms)
 
 
-@pytest.mark.parametrize("module", [simplices, blocks, topology, geometry, volumes])
+@pytest.mark.parametrize("module", [simplices, blocks, topology, geometry, volumes, stretches, penalty])
 def test_every_kernel_that_python_calls_has_a_twin_with_its_signature(module):
     """What is annotated is called from Python."""
     called = {name: value.py_func for name, value in vars(module).items() if hasattr(value, "py_func") and name[0] != "_"}

@@ -1,0 +1,254 @@
+"""Strong ellipticity: whether small motions of an element spread as waves, or the material itself gives way in a band.
+
+A plane wave `a cos(N . X - w t)` of small amplitude in a homogeneous body has `rho w^2 = a . Q(N) a`, with the acoustic tensor
+
+    Q(N) = (N . S N) I + F [N . C . N] F' + psi'' n n'        [N . C . N]_MN = C_MJNL N_J N_L        n = cof F N
+
+the last of `VolumePenalty`; `a . Q(N) a` is also the second derivative of the energy density along `F + s a (x) N`. Where it is not
+positive for all unit `a` and `N`, strong ellipticity is lost: what comes then depends on the mesh, however fine that is.
+
+It is a form `sum M_ik,JL a_i a_k N_J N_L`, of second degree in each. Directions `N` in the simplex and motions `a` of it have its own
+dimensions: in plane strain and plane stress both are in the plane, for that is how the triangles can move. Membranes and cables in space
+are left out: under any compression they move across themselves, which is wrinkling, and at rest they are just about to.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..edges.coefficients import VOIGT
+from .kinematics import Masked
+from .law import dilation, strain_and_stress
+
+if TYPE_CHECKING:
+    from .state import State
+
+Array = NDArray[np.float64]
+Ids = NDArray[np.int64]
+
+#: Directions to begin with, on half a circle and half a sphere.
+DIRECTIONS = {2: 24, 3: 150}
+#: How far from the best of them the second one is sought [rad].
+APART = 0.5
+#: Elements at a time: what is in use of them stays in the cache.
+CHUNK = 256
+#: `psi''` of a volume penalty of stiffness 1, a function of `e = J - 1`.
+VOLUME_CURVATURE: dict[str, Callable[[Array], Array]] = {
+    "quadratic": np.ones_like,
+    "compression": lambda e: -2 * np.minimum(e, 0.0),
+    "barrier": lambda e: _barrier_curvature(np.minimum(e, 0.0)),
+}
+#: Steps from the best of them, the longest [rad], and what they may leave of the value, over the largest number of the form.
+MOST_STEPS, LONGEST, ENOUGH = 30, 0.3, 1e-13
+
+
+def smallest_acoustic_eigenvalue(state: State) -> Masked:
+    """The smallest eigenvalue of the acoustic tensors `Q(N)` of all unit `N` (nt,) [Pa]: strong ellipticity is lost where it is not positive.
+
+    Directions are sampled, and the best of them, and the best away from it, improved by Newton's method. An isotropic solid at rest has
+    `mu`. Elements in no term are masked, and all membranes and cables in space.
+    """
+    mesh, lowest = state.fields.mesh, np.zeros(state.fields.mesh.nt)
+    missing = state.fields.without_term | (mesh.k < mesh.d)
+    ids = np.flatnonzero(~missing)
+    if len(ids):
+        lowest[ids] = _smallest_of(ids, *_response(state))
+    return lowest, missing
+
+
+def without_ellipticity(state: State) -> tuple[Ids, Array]:
+    """Ids (n,) of the elements where strong ellipticity is lost, ascending, and their `smallest_acoustic_eigenvalue` (n,) [Pa].
+
+    That is worked out only where it may be lost, which takes a fraction of the time unless the body is compressed all over.
+
+    It is not lost where `S_min + c/2 s_min^2 > 0`: the smallest principal stress and stretch, and the smallest eigenvalue `c` of the
+    elasticity tensor. For `a . Q(N) a >= N . S N + B : C : B` with `B` the symmetric part of `F'a (x) N`, and `|B|^2 >= |F'a|^2/2`.
+    """
+    mesh = state.fields.mesh
+    if mesh.k < mesh.d:
+        return np.empty(0, dtype=np.int64), np.empty(0)
+    F, S, C, curvature = _response(state)
+    mandel = np.sqrt(_multiplicity(mesh.k))
+    softest = np.linalg.eigvalsh(mandel[:, None] * C * mandel)[:, 0]
+    bound = np.linalg.eigvalsh(S)[:, 0] + softest / 2 * np.linalg.eigvalsh(np.swapaxes(F, 1, 2) @ F)[:, 0]
+    ids = np.flatnonzero(~(bound > 0) & ~state.fields.without_term)
+    lowest = _smallest_of(ids, F, S, C, curvature)
+    return ids[lowest <= 0], lowest[lowest <= 0]
+
+
+def _response(state: State) -> tuple[Array, Array, Array, Array]:
+    """Within the elements' own dimensions `F`, `S` (nt, k, k), `C_MJ,NL` (nt, m, m), pairs in Voigt order, and `psi''` (nt,) [Pa].
+
+    `S` and `C` are those of the materials alone, by their law for one unit of each strain: what vanishes across is condensed out.
+    """
+    fields, k = state.fields, state.fields.mesh.k
+    i, j = np.array(VOIGT[k]).T
+    C = np.zeros((fields.mesh.nt, len(i), len(i)))
+    for part in fields.parts:
+        ids = part.elements
+        share = (part.section / fields.section[ids])[:, None]
+        for column in range(len(i)):
+            unit = np.zeros((len(ids), k, k))
+            unit[:, i[column], j[column]] = unit[:, j[column], i[column]] = 1.0 if i[column] == j[column] else 0.5
+            C[ids, :, column] += share * strain_and_stress(part.material, part.hypothesis, unit, fields.frames[ids])[1][:, i, j]
+    E = state.strain[:, i, j] * _multiplicity(k)
+    S = (C @ E[..., None])[..., 0]
+    return fields.geometry.axes + state.gradient, S[:, _places(k)], C, _curvature(state)
+
+
+def _barrier_curvature(e: Array) -> Array:
+    x = e / (1 + e)
+    return -2 * np.log1p(e) - 4 * x + x**2
+
+
+def _curvature(state: State) -> Array:
+    """(nt,) `psi''(J)` [Pa] of all volume penalties."""
+    curvature = np.zeros(state.fields.mesh.nt)
+    for part in state.fields.volume_parts:
+        e = dilation(state.gradient[part.elements])
+        curvature[part.elements] += part.stiffness * VOLUME_CURVATURE[part.term.kind](e)
+    return curvature
+
+
+def _smallest_of(ids: Ids, F: Array, S: Array, C: Array, curvature: Array) -> Array:
+    lowest = np.empty(len(ids))
+    for begin in range(0, len(ids), CHUNK):
+        chunk = ids[begin : begin + CHUNK]
+        lowest[begin : begin + CHUNK] = smallest(acoustic_form(F[chunk], S[chunk], C[chunk], curvature[chunk]))
+    return lowest
+
+
+def acoustic_form(F: Array, S: Array, C: Array, curvature: Array) -> Array:
+    """(n, k, k, k, k) the form `M_ik,JL`, symmetric in `ik` and in `JL`, of `F`, `S` (n, k, k), `C_MJ,NL` (n, m, m) and `psi''` (n,)."""
+    n, k, _ = F.shape
+    place = _places(k)
+    tensor = C[:, place[:, :, None, None], place].reshape(n, k, -1)  # M JNL
+    half = (F @ tensor).reshape(n, k, k, k, k)  # i J N L
+    M = np.moveaxis(F[:, None, None] @ half, 3, 2)  # i k J L
+    if curvature.any():
+        cofactors = _cofactors(F)
+        M = M + np.einsum("n,niJ,nkL->nikJL", curvature, cofactors, cofactors)
+    M = (M + np.swapaxes(M, 3, 4)) / 2
+    return M + np.eye(k)[:, :, None, None] * S[:, None, None]
+
+
+def _cofactors(F: Array) -> Array:
+    """(n, k, k) derivatives of `det F`."""
+    k = F.shape[1]
+    solid = np.broadcast_to(np.eye(3), (len(F), 3, 3)).copy()
+    solid[:, :k, :k] = F
+    x, y, z = (solid[:, :, i] for i in range(3))
+    cofactors: Array = np.stack([np.cross(y, z), np.cross(z, x), np.cross(x, y)], axis=2)[:, :k, :k]
+    return cofactors
+
+
+def smallest(form: Array) -> Array:
+    """(n,) smallest values of forms `M_ik,JL a_i a_k N_J N_L` (n, k, k, k, k) over unit `a` and `N`.
+
+    Never below them; of 6000 random and very anisotropic ones all were found, from the best direction alone all but 13.
+    """
+    k = form.shape[1]
+    if k == 1:
+        return form[:, 0, 0, 0, 0]
+    (i, j), N = np.array(VOIGT[k]).T, directions(k)
+    values = _lowest_eigenvalue(form[:, i, j][:, :, i, j] @ (N[:, i] * N[:, j] * _multiplicity(k)).T)
+    best = values.argmin(axis=1)
+    elsewhere = np.where(np.abs(N @ N.T)[best] < np.cos(APART), values, np.inf).argmin(axis=1)
+    return np.minimum(_improved(form, N[best]), _improved(form, N[elsewhere]))
+
+
+def directions(k: int) -> Array:
+    """(n, k) unit vectors, spread evenly over half a circle or half a sphere."""
+    n = DIRECTIONS[k]
+    if k == 2:
+        angle = np.pi * np.arange(n) / n
+        return np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    height, angle = (np.arange(n) + 0.5) / n, np.pi * (3 - np.sqrt(5)) * np.arange(n)  # turning by the golden angle
+    radius = np.sqrt(1 - height**2)
+    return np.stack([radius * np.cos(angle), radius * np.sin(angle), height], axis=1)
+
+
+def _lowest_eigenvalue(Q: Array) -> Array:
+    """(n, s) smallest eigenvalue of symmetric matrices, components (n, m, s) in Voigt order: to half of the digits, where they repeat."""
+    if Q.shape[1] == 3:
+        a, b, c = Q[:, 0], Q[:, 1], Q[:, 2]
+        return (a + b) / 2 - np.sqrt(((a - b) / 2) ** 2 + c**2)
+    mean = Q[:, :3].sum(axis=1) / 3
+    a, b, c = Q[:, 0] - mean, Q[:, 1] - mean, Q[:, 2] - mean
+    f, e, d = Q[:, 3], Q[:, 4], Q[:, 5]
+    off = d**2 + e**2 + f**2
+    p = np.sqrt((a**2 + b**2 + c**2 + 2 * off) / 6)
+    determinant = a * (b * c - f**2) - d * (d * c - e * f) + e * (d * f - b * e)
+    r = determinant / (2 * np.where(p > 0, p, 1.0) ** 3)
+    return mean + 2 * p * np.cos((np.arccos(np.clip(r, -1, 1)) + 2 * np.pi) / 3)
+
+
+def _improved(form: Array, N: Array) -> Array:
+    """(n,) local minima of the smallest eigenvalue of `Q(N)`, from `N` (n, k): Newton's method, downhill where the curvature is negative too.
+
+    With the unit eigenvector `a` of the smallest eigenvalue `q`, the others `b` of `q_b`, and `N` moved to `N + T d` across itself:
+
+        g = T' G N    G_JL = M_ik,JL a_i a_k        H = T' G T - q I - sum_b c_b c_b'/(q_b - q)    c_b = 2 T' (M_ik,JL b_i a_k N_L)
+    """
+    k, todo = N.shape[1], np.arange(len(N))
+    size = np.abs(form).max(axis=(1, 2, 3, 4))
+    q, V = np.linalg.eigh(_acoustic_tensor(form, N))
+    radius, lowest = np.full(len(N), LONGEST), q[:, 0].copy()
+    for _ in range(MOST_STEPS):
+        T = _across(N)
+        with_a = np.einsum("nikJL,nk->niJL", form, V[:, :, 0])
+        G = np.einsum("niJL,ni->nJL", with_a, V[:, :, 0])
+        c = 2 * np.swapaxes(V[:, :, 1:], 1, 2) @ (with_a @ N[:, None, :, None])[..., 0] @ T
+        gap = np.maximum(q[:, 1:] - q[:, :1], 1e-3 * size[:, None])
+        H = np.swapaxes(T, 1, 2) @ G @ T - q[:, :1, None] * np.eye(k - 1) - np.swapaxes(c, 1, 2) @ (c / gap[..., None])
+        g = (np.swapaxes(T, 1, 2) @ G @ N[..., None])[..., 0]
+        curvature, W = np.linalg.eigh(H)
+        along = (np.swapaxes(W, 1, 2) @ g[..., None])[..., 0]
+        d = -along / np.maximum(np.abs(curvature), 1e-9 * size[:, None])
+        length = np.linalg.norm(d, axis=1)
+        d *= np.minimum(1.0, radius / np.maximum(length, 1e-300))[:, None]
+        moved = N + (T @ W @ d[..., None])[..., 0]
+        moved /= np.linalg.norm(moved, axis=1, keepdims=True)
+        q_moved, V_moved = np.linalg.eigh(_acoustic_tensor(form, moved))
+        better = q_moved[:, 0] < q[:, 0]
+        radius = np.where(better, radius, np.minimum(radius, length) / 4)
+        N, q = np.where(better[:, None], moved, N), np.where(better[:, None], q_moved, q)
+        V = np.where(better[:, None, None], V_moved, V)
+        lowest[todo] = q[:, 0]
+        on = -(along * d).sum(axis=1) > ENOUGH * size
+        if not on.any():
+            break
+        todo, form, size, radius, N, q, V = (array[on] for array in (todo, form, size, radius, N, q, V))
+    return lowest
+
+
+def _acoustic_tensor(form: Array, N: Array) -> Array:
+    """(n, k, k)"""
+    Q: Array = ((form @ N[:, None, None, :, None])[..., 0] @ N[:, None, :, None])[..., 0]
+    return Q
+
+
+def _across(N: Array) -> Array:
+    """(n, k, k - 1) orthonormal vectors across unit vectors: columns of the reflection that takes the last axis to `N` or `-N`."""
+    k = N.shape[1]
+    v = N.copy()
+    v[:, -1] += np.where(N[:, -1] < 0, -1.0, 1.0)
+    reflection = np.eye(k) - 2 * v[:, :, None] * v[:, None] / (v**2).sum(axis=1)[:, None, None]
+    return reflection[:, :, : k - 1]
+
+
+def _places(k: int) -> NDArray[np.int64]:
+    """(k, k) where each pair stands in the Voigt order."""
+    place = np.empty((k, k), dtype=np.int64)
+    for number, (i, j) in enumerate(VOIGT[k]):
+        place[i, j] = place[j, i] = number
+    return place
+
+
+def _multiplicity(k: int) -> Array:
+    """(m,) how often a symmetric tensor has each pair of the Voigt order."""
+    return np.array([1.0 if i == j else 2.0 for i, j in VOIGT[k]])

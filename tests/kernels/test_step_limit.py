@@ -1,0 +1,220 @@
+"""How far a state may go along a line until an element has no volume left."""
+
+import numpy as np
+import pytest
+from bodies import MESHES, box, state
+from hypothesis import given
+from hypothesis import strategies as st
+from kernels.parts import in_parts, on_twins
+
+from skfem_stvk import SimplexMesh, StVK, System
+from skfem_stvk.kernels.volumes import _first_zero
+
+SOLID = ("tetrahedra", "triangles", "segments")
+TERM = StVK(young=2.0, poisson=0.3)
+
+
+def single(rest, u, v):
+    """The limit of one tetrahedron with vertices `rest` (4, 3), `u` and `v` alike."""
+    body = System(SimplexMesh(np.transpose(rest), np.arange(4)[:, None]), TERM)
+    return body.step_limit(np.ravel(u), np.ravel(v))
+
+
+def determinants(mesh, x):
+    return np.linalg.det(np.swapaxes(x[mesh.t[1:]] - x[mesh.t[:1]], 0, 1))
+
+
+def by_numpy(mesh, u, v):
+    """The smallest positive root of the cubics, from values at four places."""
+    u, v, x = u.reshape(-1, mesh.d), v.reshape(-1, mesh.d), mesh.p.T
+    places = np.array([0.0, 1.0, -1.0, 2.0])
+    J = [determinants(mesh, x + u + s * v) / determinants(mesh, x) for s in places]
+    least = np.inf
+    for c in np.linalg.solve(np.vander(places, increasing=True), J).T:
+        if c[0] > 0:
+            roots = np.roots(c[::-1])
+            least = min(least, roots.real[(np.abs(roots.imag) < 1e-9 * np.abs(roots)) & (roots.real > 0)].min(initial=np.inf))
+    return least
+
+
+@pytest.mark.parametrize("parts", [1, 2, 5])
+@pytest.mark.parametrize("name", SOLID)
+def test_it_is_the_first_root_of_all_cubics(name, parts, monkeypatch):
+    in_parts(monkeypatch, parts)
+    mesh = MESHES[name]
+    body = System(mesh, TERM)
+    for seed in range(20):
+        u, v = (0.5 * state(mesh, seed=100 * seed + i) for i in (1, 2))
+        limit = body.step_limit(u, v)
+        assert limit == pytest.approx(by_numpy(mesh, u, v), rel=1e-9)
+        assert np.isfinite(limit)
+        right = determinants(mesh, mesh.p.T + u.reshape(-1, mesh.d)) / determinants(mesh, mesh.p.T) > 0
+        for s, sign in ((1 - 1e-9, 1), (1 + 1e-9, -1)):
+            x = mesh.p.T + (u + s * limit * v).reshape(-1, mesh.d)
+            assert sign * (determinants(mesh, x) / determinants(mesh, mesh.p.T))[right].min() > 0
+
+
+@pytest.mark.parametrize("name", SOLID)
+def test_compiled_and_readable_kernels_agree(name, monkeypatch):
+    mesh = MESHES[name]
+    pairs = [(0.5 * state(mesh, seed=seed), state(mesh, seed=seed + 50)) for seed in range(10)]
+    compiled = [System(mesh, TERM).step_limit(u, v) for u, v in pairs]
+    on_twins(monkeypatch)
+    assert [System(mesh, TERM).step_limit(u, v) for u, v in pairs] == pytest.approx(compiled, rel=1e-10)
+
+
+@pytest.mark.parametrize("name", SOLID)
+def test_of_an_affine_motion_it_is_exact(name):
+    mesh = MESHES[name]
+    body, rest, x = System(mesh, TERM), np.zeros(mesh.p.size), mesh.p.T
+    one = np.zeros(mesh.d)
+    one[0] = 1
+    # a root of as many folds as there are dimensions, of which rounding leaves as many parts of the digits
+    assert body.step_limit(rest, -0.25 * x.ravel()) == pytest.approx(4, rel={1: 1e-12, 2: 1e-6, 3: 1e-4}[mesh.d])
+    assert body.step_limit(rest, (-0.25 * x * one).ravel()) == pytest.approx(4, rel=1e-12)
+    assert body.step_limit((-0.5 * x * one).ravel(), (-0.25 * x * one).ravel()) == pytest.approx(2, rel=1e-12)
+    for away in (0.25 * x, 0.25 * x * one, np.ones_like(x), np.zeros_like(x)):
+        assert body.step_limit(rest, away.ravel()) == np.inf
+    if mesh.d > 1:
+        shear = np.zeros_like(x)
+        shear[:, 0] = 3 * x[:, 1]
+        assert body.step_limit(rest, shear.ravel()) > 1e12  # the shear is rounded
+
+
+@pytest.mark.parametrize("name", ["tetrahedra", "triangles"])
+def test_what_rounding_leaves_of_a_coefficient_is_not_taken_for_one(name):
+    """Shear along any axis, which changes no volume: 1e-16 s^2 would end at 1e8, 1e-16 s^3 at 2e5."""
+    mesh, rng = MESHES[name], np.random.default_rng(3)
+    body = System(mesh, TERM)
+    for _ in range(10):
+        along, across = np.linalg.qr(rng.standard_normal((mesh.d, mesh.d)))[0][:2]
+        v = np.outer(mesh.p.T @ across, along).ravel()
+        assert body.step_limit(np.zeros_like(v), v) > 1e12
+
+
+def test_a_minimum_that_is_zero_but_for_rounding_is_a_zero():
+    rng = np.random.default_rng(0)
+    for r, q, height in rng.uniform(0.1, 10, (500, 3)):
+        # (1 - s/r)^2 (1 + s/q)
+        c = height * np.array([1.0, 1 / q - 2 / r, 1 / r**2 - 2 / (r * q), 1 / (r**2 * q)])
+        assert _first_zero(*c, np.inf) == pytest.approx(r, rel=1e-6)
+
+
+@pytest.mark.parametrize("name", ["membrane", "cable", "cable in the plane"])
+def test_what_has_no_inside_has_no_limit(name):
+    mesh = MESHES[name]
+    assert System(mesh, TERM).step_limit(state(mesh), state(mesh, seed=2)) == np.inf
+
+
+def test_elements_that_are_inside_out_already_are_not_looked_at():
+    mesh = box(1)
+    body = System(mesh, TERM)
+    mirrored = (-2 * mesh.p.T * [1, 0, 0]).ravel()
+    back = -mirrored
+    assert len(body.inside_out(mirrored)) == mesh.nt
+    assert body.step_limit(mirrored, back) == np.inf and body.step_limit(0 * back, mirrored) == pytest.approx(0.5)
+    assert body.step_limit(0.5 * mirrored, back) == np.inf  # flat: neither are those
+
+
+def test_the_one_that_matters_is_found_wherever_it_stands():
+    mesh = box(3)
+    body = System(mesh, TERM)
+    for e in range(0, mesh.nt, 7):
+        top, base = mesh.t[0, e], mesh.t[1:, e]
+        v = np.zeros((mesh.nv, 3))
+        v[top] = mesh.p[:, base].mean(axis=1) - mesh.p[:, top]
+        limit = body.step_limit(0 * v.ravel(), v.ravel())
+        assert limit == pytest.approx(by_numpy(mesh, 0 * v, v), rel=1e-10) and limit <= 1 + 1e-12
+        # and so does one that is nearer than all before it and beyond the bound on all after it
+        assert body.step_limit(0 * v.ravel(), v.ravel() + 1e-3 * state(mesh)) <= 1.01
+
+
+TET = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]])
+
+
+@pytest.mark.parametrize(
+    ("c", "wanted", "limit"),
+    [
+        ((1.0, -1.0, 0.0, 0.0), 1.0, 1e-12),
+        ((1.0, 1.0, 0.0, 0.0), np.inf, 1e-12),
+        ((1.0, 0.0, 0.0, 0.0), np.inf, 1e-12),
+        ((1.0, 0.0, -4.0, 0.0), 0.5, 1e-12),
+        ((1.0, 0.0, 0.0, -8.0), 0.5, 1e-12),
+        ((1.0, 0.0, 0.0, 8.0), np.inf, 1e-12),
+        ((1.0, -2.0, 1.0, 0.0), 1.0, 1e-12),  # a double root of a parabola: it touches
+        ((1.0, -3.0, 3.0, -1.0), 1.0, 1e-5),  # a triple root
+        ((4.0, 0.0, -3.0, 1.0), 2.0, 1e-12),  # (s - 2)^2 (s + 1): touches, then rises
+        ((4.0, -8.0, 5.0, -1.0), 1.0, 1e-12),  # (1 - s)(s - 2)^2
+        ((2.0, -5.0, 4.0, -1.0), 1.0, 1e-7),  # (s - 1)^2 (2 - s): touches first, crosses later
+        ((6.0, -11.0, 6.0, -1.0), 1.0, 1e-12),  # three roots: 1, 2, 3
+        ((6.0, -5.0, 1.0, 0.0), 2.0, 1e-12),
+        ((1.0, -1e-9, 0.0, 0.0), 1e9, 1e-12),
+        ((1e-30, -1.0, 0.0, 1.0), 1e-30, 1e-12),
+        ((1.0, 1e8, -1.0, 0.0), 1e8 + 1e-8, 1e-12),
+        ((1.0, -2.0 + 1e-6, 1.0, 0.0), np.inf, 1e-12),  # passes above zero at a distance of 1e-6
+        ((1.0, -2.0 - 1e-6, 1.0, 0.0), 1 - 1e-3, 1e-6),
+    ],
+)
+def test_the_first_zero_of_a_cubic(c, wanted, limit):
+    found = _first_zero(*c, np.inf)
+    assert found == pytest.approx(wanted, rel=limit)
+    if np.isfinite(wanted):
+        assert _first_zero(*c, 2 * wanted) == pytest.approx(found, rel=1e-9)
+        assert _first_zero(*c, 0.5 * wanted) == 0.5 * wanted
+
+
+@given(st.lists(st.floats(-10, 10), min_size=3, max_size=3), st.floats(0.1, 5), st.floats(1e-6, 1e6))
+def test_the_first_zero_of_any_product_of_factors(roots, height, scale):
+    """`h prod (1 - s/r_i)` has its first zero where its smallest positive root is; also if roots are close to each other."""
+    roots = np.array([r if abs(r) > 1e-3 else 1e-3 for r in roots])
+    c = height * np.poly(1 / (scale * roots))  # prod (1 - s x) has the coefficients of prod (x - ...) the other way round
+    wanted = (roots * scale)[roots > 0].min(initial=np.inf)
+    found = _first_zero(*c, np.inf)
+    gaps = np.abs(np.subtract.outer(roots, roots))[np.triu_indices(3, 1)]
+    near = 1e-4 if gaps.min() < 1e-2 else 1e-8  # multiple roots are known to the root of eps only
+    if gaps.min() > 1e-5 or np.isinf(wanted):
+        assert found == pytest.approx(wanted, rel=near)
+
+
+@given(st.integers(0, 2**32 - 1), st.floats(1e-3, 1e3), st.floats(1e-3, 1e3))
+def test_of_any_tetrahedron(seed, size, speed):
+    rng = np.random.default_rng(seed)
+    rest, u, v = size * rng.standard_normal((4, 3)), 0.3 * size * rng.standard_normal((4, 3)), speed * rng.standard_normal((4, 3))
+    mesh = SimplexMesh(rest.T, np.arange(4)[:, None])
+    if np.abs(determinants(mesh, rest))[0] < 1e-3 * size**3:
+        return
+    limit = single(rest, u, v)
+
+    def J(s):
+        return (determinants(mesh, rest + u + s * v) / determinants(mesh, rest))[0]
+
+    if J(0) <= 1e-6:
+        return
+    end = limit if np.isfinite(limit) else 100 * size / speed
+    inside = np.array([J(s) for s in np.linspace(0, end, 400)[:-1]])
+    assert inside.min() > -1e-9 * np.abs(inside).max()
+    if np.isfinite(limit):
+        around = [J(limit * (1 + d)) for d in (-1e-6, 1e-6)]
+        assert min(around) <= 1e-5 * max(1, abs(inside).max())
+
+
+def test_a_tetrahedron_that_touches_flatness_and_comes_back():
+    """Its base turns to and fro: J = (1 - s)^2 exactly."""
+    v = np.zeros((4, 3))
+    v[1], v[2] = [-1, 0, 0], [0, -1, 0]
+    assert single(TET, 0 * TET, v) == pytest.approx(1, abs=1e-7)
+    v[3] = [0, 0, 5.0]
+    assert single(TET, 0 * TET, v) == pytest.approx(1, abs=1e-7)
+
+
+def test_far_from_the_origin_and_in_other_units_it_is_the_same():
+    mesh = MESHES["tetrahedra"]
+    u, v = 0.5 * state(mesh), state(mesh, seed=3)
+    limit = System(mesh, TERM).step_limit(u, v)
+    far = SimplexMesh(mesh.p + 2.0**20, mesh.t)
+    same = SimplexMesh(far.p - 2.0**20, mesh.t)
+    assert System(far, TERM).step_limit(u, v) == System(same, TERM).step_limit(u, v) == pytest.approx(limit, rel=1e-6)
+    for size in (1e-9, 1e9):
+        scaled = SimplexMesh(size * mesh.p, mesh.t)
+        assert System(scaled, TERM).step_limit(size * u, size * v) == pytest.approx(limit, rel=1e-12)
+    assert System(mesh, TERM, dtype=np.float32).step_limit(u, v) == limit

@@ -1,0 +1,297 @@
+"""Strong ellipticity: where it is lost in closed form, the second derivative of the energy density, and the full tensor in all directions."""
+
+import numpy as np
+import pytest
+from bodies import BODIES, MESHES, state
+from homogeneous import POISSON, YOUNG, affine, homogeneous, turned
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.optimize import brentq, minimize
+
+from skfem_stvk import SimplexMesh, StVK, VolumePenalty
+from skfem_stvk.results import Fields, ellipticity
+from skfem_stvk.results.ellipticity import VOLUME_CURVATURE, directions, without_ellipticity
+from skfem_stvk.terms.volume_penalty import ENERGIES
+
+NAME = "smallest_acoustic_eigenvalue"
+MU = YOUNG / (2 * (1 + POISSON))
+FILLING = [name for name in BODIES if name.startswith(("tetrahedra", "triangles", "segments"))]
+TWO_SHEETS = [StVK(young=E, poisson=nu, plane="stress", thickness=h) for E, nu, h in ((2.0, 0.3, 0.5), (9.0, 0.1, 0.2))]
+POISSONS = (-0.4, 0.0, 0.2, 0.3, 0.45, 0.49)
+ONE = {"tetrahedra": MESHES["tetrahedra"], "triangles": MESHES["triangles"]}
+ONE = {name: SimplexMesh(mesh.p[:, mesh.t[:, 0]], np.arange(len(mesh.t))[:, None]) for name, mesh in ONE.items()}
+
+
+def of_one(name, F, terms):
+    """The field on the one element of a mesh that is deformed by F."""
+    return float(Fields(ONE[name], terms).at(affine(ONE[name], F))[NAME][0])
+
+
+def lost_at(name, shape, term):
+    """The largest stretch `s < 1` at which the state `shape(s)` loses strong ellipticity."""
+    return brentq(lambda s: of_one(name, shape(s), term), 0.05, 1.0, xtol=1e-13)
+
+
+@pytest.mark.parametrize("nu", POISSONS)
+def test_hydrostatic_compression_loses_it_at_the_closed_value(nu):
+    found = lost_at("tetrahedra", lambda s: s * np.eye(3), StVK(young=YOUNG, poisson=nu))
+    assert found == pytest.approx(np.sqrt((1 + nu) / (2 - nu)), rel=1e-11)
+
+
+@pytest.mark.parametrize("nu", POISSONS)
+def test_equibiaxial_plane_strain_loses_it_at_the_closed_value(nu):
+    found = lost_at("triangles", lambda s: s * np.eye(3), StVK(young=YOUNG, poisson=nu))
+    assert found == pytest.approx(np.sqrt(1 / (2 * (1 - nu))), rel=1e-11)
+
+
+@pytest.mark.parametrize("nu", POISSONS)
+def test_equibiaxial_plane_stress_loses_it_where_its_condensed_moduli_do(nu):
+    """`s^2 = (lam* + mu)/(lam* + 2 mu)` as in plane strain, with `lam* = E nu/(1 - nu^2)`: `(1 + nu)/2`."""
+    found = lost_at("triangles", lambda s: s * np.eye(3), StVK(young=YOUNG, poisson=nu, plane="stress"))
+    assert found == pytest.approx(np.sqrt((1 + nu) / 2), rel=1e-11)
+
+
+def uniaxial_strain(nu):
+    """With `N = (c, n)`, `y = s^2`, `x = c^2`: `det Q` is a quadratic in `x`, and lost is it where that touches zero for an `x` in (0, 1).
+
+        Q_11 = T + mu y + (lam + mu) y x    Q_22 = T + mu + (lam + mu)(1 - x)    Q_12^2 = (lam + mu)^2 y x (1 - x)    T = (y - 1)(lam/2 + mu x)
+
+    or where `Q_33 = T + mu` is zero at x = 1.
+    """
+    mu, lam = 1.0, 2 * nu / (1 - 2 * nu)
+
+    def det(y, x):
+        T = (y - 1) * (lam / 2 + mu * x)
+        first, second = T + mu * y + (lam + mu) * y * x, T + mu + (lam + mu) * (1 - x)
+        return first * second - (lam + mu) ** 2 * y * x * (1 - x)
+
+    def lowest(y):
+        at_0, at_half, at_1 = det(y, 0.0), det(y, 0.5), det(y, 1.0)
+        a, b = 2 * (at_0 + at_1 - 2 * at_half), 4 * at_half - 3 * at_0 - at_1
+        inside = [at_0 - b * b / (4 * a)] if a > 0 and 0 < -b / (2 * a) < 1 else []
+        return min(at_0, at_1, *inside)
+
+    across = 1 - 2 * mu / (lam + 2 * mu)
+    grid = np.linspace(1, 0.01, 2000)
+    first = next(i for i, y in enumerate(grid) if lowest(y) < 0)
+    return np.sqrt(max(across, brentq(lowest, grid[first], grid[first - 1], xtol=1e-15)))
+
+
+@pytest.mark.parametrize("nu", POISSONS)
+@pytest.mark.parametrize("name", ONE)
+def test_uniaxial_strain_loses_it_where_the_determinant_touches_zero(name, nu):
+    F = {"tetrahedra": turned([1, 2, -1], 0.7) @ turned([0, 1, 1], 1.1), "triangles": turned([0, 0, 1], 0.4)}[name]
+    found = lost_at(name, lambda s: F @ np.diag([s, 1, 1]) @ F.T, StVK(young=YOUNG, poisson=nu))
+    assert found == pytest.approx(uniaxial_strain(nu), rel=1e-9)
+
+
+def test_the_published_values_of_uniaxial_strain():
+    assert uniaxial_strain(0.0) == pytest.approx(2 - np.sqrt(2), rel=1e-12)
+    assert [round(uniaxial_strain(nu), 3) for nu in (0.0, 0.3, 0.45)] == [0.586, 0.706, 0.906]
+
+
+@pytest.mark.parametrize("nu", [0.0, 0.3, 0.45])
+def test_it_is_lost_before_the_limit_point(nu):
+    assert uniaxial_strain(nu) > 3**-0.5
+
+
+def test_a_bar_on_a_line_loses_it_at_its_limit_point():
+    """Of one dimension there is no more to it: `P = E/2 s (s^2 - 1)`, `dP/ds = E/2 (3 s^2 - 1)`."""
+    for s in (0.4, 3**-0.5, 0.8, 1.0, 1.6):
+        assert np.allclose(homogeneous("segments", np.diag([s, 1, 1]))[NAME], YOUNG / 2 * (3 * s**2 - 1), rtol=1e-12, atol=1e-14)
+
+
+@pytest.mark.parametrize("name", ONE)
+def test_at_rest_an_isotropic_solid_has_its_shear_modulus(name):
+    assert np.allclose(homogeneous(name, np.eye(3))[NAME], MU, rtol=1e-12)
+
+
+def density(fields, F):
+    """(nt,) energy density of elements that are all deformed by F."""
+    return np.asarray(fields.at(affine(fields.mesh, F))["strain_energy_density"])
+
+
+def motion(name, rng):
+    """F, far from rest, and unit vectors a and N in the space of the mesh."""
+    k = MESHES[name].k
+    F = np.eye(3)
+    F[:k, :k] += 0.4 * rng.standard_normal((k, k))
+    a, N = np.zeros((2, 3))
+    a[:k], N[:k] = rng.standard_normal((2, k))
+    return F, a / np.linalg.norm(a), N / np.linalg.norm(N)
+
+
+@pytest.mark.parametrize("name", [*FILLING, "triangles, two sheets"])
+def test_the_form_is_the_second_derivative_of_the_energy_density_along_a_dyad(name):
+    """By the five-point stencil, which is exact for a quartic; and the smallest is below all."""
+    mesh, terms = BODIES[name] if name in BODIES else (MESHES["triangles"], TWO_SHEETS)
+    fields, rng = Fields(mesh, terms), np.random.default_rng(7)
+    weights = {-2: -1 / 12, -1: 16 / 12, 0: -30 / 12, 1: 16 / 12, 2: -1 / 12}
+    for _ in range(5):
+        F, a, N = motion(name.split(",")[0], rng)
+        second = sum(w * density(fields, F + s * np.outer(a, N)) for s, w in weights.items())
+        k, now = mesh.k, fields.at(affine(mesh, F))
+        form = ellipticity.acoustic_form(*ellipticity._response(now))
+        found = np.einsum("nikJL,i,k,J,L->n", form, a[:k], a[:k], N[:k], N[:k])
+        limit = 1e-11 * np.abs(form).max()
+        assert np.abs(found - second).max() < limit
+        assert (now[NAME] <= second + limit).all()
+
+
+@pytest.mark.parametrize("kind", ENERGIES)
+@pytest.mark.parametrize("name", ["tetrahedra", "triangles", "segments"])
+def test_a_volume_penalty_adds_its_second_derivative(name, kind):
+    rng, mesh = np.random.default_rng(11), MESHES[name]
+    region = np.arange(mesh.nt // 2)
+    penalties = [VolumePenalty(0.7, kind), VolumePenalty(0.4, "quadratic", region=region)]
+    fields = Fields(mesh, [StVK(young=2.0, poisson=0.3), *penalties])
+    h = 1e-4
+    for _ in range(5):
+        F, a, N = motion(name, rng)
+        F = 0.7 * (np.eye(3) + 0.5 * (F - np.eye(3)))  # compressed: J < 1
+        F[mesh.k :, mesh.k :] = np.eye(3 - mesh.k)
+        assert 0.02 < np.linalg.det(F) < 0.9
+        second = sum(w * density(fields, F + s * h * np.outer(a, N)) for s, w in {-1: 1, 0: -2, 1: 1}.items()) / h**2
+        k = mesh.k
+        form = ellipticity.acoustic_form(*ellipticity._response(fields.at(affine(mesh, F))))
+        found = np.einsum("nikJL,i,k,J,L->n", form, a[:k], a[:k], N[:k], N[:k])
+        assert np.abs(found - second).max() < 1e-6 * np.abs(form).max()
+
+
+@pytest.mark.parametrize("kind", ENERGIES)
+def test_the_curvature_of_a_penalty_is_the_derivative_of_its_slope(kind):
+    e, h = np.linspace(-0.9, 0.9, 30), 1e-6
+    slope = ENERGIES[kind].slope
+    assert np.allclose(VOLUME_CURVATURE[kind](e), (slope(e + h) - slope(e - h)) / (2 * h), rtol=1e-7, atol=1e-7)
+
+
+def test_a_volume_penalty_does_not_put_off_the_loss_in_hydrostatic_compression():
+    """That is of motions across `N`, which change no volume; and the pressure of the penalty is no stiffness of dyads."""
+    nu, s = 0.3, 0.9
+    terms = [StVK(young=YOUNG, poisson=nu), VolumePenalty(0.3 * YOUNG)]
+    across = YOUNG / (1 - 2 * nu) * (s**2 - 1) / 2 + MU * s**2
+    assert of_one("tetrahedra", s * np.eye(3), terms) == pytest.approx(across, rel=1e-12)
+    assert lost_at("tetrahedra", lambda s: s * np.eye(3), terms) == pytest.approx(np.sqrt((1 + nu) / (2 - nu)), rel=1e-11)
+
+
+def test_a_volume_penalty_puts_it_off_in_uniaxial_strain():
+    terms = [StVK(young=YOUNG, poisson=0.3), VolumePenalty(0.3 * YOUNG)]
+    s = uniaxial_strain(0.3)
+    assert of_one("tetrahedra", np.diag([s, 1, 1]), terms[0]) == pytest.approx(0, abs=1e-9)
+    assert of_one("tetrahedra", np.diag([s, 1, 1]), terms) > 0.01 * YOUNG
+
+
+@given(
+    st.lists(st.floats(-1, 1), min_size=3, max_size=3).filter(lambda a: np.linalg.norm(a) > 0.1),
+    st.floats(-3, 3),
+    st.integers(0, 10**6),
+)
+@settings(max_examples=20)
+def test_turning_the_deformed_body_changes_nothing(axis, angle, seed):
+    mesh, terms = BODIES["tetrahedra, heterogeneous orthotropic with element frames"]
+    fields, Q = Fields(mesh, [*terms, VolumePenalty(1.0)]), turned(axis, angle)
+    u = state(mesh, 0.15, seed)
+    moved = (Q @ (mesh.p + u.reshape(-1, 3).T) - mesh.p).ravel("F")
+    here, there = fields.at(u)[NAME], fields.at(moved)[NAME]
+    assert np.ptp(here) > 0.1 and np.abs(there - here).max() < 1e-7
+
+
+@given(st.integers(0, 10**6), st.lists(st.floats(0.3, 1.5), min_size=3, max_size=3))
+@settings(max_examples=30)
+def test_turning_an_isotropic_body_at_rest_changes_nothing(seed, stretches):
+    Q, R = np.linalg.qr(np.random.default_rng(seed).standard_normal((2, 3, 3)))[0]
+    term = StVK(young=YOUNG, poisson=POISSON)
+    found = of_one("tetrahedra", Q @ np.diag(stretches) @ R.T, term)
+    assert found == pytest.approx(of_one("tetrahedra", np.diag(stretches), term), rel=1e-7, abs=1e-9)
+
+
+def smallest_over_all_pairs(form, rng):
+    """Over unit `a` and `N`, by scipy from many starts: nothing of what is tested."""
+    k = form.shape[0]
+
+    def value(x):
+        a, N = x[:k] / np.linalg.norm(x[:k]), x[k:] / np.linalg.norm(x[k:])
+        return np.einsum("ikJL,i,k,J,L", form, a, a, N, N)
+
+    return min(minimize(value, rng.standard_normal(2 * k), method="BFGS", options={"gtol": 1e-9}).fun for _ in range(25))
+
+
+@pytest.mark.parametrize(
+    "name", ["tetrahedra, anisotropic", "tetrahedra, fibres", "triangles, anisotropic", "triangles, plane stress"]
+)
+def test_the_smallest_is_that_over_all_pairs_of_vectors(name):
+    """The full tensor `dP/dF`, from the reference's stiffness in space, against scipy's minima."""
+    mesh, (term,) = BODIES[name]
+    rng, k = np.random.default_rng(3), mesh.k
+    now = Fields(mesh, term).at(state(mesh, 0.12 if k == 3 else 0.05))
+    F, _, C, _ = ellipticity._response(now)
+    S = np.asarray(now["pk2"])[:, :k, :k]
+    place = ellipticity._places(k)
+    found = now[NAME]
+    for e in range(0, mesh.nt, mesh.nt // 6):
+        full = C[e][place[:, :, None, None], place]  # M J N L
+        A = np.einsum("ik,JL->ikJL", np.eye(k), S[e]) + np.einsum("iM,kN,MJNL->ikJL", F[e], F[e], full)
+        assert found[e] == pytest.approx(smallest_over_all_pairs(A, rng), rel=1e-6, abs=1e-8 * np.abs(A).max())
+
+
+def test_no_direction_of_a_dense_set_has_less(monkeypatch):
+    for name in ("tetrahedra, fibres", "tetrahedra, isotropic", "triangles, fibres"):
+        mesh, terms = BODIES[name]
+        now = Fields(mesh, terms).at(state(mesh, 0.15 if mesh.k == 3 else 0.05))
+        found = now[NAME]
+        monkeypatch.setitem(ellipticity.DIRECTIONS, mesh.k, 4000)
+        N = directions(mesh.k)
+        monkeypatch.undo()
+        form = ellipticity.acoustic_form(*ellipticity._response(now))
+        dense = np.array([np.linalg.eigvalsh(np.einsum("ikJL,sJ,sL->sik", one, N, N))[:, 0].min() for one in form])
+        size = np.abs(form).max(axis=(1, 2, 3, 4))
+        assert (found <= dense + 1e-12 * size).all() and (dense - found < 5e-3 * size).all()
+        assert (found < 0).any() and (found > 0).any()
+
+
+@pytest.mark.parametrize("name", FILLING)
+def test_only_those_that_may_have_lost_it_are_looked_at_and_none_is_missed(name, monkeypatch):
+    mesh, terms = BODIES[name]
+    looked_at = []
+    smallest = ellipticity.smallest
+    monkeypatch.setattr(ellipticity, "smallest", lambda form: looked_at.append(len(form)) or smallest(form))
+    for amount in (0.01, 0.1, 0.2):
+        now = Fields(mesh, terms).at(state(mesh, amount))
+        lowest = now.raw(NAME)[0]
+        looked_at.clear()
+        ids, values = without_ellipticity(now)
+        assert np.array_equal(ids, np.flatnonzero(lowest <= 0)) and np.allclose(values, lowest[ids], rtol=1e-9)
+        if amount == 0.01 and "isotropic" in name:
+            assert sum(looked_at) < mesh.nt
+
+
+def test_elements_come_in_chunks_of_any_size(monkeypatch):
+    mesh, terms = BODIES["tetrahedra, an array of constants"]
+    found = []
+    for chunk in (1, 7, 10**6):
+        monkeypatch.setattr(ellipticity, "CHUNK", chunk)
+        found.append(Fields(mesh, terms).at(state(mesh, 0.15))[NAME])
+    assert np.allclose(found[0], found[1], rtol=0, atol=1e-9) and np.allclose(found[0], found[2], rtol=0, atol=1e-9)
+
+
+@pytest.mark.parametrize("name", ["membrane", "cable", "cable in the plane"])
+def test_membranes_and_cables_in_space_are_masked(name):
+    now = homogeneous(name, 0.5 * np.eye(3))
+    assert np.ma.getmaskarray(now[NAME]).all() and not len(without_ellipticity(now)[0])
+
+
+def test_elements_in_no_term_are_masked_and_never_lost():
+    mesh = MESHES["tetrahedra"]
+    now = Fields(mesh, StVK(young=2.0, poisson=0.3, region=np.arange(9))).at(-0.5 * mesh.p.ravel("F"))
+    assert np.array_equal(np.ma.getmaskarray(now[NAME]), np.arange(mesh.nt) >= 9)
+    assert np.array_equal(without_ellipticity(now)[0], np.arange(9))
+
+
+def test_directions_are_unit_vectors_without_opposites_and_leave_no_gap():
+    for k, gap in ((2, np.pi / 48), (3, 0.2)):
+        N, rng = directions(k), np.random.default_rng(1)
+        assert np.allclose(np.linalg.norm(N, axis=1), 1)
+        assert (np.abs(N @ N.T) - np.eye(len(N))).max() < 1 - 1e-4
+        anywhere = rng.standard_normal((5000, k))
+        anywhere /= np.linalg.norm(anywhere, axis=1, keepdims=True)
+        assert np.arccos(np.minimum(np.abs(anywhere @ N.T).max(axis=1), 1)).max() < gap + 1e-9

@@ -1,0 +1,283 @@
+"""What every elastic term owes: one suite for all of them."""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+import pytest
+from bodies import MESHES, random_frames, some_voigt, state, turned_round
+from kernels.parts import in_parts
+
+from skfem_stvk import Anisotropic, ElasticFoundation, SimplexMesh, StVK, System, VolumePenalty
+from skfem_stvk.system import Pattern
+from skfem_stvk.terms import Body, HasVolume, Quartic
+
+RNG = np.random.default_rng(12)
+SOLID = ("tetrahedra", "triangles", "segments")
+KINDS = ("quadratic", "compression", "barrier")
+
+
+class Case(NamedTuple):
+    """A term on a mesh.
+
+    Attributes
+    ----------
+    limit : of the error of derivatives by differences over steps of `step`: exact for polynomials of degree six, along lines.
+    inverts : whether it has an energy where elements are inside out.
+    grounded : whether rigid motions change the energy.
+    """
+
+    mesh: SimplexMesh
+    term: Any
+    limit: float = 1e-11
+    step: float = 0.1
+    inverts: bool = True
+    grounded: bool = False
+
+
+def cases():
+    found = {}
+    for name, mesh in MESHES.items():
+        n = mesh.nt
+        found[f"StVK, {name}"] = Case(mesh, StVK(young=RNG.uniform(1, 9, n), poisson=RNG.uniform(-0.3, 0.45, n)))
+        found[f"StVK, {name}, anisotropic"] = Case(mesh, StVK(Anisotropic(some_voigt(RNG), frame=random_frames(1, RNG)[0])))
+        found[f"foundation, {name}"] = Case(mesh, ElasticFoundation(lambda x: x[0] > -9, 3.0), grounded=True)
+    for name in SOLID:
+        mesh = MESHES[name]
+        half = RNG.permutation(mesh.nt)[: mesh.nt // 2 + 1]
+        for kind in KINDS:
+            # two continuous derivatives, and a third that jumps where J = 1: small steps
+            rest = (1e-11, 0.1) if kind == "quadratic" else (1e-7, 1e-3)
+            k = RNG.uniform(1, 9, mesh.nt)
+            found[f"{kind}, {name}"] = Case(mesh, VolumePenalty(k, kind), *rest, kind != "barrier")
+            found[f"{kind}, {name}, region"] = Case(mesh, VolumePenalty(k[half], kind, half), *rest, kind != "barrier")
+    return found
+
+
+CASES = cases()
+INVERTING = [name for name, case in CASES.items() if case.inverts]
+FREE = [name for name, case in CASES.items() if not case.grounded]
+PENALTIES = [name for name in CASES if name.startswith(KINDS)]
+
+
+def bound(case, dtype=np.float64, mesh=None):
+    return case.term.bind(Body(case.mesh if mesh is None else mesh, []), dtype)
+
+
+def states(case):
+    """(nv, d) by name: not small, pushed together, and inside out where the term knows that."""
+    mesh = case.mesh
+    noise, x = state(mesh).reshape(-1, mesh.d), mesh.p.T
+    yield "moderate", 0.4 * noise
+    yield "compressed", 0.25 * noise - 0.4 * x
+    if case.inverts:
+        yield "inside out", 2 * noise - x * ([1.6] + [0] * (mesh.d - 1))
+
+
+def pattern_of(case, *terms):
+    return Pattern(case.mesh.nv, case.mesh.d, [term.edges for term in terms])
+
+
+def dense(case, term, u, clamped=False):
+    """K, F, and what the tangent comes with."""
+    pattern, force = pattern_of(case, term), np.zeros(u.shape)
+    data = np.full(pattern.nnz, np.nan)
+    linearized = term.tangent(u, term.rows(pattern), data, False, force, clamped)
+    return np.nan_to_num(pattern.matrix(data).toarray()), force, linearized  # vertices of other elements are left alone
+
+
+def force_of(term, u, dtype=np.float64):
+    force = np.zeros(u.shape, dtype)
+    term.energy(u, force)
+    return force
+
+
+def derivative(f, h):
+    """Seven-point stencil: exact for polynomials up to degree six."""
+    weights = {1: 45, 2: -9, 3: 1}
+    return sum(w * (f(n * h) - f(-n * h)) for n, w in weights.items()) / (60 * h)
+
+
+def clearly_not_zero(*arrays):
+    return all(np.abs(array).max() > 1e-3 for array in arrays)
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_force_and_tangent_are_derivatives(name):
+    case = CASES[name]
+    term, v = bound(case), state(case.mesh, seed=9).reshape(-1, case.mesh.d)
+    for _, u in states(case):
+        K, F, linearized = dense(case, term, u)
+        Kv = (K @ v.ravel()).reshape(v.shape)
+        assert clearly_not_zero(F, K, Kv)
+        assert np.isfinite(linearized.total)
+        assert linearized.energy == pytest.approx(term.energy(u), rel=1e-13)
+        assert force_of(term, u) == pytest.approx(F, abs=1e-13 * np.abs(F).max())
+        slope = derivative(lambda s, u=u: term.energy(u + s * v), case.step)
+        force = derivative(lambda s, u=u: force_of(term, u + s * v), case.step)
+        assert slope == pytest.approx(np.vdot(F, v), abs=case.limit * np.abs(F).ravel() @ np.abs(v).ravel())
+        assert np.abs(force - Kv).max() < case.limit * np.abs(Kv).max()
+        assert np.abs(K - K.T).max() <= 1e-14 * np.abs(K).max()
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_products_diagonals_and_edge_blocks_are_those_of_the_tangent(name):
+    case = CASES[name]
+    term, v = bound(case), state(case.mesh, seed=9).reshape(-1, case.mesh.d)
+    nv, d = v.shape
+    for _, u in states(case):
+        for clamped in (False, True):
+            K, F, _ = dense(case, term, u, clamped)
+            force, product, diagonal = np.zeros((nv, d)), np.zeros((nv, d)), np.zeros((nv, d, d))
+            energy, blocks = term.edge_blocks(u, force, None, clamped)
+            term.add_product(blocks, v, product)
+            term.add_diagonal(blocks, diagonal)
+            assert energy == pytest.approx(term.energy(u), rel=1e-13)
+            assert np.abs(force - F).max() <= 1e-13 * np.abs(F).max()
+            assert product.ravel() == pytest.approx(K @ v.ravel(), abs=1e-13 * np.abs(K).max())
+            assert diagonal == pytest.approx(
+                np.stack([K[d * a :, d * a :][:d, :d] for a in range(nv)]), abs=1e-13 * np.abs(K).max()
+            )
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_the_clamped_tangent_is_positive_semi_definite_and_what_it_leaves_out_is_not(name):
+    case = CASES[name]
+    term = bound(case)
+    for _, u in states(case):
+        exact, clamped = dense(case, term, u)[0], dense(case, term, u, clamped=True)[0]
+        lowest, highest = np.linalg.eigvalsh(clamped)[[0, -1]]
+        assert lowest >= -1e-13 * highest and highest > 1e-3
+        assert np.abs(clamped - clamped.T).max() <= 1e-14 * highest
+        # if the exact one is positive semi-definite there is no need to leave anything out, and if it is not there was
+        if np.linalg.eigvalsh(exact)[0] < -1e-10 * highest:
+            assert np.abs(exact - clamped).max() > 1e-3 * highest
+
+
+@pytest.mark.parametrize("name", FREE)
+def test_rigid_motions_change_nothing_and_forces_balance(name):
+    case = CASES[name]
+    mesh, term = case.mesh, bound(case)
+    turn = np.eye(mesh.d)
+    if mesh.d > 1:
+        turn = np.linalg.qr(np.random.default_rng(3).standard_normal((mesh.d, mesh.d)))[0]
+        turn *= np.sign(np.linalg.det(turn))  # not a mirror
+        if mesh.d == 2 and np.linalg.det(turn) < 0:
+            turn[:, 0] *= -1
+    assert np.linalg.det(turn) == pytest.approx(1)
+    x = mesh.p.T
+    for _, u in states(case):
+        W, F, K = term.energy(u), force_of(term, u), dense(case, term, u)[0]
+        size = np.abs(F).max()
+        assert W > 1e-3 and size > 1e-3
+        moved = (x + u) @ turn.T + 3.0 - x
+        assert term.energy(moved) == pytest.approx(W, rel=1e-11)
+        assert np.abs(force_of(term, moved) - F @ turn.T).max() < 1e-11 * size
+        assert np.abs(F.sum(axis=0)).max() < 1e-12 * size
+        arms = x + u
+        torque = np.einsum("ni,nj->ij", arms, F)
+        assert np.abs(torque - torque.T).max() < 1e-11 * size
+        assert np.abs(K @ np.tile(np.eye(mesh.d), (mesh.nv, 1))).max() < 1e-12 * np.abs(K).max()
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_it_adds_to_what_others_left_on_a_larger_pattern(name):
+    case = CASES[name]
+    term, other = bound(case), StVK(young=1.0, poisson=0.3).bind(case.mesh)
+    for _, u in states(case):
+        pattern = pattern_of(case, other, term)
+        data, force = np.ones(pattern.nnz), np.ones(u.shape)
+        term.tangent(u, term.rows(pattern), data, True, force)
+        K, F, _ = dense(case, term, u)
+        assert pattern.matrix(data - 1).toarray() == pytest.approx(K, abs=1e-13 * max(1, np.abs(K).max()))
+        assert force - 1 == pytest.approx(F, abs=1e-13 * max(1, np.abs(F).max()))
+
+
+@pytest.mark.parametrize("parts", [2, 5])
+@pytest.mark.parametrize("name", CASES)
+def test_shared_by_threads_the_results_are_the_same(name, parts, monkeypatch):
+    case = CASES[name]
+    wanted = [(term := bound(case)).energy(u) for _, u in states(case)], [dense(case, term, u) for _, u in states(case)]
+    in_parts(monkeypatch, parts)
+    term = bound(case)
+    for (_, u), W, (K, F, _) in zip(states(case), *wanted, strict=True):
+        found = dense(case, term, u)
+        assert term.energy(u) == pytest.approx(W, rel=1e-13)
+        assert np.abs(found[0] - K).max() < 1e-13 * np.abs(K).max() and np.abs(found[1] - F).max() < 1e-13 * np.abs(F).max()
+        again = dense(case, term, u)
+        assert np.array_equal(found[0], again[0]) and np.array_equal(found[1], again[1])
+
+
+@pytest.mark.parametrize("name", [name for name in FREE if "anisotropic" not in name])
+def test_numbers_of_vertices_and_elements_and_orientations_do_not_matter(name):
+    case = CASES[name]
+    mesh, rng = case.mesh, np.random.default_rng(8)
+    to, order = rng.permutation(mesh.nv), rng.permutation(mesh.nt)
+    p = np.empty_like(mesh.p)
+    p[:, to] = mesh.p
+    other = SimplexMesh(p, turned_round(to[mesh.t[:, order]], rng))
+    if isinstance(case.term, StVK):
+        m = case.term.material
+        term = StVK(young=m.young[order], poisson=m.poisson[order])
+    else:
+        region = np.arange(mesh.nt) if case.term.region is None else case.term.region
+        term = VolumePenalty(case.term.stiffness, case.term.kind, np.argsort(order)[region])
+    one, two = bound(case), bound(case._replace(term=term), mesh=other)
+    for _, u in states(case):
+        v = np.empty_like(u)
+        v[to] = u
+        assert two.energy(v) == pytest.approx(one.energy(u), rel=1e-12)
+        F = force_of(one, u)
+        assert np.abs(force_of(two, v)[to] - F).max() < 1e-11 * np.abs(F).max()
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_single_precision_has_errors_of_single_precision(name):
+    case = CASES[name]
+    single, double = bound(case, np.float32), bound(case)
+    for _, u in states(case):
+        K, F, _ = dense(case, double, u)
+        blocks = single.edge_blocks(u)[1]
+        assert blocks.dtype == np.float32
+        pattern = pattern_of(case, single)
+        data, force = np.zeros(pattern.nnz, np.float32), np.zeros(u.shape, np.float32)
+        linearized = single.tangent(u, single.rows(pattern), data, False, force)
+        assert linearized.energy == pytest.approx(double.energy(u), rel=4e-6)
+        assert 0 < np.abs(force - F).max() < 8e-6 * np.abs(F).max()
+        assert np.abs(pattern.matrix(data.astype(float)).toarray() - K).max() < 8e-6 * np.abs(K).max()
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_the_round_off_of_the_force_is_neither_below_its_error_nor_far_above(name):
+    """Of a state that is rounded itself, in single precision; double is the truth."""
+    case = CASES[name]
+    single, double = bound(case, np.float32), bound(case)
+    for _, u in states(case):
+        sizes = np.zeros(u.shape)
+        double.add_round_off(u, sizes)
+        assert (sizes >= (1 - 1e-12) * np.abs(force_of(double, u))).all()
+        stored = u.astype(np.float32).astype(np.float64)
+        error = np.linalg.norm(force_of(single, stored, np.float32) - force_of(double, u))
+        assert 1e-4 < error / (np.finfo(np.float32).eps * np.linalg.norm(sizes)) < (2 if case.mesh.k == 1 else 0.5)
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_it_says_what_it_can_do(name):
+    """Volumes of all but foundations; the quartic of all but penalties."""
+    case = CASES[name]
+    term = bound(case)
+    assert (
+        isinstance(term, Quartic) == (name not in PENALTIES) == System(case.mesh, [StVK(young=1.0, poisson=0.3), case.term]).quartic
+    )
+    assert isinstance(term, HasVolume) != case.grounded
+    assert sum(term.memory().values()) > 0
+
+
+@pytest.mark.parametrize("name", [name for name in CASES if name not in PENALTIES])
+def test_the_quartic_is_the_energy_along_a_line(name):
+    case = CASES[name]
+    term, v = bound(case), state(case.mesh, seed=9).reshape(-1, case.mesh.d)
+    for _, u in states(case):
+        c = term.along(u, v)
+        for s in (-1.5, 0.0, 0.7):
+            powers = c * s ** np.arange(5)
+            assert powers.sum() == pytest.approx(term.energy(u + s * v), abs=1e-12 * np.abs(powers).sum())

@@ -1,0 +1,419 @@
+"""The volume penalty: its energies, the rule for its stiffness, its barrier, and what it refuses."""
+
+import re
+from fractions import Fraction
+
+import numpy as np
+import pytest
+from bodies import BODIES, MESHES, bar, box, some_voigt, state
+from hypothesis import given
+from hypothesis import strategies as st
+
+from skfem_stvk import (
+    Anisotropic,
+    ElasticFoundation,
+    MaterialError,
+    RegionError,
+    SimplexMesh,
+    StateError,
+    StVK,
+    StvkError,
+    System,
+    VolumePenalty,
+    verify,
+)
+from skfem_stvk.kernels.readable import volume_energies
+from skfem_stvk.terms import Body
+from skfem_stvk.terms.volume_penalty import ENERGIES
+
+SOLID = ("tetrahedra", "triangles", "segments")
+KINDS = tuple(ENERGIES)
+WIDE = np.linspace(-2, 3, 501)
+PSI = {
+    "quadratic": lambda J: (J - 1) ** 2 / 2,
+    "compression": lambda J: (1 - J) ** 3 / 3 if J < 1 else 0.0,
+    "barrier": lambda J: -((J - 1) ** 2) * np.log(J) if J < 1 else 0.0,
+}
+
+
+def domain(kind):
+    return WIDE[WIDE > 0] if kind == "barrier" else WIDE
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("J", [1.7, 1.0, 0.8, 0.3, 1e-3, -0.6])
+@pytest.mark.parametrize("name", SOLID)
+def test_the_energy_is_k_psi_times_the_volume(name, J, kind):
+    if kind == "barrier" and J < 0:
+        return
+    mesh, k = MESHES[name], np.random.default_rng(0).uniform(1, 5, MESHES[name].nt)
+    gradient = np.linalg.qr(np.random.default_rng(1).standard_normal((mesh.d, mesh.d)))[0] * np.geomspace(1, 2, mesh.d)
+    gradient[0] *= J / np.linalg.det(gradient)
+    u = mesh.p.T @ (gradient.T - np.eye(mesh.d))
+    section = {1: {"area": 0.3}, 2: {"thickness": 0.3}}.get(mesh.k, {})
+    body = Body(mesh, [StVK(young=1.0, poisson=0.3, **section)])
+    found = VolumePenalty(k, kind).bind(body).energy(u)
+    assert found == pytest.approx((k * body.volumes).sum() * PSI[kind](J), rel=1e-11, abs=1e-14)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_the_energies_have_two_continuous_derivatives_and_the_second_is_never_negative(kind):
+    J = domain(kind)
+    psi, slope, curvature = volume_energies(ENERGIES[kind].number, J)
+    assert psi == pytest.approx([PSI[kind](j) for j in J], rel=1e-13, abs=1e-15)
+    assert ENERGIES[kind].density(J - 1) == pytest.approx(psi, rel=1e-9, abs=1e-15)
+    assert ENERGIES[kind].slope(J - 1) == pytest.approx(slope, rel=1e-9, abs=1e-15)
+    assert (psi >= 0).all() and (curvature >= 0).all() and curvature.max() > 0.5
+    h, inner = 1e-5, J[(np.abs(J - 1) > 1e-3) & (J > 0.02)] if kind == "barrier" else J[np.abs(J - 1) > 1e-3]
+    for n in (0, 1):
+        low, high = (volume_energies(ENERGIES[kind].number, inner + s) for s in (-h, h))
+        exact = volume_energies(ENERGIES[kind].number, inner)[n + 1]
+        assert (high[n] - low[n]) / (2 * h) == pytest.approx(exact, rel=2e-6, abs=1e-8)
+    around = volume_energies(ENERGIES[kind].number, 1 + np.array([-1e-9, 0, 1e-9]))
+    assert around[0] == pytest.approx([0, 0, 0], abs=1e-15) and around[1] == pytest.approx([0, 0, 0], abs=2e-9)
+    assert np.ptp(around[2]) < 1e-8
+
+
+def confined_stiffness(kind, c, s):
+    """d/ds of the nominal stress over lam + 2 mu."""
+    return (3 * s**2 - 1) / 2 + c * volume_energies(ENERGIES[kind].number, s)[2]
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_the_rule_is_the_least_stiffness_without_a_limit_point_in_confined_compression(kind):
+    s, c = np.linspace(1e-6, 1, 200_001), ENERGIES[kind].least
+    assert confined_stiffness(kind, c, s).min() >= -2e-10
+    assert confined_stiffness(kind, 0.9999 * c, s).min() < -1e-6
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize(
+    ("name", "term"),
+    [
+        ("tetrahedra", StVK(young=3.0, poisson=0.35)),
+        ("triangles", StVK(young=3.0, poisson=0.35, thickness=0.2)),
+        ("triangles", StVK(young=3.0, poisson=0.35, plane="stress")),
+        ("segments", StVK(young=3.0, area=0.4)),
+    ],
+)
+def test_with_the_least_stiffness_confined_compression_of_a_body_has_no_limit_point_and_with_less_it_has(name, term, kind):
+    mesh = MESHES[name]
+    axis = np.eye(mesh.d)[0]
+    v = (mesh.p.T * axis).ravel()  # confined in all other directions
+    least = VolumePenalty(kind=kind).moduli(Body(mesh, [term])) * ENERGIES[kind].least / ENERGIES[kind].usual
+    s = np.linspace(0.02, 0.999, 50)
+    lowest = []
+    for factor in (1.0, 0.99):
+        body = System(mesh, [term, VolumePenalty(factor * least, kind)])
+        stiffness = [v @ (body.tangent((stretch - 1) * v) @ v) for stretch in s]
+        lowest.append(min(stiffness) / max(stiffness))
+    assert lowest[0] > -1e-12
+    if kind != "quadratic":  # whose limit point is at s = 0
+        assert lowest[1] < 0
+    else:
+        assert confined_stiffness(kind, 0.99 * ENERGIES[kind].least, np.array([0.02]))[0] < 0
+
+
+def test_the_stiffness_follows_the_materials_of_the_elements_and_adds_up():
+    mesh = MESHES["tetrahedra"]
+    rng, half = np.random.default_rng(0), np.arange(mesh.nt // 2)
+    young, C = rng.uniform(1, 9, mesh.nt), some_voigt(rng)
+    terms = [StVK(young=young, poisson=0.3), StVK(Anisotropic(C), region=half)]
+    lam, mu = young * 0.3 / (1.3 * 0.4), young / 2.6
+    wanted = lam + 2 * mu
+    wanted[half] += C.diagonal()[:3].max()
+    for kind in KINDS:
+        found = VolumePenalty(kind=kind).moduli(Body(mesh, terms))
+        assert found == pytest.approx(ENERGIES[kind].usual * wanted, rel=1e-13)
+    region = rng.permutation(mesh.nt)[:20]
+    assert VolumePenalty(region=region).moduli(Body(mesh, terms)) == pytest.approx(0.15 * wanted[region], rel=1e-13)
+
+
+@pytest.mark.parametrize(
+    ("kind", "percent"), [("compression", (9.4, 22, 40)), ("barrier", (5.7, 14.5, 29)), ("quadratic", (117, 139, 168))]
+)
+def test_what_the_default_adds_to_the_stress_in_confined_compression(kind, percent):
+    mesh = MESHES["tetrahedra"]
+    stvk = StVK(young=3.0, poisson=0.3)
+    for strain, wanted in zip((0.1, 0.2, 0.3), percent, strict=True):
+        v = -(mesh.p.T * [1, 0, 0]).ravel()
+        without, both = (System(mesh, terms).internal_force(strain * v) @ v for terms in (stvk, [stvk, VolumePenalty(kind=kind)]))
+        assert 100 * (both / without - 1) == pytest.approx(wanted, rel=0.05)
+
+
+@pytest.mark.parametrize("kind", ["quadratic", "compression"])
+def test_from_the_documented_stiffness_on_a_mirrored_element_has_no_equilibrium(kind):
+    """In uniaxial strain: below it the stress vanishes at some negative stretch."""
+    k = {"quadratic": 1 / 8, "compression": 0.0858}[kind]
+    s = np.linspace(-1.5, -1e-3, 20_001)
+    slope = volume_energies(ENERGIES[kind].number, s)[1]
+    assert ((s**3 - s) / 2 + 1.001 * k * slope).max() < 0 < ((s**3 - s) / 2 + 0.99 * k * slope).max()
+
+
+SMALL = {"quadratic": 1, "compression": 2, "barrier": 2}
+
+
+@pytest.mark.parametrize("offset", [0.0, 2.0**20])
+@pytest.mark.parametrize("strain", [1e-3, 1e-8])
+@pytest.mark.parametrize("kind", KINDS)
+def test_small_strains_keep_their_digits_far_from_the_origin_too(kind, strain, offset):
+    """Against fractions; `det(P + U)/det(P) - 1` has lost all of them at 1e-8 there."""
+    near = box(2)
+    far = near.p + offset
+    mesh = SimplexMesh(far, near.t)
+    rng = np.random.default_rng(5)
+    u = -strain * (near.p.T + 0.3 * rng.random(near.p.T.shape))
+    found = np.zeros_like(u)
+    W = VolumePenalty(3.0, kind).bind(mesh).energy(u, found)
+    wanted, energy = np.zeros_like(u), 0.0
+    for corners in mesh.t.T:
+        P = [[Fraction(value) for value in row] for row in far.T[corners].tolist()]
+        U = [[Fraction(value) for value in row] for row in u[corners].tolist()]
+        P, U = (([[a - b for a, b in zip(row, x[0], strict=True)] for row in x[1:]]) for x in (P, U))
+        p = [[a + b for a, b in zip(*rows, strict=True)] for rows in zip(P, U, strict=True)]
+        C0, e = triple(*P), float(triple(*p) / triple(*P) - 1)
+        V0 = abs(float(C0)) / 6
+        energy += 3 * V0 * float(ENERGIES[kind].density(np.array(e)))
+        n = [
+            [float(x / C0) for x in cross(p[1], p[2])],
+            [float(x / C0) for x in cross(p[2], p[0])],
+            [float(x / C0) for x in cross(p[0], p[1])],
+        ]
+        forces = 3 * V0 * float(ENERGIES[kind].slope(np.array(e))) * np.array(n)
+        wanted[corners[1:]] += forces
+        wanted[corners[0]] -= forces.sum(axis=0)
+    assert np.abs(found - wanted).max() < 1e-12 * np.abs(wanted).max()
+    assert energy > 0 and pytest.approx(energy, rel=1e-12) == W
+
+
+def cross(a, b):
+    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
+
+
+def triple(a, b, c):
+    return sum(x * y for x, y in zip(a, cross(b, c), strict=True))
+
+
+@pytest.mark.parametrize("name", SOLID)
+def test_at_rest_only_the_quadratic_one_changes_the_stiffness_and_there_as_lambda_does(name):
+    mesh, rest = MESHES[name], np.zeros(MESHES[name].p.size)
+    for kind in ("compression", "barrier"):
+        K = System(mesh, VolumePenalty(5.0, kind)).tangent(rest)
+        assert not K.data.any()
+    if mesh.k == 1:
+        return
+    lam, mu = 2.0, 0.7
+
+    def with_lame(lam):
+        return StVK(young=mu * (3 * lam + 2 * mu) / (lam + mu), poisson=lam / (2 * (lam + mu)))
+
+    one = System(mesh, [with_lame(lam), VolumePenalty(1.5, "quadratic")]).tangent(rest)
+    other = System(mesh, with_lame(lam + 1.5)).tangent(rest)
+    assert abs(one - other).max() < 1e-13 * abs(other).max()
+
+
+@pytest.mark.parametrize("name", SOLID)
+def test_the_barrier_grows_without_bound_and_has_no_state_behind_it(name):
+    mesh = MESHES[name]
+    body = System(mesh, [StVK(young=1.0, poisson=0.3), VolumePenalty(kind="barrier")])
+    v = -(mesh.p.T * np.eye(mesh.d)[0]).ravel()
+    heights = [1e-1, 1e-2, 1e-4, 1e-8]
+    assert (np.diff([body.energy((1 - h) * v) for h in heights]) > 0).all()
+    assert np.abs(body.internal_force((1 - 1e-8) * v)).max() > 1e5
+    calls = [
+        body.energy,
+        body.internal_force,
+        body.energy_and_force,
+        body.tangent,
+        body.linearize,
+        body.linear_operator,
+        body.round_off,
+        body.energies,
+        body.residual,
+        lambda u: body.product(u, u),
+        lambda u: body.jacobian(u, clamped=True),
+    ]
+    for u in (1.3 * v, 1.0 * v):
+        for call in calls:
+            with pytest.raises(StateError, match=rf"{mesh.nt} elements \(0, 1, 2, 3, 4, \.\.\.\) inside out or flat .* barrier"):
+                call(u)
+    assert np.isfinite(body.energy(0.5 * v))  # and the one before does no harm
+
+
+@pytest.mark.parametrize("dtype", [np.float64, np.float32])
+def test_the_barrier_names_the_elements_of_the_mesh(dtype):
+    mesh = box(3)
+    region = np.random.default_rng(2).permutation(mesh.nt)[:100]
+    body = System(mesh, [StVK(young=1.0, poisson=0.3), VolumePenalty(kind="barrier", region=region)], dtype=dtype)
+    term = body._bound[1]
+    for e in (region[0], region[57]):
+        u = np.zeros((mesh.nv, 3))
+        top, base = mesh.t[0, e], mesh.t[1:, e]
+        u[top] = 1.05 * (mesh.p[:, base].mean(axis=1) - mesh.p[:, top])
+        ids = np.sort(np.intersect1d(body.inside_out(u.ravel()), region))
+        assert e in ids and len(ids) < 20
+        with pytest.raises(StateError) as caught:
+            body.energy(u.ravel())
+        count, shown = re.match(r"(\d+) elements? \(([\d, ]+)", str(caught.value)).groups()
+        assert int(count) == len(ids) and set(map(int, shown.strip(", ").split(", "))) <= set(ids.tolist())
+        assert "Start from a state" in str(caught.value) and 'kind="compression"' in str(caught.value)
+        force = np.zeros((mesh.nv, 3), dtype)
+        with pytest.raises(StateError):
+            term.energy(u, force)
+        assert not force.any()  # nothing was added before it was known
+
+
+def test_elements_outside_of_the_region_may_be_inside_out():
+    mesh = bar(6)
+    body = System(mesh, [StVK(young=1.0), VolumePenalty(1.0, "barrier", np.arange(3))])
+    u = np.zeros(mesh.nv)
+    u[5] = 2 * (mesh.p[0, 4] - mesh.p[0, 5])
+    assert 4 in body.inside_out(u) and body.energy(u) > 0
+
+
+@pytest.mark.parametrize("size", [1e60, 1e110, 1e160, 1e300])
+@pytest.mark.parametrize("kind", KINDS)
+def test_what_overflows_is_an_error_and_no_nan(kind, size):
+    """A part of the mesh blown up, and half of it inside out."""
+    mesh = MESHES["tetrahedra"]
+    body, u = System(mesh, VolumePenalty(1e-30, kind)), size * state(mesh)
+    for call in (body.energy, body.internal_force, body.tangent, body.linearize, body.linear_operator):
+        try:
+            found = call(u)
+        except StateError:
+            continue
+        if call == body.linearize:
+            found = found[1]
+        assert np.isfinite(getattr(found, "data", found)).all() if call != body.linear_operator else np.isfinite(found @ u).all()
+    if size > 1e150:
+        with pytest.raises(StateError):
+            body.energy(u)
+
+
+def test_a_tangent_whose_diagonal_alone_is_finite_is_refused():
+    """`psi'` overflows, `psi''` does not: what the pressure adds to K is in no diagonal entry."""
+    near = MESHES["tetrahedra"]
+    body, u = System(SimplexMesh(1e66 * near.p, near.t), VolumePenalty(1e-240, "quadratic")), 1e148 * state(near)
+    (term,) = body._bound
+    data = np.zeros(body.pattern.nnz)
+    term.tangent(u.reshape(-1, 3), term.rows(body.pattern), data, False)
+    K = body.pattern.matrix(data)
+    assert np.isfinite(K.diagonal()).all() and not np.isfinite(data).all()
+    with pytest.raises(StateError, match="K overflows"):
+        body.tangent(u)
+
+
+def test_the_quartic_is_refused_where_there_is_none():
+    mesh = MESHES["tetrahedra"]
+    plain, with_penalty = (
+        System(mesh, terms) for terms in (StVK(young=1.0, poisson=0.3), [StVK(young=1.0, poisson=0.3), VolumePenalty()])
+    )
+    u = state(mesh)
+    assert plain.quartic and not with_penalty.quartic
+    assert plain.energy_along(u, u).shape == (5,)
+    with pytest.raises(StvkError, match=r"no quartic with a VolumePenalty .* Ask for energy_and_force"):
+        with_penalty.energy_along(u, u)
+
+
+def test_volumes_are_looked_at_once(monkeypatch):
+    mesh = MESHES["tetrahedra"]
+    half = np.arange(mesh.nt // 2)
+    others = np.arange(mesh.nt // 3, mesh.nt)
+    u = 4 * state(mesh)
+    alone = System(mesh, StVK(young=1.0, poisson=0.3))
+    cases = {
+        1: [StVK(young=1.0, poisson=0.3), VolumePenalty(1.0), VolumePenalty(1.0, "quadratic", half)],
+        2: [
+            StVK(young=1.0, poisson=0.3, region=half),
+            VolumePenalty(1.0, region=others),
+            ElasticFoundation(lambda x: x[0] > -9, 1.0),
+        ],
+    }
+    for count, terms in cases.items():
+        body = System(mesh, terms)
+        assert len(body._with_volume) == count
+        assert np.array_equal(body.inside_out(u), alone.inside_out(u)) and len(body.inside_out(u)) > 3
+        assert body.smallest_volume_ratio(u) == alone.smallest_volume_ratio(u) < 0
+        assert body.step_limit(0 * u, u) == alone.step_limit(0 * u, u) < 1
+
+
+def test_energies_by_term_add_up():
+    mesh, terms = BODIES["tetrahedra, two regions"]
+    body, u = System(mesh, [*terms, VolumePenalty(kind="compression")]), state(mesh)
+    energies = body.energies(u)
+    assert list(energies) == ["StVK 0", "StVK 1", "VolumePenalty 2"] and min(energies.values()) > 1e-4
+    assert sum(energies.values()) == pytest.approx(body.energy(u), rel=1e-13)
+
+
+@pytest.mark.parametrize("name", ["membrane", "cable", "cable in the plane"])
+def test_what_has_no_inside_is_refused(name):
+    with pytest.raises(MaterialError, match=r"have no inside and no outside\. It is for tetrahedra"):
+        System(MESHES[name], [StVK(young=1.0, poisson=0.3), VolumePenalty(1.0)])
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"stiffness": -1.0}, r"stiffness = -1. is outside \(0, inf\)"),
+        ({"stiffness": 0.0}, "outside"),
+        ({"stiffness": np.nan}, "not finite"),
+        ({"stiffness": "stiff"}, "VolumePenalty: stiffness = 'stiff' is not a number"),
+        ({"stiffness": [[1.0, 2.0]]}, "has shape"),
+        ({"kind": "cubic"}, "kind = 'cubic'; expected 'quadratic', 'compression', 'barrier'"),
+        ({"kind": ["barrier"]}, "kind = "),
+    ],
+)
+def test_what_has_no_meaning_is_refused(options, message):
+    with pytest.raises(MaterialError, match=message):
+        VolumePenalty(**options)
+
+
+def test_what_does_not_fit_the_mesh_is_refused():
+    mesh = MESHES["tetrahedra"]
+    solid, part = StVK(young=1.0, poisson=0.3), StVK(young=1.0, poisson=0.3, region=np.arange(mesh.nt - 3))
+    with pytest.raises(MaterialError, match=rf"stiffness has 3 values; expected .* {mesh.nt} elements"):
+        System(mesh, [solid, VolumePenalty([1.0, 2.0, 3.0])])
+    with pytest.raises(
+        MaterialError, match=rf"3 elements \({mesh.nt - 3}, {mesh.nt - 2}, {mesh.nt - 1}\) in no StVK.* Give stiffness="
+    ):
+        System(mesh, [part, VolumePenalty()])
+    assert System(mesh, [part, VolumePenalty(2.0, "compression")]).energy(state(mesh)) > 0
+    with pytest.raises(RegionError, match="no subdomain 'core'"):
+        System(mesh, [solid, VolumePenalty(1.0, region="core")])
+    with pytest.raises(MaterialError, match="in no StVK"):
+        VolumePenalty().bind(mesh)
+    assert VolumePenalty(1.0).bind(mesh).energy(np.zeros((mesh.nv, 3))) == 0
+
+
+def test_the_referee_does_not_take_it():
+    with pytest.raises(MaterialError, match="an object of type VolumePenalty; expected a material, StVK"):
+        verify(MESHES["tetrahedra"], material=[StVK(young=1.0, poisson=0.3), VolumePenalty()])
+
+
+def test_its_memory_is_counted():
+    mesh = MESHES["tetrahedra"]
+    one, two = (System(mesh, [StVK(young=1.0, poisson=0.3), *more]) for more in ((), (VolumePenalty(kind="compression"),)))
+    for body in (one, two):
+        body.tangent(state(mesh))
+    assert two.memory()["simplices"] > 1.5 * one.memory()["simplices"]
+    assert two.memory()["blocks of edges"] == 2 * one.memory()["blocks of edges"]
+
+
+@given(st.sampled_from(KINDS), st.integers(0, 2**32 - 1), st.floats(0.01, 0.5))
+def test_any_state_that_is_not_inside_out_has_force_and_tangent_as_derivatives(kind, seed, amount):
+    mesh = MESHES["triangles"]
+    body, rng = System(mesh, VolumePenalty(2.0, kind)), np.random.default_rng(seed)
+    u, v = amount * rng.standard_normal((2, mesh.p.size)) / mesh.nv**0.5 - 0.3 * mesh.p.ravel("F")
+    reach = body.step_limit(u, v), body.step_limit(u, -v)
+    J = body.smallest_volume_ratio(u)
+    if J < 0.05:
+        return
+    h = min(1e-4, 1e-2 * min(reach))
+    F, K = body.internal_force(u), body.tangent(u)
+    slope = (8 * (body.energy(u + h * v) - body.energy(u - h * v)) - body.energy(u + 2 * h * v) + body.energy(u - 2 * h * v)) / (
+        12 * h
+    )
+    change = 8 * (body.internal_force(u + h * v) - body.internal_force(u - h * v))
+    change = (change - body.internal_force(u + 2 * h * v) + body.internal_force(u - 2 * h * v)) / (12 * h)
+    assert slope == pytest.approx(F @ v, abs=1e-7 * np.abs(F) @ np.abs(v) + 1e-12)
+    assert np.abs(change - K @ v).max() < 1e-5 * np.abs(abs(K) @ np.abs(v)).max()
