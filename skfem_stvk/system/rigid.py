@@ -1,8 +1,9 @@
-"""Rigid motions: those of a body, and those that its supports leave to its parts."""
+"""Rigid motions: those of a body, and those that its supports leave to its parts as a whole."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -10,15 +11,13 @@ from numpy.typing import NDArray
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
-from ..errors import SupportError, name_ids
-from ..terms import BoundTerm
+from ..errors import name_ids
 from .motions import names
 
 Array = NDArray[np.float64]
 
 #: Below this part of the largest, what resists a motion is rounding: supports that are closer together than 3e-7 of a body are one.
 NOTHING = 1e-13
-MOST = 5
 
 
 def rigid_modes(x: Array) -> Array:
@@ -33,48 +32,40 @@ def rigid_modes(x: Array) -> Array:
            [ 0.,  1.,  1.]])
     """
     x = x - x.mean(axis=0)
-    modes = _motions(x / (np.linalg.norm(x, axis=1).max() or 1.0))
+    modes = motions(x / (np.linalg.norm(x, axis=1).max() or 1.0))
     return modes.reshape(x.size, -1)
 
 
-def check_held(p: Array, terms: Sequence[BoundTerm], held: NDArray[Any]) -> None:
-    """Refuse a body that can move without strain.
+@dataclass(frozen=True)
+class Left:
+    """What a part of a body can do: its number, its vertices in words, how many rigid modes it has, and which."""
+
+    part: int
+    who: str
+    count: int
+    names: list[str]
+
+    def __str__(self) -> str:
+        return f"{self.who} has {self.count} rigid mode{'s' * (self.count > 1)} left, {', '.join(self.names)}"
+
+
+def rigid_modes_left(p: Array, part: NDArray[Any], held: NDArray[Any]) -> list[Left]:
+    """What each part of a body can still do as a whole when degrees of freedom are `held`, in words.
 
     Parameters
     ----------
     p : (d, nv) coordinates [m].
-    terms : whose edges hold it together; those that also tie it to the ground have `grounded` degrees of freedom.
-    held : degrees of freedom of the supports.
+    part : (nv,) number of the part of each vertex.
 
-    Raises
-    ------
-    SupportError
-        with the rigid modes that are left, by part.
+    >>> square, one = np.array([[0.0, 1, 0, 1], [0, 0, 1, 1]]), np.zeros(4, dtype=int)
+    >>> str(rigid_modes_left(square, one, held=np.array([0, 4]))[0])
+    'the body of 4 vertices has 1 rigid mode left, translation along y'
+    >>> str(rigid_modes_left(square, one, held=np.array([0, 1]))[0])
+    'the body of 4 vertices has 1 rigid mode left, rotation about the point (0, 0)'
     """
-    grounded = [getattr(term, "grounded", np.empty(0, dtype=np.int64)) for term in terms]
-    left = rigid_modes_left(p, [term.edges for term in terms], np.concatenate([held, *grounded]))
-    if left:
-        more = f"; and {len(left) - MOST} more parts" if len(left) > MOST else ""
-        raise SupportError(
-            f"Not held: {'; '.join(left[:MOST])}{more}. Fix more components (fixed={{place: 'xyz'}}), prescribe them, or add an "
-            "ElasticFoundation. Parts that should hold together: merge the vertices of their common faces."
-        )
-
-
-def rigid_modes_left(p: Array, edges: Sequence[NDArray[np.int32]], held: NDArray[Any]) -> list[str]:
-    """What each part of a body can still do when degrees of freedom are `held`, in words; parts are what `edges` (2, ne) connect.
-
-    >>> square = np.array([[0.0, 1, 0, 1], [0, 0, 1, 1]])
-    >>> edges = np.array([[0, 0, 1, 1, 2], [1, 2, 2, 3, 3]])
-    >>> rigid_modes_left(square, [edges], held=np.array([0, 4]))
-    ['the body of 4 vertices has 1 rigid mode left, translation along y']
-    >>> rigid_modes_left(square, [edges], held=np.array([0, 1]))
-    ['the body of 4 vertices has 1 rigid mode left, rotation about the point (0, 0)']
-    """
-    d, nv = p.shape
-    part = _parts(edges, nv)
-    centre, size, x = _centred(p, part)
-    modes = _motions(x)
+    d = len(p)
+    centre, size, x = centred(p, part)
+    modes = motions(x)
     vertex, component = np.divmod(np.unique(held).astype(np.int64), d)
     resisted = _gram(modes[vertex, component][:, None], part[vertex], len(size))
     lowest, trace = np.linalg.eigvalsh(resisted)[:, 0], np.trace(resisted, axis1=1, axis2=2)
@@ -83,27 +74,24 @@ def rigid_modes_left(p: Array, edges: Sequence[NDArray[np.int32]], held: NDArray
         return []
     moved = _gram(modes, part, len(size))
     free = {int(i): _free(resisted[i], moved[i]) for i in loose}
-    return [
-        f"{_name_part(part, i) if len(size) > 1 else f'the body of {nv} vertices'} has {motions.shape[1]} rigid "
-        f"mode{'s' * (motions.shape[1] > 1)} left, {', '.join(names(motions, d, centre[i], size[i]))}"
-        for i, motions in free.items()
-        if motions.size
-    ]
+    return [Left(i, name_part(part, i), f.shape[1], names(f, d, centre[i], size[i])) for i, f in free.items() if f.size]
 
 
-def _parts(edges: Sequence[NDArray[np.int32]], nv: int) -> NDArray[np.int32]:
-    """(nv,) number of the part of each vertex."""
+def parts_of(edges: Sequence[NDArray[np.int32]], nv: int) -> NDArray[np.int32]:
+    """(nv,) number of the part of each vertex: parts are what `edges` (2, ne) connect."""
     a, b = np.concatenate([np.empty((2, 0), dtype=np.int32), *edges], axis=1)
     links = coo_matrix((np.ones(len(a), dtype=np.int8), (a, b)), shape=(nv, nv))
     parts: NDArray[np.int32] = connected_components(links, directed=False)[1]
     return parts
 
 
-def _name_part(part: NDArray[np.int32], i: int) -> str:
-    return f"the part of {name_ids(np.flatnonzero(part == i), 'vertex')}"
+def name_part(part: NDArray[Any], i: int) -> str:
+    """A part by its vertices."""
+    own = np.flatnonzero(part == i)
+    return f"the part of {name_ids(own, 'vertex')}" if len(own) < len(part) else f"the body of {len(part)} vertices"
 
 
-def _centred(p: Array, part: NDArray[np.int32]) -> tuple[Array, Array, Array]:
+def centred(p: Array, part: NDArray[Any]) -> tuple[Array, Array, Array]:
     """Centre (n, d) and size (n,) of the parts, and (nv, d) coordinates from there in units of the size."""
     count = np.bincount(part)
     centre = np.stack([np.bincount(part, weights=row) / count for row in p])
@@ -114,7 +102,7 @@ def _centred(p: Array, part: NDArray[np.int32]) -> tuple[Array, Array, Array]:
     return centre.T, size, (x / size[part]).T
 
 
-def _motions(x: Array) -> Array:
+def motions(x: Array) -> Array:
     """(nv, d, r) unit translations, and rotations about zero: in the plane, or about each axis."""
     nv, d = x.shape
     modes = np.zeros((nv, d, {1: 1, 2: 3, 3: 6}[d]))

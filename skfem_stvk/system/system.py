@@ -17,14 +17,17 @@ from ..kernels.threads import Turn
 from ..mesh import MeshLike, SimplexMesh
 from ..mesh.diagnostics import check_mesh, warn_of_flat_elements
 from ..mesh.displacements import by_vertex
-from ..terms import Body, BoundLoad, BoundTerm, HasVolume, Load, Term
+from ..terms import Body, BoundLoad, BoundTerm, HasStretch, HasVolume, Load, Quartic, StVK, Term
 from .free import FreeDofs
+from .held import check_held
 from .operator import TangentOperator
 from .pattern import Pattern
-from .rigid import check_held
 from .supports import Displacements, Supports
 
 Array = NDArray[np.floating[Any]]
+
+#: Elements of a smaller part of their volume are flat: what is left of it is rounding.
+FLAT = 1e-9
 
 
 class System:
@@ -41,7 +44,7 @@ class System:
     Parameters
     ----------
     mesh : scikit-fem mesh of simplices, arrays `(p, t)`, or `SimplexMesh`.
-    terms : a term, or several that add up: `StVK`, `ElasticFoundation`; the loads `Gravity`, `BodyForce`, `NodalLoad`, `Traction`, `Pressure`.
+    terms : a term, or several that add up: `StVK`, `VolumePenalty`, `ElasticFoundation`; the loads `Gravity`, `BodyForce`, `NodalLoad`, `Traction`, `Pressure`.
     fixed : components that do not move, by place: `{"wall": "xyz", "symmetry": "y"}`. A place is the name of a boundary or of a node
         set, vertex ids, or a predicate of the coordinates, as in scikit-fem.
     prescribed : displacements by place and component: `{"handle": {"x": 0.01}}` [m], reached at t = 1; or functions of (x, t).
@@ -122,6 +125,19 @@ class System:
     @cached_property
     def _load_places(self) -> list[Any]:
         return [load.places(self.pattern) for load in self._loads]
+
+    @cached_property
+    def _with_volume(self) -> list[tuple[NDArray[np.int64], HasVolume]]:
+        """Terms that know the volumes of all elements that any term has, and the ids of theirs; most often the first alone."""
+        kept: list[tuple[NDArray[np.int64], HasVolume]] = []
+        known = np.zeros(self.mesh.nt, dtype=bool)
+        for specification, term in zip(self.elastic_terms, self._bound, strict=True):
+            if isinstance(term, HasVolume):
+                elements = self.mesh.elements(specification.region)
+                if not known[elements].all():
+                    kept.append((elements, term))
+                known[elements] = True
+        return kept
 
     @property
     def conservative(self) -> bool:
@@ -262,8 +278,8 @@ class System:
     def jacobian(self, u: ArrayLike, t: float = 1.0, out: csr_matrix | None = None, *, clamped: bool = False) -> csr_matrix:
         """Derivative of the residual: `K(u)` minus the loads' `df_ext/du` (ndofs, ndofs) [N/m]; parameters and errors as of `tangent`.
 
-        `clamped` leaves out the negative tensions of edges, the only part of K that can be indefinite: positive semi-definite then, but
-        for the loads.
+        `clamped` leaves out all that can make K indefinite, the negative tensions of edges and what the pressure of a `VolumePenalty` adds:
+        positive semi-definite then, but for the loads.
         """
         K = self._elastic_tangent(u, out, clamped)
         for load, places in zip(self._loads, self._load_places, strict=True):
@@ -283,6 +299,11 @@ class System:
                 found[f"{type(term).__name__} {number}"] = value
         return found
 
+    @property
+    def quartic(self) -> bool:
+        """Whether the strain energy along any line is exactly a quartic: that of `VolumePenalty` is not."""
+        return all(isinstance(term, Quartic) for term in self._bound)
+
     def energy_along(self, u: ArrayLike, v: ArrayLike) -> NDArray[np.float64]:
         """(5,) coefficients of the strain energy along `u + s v` [J]: `W(u + s v) = c0 + c1 s + c2 s^2 + c3 s^3 + c4 s^4`, exactly.
 
@@ -290,9 +311,16 @@ class System:
         ------
         StateError
             if `u` or `v` does not have one finite entry for each degree of freedom, or the result overflows.
+        StvkError
+            if the energy is no quartic: ask `quartic`.
         """
+        quartics = [term for term in self._bound if isinstance(term, Quartic)]
+        if len(quartics) < len(self._bound):
+            raise StvkError(
+                "The strain energy along a line is no quartic with a VolumePenalty among the terms. Ask for energy_and_force(u + s v) instead."
+            )
         x, y = self._state(u), self._state(v, "v")
-        coefficients = sum((term.along(x, y) for term in self._bound), np.zeros(5))
+        coefficients = sum((term.along(x, y) for term in quartics), np.zeros(5))
         _refuse_overflow(coefficients, "W along a line", x)
         return coefficients
 
@@ -313,9 +341,14 @@ class System:
         Raises
         ------
         SupportError
-            with the rigid modes that are left to each part, counted and named.
+            with the rigid modes that are left to each part, and the pieces that can turn about the vertices or edges that join them,
+            counted and named.
         """
-        check_held(self.mesh.p, self._bound, self.supports.held)
+        solid = np.zeros(self.mesh.nt, dtype=bool)
+        for term in self.elastic_terms:
+            if isinstance(term, StVK):
+                solid[self.mesh.elements(term.region)] = True
+        check_held(self.mesh, self._bound, self.supports.held, solid)
 
     def smallest_volume_ratio(self, u: ArrayLike) -> float:
         """The smallest ratio `J` of an element's volume at `u` to that at rest; below zero it is inside out. Errors as of `energy`.
@@ -323,19 +356,53 @@ class System:
         Of triangles in space and segments in more than one dimension the ratio of areas and lengths, which has no sign.
         """
         x = self._state(u)
-        return min(term.smallest_volume_ratio(x) for term in self._bound if isinstance(term, HasVolume))
+        return min((term.smallest_volume_ratio(x) for _, term in self._with_volume), default=np.inf)
+
+    def step_limit(self, u: ArrayLike, v: ArrayLike) -> float:
+        """The smallest `s > 0` at which an element that is right side out at `u` (`J > 0`) has no volume left at `u + s v`; or infinity.
+
+        Exact: `J` is a cubic in `s`. Triangles in space and segments in more than one dimension have no inside, so that nothing limits them.
+
+        Raises
+        ------
+        StateError
+            if `u` or `v` does not have one finite entry for each degree of freedom.
+
+        >>> import skfem
+        >>> from skfem_stvk import StVK
+        >>> mesh = skfem.MeshTet().refined(1)
+        >>> body = System(mesh, StVK(young=1.0, poisson=0.3))
+        >>> flatter = -0.5 * (mesh.p * [[0], [0], [1]]).ravel("F")
+        >>> round(body.step_limit(0 * flatter, flatter), 12)
+        2.0
+        """
+        x, y = self._state(u), self._state(v, "v")
+        return min((term.step_limit(x, y) for _, term in self._with_volume), default=np.inf)
 
     def inside_out(self, u: ArrayLike) -> NDArray[np.int64]:
-        """Ids of the elements that are inside out or flat at `u`, ascending: `J <= 0`. Errors as of `energy`."""
-        if self.mesh.k < self.mesh.d or self.smallest_volume_ratio(u) > 0:
+        """Ids of the elements that are inside out or flat at `u`, ascending: `J <= FLAT`. Errors as of `energy`."""
+        if self.mesh.k < self.mesh.d or self.smallest_volume_ratio(u) > FLAT:
             return np.empty(0, dtype=np.int64)
         x = self._state(u)
-        turned = [
-            self.mesh.elements(specification.region)[term.volume_ratios(x) <= 0]
-            for specification, term in zip(self.elastic_terms, self._bound, strict=True)
-            if isinstance(term, HasVolume)
-        ]
+        turned = [elements[term.volume_ratios(x) <= FLAT] for elements, term in self._with_volume]
         return np.unique(np.concatenate(turned))
+
+    def smallest_stretch(self, u: ArrayLike) -> float:
+        """The smallest principal stretch of all elements at `u`, within their own dimensions: 1 at rest, 0 flat. Errors as of `energy`.
+
+        Below 1/sqrt(3) = 0.577 a St. Venant-Kirchhoff body gives way: under uniaxial compression more shortening takes less force.
+        """
+        x = self._state(u)
+        return min((term.smallest_stretch(x) for term in self._bound if isinstance(term, HasStretch)), default=np.inf)
+
+    def compressed(self, u: ArrayLike, below: float) -> NDArray[np.int64]:
+        """Ids of the elements whose smallest principal stretch at `u` is less than `below`, ascending. Errors as of `energy`."""
+        x = self._state(u)
+        ids = [np.empty(0, dtype=np.int64)]
+        for specification, term in zip(self.elastic_terms, self._bound, strict=True):
+            if isinstance(term, HasStretch) and term.smallest_stretch(x) < below:
+                ids.append(self.mesh.elements(specification.region)[term.smallest_stretches(x) < below])
+        return np.unique(np.concatenate(ids))
 
     def free_dofs(self, fixed: Any) -> FreeDofs:
         """The degrees of freedom that are not `fixed`, and K restricted to them without slicing."""

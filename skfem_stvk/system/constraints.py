@@ -1,0 +1,169 @@
+"""What linear constraints between bodies leave free: a null space by elimination, body by body."""
+
+from __future__ import annotations
+
+import heapq
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import solve_triangular
+
+Array = NDArray[np.float64]
+
+#: Constraints of unit size that resist a motion less than this do not: joints that are closer together than 3e-7 of a body are one.
+NOTHING = 3e-7
+SAMPLES = 8
+#: A body with more neighbours than that, when it is the one with the fewest, is not eliminated: at most some ms are spent on one.
+MOST_NEIGHBOURS = 24
+
+
+class Block(NamedTuple):
+    """Constraints `rows @ concatenate(q of the bodies) = 0`.
+
+    Attributes
+    ----------
+    bodies : the m bodies in them.
+    rows : (n, m r) coefficients of the r unknowns of each.
+    """
+
+    bodies: tuple[int, ...]
+    rows: Array
+
+
+class _Eliminated(NamedTuple):
+    """A body's unknowns from those of its neighbours, and from the free ones among its own: `R q[order] + others @ q(neighbours) = 0`."""
+
+    body: int
+    neighbours: tuple[int, ...]
+    order: NDArray[np.int64]
+    R: Array
+    others: Array
+
+
+def free_motions(blocks: Sequence[Block], count: int, r: int) -> tuple[NDArray[np.int64], Array, NDArray[np.bool_]]:
+    """How much constraints leave free, and what.
+
+    A sparse QR factorisation whose fronts are bodies, those with the fewest neighbours first. An unknown without a pivot is free; which
+    body it is counted for depends on the order, the sum over bodies that hang together does not. Rows are orthogonally transformed and
+    never scaled, so rounding stays as small as it was. Where bodies hang together like trees, time and memory are proportional to them.
+    Where thousands fill the plane or space, what is left when each has more than 24 neighbours is taken to be at rest: all that is found
+    is free then, but not all that is free is found.
+
+    Parameters
+    ----------
+    blocks : constraints, of unit size: of every row the entries, and of every block the norm should be about 1.
+    count : bodies.
+    r : unknowns of each.
+
+    Returns
+    -------
+    free : (count,) free unknowns; their sum is the dimension of the null space.
+    samples : (count, r, 8) random vectors of the null space.
+    at_rest : (count,) whether a body is taken to be at rest.
+
+    >>> equal = Block((0, 1), np.array([[1.0, -1.0]]))
+    >>> free, samples, _ = free_motions([equal], count=2, r=1)
+    >>> int(free.sum()), bool(np.allclose(samples[0], samples[1]))
+    (1, True)
+    """
+    eliminated = _eliminate(blocks, count, r)
+    free, at_rest = np.zeros(count, dtype=np.int64), np.ones(count, dtype=bool)
+    samples, rng = np.zeros((count, r, SAMPLES)), np.random.default_rng(0)
+    for body, neighbours, order, R, others in reversed(eliminated):
+        rank = len(R)
+        free[body], at_rest[body] = r - rank, False
+        own = rng.standard_normal((r, SAMPLES))
+        known = R[:, rank:] @ own[rank:] + others @ samples[list(neighbours)].reshape(r * len(neighbours), SAMPLES)
+        own[:rank] = -solve_triangular(R[:, :rank], known, check_finite=False)
+        samples[body, order] = own
+    return free, samples, at_rest
+
+
+def compressed(rows: Array) -> Array:
+    """Constraints that say the same as `rows` (n, m), of norm 1 at most, and no more than m."""
+    if len(rows) > rows.shape[1]:
+        rows = _triangle(rows)
+    return rows / max(1.0, float(np.linalg.norm(rows)))
+
+
+def _eliminate(blocks: Sequence[Block], count: int, r: int) -> list[_Eliminated]:
+    at: list[dict[int, Block]] = [{} for _ in range(count)]
+    neighbours: list[set[int]] = [set() for _ in range(count)]
+    made = 0
+
+    def add(block: Block) -> None:
+        nonlocal made
+        for body in block.bodies:
+            at[body][made] = block
+            neighbours[body].update(block.bodies)
+        made += 1
+
+    for block in blocks:
+        add(block)
+    done: list[_Eliminated] = []
+    gone = np.zeros(count, dtype=bool)
+    queue = [(len(around), body) for body, around in enumerate(neighbours)]
+    heapq.heapify(queue)
+    while queue:
+        size, body = heapq.heappop(queue)
+        if gone[body] or size != len(neighbours[body]):
+            continue
+        if size > MOST_NEIGHBOURS:
+            break
+        gone[body] = True
+        around = tuple(sorted(neighbours[body] - {body}))
+        own, rest = _front(at[body], (body, *around), r)
+        step, left = _pivots(body, around, own, rest)
+        done.append(step)
+        for number, block in list(at[body].items()):
+            for other in block.bodies:
+                del at[other][number]
+        for other in around:
+            neighbours[other].discard(body)
+        if around and len(left):
+            add(Block(around, left))
+        for other in around:
+            heapq.heappush(queue, (len(neighbours[other]), other))
+    return done
+
+
+def _front(blocks: dict[int, Block], bodies: tuple[int, ...], r: int) -> tuple[Array, Array]:
+    """(n, r) coefficients of the first of the `bodies` in the `blocks`, and those of the others."""
+    place = {body: i for i, body in enumerate(bodies)}
+    rows = np.zeros((sum(len(block.rows) for block in blocks.values()), len(bodies), r))
+    first = 0
+    for block in blocks.values():
+        last = first + len(block.rows)
+        rows[first:last, [place[body] for body in block.bodies]] = block.rows.reshape(-1, len(block.bodies), r)
+        first = last
+    return rows[:, 0], rows[:, 1:].reshape(len(rows), r * (len(bodies) - 1))
+
+
+def _triangle(rows: Array) -> Array:
+    """(m, m) R of the QR factorisation of `rows` (n, m), n >= m: constraints that say the same."""
+    R: Array = np.asarray(np.linalg.qr(rows, mode="r"))
+    return R
+
+
+def _pivots(body: int, around: tuple[int, ...], own: Array, rest: Array) -> tuple[_Eliminated, Array]:
+    """The body's unknowns from the rows that have pivots, and the rows without them, in which it is no more: Householder reflections."""
+    r = own.shape[1]
+    order, rank = np.arange(r), 0
+    while rank < min(own.shape):
+        norms = np.linalg.norm(own[rank:, rank:], axis=0)
+        best = rank + int(norms.argmax())
+        if norms[best - rank] <= NOTHING:
+            break
+        order[[rank, best]], own[:, [rank, best]] = order[[best, rank]], own[:, [best, rank]]
+        mirror = own[rank:, rank].copy()
+        mirror[0] += np.copysign(norms[best - rank], mirror[0])
+        mirror /= np.linalg.norm(mirror)
+        for rows in (own[rank:, rank:], rest[rank:]):
+            rows -= np.outer(2 * mirror, mirror @ rows)
+        rank += 1
+    left = rest[rank:]
+    if len(left) > left.shape[1]:
+        left = _triangle(left)
+    return _Eliminated(body, around, order, own[:rank].copy(), rest[:rank].copy()), left

@@ -1,0 +1,207 @@
+"""Mechanisms: pieces of a body that turn against each other, because less than a facet joins them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import coo_matrix, csr_matrix
+from scipy.sparse.csgraph import connected_components
+
+from ..errors import name_ids
+from ..kernels.pieces import pieces_of_simplices
+from .constraints import Block, compressed, free_motions
+from .rigid import centred, motions, name_part
+
+Array = NDArray[np.float64]
+Ids = NDArray[Any]
+
+#: Pieces that turn against each other by less than this part of the largest motion do not.
+ALIKE = 1e-6
+MOST = 5
+
+
+@dataclass(frozen=True)
+class Mechanism:
+    """What a part can do besides moving as a whole.
+
+    Attributes
+    ----------
+    part : its number.
+    who : its vertices in words.
+    count : independent motions.
+    shown : which elements can turn about which vertices, in words: the first few.
+    joints : how many there are.
+    """
+
+    part: int
+    who: str
+    count: int
+    shown: list[str]
+    joints: int
+
+    def __str__(self) -> str:
+        more = f", and {self.joints - len(self.shown)} more joints" if self.joints > len(self.shown) else ""
+        return f"{self.who} has {self.count} mechanism{'s' * (self.count > 1)}: {', '.join(self.shown)}{more}"
+
+
+class Corners(NamedTuple):
+    """(n,) the vertices of each piece, each once: `vertex`, ascending, and `piece`."""
+
+    vertex: Ids
+    piece: Ids
+
+
+def mechanisms(
+    p: Array, t: Ids, solid: Ids, part: Ids, held: Ids, rigid: Mapping[int, int], edges: Sequence[Ids] = ()
+) -> list[Mechanism]:
+    """Motions of pieces of a part against each other without strain, to first order.
+
+    A piece is what facets join: tetrahedra by triangles, triangles in the plane by edges; unstrained it is rigid. Pieces move alike at
+    the vertices that they share: one is a ball joint, in the plane a hinge; several on a line are a hinge; others hold.
+
+    Parameters
+    ----------
+    p : (d, nv) coordinates [m].
+    t : (d + 1, nt) simplices.
+    solid : ids of those that are rigid while they are not strained.
+    part : (nv,) number of the part of each vertex.
+    held : degrees of freedom of supports and foundations, each once.
+    rigid : how many rigid modes are left to a part as a whole, by its number, if any.
+    edges : (2, ne) what terms couple. A part where they join what is of no common piece counts as held together by them.
+
+    >>> p = np.array([[0.0, 1, 0, 1, 2], [0, 0, 1, 2, 1]])   # two triangles that share vertex 1
+    >>> t = np.array([[0, 1], [1, 3], [2, 4]])
+    >>> str(mechanisms(p, t, np.arange(2), np.zeros(5, dtype=int), held=np.array([0, 1, 4, 5]), rigid={})[0])
+    'the body of 5 vertices has 1 mechanism: 1 element (1) can turn about 1 vertex (1) at (1, 0)'
+    """
+    nv = p.shape[1]
+    own = np.ascontiguousarray(t if len(solid) == t.shape[1] else t[:, solid], dtype=np.int32)
+    piece = pieces_of_simplices(own, nv)
+    of_part = part[own[0, np.unique(piece, return_index=True)[1]]]
+    several = np.bincount(of_part, minlength=part.max() + 1) > 1
+    if not several.any():
+        return []
+    corners = _corners(own, piece)
+    several[part[_bridges(corners, edges, nv)]] = False
+    chosen = several[part[corners.vertex]]
+    if not chosen.any():
+        return []
+    numbers, of_corner = np.unique(corners.piece[chosen], return_inverse=True)
+    corners, of_part = Corners(corners.vertex[chosen], of_corner), of_part[numbers]
+    _, size, x = centred(p[:, corners.vertex], corners.piece)
+    modes = motions(x)
+    free, samples, at_rest = free_motions([*_joints(corners, modes), *_supports(corners, modes, held)], len(size), modes.shape[2])
+    largest = np.zeros(len(several))
+    np.maximum.at(largest, of_part, np.abs(samples).max(axis=(1, 2)))
+    samples = samples / np.maximum(largest, np.finfo(float).tiny)[of_part, None, None]
+
+    cluster = _clusters(corners, samples[:, len(p) :], size)
+    of_element = np.append(cluster, -1)[_places(piece, numbers)]
+    moves = np.zeros(len(size), dtype=bool)
+    moves[cluster[np.abs(samples).max(axis=(1, 2)) > ALIKE]] = True
+    turning = _turning(corners, cluster, moves, np.bincount(of_element[of_element >= 0], minlength=len(size)))
+    count = np.bincount(of_part, weights=free, minlength=len(several)).astype(int)
+    whole = np.bincount(of_part, weights=at_rest, minlength=len(several)) == 0  # then its rigid modes are among what was found
+    found: list[Mechanism] = []
+    for own in _grouped(np.array([part[vertices[0]] for _, vertices in turning])):
+        i = int(part[turning[own[0]][1][0]])
+        joints = [
+            f"{name_ids(solid[of_element == one], 'element')} can turn about {_place(p, vertices)}"
+            for one, vertices in (turning[joint] for joint in own[:MOST])
+        ]
+        found.append(Mechanism(i, name_part(part, i), int(count[i]) - (rigid.get(i, 0) if whole[i] else 0), joints, len(own)))
+    return [mechanism for mechanism in found if mechanism.count > 0]
+
+
+def _corners(t: Ids, piece: Ids) -> Corners:
+    pieces = int(piece.max()) + 1
+    return Corners(*np.divmod(np.unique(t.astype(np.int64) * pieces + piece), pieces))
+
+
+def _places(keys: Ids, among: Ids) -> Ids:
+    """Where `keys` stand among ascending ones; -1 where they do not."""
+    place = np.minimum(np.searchsorted(among, keys), len(among) - 1)
+    return np.where(among[place] == keys, place, -1)
+
+
+def _bridges(corners: Corners, edges: Sequence[Ids], nv: int) -> Ids:
+    """First vertices of the edges whose ends are of no common piece."""
+    has = csr_matrix((np.ones(len(corners.vertex), dtype=np.int8), corners), shape=(nv, int(corners.piece.max()) + 1))
+    a, b = np.concatenate([np.empty((2, 0), dtype=np.int32), *edges], axis=1)
+    return a[np.asarray(has[a].multiply(has[b]).sum(axis=1)).ravel() == 0]
+
+
+def _joints(corners: Corners, modes: Array) -> Iterator[Block]:
+    """The motion of a vertex is the same in the first piece that has it and in each other one: blocks for pairs of pieces."""
+    first = np.unique(corners.vertex, return_index=True, return_inverse=True)
+    one, other = first[1][first[2]], np.arange(len(corners.vertex))
+    joint = one != other
+    one, other = one[joint], other[joint]
+    for own in _grouped(corners.piece[one] * (corners.piece.max() + 1) + corners.piece[other]):
+        rows = np.concatenate([modes[one[own]], -modes[other[own]]], axis=2)
+        yield Block(
+            (int(corners.piece[one[own[0]]]), int(corners.piece[other[own[0]]])), compressed(rows.reshape(-1, rows.shape[2]))
+        )
+
+
+def _supports(corners: Corners, modes: Array, held: Ids) -> Iterator[Block]:
+    """Held components of vertices do not move: a block for each piece."""
+    vertex, component = np.divmod(held, modes.shape[1])
+    begin, end = np.searchsorted(corners.vertex, vertex), np.searchsorted(corners.vertex, vertex, side="right")
+    row = np.repeat(np.arange(len(held)), end - begin)
+    corner = begin[row] + np.arange(len(row)) - np.repeat(np.cumsum(end - begin) - (end - begin), end - begin)
+    for own in _grouped(corners.piece[corner]):
+        yield Block((int(corners.piece[corner[own[0]]]),), compressed(modes[corner[own], component[row[own]]]))
+
+
+def _grouped(keys: Ids) -> list[Ids]:
+    """Places of equal keys."""
+    if not len(keys):
+        return []
+    order = np.argsort(keys, kind="stable")
+    return np.split(order, np.flatnonzero(np.diff(keys[order])) + 1)
+
+
+def _clusters(corners: Corners, turns: Array, size: Array) -> Ids:
+    """Number of the cluster of each piece: pieces that share vertices and never turn against each other.
+
+    `turns` (n, 1 or 3, m) are the rotations of pieces in random motions, in units of 1/size. At a vertex, pieces that turn alike follow
+    each other in the order of one component of them, along a random axis.
+    """
+    turns = turns / size[:, None, None]
+    axis = np.random.default_rng(1).standard_normal(turns.shape[1])
+    order = np.lexsort((np.einsum("nc,c->n", turns[:, :, 0], axis)[corners.piece], corners.vertex))
+    piece, same = corners.piece[order], np.diff(corners.vertex[order]) == 0
+    one, other = piece[:-1][same], piece[1:][same]
+    turning = np.abs(turns[one] - turns[other]).max(axis=(1, 2), initial=0) * np.minimum(size[one], size[other])
+    alike = turning <= ALIKE
+    links = coo_matrix((np.ones(alike.sum(), dtype=np.int8), (one[alike], other[alike])), shape=(len(size), len(size)))
+    clusters: Ids = connected_components(links, directed=False)[1]
+    return clusters
+
+
+def _turning(corners: Corners, cluster: Ids, moves: NDArray[np.bool_], elements: Ids) -> list[tuple[int, Ids]]:
+    """Clusters that turn and the vertices about which they do, against one that is at rest if there is one, otherwise the largest there."""
+    rank = np.empty(len(moves), dtype=np.int64)
+    rank[np.lexsort((-elements, moves))] = np.arange(len(moves))
+    vertex, ranked = _corners(corners.vertex[None], rank[cluster][corners.piece])
+    several = np.bincount(vertex)[vertex] > 1
+    vertex, ranked = vertex[several], ranked[several]
+    first = np.unique(vertex, return_index=True, return_inverse=True)
+    base = ranked[first[1][first[2]]]
+    back, own = np.argsort(rank), {int(ranked[group[0]]): vertex[group] for group in _grouped(ranked)}
+    pairs = sorted({(one, other) for one, other in zip(ranked.tolist(), base.tolist(), strict=True) if one != other})
+    return [(int(back[one]), np.intersect1d(own[one], own[other])) for one, other in pairs]
+
+
+def _place(p: Array, vertices: Ids) -> str:
+    """Vertices on a line, with their coordinates."""
+    ends = vertices[np.lexsort(p[:, vertices][::-1])[[0, -1]]]
+    points = [f"({', '.join(f'{c:.9g}' for c in p[:, v])})" for v in ends]
+    if len(vertices) == 1:
+        return f"{name_ids(vertices, 'vertex')} at {points[0]}"
+    return f"the line through {name_ids(vertices, 'vertex')} from {points[0]} to {points[1]}"
