@@ -4,9 +4,9 @@ from .errors import LoadError, MaterialError, MeshError, RegionError, StateError
 from .materials import Anisotropic, Isotropic, Orthotropic, TransverselyIsotropic
 from .mesh import SimplexMesh, embedded_mesh, read_mesh
 from .referee import Report, verify
-from .statics import SolveError, StaticResult, solve_static
+from .statics import SolveError, StaticResult, Stop, solve_static
 from .system import System
-from .terms import BodyForce, ElasticFoundation, Gravity, NodalLoad, Pressure, StVK, Traction
+from .terms import BodyForce, ElasticFoundation, Gravity, NodalLoad, Pressure, StVK, Traction, VolumePenalty
 
 __version__ = "0.1.0"
 __all__ = [
@@ -28,12 +28,14 @@ __all__ = [
     "StVK",
     "StateError",
     "StaticResult",
+    "Stop",
     "StvkError",
     "StvkWarning",
     "SupportError",
     "System",
     "Traction",
     "TransverselyIsotropic",
+    "VolumePenalty",
     "embedded_mesh",
     "read_mesh",
     "solve_static",

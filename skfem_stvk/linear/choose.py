@@ -17,8 +17,10 @@ FEW, MANY_WITHOUT_PARDISO, MANY = 3_000, 6_000, 15_000
 SOLVERS: tuple[LinearSolver, ...] = (SuperLU(), Pardiso(), AmgCg(), BlockJacobiCg())
 
 
-def choose(solver: str | LinearSolver, n: int, kind: Kind) -> LinearSolver:
+def choose(solver: str | LinearSolver, n: int, kind: Kind, indefinite: bool = False) -> LinearSolver:
     """The solver of this name, the object itself, or for "auto" what `docs/solvers.md` measured to be fastest for `n` unknowns.
+
+    `indefinite`: matrices will not be positive definite, and are to be solved with all the same; conjugate gradients notice only.
 
     Raises
     ------
@@ -26,7 +28,7 @@ def choose(solver: str | LinearSolver, n: int, kind: Kind) -> LinearSolver:
         if the name is unknown, or the solver does not take this kind of matrix.
     """
     if solver == "auto":
-        return automatic(n, kind)
+        return direct(n) if indefinite else automatic(n, kind)
     if isinstance(solver, str):
         known = {one.name: one for one in SOLVERS}
         if solver not in known:
@@ -37,6 +39,12 @@ def choose(solver: str | LinearSolver, n: int, kind: Kind) -> LinearSolver:
     ):
         raise StvkError(f"solver is a {type(solver).__name__}; expected 'auto', {names(SOLVERS)}, or an object such as SuperLU().")
     check_kind(solver, kind)
+    if indefinite and solver.iterative:
+        able = names([other for other in SOLVERS if not other.iterative])
+        raise StvkError(
+            f"solver '{solver.name}' came; expected a direct one, {able}, or 'auto': behind a limit point K is indefinite, and conjugate gradients "
+            "cannot solve with it."
+        )
     return solver
 
 
@@ -45,8 +53,11 @@ def automatic(n: int, kind: Kind) -> LinearSolver:
 
     Below, direct solvers tell how many eigenvalues are negative and take what is indefinite, for little more time.
     """
-    if n < FEW:
-        return SuperLU()
-    direct: LinearSolver = Pardiso() if pardiso_is_installed() else SuperLU()
-    many = MANY if direct == Pardiso() else MANY_WITHOUT_PARDISO
-    return direct if kind == Kind.GENERAL or n < many else AmgCg()
+    if kind == Kind.GENERAL or n < (MANY if pardiso_is_installed() else MANY_WITHOUT_PARDISO):
+        return direct(n)
+    return AmgCg()
+
+
+def direct(n: int) -> LinearSolver:
+    """The fastest direct solver: PARDISO if it is installed and gains."""
+    return Pardiso() if n >= FEW and pardiso_is_installed() else SuperLU()

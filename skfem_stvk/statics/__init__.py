@@ -1,9 +1,26 @@
-"""Quasi-static solves: Newton's method, load stepping, and a result that says how it came out."""
+"""Quasi-static solves: Newton's method, paths in load steps or by arc length, and a result that says how it came out."""
 
+from .critical import CriticalPoint
 from .history import Attempt, History, Step
+from .monitors import Finding
 from .newton import End, Iterations
 from .result import Interrupted, SolveError, StaticResult
 from .solve import solve_static
 from .status import Status
+from .stop import Stop
 
-__all__ = ["Attempt", "End", "History", "Interrupted", "Iterations", "SolveError", "StaticResult", "Status", "Step", "solve_static"]
+__all__ = [
+    "Attempt",
+    "CriticalPoint",
+    "End",
+    "Finding",
+    "History",
+    "Interrupted",
+    "Iterations",
+    "SolveError",
+    "StaticResult",
+    "Status",
+    "Step",
+    "Stop",
+    "solve_static",
+]

@@ -9,6 +9,8 @@ from typing import Any, overload
 import numpy as np
 from numpy.typing import NDArray
 
+from .critical import CriticalPoint
+from .monitors import Finding
 from .newton import End, Iterations
 from .status import Status
 
@@ -29,6 +31,11 @@ class Step:
     strain_energy : [J].
     potential : strain energy less the work of the loads [J]; NaN if a load has none.
     smallest_volume_ratio : the smallest J of an element; below 0 it is inside out.
+    negative : how many eigenvalues of K are negative, by the last tangent of Newton's method (of arc length by that of the state itself); None
+        if the solver does not count them.
+    lowest : the lowest eigenvalue of K [N/m], with an iterative solver and `stability=True`; otherwise None.
+    findings : where the model is not to be trusted, with element ids.
+    critical : limit points and bifurcations between the state before and this one.
     seconds : that the step took, failed attempts included.
     """
 
@@ -40,6 +47,10 @@ class Step:
     strain_energy: float
     potential: float
     smallest_volume_ratio: float
+    negative: int | None
+    lowest: float | None
+    findings: tuple[Finding, ...]
+    critical: tuple[CriticalPoint, ...]
     seconds: float
 
     def __str__(self) -> str:
@@ -106,6 +117,11 @@ class History(Sequence[Step]):
     def u(self) -> Array:
         """(n, ndofs) displacements [m]."""
         return np.array([step.u for step in self._steps])
+
+    @property
+    def critical_points(self) -> tuple[CriticalPoint, ...]:
+        """Limit points and bifurcations on the path, in order."""
+        return tuple(point for step in self._steps for point in step.critical)
 
     @property
     def iterations(self) -> int:

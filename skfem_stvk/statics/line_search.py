@@ -35,19 +35,24 @@ def quartic_minimum(c: Array) -> float:
     return unit * float(real[0]) if len(real) else np.inf
 
 
-def root_of_slope(slope: Callable[[float], float], at_zero: float, most: int = 12) -> float | None:
+def root_of_slope(slope: Callable[[float], float], at_zero: float, longest: float = np.inf, most: int = 12) -> float | None:
     """A length `s` with `|slope(s)| <= 0.1 |slope(0)|`, by doubling and safeguarded secants; None if it is not found.
 
-    `slope(s)` is the residual times the direction, negative at zero.
+    `slope(s)` is the residual times the direction, negative at zero; it is not asked for beyond `longest`, which is the answer if the slope
+    is negative there still.
 
     >>> round(root_of_slope(lambda s: s**3 - 8, -8.0), 1)
     2.0
+    >>> root_of_slope(lambda s: s**3 - 8, -8.0, longest=1.5)
+    1.5
     """
     enough = GOOD_ENOUGH * abs(at_zero)
-    low, f_low, high = 0.0, at_zero, 1.0
+    low, f_low, high = 0.0, at_zero, min(1.0, longest)
     f_high = slope(high)
     while f_high < -enough:
-        low, f_low, high = high, f_high, 2 * high
+        if high == longest:
+            return longest
+        low, f_low, high = high, f_high, min(2 * high, longest)
         if high > 2**most:
             return None
         f_high = slope(high)

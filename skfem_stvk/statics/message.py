@@ -2,50 +2,107 @@
 
 from __future__ import annotations
 
+from .arc_length import ArcLength
 from .history import History
 from .newton import End
 from .status import Status
 
+GIVES_WAY = "St. Venant-Kirchhoff material gives way in compression, so the branch without inversion may end here."
+RESIST = {
+    False: "a term that resists, VolumePenalty(), a finer mesh there or more steps, or spread the load over more of the boundary.",
+    True: "a stiffer VolumePenalty, a finer mesh there or more steps, or spread the load over more of the boundary.",
+}
+#: What to try; of what is crushed by whether there is a penalty already.
 TRY = {
-    End.OUT_OF_ITERATIONS: "Try more steps, or look at the last state: result.plot().",
-    End.INSIDE_OUT: "St. Venant-Kirchhoff material gives way in compression, so the branch without inversion may end here. Try a finer mesh "
-    "there, more steps, or spread the load over more of the boundary.",
     End.NO_DESCENT: "Is it a mechanism: a part that only one vertex or edge holds, a flat membrane or a cable without tension? Hold it, "
     "stretch it first, or put it on an ElasticFoundation. If the body buckles there, give it a small imperfection.",
     End.NO_LENGTH: "Does the load push the body away without end, or depend on its shape? Try more steps, or a smaller load.",
     End.OVERFLOW: "Are units mixed up, or is the load far too large for the stiffness?",
+    End.TOO_SHARP: "Try more steps.",
 }
 
 
+def what_to_try(end: End, penalty: bool) -> str:
+    """After a step that failed; `penalty`: whether a VolumePenalty is among the terms."""
+    if end is End.OUT_OF_ITERATIONS:
+        return f"Try more steps, or look at the last state: result.plot(). {GIVES_WAY} Try {RESIST[penalty]}"
+    return f"{GIVES_WAY} Try {RESIST[penalty]}" if end is End.INSIDE_OUT else TRY[end]
+
+
 def reason(
-    status: Status, history: History, t: float, negative: int | None, inverted: str, cause: BaseException | None = None
+    status: Status,
+    method: str,
+    history: History,
+    t: float,
+    negative: int | None,
+    inverted: str,
+    branch: str = "",
+    penalty: bool = False,
+    started: bool = False,
+    cause: BaseException | None = None,
 ) -> str:
-    """The message of a result; `cause` is what interrupted it."""
+    """The message of a result.
+
+    Parameters
+    ----------
+    inverted : names elements inside out or flat.
+    branch : says whether a branch ends where it stopped.
+    penalty : whether a VolumePenalty is among the terms.
+    started : whether a state to start from came.
+    cause : what interrupted it.
+    """
     if status is Status.UNSTABLE:
         count = f"K has {negative} negative eigenvalue(s)" if negative else "K is not positive definite"
         return (
-            f"At t = {t:.4g} the body is in equilibrium, but unstable: {count}, and a real one would leave this state. Look for the stable one "
-            "beside it: give the mesh or the load a small imperfection, or prescribe displacements instead of loads."
+            f"At t = {t:.4g} the body is in equilibrium, but unstable: {count}, and a real one would leave this state.{_critical(history)} Look for "
+            "the stable one beside it: give the mesh or the load a small imperfection, or prescribe displacements instead of loads."
         )
     if status is Status.INVERTED:
         return (
-            f"At t = {t:.4g} the body is in equilibrium, but turned inside out in {inverted}. The energy does not change when an "
-            "element is mirrored, so this is a solution of the equations, not one of the body. Start from a state that is not inside out."
+            f"At t = {t:.4g} the body is in equilibrium, but turned inside out or flat in {inverted}. The energy does not change when an "
+            "element is mirrored, so this is a solution of the equations, not one of the body. Start from a state that is not inside out, or add "
+            "a term that turns elements back: VolumePenalty(kind='compression')."
         )
     if status is Status.INTERRUPTED:
         by = "" if isinstance(cause, KeyboardInterrupt) else f" by {type(cause).__name__}: {cause}"
         kept = "1 state" if len(history) == 1 else f"{len(history)} states"
-        return f"Interrupted at t = {t:.6g} of 1{by.rstrip('.')}. Kept so far: {kept}."
+        return f"Interrupted at t = {t:.6g}{by.rstrip('.')}. Kept so far: {kept}."
     if status is Status.STOPPED:
-        return f"Stopped before the full load, at t = {t:.6g} of 1" + _why(history)
+        where = "before its end" if method == ArcLength.name else "before the full load"
+        return f"Stopped {where}, at t = {t:.6g}{_why(history, t, branch, penalty, started)}{_critical(history)}{_found(history)}"
     residual = history[-1].iterations.residuals[-1]
-    kind = "the full load is reached" if status is Status.CONVERGED else "the full load is reached as far as rounding allows"
-    return f"Converged: {kind}, residual {residual:.1e} of loads and reactions."
+    end = f"the path is followed to its end at t = {t:.6g}" if method == ArcLength.name else "the full load is reached"
+    rounding = "" if status is Status.CONVERGED else " as far as rounding allows"
+    return f"Converged: {end}{rounding}, residual {residual:.1e} of loads and reactions.{_critical(history)}{_found(history)}"
 
 
-def _why(history: History) -> str:
+def _why(history: History, t: float, branch: str, penalty: bool, started: bool) -> str:
+    if not history.attempts:
+        return f": nothing that was asked for is reached after {len(history)} states. Give a stop that is, or Stop(states=...)."
     last = history.attempts[-1]
     detail = f" ({last.iterations.detail})" if last.iterations.detail else ""
-    if last.t == 0:
-        return f": {last.end.value}{detail}. What is there from the start cannot be approached in steps: let it grow with t. {TRY[last.end]}"
-    return f": {last.end.value}{detail}, in a step of {last.t - (history[-1].t if len(history) else 0):.1e} too. {TRY[last.end]}"
+    if last.t == t:
+        start = (
+            "Give another u0: from this one no equilibrium was found."
+            if started
+            else "Let what is there from the start grow with t."
+        )
+        return f": {last.end.value}{detail}, before the first step. {start} {what_to_try(last.end, penalty)}"
+    failed = f"{last.end.value}{detail}, in a step of {abs(last.t - t):.1e} too."
+    if not branch:
+        return f": {failed} {what_to_try(last.end, penalty)}"
+    beyond = "To follow the path beyond it, where it is unstable, there is method='arc-length'."
+    return f": {branch} Beyond it, {failed} {beyond} Where it is the material that gives way in compression, try {RESIST[penalty]}"
+
+
+def _critical(history: History) -> str:
+    points = history.critical_points
+    if not points:
+        return ""
+    named = "; ".join(map(str, points[:3])) + ("; ..." if len(points) > 3 else "")
+    return f" On the way: {named} (result.critical_points has their modes)."
+
+
+def _found(history: History) -> str:
+    """What the monitors found in the last state."""
+    return "".join(f" {finding.text}" for finding in history[-1].findings) if len(history) else ""

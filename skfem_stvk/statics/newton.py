@@ -18,10 +18,12 @@ from .status import Status
 
 Array = NDArray[Any]
 
-#: With the line search, and with full steps.
-MOST_ITERATIONS, MOST_FULL = 40, 20
+#: With the line search, the same from a state with elements inside out, and with full steps.
+MOST_ITERATIONS, MOST_TANGLED, MOST_FULL = 40, 120, 20
 #: The loosest linear solve of an iterative solver (Eisenstat and Walker 1996, choice 2).
 LOOSEST = 0.1
+#: The line search stops at this part of the length at which the first element would be flat, and where that is shorter than this, it is over.
+BEFORE_THE_LIMIT, SHORTEST = 0.8, 1e-3
 
 
 class End(Enum):
@@ -29,11 +31,12 @@ class End(Enum):
 
     CONVERGED = "the residual is below rtol times loads and reactions"
     AT_ROUND_OFF = "the residual is what rounding leaves"
-    OUT_OF_ITERATIONS = f"Newton's method did not converge in {MOST_ITERATIONS} iterations"
+    OUT_OF_ITERATIONS = "Newton's method ran out of iterations"
     INSIDE_OUT = "elements would turn inside out"
     NO_DESCENT = "no tangent gave a direction of descent"
     NO_LENGTH = "the residual does not fall along the direction of Newton's method"
     OVERFLOW = "displacements grew without bound"
+    TOO_SHARP = "the path turns too sharply"
 
     @property
     def converged(self) -> bool:
@@ -85,17 +88,22 @@ def newton(
     """Equilibrium at load factor `t` from `u` (ndofs,), whose held degrees of freedom are where they belong.
 
     With `full_first`, full steps of the exact tangent are tried: slender bodies bend that way in a third of the iterations, for a full step
-    stretches them first and a line search does not let it. Unless they arrive, at a stable state and with no more than `most_inside_out`
-    elements inside out, it begins anew with the line search, which is exact where loads have a potential (W is a quartic along any line), a
-    tangent that is positive definite where the exact one gives no descent, and steps cut back where elements would turn inside out.
+    stretches them first and a line search does not let it. Unless they arrive, at a stable state, with no more than `most_inside_out` elements
+    inside out and none that would be flat on the straight way there, it begins anew with the line search, which is exact where loads have a potential (W is a quartic along any line), a
+    tangent that is positive definite where the exact one gives no descent, and steps that end before elements turn inside out, unless some
+    are already.
     """
     record = Iterations()
     if full_first:
-        found, end = _iterate(problem, u, t, rtol, most_inside_out, record, watch, search=False)
-        if end.converged and not record.negative_pivots and len(problem.inside_out(found)) <= most_inside_out:
+        found, end = _iterate(problem, u, t, rtol, record, watch, search=False)
+        stable = end.converged and not record.negative_pivots
+        if stable and len(problem.inside_out(found)) <= most_inside_out and problem.on_this_side(u, found):
             return found, end, record
         record.restarted = len(record)
-    found, end = _iterate(problem, u, t, rtol, most_inside_out, record, watch, search=True)
+    found, end = _iterate(problem, u, t, rtol, record, watch, search=True)
+    if end.converged and len(turned := problem.inside_out(found)) > most_inside_out:
+        record.detail = problem.named(turned)
+        return found, End.INSIDE_OUT, record
     return found, end, record
 
 
@@ -104,24 +112,23 @@ def _iterate(
     u: Array,
     t: float,
     rtol: float,
-    most_inside_out: int,
     record: Iterations,
     watch: Callable[[Iterations], None],
     search: bool,
 ) -> tuple[Array, End]:
     """Newton's iterations, with the line search or with full steps."""
-    forcing, before, most = LOOSEST, None, len(record) + (MOST_ITERATIONS if search else MOST_FULL)
+    forcing, before = LOOSEST, None
+    most = len(record) + (MOST_FULL if not search else MOST_TANGLED if len(problem.inside_out(u)) else MOST_ITERATIONS)
     try:
         residual = problem.residual(u, t)
         while True:
             record.residuals.append(residual.relative)
             watch(record)
-            if residual.size <= rtol * residual.scale:
-                return u, _converged(problem, record, End.CONVERGED)
-            # the estimate is an upper one: what rounding leaves has also ceased to fall
-            ceased = before is None or residual.size > before.size / 2
-            if ceased and residual.size <= problem.round_off(u, t):
-                return u, _converged(problem, record, End.AT_ROUND_OFF)
+            end = arrived(problem, u, t, residual, before, rtol)
+            if end is not None:
+                if len(record):  # each iteration has made an exact tangent, also where another one was taken
+                    record.negative_pivots = problem.negative_pivots()
+                return u, end
             if len(record) == most:
                 if record.tangents[-1] != "exact":
                     record.detail = "K is not positive definite there: the body gives way or buckles"
@@ -130,7 +137,7 @@ def _iterate(
             v = _direction(problem, u, t, residual, max(forcing, 0.3 * rtol / residual.relative), record, search)
             if v is None:
                 return u, End.NO_DESCENT
-            moved = _moved(problem, u, v, t, residual, most_inside_out, record, search)
+            moved = _moved(problem, u, v, t, residual, record, search)
             if isinstance(moved, End):
                 return u, moved
             u, before = moved, residual
@@ -140,11 +147,13 @@ def _iterate(
         return u, End.OVERFLOW
 
 
-def _converged(problem: Equilibrium, record: Iterations, end: End) -> End:
-    """The end, with what the last exact tangent says of stability; each iteration has one, also where another one is taken."""
-    if len(record):
-        record.negative_pivots = problem.negative_pivots()
-    return end
+def arrived(problem: Equilibrium, u: Array, t: float, residual: Residual, before: Residual | None, rtol: float) -> End | None:
+    """How the state is one of equilibrium, if it is; `before` is the residual of the iteration before."""
+    if residual.size <= rtol * residual.scale:
+        return End.CONVERGED
+    # the estimate is an upper one: what rounding leaves has also ceased to fall
+    ceased = before is None or residual.size > before.size / 2
+    return End.AT_ROUND_OFF if ceased and residual.size <= problem.round_off(u, t) else None
 
 
 def _forcing(last: float, now: Residual, before: Residual) -> float:
@@ -179,37 +188,34 @@ def usable(solution: Solution) -> bool:
     return solution.outcome is Outcome.SOLVED or (imprecise and solution.residual <= LOOSEST)
 
 
-def _moved(
-    problem: Equilibrium, u: Array, v: Array, t: float, residual: Residual, most_inside_out: int, record: Iterations, search: bool
-) -> Array | End:
-    """`u + s v`, with the length `s` of the line search, cut back where elements would turn inside out; or the full step."""
+def _moved(problem: Equilibrium, u: Array, v: Array, t: float, residual: Residual, record: Iterations, search: bool) -> Array | End:
+    """`u + s v`, with the length `s` of the line search, which ends before elements turn inside out; or the full step."""
     if not search:
         record.lengths.append(1.0)
         return u + v
-    s = _length(problem, u, v, t, residual)
+    # where elements are inside out, others have to turn with them on the way back
+    limit = np.inf if len(problem.inside_out(u)) else problem.step_limit(u, v)
+    s = _length(problem, u, v, t, residual, BEFORE_THE_LIMIT * limit)
     if s is None:
         return End.NO_LENGTH
-    for _ in range(10):
-        moved = u + s * v
-        turned = problem.inside_out(moved)
-        if len(turned) <= most_inside_out:
-            record.lengths.append(s)
-            return moved
-        s /= 2
-    record.detail = problem.named(turned)
-    return End.INSIDE_OUT
+    if s < SHORTEST and s == BEFORE_THE_LIMIT * limit:
+        record.detail = problem.named(problem.inside_out(u + 1.01 * limit * v))
+        return End.INSIDE_OUT
+    record.lengths.append(s)
+    return u + s * v
 
 
-def _length(problem: Equilibrium, u: Array, v: Array, t: float, residual: Residual) -> float | None:
+def _length(problem: Equilibrium, u: Array, v: Array, t: float, residual: Residual, longest: float) -> float | None:
+    """Of the line search, `longest` at most."""
     slope = float(residual.free @ v[problem.free.free])
-    if problem.system.conservative:
+    if problem.system.conservative and problem.system.quartic:
         c = problem.energy_along(u, v, t)
         if abs(c[1] - slope) > 0.1 * abs(slope):  # rounding is as large as what there is to gain
-            return 1.0
-        s = quartic_minimum(c)
+            return min(1.0, longest)
+        s = min(quartic_minimum(c), longest)
         return s if np.isfinite(s) else None
 
     def slope_at(s: float) -> float:
         return float(problem.residual(u + s * v, t).free @ v[problem.free.free])
 
-    return root_of_slope(slope_at, slope)
+    return root_of_slope(slope_at, slope, longest)

@@ -35,10 +35,13 @@ class Report:
         self._bar.update(self._task, description=text, refresh=True)
 
     def line(self, outcome: Step | Attempt) -> None:
-        """A state was found, or a step has to be cut back."""
+        """A state was found, now or by the run that is resumed, or a step has to be cut back."""
         if isinstance(outcome, Step):
-            self._bar.update(self._task, completed=outcome.t)
+            self._bar.update(self._task, completed=min(max(outcome.t, 0.0), 1.0))
         self._print(str(outcome))
+        if isinstance(outcome, Step):
+            for point in outcome.critical:
+                self._print(str(point))
 
     def _print(self, line: str) -> None:
         if not self._quiet:

@@ -17,6 +17,7 @@ from ..mesh.places import Where, describe, vertices_at
 from ..results import Fields, Reaction, Series, State, plot, write_vtu
 from ..results.vtu import DEFAULT
 from ..system import System
+from .critical import CriticalPoint
 from .history import History
 from .status import Status
 
@@ -30,7 +31,7 @@ class StaticResult:
     Attributes
     ----------
     u : (ndofs,) displacements of the last good state [m].
-    t : its load factor; 1 if the full load was reached.
+    t : its load factor; 1 where load steps reached the full load.
     status, message : how it came out, in a word and in full.
     history : the states on the way, with iterations, residuals, line-search factors and tangents; `history.attempts` are those that failed.
     solver : name of the linear solver.
@@ -50,6 +51,11 @@ class StaticResult:
     def success(self) -> bool:
         """Whether the full load is carried by a state that is stable, as far as was seen, with no element inside out."""
         return self.status.success
+
+    @property
+    def critical_points(self) -> tuple[CriticalPoint, ...]:
+        """Limit points and bifurcations on the path, in order, with the modes in which the body gives way."""
+        return self.history.critical_points
 
     def reaction(self, where: Where | None = None) -> Reaction:
         """What the supports at a place do to the body: `.resultant` [N], `.moment(about)` [N m], `.by_node`.
@@ -109,8 +115,9 @@ class StaticResult:
         if not len(self.history):
             raise StvkError(f"There is no state to write to {path}: none was found.")
         series = Series(path, fields)
-        for step in self.history:
-            series.add(self.state.fields.at(step.u), step.t)
+        increasing = bool((np.diff(self.history.t) > 0).all())
+        for number, step in enumerate(self.history, 1):
+            series.add(self.state.fields.at(step.u), step.t if increasing else number)
         return series.path
 
     def plot(self, field: str | ArrayLike = "von_mises_stress", **options: Any) -> Any:

@@ -2,56 +2,80 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from pathlib import Path
+import os
+import warnings
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..errors import LoadError, StvkError
-from ..linear import LinearSolver
+from ..errors import LoadError, StvkError, StvkWarning
+from ..linear import LinearSolver, choose
 from ..results import Fields, Series
 from ..system import System
-from ..terms import Load
-from .equilibrium import Equilibrium
+from ..terms import Load, VolumePenalty
+from .arc_length import ArcLength
+from .branch_end import branch_end
+from .checkpoint import Checkpoint
+from .equilibrium import Equilibrium, kind_of
 from .history import History, Step
 from .message import reason
+from .monitors import Monitors
 from .report import Report
 from .result import Interrupted, SolveError, StaticResult
-from .stability import stability
+from .stability import is_stable
 from .status import Status
-from .stepping import follow
+from .stepping import LoadSteps
+from .stop import Stop
 from .stopwatch import Stopwatch
+from .walk import Walk
 
 Array = NDArray[Any]
+
+METHODS = (LoadSteps.name, ArcLength.name)
 
 
 def solve_static(
     system: System,
     steps: int = 10,
     *,
+    method: str = LoadSteps.name,
+    stop: Stop | None = None,
     solver: str | LinearSolver = "auto",
     rtol: float = 1e-8,
     u0: ArrayLike | None = None,
-    save: str | Path | None = None,
+    t0: float = 0.0,
+    stability: bool = False,
+    ellipticity: bool = False,
+    save: str | os.PathLike[str] | None = None,
+    checkpoint: str | os.PathLike[str] | None = None,
+    resume: bool = False,
     quiet: bool = False,
     raise_on_failure: bool = True,
 ) -> StaticResult:
-    """Equilibrium `F(u) = f_ext(u, t)` on the path from t = 0 to t = 1, along which loads and prescribed displacements grow.
+    """Equilibrium `F(u) = f_ext(u, t)` on the path from t = 0, along which loads and prescribed displacements grow.
 
     Newton's method with the exact tangent where its step is one of descent and the tangent without negative tensions where it is not, the
-    line search exact where loads have a potential (along any line the energy is a quartic); steps grow and are cut back as they
-    succeed and fail. A step in which elements would turn inside out is cut back too.
+    line search exact where W is a quartic along lines; steps grow and are cut back as they succeed and fail. A step in which elements would
+    turn inside out is cut back too.
 
     Parameters
     ----------
     system : with `fixed` and `prescribed` supports that leave no rigid motion.
-    steps : the first step is 1/steps.
+    steps : the first step is 1/steps of the load.
+    method : "load-steps" to t = 1; or "arc-length", which follows the path by its length through limit points, where the load turns back and
+        the body would snap, and through bifurcations, as far as `stop` says. Unstable states on it are what is asked for: they do not raise.
+    stop : of arc length, by default `Stop(load=1.0)`.
     solver : "auto", "superlu", "pardiso", "amg-cg", "block-jacobi-cg", or an object of `skfem_stvk.linear`; see "how to choose a solver".
+        Arc length takes direct ones.
     rtol : the residual's 2-norm is small enough below `rtol` times that of the loads plus that of the reactions.
-    u0 : (ndofs,) displacements to start from [m], by default none.
+    u0, t0 : (ndofs,) displacements to start from [m] and their load factor, by default none at 0.
+    stability : find the lowest eigenvalue of K at each state where the solver does not count negative ones, as direct ones do anyway.
+    ellipticity : look at each state for elements that have lost strong ellipticity.
     save : a .pvd file that is written as the states are found, with one .vtu each.
+    checkpoint : a folder that keeps each state as it is found.
+    resume : go on with the states that `checkpoint` holds, if any; another `stop` may be given.
     quiet : print nothing.
     raise_on_failure : raise where the result is no success; otherwise look at `result.status`. What interrupts the path, such as Ctrl-C or
         a full disk, is raised in any case.
@@ -59,12 +83,17 @@ def solve_static(
     Raises
     ------
     LoadError, SupportError
-        if nothing acts on the body, or its supports leave rigid motions, which are counted and named.
+        if nothing acts on the body, or its supports leave rigid motions or mechanisms, which are counted and named.
     SolveError
-        if no stable state under the full load was found, or something failed on the way, such as a load's function or the disk; it says why
+        if no stable state at the end was found, or something failed on the way, such as a load's function or the disk; it says why
         and what to try, and carries the result so far.
     StvkError
         for other parameters that are not as they should be.
+
+    Warns
+    -----
+    StvkWarning
+        where the model is not to be trusted: elements that lock, or are pressed beyond where the material softens; see `step.findings`.
 
     >>> import skfem
     >>> from skfem_stvk import StVK, System, Traction, solve_static
@@ -78,43 +107,83 @@ def solve_static(
     >>> result.status.value, round(float(result.reaction().resultant[2]))
     ('converged', 500)
     """
-    start = _checked(system, steps, rtol, u0)
+    start = _checked(system, steps, method, stop, rtol, u0, t0, checkpoint, resume)
     system.check_held()
-    write = _writer(system, save)
+    arc_length = method == ArcLength.name
+    solver = choose(solver, system.ndofs - len(system.supports.held), kind_of(system), indefinite=arc_length)
+    write, monitors = _writer(system, save, resume), Monitors(system, ellipticity)
+    about = {"method": method, "steps": int(steps), "rtol": float(rtol), "solver": solver.name, "t0": float(t0)}
+    kept = None if checkpoint is None else Checkpoint(checkpoint, about, system, resume)
+    found, saved = ([], {}) if kept is None else kept.load()
+    for finding in monitors.before():
+        warnings.warn(finding.text, StvkWarning, stacklevel=2)
     watch, history = Stopwatch(), History()
     problem = Equilibrium(system, solver, watch)
     cause: BaseException | None = None
     verdict: tuple[bool, int | None] = True, None
-    with Report(f"{system!r}, {len(problem.free.free)} of them free; solver '{problem.solver.name}'", quiet) as report:
+    with Report(f"{system!r}, {len(problem.free.free)} of them free; solver '{solver.name}'", quiet) as report:
+        common = problem, start, float(t0), float(rtol), monitors, stability, report.iterating
+        first = 1 / int(steps)
+        walk = ArcLength(first, stop or Stop(load=1.0), *common) if arc_length else LoadSteps(first, *common)
         try:
-            for outcome in follow(problem, start, int(steps), float(rtol), report.iterating):
+            for step in found:
+                history.append(step)
+                report.line(step)
+            if found:
+                walk.resume(found, saved)
+            for outcome in walk.states(resumed=bool(found)):
                 history.append(outcome)
-                if isinstance(outcome, Step):
-                    write(outcome)
                 report.line(outcome)
-            if len(history) and history[-1].t == 1:
-                verdict = stability(problem, history[-1].u, 1.0)
+                if isinstance(outcome, Step):
+                    write(outcome.t if not arc_length else len(history), outcome)
+                    if kept is not None:
+                        kept.add(outcome, walk.saved())
+            if walk.reached:
+                verdict = _verdict(problem, walk, history[-1])
         except (KeyboardInterrupt, Exception) as error:  # a full disk, a load's function that fails: the states so far are kept
             cause = error
-    result = _result(problem, start, history, watch, verdict, cause)
+    result = _result(walk, start, history, watch, verdict, cause)
+    for text in _new_findings(history):
+        warnings.warn(text, StvkWarning, stacklevel=2)
     if isinstance(cause, KeyboardInterrupt):
         raise Interrupted(result)
-    if cause is not None or (raise_on_failure and not result.success):
+    expected = result.success or (arc_length and result.status is Status.UNSTABLE)
+    if cause is not None or (raise_on_failure and not expected):
         raise SolveError(result) from cause
     return result
 
 
-def _writer(system: System, save: str | Path | None) -> Callable[[Step], object]:
+def _new_findings(history: History) -> Iterator[str]:
+    """What the monitors found on the path, where they first did; of elements inside out the states say it themselves."""
+    known = {"inside out"}
+    for step in history:
+        for finding in step.findings:
+            if finding.name not in known:
+                known.add(finding.name)
+                yield f"From t = {step.t:.4g} on: {finding.text}"
+
+
+def _writer(system: System, save: str | os.PathLike[str] | None, resume: bool) -> Callable[[float, Step], object]:
     """What writes a state to the series of files `save`, if there is to be one."""
     if save is None:
-        return lambda step: None
-    if not isinstance(save, str | Path):
+        return lambda t, step: None
+    if not isinstance(save, str | os.PathLike):
         raise StvkError(f"save = {save!r}; expected the path of a .pvd file.")
-    series, fields = Series(save), Fields(system.mesh, system.elastic_terms)
-    return lambda step: series.add(fields.at(step.u), step.t)
+    series, fields = Series(save, resume=resume), Fields(system.mesh, system.elastic_terms)
+    return lambda t, step: series.add(fields.at(step.u), t)
 
 
-def _checked(system: System, steps: int, rtol: float, u0: ArrayLike | None) -> Array:
+def _checked(
+    system: System,
+    steps: int,
+    method: str,
+    stop: Stop | None,
+    rtol: float,
+    u0: ArrayLike | None,
+    t0: float,
+    checkpoint: str | os.PathLike[str] | None,
+    resume: bool,
+) -> Array:
     """The displacements to start from; refuses parameters that make no sense."""
     if not isinstance(system, System):
         raise StvkError(f"A {type(system).__name__} came; expected a System: System(mesh, terms, fixed=..., prescribed=...).")
@@ -122,10 +191,24 @@ def _checked(system: System, steps: int, rtol: float, u0: ArrayLike | None) -> A
         raise StvkError(
             f"The system is in {system.dtype}, whose residuals stop at 1e-6; expected float64: System(..., dtype=np.float64)."
         )
+    if method not in METHODS:
+        raise StvkError(f"method = {method!r}; expected {' or '.join(map(repr, METHODS))}.")
+    if stop is not None and (method != ArcLength.name or not isinstance(stop, Stop)):
+        raise StvkError(
+            f"stop = {stop!r} with method {method!r}; expected a Stop(...), with method='arc-length'. Load steps end at t = 1."
+        )
     if isinstance(rtol, bool) or not isinstance(rtol, float | int | np.floating) or not 0 < rtol < 1:
         raise StvkError(f"rtol = {rtol!r}; expected a number between 0 and 1, such as 1e-8.")
     if not isinstance(steps, int | np.integer) or isinstance(steps, bool) or steps < 1:
         raise StvkError(f"steps = {steps!r}; expected a whole number of at least 1: the first step is 1/steps of the load.")
+    if isinstance(t0, bool) or not isinstance(t0, float | int | np.number) or not np.isfinite(t0):
+        raise StvkError(f"t0 = {t0!r}; expected the load factor of u0, a number.")
+    if method == LoadSteps.name and not t0 < 1:
+        raise StvkError(f"t0 = {t0!r}; expected less than 1, where load steps end.")
+    if checkpoint is not None and not isinstance(checkpoint, str | os.PathLike):
+        raise StvkError(f"checkpoint = {checkpoint!r}; expected the path of a folder.")
+    if resume and checkpoint is None:
+        raise StvkError("resume=True without a checkpoint: from which folder? checkpoint='...'.")
     if u0 is None and not system.supports.prescribed.size and not any(isinstance(term, Load) for term in system.terms):
         raise LoadError(
             "Nothing acts on the body: no load, nothing prescribed. Add Gravity(...), Traction(...) or prescribed={...}."
@@ -135,24 +218,33 @@ def _checked(system: System, steps: int, rtol: float, u0: ArrayLike | None) -> A
     return np.array(start, dtype=np.float64)
 
 
+def _verdict(problem: Equilibrium, walk: Walk, last: Step) -> tuple[bool, int | None]:
+    """Whether the last state is stable as far as can be seen, and its number of negative eigenvalues."""
+    if walk.name == ArcLength.name or last.lowest is not None:
+        return not last.negative and not (last.lowest is not None and last.lowest < 0), last.negative
+    return is_stable(problem, last.u, last.t)
+
+
 def _result(
-    problem: Equilibrium,
+    walk: Walk,
     start: Array,
     history: History,
     watch: Stopwatch,
     verdict: tuple[bool, int | None],
     cause: BaseException | None,
 ) -> StaticResult:
-    t, u = (history[-1].t, history[-1].u) if len(history) else (0.0, start)
+    problem, t, u, branch = walk.problem, walk.t, walk.u, ""
     stable, negative = verdict
     inverted = problem.inside_out(u)
     if cause is not None:
         status = Status.INTERRUPTED
-    elif t < 1:
+    elif not walk.reached:
         status = Status.STOPPED
+        branch = branch_end(problem, start, u, t) if len(history) else ""
     else:
         status = Status.INVERTED if len(inverted) else history[-1].end.status if stable else Status.UNSTABLE
         history.judge_last(status)
     named = problem.named(inverted) if len(inverted) else ""
-    message = reason(status, history, t, negative, named, cause)
+    penalty = any(isinstance(term, VolumePenalty) for term in problem.system.terms)
+    message = reason(status, walk.name, history, t, negative, named, branch, penalty, bool(start.any()), cause)
     return StaticResult(problem.system, u, t, status, message, history, problem.solver.name, watch.parts())

@@ -13,7 +13,7 @@ from .equilibrium import Equilibrium
 Array = NDArray[Any]
 
 
-def stability(problem: Equilibrium, u: Array, t: float) -> tuple[bool, int | None]:
+def is_stable(problem: Equilibrium, u: Array, t: float) -> tuple[bool, int | None]:
     """Whether nothing was found that makes the state unstable, and how many eigenvalues of K are negative if the solver counts them.
 
     CG does not count; it solves for a random force, in which every mode of buckling takes part, and meets negative curvature if there is

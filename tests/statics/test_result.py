@@ -7,6 +7,7 @@ from scenes import beam, bent, block, column
 
 from skfem_stvk import Gravity, Isotropic, StVK, System, Traction, solve_static
 from skfem_stvk.errors import LoadError, RegionError, StateError, StvkError, SupportError
+from skfem_stvk.linear import SuperLU
 from skfem_stvk.statics import Interrupted, SolveError, Status
 from skfem_stvk.statics import report as report_module
 
@@ -70,6 +71,7 @@ def test_saved_files_hold_the_displacements(result, tmp_path):
     assert len(list(tmp_path.glob("path_*.vtu"))) == len(result.history)
 
 
+@pytest.mark.filterwarnings("ignore:From t")
 def test_states_are_saved_as_they_are_found(tmp_path):
     with pytest.raises(SolveError) as failure:
         solve_static(block(0.4), steps=4, quiet=True, save=tmp_path / "path.pvd")
@@ -121,7 +123,7 @@ def test_matrices_are_made_once():
     from skfem_stvk.statics.stopwatch import Stopwatch
 
     system = bent()
-    problem = Equilibrium(system, "superlu", Stopwatch())
+    problem = Equilibrium(system, SuperLU(), Stopwatch())
     problem.factorise(np.zeros(system.ndofs), 0.0)
     K, Kff = problem._K, problem._Kff
     problem.factorise(np.full(system.ndofs, 0.1), 0.0)

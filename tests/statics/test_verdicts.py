@@ -96,7 +96,7 @@ def test_what_interrupts_the_look_at_stability_keeps_the_states(monkeypatch, err
     def fail(*_):
         raise error
 
-    monkeypatch.setattr(solve_module, "stability", fail)
+    monkeypatch.setattr(solve_module, "is_stable", fail)
     with pytest.raises(BaseException) as caught:  # a bare KeyboardInterrupt would end pytest
         solve_static(bent(), steps=3, quiet=True)
     assert isinstance(caught.value, Interrupted | SolveError) and caught.value.result.t == 1
@@ -147,6 +147,7 @@ def test_unstable_states_on_the_way_say_so():
     assert "unstable" in str(history[-1])
 
 
+@pytest.mark.filterwarnings("ignore:From t")
 def test_once_elements_are_right_none_may_turn_inside_out_again():
     system = block(0.4)
     u0 = np.tile([0.5, 0, 0], system.mesh.nv)  # inside out between the plates, which do not move along
@@ -245,7 +246,7 @@ def test_cg_that_only_runs_out_of_iterations_says_nothing_against_a_state(outcom
     from types import SimpleNamespace
 
     from skfem_stvk.linear import Outcome
-    from skfem_stvk.statics.stability import stability
+    from skfem_stvk.statics.stability import is_stable
 
     problem = SimpleNamespace(
         solver=SimpleNamespace(iterative=True),
@@ -254,7 +255,7 @@ def test_cg_that_only_runs_out_of_iterations_says_nothing_against_a_state(outcom
         negative_pivots=lambda: None,
         solve=lambda factors, b, rtol: SimpleNamespace(outcome=Outcome[outcome]),
     )
-    assert stability(problem, np.zeros(3), 1.0) == (stable, None)
+    assert is_stable(problem, np.zeros(3), 1.0) == (stable, None)
 
 
 def test_energies_by_term_are_those_at_the_load_factor():

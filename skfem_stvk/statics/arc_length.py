@@ -1,0 +1,130 @@
+"""The path by its length, through limit points, where the load turns back."""
+
+from __future__ import annotations
+
+from typing import Any, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .heading import Heading, heading
+from .history import Attempt, Step
+from .newton import End, Iterations
+from .plane import Plane, correct
+from .stop import Goal, Stop
+from .walk import SMALLEST, Walk
+
+Array = NDArray[Any]
+
+#: Iterations that a step of the right length takes; how much longer the next may be, and how much longer than the first one.
+ITERATIONS, GROWTH, LARGEST = 4, 1.5, 4.0
+#: Smallest cosine of the angle by which the path may turn in a step; a step that turned by more than the other lets the next one shrink.
+SHARPEST, SHARP = 0.5, 0.9
+
+
+class ArcLength(Walk):
+    """States along the path, whose length `s` is that of the displacements; t is unknown like them.
+
+    A step goes along the tangent of the path, `K du = -dr/dt dt`, and from there, by Newton's method, to the equilibrium in the plane across it
+    (Riks 1979, in the space of displacements). It is halved where that fails, elements would turn inside out or the path turns sharply. Which
+    of the two ways the tangent points is told by the last one: it passes bifurcations on the path that it is on.
+    """
+
+    name: ClassVar[str] = "arc-length"
+
+    def __init__(self, first: float, stop: Stop, *arguments: Any) -> None:
+        super().__init__(*arguments)
+        self._goal = Goal(stop, self.problem.system.mesh)
+        self._first_load, self._first, self._size = first, 0.0, 0.0
+        self._heading: Heading | None = None
+        self._turns = self._states = 0
+
+    def saved(self) -> dict[str, Any]:
+        rate = 0.0 if self._heading is None else self._heading.rate
+        return super().saved() | {"turns": self._turns, "states": self._states, "rate": rate, "goal": self._goal.saved()}
+
+    def resume(self, steps: list[Step], saved: dict[str, Any]) -> None:
+        super().resume(steps, saved)
+        self._turns, self._states = saved["turns"], saved["states"]
+        if saved["goal"] != self._goal.saved():
+            self.reached = self._goal.counted(self._turns, self._states)
+        found = heading(self.problem, self.u, self.t)
+        if saved["rate"] and isinstance(found, Heading):
+            self._heading = found if found.rate * saved["rate"] > 0 else found.reversed()
+
+    def _start(self, t: float) -> Array:
+        u = self.u.copy()
+        u[self.problem.free.fixed] = self.problem.held(t)
+        return u
+
+    def _advance(self) -> Step | Attempt | None:
+        if self._heading is None:
+            found = heading(self.problem, self.u, self.t)
+            if isinstance(found, str):
+                self._lost = True
+                return Attempt(self.t, End.NO_DESCENT, Iterations(residuals=[], detail=found))
+            self._set_out(found)
+        if self._size < SMALLEST * self._first or self._goal.exhausted(self._states):
+            return None
+        outcome = self._try()
+        if isinstance(outcome, Attempt):
+            self._size /= 2
+        return outcome
+
+    def _set_out(self, found: Heading) -> None:
+        """The first heading, and the first step: that part of the load."""
+        self._first = self._size = self._first_load / found.rate
+        ahead = self._goal.towards(self.u, self.t, found.direction, found.rate)
+        self._heading = found if ahead > 0 else found.reversed()
+
+    def _try(self) -> Step | Attempt:
+        problem, way, length = self.problem, self._heading, self._size
+        assert way is not None
+        u = self.u + length * way.direction
+        found = self._correct(u, self.t + length * way.rate, Plane(way.direction, 0.0, self._place(way, length), length))
+        if isinstance(found, Attempt):
+            return found
+        u, t, end, record = found
+        crossing = self._goal.crossed(self.u, self.t, u, t)
+        if crossing is not None:
+            part, plane = crossing
+            found = self._correct(self.u + part * (u - self.u), self.t + part * (t - self.t), plane)
+            if isinstance(found, Attempt):
+                return found
+            if np.abs(found[0] - self.u).max() > 2 * np.abs(u - self.u).max():
+                return Attempt(t, End.TOO_SHARP, found[3])
+            u, t, end, record = found
+        ahead = heading(problem, u, t)
+        if isinstance(ahead, str):
+            return Attempt(t, End.NO_DESCENT, Iterations(record.residuals, detail=ahead))
+        ahead = ahead.along(way.direction)
+        cosine = float(np.einsum("i,i", ahead.direction, way.direction))
+        if cosine < SHARPEST:
+            return Attempt(t, End.TOO_SHARP, record)
+        turned = ahead.rate * way.rate < 0
+        self._heading, self._turns, self._states = ahead, self._turns + turned, self._states + 1
+        self.reached = crossing is not None or self._goal.counted(self._turns, self._states)
+        self._adapt(len(record), cosine)
+        record.negative_pivots = ahead.negative
+        return self._accept(t, u, end, record, turned)
+
+    def _correct(self, u: Array, t: float, plane: Plane) -> tuple[Array, float, End, Iterations] | Attempt:
+        """The equilibrium in a plane, with no more elements inside out than there are."""
+        u, t, end, record = correct(self.problem, u, t, plane, self._rtol, self._iterating)
+        if not end.converged:
+            return Attempt(t, end, record)
+        turned = self.problem.inside_out(u)
+        if len(turned) > self._allowed or not self.problem.on_this_side(self.u, u):
+            record.detail = self.problem.named(turned)
+            return Attempt(t, End.INSIDE_OUT, record)
+        return u, t, end, record
+
+    def _place(self, way: Heading, length: float) -> float:
+        """Where the plane across the path is, along it."""
+        return float(np.einsum("i,i", way.direction, self.u)) + length
+
+    def _adapt(self, iterations: int, cosine: float) -> None:
+        factor = float(np.clip(np.sqrt(ITERATIONS / max(iterations, 1)), 1 / GROWTH, GROWTH))
+        if cosine < SHARP:
+            factor = min(factor, 1 / GROWTH)
+        self._size = min(factor * self._size, LARGEST * self._first)

@@ -1,0 +1,177 @@
+"""Limit points and bifurcations: states on a path at which the tangent is singular."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import partial
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import brentq
+
+from .eigen import lowest_mode, nearest_mode
+from .equilibrium import Equilibrium, dot
+from .heading import heading
+from .plane import Plane, correct
+
+Array = NDArray[Any]
+
+LIMIT_POINT, BIFURCATION = "limit point", "bifurcation"
+#: How well its place is known, as a part of the step on which it lies; residuals there are this much smaller than elsewhere.
+TOLERANCE, TIGHTER = 1e-10, 1e-3
+
+
+@dataclass(frozen=True)
+class Point:
+    """A state on a path: how many eigenvalues of K are negative, and the lowest one [N/m], as far as they are known."""
+
+    u: Array
+    t: float
+    negative: int | None
+    lowest: float | None
+
+    @property
+    def unstable(self) -> bool:
+        """Whether an eigenvalue is known to be negative."""
+        return bool(self.negative) or (self.lowest is not None and self.lowest < 0)
+
+
+@dataclass(frozen=True, eq=False)
+class CriticalPoint:
+    """Where the tangent is singular, so that the body begins or ceases to give way.
+
+    Attributes
+    ----------
+    kind : "limit point": the load factor turns back, and under more load the body snaps. "bifurcation": another path crosses this one, and
+        the body buckles into it.
+    t, u : load factor and displacements (ndofs,) [m].
+    mode : (ndofs,) how the body gives way: the eigenvector of K for the eigenvalue zero, its largest entry 1. A small part of it, added to the
+        mesh, is the imperfection that leads to the other path.
+    resolved : whether it was found, to 1e-10 of the step on which it lies. If not, `t` and `u` lie on the straight line between two states of the
+        path: where the lowest eigenvalue would vanish there, as far as it is known.
+    """
+
+    kind: str
+    t: float
+    u: Array
+    mode: Array
+    resolved: bool
+
+    def __str__(self) -> str:
+        return f"{self.kind} at t = {self.t:.8g}" if self.resolved else f"{self.kind} near t = {self.t:.4g}"
+
+    __repr__ = __str__
+
+
+class _Lost(Exception):
+    """The path between two states is not found, or does not do what it was expected to."""
+
+
+def find(problem: Equilibrium, before: Point, after: Point, turned: bool, rtol: float) -> tuple[CriticalPoint, ...]:
+    """The critical points on the step from `before` to `after`; `turned`: the load factor turned back on it.
+
+    Where it turns, `dt/ds` has a root; where otherwise an eigenvalue of K changes its sign, that has one.
+    """
+    if before.lowest is not None and after.lowest is not None:
+        if (before.lowest < 0) == (after.lowest < 0):
+            return ()
+        part = before.lowest / (before.lowest - after.lowest)
+        return (_unresolved(BIFURCATION, before, after, part, lowest_mode(problem, after.u, after.t).vector),)
+    chord, points = _Chord(problem, before, after, rtol), []
+    changes = 0 if before.negative == after.negative else chord.changes()
+    if turned:
+        points.append(_point(LIMIT_POINT, chord, chord.root(chord.rate), ()))
+    if changes > turned:
+        roots = [chord.root(partial(chord.eigenvalue, passed)) for passed in range(changes)]
+        if turned:  # one of them is the limit point
+            roots.remove(min(roots, key=lambda f: np.inf if f is None else abs(chord.at(f)[1] - points[0].t)))
+        for f in roots:
+            points.append(_point(BIFURCATION, chord, f, [point.mode for point in points]))
+    return tuple(points)
+
+
+def _point(kind: str, chord: _Chord, f: float | None, without: Sequence[Array]) -> CriticalPoint:
+    """The state at the part `f` of the step, with a mode at right angles to those of its other points."""
+    if f is None:
+        return _unresolved(kind, chord.before, chord.after, 0.5, chord.direction)
+    u, t = chord.at(f)
+    return CriticalPoint(kind, t, u, _scaled(chord.mode(f, without)), True)
+
+
+def _unresolved(kind: str, before: Point, after: Point, part: float, mode: Array) -> CriticalPoint:
+    t, u = before.t + part * (after.t - before.t), before.u + part * (after.u - before.u)
+    return CriticalPoint(kind, t, u, _scaled(mode), False)
+
+
+def _scaled(mode: Array) -> Array:
+    largest = mode[np.abs(mode).argmax()]
+    return mode / largest if largest else mode
+
+
+class _Chord:
+    """The path between two states, by equilibria in planes across the straight line from one to the other."""
+
+    def __init__(self, problem: Equilibrium, before: Point, after: Point, rtol: float) -> None:
+        self._problem, self.before, self.after, self._rtol = problem, before, after, rtol
+        self.direction, self._fewest = after.u - before.u, 0
+
+    def at(self, f: float) -> tuple[Array, float]:
+        """The state at the part `f` of the line."""
+        if f in (0.0, 1.0):
+            point = self.after if f else self.before
+            return point.u, point.t
+        length = float(np.sqrt(dot(self.direction, self.direction)))
+        if not length:
+            raise _Lost
+        u = self.before.u + f * self.direction
+        t = self.before.t + f * (self.after.t - self.before.t)
+        normal = self.direction / length
+        plane = Plane(normal, 0.0, dot(normal, u), length)
+        u, t, end, record = correct(self._problem, u, t, plane, TIGHTER * self._rtol, lambda t, record: None)
+        if not end.converged and not record.residuals[-1] <= self._rtol:
+            raise _Lost
+        return u, t
+
+    def root(self, test: Callable[[float], float]) -> float | None:
+        """The part of the line at which a test changes its sign; None if the path is not found on the way."""
+        try:
+            if not test(0.0) * test(1.0) < 0:
+                return None
+            return float(brentq(test, 0.0, 1.0, xtol=TOLERANCE, rtol=4 * np.finfo(float).eps))
+        except _Lost:
+            return None
+
+    def changes(self) -> int:
+        """How many eigenvalues change their sign on the way, by the tangents of the states themselves; 0 if that is unknown."""
+        first, last = self._negative(0.0), self._negative(1.0)
+        if first is None or last is None:
+            return 0
+        self._fewest = min(first, last)
+        return abs(last - first)
+
+    def _negative(self, f: float) -> int | None:
+        self._problem.factorise(*self.at(f))
+        return self._problem.negative_pivots()
+
+    def rate(self, f: float) -> float:
+        """`dt/ds`, which is zero at a limit point; zero, too, where K is too singular to be solved with."""
+        found = heading(self._problem, *self.at(f))
+        return 0.0 if isinstance(found, str) else found.along(self.direction).rate
+
+    def eigenvalue(self, passed: int, f: float) -> float:
+        """The eigenvalue nearest to zero, negative where more than `passed` have changed their sign; zero where a pivot is too small to tell."""
+        mode = nearest_mode(self._problem, *self.at(f))
+        negative = self._problem.negative_pivots()
+        if mode is None or negative is None:
+            return 0.0
+        return abs(mode.value) * (1 if negative <= self._fewest + passed else -1)
+
+    def mode(self, f: float, without: Sequence[Array]) -> Array:
+        """(ndofs,) in which the body gives way there; a little beside it where K is too singular to be solved with."""
+        for beside in (f, f + 1e-6, f - 1e-6):
+            mode = nearest_mode(self._problem, *self.at(beside), without)
+            if mode is not None:
+                return mode.vector
+        return self.direction

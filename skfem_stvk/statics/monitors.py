@@ -1,0 +1,150 @@
+"""Where the model is not to be trusted, however well the equations are solved: what a static solve watches."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import name_ids
+from ..materials import FramedMaterial, Isotropic, Material
+from ..results import Fields
+from ..results.ellipticity import without_ellipticity
+from ..system import System
+from ..terms import StVK, VolumePenalty
+
+Array = NDArray[Any]
+
+#: Poisson's ratio above which linear simplices lock, and the stretch below which St. Venant-Kirchhoff bodies soften.
+LOCKING, SOFTENING = 0.45, 3**-0.5
+
+
+@dataclass(frozen=True, eq=False)
+class Finding:
+    """A doubt about elements.
+
+    Attributes
+    ----------
+    name : "locking", "inside out", "compressed" or "not elliptic".
+    elements : (n,) their ids in the mesh, ascending.
+    extreme : of them, in the same order: the largest Poisson's ratio, the smallest `J`, the smallest principal stretch, the smallest
+        eigenvalue of the acoustic tensor [Pa].
+    text : what, how many, where, what that means, and what to do.
+    """
+
+    name: str
+    elements: NDArray[np.int64]
+    extreme: float
+    text: str
+
+
+class Monitors:
+    """Looks for elements where the model is at its end. Without `ellipticity` the price of about two forces at each state.
+
+        locking         Poisson's ratio above 0.45 in solids and plane strain, where linear simplices are far too stiff. Of materials that
+                        are not isotropic that of the Reuss averages, `(3 K - 2 G)/(6 K + 2 G)`: the same stress in all directions
+        inside out      J <= 0, of elements that fill their space
+        compressed      smallest principal stretch below 1/sqrt(3), where uniaxial compression has its limit point
+        not elliptic    strong ellipticity lost, if asked for: see `results.ellipticity`
+
+    >>> import skfem
+    >>> from skfem_stvk import StVK
+    >>> mesh = skfem.MeshTet()
+    >>> monitors = Monitors(System(mesh, StVK(young=1.0, poisson=0.3)), ellipticity=False)
+    >>> [(finding.name, round(finding.extreme, 9)) for finding in monitors.at(-0.5 * mesh.p.ravel("F"))]
+    [('compressed', 0.5)]
+    """
+
+    def __init__(self, system: System, ellipticity: bool) -> None:
+        self._system = system
+        self._fields = Fields(system.mesh, system.elastic_terms) if ellipticity else None
+
+    def before(self) -> tuple[Finding, ...]:
+        """What the elements and their materials say without a state.
+
+        >>> import skfem
+        >>> from skfem_stvk import StVK
+        >>> print(Monitors(System(skfem.MeshTet(), StVK(young=1.0, poisson=0.49)), ellipticity=False).before()[0].text)
+        5 elements (0, 1, 2, 3, 4), the first at (0.25, 0.25, 0.25) at rest: Poisson's ratio above 0.45 (up to 0.49), ...
+        """
+        ratio = np.full(self._system.mesh.nt, -1.0)
+        for term in self._system.elastic_terms:
+            if isinstance(term, StVK) and term.material is not None and not term.hypothesis(self._system.mesh).condensed:
+                elements = self._system.mesh.elements(term.region)
+                ratio[elements] = np.maximum(ratio[elements], poisson_of(term.material))
+        largest = float(ratio.max())
+        if largest <= LOCKING:
+            return ()
+        what = (
+            f"Poisson's ratio above {LOCKING} (up to {largest:.4g}), so that these linear elements lock: bodies come out too stiff, and "
+            "pressures jump from element to element. Compare with a finer mesh; otherwise take a smaller Poisson's ratio, or elements of "
+            "second order, which are not in this package."
+        )
+        return (self._finding("locking", np.flatnonzero(ratio > LOCKING), largest, what),)
+
+    def at(self, u: Array) -> tuple[Finding, ...]:
+        """What there is to find at displacements `u` (ndofs,), a state that the system accepts."""
+        return tuple(self._found(u))
+
+    def _found(self, u: Array) -> Iterator[Finding]:
+        system = self._system
+        if system.mesh.k == system.mesh.d and (J := system.smallest_volume_ratio(u)) <= 0:
+            yield self._finding(
+                "inside out", system.inside_out(u), J, f"inside out or flat (J down to {J:.3g}). {self._if_inside_out()}"
+            )
+        if (stretch := system.smallest_stretch(u)) < SOFTENING:
+            what = (
+                f"compressed to a principal stretch below 1/sqrt(3) = 0.577 (down to {stretch:.3g}), where a St. Venant-Kirchhoff body "
+                f"softens: more compression takes less force. {self._if_compressed()}"
+            )
+            yield self._finding("compressed", system.compressed(u, SOFTENING), stretch, what)
+        if self._fields is not None:
+            ids, lowest = without_ellipticity(self._fields.at(u))
+            if len(ids):
+                what = (
+                    f"strong ellipticity lost (smallest eigenvalue of the acoustic tensor down to {lowest.min():.3g} Pa): the material gives "
+                    "way in bands as narrow as an element, so that what follows depends on the mesh. Compare with a finer one; a material "
+                    "that is made for such compression is not in this package."
+                )
+                yield self._finding("not elliptic", ids, float(lowest.min()), what)
+
+    def _if_inside_out(self) -> str:
+        remedy = "" if self._has_penalty() else ", or a VolumePenalty among the terms, which resists"
+        return f"No body can do that, so the state means nothing there. Take smaller steps, a finer mesh{remedy}."
+
+    def _if_compressed(self) -> str:
+        if self._system.mesh.k < self._system.mesh.d:
+            return "Membranes and cables wrinkle and go slack long before: is it pushed where it should be pulled?"
+        remedy = "" if self._has_penalty() else "add a VolumePenalty, or "
+        return f"At a corner or under a load on few vertices refine the mesh or spread the load; elsewhere {remedy}take less load."
+
+    def _has_penalty(self) -> bool:
+        return any(isinstance(term, VolumePenalty) for term in self._system.elastic_terms)
+
+    def _finding(self, name: str, ids: NDArray[np.int64], extreme: float, what: str) -> Finding:
+        mesh = self._system.mesh
+        place = ", ".join(f"{x:.4g}" for x in mesh.p[:, mesh.t[:, ids[0]]].mean(axis=1))
+        return Finding(name, ids, extreme, f"{name_ids(ids, 'element')}, the first at ({place}) at rest: {what}")
+
+
+def poisson_of(material: Material) -> Array:
+    """Poisson's ratio, a number or (n,); of a material that is not isotropic that of its Reuss averages, 0 if there is none.
+
+    >>> from skfem_stvk import Isotropic, Orthotropic
+    >>> round(float(poisson_of(Orthotropic(young=(2.6, 2.6, 2.6), poisson=(0.3, 0.3, 0.3), shear=(1.0, 1.0, 1.0)))), 12)
+    0.3
+    """
+    if isinstance(material, Isotropic):
+        return np.asarray(0.0 if material.poisson is None else material.poisson)
+    if not isinstance(material, FramedMaterial):
+        return np.asarray(0.0)
+    compliance = np.linalg.inv(material.stiffness())
+    normal = compliance[..., :3, :3]
+    trace, total = np.trace(normal, axis1=-2, axis2=-1), normal.sum(axis=(-2, -1))
+    shear = np.trace(compliance[..., 3:, 3:], axis1=-2, axis2=-1)
+    K, G = 1 / total, 15 / (6 * trace - 2 * total + 3 * shear)
+    ratio: Array = (3 * K - 2 * G) / (6 * K + 2 * G)
+    return ratio

@@ -1,0 +1,89 @@
+"""Newton's method for displacements and load factor together: the equilibrium in a plane across the path."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import StateError
+from .equilibrium import Equilibrium, dot
+from .newton import End, Iterations, arrived, usable
+
+Array = NDArray[Any]
+
+#: Iterations at most; a step that needs more is too long.
+MOST_IN_PLANE = 12
+#: A state is in the plane if it is no further from it than this part of the step.
+IN_PLANE = 1e-10
+
+
+@dataclass(frozen=True)
+class Plane:
+    """The states with `normal . u + weight t = value`.
+
+    Across the path it is that of Riks (1979), `weight` 0: it goes through limit points, where t turns back and displacements do not. With
+    `normal` 0 it holds the load, with `weight` 0 and a mean of displacements as `normal` it holds those.
+
+    Attributes
+    ----------
+    reach : how far it is from the state before, in the units of `value`.
+    """
+
+    normal: Array
+    weight: float
+    value: float
+    reach: float
+
+    def miss(self, u: Array, t: float) -> float:
+        """How far the state is from it."""
+        return self.value - dot(self.normal, u) - self.weight * t
+
+
+def correct(
+    problem: Equilibrium, u: Array, t: float, plane: Plane, rtol: float, watch: Callable[[float, Iterations], None]
+) -> tuple[Array, float, End, Iterations]:
+    """The equilibrium in the plane, from `u` (ndofs,) and `t` near it, by full steps of the exact tangent.
+
+    Each solves `K a = -r` and `K b = -dr/dt` with one factorisation, `du = a + dt b`, and `dt` from the plane: K alone may be as good as
+    singular, at a limit point, where `a` and `b` are large and their sum is not.
+    """
+    record, before = Iterations(), None
+    held = problem.free.fixed
+    try:
+        while True:
+            u = u.copy()
+            u[held] = problem.held(t)
+            residual = problem.residual(u, t)
+            record.residuals.append(residual.relative)
+            watch(t, record)
+            miss = plane.miss(u, t)
+            if abs(miss) <= IN_PLANE * abs(plane.reach):
+                end = arrived(problem, u, t, residual, before, rtol)
+                if end is not None:
+                    return u, t, end, record
+            if len(record) == MOST_IN_PLANE:
+                return u, t, End.OUT_OF_ITERATIONS, record
+            factors = problem.factorise(u, t)
+            forces, moves = problem.rate(u, t)
+            a, b = (problem.solve(factors, right, 1e-8) for right in (-residual.free, forces))
+            if not (usable(a) and usable(b)):
+                record.detail = (b if usable(a) else a).outcome.value
+                return u, t, End.NO_DESCENT, record
+            x, y = problem.free.vector(a.x), moves + problem.free.vector(b.x)
+            slope = dot(plane.normal, y) + plane.weight
+            if slope == 0:
+                return u, t, End.NO_LENGTH, record
+            dt = (miss - dot(plane.normal, x)) / slope
+            u, t, before = u + x + dt * y, t + dt, residual
+            if not np.isfinite(t):
+                return u, t, End.OVERFLOW, record
+            record.lengths.append(1.0)
+            record.tangents.append("exact")
+            record.linear.append(a.iterations + b.iterations)
+    except StateError as error:
+        record.detail = str(error)
+        return u, t, End.OVERFLOW, record

@@ -1,0 +1,117 @@
+"""Where a path that is followed by its length ends."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import StvkError
+from ..mesh import SimplexMesh
+from ..mesh.places import Where, describe, vertices_at
+from .equilibrium import dot
+from .plane import Plane
+
+Array = NDArray[Any]
+
+#: A path that is given no other number of states ends after so many.
+MOST_STATES = 1000
+#: A path that begins on a level does not cross it there; so near, as a part of the step, it is on it.
+STANDS = 1e-9
+
+
+@dataclass(frozen=True)
+class Stop:
+    """Where to stop on a path of equilibria; whichever comes first.
+
+    Parameters
+    ----------
+    load : a load factor, reached exactly. Below the one at the start it makes the path begin backwards, with falling load.
+    displacement : a place, a component and a value such as `("apex", "z", -0.2)` [m]: when the mean of this displacement over the vertices there
+        reaches it, exactly. Without a load, the path begins in its direction.
+    turns : so many limit points have been passed.
+    states : so many states have been found. A path that has reached nothing else after 1000 states has stopped before its end.
+
+    >>> Stop(displacement=("apex", "z", -0.2), turns=2)
+    Stop(load=None, displacement=('apex', 'z', -0.2), turns=2, states=None)
+    """
+
+    load: float | None = None
+    displacement: tuple[Where, str, float] | None = None
+    turns: int | None = None
+    states: int | None = None
+
+    def __post_init__(self) -> None:
+        if self.load is None and self.displacement is None and self.turns is None and self.states is None:
+            raise StvkError("Stop() came; expected a load, a displacement, a number of turns or of states: Stop(load=1.0).")
+        for name in ("turns", "states"):
+            value = getattr(self, name)
+            if value is not None and (isinstance(value, bool) or not isinstance(value, int | np.integer) or value < 1):
+                raise StvkError(f"Stop: {name} = {value!r}; expected a whole number of at least 1.")
+        if self.load is not None and not _is_number(self.load):
+            raise StvkError(f"Stop: load = {self.load!r}; expected a finite load factor such as 1.0.")
+
+
+class Goal:
+    """A `Stop` on a mesh: levels of load or displacement, and numbers of turns and states."""
+
+    def __init__(self, stop: Stop, mesh: SimplexMesh) -> None:
+        self._stop = stop
+        self._levels: list[tuple[Array, float, float]] = []
+        if stop.load is not None:
+            self._levels.append((np.zeros(mesh.p.size), 1.0, float(stop.load)))
+        if stop.displacement is not None:
+            self._levels.append(_mean_displacement(stop.displacement, mesh))
+
+    def towards(self, u: Array, t: float, direction: Array, rate: float) -> float:
+        """1 if this direction leads towards the first level, or there is none, -1 if it leads away."""
+        if not self._levels:
+            return 1.0
+        normal, weight, value = self._levels[0]
+        missing = value - dot(normal, u) - weight * t
+        return -1.0 if missing * (dot(normal, direction) + weight * rate) < 0 else 1.0
+
+    def crossed(self, u: Array, t: float, v: Array, s: float) -> tuple[float, Plane] | None:
+        """The part of the way from `(u, t)` to `(v, s)` at which the first level is crossed, and its plane; None if none is."""
+        found = []
+        for normal, weight, value in self._levels:
+            begin, end = dot(normal, u) + weight * t, dot(normal, v) + weight * s
+            if (begin - value) * (end - value) <= 0 and abs(begin - value) > STANDS * abs(end - begin):
+                found.append(((value - begin) / (end - begin), Plane(normal, weight, value, end - begin)))
+        return min(found, key=lambda one: one[0], default=None)
+
+    def saved(self) -> list[list[float]]:
+        """Numbers that tell it from another one."""
+        levels = [[weight, value, dot(normal, np.arange(1.0, len(normal) + 1))] for normal, weight, value in self._levels]
+        return [*levels, [float(self._stop.turns or 0), float(self._stop.states or 0)]]
+
+    def counted(self, turns: int, states: int) -> bool:
+        """Whether there have been enough."""
+        return turns == self._stop.turns or states == self._stop.states
+
+    def exhausted(self, states: int) -> bool:
+        """Whether there have been more than anybody expects."""
+        return self._stop.states is None and states >= MOST_STATES
+
+
+def _mean_displacement(given: Any, mesh: SimplexMesh) -> tuple[Array, float, float]:
+    """The mean over the vertices of a place as a level."""
+    if not isinstance(given, tuple | list) or len(given) != 3:
+        raise StvkError(f"Stop: displacement = {given!r}; expected a place, a component and a value: ('apex', 'z', -0.2).")
+    where, component, value = given
+    what = f"Stop: displacement at {describe(where)}"
+    letters = "xyz"[: mesh.d]
+    if not isinstance(component, str) or len(component) != 1 or component not in letters:
+        raise StvkError(f"{what}: component {component!r} came; expected one of {letters!r}.")
+    if not _is_number(value):
+        raise StvkError(f"{what}: {value!r} came; expected a finite displacement [m].")
+    vertices = vertices_at(mesh, where, what)
+    normal = np.zeros(mesh.p.size)
+    normal[mesh.d * vertices + letters.index(component)] = 1 / len(vertices)
+    return normal, 0.0, float(value)
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, int | float | np.number) and not isinstance(value, bool) and bool(np.isfinite(value))

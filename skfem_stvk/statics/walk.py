@@ -1,0 +1,124 @@
+"""A walk along a path of equilibria: where it stands, and what is said of each state on it."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Iterator
+from functools import partial
+from time import perf_counter
+from typing import Any, ClassVar
+
+from numpy.typing import NDArray
+
+from .critical import Point, find
+from .eigen import lowest_mode
+from .equilibrium import Equilibrium
+from .history import Attempt, Step
+from .monitors import Monitors
+from .newton import End, Iterations, newton
+from .status import Status
+
+Array = NDArray[Any]
+Watch = Callable[[float, Iterations], None]
+
+#: Steps are shortened down to this part of the first one.
+SMALLEST = 1 / 1024
+
+
+class Walk(ABC):
+    """From `u0` (ndofs,) at `t0` on.
+
+    Attributes
+    ----------
+    problem : whose equilibria they are.
+    t, u : load factor and displacements of the last state.
+    reached : whether the end that was asked for is reached.
+    """
+
+    name: ClassVar[str]
+
+    def __init__(
+        self, problem: Equilibrium, u0: Array, t0: float, rtol: float, monitors: Monitors, stability: bool, iterating: Watch
+    ) -> None:
+        self.problem, self._rtol, self._monitors, self._iterating = problem, rtol, monitors, iterating
+        self._lowest = stability and problem.solver.iterative
+        self.t, self.u, self.reached = t0, u0, False
+        self._first = self._size = 0.0  # of steps, in the measure of the walk
+        self._lost, self._clock = False, perf_counter()
+        self._allowed = len(problem.inside_out(u0))
+        at_rest = None if u0.any() else 0  # without tension of edges K is positive semi-definite
+        self._point = Point(u0, t0, at_rest, None)
+        problem.accept(u0, t0)
+
+    def states(self, resumed: bool) -> Iterator[Step | Attempt]:
+        """The states, as far as there are any, and the attempts that failed in between."""
+        if not resumed:
+            outcome = self._begin()
+            if outcome is not None:
+                yield outcome
+        while not self._lost and not self.reached:
+            outcome = self._advance()
+            if outcome is None:
+                return
+            yield outcome
+
+    def _begin(self) -> Step | Attempt | None:
+        """The state at `t0`: `u0`, unless something acts there already."""
+        problem, u = self.problem, self._start(self.t)
+        if self._allowed:  # supports tangle it further
+            self._allowed = max(self._allowed, len(problem.inside_out(u)))
+        if not u.any() and problem.residual(u, self.t).size == 0:
+            return None
+        outcome = self._newton(u, self.t, full_first=True)
+        self._lost = isinstance(outcome, Attempt)
+        return outcome if isinstance(outcome, Attempt) else self._accept(self.t, *outcome)
+
+    @abstractmethod
+    def _start(self, t: float) -> Array:
+        """Where Newton's method starts; its held degrees of freedom are where they belong at `t`."""
+
+    @abstractmethod
+    def _advance(self) -> Step | Attempt | None:
+        """The next state, or an attempt that failed and leaves everything as it was; None if nothing is left to try."""
+
+    def saved(self) -> dict[str, Any]:
+        """Numbers that a later walk goes on with, beside its states."""
+        return {"size": self._size, "first": self._first, "reached": self.reached, "largest": self.problem.largest}
+
+    def resume(self, steps: list[Step], saved: dict[str, Any]) -> None:
+        """Stand where another walk stood when it had found these states."""
+        last = steps[-1]
+        self._size, self._first, self.problem.largest = saved["size"], saved["first"], saved["largest"]
+        self.reached, self.t, self.u = saved["reached"], last.t, last.u
+        self._allowed = len(self.problem.inside_out(last.u))
+        self._point = Point(last.u, last.t, last.negative, last.lowest)
+
+    def _newton(self, start: Array, t: float, full_first: bool) -> tuple[Array, End, Iterations] | Attempt:
+        """Newton's method at the load factor `t`, unless the start is inside out."""
+        turned = self.problem.inside_out(start)
+        if len(turned) > self._allowed or not self.problem.on_this_side(self.u, start):
+            return Attempt(t, End.INSIDE_OUT, Iterations(detail=self.problem.named(turned)))
+        watch = partial(self._iterating, t)
+        u, end, record = newton(self.problem, start, t, self._rtol, self._allowed, watch, full_first)
+        return (u, end, record) if end.converged else Attempt(t, end, record)
+
+    def _accept(self, t: float, u: Array, end: End, record: Iterations, turned: bool = False) -> Step:
+        """A state of the path, with what there is to say of it; `turned`: the load factor turned back before it."""
+        problem, before = self.problem, self._point
+        problem.accept(u, t)
+        inverted = problem.inside_out(u)
+        negative, lowest = before.negative, before.lowest
+        if len(record):  # without an iteration it is as stable as the state before
+            negative = record.negative_pivots
+        elif negative is None:
+            problem.factorise(u, t)
+            negative = problem.negative_pivots()
+        if self._lowest and (len(record) or lowest is None):
+            lowest = lowest_mode(problem, u, t).value
+        point = Point(u, t, negative, lowest)
+        critical = find(problem, before, point, turned, self._rtol)
+        status = Status.INVERTED if len(inverted) else Status.UNSTABLE if point.unstable else end.status
+        energies, smallest, findings = problem.energies(u, t), problem.smallest_volume_ratio(u), self._monitors.at(u)
+        now, clock = perf_counter(), self._clock
+        self.t, self.u, self._point, self._allowed, self._clock = t, u, point, len(inverted), now
+        return Step(t, u, status, end, record, *energies, smallest, negative, lowest, findings, critical, now - clock)

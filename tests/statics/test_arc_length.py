@@ -1,0 +1,267 @@
+"""The path by its length: every state on it, limit points forwards and back, and where it ends."""
+
+import numpy as np
+import pytest
+import skfem
+from scenes import beam, bent, block, column
+
+from skfem_stvk import NodalLoad, Pressure, SimplexMesh, Stop, StVK, System, Traction, solve_static
+from skfem_stvk.errors import StateError, StvkError
+from skfem_stvk.statics import SolveError, Status
+
+SPAN, RISE, EA = 1.0, 0.1, 1e3
+LENGTH = np.hypot(SPAN, RISE)
+LIMIT = EA * RISE**3 / (3 * np.sqrt(3) * LENGTH**3)
+DOWN = 0.4  # load at t = 1, beyond the limit of 0.19
+OPTIONS = {"method": "arc-length", "quiet": True}
+
+
+def bar(load=DOWN):
+    """A bar that leans, and slides down at its head: it snaps through."""
+    p, t = np.array([[-SPAN, 0.0], [0, RISE]]), np.array([[0], [1]])
+    return System((p, t), [StVK(young=1e5, poisson=0.3, area=1e-2), NodalLoad([1], (0, -load))], fixed=[([0], "xy"), ([1], "x")])
+
+
+def force_of(w):
+    return EA / (2 * LENGTH**3) * w * (w - RISE) * (w - 2 * RISE)
+
+
+def test_every_state_of_a_snap_through_is_on_its_curve():
+    result = solve_static(bar(), steps=20, **OPTIONS)
+    w = -result.history.u[:, 3]
+    np.testing.assert_allclose(DOWN * result.history.t, force_of(w), atol=1e-10 * LIMIT)
+    assert result.success and result.t == 1 and w[-1] > 2 * RISE
+    assert (np.diff(w) > 0).all() and (np.diff(result.history.t) < 0).any()
+    between = np.abs(w - RISE) < RISE / np.sqrt(3)
+    assert [step.negative for step in result.history] == between.astype(int).tolist()
+    assert [step.status.success for step in result.history] == (~between).tolist()
+
+
+def test_limit_points_are_found_to_many_digits():
+    result = solve_static(bar(), steps=20, **OPTIONS)
+    assert [point.kind for point in result.critical_points] == ["limit point"] * 2
+    for point, sign in zip(result.critical_points, (1, -1), strict=True):
+        assert point.resolved
+        assert DOWN * point.t == pytest.approx(sign * LIMIT, rel=1e-10)
+        assert -point.u[3] == pytest.approx(RISE * (1 - sign / np.sqrt(3)), rel=1e-9)
+        np.testing.assert_allclose(point.mode, [0, 0, 0, 1], atol=1e-12)
+
+
+def test_the_path_leads_back_to_where_it_began():
+    there = solve_static(bar(), steps=20, stop=Stop(turns=2), **OPTIONS)
+    back = solve_static(bar(), steps=20, u0=there.u, t0=there.t, stop=Stop(displacement=([1], "y", -0.01)), **OPTIONS)
+    w = -back.history.u[:, 3]
+    np.testing.assert_allclose(DOWN * back.history.t, force_of(w), atol=1e-10 * LIMIT)
+    assert w[-1] == pytest.approx(0.01, abs=1e-15) and (np.diff(w) < 0).all() and len(back.critical_points) == 2
+    assert [point.t for point in back.critical_points] == pytest.approx([point.t for point in there.critical_points[::-1]])
+
+
+@pytest.mark.parametrize("load", [-0.3, 0.3, 1.0])
+def test_a_load_is_reached_exactly(load):
+    result = solve_static(bar(), steps=7, stop=Stop(load=load), rtol=1e-12, **OPTIONS)
+    assert result.t == load and result.success
+    assert DOWN * load == pytest.approx(force_of(-result.u[3]), abs=1e-10 * LIMIT)
+
+
+def test_a_displacement_is_reached_exactly_and_an_unstable_end_does_not_raise():
+    result = solve_static(bar(), steps=20, stop=Stop(displacement=([1], "y", -RISE)), **OPTIONS)
+    assert result.u[3] == pytest.approx(-RISE, abs=1e-15) and result.t == pytest.approx(0, abs=1e-12)
+    assert result.status is Status.UNSTABLE and not result.success and "limit point at t = 0.47" in result.message
+
+
+def test_what_comes_first_ends_the_path():
+    stop = Stop(load=1.0, displacement=([1], "y", -0.15), turns=2, states=500)
+    assert solve_static(bar(), steps=20, stop=stop, **OPTIONS).u[3] == -0.15
+    first = solve_static(bar(), steps=20, stop=Stop(load=1.0, turns=1), **OPTIONS)
+    assert first.history[-1].negative == 1 and first.history[-2].negative == 0
+    assert len(solve_static(bar(), steps=20, stop=Stop(states=3), **OPTIONS).history) == 3
+
+
+def test_a_path_that_never_gets_there_says_so(monkeypatch):
+    from skfem_stvk.statics import stop
+
+    monkeypatch.setattr(stop, "MOST_STATES", 10)
+    with pytest.raises(SolveError, match=r"before its end.*nothing that was asked for is reached after 10 states") as failure:
+        solve_static(bar(), steps=20, **OPTIONS)
+    assert len(failure.value.result.history) == 10
+
+
+def test_the_states_are_those_of_load_steps_where_there_is_no_limit_point():
+    by_steps, by_length = solve_static(bent(), rtol=1e-11, quiet=True), solve_static(bent(), rtol=1e-11, **OPTIONS)
+    np.testing.assert_allclose(by_length.u, by_steps.u, atol=1e-9)
+    assert by_length.success and not by_length.critical_points
+
+
+@pytest.mark.filterwarnings("ignore:From t")
+def test_prescribed_displacements_can_turn_back_too():
+    """The crushed block: its branch ends at a limit point of the displacement, where load steps stop."""
+    result = solve_static(block(0.4), steps=20, stop=Stop(turns=1), **OPTIONS)
+    (limit,) = result.critical_points
+    stopped = solve_static(block(0.4), steps=20, quiet=True, raise_on_failure=False)
+    assert limit.kind == "limit point" and limit.resolved and stopped.t == pytest.approx(limit.t, rel=1e-3) and stopped.t < limit.t
+    K = result.system.free_dofs(result.system.supports.held)
+    values = np.linalg.eigvalsh(K.matrix(result.system.jacobian(limit.u, limit.t)).toarray())
+    assert abs(values[0]) < 1e-5 * values[-1] and values[1] > 100 * abs(values[0])
+    mode = K.matrix(result.system.jacobian(limit.u, limit.t)) @ limit.mode[K.free]
+    assert np.abs(mode).max() < 1e-4 * values[-1]
+
+
+@pytest.mark.parametrize("solver", ["superlu", "pardiso"])
+def test_a_bifurcation_is_found_and_its_mode_leads_to_the_other_path(solver):
+    critical = np.pi**2 * (1e4 / (1 - 0.3**2)) / 12 / (4 * 20**2)
+    system = column(1.3 * critical)
+    result = solve_static(system, steps=4, solver=solver, **OPTIONS)
+    (point,) = result.critical_points
+    held = system.free_dofs(system.supports.held)
+    values = np.linalg.eigvalsh(held.matrix(system.jacobian(point.u, point.t)).toarray())
+    assert point.kind == "bifurcation" and point.resolved and abs(values[0]) < 1e-9 * values[-1]
+    below = solve_static(system, steps=4, quiet=True, raise_on_failure=False).critical_points
+    assert [one.t for one in below] == pytest.approx([point.t], rel=1e-8), "load steps find it too"
+    bent_mesh = (system.mesh.p + 0.02 * point.mode.reshape(-1, 2).T, system.mesh.t)
+    terms = [system.terms[0], Traction(lambda x: x[0] > 19.9, (-1.3 * critical, 0))]
+    buckled = solve_static(System(bent_mesh, terms, fixed={lambda x: x[0] < 1e-9: "xy"}), quiet=True)
+    assert buckled.success and np.abs(buckled.u).max() > 5 and not buckled.critical_points
+
+
+def arch(n=40):
+    """A shallow arch in plane strain, clamped at both ends."""
+    quads = skfem.MeshQuad.init_tensor(np.linspace(-1, 1, n + 1), np.linspace(-0.01, 0.01, 3))
+    mesh = quads.to_meshtri()
+    x, y = mesh.p
+    p = np.stack([x, y + 0.12 * (1 - x**2)])
+    top = mesh.facets[:, mesh.facets_satisfying(lambda x: x[1] == 0.01)]
+    return SimplexMesh(p, mesh.t, boundaries={"top": top})
+
+
+def test_under_follower_pressure_an_arch_snaps_though_nobody_counts_eigenvalues():
+    """K is not symmetric: the turn of the load tells."""
+    mesh = arch()
+    terms = [StVK(young=1e4, poisson=0.3), Pressure("top", 2.0)]
+    system = System(mesh, terms, fixed={lambda x: np.abs(x[0]) == 1: "xy"})
+    apex = np.flatnonzero((np.abs(mesh.p[0]) < 1e-9) & (mesh.p[1] > 0.12))
+    result = solve_static(system, steps=20, stop=Stop(displacement=(apex, "y", -0.2)), **OPTIONS)
+    assert {step.negative for step in result.history} == {None}
+    free = np.setdiff1d(np.arange(system.ndofs), system.supports.held)
+    for step in result.history:
+        residual = system.residual(step.u, step.t)
+        assert np.linalg.norm(residual[free]) < 1e-7 * np.linalg.norm(residual)
+    first = result.critical_points[0]
+    assert first.kind == "limit point" and first.resolved
+    J = system.free_dofs(system.supports.held).matrix(system.jacobian(first.u, first.t)).toarray()
+    values = np.linalg.svd(J, compute_uv=False)
+    assert values[-1] < 1e-7 * values[0] and values[-2] > 100 * values[-1]
+
+
+def test_a_negatively_turned_unstructured_beam_follows_its_load():
+    system = System(beam(), [StVK(young=1e4, poisson=0.3), NodalLoad([5], (0, 0, -30.0))], fixed={"wall": "xyz"})
+    result = solve_static(system, steps=5, **OPTIONS)
+    assert (
+        result.success
+        and np.abs(system.residual(result.u)[np.setdiff1d(np.arange(system.ndofs), system.supports.held)]).max() < 1e-5
+    )
+
+
+@pytest.mark.parametrize(
+    ("stop", "what"),
+    [
+        ({}, "expected a load"),
+        ({"turns": 0}, "turns = 0"),
+        ({"states": True}, "states = True"),
+        ({"load": np.nan}, "load = nan"),
+    ],
+)
+def test_a_stop_that_makes_no_sense_is_refused(stop, what):
+    with pytest.raises(StvkError, match=what):
+        Stop(**stop)
+
+
+@pytest.mark.parametrize(
+    ("displacement", "what"),
+    [
+        (5, "a place, a component and a value"),
+        (([1], "z", 0.1), "component 'z'"),
+        (([1], "xy", 0.1), "component 'xy'"),
+        (([1], "y", np.inf), "finite displacement"),
+        (("apex", "y", 0.1), "apex"),
+        (([7], "y", 0.1), "7"),
+    ],
+)
+def test_a_place_that_makes_no_sense_is_refused_before_any_work(displacement, what):
+    with pytest.raises(StvkError, match=what):
+        solve_static(bar(), stop=Stop(displacement=displacement), **OPTIONS)
+
+
+def test_parameters_that_do_not_go_together_are_refused():
+    with pytest.raises(StvkError, match="'load-steps' or 'arc-length'"):
+        solve_static(bar(), method="riks")
+    with pytest.raises(StvkError, match="with method='arc-length'"):
+        solve_static(bar(), stop=Stop(load=1.0))
+    with pytest.raises(StvkError, match=r"direct one, 'superlu', 'pardiso'"):
+        solve_static(bar(), solver="amg-cg", **OPTIONS)
+    with pytest.raises(StvkError, match="t0 = 1"):
+        solve_static(bar(), t0=1.0)
+    with pytest.raises(StateError):
+        solve_static(bar(), u0=np.full(4, np.nan), **OPTIONS)
+
+
+def test_a_start_without_stiffness_says_what_it_is():
+    p, t = np.array([[0, 1, 2.0], [0, 0, 0]]), np.array([[0, 1], [1, 2]])
+    flat = System((p, t), [StVK(young=1e5, poisson=0.3, area=1e-2), NodalLoad([1], (0, -1.0))], fixed=[([0, 2], "xy")])
+    with pytest.raises(SolveError, match=r"mechanism"):
+        solve_static(flat, **OPTIONS)
+
+
+def test_a_place_is_reached_by_the_mean_of_its_displacements():
+    system = bent()
+    tip = np.unique(system.mesh.boundaries["tip"])
+    result = solve_static(system, steps=4, stop=Stop(displacement=("tip", "z", -0.4)), **OPTIONS)
+    assert result.u.reshape(-1, 3)[tip, 2].mean() == pytest.approx(-0.4, abs=1e-12) and 0 < result.t < 1
+
+
+@pytest.mark.filterwarnings("ignore:From t")
+def test_elements_do_not_turn_inside_out_on_the_path():
+    result = solve_static(block(0.4), steps=2, stop=Stop(states=12), **OPTIONS, raise_on_failure=False)
+    assert len(result.history) >= 3 and min(step.smallest_volume_ratio for step in result.history) > 0
+
+
+def test_what_is_not_linear_in_the_load_factor_is_followed_too():
+    """Prescribed displacements and loads that curve: each state is that of load steps at the same load factor."""
+    mesh = beam()
+
+    def move(x, t):
+        return np.stack([0.1 * t + 0 * x[0], 0.5 * np.sin(2 * t) * x[1], -2 * t**2 + 0 * x[0]])
+
+    terms = [StVK(young=1e4, poisson=0.3), NodalLoad([40], lambda t: (0, 30 * t**3, 20 * np.sin(3 * t)))]
+    system = System(mesh, terms, fixed={"wall": "xyz"}, prescribed={"tip": move})
+    result = solve_static(system, steps=5, rtol=1e-11, **OPTIONS)
+    tip = np.unique(mesh.boundaries["tip"])
+    assert result.success and len(result.history) > 3
+    for step in result.history:
+        np.testing.assert_allclose(step.u.reshape(-1, 3)[tip], move(mesh.p[:, tip], step.t).T, atol=1e-14)
+    np.testing.assert_allclose(result.u, solve_static(system, steps=20, rtol=1e-11, quiet=True).u, atol=1e-8)
+
+
+def test_the_rate_of_a_path_is_the_derivative_of_its_states():
+    """`dr/dt` by its definition, with supports that move and loads that curve."""
+    from skfem_stvk.linear import SuperLU
+    from skfem_stvk.statics.equilibrium import Equilibrium
+    from skfem_stvk.statics.heading import heading
+    from skfem_stvk.statics.stopwatch import Stopwatch
+
+    def move(x, t):
+        return np.stack([0 * x[0], 0.5 * np.sin(2 * t) * x[1], -2 * t**2 + 0 * x[0]])
+
+    terms = [StVK(young=1e4, poisson=0.3), NodalLoad([40], lambda t: (0, 30 * t**3, 20 * np.sin(3 * t)))]
+    system = System(beam(), terms, fixed={"wall": "xyz"}, prescribed={"tip": move})
+    options = {"steps": 1, "rtol": 1e-12, "quiet": True, "method": "arc-length"}
+    first, second = (solve_static(system, stop=Stop(load=t), **options) for t in (0.5 - 1e-4, 0.5 + 1e-4))
+    middle = solve_static(system, stop=Stop(load=0.5), **options)
+    found = heading(Equilibrium(system, SuperLU(), Stopwatch()), middle.u, 0.5)
+    np.testing.assert_allclose(found.direction / found.rate, (second.u - first.u) / 2e-4, atol=1e-5)
+    assert np.linalg.norm(found.direction) == pytest.approx(1)
+
+
+def test_where_nothing_moves_as_the_load_grows_that_is_said():
+    system = System(beam(), [StVK(young=1e4, poisson=0.3), Traction("wall", (0, 0, -10.0))], fixed={"wall": "xyz"})
+    with pytest.raises(SolveError, match="nothing moves as the load grows"):
+        solve_static(system, **OPTIONS)

@@ -1,0 +1,253 @@
+"""A path on disk, and the walk that goes on from there."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import meshio
+import numpy as np
+import pytest
+from scenes import bent, block, column
+from test_arc_length import bar
+
+from skfem_stvk import Gravity, Stop, StVK, System, Traction, solve_static
+from skfem_stvk.errors import StvkError
+from skfem_stvk.statics import Interrupted, SolveError, checkpoint
+
+CRITICAL = np.pi**2 * (1e4 / (1 - 0.3**2)) / 12 / (4 * 20**2)
+OPTIONS = {"quiet": True, "raise_on_failure": False, "solver": "superlu"}
+
+
+def same(one, other):
+    """Two results that agree to the last bit, whatever they took."""
+    assert len(one.history) == len(other.history) and one.message == other.message and one.status is other.status
+    for a, b in zip(one.history, other.history, strict=True):
+        assert (a.t, a.status, a.end, a.negative, a.lowest) == (b.t, b.status, b.end, b.negative, b.lowest)
+        assert (a.strain_energy, a.smallest_volume_ratio) == (b.strain_energy, b.smallest_volume_ratio)
+        assert a.iterations == b.iterations
+        np.testing.assert_array_equal(a.u, b.u)
+    assert [repr(point) for point in one.critical_points] == [repr(point) for point in other.critical_points]
+
+
+class Killed(Exception):
+    pass
+
+
+def stopped_after(monkeypatch, states, **call):
+    """A run that something ends when it has kept so many states."""
+    kept = checkpoint.Checkpoint.add
+
+    def add(self, step, saved):
+        kept(self, step, saved)
+        if self._count == states:
+            raise Killed
+
+    with monkeypatch.context() as patch:
+        patch.setattr(checkpoint.Checkpoint, "add", add)
+        with pytest.raises(SolveError):
+            solve_static(**call)
+
+
+SCENES = {
+    "bending": (lambda: bent(), {"steps": 8}),
+    "crushing": (lambda: block(0.4), {"steps": 5}),
+    "snap-through": (lambda: bar(), {"steps": 20, "method": "arc-length"}),
+    "buckling": (lambda: column(1.3 * CRITICAL), {"steps": 4, "method": "arc-length"}),
+    "a start": (lambda: bent(), {"steps": 8, "u0": np.full(297, 1e-3), "t0": 0.1}),
+}
+
+
+@pytest.mark.filterwarnings("ignore:From t")
+@pytest.mark.parametrize("states", [1, 2, 3])
+@pytest.mark.parametrize("scene", SCENES)
+def test_a_resumed_path_is_the_same_to_the_last_bit(tmp_path, monkeypatch, scene, states):
+    make, options = SCENES[scene]
+    options = OPTIONS | options
+    whole = solve_static(make(), **options)
+    call = {"checkpoint": tmp_path / "path", **options}
+    stopped_after(monkeypatch, states, system=make(), **call)
+    resumed = solve_static(make(), resume=True, **call)
+    same(whole, resumed)
+    assert len(list((tmp_path / "path").glob("state_*.npz"))) == len(whole.history)
+    same(whole, solve_static(make(), resume=True, **call))
+
+
+def test_a_path_goes_on_to_another_stop(tmp_path):
+    call = {"steps": 20, "method": "arc-length", "checkpoint": tmp_path / "path", "quiet": True, "rtol": 1e-12}
+    first = solve_static(bar(), stop=Stop(turns=1), **call)
+    further = solve_static(bar(), stop=Stop(turns=2), resume=True, **call)
+    assert len(further.history) > len(first.history) and len(further.critical_points) == 2
+    np.testing.assert_array_equal(further.history[len(first.history) - 1].u, first.u)
+
+
+def test_resume_without_states_begins(tmp_path):
+    result = solve_static(bent(), steps=3, checkpoint=tmp_path / "path", resume=True, quiet=True)
+    assert result.success and (tmp_path / "path" / "path.json").exists()
+
+
+def test_the_series_of_files_goes_on_too(tmp_path, monkeypatch):
+    call = {"steps": 6, "checkpoint": tmp_path / "path", "save": tmp_path / "bent.pvd", **OPTIONS}
+    stopped_after(monkeypatch, 2, system=bent(), **call)
+    result = solve_static(bent(), resume=True, **call)
+    files = sorted(tmp_path.glob("bent_*.vtu"))
+    assert len(files) == len(result.history) and (tmp_path / "bent.pvd").read_text().count("DataSet") == len(files)
+    last = meshio.read(files[-1]).point_data["displacement"]
+    np.testing.assert_allclose(last.ravel(), result.u, atol=1e-12)
+
+
+def test_the_series_of_a_snap_through_counts_its_states(tmp_path):
+    system = bar()
+    result = solve_static(system, steps=20, method="arc-length", save=tmp_path / "bar.pvd", quiet=True)
+    assert len(list(tmp_path.glob("bar_*.vtu"))) == len(result.history)
+    result.save(tmp_path / "again.pvd")
+    assert len(list(tmp_path.glob("again_*.vtu"))) == len(result.history)
+
+
+def test_states_are_not_overwritten_unasked(tmp_path):
+    call = {"steps": 3, "checkpoint": tmp_path / "path", "quiet": True}
+    solve_static(bent(), **call)
+    with pytest.raises(StvkError, match=r"holds \d+ states of a path.*resume=True"):
+        solve_static(bent(), **call)
+
+
+def other_systems():
+    mesh = bent().mesh
+    material, weight, pull = bent().terms
+    wall = {"wall": "xyz"}
+    yield "the mesh", System(bent(n=3).mesh, bent().terms, fixed=wall)
+    yield "the elastic terms", System(mesh, [StVK(young=1.0001e4, poisson=0.3, density=1.0), weight, pull], fixed=wall)
+    yield "the loads", System(mesh, [material, Gravity(g=(0, 0, -5.001)), pull], fixed=wall)
+    yield "the loads", System(mesh, [material, weight, Traction("tip", (30.0, -20.0, -60.1))], fixed=wall)
+    yield "the supports", System(mesh, [material, weight, pull], fixed={"wall": "xyz", "tip": "x"})
+    yield "prescribed", System(mesh, [material, weight, pull], fixed=wall, prescribed={"tip": {"y": 0.1}})
+
+
+@pytest.mark.parametrize("number", range(6))
+def test_the_path_of_another_system_is_refused(tmp_path, number):
+    what, other = list(other_systems())[number]
+    solve_static(bent(), steps=3, checkpoint=tmp_path / "path", quiet=True)
+    with pytest.raises(StvkError, match=f"another system: .*{what}"):
+        solve_static(other, steps=3, checkpoint=tmp_path / "path", resume=True, quiet=True)
+
+
+def test_another_mesh_of_the_same_size_is_refused(tmp_path):
+    system = bent()
+    solve_static(system, steps=3, checkpoint=tmp_path / "path", quiet=True)
+    p = system.mesh.p.copy()
+    p[:, 40] += 1e-4
+    mesh = type(system.mesh)(p, system.mesh.t, boundaries=dict(system.mesh.boundaries))
+    with pytest.raises(StvkError, match="another system"):
+        solve_static(
+            System(mesh, system.terms, fixed={"wall": "xyz"}), steps=3, checkpoint=tmp_path / "path", resume=True, quiet=True
+        )
+
+
+@pytest.mark.parametrize("changed", [{"steps": 4}, {"rtol": 1e-6}, {"solver": "pardiso"}, {"method": "arc-length"}])
+def test_another_way_to_walk_is_refused(tmp_path, changed):
+    call = {"steps": 3, "checkpoint": tmp_path / "path", "quiet": True, "solver": "superlu"}
+    solve_static(bent(), **call)
+    name = next(iter(changed))
+    with pytest.raises(StvkError, match=f"another path: {name} was"):
+        solve_static(bent(), resume=True, **(call | changed))
+
+
+def test_files_that_cannot_be_read_are_named(tmp_path):
+    call = {"steps": 3, "checkpoint": tmp_path / "path", "quiet": True}
+    solve_static(bent(), **call)
+    broken = sorted((tmp_path / "path").glob("state_*.npz"))[1]
+    broken.write_bytes(broken.read_bytes()[:100])
+    with pytest.raises(StvkError, match=r"state_00001.npz cannot be read.*resume from the one before"):
+        solve_static(bent(), resume=True, **call)
+    (tmp_path / "path" / "path.json").write_text("{")
+    with pytest.raises(StvkError, match=r"path.json cannot be read"):
+        solve_static(bent(), resume=True, **call)
+
+
+def test_a_folder_that_cannot_be_made_is_said_before_any_work(tmp_path):
+    with pytest.raises(StvkError, match="cannot be written"):
+        solve_static(bent(), checkpoint=tmp_path / "missing" / "path", quiet=True)
+    (tmp_path / "file").write_text("")
+    with pytest.raises(StvkError, match="cannot be written"):
+        solve_static(bent(), checkpoint=tmp_path / "file", quiet=True)
+
+
+def test_resume_needs_a_folder():
+    with pytest.raises(StvkError, match="resume=True without a checkpoint"):
+        solve_static(bent(), resume=True)
+    with pytest.raises(StvkError, match="checkpoint = 3"):
+        solve_static(bent(), checkpoint=3)
+
+
+def test_a_full_disk_keeps_the_states_that_are_there(tmp_path, monkeypatch):
+    def full(*arguments, **options):
+        raise OSError(28, "No space left on device")
+
+    call = {"steps": 8, "checkpoint": tmp_path / "path", **OPTIONS}
+    kept = checkpoint.Checkpoint.add
+
+    def add(self, step, saved):
+        if self._count == 2:
+            monkeypatch.setattr(checkpoint.np, "savez", full)
+        kept(self, step, saved)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(checkpoint.Checkpoint, "add", add)
+        with pytest.raises(SolveError, match="No space left"):
+            solve_static(bent(), **call)
+    monkeypatch.undo()
+    assert len(list((tmp_path / "path").glob("*.npz"))) == 2
+    assert solve_static(bent(), resume=True, **call).success
+
+
+def test_ctrl_c_keeps_the_states(tmp_path, monkeypatch):
+    kept = checkpoint.Checkpoint.add
+
+    def add(self, step, saved):
+        kept(self, step, saved)
+        if self._count == 2:
+            raise KeyboardInterrupt
+
+    call = {"steps": 8, "checkpoint": tmp_path / "path", **OPTIONS}
+    with monkeypatch.context() as patch:
+        patch.setattr(checkpoint.Checkpoint, "add", add)
+        with pytest.raises(Interrupted) as stopped:
+            solve_static(bent(), **call)
+    assert len(stopped.value.result.history) == 2
+    same(solve_static(bent(), steps=8, **OPTIONS), solve_static(bent(), resume=True, **call))
+
+
+RUN = """
+import sys, time
+sys.path[:0] = sys.argv[2:]
+from scenes import bent
+from skfem_stvk import solve_static
+solve_static(bent(n=3), steps=60, checkpoint=sys.argv[1], solver="superlu", quiet=True)
+"""
+
+
+@pytest.mark.skipif(not hasattr(signal, "SIGKILL"), reason="no signal that cannot be caught")
+def test_a_killed_run_keeps_its_states(tmp_path):
+    here = os.path.dirname(os.path.abspath(__file__))
+    folder = tmp_path / "path"
+    run = subprocess.Popen([sys.executable, "-c", RUN, str(folder), here, os.path.dirname(here)])
+    begin = time.time()
+    while len(list(folder.glob("state_*.npz"))) < 3 and time.time() - begin < 120 and run.poll() is None:
+        time.sleep(0.002)
+    run.send_signal(signal.SIGKILL)
+    run.wait()
+    kept = len(list(folder.glob("state_*.npz")))
+    assert kept >= 3
+    options = {"steps": 60, "solver": "superlu", "quiet": True}
+    resumed = solve_static(bent(n=3), checkpoint=folder, resume=True, **options)
+    assert resumed.success and len(resumed.history) >= kept
+    same(solve_static(bent(n=3), **options), resumed)
+
+
+def test_the_way_back_is_resumed_backwards_and_states_are_counted_on(tmp_path, monkeypatch):
+    call = {"steps": 20, "method": "arc-length", "stop": Stop(states=9), **OPTIONS}
+    whole = solve_static(bar(), **call)
+    assert whole.history.t[-1] < whole.history.t[-2], "it has turned"
+    stopped_after(monkeypatch, 8, system=bar(), checkpoint=tmp_path / "path", **call)
+    same(whole, solve_static(bar(), checkpoint=tmp_path / "path", resume=True, **call))

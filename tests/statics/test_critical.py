@@ -1,0 +1,118 @@
+"""Bifurcations: how many, where, and in which modes."""
+
+import itertools
+
+import numpy as np
+import pytest
+import skfem
+from scenes import column
+
+from skfem_stvk import Isotropic, NodalLoad, Stop, StVK, System, Traction, solve_static
+from skfem_stvk.statics.critical import Point
+
+CRITICAL = np.pi**2 * (1e4 / (1 - 0.3**2)) / 12 / (4 * 20**2)
+OPTIONS = {"quiet": True, "raise_on_failure": False}
+
+
+def lowest(system, u, t, count=3):
+    held = system.free_dofs(system.supports.held)
+    return np.linalg.eigvalsh(held.matrix(system.jacobian(u, t)).toarray())[:count]
+
+
+def strut(load, sides=(1.0, 1.0)):
+    """A strut in space, of a mesh with two planes of symmetry; with equal sides it buckles both ways at the same load."""
+    mesh = skfem.MeshHex.init_tensor(np.linspace(0, 10, 11), *[np.linspace(-side / 2, side / 2, 3) for side in sides])
+    middle = mesh.p[:, mesh.t].mean(axis=1)
+    p, t, centres = [mesh.p, middle], [], {}
+    n = mesh.nvertices + mesh.nelements
+    for element, corners in enumerate(mesh.t.T):
+        offset = mesh.p[:, corners] - middle[:, element, None]
+        for axis, side in itertools.product(range(3), (-1, 1)):
+            face = corners[side * offset[axis] > 0]
+            key = tuple(np.sort(face))
+            if key not in centres:
+                centres[key] = n
+                p.append(mesh.p[:, face].mean(axis=1)[:, None])
+                n += 1
+            d = np.delete(mesh.p[:, face] - mesh.p[:, face].mean(axis=1, keepdims=True), axis, axis=0)
+            ring = face[np.argsort(np.arctan2(*d))]
+            t += [(mesh.nvertices + element, centres[key], a, b) for a, b in zip(ring, np.roll(ring, -1), strict=True)]
+    return System(
+        (np.hstack(p), np.array(t).T),
+        [StVK(Isotropic(1e4, 0.0)), Traction(lambda x: x[0] > 9.99, (-load / np.prod(sides), 0, 0))],
+        fixed={lambda x: x[0] < 1e-9: "xyz"},
+    )
+
+
+@pytest.mark.parametrize("method", ["load-steps", "arc-length"])
+def test_both_ways_of_a_strut_with_equal_sides_are_found(method):
+    system = strut(60.0)
+    result = solve_static(system, steps=3, method=method, solver="superlu", **OPTIONS)
+    assert [step.negative for step in result.history][-1] == 2
+    first, second = result.critical_points
+    assert first.kind == second.kind == "bifurcation" and first.resolved and second.resolved
+    assert first.t == pytest.approx(second.t, rel=1e-6)
+    values = lowest(system, first.u, first.t)
+    assert (np.abs(values[:2]) < 1e-6 * values[2]).all()
+    one, other = first.mode, second.mode
+    assert abs(one @ other) < 1e-3 * np.linalg.norm(one) * np.linalg.norm(other)
+    for mode in (one, other):
+        assert np.abs(mode).max() == 1
+        assert np.abs(mode.reshape(-1, 3)[:, 0]).max() < 0.3, "it bends"
+
+
+def test_two_bifurcations_in_one_step_are_both_found():
+    system = strut(70.0, (1.0, 1.2))
+    result = solve_static(system, steps=1, method="arc-length", solver="superlu", **OPTIONS)
+    assert result.history[0].negative == 2
+    weak, strong = result.critical_points
+    assert weak.resolved and strong.resolved and strong.t > 1.2 * weak.t
+    for point, across in ((weak, 1), (strong, 2)):
+        assert np.abs(lowest(system, point.u, point.t)).min() < 1e-6
+        assert np.abs(point.mode.reshape(-1, 3)).max(axis=0).argmax() == across
+
+
+def test_on_the_way_back_the_same_point_is_found():
+    up = solve_static(column(1.3 * CRITICAL), steps=4, method="arc-length", **OPTIONS)
+    down = solve_static(column(1.3 * CRITICAL), steps=4, method="arc-length", u0=up.u, t0=1.0, stop=Stop(load=0.2), **OPTIONS)
+    assert down.success and down.history[0].negative == 1 and down.history[-1].negative == 0
+    assert [point.t for point in down.critical_points] == pytest.approx([point.t for point in up.critical_points], rel=1e-9)
+
+
+def test_a_bifurcation_in_the_first_step_from_rest_is_found():
+    system = column(1.3 * CRITICAL)
+    result = solve_static(system, steps=1, **OPTIONS)
+    assert len(result.history) == 1 and [point.resolved for point in result.critical_points] == [True]
+
+
+def test_the_lowest_eigenvalue_of_each_state_is_that_of_its_tangent():
+    system = column(1.3 * CRITICAL)
+    result = solve_static(system, steps=4, solver="amg-cg", stability=True, **OPTIONS)
+    for step in result.history:
+        assert step.negative is None
+        assert step.lowest == pytest.approx(lowest(system, step.u, step.t)[0], rel=1e-4)
+    (near,) = result.critical_points
+    exact = solve_static(system, steps=4, **OPTIONS).critical_points[0]
+    assert not near.resolved and near.t == pytest.approx(exact.t, rel=1e-3)
+    cosine = near.mode @ exact.mode / np.linalg.norm(near.mode) / np.linalg.norm(exact.mode)
+    assert abs(cosine) > 0.99 and "near t" in str(near)
+
+
+def test_without_being_asked_an_iterative_solver_looks_for_no_eigenvalue():
+    result = solve_static(column(0.5 * CRITICAL), steps=2, solver="amg-cg", quiet=True)
+    assert {step.lowest for step in result.history} == {None} and not result.critical_points
+
+
+def test_a_path_that_jumps_has_an_unresolved_point_at_most():
+    """Two bars that are pushed through by a load that lets go again: between two states there is no path."""
+    p, t = np.array([[-1, 0, 1.0], [0, 0.1, 0]]), np.array([[0, 1], [1, 2]])
+    terms = [StVK(young=1e5, poisson=0.3, area=1e-2), NodalLoad([1], lambda t: (0, -0.72 * t if t <= 0.5 else -0.5))]
+    result = solve_static(System((p, t), terms, fixed=[([0, 2], "xy")]), steps=2, **OPTIONS)
+    assert all(np.isfinite(point.u).all() and np.isfinite(point.t) for point in result.critical_points)
+
+
+@pytest.mark.parametrize(
+    ("negative", "value", "unstable"), [(0, None, False), (2, None, True), (None, -1.0, True), (None, 1.0, False)]
+)
+def test_what_makes_a_state_unstable(negative, value, unstable):
+    assert Point(np.zeros(1), 0.0, negative, value).unstable is unstable
