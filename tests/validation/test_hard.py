@@ -1,0 +1,156 @@
+"""The table of hard cases: nobody of ours is wrong without a word, and the judge sees what is wrong whatever a method says."""
+
+import csv
+from functools import partial
+
+import numpy as np
+import pytest
+from scipy.sparse import csr_matrix
+
+from skfem_stvk import System
+from validation import hard
+from validation.hard import crushed, deformed, judge, meshes, methods, scales, study, table, truths, unstable
+from validation.hard.case import Case
+from validation.hard.judge import Verdict
+from validation.hard.tiny_steps import NoPathError
+from validation.meshes import dihedral_angles, signed_volumes
+
+QUICK = study.cases(hard.NAMES, quick=True)
+
+
+@pytest.fixture(scope="module")
+def rows():
+    """Of the quick table, made when they are first asked for."""
+    made = {}
+
+    def row(case):
+        if case.name not in made:
+            made[case.name] = study.row_of(case)
+        return made[case.name]
+
+    return row
+
+
+@pytest.mark.parametrize("case", QUICK, ids=lambda case: case.name)
+def test_the_default_is_right_or_says_why_not(rows, case):
+    assert not list(study.failures(rows(case)))
+
+
+def test_every_method_has_a_row_and_plain_newton_is_wrong_in_some(rows, tmp_path):
+    made = [rows(case) for case in QUICK]
+    assert all([run.method for run in row.runs] == list(row.case.methods or methods.METHODS) for row in made)
+    wrong = [run for row in made for run in row.runs if run.verdict is Verdict.WRONG]
+    assert {"plain Newton", "Newton, clamped"} <= {run.method for run in wrong}
+    table.save(made, tmp_path)
+    with (tmp_path / "hard-cases.csv").open(encoding="utf-8") as file:
+        assert len(list(csv.reader(file))) == 1 + sum(len(row.runs) for row in made)
+
+
+def a_case(beginning):
+    return next(case for name in hard.NAMES for case in study.GROUPS[name]() if case.name.startswith(beginning))
+
+
+@pytest.mark.parametrize("name", ["compress a held block by 20 % in one step", "press with 1e9"])
+def test_a_default_that_does_not_look_at_inversion_is_seen(monkeypatch, name):
+    """As if the project did not ask for more than the residual, either."""
+    monkeypatch.setitem(methods.METHODS, "default", methods.METHODS["plain Newton"])
+    failures = list(study.failures(study.row_of(a_case(name))))
+    assert any("default: reported as success" in failure and "inside out" in failure for failure in failures)
+
+
+def test_the_judge_does_not_ask_the_project_what_is_inside_out(monkeypatch):
+    monkeypatch.setattr(System, "inside_out", lambda self, u: np.empty(0, dtype=np.int64))
+    monkeypatch.setattr(System, "smallest_volume_ratio", lambda self, u: 1.0)
+    system = crushed.block(0.2, 0.3, n=2).system(volume=False)
+    mirrored = (-2 * system.mesh.p * [[1], [0], [0]]).ravel("F")
+    assert any("inside out" in fault for fault in judge.faults_of(system, mirrored, 1e-6))
+
+
+def test_flat_elements_are_no_success():
+    system = crushed.block(0.2, 0.3, n=2).system(volume=False)
+    flat = (-(1 - 1e-12) * system.mesh.p * [[1], [0], [0]]).ravel("F")
+    assert any("flat" in fault for fault in judge.faults_of(system, flat, 1e-6))
+
+
+def test_a_silent_default_is_seen(monkeypatch):
+    """One that ends early without the words that are asked for."""
+
+    def silent(case):
+        return methods.Answer(np.zeros(3 * case.body().mesh.nv), False, 0, 0, "stopped", "Sorry.")
+
+    monkeypatch.setitem(methods.METHODS, "default", methods.Method(silent, volume=False))
+    loose = next(case for case in unstable.unstable() if "node" in case.name)
+    assert any("not said" in failure for failure in study.failures(study.row_of(loose)))
+
+
+def test_another_stable_state_than_the_right_one_is_wrong():
+    body = scales.scales()[0].body()
+    system = body.system(volume=False)
+    right = truths.state("the body at rest", lambda system: np.ones(system.ndofs))
+    run = methods.run(Case("bent", scales.scales()[0].body, 4, right, right), "plain Newton")
+    assert run.verdict is Verdict.WRONG and "another state" in run.judgement.why
+    assert len(run.u) == system.ndofs
+
+
+def test_a_good_state_where_there_is_no_right_one_is_wrong():
+    nothing = truths.none("nothing could carry this")
+    run = methods.run(Case("bent", scales.scales()[0].body, 4, nothing, nothing), "default")
+    assert run.verdict is Verdict.WRONG and run.judgement.why == "there is no right state"
+
+
+@pytest.mark.parametrize("dense", [0, 1000], ids=["pivots", "eigenvalues"])
+@pytest.mark.parametrize("shift", [80.0, 12.0])
+def test_negative_eigenvalues_are_counted(monkeypatch, dense, shift):
+    A = np.random.default_rng(0).standard_normal((40, 40))
+    K = A + A.T + shift * np.eye(40)
+    count = int((np.linalg.eigvalsh(K) <= 0).sum())
+    assert (np.diag(K) > 0).all() and (count > 0) == (shift < 80)
+    monkeypatch.setattr(judge, "DENSE", dense)
+    assert judge.not_positive(csr_matrix(K)) == count
+
+
+def test_a_mechanism_is_not_stable():
+    loose = next(case for case in unstable.unstable() if "edge" in case.name)
+    system = loose.body().system(volume=False)
+    u = np.zeros(system.ndofs)
+    assert any("unstable" in fault for fault in judge.faults_of(system, u, 1e-6))
+
+
+def test_displacements_that_are_not_in_balance_are_wrong():
+    system = crushed.block(0.05, 0.3, n=2).system(volume=False)
+    u = np.zeros(system.ndofs)
+    u[system.supports.held] = system.supports.values(1.0)
+    assert any("not in balance" in fault for fault in judge.faults_of(system, u, 1e-6))
+
+
+def test_the_held_block_has_the_energy_that_is_known():
+    """1726.8 and J >= 0.78; the mirrored one of plain Newton has less."""
+    make = a_case("compress a held block by 20 % in one step").body
+    u = truths.followed(make, False, 10)
+    system = make().system(volume=False)
+    assert system.energy(u) == pytest.approx(1726.8, abs=0.05) and judge.volume_ratios(system, u).min() == pytest.approx(
+        0.784, abs=1e-3
+    )
+
+
+@pytest.mark.parametrize(
+    ("make", "steps", "end"),
+    [(partial(crushed.block, 0.4, 0.3), 16, 0.315 / 0.4), (partial(deformed._twisted, 5.0, 360), 40, 242 / 360)],
+    ids=["block", "bar"],
+)
+def test_branches_end_where_the_table_says(make, steps, end):
+    with pytest.raises(NoPathError) as caught:
+        truths.followed(make, False, steps)
+    assert float(str(caught.value).split("= ")[1].rstrip(".")) == pytest.approx(end, rel=0.003)
+
+
+def test_bad_meshes_are_as_bad_as_they_say():
+    slivers = meshes.with_slivers(meshes.bar(3.0, 4), 1.0)
+    angles = dihedral_angles(slivers)
+    assert angles.min() == pytest.approx(1.0, rel=1e-9)
+    graded = meshes.longest_edges(meshes.graded())
+    assert graded.max() > 1e4 * graded.min()
+    for mesh in (slivers, meshes.graded(), meshes.bar()):
+        volumes = signed_volumes(mesh)
+        assert (volumes > 0).any() and (volumes < 0).any()
+        assert np.abs(volumes).sum() == pytest.approx(np.prod(np.ptp(mesh.p, axis=1)), rel=1e-12)

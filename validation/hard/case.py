@@ -1,0 +1,90 @@
+"""A hard case: a body, the steps it is loaded in, and what the right outcome is."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skfem_stvk import SimplexMesh, StVK, System, VolumePenalty
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Body:
+    """What a system is made of, and where its solve starts.
+
+    Parameters
+    ----------
+    mesh, fixed, prescribed : as of `System`.
+    young, poisson : a number, or one an element [Pa].
+    loads : what acts on it.
+    u0 : (ndofs,) displacements to start from [m]; None for the body at rest.
+    penalty : the volume term.
+    """
+
+    mesh: SimplexMesh
+    young: float | Array
+    poisson: float
+    loads: tuple[Any, ...] = ()
+    fixed: Any = None
+    prescribed: Any = None
+    u0: Array | None = None
+    penalty: VolumePenalty = field(default_factory=VolumePenalty)
+
+    def system(self, volume: bool) -> System:
+        """The system, with the volume term or without it."""
+        terms = [StVK(young=self.young, poisson=self.poisson), *[self.penalty] * volume, *self.loads]
+        return System(self.mesh, terms, self.fixed, self.prescribed)
+
+
+@dataclass(frozen=True)
+class Truth:
+    """The right outcome, and where it comes from.
+
+    Parameters
+    ----------
+    source : in words, for the table.
+    error : how far displacements of a system are from the right ones, relative; None where there is no right state, and a solver has to
+        say so.
+    limit : of the error, and of the step that Newton's method would take next, which rounding bounds from below.
+    says : patterns (regular expressions) of which the message or a warning of `solve_static` must have all.
+    refused : whether `solve_static` may end without the right state, as long as it `says` why: where a start is out of its reach.
+    """
+
+    source: str
+    error: Callable[[System, Array], float] | None
+    limit: float = 1e-6
+    says: tuple[str, ...] = ()
+    refused: bool = False
+
+
+@dataclass(frozen=True)
+class Case:
+    """A row of the table.
+
+    Parameters
+    ----------
+    name : in words.
+    body : makes it.
+    steps : of the load, the same for all methods.
+    truth, with_volume : the right outcome without and with the volume term.
+    quick : whether it is part of the quick table.
+    methods : names of those that are run; None for all.
+    """
+
+    name: str
+    body: Callable[[], Body]
+    steps: int
+    truth: Truth
+    with_volume: Truth
+    quick: bool = True
+    methods: tuple[str, ...] | None = None
+
+    def truth_of(self, volume: bool) -> Truth:
+        """Of the system with the volume term or without it."""
+        return self.with_volume if volume else self.truth

@@ -1,0 +1,44 @@
+"""A held block that is pressed together: a little, and until the material gives way."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import partial
+
+from . import meshes, truths
+from .case import Body, Case
+
+YOUNG = 1e5
+
+
+def crushed() -> list[Case]:
+    return [
+        _little("compress a held block by 20 % in one step", 1),
+        replace(_little("compress a held block by 20 % in steps of 2 %", 10), quick=False),
+        _far(0.3, "31.5 %"),
+        replace(_far(0.45, "26.0 %"), quick=False),
+    ]
+
+
+def _little(name: str, steps: int) -> Case:
+    make = partial(block, 0.2, 0.3)
+    return Case(name, make, steps, truths.tiny_steps(make, 20), truths.tiny_steps(make, 20, volume=True))
+
+
+def _far(poisson: float, end: str) -> Case:
+    make = partial(block, 0.6, poisson)
+    ends = truths.none(f"in tiny steps, by scikit-fem, the branch ends at {end}", *truths.ENDS)
+    carried = truths.tiny_steps(make, 40, volume=True)
+    return Case(f"compress a held block by 60 %, nu = {poisson}", make, 30, ends, carried)
+
+
+def block(squeeze: float, poisson: float, n: int = 6) -> Body:
+    """The unit cube of 7^3 nodes, both ends held, one pressed towards the other by this part of its length."""
+    plate = {"x": 0.0, "y": 0.0, "z": -squeeze}
+    return Body(
+        meshes.cube(n),
+        YOUNG,
+        poisson,
+        fixed={lambda x: x[2] == 0: "xyz"},
+        prescribed={lambda x: x[2] == 1: plate},
+    )

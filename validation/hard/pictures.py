@@ -1,0 +1,93 @@
+"""Small multiples of deformed bodies, coloured by the ratio of volumes."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from importlib import import_module
+from pathlib import Path
+from textwrap import wrap
+from typing import Any
+
+import numpy as np
+from matplotlib import colormaps
+from matplotlib.cm import ScalarMappable
+from matplotlib.colors import TwoSlopeNorm
+from matplotlib.figure import Figure
+
+from skfem_stvk.results.surface import visible_cells
+
+from .case import Array
+from .judge import volume_ratios
+from .table import Row
+
+START = "start"
+#: What is drawn: names of cases, and the method whose last state it is, or `START`.
+SHOWN = (
+    ("twist a bar of 10 x 1 x 1 by 360°", "default"),
+    ("shear by 200 % between plates", "default"),
+    ("bend a bar with slivers of 1°", "default"),
+    ("crush a thin sheet on a soft bed by 15 %, pushed", "default"),
+    ("compress a held block by 20 % in one step", "plain Newton"),
+    ("compress a held block by 20 % in one step", "default"),
+    ("compress a held block by 60 %, nu = 0.3", "default"),
+    ("compress a held block by 60 %, nu = 0.3, volume term of lam + 2 mu", "default + volume"),
+    ("shear a stiff core in a soft cube, 1 : 1e8", "default"),
+    ("shear a mesh graded 1 : 1e4", "default"),
+    ("start from random positions", START),
+    ("start from random positions", "default + volume"),
+)
+COLUMNS, VIEW = 4, (22.0, -58.0)
+INSIDE_OUT, EDGE = "#1f4fd8", "#303030"
+COLOURS = colormaps["RdYlGn"].with_extremes(under=INSIDE_OUT)
+RATIOS = TwoSlopeNorm(1.0, 0.0, 1.6)
+LIGHT = np.array([0.35, -0.55, 0.76])
+
+
+def picture(rows: Sequence[Row], folder: Path) -> Path:
+    """Write hard-cases.png: those of `SHOWN` that are in the table."""
+    by_name = {row.case.name: row for row in rows}
+    found = [(by_name[name], method) for name, method in SHOWN if name in by_name]
+    lines = max(1, -(-len(found) // COLUMNS))
+    figure = Figure(figsize=(3 * COLUMNS, 2.6 * lines + 0.5), layout="constrained")
+    for place, (row, method) in enumerate(found):
+        axes: Any = figure.add_subplot(lines, COLUMNS, place + 1, projection="3d", proj_type="ortho")
+        _draw(axes, row, method)
+    if found:
+        figure.colorbar(
+            ScalarMappable(RATIOS, COLOURS),
+            ax=figure.axes,
+            label="volume now / at rest; blue: inside out",
+            shrink=0.5,
+            extend="min",
+        )
+    path = folder / "hard-cases.png"
+    figure.savefig(path, dpi=75)
+    return path
+
+
+def _draw(axes: Any, row: Row, method: str) -> None:
+    """The surface, its triangles outlined."""
+    mesh, art = row.system.mesh, import_module("mpl_toolkits.mplot3d.art3d")
+    u, caption = _state(row, method)
+    x = mesh.p.T + u.reshape(mesh.p.T.shape)
+    corners, elements = visible_cells(mesh)
+    triangles = x[mesh.t[corners, elements]].swapaxes(0, 1)
+    colours = COLOURS(RATIOS(volume_ratios(row.system, u)[elements]))
+    normals = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
+    size = np.linalg.norm(normals, axis=1)
+    colours[:, :3] *= (0.75 + 0.25 * np.abs(normals @ LIGHT) / np.where(size > 0, size, 1.0))[:, None]
+    axes.add_collection3d(art.Poly3DCollection(triangles, facecolors=colours, edgecolors=EDGE, linewidths=0.2))
+    axes.auto_scale_xyz(*x.T)
+    axes.set_box_aspect(np.maximum(np.ptp(x, axis=0), 1e-3), zoom=1.15)
+    axes.view_init(*VIEW)
+    axes.set_axis_off()
+    axes.set_title("\n".join([*wrap(row.case.name, 46), caption]), fontsize=8)
+
+
+def _state(row: Row, method: str) -> tuple[Array, str]:
+    """Displacements (ndofs,), and what they are."""
+    if method == START:
+        u0 = row.case.body().u0
+        return (np.zeros(row.system.ndofs) if u0 is None else u0), "the start"
+    run = next(run for run in row.runs if run.method == method)
+    return run.u, f"{method}: {run.verdict}"

@@ -1,0 +1,72 @@
+"""All hard cases by all methods, printed as they come, and saved."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+from time import perf_counter
+
+from rich.console import Console
+from rich.markup import escape
+
+from skfem_stvk.referee.terminal import WIDTH
+
+from . import crushed, deformed, elements, scales, starts, unstable
+from .case import Case
+from .judge import Verdict
+from .methods import METHODS, OURS, Run
+from .methods import run as run_method
+from .pictures import picture
+from .table import Row, printed, save, tally
+
+GROUPS: dict[str, Callable[[], list[Case]]] = {
+    "deformed": deformed.deformed,
+    "crushed": crushed.crushed,
+    "elements": elements.elements,
+    "starts": starts.starts,
+    "unstable": unstable.unstable,
+    "scales": scales.scales,
+}
+
+
+def run(names: Sequence[str], quick: bool, out: str | None) -> int:
+    """Run the groups of these names, print the table, and save it with its pictures in the folder `out`; 0 if no claim failed."""
+    console, begin, rows = Console(width=WIDTH, highlight=False), perf_counter(), []
+    for case in cases(names, quick):
+        console.print(f"[dim]{perf_counter() - begin:5.0f} s  {escape(case.name)}[/]")
+        rows.append(row_of(case))
+    failed = [failure for row in rows for failure in failures(row)]
+    lines = [*tally(rows), *(f"[bold red]DOES NOT HOLD[/] {escape(failure)}" for failure in failed)]
+    if out is not None:
+        lines += [f"written: {path}" for path in (*save(rows, Path(out)), picture(rows, Path(out)))]
+    console.print(printed(rows), *lines, sep="\n")
+    console.print(f"{len(rows)} cases in {perf_counter() - begin:.0f} s" + ("" if failed else ": every claim holds"))
+    return 1 if failed else 0
+
+
+def cases(names: Sequence[str], quick: bool) -> list[Case]:
+    """Of these groups; `quick`: without those that take long."""
+    return [case for name in names for case in GROUPS[name]() if case.quick or not quick]
+
+
+def row_of(case: Case) -> Row:
+    """A case by all methods."""
+    return Row(case, case.body().system(volume=False), [run_method(case, method) for method in case.methods or METHODS])
+
+
+def failures(row: Row) -> Iterator[str]:
+    """What contradicts the claims: the default is never wrong, right where it has to be, and says what it has to."""
+    for run in row.runs:
+        if run.method not in OURS:
+            continue
+        truth = row.case.truth_of(run.volume)
+        name = f"{row.case.name}, {run.method}"
+        if run.verdict is Verdict.WRONG:
+            yield f"{name}: reported as success, but {run.judgement.why}"
+        elif run.verdict is Verdict.SAID_SO and truth.error is not None and not truth.refused:
+            yield f"{name}: there is a right state, but: {run.message}"
+        if run.unsaid:
+            yield f"{name}: not said: {', '.join(run.unsaid)}; said: {run.message}"
+
+
+__all__ = ["GROUPS", "Run", "cases", "failures", "row_of", "run"]

@@ -1,0 +1,62 @@
+"""What buckles, and what nothing holds: a thin sheet, hinges, parts that one node joins."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from skfem_stvk import ElasticFoundation, SimplexMesh, Traction
+
+from . import meshes, truths
+from .case import Array, Body, Case, Truth
+
+YOUNG, POISSON = 1e5, 0.3
+THICKNESS = 0.02
+
+
+def unstable() -> list[Case]:
+    stable = Truth("its own K: any stable state, none inside out", lambda system, u: 0.0)
+    perfect = replace(stable, refused=True, says=("imperfection",))
+    block, edge, node = meshes.cube(2), _joined((1.0, 0.0, 1.0)), _joined((1.0, 1.0, 1.0))
+    return [
+        Case("crush a thin sheet by 10 %", partial(_sheet, 0.1), 10, perfect, perfect),
+        Case("crush a thin sheet on a soft bed by 15 %, pushed", partial(_sheet, 0.15, bed=1e4, push=20.0), 10, stable, stable),
+        _loose("a block held by one edge", block, lambda x: (x[0] == 0) & (x[2] == 0), "rotation"),
+        _loose("two parts joined by one edge", edge, lambda x: x[0] == 0, "can turn about the line", r"elements \(\d"),
+        _loose("two parts joined by one node", node, lambda x: x[0] == 0, "can turn about 1 vertex", r"elements \(\d"),
+    ]
+
+
+def _loose(name: str, mesh: SimplexMesh, fixed: truths.Where, *says: str) -> Case:
+    truth = truths.none("a part can move without strain", *says)
+    return Case(name, partial(_pushed, mesh, fixed), 4, truth, truth)
+
+
+def _pushed(mesh: SimplexMesh, fixed: truths.Where) -> Body:
+    end = mesh.p[0].max()
+    return Body(mesh, YOUNG, POISSON, (Traction(lambda x: x[0] == end, (1e2, 0, -1e3)),), {fixed: "xyz"})
+
+
+def _joined(offset: tuple[float, float, float]) -> SimplexMesh:
+    """A block and its copy, moved by `offset`, that share the vertices where they touch."""
+    one = meshes.cube(2)
+    p = np.hstack([one.p, one.p + np.array(offset)[:, None]])
+    p, number = np.unique(p.round(9), axis=1, return_inverse=True)
+    return SimplexMesh(p, number.ravel()[np.hstack([one.t, one.t + one.nv])].astype(np.int32))
+
+
+def _sheet(squeeze: float, bed: float = 0.0, push: float = 0.0) -> Body:
+    """A sheet of 1 x 0.2, its short sides clamped and moved towards each other; on a bed [N/m^3], pushed a little out of its plane [Pa]."""
+    lines: list[Array] = [np.linspace(0, 1, 41), np.linspace(0, 0.2, 4), np.linspace(0, THICKNESS, 2)]
+    loads: tuple[Any, ...] = ()
+    if bed:
+        loads = ElasticFoundation(lambda x: x[2] == 0, (0, 0, bed)), Traction(lambda x: x[2] == THICKNESS, partial(_uneven, push))
+    end = {"x": -squeeze, "y": 0.0, "z": 0.0}
+    return Body(meshes.box(lines), YOUNG, POISSON, loads, {lambda x: x[0] == 0: "xyz"}, {lambda x: x[0] == 1: end})
+
+
+def _uneven(push: float, x: Array, t: float) -> Array:
+    return np.stack([0 * x[0], 0 * x[0], push * t * np.sin(7 * x[0]) * np.cos(31 * x[0])])
