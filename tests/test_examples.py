@@ -41,6 +41,12 @@ def test_ex04_statics():
     assert example.push == pytest.approx(541934, rel=1e-5)
 
 
+def test_ex05_snap_through():
+    example = run("ex05_snap_through")
+    assert example.result.success and [point.kind for point in example.result.critical_points] == ["limit point"] * 2
+    assert example.limit == pytest.approx(340.754, rel=1e-5)
+
+
 def test_no_example_is_forgotten():
     tested = {name.removeprefix("test_") for name in globals() if name.startswith("test_ex")}
     assert tested == {path.stem for path in EXAMPLES.glob("ex*.py")}
