@@ -117,8 +117,8 @@ def _iterate(
     search: bool,
 ) -> tuple[Array, End]:
     """Newton's iterations, with the line search or with full steps."""
-    forcing, before = LOOSEST, None
-    most = len(record) + (MOST_FULL if not search else MOST_TANGLED if len(problem.inside_out(u)) else MOST_ITERATIONS)
+    forcing, before, tangled = LOOSEST, None, len(problem.inside_out(u)) > 0
+    most = len(record) + (MOST_FULL if not search else MOST_TANGLED if tangled else MOST_ITERATIONS)
     try:
         residual = problem.residual(u, t)
         while True:
@@ -137,7 +137,7 @@ def _iterate(
             v = _direction(problem, u, t, residual, max(forcing, 0.3 * rtol / residual.relative), record, search)
             if v is None:
                 return u, End.NO_DESCENT
-            moved = _moved(problem, u, v, t, residual, record, search)
+            moved = _moved(problem, u, v, t, residual, record, search, tangled)
             if isinstance(moved, End):
                 return u, moved
             u, before = moved, residual
@@ -188,13 +188,17 @@ def usable(solution: Solution) -> bool:
     return solution.outcome is Outcome.SOLVED or (imprecise and solution.residual <= LOOSEST)
 
 
-def _moved(problem: Equilibrium, u: Array, v: Array, t: float, residual: Residual, record: Iterations, search: bool) -> Array | End:
-    """`u + s v`, with the length `s` of the line search, which ends before elements turn inside out; or the full step."""
+def _moved(
+    problem: Equilibrium, u: Array, v: Array, t: float, residual: Residual, record: Iterations, search: bool, tangled: bool
+) -> Array | End:
+    """`u + s v`, with the length `s` of the line search, which ends before elements turn inside out; or the full step.
+
+    From a state that is `tangled`, with elements inside out, others have to turn with them on the way back.
+    """
     if not search:
         record.lengths.append(1.0)
         return u + v
-    # where elements are inside out, others have to turn with them on the way back
-    limit = np.inf if len(problem.inside_out(u)) else problem.step_limit(u, v)
+    limit = np.inf if tangled else problem.step_limit(u, v)
     s = _length(problem, u, v, t, residual, BEFORE_THE_LIMIT * limit)
     if s is None:
         return End.NO_LENGTH

@@ -83,7 +83,7 @@ class VolumePenalty:
     All have two continuous derivatives. At rest "compression" and "barrier" change no stiffness, "quadratic" adds `k` to `lam`. The stress
     of it is a pressure: Cauchy's is `psi'(J) I` within the elements' dimensions.
 
-    What the usual stiffness adds to the stress in confined compression by 5, 10, 20 and 30 %: 2.5, 5.7, 14.5 and 29 % ("barrier"), 4.3, 9.4, 22 and
+    What the usual stiffness adds to the stress in confined compression by 5, 10, 20 and 30 %: 2.5, 5.6, 14.5 and 29 % ("barrier"), 4.3, 9.4, 22 and
     40 % ("compression"), 108, 117, 139 and 168 % ("quadratic").
 
     Parameters

@@ -265,3 +265,24 @@ def test_where_nothing_moves_as_the_load_grows_that_is_said():
     system = System(beam(), [StVK(young=1e4, poisson=0.3), Traction("wall", (0, 0, -10.0))], fixed={"wall": "xyz"})
     with pytest.raises(SolveError, match="nothing moves as the load grows"):
         solve_static(system, **OPTIONS)
+
+
+def test_a_path_that_begins_on_a_level_goes_on_until_it_comes_back_to_it():
+    result = solve_static(bar(), steps=20, stop=Stop(load=0.0), **OPTIONS)
+    assert result.t == 0 and -result.u[3] == pytest.approx(RISE, rel=1e-9)
+
+
+@pytest.mark.parametrize(("load", "w"), [(0.3, 0.02), (0.4, 0.02)])
+def test_of_two_levels_in_one_step_the_first_one_ends_the_path(load, w):
+    result = solve_static(bar(), steps=2, stop=Stop(load=load, displacement=([1], "y", -w)), **OPTIONS)
+    if load < force_of(w) / DOWN:
+        assert result.t == load and -result.u[3] < w
+    else:
+        assert result.t < load and -result.u[3] == pytest.approx(w, abs=1e-15)
+
+
+def test_more_states_than_anybody_expects_can_be_asked_for(monkeypatch):
+    from skfem_stvk.statics import stop
+
+    monkeypatch.setattr(stop, "MOST_STATES", 5)
+    assert len(solve_static(bar(), steps=20, stop=Stop(states=8), **OPTIONS).history) == 8

@@ -60,7 +60,7 @@ def printed(rows: Sequence[Row]) -> Table:
 
 
 def _cells(run: Run) -> tuple[str, ...]:
-    why = run.judgement.why if run.verdict is Verdict.WRONG else ""
+    why = _why(run)
     verdict = f"[{STYLE[run.verdict]}]{run.verdict}[/]"
     short = why if len(why) <= LAST else why[: LAST - 1] + "…"
     return run.method, str(run.steps), str(run.iterations), f"{run.seconds:.2f}", run.status, verdict, escape(short)
@@ -74,28 +74,33 @@ def tally(rows: Sequence[Row]) -> Iterator[str]:
 
 
 def save(rows: Sequence[Row], folder: Path) -> tuple[Path, Path]:
-    """Write hard-cases.md and hard-cases.csv; the messages in full are in the latter."""
+    """Write hard-cases.md, a line a case, and hard-cases.csv, a line a run with its message in full."""
     folder.mkdir(parents=True, exist_ok=True)
-    head = ("case", "size", "truth", *COLUMNS)
-    lines = [
-        (
-            row.case.name,
-            row.size,
-            row.truth,
-            run.method,
-            run.steps,
-            run.iterations,
-            f"{run.seconds:.2f}",
-            run.status,
-            str(run.verdict),
-        )
-        for row in rows
-        for run in row.runs
-    ]
-    whys = [(run.judgement.why if run.verdict is Verdict.WRONG else "", run.message) for row in rows for run in row.runs]
+    head = ("case", "size", "truth")
+    lines = [(row, run) for row in rows for run in row.runs]
     markdown, table = folder / "hard-cases.md", folder / "hard-cases.csv"
-    marked = [head, ["---"] * len(head), *((*line, why) for line, (why, _) in zip(lines, whys, strict=True))]
-    markdown.write_text("".join("| " + " | ".join(map(str, line)) + " |\n" for line in marked), encoding="utf-8")
+    with markdown.open("w", encoding="utf-8") as file:
+        for cells in ([*head, *METHODS], ["---"] * (len(head) + len(METHODS)), *map(_marked, rows)):
+            file.write("| " + " | ".join(cells) + " |\n")
     with table.open("w", newline="", encoding="utf-8") as file:
-        csv.writer(file).writerows([(*head, "message"), *((*line, *why) for line, why in zip(lines, whys, strict=True))])
+        writer = csv.writer(file)
+        writer.writerow([*head, *COLUMNS, "message"])
+        for row, run in lines:
+            numbers = run.steps, run.iterations, f"{run.seconds:.2f}", run.status, str(run.verdict)
+            writer.writerow([row.case.name, row.size, row.truth, run.method, *numbers, _why(run), run.message])
     return markdown, table
+
+
+def _marked(row: Row) -> list[str]:
+    """A line of Markdown: what each method made of the case, in how many steps and iterations, and how long it took."""
+    runs = {run.method: run for run in row.runs}
+    return [row.case.name, row.size, row.truth, *(_marked_run(runs[method]) if method in runs else "" for method in METHODS)]
+
+
+def _marked_run(run: Run) -> str:
+    verdict = f"**{run.verdict}**: {_why(run)}" if run.verdict is Verdict.WRONG else f"{run.verdict} ({run.status})"
+    return f"{verdict}; {run.steps} steps, {run.iterations} it., {run.seconds:.2f} s".replace("right (converged)", "right")
+
+
+def _why(run: Run) -> str:
+    return run.judgement.why if run.verdict is Verdict.WRONG else ""
