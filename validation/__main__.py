@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import sys
 
-from . import aspect, kernels, operations, part, solvers, statics
+from . import aspect, hard, kernels, operations, part, solvers, stability, statics
 
 #: Studies and the options that they take.
 STUDIES = {
@@ -15,7 +15,12 @@ STUDIES = {
     "operations": (operations.main, ()),
     "solvers": (solvers.main, ("quick",)),
     "statics": (statics.main, ("quick", "only", "out")),
+    "hard": (hard.main, ("quick", "only", "out")),
+    "stability": (stability.main, ("quick", "only", "out")),
 }
+
+#: Parts of a study that `--only` picks.
+PARTS = {"statics": (*statics.NAMES, *statics.ON_DEMAND), "hard": hard.NAMES, "stability": stability.NAMES}
 
 
 def main() -> int:
@@ -27,10 +32,10 @@ def main() -> int:
         if "quick" in options:
             command.add_argument("--quick", action="store_true", help="smaller meshes, as the tests run it")
         if "only" in options:
-            names = (*statics.NAMES, *statics.ON_DEMAND)
+            names = PARTS[name]
             command.add_argument("--only", action="append", default=[], choices=names, metavar="NAME", help=", ".join(names))
         if "out" in options:
-            command.add_argument("--out", metavar="FOLDER", help="write pictures there")
+            command.add_argument("--out", metavar="FOLDER", help="write pictures and tables there")
     arguments = vars(parser.parse_args())
     study, _ = STUDIES[arguments.pop("study")]
     return study(**arguments)

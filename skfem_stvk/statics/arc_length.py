@@ -7,6 +7,7 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
+from .equilibrium import dot
 from .heading import Heading, heading
 from .history import Attempt, Step
 from .newton import End, Iterations
@@ -16,8 +17,10 @@ from .walk import SMALLEST, Walk
 
 Array = NDArray[Any]
 
-#: Iterations that a step of the right length takes; how much longer the next may be, and how much longer than the first one.
-ITERATIONS, GROWTH, LARGEST = 4, 1.5, 4.0
+#: Iterations that a step of the right length takes, and how much longer the next may be.
+ITERATIONS, GROWTH = 4, 1.5
+#: A step is not longer than so many times the first one, or this part of the displacements so far.
+LARGEST, PART = 4.0, 0.1
 #: Smallest cosine of the angle by which the path may turn in a step; a step that turned by more than the other lets the next one shrink.
 SHARPEST, SHARP = 0.5, 0.9
 
@@ -38,6 +41,7 @@ class ArcLength(Walk):
         self._first_load, self._first, self._size = first, 0.0, 0.0
         self._heading: Heading | None = None
         self._turns = self._states = 0
+        self._from = self.u
 
     def saved(self) -> dict[str, Any]:
         rate = 0.0 if self._heading is None else self._heading.rate
@@ -98,7 +102,7 @@ class ArcLength(Walk):
         if isinstance(ahead, str):
             return Attempt(t, End.NO_DESCENT, Iterations(record.residuals, detail=ahead))
         ahead = ahead.along(way.direction)
-        cosine = float(np.einsum("i,i", ahead.direction, way.direction))
+        cosine = dot(ahead.direction, way.direction)
         if cosine < SHARPEST:
             return Attempt(t, End.TOO_SHARP, record)
         turned = ahead.rate * way.rate < 0
@@ -121,10 +125,11 @@ class ArcLength(Walk):
 
     def _place(self, way: Heading, length: float) -> float:
         """Where the plane across the path is, along it."""
-        return float(np.einsum("i,i", way.direction, self.u)) + length
+        return dot(way.direction, self.u) + length
 
     def _adapt(self, iterations: int, cosine: float) -> None:
         factor = float(np.clip(np.sqrt(ITERATIONS / max(iterations, 1)), 1 / GROWTH, GROWTH))
         if cosine < SHARP:
             factor = min(factor, 1 / GROWTH)
-        self._size = min(factor * self._size, LARGEST * self._first)
+        so_far = self.u - self._from
+        self._size = min(factor * self._size, max(LARGEST * self._first, PART * float(np.sqrt(dot(so_far, so_far)))))

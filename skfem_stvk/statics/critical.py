@@ -21,6 +21,10 @@ Array = NDArray[Any]
 LIMIT_POINT, BIFURCATION = "limit point", "bifurcation"
 #: How well its place is known, as a part of the step on which it lies; residuals there are this much smaller than elsewhere.
 TOLERANCE, TIGHTER = 1e-10, 1e-3
+#: What has fallen below this part of its values at the ends of the step is zero: on large meshes rounding is not far below.
+NOISE = 1e-8
+#: So far beside a state is looked for another one, where K is too singular to be solved with; a part of the step.
+BESIDE = 1e-8
 
 
 @dataclass(frozen=True)
@@ -49,7 +53,7 @@ class CriticalPoint:
     t, u : load factor and displacements (ndofs,) [m].
     mode : (ndofs,) how the body gives way: the eigenvector of K for the eigenvalue zero, its largest entry 1. A small part of it, added to the
         mesh, is the imperfection that leads to the other path.
-    resolved : whether it was found, to 1e-10 of the step on which it lies. If not, `t` and `u` lie on the straight line between two states of the
+    resolved : whether it was found, to 1e-8 of the step on which it lies. If not, `t` and `u` lie on the straight line between two states of the
         path: where the lowest eigenvalue would vanish there, as far as it is known.
     """
 
@@ -97,7 +101,8 @@ def _point(kind: str, chord: _Chord, f: float | None, without: Sequence[Array]) 
     if f is None:
         return _unresolved(kind, chord.before, chord.after, 0.5, chord.direction)
     u, t = chord.at(f)
-    return CriticalPoint(kind, t, u, _scaled(chord.mode(f, without)), True)
+    mode = chord.mode(f, without)
+    return CriticalPoint(kind, t, u, _scaled(chord.direction if mode is None else mode), mode is not None)
 
 
 def _unresolved(kind: str, before: Point, after: Point, part: float, mode: Array) -> CriticalPoint:
@@ -118,28 +123,42 @@ class _Chord:
         self.direction, self._fewest = after.u - before.u, 0
 
     def at(self, f: float) -> tuple[Array, float]:
-        """The state at the part `f` of the line."""
+        """The state at the part `f` of the line, or a little beside it."""
         if f in (0.0, 1.0):
             point = self.after if f else self.before
             return point.u, point.t
+        for beside in (f, f + BESIDE, f - BESIDE):
+            found = self._corrected(beside)
+            if found is not None:
+                return found
+        raise _Lost
+
+    def _corrected(self, f: float) -> tuple[Array, float] | None:
+        """The equilibrium in the plane across the line there, if Newton's method finds it: K may be singular to the last digit."""
         length = float(np.sqrt(dot(self.direction, self.direction)))
         if not length:
-            raise _Lost
+            return None
         u = self.before.u + f * self.direction
         t = self.before.t + f * (self.after.t - self.before.t)
         normal = self.direction / length
         plane = Plane(normal, 0.0, dot(normal, u), length)
         u, t, end, record = correct(self._problem, u, t, plane, TIGHTER * self._rtol, lambda t, record: None)
-        if not end.converged and not record.residuals[-1] <= self._rtol:
-            raise _Lost
-        return u, t
+        return (u, t) if end.converged or record.residuals[-1] <= self._rtol else None
 
     def root(self, test: Callable[[float], float]) -> float | None:
         """The part of the line at which a test changes its sign; None if the path is not found on the way."""
         try:
-            if not test(0.0) * test(1.0) < 0:
+            ends = test(0.0), test(1.0)
+            if not ends[0] * ends[1] < 0:
                 return None
-            return float(brentq(test, 0.0, 1.0, xtol=TOLERANCE, rtol=4 * np.finfo(float).eps))
+            noise = NOISE * max(map(abs, ends))
+            values = {0.0: ends[0], 1.0: ends[1]}
+
+            def tested(f: float) -> float:
+                value = values[f] if f in values else test(f)
+                return 0.0 if abs(value) < noise else value
+
+            return float(brentq(tested, 0.0, 1.0, xtol=TOLERANCE, rtol=4 * np.finfo(float).eps))
         except _Lost:
             return None
 
@@ -157,7 +176,7 @@ class _Chord:
 
     def rate(self, f: float) -> float:
         """`dt/ds`, which is zero at a limit point; zero, too, where K is too singular to be solved with."""
-        found = heading(self._problem, *self.at(f))
+        found = heading(self._problem, *self.at(f), singular=True)
         return 0.0 if isinstance(found, str) else found.along(self.direction).rate
 
     def eigenvalue(self, passed: int, f: float) -> float:
@@ -168,10 +187,10 @@ class _Chord:
             return 0.0
         return abs(mode.value) * (1 if negative <= self._fewest + passed else -1)
 
-    def mode(self, f: float, without: Sequence[Array]) -> Array:
+    def mode(self, f: float, without: Sequence[Array]) -> Array | None:
         """(ndofs,) in which the body gives way there; a little beside it where K is too singular to be solved with."""
-        for beside in (f, f + 1e-6, f - 1e-6):
+        for beside in (f, f + BESIDE, f - BESIDE):
             mode = nearest_mode(self._problem, *self.at(beside), without)
             if mode is not None:
                 return mode.vector
-        return self.direction
+        return None

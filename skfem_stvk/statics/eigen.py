@@ -41,14 +41,14 @@ def nearest_mode(problem: Equilibrium, u: Array, t: float, without: Sequence[Arr
     value = np.inf
     for _ in range(MOST_INVERSE):
         solution = problem.solve(factors, x, 1e-6)
-        if not usable(solution):
+        if not usable(solution, singular=True):
             return None
         y = solution.x
         for other in others:
             y = y - dot(other, y) * other
-        last, value = value, dot(x, y) / dot(y, y)  # the Rayleigh quotient of y, for K y = x
+        before, last, value = x, value, dot(x, y) / dot(y, y)  # the Rayleigh quotient of y, for K y = x
         x = _unit(y)
-        if abs(value - last) <= PRECISION * abs(value):
+        if abs(value - last) <= PRECISION * abs(value) or 1 - abs(dot(before, x)) <= PRECISION**2:
             break
     return Mode(value, problem.free.vector(x))
 

@@ -38,12 +38,12 @@ class Heading:
         return self if dot(self.direction, v) >= 0 else self.reversed()
 
 
-def heading(problem: Equilibrium, u: Array, t: float) -> Heading | str:
-    """Towards growing t at an equilibrium: `K du = -dr/dt dt`; or why there is none."""
+def heading(problem: Equilibrium, u: Array, t: float, singular: bool = False) -> Heading | str:
+    """Towards growing t at an equilibrium: `K du = -dr/dt dt`; or why there is none. `singular`: as of `usable`."""
     factors = problem.factorise(u, t)
     forces, held = problem.rate(u, t)
     solution = problem.solve(factors, forces, 1e-10)
-    if not usable(solution):
+    if not usable(solution, singular):
         return solution.outcome.value
     rate = held + problem.free.vector(solution.x)
     length = float(np.sqrt(dot(rate, rate)))

@@ -182,10 +182,15 @@ def _direction(
     return None
 
 
-def usable(solution: Solution) -> bool:
-    """Whether Newton's method can go on with it: with less precision than asked for, too, as long as most of the residual is answered."""
+def usable(solution: Solution, singular: bool = False) -> bool:
+    """Whether Newton's method can go on with it: with less precision than asked for, too, as long as most of the residual is answered.
+
+    Where K is expected to be as good as `singular`, all that is missing lies along the mode in which the body gives way, and any answer of a
+    direct solver will do.
+    """
     imprecise = solution.outcome in (Outcome.INACCURATE, Outcome.OUT_OF_ITERATIONS)
-    return solution.outcome is Outcome.SOLVED or (imprecise and solution.residual <= LOOSEST)
+    enough = solution.residual <= LOOSEST or (singular and solution.outcome is Outcome.INACCURATE)
+    return solution.outcome is Outcome.SOLVED or (imprecise and enough)
 
 
 def _moved(

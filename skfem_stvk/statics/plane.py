@@ -70,8 +70,8 @@ def correct(
             factors = problem.factorise(u, t)
             forces, moves = problem.rate(u, t)
             a, b = (problem.solve(factors, right, 1e-8) for right in (-residual.free, forces))
-            if not (usable(a) and usable(b)):
-                record.detail = (b if usable(a) else a).outcome.value
+            if not (usable(a, singular=True) and usable(b, singular=True)):
+                record.detail = (b if usable(a, singular=True) else a).outcome.value
                 return u, t, End.NO_DESCENT, record
             x, y = problem.free.vector(a.x), moves + problem.free.vector(b.x)
             slope = dot(plane.normal, y) + plane.weight

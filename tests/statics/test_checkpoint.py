@@ -14,7 +14,13 @@ from test_arc_length import bar
 
 from skfem_stvk import Gravity, Stop, StVK, System, Traction, solve_static
 from skfem_stvk.errors import StvkError
-from skfem_stvk.statics import Interrupted, SolveError, checkpoint
+from skfem_stvk.linear import AmgCg, SuperLU
+from skfem_stvk.statics import Interrupted, SolveError, Step, checkpoint
+from skfem_stvk.statics.arc_length import ArcLength
+from skfem_stvk.statics.equilibrium import Equilibrium
+from skfem_stvk.statics.monitors import Monitors
+from skfem_stvk.statics.stepping import LoadSteps
+from skfem_stvk.statics.stopwatch import Stopwatch
 
 CRITICAL = np.pi**2 * (1e4 / (1 - 0.3**2)) / 12 / (4 * 20**2)
 OPTIONS = {"quiet": True, "raise_on_failure": False, "solver": "superlu"}
@@ -251,3 +257,78 @@ def test_the_way_back_is_resumed_backwards_and_states_are_counted_on(tmp_path, m
     assert whole.history.t[-1] < whole.history.t[-2], "it has turned"
     stopped_after(monkeypatch, 8, system=bar(), checkpoint=tmp_path / "path", **call)
     same(whole, solve_static(bar(), checkpoint=tmp_path / "path", resume=True, **call))
+
+
+def walk_of(system, method, steps, u0=None, t0=0.0, solver=None, stability=False):
+    problem = Equilibrium(system, solver or SuperLU(), Stopwatch())
+    common = problem, np.zeros(system.ndofs) if u0 is None else u0, t0, 1e-8, Monitors(system, False), stability, lambda *_: None
+    return ArcLength(1 / steps, Stop(load=1.0), *common) if method == "arc-length" else LoadSteps(1 / steps, *common)
+
+
+def stands(walk):
+    """All that what a walk does next depends on."""
+    numbers = {"t": walk.t, "size": walk._size, "first": walk._first, "reached": walk.reached, "allowed": walk._allowed}
+    point = walk._point
+    numbers |= {"largest": walk.problem.largest, "point t": point.t, "negative": point.negative, "lowest": point.lowest}
+    arrays = {"u": walk.u, "point u": point.u}
+    if isinstance(walk, ArcLength):
+        numbers |= {"turns": walk._turns, "states": walk._states}
+        if walk._heading is not None:
+            numbers |= {"rate": walk._heading.rate, "ahead": walk._heading.negative}
+            arrays["direction"] = walk._heading.direction
+    else:
+        numbers |= {"full first": walk._full_first, "before": None if walk._before is None else walk._before[0]}
+        if walk._before is not None:
+            arrays["u before"] = walk._before[1]
+    return numbers, arrays
+
+
+def mirrored():
+    """A body that starts reflected at its wall, each element inside out."""
+    system = bent(load=(1e-3, 0, 0))
+    u0 = np.zeros((system.mesh.nv, 3))
+    u0[:, 0] = -2 * system.mesh.p[0]
+    return system, {"u0": u0.ravel()}
+
+
+def released():
+    """Loads that go back to nothing, so that the largest force on the path is not that of the last state."""
+    terms = [StVK(young=1e4, poisson=0.3), Traction("tip", lambda t: (0, 0, -200 * t * (1 - t)))]
+    return System(bent().mesh, terms, fixed={"wall": "xyz"}), {}
+
+
+WALKS = {
+    "bending": lambda: (bent(), {}),
+    "crushing": lambda: (block(0.4, n=3), {}),
+    "snap-through": lambda: (bar(), {}),
+    "buckling": lambda: (column(1.3 * CRITICAL), {}),
+    "a start": lambda: (bent(), {"u0": np.full(297, 1e-3), "t0": 0.1}),
+    "a mirrored start": mirrored,
+    "loads that go": released,
+    "eigenvalues": lambda: (column(1.3 * CRITICAL, imperfection=1e-3), {"solver": AmgCg(), "stability": True}),
+}
+
+
+@pytest.mark.filterwarnings("ignore:From t")
+@pytest.mark.parametrize("method", ["load-steps", "arc-length"])
+@pytest.mark.parametrize("scene", WALKS)
+def test_after_each_state_another_walk_can_stand_where_this_one_stands(tmp_path, scene, method):
+    if (scene, method) == ("eigenvalues", "arc-length"):
+        pytest.skip("arc length takes direct solvers")
+    system, options = WALKS[scene]()
+    walk, keep = walk_of(system, method, 5, **options), checkpoint.Checkpoint(tmp_path / "path", {}, system, False)
+    found = 0
+    for outcome in walk.states(resumed=False):
+        if not isinstance(outcome, Step):
+            continue
+        keep.add(outcome, walk.saved())
+        other = walk_of(WALKS[scene]()[0], method, 5, **options)
+        other.resume(*keep.load())
+        (numbers, arrays), (others, other_arrays) = stands(walk), stands(other)
+        assert others == numbers and other_arrays.keys() == arrays.keys()
+        for name, array in arrays.items():
+            np.testing.assert_array_equal(other_arrays[name], array, err_msg=name)
+        found += 1
+        if found == 12:
+            break
+    assert found >= 2

@@ -1,0 +1,17 @@
+"""Limit points, buckling and the end of ellipticity: solves where structures and the law give way, against closed forms."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+NAMES = ("snap-through", "arch", "dome", "column", "post-buckling", "law", "ellipticity")
+
+
+def main(quick: bool = False, only: Sequence[str] = (), out: str | None = None) -> int:
+    """limit points, bifurcations and loss of ellipticity against closed forms and independent solves; `--out` draws the paths"""
+    from .studies import run
+
+    return run(only or NAMES, quick, out)
+
+
+__all__ = ["NAMES", "main"]
