@@ -14,13 +14,13 @@ are left out: under any compression they move across themselves, which is wrinkl
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..edges.coefficients import VOIGT
+from ..terms.volume_energies import ENERGIES
 from .kinematics import Masked
 from .law import dilation, strain_and_stress
 
@@ -36,12 +36,6 @@ DIRECTIONS = {2: 24, 3: 150}
 APART = 0.5
 #: Elements at a time: what is in use of them stays in the cache.
 CHUNK = 256
-#: `psi''` of a volume penalty of stiffness 1, a function of `e = J - 1`.
-VOLUME_CURVATURE: dict[str, Callable[[Array], Array]] = {
-    "quadratic": np.ones_like,
-    "compression": lambda e: -2 * np.minimum(e, 0.0),
-    "barrier": lambda e: _barrier_curvature(np.minimum(e, 0.0)),
-}
 #: Steps from the best of them, the longest [rad], and what they may leave of the value, over the largest number of the form.
 MOST_STEPS, LONGEST, ENOUGH = 30, 0.3, 1e-13
 
@@ -100,17 +94,12 @@ def _response(state: State) -> tuple[Array, Array, Array, Array]:
     return fields.geometry.axes + state.gradient, S[:, _places(k)], C, _curvature(state)
 
 
-def _barrier_curvature(e: Array) -> Array:
-    x = e / (1 + e)
-    return -2 * np.log1p(e) - 4 * x + x**2
-
-
 def _curvature(state: State) -> Array:
     """(nt,) `psi''(J)` [Pa] of all volume penalties."""
     curvature = np.zeros(state.fields.mesh.nt)
     for part in state.fields.volume_parts:
         e = dilation(state.gradient[part.elements])
-        curvature[part.elements] += part.stiffness * VOLUME_CURVATURE[part.term.kind](e)
+        curvature[part.elements] += part.stiffness * ENERGIES[part.term.kind].curvature(e)
     return curvature
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -12,61 +11,12 @@ from numpy.typing import ArrayLike, DTypeLike, NDArray
 from ..edges import PenaltyAssembly
 from ..edges.penalty import refuse_inside_out
 from ..errors import MaterialError, name_ids
-from ..kernels.penalty import BARRIER, COMPRESSION, QUADRATIC
 from ..materials.values import check_length, constant
 from ..mesh import SimplexMesh
 from .body import Body
+from .volume_energies import ENERGIES
 
 Array = NDArray[np.float64]
-
-
-@dataclass(frozen=True)
-class VolumeEnergy:
-    """An energy density of the volume ratio for a stiffness of 1, as a function of `e = J - 1`, which is known to more digits than `J`.
-
-    Attributes
-    ----------
-    number : the kernels' of it.
-    density, slope : `psi` and `psi'`.
-    least : the stiffness over `lam + 2 mu` from which on confined compression has no limit point.
-    usual : the one that is taken where none is given. With the least a cube with both ends held still buckles in crushing; with this it is stable
-        to 60 % at nu = 0, 0.3 and 0.45 (but with "quadratic", which does not keep J above zero).
-
-    In uniaxial strain `s` the nominal stress of a St. Venant-Kirchhoff material is `H/2 (s^3 - s)` with `H = lam + 2 mu`, and `J = s`: with
-    the penalty it is `H/2 (s^3 - s) + k psi'(s)`, which rises with `s` for all `0 < s < 1` if
-
-        k/H >= least = max over s of (1 - 3 s^2) / (2 psi''(s))
-
-        quadratic      psi'' = 1             1/2, at s = 0
-        compression    psi'' = 2 (1 - s)     c = (3 - sqrt(6))/2 = 0.27526, at s = 2 c/3: there the parabola in s touches zero, 4 c^2 - 12 c + 3 = 0
-        barrier        psi'' = -2 ln s + 4 (1 - s)/s + (1 - s)^2/s^2
-                                             0.025802..., at s = 0.40536...: the maximum has no closed form
-    """
-
-    number: int
-    density: Callable[[Array], Array]
-    slope: Callable[[Array], Array]
-    least: float
-    usual: float
-
-
-def _barrier_density(e: Array) -> Array:
-    x = np.minimum(e, 0.0)
-    return -(x**2) * np.log1p(x)
-
-
-def _barrier_slope(e: Array) -> Array:
-    x = np.minimum(e, 0.0)
-    return -(2 * x * np.log1p(x) + x**2 / (1 + x))
-
-
-ENERGIES = {
-    "quadratic": VolumeEnergy(QUADRATIC, lambda e: e**2 / 2, lambda e: e, 1 / 2, 1.0),
-    "compression": VolumeEnergy(
-        COMPRESSION, lambda e: -(np.minimum(e, 0.0) ** 3) / 3, lambda e: -(np.minimum(e, 0.0) ** 2), (3 - 6**0.5) / 2, 0.8
-    ),
-    "barrier": VolumeEnergy(BARRIER, _barrier_density, _barrier_slope, 0.02580234686556834, 0.15),
-}
 
 
 @dataclass(frozen=True, eq=False)
@@ -167,6 +117,6 @@ class VolumePenalty:
             as by what is asked of a system.
         """
         energy = ENERGIES[self.kind]
-        if energy.number == BARRIER and e.min() <= -1:
+        if self.kind == "barrier" and e.min() <= -1:
             refuse_inside_out(1 + e, elements)
         return energy.density(e), energy.slope(e)

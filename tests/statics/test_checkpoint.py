@@ -332,3 +332,28 @@ def test_after_each_state_another_walk_can_stand_where_this_one_stands(tmp_path,
         if found == 12:
             break
     assert found >= 2
+
+
+def test_a_load_that_grows_in_another_way_is_refused(tmp_path):
+    def system(power):
+        terms = [StVK(young=1e4, poisson=0.3), Traction("tip", lambda t: (0, 0, -20 * t**power))]
+        return System(bent().mesh, terms, fixed={"wall": "xyz"})
+
+    solve_static(system(1), steps=2, checkpoint=tmp_path / "path", quiet=True)
+    with pytest.raises(StvkError, match=r"the loads at t = 0.5 changed"):
+        solve_static(system(2), steps=2, checkpoint=tmp_path / "path", resume=True, quiet=True)
+
+
+def test_another_load_factor_at_the_start_is_refused(tmp_path):
+    call = {"u0": np.zeros(297), "steps": 3, "checkpoint": tmp_path / "path", "quiet": True}
+    solve_static(bent(), t0=0.1, **call)
+    with pytest.raises(StvkError, match=r"another path: t0 was 0\.1"):
+        solve_static(bent(), t0=0.2, resume=True, **call)
+
+
+def test_files_of_a_path_that_turns_back_are_in_its_order(tmp_path):
+    import xml.etree.ElementTree as ET
+
+    solve_static(bar(), steps=20, method="arc-length", stop=Stop(turns=1), save=tmp_path / "bar.pvd", quiet=True)
+    times = [float(item.attrib["timestep"]) for item in ET.parse(tmp_path / "bar.pvd").iter("DataSet")]
+    assert times == list(range(1, len(times) + 1))

@@ -116,3 +116,13 @@ def test_a_path_that_jumps_has_an_unresolved_point_at_most():
 )
 def test_what_makes_a_state_unstable(negative, value, unstable):
     assert Point(np.zeros(1), 0.0, negative, value).unstable is unstable
+
+
+def test_the_message_names_three_points_and_says_that_there_are_more():
+    from types import SimpleNamespace
+
+    from skfem_stvk.statics.message import _critical
+
+    points = [f"point {i}" for i in range(5)]
+    assert "point 0; point 1; point 2; ..." in _critical(SimpleNamespace(critical_points=points))
+    assert "point 0; point 1; point 2 (" in _critical(SimpleNamespace(critical_points=points[:3]))

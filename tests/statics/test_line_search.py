@@ -50,3 +50,18 @@ def test_a_root_of_the_slope_is_found_near_and_far(root):
 
 def test_a_slope_without_root_is_said():
     assert root_of_slope(lambda s: -1.0 - s, -1.0) is None
+
+
+@pytest.mark.parametrize("longest", [1e-4, 0.4, 1.0, 1.5, 3.0, 5.0, 100.0])
+@pytest.mark.parametrize("root", [0.3, 2.0, 60.0])
+def test_the_slope_is_not_asked_for_beyond_the_longest_length(longest, root):
+    asked = []
+
+    def slope(s):
+        asked.append(s)
+        return (s / root) ** 3 - 1
+
+    s = root_of_slope(slope, -1.0, longest)
+    assert max(asked) <= longest and 0 < s <= longest
+    assert s == longest or abs((s / root) ** 3 - 1) <= 0.1
+    assert (s == longest) or root * 0.9 ** (1 / 3) <= longest

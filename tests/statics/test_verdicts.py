@@ -8,7 +8,7 @@ import skfem
 from scenes import beam, bent, block, column
 
 from skfem_stvk import Gravity, NodalLoad, StVK, System, Traction, solve_static
-from skfem_stvk.errors import StvkError
+from skfem_stvk.errors import StvkError, StvkWarning
 from skfem_stvk.statics import Interrupted, SolveError, Status, stepping
 from skfem_stvk.statics import solve as solve_module
 from skfem_stvk.statics.line_search import quartic_minimum
@@ -263,3 +263,34 @@ def test_energies_by_term_are_those_at_the_load_factor():
     system = bent()
     u = 0.01 * np.sin(np.arange(system.ndofs))
     assert sum(system.energies(u, 0.3).values()) == pytest.approx(system.potential(u, 0.3), rel=1e-12)
+
+
+def test_where_a_branch_ends_the_elements_that_its_mode_deforms_most_are_named(monkeypatch):
+    """Of two cubes in a row one is soft; it gives way, the other rides on it."""
+    import re
+
+    from skfem_stvk.statics import branch_end
+
+    mesh = skfem.MeshTet.init_tensor(np.linspace(0, 2, 9), *[np.linspace(0, 1, 5)] * 2)
+    soft = np.flatnonzero(mesh.p[0, mesh.t].mean(axis=0) < 1)
+    young = np.where(np.isin(np.arange(mesh.nelements), soft), 1e4, 1e6)
+    pushed = {lambda x: x[0] == 2: {"x": -0.45, "y": 0.0, "z": 0.0}}
+    system = System(mesh, StVK(young=young, poisson=0.3), fixed={lambda x: x[0] == 0: "xyz"}, prescribed=pushed)
+    monkeypatch.setattr(branch_end, "MOST_NAMED", 3)
+    with pytest.warns(StvkWarning) as warned:
+        result = solve_static(system, steps=5, **OPTIONS)
+    assert result.status is Status.STOPPED
+    named = re.search(r"gives way most in 3 elements \(([\d, ]+)\)", result.message)
+    assert named and np.isin([int(one) for one in named[1].split(",")], soft).all()
+    assert len([one for one in warned if "compressed" in str(one.message)]) == 1, "it is said once"
+
+
+def test_a_branch_that_is_as_stiff_as_ever_does_not_end():
+    from skfem_stvk.linear import SuperLU
+    from skfem_stvk.statics.branch_end import branch_end
+    from skfem_stvk.statics.equilibrium import Equilibrium
+    from skfem_stvk.statics.stopwatch import Stopwatch
+
+    system = column(0.5 * CRITICAL)
+    result = solve_static(system, quiet=True)
+    assert branch_end(Equilibrium(system, SuperLU(), Stopwatch()), np.zeros(system.ndofs), result.u, 1.0) == ""

@@ -24,7 +24,7 @@ from skfem_stvk import (
 )
 from skfem_stvk.kernels.readable import volume_energies
 from skfem_stvk.terms import Body
-from skfem_stvk.terms.volume_penalty import ENERGIES
+from skfem_stvk.terms.volume_energies import ENERGIES
 
 SOLID = ("tetrahedra", "triangles", "segments")
 KINDS = tuple(ENERGIES)
