@@ -7,6 +7,7 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
+from .critical import Point, turning_point
 from .equilibrium import dot
 from .heading import Heading, heading
 from .history import Attempt, Step
@@ -23,6 +24,8 @@ ITERATIONS, GROWTH = 4, 1.5
 LARGEST, PART = 4.0, 0.1
 #: Smallest cosine of the angle by which the path may turn in a step; a step that turned by more than the other lets the next one shrink.
 SHARPEST, SHARP = 0.5, 0.9
+#: A state that is looked for between two others is no further beside them than this part of the way.
+BESIDE = 1e-6
 
 
 class ArcLength(Walk):
@@ -37,7 +40,7 @@ class ArcLength(Walk):
 
     def __init__(self, first: float, stop: Stop, *arguments: Any) -> None:
         super().__init__(*arguments)
-        self._goal = Goal(stop, self.problem.system.mesh)
+        self._goal = Goal(stop, self.problem.system)
         self._first_load, self._first, self._size = first, 0.0, 0.0
         self._heading: Heading | None = None
         self._turns = self._states = 0
@@ -55,6 +58,11 @@ class ArcLength(Walk):
         found = heading(self.problem, self.u, self.t)
         if saved["rate"] and isinstance(found, Heading):
             self._heading = found if found.rate * saved["rate"] > 0 else found.reversed()
+
+    def _begin(self) -> Step | Attempt | None:
+        outcome = super()._begin()
+        self._states = int(isinstance(outcome, Step))
+        return outcome
 
     def _start(self, t: float) -> Array:
         u = self.u.copy()
@@ -89,16 +97,15 @@ class ArcLength(Walk):
         if isinstance(found, Attempt):
             return found
         u, t, end, record = found
-        crossing = self._goal.crossed(self.u, self.t, u, t)
-        if crossing is not None:
-            part, plane = crossing
-            found = self._correct(self.u + part * (u - self.u), self.t + part * (t - self.t), plane)
-            if isinstance(found, Attempt):
-                return found
-            if np.abs(found[0] - self.u).max() > 2 * np.abs(u - self.u).max():
-                return Attempt(t, End.TOO_SHARP, found[3])
-            u, t, end, record = found
         ahead = heading(problem, u, t)
+        landed = False
+        if not isinstance(ahead, str):
+            landing = self._landed(u, t, ahead.along(way.direction).rate * way.rate < 0)
+            if isinstance(landing, Attempt):
+                return landing
+            if landing is not None:
+                landed, (u, t, end, record) = True, landing
+                ahead = heading(problem, u, t)
         if isinstance(ahead, str):
             return Attempt(t, End.NO_DESCENT, Iterations(record.residuals, detail=ahead))
         ahead = ahead.along(way.direction)
@@ -107,10 +114,33 @@ class ArcLength(Walk):
             return Attempt(t, End.TOO_SHARP, record)
         turned = ahead.rate * way.rate < 0
         self._heading, self._turns, self._states = ahead, self._turns + turned, self._states + 1
-        self.reached = crossing is not None or self._goal.counted(self._turns, self._states)
+        self.reached = landed or self._goal.counted(self._turns, self._states)
         self._adapt(len(record), cosine)
         record.negative_pivots = ahead.negative
         return self._accept(t, u, end, record, turned)
+
+    def _landed(self, u: Array, t: float, turned: bool) -> tuple[Array, float, End, Iterations] | Attempt | None:
+        """The first state on the step to `(u, t)` that is on a level; None if there is none. Up to the limit point, if the load turned, then on."""
+        ends, begin = [(u, t)], (self.u, self.t)
+        if turned and self._goal.has_levels:
+            top = turning_point(self.problem, Point(*begin, None, None), Point(u, t, None, None), self._rtol)
+            if top is None:
+                return Attempt(t, End.TOO_SHARP, Iterations(residuals=[]))
+            ends.insert(0, top)
+        for end in ends:
+            crossing = self._goal.crossed(*begin, *end)
+            if crossing is not None:
+                part, plane = crossing
+                chord = end[0] - begin[0]
+                found = self._correct(begin[0] + part * chord, begin[1] + part * (end[1] - begin[1]), plane)
+                if isinstance(found, Attempt):
+                    return found
+                along = dot(found[0] - begin[0], chord) / dot(chord, chord)
+                if not -BESIDE <= along <= 1 + BESIDE:
+                    return Attempt(found[1], End.TOO_SHARP, found[3])
+                return found
+            begin = end
+        return None
 
     def _correct(self, u: Array, t: float, plane: Plane) -> tuple[Array, float, End, Iterations] | Attempt:
         """The equilibrium in a plane, with no more elements inside out than there are."""

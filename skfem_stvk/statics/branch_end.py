@@ -19,10 +19,10 @@ GIVEN_WAY = 0.1
 MOST_NAMED = 5
 
 
-def branch_end(problem: Equilibrium, start: Array, u: Array, t: float) -> str:
+def branch_end(problem: Equilibrium, start: Array, t0: float, u: Array, t: float) -> str:
     """What there is to say of the last state `u` (ndofs,) of a path that began at `start`; nothing if its tangent is as stiff as ever."""
     try:
-        before, now = _lowest(problem, start, 0.0), _lowest(problem, u, t)
+        before, now = _lowest(problem, start, t0), _lowest(problem, u, t)
     except StateError:
         return ""
     if before is None or now is None or not now[0] < GIVEN_WAY * before[0]:

@@ -44,10 +44,11 @@ class Checkpoint:
         if there are states and they are not to be resumed, or those of another path; if the folder cannot be made.
     """
 
-    def __init__(self, folder: str | os.PathLike[str], about: dict[str, Any], system: System, resume: bool) -> None:
+    def __init__(self, folder: str | os.PathLike[str], about: dict[str, Any], system: System, start: Array, resume: bool) -> None:
         self.folder = Path(folder)
-        now = {"version": VERSION} | about | {"system": _signature(system)}
+        now = {"version": VERSION} | about | {"u0": _sums(start), "system": _signature(system)}
         files = self._files()
+        self._refuse_gaps(files)
         if files and not resume:
             raise StvkError(
                 f"{self.folder} holds {len(files)} states of a path. Go on with them with resume=True, or name another folder, or remove it."
@@ -73,7 +74,7 @@ class Checkpoint:
             try:
                 with np.load(file, allow_pickle=False) as arrays:
                     step, saved = _unpacked(dict(arrays))
-            except (OSError, ValueError, KeyError, BadZipFile) as error:
+            except (OSError, EOFError, ValueError, KeyError, BadZipFile) as error:
                 raise StvkError(
                     f"{file} cannot be read ({error}). Remove it and those after it, and resume from the one before."
                 ) from error
@@ -82,17 +83,25 @@ class Checkpoint:
 
     def add(self, step: Step, saved: dict[str, Any]) -> None:
         """Write a state, and what the walk will do next."""
-        with replacing(self.folder / f"state_{self._count:05d}.npz") as part, part.open("wb") as file:
+        with replacing(self.folder / _name(self._count)) as part, part.open("wb") as file:
             np.savez(file, **_packed(step, saved))
         self._count += 1
 
     def _files(self) -> list[Path]:
         return sorted(self.folder.glob("state_*.npz"))
 
+    def _refuse_gaps(self, files: list[Path]) -> None:
+        for number, file in enumerate(files):
+            if file.name != _name(number):
+                raise StvkError(
+                    f"{self.folder} has {file.name}, but no {_name(number)} before it. Remove {file.name} and those after it, and resume from the "
+                    "one before."
+                )
+
     def _refuse_other(self, now: dict[str, Any]) -> None:
         try:
-            then = json.loads((self.folder / ABOUT).read_text())
-        except (OSError, ValueError) as error:
+            then = dict(json.loads((self.folder / ABOUT).read_text()))
+        except (OSError, ValueError, TypeError) as error:
             raise StvkError(
                 f"{self.folder / ABOUT} cannot be read ({error}): is {self.folder} the checkpoint of a path?"
             ) from error
@@ -109,20 +118,31 @@ class Checkpoint:
             )
 
 
+def _name(number: int) -> str:
+    return f"state_{number:05d}.npz"
+
+
 def _signature(system: System) -> dict[str, list[float]]:
     """Numbers that change with the mesh, the terms, the loads and the supports."""
     mesh = system.mesh
     shear = 0.01 * np.cos(np.arange(mesh.d**2).reshape(mesh.d, mesh.d))
     u = ((mesh.p.T - mesh.p.mean(axis=1)) @ shear).ravel()
     numbers: dict[str, Any] = {
-        "the mesh": [mesh.nv, mesh.nt, *mesh.p.mean(axis=1), mesh.t.ravel() @ (np.arange(mesh.t.size) % 97)],
-        "the elastic terms": [system.energy(u), *np.abs(system.internal_force(u).reshape(-1, mesh.d)).sum(axis=0)],
-        "the supports": [len(system.supports.held), system.supports.held.sum()],
+        "the mesh": [mesh.nv, mesh.nt, *_sums(mesh.p), *_sums(mesh.t)],
+        "the elastic terms": [system.energy(u), *_sums(system.internal_force(u))],
+        "the supports": [len(system.supports.held), *_sums(system.supports.held)],
     }
     for t in (0.5, 1.0):
-        numbers[f"the loads at t = {t:g}"] = np.abs(system.external_force(u, t).reshape(-1, mesh.d)).sum(axis=0)
-        numbers[f"prescribed displacements at t = {t:g}"] = [np.abs(system.supports.values(t)).sum()]
+        numbers[f"the loads at t = {t:g}"] = _sums(system.external_force(u, t))
+        numbers[f"prescribed displacements at t = {t:g}"] = _sums(system.supports.values(t))
     return {name: [float(value) for value in values] for name, values in numbers.items()}
+
+
+def _sums(values: Array) -> list[float]:
+    """Two numbers, never near zero by cancellation, that change with each value, its sign and its place."""
+    weights = 1.5 + np.cos(np.arange(values.size))
+    size, balance = float(weights @ np.abs(values.ravel())), float(weights @ values.ravel())
+    return [size, 2 + balance / size if size else 0.0]
 
 
 def _alike(old: list[float], new: list[float]) -> bool:

@@ -85,23 +85,40 @@ def find(problem: Equilibrium, before: Point, after: Point, turned: bool, rtol: 
         return (_unresolved(BIFURCATION, before, after, part, lowest_mode(problem, after.u, after.t).vector),)
     chord, points = _Chord(problem, before, after, rtol), []
     changes = 0 if before.negative == after.negative else chord.changes()
+    places: list[float | None] = []
     if turned:
-        points.append(_point(LIMIT_POINT, chord, chord.root(chord.rate), ()))
+        places.append(chord.root(chord.rate))
+        points.append(_point(LIMIT_POINT, chord, places[0], ()))
     if changes > turned:
         roots = [chord.root(partial(chord.eigenvalue, passed)) for passed in range(changes)]
         if turned:  # one of them is the limit point
-            roots.remove(min(roots, key=lambda f: np.inf if f is None else abs(chord.at(f)[1] - points[0].t)))
+            top = 0.5 if places[0] is None else places[0]
+            roots.remove(min(roots, key=lambda f: np.inf if f is None else abs(f - top)))
         for f in roots:
             points.append(_point(BIFURCATION, chord, f, [point.mode for point in points]))
-    return tuple(points)
+            places.append(f)
+    order = np.argsort([0.5 if f is None else f for f in places], kind="stable")
+    return tuple(points[i] for i in order)
+
+
+def turning_point(problem: Equilibrium, before: Point, after: Point, rtol: float) -> tuple[Array, float] | None:
+    """The state between two others at which the load factor turns back; None if it is not found."""
+    chord = _Chord(problem, before, after, rtol)
+    f = chord.root(chord.rate)
+    try:
+        return None if f is None else chord.at(f)
+    except _Lost:
+        return None
 
 
 def _point(kind: str, chord: _Chord, f: float | None, without: Sequence[Array]) -> CriticalPoint:
     """The state at the part `f` of the step, with a mode at right angles to those of its other points."""
     if f is None:
         return _unresolved(kind, chord.before, chord.after, 0.5, chord.direction)
-    u, t = chord.at(f)
-    mode = chord.mode(f, without)
+    try:
+        (u, t), mode = chord.at(f), chord.mode(f, without)
+    except _Lost:
+        return _unresolved(kind, chord.before, chord.after, f, chord.direction)
     return CriticalPoint(kind, t, u, _scaled(chord.direction if mode is None else mode), mode is not None)
 
 

@@ -25,7 +25,7 @@ SHIFT = 1e-4
 #: be small against.
 NOTHING = 1e-6
 #: Part of the load factor, or of 1, over which loads and prescribed displacements are differenced; exact for what grows linearly.
-FORWARD = 1e-6
+DIFFERENCE = 1e-6
 
 
 class Tangent(Enum):
@@ -114,7 +114,7 @@ class Equilibrium:
 
     def rate(self, u: Array, t: float) -> tuple[Array, Array]:
         """(n,) `-dr/dt` over the free degrees of freedom [N] and (ndofs,) how the held ones move, by the tangent that was made last."""
-        dt = FORWARD * max(abs(t), 1.0)
+        dt = DIFFERENCE * max(abs(t), 1.0) * (1 if t < 0.5 else -1)  # functions of t may end at 0 and 1
         with self._watch("assemble"):
             loads = (self.system.external_force(u, t + dt) - self.system.external_force(u, t)) / dt
         moves = np.zeros(self.system.ndofs)

@@ -82,13 +82,16 @@ class History(Sequence[Step]):
     Attributes
     ----------
     attempts : steps that failed and were cut back.
+    ends_in_failure : whether the last thing that happened was one of those.
     """
 
     def __init__(self) -> None:
         self._steps: list[Step] = []
         self.attempts: list[Attempt] = []
+        self.ends_in_failure = False
 
     def append(self, outcome: Step | Attempt) -> None:
+        self.ends_in_failure = isinstance(outcome, Attempt)
         if isinstance(outcome, Step):
             self._steps.append(outcome)
         else:

@@ -77,7 +77,7 @@ def reason(
 
 
 def _why(history: History, t: float, branch: str, penalty: bool, started: bool) -> str:
-    if not history.attempts:
+    if not history.ends_in_failure:
         return f": nothing that was asked for is reached after {len(history)} states. Give a stop that is, or Stop(states=...)."
     last = history.attempts[-1]
     detail = f" ({last.iterations.detail})" if last.iterations.detail else ""

@@ -111,9 +111,9 @@ def solve_static(
     system.check_held()
     arc_length = method == ArcLength.name
     solver = choose(solver, system.ndofs - len(system.supports.held), kind_of(system), indefinite=arc_length)
-    write, monitors = _writer(system, save, resume), Monitors(system, ellipticity)
+    write, monitors = _writer(system, save), Monitors(system, ellipticity)
     about = {"method": method, "steps": int(steps), "rtol": float(rtol), "solver": solver.name, "t0": float(t0)}
-    kept = None if checkpoint is None else Checkpoint(checkpoint, about, system, resume)
+    kept = None if checkpoint is None else Checkpoint(checkpoint, about, system, start, resume)
     found, saved = ([], {}) if kept is None else kept.load()
     for finding in monitors.before():
         warnings.warn(finding.text, StvkWarning, stacklevel=2)
@@ -121,6 +121,7 @@ def solve_static(
     problem = Equilibrium(system, solver, watch)
     cause: BaseException | None = None
     verdict: tuple[bool, int | None] = True, None
+    branch = ""
     with Report(f"{system!r}, {len(problem.free.free)} of them free; solver '{solver.name}'", quiet) as report:
         common = problem, start, float(t0), float(rtol), monitors, stability, report.iterating
         first = 1 / int(steps)
@@ -129,6 +130,7 @@ def solve_static(
             for step in found:
                 history.append(step)
                 report.line(step)
+                write(step.t if not arc_length else len(history), step)
             if found:
                 walk.resume(found, saved)
             for outcome in walk.states(resumed=bool(found)):
@@ -140,9 +142,11 @@ def solve_static(
                         kept.add(outcome, walk.saved())
             if walk.reached:
                 verdict = _verdict(problem, walk, history[-1])
+            elif len(history):
+                branch = branch_end(problem, start, float(t0), walk.u, walk.t)
         except (KeyboardInterrupt, Exception) as error:  # a full disk, a load's function that fails: the states so far are kept
             cause = error
-    result = _result(walk, start, history, watch, verdict, cause)
+    result = _result(walk, start, history, watch, verdict, branch, cause)
     for text in _new_findings(history):
         warnings.warn(text, StvkWarning, stacklevel=2)
     if isinstance(cause, KeyboardInterrupt):
@@ -163,13 +167,13 @@ def _new_findings(history: History) -> Iterator[str]:
                 yield f"From t = {step.t:.4g} on: {finding.text}"
 
 
-def _writer(system: System, save: str | os.PathLike[str] | None, resume: bool) -> Callable[[float, Step], object]:
+def _writer(system: System, save: str | os.PathLike[str] | None) -> Callable[[float, Step], object]:
     """What writes a state to the series of files `save`, if there is to be one."""
     if save is None:
         return lambda t, step: None
     if not isinstance(save, str | os.PathLike):
         raise StvkError(f"save = {save!r}; expected the path of a .pvd file.")
-    series, fields = Series(save, resume=resume), Fields(system.mesh, system.elastic_terms)
+    series, fields = Series(save), Fields(system.mesh, system.elastic_terms)
     return lambda t, step: series.add(fields.at(step.u), t)
 
 
@@ -201,11 +205,11 @@ def _checked(
         raise StvkError(f"rtol = {rtol!r}; expected a number between 0 and 1, such as 1e-8.")
     if not isinstance(steps, int | np.integer) or isinstance(steps, bool) or steps < 1:
         raise StvkError(f"steps = {steps!r}; expected a whole number of at least 1: the first step is 1/steps of the load.")
-    if isinstance(t0, bool) or not isinstance(t0, float | int | np.number) or not np.isfinite(t0):
+    if isinstance(t0, bool) or not isinstance(t0, float | int | np.integer | np.floating) or not np.isfinite(t0):
         raise StvkError(f"t0 = {t0!r}; expected the load factor of u0, a number.")
     if method == LoadSteps.name and not t0 < 1:
         raise StvkError(f"t0 = {t0!r}; expected less than 1, where load steps end.")
-    if checkpoint is not None and not isinstance(checkpoint, str | os.PathLike):
+    if checkpoint is not None and (not isinstance(checkpoint, str | os.PathLike) or not str(checkpoint)):
         raise StvkError(f"checkpoint = {checkpoint!r}; expected the path of a folder.")
     if resume and checkpoint is None:
         raise StvkError("resume=True without a checkpoint: from which folder? checkpoint='...'.")
@@ -231,16 +235,16 @@ def _result(
     history: History,
     watch: Stopwatch,
     verdict: tuple[bool, int | None],
+    branch: str,
     cause: BaseException | None,
 ) -> StaticResult:
-    problem, t, u, branch = walk.problem, walk.t, walk.u, ""
+    problem, t, u = walk.problem, walk.t, walk.u
     stable, negative = verdict
     inverted = problem.inside_out(u)
     if cause is not None:
         status = Status.INTERRUPTED
     elif not walk.reached:
         status = Status.STOPPED
-        branch = branch_end(problem, start, u, t) if len(history) else ""
     else:
         status = Status.INVERTED if len(inverted) else history[-1].end.status if stable else Status.UNSTABLE
         history.judge_last(status)

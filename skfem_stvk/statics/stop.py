@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import StvkError
-from ..mesh import SimplexMesh
+from ..errors import StvkError, name_ids
 from ..mesh.places import Where, describe, vertices_at
+from ..system import System
 from .equilibrium import dot
 from .plane import Plane
 
@@ -57,13 +57,13 @@ class Stop:
 class Goal:
     """A `Stop` on a mesh: levels of load or displacement, and numbers of turns and states."""
 
-    def __init__(self, stop: Stop, mesh: SimplexMesh) -> None:
-        self._stop = stop
+    def __init__(self, stop: Stop, system: System) -> None:
+        self._stop, mesh = stop, system.mesh
         self._levels: list[tuple[Array, float, float]] = []
         if stop.load is not None:
             self._levels.append((np.zeros(mesh.p.size), 1.0, float(stop.load)))
         if stop.displacement is not None:
-            self._levels.append(_mean_displacement(stop.displacement, mesh))
+            self._levels.append(_mean_displacement(stop.displacement, system))
 
     def towards(self, u: Array, t: float, direction: Array, rate: float) -> float:
         """1 if this direction leads towards the first level, or there is none, -1 if it leads away."""
@@ -72,6 +72,11 @@ class Goal:
         normal, weight, value = self._levels[0]
         missing = value - dot(normal, u) - weight * t
         return -1.0 if missing * (dot(normal, direction) + weight * rate) < 0 else 1.0
+
+    @property
+    def has_levels(self) -> bool:
+        """Whether a load or a displacement is to be reached."""
+        return bool(self._levels)
 
     def crossed(self, u: Array, t: float, v: Array, s: float) -> tuple[float, Plane] | None:
         """The part of the way from `(u, t)` to `(v, s)` at which the first level is crossed, and its plane; None if none is."""
@@ -89,15 +94,18 @@ class Goal:
 
     def counted(self, turns: int, states: int) -> bool:
         """Whether there have been enough."""
-        return turns == self._stop.turns or states == self._stop.states
+        return any(
+            asked is not None and found >= asked for found, asked in ((turns, self._stop.turns), (states, self._stop.states))
+        )
 
     def exhausted(self, states: int) -> bool:
         """Whether there have been more than anybody expects."""
         return self._stop.states is None and states >= MOST_STATES
 
 
-def _mean_displacement(given: Any, mesh: SimplexMesh) -> tuple[Array, float, float]:
+def _mean_displacement(given: Any, system: System) -> tuple[Array, float, float]:
     """The mean over the vertices of a place as a level."""
+    mesh = system.mesh
     if not isinstance(given, tuple | list) or len(given) != 3:
         raise StvkError(f"Stop: displacement = {given!r}; expected a place, a component and a value: ('apex', 'z', -0.2).")
     where, component, value = given
@@ -108,8 +116,13 @@ def _mean_displacement(given: Any, mesh: SimplexMesh) -> tuple[Array, float, flo
     if not _is_number(value):
         raise StvkError(f"{what}: {value!r} came; expected a finite displacement [m].")
     vertices = vertices_at(mesh, where, what)
+    dofs = mesh.d * vertices + letters.index(component)
+    if np.isin(dofs, system.supports.fixed).all():
+        raise StvkError(
+            f"{what}: {component} is fixed at {name_ids(vertices, 'vertex')}, so it never gets there. Name a place that moves."
+        )
     normal = np.zeros(mesh.p.size)
-    normal[mesh.d * vertices + letters.index(component)] = 1 / len(vertices)
+    normal[dofs] = 1 / len(vertices)
     return normal, 0.0, float(value)
 
 

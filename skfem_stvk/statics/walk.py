@@ -46,8 +46,8 @@ class Walk(ABC):
         self._first = self._size = 0.0  # of steps, in the measure of the walk
         self._lost, self._clock = False, perf_counter()
         self._allowed = len(problem.inside_out(u0))
-        at_rest = None if u0.any() else 0  # without tension of edges K is positive semi-definite
-        self._point = Point(u0, t0, at_rest, None)
+        # without tension of edges K is positive semi-definite; displacements that are given may be no state of the path
+        self._point: Point | None = None if u0.any() else Point(u0, t0, 0, None)
         problem.accept(u0, t0)
 
     def states(self, resumed: bool) -> Iterator[Step | Attempt]:
@@ -70,7 +70,7 @@ class Walk(ABC):
         if not u.any() and problem.residual(u, self.t).size == 0:
             return None
         outcome = self._newton(u, self.t, full_first=True)
-        self._lost = isinstance(outcome, Attempt)
+        self._lost, self._point = isinstance(outcome, Attempt), None
         return outcome if isinstance(outcome, Attempt) else self._accept(self.t, *outcome)
 
     @abstractmethod
@@ -107,16 +107,13 @@ class Walk(ABC):
         problem, before = self.problem, self._point
         problem.accept(u, t)
         inverted = problem.inside_out(u)
-        negative, lowest = before.negative, before.lowest
-        if len(record):  # without an iteration it is as stable as the state before
-            negative = record.negative_pivots
-        elif negative is None:
+        if not len(record) and record.negative_pivots is None and not problem.solver.iterative:  # no iteration made a tangent
             problem.factorise(u, t)
-            negative = problem.negative_pivots()
-        if self._lowest and (len(record) or lowest is None):
-            lowest = lowest_mode(problem, u, t).value
+            record.negative_pivots = problem.negative_pivots()
+        negative = record.negative_pivots
+        lowest = lowest_mode(problem, u, t).value if self._lowest else None
         point = Point(u, t, negative, lowest)
-        critical = find(problem, before, point, turned, self._rtol)
+        critical = () if before is None else find(problem, before, point, turned, self._rtol)
         status = Status.INVERTED if len(inverted) else Status.UNSTABLE if point.unstable else end.status
         energies, smallest, findings = problem.energies(u, t), problem.smallest_volume_ratio(u), self._monitors.at(u)
         now, clock = perf_counter(), self._clock

@@ -211,6 +211,15 @@ def test_a_start_without_stiffness_says_what_it_is():
         solve_static(flat, **OPTIONS)
 
 
+@pytest.mark.parametrize("load", [0.40, 0.46, 0.473, 0.4739])
+@pytest.mark.parametrize("steps", [1, 2, 3, 4, 6, 10, 20])
+def test_a_load_short_of_a_limit_point_is_not_stepped_over(load, steps):
+    """It turns back at 0.47399752; the first state at this load is before that, however long the steps."""
+    result = solve_static(bar(), steps=steps, stop=Stop(load=load), **OPTIONS)
+    assert result.t == load and result.success and not result.critical_points
+    assert 0 < -result.u[3] < RISE * (1 - 1 / np.sqrt(3))
+
+
 def test_a_place_is_reached_by_the_mean_of_its_displacements():
     system = bent()
     tip = np.unique(system.mesh.boundaries["tip"])
@@ -272,7 +281,7 @@ def test_a_path_that_begins_on_a_level_goes_on_until_it_comes_back_to_it():
     assert result.t == 0 and -result.u[3] == pytest.approx(RISE, rel=1e-9)
 
 
-@pytest.mark.parametrize(("load", "w"), [(0.3, 0.02), (0.4, 0.02)])
+@pytest.mark.parametrize(("load", "w"), [(0.3, 0.02), (0.4, 0.02), (0.4, 0.03)])
 def test_of_two_levels_in_one_step_the_first_one_ends_the_path(load, w):
     result = solve_static(bar(), steps=2, stop=Stop(load=load, displacement=([1], "y", -w)), **OPTIONS)
     if load < force_of(w) / DOWN:
@@ -286,3 +295,27 @@ def test_more_states_than_anybody_expects_can_be_asked_for(monkeypatch):
 
     monkeypatch.setattr(stop, "MOST_STATES", 5)
     assert len(solve_static(bar(), steps=20, stop=Stop(states=8), **OPTIONS).history) == 8
+
+
+def test_a_state_that_is_there_at_the_start_counts():
+    there = solve_static(bar(), steps=20, stop=Stop(load=0.3), **OPTIONS)
+    result = solve_static(bar(), steps=20, u0=there.u, t0=0.3, stop=Stop(states=3), **OPTIONS)
+    assert len(result.history) == 3 and result.history[0].t == 0.3
+
+
+def test_a_place_that_is_fixed_never_gets_anywhere():
+    with pytest.raises(StvkError, match=r"x is fixed at 1 vertex \(1\), so it never gets there"):
+        solve_static(bar(), stop=Stop(displacement=([1], "x", 0.1)), **OPTIONS)
+
+
+def test_a_load_that_ends_at_1_is_not_asked_beyond():
+    asked = []
+
+    def load(t):
+        asked.append(t)
+        return (0, -0.1 * t)
+
+    p, t = np.array([[-SPAN, 0.0], [0, RISE]]), np.array([[0], [1]])
+    system = System((p, t), [StVK(young=1e5, poisson=0.3, area=1e-2), NodalLoad([1], load)], fixed=[([0], "xy"), ([1], "x")])
+    assert solve_static(system, steps=5, quiet=True).success
+    assert 0 <= min(asked) and max(asked) <= 1

@@ -12,7 +12,7 @@ import pytest
 from scenes import bent, block, column
 from test_arc_length import bar
 
-from skfem_stvk import Gravity, Stop, StVK, System, Traction, solve_static
+from skfem_stvk import Gravity, NodalLoad, Stop, StVK, System, Traction, solve_static
 from skfem_stvk.errors import StvkError
 from skfem_stvk.linear import AmgCg, SuperLU
 from skfem_stvk.statics import Interrupted, SolveError, Step, checkpoint
@@ -251,12 +251,82 @@ def test_a_killed_run_keeps_its_states(tmp_path):
     same(solve_static(bent(n=3), **options), resumed)
 
 
+def pushed(vertex, force, move):
+    mesh = bent().mesh
+    terms = [StVK(young=1e4, poisson=0.3), NodalLoad([vertex], force)]
+    return System(mesh, terms, fixed={"wall": "xyz"}, prescribed={"tip": {"x": move}})
+
+
+@pytest.mark.parametrize(
+    ("changed", "what"),
+    [
+        ({"vertex": 51}, "loads"),
+        ({"force": (0, 0, 3.0)}, "loads"),
+        ({"move": -0.1}, "prescribed"),
+        ({"force": (0, -3.0, 0)}, "loads"),
+    ],
+)
+def test_a_load_in_another_place_or_of_another_sign_is_refused(tmp_path, changed, what):
+    given = {"vertex": 50, "force": (0, 0, -3.0), "move": 0.1}
+    solve_static(pushed(**given), steps=2, checkpoint=tmp_path / "path", quiet=True)
+    with pytest.raises(StvkError, match=f"another system: .*{what}"):
+        solve_static(pushed(**(given | changed)), steps=2, checkpoint=tmp_path / "path", resume=True, quiet=True)
+
+
+def test_another_start_is_refused(tmp_path):
+    call = {"steps": 3, "checkpoint": tmp_path / "path", "quiet": True}
+    solve_static(bent(), u0=np.full(297, 1e-3), **call)
+    with pytest.raises(StvkError, match="another path: u0"):
+        solve_static(bent(), u0=np.full(297, -1e-3), resume=True, **call)
+
+
+@pytest.mark.parametrize("stop", [{"states": 5}, {"turns": 1}])
+def test_a_stop_that_has_been_passed_ends_the_path_at_once(tmp_path, monkeypatch, stop):
+    from skfem_stvk.statics import stop as stops
+
+    monkeypatch.setattr(stops, "MOST_STATES", 40)
+    call = {"steps": 20, "method": "arc-length", "checkpoint": tmp_path / "path", "quiet": True}
+    first = solve_static(bar(), stop=Stop(turns=2), **call)
+    again = solve_static(bar(), stop=Stop(**stop), resume=True, **call)
+    assert len(again.history) == len(first.history)
+
+
 def test_the_way_back_is_resumed_backwards_and_states_are_counted_on(tmp_path, monkeypatch):
     call = {"steps": 20, "method": "arc-length", "stop": Stop(states=9), **OPTIONS}
     whole = solve_static(bar(), **call)
     assert whole.history.t[-1] < whole.history.t[-2], "it has turned"
     stopped_after(monkeypatch, 8, system=bar(), checkpoint=tmp_path / "path", **call)
     same(whole, solve_static(bar(), checkpoint=tmp_path / "path", resume=True, **call))
+
+
+def test_a_state_that_is_missing_is_named_and_nothing_is_overwritten(tmp_path):
+    call = {"steps": 20, "method": "arc-length", "checkpoint": tmp_path / "path", "quiet": True}
+    solve_static(bar(), stop=Stop(turns=1), **call)
+    (tmp_path / "path" / "state_00002.npz").unlink()
+    kept = {file: file.read_bytes() for file in (tmp_path / "path").iterdir()}
+    with pytest.raises(StvkError, match=r"no state_00002.npz"):
+        solve_static(bar(), stop=Stop(turns=2), resume=True, **call)
+    assert kept == {file: file.read_bytes() for file in (tmp_path / "path").iterdir()}
+
+
+def test_an_empty_file_is_named(tmp_path):
+    call = {"steps": 3, "checkpoint": tmp_path / "path", "quiet": True}
+    solve_static(bent(), **call)
+    (tmp_path / "path" / "state_00001.npz").write_bytes(b"")
+    with pytest.raises(StvkError, match=r"state_00001.npz cannot be read"):
+        solve_static(bent(), resume=True, **call)
+
+
+def test_a_series_that_is_asked_for_later_has_all_states_and_no_older_ones(tmp_path):
+    call = {"steps": 6, "checkpoint": tmp_path / "path", "quiet": True}
+    solve_static(bent(load=(0, 0, -1.0)), steps=40, save=tmp_path / "bent.pvd", quiet=True)
+    for _ in range(2):
+        result = solve_static(bent(), resume=True, save=tmp_path / "bent.pvd", **call)
+        files = sorted(tmp_path.glob("bent_*.vtu"))
+        assert len(files) == len(result.history) == (tmp_path / "bent.pvd").read_text().count("DataSet")
+        (tmp_path / "bent.pvd").unlink()
+        for file in files:
+            file.unlink()
 
 
 def walk_of(system, method, steps, u0=None, t0=0.0, solver=None, stability=False):
@@ -316,7 +386,10 @@ def test_after_each_state_another_walk_can_stand_where_this_one_stands(tmp_path,
     if (scene, method) == ("eigenvalues", "arc-length"):
         pytest.skip("arc length takes direct solvers")
     system, options = WALKS[scene]()
-    walk, keep = walk_of(system, method, 5, **options), checkpoint.Checkpoint(tmp_path / "path", {}, system, False)
+    walk, keep = (
+        walk_of(system, method, 5, **options),
+        checkpoint.Checkpoint(tmp_path / "path", {}, system, np.zeros(system.ndofs), False),
+    )
     found = 0
     for outcome in walk.states(resumed=False):
         if not isinstance(outcome, Step):

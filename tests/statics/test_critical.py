@@ -118,6 +118,46 @@ def test_what_makes_a_state_unstable(negative, value, unstable):
     assert Point(np.zeros(1), 0.0, negative, value).unstable is unstable
 
 
+@pytest.mark.parametrize("options", [{"method": "arc-length"}, {}, {"solver": "amg-cg", "stability": True}])
+@pytest.mark.parametrize("rtol", [1e-4, 1e-3])
+def test_states_that_take_no_iteration_are_judged_by_their_own_tangents(rtol, options):
+    """A straight column is as good as linear: each state is where the one before points to."""
+    system = column(1.3 * CRITICAL)
+    result = solve_static(system, steps=20, rtol=rtol, **({"solver": "superlu"} | options), **OPTIONS)
+    assert 0 in [len(step.iterations) for step in result.history]
+    for step in result.history:
+        assert step.status.success == (lowest(system, step.u, step.t)[0] > 0)
+    assert not result.success and [point.kind for point in result.critical_points] == ["bifurcation"]
+
+
+@pytest.mark.parametrize("method", ["load-steps", "arc-length"])
+def test_displacements_that_are_no_state_of_the_path_lead_to_no_critical_point(method):
+    system = column(1e-3)
+    u0 = np.zeros((system.mesh.nv, 2))
+    u0[:, 0] = -0.05 * system.mesh.p[0]
+    assert lowest(system, u0.ravel(), 0.0)[0] < 0
+    result = solve_static(system, steps=3, u0=u0.ravel(), method=method, solver="superlu", **OPTIONS)
+    assert result.success and not result.critical_points
+
+
+@pytest.mark.filterwarnings("ignore:From t")
+@pytest.mark.parametrize(("rise", "kinds"), [(1.5, ["limit point", "bifurcation"]), (2.0, ["bifurcation", "limit point"])])
+@pytest.mark.parametrize("steps", [1, 2, 3, 40])
+def test_a_limit_point_and_a_bifurcation_are_told_apart_and_in_order_though_one_step_has_both(rise, kinds, steps):
+    """Two steep bars, pushed down: they give way sideways, too."""
+    p, t = np.array([[-1, 0, 1.0], [0, rise, 0]]), np.array([[0, 1], [1, 2]])
+    terms = [StVK(young=1e5, poisson=0.3, area=1e-2), NodalLoad([1], (0, -300.0))]
+    stop = Stop(displacement=([1], "y", -rise))
+    result = solve_static(System((p, t), terms, fixed=[([0, 2], "xy")]), steps=steps, method="arc-length", stop=stop, **OPTIONS)
+    assert [point.kind for point in result.critical_points] == kinds
+    down = [-point.u[3] for point in result.critical_points]
+    assert down == sorted(down)
+    for point in result.critical_points:
+        sideways = abs(point.mode[2]) > abs(point.mode[3])
+        assert point.resolved and sideways == (point.kind == "bifurcation")
+        assert abs(lowest(result.system, point.u, point.t)).min() < 1e-5
+
+
 def test_the_message_names_three_points_and_says_that_there_are_more():
     from types import SimpleNamespace
 

@@ -265,6 +265,18 @@ def test_energies_by_term_are_those_at_the_load_factor():
     assert sum(system.energies(u, 0.3).values()) == pytest.approx(system.potential(u, 0.3), rel=1e-12)
 
 
+@pytest.mark.filterwarnings("ignore:From t")
+@pytest.mark.parametrize("error", [KeyboardInterrupt, MemoryError])
+def test_what_interrupts_the_look_at_the_end_of_a_branch_keeps_the_states(monkeypatch, error):
+    def fail(*_):
+        raise error
+
+    monkeypatch.setattr(solve_module, "branch_end", fail)
+    with pytest.raises(BaseException) as caught:  # a bare KeyboardInterrupt would end pytest
+        solve_static(block(0.4), steps=2, quiet=True)
+    assert isinstance(caught.value, Interrupted | SolveError) and len(caught.value.result.history) >= 1
+
+
 def test_where_a_branch_ends_the_elements_that_its_mode_deforms_most_are_named(monkeypatch):
     """Of two cubes in a row one is soft; it gives way, the other rides on it."""
     import re
@@ -293,4 +305,4 @@ def test_a_branch_that_is_as_stiff_as_ever_does_not_end():
 
     system = column(0.5 * CRITICAL)
     result = solve_static(system, quiet=True)
-    assert branch_end(Equilibrium(system, SuperLU(), Stopwatch()), np.zeros(system.ndofs), result.u, 1.0) == ""
+    assert branch_end(Equilibrium(system, SuperLU(), Stopwatch()), np.zeros(system.ndofs), 0.0, result.u, 1.0) == ""
