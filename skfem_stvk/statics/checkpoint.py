@@ -15,10 +15,10 @@ from numpy.typing import NDArray
 from ..errors import StvkError
 from ..results.files import replacing
 from ..system import System
-from .critical import CriticalPoint
 from .history import Step
 from .monitors import Finding
 from .newton import End, Iterations
+from .path.critical import CriticalPoint
 from .status import Status
 
 Array = NDArray[Any]

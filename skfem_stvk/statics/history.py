@@ -9,9 +9,9 @@ from typing import Any, overload
 import numpy as np
 from numpy.typing import NDArray
 
-from .critical import CriticalPoint
 from .monitors import Finding
 from .newton import End, Iterations
+from .path.critical import CriticalPoint
 from .status import Status
 
 Array = NDArray[Any]

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from .arc_length import ArcLength
 from .history import History
 from .newton import End
+from .path.arc_length import ArcLength
 from .status import Status
 
 GIVES_WAY = "St. Venant-Kirchhoff material gives way in compression, so the branch without inversion may end here."

@@ -17,8 +17,8 @@ from ..mesh.places import Where, describe, vertices_at
 from ..results import Fields, Reaction, Series, State, plot, write_vtu
 from ..results.vtu import DEFAULT
 from ..system import System
-from .critical import CriticalPoint
 from .history import History
+from .path.critical import CriticalPoint
 from .status import Status
 
 Array = NDArray[Any]

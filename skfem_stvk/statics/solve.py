@@ -15,21 +15,21 @@ from ..linear import LinearSolver, choose
 from ..results import Fields, Series
 from ..system import System
 from ..terms import Load, VolumePenalty
-from .arc_length import ArcLength
 from .branch_end import branch_end
 from .checkpoint import Checkpoint
 from .equilibrium import Equilibrium, kind_of
 from .history import History, Step
 from .message import reason
 from .monitors import Monitors
+from .path.arc_length import ArcLength
+from .path.load_steps import LoadSteps
+from .path.stop import Stop
+from .path.walk import Walk
 from .report import Report
 from .result import Interrupted, SolveError, StaticResult
 from .stability import is_stable
 from .status import Status
-from .stepping import LoadSteps
-from .stop import Stop
 from .stopwatch import Stopwatch
-from .walk import Walk
 
 Array = NDArray[Any]
 

@@ -78,7 +78,7 @@ def test_what_comes_first_ends_the_path():
 
 
 def test_a_path_that_never_gets_there_says_so(monkeypatch):
-    from skfem_stvk.statics import stop
+    from skfem_stvk.statics.path import stop
 
     monkeypatch.setattr(stop, "MOST_STATES", 10)
     with pytest.raises(SolveError, match=r"before its end.*nothing that was asked for is reached after 10 states") as failure:
@@ -254,7 +254,7 @@ def test_the_rate_of_a_path_is_the_derivative_of_its_states():
     """`dr/dt` by its definition, with supports that move and loads that curve."""
     from skfem_stvk.linear import SuperLU
     from skfem_stvk.statics.equilibrium import Equilibrium
-    from skfem_stvk.statics.heading import heading
+    from skfem_stvk.statics.path.heading import heading
     from skfem_stvk.statics.stopwatch import Stopwatch
 
     def move(x, t):
@@ -291,7 +291,7 @@ def test_of_two_levels_in_one_step_the_first_one_ends_the_path(load, w):
 
 
 def test_more_states_than_anybody_expects_can_be_asked_for(monkeypatch):
-    from skfem_stvk.statics import stop
+    from skfem_stvk.statics.path import stop
 
     monkeypatch.setattr(stop, "MOST_STATES", 5)
     assert len(solve_static(bar(), steps=20, stop=Stop(states=8), **OPTIONS).history) == 8
@@ -318,4 +318,4 @@ def test_a_load_that_ends_at_1_is_not_asked_beyond():
     p, t = np.array([[-SPAN, 0.0], [0, RISE]]), np.array([[0], [1]])
     system = System((p, t), [StVK(young=1e5, poisson=0.3, area=1e-2), NodalLoad([1], load)], fixed=[([0], "xy"), ([1], "x")])
     assert solve_static(system, steps=5, quiet=True).success
-    assert 0 <= min(asked) and max(asked) <= 1
+    assert min(asked) >= 0 and max(asked) <= 1

@@ -16,10 +16,10 @@ from skfem_stvk import Gravity, NodalLoad, Stop, StVK, System, Traction, solve_s
 from skfem_stvk.errors import StvkError
 from skfem_stvk.linear import AmgCg, SuperLU
 from skfem_stvk.statics import Interrupted, SolveError, Step, checkpoint
-from skfem_stvk.statics.arc_length import ArcLength
 from skfem_stvk.statics.equilibrium import Equilibrium
 from skfem_stvk.statics.monitors import Monitors
-from skfem_stvk.statics.stepping import LoadSteps
+from skfem_stvk.statics.path.arc_length import ArcLength
+from skfem_stvk.statics.path.load_steps import LoadSteps
 from skfem_stvk.statics.stopwatch import Stopwatch
 
 CRITICAL = np.pi**2 * (1e4 / (1 - 0.3**2)) / 12 / (4 * 20**2)
@@ -282,7 +282,7 @@ def test_another_start_is_refused(tmp_path):
 
 @pytest.mark.parametrize("stop", [{"states": 5}, {"turns": 1}])
 def test_a_stop_that_has_been_passed_ends_the_path_at_once(tmp_path, monkeypatch, stop):
-    from skfem_stvk.statics import stop as stops
+    from skfem_stvk.statics.path import stop as stops
 
     monkeypatch.setattr(stops, "MOST_STATES", 40)
     call = {"steps": 20, "method": "arc-length", "checkpoint": tmp_path / "path", "quiet": True}

@@ -9,9 +9,10 @@ from scenes import beam, bent, block, column
 
 from skfem_stvk import Gravity, NodalLoad, StVK, System, Traction, solve_static
 from skfem_stvk.errors import StvkError, StvkWarning
-from skfem_stvk.statics import Interrupted, SolveError, Status, stepping
+from skfem_stvk.statics import Interrupted, SolveError, Status
 from skfem_stvk.statics import solve as solve_module
 from skfem_stvk.statics.line_search import quartic_minimum
+from skfem_stvk.statics.path import load_steps
 
 OPTIONS = {"quiet": True, "raise_on_failure": False}
 CRITICAL = np.pi**2 * (1e4 / (1 - 0.3**2)) / 12 / (4 * 20**2)
@@ -136,7 +137,7 @@ def test_prescribed_displacements_are_carried_into_the_body():
 
 
 def test_the_last_of_seven_equal_steps_is_the_seventh(monkeypatch):
-    monkeypatch.setattr(stepping, "FEW", -1)
+    monkeypatch.setattr(load_steps, "FEW", -1)
     t = solve_static(bent(), steps=7, quiet=True).history.t  # seven times 1/7, added up, is less than 1
     assert len(t) == 7 and t[-1] == 1
 

@@ -7,9 +7,9 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from .equilibrium import Tangent
-from .history import Attempt, Step
-from .newton import MOST_FULL, usable
+from ..equilibrium import Tangent
+from ..history import Attempt, Step
+from ..newton import MOST_FULL, usable
 from .walk import SMALLEST, Walk
 
 Array = NDArray[Any]

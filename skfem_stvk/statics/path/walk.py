@@ -10,13 +10,13 @@ from typing import Any, ClassVar
 
 from numpy.typing import NDArray
 
+from ..eigen import lowest_mode
+from ..equilibrium import Equilibrium
+from ..history import Attempt, Step
+from ..monitors import Monitors
+from ..newton import End, Iterations, newton
+from ..status import Status
 from .critical import Point, find
-from .eigen import lowest_mode
-from .equilibrium import Equilibrium
-from .history import Attempt, Step
-from .monitors import Monitors
-from .newton import End, Iterations, newton
-from .status import Status
 
 Array = NDArray[Any]
 Watch = Callable[[float, Iterations], None]

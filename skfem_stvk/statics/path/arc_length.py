@@ -7,11 +7,11 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
+from ..equilibrium import dot
+from ..history import Attempt, Step
+from ..newton import End, Iterations
 from .critical import Point, turning_point
-from .equilibrium import dot
 from .heading import Heading, heading
-from .history import Attempt, Step
-from .newton import End, Iterations
 from .plane import Plane, correct
 from .stop import Goal, Stop
 from .walk import SMALLEST, Walk

@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import StvkError, name_ids
-from ..mesh.places import Where, describe, vertices_at
-from ..system import System
-from .equilibrium import dot
+from ...errors import StvkError, name_ids
+from ...mesh.places import Where, describe, vertices_at
+from ...system import System
+from ..equilibrium import dot
 from .plane import Plane
 
 Array = NDArray[Any]

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .equilibrium import Equilibrium, dot
-from .newton import usable
+from ..equilibrium import Equilibrium, dot
+from ..newton import usable
 
 Array = NDArray[Any]
 

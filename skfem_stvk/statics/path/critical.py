@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import brentq
 
-from .eigen import lowest_mode, nearest_mode
-from .equilibrium import Equilibrium, dot
+from ..eigen import lowest_mode, nearest_mode
+from ..equilibrium import Equilibrium, dot
 from .heading import heading
 from .plane import Plane, correct
 

@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import StateError
-from .equilibrium import Equilibrium, dot
-from .newton import End, Iterations, arrived, usable
+from ...errors import StateError
+from ..equilibrium import Equilibrium, dot
+from ..newton import End, Iterations, arrived, usable
 
 Array = NDArray[Any]
 
