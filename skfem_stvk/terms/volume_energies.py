@@ -23,7 +23,7 @@ class VolumeEnergy:
     density, slope, curvature : `psi`, `psi'` and `psi''`.
     least : the stiffness over `lam + 2 mu` from which on confined compression has no limit point.
     usual : the one that is taken where none is given. With the least a cube with both ends held still buckles in crushing; with this it is stable
-        to 60 % at nu = 0, 0.3 and 0.45 (but with "quadratic", which does not keep J above zero).
+        to 60 % (but with "quadratic" at nu = 0; `docs/volume-penalty.md`).
 
     In uniaxial strain `s` the nominal stress of a St. Venant-Kirchhoff material is `H/2 (s^3 - s)` with `H = lam + 2 mu`, and `J = s`: with
     the penalty it is `H/2 (s^3 - s) + k psi'(s)`, which rises with `s` for all `0 < s < 1` if
