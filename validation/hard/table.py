@@ -99,7 +99,8 @@ def _marked(row: Row) -> list[str]:
 
 def _marked_run(run: Run) -> str:
     verdict = f"**{run.verdict}**: {_why(run)}" if run.verdict is Verdict.WRONG else f"{run.verdict} ({run.status})"
-    return f"{verdict}; {run.steps} steps, {run.iterations} it., {run.seconds:.2f} s".replace("right (converged)", "right")
+    steps = f"{run.steps} step{'s' * (run.steps != 1)}"
+    return f"{verdict}; {steps}, {run.iterations} it., {run.seconds:.2f} s".replace("right (converged)", "right")
 
 
 def _why(run: Run) -> str:
