@@ -76,7 +76,7 @@ class Checkpoint:
                     step, saved = _unpacked(dict(arrays))
             except (OSError, EOFError, ValueError, KeyError, BadZipFile) as error:
                 raise StvkError(
-                    f"{file} cannot be read ({error}). Remove it and those after it, and resume from the one before."
+                    f"{file} cannot be read: it is incomplete, or was not written here. Remove it and those after it, and resume from the one before."
                 ) from error
             steps.append(step)
         return steps, saved
@@ -107,7 +107,9 @@ class Checkpoint:
             ) from error
         different = [name for name in now if name != "system" and then.get(name) != now[name]]
         if different:
-            pairs = ", ".join(f"{name} was {then.get(name)!r} and is {now[name]!r}" for name in different)
+            pairs = ", ".join(
+                "u0 changed" if name == "u0" else f"{name} was {then.get(name)!r} and is {now[name]!r}" for name in different
+            )
             raise StvkError(f"{self.folder} holds another path: {pairs}. Give the same again, or name another folder.")
         old, new = then.get("system", {}), now["system"]
         changed = [name for name in new if not _alike(old.get(name, []), new[name])]

@@ -31,8 +31,8 @@ class Step:
     strain_energy : [J].
     potential : strain energy less the work of the loads [J]; NaN if a load has none.
     smallest_volume_ratio : the smallest J of an element; below 0 it is inside out.
-    negative : how many eigenvalues of K are negative, by the last tangent of Newton's method (of arc length by that of the state itself); None
-        if the solver does not count them.
+    negative : how many eigenvalues of K are negative, by the tangent of the state itself, or where nothing changed in load steps by the last one
+        of Newton's method; None if the solver does not count them.
     lowest : the lowest eigenvalue of K [N/m], with an iterative solver and `stability=True`; otherwise None.
     findings : where the model is not to be trusted, with element ids.
     critical : limit points and bifurcations between the state before and this one.

@@ -38,6 +38,7 @@ def reason(
     inverted: str,
     branch: str = "",
     penalty: bool = False,
+    loaded: bool = True,
     started: bool = False,
     cause: BaseException | None = None,
 ) -> str:
@@ -48,14 +49,17 @@ def reason(
     inverted : names elements inside out or flat.
     branch : says whether a branch ends where it stopped.
     penalty : whether a VolumePenalty is among the terms.
+    loaded : whether loads are.
     started : whether a state to start from came.
     cause : what interrupted it.
     """
     if status is Status.UNSTABLE:
         count = f"K has {negative} negative eigenvalue(s)" if negative else "K is not positive definite"
+        mode = "a small part of result.critical_points[0].mode" if history.critical_points else "a small imperfection"
+        otherwise = ", or prescribe displacements instead of loads" if loaded else ""
         return (
             f"At t = {t:.4g} the body is in equilibrium, but unstable: {count}, and a real one would leave this state.{_critical(history)} Look for "
-            "the stable one beside it: give the mesh or the load a small imperfection, or prescribe displacements instead of loads."
+            f"the stable one beside it: give the mesh {mode}{' as an imperfection' * bool(history.critical_points)}{otherwise}."
         )
     if status is Status.INVERTED:
         return (
@@ -69,7 +73,9 @@ def reason(
         return f"Interrupted at t = {t:.6g}{by.rstrip('.')}. Kept so far: {kept}."
     if status is Status.STOPPED:
         where = "before its end" if method == ArcLength.name else "before the full load"
-        return f"Stopped {where}, at t = {t:.6g}{_why(history, t, branch, penalty, started)}{_critical(history)}{_found(history)}"
+        unstable = len(history) and history[-1].negative
+        already = f" The last state is unstable: K has {unstable} negative eigenvalue(s) there." if unstable else ""
+        return f"Stopped {where}, at t = {t:.6g}{_why(history, t, branch, penalty, started)}{already}{_critical(history)}{_found(history)}"
     residual = history[-1].iterations.residuals[-1]
     end = f"the path is followed to its end at t = {t:.6g}" if method == ArcLength.name else "the full load is reached"
     rounding = "" if status is Status.CONVERGED else " as far as rounding allows"

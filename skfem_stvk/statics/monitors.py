@@ -98,7 +98,7 @@ class Monitors:
         if (stretch := system.smallest_stretch(u)) < SOFTENING:
             what = (
                 f"compressed to a principal stretch below 1/sqrt(3) = 0.577 (down to {stretch:.3g}), where a St. Venant-Kirchhoff body "
-                f"softens: more compression takes less force. {self._if_compressed()}"
+                f"softens. {self._if_compressed()}"
             )
             yield self._finding("compressed", system.compressed(u, SOFTENING), stretch, what)
         if self._fields is not None:
@@ -118,8 +118,10 @@ class Monitors:
     def _if_compressed(self) -> str:
         if self._system.mesh.k < self._system.mesh.d:
             return "Membranes and cables wrinkle and go slack long before: is it pushed where it should be pulled?"
-        remedy = "" if self._has_penalty() else "add a VolumePenalty, or "
-        return f"At a corner or under a load on few vertices refine the mesh or spread the load; elsewhere {remedy}take less load."
+        if self._has_penalty():
+            return "The VolumePenalty carries it: what is computed there is a body with that penalty more than a St. Venant-Kirchhoff one."
+        local = "At a corner or under a load on few vertices refine the mesh or spread the load"
+        return f"More compression takes less force. {local}; elsewhere add a VolumePenalty, or take less load."
 
     def _has_penalty(self) -> bool:
         return any(isinstance(term, VolumePenalty) for term in self._system.elastic_terms)

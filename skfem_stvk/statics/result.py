@@ -30,7 +30,7 @@ class StaticResult:
 
     Attributes
     ----------
-    u : (ndofs,) displacements of the last good state [m].
+    u : (ndofs,) displacements of the last state of equilibrium that was found [m].
     t : its load factor; 1 where load steps reached the full load.
     status, message : how it came out, in a word and in full.
     history : the states on the way, with iterations, residuals, line-search factors and tangents; `history.attempts` are those that failed.

@@ -107,7 +107,7 @@ def solve_static(
     >>> result.status.value, round(float(result.reaction().resultant[2]))
     ('converged', 500)
     """
-    start = _checked(system, steps, method, stop, rtol, u0, t0, checkpoint, resume)
+    start = _checked(system, steps, method, stop, rtol, u0, t0, stability, ellipticity, checkpoint, resume)
     system.check_held()
     arc_length = method == ArcLength.name
     solver = choose(solver, system.ndofs - len(system.supports.held), kind_of(system), indefinite=arc_length)
@@ -126,13 +126,13 @@ def solve_static(
         common = problem, start, float(t0), float(rtol), monitors, stability, report.iterating
         first = 1 / int(steps)
         walk = ArcLength(first, stop or Stop(load=1.0), *common) if arc_length else LoadSteps(first, *common)
+        if found:
+            walk.resume(found, saved)
         try:
             for step in found:
                 history.append(step)
                 report.line(step)
                 write(step.t if not arc_length else len(history), step)
-            if found:
-                walk.resume(found, saved)
             for outcome in walk.states(resumed=bool(found)):
                 history.append(outcome)
                 report.line(outcome)
@@ -142,7 +142,7 @@ def solve_static(
                         kept.add(outcome, walk.saved())
             if walk.reached:
                 verdict = _verdict(problem, walk, history[-1])
-            elif len(history):
+            elif len(history) and not history[-1].negative:
                 branch = branch_end(problem, start, float(t0), walk.u, walk.t)
         except (KeyboardInterrupt, Exception) as error:  # a full disk, a load's function that fails: the states so far are kept
             cause = error
@@ -185,6 +185,8 @@ def _checked(
     rtol: float,
     u0: ArrayLike | None,
     t0: float,
+    stability: bool,
+    ellipticity: bool,
     checkpoint: str | os.PathLike[str] | None,
     resume: bool,
 ) -> Array:
@@ -209,6 +211,9 @@ def _checked(
         raise StvkError(f"t0 = {t0!r}; expected the load factor of u0, a number.")
     if method == LoadSteps.name and not t0 < 1:
         raise StvkError(f"t0 = {t0!r}; expected less than 1, where load steps end.")
+    for name, flag in (("stability", stability), ("ellipticity", ellipticity), ("resume", resume)):
+        if not isinstance(flag, bool | np.bool_):
+            raise StvkError(f"{name} = {flag!r}; expected True or False.")
     if checkpoint is not None and (not isinstance(checkpoint, str | os.PathLike) or not str(checkpoint)):
         raise StvkError(f"checkpoint = {checkpoint!r}; expected the path of a folder.")
     if resume and checkpoint is None:
@@ -250,5 +255,6 @@ def _result(
         history.judge_last(status)
     named = problem.named(inverted) if len(inverted) else ""
     penalty = any(isinstance(term, VolumePenalty) for term in problem.system.terms)
-    message = reason(status, walk.name, history, t, negative, named, branch, penalty, bool(start.any()), cause)
+    loaded = any(isinstance(term, Load) for term in problem.system.terms)
+    message = reason(status, walk.name, history, t, negative, named, branch, penalty, loaded, bool(start.any()), cause)
     return StaticResult(problem.system, u, t, status, message, history, problem.solver.name, watch.parts())

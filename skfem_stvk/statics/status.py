@@ -12,7 +12,7 @@ class Status(Enum):
     AT_ROUND_OFF = "converged as far as rounding allows"
     UNSTABLE = "in equilibrium, but unstable"
     INVERTED = "in equilibrium, but with elements inside out"
-    STOPPED = "stopped before the full load"
+    STOPPED = "stopped before the end"
     INTERRUPTED = "interrupted"
 
     @property

@@ -319,3 +319,40 @@ def test_a_load_that_ends_at_1_is_not_asked_beyond():
     system = System((p, t), [StVK(young=1e5, poisson=0.3, area=1e-2), NodalLoad([1], load)], fixed=[([0], "xy"), ([1], "x")])
     assert solve_static(system, steps=5, quiet=True).success
     assert min(asked) >= 0 and max(asked) <= 1
+
+
+def steep_arch():
+    """Clamped, so steep that its path winds round limit points and bifurcations, on a mesh that is not symmetric."""
+    h, rise = 0.01, 0.08
+    strip = skfem.MeshQuad.init_tensor(np.linspace(-0.5, 0.5, 41), np.linspace(-h / 2, h / 2, 3)).to_meshtri()
+    x, y = strip.p
+    apex = np.flatnonzero((np.abs(x) < 1e-12) & (y == h / 2))
+    terms = [StVK(young=70e6, poisson=0.3), NodalLoad(apex, (0, -40.0))]
+    mesh = np.stack([x, y + rise * np.cos(np.pi * x) ** 2]), strip.t
+    return System(mesh, terms, fixed=[(np.flatnonzero(np.abs(x) == 0.5), "xy")]), apex
+
+
+def test_the_path_of_a_steep_arch_does_not_depend_on_the_steps():
+    system, apex = steep_arch()
+    paths = [solve_static(system, n, stop=Stop(displacement=(apex, "y", -0.16)), **OPTIONS) for n in (5, 20, 80)]
+    points = [[(point.kind, point.resolved) for point in path.critical_points] for path in paths]
+    assert len(points[0]) >= 4 and points[0] == points[1] == points[2] and all(resolved for _, resolved in points[0])
+    loads = [[point.t for point in path.critical_points] for path in paths]
+    np.testing.assert_allclose(loads[1], loads[0], rtol=1e-6)
+    np.testing.assert_allclose(loads[2], loads[0], rtol=1e-6)
+    np.testing.assert_allclose([path.t for path in paths], paths[0].t, rtol=1e-6)
+
+
+def test_states_that_have_passed_another_stop_are_not_resumed(tmp_path):
+    call = {"steps": 20, "checkpoint": tmp_path / "path", **OPTIONS}
+    solve_static(bar(), stop=Stop(displacement=([1], "y", -0.03)), **call)
+    with pytest.raises(
+        StvkError, match=r"have passed what Stop\(load=0.3\) asks for, between states \d+ .*u0=result.history\[\d+\].u"
+    ):
+        solve_static(bar(), stop=Stop(load=0.3), resume=True, **call)
+
+
+@pytest.mark.parametrize("name", ["resume", "stability", "ellipticity"])
+def test_switches_are_true_or_false(name):
+    with pytest.raises(StvkError, match=f"{name} = 'yes'; expected True or False"):
+        solve_static(bar(), **{name: "yes"}, **OPTIONS)

@@ -7,7 +7,8 @@ import pytest
 import skfem
 from scenes import column
 
-from skfem_stvk import Isotropic, NodalLoad, Stop, StVK, System, Traction, solve_static
+from skfem_stvk import Isotropic, NodalLoad, Stop, StVK, StvkWarning, System, Traction, VolumePenalty, solve_static
+from skfem_stvk.statics import Status
 from skfem_stvk.statics.path.critical import Point
 
 CRITICAL = np.pi**2 * (1e4 / (1 - 0.3**2)) / 12 / (4 * 20**2)
@@ -166,3 +167,35 @@ def test_the_message_names_three_points_and_says_that_there_are_more():
     points = [f"point {i}" for i in range(5)]
     assert "point 0; point 1; point 2; ..." in _critical(SimpleNamespace(critical_points=points))
     assert "point 0; point 1; point 2 (" in _critical(SimpleNamespace(critical_points=points[:3]))
+
+
+@pytest.mark.parametrize("steps", [1, 5, 40])
+def test_a_cable_that_is_pulled_taut_has_no_bifurcation(steps):
+    """The tangent on the way there is indefinite, that of the state is not."""
+    p, t = np.array([[0, 1, 2.0], [0, 0, 0]]), np.array([[0, 1], [1, 2]])
+    cable = System((p, t), [StVK(young=1e5, poisson=0.3, area=1e-2), NodalLoad([1], (0, -1.0))], fixed=[([0, 2], "xy")])
+    result = solve_static(cable, steps=steps, quiet=True)
+    assert {step.negative for step in result.history} == {0} and not result.critical_points
+
+
+@pytest.mark.parametrize("steps", [1, 5, 20])
+def test_a_cube_that_is_all_but_flattened_ends_in_words(steps):
+    cube = System(
+        skfem.MeshTet.init_tensor(*[np.linspace(0, 1, 4)] * 3),
+        [StVK(young=1e5, poisson=0.3), VolumePenalty()],
+        fixed={lambda x: x[2] == 0: "xyz"},
+        prescribed={lambda x: x[2] == 1: {"z": -0.999}},
+    )
+    with pytest.warns(StvkWarning, match="compressed"):
+        result = solve_static(cube, steps=steps, **OPTIONS)
+    assert result.status is not Status.INTERRUPTED
+
+
+def test_nobody_is_told_to_prescribe_displacements_who_does():
+    mesh = column(1.0).mesh
+    pressed = {lambda x: x[0] == 20: {"x": -0.2}}
+    result = solve_static(
+        System(mesh, StVK(young=1e4, poisson=0.3), fixed={lambda x: x[0] == 0: "xy"}, prescribed=pressed), **OPTIONS
+    )
+    assert result.status is Status.UNSTABLE
+    assert "prescribe displacements" not in result.message and "critical_points[0].mode as an imperfection" in result.message

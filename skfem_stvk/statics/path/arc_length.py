@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from ..equilibrium import dot
 from ..history import Attempt, Step
 from ..newton import End, Iterations
-from .critical import Point, turning_point
+from .critical import CriticalPoint, Point, find, turning_point
 from .heading import Heading, heading
 from .plane import Plane, correct
 from .stop import Goal, Stop
@@ -24,6 +24,8 @@ ITERATIONS, GROWTH = 4, 1.5
 LARGEST, PART = 4.0, 0.1
 #: Smallest cosine of the angle by which the path may turn in a step; a step that turned by more than the other lets the next one shrink.
 SHARPEST, SHARP = 0.5, 0.9
+#: Steps are shortened down to this part of the first one where it is not sure that they stay on the path.
+SURE = 0.02
 #: A state that is looked for between two others is no further beside them than this part of the way.
 BESIDE = 1e-6
 
@@ -54,6 +56,7 @@ class ArcLength(Walk):
         super().resume(steps, saved)
         self._turns, self._states = saved["turns"], saved["states"]
         if saved["goal"] != self._goal.saved():
+            self._goal.refuse_passed(steps)
             self.reached = self._goal.counted(self._turns, self._states)
         found = heading(self.problem, self.u, self.t)
         if saved["rate"] and isinstance(found, Heading):
@@ -109,15 +112,29 @@ class ArcLength(Walk):
         if isinstance(ahead, str):
             return Attempt(t, End.NO_DESCENT, Iterations(record.residuals, detail=ahead))
         ahead = ahead.along(way.direction)
-        cosine = dot(ahead.direction, way.direction)
+        chord = u - self.u
+        reach = float(np.sqrt(dot(chord, chord)))
+        cosine = min(dot(ahead.direction, way.direction), dot(way.direction, chord) / reach, dot(ahead.direction, chord) / reach)
         if cosine < SHARPEST:
             return Attempt(t, End.TOO_SHARP, record)
         turned = ahead.rate * way.rate < 0
+        point = Point(u, t, ahead.negative, None)
+        critical = () if self._point is None else find(problem, self._point, point, turned, self._rtol)
+        if self._size > SURE * self._first and self._hopped(point, critical):
+            return Attempt(t, End.TOO_SHARP, record)
         self._heading, self._turns, self._states = ahead, self._turns + turned, self._states + 1
         self.reached = landed or self._goal.counted(self._turns, self._states)
         self._adapt(len(record), cosine)
         record.negative_pivots = ahead.negative
-        return self._accept(t, u, end, record, turned)
+        return self._accept(t, u, end, record, critical)
+
+    def _hopped(self, after: Point, critical: tuple[CriticalPoint, ...]) -> bool:
+        """Whether the step led to another path: its critical points are not all found, or do not explain how stability changed."""
+        if not all(point.resolved for point in critical):
+            return True
+        if self._point is None or self._point.negative is None or after.negative is None:
+            return False
+        return (len(critical) - abs(after.negative - self._point.negative)) % 2 == 1
 
     def _landed(self, u: Array, t: float, turned: bool) -> tuple[Array, float, End, Iterations] | Attempt | None:
         """The first state on the step to `(u, t)` that is on a level; None if there is none. Up to the limit point, if the load turned, then on."""

@@ -160,7 +160,8 @@ class _Chord:
         normal = self.direction / length
         plane = Plane(normal, 0.0, dot(normal, u), length)
         u, t, end, record = correct(self._problem, u, t, plane, TIGHTER * self._rtol, lambda t, record: None)
-        return (u, t) if end.converged or record.residuals[-1] <= self._rtol else None
+        close = bool(record.residuals) and record.residuals[-1] <= self._rtol
+        return (u, t) if end.converged or close else None
 
     def root(self, test: Callable[[float], float]) -> float | None:
         """The part of the line at which a test changes its sign; None if the path is not found on the way."""

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -12,6 +14,7 @@ from ...errors import StvkError, name_ids
 from ...mesh.places import Where, describe, vertices_at
 from ...system import System
 from ..equilibrium import dot
+from ..history import Step
 from .plane import Plane
 
 Array = NDArray[Any]
@@ -22,7 +25,7 @@ MOST_STATES = 1000
 STANDS = 1e-9
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Stop:
     """Where to stop on a path of equilibria; whichever comes first.
 
@@ -35,13 +38,17 @@ class Stop:
     states : so many states have been found. A path that has reached nothing else after 1000 states has stopped before its end.
 
     >>> Stop(displacement=("apex", "z", -0.2), turns=2)
-    Stop(load=None, displacement=('apex', 'z', -0.2), turns=2, states=None)
+    Stop(displacement=('apex', 'z', -0.2), turns=2)
     """
 
     load: float | None = None
     displacement: tuple[Where, str, float] | None = None
     turns: int | None = None
     states: int | None = None
+
+    def __repr__(self) -> str:
+        given = {field.name: getattr(self, field.name) for field in fields(self)}
+        return f"Stop({', '.join(f'{name}={value!r}' for name, value in given.items() if value is not None)})"
 
     def __post_init__(self) -> None:
         if self.load is None and self.displacement is None and self.turns is None and self.states is None:
@@ -87,6 +94,21 @@ class Goal:
                 found.append(((value - begin) / (end - begin), Plane(normal, weight, value, end - begin)))
         return min(found, key=lambda one: one[0], default=None)
 
+    def refuse_passed(self, steps: Sequence[Step]) -> None:
+        """Refuse states of which some have passed a level already.
+
+        Raises
+        ------
+        StvkError
+            with the states between which they did.
+        """
+        for number, (one, other) in enumerate(pairwise(steps)):
+            if self.crossed(one.u, one.t, other.u, other.t) is not None:
+                raise StvkError(
+                    f"The states that are kept have passed what {self._stop} asks for, between states {number} (t = {one.t:.4g}) and {number + 1} "
+                    f"(t = {other.t:.4g}). Give a stop that lies ahead, or begin anew from one of them: u0=result.history[{number}].u, t0={one.t:.6g}."
+                )
+
     def saved(self) -> list[list[float]]:
         """Numbers that tell it from another one."""
         levels = [[weight, value, dot(normal, np.arange(1.0, len(normal) + 1))] for normal, weight, value in self._levels]
@@ -112,7 +134,7 @@ def _mean_displacement(given: Any, system: System) -> tuple[Array, float, float]
     what = f"Stop: displacement at {describe(where)}"
     letters = "xyz"[: mesh.d]
     if not isinstance(component, str) or len(component) != 1 or component not in letters:
-        raise StvkError(f"{what}: component {component!r} came; expected one of {letters!r}.")
+        raise StvkError(f"{what}: component {component!r} came; expected one of {', '.join(map(repr, letters))}.")
     if not _is_number(value):
         raise StvkError(f"{what}: {value!r} came; expected a finite displacement [m].")
     vertices = vertices_at(mesh, where, what)

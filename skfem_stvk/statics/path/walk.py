@@ -16,7 +16,7 @@ from ..history import Attempt, Step
 from ..monitors import Monitors
 from ..newton import End, Iterations, newton
 from ..status import Status
-from .critical import Point, find
+from .critical import CriticalPoint, Point, find
 
 Array = NDArray[Any]
 Watch = Callable[[float, Iterations], None]
@@ -102,18 +102,19 @@ class Walk(ABC):
         u, end, record = newton(self.problem, start, t, self._rtol, self._allowed, watch, full_first)
         return (u, end, record) if end.converged else Attempt(t, end, record)
 
-    def _accept(self, t: float, u: Array, end: End, record: Iterations, turned: bool = False) -> Step:
-        """A state of the path, with what there is to say of it; `turned`: the load factor turned back before it."""
+    def _accept(self, t: float, u: Array, end: End, record: Iterations, critical: tuple[CriticalPoint, ...] | None = None) -> Step:
+        """A state of the path, with what there is to say of it; `critical`: the points before it, if they have been looked for."""
         problem, before = self.problem, self._point
         problem.accept(u, t)
         inverted = problem.inside_out(u)
-        if not len(record) and record.negative_pivots is None and not problem.solver.iterative:  # no iteration made a tangent
-            problem.factorise(u, t)
+        if critical is None and not problem.solver.iterative and not (before and record.negative_pivots == before.negative):
+            problem.factorise(u, t)  # the last tangent of Newton's method, if there was one, was a little before the state
             record.negative_pivots = problem.negative_pivots()
         negative = record.negative_pivots
         lowest = lowest_mode(problem, u, t).value if self._lowest else None
         point = Point(u, t, negative, lowest)
-        critical = () if before is None else find(problem, before, point, turned, self._rtol)
+        if critical is None:
+            critical = () if before is None else find(problem, before, point, False, self._rtol)
         status = Status.INVERTED if len(inverted) else Status.UNSTABLE if point.unstable else end.status
         energies, smallest, findings = problem.energies(u, t), problem.smallest_volume_ratio(u), self._monitors.at(u)
         now, clock = perf_counter(), self._clock
