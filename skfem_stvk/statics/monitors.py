@@ -40,6 +40,9 @@ class Finding:
     extreme: float
     text: str
 
+    def __repr__(self) -> str:
+        return f"Finding({self.name!r}, {self.text!r})"
+
 
 class Monitors:
     """Looks for elements where the model is at its end. Without `ellipticity` the price of about two forces at each state.

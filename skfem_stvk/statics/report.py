@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from types import TracebackType
 
 from rich.console import Console
@@ -42,6 +43,10 @@ class Report:
         if isinstance(outcome, Step):
             for point in outcome.critical:
                 self._print(str(point))
+
+    def resumed(self, folder: Path, states: int) -> None:
+        """What comes first was found before."""
+        self._print(f"kept in {folder}: {states} states")
 
     def _print(self, line: str) -> None:
         if not self._quiet:

@@ -129,6 +129,8 @@ def solve_static(
         if found:
             walk.resume(found, saved)
         try:
+            if kept is not None and found:
+                report.resumed(kept.folder, len(found))
             for step in found:
                 history.append(step)
                 report.line(step)

@@ -92,7 +92,7 @@ class VolumePenalty:
         mesh = body.mesh
         if mesh.k < mesh.d:
             raise MaterialError(
-                f"VolumePenalty: the mesh has {mesh.kind} in {mesh.d} dimensions, which have no inside and no outside. It is for "
+                f"VolumePenalty: the mesh has {mesh.kind}, which have no inside and no outside. It is for "
                 "tetrahedra, triangles in the plane and segments on a line."
             )
         elements = mesh.elements(self.region)

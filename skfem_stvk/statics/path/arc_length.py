@@ -20,8 +20,8 @@ Array = NDArray[Any]
 
 #: Iterations that a step of the right length takes, and how much longer the next may be.
 ITERATIONS, GROWTH = 4, 1.5
-#: A step is not longer than so many times the first one, or this part of the displacements so far.
-LARGEST, PART = 4.0, 0.1
+#: A step is not longer than so many times the first one, or so many parts of the displacements so far, of which there are as many as steps in the load.
+LARGEST, PARTS = 4.0, 2.0
 #: Smallest cosine of the angle by which the path may turn in a step; a step that turned by more than the other lets the next one shrink.
 SHARPEST, SHARP = 0.5, 0.9
 #: Steps are shortened down to this part of the first one where it is not sure that they stay on the path.
@@ -179,4 +179,5 @@ class ArcLength(Walk):
         if cosine < SHARP:
             factor = min(factor, 1 / GROWTH)
         so_far = self.u - self._from
-        self._size = min(factor * self._size, max(LARGEST * self._first, PART * float(np.sqrt(dot(so_far, so_far)))))
+        part = PARTS * self._first_load * float(np.sqrt(dot(so_far, so_far)))
+        self._size = min(factor * self._size, max(LARGEST * self._first, part))

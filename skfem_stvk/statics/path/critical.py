@@ -22,7 +22,7 @@ LIMIT_POINT, BIFURCATION = "limit point", "bifurcation"
 #: How well its place is known, as a part of the step on which it lies; residuals there are this much smaller than elsewhere.
 TOLERANCE, TIGHTER = 1e-10, 1e-3
 #: What has fallen below this part of its values at the ends of the step is zero: on large meshes rounding is not far below.
-NOISE = 1e-8
+NOISE = 1e-9
 #: So far beside a state is looked for another one, where K is too singular to be solved with; a part of the step.
 BESIDE = 1e-8
 
