@@ -16,6 +16,9 @@ from .status import Status
 
 Array = NDArray[Any]
 
+#: From here on a state is further from where the path pointed than bending, twisting or tightening bodies get (1.2 at most on the hard cases).
+JUMPED = 5.0
+
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Step:
@@ -34,6 +37,8 @@ class Step:
     negative : how many eigenvalues of K are negative, by the tangent of the state itself, or where nothing changed in load steps by the last one
         of Newton's method; None if the solver does not count them.
     lowest : the lowest eigenvalue of K [N/m], with an iterative solver and `stability=True`; otherwise None.
+    jump : how far the state is from where the two before it pointed to, as a multiple of the way there; None if nothing pointed there. Above 5
+        the body has snapped or buckled.
     findings : where the model is not to be trusted, with element ids.
     critical : limit points and bifurcations between the state before and this one.
     seconds : that the step took, failed attempts included.
@@ -49,15 +54,23 @@ class Step:
     smallest_volume_ratio: float
     negative: int | None
     lowest: float | None
+    jump: float | None
     findings: tuple[Finding, ...]
     critical: tuple[CriticalPoint, ...]
     seconds: float
+
+    @property
+    def jumped(self) -> bool:
+        """Whether it is far from where the path pointed."""
+        return self.jump is not None and self.jump > JUMPED
 
     def __str__(self) -> str:
         largest = float(np.abs(self.u).max())
         return (
             f"t {self.t:<9.4g} {len(self.iterations):>3} iterations   residual {self.iterations.residuals[-1]:.1e}   "
-            f"largest |u| {largest:.4g}   {self.seconds:.2g} s" + (f"   {self.status}" if not self.status.success else "")
+            f"largest |u| {largest:.4g}   {self.seconds:.2g} s"
+            + (f"   {self.status}" if not self.status.success else "")
+            + ("   jumped" if self.jumped else "")
         )
 
     __repr__ = __str__

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 from .history import History
 from .newton import End
 from .path.arc_length import ArcLength
@@ -79,7 +81,7 @@ def reason(
     residual = history[-1].iterations.residuals[-1]
     end = f"the path is followed to its end at t = {t:.6g}" if method == ArcLength.name else "the full load is reached"
     rounding = "" if status is Status.CONVERGED else " as far as rounding allows"
-    return f"Converged: {end}{rounding}, residual {residual:.1e} of loads and reactions.{_critical(history)}{_found(history)}"
+    return f"Converged: {end}{rounding}, residual {residual:.1e} of loads and reactions.{_jumped(history)}{_critical(history)}{_found(history)}"
 
 
 def _why(history: History, t: float, branch: str, penalty: bool, started: bool) -> str:
@@ -99,6 +101,18 @@ def _why(history: History, t: float, branch: str, penalty: bool, started: bool) 
         return f": {failed} {what_to_try(last.end, penalty)}"
     beyond = "To follow the path beyond it, where it is unstable, there is method='arc-length'."
     return f": {branch} Beyond it, {failed} {beyond} Where it is the material that gives way in compression, try {RESIST[penalty]}"
+
+
+def _jumped(history: History) -> str:
+    """Where load steps landed far from where the path pointed."""
+    jumps = [(before.t, step) for before, step in pairwise(history) if step.jumped]
+    if not jumps:
+        return ""
+    t, step = jumps[0]
+    return (
+        f" Between t = {t:.4g} and t = {step.t:.4g} it moved {step.jump:.2g} times as far as the path pointed: the body snapped or buckled there. "
+        "method='arc-length' follows the path in between."
+    )
 
 
 def _critical(history: History) -> str:

@@ -321,6 +321,26 @@ def test_a_load_that_ends_at_1_is_not_asked_beyond():
     assert min(asked) >= 0 and max(asked) <= 1
 
 
+@pytest.mark.parametrize("steps", [3, 10, 20, 100])
+def test_load_steps_say_where_the_body_snapped(steps):
+    result = solve_static(bar(), steps=steps, quiet=True)
+    (snapped,) = (step for step in result.history if step.jumped)
+    before = result.history[list(result.history).index(snapped) - 1]
+    assert before.t < LIMIT / DOWN < snapped.t and before.u[3] > -RISE < 0 and snapped.u[3] < -2 * RISE
+    assert (
+        f"Between t = {before.t:.4g} and t = {snapped.t:.4g} it moved" in result.message and "snapped or buckled" in result.message
+    )
+    assert "jumped" in str(snapped) and "jumped" not in str(before)
+
+
+def test_a_body_that_bends_far_has_not_snapped():
+    for system in (bent(), block(0.2)):
+        result = solve_static(system, quiet=True)
+        assert max(step.jump for step in result.history if step.jump is not None) < 1
+        assert "snapped" not in result.message
+    assert {step.jump for step in solve_static(bar(), steps=20, **OPTIONS).history} == {None}
+
+
 def steep_arch():
     """Clamped, so steep that its path winds round limit points and bifurcations, on a mesh that is not symmetric."""
     h, rise = 0.01, 0.08

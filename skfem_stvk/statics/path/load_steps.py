@@ -7,7 +7,7 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from ..equilibrium import Tangent
+from ..equilibrium import Tangent, dot
 from ..history import Attempt, Step
 from ..newton import MOST_FULL, usable
 from .walk import SMALLEST, Walk
@@ -48,24 +48,32 @@ class LoadSteps(Walk):
             return None
         t = self.t + self._size if self.t + 1.001 * self._size < 1 else 1.0
         self._size = t - self.t
-        found = self._newton(self._start(t), t, self._full_first)
+        start, pointed = self._start(t), self._pointed(t)
+        found = self._newton(start, t, self._full_first)
         if isinstance(found, Attempt):
             self._before, self._full_first = None, True
             self._size /= 2
             return found
         u, end, record = found
+        jump = None if pointed is None else _length(u - pointed) / _length(pointed - self.u)
         self._full_first = record.restarted is None and len(record) <= MOST_FULL
         self._before = self.t, self.u
         if len(record) <= FEW:
             self._size = min(GROWTH * self._size, LARGEST * self._first)
         self.reached = t == 1
-        return self._accept(t, u, end, record)
+        return self._accept(t, u, end, record, jump=jump)
+
+    def _pointed(self, t: float) -> Array | None:
+        """Where the last two states point to, if they are not the same."""
+        if self._before is None or np.array_equal(self.u, self._before[1]):
+            return None
+        t_before, u_before = self._before
+        return self.u + (t - self.t) / (self.t - t_before) * (self.u - u_before)
 
     def _start(self, t: float) -> Array:
         held, goal = self.problem.free.fixed, self.problem.held(t)
-        if self._before is not None:
-            t_before, u_before = self._before
-            u = self.u + (t - self.t) / (self.t - t_before) * (self.u - u_before)
+        u = self._pointed(t)
+        if u is not None:
             u[held] = goal
             if len(self.problem.inside_out(u)) <= self._allowed and self.problem.on_this_side(self.u, u):
                 return u
@@ -83,3 +91,7 @@ class LoadSteps(Walk):
                 move = move + problem.free.vector(solution.x)
                 break
         return self.u + move
+
+
+def _length(u: Array) -> float:
+    return float(np.sqrt(dot(u, u)))

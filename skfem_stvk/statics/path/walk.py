@@ -102,7 +102,15 @@ class Walk(ABC):
         u, end, record = newton(self.problem, start, t, self._rtol, self._allowed, watch, full_first)
         return (u, end, record) if end.converged else Attempt(t, end, record)
 
-    def _accept(self, t: float, u: Array, end: End, record: Iterations, critical: tuple[CriticalPoint, ...] | None = None) -> Step:
+    def _accept(
+        self,
+        t: float,
+        u: Array,
+        end: End,
+        record: Iterations,
+        critical: tuple[CriticalPoint, ...] | None = None,
+        jump: float | None = None,
+    ) -> Step:
         """A state of the path, with what there is to say of it; `critical`: the points before it, if they have been looked for."""
         problem, before = self.problem, self._point
         problem.accept(u, t)
@@ -119,4 +127,4 @@ class Walk(ABC):
         energies, smallest, findings = problem.energies(u, t), problem.smallest_volume_ratio(u), self._monitors.at(u)
         now, clock = perf_counter(), self._clock
         self.t, self.u, self._point, self._allowed, self._clock = t, u, point, len(inverted), now
-        return Step(t, u, status, end, record, *energies, smallest, negative, lowest, findings, critical, now - clock)
+        return Step(t, u, status, end, record, *energies, smallest, negative, lowest, jump, findings, critical, now - clock)
