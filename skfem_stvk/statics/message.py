@@ -90,11 +90,12 @@ def _why(history: History, t: float, branch: str, penalty: bool, started: bool) 
     last = history.attempts[-1]
     detail = f" ({last.iterations.detail})" if last.iterations.detail else ""
     if last.t == t:
-        start = (
-            "Give another u0: from this one no equilibrium was found."
-            if started
-            else "Let what is there from the start grow with t."
-        )
+        start = "Let what is there from the start grow with t."
+        if started:
+            turn_back = (
+                "" if penalty else ", or add VolumePenalty(kind='compression'), which turns elements back that are inside out"
+            )
+            start = f"Give another u0, for from this one no equilibrium was found{turn_back}."
         return f": {last.end.value}{detail}, before the first step. {start} {what_to_try(last.end, penalty)}"
     failed = f"{last.end.value}{detail}, in a step of {abs(last.t - t):.1e} too."
     if not branch:
