@@ -20,7 +20,12 @@ MOST_NAMED = 5
 
 
 def branch_end(problem: Equilibrium, start: Array, t0: float, u: Array, t: float) -> str:
-    """What there is to say of the last state `u` (ndofs,) of a path that began at `start`; nothing if its tangent is as stiff as ever."""
+    """What there is to say of the last state `u` (ndofs,) of a path that began at `start`; nothing if its tangent is as stiff as ever.
+
+    Nothing of follower loads, either, whose K is not symmetric.
+    """
+    if not problem.system.conservative:
+        return ""
     try:
         before, now = _lowest(problem, start, t0), _lowest(problem, u, t)
     except StateError:
@@ -28,7 +33,9 @@ def branch_end(problem: Equilibrium, start: Array, t0: float, u: Array, t: float
     if before is None or now is None or not now[0] < GIVEN_WAY * before[0]:
         return ""
     value, mode = now
-    fallen = f"the lowest eigenvalue of K has fallen to {max(value, 0.0) / before[0]:.2g} of that at the start"
+    fallen = "K is not positive definite any more"
+    if value > 0:
+        fallen = f"the lowest eigenvalue of K has fallen to {value / before[0]:.2g} of that at the start"
     return f"the stable branch ends here. There {fallen}, and the body gives way most in {_where(problem, u, mode)}."
 
 

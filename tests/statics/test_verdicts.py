@@ -7,12 +7,16 @@ import pytest
 import skfem
 from scenes import beam, bent, block, column
 
-from skfem_stvk import Gravity, NodalLoad, StVK, System, Traction, solve_static
+from skfem_stvk import Gravity, NodalLoad, Pressure, StVK, System, Traction, solve_static
 from skfem_stvk.errors import StvkError, StvkWarning
+from skfem_stvk.linear import SuperLU
 from skfem_stvk.statics import Interrupted, SolveError, Status
 from skfem_stvk.statics import solve as solve_module
+from skfem_stvk.statics.branch_end import branch_end
+from skfem_stvk.statics.equilibrium import Equilibrium
 from skfem_stvk.statics.line_search import quartic_minimum
 from skfem_stvk.statics.path import load_steps
+from skfem_stvk.statics.stopwatch import Stopwatch
 
 OPTIONS = {"quiet": True, "raise_on_failure": False}
 CRITICAL = np.pi**2 * (1e4 / (1 - 0.3**2)) / 12 / (4 * 20**2)
@@ -299,11 +303,16 @@ def test_where_a_branch_ends_the_elements_that_its_mode_deforms_most_are_named(m
 
 
 def test_a_branch_that_is_as_stiff_as_ever_does_not_end():
-    from skfem_stvk.linear import SuperLU
-    from skfem_stvk.statics.branch_end import branch_end
-    from skfem_stvk.statics.equilibrium import Equilibrium
-    from skfem_stvk.statics.stopwatch import Stopwatch
-
     system = column(0.5 * CRITICAL)
     result = solve_static(system, quiet=True)
     assert branch_end(Equilibrium(system, SuperLU(), Stopwatch()), np.zeros(system.ndofs), 0.0, result.u, 1.0) == ""
+
+
+def test_of_follower_loads_no_branch_is_said_to_end():
+    """Their K is not symmetric, and has no lowest eigenvalue to speak of."""
+    system = bent()
+    pressed = System(system.mesh, [system.terms[0], Pressure("tip", 1e9)], fixed={"wall": "xyz"})
+    result = solve_static(pressed, steps=1, **OPTIONS)
+    assert result.status is Status.STOPPED and "stable branch ends" not in result.message
+    problem = Equilibrium(pressed, SuperLU(), Stopwatch())
+    assert branch_end(problem, np.zeros(pressed.ndofs), 0.0, np.zeros(pressed.ndofs), 0.0) == ""
