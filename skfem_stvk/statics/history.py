@@ -34,8 +34,6 @@ class Step:
     strain_energy : [J].
     potential : strain energy less the work of the loads [J]; NaN if a load has none.
     smallest_volume_ratio : the smallest J of an element; below 0 it is inside out.
-    negative : how many eigenvalues of K are negative, by the tangent of the state itself, or where nothing changed in load steps by the last one
-        of Newton's method; None if the solver does not count them.
     lowest : the lowest eigenvalue of K [N/m], with an iterative solver and `stability=True`; otherwise None.
     jump : how far the state is from where the two before it pointed to, as a multiple of the way there; None if nothing pointed there. Above 5
         the body has snapped or buckled.
@@ -52,12 +50,17 @@ class Step:
     strain_energy: float
     potential: float
     smallest_volume_ratio: float
-    negative: int | None
     lowest: float | None
     jump: float | None
     findings: tuple[Finding, ...]
     critical: tuple[CriticalPoint, ...]
     seconds: float
+
+    @property
+    def negative(self) -> int | None:
+        """How many eigenvalues of K are negative, by the tangent of the state itself, or where nothing changed in load steps by the last one of
+        Newton's method; None if the solver does not count them."""
+        return self.iterations.negative_pivots
 
     @property
     def jumped(self) -> bool:

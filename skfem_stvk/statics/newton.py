@@ -59,7 +59,7 @@ class Iterations:
     lengths : factors of the line search.
     tangents : "exact", "clamped" or "shifted".
     linear : iterations of the linear solver.
-    negative_pivots : of the last exact tangent; None if the solver does not know.
+    negative_pivots : of the last exact tangent, or of that of the state that was found; None if the solver does not know.
     restarted : after how many iterations full steps were given up and it began anew with the line search; None if it did not.
     detail : what a failure says of itself.
     """
@@ -89,9 +89,9 @@ def newton(
 
     With `full_first`, full steps of the exact tangent are tried: slender bodies bend that way in a third of the iterations, for a full step
     stretches them first and a line search does not let it. Unless they arrive, at a stable state, with no more than `most_inside_out` elements
-    inside out and none that would be flat on the straight way there, it begins anew with the line search, which is exact where loads have a potential (W is a quartic along any line), a
-    tangent that is positive definite where the exact one gives no descent, and steps that end before elements turn inside out, unless some
-    are already.
+    inside out and none that would be flat on the straight way there, it begins anew with the line search, which is exact where W is a quartic
+    along any line and loads have a potential, a tangent that is positive definite where the exact one gives no descent, and steps that end
+    before elements turn inside out, unless some are already.
     """
     record = Iterations()
     if full_first:

@@ -84,7 +84,8 @@ def find(problem: Equilibrium, before: Point, after: Point, turned: bool, rtol: 
         part = before.lowest / (before.lowest - after.lowest)
         return (_unresolved(BIFURCATION, before, after, part, lowest_mode(problem, after.u, after.t).vector),)
     chord, points = _Chord(problem, before, after, rtol), []
-    changes = 0 if before.negative == after.negative else chord.changes()
+    known = before.negative is not None and after.negative is not None
+    changes = chord.changes() if known and before.negative != after.negative else 0
     places: list[float | None] = []
     if turned:
         places.append(chord.root(chord.rate))

@@ -46,8 +46,9 @@ class Walk(ABC):
         self._first = self._size = 0.0  # of steps, in the measure of the walk
         self._lost, self._clock = False, perf_counter()
         self._allowed = len(problem.inside_out(u0))
+        self._counts = problem.system.conservative and not problem.solver.iterative
         # without tension of edges K is positive semi-definite; displacements that are given may be no state of the path
-        self._point: Point | None = None if u0.any() else Point(u0, t0, 0, None)
+        self._point: Point | None = None if u0.any() else Point(u0, t0, 0 if self._counts else None, None)
         problem.accept(u0, t0)
 
     def states(self, resumed: bool) -> Iterator[Step | Attempt]:
@@ -115,16 +116,15 @@ class Walk(ABC):
         problem, before = self.problem, self._point
         problem.accept(u, t)
         inverted = problem.inside_out(u)
-        if critical is None and not problem.solver.iterative and not (before and record.negative_pivots == before.negative):
+        if critical is None and self._counts and not (before and record.negative_pivots == before.negative):
             problem.factorise(u, t)  # the last tangent of Newton's method, if there was one, was a little before the state
             record.negative_pivots = problem.negative_pivots()
-        negative = record.negative_pivots
         lowest = lowest_mode(problem, u, t).value if self._lowest else None
-        point = Point(u, t, negative, lowest)
+        point = Point(u, t, record.negative_pivots, lowest)
         if critical is None:
             critical = () if before is None else find(problem, before, point, False, self._rtol)
         status = Status.INVERTED if len(inverted) else Status.UNSTABLE if point.unstable else end.status
         energies, smallest, findings = problem.energies(u, t), problem.smallest_volume_ratio(u), self._monitors.at(u)
         now, clock = perf_counter(), self._clock
         self.t, self.u, self._point, self._allowed, self._clock = t, u, point, len(inverted), now
-        return Step(t, u, status, end, record, *energies, smallest, negative, lowest, jump, findings, critical, now - clock)
+        return Step(t, u, status, end, record, *energies, smallest, lowest, jump, findings, critical, now - clock)
