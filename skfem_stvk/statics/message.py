@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from itertools import pairwise
 
+from ..system import System
+from ..terms import Load, VolumePenalty
 from .history import History
 from .newton import End
 from .path.arc_length import ArcLength
@@ -34,15 +36,14 @@ def what_to_try(end: End, penalty: bool) -> str:
 def reason(
     status: Status,
     method: str,
+    system: System,
     history: History,
     t: float,
     negative: int | None,
     inverted: str,
-    branch: str = "",
-    penalty: bool = False,
-    loaded: bool = True,
-    started: bool = False,
-    cause: BaseException | None = None,
+    branch: str,
+    started: bool,
+    cause: BaseException | None,
 ) -> str:
     """The message of a result.
 
@@ -50,14 +51,13 @@ def reason(
     ----------
     inverted : names elements inside out or flat.
     branch : says whether a branch ends where it stopped.
-    penalty : whether a VolumePenalty is among the terms.
-    loaded : whether loads are.
     started : whether a state to start from came.
     cause : what interrupted it.
     """
     if status is Status.UNSTABLE:
         count = f"K has {negative} negative eigenvalue(s)" if negative else "K is not positive definite"
         mode = "a small part of result.critical_points[0].mode" if history.critical_points else "a small imperfection"
+        loaded = any(isinstance(term, Load) for term in system.terms)
         otherwise = ", or prescribe displacements instead of loads" if loaded else ""
         return (
             f"At t = {t:.4g} the body is in equilibrium, but unstable: {count}, and a real one would leave this state.{_critical(history)} Look for "
@@ -75,6 +75,7 @@ def reason(
         return f"Interrupted at t = {t:.6g}{by.rstrip('.')}. Kept so far: {kept}."
     if status is Status.STOPPED:
         where = "before its end" if method == ArcLength.name else "before the full load"
+        penalty = any(isinstance(term, VolumePenalty) for term in system.terms)
         unstable = len(history) and history[-1].negative
         already = f" The last state is unstable: K has {unstable} negative eigenvalue(s) there." if unstable else ""
         return f"Stopped {where}, at t = {t:.6g}{_why(history, t, branch, penalty, started)}{already}{_critical(history)}{_found(history)}"

@@ -14,7 +14,7 @@ from ..errors import LoadError, StvkError, StvkWarning
 from ..linear import LinearSolver, choose
 from ..results import Fields, Series
 from ..system import System
-from ..terms import Load, VolumePenalty
+from ..terms import Load
 from .branch_end import branch_end
 from .checkpoint import Checkpoint
 from .equilibrium import Equilibrium, kind_of
@@ -256,7 +256,5 @@ def _result(
         status = Status.INVERTED if len(inverted) else history[-1].end.status if stable else Status.UNSTABLE
         history.judge_last(status)
     named = problem.named(inverted) if len(inverted) else ""
-    penalty = any(isinstance(term, VolumePenalty) for term in problem.system.terms)
-    loaded = any(isinstance(term, Load) for term in problem.system.terms)
-    message = reason(status, walk.name, history, t, negative, named, branch, penalty, loaded, bool(start.any()), cause)
+    message = reason(status, walk.name, problem.system, history, t, negative, named, branch, bool(start.any()), cause)
     return StaticResult(problem.system, u, t, status, message, history, problem.solver.name, watch.parts())
