@@ -7,7 +7,9 @@ from scenes import beam, bent, block, column
 
 from skfem_stvk import NodalLoad, Pressure, SimplexMesh, Stop, StVK, System, Traction, solve_static
 from skfem_stvk.errors import StateError, StvkError
-from skfem_stvk.statics import SolveError, Status
+from skfem_stvk.statics import CriticalPoint, SolveError, Status
+from skfem_stvk.statics.path.arc_length import ArcLength
+from skfem_stvk.statics.path.critical import Point
 
 SPAN, RISE, EA = 1.0, 0.1, 1e3
 LENGTH = np.hypot(SPAN, RISE)
@@ -376,3 +378,25 @@ def test_states_that_have_passed_another_stop_are_not_resumed(tmp_path):
 def test_switches_are_true_or_false(name):
     with pytest.raises(StvkError, match=f"{name} = 'yes'; expected True or False"):
         solve_static(bar(), **{name: "yes"}, **OPTIONS)
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "resolved", "hopped"),
+    [
+        (0, 1, [True], False),
+        (0, 2, [True, True], False),
+        (1, 1, [], False),
+        (0, 2, [True, True, True, True], False),  # two of them go back
+        (0, 0, [True], True),
+        (0, 2, [True], True),
+        (1, 0, [], True),
+        (0, 1, [False], True),
+        (None, 1, [True], False),
+        (0, None, [], False),
+    ],
+)
+def test_a_step_stays_on_the_path_if_its_critical_points_explain_the_change(before, after, resolved, hopped):
+    walk, u = object.__new__(ArcLength), np.zeros(2)
+    walk._point = Point(u, 0.0, before, None)
+    points = tuple(CriticalPoint("bifurcation", 0.5, u, u, one) for one in resolved)
+    assert walk._hopped(Point(u, 1.0, after, None), points) is hopped
