@@ -9,6 +9,7 @@ from scenes import column
 
 from skfem_stvk import Isotropic, NodalLoad, Stop, StVK, StvkWarning, System, Traction, VolumePenalty, solve_static
 from skfem_stvk.statics import Status
+from skfem_stvk.statics.path import critical
 from skfem_stvk.statics.path.critical import Point
 
 CRITICAL = np.pi**2 * (1e4 / (1 - 0.3**2)) / 12 / (4 * 20**2)
@@ -199,3 +200,23 @@ def test_nobody_is_told_to_prescribe_displacements_who_does():
     )
     assert result.status is Status.UNSTABLE
     assert "prescribe displacements" not in result.message and "critical_points[0].mode as an imperfection" in result.message
+
+
+def test_where_the_tangent_is_singular_to_the_last_digit_a_state_beside_is_taken(monkeypatch):
+    chord, asked = object.__new__(critical._Chord), []
+
+    def corrected(self, f):
+        asked.append(f)
+        return None if f == 0.5 else (np.zeros(2), f)
+
+    monkeypatch.setattr(critical._Chord, "_corrected", corrected)
+    assert 0 < abs(chord.at(0.5)[1] - 0.5) < 1e-7 and asked[0] == 0.5
+    monkeypatch.setattr(critical._Chord, "_corrected", lambda self, f: None)
+    with pytest.raises(critical._Lost):
+        chord.at(0.5)
+
+
+def test_a_point_without_a_mode_is_not_called_resolved(monkeypatch):
+    monkeypatch.setattr(critical._Chord, "mode", lambda self, f, without: None)
+    (point,) = solve_static(column(1.3 * CRITICAL), steps=4, **OPTIONS).critical_points
+    assert not point.resolved and np.isfinite(point.mode).all() and "near t" in str(point)

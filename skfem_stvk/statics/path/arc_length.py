@@ -53,10 +53,11 @@ class ArcLength(Walk):
         return super().saved() | {"turns": self._turns, "states": self._states, "rate": rate, "goal": self._goal.saved()}
 
     def resume(self, steps: list[Step], saved: dict[str, Any]) -> None:
+        start = self.u, self.t
         super().resume(steps, saved)
         self._turns, self._states = saved["turns"], saved["states"]
         if saved["goal"] != self._goal.saved():
-            self._goal.refuse_passed(steps)
+            self._goal.refuse_passed(*start, steps)
             self.reached = self._goal.counted(self._turns, self._states)
         found = heading(self.problem, self.u, self.t)
         if saved["rate"] and isinstance(found, Heading):

@@ -94,19 +94,21 @@ class Goal:
                 found.append(((value - begin) / (end - begin), Plane(normal, weight, value, end - begin)))
         return min(found, key=lambda one: one[0], default=None)
 
-    def refuse_passed(self, steps: Sequence[Step]) -> None:
-        """Refuse states of which some have passed a level already.
+    def refuse_passed(self, u0: Array, t0: float, steps: Sequence[Step]) -> None:
+        """Refuse states from `(u0, t0)` on of which some have passed a level already.
 
         Raises
         ------
         StvkError
             with the states between which they did.
         """
-        for number, (one, other) in enumerate(pairwise(steps)):
-            if self.crossed(one.u, one.t, other.u, other.t) is not None:
+        states = [(u0, t0), *((step.u, step.t) for step in steps)]
+        for number, (one, other) in enumerate(pairwise(states)):
+            if self.crossed(*one, *other) is not None:
+                before = f"state {number - 1}" if number else "the start"
                 raise StvkError(
-                    f"The states that are kept have passed what {self._stop} asks for, between states {number} (t = {one.t:.4g}) and {number + 1} "
-                    f"(t = {other.t:.4g}). Give a stop that lies ahead, or begin anew from one of them: u0=result.history[{number}].u, t0={one.t:.6g}."
+                    f"The states that are kept have passed what {self._stop} asks for, between {before} (t = {one[1]:.4g}) and state {number} "
+                    f"(t = {other[1]:.4g}). Give a stop that lies ahead, or begin anew from {before}, with its u as u0 and t0={one[1]:.6g}."
                 )
 
     def saved(self) -> list[list[float]]:
