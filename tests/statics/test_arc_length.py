@@ -7,9 +7,12 @@ from scenes import beam, bent, block, column
 
 from skfem_stvk import NodalLoad, Pressure, SimplexMesh, Stop, StVK, System, Traction, solve_static
 from skfem_stvk.errors import StateError, StvkError
+from skfem_stvk.linear import SuperLU
 from skfem_stvk.statics import CriticalPoint, SolveError, Status
+from skfem_stvk.statics.equilibrium import Equilibrium
 from skfem_stvk.statics.path.arc_length import ArcLength
 from skfem_stvk.statics.path.critical import Point
+from skfem_stvk.statics.stopwatch import Stopwatch
 
 SPAN, RISE, EA = 1.0, 0.1, 1e3
 LENGTH = np.hypot(SPAN, RISE)
@@ -319,8 +322,12 @@ def test_a_load_that_ends_at_1_is_not_asked_beyond():
 
     p, t = np.array([[-SPAN, 0.0], [0, RISE]]), np.array([[0], [1]])
     system = System((p, t), [StVK(young=1e5, poisson=0.3, area=1e-2), NodalLoad([1], load)], fixed=[([0], "xy"), ([1], "x")])
-    assert solve_static(system, steps=5, quiet=True).success
-    assert min(asked) >= 0 and max(asked) <= 1
+    result = solve_static(system, steps=5, quiet=True)
+    problem = Equilibrium(system, SuperLU(), Stopwatch())
+    for u, factor in ((0 * result.u, 0.0), (result.u, 1.0)):
+        problem.factorise(u, factor)
+        np.testing.assert_allclose(problem.rate(u, factor)[0], [-0.1], rtol=1e-6)
+    assert result.success and min(asked) >= 0 and max(asked) <= 1
 
 
 @pytest.mark.parametrize("steps", [3, 10, 20, 100])
