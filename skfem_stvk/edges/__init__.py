@@ -5,5 +5,6 @@ from .form import EdgeForm
 from .penalty import PenaltyAssembly
 from .rows import Rows
 from .simplices import Linearized
+from .tensions import ALL, NONE, TENSILE, Tensions
 
-__all__ = ["Assembly", "EdgeForm", "Linearized", "PenaltyAssembly", "Rows"]
+__all__ = ["ALL", "NONE", "TENSILE", "Assembly", "EdgeForm", "Linearized", "PenaltyAssembly", "Rows", "Tensions"]

@@ -14,6 +14,7 @@ from .form import EdgeForm
 from .sharing import Shares
 from .simplices import Array, SimplexTerm
 from .stretches import Stretches
+from .tensions import ALL, Tensions
 
 
 class Assembly(Stretches, SimplexTerm):
@@ -45,6 +46,44 @@ class Assembly(Stretches, SimplexTerm):
         total: NDArray[np.float64] = np.sum(coefficients, axis=0)
         return total
 
+    @in_turn
+    def mean_force(self, u0: Array, u1: Array, weights: tuple[float, float], theta: float, force: Array) -> float:
+        """Add to `force` (nv, d) [N] what mean tensions of two states `u0`, `u1` (nv, d) pull along the edges as they are in between.
+
+            f_a = sum_b t_ab (p_a - p_b)        t = L (w0 zeta(u0) + w1 zeta(u1)),  p at (1 - theta) u0 + theta u1
+
+        Forces and torques about `p` balance. The work over `u1 - u0` is `W(u1) - W(u0)` for `w0 = w1 = theta = 1/2`, and with other weights of
+        sum 1 more by `(w1 - w0)` times `1/4 dzeta' L dzeta` [J], which is returned: zero for a rigid motion, and never negative.
+        """
+        shares = self._forces
+        f = self._slots("F", shares)
+        block_kernels.gather(u0, self.vertices, self._u)
+        change = self._gathered("direction", u1, np.float64)
+        change -= self._u
+        simplices = self._t.ravel(), shares.slots, self._D, self._X, self._u
+        w0, w1 = weights
+        parts = run(simplex_kernels.mean_force, shares.parts, *simplices, change, float(w0), float(w1), float(theta), f)
+        self._add(f, shares, force)
+        return sum(parts)
+
+    @in_turn
+    def damping_force(self, u: Array, v: Array, force: Array) -> float:
+        """Add to `force` (nv, d) the resistance of the edges to velocities `v` at `u` (nv, d), for a relaxation time of 1 s.
+
+            f_a = sum_b t_ab (p_a - p_b)        t = L dzeta/dt,  dzeta_ab/dt = 2 (p_a - p_b) . (v_a - v_b)
+
+        It is `2 J' L J v`, the product with the Gauss-Newton tangent, and the derivative by `v` of `R = 1/4 dzeta/dt' L dzeta/dt` [W], which
+        is returned: the power that it takes is `2 R`. Rigid motions, turning ones too, meet no resistance.
+        """
+        shares = self._forces
+        f = self._slots("F", shares)
+        block_kernels.gather(u, self.vertices, self._u)
+        V = self._gathered("direction", v, np.float64)
+        simplices = self._t.ravel(), shares.slots, self._D, self._X, self._u
+        parts = run(simplex_kernels.damping_force, shares.parts, *simplices, V, f)
+        self._add(f, shares, force)
+        return sum(parts)
+
     def _round_off(self, shares: Shares, f: Array) -> None:
         run(simplex_kernels.round_off, shares.parts, self._t.ravel(), shares.slots, self._D, self._X, self._u, f)
 
@@ -68,14 +107,14 @@ class Assembly(Stretches, SimplexTerm):
 
     @in_turn
     def edge_blocks(
-        self, u: Array, force: Array | None = None, out: Array | None = None, clamped: bool = False
+        self, u: Array, force: Array | None = None, out: Array | None = None, kept: Tensions = ALL
     ) -> tuple[float, Array]:
-        """As of `SimplexTerm`; `clamped` puts `max(t, 0)` in the place of the tensions `t` of the edges, so that K is positive semi-definite."""
-        W, blocks = super().edge_blocks(u, force, out)
-        if clamped:
-            run(block_kernels.clamp, self._products.parts, self._tensions(), blocks)
+        """As of `SimplexTerm`: `K = 2 J' L J + sum g t Lap (x) I` with the factors `g` of the tensions `t` that are kept."""
+        W, blocks = super().edge_blocks(u, force, out, kept)
+        if kept.negative != kept.positive:
+            run(block_kernels.weigh_negative, self._products.parts, self._tensions(), kept.positive - kept.negative, blocks)
         return W, blocks
 
-    def _linearize(self, shares: Shares, edge_slots: NDArray[Any], f: Array, blocks: Array, clamped: bool) -> float:
-        simplices = self._t.ravel(), shares.slots, edge_slots, self._own.marks, self._D, self._X
-        return sum(run(simplex_kernels.linearize, shares.parts, *simplices, self._u, f, blocks))
+    def _linearize(self, shares: Shares, edge_slots: NDArray[Any], f: Array, blocks: Array, kept: Tensions) -> float:
+        simplices = self._t.ravel(), shares.slots, edge_slots, self._own.marks, self._D, self._X, self._u
+        return sum(run(simplex_kernels.linearize, shares.parts, *simplices, kept.positive, f, blocks))

@@ -16,6 +16,7 @@ from .order import OwnOrder
 from .rows import Rows
 from .sharing import Shares
 from .simplices import Array, Linearized, SimplexTerm
+from .tensions import ALL, Tensions
 from .topology import edge_topology
 
 
@@ -48,10 +49,10 @@ class PenaltyAssembly(SimplexTerm):
         simplices = self._t.ravel(), shares.slots, self._D, self._X, self._u
         return self._checked(run(penalty_kernels.penalty_energy_and_force, shares.parts, *simplices, self.k, self._kind, f))
 
-    def _linearize(self, shares: Shares, edge_slots: NDArray[Any], f: Array, blocks: Array, clamped: bool) -> float:
+    def _linearize(self, shares: Shares, edge_slots: NDArray[Any], f: Array, blocks: Array, kept: Tensions) -> float:
         simplices = self._t.ravel(), shares.slots, edge_slots, self._own.marks, self._D, self._X, self._u
         return self._checked(
-            run(penalty_kernels.penalty_linearize, shares.parts, *simplices, self.k, self._kind, clamped, f, blocks)
+            run(penalty_kernels.penalty_linearize, shares.parts, *simplices, self.k, self._kind, kept.negative, f, blocks)
         )
 
     def _round_off(self, shares: Shares, f: Array) -> None:
@@ -59,11 +60,9 @@ class PenaltyAssembly(SimplexTerm):
         least = run(penalty_kernels.penalty_round_off, shares.parts, *simplices, self.k, self._kind, f)
         self._checked([(0.0, value) for value in least])
 
-    def tangent(
-        self, u: Array, rows: Rows, data: Array, add: bool, force: Array | None = None, clamped: bool = False
-    ) -> Linearized:
+    def tangent(self, u: Array, rows: Rows, data: Array, add: bool, force: Array | None = None, kept: Tensions = ALL) -> Linearized:
         """As of `SimplexTerm`. What `psi'` adds to K is skew and in no diagonal entry: if it overflows, so does the energy."""
-        W, total = super().tangent(u, rows, data, add, force, clamped)
+        W, total = super().tangent(u, rows, data, add, force, kept)
         return Linearized(W, total + W)
 
     def _checked(self, found: list[tuple[float, float]]) -> float:

@@ -12,6 +12,7 @@ from ..kernels import blocks as block_kernels
 from ..kernels.threads import in_turn, parts_of, run
 from .rows import Places, Rows, rows_of
 from .sharing import Shares
+from .tensions import ALL, Tensions
 from .volumes import Volumes
 
 Array = NDArray[np.floating[Any]]
@@ -52,13 +53,13 @@ class SimplexTerm(Volumes, ABC):
 
     @in_turn
     def edge_blocks(
-        self, u: Array, force: Array | None = None, out: Array | None = None, clamped: bool = False
+        self, u: Array, force: Array | None = None, out: Array | None = None, kept: Tensions = ALL
     ) -> tuple[float, Array]:
         """The energy [J] and the blocks `K_ab` (9 ne,) of the edges at `u` (nv, d), with room for what threads add to them.
 
         Adds the internal force to `force` (nv, d). `out` are blocks that this method returned before, to be filled anew.
 
-        `clamped`: without what can make K indefinite.
+        `kept`: which tensions of edges stay in K.
         """
         shares, to = self._forces, self._blocks
         size = 9 * (self._own.total + len(to.extra))
@@ -66,14 +67,14 @@ class SimplexTerm(Volumes, ABC):
         f = self._slots("F", shares) if force is not None else np.empty(0, dtype=self.dtype)
         block_kernels.gather(u, self.vertices, self._u)
         blocks[9 * self._own.total :] = 0
-        W = self._linearize(shares, to.slots.reshape(len(self._t), -1), f, blocks, clamped)
+        W = self._linearize(shares, to.slots.reshape(len(self._t), -1), f, blocks, kept)
         block_kernels.fold(blocks, self._own.total, to.extra, 9)
         if force is not None:
             self._add(f, shares, force)
         return W, blocks
 
     @abstractmethod
-    def _linearize(self, shares: Shares, edge_slots: NDArray[Any], f: Array, blocks: Array, clamped: bool) -> float:
+    def _linearize(self, shares: Shares, edge_slots: NDArray[Any], f: Array, blocks: Array, kept: Tensions) -> float:
         """As `_energy`; writes the blocks of the edges to their slots in `blocks`."""
 
     def rows(self, pattern: Places) -> Rows:
@@ -81,14 +82,12 @@ class SimplexTerm(Volumes, ABC):
         return rows_of(self._own, self.vertices, pattern)
 
     @in_turn
-    def tangent(
-        self, u: Array, rows: Rows, data: Array, add: bool, force: Array | None = None, clamped: bool = False
-    ) -> Linearized:
+    def tangent(self, u: Array, rows: Rows, data: Array, add: bool, force: Array | None = None, kept: Tensions = ALL) -> Linearized:
         """Write the tangent stiffness [N/m] to the CSR values `data`, or add it to them; adds the force to `force` (nv, d).
 
-        `clamped`: as of `edge_blocks`.
+        `kept`: as of `edge_blocks`.
         """
-        W, blocks = self.edge_blocks(u, force, self._kept.get("blocks"), clamped)
+        W, blocks = self.edge_blocks(u, force, self._kept.get("blocks"), kept)
         self._kept["blocks"] = blocks
         parts = parts_of(len(self.vertices), 1, self._threads)
         totals = run(block_kernels.fill_rows, parts, *rows, blocks, AXES[u.shape[1]], add, data)
@@ -102,9 +101,18 @@ class SimplexTerm(Volumes, ABC):
         run(block_kernels.multiply, shares.parts, self._own.edges, shares.slots.reshape(-1, 2), blocks, x, y)
         self._add(y, shares, out)
 
+    @property
+    def own_edges(self) -> NDArray[np.int32]:
+        """(ne, 2) edges in the order of their blocks, of numbers of `vertices`."""
+        return self._own.edges
+
     def add_diagonal(self, blocks: Array, out: Array) -> None:
         """Add the diagonal blocks `K_aa` to `out` (nv, d, d), for the `blocks` of the edges."""
         block_kernels.add_diagonal(self._own.edges, self.vertices, blocks, out)
+
+    def add_norms(self, blocks: Array, x: Array, out: Array) -> None:
+        """Add `sum_b |K_ab| x_b` over the other vertices `b` to `out` (nv,), for `x` (nv,); Frobenius norms of the `blocks` of the edges."""
+        block_kernels.add_norms(self._own.edges, self.vertices, blocks, self.d, x, out)
 
     @in_turn
     def add_round_off(self, u: Array, out: Array) -> None:

@@ -122,14 +122,13 @@ def fill_rows(
 
 
 @kernel
-def clamp(begin: int, end: int, tensions: Reals, blocks: Reals) -> None:
-    """Leave negative tensions out of the blocks of edges `begin` to `end`: `t_ab` stands in `K_ab` as `-t_ab I`."""
+def weigh_negative(begin: int, end: int, tensions: Reals, less: float, blocks: Reals) -> None:
+    """Take `less` times the negative tensions out of the blocks of edges `begin` to `end`: `t_ab` stands in `K_ab` as `-t_ab I`."""
     for e in range(begin, end):
-        tension, at = tensions[I(e)], I(9 * e)
-        if tension < 0:
-            blocks[at] += tension
-            blocks[at + I(4)] += tension
-            blocks[at + I(8)] += tension
+        tension, at = tensions.dtype.type(less) * min(tensions[I(e)], tensions.dtype.type(0)), I(9 * e)
+        blocks[at] += tension
+        blocks[at + I(4)] += tension
+        blocks[at + I(8)] += tension
 
 
 @kernel
@@ -143,6 +142,20 @@ def add_diagonal(edges: Ids, order: Ids, blocks: Reals, out: Reals) -> None:
             for c in range(d):
                 out[a, I(r), I(c)] -= blocks[at + I(3 * r + c)]
                 out[b, I(r), I(c)] -= blocks[at + I(3 * c + r)]
+
+
+@kernel
+def add_norms(edges: Ids, order: Ids, blocks: Reals, d: int, x: Reals, out: Reals) -> None:
+    """Add `sum_b |K_ab| x_b` to `out` (n,) of the mesh, with Frobenius norms of the `d x d` blocks of `edges` (ne, 2) and `x` (n,)."""
+    for e in range(len(edges)):
+        i = I(e)
+        a, b, at, square = I(order[I(edges[i, I(0)])]), I(order[I(edges[i, I(1)])]), I(9) * i, 0.0
+        for r in range(d):
+            for c in range(d):
+                square += float(blocks[at + I(3 * r + c)]) ** 2
+        norm = np.sqrt(square)
+        out[a] += norm * x[b]
+        out[b] += norm * x[a]
 
 
 @kernel
@@ -167,3 +180,10 @@ def pick(begin: int, end: int, places: Ids, values: Reals, out: Reals) -> None:
     """`out[i] = values[places[i]]` for `begin <= i < end`: 2.5 x as fast as `np.take` on one thread."""
     for i in range(begin, end):
         out[I(i)] = values[I(places[I(i)])]
+
+
+@kernel
+def add_scaled(begin: int, end: int, factor: float, blocks: Reals, out: Reals) -> None:
+    """`out[i] += factor blocks[i]` for `begin <= i < end`."""
+    for i in range(begin, end):
+        out[I(i)] += out.dtype.type(factor) * blocks[I(i)]

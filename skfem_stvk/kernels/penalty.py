@@ -228,17 +228,16 @@ def penalty_linearize(
     u: Reals,
     k: int,
     kind: int,
-    clamped: bool,
+    kept: float,
     f: Reals,
     blocks: Reals,
 ) -> tuple[float, float]:
-    """As `penalty_energy_and_force`; adds `K_ab` of the edges, if `clamped` without `psi'`, to their slots in `blocks` as `simplices.linearize` does."""
+    """As `penalty_energy_and_force`; adds `K_ab` of the edges, `psi'` times `kept` in it, to their slots in `blocks` as `simplices.linearize` does."""
     P, U, forces = np.empty(9 * LANES, D.dtype), np.empty(9 * LANES, D.dtype), np.empty(9 * LANES, D.dtype)
     e, J = np.empty(LANES, D.dtype), np.empty(LANES, D.dtype)
     psi, slope, curvature = np.empty(LANES, D.dtype), np.empty(LANES, D.dtype), np.empty(LANES, D.dtype)
     values = np.empty(54 * LANES, D.dtype)
     more, most = D.dtype.type(k > 1), D.dtype.type(k > 2)
-    kept = D.dtype.type(not clamped)
     W, least = 0.0, 1.0
     for block in range(begin, end):
         _gather_spokes(t, block, X, u, k, P, U)
@@ -258,7 +257,7 @@ def penalty_linearize(
             y1, y2, y3 = _scaled(over_C0, n1), _scaled(over_C0, n2), _scaled(over_C0, n3)
             y0 = (-(y1[0] + y2[0] + y3[0]), -(y1[1] + y2[1] + y3[1]), -(y1[2] + y2[2] + y3[2]))
             z0, z1, z2 = _scaled(bend, y0), _scaled(bend, y1), _scaled(bend, y2)
-            h = kept * factor
+            h = D.dtype.type(kept) * factor
             q12, q13, q23 = _scaled(-h * more, p3), _scaled(h * most, p2), _scaled(-h * most, p1)
             _put_block(z0, y1, _sum(q12, q13), values, lane)
             _put_block(z1, y2, q12, values, lane + I(9 * LANES))

@@ -10,6 +10,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from .cg import BETA, MORE, NEGATIVE, NORM, NOT_FINITE, RHO, SMALL, P, Q, R, X
 from .compiled import Ids, Reals
 from .penalty import BARRIER, COMPRESSION, QUADRATIC
 from .simplices import LANES
@@ -87,28 +88,44 @@ def edges_and_tensions(part: slice, t: Ids, D: Reals, X: Reals, u: Reals) -> tup
     return P + U, zeta, *tensions_of(zeta, part, D)
 
 
+def pull_along_edges(tensions: Reals, x: Reals, slots: Ids, f: Reals) -> None:
+    """An edge of tension `t_ab` (n, 6) between vertices `x` (n, 4, 3) adds `t_ab (x_a - x_b)` to the slots (n, 4) of its ends."""
+    for e, (a, b) in enumerate(EDGES):
+        pull = tensions[:, e, None] * (x[:, a] - x[:, b])
+        np.add.at(f.reshape(-1, 3), slots[:, a], pull)
+        np.subtract.at(f.reshape(-1, 3), slots[:, b], pull)
+
+
 def energy_and_force(begin: int, end: int, t: Ids, slots: Ids, D: Reals, X: Reals, u: Reals, f: Reals) -> float:
     """`W = 1/4 sum t_ab zeta_ab`; an edge pulls its ends with `t_ab p_ab`."""
     part = slice(begin, end)
     x, zeta, tensions, _ = edges_and_tensions(part, t, D, X, u)
-    to, slots = f.reshape(-1, 3), out_of_lanes(slots, 4, part)
-    for e, (a, b) in enumerate(EDGES if len(f) else ()):
-        pull = tensions[:, e, None] * (x[:, a] - x[:, b])
-        np.add.at(to, slots[:, a], pull)
-        np.subtract.at(to, slots[:, b], pull)
+    if len(f):
+        pull_along_edges(tensions, x, out_of_lanes(slots, 4, part), f)
     return float((tensions * zeta).sum() / 4)
 
 
 def linearize(
-    begin: int, end: int, t: Ids, slots: Ids, edge_slots: Ids, marks: Ids, D: Reals, X: Reals, u: Reals, f: Reals, blocks: Reals
+    begin: int,
+    end: int,
+    t: Ids,
+    slots: Ids,
+    edge_slots: Ids,
+    marks: Ids,
+    D: Reals,
+    X: Reals,
+    u: Reals,
+    kept: float,
+    f: Reals,
+    blocks: Reals,
 ) -> float:
-    """`K_ij = 2 sum_kl D_ikjl p_k p_l' + S_ij I` of the spokes, `K_0j = -sum_i K_ij`, and of them the blocks of the edges."""
+    """`K_ij = 2 sum_kl D_ikjl p_k p_l' + kept S_ij I` of the spokes, `K_0j = -sum_i K_ij`, and of them the blocks of the edges."""
     part = slice(begin, end)
     p, _, _, S = edges_and_tensions(part, t, D, X, u)
     p = p[:, 1:]
     K = np.empty((len(p), 4, 4, 3, 3), D.dtype)
     spokes = 2 * np.einsum("nikjl,nkx,nly->nijxy", stiffness(D, part), p, p)
-    K[:, 1:, 1:] = spokes + np.einsum("nij,xy->nijxy", S, np.eye(3))
+    K[:, 1:, 1:] = spokes + kept * np.einsum("nij,xy->nijxy", S, np.eye(3))
     K[:, 0, 1:] = -K[:, 1:, 1:].sum(axis=1)
     blocks[9 * marks[begin] : 9 * marks[end]] = 0
     edges = edge_slots.shape[1] // LANES
@@ -138,6 +155,30 @@ def along(begin: int, end: int, t: Ids, D: Reals, X: Reals, u: Reals, v: Reals) 
         for n, elongations in enumerate(zetas):
             c[m + n] += float((tensions * elongations).sum()) / 4
     return c[0], c[1], c[2], c[3], c[4]
+
+
+def mean_force(
+    begin: int, end: int, t: Ids, slots: Ids, D: Reals, X: Reals, u: Reals, v: Reals, w0: float, w1: float, theta: float, f: Reals
+) -> float:
+    """`w0 t_ab(u) + w1 t_ab(u + v)` pulls along `p_ab + theta V_ab`; `1/4 sum dt_ab dzeta_ab` with `dzeta_ab = (2 p_ab + V_ab) . V_ab`."""
+    part = slice(begin, end)
+    x, _, tensions, _ = edges_and_tensions(part, t, D, X, u)
+    y = corners(v, part, t, D)
+    p, V = along_edges(x), along_edges(y)
+    dzeta = ((p + p + V) * V).sum(axis=2)
+    more = tensions_of(dzeta, part, D)[0]
+    pull_along_edges((w0 + w1) * tensions + w1 * more, x + theta * y, out_of_lanes(slots, 4, part), f)
+    return float((more * dzeta).sum() / 4)
+
+
+def damping_force(begin: int, end: int, t: Ids, slots: Ids, D: Reals, X: Reals, u: Reals, v: Reals, f: Reals) -> float:
+    """`t_ab` at `zeta'_ab = 2 p_ab . V_ab` pulls along `p_ab`; `1/4 sum t_ab zeta'_ab`."""
+    part = slice(begin, end)
+    x = edges_and_tensions(part, t, D, X, u)[0]
+    rates = 2 * (along_edges(x) * along_edges(corners(v, part, t, D))).sum(axis=2)
+    tensions = tensions_of(rates, part, D)[0]
+    pull_along_edges(tensions, x, out_of_lanes(slots, 4, part), f)
+    return float((tensions * rates).sum() / 4)
 
 
 def round_off(begin: int, end: int, t: Ids, slots: Ids, D: Reals, X: Reals, u: Reals, f: Reals) -> None:
@@ -250,11 +291,11 @@ def penalty_linearize(
     u: Reals,
     k: int,
     kind: int,
-    clamped: bool,
+    kept: float,
     f: Reals,
     blocks: Reals,
 ) -> tuple[float, float]:
-    """`K_ij = k V0 (psi'' dJ/dp_i dJ/dp_j' + psi' d2J/dp_i dp_j)` of the spokes, `K_0j = -sum_i K_ij`.
+    """`K_ij = k V0 (psi'' dJ/dp_i dJ/dp_j' + kept psi' d2J/dp_i dp_j)` of the spokes, `K_0j = -sum_i K_ij`.
 
     d2J/dp_ix dp_jy = sum_mz eps_ijm eps_xyz p_mz / C0; in one and two dimensions with the axes across for the spokes that are missing
     """
@@ -266,7 +307,7 @@ def penalty_linearize(
     q[:, :k, :k] = p
     second = np.einsum("ijm,xyz,nmz->nijxy", e, e, q)[:, :k, :k, :k, :k] * out_of_lanes(D, 2, part)[:, 1, None, None, None, None]
     spokes = np.einsum("n,nix,njy->nijxy", stiffness * curvature, n, n)
-    spokes += (0 if clamped else 1) * np.einsum("n,nijxy->nijxy", stiffness * slope, second)
+    spokes += kept * np.einsum("n,nijxy->nijxy", stiffness * slope, second)
     K = np.zeros((len(p), 4, 4, 3, 3))
     K[:, 1 : k + 1, 1 : k + 1, :k, :k] = spokes
     K[:, 0, 1:] = -K[:, 1:, 1:].sum(axis=1)
@@ -315,6 +356,11 @@ def pick(begin: int, end: int, places: Ids, values: Reals, out: Reals) -> None:
     out[begin:end] = values[places[begin:end]]
 
 
+def add_scaled(begin: int, end: int, factor: float, blocks: Reals, out: Reals) -> None:
+    """`out += factor blocks`."""
+    out[begin:end] += factor * blocks[begin:end]
+
+
 def fold(values: Reals, size: int, targets: Ids, width: int) -> None:
     """Add the slots behind the first `size` to their targets."""
     slots = values.reshape(-1, width)
@@ -354,9 +400,9 @@ def fill_rows(
     return trace
 
 
-def clamp(begin: int, end: int, tensions: Reals, blocks: Reals) -> None:
-    """`K_ab + min(t_ab, 0) I`."""
-    blocks.reshape(-1, 3, 3)[begin:end] += np.minimum(tensions[begin:end, None, None], 0) * np.eye(3)
+def weigh_negative(begin: int, end: int, tensions: Reals, less: float, blocks: Reals) -> None:
+    """`K_ab + less min(t_ab, 0) I`."""
+    blocks.reshape(-1, 3, 3)[begin:end] += less * np.minimum(tensions[begin:end, None, None], 0) * np.eye(3)
 
 
 def add_diagonal(edges: Ids, order: Ids, blocks: Reals, out: Reals) -> None:
@@ -364,6 +410,14 @@ def add_diagonal(edges: Ids, order: Ids, blocks: Reals, out: Reals) -> None:
     d, K = out.shape[1], blocks.reshape(-1, 3, 3)[: len(edges)]
     np.subtract.at(out, order[edges[:, 0]], K[:, :d, :d])
     np.subtract.at(out, order[edges[:, 1]], np.swapaxes(K, 1, 2)[:, :d, :d])
+
+
+def add_norms(edges: Ids, order: Ids, blocks: Reals, d: int, x: Reals, out: Reals) -> None:
+    """Add `|K_ab| x_b` to `out` (n,) of the mesh, and at the other end `|K_ab| x_a`."""
+    K = blocks.reshape(-1, 3, 3)[: len(edges), :d, :d].astype(np.float64)
+    (a, b), norms = order[edges].T, np.linalg.norm(K, axis=(1, 2))
+    np.add.at(out, a, norms * x[b])
+    np.add.at(out, b, norms * x[a])
 
 
 def multiply(begin: int, end: int, edges: Ids, slots: Ids, blocks: Reals, v: Reals, out: Reals) -> None:
@@ -653,3 +707,115 @@ def turn(begin: int, end: int, beta: float, z: Reals, p: Reals) -> None:
 def multiply_diagonal(begin: int, end: int, blocks: Reals, x: Reals, out: Reals) -> None:
     """Block by block."""
     out.reshape(-1, 3)[begin:end] = np.einsum("nij,nj->ni", blocks.reshape(-1, 3, 3)[begin:end], x.reshape(-1, 3)[begin:end])
+
+
+def matrix_of_edges(edges: Ids, blocks: Reals, diagonal: Reals, n: int) -> Reals:
+    """(3 n, 3 n) with `A_ab`, `A_ba = A_ab'`, and `A_aa` that are given or `s_a - sum_b A_ab`, dense."""
+    A = np.zeros((n, n, 3, 3))
+    shifted = len(diagonal) == 3 * n
+    A[range(n), range(n)] = diagonal.reshape(n, 3, 1) * np.eye(3) if shifted else diagonal.reshape(n, 3, 3)
+    for (a, b), block in zip(edges, blocks.reshape(-1, 3, 3), strict=True):
+        A[a, b] += block
+        A[b, a] += block.T
+        A[a, a] -= shifted * block
+        A[b, b] -= shifted * block.T
+    return A.swapaxes(1, 2).reshape(3 * n, 3 * n)
+
+
+def filtered(edges: Ids, blocks: Reals, diagonal: Reals, inverse: Reals, held: Ids) -> tuple[Reals, Reals]:
+    """The matrix and its preconditioner without rows and columns that are held."""
+    A = matrix_of_edges(edges, blocks, diagonal, len(inverse) // 9)
+    A[held] = 0
+    A[:, held] = 0
+    D = np.zeros_like(A)
+    for row, block in enumerate(inverse.reshape(-1, 3, 3)):
+        D[3 * row : 3 * row + 3, 3 * row : 3 * row + 3] = block
+    return A, D
+
+
+def residual(
+    edges: Ids, blocks: Reals, diagonal: Reals, inverse: Reals, held: Ids, places: Ids, b: Reals, state: Reals, work: Reals
+) -> None:
+    """`r = b - A x`, `z = D^-1 r`."""
+    A, D = filtered(edges, blocks, diagonal, inverse, held)
+    work[R, places] = b
+    work[R] -= A @ work[X]
+    work[P], work[Q] = 0, D @ work[R]
+    state[:] = np.linalg.norm(work[R]), work[Q] @ work[R], 0
+
+
+def iterate(
+    edges: Ids, blocks: Reals, diagonal: Reals, inverse: Reals, held: Ids, enough: float, most: int, state: Reals, work: Reals
+) -> tuple[int, int]:
+    """`p = z + beta p`, `alpha = z'r / p'Ap`, `x += alpha p`, `r -= alpha A p`, `beta = z'(r - r_before) / (z'r)_before`."""
+    A, D = filtered(edges, blocks, diagonal, inverse, held)
+    for done in range(most):
+        norm, rho, beta = state
+        if norm <= enough:
+            return SMALL, done
+        p = work[Q] + beta * work[P]
+        if not rho > 0 or not p @ A @ p > 0:
+            return NEGATIVE if np.isfinite(rho) and np.isfinite(p @ A @ p) else NOT_FINITE, done
+        alpha, before = rho / (p @ A @ p), work[R].copy()
+        work[X] += alpha * p
+        work[R] -= alpha * A @ p
+        work[P], work[Q] = p, D @ work[R]
+        state[NORM], state[RHO] = np.linalg.norm(work[R]), work[Q] @ work[R]
+        state[BETA] = max(work[Q] @ (work[R] - before) / rho, 0)
+        if not np.isfinite(state[NORM]):
+            return NOT_FINITE, done + 1
+    return SMALL if state[NORM] <= enough else MORE, most
+
+
+def shifted_diagonal(edges: Ids, blocks: Reals, held: Ids, places: Ids, shift: Reals, diagonal: Reals, out: Reals) -> float:
+    """The blocks on the diagonal of the matrix, with the shift."""
+    if len(shift):
+        diagonal[places] = shift
+    n = len(out) // 9
+    A = matrix_of_edges(edges, blocks, diagonal, n)
+    A[held] = 0
+    A[:, held] = 0
+    out[:] = A.reshape(n, 3, n, 3)[range(n), :, range(n)].ravel()
+    return float(out.sum())
+
+
+def fill_edges(
+    rows: Ids,
+    columns: Ids,
+    first: Ids,
+    block: Ids,
+    component: Ids,
+    indptr: Ids,
+    indices: Ids,
+    values: Reals,
+    blocks: Reals,
+    diagonal: Reals,
+) -> None:
+    """The blocks of the matrix that are above the diagonal, and on it."""
+    n = len(rows) - 1
+    A, place = np.zeros((3 * n, 3 * n)), 3 * block + component
+    for u, to in enumerate(place):
+        A[to, place[indices[indptr[u] : indptr[u + 1]]]] = values[indptr[u] : indptr[u + 1]]
+    A = A.reshape(n, 3, n, 3).swapaxes(1, 2)
+    blocks[:] = A[np.repeat(range(n), np.diff(rows)), columns].ravel()
+    diagonal[:] = A[range(n), range(n)].ravel()
+
+
+# Of motion.
+
+
+def momenta(p: Reals, u: Reals, v: Reals, Mv: Reals, out: Reals) -> None:
+    """`v . M v`, `sum M v`, `sum x (x) M v`."""
+    x, q = np.zeros((len(u), 3)), np.zeros((len(u), 3))
+    x[:, : len(p)], q[:, : len(p)] = p.T + u, Mv
+    out[:] = [(v * Mv).sum(), *q.sum(axis=0), *np.cross(x, q).sum(axis=0)]
+
+
+def push(inverse: Reals, force: Reals, h: float, v: Reals) -> None:
+    """`v += h M^-1 force`."""
+    v += h * inverse * force
+
+
+def drift(is_free: Ids, v: Reals, h: float, u: Reals) -> None:
+    """`u += h v` where it is free."""
+    u[is_free != 0] += h * v[is_free != 0]

@@ -73,6 +73,8 @@ def parts_of(count: int, each: float, threads: int) -> NDArray[np.int64]:
 def run(kernel: Callable[..., Result], parts: NDArray[np.int64], *arguments: Any) -> list[Result]:
     """`kernel(begin, end, *arguments)` for each part at the same time; results in the order of the parts."""
     (begin, end), *others = [(int(begin), int(end)) for begin, end in pairwise(parts)]
+    if not others:
+        return [kernel(begin, end, *arguments)]
     try:
         running = [_pool().submit(kernel, *part, *arguments) for part in others]
     except RuntimeError:  # Python is on its way out and starts nothing any more

@@ -4,7 +4,7 @@ from .amg import AmgCg
 from .block_jacobi import BlockJacobiCg
 from .choose import SOLVERS, choose
 from .pardiso import Pardiso
-from .solver import Analysis, Factors, Kind, LinearSolver, Operator, Outcome, Solution, Unknowns
+from .solver import Analysis, EdgeBlocks, Factors, Kind, LinearSolver, Operator, Outcome, Solution, Unknowns
 from .superlu import SuperLU
 
 __all__ = [
@@ -12,6 +12,7 @@ __all__ = [
     "AmgCg",
     "Analysis",
     "BlockJacobiCg",
+    "EdgeBlocks",
     "Factors",
     "Kind",
     "LinearSolver",

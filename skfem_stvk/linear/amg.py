@@ -10,7 +10,7 @@ import numpy as np
 from ..errors import StvkError
 from ..kernels.threads import parts_of, threads
 from .cg import conjugate_gradients, dot
-from .checks import Newest, check_kind, checked_values, checked_vector
+from .checks import Newest, check_kind, checked_start, checked_values, checked_vector, handed_out
 from .hierarchy import Hierarchy
 from .level import SINGLE, Level
 from .solver import Kind, Solution, Unknowns, Vector
@@ -98,14 +98,15 @@ class AmgFactors:
         self._single = np.empty_like(analysis.finest.x)
         self._product = np.empty(len(self._single))
 
-    def solve(self, b: Vector, rtol: float = 1e-10) -> Solution:
+    def solve(self, b: Vector, rtol: float = 1e-10, x0: Vector | None = None, out: Vector | None = None) -> Solution:
         """Conjugate gradients, each iteration with a product in double precision and a cycle in single."""
         self._newest.check(self._number)
         rows = self._analysis.rows
-        b = rows.padded(checked_vector(b, rows.n))
-        found = conjugate_gradients(self._multiply, self._precondition, b, rtol, MOST)
+        b, x0 = rows.padded(checked_vector(b, rows.n)), checked_start(x0, rows.n)
+        start = None if x0 is None else rows.padded(x0)
+        found = conjugate_gradients(self._multiply, self._precondition, b, rtol, MOST, start)
         self._pace.note(found)
-        return replace(found, x=rows.taken(found.x))
+        return handed_out(replace(found, x=rows.taken(found.x)), out)
 
     def _multiply(self, x: Vector) -> Vector:
         finest = self._analysis.finest
@@ -129,9 +130,9 @@ class _Pace:
 
     def note(self, found: Solution) -> None:
         """A solve of few iterations says nothing."""
-        if found.iterations < 5 or not 0 < found.residual < 0.1:
+        if found.iterations < 5 or not 0 < found.residual < 0.1 * found.start:
             return
-        pace = found.iterations / -np.log10(found.residual)
+        pace = found.iterations / np.log10(found.start / found.residual)
         self._first = self._first or pace
         self.is_slow = pace > GROWTH * self._first
 

@@ -1,9 +1,9 @@
-"""Conjugate gradients without a matrix, with the diagonal blocks of the vertices as preconditioner."""
+"""Conjugate gradients with the diagonal blocks of the vertices as preconditioner, without a matrix or with one."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,17 +11,23 @@ from numpy.typing import NDArray
 from ..errors import StateError, StvkError, name_ids
 from ..kernels import sparse as kernels
 from ..kernels.threads import parts_of, run, threads
+from .assembled import AssembledAnalysis
 from .cg import conjugate_gradients
-from .checks import Newest, check_kind, checked_vector
-from .solver import Kind, Operator, Solution, Unknowns, Vector
-
-#: Iterations at most: on slender bodies they grow with the number of elements along them, and more.
-MOST = 50_000
+from .checks import Newest, check_kind, checked_start, checked_vector, handed_out
+from .edge_cg import MOST, EdgeCg, EdgeFactors
+from .solver import EdgeBlocks, Kind, Operator, Solution, Unknowns, Vector
 
 
 @dataclass(frozen=True)
 class BlockJacobiCg:
     """The least memory: neither K nor its pattern is ever formed. Iterations grow with refinement.
+
+    Of a body of one term the whole loop is compiled, on one thread: faster than with products on any number of threads and Python between them.
+
+    Attributes
+    ----------
+    assembled : take K as a matrix instead, of which the blocks on and above the diagonal are kept: the compiled loop for bodies of several terms,
+        and for all else that a matrix can be.
 
     >>> import numpy as np
     >>> class Springs:
@@ -35,34 +41,63 @@ class BlockJacobiCg:
     'solved'
     """
 
+    assembled: bool = False
+
     name: ClassVar[str] = "block-jacobi-cg"
     takes: ClassVar[Kind] = Kind.SYMMETRIC
-    matrix_free: ClassVar[bool] = True
     iterative: ClassVar[bool] = True
 
-    def analyse(self, unknowns: Unknowns) -> BlockJacobiAnalysis:
-        """Which components of which vertices are unknown."""
-        return BlockJacobiAnalysis(self, unknowns)
+    @property
+    def matrix_free(self) -> bool:
+        """Whether it takes an `Operator` instead of a matrix."""
+        return not self.assembled
+
+    def analyse(self, unknowns: Unknowns) -> BlockJacobiAnalysis | AssembledAnalysis:
+        """Which components of which vertices are unknown.
+
+        Raises
+        ------
+        StvkError
+            if K is to be assembled, and its structure is missing or has not a full block for each pair of vertices that it couples.
+        """
+        return AssembledAnalysis(self, unknowns) if self.assembled else BlockJacobiAnalysis(self, unknowns)
 
 
 class BlockJacobiAnalysis:
     """Places of the unknowns in the diagonal blocks."""
 
     def __init__(self, solver: BlockJacobiCg, unknowns: Unknowns) -> None:
-        self._solver, self.n, self._newest = solver, unknowns.n, Newest()
+        self._solver, self._unknowns, self.n, self._newest = solver, unknowns, unknowns.n, Newest()
         self._vertices, row = np.unique(unknowns.vertex, return_inverse=True)
         self._row, self._component = row.ravel(), unknowns.component
         self.places = 3 * self._row + self._component
+        self._edges: NDArray[np.integer[Any]] | None = None
+        self._search: EdgeCg | None = None
 
-    def factorise(self, K: Operator, kind: Kind) -> BlockJacobiFactors:
+    def factorise(self, K: Operator, kind: Kind) -> BlockJacobiFactors | EdgeFactors:
         """The inverses of the diagonal blocks. K itself is not copied: it must stay as it is while the factors are used."""
         check_kind(self._solver, kind)
         if not hasattr(K, "matvec") or not hasattr(K, "diagonal_blocks"):
             raise StvkError(
                 f"K is a {type(K).__name__}; '{self._solver.name}' expects an operator with matvec(v) and diagonal_blocks()."
             )
+        by_edges = K.by_edges() if hasattr(K, "by_edges") else None
+        search = None if by_edges is None else self._search_on(by_edges)
+        if by_edges is not None and search is not None:
+            search.shift(by_edges.blocks, by_edges.shift)
+            return EdgeFactors(search, self.n, self._newest)
         inverse = self._inverted(np.asarray(K.diagonal_blocks()))
         return BlockJacobiFactors(self, K, inverse, self._newest)
+
+    def _search_on(self, K: EdgeBlocks) -> EdgeCg | None:
+        """The compiled loop on these edges, kept; None if there are unknowns of vertices that have none."""
+        if self._edges is not K.edges:
+            number = np.full(max(K.vertices.max(), self._vertices[-1]) + 1, -1)
+            number[K.vertices] = np.arange(len(K.vertices))
+            places = 3 * number[self._unknowns.vertex] + self._component
+            self._search = EdgeCg(K.edges, K.vertices, places, assembled=False) if places.min() >= 0 else None
+            self._edges = K.edges
+        return self._search
 
     def _inverted(self, diagonal: Vector) -> Vector:
         """(9 rows,) inverses of the blocks of the vertices that have unknowns; held components are left out."""
@@ -91,16 +126,18 @@ class BlockJacobiFactors:
         self._padded, self._out = np.zeros(len(inverse) // 3), np.empty(len(inverse) // 3)
         self._parts: NDArray[np.int64] = parts_of(len(inverse) // 9, 1, threads())
 
-    def solve(self, b: Vector, rtol: float = 1e-10) -> Solution:
+    def solve(self, b: Vector, rtol: float = 1e-10, x0: Vector | None = None, out: Vector | None = None) -> Solution:
         """Conjugate gradients, each iteration with a product."""
         self._newest.check(self._number)
-        b = checked_vector(b, self._analysis.n)
-        return conjugate_gradients(self._multiply, self._precondition, b, rtol, MOST)
+        n = self._analysis.n
+        b, x0 = checked_vector(b, n), checked_start(x0, n)
+        return handed_out(conjugate_gradients(self._multiply, self.precondition, b, rtol, MOST, x0), out)
 
-    def _multiply(self, v: Vector) -> Vector:
-        return np.asarray(self._K.matvec(v), dtype=np.float64)
-
-    def _precondition(self, r: Vector) -> Vector:
+    def precondition(self, r: Vector) -> Vector:
+        """(n,) the inverses of the diagonal blocks times `r`."""
         self._padded[self._analysis.places] = r
         run(kernels.multiply_diagonal, self._parts, self._inverse, self._padded, self._out)
         return self._out[self._analysis.places]
+
+    def _multiply(self, v: Vector) -> Vector:
+        return np.asarray(self._K.matvec(v), dtype=np.float64)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -9,7 +10,7 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_matrix
 
 from ..errors import StateError, StvkError, name_ids
-from .solver import Kind, LinearSolver, Unknowns, Vector
+from .solver import Kind, LinearSolver, Solution, Unknowns, Vector
 
 
 class Newest:
@@ -67,6 +68,24 @@ def checked_vector(b: Any, n: int) -> Vector:
     if b.shape != (n,):
         raise StvkError(f"b has shape {b.shape}; expected ({n},), a value for each free degree of freedom.")
     return b
+
+
+def checked_start(x0: Any, n: int) -> Vector | None:
+    """`x0` in double precision, if there is one; refuse another shape."""
+    if x0 is None:
+        return None
+    x0 = np.ascontiguousarray(x0, dtype=np.float64)
+    if x0.shape != (n,):
+        raise StvkError(f"x0 has shape {x0.shape}; expected ({n},), a value for each free degree of freedom.")
+    return x0
+
+
+def handed_out(found: Solution, out: Vector | None) -> Solution:
+    """What was found, with x in `out` if there is one."""
+    if out is None or found.x is out:
+        return found
+    np.copyto(out, found.x)
+    return replace(found, x=out)
 
 
 def _same(a: Any, b: Any) -> bool:

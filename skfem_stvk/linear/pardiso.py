@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_matrix
 
 from ..errors import StvkError, name_ids
-from .checks import Newest, check_kind, checked_values, checked_vector
+from .checks import Newest, check_kind, checked_values, checked_vector, handed_out
 from .direct import nothing, solve_checked
 from .solver import Kind, Outcome, Solution, Unknowns, Vector
 
@@ -115,13 +115,13 @@ class PardisoFactors:
         """The inertia; None where pivots were perturbed, for their signs say nothing."""
         return self._negative
 
-    def solve(self, b: Vector, rtol: float = 1e-10) -> Solution:
-        """Two triangular solves, and as many products and solves more as the residual asks for."""
+    def solve(self, b: Vector, rtol: float = 1e-10, x0: Vector | None = None, out: Vector | None = None) -> Solution:
+        """Two triangular solves, and as many products and solves more as the residual asks for, wherever `x0` is."""
         self._newest.check(self._number)
         b = checked_vector(b, self._memory.n)
         if not self._exact:
             return nothing(b, Outcome.SINGULAR)
-        return solve_checked(self._memory.product, self._memory.solve, b, rtol)
+        return handed_out(solve_checked(self._memory.product, self._memory.solve, b, rtol), out)
 
 
 class _Memory:

@@ -2,7 +2,7 @@
 
     analysis = solver.analyse(unknowns)            once a mesh and its supports
     factors = analysis.factorise(K, kind)          once a Newton step
-    solution = factors.solve(b, rtol)              as often as needed
+    solution = factors.solve(b, rtol, x0)          as often as needed
 
 A solver holds options only and never changes. What is kept between Newton steps is in the analysis, which owns one set of factors: with
 new ones the old refuse to solve.
@@ -13,7 +13,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from enum import Enum, IntEnum
-from typing import Any, Protocol
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -53,12 +53,14 @@ class Solution:
     iterations : of CG; 0 of a direct solver, or how often it refined.
     residual : `|b - K x| / |b|`, computed from x, 1 if there is none.
     outcome : how it ended.
+    start : what the residual was before the first iteration.
     """
 
     x: Vector
     iterations: int
     residual: float
     outcome: Outcome
+    start: float = 1.0
 
 
 @dataclass(frozen=True)
@@ -84,8 +86,25 @@ class Unknowns:
         return len(self.vertex)
 
 
+class EdgeBlocks(NamedTuple):
+    """K over the unknowns as blocks of edges: `(K v)_a = S_a v_a + sum_b K_ab (v_b - v_a)`, `v = 0` at what is held.
+
+    Attributes
+    ----------
+    edges : (ne, 2) pairs of block rows.
+    blocks : (9 ne,) `K_ab`, row by row, three components always.
+    vertices : (rows,) vertex of each block row.
+    shift : (n,) of the unknowns, the diagonal of all `S_a`; None is zero.
+    """
+
+    edges: NDArray[np.integer[Any]]
+    blocks: NDArray[np.floating[Any]]
+    vertices: NDArray[np.integer[Any]]
+    shift: NDArray[np.floating[Any]] | None
+
+
 class Operator(Protocol):
-    """K as a matrix-free solver needs it."""
+    """K as a matrix-free solver needs it. One with `by_edges() -> EdgeBlocks | None` is solved with by a compiled loop, if that is not None."""
 
     def matvec(self, v: Vector) -> Vector:
         """`K v` (n,) over the free degrees of freedom."""
@@ -101,8 +120,11 @@ class Factors(Protocol):
     def negative_pivots(self) -> int | None:
         """How many eigenvalues of K are negative; None if the solver cannot tell."""
 
-    def solve(self, b: Vector, rtol: float = 1e-10) -> Solution:
-        """`x` with `|b - K x| <= rtol |b|`, or the outcome says why not."""
+    def solve(self, b: Vector, rtol: float = 1e-10, x0: Vector | None = None, out: Vector | None = None) -> Solution:
+        """`x` with `|b - K x| <= rtol |b|`, or the outcome says why not.
+
+        Iterative solvers start from `x0` (n,). x is written to `out` (n,), which may be `x0`; by default to a new array.
+        """
 
 
 class Analysis(Protocol):

@@ -10,7 +10,7 @@ import numpy as np
 from scipy.sparse import csc_matrix
 from scipy.sparse.linalg import splu
 
-from .checks import Newest, check_kind, checked_values, checked_vector
+from .checks import Newest, check_kind, checked_values, checked_vector, handed_out
 from .direct import nothing, solve_checked
 from .solver import Kind, Outcome, Solution, Unknowns, Vector
 
@@ -76,14 +76,14 @@ class SuperLUFactors:
         lu = _factors(self._transpose, Kind.POSITIVE_DEFINITE) if _exchanged(self._lu) else self._lu
         return 1 if lu is None or _exchanged(lu) else int((lu.U.diagonal() < 0).sum())
 
-    def solve(self, b: Vector, rtol: float = 1e-10) -> Solution:
-        """Two triangular solves, and as many products and solves more as the residual asks for."""
+    def solve(self, b: Vector, rtol: float = 1e-10, x0: Vector | None = None, out: Vector | None = None) -> Solution:
+        """Two triangular solves, and as many products and solves more as the residual asks for, wherever `x0` is."""
         self._newest.check(self._number)
         b = checked_vector(b, self._transpose.shape[0])
         if self._lu is None:
-            return nothing(b, Outcome.SINGULAR)
+            return handed_out(nothing(b, Outcome.SINGULAR), out)
         lu, K = self._lu, self._transpose.T
-        return solve_checked(lambda x: K @ x, lambda r: lu.solve(r, trans="T"), b, rtol)
+        return handed_out(solve_checked(lambda x: K @ x, lambda r: lu.solve(r, trans="T"), b, rtol), out)
 
 
 def _exchanged(lu: Any) -> bool:

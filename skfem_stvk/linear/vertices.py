@@ -20,6 +20,9 @@ class VertexRows:
     ----------
     graph : of the block rows, with the diagonal, columns sorted.
     structure, diagonal : of K in blocks.
+    vertices : (rows,) vertex of each block row.
+    first, row, component : first unknown of each block row; block row and component of each unknown.
+    places : (n,) `3 row + component`.
     n : number of unknowns.
 
     Raises
@@ -39,25 +42,26 @@ class VertexRows:
         self.graph.sort_indices()
         self.structure = BlockStructure.of(self.graph)
         self.diagonal = self.structure.diagonal()
-        self._first, self._row, self._component = starts[order], number[node], unknowns.component.astype(np.int32)
-        self._places = 3 * self._row + self._component
+        self.vertices = unknowns.vertex[starts[order]]
+        self.first, self.row, self.component = starts[order], number[node], unknowns.component.astype(np.int32)
+        self.places = 3 * self.row.astype(np.int64) + self.component
         self.n = unknowns.n
         self._indptr, self._indices = unknowns.indptr, unknowns.indices
 
     def fill(self, values: Reals, scale: float, blocks: Reals, single: Reals) -> None:
         """The CSR values of K as blocks, and `scale` times them."""
-        own = self.structure.rows, self.structure.columns, self.diagonal, self._first, self._row, self._component
+        own = self.structure.rows, self.structure.columns, self.diagonal, self.first, self.row, self.component
         run(kernels.fill_blocks, self.structure.parts, *own, self._indptr, self._indices, values, scale, blocks, single)
 
     def padded(self, x: Vector) -> Vector:
         """(3 rows, ...) values of the unknowns (n, ...) in block rows."""
         out = np.zeros((3 * self.structure.n, *x.shape[1:]))
-        out[self._places] = x
+        out[self.places] = x
         return out
 
     def taken(self, x: Vector) -> Vector:
         """(n,) back from block rows."""
-        return x[self._places]
+        return x[self.places]
 
 
 def _graph(unknowns: Unknowns, starts: Ids, node: Ids) -> csr_matrix:

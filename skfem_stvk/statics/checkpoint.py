@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from ..errors import StvkError
 from ..results.files import replacing
 from ..system import System
+from ..system.signature import changed, signature, sums
 from .history import Step
 from .monitors import Finding
 from .newton import End, Iterations
@@ -24,8 +25,6 @@ from .status import Status
 Array = NDArray[Any]
 
 ABOUT, VERSION = "path.json", 1
-#: Two systems are the same if their numbers are, but for rounding.
-SAME = 1e-9
 
 
 class Checkpoint:
@@ -46,7 +45,7 @@ class Checkpoint:
 
     def __init__(self, folder: str | os.PathLike[str], about: dict[str, Any], system: System, start: Array, resume: bool) -> None:
         self.folder = Path(folder)
-        now = {"version": VERSION} | about | {"u0": _sums(start), "system": _signature(system)}
+        now = {"version": VERSION} | about | {"u0": sums(start), "system": signature(system, {f"t = {t:g}": t for t in (0.5, 1.0)})}
         files = self._files()
         self._refuse_gaps(files)
         if files and not resume:
@@ -111,44 +110,16 @@ class Checkpoint:
                 "u0 changed" if name == "u0" else f"{name} was {then.get(name)!r} and is {now[name]!r}" for name in different
             )
             raise StvkError(f"{self.folder} holds another path: {pairs}. Give the same again, or name another folder.")
-        old, new = then.get("system", {}), now["system"]
-        changed = [name for name in new if not _alike(old.get(name, []), new[name])]
-        if changed:
+        other = changed(then.get("system", {}), now["system"])
+        if other:
             raise StvkError(
-                f"{self.folder} holds the path of another system: {', '.join(changed)} changed. Give the same mesh, terms and supports, or name "
+                f"{self.folder} holds the path of another system: {', '.join(other)} changed. Give the same mesh, terms and supports, or name "
                 "another folder."
             )
 
 
 def _name(number: int) -> str:
     return f"state_{number:05d}.npz"
-
-
-def _signature(system: System) -> dict[str, list[float]]:
-    """Numbers that change with the mesh, the terms, the loads and the supports."""
-    mesh = system.mesh
-    shear = 0.01 * np.cos(np.arange(mesh.d**2).reshape(mesh.d, mesh.d))
-    u = ((mesh.p.T - mesh.p.mean(axis=1)) @ shear).ravel()
-    numbers: dict[str, Any] = {
-        "the mesh": [mesh.nv, mesh.nt, *_sums(mesh.p), *_sums(mesh.t)],
-        "the elastic terms": [system.energy(u), *_sums(system.internal_force(u))],
-        "the supports": [len(system.supports.held), *_sums(system.supports.held)],
-    }
-    for t in (0.5, 1.0):
-        numbers[f"the loads at t = {t:g}"] = _sums(system.external_force(u, t))
-        numbers[f"prescribed displacements at t = {t:g}"] = _sums(system.supports.values(t))
-    return {name: [float(value) for value in values] for name, values in numbers.items()}
-
-
-def _sums(values: Array) -> list[float]:
-    """Two numbers, never near zero by cancellation, that change with each value, its sign and its place."""
-    weights = 1.5 + np.cos(np.arange(values.size))
-    size, balance = float(weights @ np.abs(values.ravel())), float(weights @ values.ravel())
-    return [size, 2 + balance / size if size else 0.0]
-
-
-def _alike(old: list[float], new: list[float]) -> bool:
-    return len(old) == len(new) and np.allclose(old, new, rtol=SAME, atol=0.0)
 
 
 def _packed(step: Step, saved: dict[str, Any]) -> dict[str, Any]:

@@ -10,10 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_matrix
 
+from ..edges import ALL, TENSILE, Tensions
 from ..errors import StateError, name_ids
 from ..linear import Factors, Kind, LinearSolver, Solution, Unknowns
 from ..system import FreeOperator, System, TangentOperator
 from ..system.rigid import rigid_modes
+from ..terms.load import Time
 from .stopwatch import Stopwatch
 
 Array = NDArray[Any]
@@ -85,30 +87,30 @@ class Equilibrium:
         with watch("factor"):
             self._analysis = self.solver.analyse(self._unknowns())
 
-    def residual(self, u: Array, t: float) -> Residual:
+    def residual(self, u: Array, t: Time) -> Residual:
         """What is not in equilibrium at `u` (ndofs,)."""
         with self._watch("assemble"):
             external = self.system.external_force(u, t)
             force = self.system.internal_force(u)
             force -= external
             free = force[self.free.free]
-            size, scale = _norm(free), _norm(external) + _norm(force[self.free.fixed])
+            size, scale = norm(free), norm(external) + norm(force[self.free.fixed])
             if not np.isfinite(size + scale):
                 raise StateError(f"The residual overflows at displacements of up to {np.abs(u).max():.1e}.")
             return Residual(free, size, max(scale, NOTHING * self.largest))
 
-    def accept(self, u: Array, t: float) -> None:
+    def accept(self, u: Array, t: Time) -> None:
         """A state of the path: its forces are something that others are small against."""
         residual = self.residual(u, t)
         self.largest = max(self.largest, residual.scale, residual.size)
 
-    def round_off(self, u: Array, t: float) -> float:
+    def round_off(self, u: Array, t: Time) -> float:
         """Size of the residual that is left by rounding alone [N]."""
         with self._watch("assemble"):
             sums = self.system.round_off(u) + np.abs(self.system.external_force(u, t))
-            return float(np.finfo(float).eps) * _norm(sums[self.free.free])
+            return float(np.finfo(float).eps) * norm(sums[self.free.free])
 
-    def held(self, t: float) -> Array:
+    def held(self, t: Time) -> Array:
         """Where the held degrees of freedom are at `t` [m]."""
         return self.system.supports.values(t)
 
@@ -133,28 +135,28 @@ class Equilibrium:
         """
         return len(self.inside_out(u)) > 0 or self.step_limit(u, found - u) > 1
 
-    def energy_along(self, u: Array, v: Array, t: float) -> Array:
+    def energy_along(self, u: Array, v: Array, t: Time) -> Array:
         """(5,) coefficients of the potential along `u + s v`, but for the constant one."""
         with self._watch("assemble"):
             c = self.system.energy_along(u, v)
             c[1] -= dot(self.system.external_force(u, t), v)
             return c
 
-    def factorise(self, u: Array, t: float, tangent: Tangent = Tangent.EXACT) -> Factors:
+    def factorise(self, u: Array, t: Time, tangent: Tangent = Tangent.EXACT) -> Factors:
         """The Jacobian at `u`, or what stands in for it, factorised."""
         K: Any
-        clamped, shifted = tangent is not Tangent.EXACT, tangent is Tangent.SHIFTED
+        kept, shifted = ALL if tangent is Tangent.EXACT else TENSILE, tangent is Tangent.SHIFTED
         self._u = u
         with self._watch("assemble"):
             if self.solver.matrix_free:
-                K = self._free_operator(u, clamped, shifted)
+                K = self._free_operator(u, kept, shifted)
             else:
-                self._K = self.system.jacobian(u, t, out=self._K, clamped=clamped)
+                self._K = self._jacobian(u, t, kept)
                 K = self._Kff = self.free.matrix(self._K, out=self._Kff)
                 if shifted:
                     K.setdiag(K.diagonal() + self._shift(K.diagonal()))
         with self._watch("factor"):
-            kind = Kind.POSITIVE_DEFINITE if clamped and self._kind is Kind.SYMMETRIC else self._kind
+            kind = Kind.POSITIVE_DEFINITE if tangent is not Tangent.EXACT and self._kind is Kind.SYMMETRIC else self._kind
             factors = self._analysis.factorise(K, kind)
         if tangent is Tangent.EXACT:
             self._exact = factors
@@ -165,10 +167,10 @@ class Equilibrium:
         with self._watch("factor"):
             return None if self._exact is None else self._exact.negative_pivots
 
-    def solve(self, factors: Factors, b: Array, rtol: float) -> Solution:
-        """The solution of `K_ff x = b`."""
+    def solve(self, factors: Factors, b: Array, rtol: float, start: Array | None = None) -> Solution:
+        """The solution of `K_ff x = b`; iterative solvers look for it from `start` on, or from zero."""
         with self._watch("solve"):
-            return factors.solve(b, rtol)
+            return factors.solve(b, rtol, start)
 
     def inside_out(self, u: Array) -> NDArray[np.int64]:
         """Ids of the elements that are inside out at `u`."""
@@ -187,7 +189,7 @@ class Equilibrium:
         with self._watch("assemble"):
             return self.system.smallest_volume_ratio(u)
 
-    def energies(self, u: Array, t: float) -> tuple[float, float]:
+    def energies(self, u: Array, t: Time) -> tuple[float, float]:
         """Strain energy and potential [J]; that is NaN if a load has none."""
         with self._watch("assemble"):
             energy = self.system.energy(u)
@@ -196,10 +198,15 @@ class Equilibrium:
     def force_of(self, w: Array) -> Array:
         """(n,) what displacements `w` (ndofs,) of held degrees of freedom do to the free ones, by the tangent that was made last."""
         with self._watch("assemble"):
-            K = self._operator if self._K is None else self._K
+            K = self._operator if self.solver.matrix_free else self._K
             assert K is not None
             force: Array = (K @ w)[self.free.free]
             return force
+
+    @property
+    def quartic(self) -> bool:
+        """Whether the residual is the gradient of a potential that is a quartic along any line."""
+        return self.system.conservative and self.system.quartic
 
     def operator(self, u: Array) -> FreeOperator:
         """The exact tangent at `u` over the free degrees of freedom, beside what is factorised."""
@@ -212,15 +219,24 @@ class Equilibrium:
         np.maximum.at(largest, vertex, diagonal)
         return SHIFT * np.where(largest > 0, largest, largest.max())[vertex]
 
-    def _free_operator(self, u: Array, clamped: bool, shifted: bool) -> FreeOperator:
+    def _jacobian(self, u: Array, t: Time, kept: Tensions) -> csr_matrix:
+        """In the place of the one before."""
+        return self.system.jacobian(u, t, out=self._K, kept=kept)
+
+    def _prepare(self, u: Array, kept: Tensions) -> TangentOperator:
+        """The operator of all degrees of freedom, in the place of the one before."""
         if self._operator is None:
-            self._operator = self.system.linear_operator(u, clamped=clamped)
+            self._operator = self.system.linear_operator(u, kept=kept)
         else:
-            self._operator.prepare(u, clamped=clamped)
+            self._operator.prepare(u, kept=kept)
+        return self._operator
+
+    def _free_operator(self, u: Array, kept: Tensions, shifted: bool) -> FreeOperator:
+        operator = self._prepare(u, kept)
         if not shifted:
-            return FreeOperator(self._operator, self.free)
-        diagonal = np.einsum("vcc->vc", self._operator.diagonal_blocks()).ravel()[self.free.free]
-        return FreeOperator(self._operator, self.free, self._shift(diagonal))
+            return FreeOperator(operator, self.free)
+        diagonal = np.einsum("vcc->vc", operator.diagonal_blocks()).ravel()[self.free.free]
+        return FreeOperator(operator, self.free, self._shift(diagonal))
 
     def _unknowns(self) -> Unknowns:
         free, d = self.free.free, self.system.mesh.d
@@ -245,5 +261,6 @@ def dot(x: Array, y: Array) -> float:
     return float(np.einsum("i,i", x, y))
 
 
-def _norm(x: Array) -> float:
+def norm(x: Array) -> float:
+    """`|x|`, likewise."""
     return float(np.sqrt(dot(x, x)))

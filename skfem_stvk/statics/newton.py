@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from ..errors import StateError
 from ..linear import Outcome, Solution
+from ..terms.load import Time
 from .equilibrium import Equilibrium, Residual, Tangent
 from .line_search import quartic_minimum, root_of_slope
 from .status import Status
@@ -79,7 +80,7 @@ class Iterations:
 def newton(
     problem: Equilibrium,
     u: Array,
-    t: float,
+    t: Time,
     rtol: float,
     most_inside_out: int,
     watch: Callable[[Iterations], None],
@@ -110,7 +111,7 @@ def newton(
 def _iterate(
     problem: Equilibrium,
     u: Array,
-    t: float,
+    t: Time,
     rtol: float,
     record: Iterations,
     watch: Callable[[Iterations], None],
@@ -147,7 +148,7 @@ def _iterate(
         return u, End.OVERFLOW
 
 
-def arrived(problem: Equilibrium, u: Array, t: float, residual: Residual, before: Residual | None, rtol: float) -> End | None:
+def arrived(problem: Equilibrium, u: Array, t: Time, residual: Residual, before: Residual | None, rtol: float) -> End | None:
     """How the state is one of equilibrium, if it is; `before` is the residual of the iteration before."""
     if residual.size <= rtol * residual.scale:
         return End.CONVERGED
@@ -164,7 +165,7 @@ def _forcing(last: float, now: Residual, before: Residual) -> float:
 
 
 def _direction(
-    problem: Equilibrium, u: Array, t: float, residual: Residual, rtol: float, record: Iterations, search: bool
+    problem: Equilibrium, u: Array, t: Time, residual: Residual, rtol: float, record: Iterations, search: bool
 ) -> Array | None:
     """(ndofs,) Newton's direction, with the first tangent that gives one of descent; for full steps the exact one only."""
     for tangent in Tangent if search else (Tangent.EXACT,):
@@ -194,7 +195,7 @@ def usable(solution: Solution, singular: bool = False) -> bool:
 
 
 def _moved(
-    problem: Equilibrium, u: Array, v: Array, t: float, residual: Residual, record: Iterations, search: bool, tangled: bool
+    problem: Equilibrium, u: Array, v: Array, t: Time, residual: Residual, record: Iterations, search: bool, tangled: bool
 ) -> Array | End:
     """`u + s v`, with the length `s` of the line search, which ends before elements turn inside out; or the full step.
 
@@ -214,10 +215,10 @@ def _moved(
     return u + s * v
 
 
-def _length(problem: Equilibrium, u: Array, v: Array, t: float, residual: Residual, longest: float) -> float | None:
+def _length(problem: Equilibrium, u: Array, v: Array, t: Time, residual: Residual, longest: float) -> float | None:
     """Of the line search, `longest` at most."""
     slope = float(residual.free @ v[problem.free.free])
-    if problem.system.conservative and problem.system.quartic:
+    if problem.quartic:
         c = problem.energy_along(u, v, t)
         if abs(c[1] - slope) > 0.1 * abs(slope):  # rounding is as large as what there is to gain
             return min(1.0, longest)

@@ -1,9 +1,10 @@
 """Terms that share one mesh and one pattern, what loads them, and what holds them."""
 
 from .free import FreeDofs
+from .mass import Mass
 from .operator import FreeOperator, TangentOperator
 from .pattern import Pattern
 from .supports import Supports
 from .system import System
 
-__all__ = ["FreeDofs", "FreeOperator", "Pattern", "Supports", "System", "TangentOperator"]
+__all__ = ["FreeDofs", "FreeOperator", "Mass", "Pattern", "Supports", "System", "TangentOperator"]

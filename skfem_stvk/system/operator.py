@@ -3,13 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from itertools import zip_longest
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, DTypeLike, NDArray
 from scipy.sparse.linalg import LinearOperator
 
-from ..errors import StateError
+from ..edges import ALL, Tensions
+from ..edges.simplices import SimplexTerm
+from ..errors import StateError, StvkError
+from ..kernels import blocks as block_kernels
+from ..kernels.threads import parts_of, run, threads
+from ..linear import EdgeBlocks
 from ..terms import BoundTerm
 from .free import FreeDofs
 
@@ -28,38 +34,65 @@ class TangentOperator(LinearOperator):
     """
 
     def __init__(
-        self, terms: Sequence[BoundTerm], state: Callable[[ArrayLike], Array], u: ArrayLike, dtype: DTypeLike, clamped: bool = False
+        self, terms: Sequence[BoundTerm], state: Callable[[ArrayLike], Array], u: ArrayLike, dtype: DTypeLike, kept: Tensions = ALL
     ) -> None:
         self._terms, self._state = terms, state
         self._blocks: list[Any] = [None] * len(terms)
-        self.prepare(u, clamped=clamped)
+        self._at: Tensions | None = None
+        self._u = np.empty_like(state(u))
         self.nodal_shape = self._u.shape
+        self.prepare(u, kept=kept)
         super().__init__(dtype, (self._u.size, self._u.size))
 
-    def prepare(self, u: ArrayLike, *, clamped: bool = False) -> None:
-        """Fill the blocks anew, at other displacements `u` (ndofs,) [m].
+    def prepare(self, u: ArrayLike, *, kept: Tensions = ALL, force: Array | None = None) -> float:
+        """Fill the blocks anew, at other displacements `u` (ndofs,) [m]; the strain energy `W(u)` [J] comes with them.
 
-        `clamped`: without the negative tensions of edges, positive semi-definite.
+        `kept`: which tensions of edges stay in it. `force` (nv, d): the internal force `F(u)` [N] is added to it, in the same pass.
 
         Raises
         ------
         StateError
             if `u` does not have one finite entry for each degree of freedom, or is so large that K overflows.
         """
-        x = self._state(u)
-        self._u: Array = np.empty(0)  # nowhere, until all of it is done
-        self._blocks = [
-            term.edge_blocks(x, out=out, clamped=clamped)[1] for term, out in zip(self._terms, self._blocks, strict=True)
-        ]
-        if not all(np.isfinite(blocks).all() for blocks in self._blocks):
+        x, energy = self._state(u), 0.0
+        self._ready = False  # until all of it is done
+        for i, term in enumerate(self._terms):
+            part, self._blocks[i] = term.edge_blocks(x, force, self._blocks[i], kept)
+            energy += part
+        if not all(_is_finite(blocks) for blocks in self._blocks):
             raise StateError(
                 f"K overflows at displacements of up to {np.abs(x).max():.1e}: did the step before diverge, or are units mixed up?"
             )
-        self._u, self._clamped = x.copy(), clamped
+        np.copyto(self._u, x)
+        self._at, self._ready = kept, True
+        return energy
+
+    def scale_and_add(self, factor: float, others: Sequence[tuple[float, TangentOperator]] = ()) -> None:
+        """`factor K + sum of c K_other` in the place of K, for pairs `(c, other)` of operators of the same system.
+
+        With a constant one at rest it is the tangent of a body with Rayleigh damping. The next `prepare` begins anew.
+
+        Raises
+        ------
+        StvkError
+            if another operator is of other terms.
+        StateError
+            if the last `prepare` of one of them did not end well.
+        """
+        for operator in (self, *(other for _, other in others)):
+            operator._refuse_unprepared()
+            if any(a is not b for a, b in zip_longest(self._terms, operator._terms)):
+                raise StvkError("An operator of other terms came; expected those of linear_operator() of one and the same system.")
+        self._at = None  # a sum is the tangent nowhere
+        for i, blocks in enumerate(self._blocks):
+            blocks *= factor
+            for c, other in others:
+                n = min(len(blocks), len(other._blocks[i]))  # behind the edges is what threads added, as many as there were
+                run(block_kernels.add_scaled, parts_of(n, 0.02, threads()), c, other._blocks[i], blocks)
 
     def is_at(self, u: Array) -> bool:
         """Whether it is the tangent, with all tensions, at these displacements (nv, d)."""
-        return not self._clamped and np.array_equal(self._u, u)
+        return self._at == ALL and np.array_equal(self._u, u)
 
     def diagonal_blocks(self) -> Array:
         """(nv, d, d) the blocks `K_aa` [N/m], for a preconditioner.
@@ -76,6 +109,18 @@ class TangentOperator(LinearOperator):
             term.add_diagonal(blocks, out)
         return out
 
+    def add_norms(self, x: Array, out: Array) -> None:
+        """Add `sum_b |K_ab| x_b` over the other vertices `b` to `out`, both (nv,), with norms of blocks that may be too large.
+
+        Raises
+        ------
+        StateError
+            if the last `prepare` did not end well.
+        """
+        self._refuse_unprepared()
+        for term, blocks in zip(self._terms, self._blocks, strict=True):
+            term.add_norms(blocks, x, out)
+
     def add_product(self, x: Array, out: Array) -> None:
         """Add `K x` to `out`, both (nv, d).
 
@@ -87,6 +132,20 @@ class TangentOperator(LinearOperator):
         self._refuse_unprepared()
         for term, blocks in zip(self._terms, self._blocks, strict=True):
             term.add_product(blocks, x, out)
+
+    def by_edges(self, shift: Array | None = None) -> EdgeBlocks | None:
+        """The blocks, not copied, for solvers that multiply by themselves; None unless it is made of one term, on simplices.
+
+        Raises
+        ------
+        StateError
+            if the last `prepare` did not end well.
+        """
+        self._refuse_unprepared()
+        term, *others = self._terms
+        if others or not isinstance(term, SimplexTerm):
+            return None
+        return EdgeBlocks(term.own_edges, self._blocks[0][: 9 * len(term.own_edges)], term.vertices, shift)
 
     def memory(self) -> int:
         """Bytes of what is prepared."""
@@ -104,7 +163,7 @@ class TangentOperator(LinearOperator):
         return self
 
     def _refuse_unprepared(self) -> None:
-        if not self._u.size:
+        if not self._ready:
             raise StateError("The operator is not prepared: its last prepare(u) did not end well. Prepare it at another u.")
 
 
@@ -118,7 +177,8 @@ class FreeOperator(LinearOperator):
     ----------
     tangent : the operator of all degrees of freedom.
     held : which of them are free.
-    shift : (n,) stiffness against the ground that is added to the free ones [N/m]; none by default.
+    shift : (n,) stiffness against the ground that is added to the free ones [N/m]; none by default. It is not copied: written to in place,
+        it counts from the next product on.
 
     >>> import numpy as np, skfem
     >>> from skfem_stvk import StVK, System
@@ -132,7 +192,7 @@ class FreeOperator(LinearOperator):
     """
 
     def __init__(self, tangent: TangentOperator, held: FreeDofs, shift: Array | None = None) -> None:
-        self.tangent, self.held, self._shift = tangent, held, shift
+        self.tangent, self.held, self.shift = tangent, held, shift
         self._all, self._out = (np.zeros(tangent.nodal_shape, dtype=tangent.dtype) for _ in range(2))
         super().__init__(tangent.dtype, (len(held.free), len(held.free)))
 
@@ -148,10 +208,14 @@ class FreeOperator(LinearOperator):
         vertex, component = np.divmod(self.held.fixed, blocks.shape[1])
         blocks[vertex, component, :] = blocks[vertex, :, component] = 0
         blocks[vertex, component, component] = 1
-        if self._shift is not None:
+        if self.shift is not None:
             vertex, component = np.divmod(self.held.free, blocks.shape[1])
-            blocks[vertex, component, component] += self._shift
+            blocks[vertex, component, component] += self.shift
         return blocks
+
+    def by_edges(self) -> EdgeBlocks | None:
+        """As of the tangent, with the shift."""
+        return self.tangent.by_edges(self.shift)
 
     def _matvec(self, v: Array) -> Array:
         if np.iscomplexobj(v):
@@ -160,7 +224,13 @@ class FreeOperator(LinearOperator):
         self._out[:] = 0
         self.tangent.add_product(self._all, self._out)
         product: Array = self._out.reshape(-1)[self.held.free]
-        return product if self._shift is None else product + self._shift * v.ravel()
+        return product if self.shift is None else product + self.shift * v.ravel()
 
     def _adjoint(self) -> FreeOperator:
         return self
+
+
+def _is_finite(blocks: Array) -> bool:
+    """Whether all of them are; a sum that is not may be of numbers that are."""
+    with np.errstate(over="ignore", invalid="ignore"):
+        return bool(np.isfinite(blocks.sum()) or np.isfinite(blocks).all())

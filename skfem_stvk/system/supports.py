@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from ..errors import SupportError, name_ids
 from ..mesh import SimplexMesh
 from ..mesh.places import Where, describe, vertices_at
-from ..terms.load import Value
+from ..terms.load import Moment, Time, Value
 
 Dofs = NDArray[np.int64]
 
@@ -72,8 +72,8 @@ class Supports:
         for t in (0.0, 1 / 3, 1.0):
             self.values(t)
 
-    def values(self, t: float) -> NDArray[np.float64]:
-        """Displacements of `held` at load factor or time `t` [m].
+    def values(self, t: Time) -> NDArray[np.float64]:
+        """Displacements of `held` at load factor `t`, or at a `Moment` [m].
 
         Raises
         ------
@@ -125,12 +125,12 @@ class Supports:
                 "them, or take the vertices out with a predicate."
             )
 
-    def _refuse_different(self, place: Dofs, one: NDArray[np.float64], other: NDArray[np.float64], t: float) -> None:
+    def _refuse_different(self, place: Dofs, one: NDArray[np.float64], other: NDArray[np.float64], t: Time) -> None:
         differ = np.abs(one - other) > 1e-12 * np.maximum(np.abs(one), np.abs(other))
         bad = np.unique(place[np.broadcast_to(differ, place.shape)])
         if len(bad):
             raise SupportError(
-                f"Prescribed twice, with different displacements at t = {t:.3g}: {self._name(self.held[bad])}. Places that share an edge or a "
+                f"Prescribed twice, with different displacements at t = {Moment.of(t).time:.3g}: {self._name(self.held[bad])}. Places that share an edge or a "
                 "corner? Leave the component out of one of them."
             )
 

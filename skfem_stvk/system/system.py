@@ -5,27 +5,33 @@ from __future__ import annotations
 import warnings
 from collections.abc import Sequence
 from functools import cached_property
+from math import isfinite
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, DTypeLike, NDArray
 from scipy.sparse import csr_matrix
 
-from ..edges import Rows
+from ..edges import ALL, Rows, Tensions
 from ..errors import LoadError, StateError, StvkError, StvkWarning, name_ids
 from ..kernels.threads import Turn
 from ..mesh import MeshLike, SimplexMesh
 from ..mesh.diagnostics import check_mesh, warn_of_flat_elements
-from ..mesh.displacements import by_vertex
-from ..terms import Body, BoundLoad, BoundTerm, HasStretch, HasVolume, Load, Quartic, StVK, Term
+from ..mesh.displacements import all_finite, by_vertex
+from ..terms import Body, BoundLoad, BoundTerm, HasDampingForce, HasMeanForce, HasStretch, HasVolume, Load, Quartic, StVK, Term
+from ..terms.load import Moment, Time
 from .free import FreeDofs
 from .held import check_held
+from .mass import Mass, kind_of_mass
 from .operator import TangentOperator
 from .pattern import Pattern
+from .rigid import parts_of
 from .supports import Displacements, Supports
 
 Array = NDArray[np.floating[Any]]
 
+#: Loads that are given by constants, at their full size.
+FULL = Moment(1.0, 1.0)
 #: Elements of a smaller part of their volume are flat: what is left of it is rounding.
 FLAT = 1e-9
 
@@ -100,9 +106,10 @@ class System:
         if not self.elastic_terms:
             raise StvkError("Only loads came; expected at least one elastic term, such as StVK(young=..., poisson=...).")
         self.supports = Supports(self.mesh, fixed, prescribed)
-        body = Body(self.mesh, self.elastic_terms)
-        self._bound: list[BoundTerm] = [term.bind(body, self.dtype) for term in self.elastic_terms]
-        self._loads: list[BoundLoad] = [term.bind(body) for term in self.terms if isinstance(term, Load)]
+        self._body = Body(self.mesh, self.elastic_terms)
+        self._bound: list[BoundTerm] = [term.bind(self._body, self.dtype) for term in self.elastic_terms]
+        self._loads: list[BoundLoad] = [term.bind(self._body) for term in self.terms if isinstance(term, Load)]
+        self._masses: dict[str, Mass] = {}
         self._operator: TangentOperator | None = None
         self._turn = Turn()
         self._warn_of_bare_vertices()
@@ -170,19 +177,129 @@ class System:
         _refuse_overflow(force, "F", x)
         return force.ravel()
 
-    def energy_and_force(self, u: ArrayLike) -> tuple[float, Array]:
+    def energy_and_force(self, u: ArrayLike, out: Array | None = None) -> tuple[float, Array]:
         """`W(u)` [J] and `F(u)` (ndofs,) [N], for the price of one of them.
+
+        Parameters
+        ----------
+        u : displacements (ndofs,) [m].
+        out : where F is written; by default a new array.
 
         Raises
         ------
         StateError
             if `u` does not have one finite entry for each degree of freedom, or is so large that a result overflows.
+        StvkError
+            if `out` is no array of floats of that shape, in one piece.
         """
         x = self._state(u)
-        energy, force = self._energy_and_force(x)
+        energy, force = self._energy_and_force(x, None if out is None else self._by_vertex(out))
         _refuse_overflow(energy, "W", x)
         _refuse_overflow(force, "F", x)
-        return energy, force.ravel()
+        return energy, force.reshape(-1) if out is None else out
+
+    def add_mean_force(
+        self, u0: ArrayLike, u1: ArrayLike, out: Array, *, weights: tuple[float, float] = (0.5, 0.5), theta: float = 0.5
+    ) -> float:
+        """Add to `out` (ndofs,) [N] what mean tensions of two states pull along the edges as they are in between.
+
+            f_a = sum_b t_ab (p_a - p_b)        t = L (w0 zeta(u0) + w1 zeta(u1)),  p = X + (1 - theta) u0 + theta u1
+
+        With `w0 = w1 = theta = 1/2` its work over `u1 - u0` is `W(u1) - W(u0)` to round-off, whatever the states are, and forces and torques
+        balance about `p`: what conserves energy and momenta. With other weights of sum 1 the work is larger by `(w1 - w0) R`,
+        `R = 1/4 dzeta' L dzeta >= 0` with `dzeta = zeta(u1) - zeta(u0)`, which is zero for rigid motions.
+
+        A foundation adds `(w0 + w1) K (p - X)` and nothing to R. A `VolumePenalty` adds `(w0 + w1)` times its force at `p`, the work of which is the
+        difference of its energies to second order only.
+
+        Parameters
+        ----------
+        u0, u1 : displacements (ndofs,) [m].
+        out : what the force is added to.
+        weights : `w0, w1`.
+        theta : place between `u0` and `u1`.
+
+        Returns
+        -------
+        float
+            R [J].
+
+        Raises
+        ------
+        StateError, StvkError
+            as of `energy_and_force`; states with inside-out elements as there, at `p`.
+
+        >>> import numpy as np, skfem
+        >>> from skfem_stvk import StVK
+        >>> body = System(skfem.MeshTet().refined(2), StVK(young=1e5, poisson=0.3))
+        >>> rng, force = np.random.default_rng(0), np.zeros(body.ndofs)
+        >>> u0, u1 = rng.normal(size=(2, body.ndofs))
+        >>> R = body.add_mean_force(u0, u1, force)
+        >>> bool(abs(force @ (u1 - u0) / (body.energy(u1) - body.energy(u0)) - 1) < 1e-12)
+        True
+        """
+        x, y, force = self._state(u0, "u0"), self._state(u1, "u1"), self._by_vertex(out)
+        R = 0.0
+        for term in self._bound:
+            if isinstance(term, HasMeanForce):
+                R += term.mean_force(x, y, weights, theta, force)
+            else:
+                at_p = np.zeros_like(force)
+                term.energy(x + theta * (y - x), at_p)
+                force += sum(weights) * at_p
+        _refuse_overflow(R, "The energy of the change", y)
+        _refuse_overflow(force, "F", y)
+        return R
+
+    def add_damping_force(self, u: ArrayLike, v: ArrayLike, out: Array) -> float:
+        """Add to `out` (ndofs,) the resistance of the edges to the rate of their squared elongations at velocities `v` (ndofs,) [m/s].
+
+            f_a = sum_b t_ab (p_a - p_b)        t = L dzeta/dt,  dzeta_ab/dt = 2 (p_a - p_b) . (v_a - v_b)
+
+        Times a relaxation time tau [s] it is a force: `tau K_GN(u) v`, `K_GN = 2 J' L J` the Gauss-Newton tangent. It takes the power
+        `2 tau R`, `R = 1/4 dzeta/dt' L dzeta/dt >= 0`, Rayleigh's function, whose derivative by `v` it is. Rigid motions meet no resistance, turning
+        ones at finite rotations included. Terms without edges, foundations and volume penalties, add nothing.
+
+        Returns
+        -------
+        float
+            R [J/s^2].
+
+        Raises
+        ------
+        StateError, StvkError
+            as of `energy_and_force`.
+        """
+        x, y, force = self._state(u), self._state(v, "v"), self._by_vertex(out)
+        R = sum(term.damping_force(x, y, force) for term in self._bound if isinstance(term, HasDampingForce))
+        _refuse_overflow(R, "The damping", x)
+        _refuse_overflow(force, "The damping force", x)
+        return R
+
+    def add_secant_damping(self, u0: ArrayLike, u1: ArrayLike, theta: float, out: Array) -> float:
+        """As `add_damping_force`, of the whole change from `u0` to `u1` in the place of a rate: the edges' resistance to it.
+
+            f_a = sum_b t_ab (p_a - p_b)        t = L (zeta(u1) - zeta(u0)),  p = X + (1 - theta) u0 + theta u1
+
+        Times `tau/dt` it is a force. For `theta = 1/2` its work over `u1 - u0` is exactly `2 R`, `R = 1/4 dzeta' L dzeta >= 0`: zero for rigid motions
+        however large, turned ones included.
+
+        Returns
+        -------
+        float
+            R [J].
+
+        Raises
+        ------
+        StateError, StvkError
+            as of `energy_and_force`.
+        """
+        x, y, force = self._state(u0, "u0"), self._state(u1, "u1"), self._by_vertex(out)
+        edges = [term for term in self._bound if isinstance(term, HasMeanForce) and isinstance(term, HasDampingForce)]
+        R = sum(term.mean_force(x, y, (-1.0, 1.0), theta, force) for term in edges)
+        _refuse_overflow(R, "The damping", y)
+        _refuse_overflow(force, "The damping force", y)
+        return R
 
     def tangent(self, u: ArrayLike, out: csr_matrix | None = None) -> csr_matrix:
         """Tangent stiffness `K = d2W/du2` (ndofs, ndofs) [N/m], always of the same pattern, zeros kept.
@@ -230,8 +347,8 @@ class System:
         _refuse_overflow(product, "K v", x)
         return product
 
-    def linear_operator(self, u: ArrayLike, *, clamped: bool = False) -> TangentOperator:
-        """`v -> K(u) v` as an operator of its own for `scipy.sparse.linalg`; `clamped` as of `jacobian`.
+    def linear_operator(self, u: ArrayLike, *, kept: Tensions = ALL) -> TangentOperator:
+        """`v -> K(u) v` as an operator of its own for `scipy.sparse.linalg`; `kept` as of `jacobian`.
 
         >>> import numpy as np, skfem
         >>> from skfem_stvk import StVK
@@ -241,9 +358,9 @@ class System:
         >>> bool(abs(K @ v - body.tangent(u) @ v).max() < 1e-9), bool(abs(K @ v - body.product(u, v)).max() == 0)
         (True, True)
         """
-        return TangentOperator(self._bound, self._state, u, self.dtype, clamped)
+        return TangentOperator(self._bound, self._state, u, self.dtype, kept)
 
-    def external_force(self, u: ArrayLike, t: float = 1.0) -> Array:
+    def external_force(self, u: ArrayLike, t: Time = 1.0) -> Array:
         """Sum of the loads (ndofs,) [N] at displacements `u` and load factor `t`.
 
         Raises
@@ -259,7 +376,7 @@ class System:
         _refuse_overflow(force, "The external force", x)
         return force.ravel()
 
-    def potential(self, u: ArrayLike, t: float = 1.0) -> float:
+    def potential(self, u: ArrayLike, t: Time = 1.0) -> float:
         """Total potential energy `W(u) + sum of the loads' potentials` [J]; its gradient is the residual.
 
         Raises
@@ -271,25 +388,48 @@ class System:
         """
         return self.energy(u) + self._potential(self._state(u), t)
 
-    def residual(self, u: ArrayLike, t: float = 1.0) -> Array:
+    @property
+    def driven(self) -> bool:
+        """Whether a load changes with time, or has no potential: whether the energy of the moving body would not be kept."""
+        return not all(map(_keeps_energy, self._loads))
+
+    @property
+    def constant_loads(self) -> bool:
+        """Whether the loads are the same at any time, wherever the body is."""
+        return all(load.steady and not load.edges.size for load in self._loads)
+
+    def driving_force(self, u: ArrayLike, t: Time) -> Array:
+        """(ndofs,) of the loads that change with time or have no potential [N]; errors as of `external_force`."""
+        x, force = self._state(u), np.zeros(self.mesh.p.T.shape)
+        for load in self._loads:
+            if not _keeps_energy(load):
+                load.add_force(x, _checked(t), force)
+        return force.ravel()
+
+    def steady_potential(self, u: ArrayLike) -> float:
+        """Potential of the other loads, which are given by constants, at their full size [J]."""
+        x = self._state(u)
+        return sum(load.potential(x, FULL) for load in self._loads if _keeps_energy(load))
+
+    def residual(self, u: ArrayLike, t: Time = 1.0) -> Array:
         """`F(u) - f_ext(u, t)` (ndofs,) [N]; at rest it vanishes but for the reactions at the supports. Errors as of `energy`."""
         return self.internal_force(u) - self.external_force(u, t)
 
-    def jacobian(self, u: ArrayLike, t: float = 1.0, out: csr_matrix | None = None, *, clamped: bool = False) -> csr_matrix:
+    def jacobian(self, u: ArrayLike, t: Time = 1.0, out: csr_matrix | None = None, *, kept: Tensions = ALL) -> csr_matrix:
         """Derivative of the residual: `K(u)` minus the loads' `df_ext/du` (ndofs, ndofs) [N/m]; parameters and errors as of `tangent`.
 
-        `clamped` leaves out all that can make K indefinite, the negative tensions of edges and what the pressure of a `VolumePenalty` adds:
-        positive semi-definite then, but for the loads.
+        `kept` are the tensions of edges that stay in it: `TENSILE` and `NONE` of `skfem_stvk.edges` leave out all that can make K indefinite,
+        what the pressure of a `VolumePenalty` adds as well. It is positive semi-definite then, but for the loads.
         """
-        K = self._elastic_tangent(u, out, clamped)
+        K = self._elastic_tangent(u, out, kept)
         for load, places in zip(self._loads, self._load_places, strict=True):
             load.add_stiffness(self._state(u), _checked(t), places, K.data)
         return K
 
-    def energies(self, u: ArrayLike, t: float = 1.0) -> dict[str, float]:
+    def energies(self, u: ArrayLike, t: Time = 1.0) -> dict[str, float]:
         """Energy by term [J], named after its type and number: strain energies, and the potentials of loads that have one."""
         x = self._state(u)
-        elastic = [term.energy(x) for term in self._bound]
+        elastic = self.elastic_energies(u)
         loads = [load.potential(x, t) if load.conservative else None for load in self._loads]
         values = iter(elastic), iter(loads)
         found: dict[str, float] = {}
@@ -298,6 +438,26 @@ class System:
             if value is not None:
                 found[f"{type(term).__name__} {number}"] = value
         return found
+
+    def elastic_energies(self, u: ArrayLike) -> list[float]:
+        """Strain energy of each of `elastic_terms` [J]."""
+        x = self._state(u)
+        return [term.energy(x) for term in self._bound]
+
+    def mass(self, kind: str = "lumped") -> Mass:
+        """The mass of the body, from the density of its materials: "lumped" at the vertices, or "consistent" with linear displacements.
+
+        Raises
+        ------
+        MaterialError
+            if a material has no density, or a vertex that can move has no mass.
+        StvkError
+            if `kind` is unknown.
+        """
+        made = kind_of_mass(kind)
+        if kind not in self._masses:
+            self._masses[kind] = made(self, self.mesh, self._body.mass, self.supports.held)
+        return self._masses[kind]
 
     @property
     def quartic(self) -> bool:
@@ -349,6 +509,10 @@ class System:
             if isinstance(term, StVK):
                 solid[self.mesh.elements(term.region)] = True
         check_held(self.mesh, self._bound, self.supports.held, solid)
+
+    def parts(self) -> NDArray[np.int32]:
+        """(nv,) number of the part that each vertex is of: parts are what terms hold together."""
+        return parts_of([term.edges for term in self._bound], self.mesh.nv)
 
     def smallest_volume_ratio(self, u: ArrayLike) -> float:
         """The smallest ratio `J` of an element's volume at `u` to that at rest; below zero it is inside out. Errors as of `energy`.
@@ -426,23 +590,25 @@ class System:
         parts["rows of K"] = sum(array.nbytes for row in rows for array in row)
         parts["pattern of K"] = self.pattern.memory() if "pattern" in self.__dict__ else 0
         parts["product"] = self._operator.memory() if self._operator is not None else 0
+        parts["mass"] = sum(mass.memory() for mass in self._masses.values())
         return parts
 
-    def _potential(self, x: Array, t: float) -> float:
+    def _potential(self, x: Array, t: Time) -> float:
         if not self.conservative:
             loads = [type(term).__name__ for term in self.terms if isinstance(term, Load)]
             without = [name for name, load in zip(loads, self._loads, strict=True) if not load.conservative]
             raise LoadError(f"{', '.join(without)} has no potential: its work depends on the path. Ask for residual(u, t) instead.")
         return sum(load.potential(x, _checked(t)) for load in self._loads)
 
-    def _elastic_tangent(self, u: ArrayLike, out: csr_matrix | None, clamped: bool = False) -> csr_matrix:
+    def _elastic_tangent(self, u: ArrayLike, out: csr_matrix | None, kept: Tensions = ALL) -> csr_matrix:
         x = self._state(u)
         K = self._matrix(out)
-        self._fill(x, K, None, clamped)
+        self._fill(x, K, None, kept)
         return K
 
-    def _energy_and_force(self, x: Array) -> tuple[float, Array]:
-        force = np.zeros(x.shape, dtype=self.dtype)
+    def _energy_and_force(self, x: Array, out: Array | None = None) -> tuple[float, Array]:
+        force = np.zeros(x.shape, dtype=self.dtype) if out is None else out
+        force[:] = 0
         return sum(term.energy(x, force) for term in self._bound), force
 
     def _matrix(self, out: csr_matrix | None) -> csr_matrix:
@@ -456,14 +622,14 @@ class System:
             )
         return out
 
-    def _fill(self, x: Array, K: csr_matrix, force: Array | None, clamped: bool = False) -> float:
+    def _fill(self, x: Array, K: csr_matrix, force: Array | None, kept: Tensions = ALL) -> float:
         """Fill the values of K; adds the force; the energy."""
         add = self.mesh.d**2 * len(self._rows[0].entries) < self.pattern.nnz  # otherwise the first term writes to all of K
         if add:
             K.data[:] = 0
         energy = 0.0
         for term, rows in zip(self._bound, self._rows, strict=True):
-            linearized = term.tangent(x, rows, K.data, add, force, clamped)
+            linearized = term.tangent(x, rows, K.data, add, force, kept)
             add = True
             _refuse_overflow(linearized.total, "K", x)
             energy += linearized.energy
@@ -472,6 +638,15 @@ class System:
     def _state(self, u: ArrayLike, name: str = "u") -> Array:
         """Displacements as (nv, d)."""
         return by_vertex(self.mesh, u, name)
+
+    def _by_vertex(self, out: Array) -> Array:
+        """An array (ndofs,) to write to, as (nv, d)."""
+        if not isinstance(out, np.ndarray) or out.shape != (self.ndofs,) or out.dtype.kind != "f" or not out.flags.c_contiguous:
+            raise StvkError(
+                f"out, a {type(out).__name__} of shape {np.shape(out)}; expected an array of floats ({self.ndofs},) in one piece, such as "
+                "np.zeros(system.ndofs)."
+            )
+        return out.reshape(-1, self.mesh.d)
 
     def _warn_of_bare_vertices(self) -> None:
         used = np.zeros(self.mesh.nv, dtype=bool)
@@ -489,14 +664,19 @@ class System:
         return f"System: {self.mesh.nt} {self.mesh.kind}, {self.ndofs} degrees of freedom, {len(self.terms)} term(s)"
 
 
-def _checked(t: float) -> float:
-    if not np.isfinite(t):
+def _checked(t: Time) -> Moment:
+    moment = Moment.of(t)
+    if not (isfinite(moment.time) and isfinite(moment.factor)):
         raise StateError(f"t = {t}; expected a finite load factor (in statics from 0 to 1) or time.")
-    return t
+    return moment
+
+
+def _keeps_energy(load: BoundLoad) -> bool:
+    return load.steady and load.conservative
 
 
 def _refuse_overflow(values: ArrayLike, name: str, u: Array) -> None:
-    if not np.isfinite(values).all():
+    if not all_finite(np.asarray(values)):
         raise StateError(
             f"{name} overflows at displacements of up to {np.abs(u).max():.1e}: did the step before diverge, or are units mixed up?"
         )

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import DTypeLike, NDArray
 from scipy.sparse import csr_matrix
 
-from ..edges import Linearized, Rows
+from ..edges import ALL, Linearized, Rows, Tensions
 from ..edges.rows import Places
 from ..edges.topology import edge_topology
 from ..kernels.topology import OWN, stars
@@ -46,9 +46,7 @@ class Bedding:
         places = pattern.places(np.repeat(vertices, np.diff(self._M.indptr)), vertices[self._M.indices])
         return Rows(self._M.indptr.astype(np.int64), self._entries, places, pattern.strides[vertices])
 
-    def tangent(
-        self, u: Array, rows: Rows, data: Array, add: bool, force: Array | None = None, clamped: bool = False
-    ) -> Linearized:
+    def tangent(self, u: Array, rows: Rows, data: Array, add: bool, force: Array | None = None, kept: Tensions = ALL) -> Linearized:
         """Write the stiffness [N/m] to the CSR values `data`, or add it to them; adds the force to `force` (nv, d)."""
         strides, d = np.repeat(rows.strides, np.diff(rows.begin)), len(self._k)
         for row in range(d):
@@ -61,25 +59,38 @@ class Bedding:
         return Linearized(self.energy(u, force), float(self._k.sum() * self._M.data.sum()))
 
     def edge_blocks(
-        self, u: Array, force: Array | None = None, out: Array | None = None, clamped: bool = False
+        self, u: Array, force: Array | None = None, out: Array | None = None, kept: Tensions = ALL
     ) -> tuple[float, Array]:
-        """The energy [J], and the values of `M`, the same at all `u`."""
-        return self.energy(u, force), self._M.data
+        """The energy [J], and the factor of `K`, 1 at all `u`."""
+        blocks = np.empty(1, dtype=self._M.dtype) if out is None else out
+        blocks[:] = 1
+        return self.energy(u, force), blocks
 
     def add_product(self, blocks: Array, v: Array, out: Array) -> None:
         """Add `K v` to `out` (nv, d)."""
-        out[self._vertices] += self._pull(v[self._vertices])
+        out[self._vertices] += blocks * self._pull(v[self._vertices])
 
     def add_diagonal(self, blocks: Array, out: Array) -> None:
         """Add the diagonal blocks to `out` (nv, d, d)."""
         for c, k in enumerate(self._k):
-            out[self._vertices, c, c] += k * self._M.diagonal()
+            out[self._vertices, c, c] += blocks * k * self._M.diagonal()
+
+    def add_norms(self, blocks: Array, x: Array, out: Array) -> None:
+        """Add `sum_b |K_ab| x_b` over the other vertices `b` to `out` (nv,), for `x` (nv,)."""
+        own = x[self._vertices]
+        out[self._vertices] += blocks * np.linalg.norm(self._k) * (self._M @ own - self._M.diagonal() * own)
 
     def along(self, u: Array, v: Array) -> NDArray[np.float64]:
         """(5,) coefficients of the energy along `u + s v`: the last two are zero."""
         U, V = u[self._vertices].astype(np.float64), v[self._vertices].astype(np.float64)
         pull = self._pull(V)
         return np.array([np.vdot(U, self._pull(U)) / 2, np.vdot(U, pull), np.vdot(V, pull) / 2, 0.0, 0.0])
+
+    def mean_force(self, u0: Array, u1: Array, weights: tuple[float, float], theta: float, force: Array) -> float:
+        """Add `(w0 + w1) K ((1 - theta) u0 + theta u1)` to `force` (nv, d); its springs lose nothing by weights that are not alike: always 0."""
+        own, after = u0[self._vertices], u1[self._vertices]
+        force[self._vertices] += sum(weights) * self._pull((1 - theta) * own + theta * after)
+        return 0.0
 
     def add_round_off(self, u: Array, out: Array) -> None:
         """Add `K |u|`, all that adds up to the force [N], to `out` (nv, d); all entries of K are positive."""

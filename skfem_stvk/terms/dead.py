@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from ..edges.rows import Places
 from ..mesh import SimplexMesh
-from .load import Value, ramp
+from .load import Moment, Time, Value
 from .spread import Spread
 
 Array = NDArray[np.floating[Any]]
@@ -43,31 +43,37 @@ class DeadLoad:
         self._at: Any = slice(None) if len(spread.vertices) == mesh.nv else spread.vertices
         self._spread, self._value = spread, value
         self._unit = None if value.constant is None else spread.integrate(value.constant)
-        self._known = 1.0, self._compute(1.0)
+        self._known = Moment(1.0, 1.0), self._compute(Moment(1.0, 1.0))
 
-    def forces(self, t: float) -> Values:
+    @property
+    def steady(self) -> bool:
+        """Whether it is given by constants."""
+        return self._unit is not None
+
+    def forces(self, t: Time) -> Values:
         """(n, d) forces on its vertices [N]."""
+        moment = Moment.of(t)
         known, forces = self._known
-        if t != known:
-            forces = self._compute(t)
-            self._known = t, forces
+        if moment != known and not (self.steady and moment.factor == known.factor):
+            forces = self._compute(moment)
+            self._known = moment, forces
         return forces
 
-    def _compute(self, t: float) -> Values:
-        return self._spread.integrate(self._value.at(t)) if self._unit is None else ramp(t) * self._unit
+    def _compute(self, moment: Moment) -> Values:
+        return self._spread.integrate(self._value.at(moment)) if self._unit is None else moment.factor * self._unit
 
-    def potential(self, u: Array, t: float) -> float:
+    def potential(self, u: Array, t: Time) -> float:
         """`-f(t) . u` [J]."""
-        return -float(np.vdot(self.forces(t), u[self._at]))
+        return -float(np.einsum("ic,ic", self.forces(t), u[self._at]))  # not by BLAS, whose threads wait for ours
 
-    def add_force(self, u: Array, t: float, out: Array) -> None:
+    def add_force(self, u: Array, t: Time, out: Array) -> None:
         """Add the forces [N] to `out` (nv, d)."""
         out[self._at] += self.forces(t)
 
     def places(self, pattern: Places) -> None:
         """It has no stiffness."""
 
-    def add_stiffness(self, u: Array, t: float, places: None, data: Array) -> None:
+    def add_stiffness(self, u: Array, t: Time, places: None, data: Array) -> None:
         """It has no stiffness."""
 
     def memory(self) -> dict[str, int]:

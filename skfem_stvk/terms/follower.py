@@ -11,7 +11,7 @@ from ..edges.rows import Places
 from ..edges.topology import LOCAL_EDGES, edge_topology
 from ..errors import LoadError
 from ..mesh import SimplexMesh
-from .load import Value
+from .load import Time, Value
 from .spread import Spread
 
 Array = NDArray[np.floating[Any]]
@@ -59,7 +59,12 @@ class FollowerPressure:
         self._rest = _spokes(mesh.p.T, surface)
         self.edges, self._sides = edge_topology(surface)
 
-    def potential(self, u: Array, t: float) -> float:
+    @property
+    def steady(self) -> bool:
+        """Whether it is given by constants."""
+        return self._value.constant is not None
+
+    def potential(self, u: Array, t: Time) -> float:
         """It has none.
 
         Raises
@@ -68,7 +73,7 @@ class FollowerPressure:
         """
         raise LoadError("Follower pressure has no potential: its work depends on the path.")
 
-    def add_force(self, u: Array, t: float, out: Array) -> None:
+    def add_force(self, u: Array, t: Time, out: Array) -> None:
         """Add the force [N] to `out` (nv, d)."""
         areas = _areas(self._rest + _spokes(u, self._surface))
         weights = self._weights(t)
@@ -86,7 +91,7 @@ class FollowerPressure:
         rows, columns = np.concatenate([a, b, own]), np.concatenate([b, a, own])
         return BlockPlaces(block, pattern.places(rows, columns), pattern.strides[rows])
 
-    def add_stiffness(self, u: Array, t: float, places: BlockPlaces, data: Array) -> None:
+    def add_stiffness(self, u: Array, t: Time, places: BlockPlaces, data: Array) -> None:
         """Add `-df/du` [N/m] to CSR values."""
         weights = self._weights(t)
         slopes = _slopes(self._rest + _spokes(u, self._surface))
@@ -102,7 +107,7 @@ class FollowerPressure:
         arrays = self._surface, self._rest, self.edges, self._sides, spread.vertices, spread.x, spread.corners, spread.sizes
         return {"loads": sum(array.nbytes for array in arrays)}
 
-    def _weights(self, t: float) -> NDArray[np.float64]:
+    def _weights(self, t: Time) -> NDArray[np.float64]:
         """(m, n) integral of `N_a p` over each facet of unit size, times thickness."""
         return self._spread.shares(self._value.at(t)[None])[0]
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import inspect
 from abc import ABC, abstractmethod
-from typing import Any
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,15 +24,32 @@ class Load(ABC):
         """The load on this body; raises RegionError or LoadError where it has no meaning there."""
 
 
-def ramp(t: float) -> float:
-    """The factor of everything that is given by constants, at load factor `t`."""
-    return t
+class Moment(NamedTuple):
+    """When: what functions of time are asked for, and the factor of everything that is given by constants.
+
+    Those ramp in statics, where `t` is the load factor, and are what they are in dynamics, where it is time: `Moment(t, 1.0)`.
+
+    >>> Moment.of(0.5), Moment.of(Moment(0.5, 1.0))
+    (Moment(time=0.5, factor=0.5), Moment(time=0.5, factor=1.0))
+    """
+
+    time: float
+    factor: float
+
+    @classmethod
+    def of(cls, t: Time) -> Moment:
+        """The moment itself, or that of a load factor."""
+        return t if isinstance(t, Moment) else cls(t, t)
+
+
+#: A load factor, or a moment.
+Time: TypeAlias = float | Moment
 
 
 class Value:
     """A load's value, or a prescribed displacement, as a function of place and time.
 
-        t c         constants `c`: they ramp with the load factor
+        t c         constants `c`: they ramp with the load factor (`Moment`)
         f(t)        a function of one argument
         f(x, t)     a function of two: reference coordinates `x` (d, n), and `t`
 
@@ -70,25 +87,27 @@ class Value:
         for t in (0.0, 1.0):
             self.at(t)
 
-    def at(self, t: float) -> Array:
-        """Values at time `t`: a number a point (1,) or (n,), components (d, 1) or (d, n); the last axis is 1 where all points have the same.
+    def at(self, t: Time) -> Array:
+        """Values at `t`: a number a point (1,) or (n,), components (d, 1) or (d, n); the last axis is 1 where all points have the same.
 
         Raises
         ------
         LoadError or `error`
             if the function fails, or returns something of another shape or that is not finite.
         """
+        moment = Moment.of(t)
         if self.constant is not None:
-            return ramp(t) * self.constant
-        arguments = (t,) if self._arguments == 1 else (self._x.copy(), t)
+            return moment.factor * self.constant
+        time = moment.time
+        arguments = (time,) if self._arguments == 1 else (self._x.copy(), time)
         try:
             result = self._function(*arguments)
         except Exception as error:
             meaning = "t, a number" if self._arguments == 1 else f"x, of shape {self._x.shape}, and t"
             raise self._error(
-                f"{self._what}: the function failed at t = {t:g} with {type(error).__name__}: {error}. It gets {meaning}."
+                f"{self._what}: the function failed at t = {time:g} with {type(error).__name__}: {error}. It gets {meaning}."
             ) from error
-        return self._values(result, f"what the function returned at t = {t:g}")
+        return self._values(result, f"what the function returned at t = {time:g}")
 
     def _values(self, given: Any, source: str) -> Array:
         try:

@@ -7,11 +7,12 @@ from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
-from ..edges import Linearized, Rows
+from ..edges import ALL, Linearized, Rows, Tensions
 from ..edges.rows import Places
 
 if TYPE_CHECKING:
     from .body import Body
+    from .load import Time
 
 Array = NDArray[np.floating[Any]]
 
@@ -29,24 +30,25 @@ class BoundTerm(Protocol):
     def rows(self, pattern: Places) -> Rows:
         """Where its blocks stand in the values of a matrix of this pattern."""
 
-    def tangent(
-        self, u: Array, rows: Rows, data: Array, add: bool, force: Array | None = None, clamped: bool = False
-    ) -> Linearized:
+    def tangent(self, u: Array, rows: Rows, data: Array, add: bool, force: Array | None = None, kept: Tensions = ALL) -> Linearized:
         """Write the tangent stiffness [N/m] of its edges and vertices to CSR values, or add it; adds the force to `force` (nv, d).
 
-        `clamped`: without what could make it indefinite (negative tensions of edges, `psi' d2J` of volumes), so that it is positive semi-definite.
+        `kept`: which tensions of edges stay in it; the factor of negative ones is that of `psi' d2J` of volumes as well.
         """
 
     def edge_blocks(
-        self, u: Array, force: Array | None = None, out: Array | None = None, clamped: bool = False
+        self, u: Array, force: Array | None = None, out: Array | None = None, kept: Tensions = ALL
     ) -> tuple[float, Array]:
-        """The energy [J], and what `add_product` needs at `u`; `out` is what it returned before, to be filled anew."""
+        """The energy [J], and what `add_product` needs at `u`, in which K is linear; `out` is what it returned before, to be filled anew."""
 
     def add_product(self, blocks: Array, v: Array, out: Array) -> None:
         """Add `K v` to `out` (nv, d)."""
 
     def add_diagonal(self, blocks: Array, out: Array) -> None:
         """Add the diagonal blocks `K_aa` to `out` (nv, d, d)."""
+
+    def add_norms(self, blocks: Array, x: Array, out: Array) -> None:
+        """Add `sum_b |K_ab| x_b` over the other vertices `b` to `out` (nv,), for `x` (nv,), with norms not below the 2-norm."""
 
     def add_round_off(self, u: Array, out: Array) -> None:
         """Add to `out` (nv, d) the absolute values of all that adds up to the force [N]: times eps, the size of its rounding error."""
@@ -61,6 +63,25 @@ class Quartic(Protocol):
 
     def along(self, u: Array, v: Array) -> NDArray[np.float64]:
         """(5,) coefficients of the energy along `u + s v`: `c0 + c1 s + c2 s^2 + c3 s^3 + c4 s^4` [J]."""
+
+
+@runtime_checkable
+class HasMeanForce(Protocol):
+    """A term with a force between two states whose work is the difference of their energies."""
+
+    def mean_force(self, u0: Array, u1: Array, weights: tuple[float, float], theta: float, force: Array) -> float:
+        """Add to `force` (nv, d) the force [N] of weighted tensions at `u0` and `u1`, along the edges at `(1 - theta) u0 + theta u1`.
+
+        For `theta = 1/2` and weights of sum 1 its work over `u1 - u0` is `W(u1) - W(u0) + (w1 - w0) R` with the `R >= 0` [J] that is returned.
+        """
+
+
+@runtime_checkable
+class HasDampingForce(Protocol):
+    """A term that can resist the rate of its strain."""
+
+    def damping_force(self, u: Array, v: Array, force: Array) -> float:
+        """Add to `force` (nv, d) the product of its Gauss-Newton tangent at `u` with velocities `v`; half the power that it takes [W]."""
 
 
 @runtime_checkable
@@ -96,26 +117,30 @@ class Term(Protocol):
 
 
 class BoundLoad(Protocol):
-    """What acts on a body from outside, at displacements `u` (nv, d) and load factor or time `t`."""
+    """What acts on a body from outside, at displacements `u` (nv, d) and load factor or moment `t`."""
 
     @property
     def conservative(self) -> bool:
         """Whether it has a potential; otherwise its stiffness is not symmetric."""
 
     @property
+    def steady(self) -> bool:
+        """Whether it is given by constants, not by a function of time."""
+
+    @property
     def edges(self) -> NDArray[np.int32]:
         """(2, ne) pairs of vertices `a < b` that its stiffness couples, in lexicographic order; none if it does not depend on `u`."""
 
-    def potential(self, u: Array, t: float) -> float:
+    def potential(self, u: Array, t: Time) -> float:
         """Its potential [J]; the force is `-d potential/du`."""
 
-    def add_force(self, u: Array, t: float, out: Array) -> None:
+    def add_force(self, u: Array, t: Time, out: Array) -> None:
         """Add the external force [N] to `out` (nv, d)."""
 
     def places(self, pattern: Places) -> Any:
         """Where its blocks stand in the values of a matrix of this pattern."""
 
-    def add_stiffness(self, u: Array, t: float, places: Any, data: Array) -> None:
+    def add_stiffness(self, u: Array, t: Time, places: Any, data: Array) -> None:
         """Add `-d force/du` [N/m] to CSR values."""
 
     def memory(self) -> dict[str, int]:

@@ -7,7 +7,8 @@ from kernels.parts import in_parts, on_twins
 from numba.core.dispatcher import Dispatcher
 
 from skfem_stvk import Anisotropic, StVK, System, VolumePenalty
-from skfem_stvk.kernels import blocks, geometry, penalty, readable, simplices, stretches, topology, volumes
+from skfem_stvk.edges import Tensions
+from skfem_stvk.kernels import blocks, cg, geometry, motion, penalty, readable, simplices, stretches, topology, volumes
 from skfem_stvk.kernels.simplices import LANES
 
 
@@ -38,11 +39,17 @@ def of_terms(mesh, terms, dtype, amount):
         u = state(mesh, amount).reshape(-1, mesh.d) - 0.3 * mesh.p.T
         sizes, diagonal, product = np.zeros_like(u), np.zeros((*u.shape, mesh.d)), np.zeros_like(u)
         assembly.add_round_off(u, sizes)
-        _, blocks = assembly.edge_blocks(u, clamped=True)
+        _, blocks = assembly.edge_blocks(u, kept=Tensions(0.9, 0.2))
         assembly.add_diagonal(blocks, diagonal)
         assembly.add_product(blocks, v, product)
+        assembly.add_norms(blocks, np.arange(1.0, mesh.nv + 1), norms := np.zeros(mesh.nv))
         if isinstance(term, StVK):
+            mean, damping = np.zeros_like(u), np.zeros_like(u)
             found |= {
+                f"energy of the change of {i}": assembly.mean_force(u, u + v, (0.2, 0.7), 0.3, mean),
+                f"mean force of {i}": mean,
+                f"half the power of the damping of {i}": assembly.damping_force(u, v, damping),
+                f"damping of {i}": damping,
                 f"tensions of {i}": assembly.tensions(u),
                 f"energy of {i} along a line": assembly.along(u, v),
                 f"stretches of {i}": assembly.smallest_stretches(0.1 * u),
@@ -50,8 +57,9 @@ def of_terms(mesh, terms, dtype, amount):
             }
         found |= {
             f"round-off of {i}": sizes,
-            f"clamped diagonal of {i}": diagonal,
-            f"clamped product of {i}": product,
+            f"weighed diagonal of {i}": diagonal,
+            f"weighed product of {i}": product,
+            f"clamped norms of {i}": norms,
             f"ratios of volumes of {i}": assembly.volume_ratios(u),
             f"smallest ratio of {i}": assembly.smallest_volume_ratio(u),
         }
@@ -149,7 +157,7 @@ def test_on_twins_no_kernel_is_called(monkeypatch):
     results(mesh, terms)
 
 
-@pytest.mark.parametrize("module", [simplices, blocks, topology, geometry, volumes, stretches, penalty])
+@pytest.mark.parametrize("module", [simplices, blocks, topology, geometry, volumes, stretches, penalty, cg, motion])
 def test_every_kernel_that_python_calls_has_a_twin_with_its_signature(module):
     """What is annotated is called from Python."""
     called = {name: value.py_func for name, value in vars(module).items() if hasattr(value, "py_func") and name[0] != "_"}

@@ -103,6 +103,17 @@ def test_a_hierarchy_is_built_anew_when_iterations_have_grown_and_from_the_modes
     assert fast.iterations == solved(other, unknowns).iterations
 
 
+def test_iterations_that_have_grown_are_noticed_from_a_warm_start_too():
+    (K, unknowns), other = beam(5), beam(5, young=1e4)[0]
+    analysis, x = AmgCg().analyse(unknowns), solved(other, unknowns, 1e-10).x
+    analysis.factorise(K, Kind.SYMMETRIC).solve(across(unknowns), 1e-8)
+    kept = analysis.hierarchy
+    slow = analysis.factorise(other, Kind.SYMMETRIC).solve(across(unknowns), 1e-8, (1 - 1e-5) * x)
+    assert slow.outcome is Outcome.SOLVED and 0.5e-5 < slow.start < 2e-5
+    analysis.factorise(other, Kind.SYMMETRIC)
+    assert analysis.hierarchy is not kept
+
+
 def test_aggregates_cover_all_vertices_and_are_neither_tiny_nor_without_end():
     K, unknowns = beam(6)
     rows = VertexRows(unknowns)

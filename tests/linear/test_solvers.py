@@ -5,7 +5,7 @@ import pytest
 from linear.problems import NAMES, given, indefinite, problem
 
 from skfem_stvk.errors import StateError, StvkError
-from skfem_stvk.linear import SOLVERS, Kind, Outcome, Solution, Unknowns
+from skfem_stvk.linear import SOLVERS, BlockJacobiCg, Kind, Outcome, Solution, Unknowns
 from skfem_stvk.linear.pardiso import pardiso_is_installed
 
 EVERY = [
@@ -13,7 +13,7 @@ EVERY = [
         s, id=s.name, marks=pytest.mark.skipif(s.name == "pardiso" and not pardiso_is_installed(), reason="pypardiso is missing")
     )
     for s in SOLVERS
-]
+] + [pytest.param(BlockJacobiCg(assembled=True), id="block-jacobi-cg, assembled")]
 all_solvers = pytest.mark.parametrize("solver", EVERY)
 direct = pytest.mark.parametrize("solver", [p for p in EVERY if not p.values[0].iterative])
 iterative = pytest.mark.parametrize("solver", [p for p in EVERY if p.values[0].iterative])
@@ -226,3 +226,66 @@ def test_the_structure_is_needed_by_all_that_form_a_matrix():
             continue
         with pytest.raises(StvkError, match="indptr and indices"):
             solver.analyse(bare).factorise(K, SYMMETRIC)
+
+
+@all_solvers
+def test_from_anywhere_the_answer_is_the_same(solver):
+    K, unknowns = problem()
+    b, x0 = load(unknowns.n), 3 * load(unknowns.n, seed=4)
+    factors = solver.analyse(unknowns).factorise(given(solver, K, unknowns), SYMMETRIC)
+    kept, cold, warm = x0.copy(), factors.solve(b, 1e-10), factors.solve(b, 1e-10, x0)
+    assert warm.outcome is Outcome.SOLVED and true_residual(K, warm.x, b) <= 1e-10 * (1 + 1e-6)
+    assert np.abs(warm.x - cold.x).max() < 1e-7 * np.abs(cold.x).max() and np.array_equal(x0, kept)
+
+
+@iterative
+def test_iterative_solvers_start_from_x0_and_say_how_far_off_it_is(solver):
+    K, unknowns = problem()
+    b = load(unknowns.n)
+    factors = solver.analyse(unknowns).factorise(given(solver, K, unknowns), SYMMETRIC)
+    cold = factors.solve(b, 1e-9)
+    x0 = cold.x + 1e-5 * np.abs(cold.x).max() * load(unknowns.n, seed=4)
+    warm, there = factors.solve(b, 1e-9, x0), factors.solve(b, 1e-8, cold.x)
+    assert cold.start == 1 and abs(warm.start - true_residual(K, x0, b)) < 1e-12 + 1e-6 * warm.start
+    assert 0 < warm.iterations < 0.8 * cold.iterations
+    assert there.iterations == 0 and np.array_equal(there.x, cold.x) and there.residual == there.start <= 1e-8
+
+
+@all_solvers
+def test_x_is_written_to_out_which_may_be_where_the_solve_started_or_the_load(solver):
+    K, unknowns = problem()
+    b = load(unknowns.n)
+    factors = solver.analyse(unknowns).factorise(given(solver, K, unknowns), SYMMETRIC)
+    wanted = factors.solve(b, 1e-9).x
+    for x0, out in ((None, np.full(unknowns.n, np.nan)), (x := b.copy(), x), (None, b)):
+        found = factors.solve(b, 1e-9, x0, out)
+        assert found.x is out and np.abs(out - wanted).max() < 1e-5 * np.abs(wanted).max()
+
+
+@all_solvers
+def test_out_is_written_to_where_there_is_no_solution_too(solver):
+    K, unknowns = problem()
+    factors = solver.analyse(unknowns).factorise(given(solver, K, unknowns), SYMMETRIC)
+    for b in (np.zeros(unknowns.n), np.full(unknowns.n, np.nan)):
+        out = np.full(unknowns.n, 7.0)
+        assert factors.solve(b, 1e-9, out, out).x is out and not out.any()
+
+
+@iterative
+def test_a_start_that_is_not_finite_is_an_outcome_and_of_another_length_refused(solver):
+    K, unknowns = problem()
+    b = load(unknowns.n)
+    factors = solver.analyse(unknowns).factorise(given(solver, K, unknowns), SYMMETRIC)
+    found = factors.solve(b, 1e-9, np.full(unknowns.n, np.inf))
+    assert found.outcome is Outcome.NOT_FINITE and not found.x.any()
+    assert factors.solve(b, 1e-9).outcome is Outcome.SOLVED
+    with pytest.raises(StvkError, match=rf"x0 has shape \(3,\); expected \({unknowns.n},\)"):
+        factors.solve(b, 1e-9, np.zeros(3))
+
+
+@all_solvers
+def test_out_is_written_to_of_singular_matrices_too(solver):
+    K, unknowns = problem()
+    out = np.full(unknowns.n, np.nan)
+    solution = solver.analyse(unknowns).factorise(given(solver, singular(K), unknowns), SYMMETRIC).solve(load(unknowns.n), out=out)
+    assert solution.outcome is not Outcome.SOLVED and solution.x is out and np.isfinite(out).all()

@@ -5,7 +5,9 @@ import pytest
 import scipy.sparse.linalg
 from bodies import BODIES, MESHES, state
 
-from skfem_stvk import StateError, StVK, System
+from skfem_stvk import ElasticFoundation, StateError, StVK, System
+from skfem_stvk.edges import ALL, NONE, TENSILE
+from skfem_stvk.errors import StvkError
 from skfem_stvk.system import FreeOperator, TangentOperator
 
 TERM = StVK(young=2.0, poisson=0.3)
@@ -197,19 +199,19 @@ def test_diagonal_blocks_are_those_of_K(name):
     mesh, terms = BODIES[name]
     body, u = System(mesh, terms), state(mesh)
     vertices = np.arange(mesh.nv)
-    for clamped in (False, True):
-        K = body.jacobian(u, clamped=clamped).toarray().reshape(mesh.nv, mesh.d, mesh.nv, mesh.d)
-        blocks = body.linear_operator(u, clamped=clamped).diagonal_blocks()
+    for kept in (ALL, TENSILE):
+        K = body.jacobian(u, kept=kept).toarray().reshape(mesh.nv, mesh.d, mesh.nv, mesh.d)
+        blocks = body.linear_operator(u, kept=kept).diagonal_blocks()
         assert blocks.shape == (mesh.nv, mesh.d, mesh.d)
         assert np.abs(blocks - K[vertices, :, vertices]).max() < 1e-13 * np.abs(K).max()
 
 
-@pytest.mark.parametrize("clamped", [False, True])
-def test_over_the_free_degrees_of_freedom_it_is_K_without_rows_and_columns(clamped):
+@pytest.mark.parametrize("kept", [ALL, TENSILE])
+def test_over_the_free_degrees_of_freedom_it_is_K_without_rows_and_columns(kept):
     body, held = held_body()
     u, v = -3 * state(body.mesh), state(body.mesh, seed=9)[held.free]
-    operator = FreeOperator(body.linear_operator(u, clamped=clamped), held)
-    K = held.matrix(body.jacobian(u, clamped=clamped))
+    operator = FreeOperator(body.linear_operator(u, kept=kept), held)
+    K = held.matrix(body.jacobian(u, kept=kept))
     assert operator.shape == K.shape and operator.dtype == np.float64 and operator.H is operator
     limit = 1e-13 * np.abs(K @ v).max()
     for w in (v, v[:, None], np.stack([v, -2 * v], axis=1), v * (1 + 2j)):
@@ -225,8 +227,8 @@ def test_it_follows_the_tangent_that_it_is_made_of():
     tangent = body.linear_operator(u)
     operator = FreeOperator(tangent, held)
     before = operator @ v
-    tangent.prepare(-2 * u, clamped=True)
-    K = held.matrix(body.jacobian(-2 * u, clamped=True))
+    tangent.prepare(-2 * u, kept=TENSILE)
+    K = held.matrix(body.jacobian(-2 * u, kept=TENSILE))
     assert np.abs(operator @ v - K @ v).max() < 1e-13 * np.abs(K @ v).max() < np.abs(operator @ v - before).max()
 
 
@@ -281,7 +283,7 @@ def test_a_free_operator_whose_tangent_is_not_prepared_says_so():
 
 def test_a_clamped_operator_is_never_taken_for_the_tangent():
     u = state(SOLID.mesh).reshape(-1, 3)
-    operator = SOLID.linear_operator(u.ravel(), clamped=True)
+    operator = SOLID.linear_operator(u.ravel(), kept=TENSILE)
     assert not operator.is_at(u)
     operator.prepare(u.ravel())
     assert operator.is_at(u)
@@ -293,7 +295,7 @@ class Anchors:
     def __init__(self, c):
         self.c = c
 
-    def edge_blocks(self, u, force=None, out=None, clamped=False):
+    def edge_blocks(self, u, force=None, out=None, kept=ALL):
         blocks = np.multiply.outer(self.c, np.eye(u.shape[1]))
         if out is not None:
             out[:] = blocks
@@ -315,3 +317,76 @@ def test_terms_that_are_no_assemblies_will_do():
     assert np.abs(operator @ v - wanted).max() < 1e-13 * np.abs(wanted).max()
     with_anchors, without = operator.diagonal_blocks(), SOLID.linear_operator(u).diagonal_blocks()
     assert np.abs(with_anchors - without - c[:, None, None] * np.eye(3)).max() < 1e-13 * np.abs(with_anchors).max()
+
+
+@pytest.mark.parametrize("kept", [ALL, TENSILE, NONE])
+def test_a_preparation_gives_energy_and_force_of_the_same_pass(kept):
+    mesh, terms = BODIES["tetrahedra, two regions"]
+    body, u = System(mesh, terms), state(mesh)
+    operator, force = body.linear_operator(0 * u), np.ones((mesh.nv, mesh.d))
+    energy = operator.prepare(u, kept=kept, force=force)
+    W, F = body.energy_and_force(u)
+    assert energy == pytest.approx(W, rel=1e-13) and np.abs(force.ravel() - 1 - F).max() < 1e-13 * np.abs(F).max()
+
+
+def test_sums_of_operators_are_those_of_their_matrices():
+    """With a term that has constant blocks."""
+    mesh = SOLID.mesh
+    body = System(mesh, [TERM, ElasticFoundation(lambda x: x[0] > -9, (3.0, 2.0, 1.0))])
+    u, v = state(mesh), state(mesh, seed=9)
+    rest, clamped, operator = body.linear_operator(0 * u), body.linear_operator(2 * u, kept=TENSILE), body.linear_operator(u)
+    wanted = 1.5 * (body.tangent(u) @ v) - 0.5 * (body.tangent(0 * u) @ v) + 0.25 * (body.jacobian(2 * u, kept=TENSILE) @ v)
+    operator.scale_and_add(1.5, [(-0.5, rest), (0.25, clamped)])
+    assert np.abs(operator @ v - wanted).max() < 1e-13 * np.abs(wanted).max()
+    assert np.array_equal(rest @ v, body.linear_operator(0 * u) @ v) and not operator.is_at(u.reshape(-1, 3))
+    operator.scale_and_add(2.0)
+    assert np.abs(operator @ v - 2 * wanted).max() < 1e-13 * np.abs(wanted).max()
+    operator.prepare(u)
+    assert np.array_equal(operator @ v, body.linear_operator(u) @ v)
+
+
+def test_operators_of_other_terms_or_unprepared_are_not_added():
+    u, other = state(SOLID.mesh), System(SOLID.mesh, TERM)
+    operator, broken = SOLID.linear_operator(u), SOLID.linear_operator(u)
+    with pytest.raises(StvkError, match="other terms"):
+        operator.scale_and_add(1.0, [(1.0, other.linear_operator(u))])
+    with pytest.raises(StateError, match="overflows"):
+        broken.prepare(1e160 * u)
+    for call in (lambda: operator.scale_and_add(1.0, [(1.0, broken)]), lambda: broken.scale_and_add(1.0)):
+        with pytest.raises(StateError, match="is not prepared"):
+            call()
+    assert operator.is_at(u.reshape(-1, 3))
+
+
+def test_a_shift_that_is_written_to_counts_from_the_next_product_on():
+    body, held = held_body()
+    u, v, shift = state(body.mesh), state(body.mesh, seed=9)[held.free], np.zeros(len(held.free))
+    operator = FreeOperator(body.linear_operator(u), held, shift)
+    before, diagonal = operator @ v, operator.diagonal_blocks().copy()
+    shift += np.linspace(1, 2, len(shift))
+    assert np.abs(operator @ v - before - shift * v).max() < 1e-13 * np.abs(before).max()
+    added = np.einsum("vcc->vc", operator.diagonal_blocks() - diagonal).ravel()
+    assert np.abs(added[held.free] - shift).max() < 1e-13 * np.abs(diagonal).max() and not added[held.fixed].any()
+
+
+def test_by_edges_it_is_the_same_matrix():
+    body, held = System(SOLID.mesh, TERM), SOLID.free_dofs(np.arange(7))
+    u, shift = state(SOLID.mesh), np.linspace(1, 2, SOLID.ndofs - 7)
+    operator = FreeOperator(body.linear_operator(u), held, shift)
+    edges, blocks, vertices, same = operator.by_edges()
+    assert same is shift
+    v = state(SOLID.mesh, seed=9)
+    v[held.fixed] = 0
+    x, product = v.reshape(-1, 3)[vertices], np.zeros((len(vertices), 3))
+    for (a, b), block in zip(edges, blocks.reshape(-1, 3, 3), strict=True):
+        product[a] += block @ (x[b] - x[a])
+        product[b] += block.T @ (x[a] - x[b])
+    found = np.zeros((SOLID.mesh.nv, 3))
+    found[vertices] = product
+    wanted = operator @ v[held.free]
+    assert np.abs(found.ravel()[held.free] + shift * v[held.free] - wanted).max() < 1e-13 * np.abs(wanted).max()
+
+
+def test_several_terms_have_no_common_edges():
+    body, held = held_body()
+    assert len(body.terms) > 1 and FreeOperator(body.linear_operator(state(body.mesh)), held).by_edges() is None

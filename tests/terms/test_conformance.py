@@ -8,8 +8,9 @@ from bodies import MESHES, random_frames, some_voigt, state, turned_round
 from kernels.parts import in_parts
 
 from skfem_stvk import Anisotropic, ElasticFoundation, SimplexMesh, StVK, System, VolumePenalty
+from skfem_stvk.edges import ALL, NONE, TENSILE, Tensions
 from skfem_stvk.system import Pattern
-from skfem_stvk.terms import Body, HasVolume, Quartic
+from skfem_stvk.terms import Body, HasDampingForce, HasMeanForce, HasVolume, Quartic
 
 RNG = np.random.default_rng(12)
 SOLID = ("tetrahedra", "triangles", "segments")
@@ -77,11 +78,11 @@ def pattern_of(case, *terms):
     return Pattern(case.mesh.nv, case.mesh.d, [term.edges for term in terms])
 
 
-def dense(case, term, u, clamped=False):
+def dense(case, term, u, kept=ALL):
     """K, F, and what the tangent comes with."""
     pattern, force = pattern_of(case, term), np.zeros(u.shape)
     data = np.full(pattern.nnz, np.nan)
-    linearized = term.tangent(u, term.rows(pattern), data, False, force, clamped)
+    linearized = term.tangent(u, term.rows(pattern), data, False, force, kept)
     return np.nan_to_num(pattern.matrix(data).toarray()), force, linearized  # vertices of other elements are left alone
 
 
@@ -125,18 +126,21 @@ def test_products_diagonals_and_edge_blocks_are_those_of_the_tangent(name):
     term, v = bound(case), state(case.mesh, seed=9).reshape(-1, case.mesh.d)
     nv, d = v.shape
     for _, u in states(case):
-        for clamped in (False, True):
-            K, F, _ = dense(case, term, u, clamped)
-            force, product, diagonal = np.zeros((nv, d)), np.zeros((nv, d)), np.zeros((nv, d, d))
-            energy, blocks = term.edge_blocks(u, force, None, clamped)
+        for kept in (ALL, TENSILE, NONE, Tensions(0.3, 0.8)):
+            K, F, _ = dense(case, term, u, kept)
+            force, product, diagonal, norms = np.zeros((nv, d)), np.zeros((nv, d)), np.zeros((nv, d, d)), np.zeros(nv)
+            energy, blocks = term.edge_blocks(u, force, None, kept)
             term.add_product(blocks, v, product)
             term.add_diagonal(blocks, diagonal)
+            term.add_norms(blocks, x := np.arange(1.0, nv + 1), norms)
             assert energy == pytest.approx(term.energy(u), rel=1e-13)
             assert np.abs(force - F).max() <= 1e-13 * np.abs(F).max()
             assert product.ravel() == pytest.approx(K @ v.ravel(), abs=1e-13 * np.abs(K).max())
             assert diagonal == pytest.approx(
                 np.stack([K[d * a :, d * a :][:d, :d] for a in range(nv)]), abs=1e-13 * np.abs(K).max()
             )
+            others = np.linalg.norm(K.reshape(nv, d, nv, d), axis=(1, 3)) * (1 - np.eye(nv))
+            assert norms == pytest.approx(others @ x, rel=1e-12, abs=1e-13 * np.abs(K).max() * x.sum())
 
 
 @pytest.mark.parametrize("name", CASES)
@@ -144,7 +148,7 @@ def test_the_clamped_tangent_is_positive_semi_definite_and_what_it_leaves_out_is
     case = CASES[name]
     term = bound(case)
     for _, u in states(case):
-        exact, clamped = dense(case, term, u)[0], dense(case, term, u, clamped=True)[0]
+        exact, clamped = dense(case, term, u)[0], dense(case, term, u, TENSILE)[0]
         lowest, highest = np.linalg.eigvalsh(clamped)[[0, -1]]
         assert lowest >= -1e-13 * highest and highest > 1e-3
         assert np.abs(clamped - clamped.T).max() <= 1e-14 * highest
@@ -262,14 +266,34 @@ def test_the_round_off_of_the_force_is_neither_below_its_error_nor_far_above(nam
 
 @pytest.mark.parametrize("name", CASES)
 def test_it_says_what_it_can_do(name):
-    """Volumes of all but foundations; the quartic of all but penalties."""
+    """Volumes of all but foundations; the quartic, and a force between two states, of all but penalties; damping of edges alone."""
     case = CASES[name]
     term = bound(case)
     assert (
         isinstance(term, Quartic) == (name not in PENALTIES) == System(case.mesh, [StVK(young=1.0, poisson=0.3), case.term]).quartic
     )
+    assert isinstance(term, HasMeanForce) == (name not in PENALTIES) and isinstance(term, HasDampingForce) == name.startswith(
+        "StVK"
+    )
     assert isinstance(term, HasVolume) != case.grounded
     assert sum(term.memory().values()) > 0
+
+
+@pytest.mark.parametrize("name", [name for name in CASES if name not in PENALTIES])
+def test_the_work_of_the_mean_force_is_the_difference_of_the_energies(name):
+    """More by `(w1 - w0) R` with weights that are not alike, for that is what is lost; and with weights that are it does not matter how large they are."""
+    case = CASES[name]
+    term, v = bound(case), state(case.mesh, seed=9).reshape(-1, case.mesh.d)
+    for _, u in states(case):
+        gained, moved = term.energy(u + v) - term.energy(u), force_of(term, u + 0.3 * v)
+        for w1 in (0.5, 0.9):
+            force = np.ones(u.shape)
+            R = term.mean_force(u, u + v, (1 - w1, w1), 0.5, force)
+            size = (np.abs(force) * np.abs(v)).sum()
+            assert np.vdot(force - 1, v) == pytest.approx(gained + (2 * w1 - 1) * R, abs=1e-12 * size) and abs(gained) > 1e-3 * size
+        force = np.zeros(u.shape)
+        assert term.mean_force(u + 0.3 * v, u + 0.3 * v, (0.5, 1.5), 0.7, force) == 0
+        assert np.abs(force - 2 * moved).max() < 1e-13 * np.abs(moved).max()
 
 
 @pytest.mark.parametrize("name", [name for name in CASES if name not in PENALTIES])

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from skfem_stvk.errors import LoadError, SupportError
-from skfem_stvk.terms.load import Value, ramp
+from skfem_stvk.terms.load import Moment, Value
 
 X = np.array([[0.0, 1.0, 2.0], [5.0, 5.0, 6.0]])
 
@@ -45,8 +45,11 @@ def test_numbers_too(given, expected):
     assert Value(given, (), X, "It").at(0.5).tolist() == expected
 
 
-def test_the_ramp_is_the_load_factor():
-    assert [ramp(t) for t in (0, 0.25, 1)] == [0, 0.25, 1]
+def test_constants_ramp_with_the_load_factor_and_do_not_in_time():
+    constant, function = Value(3, (), X, "It"), Value(lambda t: 3 * t, (), X, "It")
+    for t in (0.0, 0.25, 1.0):
+        assert [constant.at(t).item(), constant.at(Moment(t, 1.0)).item()] == [3 * t, 3]
+        assert [function.at(t).item(), function.at(Moment(t, 1.0)).item()] == [3 * t, 3 * t]
 
 
 def test_a_function_cannot_change_the_coordinates():

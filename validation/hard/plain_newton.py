@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from scipy.sparse.linalg import MatrixRankWarning, spsolve
 
 from skfem_stvk import StateError, System
+from skfem_stvk.edges import ALL, TENSILE
 
 Array = NDArray[np.floating[Any]]
 
@@ -52,7 +53,7 @@ def _direction(system: System, u: Array, t: float, free: NDArray[np.int64], resi
     v = np.zeros(system.ndofs)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", MatrixRankWarning)
-        v[free] = spsolve(system.jacobian(u, t, clamped=clamped)[free][:, free].tocsc(), -residual[free])
+        v[free] = spsolve(system.jacobian(u, t, kept=TENSILE if clamped else ALL)[free][:, free].tocsc(), -residual[free])
     return v
 
 

@@ -1,4 +1,4 @@
-"""The tangent without negative tensions: `2 J' L J + sum max(t, 0) Lap (x) I`, positive semi-definite."""
+"""The tangent by which tensions of edges stay in it: `2 J' L J + sum g t Lap (x) I`; without negative ones positive semi-definite."""
 
 import numpy as np
 import pytest
@@ -7,6 +7,7 @@ from kernels.parts import in_parts
 from scipy.spatial import Delaunay
 
 from skfem_stvk import Anisotropic, SimplexMesh, StVK, System
+from skfem_stvk.edges import ALL, NONE, TENSILE, Tensions
 from skfem_stvk.system import Pattern, TangentOperator
 
 
@@ -34,8 +35,8 @@ def bound(mesh, terms, dtype=np.float64):
     return [term.bind(mesh, dtype) for term in terms]
 
 
-def from_the_edges(assembly, u, clamped):
-    """(ndofs, ndofs) `2 J' L J + sum t Lap (x) I`, dense, from the coefficients of the edges."""
+def from_the_edges(assembly, u, kept):
+    """(ndofs, ndofs) `2 J' L J + sum g t Lap (x) I`, dense, from the coefficients of the edges."""
     form, (nv, d) = assembly.form, u.shape
     (a, b), e = form.edges, np.arange(form.edges.shape[1])
     J, B = np.zeros((len(e), nv, d)), np.zeros((len(e), nv))
@@ -43,14 +44,15 @@ def from_the_edges(assembly, u, clamped):
     J[e, a] = form.P + form.differences(u)
     J[e, b] = -J[e, a]
     J, t = J.reshape(len(e), -1), form.tensions(u)
-    return 2 * J.T @ form.L @ J + np.kron(B.T @ ((np.maximum(t, 0) if clamped else t)[:, None] * B), np.eye(d))
+    t = np.where(t > 0, kept.positive, kept.negative) * t
+    return 2 * J.T @ form.L @ J + np.kron(B.T @ (t[:, None] * B), np.eye(d))
 
 
-def dense(assembly, u, clamped):
+def dense(assembly, u, kept):
     """The same from the kernels, by way of CSR values."""
     pattern = Pattern(len(u), u.shape[1], [assembly.edges])
     data = np.zeros(pattern.nnz)
-    assembly.tangent(u, assembly.rows(pattern), data, False, None, clamped)
+    assembly.tangent(u, assembly.rows(pattern), data, False, None, kept)
     return pattern.matrix(data).toarray()
 
 
@@ -80,16 +82,18 @@ def test_tensions_of_small_strains_keep_all_digits_far_from_the_origin():
 
 @pytest.mark.parametrize("parts", [1, 2, 5])
 @pytest.mark.parametrize("name", BODIES)
-def test_the_clamped_tangent_is_that_of_the_edges(name, parts, monkeypatch):
+def test_the_tangent_is_that_of_the_edges_with_the_tensions_that_are_kept(name, parts, monkeypatch):
     in_parts(monkeypatch, parts)
     mesh, terms = BODIES[name]
     u = compressed(mesh)
     for assembly in bound(mesh, terms):
-        exact, clamped = (from_the_edges(assembly, u, clamped) for clamped in (False, True))
+        exact = from_the_edges(assembly, u, ALL)
         scale = np.abs(exact).max()
-        assert np.abs(clamped - exact).max() > 1e-3 * scale
-        assert np.abs(dense(assembly, u, False) - exact).max() < 1e-12 * scale
-        assert np.abs(dense(assembly, u, True) - clamped).max() < 1e-12 * scale
+        assert np.abs(dense(assembly, u, ALL) - exact).max() < 1e-12 * scale
+        for kept in (TENSILE, NONE, Tensions(0.3, 0.3), Tensions(0.2, 0.9)):
+            wanted = from_the_edges(assembly, u, kept)
+            assert np.abs(wanted - exact).max() > 1e-3 * scale
+            assert np.abs(dense(assembly, u, kept) - wanted).max() < 1e-12 * scale
 
 
 KINDS = {"tetrahedra": (3, 3), "triangles": (2, 2), "membrane": (2, 3), "segments": (1, 1), "cable": (1, 3)}
@@ -104,7 +108,7 @@ STATES = {
 @pytest.mark.parametrize("stress", STATES)
 @pytest.mark.parametrize("law", ["isotropic", "general"])
 @pytest.mark.parametrize("kind", KINDS)
-def test_the_clamped_tangent_is_positive_semi_definite_where_the_exact_one_is_not(kind, law, stress):
+def test_the_clamped_and_the_gauss_newton_tangent_are_positive_semi_definite_where_the_exact_one_is_not(kind, law, stress):
     mesh = unstructured(*KINDS[kind])
     rng = np.random.default_rng(6)
     if law == "isotropic":
@@ -115,9 +119,10 @@ def test_the_clamped_tangent_is_positive_semi_definite_where_the_exact_one_is_no
     noise = rng.standard_normal(mesh.p.T.shape) / mesh.nv ** (1 / mesh.k)
     body, u = System(mesh, term), STATES[stress](mesh.p.T, noise)
     (assembly,) = body._bound
-    exact, clamped = (np.linalg.eigvalsh(dense(assembly, u, clamped)) for clamped in (False, True))
+    exact, *others = (np.linalg.eigvalsh(dense(assembly, u, kept)) for kept in (ALL, TENSILE, NONE))
     assert exact[0] < -1e-6 * np.abs(exact).max()
-    assert clamped[0] >= -1e-13 * clamped[-1]
+    for lowest, highest in ((values[0], values[-1]) for values in others):
+        assert lowest >= -1e-13 * highest
 
 
 def regular(k):
@@ -138,18 +143,20 @@ def test_where_all_edges_are_in_tension_the_clamped_tangent_is_the_exact_one_to_
     assembly = StVK(young=2.0, poisson=0.3).bind(mesh)
     u = 0.1 * mesh.p.T + 0.01 * state(mesh).reshape(-1, mesh.d)
     assert (assembly.tensions(u) > 0).all()
-    assert np.array_equal(dense(assembly, u, True), dense(assembly, u, False))
+    assert np.array_equal(dense(assembly, u, TENSILE), dense(assembly, u, ALL))
     assert (assembly.tensions(-2 * u) < 0).any()
-    assert np.abs(dense(assembly, -2 * u, True) - dense(assembly, -2 * u, False)).max() > 1e-3
+    assert np.abs(dense(assembly, -2 * u, TENSILE) - dense(assembly, -2 * u, ALL)).max() > 1e-3
 
 
-def test_energy_and_force_that_come_with_a_clamped_tangent_are_the_exact_ones():
+def test_energy_and_force_that_come_with_another_tangent_are_the_exact_ones():
     mesh, terms = BODIES["tetrahedra, isotropic"]
     (assembly,), u = bound(mesh, terms), state(mesh).reshape(-1, 3)
     F, same = np.zeros_like(u), np.zeros_like(u)
     W = assembly.energy(u, F)
-    energy, _ = assembly.edge_blocks(u, same, clamped=True)
-    assert energy == pytest.approx(W, rel=1e-14) and np.abs(F - same).max() < 1e-14 * np.abs(F).max()
+    for kept in (TENSILE, NONE):
+        same[:] = 0
+        energy, _ = assembly.edge_blocks(u, same, kept=kept)
+        assert energy == pytest.approx(W, rel=1e-14) and np.abs(F - same).max() < 1e-14 * np.abs(F).max()
 
 
 @pytest.mark.parametrize("name", ["tetrahedra, two regions", "membrane, anisotropic", "cable, area"])
@@ -157,8 +164,8 @@ def test_the_operator_without_negative_tensions_is_the_clamped_tangent(name):
     mesh, terms = BODIES[name]
     body, u, v = System(mesh, terms), compressed(mesh).ravel(), state(mesh, seed=9)
     x = u.reshape(-1, mesh.d)
-    K = sum(dense(assembly, x, True) for assembly in body._bound)
-    operator = TangentOperator(body._bound, body._state, u, body.dtype, clamped=True)
+    K = sum(dense(assembly, x, TENSILE) for assembly in body._bound)
+    operator = TangentOperator(body._bound, body._state, u, body.dtype, kept=TENSILE)
     assert np.abs(operator @ v - K @ v).max() < 1e-13 * np.abs(K @ v).max()
     operator.prepare(u)
     assert np.abs(operator @ v - body.tangent(u) @ v).max() < 1e-13 * np.abs(K @ v).max() < np.abs(operator @ v - K @ v).max()

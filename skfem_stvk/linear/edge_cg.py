@@ -1,0 +1,144 @@
+"""The compiled loop of conjugate gradients: what it works in, kept from matrix to matrix and from solve to solve."""
+
+from __future__ import annotations
+
+from typing import Any, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import StateError, StvkError, name_ids
+from ..kernels import cg as kernels
+from ..kernels.sparse import invert_diagonal, multiply_diagonal
+from .cg import solve_by
+from .checks import Newest, checked_start, checked_vector, handed_out
+from .solver import Outcome, Solution, Vector
+
+Ids = NDArray[np.integer[Any]]
+
+#: Iterations at most: on slender bodies they grow with the number of elements along them, and more.
+MOST = 50_000
+
+#: Edges that one call takes, iteration after iteration: 50 ms, after which Python looks whether Ctrl-C was pressed.
+STRETCH = 10_000_000
+
+OUTCOMES = {
+    kernels.SMALL: Outcome.SOLVED,
+    kernels.NEGATIVE: Outcome.NEGATIVE_CURVATURE,
+    kernels.NOT_FINITE: Outcome.NOT_FINITE,
+}
+
+
+class EdgeCg:
+    """Conjugate gradients on blocks of edges, on one thread, with the diagonal blocks as preconditioner.
+
+    Parameters
+    ----------
+    edges : (ne, 2) block rows.
+    vertices : (rows,) what messages call the block rows.
+    places : (n,) of the unknowns, `3 row + component`.
+    assembled : whether the diagonal is given, block by block; otherwise it is a shift minus the blocks of edges.
+
+    Attributes
+    ----------
+    diagonal : as of `kernels.cg`.
+    iterations, size, norm : as of `cg.Search`.
+    """
+
+    def __init__(self, edges: Ids, vertices: Ids, places: NDArray[np.int64], assembled: bool) -> None:
+        self.edges, self._vertices, self._places = edges, vertices, places
+        rows = len(vertices)
+        is_held = np.ones(3 * rows, dtype=bool)
+        is_held[places] = False
+        self._held, self._rows = np.flatnonzero(is_held), np.arange(rows)
+        self.diagonal, self.inverse = np.zeros((9 if assembled else 3) * rows), np.zeros(9 * rows)
+        self._none, self._work, self._state = np.zeros(rows), np.zeros((4, 3 * rows)), np.zeros(3)
+        self._blocks: NDArray[np.floating[Any]] = np.empty(0)
+        self._b: Vector = np.empty(0)
+        self.iterations, self.size, self.norm = 0, 0.0, 0.0
+
+    def shift(self, blocks: NDArray[np.floating[Any]], shift: NDArray[np.floating[Any]] | None) -> None:
+        """The matrix of these blocks, without those of the diagonal, and with a stiffness of each unknown against the ground."""
+        added = self._none[:0] if shift is None else shift
+        if shift is None:
+            self.diagonal[:] = 0
+        elif shift.shape != self._places.shape:
+            raise StvkError(
+                f"The shift has shape {shift.shape}; expected {self._places.shape}, a value for each free degree of freedom."
+            )
+        total = kernels.shifted_diagonal(self.edges, blocks, self._held, self._places, added, self.diagonal, self.inverse)
+        self._invert(blocks, total)
+
+    def fill(self, blocks: NDArray[np.floating[Any]]) -> None:
+        """The matrix of these blocks and of those that were written to `diagonal`."""
+        np.copyto(self.inverse, self.diagonal)
+        self._invert(blocks, float(self.inverse.sum()))
+
+    def _invert(self, blocks: NDArray[np.floating[Any]], total: float) -> None:
+        if not np.isfinite(total):
+            bad = self._vertices[~np.isfinite(self.inverse.reshape(-1, 9)).all(axis=1)]
+            raise StateError(f"The diagonal of K is not finite at {name_ids(bad, 'vertex')}: did the step before diverge?")
+        invert_diagonal(0, len(self._rows), self._rows, self.inverse, self._none, self.inverse)
+        self._blocks = blocks
+
+    def solve(self, b: Vector, rtol: float, most: int, x0: Vector | None, out: Vector | None) -> Solution:
+        """From `x0` or from zero; x is written to `out`."""
+        self._b, self._out = b, np.empty(len(b)) if out is None else out
+        x = self._work[kernels.X]
+        if x0 is None:
+            x[:] = 0
+        else:
+            x[self._places] = x0
+        self.iterations, self.size = 0, float(np.sqrt(np.einsum("i,i", b, b)))
+        self.true_residual()
+        return solve_by(self, b, rtol, most)
+
+    def precondition(self, r: Vector) -> Vector:
+        """(n,) the inverses of the diagonal blocks times `r`."""
+        padded, product = self._work[kernels.P], self._work[kernels.Q]
+        padded[self._places] = r
+        multiply_diagonal(0, len(self._rows), self.inverse, padded, product)
+        return product[self._places]
+
+    def true_residual(self) -> float:
+        """`|b - K x|` from x, and from here on that is the residual; the next direction is the first again."""
+        own = self.edges, self._blocks, self.diagonal, self.inverse, self._held, self._places
+        kernels.residual(*own, self._b, self._state, self._work)
+        self.norm = float(self._state[kernels.NORM])
+        return self.norm
+
+    def run(self, enough: float, most: int) -> Outcome:
+        """Iterate until the residual is small enough, or something else happens."""
+        own = self.edges, self._blocks, self.diagonal, self.inverse, self._held
+        stretch, ended = max(1, STRETCH // max(1, len(self.edges))), kernels.MORE
+        while ended == kernels.MORE:
+            if self.iterations >= most:
+                return Outcome.SOLVED if self.norm <= enough else Outcome.OUT_OF_ITERATIONS
+            ended, done = kernels.iterate(*own, enough, min(stretch, most - self.iterations), self._state, self._work)
+            self.iterations += done
+        self.norm = float(self._state[kernels.NORM])
+        return OUTCOMES[ended]
+
+    def x(self) -> Vector:
+        """Where it is."""
+        return np.take(self._work[kernels.X], self._places, out=self._out, mode="clip")
+
+
+class EdgeFactors:
+    """The inverses of the diagonal blocks, in the place that their analysis has for them."""
+
+    negative_pivots: ClassVar[None] = None
+
+    def __init__(self, search: EdgeCg, n: int, newest: Newest) -> None:
+        self._search, self._n = search, n
+        self._newest, self._number = newest, newest.next()
+
+    def solve(self, b: Vector, rtol: float = 1e-10, x0: Vector | None = None, out: Vector | None = None) -> Solution:
+        """Conjugate gradients, all compiled."""
+        self._newest.check(self._number)
+        b, x0 = checked_vector(b, self._n), checked_start(x0, self._n)
+        return handed_out(self._search.solve(b, rtol, MOST, x0, out), out)
+
+    def precondition(self, r: Vector) -> Vector:
+        """(n,) the inverses of the diagonal blocks times `r`."""
+        return self._search.precondition(r)

@@ -1,0 +1,206 @@
+"""The force between two states, whose work is the difference of their energies; what it is beside when weights are not alike."""
+
+import hypothesis.strategies as st
+import numpy as np
+import pytest
+from bodies import BODIES, MESHES, state
+from hypothesis import given, settings
+from kernels.parts import in_parts
+
+from skfem_stvk import SimplexMesh, StVK
+
+TERM = StVK(young=2.0, poisson=0.3)
+HALVES = (0.5, 0.5)
+LIMIT = 1e-12
+CASES = {name: (mesh, [term.bind(mesh) for term in terms]) for name, (mesh, terms) in BODIES.items()}
+
+
+def force_of(assembly, u):
+    force = np.zeros(u.shape)
+    return assembly.energy(u, force), force
+
+
+def mean(assembly, u0, u1, weights=HALVES, theta=0.5):
+    force = np.zeros(u0.shape)
+    return assembly.mean_force(u0, u1, weights, theta, force), force
+
+
+def states(mesh, of_u=0.3, of_v=0.3, seed=4):
+    """(nv, d) two states, both of them not small."""
+    u0 = state(mesh, of_u, seed).reshape(-1, mesh.d) - 0.2 * min(of_u, 1) * mesh.p.T
+    return u0, u0 + state(mesh, of_v, seed + 5).reshape(-1, mesh.d)
+
+
+def turn_of(d, angle=2.0):
+    """(d, d) a rotation that is not small, about an axis of no direction in particular."""
+    if d == 1:
+        return np.eye(1)
+    axes = np.linalg.qr(np.random.default_rng(3).standard_normal((d, d)))[0]
+    turn = np.eye(d)
+    turn[:2, :2] = [[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]]
+    return axes @ turn @ axes.T
+
+
+def from_the_edges(assembly, u0, u1, weights, theta):
+    """R and the force from the coefficients L of the edges, with 11 bits more than the kernels."""
+    form, (w0, w1) = assembly.form, weights
+    (a, b), L = form.edges, np.asarray(form.L.todense(), dtype=np.longdouble)
+    P, U0, U1 = (x[a] - x[b] for x in (x.astype(np.longdouble) for x in (form.p.T, u0, u1)))
+    p0, p1 = P + U0, P + U1
+    zeta, dzeta = ((P + p0) * U0).sum(axis=1), ((p0 + p1) * (U1 - U0)).sum(axis=1)
+    tensions, force = L @ ((w0 + w1) * zeta + w1 * dzeta), np.zeros(u0.shape, dtype=np.longdouble)
+    pull = tensions[:, None] * ((1 - theta) * p0 + theta * p1)
+    np.add.at(force, a, pull)
+    np.subtract.at(force, b, pull)
+    return float(dzeta @ L @ dzeta / 4), force.astype(float)
+
+
+def excess_of_work(assembly, u0, u1, force):
+    """How much more its work over `u1 - u0` is than `W(u1) - W(u0)`, as a part of what they are made of."""
+    W0, W1, work = assembly.energy(u0), assembly.energy(u1), np.vdot(force, u1 - u0)
+    assert min(W0, W1) > 0 and abs(W1 - W0) > 1e-3 * W0
+    return (work - (W1 - W0)) / (W0 + W1 + (np.abs(force) * np.abs(u1 - u0)).sum())
+
+
+def imbalance(force, x):
+    """Of forces, and of torques about the places `x` (nv, d), as a part of the largest."""
+    torque = np.einsum("ni,nj->ij", x, force)
+    sums = np.abs(force.sum(axis=0)).max(), np.abs(torque - torque.T).max() / np.abs(x).max()
+    return max(sums) / np.abs(force).sum()
+
+
+@pytest.mark.parametrize("parts", [1, 3])
+@pytest.mark.parametrize("name", BODIES)
+def test_it_is_that_of_the_edges(name, parts, monkeypatch):
+    in_parts(monkeypatch, parts)
+    mesh, assemblies = CASES[name]
+    u0, u1 = states(mesh)
+    for assembly in assemblies:
+        for weights, theta in ((HALVES, 0.5), ((0.2, 0.8), 0.5), ((-1.0, 1.0), 1.0), ((0.3, 0.5), 0.1), ((0.0, 1.0), 0.0)):
+            (wanted_R, wanted), (R, force) = (f(assembly, u0, u1, weights, theta) for f in (from_the_edges, mean))
+            assert min(wanted_R, np.abs(wanted).max()) > 1e-3
+            assert pytest.approx(wanted_R, rel=LIMIT) == R
+            assert np.abs(force - wanted).max() < LIMIT * np.abs(wanted).max()
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    st.sampled_from(sorted(CASES)),
+    st.integers(0, 10**6),
+    st.sampled_from([1e-9, 0.1, 1.0, 10.0]),
+    st.sampled_from([1e-3, 0.3, 10.0]),
+)
+def test_its_work_is_the_difference_of_the_energies_and_it_balances_in_between(name, seed, amount, part):
+    mesh, assemblies = CASES[name]
+    u0, u1 = states(mesh, amount, part * amount, seed)
+    for assembly in assemblies:
+        R, force = mean(assembly, u0, u1)
+        assert R > 0
+        work, W0, W1 = np.vdot(force, u1 - u0), assembly.energy(u0), assembly.energy(u1)
+        assert abs(work - (W1 - W0)) < LIMIT * (W0 + W1 + (np.abs(force) * np.abs(u1 - u0)).sum())
+        assert imbalance(force, mesh.p.T + (u0 + u1) / 2) < LIMIT
+
+
+@pytest.mark.parametrize("name", BODIES)
+def test_with_other_weights_the_work_is_larger_by_the_energy_of_the_change(name):
+    mesh, assemblies = CASES[name]
+    u0, u1 = states(mesh)
+    for assembly in assemblies:
+        for w1 in (0.7, 1.0, 3.0, 0.0):
+            R, force = mean(assembly, u0, u1, (1 - w1, w1))
+            excess = np.vdot(force, u1 - u0) - (assembly.energy(u1) - assembly.energy(u0))
+            assert excess == pytest.approx((2 * w1 - 1) * R, abs=LIMIT * (np.abs(force) * np.abs(u1 - u0)).sum())
+            assert imbalance(force, mesh.p.T + (u0 + u1) / 2) < LIMIT
+
+
+FAULTS = {
+    "force at the midpoint": lambda a, u0, u1: force_of(a, (u0 + u1) / 2)[1],
+    "mean of the forces": lambda a, u0, u1: (force_of(a, u0)[1] + force_of(a, u1)[1]) / 2,
+    "along the edges as they are later": lambda a, u0, u1: mean(a, u0, u1, theta=1.0)[1],
+    "a little off the middle": lambda a, u0, u1: mean(a, u0, u1, theta=0.5 + 1e-6)[1],
+    "weights a little off": lambda a, u0, u1: mean(a, u0, u1, (0.5 - 1e-6, 0.5 + 1e-6))[1],
+}
+
+
+@pytest.mark.parametrize("fault", FAULTS)
+@pytest.mark.parametrize("name", BODIES)
+def test_what_is_nearly_it_fails_by_its_work(name, fault):
+    mesh, assemblies = CASES[name]
+    u0, u1 = states(mesh)
+    for assembly in assemblies:
+        assert abs(excess_of_work(assembly, u0, u1, mean(assembly, u0, u1)[1])) < LIMIT
+        assert abs(excess_of_work(assembly, u0, u1, FAULTS[fault](assembly, u0, u1))) > 1e4 * LIMIT
+
+
+@pytest.mark.parametrize("name", [name for name in BODIES if CASES[name][0].d > 1])
+def test_forces_along_edges_of_another_place_turn_the_body(name):
+    mesh, assemblies = CASES[name]
+    u0, u1 = states(mesh)
+    for assembly in assemblies:
+        for theta in (0.0, 0.3, 1.0):
+            force = mean(assembly, u0, u1, theta=theta)[1]
+            assert imbalance(force, mesh.p.T + u0 + theta * (u1 - u0)) < LIMIT < 1e-6 < imbalance(force, mesh.p.T + (u0 + u1) / 2.1)
+
+
+@pytest.mark.parametrize("name", BODIES)
+def test_a_rigid_motion_however_large_changes_no_edge(name):
+    mesh, assemblies = CASES[name]
+    (u0, u1), x = states(mesh), mesh.p.T
+    moved = (x + u0) @ turn_of(mesh.d).T + 3.0 - x
+    for assembly in assemblies:
+        W, F = force_of(assembly, u0)
+        R, force = mean(assembly, u0, moved, (-1.0, 1.0))
+        assert R < 1e-26 * W and np.abs(force).max() < 1e-12 * np.abs(F).max()
+        assert mean(assembly, u0, u1, (-1.0, 1.0))[0] > 1e-2 * W
+
+
+@pytest.mark.parametrize("name", BODIES)
+def test_of_one_state_twice_it_is_the_force_there(name):
+    mesh, assemblies = CASES[name]
+    u0, _ = states(mesh)
+    for assembly in assemblies:
+        _, F = force_of(assembly, u0)
+        R, force = mean(assembly, u0, u0.copy(), (0.3, 0.7), 0.2)
+        assert R == 0 and np.abs(force - F).max() < 1e-14 * np.abs(F).max()
+
+
+@pytest.mark.parametrize(("of_u", "of_v"), [(1e-9, 1e-9), (1.0, 1e-9), (1e-9, 1.0)])
+@pytest.mark.parametrize("offset", [0.0, 2.0**20])
+@pytest.mark.parametrize("name", ["tetrahedra", "triangles", "membrane", "cable"])
+def test_small_changes_have_all_their_digits(name, offset, of_u, of_v):
+    """Small strains, small changes of large ones, and far from the origin: `zeta(u1) - zeta(u0)`, taken as it stands there, has none left."""
+    mesh = MESHES[name]
+    mesh = SimplexMesh(mesh.p + offset, mesh.t)
+    u0 = state(mesh, of_u).reshape(-1, mesh.d)
+    assembly, u1 = TERM.bind(mesh), u0 + state(mesh, of_v, 9).reshape(-1, mesh.d)
+    for weights in (HALVES, (-1.0, 1.0)):
+        (wanted_R, wanted), (R, force) = (f(assembly, u0, u1, weights, 0.5) for f in (from_the_edges, mean))
+        assert pytest.approx(wanted_R, rel=LIMIT) == R and R > 0
+        assert np.abs(force - wanted).max() < LIMIT * np.abs(wanted).max()
+
+
+@pytest.mark.parametrize("name", ["tetrahedra, two regions", "membrane, anisotropic", "cable, area"])
+def test_in_single_precision_changes_have_its_digits_however_small_they_are(name):
+    mesh, terms = BODIES[name]
+    for of_v in (0.3, 1e-7):
+        u0, u1 = states(mesh, 0.3, of_v)
+        for term in terms:
+            (wanted_R, wanted), (R, force) = (
+                mean(term.bind(mesh, dtype), u0, u1, (-1.0, 1.0)) for dtype in (np.float64, np.float32)
+            )
+            assert pytest.approx(wanted_R, rel=1e-5) == R
+            assert 0 < np.abs(force - wanted).max() < 1e-5 * np.abs(wanted).max()
+
+
+def test_it_is_the_same_to_the_last_bit_from_run_to_run_and_adds_to_what_is_there(monkeypatch):
+    in_parts(monkeypatch, 3)
+    mesh = MESHES["tetrahedra"]
+    assembly, (u0, u1) = TERM.bind(mesh), states(mesh)
+    R, force = mean(assembly, u0, u1)
+    for _ in range(5):
+        assembly.energy(u1)
+        again = mean(assembly, u0, u1)
+        assert again[0] == R and np.array_equal(again[1], force)
+    more = np.ones_like(force)
+    assembly.mean_force(u0, u1, HALVES, 0.5, more)
+    assert np.abs(more - 1 - force).max() < 1e-14
