@@ -1,5 +1,19 @@
 """St. Venant-Kirchhoff elasticity on simplices from edges, and the referee for everybody else's: a plugin for scikit-fem."""
 
+from .dynamics import (
+    BackwardEuler,
+    EdgeDamping,
+    EnergyMomentum,
+    ForwardEuler,
+    GeneralizedAlpha,
+    LinearBackwardEuler,
+    Newmark,
+    Rayleigh,
+    Run,
+    SimulationError,
+    VelocityVerlet,
+    simulate,
+)
 from .errors import LoadError, MaterialError, MeshError, RegionError, StateError, StvkError, StvkWarning, SupportError
 from .materials import Anisotropic, Isotropic, Orthotropic, TransverselyIsotropic
 from .mesh import SimplexMesh, embedded_mesh, read_mesh
@@ -11,19 +25,29 @@ from .terms import BodyForce, ElasticFoundation, Gravity, NodalLoad, Pressure, S
 __version__ = "0.1.0"
 __all__ = [
     "Anisotropic",
+    "BackwardEuler",
     "BodyForce",
+    "EdgeDamping",
     "ElasticFoundation",
+    "EnergyMomentum",
+    "ForwardEuler",
+    "GeneralizedAlpha",
     "Gravity",
     "Isotropic",
+    "LinearBackwardEuler",
     "LoadError",
     "MaterialError",
     "MeshError",
+    "Newmark",
     "NodalLoad",
     "Orthotropic",
     "Pressure",
+    "Rayleigh",
     "RegionError",
     "Report",
+    "Run",
     "SimplexMesh",
+    "SimulationError",
     "SolveError",
     "StVK",
     "StateError",
@@ -35,9 +59,11 @@ __all__ = [
     "System",
     "Traction",
     "TransverselyIsotropic",
+    "VelocityVerlet",
     "VolumePenalty",
     "embedded_mesh",
     "read_mesh",
+    "simulate",
     "solve_static",
     "verify",
 ]

@@ -47,6 +47,12 @@ def test_ex05_snap_through():
     assert example.limit == pytest.approx(340.754, rel=1e-5)
 
 
+def test_ex06_flag():
+    example = run("ex06_flag")
+    assert all(run.success for run in example.runs.values())
+    assert example.deepest == pytest.approx(-99.290e-3, rel=1e-5) and example.drift < 1e-11
+
+
 def test_no_example_is_forgotten():
     tested = {name.removeprefix("test_") for name in globals() if name.startswith("test_ex")}
     assert tested == {path.stem for path in EXAMPLES.glob("ex*.py")}

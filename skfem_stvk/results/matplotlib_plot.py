@@ -14,7 +14,7 @@ from matplotlib.colors import LinearSegmentedColormap, Normalize, to_rgba
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from .picture import Picture
+from .picture import Picture, View
 
 Array = NDArray[np.float64]
 MISSING, REST, EDGE = "#c8c8c8", "#909090", "#202020"
@@ -27,42 +27,54 @@ LIGHT = np.array([0.35, -0.55, 0.76])
 
 def draw(picture: Picture, path: Path | None) -> Figure:
     """The figure; written to `path` if there is one, else known to pyplot, which can show it."""
-    figure = _new_figure(interactive=path is None)
-    colours = ScalarMappable(Normalize(*picture.limits), COLOURS)
-    (_draw_in_space if picture.d == 3 else _draw_in_plane)(figure, picture, colours)
-    bar = figure.colorbar(colours, ax=figure.axes, label=picture.label, shrink=0.7, aspect=24, pad=0.03)
-    bar.outline.set_visible(False)
-    if picture.scale != 1:
-        figure.text(0.01, 0.01, f"displacements × {picture.scale:g}", fontsize=8, color=REST)
+    figure = new_figure((7, 4.5), interactive=path is None)
+    Stage(figure, picture, View.of([picture])).show(picture)
     if path is not None:
         figure.savefig(path, dpi=200, bbox_inches="tight")
     return figure
 
 
-def _new_figure(interactive: bool) -> Figure:
+def new_figure(size: tuple[float, float], interactive: bool) -> Figure:
+    """A figure of this size [inch]; one that pyplot can show if it is interactive."""
     if not interactive:
-        return Figure(figsize=(7, 4.5), layout="constrained")
+        return Figure(figsize=size, layout="constrained")
     from matplotlib import pyplot
 
-    return pyplot.figure(figsize=(7, 4.5), layout="constrained")
+    return pyplot.figure(figsize=size, layout="constrained")
 
 
-def _draw_in_plane(figure: Figure, picture: Picture, colours: ScalarMappable) -> None:
+class Stage:
+    """Axes and a colour bar that stay as they are, for pictures of one body, one at a time.
+
+    Parameters
+    ----------
+    figure : an empty one.
+    picture : any of the pictures.
+    view : of all of them.
+    """
+
+    def __init__(self, figure: Figure, picture: Picture, view: View) -> None:
+        self._colours = ScalarMappable(Normalize(*view.limits), COLOURS)
+        self._axes: Any = (_axes_in_space if picture.d == 3 else _axes_in_plane)(figure, view.box, picture)
+        self._draw = _draw_in_space if picture.d == 3 else _draw_in_plane
+        self._shown: list[Any] = []
+        bar = figure.colorbar(self._colours, ax=figure.axes, label=picture.label, shrink=0.7, aspect=24, pad=0.03)
+        bar.outline.set_visible(False)
+        if picture.scale != 1:
+            figure.text(0.01, 0.01, f"displacements × {picture.scale:g}", fontsize=8, color=REST)
+
+    def show(self, picture: Picture) -> None:
+        """This one instead of the one before."""
+        for artist in self._shown:
+            artist.remove()
+        self._shown = self._draw(self._axes, picture, self._colours)
+
+
+def _axes_in_plane(figure: Figure, box: Array, picture: Picture) -> Any:
     axes: Any = figure.add_subplot()
-    rest, moved = picture.rest[:, :2].copy(), picture.moved[:, :2]
-    points, values = _pieces(moved[picture.cells], picture.values)
-    rgba = colours.to_rgba(values)
-    if picture.d == 1:
-        rest[:, 1] -= 0.04 * np.ptp(picture.rest[:, 0])  # beside the deformed body, which would hide it
-        axes.plot(*rest.T, "|", color=REST, ms=6)
-    axes.add_collection(LineCollection(rest[picture.lines.T], colors=REST, linewidths=0.8, zorder=1))
-    if len(picture.cells) == 2:
-        axes.add_collection(LineCollection(list(points), colors=EDGE, linewidths=5, capstyle="round"))
-        axes.add_collection(LineCollection(list(points), colors=rgba, linewidths=4, capstyle="round"))
-    else:
-        axes.add_collection(PolyCollection(list(points), facecolors=rgba, edgecolors=rgba, linewidths=0.3, rasterized=True))
-        axes.add_collection(LineCollection(moved[picture.lines.T], colors=EDGE, linewidths=0.8))
+    axes.update_datalim(box[:, :2])
     axes.autoscale_view()
+    axes.autoscale(False)
     axes.set_aspect("equal")
     axes.spines[["top", "right"]].set_visible(False)
     axes.set(xlabel="x [m]", ylabel="y [m]")
@@ -70,28 +82,59 @@ def _draw_in_plane(figure: Figure, picture: Picture, colours: ScalarMappable) ->
         axes.set_ylim(np.array([-0.1, 0.06]) * np.ptp(picture.rest[:, 0]))
         axes.yaxis.set_visible(False)
         axes.spines["left"].set_visible(False)
+    return axes
 
 
-def _draw_in_space(figure: Figure, picture: Picture, colours: ScalarMappable) -> None:
-    art: Any = import_module("mpl_toolkits.mplot3d.art3d")
+def _draw_in_plane(axes: Any, picture: Picture, colours: ScalarMappable) -> list[Any]:
+    """What was added."""
+    rest, moved = picture.rest[:, :2].copy(), picture.moved[:, :2]
+    points, values = _pieces(moved[picture.cells], picture.values)
+    rgba = colours.to_rgba(values)
+    marks = []
+    if picture.d == 1:
+        rest[:, 1] -= 0.04 * np.ptp(picture.rest[:, 0])  # beside the deformed body, which would hide it
+        marks = axes.plot(*rest.T, "|", color=REST, ms=6)
+    shown: list[Any] = [LineCollection(rest[picture.lines.T], colors=REST, linewidths=0.8, zorder=1)]
+    if len(picture.cells) == 2:
+        shown.append(LineCollection(list(points), colors=EDGE, linewidths=5, capstyle="round"))
+        shown.append(LineCollection(list(points), colors=rgba, linewidths=4, capstyle="round"))
+    else:
+        shown.append(PolyCollection(list(points), facecolors=rgba, edgecolors=rgba, linewidths=0.3, rasterized=True))
+        shown.append(LineCollection(moved[picture.lines.T], colors=EDGE, linewidths=0.8))
+    for collection in shown:
+        axes.add_collection(collection)
+    return marks + shown
+
+
+def _axes_in_space(figure: Figure, box: Array, picture: Picture) -> Any:
     axes: Any = figure.add_subplot(projection="3d", proj_type="ortho")
     axes.view_init(*VIEW)
     axes.set_axis_off()
+    axes.auto_scale_xyz(*box.T)
+    axes.autoscale(False)
+    size = np.ptp(box, axis=0)
+    axes.set_box_aspect(np.maximum(size, 1e-3 * size.max()), zoom=1.1)
+    return axes
+
+
+def _draw_in_space(axes: Any, picture: Picture, colours: ScalarMappable) -> list[Any]:
+    """What was added."""
+    art: Any = import_module("mpl_toolkits.mplot3d.art3d")
     points, values = _pieces(picture.moved[picture.cells], picture.values)
     rgba = colours.to_rgba(values)
     if points.shape[1] == 2:
-        axes.add_collection3d(art.Line3DCollection(picture.rest[picture.lines.T], colors=REST, linewidths=0.8))
-        axes.add_collection3d(art.Line3DCollection(points, colors=EDGE, linewidths=4, capstyle="round"))
-        axes.add_collection3d(art.Line3DCollection(points, colors=rgba, linewidths=3, capstyle="round"))
+        shown = [
+            art.Line3DCollection(picture.rest[picture.lines.T], colors=REST, linewidths=0.8),
+            art.Line3DCollection(points, colors=EDGE, linewidths=4, capstyle="round"),
+            art.Line3DCollection(points, colors=rgba, linewidths=3, capstyle="round"),
+        ]
     else:
         shapes, shades = _sorted_together(points, rgba, picture)
-        axes.add_collection3d(art.Poly3DCollection(shapes, facecolors=shades, edgecolors=shades, linewidths=0.6, rasterized=True))
-    for collection in axes.collections:
+        shown = [art.Poly3DCollection(shapes, facecolors=shades, edgecolors=shades, linewidths=0.6, rasterized=True)]
+    for collection in shown:
+        axes.add_collection3d(collection)
         collection.set_clip_on(False)
-    both = np.concatenate([picture.rest, picture.moved])
-    axes.auto_scale_xyz(*both.T)
-    size = np.ptp(both, axis=0)
-    axes.set_box_aspect(np.maximum(size, 1e-3 * size.max()), zoom=1.1)
+    return shown
 
 
 def _sorted_together(triangles: Array, rgba: Array, picture: Picture) -> tuple[Array, Array]:

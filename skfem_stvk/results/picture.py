@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Any
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..errors import StvkError
+from ..mesh import SimplexMesh
 from .frames import in_space
 from .nodal import NodalAverage, split_nodes
 from .state import State, masked
@@ -44,12 +46,46 @@ class Picture:
     scale: float
 
     @property
+    def largest(self) -> float:
+        """The largest size of a value; 0 if there is none."""
+        return float(np.abs(np.ma.compressed(self.values)).max(initial=0.0))
+
+    def in_unit(self, factor: float, unit: str) -> Picture:
+        """With values times the factor, and their unit in the label."""
+        return replace(self, values=self.values * factor, label=f"{self.label} [{unit}]" if unit else self.label)
+
+    @property
     def limits(self) -> tuple[float, float]:
         """Least and largest value, a little apart."""
-        known = np.ma.compressed(self.values)
-        low, high = (float(known.min()), float(known.max())) if known.size else (0.0, 1.0)
+        return View.of([self]).limits
+
+
+class View(NamedTuple):
+    """What pictures of a body have in common.
+
+    Attributes
+    ----------
+    box : (2, 3) the least and the largest coordinates of the body in all of them, and at rest [m].
+    limits : least and largest colour value, a little apart.
+    """
+
+    box: Array
+    limits: tuple[float, float]
+
+    @classmethod
+    def of(cls, pictures: Iterable[Picture]) -> View:
+        """Of at least one."""
+        low, high, corners = np.inf, -np.inf, np.empty((0, 3))
+        for picture in pictures:
+            known = np.ma.compressed(picture.values)
+            low, high = float(known.min(initial=low)), float(known.max(initial=high))
+            corners = np.concatenate([corners, picture.rest, picture.moved])
+            corners = np.array([corners.min(axis=0), corners.max(axis=0)])
+        if low > high:
+            low, high = 0.0, 1.0  # no value in any
         least = 1e-9 * max(abs(low), abs(high), 1e-300)
-        return (low, high) if high - low > least else (low - 1e3 * least, high + 1e3 * least)
+        limits = (low, high) if high - low > least else (low - 1e3 * least, high + 1e3 * least)
+        return cls(corners, limits)
 
 
 def picture_of(state: State, field: str | ArrayLike, scale: float, label: str | None) -> Picture:
@@ -64,19 +100,27 @@ def picture_of(state: State, field: str | ArrayLike, scale: float, label: str | 
     """
     if not np.isfinite(scale):
         raise StvkError(f"scale = {scale}; expected a finite factor for the displacements, such as 1.")
-    mesh = state.fields.mesh
-    values, named, unit = _corner_values(state, field)
-    corners, elements = visible_cells(mesh)
-    cells, values = mesh.t[corners, elements], values[corners, elements]
-    if label is None:
-        factor, prefixed = _prefixed(values, unit)
-        values, label = values * factor, f"{named} [{prefixed}]" if unit else named
-    rest = in_space(mesh.p.T[..., None])[..., 0]
-    moved = rest + scale * in_space(state.u[..., None])[..., 0]
-    return Picture(mesh.d, rest, moved, cells, values, outline(rest, cells), label, scale)
+    values, named, unit = corner_values(state, field)
+    picture = Sight(state.fields.mesh).picture(state.u, values, named if label is None else label, scale)
+    return picture.in_unit(*prefixed(picture.largest, unit)) if label is None else picture
 
 
-def _corner_values(state: State, field: str | ArrayLike) -> tuple[Array, str, str]:
+class Sight:
+    """What is seen of a mesh, for pictures of it at any displacements."""
+
+    def __init__(self, mesh: SimplexMesh) -> None:
+        self._d, self._seen = mesh.d, visible_cells(mesh)
+        self._cells = mesh.t[self._seen]
+        self._rest = in_space(mesh.p.T[..., None])[..., 0]
+        self._lines = outline(self._rest, self._cells)
+
+    def picture(self, u: Array, values: Array, label: str, scale: float) -> Picture:
+        """At displacements `u` (nv, d), coloured by values (k + 1, nt) at the corners of all elements."""
+        moved = self._rest + scale * in_space(u[..., None])[..., 0]
+        return Picture(self._d, self._rest, moved, self._cells, values[self._seen], self._lines, label, scale)
+
+
+def corner_values(state: State, field: str | ArrayLike) -> tuple[Array, str, str]:
     """(k + 1, nt) values at the corners of all elements, their name, and their unit or nothing."""
     mesh = state.fields.mesh
     if not isinstance(field, str):
@@ -110,9 +154,8 @@ def _by_material(state: State, values: Array, missing: NDArray[np.bool_]) -> Arr
     return masked(*NodalAverage(nodes, fields.volume, count)(values, missing))[nodes]
 
 
-def _prefixed(values: Array, unit: str) -> tuple[float, str]:
+def prefixed(largest: float, unit: str) -> tuple[float, str]:
     """A factor that makes the largest value one of 1 ... 1000, and the unit with the prefix that goes with it."""
-    largest = float(np.abs(np.ma.compressed(values)).max(initial=0.0))
     if not unit or not largest:
         return 1.0, unit
     power = int(np.clip(3 * np.floor(np.log10(largest) / 3 + 1e-9), min(PREFIXES), max(PREFIXES)))

@@ -30,6 +30,7 @@ class Series:
     resume : go on with the series that is there, if any: its steps before the first one that is added are kept. By default the
         first step replaces an older series. The .vtu files of steps that are not kept are removed, if the older .pvd lists them under
         this series' name; other files stay.
+    until : of a series that is resumed, steps after this one are not kept either.
 
     Raises
     ------
@@ -37,9 +38,11 @@ class Series:
         for an unknown field, a path that cannot be written, or a series to resume that cannot be read, before any work.
     """
 
-    def __init__(self, path: str | os.PathLike[str], fields: Sequence[str] = DEFAULT, resume: bool = False) -> None:
+    def __init__(
+        self, path: str | os.PathLike[str], fields: Sequence[str] = DEFAULT, resume: bool = False, until: float = np.inf
+    ) -> None:
         self.fields = tuple(find(name).name for name in fields)
-        self.path, self.resume = output_path(path, ".pvd"), resume
+        self.path, self.resume, self._until = output_path(path, ".pvd"), resume, until
         self.steps: list[tuple[float, Path]] = []
         self._begun = False
         if resume:
@@ -69,7 +72,7 @@ class Series:
         former = []
         with nullcontext() if self.resume else suppress(StvkError):
             former = self._read()
-        self.steps = [step for step in former if self.resume and step[0] < t]
+        self.steps = [step for step in former if self.resume and step[0] < t and step[0] <= self._until]
         if self.steps:
             self._write()
         else:
@@ -84,7 +87,7 @@ class Series:
             return []
         ours = re.compile(re.escape(self.path.stem) + r"_\d{4,}\.vtu")
         try:
-            listed = [(float(item.attrib["timestep"]), item.attrib["file"]) for item in ET.parse(self.path).iter("DataSet")]
+            listed = read_list(self.path)
         except (ET.ParseError, KeyError, ValueError) as error:
             raise StvkError(f"{self.path} is no series that can be resumed ({error}). Start a new one without resume.") from error
         return sorted((t, self.path.with_name(name)) for t, name in listed if ours.fullmatch(name))
@@ -97,3 +100,8 @@ class Series:
         ET.indent(root)
         with replacing(self.path) as part:
             ET.ElementTree(root).write(part, encoding="utf-8", xml_declaration=True)
+
+
+def read_list(path: Path) -> list[tuple[float, str]]:
+    """Times and files that a .pvd lists; raises ParseError, KeyError or ValueError if it is none."""
+    return [(float(item.attrib["timestep"]), item.attrib["file"]) for item in ET.parse(path).iter("DataSet")]

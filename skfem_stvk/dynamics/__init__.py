@@ -1,0 +1,44 @@
+"""Motion in time: masses, damping, integrators, modes."""
+
+from .critical_step import CriticalStep, LargestFrequency, critical_step
+from .damping import EdgeDamping, Rayleigh
+from .integrators import (
+    INTEGRATORS,
+    BackwardEuler,
+    EnergyMomentum,
+    ForwardEuler,
+    GeneralizedAlpha,
+    Integrator,
+    LinearBackwardEuler,
+    Newmark,
+    VelocityVerlet,
+)
+from .ledger import Ledger
+from .modes import Modes, modes
+from .run import Run, SimulationError
+from .simulate import simulate
+from .status import Status
+
+__all__ = [
+    "INTEGRATORS",
+    "BackwardEuler",
+    "CriticalStep",
+    "EdgeDamping",
+    "EnergyMomentum",
+    "ForwardEuler",
+    "GeneralizedAlpha",
+    "Integrator",
+    "LargestFrequency",
+    "Ledger",
+    "LinearBackwardEuler",
+    "Modes",
+    "Newmark",
+    "Rayleigh",
+    "Run",
+    "SimulationError",
+    "Status",
+    "VelocityVerlet",
+    "critical_step",
+    "modes",
+    "simulate",
+]

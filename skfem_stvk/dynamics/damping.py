@@ -1,0 +1,100 @@
+"""Damping: forces against velocities, linear in them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple, TypeAlias
+
+import numpy as np
+
+from ..errors import StvkError
+
+
+@dataclass(frozen=True)
+class Rayleigh:
+    """Damping by mass and by the stiffness at rest: the force `-D v` with `D = alpha M + beta K0`, constant.
+
+    A mode of circular frequency `omega` at rest gets the damping ratio `(alpha/omega + beta omega)/2`. `alpha` damps all motion, that of the
+    whole body, too; `beta` does not know that a body has turned, and damps rotations that have become large.
+
+    Parameters
+    ----------
+    alpha : by mass [1/s], not negative.
+    beta : by stiffness [s], not negative.
+
+    Raises
+    ------
+    StvkError
+        if one is negative or not finite.
+    """
+
+    alpha: float = 0.0
+    beta: float = 0.0
+
+    def __post_init__(self) -> None:
+        _check("Rayleigh: alpha", self.alpha, "1/s")
+        _check("Rayleigh: beta", self.beta, "s")
+
+
+@dataclass(frozen=True)
+class EdgeDamping:
+    """Damping by the rate of the squared elongations `zeta` of the edges: they act like dashpots.
+
+        dzeta_i/dt = 2 p_i . (v_a - v_b)        force = -tau sum_i (L dzeta/dt)_i p_i = -tau K_GN(u) v
+        power lost = tau/2 (dzeta/dt)' L (dzeta/dt)
+
+    over edges `i = ab` with edge vectors `p_i` at `u`; `K_GN`, the Gauss-Newton part of K, is K without tensions. No rigid motion is ever
+    damped, however far the body has turned. A mode of circular frequency `omega` at rest gets the damping ratio `tau omega/2`.
+
+    Parameters
+    ----------
+    tau : time of retardation [s], not negative.
+
+    Raises
+    ------
+    StvkError
+        if it is negative or not finite.
+    """
+
+    tau: float
+
+    def __post_init__(self) -> None:
+        _check("EdgeDamping: tau", self.tau, "s")
+
+
+#: One kind, or several that add up.
+Damping: TypeAlias = "Rayleigh | EdgeDamping | Sequence[Rayleigh | EdgeDamping]"
+
+
+class DampingFactors(NamedTuple):
+    """The factors of `D = alpha M + beta K0 + tau K_GN(u)`."""
+
+    alpha: float = 0.0
+    beta: float = 0.0
+    tau: float = 0.0
+
+
+def damping_factors(damping: Damping | None) -> DampingFactors:
+    """The sums of the factors of all kinds of damping that came; zeros of none.
+
+    Raises
+    ------
+    StvkError
+        if something else came.
+
+    >>> damping_factors([Rayleigh(alpha=0.5), EdgeDamping(1e-3), EdgeDamping(2e-3)])
+    DampingFactors(alpha=0.5, beta=0.0, tau=0.003)
+    """
+    given = () if damping is None else damping if isinstance(damping, Sequence) else (damping,)
+    for one in given:
+        if not isinstance(one, Rayleigh | EdgeDamping):
+            raise StvkError(f"damping = {one!r}; expected Rayleigh(alpha=..., beta=...), EdgeDamping(tau), or a list of them.")
+    rayleigh = [one for one in given if isinstance(one, Rayleigh)]
+    edges = [one for one in given if isinstance(one, EdgeDamping)]
+    return DampingFactors(sum(r.alpha for r in rayleigh), sum(r.beta for r in rayleigh), sum(e.tau for e in edges))
+
+
+def _check(name: str, value: object, unit: str) -> None:
+    if not isinstance(value, int | float | np.integer | np.floating) or not np.isfinite(value) or value < 0:
+        raise StvkError(f"{name} = {value!r}; expected a number [{unit}], not negative.")

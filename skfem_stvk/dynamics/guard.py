@@ -1,0 +1,49 @@
+"""Who notices that a motion blows up."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from .ledger import Ledger
+from .state import State
+
+#: A body has blown up with this many times more energy, from nowhere, than it had or was given.
+TOO_MUCH = 20.0
+#: Up to this part of it a state counts as good; every so many steps one is kept.
+GOOD, EVERY = 1.0, 10
+COLUMNS = "kinetic_energy", "strain_energy", "potential_energy", "external_work", "dissipated_work", "closure_error"
+
+
+class Guard:
+    """Holds the closure error against the energy that there is, and keeps the last good state.
+
+    Attributes
+    ----------
+    good : the last state that was kept, and how many rows the ledger had then.
+    """
+
+    def __init__(self, ledger: Ledger, state: State) -> None:
+        self._ledger, self._columns = ledger, [ledger.names.index(name) for name in COLUMNS]
+        kinetic, strain, self._potential, *_ = ledger.rows()[0, self._columns]
+        self._most, self._since = kinetic + strain, 0
+        self.good = state.copy(), ledger.steps
+
+    def blown_up(self, state: State) -> bool:
+        """Whether the last row tells of energy from nowhere."""
+        kinetic, strain, potential, external, dissipated, excess = self._ledger.rows()[-1, self._columns].tolist()
+        self._most = max(self._most, abs(potential - self._potential), abs(external), dissipated)
+        if not np.isfinite(kinetic + strain + excess) or excess > TOO_MUCH * self._most > 0:
+            return True
+        self._since += 1
+        if self._since >= EVERY and excess <= GOOD * self._most:
+            kept = self.good[0]
+            kept.become(state)
+            self.good, self._since = (kept, self._ledger.steps), 0
+        return False
+
+
+def from_nowhere(ledger: Ledger) -> float:
+    """The closure error in the end, as a part of the energy that there was or was given: below zero where the steps lost it."""
+    kinetic, strain, potential, external, dissipated, _ = ledger.rows()[:, [ledger.names.index(name) for name in COLUMNS]].T
+    most = max(kinetic[0] + strain[0], *(float(np.abs(x - x[0]).max()) for x in (potential, external, dissipated)))
+    return float(ledger["closure_error"][-1] / most) if most > 0 else 0.0

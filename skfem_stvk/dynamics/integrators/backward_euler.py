@@ -1,0 +1,37 @@
+"""Backward Euler, solved to the end."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..state import State
+from ..step_problem import Coefficients
+from .implicit import Implicit, ImplicitStepper
+from .integrator import LINEAR_MOMENTUM
+
+Array = NDArray[Any]
+
+
+@dataclass(frozen=True)
+class BackwardEuler(Implicit):
+    """Backward Euler, converged: the displacements `w` over a step are the minimum of what the step costs.
+
+        W(u + w) + potential of the loads + 1/(2 T^2) (w - T v)' M (w - T v) + 1/(2 T) w' D w        v <- w / T
+
+    It takes any step and loses energy at each, the more the larger the step.
+    """
+
+    order: ClassVar[int] = 1
+    conserves: ClassVar[frozenset[str]] = frozenset({LINEAR_MOMENTUM})
+    reversible: ClassVar[bool] = False
+    secant: ClassVar[bool] = True
+
+    def coefficients(self, state: State, h: float, stepper: ImplicitStepper) -> Coefficients:
+        return Coefficients(1 / h**2, state.v / h, 1 / h, np.zeros_like(state.v))
+
+    def update(self, state: State, w: Array, h: float) -> None:
+        np.divide(w, h, out=state.v)

@@ -1,0 +1,143 @@
+"""What implicit integrators have in common: one equation a step, solved by Newton's method."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...errors import StvkError
+from ...linear import LinearSolver, choose
+from ...linear.block_jacobi import BlockJacobiCg
+from ...statics.equilibrium import kind_of
+from ...statics.newton import Iterations, newton
+from ...statics.stopwatch import Stopwatch
+from ...terms.load import Moment
+from ..motion import Motion
+from ..state import State
+from ..step_problem import Coefficients, StepProblem
+from ..tangents import Tangent
+from .integrator import Integrator, StepFailed, check_step
+
+Array = NDArray[Any]
+
+
+@dataclass(frozen=True)
+class Implicit(Integrator):
+    """An integrator that solves an equation for the displacements over each step.
+
+    Parameters
+    ----------
+    dt : time step [s].
+    tangent : "exact", "clamped", "gauss-newton", "diagonal" or "rest": what its solves are made with, see `Tangent`.
+    solver : of linear systems, as of `solve_static`; by default by size.
+    rtol : the residual is small enough below this part of the forces, those of inertia among them.
+    """
+
+    explicit: ClassVar[bool] = False
+
+    dt: float
+    tangent: str = "exact"
+    solver: str | LinearSolver = "auto"
+    rtol: float = 1e-8
+
+    def __post_init__(self) -> None:
+        check_step(self.dt)
+        if self.tangent not in [one.value for one in Tangent]:
+            raise StvkError(f"tangent = {self.tangent!r}; expected {', '.join(repr(one.value) for one in Tangent)}.")
+        if isinstance(self.rtol, bool) or not isinstance(self.rtol, float | int | np.floating) or not 0 < self.rtol < 1:
+            raise StvkError(f"rtol = {self.rtol!r}; expected a number between 0 and 1, such as 1e-8.")
+
+    def linear_solver(self, motion: Motion) -> LinearSolver:
+        """What solves its linear systems; conjugate gradients for the diagonal blocks, which need nothing else."""
+        name = "block-jacobi-cg" if Tangent(self.tangent) is Tangent.DIAGONAL else self.solver
+        solver = choose(name, len(motion.free.free), kind_of(motion.system))
+        if solver.matrix_free and motion.mass.kind == "consistent":
+            return BlockJacobiCg(assembled=True)
+        return solver
+
+    @abstractmethod
+    def coefficients(self, state: State, h: float, stepper: ImplicitStepper) -> Coefficients:
+        """Of the equation of a step of length `h`."""
+
+    @abstractmethod
+    def update(self, state: State, w: Array, h: float) -> None:
+        """Velocities and accelerations after the step, from the displacements `w` over it and those before; `state.u` is still the old one."""
+
+    #: The reactions of the equation of motion, as a part of those of the equation that is solved, where these are taken.
+    weight: ClassVar[float] = 1.0
+    mean: ClassVar[bool] = False
+    secant: ClassVar[bool] = False
+    needs_acceleration: ClassVar[bool] = False
+
+    def stepper(self, motion: Motion) -> ImplicitStepper:
+        return ImplicitStepper(motion, self)
+
+
+class ImplicitStepper:
+    """Newton's method of part 3 on one equation after the other.
+
+    Attributes
+    ----------
+    energy : strain energy after the last step [J].
+    iterations : of Newton's method so far.
+    """
+
+    def __init__(self, motion: Motion, integrator: Implicit) -> None:
+        self.motion, self.integrator, self.watch = motion, integrator, Stopwatch()
+        tangent = Tangent(integrator.tangent)
+        self.problem = StepProblem(
+            motion, integrator.linear_solver(motion), tangent, self.watch, integrator.mean, integrator.secant
+        )
+        self.energy, self.iterations = 0.0, 0
+
+    def start(self, state: State) -> None:
+        """The strain energy, and the acceleration if the integrator needs it."""
+        self.energy = self.motion.system.energy(state.u)
+        if self.integrator.needs_acceleration and not state.a.any():
+            state.a[:] = self.motion.accelerations(state.u, state.v, state.t)
+
+    def step(self, state: State, t: float) -> None:
+        h, problem, moment = t - state.t, self.problem, Moment(t, 1.0)
+        problem.begin(state, self.integrator.coefficients(state, h, self))
+        w = self.predicted(state, t)
+        tangled = len(problem.inside_out(np.zeros_like(w))) > 0  # then more may turn, on their way out
+        w, found, record = self.solve(w, moment, self.motion.system.mesh.nt if tangled else 0)
+        self.iterations += len(record)
+        if found:
+            raise StepFailed(found)
+        self.accept(state, w, h, moment)
+
+    def solve(self, w: Array, moment: Moment, inside_out: int) -> tuple[Array, str, Iterations]:
+        """The displacements over the step, and why not, if they were not found."""
+        rtol = self.integrator.rtol
+        w, end, record = newton(self.problem, w, moment, rtol, inside_out, _nobody, full_first=True)
+        return w, "" if end.converged else f"{end.value}{': ' * bool(record.detail)}{record.detail}", record
+
+    def predicted(self, state: State, t: float) -> Array:
+        """Where the solve begins: on at the same velocity, the held ones to where they are at `t`."""
+        w = (t - state.t) * state.v
+        fixed = self.motion.free.fixed
+        w[fixed] = self.motion.held(t) - state.u[fixed]
+        return w
+
+    def accept(self, state: State, w: Array, h: float, moment: Moment) -> None:
+        """The state after the displacements `w`, at which the residual was found last."""
+        fixed, motion = self.motion.free.fixed, self.motion
+        before = state.copy() if motion.moving and self.integrator.needs_acceleration else None
+        self.integrator.update(state, w, h)
+        state.u += w
+        state.t = moment.time
+        if before is None:
+            state.reaction[fixed] = self.integrator.weight * self.problem.full[fixed]
+        else:  # forces at the end are off the mean of the step by O(h)
+            forces = motion.force(before.u, before.v, before.t) + motion.force(state.u, state.v, state.t)
+            state.reaction[fixed] = (motion.mass.multiply(state.v - before.v) / h - forces / 2)[fixed]
+        self.energy = self.motion.system.energy(state.u)
+
+
+def _nobody(record: Iterations) -> None:
+    """Nobody watches the iterations."""

@@ -1,0 +1,90 @@
+"""What an integrator is: its options, what it promises, and the steps it makes."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from typing import ClassVar, Protocol
+
+import numpy as np
+
+from ...errors import StvkError
+from ...statics.stopwatch import Stopwatch
+from ..motion import Motion
+from ..state import State
+
+LINEAR_MOMENTUM, ANGULAR_MOMENTUM, ENERGY = "linear momentum", "angular momentum", "energy"
+
+
+class StepFailed(Exception):
+    """A step found no state; the message says why. The state is as it was before."""
+
+
+class Stepper(Protocol):
+    """An integrator at work on one motion, with the arrays it needs."""
+
+    @property
+    def energy(self) -> float:
+        """Strain energy of the last state [J]."""
+
+    @property
+    def iterations(self) -> int:
+        """Of Newton's method so far, or of the linear solver where a step is one linear solve; 0 where there are none."""
+
+    @property
+    def watch(self) -> Stopwatch:
+        """Where the time goes."""
+
+    def start(self, state: State) -> None:
+        """Prepare for the first step from a state: what is not in it is computed."""
+
+    def step(self, state: State, t: float) -> None:
+        """Go on to time `t`, in place.
+
+        Raises
+        ------
+        StepFailed
+            if there is no state at `t`; the one before is left as it was.
+        StateError
+            if numbers overflow.
+        """
+
+
+@dataclass(frozen=True)
+class Integrator(ABC):
+    """Options of an integrator, frozen, and what it promises with them: the conformance tests hold each one to that.
+
+    Attributes
+    ----------
+    dt : time step [s].
+    order : of the error in `dt`, of displacements and velocities.
+    conserves : of "linear momentum", "angular momentum" and "energy" what a free body keeps to round-off (or to the tolerance of the solves).
+    reversible : whether a step with the velocities turned round leads back.
+    explicit : whether it needs forces only, at steps below a limit.
+    """
+
+    order: ClassVar[int]
+    conserves: ClassVar[frozenset[str]]
+    reversible: ClassVar[bool]
+    explicit: ClassVar[bool]
+
+    dt: float | None
+
+    @property
+    def name(self) -> str:
+        """Of its class."""
+        return type(self).__name__
+
+    @abstractmethod
+    def stepper(self, motion: Motion) -> Stepper:
+        """What makes the steps of this motion."""
+
+
+def check_step(dt: float | None, optional: bool = False) -> None:
+    """Refuse a time step that is none."""
+    if dt is None and optional:
+        return
+    if isinstance(dt, bool) or not isinstance(dt, float | int | np.floating | np.integer) or not (np.isfinite(dt) and dt > 0):
+        raise StvkError(
+            f"dt = {dt!r}; expected a time step in seconds, a positive number{', or None for a stable one' * optional}."
+        )

@@ -1,0 +1,99 @@
+"""The overview's implicit integrator."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...errors import StvkError
+from ...linear import LinearSolver
+from ...statics.equilibrium import Tangent as Attempted
+from ...statics.newton import usable
+from ...terms.load import Moment
+from ..motion import Motion
+from ..state import State
+from ..tangents import Tangent
+from .backward_euler import BackwardEuler
+from .implicit import ImplicitStepper
+from .integrator import ANGULAR_MOMENTUM, LINEAR_MOMENTUM, StepFailed
+
+Array = NDArray[Any]
+
+
+@dataclass(frozen=True)
+class LinearBackwardEuler(BackwardEuler):
+    """Linearised backward Euler as it is written in the overview (Kikuuwe, eq. 9): one linear solve a step.
+
+        v <- 1/T (M/T^2 + D/T + K)^-1 (h - F(p) + M v/T)        p <- p + T v
+
+    By default conjugate gradients, preconditioned by diagonal blocks and started from the last velocity, solve it. Where K is indefinite,
+    they may find the matrix not positive definite: the step is taken with the clamped tangent then.
+
+    Parameters
+    ----------
+    rtol : of the linear solve.
+    """
+
+    solver: str | LinearSolver = "block-jacobi-cg"
+    rtol: float = 1e-4
+
+    @property
+    def conserves(self) -> frozenset[str]:  # type: ignore[override]
+        """Edges pull along themselves in "gauss-newton", without a torque; diagonal blocks alone resist any motion."""
+        if self.tangent == Tangent.GAUSS_NEWTON.value:
+            return frozenset({LINEAR_MOMENTUM, ANGULAR_MOMENTUM})
+        return frozenset() if self.tangent == Tangent.DIAGONAL.value else frozenset({LINEAR_MOMENTUM})
+
+    def stepper(self, motion: Motion) -> LinearStepper:
+        self._refuse_what_a_solve_would_miss(motion)
+        return LinearStepper(motion, self)
+
+    def _refuse_what_a_solve_would_miss(self, motion: Motion) -> None:
+        """Of M and D, unlike K, nothing may be left out: not even the smallest steps would lead to the motion."""
+        diagonal, rest = self.tangent == Tangent.DIAGONAL.value, self.tangent == Tangent.REST.value
+        if diagonal and motion.mass.kind == "consistent":
+            raise StvkError("LinearBackwardEuler: tangent='diagonal' would leave out masses between vertices. Take mass='lumped'.")
+        if diagonal and (motion.beta or motion.tau):
+            raise StvkError("LinearBackwardEuler: tangent='diagonal' would leave out damping between vertices. Take Rayleigh(alpha) or another tangent.")
+        if rest and motion.tau:
+            raise StvkError("LinearBackwardEuler: tangent='rest' would damp as if the body had not turned. Take Rayleigh(beta=tau), or another tangent.")
+
+
+class LinearStepper(ImplicitStepper):
+    """One iteration of Newton's method, from where the body is.
+
+    Attributes
+    ----------
+    iterations : of the linear solver so far.
+    clamped : how many steps the clamped tangent was taken for.
+    """
+
+    clamped = 0
+
+    def step(self, state: State, t: float) -> None:
+        h, problem, moment = t - state.t, self.problem, Moment(t, 1.0)
+        problem.begin(state, self.integrator.coefficients(state, h, self))
+        start = self.predicted(state, t)
+        w = np.zeros_like(start)
+        b = -problem.residual(w, moment).free
+        w[self.motion.free.fixed] = start[self.motion.free.fixed]
+        w[self.motion.free.free] = self._solution(w, b, start[self.motion.free.free], moment)
+        if self.motion.moving:
+            problem.residual(w, moment)
+        self.accept(state, w, h, moment)
+
+    def _solution(self, w: Array, b: Array, start: Array, moment: Moment) -> Array:
+        """Of the free degrees of freedom, with the tangent that was chosen, or the clamped one if that is not positive definite."""
+        problem, nowhere = self.problem, np.zeros_like(w)
+        for attempted in (Attempted.EXACT, Attempted.CLAMPED):
+            factors = problem.factorise(nowhere, moment, attempted)
+            coupled = problem.force_of(w) if self.motion.moving else 0.0
+            solution = problem.solve(factors, b - coupled, self.integrator.rtol, start)
+            self.iterations += solution.iterations
+            if usable(solution):
+                self.clamped += attempted is Attempted.CLAMPED
+                return solution.x
+        raise StepFailed(f"the linear solve failed: {solution.outcome.value}")

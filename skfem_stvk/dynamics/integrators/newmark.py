@@ -1,0 +1,81 @@
+"""Newmark's family."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...errors import StvkError
+from ..state import State
+from ..step_problem import Coefficients
+from .implicit import Implicit, ImplicitStepper
+from .integrator import LINEAR_MOMENTUM
+
+Array = NDArray[Any]
+
+
+@dataclass(frozen=True)
+class Newmark(Implicit):
+    """Newmark (1959): the equation of motion at the end of the step, and
+
+        u1 = u + T v + T^2 ((1/2 - beta) a + beta a1)        v1 = v + T ((1 - gamma) a + gamma a1)
+
+    By default the average acceleration (trapezoidal rule), beta = 1/4, gamma = 1/2. Stable for linear bodies at any step; large rotations
+    can make it gain energy.
+
+    Parameters
+    ----------
+    beta, gamma : of second order for gamma = 1/2; gamma >= 1/2 and beta >= gamma/2 keep linear bodies stable.
+    """
+
+    conserves: ClassVar[frozenset[str]] = frozenset({LINEAR_MOMENTUM})
+    needs_acceleration: ClassVar[bool] = True
+
+    beta: float = 0.25
+    gamma: float = 0.5
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        check_newmark(self.beta, self.gamma)
+
+    @property
+    def order(self) -> int:  # type: ignore[override]
+        return 2 if self.gamma == 0.5 else 1
+
+    @property
+    def reversible(self) -> bool:  # type: ignore[override]
+        return self.gamma == 0.5
+
+    def coefficients(self, state: State, h: float, stepper: ImplicitStepper) -> Coefficients:
+        return newmark_coefficients(state, h, self.beta, self.gamma)
+
+    def update(self, state: State, w: Array, h: float) -> None:
+        newmark_update(state, w, h, self.beta, self.gamma)
+
+
+def check_newmark(beta: float, gamma: float) -> None:
+    """Refuse what is not stable for linear bodies at any step."""
+    if not (gamma >= 0.5 and beta >= gamma / 2):
+        raise StvkError(
+            f"beta = {beta!r}, gamma = {gamma!r}; expected gamma >= 1/2 and beta >= gamma/2, which any step is stable with for linear bodies. "
+            "For beta = 0 there is VelocityVerlet."
+        )
+
+
+def newmark_coefficients(state: State, h: float, beta: float, gamma: float) -> Coefficients:
+    """`a1 = c w - m` and `v1 = g w - d` of the displacements `w` over the step."""
+    c, g = 1 / (beta * h**2), gamma / (beta * h)
+    m = state.v / (beta * h) + (1 / (2 * beta) - 1) * state.a
+    d = gamma * h * m - state.v - (1 - gamma) * h * state.a
+    return Coefficients(c, m, g, d)
+
+
+def newmark_update(state: State, w: Array, h: float, beta: float, gamma: float) -> None:
+    """Velocities and accelerations at the end of the step."""
+    c, m, _, _, _ = newmark_coefficients(state, h, beta, gamma)
+    a = c * w - m
+    state.v += h * ((1 - gamma) * state.a + gamma * a)
+    np.copyto(state.a, a)

@@ -1,0 +1,169 @@
+"""The loop over the steps of a motion."""
+
+from __future__ import annotations
+
+import warnings
+from typing import Any
+
+from numpy.typing import NDArray
+
+from ..errors import StateError, StvkWarning, name_ids
+from .books import Books
+from .guard import Guard, from_nowhere
+from .integrators import StepFailed
+from .outputs import Outputs
+from .plan import Plan
+from .progress import Progress
+from .run import Interrupted, Run, SimulationError
+from .stable_step import StableStep
+from .status import Status
+from .stepping import Cutting
+
+Array = NDArray[Any]
+
+#: A closure error from this part of the energy on is said.
+WORTH_SAYING = 0.05
+
+
+class Loop:
+    """Steps, books, outputs and guards of one run, until its end.
+
+    Parameters
+    ----------
+    until : the end [s].
+    """
+
+    def __init__(self, plan: Plan, until: float, quiet: bool) -> None:
+        self.plan, self._until, self._quiet = plan, until, quiet
+        fresh = plan.ledger is None
+        self._stepper = plan.integrator.stepper(plan.motion)
+        self._stepper.start(plan.state)
+        self._books = Books(plan.motion, plan.probes, plan.ledger)
+        self._books.begin(plan.state)
+        if fresh:
+            self._books.enter(plan.state, self._stepper.energy)
+        self._limit = StableStep(plan)
+        self._outputs = Outputs(plan, self._books.ledger, until)
+        self._cutting = Cutting(self._stepper, self._books, plan.cuts)
+        self._guard = Guard(self._books.ledger, plan.state)
+        self._whole, self._fresh, self._turned = True, fresh, False
+
+    def run(self, raise_on_failure: bool) -> Run:
+        """All steps; errors as of `simulate`."""
+        status, detail = Status.FINISHED, ""
+        cause: BaseException | None = None
+        plan, ledger = self.plan, self._books.ledger
+        header = f"{plan.motion.system!r}, {len(plan.motion.free.free)} of them free; {plan.integrator}"
+        with Progress(header, ledger, plan.steps, self._quiet) as progress:
+            try:
+                if self._fresh:
+                    self._outputs.frame()
+                status, detail = self._steps(progress)
+                self._finish(status)
+            except StepFailed as error:
+                status, detail = Status.NOT_CONVERGED, str(error)
+                self._finish(status)
+            except (
+                KeyboardInterrupt,
+                Exception,
+            ) as error:  # a full disk, a load's function that fails: what there is so far is kept
+                status, cause = Status.INTERRUPTED, error
+        run = self._result(status, detail, cause)
+        if isinstance(cause, KeyboardInterrupt):
+            raise Interrupted(run)
+        if cause is not None or (raise_on_failure and not status.success):
+            raise SimulationError(run) from cause
+        return run
+
+    def _steps(self, progress: Progress) -> tuple[Status, str]:
+        plan, state, clock = self.plan, self.plan.state, self.plan.clock
+        assert clock is not None
+        while clock.left(self._until):
+            t, self._whole = clock.next(self._until)
+            if not self._whole:
+                self._outputs.checkpoint()
+            try:
+                self._cutting.advance(state, t)
+                self._books.enter(state, self._stepper.energy)
+                if self._guard.blown_up(state):
+                    return Status.BLEW_UP, "energy came from nowhere"
+                plan.steps, plan.cuts = plan.steps + 1, self._cutting.cuts
+                if self._whole:
+                    clock.tick()
+                    self._limit.review()
+            except StateError as error:
+                return Status.BLEW_UP, str(error)
+            if self._whole:
+                self._outputs.step()
+            self._look()
+            progress.step(plan.steps, plan.steps + clock.left(self._until))
+            if not self._whole:
+                break
+        return Status.FINISHED, ""
+
+    def _finish(self, status: Status) -> None:
+        """The last good state is where the run ends; write it."""
+        if status is Status.BLEW_UP:
+            good, _ = self._guard.good
+            self.plan.state.become(good)
+            self._whole = False
+        self._outputs.close(self._whole)
+
+    def _look(self) -> None:
+        """Where elements turn inside out, say so, once; the last state is looked at in any case."""
+        plan = self.plan
+        assert plan.clock is not None
+        last = not self._whole or not plan.clock.left(self._until)
+        if self._turned or (plan.steps % plan.outlets.every and not last):
+            return
+        turned = plan.motion.system.inside_out(plan.state.u)
+        if len(turned):
+            self._turned = True
+            warnings.warn(
+                f"t = {plan.state.t:.4g} s: {name_ids(turned, 'element')} inside out. St. Venant-Kirchhoff does not resist that: add VolumePenalty() to the "
+                "terms, or take smaller steps.",
+                StvkWarning,
+                stacklevel=5,
+            )
+
+    def _result(self, status: Status, detail: str, cause: BaseException | None) -> Run:
+        plan, state, ledger = self.plan, self.plan.state, self._books.ledger
+        assert plan.clock is not None
+        message = self._message(status, detail, cause)
+        return Run(
+            plan.motion.system,
+            plan.integrator,
+            state.u.copy(),
+            state.v.copy(),
+            state.t,
+            plan.clock.dt,
+            status,
+            message,
+            ledger,
+            self._stepper.iterations,
+            plan.cuts,
+            self._stepper.watch.parts(),
+            self._outputs.path,
+        )
+
+    def _message(self, status: Status, detail: str, cause: BaseException | None) -> str:
+        plan, t = self.plan, self.plan.state.t
+        assert plan.clock is not None
+        if status is Status.FINISHED:
+            cuts = f", {plan.cuts} of them cut into smaller ones" if plan.cuts else ""
+            return f"reached t = {t:.6g} s in {plan.steps} steps{cuts}{_gained(from_nowhere(self._books.ledger))}"
+        if status is Status.BLEW_UP:
+            return f"blew up soon after t = {t:.6g} s, the last good state: {detail}. {self._limit.advice()}"
+        if status is Status.NOT_CONVERGED:
+            return (
+                f"the step from t = {t:.6g} s did not converge, not even in 64 parts: {detail}. Try a smaller dt, another tangent, or VolumePenalty() "
+                "if elements turn inside out."
+            )
+        return f"interrupted at t = {t:.6g} s by {type(cause).__name__}: {cause}" if str(cause) else f"interrupted at t = {t:.6g} s"
+
+
+def _gained(part: float) -> str:
+    """In words, if it is worth saying."""
+    if abs(part) < WORTH_SAYING:
+        return ""
+    return f"; the steps {'gained' if part > 0 else 'lost'} {abs(part) * 100:.0f} % of the energy (closure_error)"

@@ -1,0 +1,103 @@
+"""The equation of motion of a system: masses, damping and loads as integrators ask for them."""
+
+from __future__ import annotations
+
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..statics.equilibrium import dot
+from ..system import System, TangentOperator
+from ..terms.load import Moment
+from .damping import Damping, damping_factors
+
+Array = NDArray[Any]
+
+#: Part of a time step over which prescribed displacements are differenced to begin with.
+DIFFERENCE = 1e-3
+
+
+class Motion:
+    """`M v' + D v + F(u) = h(u, t)` over the free degrees of freedom, `D = alpha M + beta K(0) + tau K_GN(u)`.
+
+    Attributes
+    ----------
+    mass : lumped or consistent.
+    alpha, beta, tau : of the damping, zero without; `K_GN = 2 J'LJ` is K without tensions.
+    free : free and held degrees of freedom.
+    moving : whether any of the held ones move.
+    """
+
+    def __init__(self, system: System, mass: str, damping: Damping | None) -> None:
+        self.system, self.mass = system, system.mass(mass)
+        self.alpha, self.beta, self.tau = damping_factors(damping)
+        self.free = system.free_dofs(system.supports.held)
+        self.moving = system.supports.prescribed.size > 0
+        self._force = np.zeros(system.ndofs)
+
+    @cached_property
+    def at_rest(self) -> TangentOperator:
+        """K(0)."""
+        return self.system.linear_operator(np.zeros(self.system.ndofs))
+
+    @property
+    def damped(self) -> bool:
+        """Whether there is any damping."""
+        return bool(self.alpha or self.beta or self.tau)
+
+    def held(self, t: float) -> Array:
+        """Where the held degrees of freedom are [m]."""
+        return self.system.supports.values(Moment(t, 1.0))
+
+    def held_velocities(self, t: float, dt: float) -> Array:
+        """How fast they move [m/s], from what they do next."""
+        if not self.moving:
+            return np.zeros(len(self.free.fixed))
+        h = DIFFERENCE * dt
+        velocities: Array = (4 * self.held(t + h) - self.held(t + 2 * h) - 3 * self.held(t)) / (2 * h)
+        return velocities
+
+    def loads(self, u: Array, t: float) -> Array:
+        """(ndofs,) external forces [N]."""
+        return self.system.external_force(u, Moment(t, 1.0))
+
+    def add_damping(self, u: Array, v: Array, out: Array) -> None:
+        """Add `D v` [N] at displacements `u` to `out`, all (ndofs,)."""
+        self.add_linear_damping(v, out)
+        if self.tau:
+            self._force[:] = 0
+            self.system.add_damping_force(u, v, self._force)
+            out += self.tau * self._force
+
+    def add_linear_damping(self, v: Array, out: Array) -> None:
+        """Add `(alpha M + beta K(0)) v` [N]."""
+        if self.alpha:
+            out += self.alpha * self.mass.multiply(v)
+        if self.beta:
+            out += self.beta * self.at_rest.matvec(v)
+
+    def force(self, u: Array, v: Array, t: float) -> Array:
+        """(ndofs,) `h - D v - F` [N], what moves the body."""
+        force = self.loads(u, t) - self.system.internal_force(u)
+        damping = np.zeros_like(force)
+        self.add_damping(u, v, damping)
+        return force - damping
+
+    def accelerations(self, u: Array, v: Array, t: float) -> Array:
+        """(ndofs,) `M^-1 (h - D v - F)` [m/s^2], 0 where degrees of freedom are held."""
+        return self.mass.solve(self.force(u, v, t))
+
+    def dissipated(self, u0: Array, u1: Array, dt: float) -> float:
+        """What damping takes from the body on the way from `u0` to `u1` [J]: `dt v' D v` at the mean velocity."""
+        if not self.damped:
+            return 0.0
+        v = (u1 - u0) / dt
+        force = np.zeros_like(v)
+        self.add_linear_damping(v, force)
+        lost = dt * dot(v, force)
+        if self.tau:  # dzeta' L dzeta / 4 comes with the force
+            self._force[:] = 0
+            lost += 2 * self.tau / dt * self.system.add_secant_damping(u0, u1, 0.5, self._force)
+        return lost

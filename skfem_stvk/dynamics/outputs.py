@@ -1,0 +1,70 @@
+"""What a simulation writes while it runs."""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+
+from ..results import Fields, Series
+from .checkpoint import Checkpoint
+from .ledger import Ledger, LedgerFile
+from .plan import Plan
+
+
+class Outputs:
+    """A series of states with the ledger beside it, and the checkpoint: each where it was asked for.
+
+    Parameters
+    ----------
+    until : the end of the run [s].
+
+    Raises
+    ------
+    StvkError
+        if a file cannot be written, before any work.
+    """
+
+    def __init__(self, plan: Plan, ledger: Ledger, until: float) -> None:
+        self._plan, self._ledger = plan, ledger
+        system, outlets = plan.motion.system, plan.outlets
+        self._series = self._table = self._checkpoint = None
+        if outlets.save is not None:
+            last = plan.steps - plan.steps % outlets.every
+            self._series = Series(
+                outlets.save, resume=plan.ledger is not None, until=float(ledger["time"][last]) if plan.ledger else 0.0
+            )
+            self._fields = Fields(system.mesh, system.elastic_terms)
+            self._table = LedgerFile(Path(outlets.save).with_suffix(".csv"), ledger)
+        if outlets.checkpoint is not None:
+            self._checkpoint = Checkpoint(outlets.checkpoint, system, (plan.state.t, until))
+
+    @property
+    def path(self) -> Path | None:
+        """Of the series."""
+        return None if self._series is None else self._series.path
+
+    def frame(self) -> None:
+        """Save the state."""
+        if self._series is not None and self._table is not None:
+            state = self._plan.state
+            self._series.add(self._fields.at(state.u), state.t)
+            self._table.write()
+
+    def step(self) -> None:
+        """A whole step is made: save its state if it is its turn, and write a checkpoint if it is time."""
+        if self._plan.steps % self._plan.outlets.every == 0:
+            self.frame()
+        if self._checkpoint is not None and self._checkpoint.due(time.perf_counter()):
+            self.checkpoint()
+
+    def checkpoint(self) -> None:
+        """Write it now."""
+        if self._checkpoint is not None:
+            self._checkpoint.write(*self._plan.packed(), self._ledger)
+
+    def close(self, whole: bool) -> None:
+        """The last state, and the checkpoint unless the last step was shorter than the others: a later run goes on from before that."""
+        if not (whole and self._plan.steps % self._plan.outlets.every == 0):
+            self.frame()
+        if whole:
+            self.checkpoint()

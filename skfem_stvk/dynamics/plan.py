@@ -1,0 +1,207 @@
+"""What a simulation starts from: a first state, or a checkpoint."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..errors import LoadError, StateError, StvkError, SupportError, name_ids
+from ..mesh.places import Where, vertices_at
+from ..system import System
+from ..terms import Load
+from . import checkpoint as checkpoints
+from .clock import Clock
+from .damping import Damping, EdgeDamping, Rayleigh
+from .integrators import INTEGRATORS, Integrator
+from .ledger import Ledger
+from .motion import Motion
+from .state import State
+
+Array = NDArray[Any]
+PathLike = str | os.PathLike[str]
+
+EVERY = 10
+
+
+@dataclass
+class Outlets:
+    """Where results go.
+
+    Attributes
+    ----------
+    save, every, checkpoint : as of `simulate`.
+    """
+
+    save: PathLike | None
+    every: int
+    checkpoint: PathLike | None
+
+    @classmethod
+    def checked(cls, save: Any, every: Any, checkpoint: Any) -> Outlets:
+        """Refuses what are no paths and no number of steps."""
+        for name, path, example in (("save", save, "flag.pvd"), ("checkpoint", checkpoint, "flag.npz")):
+            if path is not None and not (isinstance(path, str | os.PathLike) and str(path)):
+                raise StvkError(f"{name} = {path!r}; expected the path of a file such as {example!r}.")
+        if isinstance(every, bool) or not isinstance(every, int | np.integer) or every < 1:
+            raise StvkError(f"every = {every!r}; expected a whole number of steps, at least 1.")
+        return cls(save, int(every), checkpoint)
+
+
+@dataclass
+class Plan:
+    """All that a run depends on, and where it is.
+
+    Attributes
+    ----------
+    ledger : of the run that is resumed.
+    steps, cuts : made so far, and how many of them in parts.
+    """
+
+    motion: Motion
+    integrator: Integrator
+    state: State
+    clock: Clock | None
+    probes: dict[str, NDArray[Any]]
+    outlets: Outlets
+    ledger: Ledger | None = None
+    steps: int = 0
+    cuts: int = 0
+
+    @classmethod
+    def new(
+        cls,
+        system: System,
+        integrator: Integrator | None,
+        u0: ArrayLike | None,
+        v0: ArrayLike | None,
+        t0: float,
+        mass: str,
+        damping: Damping | None,
+        probes: Mapping[str, Where] | None,
+        outlets: Outlets,
+    ) -> Plan:
+        """From a first state."""
+        integrator = checked_integrator(integrator)
+        motion = Motion(system, mass, damping)
+        state = _first_state(motion, u0, v0, t0, integrator)
+        return cls(motion, integrator, state, None, _probed(system, probes), outlets)
+
+    @classmethod
+    def of_checkpoint(cls, path: PathLike, system: System, integrator: Integrator | None, outlets: dict[str, Any]) -> Plan:
+        """From a checkpoint; `outlets` are those that are not None, in the place of those of the file."""
+        about, arrays, ledger = checkpoints.load(path, system)
+        integrator = _resumed_integrator(about["integrator"], integrator, path)
+        factors = about["damping"]
+        damping: Damping = [Rayleigh(factors["alpha"], factors["beta"]), EdgeDamping(factors["tau"])]
+        motion = Motion(system, about["mass"], damping)
+        state = State(about["t"], *(arrays.pop(name) for name in ("u", "v", "a", "reaction")))
+        probes = {name: arrays.pop(f"probe {name}") for name in about["probes"]}
+        kept = Outlets.checked(**(about["outlets"] | outlets))
+        return cls(motion, integrator, state, Clock(**about["clock"]), probes, kept, ledger, about["steps"], about["cuts"])
+
+    def packed(self) -> tuple[dict[str, Any], dict[str, Array]]:
+        """What a checkpoint needs: what JSON can write, and arrays."""
+        assert self.clock is not None
+        motion, state, outlets = self.motion, self.state, self.outlets
+        paths = {
+            name: None if path is None else os.path.abspath(path)
+            for name, path in (("save", outlets.save), ("checkpoint", outlets.checkpoint))
+        }
+        about = {
+            "integrator": _described(self.integrator),
+            "damping": {"alpha": motion.alpha, "beta": motion.beta, "tau": motion.tau},
+            "mass": motion.mass.kind,
+            "t": state.t,
+            "probes": list(self.probes),
+            "outlets": paths | {"every": outlets.every},
+            "clock": {"start": self.clock.start, "dt": self.clock.dt, "count": self.clock.count},
+            "steps": self.steps,
+            "cuts": self.cuts,
+        }
+        own = {"u": state.u, "v": state.v, "a": state.a, "reaction": state.reaction}
+        return about, own | {f"probe {name}": vertices for name, vertices in self.probes.items()}
+
+
+def checked_integrator(integrator: Integrator | None) -> Integrator:
+    """Refuses what is none."""
+    if not isinstance(integrator, Integrator):
+        given = f"the class {integrator.__name__}" if isinstance(integrator, type) else repr(integrator)
+        raise StvkError(f"integrator is {given}; expected one of {', '.join(INTEGRATORS)}, such as EnergyMomentum(dt=1e-3).")
+    return integrator
+
+
+def checked_time(name: str, t: float) -> float:
+    """Refuse a time that is none."""
+    if isinstance(t, bool) or not isinstance(t, float | int | np.floating | np.integer) or not np.isfinite(t):
+        raise StvkError(f"{name} = {t!r}; expected a time in seconds.")
+    return float(t)
+
+
+def _described(integrator: Integrator) -> dict[str, Any]:
+    """By name and options; a solver that is an object by its name, with a mark that its options are not there."""
+    options = {one.name: getattr(integrator, one.name) for one in fields(integrator)}
+    plain = {
+        name: value if value is None or isinstance(value, str) else float(value)
+        for name, value in options.items()
+        if not hasattr(value, "name")
+    }
+    return {
+        "name": integrator.name,
+        "options": plain,
+        "objects": {name: value.name for name, value in options.items() if hasattr(value, "name")},
+    }
+
+
+def _resumed_integrator(described: dict[str, Any], given: Integrator | None, path: PathLike) -> Integrator:
+    if given is not None and _described(checked_integrator(given)) != described:
+        raise StvkError(
+            f"{path} is a motion with {described['name']}({_words(described)}); {given} came. Leave it out, or start anew."
+        )
+    if given is None and described["objects"]:
+        raise StvkError(
+            f"{path} is a motion with {described['name']}({_words(described)}), whose solver was an object: its options are not in the file. Give the "
+            "same integrator again."
+        )
+    return given or INTEGRATORS[described["name"]](**described["options"])
+
+
+def _words(described: dict[str, Any]) -> str:
+    return ", ".join(f"{name}={value!r}" for name, value in (described["options"] | described["objects"]).items())
+
+
+def _probed(system: System, probes: Mapping[str, Where] | None) -> dict[str, NDArray[Any]]:
+    if probes is None:
+        return {}
+    if not isinstance(probes, Mapping) or not all(isinstance(name, str) and name for name in probes):
+        raise StvkError(f"probes = {probes!r}; expected places by name, such as {{'tip': [17]}}.")
+    return {name: np.asarray(vertices_at(system.mesh, where, f"probe {name!r}")) for name, where in probes.items()}
+
+
+def _first_state(motion: Motion, u0: ArrayLike | None, v0: ArrayLike | None, t0: float, integrator: Integrator) -> State:
+    system = motion.system
+    u = np.zeros(system.ndofs) if u0 is None else np.asarray(u0)
+    v = np.zeros(system.ndofs) if v0 is None else np.asarray(v0)
+    for name, given in (("u0", u), ("v0", v)):
+        if given.shape != (system.ndofs,) or given.dtype.kind not in "fiu" or not np.isfinite(given).all():
+            raise StateError(
+                f"{name} has shape {given.shape}, dtype {given.dtype}; expected ({system.ndofs},) finite numbers, one a degree of freedom."
+            )
+    state = State.at(float(t0), u.astype(np.float64), v.astype(np.float64))
+    fixed, held = motion.free.fixed, motion.held(t0)
+    gap = np.abs(held - state.u[fixed])
+    far = fixed[gap > 1e-9 * (1e-3 * np.ptp(system.mesh.p, axis=1).max() + np.abs(held).max(initial=0.0))]
+    if len(far):
+        raise SupportError(
+            f"{name_ids(np.unique(far // system.mesh.d), 'vertex')}: at t0 = {t0:g} s the supports hold them up to {gap.max():.3g} m from where u0 has "
+            "them. In dynamics constants do not ramp: prescribe a function of t that begins at u0, or begin with the u0 of solve_static."
+        )
+    state.u[fixed] = held
+    state.v[fixed] = motion.held_velocities(t0, integrator.dt or 1e-6)
+    if not (state.u.any() or state.v.any() or motion.moving or any(isinstance(term, Load) for term in system.terms)):
+        raise LoadError("Nothing moves the body: no load, nothing prescribed, u0 and v0 zero. Add Gravity(...), or give u0 or v0.")
+    return state

@@ -1,0 +1,114 @@
+"""What a simulation leaves."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+from numpy.typing import ArrayLike, NDArray
+
+from ..errors import StvkError
+from ..results import Fields, State, animate, plot, write_vtu
+from ..results.vtu import DEFAULT
+from ..system import System
+from .integrators import Integrator
+from .ledger import Ledger
+from .status import Status
+
+Array = NDArray[Any]
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Run:
+    """A motion: its last state, its books, and how it came out.
+
+    Attributes
+    ----------
+    u, v : (ndofs,) displacements [m] and velocities [m/s] of the last good state.
+    t : its time [s].
+    dt : length of the last whole step [s].
+    status, message : how it came out, in a word and in full.
+    ledger : one array a name, one value a step: `run.ledger["total_energy"]`.
+    iterations : of Newton's method, or of the linear solver where a step is one linear solve.
+    cuts : steps that were made in parts, because no state was found at their end at once.
+    seconds : by part: assemble, factor, solve, other.
+    series : the .pvd file, if there is one.
+    """
+
+    system: System
+    integrator: Integrator
+    u: Array
+    v: Array
+    t: float
+    dt: float
+    status: Status
+    message: str
+    ledger: Ledger
+    iterations: int
+    cuts: int
+    seconds: dict[str, float]
+    series: Path | None
+
+    @property
+    def success(self) -> bool:
+        """Whether it reached the end."""
+        return self.status.success
+
+    @cached_property
+    def state(self) -> State:
+        """All fields of the last state: `run.state["von_mises_stress"]`; see `skfem_stvk.results.names()`."""
+        return Fields(self.system.mesh, self.system.elastic_terms).at(self.u)
+
+    def plot(self, field: str | ArrayLike = "von_mises_stress", **options: Any) -> Any:
+        """Draw the last state, coloured by a field; options as of `results.plot`."""
+        return plot(self.state, field, **options)
+
+    def save(self, path: str | os.PathLike[str], fields: Any = DEFAULT) -> Path:
+        """Write the last state to a .vtu file; errors as of `results.write_vtu`."""
+        return write_vtu(path, self.state, fields)
+
+    def animate(self, path: str | os.PathLike[str], **options: Any) -> Path:
+        """A .gif or .mp4 of what was saved; options as of `results.animate`.
+
+        Raises
+        ------
+        StvkError
+            if nothing was saved.
+        """
+        if self.series is None:
+            raise StvkError("There is nothing to animate: no states were saved. Name a series: simulate(..., save='run.pvd').")
+        return animate(self.series, path, **options)
+
+    def __repr__(self) -> str:
+        parts = ", ".join(f"{name} {seconds:.2g} s" for name, seconds in self.seconds.items())
+        return f"Run: {self.message}\n{self.ledger.steps - 1} steps with {self.integrator}; {parts}"
+
+
+class SimulationError(RuntimeError):
+    """A simulation did not reach its end.
+
+    Attributes
+    ----------
+    run : what there is so far, with the last good state.
+    """
+
+    def __init__(self, run: Run) -> None:
+        super().__init__(run.message)
+        self.run = run
+
+    def __reduce__(self) -> Any:
+        return type(self), (self.run,)
+
+
+class Interrupted(KeyboardInterrupt):
+    """Ctrl-C came during a simulation; `run` is what there is so far."""
+
+    def __init__(self, run: Run) -> None:
+        super().__init__(run.message)
+        self.run = run
+
+    def __reduce__(self) -> Any:
+        return type(self), (self.run,)

@@ -1,0 +1,110 @@
+"""Simulations: the loop over the steps, and what goes on around it."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ..errors import StvkError
+from ..mesh.places import Where
+from ..system import System
+from .damping import Damping
+from .integrators import Integrator
+from .loop import Loop
+from .plan import EVERY, Outlets, Plan, checked_time
+from .run import Run
+
+
+def simulate(
+    system: System,
+    integrator: Integrator | None = None,
+    *,
+    until: float,
+    u0: ArrayLike | None = None,
+    v0: ArrayLike | None = None,
+    t0: float = 0.0,
+    mass: str | None = None,
+    damping: Damping | None = None,
+    probes: Mapping[str, Where] | None = None,
+    save: str | os.PathLike[str] | None = None,
+    every: int | None = None,
+    checkpoint: str | os.PathLike[str] | None = None,
+    resume: str | os.PathLike[str] | None = None,
+    quiet: bool = False,
+    raise_on_failure: bool = True,
+) -> Run:
+    """Motion `M v' + D v + F(u) = h(u, t)` from `t0` until a time.
+
+    Loads and prescribed displacements that are given by constants are what they are from the beginning, they do not ramp; functions are
+    functions of the time.
+
+    Parameters
+    ----------
+    system : a body whose materials have densities. It may be free to move.
+    integrator : `ForwardEuler`, `VelocityVerlet`, `LinearBackwardEuler`, `BackwardEuler`, `Newmark`, `GeneralizedAlpha`, `EnergyMomentum`.
+    until : the end [s]; if it is not a whole number of steps away, the last step is shorter.
+    u0, v0 : (ndofs,) displacements [m] and velocities [m/s] to start from, by default none. What is held moves as the supports say.
+    t0 : time to start from [s].
+    mass : "lumped", the default, or "consistent".
+    damping : `Rayleigh(alpha, beta)`, `EdgeDamping(tau)` or a list of them.
+    probes : places by name, whose mean displacements stand in the ledger: `{"A": [17]}` gives the columns "A x", "A y".
+    save : a .pvd file, with a .vtu file for each state that is saved, and the ledger as .csv beside it.
+    every : steps from one saved state to the next, by default 10.
+    checkpoint : a .npz file that is replaced every few seconds, and at the end.
+    resume : such a file to go on from, bit for bit as if it had never stopped: with its integrator, mass, damping and probes, and, if no others are
+        given, its `save`, `every` and `checkpoint`.
+    quiet : print nothing.
+    raise_on_failure : raise where the end is not reached; otherwise look at `run.status`. What interrupts a run, such as Ctrl-C or a full
+        disk, is raised in any case.
+
+    Raises
+    ------
+    MaterialError, LoadError, SupportError, StateError
+        if a density is missing, nothing acts on the body, or the first state is not one.
+    SimulationError
+        if the motion blew up, a step found no state, or something failed on the way, such as a load's function or the disk. It carries
+        the run so far, with the last good state.
+    StvkError
+        for other parameters that are not as they should be.
+
+    Warns
+    -----
+    StvkWarning
+        if the step of an explicit integrator is above the critical one; where elements turn inside out.
+
+    >>> import skfem
+    >>> from skfem_stvk import EnergyMomentum, Gravity, StVK, System, simulate
+    >>> beam = skfem.MeshTri.init_tensor(np.linspace(0, 4, 17), np.linspace(0, 1, 5))
+    >>> system = System(
+    ...     beam,
+    ...     [StVK(young=1e5, poisson=0.3, density=1000.0), Gravity(g=(0, -2.0))],
+    ...     fixed={lambda x: x[0] == 0: "xy"},
+    ... )
+    >>> run = simulate(system, EnergyMomentum(dt=0.02), until=1.0, quiet=True)
+    >>> run.status.value, bool(abs(run.ledger["closure_error"]).max() < 1e-8 * run.ledger["kinetic_energy"].max())
+    ('finished', True)
+    """
+    if not isinstance(system, System):
+        raise StvkError(f"A {type(system).__name__} came; expected a System: System(mesh, terms, fixed=..., prescribed=...).")
+    if system.dtype != np.float64:
+        raise StvkError(f"The system is in {system.dtype}; expected float64: System(..., dtype=np.float64).")
+    outlets = {"save": save, "every": every, "checkpoint": checkpoint}
+    if resume is None:
+        kept = Outlets.checked(save, EVERY if every is None else every, checkpoint)
+        plan = Plan.new(system, integrator, u0, v0, checked_time("t0", t0), mass or "lumped", damping, probes, kept)
+    else:
+        beginnings = {"u0": u0, "v0": v0, "t0": t0 or None, "mass": mass, "damping": damping, "probes": probes}
+        _refuse_beginnings([name for name, value in beginnings.items() if value is not None])
+        plan = Plan.of_checkpoint(resume, system, integrator, {name: value for name, value in outlets.items() if value is not None})
+    end = checked_time("until", until)
+    if not end > plan.state.t:
+        raise StvkError(f"until = {end:g} s is not after t = {plan.state.t:g} s, where the motion is. Give a later end.")
+    return Loop(plan, end, quiet).run(raise_on_failure)
+
+
+def _refuse_beginnings(given: list[str]) -> None:
+    if given:
+        raise StvkError(f"resume goes on with what the checkpoint holds; {', '.join(given)} came too. Leave out one or the other.")

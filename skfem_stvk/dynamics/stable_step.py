@@ -1,0 +1,100 @@
+"""The time step, that of explicit integrators held against the critical one."""
+
+from __future__ import annotations
+
+import warnings
+
+import numpy as np
+
+from ..errors import StvkError, StvkWarning
+from .clock import Clock
+from .critical_step import CriticalStep, LargestFrequency
+from .damping import EdgeDamping, Rayleigh
+from .integrators import Explicit
+from .motion import Motion
+from .plan import Plan
+
+#: Part of the critical step that is taken by default; between the other two it is kept as the body deforms, which is looked at every so many steps.
+SAFETY, LEAST, MOST, EVERY = 0.9, 0.7, 0.95, 100
+
+
+class StableStep:
+    """Gives a plan its clock, and watches that of explicit integrators.
+
+    Raises
+    ------
+    StvkError
+        if no step was given and none is too large.
+
+    Warns
+    -----
+    StvkWarning
+        if a step was given that is above the critical one, from the beginning or as the body deforms; once.
+    """
+
+    def __init__(self, plan: Plan) -> None:
+        self._plan, self._warned = plan, False
+        self._largest: LargestFrequency | None = None
+        self._last: CriticalStep | None = None
+        if isinstance(plan.integrator, Explicit):
+            self._largest = LargestFrequency(plan.motion.system, _weighed(plan.motion, plan.integrator.damping_weight))
+        if plan.clock is None:
+            plan.clock = Clock(plan.state.t, self._first())
+
+    def review(self) -> None:
+        """Look at the critical step again, if it is time.
+
+        Raises
+        ------
+        StateError
+            if K overflows.
+        """
+        if self._largest is None or self._plan.steps % EVERY:
+            return
+        u, clock = self._plan.state.u, self._plan.clock
+        assert clock is not None
+        if self._plan.integrator.dt is not None:
+            if not self._warned and clock.dt > self._largest.bound(u):
+                self._last = self._largest.at(u)
+                self._warn(clock.dt)
+            return
+        self._last = self._largest.at(u)
+        if not LEAST * self._last.step <= clock.dt <= MOST * self._last.step:
+            clock.change(SAFETY * self._last.step)
+
+    def advice(self) -> str:
+        """What to try after a motion has blown up."""
+        clock = self._plan.clock
+        assert clock is not None
+        if self._largest is None:
+            return f"Try a smaller step than dt = {clock.dt:.4g} s."
+        known = f" ({self._last} when it was looked at last)" if self._last is not None else ""
+        return f"The step is {clock.dt:.4g} s{known}: try a smaller one, dt=None to have it found, or an implicit integrator."
+
+    def _first(self) -> float:
+        dt = self._plan.integrator.dt
+        if self._largest is None:
+            assert dt is not None
+            return dt
+        self._last = self._largest.at(self._plan.state.u)
+        if dt is not None:
+            self._warn(dt)
+            return dt
+        if not np.isfinite(self._last.step):
+            raise StvkError("No time step came, and any is stable: nothing that moves has stiffness. Give one: dt=...")
+        return SAFETY * self._last.step
+
+    def _warn(self, dt: float) -> None:
+        if self._last is not None and dt > self._last.step:
+            self._warned = True
+            warnings.warn(
+                f"t = {self._plan.state.t:.4g} s: the step dt = {dt:.4g} s is above the critical one, {self._last.step:.4g} s (safe bound "
+                f"{self._last.bound:.4g} s): the motion will blow up. Take a smaller one, or dt=None to have it found.",
+                StvkWarning,
+                stacklevel=5,
+            )
+
+
+def _weighed(motion: Motion, weight: float) -> list[Rayleigh | EdgeDamping]:
+    """The damping as it counts for stability."""
+    return [Rayleigh(weight * motion.alpha, weight * motion.beta), EdgeDamping(weight * motion.tau)]

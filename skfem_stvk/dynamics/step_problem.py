@@ -1,0 +1,238 @@
+"""The equation of one implicit step, as part 3's Newton method wants it."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import csr_matrix
+
+from ..edges import ALL, Tensions
+from ..errors import StateError
+from ..linear import Factors, LinearSolver, Outcome, Solution, Unknowns
+from ..linear.block_jacobi import BlockJacobiAnalysis, BlockJacobiCg, BlockJacobiFactors
+from ..linear.edge_cg import EdgeFactors
+from ..linear.edge_cg import EdgeFactors
+from ..statics.equilibrium import Equilibrium, Residual, dot, norm
+from ..statics.equilibrium import Tangent as Attempted
+from ..statics.stopwatch import Stopwatch
+from ..system import FreeOperator, TangentOperator
+from ..system.rigid import rigid_modes
+from ..terms.load import Time
+from .motion import Motion
+from .state import State
+from .tangents import Tangent
+
+Array = NDArray[Any]
+
+
+class Coefficients(NamedTuple):
+    """What an integrator makes of the equation of motion, for the unknown `w = u_1 - u_0`.
+
+        M (c w - m) + D (g w - d) + F - h + rest = 0
+
+    Attributes
+    ----------
+    c, m : of the acceleration, `m` (ndofs,).
+    g, d : of the velocity, `d` (ndofs,).
+    rest : (ndofs,) forces that do not depend on `w`, or 0.
+    """
+
+    c: float
+    m: Array
+    g: float
+    d: Array
+    rest: Array | float = 0.0
+
+
+class StepProblem(Equilibrium):
+    """One step from `u_0`, whose unknown is the displacement `w` over the step: what `Equilibrium` calls `u` is `w` here.
+
+    Of `u_1` itself, rounding would leave `eps |u| / |w|` of the velocities.
+
+    Parameters
+    ----------
+    mean : whether the internal force is twice that of energy and momentum, `sum (t_0 + t_1)/2 p_1/2`; otherwise `F(u_1)`.
+    secant : whether edge damping takes the rate of the squared elongations from their difference over the step; otherwise from velocities.
+    """
+
+    def __init__(
+        self, motion: Motion, solver: LinearSolver, tangent: Tangent, watch: Stopwatch, mean: bool = False, secant: bool = False
+    ) -> None:
+        self.motion, self._tangent, self._mean, self._secant = motion, tangent, mean, secant
+        n = motion.system.ndofs
+        self._u0, self._inertia, self._force = np.zeros(n), np.zeros(n), np.zeros(n)
+        self._rest: Any = None  # K(0)
+        self._rest_factors: tuple[Any, Factors] | None = None
+        self._free_tangent: FreeOperator | None = None
+        super().__init__(motion.system, solver, watch)
+        self._diagonal = (
+            BlockJacobiAnalysis(BlockJacobiCg(), _by_vertex(self.free.free, motion.system.mesh.d))
+            if tangent is Tangent.DIAGONAL
+            else None
+        )
+
+    def begin(self, state: State, coefficients: Coefficients) -> None:
+        """A step from this state."""
+        with self._watch("assemble"):
+            c, m, g, d, rest = coefficients
+            np.copyto(self._u0, state.u)
+            self._c, self._g = c, g
+            self._offset = self.motion.mass.multiply(m) - rest
+            self.motion.add_linear_damping(d, self._offset)
+            self._d = d
+
+    def residual(self, u: Array, t: Time) -> Residual:
+        """What is not in balance after the step `w = u` (ndofs,)."""
+        with self._watch("assemble"):
+            loads = self.system.external_force(self._u0 + u, t)
+            internal = self._internal_force(u)
+            inertia = self._linear(u)
+            free = self.free.free
+            scale = norm(inertia[free]) + norm(self._offset[free]) + norm(internal[free]) + norm(loads[free])
+            self.full = inertia - self._offset + internal - loads
+            size = norm(self.full[free])
+            if not np.isfinite(size + scale):
+                raise StateError(f"The residual overflows at displacements of up to {np.abs(self._u0 + u).max():.1e}.")
+            return Residual(self.full[free], size, scale)
+
+    def round_off(self, u: Array, t: Time) -> float:
+        with self._watch("assemble"):
+            w = self._u0 + u
+            sums = self.system.round_off(w) + np.abs(self.system.external_force(w, t)) + np.abs(self._offset)
+            sums += self.motion.mass.multiply(np.abs(u)) * self._inertia_factor
+            return float(np.finfo(float).eps) * norm(sums[self.free.free])
+
+    def step_limit(self, u: Array, v: Array) -> float:
+        return super().step_limit(self._u0 + u, v)
+
+    def inside_out(self, u: Array) -> NDArray[np.int64]:
+        return super().inside_out(self._u0 + u)
+
+    @property
+    def quartic(self) -> bool:
+        return super().quartic and not self._mean and not self.motion.tau
+
+    def energy_along(self, u: Array, v: Array, t: Time) -> Array:
+        """(5,) coefficients along `w + s v` of what an implicit step is the minimum of, but for the constant one."""
+        c = super().energy_along(self._u0 + u, v, t)
+        Av = self._linear(v)
+        c[1] += dot(Av, u) - dot(self._offset, v)
+        c[2] += dot(Av, v) / 2
+        return c
+
+    def factorise(self, u: Array, t: Time, tangent: Attempted = Attempted.EXACT) -> Factors:
+        """The tangent that was chosen; those that Newton's method falls back on are as in statics."""
+        if tangent is not Attempted.EXACT:
+            self._rest_factors = None
+            return super().factorise(u, t, tangent)
+        if self._diagonal is not None:
+            with self._watch("factor"):
+                return _Diagonal(self._diagonal.factorise(self._free_operator(u, ALL, shifted=False), self._kind))
+        if self._tangent is Tangent.REST:
+            key = self._c, self._g
+            if self._rest_factors is None or self._rest_factors[0] != key:
+                self._rest_factors = key, super().factorise(u, t)
+            return self._rest_factors[1]
+        return super().factorise(u, t)
+
+    def _linear(self, w: Array) -> Array:
+        """Forces of inertia and of linear damping that `w` causes."""
+        force = self._inertia_factor * self.motion.mass.multiply(w)
+        if self.motion.beta:
+            force += self.motion.beta * self._g * self.motion.at_rest.matvec(w)
+        return force
+
+    @property
+    def _inertia_factor(self) -> float:
+        return self._c + self.motion.alpha * self._g
+
+    @property
+    def _stiffening(self) -> float:
+        """How much edge damping adds to `2 J'LJ`, as a part of it."""
+        return self.motion.tau * self._g
+
+    def _internal_force(self, w: Array) -> Array:
+        """The elastic force and that of edge damping."""
+        u0, u1, force = self._u0, self._u0 + w, self._force
+        if self._mean:
+            force[:] = 0
+            self.system.add_mean_force(u0, u1, force)
+            force *= 2
+        else:
+            self.system.energy_and_force(u1, out=force)
+        if self.motion.tau:
+            damping = np.zeros_like(force)
+            if self._secant:
+                self.system.add_secant_damping(u0, u1, 0.5 if self._mean else 1.0, damping)
+                damping *= self._g
+            else:
+                self.system.add_damping_force(u1, self._g * w - self._d, damping)
+            force += self.motion.tau * damping
+        return force
+
+    def _kept(self, kept: Tensions) -> tuple[float, Tensions]:
+        """The factor of K, and the tensions that it has then, so that edge damping is in it: `(1 + more) 2 J'LJ + tensions`."""
+        more = 1 + self._stiffening
+        kept = self._tangent.kept if kept == ALL else kept
+        return more, Tensions(kept.positive / more, kept.negative / more)
+
+    def _where(self, w: Array) -> Array:
+        """Where the tangent is taken."""
+        if self._tangent is Tangent.REST:
+            return np.zeros_like(w)
+        return self._u0 + (w / 2 if self._mean else w)
+
+    def _jacobian(self, u: Array, t: Time, kept: Tensions) -> csr_matrix:
+        factor, kept = self._kept(kept)
+        K = self.system.jacobian(self._where(u), t, out=self._K, kept=kept)
+        if factor != 1:
+            K.data *= factor
+        if self.motion.beta:
+            if self._rest is None:
+                self._rest = self.system.tangent(np.zeros(self.system.ndofs))
+            K.data += self.motion.beta * self._g * self._rest.data
+        self.motion.mass.add_to(K, self._inertia_factor)
+        return K
+
+    def _prepare(self, u: Array, kept: Tensions) -> TangentOperator:
+        factor, kept = self._kept(kept)
+        operator = super()._prepare(self._where(u), kept)
+        if factor != 1 or self.motion.beta:
+            share = self.motion.beta * self._g
+            operator.scale_and_add(factor, [(share, self.motion.at_rest)] if share else [])
+        return operator
+
+    def _free_operator(self, u: Array, kept: Tensions, shifted: bool) -> FreeOperator:
+        """With the mass on its diagonal it needs no other shift."""
+        operator = self._prepare(u, kept)
+        if self._free_tangent is None:
+            free = self.free.free
+            self._lumped = self.motion.mass.vertex[free // self.system.mesh.d]
+            self._free_tangent = FreeOperator(operator, self.free, np.zeros(len(free)))
+        np.multiply(self._lumped, self._inertia_factor, out=self._free_tangent.shift)
+        return self._free_tangent
+
+    def _rigid_modes(self) -> Array:
+        mesh = self.system.mesh
+        return rigid_modes(mesh.p.T + (self._u0 + self._u).reshape(-1, mesh.d))[self.free.free]
+
+
+class _Diagonal:
+    """Inverted diagonal blocks."""
+
+    def __init__(self, factors: BlockJacobiFactors | EdgeFactors) -> None:
+        self._factors = factors
+
+    @property
+    def negative_pivots(self) -> None:
+        """Nobody counts them."""
+
+    def solve(self, b: Array, rtol: float = 1e-10, x0: Array | None = None, out: Array | None = None) -> Solution:
+        """Exact, of the diagonal blocks."""
+        return Solution(self._factors.precondition(b), 0, 0.0, Outcome.SOLVED)
+
+
+def _by_vertex(free: Array, d: int) -> Unknowns:
+    return Unknowns(free // d, free % d)

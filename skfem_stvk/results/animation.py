@@ -1,0 +1,168 @@
+"""Animations of a body in motion, drawn by matplotlib."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import xml.etree.ElementTree as ET
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import meshio
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import StvkError, name_known
+from ..mesh import SimplexMesh
+from .files import output_path, replacing
+from .picture import Picture, Sight, View, corner_values, prefixed
+from .series import read_list
+from .state import State, masked
+from .table import FIELDS
+
+Array = NDArray[Any]
+
+States = Sequence[tuple[float, State]]
+
+
+def animate(
+    series: str | os.PathLike[str] | States,
+    path: str | os.PathLike[str],
+    field: str = "displacement",
+    *,
+    scale: float = 1.0,
+    label: str | None = None,
+    fps: float = 20.0,
+) -> Path:
+    """Write a film of the deformed body, coloured by a field; axes and colours are the same in all frames.
+
+    Parameters
+    ----------
+    series : a .pvd file with the .vtu files it lists, as `Series` writes them; or pairs of times and states.
+    path : of a .gif file, or of an .mp4 file, for which ffmpeg has to be installed.
+    field : name of a field with one number an element, or "displacement" for its length. From a .pvd, one that its files hold, averaged
+        to the nodes there.
+    scale : factor for the displacements, 1 for the true shape.
+    label : of the colour bar; by default the field's name and unit.
+    fps : frames a second. A .gif counts in hundredths of a second.
+
+    Raises
+    ------
+    StvkError
+        for a series that cannot be read or has no states, an unknown field, a path that cannot be written, or without ffmpeg: before any work.
+    """
+    path = output_path(path, ".gif", ".mp4")
+    if not np.isfinite(scale):
+        raise StvkError(f"scale = {scale}; expected a finite factor for the displacements, such as 1.")
+    if not 0 < fps <= 100:
+        raise StvkError(f"fps = {fps}; expected frames a second, up to 100.")
+    if path.suffix.lower() == ".mp4" and not _ffmpeg():
+        raise StvkError(
+            "ffmpeg, which writes .mp4 files, is not installed: apt install ffmpeg, brew install ffmpeg or conda install ffmpeg. Or name a .gif file."
+        )
+    if isinstance(series, str | os.PathLike):
+        film = _of_files(series, field, scale, label)
+    else:
+        film = _of_states(series, field, scale, label)
+    from .matplotlib_film import write
+
+    with replacing(path) as part:
+        write(film, part, path.suffix.lower(), fps)
+    return path
+
+
+def _ffmpeg() -> bool:
+    from matplotlib import rcParams
+
+    return shutil.which(rcParams["animation.ffmpeg_path"]) is not None
+
+
+@dataclass(frozen=True, eq=False)
+class Film:
+    """Pictures of a body in time, each made when it is asked for.
+
+    Attributes
+    ----------
+    times : of them.
+    picture : of a number, with values in their unit.
+    unit : of the values; nothing if they stay as they are.
+    """
+
+    times: list[float]
+    picture: Callable[[int], Picture]
+    unit: str
+
+    def developed(self) -> tuple[View, Iterator[tuple[str, Picture]]]:
+        """What all pictures have in common, and each with its time: on as many axes as the motion takes, in a unit that suits all values."""
+        raw = View.of(map(self.picture, range(len(self.times))))
+        low, high = raw.limits
+        factor, unit = prefixed(max(abs(low), abs(high)), self.unit)
+        moving = np.flatnonzero(np.ptp(raw.box, axis=0) > 0)
+        d = int(max(moving, default=0)) + 1
+        shots = (replace(self.picture(number).in_unit(factor, unit), d=d) for number in range(len(self.times)))
+        return View(raw.box, (factor * low, factor * high)), zip(_in_words(self.times), shots, strict=True)
+
+
+def _in_words(times: list[float]) -> list[str]:
+    """With as many digits as tell them apart."""
+    gaps = np.diff(np.unique(times))
+    digits = int(np.clip(1 - np.floor(np.log10(gaps.min())), 0, 9)) if len(gaps) else 3
+    return [f"t = {t:.{digits}f}" for t in times]
+
+
+def _of_states(states: States, field: str, scale: float, label: str | None) -> Film:
+    pairs = list(states)
+    if not pairs:
+        raise StvkError("The series has no states; expected pairs of times and states, such as (0.5, fields.at(u)).")
+    sight = Sight(pairs[0][1].fields.mesh)
+    _, named, unit = corner_values(pairs[0][1], field)
+
+    def picture(number: int) -> Picture:
+        state = pairs[number][1]
+        return sight.picture(state.u, corner_values(state, field)[0], label or named, scale)
+
+    return Film([t for t, _ in pairs], picture, "" if label else unit)
+
+
+def _of_files(series: str | os.PathLike[str], field: str, scale: float, label: str | None) -> Film:
+    path = Path(series)
+    try:
+        listed = read_list(path)
+    except (OSError, ET.ParseError, KeyError, ValueError) as error:
+        raise StvkError(f"{path} is no series of results ({error}); expected a .pvd file, as save=... writes it.") from error
+    if not listed:
+        raise StvkError(f"{path} lists no states. Was the run stopped before its first one?")
+    files = [path.with_name(name) for _, name in listed]
+    first = _read(files[0])
+    p, cells = first.points.T, first.cells[0]
+    sight = Sight(SimplexMesh(p, cells.data.T))
+    name, named, unit = _described(first, field, files[0])
+
+    def picture(number: int) -> Picture:
+        data = _read(files[number]).point_data
+        values = data[name] if name != "displacement" else np.linalg.norm(data[name], axis=1)
+        missing = data.get(f"{name}_missing", np.zeros(len(values))).astype(bool)
+        return sight.picture(data["displacement"], masked(values, missing)[cells.data.T], label or named, scale)
+
+    return Film([t for t, _ in listed], picture, "" if label else unit)
+
+
+def _described(mesh: meshio.Mesh, field: str, file: Path) -> tuple[str, str, str]:
+    """A field's name in the file, its words and its unit."""
+    scalars = [name for name, values in mesh.point_data.items() if values.ndim == 1 and not name.endswith("_missing")]
+    for name in (field, f"{field}_stress"):
+        if name == "displacement":
+            return name, name, "m"
+        if name in scalars:
+            units = {one.name: (one.words, one.unit.replace("-", "")) for one in FIELDS}
+            return name, *units.get(name, (name.replace("_", " "), ""))
+    raise StvkError(f"{file.name} holds no numbers {field!r}; {name_known(field, ['displacement', *scalars])}")
+
+
+def _read(file: Path) -> meshio.Mesh:
+    try:
+        return meshio.vtu.read(file)
+    except (OSError, ET.ParseError, meshio.ReadError) as error:
+        raise StvkError(f"{file} cannot be read ({error}): is it where the .pvd file says?") from error

@@ -1,0 +1,187 @@
+"""What films show. How they look was looked at."""
+
+import stat
+
+import matplotlib
+import numpy as np
+import pytest
+from bodies import MESHES, state
+from PIL import Image
+
+from skfem_stvk import StVK, StvkError
+from skfem_stvk.results import Fields, Series, animate, animation
+
+COUNT = 5
+
+
+def motion(name="triangles", count=COUNT, step=0.05, **term):
+    """A body that swings about its rest."""
+    mesh = MESHES[name]
+    fields, u = Fields(mesh, StVK(young=2e6, poisson=0.3, **term)), state(mesh, 0.1)
+    return [(step * i, fields.at(np.sin(2 * np.pi * (i + 0.5) / count) * u)) for i in range(count)]
+
+
+def saved(path, states, fields=("von_mises",)):
+    series = Series(path, fields)
+    for t, now in states:
+        series.add(now, t)
+    return path
+
+
+def frames(path):
+    """(n, height, width, 3) pixels."""
+    film = Image.open(path)
+    pictures = []
+    for number in range(film.n_frames):
+        film.seek(number)
+        pictures.append(np.asarray(film.convert("RGB"), dtype=int))
+    return np.array(pictures), film.info
+
+
+@pytest.mark.parametrize("name", MESHES)
+def test_every_kind_of_body_moves_in_a_film(tmp_path, name):
+    path = animate(motion(name), tmp_path / "body.gif", "volume_ratio", scale=2.0)
+    pictures, info = frames(path)
+    assert len(pictures) == COUNT and info["duration"] == 50 and info["loop"] == 0
+    coloured = np.ptp(pictures, axis=3) > 50
+    assert (coloured.mean(axis=(1, 2)) > 0.003).all() and [file.name for file in tmp_path.iterdir()] == ["body.gif"]
+    assert ((pictures[0] != pictures[1]).any(axis=2)).mean() > 0.001
+
+
+@pytest.mark.parametrize("name", MESHES)
+def test_a_series_on_disk_gives_the_film_of_its_states(tmp_path, name):
+    states = motion(name)
+    series = saved(tmp_path / "body.pvd", states)
+    one, _ = frames(animate(states, tmp_path / "states.gif"))
+    other, _ = frames(animate(series, tmp_path / "files.gif"))
+    assert np.abs(one - other).max() <= 40 and (one != other).mean() < 1e-3  # the last digit of a coordinate
+
+
+def test_colours_and_axes_are_those_of_all_frames():
+    states = motion(count=8)
+    view, shots = animation._of_states(states, "displacement", 3.0, None).developed()
+    shots = list(shots)
+    values = np.concatenate([picture.values.ravel() for _, picture in shots])
+    assert view.limits == (pytest.approx(values.min()), pytest.approx(values.max()))
+    points = np.concatenate([x for _, picture in shots for x in (picture.rest, picture.moved)])
+    np.testing.assert_array_equal(view.box, [points.min(axis=0), points.max(axis=0)])
+    largest = [picture.values.max() for _, picture in shots]
+    assert {picture.label for _, picture in shots} == {"displacement [mm]"}, "not each in a unit of its own"
+    norms = [1e3 * np.linalg.norm(now.u, axis=1).max() for _, now in states]
+    np.testing.assert_allclose(largest, norms, rtol=1e-12)
+
+
+def test_nothing_but_the_body_and_the_time_moves(tmp_path):
+    pictures, _ = frames(animate(motion(), tmp_path / "body.gif"))
+    changed = (pictures != pictures[0]).any(axis=(0, 3))
+    columns = np.flatnonzero(changed.any(axis=0))
+    bar = pictures.shape[2] * 7 // 8
+    assert columns.max() < bar, "the colour bar stands still"
+    assert (pictures[0][:, bar:] < 128).any(), "and it is there"
+
+
+def test_a_body_is_drawn_on_the_axes_that_its_motion_takes(tmp_path):
+    for name, d in {"segments": 1, "cable in the plane": 2, "triangles": 2, "cable": 3, "membrane": 3, "tetrahedra": 3}.items():
+        film = animation._of_files(saved(tmp_path / "body.pvd", motion(name, 2)), "displacement", 1.0, None)
+        _, shots = film.developed()
+        assert {picture.d for _, picture in shots} == {d}, name
+
+
+@pytest.mark.parametrize(
+    ("step", "words"), [(0.05, "t = 0.200"), (1.0, "t = 4.0"), (1e-4, "t = 0.00040"), (1 / 3, "t = 1.33"), (50.0, "t = 200")]
+)
+def test_the_time_has_the_digits_that_tell_frames_apart(step, words):
+    times = animation._in_words([step * i for i in range(COUNT)])
+    assert times[-1] == words and len(set(times)) == COUNT
+    assert animation._in_words([0.5]) == ["t = 0.500"]
+
+
+def test_fields_of_files_have_their_names_and_units(tmp_path):
+    states = motion()
+    series = saved(tmp_path / "body.pvd", states, ["von_mises", "volume_ratio"])
+    for field, label in (
+        ("von_mises", "von Mises stress [kPa]"),
+        ("von_mises_stress", "von Mises stress [kPa]"),
+        ("volume_ratio", "volume ratio"),
+    ):
+        _, shots = animation._of_files(series, field, 1.0, None).developed()
+        _, picture = next(shots)
+        assert picture.label == label
+        expected = np.asarray(states[0][1].at_nodes(field))[picture.cells]
+        np.testing.assert_allclose(picture.values, expected * (1e-3 if "kPa" in label else 1), rtol=1e-9)
+    _, shots = animation._of_files(series, "von_mises", 1.0, "stress [psi]").developed()
+    _, picture = next(shots)
+    assert picture.label == "stress [psi]" and picture.values.max() > 1e3, "numbers stay as they are"
+
+
+def test_where_a_file_has_no_value_there_is_none_in_the_film(tmp_path):
+    right = np.flatnonzero(MESHES["triangles"].p[0, MESHES["triangles"].t].mean(axis=0) > 0.6)
+    series = saved(tmp_path / "body.pvd", motion(region=right))
+    _, shots = animation._of_files(series, "von_mises", 1.0, None).developed()
+    _, picture = next(shots)
+    assert 0 < np.ma.getmaskarray(picture.values).mean() < 1
+
+
+def test_what_cannot_be_filmed_is_refused(tmp_path):
+    series = saved(tmp_path / "body.pvd", motion())
+    (tmp_path / "empty.pvd").write_text("<VTKFile><Collection/></VTKFile>")
+    (tmp_path / "lost.pvd").write_text('<VTKFile><Collection><DataSet timestep="0" file="no.vtu"/></Collection></VTKFile>')
+    (tmp_path / "none.pvd").write_text("hello")
+    for arguments, message in (
+        ({"path": tmp_path / "body.avi"}, r"does not end in \.gif or \.mp4"),
+        ({"path": tmp_path / "no" / "body.gif"}, "does not exist"),
+        ({"field": "volume_ratio"}, r"body_0000\.vtu holds no numbers 'volume_ratio'; known: 'displacement', 'von_mises_stress'"),
+        ({"series": tmp_path / "missing.pvd"}, r"missing\.pvd is no series of results"),
+        ({"series": tmp_path / "none.pvd"}, r"none\.pvd is no series of results"),
+        ({"series": tmp_path / "empty.pvd"}, "lists no states"),
+        ({"series": tmp_path / "lost.pvd"}, r"no\.vtu cannot be read"),
+        ({"series": []}, "has no states"),
+        ({"series": motion(), "field": "cauchy"}, "has 3 x 3 components"),
+        ({"scale": np.nan}, "scale = nan"),
+        ({"fps": 0}, "fps = 0"),
+    ):
+        with pytest.raises(StvkError, match=message):
+            animate(**({"series": series, "path": tmp_path / "body.gif"} | arguments))
+    assert not list(tmp_path.glob("*.gif")) and not list(tmp_path.glob(".*"))
+
+
+def test_without_ffmpeg_an_mp4_is_refused_with_what_to_install(tmp_path):
+    with (
+        matplotlib.rc_context({"animation.ffmpeg_path": str(tmp_path / "ffmpeg")}),
+        pytest.raises(StvkError, match="apt install ffmpeg"),
+    ):
+        animate(motion(), tmp_path / "body.mp4")
+
+
+RECORDER = """#!/bin/sh
+for last; do :; done
+cat > "$last"
+echo "$@" > {log}
+"""
+
+
+def test_an_mp4_is_what_ffmpeg_makes_of_all_frames(tmp_path):
+    log, recorder = tmp_path / "log", tmp_path / "ffmpeg"
+    recorder.write_text(RECORDER.format(log=log))
+    recorder.chmod(recorder.stat().st_mode | stat.S_IXUSR)
+    with matplotlib.rc_context({"animation.ffmpeg_path": str(recorder)}):
+        path = animate(motion(), tmp_path / "body.mp4", fps=12)
+    width, height = 840, 540
+    assert path.stat().st_size == COUNT * width * height * 4
+    words = log.read_text()
+    assert f"{width}x{height}" in words and "-f mp4" in words and " 12" in words
+
+
+def test_a_film_that_fails_leaves_the_one_that_was_there(tmp_path, monkeypatch):
+    from skfem_stvk.results import matplotlib_film
+
+    path = animate(motion(), tmp_path / "body.gif")
+    before = path.read_bytes()
+
+    def full(*_):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(matplotlib_film, "_image", full)
+    with pytest.raises(OSError, match="No space"):
+        animate(motion(), path)
+    assert path.read_bytes() == before and [file.name for file in tmp_path.iterdir()] == ["body.gif"]
