@@ -12,6 +12,8 @@ from .dynamics import (
     Run,
     SimulationError,
     VelocityVerlet,
+    critical_step,
+    modes,
     simulate,
 )
 from .errors import LoadError, MaterialError, MeshError, RegionError, StateError, StvkError, StvkWarning, SupportError
@@ -61,7 +63,9 @@ __all__ = [
     "TransverselyIsotropic",
     "VelocityVerlet",
     "VolumePenalty",
+    "critical_step",
     "embedded_mesh",
+    "modes",
     "read_mesh",
     "simulate",
     "solve_static",

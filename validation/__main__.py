@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import sys
 
-from . import aspect, hard, kernels, operations, part, solvers, stability, statics
+from . import aspect, dynamics, hard, kernels, operations, part, solvers, stability, statics
 
 #: Studies and the options that they take.
 STUDIES = {
@@ -17,10 +17,11 @@ STUDIES = {
     "statics": (statics.main, ("quick", "only", "out")),
     "hard": (hard.main, ("quick", "only", "out")),
     "stability": (stability.main, ("quick", "only", "out")),
+    "dynamics": (dynamics.main, ("quick", "only", "out")),
 }
 
 #: Parts of a study that `--only` picks.
-PARTS = {"statics": (*statics.NAMES, *statics.ON_DEMAND), "hard": hard.NAMES, "stability": stability.NAMES}
+PARTS = {"statics": (*statics.NAMES, *statics.ON_DEMAND), "hard": hard.NAMES, "stability": stability.NAMES, "dynamics": dynamics.NAMES}
 
 
 def main() -> int:

@@ -33,7 +33,7 @@ class Books:
         mesh = motion.system.mesh
         self._several = len(motion.system.elastic_terms) > 1
         self._turning = {1: [], 2: [6], 3: [4, 5, 6]}[mesh.d]
-        self._sums, self._Mv = np.zeros(7), np.zeros(motion.system.ndofs)
+        self._sums, self._Mv = np.zeros(8), np.zeros(motion.system.ndofs)
         resumed = self.ledger.steps > 0
         self.external = float(self.ledger["external_work"][-1]) if resumed else 0.0
         self.dissipated = float(self.ledger["dissipated_work"][-1]) if resumed else 0.0
@@ -66,10 +66,9 @@ class Books:
         """A row for this state."""
         system, sums = self.motion.system, self._sums
         mesh = system.mesh
-        self.motion.mass.multiply(state.v, out=self._Mv)
         shape = mesh.nv, mesh.d
-        kernels.momenta(mesh.p, state.u.reshape(shape), state.v.reshape(shape), self._Mv.reshape(shape), sums)
-        kinetic, potential = float(sums[0]) / 2, system.steady_potential(state.u)
+        potential = self._sum(state)
+        kinetic = float(sums[0]) / 2
         balance = Balance.of(kinetic, strain_energy, potential, self.external, self.dissipated, self._first)
         if self._first is None:
             self._first = balance.total_energy
@@ -80,3 +79,15 @@ class Books:
         for vertices in self._probes.values():
             row += list(state.u.reshape(shape)[vertices].mean(axis=0))
         self.ledger.append(row)
+
+    def _sum(self, state: State) -> float:
+        """Twice the kinetic energy and the momenta, to where they are kept; the potential of loads that are given by constants [J]."""
+        motion, sums = self.motion, self._sums
+        mesh = motion.system.mesh
+        u, v, Mv = (x.reshape(mesh.nv, mesh.d) for x in (state.u, state.v, self._Mv))
+        if motion.mass.kind == "lumped" and motion.constant_loads is not None:
+            kernels.lumped_momenta(mesh.p, u, v, motion.mass.vertex, motion.constant_loads.reshape(u.shape), sums)
+            return -float(sums[7])
+        motion.mass.multiply(state.v, out=self._Mv)
+        kernels.momenta(mesh.p, u, v, Mv, sums)
+        return motion.system.steady_potential(state.u)

@@ -51,6 +51,7 @@ class LargestFrequency:
         T^2 x'Kx + 2 T x'Dx <= 4 x'Mx        for all motions x that the supports allow,        D = alpha M + beta K0 + tau K_GN(u)
 
     which for a damping ratio `xi` is `T <= (2/omega) (sqrt(1 + xi^2) - xi)`: damping makes the step smaller.
+    `ForwardEuler` is that scheme. `VelocityVerlet` takes damping at a predicted velocity, and has the step of twice the damping.
 
     Eigenvalues are looked for from a random motion on, always the same: that of the state before would save a fifth of the products, and miss
     what has become the largest one elsewhere.
@@ -138,6 +139,8 @@ class LargestFrequency:
 
 def critical_step(system: System, u: ArrayLike | None = None, *, damping: Damping | None = None) -> CriticalStep:
     """The largest stable step of explicit integrators with the lumped mass, at displacements `u` (ndofs,) [m], by default at rest.
+
+    With `damping` it is that of `ForwardEuler`; for `VelocityVerlet` damping counts twice, and it is that of twice the damping.
 
     Raises
     ------

@@ -44,6 +44,7 @@ class Guard:
 
 def from_nowhere(ledger: Ledger) -> float:
     """The closure error in the end, as a part of the energy that there was or was given: below zero where the steps lost it."""
-    kinetic, strain, potential, external, dissipated, _ = ledger.rows()[:, [ledger.names.index(name) for name in COLUMNS]].T
-    most = max(kinetic[0] + strain[0], *(float(np.abs(x - x[0]).max()) for x in (potential, external, dissipated)))
-    return float(ledger["closure_error"][-1] / most) if most > 0 else 0.0
+    kinetic, strain, potential, external, dissipated, closure = (ledger.rows()[:, ledger.names.index(name)] for name in COLUMNS)
+    changes = (max(x.max() - x[0], x[0] - x.min()) for x in (potential, external, dissipated))
+    most = max(kinetic[0] + strain[0], *changes)
+    return float(closure[-1] / most) if most > 0 else 0.0

@@ -46,7 +46,7 @@ class Loop:
         self._outputs = Outputs(plan, self._books.ledger, until)
         self._cutting = Cutting(self._stepper, self._books, plan.cuts)
         self._guard = Guard(self._books.ledger, plan.state)
-        self._whole, self._fresh, self._turned = True, fresh, False
+        self._whole, self._fresh, self._turned, self._stepping = True, fresh, False, False
 
     def run(self, raise_on_failure: bool) -> Run:
         """All steps; errors as of `simulate`."""
@@ -68,6 +68,8 @@ class Loop:
                 Exception,
             ) as error:  # a full disk, a load's function that fails: what there is so far is kept
                 status, cause = Status.INTERRUPTED, error
+                if self._stepping and plan.integrator.explicit:  # which change the state as they go
+                    self._back()
         run = self._result(status, detail, cause)
         if isinstance(cause, KeyboardInterrupt):
             raise Interrupted(run)
@@ -83,7 +85,9 @@ class Loop:
             if not self._whole:
                 self._outputs.checkpoint()
             try:
+                self._stepping = True
                 self._cutting.advance(state, t)
+                self._stepping = False
                 self._books.enter(state, self._stepper.energy)
                 if self._guard.blown_up(state):
                     return Status.BLEW_UP, "energy came from nowhere"
@@ -104,17 +108,24 @@ class Loop:
     def _finish(self, status: Status) -> None:
         """The last good state is where the run ends; write it."""
         if status is Status.BLEW_UP:
-            good, _ = self._guard.good
-            self.plan.state.become(good)
+            self._back()
+            self._outputs.back()
             self._whole = False
         self._outputs.close(self._whole)
+
+    def _back(self) -> None:
+        good, _ = self._guard.good
+        self.plan.state.become(good)
 
     def _look(self) -> None:
         """Where elements turn inside out, say so, once; the last state is looked at in any case."""
         plan = self.plan
         assert plan.clock is not None
         last = not self._whole or not plan.clock.left(self._until)
-        if self._turned or (plan.steps % plan.outlets.every and not last):
+        every = plan.outlets.every * (
+            2 if plan.integrator.explicit else 1
+        )  # costs half a force; small bodies turn and are back within 40 steps
+        if self._turned or (plan.steps % every and not last):
             return
         turned = plan.motion.system.inside_out(plan.state.u)
         if len(turned):

@@ -59,9 +59,18 @@ class Motion:
         velocities: Array = (4 * self.held(t + h) - self.held(t + 2 * h) - 3 * self.held(t)) / (2 * h)
         return velocities
 
+    @cached_property
+    def constant_loads(self) -> Array | None:
+        """(ndofs,) the loads, if they are the same at any time and place [N]."""
+        if not self.system.constant_loads:
+            return None
+        loads = self.system.external_force(np.zeros(self.system.ndofs), Moment(0.0, 1.0))
+        loads.flags.writeable = False
+        return loads
+
     def loads(self, u: Array, t: float) -> Array:
-        """(ndofs,) external forces [N]."""
-        return self.system.external_force(u, Moment(t, 1.0))
+        """(ndofs,) external forces [N]; the same array every time if they are constant."""
+        return self.system.external_force(u, Moment(t, 1.0)) if self.constant_loads is None else self.constant_loads
 
     def add_damping(self, u: Array, v: Array, out: Array) -> None:
         """Add `D v` [N] at displacements `u` to `out`, all (ndofs,)."""

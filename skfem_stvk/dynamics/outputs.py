@@ -62,6 +62,11 @@ class Outputs:
         if self._checkpoint is not None:
             self._checkpoint.write(*self._plan.packed(), self._ledger)
 
+    def back(self) -> None:
+        """The state is an earlier one again: the end of the series."""
+        if self._series is not None:
+            self._series.cut(self._plan.state.t)
+
     def close(self, whole: bool) -> None:
         """The last state, and the checkpoint unless the last step was shorter than the others: a later run goes on from before that."""
         if not (whole and self._plan.steps % self._plan.outlets.every == 0):

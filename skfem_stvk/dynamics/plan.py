@@ -60,6 +60,7 @@ class Plan:
     ----------
     ledger : of the run that is resumed.
     steps, cuts : made so far, and how many of them in parts.
+    bound : the safe bound of explicit steps when the critical one was looked for last [s].
     """
 
     motion: Motion
@@ -71,6 +72,7 @@ class Plan:
     ledger: Ledger | None = None
     steps: int = 0
     cuts: int = 0
+    bound: float = 0.0
 
     @classmethod
     def new(
@@ -102,7 +104,7 @@ class Plan:
         state = State(about["t"], *(arrays.pop(name) for name in ("u", "v", "a", "reaction")))
         probes = {name: arrays.pop(f"probe {name}") for name in about["probes"]}
         kept = Outlets.checked(**(about["outlets"] | outlets))
-        return cls(motion, integrator, state, Clock(**about["clock"]), probes, kept, ledger, about["steps"], about["cuts"])
+        return cls(motion, integrator, state, Clock(**about["clock"]), probes, kept, ledger, about["steps"], about["cuts"], about["bound"])
 
     def packed(self) -> tuple[dict[str, Any], dict[str, Array]]:
         """What a checkpoint needs: what JSON can write, and arrays."""
@@ -122,6 +124,7 @@ class Plan:
             "clock": {"start": self.clock.start, "dt": self.clock.dt, "count": self.clock.count},
             "steps": self.steps,
             "cuts": self.cuts,
+            "bound": self.bound,
         }
         own = {"u": state.u, "v": state.v, "a": state.a, "reaction": state.reaction}
         return about, own | {f"probe {name}": vertices for name, vertices in self.probes.items()}

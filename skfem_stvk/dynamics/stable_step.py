@@ -16,6 +16,8 @@ from .plan import Plan
 
 #: Part of the critical step that is taken by default; between the other two it is kept as the body deforms, which is looked at every so many steps.
 SAFETY, LEAST, MOST, EVERY = 0.9, 0.7, 0.95, 100
+#: While the bound, for the price of eight forces, stays within this part, the critical step is not looked for, for that of sixty.
+MOVED = 0.02
 
 
 class StableStep:
@@ -49,17 +51,18 @@ class StableStep:
         StateError
             if K overflows.
         """
-        if self._largest is None or self._plan.steps % EVERY:
+        if self._largest is None or self._warned or self._plan.steps % EVERY:
             return
         u, clock = self._plan.state.u, self._plan.clock
         assert clock is not None
-        if self._plan.integrator.dt is not None:
-            if not self._warned and clock.dt > self._largest.bound(u):
-                self._last = self._largest.at(u)
-                self._warn(clock.dt)
+        given, bound = self._plan.integrator.dt is not None, self._largest.bound(u)
+        if abs(bound - self._plan.bound) <= MOVED * self._plan.bound or (given and clock.dt <= bound):
             return
         self._last = self._largest.at(u)
-        if not LEAST * self._last.step <= clock.dt <= MOST * self._last.step:
+        self._plan.bound = self._last.bound
+        if given:
+            self._warn(clock.dt)
+        elif not LEAST * self._last.step <= clock.dt <= MOST * self._last.step:
             clock.change(SAFETY * self._last.step)
 
     def advice(self) -> str:
@@ -77,6 +80,7 @@ class StableStep:
             assert dt is not None
             return dt
         self._last = self._largest.at(self._plan.state.u)
+        self._plan.bound = self._last.bound
         if dt is not None:
             self._warn(dt)
             return dt

@@ -13,13 +13,12 @@ from ..errors import StateError
 from ..linear import Factors, LinearSolver, Outcome, Solution, Unknowns
 from ..linear.block_jacobi import BlockJacobiAnalysis, BlockJacobiCg, BlockJacobiFactors
 from ..linear.edge_cg import EdgeFactors
-from ..linear.edge_cg import EdgeFactors
 from ..statics.equilibrium import Equilibrium, Residual, dot, norm
 from ..statics.equilibrium import Tangent as Attempted
 from ..statics.stopwatch import Stopwatch
 from ..system import FreeOperator, TangentOperator
 from ..system.rigid import rigid_modes
-from ..terms.load import Time
+from ..terms.load import Moment, Time
 from .motion import Motion
 from .state import State
 from .tangents import Tangent
@@ -35,14 +34,14 @@ class Coefficients(NamedTuple):
     Attributes
     ----------
     c, m : of the acceleration, `m` (ndofs,).
-    g, d : of the velocity, `d` (ndofs,).
+    g, d : of the velocity, `d` (ndofs,) or 0.
     rest : (ndofs,) forces that do not depend on `w`, or 0.
     """
 
     c: float
     m: Array
     g: float
-    d: Array
+    d: Array | float
     rest: Array | float = 0.0
 
 
@@ -62,7 +61,7 @@ class StepProblem(Equilibrium):
     ) -> None:
         self.motion, self._tangent, self._mean, self._secant = motion, tangent, mean, secant
         n = motion.system.ndofs
-        self._u0, self._inertia, self._force = np.zeros(n), np.zeros(n), np.zeros(n)
+        self._u0, self._offset, self._force, self._arrived, self._at, self.full = (np.zeros(n) for _ in range(6))
         self._rest: Any = None  # K(0)
         self._rest_factors: tuple[Any, Factors] | None = None
         self._free_tangent: FreeOperator | None = None
@@ -78,15 +77,29 @@ class StepProblem(Equilibrium):
         with self._watch("assemble"):
             c, m, g, d, rest = coefficients
             np.copyto(self._u0, state.u)
-            self._c, self._g = c, g
-            self._offset = self.motion.mass.multiply(m) - rest
-            self.motion.add_linear_damping(d, self._offset)
-            self._d = d
+            self._c, self._g, self._d = c, g, d
+            self.motion.mass.multiply(m, out=self._offset)
+            self._offset -= rest
+            if isinstance(d, np.ndarray):
+                self.motion.add_linear_damping(d, self._offset)
+
+    def arrive(self, u: Array) -> float:
+        """The strain energy at `u` (ndofs,) [J]; the internal force that comes with it is where `before_step` begins."""
+        with self._watch("assemble"):
+            energy, _ = self.system.energy_and_force(u, out=self._arrived)
+            return energy
+
+    def before_step(self, t: float) -> Array:
+        """(ndofs,) what is not in balance for `w = 0`, where nothing has to be computed anew; for equations at the end of the step, without a rate `d`."""
+        with self._watch("assemble"):
+            np.subtract(self._arrived, self._offset, out=self.full)
+            self.full -= self.motion.loads(self._u0, t)
+            return self.full
 
     def residual(self, u: Array, t: Time) -> Residual:
         """What is not in balance after the step `w = u` (ndofs,)."""
         with self._watch("assemble"):
-            loads = self.system.external_force(self._u0 + u, t)
+            loads = self.motion.loads(self._u0 + u, Moment.of(t).time)
             internal = self._internal_force(u)
             inertia = self._linear(u)
             free = self.free.free
@@ -182,7 +195,7 @@ class StepProblem(Equilibrium):
         """Where the tangent is taken."""
         if self._tangent is Tangent.REST:
             return np.zeros_like(w)
-        return self._u0 + (w / 2 if self._mean else w)
+        return np.add(self._u0, w / 2 if self._mean else w, out=self._at)
 
     def _jacobian(self, u: Array, t: Time, kept: Tensions) -> csr_matrix:
         factor, kept = self._kept(kept)

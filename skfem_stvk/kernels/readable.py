@@ -811,11 +811,25 @@ def momenta(p: Reals, u: Reals, v: Reals, Mv: Reals, out: Reals) -> None:
     out[:] = [(v * Mv).sum(), *q.sum(axis=0), *np.cross(x, q).sum(axis=0)]
 
 
-def push(inverse: Reals, force: Reals, h: float, v: Reals) -> None:
-    """`v += h M^-1 force`."""
+def lumped_momenta(p: Reals, u: Reals, v: Reals, m: Reals, f: Reals, out: Reals) -> None:
+    """`momenta` of masses `m`, and `f . u`."""
+    momenta(p, u, v, m[:, None] * v, out[:7])
+    out[7] = (f * u).sum()
+
+
+def kick_and_drift(a: Reals, h: float, dt: float, v: Reals, u: Reals) -> None:
+    """`v += h a`, `u += dt v`."""
+    v += h * a
+    u += dt * v
+
+
+def accelerate(inverse: Reals, force: Reals, h: float, a: Reals, v: Reals) -> None:
+    """`a = M^-1 force`, `v += h a`."""
+    a[:] = inverse * force
+    v += h * a
+
+
+def push_and_drift(inverse: Reals, force: Reals, h: float, v: Reals, u: Reals) -> None:
+    """`v += h M^-1 force`, `u += h v`."""
     v += h * inverse * force
-
-
-def drift(is_free: Ids, v: Reals, h: float, u: Reals) -> None:
-    """`u += h v` where it is free."""
-    u[is_free != 0] += h * v[is_free != 0]
+    u += h * v

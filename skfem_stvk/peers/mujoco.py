@@ -1,8 +1,10 @@
-"""MuJoCo: the passive force of a flex, an edge form summed element by element in C."""
+"""MuJoCo: the passive force of a flex, an edge form summed element by element in C, and flexes in motion."""
 
 from __future__ import annotations
 
 import warnings
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,34 +26,9 @@ class MuJoCo:
     def __init__(self, p: Array, t: NDArray[np.int32], young: float, poisson: float) -> None:
         self._engine = mujoco = require("mujoco")
         self.version: str = mujoco.__version__
-        if not 0 <= poisson < 0.5:
-            raise StvkError(f"Poisson's ratio {poisson} came; MuJoCo takes those from 0 up to, but not, 1/2.")
         self._rest = np.ascontiguousarray(p.T, dtype=float)
-        spec = mujoco.MjSpec()
-        spec.memory = 2**20 + 256 * p.size  # [B]; by itself it would take many times that
-        slide, axes = mujoco.mjtJoint.mjJNT_SLIDE, np.eye(3)
-        for vertex, place in enumerate(self._rest):
-            # of some mass, about its own place: else the engine takes a slower path
-            body = spec.worldbody.add_body(
-                name=str(vertex), pos=place, mass=1.0, inertia=[1, 1, 1], ipos=[0, 0, 0], explicitinertial=True
-            )
-            for axis in axes:
-                body.add_joint(type=slide, axis=axis)
-        spec.add_flex(
-            name="body",
-            dim=3,
-            vertbody=[str(vertex) for vertex in range(p.shape[1])],
-            elem=np.ascontiguousarray(t.T).ravel().tolist(),
-            young=young,
-            poisson=poisson,
-            contype=0,
-            conaffinity=0,
-            selfcollide=0,
-        )
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # that nothing integrates the force implicitly
-            self._model = spec.compile()
-        self._model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_MIDPHASE | mujoco.mjtDisableBit.mjDSBL_GRAVITY
+        self._model = _model(mujoco, self._rest, t, young, poisson)
+        self._model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_GRAVITY
         self._data = mujoco.MjData(self._model)
         mujoco.mj_kinematics(self._model, self._data)
         mujoco.mj_comPos(self._model, self._data)  # the directions of the joints, which do not depend on the positions
@@ -63,3 +40,88 @@ class MuJoCo:
         self._engine.mj_passive(self._model, self._data)
         force: Array = -self._data.qfrc_spring
         return force
+
+
+@dataclass(frozen=True)
+class Moving:
+    """How a flex moves.
+
+    Parameters
+    ----------
+    masses : (nv,) of its vertices [kg].
+    held : ids of vertices that do not move.
+    gravity : (3,) [m/s^2].
+    dt : time step [s].
+    integrator : "discrete", MuJoCo's implicit one for flexes: a linear solve a step with `M + dt^2 K`, K with tensile tensions alone; or "Euler",
+        explicit.
+    rtol, iterations : of the linear solve.
+    """
+
+    masses: Array
+    held: NDArray[Any]
+    gravity: tuple[float, float, float]
+    dt: float
+    integrator: str = "discrete"
+    rtol: float = 1e-8
+    iterations: int = 1000
+
+
+class MuJoCoMotion:
+    """A flex in motion, vertices that are held without joints; parameters and errors as of `MuJoCo`."""
+
+    def __init__(self, p: Array, t: NDArray[np.int32], young: float, poisson: float, moving: Moving) -> None:
+        self._engine = mujoco = require("mujoco")
+        self.version: str = mujoco.__version__
+        rest = np.ascontiguousarray(p.T, dtype=float)
+        self._model = _model(mujoco, rest, t, young, poisson, moving)
+        self._data = mujoco.MjData(self._model)
+        self._free = np.setdiff1d(np.arange(len(rest)), moving.held)
+
+    def begin(self, u: Array, v: Array) -> None:
+        """From displacements [m] and velocities [m/s] (3 nv,) on; those of vertices that are held are left out."""
+        self._data.qpos[:] = u.reshape(-1, 3)[self._free].ravel()
+        self._data.qvel[:] = v.reshape(-1, 3)[self._free].ravel()
+
+    def step(self) -> None:
+        """A time step."""
+        self._engine.mj_step(self._model, self._data)
+
+    def displacements(self) -> Array:
+        """(3 nv,) now [m]."""
+        u = np.zeros((self._model.nbody - 1, 3))
+        u[self._free] = self._data.qpos.reshape(-1, 3)
+        return u.ravel()
+
+    def solved(self) -> bool:
+        """Whether MuJoCo has had nothing to warn of, such as a solve that ran out of iterations, or a state that is not finite."""
+        return not any(warning.number for warning in self._data.warning)
+
+
+def _model(mujoco: Any, rest: Array, t: NDArray[np.int32], young: float, poisson: float, moving: Moving | None = None) -> Any:
+    """Each vertex a body that slides along x, y and z; of some mass, about its own place: else the engine takes a slower path."""
+    if not 0 <= poisson < 0.5:
+        raise StvkError(f"Poisson's ratio {poisson} came; MuJoCo takes those from 0 up to, but not, 1/2.")
+    spec = mujoco.MjSpec()
+    spec.memory = 2**20 + 256 * rest.size  # [B]; by itself it would take many times that
+    masses, held = (np.ones(len(rest)), ()) if moving is None else (moving.masses, moving.held)
+    is_held = np.isin(np.arange(len(rest)), held)
+    for vertex, (place, mass) in enumerate(zip(rest, masses, strict=True)):
+        inertia = [mass] * 3  # of what does not turn
+        body = spec.worldbody.add_body(
+            name=str(vertex), pos=place, mass=mass, inertia=inertia, ipos=[0, 0, 0], explicitinertial=True
+        )
+        for axis in () if is_held[vertex] else np.eye(3):
+            body.add_joint(type=mujoco.mjtJoint.mjJNT_SLIDE, axis=axis)
+    names, elements = [str(vertex) for vertex in range(len(rest))], np.ascontiguousarray(t.T).ravel().tolist()
+    without = {"contype": 0, "conaffinity": 0, "selfcollide": 0}
+    spec.add_flex(name="body", dim=3, vertbody=names, elem=elements, young=young, poisson=poisson, **without)
+    if moving is not None:
+        spec.memory = 2**24 + 2**11 * rest.size
+        spec.option.timestep, spec.option.gravity = moving.dt, moving.gravity
+        spec.option.integrator = getattr(mujoco.mjtIntegrator, f"mjINT_{moving.integrator.upper()}")
+        spec.option.tolerance, spec.option.iterations = moving.rtol, moving.iterations
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # that nothing integrates the force implicitly
+        model = spec.compile()
+    model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_MIDPHASE
+    return model

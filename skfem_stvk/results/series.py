@@ -67,19 +67,28 @@ class Series:
         self._write()
         return file
 
+    def cut(self, t: float) -> None:
+        """Remove the steps from `t` on; of a series that is resumed, once one was added."""
+        if self._begun:
+            self._keep(self.steps, [step for step in self.steps if step[0] < t])
+
     def _begin(self, t: float) -> None:
         """Leave out what an older run wrote, from `t` on or altogether: first in the list, so that it never names what is not there."""
         former = []
         with nullcontext() if self.resume else suppress(StvkError):
             former = self._read()
-        self.steps = [step for step in former if self.resume and step[0] < t and step[0] <= self._until]
-        if self.steps:
+        self._keep(former, [step for step in former if self.resume and step[0] < t and step[0] <= self._until])
+        self._begun = True
+
+    def _keep(self, former: list[tuple[float, Path]], kept: list[tuple[float, Path]]) -> None:
+        """The first ones of those that there were."""
+        self.steps = kept
+        if kept:
             self._write()
         else:
             self.path.unlink(missing_ok=True)
-        for _, file in former[len(self.steps) :]:
+        for _, file in former[len(kept) :]:
             file.unlink(missing_ok=True)
-        self._begun = True
 
     def _read(self) -> list[tuple[float, Path]]:
         """Times and files that the .pvd lists and that this series may have written; none if there is no .pvd."""

@@ -167,10 +167,10 @@ class Equilibrium:
         with self._watch("factor"):
             return None if self._exact is None else self._exact.negative_pivots
 
-    def solve(self, factors: Factors, b: Array, rtol: float, start: Array | None = None) -> Solution:
-        """The solution of `K_ff x = b`; iterative solvers look for it from `start` on, or from zero."""
+    def solve(self, factors: Factors, b: Array, rtol: float, start: Array | None = None, out: Array | None = None) -> Solution:
+        """The solution of `K_ff x = b`, in `out` if there is one; iterative solvers look for it from `start` on, or from zero."""
         with self._watch("solve"):
-            return factors.solve(b, rtol, start)
+            return factors.solve(b, rtol, start, out)
 
     def inside_out(self, u: Array) -> NDArray[np.int64]:
         """Ids of the elements that are inside out at `u`."""

@@ -7,7 +7,8 @@ import pytest
 from bodies import distorted, turned_round
 from skfem import MeshTet
 
-from skfem_stvk import StVK, StvkError, System
+from skfem_stvk import Gravity, StVK, StvkError, System, simulate
+from skfem_stvk.dynamics import ForwardEuler, LinearBackwardEuler
 from skfem_stvk.peers import PEERS, available, load
 from skfem_stvk.peers.packages import PACKAGES, Package, require
 
@@ -134,3 +135,36 @@ def test_ngsolve_without_a_compiler_interprets_and_says_so(body, monkeypatch):
     assert not peer.compiled and peer.name == "NGSolve (no compiler)"
     u = STATES["crumpled"]
     assert abs(peer.tangent(u) - body.tangent(u)).max() <= LIMIT * abs(body.tangent(u)).max()
+
+
+@pytest.mark.parametrize(
+    ("integrator", "dt", "ours", "limit"), [("discrete", 5e-3, LinearBackwardEuler, 1e-3), ("Euler", 2e-4, ForwardEuler, 1e-9)]
+)
+def test_mujoco_moves_as_we_do(integrator, dt, ours, limit):
+    """Its implicit integrator is the linearised backward Euler with a clamped tangent, clamped element by element; its explicit one the symplectic Euler."""
+    pytest.importorskip("mujoco")
+    from skfem_stvk.peers.mujoco import Moving, MuJoCoMotion
+
+    p, t = part()
+    wall, gravity = np.flatnonzero(p[0] < 1e-9), (0.5, 0.0, -2.0)
+    system = System((p, t), [StVK(young=YOUNG, poisson=POISSON, density=0.1), Gravity(gravity)], fixed=[(wall, "xyz")])
+    v = 0.5 * np.cross((0, 1, 2), p.T).ravel()
+    v.reshape(-1, 3)[wall] = 0
+    peer = MuJoCoMotion(p, t, YOUNG, POISSON, Moving(system.mass().vertex, wall, gravity, dt, integrator, 1e-14))
+    peer.begin(0 * v, v)
+    for _ in range(20):
+        peer.step()
+    options = {} if ours is ForwardEuler else {"tangent": "clamped", "rtol": 1e-13}
+    u = simulate(system, ours(dt=dt, **options), until=20 * dt, v0=v, quiet=True).u
+    assert peer.solved() and abs(u).max() > 0.3 * 20 * dt and abs(peer.displacements() - u).max() <= limit * abs(u).max()
+
+
+def test_mujoco_tells_of_a_solve_that_ran_out_of_iterations(tmp_path, monkeypatch):
+    pytest.importorskip("mujoco")
+    from skfem_stvk.peers.mujoco import Moving, MuJoCoMotion
+
+    monkeypatch.chdir(tmp_path)  # where MuJoCo writes its log
+    p, t = part()
+    peer = MuJoCoMotion(p, t, YOUNG, POISSON, Moving(np.full(p.shape[1], 1e-3), np.arange(3), (0.0, 0.0, -2.0), 1.0, iterations=1))
+    peer.step()
+    assert not peer.solved()

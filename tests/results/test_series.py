@@ -153,3 +153,19 @@ def test_a_killed_run_leaves_a_series_that_opens(tmp_path, delay):
     assert steps == expected([t for t, _ in steps]) and np.allclose(np.diff([t for t, _ in steps]), 0.001)
     run(path, (0.5,))  # what was being written is no obstacle
     assert listed(path) == expected((0.5,))
+
+
+def test_a_series_can_be_cut_back(tmp_path):
+    path = tmp_path / "flag.pvd"
+    series = run(path, (0.1, 0.2, 0.3, 0.4))
+    series.cut(0.3)
+    assert listed(path) == expected((0.1, 0.2)) and len(names(tmp_path)) == 3
+    series.add(at(0.25), 0.25)
+    assert listed(path) == expected((0.1, 0.2, 0.25)) and names(tmp_path)[-1] == "flag_0002.vtu"
+    resumed = Series(path, resume=True)
+    resumed.cut(0.1)
+    assert listed(path) == expected((0.1, 0.2, 0.25))
+    resumed.add(at(0.2), 0.2)
+    assert listed(path) == expected((0.1, 0.2))
+    resumed.cut(0.0)
+    assert names(tmp_path) == []

@@ -25,6 +25,8 @@ class Body:
     loads : what acts on it.
     u0 : (ndofs,) displacements to start from [m]; None for the body at rest.
     penalty : the volume term.
+    density : of those that move [kg/m^3], a number, or one an element.
+    v0 : (ndofs,) velocities to start from [m/s]; None for none.
     """
 
     mesh: SimplexMesh
@@ -35,10 +37,12 @@ class Body:
     prescribed: Any = None
     u0: Array | None = None
     penalty: VolumePenalty = field(default_factory=VolumePenalty)
+    density: float | Array | None = None
+    v0: Array | None = None
 
     def system(self, volume: bool) -> System:
         """The system, with the volume term or without it."""
-        terms = [StVK(young=self.young, poisson=self.poisson), *[self.penalty] * volume, *self.loads]
+        terms = [StVK(young=self.young, poisson=self.poisson, density=self.density), *[self.penalty] * volume, *self.loads]
         return System(self.mesh, terms, self.fixed, self.prescribed)
 
 

@@ -43,10 +43,10 @@ RATIOS = TwoSlopeNorm(1.0, 0.0, 1.6)
 LIGHT = np.array([0.35, -0.55, 0.76])
 
 
-def picture(rows: Sequence[Row], folder: Path) -> Path:
-    """Write hard-cases.png: those of `SHOWN` that are in the table."""
+def picture(rows: Sequence[Row], folder: Path, name: str = "hard-cases", shown: Sequence[tuple[str, str]] = SHOWN) -> Path:
+    """Write NAME.png: those of `shown` that are in the table."""
     by_name = {row.case.name: row for row in rows}
-    found = [(by_name[name], method) for name, method in SHOWN if name in by_name]
+    found = [(by_name[case], method) for case, method in shown if case in by_name]
     lines = max(1, -(-len(found) // COLUMNS))
     figure = Figure(figsize=(3 * COLUMNS, 2.6 * lines + 0.5), layout="constrained")
     for place, (row, method) in enumerate(found):
@@ -60,7 +60,7 @@ def picture(rows: Sequence[Row], folder: Path) -> Path:
             shrink=0.5,
             extend="min",
         )
-    path = folder / "hard-cases.png"
+    path = folder / f"{name}.png"
     figure.savefig(path, dpi=75)
     return path
 

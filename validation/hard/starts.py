@@ -18,19 +18,19 @@ LENGTH = 2.0
 
 def starts() -> list[Case]:
     return [
-        _case("start from random positions", _random_positions),
+        _case("start from random positions", random_positions),
         _case("start from a flattened body", _flattened),
-        _case("start with elements inside out", _some_inside_out),
+        _case("start with elements inside out", some_inside_out),
     ]
 
 
 def _case(name: str, u0: truths.Start) -> Case:
     """The default may say that it does not get out; with the volume term it has to."""
-    plain = replace(truths.tiny_steps(_bent, 20), refused=True, says=("u0|VolumePenalty",))
-    return Case(name, partial(_from, u0), 4, plain, truths.tiny_steps(_bent, 20, volume=True))
+    plain = replace(truths.tiny_steps(bent, 20), refused=True, says=("u0|VolumePenalty",))
+    return Case(name, partial(_from, u0), 4, plain, truths.tiny_steps(bent, 20, volume=True))
 
 
-def _bent() -> Body:
+def bent() -> Body:
     """A short cantilever that a traction bends."""
     load = Traction(lambda x: x[0] == LENGTH, (0, 0, -3e3))
     turns_back = VolumePenalty(kind="compression")
@@ -38,11 +38,11 @@ def _bent() -> Body:
 
 
 def _from(u0: truths.Start) -> Body:
-    body = _bent()
+    body = bent()
     return replace(body, u0=u0(body.mesh))
 
 
-def _random_positions(mesh: SimplexMesh) -> Array:
+def random_positions(mesh: SimplexMesh) -> Array:
     """Every vertex anywhere in the body's box."""
     low, high = mesh.p.min(axis=1), mesh.p.max(axis=1)
     return (np.random.default_rng(5).uniform(low, high, (mesh.nv, 3)) - mesh.p.T).ravel()
@@ -53,7 +53,7 @@ def _flattened(mesh: SimplexMesh) -> Array:
     return (mesh.p * [[0], [0], [-1]]).ravel("F")
 
 
-def _some_inside_out(mesh: SimplexMesh) -> Array:
+def some_inside_out(mesh: SimplexMesh) -> Array:
     """Every fifth inner vertex moved by the size of an element or more."""
     low, high = mesh.p.min(axis=1, keepdims=True), mesh.p.max(axis=1, keepdims=True)
     inner = np.flatnonzero(((mesh.p > low) & (mesh.p < high)).all(axis=0))[::5]

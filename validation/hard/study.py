@@ -16,6 +16,7 @@ from .case import Case
 from .judge import Verdict
 from .methods import METHODS, OURS, Run
 from .methods import run as run_method
+from .motion.study import memory, motion
 from .pictures import picture
 from .table import Row, printed, save, tally
 
@@ -29,24 +30,39 @@ GROUPS: dict[str, Callable[[], list[Case]]] = {
 }
 
 
+#: Groups that have tables of their own: what does not hold in them.
+TABLES: dict[str, Callable[[Console, bool, Path | None], list[str]]] = {"motion": motion, "memory": memory}
+
+
 def run(names: Sequence[str], quick: bool, out: str | None) -> int:
-    """Run the groups of these names, print the table, and save it with its pictures in the folder `out`; 0 if no claim failed."""
-    console, begin, rows = Console(width=WIDTH, highlight=False), perf_counter(), []
+    """Run the groups of these names, print the tables, and save them with pictures in the folder `out`; 0 if no claim failed."""
+    console, folder = Console(width=WIDTH, highlight=False), None if out is None else Path(out)
+    failed = at_rest(console, [name for name in names if name in GROUPS], quick, folder)
+    for name in names:
+        if name in TABLES:
+            failed += TABLES[name](console, quick, folder)
+    return 1 if failed else 0
+
+
+def at_rest(console: Console, names: Sequence[str], quick: bool, out: Path | None) -> list[str]:
+    """The table of these groups, and what does not hold in it."""
+    begin, rows = perf_counter(), []
     for case in cases(names, quick):
         console.print(f"[dim]{perf_counter() - begin:5.0f} s  {escape(case.name)}[/]")
         rows.append(row_of(case))
     failed = [failure for row in rows for failure in failures(row)]
     lines = [*tally(rows), *(f"[bold red]DOES NOT HOLD[/] {escape(failure)}" for failure in failed)]
-    if out is not None:
-        lines += [f"written: {path}" for path in (*save(rows, Path(out)), picture(rows, Path(out)))]
-    console.print(printed(rows), *lines, sep="\n")
-    console.print(f"{len(rows)} cases in {perf_counter() - begin:.0f} s" + ("" if failed else ": every claim holds"))
-    return 1 if failed else 0
+    if rows and out is not None:
+        lines += [f"written: {path}" for path in (*save(rows, out), picture(rows, out))]
+    if rows:
+        console.print(printed(rows), *lines, sep="\n")
+        console.print(f"{len(rows)} cases in {perf_counter() - begin:.0f} s" + ("" if failed else ": every claim holds"))
+    return failed
 
 
 def cases(names: Sequence[str], quick: bool) -> list[Case]:
     """Of these groups; `quick`: without those that take long."""
-    return [case for name in names for case in GROUPS[name]() if case.quick or not quick]
+    return [case for name in names if name in GROUPS for case in GROUPS[name]() if case.quick or not quick]
 
 
 def row_of(case: Case) -> Row:

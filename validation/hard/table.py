@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import csv
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import zip_longest
 from pathlib import Path
@@ -22,8 +22,8 @@ from .methods import METHODS, Run
 COLUMNS = ("method", "steps", "iterations", "time [s]", "status", "right?", "why not")
 SHORT = ("method", "steps", "iter.", "s", "status", "right?", "why not")
 STYLE = {Verdict.RIGHT: "green", Verdict.WRONG: "bold red", Verdict.SAID_SO: "yellow"}
-#: Characters of the first column, and of the last.
-NARROW, LAST = 34, 18
+#: Characters of the first column, of the status, and of the last column.
+NARROW, STATUS, LAST = 34, 24, 18
 
 
 @dataclass(frozen=True)
@@ -45,14 +45,15 @@ class Row:
         return without if without == with_volume else f"{without}; with the volume term: {with_volume}"
 
 
-def printed(rows: Sequence[Row]) -> Table:
-    """The table for a rich console: a block of lines a case, its name, size and truth beside the methods."""
-    table = grid("Hard cases", "case, size, truth", *SHORT, right=SHORT[1:4])
+def printed(rows: Sequence[Row], title: str = "Hard cases", reasons: bool = True) -> Table:
+    """The table for a rich console: a block of lines a case, its name, size and truth beside the methods; `reasons`: with why not."""
+    shown = len(SHORT) if reasons else len(SHORT) - 1
+    table = grid(title, "case, size, truth", *SHORT[:shown], right=SHORT[1:4])
     for row in rows:
         head = [f"[dim]{escape(line)}[/]" for line in wrap(f"{row.size}; {row.truth}", NARROW)]
         lines = zip_longest([escape(line) for line in wrap(row.case.name, NARROW)] + head, map(_cells, row.runs))
         for left, cells in lines:
-            table.add_row(left or "", *(cells or ()))
+            table.add_row(left or "", *(cells or ())[:shown])
         table.add_section()
     for column in table.columns:
         column.no_wrap = True
@@ -62,25 +63,29 @@ def printed(rows: Sequence[Row]) -> Table:
 def _cells(run: Run) -> tuple[str, ...]:
     why = _why(run)
     verdict = f"[{STYLE[run.verdict]}]{run.verdict}[/]"
-    short = why if len(why) <= LAST else why[: LAST - 1] + "…"
-    return run.method, str(run.steps), str(run.iterations), f"{run.seconds:.2f}", run.status, verdict, escape(short)
+    numbers = str(run.steps), str(run.iterations), f"{run.seconds:.2f}"
+    return run.method, *numbers, escape(_cut(run.status, STATUS)), verdict, escape(_cut(why, LAST))
 
 
-def tally(rows: Sequence[Row]) -> Iterator[str]:
+def _cut(text: str, most: int) -> str:
+    return text if len(text) <= most else text[: most - 1] + "…"
+
+
+def tally(rows: Sequence[Row], methods: Iterable[str] = METHODS) -> Iterator[str]:
     """How often each method was right, said that it was not, and was wrong without a word."""
-    for method in METHODS:
+    for method in methods:
         verdicts = [run.verdict for row in rows for run in row.runs if run.method == method]
-        yield f"{method:<16}  " + ", ".join(f"{verdicts.count(verdict):2d} {verdict.value.lower()}" for verdict in Verdict)
+        yield f"{method:<24}  " + ", ".join(f"{verdicts.count(verdict):2d} {verdict.value.lower()}" for verdict in Verdict)
 
 
-def save(rows: Sequence[Row], folder: Path) -> tuple[Path, Path]:
-    """Write hard-cases.md, a line a case, and hard-cases.csv, a line a run with its message in full."""
+def save(rows: Sequence[Row], folder: Path, name: str = "hard-cases", methods: Iterable[str] = METHODS) -> tuple[Path, Path]:
+    """Write NAME.md, a line a case, and NAME.csv, a line a run with its message in full."""
     folder.mkdir(parents=True, exist_ok=True)
     head = ("case", "size", "truth")
     lines = [(row, run) for row in rows for run in row.runs]
-    markdown, table = folder / "hard-cases.md", folder / "hard-cases.csv"
+    methods, markdown, table = tuple(methods), folder / f"{name}.md", folder / f"{name}.csv"
     with markdown.open("w", encoding="utf-8") as file:
-        for cells in ([*head, *METHODS], ["---"] * (len(head) + len(METHODS)), *map(_marked, rows)):
+        for cells in ([*head, *methods], ["---"] * (len(head) + len(methods)), *(_marked(row, methods) for row in rows)):
             file.write("| " + " | ".join(cells) + " |\n")
     with table.open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file)
@@ -91,16 +96,18 @@ def save(rows: Sequence[Row], folder: Path) -> tuple[Path, Path]:
     return markdown, table
 
 
-def _marked(row: Row) -> list[str]:
+def _marked(row: Row, methods: Sequence[str]) -> list[str]:
     """A line of Markdown: what each method made of the case, in how many steps and iterations, and how long it took."""
     runs = {run.method: run for run in row.runs}
-    return [row.case.name, row.size, row.truth, *(_marked_run(runs[method]) if method in runs else "" for method in METHODS)]
+    return [row.case.name, row.size, row.truth, *(_marked_run(runs[method]) if method in runs else "" for method in methods)]
 
 
 def _marked_run(run: Run) -> str:
     verdict = f"**{run.verdict}**: {_why(run)}" if run.verdict is Verdict.WRONG else f"{run.verdict} ({run.status})"
     steps = f"{run.steps} step{'s' * (run.steps != 1)}"
-    return f"{verdict}; {steps}, {run.iterations} it., {run.seconds:.2f} s".replace("right (converged)", "right")
+    return f"{verdict}; {steps}, {run.iterations} it., {run.seconds:.2f} s".replace("right (converged)", "right").replace(
+        "right (finished)", "right"
+    )
 
 
 def _why(run: Run) -> str:

@@ -31,7 +31,7 @@ class BackwardEuler(Implicit):
     secant: ClassVar[bool] = True
 
     def coefficients(self, state: State, h: float, stepper: ImplicitStepper) -> Coefficients:
-        return Coefficients(1 / h**2, state.v / h, 1 / h, np.zeros_like(state.v))
+        return Coefficients(1 / h**2, np.divide(state.v, h, out=stepper.room), 1 / h, 0.0)
 
     def update(self, state: State, w: Array, h: float) -> None:
         np.divide(w, h, out=state.v)

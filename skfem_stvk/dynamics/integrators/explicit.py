@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import StvkError
-from ...kernels import motion as kernels
 from ...statics.stopwatch import Stopwatch
 from ..motion import Motion
 from ..state import State
@@ -51,7 +50,6 @@ class ExplicitStepper:
         self.motion, self.watch, self.iterations = motion, Stopwatch(), 0
         n = motion.system.ndofs
         self.inverse = motion.mass.solve(np.ones(n))
-        self._is_free = (self.inverse > 0).astype(np.int8)
         self._internal, self.force, self._damping = np.zeros(n), np.zeros(n), np.zeros(n)
         self.energy = 0.0
 
@@ -68,13 +66,8 @@ class ExplicitStepper:
             self.force -= self._damping
         return self.force
 
-    def push(self, state: State, h: float) -> None:
-        """`v += h M^-1 force` with the last total."""
-        kernels.push(self.inverse, self.force, h, state.v)
-
-    def drift(self, state: State, t: float, h: float) -> None:
-        """`u += h v`, the held ones to where they are at `t`."""
-        kernels.drift(self._is_free, state.v, h, state.u)
+    def arrive(self, state: State, t: float) -> None:
+        """It is `t`; the held ones are where they are then."""
         if self.motion.moving:
             state.u[self.motion.free.fixed] = self.motion.held(t)
         state.t = t

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar
 
+from ...kernels import motion as kernels
 from ..motion import Motion
 from ..state import State
 from .explicit import Explicit, ExplicitStepper
@@ -40,8 +41,8 @@ class ForwardEulerStepper(ExplicitStepper):
         self.total(state.u, state.v, t)
         if self.motion.moving:
             before, velocities = state.u[held], state.v[held]
-        self.push(state, h)
-        self.drift(state, t, h)
+        kernels.push_and_drift(self.inverse, self.force, h, state.v, state.u)
+        self.arrive(state, t)
         if self.motion.moving:
             state.v[held] = (state.u[held] - before) / h
             inertia = (

@@ -84,6 +84,7 @@ class ImplicitStepper:
     ----------
     energy : strain energy after the last step [J].
     iterations : of Newton's method so far.
+    room : (ndofs,) to work in.
     """
 
     def __init__(self, motion: Motion, integrator: Implicit) -> None:
@@ -93,6 +94,7 @@ class ImplicitStepper:
             motion, integrator.linear_solver(motion), tangent, self.watch, integrator.mean, integrator.secant
         )
         self.energy, self.iterations = 0.0, 0
+        self.room = np.zeros(motion.system.ndofs)
 
     def start(self, state: State) -> None:
         """The strain energy, and the acceleration if the integrator needs it."""
@@ -104,8 +106,7 @@ class ImplicitStepper:
         h, problem, moment = t - state.t, self.problem, Moment(t, 1.0)
         problem.begin(state, self.integrator.coefficients(state, h, self))
         w = self.predicted(state, t)
-        tangled = len(problem.inside_out(np.zeros_like(w))) > 0  # then more may turn, on their way out
-        w, found, record = self.solve(w, moment, self.motion.system.mesh.nt if tangled else 0)
+        w, found, record = self.solve(w, moment, len(problem.inside_out(np.zeros_like(w))))
         self.iterations += len(record)
         if found:
             raise StepFailed(found)
@@ -136,7 +137,11 @@ class ImplicitStepper:
         else:  # forces at the end are off the mean of the step by O(h)
             forces = motion.force(before.u, before.v, before.t) + motion.force(state.u, state.v, state.t)
             state.reaction[fixed] = (motion.mass.multiply(state.v - before.v) / h - forces / 2)[fixed]
-        self.energy = self.motion.system.energy(state.u)
+        self.energy = self.strain_energy(state)
+
+    def strain_energy(self, state: State) -> float:
+        """Of a state that a step has led to."""
+        return self.motion.system.energy(state.u)
 
 
 def _nobody(record: Iterations) -> None:

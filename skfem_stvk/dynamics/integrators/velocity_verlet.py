@@ -7,6 +7,7 @@ from typing import ClassVar
 
 import numpy as np
 
+from ...kernels import motion as kernels
 from ..motion import Motion
 from ..state import State
 from .explicit import Explicit, ExplicitStepper
@@ -48,8 +49,8 @@ class VelocityVerletStepper(ExplicitStepper):
         h, motion, held = t - state.t, self.motion, self.motion.free.fixed
         if motion.moving:
             before, velocities, force = state.u[held], state.v[held], self.total(state.u, state.v, state.t)[held]
-        state.v += (h / 2) * state.a
-        self.drift(state, t, h)
+        kernels.kick_and_drift(state.a, h / 2, h, state.v, state.u)
+        self.arrive(state, t)
         self.evaluate(state)
         if motion.moving:
             state.v[held] = 2 * (state.u[held] - before) / h - velocities
@@ -59,5 +60,4 @@ class VelocityVerletStepper(ExplicitStepper):
             state.reaction[held] = m * (state.v[held] - velocities) / h - (force + self.force[held]) / 2
         else:
             state.reaction[held] = -self.force[held]
-        np.multiply(self.inverse, self.force, out=state.a)
-        state.v += (h / 2) * state.a
+        kernels.accelerate(self.inverse, self.force, h / 2, state.a, state.v)

@@ -1,0 +1,109 @@
+"""Motions that the tests of dynamics share: small, unstructured, of both orientations, nu != 0, materials that differ by element."""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+import skfem
+from bodies import turned_round
+
+from skfem_stvk import Gravity, NodalLoad, SimplexMesh, StVK, System, Traction, simulate
+from skfem_stvk.dynamics import EdgeDamping, Rayleigh
+
+BOTH = [Rayleigh(alpha=0.8, beta=4e-3), EdgeDamping(3e-3)]
+
+
+def bar(d):
+    """The mesh of a short bar along x, in the plane or in space, whose inner vertices and end faces are moved about."""
+    rng = np.random.default_rng(d)
+    make, cells = {2: (skfem.MeshTri, (4, 2)), 3: (skfem.MeshTet, (2, 1, 1))}[d]
+    mesh = make.init_tensor(*(np.linspace(0, length, n + 1) for length, n in zip((1.0, 0.5, 0.4), cells, strict=False)))
+    return ended(mesh, 0.04 * rng.uniform(-1, 1, mesh.p.shape), turned_round(mesh.t, rng))
+
+
+def ended(mesh, moves=0.0, t=None):
+    """With names for its ends."""
+    ends = {name: mesh.facets[:, mesh.facets_satisfying(lambda x, at=at: x[0] == at)] for name, at in (("left", 0), ("right", 1))}
+    return SimplexMesh(mesh.p + moves, mesh.t if t is None else t, boundaries=ends)
+
+
+MESHES = {d: bar(d) for d in (2, 3)}
+
+
+def material(mesh, young=3.0, seed=5):
+    """Of another stiffness and density in every element."""
+    rng = np.random.default_rng(seed)
+    section = {"thickness": 0.7, "plane": "stress"} if mesh.d == 2 else {}
+    return StVK(young=young * rng.uniform(0.7, 1.3, mesh.nt), poisson=0.3, density=rng.uniform(0.7, 1.3, mesh.nt), **section)
+
+
+def velocities(mesh, spin=2.0, drift=0.5, strain=0.6):
+    """(ndofs,) of a body that turns, flies and stretches smoothly."""
+    x = mesh.p.T - mesh.p.mean(axis=1)
+    axis = np.array([0.3, -0.4, 1.0])[3 - mesh.d if mesh.d == 3 else 0 :]
+    turning = spin * (np.cross(axis, x) if mesh.d == 3 else np.stack([-x[:, 1], x[:, 0]], axis=1))
+    flying = drift * np.array([1.0, -0.6, 0.8])[: mesh.d]
+    return (turning + flying + strain * np.sin(3 * x + [0.2, 0.5, 0.9][: mesh.d])).ravel()
+
+
+class Scene(NamedTuple):
+    """A system, and how its motion begins."""
+
+    system: System
+    v0: Any = None
+    damping: Any = None
+
+    def run(self, integrator, until, **options):
+        """Simulated without a word."""
+        options = {"v0": self.v0, "damping": self.damping, "quiet": True} | options
+        return simulate(self.system, integrator, until=until, **options)
+
+
+def pushed(t):
+    """A force or an acceleration that changes with time."""
+    return (1.5 * np.sin(4 * t + 0.5), -2.0 * np.cos(3 * t), 1.0 + t * t)
+
+
+def moved(x, t):
+    """Where a support goes: it turns, moves and stretches, at rest and on its way at t = 0."""
+    return (0.3 * np.sin(2 * t) + 0.1 * t * x[1], 0.1 * (np.cos(5 * t) - 1) + 0.0 * x[0], 0.2 * t * x[0])
+
+
+def clamped(d, **options):
+    """Held at its left end, pushed at the other by what changes with time, and heavy."""
+    mesh = MESHES[d]
+    loads = [Traction("right", lambda t: pushed(t)[:d]), Gravity((0.3, -1.0, 0.5)[:d])]
+    return Scene(System(mesh, [material(mesh), *loads], fixed={"left": "xyz"[:d]}), **options)
+
+
+def driven(d, **options):
+    """Its left end moves as it is told."""
+    mesh = MESHES[d]
+    return Scene(System(mesh, material(mesh), prescribed={"left": lambda x, t: moved(x, t)[:d]}), **options)
+
+
+def spinning(d, **options):
+    """Free, spinning, flying and swinging."""
+    mesh = MESHES[d]
+    return Scene(System(mesh, material(mesh)), **{"v0": velocities(mesh), **options})
+
+
+def loaded(d, **options):
+    """Free to move, pulled at two vertices by what changes with time."""
+    mesh = MESHES[d]
+    pull = NodalLoad((1, 5), lambda t: [0.04 * f for f in pushed(t)[:d]])
+    return Scene(System(mesh, [material(mesh), pull]), **{"v0": velocities(mesh), **options})
+
+
+def stretched(mesh):
+    """Stiff, and stiffer and stiffer, for it is pulled apart: critical steps fall."""
+    ends = {"left": {"x": 0.0, "y": 0.0, "z": 0.0}, "right": {"x": lambda t: 0.8 * np.sin(t / 4) ** 2}}
+    return Scene(System(mesh, [material(mesh, young=300.0)], prescribed=ends))
+
+
+SCENES = {
+    "clamped": clamped,
+    "driven": driven,
+    "driven and damped": lambda d: driven(d, damping=BOTH),
+    "spinning": spinning,
+    "loaded and damped": lambda d: loaded(d, damping=BOTH),
+}

@@ -1,0 +1,284 @@
+"""A run that is killed at a random moment goes on bit for bit."""
+
+import errno
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import meshio
+import numba
+import numpy as np
+import pytest
+import skfem
+from motions import BOTH, MESHES, clamped, driven, ended, material, spinning, stretched, velocities
+
+from skfem_stvk import NodalLoad, StvkError, System, simulate
+from skfem_stvk.dynamics import (
+    EdgeDamping,
+    EnergyMomentum,
+    LinearBackwardEuler,
+    Newmark,
+    SimulationError,
+    Status,
+    VelocityVerlet,
+    checkpoint,
+)
+from skfem_stvk.dynamics.checkpoint import Checkpoint
+from skfem_stvk.dynamics.ledger import LedgerFile
+from skfem_stvk.linear import SuperLU
+from skfem_stvk.results import Series
+from skfem_stvk.results.series import read_list
+
+HERE = Path(__file__).parent
+
+#: By name: the scene, the integrator, and until when it runs: some hundred steps, the last one of them short.
+RUNS = {
+    "superlu": (lambda: driven(3, damping=BOTH), lambda: EnergyMomentum(2e-3, solver="superlu"), 0.3015),
+    "block-jacobi-cg": (lambda: clamped(3), lambda: LinearBackwardEuler(2e-3), 0.3015),
+    "amg-cg": (lambda: clamped(2), lambda: LinearBackwardEuler(2e-3, solver="amg-cg"), 0.3015),
+    "newton with amg-cg": (lambda: spinning(2), lambda: EnergyMomentum(2e-3, solver="amg-cg"), 0.3015),
+    "newmark": (lambda: driven(2, damping=BOTH), lambda: Newmark(2e-3, tangent="rest"), 0.3015),
+    "verlet": (lambda: driven(3, damping=BOTH), lambda: VelocityVerlet(2e-3), 0.3015),
+    "steps that are found": (lambda: stretched(MESHES[3]), lambda: VelocityVerlet(), 7.0),
+    "two threads": (lambda: stretched(LARGE), lambda: VelocityVerlet(), 0.4),
+}
+#: Enough tetrahedra for two threads.
+LARGE = ended(skfem.MeshTet.init_tensor(*(np.linspace(0, length, n) for length, n in ((1.0, 25), (0.5, 9), (0.4, 9)))))
+SMALL = [name for name in RUNS if name != "two threads"]
+EVERY = 7
+PROGRAM = """
+import sys
+sys.path[:0] = {paths!r}
+from skfem_stvk.dynamics import checkpoint
+from test_kill_and_resume import whole
+checkpoint.EVERY, checkpoint.SHARE = 0.0, 0.3
+print("ready", flush=True)
+whole({name!r}, {folder!r}, resume={resume!r})
+print("done", flush=True)
+"""
+
+
+def whole(name, folder, resume=False):
+    """The run of this name, with all that it writes in a folder."""
+    scene, integrator, until = RUNS[name]
+    scene, folder = scene(), Path(folder)
+    if resume:
+        return simulate(scene.system, resume=folder / "run.npz", until=until, quiet=True)
+    outlets = {"save": folder / "run.pvd", "every": EVERY, "checkpoint": folder / "run.npz", "probes": {"tip": [2]}}
+    return scene.run(integrator(), until, **outlets)
+
+
+def frames(folder):
+    """Times of the states that the series lists, which all open, and their displacements."""
+    listed = read_list(folder / "run.pvd")
+    return [t for t, _ in listed], [meshio.read(folder / name).point_data["displacement"] for _, name in listed]
+
+
+def same(one, other, folders):
+    """Two runs that agree to the last bit, in all that they say and wrote."""
+    for name in ("u", "v", "t", "dt", "message", "cuts"):
+        np.testing.assert_array_equal(getattr(one, name), getattr(other, name))
+    np.testing.assert_array_equal(one.ledger.rows(), other.ledger.rows())
+    (times, states), (others, other_states) = (frames(folder) for folder in folders)
+    assert times == others and times[0] == 0 and times[-1] == one.t
+    np.testing.assert_array_equal(states, other_states)
+    assert len({(folder / "run.csv").read_bytes() for folder in folders}) == 1
+    assert len({tuple(sorted(file.name for file in folder.iterdir())) for folder in folders}) == 1
+
+
+@pytest.fixture
+def folders(tmp_path):
+    """For a run as it should be, and for one that is killed."""
+    for name in ("whole", "killed"):
+        (tmp_path / name).mkdir()
+    return tmp_path / "whole", tmp_path / "killed"
+
+
+class Killed(BaseException):
+    pass
+
+
+def stopped(name, folder, monkeypatch, checkpoints, resume=False):
+    """The run as a kill leaves it after so many checkpoints, one a step: nothing is cleaned up, nothing more is written."""
+    kept, count = Checkpoint.write, 0
+
+    def write(self, *content):
+        nonlocal count
+        kept(self, *content)
+        count += 1
+        if count == checkpoints:
+            raise Killed
+
+    with monkeypatch.context() as patch:
+        patch.setattr(checkpoint, "EVERY", 0.0)
+        patch.setattr(checkpoint, "SHARE", np.inf)
+        patch.setattr(Checkpoint, "write", write)
+        with pytest.raises(Killed):
+            whole(name, folder, resume)
+
+
+@pytest.mark.parametrize("name", SMALL)
+def test_a_run_goes_on_bit_for_bit_from_any_checkpoint(folders, monkeypatch, name):
+    expected = whole(name, folders[0])
+    assert expected.ledger.steps > 150 and (np.ptp(np.diff(expected.ledger["time"])[:-1]) > 1e-4) == (
+        name == "steps that are found"
+    )
+    first, second = np.random.default_rng().integers(1, expected.ledger.steps // 2 - 1, 2)
+    stopped(name, folders[1], monkeypatch, first)
+    stopped(name, folders[1], monkeypatch, second, resume=True)
+    same(expected, whole(name, folders[1], resume=True), folders)
+
+
+def killed(name, folder, threads, moment, resume=False):
+    """A process that makes this run, and is killed so long after it has begun; whether it was still at it."""
+    program = PROGRAM.format(paths=[str(HERE), str(HERE.parent)], name=name, folder=str(folder), resume=resume)
+    environment = os.environ | {"NUMBA_NUM_THREADS": str(threads), "OPENBLAS_NUM_THREADS": "1"}
+    with subprocess.Popen([sys.executable, "-c", program], stdout=subprocess.PIPE, text=True, env=environment) as process:
+        assert process.stdout.readline() == "ready\n"
+        limit = time.monotonic() + 60
+        while not (folder / "run.npz").exists() and process.poll() is None and time.monotonic() < limit:
+            time.sleep(0.001)
+        time.sleep(moment)
+        process.kill()
+        return process.wait() == -signal.SIGKILL
+
+
+@pytest.mark.parametrize(("name", "threads"), [("superlu", 1), ("two threads", 2)])
+def test_a_process_that_is_killed_at_a_random_moment_loses_nothing_that_was_written(folders, name, threads):
+    before = numba.get_num_threads()
+    numba.set_num_threads(min(threads, numba.config.NUMBA_NUM_THREADS))
+    try:
+        expected = whole(name, folders[0])
+        moments = np.random.default_rng().uniform(0, 0.5, 2)
+        assert killed(name, folders[1], threads, moments[0])
+        times, _ = frames(folders[1])
+        assert times == list(expected.ledger["time"][: EVERY * len(times) : EVERY])
+        killed(name, folders[1], threads, moments[1], resume=True)
+        assert set(frames(folders[1])[0]) <= {*expected.ledger["time"][::EVERY], expected.t}
+        same(expected, whole(name, folders[1], resume=True), folders)
+    finally:
+        numba.set_num_threads(before)
+
+
+def test_a_run_that_has_ended_goes_on_to_a_later_end(folders):
+    scene = driven(3, damping=BOTH)
+    integrator = EnergyMomentum(0.01)
+    for folder, ends in zip(folders, ([0.2], [0.055, 0.1, 0.2]), strict=True):
+        run = scene.run(integrator, ends[0], save=folder / "run.pvd", every=EVERY, checkpoint=folder / "run.npz")
+        for end in ends[1:]:
+            run = simulate(scene.system, integrator, resume=folder / "run.npz", until=end, quiet=True)
+        if folder is folders[0]:
+            expected = run
+    same(expected, run, folders)
+
+
+def test_a_checkpoint_is_of_the_last_whole_step(tmp_path):
+    spinning(2).run(EnergyMomentum(0.01), 0.055, checkpoint=tmp_path / "run.npz")
+    with pytest.raises(StvkError, match=r"until = 0.05 s is not after t = 0.05 s"):
+        simulate(spinning(2).system, resume=tmp_path / "run.npz", until=0.05)
+
+
+def test_outlets_can_be_others_when_a_run_goes_on(tmp_path):
+    scene = spinning(2)
+    scene.run(EnergyMomentum(0.01), 0.1, checkpoint=tmp_path / "a.npz")
+    before = (tmp_path / "a.npz").read_bytes()
+    run = simulate(
+        scene.system,
+        resume=tmp_path / "a.npz",
+        until=0.2,
+        save=tmp_path / "b.pvd",
+        every=5,
+        checkpoint=tmp_path / "b.npz",
+        quiet=True,
+    )
+    assert [t for t, _ in read_list(tmp_path / "b.pvd")] == pytest.approx([0.15, 0.2]) and (
+        tmp_path / "a.npz"
+    ).read_bytes() == before
+    further = [simulate(scene.system, resume=tmp_path / name, until=0.3, quiet=True) for name in ("a.npz", "b.npz")]
+    np.testing.assert_array_equal(further[0].u, further[1].u)
+    assert run.t == pytest.approx(0.2) and further[0].ledger.steps == 31
+
+
+@pytest.fixture
+def saved(tmp_path):
+    scene = clamped(2, damping=BOTH)
+    scene.run(EnergyMomentum(0.01, solver="superlu"), 0.1, checkpoint=tmp_path / "run.npz")
+    return scene.system, tmp_path / "run.npz"
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"u0": np.zeros(30)}, "resume goes on with what the checkpoint holds; u0 came too. Leave out one or the other"),
+        ({"v0": np.zeros(30), "mass": "lumped"}, "v0, mass came too"),
+        ({"damping": EdgeDamping(1.0), "probes": {"A": [1]}}, "damping, probes came too"),
+        ({"t0": 0.1}, "t0 came too"),
+        (
+            {"integrator": EnergyMomentum(0.02, solver="superlu")},
+            r"a motion with EnergyMomentum\(dt=0.01, .*; EnergyMomentum\(dt=0.02.* came. Leave it out",
+        ),
+        ({"integrator": EnergyMomentum(0.01)}, "solver='superlu'"),
+        ({"integrator": VelocityVerlet(0.01)}, "a motion with EnergyMomentum.*; VelocityVerlet"),
+        ({"until": 0.1}, "until = 0.1 s is not after t = 0.1 s"),
+        ({"system": clamped(3).system}, "holds the motion of another system: the mesh"),
+        ({"system": driven(2).system}, "another system: .*prescribed displacements"),
+        ({"every": 0}, "every = 0; expected"),
+    ],
+)
+def test_a_run_goes_on_only_as_what_it_was(saved, options, message):
+    system, path = saved
+    with pytest.raises(StvkError, match=message):
+        simulate(**{"system": system, "resume": path, "until": 0.2, "quiet": True} | options)
+    assert simulate(system, EnergyMomentum(0.01, solver="superlu"), resume=path, until=0.2, quiet=True).success
+
+
+def test_a_solver_that_is_an_object_has_to_be_given_again(tmp_path):
+    scene, integrator = spinning(2), EnergyMomentum(0.01, solver=SuperLU())
+    whole = scene.run(integrator, 0.2)
+    scene.run(integrator, 0.1, checkpoint=tmp_path / "run.npz")
+    with pytest.raises(
+        StvkError, match=r"whose solver was an object: its options are not in the file. Give the same integrator again"
+    ):
+        simulate(scene.system, resume=tmp_path / "run.npz", until=0.2, quiet=True)
+    again = simulate(scene.system, EnergyMomentum(0.01, solver=SuperLU()), resume=tmp_path / "run.npz", until=0.2, quiet=True)
+    np.testing.assert_array_equal(again.u, whole.u)
+
+
+@pytest.mark.parametrize("what", ["checkpoint", "table", "state"])
+def test_a_full_disk_ends_a_run_and_loses_nothing_else(folders, monkeypatch, what):
+    expected = whole("superlu", folders[0])
+    owner, method = {"checkpoint": (Checkpoint, "write"), "table": (LedgerFile, "write"), "state": (Series, "add")}[what]
+    kept, count = getattr(owner, method), 0
+
+    def full(self, *content):
+        nonlocal count
+        count += 1
+        if count == 9:
+            raise OSError(errno.ENOSPC, "No space left on device")
+        return kept(self, *content)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(checkpoint, "EVERY", 0.0)
+        patch.setattr(checkpoint, "SHARE", np.inf)
+        patch.setattr(owner, method, full)
+        with pytest.raises(SimulationError, match=r"interrupted at t = .* by OSError: .*No space left on device") as caught:
+            whole("superlu", folders[1])
+    run = caught.value.run
+    assert run.status is Status.INTERRUPTED and isinstance(caught.value.__cause__, OSError)
+    row = int(np.flatnonzero(expected.ledger["time"] == run.t)[0])
+    np.testing.assert_array_equal(run.ledger.rows(), expected.ledger.rows()[: row + 1])
+    same(expected, whole("superlu", folders[1], resume=True), folders)
+
+
+@pytest.mark.filterwarnings("ignore::skfem_stvk.errors.StvkWarning")
+def test_a_resumed_run_that_blows_up_leaves_what_was_saved_before(tmp_path):
+    mesh = MESHES[2]
+    system = System(mesh, [material(mesh), NodalLoad((1, 5), lambda t: (0.0, 0.0) if t <= 1 else (1e5, 3e5))])
+    options = {"save": tmp_path / "run.pvd", "every": 10, "checkpoint": tmp_path / "run.npz", "quiet": True}
+    simulate(system, VelocityVerlet(0.01), until=1.0, v0=0.1 * velocities(mesh), **options)
+    run = simulate(system, resume=tmp_path / "run.npz", until=5.0, quiet=True, raise_on_failure=False)
+    times, _ = frames(tmp_path)
+    assert run.status is Status.BLEW_UP and times == pytest.approx([0.1 * number for number in range(11)]) and run.t == times[-1]

@@ -1,0 +1,456 @@
+"""Runs that end badly, runs that are asked for wrongly, and what is in the books."""
+
+import pickle
+from dataclasses import dataclass
+from math import pi
+
+import numpy as np
+import pytest
+from motions import BOTH, MESHES, SCENES, clamped, driven, loaded, material, pushed, spinning, velocities
+
+from skfem_stvk import (
+    BodyForce,
+    Gravity,
+    LoadError,
+    MaterialError,
+    NodalLoad,
+    Pressure,
+    SimplexMesh,
+    StateError,
+    StVK,
+    StvkError,
+    StvkWarning,
+    SupportError,
+    System,
+    Traction,
+    VolumePenalty,
+    simulate,
+    solve_static,
+)
+from skfem_stvk.dynamics import (
+    BackwardEuler,
+    EnergyMomentum,
+    ForwardEuler,
+    GeneralizedAlpha,
+    LinearBackwardEuler,
+    Newmark,
+    Rayleigh,
+    SimulationError,
+    Status,
+    VelocityVerlet,
+)
+from skfem_stvk.dynamics.clock import Clock
+from skfem_stvk.dynamics.critical_step import critical_step
+from skfem_stvk.dynamics.guard import EVERY, Guard
+from skfem_stvk.dynamics.integrators import StepFailed
+from skfem_stvk.dynamics.integrators.implicit import ImplicitStepper
+from skfem_stvk.dynamics.ledger import Ledger
+from skfem_stvk.dynamics.run import Interrupted
+from skfem_stvk.dynamics.state import State
+
+EXPLICIT = [ForwardEuler, VelocityVerlet]
+SYSTEM = spinning(2).system
+V0 = velocities(SYSTEM.mesh)
+
+
+def call(system=SYSTEM, integrator=None, **options):
+    options = {"until": 0.1, "v0": V0, "quiet": True} | options
+    return simulate(system, integrator or VelocityVerlet(0.01), **options)
+
+
+@pytest.mark.parametrize("make", EXPLICIT)
+@pytest.mark.parametrize("d", [2, 3])
+def test_a_step_that_is_too_long_is_told_of_and_its_blow_up_noticed(make, d):
+    scene = spinning(d)
+    critical = critical_step(scene.system).step
+    with pytest.warns(StvkWarning, match=f"step dt = .* above the critical one, {critical:.4g} s"):
+        run = scene.run(make(1.5 * critical), 500 * critical, raise_on_failure=False)
+    assert run.status is Status.BLEW_UP and not run.success and "blew up soon after t = " in run.message
+    assert run.ledger.steps < 40 and (np.diff(run.ledger["time"]) > 0).all()
+    assert 0 <= run.t < run.ledger["time"][-1] and run.t in run.ledger["time"]
+    row = int(np.flatnonzero(run.ledger["time"] == run.t)[0])
+    kinetic = 0.5 * run.v @ scene.system.mass().multiply(run.v)
+    assert kinetic == pytest.approx(run.ledger["kinetic_energy"][row], rel=1e-12)
+    assert (run.ledger["total_energy"][:-1] < 22 * run.ledger["total_energy"][0]).all()
+    assert np.isfinite(run.u).all() and kinetic < 4 * run.ledger["total_energy"][0]
+
+
+@pytest.mark.filterwarnings("ignore::skfem_stvk.errors.StvkWarning")
+def test_a_blow_up_is_raised_with_the_run_so_far(tmp_path):
+    with pytest.raises(SimulationError, match=r"blew up soon after t = .*try a smaller one, dt=None") as caught:
+        spinning(2).run(VelocityVerlet(0.2), 100.0, save=tmp_path / "bang.pvd", every=1)
+    run = pickle.loads(pickle.dumps(caught.value)).run
+    assert run.status is Status.BLEW_UP and run.ledger.steps > 1 and run.u.shape == (SYSTEM.ndofs,)
+    times = [float(line.split('"')[1]) for line in (tmp_path / "bang.pvd").read_text().splitlines() if "timestep" in line]
+    assert times == sorted(set(times))
+
+
+def test_a_step_below_the_critical_one_is_taken_without_a_word_and_none_is_chosen_by_default():
+    scene = spinning(3)
+    for make in EXPLICIT:
+        run = scene.run(make(), 0.3)
+        assert run.dt == pytest.approx(0.9 * critical_step(scene.system).step, rel=0.1) and run.success
+        assert scene.run(make(run.dt), 0.1).success
+
+
+def guarded(rows):
+    """Which rows of energies (kinetic, strain, potential, external, dissipated, closure error) count as a blow-up, and the good ones."""
+    names = "time", "kinetic_energy", "strain_energy", "potential_energy", "external_work", "dissipated_work", "closure_error"
+    ledger, found, good = Ledger(names), [], []
+    state = State.at(0.0, np.zeros(2), np.zeros(2))
+    for number, row in enumerate(rows):
+        ledger.append([0.1 * number, *row])
+        state.t = 0.1 * number
+        if number == 0:
+            guard = Guard(ledger, state)
+        else:
+            found.append(guard.blown_up(state))
+            good.append(guard.good[0].t)
+    return found, good
+
+
+def test_energy_from_nowhere_is_held_against_what_there_was_or_was_given():
+    row = [1.0, 2.0, 5.0, 0.0, 0.0]
+    error, bearable = 20.2, 19.9
+    assert guarded([[*row, 0.0], [*row, 3 * error], [*row, 3 * bearable], [*row, -9e9]])[0] == [True, False, False]
+    assert guarded([[*row, 0.0], [1.0, 2.0, -35.0, 0.0, 0.0, 3 * error]])[0] == [False]  # it has fallen
+    assert guarded([[*row, 0.0], [1.0, 2.0, 5.0, -40.0, 0.0, 3 * error]])[0] == [False]  # it was worked on
+    assert guarded([[*row, 0.0], [1.0, 2.0, 5.0, 0.0, 40.0, 3 * error]])[0] == [False]  # it was damped
+    assert guarded([[*row, 0.0], [np.nan, 2.0, 5.0, 0.0, 0.0, 0.0]])[0] == [True]
+    assert guarded([[0.0] * 6, [1e-20, 0.0, 0.0, 0.0, 0.0, 1e-20]])[0] == [False]
+
+
+def test_the_last_good_state_is_of_a_time_when_energy_was_right():
+    row = [1.0, 2.0, 0.0, 0.0, 0.0]
+    _, good = guarded([[*row, 0.0]] * (3 * EVERY) + [[*row, 4.0]] * (2 * EVERY))
+    assert good[0] == 0 and good[EVERY - 1] == pytest.approx(0.1 * EVERY)
+    assert good[-1] == pytest.approx(0.1 * 2 * EVERY)
+
+
+@dataclass(frozen=True)
+class Fussy(EnergyMomentum):
+    """Takes no step that is longer than `limit`, and leaves the state as it is then."""
+
+    limit: float = 1.0
+
+    def stepper(self, motion):
+        return FussyStepper(motion, self)
+
+
+class FussyStepper(ImplicitStepper):
+    def step(self, state, t):
+        if t - state.t > self.integrator.limit:
+            raise StepFailed("too long")
+        super().step(state, t)
+
+
+def test_a_step_that_fails_is_made_in_halves():
+    for scene in (SCENES["driven and damped"](2), clamped(3)):
+        fine, cut = (scene.run(make, 0.1) for make in (EnergyMomentum(0.005, rtol=1e-13), Fussy(0.02, limit=0.006, rtol=1e-13)))
+        assert cut.cuts == 5 and "in 5 steps, 5 of them cut into smaller ones" in cut.message and not fine.cuts
+        assert np.abs(cut.v - fine.v).max() < 1e-8 * np.abs(fine.v).max()  # supports begin to move at differences over 1e-3 dt
+        for name in fine.ledger:
+            scale = max(np.abs(fine.ledger[name]).max(), fine.ledger["kinetic_energy"].max())
+            np.testing.assert_allclose(cut.ledger[name], fine.ledger[name][::4], rtol=0, atol=1e-8 * scale)
+
+
+def test_where_the_smallest_part_fails_too_the_run_ends_with_the_state_before():
+    scene = SCENES["driven and damped"](2)
+    run = scene.run(Fussy(0.02, limit=0.02 / 65), 0.1, raise_on_failure=False)
+    assert (
+        run.status is Status.NOT_CONVERGED
+        and run.t == 0
+        and not run.u[scene.system.free_dofs(scene.system.supports.held).free].any()
+    )
+    assert "the step from t = 0 s did not converge, not even in 64 parts: too long" in run.message
+    assert scene.run(Fussy(0.02, limit=0.02 / 63), 0.04).cuts == 2
+
+
+def test_a_body_that_is_pulled_through_itself_is_given_up_with_its_elements_named():
+    mesh = MESHES[3]
+    system = System(mesh, [material(mesh), NodalLoad((1, 5), lambda t: [f / 10 for f in pushed(t)])])
+    for make in (BackwardEuler, Newmark, GeneralizedAlpha, EnergyMomentum):
+        with pytest.raises(
+            SimulationError, match=r"did not converge, .*inside out: 1 element \(\d+\), .* Try a smaller dt, another"
+        ) as caught:
+            simulate(system, make(0.02), until=0.5, v0=velocities(mesh), quiet=True)
+        run = caught.value.run
+        assert 0 < run.t < 0.5 and not len(system.inside_out(run.u)) and run.ledger["time"][-1] == run.t
+
+
+def test_elements_inside_out_are_told_of_once():
+    mesh = MESHES[3]
+    system = System(mesh, [material(mesh), NodalLoad((1, 5), lambda t: [f / 5 for f in pushed(t)])])
+    with pytest.warns(StvkWarning, match=r"t = .*: .*element.* inside out.*VolumePenalty") as caught:
+        simulate(system, VelocityVerlet(0.004), until=0.5, v0=velocities(mesh), quiet=True)
+    assert len(caught) == 1
+
+
+@pytest.mark.parametrize("integrator", [ForwardEuler(0.01), VelocityVerlet(0.01), LinearBackwardEuler(0.01), EnergyMomentum(0.01)])
+@pytest.mark.parametrize("error", [ValueError, KeyboardInterrupt])
+def test_what_interrupts_a_run_is_raised_with_the_last_whole_state(integrator, error):
+    def failing(t):
+        if 0.5 < t < 0.99:
+            raise error("no more")
+        return (np.sin(3 * t), 0.1)
+
+    system = System(MESHES[2], [material(MESHES[2]), Traction("right", failing)], fixed={"left": "xy"})
+    with pytest.raises(
+        Interrupted if error is KeyboardInterrupt else SimulationError, match=r"interrupted at t = 0\.[45]"
+    ) as caught:
+        simulate(system, integrator, until=0.9, quiet=True, raise_on_failure=False)
+    run = caught.value.run
+    assert run.status is Status.INTERRUPTED and 0.4 <= run.t <= 0.5 and run.ledger["time"][-1] == pytest.approx(0.5)
+    whole = simulate(system, integrator, until=run.t, quiet=True)
+    np.testing.assert_array_equal(whole.u, run.u)
+    np.testing.assert_array_equal(whole.v, run.v)
+
+
+@pytest.mark.parametrize("until", [0.95, 1.0])
+def test_steps_end_where_they_should(until):
+    times = spinning(2).run(EnergyMomentum(0.1), until).ledger["time"]
+    np.testing.assert_array_equal(times, [*(0.1 * np.arange(10)), until])
+    late = spinning(2).run(EnergyMomentum(0.1), 5.0 + until, t0=5.0).ledger["time"]
+    np.testing.assert_allclose(late - 5, times, atol=1e-14)
+
+
+@pytest.mark.parametrize(
+    ("start", "dt", "until"),
+    [(0.0, 0.1, 1.0), (0.0, 0.3, 0.9), (0.0, 0.01, 0.07), (0.3, 1 / 3, 100.3), (-2.0, 1e-3, 7.0), (1e6, 0.1, 1e6 + 1)],
+)
+def test_a_clock_meets_an_end_that_is_a_whole_number_of_steps_away(start, dt, until):
+    clock, whole = Clock(start, dt), True
+    expected = clock.left(until)
+    steps = 0
+    while clock.left(until):
+        t, whole = clock.next(until)
+        clock.tick()
+        steps += 1
+    assert whole and steps == expected == round((until - start) / dt) and abs(t - until) < 1e-6 * dt
+
+
+def test_a_clock_goes_on_at_another_pace():
+    clock = Clock(1.0, 0.25)
+    clock.tick()
+    clock.change(0.5)
+    assert clock.t == 1.25 and clock.next(9.0) == (1.75, True) and clock.next(1.5) == (1.5, False) and clock.left(2.0) == 2
+    assert clock.left(1.25) == clock.left(1.0) == 0
+
+
+def kinds():
+    mesh = MESHES[3]
+    yield "potential_energy", Gravity((0.3, -1.0, 0.5))
+    yield "potential_energy", Traction("right", (0.1, 0.2, -0.1))
+    yield "potential_energy", NodalLoad((3, 4), (0.01, 0.02, -0.03))
+    yield "potential_energy", BodyForce((0.1, 0.2, -0.3))
+    yield "external_work", Pressure("right", 0.3)
+    yield "external_work", Gravity(lambda t: pushed(t))
+    yield "external_work", Traction("right", lambda x, t: (x[1] * t, np.cos(3 * t), 0 * x[0]))
+    yield "external_work", NodalLoad((3, 4), lambda t: [0.01 * f for f in pushed(t)])
+    yield "external_work", BodyForce(lambda x, t: (t * x[0], x[1], np.sin(5 * t) * x[2]))
+    yield "external_work", Pressure(lambda x: x[0] > 0.8, lambda t: 0.3 * t)
+    assert mesh.d == 3
+
+
+@pytest.mark.parametrize(("column", "load"), [pytest.param(*kind, id=f"{type(kind[1]).__name__}, {kind[0]}") for kind in kinds()])
+def test_what_a_load_gives_is_in_the_books(column, load):
+    mesh = MESHES[3]
+    system = System(mesh, [material(mesh), load])
+    run = simulate(system, EnergyMomentum(0.02, rtol=1e-13), until=0.2, v0=0.5 * velocities(mesh), quiet=True)
+    ledger = run.ledger
+    other = {"potential_energy": "external_work", "external_work": "potential_energy"}[column]
+    given = np.abs(ledger[column] - ledger[column][0]).max()
+    assert given > 1e-4 and not ledger[other].any() and np.abs(ledger["closure_error"]).max() < 1e-10 * given
+    assert (
+        np.ptp(ledger["total_energy"]) < 1e-10 * given
+        if column == "potential_energy"
+        else np.ptp(ledger["total_energy"]) > 0.5 * given
+    )
+
+
+def test_a_row_of_the_books_is_what_the_state_has():
+    mesh = MESHES[3]
+    terms = [material(mesh), VolumePenalty(2.0, kind="quadratic"), Gravity((0.3, -1.0, 0.5))]
+    system = System(mesh, terms)
+    run = simulate(system, VelocityVerlet(0.005), until=0.1, v0=velocities(mesh), probes={"A": [3], "B": "right"}, quiet=True)
+    ledger, x = run.ledger, mesh.p.T + run.u.reshape(-1, 3)
+    momentum = (run.v * np.repeat(system.mass().vertex, 3)).reshape(-1, 3)
+    energies, last = system.energies(run.u), {name: ledger[name][-1] for name in ledger}
+    expected = {
+        "time": 0.1,
+        "kinetic_energy": run.v @ momentum.ravel() / 2,
+        "strain_energy": energies["StVK 0"] + energies["VolumePenalty 1"],
+        "strain_energy StVK 0": energies["StVK 0"],
+        "strain_energy VolumePenalty 1": energies["VolumePenalty 1"],
+        "potential_energy": energies["Gravity 2"],
+        "external_work": 0.0,
+        "dissipated_work": 0.0,
+        "total_energy": system.energy(run.u) + energies["Gravity 2"] + run.v @ momentum.ravel() / 2,
+        "closure_error": ledger["total_energy"][-1] - ledger["total_energy"][0],
+        **{f"linear_momentum_{c}": value for c, value in zip("xyz", momentum.sum(axis=0), strict=True)},
+        **{f"angular_momentum_{c}": value for c, value in zip("xyz", np.cross(x, momentum).sum(axis=0), strict=True)},
+        **{f"A {c}": value for c, value in zip("xyz", run.u.reshape(-1, 3)[3], strict=True)},
+        **{
+            f"B {c}": value
+            for c, value in zip("xyz", run.u.reshape(-1, 3)[np.unique(mesh.boundaries["right"])].mean(axis=0), strict=True)
+        },
+    }
+    assert list(last) == list(expected) and last == pytest.approx(expected, rel=1e-10, abs=1e-13)
+
+
+def test_momentum_grows_by_the_impulse_of_the_loads():
+    scene = loaded(2)
+    run = scene.run(EnergyMomentum(0.02, rtol=1e-13), 0.2)
+    forces = np.array([np.multiply(pushed(t)[:2], 2 * 0.04) for t in run.ledger["time"]])
+    impulse = np.cumsum((forces[1:] + forces[:-1]) / 2 * np.diff(run.ledger["time"])[:, None], axis=0)
+    for c, axis in enumerate("xy"):
+        momentum = run.ledger[f"linear_momentum_{axis}"]
+        np.testing.assert_allclose(momentum[1:] - momentum[0], impulse[:, c], atol=1e-12)
+
+
+def test_constants_do_not_ramp_and_a_body_at_rest_in_equilibrium_stays_there():
+    mesh = MESHES[2]
+    terms = [material(mesh, young=30.0), Gravity((0.0, -1.0)), Traction("right", (0.5, 0.2))]
+    held = {"fixed": {"left": "xy"}, "prescribed": {lambda x: x[0] > 0.9: {"x": 0.05}}}
+    equilibrium = solve_static(System(mesh, terms, **held), quiet=True, rtol=1e-13).u
+    for integrator in (VelocityVerlet(0.002), LinearBackwardEuler(0.01), EnergyMomentum(0.01), GeneralizedAlpha(0.01)):
+        run = simulate(System(mesh, terms, **held), integrator, until=0.1, u0=equilibrium, quiet=True)
+        assert (
+            np.abs(run.u - equilibrium).max() < 1e-9 * np.abs(equilibrium).max()
+            and np.abs(run.ledger["external_work"]).max() < 1e-12
+        )
+
+
+def test_rayleighs_alpha_slows_a_free_body_down_exponentially():
+    mesh, v0 = MESHES[3], np.tile([1.0, -2.0, 0.5], MESHES[3].nv)
+    run = simulate(System(mesh, material(mesh)), EnergyMomentum(0.01), until=1.0, v0=v0, damping=Rayleigh(alpha=0.7), quiet=True)
+    np.testing.assert_allclose(run.v, np.exp(-0.7) * v0, rtol=1e-4)
+    lost = run.ledger["kinetic_energy"][0] * (1 - np.exp(-1.4))
+    assert run.ledger["dissipated_work"][-1] == pytest.approx(lost, rel=1e-4)
+
+
+def test_a_stiff_bar_swings_at_its_frequency():
+    nodes, young = 9, 100.0
+    mesh = SimplexMesh(np.linspace(0, 1, nodes)[None], np.stack([np.arange(nodes - 1), np.arange(1, nodes)]))
+    system = System(mesh, StVK(young=young, area=1.0, density=1.0), fixed={(0,): "x"})
+    k = np.pi / 2
+    v0 = 1e-4 * np.sin(k * mesh.p[0])
+    omega = 2 * np.sqrt(young) * (nodes - 1) * np.sin(k / (2 * (nodes - 1)))  # of lumped masses on equal springs
+    run = simulate(system, VelocityVerlet(1e-4), until=2 * pi / omega, v0=v0, quiet=True)
+    np.testing.assert_allclose(run.v[1:], v0[1:], rtol=1e-3)
+    np.testing.assert_allclose(run.u / 1e-4 * omega, 0, atol=1e-3)
+
+
+def strip(density=1.0, **options):
+    mesh = MESHES[2]
+    return System(mesh, StVK(young=3.0, poisson=0.3, density=density), **options)
+
+
+N = SYSTEM.ndofs
+MISTAKES = {
+    "no system": (StvkError, "A SimplexMesh came; expected a System", {"system": MESHES[2]}),
+    "single precision": (StvkError, "in float32; expected float64: System", {"system": strip(dtype=np.float32)}),
+    "a class": (
+        StvkError,
+        r"integrator is the class EnergyMomentum; expected one of .*, such as EnergyMomentum\(dt",
+        {"integrator": EnergyMomentum},
+    ),
+    "a name": (StvkError, "integrator is 'Newmark'; expected one of ForwardEuler", {"integrator": "Newmark"}),
+    "u0 by vertex": (StateError, rf"u0 has shape \({N // 2}, 2\), dtype float64; expected \({N},\)", {"u0": np.zeros((N // 2, 2))}),
+    "v0 too short": (StateError, r"v0 has shape \(3,\)", {"v0": np.zeros(3)}),
+    "v0 not finite": (StateError, "v0 .* finite numbers", {"v0": np.full(N, np.nan)}),
+    "v0 complex": (StateError, "v0 .* complex128; expected", {"v0": np.zeros(N, dtype=complex)}),
+    "until the beginning": (StvkError, "until = 0 s is not after t = 0 s, where the motion is. Give a later", {"until": 0.0}),
+    "until before t0": (StvkError, "until = 0.1 s is not after t = 0.2 s", {"t0": 0.2}),
+    "until no time": (StvkError, "until = nan; expected a time in seconds", {"until": np.nan}),
+    "t0 no time": (StvkError, "t0 = '0'; expected a time in seconds", {"t0": "0"}),
+    "no such mass": (StvkError, "heavy", {"mass": "heavy"}),
+    "consistent and explicit": (
+        StvkError,
+        "VelocityVerlet takes no consistent mass: .* Leave mass='lumped'",
+        {"mass": "consistent"},
+    ),
+    "no density": (MaterialError, "density", {"system": strip(density=None)}),
+    "damping by a number": (StvkError, "damping = 0.1; expected Rayleigh", {"damping": 0.1}),
+    "probes without names": (StvkError, r"probes = \[17\]; expected places by name, such as \{'tip': \[17\]\}", {"probes": [17]}),
+    "a nameless probe": (StvkError, "expected places by name", {"probes": {"": [1]}}),
+    "a probe nowhere": (StvkError, "probe 'A'", {"probes": {"A": "no such place"}}),
+    "save by a flag": (StvkError, "save = True; expected the path of a file such as 'flag.pvd'", {"save": True}),
+    "checkpoint by a flag": (StvkError, "checkpoint = 3; expected the path .* 'flag.npz'", {"checkpoint": 3}),
+    "every 0": (StvkError, "every = 0; expected a whole number of steps, at least 1", {"every": 0}),
+    "every half": (StvkError, "every = 0.5; expected a whole number", {"every": 0.5}),
+    "no such checkpoint": (StvkError, "There is no checkpoint", {"resume": "nowhere.npz", "v0": None}),
+    "nothing acts": (LoadError, "Nothing moves the body: .* Add Gravity", {"v0": None}),
+    "a jump": (
+        SupportError,
+        r"3 vertices \(0, 1, 2\): at t0 = 0 s the supports hold them up to 0\.1 m from where u0 has.* begins at u0, or begin with the u0",
+        {"system": strip(prescribed={"left": {"x": 0.1}})},
+    ),
+    "a jump of a function": (SupportError, "at t0 = 0 s", {"system": strip(prescribed={"left": {"x": lambda t: 0.01 + t}})}),
+}
+
+
+@pytest.mark.parametrize("mistake", MISTAKES)
+def test_mistakes_are_named(mistake, monkeypatch, tmp_path):
+    monkeypatch.chdir(tmp_path)
+    error, message, options = MISTAKES[mistake]
+    with pytest.raises(error, match=message):
+        call(**options)
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize(
+    ("make", "options", "message"),
+    [
+        (EnergyMomentum, {"dt": 0.0}, "dt = 0.0; expected a time step in seconds, a positive number[.]$"),
+        (EnergyMomentum, {"dt": None}, "dt = None; expected a time step"),
+        (VelocityVerlet, {"dt": -1.0}, "dt = -1.0; .* or None for a stable one"),
+        (VelocityVerlet, {"dt": True}, "dt = True"),
+        (
+            Newmark,
+            {"dt": 1.0, "tangent": "newton"},
+            "tangent = 'newton'; expected 'exact', 'clamped', 'gauss-newton', 'diagonal', 'rest'",
+        ),
+        (Newmark, {"dt": 1.0, "rtol": 1}, "rtol = 1; expected a number between 0 and 1"),
+        (Newmark, {"dt": 1.0, "beta": 0.2}, r"beta = 0.2, gamma = 0.5; expected .*beta >= gamma/2"),
+        (Newmark, {"dt": 1.0, "gamma": 0.4}, "expected gamma >= 1/2"),
+        (GeneralizedAlpha, {"dt": 1.0, "rho": 1.1}, "rho = 1.1; expected a spectral radius from 0"),
+        (GeneralizedAlpha, {"dt": 1.0, "rho": True}, "rho = True"),
+    ],
+)
+def test_options_of_integrators_are_checked(make, options, message):
+    with pytest.raises(StvkError, match=message):
+        make(**options)
+
+
+@pytest.mark.parametrize("name", ["save", "checkpoint"])
+def test_what_cannot_be_written_is_told_before_any_work(tmp_path, name):
+    ending = {"save": ".pvd", "checkpoint": ".npz"}[name]
+    (tmp_path / f"folder{ending}").mkdir()
+    for path in (tmp_path / "missing" / f"flag{ending}", tmp_path / "flag.txt", tmp_path / f"folder{ending}"):
+        with pytest.raises(StvkError, match=r"flag|folder"):
+            call(**{name: path})
+
+
+def test_the_last_state_and_the_books_are_saved_in_any_case(tmp_path):
+    run = clamped(2).run(EnergyMomentum(0.01), 0.135, save=tmp_path / "a.pvd", every=5, checkpoint=tmp_path / "a.npz")
+    pvd = (tmp_path / "a.pvd").read_text()
+    assert [float(line.split('"')[1]) for line in pvd.splitlines() if "timestep" in line] == [0.0, 0.05, 0.1, 0.135]
+    table = np.genfromtxt(tmp_path / "a.csv", delimiter=",", names=True)
+    np.testing.assert_array_equal(table["total_energy"], run.ledger["total_energy"])
+    assert run.series == tmp_path / "a.pvd" and sorted(file.suffix for file in tmp_path.iterdir()) == [
+        ".csv",
+        ".npz",
+        ".pvd",
+        *4 * [".vtu"],
+    ]
+
+
+def test_a_run_says_what_it_was(capsys):
+    run = driven(2, damping=BOTH).run(EnergyMomentum(0.01), 0.1, quiet=False)
+    assert "reached t = 0.1 s in 10 steps" in repr(run) and "EnergyMomentum(dt=0.01" in repr(run) and "assemble" in repr(run)
+    printed = capsys.readouterr().out
+    assert "step 10/10" in printed and "EnergyMomentum" in printed
+    assert run.iterations >= 10 and run.success and run.system.ndofs == len(run.u)
+    driven(2).run(EnergyMomentum(0.01), 0.1, quiet=True)
+    assert capsys.readouterr() == ("", "")

@@ -1,0 +1,189 @@
+"""Hard cases in motion: nobody of ours is wrong without a word, and the judge sees what is wrong whatever a method says."""
+
+import csv
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+import pytest
+
+from skfem_stvk.dynamics import ForwardEuler, VelocityVerlet, simulate
+from validation.hard import table
+from validation.hard.judge import Verdict, volume_ratios
+from validation.hard.motion import endings, judge, memory, methods, study, verlet
+from validation.hard.motion.impacts import UNTIL, _crushed, _dropped
+from validation.hard.motion.released import _let_go
+from validation.hard.motion.stiff import SPIN, THROWN, _between, _spun, _turned
+
+QUICK = study.scenes(quick=True)
+SAYS_INSIDE_OUT, SAYS_ENERGY = "t = 1 s: 1 element (3) inside out.", "reached t = 1 s in 9 steps; the steps lost 30 % of the energy"
+
+
+@pytest.fixture(scope="module")
+def rows():
+    """Of the quick table, made when they are first asked for."""
+    made = {}
+
+    def row(scene):
+        if scene.name not in made:
+            made[scene.name] = study.row_of(scene)
+        return made[scene.name]
+
+    return row
+
+
+@pytest.mark.parametrize("scene", QUICK, ids=lambda scene: scene.name)
+def test_no_integrator_is_wrong_without_a_word(rows, scene):
+    assert not list(study.failures(rows(scene)))
+
+
+def test_every_method_has_a_row_and_the_plain_one_is_wrong(rows, tmp_path):
+    made = [rows(scene) for scene in QUICK]
+    assert all([run.method for run in row.runs] == list(methods.METHODS) for row in made)
+    wrong = [run.method for row in made for run in row.runs if run.verdict is Verdict.WRONG]
+    assert set(wrong) == {"plain eq. 9"} and len(wrong) == len(QUICK)
+    table.save(made, tmp_path, study.NAME, methods.METHODS)
+    with (tmp_path / f"{study.NAME}.csv").open(encoding="utf-8") as file:
+        assert len(list(csv.reader(file))) == 1 + sum(len(row.runs) for row in made)
+
+
+def a_scene(beginning):
+    return next(scene for scene in study.scenes(quick=False) if scene.name.startswith(beginning))
+
+
+@pytest.mark.parametrize("beginning", ["drop a block from 1 m", "stretch a bar"])
+def test_an_integrator_that_does_not_look_at_inversion_is_seen(monkeypatch, beginning):
+    monkeypatch.setitem(methods.METHODS, "eq. 9", methods.METHODS["plain eq. 9"])
+    scene = replace(a_scene(beginning), methods=("eq. 9",))
+    assert [failure for failure in study.failures(study.row_of(scene)) if "eq. 9: reported as success" in failure]
+
+
+def test_an_integrator_that_loses_energy_in_silence_is_seen(monkeypatch):
+    monkeypatch.setattr("skfem_stvk.dynamics.loop.WORTH_SAYING", np.inf)
+    scene = a_scene("crack a whip")
+    assert methods.run(scene, "backward Euler").verdict is Verdict.WRONG
+
+
+def test_one_that_is_not_right_where_it_has_to_be_is_seen(monkeypatch):
+    monkeypatch.setitem(methods.METHODS, "energy-momentum", methods.METHODS["backward Euler"])
+    scene = replace(a_scene("crush a block by 25 %"), methods=("energy-momentum",))
+    assert [failure for failure in study.failures(study.row_of(scene)) if "there is a right motion" in failure]
+
+
+@pytest.fixture(scope="module")
+def landing():
+    make = partial(_dropped, 2.0)
+    motion = verlet.followed(make, True, UNTIL, 500)
+    return make().system(volume=True), motion, endings.tiny_steps(make, UNTIL, 500, volume=True)
+
+
+def test_the_motion_itself_is_right(landing):
+    system, motion, ending = landing
+    assert judge.judged(system, motion.u, motion.v, True, "", ending).verdict is Verdict.RIGHT
+
+
+@pytest.mark.parametrize(
+    ("change", "why", "admission"),
+    [
+        (lambda u, v: (u + 0.03, v), "off by", SAYS_ENERGY),
+        (lambda u, v: (u, 2 * v), "energy", SAYS_ENERGY),
+        (lambda u, v: (u * np.nan, v), "not finite", None),
+    ],
+    ids=["elsewhere", "too fast", "not finite"],
+)
+def test_another_state_is_wrong_unless_the_method_says_so(landing, change, why, admission):
+    system, motion, ending = landing
+    u, v = change(motion.u, motion.v)
+    found = judge.judged(system, u, v, True, "reached t = 0.5 s", ending)
+    assert found.verdict is Verdict.WRONG and why in found.why
+    if admission is not None:
+        assert judge.judged(system, u, v, True, admission, ending).verdict is Verdict.SAID_SO
+    else:
+        assert judge.judged(system, u, v, True, SAYS_ENERGY + SAYS_INSIDE_OUT, ending).verdict is Verdict.WRONG
+
+
+def test_elements_inside_out_are_admitted_by_no_other_words(landing):
+    system, motion, ending = landing
+    mirrored = (-2 * system.mesh.p * [[1], [0], [0]]).ravel("F")
+    assert judge.judged(system, mirrored, motion.v, True, SAYS_ENERGY, ending).verdict is Verdict.WRONG
+    assert judge.judged(system, mirrored, motion.v, True, SAYS_INSIDE_OUT, ending).verdict is Verdict.SAID_SO
+
+
+def test_a_good_state_where_there_is_no_right_motion_is_wrong(landing):
+    system, motion, _ = landing
+    assert judge.judged(system, motion.u, motion.v, True, "", endings.none(0.1)).why == "no right motion"
+
+
+@pytest.mark.parametrize(
+    ("make", "turned"),
+    [
+        (partial(_dropped, 2.0), 0.16),
+        (partial(_dropped, 4.43), 0.06),
+        (partial(_crushed, 0.6), 0.13),
+        (partial(_let_go, 3.0, 3, (1.3, 0.9, 0.9)), 0.29),
+        (partial(_let_go, 1.0, 4, (1.2, 1.2, 0.6)), 0.21),
+    ],
+    ids=["dropped from 0.2 m", "dropped from 1 m", "crushed", "stretched", "pressed flat"],
+)
+def test_elements_turn_inside_out_when_the_table_says(make, turned):
+    assert verlet.followed(make, False, 0.3, 600).turned == pytest.approx(turned, abs=0.006)
+
+
+def test_the_reference_follows_the_package_with_all_that_acts():
+    """Weight, moving supports, initial velocities: the same scheme in the same steps, by forces that share nothing."""
+    for make in (partial(_dropped, 2.0), partial(_crushed, 0.25)):
+        body = make()
+        run = simulate(body.system(volume=False), VelocityVerlet(dt=1e-3), until=0.05, v0=body.v0, quiet=True)
+        motion = verlet.followed(make, False, 0.05, 50)
+        np.testing.assert_allclose(motion.u, run.u, atol=1e-5 * motion.size)
+        assert motion.energy == pytest.approx(run.ledger["total_energy"][-1], rel=1e-2)
+
+
+def test_tiny_steps_are_small_enough():
+    """Twice as many change far less than what methods are judged by."""
+    for scene in QUICK:
+        if (
+            not scene.with_volume.source.endswith("own forces") or scene.name == "crack a whip"
+        ):  # half as many are above the critical step
+            continue
+        steps = int(scene.with_volume.source.split()[0])
+        motion = verlet.followed(scene.body, True, scene.until, steps)
+        for part in (steps // 2, steps):
+            error = endings.tiny_steps(scene.body, scene.until, part, volume=True).error(scene.body().system(True), motion.u)
+            assert error < 0.1 * endings.LIMIT and (error == 0) == (part == steps)
+
+
+def test_a_core_of_1e5_pa_is_as_rigid_as_one_of_1e4_pa():
+    """So the scene may be followed with it, in place of 1e9 Pa."""
+    bodies = [verlet.followed(partial(_between, young), True, 1.0, 1000) for young in (1e5, 1e4)]
+    assert np.abs(bodies[0].u - bodies[1].u).max() < 0.05 * np.abs(bodies[0].u).max()
+
+
+def test_the_thrown_block_turns_over():
+    """A rigid motion, which leads to where it is much unlike a steady turn about one axis."""
+    system = _spun().system(volume=False)
+    u = _turned(system)
+    assert volume_ratios(system, u) == pytest.approx(1, abs=1e-9)
+    along = np.argmax(system.mesh.p[1])  # the vertex that the axis of the spin goes by
+    assert SPIN[1] > 10 * SPIN[0] and SPIN[1] * THROWN > np.pi
+    assert (system.mesh.p[1] + u[1::3])[along] < 0
+
+
+@pytest.mark.parametrize("which", range(len(memory.LONG)), ids=["explicit", "energy-momentum", "eq. 9"])
+def test_nothing_grows_but_the_ledger(which):
+    integrator, few, _ = memory.LONG[which]
+    growth = memory.grown(integrator, few)
+    assert growth.holds, growth
+
+
+def test_what_grows_is_seen():
+    """An integrator that keeps 100 bytes a step."""
+    kept = []
+
+    class Keeping(memory.Watched):
+        def step(self, state, t):
+            kept.append(bytes(100))
+            super().step(state, t)
+
+    growth = memory.grown(ForwardEuler(dt=memory.DT), 5_000, Keeping)
+    assert growth.other > 4_000 * 100 and not growth.holds

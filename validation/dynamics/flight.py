@@ -1,0 +1,155 @@
+"""A soft block that spins and vibrates in free flight: what each integrator makes of its energy and its momenta.
+
+The block of unstructured tetrahedra spins at about 10 rad/s about an axis that is none of its own, and vibrates with about a tenth of its energy. Its
+centre of mass is at rest at the origin; once it flies through the room, too.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from time import perf_counter
+from typing import NamedTuple
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from skfem_stvk import System
+from skfem_stvk.dynamics import (
+    BackwardEuler,
+    EnergyMomentum,
+    ForwardEuler,
+    GeneralizedAlpha,
+    Integrator,
+    Ledger,
+    LinearBackwardEuler,
+    Newmark,
+    VelocityVerlet,
+    simulate,
+)
+from skfem_stvk.dynamics.integrators import ANGULAR_MOMENTUM, ENERGY, LINEAR_MOMENTUM
+
+from ..statics.study import Study
+from .scenes import COLOURS, Array, block
+
+QUANTITIES = (ENERGY, LINEAR_MOMENTUM, ANGULAR_MOMENTUM)
+DT, UNTIL, QUICK_UNTIL = 1e-3, 2.0, 0.2
+#: Every solve leaves up to this part of the forces; what an integrator declares to keep, it keeps to `KEPT` over all steps.
+RTOL, KEPT = 1e-12, 1e-10
+#: Energy and momentum over many steps, solved to round-off: `EXACT`; where the body flies through the room, its angular momentum about the origin to `FAR`.
+STEPS, QUICK_STEPS = 100_000, 1000
+ROUND_OFF, EXACT, FAR = 3e-16, 1e-12, 1e-10
+SPIN, THROUGH = (1.0, 2.0, 10.0), (3.0, 1.5, -1.0)  # [rad/s], [m/s]
+SIDES = (0.4, 0.1, 0.15)
+INTEGRATORS: tuple[Integrator, ...] = (
+    ForwardEuler(dt=DT / 4),
+    VelocityVerlet(dt=DT / 4),
+    LinearBackwardEuler(dt=DT, rtol=RTOL),
+    BackwardEuler(dt=DT, rtol=RTOL),
+    Newmark(dt=DT, rtol=RTOL),
+    GeneralizedAlpha(dt=DT, rtol=RTOL),
+    EnergyMomentum(dt=DT, rtol=RTOL),
+)
+
+
+class Flight(NamedTuple):
+    """A motion with its largest drifts: of energy and angular momentum as parts of what they were, of linear momentum as a part of that of the same energy."""
+
+    integrator: Integrator
+    ledger: Ledger
+    seconds: float
+    drifts: dict[str, float]
+
+
+def flight(quick: bool = False, folder: Path | None = None) -> Sequence[Study]:
+    """a spinning soft body keeps what its integrator declares; with energy-momentum energy and both momenta to 1e-12 over 1e5 steps"""
+    return _all(quick, folder), _long(QUICK_STEPS if quick else STEPS)
+
+
+def _all(quick: bool, folder: Path | None) -> Study:
+    flights = [fly(block(3, SIDES), one, QUICK_UNTIL if quick else UNTIL) for one in INTEGRATORS]
+    return Study(
+        "Free flight",
+        f"what an integrator declares to keep, it keeps to {KEPT:g}",
+        ("integrator", "dt [ms]", "steps", *QUANTITIES, "declared", "seconds"),
+        tuple(map(_row, flights)),
+        tuple(failure for one in flights for failure in _failures(one, KEPT)),
+        (
+            f"largest drift over {flights[0].ledger['time'][-1]:g} s; energy and angular momentum of what they were, linear momentum of sqrt(2 m E)",
+        ),
+        () if folder is None else (_picture(flights, folder),),
+    )
+
+
+def _long(steps: int) -> Study:
+    """Energy and momentum, solved to round-off."""
+    resting, flying = (
+        fly(block(1, SIDES), EnergyMomentum(dt=DT, rtol=ROUND_OFF), steps * DT, v) for v in ((0.0, 0.0, 0.0), THROUGH)
+    )
+    far = [f"in flight, {quantity}: drift {drift:.1e}" for quantity, drift in flying.drifts.items() if not drift <= FAR]
+    rows = [
+        (name, *_row(one)[1:])
+        for name, one in (("centre of mass at rest at the origin", resting), ("flying through the room", flying))
+    ]
+    return Study(
+        "Free flight, energy and momentum",
+        f"over {steps} steps energy and both momenta to {EXACT:g} with the centre of mass at rest at the origin, to {FAR:g} in flight",
+        ("EnergyMomentum", "dt [ms]", "steps", *QUANTITIES, "declared", "seconds"),
+        tuple(rows),
+        (*_failures(resting, EXACT), *far),
+        (f"rtol = {ROUND_OFF:g}; far from the origin angular momentum about it is a small difference of large numbers",),
+    )
+
+
+def fly(system: System, integrator: Integrator, until: float, through: Sequence[float] = (0.0, 0.0, 0.0)) -> Flight:
+    """A free flight from the first velocities on."""
+    begin = perf_counter()
+    ledger = simulate(system, integrator, until=until, v0=first_velocities(system, through), quiet=True).ledger
+    return Flight(integrator, ledger, perf_counter() - begin, _drifts(ledger, system.mass().total))
+
+
+def first_velocities(system: System, through: Sequence[float] = (0.0, 0.0, 0.0)) -> Array:
+    """(ndofs,) [m/s]: a spin, a vibration without momentum of its own, and a flight."""
+    p, mass = system.mesh.p, system.mass().vertex
+    v = np.cross(SPIN, p.T) + 0.3 * np.sin(40 * p).T
+    v += np.array(through) - np.einsum("a,ac->c", mass, v) / mass.sum()
+    return v.ravel()
+
+
+def _drifts(ledger: Ledger, mass: float) -> dict[str, float]:
+    energy = ledger["total_energy"]
+    linear, angular = (np.stack([ledger[f"{kind}_momentum_{axis}"] for axis in "xyz"], axis=1) for kind in ("linear", "angular"))
+    sizes = (abs(energy[0]), np.sqrt(2 * mass * energy[0]), np.linalg.norm(angular[0]))
+    drifts = (np.abs(energy - energy[0]), *(np.linalg.norm(one - one[0], axis=1) for one in (linear, angular)))
+    return {name: float(drift.max() / size) for name, drift, size in zip(QUANTITIES, drifts, sizes, strict=True)}
+
+
+def _row(one: Flight) -> tuple[str, ...]:
+    integrator, drifts = one.integrator, (f"{one.drifts[quantity]:.1e}" for quantity in QUANTITIES)
+    declared = ", ".join(quantity.split()[0] for quantity in QUANTITIES if quantity in integrator.conserves)
+    return integrator.name, f"{1e3 * (integrator.dt or 0):g}", str(one.ledger.steps - 1), *drifts, declared, f"{one.seconds:.1f}"
+
+
+def _failures(one: Flight, limit: float) -> Iterator[str]:
+    for quantity in one.integrator.conserves:
+        if not one.drifts[quantity] <= limit:
+            yield f"{one.integrator.name}: {quantity} drifts by {one.drifts[quantity]:.1e}"
+
+
+def _picture(flights: Sequence[Flight], folder: Path) -> Path:
+    """Total energy over time, and how far it is off."""
+    figure = Figure(figsize=(9, 3.4), layout="constrained")
+    left, right = figure.subplots(1, 2)
+    for colour, one in zip(COLOURS, flights, strict=True):
+        t, energy = one.ledger["time"], one.ledger["total_energy"]
+        left.plot(t, energy / energy[0], color=colour, lw=1.3, label=one.integrator.name)
+        every = max(1, len(t) // 200)
+        right.semilogy(t[every::every], np.maximum.accumulate(np.abs(energy / energy[0] - 1))[every::every], color=colour, lw=1.3)
+    left.set(xlabel="t [s]", ylabel="total energy / first", title="Energy of a spinning soft block")
+    right.set(xlabel="t [s]", ylabel="largest drift so far", title="The same, by size")
+    left.legend(fontsize=7)
+    for axes in (left, right):
+        axes.grid(True, alpha=0.3)
+    path = folder / "dynamics-flight.png"
+    figure.savefig(path, dpi=100)
+    return path

@@ -1,0 +1,124 @@
+"""Linearised backward Euler (eq. 9) with steps far beyond the explicit limit, and what becomes of it with each tangent.
+
+A soft cantilever of tetrahedra is let go and swings down under its weight, by half of its length. The truth is velocity Verlet below its critical step.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from skfem_stvk import solve_static
+from skfem_stvk.dynamics import LinearBackwardEuler, Run, VelocityVerlet, simulate
+from skfem_stvk.dynamics.critical_step import critical_step
+from skfem_stvk.dynamics.tangents import Tangent
+
+from ..statics.study import Study
+from .scenes import TIP, Array, cantilever, expected
+
+#: Steps in critical ones, and how many there are at least.
+TIMES, QUICK_TIMES, LEAST = (1, 3, 10, 30, 100, 300, 1000), (1, 30, 1000), 20
+UNTIL = 0.3
+#: Tangents that are claimed to get through all steps; the others are shown. A body is out of bounds with so many times the work of its weight.
+ROBUST, TOO_MUCH = ("exact", "clamped", "gauss-newton"), 3.0
+#: Errors at the critical step, and of the last state where steps are larger than `LARGE`: they go to the equilibrium.
+ACCURATE, SETTLED, LARGE = 0.1, 0.01, 100
+
+
+class Trial(NamedTuple):
+    """A step in critical ones, the run, the error of the tip at `UNTIL`, and how far the end is from equilibrium."""
+
+    times: float
+    tangent: str
+    run: Run
+    error: float
+    distance: float
+
+    @property
+    def lost(self) -> float:
+        """Energy that is gone, as a part of the work of the weight."""
+        ledger = self.run.ledger
+        return float(-ledger["closure_error"][-1] / np.abs(ledger["potential_energy"]).max())
+
+    @property
+    def bounded(self) -> bool:
+        """Whether it reached the end, and how much energy it had on the way."""
+        ledger = self.run.ledger
+        own = ledger["kinetic_energy"] + ledger["strain_energy"]
+        return self.run.success and bool(own.max() <= TOO_MUCH * np.abs(ledger["potential_energy"]).max())
+
+
+def large_steps(quick: bool = False, folder: Path | None = None) -> Sequence[Study]:
+    """linearised backward Euler gets through steps 1 to 1000 times the explicit limit, and what each tangent makes of it"""
+    system = cantilever(2)
+    critical = critical_step(system).step
+    truth = simulate(system, VelocityVerlet(dt=critical / 4), until=UNTIL, probes=TIP, quiet=True).ledger
+    rest = solve_static(system, quiet=True).u
+    times = QUICK_TIMES if quick else TIMES
+    trials = [
+        _trial(one.value, factor, critical, np.array([truth[f"tip {axis}"][-1] for axis in "xyz"]), rest)
+        for one in Tangent
+        for factor in times
+    ]
+    return (
+        Study(
+            "Large steps: eq. 9 beyond the explicit limit",
+            f"bounded with {', '.join(ROBUST)}; beyond {LARGE} times the limit they end at the equilibrium, within {SETTLED:.0%}",
+            (
+                "tangent",
+                "dt/critical",
+                "dt in ms",
+                "steps",
+                "CG iterations a step",
+                "error",
+                "from equilibrium",
+                "energy lost",
+                "how it came out",
+            ),
+            tuple(map(_row, trials)),
+            tuple(failure for trial in trials for failure in _failures(trial)),
+            (
+                f"{system!r}, critical step {1e3 * critical:.3f} ms; at least {LEAST} steps, at least {UNTIL:g} s",
+                f"error of the tip's displacement at {UNTIL:g} s, against velocity Verlet with a quarter of the critical step, where a step ends by then; the last "
+                "state's distance from equilibrium",
+                "energy lost as a part of the work that the weight had done; a negative one was gained",
+            ),
+        ),
+    )
+
+
+def _trial(tangent: str, times: float, critical: float, truth: Array, rest: Array) -> Trial:
+    """From rest."""
+    system, dt = cantilever(2), times * critical
+    until = max(UNTIL, LEAST * dt)
+    with expected():
+        run = simulate(
+            system, LinearBackwardEuler(dt=dt, tangent=tangent), until=until, probes=TIP, quiet=True, raise_on_failure=False
+        )
+    t, tip = run.ledger["time"], np.stack([run.ledger[f"tip {axis}"] for axis in "xyz"], axis=1)
+    there = [np.interp(UNTIL, t, component) for component in tip.T]
+    error = np.linalg.norm(there - truth) / np.linalg.norm(truth) if dt <= UNTIL and t[-1] >= UNTIL else np.nan
+    return Trial(times, tangent, run, float(error), float(np.linalg.norm(run.u - rest) / np.linalg.norm(rest)))
+
+
+def _row(trial: Trial) -> tuple[str, ...]:
+    run, steps = trial.run, trial.run.ledger.steps - 1
+    came_out = "bounded" if trial.bounded else "out of bounds" if run.success else f"{run.status.value} at {run.t:.3g} s"
+    error = "" if np.isnan(trial.error) else f"{trial.error:.1e}"
+    numbers = f"{run.iterations / max(steps, 1):.1f}", error, f"{trial.distance:.1e}", f"{trial.lost:+.1%}"
+    return trial.tangent, f"{trial.times:g}", f"{1e3 * run.dt:.3g}", str(steps), *numbers, came_out
+
+
+def _failures(trial: Trial) -> Iterator[str]:
+    what = f"{trial.tangent}, {trial.times:g} times the critical step"
+    if trial.tangent not in ROBUST:
+        return
+    if not trial.bounded:
+        yield f"{what}: {trial.run.message}"
+    if trial.times > LARGE and not trial.distance <= SETTLED:
+        yield f"{what}: {trial.distance:.1e} from equilibrium"
+    if trial.times == 1 and not trial.error <= ACCURATE:
+        yield f"{what}: error {trial.error:.1e}"

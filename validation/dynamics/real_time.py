@@ -1,0 +1,153 @@
+"""How fast bodies move: the largest bar in real time, what a step costs, iterations by stiffness, and MuJoCo on the same bar.
+
+Times are those of `simulate`, ledger and checks included, over the whole motion, the best of a few; on one thread without what the machine did besides.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from functools import partial
+from pathlib import Path
+from typing import NamedTuple
+
+import numba
+import numpy as np
+
+from skfem_stvk.dynamics import VelocityVerlet, simulate
+
+from ..statics.study import Study
+from .against_mujoco import against_mujoco
+from .step_cost import explicit_cost, split
+from .swing import LENGTH, POISSON, PUSH, RTOL, SIDE, TANGENT, YOUNG, Timed, bar, eq9, on_threads, push, timed
+
+#: Cells across the bar: 12 n^3 tetrahedra.
+FEWEST, MOST = 2, 24
+#: The quick version looks at one small bar, and forgives a busy machine a factor.
+QUICK, FORGIVEN = 4, 5.0
+STIFFNESSES, TOLERANCES, ACROSS = (1e4, 3e4, 1e5, 3e5, 1e6), (1e-2, 1e-3, 1e-4), 8
+#: What iterations that end early may change in the motion of the end of the bar.
+OFF = 0.01
+FRAME = 1 / 60
+
+
+class Pace(NamedTuple):
+    """What is to keep up with time.
+
+    Attributes
+    ----------
+    name : in words.
+    seconds : of wall time that there are for a step, or for a frame.
+    trial : of a bar with so many cells across: its run, and the wall time that this took.
+    target : tetrahedra at least, on one thread.
+    """
+
+    name: str
+    seconds: float
+    trial: Callable[[int], Timed]
+    target: int = 0
+
+    def row(self, threads: int, n: int) -> tuple[tuple[str, ...], list[str]]:
+        """Of the table, and what contradicts the claim."""
+        count = 12 * n**3
+        failures = [f"{self.name}: {count} tetrahedra, expected {self.target}"] if threads == 1 and count < self.target else []
+        if n == 0:
+            return (self.name, str(threads), "0", "", "", ""), failures
+        found = self.trial(n)
+        explicit = found.run.integrator.explicit
+        iterations, steps = ("", f"{FRAME / found.run.dt:.0f}") if explicit else (f"{found.iterations:.0f}", "1")
+        return (self.name, str(threads), str(count), f"{1e3 * found.seconds:.2f}", iterations, steps), failures
+
+    def quick_row(self) -> tuple[tuple[str, ...], list[str]]:
+        """Of a small bar, which has to keep up but for a factor."""
+        row, _ = self.row(1, QUICK)
+        late = float(row[3]) > 1e3 * FORGIVEN * self.seconds
+        return row, [f"{self.name}: {row[3]} ms for {row[2]} tetrahedra"] if late else []
+
+    def largest(self) -> int:
+        """The most cells across that keep up, by bisection; 0 if there are none."""
+        low, high = FEWEST - 1, MOST + 1
+        while high - low > 1:
+            middle = (low + high) // 2
+            low, high = (middle, high) if self.trial(middle).seconds <= self.seconds else (low, middle)
+        return low if low >= FEWEST else 0
+
+
+def speed(quick: bool = False, folder: Path | None = None) -> Sequence[Study]:
+    """the largest bar in real time, what a step costs, iterations by stiffness, MuJoCo on the same bar"""
+    with on_threads(1):
+        n = QUICK if quick else 12
+        step = split(bar(n), eq9(60), push(n))
+        return _real_time(quick), explicit_cost(quick), step, _iterations(quick), *against_mujoco(quick)
+
+
+def _paces() -> tuple[Pace, ...]:
+    return (
+        Pace("eq. 9, 60 steps/s", FRAME, partial(_steps, 60, 1.0), 20_000),
+        Pace("eq. 9, 1000 steps/s", 1e-3, partial(_steps, 1000, 0.2), 1000),
+        Pace("Verlet, 60 frames/s", FRAME, _frames),
+    )
+
+
+def _steps(rate: float, until: float, n: int) -> Timed:
+    """Steps of `1/rate`."""
+    return timed(bar(n), eq9(rate), push(n), until)
+
+
+def _frames(n: int) -> Timed:
+    """Frames of Verlet's own steps."""
+    found = timed(bar(n), VelocityVerlet(), push(n), 15 * FRAME)
+    return Timed(found.run, found.seconds * found.steps / 15)
+
+
+def _real_time(quick: bool) -> Study:
+    """The largest bars."""
+    rows, failures = [], []
+    for threads in (1,) if quick else sorted({1, min(2, numba.config.NUMBA_NUM_THREADS)}):
+        with on_threads(threads):
+            for pace in _paces():
+                row, wrong = pace.quick_row() if quick else pace.row(threads, pace.largest())
+                rows.append(row)
+                failures += wrong
+    targets = ", ".join(f"{pace.target} at {pace.name}" for pace in _paces() if pace.target)
+    return Study(
+        "Real time",
+        f"a small bar keeps up, with a factor of {FORGIVEN:g} for a busy machine"
+        if quick
+        else f"at least so many tetrahedra on one thread: {targets}",
+        ("largest bar", "threads", "tetrahedra", "ms", "iterations", "steps a frame"),
+        tuple(rows),
+        tuple(failures),
+        (
+            f"soft tissue, E = {YOUNG:g} Pa, nu = {POISSON:g}, {1e2 * LENGTH:g} x {1e2 * SIDE:g} x {1e2 * SIDE:g} cm, hanging, pushed by {PUSH:g} m/s",
+            f"eq. 9: LinearBackwardEuler(tangent='{TANGENT}', rtol={RTOL:g}), conjugate gradients on one thread in any case",
+            "ms: a step, or a frame of 1/60 s of Verlet's own steps, of 12 n^3 tetrahedra with whole n",
+        ),
+    )
+
+
+def _iterations(quick: bool) -> Study:
+    """By stiffness and tolerance, and what they do to the motion."""
+    n, rows, failures = QUICK if quick else ACROSS, [], []
+    for young in STIFFNESSES[:2] if quick else STIFFNESSES:
+        system, v = bar(n, young), push(n)
+        truth = simulate(system, eq9(60, 1e-10), until=1.0, v0=v, probes={"end": [0]}, quiet=True).ledger["end x"]
+        counts, errors = [], []
+        for rtol in TOLERANCES:
+            run = simulate(system, eq9(60, rtol), until=1.0, v0=v, probes={"end": [0]}, quiet=True)
+            counts.append(run.iterations / 60)
+            errors.append(float(np.abs(run.ledger["end x"] - truth).max() / np.abs(truth).max()))
+        rows.append(
+            (f"{young:g}", f"{truth.max():.3f}", *(f"{count:.0f}" for count in counts), *(f"{error:.1e}" for error in errors))
+        )
+        if errors[1] > OFF:
+            failures.append(f"E = {young:g} Pa: rtol = {TOLERANCES[1]:g} changes the motion by {errors[1]:.1%}")
+    return Study(
+        "Iterations",
+        f"rtol = {TOLERANCES[1]:g} changes the motion by less than {OFF:.0%}",
+        ("E, Pa", "swing, m", *(f"rtol {rtol:g}" for rtol in TOLERANCES), *(f"off, {rtol:g}" for rtol in TOLERANCES)),
+        tuple(rows),
+        tuple(failures),
+        (
+            f"of conjugate gradients a step of 1/60 s, {12 * n**3} tetrahedra; 'off': largest distance of the bar's end from the motion with rtol = 1e-10, over its swing",
+        ),
+    )

@@ -1,0 +1,88 @@
+"""A bar of soft tissue that hangs from one end, 30 x 15 x 15 cm, and is pushed to the side: it swings by half of its length."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from time import perf_counter, thread_time
+from typing import NamedTuple
+
+import numba
+import numpy as np
+import skfem
+
+from skfem_stvk import Gravity, SimplexMesh, StVK, System
+from skfem_stvk.dynamics import Integrator, LinearBackwardEuler, Run, simulate
+
+from .scenes import Array
+
+LENGTH, SIDE, PUSH, GRAVITY = 0.3, 0.15, 2.0, (0.0, 0.0, -9.81)
+YOUNG, POISSON, DENSITY = 3e4, 0.4, 1000.0
+RTOL, TANGENT = 1e-3, "clamped"
+REPEATS = 3
+
+
+class Timed(NamedTuple):
+    """A run and the wall time of a step [s]."""
+
+    run: Run
+    seconds: float
+
+    @property
+    def steps(self) -> int:
+        """That were made."""
+        return self.run.ledger.steps - 1
+
+    @property
+    def iterations(self) -> float:
+        """Of the linear solver a step."""
+        return self.run.iterations / self.steps
+
+
+def bar(n: int, young: float = YOUNG) -> System:
+    """`n` cells across and `2 n` along, each of 6 tetrahedra."""
+    across, along = np.linspace(0, SIDE, n + 1), np.linspace(-LENGTH, 0, 2 * n + 1)
+    mesh = SimplexMesh.of(skfem.MeshTet.init_tensor(across, across, along))
+    material = StVK(young=young, poisson=POISSON, density=DENSITY)
+    return System(mesh, [material, Gravity(GRAVITY)], fixed={lambda x: x[2] == 0: "xyz"})
+
+
+def push(n: int) -> Array:
+    """(ndofs,) velocities to begin with [m/s]."""
+    p = bar(n).mesh.p
+    v = np.zeros(p.T.shape)
+    v[:, 0] = -PUSH * p[2] / LENGTH
+    return v.ravel()
+
+
+def eq9(rate: float, rtol: float = RTOL) -> LinearBackwardEuler:
+    """Linearised backward Euler as it is timed here."""
+    return LinearBackwardEuler(dt=1 / rate, rtol=rtol, tangent=TANGENT)
+
+
+@contextmanager
+def on_threads(count: int) -> Iterator[None]:
+    """Kernels on so many threads."""
+    before = numba.get_num_threads()
+    numba.set_num_threads(count)
+    try:
+        yield
+    finally:
+        numba.set_num_threads(before)
+
+
+def clock() -> float:
+    """Seconds, on one thread without those in which the machine did something else."""
+    return thread_time() if numba.get_num_threads() == 1 else perf_counter()
+
+
+def timed(system: System, integrator: Integrator, v: Array, until: float, repeats: int = REPEATS) -> Timed:
+    """The best of a few runs."""
+    best, run = np.inf, None
+    end = {"end": lambda x: (x[2] == -LENGTH) & (x[0] == 0) & (x[1] == 0)}
+    for _ in range(repeats):
+        begin = clock()
+        run = simulate(system, integrator, until=until, v0=v, probes=end, quiet=True)
+        best = min(best, clock() - begin)
+    assert run is not None
+    return Timed(run, best / (run.ledger.steps - 1))

@@ -1,0 +1,178 @@
+"""The tangent of energy and momentum: the exact one, which is not symmetric, against `K(u(1/2))/2`, which the package takes.
+
+With `t = L (zeta_0 + zeta_1)/2` and G(u) (ne, ndofs) the matrix of `p_i(u) . (v_a - v_b)`, the force of the step is `f = G(u_mid)' t`, so that
+
+    df/du_1 = G(u_mid)' L G(u_1) + 1/2 sum t_i (e_a - e_b)(e_a - e_b)'
+    K(u_mid)/2 = G(u_mid)' L G(u_mid) + 1/2 sum t_i(u_mid) (e_a - e_b)(e_a - e_b)'
+
+The exact one is made here, of sparse matrices, to count iterations; nothing of it is in the package.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from time import perf_counter
+from typing import NamedTuple
+
+import numpy as np
+from scipy.sparse import csr_matrix, diags, kron
+from scipy.sparse.linalg import splu
+
+from skfem_stvk import System
+from skfem_stvk.dynamics import EnergyMomentum, simulate
+from skfem_stvk.dynamics.critical_step import critical_step
+from skfem_stvk.edges import Assembly, EdgeForm
+
+from ..statics.study import Study
+from .scenes import Array, cantilever
+
+#: Steps in critical ones, and how many are made.
+TIMES, STEPS = (1, 10, 30, 100), 30
+RTOL, MOST = 1e-10, 60
+#: Solvers of the package that are timed; the exact tangent needs the first.
+SOLVERS = ("superlu", "block-jacobi-cg")
+#: Up to so many critical steps the claim is made; beyond, the symmetric tangent converges slowly.
+USUAL = 30
+
+
+class Exact:
+    """Steps of energy and momentum by Newton's method with either tangent, on one elastic term and dead loads."""
+
+    def __init__(self, system: System, symmetric: bool) -> None:
+        self._system, self._symmetric = system, symmetric
+        (term,) = system.elastic_terms
+        assembly = term.bind(system.mesh)
+        assert isinstance(assembly, Assembly)
+        self._form: EdgeForm = assembly.form
+        self._free = np.setdiff1d(np.arange(system.ndofs), system.supports.held)
+        edges, ne = self._form.edges, self._form.edges.shape[1]
+        rows = np.tile(np.arange(ne), 2)
+        self._incidence = csr_matrix((np.repeat([1.0, -1.0], ne), (rows, edges.ravel())), shape=(ne, system.mesh.nv))
+        self._mass = np.repeat(system.mass().vertex, system.mesh.d)
+        self._load = system.external_force(np.zeros(system.ndofs))
+        self.iterations = 0
+
+    def step(self, u0: Array, v0: Array, h: float) -> tuple[Array, Array]:
+        """State after a step.
+
+        Raises
+        ------
+        RuntimeError
+            if Newton's method does not converge.
+        """
+        w = np.zeros_like(u0)
+        w[self._free] = h * v0[self._free]
+        for _ in range(MOST):
+            force = np.zeros_like(u0)
+            self._system.add_mean_force(u0, u0 + w, force)
+            parts = 2 / h**2 * self._mass * w, -2 / h * self._mass * v0, force, -self._load
+            residual = np.sum(parts, axis=0)[self._free]
+            if np.linalg.norm(residual) <= RTOL * sum(np.linalg.norm(part[self._free]) for part in parts):
+                return u0 + w, 2 * w / h - v0
+            K = diags(2 / h**2 * self._mass) + self.tangent(u0, u0 + w)
+            w[self._free] -= splu(K.tocsr()[np.ix_(self._free, self._free)].tocsc()).solve(residual)
+            self.iterations += 1
+        raise RuntimeError(f"Newton's method did not converge in {MOST} iterations.")
+
+    def tangent(self, u0: Array, u1: Array) -> csr_matrix:
+        """(ndofs, ndofs) of the force of the step [N/m]."""
+        form, d = self._form, self._system.mesh.d
+        x0, x1 = u0.reshape(-1, d), u1.reshape(-1, d)
+        middle = (x0 + x1) / 2
+        if self._symmetric:
+            return csr_matrix(self._system.tangent(middle.ravel()) / 2)
+        t = form.L @ (form.squared_elongations(x0) + form.squared_elongations(x1)) / 2
+        laplacian = self._incidence.T @ diags(t) @ self._incidence
+        return csr_matrix(self._vectors(middle).T @ form.L @ self._vectors(x1) + kron(laplacian, np.eye(d)) / 2)
+
+    def _vectors(self, x: Array) -> csr_matrix:
+        """G, (ne, ndofs)."""
+        p, d = self._form.P + self._form.differences(x), self._system.mesh.d
+        by_component = kron(self._incidence, np.ones((1, d))).tocsr()
+        return csr_matrix(by_component.multiply(np.tile(p, (1, self._system.mesh.nv))))
+
+
+class Finding(NamedTuple):
+    """A step in critical ones [s]; iterations a step with the exact and the symmetric tangent, and of the package; its times by solver [ms a step]."""
+
+    times: float
+    dt: float
+    exact: float
+    symmetric: float
+    package: float
+    milliseconds: dict[str, float]
+
+    @property
+    def with_exact(self) -> float:
+        """What a step with the exact tangent would take [ms], if an iteration took as long as with the symmetric one."""
+        return self.exact / self.package * self.milliseconds[SOLVERS[0]]
+
+
+def tangents(quick: bool = False, folder: Path | None = None) -> Sequence[Study]:
+    """energy-momentum's symmetric tangent needs hardly more iterations than the exact, unsymmetric one, and less time"""
+    system = cantilever(2 if quick else 4)
+    critical = critical_step(system).step
+    found = [_finding(system, times, times * critical) for times in (TIMES[:3:2] if quick else TIMES)]
+    rows = [
+        (
+            f"{one.times:g}",
+            f"{1e3 * one.dt:.3g}",
+            f"{one.exact:.2f}",
+            f"{one.symmetric:.2f}",
+            f"{one.package:.2f}",
+            f"{one.with_exact:.1f}",
+            *(f"{one.milliseconds[solver]:.1f}" for solver in SOLVERS),
+        )
+        for one in found
+    ]
+    failures = [
+        f"{one.times:g} times the critical step: {one.milliseconds[SOLVERS[1]]:.1f} ms a step, exact {one.with_exact:.1f} ms"
+        for one in found
+        if one.times <= USUAL and not one.milliseconds[SOLVERS[1]] <= one.with_exact
+    ]
+    return (
+        Study(
+            "Tangents of energy and momentum",
+            f"up to {USUAL} critical steps the symmetric tangent with conjugate gradients takes less time a step than the exact one, for which there is LU alone",
+            (
+                "dt/critical",
+                "dt in ms",
+                "iterations: exact",
+                "symmetric",
+                "package",
+                "ms a step: exact, LU",
+                "package, LU",
+                "package, CG",
+            ),
+            tuple(rows),
+            tuple(failures),
+            (
+                f"{system!r}, let go under its weight, {STEPS} steps, rtol = {RTOL:g}",
+                "the exact one's time: its iterations at the package's time for one with LU, as if its unsymmetric matrix cost no more; CG cannot solve with it",
+            ),
+        ),
+    )
+
+
+def _finding(system: System, times: float, dt: float) -> Finding:
+    exact, symmetric = (_iterations(system, dt, symmetric) for symmetric in (False, True))
+    milliseconds, package = {}, 0.0
+    for solver in SOLVERS:
+        integrator = EnergyMomentum(dt=dt, rtol=RTOL, solver=solver)
+        begin = perf_counter()
+        run = simulate(system, integrator, until=STEPS * dt, quiet=True)
+        milliseconds[solver] = 1e3 * (perf_counter() - begin) / STEPS
+        package = run.iterations / STEPS if solver == "superlu" else package
+    return Finding(times, dt, exact, symmetric, package, milliseconds)
+
+
+def _iterations(system: System, dt: float, symmetric: bool) -> float:
+    """Newton's iterations a step; NaN if it fails, which the package would help by a line search or a smaller step."""
+    exact, u, v = Exact(system, symmetric), np.zeros(system.ndofs), np.zeros(system.ndofs)
+    try:
+        for _ in range(STEPS):
+            u, v = exact.step(u, v, dt)
+    except RuntimeError:
+        return float("nan")
+    return exact.iterations / STEPS

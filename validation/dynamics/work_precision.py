@@ -1,0 +1,200 @@
+"""Error against wall time of all integrators, and of all tangents of the implicit ones, on two scenes.
+
+A stiff, slender beam swings in space, by about a third of its length; a soft block spins and vibrates in free flight. The truth of both is velocity Verlet, extrapolated
+from an eighth and a sixteenth of the critical step; errors are those of the displacements at the end.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from time import perf_counter
+from typing import Any, NamedTuple
+
+import numpy as np
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.ticker import NullFormatter
+
+from skfem_stvk import Gravity, System, solve_static
+from skfem_stvk.dynamics import (
+    BackwardEuler,
+    EnergyMomentum,
+    ForwardEuler,
+    GeneralizedAlpha,
+    Integrator,
+    LinearBackwardEuler,
+    Newmark,
+    VelocityVerlet,
+    simulate,
+)
+from skfem_stvk.dynamics.critical_step import critical_step
+from skfem_stvk.dynamics.tangents import Tangent
+
+from ..statics.study import Study
+from .flight import first_velocities
+from .scenes import COLOURS, Array, block, cantilever, expected
+
+EXPLICIT = (ForwardEuler, VelocityVerlet)
+IMPLICIT = (LinearBackwardEuler, BackwardEuler, Newmark, GeneralizedAlpha, EnergyMomentum)
+#: Of the lines of tangents other than the exact one.
+MARKS = {"clamped": "s", "gauss-newton": "^", "diagonal": "x", "rest": "v"}
+#: Parts of the critical step, for explicit integrators.
+PARTS = (0.9, 0.45, 0.225)
+#: Steps of implicit integrators [s].
+BEAM_STEPS: tuple[float, ...] = 0.01, 0.005, 0.0025, 0.00125, 0.000625
+BLOCK_STEPS: tuple[float, ...] = 0.02, 0.01, 0.005, 0.0025, 0.00125
+#: Beyond the exact tangent, of these.
+OF_ALL_TANGENTS = (LinearBackwardEuler, EnergyMomentum)
+#: How many of the steps tangents other than the exact one are tried with, from the smallest on.
+OTHERS = 3
+GOALS = (0.1, 0.01)
+#: Integrators of second order with the exact tangent have come this close to the truth with the smallest step.
+CLOSE = 0.02
+
+
+class Scene(NamedTuple):
+    """A body, its first displacements [m] and velocities [m/s] (ndofs,), the end [s], and the steps of implicit integrators [s]."""
+
+    name: str
+    system: System
+    u0: Array
+    v0: Array
+    until: float
+    steps: tuple[float, ...]
+
+
+class Point(NamedTuple):
+    """An integrator that reached the end or did not (NaN)."""
+
+    integrator: Integrator
+    error: float
+    seconds: float
+
+
+def work_precision(quick: bool = False, folder: Path | None = None) -> Sequence[Study]:
+    """error against wall time for all integrators and tangents on two scenes"""
+    scenes = _scenes(quick)
+    found = {scene.name: _points(scene, quick) for scene in scenes}
+    pictures = () if folder is None else (_picture(found, folder),)
+    return [_study(scene, found[scene.name], pictures if scene is scenes[-1] else ()) for scene in scenes]
+
+
+def _scenes(quick: bool) -> list[Scene]:
+    beam, soft = cantilever(1 if quick else 2, length=1.0, thick=0.1, young=1e8), block(2 if quick else 4, (0.4, 0.1, 0.15))
+    swing, stretched = beam.mesh.p[0][:, None] ** 2 * np.array([0.0, 10.0, -5.0]), 0.1 * soft.mesh.p.T * np.array([1.0, 0.0, 0.0])
+    pulled = System(beam.mesh, [beam.terms[0], Gravity((0.0, 0.0, -50.0))], fixed={lambda x: x[0] == 0: "xyz"})
+    beam_until, block_until, chosen = (0.05, 0.05, slice(-2, None)) if quick else (0.1, 0.3, slice(None))
+    return [
+        Scene("stiff beam", beam, solve_static(pulled, quiet=True).u, swing.ravel(), beam_until, BEAM_STEPS[chosen]),
+        Scene("soft block", soft, stretched.ravel(), first_velocities(soft), block_until, BLOCK_STEPS[chosen]),
+    ]
+
+
+def _points(scene: Scene, quick: bool) -> dict[tuple[str, str], list[Point]]:
+    """By integrator and tangent, which is empty for explicit ones."""
+    critical = critical_step(scene.system).step
+    truth = _truth(scene, critical)
+    found = {(one.__name__, ""): [_point(scene, one(dt=part * critical), truth) for part in PARTS] for one in EXPLICIT}
+    for one in IMPLICIT:
+        for tangent in _tangents(one, quick):
+            steps = scene.steps if tangent == Tangent.EXACT.value else scene.steps[-OTHERS:]
+            found[one.__name__, tangent] = [_point(scene, one(dt=dt, **_options(one, tangent)), truth) for dt in steps]
+    return found
+
+
+def _truth(scene: Scene, critical: float) -> Array:
+    """Displacements (ndofs,) at the end."""
+    coarse, fine = (scene.until / (n * np.ceil(scene.until / critical)) for n in (8, 16))
+    u, v = (
+        simulate(scene.system, VelocityVerlet(dt=dt), until=scene.until, u0=scene.u0, v0=scene.v0, quiet=True).u
+        for dt in (coarse, fine)
+    )
+    return (4 * v - u) / 3
+
+
+def _tangents(kind: type[Any], quick: bool) -> list[str]:
+    """All of them for the overview's integrator and for energy-momentum; the exact one of the others."""
+    several = kind in OF_ALL_TANGENTS and not quick
+    return [one.value for one in Tangent] if several else [Tangent.EXACT.value]
+
+
+def _options(kind: type[Any], tangent: str) -> dict[str, Any]:
+    """Solves as exact as is needed here; eq. 9 with its own tolerance."""
+    return {"tangent": tangent} | ({} if kind is LinearBackwardEuler else {"rtol": 1e-6})
+
+
+def _point(scene: Scene, integrator: Integrator, truth: Array) -> Point:
+    begin = perf_counter()
+    with expected():
+        run = simulate(scene.system, integrator, until=scene.until, u0=scene.u0, v0=scene.v0, quiet=True, raise_on_failure=False)
+    seconds = perf_counter() - begin
+    return Point(integrator, _error(run.u, truth) if run.success else float("nan"), seconds)
+
+
+def _error(u: Array, truth: Array) -> float:
+    return float(np.linalg.norm(u - truth) / np.linalg.norm(truth))
+
+
+def seconds_to_reach(goal: float, points: Sequence[Point]) -> float:
+    """Time for an error of `goal`, on the straight lines through neighbours on logarithmic scales; NaN outside of them."""
+    good = sorted((point.error, point.seconds) for point in points if point.error < np.inf)
+    if not good or not good[0][0] <= goal <= good[-1][0]:
+        return float("nan")
+    errors, seconds = np.log(np.array(good)).T
+    return float(np.exp(np.interp(np.log(goal), errors, seconds)))
+
+
+def _study(scene: Scene, found: dict[tuple[str, str], list[Point]], pictures: tuple[Path, ...]) -> Study:
+    rows = [_row(*name, points) for name, points in found.items()]
+    failures = [
+        f"{name}: {points[-1].error:.1e} from the truth"
+        for (name, tangent), points in found.items()
+        if tangent in ("", Tangent.EXACT.value) and points[-1].integrator.order == 2 and not points[-1].error <= CLOSE
+    ]
+    return Study(
+        f"Work and precision: {scene.name}",
+        f"second-order integrators come within {CLOSE:.0%} of the truth",
+        ("integrator", "tangent", "dt in ms", "error", "seconds", *(f"s for {goal:.0%}" for goal in GOALS)),
+        tuple(rows),
+        tuple(failures),
+        (
+            f"{scene.system!r}, {scene.until:g} s; from the largest step to the smallest; implicit ones with rtol = 1e-6, eq. 9 with CG and rtol = 1e-4",
+        ),
+        pictures,
+    )
+
+
+def _row(name: str, tangent: str, points: Sequence[Point]) -> tuple[str, ...]:
+    steps = " ".join(f"{1e3 * float(point.integrator.dt or 0):.3g}" for point in points)
+    errors = " ".join("fails" if np.isnan(point.error) else f"{point.error:.0e}" for point in points)
+    seconds = " ".join(f"{point.seconds:.2g}" for point in points)
+    goals = (seconds_to_reach(goal, points) for goal in GOALS)
+    return name, tangent, steps, errors, seconds, *("" if np.isnan(time) else f"{time:.2g}" for time in goals)
+
+
+def _picture(found: dict[str, dict[tuple[str, str], list[Point]]], folder: Path) -> Path:
+    """A panel for each scene; tangents other than the exact one are dashed."""
+    figure = Figure(figsize=(9, 4.2), layout="constrained")
+    names = [one.__name__ for one in (*EXPLICIT, *IMPLICIT)]
+    for axes, (scene, several) in zip(figure.subplots(1, len(found)), found.items(), strict=True):
+        for (name, tangent), points in several.items():
+            first = tangent in ("", Tangent.EXACT.value)
+            style = (
+                {"lw": 1.5, "ls": "-", "marker": "o", "ms": 4}
+                if first
+                else {"lw": 0.9, "ls": "--", "marker": MARKS[tangent], "ms": 4}
+            )
+            label = name if first else None
+            axes.loglog(
+                [p.seconds for p in points], [p.error for p in points], color=COLOURS[names.index(name)], label=label, **style
+            )
+        axes.set(xlabel="wall time [s]", ylabel="error of the displacements at the end", title=scene)
+        axes.grid(True, alpha=0.3)
+        axes.xaxis.set_minor_formatter(NullFormatter())
+    figure.axes[0].legend(fontsize=7)
+    dashed = [Line2D([], [], color="#666666", ls="--", lw=0.9, marker=mark, ms=4, label=tangent) for tangent, mark in MARKS.items()]
+    figure.axes[1].legend(handles=dashed, title="other tangents", fontsize=7, title_fontsize=7)
+    path = folder / "dynamics-work-precision.png"
+    figure.savefig(path, dpi=100)
+    return path

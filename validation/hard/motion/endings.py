@@ -1,0 +1,52 @@
+"""Right endings: by tiny steps of Verlet, a rigid body's, a state of rest, or that there is none."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from skfem_stvk import System
+
+from ..case import Array
+from ..truths import Make
+from .scene import Ending
+from .verlet import followed, total_energy
+
+#: Of displacements, as a part of the largest; of the energy, as a part of the most: for steps that a user would take.
+LIMIT = 0.1
+
+
+def none(when: float) -> Ending:
+    """The material gives way: St. Venant-Kirchhoff does not resist what turns it inside out."""
+    return Ending(f"none: in tiny steps of Verlet, by scikit-fem, elements turn inside out at {when:.2f} s", None)
+
+
+def tiny_steps(make: Make, until: float, steps: int, volume: bool = False) -> Ending:
+    """Velocity Verlet in so many steps, by scikit-fem's forces where there is no volume term."""
+
+    def error(system: System, u: Array) -> float:
+        right = followed(make, volume, until, steps)
+        return float(np.sqrt(((u - right.u) ** 2).mean())) / right.size
+
+    def energy(system: System, u: Array, v: Array) -> float:
+        right = followed(make, volume, until, steps)
+        return (total_energy(make(), volume, u, v) - right.energy) / right.most
+
+    return Ending(f"{steps} steps of Verlet" + (", own forces" if volume else ", scikit-fem"), error, LIMIT, energy=energy)
+
+
+def state(
+    source: str, make: Make, expected: Callable[[System], Array], energy: float | None = None, limit: float = LIMIT
+) -> Ending:
+    """Displacements (ndofs,) that come from elsewhere; the energy in the end [J] if it is known."""
+
+    def error(system: System, u: Array) -> float:
+        right = expected(system)
+        return float(np.sqrt(((u - right) ** 2).mean() / (right**2).mean()))
+
+    def excess(system: System, u: Array, v: Array) -> float:
+        assert energy is not None
+        return (total_energy(make(), False, u, v) - energy) / energy
+
+    return Ending(source, error, limit, energy=None if energy is None else excess)

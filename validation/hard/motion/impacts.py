@@ -1,0 +1,56 @@
+"""Blocks that hit the ground, and blocks that are crushed."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+
+from skfem_stvk import Gravity
+
+from .. import meshes
+from ..case import Array, Body
+from ..truths import Make
+from . import endings
+from .scene import Scene
+
+YOUNG, POISSON, DENSITY = 1e5, 0.3, 1e3
+UNTIL, TINY = 0.5, 500
+#: The plate is down and up again after this time [s].
+CRUSHED = 0.4
+
+
+def impacts() -> list[Scene]:
+    return [
+        _scene("drop a block from 0.2 m", partial(_dropped, 2.0), 60, 0.16),
+        replace(_scene("drop a block from 1 m", partial(_dropped, 4.43), 120, 0.06), quick=False),
+        _scene("crush a block by 25 % and back in 0.4 s", partial(_crushed, 0.25), 60),
+        _scene("crush a block by 60 % and back in 0.4 s", partial(_crushed, 0.6), 120, 0.13),
+    ]
+
+
+def _scene(name: str, make: Make, steps: int, turned: float | None = None) -> Scene:
+    """`turned`: when elements turn inside out where no volume term resists."""
+    truth = endings.tiny_steps(make, UNTIL, TINY) if turned is None else endings.none(turned)
+    with_volume = endings.tiny_steps(make, UNTIL, TINY, volume=True)
+    return Scene(name, make, steps, truth=truth, with_volume=with_volume, until=UNTIL)
+
+
+def _dropped(speed: float) -> Body:
+    """A cube as it hits the ground at this speed [m/s], where its foot stays."""
+    mesh = meshes.bar(1.0, 4)
+    v0 = np.where(mesh.p[2] > 0, -speed, 0.0)[:, None] * [0.0, 0.0, 1.0]
+    weight = Gravity(g=(0, 0, -9.81))
+    return Body(mesh, YOUNG, POISSON, (weight,), {lambda x: x[2] == 0: "xyz"}, density=DENSITY, v0=v0.ravel())
+
+
+def _crushed(by: float) -> Body:
+    """A cube between two plates, of which one goes down by this part of its height and comes back."""
+    plate = {"x": 0.0, "y": 0.0, "z": partial(_down, by)}
+    mesh = meshes.bar(1.0, 4)
+    return Body(mesh, YOUNG, POISSON, fixed={lambda x: x[2] == 0: "xyz"}, prescribed={lambda x: x[2] == 1: plate}, density=DENSITY)
+
+
+def _down(by: float, x: Array, t: float) -> Array:
+    return np.full(x.shape[1], -by * np.sin(np.pi * np.clip(t / CRUSHED, 0, 1)) ** 2)

@@ -1,0 +1,105 @@
+"""Runs of very many steps: nothing grows but the ledger."""
+
+from __future__ import annotations
+
+import os
+import tracemalloc
+from collections.abc import Callable
+from pathlib import Path
+from time import perf_counter
+from typing import Any, NamedTuple
+
+from skfem_stvk import Gravity, StVK, System
+from skfem_stvk.dynamics import EnergyMomentum, ForwardEuler, Integrator, LinearBackwardEuler, simulate
+from skfem_stvk.dynamics.integrators.integrator import Stepper
+from skfem_stvk.dynamics.motion import Motion
+from skfem_stvk.dynamics.state import State
+
+from .. import meshes
+
+#: Part of the steps after which memory is looked at first; what Python may hold in the end that it did not then, besides the ledger [bytes].
+WARM, MOST = 0.2, 1e5
+#: Of the energy that there is: what may have gone or come from nowhere; linearised backward Euler loses it by its nature.
+ENERGY, DISSIPATES = 0.05, ("LinearBackwardEuler",)
+DT = 5e-4
+#: Integrators, steps of the quick table and of the whole one.
+LONG: tuple[tuple[Integrator, int, int], ...] = (
+    (ForwardEuler(dt=DT), 20_000, 1_000_000),
+    (EnergyMomentum(dt=10 * DT), 400, 20_000),
+    (LinearBackwardEuler(dt=DT), 2_000, 100_000),
+)
+
+
+class Growth(NamedTuple):
+    """What a long run took.
+
+    Attributes
+    ----------
+    ledger, other, process : memory that the ledger's rows take, what Python holds besides that it did not after `WARM` of the steps, and
+        by how much the process grew since then, with all that allocators keep [bytes].
+    energy : closure error in the end, as a part of the largest strain energy.
+    """
+
+    name: str
+    steps: int
+    seconds: float
+    ledger: float
+    other: float
+    process: float
+    energy: float
+
+    @property
+    def holds(self) -> bool:
+        """Whether nothing grew but the ledger, and the energy is where it belongs."""
+        return self.other <= MOST and (abs(self.energy) <= ENERGY or self.name in DISSIPATES)
+
+
+class Watched:
+    """An integrator at work, which looks at the memory once, when a time [s] has come."""
+
+    def __init__(self, stepper: Stepper, when: float) -> None:
+        self._stepper, self._when, self.before, self.process = stepper, when, 0.0, 0.0
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._stepper, name)
+
+    def step(self, state: State, t: float) -> None:
+        self._stepper.step(state, t)
+        if t >= self._when:
+            self._when, self.before, self.process = float("inf"), held(), resident()
+
+
+def held() -> float:
+    """What Python holds since tracing began, but for ledgers [bytes]."""
+    snapshot = tracemalloc.take_snapshot().filter_traces(
+        [tracemalloc.Filter(False, "*ledger.py"), tracemalloc.Filter(False, tracemalloc.__file__)]
+    )
+    return float(sum(trace.size for trace in snapshot.traces))
+
+
+def resident() -> float:
+    """Memory of this process that is in use [bytes]; 0 where the system has no such file."""
+    file = Path("/proc/self/statm")
+    return float(file.read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE") if file.exists() else 0.0
+
+
+def grown(integrator: Integrator, steps: int, watched: Callable[[Stepper, float], Watched] = Watched) -> Growth:
+    """A small cantilever that swings for so many steps."""
+    assert integrator.dt is not None
+    until, made = steps * integrator.dt, []
+
+    def stepper(motion: Motion) -> Watched:
+        made.append(watched(type(integrator).stepper(integrator, motion), WARM * until))
+        return made[0]
+
+    observed = type(integrator)(dt=integrator.dt)
+    object.__setattr__(observed, "stepper", stepper)
+    material = StVK(young=1e5, poisson=0.3, density=1e3)
+    system = System(meshes.bar(2.0, 1), [material, Gravity(g=(0, 0, -0.3))], fixed={lambda x: x[0] == 0: "xyz"})
+    begin = perf_counter()
+    tracemalloc.start()
+    run = simulate(system, observed, until=until, quiet=True)
+    seconds, other, process = perf_counter() - begin, held() - made[0].before, resident() - made[0].process
+    tracemalloc.stop()
+    closure, most = run.ledger["closure_error"][-1], run.ledger["strain_energy"].max()
+    return Growth(integrator.name, steps, seconds, run.ledger.rows().nbytes, other, process, float(closure / most))

@@ -1,0 +1,65 @@
+"""Bodies that are let go: stretched, pressed flat, under their weight; and a whip."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+
+from skfem_stvk import Gravity, SimplexMesh
+
+from .. import meshes
+from ..case import Array, Body
+from ..truths import Make
+from . import endings
+from .scene import Scene
+
+YOUNG, POISSON, DENSITY = 1e5, 0.3, 1e3
+#: The whip's Young's modulus [Pa], the angle that its handle swings by and comes back, and the time that it takes for that [s].
+LASH, ANGLE, STROKE = 1e7, 1.0, 0.25
+
+
+def released() -> list[Scene]:
+    stretched, flat = partial(_let_go, 3.0, 3, (1.3, 0.9, 0.9)), partial(_let_go, 1.0, 4, (1.2, 1.2, 0.6))
+    return [
+        _scene("stretch a bar by 30 % and let go", stretched, 0.5, 60, 500, 0.29),
+        replace(_scene("press a block flat by 40 % and let go", flat, 0.5, 120, 1000, 0.21), quick=False),
+        _scene("let a bar swing, in steps of 1/30 s", _swinging, 1.0, 30, 500),
+        _scene("crack a whip", _whip, 0.3, 72, 3000),
+    ]
+
+
+def _scene(name: str, make: Make, until: float, steps: int, tiny: int, turned: float | None = None) -> Scene:
+    """`turned`: when elements turn inside out where no volume term resists."""
+    truth = endings.tiny_steps(make, until, tiny) if turned is None else endings.none(turned)
+    with_volume = endings.tiny_steps(make, until, tiny, volume=True)
+    return Scene(name, make, steps, truth=truth, with_volume=with_volume, until=until)
+
+
+def _let_go(length: float, n: int, stretches: tuple[float, float, float]) -> Body:
+    """A free bar that starts from rest, stretched along the axes."""
+    mesh = meshes.bar(length, n)
+    u0 = (np.diag(stretches) - np.eye(3)) @ mesh.p
+    return Body(mesh, YOUNG, POISSON, u0=u0.ravel("F"), density=DENSITY)
+
+
+def _swinging() -> Body:
+    """A soft cantilever whose weight begins to act."""
+    weight = Gravity(g=(0, 0, -9.81))
+    return Body(meshes.bar(3.0, 3), 1e6, POISSON, (weight,), {lambda x: x[0] == 0: "xyz"}, density=DENSITY)
+
+
+def _whip() -> Body:
+    """A bar that tapers from 8 cm to 2 cm over 1 m, its handle turned about an axis across."""
+    across = np.linspace(-0.5, 0.5, 2)
+    straight = meshes.box([np.linspace(0, 1, 21), across, across])
+    p = straight.p.copy()
+    p[1:] *= 0.08 * (1 - 0.75 * p[0])
+    return Body(SimplexMesh(p, straight.t), LASH, POISSON, prescribed={lambda x: x[0] < 0.051: _swung}, density=DENSITY)
+
+
+def _swung(x: Array, t: float) -> Array:
+    angle = ANGLE * np.sin(np.pi * np.clip(t / STROKE, 0, 1)) ** 2
+    c, s = np.cos(angle), np.sin(angle)
+    return np.stack([(c - 1) * x[0] - s * x[2], 0 * x[1], s * x[0] + (c - 1) * x[2]])

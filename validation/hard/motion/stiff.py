@@ -1,0 +1,77 @@
+"""Steps of 1/30 s, however stiff: 1e9 Pa among 1e2 Pa, and a block thrown."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+from scipy.integrate import solve_ivp
+
+from skfem_stvk import SimplexMesh, System
+
+from .. import meshes
+from ..case import Array, Body
+from . import endings
+from .scene import Scene
+from .verlet import masses, total_energy
+
+STIFF, SOFT, FOAM = 1e9, 1e2, 40.0
+#: As stiff as can be followed in tiny steps, and so much stiffer than what is soft that it is rigid as well.
+RIGID = 1e5
+#: Of the thrown block [1/s]: about the axis of its middle inertia, and a little about the others.
+SPIN = np.array([0.3, 6.0, 0.3])
+THROWN = 2.0
+
+
+def stiff() -> list[Scene]:
+    return [_kick(), _flip()]
+
+
+def _kick() -> Scene:
+    followed = (endings.tiny_steps(partial(_between, RIGID), 1.0, 1000, volume) for volume in (False, True))
+    truth, with_volume = (replace(ending, source=f"{ending.source}, the core of 1e5 Pa") for ending in followed)
+    name = "kick a core of 1e9 Pa between ends of 1e2 Pa, in steps of 1/30 s"
+    return Scene(name, partial(_between, STIFF), 30, truth=truth, with_volume=with_volume, until=1.0)
+
+
+def _between(stiff: float) -> Body:
+    """A bar, soft but for its middle third, which is kicked and spun; its ends are held."""
+    mesh = meshes.bar(3.0, 2)
+    young = np.where(np.abs(mesh.p[0, mesh.t].mean(axis=0) - 1.5) < 0.5, stiff, SOFT)
+    x = mesh.p.T - [1.5, 0.5, 0.5]
+    turning = np.cross([0.0, 1.0, 0.0], x)
+    v0 = np.where(np.abs(x[:, :1]) < 0.51, turning + np.array([0.0, 0.0, 1.0]), 0.0)
+    ends = {lambda x: (x[0] == 0) | (x[0] == 3): "xyz"}
+    return Body(mesh, young, 0.3, fixed=ends, density=FOAM, v0=v0.ravel())
+
+
+def _flip() -> Scene:
+    body = _spun()
+    energy = total_energy(body, False, np.zeros(3 * body.mesh.nv), np.asarray(body.v0))
+    truth = endings.state("a rigid body's, Euler's equations", _spun, _turned, energy)
+    name = "throw a block of 1e9 Pa that flips, in steps of 1/30 s"
+    return Scene(name, _spun, 60, truth=truth, with_volume=truth, until=THROWN)
+
+
+def _spun() -> Body:
+    """A block with three different moments of inertia, about its centre of mass."""
+    mesh = meshes.box([np.linspace(-0.5, 0.5, 5), np.linspace(-0.25, 0.25, 3), np.linspace(-0.1, 0.1, 2)])
+    mass = masses(Body(mesh, STIFF, 0.3, density=1e3))[::3]
+    centred = SimplexMesh(mesh.p - (mesh.p @ mass / mass.sum())[:, None], mesh.t)
+    return Body(centred, STIFF, 0.3, density=1e3, v0=np.cross(SPIN, centred.p.T).ravel())
+
+
+def _turned(system: System) -> Array:
+    """Displacements (ndofs,) in the end, by `R' = R [w]x`, `I w = R' L` with the angular momentum `L` that stays."""
+    body = _spun()
+    X, mass = body.mesh.p.T, masses(body)[::3]
+    inertia = np.einsum("v,vii->", mass, X[:, :, None] * X[:, None]) * np.eye(3) - np.einsum("v,vi,vj->ij", mass, X, X)
+    L = inertia @ SPIN
+
+    def rate(t: float, R: Array) -> Array:
+        w = np.linalg.solve(inertia, R.reshape(3, 3).T @ L)
+        return np.asarray(np.cross(R.reshape(3, 3), w)).ravel()
+
+    R = solve_ivp(rate, (0, THROWN), np.eye(3).ravel(), method="DOP853", rtol=1e-11, atol=1e-12).y[:, -1].reshape(3, 3)
+    return (X @ R.T - X).ravel()

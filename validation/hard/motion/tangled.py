@@ -1,0 +1,49 @@
+"""Starts that are inside out or tangled: what is damped comes to rest where it would be without."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import partial
+
+from skfem_stvk.dynamics import Rayleigh
+
+from .. import starts, truths
+from ..case import Body
+from ..tiny_steps import followed
+from . import endings
+from .scene import Ending, Scene
+
+UNTIL, LIMIT = 4.0, 0.05
+DAMPING = Rayleigh(alpha=5.0)
+
+
+def tangled() -> list[Scene]:
+    return [
+        _scene("start from random positions, damped", starts.random_positions, "eq. 9 + volume"),
+        _scene(
+            "start with elements inside out, damped",
+            starts.some_inside_out,
+            "eq. 9 + volume",
+            "backward Euler + volume",
+        ),
+    ]
+
+
+def _scene(name: str, u0: truths.Start, *right: str) -> Scene:
+    make = partial(_from, u0)
+    return Scene(
+        name, make, 120, truth=_at_rest(make, False), with_volume=_at_rest(make, True), until=UNTIL, damping=DAMPING, right=right
+    )
+
+
+def _at_rest(make: truths.Make, volume: bool) -> Ending:
+    source = "at rest: 20 steps of Newton" + (", own assembly" if volume else ", scikit-fem")
+    return endings.state(source, make, lambda system: followed(starts.bent, volume, 20), limit=LIMIT)
+
+
+def _from(u0: truths.Start) -> Body:
+    """The cantilever of the static cases; what is held starts where it is held."""
+    body = starts.bent()
+    u = u0(body.mesh)
+    u.reshape(-1, 3)[body.mesh.p[0] == 0] = 0.0
+    return replace(body, u0=u, density=1e3)

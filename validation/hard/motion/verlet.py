@@ -1,0 +1,100 @@
+"""Motions by an independent solve: velocity Verlet in tiny steps, with scikit-fem's forces, or the system's own where it has a volume term."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import lru_cache
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from skfem_stvk import System
+from skfem_stvk.reference import ReferenceStVK, isotropic_tensor
+from skfem_stvk.terms.load import Moment
+
+from ..case import Array, Body
+from ..judge import volume_ratios
+
+#: Every so many steps is looked at volumes and energies.
+EVERY = 10
+#: Prescribed displacements are differenced over this time for the first velocities [s].
+BRIEF = 1e-6
+
+
+class Motion(NamedTuple):
+    """How a motion went.
+
+    Attributes
+    ----------
+    u, v : (ndofs,) displacements [m] and velocities [m/s] in the end.
+    size : root mean square of the displacements where they were largest [m].
+    energy, most : kinetic, strain and potential energy in the end, and the most that kinetic and strain energy were together [J].
+    turned : when an element was first seen inside out [s]; infinity for never.
+    """
+
+    u: Array
+    v: Array
+    size: float
+    energy: float
+    most: float
+    turned: float
+
+
+class Elasticity(NamedTuple):
+    """Strain energy [J] and internal force [N] at displacements (ndofs,)."""
+
+    energy: Callable[[Array], float]
+    force: Callable[[Array], Any]
+
+
+def elasticity(body: Body, volume: bool) -> Elasticity:
+    """By scikit-fem; by the system itself where there is a volume term."""
+    if volume:
+        system = body.system(volume)
+        return Elasticity(system.energy, system.internal_force)
+    tensor = isotropic_tensor(body.young, body.poisson, body.mesh.k, condensed=False)
+    reference = ReferenceStVK(body.mesh.p, body.mesh.t, tensor)
+    return Elasticity(reference.energy, reference.internal_force)
+
+
+def masses(body: Body) -> Array:
+    """(ndofs,) lumped: a quarter of each tetrahedron to its vertices [kg]."""
+    x = body.mesh.p.T[body.mesh.t.T]
+    volumes = np.abs(np.linalg.det(x[:, 1:] - x[:, :1])) / 6
+    quarters = np.broadcast_to(body.density * volumes / 4, body.mesh.t.shape)
+    return np.repeat(np.bincount(body.mesh.t.ravel(), quarters.ravel(), body.mesh.nv), 3)
+
+
+def total_energy(body: Body, volume: bool, u: Array, v: Array) -> float:
+    """Kinetic and strain energy and the potential of constant loads [J]."""
+    loads = body.system(volume).external_force(np.zeros_like(u), Moment(0.0, 1.0))
+    return float(v @ (masses(body) * v) / 2 + elasticity(body, volume).energy(u) - loads @ u)
+
+
+@lru_cache(maxsize=32)
+def followed(make: Callable[[], Body], volume: bool, until: float, steps: int) -> Motion:
+    """The motion from the body's `u0` and `v0` until a time [s], in so many steps."""
+    body = make()
+    system, M, h = body.system(volume), masses(body), until / steps
+    elastic, held = elasticity(body, volume), system.supports.held
+    u, v = (np.zeros(system.ndofs) if given is None else given.copy() for given in (body.u0, body.v0))
+    v[held] = (_held(system, BRIEF) - _held(system, 0.0)) / BRIEF
+    a = (system.external_force(u, Moment(0.0, 1.0)) - elastic.force(u)) / M
+    size, most, turned = 0.0, 0.0, np.inf
+    for step in range(1, steps + 1):
+        t, before = step * h, u[held]
+        v += h / 2 * a
+        u += h * v
+        u[held] = _held(system, t)
+        a = (system.external_force(u, Moment(t, 1.0)) - elastic.force(u)) / M
+        v += h / 2 * a
+        v[held] = (u[held] - before) / h
+        size = max(size, float(np.sqrt((u**2).mean())))
+        if step % EVERY == 0:
+            most = max(most, float(v @ (M * v) / 2 + elastic.energy(u)))
+            turned = t if turned == np.inf and volume_ratios(system, u).min() <= 0 else turned
+    return Motion(u, v, size, total_energy(body, volume, u, v), most, turned)
+
+
+def _held(system: System, t: float) -> Array:
+    return np.asarray(system.supports.values(Moment(t, 1.0)))
