@@ -51,3 +51,33 @@ class Clock:
     def change(self, dt: float) -> None:
         """Steps of another length from here on."""
         self.start, self.dt, self.count = self.t, dt, 0
+
+
+#: The safe bound may move by this part from one look to the next, between which there are so many steps at first, at least and at most.
+MOVES, FIRST, FEWEST, MOST = 0.01, 10, 5, 200
+
+
+@dataclass
+class Looks:
+    """When explicit motions look at their critical step: often while it moves, seldom while it does not.
+
+    Attributes
+    ----------
+    next, interval : number of the step after which to look, and how many there are in between.
+    seen : the bound of the last look [s].
+    step, bound : the critical step when it was looked for last, and its bound [s].
+    """
+
+    next: int = FIRST
+    interval: int = FIRST
+    seen: float = 0.0
+    step: float = 0.0
+    bound: float = 0.0
+
+    def estimate(self, bound: float, steps: int) -> float:
+        """The critical step, if it has moved with its bound [s], after so many steps; says when to look next."""
+        moved = abs(bound / (self.seen or self.bound) - 1)
+        factor = min(max(MOVES / moved, 0.25), 2.0) if moved else 2.0
+        self.interval = int(min(max(factor * self.interval, FEWEST), MOST))
+        self.next, self.seen = steps + self.interval, bound
+        return self.step * (bound / self.bound)

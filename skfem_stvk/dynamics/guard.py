@@ -10,7 +10,7 @@ from .state import State
 #: A body has blown up with this many times more energy, from nowhere, than it had or was given.
 TOO_MUCH = 20.0
 #: Up to this part of it a state counts as good; every so many steps one is kept.
-GOOD, EVERY = 1.0, 10
+GOOD, EVERY = 1.0, 20
 COLUMNS = "kinetic_energy", "strain_energy", "potential_energy", "external_work", "dissipated_work", "closure_error"
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field, fields
 from typing import Any
 
 import numpy as np
@@ -15,7 +15,7 @@ from ..mesh.places import Where, vertices_at
 from ..system import System
 from ..terms import Load
 from . import checkpoint as checkpoints
-from .clock import Clock
+from .clock import Clock, Looks
 from .damping import Damping, EdgeDamping, Rayleigh
 from .integrators import INTEGRATORS, Integrator
 from .ledger import Ledger
@@ -60,7 +60,7 @@ class Plan:
     ----------
     ledger : of the run that is resumed.
     steps, cuts : made so far, and how many of them in parts.
-    bound : the safe bound of explicit steps when the critical one was looked for last [s].
+    looks : at the critical step.
     """
 
     motion: Motion
@@ -72,7 +72,7 @@ class Plan:
     ledger: Ledger | None = None
     steps: int = 0
     cuts: int = 0
-    bound: float = 0.0
+    looks: Looks = field(default_factory=Looks)
 
     @classmethod
     def new(
@@ -104,7 +104,7 @@ class Plan:
         state = State(about["t"], *(arrays.pop(name) for name in ("u", "v", "a", "reaction")))
         probes = {name: arrays.pop(f"probe {name}") for name in about["probes"]}
         kept = Outlets.checked(**(about["outlets"] | outlets))
-        return cls(motion, integrator, state, Clock(**about["clock"]), probes, kept, ledger, about["steps"], about["cuts"], about["bound"])
+        return cls(motion, integrator, state, Clock(**about["clock"]), probes, kept, ledger, about["steps"], about["cuts"], Looks(**about["looks"]))
 
     def packed(self) -> tuple[dict[str, Any], dict[str, Array]]:
         """What a checkpoint needs: what JSON can write, and arrays."""
@@ -124,7 +124,7 @@ class Plan:
             "clock": {"start": self.clock.start, "dt": self.clock.dt, "count": self.clock.count},
             "steps": self.steps,
             "cuts": self.cuts,
-            "bound": self.bound,
+            "looks": vars(self.looks),
         }
         own = {"u": state.u, "v": state.v, "a": state.a, "reaction": state.reaction}
         return about, own | {f"probe {name}": vertices for name, vertices in self.probes.items()}

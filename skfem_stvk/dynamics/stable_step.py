@@ -14,10 +14,11 @@ from .integrators import Explicit
 from .motion import Motion
 from .plan import Plan
 
-#: Part of the critical step that is taken by default; between the other two it is kept as the body deforms, which is looked at every so many steps.
-SAFETY, LEAST, MOST, EVERY = 0.9, 0.7, 0.95, 100
-#: While the bound, for the price of eight forces, stays within this part, the critical step is not looked for, for that of sixty.
-MOVED = 0.02
+#: Part of the critical step that is taken by default; between the other two it is kept as the body deforms.
+SAFETY, LEAST, MOST = 0.85, 0.7, 0.88
+#: While the bound, for the price of eight forces, is within this part of what it was, the critical step moves with it; else it is looked for, for
+#: that of sixty.
+MOVED = 0.04
 
 
 class StableStep:
@@ -51,19 +52,18 @@ class StableStep:
         StateError
             if K overflows.
         """
-        if self._largest is None or self._warned or self._plan.steps % EVERY:
+        looks = self._plan.looks
+        if self._largest is None or self._warned or self._plan.steps < looks.next:
             return
-        u, clock = self._plan.state.u, self._plan.clock
+        u, clock, given = self._plan.state.u, self._plan.clock, self._plan.integrator.dt is not None
         assert clock is not None
-        given, bound = self._plan.integrator.dt is not None, self._largest.bound(u)
-        if abs(bound - self._plan.bound) <= MOVED * self._plan.bound or (given and clock.dt <= bound):
-            return
-        self._last = self._largest.at(u)
-        self._plan.bound = self._last.bound
+        step = looks.estimate(self._largest.bound(u), self._plan.steps)
+        if abs(step / looks.step - 1) > MOVED or (given and clock.dt > step):
+            step = self._look().step
         if given:
             self._warn(clock.dt)
-        elif not LEAST * self._last.step <= clock.dt <= MOST * self._last.step:
-            clock.change(SAFETY * self._last.step)
+        elif not LEAST * step <= clock.dt <= MOST * step:
+            clock.change(SAFETY * step)
 
     def advice(self) -> str:
         """What to try after a motion has blown up."""
@@ -79,14 +79,19 @@ class StableStep:
         if self._largest is None:
             assert dt is not None
             return dt
-        self._last = self._largest.at(self._plan.state.u)
-        self._plan.bound = self._last.bound
+        last = self._look()
         if dt is not None:
             self._warn(dt)
             return dt
-        if not np.isfinite(self._last.step):
+        if not np.isfinite(last.step):
             raise StvkError("No time step came, and any is stable: nothing that moves has stiffness. Give one: dt=...")
-        return SAFETY * self._last.step
+        return SAFETY * last.step
+
+    def _look(self) -> CriticalStep:
+        assert self._largest is not None
+        self._last = self._largest.at(self._plan.state.u)
+        self._plan.looks.step, self._plan.looks.bound = self._last.step, self._last.bound
+        return self._last
 
     def _warn(self, dt: float) -> None:
         if self._last is not None and dt > self._last.step:

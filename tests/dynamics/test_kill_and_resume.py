@@ -148,8 +148,8 @@ def killed(name, folder, threads, moment, resume=False):
 
 @pytest.mark.parametrize(("name", "threads"), [("superlu", 1), ("two threads", 2)])
 def test_a_process_that_is_killed_at_a_random_moment_loses_nothing_that_was_written(folders, name, threads):
-    before = numba.get_num_threads()
-    numba.set_num_threads(min(threads, numba.config.NUMBA_NUM_THREADS))
+    before, threads = numba.get_num_threads(), min(threads, numba.config.NUMBA_NUM_THREADS)
+    numba.set_num_threads(threads)
     try:
         expected = whole(name, folders[0])
         moments = np.random.default_rng().uniform(0, 0.5, 2)

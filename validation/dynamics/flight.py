@@ -71,7 +71,7 @@ def _all(quick: bool, folder: Path | None) -> Study:
     return Study(
         "Free flight",
         f"what an integrator declares to keep, it keeps to {KEPT:g}",
-        ("integrator", "dt [ms]", "steps", *QUANTITIES, "declared", "seconds"),
+        ("integrator", "dt in ms", "steps", *QUANTITIES, "declared", "seconds"),
         tuple(map(_row, flights)),
         tuple(failure for one in flights for failure in _failures(one, KEPT)),
         (
@@ -94,7 +94,7 @@ def _long(steps: int) -> Study:
     return Study(
         "Free flight, energy and momentum",
         f"over {steps} steps energy and both momenta to {EXACT:g} with the centre of mass at rest at the origin, to {FAR:g} in flight",
-        ("EnergyMomentum", "dt [ms]", "steps", *QUANTITIES, "declared", "seconds"),
+        ("EnergyMomentum", "dt in ms", "steps", *QUANTITIES, "declared", "seconds"),
         tuple(rows),
         (*_failures(resting, EXACT), *far),
         (f"rtol = {ROUND_OFF:g}; far from the origin angular momentum about it is a small difference of large numbers",),

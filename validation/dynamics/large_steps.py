@@ -106,7 +106,7 @@ def _trial(tangent: str, times: float, critical: float, truth: Array, rest: Arra
 
 def _row(trial: Trial) -> tuple[str, ...]:
     run, steps = trial.run, trial.run.ledger.steps - 1
-    came_out = "bounded" if trial.bounded else "out of bounds" if run.success else f"{run.status.value} at {run.t:.3g} s"
+    came_out = "bounded" if trial.bounded else "out of bounds" if run.success else run.status.value
     error = "" if np.isnan(trial.error) else f"{trial.error:.1e}"
     numbers = f"{run.iterations / max(steps, 1):.1f}", error, f"{trial.distance:.1e}", f"{trial.lost:+.1%}"
     return trial.tangent, f"{trial.times:g}", f"{1e3 * run.dt:.3g}", str(steps), *numbers, came_out

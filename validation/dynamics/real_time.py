@@ -21,7 +21,7 @@ from .step_cost import explicit_cost, split
 from .swing import LENGTH, POISSON, PUSH, RTOL, SIDE, TANGENT, YOUNG, Timed, bar, eq9, on_threads, push, timed
 
 #: Cells across the bar: 12 n^3 tetrahedra.
-FEWEST, MOST = 2, 24
+FEWEST, MOST = 2, 18
 #: The quick version looks at one small bar, and forgives a busy machine a factor.
 QUICK, FORGIVEN = 4, 5.0
 STIFFNESSES, TOLERANCES, ACROSS = (1e4, 3e4, 1e5, 3e5, 1e6), (1e-2, 1e-3, 1e-4), 8
@@ -102,7 +102,7 @@ def _frames(n: int) -> Timed:
 def _real_time(quick: bool) -> Study:
     """The largest bars."""
     rows, failures = [], []
-    for threads in (1,) if quick else sorted({1, min(2, numba.config.NUMBA_NUM_THREADS)}):
+    for threads in (1,) if quick else sorted({1, min(2, numba.config.NUMBA_NUM_THREADS)}):  # type: ignore[attr-defined]
         with on_threads(threads):
             for pace in _paces():
                 row, wrong = pace.quick_row() if quick else pace.row(threads, pace.largest())

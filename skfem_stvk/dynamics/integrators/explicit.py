@@ -23,7 +23,7 @@ class Explicit(Integrator):
 
     Parameters
     ----------
-    dt : time step [s]; by default 0.9 of the critical one, found again as the body deforms.
+    dt : time step [s]; by default 0.85 of the critical one, found again as the body deforms.
     """
 
     explicit: ClassVar[bool] = True
