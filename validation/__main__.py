@@ -21,7 +21,12 @@ STUDIES = {
 }
 
 #: Parts of a study that `--only` picks.
-PARTS = {"statics": (*statics.NAMES, *statics.ON_DEMAND), "hard": hard.NAMES, "stability": stability.NAMES, "dynamics": dynamics.NAMES}
+PARTS = {
+    "statics": (*statics.NAMES, *statics.ON_DEMAND),
+    "hard": hard.NAMES,
+    "stability": stability.NAMES,
+    "dynamics": dynamics.NAMES,
+}
 
 
 def main() -> int:

@@ -104,7 +104,18 @@ class Plan:
         state = State(about["t"], *(arrays.pop(name) for name in ("u", "v", "a", "reaction")))
         probes = {name: arrays.pop(f"probe {name}") for name in about["probes"]}
         kept = Outlets.checked(**(about["outlets"] | outlets))
-        return cls(motion, integrator, state, Clock(**about["clock"]), probes, kept, ledger, about["steps"], about["cuts"], Looks(**about["looks"]))
+        return cls(
+            motion,
+            integrator,
+            state,
+            Clock(**about["clock"]),
+            probes,
+            kept,
+            ledger,
+            about["steps"],
+            about["cuts"],
+            Looks(**about["looks"]),
+        )
 
     def packed(self) -> tuple[dict[str, Any], dict[str, Array]]:
         """What a checkpoint needs: what JSON can write, and arrays."""

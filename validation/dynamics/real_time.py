@@ -17,6 +17,7 @@ from skfem_stvk.dynamics import VelocityVerlet, simulate
 
 from ..statics.study import Study
 from .against_mujoco import against_mujoco
+from .scenes import expected
 from .step_cost import explicit_cost, split
 from .swing import LENGTH, POISSON, PUSH, RTOL, SIDE, TANGENT, YOUNG, Timed, bar, eq9, on_threads, push, timed
 
@@ -27,6 +28,8 @@ QUICK, FORGIVEN = 4, 5.0
 STIFFNESSES, TOLERANCES, ACROSS = (1e4, 3e4, 1e5, 3e5, 1e6), (1e-2, 1e-3, 1e-4), 8
 #: What iterations that end early may change in the motion of the end of the bar.
 OFF = 0.01
+#: Tolerances by steps a second. At 1000 the inertia, which residuals are small against, is larger: 1e-3 would change the motion by 2 %.
+RTOLS = {60: RTOL, 1000: 1e-4}
 FRAME = 1 / 60
 
 
@@ -69,12 +72,14 @@ class Pace(NamedTuple):
         while high - low > 1:
             middle = (low + high) // 2
             low, high = (middle, high) if self.trial(middle).seconds <= self.seconds else (low, middle)
+        while low >= FEWEST and self.trial(low).seconds > self.seconds:  # once more, for what kept up by luck
+            low -= 1
         return low if low >= FEWEST else 0
 
 
 def speed(quick: bool = False, folder: Path | None = None) -> Sequence[Study]:
     """the largest bar in real time, what a step costs, iterations by stiffness, MuJoCo on the same bar"""
-    with on_threads(1):
+    with on_threads(1), expected():
         n = QUICK if quick else 12
         step = split(bar(n), eq9(60), push(n))
         return _real_time(quick), explicit_cost(quick), step, _iterations(quick), *against_mujoco(quick)
@@ -88,9 +93,9 @@ def _paces() -> tuple[Pace, ...]:
     )
 
 
-def _steps(rate: float, until: float, n: int) -> Timed:
+def _steps(rate: int, until: float, n: int) -> Timed:
     """Steps of `1/rate`."""
-    return timed(bar(n), eq9(rate), push(n), until)
+    return timed(bar(n), eq9(rate, RTOLS[rate]), push(n), until)
 
 
 def _frames(n: int) -> Timed:
@@ -119,35 +124,37 @@ def _real_time(quick: bool) -> Study:
         tuple(failures),
         (
             f"soft tissue, E = {YOUNG:g} Pa, nu = {POISSON:g}, {1e2 * LENGTH:g} x {1e2 * SIDE:g} x {1e2 * SIDE:g} cm, hanging, pushed by {PUSH:g} m/s",
-            f"eq. 9: LinearBackwardEuler(tangent='{TANGENT}', rtol={RTOL:g}), conjugate gradients on one thread in any case",
+            f"eq. 9: LinearBackwardEuler(tangent='{TANGENT}', rtol={RTOL:g}, at 1000 steps/s {RTOLS[1000]:g}), conjugate gradients on one thread in any case",
+            "with steps of 1 ms and less, which lose little energy, a few elements at the held corners turn inside out; that is let pass",
             "ms: a step, or a frame of 1/60 s of Verlet's own steps, of 12 n^3 tetrahedra with whole n",
         ),
     )
 
 
 def _iterations(quick: bool) -> Study:
-    """By stiffness and tolerance, and what they do to the motion."""
+    """By stiffness and tolerance, and what they do to the motion, at the paces that are claimed."""
     n, rows, failures = QUICK if quick else ACROSS, [], []
-    for young in STIFFNESSES[:2] if quick else STIFFNESSES:
+    for rate, young in [*((60, young) for young in (STIFFNESSES[:2] if quick else STIFFNESSES)), (1000, YOUNG)]:
         system, v = bar(n, young), push(n)
-        truth = simulate(system, eq9(60, 1e-10), until=1.0, v0=v, probes={"end": [0]}, quiet=True).ledger["end x"]
-        counts, errors = [], []
+        truth = simulate(system, eq9(rate, 1e-10), until=1.0, v0=v, probes={"end": [0]}, quiet=True).ledger["end x"]
+        counts, errors = [], {}
         for rtol in TOLERANCES:
-            run = simulate(system, eq9(60, rtol), until=1.0, v0=v, probes={"end": [0]}, quiet=True)
-            counts.append(run.iterations / 60)
-            errors.append(float(np.abs(run.ledger["end x"] - truth).max() / np.abs(truth).max()))
-        rows.append(
-            (f"{young:g}", f"{truth.max():.3f}", *(f"{count:.0f}" for count in counts), *(f"{error:.1e}" for error in errors))
-        )
-        if errors[1] > OFF:
-            failures.append(f"E = {young:g} Pa: rtol = {TOLERANCES[1]:g} changes the motion by {errors[1]:.1%}")
+            run = simulate(system, eq9(rate, rtol), until=1.0, v0=v, probes={"end": [0]}, quiet=True)
+            counts.append(run.iterations / rate)
+            errors[rtol] = float(np.abs(run.ledger["end x"] - truth).max() / np.abs(truth).max())
+        off = [f"{error:.1e}" for error in errors.values()]
+        rows.append((str(rate), f"{young:g}", f"{truth.max():.3f}", *(f"{count:.3g}" for count in counts), *off))
+        if errors[RTOLS[rate]] > OFF:
+            failures.append(
+                f"{rate} steps/s, E = {young:g} Pa: rtol = {RTOLS[rate]:g} changes the motion by {errors[RTOLS[rate]]:.1%}"
+            )
     return Study(
         "Iterations",
-        f"rtol = {TOLERANCES[1]:g} changes the motion by less than {OFF:.0%}",
-        ("E, Pa", "swing, m", *(f"rtol {rtol:g}" for rtol in TOLERANCES), *(f"off, {rtol:g}" for rtol in TOLERANCES)),
+        f"rtol = {RTOLS[60]:g} at 60 steps/s, {RTOLS[1000]:g} at 1000, changes the motion by less than {OFF:.0%}",
+        ("steps/s", "E, Pa", "swing, m", *(f"rtol {rtol:g}" for rtol in TOLERANCES), *(f"off, {rtol:g}" for rtol in TOLERANCES)),
         tuple(rows),
         tuple(failures),
         (
-            f"of conjugate gradients a step of 1/60 s, {12 * n**3} tetrahedra; 'off': largest distance of the bar's end from the motion with rtol = 1e-10, over its swing",
+            f"of conjugate gradients a step, {12 * n**3} tetrahedra, 1 s; 'off': largest distance of the bar's end from the motion with rtol = 1e-10, over its swing",
         ),
     )

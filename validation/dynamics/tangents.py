@@ -1,11 +1,12 @@
-"""The tangent of energy and momentum: the exact one, which is not symmetric, against `K(u(1/2))/2`, which the package takes.
+"""The tangent of energy and momentum: the exact one, which is not symmetric, against the symmetric one that the package takes.
 
 With `t = L (zeta_0 + zeta_1)/2` and G(u) (ne, ndofs) the matrix of `p_i(u) . (v_a - v_b)`, the force of the step is `f = G(u_mid)' t`, so that
 
     df/du_1 = G(u_mid)' L G(u_1) + 1/2 sum t_i (e_a - e_b)(e_a - e_b)'
-    K(u_mid)/2 = G(u_mid)' L G(u_mid) + 1/2 sum t_i(u_mid) (e_a - e_b)(e_a - e_b)'
+    symmetric = G(u_mid)' L G(u_mid) + 1/2 sum t_i(u_0) (e_a - e_b)(e_a - e_b)'
 
-The exact one is made here, of sparse matrices, to count iterations; nothing of it is in the package.
+The exact one is made here, of sparse matrices, to count iterations; nothing of it is in the package, which leaves out the tensions where an iteration
+does not halve the residual.
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ from scipy.sparse.linalg import splu
 from skfem_stvk import System
 from skfem_stvk.dynamics import EnergyMomentum, simulate
 from skfem_stvk.dynamics.critical_step import critical_step
-from skfem_stvk.edges import Assembly, EdgeForm
+from skfem_stvk.edges import ALL, NONE, Assembly, EdgeForm
 
 from ..statics.study import Study
 from .scenes import Array, cantilever
@@ -81,7 +82,8 @@ class Exact:
         x0, x1 = u0.reshape(-1, d), u1.reshape(-1, d)
         middle = (x0 + x1) / 2
         if self._symmetric:
-            return csr_matrix(self._system.tangent(middle.ravel()) / 2)
+            with_tensions, without = (self._system.jacobian(u0, kept=kept) for kept in (ALL, NONE))
+            return csr_matrix((self._system.jacobian(middle.ravel(), kept=NONE) + with_tensions - without) / 2)
         t = form.L @ (form.squared_elongations(x0) + form.squared_elongations(x1)) / 2
         laplacian = self._incidence.T @ diags(t) @ self._incidence
         return csr_matrix(self._vectors(middle).T @ form.L @ self._vectors(x1) + kron(laplacian, np.eye(d)) / 2)

@@ -27,7 +27,7 @@ class EnergyMomentum(Implicit):
     The work of this force over the step is `W1 - W` to round-off, and it has no torque about the middle: a free body keeps its energy and both
     momenta as well as the equation is solved. A `VolumePenalty` acts with its force at the middle: momenta are kept, its energy to O(T^2).
 
-    The tangent of the force is not symmetric; `K(u(1/2))/2` takes its place, which is.
+    The tangent of the force is not symmetric; half of `2 J'LJ` at the middle and of the tensions at the beginning takes its place, which is.
 
     Parameters
     ----------
