@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import ceil
+from math import ceil, isfinite, nan
 
 #: Part of a step by which the end may be missed and still be met.
 SLACK = 1e-6
@@ -66,6 +66,7 @@ class Looks:
     next, interval : number of the step after which to look, and how many there are in between.
     seen : the bound of the last look [s].
     step, bound : the critical step when it was looked for last, and its bound [s].
+    largest : what is taken by itself is not larger than this [s].
     """
 
     next: int = FIRST
@@ -73,9 +74,13 @@ class Looks:
     seen: float = 0.0
     step: float = 0.0
     bound: float = 0.0
+    largest: float = 0.0
 
     def estimate(self, bound: float, steps: int) -> float:
-        """The critical step, if it has moved with its bound [s], after so many steps; says when to look next."""
+        """The critical step, if it has moved with its bound [s], after so many steps, or NaN; says when to look next."""
+        if not (isfinite(bound) and isfinite(self.bound)):  # nothing has stiffness, for the moment
+            self.next, self.interval, self.seen = steps + FEWEST, FEWEST, 0.0
+            return nan
         moved = abs(bound / (self.seen or self.bound) - 1)
         factor = min(max(MOVES / moved, 0.25), 2.0) if moved else 2.0
         self.interval = int(min(max(factor * self.interval, FEWEST), MOST))

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..edges import ALL, Tensions
+from ..errors import StvkError
 from ..system import System, TangentOperator
 from .damping import Damping, damping_factors
 from .largest import bound_on_eigenvalues, largest_eigenvalue
@@ -159,6 +160,8 @@ def critical_step(system: System, u: ArrayLike | None = None, *, damping: Dampin
     >>> round(critical.step, 4), round(critical.bound, 3)
     (0.05, 0.05)
     """
+    if not isinstance(system, System):
+        raise StvkError(f"A {type(system).__name__} came; expected a System: System(mesh, terms, ...).")
     return LargestFrequency(system, damping).at(np.zeros(system.ndofs) if u is None else u)
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from .ledger import Ledger
-from .state import State
+from .plan import Plan
 
 #: A body has blown up with this many times more energy, from nowhere, than it had or was given.
 TOO_MUCH = 20.0
@@ -19,26 +19,25 @@ class Guard:
 
     Attributes
     ----------
-    good : the last state that was kept, and how many rows the ledger had then.
+    good : where the run was when that was kept.
     """
 
-    def __init__(self, ledger: Ledger, state: State) -> None:
-        self._ledger, self._columns = ledger, [ledger.names.index(name) for name in COLUMNS]
+    def __init__(self, ledger: Ledger, plan: Plan) -> None:
+        self._ledger, self._plan = ledger, plan
+        self._columns = [ledger.names.index(name) for name in COLUMNS]
         kinetic, strain, self._potential, *_ = ledger.rows()[0, self._columns]
         self._most, self._since = kinetic + strain, 0
-        self.good = state.copy(), ledger.steps
+        self.good = plan.snapshot(ledger.steps)
 
-    def blown_up(self, state: State) -> bool:
-        """Whether the last row tells of energy from nowhere."""
+    def blown_up(self, whole: bool) -> bool:
+        """Whether the last row tells of energy from nowhere, after a whole step or a shorter one."""
         kinetic, strain, potential, external, dissipated, excess = self._ledger.rows()[-1, self._columns].tolist()
         self._most = max(self._most, abs(potential - self._potential), abs(external), dissipated)
         if not np.isfinite(kinetic + strain + excess) or excess > TOO_MUCH * self._most > 0:
             return True
         self._since += 1
-        if self._since >= EVERY and excess <= GOOD * self._most:
-            kept = self.good[0]
-            kept.become(state)
-            self.good, self._since = (kept, self._ledger.steps), 0
+        if whole and self._since >= EVERY and excess <= GOOD * self._most:
+            self.good, self._since = self._plan.snapshot(self._ledger.steps), 0
         return False
 
 

@@ -8,6 +8,7 @@ from typing import Any
 from numpy.typing import NDArray
 
 from ..errors import StateError, StvkWarning, name_ids
+from ..terms import VolumePenalty
 from .books import Books
 from .guard import Guard, from_nowhere
 from .integrators import StepFailed
@@ -45,7 +46,7 @@ class Loop:
         self._limit = StableStep(plan)
         self._outputs = Outputs(plan, self._books.ledger, until)
         self._cutting = Cutting(self._stepper, self._books, plan.cuts)
-        self._guard = Guard(self._books.ledger, plan.state)
+        self._guard = Guard(self._books.ledger, plan)
         self._whole, self._fresh, self._turned, self._stepping = True, fresh, False, False
 
     def run(self, raise_on_failure: bool) -> Run:
@@ -63,13 +64,9 @@ class Loop:
             except StepFailed as error:
                 status, detail = Status.NOT_CONVERGED, str(error)
                 self._finish(status)
-            except (
-                KeyboardInterrupt,
-                Exception,
-            ) as error:  # a full disk, a load's function that fails: what there is so far is kept
+            except (KeyboardInterrupt, Exception) as error:  # a full disk, a load's function that fails: the run so far is kept
                 status, cause = Status.INTERRUPTED, error
-                if self._stepping and plan.integrator.explicit:  # which change the state as they go
-                    self._back()
+                detail = self._rescue(error)
         run = self._result(status, detail, cause)
         if isinstance(cause, KeyboardInterrupt):
             raise Interrupted(run)
@@ -89,18 +86,19 @@ class Loop:
                 self._cutting.advance(state, t)
                 self._stepping = False
                 self._books.enter(state, self._stepper.energy)
-                if self._guard.blown_up(state):
-                    return Status.BLEW_UP, "energy came from nowhere"
                 plan.steps, plan.cuts = plan.steps + 1, self._cutting.cuts
                 if self._whole:
                     clock.tick()
                     self._limit.review()
+                if self._guard.blown_up(self._whole):
+                    total = self._books.ledger["total_energy"][-1]
+                    return Status.BLEW_UP, f"energy came from nowhere, {total:.3g} J in all at t = {t:.6g} s"
             except StateError as error:
-                return Status.BLEW_UP, str(error)
+                return Status.BLEW_UP, str(error).rstrip(".")
             if self._whole:
                 self._outputs.step()
             self._look()
-            progress.step(plan.steps, plan.steps + clock.left(self._until))
+            progress.step(plan.steps, plan.steps + (clock.left(self._until) if self._whole else 0))
             if not self._whole:
                 break
         return Status.FINISHED, ""
@@ -110,21 +108,39 @@ class Loop:
         if status is Status.BLEW_UP:
             self._back()
             self._outputs.back()
-            self._whole = False
-        self._outputs.close(self._whole)
+        else:
+            self._outputs.close(self._whole)
+
+    def _rescue(self, error: BaseException) -> str:
+        """The last whole step is where an interrupted run ends; write a checkpoint of it, unless results can no more be written. What to do next."""
+        plan = self.plan
+        assert plan.clock is not None
+        halfway = self._stepping and plan.integrator.explicit  # these change the state as they go
+        if halfway or (self._whole and plan.state.t != plan.clock.t):
+            self._back()
+        if not self._whole or plan.outlets.checkpoint is None:
+            return ""
+        resume = f"resume={str(plan.outlets.checkpoint)!r}"
+        try:
+            if not isinstance(error, OSError):  # else a state may be missing from the series
+                self._outputs.checkpoint()
+                return f" {resume} goes on from there."
+        except OSError:
+            pass
+        return f" {resume} goes on from the last checkpoint."
 
     def _back(self) -> None:
-        good, _ = self._guard.good
-        self.plan.state.become(good)
+        """To the last good state."""
+        self.plan.restore(self._guard.good)
+        self._books.ledger.truncate(self._guard.good.rows)
+        self._whole = True
 
     def _look(self) -> None:
         """Where elements turn inside out, say so, once; the last state is looked at in any case."""
         plan = self.plan
         assert plan.clock is not None
         last = not self._whole or not plan.clock.left(self._until)
-        every = plan.outlets.every * (
-            2 if plan.integrator.explicit else 1
-        )  # costs half a force; small bodies turn and are back within 40 steps
+        every = (2 if plan.integrator.explicit else 1) * plan.outlets.every  # a look costs half a force, and bodies turn back soon
         if self._turned or (plan.steps % every and not last):
             return
         turned = plan.motion.system.inside_out(plan.state.u)
@@ -166,11 +182,15 @@ class Loop:
         if status is Status.BLEW_UP:
             return f"blew up soon after t = {t:.6g} s, the last good state: {detail}. {self._limit.advice()}"
         if status is Status.NOT_CONVERGED:
+            volume = any(isinstance(term, VolumePenalty) for term in plan.motion.system.elastic_terms)
             return (
-                f"the step from t = {t:.6g} s did not converge, not even in 64 parts: {detail}. Try a smaller dt, another tangent, or VolumePenalty() "
-                "if elements turn inside out."
+                f"the step from t = {t:.6g} s did not converge, not even in 64 parts: {detail}. Try a smaller dt or another tangent"
+                f"{'' if volume else ', or VolumePenalty() among the terms if elements turn inside out'}."
             )
-        return f"interrupted at t = {t:.6g} s by {type(cause).__name__}: {cause}" if str(cause) else f"interrupted at t = {t:.6g} s"
+        if isinstance(cause, OSError):
+            return f"interrupted at t = {t:.6g} s: results could not be written ({cause}). Make room, or choose another folder.{detail}"
+        by = f" by {type(cause).__name__}: {str(cause).rstrip('.')}" if str(cause) else ""
+        return f"interrupted at t = {t:.6g} s{by}.{detail}"
 
 
 def _gained(part: float) -> str:

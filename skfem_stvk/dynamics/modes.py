@@ -132,6 +132,8 @@ def modes(
     >>> free.rigid, free.frequencies.round(1)
     (array([ True,  True,  True, False, False]), array([ 0. ,  0. ,  0. , 12.3, 13.5]))
     """
+    if not isinstance(system, System):
+        raise StvkError(f"A {type(system).__name__} came; expected a System: System(mesh, terms, ...).")
     if not system.conservative:
         raise LoadError(
             "Modes: a load follows the body, so that K is not symmetric. Take it out, or its direction at the equilibrium as a dead load."

@@ -63,9 +63,11 @@ class Outputs:
             self._checkpoint.write(*self._plan.packed(), self._ledger)
 
     def back(self) -> None:
-        """The state is an earlier one again: the end of the series."""
+        """The state is an earlier one again: the end of the series, and what a checkpoint holds."""
         if self._series is not None:
             self._series.cut(self._plan.state.t)
+        self.frame()
+        self.checkpoint()
 
     def close(self, whole: bool) -> None:
         """The last state, and the checkpoint unless the last step was shorter than the others: a later run goes on from before that."""

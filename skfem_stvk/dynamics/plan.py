@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from typing import Any
 
 import numpy as np
@@ -50,6 +50,18 @@ class Outlets:
         if isinstance(every, bool) or not isinstance(every, int | np.integer) or every < 1:
             raise StvkError(f"every = {every!r}; expected a whole number of steps, at least 1.")
         return cls(save, int(every), checkpoint)
+
+
+@dataclass
+class Snapshot:
+    """Where a run was after a whole step, and how many rows its ledger had."""
+
+    state: State
+    clock: Clock
+    looks: Looks
+    steps: int
+    cuts: int
+    rows: int
 
 
 @dataclass
@@ -116,6 +128,16 @@ class Plan:
             about["cuts"],
             Looks(**about["looks"]),
         )
+
+    def snapshot(self, rows: int) -> Snapshot:
+        """Of what is now."""
+        assert self.clock is not None
+        return Snapshot(self.state.copy(), replace(self.clock), replace(self.looks), self.steps, self.cuts, rows)
+
+    def restore(self, then: Snapshot) -> None:
+        """Be there again."""
+        self.state.become(then.state)
+        self.clock, self.looks, self.steps, self.cuts = replace(then.clock), replace(then.looks), then.steps, then.cuts
 
     def packed(self) -> tuple[dict[str, Any], dict[str, Array]]:
         """What a checkpoint needs: what JSON can write, and arrays."""
@@ -196,23 +218,42 @@ def _probed(system: System, probes: Mapping[str, Where] | None) -> dict[str, NDA
     return {name: np.asarray(vertices_at(system.mesh, where, f"probe {name!r}")) for name, where in probes.items()}
 
 
+def _checked_vector(name: str, given: ArrayLike | None, system: System) -> Array:
+    """(ndofs,) zeros, or a copy of what was given; refuses what is not one finite number a degree of freedom."""
+    if given is None:
+        return np.zeros(system.ndofs)
+    try:
+        x = np.asarray(given)
+    except ValueError:  # rows of different lengths
+        x = np.asarray(None)
+    if x.shape != (system.ndofs,) or x.dtype.kind not in "fiu":
+        hint = (
+            f" Flatten it: {name}.ravel()."
+            if x.shape == (system.mesh.nv, system.mesh.d)
+            else " Of a result, take its .u."
+            if x.shape == ()
+            else ""
+        )
+        raise StateError(
+            f"{name} is a {type(given).__name__} of shape {x.shape}, dtype {x.dtype}; expected ({system.ndofs},) numbers, one a degree of freedom.{hint}"
+        )
+    bad = np.flatnonzero(~np.isfinite(x))
+    if len(bad):
+        raise StateError(f"{name} is not finite at {name_ids(bad, 'entry')} of {system.ndofs}.")
+    return x.astype(np.float64)
+
+
 def _first_state(motion: Motion, u0: ArrayLike | None, v0: ArrayLike | None, t0: float, integrator: Integrator) -> State:
     system = motion.system
-    u = np.zeros(system.ndofs) if u0 is None else np.asarray(u0)
-    v = np.zeros(system.ndofs) if v0 is None else np.asarray(v0)
-    for name, given in (("u0", u), ("v0", v)):
-        if given.shape != (system.ndofs,) or given.dtype.kind not in "fiu" or not np.isfinite(given).all():
-            raise StateError(
-                f"{name} has shape {given.shape}, dtype {given.dtype}; expected ({system.ndofs},) finite numbers, one a degree of freedom."
-            )
-    state = State.at(float(t0), u.astype(np.float64), v.astype(np.float64))
+    u, v = _checked_vector("u0", u0, system), _checked_vector("v0", v0, system)
+    state = State.at(float(t0), u, v)
     fixed, held = motion.free.fixed, motion.held(t0)
     gap = np.abs(held - state.u[fixed])
     far = fixed[gap > 1e-9 * (1e-3 * np.ptp(system.mesh.p, axis=1).max() + np.abs(held).max(initial=0.0))]
     if len(far):
         raise SupportError(
             f"{name_ids(np.unique(far // system.mesh.d), 'vertex')}: at t0 = {t0:g} s the supports hold them up to {gap.max():.3g} m from where u0 has "
-            "them. In dynamics constants do not ramp: prescribe a function of t that begins at u0, or begin with the u0 of solve_static."
+            "them. In dynamics constants do not ramp: prescribe a function of t that begins at u0, or begin in an equilibrium: u0=solve_static(...).u."
         )
     state.u[fixed] = held
     state.v[fixed] = motion.held_velocities(t0, integrator.dt or 1e-6)

@@ -92,6 +92,8 @@ def simulate(
     if system.dtype != np.float64:
         raise StvkError(f"The system is in {system.dtype}; expected float64: System(..., dtype=np.float64).")
     outlets = {"save": save, "every": every, "checkpoint": checkpoint}
+    if resume is not None and not (isinstance(resume, str | os.PathLike) and str(resume)):
+        raise StvkError(f"resume = {resume!r}; expected the path of a checkpoint, such as 'flag.npz'.")
     if resume is None:
         kept = Outlets.checked(save, EVERY if every is None else every, checkpoint)
         plan = Plan.new(system, integrator, u0, v0, checked_time("t0", t0), mass or "lumped", damping, probes, kept)

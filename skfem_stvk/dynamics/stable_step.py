@@ -58,21 +58,23 @@ class StableStep:
         u, clock, given = self._plan.state.u, self._plan.clock, self._plan.integrator.dt is not None
         assert clock is not None
         step = looks.estimate(self._largest.bound(u), self._plan.steps)
-        if abs(step / looks.step - 1) > MOVED or (given and clock.dt > step):
+        if not abs(step / looks.step - 1) <= MOVED or (given and clock.dt > step):
             step = self._look().step
         if given:
             self._warn(clock.dt)
-        elif not LEAST * step <= clock.dt <= MOST * step:
-            clock.change(SAFETY * step)
+        elif clock.dt > MOST * step or clock.dt < min(LEAST * step, looks.largest):
+            clock.change(min(SAFETY * step, looks.largest))
 
     def advice(self) -> str:
         """What to try after a motion has blown up."""
         clock = self._plan.clock
         assert clock is not None
         if self._largest is None:
-            return f"Try a smaller step than dt = {clock.dt:.4g} s."
+            chosen = getattr(self._plan.integrator, "tangent", "exact")
+            return f"Try a smaller step than dt = {clock.dt:.4g} s, or another tangent than {chosen!r}: 'clamped' takes larger ones where bodies are pressed."
         known = f" ({self._last} when it was looked at last)" if self._last is not None else ""
-        return f"The step is {clock.dt:.4g} s{known}: try a smaller one, dt=None to have it found, or an implicit integrator."
+        found = "" if self._plan.integrator.dt is None else ", dt=None to have it found"
+        return f"The step was {clock.dt:.4g} s{known}: try a smaller one{found}, or an implicit integrator."
 
     def _first(self) -> float:
         dt = self._plan.integrator.dt
@@ -83,9 +85,12 @@ class StableStep:
         if dt is not None:
             self._warn(dt)
             return dt
-        if not np.isfinite(last.step):
+        rest = last if not self._plan.state.u.any() else self._largest.at(np.zeros_like(self._plan.state.u))
+        step = min(last.step, rest.step)  # a body that is pressed is soft, and will not stay so
+        if not np.isfinite(step):
             raise StvkError("No time step came, and any is stable: nothing that moves has stiffness. Give one: dt=...")
-        return SAFETY * last.step
+        self._plan.looks.largest = SAFETY * step
+        return SAFETY * step
 
     def _look(self) -> CriticalStep:
         assert self._largest is not None
@@ -100,7 +105,7 @@ class StableStep:
                 f"t = {self._plan.state.t:.4g} s: the step dt = {dt:.4g} s is above the critical one, {self._last.step:.4g} s (safe bound "
                 f"{self._last.bound:.4g} s): the motion will blow up. Take a smaller one, or dt=None to have it found.",
                 StvkWarning,
-                stacklevel=5,
+                stacklevel=6,
             )
 
 

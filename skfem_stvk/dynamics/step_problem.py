@@ -27,6 +27,9 @@ from .tangents import Tangent
 Array = NDArray[Any]
 
 
+#: Its linear solves are as precise as this at least: with those of an inexact Newton's method, from 0.1 on, every step of a stiff body that turns
+#: by 0.3 rad was cut; elsewhere it costs next to nothing.
+PRECISE = 1e-5
 #: A residual that falls by less than this factor in an iteration falls slowly.
 SLOW = 0.5
 
@@ -167,7 +170,9 @@ class StepProblem(Equilibrium):
         return super().factorise(u, t)
 
     def solve(self, factors: Factors, b: Array, rtol: float, start: Array | None = None, out: Array | None = None) -> Solution:
-        """As in statics; where conjugate gradients cannot, the tensions of energy and momentum are left out, now and for the rest of the step."""
+        """As in statics; for energy and momentum precisely, and where conjugate gradients cannot, without tensions for the rest of the step."""
+        if self._mean:
+            rtol = min(rtol, PRECISE)
         solution = super().solve(factors, b, rtol, start, out)
         if self._tensions is not None and self._with_tensions and solution.outcome is Outcome.NEGATIVE_CURVATURE:
             self._with_tensions = False

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import warnings
 from typing import Any
 
 from numpy.typing import NDArray
 
+from ..errors import StvkWarning
 from .books import Books
 from .integrators import StepFailed
 from .integrators.integrator import Stepper
@@ -15,6 +17,8 @@ Array = NDArray[Any]
 
 #: A step is cut in two at most so often: in 64 parts.
 DEEPEST = 6
+#: Steps in a row that have to be cut are told of from so many on.
+MANY = 10
 
 
 class Cutting:
@@ -26,7 +30,7 @@ class Cutting:
     """
 
     def __init__(self, stepper: Stepper, books: Books, cuts: int) -> None:
-        self._stepper, self._books, self.cuts = stepper, books, cuts
+        self._stepper, self._books, self.cuts, self._in_a_row = stepper, books, cuts, 0
 
     def advance(self, state: State, t: float) -> None:
         """Go on to time `t`.
@@ -46,7 +50,15 @@ class Cutting:
                 state.become(before)
                 raise
             self.cuts += 1
+            self._in_a_row += 1
+            if self._in_a_row == MANY:
+                warnings.warn(
+                    f"t = {t:.4g} s: {MANY} steps in a row had to be cut into parts. Take a smaller dt, or another tangent.",
+                    StvkWarning,
+                    stacklevel=6,
+                )
         else:
+            self._in_a_row = 0
             self._books.work(state)
 
     def _halves(self, state: State, t: float, depth: int) -> None:

@@ -264,7 +264,9 @@ def test_a_full_disk_ends_a_run_and_loses_nothing_else(folders, monkeypatch, wha
         patch.setattr(checkpoint, "EVERY", 0.0)
         patch.setattr(checkpoint, "SHARE", np.inf)
         patch.setattr(owner, method, full)
-        with pytest.raises(SimulationError, match=r"interrupted at t = .* by OSError: .*No space left on device") as caught:
+        with pytest.raises(
+            SimulationError, match=r"interrupted at t = .*: results could not be written .*No space left on device.*Make room"
+        ) as caught:
             whole("superlu", folders[1])
     run = caught.value.run
     assert run.status is Status.INTERRUPTED and isinstance(caught.value.__cause__, OSError)

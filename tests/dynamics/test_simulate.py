@@ -1,8 +1,10 @@
 """Runs that end badly, runs that are asked for wrongly, and what is in the books."""
 
 import pickle
+import re
 from dataclasses import dataclass
 from math import pi
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -46,7 +48,6 @@ from skfem_stvk.dynamics.integrators import StepFailed
 from skfem_stvk.dynamics.integrators.implicit import ImplicitStepper
 from skfem_stvk.dynamics.ledger import Ledger
 from skfem_stvk.dynamics.run import Interrupted
-from skfem_stvk.dynamics.state import State
 
 EXPLICIT = [ForwardEuler, VelocityVerlet]
 SYSTEM = spinning(2).system
@@ -66,12 +67,11 @@ def test_a_step_that_is_too_long_is_told_of_and_its_blow_up_noticed(make, d):
     with pytest.warns(StvkWarning, match=f"step dt = .* above the critical one, {critical:.4g} s"):
         run = scene.run(make(1.5 * critical), 500 * critical, raise_on_failure=False)
     assert run.status is Status.BLEW_UP and not run.success and "blew up soon after t = " in run.message
-    assert run.ledger.steps < 40 and (np.diff(run.ledger["time"]) > 0).all()
-    assert 0 <= run.t < run.ledger["time"][-1] and run.t in run.ledger["time"]
-    row = int(np.flatnonzero(run.ledger["time"] == run.t)[0])
+    energy, noticed = map(float, re.search(r", (\S+) J in all at t = (\S+) s", run.message).groups())
+    assert energy > 20 * run.ledger["total_energy"][0] and run.t < noticed < 40 * 1.5 * critical
+    assert run.ledger["time"][-1] == run.t and (np.diff(run.ledger["time"]) > 0).all()
     kinetic = 0.5 * run.v @ scene.system.mass().multiply(run.v)
-    assert kinetic == pytest.approx(run.ledger["kinetic_energy"][row], rel=1e-12)
-    assert (run.ledger["total_energy"][:-1] < 22 * run.ledger["total_energy"][0]).all()
+    assert kinetic == pytest.approx(run.ledger["kinetic_energy"][-1], rel=1e-12)
     assert np.isfinite(run.u).all() and kinetic < 4 * run.ledger["total_energy"][0]
 
 
@@ -80,7 +80,7 @@ def test_a_blow_up_is_raised_with_the_run_so_far(tmp_path):
     with pytest.raises(SimulationError, match=r"blew up soon after t = .*try a smaller one, dt=None") as caught:
         spinning(2).run(VelocityVerlet(0.2), 100.0, save=tmp_path / "bang.pvd", every=1)
     run = pickle.loads(pickle.dumps(caught.value)).run
-    assert run.status is Status.BLEW_UP and run.ledger.steps > 1 and run.u.shape == (SYSTEM.ndofs,)
+    assert run.status is Status.BLEW_UP and run.ledger["time"][-1] == run.t and run.u.shape == (SYSTEM.ndofs,)
     times = [float(line.split('"')[1]) for line in (tmp_path / "bang.pvd").read_text().splitlines() if "timestep" in line]
     assert times == sorted(set(times))
 
@@ -97,15 +97,14 @@ def guarded(rows):
     """Which rows of energies (kinetic, strain, potential, external, dissipated, closure error) count as a blow-up, and the good ones."""
     names = "time", "kinetic_energy", "strain_energy", "potential_energy", "external_work", "dissipated_work", "closure_error"
     ledger, found, good = Ledger(names), [], []
-    state = State.at(0.0, np.zeros(2), np.zeros(2))
+    plan = SimpleNamespace(snapshot=lambda rows: rows - 1)
     for number, row in enumerate(rows):
         ledger.append([0.1 * number, *row])
-        state.t = 0.1 * number
         if number == 0:
-            guard = Guard(ledger, state)
+            guard = Guard(ledger, plan)
         else:
-            found.append(guard.blown_up(state))
-            good.append(guard.good[0].t)
+            found.append(guard.blown_up(whole=True))
+            good.append(guard.good)
     return found, good
 
 
@@ -123,8 +122,8 @@ def test_energy_from_nowhere_is_held_against_what_there_was_or_was_given():
 def test_the_last_good_state_is_of_a_time_when_energy_was_right():
     row = [1.0, 2.0, 0.0, 0.0, 0.0]
     _, good = guarded([[*row, 0.0]] * (3 * EVERY) + [[*row, 4.0]] * (2 * EVERY))
-    assert good[0] == 0 and good[EVERY - 1] == pytest.approx(0.1 * EVERY)
-    assert good[-1] == pytest.approx(0.1 * 2 * EVERY)
+    assert good[0] == 0 and good[EVERY - 1] == EVERY
+    assert good[-1] == 2 * EVERY
 
 
 @dataclass(frozen=True)
@@ -144,6 +143,54 @@ class FussyStepper(ImplicitStepper):
         super().step(state, t)
 
 
+def test_a_bar_that_is_pressed_until_nothing_has_stiffness_goes_on():
+    """Its critical step is infinite for a while."""
+    bar = SimplexMesh(np.array([[0.0, 1.0], [0.0, 0.0]]), np.array([[0], [1]]))
+    system = System(bar, [StVK(young=1e5, poisson=0.0, area=1e-2, density=1000.0)], fixed=[([0], "xy"), ([1], "y")])
+    for integrator in (VelocityVerlet(1e-3), ForwardEuler(1e-3), VelocityVerlet()):
+        run = simulate(system, integrator, until=1.0, u0=[0, 0, 0.4, 0], quiet=True)
+        assert run.success
+        assert integrator.dt is None or abs(run.ledger["closure_error"][-1]) < 0.01 * run.ledger["strain_energy"][0]
+
+
+@pytest.mark.filterwarnings("ignore::skfem_stvk.errors.StvkWarning")
+def test_a_step_that_is_found_does_not_grow_above_that_at_rest():
+    """A body that is let go while it is pressed is soft for a moment, one that is stretched goes back through its rest."""
+    scene = spinning(2)
+    for stretch in (-0.1, 0.3):
+        u0 = stretch * scene.system.mesh.p.ravel("F")
+        run = simulate(scene.system, VelocityVerlet(), until=1.0, u0=u0, quiet=True, raise_on_failure=False)
+        rest, start = (critical_step(scene.system, u).step for u in (0 * u0, u0))
+        assert np.diff(run.ledger["time"]).max() <= 0.851 * min(rest, start)
+
+
+def test_energy_that_the_steps_lost_is_said():
+    assert re.search(r"; the steps lost \d+ % of the energy", clamped(2).run(BackwardEuler(0.05), 0.5).message)
+    assert "energy" not in clamped(2).run(EnergyMomentum(0.05), 0.5).message
+
+
+def test_ctrl_c_leaves_a_checkpoint_that_goes_on(tmp_path):
+    mesh, until = MESHES[2], 0.9
+    hit = []
+
+    def pull(t):
+        if 0.5 < t < 0.52 and not hit:
+            hit.append(t)
+            raise KeyboardInterrupt
+        return (np.sin(3 * t), 0.1)
+
+    system = System(mesh, [material(mesh), Traction("right", lambda t: pull(t) if t < 0.99 else (0.1, 0.1))], fixed={"left": "xy"})
+    for integrator in (VelocityVerlet(0.01), EnergyMomentum(0.01)):
+        hit.clear()
+        with pytest.raises(Interrupted, match=r"interrupted at t = .*resume='.*c.npz' goes on from there") as caught:
+            simulate(system, integrator, until=until, checkpoint=tmp_path / "c.npz", quiet=True)
+        assert 0.3 <= caught.value.run.t <= 0.51
+        resumed = simulate(system, resume=tmp_path / "c.npz", until=until, quiet=True)
+        whole = simulate(system, integrator, until=until, quiet=True)
+        np.testing.assert_array_equal(resumed.u, whole.u)
+        np.testing.assert_array_equal(resumed.ledger.rows(), whole.ledger.rows())
+
+
 def test_a_step_that_fails_is_made_in_halves():
     for scene in (SCENES["driven and damped"](2), clamped(3)):
         fine, cut = (scene.run(make, 0.1) for make in (EnergyMomentum(0.005, rtol=1e-13), Fussy(0.02, limit=0.006, rtol=1e-13)))
@@ -152,6 +199,12 @@ def test_a_step_that_fails_is_made_in_halves():
         for name in fine.ledger:
             scale = max(np.abs(fine.ledger[name]).max(), fine.ledger["kinetic_energy"].max())
             np.testing.assert_allclose(cut.ledger[name], fine.ledger[name][::4], rtol=0, atol=1e-8 * scale)
+
+
+def test_steps_that_are_cut_one_after_the_other_are_told_of():
+    with pytest.warns(StvkWarning, match="10 steps in a row had to be cut") as caught:
+        clamped(2).run(Fussy(0.02, limit=0.015), 0.4)
+    assert len(caught) == 1
 
 
 def test_where_the_smallest_part_fails_too_the_run_ends_with_the_state_before():
@@ -171,7 +224,7 @@ def test_a_body_that_is_pulled_through_itself_is_given_up_with_its_elements_name
     system = System(mesh, [material(mesh), NodalLoad((1, 5), lambda t: [f / 10 for f in pushed(t)])])
     for make in (BackwardEuler, Newmark, GeneralizedAlpha, EnergyMomentum):
         with pytest.raises(
-            SimulationError, match=r"did not converge, .*inside out: 1 element \(\d+\), .* Try a smaller dt, another"
+            SimulationError, match=r"did not converge, .*inside out: 1 element \(\d+\), .* Try a smaller dt or another"
         ) as caught:
             simulate(system, make(0.02), until=0.5, v0=velocities(mesh), quiet=True)
         run = caught.value.run
@@ -200,7 +253,7 @@ def test_what_interrupts_a_run_is_raised_with_the_last_whole_state(integrator, e
     ) as caught:
         simulate(system, integrator, until=0.9, quiet=True, raise_on_failure=False)
     run = caught.value.run
-    assert run.status is Status.INTERRUPTED and 0.4 <= run.t <= 0.5 and run.ledger["time"][-1] == pytest.approx(0.5)
+    assert run.status is Status.INTERRUPTED and 0.4 <= run.t <= 0.51 and run.ledger["time"][-1] == run.t
     whole = simulate(system, integrator, until=run.t, quiet=True)
     np.testing.assert_array_equal(whole.u, run.u)
     np.testing.assert_array_equal(whole.v, run.v)
