@@ -178,7 +178,7 @@ class Loop:
         assert plan.clock is not None
         if status is Status.FINISHED:
             cuts = f", {plan.cuts} of them cut into smaller ones" if plan.cuts else ""
-            return f"reached t = {t:.6g} s in {plan.steps} steps{cuts}{_gained(from_nowhere(self._books.ledger))}"
+            return f"reached t = {t:.6g} s in {plan.steps} steps{cuts}{self._stepper.remark}{_gained(from_nowhere(self._books.ledger))}"
         if status is Status.BLEW_UP:
             return f"blew up soon after t = {t:.6g} s, the last good state: {detail}. {self._limit.advice()}"
         if status is Status.NOT_CONVERGED:

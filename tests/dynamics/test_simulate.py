@@ -207,6 +207,14 @@ def test_steps_that_are_cut_one_after_the_other_are_told_of():
     assert len(caught) == 1
 
 
+def test_steps_that_took_the_clamped_tangent_are_counted():
+    """A block that is let go from a compression of 30 % has an indefinite K."""
+    mesh = MESHES[3]
+    scene = System(mesh, [material(mesh)])
+    run = simulate(scene, LinearBackwardEuler(5.0), until=20.0, u0=-0.3 * mesh.p.ravel("F"), quiet=True, raise_on_failure=False)
+    assert re.search(r" [1-4] of them with the clamped tangent", run.message)
+
+
 def test_where_the_smallest_part_fails_too_the_run_ends_with_the_state_before():
     scene = SCENES["driven and damped"](2)
     run = scene.run(Fussy(0.02, limit=0.02 / 65), 0.1, raise_on_failure=False)

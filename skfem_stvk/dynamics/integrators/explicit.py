@@ -53,6 +53,11 @@ class ExplicitStepper:
         self._internal, self.force, self._damping = np.zeros(n), np.zeros(n), np.zeros(n)
         self.energy = 0.0
 
+    @property
+    def remark(self) -> str:
+        """Nothing."""
+        return ""
+
     def start(self, state: State) -> None:
         """The internal force at the first state."""
         self._evaluate(state.u)

@@ -96,6 +96,11 @@ class ImplicitStepper:
         self.energy, self.iterations = 0.0, 0
         self.room = np.zeros(motion.system.ndofs)
 
+    @property
+    def remark(self) -> str:
+        """Nothing."""
+        return ""
+
     def start(self, state: State) -> None:
         """The strain energy, and the acceleration if the integrator needs it."""
         self.energy = self.motion.system.energy(state.u)

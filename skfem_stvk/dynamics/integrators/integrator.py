@@ -32,6 +32,10 @@ class Stepper(Protocol):
         """Of Newton's method so far, or of the linear solver where a step is one linear solve; 0 where there are none."""
 
     @property
+    def remark(self) -> str:
+        """What a user should know of the steps so far, for the message of the run; empty if nothing."""
+
+    @property
     def watch(self) -> Stopwatch:
         """Where the time goes."""
 
