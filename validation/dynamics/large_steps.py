@@ -39,9 +39,10 @@ class Trial(NamedTuple):
 
     @property
     def lost(self) -> float:
-        """Energy that is gone, as a part of the work of the weight."""
+        """Energy that is gone, as a part of the work of the weight; NaN if there was none."""
         ledger = self.run.ledger
-        return float(-ledger["closure_error"][-1] / np.abs(ledger["potential_energy"]).max())
+        work = np.abs(ledger["potential_energy"]).max()
+        return float(-ledger["closure_error"][-1] / work) if work else np.nan
 
     @property
     def bounded(self) -> bool:
@@ -84,7 +85,7 @@ def large_steps(quick: bool = False, folder: Path | None = None) -> Sequence[Stu
                 f"{system!r}, critical step {1e3 * critical:.3f} ms; at least {LEAST} steps, at least {UNTIL:g} s",
                 f"error of the tip's displacement at {UNTIL:g} s, against velocity Verlet with a quarter of the critical step, where a step ends by then; the last "
                 "state's distance from equilibrium",
-                "energy lost as a part of the work that the weight had done; a negative one was gained",
+                "energy lost as a part of the work that the weight had done; a negative one was gained; where a motion blew up, all is as of its last good state",
             ),
         ),
     )
@@ -108,7 +109,8 @@ def _row(trial: Trial) -> tuple[str, ...]:
     run, steps = trial.run, trial.run.ledger.steps - 1
     came_out = "bounded" if trial.bounded else "out of bounds" if run.success else run.status.value
     error = "" if np.isnan(trial.error) else f"{trial.error:.1e}"
-    numbers = f"{run.iterations / max(steps, 1):.1f}", error, f"{trial.distance:.1e}", f"{trial.lost:+.1%}"
+    lost = "" if np.isnan(trial.lost) else f"{trial.lost:+.1%}"
+    numbers = f"{run.iterations / steps:.1f}" if run.success else "", error, f"{trial.distance:.1e}", lost
     return trial.tangent, f"{trial.times:g}", f"{1e3 * run.dt:.3g}", str(steps), *numbers, came_out
 
 
