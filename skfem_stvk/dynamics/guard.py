@@ -25,8 +25,8 @@ class Guard:
     def __init__(self, ledger: Ledger, plan: Plan) -> None:
         self._ledger, self._plan = ledger, plan
         self._columns = [ledger.names.index(name) for name in COLUMNS]
-        kinetic, strain, self._potential, *_ = ledger.rows()[0, self._columns]
-        self._most, self._since = kinetic + strain, 0
+        self._potential = float(ledger["potential_energy"][0])
+        self._most, self._since = energy_given(ledger), 0
         self.good = plan.snapshot(ledger.steps)
 
     def blown_up(self, whole: bool) -> bool:
@@ -43,7 +43,11 @@ class Guard:
 
 def from_nowhere(ledger: Ledger) -> float:
     """The closure error in the end, as a part of the energy that there was or was given: below zero where the steps lost it."""
-    kinetic, strain, potential, external, dissipated, closure = (ledger.rows()[:, ledger.names.index(name)] for name in COLUMNS)
-    changes = (max(x.max() - x[0], x[0] - x.min()) for x in (potential, external, dissipated))
-    most = max(kinetic[0] + strain[0], *changes)
-    return float(closure[-1] / most) if most > 0 else 0.0
+    most = energy_given(ledger)
+    return float(ledger["closure_error"][-1] / most) if most > 0 else 0.0
+
+
+def energy_given(ledger: Ledger) -> float:
+    """What the body had first, or the most that it was given or that damping took since [J]."""
+    kinetic, strain, *changing = (ledger[name] for name in COLUMNS[:-1])
+    return max(float(kinetic[0] + strain[0]), *(float(max(x.max() - x[0], x[0] - x.min())) for x in changing))

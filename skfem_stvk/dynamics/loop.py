@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import warnings
+from contextlib import suppress
 from typing import Any
 
 from numpy.typing import NDArray
@@ -59,10 +60,10 @@ class Loop:
             try:
                 if self._fresh:
                     self._outputs.frame()
-                status, detail = self._steps(progress)
-                self._finish(status)
-            except StepFailed as error:
-                status, detail = Status.NOT_CONVERGED, str(error)
+                try:
+                    status, detail = self._steps(progress)
+                except StepFailed as error:
+                    status, detail = Status.NOT_CONVERGED, str(error)
                 self._finish(status)
             except (KeyboardInterrupt, Exception) as error:  # a full disk, a load's function that fails: the run so far is kept
                 status, cause = Status.INTERRUPTED, error
@@ -112,22 +113,26 @@ class Loop:
             self._outputs.close(self._whole)
 
     def _rescue(self, error: BaseException) -> str:
-        """The last whole step is where an interrupted run ends; write a checkpoint of it, unless results can no more be written. What to do next."""
-        plan = self.plan
+        """Where an interrupted run ends: at the last whole step, or the last good state if it was in between; what to do next.
+
+        A checkpoint of it is written, unless there is a later one, or results can no more be written.
+        """
+        plan, outputs, t = self.plan, self._outputs, self.plan.state.t
         assert plan.clock is not None
         halfway = self._stepping and plan.integrator.explicit  # these change the state as they go
-        if halfway or (self._whole and plan.state.t != plan.clock.t):
+        if halfway or t != self._books.ledger["time"][-1] or (self._whole and t != plan.clock.t):
             self._back()
-        if not self._whole or plan.outlets.checkpoint is None:
+        if plan.outlets.checkpoint is None:
             return ""
+        if (
+            self._whole and plan.steps > outputs.written and not isinstance(error, OSError)
+        ):  # else a state may be missing from the series
+            with suppress(Exception):
+                outputs.checkpoint()
         resume = f"resume={str(plan.outlets.checkpoint)!r}"
-        try:
-            if not isinstance(error, OSError):  # else a state may be missing from the series
-                self._outputs.checkpoint()
-                return f" {resume} goes on from there."
-        except OSError:
-            pass
-        return f" {resume} goes on from the last checkpoint."
+        if outputs.written < 0:
+            return ""
+        return f" {resume} goes on from there." if outputs.written == plan.steps else f" {resume} goes on from the last checkpoint."
 
     def _back(self) -> None:
         """To the last good state."""

@@ -18,6 +18,10 @@ class Outputs:
     ----------
     until : the end of the run [s].
 
+    Attributes
+    ----------
+    written : how many steps there were at the last checkpoint; below zero if there is none yet.
+
     Raises
     ------
     StvkError
@@ -28,6 +32,8 @@ class Outputs:
         self._plan, self._ledger = plan, ledger
         system, outlets = plan.motion.system, plan.outlets
         self._series = self._table = self._checkpoint = None
+        self._saved: float | None = None
+        self.written = -1
         if outlets.save is not None:
             last = plan.steps - plan.steps % outlets.every
             self._series = Series(
@@ -45,10 +51,11 @@ class Outputs:
 
     def frame(self) -> None:
         """Save the state."""
-        if self._series is not None and self._table is not None:
-            state = self._plan.state
+        state = self._plan.state
+        if self._series is not None and self._table is not None and self._saved != state.t:
             self._series.add(self._fields.at(state.u), state.t)
             self._table.write()
+            self._saved = state.t
 
     def step(self) -> None:
         """A whole step is made: save its state if it is its turn, and write a checkpoint if it is time."""
@@ -61,11 +68,13 @@ class Outputs:
         """Write it now."""
         if self._checkpoint is not None:
             self._checkpoint.write(*self._plan.packed(), self._ledger)
+            self.written = self._plan.steps
 
     def back(self) -> None:
         """The state is an earlier one again: the end of the series, and what a checkpoint holds."""
         if self._series is not None:
             self._series.cut(self._plan.state.t)
+            self._saved = None
         self.frame()
         self.checkpoint()
 

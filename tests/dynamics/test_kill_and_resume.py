@@ -155,6 +155,7 @@ def test_a_process_that_is_killed_at_a_random_moment_loses_nothing_that_was_writ
         moments = np.random.default_rng().uniform(0, 0.5, 2)
         assert killed(name, folders[1], threads, moments[0])
         times, _ = frames(folders[1])
+        times = [t for t in times if t != expected.t]  # it may have been killed after its last frame
         assert times == list(expected.ledger["time"][: EVERY * len(times) : EVERY])
         killed(name, folders[1], threads, moments[1], resume=True)
         assert set(frames(folders[1])[0]) <= {*expected.ledger["time"][::EVERY], expected.t}

@@ -12,6 +12,7 @@ from motions import BOTH, MESHES, SCENES, clamped, driven, loaded, material, pus
 
 from skfem_stvk import (
     BodyForce,
+    ElasticFoundation,
     Gravity,
     LoadError,
     MaterialError,
@@ -31,6 +32,7 @@ from skfem_stvk import (
 )
 from skfem_stvk.dynamics import (
     BackwardEuler,
+    EdgeDamping,
     EnergyMomentum,
     ForwardEuler,
     GeneralizedAlpha,
@@ -48,6 +50,8 @@ from skfem_stvk.dynamics.integrators import StepFailed
 from skfem_stvk.dynamics.integrators.implicit import ImplicitStepper
 from skfem_stvk.dynamics.ledger import Ledger
 from skfem_stvk.dynamics.run import Interrupted
+from skfem_stvk.dynamics.start_tensions import StartTensions
+from skfem_stvk.edges import ALL, NONE, TENSILE
 
 EXPLICIT = [ForwardEuler, VelocityVerlet]
 SYSTEM = spinning(2).system
@@ -213,6 +217,65 @@ def test_steps_that_took_the_clamped_tangent_are_counted():
     scene = System(mesh, [material(mesh)])
     run = simulate(scene, LinearBackwardEuler(5.0), until=20.0, u0=-0.3 * mesh.p.ravel("F"), quiet=True, raise_on_failure=False)
     assert re.search(r" [1-4] of them with the clamped tangent", run.message)
+
+
+@pytest.mark.parametrize("integrator", [EnergyMomentum(0.01), LinearBackwardEuler(0.01)])
+def test_ctrl_c_within_the_end_of_a_step_leaves_no_half_of_it(integrator, tmp_path, monkeypatch):
+    scene, count = clamped(2), 0
+    update = type(integrator).update
+
+    def interrupted(self, state, w, h):
+        nonlocal count
+        update(self, state, w, h)
+        count += 1
+        if count == 30:
+            raise KeyboardInterrupt
+
+    with monkeypatch.context() as patch:
+        patch.setattr(type(integrator), "update", interrupted)
+        with pytest.raises(Interrupted) as caught:
+            scene.run(integrator, 0.6, checkpoint=tmp_path / "c.npz")
+    assert caught.value.run.ledger["time"][-1] == caught.value.run.t < 0.3
+    resumed, whole = simulate(scene.system, resume=tmp_path / "c.npz", until=0.6, quiet=True), scene.run(integrator, 0.6)
+    np.testing.assert_array_equal(resumed.u, whole.u)
+    np.testing.assert_array_equal(resumed.ledger.rows(), whole.ledger.rows())
+
+
+def test_eq_9_refuses_edge_damping_where_it_would_damp_more_than_edges():
+    mesh = MESHES[2]
+    for other in (VolumePenalty(), Pressure("right", 0.1), ElasticFoundation("left", 1.0)):
+        system = System(mesh, [material(mesh), other])
+        with pytest.raises(StvkError, match=r"follower loads, foundations and volume penalties as well.*BackwardEuler"):
+            call(system, LinearBackwardEuler(0.01, solver="superlu"), damping=EdgeDamping(0.1))
+        assert call(system, BackwardEuler(0.01), damping=EdgeDamping(0.1)).success
+
+
+def test_what_was_given_before_a_resume_counts_for_the_guard():
+    row = [1.0, 2.0, 0.0, 0.0, 0.0]
+    ledger = Ledger(
+        ("time", "kinetic_energy", "strain_energy", "potential_energy", "external_work", "dissipated_work", "closure_error")
+    )
+    for number, given in enumerate((0.0, 40.0, 0.0)):
+        ledger.append([0.1 * number, 1.0, 2.0, 0.0, given, 0.0, 0.0])
+    guard = Guard(ledger, SimpleNamespace(snapshot=lambda rows: rows))
+    ledger.append([0.3, *row, 70.0])
+    assert not guard.blown_up(whole=True)
+
+
+def test_tensions_of_the_beginning_are_those_that_are_asked_for():
+    mesh = MESHES[2]
+    system = System(mesh, [material(mesh)])
+    tensions, v = StartTensions(system), velocities(mesh)
+    for u in (0.2 * np.cos(np.arange(system.ndofs)), -0.1 * mesh.p.ravel("F")):
+        tensions.begin(u)
+        for kept in (ALL, TENSILE, ALL):
+            difference = system.jacobian(u, kept=kept) - system.jacobian(u, kept=NONE)
+            assert abs(difference).max() > 0 or kept == TENSILE
+            np.testing.assert_allclose(
+                tensions.values(1.0, kept), system.jacobian(u, kept=kept).data - system.jacobian(u, kept=NONE).data
+            )
+            product = sum(c * operator.matvec(v) for c, operator in tensions.operators(kept))
+            np.testing.assert_allclose(product, difference @ v, atol=1e-12)
 
 
 def test_where_the_smallest_part_fails_too_the_run_ends_with_the_state_before():

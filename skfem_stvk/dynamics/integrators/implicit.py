@@ -134,9 +134,9 @@ class ImplicitStepper:
         """The state after the displacements `w`, at which the residual was found last."""
         fixed, motion = self.motion.free.fixed, self.motion
         before = state.copy() if motion.moving and self.integrator.needs_acceleration else None
+        state.t = moment.time  # from here on it is no more the state of the step before
         self.integrator.update(state, w, h)
         state.u += w
-        state.t = moment.time
         if before is None:
             state.reaction[fixed] = self.integrator.weight * self.problem.full[fixed]
         else:  # forces at the end are off the mean of the step by O(h)

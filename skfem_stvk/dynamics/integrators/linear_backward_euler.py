@@ -12,6 +12,7 @@ from ...errors import StvkError
 from ...linear import LinearSolver
 from ...statics.equilibrium import Tangent as Attempted
 from ...statics.newton import usable
+from ...terms import StVK
 from ...terms.load import Moment
 from ..motion import Motion
 from ..state import State
@@ -59,6 +60,12 @@ class LinearBackwardEuler(BackwardEuler):
         if diagonal and (motion.beta or motion.tau):
             raise StvkError(
                 "LinearBackwardEuler: tangent='diagonal' would leave out damping between vertices. Take Rayleigh(alpha) or another tangent."
+            )
+        system = motion.system
+        if motion.tau and not (system.conservative and all(isinstance(term, StVK) for term in system.elastic_terms)):
+            raise StvkError(
+                "LinearBackwardEuler: with EdgeDamping it would damp follower loads, foundations and volume penalties as well. Take Rayleigh(beta=tau), or "
+                "BackwardEuler."
             )
         if rest and motion.tau:
             raise StvkError(
@@ -115,6 +122,7 @@ class LinearStepper(ImplicitStepper):
         return w
 
     def accept(self, state: State, w: Array, h: float, moment: Moment) -> None:
+        state.t = moment.time  # from here on it is no more the state of the step before
         np.divide(w, h, out=state.a)
         state.a -= state.v
         state.a /= h
