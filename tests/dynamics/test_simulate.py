@@ -1,5 +1,6 @@
 """Runs that end badly, runs that are asked for wrongly, and what is in the books."""
 
+import json
 import pickle
 import re
 from dataclasses import dataclass
@@ -43,12 +44,13 @@ from skfem_stvk.dynamics import (
     Status,
     VelocityVerlet,
 )
-from skfem_stvk.dynamics.clock import Clock
+from skfem_stvk.dynamics.clock import FEWEST, FIRST, Clock, Looks
 from skfem_stvk.dynamics.critical_step import critical_step
 from skfem_stvk.dynamics.guard import EVERY, Guard
 from skfem_stvk.dynamics.integrators import StepFailed
 from skfem_stvk.dynamics.integrators.implicit import ImplicitStepper
 from skfem_stvk.dynamics.ledger import Ledger
+from skfem_stvk.dynamics.plan import Outlets, Plan
 from skfem_stvk.dynamics.run import Interrupted
 from skfem_stvk.dynamics.start_tensions import StartTensions
 from skfem_stvk.edges import ALL, NONE, TENSILE
@@ -276,6 +278,30 @@ def test_tensions_of_the_beginning_are_those_that_are_asked_for():
             )
             product = sum(c * operator.matvec(v) for c, operator in tensions.operators(kept))
             np.testing.assert_allclose(product, difference @ v, atol=1e-12)
+
+
+def test_a_plan_goes_back_to_all_that_it_was():
+    outlets = Outlets.checked(None, 10, None)
+    plan = Plan.new(SYSTEM, VelocityVerlet(0.01), None, V0, 0.0, "lumped", None, None, outlets)
+    plan.clock = Clock(0.0, 0.01)
+    before, then = json.dumps(plan.packed()[0]), plan.snapshot(1)
+    plan.state.u += 1
+    plan.state.t, plan.steps, plan.cuts, plan.looks.next = 0.5, 50, 3, 99
+    plan.clock.change(0.02)
+    assert json.dumps(plan.packed()[0]) != before
+    plan.restore(then)
+    assert json.dumps(plan.packed()[0]) == before and not plan.state.u.any()
+    plan.clock.tick()
+    plan.looks.next = 7  # what was kept is not what goes on
+    plan.restore(then)
+    assert json.dumps(plan.packed()[0]) == before
+
+
+def test_a_bound_that_is_infinite_says_nothing_and_is_looked_at_soon():
+    for looks, bound in ((Looks(step=1.0, bound=np.inf), 1.0), (Looks(step=1.0, bound=1.0), np.inf)):
+        assert np.isnan(looks.estimate(bound, 7)) and looks.next == 7 + FEWEST
+    looks = Looks(step=1.0, bound=0.5)
+    assert looks.estimate(0.25, 7) == 0.5 and looks.next < 7 + FIRST
 
 
 def test_where_the_smallest_part_fails_too_the_run_ends_with_the_state_before():
