@@ -121,7 +121,6 @@ def _read(path: Path) -> tuple[dict[str, Any], dict[str, Array]]:
         KeyError,
         TypeError,
         AttributeError,
-        NotImplementedError,
         RuntimeError,
         BadZipFile,
     ) as error:

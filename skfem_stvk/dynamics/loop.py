@@ -124,9 +124,8 @@ class Loop:
             self._back()
         if plan.outlets.checkpoint is None:
             return ""
-        if (
-            self._whole and plan.steps > outputs.written and not isinstance(error, OSError)
-        ):  # else a state may be missing from the series
+        full = isinstance(error, OSError)  # then a state may be missing from the series
+        if self._whole and plan.steps > outputs.written and not full:
             with suppress(Exception):
                 outputs.checkpoint()
         resume = f"resume={str(plan.outlets.checkpoint)!r}"

@@ -96,7 +96,9 @@ def simulate(
         raise StvkError(f"resume = {resume!r}; expected the path of a checkpoint, such as 'flag.npz'.")
     if resume is None:
         kept = Outlets.checked(save, EVERY if every is None else every, checkpoint)
-        plan = Plan.new(system, integrator, u0, v0, checked_time("t0", t0), mass or "lumped", damping, probes, kept)
+        plan = Plan.new(
+            system, integrator, u0, v0, checked_time("t0", t0), "lumped" if mass is None else mass, damping, probes, kept
+        )
     else:
         beginnings = {"u0": u0, "v0": v0, "t0": t0 or None, "mass": mass, "damping": damping, "probes": probes}
         _refuse_beginnings([name for name, value in beginnings.items() if value is not None])

@@ -1,4 +1,4 @@
-"""Steps that are cut where they fail, and kept below the critical one where they have to be."""
+"""Steps that are cut where they fail."""
 
 from __future__ import annotations
 

@@ -511,6 +511,7 @@ MISTAKES = {
         rf"u0 is a ndarray of shape \({N // 2}, 2\), dtype float64; expected \({N},\) .*u0.ravel\(\)",
         {"u0": np.zeros((N // 2, 2))},
     ),
+    "no kind of mass": (StvkError, "mass = ''; expected 'lumped' or 'consistent'", {"mass": ""}),
     "v0 too short": (StateError, r"v0 is a \w+ of shape \(3,\)", {"v0": np.zeros(3)}),
     "v0 not finite": (StateError, rf"v0 is not finite at {N} entries", {"v0": np.full(N, np.nan)}),
     "v0 complex": (StateError, "v0 .* complex128; expected", {"v0": np.zeros(N, dtype=complex)}),
