@@ -52,6 +52,7 @@ from skfem_stvk.dynamics.integrators.implicit import ImplicitStepper
 from skfem_stvk.dynamics.ledger import Ledger
 from skfem_stvk.dynamics.plan import Outlets, Plan
 from skfem_stvk.dynamics.run import Interrupted
+from skfem_stvk.dynamics.stable_step import StableStep
 from skfem_stvk.dynamics.start_tensions import StartTensions
 from skfem_stvk.edges import ALL, NONE, TENSILE
 
@@ -295,6 +296,22 @@ def test_a_plan_goes_back_to_all_that_it_was():
     plan.looks.next = 7  # what was kept is not what goes on
     plan.restore(then)
     assert json.dumps(plan.packed()[0]) == before
+
+
+def test_a_step_that_was_found_comes_back_to_what_it_was_and_no_further():
+    plan = Plan.new(SYSTEM, VelocityVerlet(), None, V0, 0.0, "lumped", None, None, Outlets.checked(None, 10, None))
+    limit, dt = StableStep(plan), plan.clock.dt
+
+    def review(critical):
+        plan.looks.next = 0
+        limit._largest = SimpleNamespace(bound=lambda u: np.inf, at=lambda u: SimpleNamespace(step=critical, bound=critical))
+        limit.review()
+        return plan.clock.dt
+
+    plan.clock.tick()
+    assert review(3 * dt) == dt and plan.clock.count == 1  # nor does it begin to count anew
+    assert review(dt / 2) == 0.85 * dt / 2 and plan.clock.count == 0
+    assert review(dt) == 0.85 * dt and review(10 * dt) == dt
 
 
 def test_a_bound_that_is_infinite_says_nothing_and_is_looked_at_soon():
