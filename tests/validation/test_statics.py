@@ -213,9 +213,10 @@ def test_slower_or_other_linear_elements_are_named():
         return [work_precision.Point(2, a_run(name, time, (0, 0, tip)), 0.1)]
 
     theirs = points("scikit-fem P1", 1.0)
-    failures = list(work_precision._failures({"edges P1": points("edges P1", 1.1, -1.1), "scikit-fem P1": theirs}))
-    assert len(failures) == 2
-    assert not list(work_precision._failures({"edges P1": points("edges P1", 0.9), "scikit-fem P1": theirs}))
+    slower = {"edges P1": points("edges P1", 1.1, -1.1), "scikit-fem P1": theirs}
+    assert len(list(work_precision._failures(slower, times=True))) == 2
+    assert len(list(work_precision._failures(slower, times=False))) == 1
+    assert not list(work_precision._failures({"edges P1": points("edges P1", 0.9), "scikit-fem P1": theirs}, times=True))
 
 
 def test_a_large_body_is_solved_by_amg():

@@ -33,8 +33,10 @@ TIMES, STEPS = (1, 10, 30, 100), 30
 RTOL, MOST = 1e-10, 60
 #: Solvers of the package that are timed; the exact tangent needs the first.
 SOLVERS = ("superlu", "block-jacobi-cg")
-#: Up to so many critical steps the claim is made; beyond, the symmetric tangent converges slowly.
+#: Up to so many critical steps less time is claimed; beyond, the symmetric tangent converges slowly.
 USUAL = 30
+#: Iterations with the symmetric tangent over those with the exact one, at most.
+MORE = 2.5
 
 
 class Exact:
@@ -112,7 +114,7 @@ class Finding(NamedTuple):
 
 
 def tangents(quick: bool = False, folder: Path | None = None) -> Sequence[Study]:
-    """energy-momentum's symmetric tangent needs hardly more iterations than the exact, unsymmetric one, and less time"""
+    """energy-momentum's symmetric tangent takes up to twice the iterations of the exact, unsymmetric one, and less time"""
     system = cantilever(2 if quick else 4)
     critical = critical_step(system).step
     found = [_finding(system, times, times * critical) for times in (TIMES[:3:2] if quick else TIMES)]
@@ -128,15 +130,22 @@ def tangents(quick: bool = False, folder: Path | None = None) -> Sequence[Study]
         )
         for one in found
     ]
+    iterations = f"the symmetric tangent takes at most {MORE:g} times the iterations of the exact one"
+    times = f"; up to {USUAL} critical steps, with conjugate gradients, less time than the exact one, for which there is LU alone"
     failures = [
+        f"{one.times:g} times the critical step: {one.package:.2f} iterations, exact {one.exact:.2f}"
+        for one in found
+        if not one.package <= MORE * one.exact
+    ]
+    failures += [
         f"{one.times:g} times the critical step: {one.milliseconds[SOLVERS[1]]:.1f} ms a step, exact {one.with_exact:.1f} ms"
         for one in found
-        if one.times <= USUAL and not one.milliseconds[SOLVERS[1]] <= one.with_exact
+        if not quick and one.times <= USUAL and not one.milliseconds[SOLVERS[1]] <= one.with_exact
     ]
     return (
         Study(
             "Tangents of energy and momentum",
-            f"up to {USUAL} critical steps the symmetric tangent with conjugate gradients takes less time a step than the exact one, for which there is LU alone",
+            iterations + ("" if quick else times),
             (
                 "dt/critical",
                 "dt in ms",

@@ -17,7 +17,7 @@ class Study:
 
     Parameters
     ----------
-    name, claim : in words.
+    name, claim : in words; "" where times are measured and none is claimed, as by quick runs, which a busy machine must not fail.
     columns : heads of the table.
     rows : the table; words to the left, numbers (as text) to the right.
     failures : what contradicts the claim, in words; it holds if there is none.
@@ -45,7 +45,8 @@ class Study:
         for row in self.rows:
             table.add_row(*map(escape, row))
         verdict = "[bold green]holds[/]" if self.passed else "[bold red]DOES NOT HOLD[/]"
-        lines = [f"{verdict}: {escape(self.claim)}", *map(escape, self.failures if self.rows else ("nothing was measured",))]
+        claim = f"{verdict}: {escape(self.claim)}" if self.claim or not self.passed else "measured; a quick run claims no times"
+        lines = [claim, *map(escape, self.failures if self.rows else ("nothing was measured",))]
         return Group(table, *lines, *map(escape, self.notes), *(f"picture: {path}" for path in self.pictures), "")
 
 
