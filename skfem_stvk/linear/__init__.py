@@ -5,6 +5,7 @@ from .block_jacobi import BlockJacobiCg
 from .choose import SOLVERS, choose
 from .pardiso import Pardiso
 from .solver import Analysis, EdgeBlocks, Factors, Kind, LinearSolver, Operator, Outcome, Solution, Unknowns
+from .ssor import SsorCg
 from .superlu import SuperLU
 
 __all__ = [
@@ -20,6 +21,7 @@ __all__ = [
     "Outcome",
     "Pardiso",
     "Solution",
+    "SsorCg",
     "SuperLU",
     "Unknowns",
     "choose",

@@ -18,13 +18,13 @@ from .vertices import VertexRows
 class AssembledAnalysis:
     """The edges of the graph of K, and room for the values."""
 
-    def __init__(self, solver: LinearSolver, unknowns: Unknowns) -> None:
+    def __init__(self, solver: LinearSolver, unknowns: Unknowns, omega: float) -> None:
         self._solver, self._unknowns, self._newest = solver, unknowns, Newest()
         self._rows = VertexRows(unknowns)
         self._above = BlockStructure.of(triu(self._rows.graph, 1, format="csr"))
         edges = np.stack([self._above.row_of_each(), self._above.columns], axis=1)
         self._blocks = self._above.room()
-        self._search = EdgeCg(edges, self._rows.vertices, self._rows.places, assembled=True)
+        self._search = EdgeCg(edges, self._rows.vertices, self._rows.places, assembled=True, omega=omega)
 
     def factorise(self, K: Any, kind: Kind) -> EdgeFactors:
         """The values, and the inverses of the diagonal blocks."""

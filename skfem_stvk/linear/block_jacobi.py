@@ -44,6 +44,7 @@ class BlockJacobiCg:
     assembled: bool = False
 
     name: ClassVar[str] = "block-jacobi-cg"
+    omega: ClassVar[float] = 0.0
     takes: ClassVar[Kind] = Kind.SYMMETRIC
     iterative: ClassVar[bool] = True
 
@@ -60,7 +61,7 @@ class BlockJacobiCg:
         StvkError
             if K is to be assembled, and its structure is missing or has not a full block for each pair of vertices that it couples.
         """
-        return AssembledAnalysis(self, unknowns) if self.assembled else BlockJacobiAnalysis(self, unknowns)
+        return AssembledAnalysis(self, unknowns, self.omega) if self.assembled else BlockJacobiAnalysis(self, unknowns)
 
 
 class BlockJacobiAnalysis:
@@ -95,8 +96,9 @@ class BlockJacobiAnalysis:
             number = np.full(max(K.vertices.max(), self._vertices[-1]) + 1, -1)
             number[K.vertices] = np.arange(len(K.vertices))
             places = 3 * number[self._unknowns.vertex] + self._component
-            self._search = EdgeCg(K.edges, K.vertices, places, assembled=False) if places.min() >= 0 else None
-            self._edges = K.edges
+            self._edges, self._search = K.edges, None
+            if places.min() >= 0:
+                self._search = EdgeCg(K.edges, K.vertices, places, assembled=False, omega=self._solver.omega)
         return self._search
 
     def _inverted(self, diagonal: Vector) -> Vector:

@@ -8,13 +8,14 @@ from .block_jacobi import BlockJacobiCg
 from .checks import check_kind
 from .pardiso import Pardiso, pardiso_is_installed
 from .solver import Kind, LinearSolver, names
+from .ssor import SsorCg
 from .superlu import SuperLU
 
 #: From so many unknowns on PARDISO is faster than SuperLU; from so many on multigrid is faster than either.
 FEW, MANY_WITHOUT_PARDISO, MANY = 3_000, 6_000, 15_000
 
 #: All there are, in the order in which messages name them.
-SOLVERS: tuple[LinearSolver, ...] = (SuperLU(), Pardiso(), AmgCg(), BlockJacobiCg())
+SOLVERS: tuple[LinearSolver, ...] = (SuperLU(), Pardiso(), AmgCg(), BlockJacobiCg(), SsorCg())
 
 
 def choose(solver: str | LinearSolver, n: int, kind: Kind, indefinite: bool = False) -> LinearSolver:

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from ..errors import StateError, StvkError, name_ids
 from ..kernels import cg as kernels
-from ..kernels.sparse import invert_diagonal, multiply_diagonal
+from ..kernels.sparse import invert_diagonal
 from .cg import solve_by
 from .checks import Newest, checked_start, checked_vector, handed_out
 from .solver import Outcome, Solution, Vector
@@ -30,14 +30,15 @@ OUTCOMES = {
 
 
 class EdgeCg:
-    """Conjugate gradients on blocks of edges, on one thread, with the diagonal blocks as preconditioner.
+    """Conjugate gradients on blocks of edges, on one thread.
 
     Parameters
     ----------
-    edges : (ne, 2) block rows.
+    edges : (ne, 2) block rows `a < b`.
     vertices : (rows,) what messages call the block rows.
     places : (n,) of the unknowns, `3 row + component`.
     assembled : whether the diagonal is given, block by block; otherwise it is a shift minus the blocks of edges.
+    omega : of SSOR; of edges that are not sorted it needs a copy of the blocks. 0 stands for the diagonal blocks alone.
 
     Attributes
     ----------
@@ -45,15 +46,19 @@ class EdgeCg:
     iterations, size, norm : as of `cg.Search`.
     """
 
-    def __init__(self, edges: Ids, vertices: Ids, places: NDArray[np.int64], assembled: bool) -> None:
-        self.edges, self._vertices, self._places = edges, vertices, places
+    def __init__(self, edges: Ids, vertices: Ids, places: NDArray[np.int64], assembled: bool, omega: float) -> None:
+        self._order = _sorting(edges) if omega > 0 else None
+        self.edges = edges if self._order is None else edges[self._order]
+        self._vertices, self._places, self._omega = vertices, places, omega
         rows = len(vertices)
         is_held = np.ones(3 * rows, dtype=bool)
         is_held[places] = False
         self._held, self._rows = np.flatnonzero(is_held), np.arange(rows)
+        self._held_diagonal = 9 * (self._held // 3) + 4 * (self._held % 3)
         self.diagonal, self.inverse = np.zeros((9 if assembled else 3) * rows), np.zeros(9 * rows)
-        self._none, self._work, self._state = np.zeros(rows), np.zeros((4, 3 * rows)), np.zeros(3)
+        self._none, self._work, self._state = np.zeros(rows), np.zeros((6, 3 * rows)), np.zeros(4)
         self._blocks: NDArray[np.floating[Any]] = np.empty(0)
+        self._indefinite = False
         self._b: Vector = np.empty(0)
         self.iterations, self.size, self.norm = 0, 0.0, 0.0
 
@@ -66,6 +71,7 @@ class EdgeCg:
             raise StvkError(
                 f"The shift has shape {shift.shape}; expected {self._places.shape}, a value for each free degree of freedom."
             )
+        blocks = self._sorted(blocks)
         total = kernels.shifted_diagonal(self.edges, blocks, self._held, self._places, added, self.diagonal, self.inverse)
         self._invert(blocks, total)
 
@@ -78,8 +84,20 @@ class EdgeCg:
         if not np.isfinite(total):
             bad = self._vertices[~np.isfinite(self.inverse.reshape(-1, 9)).all(axis=1)]
             raise StateError(f"The diagonal of K is not finite at {name_ids(bad, 'vertex')}: did the step before diverge?")
-        invert_diagonal(0, len(self._rows), self._rows, self.inverse, self._none, self.inverse)
-        self._blocks = blocks
+        negative = invert_diagonal(0, len(self._rows), self._rows, self.inverse, self._none, self.inverse)
+        self.inverse[self._held_diagonal] = 0
+        if self._omega > 0:
+            self.inverse *= self._omega
+        self._blocks, self._indefinite = blocks, self._omega > 0 and negative > 0
+
+    def _sorted(self, blocks: NDArray[np.floating[Any]]) -> NDArray[np.floating[Any]]:
+        """In the order of the edges."""
+        if self._order is None:
+            return blocks
+        if self._blocks.dtype != blocks.dtype or self._blocks.shape != blocks.shape:
+            self._blocks = np.empty_like(blocks)
+        np.take(blocks.reshape(-1, 9), self._order, axis=0, out=self._blocks.reshape(-1, 9), mode="clip")
+        return self._blocks
 
     def solve(self, b: Vector, rtol: float, most: int, x0: Vector | None, out: Vector | None) -> Solution:
         """From `x0` or from zero; x is written to `out`."""
@@ -94,22 +112,28 @@ class EdgeCg:
         return solve_by(self, b, rtol, most)
 
     def precondition(self, r: Vector) -> Vector:
-        """(n,) the inverses of the diagonal blocks times `r`."""
-        padded, product = self._work[kernels.P], self._work[kernels.Q]
-        padded[self._places] = r
-        multiply_diagonal(0, len(self._rows), self.inverse, padded, product)
-        return product[self._places]
+        """(n,) `M^-1 r`."""
+        s = self._work[kernels.S]
+        s[:] = 0
+        s[self._places] = r
+        kernels.precondition(self.edges, self._blocks, self.inverse, self._held, self._omega, self._work)
+        return np.asarray(self._work[kernels.T, self._places])
 
     def true_residual(self) -> float:
         """`|b - K x|` from x, and from here on that is the residual; the next direction is the first again."""
-        own = self.edges, self._blocks, self.diagonal, self.inverse, self._held, self._places
-        kernels.residual(*own, self._b, self._state, self._work)
+        own = self.edges, self._blocks, self.diagonal, self._held
+        kernels.residual(*own, self._places, self._b, self._state, self._work)
         self.norm = float(self._state[kernels.NORM])
         return self.norm
 
     def run(self, enough: float, most: int) -> Outcome:
-        """Iterate until the residual is small enough, or something else happens."""
-        own = self.edges, self._blocks, self.diagonal, self.inverse, self._held
+        """Iterate until the residual is small enough, or something else happens.
+
+        A diagonal block that is indefinite has a direction of negative curvature; SSOR, made of one that is not, would not see it.
+        """
+        if self._indefinite:
+            return Outcome.NEGATIVE_CURVATURE
+        own = self.edges, self._blocks, self.diagonal, self.inverse, self._held, self._omega
         stretch, ended = max(1, STRETCH // max(1, len(self.edges))), kernels.MORE
         while ended == kernels.MORE:
             if self.iterations >= most:
@@ -124,8 +148,14 @@ class EdgeCg:
         return np.take(self._work[kernels.X], self._places, out=self._out, mode="clip")
 
 
+def _sorting(edges: Ids) -> Ids | None:
+    """What sorts them; None if they are sorted."""
+    order = np.lexsort((edges[:, 1], edges[:, 0]))
+    return order if (np.diff(order) != 1).any() else None
+
+
 class EdgeFactors:
-    """The inverses of the diagonal blocks, in the place that their analysis has for them."""
+    """The preconditioner, in the place that its analysis has for it."""
 
     negative_pivots: ClassVar[None] = None
 
@@ -140,5 +170,5 @@ class EdgeFactors:
         return handed_out(self._search.solve(b, rtol, MOST, x0, out), out)
 
     def precondition(self, r: Vector) -> Vector:
-        """(n,) the inverses of the diagonal blocks times `r`."""
+        """(n,) `M^-1 r`; of `omega = 0` the inverses of the diagonal blocks times `r`."""
         return self._search.precondition(r)

@@ -141,22 +141,25 @@ class _Memory:
 
     def call(self, phase: int) -> bool:
         """A phase without a right-hand side; False if the matrix is singular."""
+        return self._run(phase, np.zeros(self.n)) is not None
+
+    def solve(self, b: Vector) -> Vector:
+        """`x` by the factors that there are; NaN if the matrix is singular, which MKL up to 2023 says here only."""
+        x = self._run(SOLVE, b)
+        return np.full(self.n, np.nan) if x is None else x
+
+    def _run(self, phase: int, b: Vector) -> Vector | None:
+        """What a phase makes of `b`; nothing if the matrix is singular."""
         self._pardiso.set_phase(phase)
         try:
-            self._pardiso._call_pardiso(self._matrix, np.zeros(self.n))
+            return np.asarray(self._pardiso._call_pardiso(self._matrix, b))
         except self._error as error:
             if error.value in (-4, -7):
-                return False
+                return None
             raise StvkError(
                 f"PARDISO ended with error {error.value}, {ERRORS.get(error.value, 'see its manual')}, for {self.n} unknowns and "
                 f"{self._matrix.nnz} values. An iterative solver needs less memory: solver='amg-cg'."
             ) from error
-        return True
-
-    def solve(self, b: Vector) -> Vector:
-        """`x` by the factors that there are."""
-        self._pardiso.set_phase(SOLVE)
-        return np.asarray(self._pardiso._call_pardiso(self._matrix, b))
 
     def product(self, x: Vector) -> Vector:
         """`K x`, from the triangle that there is."""

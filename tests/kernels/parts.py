@@ -4,6 +4,7 @@ import numba
 
 from skfem_stvk.edges import arrays, assembly, order, penalty, rows, simplices, stiffness, stretches, topology, volumes
 from skfem_stvk.kernels import readable, threads
+from skfem_stvk.mesh import displacements
 from skfem_stvk.system import free, pattern
 
 #: Modules and the kernels that they import by name.
@@ -28,7 +29,7 @@ def on_twins(monkeypatch):
     monkeypatch.setattr(assembly, "simplex_kernels", readable)
     monkeypatch.setattr(penalty, "penalty_kernels", readable)
     monkeypatch.setattr(volumes, "volume_kernels", readable)
-    for module in (arrays, assembly, free, simplices, volumes):
+    for module in (arrays, assembly, displacements, free, simplices, volumes):
         monkeypatch.setattr(module, "block_kernels", readable)
     for name in ("block_kernels", "stretch_kernels"):
         monkeypatch.setattr(stretches, name, readable)

@@ -5,15 +5,18 @@ import pytest
 from linear.problems import NAMES, body, held
 
 from skfem_stvk.kernels import cg, readable
-from skfem_stvk.kernels.cg import MORE, NEGATIVE, NOT_FINITE, SMALL, P, Q, R, X
-from skfem_stvk.linear import BlockJacobiCg, Kind, Unknowns
+from skfem_stvk.kernels.cg import MORE, NEGATIVE, NOT_FINITE, SMALL, P, S, T, U, X
+from skfem_stvk.linear import BlockJacobiCg, Kind, SsorCg, Unknowns
 from skfem_stvk.system import FreeOperator
+
+DIAGONAL = BlockJacobiCg()
+preconditioned = pytest.mark.parametrize("solver", [DIAGONAL, SsorCg()], ids=lambda solver: solver.name)
 
 
 class Problem:
     """A body, stretched and shifted, as what the kernels read and as the matrix of its unknowns."""
 
-    def __init__(self, name="box", dtype=np.float64, shift=0.5):
+    def __init__(self, name="box", dtype=np.float64, shift=0.5, solver=DIAGONAL):
         system = body(name)
         self.free, d, x = held(system), system.mesh.d, system.mesh.p.T
         u = self.free.vector((0.1 * (x - x.min(axis=0)) @ np.eye(d)[::-1]).ravel()[self.free.free])
@@ -22,23 +25,23 @@ class Problem:
         self.shift = shift * np.random.default_rng(2).uniform(1, 2, n)
         self.operator = FreeOperator(tangent, self.free, self.shift)
         self.K = self.free.matrix(system.tangent(u)).toarray() + np.diag(self.shift)
-        search = BlockJacobiCg().analyse(Unknowns(self.free.free // d, self.free.free % d))
+        search = solver.analyse(Unknowns(self.free.free // d, self.free.free % d))
         search = search.factorise(self.operator, Kind.SYMMETRIC)._search
-        self.edges, self.held, self.places = search.edges, search._held, search._places
+        self.edges, self.held, self.places, self.omega = search.edges, search._held, search._places, solver.omega
         self.blocks, self.diagonal, self.inverse = search._blocks.astype(dtype), search.diagonal.copy(), search.inverse.copy()
         self.b = np.random.default_rng(3).standard_normal(n)
-        self.vertex = self.free.free // d
 
     def begin(self, kernels=cg, x0=0.0, held=None):
-        work, state = np.zeros((4, 3 * (len(self.inverse) // 9))), np.zeros(3)
+        work, state = np.zeros((6, 3 * (len(self.inverse) // 9))), np.zeros(4)
         work[X, self.places] = x0
         held = self.held if held is None else held
-        kernels.residual(self.edges, self.blocks, self.diagonal, self.inverse, held, self.places, self.b, state, work)
+        kernels.residual(self.edges, self.blocks, self.diagonal, held, self.places, self.b, state, work)
         return work, state
 
     def iterate(self, work, state, most, kernels=cg, enough=0.0, held=None):
         held = self.held if held is None else held
-        return kernels.iterate(self.edges, self.blocks, self.diagonal, self.inverse, held, enough, most, state, work)
+        own = self.edges, self.blocks, self.diagonal, self.inverse, held, self.omega
+        return kernels.iterate(*own, enough, most, state, work)
 
     def iterates(self, most, held=None):
         """x after each iteration."""
@@ -47,51 +50,94 @@ class Problem:
             self.iterate(work, state, 1, held=held)
             yield work[X, self.places].copy()
 
+    def preconditioner(self):
+        """M of the unknowns alone, dense, in their order; rows of K and their vertices as the kernels number them."""
+        row = self.places // 3
+        D = np.where(row[:, None] == row, self.K, 0)
+        if not self.omega:
+            return D
+        E, L = D / self.omega, np.where(row[:, None] > row, self.K, 0)
+        return (E + L) @ np.linalg.inv(E) @ (E + L).T
 
-def textbook(K, b, vertex, most):
-    """Iterates over the unknowns alone, with the inverses of the blocks of vertices."""
-    D = np.linalg.inv(np.where(vertex[:, None] == vertex, K, 0))
+
+def textbook(K, b, M, most):
+    """Iterates over the unknowns alone, with a product and a preconditioner."""
     x, r = np.zeros_like(b), b.copy()
-    z = p = D @ r
+    z = p = np.linalg.solve(M, r)
     for _ in range(most):
         alpha = z @ r / (p @ K @ p)
         x, rho = x + alpha * p, z @ r
         r = r - alpha * K @ p
-        z = D @ r
+        z = np.linalg.solve(M, r)
         p = z + z @ r / rho * p
         yield x
 
 
+@preconditioned
 @pytest.mark.parametrize("name", NAMES)
 @pytest.mark.parametrize("shift", [0.0, 3.0])
-def test_to_filter_what_is_held_is_to_leave_it_out_of_the_system(name, shift):
-    problem = Problem(name, shift=shift)
+def test_to_filter_what_is_held_is_to_leave_it_out_of_the_system(name, shift, solver):
+    problem = Problem(name, shift=shift, solver=solver)
     assert len(problem.held) > 3
-    found = list(problem.iterates(25))
-    for x, wanted in zip(found, textbook(problem.K, problem.b, problem.vertex, 25), strict=True):
+    found = list(problem.iterates(15))
+    for x, wanted in zip(found, textbook(problem.K, problem.b, problem.preconditioner(), 15), strict=True):
         assert np.abs(x - wanted).max() < 1e-9 * np.abs(wanted).max()
     assert np.abs(found[1] - found[0]).max() > 1e-3 * np.abs(found[0]).max()
 
 
-def test_without_the_filter_the_iterates_are_others():
-    problem = Problem()
+@preconditioned
+def test_without_the_filter_the_iterates_are_others(solver):
+    problem = Problem(solver=solver)
+    problem.inverse = np.where(problem.inverse == 0, 1.0, problem.inverse)
     found = list(problem.iterates(10, held=problem.held[:0]))[-1]
-    *_, wanted = textbook(problem.K, problem.b, problem.vertex, 10)
+    *_, wanted = textbook(problem.K, problem.b, problem.preconditioner(), 10)
     assert np.abs(found - wanted).max() > 1e-2 * np.abs(wanted).max()
 
 
+@preconditioned
 @pytest.mark.parametrize("name", NAMES)
-def test_what_is_held_stays_zero_in_all_vectors(name):
-    problem = Problem(name)
+def test_what_is_held_stays_zero_in_all_vectors(name, solver):
+    problem = Problem(name, solver=solver)
     work, state = problem.begin(x0=0.1)
-    problem.iterate(work, state, 7)
-    assert not work[:, problem.held].any() and (np.abs(work[:, problem.places]).max(axis=1) > 1e-3).all()
+    problem.iterate(work, state, 3)
+    vectors = work[[X, S, P, T, U]]
+    assert not vectors[:, problem.held].any() and (np.abs(vectors[:, problem.places]).max(axis=1) > 1e-3).all()
 
 
+@preconditioned
+@pytest.mark.parametrize("name", NAMES)
+def test_the_preconditioner_is_the_inverse_of_m_symmetric_and_positive_definite(name, solver):
+    problem = Problem(name, solver=solver)
+    inverse = np.empty_like(problem.K)
+    for column, unit in zip(inverse.T, np.eye(len(problem.b)), strict=True):
+        work = np.full((6, 3 * (len(problem.inverse) // 9)), 7.0)
+        work[S] = 0
+        work[S, problem.places] = unit
+        cg.precondition(problem.edges, problem.blocks, problem.inverse, problem.held, problem.omega, work)
+        column[:] = work[T, problem.places]
+        assert not work[T, problem.held].any()
+    assert np.abs(inverse @ problem.preconditioner() - np.eye(len(inverse))).max() < 1e-9
+    assert np.abs(inverse - inverse.T).max() < 1e-12 * np.abs(inverse).max() and np.linalg.eigvalsh(inverse).min() > 0
+    assert np.linalg.cond(inverse @ problem.K) < np.linalg.cond(problem.K)
+
+
+@preconditioned
+@pytest.mark.parametrize("name", NAMES)
+def test_compiled_and_readable_preconditioners_agree(name, solver):
+    problem, found = Problem(name, solver=solver), {}
+    for kernels in (cg, readable):
+        work = np.zeros((6, 3 * (len(problem.inverse) // 9)))
+        work[S, problem.places] = problem.b
+        kernels.precondition(problem.edges, problem.blocks, problem.inverse, problem.held, problem.omega, work)
+        found[kernels] = work[T]
+    assert np.abs(found[cg] - found[readable]).max() < 1e-11 * np.abs(found[cg]).max()
+
+
+@preconditioned
 @pytest.mark.parametrize("assembled", [False, True])
 @pytest.mark.parametrize("name", NAMES)
-def test_compiled_and_readable_loops_agree(name, assembled):
-    problem = Problem(name)
+def test_compiled_and_readable_loops_agree(name, assembled, solver):
+    problem = Problem(name, solver=solver)
     if assembled:
         rows = np.arange(len(problem.inverse) // 9)
         A = readable.matrix_of_edges(problem.edges, problem.blocks, problem.diagonal, len(rows))
@@ -100,7 +146,8 @@ def test_compiled_and_readable_loops_agree(name, assembled):
     one, other = problem.begin(x0=x0), problem.begin(readable, x0)
     for most in (0, 1, 9):
         assert problem.iterate(*one, most) == problem.iterate(*other, most, readable) == (MORE, most)
-        for compiled, twin in zip(one, other, strict=True):
+        vectors = [X, S, P, T, U] if most else [X, S, P]
+        for compiled, twin in ((one[0][vectors], other[0][vectors]), (one[1], other[1])):
             assert np.abs(twin).max() > 1e-3 and np.abs(compiled - twin).max() < 1e-9 * np.abs(twin).max()
 
 
@@ -142,8 +189,9 @@ def test_a_matrix_becomes_the_same_edges_by_both_ways(name):
     assert np.abs(A - problem.K).max() < 1e-13 * np.abs(problem.K).max()
 
 
-def test_the_loop_goes_on_bit_for_bit_where_it_was_left():
-    problem = Problem()
+@preconditioned
+def test_the_loop_goes_on_bit_for_bit_where_it_was_left(solver):
+    problem = Problem(solver=solver)
     whole, parts = problem.begin(), problem.begin()
     assert problem.iterate(*whole, 12) == (MORE, 12)
     for most in (1, 4, 7):
@@ -151,12 +199,16 @@ def test_the_loop_goes_on_bit_for_bit_where_it_was_left():
     assert np.array_equal(whole[0], parts[0]) and np.array_equal(whole[1], parts[1])
 
 
-def test_it_ends_when_the_residual_is_small():
-    problem = Problem()
+@preconditioned
+@pytest.mark.parametrize("name", NAMES)
+def test_it_ends_when_the_residual_is_small_and_hardly_later(name, solver):
+    problem = Problem(name, solver=solver)
     work, state = problem.begin()
     enough = 1e-6 * state[0]
     ended, done = problem.iterate(work, state, 1000, enough=enough)
-    assert ended == SMALL and 5 < done < 300 and state[0] <= enough
+    residuals = [np.linalg.norm(problem.b - problem.K @ x) for x in problem.iterates(done)]
+    assert ended == SMALL and state[0] <= enough
+    assert 5 < done <= 3 + 1.1 * np.argmax(np.array(residuals) <= enough)
     assert np.linalg.norm(problem.b - problem.K @ work[X, problem.places]) == pytest.approx(state[0], rel=1e-6)
     assert problem.iterate(work, state, 1000, enough=enough) == (SMALL, 0)
 
@@ -166,8 +218,8 @@ def test_a_residual_from_somewhere_is_that_of_the_matrix():
     x0 = np.random.default_rng(4).standard_normal(len(problem.b))
     work, state = problem.begin(x0=x0)
     wanted = problem.b - problem.K @ x0
-    assert np.abs(work[R, problem.places] - wanted).max() < 1e-13 * np.abs(wanted).max()
-    assert state[0] == pytest.approx(np.linalg.norm(wanted)) and not work[P].any() and work[Q].any()
+    assert np.abs(work[S, problem.places] - wanted).max() < 1e-13 * np.abs(wanted).max()
+    assert state[0] == pytest.approx(np.linalg.norm(wanted)) and not work[P].any()
 
 
 def test_negative_curvature_is_noticed_before_the_step():
@@ -177,14 +229,25 @@ def test_negative_curvature_is_noticed_before_the_step():
     assert problem.iterate(work, state, 5) == (NEGATIVE, 0) and not work[X].any()
 
 
-def test_what_is_not_finite_is_noticed():
-    problem = Problem()
+@preconditioned
+def test_negative_curvature_behind_a_positive_definite_diagonal_is_found(solver):
+    problem = Problem(shift=-0.02, solver=solver)
+    assert np.linalg.eigvalsh(problem.K)[0] < 0 < np.linalg.eigvalsh(problem.preconditioner())[0]
+    work, state = problem.begin()
+    ended, done = problem.iterate(work, state, 300)
+    assert ended == NEGATIVE and done < 100 and np.isfinite(work).all()
+
+
+@preconditioned
+def test_what_is_not_finite_is_noticed(solver):
+    problem = Problem(solver=solver)
     work, state = problem.begin()
     problem.blocks[17] = np.nan
     assert problem.iterate(work, state, 5)[0] == NOT_FINITE
 
 
-def test_blocks_in_single_precision_are_multiplied_in_double():
-    problem, rounded = Problem(), Problem(dtype=np.float32)
+@preconditioned
+def test_blocks_in_single_precision_are_multiplied_in_double(solver):
+    problem, rounded = Problem(solver=solver), Problem(dtype=np.float32, solver=solver)
     (*_, x), (*_, y) = problem.iterates(5), rounded.iterates(5)
     assert 1e-9 < np.abs(x - y).max() / np.abs(x).max() < 1e-5

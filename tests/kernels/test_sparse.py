@@ -169,7 +169,8 @@ def test_inverses_of_indefinite_diagonal_blocks_are_positive_definite():
     assert np.linalg.eigvalsh(blocks.reshape(N, 3, 3)).min() < -0.1
     assert_twins("invert_diagonal", [0, N], [np.arange(N), blocks, np.zeros(N), np.zeros(9 * N)], [3], limit=1e-9)
     out = np.zeros(9 * N)
-    sparse.invert_diagonal(0, N, np.arange(N), blocks, np.zeros(N), out)
+    negative = [kernels.invert_diagonal(0, N, np.arange(N), blocks, np.zeros(N), out) for kernels in (sparse, readable)]
+    assert negative == 2 * [(np.linalg.eigvalsh(blocks.reshape(N, 3, 3)) < 0).sum()]
     assert np.linalg.eigvalsh(out.reshape(N, 3, 3)).min() > 0
 
 

@@ -20,7 +20,7 @@ def test_a_name_and_an_object_are_the_same_solver(solver):
 
 @pytest.mark.parametrize("wrong", ["umfpack", 3, None])
 def test_what_is_no_solver_is_refused_with_the_names_of_those_there_are(wrong):
-    with pytest.raises(StvkError, match=r"'auto', 'superlu', 'pardiso', 'amg-cg', 'block-jacobi-cg'"):
+    with pytest.raises(StvkError, match=r"'auto', 'superlu', 'pardiso', 'amg-cg', 'block-jacobi-cg', 'ssor-cg'"):
         choose(wrong, 100, Kind.SYMMETRIC)
 
 

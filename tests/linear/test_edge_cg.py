@@ -10,12 +10,13 @@ from linear.problems import NAMES, body, held, problem
 
 from skfem_stvk import StVK, System
 from skfem_stvk.errors import StateError, StvkError
-from skfem_stvk.linear import BlockJacobiCg, Kind, Outcome, Unknowns, edge_cg
+from skfem_stvk.linear import BlockJacobiCg, Kind, Outcome, SsorCg, Unknowns, edge_cg
 from skfem_stvk.linear.block_jacobi import BlockJacobiFactors
 from skfem_stvk.linear.edge_cg import EdgeFactors
 from skfem_stvk.system import FreeOperator
 
 SYMMETRIC = Kind.SYMMETRIC
+preconditioned = pytest.mark.parametrize("solver", [BlockJacobiCg(), SsorCg()], ids=lambda solver: solver.name)
 
 
 class Products:
@@ -50,9 +51,10 @@ def test_the_compiled_loop_takes_the_iterations_of_that_with_products(name, shif
     assert np.abs(compiled.precondition(b) - other.precondition(b)).max() < 1e-12 * np.abs(other.precondition(b)).max()
 
 
-def test_of_a_changed_operator_new_factors_know_and_nothing_is_left_of_the_old():
+@preconditioned
+def test_of_a_changed_operator_new_factors_know_and_nothing_is_left_of_the_old(solver):
     operator, unknowns, b = operator_of(shift=np.zeros(len(operator_of()[2])))
-    analysis = BlockJacobiCg().analyse(unknowns)
+    analysis = solver.analyse(unknowns)
     old = analysis.factorise(operator, SYMMETRIC).solve(b, 1e-9)
     operator.shift[:] = 3.0
     operator.tangent.scale_and_add(2.0)
@@ -63,80 +65,113 @@ def test_of_a_changed_operator_new_factors_know_and_nothing_is_left_of_the_old()
     assert np.abs(unshifted.x - old.x).max() < 1e-6 * np.abs(old.x).max()
 
 
-def test_unknowns_without_an_element_are_solved_for_with_products():
+@preconditioned
+def test_unknowns_without_an_element_are_solved_for_with_products(solver):
     mesh = MESHES["tetrahedra"]
     with pytest.warns(match="in no term"):
         system = System(mesh, StVK(young=2.0, poisson=0.3, region=np.arange(20)))
     free = system.free_dofs(np.arange(6))
     operator = FreeOperator(system.linear_operator(0 * state(mesh)), free, np.full(len(free.free), 2.0))
-    factors = BlockJacobiCg().analyse(Unknowns(*np.divmod(free.free, 3))).factorise(operator, SYMMETRIC)
+    factors = solver.analyse(Unknowns(*np.divmod(free.free, 3))).factorise(operator, SYMMETRIC)
     b = np.cos(np.arange(len(free.free)))
     assert isinstance(factors, BlockJacobiFactors) and operator.by_edges() is not None
     assert np.linalg.norm(b - operator @ factors.solve(b, 1e-9).x) <= 1.1e-9 * np.linalg.norm(b)
 
 
-def test_a_body_in_single_precision_is_solved_in_double():
+@preconditioned
+def test_a_body_in_single_precision_is_solved_in_double(solver):
     mesh = MESHES["tetrahedra"]
     system = System(mesh, StVK(young=2.0, poisson=0.3), dtype=np.float32)
     free = system.free_dofs(np.flatnonzero(np.repeat(mesh.p[0] < 0.2, 3)))
     operator = FreeOperator(system.linear_operator(0 * state(mesh)), free)
     b = np.cos(np.arange(len(free.free)))
-    solution = BlockJacobiCg().analyse(Unknowns(*np.divmod(free.free, 3))).factorise(operator, SYMMETRIC).solve(b, 1e-11)
+    solution = solver.analyse(Unknowns(*np.divmod(free.free, 3))).factorise(operator, SYMMETRIC).solve(b, 1e-11)
     assert solution.outcome is Outcome.SOLVED and solution.x.dtype == np.float64
 
 
-def test_a_residual_that_rounding_left_too_small_is_looked_at_from_x():
+@preconditioned
+def test_a_residual_that_rounding_left_too_small_is_looked_at_from_x(solver):
     operator, unknowns, b = operator_of("soft and stiff")
-    solution = BlockJacobiCg().analyse(unknowns).factorise(operator, SYMMETRIC).solve(b, 1e-18)
+    solution = solver.analyse(unknowns).factorise(operator, SYMMETRIC).solve(b, 1e-18)
     assert solution.outcome in (Outcome.INACCURATE, Outcome.OUT_OF_ITERATIONS)
     assert 1e-18 < np.linalg.norm(b - operator @ solution.x) / np.linalg.norm(b) < 1e-9
 
 
-def test_iterations_come_to_an_end_and_what_there_is_is_handed_out(monkeypatch):
+@preconditioned
+def test_iterations_come_to_an_end_and_what_there_is_is_handed_out(monkeypatch, solver):
     monkeypatch.setattr(edge_cg, "MOST", 7)
     operator, unknowns, b = operator_of()
-    solution = BlockJacobiCg().analyse(unknowns).factorise(operator, SYMMETRIC).solve(b, 1e-12)
+    solution = solver.analyse(unknowns).factorise(operator, SYMMETRIC).solve(b, 1e-12)
     assert solution.outcome is Outcome.OUT_OF_ITERATIONS and solution.iterations == 7
     assert solution.residual == pytest.approx(np.linalg.norm(b - operator @ solution.x) / np.linalg.norm(b))
 
 
+@preconditioned
 @pytest.mark.parametrize("stretch", [1, 100_000])
-def test_stretches_between_which_python_looks_up_change_no_bit(stretch, monkeypatch):
+def test_stretches_between_which_python_looks_up_change_no_bit(stretch, monkeypatch, solver):
     operator, unknowns, b = operator_of()
-    factors = BlockJacobiCg().analyse(unknowns).factorise(operator, SYMMETRIC)
+    factors = solver.analyse(unknowns).factorise(operator, SYMMETRIC)
     whole = factors.solve(b, 1e-10)
     monkeypatch.setattr(edge_cg, "STRETCH", stretch)
     again = factors.solve(b, 1e-10)
     assert np.array_equal(again.x, whole.x) and again.iterations == whole.iterations
 
 
-def test_negative_curvature_is_an_outcome_with_what_was_found_before():
+@preconditioned
+def test_negative_curvature_is_an_outcome_with_what_was_found_before(solver):
     operator, unknowns, b = operator_of(amount=-0.4)
-    solution = BlockJacobiCg().analyse(unknowns).factorise(operator, SYMMETRIC).solve(b, 1e-12)
+    solution = solver.analyse(unknowns).factorise(operator, SYMMETRIC).solve(b, 1e-12)
     assert solution.outcome is Outcome.NEGATIVE_CURVATURE
     assert solution.residual == pytest.approx(np.linalg.norm(b - operator @ solution.x) / np.linalg.norm(b), rel=1e-6)
 
 
-def test_a_shift_that_is_not_finite_is_refused_with_the_vertex():
+@preconditioned
+def test_a_shift_that_is_not_finite_is_refused_with_the_vertex(solver):
     operator, unknowns, _ = operator_of(shift=np.ones(len(operator_of()[2])))
     operator.shift[11] = np.nan
     with pytest.raises(StateError, match=rf"not finite at 1 vertex \({unknowns.vertex[11]}\)"):
-        BlockJacobiCg().analyse(unknowns).factorise(operator, SYMMETRIC)
+        solver.analyse(unknowns).factorise(operator, SYMMETRIC)
 
 
-def test_a_shift_of_another_length_is_refused():
+@preconditioned
+def test_a_shift_of_another_length_is_refused(solver):
     operator, unknowns, b = operator_of()
     operator.shift = np.ones(len(b) + 1)
     with pytest.raises(StvkError, match=rf"shape \({len(b) + 1},\); expected \({len(b)},\)"):
-        BlockJacobiCg().analyse(unknowns).factorise(operator, SYMMETRIC)
+        solver.analyse(unknowns).factorise(operator, SYMMETRIC)
 
 
-def test_assembled_and_by_edges_the_iterations_are_the_same():
+@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("shift", [0.0, 2.0])
+def test_ssor_answers_as_a_dense_solve_does_with_fewer_iterations_than_diagonal_blocks(name, shift):
+    operator, unknowns, b = operator_of(name, shift=np.full(len(operator_of(name)[2]), shift))
+    start = np.cos(np.arange(len(b)))
+    factors = [solver.analyse(unknowns).factorise(operator, SYMMETRIC) for solver in (SsorCg(), BlockJacobiCg())]
+    one, other = (each.solve(b, 1e-9, start) for each in factors)
+    wanted = np.linalg.solve(operator @ np.eye(len(b)), b)
+    assert one.outcome is Outcome.SOLVED and np.abs(one.x - wanted).max() < 1e-5 * np.abs(wanted).max()
+    assert one.iterations < 0.6 * other.iterations or name == "cable"
+    assert factors[0].solve(b, 1e-6, one.x).iterations == 0
+
+
+def test_an_indefinite_diagonal_block_is_negative_curvature_at_once():
+    operator, unknowns, b = operator_of(shift=np.zeros(len(operator_of()[2])))
+    operator.shift[7] = -100.0
+    analysis = SsorCg().analyse(unknowns)
+    solution = analysis.factorise(operator, SYMMETRIC).solve(b, 1e-9, 0.1 * b)
+    assert solution.outcome is Outcome.NEGATIVE_CURVATURE and np.array_equal(solution.x, 0.1 * b) and solution.iterations == 0
+    operator.shift[7] = 1.0
+    assert analysis.factorise(operator, SYMMETRIC).solve(b, 1e-9).outcome is Outcome.SOLVED
+
+
+@preconditioned
+def test_assembled_and_by_edges_the_iterations_are_the_same(solver):
     K, unknowns = problem("box")
     operator, _, b = operator_of(amount=0.0)
-    one = BlockJacobiCg(assembled=True).analyse(unknowns).factorise(K, SYMMETRIC).solve(b, 1e-8)
-    two = BlockJacobiCg().analyse(unknowns).factorise(operator, SYMMETRIC).solve(b, 1e-8)
-    assert abs(one.iterations - two.iterations) <= 2 and np.abs(one.x - two.x).max() < 1e-6 * np.abs(two.x).max()
+    one = type(solver)(assembled=True).analyse(unknowns).factorise(K, SYMMETRIC).solve(b, 1e-8)
+    two = solver.analyse(unknowns).factorise(operator, SYMMETRIC).solve(b, 1e-8)
+    assert abs(one.iterations - two.iterations) <= 2 + 0.1 * one.iterations * (solver == SsorCg())  # rows have other numbers
+    assert np.abs(one.x - two.x).max() < 1e-6 * np.abs(two.x).max()
 
 
 def grown(call, times=5):
@@ -154,12 +189,13 @@ def grown(call, times=5):
         tracemalloc.stop()
 
 
-def test_from_step_to_step_no_array_is_made():
+@preconditioned
+def test_from_step_to_step_no_array_is_made(solver):
     system = System(skfem.MeshTet().refined(4), StVK(young=2.0, poisson=0.3))
     free = system.free_dofs(np.flatnonzero(np.repeat(system.mesh.p[0] == 0, 3)))
     n = len(free.free)
     rest, tangent = system.linear_operator(np.zeros(system.ndofs)), system.linear_operator(np.zeros(system.ndofs))
-    operator, analysis = FreeOperator(tangent, free, np.ones(n)), BlockJacobiCg().analyse(Unknowns(*np.divmod(free.free, 3)))
+    operator, analysis = FreeOperator(tangent, free, np.ones(n)), solver.analyse(Unknowns(*np.divmod(free.free, 3)))
     u, force, b, x = 0.01 * state(system.mesh), np.zeros((system.mesh.nv, 3)), np.cos(np.arange(n)), np.zeros(n)
 
     def step():

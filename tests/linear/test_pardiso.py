@@ -5,7 +5,7 @@ import pytest
 from linear.problems import indefinite, problem
 
 from skfem_stvk.errors import StvkError
-from skfem_stvk.linear import Kind, Pardiso, Unknowns
+from skfem_stvk.linear import Kind, Outcome, Pardiso, Unknowns
 
 pytest.importorskip("pypardiso")
 
@@ -45,6 +45,27 @@ def test_perturbed_pivots_are_counted_and_their_inertia_is_not_claimed():
     factors = Pardiso().analyse(unknowns).factorise(shifted, Kind.SYMMETRIC)
     assert factors.perturbed_pivots == 1 and factors.negative_pivots is None
     assert Pardiso().analyse(unknowns).factorise(indefinite(K, unknowns), Kind.SYMMETRIC).perturbed_pivots == 0
+
+
+def test_errors_that_come_with_a_solve_only_are_told_apart(monkeypatch):
+    """MKL up to 2023 says so late that a matrix is singular."""
+    from pypardiso.pardiso_wrapper import PyPardisoError, PyPardisoSolver
+
+    K, unknowns = problem()
+    factors = Pardiso().analyse(unknowns).factorise(K, Kind.SYMMETRIC)
+    codes = iter([-4, -7, -2])
+
+    def refused(self, A, b):
+        raise PyPardisoError(next(codes))
+
+    with monkeypatch.context() as patch:
+        patch.setattr(PyPardisoSolver, "_call_pardiso", refused)
+        for _ in range(2):
+            solution = factors.solve(np.ones(unknowns.n))
+            assert solution.outcome is Outcome.SINGULAR and not solution.x.any()
+        with pytest.raises(StvkError, match="error -2, not enough memory"):
+            factors.solve(np.ones(unknowns.n))
+    assert factors.solve(np.ones(unknowns.n), 1e-6).outcome is Outcome.SOLVED
 
 
 def test_a_missing_diagonal_is_refused_before_pardiso_sees_it():
