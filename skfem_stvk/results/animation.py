@@ -20,7 +20,7 @@ from .files import output_path, replacing
 from .picture import Picture, Sight, View, corner_values, prefixed
 from .series import read_list
 from .state import State, masked
-from .table import FIELDS
+from .table import FIELDS, VECTORS
 
 Array = NDArray[Any]
 
@@ -42,7 +42,7 @@ def animate(
     ----------
     series : a .pvd file with the .vtu files it lists, as `Series` writes them; or pairs of times and states.
     path : of a .gif file, or of an .mp4 file, for which ffmpeg has to be installed.
-    field : name of a field with one number an element, or "displacement" for its length. From a .pvd, one that its files hold, averaged
+    field : name of a field with one number an element, or "displacement" or "velocity" for its length. From a .pvd, one that its files hold, averaged
         to the nodes there.
     scale : factor for the displacements, 1 for the true shape.
     label : of the colour bar; by default the field's name and unit.
@@ -142,7 +142,7 @@ def _of_files(series: str | os.PathLike[str], field: str, scale: float, label: s
 
     def picture(number: int) -> Picture:
         data = _read(files[number]).point_data
-        values = data[name] if name != "displacement" else np.linalg.norm(data[name], axis=1)
+        values = np.linalg.norm(data[name], axis=1) if name in VECTORS else data[name]
         missing = data.get(f"{name}_missing", np.zeros(len(values))).astype(bool)
         return sight.picture(data["displacement"], masked(values, missing)[cells.data.T], label or named, scale)
 
@@ -152,13 +152,14 @@ def _of_files(series: str | os.PathLike[str], field: str, scale: float, label: s
 def _described(mesh: meshio.Mesh, field: str, file: Path) -> tuple[str, str, str]:
     """A field's name in the file, its words and its unit."""
     scalars = [name for name, values in mesh.point_data.items() if values.ndim == 1 and not name.endswith("_missing")]
+    vectors = [name for name in VECTORS if name in mesh.point_data]
+    if field in vectors:
+        return field, field, VECTORS[field]
     for name in (field, f"{field}_stress"):
-        if name == "displacement":
-            return name, name, "m"
         if name in scalars:
             units = {one.name: (one.words, one.unit.replace("-", "")) for one in FIELDS}
             return name, *units.get(name, (name.replace("_", " "), ""))
-    raise StvkError(f"{file.name} holds no numbers {field!r}; {name_known(field, ['displacement', *scalars])}")
+    raise StvkError(f"{file.name} holds no numbers {field!r}; {name_known(field, [*vectors, *scalars])}")
 
 
 def _read(file: Path) -> meshio.Mesh:

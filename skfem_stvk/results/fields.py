@@ -136,12 +136,13 @@ class Fields:
             row[elements] = True
         return np.unique(covered, axis=1, return_inverse=True)[1].reshape(-1)
 
-    def at(self, u: ArrayLike) -> State:
-        """The state at displacements `u` (ndofs,) [m].
+    def at(self, u: ArrayLike, v: ArrayLike | None = None) -> State:
+        """The state at displacements `u` (ndofs,) [m], of a body in motion with velocities `v` (ndofs,) [m/s].
 
         Raises
         ------
         StateError
-            if `u` does not have one finite entry for each degree of freedom.
+            if `u` or `v` does not have one finite entry for each degree of freedom.
         """
-        return State(self, by_vertex(self.mesh, u).astype(np.float64, copy=False))
+        moving = None if v is None else by_vertex(self.mesh, v, "v").astype(np.float64, copy=False)
+        return State(self, by_vertex(self.mesh, u).astype(np.float64, copy=False), moving)

@@ -43,12 +43,14 @@ def _shown(figure: Figure, film: Film) -> Iterator[Picture]:
     title = figure.suptitle(" ", fontsize=11, color=EDGE)
     stage = None
     for words, picture in pictures:
+        title.set_text(words)
         if stage is None:
             stage = Stage(figure, picture, view)
-        stage.show(picture)
-        title.set_text(words)
-        figure.draw_without_rendering()
-        figure.set_layout_engine("none")
+            stage.show(picture)
+            figure.draw_without_rendering()
+            figure.set_layout_engine("none")
+        else:
+            stage.show(picture)
         yield picture
 
 

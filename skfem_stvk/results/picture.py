@@ -15,7 +15,7 @@ from .frames import in_space
 from .nodal import NodalAverage, split_nodes
 from .state import State, masked
 from .surface import outline, visible_cells
-from .table import FIELDS, find
+from .table import FIELDS, VECTORS, find
 
 Array = NDArray[np.float64]
 PREFIXES = {-9: "n", -6: "µ", -3: "m", 0: "", 3: "k", 6: "M", 9: "G", 12: "T"}
@@ -125,11 +125,11 @@ def corner_values(state: State, field: str | ArrayLike) -> tuple[Array, str, str
     mesh = state.fields.mesh
     if not isinstance(field, str):
         return _given(state, field), "", ""
-    if field == "displacement":
-        return np.linalg.norm(state.u, axis=1)[mesh.t], "displacement", "m"
-    found = find(field)
+    if field in state.vectors:
+        return np.linalg.norm(state.vectors[field], axis=1)[mesh.t], field, VECTORS[field]
+    found = find(field, state.vectors)
     if found.shape:
-        scalars = ", ".join(["displacement", *(other.name for other in FIELDS if not other.shape)])
+        scalars = ", ".join([*state.vectors, *(other.name for other in FIELDS if not other.shape)])
         raise StvkError(
             f"{found.name} has {'3 x 3' if len(found.shape) == 2 else 3} components; a picture shows one number. Take one of {scalars}, or hand "
             f'in a component and its label: field=state["{field}"][:, 0{", 0" if len(found.shape) == 2 else ""}], label="...".'

@@ -29,7 +29,7 @@ def plot(
 
     Parameters
     ----------
-    field : name of a field with one number an element, or "displacement" for its length; or the numbers themselves, one an element
+    field : name of a field with one number an element, or "displacement" or "velocity" for its length; or the numbers themselves, one an element
         or one a vertex. Numbers by element are averaged to the nodes, within each material. Grey: no value there.
     scale : factor for the displacements, 1 for the true shape.
     label : of the colour bar; by default the field's name and unit.

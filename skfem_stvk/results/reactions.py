@@ -7,8 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..errors import StateError, StvkError, name_ids
+from ..errors import StateError, StvkError, SupportError, name_ids
 from ..mesh import SimplexMesh
+from ..mesh.places import Where, describe, vertices_at
 
 Array = NDArray[np.float64]
 
@@ -96,6 +97,31 @@ class Reaction:
         count = f"{len(self.vertices)} {'vertex' if len(self.vertices) == 1 else 'vertices'}"
         moment = "" if self.rest.shape[1] == 1 else f", moment {_digits(self.moment())} N m about {_digits(self.centroid)}"
         return f"Reaction at {count}: resultant {_digits(self.resultant)} N{moment}"
+
+
+def held_vertices(mesh: SimplexMesh, held: NDArray[np.integer], where: Where | None, what: str = "reaction") -> NDArray[np.int64]:
+    """Ids of the vertices at a place, everywhere if it is None, that have one of the degrees of freedom that are held.
+
+    Messages begin with `what` they are asked for.
+
+    Raises
+    ------
+    RegionError
+        if there is no such place.
+    SupportError
+        if nothing is held there.
+    """
+    vertices = np.unique(held // mesh.d).astype(np.int64)
+    if where is None:
+        if not len(vertices):
+            raise SupportError(
+                f"{what}: the body has no supports, so there is no reaction. Foundations are loads: external_force(u, t)."
+            )
+        return vertices
+    vertices = np.intersect1d(vertices, vertices_at(mesh, where, what))
+    if not len(vertices):
+        raise SupportError(f"{what}: nothing is held at {describe(where)}, so there is no reaction. Is it held somewhere else?")
+    return vertices
 
 
 def _centred(x: Array) -> Array:

@@ -18,14 +18,18 @@ if TYPE_CHECKING:
 
 
 class State:
-    """Fields at displacements `u` (nv, d): `state[name]` by element, `state.at_nodes(name)` by node, each worked out when first asked for.
+    """Fields at displacements `u` (nv, d) [m]: `state[name]` by element, `state.at_nodes(name)` by node, each worked out when first asked for.
 
     Elements and nodes that have no value are masked (a `numpy.ma.MaskedArray`): elements in no term have no stress and, below three
     dimensions, no strain across. Where nothing is missing, a plain array comes.
+
+    Attributes
+    ----------
+    v : (nv, d) velocities [m/s] of a body in motion, otherwise None.
     """
 
-    def __init__(self, fields: Fields, u: Array) -> None:
-        self.fields, self.u = fields, u
+    def __init__(self, fields: Fields, u: Array, v: Array | None = None) -> None:
+        self.fields, self.u, self.v = fields, u, v
         self._known: dict[str, Masked] = {}
 
     def __getitem__(self, name: str) -> Array:
@@ -57,6 +61,11 @@ class State:
         if field.name not in self._known:
             self._known[field.name] = field.of(self)
         return self._known[field.name]
+
+    @property
+    def vectors(self) -> dict[str, Array]:
+        """(nv, d) by name: the displacements, and the velocities if there are any."""
+        return {"displacement": self.u} | ({} if self.v is None else {"velocity": self.v})
 
     @property
     def without_strain(self) -> NDArray[np.bool_]:

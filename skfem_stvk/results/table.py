@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -42,6 +42,8 @@ WORDS = {
     "von_mises_stress": "von Mises stress",
 }
 TENSOR = (3, 3)
+#: Vectors of the vertices, by name, and their units.
+VECTORS = {"displacement": "m", "velocity": "m/s"}
 FIELDS = (
     Field("deformation_gradient", "-", TENSOR, False, kinematics.deformation_gradient),
     Field("green_strain", "-", TENSOR, True, kinematics.green_strain),
@@ -65,8 +67,8 @@ def names() -> tuple[str, ...]:
     return tuple(field.name for field in FIELDS)
 
 
-def find(name: str) -> Field:
-    """The field of this name; those of stresses may leave `_stress` out.
+def find(name: str, others: Iterable[str] = ()) -> Field:
+    """The field of this name; those of stresses may leave `_stress` out. Messages name `others` too, which would have done.
 
     Raises
     ------
@@ -82,4 +84,4 @@ def find(name: str) -> Field:
     for field in FIELDS:
         if name in (field.name, field.name.removesuffix("_stress")):
             return field
-    raise StvkError(f"There is no field {name!r}; {name_known(name, names())} Stresses go without '_stress' too.")
+    raise StvkError(f"There is no field {name!r}; {name_known(name, (*others, *names()))} Stresses go without '_stress' too.")

@@ -29,7 +29,7 @@ def write_vtu(path: str | os.PathLike[str], state: State, fields: Sequence[str] 
 
     ========================  ==============================================================================================
     points                    at rest, padded to three components; "Warp By Vector" with `displacement` gives the deformed body
-    `displacement`            [m], three components
+    `displacement`            [m], three components; of a body in motion there is `velocity` too [m/s]
     symmetric tensors         six components in VTK's order XX, YY, ZZ, XY, YZ, XZ
     other tensors             nine components, row by row
     `NAME_missing`            only where something is missing: 1 where there is no value, and zeros stand in `NAME`
@@ -53,7 +53,7 @@ def write_vtu(path: str | os.PathLike[str], state: State, fields: Sequence[str] 
 
 def _with_fields(state: State, fields: Sequence[Field]) -> meshio.Mesh:
     mesh = state.fields.mesh
-    points: Arrays = {"displacement": _padded(state.u)}
+    points: Arrays = {name: _padded(vectors) for name, vectors in state.vectors.items()}
     cells = _regions(mesh)
     for field in fields:
         points |= _arrays(field, state.at_nodes(field.name))

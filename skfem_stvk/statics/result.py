@@ -12,9 +12,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..errors import StvkError, SupportError
-from ..mesh.places import Where, describe, vertices_at
+from ..errors import StvkError
+from ..mesh.places import Where
 from ..results import Fields, Reaction, Series, State, plot, write_vtu
+from ..results.reactions import held_vertices
 from ..results.vtu import DEFAULT
 from ..system import System
 from .history import History
@@ -72,16 +73,7 @@ class StaticResult:
         mesh, held = self.system.mesh, self.system.supports.held
         forces = np.zeros(self.system.ndofs)
         forces[held] = self.system.residual(self.u, self.t)[held]
-        vertices = np.unique(held // mesh.d)
-        if where is not None:
-            vertices = np.intersect1d(vertices, vertices_at(mesh, where, "reaction"))
-        if not len(vertices):
-            raise SupportError(
-                "The body has no supports, only a foundation, so there is no reaction."
-                if where is None
-                else f"Nothing is held at {describe(where)}, so there is no reaction. Is it held somewhere else?"
-            )
-        return Reaction.of(mesh, self.u, forces, vertices)
+        return Reaction.of(mesh, self.u, forces, held_vertices(mesh, held, where))
 
     @cached_property
     def state(self) -> State:

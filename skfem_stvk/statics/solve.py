@@ -67,7 +67,7 @@ def solve_static(
     method : "load-steps" to t = 1; or "arc-length", which follows the path by its length through limit points, where the load turns back and
         the body would snap, and through bifurcations, as far as `stop` says. Unstable states on it are what is asked for: they do not raise.
     stop : of arc length, by default `Stop(load=1.0)`.
-    solver : "auto", "superlu", "pardiso", "amg-cg", "block-jacobi-cg", or an object of `skfem_stvk.linear`; see "how to choose a solver".
+    solver : "auto", "superlu", "pardiso", "amg-cg", "block-jacobi-cg", "ssor-cg", or an object of `skfem_stvk.linear`; see "how to choose a solver".
         Arc length takes direct ones.
     rtol : the residual's 2-norm is small enough below `rtol` times that of the loads plus that of the reactions.
     u0, t0 : (ndofs,) displacements to start from [m] and their load factor, by default none at 0.

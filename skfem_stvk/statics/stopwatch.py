@@ -2,13 +2,33 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import contextmanager
 from time import perf_counter
+
+
+class Part:
+    """Seconds within `with`: a generator would take 1.2 us instead of 0.3, again and again in steps of 50.
+
+    Attributes
+    ----------
+    seconds : so far.
+    """
+
+    def __init__(self) -> None:
+        self.seconds, self._begin = 0.0, 0.0
+
+    def __enter__(self) -> None:
+        self._begin = perf_counter()
+
+    def __exit__(self, *error: object) -> None:
+        self.seconds += perf_counter() - self._begin
 
 
 class Stopwatch:
     """Seconds by part; what is in no part is "other".
+
+    Parameters
+    ----------
+    more : parts beside "assemble", "factor" and "solve".
 
     >>> watch = Stopwatch()
     >>> with watch("assemble"):
@@ -17,17 +37,12 @@ class Stopwatch:
     ['assemble', 'factor', 'solve', 'other']
     """
 
-    def __init__(self) -> None:
+    def __init__(self, *more: str) -> None:
         self._begin = perf_counter()
-        self._seconds = {"assemble": 0.0, "factor": 0.0, "solve": 0.0}
+        self._parts = {name: Part() for name in ("assemble", "factor", "solve", *more)}
 
-    @contextmanager
-    def __call__(self, part: str) -> Iterator[None]:
-        begin = perf_counter()
-        try:
-            yield
-        finally:
-            self._seconds[part] += perf_counter() - begin
+    def __call__(self, part: str) -> Part:
+        return self._parts[part]
 
     def total(self) -> float:
         """Seconds since it was made."""
@@ -35,4 +50,5 @@ class Stopwatch:
 
     def parts(self) -> dict[str, float]:
         """Seconds by part, which add up to the total."""
-        return self._seconds | {"other": self.total() - sum(self._seconds.values())}
+        seconds = {name: part.seconds for name, part in self._parts.items()}
+        return seconds | {"other": self.total() - sum(seconds.values())}

@@ -96,6 +96,20 @@ def test_the_time_has_the_digits_that_tell_frames_apart(step, words):
     assert animation._in_words([0.5]) == ["t = 0.500"]
 
 
+def test_velocities_colour_a_film_by_their_length(tmp_path):
+    fields, u = motion()[0][1].fields, state(MESHES["triangles"], 0.1)
+    states = [(0.1 * i, fields.at(0.1 * i * u, (1 + i) * u[::-1])) for i in range(3)]
+    for film in (
+        animation._of_states(states, "velocity", 1.0, None),
+        animation._of_files(saved(tmp_path / "body.pvd", states), "velocity", 1.0, None),
+    ):
+        shots = [picture for _, picture in film.developed()[1]]
+        assert shots[0].label == "velocity [mm/s]"
+        for i, picture in enumerate(shots):
+            speed = 1e3 * (1 + i) * np.linalg.norm(u[::-1].reshape(-1, 2), axis=1)
+            np.testing.assert_allclose(picture.values, speed[picture.cells], rtol=1e-12)
+
+
 def test_fields_of_files_have_their_names_and_units(tmp_path):
     states = motion()
     series = saved(tmp_path / "body.pvd", states, ["von_mises", "volume_ratio"])

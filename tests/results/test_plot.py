@@ -113,6 +113,7 @@ def test_what_cannot_be_drawn_is_refused(tmp_path):
     now = at(MESHES["tetrahedra"])
     for arguments, message in (
         ({"field": "sigma"}, "no field 'sigma'"),
+        ({"field": "displacements"}, "no field 'displacements'; known: .* Did you mean 'displacement'?"),
         (
             {"field": "cauchy"},
             r'cauchy_stress has 3 x 3 components; a picture shows one number. Take one of displacement, .* field=state\["cauchy"\]',

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from bodies import MESHES, state
 
-from skfem_stvk import SimplexMesh, StVK, StvkError, embedded_mesh, read_mesh
+from skfem_stvk import SimplexMesh, StateError, StVK, StvkError, embedded_mesh, read_mesh
 from skfem_stvk.results import Fields, names, write_vtu
 from skfem_stvk.results.files import output_path, replacing
 
@@ -33,6 +33,19 @@ def test_all_fields_come_back_as_they_were(name, tmp_path):
                 assert np.allclose(again, values, rtol=0, atol=1e-15 * np.abs(values).max())
             else:
                 assert np.array_equal(written, values.reshape(len(values), -1) if values.ndim > 1 else values)
+
+
+@pytest.mark.parametrize("name", MESHES)
+def test_velocities_are_there_if_the_body_moves(name, tmp_path):
+    mesh = MESHES[name]
+    v = np.random.default_rng(3).normal(size=mesh.p.size)
+    fields = Fields(mesh, StVK(young=2.0, poisson=0.3))
+    written = meshio.read(write_vtu(tmp_path / "body.vtu", fields.at(state(mesh, 0.03), v), [])).point_data
+    assert list(written) == ["displacement", "velocity"] and written["velocity"].shape == (mesh.nv, 3)
+    assert np.array_equal(written["velocity"][:, : mesh.d], v.reshape(-1, mesh.d)) and not written["velocity"][:, mesh.d :].any()
+    assert list(meshio.read(write_vtu(tmp_path / "still.vtu", fields.at(state(mesh, 0.03)), [])).point_data) == ["displacement"]
+    with pytest.raises(StateError, match=r"v has shape \(3,\)"):
+        fields.at(state(mesh), np.zeros(3))
 
 
 def test_an_unsymmetric_tensor_is_written_row_by_row(tmp_path):

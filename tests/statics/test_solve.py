@@ -6,7 +6,7 @@ from scenes import beam, bent, block, column
 from skfem_stvk import NodalLoad, Pressure, StVK, System, Traction, solve_static
 from skfem_stvk.statics import SolveError, Status
 
-SOLVERS = ("superlu", "pardiso", "amg-cg", "block-jacobi-cg")
+SOLVERS = ("superlu", "pardiso", "amg-cg", "block-jacobi-cg", "ssor-cg")
 
 
 @pytest.fixture(scope="module")
@@ -144,7 +144,7 @@ def test_follower_pressure_stays_normal_to_the_surface():
     np.testing.assert_allclose(result.reaction().resultant, -pushed, rtol=1e-8)
 
 
-@pytest.mark.parametrize("solver", ["amg-cg", "block-jacobi-cg"])
+@pytest.mark.parametrize("solver", ["amg-cg", "block-jacobi-cg", "ssor-cg"])
 def test_solvers_for_symmetric_matrices_refuse_follower_pressure(solver):
     system = System(beam(), [StVK(young=1e4, poisson=0.3), Pressure("tip", 10.0)], fixed={"wall": "xyz"})
     with pytest.raises(ValueError, match=r"general.*superlu"):

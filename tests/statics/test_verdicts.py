@@ -36,7 +36,7 @@ def test_the_minimum_does_not_depend_on_the_length_of_the_direction(size):
     assert quartic_minimum(c * size ** np.arange(5)) * size == pytest.approx(quartic_minimum(c), rel=1e-9)
 
 
-@pytest.mark.parametrize("solver", ["superlu", "pardiso", "amg-cg", "block-jacobi-cg"])
+@pytest.mark.parametrize("solver", ["superlu", "pardiso", "amg-cg", "block-jacobi-cg", "ssor-cg"])
 def test_a_straight_cable_takes_its_weight_with_every_solver(solver):
     n = 21
     p, t = np.zeros((3, n)), np.stack([np.arange(n - 1), np.arange(1, n)])
@@ -85,7 +85,7 @@ def test_displacements_that_are_there_from_the_start_are_carried_into_the_body()
     np.testing.assert_allclose(result.u, ramped.u, atol=1e-7)
 
 
-@pytest.mark.parametrize("solver", ["superlu", "amg-cg", "block-jacobi-cg"])
+@pytest.mark.parametrize("solver", ["superlu", "amg-cg", "block-jacobi-cg", "ssor-cg"])
 def test_a_load_that_goes_back_to_zero_ends_at_rest(solver):
     system = System(
         skfem.MeshTet.init_tensor(*[np.linspace(0, 1, 7)] * 3),
