@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from math import isfinite
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..errors import StateError, name_ids
+from ..kernels import blocks as block_kernels
 from .simplices import SimplexMesh
 
 
@@ -44,4 +46,4 @@ def all_finite(values: NDArray[np.floating[Any]]) -> bool:
     >>> all_finite(np.array([1e308, 1e308])), all_finite(np.array([np.inf, -np.inf]))
     (True, False)
     """
-    return bool(np.isfinite(np.einsum("i->", values.reshape(-1))) or np.isfinite(values).all())
+    return bool(isfinite(block_kernels.total(values.reshape(-1))) or np.isfinite(values).all())

@@ -76,7 +76,8 @@ def free_motions(blocks: Sequence[Block], count: int, r: int) -> tuple[NDArray[n
         free[body], at_rest[body] = r - rank, False
         own = rng.standard_normal((r, SAMPLES))
         known = R[:, rank:] @ own[rank:] + others @ samples[list(neighbours)].reshape(r * len(neighbours), SAMPLES)
-        own[:rank] = -solve_triangular(R[:, :rank], known, check_finite=False)
+        if rank:  # SciPy refuses empty ones before 1.14
+            own[:rank] = -solve_triangular(R[:, :rank], known, check_finite=False)
         samples[body, order] = own
     return free, samples, at_rest
 

@@ -676,7 +676,7 @@ def _keeps_energy(load: BoundLoad) -> bool:
 
 
 def _refuse_overflow(values: ArrayLike, name: str, u: Array) -> None:
-    if not all_finite(np.asarray(values)):
+    if not (isfinite(values) if isinstance(values, float | int) else all_finite(np.asarray(values))):
         raise StateError(
             f"{name} overflows at displacements of up to {np.abs(u).max():.1e}: did the step before diverge, or are units mixed up?"
         )

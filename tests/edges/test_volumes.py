@@ -40,10 +40,10 @@ def test_ratios_of_volumes_come_in_the_order_of_the_elements(name, parts, monkey
 
 @pytest.mark.parametrize("name", MESHES)
 def test_at_rest_all_are_one_for_both_orientations(name):
-    """To the last bit; and all change their sign in a mirror."""
+    """To rounding, which depends on the compiler; and all change their sign in a mirror."""
     mesh = MESHES[name]
     assembly = TERM.bind(mesh)
-    assert (assembly.volume_ratios(np.zeros((mesh.nv, mesh.d))) == 1).all()
+    np.testing.assert_allclose(assembly.volume_ratios(np.zeros((mesh.nv, mesh.d))), 1, rtol=1e-15)
     mirrored = -2 * mesh.p.T * (np.arange(mesh.d) == 0)
     assert np.allclose(assembly.volume_ratios(mirrored), -1 if mesh.k == mesh.d else 1, rtol=1e-12)
 
