@@ -8,7 +8,7 @@ import time
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
-from zipfile import BadZipFile
+from zipfile import BadZipFile, is_zipfile
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,7 +22,7 @@ from .ledger import Ledger
 
 Array = NDArray[Any]
 
-FORMAT, VERSION = "motion of skfem-stvk", 1
+FORMAT, VERSION = "motion of skfem-stvk", 2
 #: Where in the time of a run its loads and prescribed displacements are looked at.
 FRACTIONS = (0.0, 0.31, 0.77, 1.0)
 #: Time from one checkpoint to the next: at least that [s], and so long that writing takes no larger share of it.
@@ -109,6 +109,8 @@ def _read(path: Path) -> tuple[dict[str, Any], dict[str, Array]]:
     if not path.exists():
         raise StvkError(f"There is no checkpoint {path}. Is the path relative to another folder? To begin anew, leave out resume.")
     try:
+        if path.is_file() and not is_zipfile(path):
+            raise ValueError("it is no whole .npz file")
         with np.load(path, allow_pickle=False) as file:
             packed = {name: file[name] for name in file.files}
         header = json.loads(str(packed["header"]))

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import ceil, isfinite, nan
+from math import ceil, isfinite, nan, ulp
 
 #: Part of a step by which the end may be missed and still be met.
 SLACK = 1e-6
+#: Part of a step that rounding of the time may add or take away.
+ROUNDED = 1e-6
 
 
 @dataclass
@@ -15,7 +17,7 @@ class Clock:
 
     Attributes
     ----------
-    start, dt, count : time [s] at which steps of the length `dt` began, and how many there were since.
+    start, dt, count : time [s] at which steps of the length `dt` began, 0 until one is found, and how many there were since.
 
     >>> clock = Clock(0.0, 0.1)
     >>> for _ in range(3):
@@ -48,6 +50,10 @@ class Clock:
             return t, True
         return until, False
 
+    def resolves(self, dt: float) -> bool:
+        """Whether steps of this length from here on are that long, but for `ROUNDED` of it, for all that times are rounded."""
+        return ulp(self.t) <= ROUNDED * dt
+
     def change(self, dt: float) -> None:
         """Steps of another length from here on."""
         self.start, self.dt, self.count = self.t, dt, 0
@@ -67,6 +73,7 @@ class Looks:
     seen : the bound of the last look [s].
     step, bound : the critical step when it was looked for last, and its bound [s].
     largest : what is taken by itself is not larger than this [s].
+    halvings : so often a motion has blown up; what is taken by itself was halved each time.
     """
 
     next: int = FIRST
@@ -75,6 +82,7 @@ class Looks:
     step: float = 0.0
     bound: float = 0.0
     largest: float = 0.0
+    halvings: int = 0
 
     def estimate(self, bound: float, steps: int) -> float:
         """The critical step, if it has moved with its bound [s], after so many steps, or NaN; says when to look next."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple, TypeAlias
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 
@@ -86,13 +86,15 @@ def damping_factors(damping: Damping | None) -> DampingFactors:
     >>> damping_factors([Rayleigh(alpha=0.5), EdgeDamping(1e-3), EdgeDamping(2e-3)])
     DampingFactors(alpha=0.5, beta=0.0, tau=0.003)
     """
-    given = () if damping is None else damping if isinstance(damping, Sequence) else (damping,)
+    several = isinstance(damping, Sequence) and not isinstance(damping, str)
+    given: Any = () if damping is None else damping if several else (damping,)
     for one in given:
         if not isinstance(one, Rayleigh | EdgeDamping):
             raise StvkError(f"damping = {one!r}; expected Rayleigh(alpha=..., beta=...), EdgeDamping(tau), or a list of them.")
     rayleigh = [one for one in given if isinstance(one, Rayleigh)]
     edges = [one for one in given if isinstance(one, EdgeDamping)]
-    return DampingFactors(sum(r.alpha for r in rayleigh), sum(r.beta for r in rayleigh), sum(e.tau for e in edges))
+    sums = sum(r.alpha for r in rayleigh), sum(r.beta for r in rayleigh), sum(e.tau for e in edges)
+    return DampingFactors(*map(float, sums))
 
 
 def _check(name: str, value: object, unit: str) -> None:

@@ -51,7 +51,7 @@ class Balance(NamedTuple):
         return cls(total, 0.0 if first is None else total - first - external + dissipated)
 
 
-def column_names(system: System, probes: Iterable[str] = ()) -> tuple[str, ...]:
+def column_names(system: System, probes: Iterable[str] = (), reactions: Iterable[str] = ()) -> tuple[str, ...]:
     """The columns of a motion's ledger, in their order.
 
     ===================================  ====================================================================================
@@ -67,6 +67,7 @@ def column_names(system: System, probes: Iterable[str] = ()) -> tuple[str, ...]:
     `linear_momentum_x`, ...             [kg m/s]
     `angular_momentum_x`, ...            about the origin [kg m^2/s]; in the plane `_z` alone
     `A x`, `A y`, ...                    displacements of the probe `A` [m]
+    `reaction B x`, ...                  force that the supports at `B` exert at this moment, see `Run.reaction` [N]
     ===================================  ====================================================================================
     """
     axes = "xyz"[: system.mesh.d]
@@ -83,6 +84,7 @@ def column_names(system: System, probes: Iterable[str] = ()) -> tuple[str, ...]:
         *(f"linear_momentum_{axis}" for axis in axes),
         *(f"angular_momentum_{axis}" for axis in {"xy": "z", "xyz": axes}.get(axes, "")),
         *(f"{probe} {axis}" for probe in probes for axis in axes),
+        *(f"reaction {place} {axis}" for place in reactions for axis in axes),
     )
 
 

@@ -54,7 +54,7 @@ def draw(ledger: Ledger, path: Path | None) -> Figure:
 
 
 def _panels(ledger: Ledger) -> list[Panel]:
-    """What there is to draw: energies that are not zero throughout, the closure error, momenta, and displacements of probes."""
+    """What there is to draw: energies that are not zero throughout, the closure error, momenta, displacements of probes, and reactions."""
     energies = [
         (name, name.replace("_", " "), colour) for name, colour in ENERGIES.items() if name in ledger and ledger[name].any()
     ]
@@ -66,7 +66,8 @@ def _panels(ledger: Ledger) -> list[Panel]:
         panels.append(Panel(label, _along_axes(ledger, f"{quantity}_"), 1.2))
     probes = dict.fromkeys(name[:-2] for name in ledger if name[-2:] in (" x", " y", " z"))
     for probe in probes:
-        panels.append(Panel(f"displacement\nof {probe} [m]", _along_axes(ledger, f"{probe} "), 1.2))
+        label = f"{probe} [N]" if probe.startswith("reaction ") else f"displacement\nof {probe} [m]"
+        panels.append(Panel(label, _along_axes(ledger, f"{probe} "), 1.2))
     return panels
 
 

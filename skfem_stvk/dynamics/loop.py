@@ -13,6 +13,7 @@ from ..terms import VolumePenalty
 from .books import Books
 from .guard import Guard, from_nowhere
 from .integrators import StepFailed
+from .jumps import Jumps
 from .outputs import Outputs
 from .plan import Plan
 from .progress import Progress
@@ -37,18 +38,22 @@ class Loop:
 
     def __init__(self, plan: Plan, until: float, quiet: bool) -> None:
         self.plan, self._until, self._quiet = plan, until, quiet
-        fresh = plan.ledger is None
         self._stepper = plan.integrator.stepper(plan.motion)
-        self._stepper.start(plan.state)
-        self._books = Books(plan.motion, plan.probes, plan.ledger)
-        self._books.begin(plan.state)
-        if fresh:
-            self._books.enter(plan.state, self._stepper.energy)
         self._limit = StableStep(plan)
-        self._outputs = Outputs(plan, self._books.ledger, until)
+        self._books = Books(plan.motion, plan.places, plan.ledger, plan.clock.dt)
+        self._begin()
+        self._outputs = Outputs(plan, self._books.ledger, until, self._stepper.watch)
         self._cutting = Cutting(self._stepper, self._books, plan.cuts)
-        self._guard = Guard(self._books.ledger, plan)
-        self._whole, self._fresh, self._turned, self._stepping = True, fresh, False, False
+        self._jumps = Jumps(plan.motion, plan.state)
+        self._turned, self._stepping = False, False
+
+    def _begin(self) -> None:
+        """From the plan's state on, with what a run that is resumed there would know."""
+        self._stepper.start(self.plan.state)
+        self._books.begin(self.plan.state)
+        if self._books.ledger.steps == 0:
+            self._books.enter(self.plan.state, self._stepper.energy)
+        self._guard = Guard(self._books.ledger, self.plan)
 
     def run(self, raise_on_failure: bool) -> Run:
         """All steps; errors as of `simulate`."""
@@ -58,13 +63,12 @@ class Loop:
         header = f"{plan.motion.system!r}, {len(plan.motion.free.free)} of them free; {plan.integrator}"
         with Progress(header, ledger, plan.steps, self._quiet) as progress:
             try:
-                if self._fresh:
+                if plan.ledger is None:
                     self._outputs.frame()
-                try:
+                status, detail = self._steps(progress)
+                while status is Status.BLEW_UP and self._goes_on():
                     status, detail = self._steps(progress)
-                except StepFailed as error:
-                    status, detail = Status.NOT_CONVERGED, str(error)
-                self._finish(status)
+                self._outputs.close()
             except (KeyboardInterrupt, Exception) as error:  # a full disk, a load's function that fails: the run so far is kept
                 status, cause = Status.INTERRUPTED, error
                 detail = self._rescue(error)
@@ -77,55 +81,65 @@ class Loop:
 
     def _steps(self, progress: Progress) -> tuple[Status, str]:
         plan, state, clock = self.plan, self.plan.state, self.plan.clock
-        assert clock is not None
-        while clock.left(self._until):
-            t, self._whole = clock.next(self._until)
-            if not self._whole:
+        while plan.at_a_step and clock.left(self._until):
+            t, whole = clock.next(self._until)
+            if not whole:
                 self._outputs.checkpoint()
-            try:
-                self._stepping = True
-                self._cutting.advance(state, t)
-                self._stepping = False
-                self._books.enter(state, self._stepper.energy)
-                plan.steps, plan.cuts = plan.steps + 1, self._cutting.cuts
-                if self._whole:
-                    clock.tick()
-                    self._limit.review()
-                if self._guard.blown_up(self._whole):
-                    total = self._books.ledger["total_energy"][-1]
-                    return Status.BLEW_UP, f"energy came from nowhere, {total:.3g} J in all at t = {t:.6g} s"
-            except StateError as error:
-                return Status.BLEW_UP, str(error).rstrip(".")
-            if self._whole:
+            status, detail = self._step(t, whole)
+            if plan.motion.moving:
+                self._jumps.look(t, state.u[plan.motion.free.fixed] if state.t == t else None)  # a jump may be why
+            if not status.success:
+                return status, detail
+            if whole:
                 self._outputs.step()
             self._look()
-            progress.step(plan.steps, plan.steps + (clock.left(self._until) if self._whole else 0))
-            if not self._whole:
-                break
+            progress.step(plan.steps, plan.steps + (clock.left(self._until) if whole else 0))
         return Status.FINISHED, ""
 
-    def _finish(self, status: Status) -> None:
-        """The last good state is where the run ends; write it."""
-        if status is Status.BLEW_UP:
-            self._back()
-            self._outputs.back()
-        else:
-            self._outputs.close(self._whole)
+    def _step(self, t: float, whole: bool) -> tuple[Status, str]:
+        """Go on to time `t`, with all that belongs to a step; how that came out."""
+        plan, state = self.plan, self.plan.state
+        self._stepping = True
+        try:
+            self._cutting.advance(state, t)
+            plan.steps, plan.cuts = plan.steps + 1, self._cutting.cuts
+            if whole:
+                plan.clock.tick()
+            self._books.enter(state, self._stepper.energy)
+            if self._guard.blown_up():
+                total = self._books.ledger["total_energy"][-1]
+                return Status.BLEW_UP, f"energy came from nowhere, {total:.3g} J in all at t = {t:.6g} s"
+            if whole:
+                self._limit.review()
+                self._guard.keep()
+        except StepFailed as error:
+            return Status.NOT_CONVERGED, str(error)
+        except StateError as error:
+            return Status.BLEW_UP, str(error).rstrip(".")
+        self._stepping = False
+        return Status.FINISHED, ""
+
+    def _goes_on(self) -> bool:
+        """Back to the last good state after a motion has blown up; whether it can go on from there, with shorter steps."""
+        halved = self._limit.halve()
+        self._back()
+        self._outputs.back()
+        if halved:
+            self._begin()
+        return halved
 
     def _rescue(self, error: BaseException) -> str:
         """Where an interrupted run ends: at the last whole step, or the last good state if it was in between; what to do next.
 
         A checkpoint of it is written, unless there is a later one, or results can no more be written.
         """
-        plan, outputs, t = self.plan, self._outputs, self.plan.state.t
-        assert plan.clock is not None
-        halfway = self._stepping and plan.integrator.explicit  # these change the state as they go
-        if halfway or t != self._books.ledger["time"][-1] or (self._whole and t != plan.clock.t):
-            self._back()
+        plan, outputs = self.plan, self._outputs
+        if self._stepping and (plan.integrator.explicit or plan.state.t != self._books.ledger["time"][-1]):
+            self._back()  # implicit steps change the state in the end only
         if plan.outlets.checkpoint is None:
             return ""
         full = isinstance(error, OSError)  # then a state may be missing from the series
-        if self._whole and plan.steps > outputs.written and not full:
+        if plan.at_a_step and plan.steps > outputs.written and not full:
             with suppress(Exception):
                 outputs.checkpoint()
         resume = f"resume={str(plan.outlets.checkpoint)!r}"
@@ -135,15 +149,16 @@ class Loop:
 
     def _back(self) -> None:
         """To the last good state."""
-        self.plan.restore(self._guard.good)
-        self._books.ledger.truncate(self._guard.good.rows)
-        self._whole = True
+        good = self.plan.good
+        assert good is not None
+        self.plan.restore(good)
+        self._books.ledger.truncate(good.rows)
+        self._stepping = False
 
     def _look(self) -> None:
         """Where elements turn inside out, say so, once; the last state is looked at in any case."""
         plan = self.plan
-        assert plan.clock is not None
-        last = not self._whole or not plan.clock.left(self._until)
+        last = not plan.at_a_step or not plan.clock.left(self._until)
         every = (2 if plan.integrator.explicit else 1) * plan.outlets.every  # a look costs half a force, and bodies turn back soon
         if self._turned or (plan.steps % every and not last):
             return
@@ -151,18 +166,26 @@ class Loop:
         if len(turned):
             self._turned = True
             warnings.warn(
-                f"t = {plan.state.t:.4g} s: {name_ids(turned, 'element')} inside out. St. Venant-Kirchhoff does not resist that: add VolumePenalty() to the "
-                "terms, or take smaller steps.",
+                f"t = {plan.state.t:.4g} s: {name_ids(turned, 'element')} inside out. "
+                + (
+                    "Take smaller steps, or a stiffer VolumePenalty."
+                    if self._resisted
+                    else "St. Venant-Kirchhoff does not resist that: add VolumePenalty() to the terms, or take smaller steps."
+                ),
                 StvkWarning,
                 stacklevel=5,
             )
 
+    @property
+    def _resisted(self) -> bool:
+        """Whether a term resists that elements turn inside out."""
+        return any(isinstance(term, VolumePenalty) for term in self.plan.motion.system.elastic_terms)
+
     def _result(self, status: Status, detail: str, cause: BaseException | None) -> Run:
         plan, state, ledger = self.plan, self.plan.state, self._books.ledger
-        assert plan.clock is not None
         message = self._message(status, detail, cause)
         return Run(
-            plan.motion.system,
+            plan.motion,
             plan.integrator,
             state.u.copy(),
             state.v.copy(),
@@ -179,17 +202,15 @@ class Loop:
 
     def _message(self, status: Status, detail: str, cause: BaseException | None) -> str:
         plan, t = self.plan, self.plan.state.t
-        assert plan.clock is not None
         if status is Status.FINISHED:
             cuts = f", {plan.cuts} of them cut into smaller ones" if plan.cuts else ""
-            return f"reached t = {t:.6g} s in {plan.steps} steps{cuts}{self._stepper.remark}{_gained(from_nowhere(self._books.ledger))}"
+            return f"reached t = {t:.6g} s in {plan.steps} steps{cuts}{self._stepper.remark}{self._limit.remark}{_gained(from_nowhere(self._books.ledger))}"
         if status is Status.BLEW_UP:
             return f"blew up soon after t = {t:.6g} s, the last good state: {detail}. {self._limit.advice()}"
         if status is Status.NOT_CONVERGED:
-            volume = any(isinstance(term, VolumePenalty) for term in plan.motion.system.elastic_terms)
             return (
                 f"the step from t = {t:.6g} s did not converge, not even in 64 parts: {detail}. Try a smaller dt or another tangent"
-                f"{'' if volume else ', or VolumePenalty() among the terms if elements turn inside out'}."
+                f"{'' if self._resisted else ', or VolumePenalty() among the terms if elements turn inside out'}."
             )
         if isinstance(cause, OSError):
             return f"interrupted at t = {t:.6g} s: results could not be written ({cause}). Make room, or choose another folder.{detail}"

@@ -18,7 +18,6 @@ from ..mesh.displacements import by_vertex
 from ..results import Fields, Series, plot
 from ..results.state import State
 from ..system import System
-from ..terms.load import Moment
 from .largest import bound_on_eigenvalues
 from .rigid_part import rigid_part
 from .shift_invert import ShiftedProblem, lowest_vectors
@@ -99,7 +98,6 @@ def modes(
     n: int = 10,
     *,
     u: ArrayLike | None = None,
-    t: float = 0.0,
     mass: str = "lumped",
     solver: str | LinearSolver = "auto",
 ) -> Modes:
@@ -110,7 +108,6 @@ def modes(
     n : how many, rigid ones included.
     u : displacements (ndofs,) [m] of the equilibrium about which it vibrates, such as `solve_static(system).u`; by default none. K is that of the
         stressed body there.
-    t : time, for loads that depend on it.
     mass : "lumped", or "consistent".
     solver : as of `solve_static`; by default a direct one, and multigrid for more than 200 000 unknowns.
 
@@ -144,13 +141,13 @@ def modes(
     chosen = direct(len(free)) if solver == "auto" and len(free) <= MANY else choose(solver, len(free), Kind.SYMMETRIC)
     problem = ShiftedProblem(system, chosen, system.mass(mass))
     x = np.zeros(system.ndofs) if u is None else by_vertex(system.mesh, u).ravel().astype(np.float64)
-    vectors = lowest_vectors(problem, x, Moment(t, 1.0), n)
-    return _ritz(problem, x, Moment(t, 1.0), np.array([problem.free.vector(vector) for vector in vectors.T]), int(n))
+    vectors = lowest_vectors(problem, x, n)
+    return _ritz(problem, x, np.array([problem.free.vector(vector) for vector in vectors.T]), int(n))
 
 
-def _ritz(problem: ShiftedProblem, u: Array, t: Moment, vectors: Array, n: int) -> Modes:
+def _ritz(problem: ShiftedProblem, u: Array, vectors: Array, n: int) -> Modes:
     """The n lowest modes in the span of the rows of `vectors` (m, ndofs), by exact products with K and M."""
-    system, mass, K = problem.system, problem.mass, problem.stiffness(u, t)
+    system, mass, K = problem.system, problem.mass, problem.stiffness(u)
     images, momenta = (np.array([multiply(row) for row in vectors]) for multiply in (lambda v: K @ v, mass.multiply))
     values, c = eigh(_product(vectors, images), _product(vectors, momenta))
     values, c = values[:n], c[:, :n].T

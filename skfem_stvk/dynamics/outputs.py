@@ -6,6 +6,7 @@ import time
 from pathlib import Path
 
 from ..results import Fields, Series
+from ..statics.stopwatch import Stopwatch
 from .checkpoint import Checkpoint
 from .ledger import Ledger, LedgerFile
 from .plan import Plan
@@ -17,6 +18,7 @@ class Outputs:
     Parameters
     ----------
     until : the end of the run [s].
+    watch : of the run; what is done here is its part "write".
 
     Attributes
     ----------
@@ -28,8 +30,8 @@ class Outputs:
         if a file cannot be written, before any work.
     """
 
-    def __init__(self, plan: Plan, ledger: Ledger, until: float) -> None:
-        self._plan, self._ledger = plan, ledger
+    def __init__(self, plan: Plan, ledger: Ledger, until: float, watch: Stopwatch) -> None:
+        self._plan, self._ledger, self._watch = plan, ledger, watch
         system, outlets = plan.motion.system, plan.outlets
         self._series = self._table = self._checkpoint = None
         self._saved: float | None = None
@@ -53,8 +55,9 @@ class Outputs:
         """Save the state."""
         state = self._plan.state
         if self._series is not None and self._table is not None and self._saved != state.t:
-            self._series.add(self._fields.at(state.u), state.t)
-            self._table.write()
+            with self._watch("write"):
+                self._series.add(self._fields.at(state.u, state.v), state.t)
+                self._table.write()
             self._saved = state.t
 
     def step(self) -> None:
@@ -67,20 +70,23 @@ class Outputs:
     def checkpoint(self) -> None:
         """Write it now."""
         if self._checkpoint is not None:
-            self._checkpoint.write(*self._plan.packed(), self._ledger)
+            with self._watch("write"):
+                self._checkpoint.write(*self._plan.packed(), self._ledger)
             self.written = self._plan.steps
 
     def back(self) -> None:
-        """The state is an earlier one again: the end of the series, and what a checkpoint holds."""
-        if self._series is not None:
-            self._series.cut(self._plan.state.t)
+        """The state is an earlier one again: the end of the series and of the table, and what a checkpoint holds."""
+        if self._series is not None and self._table is not None:
+            with self._watch("write"):
+                self._series.cut(self._plan.state.t)
+                self._table.write()
             self._saved = None
-        self.frame()
+        if self._plan.steps % self._plan.outlets.every == 0:
+            self.frame()
         self.checkpoint()
 
-    def close(self, whole: bool) -> None:
+    def close(self) -> None:
         """The last state, and the checkpoint unless the last step was shorter than the others: a later run goes on from before that."""
-        if not (whole and self._plan.steps % self._plan.outlets.every == 0):
-            self.frame()
-        if whole:
+        self.frame()
+        if self._plan.at_a_step:
             self.checkpoint()

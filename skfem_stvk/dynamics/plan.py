@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
 from typing import Any
 
@@ -11,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..errors import LoadError, StateError, StvkError, SupportError, name_ids
-from ..mesh.places import Where, vertices_at
+from ..results.files import output_path
 from ..system import System
 from ..terms import Load
 from . import checkpoint as checkpoints
@@ -20,12 +19,15 @@ from .damping import Damping, EdgeDamping, Rayleigh
 from .integrators import INTEGRATORS, Integrator
 from .ledger import Ledger
 from .motion import Motion
+from .places import Places
 from .state import State
 
 Array = NDArray[Any]
 PathLike = str | os.PathLike[str]
 
 EVERY = 10
+#: Of a state, that a checkpoint holds.
+ARRAYS = ("u", "v", "a", "reaction")
 
 
 @dataclass
@@ -43,10 +45,14 @@ class Outlets:
 
     @classmethod
     def checked(cls, save: Any, every: Any, checkpoint: Any) -> Outlets:
-        """Refuses what are no paths and no number of steps."""
+        """Refuses what are no paths that can be written, and no number of steps."""
         for name, path, example in (("save", save, "flag.pvd"), ("checkpoint", checkpoint, "flag.npz")):
             if path is not None and not (isinstance(path, str | os.PathLike) and str(path)):
                 raise StvkError(f"{name} = {path!r}; expected the path of a file such as {example!r}.")
+        if save is not None:
+            output_path(save, ".pvd")
+        if checkpoint is not None:
+            output_path(checkpoint, ".npz")
         if isinstance(every, bool) or not isinstance(every, int | np.integer) or every < 1:
             raise StvkError(f"every = {every!r}; expected a whole number of steps, at least 1.")
         return cls(save, int(every), checkpoint)
@@ -70,21 +76,25 @@ class Plan:
 
     Attributes
     ----------
+    places : that the ledger follows.
+    clock : whose step is 0 until one is found.
     ledger : of the run that is resumed.
     steps, cuts : made so far, and how many of them in parts.
     looks : at the critical step.
+    good : the last good state, which a run that blows up goes back to.
     """
 
     motion: Motion
     integrator: Integrator
     state: State
-    clock: Clock | None
-    probes: dict[str, NDArray[Any]]
+    clock: Clock
+    places: Places
     outlets: Outlets
     ledger: Ledger | None = None
     steps: int = 0
     cuts: int = 0
     looks: Looks = field(default_factory=Looks)
+    good: Snapshot | None = None
 
     @classmethod
     def new(
@@ -96,14 +106,14 @@ class Plan:
         t0: float,
         mass: str,
         damping: Damping | None,
-        probes: Mapping[str, Where] | None,
+        places: Places | None,
         outlets: Outlets,
     ) -> Plan:
         """From a first state."""
         integrator = checked_integrator(integrator)
         motion = Motion(system, mass, damping)
         state = _first_state(motion, u0, v0, t0, integrator)
-        return cls(motion, integrator, state, None, _probed(system, probes), outlets)
+        return cls(motion, integrator, state, Clock(state.t, integrator.dt or 0.0), places or Places(), outlets)
 
     @classmethod
     def of_checkpoint(cls, path: PathLike, system: System, integrator: Integrator | None, outlets: dict[str, Any]) -> Plan:
@@ -113,25 +123,31 @@ class Plan:
         factors = about["damping"]
         damping: Damping = [Rayleigh(factors["alpha"], factors["beta"]), EdgeDamping(factors["tau"])]
         motion = Motion(system, about["mass"], damping)
-        state = State(about["t"], *(arrays.pop(name) for name in ("u", "v", "a", "reaction")))
-        probes = {name: arrays.pop(f"probe {name}") for name in about["probes"]}
+        now = _unpacked(about, arrays, "", ledger.steps)
+        good = _unpacked(about["good"], arrays, "good ", about["good"]["rows"]) if about["good"] else None
+        places = Places(*({name: arrays.pop(f"{kind} {name}") for name in about[kind]} for kind in Places._fields))
         kept = Outlets.checked(**(about["outlets"] | outlets))
         return cls(
             motion,
             integrator,
-            state,
-            Clock(**about["clock"]),
-            probes,
+            now.state,
+            now.clock,
+            places,
             kept,
             ledger,
-            about["steps"],
-            about["cuts"],
-            Looks(**about["looks"]),
+            now.steps,
+            now.cuts,
+            now.looks,
+            good,
         )
+
+    @property
+    def at_a_step(self) -> bool:
+        """Whether a whole step has led here: a run goes on from there only."""
+        return self.state.t == self.clock.t
 
     def snapshot(self, rows: int) -> Snapshot:
         """Of what is now."""
-        assert self.clock is not None
         return Snapshot(self.state.copy(), replace(self.clock), replace(self.looks), self.steps, self.cuts, rows)
 
     def restore(self, then: Snapshot) -> None:
@@ -141,26 +157,38 @@ class Plan:
 
     def packed(self) -> tuple[dict[str, Any], dict[str, Array]]:
         """What a checkpoint needs: what JSON can write, and arrays."""
-        assert self.clock is not None
-        motion, state, outlets = self.motion, self.state, self.outlets
+        motion, outlets, good = self.motion, self.outlets, self.good
         paths = {
             name: None if path is None else os.path.abspath(path)
             for name, path in (("save", outlets.save), ("checkpoint", outlets.checkpoint))
         }
-        about = {
+        about: dict[str, Any] = {
             "integrator": _described(self.integrator),
             "damping": {"alpha": motion.alpha, "beta": motion.beta, "tau": motion.tau},
             "mass": motion.mass.kind,
-            "t": state.t,
-            "probes": list(self.probes),
             "outlets": paths | {"every": outlets.every},
-            "clock": {"start": self.clock.start, "dt": self.clock.dt, "count": self.clock.count},
-            "steps": self.steps,
-            "cuts": self.cuts,
-            "looks": vars(self.looks),
+            "good": None,
         }
-        own = {"u": state.u, "v": state.v, "a": state.a, "reaction": state.reaction}
-        return about, own | {f"probe {name}": vertices for name, vertices in self.probes.items()}
+        about |= _packed(self)
+        arrays = {name: getattr(self.state, name) for name in ARRAYS}
+        if good is not None and good.steps < self.steps and self.integrator.dt is None:  # others do not go on from there
+            about["good"] = _packed(good) | {"rows": good.rows}
+            arrays |= {f"good {name}": getattr(good.state, name) for name in ARRAYS}
+        for kind, places in self.places._asdict().items():
+            about[kind] = list(places)
+            arrays |= {f"{kind} {name}": vertices for name, vertices in places.items()}
+        return about, arrays
+
+
+def _packed(moment: Plan | Snapshot) -> dict[str, Any]:
+    """Where a run is or was, but for arrays."""
+    clock, looks = vars(moment.clock).copy(), vars(moment.looks).copy()
+    return {"t": moment.state.t, "clock": clock, "looks": looks, "steps": moment.steps, "cuts": moment.cuts}
+
+
+def _unpacked(about: dict[str, Any], arrays: dict[str, Array], prefix: str, rows: int) -> Snapshot:
+    state = State(about["t"], *(arrays.pop(prefix + name) for name in ARRAYS))
+    return Snapshot(state, Clock(**about["clock"]), Looks(**about["looks"]), about["steps"], about["cuts"], rows)
 
 
 def checked_integrator(integrator: Integrator | None) -> Integrator:
@@ -210,14 +238,6 @@ def _words(described: dict[str, Any]) -> str:
     return ", ".join(f"{name}={value!r}" for name, value in (described["options"] | described["objects"]).items())
 
 
-def _probed(system: System, probes: Mapping[str, Where] | None) -> dict[str, NDArray[Any]]:
-    if probes is None:
-        return {}
-    if not isinstance(probes, Mapping) or not all(isinstance(name, str) and name for name in probes):
-        raise StvkError(f"probes = {probes!r}; expected places by name, such as {{'tip': [17]}}.")
-    return {name: np.asarray(vertices_at(system.mesh, where, f"probe {name!r}")) for name, where in probes.items()}
-
-
 def _checked_vector(name: str, given: ArrayLike | None, system: System) -> Array:
     """(ndofs,) zeros, or a copy of what was given; refuses what is not one finite number a degree of freedom."""
     if given is None:
@@ -232,6 +252,8 @@ def _checked_vector(name: str, given: ArrayLike | None, system: System) -> Array
             if x.shape == (system.mesh.nv, system.mesh.d)
             else " Of a result, take its .u."
             if x.shape == ()
+            else " Is it of another mesh?"
+            if x.ndim == 1 and len(x) != system.ndofs
             else ""
         )
         raise StateError(

@@ -11,11 +11,15 @@ from typing import Any
 from numpy.typing import ArrayLike, NDArray
 
 from ..errors import StvkError
-from ..results import Fields, State, animate, plot, write_vtu
+from ..mesh.places import Where
+from ..results import Fields, Reaction, State, animate, plot, write_vtu
+from ..results.reactions import held_vertices
 from ..results.vtu import DEFAULT
 from ..system import System
 from .integrators import Integrator
 from .ledger import Ledger
+from .motion import Motion
+from .reactions import last_step, support_forces
 from .status import Status
 
 Array = NDArray[Any]
@@ -27,6 +31,7 @@ class Run:
 
     Attributes
     ----------
+    motion : the system with its masses and its damping.
     u, v : (ndofs,) displacements [m] and velocities [m/s] of the last good state.
     t : its time [s].
     dt : length of the last whole step [s].
@@ -34,11 +39,11 @@ class Run:
     ledger : one array a name, one value a step: `run.ledger["total_energy"]`.
     iterations : of Newton's method, or of the linear solver where a step is one linear solve.
     cuts : steps that were made in parts, because no state was found at their end at once.
-    seconds : by part: assemble, factor, solve, other.
+    seconds : by part: assemble, factor, solve, write (results and checkpoints), other.
     series : the .pvd file, if there is one.
     """
 
-    system: System
+    motion: Motion
     integrator: Integrator
     u: Array
     v: Array
@@ -53,6 +58,11 @@ class Run:
     series: Path | None
 
     @property
+    def system(self) -> System:
+        """What moved."""
+        return self.motion.system
+
+    @property
     def success(self) -> bool:
         """Whether it reached the end."""
         return self.status.success
@@ -60,7 +70,26 @@ class Run:
     @cached_property
     def state(self) -> State:
         """All fields of the last state: `run.state["von_mises_stress"]`; see `skfem_stvk.results.names()`."""
-        return Fields(self.system.mesh, self.system.elastic_terms).at(self.u)
+        return Fields(self.system.mesh, self.system.elastic_terms).at(self.u, self.v)
+
+    def reaction(self, where: Where | None = None) -> Reaction:
+        """What the supports at a place do to the body at the end: `.resultant` [N], `.moment(about)` [N m], `.by_node`.
+
+        They are `M a + D v + F(u) - h(u, t)` there: what carries the loads, and the inertia and damping of what is held, where it moves.
+        Together with the loads they are the rate of the body's linear momentum. `where` is a boundary, a node set, vertex ids or a
+        predicate; None for all supports.
+
+        Raises
+        ------
+        RegionError
+            if there is no such place.
+        SupportError
+            if nothing is held there.
+        """
+        mesh = self.system.mesh
+        vertices = held_vertices(mesh, self.motion.free.fixed, where)
+        since = last_step(self.ledger["time"][-3:].tolist(), self.dt)
+        return Reaction.of(mesh, self.u, support_forces(self.motion, self.u, self.v, self.t, since), vertices)
 
     def plot(self, field: str | ArrayLike = "von_mises_stress", **options: Any) -> Any:
         """Draw the last state, coloured by a field; options as of `results.plot`."""
@@ -70,8 +99,8 @@ class Run:
         """Write the last state to a .vtu file; errors as of `results.write_vtu`."""
         return write_vtu(path, self.state, fields)
 
-    def animate(self, path: str | os.PathLike[str], **options: Any) -> Path:
-        """A .gif or .mp4 of what was saved; options as of `results.animate`.
+    def animate(self, path: str | os.PathLike[str], field: str = "displacement", **options: Any) -> Path:
+        """A .gif or .mp4 of what was saved, coloured by a field; options as of `results.animate`.
 
         Raises
         ------
@@ -80,7 +109,7 @@ class Run:
         """
         if self.series is None:
             raise StvkError("There is nothing to animate: no states were saved. Name a series: simulate(..., save='run.pvd').")
-        return animate(self.series, path, **options)
+        return animate(self.series, path, field, **options)
 
     def __repr__(self) -> str:
         parts = ", ".join(f"{name} {seconds:.2g} s" for name, seconds in self.seconds.items())

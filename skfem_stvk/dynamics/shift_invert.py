@@ -30,8 +30,12 @@ GROWTH, MOST = 10.0, 12
 #: Modes more than asked for, so that the last ones of a multiple eigenvalue are not missed; of fewer unknowns than so many times the modes,
 #: the matrices are dense.
 MORE, FEW = 4, 4
+#: Eigenvalues, counted from the shift, that are this close together are one.
+SAME = 1e-6
 #: Residual of iterative solvers.
 PRECISION = 1e-10
+#: K does not depend on the time: the loads that are let pass do not follow the body.
+NOW = Moment(0.0, 1.0)
 
 
 class Indefinite(Exception):
@@ -49,19 +53,19 @@ class ShiftedProblem(Equilibrium):
         self.mass, self.shift = mass, 0.0
         super().__init__(system, solver, Stopwatch())
 
-    def matrices(self, u: Array, t: Moment) -> tuple[Array, Array]:
+    def matrices(self, u: Array) -> tuple[Array, Array]:
         """K and M over the free degrees of freedom, dense."""
         ids = np.ix_(self.free.free, self.free.free)
-        return self.system.jacobian(u, t).toarray().astype(np.float64)[ids], self.mass.matrix.toarray()[ids]
+        return self.system.tangent(u).toarray().astype(np.float64)[ids], self.mass.matrix.toarray()[ids]
 
-    def stiffness(self, u: Array, t: Moment) -> Any:
+    def stiffness(self, u: Array) -> Any:
         """K, as a matrix or as an operator."""
-        return self.system.linear_operator(u) if self.solver.matrix_free else self.system.jacobian(u, t)
+        return self.system.linear_operator(u) if self.solver.matrix_free else self.system.tangent(u)
 
-    def inverse(self, u: Array, t: Moment, shift: float) -> LinearOperator:
+    def inverse(self, u: Array, shift: float) -> LinearOperator:
         """`r -> (K + shift M)^-1 r`; raises Indefinite where eigenvalues are below `-shift`, now or when it is applied."""
         self.shift = shift
-        factors = self.factorise(u, t)
+        factors = self.factorise(u, NOW)
         if factors.negative_pivots:
             raise Indefinite
         n = len(self.free.free)
@@ -91,15 +95,15 @@ class ShiftedProblem(Equilibrium):
         return FreeOperator(self._prepare(u, kept), self.free, self.shift * self.mass.vertex[vertex])
 
 
-def lowest_vectors(problem: ShiftedProblem, u: Array, t: Moment, n: int) -> Array:
+def lowest_vectors(problem: ShiftedProblem, u: Array, n: int) -> Array:
     """(n_free, m) vectors, m >= n, that span the modes of the n lowest eigenvalues at `u` (ndofs,)."""
     unknowns = len(problem.free.free)
     if unknowns < FEW * (n + MORE):
-        K, M = problem.matrices(u, t)
+        K, M = problem.matrices(u)
         return np.asarray(eigh(K, M, subset_by_index=[0, n - 1])[1])
     for shift in first_shift(problem, u) * GROWTH ** np.arange(MOST):
         try:
-            return _lanczos(problem, problem.inverse(u, t, shift), n + MORE)
+            return _all_lowest(problem, problem.inverse(u, shift), n)
         except Indefinite:
             continue
     raise StvkError("Modes: K has eigenvalues below anything that could be shifted. Is `u` a state of equilibrium?")
@@ -109,15 +113,39 @@ def first_shift(problem: ShiftedProblem, u: Array) -> float:
     """Small against the lowest eigenvalues of a body that is about as long as thick, and large against rounding [1/s^2]."""
     mesh = problem.system.mesh
     bound = bound_on_eigenvalues(problem.system.linear_operator(u), problem.mass.vertex)
-    return SHIFT * (bound or 1.0) / mesh.nv ** (2 / mesh.k)
+    return SHIFT * bound / mesh.nv ** (2 / mesh.k)
 
 
-def _lanczos(problem: ShiftedProblem, inverse: LinearOperator, n: int) -> Array:
-    """The vectors nearest to the shift, from always the same one on."""
+def _all_lowest(problem: ShiftedProblem, inverse: LinearOperator, n: int) -> Array:
+    """Vectors that span the n lowest modes and some more.
+
+    From one vector Lanczos' method sees one direction of the space of a multiple eigenvalue, and the others by what rounding leaves of them. So it is
+    asked again for what is across all that it has found, until nothing there belongs to the n lowest.
+    """
+    values, vectors = _lanczos(problem, inverse, n + MORE, np.empty((inverse.shape[0], 0)))
+    while True:
+        value, vector = _lanczos(problem, inverse, 1, vectors)
+        last = np.sort(values)[n - 1] + problem.shift  # above zero, however many rigid modes there are
+        if value[0] + problem.shift >= (1 - SAME) * last:
+            return vectors
+        values, vectors = np.append(values, value), np.hstack([vectors, vector])
+
+
+def _lanczos(problem: ShiftedProblem, inverse: LinearOperator, n: int, known: Array) -> tuple[Array, Array]:
+    """Eigenvalues and vectors (n_free, n) nearest to the shift, M-orthogonal to those that are known, from always the same start on."""
+    momenta = np.array([problem.momentum(vector) for vector in known.T]).reshape(known.T.shape)
+
+    def solved(r: Array) -> Array:
+        x = inverse @ (np.ravel(r) - momenta.T @ (known.T @ np.ravel(r)))
+        return np.asarray(x - known @ (momenta @ x))
+
     M = LinearOperator(inverse.shape, matvec=lambda x: problem.momentum(np.ravel(x)), dtype=np.float64)
-    start = np.random.default_rng(0).standard_normal(inverse.shape[0])
+    start = np.random.default_rng(known.shape[1]).standard_normal(inverse.shape[0])
+    start -= known @ (momenta @ start)
     tolerance = PRECISION if problem.solver.iterative else 0.0
+    across = LinearOperator(inverse.shape, matvec=solved, dtype=np.float64)
     try:
-        return np.asarray(eigsh(inverse, n, M, sigma=-problem.shift, OPinv=inverse, v0=start, tol=tolerance)[1])
+        values, vectors = eigsh(across, n, M, sigma=-problem.shift, OPinv=across, v0=start, tol=tolerance)
+        return values, vectors
     except ArpackNoConvergence as error:
         raise StvkError(f"Modes: {len(error.eigenvalues)} of {n} were found. Ask for fewer, or for a direct solver=.") from error

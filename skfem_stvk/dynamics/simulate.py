@@ -14,6 +14,7 @@ from ..system import System
 from .damping import Damping
 from .integrators import Integrator
 from .loop import Loop
+from .places import Places
 from .plan import EVERY, Outlets, Plan, checked_time
 from .run import Run
 
@@ -29,6 +30,7 @@ def simulate(
     mass: str | None = None,
     damping: Damping | None = None,
     probes: Mapping[str, Where] | None = None,
+    reactions: Mapping[str, Where] | None = None,
     save: str | os.PathLike[str] | None = None,
     every: int | None = None,
     checkpoint: str | os.PathLike[str] | None = None,
@@ -51,10 +53,12 @@ def simulate(
     mass : "lumped", the default, or "consistent".
     damping : `Rayleigh(alpha, beta)`, `EdgeDamping(tau)` or a list of them.
     probes : places by name, whose mean displacements stand in the ledger: `{"A": [17]}` gives the columns "A x", "A y".
-    save : a .pvd file, with a .vtu file for each state that is saved, and the ledger as .csv beside it.
+    reactions : supports by name, whose forces stand in the ledger, for the price of a force a step: `{"B": "left"}` gives "reaction B x",
+        "reaction B y". Of the last state alone there is `run.reaction("left")`.
+    save : a .pvd file, with a .vtu file for each state that is saved, displacements, velocities, stresses and strains, and the ledger as .csv beside it.
     every : steps from one saved state to the next, by default 10.
     checkpoint : a .npz file that is replaced every few seconds, and at the end.
-    resume : such a file to go on from, bit for bit as if it had never stopped: with its integrator, mass, damping and probes, and, if no others are
+    resume : such a file to go on from, bit for bit as if it had never stopped: with its integrator, mass, damping, probes and reactions, and, if no others are
         given, its `save`, `every` and `checkpoint`.
     quiet : print nothing.
     raise_on_failure : raise where the end is not reached; otherwise look at `run.status`. What interrupts a run, such as Ctrl-C or a full
@@ -73,7 +77,7 @@ def simulate(
     Warns
     -----
     StvkWarning
-        if the step of an explicit integrator is above the critical one; where elements turn inside out.
+        if the step of an explicit integrator is above the critical one; where elements turn inside out; where a prescribed displacement jumps.
 
     >>> import skfem
     >>> from skfem_stvk import EnergyMomentum, Gravity, StVK, System, simulate
@@ -91,19 +95,35 @@ def simulate(
         raise StvkError(f"A {type(system).__name__} came; expected a System: System(mesh, terms, fixed=..., prescribed=...).")
     if system.dtype != np.float64:
         raise StvkError(f"The system is in {system.dtype}; expected float64: System(..., dtype=np.float64).")
+    end = checked_time("until", until)
     outlets = {"save": save, "every": every, "checkpoint": checkpoint}
     if resume is not None and not (isinstance(resume, str | os.PathLike) and str(resume)):
         raise StvkError(f"resume = {resume!r}; expected the path of a checkpoint, such as 'flag.npz'.")
     if resume is None:
         kept = Outlets.checked(save, EVERY if every is None else every, checkpoint)
         plan = Plan.new(
-            system, integrator, u0, v0, checked_time("t0", t0), "lumped" if mass is None else mass, damping, probes, kept
+            system,
+            integrator,
+            u0,
+            v0,
+            checked_time("t0", t0),
+            "lumped" if mass is None else mass,
+            damping,
+            Places.checked(system, probes, reactions),
+            kept,
         )
     else:
-        beginnings = {"u0": u0, "v0": v0, "t0": t0 or None, "mass": mass, "damping": damping, "probes": probes}
+        beginnings = {
+            "u0": u0,
+            "v0": v0,
+            "t0": t0 or None,
+            "mass": mass,
+            "damping": damping,
+            "probes": probes,
+            "reactions": reactions,
+        }
         _refuse_beginnings([name for name, value in beginnings.items() if value is not None])
         plan = Plan.of_checkpoint(resume, system, integrator, {name: value for name, value in outlets.items() if value is not None})
-    end = checked_time("until", until)
     if not end > plan.state.t:
         raise StvkError(f"until = {end:g} s is not after t = {plan.state.t:g} s, where the motion is. Give a later end.")
     return Loop(plan, end, quiet).run(raise_on_failure)

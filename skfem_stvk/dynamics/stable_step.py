@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import warnings
+from dataclasses import replace
+from math import ulp
 
 import numpy as np
 
-from ..errors import StvkError, StvkWarning
-from .clock import Clock
+from ..errors import StateError, StvkError, StvkWarning
+from .clock import FEWEST, Clock
 from .critical_step import CriticalStep, LargestFrequency
 from .damping import EdgeDamping, Rayleigh
 from .integrators import Explicit
@@ -16,9 +18,11 @@ from .plan import Plan
 
 #: Part of the critical step that is taken by default; between the other two it is kept as the body deforms.
 SAFETY, LEAST, MOST = 0.85, 0.7, 0.88
-#: While the bound, for the price of eight forces, is within this part of what it was, the critical step moves with it; else it is looked for, for
-#: that of sixty.
+#: While the bound, for the price of five to seven forces, is within this part of what it was, the critical step moves with it; else it is looked for,
+#: for that of sixty or more: never for a given step that is below the bound.
 MOVED = 0.04
+#: Steps that were found are halved so often at most.
+HALVINGS = 4
 
 
 class StableStep:
@@ -27,7 +31,7 @@ class StableStep:
     Raises
     ------
     StvkError
-        if no step was given and none is too large.
+        if no step was given and none is too large, or the clock cannot tell the end of a step from its beginning.
 
     Warns
     -----
@@ -41,50 +45,91 @@ class StableStep:
         self._last: CriticalStep | None = None
         if isinstance(plan.integrator, Explicit):
             self._largest = LargestFrequency(plan.motion.system, _weighed(plan.motion, plan.integrator.damping_weight))
-        if plan.clock is None:
-            plan.clock = Clock(plan.state.t, self._first())
+        if plan.ledger is None:
+            self._begin()
 
+    def _begin(self) -> None:
+        clock = self._plan.clock
+        clock.dt = self._first()
+        if not clock.resolves(clock.dt):
+            raise StvkError(
+                f"t0 = {clock.start:g} s is too late for steps of dt = {clock.dt:.4g} s: the numbers for times there are {ulp(clock.start):.2g} s apart. "
+                "Count the time from 0: leave out t0, and let what is a function of t be one of t0 + t."
+            )
+
+    @np.errstate(over="ignore", invalid="ignore")  # where a body is about to blow up
     def review(self) -> None:
         """Look at the critical step again, if it is time.
 
         Raises
         ------
         StateError
-            if K overflows.
+            if K overflows, or the step that is found is too short for the clock.
         """
         looks = self._plan.looks
+        share = 0.5**looks.halvings
         if self._largest is None or self._warned or self._plan.steps < looks.next:
             return
         u, clock, given = self._plan.state.u, self._plan.clock, self._plan.integrator.dt is not None
-        assert clock is not None
-        step = looks.estimate(self._largest.bound(u), self._plan.steps)
-        if not abs(step / looks.step - 1) <= MOVED or (given and clock.dt > step):
+        bound = self._largest.bound(u)
+        step = looks.estimate(bound, self._plan.steps)
+        safe, moved = given and clock.dt <= bound, not abs(step / looks.step - 1) <= MOVED
+        if not safe and (moved or (given and clock.dt > step)):
             step = self._look().step
         if given:
             self._warn(clock.dt)
-        elif clock.dt > MOST * step or clock.dt < min(LEAST * step, looks.largest):
-            clock.change(min(SAFETY * step, looks.largest))
+        elif clock.dt > share * MOST * step or clock.dt < share * min(LEAST * step, looks.largest):
+            dt = share * min(SAFETY * step, looks.largest)
+            if not clock.resolves(dt):
+                raise StateError(f"steps would be of {dt:.2g} s, for the body is that stiff where it is, too short for the clock")
+            clock.change(dt)
+
+    def halve(self) -> bool:
+        """Whether a motion that blew up may go on from its last good state: with steps half as long, if they were found, and not too often."""
+        good = self._plan.good
+        assert good is not None
+        if self._plan.integrator.dt is not None or good.looks.halvings == HALVINGS:
+            return False
+        looks = replace(good.looks, halvings=good.looks.halvings + 1, next=good.steps + FEWEST, interval=FEWEST)
+        self._plan.good = replace(good, clock=Clock(good.clock.t, good.clock.dt / 2), looks=looks)
+        return True
+
+    @property
+    def remark(self) -> str:
+        """That steps were halved, for the message of the run; empty if they were not."""
+        looks = self._plan.looks
+        if not looks.halvings:
+            return ""
+        return (
+            f"; it blew up {_times(looks.halvings)} on the way, and went on from the last good state with steps of at most "
+            f"{0.5**looks.halvings * looks.largest:.4g} s in place of {looks.largest:.4g} s"
+        )
 
     def advice(self) -> str:
         """What to try after a motion has blown up."""
         clock = self._plan.clock
-        assert clock is not None
         if self._largest is None:
             chosen = getattr(self._plan.integrator, "tangent", "exact")
             return f"Try a smaller step than dt = {clock.dt:.4g} s, or another tangent than {chosen!r}: 'clamped' takes larger ones where bodies are pressed."
-        known = f" ({self._last} when it was looked at last)" if self._last is not None else ""
+        known = f" ({self._last or self._look()} when it was looked at last)"
         found = "" if self._plan.integrator.dt is None else ", dt=None to have it found"
-        return f"The step was {clock.dt:.4g} s{known}: try a smaller one{found}, or an implicit integrator."
+        looks = self._plan.looks
+        halved = f", halved {_times(looks.halvings)} from {looks.largest:.4g} s at most" if looks.halvings else ""
+        return f"The step was {clock.dt:.4g} s{halved}{known}: try a smaller one{found}, or an implicit integrator."
 
     def _first(self) -> float:
         dt = self._plan.integrator.dt
         if self._largest is None:
             assert dt is not None
             return dt
-        last = self._look()
         if dt is not None:
-            self._warn(dt)
+            bound = self._largest.bound(self._plan.state.u)
+            self._plan.looks.step = self._plan.looks.bound = bound
+            if dt > bound:
+                self._look()
+                self._warn(dt)
             return dt
+        last = self._look()
         rest = last if not self._plan.state.u.any() else self._largest.at(np.zeros_like(self._plan.state.u))
         step = min(last.step, rest.step)  # a body that is pressed is soft, and will not stay so
         if not np.isfinite(step):
@@ -105,8 +150,12 @@ class StableStep:
                 f"t = {self._plan.state.t:.4g} s: the step dt = {dt:.4g} s is above the critical one, {self._last.step:.4g} s (safe bound "
                 f"{self._last.bound:.4g} s): the motion will blow up. Take a smaller one, or dt=None to have it found.",
                 StvkWarning,
-                stacklevel=6,
+                stacklevel=7,
             )
+
+
+def _times(number: int) -> str:
+    return "once" if number == 1 else f"{number} times"
 
 
 def _weighed(motion: Motion, weight: float) -> list[Rayleigh | EdgeDamping]:

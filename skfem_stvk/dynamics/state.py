@@ -19,7 +19,8 @@ class State:
     ----------
     t : time [s].
     u, v, a : (ndofs,) displacements [m], velocities [m/s], and accelerations [m/s^2] where the integrator keeps them, otherwise zero.
-    reaction : (ndofs,) what the supports did over the last step [N], at the degrees of freedom that are held.
+    reaction : (ndofs,) what the supports did over the last step [N], at the degrees of freedom that are held; where none of them moves, and their
+        work is nothing, explicit integrators leave it zero.
     """
 
     t: float

@@ -51,10 +51,11 @@ class Scene(NamedTuple):
     system: System
     v0: Any = None
     damping: Any = None
+    u0: Any = None
 
     def run(self, integrator, until, **options):
         """Simulated without a word."""
-        options = {"v0": self.v0, "damping": self.damping, "quiet": True} | options
+        options = {"u0": self.u0, "v0": self.v0, "damping": self.damping, "quiet": True} | options
         return simulate(self.system, integrator, until=until, **options)
 
 
@@ -92,6 +93,19 @@ def loaded(d, **options):
     mesh = MESHES[d]
     pull = NodalLoad((1, 5), lambda t: [0.04 * f for f in pushed(t)[:d]])
     return Scene(System(mesh, [material(mesh), pull]), **{"v0": velocities(mesh), **options})
+
+
+def let_go(d, by=0.5):
+    """Pressed together by this part of its size: with the first step that is found it blows up, unless that is little."""
+    mesh = MESHES[d]
+    return Scene(System(mesh, material(mesh)), u0=-by * (mesh.p - mesh.p.mean(axis=1)[:, None]).ravel("F"))
+
+
+def kicked(d):
+    """Pushed together at 2 s, and damped: with the step that is found before it blows up there."""
+    mesh, most = MESHES[d], {2: 6.0, 3: 16.0}[d]
+    push = Traction("right", lambda t: np.multiply(0.1, pushed(t)[:d]) - most * np.exp(-(((t - 2) / 0.2) ** 2)) * np.eye(d)[0])
+    return Scene(System(mesh, [material(mesh), push]), damping=BOTH)
 
 
 def stretched(mesh):

@@ -1,16 +1,20 @@
 """What a time loop costs besides the arithmetic: memory, and looks at the critical step."""
 
+import re
 import tracemalloc
+from contextlib import nullcontext
 
 import numpy as np
 import pytest
 from skfem import MeshTet
 
-from skfem_stvk import Gravity, StVK, System
+from skfem_stvk import Gravity, StVK, StvkWarning, System
 from skfem_stvk.dynamics import ForwardEuler, LinearBackwardEuler, VelocityVerlet, simulate
 from skfem_stvk.dynamics.clock import FEWEST, MOST, Looks
+from skfem_stvk.dynamics.critical_step import LargestFrequency, critical_step
 from skfem_stvk.dynamics.loop import Loop
 from skfem_stvk.dynamics.plan import Outlets, Plan
+from skfem_stvk.dynamics.stable_step import StableStep
 from skfem_stvk.dynamics.status import Status
 
 
@@ -86,3 +90,35 @@ def test_steps_that_are_found_stay_below_the_critical_one_as_a_soft_body_swings(
     run = simulate(system, VelocityVerlet(), until=0.5, v0=pushed(system), quiet=True, raise_on_failure=False)
     assert run.status is Status.FINISHED
     assert np.abs(run.ledger["closure_error"]).max() < 0.03 * run.ledger["kinetic_energy"].max()
+
+
+@pytest.mark.parametrize("share, times", [(0.99, 0), (1.01, 1)], ids=["below", "above"])
+def test_eigenvalues_are_looked_for_only_where_a_given_step_is_above_the_safe_bound(share, times, monkeypatch):
+    """There they may show that it is stable all the same, and no warning comes."""
+    system, asked, at = hanging(3), [], LargestFrequency.at
+    found = critical_step(system)
+    assert share * found.bound < found.step
+    monkeypatch.setattr(LargestFrequency, "at", lambda self, u: asked.append(u) or at(self, u))
+    run = simulate(system, VelocityVerlet(dt=share * found.bound), until=5 * found.bound, quiet=True)
+    assert run.status is Status.FINISHED and len(asked) == times
+
+
+def test_a_body_that_is_drawn_out_until_a_given_step_is_too_large_is_noticed_though_no_eigenvalue_was_looked_for_before():
+    system = hanging(3)
+    dt = 0.9 * critical_step(system).bound
+    plan = Plan.new(system, VelocityVerlet(dt=dt), None, pushed(system), 0.0, "lumped", None, None, Outlets(None, 10, None))
+    limit = StableStep(plan)
+    for stretch, looked in ((1.1, False), (2.0, True)):
+        plan.state.u[2::3] = (stretch - 1) * system.mesh.p[2]
+        plan.looks.next = plan.steps
+        with pytest.warns(StvkWarning, match="above the critical one.*safe bound") if looked else nullcontext():
+            limit.review()
+        assert (limit._last is not None) == looked
+    assert limit._last.step < dt < critical_step(system).bound
+
+
+def test_the_advice_after_a_blow_up_has_both_numbers_even_if_none_was_looked_for_before():
+    system = hanging(3)
+    dt = 0.5 * critical_step(system).bound
+    plan = Plan.new(system, VelocityVerlet(dt=dt), None, pushed(system), 0.0, "lumped", None, None, Outlets(None, 10, None))
+    assert re.search("critical step .* s, safe bound .* s when", StableStep(plan).advice())

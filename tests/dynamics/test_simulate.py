@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from math import pi
 from types import SimpleNamespace
 
+import meshio
 import numpy as np
 import pytest
 from motions import BOTH, MESHES, SCENES, clamped, driven, loaded, material, pushed, spinning, velocities
@@ -19,6 +20,7 @@ from skfem_stvk import (
     MaterialError,
     NodalLoad,
     Pressure,
+    RegionError,
     SimplexMesh,
     StateError,
     StVK,
@@ -55,6 +57,7 @@ from skfem_stvk.dynamics.run import Interrupted
 from skfem_stvk.dynamics.stable_step import StableStep
 from skfem_stvk.dynamics.start_tensions import StartTensions
 from skfem_stvk.edges import ALL, NONE, TENSILE
+from skfem_stvk.results.series import read_list
 
 EXPLICIT = [ForwardEuler, VelocityVerlet]
 SYSTEM = spinning(2).system
@@ -104,14 +107,16 @@ def guarded(rows):
     """Which rows of energies (kinetic, strain, potential, external, dissipated, closure error) count as a blow-up, and the good ones."""
     names = "time", "kinetic_energy", "strain_energy", "potential_energy", "external_work", "dissipated_work", "closure_error"
     ledger, found, good = Ledger(names), [], []
-    plan = SimpleNamespace(snapshot=lambda rows: rows - 1)
+    plan = SimpleNamespace(good=None, snapshot=lambda rows: SimpleNamespace(steps=rows - 1, rows=rows))
     for number, row in enumerate(rows):
+        plan.steps = number
         ledger.append([0.1 * number, *row])
         if number == 0:
             guard = Guard(ledger, plan)
         else:
-            found.append(guard.blown_up(whole=True))
-            good.append(guard.good)
+            found.append(guard.blown_up())
+            guard.keep()
+            good.append(plan.good.steps)
     return found, good
 
 
@@ -121,7 +126,7 @@ def test_energy_from_nowhere_is_held_against_what_there_was_or_was_given():
     assert guarded([[*row, 0.0], [*row, 3 * error], [*row, 3 * bearable], [*row, -9e9]])[0] == [True, False, False]
     assert guarded([[*row, 0.0], [1.0, 2.0, -35.0, 0.0, 0.0, 3 * error]])[0] == [False]  # it has fallen
     assert guarded([[*row, 0.0], [1.0, 2.0, 5.0, -40.0, 0.0, 3 * error]])[0] == [False]  # it was worked on
-    assert guarded([[*row, 0.0], [1.0, 2.0, 5.0, 0.0, 40.0, 3 * error]])[0] == [False]  # it was damped
+    assert guarded([[*row, 0.0], [1.0, 2.0, 5.0, 0.0, 40.0, 3 * error]])[0] == [True]  # damping took what was not there
     assert guarded([[*row, 0.0], [np.nan, 2.0, 5.0, 0.0, 0.0, 0.0]])[0] == [True]
     assert guarded([[0.0] * 6, [1e-20, 0.0, 0.0, 0.0, 0.0, 1e-20]])[0] == [False]
 
@@ -131,6 +136,16 @@ def test_the_last_good_state_is_of_a_time_when_energy_was_right():
     _, good = guarded([[*row, 0.0]] * (3 * EVERY) + [[*row, 4.0]] * (2 * EVERY))
     assert good[0] == 0 and good[EVERY - 1] == EVERY
     assert good[-1] == 2 * EVERY
+
+
+def test_a_state_that_much_energy_has_just_come_to_is_not_good_before_it_has_stayed_there():
+    row = [1.0, 2.0, 0.0, 0.0, 0.0]
+    _, good = guarded(
+        [[*row, 0.0]] * (EVERY + 1) + [[*row, 0.75]] * (3 * EVERY)
+    )  # a quarter, and a tenth is borne in as many steps
+    assert good[7 * EVERY // 2 - 2] == EVERY and good[7 * EVERY // 2 - 1] == 7 * EVERY // 2
+    _, good = guarded([[*row, 0.01 * number] for number in range(200)])  # slowly, and no more than there was
+    assert good[-1] == 180
 
 
 @dataclass(frozen=True)
@@ -260,9 +275,9 @@ def test_what_was_given_before_a_resume_counts_for_the_guard():
     )
     for number, given in enumerate((0.0, 40.0, 0.0)):
         ledger.append([0.1 * number, 1.0, 2.0, 0.0, given, 0.0, 0.0])
-    guard = Guard(ledger, SimpleNamespace(snapshot=lambda rows: rows))
+    guard = Guard(ledger, SimpleNamespace(good=None, steps=3, snapshot=lambda rows: SimpleNamespace(steps=rows - 1, rows=rows)))
     ledger.append([0.3, *row, 70.0])
-    assert not guard.blown_up(whole=True)
+    assert not guard.blown_up()
 
 
 def test_tensions_of_the_beginning_are_those_that_are_asked_for():
@@ -312,6 +327,8 @@ def test_a_step_that_was_found_comes_back_to_what_it_was_and_no_further():
     assert review(3 * dt) == dt and plan.clock.count == 1  # nor does it begin to count anew
     assert review(dt / 2) == 0.85 * dt / 2 and plan.clock.count == 0
     assert review(dt) == 0.85 * dt and review(10 * dt) == dt
+    with pytest.raises(StateError, match=r"steps would be of 8.5e-19 s, .* too short for the clock"):
+        review(1e-18)
 
 
 def test_a_bound_that_is_infinite_says_nothing_and_is_looked_at_soon():
@@ -529,7 +546,9 @@ MISTAKES = {
         {"u0": np.zeros((N // 2, 2))},
     ),
     "no kind of mass": (StvkError, "mass = ''; expected 'lumped' or 'consistent'", {"mass": ""}),
-    "v0 too short": (StateError, r"v0 is a \w+ of shape \(3,\)", {"v0": np.zeros(3)}),
+    "v0 too short": (StateError, r"v0 is a \w+ of shape \(3,\).* Is it of another mesh", {"v0": np.zeros(3)}),
+    "u0 no vector": (StateError, "u0 is a str of shape .* take its .u", {"u0": "zero"}),
+    "u0 ragged": (StateError, "u0 is a list", {"u0": [[1], [1, 2]]}),
     "v0 not finite": (StateError, rf"v0 is not finite at {N} entries", {"v0": np.full(N, np.nan)}),
     "v0 complex": (StateError, "v0 .* complex128; expected", {"v0": np.zeros(N, dtype=complex)}),
     "until the beginning": (StvkError, "until = 0 s is not after t = 0 s, where the motion is. Give a later", {"until": 0.0}),
@@ -544,13 +563,24 @@ MISTAKES = {
     ),
     "no density": (MaterialError, "density", {"system": strip(density=None)}),
     "damping by a number": (StvkError, "damping = 0.1; expected Rayleigh", {"damping": 0.1}),
+    "damping by its name": (StvkError, "damping = 'Rayleigh'; expected Rayleigh", {"damping": "Rayleigh"}),
+    "one of two no damping": (StvkError, "damping = 0.2; expected Rayleigh", {"damping": [Rayleigh(alpha=0.1), 0.2]}),
     "probes without names": (StvkError, r"probes = \[17\]; expected places by name, such as \{'tip': \[17\]\}", {"probes": [17]}),
+    "probes nowhere at all": (RegionError, "probe 'A': no vertex there", {"probes": {"A": []}}),
+    "a probe of another mesh": (RegionError, r"probe 'A': the vertices name 1 vertex \(99\) outside", {"probes": {"A": [99]}}),
     "a nameless probe": (StvkError, "expected places by name", {"probes": {"": [1]}}),
     "a probe nowhere": (StvkError, "probe 'A'", {"probes": {"A": "no such place"}}),
     "save by a flag": (StvkError, "save = True; expected the path of a file such as 'flag.pvd'", {"save": True}),
     "checkpoint by a flag": (StvkError, "checkpoint = 3; expected the path .* 'flag.npz'", {"checkpoint": 3}),
     "every 0": (StvkError, "every = 0; expected a whole number of steps, at least 1", {"every": 0}),
     "every half": (StvkError, "every = 0.5; expected a whole number", {"every": 0.5}),
+    "every step before": (StvkError, "every = -1; expected a whole number", {"every": -1}),
+    "another format": (
+        StvkError,
+        "'flag.xdmf' does not end in .pvd, which is what is written here. Name it flag.pvd",
+        {"save": "flag.xdmf"},
+    ),
+    "no such folder": (StvkError, "The folder no of flag.npz does not exist", {"checkpoint": "no/flag.npz"}),
     "no such checkpoint": (StvkError, "There is no checkpoint", {"resume": "nowhere.npz", "v0": None}),
     "nothing acts": (LoadError, "Nothing moves the body: .* Add Gravity", {"v0": None}),
     "a jump": (
@@ -602,6 +632,63 @@ def test_what_cannot_be_written_is_told_before_any_work(tmp_path, name):
     for path in (tmp_path / "missing" / f"flag{ending}", tmp_path / "flag.txt", tmp_path / f"folder{ending}"):
         with pytest.raises(StvkError, match=r"flag|folder"):
             call(**{name: path})
+        with pytest.raises(StvkError, match=r"flag|folder"):
+            call(strip(density=None), **{name: path})  # which would be the next thing to be told
+
+
+def test_names_of_files_may_have_blanks_and_umlauts(tmp_path):
+    run = clamped(2).run(EnergyMomentum(0.01), 0.05, save=tmp_path / "Flügel 1 ß.pvd", every=1, checkpoint=tmp_path / "Flü gel.npz")
+    assert simulate(run.system, resume=tmp_path / "Flü gel.npz", until=0.1, quiet=True).series == tmp_path / "Flügel 1 ß.pvd"
+    for path in (run.animate(tmp_path / "ä ö.gif", "velocity"), run.save(tmp_path / "ü é.vtu"), tmp_path / "Flügel 1 ß.csv"):
+        assert path.is_file()
+
+
+def test_there_is_nothing_to_animate_or_to_draw_before_there_is_something():
+    run = clamped(2).run(EnergyMomentum(0.01), 0.02)
+    with pytest.raises(StvkError, match=r"no states were saved. Name a series: simulate\(..., save='run.pvd'\)"):
+        run.animate("flag.gif")
+    with pytest.raises(StvkError, match=r"lines to draw from two steps on; the ledger has 1"):
+        Ledger(run.ledger.names, run.ledger.rows()[:1]).plot()
+    with pytest.raises(TypeError, match="until"):
+        simulate(run.system, EnergyMomentum(0.01))
+
+
+def velocities_of(path):
+    """By time, of a series."""
+    return {t: meshio.read(path.with_name(name)).point_data["velocity"][:, :2].ravel() for t, name in read_list(path)}
+
+
+def test_velocities_are_saved_with_the_displacements(tmp_path):
+    scene = driven(2, damping=BOTH)
+    whole = scene.run(EnergyMomentum(0.01), 0.2, save=tmp_path / "whole.pvd", every=3)
+    scene.run(EnergyMomentum(0.01), 0.1, save=tmp_path / "parts.pvd", every=3, checkpoint=tmp_path / "c.npz")
+    simulate(scene.system, resume=tmp_path / "c.npz", until=0.2, quiet=True)
+    one, other = velocities_of(tmp_path / "whole.pvd"), velocities_of(tmp_path / "parts.pvd")
+    assert list(one) == list(other) and len(one) == 8
+    for t, v in one.items():
+        np.testing.assert_array_equal(other[t], v)
+        np.testing.assert_array_equal(v, whole.v if t == whole.t else scene.run(EnergyMomentum(0.01), t).v if t else v)
+    kinetic = [v @ whole.motion.mass.multiply(v) / 2 for v in one.values()]
+    rows = np.searchsorted(whole.ledger["time"], list(one))
+    np.testing.assert_allclose(kinetic, whole.ledger["kinetic_energy"][rows], rtol=1e-12)
+    assert meshio.read(whole.save(tmp_path / "end.vtu")).point_data["velocity"][:, :2].ravel().tolist() == whole.v.tolist()
+    assert not list(set(velocities_of(tmp_path / "whole.pvd")) - set(whole.ledger["time"]))
+
+
+@pytest.mark.filterwarnings("ignore::skfem_stvk.errors.StvkWarning")
+def test_the_velocities_after_a_blow_up_are_those_of_the_last_good_state(tmp_path):
+    run = spinning(2).run(VelocityVerlet(0.2), 100.0, save=tmp_path / "bang.pvd", every=1, raise_on_failure=False)
+    saved = velocities_of(tmp_path / "bang.pvd")
+    assert run.status is Status.BLEW_UP and max(saved) == run.t
+    np.testing.assert_array_equal(saved[run.t], run.v)
+
+
+@pytest.mark.parametrize("integrator", [VelocityVerlet(0.01), LinearBackwardEuler(0.01), EnergyMomentum(0.01)])
+def test_what_writing_takes_is_a_part_of_the_time(integrator, tmp_path):
+    for options in ({}, {"save": tmp_path / "a.pvd"}, {"checkpoint": tmp_path / "a.npz"}):
+        run = clamped(2).run(integrator, 0.05, **options)
+        assert list(run.seconds) == ["assemble", "factor", "solve", "write", "other"]
+        assert bool(options) == (run.seconds["write"] > 0) and min(run.seconds.values()) >= 0
 
 
 def test_the_last_state_and_the_books_are_saved_in_any_case(tmp_path):

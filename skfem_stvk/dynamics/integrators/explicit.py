@@ -12,7 +12,7 @@ from ...errors import StvkError
 from ...statics.stopwatch import Stopwatch
 from ..motion import Motion
 from ..state import State
-from .integrator import Integrator, check_step
+from .integrator import Integrator, checked_step
 
 Array = NDArray[Any]
 
@@ -23,7 +23,7 @@ class Explicit(Integrator):
 
     Parameters
     ----------
-    dt : time step [s]; by default 0.85 of the critical one, found again as the body deforms.
+    dt : time step [s]; by default 0.85 of the critical one, found again as the body deforms, and shorter after a motion has blown up.
     """
 
     explicit: ClassVar[bool] = True
@@ -33,24 +33,24 @@ class Explicit(Integrator):
     dt: float | None = None
 
     def __post_init__(self) -> None:
-        check_step(self.dt, optional=True)
+        object.__setattr__(self, "dt", checked_step(self.dt, optional=True))
 
 
 class ExplicitStepper:
-    """The force on the body, `h - D v - F`, on arrays that are made once.
+    """The forces on the body, `h - D v` and `F`, on arrays that are made once.
 
     Attributes
     ----------
-    energy : strain energy at the last internal force [J].
+    internal, energy : internal force (ndofs,) [N] where it was evaluated last, and the strain energy there [J].
     """
 
     def __init__(self, motion: Motion, name: str) -> None:
         if motion.mass.kind != "lumped":
             raise StvkError(f"{name} takes no {motion.mass.kind} mass: it would need a solve each step. Leave mass='lumped'.")
-        self.motion, self.watch, self.iterations = motion, Stopwatch(), 0
+        self.motion, self.watch, self.iterations = motion, Stopwatch("write"), 0
         n = motion.system.ndofs
         self.inverse = motion.mass.solve(np.ones(n))
-        self._internal, self.force, self._damping = np.zeros(n), np.zeros(n), np.zeros(n)
+        self.internal, self._damped = np.zeros(n), np.zeros(n)
         self.energy = 0.0
 
     @property
@@ -60,16 +60,16 @@ class ExplicitStepper:
 
     def start(self, state: State) -> None:
         """The internal force at the first state."""
-        self._evaluate(state.u)
+        self.evaluate(state)
 
-    def total(self, u: Array, v: Array, t: float) -> Array:
-        """`h(u, t) - D v - F(u)` with the internal force that was evaluated last, at `u`."""
-        np.subtract(self.motion.loads(u, t), self._internal, out=self.force)
-        if self.motion.damped:
-            self._damping[:] = 0
-            self.motion.add_damping(u, v, self._damping)
-            self.force -= self._damping
-        return self.force
+    def external(self, u: Array, v: Array, t: float) -> Array:
+        """(ndofs,) `h(u, t) - D v` [N], good until the next call."""
+        loads = self.motion.loads(u, t)
+        if not self.motion.damped:
+            return loads
+        self._damped[:] = 0
+        self.motion.add_damping(u, v, self._damped)
+        return np.subtract(loads, self._damped, out=self._damped)
 
     def arrive(self, state: State, t: float) -> None:
         """It is `t`; the held ones are where they are then."""
@@ -79,8 +79,5 @@ class ExplicitStepper:
 
     def evaluate(self, state: State) -> None:
         """The internal force and the strain energy at the state."""
-        self._evaluate(state.u)
-
-    def _evaluate(self, u: Array) -> None:
         with self.watch("assemble"):
-            self.energy, _ = self.motion.system.energy_and_force(u, out=self._internal)
+            self.energy, _ = self.motion.system.energy_and_force(state.u, out=self.internal)

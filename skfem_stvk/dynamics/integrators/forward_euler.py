@@ -38,17 +38,15 @@ class ForwardEulerStepper(ExplicitStepper):
     def step(self, state: State, t: float) -> None:
         h = t - state.t
         held = self.motion.free.fixed
-        self.total(state.u, state.v, t)
+        external = self.external(state.u, state.v, t)
         if self.motion.moving:
-            before, velocities = state.u[held], state.v[held]
-        kernels.push_and_drift(self.inverse, self.force, h, state.v, state.u)
+            before, velocities, force = state.u[held], state.v[held], external[held] - self.internal[held]
+        kernels.push_and_drift(self.inverse, external, self.internal, h, state.v, state.u)
         self.arrive(state, t)
         if self.motion.moving:
             state.v[held] = (state.u[held] - before) / h
             inertia = (
                 self.motion.mass.multiply(state.v)[held] - self.motion.mass.vertex[held // self.motion.system.mesh.d] * velocities
             )
-            state.reaction[held] = inertia / h - self.force[held]
-        else:
-            state.reaction[held] = -self.force[held]
+            state.reaction[held] = inertia / h - force
         self.evaluate(state)

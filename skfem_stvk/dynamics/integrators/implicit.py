@@ -3,24 +3,25 @@
 from __future__ import annotations
 
 from abc import abstractmethod
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import StvkError
-from ...linear import LinearSolver, choose
-from ...linear.block_jacobi import BlockJacobiCg
+from ...linear import BlockJacobiCg, Kind, LinearSolver, SsorCg, choose
 from ...statics.equilibrium import kind_of
 from ...statics.newton import Iterations, newton
 from ...statics.stopwatch import Stopwatch
+from ...system import System
 from ...terms.load import Moment
+from ..clock import SLACK
 from ..motion import Motion
 from ..state import State
 from ..step_problem import Coefficients, StepProblem
 from ..tangents import Tangent
-from .integrator import Integrator, StepFailed, check_step
+from .integrator import Integrator, StepFailed, checked_step
 
 Array = NDArray[Any]
 
@@ -33,7 +34,7 @@ class Implicit(Integrator):
     ----------
     dt : time step [s].
     tangent : "exact", "clamped", "gauss-newton", "diagonal" or "rest": what its solves are made with, see `Tangent`.
-    solver : of linear systems, as of `solve_static`; by default by size.
+    solver : of linear systems, as of `solve_static`; by default "ssor-cg" for tetrahedra, if forces have a potential, and by size otherwise.
     rtol : the residual is small enough below this part of the forces, those of inertia among them.
     """
 
@@ -45,19 +46,28 @@ class Implicit(Integrator):
     rtol: float = 1e-8
 
     def __post_init__(self) -> None:
-        check_step(self.dt)
+        object.__setattr__(self, "dt", checked_step(self.dt))
         if self.tangent not in [one.value for one in Tangent]:
             raise StvkError(f"tangent = {self.tangent!r}; expected {', '.join(repr(one.value) for one in Tangent)}.")
         if isinstance(self.rtol, bool) or not isinstance(self.rtol, float | int | np.floating) or not 0 < self.rtol < 1:
             raise StvkError(f"rtol = {self.rtol!r}; expected a number between 0 and 1, such as 1e-8.")
 
     def linear_solver(self, motion: Motion) -> LinearSolver:
-        """What solves its linear systems; conjugate gradients for the diagonal blocks, which need nothing else."""
-        name = "block-jacobi-cg" if Tangent(self.tangent) is Tangent.DIAGONAL else self.solver
-        solver = choose(name, len(motion.free.free), kind_of(motion.system))
-        if solver.matrix_free and motion.mass.kind == "consistent":
-            return BlockJacobiCg(assembled=True)
-        return solver
+        """What solves its linear systems; with a matrix where a mass between vertices needs one, or SSOR, for the blocks of several terms."""
+        solver = choose(self._named(motion.system), len(motion.free.free), kind_of(motion.system))
+        if not solver.matrix_free:
+            return solver
+        own = solver if isinstance(solver, BlockJacobiCg) else SsorCg()
+        several = isinstance(solver, SsorCg) and len(motion.system.elastic_terms) > 1
+        return replace(own, assembled=True) if several or motion.mass.kind == "consistent" else solver
+
+    def _named(self, system: System) -> str | LinearSolver:
+        """Conjugate gradients for the diagonal blocks, which need nothing else, and by default for tetrahedra, whose factors are large."""
+        tangent = Tangent(self.tangent)
+        if tangent is Tangent.DIAGONAL:
+            return "block-jacobi-cg"
+        iterated = system.mesh.k == 3 and tangent is not Tangent.REST and kind_of(system) is Kind.SYMMETRIC
+        return "ssor-cg" if self.solver == "auto" and iterated else self.solver
 
     @abstractmethod
     def coefficients(self, state: State, h: float, stepper: ImplicitStepper) -> Coefficients:
@@ -88,7 +98,7 @@ class ImplicitStepper:
     """
 
     def __init__(self, motion: Motion, integrator: Implicit) -> None:
-        self.motion, self.integrator, self.watch = motion, integrator, Stopwatch()
+        self.motion, self.integrator, self.watch = motion, integrator, Stopwatch("write")
         tangent = Tangent(integrator.tangent)
         self.problem = StepProblem(
             motion, integrator.linear_solver(motion), tangent, self.watch, integrator.mean, integrator.secant
@@ -108,7 +118,7 @@ class ImplicitStepper:
             state.a[:] = self.motion.accelerations(state.u, state.v, state.t)
 
     def step(self, state: State, t: float) -> None:
-        h, problem, moment = t - state.t, self.problem, Moment(t, 1.0)
+        h, problem, moment = self.length(state, t), self.problem, Moment(t, 1.0)
         problem.begin(state, self.integrator.coefficients(state, h, self))
         w = self.predicted(state, t)
         w, found, record = self.solve(w, moment, len(problem.inside_out(np.zeros_like(w))))
@@ -116,6 +126,11 @@ class ImplicitStepper:
         if found:
             raise StepFailed(found)
         self.accept(state, w, h, moment)
+
+    def length(self, state: State, t: float) -> float:
+        """Of the step to `t` [s]: that of a whole step is `dt` to the last bit, so that factors are kept from one to the next."""
+        h, dt = t - state.t, self.integrator.dt
+        return dt if abs(h - dt) < SLACK * dt else h
 
     def solve(self, w: Array, moment: Moment, inside_out: int) -> tuple[Array, str, Iterations]:
         """The displacements over the step, and why not, if they were not found."""

@@ -84,11 +84,12 @@ class Integrator(ABC):
         """What makes the steps of this motion."""
 
 
-def check_step(dt: float | None, optional: bool = False) -> None:
-    """Refuse a time step that is none."""
+def checked_step(dt: float | None, optional: bool = False) -> float | None:
+    """A time step in double precision, for times are sums of it; refuse one that is none."""
     if dt is None and optional:
-        return
+        return None
     if isinstance(dt, bool) or not isinstance(dt, float | int | np.floating | np.integer) or not (np.isfinite(dt) and dt > 0):
         raise StvkError(
             f"dt = {dt!r}; expected a time step in seconds, a positive number{', or None for a stable one' * optional}."
         )
+    return float(dt)

@@ -30,7 +30,7 @@ class LinearBackwardEuler(BackwardEuler):
 
         v <- 1/T (M/T^2 + D/T + K)^-1 (h - F(p) + M v/T)        p <- p + T v
 
-    By default conjugate gradients, preconditioned by diagonal blocks and started from where the last velocity and acceleration lead, solve it.
+    By default conjugate gradients, preconditioned by SSOR and started from where the last velocity and acceleration lead, solve it.
     Where K is indefinite, they may find the matrix not positive definite: the step is taken with the clamped tangent then.
 
     Parameters
@@ -38,7 +38,7 @@ class LinearBackwardEuler(BackwardEuler):
     rtol : of the linear solve.
     """
 
-    solver: str | LinearSolver = "block-jacobi-cg"
+    solver: str | LinearSolver = "ssor-cg"
     rtol: float = 1e-4
 
     @property
@@ -98,7 +98,7 @@ class LinearStepper(ImplicitStepper):
         self.energy = self.problem.arrive(state.u)
 
     def step(self, state: State, t: float) -> None:
-        h, problem, moment = t - state.t, self.problem, Moment(t, 1.0)
+        h, problem, moment = self.length(state, t), self.problem, Moment(t, 1.0)
         free, fixed, w = self.motion.free.free, self.motion.free.fixed, self._w
         problem.begin(state, self.integrator.coefficients(state, h, self))
         predicted = self.predicted(state, t)
@@ -138,7 +138,8 @@ class LinearStepper(ImplicitStepper):
         for attempted in (Attempted.EXACT, Attempted.CLAMPED):
             factors = problem.factorise(self._nowhere, moment, attempted)
             b = self._b - problem.force_of(w) if moving else self._b
-            solution = problem.solve(factors, b, self.integrator.rtol, self._start, self._x)
+            with self.watch("solve"):
+                solution = factors.solve(b, self.integrator.rtol, self._start, self._x)
             self.iterations += solution.iterations
             if usable(solution):
                 self._clamped += attempted is Attempted.CLAMPED

@@ -42,22 +42,21 @@ class VelocityVerletStepper(ExplicitStepper):
     def start(self, state: State) -> None:
         super().start(state)
         if not state.a.any():
-            self.total(state.u, state.v, state.t)
-            np.multiply(self.inverse, self.force, out=state.a)
+            force = self.external(state.u, state.v, state.t) - self.internal
+            np.multiply(self.inverse, force, out=state.a)
 
     def step(self, state: State, t: float) -> None:
         h, motion, held = t - state.t, self.motion, self.motion.free.fixed
         if motion.moving:
-            before, velocities, force = state.u[held], state.v[held], self.total(state.u, state.v, state.t)[held]
+            before, velocities = state.u[held], state.v[held]
+            force = self.external(state.u, state.v, state.t)[held] - self.internal[held]
         kernels.kick_and_drift(state.a, h / 2, h, state.v, state.u)
         self.arrive(state, t)
         self.evaluate(state)
         if motion.moving:
             state.v[held] = 2 * (state.u[held] - before) / h - velocities
-        self.total(state.u, state.v + (h / 2) * state.a if motion.damped else state.v, t)
+        external = self.external(state.u, state.v + (h / 2) * state.a if motion.damped else state.v, t)
         if motion.moving:
             m = motion.mass.vertex[held // motion.system.mesh.d]
-            state.reaction[held] = m * (state.v[held] - velocities) / h - (force + self.force[held]) / 2
-        else:
-            state.reaction[held] = -self.force[held]
-        kernels.accelerate(self.inverse, self.force, h / 2, state.a, state.v)
+            state.reaction[held] = m * (state.v[held] - velocities) / h - (force + external[held] - self.internal[held]) / 2
+        kernels.accelerate(self.inverse, external, self.internal, h / 2, state.a, state.v)

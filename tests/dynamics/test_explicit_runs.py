@@ -1,0 +1,111 @@
+"""Steps that explicit runs find, and what is looked at on the way and in the end."""
+
+import json
+
+import numpy as np
+import pytest
+from motions import MESHES, material, pushed, spinning, velocities
+
+from skfem_stvk import NodalLoad, SimplexMesh, StVK, StvkError, StvkWarning, System, VolumePenalty, simulate
+from skfem_stvk.dynamics import (
+    BackwardEuler,
+    EdgeDamping,
+    ForwardEuler,
+    Newmark,
+    Rayleigh,
+    Status,
+    VelocityVerlet,
+    critical_step,
+    largest,
+)
+from skfem_stvk.results.series import read_list
+
+
+@pytest.mark.parametrize("damping", [(3.0, 0.0, 0.0), (0.0, 0.02, 0.0), (0.0, 0.0, 0.02)], ids=["alpha", "beta", "tau"])
+@pytest.mark.parametrize(("make", "weight"), [(ForwardEuler, 1), (VelocityVerlet, 2)], ids=["ForwardEuler", "VelocityVerlet"])
+def test_damping_counts_twice_where_it_is_taken_at_a_predicted_velocity(make, weight, damping):
+    scene = spinning(2, damping=kinds(1, *damping))
+    expected = critical_step(scene.system, damping=kinds(weight, *damping)).step
+    assert scene.run(make(), 1e-3).dt == pytest.approx(0.85 * expected, rel=1e-9)
+    assert 0.85 * expected < 0.84 * critical_step(scene.system).step
+
+
+def kinds(times, alpha, beta, tau):
+    return [Rayleigh(times * alpha, times * beta), EdgeDamping(times * tau)]
+
+
+def test_where_any_step_is_stable_one_is_asked_for():
+    """A bar that can only swing has no stiffness across."""
+    bar = SimplexMesh(np.array([[0.0, 1.0], [0.0, 0.0]]), np.array([[0], [1]]))
+    system = System(bar, StVK(young=1.0, poisson=0.0, area=1.0, density=1.0), fixed=[([0], "xy"), ([1], "x")])
+    v0 = [0, 0, 0, 0.01]
+    with pytest.raises(StvkError, match=r"any is stable: nothing that moves has stiffness. Give one: dt=..."):
+        simulate(system, VelocityVerlet(), until=1.0, v0=v0, quiet=True)
+    assert simulate(system, VelocityVerlet(0.1), until=1.0, v0=v0, quiet=True).success
+
+
+def test_a_frequency_that_is_not_found_is_given_up(monkeypatch):
+    system = spinning(3).system
+    found = critical_step(system)
+    monkeypatch.setattr(largest, "MOST", 5)
+    given_up = critical_step(system)
+    assert found.products > given_up.products == 5
+    assert given_up.bound <= given_up.step <= 1.001 * found.step  # on the safe side by what is left of the residual
+
+
+@pytest.mark.parametrize("make", [ForwardEuler, VelocityVerlet])
+def test_elements_that_are_inside_out_in_the_end_are_told_of_however_seldom_states_are_saved(make):
+    mesh = MESHES[3]
+    system = System(mesh, [material(mesh), NodalLoad((1, 5), lambda t: [f / 5 for f in pushed(t)])])
+    with pytest.warns(StvkWarning, match=r"t = 0.5 s: .*element.* inside out"):
+        run = simulate(system, make(0.004), until=0.5, v0=velocities(mesh), every=10_000, quiet=True)
+    assert len(system.inside_out(run.u))
+
+
+@pytest.mark.parametrize("make", [BackwardEuler, Newmark])
+def test_a_body_that_begins_inside_out_is_let_go_on(make):
+    mesh = MESHES[2]
+    system = System(mesh, [material(mesh), VolumePenalty(3.0, kind="compression")], fixed={"left": "xy"})
+    u0 = np.zeros((mesh.nv, 2))
+    corner = int(np.argmax(mesh.p.sum(axis=0)))
+    u0[corner] = [-0.45, -0.35]
+    assert len(system.inside_out(u0.ravel()))
+    with pytest.warns(StvkWarning, match=r"t = 0.005 s: .* inside out"):
+        assert simulate(system, make(0.005), until=0.005, u0=u0.ravel(), quiet=True).cuts == 0
+
+
+@pytest.mark.parametrize("every", [1, 7, 20, 1000])
+@pytest.mark.filterwarnings("ignore::skfem_stvk.errors.StvkWarning")
+def test_a_motion_that_blew_up_ends_in_its_files_where_the_run_does(every, tmp_path):
+    mesh = MESHES[2]
+    system = System(mesh, [material(mesh), NodalLoad((1, 5), lambda t: (0.0, 0.0) if t <= 1 else (1e5, 3e5))])
+    files = {"save": tmp_path / "run.pvd", "every": every, "checkpoint": tmp_path / "run.npz"}
+    run = simulate(system, VelocityVerlet(0.01), until=5.0, v0=0.1 * velocities(mesh), raise_on_failure=False, quiet=True, **files)
+    times = [t for t, _ in read_list(tmp_path / "run.pvd")]
+    assert run.status is Status.BLEW_UP and run.t == 1.0
+    assert times == sorted(set(times)) and times[-1] == run.t and len(times) == 1 + -(-100 // every)
+    with np.load(tmp_path / "run.npz") as file:
+        assert json.loads(str(file["header"]))["about"]["t"] == run.t and len(file["ledger"]) == 101
+        np.testing.assert_array_equal(file["array u"], run.u)
+
+
+def test_a_step_that_is_too_long_is_told_of_once():
+    """A body that flies as a whole has no vibration that could grow, but rounding."""
+    scene = spinning(2, v0=np.ones(2 * MESHES[2].nv))
+    dt = 1.02 * critical_step(scene.system).step
+    with pytest.warns(StvkWarning) as caught:
+        assert scene.run(VelocityVerlet(dt), 50 * dt).success
+    assert sum("above the critical one" in str(warning.message) for warning in caught) == 1
+
+
+def test_a_step_without_end_is_refused():
+    for make in (VelocityVerlet, BackwardEuler):
+        with pytest.raises(StvkError, match="dt = inf; expected a time step"):
+            make(np.inf)
+
+
+def test_newmarks_factors_are_held_against_each_other():
+    for beta, gamma in ((0.25, 0.6), (0.29, 0.6)):
+        with pytest.raises(StvkError, match="expected gamma >= 1/2 and beta >= gamma/2"):
+            Newmark(0.1, beta=beta, gamma=gamma)
+    assert Newmark(0.1, beta=0.3, gamma=0.6).order == 1

@@ -1,0 +1,38 @@
+"""What a motion begins with, where it is held."""
+
+import numpy as np
+import pytest
+from motions import MESHES, material, velocities
+
+from skfem_stvk import SupportError, System, simulate
+from skfem_stvk.dynamics import EnergyMomentum, VelocityVerlet
+
+MESH = MESHES[2]
+LEFT = np.unique(MESH.boundaries["left"])
+
+
+@pytest.mark.parametrize("integrator", [VelocityVerlet(0.01), EnergyMomentum(0.01)], ids=lambda one: one.name)
+def test_what_is_held_is_where_its_supports_have_it_to_the_last_bit(integrator):
+    u0 = np.full(MESH.p.size, 1e-13)
+    system = System(MESH, material(MESH), fixed={"left": "xy"})
+    run = simulate(system, integrator, until=0.05, u0=u0, v0=velocities(MESH), quiet=True)
+    assert not run.u.reshape(-1, 2)[LEFT].any() and not run.v.reshape(-1, 2)[LEFT].any()
+
+
+def test_rounding_of_large_displacements_is_no_jump():
+    far = 1e5 + 1 / 3
+    system = System(MESH, material(MESH), prescribed={"left": {"x": lambda t: far, "y": 0.0}})
+    u0 = np.tile([np.nextafter(far, np.inf), 0.0], MESH.nv)
+    assert simulate(system, VelocityVerlet(0.01), until=0.05, u0=u0, v0=velocities(MESH), quiet=True).success
+    with pytest.raises(SupportError, match="at t0 = 0 s"):
+        simulate(system, VelocityVerlet(0.01), until=0.05, u0=u0 + 1e-3, quiet=True)
+
+
+@pytest.mark.parametrize("dt", [1e-5, 1e-2])
+def test_supports_begin_at_the_speed_that_a_step_sees(dt):
+    """Fast ones, slow ones: they are differenced over a part of the step."""
+    omega = 0.05 / dt
+    system = System(MESH, material(MESH), prescribed={"left": {"x": lambda t: 1e-4 * np.sin(omega * t), "y": 0.0}})
+    run = simulate(system, EnergyMomentum(dt), until=dt, quiet=True)
+    moving = system.mass().vertex[LEFT].sum()
+    assert run.ledger["kinetic_energy"][0] == pytest.approx(moving * (1e-4 * omega) ** 2 / 2, rel=1e-6)

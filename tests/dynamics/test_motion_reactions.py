@@ -1,0 +1,263 @@
+"""What supports do to a body in motion, held against its momentum, its energy and statics."""
+
+import pickle
+
+import numpy as np
+import pytest
+from motions import BOTH, MESHES, Scene, clamped, driven, material, moved, pushed, spinning, velocities
+
+from skfem_stvk import (
+    Gravity,
+    NodalLoad,
+    RegionError,
+    StvkError,
+    SupportError,
+    System,
+    Traction,
+    simulate,
+    solve_static,
+)
+from skfem_stvk.dynamics import (
+    BackwardEuler,
+    EdgeDamping,
+    EnergyMomentum,
+    ForwardEuler,
+    GeneralizedAlpha,
+    LinearBackwardEuler,
+    Newmark,
+    Rayleigh,
+    VelocityVerlet,
+)
+from skfem_stvk.dynamics.motion import Motion
+from skfem_stvk.dynamics.reactions import held_accelerations
+from skfem_stvk.terms.load import Moment
+
+AXES = "xyz"
+
+
+def columns(run, prefix):
+    return np.stack([run.ledger[prefix + axis] for axis in AXES[: run.system.mesh.d]], axis=1)
+
+
+def pushes(run):
+    """(n, d) sums of the loads, which do not depend on where the body is, and of what `alpha` takes."""
+    system, times = run.system, run.ledger["time"]
+    loads = [system.external_force(np.zeros(system.ndofs), Moment(t, 1.0)) for t in times]
+    return np.reshape(loads, (len(times), -1, system.mesh.d)).sum(axis=1) - run.motion.alpha * columns(run, "linear_momentum_")
+
+
+def rate_and_forces(run):
+    """The rate of linear momentum over each step, and all forces from outside at each moment."""
+    rate = np.diff(columns(run, "linear_momentum_"), axis=0) / np.diff(run.ledger["time"])[:, None]
+    return rate, pushes(run) + columns(run, "reaction clamp ")
+
+
+def heavy(d, pull):
+    """Held at its left end, heavy, and pulled elsewhere."""
+    mesh = MESHES[d]
+    right = np.unique(mesh.boundaries["right"])[:2]
+    return System(mesh, [material(mesh), Gravity((0.3, -1.0, 0.5)[:d]), NodalLoad(right, pull)], fixed={"left": AXES[:d]})
+
+
+@pytest.mark.parametrize("d", [2, 3])
+@pytest.mark.parametrize(
+    ("integrator", "mass", "start", "end"),
+    [
+        (ForwardEuler(0.01), "lumped", 1.0, 0.0),
+        (VelocityVerlet(0.01), "lumped", 0.5, 0.5),
+        (BackwardEuler(0.02, rtol=1e-13), "lumped", 0.0, 1.0),
+        (Newmark(0.02, rtol=1e-13), "lumped", 0.5, 0.5),
+        (Newmark(0.02, rtol=1e-13), "consistent", 0.5, 0.5),
+    ],
+    ids=lambda one: getattr(one, "name", None),
+)
+def test_loads_and_reactions_are_the_rate_of_momentum_to_round_off(integrator, mass, start, end, d):
+    """Those at the beginning of a step, at its end, or both, as the integrator has them."""
+    constant = isinstance(integrator, ForwardEuler)  # it takes the loads at the end of a step
+    system = heavy(d, (0.05, 0.1, -0.05)[:d] if constant else lambda t: [0.06 * f for f in pushed(t)[:d]])
+    run = Scene(system, 0.2 * velocities(MESHES[d])).run(integrator, 0.2, mass=mass, reactions={"clamp": "left"})
+    rate, forces = rate_and_forces(run)
+    np.testing.assert_allclose(rate, start * forces[:-1] + end * forces[1:], rtol=0, atol=1e-11 * np.abs(forces).max())
+    assert np.abs(np.diff(columns(run, "reaction clamp "), axis=0)).max() > 1e-3 * np.abs(forces).max()
+
+
+def swung(d):
+    """Its left end goes where it is told, and takes the body along; another vertex is held by one component alone."""
+    mesh = MESHES[d]
+    corner = int(np.argmax(mesh.p.sum(axis=0)))
+    ends = [
+        ("left", lambda x, t: [0.3 * component for component in moved(x, t)[:d]]),
+        ([corner], {"y": lambda t: 0.02 * np.sin(7 * t)}),
+    ]
+    pull = NodalLoad([int(np.argmin(mesh.p[1] - mesh.p[0]))], lambda t: [0.04 * f for f in pushed(t)[:d]])
+    return Scene(System(mesh, [material(mesh), pull], prescribed=ends), damping=BOTH)
+
+
+@pytest.mark.parametrize("mass", ["lumped", "consistent"])
+@pytest.mark.parametrize("make", [VelocityVerlet, EnergyMomentum, Newmark, GeneralizedAlpha], ids=lambda one: one.__name__)
+def test_of_moving_supports_too_to_the_second_order(make, mass):
+    if make is VelocityVerlet and mass == "consistent":
+        pytest.skip("it takes lumped masses only")
+    off = []
+    for dt in (0.02, 0.01):
+        run = swung(2).run(make(dt), 0.4, mass=mass, reactions={"clamp": None})
+        rate, forces = rate_and_forces(run)
+        missing = rate - (forces[1:] + forces[:-1]) / 2
+        missing = (missing[1:] + missing[:-1]) / 2  # velocities of supports that are told displacements ring from step to step
+        late = run.ledger["time"][2:] > 0.25  # with generalised alpha that has died away then
+        off.append(np.abs(missing[late]).max() / np.abs(forces).max())
+    assert off[0] < 0.01 and off[1] < 0.3 * off[0]
+
+
+def test_of_a_free_end_of_a_step_too_to_the_first_order():
+    off = []
+    for dt in (0.02, 0.01):
+        run = clamped(2).run(LinearBackwardEuler(dt, rtol=1e-10), 0.2, reactions={"clamp": "left"})
+        impulse = np.cumsum((pushes(run) + columns(run, "reaction clamp "))[1:] * dt, axis=0)
+        gained = np.diff(columns(run, "linear_momentum_")[[0, -1]], axis=0)[0]
+        off.append(np.abs(impulse[-1] - gained).max() / np.abs(impulse).max())
+    assert off[0] < 0.05 and off[1] < 0.6 * off[0]
+
+
+def test_the_work_of_moving_supports_is_that_of_their_reactions():
+    mesh = MESHES[3]
+    system = System(
+        mesh, material(mesh), prescribed={"left": lambda x, t: np.outer([0.1, -0.2, 0.1], np.sin(3 * t) ** 2 + 0 * x[0])}
+    )
+    run = simulate(system, EnergyMomentum(2e-3), until=0.3, reactions={"clamp": "left"}, quiet=True)
+    force, path = columns(run, "reaction clamp "), np.outer(np.sin(3 * run.ledger["time"]) ** 2, [0.1, -0.2, 0.1])
+    work = ((force[1:] + force[:-1]) / 2 * np.diff(path, axis=0)).sum()
+    assert work == pytest.approx(run.ledger["external_work"][-1], rel=1e-3)
+
+
+@pytest.mark.parametrize("d", [2, 3])
+def test_a_motion_that_has_come_to_rest_has_the_reactions_of_statics(d):
+    mesh, roller = MESHES[d], int(np.argmax(MESHES[d].p[0] - MESHES[d].p[1]))
+    terms = [material(mesh, young=30.0), Gravity((0.0, -1.0, 0.2)[:d]), Traction("right", (0.5, 0.2, 0.1)[:d])]
+    system = System(mesh, terms, fixed=[("left", AXES[:d]), ([roller], "y")])
+    still = solve_static(system, quiet=True, rtol=1e-13)
+    run = simulate(system, BackwardEuler(0.5, rtol=1e-13), until=60.0, damping=[Rayleigh(alpha=2.0), EdgeDamping(0.5)], quiet=True)
+    size = np.abs(still.reaction().by_node).max()
+    for place in (None, "left", [roller], lambda x: x[0] < 0.5):
+        one, other = run.reaction(place), still.reaction(place)
+        np.testing.assert_array_equal(one.vertices, other.vertices)
+        np.testing.assert_allclose(one.by_node, other.by_node, rtol=0, atol=1e-9 * size)
+        np.testing.assert_allclose(one.moment((0.3,) * d), other.moment((0.3,) * d), rtol=0, atol=1e-8 * size)
+    assert not run.reaction([roller]).by_node[:, 0].any() and run.reaction([roller]).by_node[0, 1]
+
+
+@pytest.mark.parametrize("scene", [clamped(2, damping=BOTH), driven(3)], ids=["clamped", "driven"])
+@pytest.mark.parametrize("until", [0.1, 0.094])
+def test_the_last_row_of_the_ledger_is_the_reaction_at_the_end(scene, until):
+    run = scene.run(EnergyMomentum(0.02), until, reactions={"one": [0], "clamp": "left"}, probes={"clamp": "left"})
+    assert run.ledger.names[-run.system.mesh.d] == "reaction clamp x"
+    np.testing.assert_array_equal(columns(run, "reaction clamp ")[-1], run.reaction("left").resultant)
+    np.testing.assert_array_equal(columns(run, "reaction one ")[-1], run.reaction([0]).resultant)
+
+
+def test_a_run_that_was_pickled_still_knows_its_reactions():
+    mesh = MESHES[2]
+    system = System(mesh, [material(mesh), Gravity((0.0, -1.0))], fixed={"left": "xy"})
+    run = simulate(system, EnergyMomentum(0.02), until=0.1, damping=BOTH, quiet=True)
+    again = pickle.loads(pickle.dumps(run))
+    np.testing.assert_array_equal(again.reaction("left").by_node, run.reaction("left").by_node)
+
+
+def test_to_follow_reactions_changes_nothing_else_and_survives_a_resume(tmp_path):
+    scene, places = driven(2, damping=BOTH), {"probes": {"A": [3]}, "reactions": {"A": "left"}}
+    for integrator in (VelocityVerlet(0.01), EnergyMomentum(0.01)):
+        scene.run(integrator, 0.1, checkpoint=tmp_path / "c.npz", **places)
+        resumed = simulate(scene.system, resume=tmp_path / "c.npz", until=0.2, quiet=True)
+        whole, without = scene.run(integrator, 0.2, **places), scene.run(integrator, 0.2)
+        assert resumed.ledger.names == whole.ledger.names
+        np.testing.assert_array_equal(resumed.ledger.rows(), whole.ledger.rows())
+        np.testing.assert_array_equal(resumed.reaction().by_node, whole.reaction().by_node)
+        np.testing.assert_array_equal(without.reaction().by_node, whole.reaction().by_node)
+        np.testing.assert_array_equal(without.ledger.rows(), whole.ledger.rows()[:, : len(without.ledger.names)])
+
+
+def test_supports_are_asked_for_within_the_run_only():
+    asked = []
+
+    def pull(t):
+        asked.append(t)
+        return 0.01 * t**2
+
+    mesh = MESHES[2]
+    system = System(mesh, material(mesh), fixed={"left": "y"}, prescribed={"left": {"x": pull}})
+    asked.clear()
+    run = simulate(
+        system,
+        EnergyMomentum(0.02),
+        until=3.03,
+        t0=3.0,
+        u0=0.09 * np.tile([1.0, 0.0], mesh.nv),
+        reactions={"A": "left"},
+        quiet=True,
+    )
+    run.reaction()
+    assert min(asked) >= 3.0 - 1e-12 and max(asked) <= 3.03 + 1e-12
+
+
+def test_accelerations_of_supports_are_right_for_cubics():
+    mesh = MESHES[2]
+    system = System(mesh, material(mesh), fixed={"left": "y"}, prescribed={"left": {"x": lambda t: t**3 - t**2}})
+    a = held_accelerations(Motion(system, "lumped", None), 0.5, 0.4)
+    np.testing.assert_allclose(a, np.tile([3.0 - 2.0, 0.0], len(a) // 2), atol=1e-10)
+    forwards = held_accelerations(Motion(system, "lumped", None), 0.5, 0.6)
+    np.testing.assert_allclose(forwards, a, atol=1e-10)
+
+
+def test_a_run_that_made_no_step_has_reactions(tmp_path):
+    mesh = MESHES[2]
+
+    def failing(t):
+        if 0.0 < t < 0.9:
+            raise ValueError("no more")
+        return 0.1, 0.2
+
+    system = System(mesh, [material(mesh), Traction("right", failing), Gravity((0.0, -1.0))], fixed={"left": "xy"})
+    with pytest.raises(RuntimeError, match="no more") as caught:
+        simulate(system, EnergyMomentum(0.01), until=0.1, quiet=True)
+    run = caught.value.run
+    held = np.repeat(system.mass().vertex, 2)[system.supports.held].reshape(-1, 2)
+    np.testing.assert_allclose(run.reaction().by_node, held * [0.0, 1.0])  # nothing is strained yet
+
+
+def test_places_without_supports_are_refused():
+    run = clamped(2).run(EnergyMomentum(0.02), 0.04)
+    with pytest.raises(SupportError, match="reaction: nothing is held at 'right', so there is no reaction"):
+        run.reaction("right")
+    with pytest.raises(RegionError, match=r"reaction: the mesh has no boundary .* 'lef'.*Did you mean 'left'"):
+        run.reaction("lef")
+    with pytest.raises(SupportError, match="the body has no supports"):
+        spinning(2).run(EnergyMomentum(0.02), 0.04).reaction()
+
+
+@pytest.mark.parametrize(
+    ("error", "message", "places"),
+    [
+        (StvkError, r"reactions = \['left'\]; expected places by name, such as \{'clamp': 'left'\}", {"reactions": ["left"]}),
+        (SupportError, "reaction 'B': nothing is held at 'right'", {"reactions": {"B": "right"}}),
+        (RegionError, r"reaction 'B': the vertices name 1 vertex \(99\) outside", {"reactions": {"B": [99]}}),
+        (StvkError, "two columns 'reaction B x': rename", {"reactions": {"B": "left"}, "probes": {"reaction B": [3]}}),
+    ],
+)
+def test_what_cannot_be_followed_is_told_before_any_work(error, message, places, monkeypatch):
+    monkeypatch.setattr(Motion, "__init__", None)
+    with pytest.raises(error, match=message):
+        clamped(2).run(EnergyMomentum(0.02), 0.04, **places)
+
+
+def test_reactions_have_panels_of_their_own_in_the_picture():
+    run = clamped(2).run(EnergyMomentum(0.02), 0.1, probes={"tip": [3]}, reactions={"clamp": "left"})
+    labels = [axes.get_ylabel().replace("\n", " ") for axes in run.ledger.plot().axes]
+    assert labels[-2:] == ["displacement of tip [m]", "reaction clamp [N]"]
+
+
+def test_a_last_step_that_is_next_to_nothing_says_as_much_as_a_whole_one():
+    """Over 2e-9 s rounding is all that differences of the supports' places see."""
+    whole, more = (swung(2).run(EnergyMomentum(1e-3), 0.2 + extra, reactions={"clamp": "left"}) for extra in (0.0, 2e-9))
+    assert more.ledger.steps == whole.ledger.steps + 1
+    for found in (more.reaction("left").resultant, columns(more, "reaction clamp ")[-1]):
+        np.testing.assert_allclose(found, whole.reaction("left").resultant, rtol=1e-5)

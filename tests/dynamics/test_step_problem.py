@@ -1,0 +1,135 @@
+"""The equation of a step, as Newton's method asks for it."""
+
+import numpy as np
+import pytest
+from motions import MESHES, clamped, material, pushed, velocities
+
+from skfem_stvk import Gravity, NodalLoad, Pressure, StateError, System, simulate
+from skfem_stvk.dynamics import (
+    BackwardEuler,
+    EdgeDamping,
+    EnergyMomentum,
+    GeneralizedAlpha,
+    LinearBackwardEuler,
+    Newmark,
+    Rayleigh,
+)
+from skfem_stvk.dynamics.integrators.implicit import ImplicitStepper
+from skfem_stvk.dynamics.motion import Motion
+from skfem_stvk.dynamics.state import State
+from skfem_stvk.statics.equilibrium import Equilibrium, Tangent
+from skfem_stvk.system.rigid import rigid_modes
+from skfem_stvk.terms.load import Moment
+
+DT = 0.03
+AT_END = Moment(0.5 + DT, 1.0)
+EPS = np.finfo(float).eps
+
+
+def begun(integrator, d=3, mass="lumped", damping=None, size=0.1):
+    """A step of `integrator` that has begun, of a held body under loads in time, and displacements over it."""
+    mesh, rng = MESHES[d], np.random.default_rng(d)
+    loads = [NodalLoad((1, 5), lambda t: [0.4 * f for f in pushed(t)[:d]]), Gravity((0.3, -1.0, 0.5)[:d])]
+    system = System(mesh, [material(mesh), *loads], fixed={"left": "xyz"[:d]})
+    stepper = ImplicitStepper(Motion(system, mass, damping), integrator)
+    free = stepper.problem.free.vector
+    u, w, p = (size * free(rng.standard_normal(len(stepper.problem.free.free))) for _ in range(3))
+    state = State.at(0.5, u, velocities(mesh))
+    stepper.start(state)
+    stepper.problem.begin(state, integrator.coefficients(state, DT, stepper))
+    return stepper.problem, u, w, p
+
+
+@pytest.mark.parametrize("mass", ["lumped", "consistent"])
+@pytest.mark.parametrize("damping", [None, Rayleigh(0.8, 0.05)], ids=["undamped", "damped"])
+@pytest.mark.parametrize("integrator", [BackwardEuler(DT), Newmark(DT), GeneralizedAlpha(DT, rho=0.4)], ids=lambda one: one.name)
+@pytest.mark.parametrize("d", [2, 3])
+def test_the_slope_of_what_a_step_costs_is_the_residual(d, integrator, damping, mass):
+    problem, _, w, p = begun(integrator, d, mass, damping)
+    assert problem.quartic
+    cost = np.polynomial.Polynomial(problem.energy_along(w, p, AT_END))
+    for s in (-0.7, 0.0, 0.4, 1.0):
+        slope = problem.residual(w + s * p, AT_END).free @ p[problem.free.free]
+        assert cost.deriv()(s) == pytest.approx(slope, rel=1e-9)
+
+
+def test_what_has_no_potential_along_a_line_is_not_taken_for_a_quartic():
+    assert not begun(EnergyMomentum(DT))[0].quartic
+    assert not begun(BackwardEuler(DT), damping=EdgeDamping(0.1))[0].quartic
+
+
+def test_elements_turn_inside_out_where_the_body_is_not_where_the_step_began():
+    problem, u, w, p = begun(BackwardEuler(DT), size=0.2)
+    assert problem.step_limit(w, p) == problem.system.step_limit(u + w, p) != problem.system.step_limit(w, p)
+    far = u + 5 * p
+    assert list(problem.inside_out(5 * p)) == list(problem.system.inside_out(far)) and len(problem.system.inside_out(far))
+    np.testing.assert_array_equal(problem.inside_out(0 * u), problem.system.inside_out(u))
+
+
+@pytest.mark.parametrize("integrator", [BackwardEuler(DT), EnergyMomentum(DT), Newmark(DT)], ids=lambda one: one.name)
+def test_a_residual_is_held_against_every_force_and_so_is_rounding(integrator):
+    """Inertia ahead and behind, loads and internal forces: each of them counts, and nothing more than a few times their sum."""
+    for strength, heavy in ((1e6, 1.0), (1.0, 1e6)):
+        mesh = MESHES[3]
+        soft = System(mesh, [material(mesh, young=3.0 / strength), Gravity((0.0, -heavy, 0.0))])
+        stepper = ImplicitStepper(Motion(soft, "lumped", None), integrator)
+        state, problem = State.at(0.0, np.zeros(soft.ndofs), 5.0 * velocities(mesh)), stepper.problem
+        coefficients = integrator.coefficients(state, DT, stepper)
+        problem.begin(state, coefficients)
+        behind = soft.mass().multiply(coefficients.m)
+        for w in (np.zeros(soft.ndofs), 0.3 * velocities(mesh)):
+            ahead, loads = coefficients.c * soft.mass().multiply(w), soft.external_force(w, AT_END)
+            sizes = [np.linalg.norm(force) for force in (ahead, behind, loads)]
+            residual = problem.residual(w, AT_END)
+            assert max(sizes) < residual.scale < 3 * sum(sizes)
+            assert max(sizes) < 1.01 * problem.round_off(w, AT_END) / EPS < 30 * sum(sizes)
+
+
+def test_a_residual_that_overflows_is_no_state():
+    """Forces that are finite, but whose squares are not: an infinite residual would be as small as what it is held against."""
+    problem, _, w, _ = begun(BackwardEuler(DT))
+    with pytest.raises(StateError, match="overflows"):
+        problem.residual(1e55 * w / np.abs(w).max(), AT_END)
+
+
+@pytest.mark.parametrize("solver", ["superlu", "block-jacobi-cg", "amg-cg"])
+def test_nothing_stands_in_for_the_tangent_at_rest(solver):
+    problem, _, w, p = begun(BackwardEuler(DT, tangent="rest", solver=solver))
+    first, *others = (problem.factorise(at, AT_END, tangent) for at, tangent in zip((w, 3 * w, -w), Tangent, strict=True))
+    assert all(other is first for other in others)
+    b, free = p[problem.free.free], problem.free.free
+    x = problem.solve(first, b, 1e-12).x
+    K = problem.system.tangent(0 * w) @ problem.free.vector(x) + problem.system.mass().multiply(problem.free.vector(x)) / DT**2
+    np.testing.assert_allclose(K[free], b, atol=1e-9 * np.abs(b).max())
+
+
+@pytest.mark.parametrize("make", [LinearBackwardEuler, EnergyMomentum])
+def test_the_tangent_at_rest_does_not_depend_on_when_it_was_made(make, tmp_path):
+    """Loads that follow the body and change with time are not in it: a run that is resumed makes it later."""
+    mesh = MESHES[2]
+    system = System(mesh, [material(mesh), Pressure("right", lambda t: 0.3 + 0.5 * np.sin(6 * t))], fixed={"left": "xy"})
+    integrator = make(0.01, tangent="rest", solver="superlu")
+    whole = simulate(system, integrator, until=0.4, quiet=True)
+    simulate(system, integrator, until=0.2, checkpoint=tmp_path / "run.npz", quiet=True)
+    resumed = simulate(system, resume=tmp_path / "run.npz", until=0.4, quiet=True)
+    np.testing.assert_array_equal(resumed.ledger.rows(), whole.ledger.rows())
+
+
+@pytest.mark.parametrize("make", [BackwardEuler, Newmark, EnergyMomentum, LinearBackwardEuler])
+def test_at_rest_there_is_one_factorisation_whatever_rounding_makes_of_times(make, monkeypatch):
+    made, factorise = [], Equilibrium.factorise
+
+    def counted(self, *content):
+        made.append(content)
+        return factorise(self, *content)
+
+    monkeypatch.setattr(Equilibrium, "factorise", counted)
+    run = clamped(2).run(make(1e-3, tangent="rest", solver="superlu"), 10.1, t0=10.0)
+    assert len(made) == 1 and run.ledger.steps == 101 and len(np.unique(np.diff(run.ledger["time"]))) > 1
+
+
+def test_multigrid_is_told_how_the_body_turns_where_it_is():
+    problem, u, w, _ = begun(BackwardEuler(DT, solver="amg-cg"))
+    problem.factorise(w, AT_END)
+    where = problem.system.mesh.p.T + (u + w).reshape(-1, 3)
+    np.testing.assert_array_equal(problem._rigid_modes(), rigid_modes(where)[problem.free.free])

@@ -1,0 +1,61 @@
+"""Counts and messages of runs, and where they write."""
+
+import json
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+from motions import clamped, spinning
+
+from skfem_stvk import simulate
+from skfem_stvk.dynamics import EnergyMomentum, LinearBackwardEuler
+from skfem_stvk.dynamics.integrators import StepFailed
+from skfem_stvk.dynamics.integrators.implicit import ImplicitStepper
+
+
+def test_iterations_are_those_of_all_steps():
+    short, long = (clamped(3).run(LinearBackwardEuler(0.01), until).iterations for until in (0.2, 0.4))
+    assert short >= 20 and long >= short + 20
+
+
+def test_a_clamped_tangent_that_was_not_needed_is_not_told_of():
+    assert "clamped" not in spinning(3).run(LinearBackwardEuler(0.01), 0.1).message
+
+
+@pytest.mark.parametrize("d", [2, 3])
+def test_energy_is_kept_next_to_round_off_without_asking(d):
+    energy = spinning(d).run(EnergyMomentum(0.01), 0.3).ledger["total_energy"]
+    assert np.ptp(energy) < 1e-12 * energy[0]
+
+
+@dataclass(frozen=True)
+class EveryOther(EnergyMomentum):
+    """Every other step has to be made in halves."""
+
+    def stepper(self, motion):
+        return EveryOtherStepper(motion, self)
+
+
+class EveryOtherStepper(ImplicitStepper):
+    def step(self, state, t):
+        if t - state.t > 0.9 * self.integrator.dt and round(t / self.integrator.dt) % 2:
+            raise StepFailed("not this one")
+        super().step(state, t)
+
+
+def test_steps_that_are_cut_now_and_then_are_counted_without_a_warning():
+    assert clamped(2).run(EveryOther(0.01), 0.4).cuts == 20
+
+
+def test_a_run_goes_on_in_the_folder_where_it_was(tmp_path, monkeypatch):
+    scene, here, there = clamped(2), tmp_path / "here", tmp_path / "there"
+    for folder in (here, there):
+        folder.mkdir()
+    monkeypatch.chdir(here)
+    scene.run(EnergyMomentum(0.01), 0.1, save="run.pvd", checkpoint="run.npz")
+    monkeypatch.chdir(there)
+    simulate(scene.system, resume=here / "run.npz", until=0.2, quiet=True)
+    assert not list(there.iterdir())
+    assert '"0.2' in (here / "run.pvd").read_text()
+    with np.load(here / "run.npz") as file:
+        assert json.loads(str(file["header"]))["about"]["steps"] == 20
