@@ -3,11 +3,23 @@
 import numpy as np
 import pytest
 
+from skfem_stvk import Gravity, System
 from skfem_stvk.dynamics import BackwardEuler, EnergyMomentum, ForwardEuler, GeneralizedAlpha, Newmark, VelocityVerlet, simulate
 from skfem_stvk.dynamics.critical_step import critical_step
 from skfem_stvk.dynamics.integrators import ENERGY
 from validation import dynamics
-from validation.dynamics import csm3, flight, independent, large_steps, limit, studies, tangents, vibrations, work_precision
+from validation.dynamics import (
+    csm3,
+    flight,
+    independent,
+    large_steps,
+    limit,
+    step_cost,
+    studies,
+    tangents,
+    vibrations,
+    work_precision,
+)
 from validation.dynamics.oscillation import Oscillation
 from validation.dynamics.scenes import block, cantilever
 from validation.statics.study import Study
@@ -180,3 +192,18 @@ def test_the_command_says_what_does_not_hold(monkeypatch, capsys):
     monkeypatch.setattr(studies, "limit", lambda quick, folder: [broken])
     assert studies.run(["limit"], quick=True, out=None) == 1
     assert "DOES NOT HOLD: a study" in capsys.readouterr().out
+
+
+# what is timed
+
+
+@pytest.mark.parametrize("integrator", [VelocityVerlet(dt=step_cost.DT), ForwardEuler(dt=step_cost.DT)], ids=lambda one: one.name)
+def test_as_many_steps_as_forces_are_timed_in_turn(integrator, monkeypatch):
+    """By a clock that counts forces: a step has one, and nothing else of it takes time."""
+    forces, evaluate = [], System.energy_and_force
+    monkeypatch.setattr(System, "energy_and_force", lambda self, u, out=None: forces.append(1) or evaluate(self, u, out))
+    monkeypatch.setattr(step_cost, "clock", lambda: float(len(forces)))
+    body = block(1)
+    system = step_cost.Interleaved(body.mesh, [*body.terms, Gravity((0.0,) * (body.mesh.d - 1) + (-9.81,))])
+    first, rounds = step_cost._rounds(system, integrator, 3)
+    assert first == 1 and np.array_equal(rounds, np.ones((3, 2)))

@@ -31,8 +31,8 @@ from .scenes import Array, cantilever
 #: Steps in critical ones, and how many are made.
 TIMES, STEPS = (1, 10, 30, 100), 30
 RTOL, MOST = 1e-10, 60
-#: Solvers of the package that are timed; the exact tangent needs the first.
-SOLVERS = ("superlu", "block-jacobi-cg")
+#: Solvers of the package that are timed, the second its default; the exact tangent needs the first.
+SOLVERS = ("superlu", "ssor-cg")
 #: Up to so many critical steps less time is claimed; beyond, the symmetric tangent converges slowly.
 USUAL = 30
 #: Iterations with the symmetric tangent over those with the exact one, at most.
