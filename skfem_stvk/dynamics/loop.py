@@ -153,7 +153,6 @@ class Loop:
         assert good is not None
         self.plan.restore(good)
         self._books.ledger.truncate(good.rows)
-        self._stepping = False
 
     def _look(self) -> None:
         """Where elements turn inside out, say so, once; the last state is looked at in any case."""

@@ -9,7 +9,7 @@ from math import ulp
 import numpy as np
 
 from ..errors import StateError, StvkError, StvkWarning
-from .clock import FEWEST, Clock
+from .clock import Clock
 from .critical_step import CriticalStep, LargestFrequency
 from .damping import EdgeDamping, Rayleigh
 from .integrators import Explicit
@@ -90,7 +90,7 @@ class StableStep:
         assert good is not None
         if self._plan.integrator.dt is not None or good.looks.halvings == HALVINGS:
             return False
-        looks = replace(good.looks, halvings=good.looks.halvings + 1, next=good.steps + FEWEST, interval=FEWEST)
+        looks = replace(good.looks, halvings=good.looks.halvings + 1)
         self._plan.good = replace(good, clock=Clock(good.clock.t, good.clock.dt / 2), looks=looks)
         return True
 

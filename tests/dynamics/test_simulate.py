@@ -144,8 +144,8 @@ def test_a_state_that_much_energy_has_just_come_to_is_not_good_before_it_has_sta
         [[*row, 0.0]] * (EVERY + 1) + [[*row, 0.75]] * (3 * EVERY)
     )  # a quarter, and a tenth is borne in as many steps
     assert good[7 * EVERY // 2 - 2] == EVERY and good[7 * EVERY // 2 - 1] == 7 * EVERY // 2
-    _, good = guarded([[*row, 0.01 * number] for number in range(200)])  # slowly, and no more than there was
-    assert good[-1] == 180
+    _, good = guarded([[*row, 0.01 * number] for number in range(400)])  # slowly, and no more than there was
+    assert good[-1] == 300
 
 
 @dataclass(frozen=True)
