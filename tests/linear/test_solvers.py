@@ -247,7 +247,8 @@ def test_iterative_solvers_start_from_x0_and_say_how_far_off_it_is(solver):
     x0 = cold.x + 1e-5 * np.abs(cold.x).max() * load(unknowns.n, seed=4)
     warm, there = factors.solve(b, 1e-9, x0), factors.solve(b, 1e-8, cold.x)
     assert abs(cold.start - 1) < 1e-15 and abs(warm.start - true_residual(K, x0, b)) < 1e-12 + 1e-6 * warm.start
-    assert 0 < warm.iterations < 0.9 * cold.iterations
+    part = 0.9 if solver.name == "ssor-cg" else 0.8  # it has few to save
+    assert 0 < warm.iterations < part * cold.iterations
     assert there.iterations == 0 and np.array_equal(there.x, cold.x) and there.residual == there.start <= 1e-8
 
 
