@@ -5,8 +5,12 @@ Every message says what came, what was expected, the ids, the likely cause and t
 
 from __future__ import annotations
 
+import os
+import sys
+import warnings
 from collections.abc import Iterable
 from difflib import get_close_matches
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -42,6 +46,18 @@ class StateError(StvkError):
 
 class StvkWarning(UserWarning):
     """The input can be used, but is probably not what was meant."""
+
+
+#: Where this package's own files are: warnings point at the first line that is not there.
+_PACKAGE = str(Path(__file__).parent) + os.sep
+
+
+def warn(text: str) -> None:
+    """Issue a `StvkWarning` that points at the user's line, however deep in the package it was found."""
+    frame, level = sys._getframe(1), 2
+    while frame.f_back is not None and frame.f_code.co_filename.startswith(_PACKAGE):
+        frame, level = frame.f_back, level + 1
+    warnings.warn(text, StvkWarning, stacklevel=level)
 
 
 def name_ids(ids: ArrayLike, what: str, most: int = 5) -> str:

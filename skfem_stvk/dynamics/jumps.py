@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import warnings
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import StvkWarning, name_ids
+from ..errors import name_ids, warn
 from .motion import Motion
 from .state import State
 
@@ -62,11 +61,9 @@ class Jumps:
         self._looking = False
         jumping = sizes > 0
         vertices = np.unique(self._motion.free.fixed[fast[jumping]] // self._motion.system.mesh.d)
-        warnings.warn(
+        warn(
             f"t = {t:.6g} s: the supports of {name_ids(vertices, 'vertex')} jump by up to {sizes.max():.3g} m. What energy that puts in depends on dt: "
-            f"let them get there by a ramp, over {STEPS} steps or more. To begin elsewhere, hand in u0=solve_static(...).u.",
-            StvkWarning,
-            stacklevel=6,
+            f"let them get there by a ramp, over {STEPS} steps or more. To begin elsewhere, hand in u0=solve_static(...).u."
         )
 
     def _first_jump(

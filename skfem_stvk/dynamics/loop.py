@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import warnings
 from contextlib import suppress
 from typing import Any
 
 from numpy.typing import NDArray
 
-from ..errors import StateError, StvkWarning, name_ids
+from ..errors import StateError, name_ids, warn
 from ..terms import VolumePenalty
 from .books import Books
 from .guard import Guard, from_nowhere
@@ -164,15 +163,13 @@ class Loop:
         turned = plan.motion.system.inside_out(plan.state.u)
         if len(turned):
             self._turned = True
-            warnings.warn(
+            warn(
                 f"t = {plan.state.t:.4g} s: {name_ids(turned, 'element')} inside out. "
                 + (
                     "Take smaller steps, or a stiffer VolumePenalty."
                     if self._resisted
                     else "St. Venant-Kirchhoff does not resist that: add VolumePenalty() to the terms, or take smaller steps."
-                ),
-                StvkWarning,
-                stacklevel=5,
+                )
             )
 
     @property

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import warnings
 from dataclasses import replace
 from math import ulp
 
 import numpy as np
 
-from ..errors import StateError, StvkError, StvkWarning
+from ..errors import StateError, StvkError, warn
 from .clock import Clock
 from .critical_step import CriticalStep, LargestFrequency
 from .damping import EdgeDamping, Rayleigh
@@ -146,11 +145,9 @@ class StableStep:
     def _warn(self, dt: float) -> None:
         if self._last is not None and dt > self._last.step:
             self._warned = True
-            warnings.warn(
+            warn(
                 f"t = {self._plan.state.t:.4g} s: the step dt = {dt:.4g} s is above the critical one, {self._last.step:.4g} s (safe bound "
-                f"{self._last.bound:.4g} s): the motion will blow up. Take a smaller one, or dt=None to have it found.",
-                StvkWarning,
-                stacklevel=7,
+                f"{self._last.bound:.4g} s): the motion will blow up. Take a smaller one, or dt=None to have it found."
             )
 
 

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import warnings
 from typing import Any
 
 from numpy.typing import NDArray
 
-from ..errors import StvkWarning
+from ..errors import warn
 from .books import Books
 from .integrators import StepFailed
 from .integrators.integrator import Stepper
@@ -52,11 +51,7 @@ class Cutting:
             self.cuts += 1
             self._in_a_row += 1
             if self._in_a_row == MANY:
-                warnings.warn(
-                    f"t = {t:.4g} s: {MANY} steps in a row had to be cut into parts. Take a smaller dt, or another tangent.",
-                    StvkWarning,
-                    stacklevel=6,
-                )
+                warn(f"t = {t:.4g} s: {MANY} steps in a row had to be cut into parts. Take a smaller dt, or another tangent.")
         else:
             self._in_a_row = 0
             self._books.work(state)

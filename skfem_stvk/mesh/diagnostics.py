@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import warnings
-
 import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
-from ..errors import MeshError, StvkWarning, name_ids
+from ..errors import MeshError, name_ids, warn
 from ..kernels.geometry import measures
 from ..kernels.topology import lexicographic_order
 from .simplices import SimplexMesh
@@ -82,11 +80,9 @@ def warn_of_flat_elements(mesh: SimplexMesh) -> None:
     aspect = longest * largest_facet / parallelepiped
     flat = np.flatnonzero(aspect > 50)
     if mesh.k > 1 and len(flat):
-        warnings.warn(
+        warn(
             f"{name_ids(flat, 'element')}: flatter than 1:50, the flattest 1:{aspect.max():.0f}. In float32, forces across them are off by "
-            f"as much as {min(1.0, 6e-8 * float(aspect.max()) ** 2):.0e} of the largest. Use float64, or remesh.",
-            StvkWarning,
-            stacklevel=3,
+            f"as much as {min(1.0, 6e-8 * float(aspect.max()) ** 2):.0e} of the largest. Use float64, or remesh."
         )
 
 
@@ -103,11 +99,9 @@ def warn_of_coincident_vertices(mesh: SimplexMesh) -> None:
     away = 1 + (mesh.p - mesh.p.min(axis=1, keepdims=True)) / size
     pairs = cKDTree(away.T).query_pairs(near / size, output_type="ndarray")
     if len(pairs):
-        warnings.warn(
+        warn(
             f"{name_ids(np.unique(pairs[:, 1]), 'vertex')}: in the same place as another one, so parts that touch there are not "
-            "connected. Merge them if they should be, e.g. mesh.remove_duplicate_nodes() in scikit-fem.",
-            StvkWarning,
-            stacklevel=4,
+            "connected. Merge them if they should be, e.g. mesh.remove_duplicate_nodes() in scikit-fem."
         )
 
 
@@ -121,9 +115,7 @@ def warn_of_parts(mesh: SimplexMesh) -> None:
     sizes = np.sort(np.bincount(parts(mesh)))[::-1]
     if len(sizes) > 1:
         shown = ", ".join(str(size) for size in sizes[:5]) + (", ..." if len(sizes) > 5 else "")
-        warnings.warn(
+        warn(
             f"The mesh is in {len(sizes)} parts that are not connected ({shown} vertices): each needs its own supports. If they should hold "
-            "together, merge the vertices of their common faces.",
-            StvkWarning,
-            stacklevel=4,
+            "together, merge the vertices of their common faces."
         )

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from pathlib import Path
 from typing import Any
 
@@ -10,7 +9,7 @@ import meshio
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import MeshError, StvkWarning, name_ids
+from ..errors import MeshError, name_ids, warn
 from .cells import corners, count_cells, inner_nodes, simplex_dimension
 from .files import load
 from .groups import cell_groups, facet_groups, node_groups, pick
@@ -84,17 +83,11 @@ def warn_of_cells(raw: meshio.Mesh, k: int) -> None:
     carriers = [block for block in raw.cells if len(block) and block.dim == k]
     others = [block for block in carriers if simplex_dimension(block.type) != k]
     if others:
-        warnings.warn(
-            f"{count_cells(others)} are left out: only {KINDS[k]} are used. Split them if the body goes on there.",
-            StvkWarning,
-            stacklevel=3,
-        )
+        warn(f"{count_cells(others)} are left out: only {KINDS[k]} are used. Split them if the body goes on there.")
     higher = [block for block in carriers if simplex_dimension(block.type) == k and block.data.shape[1] > k + 1]
     if higher:
-        warnings.warn(
-            f"{count_cells(higher)} are of higher order: their corner vertices are used and their curved edges are taken as straight.",
-            StvkWarning,
-            stacklevel=3,
+        warn(
+            f"{count_cells(higher)} are of higher order: their corner vertices are used and their curved edges are taken as straight."
         )
 
 
@@ -102,11 +95,9 @@ def warn_of_vertices(mesh: SimplexMesh, used: NDArray[Any], inner: NDArray[Any])
     """Warn of vertices that no element and no element of higher order has."""
     unused = np.setdiff1d(np.arange(mesh.nv), np.union1d(used, inner))
     if len(unused):
-        warnings.warn(
+        warn(
             f"{name_ids(unused, 'vertex')}: on none of the {KINDS[mesh.k]}, so dropped; the later ones move up. Centres of arcs, or "
-            "cells that are left out?",
-            StvkWarning,
-            stacklevel=3,
+            "cells that are left out?"
         )
 
 
@@ -134,11 +125,7 @@ def facets_on(used: NDArray[Any], boundaries: dict[str, NDArray[Any]]) -> dict[s
         good = np.isin(facets, used).all(axis=0)
         bad = np.flatnonzero(~good)
         if len(bad):
-            warnings.warn(
-                f"Boundary {name!r}: {name_ids(bad, 'facet')} of {facets.shape[1]} are left out: they have dropped vertices.",
-                StvkWarning,
-                stacklevel=3,
-            )
+            warn(f"Boundary {name!r}: {name_ids(bad, 'facet')} of {facets.shape[1]} are left out: they have dropped vertices.")
         if good.any():
             kept[name] = facets[:, good]
     return kept
@@ -151,11 +138,7 @@ def nodes_on(used: NDArray[Any], inner: NDArray[Any], sets: dict[str, NDArray[An
         kept[name] = np.intersect1d(nodes, used)
         lost = np.setdiff1d(nodes, np.union1d(used, inner))
         if len(lost):
-            warnings.warn(
-                f"Node set {name!r}: {name_ids(lost, 'vertex')} of {len(nodes)} are left out: dropped, since on no element.",
-                StvkWarning,
-                stacklevel=3,
-            )
+            warn(f"Node set {name!r}: {name_ids(lost, 'vertex')} of {len(nodes)} are left out: dropped, since on no element.")
     return {name: nodes for name, nodes in kept.items() if len(nodes)}
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -12,7 +11,7 @@ import numpy as np
 import skfem
 from numpy.typing import NDArray
 
-from ..errors import MeshError, RegionError, StvkWarning, name_ids, name_known
+from ..errors import MeshError, RegionError, name_ids, name_known, warn
 from .boundaries import NamedFacets
 from .facets import boundary_facets
 
@@ -96,11 +95,9 @@ class SimplexMesh:
             p, t = mesh.doflocs, mesh.t
             if isinstance(mesh, skfem.MeshTet2 | skfem.MeshTri2):
                 p = p[:, : mesh.nvertices]
-                warnings.warn(
+                warn(
                     f"{type(mesh).__name__} is of second order: its {mesh.nvertices} corner vertices are used and its curved edges are "
-                    "taken as straight. Displacements have one entry a corner and component.",
-                    StvkWarning,
-                    stacklevel=3,
+                    "taken as straight. Displacements have one entry a corner and component."
                 )
             return cls(p, t, mesh.subdomains or {}, NamedFacets(t, p.shape[1], mesh.boundaries or {}))
         if isinstance(mesh, tuple) and len(mesh) == 2:

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import warnings
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import StvkWarning, name_ids
+from ..errors import name_ids, warn
 from .frames import current_normals, in_space
 
 if TYPE_CHECKING:
@@ -57,7 +56,7 @@ def deformation_gradient(state: State) -> Masked:
     across, solid = _across(tangents, state)
     thin = np.flatnonzero(~solid & ~state.without_strain)
     if len(thin):
-        warnings.warn(_describe_thin(thin), StvkWarning, stacklevel=2)
+        warn(_describe_thin(thin))
     F = tangents @ np.swapaxes(frames[..., :k], 1, 2) + across @ np.swapaxes(frames[..., k:], 1, 2)
     return F, state.without_strain | ~solid
 

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import warnings
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import StvkWarning, name_ids
+from ..errors import name_ids, warn
 from .kinematics import Masked
 
 if TYPE_CHECKING:
@@ -66,11 +65,9 @@ def cauchy_stress(state: State) -> Masked:
 
 
 def _warn_of_shrunk(ids: NDArray[np.int64], what: str) -> None:
-    warnings.warn(
+    warn(
         f"{name_ids(ids, 'element')}: shrunk to nothing (J = 0), so that {what}; it is masked there. "
-        "Did the solve converge, and do prescribed displacements put vertices in one place?",
-        StvkWarning,
-        stacklevel=3,
+        "Did the solve converge, and do prescribed displacements put vertices in one place?"
     )
 
 

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import os
-import warnings
 from collections.abc import Callable, Iterator
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..errors import LoadError, StvkError, StvkWarning
+from ..errors import LoadError, StvkError, warn
 from ..linear import LinearSolver, choose
 from ..results import Fields, Series
 from ..system import System
@@ -116,7 +115,7 @@ def solve_static(
     kept = None if checkpoint is None else Checkpoint(checkpoint, about, system, start, resume)
     found, saved = ([], {}) if kept is None else kept.load()
     for finding in monitors.before():
-        warnings.warn(finding.text, StvkWarning, stacklevel=2)
+        warn(finding.text)
     watch, history = Stopwatch(), History()
     problem = Equilibrium(system, solver, watch)
     cause: BaseException | None = None
@@ -150,7 +149,7 @@ def solve_static(
             cause = error
     result = _result(walk, start, history, watch, verdict, branch, cause)
     for text in _new_findings(history):
-        warnings.warn(text, StvkWarning, stacklevel=2)
+        warn(text)
     if isinstance(cause, KeyboardInterrupt):
         raise Interrupted(result)
     expected = result.success or (arc_length and result.status is Status.UNSTABLE)

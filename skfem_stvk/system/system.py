@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Sequence
 from functools import cached_property
 from math import isfinite
@@ -13,7 +12,7 @@ from numpy.typing import ArrayLike, DTypeLike, NDArray
 from scipy.sparse import csr_matrix
 
 from ..edges import ALL, Rows, Tensions
-from ..errors import LoadError, StateError, StvkError, StvkWarning, name_ids
+from ..errors import LoadError, StateError, StvkError, name_ids, warn
 from ..kernels.threads import Turn
 from ..mesh import MeshLike, SimplexMesh
 from ..mesh.diagnostics import check_mesh, warn_of_flat_elements
@@ -654,11 +653,7 @@ class System:
             used[term.edges.ravel()] = True
         bare = np.flatnonzero(~used)
         if len(bare):
-            warnings.warn(
-                f"{name_ids(bare, 'vertex')}: in no term, so their rows of K are zero. Is a region missing from the terms?",
-                StvkWarning,
-                stacklevel=3,
-            )
+            warn(f"{name_ids(bare, 'vertex')}: in no term, so their rows of K are zero. Is a region missing from the terms?")
 
     def __repr__(self) -> str:
         return f"System: {self.mesh.nt} {self.mesh.kind}, {self.ndofs} degrees of freedom, {len(self.terms)} term(s)"

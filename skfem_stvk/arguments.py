@@ -1,0 +1,189 @@
+"""What a user hands over, turned into numbers, arrays, names and paths; or refused with the argument's name.
+
+Every function takes the argument's name first, as it stands in messages, then what was given, and the class of the error to raise.
+"""
+
+from __future__ import annotations
+
+import os
+import reprlib
+from collections.abc import Iterable
+from math import inf, isfinite
+from numbers import Integral, Real
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .errors import StvkError, name_ids, name_known
+
+_SHORT = reprlib.Repr()
+_SHORT.maxstring = _SHORT.maxother = _SHORT.maxlong = 80
+
+
+def shown(value: Any) -> str:
+    """A value as a message shows it: on one line, never long, whatever its own `repr` does.
+
+    >>> shown("a" * 500) == repr("a" * 500), len(shown(10 ** 10000)) < 90
+    (False, True)
+    """
+    if isinstance(value, np.ndarray):
+        return f"an array of shape {value.shape} and dtype {value.dtype}"
+    try:
+        return " ".join(_SHORT.repr(value).split())
+    except Exception:
+        return f"an object of type {type(value).__name__}"
+
+
+def number(
+    name: str, given: Any, expected: str = "a number", low: float = -inf, high: float = inf, error: type[StvkError] = StvkError
+) -> float:
+    """A finite number strictly between `low` and `high`.
+
+    Raises
+    ------
+    StvkError, or `error`
+        for anything else: a bool, text, a complex number, an array of several, NaN.
+
+    >>> number("rtol", np.float32(0.5), low=0, high=1)
+    0.5
+    >>> number("rtol", "1e-8", "a number between 0 and 1, such as 1e-8")
+    Traceback (most recent call last):
+    skfem_stvk.errors.StvkError: rtol = '1e-8'; expected a number between 0 and 1, such as 1e-8.
+    """
+    value = _real(given)
+    if value is None or not low < value < high or not isfinite(value):
+        raise error(f"{name} = {shown(given)}; expected {expected}.")
+    return value
+
+
+def whole(name: str, given: Any, expected: str = "a whole number", least: int = 0, error: type[StvkError] = StvkError) -> int:
+    """A whole number of at least `least`.
+
+    Raises
+    ------
+    StvkError, or `error`
+        for anything else, such as a bool or 2.5.
+
+    >>> whole("steps", np.int32(4), least=1)
+    4
+    """
+    if isinstance(given, np.ndarray) and given.ndim == 0:
+        given = given[()]
+    if isinstance(given, bool | np.bool_) or not isinstance(given, Integral) or int(given) < least:
+        raise error(f"{name} = {shown(given)}; expected {expected}.")
+    return int(given)
+
+
+def flag(name: str, given: Any, error: type[StvkError] = StvkError) -> bool:
+    """True or False, and nothing else that Python would take for one of them.
+
+    Raises
+    ------
+    StvkError, or `error`
+
+    >>> flag("quiet", "yes")
+    Traceback (most recent call last):
+    skfem_stvk.errors.StvkError: quiet = 'yes'; expected True or False.
+    """
+    if not isinstance(given, bool | np.bool_):
+        raise error(f"{name} = {shown(given)}; expected True or False.")
+    return bool(given)
+
+
+def choice(name: str, given: Any, known: Iterable[str], error: type[StvkError] = StvkError) -> str:
+    """One of the known names.
+
+    Raises
+    ------
+    StvkError, or `error`
+        with the known names, and the one that was probably meant.
+
+    >>> choice("kind", "barier", ["barrier", "quadratic"])
+    Traceback (most recent call last):
+    skfem_stvk.errors.StvkError: kind = 'barier'; known: 'barrier', 'quadratic'. Did you mean 'barrier'?
+    """
+    names = list(known)
+    if not isinstance(given, str) or given not in names:
+        raise error(f"{name} = {shown(given)}; {name_known(given if isinstance(given, str) else '', names)}")
+    return given
+
+
+def path(name: str, given: Any, expected: str = "a path", error: type[StvkError] = StvkError) -> Path:
+    """A path that the system's functions take: not empty, and without NUL.
+
+    Raises
+    ------
+    StvkError, or `error`
+
+    >>> path("save", 3, "the path of a .pvd file")
+    Traceback (most recent call last):
+    skfem_stvk.errors.StvkError: save = 3; expected the path of a .pvd file.
+    """
+    text = os.fspath(given) if isinstance(given, str | os.PathLike) else None
+    if not isinstance(text, str) or not text.strip() or "\0" in text:
+        raise error(f"{name} = {shown(given)}; expected {expected}.")
+    return Path(text)
+
+
+def array(
+    name: str,
+    given: Any,
+    shape: tuple[int | None, ...],
+    expected: str,
+    error: type[StvkError] = StvkError,
+    what: str = "entry",
+) -> NDArray[np.float64]:
+    """Finite numbers in double precision, as an array of this shape; None stands for any length. It may be the given array itself.
+
+    Raises
+    ------
+    StvkError, or `error`
+        for another shape, for what holds no real numbers (text, bools, complex numbers, objects, ragged lists), for masked
+        entries, and for numbers that are not finite, which are named by their place along the last axis as `what`.
+
+    >>> array("force", [[1, 2], [3]], (2, None), "(2, n) numbers")
+    Traceback (most recent call last):
+    skfem_stvk.errors.StvkError: force = [[1, 2], [3]]; expected (2, n) numbers.
+    >>> array("v", [0.0, np.nan, 1.0], (3,), "3 numbers")
+    Traceback (most recent call last):
+    skfem_stvk.errors.StvkError: v is not finite in 1 entry (1); expected 3 numbers.
+    """
+    values = real_array(given)
+    if values is None:
+        raise error(f"{name} = {shown(given)}; expected {expected}.")
+    if values.ndim != len(shape) or any(n not in (None, m) for n, m in zip(shape, values.shape, strict=True)):
+        raise error(f"{name} has shape {values.shape}; expected {expected}.")
+    bad = ~np.isfinite(values)
+    if bad.any():
+        where = f" in {name_ids(np.unique(np.nonzero(bad)[-1]), what)}" if values.ndim else ""
+        raise error(f"{name} is not finite{where}; expected {expected}.")
+    return values
+
+
+def real_array(given: Any) -> NDArray[np.float64] | None:
+    """An array in double precision, possibly the given one itself; None for what holds no real numbers, or masked ones.
+
+    >>> real_array([1, 2]), real_array([1, "2"]), real_array(np.ma.masked_equal([1, 2], 2))
+    (array([1., 2.]), None, None)
+    """
+    if isinstance(given, np.ma.MaskedArray) and np.ma.is_masked(given):
+        return None
+    try:
+        values = np.asarray(given)
+        return values.astype(np.float64, copy=False) if values.dtype.kind in "fiu" else None
+    except Exception:  # ragged lists, and objects whose own conversion fails
+        return None
+
+
+def _real(given: Any) -> float | None:
+    """The number, None for what is none."""
+    if isinstance(given, np.ndarray) and given.ndim == 0:
+        given = given[()]
+    if isinstance(given, bool | np.bool_) or not isinstance(given, Real):
+        return None
+    try:
+        return float(given)
+    except (OverflowError, ValueError):  # 10**400
+        return None
