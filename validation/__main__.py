@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import sys
 
-from . import aspect, dynamics, hard, kernels, operations, part, solvers, stability, statics
+from . import aspect, dynamics, hard, hostile, kernels, operations, part, solvers, stability, statics
 
 #: Studies and the options that they take.
 STUDIES = {
@@ -18,6 +18,7 @@ STUDIES = {
     "hard": (hard.main, ("quick", "only", "out")),
     "stability": (stability.main, ("quick", "only", "out")),
     "dynamics": (dynamics.main, ("quick", "only", "out")),
+    "hostile": (hostile.main, ("quick", "only", "case")),
 }
 
 #: Parts of a study that `--only` picks.
@@ -26,6 +27,7 @@ PARTS = {
     "hard": hard.NAMES,
     "stability": stability.NAMES,
     "dynamics": dynamics.NAMES,
+    "hostile": hostile.NAMES,
 }
 
 
@@ -40,6 +42,10 @@ def main() -> int:
         if "only" in options:
             names = PARTS[name]
             command.add_argument("--only", action="append", default=[], choices=names, metavar="NAME", help=", ".join(names))
+        if "case" in options:
+            command.add_argument(
+                "--case", action="append", default=[], metavar="FAMILY/CASE", help="just this one, with all that it says"
+            )
         if "out" in options:
             command.add_argument("--out", metavar="FOLDER", help="write pictures and tables there")
     arguments = vars(parser.parse_args())
