@@ -18,6 +18,8 @@ from numpy.typing import NDArray
 
 from .errors import StvkError, name_ids, name_known
 
+#: The largest whole number of 64 bits.
+MOST = int(np.iinfo(np.int64).max)
 _SHORT = reprlib.Repr()
 _SHORT.maxstring = _SHORT.maxother = _SHORT.maxlong = 80
 
@@ -28,7 +30,7 @@ def shown(value: Any) -> str:
     >>> shown("a" * 500) == repr("a" * 500), len(shown(10 ** 10000)) < 90
     (False, True)
     """
-    if isinstance(value, np.ndarray):
+    if isinstance(value, np.ndarray) and value.ndim:
         return f"an array of shape {value.shape} and dtype {value.dtype}"
     try:
         return " ".join(_SHORT.repr(value).split())
@@ -59,7 +61,7 @@ def number(
 
 
 def whole(name: str, given: Any, expected: str = "a whole number", least: int = 0, error: type[StvkError] = StvkError) -> int:
-    """A whole number of at least `least`.
+    """A whole number of at least `least`, that 64 bits can hold.
 
     Raises
     ------
@@ -71,7 +73,7 @@ def whole(name: str, given: Any, expected: str = "a whole number", least: int = 
     """
     if isinstance(given, np.ndarray) and given.ndim == 0:
         given = given[()]
-    if isinstance(given, bool | np.bool_) or not isinstance(given, Integral) or int(given) < least:
+    if isinstance(given, bool | np.bool_) or not isinstance(given, Integral) or not least <= int(given) <= MOST:
         raise error(f"{name} = {shown(given)}; expected {expected}.")
     return int(given)
 
@@ -168,12 +170,35 @@ def real_array(given: Any) -> NDArray[np.float64] | None:
     >>> real_array([1, 2]), real_array([1, "2"]), real_array(np.ma.masked_equal([1, 2], 2))
     (array([1., 2.]), None, None)
     """
-    if isinstance(given, np.ma.MaskedArray) and np.ma.is_masked(given):
+    values = plain_array(given)
+    return values.astype(np.float64, copy=False) if values is not None and values.dtype.kind in "fiu" else None
+
+
+def whole_array(given: Any) -> NDArray[Any] | None:
+    """An array of whole numbers or of bools, such as ids or a mask, possibly the given one itself; None for what is neither.
+
+    Empty lists are ids, of which there are none.
+
+    >>> whole_array([3, 1]), whole_array([]), whole_array([0.5]), whole_array({3, 1})
+    (array([3, 1]), array([], dtype=int64), None, None)
+    """
+    values = plain_array(given)
+    if values is None or not (values.dtype.kind in "iub" or (values.shape == (0,) and values.dtype.kind == "f")):
         return None
+    return values if values.size else values.astype(bool if values.dtype.kind == "b" else np.int64)
+
+
+def plain_array(given: Any) -> NDArray[Any] | None:
+    """What NumPy makes of it; None for masked entries, ragged lists, and objects whose own conversion fails.
+
+    >>> plain_array([[1], [2, 3]]), plain_array("a")
+    (None, array('a', dtype='<U1'))
+    """
     try:
-        values = np.asarray(given)
-        return values.astype(np.float64, copy=False) if values.dtype.kind in "fiu" else None
-    except Exception:  # ragged lists, and objects whose own conversion fails
+        if isinstance(given, list | tuple) and any(isinstance(one, np.ma.MaskedArray) for one in given):
+            given = np.ma.stack(given)
+        return None if isinstance(given, np.ma.MaskedArray) and np.ma.is_masked(given) else np.asarray(given)
+    except Exception:
         return None
 
 

@@ -9,6 +9,7 @@ from enum import Enum
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ..arguments import real_array
 from ..errors import MaterialError, name_ids
 from .values import Values, check_length, constant
 
@@ -77,8 +78,8 @@ class FramedMaterial(Material, ABC):
 
 def _orthonormal(frame: ArrayLike) -> Values:
     """The frame as (3, 3) or (n, 3, 3)."""
-    array = np.asarray(frame)
-    size = 2 if array.shape[-2:] == (2, 2) else 3
+    given = real_array(frame)
+    size = 2 if given is not None and given.shape[-2:] == (2, 2) else 3
     array = constant(frame, "frame", shape=(size, size))
     error = np.abs(np.swapaxes(array, -1, -2) @ array - np.eye(size)).max(axis=(-1, -2))
     bad = np.flatnonzero(np.atleast_1d(error) > 1e-8)

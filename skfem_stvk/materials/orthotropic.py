@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ..arguments import shown
 from ..errors import MaterialError
 from .material import FramedMaterial
 from .values import Values, constant
@@ -44,8 +44,9 @@ class Orthotropic(FramedMaterial):
     def __post_init__(self) -> None:
         for name, labels in (("young", "123"), ("poisson", ("23", "13", "12")), ("shear", ("23", "13", "12"))):
             values = getattr(self, name)
-            if not isinstance(values, Sequence | np.ndarray) or isinstance(values, str) or len(values) != 3:
-                raise MaterialError(f"{name} = {values!r}; expected three entries, for {', '.join(labels)}.")
+            several = isinstance(values, tuple | list) or (isinstance(values, np.ndarray) and values.ndim > 0)
+            if not several or len(values) != 3:
+                raise MaterialError(f"{name} = {shown(values)}; expected three entries, for {', '.join(labels)}.")
             low = -np.inf if name == "poisson" else 0.0
             named = tuple(constant(value, f"{name}_{label}", low=low) for value, label in zip(values, labels, strict=True))
             object.__setattr__(self, name, named)

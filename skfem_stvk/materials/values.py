@@ -7,6 +7,7 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..arguments import real_array, shown
 from ..errors import MaterialError, name_ids
 
 Values: TypeAlias = NDArray[np.float64]
@@ -20,13 +21,11 @@ def constant(value: ArrayLike, name: str, low: float = -np.inf, high: float = np
     MaterialError
         if it has another shape, is not finite, or not strictly between `low` and `high`; with the ids.
     """
-    try:
-        if np.asarray(value).dtype.kind not in "fiu":
-            raise TypeError
-        array = np.array(value, dtype=np.float64)  # a copy: materials are frozen
-    except (TypeError, ValueError) as error:
-        raise MaterialError(f"{name} = {value!r} is not a number, nor an array with one value an element.") from error
-    if array.shape not in (shape, (array.shape[0] if array.ndim else 0, *shape)):
+    given = real_array(value)
+    if given is None:
+        raise MaterialError(f"{name} = {shown(value)} is not a number, nor an array with one value an element.")
+    array = np.array(given)  # a copy: materials are frozen
+    if not array.size or array.shape not in (shape, (len(array) if array.ndim else 0, *shape)):
         raise MaterialError(
             f"{name} has shape {array.shape}; expected {shape or 'a number'}, or one value an element: {('n', *shape)}."
         )

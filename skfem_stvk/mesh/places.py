@@ -8,6 +8,7 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..arguments import shown, whole_array
 from ..errors import RegionError, name_ids, name_known
 from .facets import find_facets
 from .simplices import SimplexMesh
@@ -74,10 +75,12 @@ def describe(where: Any) -> str:
     ("'tip'", '2 vertices (3, 4)', "the predicate '<lambda>'")
     """
     if isinstance(where, str):
-        return repr(where)
+        return shown(where)
     if callable(where):
         return f"the predicate {getattr(where, '__name__', type(where).__name__)!r}"
-    ids = np.asarray(where)
+    ids = whole_array(where)
+    if ids is None or ids.ndim != 1:
+        return shown(where)
     return name_ids(np.flatnonzero(ids) if ids.dtype == bool else ids, "vertex")
 
 
@@ -99,7 +102,7 @@ def _refuse_unknown(mesh: SimplexMesh, name: str, what: str) -> None:
     known = {*mesh.boundaries, *mesh.node_sets}
     if name not in known:
         hint = " It is a subdomain: for its vertices, np.unique(mesh.t[:, mesh.elements(name)])." if name in mesh.subdomains else ""
-        raise RegionError(f"{what}: the mesh has no boundary or node set {name!r}; {name_known(name, known)}{hint}")
+        raise RegionError(f"{what}: the mesh has no boundary or node set {shown(name)}; {name_known(name, known)}{hint}")
 
 
 def _boundary(mesh: SimplexMesh, name: str) -> NDArray[np.int32]:
@@ -140,16 +143,16 @@ def _satisfying(mesh: SimplexMesh, predicate: Callable[[Any], Any], what: str) -
 
 
 def _listed(mesh: SimplexMesh, given: Any, what: str) -> NDArray[np.int64]:
-    ids = np.asarray(given)
+    ids = whole_array(given)
+    if ids is None or ids.ndim != 1:
+        raise RegionError(
+            f"{what} are {shown(given)}; expected the name of a boundary or of a node set, a list of vertex ids, a mask, or a predicate such "
+            "as lambda x: x[0] == 0."
+        )
     if ids.dtype == bool:
         if ids.shape != (mesh.nv,):
             raise RegionError(f"{what} are a mask of shape {ids.shape}; expected one value for each of the {mesh.nv} vertices.")
         return np.flatnonzero(ids)
-    if ids.ndim != 1 or (ids.size and ids.dtype.kind not in "iu"):
-        raise RegionError(
-            f"{what} have shape {ids.shape} and dtype {ids.dtype}; expected the name of a boundary or of a node set, a list of vertex ids, "
-            "a mask, or a predicate such as lambda x: x[0] == 0."
-        )
     bad = ids[(ids < 0) | (ids >= mesh.nv)] if ids.size else ids
     if len(bad):
         raise RegionError(f"{what} name {name_ids(bad, 'vertex')} outside 0 ... {mesh.nv - 1}.")

@@ -11,6 +11,7 @@ import numpy as np
 import skfem
 from numpy.typing import NDArray
 
+from ..arguments import shown, whole_array
 from ..errors import MeshError, RegionError, name_ids, name_known, warn
 from .boundaries import NamedFacets
 from .facets import boundary_facets
@@ -167,19 +168,21 @@ class SimplexMesh:
         """
         if region is None:
             return np.arange(self.nt)
-        ids: NDArray[Any]
         if isinstance(region, str):
             if region not in self.subdomains:
-                raise RegionError(f"The mesh has no subdomain {region!r}; {name_known(region, self.subdomains)}")
-            what, ids = f"Subdomain {region!r}", np.asarray(self.subdomains[region])
+                raise RegionError(f"The mesh has no subdomain {shown(region)}; {name_known(region, self.subdomains)}")
+            what, given = f"Subdomain {region!r}", self.subdomains[region]
         else:
-            what, ids = "The region", np.asarray(region)
+            what, given = "The region", region
+        ids = whole_array(given)
+        if ids is None or ids.ndim != 1 or not ids.size:
+            raise RegionError(f"{what} is {shown(given)}; expected a list of at least one element id, a mask, or a name.")
         if ids.dtype == bool:
             if ids.shape != (self.nt,):
                 raise RegionError(f"{what} is a mask of shape {ids.shape}; expected one value for each of the {self.nt} elements.")
             ids = np.flatnonzero(ids)
-        if ids.ndim != 1 or ids.size == 0 or not np.issubdtype(ids.dtype, np.integer):
-            raise RegionError(f"{what} has shape {ids.shape} and dtype {ids.dtype}; expected a list of at least one element id.")
+        if not ids.size:
+            raise RegionError(f"{what} is a mask without a True; expected at least one element.")
         bad = ids[(ids < 0) | (ids >= self.nt)]
         if len(bad):
             raise RegionError(f"{what} names {name_ids(bad, 'element')} outside 0 ... {self.nt - 1}.")

@@ -8,6 +8,7 @@ from typing import Any, NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from ..arguments import shown
 from ..errors import SupportError, name_ids
 from ..mesh import SimplexMesh
 from ..mesh.places import Where, describe, vertices_at
@@ -102,7 +103,7 @@ class Supports:
             return [Motion(_dofs(vertices, range(d), d).reshape(-1, d).T, whole)]
         if not isinstance(given, Mapping) or not given:
             raise SupportError(
-                f"{what}: {given!r} came; expected displacements by component, such as {{'x': 0.01}}, or a function of (x, t) that returns "
+                f"{what}: {shown(given)} came; expected displacements by component, such as {{'x': 0.01}}, or a function of (x, t) that returns "
                 f"all {d} components."
             )
         return [
@@ -113,8 +114,10 @@ class Supports:
 
     def _components(self, letters: Any, what: str) -> list[int]:
         own = "xyz"[: self._mesh.d]
-        if not isinstance(letters, str) or not letters or not set(letters) <= set(own):
-            raise SupportError(f"{what}: {letters!r} came; expected components of this mesh of {self._mesh.kind}, from {own!r}.")
+        if not isinstance(letters, str) or not letters or not set(letters) <= set(own) or len(set(letters)) < len(letters):
+            raise SupportError(
+                f"{what}: {shown(letters)} came; expected components of this mesh of {self._mesh.kind}, from {own!r}, each once."
+            )
         return [own.index(letter) for letter in letters]
 
     def _refuse_both(self) -> None:
@@ -144,7 +147,7 @@ def _pairs(given: Any, name: str, example: str) -> list[tuple[Any, Any]]:
     """Places and what is said about them."""
     pairs = list(given.items()) if isinstance(given, Mapping) else given if given is not None else []
     if not isinstance(pairs, list | tuple) or any(not isinstance(pair, list | tuple) or len(pair) != 2 for pair in pairs):
-        raise SupportError(f"{name} = {given!r}; expected a dict such as {example}, or a list of such pairs.")
+        raise SupportError(f"{name} = {shown(given)}; expected a dict such as {example}, or a list of such pairs.")
     return list(pairs)
 
 

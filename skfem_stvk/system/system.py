@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, DTypeLike, NDArray
 from scipy.sparse import csr_matrix
 
+from ..arguments import shown
 from ..edges import ALL, Rows, Tensions
 from ..errors import LoadError, StateError, StvkError, name_ids, warn
 from ..kernels.threads import Turn
@@ -86,12 +87,7 @@ class System:
     ) -> None:
         self.mesh = SimplexMesh.of(mesh)
         check_mesh(self.mesh)
-        try:
-            self.dtype = np.dtype(dtype)
-        except TypeError as error:
-            raise StvkError(f"dtype = {dtype!r}; expected float64 or float32.") from error
-        if self.dtype not in (np.float64, np.float32):
-            raise StvkError(f"dtype = {self.dtype}; expected float64 or float32.")
+        self.dtype = _float_type(dtype)
         self.terms = tuple(terms) if isinstance(terms, Sequence) else (terms,)
         if not self.terms:
             raise StvkError("No terms came; expected at least one, such as StVK(young=..., poisson=...).")
@@ -657,6 +653,17 @@ class System:
 
     def __repr__(self) -> str:
         return f"System: {self.mesh.nt} {self.mesh.kind}, {self.ndofs} degrees of freedom, {len(self.terms)} term(s)"
+
+
+def _float_type(dtype: Any) -> np.dtype[Any]:
+    """Double or single precision."""
+    try:
+        found = np.dtype(dtype)
+    except Exception:  # TypeError mostly, but not of all text
+        found = np.dtype(object)
+    if found not in (np.float64, np.float32):
+        raise StvkError(f"dtype = {shown(dtype)}; expected float64 or float32.")
+    return found
 
 
 def _checked(t: Time) -> Moment:

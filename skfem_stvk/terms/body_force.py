@@ -43,4 +43,4 @@ class BodyForce(Load):
     def bind(self, body: Body) -> DeadLoad:
         ids = body.mesh.elements(self.region)
         spread = Spread(body.mesh, body.mesh.t[:, ids], body.volumes[ids])
-        return DeadLoad(body.mesh, spread, Value(self.force, (body.mesh.d,), spread.x, "BodyForce"))
+        return DeadLoad(body.mesh, spread, Value(self.force, (body.mesh.d,), spread.x, "BodyForce", name="force"))

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, DTypeLike
 
+from ..arguments import real_array, shown
 from ..errors import LoadError
 from ..mesh import SimplexMesh
 from ..mesh.places import Where, describe, facets_at
@@ -44,14 +45,16 @@ class ElasticFoundation:
     stiffness: ArrayLike
 
     def __post_init__(self) -> None:
-        k = np.array(self.stiffness)
-        if k.dtype.kind not in "fiu" or k.ndim > 1:
-            raise LoadError(f"ElasticFoundation: stiffness is {self.stiffness!r}; expected a number, or one a component [N/m^3].")
+        given = real_array(self.stiffness)
+        if given is None or given.ndim > 1:
+            raise LoadError(
+                f"ElasticFoundation: stiffness is {shown(self.stiffness)}; expected a number, or one a component [N/m^3]."
+            )
+        k = np.array(given)
         if not np.isfinite(k).all() or (k < 0).any() or not k.any():
             raise LoadError(
                 f"ElasticFoundation: stiffness is {self.stiffness!r}; expected finite values, none negative and not all zero."
             )
-        k = k.astype(np.float64)
         k.flags.writeable = False
         object.__setattr__(self, "stiffness", k)
 

@@ -37,4 +37,4 @@ class Gravity(Load):
 
     def bind(self, body: Body) -> DeadLoad:
         spread = Spread(body.mesh, body.mesh.t, body.mass)
-        return DeadLoad(body.mesh, spread, Value(self.g, (body.mesh.d,), spread.x, "Gravity"))
+        return DeadLoad(body.mesh, spread, Value(self.g, (body.mesh.d,), spread.x, "Gravity", name="g"))

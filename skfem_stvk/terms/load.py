@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import inspect
 from abc import ABC, abstractmethod
+from collections.abc import Sequence
 from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ..arguments import real_array, shown
 from ..errors import LoadError, StvkError, name_ids
 from .body import Body
 from .protocols import BoundLoad
@@ -60,6 +62,7 @@ class Value:
     x : (d, n) points where it is needed.
     what : the beginning of messages.
     error : the class of errors.
+    name : of what is given, in messages.
 
     Attributes
     ----------
@@ -79,11 +82,14 @@ class Value:
            [1., 0.]])
     """
 
-    def __init__(self, given: Any, shape: tuple[int, ...], x: Array, what: str, error: type[StvkError] = LoadError) -> None:
+    def __init__(
+        self, given: Any, shape: tuple[int, ...], x: Array, what: str, error: type[StvkError] = LoadError, name: str = ""
+    ) -> None:
         self._shape, self._x, self._what, self._error = shape, x, what, error
+        self._called = f"the function {name}".rstrip()
         self._arguments = self._count_arguments(given) if callable(given) else 0
         self._function = given
-        self.constant = None if self._arguments else self._values(given, "the value")
+        self.constant = None if self._arguments else self._values(given, name or "the value")
         for t in (0.0, 1.0):
             self.at(t)
 
@@ -105,19 +111,14 @@ class Value:
         except Exception as error:
             meaning = "t, a number" if self._arguments == 1 else f"x, of shape {self._x.shape}, and t"
             raise self._error(
-                f"{self._what}: the function failed at t = {time:g} with {type(error).__name__}: {error}. It gets {meaning}."
+                f"{self._what}: {self._called} failed at t = {time:g} with {type(error).__name__}: {error}. It gets {meaning}."
             ) from error
-        return self._values(result, f"what the function returned at t = {time:g}")
+        return self._values(result, f"what {self._called} returned at t = {time:g}")
 
     def _values(self, given: Any, source: str) -> Array:
-        try:
-            if self._shape and isinstance(given, tuple | list):
-                given = np.stack(np.broadcast_arrays(*given))
-            values = np.asarray(given)
-            if values.dtype.kind not in "fiu":
-                raise TypeError
-        except (TypeError, ValueError) as error:
-            raise self._error(f"{self._what}: {source} is {given!r}; expected {self._expected}.") from error
+        values = _together(given) if self._shape and isinstance(given, tuple | list) else real_array(given)
+        if values is None:
+            raise self._error(f"{self._what}: {source} is {shown(given)}; expected {self._expected}.")
         if values.shape == self._shape:
             values = values[..., None]
         if values.shape not in ((*self._shape, 1), (*self._shape, self._x.shape[1])):
@@ -126,7 +127,7 @@ class Value:
         if len(bad):
             where = f" in {name_ids(bad, 'entry')}" if values.shape[-1] > 1 else ""
             raise self._error(f"{self._what}: {source} is not finite{where}.")
-        return values.astype(np.float64)
+        return np.array(values)
 
     @property
     def _expected(self) -> str:
@@ -141,12 +142,12 @@ class Value:
             parameters = inspect.signature(function).parameters.values()
         except (TypeError, ValueError) as error:
             raise self._error(
-                f"{self._what}: cannot tell the arguments of {function!r}. Write it as lambda t: ... then."
+                f"{self._what}: cannot tell the arguments of {self._called}, {shown(function)}. Write it as lambda t: ... then."
             ) from error
         positional = [p for p in parameters if p.kind in (p.POSITIONAL_ONLY, p.POSITIONAL_OR_KEYWORD) and p.default is p.empty]
         if len(positional) not in (1, 2):
             raise self._error(
-                f"{self._what}: a function of {len(positional)} arguments came; expected one of t, or one of x and t: lambda x, t: ..."
+                f"{self._what}: {self._called} has {len(positional)} arguments; expected one of t, or one of x and t: lambda x, t: ..."
             )
         if len(positional) == 1 and positional[0].name == "x":
             raise self._error(
@@ -154,3 +155,13 @@ class Value:
                 "lambda x, t: ...; to ramp it, multiply by t."
             )
         return len(positional)
+
+
+def _together(components: Sequence[Any]) -> Array | None:
+    """(d, ...) components, each a number or one for each point; None if one is neither."""
+    arrays = [real_array(component) for component in components]
+    known = [array for array in arrays if array is not None]
+    try:
+        return np.stack(np.broadcast_arrays(*known)) if known and len(known) == len(arrays) else None
+    except ValueError:  # of unlike lengths
+        return None

@@ -41,4 +41,4 @@ class NodalLoad(Load):
     def bind(self, body: Body) -> DeadLoad:
         what = f"NodalLoad on {describe(self.where)}"
         nodes = Nodes(body.mesh, vertices_at(body.mesh, self.where, what))
-        return DeadLoad(body.mesh, nodes, Value(self.force, (body.mesh.d,), nodes.x, what))
+        return DeadLoad(body.mesh, nodes, Value(self.force, (body.mesh.d,), nodes.x, what, name="force"))

@@ -64,7 +64,7 @@ class Pressure(Load):
             surface = _outwards(mesh, self.where, what)
         thickness = body.facet_sections(surface) if mesh.d == 2 else np.ones(surface.shape[1])
         spread = Spread(mesh, surface, thickness)
-        return FollowerPressure(mesh, surface, spread, Value(self.pressure, (), spread.x, what))
+        return FollowerPressure(mesh, surface, spread, Value(self.pressure, (), spread.x, what, name="pressure"))
 
 
 def _outwards(mesh: SimplexMesh, where: Any, what: str) -> NDArray[np.int32]:

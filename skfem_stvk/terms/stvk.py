@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, DTypeLike, NDArray
 
+from ..arguments import choice
 from ..edges import Assembly, EdgeForm
 from ..edges.coefficients import simplex_coefficients
 from ..edges.stiffness import GeneralStiffness, IsotropicStiffness, Stiffness
@@ -67,8 +68,8 @@ class StVK:
             raise MaterialError(f"material is of type {type(self.material).__name__}; expected Isotropic, Orthotropic, ...")
         elif any(value is not None for value in (young, poisson, density)):
             raise MaterialError("young, poisson and density are shorthand for an Isotropic material; a material came as well.")
-        if self.plane not in (None, "strain", "stress"):
-            raise MaterialError(f'plane = {self.plane!r}; expected "strain" or "stress".')
+        if self.plane is not None:
+            choice("plane", self.plane, ("strain", "stress"), MaterialError)
         for name in ("thickness", "area"):
             if getattr(self, name) is not None:
                 object.__setattr__(self, name, constant(getattr(self, name), name, low=0.0))

@@ -46,4 +46,4 @@ class Traction(Load):
         what = f"Traction on {describe(self.where)}"
         facets = facets_at(body.mesh, self.where, what)
         spread = Spread(body.mesh, facets, body.facet_areas(facets))
-        return DeadLoad(body.mesh, spread, Value(self.traction, (body.mesh.d,), spread.x, what))
+        return DeadLoad(body.mesh, spread, Value(self.traction, (body.mesh.d,), spread.x, what, name="traction"))

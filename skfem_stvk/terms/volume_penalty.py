@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, DTypeLike, NDArray
 
+from ..arguments import choice
 from ..edges import PenaltyAssembly
 from ..edges.penalty import refuse_inside_out
 from ..errors import MaterialError, name_ids
@@ -68,8 +69,7 @@ class VolumePenalty:
     region: str | NDArray[Any] | None = None
 
     def __post_init__(self) -> None:
-        if not isinstance(self.kind, str) or self.kind not in ENERGIES:
-            raise MaterialError(f"VolumePenalty: kind = {self.kind!r}; expected {', '.join(map(repr, ENERGIES))}.")
+        choice("VolumePenalty: kind", self.kind, ENERGIES, MaterialError)
         if self.stiffness is not None:
             object.__setattr__(self, "stiffness", constant(self.stiffness, "VolumePenalty: stiffness", low=0.0))
 

@@ -68,10 +68,11 @@ def test_a_name_of_a_boundary_and_of_a_node_set_must_mean_the_same_vertices():
         ([-1], r"name 1 vertex \(-1\) outside"),
         (
             [0.5],
-            r"shape \(1,\) and dtype float64; expected the name of a boundary or of a node set, a list of vertex ids, a mask, or",
+            r"are \[0\.5\]; expected the name of a boundary or of a node set, a list of vertex ids, a mask, or",
         ),
-        (3, r"shape \(\) and dtype int64; expected the name"),
-        (None, r"dtype object; expected the name of a boundary"),
+        (3, r"the vertices are 3; expected the name"),
+        ([[3], [4, 5]], r"the vertices are \[\[3\], \[4, 5\]\]; expected the name"),
+        (None, r"the vertices are None; expected the name of a boundary"),
         (np.ones(3, dtype=bool), r"a mask of shape \(3,\); expected one value for each of the 64 vertices"),
         (
             lambda x: x[0] == 99,

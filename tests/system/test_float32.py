@@ -145,7 +145,7 @@ def test_displacements_may_be_single_in_either_system(dtype):
 
 @pytest.mark.parametrize("dtype", [int, np.float16, complex, bool])
 def test_other_types_are_refused(dtype):
-    with pytest.raises(StvkError, match=f"dtype = {np.dtype(dtype)}; expected float64 or float32"):
+    with pytest.raises(StvkError, match=r"dtype = .*; expected float64 or float32"):
         System(MESHES["tetrahedra"], TERM, dtype=dtype)
 
 

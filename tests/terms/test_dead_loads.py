@@ -183,9 +183,9 @@ LOADS = [
         MaterialError,
         r"The material has no density\. Give it one: StVK\(\.\.\., density=\.\.\.\) \[kg/m\^3\]",
     ),
-    (BodyForce((0, 0)), LoadError, r"BodyForce: the value has shape \(2,\); expected 3 components \(x, y, z\), or \(3, \d+\)"),
-    (BodyForce((0, 0, np.nan)), LoadError, r"BodyForce: the value is not finite\."),
-    (BodyForce("down"), LoadError, r"BodyForce: the value is 'down'; expected 3 components"),
+    (BodyForce((0, 0)), LoadError, r"BodyForce: force has shape \(2,\); expected 3 components \(x, y, z\), or \(3, \d+\)"),
+    (BodyForce((0, 0, np.nan)), LoadError, r"BodyForce: force is not finite\."),
+    (BodyForce("down"), LoadError, r"BodyForce: force is 'down'; expected 3 components"),
     (BodyForce((0, 0, 1), region="steel"), RegionError, "The mesh has no subdomain 'steel'; known: none"),
     (
         Traction("tpi", (0, 0, 1)),
@@ -210,12 +210,12 @@ LOADS = [
     (
         Traction("tip", lambda x, t: x[:2]),
         LoadError,
-        r"what the function returned at t = 0 has shape \(2, \d+\); expected 3 components",
+        r"what the function \w+ returned at t = 0 has shape \(2, \d+\); expected 3 components",
     ),
     (
         Traction("tip", lambda x, t: x + (np.nan if t == 0 else t)),
         LoadError,
-        r"what the function returned at t = 0 is not finite in \d+ entries",
+        r"what the function \w+ returned at t = 0 is not finite in \d+ entries",
     ),
     (
         Traction("tip", lambda x, t: x[3]),
@@ -223,9 +223,9 @@ LOADS = [
         r"failed at t = 0 with IndexError: index 3.*It gets x, of shape \(3, \d+\), and t",
     ),
     (Traction("tip", lambda t: (1 / t, 0, 0)), LoadError, r"failed at t = 0 with ZeroDivisionError.*It gets t, a number"),
-    (Traction("tip", lambda: 0), LoadError, r"a function of 0 arguments came; expected one of t, or one of x and t"),
-    (Traction("tip", lambda x, t: "no"), LoadError, r"what the function returned at t = 0 is 'no'; expected 3 components"),
-    (NodalLoad("tip", 5.0), LoadError, r"NodalLoad on 'tip': the value has shape \(\); expected 3 components"),
+    (Traction("tip", lambda: 0), LoadError, r"the function traction has 0 arguments; expected one of t, or one of x and t"),
+    (Traction("tip", lambda x, t: "no"), LoadError, r"what the function traction returned at t = 0 is 'no'; expected 3 components"),
+    (NodalLoad("tip", 5.0), LoadError, r"NodalLoad on 'tip': force has shape \(\); expected 3 components"),
     (NodalLoad([], (0, 0, 1)), RegionError, r"NodalLoad on 0 vertices \(\): no vertex there"),
     (
         NodalLoad([0, 64], (0, 0, 1)),
@@ -245,7 +245,7 @@ def test_a_load_that_has_no_meaning_is_refused_with_what_to_do(load, error, mess
 
 def test_a_function_that_fails_later_says_when():
     load = BodyForce(lambda t: (0, 0, np.nan if t == 0.5 else t)).bind(body_of(MESHES["tetrahedra"]))
-    with pytest.raises(LoadError, match=r"BodyForce: what the function returned at t = 0\.5 is not finite"):
+    with pytest.raises(LoadError, match=r"BodyForce: what the function force returned at t = 0\.5 is not finite"):
         load.forces(0.5)
     assert load.forces(0.25).any()
 

@@ -360,7 +360,7 @@ def test_what_has_no_inside_is_refused(name):
         ({"stiffness": np.nan}, "not finite"),
         ({"stiffness": "stiff"}, "VolumePenalty: stiffness = 'stiff' is not a number"),
         ({"stiffness": [[1.0, 2.0]]}, "has shape"),
-        ({"kind": "cubic"}, "kind = 'cubic'; expected 'quadratic', 'compression', 'barrier'"),
+        ({"kind": "cubic"}, "kind = 'cubic'; known: 'barrier', 'compression', 'quadratic'"),
         ({"kind": ["barrier"]}, "kind = "),
     ],
 )

@@ -1,0 +1,82 @@
+"""Every public function with hostile values for each of its arguments: an error that names the argument, or a right result."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Iterator
+from functools import partial
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from skfem_stvk import StvkError
+
+from .call import Call
+from .case import Case, NotRun, Verdict, Wrong
+from .comparison import comparable, same
+from .values import EVERY, NOTHING, Hostile
+
+#: Modules that have `calls()`.
+TABLES = ("table_of_bodies",)
+
+
+def cases() -> Iterator[Case]:
+    """All calls with all hostile values."""
+    for table in TABLES:
+        yield from cases_of_calls(import_module(f".{table}", __package__).calls())
+
+
+def cases_of_calls(calls: Iterable[Call]) -> Iterator[Case]:
+    """Each hostile value for each argument of each call."""
+    for call in calls:
+        for argument in call.arguments:
+            for value in EVERY:
+                yield case_of(call, argument, value)
+
+
+def case_of(call: Call, argument: str, value: Hostile) -> Case:
+    """A call with a hostile value for one of its arguments."""
+
+    def attempt(folder: Path) -> Any:
+        function, good = call.make()
+        given = value.make(good[argument])
+        if given is NOTHING:
+            raise NotRun(f"There is no {value.name} of it.")
+        with np.errstate(all="ignore"):
+            return comparable(function(**good | {argument: given}))
+
+    return Case(
+        f"{call.name}({argument}={value.name})",
+        attempt,
+        partial(_judge, call, argument, value),
+        partial(_refused, re.compile(call.called.get(argument, rf"\b{argument}\b"))),
+    )
+
+
+def _refused(names: re.Pattern[str], error: BaseException) -> bool:
+    """Whether an error in words names the argument, or Python itself refuses the call."""
+    return (isinstance(error, StvkError) and names.search(str(error)) is not None) or (
+        isinstance(error, TypeError) and _raised_at_the_call(error)
+    )
+
+
+def _raised_at_the_call(error: BaseException) -> bool:
+    trace = error.__traceback__
+    while trace is not None and trace.tb_next is not None:
+        trace = trace.tb_next
+    return trace is not None and trace.tb_frame.f_code.co_filename == __file__
+
+
+def _judge(call: Call, argument: str, value: Hostile, result: Any) -> None:
+    """What is taken is legal, or gives what a plain value of the same meaning gives."""
+    if value.name in call.legal.get(argument, ()):
+        return
+    function, good = call.make()
+    plain = value.plain(good[argument])
+    if plain is NOTHING:
+        raise Wrong(Verdict.SILENT, f"taken: {result!r:.200}")
+    expected = comparable(function(**good | {argument: plain}))
+    if not same(result, expected):
+        raise Wrong(Verdict.SILENT, f"{result!r:.200} instead of {expected!r:.200}")

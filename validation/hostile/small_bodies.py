@@ -1,0 +1,78 @@
+"""Small bodies, good arguments and legal values that the tables of calls share."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import cache
+from typing import Any
+
+import numpy as np
+
+from skfem_stvk import Gravity, SimplexMesh, StVK, System, Traction
+from skfem_stvk.results import Fields, State
+
+from .call import Call
+
+#: Legal where an argument may be left out.
+OPTIONAL = frozenset({"None"})
+#: Legal for positive numbers, for numbers that may be zero, and for all.
+POSITIVE = frozenset({"0.5"})
+NOT_NEGATIVE = POSITIVE | {"0"}
+NUMBER = NOT_NEGATIVE | {"-1"}
+#: Legal for texts that are shown as they are.
+TEXT = frozenset({"text", "number as text", "empty text", "long text", "NUL", "control characters", "lone surrogate"})
+NOTHING_LISTED = frozenset({"empty list", "empty dict"})
+#: Legal for what is taken for true or false.
+FLAG = frozenset({"True"})
+
+
+def call(
+    name: str,
+    function: Callable[..., Any],
+    legal: dict[str, frozenset[str]] | None = None,
+    called: dict[str, str] | None = None,
+    **good: Any,
+) -> Call:
+    """A call with good values that are not used up."""
+    return Call(name, lambda: (function, dict(good)), legal or {}, called or {})
+
+
+@cache
+def mesh() -> SimplexMesh:
+    """Four triangles in the plane, with names."""
+    p = np.array([[0.0, 1.0, 2.0, 0.0, 1.0, 2.0], [0.0, 0.0, 0.0, 1.0, 1.0, 1.0]])
+    t = np.array([[0, 1, 1, 2], [1, 4, 2, 5], [3, 3, 4, 4]])
+    return SimplexMesh(
+        p,
+        t,
+        subdomains={"half": np.array([0, 1], dtype=np.int32)},
+        boundaries={"left": np.array([[0], [3]], dtype=np.int32), "right": np.array([[2], [5]], dtype=np.int32)},
+        node_sets={"tip": np.array([5], dtype=np.int32)},
+    )
+
+
+@cache
+def tetrahedra() -> SimplexMesh:
+    """Two tetrahedra."""
+    p = np.array([[0.0, 1.0, 0.0, 0.0, 1.0], [0.0, 0.0, 1.0, 0.0, 1.0], [0.0, 0.0, 0.0, 1.0, 1.0]])
+    return SimplexMesh(
+        p, np.array([[0, 1], [1, 2], [2, 3], [3, 4]]), boundaries={"base": np.array([[0], [1], [2]], dtype=np.int32)}
+    )
+
+
+@cache
+def system() -> System:
+    """A body that is held on its left and loaded on its right."""
+    terms: list[Any] = [StVK(young=2.0, poisson=0.25, density=1.0), Gravity(g=(0.0, -0.25)), Traction("right", (0.25, 0.0))]
+    return System(mesh(), terms, fixed={"left": "xy"})
+
+
+def displacements() -> Any:
+    """(ndofs,) displacements that any precision holds."""
+    return np.round(64 * 0.05 * np.cos(np.arange(12.0))) / 64
+
+
+@cache
+def state() -> State:
+    """A state of the body, in motion."""
+    return Fields(mesh(), list(system().elastic_terms)).at(displacements(), displacements())

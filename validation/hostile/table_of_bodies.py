@@ -1,0 +1,191 @@
+"""Calls that make bodies: materials, terms, meshes, systems."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from skfem_stvk import (
+    Anisotropic,
+    BodyForce,
+    ElasticFoundation,
+    Gravity,
+    Isotropic,
+    NodalLoad,
+    Orthotropic,
+    Pressure,
+    SimplexMesh,
+    StVK,
+    System,
+    Traction,
+    TransverselyIsotropic,
+    VolumePenalty,
+)
+
+from .call import Call
+from .small_bodies import NOT_NEGATIVE, NOTHING_LISTED, NUMBER, OPTIONAL, POSITIVE, call, mesh
+
+FRAME = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+VOIGT = np.diag([4.0, 5.0, 6.0, 1.0, 2.0, 3.0])
+#: What messages call a place.
+PLACE = r"where|the vertices|the place|There is|the predicate| on |names|boundary|region|Subdomain"
+
+
+def on_body(term: Any) -> System:
+    """The system of this term or load, and of a material."""
+    return System(mesh(), [StVK(young=2.0, poisson=0.25, density=1.0), term], fixed={"left": "xy"})
+
+
+def _load(kind: type, **good: Any) -> Call:
+    numbers = {"pressure": NUMBER}
+    return call(
+        kind.__name__,
+        lambda **given: on_body(kind(**given)),
+        {name: numbers.get(name, frozenset()) | (OPTIONAL if name == "region" else frozenset()) for name in good},
+        {"where": PLACE, "region": PLACE},
+        **good,
+    )
+
+
+def calls() -> list[Call]:
+    """All of them."""
+    one = frozenset({"0.5"})
+    material = {"density": OPTIONAL | POSITIVE, "frame": OPTIONAL}
+    return [
+        call(
+            "Isotropic",
+            Isotropic,
+            material | {"young": POSITIVE, "poisson": OPTIONAL | NOT_NEGATIVE},
+            young=2.0,
+            poisson=0.25,
+            density=4.0,
+        ),
+        call(
+            "Isotropic.from_lame",
+            Isotropic.from_lame,
+            material | {"lam": NOT_NEGATIVE | {"-1"}, "mu": POSITIVE},
+            lam=2.0,
+            mu=2.0,
+            density=4.0,
+        ),
+        call("Anisotropic", Anisotropic, material, voigt=VOIGT, density=4.0, frame=FRAME),
+        call(
+            "Orthotropic",
+            Orthotropic,
+            material,
+            young=(4.0, 2.0, 1.0),
+            poisson=(0.25, 0.25, 0.125),
+            shear=(1.0, 2.0, 0.5),
+            density=4.0,
+            frame=FRAME,
+        ),
+        call(
+            "TransverselyIsotropic",
+            TransverselyIsotropic,
+            material
+            | dict.fromkeys(("young_axial", "young_transverse", "shear_axial", "poisson_axial", "poisson_transverse"), NUMBER),
+            young_axial=4.0,
+            young_transverse=2.0,
+            poisson_axial=0.25,
+            poisson_transverse=0.25,
+            shear_axial=1.0,
+            density=4.0,
+            frame=FRAME,
+        ),
+        call(
+            "StVK",
+            lambda **given: System(mesh(), [StVK(**given), StVK(young=1.0, poisson=0.125)]),
+            {
+                "young": one,
+                "poisson": NOT_NEGATIVE,
+                "density": one | OPTIONAL,
+                "thickness": one | OPTIONAL,
+                "plane": OPTIONAL,
+                "region": OPTIONAL,
+            },
+            {"region": PLACE},
+            young=2.0,
+            poisson=0.25,
+            density=4.0,
+            region=[0, 1],
+            plane="stress",
+            thickness=2.0,
+        ),
+        call(
+            "StVK of segments",
+            lambda **given: System(SimplexMesh(np.array([[0.0, 1.0]]), np.array([[0], [1]])), StVK(**given)),
+            {"area": one | OPTIONAL},
+            {"material": r"\bmaterial\b"},
+            material=Isotropic(young=2.0),
+            area=2.0,
+        ),
+        call(
+            "VolumePenalty",
+            lambda **given: on_body(VolumePenalty(**given)),
+            {"stiffness": one | OPTIONAL, "region": OPTIONAL},
+            {"region": PLACE},
+            stiffness=2.0,
+            kind="quadratic",
+            region="half",
+        ),
+        call(
+            "ElasticFoundation",
+            lambda **given: on_body(ElasticFoundation(**given)),
+            {"stiffness": one},
+            {"where": PLACE},
+            where="left",
+            stiffness=(2.0, 0.0),
+        ),
+        _load(Gravity, g=(0.0, -8.0)),
+        _load(BodyForce, force=(0.0, -8.0), region="half"),
+        _load(NodalLoad, where=[2, 5], force=(0.0, -8.0)),
+        _load(Traction, where="right", traction=(0.0, -8.0)),
+        _load(Pressure, where="right", pressure=2.0),
+        call(
+            "System",
+            System,
+            {"fixed": OPTIONAL | NOTHING_LISTED, "prescribed": OPTIONAL | NOTHING_LISTED, "dtype": OPTIONAL},
+            {
+                "mesh": r"mesh",
+                "terms": r"terms?\b",
+                "fixed": "fixed|components|place|vertices",
+                "prescribed": "prescribed|displacements",
+            },
+            mesh=mesh(),
+            terms=[StVK(young=2.0, poisson=0.25)],
+            fixed={"left": "xy"},
+            prescribed={"right": {"x": 0.25}},
+            dtype="float64",
+        ),
+        call(
+            "System of a place that is fixed",
+            lambda where, components, value: System(
+                mesh(), StVK(young=2.0, poisson=0.25), [(where, components)], [([2, 5], {"x": value})]
+            ),
+            {"value": NUMBER},
+            {"where": PLACE, "components": "fixed on|components", "value": "prescribed on|component"},
+            where=[0, 3],
+            components="xy",
+            value=[0.25, 0.5],
+        ),
+        call(
+            "SimplexMesh",
+            SimplexMesh,
+            dict.fromkeys(("subdomains", "boundaries", "node_sets"), OPTIONAL | NOTHING_LISTED),
+            p=mesh().p,
+            t=mesh().t,
+            subdomains={"a": [0]},
+            boundaries={"b": [[0], [3]]},
+            node_sets={"c": [5]},
+        ),
+        call("SimplexMesh.of", SimplexMesh.of, {}, {"mesh": "mesh"}, mesh=(mesh().p, mesh().t)),
+        call("SimplexMesh.elements", mesh().elements, {"region": OPTIONAL}, {"region": PLACE}, region=[0, 2]),
+        call(
+            "SimplexMesh.with_boundaries",
+            mesh().with_boundaries,
+            {"boundaries": NOTHING_LISTED},
+            {"boundaries": "boundar"},
+            boundaries={"new": [0, 1]},
+        ),
+    ]

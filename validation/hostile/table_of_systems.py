@@ -1,0 +1,111 @@
+"""Calls of what a system does: energies, forces, tangents, masses, free degrees of freedom."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from skfem_stvk import SimplexMesh
+from skfem_stvk.edges import TENSILE
+from skfem_stvk.system import Supports
+from skfem_stvk.terms.load import Moment
+
+from .call import Call
+from .small_bodies import NUMBER, OPTIONAL, call, displacements, system
+
+#: Functions of displacements alone, and of displacements and the load factor.
+OF_U = (
+    "energy",
+    "internal_force",
+    "energy_and_force",
+    "tangent",
+    "linearize",
+    "linear_operator",
+    "steady_potential",
+    "elastic_energies",
+    "round_off",
+    "smallest_volume_ratio",
+    "inside_out",
+    "smallest_stretch",
+)
+OF_U_AND_T = ("external_force", "potential", "driving_force", "residual", "jacobian", "energies")
+OF_U_AND_V = ("product", "energy_along", "step_limit")
+
+
+def calls() -> list[Call]:
+    """All of them."""
+    body, u = system(), displacements()
+    time = {"t": NUMBER}
+    K = body.tangent(u)
+    held = body.free_dofs([0, 1])
+    restricted = held.matrix(K)
+    mass = body.mass()
+    return [
+        *(call(f"System.{name}", getattr(body, name), u=u) for name in OF_U),
+        *(call(f"System.{name}", getattr(body, name), time, u=u, t=0.5) for name in OF_U_AND_T),
+        *(call(f"System.{name}", getattr(body, name), u=u, v=u[::-1].copy()) for name in OF_U_AND_V),
+        call(
+            "System.external_force at a moment",
+            lambda time, factor: body.external_force(u, Moment(time, factor)),
+            {"time": NUMBER, "factor": NUMBER},
+            {"time": r"\bt =|time", "factor": r"\bt =|factor"},
+            time=0.5,
+            factor=0.5,
+        ),
+        call("System.compressed", body.compressed, {"below": NUMBER | {"inf"}}, u=u, below=0.5),
+        call("System.mass", body.mass, called={"kind": "mass|kind"}, kind="consistent"),
+        call(
+            "System.free_dofs", body.free_dofs, {"fixed": frozenset({"empty list", "empty array", "one longer"})}, fixed=[0, 1, 4]
+        ),
+        _writing("energy_and_force", {"out": OPTIONAL}, u=u),
+        _writing("add_damping_force", u=u, v=u),
+        _writing("add_mean_force", {"theta": NUMBER}, u0=u, u1=2 * u, weights=(0.5, 0.25), theta=0.5),
+        _writing("add_secant_damping", {"theta": NUMBER}, u0=u, u1=2 * u, theta=0.5),
+        Call("System.tangent into a matrix", lambda: (body.tangent, {"u": u, "out": K.copy()}), {"out": OPTIONAL}),
+        Call(
+            "System.jacobian into a matrix",
+            lambda: (body.jacobian, {"u": u, "t": 0.5, "out": K.copy(), "kept": TENSILE}),
+            time | {"out": OPTIONAL},
+        ),
+        Call("System.linearize into a matrix", lambda: (body.linearize, {"u": u, "out": K.copy()}), {"out": OPTIONAL}),
+        call("System.linear_operator of tensions", lambda kept: body.linear_operator(u, kept=kept).matvec(u), kept=TENSILE),
+        call("TangentOperator.prepare", lambda **given: body.linear_operator(u).prepare(**given), u=u),
+        call("FreeDofs.matrix", held.matrix, {"out": OPTIONAL}, K=K, out=restricted),
+        call("FreeDofs.vector", held.vector, dict.fromkeys(("free", "fixed"), NUMBER), free=np.arange(10.0), fixed=[0.5, 0.25]),
+        call("Mass.multiply", mass.multiply, v=u),
+        call("Mass.solve", mass.solve, f=u),
+        call("consistent Mass.multiply", body.mass("consistent").multiply, v=u),
+        call("consistent Mass.solve", body.mass("consistent").solve, f=u),
+        Call("Mass.add_to", lambda: (_added, {"K": K.copy(), "factor": 0.5}), {"factor": NUMBER}),
+        call(
+            "Supports",
+            _supports,
+            {"fixed": OPTIONAL | {"empty list", "empty dict"}, "prescribed": OPTIONAL | {"empty list", "empty dict"}},
+            {"mesh": "mesh", "fixed": "fixed|components|place|vertices", "prescribed": "prescribed|displacements"},
+            mesh=body.mesh,
+            fixed={"left": "xy"},
+            prescribed={"right": {"x": 0.5}},
+        ),
+        call("Supports.values", Supports(body.mesh, {"left": "xy"}, {"right": {"x": 0.5}}).values, time, t=0.5),
+    ]
+
+
+def _supports(mesh: SimplexMesh, fixed: Any, prescribed: Any) -> Any:
+    supports = Supports(mesh, fixed, prescribed)
+    return supports.held, supports.values(0.5)
+
+
+def _added(K: Any, factor: Any) -> Any:
+    system().mass().add_to(K, factor)
+    return K
+
+
+def _writing(name: str, legal: Any = None, **good: Any) -> Call:
+    """A method that writes to an array, and gives that back."""
+
+    def written(out: Any, **given: Any) -> Any:
+        found = getattr(system(), name)(**given, out=out)
+        return found, out
+
+    return Call(f"System.{name} into an array", lambda: (written, {**good, "out": np.zeros(system().ndofs)}), legal or {})
