@@ -10,32 +10,40 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..arguments import shown, whole_array
 from ..errors import RegionError, name_ids, name_known
+from .dofs_views import DofsView, refuse_foreign, vertices_of
 from .facets import find_facets
 from .simplices import SimplexMesh
 
-#: The name of a boundary or of a node set; vertex ids, or a mask; or a predicate of coordinates `x` (d, n), as in scikit-fem:
-#: `lambda x: x[0] == 0`.
-Where: TypeAlias = str | ArrayLike | Callable[[NDArray[np.float64]], ArrayLike]
+#: The name of a boundary or of a node set; vertex ids, or a mask; a predicate of coordinates `x` (d, n), as in scikit-fem:
+#: `lambda x: x[0] == 0`; or what scikit-fem's `basis.get_dofs(...)` returned, which stands for its vertices.
+Where: TypeAlias = str | ArrayLike | Callable[[NDArray[np.float64]], ArrayLike] | DofsView
 
 
 def vertices_at(mesh: SimplexMesh, where: Where, what: str = "The place") -> NDArray[np.int64]:
-    """Ids of the vertices there, ascending.
+    """Ids of the vertices there: listed ids in the order in which they are given, all others ascending.
 
     Raises
     ------
     RegionError
-        if there are none, or the name is unknown; the message begins with `what` asks for them.
+        if there are none, the name is unknown, or ids are listed twice; the message begins with `what` asks for them.
 
     >>> mesh = SimplexMesh(p=[[0, 1, 0, 1], [0, 0, 1, 1]], t=[[0, 1], [1, 2], [2, 3]], node_sets={"corner": [3]})
-    >>> vertices_at(mesh, "corner"), vertices_at(mesh, lambda x: x[0] == 0)
-    (array([3]), array([0, 2]))
+    >>> vertices_at(mesh, "corner"), vertices_at(mesh, lambda x: x[0] == 0), vertices_at(mesh, [2, 0])
+    (array([3]), array([0, 2]), array([2, 0]))
     """
     if isinstance(where, str):
         ids = _named(mesh, where, what)
     elif callable(where):
         ids = _satisfying(mesh, where, what)
     else:
+        if isinstance(where, DofsView):
+            refuse_foreign(mesh, where, what)
         ids = _listed(mesh, where, f"{what}: the vertices")
+        unique, counts = np.unique(ids, return_counts=True)
+        if len(unique) < len(ids):
+            raise RegionError(
+                f"{what}: the vertices name {name_ids(unique[counts > 1], 'vertex')} more than once. Name each once; values follow their order."
+            )
     if not len(ids):
         raise RegionError(f"{what}: no vertex there. {describe(where)} is empty.")
     return ids
@@ -68,6 +76,15 @@ def facets_at(mesh: SimplexMesh, where: Where, what: str = "The place") -> NDArr
     return facets
 
 
+def in_order(mesh: SimplexMesh, where: Where, facets: NDArray[np.int32]) -> NDArray[np.int64]:
+    """(n,) vertices of the facets at a place, in the order in which values are given for them: that of `vertices_at`."""
+    ids = np.unique(facets).astype(np.int64)
+    if isinstance(where, str) or callable(where):
+        return ids
+    listed = vertices_at(mesh, where)
+    return listed[np.isin(listed, ids)]
+
+
 def describe(where: Any) -> str:
     """A place in words.
 
@@ -78,7 +95,7 @@ def describe(where: Any) -> str:
         return shown(where)
     if callable(where):
         return f"the predicate {getattr(where, '__name__', type(where).__name__)!r}"
-    ids = whole_array(where)
+    ids = _array(where)
     if ids is None or ids.ndim != 1:
         return shown(where)
     return name_ids(np.flatnonzero(ids) if ids.dtype == bool else ids, "vertex")
@@ -87,7 +104,7 @@ def describe(where: Any) -> str:
 def _named(mesh: SimplexMesh, name: str, what: str) -> NDArray[np.int64]:
     _refuse_unknown(mesh, name, what)
     on_boundary = np.unique(_boundary(mesh, name)).astype(np.int64) if name in mesh.boundaries else None
-    in_set = _listed(mesh, mesh.node_sets[name], f"Node set {name!r}") if name in mesh.node_sets else None
+    in_set = np.unique(_listed(mesh, mesh.node_sets[name], f"Node set {name!r}")) if name in mesh.node_sets else None
     if on_boundary is None or in_set is None:
         return in_set if on_boundary is None else on_boundary  # type: ignore[return-value]
     if not np.array_equal(on_boundary, in_set):
@@ -143,11 +160,12 @@ def _satisfying(mesh: SimplexMesh, predicate: Callable[[Any], Any], what: str) -
 
 
 def _listed(mesh: SimplexMesh, given: Any, what: str) -> NDArray[np.int64]:
-    ids = whole_array(given)
+    """Vertex ids as they are given, or those of a mask."""
+    ids = _array(given)
     if ids is None or ids.ndim != 1:
         raise RegionError(
-            f"{what} are {shown(given)}; expected the name of a boundary or of a node set, a list of vertex ids, a mask, or a predicate such "
-            "as lambda x: x[0] == 0."
+            f"{what} are {shown(given)}; expected the name of a boundary or of a node set, a list of vertex ids, a mask, a predicate such "
+            "as lambda x: x[0] == 0, or what scikit-fem's basis.get_dofs(...) returned."
         )
     if ids.dtype == bool:
         if ids.shape != (mesh.nv,):
@@ -156,4 +174,9 @@ def _listed(mesh: SimplexMesh, given: Any, what: str) -> NDArray[np.int64]:
     bad = ids[(ids < 0) | (ids >= mesh.nv)] if ids.size else ids
     if len(bad):
         raise RegionError(f"{what} name {name_ids(bad, 'vertex')} outside 0 ... {mesh.nv - 1}.")
-    return np.unique(ids).astype(np.int64)
+    return ids.astype(np.int64)
+
+
+def _array(given: Any) -> NDArray[Any] | None:
+    """Ids or a mask; None for what is neither."""
+    return vertices_of(given) if isinstance(given, DofsView) else whole_array(given)

@@ -10,6 +10,7 @@ from typing import Any, TypeAlias
 import numpy as np
 import skfem
 from numpy.typing import NDArray
+from skfem.assembly.dofs import DofsView
 
 from ..arguments import shown, whole_array
 from ..errors import MeshError, RegionError, name_ids, name_known, warn
@@ -173,6 +174,10 @@ class SimplexMesh:
                 raise RegionError(f"The mesh has no subdomain {shown(region)}; {name_known(region, self.subdomains)}")
             what, given = f"Subdomain {region!r}", self.subdomains[region]
         else:
+            if isinstance(region, DofsView):
+                raise RegionError(
+                    "The region is what scikit-fem's get_dofs returned, degrees of freedom; expected a name in subdomains, element ids or a mask."
+                )
             what, given = "The region", region
         ids = whole_array(given)
         if ids is None or ids.ndim != 1 or not ids.size:

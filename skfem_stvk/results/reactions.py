@@ -20,7 +20,7 @@ class Reaction:
 
     Attributes
     ----------
-    vertices : (n,) their ids.
+    vertices : (n,) their ids, ascending.
     by_node : (n, d) force on each [N].
     rest, u : (n, d) where they were, and by how much they have moved [m].
 
@@ -39,24 +39,17 @@ class Reaction:
     u: Array
 
     @classmethod
-    def of(cls, mesh: SimplexMesh, u: ArrayLike, forces: ArrayLike, vertices: ArrayLike) -> Reaction:
-        """Those of the nodal forces (nv, d) [N], flat or not, that act on these vertices at displacements `u` (ndofs,) [m].
+    def of(cls, mesh: SimplexMesh, u: ArrayLike, forces: ArrayLike, vertices: Where) -> Reaction:
+        """Those of the nodal forces (nv, d) [N], flat or not, that act on the vertices at a place at displacements `u` (ndofs,) [m].
 
         Raises
         ------
         StateError
             if `u` or `forces` do not fit the mesh or are not finite.
-        StvkError
+        RegionError
             if there are no vertices, or not these.
         """
-        ids = np.unique(np.asarray(vertices, dtype=np.int64))
-        if not len(ids):
-            raise StvkError("No vertices came; expected the ids of at least one.")
-        if ids[0] < 0 or ids[-1] >= mesh.nv:
-            outside = ids[(ids < 0) | (ids >= mesh.nv)]
-            raise StvkError(
-                f"{name_ids(outside, 'vertex')} outside 0 ... {mesh.nv - 1}. Are the ids counted from 1, or of another mesh?"
-            )
+        ids = np.sort(vertices_at(mesh, vertices, "Reaction"))
         return cls(ids, _nodal(forces, "forces", mesh)[ids], mesh.p.T[ids], _nodal(u, "u", mesh)[ids])
 
     @property

@@ -35,7 +35,7 @@ class FreeDofs:
     Parameters
     ----------
     system : whose they are.
-    fixed : degrees of freedom that are held, such as scikit-fem's `basis.get_dofs(...)`.
+    fixed : degrees of freedom that are held; `System.free_dofs` also takes places.
 
     Attributes
     ----------
@@ -59,11 +59,17 @@ class FreeDofs:
     True
     """
 
-    def __init__(self, system: Patterned, fixed: ArrayLike | Any) -> None:
+    def __init__(self, system: Patterned, fixed: ArrayLike) -> None:
         ndofs = system.ndofs
-        ids = np.asarray(fixed.all() if hasattr(fixed, "all") and not isinstance(fixed, np.ndarray) else fixed)
-        if ids.ndim != 1 or (ids.size and not np.issubdtype(ids.dtype, np.integer)):
-            raise StvkError(f"fixed has shape {ids.shape} and dtype {ids.dtype}; expected a list of degrees of freedom.")
+        try:
+            ids = np.asarray(fixed)
+        except ValueError:  # rows of different lengths
+            ids = np.asarray(None)
+        if ids.ndim != 1 or (ids.size and not np.issubdtype(ids.dtype, np.integer)) or np.ma.is_masked(fixed):
+            raise StvkError(
+                f"fixed has shape {ids.shape} and dtype {ids.dtype}; expected a list of degrees of freedom, d * vertex + component: bare "
+                "integers are those here, and vertices in System(fixed=...). Of a mask take np.flatnonzero(mask)."
+            )
         bad = ids[(ids < 0) | (ids >= ndofs)]
         if len(bad):
             raise StvkError(

@@ -8,9 +8,10 @@ from typing import Any, NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arguments import shown
+from ..arguments import shown, whole_array
 from ..errors import SupportError, name_ids
 from ..mesh import SimplexMesh
+from ..mesh.dofs_views import DofsView, dofs_of
 from ..mesh.places import Where, describe, vertices_at
 from ..terms.load import Moment, Time, Value
 
@@ -33,10 +34,11 @@ class Supports:
     Parameters
     ----------
     mesh : of the body.
-    fixed : components that do not move, by place: `{"wall": "xyz", "symmetry": "y"}`.
-    prescribed : displacements [m], by place and component: `{"handle": {"x": 0.01}}`; a number, (n,) values for the vertices there in
-        ascending order, or a function of t or of (x, t). Or one function of (x, t) for all components of a place, which returns (d, n).
-        What is given by constants ramps with the load factor.
+    fixed : components that do not move, by place: `{"wall": "xyz", "symmetry": "y"}`; bare integers at a place are vertices. Or what scikit-fem's
+        `basis.get_dofs(...)` returned, one or several by name: exactly those degrees of freedom.
+    prescribed : displacements [m], by place and component: `{"handle": {"x": 0.01}}`; a number, (n,) values for the vertices there, in the order of
+        ids as given, otherwise ascending, or a function of t or of (x, t). Or one function of (x, t) for all components of a place, which returns
+        (d, n). What is given by constants ramps with the load factor.
 
     Attributes
     ----------
@@ -56,12 +58,13 @@ class Supports:
     (array([0, 1]), array([3]), array([0.  , 0.  , 0.05]))
     """
 
-    def __init__(self, mesh: SimplexMesh, fixed: Displacements | None = None, prescribed: Displacements | None = None) -> None:
+    def __init__(
+        self, mesh: SimplexMesh, fixed: Displacements | DofsView | None = None, prescribed: Displacements | None = None
+    ) -> None:
         self._mesh = mesh
-        held = [self._fix(where, letters) for where, letters in _pairs(fixed, "fixed", '{"wall": "xyz"}')]
+        self.fixed = fixed_dofs(mesh, fixed)
         entries = _pairs(prescribed, "prescribed", '{"handle": {"x": 0.01}}')
         motions = [motion for where, given in entries for motion in self._move(where, given)]
-        self.fixed = _union(held)
         self.prescribed = _union([motion.dofs for motion in motions])
         self.held = np.union1d(self.fixed, self.prescribed)
         self._refuse_both()
@@ -89,11 +92,6 @@ class Supports:
                 self._refuse_different(place, values[place], value.at(t), t)
         return values
 
-    def _fix(self, where: Where, letters: Any) -> Dofs:
-        what = f"fixed on {describe(where)}"
-        components = self._components(letters, what)
-        return _dofs(vertices_at(self._mesh, where, what), components, self._mesh.d)
-
     def _move(self, where: Where, given: Any) -> list[Motion]:
         what = f"prescribed on {describe(where)}"
         vertices, d = vertices_at(self._mesh, where, what), self._mesh.d
@@ -109,16 +107,8 @@ class Supports:
         return [
             Motion(_dofs(vertices, [component], d), Value(value, (), x, f"{what}, component {letter}", SupportError))
             for letter, value in given.items()
-            for component in self._components(letter, what)
+            for component in _components(self._mesh, letter, what)
         ]
-
-    def _components(self, letters: Any, what: str) -> list[int]:
-        own = "xyz"[: self._mesh.d]
-        if not isinstance(letters, str) or not letters or not set(letters) <= set(own) or len(set(letters)) < len(letters):
-            raise SupportError(
-                f"{what}: {shown(letters)} came; expected components of this mesh of {self._mesh.kind}, from {own!r}, each once."
-            )
-        return [own.index(letter) for letter in letters]
 
     def _refuse_both(self) -> None:
         both = np.intersect1d(self.fixed, self.prescribed)
@@ -143,11 +133,66 @@ class Supports:
         return "; ".join(f"{'xyz'[c]} of {name_ids(vertices[components == c], 'vertex')}" for c in np.unique(components))
 
 
+def fixed_dofs(mesh: SimplexMesh, fixed: Displacements | DofsView | None) -> Dofs:
+    """Degrees of freedom that components at places are, or that scikit-fem found; ascending.
+
+    Raises
+    ------
+    RegionError, SupportError
+        as by `Supports`.
+
+    >>> mesh = SimplexMesh(p=[[0, 1, 0], [0, 0, 1]], t=[[0], [1], [2]])
+    >>> fixed_dofs(mesh, [([2, 0], "y")])
+    array([1, 5])
+    """
+    if isinstance(fixed, DofsView):
+        return dofs_of(mesh, fixed, "fixed")
+    return _union([_fixed_at(mesh, where, letters) for where, letters in _pairs(fixed, "fixed", '{"wall": "xyz"}')])
+
+
+def dofs_at(mesh: SimplexMesh, given: Any) -> Any:
+    """Degrees of freedom of all that `fixed_dofs` takes, and of all components at a name or predicate; other things are handed back as they are.
+
+    Raises
+    ------
+    RegionError, SupportError
+        as by `Supports`.
+    """
+    if isinstance(given, str) or callable(given):
+        return _dofs(vertices_at(mesh, given, "fixed"), range(mesh.d), mesh.d)
+    pairs = isinstance(given, list | tuple) and any(
+        isinstance(one, list | tuple) and len(one) == 2 and isinstance(one[-1], str | DofsView) for one in given
+    )
+    return fixed_dofs(mesh, given) if pairs or isinstance(given, Mapping | DofsView) else given
+
+
+def _fixed_at(mesh: SimplexMesh, where: Where, letters: Any) -> Dofs:
+    if isinstance(letters, DofsView):  # one of those by name that get_dofs({...}) returned
+        return dofs_of(mesh, letters, f"fixed on {describe(where)}")
+    what = f"fixed on {describe(where)}"
+    return _dofs(vertices_at(mesh, where, what), _components(mesh, letters, what), mesh.d)
+
+
+def _components(mesh: SimplexMesh, letters: Any, what: str) -> list[int]:
+    own = "xyz"[: mesh.d]
+    if not isinstance(letters, str) or not letters or not set(letters) <= set(own) or len(set(letters)) < len(letters):
+        raise SupportError(
+            f"{what}: {shown(letters)} came; expected components of this mesh of {mesh.kind}, from {own!r}, each once."
+        )
+    return [own.index(letter) for letter in letters]
+
+
 def _pairs(given: Any, name: str, example: str) -> list[tuple[Any, Any]]:
     """Places and what is said about them."""
     pairs = list(given.items()) if isinstance(given, Mapping) else given if given is not None else []
     if not isinstance(pairs, list | tuple) or any(not isinstance(pair, list | tuple) or len(pair) != 2 for pair in pairs):
-        raise SupportError(f"{name} = {shown(given)}; expected a dict such as {example}, or a list of such pairs.")
+        bare = ""
+        if name == "fixed" and whole_array(given) is not None:
+            bare = (
+                " Bare integers do not say which components: vertices are fixed=[(ids, 'xyz')]; degrees of freedom are what scikit-fem's "
+                "basis.get_dofs(...) returned, not its .all(), such as fixed=basis.get_dofs('wall').keep('u^1')."
+            )
+        raise SupportError(f"{name} = {shown(given)}; expected a dict such as {example}, or a list of such pairs.{bare}")
     return list(pairs)
 
 

@@ -18,6 +18,7 @@ from ..kernels.threads import Turn
 from ..mesh import MeshLike, SimplexMesh
 from ..mesh.diagnostics import check_mesh, warn_of_flat_elements
 from ..mesh.displacements import all_finite, by_vertex
+from ..mesh.dofs_views import DofsView
 from ..terms import Body, BoundLoad, BoundTerm, HasDampingForce, HasMeanForce, HasStretch, HasVolume, Load, Quartic, StVK, Term
 from ..terms.load import Moment, Time
 from .free import FreeDofs
@@ -26,7 +27,7 @@ from .mass import Mass, kind_of_mass
 from .operator import TangentOperator
 from .pattern import Pattern
 from .rigid import parts_of
-from .supports import Displacements, Supports
+from .supports import Displacements, Supports, dofs_at
 
 Array = NDArray[np.floating[Any]]
 
@@ -52,7 +53,8 @@ class System:
     mesh : scikit-fem mesh of simplices, arrays `(p, t)`, or `SimplexMesh`.
     terms : a term, or several that add up: `StVK`, `VolumePenalty`, `ElasticFoundation`; the loads `Gravity`, `BodyForce`, `NodalLoad`, `Traction`, `Pressure`.
     fixed : components that do not move, by place: `{"wall": "xyz", "symmetry": "y"}`. A place is the name of a boundary or of a node
-        set, vertex ids, or a predicate of the coordinates, as in scikit-fem.
+        set, vertex ids, a predicate of the coordinates, as in scikit-fem, or what its `basis.get_dofs(...)` returned, which stands for its
+        vertices. As a whole, `fixed=basis.get_dofs(...)`, it is its own degrees of freedom; bare integers are always vertices.
     prescribed : displacements by place and component: `{"handle": {"x": 0.01}}` [m], reached at t = 1; or functions of (x, t).
     dtype : float64, or float32: half the memory, faster on large meshes, with errors of 1e-6 instead of 1e-15 (of the largest entry, and
         on elements that are not flat).
@@ -80,7 +82,7 @@ class System:
         self,
         mesh: MeshLike,
         terms: Term | Load | Sequence[Term | Load],
-        fixed: Displacements | None = None,
+        fixed: Displacements | DofsView | None = None,
         prescribed: Displacements | None = None,
         *,
         dtype: DTypeLike = np.float64,
@@ -564,8 +566,22 @@ class System:
         return np.unique(np.concatenate(ids))
 
     def free_dofs(self, fixed: Any) -> FreeDofs:
-        """The degrees of freedom that are not `fixed`, and K restricted to them without slicing."""
-        return FreeDofs(self, fixed)
+        """The degrees of freedom that are not `fixed`, and K restricted to them without slicing.
+
+        Parameters
+        ----------
+        fixed : what scikit-fem's `basis.get_dofs(...)` returned; the name of a boundary or node set or a predicate, for all components there;
+            components by place as in `System(fixed=...)`; or bare integers, which are degrees of freedom `d * vertex + component` here, and
+            vertices at the places of `System(fixed=...)`.
+
+        Raises
+        ------
+        RegionError, SupportError
+            if there is nothing at a place, or a component is not of the mesh.
+        StvkError
+            if a degree of freedom is out of range, or none is free.
+        """
+        return FreeDofs(self, dofs_at(self.mesh, fixed))
 
     def memory(self) -> dict[str, int]:
         """Bytes of what the system holds now, by part; what has not been asked for yet is not there.

@@ -40,7 +40,7 @@ class DeadLoad:
     edges: NDArray[np.int32] = np.empty((2, 0), dtype=np.int32)
 
     def __init__(self, mesh: SimplexMesh, spread: Spread | Nodes, value: Value) -> None:
-        self._at: Any = slice(None) if len(spread.vertices) == mesh.nv else spread.vertices
+        self._at: Any = slice(None) if np.array_equal(spread.vertices, np.arange(mesh.nv)) else spread.vertices
         self._spread, self._value = spread, value
         self._unit = None if value.constant is None else spread.integrate(value.constant)
         self._known = Moment(1.0, 1.0), self._compute(Moment(1.0, 1.0))

@@ -57,7 +57,8 @@ class Value:
 
     Parameters
     ----------
-    given : a number or (d,) components; one more axis for one value at each of the n points; or a function that returns one of these.
+    given : a number or (d,) components; (n,) or (d, n) for one value at each of the n points, in their order; a tuple or list of d components,
+        each a number or (n,); or a function that returns one of these.
     shape : () for a number, (d,) for components.
     x : (d, n) points where it is needed.
     what : the beginning of messages.
@@ -71,7 +72,8 @@ class Value:
     Raises
     ------
     LoadError or `error`
-        if it has another shape, or is not finite at t = 0 or 1.
+        if it has another shape, is not finite at t = 0 or 1, or is an array (d, d) for d points, of which rows and columns cannot be told; what
+        functions of x return is laid out like x.
 
     >>> x = np.array([[0.0, 1.0], [0.0, 0.0]])
     >>> Value((0, -2), (2,), x, "Traction").at(0.5)
@@ -119,15 +121,28 @@ class Value:
         values = _together(given) if self._shape and isinstance(given, tuple | list) else real_array(given)
         if values is None:
             raise self._error(f"{self._what}: {source} is {shown(given)}; expected {self._expected}.")
+        self._refuse_square(given, values.shape, source)
         if values.shape == self._shape:
             values = values[..., None]
-        if values.shape not in ((*self._shape, 1), (*self._shape, self._x.shape[1])):
-            raise self._error(f"{self._what}: {source} has shape {values.shape}; expected {self._expected}.")
+        wanted = (*self._shape, self._x.shape[1])
+        if values.shape not in ((*self._shape, 1), wanted):
+            hint = " Transpose it: values.T." if values.shape == wanted[::-1] else ""
+            raise self._error(f"{self._what}: {source} has shape {values.shape}; expected {self._expected}.{hint}")
         bad = np.flatnonzero(~np.isfinite(values).all(axis=tuple(range(len(self._shape)))))
         if len(bad):
             where = f" in {name_ids(bad, 'entry')}" if values.shape[-1] > 1 else ""
             raise self._error(f"{self._what}: {source} is not finite{where}.")
         return np.array(values)
+
+    def _refuse_square(self, given: Any, shape: tuple[int, ...], source: str) -> None:
+        """Refuse an array (d, d) for d points: it says neither which axis is that of components, nor is it laid out like `x`."""
+        d = self._shape[0] if self._shape else 0
+        if isinstance(given, tuple | list) or self._arguments == 2 or not 1 < d == self._x.shape[1] or shape != (d, d):
+            return
+        raise self._error(
+            f"{self._what}: {source} has shape {shape}, and there are {d} components and {d} vertices: rows may be either. Give a tuple of {d} "
+            "components: tuple(values) if a row is a component, tuple(values.T) if a row is a vertex."
+        )
 
     @property
     def _expected(self) -> str:

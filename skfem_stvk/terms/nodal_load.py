@@ -17,9 +17,9 @@ class NodalLoad(Load):
 
     Parameters
     ----------
-    where : name of a boundary or of a node set, vertex ids or a mask, or a predicate of x (d, n).
-    force : on *each* vertex [N]: components, or (d, n) with a column for each of its vertices, ascending; these ramp with the load factor.
-        Or a function of t or of (x, t), taken as it is.
+    where : name of a boundary or of a node set, vertex ids or a mask, predicate of x (d, n), or scikit-fem's get_dofs(...).
+    force : on *each* vertex [N]: components, or (d, n) with one column for each vertex, in the order of ids as given, otherwise ascending; these
+        ramp with the load factor. Or a function of t or of (x, t), taken as it is.
 
     Raises
     ------

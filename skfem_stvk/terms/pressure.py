@@ -12,7 +12,7 @@ from ..errors import LoadError, name_ids
 from ..mesh import SimplexMesh
 from ..mesh.facets import find_facets
 from ..mesh.orientation import turned_alike
-from ..mesh.places import Where, describe, facets_at
+from ..mesh.places import Where, describe, facets_at, in_order
 from .body import Body
 from .follower import FollowerPressure
 from .load import Load, Value
@@ -30,8 +30,9 @@ class Pressure(Load):
     Parameters
     ----------
     where : as of `Traction`; for triangles in space the name of a subdomain, element ids or a mask, or None for all.
-    pressure : `p` per deformed area [N/m^2], positive pushes inwards: a number, which ramps with the load factor; or a function of t or of
-        (x, t), taken as it is, `x` reference coordinates, and interpolated linearly between vertices.
+    pressure : `p` per deformed area [N/m^2], positive pushes inwards: a number, or (n,) values at the vertices, in the order of vertex ids as
+        given, otherwise ascending; these ramp with the load factor. Or a function of t or of (x, t), taken as it is, `x` reference coordinates.
+        Interpolated linearly between vertices.
 
     Raises
     ------
@@ -58,12 +59,13 @@ class Pressure(Load):
             raise LoadError(f"Pressure: the mesh has {mesh.kind}, which have no surface. Use Traction or NodalLoad.")
         if mesh.k < mesh.d:
             what = "Pressure" if self.where is None else f"Pressure on {describe(self.where)}"
-            surface = _membrane(mesh, self.where, what)
+            surface, vertices = _membrane(mesh, self.where, what), None
         else:
             what = f"Pressure on {describe(self.where)}"
             surface = _outwards(mesh, self.where, what)
+            vertices = in_order(mesh, self.where, surface)
         thickness = body.facet_sections(surface) if mesh.d == 2 else np.ones(surface.shape[1])
-        spread = Spread(mesh, surface, thickness)
+        spread = Spread(mesh, surface, thickness, vertices)
         return FollowerPressure(mesh, surface, spread, Value(self.pressure, (), spread.x, what, name="pressure"))
 
 

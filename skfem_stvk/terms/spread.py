@@ -24,19 +24,25 @@ class Spread:
     mesh : whose vertices they have.
     simplices : (m, n) elements or facets.
     sizes : (n,) what a unit of `f` acts on: volumes, masses, areas.
+    vertices : (nv,) ids of the same vertices in the order of values; by default ascending.
 
     Attributes
     ----------
-    vertices : (nv,) ids of their vertices, ascending.
+    vertices : (nv,) ids of their vertices.
     x : (d, nv) their coordinates [m].
     """
 
-    def __init__(self, mesh: SimplexMesh, simplices: NDArray[np.int32], sizes: Values) -> None:
-        there = np.zeros(mesh.nv, dtype=bool)
-        there[simplices] = True
-        self.vertices = np.flatnonzero(there)
-        self.x = mesh.p[:, self.vertices]
-        self.corners = (np.cumsum(there) - 1)[simplices]
+    def __init__(
+        self, mesh: SimplexMesh, simplices: NDArray[np.int32], sizes: Values, vertices: NDArray[np.int64] | None = None
+    ) -> None:
+        if vertices is None:
+            there = np.zeros(mesh.nv, dtype=bool)
+            there[simplices] = True
+            vertices = np.flatnonzero(there)
+        number = np.empty(mesh.nv, dtype=np.int64)
+        number[vertices] = np.arange(len(vertices))
+        self.vertices, self.x = vertices, mesh.p[:, vertices]
+        self.corners = number[simplices]
         self.sizes = sizes
 
     @cached_property

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-from ..mesh.places import Where, describe, facets_at
+from ..mesh.places import Where, describe, facets_at, in_order
 from .body import Body
 from .dead import DeadLoad
 from .load import Load, Value
@@ -20,10 +20,10 @@ class Traction(Load):
 
     Parameters
     ----------
-    where : name of a boundary; or name of a node set, vertex ids or a mask, or a predicate of x (d, n): all boundary facets whose vertices
-        are all there.
-    traction : `T` per area at rest [N/m^2]: components, which ramp with the load factor; or a function of t or of (x, t), taken as it is
-        and interpolated linearly between vertices.
+    where : name of a boundary; or another place (name of a node set, vertex ids or a mask, predicate of x (d, n), scikit-fem's get_dofs(...)):
+        all boundary facets whose vertices are all there.
+    traction : `T` per area at rest [N/m^2]: components, or (d, n) with one column for each vertex of the facets, in the order of ids as given,
+        otherwise ascending; these ramp with the load factor. Or a function of t or of (x, t), taken as it is. Interpolated linearly between vertices.
 
     Raises
     ------
@@ -45,5 +45,5 @@ class Traction(Load):
     def bind(self, body: Body) -> DeadLoad:
         what = f"Traction on {describe(self.where)}"
         facets = facets_at(body.mesh, self.where, what)
-        spread = Spread(body.mesh, facets, body.facet_areas(facets))
+        spread = Spread(body.mesh, facets, body.facet_areas(facets), in_order(body.mesh, self.where, facets))
         return DeadLoad(body.mesh, spread, Value(self.traction, (body.mesh.d,), spread.x, what, name="traction"))

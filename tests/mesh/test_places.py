@@ -25,8 +25,9 @@ def test_a_predicate_ids_a_mask_and_a_node_set_mean_the_same(name):
     mask = mesh.p[0] < 0.6
     ids = np.flatnonzero(mask)
     mesh = SimplexMesh(mesh.p, mesh.t, node_sets={"left": ids[::-1]})
-    for where in (lambda x: x[0] < 0.6, ids, ids[::-1].tolist(), tuple(ids), mask, "left", np.repeat(ids, 2)):
-        assert np.array_equal(vertices_at(mesh, where), ids)
+    for where in (lambda x: x[0] < 0.6, ids, ids[::-1].tolist(), tuple(ids), mask, "left"):
+        found = vertices_at(mesh, where)
+        assert np.array_equal(found, ids[::-1] if isinstance(where, list) else ids)  # listed ids as they are given
         assert np.array_equal(facets_at(mesh, where), mesh.surface[:, mask[mesh.surface].all(axis=0)])
 
 
@@ -68,11 +69,13 @@ def test_a_name_of_a_boundary_and_of_a_node_set_must_mean_the_same_vertices():
         ([-1], r"name 1 vertex \(-1\) outside"),
         (
             [0.5],
-            r"are \[0\.5\]; expected the name of a boundary or of a node set, a list of vertex ids, a mask, or",
+            r"are \[0\.5\]; expected the name of a boundary or of a node set, a list of vertex ids, a mask, a predicate",
         ),
         (3, r"the vertices are 3; expected the name"),
         ([[3], [4, 5]], r"the vertices are \[\[3\], \[4, 5\]\]; expected the name"),
         (None, r"the vertices are None; expected the name of a boundary"),
+        (np.ma.masked_equal([1, 2], 2), r"expected the name of a boundary"),
+        ([7, 3, 7, 3, 1], r"the vertices name 2 vertices \(3, 7\) more than once"),
         (np.ones(3, dtype=bool), r"a mask of shape \(3,\); expected one value for each of the 64 vertices"),
         (
             lambda x: x[0] == 99,

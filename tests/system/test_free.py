@@ -7,7 +7,7 @@ import skfem
 from bodies import BODIES, MESHES, state
 from hypothesis import given, settings
 
-from skfem_stvk import StVK, StvkError, System
+from skfem_stvk import SimplexMesh, StVK, StvkError, System
 
 SOLID = System(MESHES["tetrahedra"], StVK(young=2.0, poisson=0.3))
 N = SOLID.ndofs
@@ -101,6 +101,17 @@ def test_duplicates_order_and_type_do_not_matter(fixed, same):
     assert held.fixed.tolist() == same and len(held.free) == N - len(same)
 
 
+def test_names_predicates_and_components_by_place_are_taken_too():
+    mesh = SimplexMesh(SOLID.mesh.p, SOLID.mesh.t, node_sets={"left": np.flatnonzero(SOLID.mesh.p[0] < 0.2)})
+    body, left = System(mesh, StVK(young=2.0, poisson=0.3)), mesh.node_sets["left"]
+    every = (3 * left[:, None] + np.arange(3)).ravel()
+    for same in ("left", lambda x: x[0] < 0.2, {"left": "xyz"}, [("left", "x"), (left[::-1], "zy")]):
+        assert np.array_equal(body.free_dofs(same).fixed, every)
+    assert np.array_equal(body.free_dofs({"left": "y"}).fixed, 3 * left + 1)
+    supports = System(mesh, StVK(young=2.0, poisson=0.3), fixed=[(left, "y")]).supports
+    assert np.array_equal(supports.fixed, 3 * left + 1) and body.free_dofs(left).fixed.tolist() == left.tolist()
+
+
 def test_with_nothing_fixed_the_matrix_is_K():
     K = SOLID.tangent(state(SOLID.mesh))
     assert is_slice(SOLID.free_dofs([]).matrix(K), K, np.arange(N))
@@ -117,7 +128,12 @@ def test_with_nothing_fixed_the_matrix_is_K():
         ([[1, 2]], r"shape \(1, 2\)"),
         (5, r"shape \(\)"),
         ({1, 2}, r"shape \(\) and dtype object"),
-        ("wall", r"shape \(\)"),
+        ([[1], [2, 3]], r"shape \(\) and dtype object"),
+        (np.ma.masked_equal([1, 2], 2), "expected a list"),
+        ("wall", "fixed: the mesh has no boundary or node set 'wall'"),
+        ({"wall": "x"}, "fixed on 'wall': the mesh has no boundary"),
+        ([([1], "w")], "fixed on 1 vertex .*: 'w' came; expected components"),
+        (lambda x: x[0] > 9, "none of the 64 vertices satisfies"),
     ],
 )
 def test_what_is_no_list_of_degrees_of_freedom_is_refused(fixed, message):

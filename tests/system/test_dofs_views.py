@@ -1,0 +1,155 @@
+"""What scikit-fem's `get_dofs` returned stands for its vertices at a place, and for itself as the whole of `fixed`."""
+
+import numpy as np
+import pytest
+import skfem
+
+from skfem_stvk import (
+    ElasticFoundation,
+    Gravity,
+    NodalLoad,
+    Pressure,
+    RegionError,
+    SimplexMesh,
+    Stop,
+    StVK,
+    SupportError,
+    System,
+    Traction,
+    simulate,
+    solve_static,
+)
+from skfem_stvk.dynamics import VelocityVerlet
+from skfem_stvk.mesh.places import describe, facets_at, vertices_at
+from skfem_stvk.results import Reaction
+
+MESH = skfem.MeshTet.init_tensor(*[np.linspace(0, 1, n) for n in (4, 3, 5)]).with_boundaries(
+    {"bot": lambda x: x[2] == 0, "top": lambda x: x[2] == 1, "side": lambda x: x[0] == 0}
+)
+BASIS = skfem.Basis(MESH, skfem.ElementVector(skfem.ElementTetP1()))
+BOT, TOP = BASIS.get_dofs("bot"), BASIS.get_dofs("top")
+IDS = np.flatnonzero(MESH.p[2] == 0)
+RUBBER = StVK(young=1e5, poisson=0.3, density=1e3)
+ELEMENTS = [skfem.ElementTetP1(), skfem.ElementVector(skfem.ElementTetP2()), skfem.ElementVector(skfem.ElementTetP0())]
+
+
+def as_sets(facets):
+    return {frozenset(facet) for facet in facets.T.tolist()}
+
+
+def force(*terms):
+    system = System(MESH, [RUBBER, *terms])
+    return system.residual(np.cos(np.arange(system.ndofs)) / 50)
+
+
+def test_as_a_place_of_supports_it_is_its_vertices():
+    by_view, by_name = System(MESH, RUBBER, fixed=[(BOT, "xyz")]), System(MESH, RUBBER, fixed={"bot": "xyz"})
+    assert np.array_equal(by_view.supports.fixed, by_name.supports.fixed) and len(by_name.supports.fixed) == 3 * len(IDS)
+    moved, named = ({"prescribed": [(place, {"y": 0.1})]} for place in (BOT, "bot"))
+    one, other = System(MESH, RUBBER, **moved).supports, System(MESH, RUBBER, **named).supports
+    assert np.array_equal(one.prescribed, other.prescribed) and np.array_equal(one.values(0.5), other.values(0.5))
+
+
+@pytest.mark.parametrize(
+    "term",
+    [
+        lambda where: NodalLoad(where, (1.0, 2.0, 3.0)),
+        lambda where: Traction(where, lambda x, t: x),
+        lambda where: Pressure(where, 2.0),
+        lambda where: ElasticFoundation(where, 4e3),
+    ],
+)
+def test_as_a_place_of_loads_it_is_its_vertices(term):
+    assert np.array_equal(force(term(BOT)), force(term("bot"))) and (force(term(BOT)) != force()).any()
+
+
+def test_everywhere_else_where_a_place_is_asked_for_it_is_its_vertices():
+    mesh = SimplexMesh.of(MESH)
+    assert np.array_equal(vertices_at(mesh, BOT), IDS) and describe(BOT) == describe(IDS)
+    assert as_sets(facets_at(mesh, BOT)) == as_sets(mesh.boundaries["bot"])
+    assert as_sets(mesh.with_boundaries({"floor": BOT}).boundaries["floor"]) == as_sets(mesh.boundaries["bot"])
+    u = np.sin(np.arange(mesh.p.size))
+    assert np.array_equal(Reaction.of(mesh, u, u, BOT).vertices, IDS)
+    system = System(MESH, [RUBBER, Gravity((0, 0, -9.81))], fixed={"bot": "xyz"})
+    result = solve_static(system, steps=2, method="arc-length", stop=Stop(displacement=(TOP, "z", -1e-3)), quiet=True)
+    assert result.u.reshape(-1, 3)[np.flatnonzero(MESH.p[2] == 1), 2].mean() == pytest.approx(-1e-3, rel=1e-8)
+    assert np.array_equal(result.reaction(BOT).by_node, result.reaction("bot").by_node)
+    run = simulate(system, VelocityVerlet(), until=0.01, probes={"A": TOP}, reactions={"B": BOT}, quiet=True)
+    assert np.array_equal(
+        run.ledger["A z"], simulate(system, VelocityVerlet(), until=0.01, probes={"A": "top"}, quiet=True).ledger["A z"]
+    )
+    assert np.array_equal(run.reaction(BOT).by_node, run.reaction("bot").by_node)
+
+
+def test_vertices_that_were_asked_for_by_id_keep_their_order():
+    view = BASIS.get_dofs(nodes=np.array([9, 5]))
+    f = force(NodalLoad(view, np.array([[1.0, 2.0], [0, 0], [0, 0]]))) - force()
+    assert -f[27] == pytest.approx(1.0) and -f[15] == pytest.approx(2.0)
+
+
+@pytest.mark.parametrize(
+    "fixed",
+    [
+        BOT,
+        BOT.keep("u^3"),
+        BOT.drop("u^1"),
+        BASIS.get_dofs(elements=[3]),
+        BASIS.get_dofs(nodes=np.array([1, 7])),
+        BASIS.get_dofs({"bot", "side"}),
+    ],
+)
+def test_as_all_that_is_fixed_it_is_its_own_degrees_of_freedom(fixed):
+    system = System(MESH, RUBBER, fixed=fixed)
+    assert np.array_equal(system.supports.fixed, fixed.flatten())
+    assert np.array_equal(system.free_dofs(fixed).fixed, fixed.flatten())
+
+
+def test_several_by_name_are_those_of_all_of_them():
+    several = {"bot": BOT.keep("u^3"), "top": TOP}
+    expected = np.union1d(several["bot"].all(), TOP.all())
+    for fixed in (several, list(several.items())):
+        assert np.array_equal(System(MESH, RUBBER, fixed=fixed).supports.fixed, expected)
+        assert np.array_equal(System(MESH, RUBBER).free_dofs(fixed).fixed, expected)
+
+
+@pytest.mark.parametrize("element", ELEMENTS, ids=["a number per vertex", "quadratic", "one per element"])
+def test_degrees_of_freedom_of_another_element_are_refused(element):
+    view = skfem.Basis(MESH, element).get_dofs(elements=[0, 1])
+    for fixed in (view, [(view, "xyz")], {"bot": view}):
+        with pytest.raises(RegionError, match=r"are of Element\w+.*; expected those of linear vectors with 3 components"):
+            System(MESH, RUBBER, fixed=fixed)
+    with pytest.raises(RegionError, match="are of Element"):
+        System(MESH, RUBBER).free_dofs(view)
+    with pytest.raises(RegionError, match=r"NodalLoad on .*are of Element"):
+        force(NodalLoad(view, (1, 2, 3)))
+
+
+@pytest.mark.parametrize(
+    ("mesh", "difference"),
+    [
+        (MESH.refined(1), "with 315 vertices in 3D; this one has 60"),
+        (MESH.translated((1, 0, 0)), "with as many vertices elsewhere"),
+    ],
+)
+def test_degrees_of_freedom_of_another_mesh_are_refused(mesh, difference):
+    view = skfem.Basis(mesh, skfem.ElementVector(skfem.ElementTetP1())).get_dofs(lambda x: x[2] == 0)
+    for fixed in (view, [(view, "xyz")]):
+        with pytest.raises(RegionError, match=f"of another mesh, {difference}"):
+            System(MESH, RUBBER, fixed=fixed)
+
+
+def test_degrees_of_freedom_are_no_elements():
+    with pytest.raises(RegionError, match="degrees of freedom; expected a name in subdomains, element ids or a mask"):
+        System(MESH, StVK(young=1.0, poisson=0.3, region=BOT))
+
+
+@pytest.mark.parametrize("bare", [BOT.all("u^3"), [0, 1, 2], range(3), np.array(5)])
+def test_bare_integers_are_not_taken_for_all_that_is_fixed(bare):
+    with pytest.raises(SupportError, match=r"Bare integers do not say which components.*get_dofs"):
+        System(MESH, RUBBER, fixed=bare)
+
+
+@pytest.mark.parametrize("several", [(BOT, TOP), [BOT, BASIS.get_dofs("side")], {"bot": BOT}])
+def test_several_are_no_place(several):
+    with pytest.raises(RegionError, match="expected the name of a boundary"):
+        force(NodalLoad(several, (1, 2, 3)))
