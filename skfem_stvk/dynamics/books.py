@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from ..kernels import motion as kernels
 from ..statics.equilibrium import dot
 from ..terms.load import Moment
-from .ledger import Balance, Ledger, column_names
+from .ledger import INSIDE_OUT, Balance, Ledger, column_names
 from .motion import Motion
 from .places import Places
 from .reactions import last_step, support_forces
@@ -38,6 +38,7 @@ class Books:
         self._sums, self._Mv = np.zeros(8), np.zeros(motion.system.ndofs)
         self.external = self.dissipated = 0.0
         self._first = float(self.ledger["total_energy"][0]) if self.ledger.steps else None
+        self._inside_out = self.ledger.names.index(INSIDE_OUT)
         self._watched = motion.moving or motion.damped or motion.system.driven
         self._t, self._u = 0.0, np.zeros(motion.system.ndofs)
         self._driving: Array = np.zeros(motion.system.ndofs)
@@ -68,7 +69,7 @@ class Books:
             self.external += dot(state.reaction[held], change[held])
 
     def enter(self, state: State, strain_energy: float) -> None:
-        """A row for this state."""
+        """A row for this state, with as many elements inside out as in the row before: `Inversions` counts them."""
         system, mesh = self.motion.system, self.motion.system.mesh
         potential = self._sum(state)
         sums = self._sums.tolist()
@@ -79,7 +80,8 @@ class Books:
         row = [state.t, kinetic, strain_energy]
         if self._several:
             row += system.elastic_energies(state.u)
-        row += [potential, self.external, self.dissipated, *balance, *sums[1 : 1 + mesh.d], *sums[self._turning]]
+        inside_out = float(self.ledger.rows(self.ledger.steps - 1)[0, self._inside_out]) if self.ledger.steps else 0.0
+        row += [potential, self.external, self.dissipated, *balance, inside_out, *sums[1 : 1 + mesh.d], *sums[self._turning]]
         for vertices in self._places.probes.values():
             row += list(state.u.reshape(-1, mesh.d)[vertices].mean(axis=0))
         if self._places.reactions:

@@ -22,6 +22,8 @@ Array = NDArray[np.float64]
 
 FIRST_ROWS = 1024
 ROWS_AT_ONCE = 10_000
+#: The column of the number of elements that are inside out.
+INSIDE_OUT = "inside_out"
 
 
 class NoColumn(StvkError, KeyError):
@@ -64,6 +66,8 @@ def column_names(system: System, probes: Iterable[str] = (), reactions: Iterable
                                          changes with time [J]
     `dissipated_work`                    lost to damping since the first step [J]
     `total_energy`, `closure_error`      see `Balance` [J]
+    `inside_out`                         number of elements that were inside out or flat when that was looked at last: after
+                                         every step of implicit integrators, every 20 of explicit ones, and at both ends
     `linear_momentum_x`, ...             [kg m/s]
     `angular_momentum_x`, ...            about the origin [kg m^2/s]; in the plane `_z` alone
     `A x`, `A y`, ...                    displacements of the probe `A` [m]
@@ -81,6 +85,7 @@ def column_names(system: System, probes: Iterable[str] = (), reactions: Iterable
         "external_work",
         "dissipated_work",
         *Balance._fields,
+        INSIDE_OUT,
         *(f"linear_momentum_{axis}" for axis in axes),
         *(f"angular_momentum_{axis}" for axis in {"xy": "z", "xyz": axes}.get(axes, "")),
         *(f"{probe} {axis}" for probe in probes for axis in axes),
@@ -141,6 +146,10 @@ class Ledger(Mapping[str, Array]):
             self._block = np.concatenate([self._block, np.empty_like(self._block)])
         self._block[self.steps] = values
         self.steps += 1
+
+    def replace_last(self, name: str, value: float) -> None:
+        """Put another number into a column of the last row."""
+        self._block[self.steps - 1, self._column[name]] = value
 
     def truncate(self, steps: int) -> None:
         """Strike out all but the first `steps` rows."""

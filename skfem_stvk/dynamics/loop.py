@@ -7,11 +7,12 @@ from typing import Any
 
 from numpy.typing import NDArray
 
-from ..errors import StateError, name_ids, warn
-from ..terms import VolumePenalty
+from ..errors import StateError, warn
+from ..statics.monitors import Finding, Monitors
 from .books import Books
 from .guard import Guard, from_nowhere
 from .integrators import StepFailed
+from .inversions import Inversions
 from .jumps import Jumps
 from .outputs import Outputs
 from .plan import Plan
@@ -41,10 +42,12 @@ class Loop:
         self._limit = StableStep(plan)
         self._books = Books(plan.motion, plan.places, plan.ledger, plan.clock.dt)
         self._begin()
+        self._inversions = Inversions(plan, self._books.ledger)
+        self._monitors = Monitors(plan.motion.system, ellipticity=False)
         self._outputs = Outputs(plan, self._books.ledger, until, self._stepper.watch)
         self._cutting = Cutting(self._stepper, self._books, plan.cuts)
         self._jumps = Jumps(plan.motion, plan.state)
-        self._turned, self._stepping = False, False
+        self._stepping = False
 
     def _begin(self) -> None:
         """From the plan's state on, with what a run that is resumed there would know."""
@@ -59,6 +62,8 @@ class Loop:
         status, detail = Status.FINISHED, ""
         cause: BaseException | None = None
         plan, ledger = self.plan, self._books.ledger
+        for finding in self._monitors.before():
+            warn(finding.text)
         header = f"{plan.motion.system!r}, {len(plan.motion.free.free)} of them free; {plan.integrator}"
         with Progress(header, ledger, plan.steps, self._quiet) as progress:
             try:
@@ -74,7 +79,7 @@ class Loop:
         run = self._result(status, detail, cause)
         if isinstance(cause, KeyboardInterrupt):
             raise Interrupted(run)
-        if cause is not None or (raise_on_failure and not status.success):
+        if cause is not None or (raise_on_failure and not run.success):
             raise SimulationError(run) from cause
         return run
 
@@ -89,9 +94,9 @@ class Loop:
                 self._jumps.look(t, state.u[plan.motion.free.fixed] if state.t == t else None)  # a jump may be why
             if not status.success:
                 return status, detail
+            self._inversions.look(last=not whole or not clock.left(self._until))
             if whole:
                 self._outputs.step()
-            self._look()
             progress.step(plan.steps, plan.steps + (clock.left(self._until) if whole else 0))
         return Status.FINISHED, ""
 
@@ -153,33 +158,12 @@ class Loop:
         self.plan.restore(good)
         self._books.ledger.truncate(good.rows)
 
-    def _look(self) -> None:
-        """Where elements turn inside out, say so, once; the last state is looked at in any case."""
-        plan = self.plan
-        last = not plan.at_a_step or not plan.clock.left(self._until)
-        every = (2 if plan.integrator.explicit else 1) * plan.outlets.every  # a look costs half a force, and bodies turn back soon
-        if self._turned or (plan.steps % every and not last):
-            return
-        turned = plan.motion.system.inside_out(plan.state.u)
-        if len(turned):
-            self._turned = True
-            warn(
-                f"t = {plan.state.t:.4g} s: {name_ids(turned, 'element')} inside out. "
-                + (
-                    "Take smaller steps, or a stiffer VolumePenalty."
-                    if self._resisted
-                    else "St. Venant-Kirchhoff does not resist that: add VolumePenalty() to the terms, or take smaller steps."
-                )
-            )
-
-    @property
-    def _resisted(self) -> bool:
-        """Whether a term resists that elements turn inside out."""
-        return any(isinstance(term, VolumePenalty) for term in self.plan.motion.system.elastic_terms)
-
     def _result(self, status: Status, detail: str, cause: BaseException | None) -> Run:
         plan, state, ledger = self.plan, self.plan.state, self._books.ledger
-        message = self._message(status, detail, cause)
+        findings = self._monitors.at(state.u)
+        if status is Status.FINISHED and any(finding.name == "inside out" for finding in findings):
+            status = Status.INVERTED
+        message = self._message(status, detail, cause, findings)
         return Run(
             plan.motion,
             plan.integrator,
@@ -189,6 +173,7 @@ class Loop:
             plan.clock.dt,
             status,
             message,
+            findings,
             ledger,
             self._stepper.iterations,
             plan.cuts,
@@ -196,22 +181,31 @@ class Loop:
             self._outputs.path,
         )
 
-    def _message(self, status: Status, detail: str, cause: BaseException | None) -> str:
-        plan, t = self.plan, self.plan.state.t
-        if status is Status.FINISHED:
-            cuts = f", {plan.cuts} of them cut into smaller ones" if plan.cuts else ""
-            return f"reached t = {t:.6g} s in {plan.steps} steps{cuts}{self._stepper.remark}{self._limit.remark}{_gained(from_nowhere(self._books.ledger))}"
+    def _message(self, status: Status, detail: str, cause: BaseException | None, findings: tuple[Finding, ...]) -> str:
+        """The message of the run; `findings` are of its last state."""
+        t = self.plan.state.t
+        if status in (Status.FINISHED, Status.INVERTED):
+            return ". ".join([self._reached(), *(finding.text.rstrip(".") for finding in findings)]) + "." * bool(findings)
+        there = "".join(f" {finding.text}" for finding in findings if finding.name == "inside out")
         if status is Status.BLEW_UP:
-            return f"blew up soon after t = {t:.6g} s, the last good state: {detail}. {self._limit.advice()}"
+            return f"blew up soon after t = {t:.6g} s, the last good state: {detail}.{there} {self._limit.advice()}"
         if status is Status.NOT_CONVERGED:
             return (
-                f"the step from t = {t:.6g} s did not converge, not even in 64 parts: {detail}. Try a smaller dt or another tangent"
-                f"{'' if self._resisted else ', or VolumePenalty() among the terms if elements turn inside out'}."
+                f"the step from t = {t:.6g} s did not converge, not even in 64 parts: {detail}.{there} Try a smaller dt or another tangent"
+                f"{'' if self._inversions.resisted else ', or VolumePenalty() among the terms if elements turn inside out'}."
             )
         if isinstance(cause, OSError):
-            return f"interrupted at t = {t:.6g} s: results could not be written ({cause}). Make room, or choose another folder.{detail}"
+            return f"interrupted at t = {t:.6g} s: results could not be written ({cause}). Make room, or choose another folder.{detail}{there}"
         by = f" by {type(cause).__name__}: {str(cause).rstrip('.')}" if str(cause) else ""
-        return f"interrupted at t = {t:.6g} s{by}.{detail}"
+        return f"interrupted at t = {t:.6g} s{by}.{detail}{there}"
+
+    def _reached(self) -> str:
+        """That the end is reached, and what there is to say of the way."""
+        plan = self.plan
+        cuts = f", {plan.cuts} of them cut into smaller ones" if plan.cuts else ""
+        gained = _gained(from_nowhere(self._books.ledger))
+        way = f"{cuts}{self._stepper.remark}{self._limit.remark}{gained}{self._inversions.on_the_way()}"
+        return f"reached t = {plan.state.t:.6g} s in {plan.steps} steps{way}"
 
 
 def _gained(part: float) -> str:

@@ -15,6 +15,7 @@ from ..mesh.places import Where
 from ..results import Fields, Reaction, State, animate, plot, write_vtu
 from ..results.reactions import held_vertices
 from ..results.vtu import DEFAULT
+from ..statics.monitors import Finding
 from ..system import System
 from .integrators import Integrator
 from .ledger import Ledger
@@ -36,6 +37,8 @@ class Run:
     t : its time [s].
     dt : length of the last whole step [s].
     status, message : how it came out, in a word and in full.
+    findings : doubts about elements in the last state, as `step.findings` of statics has them: inside out, or compressed beyond where the material
+        softens.
     ledger : one array a name, one value a step: `run.ledger["total_energy"]`.
     iterations : of Newton's method, or of the linear solver where a step is one linear solve.
     cuts : steps that were made in parts, because no state was found at their end at once.
@@ -51,6 +54,7 @@ class Run:
     dt: float
     status: Status
     message: str
+    findings: tuple[Finding, ...]
     ledger: Ledger
     iterations: int
     cuts: int
@@ -64,7 +68,7 @@ class Run:
 
     @property
     def success(self) -> bool:
-        """Whether it reached the end."""
+        """Whether it reached the end in a state with no element inside out."""
         return self.status.success
 
     @cached_property
@@ -117,7 +121,7 @@ class Run:
 
 
 class SimulationError(RuntimeError):
-    """A simulation did not reach its end.
+    """A simulation did not reach its end, or reached it with elements inside out.
 
     Attributes
     ----------

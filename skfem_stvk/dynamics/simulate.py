@@ -61,7 +61,7 @@ def simulate(
     resume : such a file to go on from, bit for bit as if it had never stopped: with its integrator, mass, damping, probes and reactions, and, if no others are
         given, its `save`, `every` and `checkpoint`.
     quiet : print nothing.
-    raise_on_failure : raise where the end is not reached; otherwise look at `run.status`. What interrupts a run, such as Ctrl-C or a full
+    raise_on_failure : raise where the end is not reached, or elements are inside out there; otherwise look at `run.status`. What interrupts a run, such as Ctrl-C or a full
         disk, is raised in any case.
 
     Raises
@@ -69,15 +69,16 @@ def simulate(
     MaterialError, LoadError, SupportError, StateError
         if a density is missing, nothing acts on the body, or the first state is not one.
     SimulationError
-        if the motion blew up, a step found no state, or something failed on the way, such as a load's function or the disk. It carries
-        the run so far, with the last good state.
+        if the motion blew up, a step found no state, elements are inside out in the end, or something failed on the way, such as a load's
+        function or the disk. It carries the run so far, with the last good state; what is inside out in the end is saved like any other.
     StvkError
         for other parameters that are not as they should be.
 
     Warns
     -----
     StvkWarning
-        if the step of an explicit integrator is above the critical one; where elements turn inside out; where a prescribed displacement jumps.
+        if the step of an explicit integrator is above the critical one, or elements lock; where elements turn inside out; where a prescribed
+        displacement jumps.
 
     >>> import skfem
     >>> from skfem_stvk import EnergyMomentum, Gravity, StVK, System, simulate

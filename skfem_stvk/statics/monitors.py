@@ -49,7 +49,7 @@ class Monitors:
 
         locking         Poisson's ratio above 0.45 in solids and plane strain, where linear simplices are far too stiff. Of materials that
                         are not isotropic that of the Reuss averages, `(3 K - 2 G)/(6 K + 2 G)`: the same stress in all directions
-        inside out      J <= 0, of elements that fill their space
+        inside out      J <= 1e-9, of elements that fill their space: inside out or flat, as of `System.inside_out`
         compressed      smallest principal stretch below 1/sqrt(3), where uniaxial compression has its limit point
         not elliptic    strong ellipticity lost, if asked for: see `results.ellipticity`
 
@@ -94,10 +94,9 @@ class Monitors:
 
     def _found(self, u: Array) -> Iterator[Finding]:
         system = self._system
-        if system.mesh.k == system.mesh.d and (J := system.smallest_volume_ratio(u)) <= 0:
-            yield self._finding(
-                "inside out", system.inside_out(u), J, f"inside out or flat (J down to {J:.3g}). {self._if_inside_out()}"
-            )
+        if len(turned := system.inside_out(u)):
+            J = system.smallest_volume_ratio(u)
+            yield self._finding("inside out", turned, J, f"inside out or flat (J down to {J:.3g}). {self._if_inside_out()}")
         if (stretch := system.smallest_stretch(u)) < SOFTENING:
             what = (
                 f"compressed to a principal stretch below 1/sqrt(3) = 0.577 (down to {stretch:.3g}), where a St. Venant-Kirchhoff body "

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from motions import BOTH, MESHES, Scene, driven, kicked, material, velocities
+from motions import BOTH, MESHES, Scene, driven, kicked, material, reached, velocities
 
 from skfem_stvk import System, simulate
 from skfem_stvk.dynamics import EnergyMomentum, ForwardEuler, LinearBackwardEuler, Newmark, VelocityVerlet, checkpoint
@@ -40,7 +40,7 @@ def goes_on(scene, integrator, run, path, until):
     assert run.ledger["time"][-1] == run.t
     kinetic = run.v @ scene.system.mass().multiply(run.v) / 2
     assert kinetic == pytest.approx(run.ledger["kinetic_energy"][-1], rel=1e-12)
-    resumed = simulate(scene.system, resume=path, until=until, quiet=True)
+    resumed = reached(scene.system, resume=path, until=until)
     whole = scene.run(integrator, until)
     np.testing.assert_array_equal(resumed.ledger.rows(), whole.ledger.rows())
     np.testing.assert_array_equal(resumed.u, whole.u)

@@ -13,7 +13,7 @@ import numba
 import numpy as np
 import pytest
 import skfem
-from motions import BOTH, MESHES, clamped, driven, ended, kicked, material, spinning, stretched, velocities
+from motions import BOTH, MESHES, clamped, driven, ended, kicked, material, reached, spinning, stretched, velocities
 
 from skfem_stvk import NodalLoad, StvkError, System, simulate
 from skfem_stvk.dynamics import (
@@ -68,7 +68,7 @@ def whole(name, folder, resume=False):
     scene, integrator, until = RUNS[name]
     scene, folder = scene(), Path(folder)
     if resume:
-        return simulate(scene.system, resume=folder / "run.npz", until=until, quiet=True)
+        return reached(scene.system, resume=folder / "run.npz", until=until)
     outlets = {"save": folder / "run.pvd", "every": EVERY, "checkpoint": folder / "run.npz", "probes": {"tip": [2]}}
     return scene.run(integrator(), until, **outlets)
 

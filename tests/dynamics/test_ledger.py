@@ -113,7 +113,16 @@ def test_columns_are_named_after_the_body():
     plane = System(skfem.MeshTri().refined(1), [StVK(young=1.0, poisson=0.3, density=1.0), weight])
     assert column_names(plane, ["A"]) == (
         *("time", "kinetic_energy", "strain_energy", "potential_energy", "external_work", "dissipated_work"),
-        *("total_energy", "closure_error", "linear_momentum_x", "linear_momentum_y", "angular_momentum_z", "A x", "A y"),
+        *(
+            "total_energy",
+            "closure_error",
+            "inside_out",
+            "linear_momentum_x",
+            "linear_momentum_y",
+            "angular_momentum_z",
+            "A x",
+            "A y",
+        ),
     )
     solid = System(skfem.MeshTet().refined(1), [soft, stiff])
     names = column_names(solid)

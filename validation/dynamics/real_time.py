@@ -13,11 +13,11 @@ from typing import NamedTuple
 import numba
 import numpy as np
 
-from skfem_stvk.dynamics import VelocityVerlet, simulate
+from skfem_stvk.dynamics import VelocityVerlet
 
 from ..statics.study import Study
 from .against_mujoco import against_mujoco
-from .scenes import expected
+from .scenes import expected, reached
 from .step_cost import explicit_cost, split
 from .swing import LENGTH, POISSON, PUSH, RTOL, SIDE, TANGENT, YOUNG, Timed, bar, eq9, on_threads, push, timed
 
@@ -126,10 +126,10 @@ def _iterations(quick: bool) -> Study:
     n, rows, failures = QUICK if quick else ACROSS, [], []
     for rate, young in [*((60, young) for young in (STIFFNESSES[:2] if quick else STIFFNESSES)), (1000, YOUNG)]:
         system, v = bar(n, young), push(n)
-        truth = simulate(system, eq9(rate, 1e-10), until=1.0, v0=v, probes={"end": [0]}, quiet=True).ledger["end x"]
+        truth = reached(system, eq9(rate, 1e-10), until=1.0, v0=v, probes={"end": [0]}).ledger["end x"]
         counts, errors = [], {}
         for rtol in TOLERANCES:
-            run = simulate(system, eq9(rate, rtol), until=1.0, v0=v, probes={"end": [0]}, quiet=True)
+            run = reached(system, eq9(rate, rtol), until=1.0, v0=v, probes={"end": [0]})
             counts.append(run.iterations / rate)
             errors[rtol] = float(np.abs(run.ledger["end x"] - truth).max() / np.abs(truth).max())
         off = [f"{error:.1e}" for error in errors.values()]

@@ -12,6 +12,7 @@ import skfem
 from numpy.typing import NDArray
 
 from skfem_stvk import Gravity, SimplexMesh, StVK, StvkWarning, System
+from skfem_stvk.dynamics import Integrator, Run, SimulationError, Status, simulate
 
 from ..statics.meshes import moved_box
 
@@ -31,6 +32,14 @@ def block(n: int, sides: tuple[float, ...] = (0.4, 0.1, 0.15), material: StVK = 
     mass = System(mesh, material).mass().vertex
     centred = SimplexMesh(mesh.p - (mesh.p @ mass / mass.sum())[:, None], mesh.t)
     return System(centred, material, **supports)
+
+
+def reached(system: System, integrator: Integrator, **options: Any) -> Run:
+    """A motion that reaches its end, for studies of what it costs: elements may be inside out there."""
+    run = simulate(system, integrator, quiet=True, raise_on_failure=False, **options)
+    if run.status not in (Status.FINISHED, Status.INVERTED):
+        raise SimulationError(run)
+    return run
 
 
 @contextmanager

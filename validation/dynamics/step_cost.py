@@ -17,7 +17,7 @@ from skfem_stvk.dynamics.places import Places
 from skfem_stvk.dynamics.state import State
 
 from ..statics.study import Study
-from .scenes import Array
+from .scenes import Array, reached
 from .swing import clock
 
 #: Cells of cubes, 6 n^3 tetrahedra; the claim is for the last ones.
@@ -108,8 +108,8 @@ def _rounds(system: Interleaved, integrator: VelocityVerlet | ForwardEuler, coun
 
 def split(system: System, integrator: LinearBackwardEuler, v: Array) -> Study:
     """Where the time of a step of eq. 9 goes."""
-    simulate(system, integrator, until=3 * integrator.dt, v0=v, quiet=True)
-    runs = [simulate(system, integrator, until=1.0, v0=v, quiet=True) for _ in range(3)]
+    reached(system, integrator, until=3 * integrator.dt, v0=v)
+    runs = [reached(system, integrator, until=1.0, v0=v) for _ in range(3)]
     run = min(runs, key=lambda run: sum(run.seconds.values()))
     steps, total = run.ledger.steps - 1, sum(run.seconds.values())
     books, state = Books(Motion(system, "lumped", None), Places()), State.at(0.0, run.u, run.v)

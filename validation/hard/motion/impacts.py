@@ -17,6 +17,10 @@ from .scene import Scene
 
 YOUNG, POISSON, DENSITY = 1e5, 0.3, 1e3
 UNTIL, TINY = 0.5, 500
+#: Speed at which every other vertex of the shaken block begins to move down [m/s], until when and in which steps it is followed.
+SHAKEN, SHAKEN_UNTIL, SHAKEN_STEPS = 6.0, 0.4, 80
+#: Methods that show what becomes of it; with the volume term its motion depends on rounding, so that there is none to compare with.
+WITHOUT_VOLUME = ("plain eq. 9", "forward Euler", "forward Euler, dt=None", "eq. 9", "backward Euler", "energy-momentum")
 #: The plate is down and up again after this time [s].
 CRUSHED = 0.4
 
@@ -27,7 +31,22 @@ def impacts() -> list[Scene]:
         replace(_scene("drop a block from 1 m", partial(_dropped, 4.43), 120, 0.06), quick=False),
         _scene("crush a block by 25 % and back in 0.4 s", partial(_crushed, 0.25), 60),
         _scene("crush a block by 60 % and back in 0.4 s", partial(_crushed, 0.6), 120, 0.13),
+        _shake(),
     ]
+
+
+def _shake() -> Scene:
+    never = endings.none(0.06)
+    return Scene(
+        "shake every other vertex of a block",
+        _shaken,
+        SHAKEN_STEPS,
+        truth=never,
+        with_volume=never,
+        until=SHAKEN_UNTIL,
+        quick=False,
+        methods=WITHOUT_VOLUME,
+    )
 
 
 def _scene(name: str, make: Make, steps: int, turned: float | None = None) -> Scene:
@@ -43,6 +62,16 @@ def _dropped(speed: float) -> Body:
     v0 = np.where(mesh.p[2] > 0, -speed, 0.0)[:, None] * [0.0, 0.0, 1.0]
     weight = Gravity(g=(0, 0, -9.81))
     return Body(mesh, YOUNG, POISSON, (weight,), {lambda x: x[2] == 0: "xyz"}, density=DENSITY, v0=v0.ravel())
+
+
+def _shaken() -> Body:
+    """A cube on the ground, of which every other vertex begins to move down."""
+    mesh = meshes.bar(1.0, 4)
+    v0 = np.where(np.arange(mesh.nv) % 2 == 0, -SHAKEN, 0.0) * (mesh.p[2] > 0)
+    weight = Gravity(g=(0, 0, -9.81))
+    return Body(
+        mesh, YOUNG, POISSON, (weight,), {lambda x: x[2] == 0: "xyz"}, density=DENSITY, v0=np.outer(v0, [0, 0, 1.0]).ravel()
+    )
 
 
 def _crushed(by: float) -> Body:

@@ -14,7 +14,7 @@ from ..judge import FLAT, Judgement, Verdict, volume_ratios
 from .endings import LIMIT
 from .scene import Ending
 
-#: How a method says that elements are inside out, and that its steps lost or gained energy; what no words admit.
+#: How a method says that elements were inside out on the way, and that its steps lost or gained energy; what no words admit.
 INSIDE_OUT, ENERGY, NOTHING = "inside out", r"(lost|gained) \d+ % of the energy", r"(?!)"
 
 
@@ -26,9 +26,9 @@ class Fault(NamedTuple):
 
 
 def judged(system: System, u: Array, v: Array, claims_success: bool, said: str, ending: Ending) -> Judgement:
-    """The verdict on the last state (ndofs,) of a method that reached the end, or did not; `said` is its message with all warnings.
+    """The verdict on the last state (ndofs,) of a method that reached the end, or did not; `said` is its message: a warning is gone by then.
 
-    A fault that it has said itself is none of being wrong.
+    A fault that it has said itself is none of being wrong, but for elements that are inside out in the end: no words make that a success.
     """
     if not claims_success:
         return Judgement(Verdict.SAID_SO, said)
@@ -46,7 +46,7 @@ def faults_of(system: System, u: Array, v: Array, ending: Ending) -> list[Fault]
         return [Fault("not finite", NOTHING)]
     turned = int((volume_ratios(system, u) <= FLAT).sum())
     if turned:
-        return [Fault(f"{turned} elements inside out", INSIDE_OUT)]
+        return [Fault(f"{turned} elements inside out", NOTHING)]
     if ending.error is None:
         return [Fault("no right motion", f"{INSIDE_OUT}|{ENERGY}")]
     faults: list[Fault] = []

@@ -1,0 +1,125 @@
+"""What a run says of elements that turn inside out."""
+
+import re
+
+import numpy as np
+import pytest
+import skfem
+from motions import MESHES, material, reached
+
+from skfem_stvk import Gravity, SimplexMesh, StVK, StvkWarning, System, VolumePenalty, simulate
+from skfem_stvk.dynamics import (
+    EnergyMomentum,
+    ForwardEuler,
+    LinearBackwardEuler,
+    Rayleigh,
+    SimulationError,
+    Status,
+    VelocityVerlet,
+)
+from skfem_stvk.dynamics.inversions import EXPLICIT
+
+pytestmark = pytest.mark.filterwarnings("ignore:.*inside out:skfem_stvk.errors.StvkWarning")
+
+
+def shaken(*terms):
+    """A soft block on its base, and first velocities: every other vertex downwards, at 6 m/s."""
+    mesh = skfem.MeshTet.init_tensor(*[np.linspace(0, 1, 5)] * 3)
+    elastic = StVK(young=1e5, poisson=0.3, density=1000.0)
+    system = System(mesh, [elastic, *terms, Gravity((0, 0, -9.81))], fixed={lambda x: x[2] == 0: "xyz"})
+    v = np.zeros(mesh.p.T.shape)
+    v[::2, 2] = -6.0
+    return system, v.ravel()
+
+
+def tangled():
+    """A body of which a corner is pushed through it, and a penalty that turns it back; and first displacements."""
+    mesh = MESHES[2]
+    system = System(mesh, [material(mesh), VolumePenalty(3.0, kind="compression")], fixed={"left": "xy"})
+    u = np.zeros((mesh.nv, 2))
+    u[int(np.argmax(mesh.p.sum(axis=0)))] = [-0.45, -0.35]
+    return system, u.ravel()
+
+
+@pytest.mark.parametrize(
+    ("integrator", "turned"), [(VelocityVerlet(), 134), (ForwardEuler(1e-3), 100), (LinearBackwardEuler(0.005), 110)]
+)
+def test_a_motion_that_ends_inside_out_is_no_success(integrator, turned, tmp_path):
+    """Its files are written like those of any other, and it goes on from them."""
+    system, v0 = shaken()
+    files = {"save": tmp_path / "run.pvd", "checkpoint": tmp_path / "run.npz"}
+    with pytest.raises(
+        SimulationError, match=r"reached t = 0\.4 s .* elements \(\d+, .* inside out or flat .*VolumePenalty"
+    ) as caught:
+        simulate(system, integrator, until=0.4, v0=v0, quiet=True, **files)
+    run = caught.value.run
+    ids = system.inside_out(run.u)
+    assert run.status is Status.INVERTED and not run.success and run.t == 0.4
+    assert run.ledger["inside_out"][-1] == len(ids) >= turned - 20
+    finding = next(one for one in run.findings if one.name == "inside out")
+    np.testing.assert_array_equal(finding.elements, ids)
+    table = np.genfromtxt(tmp_path / "run.csv", delimiter=",", names=True)
+    np.testing.assert_array_equal(table["inside_out"], run.ledger["inside_out"])
+    assert reached(system, resume=tmp_path / "run.npz", until=0.41).t == pytest.approx(0.41)
+
+
+@pytest.mark.parametrize("integrator", [VelocityVerlet(0.01), LinearBackwardEuler(0.01)], ids=lambda one: one.name)
+def test_what_was_inside_out_on_the_way_alone_is_a_success_that_says_so(integrator, tmp_path):
+    system, u0 = tangled()
+    files = {"checkpoint": tmp_path / "run.npz", "damping": Rayleigh(alpha=3.0)}
+    run = simulate(system, integrator, until=1.0, u0=u0, quiet=True, **files)
+    first = len(system.inside_out(u0))
+    assert first > 0 and run.ledger["inside_out"][0] == first and run.ledger["inside_out"][-1] == 0
+    assert run.status is Status.FINISHED and run.success and not any(one.name == "inside out" for one in run.findings)
+    said = rf"elements were inside out on the way, up to {run.ledger['inside_out'].max():.0f} at once, between t = 0 s and t = 0\.\d+ s"
+    assert re.search(said, run.message)
+    more = simulate(system, resume=tmp_path / "run.npz", until=1.5, quiet=True)
+    assert "inside out on the way" in more.message and more.success
+
+
+def test_a_motion_without_inversion_says_nothing_of_it():
+    system, v0 = shaken()
+    run = simulate(system, EnergyMomentum(0.005), until=0.05, v0=0.1 * v0, quiet=True)
+    assert "inside out" not in run.message and not run.findings and not run.ledger["inside_out"].any()
+
+
+def test_the_ledger_counts_those_of_every_implicit_step_and_of_explicit_ones_now_and_then():
+    system, v0 = shaken()
+    for integrator, every in ((LinearBackwardEuler(0.005), 1), (VelocityVerlet(0.005), EXPLICIT)):
+        whole = reached(system, integrator, until=0.3, v0=v0).ledger["inside_out"]
+        for steps in (20, 40, 47, 60):
+            until = steps * 0.005
+            run = reached(system, integrator, until=until, v0=v0)
+            assert run.ledger["inside_out"][-1] == len(system.inside_out(run.u))
+            assert whole[steps] == run.ledger["inside_out"][-1 if steps % every == 0 else -2]
+        assert len(set(whole)) > 2
+
+
+def test_a_resumed_run_has_the_same_counts_as_one_that_never_stopped(tmp_path):
+    """The end of the first part is looked at out of turn."""
+    system, v0 = shaken()
+    whole = reached(system, VelocityVerlet(0.005), until=0.4, v0=v0)
+    first = reached(system, VelocityVerlet(0.005), until=0.235, v0=v0, checkpoint=tmp_path / "run.npz")
+    resumed = reached(system, resume=tmp_path / "run.npz", until=0.4)
+    assert first.ledger["inside_out"][-1] != whole.ledger["inside_out"][47]
+    np.testing.assert_array_equal(resumed.ledger.rows(), whole.ledger.rows())
+    assert resumed.message == whole.message
+
+
+def test_a_run_that_stops_inside_out_says_so():
+    system, _ = shaken()
+    u0 = np.random.default_rng(0).uniform(-1, 1, system.mesh.p.T.shape) * (system.mesh.p[2] > 0)[:, None]
+    run = simulate(system, EnergyMomentum(0.05), until=0.5, u0=u0.ravel(), quiet=True, raise_on_failure=False)
+    assert run.status is Status.NOT_CONVERGED
+    turned = system.inside_out(run.u)
+    assert len(turned) > 100 and f"{len(turned)} elements ({turned[0]}, " in run.message and "inside out or flat" in run.message
+
+
+def test_bodies_that_lock_are_told_of_and_what_is_pressed_too_far_in_the_end_is_in_the_message():
+    mesh = SimplexMesh.of(skfem.MeshTet.init_tensor(*[np.linspace(0, 1, 3)] * 3))
+    system = System(mesh, StVK(young=1.0, poisson=0.46, density=1.0))
+    u0 = mesh.p.T * [0.0, 0.0, -0.5]
+    with pytest.warns(StvkWarning, match=r"Poisson's ratio above 0.45"):
+        run = simulate(system, VelocityVerlet(1e-3), until=2e-3, u0=u0.ravel(), quiet=True)
+    assert run.success and [one.name for one in run.findings] == ["compressed"]
+    assert "compressed to a principal stretch below 1/sqrt(3)" in run.message
