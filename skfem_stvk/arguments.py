@@ -54,6 +54,8 @@ def number(
     Traceback (most recent call last):
     skfem_stvk.errors.StvkError: rtol = '1e-8'; expected a number between 0 and 1, such as 1e-8.
     """
+    if type(given) is float and low < given < high and isfinite(given):
+        return given  # in the loops of solvers, most often
     value = _real(given)
     if value is None or not low < value < high or not isfinite(value):
         raise error(f"{name} = {shown(given)}; expected {expected}.")

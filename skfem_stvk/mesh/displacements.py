@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..arguments import plain_array, shown
 from ..errors import StateError, name_ids
 from ..kernels import blocks as block_kernels
 from .simplices import SimplexMesh
@@ -25,10 +26,12 @@ def by_vertex(mesh: SimplexMesh, u: ArrayLike, name: str = "u") -> NDArray[np.fl
     array([[1., 2.],
            [3., 4.]])
     """
-    u = np.asarray(u)
-    if u.dtype.kind not in "fiu":
-        raise StateError(f"{name} has dtype {u.dtype}; expected real numbers, displacements in m.")
-    u = np.ascontiguousarray(u, dtype=np.float32 if u.dtype == np.float32 else np.float64)
+    given = u if type(u) is np.ndarray else plain_array(u)
+    if given is None or given.dtype.kind not in "fiu":
+        what = f"is {shown(u)}" if given is None or not given.ndim else f"has dtype {given.dtype}"
+        hint = ", without masked entries" if isinstance(u, np.ma.MaskedArray) else ""
+        raise StateError(f"{name} {what}; expected real numbers, displacements in m{hint}.")
+    u = np.ascontiguousarray(given, dtype=np.float32 if given.dtype == np.float32 else np.float64)
     if u.shape != (mesh.p.size,):
         raise StateError(
             f"{name} has shape {u.shape}; expected ({mesh.p.size},): {mesh.d} components at each of {mesh.nv} vertices, "

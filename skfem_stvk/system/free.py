@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.sparse import csr_matrix
 
-from ..errors import StvkError, name_ids
+from ..arguments import plain_array, shown
+from ..errors import StateError, StvkError, name_ids
 from ..kernels import blocks as block_kernels
 from ..kernels.threads import parts_of, run, threads
 from .pattern import Pattern, Structure
@@ -27,6 +28,17 @@ class Patterned(Protocol):
     @property
     def pattern(self) -> Pattern:
         """Of K."""
+
+
+def _numbers(name: str, given: Any, n: int) -> Array:
+    """A number, or (n,) of them, in the precision in which they come."""
+    values = plain_array(given)
+    if values is None or values.dtype.kind not in "fiu" or values.shape not in ((n,), ()):
+        what = f"has shape {values.shape}" if values is not None and values.dtype.kind in "fiu" else f"= {shown(given)}"
+        raise StvkError(f"{name} {what}; expected ({n},), one value for each {name} degree of freedom.")
+    if not np.isfinite(values).all():
+        raise StateError(f"{name} is not finite in {name_ids(np.flatnonzero(~np.isfinite(values)), 'entry')}.")
+    return values
 
 
 class FreeDofs:
@@ -112,7 +124,7 @@ class FreeDofs:
         pattern = self._system.pattern
         if not isinstance(K, csr_matrix) or not pattern.fits(K, K.dtype):
             raise StvkError(
-                f"K, a {type(K).__name__} of shape {np.shape(K)}, does not have the pattern of this system's K ({pattern.shape}, "
+                f"K = {shown(K)} does not have the pattern of this system's K ({pattern.shape}, "
                 f"{pattern.nnz} values). Hand in what tangent() returned, zeros kept."
             )
         structure, places = self._restriction
@@ -120,7 +132,7 @@ class FreeDofs:
             out = structure.matrix(np.empty(structure.nnz, dtype=K.dtype))
         elif not structure.fits(out, K.dtype):
             raise StvkError(
-                f"out, a {type(out).__name__} of shape {np.shape(out)}, does not have the pattern and type of the restricted K "
+                f"out = {shown(out)} does not have the pattern and type of the restricted K "
                 f"({structure.shape}, {structure.nnz} values of {K.dtype}); expected a matrix that matrix() returned before."
             )
         run(block_kernels.pick, parts_of(len(places), 0.02, threads()), places, K.data, out.data)
@@ -134,12 +146,7 @@ class FreeDofs:
         StvkError
             if there are not as many values.
         """
-        values = np.asarray(free), np.asarray(fixed)
-        for name, given, own in (("free", values[0], self.free), ("fixed", values[1], self.fixed)):
-            if given.shape not in ((len(own),), ()):
-                raise StvkError(
-                    f"{name} has shape {given.shape}; expected ({len(own)},), one value for each {name} degree of freedom."
-                )
+        values = _numbers("free", free, len(self.free)), _numbers("fixed", fixed, len(self.fixed))
         x = np.empty(self._system.ndofs, dtype=np.result_type(values[0], np.float32, *values[1:][: values[1].ndim]))
         x[self.free], x[self.fixed] = values
         return x

@@ -10,8 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_matrix, diags
 
-from ..errors import MaterialError, StvkError, name_ids
+from ..arguments import array, choice, number, shown
+from ..errors import MaterialError, StateError, StvkError, name_ids
 from ..mesh import SimplexMesh
+from ..mesh.displacements import all_finite
 from .free import Patterned
 from .pattern import Pattern
 
@@ -67,13 +69,24 @@ class Mass(ABC):
 
     @abstractmethod
     def multiply(self, v: Array, out: Array | None = None) -> Array:
-        """`M v` (ndofs,), written to `out` if that is given; it may be `v`."""
+        """`M v` (ndofs,), written to `out` if that is given; it may be `v`.
+
+        Raises
+        ------
+        StateError
+            if `v` does not have one finite entry for each degree of freedom.
+        """
 
     @abstractmethod
     def solve(self, f: Array) -> Array:
         """The accelerations `M^-1 f` (ndofs,) [m/s^2] that forces `f` (ndofs,) [N] cause while what is held does not move.
 
         That is M over the free degrees of freedom, inverted; 0 at those that are held, whatever acts on them.
+
+        Raises
+        ------
+        StateError
+            if `f` does not have one finite entry for each degree of freedom.
         """
 
     @abstractmethod
@@ -95,11 +108,20 @@ class Mass(ABC):
         pattern = self._system.pattern
         if not isinstance(K, csr_matrix) or not pattern.fits(K, K.dtype):
             raise StvkError(
-                f"K, a {type(K).__name__} of shape {np.shape(K)}, does not have the pattern of this system's K ({pattern.shape}, "
+                f"K = {shown(K)} does not have the pattern of this system's K ({pattern.shape}, "
                 f"{pattern.nnz} values). Hand in what tangent() returned, zeros kept."
             )
         places, values = self._values()
-        K.data[places] += factor * values
+        K.data[places] += number("factor", factor, "a finite number") * values
+
+    def _vector(self, name: str, given: Any) -> Array:
+        """(ndofs,) finite numbers; most often they are, and nothing is done."""
+        own = type(given) is np.ndarray and given.dtype == np.float64 and given.shape == (self._free.size,)
+        if own and all_finite(given):
+            return given
+        return array(
+            name, given, (self._free.size,), f"({self._free.size},) finite numbers, one for each degree of freedom", StateError
+        )
 
     def _refuse_bare(self) -> None:
         bare = np.flatnonzero((self.vertex <= 0) & self._free.any(axis=1))
@@ -129,10 +151,10 @@ class LumpedMass(Mass):
         return diags(self._dofs, format="csr")
 
     def multiply(self, v: Array, out: Array | None = None) -> Array:
-        return np.multiply(self._dofs, v, out=out)
+        return np.multiply(self._dofs, self._vector("v", v), out=out)
 
     def solve(self, f: Array) -> Array:
-        return np.asarray(self._inverse * f)
+        return np.asarray(self._inverse * self._vector("f", f))
 
     def _values(self) -> tuple[NDArray[np.intp], Array]:
         if self._places is None:
@@ -167,7 +189,7 @@ class ConsistentMass(Mass):
         return M
 
     def multiply(self, v: Array, out: Array | None = None) -> Array:
-        product: Array = (self._scalar @ np.reshape(v, self._free.shape)).ravel()
+        product: Array = (self._scalar @ np.reshape(self._vector("v", v), self._free.shape)).ravel()
         if out is None:
             return product
         out[:] = product
@@ -176,7 +198,7 @@ class ConsistentMass(Mass):
     def solve(self, f: Array) -> Array:
         low, high = self._bounds
         centre, half, ratio = (high + low) / 2, (high - low) / 2, sqrt(high / low)
-        r = np.array(f, dtype=np.float64).reshape(self._free.shape)
+        r = np.array(self._vector("f", f)).reshape(self._free.shape)
         x, step, rho = np.zeros_like(r), self._inverse * r / centre, half / centre
         for _ in range(ceil(log(2 / np.finfo(float).eps) / log((ratio + 1) / (ratio - 1)))):
             x += step
@@ -210,9 +232,7 @@ def kind_of_mass(kind: str) -> type[Mass]:
     StvkError
         if there is none.
     """
-    if kind not in tuple(KINDS):
-        raise StvkError(f"mass = {kind!r}; expected {' or '.join(map(repr, KINDS))}.")
-    return KINDS[kind]
+    return KINDS[choice("mass", kind, KINDS)]
 
 
 def _scalar_matrix(mesh: SimplexMesh, elements: Array) -> csr_matrix:

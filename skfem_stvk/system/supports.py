@@ -61,7 +61,7 @@ class Supports:
     def __init__(
         self, mesh: SimplexMesh, fixed: Displacements | DofsView | None = None, prescribed: Displacements | None = None
     ) -> None:
-        self._mesh = mesh
+        self._mesh = mesh = SimplexMesh.of(mesh)
         self.fixed = fixed_dofs(mesh, fixed)
         entries = _pairs(prescribed, "prescribed", '{"handle": {"x": 0.01}}')
         motions = [motion for where, given in entries for motion in self._move(where, given)]
@@ -81,10 +81,12 @@ class Supports:
 
         Raises
         ------
+        StateError
+            if `t` is no finite number.
         SupportError
             if a function does not return finite values, or two of them give different ones for the same degree of freedom.
         """
-        values = np.zeros(len(self.held))
+        values, t = np.zeros(len(self.held)), Moment.checked(t)
         for place, value in self._motions:
             values[place] = value.at(t)
         if self._twice:

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, DTypeLike, NDArray
 from scipy.sparse import csr_matrix
 
-from ..arguments import shown
+from ..arguments import array, number, shown
 from ..edges import ALL, Rows, Tensions
 from ..errors import LoadError, StateError, StvkError, name_ids, warn
 from ..kernels.threads import Turn
@@ -236,7 +236,7 @@ class System:
         True
         """
         x, y, force = self._state(u0, "u0"), self._state(u1, "u1"), self._by_vertex(out)
-        R = 0.0
+        weights, theta, R = _two_numbers("weights", weights), number("theta", theta), 0.0
         for term in self._bound:
             if isinstance(term, HasMeanForce):
                 R += term.mean_force(x, y, weights, theta, force)
@@ -245,7 +245,7 @@ class System:
                 term.energy(x + theta * (y - x), at_p)
                 force += sum(weights) * at_p
         _refuse_overflow(R, "The energy of the change", y)
-        _refuse_overflow(force, "F", y)
+        _refuse_overflow(force, "out, with the mean force added,", y)
         return R
 
     def add_damping_force(self, u: ArrayLike, v: ArrayLike, out: Array) -> float:
@@ -270,7 +270,7 @@ class System:
         x, y, force = self._state(u), self._state(v, "v"), self._by_vertex(out)
         R = sum(term.damping_force(x, y, force) for term in self._bound if isinstance(term, HasDampingForce))
         _refuse_overflow(R, "The damping", x)
-        _refuse_overflow(force, "The damping force", x)
+        _refuse_overflow(force, "out, with the damping force added,", x)
         return R
 
     def add_secant_damping(self, u0: ArrayLike, u1: ArrayLike, theta: float, out: Array) -> float:
@@ -293,9 +293,10 @@ class System:
         """
         x, y, force = self._state(u0, "u0"), self._state(u1, "u1"), self._by_vertex(out)
         edges = [term for term in self._bound if isinstance(term, HasMeanForce) and isinstance(term, HasDampingForce)]
+        theta = number("theta", theta)
         R = sum(term.mean_force(x, y, (-1.0, 1.0), theta, force) for term in edges)
         _refuse_overflow(R, "The damping", y)
-        _refuse_overflow(force, "The damping force", y)
+        _refuse_overflow(force, "out, with the damping force added,", y)
         return R
 
     def tangent(self, u: ArrayLike, out: csr_matrix | None = None) -> csr_matrix:
@@ -355,7 +356,7 @@ class System:
         >>> bool(abs(K @ v - body.tangent(u) @ v).max() < 1e-9), bool(abs(K @ v - body.product(u, v)).max() == 0)
         (True, True)
         """
-        return TangentOperator(self._bound, self._state, u, self.dtype, kept)
+        return TangentOperator(self._bound, self._state, u, self.dtype, _factors(kept))
 
     def external_force(self, u: ArrayLike, t: Time = 1.0) -> Array:
         """Sum of the loads (ndofs,) [N] at displacements `u` and load factor `t`.
@@ -367,9 +368,9 @@ class System:
         LoadError
             if a load that is given as a function does not return finite values.
         """
-        x, force = self._state(u), np.zeros(self.mesh.p.T.shape)
+        x, force, moment = self._state(u), np.zeros(self.mesh.p.T.shape), Moment.checked(t)
         for load in self._loads:
-            load.add_force(x, _checked(t), force)
+            load.add_force(x, moment, force)
         _refuse_overflow(force, "The external force", x)
         return force.ravel()
 
@@ -397,10 +398,10 @@ class System:
 
     def driving_force(self, u: ArrayLike, t: Time) -> Array:
         """(ndofs,) of the loads that change with time or have no potential [N]; errors as of `external_force`."""
-        x, force = self._state(u), np.zeros(self.mesh.p.T.shape)
+        x, force, moment = self._state(u), np.zeros(self.mesh.p.T.shape), Moment.checked(t)
         for load in self._loads:
             if not _keeps_energy(load):
-                load.add_force(x, _checked(t), force)
+                load.add_force(x, moment, force)
         return force.ravel()
 
     def steady_potential(self, u: ArrayLike) -> float:
@@ -418,22 +419,23 @@ class System:
         `kept` are the tensions of edges that stay in it: `TENSILE` and `NONE` of `skfem_stvk.edges` leave out all that can make K indefinite,
         what the pressure of a `VolumePenalty` adds as well. It is positive semi-definite then, but for the loads.
         """
-        K = self._elastic_tangent(u, out, kept)
+        moment = Moment.checked(t)
+        K = self._elastic_tangent(u, out, _factors(kept))
         for load, places in zip(self._loads, self._load_places, strict=True):
-            load.add_stiffness(self._state(u), _checked(t), places, K.data)
+            load.add_stiffness(self._state(u), moment, places, K.data)
         return K
 
     def energies(self, u: ArrayLike, t: Time = 1.0) -> dict[str, float]:
         """Energy by term [J], named after its type and number: strain energies, and the potentials of loads that have one."""
-        x = self._state(u)
+        x, moment = self._state(u), Moment.checked(t)
         elastic = self.elastic_energies(u)
-        loads = [load.potential(x, t) if load.conservative else None for load in self._loads]
+        loads = [load.potential(x, moment) if load.conservative else None for load in self._loads]
         values = iter(elastic), iter(loads)
         found: dict[str, float] = {}
-        for number, term in enumerate(self.terms):
+        for place, term in enumerate(self.terms):
             value = next(values[isinstance(term, Load)])
             if value is not None:
-                found[f"{type(term).__name__} {number}"] = value
+                found[f"{type(term).__name__} {place}"] = value
         return found
 
     def elastic_energies(self, u: ArrayLike) -> list[float]:
@@ -558,7 +560,7 @@ class System:
 
     def compressed(self, u: ArrayLike, below: float) -> NDArray[np.int64]:
         """Ids of the elements whose smallest principal stretch at `u` is less than `below`, ascending. Errors as of `energy`."""
-        x = self._state(u)
+        x, below = self._state(u), number("below", below, "a finite stretch")
         ids = [np.empty(0, dtype=np.int64)]
         for specification, term in zip(self.elastic_terms, self._bound, strict=True):
             if isinstance(term, HasStretch) and term.smallest_stretch(x) < below:
@@ -609,7 +611,8 @@ class System:
             loads = [type(term).__name__ for term in self.terms if isinstance(term, Load)]
             without = [name for name, load in zip(loads, self._loads, strict=True) if not load.conservative]
             raise LoadError(f"{', '.join(without)} has no potential: its work depends on the path. Ask for residual(u, t) instead.")
-        return sum(load.potential(x, _checked(t)) for load in self._loads)
+        moment = Moment.checked(t)
+        return sum(load.potential(x, moment) for load in self._loads)
 
     def _elastic_tangent(self, u: ArrayLike, out: csr_matrix | None, kept: Tensions = ALL) -> csr_matrix:
         x = self._state(u)
@@ -627,7 +630,7 @@ class System:
             return self.pattern.matrix(np.empty(self.pattern.nnz, dtype=self.dtype))
         if not self.pattern.fits(out, self.dtype):
             raise StvkError(
-                f"out, a {type(out).__name__} of shape {np.shape(out)}, does not have the pattern and type of this system's K "
+                f"out = {shown(out)} does not have the pattern and type of this system's K "
                 f"({self.pattern.shape}, {self.pattern.nnz} values of {self.dtype}). Hand in a matrix that tangent() returned, "
                 "unchanged by eliminate_zeros() and the like."
             )
@@ -652,9 +655,10 @@ class System:
 
     def _by_vertex(self, out: Array) -> Array:
         """An array (ndofs,) to write to, as (nv, d)."""
-        if not isinstance(out, np.ndarray) or out.shape != (self.ndofs,) or out.dtype.kind != "f" or not out.flags.c_contiguous:
+        own = isinstance(out, np.ndarray) and not isinstance(out, np.ma.MaskedArray) and out.dtype in (np.float64, np.float32)
+        if not own or out.shape != (self.ndofs,) or not (out.flags.c_contiguous and out.flags.writeable):
             raise StvkError(
-                f"out, a {type(out).__name__} of shape {np.shape(out)}; expected an array of floats ({self.ndofs},) in one piece, such as "
+                f"out = {shown(out)}; expected an array of floats ({self.ndofs},) in one piece that can be written to, such as "
                 "np.zeros(system.ndofs)."
             )
         return out.reshape(-1, self.mesh.d)
@@ -682,11 +686,20 @@ def _float_type(dtype: Any) -> np.dtype[Any]:
     return found
 
 
-def _checked(t: Time) -> Moment:
-    moment = Moment.of(t)
-    if not (isfinite(moment.time) and isfinite(moment.factor)):
-        raise StateError(f"t = {t}; expected a finite load factor (in statics from 0 to 1) or time.")
-    return moment
+def _two_numbers(name: str, given: Any) -> tuple[float, float]:
+    if type(given) is tuple and len(given) == 2:
+        return number(f"{name}[0]", given[0]), number(f"{name}[1]", given[1])
+    first, second = array(name, given, (2,), "two numbers").tolist()
+    return first, second
+
+
+def _factors(kept: Tensions) -> Tensions:
+    """Refuses what are no factors of tensions."""
+    if not isinstance(kept, Tensions):
+        raise StvkError(
+            f"kept = {shown(kept)}; expected ALL, TENSILE or NONE of skfem_stvk.edges, or Tensions(positive, negative)."
+        )
+    return Tensions(number("kept: positive", kept.positive), number("kept: negative", kept.negative))
 
 
 def _keeps_energy(load: BoundLoad) -> bool:

@@ -5,13 +5,14 @@ from __future__ import annotations
 import inspect
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
+from math import isfinite
 from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arguments import real_array, shown
-from ..errors import LoadError, StvkError, name_ids
+from ..arguments import number, real_array, shown
+from ..errors import LoadError, StateError, StvkError, name_ids
 from .body import Body
 from .protocols import BoundLoad
 
@@ -42,6 +43,21 @@ class Moment(NamedTuple):
     def of(cls, t: Time) -> Moment:
         """The moment itself, or that of a load factor."""
         return t if isinstance(t, Moment) else cls(t, t)
+
+    @classmethod
+    def checked(cls, t: Time) -> Moment:
+        """As `of`, in finite numbers.
+
+        Raises
+        ------
+        StateError
+            for anything else.
+        """
+        if type(t) is float and isfinite(t):
+            return cls(t, t)  # most often
+        time, factor = t if isinstance(t, Moment) else (t, t)
+        expected = "a finite load factor (in statics from 0 to 1) or time"
+        return cls(number("t", time, expected, error=StateError), number("t", factor, expected, error=StateError))
 
 
 #: A load factor, or a moment.

@@ -546,7 +546,7 @@ MISTAKES = {
         rf"u0 is a ndarray of shape \({N // 2}, 2\), dtype float64; expected \({N},\) .*u0.ravel\(\)",
         {"u0": np.zeros((N // 2, 2))},
     ),
-    "no kind of mass": (StvkError, "mass = ''; expected 'lumped' or 'consistent'", {"mass": ""}),
+    "no kind of mass": (StvkError, "mass = ''; known: 'consistent', 'lumped'", {"mass": ""}),
     "v0 too short": (StateError, r"v0 is a \w+ of shape \(3,\).* Is it of another mesh", {"v0": np.zeros(3)}),
     "u0 no vector": (StateError, "u0 is a str of shape .* take its .u", {"u0": "zero"}),
     "u0 ragged": (StateError, "u0 is a list", {"u0": [[1], [1, 2]]}),

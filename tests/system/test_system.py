@@ -199,7 +199,12 @@ def test_a_block_outside_of_the_pattern_is_a_loud_error():
     [
         (np.zeros(5), r"u has shape \(5,\); expected \(192,\): 3 components at each of 64 vertices"),
         (np.zeros(192, dtype=complex), "u has dtype complex128; expected real numbers"),
-        ("abc", "u has dtype"),
+        ("abc", "u is 'abc'; expected real numbers"),
+        ([[0.0], [0.0, 1.0]], r"u is \[\[0\.0\], \[0\.0, 1\.0\]\]; expected real numbers"),
+        (
+            np.ma.masked_equal(np.arange(192.0), 3.0),
+            "u is an array of shape .*; expected real numbers, displacements in m, without masked entries",
+        ),
         (np.zeros((64, 3)), r"u has shape \(64, 3\)"),
         (np.where(np.arange(192) == 17, np.nan, 0.0), r"u is not finite in 1 entry \(17\)"),
         (np.where(np.arange(192) > 180, np.inf, 0.0), r"u is not finite in 11 entries \(181, 182, 183, 184, 185, ...\)"),

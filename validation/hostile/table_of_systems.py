@@ -58,7 +58,7 @@ def calls() -> list[Call]:
         call(
             "System.free_dofs", body.free_dofs, {"fixed": frozenset({"empty list", "empty array", "one longer"})}, fixed=[0, 1, 4]
         ),
-        _writing("energy_and_force", {"out": OPTIONAL}, u=u),
+        _writing("energy_and_force", {"out": OPTIONAL | {"NaN in it", "inf in it"}}, u=u),
         _writing("add_damping_force", u=u, v=u),
         _writing("add_mean_force", {"theta": NUMBER}, u0=u, u1=2 * u, weights=(0.5, 0.25), theta=0.5),
         _writing("add_secant_damping", {"theta": NUMBER}, u0=u, u1=2 * u, theta=0.5),
