@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.sparse import csr_matrix
 
-from ..arguments import plain_array, shown
+from ..arguments import plain_array, shown, whole_array
 from ..errors import StateError, StvkError, name_ids
 from ..kernels import blocks as block_kernels
 from ..kernels.threads import parts_of, run, threads
@@ -73,13 +73,10 @@ class FreeDofs:
 
     def __init__(self, system: Patterned, fixed: ArrayLike) -> None:
         ndofs = system.ndofs
-        try:
-            ids = np.asarray(fixed)
-        except ValueError:  # rows of different lengths
-            ids = np.asarray(None)
-        if ids.ndim != 1 or (ids.size and not np.issubdtype(ids.dtype, np.integer)) or np.ma.is_masked(fixed):
+        ids = whole_array(fixed)
+        if ids is None or ids.ndim != 1 or ids.dtype.kind == "b":
             raise StvkError(
-                f"fixed has shape {ids.shape} and dtype {ids.dtype}; expected a list of degrees of freedom, d * vertex + component: bare "
+                f"fixed = {shown(fixed)}; expected a list of degrees of freedom, d * vertex + component: bare "
                 "integers are those here, and vertices in System(fixed=...). Of a mask take np.flatnonzero(mask)."
             )
         bad = ids[(ids < 0) | (ids >= ndofs)]

@@ -28,8 +28,12 @@ from .small_bodies import NOT_NEGATIVE, NOTHING_LISTED, NUMBER, OPTIONAL, POSITI
 
 FRAME = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
 VOIGT = np.diag([4.0, 5.0, 6.0, 1.0, 2.0, 3.0])
+#: Three constants with a value for each element, if there is just one element.
+ONE_ELEMENT = frozenset({"one axis more"})
+#: Components with values of their own: the same for all vertices, or for each of two.
+COMPONENTS = frozenset({"one axis more", "ragged list"})
 #: What messages call a place.
-PLACE = r"where|the vertices|the place|There is|the predicate| on |names|boundary|region|Subdomain"
+PLACE = r"where|subdomain|the vertices|the place|There is|the predicate| on |names|boundary|region|Subdomain"
 
 
 def on_body(term: Any) -> System:
@@ -38,7 +42,7 @@ def on_body(term: Any) -> System:
 
 
 def _load(kind: type, **good: Any) -> Call:
-    numbers = {"pressure": NUMBER}
+    numbers = {"pressure": NUMBER, "g": COMPONENTS, "force": COMPONENTS, "traction": COMPONENTS}
     return call(
         kind.__name__,
         lambda **given: on_body(kind(**given)),
@@ -50,7 +54,7 @@ def _load(kind: type, **good: Any) -> Call:
 
 def calls() -> list[Call]:
     """All of them."""
-    one = frozenset({"0.5"})
+    one, three = frozenset({"0.5"}), ("young", "poisson", "shear")
     material = {"density": OPTIONAL | POSITIVE, "frame": OPTIONAL}
     return [
         call(
@@ -73,7 +77,8 @@ def calls() -> list[Call]:
         call(
             "Orthotropic",
             Orthotropic,
-            material,
+            material | dict.fromkeys(three, ONE_ELEMENT),
+            {name: rf"\b{name}(_\d\d?)?\b" for name in three},
             young=(4.0, 2.0, 1.0),
             poisson=(0.25, 0.25, 0.125),
             shear=(1.0, 2.0, 0.5),
@@ -85,6 +90,7 @@ def calls() -> list[Call]:
             TransverselyIsotropic,
             material
             | dict.fromkeys(("young_axial", "young_transverse", "shear_axial", "poisson_axial", "poisson_transverse"), NUMBER),
+            {"poisson_axial": "poisson_axial|Poisson's ratios"},
             young_axial=4.0,
             young_transverse=2.0,
             poisson_axial=0.25,

@@ -56,7 +56,10 @@ def calls() -> list[Call]:
         call("System.compressed", body.compressed, {"below": NUMBER | {"inf"}}, u=u, below=0.5),
         call("System.mass", body.mass, called={"kind": "mass|kind"}, kind="consistent"),
         call(
-            "System.free_dofs", body.free_dofs, {"fixed": frozenset({"empty list", "empty array", "one longer"})}, fixed=[0, 1, 4]
+            "System.free_dofs",
+            body.free_dofs,
+            {"fixed": frozenset({"empty list", "empty dict", "empty array", "one longer"})},
+            fixed=[0, 1, 4],
         ),
         _writing("energy_and_force", {"out": OPTIONAL | {"NaN in it", "inf in it"}}, u=u),
         _writing("add_damping_force", u=u, v=u),
