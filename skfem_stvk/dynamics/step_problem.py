@@ -10,13 +10,13 @@ from scipy.sparse import csr_matrix
 
 from ..edges import ALL, NONE, Tensions
 from ..errors import StateError
-from ..linear import Factors, LinearSolver, Outcome, Solution, Unknowns
+from ..linear import Factors, Kind, LinearSolver, Outcome, Solution, Unknowns
 from ..linear.block_jacobi import BlockJacobiAnalysis, BlockJacobiCg, BlockJacobiFactors
 from ..linear.edge_cg import EdgeFactors
-from ..statics.equilibrium import Equilibrium, Residual, dot, norm
+from ..statics.equilibrium import Equilibrium, Residual, dot, kind_of, norm
 from ..statics.equilibrium import Tangent as Attempted
 from ..statics.stopwatch import Stopwatch
-from ..system import FreeOperator, TangentOperator
+from ..system import FreeOperator, System, TangentOperator
 from ..system.rigid import rigid_modes
 from ..terms.load import Moment, Time
 from .motion import Motion
@@ -54,6 +54,11 @@ class Coefficients(NamedTuple):
     rest: Array | float = 0.0
 
 
+def kind_of_step(system: System, tangent: Tangent) -> Kind:
+    """What the tangent of a step is: diagonal blocks and K(0) are symmetric, for they have nothing of loads that follow the body."""
+    return Kind.SYMMETRIC if tangent in (Tangent.DIAGONAL, Tangent.REST) else kind_of(system)
+
+
 class _Parts(NamedTuple):
     """What a tangent is made of: `factor K`, with the tensions `within` in K, and with those of the beginning, as far as they are `kept`, beside it."""
 
@@ -87,6 +92,7 @@ class StepProblem(Equilibrium):
         self._rest_factors: tuple[Any, Factors] | None = None
         self._free_tangent: FreeOperator | None = None
         super().__init__(motion.system, solver, watch)
+        self._kind = kind_of_step(motion.system, tangent)
         self._diagonal = (
             BlockJacobiAnalysis(BlockJacobiCg(), _by_vertex(self.free.free, motion.system.mesh.d))
             if tangent is Tangent.DIAGONAL

@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 
 from ...errors import StvkError
 from ...linear import BlockJacobiCg, Kind, LinearSolver, SsorCg, choose
-from ...statics.equilibrium import kind_of
 from ...statics.newton import Iterations, newton
 from ...statics.stopwatch import Stopwatch
 from ...system import System
@@ -19,7 +18,7 @@ from ...terms.load import Moment
 from ..clock import SLACK
 from ..motion import Motion
 from ..state import State
-from ..step_problem import Coefficients, StepProblem
+from ..step_problem import Coefficients, StepProblem, kind_of_step
 from ..tangents import Tangent
 from .integrator import Integrator, StepFailed, checked_step
 
@@ -54,20 +53,23 @@ class Implicit(Integrator):
 
     def linear_solver(self, motion: Motion) -> LinearSolver:
         """What solves its linear systems; with a matrix where a mass between vertices needs one, or SSOR, for the blocks of several terms."""
-        solver = choose(self._named(motion.system), len(motion.free.free), kind_of(motion.system))
+        kind = kind_of_step(motion.system, Tangent(self.tangent))
+        solver = choose(self._named(motion.system, kind), len(motion.free.free), kind)
         if not solver.matrix_free:
             return solver
         own = solver if isinstance(solver, BlockJacobiCg) else SsorCg()
         several = isinstance(solver, SsorCg) and len(motion.system.elastic_terms) > 1
         return replace(own, assembled=True) if several or motion.mass.kind == "consistent" else solver
 
-    def _named(self, system: System) -> str | LinearSolver:
-        """Conjugate gradients for the diagonal blocks, which need nothing else, and by default for tetrahedra, whose factors are large."""
-        tangent = Tangent(self.tangent)
-        if tangent is Tangent.DIAGONAL:
+    def _named(self, system: System, kind: Kind) -> str | LinearSolver:
+        """Conjugate gradients for the diagonal blocks, which need nothing else, and by default where they are fast and take the matrix."""
+        if Tangent(self.tangent) is Tangent.DIAGONAL:
             return "block-jacobi-cg"
-        iterated = system.mesh.k == 3 and tangent is not Tangent.REST and kind_of(system) is Kind.SYMMETRIC
-        return "ssor-cg" if self.solver == "auto" and iterated else self.solver
+        return "ssor-cg" if self.solver == "auto" and kind is Kind.SYMMETRIC and self.iterates(system) else self.solver
+
+    def iterates(self, system: System) -> bool:
+        """Whether conjugate gradients are fast: for tetrahedra, whose factors are large, unless factors are kept."""
+        return system.mesh.k == 3 and Tangent(self.tangent) is not Tangent.REST
 
     @abstractmethod
     def coefficients(self, state: State, h: float, stepper: ImplicitStepper) -> Coefficients:

@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import StvkError
-from ...linear import LinearSolver
 from ...statics.equilibrium import Tangent as Attempted
 from ...statics.newton import usable
+from ...system import System
 from ...terms import StVK
 from ...terms.load import Moment
 from ..motion import Motion
@@ -30,15 +30,15 @@ class LinearBackwardEuler(BackwardEuler):
 
         v <- 1/T (M/T^2 + D/T + K)^-1 (h - F(p) + M v/T)        p <- p + T v
 
-    By default conjugate gradients, preconditioned by SSOR and started from where the last velocity and acceleration lead, solve it.
-    Where K is indefinite, they may find the matrix not positive definite: the step is taken with the clamped tangent then.
+    By default conjugate gradients, preconditioned by SSOR and started from where the last velocity and acceleration lead, solve it; beside
+    follower loads, which make K unsymmetric, a direct solver does. Where K is indefinite, conjugate gradients may find the matrix not positive
+    definite: the step is taken with the clamped tangent then.
 
     Parameters
     ----------
     rtol : of the linear solve.
     """
 
-    solver: str | LinearSolver = "ssor-cg"
     rtol: float = 1e-4
 
     @property
@@ -47,6 +47,10 @@ class LinearBackwardEuler(BackwardEuler):
         if self.tangent == Tangent.GAUSS_NEWTON.value:
             return frozenset({LINEAR_MOMENTUM, ANGULAR_MOMENTUM})
         return frozenset() if self.tangent == Tangent.DIAGONAL.value else frozenset({LINEAR_MOMENTUM})
+
+    def iterates(self, system: System) -> bool:
+        """In any case: one solve is all that a step is, and it starts near its solution."""
+        return True
 
     def stepper(self, motion: Motion) -> LinearStepper:
         self._refuse_what_a_solve_would_miss(motion)
