@@ -13,7 +13,7 @@ from ..terms.load import Moment
 from .ledger import INSIDE_OUT, Balance, Ledger, column_names
 from .motion import Motion
 from .places import Places
-from .reactions import last_step, support_forces
+from .reactions import ground_forces, last_step
 from .state import State
 
 Array = NDArray[Any]
@@ -86,7 +86,7 @@ class Books:
             row += list(state.u.reshape(-1, mesh.d)[vertices].mean(axis=0))
         if self._places.reactions:
             since = last_step([*self.ledger["time"][-2:].tolist(), state.t], self._dt)
-            forces = support_forces(self.motion, state.u, state.v, state.t, since).reshape(-1, mesh.d)
+            forces = ground_forces(self.motion, state.u, state.v, state.t, since).reshape(-1, mesh.d)
             for vertices in self._places.reactions.values():
                 row += list(forces[vertices].sum(axis=0))
         self.ledger.append(row)

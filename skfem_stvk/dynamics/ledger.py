@@ -71,7 +71,7 @@ def column_names(system: System, probes: Iterable[str] = (), reactions: Iterable
     `linear_momentum_x`, ...             [kg m/s]
     `angular_momentum_x`, ...            about the origin [kg m^2/s]; in the plane `_z` alone
     `A x`, `A y`, ...                    displacements of the probe `A` [m]
-    `reaction B x`, ...                  force that the supports at `B` exert at this moment, see `Run.reaction` [N]
+    `reaction B x`, ...                  force of supports and foundations at `B` at this moment, see `Run.reaction` [N]
     ===================================  ====================================================================================
     """
     axes = "xyz"[: system.mesh.d]

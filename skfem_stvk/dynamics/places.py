@@ -25,7 +25,7 @@ class Places(NamedTuple):
     Attributes
     ----------
     probes : whose mean displacements are entered.
-    reactions : whose supports' forces are entered.
+    reactions : where the forces of supports and foundations are entered.
     """
 
     probes: Vertices = NOWHERE
@@ -38,14 +38,13 @@ class Places(NamedTuple):
         Raises
         ------
         RegionError, SupportError
-            if there is no vertex at a place, or nothing is held at one for reactions.
+            if there is no vertex at a place, or neither a support nor a foundation at one for reactions.
         StvkError
             if they do not come by name, or two columns would have the same name.
         """
-        mesh, held = system.mesh, system.supports.held
         places, supports = _named("probes", probes, "'tip': [17]"), _named("reactions", reactions, "'clamp': 'left'")
-        moving = {name: vertices_at(mesh, where, f"probe {name!r}") for name, where in places.items()}
-        held_up = {name: held_vertices(mesh, held, where, f"reaction {name!r}") for name, where in supports.items()}
+        moving = {name: vertices_at(system.mesh, where, f"probe {name!r}") for name, where in places.items()}
+        held_up = {name: held_vertices(system, where, f"reaction {name!r}") for name, where in supports.items()}
         columns = column_names(system, moving, held_up)
         twice = sorted({name for name in columns if columns.count(name) > 1})
         if twice:

@@ -1,4 +1,4 @@
-"""What supports do to a body in motion."""
+"""Forces of supports and foundations on a body in motion."""
 
 from __future__ import annotations
 
@@ -16,8 +16,11 @@ Array = NDArray[Any]
 SHORT = 0.3
 
 
-def support_forces(motion: Motion, u: Array, v: Array, t: float, since: float) -> Array:
-    """(ndofs,) the forces of the supports at a moment [N], `M a + D v + F(u) - h(u, t)` where degrees of freedom are held, 0 elsewhere.
+def ground_forces(motion: Motion, u: Array, v: Array, t: float, since: float) -> Array:
+    """(ndofs,) forces of supports and foundations on the body at a moment [N].
+
+        M a + D v + F(u) - h(u, t)    of supports, where degrees of freedom are held
+        -K_f (u + beta v)             of foundations, whose stiffness counts in Rayleigh's damping too
 
     Accelerations `a` are those of the equation of motion at this moment; where supports move, theirs: see `held_accelerations`.
     """
@@ -28,8 +31,8 @@ def support_forces(motion: Motion, u: Array, v: Array, t: float, since: float) -
         a[fixed] = held_accelerations(motion, t, since)
     if mass.kind == "consistent":  # what is held is coupled to what is not
         a += mass.solve(moving - mass.multiply(a))
-    forces = np.zeros_like(moving)
-    forces[fixed] = (mass.multiply(a) - moving)[fixed]
+    forces = motion.system.foundation_force(u + motion.beta * v)
+    forces[fixed] += (mass.multiply(a) - moving)[fixed]
     return forces
 
 

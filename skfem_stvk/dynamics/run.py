@@ -20,7 +20,7 @@ from ..system import System
 from .integrators import Integrator
 from .ledger import Ledger
 from .motion import Motion
-from .reactions import last_step, support_forces
+from .reactions import ground_forces, last_step
 from .status import Status
 
 Array = NDArray[Any]
@@ -77,23 +77,22 @@ class Run:
         return Fields(self.system.mesh, self.system.elastic_terms).at(self.u, self.v)
 
     def reaction(self, where: Where | None = None) -> Reaction:
-        """What the supports at a place do to the body at the end: `.resultant` [N], `.moment(about)` [N m], `.by_node`.
+        """Force of the ground on the body at a place at the end, through supports and foundations: `.resultant` [N], `.moment(about)` [N m], `.by_node`.
 
-        They are `M a + D v + F(u) - h(u, t)` there: what carries the loads, and the inertia and damping of what is held, where it moves.
-        Together with the loads they are the rate of the body's linear momentum. `where` is a boundary, a node set, vertex ids or a
-        predicate; None for all supports.
+        That of supports is `M a + D v + F(u) - h(u, t)`: what carries the loads, and the inertia and damping of what is held, where it
+        moves. That of foundations is `-K_f (u + beta v)`, with the factor beta of `Rayleigh` damping. Together with the loads they are the rate of
+        the body's linear momentum. `where` is a boundary, a node set, vertex ids or a predicate; None for all of them.
 
         Raises
         ------
         RegionError
             if there is no such place.
         SupportError
-            if nothing is held there.
+            if no support and no foundation is there.
         """
-        mesh = self.system.mesh
-        vertices = held_vertices(mesh, self.motion.free.fixed, where)
+        vertices = held_vertices(self.system, where)
         since = last_step(self.ledger["time"][-3:].tolist(), self.dt)
-        return Reaction.of(mesh, self.u, support_forces(self.motion, self.u, self.v, self.t, since), vertices)
+        return Reaction.of(self.system.mesh, self.u, ground_forces(self.motion, self.u, self.v, self.t, since), vertices)
 
     def plot(self, field: str | ArrayLike = "von_mises_stress", **options: Any) -> Any:
         """Draw the last state, coloured by a field; options as of `results.plot`."""

@@ -53,7 +53,7 @@ def simulate(
     mass : "lumped", the default, or "consistent".
     damping : `Rayleigh(alpha, beta)`, `EdgeDamping(tau)` or a list of them.
     probes : places by name, whose mean displacements stand in the ledger: `{"A": [17]}` gives the columns "A x", "A y".
-    reactions : supports by name, whose forces stand in the ledger, for the price of a force a step: `{"B": "left"}` gives "reaction B x",
+    reactions : places with supports or foundations by name, whose forces stand in the ledger, for the price of a force a step: `{"B": "left"}` gives "reaction B x",
         "reaction B y". Of the last state alone there is `run.reaction("left")`.
     save : a .pvd file, with a .vtu file for each state that is saved, displacements, velocities, stresses and strains, and the ledger as .csv beside it.
     every : steps from one saved state to the next, by default 10.

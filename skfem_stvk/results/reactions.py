@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from ..errors import StateError, StvkError, SupportError, name_ids
 from ..mesh import SimplexMesh
 from ..mesh.places import Where, describe, vertices_at
+from ..system import System
 
 Array = NDArray[np.float64]
 
@@ -92,8 +93,8 @@ class Reaction:
         return f"Reaction at {count}: resultant {_digits(self.resultant)} N{moment}"
 
 
-def held_vertices(mesh: SimplexMesh, held: NDArray[np.integer], where: Where | None, what: str = "reaction") -> NDArray[np.int64]:
-    """Ids of the vertices at a place, everywhere if it is None, that have one of the degrees of freedom that are held.
+def held_vertices(system: System, where: Where | None, what: str = "reaction") -> NDArray[np.int64]:
+    """Ids of the vertices at a place, everywhere if it is None, that supports hold or foundations tie to the ground; ascending.
 
     Messages begin with `what` they are asked for.
 
@@ -102,18 +103,20 @@ def held_vertices(mesh: SimplexMesh, held: NDArray[np.integer], where: Where | N
     RegionError
         if there is no such place.
     SupportError
-        if nothing is held there.
+        if no support and no foundation is there.
     """
-    vertices = np.unique(held // mesh.d).astype(np.int64)
+    held = np.union1d(system.supports.held, system.grounded)
+    vertices = np.unique(held // system.mesh.d).astype(np.int64)
     if where is None:
         if not len(vertices):
-            raise SupportError(
-                f"{what}: the body has no supports, so there is no reaction. Foundations are loads: external_force(u, t)."
-            )
+            raise SupportError(f"{what}: the body has no supports and no foundations, so there is no reaction.")
         return vertices
-    vertices = np.intersect1d(vertices, vertices_at(mesh, where, what))
+    vertices = np.intersect1d(vertices, vertices_at(system.mesh, where, what))
     if not len(vertices):
-        raise SupportError(f"{what}: nothing is held at {describe(where)}, so there is no reaction. Is it held somewhere else?")
+        raise SupportError(
+            f"{what}: nothing is held at {describe(where)}, so there is no reaction: no support and no foundation is there. Is it held "
+            "somewhere else?"
+        )
     return vertices
 
 

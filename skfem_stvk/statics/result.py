@@ -59,21 +59,22 @@ class StaticResult:
         return self.history.critical_points
 
     def reaction(self, where: Where | None = None) -> Reaction:
-        """What the supports at a place do to the body: `.resultant` [N], `.moment(about)` [N m], `.by_node`.
+        """Force of the ground on the body at a place, through supports and foundations: `.resultant` [N], `.moment(about)` [N m], `.by_node`.
 
-        With loads and foundations it adds up to zero. `where` is a boundary, a node set, vertex ids or a predicate; None for all supports.
+        The reactions of all supports and foundations and the loads add up to zero. `where` is a boundary, a node set, vertex ids or a
+        predicate; None for all of them.
 
         Raises
         ------
         RegionError
             if there is no such place.
         SupportError
-            if nothing is held there.
+            if no support and no foundation is there.
         """
-        mesh, held = self.system.mesh, self.system.supports.held
-        forces = np.zeros(self.system.ndofs)
-        forces[held] = self.system.residual(self.u, self.t)[held]
-        return Reaction.of(mesh, self.u, forces, held_vertices(mesh, held, where))
+        system, held = self.system, self.system.supports.held
+        vertices, forces = held_vertices(system, where), system.foundation_force(self.u)
+        forces[held] += system.residual(self.u, self.t)[held]
+        return Reaction.of(system.mesh, self.u, forces, vertices)
 
     @cached_property
     def state(self) -> State:

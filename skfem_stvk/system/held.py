@@ -35,8 +35,7 @@ def check_held(mesh: SimplexMesh, terms: Sequence[BoundTerm], held: NDArray[Any]
         with the rigid modes that are left, by part; and with the pieces that turn, and the joints about which.
     """
     edges = [term.edges for term in terms]
-    grounded = [getattr(term, "grounded", np.empty(0, dtype=np.int64)) for term in terms]
-    held = np.unique(np.concatenate([held, *grounded])).astype(np.int64)
+    held = np.union1d(held, grounded_dofs(terms)).astype(np.int64)
     part = parts_of(edges, mesh.nv)
     left = rigid_modes_left(mesh.p, part, held)
     said = []
@@ -56,6 +55,12 @@ def check_held(mesh: SimplexMesh, terms: Sequence[BoundTerm], held: NDArray[Any]
             )
     if said:
         raise SupportError(f"Not held: {' Besides, '.join(said)}")
+
+
+def grounded_dofs(terms: Sequence[Any]) -> NDArray[np.int64]:
+    """Degrees of freedom that terms tie to the ground, ascending."""
+    found = [term.grounded for term in terms if hasattr(term, "grounded")]
+    return np.unique(np.concatenate([np.empty(0, dtype=np.int64), *found]))
 
 
 def _listed(items: Sequence[Any], what: str) -> str:

@@ -86,12 +86,12 @@ class Supports:
         SupportError
             if a function does not return finite values, or two of them give different ones for the same degree of freedom.
         """
-        values, t = np.zeros(len(self.held)), Moment.checked(t)
+        values, moment = np.zeros(len(self.held)), Moment.checked(t)
         for place, value in self._motions:
-            values[place] = value.at(t)
+            values[place] = value.at(moment)
         if self._twice:
             for place, value in self._motions:
-                self._refuse_different(place, values[place], value.at(t), t)
+                self._refuse_different(place, values[place], value.at(moment), moment)
         return values
 
     def _move(self, where: Where, given: Any) -> list[Motion]:
@@ -120,12 +120,12 @@ class Supports:
                 "them, or take the vertices out with a predicate."
             )
 
-    def _refuse_different(self, place: Dofs, one: NDArray[np.float64], other: NDArray[np.float64], t: Time) -> None:
+    def _refuse_different(self, place: Dofs, one: NDArray[np.float64], other: NDArray[np.float64], moment: Moment) -> None:
         differ = np.abs(one - other) > 1e-12 * np.maximum(np.abs(one), np.abs(other))
         bad = np.unique(place[np.broadcast_to(differ, place.shape)])
         if len(bad):
             raise SupportError(
-                f"Prescribed twice, with different displacements at t = {Moment.of(t).time:.3g}: {self._name(self.held[bad])}. Places that share an edge or a "
+                f"Prescribed twice, with different displacements at t = {moment.time:.3g}: {self._name(self.held[bad])}. Places that share an edge or a "
                 "corner? Leave the component out of one of them."
             )
 

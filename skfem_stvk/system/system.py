@@ -19,10 +19,23 @@ from ..mesh import MeshLike, SimplexMesh
 from ..mesh.diagnostics import check_mesh, warn_of_flat_elements
 from ..mesh.displacements import all_finite, by_vertex
 from ..mesh.dofs_views import DofsView
-from ..terms import Body, BoundLoad, BoundTerm, HasDampingForce, HasMeanForce, HasStretch, HasVolume, Load, Quartic, StVK, Term
+from ..terms import (
+    Body,
+    BoundLoad,
+    BoundTerm,
+    Grounded,
+    HasDampingForce,
+    HasMeanForce,
+    HasStretch,
+    HasVolume,
+    Load,
+    Quartic,
+    StVK,
+    Term,
+)
 from ..terms.load import Moment, Time
 from .free import FreeDofs
-from .held import check_held
+from .held import check_held, grounded_dofs
 from .mass import Mass, kind_of_mass
 from .operator import TangentOperator
 from .pattern import Pattern
@@ -384,7 +397,8 @@ class System:
         LoadError
             if a load has no potential, such as follower pressure.
         """
-        return self.energy(u) + self._potential(self._state(u), t)
+        moment = Moment.checked(t)
+        return self.energy(u) + self._potential(self._state(u), moment)
 
     @property
     def driven(self) -> bool:
@@ -411,7 +425,8 @@ class System:
 
     def residual(self, u: ArrayLike, t: Time = 1.0) -> Array:
         """`F(u) - f_ext(u, t)` (ndofs,) [N]; at rest it vanishes but for the reactions at the supports. Errors as of `energy`."""
-        return self.internal_force(u) - self.external_force(u, t)
+        loads = self.external_force(u, t)
+        return self.internal_force(u) - loads
 
     def jacobian(self, u: ArrayLike, t: Time = 1.0, out: csr_matrix | None = None, *, kept: Tensions = ALL) -> csr_matrix:
         """Derivative of the residual: `K(u)` minus the loads' `df_ext/du` (ndofs, ndofs) [N/m]; parameters and errors as of `tangent`.
@@ -457,6 +472,20 @@ class System:
         if kind not in self._masses:
             self._masses[kind] = made(self, self.mesh, self._body.mass, self.supports.held)
         return self._masses[kind]
+
+    @cached_property
+    def grounded(self) -> NDArray[np.int64]:
+        """Degrees of freedom that foundations tie to the ground, ascending."""
+        return grounded_dofs(self._bound)
+
+    def foundation_force(self, u: ArrayLike) -> Array:
+        """Force of the foundations on the body (ndofs,) [N], which is minus their part of the internal force; errors as in `internal_force`."""
+        x, force = self._state(u), np.zeros(self.mesh.p.T.shape)
+        for term in self._bound:
+            if isinstance(term, Grounded):
+                term.energy(x, force)
+        _refuse_overflow(force, "The force of foundations", x)
+        return -force.ravel()
 
     @property
     def quartic(self) -> bool:
@@ -606,12 +635,11 @@ class System:
         parts["mass"] = sum(mass.memory() for mass in self._masses.values())
         return parts
 
-    def _potential(self, x: Array, t: Time) -> float:
+    def _potential(self, x: Array, moment: Moment) -> float:
         if not self.conservative:
             loads = [type(term).__name__ for term in self.terms if isinstance(term, Load)]
             without = [name for name, load in zip(loads, self._loads, strict=True) if not load.conservative]
             raise LoadError(f"{', '.join(without)} has no potential: its work depends on the path. Ask for residual(u, t) instead.")
-        moment = Moment.checked(t)
         return sum(load.potential(x, moment) for load in self._loads)
 
     def _elastic_tangent(self, u: ArrayLike, out: csr_matrix | None, kept: Tensions = ALL) -> csr_matrix:

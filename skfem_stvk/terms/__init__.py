@@ -7,7 +7,7 @@ from .gravity import Gravity
 from .load import Load
 from .nodal_load import NodalLoad
 from .pressure import Pressure
-from .protocols import BoundLoad, BoundTerm, HasDampingForce, HasMeanForce, HasStretch, HasVolume, Quartic, Term
+from .protocols import BoundLoad, BoundTerm, Grounded, HasDampingForce, HasMeanForce, HasStretch, HasVolume, Quartic, Term
 from .stvk import StVK
 from .traction import Traction
 from .volume_penalty import VolumePenalty
@@ -19,6 +19,7 @@ __all__ = [
     "BoundTerm",
     "ElasticFoundation",
     "Gravity",
+    "Grounded",
     "HasDampingForce",
     "HasMeanForce",
     "HasStretch",

@@ -85,6 +85,18 @@ class HasDampingForce(Protocol):
 
 
 @runtime_checkable
+class Grounded(Protocol):
+    """A term that ties a body to the ground, so that its force is one from outside."""
+
+    @property
+    def grounded(self) -> NDArray[np.int64]:
+        """Degrees of freedom that it ties to the ground."""
+
+    def energy(self, u: Array, force: Array | None = None) -> float:
+        """Strain energy [J]; adds the internal force [N], minus that of the ground on the body, to `force` (nv, d)."""
+
+
+@runtime_checkable
 class HasVolume(Protocol):
     """A term with simplices that can turn inside out; its specification has their `region`."""
 

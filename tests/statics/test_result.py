@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from scenes import beam, bent, block, column
 
-from skfem_stvk import Gravity, Isotropic, StVK, System, Traction, solve_static
+from skfem_stvk import ElasticFoundation, Gravity, Isotropic, Pressure, StVK, System, Traction, solve_static
 from skfem_stvk.errors import LoadError, RegionError, StateError, StvkError, SupportError
 from skfem_stvk.linear import SuperLU
 from skfem_stvk.statics import Interrupted, SolveError, Status
@@ -53,6 +53,44 @@ def test_reactions_by_place(result):
         result.reaction("tip")
     with pytest.raises(RegionError, match=r"'wall'"):
         result.reaction("wal")
+
+
+def bedded(*loads, **supports):
+    """On springs that are stiffer along one axis than along another; the end of the bed belongs to the wall."""
+    bed = ElasticFoundation(lambda x: x[2] == 0, (40.0, 0.0, 90.0))
+    return System(beam(), [MATERIAL, bed, *loads], **supports)
+
+
+def test_reactions_of_foundations_are_those_of_their_springs():
+    """Held by the springs and a wall; the sum over what the springs pull is the one over the surface at rest."""
+    system = bedded(PULL, Gravity((1.0, 2.0, -5.0)), fixed={"wall": "xyz"})
+    result = solve_static(system, quiet=True, rtol=1e-12)
+    floor = lambda x: (x[2] == 0) & (x[0] > 0)  # noqa: E731
+    reaction = result.reaction(floor)
+    by_hand = -(system.internal_force(result.u) - System(system.mesh, [MATERIAL]).internal_force(result.u)).reshape(-1, 3)
+    np.testing.assert_allclose(reaction.by_node, by_hand[reaction.vertices], atol=1e-12 * np.abs(by_hand).max())
+    assert (system.mesh.p[2, reaction.vertices] == 0).all() and not reaction.by_node[:, 1].any() and reaction.resultant[2] > 1.0
+
+
+@pytest.mark.parametrize(
+    "supports",
+    [
+        {"fixed": {"wall": "xyz"}},
+        {"fixed": {"wall": "y"}},
+        {"fixed": {"wall": "y"}, "prescribed": {lambda x: (x[2] == 0) & (x[0] > 2): {"z": 0.1}}},
+    ],
+    ids=["clamped", "bedded", "pressed on its bed"],
+)
+def test_loads_and_reactions_of_supports_and_foundations_are_in_balance(supports):
+    system = bedded(PULL, Gravity((1.0, 2.0, -5.0)), Pressure("tip", 8.0), **supports)
+    result = solve_static(system, quiet=True, rtol=1e-12)
+    x, load = system.mesh.p.T + result.u.reshape(-1, 3), system.external_force(result.u).reshape(-1, 3)
+    every, about = result.reaction(), (0.3, -1.0, 2.0)
+    np.testing.assert_allclose(every.resultant, -load.sum(axis=0), atol=1e-8 * np.abs(load).sum())
+    np.testing.assert_allclose(every.moment(about), -np.cross(x - about, load).sum(axis=0), atol=1e-7 * np.abs(load).sum())
+    bed, wall = result.reaction(lambda x: (x[2] == 0) & (x[0] > 0)), result.reaction("wall")
+    np.testing.assert_allclose(bed.resultant + wall.resultant, every.resultant, atol=1e-10)
+    assert np.abs(bed.resultant).max() > 0.1 and np.abs(wall.resultant).max() > 0.1
 
 
 def test_stress_by_element_and_node(result):

@@ -6,6 +6,7 @@ from bodies import MESHES, box, sheet, state
 
 from skfem_stvk import BodyForce, ElasticFoundation, Gravity, NodalLoad, Pressure, StVK, System, Traction
 from skfem_stvk.errors import LoadError, StateError, SupportError
+from skfem_stvk.terms.load import Moment
 
 SECTION = {1: {"area": 0.3}, 2: {"thickness": 0.3}, 3: {}}
 
@@ -89,9 +90,21 @@ def test_a_foundation_holds_a_body_that_supports_do_not():
         System(mesh, [body, ElasticFoundation(left, (1, 0, 1))]).check_held()
 
 
-@pytest.mark.parametrize("t", [np.nan, np.inf])
-def test_a_load_factor_that_is_not_finite_is_refused(t):
+@pytest.mark.parametrize(
+    "t", [np.nan, np.inf, None, "1", "a", 1j, [0.5], (0.5, 1.0), True, 10**400, Moment(0.5, np.nan), Moment(None, 1.0)]
+)
+@pytest.mark.parametrize("loads", [[], [BodyForce((0, 0, -1.0))]], ids=["no load", "a load"])
+@pytest.mark.parametrize("name", ["external_force", "residual", "potential", "jacobian", "energies", "driving_force"])
+def test_what_is_no_time_is_refused(name, loads, t):
+    system = System(box(), [StVK(young=2.0, poisson=0.3), *loads])
+    with pytest.raises(StateError, match=r"t = .*; expected a finite load factor"):
+        getattr(system, name)(np.zeros(system.ndofs), t)
+    with pytest.raises(StateError, match=r"t = .*; expected a finite load factor"):
+        system.supports.values(t)
+
+
+def test_numbers_of_all_kinds_are_times():
     system = System(box(), [StVK(young=2.0, poisson=0.3), BodyForce((0, 0, -1.0))])
-    for ask in (system.external_force, system.residual, system.potential):
-        with pytest.raises(StateError, match="finite load factor"):
-            ask(np.zeros(system.ndofs), t)
+    u = np.zeros(system.ndofs)
+    for t in (1, np.float32(1), np.array(1.0), np.int64(1), Moment(1, 1)):
+        assert np.array_equal(system.residual(u, t), system.residual(u))
