@@ -13,6 +13,7 @@ from ..kernels.threads import in_turn, run
 from .form import EdgeForm
 from .sharing import Shares
 from .simplices import Array, SimplexTerm
+from .stiffness import in_range
 from .stretches import Stretches
 from .tensions import ALL, Tensions
 
@@ -29,7 +30,11 @@ class Assembly(Stretches, SimplexTerm):
     def __init__(self, form: EdgeForm, dtype: DTypeLike = np.float64) -> None:
         self.form = form
         super().__init__(
-            form.p, form.t, form.edges, lambda t, own: form.stiffness.stored(form.p, t, own.elements, own.local), dtype
+            form.p,
+            form.t,
+            form.edges,
+            lambda t, own: in_range(form.stiffness.stored(form.p, t, own.elements, own.local), own.elements, dtype),
+            dtype,
         )
         if self._D.shape[1] == 7 * simplex_kernels.LANES:
             self._D = self._D.ravel()

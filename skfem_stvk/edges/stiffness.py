@@ -6,8 +6,9 @@ from collections.abc import Callable
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import DTypeLike, NDArray
 
+from ..errors import MaterialError, name_ids
 from ..kernels.geometry import scaled_gram
 from ..mesh.geometry import Geometry
 from .coefficients import isotropic_coefficients
@@ -68,6 +69,26 @@ class GeneralStiffness:
         rows, columns = np.triu_indices(6)
         stored: Array = np.ascontiguousarray(D[:, rows, columns].T)
         return stored
+
+
+def in_range(stored: Array, elements: NDArray[np.int32], dtype: DTypeLike) -> Array:
+    """What the kernels store, if its squares are numbers: else W, F and K would be zero, or overflow, without a word.
+
+    Raises
+    ------
+    MaterialError
+        with the ids of the elements in their region.
+    """
+    limits = np.finfo(dtype)
+    low, high = float(np.sqrt(limits.tiny)), float(np.sqrt(limits.max))
+    largest = np.abs(stored).max(axis=0)
+    bad = np.sort(elements[~((largest > low) & (largest < high))])
+    if len(bad):
+        raise MaterialError(
+            f"{name_ids(bad, 'element')} of the region: sizes and moduli so small or large that the stiffness leaves the range of {limits.dtype}. Are "
+            "units mixed up? Choose others, such as mm and MPa."
+        )
+    return stored
 
 
 def elongations_of_pairs(k: int) -> Array:

@@ -26,6 +26,8 @@ SHIFT = 1e-4
 #: Loads and reactions below this part of the largest on the path count as this part: where they go back to zero, nothing else is left to
 #: be small against.
 NOTHING = 1e-6
+#: Sums of squares outside of these may have lost digits to underflow, or have overflowed.
+SQUARES = 1e-280, 1e300
 #: Part of the load factor, or of 1, over which loads and prescribed displacements are differenced; exact for what grows linearly.
 DIFFERENCE = 1e-6
 
@@ -262,5 +264,10 @@ def dot(x: Array, y: Array) -> float:
 
 
 def norm(x: Array) -> float:
-    """`|x|`, likewise."""
-    return float(np.sqrt(dot(x, x)))
+    """`|x|`, likewise; of entries whose squares are too small or too large for a number, too: forces of 1e-200 N are not nothing."""
+    with np.errstate(over="ignore", under="ignore"):
+        square = dot(x, x)
+    if SQUARES[0] < square < SQUARES[1] or not len(x):
+        return float(np.sqrt(square))
+    largest = float(np.abs(x).max())
+    return largest * norm(x / largest) if 0 < largest < np.inf else largest

@@ -10,6 +10,7 @@ from skfem_stvk.edges import TENSILE
 from skfem_stvk.edges.lanes import in_lanes, out_of_lanes
 from skfem_stvk.edges.order import own_order
 from skfem_stvk.edges.topology import LOCAL_EDGES, edge_topology
+from skfem_stvk.errors import MaterialError
 from skfem_stvk.kernels.simplices import LANES
 from skfem_stvk.system import Pattern
 
@@ -158,3 +159,13 @@ def test_vectors_to_work_in_are_kept_and_counted(monkeypatch):
     assert kept[0] == kept[1] == kept[2] and len(kept[0]) > 4
     memory = assembly.memory()
     assert memory["vectors"] + memory["blocks of edges"] == sum(vector.nbytes for vector in assembly._kept.values())
+
+
+@pytest.mark.parametrize("dtype", [np.float64, np.float32])
+@pytest.mark.parametrize("exponent", [-1, 1])
+def test_a_stiffness_that_numbers_do_not_hold_is_refused(exponent, dtype):
+    """W, F and K would be zero without a word, or overflow."""
+    mesh = MESHES["cable"]
+    size = 10.0 ** (exponent * (120 if dtype == np.float64 else 15))
+    with pytest.raises(MaterialError, match=r"6 elements \(0, 1, 2, 3, 4, \.\.\.\) of the region: .* range of float.*units"):
+        System(SimplexMesh(size * mesh.p, mesh.t), StVK(young=2.0, poisson=0.3), dtype=dtype)

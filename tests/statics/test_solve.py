@@ -5,6 +5,7 @@ from scenes import beam, bent, block, column
 
 from skfem_stvk import NodalLoad, Pressure, StVK, System, Traction, solve_static
 from skfem_stvk.statics import SolveError, Status
+from skfem_stvk.statics.equilibrium import norm
 
 SOLVERS = ("superlu", "pardiso", "amg-cg", "block-jacobi-cg", "ssor-cg")
 
@@ -195,3 +196,20 @@ def test_a_flat_membrane_is_inflated_although_it_starts_without_stiffness():
     assert result.u.reshape(-1, 3)[:, 2].max() > 0.1
     lifted = result.reaction().resultant[2]  # the pressure on the projection of the membrane
     assert lifted == pytest.approx(-10.0, rel=1e-7)
+
+
+@pytest.mark.parametrize("size", [1e-300, 1e-200, 1e-170])
+def test_loads_whose_squares_are_no_numbers_are_not_taken_for_none(size):
+    system = System(
+        bent().mesh, [StVK(young=1e4, poisson=0.3), Traction("tip", size * np.array([1, -0.5, 2]))], fixed={"wall": "xyz"}
+    )
+    result = solve_static(system, steps=2, quiet=True, raise_on_failure=False)
+    residual = system.residual(result.u)[np.setdiff1d(np.arange(system.ndofs), system.supports.held)]
+    assert result.success == (np.abs(residual).max() < 1e-6 * size)
+
+
+@pytest.mark.parametrize("size", [1e-300, 1.0, 1e300])
+def test_the_norm_of_any_numbers_is_one(size):
+    assert norm(size * np.array([3.0, 0.0, -4.0])) == pytest.approx(5 * size)
+    assert norm(np.zeros(3)) == norm(np.empty(0)) == 0
+    assert norm(np.array([1.0, np.inf])) == np.inf and np.isnan(norm(np.array([1.0, np.nan])))

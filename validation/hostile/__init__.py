@@ -7,6 +7,7 @@ from collections.abc import Sequence
 #: Families of cases, and the modules that have them as `cases()`.
 FAMILIES = {
     "meshes": "validation.hostile.meshes",
+    "physics": "validation.hostile.physics",
 }
 NAMES = tuple(FAMILIES)
 
