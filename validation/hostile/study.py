@@ -51,6 +51,7 @@ def table(done: Sequence[Outcome]) -> Table:
     shown = [verdict for verdict in Verdict if verdict is not Verdict.NOT_RUN or any(o.verdict is verdict for o in done)]
     heads = ("cases", *(verdict.value for verdict in shown), "slowest [s]")
     counts = grid("What came of hostile inputs", "family", *heads, right=heads)
+    counts.columns[0].no_wrap = True
     for family in dict.fromkeys(outcome.family for outcome in done):
         _row(counts, family, [outcome for outcome in done if outcome.family == family], shown)
     counts.add_section()
