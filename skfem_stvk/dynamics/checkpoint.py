@@ -22,7 +22,7 @@ from .ledger import Ledger
 
 Array = NDArray[Any]
 
-FORMAT, VERSION = "motion of skfem-stvk", 2
+FORMAT, VERSION = "motion of skfem-stvk", 3
 #: Where in the time of a run its loads and prescribed displacements are looked at.
 FRACTIONS = (0.0, 0.31, 0.77, 1.0)
 #: Time from one checkpoint to the next: at least that [s], and so long that writing takes no larger share of it.

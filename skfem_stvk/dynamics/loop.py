@@ -39,6 +39,7 @@ class Loop:
     def __init__(self, plan: Plan, until: float, quiet: bool) -> None:
         self.plan, self._until, self._quiet = plan, until, quiet
         self._stepper = plan.integrator.stepper(plan.motion)
+        self._go_on_counting()
         self._limit = StableStep(plan)
         self._books = Books(plan.motion, plan.places, plan.ledger, plan.clock.dt)
         self._begin()
@@ -48,6 +49,12 @@ class Loop:
         self._cutting = Cutting(self._stepper, self._books, plan.cuts)
         self._jumps = Jumps(plan.motion, plan.state)
         self._stepping = False
+
+    def _go_on_counting(self) -> None:
+        """From what a run that is resumed took before."""
+        self._stepper.counts.add(self.plan.counts)
+        self._stepper.watch.add(self.plan.seconds)
+        self.plan.counts = self._stepper.counts
 
     def _begin(self) -> None:
         """From the plan's state on, with what a run that is resumed there would know."""
@@ -175,7 +182,7 @@ class Loop:
             message,
             findings,
             ledger,
-            self._stepper.iterations,
+            plan.counts.iterations,
             plan.cuts,
             self._stepper.watch.parts(),
             self._outputs.path,

@@ -70,6 +70,7 @@ class Outputs:
     def checkpoint(self) -> None:
         """Write it now."""
         if self._checkpoint is not None:
+            self._plan.seconds = self._watch.parts()
             with self._watch("write"):
                 self._checkpoint.write(*self._plan.packed(), self._ledger)
             self.written = self._plan.steps

@@ -15,6 +15,7 @@ from ..system import System
 from ..terms import Load
 from . import checkpoint as checkpoints
 from .clock import Clock, Looks
+from .counts import Counts
 from .damping import Damping, EdgeDamping, Rayleigh
 from .integrators import INTEGRATORS, Integrator
 from .ledger import Ledger
@@ -80,6 +81,7 @@ class Plan:
     clock : whose step is 0 until one is found.
     ledger : of the run that is resumed.
     steps, cuts : made so far, and how many of them in parts.
+    counts, seconds : what the steps took, and how long by part [s], up to the last checkpoint.
     looks : at the critical step.
     good : the last good state, which a run that blows up goes back to.
     """
@@ -94,6 +96,8 @@ class Plan:
     steps: int = 0
     cuts: int = 0
     looks: Looks = field(default_factory=Looks)
+    counts: Counts = field(default_factory=Counts)
+    seconds: dict[str, float] = field(default_factory=dict)
     good: Snapshot | None = None
 
     @classmethod
@@ -138,6 +142,8 @@ class Plan:
             now.steps,
             now.cuts,
             now.looks,
+            Counts(**about["counts"]),
+            about["seconds"],
             good,
         )
 
@@ -167,6 +173,8 @@ class Plan:
             "damping": {"alpha": motion.alpha, "beta": motion.beta, "tau": motion.tau},
             "mass": motion.mass.kind,
             "outlets": paths | {"every": outlets.every},
+            "counts": vars(self.counts),
+            "seconds": self.seconds,
             "good": None,
         }
         about |= _packed(self)

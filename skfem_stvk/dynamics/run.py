@@ -40,7 +40,8 @@ class Run:
     findings : doubts about elements in the last state, as `step.findings` of statics has them: inside out, or compressed beyond where the material
         softens.
     ledger : one array a name, one value a step: `run.ledger["total_energy"]`.
-    iterations : of Newton's method, or of the linear solver where a step is one linear solve.
+    iterations : of Newton's method, or of the linear solver where a step is one linear solve; like `cuts` and `seconds` of the whole motion, also
+        where it was resumed.
     cuts : steps that were made in parts, because no state was found at their end at once.
     seconds : by part: assemble, factor, solve, write (results and checkpoints), other.
     series : the .pvd file, if there is one.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from time import perf_counter
 
 
@@ -44,8 +45,14 @@ class Stopwatch:
     def __call__(self, part: str) -> Part:
         return self._parts[part]
 
+    def add(self, before: Mapping[str, float]) -> None:
+        """Count seconds that were spent before as well, by part."""
+        for name, part in self._parts.items():
+            part.seconds += before.get(name, 0.0)
+        self._begin -= sum(before.values())
+
     def total(self) -> float:
-        """Seconds since it was made."""
+        """Seconds since it was made, and those that were added."""
         return perf_counter() - self._begin
 
     def parts(self) -> dict[str, float]:

@@ -67,7 +67,7 @@ def test_a_linear_step_starts_from_where_velocity_and_acceleration_lead():
     for k in range(run.ledger.steps - 1):
         stepper.step(state, (k + 1) * 1e-2)
         state.a[:] = 0
-    assert run.iterations < 0.9 * stepper.iterations
+    assert run.iterations < 0.9 * stepper.counts.iterations
     assert np.abs(state.u - run.u).max() < 1e-2 * np.abs(run.u).max()
 
 

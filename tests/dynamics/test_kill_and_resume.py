@@ -81,7 +81,7 @@ def frames(folder):
 
 def same(one, other, folders):
     """Two runs that agree to the last bit, in all that they say and wrote."""
-    for name in ("u", "v", "t", "dt", "message", "cuts"):
+    for name in ("u", "v", "t", "dt", "message", "cuts", "iterations"):
         np.testing.assert_array_equal(getattr(one, name), getattr(other, name))
     np.testing.assert_array_equal(one.ledger.rows(), other.ledger.rows())
     (times, states), (others, other_states) = (frames(folder) for folder in folders)

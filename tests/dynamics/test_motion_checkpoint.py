@@ -141,7 +141,7 @@ def test_another_version_is_refused(tmp_path, monkeypatch):
     with monkeypatch.context() as patch:
         patch.setattr(module, "VERSION", 7)
         written(tmp_path / "flag.npz")
-    with pytest.raises(StvkError, match=r"is of version 7 of checkpoints; this release reads version 2"):
+    with pytest.raises(StvkError, match=r"is of version 7 of checkpoints; this release reads version 3"):
         load(tmp_path / "flag.npz", body())
 
 

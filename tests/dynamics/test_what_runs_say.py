@@ -1,21 +1,43 @@
 """Counts and messages of runs, and where they write."""
 
 import json
+import re
 from dataclasses import dataclass
 
 import numpy as np
 import pytest
-from motions import clamped, spinning
+from motions import clamped, let_go, reached, spinning
 
 from skfem_stvk import simulate
 from skfem_stvk.dynamics import EnergyMomentum, LinearBackwardEuler
 from skfem_stvk.dynamics.integrators import StepFailed
 from skfem_stvk.dynamics.integrators.implicit import ImplicitStepper
+from skfem_stvk.statics.stopwatch import Stopwatch
 
 
 def test_iterations_are_those_of_all_steps():
     short, long = (clamped(3).run(LinearBackwardEuler(0.01), until).iterations for until in (0.2, 0.4))
     assert short >= 20 and long >= short + 20
+
+
+def test_a_resumed_run_goes_on_counting(tmp_path):
+    """Iterations, clamped tangents and seconds, of which the first part of the run has most."""
+    pressed, integrator = let_go(3), LinearBackwardEuler(0.2)
+    whole = pressed.run(integrator, 4.0)
+    first = pressed.run(integrator, 3.0, checkpoint=tmp_path / "run.npz")
+    resumed = reached(pressed.system, resume=tmp_path / "run.npz", until=4.0)
+    assert 0 < first.iterations < resumed.iterations == whole.iterations
+    assert re.search(r"[1-9]\d* of them with the clamped", first.message) and resumed.message == whole.message
+    assert resumed.seconds.keys() == first.seconds.keys()
+    assert all(resumed.seconds[part] >= 0.9 * first.seconds[part] for part in ("assemble", "factor", "solve"))
+
+
+def test_seconds_that_are_added_are_in_their_parts_and_in_the_total():
+    watch = Stopwatch("write")
+    watch.add({"assemble": 100.0, "write": 10.0, "other": 1000.0})
+    parts = watch.parts()
+    assert parts["assemble"] == 100 and parts["write"] == 10 and parts["solve"] == 0
+    assert parts["other"] >= 1000 and watch.total() == pytest.approx(sum(parts.values()), abs=1.0)
 
 
 def test_a_clamped_tangent_that_was_not_needed_is_not_told_of():

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from ...errors import StvkError
 from ...statics.stopwatch import Stopwatch
+from ..counts import Counts
 from ..motion import Motion
 from ..state import State
 from .integrator import Integrator, checked_step
@@ -47,7 +48,7 @@ class ExplicitStepper:
     def __init__(self, motion: Motion, name: str) -> None:
         if motion.mass.kind != "lumped":
             raise StvkError(f"{name} takes no {motion.mass.kind} mass: it would need a solve each step. Leave mass='lumped'.")
-        self.motion, self.watch, self.iterations = motion, Stopwatch("write"), 0
+        self.motion, self.watch, self.counts = motion, Stopwatch("write"), Counts()
         n = motion.system.ndofs
         self.inverse = motion.mass.solve(np.ones(n))
         self.internal, self._damped = np.zeros(n), np.zeros(n)

@@ -16,6 +16,7 @@ from ...statics.stopwatch import Stopwatch
 from ...system import System
 from ...terms.load import Moment
 from ..clock import SLACK
+from ..counts import Counts
 from ..motion import Motion
 from ..state import State
 from ..step_problem import Coefficients, StepProblem, kind_of_step
@@ -95,7 +96,7 @@ class ImplicitStepper:
     Attributes
     ----------
     energy : strain energy after the last step [J].
-    iterations : of Newton's method so far.
+    counts : the iterations of Newton's method.
     room : (ndofs,) to work in.
     """
 
@@ -105,7 +106,7 @@ class ImplicitStepper:
         self.problem = StepProblem(
             motion, integrator.linear_solver(motion), tangent, self.watch, integrator.mean, integrator.secant
         )
-        self.energy, self.iterations = 0.0, 0
+        self.energy, self.counts = 0.0, Counts()
         self.room = np.zeros(motion.system.ndofs)
 
     @property
@@ -124,7 +125,7 @@ class ImplicitStepper:
         problem.begin(state, self.integrator.coefficients(state, h, self))
         w = self.predicted(state, t)
         w, found, record = self.solve(w, moment, len(problem.inside_out(np.zeros_like(w))))
-        self.iterations += len(record)
+        self.counts.iterations += len(record)
         if found:
             raise StepFailed(found)
         self.accept(state, w, h, moment)

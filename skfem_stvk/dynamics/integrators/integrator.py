@@ -10,6 +10,7 @@ import numpy as np
 
 from ...errors import StvkError
 from ...statics.stopwatch import Stopwatch
+from ..counts import Counts
 from ..motion import Motion
 from ..state import State
 
@@ -28,8 +29,8 @@ class Stepper(Protocol):
         """Strain energy of the last state [J]."""
 
     @property
-    def iterations(self) -> int:
-        """Of Newton's method so far, or of the linear solver where a step is one linear solve; 0 where there are none."""
+    def counts(self) -> Counts:
+        """What its steps took so far."""
 
     @property
     def remark(self) -> str:

@@ -82,7 +82,7 @@ class LinearStepper(ImplicitStepper):
 
     Attributes
     ----------
-    iterations : of the linear solver so far.
+    counts : the iterations of the linear solver, and how often the clamped tangent was taken.
     """
 
     def __init__(self, motion: Motion, integrator: LinearBackwardEuler) -> None:
@@ -90,12 +90,12 @@ class LinearStepper(ImplicitStepper):
         n, free = motion.system.ndofs, len(motion.free.free)
         self._w, self._predicted, self._nowhere = (np.zeros(n) for _ in range(3))
         self._b, self._start, self._x = (np.zeros(free) for _ in range(3))
-        self._clamped = 0
 
     @property
     def remark(self) -> str:
         """How often the clamped tangent was taken."""
-        return f", {self._clamped} of them with the clamped tangent, for K was not positive definite" if self._clamped else ""
+        clamped = self.counts.clamped
+        return f", {clamped} of them with the clamped tangent, for K was not positive definite" if clamped else ""
 
     def start(self, state: State) -> None:
         """The strain energy, and the internal force."""
@@ -144,8 +144,8 @@ class LinearStepper(ImplicitStepper):
             b = self._b - problem.force_of(w) if moving else self._b
             with self.watch("solve"):
                 solution = factors.solve(b, self.integrator.rtol, self._start, self._x)
-            self.iterations += solution.iterations
+            self.counts.iterations += solution.iterations
             if usable(solution):
-                self._clamped += attempted is Attempted.CLAMPED
+                self.counts.clamped += attempted is Attempted.CLAMPED
                 return solution.x
         raise StepFailed(f"the linear solve failed: {solution.outcome.value}")
