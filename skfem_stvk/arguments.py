@@ -7,7 +7,8 @@ from __future__ import annotations
 
 import os
 import reprlib
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
+from dataclasses import fields, replace
 from math import inf, isfinite
 from numbers import Integral, Real
 from pathlib import Path
@@ -15,6 +16,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from skfem.assembly.dofs import DofsView
 
 from .errors import StvkError, name_ids, name_known
 
@@ -202,6 +204,36 @@ def plain_array(given: Any) -> NDArray[Any] | None:
         return None if isinstance(given, np.ma.MaskedArray) and np.ma.is_masked(given) else np.asarray(given)
     except Exception:
         return None
+
+
+def own(specification: Any) -> None:
+    """Let a frozen dataclass keep copies of what it was given, so that it stays what it is whatever becomes of the originals."""
+    for field in fields(specification):
+        object.__setattr__(specification, field.name, frozen(getattr(specification, field.name)))
+
+
+def frozen(given: Any) -> Any:
+    """A copy that does not change with the original: arrays that cannot be written to, lists and dicts with all that is in them.
+
+    Other objects, such as functions, are handed back.
+
+    >>> values = np.array([1.0, 2.0])
+    >>> kept = frozen([values, "x"])
+    >>> values[0] = 9
+    >>> kept
+    [array([1., 2.]), 'x']
+    """
+    if isinstance(given, np.ndarray):
+        copy = np.array(given, subok=True)
+        copy.flags.writeable = False
+        return copy
+    if isinstance(given, DofsView):
+        return replace(given, nodal_ix=frozen(given.nodal_ix), nodal_rows=frozen(given.nodal_rows))
+    if isinstance(given, Mapping):
+        return {key: frozen(value) for key, value in given.items()}
+    if type(given) in (list, tuple):
+        return type(given)(map(frozen, given))
+    return set(given) if isinstance(given, set) else given
 
 
 def _real(given: Any) -> float | None:

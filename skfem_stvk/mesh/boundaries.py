@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..arguments import frozen
 from .facets import facets_of
 
 
@@ -23,7 +24,7 @@ class NamedFacets(Mapping[str, NDArray[np.int32]]):
     """
 
     def __init__(self, t: NDArray[np.int32], nv: int, ids: Mapping[str, Any]) -> None:
-        self._t, self._nv, self._ids = t, nv, dict(ids)
+        self._t, self._nv, self._ids = t, nv, frozen(ids)
 
     def __getitem__(self, name: str) -> NDArray[np.int32]:
         return self._facets[:, np.asarray(self._ids[name])]

@@ -12,7 +12,7 @@ import skfem
 from numpy.typing import NDArray
 from skfem.assembly.dofs import DofsView
 
-from ..arguments import shown, whole_array
+from ..arguments import frozen, shown, whole_array
 from ..errors import MeshError, RegionError, name_ids, name_known, warn
 from .boundaries import NamedFacets
 from .facets import boundary_facets
@@ -77,7 +77,7 @@ class SimplexMesh:
         object.__setattr__(self, "t", np.array(t, dtype=np.int32, order="C"))
         for name in ("subdomains", "boundaries", "node_sets"):
             named = getattr(self, name)
-            object.__setattr__(self, name, named if isinstance(named, NamedFacets) else dict(named or {}))
+            object.__setattr__(self, name, named if isinstance(named, NamedFacets) else frozen(named or {}))
 
     @classmethod
     def of(cls, mesh: MeshLike) -> SimplexMesh:

@@ -144,5 +144,5 @@ class Fields:
         StateError
             if `u` or `v` does not have one finite entry for each degree of freedom.
         """
-        moving = None if v is None else by_vertex(self.mesh, v, "v").astype(np.float64, copy=False)
-        return State(self, by_vertex(self.mesh, u).astype(np.float64, copy=False), moving)
+        moving = None if v is None else by_vertex(self.mesh, v, "v").astype(np.float64)
+        return State(self, by_vertex(self.mesh, u).astype(np.float64), moving)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, DTypeLike
 
-from ..arguments import real_array, shown
+from ..arguments import own, real_array, shown
 from ..errors import LoadError
 from ..mesh import SimplexMesh
 from ..mesh.places import Where, describe, facets_at
@@ -50,13 +50,13 @@ class ElasticFoundation:
             raise LoadError(
                 f"ElasticFoundation: stiffness is {shown(self.stiffness)}; expected a number, or one a component [N/m^3]."
             )
-        k = np.array(given)
+        k = given
         if not np.isfinite(k).all() or (k < 0).any() or not k.any():
             raise LoadError(
                 f"ElasticFoundation: stiffness is {self.stiffness!r}; expected finite values, none negative and not all zero."
             )
-        k.flags.writeable = False
         object.__setattr__(self, "stiffness", k)
+        own(self)
 
     def bind(self, body: Body | SimplexMesh, dtype: DTypeLike = np.float64) -> Bedding:
         """The bedding of a body; of a mesh alone, with thickness or area 1."""

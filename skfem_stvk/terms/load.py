@@ -11,7 +11,7 @@ from typing import Any, NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arguments import number, real_array, shown
+from ..arguments import number, own, real_array, shown
 from ..errors import LoadError, StateError, StvkError, name_ids
 from .body import Body
 from .protocols import BoundLoad
@@ -20,7 +20,10 @@ Array = NDArray[np.float64]
 
 
 class Load(ABC):
-    """A load without a mesh, good for many systems."""
+    """A load without a mesh, good for many systems; as a dataclass it keeps copies of what it is given."""
+
+    def __post_init__(self) -> None:
+        own(self)
 
     @abstractmethod
     def bind(self, body: Body) -> BoundLoad:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, DTypeLike, NDArray
 
-from ..arguments import choice
+from ..arguments import choice, own
 from ..edges import Assembly, EdgeForm
 from ..edges.coefficients import simplex_coefficients
 from ..edges.stiffness import GeneralStiffness, IsotropicStiffness, Stiffness
@@ -73,6 +73,7 @@ class StVK:
         for name in ("thickness", "area"):
             if getattr(self, name) is not None:
                 object.__setattr__(self, name, constant(getattr(self, name), name, low=0.0))
+        own(self)
 
     def hypothesis(self, mesh: SimplexMesh) -> Hypothesis:
         """Which components of strain or stress vanish across the simplices of this mesh.

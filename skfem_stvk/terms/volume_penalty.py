@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, DTypeLike, NDArray
 
-from ..arguments import choice
+from ..arguments import choice, own
 from ..edges import PenaltyAssembly
 from ..edges.penalty import refuse_inside_out
 from ..errors import MaterialError, name_ids
@@ -72,6 +72,7 @@ class VolumePenalty:
         choice("VolumePenalty: kind", self.kind, ENERGIES, MaterialError)
         if self.stiffness is not None:
             object.__setattr__(self, "stiffness", constant(self.stiffness, "VolumePenalty: stiffness", low=0.0))
+        own(self)
 
     def bind(self, body: Body | SimplexMesh, dtype: DTypeLike = np.float64) -> PenaltyAssembly:
         """The penalty of a body; of a mesh alone with thickness or area 1, and only with a stiffness."""

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ...arguments import own
 from ...errors import StvkError, name_ids
 from ...mesh.places import Where, describe, vertices_at
 from ...system import System
@@ -51,6 +52,7 @@ class Stop:
         return f"Stop({', '.join(f'{name}={value!r}' for name, value in given.items() if value is not None)})"
 
     def __post_init__(self) -> None:
+        own(self)
         if self.load is None and self.displacement is None and self.turns is None and self.states is None:
             raise StvkError("Stop() came; expected a load, a displacement, a number of turns or of states: Stop(load=1.0).")
         for name in ("turns", "states"):

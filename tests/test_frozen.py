@@ -1,0 +1,210 @@
+"""What is specified stays what it was, whatever becomes of the arrays, lists and dicts that it was made from."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+import skfem
+from bodies import box, state
+
+import skfem_stvk
+from skfem_stvk import (
+    Anisotropic,
+    BodyForce,
+    ElasticFoundation,
+    Gravity,
+    Isotropic,
+    NodalLoad,
+    Orthotropic,
+    Pressure,
+    SimplexMesh,
+    Stop,
+    StVK,
+    System,
+    Traction,
+    TransverselyIsotropic,
+    VolumePenalty,
+    solve_static,
+)
+from skfem_stvk.results import Fields
+
+MESH = box()
+WALL, TIP = np.flatnonzero(MESH.p[0] < 0.2), np.flatnonzero(MESH.p[0] > 0.8)
+ELASTIC = StVK(young=2.0, poisson=0.3, density=1.5)
+TURN = np.linalg.qr(np.random.default_rng(1).standard_normal((3, 3)))[0]
+VOIGT = np.diag([3.0, 4.0, 5.0, 1.0, 1.5, 2.0])
+POISSON, SHEAR = (0.1, 0.2, 0.1), (1.0, 1.1, 1.2)
+BASIS = skfem.Basis(skfem.MeshTet(MESH.p, MESH.t), skfem.ElementVector(skfem.ElementTetP1()))
+HALF = np.arange(MESH.nt // 2)
+STIFF = np.linspace(1, 2, MESH.nt)
+
+
+def with_material(material):
+    return [StVK(material)]
+
+
+def with_load(load):
+    return [ELASTIC, load]
+
+
+def with_region(term):
+    return [StVK(young=2.0, poisson=0.3), term]
+
+
+#: The specification, what it is made from, and what is done to that; then what is asked of a system of it.
+ARRAYS = {
+    "Gravity": (lambda g: with_load(Gravity(g)), np.array([1.0, 2.0, 3.0])),
+    "BodyForce": (lambda b: with_load(BodyForce(b)), np.array([1.0, 2.0, 3.0])),
+    "BodyForce, region": (lambda ids: with_load(BodyForce((1.0, 2.0, 3.0), ids)), HALF),
+    "NodalLoad": (lambda f: with_load(NodalLoad([1, 2], f)), np.arange(6.0).reshape(3, 2)),
+    "NodalLoad, where": (lambda ids: with_load(NodalLoad(ids, (1.0, 2.0, 3.0))), WALL),
+    "NodalLoad, mask": (lambda mask: with_load(NodalLoad(mask, (1.0, 2.0, 3.0))), MESH.p[0] < 0.2),
+    "NodalLoad, components": (lambda f: with_load(NodalLoad(WALL, (f, 0 * f, 2))), np.arange(1.0, len(WALL) + 1)),
+    "Traction": (lambda T: with_load(Traction(TIP, T)), np.array([1.0, 2.0, 3.0])),
+    "Traction, where": (lambda ids: with_load(Traction(ids, (1.0, 2.0, 3.0))), WALL),
+    "Pressure": (lambda p: with_load(Pressure(TIP, p)), np.linspace(1, 2, len(TIP))),
+    "Pressure, where": (lambda ids: with_load(Pressure(ids, 2.0)), WALL),
+    "ElasticFoundation": (lambda k: with_load(ElasticFoundation(WALL, k)), np.array([1.0, 2.0, 3.0])),
+    "ElasticFoundation, where": (lambda ids: with_load(ElasticFoundation(ids, 3.0)), WALL),
+    "StVK": (lambda E: [StVK(young=E, poisson=0.3)], STIFF),
+    "StVK, region": (lambda ids: with_region(StVK(young=5.0, poisson=0.2, region=ids)), HALF),
+    "VolumePenalty": (lambda k: with_region(VolumePenalty(k, "compression")), STIFF),
+    "VolumePenalty, region": (lambda ids: with_region(VolumePenalty(5.0, "quadratic", ids)), HALF),
+    "Isotropic": (lambda E: with_material(Isotropic(E, 0.3)), STIFF),
+    "Isotropic, poisson": (lambda nu: with_material(Isotropic(2.0, nu)), 0.1 * STIFF),
+    "Orthotropic": (lambda E: with_material(Orthotropic((E, 2.0, 1.0), POISSON, SHEAR)), 3 * STIFF),
+    "Orthotropic, frame": (lambda Q: with_material(Orthotropic((3.0, 2.0, 1.0), POISSON, SHEAR, frame=Q)), TURN),
+    "TransverselyIsotropic": (lambda E: with_material(TransverselyIsotropic(E, 2.0, 0.1, 0.2, 1.0)), 3 * STIFF),
+    "Anisotropic": (lambda C: with_material(Anisotropic(C)), VOIGT),
+}
+
+
+def answer(terms):
+    """Forces and a potential, where there is one, that depend on all that terms are given."""
+    system = System(MESH, terms)
+    return system.residual(0.2 * state(MESH), 0.7)
+
+
+def spoil(array):
+    """Let it be something else that is as good."""
+    if array.dtype == bool:
+        array[:] = np.roll(array, 5)
+    elif array.dtype.kind == "i":
+        array[:] = array[::-1].copy() if len(array) == 0 else (array + 1) % (MESH.nv if array.max() < MESH.nv else MESH.nt)
+    elif array.shape == (3, 3):
+        array[:] = np.roll(array, 1, axis=1)
+    else:
+        array *= 1.3
+
+
+@pytest.mark.parametrize("name", ARRAYS)
+def test_a_specification_keeps_what_it_was_made_from(name):
+    make, original = ARRAYS[name]
+    given = original.copy()
+    terms, expected = make(given), answer(make(original.copy()))
+    spoil(given)
+    changed = answer(make(given.copy()))
+    assert np.abs(changed - expected).max() > 1e-6 * np.abs(expected).max()
+    assert np.array_equal(answer(terms), expected)
+
+
+@pytest.mark.parametrize(
+    "name", [name for name, (_, array) in ARRAYS.items() if "mask" not in name and array.ndim == 1 and "components" not in name]
+)
+def test_lists_are_kept_too(name):
+    make, original = ARRAYS[name]
+    given = original.tolist()
+    terms, expected = make(given), answer(make(original.copy()))
+    given.pop()
+    assert answer(terms) == pytest.approx(expected)
+
+
+def test_every_public_specification_is_in_the_table():
+    plain = {"BackwardEuler", "EdgeDamping", "EnergyMomentum", "ForwardEuler", "GeneralizedAlpha", "LinearBackwardEuler", "Newmark"}
+    plain |= {"Rayleigh", "VelocityVerlet"}  # numbers and names only, which cannot change
+    results = {"Report", "Run", "StaticResult"}
+    known = {name.split(",")[0] for name in ARRAYS} | {"SimplexMesh", "Stop"}
+    public = {name for name in skfem_stvk.__all__ if dataclasses.is_dataclass(getattr(skfem_stvk, name))}
+    assert public == plain | results | known
+
+
+def test_what_is_kept_cannot_be_written_to():
+    load = NodalLoad(WALL.copy(), np.ones((3, len(WALL))))
+    for array in (load.where, load.force, StVK(young=1.0, poisson=0.3, region=HALF.copy()).region):
+        with pytest.raises(ValueError, match="read-only"):
+            array[0] = 0
+
+
+def test_scikit_fems_degrees_of_freedom_are_kept():
+    view = BASIS.get_dofs(nodes=WALL.copy())
+    load, expected = NodalLoad(view, (1.0, 2.0, 3.0)), answer(with_load(NodalLoad(WALL, (1.0, 2.0, 3.0))))
+    view.nodal_ix[:] = np.roll(TIP, 1)[0]
+    assert np.array_equal(answer(with_load(load)), expected)
+
+
+def test_a_mesh_keeps_its_arrays_and_what_has_names():
+    p, t, ids = MESH.p.copy(), MESH.t.copy(), WALL.copy()
+    facets, half = MESH.surface[:, :4].copy(), HALF.copy()
+    sets = {"wall": ids}
+    mesh = SimplexMesh(p, t, {"half": half}, {"some": facets}, sets)
+    for array in (t, ids, facets, half):
+        array[:] = 0
+    p[:] = 0
+    sets["more"] = ids
+    assert np.array_equal(mesh.p, MESH.p) and np.array_equal(mesh.t, MESH.t) and list(mesh.node_sets) == ["wall"]
+    assert np.array_equal(mesh.node_sets["wall"], WALL) and np.array_equal(mesh.elements("half"), HALF)
+    assert np.array_equal(mesh.boundaries["some"], MESH.surface[:, :4])
+
+
+def test_a_mesh_of_scikit_fem_may_change_afterwards():
+    given = (
+        skfem.MeshTet().refined(1).with_boundaries({"wall": lambda x: x[0] == 0}).with_subdomains({"half": lambda x: x[0] < 0.5})
+    )
+    mesh, wall, half = SimplexMesh.of(given), given.boundaries["wall"], given.subdomains["half"]
+    expected, elements = given.facets[:, wall], half.copy()
+    wall[:], half[:] = 0, 0
+    assert np.array_equal(mesh.boundaries["wall"], expected) and np.array_equal(mesh.elements("half"), elements)
+
+
+def test_supports_keep_ids_and_values():
+    ids, tip, values, told = WALL.copy(), TIP.copy(), np.linspace(1, 2, len(TIP)), {"x": 0.5}
+    told["y"] = values
+    fixed, prescribed = [(ids, "xyz")], [(tip, told)]
+    system = System(MESH, ELASTIC, fixed=fixed, prescribed=prescribed)
+    expected = System(
+        MESH, ELASTIC, fixed=[(WALL, "xyz")], prescribed=[(TIP, {"x": 0.5, "y": np.linspace(1, 2, len(TIP))})]
+    ).supports
+    ids[:], tip[:] = 0, 0
+    values *= 9
+    told["z"] = 3.0
+    fixed.clear()
+    prescribed.clear()
+    assert np.array_equal(system.supports.fixed, expected.fixed) and np.array_equal(
+        system.supports.values(0.4), expected.values(0.4)
+    )
+
+
+def test_a_stop_keeps_its_place():
+    ids, given = TIP.copy(), []
+    given += [ids, "z", -0.01]
+    stop = Stop(displacement=given)
+    ids[:], given[2] = WALL[0], 5.0
+    system = System(MESH, [ELASTIC, Traction(TIP, (0.0, 0.0, -0.02))], fixed=[(WALL, "xyz")])
+    result = solve_static(system, steps=4, method="arc-length", stop=stop, quiet=True)
+    assert result.u.reshape(-1, 3)[TIP, 2].mean() == pytest.approx(-0.01, rel=1e-8)
+
+
+def test_a_state_keeps_its_displacements():
+    u, v = 0.1 * state(MESH), state(MESH, seed=3)
+    expected = Fields(MESH, [ELASTIC]).at(u.copy(), v.copy())
+    now = Fields(MESH, [ELASTIC]).at(u, v)
+    u[:], v[:] = 0, 0
+    assert np.array_equal(now["cauchy_stress"], expected["cauchy_stress"]) and now["cauchy_stress"].any()
+    assert np.array_equal(now.u, expected.u) and np.array_equal(now.v, expected.v)
+
+
+def test_an_operator_and_a_product_keep_their_displacements():
+    system, u, v = System(MESH, ELASTIC), 0.1 * state(MESH), state(MESH, seed=3)
+    K, expected = system.linear_operator(u), system.product(u, v)
+    u *= 2
+    assert np.array_equal(K @ v, expected) and np.abs(system.product(u, v) - expected).max() > 1e-3 * np.abs(expected).max()
