@@ -1,50 +1,125 @@
-"""A mesh file through meshio, with errors that say what to do and nothing printed."""
+"""The content of a mesh file, which is a regular file that holds what it declares; nothing is printed."""
 
 from __future__ import annotations
 
+import gzip
 from contextlib import redirect_stderr, redirect_stdout
 from io import StringIO
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import meshio
+import numpy as np
 
-from ..errors import MeshError
-from .abaqus import check_one_node_section
+from ..errors import MeshError, name_ids
+from .formats import CHECKS, READERS, Counts, Damaged
+from .formats.cell_types import NODES
+
+#: A packed file is unpacked to at most as many times its size; text of meshes packs to a third or a tenth.
+MOST_UNPACKED = 50
 
 
 def load(path: Path) -> meshio.Mesh:
-    """What meshio reads from the file.
+    """Points, cells, groups and data of the file.
 
     Raises
     ------
     MeshError
-        if the file is missing, empty, of an unknown format or damaged, or needs a package that is not installed.
+        if the file is missing, empty, no regular file, of an unknown format or damaged, or needs a package that is not installed.
     """
     check_file(path)
-    printed, warned = StringIO(), StringIO()
     try:
-        with redirect_stdout(printed), redirect_stderr(warned):
-            if path.suffix.lower() == ".inp":
-                check_one_node_section(path)
-            mesh = meshio.read(path)
-    except MeshError:
-        raise
+        if path.suffix.lower() == ".gz":
+            return unpacked(path)
+        return checked(path)
+    except Damaged as error:
+        raise damaged(path, str(error)) from error
+    except PermissionError as error:
+        raise MeshError(f"{path} may not be read: {error.strerror}. Change its permissions, or copy it.") from error
     except ModuleNotFoundError as error:
         raise MeshError(
             f"Reading {path.suffix} files needs the package {error.name}, which is not installed: pip install {error.name}"
         ) from error
-    except SystemExit as error:  # how meshio gives up, after printing why
-        raise damaged(path, " ".join(printed.getvalue().split()) or "meshio does not say why") from error
+    except MemoryError as error:
+        raise MeshError(f"{path} declares more than there is memory for. Is it damaged? Write it anew.") from error
     except Exception as error:
         raise damaged(path, f"{type(error).__name__}: {error}") from error
-    if "not closed by" in warned.getvalue():
-        raise damaged(path, " ".join(warned.getvalue().split()))
+
+
+def checked(path: Path) -> meshio.Mesh:
+    """The content of a file that was looked through before and after it was read."""
+    ending = path.suffix.lower()
+    if ending in READERS:
+        mesh = READERS[ending](path)
+    else:
+        counts: Counts = CHECKS[ending](path) if ending in CHECKS else (None, None)
+        mesh = quietly(path)
+        check_counts(mesh, counts)
+    check_cells(mesh)
     return mesh
 
 
+def quietly(path: Path) -> meshio.Mesh:
+    """What meshio reads, with what it prints in its errors."""
+    printed = StringIO()
+    try:
+        with redirect_stdout(printed), redirect_stderr(StringIO()), np.errstate(over="ignore"):
+            return meshio.read(path)
+    except SystemExit as error:  # how meshio gives up, after printing why
+        raise Damaged(" ".join(printed.getvalue().split()) or "meshio does not say why") from error
+
+
+def unpacked(path: Path) -> meshio.Mesh:
+    """The content of a file that gzip has packed."""
+    most = MOST_UNPACKED * path.stat().st_size + 1_000_000
+    with gzip.open(path) as file:
+        content = file.read(most + 1)
+    if len(content) > most:
+        raise Damaged(f"it unpacks to more than {MOST_UNPACKED} times its size; unpack it yourself if that is right")
+    with TemporaryDirectory() as folder:
+        plain = Path(folder) / path.stem
+        plain.write_bytes(content)
+        return checked(plain)
+
+
+def check_counts(mesh: meshio.Mesh, counts: Counts) -> None:
+    """Refuse a mesh that is not what was declared."""
+    for what, declared, read in zip(("nodes", "cells"), counts, (len(mesh.points), sum(map(len, mesh.cells))), strict=True):
+        if declared is not None and declared != read:
+            raise Damaged(f"{declared} {what} are declared, {read} were read")
+
+
+def check_cells(mesh: meshio.Mesh) -> None:
+    """Refuse cells that do not have the nodes of their type, or name nodes that are not there; and ids that stand twice.
+
+    Raises
+    ------
+    Damaged
+    """
+    bad = np.flatnonzero(~np.isfinite(np.asarray(mesh.points, dtype=float).reshape(len(mesh.points), -1)).all(axis=1))
+    if len(bad):
+        raise Damaged(f"it has {name_ids(bad, 'vertex')} with coordinates that are not finite")
+    for block in mesh.cells:
+        if not isinstance(block.data, np.ndarray) or not len(block):
+            continue
+        if block.type in NODES and block.data.shape[1:] != (NODES[block.type],):
+            raise Damaged(f"its {block.type} cells have {block.data.shape[1]} nodes")
+        bad = np.flatnonzero(((block.data < 0) | (block.data >= len(mesh.points))).any(axis=1))
+        if len(bad):
+            raise Damaged(f"it has {name_ids(bad, f'{block.type} cell')} with vertex ids outside 0 ... {len(mesh.points) - 1}")
+    for what, ids in (("node", getattr(mesh, "points_id", [])), ("element", np.concatenate([[], *getattr(mesh, "cells_id", [])]))):
+        if len(np.unique(ids)) < len(ids):
+            raise Damaged(f"ids of {what}s stand more than once")
+
+
 def check_file(path: Path) -> None:
-    if not path.is_file():
-        raise MeshError(f"{path} is no file; expected the path of a mesh file. Is the path relative to another folder?")
+    """Refuse what is no regular file, of an unknown format, or empty."""
+    try:
+        if not path.is_file():
+            what = "is no regular file" if path.exists() else "is no file"
+            raise MeshError(f"{path} {what}; expected the path of a mesh file. Is the path relative to another folder?")
+    except OSError as error:
+        raise MeshError(f"{path} may not be read: {error.strerror}. Change the permissions of its folder, or copy it.") from error
     endings = {ending.lower() for ending in (path.suffix, "".join(path.suffixes[-2:]))}
     if not endings & set(meshio.extension_to_filetypes):
         raise MeshError(
@@ -56,6 +131,7 @@ def check_file(path: Path) -> None:
 
 
 def damaged(path: Path, reason: str) -> MeshError:
+    """The error for a file that does not hold together."""
     again = "Write it anew" + (", from Gmsh with Mesh.SaveAll = 0." if path.suffix.lower() == ".msh" else ".")
     return MeshError(
         f"{path} could not be read: {reason.rstrip('.: ')}. Is it cut off, or not really a {path.suffix} file? {again}"

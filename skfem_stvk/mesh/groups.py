@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from pathlib import Path
+from typing import Any
 
 import meshio
 import numpy as np
 import skfem.refdom
 from numpy.typing import NDArray
 
-from .abaqus import element_sets, node_sets
+from ..errors import MeshError, name_ids
 from .cells import corners, is_simplex
 
 #: Ids within each cell block of the file, by name.
@@ -18,10 +18,9 @@ MOST_VALUES = 64
 REFERENCE = {1: skfem.refdom.RefLine, 2: skfem.refdom.RefTri, 3: skfem.refdom.RefTet}
 
 
-def cell_groups(raw: meshio.Mesh, path: Path, k: int) -> Sets:
+def cell_groups(raw: meshio.Mesh, k: int) -> Sets:
     """Named groups, or where simplices of dimension `k` are in none, one for each value of the arrays of integers."""
-    sets = element_sets(path, raw.cells) if path.suffix.lower() == ".inp" else listed_sets(raw)
-    sets |= indicator_sets(raw)
+    sets = listed_sets(raw) | indicator_sets(raw)
     sets |= {name: ids for name, ids in physical_sets(raw).items() if name not in sets}
     return sets if pick(sets, raw, k) else sets | value_sets(raw, k)
 
@@ -53,10 +52,20 @@ def indicator_sets(raw: meshio.Mesh) -> Sets:
     """Subdomains as scikit-fem's `mesh.save` writes them: arrays 'skfem:s:NAME' that are 1 inside."""
     prefix = "skfem:s:"
     return {
-        name.removeprefix(prefix): [np.flatnonzero(values) for values in arrays]
+        name.removeprefix(prefix): [np.flatnonzero(marks(name, values, 1, "0 or 1")) for values in arrays]
         for name, arrays in raw.cell_data.items()
         if name.startswith(prefix)
     }
+
+
+def marks(name: str, values: NDArray[Any], most: int, expected: str) -> NDArray[np.int64]:
+    """Whole numbers, one for each cell, from 0 to `most`."""
+    if values.ndim != 1 or values.dtype.kind not in "fiub":
+        raise MeshError(f"The array {name!r} has the shape {values.shape}; expected {expected} for each element.")
+    bad = np.flatnonzero(~((values >= 0) & (values <= most) & (values == np.floor(values))))
+    if len(bad):
+        raise MeshError(f"The array {name!r} holds something else for {name_ids(bad, 'element')}; expected {expected}.")
+    return values.astype(np.int64)
 
 
 def physical_sets(raw: meshio.Mesh) -> Sets:
@@ -74,7 +83,9 @@ def value_sets(raw: meshio.Mesh, k: int) -> Sets:
     """A group 'NAME:VALUE' for each value of an array of integers that has few values on simplices of dimension `k`."""
     sets: Sets = {}
     for name, arrays in raw.cell_data.items():
-        if name.startswith(("gmsh:", "skfem:")) or any(values.ndim != 1 or values.dtype.kind not in "iu" for values in arrays):
+        if name.startswith(("gmsh:", "skfem:", "vtk", "cell_ids")) or any(
+            values.ndim != 1 or values.dtype.kind not in "iu" for values in arrays
+        ):
             continue
         found = np.unique(np.concatenate([values for values, block in zip(arrays, raw.cells, strict=True) if is_simplex(block, k)]))
         if len(found) <= MOST_VALUES:
@@ -93,20 +104,19 @@ def facet_groups(raw: meshio.Mesh, sets: Sets, k: int) -> dict[str, NDArray[np.i
     prefix = "skfem:b:"
     for name, arrays in raw.cell_data.items():
         if name.startswith(prefix):
-            bits = np.concatenate([values for values, block in zip(arrays, raw.cells, strict=True) if is_simplex(block, k)]).astype(
-                int
-            )
+            most = 2 ** (k + 1) - 1
+            of_block = [values for values, block in zip(arrays, raw.cells, strict=True) if is_simplex(block, k)]
+            bits = marks(name, np.concatenate(of_block), most, f"whole numbers from 0 to {most}")
             found = [t[local][:, bits >> j & 1 == 1] for j, local in enumerate(REFERENCE[k].facets)]
             boundaries[name.removeprefix(prefix)] = np.concatenate(found, axis=1)
     return boundaries
 
 
-def node_groups(raw: meshio.Mesh, path: Path, sets: Sets, k: int) -> dict[str, NDArray[np.int64]]:
+def node_groups(raw: meshio.Mesh, sets: Sets, k: int) -> dict[str, NDArray[np.int64]]:
     """Vertices of each group, ascending: node sets, and groups of points, or curves where facets are surfaces, such as Gmsh's."""
     groups: dict[str, NDArray[np.int64]] = {}
     for j in range(max(k - 1, 1)):
         cells = corners(raw.cells, j)
         for name, ids in pick(sets, raw, j).items():
             groups[name] = np.union1d(groups.get(name, []), cells[:, ids]).astype(np.int64)
-    listed = node_sets(path) if path.suffix.lower() == ".inp" else raw.point_sets
-    return groups | {name: np.union1d(groups.get(name, []), ids).astype(np.int64) for name, ids in listed.items()}
+    return groups | {name: np.union1d(groups.get(name, []), ids).astype(np.int64) for name, ids in raw.point_sets.items()}

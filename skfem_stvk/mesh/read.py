@@ -43,37 +43,42 @@ def read_mesh(path: str | Path) -> SimplexMesh:
     ['bracket', 'bushing']
     """
     path = Path(path)
-    raw = load(path)
-    k = dimension(raw, path)
+    return simplices_of(load(path), str(path))
+
+
+def simplices_of(raw: meshio.Mesh, name: str) -> SimplexMesh:
+    """The simplices of what was read, or of a mesh of meshio's that was made in memory; `name` stands for it in messages."""
+    k = dimension(raw, name)
     warn_of_cells(raw, k)
-    sets = cell_groups(raw, path, k)
-    t, subdomains = corners(raw.cells, k), pick(sets, raw, k)
-    if "gmsh:physical" in raw.cell_data:
-        t, subdomains = merge_copies(t, subdomains)
     try:
+        sets = cell_groups(raw, k)
+        t, subdomains = corners(raw.cells, k), pick(sets, raw, k)
+        if "gmsh:physical" in raw.cell_data:
+            t, subdomains = merge_copies(t, subdomains)
+        facets = facet_groups(raw, sets, k)
         whole = SimplexMesh(raw.points.T, t)
     except MeshError as error:
-        raise MeshError(f"{path}: {error}") from error
+        raise MeshError(f"{name}: {error}") from error
     used = np.unique(whole.t)
     inner = inner_nodes(raw.cells)
     warn_of_vertices(whole, used, inner)
     number = np.full(whole.nv, -1, dtype=np.int32)
     number[used] = np.arange(len(used))
-    boundaries = {name: number[facets] for name, facets in facets_on(used, facet_groups(raw, sets, k)).items()}
-    node_sets = {name: number[ids] for name, ids in nodes_on(used, inner, node_groups(raw, path, sets, k)).items()}
+    boundaries = {key: number[ids] for key, ids in facets_on(used, facets).items()}
+    node_sets = {key: number[ids] for key, ids in nodes_on(used, inner, node_groups(raw, sets, k)).items()}
     return SimplexMesh(flatten(whole.p[:, used], k), number[whole.t], subdomains, boundaries, node_sets)
 
 
-def dimension(raw: meshio.Mesh, path: Path) -> int:
+def dimension(raw: meshio.Mesh, name: str) -> int:
     """The highest dimension of the cells, if there are simplices among those."""
     filled = [block for block in raw.cells if len(block)]
     if not filled:
-        raise MeshError(f"{path} holds no cells. Is it cut off, or a cloud of points?")
+        raise MeshError(f"{name} holds no cells. Is it cut off, or a cloud of points?")
     k = max(block.dim for block in filled)
     if k > 0 and any(simplex_dimension(block.type) == k for block in filled):
         return k
     raise MeshError(
-        f"{path} holds no {KINDS.get(k, 'simplices')}: {count_cells(filled)} came; expected tetrahedra, triangles or segments. "
+        f"{name} holds no {KINDS.get(k, 'simplices')}: {count_cells(filled)} came; expected tetrahedra, triangles or segments. "
         "Hexahedra and quadrilaterals can be split: mesh.to_meshtet(), mesh.to_meshtri() in scikit-fem."
     )
 

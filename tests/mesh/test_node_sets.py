@@ -85,9 +85,9 @@ def test_physical_points_and_curves_of_gmsh_are_node_sets(version, order, gmsh, 
 
 def test_point_sets_that_meshio_reads_come_in(tmp_path, monkeypatch):
     raw = meshio.Mesh(np.array(CUBE, dtype=float), [("tetra", np.array(FIVE_TETS))], point_sets={"pin": np.array([3, 1])})
-    (tmp_path / "mesh.vtu").write_text("stands in for a format such as Exodus")
+    (tmp_path / "mesh.exo").write_text("data")
     monkeypatch.setattr("skfem_stvk.mesh.files.meshio.read", lambda path: raw)
-    assert read_mesh(tmp_path / "mesh.vtu").node_sets["pin"].tolist() == [1, 3]
+    assert read_mesh(tmp_path / "mesh.exo").node_sets["pin"].tolist() == [1, 3]
 
 
 def test_nodes_inside_elements_of_higher_order_leave_their_set_in_silence(tmp_path, monkeypatch):
@@ -98,8 +98,8 @@ def test_nodes_inside_elements_of_higher_order_leave_their_set_in_silence(tmp_pa
         [("tetra10", np.arange(10)[None])],
         point_sets={"edge": np.array([0, 1, 4])},
     )
-    (tmp_path / "mesh.vtu").write_text("stands in for a format such as Exodus")
+    (tmp_path / "mesh.exo").write_text("data")
     monkeypatch.setattr("skfem_stvk.mesh.files.meshio.read", lambda path: raw)
     with pytest.warns(StvkWarning, match="of higher order") as said:
-        mesh = read_mesh(tmp_path / "mesh.vtu")
+        mesh = read_mesh(tmp_path / "mesh.exo")
     assert len(said) == 1 and mesh.node_sets["edge"].tolist() == [0, 1]

@@ -189,4 +189,4 @@ def test_empty_blocks_do_not_count(tmp_path):
     from skfem_stvk.mesh import read
 
     raw = meshio.Mesh(np.array(CUBE, dtype=float), [("triangle", [[0, 1, 2], [0, 2, 3]]), ("tetra", np.empty((0, 4), dtype=int))])
-    assert read.dimension(raw, tmp_path) == 2
+    assert read.dimension(raw, "mesh") == 2

@@ -2,57 +2,40 @@
 
 from __future__ import annotations
 
-import os
+import random
+import re
 from collections.abc import Callable, Iterator
-from functools import lru_cache, partial
+from functools import partial
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any
 
-import meshio
 import numpy as np
-import skfem
 
-from skfem_stvk import SimplexMesh
+from skfem_stvk import SimplexMesh, StVK, System
 from skfem_stvk.mesh import read_mesh
 
+from . import tiny_files
 from .case import Case, Verdict, Wrong
+from .mesh_formats import FORMATS, REAL, written
 
-#: Formats by name: the ending, and the options of `meshio.write`.
-FORMATS: dict[str, tuple[str, dict[str, object]]] = {
-    "msh 2.2": (".msh", {"file_format": "gmsh22", "binary": False}),
-    "msh 2.2 binary": (".msh", {"file_format": "gmsh22", "binary": True}),
-    "msh 4.1": (".msh", {"file_format": "gmsh", "binary": False}),
-    "msh 4.1 binary": (".msh", {"file_format": "gmsh", "binary": True}),
-    "vtk": (".vtk", {"file_format": "vtk42", "binary": False}),
-    "vtk binary": (".vtk", {"file_format": "vtk42", "binary": True}),
-    "vtk 5.1": (".vtk", {"file_format": "vtk51", "binary": False}),
-    "vtu": (".vtu", {"binary": False}),
-    "vtu binary": (".vtu", {"binary": True}),
-    "inp": (".inp", {}),
-    "medit": (".mesh", {}),
-    "nastran": (".bdf", {}),
-    "su2": (".su2", {}),
-    "avs": (".avs", {}),
-    "off": (".off", {}),
-    "ply": (".ply", {"binary": False}),
-    "obj": (".obj", {}),
-}
-#: Formats that hold surfaces only.
-SURFACES = ("off", "ply", "obj")
+Change = Callable[[bytes], bytes]
 
-
-class Written(NamedTuple):
-    """A whole file, and the mesh that it holds."""
-
-    suffix: str
-    content: bytes
-    mesh: SimplexMesh
+#: What stands in place of a number of entries, of an id where it is defined, of a reference to a node, and of a coordinate.
+COUNTS = ("+1", "-1", "0", "-7", "1000000000", "1000000000000000", "99999999999999999999", "4294967304", "x", "")
+IDS = ("0", "-3", "1", "4294967299", "1000000000", "9223372036854775807", "18446744073709551619", "nan", "3.5", "x")
+REFERENCES = ("-5", "-2", "900", "4294967297", "4294967300", "9223372036854775808", "1e9", "nan", "2.5", "x")
+COORDINATES = ("nan", "inf", "-inf", "1e999", "x", "1..0", "")
+#: Bytes that are changed at random, in so many files of each format; the seed is part of the name.
+FLIPS = 20
 
 
 def cases() -> Iterator[Case]:
     """All mesh files."""
     yield from cuts()
-    yield from special()
+    yield from numbers()
+    yield from rows()
+    yield from flips()
+    yield from tiny_files.cases()
 
 
 def cuts() -> Iterator[Case]:
@@ -60,6 +43,47 @@ def cuts() -> Iterator[Case]:
     for name in FORMATS:
         for percent in range(5, 100, 5):
             yield mutated(f"{name}: cut at {percent} %", name, partial(cut, part=percent / 100), quick=percent == 85)
+        for few in (2, 3, 4, 9):
+            yield mutated(f"{name}: {few} bytes cut off", name, partial(shorter, few=few))
+
+
+def numbers() -> Iterator[Case]:
+    """Numbers of entries, ids and coordinates that are replaced."""
+    for name, form in FORMATS.items():
+        kinds: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
+            "count": (form.counts, COUNTS),
+            "id": (form.ids, IDS),
+            "reference": (form.references, REFERENCES),
+        }
+        if (form.counts or form.ids) and form.suffix != ".ele":
+            kinds["coordinate"] = (
+                ((rf"[\s\"]({REAL})[\s<,\"]+-?[\dy]",), COORDINATES) if "binary" not in name and "base64" not in name else ((), ())
+            )
+        for kind, (places, values) in kinds.items():
+            for number, place in enumerate(places):
+                for value in values:
+                    change = partial(replaced, place=place, value=value, base=16 if "Fluent" in name else 10)
+                    yield mutated(f"{name}: {kind} {number} is {value or 'nothing'}", name, change, quick=value == "-1")
+
+
+def rows() -> Iterator[Case]:
+    """Rows of elements that are twice there, or missing where they are counted."""
+    for name, form in FORMATS.items():
+        if form.element:
+            yield mutated(f"{name}: an element twice", name, partial(repeated, row=form.element, times=2))
+            if form.counted:
+                yield mutated(f"{name}: an element missing", name, partial(repeated, row=form.element, times=0), quick=True)
+    for section in (b"$Nodes", b"$Elements"):
+        for name in ("msh 2.2", "msh 4.1", "msh 2.2 binary", "msh 4.1 binary"):
+            yield mutated(f"{name}: a second {section.decode()}", name, partial(second, section=section))
+
+
+def flips() -> Iterator[Case]:
+    """Single bytes changed at random: what is read may be another mesh, but it is one, or an error in words."""
+    for name in FORMATS:
+        for seed in range(FLIPS):
+            case = mutated(f"{name}: byte changed at random, seed {seed}", name, partial(flipped, seed=seed))
+            yield Case(case.name, case.attempt, a_mesh, seconds=case.seconds)
 
 
 def cut(content: bytes, part: float) -> bytes:
@@ -67,14 +91,58 @@ def cut(content: bytes, part: float) -> bytes:
     return content[: int(part * len(content))]
 
 
-def mutated(name: str, file: str, change: Callable[[bytes], bytes], quick: bool = False) -> Case:
+def shorter(content: bytes, few: int) -> bytes:
+    """A file without its last bytes."""
+    return content[:-few]
+
+
+def replaced(content: bytes, place: str, value: str, base: int = 10) -> bytes:
+    """A number replaced, or changed by one; Fluent counts in hexadecimals."""
+    found = re.search(place.encode(), content)
+    if found is None:
+        raise LookupError(f"The file holds nothing like {place!r}.")
+    new = value
+    if value in ("+1", "-1") and found[1].isalnum():
+        new = f"{int(found[1], base) + int(value):{'x' if base == 16 else 'd'}}"
+    return content[: found.start(1)] + new.encode() + content[found.end(1) :]
+
+
+def repeated(content: bytes, row: str, times: int) -> bytes:
+    """A row as often as that."""
+    found = re.search(row.encode(), content)
+    if found is None:
+        raise LookupError(f"The file holds nothing like {row!r}.")
+    return content[: found.start()] + times * found[0] + content[found.end() :]
+
+
+def second(content: bytes, section: bytes) -> bytes:
+    """A file of Gmsh's with a section twice."""
+    end = section.replace(b"$", b"$End")
+    body = content[content.index(section) : content.index(end)] + end + b"\n"
+    return content + body
+
+
+def flipped(content: bytes, seed: int) -> bytes:
+    """A byte changed, in text to another character of the same file."""
+    draw = random.Random(seed)
+    place = draw.randrange(len(content))
+    new = draw.choice(content) if content.isascii() else draw.randrange(256)
+    return content[:place] + bytes([new]) + content[place + 1 :]
+
+
+def mutated(name: str, file: str, change: Change, quick: bool = False) -> Case:
     """A changed file of a format: refused, or read as the mesh that it held before the change."""
 
     def attempt(folder: Path) -> SimplexMesh:
         whole = written(file)
         path = folder / f"body{whole.suffix}"
+        for suffix, content in whole.beside.items():
+            path.with_suffix(suffix).write_bytes(content)
         path.write_bytes(change(whole.content))
-        return read_mesh(path)
+        mesh = read_mesh(path)
+        if not np.array_equal(mesh.t, whole.mesh.t):
+            System(mesh, StVK(young=1.0, poisson=0.3))  # which refuses, in words, elements that are there twice or have no volume
+        return mesh
 
     return Case(name, attempt, partial(same_mesh, file=file), quick=quick)
 
@@ -86,35 +154,13 @@ def same_mesh(mesh: SimplexMesh, file: str) -> None:
         raise Wrong(
             Verdict.SILENT, f"read {mesh.nt} elements on {mesh.nv} vertices; {whole.nt} on {whole.nv} were written, or others"
         )
+    if {name: list(ids) for name, ids in mesh.subdomains.items()} != {name: list(ids) for name, ids in whole.subdomains.items()}:
+        raise Wrong(
+            Verdict.SILENT, f"read the subdomains {list(mesh.subdomains)}; {list(whole.subdomains)} were written, or others"
+        )
 
 
-@lru_cache
-def written(file: str) -> Written:
-    """A whole file of a format, and what is read of it."""
-    from tempfile import TemporaryDirectory
-
-    suffix, options = FORMATS[file]
-    with TemporaryDirectory() as folder:
-        path = Path(folder) / f"body{suffix}"
-        mesh = skfem.MeshTri().refined(2) if file in SURFACES else skfem.MeshTet().refined(1)
-        points = np.vstack([mesh.p, 0 * mesh.p[:1]]).T if file in SURFACES else mesh.p.T
-        kind = "triangle" if file in SURFACES else "tetra"
-        with open(os.devnull, "w"):
-            meshio.write(path, meshio.Mesh(points, [(kind, mesh.t.T)]), **options)
-        return Written(suffix, path.read_bytes(), read_mesh(path))
-
-
-def special() -> Iterator[Case]:
-    """Paths that are no regular files."""
-
-    def fifo(folder: Path, suffix: str) -> SimplexMesh:
-        os.mkfifo(folder / f"body{suffix}")
-        return read_mesh(folder / f"body{suffix}")
-
-    def device(folder: Path, suffix: str) -> SimplexMesh:
-        (folder / f"body{suffix}").symlink_to("/dev/zero")
-        return read_mesh(folder / f"body{suffix}")
-
-    for suffix in dict.fromkeys(suffix for suffix, _ in FORMATS.values()):
-        yield Case(f"a fifo named {suffix}", partial(fifo, suffix=suffix), seconds=5)
-        yield Case(f"/dev/zero named {suffix}", partial(device, suffix=suffix), seconds=5)
+def a_mesh(mesh: Any) -> None:
+    """The judge of files that may hold another mesh: it is one."""
+    if not isinstance(mesh, SimplexMesh) or not np.isfinite(mesh.p).all():
+        raise Wrong(Verdict.SILENT, f"read {mesh!r:.200}")

@@ -1,0 +1,57 @@
+"""Mesh files by format: what each declares is what is read of it, or it is refused.
+
+Formats whose reader cannot be asked are read here; of the others the file is counted before meshio reads it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import meshio
+
+from . import abaqus, ansys, counted, gmsh, medit, ply, uncounted, vtk, vtu, xml_meshes
+from .source import Damaged, Source
+from .uncounted import Counts
+
+
+def msh(path: Path) -> Counts:
+    """Gmsh's files, or Fluent's, which begin with a bracket; meshio writes the latter unless it is told which."""
+    with Source(path) as source:
+        fluent = source.line().startswith("(")
+    return ansys.check(path) if fluent else gmsh.check(path)
+
+
+#: Readers of this package, by the ending of a file.
+READERS: dict[str, Callable[[Path], meshio.Mesh]] = {".inp": abaqus.read, ".vtk": vtk.read, ".vtu": vtu.read}
+#: What looks through a file before meshio reads it, by its ending: numbers of nodes and of elements.
+CHECKS: dict[str, Callable[[Path], Counts]] = {
+    ".msh": msh,
+    ".ele": counted.tetgen,
+    ".node": counted.tetgen,
+    ".su2": counted.su2,
+    ".off": counted.off,
+    ".avs": counted.avs,
+    ".ugrid": counted.ugrid,
+    ".ply": ply.check,
+    ".mesh": medit.text,
+    ".meshb": medit.binary,
+    ".bdf": uncounted.nastran,
+    ".fem": uncounted.nastran,
+    ".nas": uncounted.nastran,
+    ".stl": uncounted.stl,
+    ".obj": uncounted.obj,
+    ".wkt": uncounted.wkt,
+    ".f3grid": uncounted.flac3d,
+    ".post": uncounted.permas,
+    ".dato": uncounted.permas,
+    ".mdpa": uncounted.mdpa,
+    ".vol": uncounted.netgen,
+    ".dat": uncounted.tecplot,
+    ".tec": uncounted.tecplot,
+    ".xml": xml_meshes.dolfin,
+    ".xdmf": xml_meshes.xdmf,
+    ".xmf": xml_meshes.xdmf,
+}
+
+__all__ = ["CHECKS", "READERS", "Counts", "Damaged"]

@@ -1,0 +1,215 @@
+"""Abaqus input files (.inp): nodes, elements and their sets, with the files that they include."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import meshio
+import numpy as np
+from numpy.typing import NDArray
+
+from ...errors import name_ids
+from .cell_types import ABAQUS, NODES
+from .source import Damaged, Source, check_known, check_last_line, check_unique
+
+Ids = NDArray[np.int64]
+#: Keyword, options and data lines in words.
+Section = tuple[str, dict[str, str], list[list[str]]]
+#: What a file may include: so deep, and so many files in all.
+DEEPEST, MOST_FILES = 8, 100
+
+
+def read(path: Path) -> meshio.Mesh:
+    """Nodes, elements, and their sets as `point_sets` and `cell_sets`.
+
+    Sets may be named by `*NODE, NSET=`, `*ELEMENT, ELSET=`, `*NSET` and `*ELSET`: of ids, ranges (`GENERATE`) or other sets.
+
+    Raises
+    ------
+    Damaged
+        if ids stand twice or are not defined, an element has not as many nodes as its type, or a last line is not complete.
+    """
+    parts = list(Files(path).sections())
+    nodes, points = nodes_of(parts)
+    cells, ids = elements_of(parts, nodes)
+    every = np.concatenate([np.empty(0, dtype=np.int64), *ids])
+    check_unique(every, "element")
+    place = np.argsort(nodes)
+    data = [(kind, place[np.searchsorted(nodes, table, sorter=place)]) for kind, table in cells]
+    named = sets_of(parts, "ELSET", every)
+    return meshio.Mesh(
+        points,
+        data,
+        point_sets={name: np.flatnonzero(np.isin(nodes, members)) for name, members in sets_of(parts, "NSET", nodes).items()},
+        cell_sets={name: [np.flatnonzero(np.isin(block, members)) for block in ids] for name, members in named.items()},
+    )
+
+
+def nodes_of(parts: list[Section]) -> tuple[Ids, NDArray[np.float64]]:
+    """Ids of the nodes and their coordinates."""
+    tables = [lines for keyword, _, lines in parts if keyword == "NODE"]
+    if len(tables) != 1:
+        raise Damaged(
+            f"it has {len(tables)} *NODE sections; expected one. An assembly of several parts? Export one part, or merge the parts into one"
+        )
+    rows = [line[:-1] if line[-1] == "" else line for line in tables[0]]
+    if len({len(row) for row in rows}) > 1:
+        raise Damaged("its nodes have not all as many coordinates")
+    ids = np.array([whole(row[0]) for row in rows], dtype=np.int64)
+    check_unique(ids, "node")
+    return ids, np.array([row[1:] for row in rows], dtype=float)
+
+
+def elements_of(parts: list[Section], nodes: Ids) -> tuple[list[tuple[str, Ids]], list[Ids]]:
+    """Type and nodes of the elements of each section, and their ids."""
+    cells, ids = [], []
+    for keyword, options, lines in parts:
+        if keyword != "ELEMENT":
+            continue
+        kind = ABAQUS.get(options.get("TYPE", "").upper())
+        if kind is None or kind not in NODES:
+            raise Damaged(f"Element type not available: {options.get('TYPE', 'none')[:40]}")
+        rows = [[whole(word) for word in record] for record in records(lines)]
+        bad = [row[0] for row in rows if len(row) != 1 + NODES[kind]]
+        if bad:
+            raise Damaged(f"{name_ids(bad, 'element')}: not the {NODES[kind]} nodes of the type {options['TYPE'][:40]}")
+        table = np.array(rows, dtype=np.int64).reshape(-1, 1 + NODES[kind])
+        check_known(table[:, 1:], nodes, "node", "its elements")
+        cells.append((kind, table[:, 1:]))
+        ids.append(table[:, 0])
+    return cells, ids
+
+
+def records(lines: list[list[str]]) -> Iterator[list[str]]:
+    """An element goes on in the next line where a line ends with a comma, after which there is an empty word."""
+    record: list[str] = []
+    for line in lines:
+        record += [word for word in line if word]
+        if line[-1]:
+            yield record
+            record = []
+    if record:
+        yield record
+
+
+def sets_of(parts: list[Section], kind: str, known: Ids) -> dict[str, Ids]:
+    """Ids of the members of each set by name."""
+    sets: dict[str, Ids] = {}
+    for keyword, options, lines in parts:
+        members: Ids = np.empty(0, dtype=np.int64)
+        if kind not in options:
+            continue
+        if keyword == {"ELSET": "ELEMENT", "NSET": "NODE"}[kind]:
+            whole_lines = records(lines) if kind == "ELSET" else lines
+            members = np.array([whole(line[0]) for line in whole_lines], dtype=np.int64)
+        elif keyword == kind:
+            members = members_of(kind, options, lines, sets, known)
+        else:
+            continue
+        name = same_name(options[kind], sets)
+        sets[name] = np.union1d(sets.get(name, members), members).astype(np.int64)
+    return sets
+
+
+def members_of(kind: str, options: dict[str, str], lines: list[list[str]], sets: dict[str, Ids], known: Ids) -> Ids:
+    """Ids of an `*ELSET` or `*NSET` section."""
+    what = "element" if kind == "ELSET" else "node"
+    members = [np.empty(0, dtype=np.int64)]
+    for line in lines:
+        words = [word for word in line if word]
+        if "GENERATE" in options:
+            members.append(generated(words, what, known))
+            continue
+        named = [word for word in words if not word.lstrip("+-").isdigit()]
+        for word in named:
+            if same_name(word, sets) not in sets:
+                raise Damaged(
+                    f"{what.capitalize()} set {options[kind][:60]!r} names the set {word[:60]!r}, which is not defined above it. "
+                    f"Move or add its *{kind}"
+                )
+            members.append(sets[same_name(word, sets)])
+        members.append(np.array([int(word) for word in words if word not in named], dtype=np.int64))
+    found = np.concatenate(members)
+    check_known(found, known, what, f"{what.capitalize()} set {options[kind][:60]!r}")
+    return found
+
+
+def generated(words: list[str], what: str, known: Ids) -> Ids:
+    """Known ids from a first one to a last one, both known, in steps."""
+    numbers = [whole(word) for word in words]
+    first, last, step = [*numbers, 1][:3] if len(numbers) in (2, 3) else (0, -1, 0)
+    if last < first or step < 1:
+        raise Damaged(f"GENERATE stands with {', '.join(words)[:60]!r}; expected the first {what}, the last one, and a step")
+    check_known(np.array([first, last - (last - first) % step]), known, what, "GENERATE")
+    return known[(known >= first) & (known <= last) & ((known - first) % step == 0)]
+
+
+def same_name(name: str, sets: dict[str, Ids]) -> str:
+    """The name as it was first written: upper and lower case count as the same."""
+    return next((known for known in sets if known.upper() == name.upper()), name)
+
+
+def whole(word: str) -> int:
+    """An id of at most 18 digits."""
+    if len(word) > 18 or not word.isascii() or not word.isdigit():
+        raise Damaged(f"{word[:40]!r} stands where an id should")
+    return int(word)
+
+
+class Files:
+    """A file and those that it includes: from its folder or below, not too deep, not too many."""
+
+    def __init__(self, path: Path) -> None:
+        self.path, self.count = path, 0
+
+    def sections(self) -> Iterator[Section]:
+        """Sections of the file and of those that it includes, in their order."""
+        keyword, options, lines = "", dict[str, str](), list[list[str]]()
+        for line in self.lines(self.path, 0):
+            if not line.startswith("*"):
+                lines.append([word.strip() for word in line.split(",")])
+                continue
+            yield keyword, options, lines
+            keyword, options = head_of(line)
+            lines = []
+        yield keyword, options, lines
+
+    def lines(self, path: Path, depth: int) -> Iterator[str]:
+        """Lines that say something; of an included file in place of `*INCLUDE`."""
+        self.count += 1
+        if depth > DEEPEST or self.count > MOST_FILES:
+            raise Damaged(f"it includes files more than {DEEPEST} deep, or more than {MOST_FILES}: itself? {path.name[:60]}")
+        with Source(path) as source:
+            check_last_line(source.file)
+            source.file.seek(0)
+            for raw in source.file:
+                line = raw.decode(errors="replace").strip()
+                if not line or line.startswith("**"):
+                    continue
+                keyword, options = head_of(line)
+                if keyword == "INCLUDE":
+                    yield from self.lines(self.included(options.get("INPUT", "")), depth + 1)
+                else:
+                    yield line
+
+    def included(self, name: str) -> Path:
+        """A regular file in the folder of the mesh file, or below."""
+        folder = self.path.resolve().parent
+        path = (folder / name).resolve()
+        if not name or not path.is_relative_to(folder):
+            raise Damaged(f"it includes {name[:80]!r}, which is not in its folder {folder}: copy it there")
+        return path
+
+
+def head_of(line: str) -> tuple[str, dict[str, str]]:
+    """Keyword in upper case and options; no keyword for lines of data.
+
+    >>> head_of("*Element, type=C3D4, ELSET=Steel")
+    ('ELEMENT', {'TYPE': 'C3D4', 'ELSET': 'Steel'})
+    """
+    if not line.startswith("*"):
+        return "", {}
+    head, *rest = line[1:].split(",")
+    pairs = (word.partition("=") for word in rest)
+    return head.strip().upper(), {key.strip().upper(): value.strip() for key, _, value in pairs}

@@ -1,0 +1,209 @@
+"""Gmsh's .msh files, of version 2.2, 4.0 and 4.1, as text or binary: whether they hold together."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .cell_types import GMSH, NODES
+from .source import Damaged, Source, check_known, check_unique, count_of
+
+Ids = NDArray[np.int64]
+#: meshio makes arrays as long as the largest tag of a node. Larger tags than these and the size of the file are refused.
+LARGEST_TAG = 10_000_000
+
+
+def check(path: Path) -> tuple[int, int]:
+    """Number of nodes and of elements, each of which is there once and names nodes that are there.
+
+    Raises
+    ------
+    Damaged
+        if the file does not hold what it declares.
+    """
+    with Source(path) as source:
+        return Sections(source).check()
+
+
+class Sections:
+    """The sections of a file, each looked at in its order.
+
+    Attributes
+    ----------
+    version : such as 4.1.
+    size : bytes of the file's counters.
+    """
+
+    def __init__(self, source: Source) -> None:
+        self.source = source
+        self.nodes: Ids | None = None
+        self.elements: Ids | None = None
+        line = source.line()
+        while line == "$Comments":
+            self.skip("Comments")
+            line = source.line()
+        words = source.line().split()
+        if line != "$MeshFormat" or len(words) != 3 or words[1] not in ("0", "1") or words[2] not in ("4", "8"):
+            raise Damaged("it does not begin with $MeshFormat and a version")
+        # some files say 2 for 2.2, and 4 for 4.1
+        self.version, self.size = {"2": "2.2", "4": "4.1"}.get(words[0], words[0]), int(words[2])
+        if self.version not in ("2.2", "4.0", "4.1"):
+            raise Damaged(f"it is of version {words[0][:20]}; versions 2.2, 4.0 and 4.1 are read")
+        source.binary = words[1] == "1"
+        if source.binary and source.file.read(4) != np.int32(1).tobytes():
+            raise Damaged("its byte order is not this machine's")
+        source.expect("$EndMeshFormat", "its header")
+
+    def check(self) -> tuple[int, int]:
+        seen = set()
+        while line := self.source.line():
+            name = line.removeprefix("$")
+            if name in seen and not name.endswith("Data"):
+                raise Damaged(f"{line[:60]} stands twice")
+            seen.add(name)
+            look = {
+                "PhysicalNames": self.physical_names,
+                "Entities": self.entities if self.version == "4.1" else None,
+                "Nodes": self.nodes_22 if self.version == "2.2" else self.nodes_4,
+                "Elements": self.elements_22 if self.version == "2.2" else self.elements_4,
+            }.get(name)
+            if not line.startswith("$"):
+                raise Damaged(f"{line[:60]!r} stands where a section should begin")
+            if look:
+                look()
+                self.source.expect(f"$End{name}", f"what {line} declares")
+            else:
+                self.skip(name)
+        if self.nodes is None or self.elements is None:
+            raise Damaged("$Nodes or $Elements is missing")
+        return len(self.nodes), len(self.elements)
+
+    def skip(self, name: str) -> None:
+        """Leave out a section of no interest."""
+        for raw in iter(self.source.file.readline, b""):
+            if raw.strip() == f"$End{name}".encode():
+                return
+        raise Damaged(f"${name[:60]} not closed by $End{name[:60]}")
+
+    def physical_names(self) -> None:
+        count = count_of(self.source.line(), "physical names")
+        bad = [row for row in self.source.rows("physical names", count) if len(row) < 3]
+        if bad:
+            raise Damaged(f"{' '.join(bad[0])[:60]} stands for a dimension, a tag and a name of a physical group")
+
+    def counters(self, what: str, count: int) -> list[int]:
+        """Counts, such as of nodes: `size_t` in the words of the format."""
+        dtype = f"u{self.size}" if self.source.binary else np.int64
+        return [int(value) for value in self.source.numbers(what, 1, count, dtype)[0]]
+
+    def whole(self, what: str, rows: int, columns: int = 1) -> Ids:
+        """Whole numbers of 32 bits: `int` in the words of the format."""
+        return self.source.numbers(what, rows, columns, np.int32 if self.source.binary else np.int64).astype(np.int64)
+
+    def entities(self) -> None:
+        for dim, count in enumerate(self.counters("kinds of entities", 4)):
+            self.source.fits("entities", count, 8)
+            for _ in range(count):
+                self.whole("tags of entities", 1)
+                self.source.numbers("coordinates of entities", 1, 3 if dim == 0 else 6)
+                for what in ("physical groups", "bounding entities")[: 1 + (dim > 0)]:
+                    self.whole(f"{what} of an entity", 1, self.counters(what, 1)[0])
+
+    def nodes_22(self) -> None:
+        count = count_of(self.source.line(), "nodes")
+        if self.source.binary:
+            ids = self.source.numbers("nodes", count, 1, [("id", "i4"), ("x", "f8", 3)])["id"].ravel()
+        else:
+            ids = self.source.numbers("nodes", count, 4)[:, 0]
+        self.set_nodes(ids)
+
+    def nodes_4(self) -> None:
+        blocks, count = self.counters("blocks of nodes", 4 if self.version == "4.1" else 2)[:2]
+        self.source.fits("blocks of nodes", blocks, 8)
+        parts = [np.empty(0)]
+        for _ in range(blocks):
+            self.whole("heads of blocks of nodes", 1, 3)
+            of_block = self.counters("nodes in a block", 1)[0]
+            if self.version == "4.1":
+                parts.append(self.source.numbers("nodes", of_block, 1, f"u{self.size}" if self.source.binary else np.int64).ravel())
+                self.source.numbers("nodes", of_block, 3)
+            elif self.source.binary:
+                parts.append(self.source.numbers("nodes", of_block, 1, [("id", "i4"), ("x", "f8", 3)])["id"].ravel())
+            else:
+                parts.append(self.source.numbers("nodes", of_block, 4)[:, 0])
+        self.set_nodes(np.concatenate(parts))
+        if self.nodes is None or len(self.nodes) != count:
+            raise Damaged(f"{count} nodes are declared, {sum(map(len, parts))} are there")
+
+    def set_nodes(self, ids: NDArray[Any]) -> None:
+        if len(ids) and (ids.min() < 1 or ids.max() > LARGEST_TAG + self.source.size or (ids != np.floor(ids)).any()):
+            raise Damaged(
+                f"its nodes have tags from {ids.min():g} to {ids.max():g}; expected whole numbers from 1 (not 0) to at most "
+                f"{LARGEST_TAG + self.source.size}, as Gmsh writes them"
+            )
+        check_unique(ids, "node")
+        self.nodes = ids.astype(np.int64)
+
+    def elements_22(self) -> None:
+        count = count_of(self.source.line(), "elements")
+        blocks = self.blocks_22(count) if self.source.binary else by_type(self.source.rows("elements", count))
+        self.set_elements([(ids, nodes) for ids, nodes in blocks])
+        if self.elements is None or len(self.elements) != count:
+            raise Damaged(f"{count} elements are declared, {0 if self.elements is None else len(self.elements)} are there")
+
+    def blocks_22(self, count: int) -> list[tuple[Ids, Ids]]:
+        blocks, found = [], 0
+        while found < count:
+            kind, many, tags = self.whole("heads of blocks of elements", 1, 3)[0].tolist()
+            if many < 1 or not 0 <= tags <= self.source.size:
+                raise Damaged(f"a block of elements declares {many} of them with {tags} tags each")
+            table = self.whole("elements", many, 1 + tags + nodes_of(kind))
+            blocks.append((table[:, 0], table[:, 1 + tags :]))
+            found += many
+        return blocks
+
+    def elements_4(self) -> None:
+        numbers, count = self.counters("blocks of elements", 4 if self.version == "4.1" else 2)[:2]
+        self.source.fits("blocks of elements", numbers, 8)
+        blocks = []
+        for _ in range(numbers):
+            kind = int(self.whole("heads of blocks of elements", 1, 3)[0, 2])
+            many = self.counters("elements in a block", 1)[0]
+            dtype: Any = np.int64
+            if self.source.binary:
+                dtype = f"u{self.size}" if self.version == "4.1" else np.int32
+            table = self.source.numbers("elements", many, 1 + nodes_of(kind), dtype).astype(np.int64)
+            blocks.append((table[:, 0], table[:, 1:]))
+        self.set_elements(blocks)
+        if self.elements is None or len(self.elements) != count:
+            raise Damaged(f"{count} elements are declared, {0 if self.elements is None else len(self.elements)} are there")
+
+    def set_elements(self, blocks: list[tuple[Ids, Ids]]) -> None:
+        if self.nodes is None:
+            raise Damaged("its $Elements stand before its $Nodes")
+        for _, nodes in blocks:
+            check_known(nodes, self.nodes, "node", "its elements")
+        self.elements = np.concatenate([np.empty(0, dtype=np.int64), *(ids for ids, _ in blocks)])
+        check_unique(self.elements, "element")
+
+
+def nodes_of(kind: int) -> int:
+    """Number of nodes of an element of the type."""
+    if kind not in GMSH:
+        raise Damaged(f"it has elements of Gmsh's type {kind}, which is not known here")
+    return NODES[GMSH[kind]]
+
+
+def by_type(rows: list[list[str]]) -> list[tuple[Ids, Ids]]:
+    """Ids and nodes of the elements, one row for each: id, type, number of tags, tags, nodes."""
+    found: dict[int, list[list[int]]] = {}
+    for row in rows:
+        numbers = [int(word) for word in row]
+        if len(numbers) < 3 or numbers[2] < 0 or len(numbers) != 3 + numbers[2] + nodes_of(numbers[1]):
+            raise Damaged(f"the element {' '.join(row)[:60]!r} has not as many nodes as its type")
+        found.setdefault(numbers[1], []).append([numbers[0], *numbers[3 + numbers[2] :]])
+    tables = [np.array(table) for table in found.values()]
+    return [(table[:, 0], table[:, 1:]) for table in tables]

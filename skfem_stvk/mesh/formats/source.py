@@ -1,0 +1,151 @@
+"""The content of a mesh file in order, where nothing is taken for granted that the file declares."""
+
+from __future__ import annotations
+
+import os
+import warnings
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...errors import name_ids
+
+
+class Damaged(Exception):
+    """A fault of a mesh file, as a clause that follows the name of the file."""
+
+
+class Source:
+    """A file of text or of numbers in binary, read from its beginning to its end.
+
+    Parameters
+    ----------
+    path : of the file.
+    binary : whether `numbers` are binary; the lines between them are text in any case.
+    comments : beginnings of lines that are left out.
+    """
+
+    def __init__(self, path: Path, binary: bool = False, comments: tuple[str, ...] = ()) -> None:
+        regular(path)
+        self.file = path.open("rb")
+        self.size = os.fstat(self.file.fileno()).st_size
+        self.binary, self.comments = binary, comments
+
+    def __enter__(self) -> Source:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+        self.file.close()
+
+    @property
+    def left(self) -> int:
+        """Number of bytes that are not read yet."""
+        return self.size - self.file.tell()
+
+    def line(self) -> str:
+        """The next line that holds anything, without blanks around it; empty at the end of the file."""
+        for raw in iter(self.file.readline, b""):
+            text = raw.decode(errors="replace").strip()
+            if text and not text.startswith(self.comments or "\0"):
+                return text
+        return ""
+
+    def numbers(self, what: str, rows: int, columns: int = 1, dtype: Any = np.float64) -> NDArray[Any]:
+        """(rows, columns) numbers.
+
+        Raises
+        ------
+        Damaged
+            if there are fewer, or the file is too short for as many.
+        """
+        dtype = np.dtype(dtype)
+        self.fits(what, rows, columns * (dtype.itemsize if self.binary else 2))
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", DeprecationWarning)  # NumPy's word for text among the numbers before it was an error
+            try:
+                values = np.fromfile(self.file, dtype, rows * columns, "" if self.binary else " ")
+            except ValueError as error:
+                raise Damaged(f"{rows} {what} are declared, but something else stands among their numbers") from error
+        if len(values) < rows * columns:
+            raise Damaged(f"{rows} {what} are declared, {len(values) // columns} are there")
+        return values.reshape(rows, columns)
+
+    def fits(self, what: str, rows: int, width: int) -> None:
+        """Refuse a number of rows, each of at least `width` bytes, that the rest of the file cannot hold."""
+        if rows < 0 or rows * width > self.left + 1:
+            raise Damaged(f"{rows} {what} are declared, more than its {self.size} bytes can hold")
+
+    def rows(self, what: str, count: int) -> list[list[str]]:
+        """The next lines in words, one line for each row."""
+        self.fits(what, count, 2)
+        rows = [self.line().split() for _ in range(count)]
+        if count and not rows[-1]:
+            raise Damaged(f"{count} {what} are declared, {rows.index([])} are there")
+        return rows
+
+    def expect(self, word: str, after: str) -> None:
+        """Refuse anything but `word` as the next line."""
+        found = self.line()
+        if found != word:
+            raise Damaged(f"{found[:60] + ' stands' if found else 'nothing stands'} after {after}; expected {word or 'nothing'}")
+
+    def expect_end(self, after: str) -> None:
+        """Refuse content that is more than declared, and a last line that is not complete."""
+        self.expect("", after)
+        check_last_line(self.file)
+
+
+def regular(path: Path) -> None:
+    """Refuse what is no regular file, such as a pipe or a device, which may never end."""
+    if not path.is_file():
+        raise Damaged(f"{str(path)[-80:]!r}, which it needs, is no regular file or not there")
+
+
+def check_last_line(file: Any) -> None:
+    """Refuse a text file whose last line does not end: it may be cut within a number."""
+    if not file.seek(0, os.SEEK_END):
+        return
+    file.seek(-1, os.SEEK_END)
+    if file.read(1) not in b"\n\r\x1a\0":
+        raise Damaged("its last line has no end, so it may be cut within a number (end it with a newline if it is complete)")
+
+
+def count_of(text: str, what: str) -> int:
+    """A number of things that a file declares.
+
+    >>> count_of("12", "nodes")
+    12
+    """
+    if not text.isascii() or not text.isdigit() or len(text) > 18:
+        raise Damaged(f"{text[:40]!r} stands for the number of {what}")
+    return int(text)
+
+
+def check_unique(ids: NDArray[Any], what: str) -> None:
+    """Refuse ids that stand more than once."""
+    unique, counts = np.unique(ids, return_counts=True)
+    if len(unique) < np.size(ids):
+        raise Damaged(f"{name_ids(_plain(unique[counts > 1]), what)} more than once")
+
+
+def check_known(ids: NDArray[Any], known: NDArray[Any], what: str, of: str) -> None:
+    """Refuse ids that are not among the known ones."""
+    missing = np.setdiff1d(ids, known)
+    if len(missing):
+        raise Damaged(f"{of}: {name_ids(_plain(missing), what)} not defined")
+
+
+def _plain(ids: NDArray[Any]) -> NDArray[Any]:
+    """Whole numbers without the point of real ones, among which they stood."""
+    return ids.astype(np.int64) if np.all(np.abs(ids) < 2.0**53) and np.all(ids == np.floor(ids)) else ids
+
+
+def check_consecutive(ids: NDArray[Any], first: int, what: str) -> None:
+    """Refuse ids other than `first`, `first` + 1, ..."""
+    ids = ids.ravel()
+    bad = np.flatnonzero(ids != first + np.arange(len(ids)))
+    if len(bad):
+        raise Damaged(f"the ids of its {what} are not {first}, {first + 1}, ...: {ids[bad[0]]:g} stands for {first + bad[0]}")

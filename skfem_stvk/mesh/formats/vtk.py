@@ -1,0 +1,199 @@
+"""VTK's legacy files (.vtk), of versions up to 5.1, as text or binary."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import meshio
+import numpy as np
+
+from .source import Damaged, Source, check_last_line, count_of
+from .vtk_cells import Array, mesh_of
+
+#: NumPy's types of VTK's. vtkIdType is written with 32 bits.
+TYPES = {
+    "bit": "u1",
+    "unsigned_char": "u1",
+    "char": "i1",
+    "unsigned_short": "u2",
+    "short": "i2",
+    "unsigned_int": "u4",
+    "int": "i4",
+    "unsigned_long": "u8",
+    "long": "i8",
+    "vtkidtype": "i4",
+    "float": "f4",
+    "double": "f8",
+    **{f"vtktype{sign}int{8 * size}": f"{sign[:1] or 'i'}{size}" for sign in ("", "u") for size in (1, 2, 4, 8)},
+}
+#: Numbers for each point or cell of the attributes that say so by their name.
+ATTRIBUTES = {"VECTORS": 3, "NORMALS": 3, "TENSORS": 9, "TENSORS6": 6, "GLOBAL_IDS": 1, "PEDIGREE_IDS": 1, "EDGE_FLAGS": 1}
+
+
+def read(path: Path) -> meshio.Mesh:
+    """The mesh of an unstructured grid with its cell data of numbers.
+
+    Raises
+    ------
+    Damaged
+        if the file does not hold what it declares, or is no unstructured grid.
+    """
+    with Source(path) as source:
+        if not source.line().startswith("# vtk DataFile Version"):
+            raise Damaged("it does not begin with '# vtk DataFile Version'")
+        source.file.readline()  # the title
+        form = source.line().upper()
+        if form not in ("ASCII", "BINARY"):
+            raise Damaged(f"{form[:20]!r} stands where ASCII or BINARY should")
+        source.binary = form == "BINARY"
+        return Grid(source).mesh()
+
+
+class Grid:
+    """An unstructured grid, section by section."""
+
+    def __init__(self, source: Source) -> None:
+        self.source = source
+        self.points: Array | None = None
+        self.connectivity = self.ends = self.types = np.empty(0, dtype=np.int64)
+        self.cell_data: dict[str, Array] = {}
+        self.of = ""  # POINT_DATA or CELL_DATA
+        self.count = 0
+
+    def mesh(self) -> meshio.Mesh:
+        seen = set()
+        while line := self.source.line():
+            words = line.split()
+            word = words[0].upper()
+            if word in ("POINTS", "CELLS", "CELL_TYPES", "POINT_DATA", "CELL_DATA"):
+                if word in seen:
+                    raise Damaged(f"{word} stands twice")
+                seen.add(word)
+            self.section(word, words)
+        if self.points is None or not {"CELLS", "CELL_TYPES"} <= seen:
+            raise Damaged("POINTS, CELLS or CELL_TYPES are missing")
+        if not self.source.binary:
+            check_last_line(self.source.file)
+        return mesh_of(self.points, self.connectivity, self.ends, self.types, self.cell_data)
+
+    def section(self, word: str, words: list[str]) -> None:
+        if word == "DATASET":
+            if words[1:] != ["UNSTRUCTURED_GRID"]:
+                raise Damaged(f"it holds a {' '.join(words[1:])[:40]}; expected an UNSTRUCTURED_GRID with simplices")
+        elif word == "POINTS":
+            self.points = self.array("points", self.given(words, 1, "points"), 3, words[2])
+        elif word == "CELLS":
+            self.cells(self.given(words, 1, "cells"), self.given(words, 2, "numbers of cells"))
+        elif word == "CELL_TYPES":
+            self.types = self.array("types of cells", self.given(words, 1, "types of cells"), 1, "int").ravel()
+        elif word in ("POINT_DATA", "CELL_DATA"):
+            self.of, self.count = word, self.given(words, 1, "values")
+            expected = len(self.types) if word == "CELL_DATA" else len(self.points if self.points is not None else ())
+            if self.count != expected:
+                raise Damaged(f"{word} declares {self.count} values for {expected} points or cells")
+        elif word == "METADATA":
+            while self.source.file.readline().strip():
+                pass
+        else:
+            self.attribute(word, words)
+
+    def given(self, words: list[str], place: int, what: str) -> int:
+        """A count on the line of a section."""
+        return count_of(words[place] if len(words) > place else "", what)
+
+    def array(self, what: str, rows: int, columns: int, kind: str) -> Array:
+        """(rows, columns) numbers of a type of VTK's."""
+        kind = kind.lower()
+        if kind not in TYPES:
+            raise Damaged(f"its {what[:60]} are of the type {kind[:40]!r}, which is not known here")
+        dtype = np.dtype(TYPES[kind])
+        if kind == "bit" and self.source.binary:
+            packed = self.source.numbers(what, (rows * columns + 7) // 8, 1, dtype)
+            return np.unpackbits(packed)[: rows * columns].reshape(rows, columns)
+        if not self.source.binary:
+            wide = {"f": np.float64, "i": np.int64, "u": np.int64}[dtype.kind]
+            return self.source.numbers(what, rows, columns, wide)
+        values = self.source.numbers(what, rows, columns, dtype.newbyteorder(">"))
+        return values.astype(dtype)
+
+    def cells(self, count: int, numbers: int) -> None:
+        """Version 5.1 has one offset more than cells, and two arrays; before it, each cell is its number of nodes and these."""
+        start = self.source.file.tell()
+        line = self.source.line().split()
+        if line[:1] == ["OFFSETS"] and len(line) == 2:
+            ends = self.array("offsets", count, 1, line[1]).ravel()
+            line = self.source.line().split()
+            if line[:1] != ["CONNECTIVITY"] or len(line) != 2 or (count and ends[0] != 0):
+                raise Damaged("its OFFSETS do not begin with 0, or no CONNECTIVITY follows")
+            self.connectivity, self.ends = self.array("nodes of cells", numbers, 1, line[1]).ravel(), ends[1:]
+            return
+        self.source.file.seek(start)
+        table = self.array("numbers of cells", numbers, 1, "int").ravel()
+        heads, place = list[int](), 0
+        for _ in range(count):
+            if place >= numbers or table[place] < 0:
+                raise Damaged(f"{count} cells are declared, {len(heads)} are there")
+            heads.append(place)
+            place += 1 + int(table[place])
+        if place != numbers:
+            raise Damaged(f"{count} cells with {numbers} numbers are declared, the cells take {place}")
+        inner = np.ones(numbers, dtype=bool)
+        inner[heads] = False
+        self.connectivity, self.ends = table[inner], np.cumsum(table[heads])
+
+    def attribute(self, word: str, words: list[str]) -> None:
+        """An array of point or cell data, or of the whole grid."""
+        if word == "FIELD":
+            self.field(self.given(words, 2, "arrays"))
+        elif word == "SCALARS":
+            columns = self.given(words, 3, "components") if len(words) > 3 else 1
+            start = self.source.file.tell()
+            if not self.source.line().upper().startswith("LOOKUP_TABLE"):
+                self.source.file.seek(start)
+            self.keep(words[1], self.array(words[1], self.count, columns, words[2]))
+        elif word in ATTRIBUTES:
+            self.array(words[1], self.count, ATTRIBUTES[word], words[2])
+        elif word == "TEXTURE_COORDINATES":
+            self.array(words[1], self.count, self.given(words, 2, "components"), words[3])
+        elif word == "COLOR_SCALARS":
+            self.array(words[1], self.count, self.given(words, 2, "components"), "unsigned_char" if self.source.binary else "float")
+        elif word == "LOOKUP_TABLE":
+            self.array(words[1], self.given(words, 2, "colours"), 4, "unsigned_char" if self.source.binary else "float")
+        else:
+            raise Damaged(f"{' '.join(words)[:60]!r} stands where a section should begin")
+
+    def field(self, arrays: int) -> None:
+        for _ in range(arrays):
+            words = self.source.line().split()
+            if words[:1] == ["METADATA"]:
+                self.section("METADATA", words)
+                words = self.source.line().split()
+            columns, rows = self.given(words, 1, "components"), self.given(words, 2, "values")
+            if len(words) != 4:
+                raise Damaged(f"{' '.join(words)[:60]!r} stands for the name, size and type of an array")
+            if words[3].lower() in ("string", "utf8_string"):
+                self.skip_strings(rows * columns)
+            else:
+                self.keep(words[0], self.array(words[0], rows, columns, words[3]))
+
+    def keep(self, name: str, values: Array) -> None:
+        """Keep the array if it is of the cells."""
+        if self.of == "CELL_DATA":
+            name = re.sub("%([0-9a-fA-F]{2})", lambda code: chr(int(code[1], 16)), name)
+            self.cell_data[name] = values[:, 0] if values.shape[1] == 1 else values
+
+    def skip_strings(self, count: int) -> None:
+        """Text stands line by line; in binary after its length, whose first two bits tell how many bytes that has."""
+        self.source.fits("lines of text", count, 1)
+        for _ in range(count):
+            if not self.source.binary:
+                self.source.file.readline()
+                continue
+            head = self.source.file.read(1)
+            more = 3 - (head[0] >> 6) if head else 0
+            length = (
+                int.from_bytes(bytes([head[0] & 63]) + self.source.file.read({3: 7, 2: 3, 1: 1, 0: 0}[more]), "big") if head else 0
+            )
+            self.source.fits("bytes of text", length, 1)
+            self.source.file.read(length)

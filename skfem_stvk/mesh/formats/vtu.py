@@ -1,0 +1,183 @@
+"""VTK's files of unstructured grids in XML (.vtu): as text, in base64 or raw, compressed or not, in one piece or several."""
+
+from __future__ import annotations
+
+import base64
+import binascii
+import lzma
+import xml.etree.ElementTree as ET
+import zlib
+from collections.abc import Callable
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import meshio
+import numpy as np
+
+from ...errors import name_ids
+from .source import Damaged, count_of
+from .vtk_cells import Array, mesh_of
+
+TYPES = {f"{name}{8 * size}": f"{kind}{size}" for name, kind in (("Int", "i"), ("UInt", "u")) for size in (1, 2, 4, 8)}
+TYPES |= {"Float32": "f4", "Float64": "f8"}
+UNPACK: dict[str, Callable[[], Any]] = {"vtkZLibDataCompressor": zlib.decompressobj, "vtkLZMADataCompressor": lzma.LZMADecompressor}
+#: An array is unpacked to at most as many times the size of the file; ids and coordinates pack to a tenth at best.
+MOST = 100
+
+
+def read(path: Path) -> meshio.Mesh:
+    """The mesh of all pieces with its cell data of numbers.
+
+    Raises
+    ------
+    Damaged
+        if the file does not hold what it declares.
+    """
+    return Document(path.read_bytes()).mesh()
+
+
+class Document:
+    """A file's XML, and the bytes that are appended to it.
+
+    Attributes
+    ----------
+    root : `<VTKFile>`.
+    appended : what stands after the underscore, raw or in base64.
+    raw : which of both.
+    """
+
+    def __init__(self, content: bytes) -> None:
+        self.size = len(content)
+        head, mark, rest = content.partition(b"<AppendedData")
+        tail, _, data = rest.partition(b"_")
+        data, close, end = data.rpartition(b"</AppendedData>")
+        if mark and not close:
+            raise Damaged("<AppendedData> not closed by </AppendedData>")
+        self.raw = b"raw" in tail
+        self.appended = data if self.raw else data.strip()
+        try:
+            self.root = ET.fromstring(head + end if mark else content)
+        except ET.ParseError as error:
+            raise Damaged(f"its XML ends or breaks at {error}") from error
+        if self.root.tag != "VTKFile" or self.root.get("type") != "UnstructuredGrid":
+            raise Damaged(
+                f"it is a {self.root.tag[:40]} of type {self.root.get('type', 'none')[:40]}; expected a VTKFile of an UnstructuredGrid"
+            )
+        self.packed = self.root.get("compressor", "")
+        if self.packed and self.packed not in UNPACK:
+            raise Damaged(f"it is packed by {self.packed[:40]}; write it with zlib, or without compression")
+        self.order = ">" if self.root.get("byte_order") == "BigEndian" else "<"
+        self.header = np.dtype(self.order + TYPES.get(self.root.get("header_type", "UInt32"), "u4"))
+
+    def mesh(self) -> meshio.Mesh:
+        pieces = [self.piece(piece) for piece in self.root.iterfind("UnstructuredGrid/Piece")]
+        if not pieces:
+            raise Damaged("it holds no <Piece>")
+        starts = np.cumsum([0] + [len(points) for points, *_ in pieces])
+        points = np.concatenate([points for points, *_ in pieces])
+        connectivity, ends, used = [], [], 0
+        for start, (points_of_piece, nodes, ends_of_piece, _, _) in zip(starts, pieces, strict=False):
+            bad = np.flatnonzero((nodes < 0) | (nodes >= len(points_of_piece)))
+            if len(bad):
+                cells = np.unique(np.searchsorted(ends_of_piece, bad, side="right"))
+                raise Damaged(f"it has {name_ids(cells, 'cell')} with vertex ids outside 0 ... {len(points_of_piece) - 1}")
+            connectivity.append(nodes + start)
+            ends.append(ends_of_piece + used)
+            used += len(nodes)
+        names = set.intersection(*(set(data) for *_, data in pieces))
+        cell_data = {name: np.concatenate([data[name] for *_, data in pieces]) for name in pieces[0][4] if name in names}
+        types = np.concatenate([types for _, _, _, types, _ in pieces])
+        return mesh_of(points, np.concatenate(connectivity), np.concatenate(ends), types, cell_data)
+
+    def piece(self, piece: ET.Element) -> tuple[Array, Array, Array, Array, dict[str, Array]]:
+        """Points, nodes of the cells, where those of each cell end, types, and arrays of numbers by name."""
+        nv, nt = (
+            count_of(piece.get(name, "").strip(), what) for name, what in (("NumberOfPoints", "points"), ("NumberOfCells", "cells"))
+        )
+        points = [self.array(item, nv) for item in piece.iterfind("Points/DataArray")]
+        cells = {item.get("Name"): self.array(item)[:, 0].astype(np.int64) for item in piece.iterfind("Cells/DataArray")}
+        if len(points) != 1 or not {"connectivity", "offsets", "types"} <= set(cells):
+            raise Damaged("the points, connectivity, offsets or types of a <Piece> are missing")
+        ends, types = cells["offsets"], cells["types"]
+        if len(ends) != nt or len(types) != nt:
+            raise Damaged(f"{nt} cells are declared, {len(ends)} are there with {len(types)} types")
+        data = {}
+        for item in piece.iterfind("CellData/DataArray"):
+            if item.get("type") in TYPES:
+                values = self.array(item, nt)
+                data[item.get("Name", "")] = values[:, 0] if values.shape[1] == 1 else values
+        return points[0], cells["connectivity"], ends, types, data
+
+    def array(self, item: ET.Element, rows: int | None = None) -> Array:
+        """(rows, components) numbers."""
+        name = item.get("Name", item.get("type", ""))[:60]
+        kind = item.get("type", "")
+        columns = count_of(item.get("NumberOfComponents") or "1", "components")
+        if kind not in TYPES or not columns:
+            raise Damaged(f"its array {name!r} is of the type {kind[:40]!r}, which is not known here")
+        dtype = np.dtype(self.order + TYPES[kind])
+        if item.get("format", "ascii") == "ascii":
+            values = numbers(item.text or "", dtype, name)
+        else:
+            values = np.frombuffer(self.content(item, name), dtype)
+        if values.size % columns or (rows is not None and values.size != rows * columns):
+            raise Damaged(
+                f"its array {name!r} has {values.size} numbers{f'; {rows * columns} are declared' if rows is not None else ''}"
+            )
+        return values.reshape(-1, columns).astype(dtype.newbyteorder("="))
+
+    def content(self, item: ET.Element, name: str) -> bytes:
+        """The bytes of an array in base64 or appended, unpacked."""
+        coded, data = True, (item.text or "").strip().encode()
+        if item.get("format") == "appended":
+            coded, data = not self.raw, self.appended[count_of(item.get("offset", "").strip(), "bytes before an array") :]
+        try:
+            return self.unpacked(data, coded)
+        except (binascii.Error, zlib.error, lzma.LZMAError, ValueError, IndexError) as error:
+            raise Damaged(f"its array {name!r} is not complete ({error})") from error
+
+    def unpacked(self, data: bytes, coded: bool) -> bytes:
+        """What follows the header: of packed data the number of blocks, their size, that of the last, and the packed sizes of all."""
+        width = self.header.itemsize
+        first = int(np.frombuffer(decoded(data, 0, width, coded)[0], self.header)[0])
+        if not self.packed:
+            together, _ = decoded(data, 0, width + first, coded)
+            if coded and data[: len(base64.b64encode(b"0" * width))].endswith(b"="):  # the header has its own base64
+                return decoded(data, len(base64.b64encode(b"0" * width)), first, coded)[0]
+            return together[width:]
+        if first == 0:
+            return b""
+        if first > self.size:
+            raise ValueError(f"{first} blocks are declared")
+        header, after = decoded(data, 0, (3 + first) * width, coded)
+        sizes = np.frombuffer(header, self.header).astype(np.int64)
+        packed, _ = decoded(data, after, int(sizes[3:].sum()), coded)
+        bounds = np.concatenate([[0], np.cumsum(sizes[3:])])
+        if not 0 <= sizes[1] <= (MOST * self.size + 1_000_000) // first:
+            raise ValueError(f"{first} blocks of {sizes[1]} bytes are declared")
+        blocks = [UNPACK[self.packed]().decompress(packed[a:b], int(sizes[1]) + 1) for a, b in pairwise(bounds)]
+        whole = sizes[1] * first if sizes[2] == 0 else sizes[1] * (first - 1) + sizes[2]
+        if sum(map(len, blocks)) != whole:
+            raise ValueError(f"{whole} bytes are declared, {sum(map(len, blocks))} are there")
+        return b"".join(blocks)
+
+
+def decoded(data: bytes, start: int, count: int, coded: bool) -> tuple[bytes, int]:
+    """`count` bytes from a place in raw bytes or base64, and the place after them."""
+    if count < 0 or count > len(data):
+        raise ValueError(f"{count} bytes are declared, {len(data) - start} are there")
+    end = start + (-(-count // 3) * 4 if coded else count)
+    found = base64.b64decode(data[start:end]) if coded else data[start:end]
+    if len(found) < count:
+        raise ValueError(f"{count} bytes are declared, {len(found)} are there")
+    return found[:count], end
+
+
+def numbers(text: str, dtype: np.dtype, name: str) -> Array:
+    """Numbers that stand as text."""
+    words = text.split()
+    try:
+        return np.array(words, dtype="U").astype(dtype) if words else np.empty(0, dtype)
+    except (ValueError, OverflowError) as error:
+        raise Damaged(f"its array {name!r} holds what is no number ({error})") from error

@@ -1,0 +1,222 @@
+"""What a mesh file declares is what is read of it, or the file is refused with what is wrong."""
+
+import gzip
+import os
+
+import meshio
+import numpy as np
+import pytest
+from meshfiles import TETS, write
+
+from skfem_stvk import MeshError
+from skfem_stvk.mesh import read_mesh
+from validation.hostile import meshes, runner, tiny_files
+from validation.hostile.case import Wrong
+from validation.hostile.mesh_formats import FORMATS, written
+
+#: Changed files that can be read in this process: none of them asks for memory.
+SAFE = [case for case in (*meshes.cuts(), *meshes.rows(), *meshes.numbers()) if "random" not in case.name]
+SAFE = [case for case in SAFE if " is " not in case.name or case.name.endswith((" is +1", " is -1", " is nan", " is 0"))]
+
+
+@pytest.mark.parametrize("name", FORMATS)
+def test_a_file_that_is_cut_or_miscounted_is_refused_or_holds_the_same_mesh(name, tmp_path):
+    chosen = [case for case in SAFE if case.name.startswith(f"{name}: ")]
+    refused = 0
+    for number, case in enumerate(chosen):
+        (folder := tmp_path / str(number)).mkdir()
+        try:
+            mesh = case.attempt(folder)
+        except MeshError as error:
+            assert "body" in str(error) or "element" in str(error), f"{case.name}: {error}"
+            refused += 1
+            continue
+        try:
+            case.judge(mesh)
+        except Wrong as wrong:
+            raise AssertionError(f"{case.name}: {wrong.why}") from wrong
+    assert refused > len(chosen) / 2 > 9
+
+
+def test_tiny_files_and_what_is_no_regular_file_take_neither_memory_nor_time():
+    todo = [
+        job
+        for job in runner.jobs({"meshes": "validation.hostile.meshes"}, quick=True)
+        if ": " not in job.case.name.replace("tiny: ", "")
+    ]
+    assert len(todo) > len(tiny_files.FILES)
+    wrong = [
+        (outcome.case, outcome.verdict, outcome.why) for outcome in runner.outcomes(todo) if outcome.verdict.value != "refused"
+    ]
+    assert not wrong
+
+
+MSH = """$MeshFormat
+2.2 0 8
+$EndMeshFormat
+$Nodes
+5
+1 0 0 0
+2 1 0 0
+3 0 1 0
+4 0 0 1
+5 1 1 1
+$EndNodes
+$Elements
+2
+1 4 2 1 1 1 2 3 4
+2 4 2 1 1 2 3 4 5
+$EndElements
+"""
+ELEMENTS = MSH[MSH.index("$Elements") :]
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        (MSH.replace("2 3 4 5", "2 3 4 0"), r"its elements: 1 node \(0\)"),
+        (
+            MSH.replace("5 1 1 1", "0 1 1 1").replace("2 3 4 5", "2 3 4 0"),
+            r"tags from 0 to 4; expected whole numbers from 1 \(not 0\)",
+        ),
+        (MSH.replace("$Elements\n2", "$Elements\n1"), r"2 4 2 1 1 2 3 4 5 stands after what \$Elements declares; expected \$EndEl"),
+        (
+            MSH.replace("$Elements\n2", "$Elements\n3"),
+            r"the element '\$EndElements' has not|3 elements are declared, 2 are there|invalid",
+        ),
+        (MSH.replace("$Nodes\n5", "$Nodes\n4"), r"5 1 1 1 stands after what \$Nodes declares; expected \$EndNodes"),
+        (MSH.replace("\n5 1 1 1", "\n4 1 1 1"), r"1 node \(4\) more than once"),
+        (MSH.replace("\n2 4 2", "\n1 4 2"), r"1 element \(1\) more than once"),
+        (MSH.replace("2 3 4 5", "2 3 4 4294967301"), r"its elements: 1 node \(4294967301\)"),
+        (MSH.replace("2 3 4 5", "2 3 4 5 1"), "the element '2 4 2 1 1 2 3 4 5 1' has not as many nodes as its type"),
+        (MSH.replace("\n2 4 2", "\n2 400 2"), "elements of Gmsh's type 400, which is not known here"),
+        (MSH + ELEMENTS, r"\$Elements stands twice"),
+        (MSH.replace("5 1 1 1", "5 1 1 nan"), r"1 vertex \(4\) with coordinates that are not finite"),
+        (MSH.replace("$Nodes\n5", "$Nodes\n-5"), "'-5' stands for the number of nodes"),
+        (MSH.replace("2.2 0 8", "7.0 0 8"), "it is of version 7.0; versions 2.2, 4.0 and 4.1 are read"),
+        (MSH.replace("5 1 1 1", "700000000 1 1 1"), "expected whole numbers from 1 .* to at most 10000"),
+    ],
+)
+def test_gmsh_files_that_do_not_hold_together_are_refused(text, message, tmp_path):
+    (tmp_path / "mesh.msh").write_text(text)
+    with pytest.raises(MeshError, match=rf"mesh\.msh could not be read: .*({message})"):
+        read_mesh(tmp_path / "mesh.msh")
+
+
+def test_the_file_that_these_were_made_of_is_read(tmp_path):
+    (tmp_path / "mesh.msh").write_text(MSH)
+    assert read_mesh(tmp_path / "mesh.msh").t.T.tolist() == [[0, 1, 2, 3], [1, 2, 3, 4]]
+
+
+@pytest.mark.parametrize("fraction", [0.4, 0.8, 0.95])
+def test_abaqus_files_that_end_within_a_line_are_refused(fraction, tmp_path):
+    content = written("inp").content
+    cut = content[: int(fraction * len(content))].rstrip(b"\n")
+    (tmp_path / "mesh.inp").write_bytes(cut)
+    with pytest.raises(MeshError, match=r"its last line has no end, so it may be cut within a number"):
+        read_mesh(tmp_path / "mesh.inp")
+
+
+@pytest.mark.parametrize(
+    ("lines", "message"),
+    [
+        ("2, 1, 2, 3, 4, 1\n", r"1 element \(2\): not the 4 nodes of the type C3D4"),
+        ("2, 1, 2, 3, 4, 3, 1, 3, 2, 4\n", r"1 element \(2\): not the 4 nodes"),
+        ("1, 1, 2, 4, 3\n", r"1 element \(1\) more than once"),
+        ("2, 1, 2, 3, 4294967300\n", r"its elements: 1 node \(4294967300\)"),
+        ("*ELSET, ELSET=part\n1, 77\n", r"Element set 'part': 1 element \(77\) not defined"),
+        ("*NSET, NSET=pin\n1, 77\n", r"Node set 'pin': 1 node \(77\)"),
+        ("*ELSET, ELSET=part, GENERATE\n9, 1\n", r"GENERATE stands with '9, 1'; expected the first element, the last one"),
+        ("*ELSET, ELSET=part, GENERATE\n1, 100000000\n", r"GENERATE: 1 element \(100000000\) not defined"),
+        ("*INCLUDE, INPUT=/dev/zero\n", "it includes '/dev/zero', which is not in its folder"),
+        ("*INCLUDE, INPUT=mesh.inp\n", "it includes files more than 8 deep, or more than 100: itself"),
+    ],
+)
+def test_abaqus_elements_sets_and_includes_that_do_not_fit_are_refused(lines, message, tmp_path):
+    (tmp_path / "mesh.inp").write_text(tiny_files.INP + lines)
+    with pytest.raises(MeshError, match=message):
+        read_mesh(tmp_path / "mesh.inp")
+
+
+def test_a_fifo_among_the_files_that_an_input_file_includes_is_refused(tmp_path):
+    os.mkfifo(tmp_path / "pipe")
+    (tmp_path / "mesh.inp").write_text(tiny_files.INP + "*INCLUDE, INPUT=pipe\n")
+    with pytest.raises(MeshError, match=r"pipe', which it needs, is no regular file or not there"):
+        read_mesh(tmp_path / "mesh.inp")
+
+
+def test_vtk_cells_of_types_that_are_not_known_do_not_vanish(tmp_path):
+    content = written("vtk").content.replace(b"CELL_TYPES 40\n10\n10", b"CELL_TYPES 40\n10\n11")
+    (tmp_path / "mesh.vtk").write_bytes(content)
+    with pytest.raises(MeshError, match="1 cells are of VTK's types 11, which are not known here"):
+        read_mesh(tmp_path / "mesh.vtk")
+
+
+@pytest.mark.parametrize("ending", ["vtk", "vtu"])
+@pytest.mark.parametrize("binary", [True, False])
+def test_what_pyvista_writes_is_read_with_its_groups_of_64_bits_and_without_its_strings(ending, binary, tmp_path):
+    pyvista = pytest.importorskip("pyvista")
+    cells = np.column_stack([np.full(TETS.nelements, 4), TETS.t.T]).ravel()
+    grid = pyvista.UnstructuredGrid(cells, np.full(TETS.nelements, 10), TETS.p.T)
+    grid.cell_data["part"] = np.arange(TETS.nelements) % 2
+    grid.cell_data["inside"] = np.arange(TETS.nelements) % 3 == 0
+    grid.field_data["note"] = ["text", "in", "lines"]
+    grid.save(tmp_path / f"mesh.{ending}", binary=binary)
+    assert grid.cell_data["part"].dtype == np.int64
+    mesh = read_mesh(tmp_path / f"mesh.{ending}")
+    assert np.allclose(mesh.p, TETS.p) and np.array_equal(mesh.t, TETS.t)
+    assert set(mesh.subdomains) == {"part:0", "part:1", "inside:0", "inside:1"}
+    assert mesh.elements("part:1").tolist() == list(range(1, TETS.nelements, 2))
+
+
+def test_all_pieces_of_a_vtu_file_are_read(tmp_path):
+    text = write(tmp_path / "one.vtu", TETS.p.T, [("tetra", TETS.t.T)]).read_text()
+    start, end = text.index("<Piece"), text.index("</Piece>") + len("</Piece>")
+    (tmp_path / "two.vtu").write_text(text[:end] + text[start:end] + text[end:])
+    mesh = read_mesh(tmp_path / "two.vtu")
+    assert (mesh.nt, mesh.nv) == (2 * TETS.nelements, 2 * TETS.nvertices)
+    assert np.array_equal(mesh.t[:, TETS.nelements :], TETS.t + TETS.nvertices)
+
+
+@pytest.mark.parametrize("value", ["nan", "-1", "2", "0.5"])
+def test_marks_of_subdomains_other_than_0_and_1_are_refused(value, tmp_path):
+    data = {"skfem:s:left": [np.append(np.zeros(TETS.nelements - 1), float(value))]}
+    write(tmp_path / "mesh.vtu", TETS.p.T, [("tetra", TETS.t.T)], cell_data=data)
+    with pytest.raises(MeshError, match=rf"skfem:s:left.*1 element \({TETS.nelements - 1}\).*expected 0 or 1"):
+        read_mesh(tmp_path / "mesh.vtu")
+
+
+@pytest.mark.parametrize("value", ["nan", "-1", "16", "0.5"])
+def test_marks_of_boundaries_that_are_no_bits_of_facets_are_refused(value, tmp_path):
+    data = {"skfem:b:wall": [np.append(np.zeros(TETS.nelements - 1), float(value))]}
+    write(tmp_path / "mesh.vtu", TETS.p.T, [("tetra", TETS.t.T)], cell_data=data)
+    with pytest.raises(MeshError, match=rf"skfem:b:wall.*1 element \({TETS.nelements - 1}\).*expected whole numbers from 0 to 15"):
+        read_mesh(tmp_path / "mesh.vtu")
+
+
+def test_a_file_that_may_not_be_read_is_not_called_damaged(tmp_path, monkeypatch):
+    file = write(tmp_path / "mesh.vtu", TETS.p.T, [("tetra", TETS.t.T)])
+
+    def forbidden(*args, **options):
+        raise PermissionError(13, "Permission denied", str(file))
+
+    monkeypatch.setattr("pathlib.Path.read_bytes", forbidden)
+    with pytest.raises(
+        MeshError, match=r"mesh\.vtu may not be read: Permission denied\. Change its permissions, or copy it"
+    ) as told:
+        read_mesh(file)
+    assert "cut off" not in str(told.value)
+
+
+def test_a_packed_file_is_unpacked_to_a_bounded_size_only(tmp_path):
+    (tmp_path / "mesh.vol.gz").write_bytes(gzip.compress(bytes(50_000_000)))
+    with pytest.raises(MeshError, match="it unpacks to more than 50 times its size"):
+        read_mesh(tmp_path / "mesh.vol.gz")
+
+
+def test_points_in_coordinate_systems_of_their_own_are_refused(tmp_path):
+    file = tmp_path / "mesh.bdf"
+    meshio.write(file, meshio.Mesh(TETS.p.T, [("tetra", TETS.t.T)]))
+    file.write_text(file.read_text().replace("BEGIN BULK\n", "BEGIN BULK\nCORD2C  1\n"))
+    with pytest.raises(MeshError, match=r"coordinate systems of its own \(CORD\.\.\.\)"):
+        read_mesh(file)
