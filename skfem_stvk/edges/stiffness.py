@@ -72,7 +72,7 @@ class GeneralStiffness:
 
 
 def in_range(stored: Array, elements: NDArray[np.int32], dtype: DTypeLike) -> Array:
-    """What the kernels store, if its squares are numbers: else W, F and K would be zero, or overflow, without a word.
+    """What the kernels store, if its squares, and a little more, are numbers: else W, F and K would be zero, or overflow, without a word.
 
     Raises
     ------
@@ -80,7 +80,7 @@ def in_range(stored: Array, elements: NDArray[np.int32], dtype: DTypeLike) -> Ar
         with the ids of the elements in their region.
     """
     limits = np.finfo(dtype)
-    low, high = float(np.sqrt(limits.tiny)), float(np.sqrt(limits.max))
+    low, high = 1e4 * float(np.sqrt(limits.tiny)), 1e-4 * float(np.sqrt(limits.max))
     largest = np.abs(stored).max(axis=0)
     bad = np.sort(elements[~((largest > low) & (largest < high))])
     if len(bad):

@@ -8,6 +8,7 @@ from collections.abc import Sequence
 FAMILIES = {
     "meshes": "validation.hostile.meshes",
     "physics": "validation.hostile.physics",
+    "commands": "validation.hostile.commands",
     "arguments": "validation.hostile.arguments",
 }
 NAMES = tuple(FAMILIES)

@@ -1,0 +1,382 @@
+"""The command `skfem-stvk` with wrong arguments, hostile names of files, in hostile surroundings, and interrupted: no traceback, ever."""
+
+from __future__ import annotations
+
+import json
+import os
+import resource
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import partial
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import skfem
+
+import skfem_stvk
+from skfem_stvk.errors import StvkError
+
+from .case import Case, Verdict, Wrong
+
+COMMAND = (sys.executable, "-m", "skfem_stvk.cli.main")
+VERIFY = ("verify", "body.msh", "--young", "1e5", "--poisson", "0.3")
+#: One kernel, and what it has to give.
+PROGRAM = """
+import skfem
+from skfem_stvk import StVK, System
+mesh = skfem.MeshTet().refined(1)
+print("W =", System(mesh, StVK(young=1e5, poisson=0.3)).energy(0.01 * mesh.p.ravel("F")))
+"""
+ENERGY = 4.5 * 1e5 / 1.2 * 0.01005**2
+#: What the worker sets for itself, and commands do without.
+UNSET = ("NUMBA_NUM_THREADS", "OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MPLBACKEND")
+#: Control characters that have no business in what is printed where no terminal is.
+CONTROL = {chr(code) for code in (*range(32), 127, *range(128, 160))} - {"\n", "\r"}
+REFUSED, WORKS, EITHER = "refused", "works", "either"
+
+
+class Finished(NamedTuple):
+    """A process that ended."""
+
+    code: int
+    out: str
+    err: str
+
+
+class Refused(StvkError):
+    """What a command printed before it ended with the exit code for bad input."""
+
+
+def cases() -> Iterator[Case]:
+    """All commands."""
+    for name, arguments in ARGUMENTS.items():
+        yield command(f"arguments: {name}", arguments, REFUSED, quick=name == "no command")
+    for name in NAMES:
+        yield Case(f"mesh named {name[:30]!r}", partial(named, name), partial(right, worked="PASSED"), seconds=120, gigabytes=4)
+    for name, given in SURROUNDINGS.items():
+        yield command(f"verify with {name}", VERIFY, environment=given)
+    for name, given in THREADS_AND_CACHES.items():
+        yield command(f"kernel with {name}", (), environment=given, start=(sys.executable, "-c", PROGRAM))
+    for name, options in STREAMS.items():
+        yield command(f"verify with {name}", VERIFY, EITHER, options=options, seen=False)
+    for flag in ("-OO", "-Werror", "-I", "-bb", "-Xdev", "-Xutf8=0"):
+        yield command(f"python {flag}", VERIFY, WORKS, start=(sys.executable, flag, "-m", "skfem_stvk.cli.main"))
+    for name, change in OUTPUTS.items():
+        yield Case(f"--out {name}", partial(written, change), partial(right, worked="PASSED"), seconds=120, gigabytes=4)
+    for damage in DAMAGES:
+        yield Case(f"kernel with {damage}", partial(damaged, damage), partial(right, worked=ENERGY_LINE), seconds=120, gigabytes=4)
+    for seed in range(10):
+        yield Case(
+            f"Ctrl-C, seed {seed}", partial(interrupted, seed), seconds=120, gigabytes=4, judge=partial(right, worked="PASSED")
+        )
+
+
+def command(
+    name: str,
+    arguments: Sequence[str],
+    expected: str = EITHER,
+    environment: Mapping[str, str | None] | None = None,
+    start: Sequence[str] = COMMAND,
+    options: Mapping[str, Any] | None = None,
+    seen: bool = True,
+    quick: bool = False,
+) -> Case:
+    """A command that is refused in words, works, or does either of them; `seen`: what it prints can be read."""
+
+    def attempt(folder: Path) -> Finished:
+        body(folder)
+        made = {name: make() for name, make in (options or {}).items()}
+        return told(ran([*start, *arguments], environment or {}, **made), expected)
+
+    judge = partial(right, worked=WORKED.get(tuple(start), "PASSED")) if seen else lambda finished: None
+    return Case(name, attempt, judge, seconds=120, gigabytes=4, quick=quick)
+
+
+def body(folder: Path) -> Path:
+    """A small mesh file."""
+    path = folder / "body.msh"
+    skfem.MeshTet().save(path)
+    return path
+
+
+def ran(arguments: Sequence[str | bytes], environment: Mapping[str, str | None], **options: Any) -> Finished:
+    """A process, run to its end; what is None in the environment is not there."""
+    given: dict[str, str | None] = dict(os.environ) | dict.fromkeys(UNSET) | dict(environment)
+    streams: dict[str, Any] = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "stdin": subprocess.DEVNULL} | options
+    process = subprocess.run(arguments, env={key: value for key, value in given.items() if value is not None}, **streams)
+    out, err = ((stream or b"").decode(errors="backslashreplace") for stream in (process.stdout, process.stderr))
+    return Finished(process.returncode, out, err)
+
+
+def told(finished: Finished, expected: str = EITHER) -> Finished:
+    """What it ended with, if it said so in words; raises `Refused` where it was refused."""
+    said = finished.out + finished.err
+    if "Traceback (most recent call last)" in said or "Exception ignored" in said:
+        raise Wrong(Verdict.TRACEBACK, said[-3000:])
+    if finished.code < 0:
+        raise Wrong(Verdict.CRASH, f"ended by {signal.Signals(-finished.code).name}: {said[-3000:]}")
+    control = sorted(CONTROL & set(said))
+    if control:
+        raise Wrong(Verdict.SILENT, f"control characters on the terminal: {control!r}")
+    if finished.code == 2 and expected != WORKS:
+        if len(finished.err.split()) < 4:
+            raise Wrong(Verdict.TRACEBACK, f"exit code 2 without words: {said!r}")
+        raise Refused(finished.err)
+    if expected == REFUSED or finished.code not in (0, 1):
+        raise Wrong(Verdict.SILENT, f"exit code {finished.code}: {said[-3000:]}")
+    return finished
+
+
+def right(finished: Finished, worked: str) -> None:
+    """The judge: it did what was asked for, if anybody can see that."""
+    if worked == ENERGY_LINE:
+        value = float(finished.out.split("W =")[1]) if "W =" in finished.out else np.nan
+        if not abs(value / ENERGY - 1) < 1e-12:
+            raise Wrong(Verdict.SILENT, f"W = {value} instead of {ENERGY}: {finished}")
+    elif finished.code != 0 or (finished.out and worked not in finished.out):
+        raise Wrong(Verdict.SILENT, f"it did not pass: {finished}")
+
+
+ENERGY_LINE = "W ="
+WORKED: dict[Sequence[str], str] = {(sys.executable, "-c", PROGRAM): ENERGY_LINE}
+
+LONG = "x" * 300
+ARGUMENTS: dict[str, tuple[str, ...]] = {
+    "no command": (),
+    "unknown command": ("verfiy",),
+    "control characters": ("\x1b[31m",),
+    "unknown option": (*VERIFY, "--colour"),
+    "unknown mesh": ("verify", "nothing.msh", "--young", "1", "--poisson", "0.3"),
+    "a folder as mesh": ("verify", ".", "--young", "1", "--poisson", "0.3"),
+    "an empty mesh name": ("verify", "", "--young", "1", "--poisson", "0.3"),
+    "a long mesh name": ("verify", f"{LONG}.msh", "--young", "1", "--poisson", "0.3"),
+    "a device as mesh": ("verify", "/dev/zero", "--young", "1", "--poisson", "0.3"),
+    "no material": ("verify", "body.msh"),
+    "young alone": ("verify", "body.msh", "--young", "1e5"),
+    "poisson alone": ("verify", "body.msh", "--poisson", "0.3"),
+    **{
+        f"--young {young}": ("verify", "body.msh", f"--young={young}", "--poisson=0.3")
+        for young in ("a", "nan", "inf", "-1", "0", "")
+    },
+    **{
+        f"--young {young}": ("verify", "body.msh", f"--young={young}", "--poisson=0.3")
+        for young in ("1e400", "1e-400", "1e306", "1j")
+    },
+    **{
+        f"--poisson {nu}": ("verify", "body.msh", "--young=1e5", f"--poisson={nu}")
+        for nu in ("a", "nan", "0.5", "-1", "0.7", "-inf")
+    },
+    **{f"--seed {seed}": (*VERIFY, f"--seed={seed}") for seed in ("-1", "a", "1e3", "0.5", "")},
+    "two meshes": ("verify", "body.msh", "body.msh", "--young", "1", "--poisson", "0.3"),
+    "--out without a name": (*VERIFY, "--out"),
+    "--out empty": (*VERIFY, "--out", ""),
+    "--out is a file": (*VERIFY, "--out", "body.msh"),
+    "--out below a file": (*VERIFY, "--out", "body.msh/below"),
+    "--out with a long name": (*VERIFY, "--out", LONG),
+    "--out where nothing can be made": (*VERIFY, "--out", "/proc/nothing"),
+    "bench --out is a file": ("bench", "--quick", "--out", "body.msh"),
+    "bench --quick 3": ("bench", "--quick", "3"),
+    "info with an argument": ("info", "more"),
+}
+NAMES = (
+    "\x1b[31mred.msh",
+    "new\nline.msh",
+    "bell\x07.msh",
+    "[bold]x.msh",
+    "[x]y[bold red].msh",
+    "<script>alert(1)<.msh",
+    "%s%n.msh",
+    "{{7*7}}.msh",
+    "$HOME.msh",
+    "ü ñ 漢 😀.msh",
+    "\udcff\udcfe.msh",
+    "\u202egnp.msh",
+    "y" * 240 + ".msh",
+    "-.msh",
+)
+
+
+def named(name: str, folder: Path) -> Finished:
+    """The mesh under another name."""
+    os.rename(body(folder), os.fsencode(folder / name))
+    finished = told(ran([*COMMAND, "verify", os.fsencode(f"./{name}"), "--young=1e5", "--poisson=0.3", "--out", "report"], {}))
+    report = json.loads((folder / "report" / "report.json").read_text())
+    if not report["passed"]:
+        raise Wrong(Verdict.SILENT, "it did not pass")
+    return finished
+
+
+NOWHERE = "/proc/nothing"
+SURROUNDINGS: dict[str, dict[str, str | None]] = {
+    **{f"MPLBACKEND={name}": {"MPLBACKEND": name} for name in ("nonsense", "TkAgg", "module://nothing", "")},
+    "MPLCONFIGDIR that cannot be made": {"MPLCONFIGDIR": NOWHERE},
+    "HOME that is not there": {"HOME": NOWHERE, "XDG_CACHE_HOME": None},
+    "HOME unset": {"HOME": None},
+    "TMPDIR that is not there": {"TMPDIR": NOWHERE},
+    **{f"TERM={name}": {"TERM": name} for name in ("dumb", "nonsense", "")},
+    **{f"COLUMNS={width}": {"COLUMNS": width} for width in ("0", "1", "-5", "abc", "100000")},
+    "LANG=C": {"LANG": "C", "LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0"},
+    "PYTHONIOENCODING=ascii": {"PYTHONIOENCODING": "ascii"},
+    "PYTHONWARNINGS=error": {"PYTHONWARNINGS": "error"},
+    "NO_COLOR": {"NO_COLOR": "1", "TERM": "xterm-256color"},
+    "PATH empty": {"PATH": ""},
+}
+THREADS_AND_CACHES: dict[str, dict[str, str | None]] = {
+    **{f"NUMBA_NUM_THREADS={n}": {"NUMBA_NUM_THREADS": n} for n in ("0", "-1", "abc", "1.5", "", "100000")},
+    **{f"NUMBA_THREADING_LAYER={n}": {"NUMBA_THREADING_LAYER": n} for n in ("nonsense", "tbb", "")},
+    **{f"OMP_NUM_THREADS={n}": {"OMP_NUM_THREADS": n} for n in ("0", "abc", "-3")},
+    **{f"OPENBLAS_NUM_THREADS={n}": {"OPENBLAS_NUM_THREADS": n} for n in ("0", "abc", "-3")},
+    "NUMBA_CACHE_DIR that cannot be made": {"NUMBA_CACHE_DIR": NOWHERE},
+    "NUMBA_CACHE_DIR that is a file": {"NUMBA_CACHE_DIR": "body.msh"},
+    "NUMBA_CACHE_DIR on a full disk": {"NUMBA_CACHE_DIR": "/dev/full"},
+    "NUMBA_DISABLE_JIT=1": {"NUMBA_DISABLE_JIT": "1"},
+    "NUMBA_CPU_NAME=generic": {"NUMBA_CPU_NAME": "generic", "NUMBA_CPU_FEATURES": ""},
+}
+
+
+def _limited(which: int, value: int) -> Callable[[], None]:
+    def limit() -> None:
+        resource.setrlimit(which, (value, value))
+
+    return limit
+
+
+def _closed(*descriptors: int) -> Callable[[], None]:
+    def close() -> None:
+        for descriptor in descriptors:
+            os.close(descriptor)
+
+    return close
+
+
+def _broken_pipe() -> int:
+    reading, writing = os.pipe()
+    os.close(reading)
+    return writing
+
+
+def _in_no_folder() -> Callable[[], None]:
+    def away() -> None:
+        os.mkdir("gone")
+        shutil.copy("body.msh", "gone")
+        os.chdir("gone")
+        shutil.rmtree(os.getcwd())
+
+    return away
+
+
+STREAMS: dict[str, dict[str, Callable[[], Any]]] = {
+    "standard input closed": {"preexec_fn": lambda: _closed(0)},
+    "standard output closed": {"preexec_fn": lambda: _closed(1)},
+    "standard error closed": {"preexec_fn": lambda: _closed(2)},
+    "all streams closed": {"preexec_fn": lambda: _closed(0, 1, 2)},
+    "standard output full": {"stdout": lambda: os.open("/dev/full", os.O_WRONLY)},
+    "standard error full": {"stderr": lambda: os.open("/dev/full", os.O_WRONLY)},
+    "a pipe that nobody reads": {"stdout": _broken_pipe},
+    "16 open files at most": {"preexec_fn": lambda: _limited(resource.RLIMIT_NOFILE, 16)},
+    "no new processes": {"preexec_fn": lambda: _limited(resource.RLIMIT_NPROC, 0)},
+    "a working folder that is gone": {"preexec_fn": _in_no_folder},
+}
+
+
+def _nothing(folder: Path) -> dict[str, Any]:
+    return {}
+
+
+def _full(size: int, folder: Path) -> dict[str, Any]:
+    """No file may become larger: as on a disk that is full."""
+    return {"preexec_fn": _limited(resource.RLIMIT_FSIZE, size)}
+
+
+def _there(name: str, folder: Path) -> dict[str, Any]:
+    """A folder stands where a report should be."""
+    (folder / "report" / name).mkdir(parents=True)
+    return {}
+
+
+def _link(folder: Path) -> dict[str, Any]:
+    (folder / "report").symlink_to("nowhere/at/all")
+    return {}
+
+
+OUTPUTS: dict[str, Callable[[Path], dict[str, Any]]] = {
+    "new": _nothing,
+    **{f"on a disk that is full after {size} bytes": partial(_full, size) for size in (0, 100, 5_000, 60_000)},
+    "with a folder named report.json": partial(_there, "report.json"),
+    "with a folder named report.html": partial(_there, "report.html"),
+    "a link to nowhere": _link,
+}
+
+
+def written(change: Callable[[Path], dict[str, Any]], folder: Path) -> Finished:
+    """`verify --out`: whole reports, or none and words."""
+    body(folder)
+    finished = ran([*COMMAND, *VERIFY, "--out", "report"], {"NUMBA_CACHE_DIR": None}, **change(folder))
+    for path in (folder / "report" / "report.json", folder / "report" / "report.html"):
+        if path.is_file():
+            text = path.read_text()
+            whole = text.rstrip().endswith("</html>") if path.suffix == ".html" else text.rstrip().endswith("}")
+            if not whole:
+                raise Wrong(Verdict.LOSS, f"{path.name} is cut off, {len(text)} characters of it are there: {finished.err}")
+    return told(finished)
+
+
+def _each(change: Callable[[Path], object], ending: str) -> Callable[[Path], None]:
+    def damage(cache: Path) -> None:
+        for path in sorted(cache.glob(f"*{ending}")):
+            change(path)
+
+    return damage
+
+
+def _as_folder(path: Path) -> None:
+    path.unlink()
+    path.mkdir()
+
+
+def _as_file(cache: Path) -> None:
+    shutil.rmtree(cache)
+    cache.write_text("no folder")
+
+
+DAMAGES: dict[str, Callable[[Path], None]] = {
+    "an empty index of numba's cache": _each(lambda path: path.write_bytes(b""), ".nbi"),
+    "a cut index of numba's cache": _each(lambda path: path.write_bytes(path.read_bytes()[:60]), ".nbi"),
+    "a random index of numba's cache": _each(lambda path: path.write_bytes(np.random.default_rng(6).bytes(500)), ".nbi"),
+    "empty code in numba's cache": _each(lambda path: path.write_bytes(b""), ".nbc"),
+    "cut code in numba's cache": _each(lambda path: path.write_bytes(path.read_bytes()[:1000]), ".nbc"),
+    "random code in numba's cache": _each(lambda path: path.write_bytes(np.random.default_rng(6).bytes(5000)), ".nbc"),
+    "folders in numba's cache": _each(_as_folder, ".nbc"),
+    "numba's cache as a file": _as_file,
+}
+
+
+def damaged(damage: str, folder: Path) -> Finished:
+    """A kernel of a copy of the package, whose compiled code on disk is damaged."""
+    package = Path(skfem_stvk.__file__).parent
+    shutil.copytree(package, folder / "skfem_stvk")
+    DAMAGES[damage](folder / "skfem_stvk" / "kernels" / "__pycache__")
+    return told(ran([sys.executable, "-c", PROGRAM], {"PYTHONPATH": str(folder)}), WORKS)
+
+
+def interrupted(seed: int, folder: Path) -> Finished:
+    """Ctrl-C at a random time after the command has begun."""
+    body(folder)
+    begin = "import sys; from skfem_stvk.cli.main import main; print('begun', flush=True); sys.exit(main(sys.argv[1:]))"
+    with subprocess.Popen(
+        [sys.executable, "-c", begin, *VERIFY, "--out", "report"], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    ) as process:
+        assert process.stdout is not None
+        process.stdout.readline()
+        time.sleep(float(np.random.default_rng(seed).uniform(0, 2)))
+        process.send_signal(signal.SIGINT)
+        out, err = process.communicate()
+    finished = Finished(process.returncode, out, err)
+    if "Traceback" in out + err or (finished.code != 0 and "interrupted" not in out + err):
+        raise Wrong(Verdict.TRACEBACK, f"exit code {finished.code}: {out + err}")
+    return finished
