@@ -9,15 +9,18 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.linalg import eigh
+from scipy.linalg import eig, eigh
 
-from ..errors import LoadError, StvkError
+from .. import arguments
+from ..errors import StvkError
 from ..linear import Kind, LinearSolver, choose
 from ..linear.choose import direct
 from ..mesh.displacements import by_vertex
 from ..results import Fields, Series, plot
 from ..results.state import State
 from ..system import System
+from ..system.mass import Mass
+from .arnoldi import nearest_vectors
 from .largest import bound_on_eigenvalues
 from .rigid_part import rigid_part
 from .shift_invert import ShiftedProblem, lowest_vectors
@@ -26,6 +29,8 @@ Array = NDArray[Any]
 
 #: A motion of which all but this part is rigid is rigid, if its eigenvalue is rounding: so many eps of the largest one.
 NOT_RIGID, ROUNDING = 1e-6, 1e4
+#: A Jacobian is symmetric whose entries differ from those across by this part of the largest at most.
+SYMMETRIC = 1e-12
 #: In pictures the largest displacement is this part of the size of the body.
 SHOWN = 0.1
 #: "auto" takes a direct solver up to so many unknowns: it factorises once and solves about a hundred times.
@@ -34,16 +39,22 @@ MANY = 200_000
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Modes:
-    """Natural modes: `K x = omega^2 M x` over the free degrees of freedom, ascending.
+    """Natural modes: `K x = omega^2 M x` over the free degrees of freedom, ascending by (the real part of) omega^2.
+
+    Where a load follows the body K need not be symmetric. Then two modes can join in a complex pair, with which the body flutters: it takes
+    energy from the load, and oscillates more and more. Eigenvalues and shapes are complex arrays if there is such a pair among them.
 
     Attributes
     ----------
-    frequencies : (n,) `omega/(2 pi)` [Hz]; 0 of rigid modes, NaN of unstable ones.
+    frequencies : (n,) `Re(omega)/(2 pi)` [Hz]; 0 of rigid modes, NaN of those that grow without oscillating.
     eigenvalues : (n,) `omega^2` [1/s^2].
-    shapes : (n, ndofs) `x`, with `x_i' M x_j = delta_ij`, and 0 where the body is held [kg^-1/2].
+    shapes : (n, ndofs) `x`, 0 where the body is held [kg^-1/2], with `x_i' M x_j = delta_ij`; of a K that is not symmetric `x_i^H M x_i = 1`
+        alone, and the motion is the real part of `x exp(i omega t)`.
     rigid : (n,) whether the mode moves the body, or parts of it, as a whole, without stiffness.
-    unstable : (n,) whether `omega^2` is negative: the state is no minimum of the potential, and the mode grows.
-    residuals : (n,) sizes of `M^-1/2 (K x - omega^2 M x)` [1/s^2]: an eigenvalue lies within.
+    unstable : (n,) whether the mode grows: `omega^2` is negative (divergence: without oscillating), or complex (flutter).
+    flutter : (n,) whether `omega^2` is complex.
+    growth : (n,) rate at which the mode grows without damping, `|Im(omega)|` [1/s], 0 of those that do not.
+    residuals : (n,) sizes of `M^-1/2 (K x - omega^2 M x)` [1/s^2]: an eigenvalue lies within, if K is symmetric.
     system, u : whose modes they are, and the displacements (ndofs,) there [m].
     """
 
@@ -52,6 +63,8 @@ class Modes:
     shapes: Array
     rigid: NDArray[np.bool_]
     unstable: NDArray[np.bool_]
+    flutter: NDArray[np.bool_]
+    growth: Array
     residuals: Array
     system: System = field(compare=False)
     u: Array
@@ -59,11 +72,16 @@ class Modes:
     def __len__(self) -> int:
         return len(self.eigenvalues)
 
+    @property
+    def stable(self) -> bool:
+        """Whether none of these modes grows; of others nothing is known."""
+        return not self.unstable.any()
+
     def state(self, number: int, scale: float | None = None) -> State:
-        """The body displaced by `u` and by `scale` times the mode of this number, counted from 0; by default a tenth of its size."""
+        """The body displaced by `u` and by `scale` times the (real part of the) mode of this number, counted from 0; by default a tenth of its size."""
         if not -len(self) <= number < len(self):
             raise StvkError(f"Mode {number} came; there are {len(self)}, from 0 to {len(self) - 1}.")
-        mesh, shape = self.system.mesh, self.shapes[number].reshape(-1, self.system.mesh.d)
+        mesh, shape = self.system.mesh, self.shapes[number].real.reshape(-1, self.system.mesh.d)
         if scale is None:
             scale = SHOWN * float(np.linalg.norm(np.ptp(mesh.p, axis=1)) / np.linalg.norm(shape, axis=1).max())
         return Fields(mesh, self.system.elastic_terms).at(self.u + scale * shape.ravel())
@@ -84,6 +102,8 @@ class Modes:
     def _named(self, number: int) -> str:
         if self.rigid[number]:
             return "rigid"
+        if self.flutter[number]:
+            return f"unstable, flutters at {self.frequencies[number]:.6g} Hz and grows by exp({self.growth[number]:.4g} t/s)"
         if self.unstable[number]:
             return f"unstable, omega^2 = {self.eigenvalues[number]:.4g} 1/s^2"
         return f"{self.frequencies[number]:.6g} Hz"
@@ -98,6 +118,7 @@ def modes(
     n: int = 10,
     *,
     u: ArrayLike | None = None,
+    t: float = 1.0,
     mass: str = "lumped",
     solver: str | LinearSolver = "auto",
 ) -> Modes:
@@ -107,7 +128,9 @@ def modes(
     ----------
     n : how many, rigid ones included.
     u : displacements (ndofs,) [m] of the equilibrium about which it vibrates, such as `solve_static(system).u`; by default none. K is that of the
-        stressed body there.
+        stressed body there, and has what loads that follow the body add to it: where that makes it unsymmetric the modes nearest to zero are found,
+        which tell of flutter.
+    t : load factor of that equilibrium, for these loads: `step.t` of a state on a path.
     mass : "lumped", or "consistent".
     solver : as of `solve_static`; by default a direct one, and multigrid for more than 200 000 unknowns.
 
@@ -117,8 +140,6 @@ def modes(
         if there are not n modes, or the solver is unknown or fails.
     MaterialError
         if a material has no density, or a vertex that can move has no mass.
-    LoadError
-        if there is a follower load: K is not symmetric then.
     StateError
         if `u` does not have one finite entry for each degree of freedom.
 
@@ -131,35 +152,76 @@ def modes(
     """
     if not isinstance(system, System):
         raise StvkError(f"A {type(system).__name__} came; expected a System: System(mesh, terms, ...).")
-    if not system.conservative:
-        raise LoadError(
-            "Modes: a load follows the body, so that K is not symmetric. Take it out, or its direction at the equilibrium as a dead load."
-        )
     free = np.setdiff1d(np.arange(system.ndofs), system.supports.held)
     if isinstance(n, bool) or not isinstance(n, int | np.integer) or not 1 <= n <= len(free):
         raise StvkError(f"n = {n!r}; expected a number of modes, from 1 to {len(free)}, the number of free degrees of freedom.")
-    chosen = direct(len(free)) if solver == "auto" and len(free) <= MANY else choose(solver, len(free), Kind.SYMMETRIC)
-    problem = ShiftedProblem(system, chosen, system.mass(mass))
     x = np.zeros(system.ndofs) if u is None else by_vertex(system.mesh, u).ravel().astype(np.float64)
-    vectors = lowest_vectors(problem, x, n)
+    moment = arguments.number("t", t, "the load factor of the equilibrium")
+    kind = _kind(system, x, moment, free)
+    chosen = direct(len(free)) if solver == "auto" and len(free) <= MANY else choose(solver, len(free), kind)
+    if chosen.matrix_free and not system.conservative:
+        raise StvkError(
+            f"solver '{chosen.name}' forms no matrix, and a load that follows the body is in no product; expected another solver."
+        )
+    problem = ShiftedProblem(system, chosen, system.mass(mass), kind, moment)
+    vectors = (nearest_vectors if kind is Kind.GENERAL else lowest_vectors)(problem, x, n)
     return _ritz(problem, x, np.array([problem.free.vector(vector) for vector in vectors.T]), int(n))
+
+
+def _kind(system: System, u: Array, t: float, free: Array) -> Kind:
+    """What K is; of follower loads by its entries over the free degrees of freedom."""
+    if system.conservative:
+        return Kind.SYMMETRIC
+    K = system.jacobian(u, t)[free][:, free]
+    return Kind.SYMMETRIC if abs(K - K.T).max() <= SYMMETRIC * abs(K).max() else Kind.GENERAL
 
 
 def _ritz(problem: ShiftedProblem, u: Array, vectors: Array, n: int) -> Modes:
     """The n lowest modes in the span of the rows of `vectors` (m, ndofs), by exact products with K and M."""
     system, mass, K = problem.system, problem.mass, problem.stiffness(u)
     images, momenta = (np.array([multiply(row) for row in vectors]) for multiply in (lambda v: K @ v, mass.multiply))
-    values, c = eigh(_product(vectors, images), _product(vectors, momenta))
-    values, c = values[:n], c[:, :n].T
-    shapes = c @ vectors
-    accelerations = np.array([mass.solve(row) for row in c @ images]) - values[:, None] * shapes
-    residuals = np.sqrt([max(float(row @ mass.multiply(row)), 0.0) for row in accelerations])
     largest = bound_on_eigenvalues(system.linear_operator(u), mass.vertex)
     rounding = ROUNDING * float(np.finfo(system.dtype).eps) * largest
-    rigid = (np.abs(values) <= rounding) & (rigid_part(system, mass, u, shapes) >= 1 - NOT_RIGID)
-    unstable = ~rigid & (values < -rounding)
-    frequencies = np.where(unstable, np.nan, np.where(rigid, 0.0, np.sqrt(np.maximum(values, 0)) / (2 * np.pi)))
-    return Modes(frequencies, values, shapes, rigid, unstable, residuals, system, u)
+    if problem.kind is Kind.GENERAL:
+        values, c = _unsymmetric(vectors @ images.T, vectors @ momenta.T, rounding)
+    else:
+        values, c = eigh(_product(vectors, images), _product(vectors, momenta))
+    values, c = values[:n], c[:, :n].T
+    shapes, forces = c @ vectors, c @ images
+    residuals = _residuals(mass, values, shapes, forces)
+    rigid = (np.abs(values) <= rounding) & (rigid_part(system, mass, u, shapes.real) >= 1 - NOT_RIGID)
+    flutter = np.abs(values.imag) > 0
+    unstable = flutter | (~rigid & (values.real < -rounding))
+    omega = np.sqrt(values.astype(complex))
+    frequencies = np.where(rigid, 0.0, np.where(unstable & ~flutter, np.nan, omega.real / (2 * np.pi)))
+    growth = np.where(unstable, np.abs(omega.imag), 0.0)
+    return Modes(frequencies, values, shapes, rigid, unstable, flutter, growth, residuals, system, u)
+
+
+def _unsymmetric(K: Array, M: Array, rounding: float) -> tuple[Array, Array]:
+    """Eigenvalues, ascending by their real parts, and vectors (columns) of small matrices, K not symmetric; real, unless there are complex pairs.
+
+    Of a pair whose imaginary part is rounding, which is what becomes of two equal eigenvalues, the real and the imaginary part of the vectors are taken.
+    """
+    values, c = eig(np.linalg.solve(M, K))  # of one real matrix, so that pairs are conjugate to the last bit
+    order = np.lexsort((values.imag, values.real))
+    values, c = values[order], c[:, order].astype(complex)
+    real = np.abs(values.imag) <= rounding
+    c[:, real] = np.where(values[real].imag > 0, c[:, real].imag, c[:, real].real)
+    values[real] = values[real].real
+    c *= np.exp(-1j * np.angle(c[np.argmax(np.abs(c), axis=0), np.arange(c.shape[1])]))
+    c /= np.sqrt(np.einsum("in,ij,jn->n", c.conj(), M, c).real)
+    return (values.real, c.real) if real.all() else (values, c)
+
+
+def _residuals(mass: Mass, values: Array, shapes: Array, forces: Array) -> Array:
+    """(n,) sizes of `M^-1/2 (K x - omega^2 M x)`, from `K x`."""
+    squares = np.zeros(len(values))
+    solved = np.array([mass.solve(row.real) + 1j * mass.solve(row.imag) for row in forces])
+    for part in (np.real, np.imag):
+        rows = part(solved - values[:, None] * shapes)
+        squares += [max(float(row @ mass.multiply(row)), 0.0) for row in rows]
+    return np.sqrt(squares)
 
 
 def _product(a: Array, b: Array) -> Array:

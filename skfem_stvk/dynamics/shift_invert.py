@@ -8,17 +8,17 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import eigh
 from scipy.sparse import csr_matrix
-from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigsh
+from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigs, eigsh
 
 from ..edges import Tensions
 from ..errors import StvkError
-from ..linear import Factors, LinearSolver, Outcome
+from ..linear import Factors, Kind, LinearSolver, Outcome
 from ..statics.equilibrium import Equilibrium
 from ..statics.newton import usable
 from ..statics.stopwatch import Stopwatch
 from ..system import FreeOperator, System
 from ..system.mass import Mass
-from ..terms.load import Moment
+from ..terms.load import Time
 from .largest import bound_on_eigenvalues
 
 Array = NDArray[Any]
@@ -34,8 +34,6 @@ MORE, FEW = 4, 4
 SAME = 1e-6
 #: Residual of iterative solvers.
 PRECISION = 1e-10
-#: K does not depend on the time: the loads that are let pass do not follow the body.
-NOW = Moment(0.0, 1.0)
 
 
 class Indefinite(Exception):
@@ -43,29 +41,41 @@ class Indefinite(Exception):
 
 
 class ShiftedProblem(Equilibrium):
-    """`K + shift M` over the free degrees of freedom."""
+    """`K + shift M` over the free degrees of freedom, with the part in K of loads that depend on the displacements.
 
-    def __init__(self, system: System, solver: LinearSolver, mass: Mass) -> None:
+    Parameters
+    ----------
+    kind : what K is; "symmetric" also where loads follow the body, if it comes out so.
+    t : when those loads act.
+    """
+
+    def __init__(self, system: System, solver: LinearSolver, mass: Mass, kind: Kind, t: Time) -> None:
         if solver.matrix_free and mass.kind != "lumped":
             raise StvkError(
                 f"mass = {mass.kind!r} came with solver '{solver.name}', which forms no matrix; expected 'lumped', or another solver."
             )
-        self.mass, self.shift = mass, 0.0
+        self.mass, self.shift, self._t = mass, 0.0, t
         super().__init__(system, solver, Stopwatch())
+        self._kind = kind
+
+    @property
+    def kind(self) -> Kind:
+        """What K is."""
+        return self._kind
 
     def matrices(self, u: Array) -> tuple[Array, Array]:
         """K and M over the free degrees of freedom, dense."""
         ids = np.ix_(self.free.free, self.free.free)
-        return self.system.tangent(u).toarray().astype(np.float64)[ids], self.mass.matrix.toarray()[ids]
+        return self.system.jacobian(u, self._t).toarray().astype(np.float64)[ids], self.mass.matrix.toarray()[ids]
 
     def stiffness(self, u: Array) -> Any:
         """K, as a matrix or as an operator."""
-        return self.system.linear_operator(u) if self.solver.matrix_free else self.system.tangent(u)
+        return self.system.linear_operator(u) if self.solver.matrix_free else self.system.jacobian(u, self._t)
 
     def inverse(self, u: Array, shift: float) -> LinearOperator:
         """`r -> (K + shift M)^-1 r`; raises Indefinite where eigenvalues are below `-shift`, now or when it is applied."""
         self.shift = shift
-        factors = self.factorise(u, NOW)
+        factors = self.factorise(u, self._t)
         if factors.negative_pivots:
             raise Indefinite
         n = len(self.free.free)
@@ -122,17 +132,20 @@ def _all_lowest(problem: ShiftedProblem, inverse: LinearOperator, n: int) -> Arr
     From one vector Lanczos' method sees one direction of the space of a multiple eigenvalue, and the others by what rounding leaves of them. So it is
     asked again for what is across all that it has found, until nothing there belongs to the n lowest.
     """
-    values, vectors = _lanczos(problem, inverse, n + MORE, np.empty((inverse.shape[0], 0)))
+    values, vectors = krylov(problem, inverse, n + MORE, np.empty((inverse.shape[0], 0)))
     while True:
-        value, vector = _lanczos(problem, inverse, 1, vectors)
+        value, vector = krylov(problem, inverse, 1, vectors)
         last = np.sort(values)[n - 1] + problem.shift  # above zero, however many rigid modes there are
         if value[0] + problem.shift >= (1 - SAME) * last:
             return vectors
         values, vectors = np.append(values, value), np.hstack([vectors, vector])
 
 
-def _lanczos(problem: ShiftedProblem, inverse: LinearOperator, n: int, known: Array) -> tuple[Array, Array]:
-    """Eigenvalues and vectors (n_free, n) nearest to the shift, M-orthogonal to those that are known, from always the same start on."""
+def krylov(problem: ShiftedProblem, inverse: LinearOperator, n: int, known: Array) -> tuple[Array, Array]:
+    """Eigenvalues and vectors (n_free, n) nearest to the shift, M-orthogonal to those that are known, from always the same start on.
+
+    By Lanczos' method, or Arnoldi's where K is not symmetric; values and vectors may be complex then.
+    """
     momenta = np.array([problem.momentum(vector) for vector in known.T]).reshape(known.T.shape)
 
     def solved(r: Array) -> Array:
@@ -144,8 +157,9 @@ def _lanczos(problem: ShiftedProblem, inverse: LinearOperator, n: int, known: Ar
     start -= known @ (momenta @ start)
     tolerance = PRECISION if problem.solver.iterative else 0.0
     across = LinearOperator(inverse.shape, matvec=solved, dtype=np.float64)
+    solve = eigs if problem.kind is Kind.GENERAL else eigsh
     try:
-        values, vectors = eigsh(across, n, M, sigma=-problem.shift, OPinv=across, v0=start, tol=tolerance)
+        values, vectors = solve(across, n, M, sigma=-problem.shift, OPinv=across, v0=start, tol=tolerance)
         return values, vectors
     except ArpackNoConvergence as error:
         raise StvkError(f"Modes: {len(error.eigenvalues)} of {n} were found. Ask for fewer, or for a direct solver=.") from error
