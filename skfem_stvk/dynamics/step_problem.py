@@ -180,6 +180,10 @@ class StepProblem(Equilibrium):
                 return _Diagonal(self._diagonal.factorise(self._free_operator(u, ALL, shifted=False), self._kind))
         return super().factorise(u, t, tangent)
 
+    def take_over(self, u: Array, t: Time) -> bool:
+        """Never: with the mass on its diagonal K is not so ill-conditioned."""
+        return False
+
     def solve(self, factors: Factors, b: Array, rtol: float, start: Array | None = None, out: Array | None = None) -> Solution:
         """As in statics, precisely."""
         return super().solve(factors, b, min(rtol, PRECISE), start, out)

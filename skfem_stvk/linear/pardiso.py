@@ -120,7 +120,7 @@ class PardisoFactors:
         self._newest.check(self._number)
         b = checked_vector(b, self._memory.n)
         if not self._exact:
-            return nothing(b, Outcome.SINGULAR)
+            return handed_out(nothing(b, Outcome.SINGULAR), out)
         return handed_out(solve_checked(self._memory.product, self._memory.solve, b, rtol), out)
 
 

@@ -7,7 +7,8 @@ from functools import cached_property
 from typing import Any, ClassVar
 
 import numpy as np
-from scipy.sparse import csc_matrix
+from scipy.sparse import csc_matrix, csr_matrix
+from scipy.sparse.csgraph import connected_components
 from scipy.sparse.linalg import splu
 
 from .checks import Newest, check_kind, checked_values, checked_vector, handed_out
@@ -76,6 +77,15 @@ class SuperLUFactors:
         lu = _factors(self._transpose, Kind.POSITIVE_DEFINITE) if _exchanged(self._lu) else self._lu
         return 1 if lu is None or _exchanged(lu) else int((lu.U.diagonal() < 0).sum())
 
+    @property
+    def negative_determinant(self) -> bool | None:
+        """Whether the determinant is negative, by the diagonal of U and the exchanges of rows and columns; None of singular matrices."""
+        lu = self._lu
+        if lu is None:
+            return None
+        exchanges = sum(len(order) - _cycles(order) for order in (lu.perm_r, lu.perm_c))
+        return bool((int((lu.U.diagonal() < 0).sum()) + exchanges) % 2)
+
     def solve(self, b: Vector, rtol: float = 1e-10, x0: Vector | None = None, out: Vector | None = None) -> Solution:
         """Two triangular solves, and as many products and solves more as the residual asks for, wherever `x0` is."""
         self._newest.check(self._number)
@@ -89,6 +99,13 @@ class SuperLUFactors:
 def _exchanged(lu: Any) -> bool:
     """Whether rows were exchanged, or there are no factors."""
     return lu is None or not np.array_equal(lu.perm_r, lu.perm_c)
+
+
+def _cycles(order: Any) -> int:
+    """How many cycles a permutation is made of."""
+    n = len(order)
+    graph = csr_matrix((np.ones(n), (np.arange(n), order)), shape=(n, n))
+    return int(connected_components(graph, directed=False)[0])
 
 
 def _factors(transpose: csc_matrix, kind: Kind) -> Any:

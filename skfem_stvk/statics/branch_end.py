@@ -22,12 +22,11 @@ MOST_NAMED = 5
 def branch_end(problem: Equilibrium, start: Array, t0: float, u: Array, t: float) -> str:
     """What there is to say of the last state `u` (ndofs,) of a path that began at `start`; nothing if its tangent is as stiff as ever.
 
-    Nothing of follower loads, either, whose K is not symmetric.
+    Nothing of a K that is not symmetric, either, as of loads that follow the body.
     """
-    if not problem.system.conservative:
-        return ""
     try:
-        before, now = _lowest(problem, start, t0), _lowest(problem, u, t)
+        before = _lowest(problem, start, t0)
+        now = None if before is None else _lowest(problem, u, t)
     except StateError:
         return ""
     if before is None or now is None or not now[0] < GIVEN_WAY * before[0]:
@@ -40,8 +39,9 @@ def branch_end(problem: Equilibrium, start: Array, t0: float, u: Array, t: float
 
 
 def _lowest(problem: Equilibrium, u: Array, t: float) -> tuple[float, Array] | None:
+    """The lowest eigenvalue, or of a direct solver the one nearest to zero, and its mode; None if there is none to speak of."""
     mode = lowest_mode(problem, u, t) if problem.solver.iterative else nearest_mode(problem, u, t)
-    return None if mode is None else (mode.value, mode.vector)
+    return None if mode is None or not problem.symmetric else (mode.value, mode.vector)
 
 
 def _where(problem: Equilibrium, u: Array, mode: Array) -> str:

@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse.linalg import LinearOperator, lobpcg
+from scipy.sparse.linalg import LinearOperator, eigsh, lobpcg
 
+from ..linear import Kind
+from ..linear.choose import direct
+from ..linear.inertia import COUNTED, ROUNDING, eigenvalues_below, shifted
 from .equilibrium import Equilibrium, Tangent, dot
 from .newton import usable
 
@@ -20,14 +23,17 @@ Array = NDArray[Any]
 PRECISION = 1e-6
 #: Iterations at most, of the inverse iteration and of LOBPCG; vectors of LOBPCG.
 MOST_INVERSE, MOST_LOBPCG, BLOCK = 50, 60, 4
+#: The lowest eigenvalue is found when its residual is below this part of it.
+GOOD = 0.1
 
 
 @dataclass(frozen=True)
 class Mode:
-    """An eigenvalue of K [N/m] and its eigenvector (ndofs,), of length one."""
+    """An eigenvalue of K [N/m] and its eigenvector (ndofs,), of length one; `error` is how far from an eigenvalue it is at most."""
 
     value: float
     vector: Array
+    error: float = 0.0
 
 
 def nearest_mode(problem: Equilibrium, u: Array, t: float, without: Sequence[Array] = ()) -> Mode | None:
@@ -54,7 +60,23 @@ def nearest_mode(problem: Equilibrium, u: Array, t: float, without: Sequence[Arr
 
 
 def lowest_mode(problem: Equilibrium, u: Array, t: float) -> Mode:
-    """The lowest eigenvalue by LOBPCG (Knyazev 2001), preconditioned by loose solves with the tangent without negative tensions."""
+    """The lowest eigenvalue by LOBPCG (Knyazev 2001), preconditioned by loose solves with the tangent without negative tensions.
+
+    Where that does not converge, as in slender bodies, up to `COUNTED` unknowns by factorisations. A value within rounding is 0: it has no
+    sign.
+    """
+    mode, floor = _by_lobpcg(problem, u, t), rounding(problem, u)
+    if mode.error > GOOD * abs(mode.value) and len(problem.free.free) <= COUNTED:
+        mode = _by_factorisation(problem, u, t, mode.value, floor)
+    return mode if abs(mode.value) > floor else replace(mode, value=0.0)
+
+
+def rounding(problem: Equilibrium, u: Array) -> float:
+    """`8 eps |K|` [N/m], `|K|` as twice the largest block of the diagonal: eigenvalues below have no sign but that of rounding."""
+    return 2 * ROUNDING * float(np.abs(problem.operator(u).diagonal_blocks()).sum(axis=2).max())
+
+
+def _by_lobpcg(problem: Equilibrium, u: Array, t: float) -> Mode:
     factors = problem.factorise(u, t, Tangent.CLAMPED)
     K = problem.operator(u)
     M = LinearOperator(K.shape, matvec=lambda r: problem.solve(factors, np.ravel(r), 0.1).x, dtype=np.float64)
@@ -63,7 +85,22 @@ def lowest_mode(problem: Equilibrium, u: Array, t: float) -> Mode:
         warnings.simplefilter("ignore")
         values, vectors = lobpcg(K, X, M=M, largest=False, tol=None, maxiter=MOST_LOBPCG)
     first = int(np.argmin(values))
-    return Mode(float(values[first]), problem.free.vector(_unit(vectors[:, first])))
+    value, x = float(values[first]), _unit(vectors[:, first])
+    y = K @ x - value * x
+    return Mode(value, problem.free.vector(x), float(np.sqrt(dot(y, y))))
+
+
+def _by_factorisation(problem: Equilibrium, u: Array, t: float, above: float, floor: float) -> Mode:
+    """By inverse iteration from a shift below all eigenvalues, which their numbers below it tell; `above` is not below the lowest."""
+    K, unknowns = problem.matrix(u, t)
+    shift = -max(2 * abs(min(above, 0.0)), 4 * floor)
+    while eigenvalues_below(K, shift, unknowns):
+        shift *= 16
+    solve = direct(unknowns.n).analyse(unknowns).factorise(shifted(K, shift), Kind.SYMMETRIC).solve
+    inverse = LinearOperator(K.shape, matvec=lambda r: solve(np.ravel(r), 1e-10).x, dtype=np.float64)
+    start = np.random.default_rng(0).standard_normal(K.shape[0])
+    values, vectors = eigsh(K, 1, sigma=shift, OPinv=inverse, v0=start)
+    return Mode(float(values[0]), problem.free.vector(_unit(vectors[:, 0])))
 
 
 def _unit(x: Array) -> Array:

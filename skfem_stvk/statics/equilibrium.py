@@ -13,6 +13,8 @@ from scipy.sparse import csr_matrix
 from ..edges import ALL, TENSILE, Tensions
 from ..errors import StateError, name_ids
 from ..linear import Factors, Kind, LinearSolver, Solution, Unknowns
+from ..linear.choose import direct
+from ..linear.inertia import COUNTED, inertia, transposition
 from ..system import FreeOperator, System, TangentOperator
 from ..system.rigid import rigid_modes
 from ..terms.load import Time
@@ -28,6 +30,10 @@ SHIFT = 1e-4
 NOTHING = 1e-6
 #: Sums of squares outside of these may have lost digits to underflow, or have overflowed.
 SQUARES = 1e-280, 1e300
+#: How often on a path it is asked whether CG met negative curvature or its own round-off.
+MOST_DOUBTS = 3
+#: A Jacobian is symmetric to this part of its largest entry.
+SYMMETRIC = 1e-12
 #: Part of the load factor, or of 1, over which loads and prescribed displacements are differenced; exact for what grows linearly.
 DIFFERENCE = 1e-6
 
@@ -72,22 +78,44 @@ class Equilibrium:
     Attributes
     ----------
     free : the free and held degrees of freedom.
-    solver : the linear solver.
+    solver : the linear solver; a direct one where it had to take over.
     largest : of the forces on the path so far [N].
+    symmetric : whether the last Jacobian that was factorised is, to `SYMMETRIC` of its largest entry.
     """
 
     def __init__(self, system: System, solver: LinearSolver, watch: Stopwatch) -> None:
         self.system, self.solver, self._watch = system, solver, watch
         self.free = system.free_dofs(system.supports.held)
         self._kind = kind_of(system)
+        self.symmetric = self._kind is not Kind.GENERAL
+        self._turned: NDArray[np.int64] | None = None
         self._u = np.zeros(system.ndofs)
         self.largest = 0.0
         self._exact: Factors | None = None
         self._operator: TangentOperator | None = None
         self._K: csr_matrix | None = None
         self._Kff: csr_matrix | None = None
+        self._doubts = MOST_DOUBTS
         with watch("factor"):
             self._analysis = self.solver.analyse(self._unknowns())
+
+    def take_over(self, u: Array, t: Time) -> bool:
+        """Whether a direct solver takes over, here and on the rest of the path, where CG did not solve with the Jacobian at `u`.
+
+        It does if CG met its round-off, as in slender bodies: if a factorisation finds no negative eigenvalue. It is asked for up to `COUNTED`
+        unknowns, and a few times on a path.
+        """
+        n = len(self.free.free)
+        if not self.solver.iterative or n > COUNTED or not self._doubts:
+            return False
+        self._doubts -= 1
+        counts = inertia(*self.matrix(u, t))
+        if counts is None or counts.negative:
+            return False
+        self.solver, self._exact = direct(n), None
+        with self._watch("factor"):
+            self._analysis = self.solver.analyse(self._unknowns())
+        return True
 
     def residual(self, u: Array, t: Time) -> Residual:
         """What is not in equilibrium at `u` (ndofs,)."""
@@ -119,10 +147,16 @@ class Equilibrium:
     def rate(self, u: Array, t: float) -> tuple[Array, Array]:
         """(n,) `-dr/dt` over the free degrees of freedom [N] and (ndofs,) how the held ones move, by the tangent that was made last."""
         dt = DIFFERENCE * max(abs(t), 1.0) * (1 if t < 0.5 else -1)  # functions of t may end at 0 and 1
+        forces, moves = self.change(u, t, t + dt)
+        return forces / dt, moves / dt
+
+    def change(self, u: Array, t: float, later: float) -> tuple[Array, Array]:
+        """(n,) how loads and prescribed displacements at `later` push the free degrees of freedom more than those at `t` [N], and (ndofs,) how
+        the held ones move [m], by the tangent that was made last."""
         with self._watch("assemble"):
-            loads = (self.system.external_force(u, t + dt) - self.system.external_force(u, t)) / dt
+            loads = self.system.external_force(u, later) - self.system.external_force(u, t)
         moves = np.zeros(self.system.ndofs)
-        moves[self.free.fixed] = (self.held(t + dt) - self.held(t)) / dt
+        moves[self.free.fixed] = self.held(later) - self.held(t)
         return loads[self.free.free] - self.force_of(moves), moves
 
     def step_limit(self, u: Array, v: Array) -> float:
@@ -158,11 +192,16 @@ class Equilibrium:
                 if shifted:
                     K.setdiag(K.diagonal() + self._shift(K.diagonal()))
         with self._watch("factor"):
-            kind = Kind.POSITIVE_DEFINITE if tangent is not Tangent.EXACT and self._kind is Kind.SYMMETRIC else self._kind
-            factors = self._analysis.factorise(K, kind)
+            factors = self._analysis.factorise(K, self._kind_of(K, tangent))
         if tangent is Tangent.EXACT:
             self._exact = factors
         return factors
+
+    def matrix(self, u: Array, t: Time) -> tuple[csr_matrix, Unknowns]:
+        """The Jacobian at `u` over the free degrees of freedom, beside what is factorised, and its unknowns."""
+        with self._watch("assemble"):
+            K = self.free.matrix(self.system.jacobian(u, t))
+        return K, Unknowns(self.free.free // self.system.mesh.d, self.free.free % self.system.mesh.d, K.indptr, K.indices)
 
     def negative_pivots(self) -> int | None:
         """Of the exact tangent that was factorised last; None if there is none yet, or the solver does not know."""
@@ -220,6 +259,16 @@ class Equilibrium:
         largest = np.zeros(self.system.mesh.nv)
         np.maximum.at(largest, vertex, diagonal)
         return SHIFT * np.where(largest > 0, largest, largest.max())[vertex]
+
+    def _kind_of(self, K: Any, tangent: Tangent) -> Kind:
+        """What a tangent is: with loads that follow the body symmetric, too, where the rim of their surface is held or they are closed."""
+        if self._kind is not Kind.GENERAL:
+            return Kind.POSITIVE_DEFINITE if tangent is not Tangent.EXACT and self._kind is Kind.SYMMETRIC else self._kind
+        if self._turned is None:
+            self._turned = transposition(K)
+        skewed = float(np.abs(K.data - K.data[self._turned]).max(initial=0.0))
+        self.symmetric = skewed <= SYMMETRIC * float(np.abs(K.data).max(initial=0.0))
+        return Kind.SYMMETRIC if self.symmetric else Kind.GENERAL
 
     def _jacobian(self, u: Array, t: Time, kept: Tensions) -> csr_matrix:
         """In the place of the one before."""

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from itertools import pairwise
-
 from ..system import System
 from ..terms import Load, VolumePenalty
 from .history import History
 from .newton import End
 from .path.arc_length import ArcLength
+from .stability import Verdict
 from .status import Status
 
 GIVES_WAY = "St. Venant-Kirchhoff material gives way in compression, so the branch without inversion may end here."
@@ -39,7 +38,7 @@ def reason(
     system: System,
     history: History,
     t: float,
-    negative: int | None,
+    verdict: Verdict,
     inverted: str,
     branch: str,
     started: bool,
@@ -49,13 +48,14 @@ def reason(
 
     Parameters
     ----------
+    verdict : of the last state, if the path arrived.
     inverted : names elements inside out or flat.
     branch : says whether a branch ends where it stopped.
     started : whether a state to start from came.
     cause : what interrupted it.
     """
     if status is Status.UNSTABLE:
-        count = f"K has {negative} negative eigenvalue(s)" if negative else "K is not positive definite"
+        count = f"K has {verdict.negative} negative eigenvalue(s)" if verdict.negative else "K is not positive definite"
         mode = "a small part of result.critical_points[0].mode" if history.critical_points else "a small imperfection"
         loaded = any(isinstance(term, Load) for term in system.terms)
         otherwise = ", or prescribe displacements instead of loads" if loaded else ""
@@ -81,8 +81,9 @@ def reason(
         return f"Stopped {where}, at t = {t:.6g}{_why(history, t, branch, penalty, started)}{already}{_critical(history)}{_found(history)}"
     residual = history[-1].iterations.residuals[-1]
     end = f"the path is followed to its end at t = {t:.6g}" if method == ArcLength.name else "the full load is reached"
+    doubt = f" {verdict.doubt}" if verdict.doubt else ""
     rounding = "" if status is Status.CONVERGED else " as far as rounding allows"
-    return f"Converged: {end}{rounding}, residual {residual:.1e} of loads and reactions.{_jumped(history)}{_critical(history)}{_found(history)}"
+    return f"Converged: {end}{rounding}, residual {residual:.1e} of loads and reactions.{doubt}{_jumped(history)}{_critical(history)}{_found(history)}"
 
 
 def _why(history: History, t: float, branch: str, penalty: bool, started: bool) -> str:
@@ -107,12 +108,14 @@ def _why(history: History, t: float, branch: str, penalty: bool, started: bool) 
 
 def _jumped(history: History) -> str:
     """Where load steps landed far from where the path pointed."""
-    jumps = [(before.t, step) for before, step in pairwise(history) if step.jumped]
+    befores = [None, *history[:-1]]
+    jumps = [(before, step) for before, step in zip(befores, history, strict=True) if step.jumped]
     if not jumps:
         return ""
-    t, step = jumps[0]
+    before, step = jumps[0]
+    where = f"Before t = {step.t:.4g}" if before is None else f"Between t = {before.t:.4g} and t = {step.t:.4g}"
     return (
-        f" Between t = {t:.4g} and t = {step.t:.4g} it moved {step.jump:.2g} times as far as the path pointed: the body snapped or buckled there. "
+        f" {where} it moved {step.jump:.2g} times as far as the path pointed: the body snapped or buckled there. "
         "method='arc-length' follows the path in between."
     )
 

@@ -171,6 +171,8 @@ def _direction(
     for tangent in Tangent if search else (Tangent.EXACT,):
         factors = problem.factorise(u, t, tangent)
         solution = problem.solve(factors, -residual.free, rtol)
+        if not usable(solution) and tangent is Tangent.EXACT and problem.take_over(u, t):
+            solution = problem.solve(problem.factorise(u, t), -residual.free, rtol)
         if not usable(solution):
             record.detail = solution.outcome.value
             continue

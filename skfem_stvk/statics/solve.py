@@ -26,7 +26,7 @@ from .path.stop import Stop
 from .path.walk import Walk
 from .report import Report
 from .result import Interrupted, SolveError, StaticResult
-from .stability import is_stable
+from .stability import Verdict, judged
 from .status import Status
 from .stopwatch import Stopwatch
 
@@ -119,7 +119,7 @@ def solve_static(
     watch, history = Stopwatch(), History()
     problem = Equilibrium(system, solver, watch)
     cause: BaseException | None = None
-    verdict: tuple[bool, int | None] = True, None
+    verdict = Verdict(True, None)
     branch = ""
     with Report(f"{system!r}, {len(problem.free.free)} of them free; solver '{solver.name}'", quiet) as report:
         common = problem, start, float(t0), float(rtol), monitors, stability, report.iterating
@@ -147,7 +147,7 @@ def solve_static(
                 branch = branch_end(problem, start, float(t0), walk.u, walk.t)
         except (KeyboardInterrupt, Exception) as error:  # a full disk, a load's function that fails: the states so far are kept
             cause = error
-    result = _result(walk, start, history, watch, verdict, branch, cause)
+    result = _result(walk, start, history, watch, verdict, branch, solver.name, cause)
     for text in _new_findings(history):
         warn(text)
     if isinstance(cause, KeyboardInterrupt):
@@ -228,11 +228,13 @@ def _checked(
     return np.array(start, dtype=np.float64)
 
 
-def _verdict(problem: Equilibrium, walk: Walk, last: Step) -> tuple[bool, int | None]:
-    """Whether the last state is stable as far as can be seen, and its number of negative eigenvalues."""
-    if walk.name == ArcLength.name or last.lowest is not None:
-        return not last.negative and not (last.lowest is not None and last.lowest < 0), last.negative
-    return is_stable(problem, last.u, last.t)
+def _verdict(problem: Equilibrium, walk: Walk, last: Step) -> Verdict:
+    """What is known of the stability of the last state."""
+    if walk.name == ArcLength.name and last.negative is not None and problem.symmetric:
+        return Verdict(not last.negative, last.negative)
+    if last.lowest is not None and last.lowest < 0:
+        return Verdict(False, None)
+    return judged(problem, last.u, last.t)
 
 
 def _result(
@@ -240,20 +242,22 @@ def _result(
     start: Array,
     history: History,
     watch: Stopwatch,
-    verdict: tuple[bool, int | None],
+    verdict: Verdict,
     branch: str,
+    asked: str,
     cause: BaseException | None,
 ) -> StaticResult:
     problem, t, u = walk.problem, walk.t, walk.u
-    stable, negative = verdict
     inverted = problem.inside_out(u)
     if cause is not None:
         status = Status.INTERRUPTED
     elif not walk.reached:
         status = Status.STOPPED
     else:
-        status = Status.INVERTED if len(inverted) else history[-1].end.status if stable else Status.UNSTABLE
+        status = Status.INVERTED if len(inverted) else history[-1].end.status if verdict.stable else Status.UNSTABLE
         history.judge_last(status)
     named = problem.named(inverted) if len(inverted) else ""
-    message = reason(status, walk.name, problem.system, history, t, negative, named, branch, bool(start.any()), cause)
+    message = reason(status, walk.name, problem.system, history, t, verdict, named, branch, bool(start.any()), cause)
+    if problem.solver.name != asked:
+        message += f" '{asked}' met its round-off in this body, and '{problem.solver.name}' took over."
     return StaticResult(problem.system, u, t, status, message, history, problem.solver.name, watch.parts())

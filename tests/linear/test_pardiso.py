@@ -68,6 +68,23 @@ def test_errors_that_come_with_a_solve_only_are_told_apart(monkeypatch):
     assert factors.solve(np.ones(unknowns.n), 1e-6).outcome is Outcome.SOLVED
 
 
+def test_out_is_written_to_where_the_factorisation_says_singular(monkeypatch):
+    from pypardiso.pardiso_wrapper import PyPardisoError, PyPardisoSolver
+
+    K, unknowns = problem()
+    analysis, call = Pardiso().analyse(unknowns), PyPardisoSolver._call_pardiso
+
+    def refused(self, A, b):
+        if self.phase == 22:
+            raise PyPardisoError(-4)
+        return call(self, A, b)
+
+    monkeypatch.setattr(PyPardisoSolver, "_call_pardiso", refused)
+    out = np.full(unknowns.n, 7.0)
+    solution = analysis.factorise(K, Kind.SYMMETRIC).solve(np.ones(unknowns.n), out=out)
+    assert solution.outcome is Outcome.SINGULAR and solution.x is out and not out.any()
+
+
 def test_a_missing_diagonal_is_refused_before_pardiso_sees_it():
     K, unknowns = problem()
     row = np.repeat(np.arange(unknowns.n), np.diff(K.indptr))

@@ -7,15 +7,18 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from ..equilibrium import Tangent, dot
-from ..history import Attempt, Step
-from ..newton import MOST_FULL, usable
+from ..equilibrium import Tangent, norm
+from ..history import JUMPED, Attempt, Step
+from ..newton import MOST_FULL, newton, usable
+from .between import Between, State
 from .walk import SMALLEST, Walk
 
 Array = NDArray[Any]
 
 #: A step that took no more iterations lets the next one grow, by this factor, up to this many times the first one.
 FEW, GROWTH, LARGEST = 5, 1.5, 4.0
+#: From here on a state is so far from where the path pointed that it is looked at what happened in between, with residuals below `LOOSE`.
+FAR, LOOSE = 2.0, 1e-6
 
 
 class LoadSteps(Walk):
@@ -55,13 +58,23 @@ class LoadSteps(Walk):
             self._size /= 2
             return found
         u, end, record = found
-        jump = None if pointed is None else _length(u - pointed) / _length(pointed - self.u)
+        jump = None if pointed is None else norm(u - pointed) / norm(pointed - self.u)
+        if jump is None or FAR < jump <= JUMPED:
+            jump = Between(self.problem, self._equilibrium).jump(State(self.t, self.u), State(t, u)) or jump
         self._full_first = record.restarted is None and len(record) <= MOST_FULL
         self._before = self.t, self.u
         if len(record) <= FEW:
             self._size = min(GROWTH * self._size, LARGEST * self._first)
         self.reached = t == 1
         return self._accept(t, u, end, record, jump=jump)
+
+    def _equilibrium(self, before: State, start: Array, t: float) -> Array | None:
+        """The state at `t` on the way from one before, to the precision that telling a jump takes."""
+        if len(self.problem.inside_out(start)) > self._allowed or not self.problem.on_this_side(before.u, start):
+            start = before.u.copy()
+            start[self.problem.free.fixed] = self.problem.held(t)
+        u, end, _ = newton(self.problem, start, t, max(self._rtol, LOOSE), self._allowed, lambda record: None, full_first=True)
+        return u if end.converged else None
 
     def _pointed(self, t: float) -> Array | None:
         """Where the last two states point to, if they are not the same."""
@@ -91,7 +104,3 @@ class LoadSteps(Walk):
                 move = move + problem.free.vector(solution.x)
                 break
         return self.u + move
-
-
-def _length(u: Array) -> float:
-    return float(np.sqrt(dot(u, u)))

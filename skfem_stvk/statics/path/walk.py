@@ -15,6 +15,7 @@ from ..equilibrium import Equilibrium
 from ..history import Attempt, Step
 from ..monitors import Monitors
 from ..newton import End, Iterations, newton
+from ..stability import judged
 from ..status import Status
 from .critical import CriticalPoint, Point, find
 
@@ -41,14 +42,13 @@ class Walk(ABC):
         self, problem: Equilibrium, u0: Array, t0: float, rtol: float, monitors: Monitors, stability: bool, iterating: Watch
     ) -> None:
         self.problem, self._rtol, self._monitors, self._iterating = problem, rtol, monitors, iterating
-        self._lowest = stability and problem.solver.iterative
+        self._stability = stability
         self.t, self.u, self.reached = t0, u0, False
         self._first = self._size = 0.0  # of steps, in the measure of the walk
         self._lost, self._clock = False, perf_counter()
         self._allowed = len(problem.inside_out(u0))
-        self._counts = problem.system.conservative and not problem.solver.iterative
         # without tension of edges K is positive semi-definite; displacements that are given may be no state of the path
-        self._point: Point | None = None if u0.any() else Point(u0, t0, 0 if self._counts else None, None)
+        self._point: Point | None = None if u0.any() else Point(u0, t0, None if problem.solver.iterative else 0, None)
         problem.accept(u0, t0)
 
     def states(self, resumed: bool) -> Iterator[Step | Attempt]:
@@ -116,10 +116,12 @@ class Walk(ABC):
         problem, before = self.problem, self._point
         problem.accept(u, t)
         inverted = problem.inside_out(u)
-        if critical is None and self._counts and not (before and record.negative_pivots == before.negative):
+        if critical is None and not problem.solver.iterative and not (before and record.negative_pivots == before.negative):
             problem.factorise(u, t)  # the last tangent of Newton's method, if there was one, was a little before the state
             record.negative_pivots = problem.negative_pivots()
-        lowest = lowest_mode(problem, u, t).value if self._lowest else None
+        if self._stability and record.negative_pivots is None and not problem.solver.iterative:
+            record.negative_pivots = judged(problem, u, t).negative
+        lowest = lowest_mode(problem, u, t).value if self._stability and problem.solver.iterative else None
         point = Point(u, t, record.negative_pivots, lowest)
         if critical is None:
             critical = () if before is None else find(problem, before, point, False, self._rtol)
