@@ -35,8 +35,8 @@ class Step:
     potential : strain energy less the work of the loads [J]; NaN if a load has none.
     smallest_volume_ratio : the smallest J of an element; below 0 it is inside out.
     lowest : the lowest eigenvalue of K [N/m], with an iterative solver and `stability=True`; otherwise None.
-    jump : how far the state is from where the two before it pointed to, as a multiple of the way there; None if nothing pointed there. Above 5
-        the body has snapped or buckled.
+    jump : how far the state is from where the two before it pointed to, as a multiple of the way there. Above 5 the body has snapped or
+        buckled: then it is that of the part of the step where it did, from where the tangent there points to. None if nothing pointed there.
     findings : where the model is not to be trusted, with element ids.
     critical : limit points and bifurcations between the state before and this one.
     seconds : that the step took, failed attempts included.

@@ -61,18 +61,20 @@ class Between:
         c = system.energy_along(before.u, after.u - before.u)
         return bool(0.75 * abs(c[3]) + 1.54 * abs(c[4]) <= STRAIGHT * abs(2 * c[2] + 3 * c[3] + 4 * c[4]))
 
-    def _jump(self, before: State, after: State, halved: int) -> float | None:
+    def _jump(self, before: State, after: State, halved: int, most: float = 0.0) -> float | None:
+        """`most`: how far off states were in the longer parts of the step that hold this one."""
         forward = self._answer(before, after.t)
         if forward is None or not norm(forward):
             return None
         off = norm(after.u - before.u - forward) / norm(forward)
         if off <= NEAR and self._points_back(before, after):
             return None
+        most = max(most, off)
         middle = self._middle(before, after, forward) if halved and self._left else None
         if middle is None:
-            return off if off > JUMPED else None
-        first = self._jump(before, middle, halved - 1)
-        return self._jump(middle, after, halved - 1) if first is None else first
+            return most if most > JUMPED else None
+        first = self._jump(before, middle, halved - 1, most)
+        return self._jump(middle, after, halved - 1, most) if first is None else first
 
     def _points_back(self, before: State, after: State) -> bool:
         backward = self._answer(after, before.t)

@@ -59,8 +59,9 @@ class LoadSteps(Walk):
             return found
         u, end, record = found
         jump = None if pointed is None else norm(u - pointed) / norm(pointed - self.u)
-        if jump is None or FAR < jump <= JUMPED:
-            jump = Between(self.problem, self._equilibrium).jump(State(self.t, self.u), State(t, u)) or jump
+        if jump is None or jump > FAR:
+            looked = Between(self.problem, self._equilibrium).jump(State(self.t, self.u), State(t, u))
+            jump = looked if looked is not None or (jump or 0.0) > JUMPED else jump
         self._full_first = record.restarted is None and len(record) <= MOST_FULL
         self._before = self.t, self.u
         if len(record) <= FEW:
