@@ -13,6 +13,9 @@ from ..kernels.geometry import measures
 from ..kernels.topology import lexicographic_order
 from .simplices import SimplexMesh
 
+#: Of edges in powers of ten: squares of volumes are numbers in double precision then.
+LARGEST_EXPONENT = 50
+
 
 def check_mesh(mesh: SimplexMesh) -> None:
     """Refuse a mesh that cannot carry an elastic body, and warn of one that is probably not what was meant.
@@ -45,6 +48,7 @@ def check_mesh(mesh: SimplexMesh) -> None:
             f"{name_ids(bad, 'element')}: no volume, all vertices lie in one "
             f"{('point', 'line', 'plane')[mesh.k - 1]} to within rounding. Remesh or remove these slivers."
         )
+    check_range(mesh)
     order = lexicographic_order(ordered, mesh.nv)
     same = np.flatnonzero((ordered[:, order[1:]] == ordered[:, order[:-1]]).all(axis=0))
     if len(same):
@@ -65,13 +69,32 @@ def check_mesh(mesh: SimplexMesh) -> None:
 
 def flat_elements(mesh: SimplexMesh) -> NDArray[np.int64]:
     """Elements whose smallest height is zero to within rounding: of the coordinates, and 1e-12 of the longest edge."""
-    parallelepiped, longest, largest_facet = measures(mesh.p, mesh.t)
-    rounding = np.finfo(float).eps * np.abs(mesh.p).max(axis=0)[mesh.t].max(axis=0)
+    p = mesh.p / scale_of(mesh.p)  # so that volumes neither overflow nor vanish
+    parallelepiped, longest, largest_facet = measures(p, mesh.t)
+    rounding = np.finfo(float).eps * np.abs(p).max(axis=0)[mesh.t].max(axis=0)
     nothing = 1e-12 * longest + 4 * rounding
     flat = parallelepiped <= nothing * largest_facet
     if mesh.k == 3:
         flat |= largest_facet <= nothing * longest  # all vertices in a line: the volume is noise of noise
     return np.flatnonzero(flat)
+
+
+def scale_of(p: NDArray[np.float64]) -> float:
+    """The power of two next to the largest coordinate: to divide by it costs no digit."""
+    largest = float(np.abs(p).max())
+    return 2.0 ** np.clip(np.floor(np.log2(largest)), -1021, 1022) if largest > 0 else 1.0
+
+
+def check_range(mesh: SimplexMesh) -> None:
+    """Refuse lengths that energies and stiffnesses, made of squares of volumes, cannot be computed from in double precision."""
+    scale = scale_of(mesh.p)
+    longest = measures(mesh.p / scale, mesh.t)[1]
+    low, high = (float(np.log10(length) + np.log10(scale)) for length in (longest.min(), longest.max()))
+    if low < -LARGEST_EXPONENT or high > LARGEST_EXPONENT:
+        raise MeshError(
+            f"The elements are from 1e{low:.0f} to 1e{high:.0f} long, so energies and stiffnesses, which are made of squares of volumes, are beyond "
+            f"the range of double precision; expected lengths from 1e-{LARGEST_EXPONENT} to 1e{LARGEST_EXPONENT}. Choose another unit of length."
+        )
 
 
 def warn_of_flat_elements(mesh: SimplexMesh) -> None:

@@ -11,6 +11,7 @@ from tempfile import TemporaryDirectory
 import meshio
 import numpy as np
 
+from ..arguments import real_array
 from ..errors import MeshError, name_ids
 from .formats import CHECKS, READERS, Counts, Damaged
 from .formats.cell_types import NODES
@@ -96,12 +97,17 @@ def check_cells(mesh: meshio.Mesh) -> None:
     ------
     Damaged
     """
-    bad = np.flatnonzero(~np.isfinite(np.asarray(mesh.points, dtype=float).reshape(len(mesh.points), -1)).all(axis=1))
+    points = real_array(mesh.points)
+    if points is None or points.ndim != 2:
+        raise Damaged("its points are not rows of real numbers")
+    bad = np.flatnonzero(~np.isfinite(points).all(axis=1))
     if len(bad):
         raise Damaged(f"it has {name_ids(bad, 'vertex')} with coordinates that are not finite")
     for block in mesh.cells:
         if not isinstance(block.data, np.ndarray) or not len(block):
             continue
+        if block.data.dtype.kind not in "iu" or block.data.ndim != 2:
+            raise Damaged(f"its {block.type} cells are not rows of vertex ids")
         if block.type in NODES and block.data.shape[1:] != (NODES[block.type],):
             raise Damaged(f"its {block.type} cells have {block.data.shape[1]} nodes")
         bad = np.flatnonzero(((block.data < 0) | (block.data >= len(mesh.points))).any(axis=1))

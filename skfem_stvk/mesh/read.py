@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 
 from ..errors import MeshError, name_ids, warn
 from .cells import corners, count_cells, inner_nodes, simplex_dimension
-from .files import load
+from .files import check_cells, load
+from .formats import Damaged
 from .groups import cell_groups, facet_groups, node_groups, pick
 from .simplices import KINDS, SimplexMesh
 
@@ -44,6 +45,15 @@ def read_mesh(path: str | Path) -> SimplexMesh:
     """
     path = Path(path)
     return simplices_of(load(path), str(path))
+
+
+def simplices_in_memory(raw: meshio.Mesh) -> SimplexMesh:
+    """The simplices of a mesh of meshio's, as `read_mesh` takes them of a file."""
+    try:
+        check_cells(raw)
+    except Damaged as error:
+        raise MeshError(f"The meshio.Mesh is no whole mesh: {error}.") from error
+    return simplices_of(raw, "The meshio.Mesh")
 
 
 def simplices_of(raw: meshio.Mesh, name: str) -> SimplexMesh:

@@ -7,18 +7,20 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any, TypeAlias
 
+import meshio
 import numpy as np
 import skfem
 from numpy.typing import NDArray
 from skfem.assembly.dofs import DofsView
+from skfem.mesh.mesh_dg import MeshDG
 
-from ..arguments import frozen, shown, whole_array
+from ..arguments import frozen, real_array, shown, whole_array
 from ..errors import MeshError, RegionError, name_ids, name_known, warn
 from .boundaries import NamedFacets
 from .facets import boundary_facets
 
 #: What `System` and `verify` take for a mesh: a scikit-fem mesh of segments, triangles or tetrahedra, arrays
-#: `(p, t)`, or a `SimplexMesh`.
+#: `(p, t)`, a `meshio.Mesh`, or a `SimplexMesh`.
 MeshLike: TypeAlias = Any
 
 KINDS = {1: "segments", 2: "triangles", 3: "tetrahedra"}
@@ -54,7 +56,7 @@ class SimplexMesh:
     node_sets: Mapping[str, NDArray[np.int32]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        p, t = np.array(self.p, dtype=np.float64, order="C"), np.asarray(self.t)
+        p, t = coordinates(self.p), vertex_ids(self.t)
         if p.ndim != 2 or p.shape[0] not in (1, 2, 3):
             raise MeshError(f"p has shape {p.shape}; expected (d, nv) with d = 1, 2 or 3. Transpose arrays of shape (nv, d).")
         if t.ndim != 2 or not 2 <= t.shape[0] <= p.shape[0] + 1:
@@ -81,14 +83,19 @@ class SimplexMesh:
 
     @classmethod
     def of(cls, mesh: MeshLike) -> SimplexMesh:
-        """The simplices of a scikit-fem mesh, of arrays `(p, t)`, or of a `SimplexMesh` (handed back as it is).
+        """The simplices of a scikit-fem mesh, of arrays `(p, t)`, of a `meshio.Mesh`, or of a `SimplexMesh` (handed back as it is).
 
-        Second-order scikit-fem meshes are reduced to their corner vertices, with a warning. Subdomains and boundaries come along;
+        What `read_mesh` takes of a file is taken of a `meshio.Mesh`. Second-order scikit-fem meshes are reduced to their corner vertices, with a warning. Subdomains and boundaries come along;
         the facets of these are found when they are first looked at, which costs more than an assembly.
         """
         if isinstance(mesh, cls):
             return mesh
         if isinstance(mesh, skfem.Mesh):
+            if isinstance(mesh, MeshDG):
+                raise MeshError(
+                    f"{type(mesh).__name__} is periodic or discontinuous: its elements have coordinates of their own for each vertex. Use the "
+                    "mesh that it was made of, and constrain its displacements."
+                )
             if not isinstance(mesh, skfem.MeshTet1 | skfem.MeshTri1 | skfem.MeshLine1):
                 raise MeshError(
                     f"{type(mesh).__name__} is not a mesh of simplices; expected MeshTet1, MeshTri1 or MeshLine1. Quadrilaterals and "
@@ -102,10 +109,14 @@ class SimplexMesh:
                     "taken as straight. Displacements have one entry a corner and component."
                 )
             return cls(p, t, mesh.subdomains or {}, NamedFacets(t, p.shape[1], mesh.boundaries or {}))
-        if isinstance(mesh, tuple) and len(mesh) == 2:
+        if isinstance(mesh, tuple | list) and len(mesh) == 2:
             return cls(*mesh)
+        if isinstance(mesh, meshio.Mesh):
+            from .read import simplices_in_memory
+
+            return simplices_in_memory(mesh)
         raise MeshError(
-            f"A mesh of type {type(mesh).__name__} came; expected a scikit-fem mesh, arrays (p, t) or a SimplexMesh. "
+            f"Expected a scikit-fem mesh, arrays (p, t), a meshio.Mesh or a SimplexMesh; got {shown(mesh)}. "
             "Files are read by read_mesh(path) or by scikit-fem."
         )
 
@@ -198,6 +209,24 @@ class SimplexMesh:
 
     def __repr__(self) -> str:
         return f"SimplexMesh: {self.nt} {self.kind}, {self.nv} vertices"
+
+
+def coordinates(given: Any) -> NDArray[np.float64]:
+    """A copy of the coordinates in double precision."""
+    values = real_array(given)
+    if values is None:
+        raise MeshError(f"p = {shown(given)}; expected (d, nv) real numbers, the coordinates of the vertices.")
+    return np.array(values, order="C")
+
+
+def vertex_ids(given: Any) -> NDArray[Any]:
+    """The vertices of the elements as an array, of whatever type."""
+    try:
+        if np.ma.is_masked(given):
+            raise ValueError
+        return np.asarray(given)
+    except Exception as error:  # ragged lists, masked entries, and objects whose own conversion fails
+        raise MeshError(f"t = {shown(given)}; expected (k + 1, nt) whole numbers, the vertices of the elements from 0.") from error
 
 
 def check_index_range(count: int, what: str) -> None:

@@ -129,12 +129,12 @@ def _of_states(states: States, field: str, scale: float, label: str | None) -> F
 def _of_files(series: str | os.PathLike[str], field: str, scale: float, label: str | None) -> Film:
     path = Path(series)
     try:
-        listed = read_list(path)
+        listed = [(t, path.with_name(name)) for t, name in read_list(path)]
     except (OSError, ET.ParseError, KeyError, ValueError) as error:
         raise StvkError(f"{path} is no series of results ({error}); expected a .pvd file, as save=... writes it.") from error
     if not listed:
         raise StvkError(f"{path} lists no states. Was the run stopped before its first one?")
-    files = [path.with_name(name) for _, name in listed]
+    files = [file for _, file in listed]
     first = _read(files[0])
     p, cells = first.points.T, first.cells[0]
     sight = Sight(SimplexMesh(p, cells.data.T))
@@ -164,6 +164,8 @@ def _described(mesh: meshio.Mesh, field: str, file: Path) -> tuple[str, str, str
 
 def _read(file: Path) -> meshio.Mesh:
     try:
+        if file.exists() and not file.is_file():
+            raise OSError("it is no regular file")
         return meshio.vtu.read(file)
-    except (OSError, ET.ParseError, meshio.ReadError) as error:
+    except Exception as error:  # meshio fails in many ways on files that are damaged
         raise StvkError(f"{file} cannot be read ({error}): is it where the .pvd file says?") from error

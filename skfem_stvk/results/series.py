@@ -113,4 +113,6 @@ class Series:
 
 def read_list(path: Path) -> list[tuple[float, str]]:
     """Times and files that a .pvd lists; raises ParseError, KeyError or ValueError if it is none."""
+    if path.exists() and not path.is_file():
+        raise ValueError("it is no regular file")
     return [(float(item.attrib["timestep"]), item.attrib["file"]) for item in ET.parse(path).iter("DataSet")]

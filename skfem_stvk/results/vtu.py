@@ -6,6 +6,8 @@ import os
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
+from unicodedata import category
+from xml.sax.saxutils import escape
 
 import meshio
 import numpy as np
@@ -34,7 +36,8 @@ def write_vtu(path: str | os.PathLike[str], state: State, fields: Sequence[str] 
     other tensors             nine components, row by row
     `NAME_missing`            only where something is missing: 1 where there is no value, and zeros stand in `NAME`
     `region`                  only if the mesh has subdomains: 1 for the first in its order, 0 for none; the last one counts
-    `skfem:s:NAME`            1 in the subdomain, as scikit-fem writes it: `read_mesh` gives the subdomains back
+    `skfem:s:NAME`            1 in the subdomain, as scikit-fem writes it: `read_mesh` gives the subdomains back; control characters
+                              in a name are escaped, such as \\x1b
     ========================  ==============================================================================================
 
     The file is renamed into place when it is complete.
@@ -85,9 +88,19 @@ def _regions(mesh: SimplexMesh) -> Arrays:
         for number, name in enumerate(mesh.subdomains, start=1):
             elements = mesh.elements(name)
             region[elements] = number
-            arrays[f"skfem:s:{name}"] = np.isin(np.arange(mesh.nt), elements).astype(np.uint8)
+            arrays[f"skfem:s:{as_attribute(name)}"] = np.isin(np.arange(mesh.nt), elements).astype(np.uint8)
         arrays["region"] = region
     return arrays
+
+
+def as_attribute(name: str) -> str:
+    r"""A name as an attribute of XML has it, which meshio writes as it is given; control characters, which XML does not allow, as escapes.
+
+    >>> print(as_attribute('left "<half>" \x1b'))
+    left &quot;&lt;half&gt;&quot; \x1b
+    """
+    legal = "".join(repr(letter)[1:-1] if category(letter) in ("Cc", "Cs", "Cn") else letter for letter in name)
+    return escape(legal, {'"': "&quot;"}).encode("ascii", "xmlcharrefreplace").decode()
 
 
 def _padded(vectors: Array) -> Array:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import skfem
 
-from skfem_stvk import MeshError, SimplexMesh, StvkWarning
+from skfem_stvk import MeshError, SimplexMesh, StVK, StvkWarning, System
 from skfem_stvk.mesh.diagnostics import check_mesh, flat_elements, parts
 
 CUBE = skfem.MeshTet().refined(2)
@@ -187,3 +187,28 @@ def test_a_mesh_is_checked_where_denormal_numbers_are_flushed_to_zero():
     if run.returncode == 77:
         pytest.skip("this compiler does not flush")
     assert run.returncode == 0
+
+
+@pytest.mark.parametrize("exponent", [40, -40])
+@pytest.mark.parametrize("mesh", [CUBE, SQUARE], ids=["tetrahedra", "triangles"])
+def test_bodies_of_any_unit_of_length_are_sound_and_have_the_same_energy_for_their_volume(mesh, exponent):
+    size, d = 10.0**exponent, mesh.dim()
+    u = 0.03 * np.cos(np.arange(mesh.p.size))
+    energies = [
+        System((scale * mesh.p, mesh.t), StVK(young=3.0, poisson=0.3)).energy(scale * u) / scale**d for scale in (1.0, size)
+    ]
+    assert energies[0] > 1e-3 and np.isclose(energies[0], energies[1], rtol=1e-13, atol=0)
+
+
+@pytest.mark.parametrize("exponent", [60, 150, 300, -60, -150, -300])
+@pytest.mark.parametrize("mesh", [CUBE, SQUARE, skfem.MeshLine().refined(2)], ids=["tetrahedra", "triangles", "segments"])
+def test_bodies_beyond_the_range_of_numbers_are_told_so_and_not_that_they_have_no_volume(mesh, exponent):
+    with pytest.raises(MeshError, match=rf"The elements are from 1e-?\d+ to 1e{exponent - 1}|1e{exponent}") as told:
+        check_mesh(SimplexMesh(10.0**exponent * mesh.p, mesh.t))
+    assert "no volume" not in str(told.value) and "Choose another unit of length" in str(told.value)
+
+
+@pytest.mark.parametrize("size", [1e40, 1e-40, 1e150, 1e-150])
+def test_flat_elements_are_found_in_any_unit_of_length(size):
+    flat = SimplexMesh(size * np.array([[0, 1, 0, 1, 0], [0, 0, 1, 1, 0], [0, 0, 0, 0, 1.0]]), [[0, 0], [1, 1], [2, 2], [3, 4]])
+    assert flat_elements(flat).tolist() == [0]

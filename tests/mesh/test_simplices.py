@@ -1,8 +1,10 @@
 """SimplexMesh takes what carries simplices and says what is wrong with the rest."""
 
+import meshio
 import numpy as np
 import pytest
 import skfem
+from meshfiles import CUBE, FIVE_TETS
 
 from skfem_stvk import MeshError, RegionError, SimplexMesh, StvkWarning
 from skfem_stvk.mesh.simplices import check_index_range
@@ -66,8 +68,8 @@ def test_a_pair_of_arrays_is_a_mesh_and_a_mesh_is_handed_back_as_it_is():
 
 
 @pytest.mark.parametrize("given", ["mesh.msh", 3, (1, 2, 3), None])
-def test_what_is_no_mesh_at_all_is_refused_by_its_type(given):
-    with pytest.raises(MeshError, match=f"A mesh of type {type(given).__name__} came; expected"):
+def test_what_is_no_mesh_at_all_is_refused(given):
+    with pytest.raises(MeshError, match=r"Expected a scikit-fem mesh.*; got .*Files are read by read_mesh"):
         SimplexMesh.of(given)
 
 
@@ -119,3 +121,55 @@ def test_a_subdomain_that_is_out_of_range_is_refused_by_its_name():
 def test_an_unknown_name_on_a_mesh_without_subdomains_says_that_there_are_none():
     with pytest.raises(RegionError, match="no subdomain 'rod'; known: none"):
         SimplexMesh([[0, 1]], [[0], [1]]).elements("rod")
+
+
+@pytest.mark.parametrize(
+    ("p", "t", "message"),
+    [
+        (np.eye(3, 4) * (1 + 1j), [[0], [1], [2], [3]], r"p = .*complex128; expected \(d, nv\) real numbers"),
+        ([["0", "1"]], [[0], [1]], r"p = \[\['0', '1'\]\]; expected \(d, nv\) real numbers"),
+        ([[False, True]], [[0], [1]], "p = .*; expected .* real numbers"),
+        ([[0, 1], [1]], [[0], [1]], r"p = \[\[0, 1\], \[1\]\]; expected .* real numbers"),
+        (np.ma.masked_equal([[0.0, 1.0, 2.0]], 2.0), [[0], [1]], "p = .*; expected .* real numbers"),
+        ([[0.0, 1.0]], [[0], [1, 0]], r"t = \[\[0\], \[1, 0\]\]; expected \(k \+ 1, nt\) whole numbers"),
+        ([[0.0, 1.0]], np.ma.masked_equal([[0, 1], [1, 0]], 0), "t = .*; expected .* whole numbers"),
+        ([[0.0, 1.0]], [["0"], ["1"]], "t has dtype <U1; expected integers"),
+    ],
+)
+def test_coordinates_and_ids_that_are_no_numbers_are_refused(p, t, message):
+    with pytest.raises(MeshError, match=message):
+        SimplexMesh(p, t)
+
+
+def test_arrays_may_come_as_a_list():
+    mesh = SimplexMesh.of([TRIANGLES.p, TRIANGLES.t])
+    assert np.array_equal(mesh.p, TRIANGLES.p) and np.array_equal(mesh.t, TRIANGLES.t)
+
+
+def test_a_mesh_of_meshio_is_taken_as_its_file_would_be():
+    tags = [np.array([7, 7, 7, 9, 9]), np.array([4])]
+    given = meshio.Mesh(np.array(CUBE, dtype=float), [("tetra", FIVE_TETS), ("triangle", [[0, 1, 3]])], cell_data={"part": tags})
+    mesh = SimplexMesh.of(given)
+    assert mesh.t.T.tolist() == FIVE_TETS and mesh.p.T.tolist() == CUBE
+    assert mesh.elements("part:9").tolist() == [3, 4] and mesh.boundaries["part:4"].T.tolist() == [[0, 1, 3]]
+
+
+@pytest.mark.parametrize(
+    ("points", "tets", "message"),
+    [
+        (CUBE, [[0, 1, 3, 8]], r"1 tetra cell \(0\) with vertex ids outside 0 \.\.\. 7"),
+        (CUBE, [[0, 1, 3, -4]], r"1 tetra cell \(0\) with vertex ids outside"),
+        (CUBE, [[0.0, 1.0, 3.0, 4.0]], "its tetra cells are not rows of vertex ids"),
+        (np.array(CUBE) * 1j, FIVE_TETS, "its points are not rows of real numbers"),
+        (np.array(CUBE) * np.nan, FIVE_TETS, "8 vertices .* with coordinates that are not finite"),
+    ],
+)
+def test_a_mesh_of_meshio_that_does_not_hold_together_is_refused(points, tets, message):
+    with pytest.raises(MeshError, match=f"^The meshio.Mesh is no whole mesh: .*{message}"):
+        SimplexMesh.of(meshio.Mesh(np.array(points), [("tetra", np.array(tets))]))
+
+
+def test_periodic_meshes_are_refused_with_the_way_out():
+    periodic = skfem.MeshTri1DG.periodic(skfem.MeshTri().refined(1), [0], [1])
+    with pytest.raises(MeshError, match=r"MeshTri1DG is periodic or discontinuous.*Use the mesh that it was made of"):
+        SimplexMesh.of(periodic)

@@ -222,7 +222,11 @@ def test_the_same_seed_gives_the_same_numbers():
         (lambda: verify(box(2)), MaterialError, "A material is missing"),
         (lambda: verify(box(2), TERM, young=1.0), MaterialError, "a material came as well"),
         (lambda: verify(box(2), [TERM, Isotropic(1.0, 0.3)]), MaterialError, "holds an object of type Isotropic"),
-        (lambda: verify("bracket.msh", TERM), MeshError, "A mesh of type str came.*Files are read by read_mesh"),
+        (
+            lambda: verify("bracket.msh", TERM),
+            MeshError,
+            "Expected a scikit-fem mesh.*got 'bracket.msh'.*Files are read by read_mesh",
+        ),
         (lambda: verify(box(2), []), MaterialError, "empty list"),
         (lambda: verify(box(2), TERM, seed=-1), StvkError, "seed = -1; expected a whole number from 0"),
         (lambda: verify(box(2), TERM, seed=1.5), StvkError, "seed = 1.5; expected a whole number from 0"),

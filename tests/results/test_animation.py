@@ -1,5 +1,6 @@
 """What films show. How they look was looked at."""
 
+import os
 import stat
 
 import matplotlib
@@ -199,3 +200,15 @@ def test_a_film_that_fails_leaves_the_one_that_was_there(tmp_path, monkeypatch):
     with pytest.raises(OSError, match="No space"):
         animate(motion(), path)
     assert path.read_bytes() == before and [file.name for file in tmp_path.iterdir()] == ["body.gif"]
+
+
+@pytest.mark.parametrize("kind", ["series", "file"])
+def test_a_pipe_that_stands_for_a_series_or_one_of_its_files_is_refused(tmp_path, kind):
+    os.mkfifo(tmp_path / "pipe.vtu")
+    listed = '<VTKFile><Collection><DataSet timestep="0" file="pipe.vtu"/></Collection></VTKFile>'
+    if kind == "series":
+        os.mkfifo(tmp_path / "run.pvd")
+    else:
+        (tmp_path / "run.pvd").write_text(listed)
+    with pytest.raises(StvkError, match="it is no regular file"):
+        animate(tmp_path / "run.pvd", tmp_path / "film.gif")

@@ -127,3 +127,16 @@ def test_overlapping_subdomains_are_all_there(tmp_path):
     named = SimplexMesh(mesh.p, mesh.t, {"all": np.arange(mesh.nt), "first": np.arange(4)})
     again = read_mesh(write_vtu(tmp_path / "body.vtu", at(named), []))
     assert len(again.subdomains["all"]) == mesh.nt and len(again.subdomains["first"]) == 4
+
+
+def test_names_of_subdomains_come_back_whatever_letters_they_have(tmp_path):
+    plain = ['left "half"', "a<b>&c;", "glühend 橡胶", "it's"]
+    ids = [np.array([number]) for number in range(6)]
+    mesh = SimplexMesh(
+        MESHES["tetrahedra"].p, MESHES["tetrahedra"].t, dict(zip([*plain, "\x1b[31mred\x1b[0m", "two\nlines\0"], ids, strict=True))
+    )
+    back = read_mesh(write_vtu(tmp_path / "body.vtu", at(mesh), []))
+    assert {name: found.tolist() for name, found in back.subdomains.items()} == dict(
+        zip([*plain, "\\x1b[31mred\\x1b[0m", "two\\nlines\\x00"], [[number] for number in range(6)], strict=True)
+    )
+    assert not any(ord(letter) < 32 and letter != "\n" for letter in (tmp_path / "body.vtu").read_text())
