@@ -53,6 +53,12 @@ def test_ex06_flag():
     assert example.deepest == pytest.approx(-99.290e-3, rel=1e-5) and example.drift < 1e-11
 
 
+def test_ex07_ring():
+    example = run("ex07_ring")
+    assert [path.status.name for path in example.perfect.values()] == ["UNSTABLE"] * 2
+    assert example.ratio == pytest.approx(0.7809, rel=1e-3) and example.ratio == pytest.approx(3 / 4, rel=0.05)
+
+
 def test_no_example_is_forgotten():
     tested = {name.removeprefix("test_") for name in globals() if name.startswith("test_ex")}
     assert tested == {path.stem for path in EXAMPLES.glob("ex*.py")}
