@@ -22,19 +22,20 @@ NUMBER = NOT_NEGATIVE | {"-1"}
 #: Legal for texts that are shown as they are.
 TEXT = frozenset({"text", "number as text", "empty text", "long text", "NUL", "control characters", "lone surrogate"})
 NOTHING_LISTED = frozenset({"empty list", "empty dict"})
-#: Legal for what is taken for true or false.
-FLAG = frozenset({"True"})
+#: What messages call a place.
+PLACE = r"where|subdomain|the vertices|the place|There is|the predicate| on |names|boundary|region|Subdomain"
 
 
 def call(
-    name: str,
+    title: str,
     function: Callable[..., Any],
     legal: dict[str, frozenset[str]] | None = None,
     called: dict[str, str] | None = None,
+    /,
     **good: Any,
 ) -> Call:
     """A call with good values that are not used up."""
-    return Call(name, lambda: (function, dict(good)), legal or {}, called or {})
+    return Call(title, lambda: (function, dict(good)), legal or {}, called or {})
 
 
 @cache

@@ -24,7 +24,7 @@ from skfem_stvk import (
 )
 
 from .call import Call
-from .small_bodies import NOT_NEGATIVE, NOTHING_LISTED, NUMBER, OPTIONAL, POSITIVE, call, mesh
+from .small_bodies import NOT_NEGATIVE, NOTHING_LISTED, NUMBER, OPTIONAL, PLACE, POSITIVE, call, mesh
 
 FRAME = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
 VOIGT = np.diag([4.0, 5.0, 6.0, 1.0, 2.0, 3.0])
@@ -32,8 +32,6 @@ VOIGT = np.diag([4.0, 5.0, 6.0, 1.0, 2.0, 3.0])
 ONE_ELEMENT = frozenset({"one axis more"})
 #: Components with values of their own: the same for all vertices, or for each of two.
 COMPONENTS = frozenset({"one axis more", "ragged list"})
-#: What messages call a place.
-PLACE = r"where|subdomain|the vertices|the place|There is|the predicate| on |names|boundary|region|Subdomain"
 
 
 def on_body(term: Any) -> System:

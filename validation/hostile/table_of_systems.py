@@ -54,7 +54,7 @@ def calls() -> list[Call]:
             factor=0.5,
         ),
         call("System.compressed", body.compressed, {"below": NUMBER | {"inf"}}, u=u, below=0.5),
-        call("System.mass", body.mass, called={"kind": "mass|kind"}, kind="consistent"),
+        call("System.mass", body.mass, {}, {"kind": "mass|kind"}, kind="consistent"),
         call(
             "System.free_dofs",
             body.free_dofs,

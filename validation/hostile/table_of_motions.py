@@ -1,0 +1,139 @@
+"""Calls of motions in time: integrators, damping, critical steps, modes, ledgers."""
+
+from __future__ import annotations
+
+from functools import cache
+from typing import Any
+
+from skfem_stvk import (
+    BackwardEuler,
+    EdgeDamping,
+    EnergyMomentum,
+    ForwardEuler,
+    GeneralizedAlpha,
+    LinearBackwardEuler,
+    Newmark,
+    Rayleigh,
+    Run,
+    VelocityVerlet,
+    critical_step,
+    modes,
+    simulate,
+)
+from skfem_stvk.dynamics import LargestFrequency, Ledger, Modes
+
+from .call import Call
+from .small_bodies import NOT_NEGATIVE, NUMBER, OPTIONAL, PLACE, POSITIVE, call, displacements, system
+
+IMPLICIT = (BackwardEuler, LinearBackwardEuler, Newmark, GeneralizedAlpha, EnergyMomentum)
+MORE: dict[type, dict[str, Any]] = {Newmark: {"beta": 0.5, "gamma": 0.5}, GeneralizedAlpha: {"rho": 0.5}}
+NAMES = ["time", "a"]
+
+
+@cache
+def vibrations() -> Modes:
+    """The modes of the body."""
+    return modes(system(), 3)
+
+
+@cache
+def motion() -> Run:
+    """A motion of two steps."""
+    return simulate(system(), EnergyMomentum(0.25), until=0.5, quiet=True)
+
+
+def calls() -> list[Call]:
+    """All of them."""
+    u = displacements()
+    options = {"dt": POSITIVE, "rtol": POSITIVE, "rho": NOT_NEGATIVE, "beta": POSITIVE, "gamma": POSITIVE}
+    damping = [EdgeDamping(0.5)]
+    return [
+        *(
+            call(
+                kind.__name__,
+                _run_with(kind),
+                options,
+                {"solver": "solver"},
+                dt=0.125,
+                tangent="exact",
+                solver="superlu",
+                rtol=0.0009765625,
+                **MORE.get(kind, {}),
+            )
+            for kind in IMPLICIT
+        ),
+        *(call(kind.__name__, kind, {"dt": POSITIVE | OPTIONAL}, dt=0.125) for kind in (ForwardEuler, VelocityVerlet)),
+        call("Rayleigh", Rayleigh, dict.fromkeys(("alpha", "beta"), NOT_NEGATIVE), alpha=0.5, beta=0.25),
+        call("EdgeDamping", EdgeDamping, {"tau": NOT_NEGATIVE}, tau=0.5),
+        call(
+            "critical_step",
+            critical_step,
+            {"u": OPTIONAL, "damping": OPTIONAL | {"empty list"}},
+            {"system": "System"},
+            system=system(),
+            u=u,
+            damping=damping,
+        ),
+        call(
+            "LargestFrequency",
+            LargestFrequency,
+            {"damping": OPTIONAL | {"empty list"}},
+            {"system": "System"},
+            system=system(),
+            damping=damping,
+        ),
+        call("LargestFrequency.at", LargestFrequency(system()).at, u=u),
+        call("LargestFrequency.bound", LargestFrequency(system()).bound, u=u),
+        call(
+            "modes",
+            lambda **given: modes(**given).eigenvalues,
+            {"u": OPTIONAL},
+            {"system": "System"},
+            system=system(),
+            n=2,
+            u=u,
+            mass="lumped",
+            solver="superlu",
+        ),
+        call(
+            "Modes.state",
+            vibrations().state,
+            {"number": frozenset({"0", "-1"}), "scale": NUMBER | OPTIONAL},
+            {"number": "[Mm]ode"},
+            number=1,
+            scale=0.5,
+        ),
+        call(
+            "Modes.plot",
+            lambda **given: vibrations().plot(**given, backend="matplotlib"),
+            {"number": frozenset({"0", "-1"}), "scale": NUMBER | OPTIONAL},
+            {"number": "[Mm]ode"},
+            number=1,
+            scale=0.5,
+        ),
+        call("Modes.save", vibrations().save, {"scale": NUMBER | OPTIONAL}, path="modes.pvd", scale=0.5),
+        call("Ledger", Ledger, {"rows": OPTIONAL | {"empty list", "one longer"}}, names=NAMES, rows=[[0.0, 1.0], [1.0, 2.0]]),
+        Call("Ledger.append", lambda: (_ledger().append, {"values": [2.0, 3.0]})),
+        Call("Ledger.truncate", lambda: (_ledger().truncate, {"steps": 1}), {"steps": frozenset({"0"})}),
+        Call("Ledger.rows", lambda: (_ledger().rows, {"first": 1}), {"first": frozenset({"0"})}),
+        Call("Ledger.plot", lambda: (motion().ledger.plot, {"path": "ledger.svg"}), {"path": OPTIONAL}),
+        Call("Ledger.save", lambda: (_ledger().save, {"path": "ledger.csv"})),
+        Call("Ledger of a name", lambda: (lambda name: _ledger()[name], {"name": "a"}), {}, {"name": "column"}),
+        Call("Run.reaction", lambda: (motion().reaction, {"where": "left"}), {"where": OPTIONAL}, {"where": PLACE}),
+        Call("Run.plot", lambda: (motion().plot, {"field": "von_mises_stress", "backend": "matplotlib"}), {"backend": OPTIONAL}),
+        Call("Run.save", lambda: (motion().save, {"path": "run.vtu", "fields": ["cauchy"]}), {"fields": frozenset({"empty list"})}),
+    ]
+
+
+def _run_with(kind: type) -> Any:
+    """What an integrator does in two steps."""
+
+    def run(**given: Any) -> Any:
+        found = simulate(system(), kind(**given), until=0.25, quiet=True, raise_on_failure=False)
+        return found.status.value, found.u
+
+    return run
+
+
+def _ledger() -> Ledger:
+    return Ledger(NAMES, [[0.0, 1.0], [1.0, 2.0]])

@@ -1,0 +1,130 @@
+"""Calls of results: fields, files, pictures, reactions; and of the referee and its company."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from skfem_stvk import Report, StaticResult, solve_static
+from skfem_stvk.peers import load
+from skfem_stvk.results import Fields, Reaction, Series, animate, plot, write_vtu
+
+from .call import Call
+from .small_bodies import NUMBER, OPTIONAL, PLACE, POSITIVE, TEXT, call, displacements, mesh, state, system
+
+FIELD = {"field": "field|numbers"}
+
+
+def calls() -> list[Call]:
+    """All of them."""
+    u, fields = displacements(), Fields(mesh(), list(system().elastic_terms))
+    forces = np.arange(12.0)
+    reaction = Reaction.of(mesh(), u, forces, [0, 3])
+    picture = {"scale": NUMBER, "label": TEXT | OPTIONAL, "path": OPTIONAL, "backend": OPTIONAL}
+    film = {"scale": NUMBER, "label": TEXT | OPTIONAL, "fps": POSITIVE}
+    values = np.arange(4.0)
+    return [
+        call("Fields", Fields, {}, {"mesh": "mesh", "terms": "terms"}, mesh=mesh(), terms=list(system().elastic_terms)),
+        call("Fields.at", _stresses(fields), {"v": OPTIONAL}, u=u, v=u),
+        call("State by name", lambda name: state()[name], {}, {"name": "field"}, name="cauchy"),
+        call(
+            "State.at_nodes",
+            state().at_nodes,
+            {"region": OPTIONAL},
+            {"name": "field", "region": PLACE},
+            name="cauchy",
+            region="half",
+        ),
+        call("State.raw", state().raw, {}, {"name": "field"}, name="cauchy"),
+        call(
+            "plot",
+            plot,
+            picture,
+            FIELD,
+            state=state(),
+            field="cauchy_von_mises".replace("cauchy_", ""),
+            scale=2.0,
+            label="text",
+            path="picture.svg",
+            backend="matplotlib",
+        ),
+        call(
+            "plot of numbers",
+            lambda field: plot(state(), field, backend="matplotlib", path="p.svg"),
+            {"field": frozenset({"NaN in it", "inf in it", "one masked"})},
+            FIELD,
+            field=values,
+        ),
+        call(
+            "animate",
+            animate,
+            film,
+            FIELD,
+            series=[(0.0, state()), (1.0, state())],
+            path="film.gif",
+            field="displacement",
+            scale=2.0,
+            label="text",
+            fps=20.0,
+        ),
+        call(
+            "write_vtu",
+            write_vtu,
+            {"fields": frozenset({"empty list"})},
+            {"fields": "field"},
+            path="state.vtu",
+            state=state(),
+            fields=["cauchy"],
+        ),
+        call(
+            "Series",
+            Series,
+            {"fields": frozenset({"empty list"}), "resume": frozenset({"True"}), "until": NUMBER | {"inf"}},
+            {"fields": "field"},
+            path="series.pvd",
+            fields=["cauchy"],
+            resume=False,
+            until=1.0,
+        ),
+        Call("Series.add", lambda: (_series().add, {"state": state(), "t": 0.5}), {"t": NUMBER}),
+        Call("Series.cut", lambda: (_series().cut, {"t": 0.5}), {"t": NUMBER | {"inf", "-inf"}}),
+        call(
+            "Reaction.of",
+            Reaction.of,
+            {"vertices": frozenset({"one longer"})},
+            {"vertices": "vert"},
+            mesh=mesh(),
+            u=u,
+            forces=forces,
+            vertices=[0, 3],
+        ),
+        call("Reaction.moment", reaction.moment, {"about": OPTIONAL}, about=[0.0, 1.0]),
+        Call("StaticResult.stress", lambda: (result().stress, {"measure": "pk2", "at": "nodes"}), {}, {"measure": "field|measure"}),
+        Call("StaticResult.reaction", lambda: (result().reaction, {"where": "left"}), {"where": OPTIONAL}, {"where": PLACE}),
+        Call(
+            "StaticResult.save",
+            lambda: (result().save, {"path": "static.vtu", "fields": ["cauchy"]}),
+            {"fields": frozenset({"empty list"})},
+            {"fields": "field"},
+        ),
+        Call(
+            "StaticResult.plot",
+            lambda: (result().plot, {"field": "von_mises_stress", "backend": "matplotlib"}),
+            {"backend": OPTIONAL},
+            FIELD,
+        ),
+        call("Report.save", Report({}).save, folder="report"),
+        call("peers.load", load, {}, {"name": "peer"}, name="FElupe"),
+    ]
+
+
+def result() -> StaticResult:
+    """A static result."""
+    return solve_static(system(), steps=1, quiet=True)
+
+
+def _series() -> Series:
+    return Series("series.pvd", ["cauchy"])
+
+
+def _stresses(fields: Fields):  # type: ignore[no-untyped-def]
+    return lambda **given: fields.at(**given)["cauchy"]
