@@ -41,9 +41,15 @@ def shown(value: Any) -> str:
 
 
 def number(
-    name: str, given: Any, expected: str = "a number", low: float = -inf, high: float = inf, error: type[StvkError] = StvkError
+    name: str,
+    given: Any,
+    expected: str = "a number",
+    low: float = -inf,
+    high: float = inf,
+    error: type[StvkError] = StvkError,
+    closed: bool = False,
 ) -> float:
-    """A finite number strictly between `low` and `high`.
+    """A finite number strictly between `low` and `high`; `closed`: or one of them.
 
     Raises
     ------
@@ -59,13 +65,16 @@ def number(
     if type(given) is float and low < given < high and isfinite(given):
         return given  # in the loops of solvers, most often
     value = _real(given)
-    if value is None or not low < value < high or not isfinite(value):
+    inside = value is not None and (low < value < high or (closed and value in (low, high)))
+    if value is None or not inside or not isfinite(value):
         raise error(f"{name} = {shown(given)}; expected {expected}.")
     return value
 
 
-def whole(name: str, given: Any, expected: str = "a whole number", least: int = 0, error: type[StvkError] = StvkError) -> int:
-    """A whole number of at least `least`, that 64 bits can hold.
+def whole(
+    name: str, given: Any, expected: str = "a whole number", least: int = 0, most: int = MOST, error: type[StvkError] = StvkError
+) -> int:
+    """A whole number from `least` to `most`.
 
     Raises
     ------
@@ -77,7 +86,7 @@ def whole(name: str, given: Any, expected: str = "a whole number", least: int = 
     """
     if isinstance(given, np.ndarray) and given.ndim == 0:
         given = given[()]
-    if isinstance(given, bool | np.bool_) or not isinstance(given, Integral) or not least <= int(given) <= MOST:
+    if isinstance(given, bool | np.bool_) or not isinstance(given, Integral) or not least <= int(given) <= most:
         raise error(f"{name} = {shown(given)}; expected {expected}.")
     return int(given)
 
@@ -113,7 +122,23 @@ def choice(name: str, given: Any, known: Iterable[str], error: type[StvkError] =
     names = list(known)
     if not isinstance(given, str) or given not in names:
         raise error(f"{name} = {shown(given)}; {name_known(given if isinstance(given, str) else '', names)}")
-    return given
+    return str(given)
+
+
+def text(name: str, given: Any, expected: str = "a text", most: int = 1000, error: type[StvkError] = StvkError) -> str:
+    """Text that can be shown: at most so many characters, none of them for control.
+
+    Raises
+    ------
+    StvkError, or `error`
+
+    >>> text("label", "stress" + chr(0))
+    Traceback (most recent call last):
+    skfem_stvk.errors.StvkError: label = 'stress\\x00'; expected a text of at most 1000 characters that can be printed.
+    """
+    if not isinstance(given, str) or len(given) > most or not given.replace("\n", "").isprintable():
+        raise error(f"{name} = {shown(given)}; expected {expected} of at most {most} characters that can be printed.")
+    return str(given)
 
 
 def path(name: str, given: Any, expected: str = "a path", error: type[StvkError] = StvkError) -> Path:

@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..edges import ALL, Tensions
-from ..errors import StvkError
 from ..system import System, TangentOperator
+from ..system.system import checked_system
 from .damping import Damping, damping_factors
 from .largest import bound_on_eigenvalues, largest_eigenvalue
 
@@ -63,6 +63,7 @@ class LargestFrequency:
     """
 
     def __init__(self, system: System, damping: Damping | None = None) -> None:
+        checked_system(system)
         self._system, self._mass, self._damping = system, system.mass(), damping_factors(damping)
         self._is_free = np.ones(system.ndofs, dtype=bool)
         self._is_free[system.supports.held] = False
@@ -160,8 +161,6 @@ def critical_step(system: System, u: ArrayLike | None = None, *, damping: Dampin
     >>> round(critical.step, 4), round(critical.bound, 3)
     (0.05, 0.05)
     """
-    if not isinstance(system, System):
-        raise StvkError(f"A {type(system).__name__} came; expected a System: System(mesh, terms, ...).")
     return LargestFrequency(system, damping).at(np.zeros(system.ndofs) if u is None else u)
 
 

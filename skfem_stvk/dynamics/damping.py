@@ -6,8 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple, TypeAlias
 
-import numpy as np
-
+from ..arguments import number, shown
 from ..errors import StvkError
 
 
@@ -33,8 +32,8 @@ class Rayleigh:
     beta: float = 0.0
 
     def __post_init__(self) -> None:
-        _check("Rayleigh: alpha", self.alpha, "1/s")
-        _check("Rayleigh: beta", self.beta, "s")
+        object.__setattr__(self, "alpha", _not_negative("Rayleigh: alpha", self.alpha, "1/s"))
+        object.__setattr__(self, "beta", _not_negative("Rayleigh: beta", self.beta, "s"))
 
 
 @dataclass(frozen=True)
@@ -60,7 +59,7 @@ class EdgeDamping:
     tau: float
 
     def __post_init__(self) -> None:
-        _check("EdgeDamping: tau", self.tau, "s")
+        object.__setattr__(self, "tau", _not_negative("EdgeDamping: tau", self.tau, "s"))
 
 
 #: One kind, or several that add up.
@@ -90,13 +89,12 @@ def damping_factors(damping: Damping | None) -> DampingFactors:
     given: Any = () if damping is None else damping if several else (damping,)
     for one in given:
         if not isinstance(one, Rayleigh | EdgeDamping):
-            raise StvkError(f"damping = {one!r}; expected Rayleigh(alpha=..., beta=...), EdgeDamping(tau), or a list of them.")
+            raise StvkError(f"damping = {shown(one)}; expected Rayleigh(alpha=..., beta=...), EdgeDamping(tau), or a list of them.")
     rayleigh = [one for one in given if isinstance(one, Rayleigh)]
     edges = [one for one in given if isinstance(one, EdgeDamping)]
     sums = sum(r.alpha for r in rayleigh), sum(r.beta for r in rayleigh), sum(e.tau for e in edges)
     return DampingFactors(*map(float, sums))
 
 
-def _check(name: str, value: object, unit: str) -> None:
-    if not isinstance(value, int | float | np.integer | np.floating) or not np.isfinite(value) or value < 0:
-        raise StvkError(f"{name} = {value!r}; expected a number [{unit}], not negative.")
+def _not_negative(name: str, value: object, unit: str) -> float:
+    return number(name, value, f"a number [{unit}], not negative", low=0.0, closed=True)

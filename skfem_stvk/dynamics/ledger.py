@@ -13,6 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..arguments import real_array, shown, whole
 from ..errors import StvkError, name_known
 from ..results.files import output_path, replacing
 from ..system import System
@@ -121,13 +122,16 @@ class Ledger(Mapping[str, Array]):
     """
 
     def __init__(self, names: Sequence[str], rows: ArrayLike | None = None) -> None:
+        if not isinstance(names, list | tuple) or not all(isinstance(name, str) for name in names):
+            raise StvkError(f"names = {shown(names)}; expected a list of names, 'time' first.")
         self.names = tuple(names)
         self._column = {name: number for number, name in enumerate(self.names)}
         if len(self._column) < len(self.names) or self.names[:1] != ("time",):
-            raise StvkError(f"names = {self.names}; expected different ones, 'time' first.")
-        given = np.empty((0, len(self.names))) if rows is None else np.asarray(rows, dtype=np.float64)
-        if given.ndim != 2 or given.shape[1] != len(self.names):
-            raise StvkError(f"rows have shape {given.shape}; expected (n, {len(self.names)}), one column for each name.")
+            raise StvkError(f"names = {shown(names)}; expected different ones, 'time' first.")
+        given = np.empty((0, len(self.names))) if rows is None else real_array(rows)
+        if given is None or given.ndim != 2 or given.shape[1] != len(self.names):
+            what = f"have shape {given.shape}" if given is not None else f"= {shown(rows)}"
+            raise StvkError(f"rows {what}; expected (n, {len(self.names)}) numbers, one column for each name.")
         self.steps = len(given)
         self._block = np.empty((max(FIRST_ROWS, self.steps), len(self.names)))
         self._block[: self.steps] = given
@@ -140,11 +144,13 @@ class Ledger(Mapping[str, Array]):
         StvkError
             if there are more or less.
         """
-        if len(values) != len(self.names):
-            raise StvkError(f"{len(values)} values came; expected {len(self.names)}, one for each of {', '.join(self.names)}.")
+        row = real_array(values)
+        if row is None or row.shape != (len(self.names),):
+            what = f"has {len(row)} values" if row is not None and row.ndim == 1 else f"= {shown(values)}"
+            raise StvkError(f"values {what}; expected {len(self.names)} numbers, one for each of {', '.join(self.names)}.")
         if self.steps == len(self._block):
             self._block = np.concatenate([self._block, np.empty_like(self._block)])
-        self._block[self.steps] = values
+        self._block[self.steps] = row
         self.steps += 1
 
     def replace_last(self, name: str, value: float) -> None:
@@ -153,13 +159,11 @@ class Ledger(Mapping[str, Array]):
 
     def truncate(self, steps: int) -> None:
         """Strike out all but the first `steps` rows."""
-        if not 0 <= steps <= self.steps:
-            raise StvkError(f"steps = {steps}; expected 0 ... {self.steps}.")
-        self.steps = steps
+        self.steps = whole("steps", steps, f"0 ... {self.steps}", 0, self.steps)
 
     def rows(self, first: int = 0) -> Array:
         """(n, columns) rows from number `first` on, which cannot be written to; a view of what is there now."""
-        view = self._block[first : self.steps]
+        view = self._block[whole("first", first, "the number of a row, from 0") : self.steps]
         view.flags.writeable = False
         return view
 
@@ -194,8 +198,9 @@ class Ledger(Mapping[str, Array]):
         return draw(self, target)
 
     def __getitem__(self, name: str) -> Array:
-        if name not in self._column:
-            raise NoColumn(f"The ledger has no column {name!r}; {name_known(str(name), self.names)}")
+        if not isinstance(name, str) or name not in self._column:
+            known = name_known(name if isinstance(name, str) else "", self.names)
+            raise NoColumn(f"The ledger has no column {shown(name)}; {known}")
         return self.rows()[:, self._column[name]]
 
     def __iter__(self) -> Iterator[str]:

@@ -14,12 +14,13 @@ from scipy.linalg import eig, eigh
 from .. import arguments
 from ..errors import StvkError
 from ..linear import Kind, LinearSolver, choose
-from ..linear.choose import direct
+from ..linear.choose import direct, is_auto
 from ..mesh.displacements import by_vertex
 from ..results import Fields, Series, plot
 from ..results.state import State
 from ..system import System
 from ..system.mass import Mass
+from ..system.system import checked_system
 from .arnoldi import nearest_vectors
 from .largest import bound_on_eigenvalues
 from .rigid_part import rigid_part
@@ -79,12 +80,12 @@ class Modes:
 
     def state(self, number: int, scale: float | None = None) -> State:
         """The body displaced by `u` and by `scale` times the (real part of the) mode of this number, counted from 0; by default a tenth of its size."""
-        if not -len(self) <= number < len(self):
-            raise StvkError(f"Mode {number} came; there are {len(self)}, from 0 to {len(self) - 1}.")
+        number = arguments.whole("number", number, f"a mode from 0 to {len(self) - 1}", -len(self), len(self) - 1)
         mesh, shape = self.system.mesh, self.shapes[number].real.reshape(-1, self.system.mesh.d)
         if scale is None:
             scale = SHOWN * float(np.linalg.norm(np.ptp(mesh.p, axis=1)) / np.linalg.norm(shape, axis=1).max())
-        return Fields(mesh, self.system.elastic_terms).at(self.u + scale * shape.ravel())
+        factor = arguments.number("scale", scale, "a finite factor, or None for a tenth of the body's size")
+        return Fields(mesh, self.system.elastic_terms).at(self.u + factor * shape.ravel())
 
     def plot(self, number: int, scale: float | None = None, **options: Any) -> Any:
         """Draw a mode, by default coloured by the length of displacements; options as of `results.plot`, `scale` as of `state`."""
@@ -150,11 +151,9 @@ def modes(
     >>> free.rigid, free.frequencies.round(1)
     (array([ True,  True,  True, False, False]), array([ 0. ,  0. ,  0. , 12.3, 13.5]))
     """
-    if not isinstance(system, System):
-        raise StvkError(f"A {type(system).__name__} came; expected a System: System(mesh, terms, ...).")
+    checked_system(system)
     free = np.setdiff1d(np.arange(system.ndofs), system.supports.held)
-    if isinstance(n, bool) or not isinstance(n, int | np.integer) or not 1 <= n <= len(free):
-        raise StvkError(f"n = {n!r}; expected a number of modes, from 1 to {len(free)}, the number of free degrees of freedom.")
+    n = arguments.whole("n", n, f"a number of modes, from 1 to {len(free)}, the number of free degrees of freedom", 1, len(free))
     x = np.zeros(system.ndofs) if u is None else by_vertex(system.mesh, u).ravel().astype(np.float64)
     moment = arguments.number("t", t, "the load factor of the equilibrium")
     kind = _kind(system, x, moment, free)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from ..arguments import shown
 from ..errors import StvkError
 from .amg import AmgCg
 from .block_jacobi import BlockJacobiCg
@@ -28,12 +29,12 @@ def choose(solver: str | LinearSolver, n: int, kind: Kind, indefinite: bool = Fa
     StvkError
         if the name is unknown, or the solver does not take this kind of matrix.
     """
-    if solver == "auto":
+    if is_auto(solver):
         return direct(n) if indefinite else automatic(n, kind)
     if isinstance(solver, str):
         known = {one.name: one for one in SOLVERS}
         if solver not in known:
-            raise StvkError(f"solver = {solver!r}; expected 'auto', {names(SOLVERS)}, or an object such as SuperLU().")
+            raise StvkError(f"solver = {shown(solver)}; expected 'auto', {names(SOLVERS)}, or an object such as SuperLU().")
         solver = known[solver]
     if isinstance(solver, type) or not all(
         hasattr(solver, name) for name in ("analyse", "name", "takes", "matrix_free", "iterative")
@@ -47,6 +48,11 @@ def choose(solver: str | LinearSolver, n: int, kind: Kind, indefinite: bool = Fa
             "cannot solve with it."
         )
     return solver
+
+
+def is_auto(solver: object) -> bool:
+    """Whether the choice is left to `choose`."""
+    return isinstance(solver, str) and solver == "auto"
 
 
 def automatic(n: int, kind: Kind) -> LinearSolver:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from importlib import import_module
 
+from ..arguments import shown
 from ..errors import StvkError
 from .packages import PACKAGES
 from .peer import Peer
@@ -34,8 +35,8 @@ def load(name: str) -> type[Peer]:
     StvkError
         if there is no peer of that name.
     """
-    if name not in PEERS:
-        raise StvkError(f"There is no peer {name!r}; there are {', '.join(PEERS)}.")
+    if not isinstance(name, str) or name not in PEERS:
+        raise StvkError(f"There is no peer {shown(name)}; there are {', '.join(PEERS)}.")
     peer: type[Peer] = getattr(import_module(f".{module_of(name)}", __name__), PEERS[name].split(".")[1])
     return peer
 

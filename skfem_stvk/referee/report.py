@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from .. import arguments
 from .results import Outcome, Result
 
 
@@ -81,7 +82,7 @@ class Report:
         """
         from .page import page  # matplotlib is imported only when a page is made
 
-        folder = Path(folder)
+        folder = arguments.path("folder", folder, "the path of a folder")
         folder.mkdir(parents=True, exist_ok=True)
         (folder / "report.json").write_text(json.dumps(self.to_dict(), indent=1), encoding="utf-8")
         (folder / "report.html").write_text(page(self), encoding="utf-8", errors="backslashreplace")

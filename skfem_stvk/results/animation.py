@@ -14,12 +14,13 @@ import meshio
 import numpy as np
 from numpy.typing import NDArray
 
+from .. import arguments
 from ..errors import StvkError, name_known
 from ..mesh import SimplexMesh
 from .files import output_path, replacing
-from .picture import Picture, Sight, View, corner_values, prefixed
+from .picture import Picture, Sight, View, checked_label, checked_scale, corner_values, prefixed
 from .series import read_list
-from .state import State, masked
+from .state import State, checked_state, masked
 from .table import FIELDS, VECTORS
 
 Array = NDArray[Any]
@@ -54,10 +55,8 @@ def animate(
         for a series that cannot be read or has no states, an unknown field, a path that cannot be written, or without ffmpeg: before any work.
     """
     path = output_path(path, ".gif", ".mp4")
-    if not np.isfinite(scale):
-        raise StvkError(f"scale = {scale}; expected a finite factor for the displacements, such as 1.")
-    if not 0 < fps <= 100:
-        raise StvkError(f"fps = {fps}; expected frames a second, up to 100.")
+    scale, label = checked_scale(scale), checked_label(label)
+    fps = arguments.number("fps", fps, "frames a second, up to 100", 0.0, np.nextafter(100.0, 101.0))
     if path.suffix.lower() == ".mp4" and not _ffmpeg():
         raise StvkError(
             "ffmpeg, which writes .mp4 files, is not installed: apt install ffmpeg, brew install ffmpeg or conda install ffmpeg. Or name a .gif file."
@@ -113,9 +112,12 @@ def _in_words(times: list[float]) -> list[str]:
 
 
 def _of_states(states: States, field: str, scale: float, label: str | None) -> Film:
-    pairs = list(states)
-    if not pairs:
-        raise StvkError("The series has no states; expected pairs of times and states, such as (0.5, fields.at(u)).")
+    expected = "the path of a .pvd file, or pairs of times and states, such as (0.5, fields.at(u))"
+    if not isinstance(states, Sequence) or not all(isinstance(pair, tuple | list) and len(pair) == 2 for pair in states):
+        raise StvkError(f"series = {arguments.shown(states)}; expected {expected}.")
+    if not states:
+        raise StvkError(f"The series has no states; expected {expected}.")
+    pairs = [(arguments.number("series: a time", t), checked_state(state)) for t, state in states]
     sight = Sight(pairs[0][1].fields.mesh)
     _, named, unit = corner_values(pairs[0][1], field)
 
@@ -127,7 +129,7 @@ def _of_states(states: States, field: str, scale: float, label: str | None) -> F
 
 
 def _of_files(series: str | os.PathLike[str], field: str, scale: float, label: str | None) -> Film:
-    path = Path(series)
+    path = arguments.path("series", series, "the path of a .pvd file")
     try:
         listed = [(t, path.with_name(name)) for t, name in read_list(path)]
     except (OSError, ET.ParseError, KeyError, ValueError) as error:

@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
+from .. import arguments
 from ..errors import StvkError
 
 
@@ -22,10 +23,12 @@ def output_path(path: str | os.PathLike[str], *suffixes: str) -> Path:
     Traceback (most recent call last):
     skfem_stvk.errors.StvkError: The folder missing of bracket.vtu does not exist. Make it first, or is the path relative to another one?
     """
-    path = Path(path)
+    path = arguments.path("path", path, f"the path of a file that ends in {' or '.join(suffixes)}")
     if path.suffix.lower() not in suffixes:
         named = path.with_suffix(suffixes[0]).name if path.name else f"result{suffixes[0]}"
-        raise StvkError(f"{str(path)!r} does not end in {' or '.join(suffixes)}, which is what is written here. Name it {named}.")
+        raise StvkError(
+            f"{arguments.shown(str(path))} does not end in {' or '.join(suffixes)}, which is what is written here. Name it {named}."
+        )
     if not path.parent.is_dir():
         raise StvkError(
             f"The folder {path.parent} of {path.name} does not exist. Make it first, or is the path relative to another one?"

@@ -9,11 +9,12 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..arguments import number, real_array, shown, text
 from ..errors import StvkError
 from ..mesh import SimplexMesh
 from .frames import in_space
 from .nodal import NodalAverage, split_nodes
-from .state import State, masked
+from .state import State, checked_state, masked
 from .surface import outline, visible_cells
 from .table import FIELDS, VECTORS, find
 
@@ -98,11 +99,20 @@ def picture_of(state: State, field: str | ArrayLike, scale: float, label: str | 
     StvkError
         for a field that is unknown or has several components, for values of another length, or a scale that is not finite.
     """
-    if not np.isfinite(scale):
-        raise StvkError(f"scale = {scale}; expected a finite factor for the displacements, such as 1.")
-    values, named, unit = corner_values(state, field)
+    scale, label = checked_scale(scale), checked_label(label)
+    values, named, unit = corner_values(checked_state(state), field)
     picture = Sight(state.fields.mesh).picture(state.u, values, named if label is None else label, scale)
     return picture.in_unit(*prefixed(picture.largest, unit)) if label is None else picture
+
+
+def checked_scale(scale: Any) -> float:
+    """Refuses what is no factor of displacements."""
+    return number("scale", scale, "a finite factor for the displacements, such as 1")
+
+
+def checked_label(label: Any) -> str | None:
+    """Refuses what is no label of a colour bar."""
+    return None if label is None else text("label", label)
 
 
 class Sight:
@@ -138,13 +148,12 @@ def corner_values(state: State, field: str | ArrayLike) -> tuple[Array, str, str
 
 
 def _given(state: State, values: Any) -> Array:
-    mesh, values = state.fields.mesh, np.ma.asarray(values)
-    if values.shape not in ((mesh.nt,), (mesh.nv,)):
-        raise StvkError(
-            f"field has shape {values.shape}; expected a name, or a number for each of the {mesh.nt} elements or {mesh.nv} vertices."
-        )
-    missing = np.ma.getmaskarray(values) | ~np.isfinite(np.ma.getdata(values))
-    known = np.where(missing, 0.0, np.ma.getdata(values))
+    mesh, given = state.fields.mesh, real_array(np.ma.getdata(values) if isinstance(values, np.ma.MaskedArray) else values)
+    if given is None or given.shape not in ((mesh.nt,), (mesh.nv,)):
+        what = f"has shape {given.shape}" if given is not None else f"= {shown(values)}"
+        raise StvkError(f"field {what}; expected a name, or a number for each of the {mesh.nt} elements or {mesh.nv} vertices.")
+    missing = np.ma.getmaskarray(values) | ~np.isfinite(given)
+    known = np.where(missing, 0.0, given)
     return masked(known, missing)[mesh.t] if len(known) == mesh.nv != mesh.nt else _by_material(state, known, missing)
 
 

@@ -8,6 +8,7 @@ from typing import Any
 
 from numpy.typing import ArrayLike
 
+from ..arguments import choice
 from ..errors import StvkError
 from .files import output_path
 from .picture import picture_of
@@ -47,8 +48,7 @@ def plot(
     """
     if backend is None:
         backend = "pyvista" if find_spec("pyvista") else "matplotlib"
-    if backend not in BACKENDS:
-        raise StvkError(f"backend = {backend!r}; expected one of {', '.join(BACKENDS)}, or None for what is installed.")
+    backend = choice("backend", backend, BACKENDS)
     target = None if path is None else output_path(path, ".png", ".pdf", ".svg")
     if backend == "matplotlib":
         from .matplotlib_plot import draw

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..errors import StateError, StvkError, SupportError, name_ids
+from .. import arguments
+from ..errors import StateError, SupportError, name_ids
 from ..mesh import SimplexMesh
 from ..mesh.places import Where, describe, vertices_at
 from ..system import System
@@ -50,6 +51,7 @@ class Reaction:
         RegionError
             if there are no vertices, or not these.
         """
+        mesh = SimplexMesh.of(mesh)
         ids = np.sort(vertices_at(mesh, vertices, "Reaction"))
         return cls(ids, _nodal(forces, "forces", mesh)[ids], mesh.p.T[ids], _nodal(u, "u", mesh)[ids])
 
@@ -82,10 +84,8 @@ class Reaction:
         return float((levers[:, 0] * self.by_node[:, -1] - levers[:, -1] * self.by_node[:, 0]).sum())
 
     def _point(self, about: ArrayLike) -> Array:
-        point = np.asarray(about, dtype=np.float64)
-        if point.shape != self.rest.shape[1:] or not np.isfinite(point).all():
-            raise StvkError(f"about = {about!r}; expected a point with {self.rest.shape[1]} coordinates [m].")
-        return point
+        d = self.rest.shape[1]
+        return arguments.array("about", about, (d,), f"a point with {d} coordinates [m]")
 
     def __repr__(self) -> str:
         count = f"{len(self.vertices)} {'vertex' if len(self.vertices) == 1 else 'vertices'}"
@@ -127,7 +127,9 @@ def _centred(x: Array) -> Array:
 
 
 def _nodal(values: ArrayLike, name: str, mesh: SimplexMesh) -> Array:
-    array = np.asarray(values, dtype=np.float64)
+    array = arguments.real_array(values)
+    if array is None:
+        raise StateError(f"{name} = {arguments.shown(values)}; expected {mesh.d} components at each of {mesh.nv} vertices.")
     if array.shape not in ((mesh.p.size,), (mesh.nv, mesh.d)):
         raise StateError(f"{name} has shape {array.shape}; expected {mesh.d} components at each of {mesh.nv} vertices.")
     bad = np.flatnonzero(~np.isfinite(array))

@@ -11,10 +11,11 @@ from pathlib import Path
 
 import numpy as np
 
+from ..arguments import flag, number
 from ..errors import StvkError
 from .files import output_path, replacing
 from .state import State
-from .table import find
+from .table import find_all
 from .vtu import DEFAULT, write_vtu
 
 
@@ -41,8 +42,9 @@ class Series:
     def __init__(
         self, path: str | os.PathLike[str], fields: Sequence[str] = DEFAULT, resume: bool = False, until: float = np.inf
     ) -> None:
-        self.fields = tuple(find(name).name for name in fields)
-        self.path, self.resume, self._until = output_path(path, ".pvd"), resume, until
+        self.fields = tuple(field.name for field in find_all(fields))
+        self.path, self.resume = output_path(path, ".pvd"), flag("resume", resume)
+        self._until = np.inf if until == np.inf else number("until", until, "a time, or infinity")
         self.steps: list[tuple[float, Path]] = []
         self._begun = False
         if resume:
@@ -56,8 +58,7 @@ class Series:
         StvkError
             if `t` is not finite.
         """
-        if not np.isfinite(t):
-            raise StvkError(f"t = {t}; expected a finite load factor or time.")
+        t = number("t", t, "a finite load factor or time")
         if not self._begun:
             self._begin(t)
         last = int(self.steps[-1][1].stem.rpartition("_")[2]) if self.steps else -1
@@ -69,6 +70,8 @@ class Series:
 
     def cut(self, t: float) -> None:
         """Remove the steps from `t` on; of a series that is resumed, once one was added."""
+        if not isinstance(t, float) or np.isnan(t):
+            t = number("t", t, "a time")
         if self._begun:
             self._keep(self.steps, [step for step in self.steps if step[0] < t])
 

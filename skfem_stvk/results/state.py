@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import StateError
+from ..arguments import shown
+from ..errors import StateError, StvkError
 from .kinematics import Array, Masked, displacement_gradient, strain_within
 from .law import dilation, strain_and_stress, volume_stress
 from .table import find
@@ -142,6 +143,13 @@ class State:
         """A tensor (nt, 3, 3) of the simplices' frames in global axes."""
         frames, mesh = self.fields.frames, self.fields.mesh
         return tensor if mesh.k == mesh.d else frames @ tensor @ np.swapaxes(frames, 1, 2)
+
+
+def checked_state(state: Any) -> State:
+    """Refuses what is no state."""
+    if not isinstance(state, State):
+        raise StvkError(f"state = {shown(state)}; expected a state, such as result.state or Fields(mesh, terms).at(u).")
+    return state
 
 
 def masked(values: Array, missing: NDArray[np.bool_]) -> Array:

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from ..arguments import shown
 from ..errors import StvkError, name_known
 from . import ellipticity, kinematics, stress
 from .kinematics import Masked
@@ -81,7 +82,21 @@ def find(name: str, others: Iterable[str] = ()) -> Field:
     Traceback (most recent call last):
     skfem_stvk.errors.StvkError: There is no field 'von_mieses'; known: 'cauchy_stress', ... Did you mean 'von_mises_stress'? ...
     """
-    for field in FIELDS:
+    for field in FIELDS if isinstance(name, str) else ():
         if name in (field.name, field.name.removesuffix("_stress")):
             return field
-    raise StvkError(f"There is no field {name!r}; {name_known(name, (*others, *names()))} Stresses go without '_stress' too.")
+    known = name_known(name if isinstance(name, str) else "", (*others, *names()))
+    raise StvkError(f"There is no field {shown(name)}; {known} Stresses go without '_stress' too.")
+
+
+def find_all(given: Sequence[str]) -> list[Field]:
+    """The fields of these names.
+
+    Raises
+    ------
+    StvkError
+        if it is no list of names, or one of them is unknown.
+    """
+    if not isinstance(given, list | tuple):
+        raise StvkError(f"fields = {shown(given)}; expected a list of names of fields.")
+    return [find(name) for name in given]

@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 
 from ..mesh import SimplexMesh
 from .files import output_path, replacing
-from .state import State
-from .table import Field, find
+from .state import State, checked_state
+from .table import Field, find_all
 
 Array = NDArray[np.float64]
 Arrays = dict[str, NDArray[Any]]
@@ -47,8 +47,8 @@ def write_vtu(path: str | os.PathLike[str], state: State, fields: Sequence[str] 
     StvkError
         for a field that there is not, or a path that cannot be written, before any work.
     """
-    wanted, path = [find(name) for name in fields], output_path(path, ".vtu")
-    mesh = _with_fields(state, wanted)
+    wanted, path = find_all(fields), output_path(path, ".vtu")
+    mesh = _with_fields(checked_state(state), wanted)
     with replacing(path) as part:
         meshio.vtu.write(part, mesh, compression=None)
     return path

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from .. import arguments
 from ..errors import StvkError
 from ..mesh.places import Where
 from ..results import Fields, Reaction, Series, State, plot, write_vtu
@@ -89,9 +90,8 @@ class StaticResult:
         StvkError
             if there is no such measure or place.
         """
-        if at not in ("elements", "nodes"):
-            raise StvkError(f"at = {at!r}; expected 'elements' or 'nodes'.")
-        name = f"{str(measure).removesuffix('_stress')}_stress"
+        at = arguments.choice("at", at, ("elements", "nodes"))
+        name = f"{measure.removesuffix('_stress')}_stress" if isinstance(measure, str) else measure
         return self.state[name] if at == "elements" else self.state.at_nodes(name)
 
     def energies(self) -> dict[str, float]:
@@ -103,7 +103,7 @@ class StaticResult:
 
         Files are written beside and renamed into place. Errors as of `results.write_vtu`.
         """
-        if Path(path).suffix != ".pvd":
+        if arguments.path("path", path, "the path of a .vtu or of a .pvd file").suffix != ".pvd":
             return write_vtu(path, self.state, fields)
         if not len(self.history):
             raise StvkError(f"There is no state to write to {path}: none was found.")

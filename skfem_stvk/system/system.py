@@ -703,6 +703,13 @@ class System:
         return f"System: {self.mesh.nt} {self.mesh.kind}, {self.ndofs} degrees of freedom, {len(self.terms)} term(s)"
 
 
+def checked_system(system: Any) -> System:
+    """Refuses what is no system."""
+    if not isinstance(system, System):
+        raise StvkError(f"system = {shown(system)}; expected a System: System(mesh, terms, fixed=..., prescribed=...).")
+    return system
+
+
 def _float_type(dtype: Any) -> np.dtype[Any]:
     """Double or single precision."""
     try:

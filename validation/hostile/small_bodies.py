@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import cache
+from pathlib import Path
 from typing import Any
+from unittest.mock import patch
 
 import numpy as np
 
@@ -77,3 +79,24 @@ def displacements() -> Any:
 def state() -> State:
     """A state of the body, in motion."""
     return Fields(mesh(), list(system().elastic_terms)).at(displacements(), displacements())
+
+
+def drawn(function: Callable[..., Any]) -> Callable[..., Any]:
+    """The same function, which hands back what it would draw: drawing takes a second."""
+
+    def without_drawing(**given: Any) -> Any:
+        pictures: list[Any] = []
+
+        def film(film: Any, part: Path, suffix: str, fps: float) -> None:
+            pictures.extend([film.times, [film.picture(number) for number in range(len(film.times))], fps])
+            part.touch()
+
+        with (
+            patch("skfem_stvk.results.plotting.find_spec", lambda name: None),
+            patch("skfem_stvk.dynamics.ledger_plot.draw", lambda ledger, path: path),
+            patch("skfem_stvk.results.matplotlib_plot.draw", lambda picture, path: picture),
+            patch("skfem_stvk.results.matplotlib_film.write", film),
+        ):
+            return function(**given), pictures
+
+    return without_drawing

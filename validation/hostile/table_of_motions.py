@@ -23,7 +23,7 @@ from skfem_stvk import (
 from skfem_stvk.dynamics import LargestFrequency, Ledger, Modes
 
 from .call import Call
-from .small_bodies import NOT_NEGATIVE, NUMBER, OPTIONAL, PLACE, POSITIVE, call, displacements, system
+from .small_bodies import NOT_NEGATIVE, NUMBER, OPTIONAL, PLACE, POSITIVE, call, displacements, drawn, system
 
 IMPLICIT = (BackwardEuler, LinearBackwardEuler, Newmark, GeneralizedAlpha, EnergyMomentum)
 MORE: dict[type, dict[str, Any]] = {Newmark: {"beta": 0.5, "gamma": 0.5}, GeneralizedAlpha: {"rho": 0.5}}
@@ -105,7 +105,7 @@ def calls() -> list[Call]:
         ),
         call(
             "Modes.plot",
-            lambda **given: vibrations().plot(**given, backend="matplotlib"),
+            drawn(lambda **given: vibrations().plot(**given, backend="matplotlib")),
             {"number": frozenset({"0", "-1"}), "scale": NUMBER | OPTIONAL},
             {"number": "[Mm]ode"},
             number=1,
@@ -116,11 +116,11 @@ def calls() -> list[Call]:
         Call("Ledger.append", lambda: (_ledger().append, {"values": [2.0, 3.0]})),
         Call("Ledger.truncate", lambda: (_ledger().truncate, {"steps": 1}), {"steps": frozenset({"0"})}),
         Call("Ledger.rows", lambda: (_ledger().rows, {"first": 1}), {"first": frozenset({"0"})}),
-        Call("Ledger.plot", lambda: (motion().ledger.plot, {"path": "ledger.svg"}), {"path": OPTIONAL}),
+        Call("Ledger.plot", lambda: (drawn(motion().ledger.plot), {"path": "ledger.svg"}), {"path": OPTIONAL}),
         Call("Ledger.save", lambda: (_ledger().save, {"path": "ledger.csv"})),
         Call("Ledger of a name", lambda: (lambda name: _ledger()[name], {"name": "a"}), {}, {"name": "column"}),
         Call("Run.reaction", lambda: (motion().reaction, {"where": "left"}), {"where": OPTIONAL}, {"where": PLACE}),
-        Call("Run.plot", lambda: (motion().plot, {"field": "von_mises_stress", "backend": "matplotlib"}), {"backend": OPTIONAL}),
+        Call("Run.plot", lambda: (drawn(motion().plot), {"field": "von_mises_stress", "backend": "matplotlib"}), {"backend": OPTIONAL}),
         Call("Run.save", lambda: (motion().save, {"path": "run.vtu", "fields": ["cauchy"]}), {"fields": frozenset({"empty list"})}),
     ]
 

@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from functools import cache
+from typing import Any
+
 import numpy as np
 
 from skfem_stvk import Report, StaticResult, solve_static
@@ -9,7 +13,7 @@ from skfem_stvk.peers import load
 from skfem_stvk.results import Fields, Reaction, Series, animate, plot, write_vtu
 
 from .call import Call
-from .small_bodies import NUMBER, OPTIONAL, PLACE, POSITIVE, TEXT, call, displacements, mesh, state, system
+from .small_bodies import NUMBER, OPTIONAL, PLACE, POSITIVE, TEXT, call, displacements, drawn, mesh, state, system
 
 FIELD = {"field": "field|numbers"}
 
@@ -37,11 +41,11 @@ def calls() -> list[Call]:
         call("State.raw", state().raw, {}, {"name": "field"}, name="cauchy"),
         call(
             "plot",
-            plot,
+            drawn(plot),
             picture,
             FIELD,
             state=state(),
-            field="cauchy_von_mises".replace("cauchy_", ""),
+            field="von_mises",
             scale=2.0,
             label="text",
             path="picture.svg",
@@ -49,14 +53,14 @@ def calls() -> list[Call]:
         ),
         call(
             "plot of numbers",
-            lambda field: plot(state(), field, backend="matplotlib", path="p.svg"),
+            drawn(lambda field: plot(state(), field, backend="matplotlib")),
             {"field": frozenset({"NaN in it", "inf in it", "one masked"})},
             FIELD,
             field=values,
         ),
         call(
             "animate",
-            animate,
+            drawn(animate),
             film,
             FIELD,
             series=[(0.0, state()), (1.0, state())],
@@ -108,7 +112,7 @@ def calls() -> list[Call]:
         ),
         Call(
             "StaticResult.plot",
-            lambda: (result().plot, {"field": "von_mises_stress", "backend": "matplotlib"}),
+            lambda: (drawn(result().plot), {"field": "von_mises_stress", "backend": "matplotlib"}),
             {"backend": OPTIONAL},
             FIELD,
         ),
@@ -117,6 +121,7 @@ def calls() -> list[Call]:
     ]
 
 
+@cache
 def result() -> StaticResult:
     """A static result."""
     return solve_static(system(), steps=1, quiet=True)
@@ -126,5 +131,5 @@ def _series() -> Series:
     return Series("series.pvd", ["cauchy"])
 
 
-def _stresses(fields: Fields):  # type: ignore[no-untyped-def]
+def _stresses(fields: Fields) -> Callable[..., Any]:
     return lambda **given: fields.at(**given)["cauchy"]

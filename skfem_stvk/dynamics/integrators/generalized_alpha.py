@@ -7,7 +7,7 @@ from typing import Any, ClassVar
 
 from numpy.typing import NDArray
 
-from ...errors import StvkError
+from ...arguments import number
 from ..state import State
 from ..step_problem import Coefficients
 from .implicit import Implicit, ImplicitStepper
@@ -39,8 +39,8 @@ class GeneralizedAlpha(Implicit):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if isinstance(self.rho, bool) or not isinstance(self.rho, float | int) or not 0 <= self.rho <= 1:
-            raise StvkError(f"rho = {self.rho!r}; expected a spectral radius from 0 (strongest damping) to 1 (none).")
+        expected = "a spectral radius from 0 (strongest damping) to 1 (none)"
+        object.__setattr__(self, "rho", number("rho", self.rho, expected, 0.0, 1.0, closed=True))
 
     @property
     def reversible(self) -> bool:  # type: ignore[override]

@@ -9,8 +9,9 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from ...errors import StvkError
+from ...arguments import choice, number
 from ...linear import BlockJacobiCg, Kind, LinearSolver, SsorCg, choose
+from ...linear.choose import is_auto
 from ...statics.newton import Iterations, newton
 from ...statics.stopwatch import Stopwatch
 from ...system import System
@@ -47,10 +48,8 @@ class Implicit(Integrator):
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "dt", checked_step(self.dt))
-        if self.tangent not in [one.value for one in Tangent]:
-            raise StvkError(f"tangent = {self.tangent!r}; expected {', '.join(repr(one.value) for one in Tangent)}.")
-        if isinstance(self.rtol, bool) or not isinstance(self.rtol, float | int | np.floating) or not 0 < self.rtol < 1:
-            raise StvkError(f"rtol = {self.rtol!r}; expected a number between 0 and 1, such as 1e-8.")
+        object.__setattr__(self, "tangent", choice("tangent", self.tangent, [one.value for one in Tangent]))
+        object.__setattr__(self, "rtol", number("rtol", self.rtol, "a number between 0 and 1, such as 1e-8", 0.0, 1.0))
 
     def linear_solver(self, motion: Motion) -> LinearSolver:
         """What solves its linear systems; with a matrix where a mass between vertices needs one, or SSOR, for the blocks of several terms."""
@@ -66,7 +65,7 @@ class Implicit(Integrator):
         """Conjugate gradients for the diagonal blocks, which need nothing else, and by default where they are fast and take the matrix."""
         if Tangent(self.tangent) is Tangent.DIAGONAL:
             return "block-jacobi-cg"
-        return "ssor-cg" if self.solver == "auto" and kind is Kind.SYMMETRIC and self.iterates(system) else self.solver
+        return "ssor-cg" if is_auto(self.solver) and kind is Kind.SYMMETRIC and self.iterates(system) else self.solver
 
     def iterates(self, system: System) -> bool:
         """Whether conjugate gradients are fast: for tetrahedra, whose factors are large, unless factors are kept."""

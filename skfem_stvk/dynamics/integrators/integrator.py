@@ -6,9 +6,7 @@ from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from typing import ClassVar, Protocol
 
-import numpy as np
-
-from ...errors import StvkError
+from ...arguments import number
 from ...statics.stopwatch import Stopwatch
 from ..counts import Counts
 from ..motion import Motion
@@ -89,8 +87,4 @@ def checked_step(dt: float | None, optional: bool = False) -> float | None:
     """A time step in double precision, for times are sums of it; refuse one that is none."""
     if dt is None and optional:
         return None
-    if isinstance(dt, bool) or not isinstance(dt, float | int | np.floating | np.integer) or not (np.isfinite(dt) and dt > 0):
-        raise StvkError(
-            f"dt = {dt!r}; expected a time step in seconds, a positive number{', or None for a stable one' * optional}."
-        )
-    return float(dt)
+    return number("dt", dt, f"a time step in seconds, a positive number{', or None for a stable one' * optional}", low=0.0)

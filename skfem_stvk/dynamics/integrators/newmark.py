@@ -8,6 +8,7 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
+from ...arguments import number
 from ...errors import StvkError
 from ..state import State
 from ..step_problem import Coefficients
@@ -39,6 +40,8 @@ class Newmark(Implicit):
 
     def __post_init__(self) -> None:
         super().__post_init__()
+        for name in ("beta", "gamma"):
+            object.__setattr__(self, name, number(f"Newmark: {name}", getattr(self, name)))
         check_newmark(self.beta, self.gamma)
 
     @property
