@@ -10,7 +10,7 @@ import numpy as np
 from ..errors import StvkError
 from ..kernels.threads import parts_of, threads
 from .cg import conjugate_gradients, dot
-from .checks import Newest, check_kind, checked_start, checked_values, checked_vector, handed_out
+from .checks import Newest, check_kind, checked_right, checked_unknowns, checked_values, handed_out
 from .hierarchy import Hierarchy
 from .level import SINGLE, Level
 from .solver import Kind, Solution, Unknowns, Vector
@@ -53,7 +53,7 @@ class AmgCg:
         StvkError
             if there is no near-null space, or K has not a full block for each pair of vertices that it couples.
         """
-        return AmgAnalysis(self, unknowns)
+        return AmgAnalysis(self, checked_unknowns(unknowns))
 
 
 class AmgAnalysis:
@@ -102,7 +102,8 @@ class AmgFactors:
         """Conjugate gradients, each iteration with a product in double precision and a cycle in single."""
         self._newest.check(self._number)
         rows = self._analysis.rows
-        b, x0 = rows.padded(checked_vector(b, rows.n)), checked_start(x0, rows.n)
+        b, rtol, x0 = checked_right(b, rows.n, rtol, x0, out)
+        b = rows.padded(b)
         start = None if x0 is None else rows.padded(x0)
         found = conjugate_gradients(self._multiply, self._precondition, b, rtol, MOST, start)
         self._pace.note(found)

@@ -8,12 +8,13 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
+from ..arguments import flag, shown
 from ..errors import StateError, StvkError, name_ids
 from ..kernels import sparse as kernels
 from ..kernels.threads import parts_of, run, threads
 from .assembled import AssembledAnalysis
 from .cg import conjugate_gradients
-from .checks import Newest, check_kind, checked_start, checked_vector, handed_out
+from .checks import Newest, check_kind, checked_right, checked_unknowns, handed_out
 from .edge_cg import MOST, EdgeCg, EdgeFactors
 from .solver import EdgeBlocks, Kind, Operator, Solution, Unknowns, Vector
 
@@ -48,6 +49,9 @@ class BlockJacobiCg:
     takes: ClassVar[Kind] = Kind.SYMMETRIC
     iterative: ClassVar[bool] = True
 
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "assembled", flag("assembled", self.assembled))
+
     @property
     def matrix_free(self) -> bool:
         """Whether it takes an `Operator` instead of a matrix."""
@@ -61,6 +65,7 @@ class BlockJacobiCg:
         StvkError
             if K is to be assembled, and its structure is missing or has not a full block for each pair of vertices that it couples.
         """
+        checked_unknowns(unknowns)
         return AssembledAnalysis(self, unknowns, self.omega) if self.assembled else BlockJacobiAnalysis(self, unknowns)
 
 
@@ -79,9 +84,7 @@ class BlockJacobiAnalysis:
         """The inverses of the diagonal blocks. K itself is not copied: it must stay as it is while the factors are used."""
         check_kind(self._solver, kind)
         if not hasattr(K, "matvec") or not hasattr(K, "diagonal_blocks"):
-            raise StvkError(
-                f"K is a {type(K).__name__}; '{self._solver.name}' expects an operator with matvec(v) and diagonal_blocks()."
-            )
+            raise StvkError(f"K = {shown(K)}; '{self._solver.name}' expects an operator with matvec(v) and diagonal_blocks().")
         by_edges = K.by_edges() if hasattr(K, "by_edges") else None
         search = None if by_edges is None else self._search_on(by_edges)
         if by_edges is not None and search is not None:
@@ -132,7 +135,7 @@ class BlockJacobiFactors:
         """Conjugate gradients, each iteration with a product."""
         self._newest.check(self._number)
         n = self._analysis.n
-        b, x0 = checked_vector(b, n), checked_start(x0, n)
+        b, rtol, x0 = checked_right(b, n, rtol, x0, out)
         return handed_out(conjugate_gradients(self._multiply, self.precondition, b, rtol, MOST, x0), out)
 
     def precondition(self, r: Vector) -> Vector:

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_matrix
 
+from ..arguments import number, real_array, shown
 from ..errors import StateError, StvkError, name_ids
 from .solver import Kind, LinearSolver, Solution, Unknowns, Vector
 
@@ -33,8 +34,15 @@ class Newest:
             )
 
 
+def checked_kind(kind: Any) -> None:
+    """Refuse what is no kind of matrix."""
+    if not isinstance(kind, Kind):
+        raise StvkError(f"kind = {shown(kind)}; expected one of {', '.join(f'Kind.{one.name}' for one in Kind)}.")
+
+
 def check_kind(solver: LinearSolver, kind: Kind) -> None:
     """Refuse what the solver cannot take, and name those that can."""
+    checked_kind(kind)
     if kind > solver.takes:
         from .choose import SOLVERS
         from .solver import names
@@ -51,7 +59,7 @@ def checked_values(K: Any, unknowns: Unknowns) -> NDArray[np.float64]:
         raise StvkError("The unknowns have no indptr and indices; expected the structure of K over the free degrees of freedom.")
     n = unknowns.n
     if not isinstance(K, csr_matrix) or K.shape != (n, n):
-        raise StvkError(f"K is a {type(K).__name__} of shape {np.shape(K)}; expected a csr_matrix of shape {(n, n)}.")
+        raise StvkError(f"K = {shown(K)}; expected a csr_matrix of shape {(n, n)}.")
     if not _same(K.indptr, unknowns.indptr) or not _same(K.indices, unknowns.indices):
         raise StvkError(
             f"K has {K.nnz} values in another structure than was analysed, of {len(unknowns.indices)} values. Keep its zeros, or analyse anew."
@@ -62,22 +70,30 @@ def checked_values(K: Any, unknowns: Unknowns) -> NDArray[np.float64]:
     return values
 
 
-def checked_vector(b: Any, n: int) -> Vector:
-    """`b` in double precision; refuse another shape."""
-    b = np.ascontiguousarray(b, dtype=np.float64)
-    if b.shape != (n,):
-        raise StvkError(f"b has shape {b.shape}; expected ({n},), a value for each free degree of freedom.")
-    return b
+def checked_right(b: Any, n: int, rtol: Any, x0: Any, out: Any) -> tuple[Vector, float, Vector | None]:
+    """What a solve is asked for, in double precision; refuse other shapes, and an `out` that cannot be written to."""
+    if out is not None:
+        own = isinstance(out, np.ndarray) and out.dtype == np.float64 and out.shape == (n,) and out.flags.writeable
+        if not own or isinstance(out, np.ma.MaskedArray):
+            raise StvkError(f"out = {shown(out)}; expected an array of double precision ({n},) that can be written to.")
+    rtol = number("rtol", rtol, "a number between 0 and 1, such as 1e-10", 0.0, 1.0)
+    return _vector("b", b, n), rtol, None if x0 is None else _vector("x0", x0, n)
 
 
-def checked_start(x0: Any, n: int) -> Vector | None:
-    """`x0` in double precision, if there is one; refuse another shape."""
-    if x0 is None:
-        return None
-    x0 = np.ascontiguousarray(x0, dtype=np.float64)
-    if x0.shape != (n,):
-        raise StvkError(f"x0 has shape {x0.shape}; expected ({n},), a value for each free degree of freedom.")
-    return x0
+def _vector(name: str, given: Any, n: int) -> Vector:
+    """(n,) numbers, which need not be finite: the outcome of the solve says so."""
+    values = given if type(given) is np.ndarray and given.dtype == np.float64 else real_array(given)
+    if values is None or values.shape != (n,):
+        what = f"has shape {values.shape}" if values is not None else f"= {shown(given)}"
+        raise StvkError(f"{name} {what}; expected ({n},), a value for each free degree of freedom.")
+    return np.ascontiguousarray(values)
+
+
+def checked_unknowns(unknowns: Any) -> Unknowns:
+    """Refuse what is none."""
+    if not isinstance(unknowns, Unknowns):
+        raise StvkError(f"unknowns = {shown(unknowns)}; expected Unknowns(vertex, component, indptr, indices).")
+    return unknowns
 
 
 def handed_out(found: Solution, out: Vector | None) -> Solution:

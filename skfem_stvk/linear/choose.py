@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from ..arguments import shown
+from ..arguments import flag, shown, whole
 from ..errors import StvkError
 from .amg import AmgCg
 from .block_jacobi import BlockJacobiCg
-from .checks import check_kind
+from .checks import check_kind, checked_kind
 from .pardiso import Pardiso, pardiso_is_installed
 from .solver import Kind, LinearSolver, names
 from .ssor import SsorCg
@@ -29,7 +29,9 @@ def choose(solver: str | LinearSolver, n: int, kind: Kind, indefinite: bool = Fa
     StvkError
         if the name is unknown, or the solver does not take this kind of matrix.
     """
+    n, indefinite = whole("n", n, "the number of unknowns"), flag("indefinite", indefinite)
     if is_auto(solver):
+        checked_kind(kind)
         return direct(n) if indefinite else automatic(n, kind)
     if isinstance(solver, str):
         known = {one.name: one for one in SOLVERS}

@@ -11,7 +11,7 @@ from ..errors import StateError, StvkError, name_ids
 from ..kernels import cg as kernels
 from ..kernels.sparse import invert_diagonal
 from .cg import solve_by
-from .checks import Newest, checked_start, checked_vector, handed_out
+from .checks import Newest, checked_right, handed_out
 from .solver import Outcome, Solution, Vector
 
 Ids = NDArray[np.integer[Any]]
@@ -166,7 +166,7 @@ class EdgeFactors:
     def solve(self, b: Vector, rtol: float = 1e-10, x0: Vector | None = None, out: Vector | None = None) -> Solution:
         """Conjugate gradients, all compiled."""
         self._newest.check(self._number)
-        b, x0 = checked_vector(b, self._n), checked_start(x0, self._n)
+        b, rtol, x0 = checked_right(b, self._n, rtol, x0, out)
         return handed_out(self._search.solve(b, rtol, MOST, x0, out), out)
 
     def precondition(self, r: Vector) -> Vector:

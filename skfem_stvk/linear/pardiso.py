@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_matrix
 
 from ..errors import StvkError, name_ids
-from .checks import Newest, check_kind, checked_values, checked_vector, handed_out
+from .checks import Newest, check_kind, checked_right, checked_unknowns, checked_values, handed_out
 from .direct import nothing, solve_checked
 from .solver import Kind, Outcome, Solution, Unknowns, Vector
 
@@ -69,7 +69,7 @@ class Pardiso:
         ImportError
             if pypardiso is missing, with the line that installs it.
         """
-        return PardisoAnalysis(self, unknowns)
+        return PardisoAnalysis(self, checked_unknowns(unknowns))
 
 
 class PardisoAnalysis:
@@ -118,7 +118,7 @@ class PardisoFactors:
     def solve(self, b: Vector, rtol: float = 1e-10, x0: Vector | None = None, out: Vector | None = None) -> Solution:
         """Two triangular solves, and as many products and solves more as the residual asks for, wherever `x0` is."""
         self._newest.check(self._number)
-        b = checked_vector(b, self._memory.n)
+        b, rtol, _ = checked_right(b, self._memory.n, rtol, x0, out)
         if not self._exact:
             return handed_out(nothing(b, Outcome.SINGULAR), out)
         return handed_out(solve_checked(self._memory.product, self._memory.solve, b, rtol), out)

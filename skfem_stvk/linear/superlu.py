@@ -11,7 +11,7 @@ from scipy.sparse import csc_matrix, csr_matrix
 from scipy.sparse.csgraph import connected_components
 from scipy.sparse.linalg import splu
 
-from .checks import Newest, check_kind, checked_values, checked_vector, handed_out
+from .checks import Newest, check_kind, checked_right, checked_unknowns, checked_values, handed_out
 from .direct import nothing, solve_checked
 from .solver import Kind, Outcome, Solution, Unknowns, Vector
 
@@ -40,7 +40,7 @@ class SuperLU:
 
     def analyse(self, unknowns: Unknowns) -> SuperLUAnalysis:
         """SuperLU offers no analysis of its own: this holds the structure."""
-        return SuperLUAnalysis(self, unknowns)
+        return SuperLUAnalysis(self, checked_unknowns(unknowns))
 
 
 class SuperLUAnalysis:
@@ -89,7 +89,7 @@ class SuperLUFactors:
     def solve(self, b: Vector, rtol: float = 1e-10, x0: Vector | None = None, out: Vector | None = None) -> Solution:
         """Two triangular solves, and as many products and solves more as the residual asks for, wherever `x0` is."""
         self._newest.check(self._number)
-        b = checked_vector(b, self._transpose.shape[0])
+        b, rtol, _ = checked_right(b, self._transpose.shape[0], rtol, x0, out)
         if self._lu is None:
             return handed_out(nothing(b, Outcome.SINGULAR), out)
         lu, K = self._lu, self._transpose.T

@@ -47,7 +47,15 @@ class Report:
         return Counter(result.outcome for result in self.results)
 
     def failures(self, subject: str | None = None) -> list[Result]:
-        """The results that failed, of one subject or of all."""
+        """The results that failed, of one subject or of all.
+
+        Raises
+        ------
+        StvkError
+            if nothing was checked of this subject.
+        """
+        if subject is not None:
+            subject = arguments.choice("subject", subject, {result.subject for result in self.results})
         return [r for r in self.results if r.outcome is Outcome.FAILED and subject in (None, r.subject)]
 
     def groups(self) -> dict[tuple[str, str, str, str], list[Result]]:

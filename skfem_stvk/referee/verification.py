@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ..arguments import flag, shown, whole
 from ..errors import MaterialError, StvkError, StvkWarning
 from ..materials import Material
 from ..mesh import MeshLike, SimplexMesh
@@ -76,14 +77,14 @@ def verify(
     True
     """
     started = time.perf_counter()
-    if not isinstance(seed, int | np.integer) or seed < 0:
-        raise StvkError(f"seed = {seed!r}; expected a whole number from 0.")
+    seed, quiet = whole("seed", seed, "a whole number from 0"), flag("quiet", quiet)
+    candidate_is_stvk = flag("candidate_is_stvk", candidate_is_stvk)
     body = SimplexMesh.of(mesh)
     terms = _terms(material, young, poisson)
     system = System(body, terms)
     case = _case(system, terms, candidate, candidate_is_stvk, seed)
     if case.candidate is not None and not any(case.candidate.has(quantity) for quantity in METHODS):
-        raise StvkError(f"The candidate, of type {type(candidate).__name__}, has none of {', '.join(METHODS.values())}.")
+        raise StvkError(f"candidate, of type {type(candidate).__name__}, has none of {', '.join(METHODS.values())}.")
     homogeneous = homogeneous_copy(body, terms)
     report = Report(header(body, terms, type(mesh).__name__, seed))
     tasks = [
@@ -134,6 +135,8 @@ def _terms(material: Material | StVK | Sequence[StVK] | None, young: ArrayLike |
         raise MaterialError("young and poisson are shorthand for material=Isotropic(young, poisson); a material came as well.")
     if isinstance(material, Material):
         return [StVK(material)]
+    if not isinstance(material, StVK | list | tuple):
+        raise MaterialError(f"material = {shown(material)}; expected a material, StVK, or a list of StVK.")
     terms = [material] if isinstance(material, StVK) else list(material)
     for term in terms:
         if not isinstance(term, StVK):

@@ -77,7 +77,7 @@ class Fields:
 
     def __init__(self, mesh: MeshLike, terms: Any) -> None:
         self.mesh = SimplexMesh.of(mesh)
-        every = list(terms) if isinstance(terms, Iterable) else [terms]
+        every = list(terms) if isinstance(terms, Iterable) and not isinstance(terms, np.ndarray) else [terms]
         carrying = [term for term in every if isinstance(term, StVK)]
         penalties = [term for term in every if isinstance(term, VolumePenalty)]
         if not carrying and not penalties:

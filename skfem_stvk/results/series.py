@@ -44,7 +44,7 @@ class Series:
     ) -> None:
         self.fields = tuple(field.name for field in find_all(fields))
         self.path, self.resume = output_path(path, ".pvd"), flag("resume", resume)
-        self._until = np.inf if until == np.inf else number("until", until, "a time, or infinity")
+        self._until = np.inf if isinstance(until, float) and until == np.inf else number("until", until, "a time, or infinity")
         self.steps: list[tuple[float, Path]] = []
         self._begun = False
         if resume:

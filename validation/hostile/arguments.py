@@ -19,7 +19,9 @@ from .comparison import comparable, same
 from .values import EVERY, NOTHING, Hostile
 
 #: Modules that have `calls()`.
-TABLES = ("table_of_bodies",)
+TABLES = ("table_of_bodies", "table_of_systems", "table_of_solves", "table_of_motions", "table_of_results")
+#: What messages call arguments of these names, wherever they are.
+CALLED = {"path": r"\bpath\b|does not end in|is a folder|The folder", "fields": "fields?"}
 
 
 def cases() -> Iterator[Case]:
@@ -51,7 +53,7 @@ def case_of(call: Call, argument: str, value: Hostile) -> Case:
         f"{call.name}({argument}={value.name})",
         attempt,
         partial(_judge, call, argument, value),
-        partial(_refused, re.compile(call.called.get(argument, rf"\b{argument}\b"))),
+        partial(_refused, re.compile(call.called.get(argument, CALLED.get(argument, rf"\b{argument}\b")))),
     )
 
 

@@ -25,7 +25,7 @@ NUMBER = NOT_NEGATIVE | {"-1"}
 TEXT = frozenset({"text", "number as text", "empty text", "long text", "NUL", "control characters", "lone surrogate"})
 NOTHING_LISTED = frozenset({"empty list", "empty dict"})
 #: What messages call a place.
-PLACE = r"where|subdomain|the vertices|the place|There is|the predicate| on |names|boundary|region|Subdomain"
+PLACE = r"where|no vertex|subdomain|the vertices|the place|There is|the predicate| on |names|boundary|region|Subdomain"
 
 
 def call(
@@ -93,6 +93,7 @@ def drawn(function: Callable[..., Any]) -> Callable[..., Any]:
 
         with (
             patch("skfem_stvk.results.plotting.find_spec", lambda name: None),
+            patch("skfem_stvk.referee.page.page", lambda report: "page"),
             patch("skfem_stvk.dynamics.ledger_plot.draw", lambda ledger, path: path),
             patch("skfem_stvk.results.matplotlib_plot.draw", lambda picture, path: picture),
             patch("skfem_stvk.results.matplotlib_film.write", film),

@@ -28,6 +28,8 @@ from .small_bodies import NOT_NEGATIVE, NUMBER, OPTIONAL, PLACE, POSITIVE, call,
 IMPLICIT = (BackwardEuler, LinearBackwardEuler, Newmark, GeneralizedAlpha, EnergyMomentum)
 MORE: dict[type, dict[str, Any]] = {Newmark: {"beta": 0.5, "gamma": 0.5}, GeneralizedAlpha: {"rho": 0.5}}
 NAMES = ["time", "a"]
+#: Legal in ledgers: a motion that blows up has them.
+NOT_FINITE = frozenset({"NaN in it", "inf in it"})
 
 
 @cache
@@ -112,15 +114,24 @@ def calls() -> list[Call]:
             scale=0.5,
         ),
         call("Modes.save", vibrations().save, {"scale": NUMBER | OPTIONAL}, path="modes.pvd", scale=0.5),
-        call("Ledger", Ledger, {"rows": OPTIONAL | {"empty list", "one longer"}}, names=NAMES, rows=[[0.0, 1.0], [1.0, 2.0]]),
-        Call("Ledger.append", lambda: (_ledger().append, {"values": [2.0, 3.0]})),
+        call("Ledger", Ledger, {"rows": OPTIONAL | {"one longer"} | NOT_FINITE}, names=NAMES, rows=[[0.0, 1.0], [1.0, 2.0]]),
+        Call("Ledger.append", lambda: (_ledger().append, {"values": [2.0, 3.0]}), {"values": NOT_FINITE}),
         Call("Ledger.truncate", lambda: (_ledger().truncate, {"steps": 1}), {"steps": frozenset({"0"})}),
         Call("Ledger.rows", lambda: (_ledger().rows, {"first": 1}), {"first": frozenset({"0"})}),
         Call("Ledger.plot", lambda: (drawn(motion().ledger.plot), {"path": "ledger.svg"}), {"path": OPTIONAL}),
         Call("Ledger.save", lambda: (_ledger().save, {"path": "ledger.csv"})),
-        Call("Ledger of a name", lambda: (lambda name: _ledger()[name], {"name": "a"}), {}, {"name": "column"}),
+        Call(
+            "Ledger of a name",
+            lambda: (lambda name: _ledger()[name], {"name": "a"}),
+            {"name": frozenset({"text"})},
+            {"name": "column"},
+        ),
         Call("Run.reaction", lambda: (motion().reaction, {"where": "left"}), {"where": OPTIONAL}, {"where": PLACE}),
-        Call("Run.plot", lambda: (drawn(motion().plot), {"field": "von_mises_stress", "backend": "matplotlib"}), {"backend": OPTIONAL}),
+        Call(
+            "Run.plot",
+            lambda: (drawn(motion().plot), {"field": "von_mises_stress", "backend": "matplotlib"}),
+            {"backend": OPTIONAL},
+        ),
         Call("Run.save", lambda: (motion().save, {"path": "run.vtu", "fields": ["cauchy"]}), {"fields": frozenset({"empty list"})}),
     ]
 

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from skfem_stvk import Report, StaticResult, solve_static
+from skfem_stvk import StaticResult, solve_static
 from skfem_stvk.peers import load
 from skfem_stvk.results import Fields, Reaction, Series, animate, plot, write_vtu
 
@@ -116,7 +116,6 @@ def calls() -> list[Call]:
             {"backend": OPTIONAL},
             FIELD,
         ),
-        call("Report.save", Report({}).save, folder="report"),
         call("peers.load", load, {}, {"name": "peer"}, name="FElupe"),
     ]
 

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...arguments import own
+from ...arguments import number, own, shown, whole
 from ...errors import StvkError, name_ids
 from ...mesh.places import Where, describe, vertices_at
 from ...system import System
@@ -56,11 +56,11 @@ class Stop:
         if self.load is None and self.displacement is None and self.turns is None and self.states is None:
             raise StvkError("Stop() came; expected a load, a displacement, a number of turns or of states: Stop(load=1.0).")
         for name in ("turns", "states"):
-            value = getattr(self, name)
-            if value is not None and (isinstance(value, bool) or not isinstance(value, int | np.integer) or value < 1):
-                raise StvkError(f"Stop: {name} = {value!r}; expected a whole number of at least 1.")
-        if self.load is not None and not _is_number(self.load):
-            raise StvkError(f"Stop: load = {self.load!r}; expected a finite load factor such as 1.0.")
+            if getattr(self, name) is not None:
+                count = whole(f"Stop: {name}", getattr(self, name), "a whole number of at least 1", 1)
+                object.__setattr__(self, name, count)
+        if self.load is not None:
+            object.__setattr__(self, "load", number("Stop: load", self.load, "a finite load factor such as 1.0"))
 
 
 class Goal:
@@ -105,11 +105,11 @@ class Goal:
             with the states between which they did.
         """
         states = [(u0, t0), *((step.u, step.t) for step in steps)]
-        for number, (one, other) in enumerate(pairwise(states)):
+        for place, (one, other) in enumerate(pairwise(states)):
             if self.crossed(*one, *other) is not None:
-                before = f"state {number - 1}" if number else "the start"
+                before = f"state {place - 1}" if place else "the start"
                 raise StvkError(
-                    f"The states that are kept have passed what {self._stop} asks for, between {before} (t = {one[1]:.4g}) and state {number} "
+                    f"The states that are kept have passed what {self._stop} asks for, between {before} (t = {one[1]:.4g}) and state {place} "
                     f"(t = {other[1]:.4g}). Give a stop that lies ahead, or begin anew from {before}, with its u as u0 and t0={one[1]:.6g}."
                 )
 
@@ -133,14 +133,13 @@ def _mean_displacement(given: Any, system: System) -> tuple[Array, float, float]
     """The mean over the vertices of a place as a level."""
     mesh = system.mesh
     if not isinstance(given, tuple | list) or len(given) != 3:
-        raise StvkError(f"Stop: displacement = {given!r}; expected a place, a component and a value: ('apex', 'z', -0.2).")
+        raise StvkError(f"Stop: displacement = {shown(given)}; expected a place, a component and a value: ('apex', 'z', -0.2).")
     where, component, value = given
     what = f"Stop: displacement at {describe(where)}"
     letters = "xyz"[: mesh.d]
     if not isinstance(component, str) or len(component) != 1 or component not in letters:
-        raise StvkError(f"{what}: component {component!r} came; expected one of {', '.join(map(repr, letters))}.")
-    if not _is_number(value):
-        raise StvkError(f"{what}: {value!r} came; expected a finite displacement [m].")
+        raise StvkError(f"{what}: component {shown(component)} came; expected one of {', '.join(map(repr, letters))}.")
+    value = number(f"{what}: value", value, "a finite displacement [m]")
     vertices = vertices_at(mesh, where, what)
     dofs = mesh.d * vertices + letters.index(component)
     if np.isin(dofs, system.supports.fixed).all():
@@ -149,8 +148,4 @@ def _mean_displacement(given: Any, system: System) -> tuple[Array, float, float]
         )
     normal = np.zeros(mesh.p.size)
     normal[dofs] = 1 / len(vertices)
-    return normal, 0.0, float(value)
-
-
-def _is_number(value: Any) -> bool:
-    return isinstance(value, int | float | np.number) and not isinstance(value, bool) and bool(np.isfinite(value))
+    return normal, 0.0, value

@@ -1,0 +1,231 @@
+"""Calls of solvers: linear ones, static solves, motions, the referee."""
+
+from __future__ import annotations
+
+from functools import cache
+from typing import Any
+
+import numpy as np
+from scipy.sparse import csr_matrix
+
+from skfem_stvk import (
+    EnergyMomentum,
+    Isotropic,
+    NodalLoad,
+    Report,
+    StaticResult,
+    Stop,
+    StVK,
+    System,
+    simulate,
+    solve_static,
+    verify,
+)
+from skfem_stvk.linear import SOLVERS, BlockJacobiCg, Kind, SsorCg, Unknowns, choose
+from skfem_stvk.linear.solver import Analysis, Factors
+
+from .call import Call
+from .small_bodies import NOT_NEGATIVE, NUMBER, OPTIONAL, POSITIVE, call, drawn, tetrahedra
+
+RIGHT = np.arange(1.0, 5.0)
+FLAG = frozenset({"True"})
+
+
+class Springs:
+    """A chain of springs without a matrix."""
+
+    def matvec(self, v: Any) -> Any:
+        """The forces of the springs."""
+        return matrix() @ v
+
+    def diagonal_blocks(self) -> Any:
+        """Those of the vertices."""
+        return matrix().diagonal()[:, None, None]
+
+
+@cache
+def matrix() -> csr_matrix:
+    """A chain of springs."""
+    return csr_matrix(2.5 * np.eye(4) - np.eye(4, k=1) - np.eye(4, k=-1))
+
+
+@cache
+def unknowns() -> Unknowns:
+    """Of the chain."""
+    K = matrix()
+    return Unknowns(np.arange(4), np.zeros(4, dtype=int), K.indptr, K.indices, near_null_space=lambda: np.ones((4, 1)))
+
+
+def analysis(solver: Any) -> Analysis:
+    """Of the chain."""
+    found: Analysis = solver.analyse(unknowns())
+    return found
+
+
+@cache
+def factors(solver: Any) -> Factors:
+    """Of the chain."""
+    return analysis(solver).factorise(Springs() if solver.matrix_free else matrix(), Kind.POSITIVE_DEFINITE)
+
+
+@cache
+def truss() -> System:
+    """Two bars that a force pulls at."""
+    p, t = np.array([[-1.0, 0.0, 1.0], [0.0, 0.5, 0.0]]), np.array([[0, 1], [1, 2]])
+    return System(
+        (p, t), [StVK(young=1e3, poisson=0.25, area=0.125, density=1.0), NodalLoad([1], (0.0, -1.0))], fixed=[([0, 2], "xy")]
+    )
+
+
+@cache
+def checked() -> Report:
+    """A verification of two tetrahedra."""
+    return verify(tetrahedra(), young=2.0, poisson=0.25, quiet=True)
+
+
+def calls() -> list[Call]:
+    """All of them."""
+    stop = {"load": NUMBER | OPTIONAL, "turns": OPTIONAL, "states": OPTIONAL, "displacement": OPTIONAL}
+    return [
+        *(call(f"{kind.__name__}", kind, {"assembled": FLAG}, assembled=False) for kind in (BlockJacobiCg, SsorCg)),
+        call(
+            "choose", choose, {"indefinite": FLAG}, {"kind": "kind"}, solver="superlu", n=10, kind=Kind.SYMMETRIC, indefinite=False
+        ),
+        *(call(f"{solver.name}: analyse", solver.analyse, {}, {"unknowns": "unknowns"}, unknowns=unknowns()) for solver in SOLVERS),
+        *(
+            call(
+                f"{solver.name}: factorise",
+                analysis(solver).factorise,
+                {},
+                {"kind": "kind"},
+                K=Springs() if solver.matrix_free else matrix(),
+                kind=Kind.POSITIVE_DEFINITE,
+            )
+            for solver in SOLVERS
+        ),
+        *(_solve(solver) for solver in SOLVERS),
+        call(
+            "Stop",
+            lambda **given: _path(Stop(**given)),
+            stop,
+            {"displacement": "displacement|where|vertices|place|boundary"},
+            load=0.25,
+            displacement=([1], "y", -0.125),
+            turns=2,
+            states=2,
+        ),
+        call(
+            "solve_static",
+            _static,
+            {
+                "t0": NUMBER,
+                "stop": OPTIONAL,
+                "u0": OPTIONAL,
+                "save": OPTIONAL,
+                "stability": FLAG,
+                "ellipticity": FLAG,
+                "quiet": FLAG,
+                "raise_on_failure": FLAG,
+                "rtol": POSITIVE,
+            },
+            {},
+            system=truss(),
+            steps=2,
+            method="arc-length",
+            stop=Stop(states=1),
+            solver="superlu",
+            rtol=0.0009765625,
+            u0=np.zeros(6),
+            t0=0.0,
+            stability=False,
+            ellipticity=False,
+            save="static.pvd",
+            quiet=True,
+            raise_on_failure=False,
+        ),
+        call(
+            "simulate",
+            _motion,
+            {
+                "until": POSITIVE,
+                "t0": NUMBER,
+                "u0": OPTIONAL,
+                "v0": OPTIONAL,
+                "mass": OPTIONAL,
+                "damping": OPTIONAL | {"empty list"},
+                "every": OPTIONAL,
+                "save": OPTIONAL,
+                "quiet": FLAG,
+                "raise_on_failure": FLAG,
+                "probes": OPTIONAL | {"empty dict"},
+                "reactions": OPTIONAL | {"empty dict"},
+            },
+            {"probes": "probe", "reactions": "reaction"},
+            system=truss(),
+            integrator=EnergyMomentum(0.125),
+            until=0.25,
+            u0=np.zeros(6),
+            v0=np.zeros(6),
+            t0=0.0,
+            mass="lumped",
+            damping=[],
+            probes={"middle": [1]},
+            reactions={"left": [0]},
+            save="motion.pvd",
+            every=1,
+            quiet=True,
+            raise_on_failure=False,
+        ),
+        call(
+            "verify",
+            _verified,
+            {"quiet": FLAG, "seed": frozenset({"0"}), "candidate": OPTIONAL, "candidate_is_stvk": FLAG},
+            {"mesh": "mesh"},
+            mesh=tetrahedra(),
+            material=Isotropic(2.0, 0.25),
+            candidate=System(tetrahedra(), StVK(young=2.0, poisson=0.25)),
+            candidate_is_stvk=True,
+            seed=1,
+            quiet=True,
+        ),
+        call(
+            "verify of constants",
+            _verified,
+            {"young": POSITIVE, "poisson": NOT_NEGATIVE},
+            mesh=tetrahedra(),
+            young=2.0,
+            poisson=0.25,
+        ),
+        call("Report.failures", checked().failures, {"subject": OPTIONAL}, subject="skfem-stvk"),
+        call("Report.save", drawn(checked().save), folder="report"),
+    ]
+
+
+def _path(stop: Stop) -> Any:
+    """Where a path ends."""
+    result = solve_static(truss(), steps=4, method="arc-length", stop=stop, quiet=True, raise_on_failure=False)
+    return result.t, result.u
+
+
+def _static(**given: Any) -> Any:
+    result: StaticResult = solve_static(**given)
+    return result.status.value, result.t, result.u
+
+
+def _motion(**given: Any) -> Any:
+    run = simulate(**given)
+    return run.status.value, run.t, run.u
+
+
+def _verified(**given: Any) -> Any:
+    report = verify(**given, **({} if "quiet" in given else {"quiet": True}))
+    return report.passed, len(report.results)
+
+
+def _solve(solver: Any) -> Call:
+    legal = {"rtol": POSITIVE, "x0": OPTIONAL, "out": OPTIONAL | {"NaN in it", "inf in it"}}
+    return Call(
+        f"{solver.name}: solve",
+        lambda: (factors(solver).solve, {"b": RIGHT, "rtol": 0.5**30, "x0": 0.25 * RIGHT, "out": np.zeros(4)}),
+        legal,
+    )
