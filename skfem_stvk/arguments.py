@@ -237,10 +237,10 @@ def own(specification: Any) -> None:
         object.__setattr__(specification, field.name, frozen(getattr(specification, field.name)))
 
 
-def frozen(given: Any) -> Any:
+def frozen(given: Any, depth: int = 8) -> Any:
     """A copy that does not change with the original: arrays that cannot be written to, lists and dicts with all that is in them.
 
-    Other objects, such as functions, are handed back.
+    Other objects, such as functions, are handed back, and so is what lies deeper than `depth`: nothing of use does, and a list may hold itself.
 
     >>> values = np.array([1.0, 2.0])
     >>> kept = frozen([values, "x"])
@@ -254,10 +254,10 @@ def frozen(given: Any) -> Any:
         return copy
     if isinstance(given, DofsView):
         return replace(given, nodal_ix=frozen(given.nodal_ix), nodal_rows=frozen(given.nodal_rows))
-    if isinstance(given, Mapping):
-        return {key: frozen(value) for key, value in given.items()}
-    if type(given) in (list, tuple):
-        return type(given)(map(frozen, given))
+    if depth and isinstance(given, Mapping):
+        return {key: frozen(value, depth - 1) for key, value in given.items()}
+    if depth and type(given) in (list, tuple):
+        return type(given)(frozen(one, depth - 1) for one in given)
     return set(given) if isinstance(given, set) else given
 
 

@@ -52,7 +52,7 @@ class Reaction:
             if there are no vertices, or not these.
         """
         mesh = SimplexMesh.of(mesh)
-        ids = np.sort(vertices_at(mesh, vertices, "Reaction"))
+        ids = np.sort(vertices_at(mesh, vertices, "Reaction at vertices"))
         return cls(ids, _nodal(forces, "forces", mesh)[ids], mesh.p.T[ids], _nodal(u, "u", mesh)[ids])
 
     @property

@@ -81,7 +81,9 @@ def test_a_ledger_goes_on_from_rows_and_after_it_is_cut():
 def test_rows_of_another_length_are_refused():
     ledger = filled(2)
     for values in ([1.0], [1.0, 2.0], [1.0] * 4):  # one alone would be spread over all columns
-        with pytest.raises(StvkError, match=rf"{len(values)} values came; expected 3, one for each of time, kinetic_energy"):
+        with pytest.raises(
+            StvkError, match=rf"values has {len(values)} values; expected 3 numbers, one for each of time, kinetic_energy"
+        ):
             ledger.append(values)
     assert ledger.steps == 2
     with pytest.raises(StvkError, match=r"rows have shape \(4, 2\); expected \(n, 3\)"):

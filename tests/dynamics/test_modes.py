@@ -327,7 +327,7 @@ def test_modes_are_written_and_drawn(tmp_path):
     assert np.array_equal(found.state(4, 0.0).u, 0 * shape)
     found.plot(3, path=tmp_path / "mode.png", backend="matplotlib")
     assert (tmp_path / "mode.png").stat().st_size > 5000
-    with pytest.raises(StvkError, match="Mode 5 came; there are 5, from 0 to 4"):
+    with pytest.raises(StvkError, match="number = 5; expected a mode from 0 to 4"):
         found.state(5)
 
 

@@ -124,7 +124,7 @@ def test_what_cannot_be_drawn_is_refused(tmp_path):
             r"field has shape \(7,\); expected a name, or a number for each of the 162 elements or 64 vertices",
         ),
         ({"scale": np.inf}, "scale = inf"),
-        ({"backend": "paraview"}, "backend = 'paraview'; expected one of pyvista, matplotlib"),
+        ({"backend": "paraview"}, "backend = 'paraview'; known: 'matplotlib', 'pyvista'"),
         ({"path": tmp_path / "body.vtu"}, "does not end in .png or .pdf or .svg"),
         ({"path": tmp_path / "no" / "body.png"}, "does not exist"),
     ):

@@ -71,7 +71,7 @@ def test_far_from_the_origin_the_moment_about_the_centroid_keeps_its_digits():
 
 def test_what_does_not_fit_is_refused():
     mesh, u, force = setting("triangles")
-    with pytest.raises(RegionError, match="Reaction: no vertex there"):
+    with pytest.raises(RegionError, match="Reaction at vertices: no vertex there"):
         Reaction.of(mesh, u, force, [])
     with pytest.raises(RegionError, match=r"1 vertex \(25\) outside 0 ... 24"):
         Reaction.of(mesh, u, force, [1, 25])

@@ -89,7 +89,9 @@ def test_unknown_fields_are_refused_before_anything_is_written(tmp_path):
 def test_places_that_cannot_be_written_are_refused(tmp_path):
     for path, message in (
         (tmp_path / "body.vtk", "does not end in .vtu, which is what is written here. Name it body.vtu"),
-        ("", "does not end in .vtu"),
+        ("", "path = ''; expected the path of a file that ends in .vtu"),
+        (None, "path = None; expected the path of a file that ends in .vtu"),
+        ("body\0.vtu", r"path = 'body\\x00\.vtu'; expected the path of a file"),
         (tmp_path / "missing" / "body.vtu", "The folder .*missing of body.vtu does not exist"),
     ):
         with pytest.raises(StvkError, match=message):

@@ -90,12 +90,12 @@ def _of_array(change: Callable[[Any], Any]) -> Callable[[Any], Any]:
 
 
 def _of_floats(change: Callable[[Any], Any]) -> Callable[[Any], Any]:
-    return lambda good: change(np.array(good, dtype=np.float64)) if _is_array(good) else NOTHING
+    return lambda good: change(np.array(good, dtype=np.float64)) if _is_array(good) and len(good) else NOTHING
 
 
 def _of_number(change: Callable[[Any], Any]) -> Callable[[Any], Any]:
     """Of plain numbers."""
-    return lambda good: change(good) if isinstance(good, int | float) and not isinstance(good, bool) else NOTHING
+    return lambda good: change(good) if type(good) in (int, float) else NOTHING
 
 
 def _with(entry: Any) -> Callable[[Any], Any]:
