@@ -157,7 +157,7 @@ def modes(
     x = np.zeros(system.ndofs) if u is None else by_vertex(system.mesh, u).ravel().astype(np.float64)
     moment = arguments.number("t", t, "the load factor of the equilibrium")
     kind = _kind(system, x, moment, free)
-    chosen = direct(len(free)) if solver == "auto" and len(free) <= MANY else choose(solver, len(free), kind)
+    chosen = direct(len(free)) if is_auto(solver) and len(free) <= MANY else choose(solver, len(free), kind)
     if chosen.matrix_free and not system.conservative:
         raise StvkError(
             f"solver '{chosen.name}' forms no matrix, and a load that follows the body is in no product; expected another solver."
