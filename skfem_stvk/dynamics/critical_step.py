@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from ..edges import ALL, Tensions
 from ..system import System, TangentOperator
 from ..system.system import checked_system
+from ..terms.load import Moment
 from .damping import Damping, damping_factors
 from .largest import bound_on_eigenvalues, largest_eigenvalue
 
@@ -52,6 +53,7 @@ class LargestFrequency:
         T^2 x'Kx + 2 T x'Dx <= 4 x'Mx        for all motions x that the supports allow,        D = alpha M + beta K0 + tau K_GN(u)
 
     which for a damping ratio `xi` is `T <= (2/omega) (sqrt(1 + xi^2) - xi)`: damping makes the step smaller.
+    The stiffness of loads that have a potential and are not dead counts by a bound on its own largest eigenvalue.
     `ForwardEuler` is that scheme. `VelocityVerlet` takes damping at a predicted velocity, and has the step of twice the damping.
 
     Eigenvalues are looked for from a random motion on, always the same: that of the state before would save a fifth of the products, and miss
@@ -73,8 +75,8 @@ class LargestFrequency:
         self._at_rest: TangentOperator | None = None
         self._products = 0
 
-    def at(self, u: ArrayLike) -> CriticalStep:
-        """At displacements `u` (ndofs,) [m].
+    def at(self, u: ArrayLike, t: float = 0.0) -> CriticalStep:
+        """At displacements `u` (ndofs,) [m]; loads that depend on where the body goes are those at time `t`.
 
         Raises
         ------
@@ -82,22 +84,27 @@ class LargestFrequency:
             if `u` does not have one finite entry for each degree of freedom, or K overflows.
         """
         self._products = 0
-        square_bound, bound = self._solve(u, self._bound)
-        square, step = self._solve(u, self._largest)
+        square_bound, bound = self._solve(u, t, self._bound)
+        square, step = self._solve(u, t, self._largest)
         omega_bound = float(np.sqrt(square_bound))
         return CriticalStep(max(step, bound), bound, min(float(np.sqrt(square)), omega_bound), omega_bound, self._products)
 
-    def bound(self, u: ArrayLike) -> float:
+    def bound(self, u: ArrayLike, t: float = 0.0) -> float:
         """The safe bound alone [s], for the time of a few products. Errors as of `at`."""
-        return self._solve(u, self._bound)[1]
+        return self._solve(u, t, self._bound)[1]
 
-    def _solve(self, u: ArrayLike, estimate: Callable[[TangentOperator], float]) -> tuple[float, float]:
+    def _solve(self, u: ArrayLike, t: float, elastic: Callable[[TangentOperator], float]) -> tuple[float, float]:
         """The largest `omega^2` without damping, and the step.
 
         It is where `T^2 lam + 2 T alpha = 4`, with the largest eigenvalue `lam` of `K + 2/T (beta K0 + tau K_GN)`, a convex function of 1/T:
         found by chords from 1/T = 0 on, and in the end shortened by what those have left.
         """
         alpha, beta, tau = self._damping
+        loads = self._of_loads(u, t)
+
+        def estimate(K: TangentOperator) -> float:
+            return elastic(K) + loads
+
         square = estimate(self._prepared(u, np.inf))
         step = _root(square, alpha + (beta + tau) * square)
         if beta + tau == 0 or square == 0:
@@ -123,6 +130,15 @@ class LargestFrequency:
         if more or share:
             self._operator.scale_and_add(1 + more, [(share, self._at_rest)] if share and self._at_rest is not None else [])
         return self._operator
+
+    def _of_loads(self, u: ArrayLike, t: float) -> float:
+        """What the stiffness of loads adds to the largest eigenvalue at most [1/s^2], by Gershgorin's circles; 0 if they have none."""
+        K = self._system.load_stiffness(u, Moment(t, 1.0))
+        if K is None:
+            return 0.0
+        mass = np.repeat(self._mass.vertex, self._system.mesh.d)[self._is_free]
+        rows = abs(K[self._is_free][:, self._is_free]) @ (1 / np.sqrt(mass))
+        return float((rows / np.sqrt(mass)).max())
 
     def _bound(self, K: TangentOperator) -> float:
         return bound_on_eigenvalues(K, self._vertex)

@@ -12,12 +12,12 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.linalg import eig, eigh
 
 from .. import arguments
-from ..errors import StvkError
 from ..linear import Kind, LinearSolver, choose
 from ..linear.choose import direct, is_auto
 from ..mesh.displacements import by_vertex
 from ..results import Fields, Series, plot
 from ..results.state import State
+from ..statics.equilibrium import with_loads
 from ..system import System
 from ..system.mass import Mass
 from ..system.system import checked_system
@@ -129,8 +129,8 @@ def modes(
     ----------
     n : how many, rigid ones included.
     u : displacements (ndofs,) [m] of the equilibrium about which it vibrates, such as `solve_static(system).u`; by default none. K is that of the
-        stressed body there, and has what loads that follow the body add to it: where that makes it unsymmetric the modes nearest to zero are found,
-        which tell of flutter.
+        stressed body there, and has what loads that depend on where the body goes add to it: where that makes it unsymmetric the modes nearest to
+        zero are found, which tell of flutter.
     t : load factor of that equilibrium, for these loads: `step.t` of a state on a path.
     mass : "lumped", or "consistent".
     solver : as of `solve_static`; by default a direct one, and multigrid for more than 200 000 unknowns.
@@ -158,11 +158,7 @@ def modes(
     moment = arguments.number("t", t, "the load factor of the equilibrium")
     kind = _kind(system, x, moment, free)
     chosen = direct(len(free)) if is_auto(solver) and len(free) <= MANY else choose(solver, len(free), kind)
-    if chosen.matrix_free and not system.conservative:
-        raise StvkError(
-            f"solver '{chosen.name}' forms no matrix, and a load that follows the body is in no product; expected another solver."
-        )
-    problem = ShiftedProblem(system, chosen, system.mass(mass), kind, moment)
+    problem = ShiftedProblem(system, with_loads(chosen, system), system.mass(mass), kind, moment)
     vectors = (nearest_vectors if kind is Kind.GENERAL else lowest_vectors)(problem, x, n)
     return _ritz(problem, x, np.array([problem.free.vector(vector) for vector in vectors.T]), int(n))
 

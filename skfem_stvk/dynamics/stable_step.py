@@ -70,7 +70,7 @@ class StableStep:
         if self._largest is None or self._warned or self._plan.steps < looks.next:
             return
         u, clock, given = self._plan.state.u, self._plan.clock, self._plan.integrator.dt is not None
-        bound = self._largest.bound(u)
+        bound = self._largest.bound(u, self._plan.state.t)
         step = looks.estimate(bound, self._plan.steps)
         safe, moved = given and clock.dt <= bound, not abs(step / looks.step - 1) <= MOVED
         if not safe and (moved or (given and clock.dt > step)):
@@ -122,14 +122,14 @@ class StableStep:
             assert dt is not None
             return dt
         if dt is not None:
-            bound = self._largest.bound(self._plan.state.u)
+            bound = self._largest.bound(self._plan.state.u, self._plan.state.t)
             self._plan.looks.step = self._plan.looks.bound = bound
             if dt > bound:
                 self._look()
                 self._warn(dt)
             return dt
         last = self._look()
-        rest = last if not self._plan.state.u.any() else self._largest.at(np.zeros_like(self._plan.state.u))
+        rest = last if not self._plan.state.u.any() else self._largest.at(np.zeros_like(self._plan.state.u), self._plan.state.t)
         step = min(last.step, rest.step)  # a body that is pressed is soft, and will not stay so
         if not np.isfinite(step):
             raise StvkError("No time step came, and any is stable: nothing that moves has stiffness. Give one: dt=...")
@@ -138,7 +138,7 @@ class StableStep:
 
     def _look(self) -> CriticalStep:
         assert self._largest is not None
-        self._last = self._largest.at(self._plan.state.u)
+        self._last = self._largest.at(self._plan.state.u, self._plan.state.t)
         self._plan.looks.step, self._plan.looks.bound = self._last.step, self._last.bound
         return self._last
 

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.sparse import csr_matrix
 from scipy.sparse.linalg import LinearOperator, eigsh, lobpcg
 
 from ..linear import Kind
@@ -65,20 +66,23 @@ def lowest_mode(problem: Equilibrium, u: Array, t: float) -> Mode:
     Where that does not converge, as in slender bodies, up to `COUNTED` unknowns by factorisations. A value within rounding is 0: it has no
     sign.
     """
-    mode, floor = _by_lobpcg(problem, u, t), rounding(problem, u)
+    mode, floor = _by_lobpcg(problem, u, t), rounding(problem, u, t)
     if mode.error > GOOD * abs(mode.value) and len(problem.free.free) <= COUNTED:
         mode = _by_factorisation(problem, u, t, mode.value, floor)
     return mode if abs(mode.value) > floor else replace(mode, value=0.0)
 
 
-def rounding(problem: Equilibrium, u: Array) -> float:
+def rounding(problem: Equilibrium, u: Array, t: float) -> float:
     """`8 eps |K|` [N/m], `|K|` as twice the largest block of the diagonal: eigenvalues below have no sign but that of rounding."""
-    return 2 * ROUNDING * float(np.abs(problem.operator(u).diagonal_blocks()).sum(axis=2).max())
+    K = problem.operator(u, t)
+    if isinstance(K, csr_matrix):
+        return ROUNDING * float(abs(K).sum(axis=1).max())
+    return 2 * ROUNDING * float(np.abs(K.diagonal_blocks()).sum(axis=2).max())
 
 
 def _by_lobpcg(problem: Equilibrium, u: Array, t: float) -> Mode:
     factors = problem.factorise(u, t, Tangent.CLAMPED)
-    K = problem.operator(u)
+    K = problem.operator(u, t)
     M = LinearOperator(K.shape, matvec=lambda r: problem.solve(factors, np.ravel(r), 0.1).x, dtype=np.float64)
     X = np.random.default_rng(0).standard_normal((K.shape[0], min(BLOCK, max(K.shape[0] // 5, 1))))
     with warnings.catch_warnings():  # what it has when it stops is an upper bound, and good enough for a sign

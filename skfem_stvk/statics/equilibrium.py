@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import Enum
 from typing import Any
 
@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_matrix
 
 from ..edges import ALL, TENSILE, Tensions
-from ..errors import StateError, name_ids
-from ..linear import Factors, Kind, LinearSolver, Solution, Unknowns
+from ..errors import StateError, StvkError, name_ids
+from ..linear import BlockJacobiCg, Factors, Kind, LinearSolver, Solution, Unknowns
 from ..linear.choose import direct
 from ..linear.inertia import COUNTED, inertia, transposition
 from ..system import FreeOperator, System, TangentOperator
@@ -247,11 +247,13 @@ class Equilibrium:
     @property
     def quartic(self) -> bool:
         """Whether the residual is the gradient of a potential that is a quartic along any line."""
-        return self.system.conservative and self.system.quartic
+        return self.system.dead and self.system.quartic
 
-    def operator(self, u: Array) -> FreeOperator:
-        """The exact tangent at `u` over the free degrees of freedom, beside what is factorised."""
-        return FreeOperator(self.system.linear_operator(u), self.free)
+    def operator(self, u: Array, t: Time) -> FreeOperator | csr_matrix:
+        """The exact Jacobian over the free degrees of freedom, beside what is factorised; a matrix where loads have a stiffness."""
+        if self.system.dead:
+            return FreeOperator(self.system.linear_operator(u), self.free)
+        return self.matrix(u, t)[0]
 
     def _shift(self, diagonal: Array) -> Array:
         """(n,) a little stiffness for each free degree of freedom, small against the largest of its vertex."""
@@ -263,7 +265,7 @@ class Equilibrium:
     def _kind_of(self, K: Any, tangent: Tangent) -> Kind:
         """What a tangent is: with loads that follow the body symmetric, too, where the rim of their surface is held or they are closed."""
         if self._kind is not Kind.GENERAL:
-            return Kind.POSITIVE_DEFINITE if tangent is not Tangent.EXACT and self._kind is Kind.SYMMETRIC else self._kind
+            return Kind.POSITIVE_DEFINITE if tangent is not Tangent.EXACT and self.system.dead else self._kind
         if self._turned is None:
             self._turned = transposition(K)
         skewed = float(np.abs(K.data - K.data[self._turned]).max(initial=0.0))
@@ -305,6 +307,24 @@ class Equilibrium:
 def kind_of(system: System) -> Kind:
     """What its Jacobian is."""
     return Kind.SYMMETRIC if system.conservative else Kind.GENERAL
+
+
+def with_loads(solver: LinearSolver, system: System) -> LinearSolver:
+    """The solver, which takes a matrix where loads have a stiffness: operators have that of elastic terms alone.
+
+    Raises
+    ------
+    StvkError
+        if it takes none.
+    """
+    if system.dead or not solver.matrix_free:
+        return solver
+    if not isinstance(solver, BlockJacobiCg):
+        raise StvkError(
+            f"solver '{solver.name}' came, which forms no matrix; expected one that does, such as 'amg-cg' or 'superlu': a load depends on "
+            "where the body goes, and its stiffness is added to a matrix."
+        )
+    return replace(solver, assembled=True)
 
 
 def dot(x: Array, y: Array) -> float:

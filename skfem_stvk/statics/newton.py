@@ -91,7 +91,7 @@ def newton(
     With `full_first`, full steps of the exact tangent are tried: slender bodies bend that way in a third of the iterations, for a full step
     stretches them first and a line search does not let it. Unless they arrive, at a stable state, with no more than `most_inside_out` elements
     inside out and none that would be flat on the straight way there, it begins anew with the line search, which is exact where W is a quartic
-    along any line and loads have a potential, a tangent that is positive definite where the exact one gives no descent, and steps that end
+    along any line and loads are dead, a tangent that is positive definite where the exact one gives no descent, and steps that end
     before elements turn inside out, unless some are already.
     """
     record = Iterations()

@@ -16,7 +16,7 @@ from ..system import System
 from ..terms import Load
 from .branch_end import branch_end
 from .checkpoint import Checkpoint
-from .equilibrium import Equilibrium, kind_of
+from .equilibrium import Equilibrium, kind_of, with_loads
 from .history import History, Step
 from .message import reason
 from .monitors import Monitors
@@ -109,7 +109,8 @@ def solve_static(
     start = _checked(system, steps, method, stop, rtol, u0, t0, stability, ellipticity, checkpoint, resume)
     system.check_held()
     arc_length = method == ArcLength.name
-    solver = choose(solver, system.ndofs - len(system.supports.held), kind_of(system), indefinite=arc_length)
+    chosen = choose(solver, system.ndofs - len(system.supports.held), kind_of(system), indefinite=arc_length)
+    solver = with_loads(chosen, system)
     write, monitors = _writer(system, save), Monitors(system, ellipticity)
     about = {"method": method, "steps": int(steps), "rtol": float(rtol), "solver": solver.name, "t0": float(t0)}
     kept = None if checkpoint is None else Checkpoint(checkpoint, about, system, start, resume)

@@ -66,7 +66,7 @@ def _confirmed(problem: Equilibrium, u: Array, t: float) -> Verdict:
         if counts is None:
             return Verdict(True, None, NOT_COUNTED)
         return Verdict(not counts.negative, counts.negative, NO_SIGN if counts.unsigned and not counts.negative else "")
-    mode, floor = lowest_mode(problem, u, t), rounding(problem, u)
+    mode, floor = lowest_mode(problem, u, t), rounding(problem, u, t)
     if mode.value < -floor:
         return Verdict(False, None)
     return Verdict(True, None, "" if mode.value - mode.error > floor else NO_SIGN if abs(mode.value) <= floor else NOT_FOUND)

@@ -159,7 +159,12 @@ class System:
     @property
     def conservative(self) -> bool:
         """Whether all loads have a potential; if not, the Jacobian is not symmetric."""
-        return all(load.conservative for load in self._loads)
+        return all(load.has_potential for load in self._loads)
+
+    @property
+    def dead(self) -> bool:
+        """Whether all loads keep their size and direction wherever the body goes; if so, the Jacobian is the tangent."""
+        return all(load.dead for load in self._loads)
 
     def energy(self, u: ArrayLike) -> float:
         """Strain energy `W(u)` [J].
@@ -408,7 +413,7 @@ class System:
     @property
     def constant_loads(self) -> bool:
         """Whether the loads are the same at any time, wherever the body is."""
-        return all(load.steady and not load.edges.size for load in self._loads)
+        return all(load.steady and load.dead for load in self._loads)
 
     def driving_force(self, u: ArrayLike, t: Time) -> Array:
         """(ndofs,) of the loads that change with time or have no potential [N]; errors as of `external_force`."""
@@ -440,11 +445,29 @@ class System:
             load.add_stiffness(self._state(u), moment, places, K.data)
         return K
 
+    @cached_property
+    def _turning(self) -> tuple[Pattern, list[tuple[BoundLoad, Any]]]:
+        """Loads that have a potential and are not dead, and the pattern of their stiffness alone."""
+        loads = [load for load in self._loads if load.has_potential and not load.dead]
+        pattern = Pattern(self.mesh.nv, self.mesh.d, [load.edges for load in loads])
+        return pattern, [(load, load.places(pattern)) for load in loads]
+
+    def load_stiffness(self, u: ArrayLike, t: Time = 1.0) -> csr_matrix | None:
+        """`-df_ext/du` (ndofs, ndofs) [N/m] of the loads that have a potential and are not dead; None if there are none. Errors as in `jacobian`."""
+        x, moment = self._state(u), Moment.checked(t)
+        if not any(load.has_potential and not load.dead for load in self._loads):
+            return None
+        pattern, loads = self._turning
+        K = pattern.matrix(np.zeros(pattern.nnz))
+        for load, places in loads:
+            load.add_stiffness(x, moment, places, K.data)
+        return K
+
     def energies(self, u: ArrayLike, t: Time = 1.0) -> dict[str, float]:
         """Energy by term [J], named after its type and number: strain energies, and the potentials of loads that have one."""
         x, moment = self._state(u), Moment.checked(t)
         elastic = self.elastic_energies(u)
-        loads = [load.potential(x, moment) if load.conservative else None for load in self._loads]
+        loads = [load.potential(x, moment) if load.has_potential else None for load in self._loads]
         values = iter(elastic), iter(loads)
         found: dict[str, float] = {}
         for place, term in enumerate(self.terms):
@@ -638,7 +661,7 @@ class System:
     def _potential(self, x: Array, moment: Moment) -> float:
         if not self.conservative:
             loads = [type(term).__name__ for term in self.terms if isinstance(term, Load)]
-            without = [name for name, load in zip(loads, self._loads, strict=True) if not load.conservative]
+            without = [name for name, load in zip(loads, self._loads, strict=True) if not load.has_potential]
             raise LoadError(f"{', '.join(without)} has no potential: its work depends on the path. Ask for residual(u, t) instead.")
         return sum(load.potential(x, moment) for load in self._loads)
 
@@ -738,7 +761,7 @@ def _factors(kept: Tensions) -> Tensions:
 
 
 def _keeps_energy(load: BoundLoad) -> bool:
-    return load.steady and load.conservative
+    return load.steady and load.has_potential
 
 
 def _refuse_overflow(values: ArrayLike, name: str, u: Array) -> None:

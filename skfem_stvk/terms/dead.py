@@ -36,7 +36,8 @@ class DeadLoad:
     value : what acts there, (d,) components at each of them.
     """
 
-    conservative = True
+    has_potential = True
+    dead = True
     edges: NDArray[np.int32] = np.empty((2, 0), dtype=np.int32)
 
     def __init__(self, mesh: SimplexMesh, spread: Spread | Nodes, value: Value) -> None:

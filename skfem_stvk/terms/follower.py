@@ -52,7 +52,8 @@ class FollowerPressure:
     value : the pressure.
     """
 
-    conservative = False
+    has_potential = False
+    dead = False
 
     def __init__(self, mesh: SimplexMesh, surface: NDArray[np.int32], spread: Spread, value: Value) -> None:
         self._surface, self._spread, self._value = surface, spread, value

@@ -132,8 +132,12 @@ class BoundLoad(Protocol):
     """What acts on a body from outside, at displacements `u` (nv, d) and load factor or moment `t`."""
 
     @property
-    def conservative(self) -> bool:
-        """Whether it has a potential; otherwise its stiffness is not symmetric."""
+    def has_potential(self) -> bool:
+        """Whether its force is minus the gradient of a potential; otherwise its stiffness is not symmetric."""
+
+    @property
+    def dead(self) -> bool:
+        """Whether its force is the same wherever the body goes: it has a potential, linear in `u`, and no stiffness."""
 
     @property
     def steady(self) -> bool:
@@ -141,7 +145,7 @@ class BoundLoad(Protocol):
 
     @property
     def edges(self) -> NDArray[np.int32]:
-        """(2, ne) pairs of vertices `a < b` that its stiffness couples, in lexicographic order; none if it does not depend on `u`."""
+        """(2, ne) pairs of vertices `a < b` that its stiffness couples, in lexicographic order; none if it couples each vertex with itself at most."""
 
     def potential(self, u: Array, t: Time) -> float:
         """Its potential [J]; the force is `-d potential/du`."""

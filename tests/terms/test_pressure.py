@@ -90,7 +90,7 @@ def test_load_stiffness_is_minus_the_derivative_of_the_force(name, pressure):
         slope = (force(load, mesh, u + v, 0.7) - force(load, mesh, u - v, 0.7)).T.ravel() / 2
         assert np.abs(slope).max() > 0.01
         assert -K @ direction == pytest.approx(slope, abs=1e-12 * np.abs(K).max() * np.abs(v).max() * 10)
-    assert not load.conservative
+    assert not load.has_potential and not load.dead
 
 
 @pytest.mark.parametrize("name", SURFACES)

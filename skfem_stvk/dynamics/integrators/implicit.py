@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from ...arguments import choice, number
 from ...linear import BlockJacobiCg, Kind, LinearSolver, SsorCg, choose
 from ...linear.choose import is_auto
+from ...statics.equilibrium import with_loads
 from ...statics.newton import Iterations, newton
 from ...statics.stopwatch import Stopwatch
 from ...system import System
@@ -55,6 +56,8 @@ class Implicit(Integrator):
         """What solves its linear systems; with a matrix where a mass between vertices needs one, or SSOR, for the blocks of several terms."""
         kind = kind_of_step(motion.system, Tangent(self.tangent))
         solver = choose(self._named(motion.system, kind), len(motion.free.free), kind)
+        if Tangent(self.tangent) not in (Tangent.DIAGONAL, Tangent.REST):
+            solver = with_loads(solver, motion.system)
         if not solver.matrix_free:
             return solver
         own = solver if isinstance(solver, BlockJacobiCg) else SsorCg()

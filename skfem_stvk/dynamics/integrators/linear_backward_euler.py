@@ -66,9 +66,9 @@ class LinearBackwardEuler(BackwardEuler):
                 "LinearBackwardEuler: tangent='diagonal' would leave out damping between vertices. Take Rayleigh(alpha) or another tangent."
             )
         system = motion.system
-        if motion.tau and not (system.conservative and all(isinstance(term, StVK) for term in system.elastic_terms)):
+        if motion.tau and not (system.dead and all(isinstance(term, StVK) for term in system.elastic_terms)):
             raise StvkError(
-                "LinearBackwardEuler: with EdgeDamping it would damp follower loads, foundations and volume penalties as well. Take Rayleigh(beta=tau), or "
+                "LinearBackwardEuler: with EdgeDamping it would damp loads that depend on where the body goes, foundations and volume penalties as well. Take Rayleigh(beta=tau), or "
                 "BackwardEuler."
             )
         if rest and motion.tau:

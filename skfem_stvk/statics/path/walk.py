@@ -47,9 +47,17 @@ class Walk(ABC):
         self._first = self._size = 0.0  # of steps, in the measure of the walk
         self._lost, self._clock = False, perf_counter()
         self._allowed = len(problem.inside_out(u0))
-        # without tension of edges K is positive semi-definite; displacements that are given may be no state of the path
-        self._point: Point | None = None if u0.any() else Point(u0, t0, None if problem.solver.iterative else 0, None)
+        self._point: Point | None = None  # displacements that are given may be no state of the path
+        if not u0.any():
+            self._point = Point(u0, t0, None if problem.solver.iterative else self._negative_at_rest(), None)
         problem.accept(u0, t0)
+
+    def _negative_at_rest(self) -> int | None:
+        """Negative eigenvalues of K without displacements: none without tension of edges, unless loads have a stiffness."""
+        if self.problem.system.dead:
+            return 0
+        self.problem.factorise(self.u, self.t)
+        return self.problem.negative_pivots()
 
     def states(self, resumed: bool) -> Iterator[Step | Attempt]:
         """The states, as far as there are any, and the attempts that failed in between."""
