@@ -8,6 +8,7 @@ import pytest
 from scipy.sparse import csr_matrix
 
 from skfem_stvk import System
+from skfem_stvk.statics import solve, stability
 from validation import hard
 from validation.hard import crushed, deformed, judge, meshes, methods, scales, study, table, truths, unstable
 from validation.hard.case import Case
@@ -107,6 +108,22 @@ def test_negative_eigenvalues_are_counted(monkeypatch, dense, shift):
     assert (np.diag(K) > 0).all() and (count > 0) == (shift < 80)
     monkeypatch.setattr(judge, "DENSE", dense)
     assert judge.not_positive(csr_matrix(K)) == count
+
+
+def test_real_eigenvalues_of_a_matrix_that_is_not_symmetric_are_counted():
+    """Two complex ones with a negative real part do not count: they are no divergence."""
+    D = np.diag([-1.0, 2.0, 3.0, 0.0, 0.0])
+    D[3:, 3:] = [[-0.1, 1.0], [-1.0, -0.1]]
+    Q = np.random.default_rng(3).standard_normal((5, 5))
+    K = Q @ D @ np.linalg.inv(Q)
+    assert judge.real_not_positive(K) == 1 and judge.real_not_positive(K + 1.5 * np.eye(5)) == 0
+
+
+@pytest.mark.parametrize("name", ["press a column whose head is held", "press an arch"])
+def test_a_default_that_takes_what_it_did_not_look_at_for_stable_is_seen(monkeypatch, name):
+    monkeypatch.setattr(solve, "judged", lambda problem, u, t: stability.Verdict(True, None))
+    failures = list(study.failures(study.row_of(a_case(name))))
+    assert any("default: reported as success, but unstable, 1 eigenvalues" in failure for failure in failures)
 
 
 def test_a_mechanism_is_not_stable():

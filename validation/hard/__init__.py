@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-NAMES = ("deformed", "crushed", "elements", "starts", "unstable", "scales", "motion", "memory")
+NAMES = ("deformed", "crushed", "elements", "starts", "unstable", "slender", "scales", "motion", "memory")
 
 
 def main(quick: bool = False, only: Sequence[str] = (), out: str | None = None) -> int:

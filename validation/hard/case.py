@@ -79,6 +79,7 @@ class Case:
     truth, with_volume : the right outcome without and with the volume term.
     quick : whether it is part of the quick table.
     methods : names of those that are run; None for all.
+    solver : the linear solver of the default.
     """
 
     name: str
@@ -88,6 +89,7 @@ class Case:
     with_volume: Truth
     quick: bool = True
     methods: tuple[str, ...] | None = None
+    solver: str = "auto"
 
     def truth_of(self, volume: bool) -> Truth:
         """Of the system with the volume term or without it."""

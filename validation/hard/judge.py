@@ -18,6 +18,8 @@ from .case import Array, Truth
 FLAT = 1e-9
 #: Of the lowest eigenvalue of K, its diagonal scaled to 1, below which nothing holds a body: rounding leaves 1e-15 or so.
 NOTHING = 1e-13
+#: Of K with its diagonal scaled to 1, how far it is from symmetric, or an eigenvalue from real, by rounding.
+UNSYMMETRIC = 1e-9
 #: Unknowns up to which eigenvalues are those of the full matrix.
 DENSE = 1200
 
@@ -79,7 +81,7 @@ def volume_ratios(system: System, u: Array) -> Array:
 
 
 def not_positive(K: csr_matrix) -> int:
-    """Number of eigenvalues of a symmetric matrix that are negative, or nothing but rounding.
+    """Number of eigenvalues that are negative, or nothing but rounding; of a matrix that is not symmetric of the real ones.
 
     Of the full matrix its own eigenvalues, its diagonal scaled to 1; of larger ones the pivots of elimination along the diagonal.
     """
@@ -88,10 +90,18 @@ def not_positive(K: csr_matrix) -> int:
         return max(1, int((diagonal <= 0).sum()))
     scale = diags(1 / np.sqrt(diagonal))
     scaled = scale @ K @ scale
+    if abs(scaled - scaled.T).max() > UNSYMMETRIC:
+        return real_not_positive(scaled.toarray())
     if K.shape[0] <= DENSE:
         return int((np.linalg.eigvalsh(scaled.toarray()) <= NOTHING).sum())
     factors = splu(scaled.tocsc(), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True})
     return int((_pivots(factors) <= NOTHING).sum())
+
+
+def real_not_positive(K: Array) -> int:
+    """Number of real eigenvalues of a matrix that are negative, or nothing but rounding."""
+    values = np.linalg.eigvals(K)
+    return int((values.real[np.abs(values.imag) <= UNSYMMETRIC] <= NOTHING).sum())
 
 
 def _pivots(factors: object) -> NDArray[np.float64]:

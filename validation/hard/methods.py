@@ -70,7 +70,7 @@ def _default(case: Case, volume: bool) -> Answer:
     body = case.body()
     system = body.system(volume)
     try:
-        result = solve_static(system, case.steps, u0=body.u0, quiet=True, raise_on_failure=False)
+        result = solve_static(system, case.steps, u0=body.u0, solver=case.solver, quiet=True, raise_on_failure=False)
     except SupportError as error:
         return Answer(np.zeros(system.ndofs), False, 0, 0, "SupportError", str(error))
     history = result.history

@@ -11,7 +11,7 @@ from rich.markup import escape
 
 from skfem_stvk.referee.terminal import WIDTH
 
-from . import crushed, deformed, elements, scales, starts, unstable
+from . import crushed, deformed, elements, scales, slender, starts, unstable
 from .case import Case
 from .judge import Verdict
 from .methods import METHODS, OURS, Run
@@ -26,6 +26,7 @@ GROUPS: dict[str, Callable[[], list[Case]]] = {
     "elements": elements.elements,
     "starts": starts.starts,
     "unstable": unstable.unstable,
+    "slender": slender.slender,
     "scales": scales.scales,
 }
 

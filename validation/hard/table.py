@@ -36,7 +36,8 @@ class Row:
 
     @property
     def size(self) -> str:
-        return f"{self.system.mesh.nt} tets, {self.system.ndofs} dofs"
+        cells = "tets" if self.system.mesh.k == 3 else "triangles"
+        return f"{self.system.mesh.nt} {cells}, {self.system.ndofs} dofs"
 
     @property
     def truth(self) -> str:

@@ -7,27 +7,71 @@ from functools import partial
 from typing import Any
 
 import numpy as np
+import skfem
+from numpy.typing import NDArray
 
-from skfem_stvk import ElasticFoundation, SimplexMesh, Traction
+from skfem_stvk import ElasticFoundation, Pressure, SimplexMesh, System, Traction
 
 from . import meshes, truths
 from .case import Array, Body, Case, Truth
 
 YOUNG, POISSON = 1e5, 0.3
 THICKNESS = 0.02
+#: Methods of loads that follow the body and have no potential, along which a clamped tangent could be shortened.
+FOLLOWED = ("plain Newton", "default", "default + volume")
 
 
 def unstable() -> list[Case]:
     stable = Truth("its own K: any stable state, none inside out", lambda system, u: 0.0)
     perfect = replace(stable, refused=True, says=("imperfection",))
+    straight = Truth("by symmetry: it stays straight, with no other state beside", _off_axis, 1e-6, ("flutter not looked at",))
     block, edge, node = meshes.cube(2), _joined((1.0, 0.0, 1.0)), _joined((1.0, 1.0, 1.0))
     return [
         Case("crush a thin sheet by 10 %", partial(_sheet, 0.1), 10, perfect, perfect),
+        Case("press a column whose head is held across", partial(_column, True), 4, perfect, perfect, methods=FOLLOWED),
+        Case("press a column whose load follows its free head", partial(_column, False), 4, straight, straight, methods=FOLLOWED),
+        Case("press an arch from outside", _arch, 10, perfect, perfect, methods=FOLLOWED),
         Case("crush a thin sheet on a soft bed by 15 %, pushed", partial(_sheet, 0.15, bed=1e4, push=20.0), 10, stable, stable),
         _loose("a block held by one edge", block, lambda x: (x[0] == 0) & (x[2] == 0), "rotation"),
         _loose("two parts joined by one edge", edge, lambda x: x[0] == 0, "can turn about the line", r"elements \(\d"),
         _loose("two parts joined by one node", node, lambda x: x[0] == 0, "can turn about 1 vertex", r"elements \(\d"),
     ]
+
+
+def _column(held_head: bool) -> Body:
+    """A column under pressure on its head, beyond the load at which it buckles if its head is held across.
+
+    Where the head is free, the load follows it: Beck's column, which has no state of equilibrium but the straight one.
+    """
+    mesh = skfem.MeshQuad.init_tensor(np.linspace(0, 20, 41), np.linspace(-0.5, 0.5, 3)).to_meshtri(style="x")
+    fixed = {lambda x: x[0] < 0.01: "xy"} | ({_head: "y"} if held_head else {})
+    return Body(SimplexMesh(mesh.p, mesh.t), 1e4, POISSON, (Pressure(_head, 117.0),), fixed)
+
+
+def _head(x: Array) -> NDArray[np.bool_]:
+    return x[0] > 19.9
+
+
+def _off_axis(system: System, u: Array) -> float:
+    """How far the axis of a column has moved across."""
+    axis = np.flatnonzero(system.mesh.p[1] == 0)
+    return float(np.abs(u.reshape(-1, 2)[axis, 1]).max() / np.abs(u).max())
+
+
+def _arch() -> Body:
+    """A deep arch of 215 degrees whose ends are held; it buckles at three quarters of the pressure."""
+    mesh = skfem.MeshTri.init_tensor(np.linspace(0, 1, 81), np.linspace(-0.5, 0.5, 3))
+    angle, radius = (mesh.p[0] - 0.5) * 2 * np.radians(107.5), 1 + THICKNESS * mesh.p[1]
+    outside = mesh.facets[:, mesh.facets_satisfying(lambda x: np.isclose(x[1], 0.5))]
+    ends = mesh.facets[:, mesh.facets_satisfying(lambda x: np.isclose(x[0] * (1 - x[0]), 0))]
+    p = radius * np.stack([np.sin(angle), np.cos(angle)])
+    return Body(
+        SimplexMesh(p, mesh.t, boundaries={"outside": outside, "ends": ends}),
+        1e7,
+        0.0,
+        (Pressure("outside", 480.0),),
+        {"ends": "xy"},
+    )
 
 
 def _loose(name: str, mesh: SimplexMesh, fixed: truths.Where, *says: str) -> Case:
