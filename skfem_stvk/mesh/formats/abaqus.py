@@ -56,7 +56,7 @@ def nodes_of(parts: list[Section]) -> tuple[Ids, NDArray[np.float64]]:
     rows = [line[:-1] if line[-1] == "" else line for line in tables[0]]
     if len({len(row) for row in rows}) > 1:
         raise Damaged("its nodes have not all as many coordinates")
-    ids = np.array([whole(row[0]) for row in rows], dtype=np.int64)
+    ids = np.array(whole([row[0] for row in rows]), dtype=np.int64)
     check_unique(ids, "node")
     return ids, np.array([row[1:] for row in rows], dtype=float)
 
@@ -70,7 +70,7 @@ def elements_of(parts: list[Section], nodes: Ids) -> tuple[list[tuple[str, Ids]]
         kind = ABAQUS.get(options.get("TYPE", "").upper())
         if kind is None or kind not in NODES:
             raise Damaged(f"Element type not available: {options.get('TYPE', 'none')[:40]}")
-        rows = [[whole(word) for word in record] for record in records(lines)]
+        rows = [whole(record) for record in records(lines)]
         bad = [row[0] for row in rows if len(row) != 1 + NODES[kind]]
         if bad:
             raise Damaged(f"{name_ids(bad, 'element')}: not the {NODES[kind]} nodes of the type {options['TYPE'][:40]}")
@@ -85,10 +85,11 @@ def records(lines: list[list[str]]) -> Iterator[list[str]]:
     """An element goes on in the next line where a line ends with a comma, after which there is an empty word."""
     record: list[str] = []
     for line in lines:
-        record += [word for word in line if word]
         if line[-1]:
-            yield record
+            yield record + line if record else line
             record = []
+        else:
+            record += line[:-1]
     if record:
         yield record
 
@@ -102,7 +103,7 @@ def sets_of(parts: list[Section], kind: str, known: Ids) -> dict[str, Ids]:
             continue
         if keyword == {"ELSET": "ELEMENT", "NSET": "NODE"}[kind]:
             whole_lines = records(lines) if kind == "ELSET" else lines
-            members = np.array([whole(line[0]) for line in whole_lines], dtype=np.int64)
+            members = np.array(whole([line[0] for line in whole_lines]), dtype=np.int64)
         elif keyword == kind:
             members = members_of(kind, options, lines, sets, known)
         else:
@@ -117,7 +118,7 @@ def members_of(kind: str, options: dict[str, str], lines: list[list[str]], sets:
     what = "element" if kind == "ELSET" else "node"
     members = [np.empty(0, dtype=np.int64)]
     for line in lines:
-        words = [word for word in line if word]
+        words = [word.strip() for word in line if word.strip()]
         if "GENERATE" in options:
             members.append(generated(words, what, known))
             continue
@@ -129,7 +130,8 @@ def members_of(kind: str, options: dict[str, str], lines: list[list[str]], sets:
                     f"Move or add its *{kind}"
                 )
             members.append(sets[same_name(word, sets)])
-        members.append(np.array([int(word) for word in words if word not in named], dtype=np.int64))
+        others = [word for word in words if word not in named]
+        members.append(np.array(whole(others) if others else [], dtype=np.int64))
     found = np.concatenate(members)
     check_known(found, known, what, f"{what.capitalize()} set {options[kind][:60]!r}")
     return found
@@ -137,7 +139,7 @@ def members_of(kind: str, options: dict[str, str], lines: list[list[str]], sets:
 
 def generated(words: list[str], what: str, known: Ids) -> Ids:
     """Known ids from a first one to a last one, both known, in steps."""
-    numbers = [whole(word) for word in words]
+    numbers = whole(words)
     first, last, step = [*numbers, 1][:3] if len(numbers) in (2, 3) else (0, -1, 0)
     if last < first or step < 1:
         raise Damaged(f"GENERATE stands with {', '.join(words)[:60]!r}; expected the first {what}, the last one, and a step")
@@ -150,11 +152,12 @@ def same_name(name: str, sets: dict[str, Ids]) -> str:
     return next((known for known in sets if known.upper() == name.upper()), name)
 
 
-def whole(word: str) -> int:
-    """An id of at most 18 digits."""
-    if len(word) > 18 or not word.isascii() or not word.isdigit():
-        raise Damaged(f"{word[:40]!r} stands where an id should")
-    return int(word)
+def whole(words: list[str]) -> list[int]:
+    """Ids of at most 18 digits."""
+    together = "".join("".join(words).split())
+    if not (together.isascii() and together.isdigit() and max(map(len, words)) <= 18):
+        raise Damaged(f"{', '.join(words)[:60]!r} stands where ids should")
+    return [int(word) for word in words]
 
 
 class Files:
@@ -168,10 +171,12 @@ class Files:
         keyword, options, lines = "", dict[str, str](), list[list[str]]()
         for line in self.lines(self.path, 0):
             if not line.startswith("*"):
-                lines.append([word.strip() for word in line.split(",")])
+                lines.append(line.split(","))
                 continue
             yield keyword, options, lines
             keyword, options = head_of(line)
+            if not keyword[:1].isalpha():
+                raise Damaged(f"{line[:60]!r} stands where a keyword should")
             lines = []
         yield keyword, options, lines
 
@@ -187,9 +192,8 @@ class Files:
                 line = raw.decode(errors="replace").strip()
                 if not line or line.startswith("**"):
                     continue
-                keyword, options = head_of(line)
-                if keyword == "INCLUDE":
-                    yield from self.lines(self.included(options.get("INPUT", "")), depth + 1)
+                if line[0] == "*" and head_of(line)[0] == "INCLUDE":
+                    yield from self.lines(self.included(head_of(line)[1].get("INPUT", "")), depth + 1)
                 else:
                     yield line
 
@@ -203,13 +207,11 @@ class Files:
 
 
 def head_of(line: str) -> tuple[str, dict[str, str]]:
-    """Keyword in upper case and options; no keyword for lines of data.
+    """Keyword in upper case and options.
 
     >>> head_of("*Element, type=C3D4, ELSET=Steel")
     ('ELEMENT', {'TYPE': 'C3D4', 'ELSET': 'Steel'})
     """
-    if not line.startswith("*"):
-        return "", {}
     head, *rest = line[1:].split(",")
     pairs = (word.partition("=") for word in rest)
     return head.strip().upper(), {key.strip().upper(): value.strip() for key, _, value in pairs}

@@ -199,11 +199,19 @@ def nodes_of(kind: int) -> int:
 
 def by_type(rows: list[list[str]]) -> list[tuple[Ids, Ids]]:
     """Ids and nodes of the elements, one row for each: id, type, number of tags, tags, nodes."""
-    found: dict[int, list[list[int]]] = {}
-    for row in rows:
-        numbers = [int(word) for word in row]
-        if len(numbers) < 3 or numbers[2] < 0 or len(numbers) != 3 + numbers[2] + nodes_of(numbers[1]):
-            raise Damaged(f"the element {' '.join(row)[:60]!r} has not as many nodes as its type")
-        found.setdefault(numbers[1], []).append([numbers[0], *numbers[3 + numbers[2] :]])
-    tables = [np.array(table) for table in found.values()]
-    return [(table[:, 0], table[:, 1:]) for table in tables]
+    numbers = np.array([int(word) for row in rows for word in row], dtype=np.int64)
+    widths = np.array([len(row) for row in rows], dtype=np.int64)
+    starts = np.cumsum(widths) - widths
+    short = np.flatnonzero(widths < 3)
+    kinds, tags = (numbers[starts + place] for place in (1, 2)) if not len(short) else (widths, widths)
+    known, found = np.unique(kinds, return_inverse=True)
+    nodes = np.array([0 if len(short) else nodes_of(int(kind)) for kind in known], dtype=np.int64)[found]
+    bad = np.append(short, np.flatnonzero((widths != 3 + tags + nodes) | (tags < 0)))
+    if len(bad):
+        raise Damaged(f"the element {' '.join(rows[bad[0]])[:60]!r} has not as many nodes as its type")
+    blocks = []
+    for kind in range(len(known)):
+        of_kind = np.flatnonzero(found == kind)
+        first = starts[of_kind] + widths[of_kind] - nodes[of_kind]
+        blocks.append((numbers[starts[of_kind]], numbers[first[:, None] + np.arange(nodes[of_kind[0]])]))
+    return blocks

@@ -79,11 +79,16 @@ class Source:
             raise Damaged(f"{rows} {what} are declared, more than its {self.size} bytes can hold")
 
     def rows(self, what: str, count: int) -> list[list[str]]:
-        """The next lines in words, one line for each row."""
+        """The next lines that hold anything in words, one line for each row."""
         self.fits(what, count, 2)
-        rows = [self.line().split() for _ in range(count)]
-        if count and not rows[-1]:
-            raise Damaged(f"{count} {what} are declared, {rows.index([])} are there")
+        rows: list[list[str]] = []
+        while len(rows) < count and (raw := self.file.readline()):
+            text = raw.decode(errors="replace")
+            words = text.split()
+            if words and not words[0].startswith(self.comments or "\0"):
+                rows.append(words)
+        if len(rows) < count:
+            raise Damaged(f"{count} {what} are declared, {len(rows)} are there")
         return rows
 
     def expect(self, word: str, after: str) -> None:
