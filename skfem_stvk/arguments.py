@@ -20,6 +20,8 @@ from skfem.assembly.dofs import DofsView
 
 from .errors import StvkError, name_ids, name_known
 
+#: The longest path that systems take.
+LONGEST_PATH = 4096
 #: The largest whole number of 64 bits.
 MOST = int(np.iinfo(np.int64).max)
 _SHORT = reprlib.Repr()
@@ -153,7 +155,7 @@ def path(name: str, given: Any, expected: str = "a path", error: type[StvkError]
     skfem_stvk.errors.StvkError: save = 3; expected the path of a .pvd file.
     """
     text = os.fspath(given) if isinstance(given, str | os.PathLike) else None
-    if not isinstance(text, str) or not text.strip() or "\0" in text:
+    if not isinstance(text, str) or not text.strip() or "\0" in text or len(text) > LONGEST_PATH:
         raise error(f"{name} = {shown(given)}; expected {expected}.")
     return Path(text)
 

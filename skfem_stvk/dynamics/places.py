@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ..arguments import shown
 from ..errors import StvkError
 from ..mesh.places import Where, vertices_at
 from ..results.reactions import held_vertices
@@ -56,5 +57,5 @@ def _named(name: str, given: Any, example: str) -> Mapping[str, Where]:
     if given is None:
         return {}
     if not isinstance(given, Mapping) or not all(isinstance(one, str) and one for one in given):
-        raise StvkError(f"{name} = {given!r}; expected places by name, such as {{{example}}}.")
+        raise StvkError(f"{name} = {shown(given)}; expected places by name, such as {{{example}}}.")
     return given

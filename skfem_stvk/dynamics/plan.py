@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..arguments import number, plain_array, shown, whole
 from ..errors import LoadError, StateError, StvkError, SupportError, name_ids
 from ..results.files import output_path
 from ..system import System
@@ -49,14 +50,12 @@ class Outlets:
         """Refuses what are no paths that can be written, and no number of steps."""
         for name, path, example in (("save", save, "flag.pvd"), ("checkpoint", checkpoint, "flag.npz")):
             if path is not None and not (isinstance(path, str | os.PathLike) and str(path)):
-                raise StvkError(f"{name} = {path!r}; expected the path of a file such as {example!r}.")
+                raise StvkError(f"{name} = {shown(path)}; expected the path of a file such as {example!r}.")
         if save is not None:
             output_path(save, ".pvd")
         if checkpoint is not None:
             output_path(checkpoint, ".npz")
-        if isinstance(every, bool) or not isinstance(every, int | np.integer) or every < 1:
-            raise StvkError(f"every = {every!r}; expected a whole number of steps, at least 1.")
-        return cls(save, int(every), checkpoint)
+        return cls(save, whole("every", every, "a whole number of steps, at least 1", 1), checkpoint)
 
 
 @dataclass
@@ -202,16 +201,14 @@ def _unpacked(about: dict[str, Any], arrays: dict[str, Array], prefix: str, rows
 def checked_integrator(integrator: Integrator | None) -> Integrator:
     """Refuses what is none."""
     if not isinstance(integrator, Integrator):
-        given = f"the class {integrator.__name__}" if isinstance(integrator, type) else repr(integrator)
+        given = f"the class {integrator.__name__}" if isinstance(integrator, type) else shown(integrator)
         raise StvkError(f"integrator is {given}; expected one of {', '.join(INTEGRATORS)}, such as EnergyMomentum(dt=1e-3).")
     return integrator
 
 
 def checked_time(name: str, t: float) -> float:
     """Refuse a time that is none."""
-    if isinstance(t, bool) or not isinstance(t, float | int | np.floating | np.integer) or not np.isfinite(t):
-        raise StvkError(f"{name} = {t!r}; expected a time in seconds.")
-    return float(t)
+    return number(name, t, "a time in seconds")
 
 
 def _described(integrator: Integrator) -> dict[str, Any]:
@@ -250,10 +247,9 @@ def _checked_vector(name: str, given: ArrayLike | None, system: System) -> Array
     """(ndofs,) zeros, or a copy of what was given; refuses what is not one finite number a degree of freedom."""
     if given is None:
         return np.zeros(system.ndofs)
-    try:
-        x = np.asarray(given)
-    except ValueError:  # rows of different lengths
-        x = np.asarray(None)
+    x = plain_array(given)
+    if x is None:
+        raise StateError(f"{name} = {shown(given)}; expected ({system.ndofs},) numbers, one a degree of freedom, none masked.")
     if x.shape != (system.ndofs,) or x.dtype.kind not in "fiu":
         hint = (
             f" Flatten it: {name}.ravel()."

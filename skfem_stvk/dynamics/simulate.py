@@ -8,9 +8,11 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ..arguments import flag
 from ..errors import StvkError
 from ..mesh.places import Where
 from ..system import System
+from ..system.system import checked_system
 from .damping import Damping
 from .integrators import Integrator
 from .loop import Loop
@@ -92,9 +94,8 @@ def simulate(
     >>> run.status.value, bool(abs(run.ledger["closure_error"]).max() < 1e-8 * run.ledger["kinetic_energy"].max())
     ('finished', True)
     """
-    if not isinstance(system, System):
-        raise StvkError(f"A {type(system).__name__} came; expected a System: System(mesh, terms, fixed=..., prescribed=...).")
-    if system.dtype != np.float64:
+    quiet, raise_on_failure = flag("quiet", quiet), flag("raise_on_failure", raise_on_failure)
+    if checked_system(system).dtype != np.float64:
         raise StvkError(f"The system is in {system.dtype}; expected float64: System(..., dtype=np.float64).")
     end = checked_time("until", until)
     outlets = {"save": save, "every": every, "checkpoint": checkpoint}

@@ -18,6 +18,9 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from ..arguments import shown, whole_array
+from ..errors import StvkError
+
 Vector = NDArray[np.float64]
 
 
@@ -79,6 +82,18 @@ class Unknowns:
     indptr: NDArray[np.integer[Any]] | None = None
     indices: NDArray[np.integer[Any]] | None = None
     near_null_space: Callable[[], Vector] | None = None
+
+    def __post_init__(self) -> None:
+        for name in ("vertex", "component", "indptr", "indices"):
+            given = getattr(self, name)
+            ids = whole_array(given)
+            if (given is not None or name in ("vertex", "component")) and (ids is None or ids.ndim != 1 or ids.dtype.kind == "b"):
+                raise StvkError(f"{name} = {shown(given)}; expected a list of whole numbers.")
+            object.__setattr__(self, name, ids if given is not None else None)
+        if len(self.component) != len(self.vertex):
+            raise StvkError(f"component has {len(self.component)} values; expected {len(self.vertex)}, one for each of vertex.")
+        if self.near_null_space is not None and not callable(self.near_null_space):
+            raise StvkError(f"near_null_space = {shown(self.near_null_space)}; expected a function, or None.")
 
     @property
     def n(self) -> int:

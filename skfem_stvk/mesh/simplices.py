@@ -79,6 +79,8 @@ class SimplexMesh:
         object.__setattr__(self, "t", np.array(t, dtype=np.int32, order="C"))
         for name in ("subdomains", "boundaries", "node_sets"):
             named = getattr(self, name)
+            if named is not None and not isinstance(named, Mapping):
+                raise MeshError(f"{name} = {shown(named)}; expected a dict of arrays of ids by name.")
             object.__setattr__(self, name, named if isinstance(named, NamedFacets) else frozen(named or {}))
 
     @classmethod
@@ -167,6 +169,10 @@ class SimplexMesh:
         """
         from .places import facets_at
 
+        if not isinstance(boundaries, Mapping):
+            raise RegionError(
+                f"boundaries = {shown(boundaries)}; expected places by name, such as {{'left': lambda x: x[0] == 0}}."
+            )
         added = {name: facets_at(self, where, f"boundary {name!r}") for name, where in boundaries.items()}
         return replace(self, boundaries={**self.boundaries, **added})
 

@@ -9,10 +9,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..arguments import choice, flag, number, shown, whole
 from ..errors import LoadError, StvkError, warn
 from ..linear import LinearSolver, choose
+from ..mesh.displacements import by_vertex
 from ..results import Fields, Series
 from ..system import System
+from ..system.system import checked_system
 from ..terms import Load
 from .branch_end import branch_end
 from .checkpoint import Checkpoint
@@ -106,6 +109,7 @@ def solve_static(
     >>> result.status.value, round(float(result.reaction().resultant[2]))
     ('converged', 500)
     """
+    quiet, raise_on_failure = flag("quiet", quiet), flag("raise_on_failure", raise_on_failure)
     start = _checked(system, steps, method, stop, rtol, u0, t0, stability, ellipticity, checkpoint, resume)
     system.check_held()
     arc_length = method == ArcLength.name
@@ -174,7 +178,7 @@ def _writer(system: System, save: str | os.PathLike[str] | None) -> Callable[[fl
     if save is None:
         return lambda t, step: None
     if not isinstance(save, str | os.PathLike):
-        raise StvkError(f"save = {save!r}; expected the path of a .pvd file.")
+        raise StvkError(f"save = {shown(save)}; expected the path of a .pvd file.")
     series, fields = Series(save), Fields(system.mesh, system.elastic_terms)
     return lambda t, step: series.add(fields.at(step.u), t)
 
@@ -193,29 +197,22 @@ def _checked(
     resume: bool,
 ) -> Array:
     """The displacements to start from; refuses parameters that make no sense."""
-    if not isinstance(system, System):
-        raise StvkError(f"A {type(system).__name__} came; expected a System: System(mesh, terms, fixed=..., prescribed=...).")
-    if system.dtype != np.float64:
+    if checked_system(system).dtype != np.float64:
         raise StvkError(
             f"The system is in {system.dtype}, whose residuals stop at 1e-6; expected float64: System(..., dtype=np.float64)."
         )
-    if method not in METHODS:
-        raise StvkError(f"method = {method!r}; expected {' or '.join(map(repr, METHODS))}.")
+    choice("method", method, METHODS)
     if stop is not None and (method != ArcLength.name or not isinstance(stop, Stop)):
         raise StvkError(
-            f"stop = {stop!r} with method {method!r}; expected a Stop(...), with method='arc-length'. Load steps end at t = 1."
+            f"stop = {shown(stop)} with method {method!r}; expected a Stop(...), with method='arc-length'. Load steps end at t = 1."
         )
-    if isinstance(rtol, bool) or not isinstance(rtol, float | int | np.floating) or not 0 < rtol < 1:
-        raise StvkError(f"rtol = {rtol!r}; expected a number between 0 and 1, such as 1e-8.")
-    if not isinstance(steps, int | np.integer) or isinstance(steps, bool) or steps < 1:
-        raise StvkError(f"steps = {steps!r}; expected a whole number of at least 1: the first step is 1/steps of the load.")
-    if isinstance(t0, bool) or not isinstance(t0, float | int | np.integer | np.floating) or not np.isfinite(t0):
-        raise StvkError(f"t0 = {t0!r}; expected the load factor of u0, a number.")
-    if method == LoadSteps.name and not t0 < 1:
-        raise StvkError(f"t0 = {t0!r}; expected less than 1, where load steps end.")
-    for name, flag in (("stability", stability), ("ellipticity", ellipticity), ("resume", resume)):
-        if not isinstance(flag, bool | np.bool_):
-            raise StvkError(f"{name} = {flag!r}; expected True or False.")
+    number("rtol", rtol, "a number between 0 and 1, such as 1e-8", 0.0, 1.0)
+    whole("steps", steps, "a whole number of at least 1: the first step is 1/steps of the load", 1)
+    begin = number("t0", t0, "the load factor of u0, a number")
+    if method == LoadSteps.name and not begin < 1:
+        raise StvkError(f"t0 = {shown(t0)}; expected less than 1, where load steps end.")
+    for name, value in (("stability", stability), ("ellipticity", ellipticity), ("resume", resume)):
+        flag(name, value)
     if checkpoint is not None and (not isinstance(checkpoint, str | os.PathLike) or not str(checkpoint)):
         raise StvkError(f"checkpoint = {checkpoint!r}; expected the path of a folder.")
     if resume and checkpoint is None:
@@ -224,9 +221,9 @@ def _checked(
         raise LoadError(
             "Nothing acts on the body: no load, nothing prescribed. Add Gravity(...), Traction(...) or prescribed={...}."
         )
-    start = np.zeros(system.ndofs) if u0 is None else u0
-    system.energy(start)  # refuses another type or length, and NaN
-    return np.array(start, dtype=np.float64)
+    start = np.zeros(system.ndofs) if u0 is None else np.array(by_vertex(system.mesh, u0, "u0"), dtype=np.float64).ravel()
+    system.energy(start)  # refuses what overflows
+    return start
 
 
 def _verdict(problem: Equilibrium, walk: Walk, last: Step) -> Verdict:

@@ -20,12 +20,14 @@ class Call:
     make : gives it, with good values for its arguments: new ones, where the function changes them.
     legal : names of hostile values that an argument takes, by argument.
     called : expressions for what messages call an argument where that is not its name.
+    costly : whether a call that succeeds takes more than some milliseconds.
     """
 
     name: str
     make: Callable[[], Made]
     legal: Mapping[str, frozenset[str]] = field(default_factory=dict)
     called: Mapping[str, str] = field(default_factory=dict)
+    costly: bool = False
 
     @property
     def arguments(self) -> list[str]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -38,6 +39,11 @@ def call(
 ) -> Call:
     """A call with good values that are not used up."""
     return Call(title, lambda: (function, dict(good)), legal or {}, called or {})
+
+
+def costly(*given: Any, **good: Any) -> Call:
+    """As `call`, of what takes time."""
+    return replace(call(*given, **good), costly=True)
 
 
 @cache

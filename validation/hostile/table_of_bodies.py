@@ -28,6 +28,8 @@ from .small_bodies import NOT_NEGATIVE, NOTHING_LISTED, NUMBER, OPTIONAL, PLACE,
 
 FRAME = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
 VOIGT = np.diag([4.0, 5.0, 6.0, 1.0, 2.0, 3.0])
+#: Coordinates that a mesh may have: a `System` refuses them by their vertices; and a third coordinate is a membrane's.
+NOT_FINITE = frozenset({"NaN in it", "inf in it"})
 #: Three constants with a value for each element, if there is just one element.
 ONE_ELEMENT = frozenset({"one axis more"})
 #: Components with values of their own: the same for all vertices, or for each of two.
@@ -52,6 +54,7 @@ def _load(kind: type, **good: Any) -> Call:
 
 def calls() -> list[Call]:
     """All of them."""
+    names = dict.fromkeys(("subdomains", "boundaries", "node_sets"), OPTIONAL | {"empty dict", "dict"})
     one, three = frozenset({"0.5"}), ("young", "poisson", "shear")
     material = {"density": OPTIONAL | POSITIVE, "frame": OPTIONAL}
     return [
@@ -151,7 +154,6 @@ def calls() -> list[Call]:
             System,
             {"fixed": OPTIONAL | NOTHING_LISTED, "prescribed": OPTIONAL | NOTHING_LISTED, "dtype": OPTIONAL},
             {
-                "mesh": r"mesh",
                 "terms": r"terms?\b",
                 "fixed": "fixed|components|place|vertices",
                 "prescribed": "prescribed|displacements",
@@ -176,19 +178,19 @@ def calls() -> list[Call]:
         call(
             "SimplexMesh",
             SimplexMesh,
-            dict.fromkeys(("subdomains", "boundaries", "node_sets"), OPTIONAL | NOTHING_LISTED),
+            names | {"p": NOT_FINITE | {"one longer"}},
             p=mesh().p,
             t=mesh().t,
             subdomains={"a": [0]},
             boundaries={"b": [[0], [3]]},
             node_sets={"c": [5]},
         ),
-        call("SimplexMesh.of", SimplexMesh.of, {}, {"mesh": "mesh"}, mesh=(mesh().p, mesh().t)),
+        call("SimplexMesh.of", SimplexMesh.of, {}, {}, mesh=(mesh().p, mesh().t)),
         call("SimplexMesh.elements", mesh().elements, {"region": OPTIONAL}, {"region": PLACE}, region=[0, 2]),
         call(
             "SimplexMesh.with_boundaries",
             mesh().with_boundaries,
-            {"boundaries": NOTHING_LISTED},
+            {"boundaries": frozenset({"empty dict"})},
             {"boundaries": "boundar"},
             boundaries={"new": [0, 1]},
         ),

@@ -27,7 +27,7 @@ def calls() -> list[Call]:
     film = {"scale": NUMBER, "label": TEXT | OPTIONAL, "fps": POSITIVE}
     values = np.arange(4.0)
     return [
-        call("Fields", Fields, {}, {"mesh": "mesh", "terms": "terms"}, mesh=mesh(), terms=list(system().elastic_terms)),
+        call("Fields", Fields, {}, {"terms": "terms"}, mesh=mesh(), terms=list(system().elastic_terms)),
         call("Fields.at", _stresses(fields), {"v": OPTIONAL}, u=u, v=u),
         call("State by name", lambda name: state()[name], {}, {"name": "field"}, name="cauchy"),
         call(

@@ -25,7 +25,7 @@ from skfem_stvk.linear import SOLVERS, BlockJacobiCg, Kind, SsorCg, Unknowns, ch
 from skfem_stvk.linear.solver import Analysis, Factors
 
 from .call import Call
-from .small_bodies import NOT_NEGATIVE, NUMBER, OPTIONAL, POSITIVE, call, drawn, tetrahedra
+from .small_bodies import NOT_NEGATIVE, NUMBER, OPTIONAL, POSITIVE, call, costly, drawn, tetrahedra
 
 RIGHT = np.arange(1.0, 5.0)
 FLAG = frozenset({"True"})
@@ -112,6 +112,20 @@ def calls() -> list[Call]:
         ),
         *(_solve(solver) for solver in SOLVERS),
         call(
+            "Unknowns",
+            Unknowns,
+            dict.fromkeys(
+                ("indptr", "indices", "near_null_space"),
+                OPTIONAL | {"empty list", "empty array", "one longer", "class", "function"},
+            )
+            | dict.fromkeys(("vertex", "component"), frozenset()),
+            vertex=[0, 1],
+            component=[0, 0],
+            indptr=[0, 2, 4],
+            indices=[0, 1, 0, 1],
+            near_null_space=list,
+        ),
+        call(
             "Stop",
             lambda **given: _path(Stop(**given)),
             stop,
@@ -121,7 +135,7 @@ def calls() -> list[Call]:
             turns=2,
             states=2,
         ),
-        call(
+        costly(
             "solve_static",
             _static,
             {
@@ -150,7 +164,7 @@ def calls() -> list[Call]:
             quiet=True,
             raise_on_failure=False,
         ),
-        call(
+        costly(
             "simulate",
             _motion,
             {
@@ -183,11 +197,11 @@ def calls() -> list[Call]:
             quiet=True,
             raise_on_failure=False,
         ),
-        call(
+        costly(
             "verify",
             _verified,
             {"quiet": FLAG, "seed": frozenset({"0"}), "candidate": OPTIONAL, "candidate_is_stvk": FLAG},
-            {"mesh": "mesh"},
+            {},
             mesh=tetrahedra(),
             material=Isotropic(2.0, 0.25),
             candidate=System(tetrahedra(), StVK(young=2.0, poisson=0.25)),
@@ -195,7 +209,7 @@ def calls() -> list[Call]:
             seed=1,
             quiet=True,
         ),
-        call(
+        costly(
             "verify of constants",
             _verified,
             {"young": POSITIVE, "poisson": NOT_NEGATIVE},

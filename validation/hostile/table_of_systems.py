@@ -17,6 +17,7 @@ from .small_bodies import NUMBER, OPTIONAL, call, displacements, system
 #: Functions of displacements alone, and of displacements and the load factor.
 OF_U = (
     "energy",
+    "foundation_force",
     "internal_force",
     "energy_and_force",
     "tangent",
@@ -85,7 +86,7 @@ def calls() -> list[Call]:
             "Supports",
             _supports,
             {"fixed": OPTIONAL | {"empty list", "empty dict"}, "prescribed": OPTIONAL | {"empty list", "empty dict"}},
-            {"mesh": "mesh", "fixed": "fixed|components|place|vertices", "prescribed": "prescribed|displacements"},
+            {"fixed": "fixed|components|place|vertices", "prescribed": "prescribed|displacements"},
             mesh=body.mesh,
             fixed={"left": "xy"},
             prescribed={"right": {"x": 0.5}},

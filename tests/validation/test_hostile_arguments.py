@@ -1,0 +1,166 @@
+"""Every public function is given hostile values for each of its arguments: it refuses them by name, or the result is right."""
+
+from importlib import import_module
+from inspect import isclass, isfunction
+
+import numpy as np
+import pytest
+
+from skfem_stvk import StvkError, System
+from validation.hostile import arguments
+from validation.hostile.call import Call
+from validation.hostile.case import NotRun, Wrong
+from validation.hostile.values import EVERY
+
+PARTS = (
+    "",
+    "bench",
+    "dynamics",
+    "edges",
+    "linear",
+    "materials",
+    "mesh",
+    "peers",
+    "referee",
+    "results",
+    "statics",
+    "system",
+    "terms",
+)
+#: Public names without a row, and why.
+WITHOUT = {
+    # made by the package for its users: nobody gives them arguments
+    *(
+        "Analysis",
+        "Attempt",
+        "Benchmark",
+        "CriticalPoint",
+        "CriticalStep",
+        "EdgeBlocks",
+        "End",
+        "Finding",
+        "FreeOperator",
+        "History",
+    ),
+    *(
+        "Iterations",
+        "Linearized",
+        "Mass",
+        "Modes",
+        "Outcome",
+        "Report",
+        "Result",
+        "Rows",
+        "Run",
+        "Solution",
+        "StaticResult",
+        "Status",
+    ),
+    *("Step", "TangentOperator", "Pattern", "Body"),
+    # protocols and base classes
+    *(
+        "BoundLoad",
+        "BoundTerm",
+        "Factors",
+        "FramedMaterial",
+        "Grounded",
+        "HasDampingForce",
+        "HasMeanForce",
+        "HasStretch",
+        "HasVolume",
+        "Integrator",
+    ),
+    *("LinearSolver", "Load", "Material", "MeshLike", "Operator", "Peer", "Quartic", "Term"),
+    # errors and warnings, enumerations, what has no arguments
+    *(
+        "Hypothesis",
+        "Interrupted",
+        "Kind",
+        "SimulationError",
+        "SolveError",
+        "AmgCg",
+        "Pardiso",
+        "SuperLU",
+        "available",
+        "embedded_mesh",
+        "names",
+    ),
+    # within: arrays that `System` has checked
+    *("Assembly", "EdgeForm", "PenaltyAssembly", "Tensions"),
+    # files, which the family "meshes" is for; minutes
+    *("read_mesh", "Plan", "bench"),
+}
+
+
+def fault_of(case, folder):
+    """What is wrong in the outcome of a case; None if nothing is."""
+    try:
+        result = case.attempt(folder)
+    except NotRun:
+        return None
+    except Exception as error:
+        return None if case.refused(error) else f"{case.name}: {type(error).__name__}: {str(error)[:200]}"
+    try:
+        case.judge(result)
+    except Wrong as wrong:
+        return f"{case.name}: {wrong.why[:200]}"
+    return None
+
+
+@pytest.mark.filterwarnings("ignore")
+@pytest.mark.parametrize("table", arguments.TABLES)
+def test_what_is_no_argument_is_refused_by_its_name_and_what_is_one_gives_the_right_result(table, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    cases = list(arguments.cases_of_calls(arguments.calls_of(table), costly=False))
+    faults = [fault for case in cases if (fault := fault_of(case, tmp_path))]
+    assert len(cases) > 2000 and not faults, "\n".join([f"{len(faults)} faults", *faults[:20]])
+
+
+def test_every_public_function_and_class_has_a_row():
+    calls = [call.name for table in arguments.TABLES for call in arguments.calls_of(table)]
+    known = {name.split(".")[0].split(" ")[0] for name in calls}
+    known |= {name.split(".")[-1].split(" ")[0] for name in calls if name.startswith("peers.")}
+    public = set()
+    for part in PARTS:
+        module = import_module(f"skfem_stvk.{part}".rstrip("."))
+        for name in module.__all__:
+            thing = getattr(module, name)
+            if isfunction(thing) or (isclass(thing) and not issubclass(thing, Exception)):
+                public.add(name)
+    assert public - known - WITHOUT == set()
+    assert public | {"Interrupted", "MeshLike", "SimulationError", "SolveError"} >= WITHOUT
+
+
+def test_every_method_of_a_system_has_a_row():
+    calls = {call.name.split(" ")[0] for call in arguments.calls_of("table_of_systems")}
+    with_arguments = {
+        name for name, method in vars(System).items() if isfunction(method) and name[0] != "_" and method.__code__.co_argcount > 1
+    }
+    assert {f"System.{name}" for name in with_arguments} <= calls and len(with_arguments) > 25
+
+
+def taken(x):
+    return x
+
+
+def from_the_depths(x):
+    return float(np.sqrt(x) + None)
+
+
+def unnamed(x):
+    raise StvkError("Something is wrong with what came.")
+
+
+def half_right(x):
+    return 1.0 if isinstance(x, float) else 2.0
+
+
+@pytest.mark.parametrize("function", [taken, from_the_depths, unnamed, half_right])
+def test_a_function_that_does_not_look_at_its_argument_is_found(function, tmp_path):
+    cases = arguments.cases_of_calls([Call("f", lambda: (function, {"x": 2.0}))])
+    faults = [fault for case in cases if (fault := fault_of(case, tmp_path))]
+    assert len(faults) > 3
+
+
+def test_values_are_many_and_have_names_of_their_own():
+    assert len({value.name for value in EVERY}) == len(EVERY) > 70
