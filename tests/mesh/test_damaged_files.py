@@ -220,3 +220,18 @@ def test_points_in_coordinate_systems_of_their_own_are_refused(tmp_path):
     file.write_text(file.read_text().replace("BEGIN BULK\n", "BEGIN BULK\nCORD2C  1\n"))
     with pytest.raises(MeshError, match=r"coordinate systems of its own \(CORD\.\.\.\)"):
         read_mesh(file)
+
+
+def test_nodes_that_are_not_in_the_order_of_their_ids_are_refused_where_meshio_takes_them_in_any(tmp_path):
+    text = written("mdpa").content.decode()
+    (tmp_path / "mesh.mdpa").write_text(text.replace("\n 3 0", "\n 33 0").replace("\n 4 ", "\n 3 ", 1).replace("\n 33 ", "\n 4 "))
+    with pytest.raises(MeshError, match=r"the ids of its nodes are not 1, 2, \.\.\.: 4 stands for 3"):
+        read_mesh(tmp_path / "mesh.mdpa")
+
+
+def test_what_meshio_leaves_out_is_noticed_by_its_number(tmp_path):
+    text = written("su2").content.decode()
+    first, *rest = text.split("\n10 ")
+    (tmp_path / "mesh.su2").write_text(first + "\n10 " + rest[0] + "\n" + "".join("\n10 " + row for row in rest[1:]))
+    with pytest.raises(MeshError, match="40 cells are declared, 39 were read"):
+        read_mesh(tmp_path / "mesh.su2")
