@@ -5,8 +5,15 @@ import os
 import pytest
 from hypothesis import settings
 
-settings.register_profile("house", deadline=None)  # tests never assert a time, and the first example may compile a kernel
+# Tests never assert a time, and the first example may compile a kernel; examples are the same in every run, and one that fails is printed so
+# that it can be run again.
+settings.register_profile("house", deadline=None, derandomize=True, print_blob=True)
 settings.load_profile("house")
+
+
+def pytest_report_header() -> str:
+    """Where the random numbers of the tests come from."""
+    return "seeds: Hypothesis derandomized, its failing examples are printed; NumPy's generators have the seeds that stand in the tests"
 
 
 @pytest.fixture(scope="session")

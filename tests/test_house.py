@@ -1,5 +1,6 @@
 """The house stands: lint, format, types and layers, as claims like any other."""
 
+import ast
 import subprocess
 import sys
 from pathlib import Path
@@ -46,6 +47,50 @@ def test_public_names_are_documented():
 
     for name in skfem_stvk.__all__:
         assert getattr(skfem_stvk, name).__doc__, name
+
+
+def test_no_test_returns_before_it_asserts():
+    """Parameters are selected instead, and examples of Hypothesis assumed."""
+    returns = [
+        f"{path.name}:{node.lineno}"
+        for path, tree in trees("tests")
+        for test in ast.walk(tree)
+        if isinstance(test, ast.FunctionDef) and test.name.startswith("test_")
+        for node in own_nodes(test)
+        if isinstance(node, ast.Return)
+    ]
+    assert not returns
+
+
+def test_random_numbers_have_seeds():
+    """Every generator is made from a seed, and none is NumPy's or Python's global one."""
+    unseeded = [
+        f"{path.name}:{node.lineno}: {ast.unparse(node)}"
+        for folder in ("tests", "validation", "skfem_stvk")
+        for path, tree in trees(folder)
+        for node in ast.walk(tree)
+        if isinstance(node, ast.Call) and is_unseeded(ast.unparse(node.func), node)
+    ]
+    assert not unseeded
+
+
+def is_unseeded(name, call):
+    if name.split(".")[-1] in ("default_rng", "Random", "RandomState"):
+        return not (call.args or call.keywords)
+    return "(" not in name and name.rpartition(".")[0] in ("np.random", "numpy.random", "random")
+
+
+def trees(folder):
+    for path in sorted((ROOT / folder).rglob("*.py")):
+        yield path, ast.parse(path.read_text(encoding="utf-8"))
+
+
+def own_nodes(function):
+    """What stands in a function, but for functions within."""
+    for node in ast.iter_child_nodes(function):
+        if not isinstance(node, ast.FunctionDef | ast.Lambda | ast.ClassDef):
+            yield node
+            yield from own_nodes(node)
 
 
 def test_ci_runs_the_readmes_test_command():

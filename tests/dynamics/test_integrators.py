@@ -182,16 +182,20 @@ def test_the_books_of_energy_momentum_close_to_second_order_with_a_volume_penalt
         assert np.abs(momentum - momentum[0]).max() < 1e-12
 
 
+#: Those that keep linear momentum, with the masses that they take.
+FLYING = [
+    (name, mass)
+    for name, make in MAKERS.items()
+    for mass in ("lumped", "consistent")
+    if LINEAR_MOMENTUM in make(1.0).conserves and not (mass == "consistent" and make(1.0).explicit)
+]
+
+
 @pytest.mark.parametrize("d", [2, 3])
-@pytest.mark.parametrize("mass", ["lumped", "consistent"])
-@pytest.mark.parametrize("name", MAKERS)
+@pytest.mark.parametrize(("name", "mass"), FLYING)
 def test_a_rigid_body_flies_exactly(name, mass, d):
     integrator, mesh = MAKERS[name](0.03), MESHES[d]
-    if mass == "consistent" and integrator.explicit:
-        return
     v, g = np.array([3.0, -2.0, 1.0])[:d], np.array([0.5, -9.0, 2.0])[:d]
-    if LINEAR_MOMENTUM not in integrator.conserves:
-        return
     flight = Scene(System(mesh, material(mesh)), v0=np.tile(v, mesh.nv)).run(integrator, 0.6, mass=mass)
     assert np.abs(flight.u - np.tile(0.6 * v, mesh.nv)).max() < 1e-11
     fall = Scene(System(mesh, [material(mesh), Gravity(g)]), v0=np.tile(v, mesh.nv)).run(integrator, 0.6, mass=mass)
@@ -229,8 +233,7 @@ def test_a_spinning_body_comes_to_rest_in_itself_by_its_edges_and_stops_by_its_s
         late = np.diff(ledger["dissipated_work"])[-20:].sum() / ledger["dissipated_work"][-1]
         ends[type(damping)] = spin[-1] / spin[0], late
     assert ends[EdgeDamping][1] < 1e-3 and ends[Rayleigh][0] < 0.7 * ends[EdgeDamping][0]
-    if make is EnergyMomentum:
-        assert ends[EdgeDamping][0] == pytest.approx(1, abs=1e-11)
+    assert (abs(ends[EdgeDamping][0] - 1) < 1e-11) == (make is EnergyMomentum)  # backward Euler damps rotations itself
 
 
 @pytest.mark.parametrize("tangent", ["clamped", "gauss-newton", "diagonal", "rest"])

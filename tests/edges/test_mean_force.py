@@ -83,7 +83,7 @@ def test_it_is_that_of_the_edges(name, parts, monkeypatch):
             assert np.abs(force - wanted).max() < LIMIT * np.abs(wanted).max()
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(
     st.sampled_from(sorted(CASES)),
     st.integers(0, 10**6),

@@ -28,7 +28,7 @@ def shared(targets, size, threads):
         return shares_of(targets, size, 1, threads)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(seed=SEEDS, rows=st.integers(1, 40), width=st.integers(1, 5), size=st.integers(1, 30), threads=st.integers(1, 5))
 def test_no_two_parts_share_a_slot(seed, rows, width, size, threads):
     targets = random_targets(seed, rows, width, size)
@@ -40,7 +40,7 @@ def test_no_two_parts_share_a_slot(seed, rows, width, size, threads):
     assert max(map(max, used)) < size + len(shares.extra)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(seed=SEEDS, rows=st.integers(1, 40), width=st.integers(1, 5), size=st.integers(1, 30), threads=st.integers(1, 5))
 def test_every_slot_leads_back_to_its_target(seed, rows, width, size, threads):
     targets = random_targets(seed, rows, width, size)
@@ -51,7 +51,7 @@ def test_every_slot_leads_back_to_its_target(seed, rows, width, size, threads):
     assert len(np.unique(shares.slots[shares.slots >= size])) == len(shares.extra)  # no slot for nothing
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(
     seed=SEEDS,
     rows=st.integers(1, 40),

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from bodies import MESHES, box, state
-from hypothesis import given
+from hypothesis import assume, given
 from hypothesis import strategies as st
 from kernels.parts import in_parts, on_twins
 
@@ -75,10 +75,6 @@ def test_of_an_affine_motion_it_is_exact(name):
     assert body.step_limit((-0.5 * x * one).ravel(), (-0.25 * x * one).ravel()) == pytest.approx(2, rel=1e-12)
     for away in (0.25 * x, 0.25 * x * one, np.ones_like(x), np.zeros_like(x)):
         assert body.step_limit(rest, away.ravel()) == np.inf
-    if mesh.d > 1:
-        shear = np.zeros_like(x)
-        shear[:, 0] = 3 * x[:, 1]
-        assert body.step_limit(rest, shear.ravel()) > 1e12  # the shear is rounded
 
 
 @pytest.mark.parametrize("name", ["tetrahedra", "triangles"])
@@ -156,11 +152,10 @@ TET = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]])
     ],
 )
 def test_the_first_zero_of_a_cubic(c, wanted, limit):
-    found = _first_zero(*c, np.inf)
+    found, bound = _first_zero(*c, np.inf), min(wanted, 1e12)
     assert found == pytest.approx(wanted, rel=limit)
-    if np.isfinite(wanted):
-        assert _first_zero(*c, 2 * wanted) == pytest.approx(found, rel=1e-9)
-        assert _first_zero(*c, 0.5 * wanted) == 0.5 * wanted
+    assert _first_zero(*c, 2 * bound) == pytest.approx(min(found, 2 * bound), rel=1e-9)
+    assert _first_zero(*c, 0.5 * bound) == 0.5 * bound
 
 
 @given(st.lists(st.floats(-10, 10), min_size=3, max_size=3), st.floats(0.1, 5), st.floats(1e-6, 1e6))
@@ -172,8 +167,8 @@ def test_the_first_zero_of_any_product_of_factors(roots, height, scale):
     found = _first_zero(*c, np.inf)
     gaps = np.abs(np.subtract.outer(roots, roots))[np.triu_indices(3, 1)]
     near = 1e-4 if gaps.min() < 1e-2 else 1e-8  # multiple roots are known to the root of eps only
-    if gaps.min() > 1e-5 or np.isinf(wanted):
-        assert found == pytest.approx(wanted, rel=near)
+    assume(gaps.min() > 1e-5 or np.isinf(wanted))
+    assert found == pytest.approx(wanted, rel=near)
 
 
 @given(st.integers(0, 2**32 - 1), st.floats(1e-3, 1e3), st.floats(1e-3, 1e3))
@@ -181,15 +176,13 @@ def test_of_any_tetrahedron(seed, size, speed):
     rng = np.random.default_rng(seed)
     rest, u, v = size * rng.standard_normal((4, 3)), 0.3 * size * rng.standard_normal((4, 3)), speed * rng.standard_normal((4, 3))
     mesh = SimplexMesh(rest.T, np.arange(4)[:, None])
-    if np.abs(determinants(mesh, rest))[0] < 1e-3 * size**3:
-        return
+    assume(np.abs(determinants(mesh, rest))[0] >= 1e-3 * size**3)
     limit = single(rest, u, v)
 
     def J(s):
         return (determinants(mesh, rest + u + s * v) / determinants(mesh, rest))[0]
 
-    if J(0) <= 1e-6:
-        return
+    assume(J(0) > 1e-6)
     end = limit if np.isfinite(limit) else 100 * size / speed
     inside = np.array([J(s) for s in np.linspace(0, end, 400)[:-1]])
     assert inside.min() > -1e-9 * np.abs(inside).max()

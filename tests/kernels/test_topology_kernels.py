@@ -49,13 +49,13 @@ def compare(t, n, d):
     return edges, begin, others, entries
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(seed=st.integers(0, 10**6), k=st.integers(1, 3), n=st.integers(4, 40), nt=st.integers(1, 30), d=st.integers(1, 3))
 def test_kernels_on_random_simplices_are_their_twins(seed, k, n, nt, d):
     compare(random_simplices(seed, k, n, nt), n, d)
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(seed=st.integers(0, 10**6), m=st.integers(1, 4), items=st.integers(0, 60), n=st.integers(1, 9))
 def test_the_lexicographic_order_is_stable(seed, m, items, n):
     """Few numbers and many columns, so that equal ones come."""

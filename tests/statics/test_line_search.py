@@ -8,7 +8,7 @@ from skfem_stvk.statics.line_search import quartic_minimum, root_of_slope
 numbers = st.floats(-10, 10).filter(lambda x: x == 0 or abs(x) > 1e-3)
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=200)
 @given(numbers, numbers, numbers, st.floats(0.1, 10), st.floats(1e-6, 10))
 def test_the_first_minimum_is_where_the_quartic_stops_to_fall(c0, c2, c3, c4, fall):
     c = np.array([c0, -fall, c2, c3, c4])

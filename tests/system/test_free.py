@@ -32,7 +32,7 @@ def test_the_restricted_matrix_is_the_slice(name):
     assert sorted([*held.free, *held.fixed]) == list(range(body.ndofs))
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(fixed=st.sets(st.integers(0, N - 1), max_size=N - 1))
 def test_any_choice_of_degrees_of_freedom_is_a_slice(fixed):
     held = SOLID.free_dofs(sorted(fixed))

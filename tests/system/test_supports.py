@@ -19,15 +19,14 @@ NAMED = SimplexMesh(MESH.p, MESH.t, node_sets={"wall": WALL, "tip": TIP})
 def test_each_component_is_held_where_it_is_said(name):
     mesh = MESHES[name]
     ids = np.flatnonzero(mesh.p[0] < 0.3)
-    for letters in ("x", "y", "yx", "zx", "xyz"):
-        if set(letters) <= set("xyz"[: mesh.d]):
-            expected = np.sort([mesh.d * v + "xyz".index(letter) for v in ids for letter in letters])
-            supports = Supports(mesh, {lambda x: x[0] < 0.3: letters})
-            assert np.array_equal(supports.fixed, expected) and np.array_equal(supports.held, expected)
-            assert not supports.prescribed.size and not supports.values(1.0).any()
+    for letters in {1: ("x",), 2: ("x", "y", "yx"), 3: ("x", "y", "yx", "zx", "xyz")}[mesh.d]:
+        expected = np.sort([mesh.d * v + "xyz".index(letter) for v in ids for letter in letters])
+        supports = Supports(mesh, {lambda x: x[0] < 0.3: letters})
+        assert np.array_equal(supports.fixed, expected) and np.array_equal(supports.held, expected)
+        assert not supports.prescribed.size and not supports.values(1.0).any()
 
 
-@given(t=st.floats(0, 1))
+@given(t=st.floats(1e-100, 1))
 def test_prescribed_displacements_are_what_is_given_and_constants_ramp(t):
     values = np.linspace(1, 2, len(TIP))
     supports = Supports(
@@ -39,7 +38,7 @@ def test_prescribed_displacements_are_what_is_given_and_constants_ramp(t):
     u.ravel()[supports.held] = supports.values(t)
     assert u[TIP, 0] == pytest.approx(0.01 * t) and u[TIP, 1] == pytest.approx(t * values)
     assert u[TIP, 2] == pytest.approx(t**2 * MESH.p[1, TIP])
-    assert np.array_equal(np.flatnonzero(u.any(axis=1)), TIP[: len(TIP) * (t > 0)]) or t < 1e-150
+    assert np.array_equal(np.flatnonzero(u.any(axis=1)), TIP) and not supports.values(0.0).any()
     assert np.array_equal(supports.held, np.union1d(supports.fixed, supports.prescribed))
 
 
@@ -54,8 +53,8 @@ def test_one_function_may_give_all_components(t):
 
 
 def test_a_function_of_time_moves_all_vertices_alike():
-    supports = Supports(NAMED, None, {"tip": {"z": np.sin}} if False else {"tip": {"z": lambda t: np.sin(3 * t)}})
-    assert supports.values(0.4) == pytest.approx(np.sin(1.2))
+    supports = Supports(NAMED, None, {"tip": {"z": lambda t: np.sin(3 * t)}})
+    assert supports.values(0.4) == pytest.approx(np.full(len(TIP), np.sin(1.2)))
 
 
 def test_pairs_take_places_that_cannot_be_keys():

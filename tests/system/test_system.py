@@ -36,7 +36,7 @@ def test_the_tangent_is_the_hessian_of_the_energy(name):
     assert np.abs(F.sum(axis=0) - body.tangent(u) @ v).max() < 1e-13 * np.abs(F).max()
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(poisson=st.floats(-0.9, 0.49), amount=st.floats(1e-6, 3.0), seed=st.integers(0, 10**6), name=st.sampled_from(sorted(MESHES)))
 def test_any_poisson_and_any_state_agrees_with_scikit_fem(poisson, amount, seed, name):
     mesh = MESHES[name]
@@ -48,7 +48,7 @@ def test_any_poisson_and_any_state_agrees_with_scikit_fem(poisson, amount, seed,
     assert np.abs(body.internal_force(u) - reference.internal_force(u)).max() < 1e-12 * scale * max(1.0, np.abs(u).max())
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 @given(seed=st.integers(0, 10**6))
 def test_numbering_and_order_of_vertices_do_not_matter(seed):
     rng = np.random.default_rng(seed)

@@ -147,14 +147,15 @@ def test_products_diagonals_and_edge_blocks_are_those_of_the_tangent(name):
 def test_the_clamped_tangent_is_positive_semi_definite_and_what_it_leaves_out_is_not(name):
     case = CASES[name]
     term = bound(case)
-    for _, u in states(case):
+    for pushed, u in states(case):
         exact, clamped = dense(case, term, u)[0], dense(case, term, u, TENSILE)[0]
         lowest, highest = np.linalg.eigvalsh(clamped)[[0, -1]]
         assert lowest >= -1e-13 * highest and highest > 1e-3
         assert np.abs(clamped - clamped.T).max() <= 1e-14 * highest
         # if the exact one is positive semi-definite there is no need to leave anything out, and if it is not there was
-        if np.linalg.eigvalsh(exact)[0] < -1e-10 * highest:
-            assert np.abs(exact - clamped).max() > 1e-3 * highest
+        indefinite = np.linalg.eigvalsh(exact)[0] < -1e-10 * highest
+        assert not indefinite or np.abs(exact - clamped).max() > 1e-3 * highest
+        assert indefinite or not (isinstance(case.term, StVK) and pushed == "compressed")
 
 
 @pytest.mark.parametrize("name", FREE)

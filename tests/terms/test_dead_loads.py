@@ -135,7 +135,7 @@ def test_nodal_loads_are_what_is_given_on_each_vertex(name):
     assert each.sum() == pytest.approx(0.5 * 4 * mesh.d)
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(name=st.sampled_from(NAMES), seed=st.integers(0, 1000), t=st.floats(0, 1))
 def test_the_force_of_a_dead_load_is_minus_the_gradient_of_its_potential(name, seed, t):
     mesh = MESHES[name]

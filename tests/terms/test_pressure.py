@@ -43,7 +43,7 @@ def enclosed(mesh, u):
 
 
 @pytest.mark.parametrize("name", CLOSED)
-@settings(max_examples=10, deadline=None)
+@settings(max_examples=10)
 @given(seed=st.integers(0, 10_000), amount=st.floats(0, 3))
 def test_pressure_on_a_closed_surface_is_minus_the_gradient_of_the_volume(name, seed, amount):
     """The volume is a cubic in u, for which the stencil of four points is exact."""
@@ -58,7 +58,7 @@ def test_pressure_on_a_closed_surface_is_minus_the_gradient_of_the_volume(name, 
 
 
 @pytest.mark.parametrize("name", CLOSED)
-@settings(max_examples=10, deadline=None)
+@settings(max_examples=10)
 @given(seed=st.integers(0, 10_000), amount=st.floats(0, 3))
 def test_pressure_on_a_closed_surface_has_no_resultant_and_no_moment(name, seed, amount):
     mesh = CLOSED[name]
@@ -176,7 +176,7 @@ def test_pressure_on_segments_is_refused():
             Pressure(everywhere, 1.0).bind(Body(bar(d=d), [StVK(young=1.0, poisson=0.3)]))
 
 
-@settings(max_examples=10, deadline=None)
+@settings(max_examples=10)
 @given(seed=st.integers(0, 10_000))
 def test_triangles_that_are_turned_round_count_as_turned_like_the_first(seed):
     """Half of them turned at random: the force is the same, or the opposite if the first one was turned."""

@@ -6,7 +6,7 @@ from fractions import Fraction
 import numpy as np
 import pytest
 from bodies import BODIES, MESHES, bar, box, some_voigt, state
-from hypothesis import given
+from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from skfem_stvk import (
@@ -41,12 +41,11 @@ def domain(kind):
     return WIDE[WIDE > 0] if kind == "barrier" else WIDE
 
 
-@pytest.mark.parametrize("kind", KINDS)
-@pytest.mark.parametrize("J", [1.7, 1.0, 0.8, 0.3, 1e-3, -0.6])
+@pytest.mark.parametrize(
+    ("kind", "J"), [(kind, J) for kind in KINDS for J in (1.7, 1.0, 0.8, 0.3, 1e-3, -0.6) if not (kind == "barrier" and J < 0)]
+)
 @pytest.mark.parametrize("name", SOLID)
 def test_the_energy_is_k_psi_times_the_volume(name, J, kind):
-    if kind == "barrier" and J < 0:
-        return
     mesh, k = MESHES[name], np.random.default_rng(0).uniform(1, 5, MESHES[name].nt)
     gradient = np.linalg.qr(np.random.default_rng(1).standard_normal((mesh.d, mesh.d)))[0] * np.geomspace(1, 2, mesh.d)
     gradient[0] *= J / np.linalg.det(gradient)
@@ -196,13 +195,15 @@ def triple(a, b, c):
 
 
 @pytest.mark.parametrize("name", SOLID)
-def test_at_rest_only_the_quadratic_one_changes_the_stiffness_and_there_as_lambda_does(name):
+def test_at_rest_only_the_quadratic_one_changes_the_stiffness(name):
     mesh, rest = MESHES[name], np.zeros(MESHES[name].p.size)
-    for kind in ("compression", "barrier"):
-        K = System(mesh, VolumePenalty(5.0, kind)).tangent(rest)
-        assert not K.data.any()
-    if mesh.k == 1:
-        return
+    changed = [System(mesh, VolumePenalty(5.0, kind)).tangent(rest).data.any() for kind in ("compression", "barrier", "quadratic")]
+    assert changed == [False, False, True]
+
+
+@pytest.mark.parametrize("name", [name for name in SOLID if MESHES[name].k > 1])
+def test_at_rest_the_quadratic_one_changes_the_stiffness_as_lambda_does(name):
+    mesh, rest = MESHES[name], np.zeros(MESHES[name].p.size)
     lam, mu = 2.0, 0.7
 
     def with_lame(lam):
@@ -407,8 +408,7 @@ def test_any_state_that_is_not_inside_out_has_force_and_tangent_as_derivatives(k
     u, v = amount * rng.standard_normal((2, mesh.p.size)) / mesh.nv**0.5 - 0.3 * mesh.p.ravel("F")
     reach = body.step_limit(u, v), body.step_limit(u, -v)
     J = body.smallest_volume_ratio(u)
-    if J < 0.05:
-        return
+    assume(J >= 0.05)
     h = min(1e-4, 1e-2 * min(reach))
     F, K = body.internal_force(u), body.tangent(u)
     slope = (8 * (body.energy(u + h * v) - body.energy(u - h * v)) - body.energy(u + 2 * h * v) + body.energy(u - 2 * h * v)) / (
