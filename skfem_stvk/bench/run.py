@@ -9,6 +9,8 @@ from functools import partial
 from pathlib import Path
 from time import perf_counter
 
+from ..arguments import flag, shown
+from ..errors import StvkError
 from ..peers import PEERS
 from ..peers.packages import PACKAGES
 from ..referee.header import PACKAGES as OWN
@@ -37,7 +39,15 @@ def bench(plan: Plan = FULL, quiet: bool = False) -> Benchmark:
     """Measure what the plan says.
 
     What is not to be had here is listed as not measured, what goes wrong as a failure; Ctrl-C leaves the steps that were finished.
+
+    Raises
+    ------
+    StvkError
+        if the plan is none.
     """
+    if not isinstance(plan, Plan):
+        raise StvkError(f"plan = {shown(plan)}; expected FULL, QUICK or a Plan(...).")
+    quiet = flag("quiet", quiet)
     results = Benchmark(plan, _header())
     cases = [Case(kind, size) for kind, sizes in (("box", plan.boxes), ("part", plan.parts)) for size in sizes]
     begin = perf_counter()

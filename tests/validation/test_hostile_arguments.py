@@ -87,8 +87,8 @@ WITHOUT = {
     ),
     # within: arrays that `System` has checked
     *("Assembly", "EdgeForm", "PenaltyAssembly", "Tensions"),
-    # files, which the family "meshes" is for; minutes
-    *("read_mesh", "Plan", "bench"),
+    # files, which the family "meshes" is for; what the row of `bench` has
+    *("read_mesh", "Plan"),
 }
 
 

@@ -21,6 +21,7 @@ from skfem_stvk import (
     solve_static,
     verify,
 )
+from skfem_stvk.bench import Plan, bench
 from skfem_stvk.linear import SOLVERS, BlockJacobiCg, Kind, SsorCg, Unknowns, choose
 from skfem_stvk.linear.solver import Analysis, Factors
 
@@ -181,7 +182,7 @@ def calls() -> list[Call]:
                 "probes": OPTIONAL | {"empty dict"},
                 "reactions": OPTIONAL | {"empty dict"},
             },
-            {"probes": "probe", "reactions": "reaction"},
+            {"probes": "probe", "reactions": "reaction", "t0": r"\bt0\b|after t ="},
             system=truss(),
             integrator=EnergyMomentum(0.125),
             until=0.25,
@@ -197,6 +198,7 @@ def calls() -> list[Call]:
             quiet=True,
             raise_on_failure=False,
         ),
+        costly("bench", _measured, {"quiet": FLAG}, plan=Plan("nothing", (), (), (), ()), quiet=True),
         costly(
             "verify",
             _verified,
@@ -236,6 +238,10 @@ def _path(stop: Stop) -> Any:
 def _static(**given: Any) -> Any:
     result: StaticResult = solve_static(**given)
     return result.status.value, result.t, result.u
+
+
+def _measured(**given: Any) -> Any:
+    return sorted(bench(**given).failures)
 
 
 def _motion(**given: Any) -> Any:
