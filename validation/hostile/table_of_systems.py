@@ -30,7 +30,7 @@ OF_U = (
     "inside_out",
     "smallest_stretch",
 )
-OF_U_AND_T = ("external_force", "potential", "driving_force", "residual", "jacobian", "energies")
+OF_U_AND_T = ("external_force", "load_stiffness", "potential", "driving_force", "residual", "jacobian", "energies")
 OF_U_AND_V = ("product", "energy_along", "step_limit")
 
 
