@@ -35,16 +35,24 @@ def is_condensed(mesh: SimplexMesh, term: StVK) -> bool:
     return mesh.k == 1 or (mesh.k == 2 and (mesh.d == 3 or term.plane == "stress"))
 
 
-def reference_of(mesh: SimplexMesh, terms: Sequence[StVK]) -> ReferenceStVK:
-    """scikit-fem's assembly of these terms: one tensor an element, the sum over the terms that cover it."""
+def elasticity(mesh: SimplexMesh, terms: Sequence[StVK]) -> Array:
+    """(nt, k, k, k, k) or (1, k, k, k, k) elasticity tensors of these terms in the simplices' own axes, times their section.
+
+    One tensor per element, the sum over the terms that cover it.
+    """
     axes = simplex_axes(mesh.p, mesh.t)
     if len(terms) == 1 and terms[0].region is None:
-        return ReferenceStVK(mesh.p, mesh.t, _tensor(mesh, terms[0], axes))
+        return _tensor(mesh, terms[0], axes)
     total = np.zeros((mesh.nt, *4 * (mesh.k,)))
     for term in terms:
         elements = mesh.elements(term.region)
         total[elements] += _tensor(mesh, term, axes[elements])
-    return ReferenceStVK(mesh.p, mesh.t, total)
+    return total
+
+
+def reference_of(mesh: SimplexMesh, terms: Sequence[StVK]) -> ReferenceStVK:
+    """scikit-fem's assembly of these terms."""
+    return ReferenceStVK(mesh.p, mesh.t, elasticity(mesh, terms))
 
 
 def _tensor(mesh: SimplexMesh, term: StVK, axes: Array) -> Array:

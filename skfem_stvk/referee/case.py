@@ -8,11 +8,13 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import issparse
+from scipy.sparse import csr_matrix, diags, issparse
 
 from ..mesh import SimplexMesh
-from ..mesh.geometry import aspect_ratios, edge_differences, edge_lengths, vertex_sizes
+from ..mesh.geometry import edge_differences, edge_lengths, vertex_sizes
+from .judgement import largest_component, largest_rows
 from .players import Player
+from .round_off import RoundOff
 from .states import INVERTED, STRETCH
 from .tasks import NotApplicable
 
@@ -29,25 +31,29 @@ class Case:
     Attributes
     ----------
     mesh : the body's simplices.
-    ours, reference : the edge form, and scikit-fem's standard assembly.
+    ours, reference : the edge form, and what it is held against (`truth`).
+    scikit_fem : scikit-fem's standard assembly of all elements, whose speed is measured.
     candidate : somebody else's model, if one came.
     candidate_is_stvk : whether the candidate claims to be this model.
     states : displacements (ndofs,) [m] by name.
     seed : of all random numbers.
+    modulus : (nt,) largest entry of the elasticity tensor of each element, times its section.
     bare : number of elements that belong to no term.
     """
 
     mesh: SimplexMesh
     ours: Player
     reference: Player
+    scikit_fem: Player
     candidate: Player | None
     candidate_is_stvk: bool
     states: dict[str, Array]
     seed: int
+    modulus: Array
     bare: int = 0
     _state: str = field(default="", init=False)
     _values: dict[tuple[str, str], Any] = field(default_factory=dict, init=False)
-    _stiffness: dict[str, float] = field(default_factory=dict, init=False)
+    _stiffness: dict[str, Array] = field(default_factory=dict, init=False)
 
     @property
     def players(self) -> list[Player]:
@@ -99,61 +105,65 @@ class Case:
         """(nv, d) coordinates from the centre of the body [m]: rotations about it cost the fewest digits."""
         return (self.mesh.p - self.mesh.p.mean(axis=1, keepdims=True)).T
 
-    def stiffness_scale(self, player: Player) -> float:
-        """Largest entry of K at rest [N/m]: the reference's, or of a player of another law its own, estimated if it has no matrix."""
+    def stiffness(self, player: Player) -> Array:
+        """(nv,) largest entry of K at rest in the rows of each vertex [N/m]: the reference's, or of a player of another law its own.
+
+        Of a player without a matrix one value for all vertices is estimated.
+        """
         judge = self.reference if self.is_stvk(player) else player
         if judge.name not in self._stiffness:
-            self._stiffness[judge.name] = self._largest_at_rest(judge)
+            self._stiffness[judge.name] = self._at_rest(judge)
         return self._stiffness[judge.name]
 
-    def _largest_at_rest(self, player: Player) -> float:
+    def _at_rest(self, player: Player) -> Array:
+        ndofs = self.mesh.p.size
         if player.has("K"):
-            K = player.K(np.zeros(self.mesh.p.size))
+            K = player.K(np.zeros(ndofs))
             if issparse(K):
-                return float(abs(K).max())
-            return float(np.abs(K @ self.random("scale").choice([-1.0, 1.0], size=self.mesh.p.size)).max())
-        if player.has("F"):
-            return float(np.abs(player.F(self.states[STRETCH])).max()) / self.median_edge
-        return abs(player.W(self.states[STRETCH])) / self.median_edge**2
+                return largest_rows(K, self.mesh.d)
+            estimate = float(np.abs(K @ self.random("scale").choice([-1.0, 1.0], size=ndofs)).max())
+        elif player.has("F"):
+            estimate = float(np.abs(player.F(self.states[STRETCH])).max()) / self.median_edge
+        else:
+            estimate = abs(player.W(self.states[STRETCH])) / self.median_edge**2
+        return np.full(self.mesh.nv, estimate)
 
-    def force_scale(self, player: Player) -> float:
-        """Largest entry of K at rest x median edge [N]: what force means on this body where F = 0."""
-        return self.stiffness_scale(player) * self.median_edge
+    def force_floor(self, player: Player) -> Array:
+        """(nv,) stiffness at rest x shortest edge of each vertex [N]: what force means there where F = 0."""
+        return self.stiffness(player) * self.node_size
+
+    def force_scale(self, player: Player, *forces: Array) -> Array:
+        """(nv,) largest of these forces (ndofs,) at a vertex and those around it, and at least the floor [N]."""
+        largest = np.max([largest_component(force, self.mesh.d) for force in forces], axis=0)
+        return np.maximum(self.round_off.around(largest), self.force_floor(player))
+
+    def energy_floor(self, player: Player) -> float:
+        """Median of stiffness at rest x shortest edge squared of the vertices [J]: what energy means on this body where W = 0."""
+        floor = self.force_floor(player) * self.node_size
+        return float(np.median(floor[floor > 0])) if (floor > 0).any() else 0.0
 
     @cached_property
-    def flatness(self) -> float:
-        """Largest (longest edge / smallest height)^2 of the elements.
+    def round_off(self) -> RoundOff:
+        """What round-off may cost in each state."""
+        return RoundOff(self.mesh, self.modulus)
 
-        Squared lengths of long edges determine the strain across a flat element as a small difference, so the edge form loses
-        eps x flatness where forms that build the deformation gradient lose the root of it.
-        """
-        return float(aspect_ratios(self.mesh).max()) ** 2
+    def lost_force(self, player: Player, u: Array) -> Array:
+        """(nv,) round-off that a right F may have at `u` [N]."""
+        return self.round_off.by_vertex(self.round_off.lost(u).force) * self.stiffness(player)
 
-    @cached_property
-    def fineness(self) -> float:
-        """Size of the body over its shortest edge: displacements of the body's size carry eps x fineness into every strain."""
-        return float(np.ptp(self.mesh.p, axis=1).max() / self.node_size.min())
+    def lost_stiffness(self, player: Player, u: Array) -> csr_matrix:
+        """(nv, nv) round-off that the entries of a right K may have at `u`, by pair of vertices [N/m]."""
+        root = diags(np.sqrt(self.stiffness(player)))
+        return csr_matrix(root @ self.round_off.by_pair(self.round_off.lost(u).stiffness) @ root)
 
-    def limit(self, least: float = 1e-12, growth: float = 0.0) -> float:
-        """A limit for round-off: `least`, or what flat or many small elements cost, or `growth`, never above 1e-6.
+    def lost_product(self, player: Player, u: Array, v: Array) -> Array:
+        """(nv,) round-off that a right product of K at `u` with `v` (ndofs,) may have [N]."""
+        return np.asarray(self.mesh.d * (self.lost_stiffness(player, u) @ largest_component(v, self.mesh.d)))
 
-        Single slivers cost up to 5 eps x flatness and long chains 6 eps x fineness, as measured; so the limit leaves 1e-12 at aspect
-        ratios beyond 20 and at bodies of more than 200 shortest edges in a row.
-        """
-        return min(max(least, 10 * EPS * self.flatness, 20 * EPS * self.fineness, growth), 1e-6)
-
-    def scale(self, quantity: str, reference: float, player: Player) -> tuple[float, str]:
-        """What an error of W, F or K is relative to, and in words.
-
-        `reference` is the largest entry of what it is held against; W and F have a floor, for at rest and under rigid motion they
-        vanish.
-        """
-        if quantity == "K":
-            return max(reference, np.finfo(float).tiny), "largest |K_ref|"
-        edge = self.median_edge if quantity == "W" else 1.0
-        floor = max(self.force_scale(player) * edge, np.finfo(float).tiny)
-        words = f"largest K at rest x median edge{' squared' if quantity == 'W' else ''}"
-        return (reference, f"largest |{quantity}_ref|") if reference >= floor else (floor, words)
+    def lost_energy(self, player: Player, u: Array) -> float:
+        """Round-off that a right W may have at `u` [J], the sum of that of the elements; of another law in proportion to its stiffness."""
+        lost = float(self.round_off.lost(u).energy.sum())
+        return lost if self.is_stvk(player) else lost * self.energy_floor(player) / self.energy_floor(self.reference)
 
     def strain(self, u: Array) -> float:
         """Largest relative change of a squared edge length, |zeta|/|P|^2."""

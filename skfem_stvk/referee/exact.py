@@ -1,9 +1,11 @@
-"""W and F of St. Venant-Kirchhoff in 50 decimal digits: the truth that round-off is measured against.
+"""W, F and K of St. Venant-Kirchhoff in 50 decimal digits: the truth that round-off is measured against.
 
-In the simplex's own oblique axes `D_i = X_i - X_0` (current: `d_i`), with the metric `M_ij = D_i . D_j`:
+In the simplex's own oblique axes `D_i = X_i - X_0` (current: `d_i`), with the dual vectors `g_i . D_j = delta_ij`:
 
-    e_ij = 1/2 (d_i . d_j - D_i . D_j),    s = lam tr(M^-1 e) M^-1 + 2 mu M^-1 e M^-1,    V = sqrt(det M)/k!
-    W = sum V/2 s : e,    F_i = V sum_j s_ij d_j,    F_0 = -sum_i F_i
+    e_ij = 1/2 (d_i . d_j - D_i . D_j),    c_ijmn = C : g_i (x) g_j (x) g_m (x) g_n,    s_ij = c_ijmn e_mn,    V = sqrt(det D_i . D_j)/k!
+    W = sum V/2 s : e,    F_i = V sum_j s_ij d_j,    K_ij = V (s_ij I + sum_mn c_imjn d_m (x) d_n),    vertex 0 has minus the sums
+
+Isotropic: `c_ijmn = lam G_ij G_mn + mu (G_im G_jn + G_in G_jm)` with `G` the inverse of `D_i . D_j`. `K v` is the derivative of F along v.
 
 Python's decimal numbers are exact on every platform (a `longdouble` is a mere double on some), and fast enough for a patch.
 """
@@ -16,81 +18,150 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.sparse import coo_matrix, csr_matrix
 
 Array = NDArray[np.float64]
+Exact = NDArray[Any]
 DIGITS = 50
 
 
-def exact_energy_and_force(p: Array, t: NDArray[np.int32], lam: float, mu: float, u: Array) -> tuple[float, Array]:
-    """W and F (ndofs,) at `u` (ndofs,), each rounded to double once.
+class ExactStVK:
+    """W, F and K of simplices, each rounded to double once.
 
     Parameters
     ----------
     p : (d, nv) coordinates, taken as they are: exact binary fractions.
     t : (k + 1, nt) vertices.
-    lam, mu : Lame pair within the simplices' dimensions.
-    u : (ndofs,) displacements, taken as they are.
+    tensor : (nt, k, k, k, k) or (1, k, k, k, k) elasticity tensors in the simplices' own axes times their section, as `reference`
+        takes them; or the Lame pair within the simplices' dimensions.
     """
-    with localcontext() as context:
-        context.prec = DIGITS
-        W, F = _energy_and_force(_decimal(p), t, Decimal(lam), Decimal(mu), _decimal(u.reshape(-1, p.shape[0]).T))
-        return float(W), F.astype(float).T.ravel()
+
+    def __init__(self, p: Array, t: NDArray[np.int32], tensor: Array | tuple[float, float]) -> None:
+        self.d, self.t, self.ndofs = len(p), t, p.size
+        with localcontext() as context:
+            context.prec = DIGITS
+            self._rest = self._spokes(_decimal(p))
+            metric = np.einsum("ixn,jxn->ijn", self._rest, self._rest)
+            inverse, determinant = _inverse(metric)
+            self._metric, self._volume = metric, _root(determinant) / factorial(len(metric))
+            self._moduli = _isotropic(inverse, *tensor) if isinstance(tensor, tuple) else _general(self._rest, tensor)
+
+    def energy_and_force(self, u: Array) -> tuple[float, Array]:
+        """W and F (ndofs,) at `u` (ndofs,), taken as it is."""
+        with localcontext() as context:
+            context.prec = DIGITS
+            d, e, s = self._state(u)
+            W = (self._volume * (s * e).sum(axis=(0, 1))).sum() / 2
+            return float(W), self._to_vertices(self._volume * np.einsum("ijn,jxn->ixn", s, d))
+
+    def energy(self, u: Array) -> float:
+        """Strain energy [J]."""
+        return self.energy_and_force(u)[0]
+
+    def internal_force(self, u: Array) -> Array:
+        """Internal force (ndofs,) [N]."""
+        return self.energy_and_force(u)[1]
+
+    def tangent(self, u: Array) -> csr_matrix:
+        """Tangent stiffness [N/m]."""
+        with localcontext() as context:
+            context.prec = DIGITS
+            d, _, s = self._state(u)
+            k, _, n = d.shape
+            half = np.einsum("imjpn,mxn->ixjpn", self._moduli, d)
+            K = np.zeros((k + 1, self.d, k + 1, self.d, n), dtype=object)
+            K[1:, :, 1:] = np.einsum("ixjpn,pyn->ixjyn", half, d)
+            for x in range(self.d):
+                K[1:, x, 1:, x] += s
+            K[0] = -K[1:].sum(axis=0)
+            K[:, :, 0] = -K[:, :, 1:].sum(axis=2)
+            values = (self._volume * K).astype(float)
+        dofs = self.d * self.t[:, None] + np.arange(self.d)[:, None]  # (k + 1, d, nt)
+        rows, columns = np.broadcast_to(dofs[:, :, None, None], values.shape), np.broadcast_to(dofs, values.shape)
+        return csr_matrix(coo_matrix((values.ravel(), (rows.ravel(), columns.ravel())), shape=(self.ndofs,) * 2))
+
+    def product(self, u: Array, v: Array) -> Array:
+        """`K(u) v` (ndofs,) [N]."""
+        with localcontext() as context:
+            context.prec = DIGITS
+            d, _, s = self._state(u)
+            dd = self._spokes(_decimal(v.reshape(-1, self.d).T))
+            ds = np.einsum("ijmpn,mxn,pxn->ijn", self._moduli, d, dd)
+            return self._to_vertices(self._volume * (np.einsum("ijn,jxn->ixn", ds, d) + np.einsum("ijn,jxn->ixn", s, dd)))
+
+    def _state(self, u: Array) -> tuple[Exact, Exact, Exact]:
+        """Current spokes (k, d, nt), strains and stresses (k, k, nt) in the oblique axes."""
+        d = self._rest + self._spokes(_decimal(u.reshape(-1, self.d).T))
+        e = (np.einsum("ixn,jxn->ijn", d, d) - self._metric) / 2
+        return d, e, np.einsum("ijmpn,mpn->ijn", self._moduli, e)
+
+    def _spokes(self, x: Exact) -> Exact:
+        """(k, d, nt) differences of a field (d, nv) to the first vertex."""
+        return np.stack([x[:, ends] - x[:, self.t[0]] for ends in self.t[1:]])
+
+    def _to_vertices(self, f: Exact) -> Array:
+        """(ndofs,) the sum of forces (k, d, nt) on all vertices but the first, and of what balances them there."""
+        F = np.full((self.ndofs // self.d, self.d), Decimal(0), dtype=object)
+        for ends, force in zip(self.t, [-f.sum(axis=0), *f], strict=True):
+            np.add.at(F, ends, force.T)
+        return F.astype(float).ravel()
+
+
+def exact_energy_and_force(p: Array, t: NDArray[np.int32], lam: float, mu: float, u: Array) -> tuple[float, Array]:
+    """W and F (ndofs,) at `u` (ndofs,) of isotropic simplices: `ExactStVK` for one state."""
+    return ExactStVK(p, t, (lam, mu)).energy_and_force(u)
 
 
 def exact_product(p: Array, t: NDArray[np.int32], lam: float, mu: float, u: Array, v: Array) -> Array:
-    """`K(u) v` (ndofs,): the five-point stencil on F along `v`, which has no truncation error."""
-    with localcontext() as context:
-        context.prec = DIGITS
-        x, dx = (_decimal(a.reshape(-1, p.shape[0]).T) for a in (u, v))
-        total = 0 * x
-        for s, weight in ((-2, 1), (-1, -8), (1, 8), (2, -1)):
-            total = total + weight * _energy_and_force(_decimal(p), t, Decimal(lam), Decimal(mu), x + s * dx)[1]
-        return (total / 12).astype(float).T.ravel()
+    """`K(u) v` (ndofs,) of isotropic simplices: `ExactStVK` for one state and direction."""
+    return ExactStVK(p, t, (lam, mu)).product(u, v)
 
 
-def _decimal(array: Array) -> NDArray[Any]:
+def _decimal(array: Array) -> Exact:
     return np.array([Decimal(value) for value in array.ravel().tolist()], dtype=object).reshape(array.shape)
 
 
-def _energy_and_force(
-    p: NDArray[Any], t: NDArray[np.int32], lam: Decimal, mu: Decimal, u: NDArray[Any]
-) -> tuple[Any, NDArray[Any]]:
-    k = len(t) - 1
-    D = [p[:, t[i + 1]] - p[:, t[0]] for i in range(k)]  # each (d, nt)
-    d = [D[i] + (u[:, t[i + 1]] - u[:, t[0]]) for i in range(k)]
-    M = [[(D[i] * D[j]).sum(axis=0) for j in range(k)] for i in range(k)]
-    inverse, determinant = _inverse(M)
-    e = [[((d[i] * d[j]).sum(axis=0) - M[i][j]) / 2 for j in range(k)] for i in range(k)]
-    mixed = _product(inverse, e)
-    trace = sum(mixed[i][i] for i in range(k))
-    raised = _product(mixed, inverse)
-    s = [[lam * trace * inverse[i][j] + 2 * mu * raised[i][j] for j in range(k)] for i in range(k)]
-    V = np.array([value.sqrt() for value in determinant], dtype=object) / factorial(k)
-    W = sum((V * s[i][j] * e[i][j]).sum() for i in range(k) for j in range(k)) / 2
-    F = 0 * u
-    for i in range(k):
-        f = V * sum(s[i][j] * d[j] for j in range(k))
-        for component in range(len(u)):
-            np.add.at(F[component], t[i + 1], f[component])
-            np.subtract.at(F[component], t[0], f[component])
-    return W, F
+def _isotropic(inverse: Exact, lam: float, mu: float) -> Exact:
+    """(k, k, k, k, nt) from the inverse metric."""
+    mixed = np.einsum("imn,jpn->ijmpn", inverse, inverse)
+    return Decimal(lam) * np.einsum("ijn,mpn->ijmpn", inverse, inverse) + Decimal(mu) * (mixed + np.swapaxes(mixed, 2, 3))
 
 
-def _product(A: list[list[Any]], B: list[list[Any]]) -> list[list[Any]]:
-    n = range(len(A))
-    return [[sum(A[i][m] * B[m][j] for m in n) for j in n] for i in n]
+def _general(rest: Exact, tensor: Array) -> Exact:
+    """(k, k, k, k, nt) from the tensors (n, k, k, k, k) in the simplices' own orthonormal axes."""
+    own = rest if rest.shape[0] == rest.shape[1] else _in_own_axes(rest)
+    dual, _ = _inverse(own)  # (component, spoke, nt)
+    c = np.broadcast_to(np.moveaxis(_decimal(tensor), 0, -1), (*4 * (len(own),), own.shape[-1]))
+    for _ in range(4):  # one axis after the other, each to the end of the four
+        c = np.einsum("ajmpn,ain->jmpin", c, dual)
+    return c
 
 
-def _inverse(M: list[list[Any]]) -> tuple[list[list[Any]], Any]:
-    """Inverse and determinant of symmetric matrices of size 1, 2 or 3, by cofactors."""
+def _in_own_axes(rest: Exact) -> Exact:
+    """(k, k, nt) components of the spokes (k, d, nt) in axes by Gram-Schmidt, as `reference.simplex_axes`."""
+    axes: list[Exact] = []
+    for spoke in rest:
+        vector = spoke
+        for axis in axes:
+            vector = vector - (vector * axis).sum(axis=0) * axis
+        axes.append(vector / _root((vector * vector).sum(axis=0)))
+    return np.einsum("ixn,jxn->ijn", rest, np.stack(axes))
+
+
+def _root(values: Exact) -> Exact:
+    return np.array([value.sqrt() for value in values], dtype=object)
+
+
+def _inverse(M: Exact) -> tuple[Exact, Exact]:
+    """Inverses and determinants of matrices (n, n, ...) of size 1, 2 or 3, by cofactors."""
     n = len(M)
     if n == 1:
-        return [[1 / M[0][0]]], M[0][0]
+        return 1 / M, M[0, 0]
 
     def cofactor(i: int, j: int) -> Any:
         r, c = ([m for m in range(n) if m != left_out] for left_out in (i, j))
-        minor = M[r[0]][c[0]] if n == 2 else M[r[0]][c[0]] * M[r[1]][c[1]] - M[r[0]][c[1]] * M[r[1]][c[0]]
+        minor = M[r[0], c[0]] if n == 2 else M[r[0], c[0]] * M[r[1], c[1]] - M[r[0], c[1]] * M[r[1], c[0]]
         return minor if (i + j) % 2 == 0 else -minor
 
-    determinant = sum(M[0][j] * cofactor(0, j) for j in range(n))
-    return [[cofactor(j, i) / determinant for j in range(n)] for i in range(n)], determinant
+    determinant = sum(M[0, j] * cofactor(0, j) for j in range(n))
+    return np.stack([np.stack([cofactor(j, i) / determinant for j in range(n)]) for i in range(n)]), determinant

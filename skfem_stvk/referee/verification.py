@@ -14,9 +14,10 @@ from ..arguments import flag, shown, whole
 from ..errors import MaterialError, StvkError, StvkWarning
 from ..materials import Material
 from ..mesh import MeshLike, SimplexMesh
+from ..reference import ReferenceStVK
 from ..system import System
 from ..terms import StVK
-from .bodies import Homogeneous, homogeneous_copy, reference_of
+from .bodies import Homogeneous, elasticity, homogeneous_copy
 from .case import CANDIDATE, OURS, REFERENCE, Case
 from .checks.agreement import agreement
 from .checks.balance import balance
@@ -32,6 +33,7 @@ from .progress import Progress
 from .report import Report
 from .results import Outcome, Result
 from .states import STRETCH, named_states
+from .truth import Truth
 
 
 def verify(
@@ -150,14 +152,17 @@ def _terms(material: Material | StVK | Sequence[StVK] | None, young: ArrayLike |
 
 def _case(system: System, terms: Sequence[StVK], candidate: Any, candidate_is_stvk: bool, seed: int) -> Case:
     mesh, ndofs = system.mesh, system.ndofs
+    tensor = elasticity(mesh, terms)
     case = Case(
         mesh=mesh,
         ours=Player(OURS, system, ndofs),
-        reference=Player(REFERENCE, reference_of(mesh, terms), ndofs),
+        reference=Player(REFERENCE, Truth(mesh, tensor), ndofs),
+        scikit_fem=Player(REFERENCE, ReferenceStVK(mesh.p, mesh.t, tensor), ndofs),
         candidate=None if candidate is None else Player(CANDIDATE, candidate, ndofs),
         candidate_is_stvk=candidate_is_stvk,
         states={},
         seed=seed,
+        modulus=np.broadcast_to(np.abs(tensor).reshape(len(tensor), -1).max(axis=1), mesh.nt),
         bare=mesh.nt - len(np.unique(np.concatenate([mesh.elements(term.region) for term in terms]))),
     )
     case.states.update(named_states(case.centred, case.node_size, case.random("states")))

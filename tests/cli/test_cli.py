@@ -167,14 +167,14 @@ def test_a_narrow_terminal_gets_fewer_columns_and_whole_words():
 @pytest.mark.parametrize("kind", [KeyboardInterrupt, ValueError])
 def test_a_stop_in_the_midst_of_the_precision_keeps_the_rest(call, kind, monkeypatch, tmp_path):
     calls = iter(range(1, 10**6))
-    right = precision.exact_energy_and_force
+    right = precision.ExactStVK.internal_force
 
     def stopped(*arguments):
         if next(calls) == call:
             raise kind("stop")
         return right(*arguments)
 
-    monkeypatch.setattr(precision, "exact_energy_and_force", stopped)
+    monkeypatch.setattr(precision.ExactStVK, "internal_force", stopped)
     report = verify(box(2), StVK(young=1.0, poisson=0.3), quiet=True)
     assert not report.passed and "PASSED" in str(report)
     assert (report.save(tmp_path) / "report.html").exists()

@@ -10,14 +10,11 @@ import numpy as np
 from scipy.sparse import csr_matrix, issparse
 
 from ..case import Case
-from ..places import worst_places
+from ..judgement import as_a_whole, by_entry, by_vertex, largest_component, largest_rows
 from ..players import Player
 from ..tasks import NotApplicable, Task
 
-REASON = (
-    "round-off of two orders of summation: 1e-15 is usual. Above 1e-12 only on meshes whose shape costs more: 10 eps x (longest "
-    "edge/height)^2, or 20 eps x body size/shortest edge"
-)
+REASON = "1e-12 is for round-off of two orders of summation, 1e-15 is usual"
 
 
 def agreement(case: Case) -> Iterator[Task]:
@@ -36,31 +33,23 @@ def _difference(case: Case, player: Player, reference: Player, quantity: str, st
     if not case.is_stvk(player):
         raise NotApplicable("the candidate does not claim to be St. Venant-Kirchhoff")
     truth, value = case.value(reference, quantity, state), case.value(player, quantity, state)
-    if quantity == "K":
-        return _matrix_difference(case, value, truth)
-    limit = case.limit()
-    error = np.atleast_1d(np.abs(np.subtract(value, truth)))
-    scale, words = case.scale(quantity, float(np.max(np.abs(truth))), case.reference)
-    worst = worst_places(case.mesh, error, limit * scale) if quantity == "F" else {}
-    return _judgement(error.max() / scale, limit, scale, words, worst)
+    u = case.states[state]
+    if quantity == "W":
+        floor = case.energy_floor(reference)
+        words = "W_ref" if truth >= floor else "K at rest x edge squared, median"
+        return as_a_whole(abs(value - truth), max(truth, floor), case.lost_energy(reference, u), words, REASON)
+    if quantity == "F":
+        words = "largest |F_ref| around, or K at rest x edge"
+        return by_vertex(case.mesh, value - truth, case.force_scale(reference, truth), case.lost_force(reference, u), words, REASON)
+    return _matrix_difference(case, value, truth, case.lost_stiffness(reference, u))
 
 
-def _matrix_difference(case: Case, K: Any, truth: csr_matrix) -> dict[str, Any]:
-    limit = case.limit()
+def _matrix_difference(case: Case, K: Any, truth: csr_matrix, lost: csr_matrix) -> dict[str, Any]:
     if issparse(K):
-        difference = abs(K - truth).tocoo()
-        scale, words = case.scale("K", float(abs(truth).max()), case.reference)
-        rows = difference.max(axis=1).toarray().ravel()
-    else:  # a LinearOperator: every entry of a row counts in its products with random signs
-        signs = case.random("agreement").choice([-1.0, 1.0], size=(K.shape[1], 4))
-        rows = np.max([np.abs(K @ v - truth @ v) for v in signs.T], axis=0)
-        scale, words = float(abs(truth).sum(axis=1).max()), "largest row sum of |K_ref|, products with random signs"
-    worst = worst_places(case.mesh, rows, limit * scale)
-    if issparse(K) and difference.nnz:
-        entry = int(np.argmax(np.where(np.isfinite(difference.data), difference.data, np.inf)))
-        worst["entry"] = [int(difference.row[entry]), int(difference.col[entry])]
-    return _judgement(rows.max() / scale, limit, scale, words, worst)
-
-
-def _judgement(measured: float, limit: float, scale: float, words: str, worst: dict[str, Any]) -> dict[str, Any]:
-    return {"measured": measured, "limit": limit, "scale": f"{scale:.3e} ({words})", "reason": REASON, "worst": worst}
+        rows = np.maximum(largest_rows(truth, case.mesh.d), case.stiffness(case.reference))
+        return by_entry(case.mesh, K - truth, rows, lost, "largest |K_ref| of the rows, now or at rest", REASON)
+    signs = case.random("agreement").choice([-1.0, 1.0], size=(K.shape[1], 4))  # every entry of a row counts in its products
+    error = np.max([np.abs(K @ v - truth @ v) for v in signs.T], axis=0)
+    sums = largest_component(np.asarray(abs(truth).sum(axis=1)).ravel(), case.mesh.d)
+    loss = case.mesh.d * np.asarray(lost.sum(axis=1)).ravel()
+    return by_vertex(case.mesh, error, sums, loss, "products with random signs over the row sum of |K_ref|", REASON)

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from scipy.sparse import issparse
 
 from ..case import Case
-from ..places import worst_places
+from ..judgement import as_a_whole, by_entry, by_vertex, largest_component, largest_rows
 from ..players import Player
 from ..tasks import NotApplicable, Task
 
@@ -32,9 +32,7 @@ def balance(case: Case) -> Iterator[Task]:
 def _forces(case: Case, player: Player, state: str) -> dict[str, Any]:
     case.refuse_undefined(player, state)
     F = case.value(player, "F", state).reshape(-1, case.mesh.d)
-    return _resultant(
-        case, F.sum(axis=0), max(float(np.abs(F).sum()), case.force_scale(player)), "sum of |F|, at least that of one edge"
-    )
+    return _resultant(case, player, state, F.sum(axis=0), F, 1.0, "sum of |F|, or K at rest x edge")
 
 
 def _torques(case: Case, player: Player, state: str) -> dict[str, Any]:
@@ -47,37 +45,29 @@ def _torques(case: Case, player: Player, state: str) -> dict[str, Any]:
     x = x - x.mean(axis=0)
     torque = np.array([(x[:, i] * F[:, j] - x[:, j] * F[:, i]).sum() for i, j in combinations(range(d), 2)])
     reach = float(np.abs(x).max())
-    return _resultant(case, torque, max(float(np.abs(F).sum()), case.force_scale(player)) * reach, "sum of |F| x size of the body")
+    return _resultant(case, player, state, torque, F, reach, "sum of |F| x size of the body")
 
 
-def _resultant(case: Case, total: Array, scale: float, words: str) -> dict[str, Any]:
-    return {
-        "measured": np.abs(total).max() / scale if scale else np.inf,
-        "limit": case.limit(),
-        "scale": f"{scale:.3e} ({words})",
-        "reason": "forces between the vertices of an element cancel to round-off",
-    }
+def _resultant(case: Case, player: Player, state: str, total: Array, F: Array, reach: float, words: str) -> dict[str, Any]:
+    scale = max(float(np.abs(F).sum()), float(case.force_floor(player).max())) * reach
+    lost = float(case.lost_force(player, case.states[state]).max()) * reach
+    reason = "1e-12 is for round-off: forces between the vertices of an element cancel"
+    return as_a_whole(float(np.abs(total).max()), scale, lost, words, reason)
 
 
 def _symmetry(case: Case, player: Player, state: str) -> dict[str, Any]:
     case.refuse_undefined(player, state)
-    limit, K = case.limit(), case.value(player, "K", state)
+    K, lost = case.value(player, "K", state), case.lost_stiffness(player, case.states[state])
+    reason = "1e-12 is for round-off of the diagonal blocks: second derivatives commute"
     if issparse(K):
-        difference = abs(K - K.T).tocsr()
-        scale, words = float(abs(K).max()), "largest |K|"
-        error = difference.max(axis=1).toarray().ravel()
-    else:
-        rng = case.random("symmetry")
-        x, y = rng.standard_normal((2, K.shape[0]))
-        Kx, Ky = K @ x, K @ y
-        error, scale, words = np.array([abs(y @ Kx - x @ Ky)]), float(np.abs(y * Kx).sum()), "sum of |y K x|, random x and y"
-    return {
-        "measured": error.max() / max(scale, np.finfo(float).tiny),
-        "limit": limit,
-        "scale": f"{scale:.3e} ({words})",
-        "reason": "second derivatives commute; only round-off of the diagonal blocks is left",
-        "worst": worst_places(case.mesh, error, limit * scale) if len(error) == case.mesh.p.size else {},
-    }
+        rows = np.maximum(largest_rows(K, case.mesh.d), case.stiffness(player))
+        return by_entry(case.mesh, K - K.T, rows, lost, "largest |K| of the rows, now or at rest", reason)
+    rng = case.random("symmetry")
+    x, y = rng.standard_normal((2, K.shape[0]))
+    Kx, Ky = K @ x, K @ y
+    largest = (largest_component(values, case.mesh.d) for values in (x, y))
+    loss = case.mesh.d**2 * float(next(largest) @ lost @ next(largest))
+    return as_a_whole(abs(float(y @ Kx - x @ Ky)), float(np.abs(y * Kx).sum()), loss, "sum of |y K x|, random x and y", reason)
 
 
 def rigid_motions(X: Array) -> Array:
@@ -94,13 +84,9 @@ def rigid_motions(X: Array) -> Array:
 
 
 def _rigid_modes(case: Case, player: Player) -> dict[str, Any]:
-    limit, K = case.limit(), player.K(np.zeros(case.mesh.p.size))
+    u = np.zeros(case.mesh.p.size)
+    K = player.K(u)
     error = np.max([np.abs(K @ mode) for mode in rigid_motions(case.centred).T], axis=0)
-    scale = case.stiffness_scale(player)
-    return {
-        "measured": error.max() / scale if scale else np.inf,
-        "limit": limit,
-        "scale": f"{scale:.3e} (largest K at rest, modes of size 1)",
-        "reason": "translations and rotations strain nothing to first order",
-        "worst": worst_places(case.mesh, error, limit * scale),
-    }
+    lost = case.lost_product(player, u, np.ones(case.mesh.p.size))
+    reason = "1e-12 is for round-off: translations and rotations strain nothing to first order"
+    return by_vertex(case.mesh, error, case.stiffness(player), lost, "largest |K| of the row, modes of size 1", reason)

@@ -17,12 +17,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..case import EPS, Case
-from ..places import worst_places
+from ..judgement import as_a_whole, by_vertex, largest_component
 from ..players import Player
 from ..tasks import CannotTell, Task
 
 Array = NDArray[np.float64]
 
+REASON = "1e-12 is for round-off, all that the five-point stencil leaves of this law; 1e-15 is usual"
 STENCIL = ((-2, 1 / 12), (-1, -8 / 12), (1, 8 / 12), (2, -1 / 12))
 ORDER, DIRECTIONS = 1.9, 2
 
@@ -36,40 +37,43 @@ def derivatives(case: Case) -> Iterator[Task]:
                 yield Task("derivatives", player, quantity, state, needs, partial(test, case, player, quantity, state))
 
 
-Line = tuple[Callable[[float], Array], Array]
+Line = tuple[Callable[[float], Array], Array, Array]
 
 
 def _lines(case: Case, player: Player, quantity: str, state: str) -> Iterator[Line]:
-    """Functions along random lines scaled to the state, and their claimed derivatives at 0."""
+    """Functions along random lines scaled to the state, their claimed derivatives at 0, and the directions."""
     u, rng = case.states[state], case.random(f"derivatives {state}")
     for _ in range(DIRECTIONS):
         v = case.direction(u, rng)
         if quantity == "F":
-            yield lambda s, v=v: np.array([player.W(u + s * v)]), np.array([player.F(u) @ v])  # type: ignore[misc]
+            yield lambda s, v=v: np.array([player.W(u + s * v)]), np.array([player.F(u) @ v]), v  # type: ignore[misc]
         else:
-            yield lambda s, v=v: player.F(u + s * v), np.asarray(player.K(u) @ v)  # type: ignore[misc]
+            yield lambda s, v=v: player.F(u + s * v), np.asarray(player.K(u) @ v), v  # type: ignore[misc]
 
 
 def _stencil(case: Case, player: Player, quantity: str, state: str) -> dict[str, Any]:
-    return max((_along(case, quantity, *line) for line in _lines(case, player, quantity, state)), key=_badness)
+    u = case.states[state]
+    return max((_along(case, player, quantity, u, *line) for line in _lines(case, player, quantity, state)), key=_badness)
 
 
-def _along(case: Case, quantity: str, function: Callable[[float], Array], claimed: Array) -> dict[str, Any]:
-    limit = case.limit()
+def _along(
+    case: Case, player: Player, quantity: str, u: Array, function: Callable[[float], Array], claimed: Array, v: Array
+) -> dict[str, Any]:
     terms = np.array([weight * function(s) for s, weight in STENCIL])
-    error, scale = np.abs(terms.sum(axis=0) - claimed), float(np.abs(terms).max())
-    return {
-        "measured": error.max() / scale if scale else np.inf,  # nothing changes along the line: no elastic body
-        "limit": limit,
-        "scale": f"{scale:.3e} (largest term of the stencil)",
-        "reason": "five-point stencil, exact for this law, so only round-off is left: 1e-15 is usual; flat or many elements cost more",
-        "worst": worst_places(case.mesh, error, limit * scale) if quantity == "K" else {},
-    }
+    error, words = np.abs(terms.sum(axis=0) - claimed), "largest term of the stencil"
+    d = case.mesh.d
+    if quantity == "F":
+        lost = max(abs(weight) * case.lost_energy(player, u + s * v) for s, weight in STENCIL)
+        lost += float(case.lost_force(player, u) @ largest_component(v, d))
+        return as_a_whole(float(error[0]), float(np.abs(terms).max()), lost, words, REASON)
+    loss = np.max([abs(weight) * case.lost_force(player, u + s * v) for s, weight in STENCIL], axis=0)
+    scale = case.round_off.around(largest_component(np.abs(terms).max(axis=0), d))
+    return by_vertex(case.mesh, error, scale, loss + case.lost_product(player, u, v), f"{words} around", REASON)
 
 
 def _taylor(case: Case, player: Player, quantity: str, state: str) -> dict[str, Any]:
     case.refuse_undefined(player, state)
-    return max((_order(*line) for line in _lines(case, player, quantity, state)), key=_badness)
+    return max((_order(function, claimed) for function, claimed, _ in _lines(case, player, quantity, state)), key=_badness)
 
 
 def _order(function: Callable[[float], Array], claimed: Array) -> dict[str, Any]:
@@ -98,8 +102,8 @@ def _order(function: Callable[[float], Array], claimed: Array) -> dict[str, Any]
 
 
 def _badness(measurement: dict[str, Any]) -> float:
-    """For the worst of several: not a number is worse than any."""
-    return float(measurement["measured"]) if np.isfinite(measurement["measured"]) else np.inf
+    """How far beyond its limit it is, for the worst of several: not a number is worse than any."""
+    return float(measurement["measured"]) / measurement["limit"] if np.isfinite(measurement["measured"]) else np.inf
 
 
 def _fitted_order(steps: NDArray[Any], remainders: NDArray[Any]) -> float:

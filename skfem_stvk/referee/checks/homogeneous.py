@@ -15,17 +15,20 @@ In the plane `E` and `nu` are those of the plane: `nu = lam/(lam + 2 mu)`, `E = 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from functools import partial
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ...mesh import SimplexMesh
 from ...mesh.facets import boundary_vertices
+from ...reference import ReferenceStVK
 from ..bodies import Homogeneous, volumes
-from ..case import EPS, Case
-from ..places import worst_places
+from ..case import Case
+from ..judgement import as_a_whole, by_vertex, largest_rows
 from ..players import Player
+from ..round_off import RoundOff
 from ..tasks import NotApplicable, Task
 
 Array = NDArray[np.float64]
@@ -101,6 +104,7 @@ def _young_and_poisson(k: int, lam: float, mu: float) -> tuple[float, float]:
 
 def homogeneous_states(case: Case, twin: Player, body: Homogeneous) -> Iterator[Task]:
     """Closed forms and the patch test, of our W, F, K on the homogeneous copy; the candidate's too if the body itself is that."""
+    yard = Yardstick(case.mesh, body)
     players = [twin] + ([case.candidate] if case.candidate is not None else [])
     for player in players:
         refused = ""
@@ -116,9 +120,9 @@ def homogeneous_states(case: Case, twin: Player, body: Homogeneous) -> Iterator[
                     quantity,
                     name,
                     needs,
-                    partial(_closed_form, case, player, quantity, name, body, refused),
+                    partial(_closed_form, case, player, quantity, name, body, yard, refused),
                 )
-        yield Task("patch test", player, "F", "affine", "F", partial(_patch_test, case, player, body, refused))
+        yield Task("patch test", player, "F", "affine", "F", partial(_patch_test, case, player, body, yard, refused))
 
 
 def _refuse(case: Case, refused: str) -> None:
@@ -128,7 +132,9 @@ def _refuse(case: Case, refused: str) -> None:
         raise NotApplicable(refused)
 
 
-def _closed_form(case: Case, player: Player, quantity: str, name: str, body: Homogeneous, refused: str) -> dict[str, Any]:
+def _closed_form(
+    case: Case, player: Player, quantity: str, name: str, body: Homogeneous, yard: Yardstick, refused: str
+) -> dict[str, Any]:
     _refuse(case, refused)
     form, dimensions = CLOSED_FORMS[name]
     k = case.mesh.k
@@ -138,39 +144,49 @@ def _closed_form(case: Case, player: Player, quantity: str, name: str, body: Hom
     X = case.centred
     u = (X @ (F - np.eye(k)).T).ravel()
     volume = float(volumes(case.mesh).sum())
+    reason = "1e-12 is for round-off of a sum over all vertices of a closed form, which every mesh meets"
     if quantity == "W":
-        measured, scale = abs(player.W(u) / volume - density), density
-    else:  # first moment of the nodal forces: sum f_a (x) X_a = integral of P
-        mean = player.F(u).reshape(-1, k).T @ X / volume
-        measured, scale = float(np.abs(mean - P).max()), float(np.abs(P).max())
-    return {
-        "measured": measured / scale,
-        "limit": _limit(case, body.condition),
-        "scale": f"{scale:.3e} ({'energy density' if quantity == 'W' else 'largest entry of the nominal stress'})",
-        "reason": "a closed form, met by every mesh; round-off of a sum over all vertices; flat elements, many elements and nearly incompressible laws cost more",
-    }
+        lost = float(yard.round_off.lost(u).energy.sum()) / volume
+        return as_a_whole(abs(player.W(u) / volume - density), density, lost, "energy density", reason)
+    mean = player.F(u).reshape(-1, k).T @ X / volume  # first moment of the nodal forces: sum f_a (x) X_a = integral of P
+    lost = float(np.linalg.norm(yard.lost_force(u) * np.linalg.norm(X, axis=1))) / volume  # of each vertex at random
+    return as_a_whole(float(np.abs(mean - P).max()), float(np.abs(P).max()), lost, "largest entry of the nominal stress", reason)
 
 
-def _patch_test(case: Case, player: Player, body: Homogeneous, refused: str) -> dict[str, Any]:
+def _patch_test(case: Case, player: Player, body: Homogeneous, yard: Yardstick, refused: str) -> dict[str, Any]:
     _refuse(case, refused)
     k = case.mesh.k
     inner = np.setdiff1d(np.arange(case.mesh.nv), boundary_vertices(case.mesh))
     if not len(inner):
         raise NotApplicable("the mesh has no inner vertices")
-    F = player.F((case.centred @ (AFFINE[:k, :k] - np.eye(k)).T).ravel())
-    error = np.zeros(F.size).reshape(-1, k)
-    error[inner] = np.abs(F.reshape(-1, k)[inner])
-    scale, limit = float(np.abs(F).max()), _limit(case, body.condition)
-    return {
-        "measured": error.max() / scale if scale else np.inf,  # a stretched body pulls at its boundary
-        "limit": limit,
-        "scale": f"{scale:.3e} (largest force on the boundary); {len(inner)} inner vertices",
-        "reason": "a constant stress is in equilibrium: no force on inner vertices but round-off; flat elements, many elements and nearly incompressible laws cost more",
-        "worst": worst_places(case.mesh, error.ravel(), limit * scale),
-    }
+    F = AFFINE[:k, :k]
+    u = (case.centred @ (F - np.eye(k)).T).ravel()
+    error = np.zeros_like(case.centred)
+    error[inner] = np.abs(player.F(u).reshape(-1, k)[inner])
+    reason = "1e-12 is for round-off: under constant stress no force is left on inner vertices"
+    (lam, mu), E = body.lame, (F.T @ F - np.eye(k)) / 2
+    scale = yard.facet_force(F @ (lam * np.trace(E) * np.eye(k) + 2 * mu * E))
+    words = f"stress on the largest facet around, {len(inner)} inner vertices"
+    return by_vertex(case.mesh, error.ravel(), scale, yard.lost_force(u), words, reason)
 
 
-def _limit(case: Case, condition: float) -> float:
-    """Along a flat element the stress is a small part of its stiffness across, so flatness costs once more; and what a ratio of
-    moduli near its limit costs."""
-    return case.limit(growth=EPS * max(1e3 * case.flatness, 1e-3 * case.flatness**2, 20 * condition))
+class Yardstick:
+    """What force means at the vertices of the homogeneous copy, and what round-off may cost there."""
+
+    def __init__(self, mesh: SimplexMesh, body: Homogeneous) -> None:
+        self._mesh, self._tensor = mesh, body.tensor
+        self.round_off = RoundOff(mesh, np.full(mesh.nt, float(np.abs(body.tensor).max())))
+
+    @cached_property
+    def stiffness(self) -> Array:
+        """(nv,) largest entry of K at rest in the rows of each vertex [N/m]."""
+        K = ReferenceStVK(self._mesh.p, self._mesh.t, self._tensor).tangent(np.zeros(self._mesh.p.size))
+        return largest_rows(K, self._mesh.d)
+
+    def lost_force(self, u: Array) -> Array:
+        """(nv,) round-off that a right F may have at `u` [N]."""
+        return self.round_off.by_vertex(self.round_off.lost(u).force) * self.stiffness
+
+    def facet_force(self, P: Array) -> Array:
+        """(nv,) what a nominal stress does on the largest facet about a vertex [N]."""
+        return float(np.abs(P).max()) * self.round_off.by_vertex(volumes(self._mesh) * self.round_off.steepest)

@@ -10,14 +10,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..case import Case
-from ..places import worst_places
+from ..judgement import as_a_whole, by_vertex, largest_component
 from ..players import Player
 from ..states import STRETCH, random_rotation
 from ..tasks import NotApplicable, Task
 
 Array = NDArray[np.float64]
 
-REASON = "round-off of moving the body by about its own size: eps x size / edge, 1e-14 on a hundred elements in a row; flat or many elements cost more"
+REASON = "1e-12 is for round-off of moving the body by about its own size: 1e-14 on a hundred elements in a row"
 
 
 def invariance(case: Case) -> Iterator[Task]:
@@ -48,21 +48,16 @@ def _change(case: Case, player: Player, quantity: str, motion: str, Q: Array, c:
         return (f.reshape(-1, d) @ Q.T).ravel()
 
     if quantity == "W":
-        before, after = np.array([player.W(u)]), np.array([player.W(moved)])
-    elif quantity == "F":
-        before, after = turned(player.F(u)), player.F(moved)
-    else:
-        v = case.direction(u, case.random("invariance K"))
-        before, after = turned(np.asarray(player.K(u) @ v)), np.asarray(player.K(moved) @ turned(v))
-    limit = case.limit()
-    error = np.abs(after - before)
-    scale, words = float(np.abs(before).max()), f"largest |{quantity}{' v' if quantity == 'K' else ''}| before"
-    if quantity != "K":
-        scale, words = case.scale(quantity, scale, player)
-    return {
-        "measured": error.max() / scale if scale else np.inf,  # a body that does not resist is none
-        "limit": limit,
-        "scale": f"{scale:.3e} ({words})",
-        "reason": REASON,
-        "worst": {} if quantity == "W" else worst_places(case.mesh, error, limit * scale),
-    }
+        W, words = player.W(u), "W before, or K at rest x edge squared, median"
+        return as_a_whole(
+            abs(player.W(moved) - W), max(abs(W), case.energy_floor(player)), case.lost_energy(player, moved), words, REASON
+        )
+    if quantity == "F":
+        F, after = turned(player.F(u)), player.F(moved)
+        words = "largest |F| around before, or K at rest x edge"
+        return by_vertex(case.mesh, after - F, case.force_scale(player, F), case.lost_force(player, moved), words, REASON)
+    v = case.direction(u, case.random("invariance K"))
+    Kv, after = turned(np.asarray(player.K(u) @ v)), np.asarray(player.K(moved) @ turned(v))
+    scale = np.maximum(case.round_off.around(largest_component(Kv, d)), case.stiffness(player) * largest_component(v, d))
+    words = "largest |K v| around before, or K at rest x |v|"
+    return by_vertex(case.mesh, after - Kv, scale, case.lost_product(player, moved, turned(v)), words, REASON)
