@@ -165,8 +165,8 @@ def _patch_test(case: Case, player: Player, body: Homogeneous, yard: Yardstick, 
     error[inner] = np.abs(player.F(u).reshape(-1, k)[inner])
     reason = "1e-12 is for round-off: under constant stress no force is left on inner vertices"
     (lam, mu), E = body.lame, (F.T @ F - np.eye(k)) / 2
-    scale = yard.facet_force(F @ (lam * np.trace(E) * np.eye(k) + 2 * mu * E))
-    words = f"stress on the largest facet around, {len(inner)} inner vertices"
+    scale = yard.facet_forces(F @ (lam * np.trace(E) * np.eye(k) + 2 * mu * E))
+    words = f"stress on the facets around, {len(inner)} inner vertices"
     return by_vertex(case.mesh, error.ravel(), scale, yard.lost_force(u), words, reason)
 
 
@@ -187,6 +187,7 @@ class Yardstick:
         """(nv,) round-off that a right F may have at `u` [N]."""
         return self.round_off.by_vertex(self.round_off.lost(u).force) * self.stiffness
 
-    def facet_force(self, P: Array) -> Array:
-        """(nv,) what a nominal stress does on the largest facet about a vertex [N]."""
-        return float(np.abs(P).max()) * self.round_off.by_vertex(volumes(self._mesh) * self.round_off.steepest)
+    def facet_forces(self, P: Array) -> Array:
+        """(nv,) what a nominal stress does on the largest facets of the elements about a vertex, in sum [N]."""
+        facets = np.tile(volumes(self._mesh) * self.round_off.steepest, self._mesh.k + 1)
+        return np.asarray(float(np.abs(P).max()) * np.bincount(self._mesh.t.ravel(), weights=facets, minlength=self._mesh.nv))
