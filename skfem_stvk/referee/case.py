@@ -76,9 +76,7 @@ class Case:
             self._values.clear()
         key = player.name, quantity
         if key not in self._values:
-            value = getattr(player, quantity)(self.states[state])
-            reused = player is self.candidate and issparse(value)  # a candidate may fill the same matrix again
-            self._values[key] = value.copy() if reused else value
+            self._values[key] = getattr(player, quantity)(self.states[state])
         return self._values[key]
 
     def random(self, name: str) -> np.random.Generator:

@@ -2,19 +2,49 @@
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Callable
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import csr_matrix, issparse
+from scipy.sparse import bsr_matrix, coo_matrix, csc_matrix, csr_matrix, issparse
+from scipy.sparse.linalg import LinearOperator
+
+from ..arguments import shown
 
 Array = NDArray[np.float64]
+Value = TypeVar("Value")
 
+COMPRESSED = {"csr": csr_matrix, "csc": csc_matrix, "bsr": bsr_matrix}
 METHODS = {"W": "energy", "F": "internal_force", "K": "tangent"}
 
 
 class Foul(Exception):
     """A player raised an exception, or returned something of the wrong kind or shape."""
+
+
+def fairly(name: str, call: Callable[[], Value]) -> Value:
+    """The value of a call into a candidate; whatever it raises is a foul, and ends nothing else.
+
+    Ctrl-C alone goes through: a candidate that raises `KeyboardInterrupt` by itself cannot be told from it.
+
+    Raises
+    ------
+    Foul, KeyboardInterrupt
+    """
+    try:
+        return call()
+    except (KeyboardInterrupt, Foul):
+        raise
+    except BaseException as error:  # sys.exit, and a candidate's own
+        raise Foul(f"{name} raised {type(error).__name__}: {_words(error)}") from error
+
+
+def _words(error: BaseException) -> str:
+    try:
+        return str(error)[:500]
+    except BaseException:  # nothing that a candidate does ends the report
+        return "(its message cannot be had)"
 
 
 class Player:
@@ -33,50 +63,91 @@ class Player:
     def has(self, quantity: str) -> bool:
         """Whether the candidate has the method for W, F or K."""
         try:
-            return callable(getattr(self.model, METHODS[quantity], None))
-        except Exception:  # a property that raises: the call will say so
+            return callable(fairly(self.name, lambda: getattr(self.model, METHODS[quantity], None)))
+        except Foul:  # a property that raises: the call will say so
             return True
 
     def W(self, u: Array) -> float:
         """Strain energy [J]."""
-        value = self._numbers("W", u)
-        if value.size != 1:
-            raise Foul(f"{self.name}.energy(u) returned shape {value.shape}; expected one number.")
-        return float(value.reshape(()))
+        return float(self._numbers("W", u, (), "one number").reshape(()))
 
     def F(self, u: Array) -> Array:
         """Internal force (ndofs,) [N]."""
-        force = self._numbers("F", u)
-        if force.shape != (self.ndofs,):
-            raise Foul(f"{self.name}.internal_force(u) returned shape {force.shape}; expected ({self.ndofs},).")
-        return force
+        return self._numbers("F", u, (self.ndofs,), f"({self.ndofs},)")
 
     def K(self, u: Array) -> Any:
-        """Tangent stiffness [N/m]: a `csr_matrix`, or what else can be multiplied with a vector."""
-        matrix = self._call("K", u)
-        if getattr(matrix, "shape", None) != (self.ndofs, self.ndofs):
+        """Tangent stiffness [N/m]: a `csr_matrix` of its own, or an operator whose products are checked."""
+        returned = self.call("K", u)
+        return fairly(f"What {self.name}.tangent(u) returned", lambda: self._matrix(returned))
+
+    def _matrix(self, returned: Any) -> Any:
+        kind, shape = type(returned).__name__, getattr(returned, "shape", None)
+        if shape != (self.ndofs, self.ndofs):
             raise Foul(
-                f"{self.name}.tangent(u) returned {type(matrix).__name__} of shape {getattr(matrix, 'shape', None)}; "
+                f"{self.name}.tangent(u) returned {kind} of shape {shown(shape)}; "
                 f"expected a dense or sparse matrix or a LinearOperator of shape {(self.ndofs, self.ndofs)}."
             )
-        if np.dtype(getattr(matrix, "dtype", float) or float).kind not in "fiu":
-            raise Foul(f"{self.name}.tangent(u) returned a matrix of {matrix.dtype}; expected real numbers.")
-        return csr_matrix(matrix, dtype=float) if issparse(matrix) or isinstance(matrix, np.ndarray) else matrix
+        if np.dtype(getattr(returned, "dtype", float) or float).kind not in "fiu":
+            raise Foul(f"{self.name}.tangent(u) returned a matrix of {returned.dtype}; expected real numbers.")
+        if issparse(returned):
+            return self._sparse(returned)
+        if isinstance(returned, np.ndarray):
+            return csr_matrix(_as_array(returned).astype(float))
+        return LinearOperator(returned.shape, matvec=lambda v: self._product(returned, v), dtype=np.float64)
 
-    def _numbers(self, quantity: str, u: Array) -> Array:
-        """What the candidate returned, as a copy of its own: the candidate may use its buffer again."""
-        returned = self._call(quantity, u)
+    def _sparse(self, K: Any) -> csr_matrix:
+        """A copy in the referee's own hands, after its indices have been looked at: compiled routines trust them."""
         try:
-            array = np.array(returned)
-        except ValueError:
-            array = np.array(None)
+            if K.format in COMPRESSED:
+                own = COMPRESSED[K.format]((K.data, K.indices, K.indptr), shape=K.shape, copy=True)
+                own.check_format(full_check=True)
+            else:
+                entries = K.tocoo()
+                own = coo_matrix((entries.data, (entries.row, entries.col)), shape=K.shape)  # refuses what is out of range
+            return csr_matrix(own, dtype=float)
+        except (ValueError, TypeError, IndexError) as error:
+            raise Foul(f"{self.name}.tangent(u) returned a {type(K).__name__} that contradicts itself: {error}.") from error
+
+    def _product(self, operator: Any, v: Array) -> Array:
+        name = f"The product of {self.name}.tangent(u) with a vector"
+        product = fairly(name, lambda: np.array(operator @ v.copy()))
+        if product.dtype.kind not in "fiu" or product.shape != v.shape:
+            raise Foul(f"{name} is of shape {product.shape} and {product.dtype}; expected {v.shape} real numbers.")
+        return product.astype(float, copy=False)
+
+    def _numbers(self, quantity: str, u: Array, shape: tuple[int, ...], expected: str) -> Array:
+        """What the candidate returned, as a copy of its own: the candidate may use its buffer again."""
+        returned, name = self.call(quantity, u), f"{self.name}.{METHODS[quantity]}(u)"
+
+        def copied() -> NDArray[Any]:
+            if isinstance(returned, np.ndarray) and not _fits(returned.shape, shape):  # before a copy, which may be huge
+                raise Foul(f"{name} returned shape {returned.shape}; expected {expected}.")
+            return _as_array(returned)
+
+        array = fairly(f"What {name} returned", copied)
         if array.dtype.kind not in "fiu":
             kind = type(returned).__name__ if array.dtype == object else f"{type(returned).__name__} of {array.dtype}"
-            raise Foul(f"{self.name}.{METHODS[quantity]}(u) returned a {kind}; expected real numbers.")
+            raise Foul(f"{name} returned a {kind}; expected real numbers.")
+        if not _fits(array.shape, shape):
+            raise Foul(f"{name} returned shape {array.shape}; expected {expected}.")
         return array.astype(float, copy=False)
 
-    def _call(self, quantity: str, u: Array) -> Any:
-        try:
-            return getattr(self.model, METHODS[quantity])(u.copy())
-        except (Exception, SystemExit) as error:
-            raise Foul(f"{self.name}.{METHODS[quantity]}(u) raised {type(error).__name__}: {error}") from error
+    def call(self, quantity: str, u: Array) -> Any:
+        """What the candidate returned, as it is."""
+        name = METHODS[quantity]
+        return fairly(f"{self.name}.{name}(u)", lambda: getattr(self.model, name)(u.copy()))
+
+
+def _fits(shape: tuple[int, ...], expected: tuple[int, ...]) -> bool:
+    """Whether the shape is the expected one; for one number any shape with one entry is."""
+    return shape == expected if expected else all(n == 1 for n in shape)
+
+
+def _as_array(returned: Any) -> NDArray[Any]:
+    """A copy as an array; masked entries are not numbers, ragged lists are an object."""
+    try:
+        if isinstance(returned, np.ma.MaskedArray) and returned.dtype.kind in "fiu":
+            return np.array(np.ma.filled(returned.astype(float), np.nan))
+        return np.array(returned)
+    except ValueError:
+        return np.array(None)
