@@ -99,6 +99,8 @@ class Player:
         """A copy in the referee's own hands, after its indices have been looked at: compiled routines trust them."""
         try:
             if K.format in COMPRESSED:
+                if not {K.indices.dtype.kind, K.indptr.dtype.kind} <= set("iu"):
+                    raise TypeError(f"its indices are of {K.indices.dtype} and {K.indptr.dtype}")
                 own = COMPRESSED[K.format]((K.data, K.indices, K.indptr), shape=K.shape, copy=True)
                 own.check_format(full_check=True)
             else:

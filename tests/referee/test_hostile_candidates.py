@@ -1,0 +1,83 @@
+"""Candidates that abuse the referee: what they return is looked at, what they raise is caught, and the report is whole."""
+
+import numpy as np
+import pytest
+
+from skfem_stvk import verify
+from skfem_stvk.referee.players import Foul, Player
+from skfem_stvk.referee.results import Outcome
+from validation.hostile import candidates
+from validation.hostile.candidates import RIGHT, WRONG, Candidate, attempt, judge
+
+BODY = candidates.body()
+U = 0.1 * np.random.default_rng(5).standard_normal(BODY.ndofs)
+#: What is wrong in more than its type or shape, and shows as soon as it is compared.
+NUMBERS = {
+    "energy returns nan",
+    "diagonals without offset",
+    "K dense and not finite",
+    "K masked",
+    "F masked",
+    "F masked in one place",
+    "every third force is off",
+}
+
+
+def tried(player):
+    """What W, F, K and a product with K come to, or the foul."""
+    try:
+        return [player.W(U), player.F(U), player.K(U) @ U]
+    except Foul as foul:
+        return foul
+
+
+@pytest.mark.filterwarnings("ignore:Constructing a DIA matrix")
+@pytest.mark.parametrize("name", WRONG)
+def test_whatever_a_candidate_does_is_a_value_or_a_foul_in_words(name):
+    found = tried(Player("candidate", WRONG[name](BODY), BODY.ndofs))
+    if name in NUMBERS:
+        assert isinstance(found, list) and (name == "every third force is off" or not all(map(same, found, tried_right())))
+    else:
+        assert isinstance(found, Foul) and "candidate." in str(found) and len(str(found)) < 600
+
+
+def tried_right():
+    return tried(Player("right", BODY, BODY.ndofs))
+
+
+def same(one, other):
+    return np.array_equal(one, other)
+
+
+@pytest.mark.parametrize("name", ["columns far outside", "an operator that quits", "methods that raise when looked up", "moods"])
+def test_the_report_on_a_hostile_candidate_is_whole_and_not_passed(name, tmp_path):
+    judge(attempt(tmp_path, WRONG.get(name, candidates.moody)), right=False)
+    assert (tmp_path / "report" / "report.html").stat().st_size > 10_000
+
+
+@pytest.mark.parametrize("name", RIGHT)
+def test_a_right_candidate_with_bad_manners_passes(name, tmp_path):
+    judge(attempt(tmp_path, RIGHT[name]), right=True)
+
+
+def test_a_candidate_that_interrupts_leaves_a_report_that_says_so():
+    """Ctrl-C and a candidate's own `KeyboardInterrupt` cannot be told apart: both keep what was found, and neither passes."""
+    report = verify(
+        BODY.mesh,
+        young=candidates.YOUNG,
+        poisson=candidates.POISSON,
+        candidate=Candidate(BODY, tangent=candidates.raising(KeyboardInterrupt())),
+        quiet=True,
+    )
+    assert report.interrupted and not report.passed and report.counts[Outcome.PASSED] > 0
+
+
+def test_the_referee_keeps_no_array_of_a_candidate():
+    """Neither F nor K change when the candidate goes on using what it returned."""
+    K = BODY.tangent(U)
+    F = BODY.internal_force(U)
+    player = Player("candidate", Candidate(BODY, tangent=lambda body, u: K, internal_force=lambda body, u: F), BODY.ndofs)
+    kept = player.K(U), player.F(U)
+    before = kept[0].data.copy(), kept[1].copy()
+    K.data[:] = F[:] = 0
+    assert np.array_equal(kept[0].data, before[0]) and np.array_equal(kept[1], before[1]) and before[0].any() and before[1].any()

@@ -1,0 +1,317 @@
+"""Candidates that abuse the referee: each has to come out as failed or as could not run, and the report has to be whole."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import skfem
+from scipy.sparse import bsr_matrix, coo_matrix, csr_matrix, dia_matrix
+from scipy.sparse.linalg import LinearOperator
+
+from skfem_stvk import Report, StVK, System, verify
+from skfem_stvk.referee.results import Outcome
+
+from .case import Case, Verdict, Wrong
+
+YOUNG, POISSON = 2.0, 0.3
+
+
+class Own(BaseException):
+    """An exception that is none of Python's `Exception`s."""
+
+
+class Speechless(Exception):
+    """An exception whose message raises."""
+
+    def __str__(self) -> str:
+        raise Own
+
+
+class Candidate:
+    """Right in all but what is given by name: functions of the body and of `u`."""
+
+    def __init__(self, body: System, **wrong: Callable[[System, Any], Any]) -> None:
+        self.body, self.wrong = body, wrong
+
+    def __getattr__(self, name: str) -> Any:
+        if name not in ("energy", "internal_force", "tangent"):
+            raise AttributeError(name)
+        return partial(self.wrong[name], self.body) if name in self.wrong else getattr(self.body, name)
+
+
+def raising(error: BaseException) -> Callable[[System, Any], Any]:
+    """A method that raises this."""
+
+    def call(body: System, u: Any) -> Any:
+        raise error
+
+    return call
+
+
+def changed(**arrays: Callable[[Any], Any]) -> Callable[[System, Any], csr_matrix]:
+    """K with arrays of its CSR form replaced behind the constructor's back."""
+
+    def tangent(body: System, u: Any) -> csr_matrix:
+        K = body.tangent(u).copy()
+        for name, change in arrays.items():
+            object.__setattr__(K, name, change(getattr(K, name).copy()))
+        return K
+
+    return tangent
+
+
+def entry(place: int, value: int) -> Callable[[Any], Any]:
+    """An array with one entry changed."""
+
+    def change(array: Any) -> Any:
+        array[place] = value
+        return array
+
+    return change
+
+
+def coo_outside(body: System, u: Any) -> coo_matrix:
+    """K in coordinates, with a row far outside."""
+    K = body.tangent(u).tocoo()
+    K.row = entry(0, 10**8)(K.row.copy())
+    return K
+
+
+def bsr_outside(body: System, u: Any) -> bsr_matrix:
+    """K in blocks, with a block column far outside."""
+    K = body.tangent(u).tobsr((3, 3))
+    K.indices = entry(0, 10**8)(K.indices.copy())
+    return K
+
+
+def dia_short(body: System, u: Any) -> dia_matrix:
+    """K in diagonals, one of which has no offset."""
+    K = body.tangent(u).todia()
+    K.offsets = K.offsets[:-1]
+    return K
+
+
+class Lying(csr_matrix):
+    """A matrix that says that it is whole, whatever its indices are."""
+
+    def check_format(self, full_check: bool = True) -> None:
+        """Say nothing."""
+
+
+def lying(body: System, u: Any) -> Lying:
+    """K with a column far outside, in a class that says that it is whole."""
+    K = Lying(body.tangent(u))
+    K.indices = entry(0, 10**8)(K.indices.copy())
+    return K
+
+
+def operator(product: Callable[[Any], Any]) -> Callable[[System, Any], LinearOperator]:
+    """K as an operator with this product."""
+    return lambda body, u: LinearOperator((body.ndofs,) * 2, matvec=product, dtype=float)
+
+
+def quits(v: Any) -> Any:
+    """Leave the program."""
+    raise SystemExit(3)
+
+
+def own(v: Any) -> Any:
+    """Raise what is no `Exception`."""
+    raise Own("from within")
+
+
+class Product:
+    """Anything with a shape and a product."""
+
+    dtype = np.dtype(float)
+
+    def __init__(self, body: System, product: Callable[[Any], Any]) -> None:
+        self.shape, self.product = (body.ndofs,) * 2, product
+
+    def __matmul__(self, v: Any) -> Any:
+        return self.product(v)
+
+
+class Array:
+    """What quits when it is turned into an array."""
+
+    def __array__(self, *arguments: Any, **named: Any) -> Any:
+        raise SystemExit(4)
+
+
+class Shapeless:
+    """A matrix whose shape raises."""
+
+    @property
+    def shape(self) -> Any:
+        """Raise what is no `Exception`."""
+        raise Own
+
+
+class Properties:
+    """Methods that raise when they are looked up."""
+
+    @property
+    def energy(self) -> Any:
+        """Leave the program."""
+        raise SystemExit(5)
+
+    @property
+    def internal_force(self) -> Any:
+        """Raise what is no `Exception`."""
+        raise Own
+
+    def __getattr__(self, name: str) -> Any:
+        raise RuntimeError(name)
+
+
+def moody(body: System) -> Candidate:
+    """A candidate whose every third force is off by a millionth."""
+    calls = iter(range(10**9))
+    return Candidate(body, internal_force=lambda body, u: body.internal_force(u) * (1 + 1e-6 * (next(calls) % 3 == 2)))
+
+
+def forgetful(body: System) -> Candidate:
+    """A candidate that hands out one buffer of K, and fills it with something else at the next force."""
+    K = body.tangent(np.zeros(body.ndofs))
+
+    def force(body: System, u: Any) -> Any:
+        K.data[:] = 0
+        return body.internal_force(u)
+
+    return Candidate(body, tangent=lambda body, u: body.tangent(u, out=K), internal_force=force)
+
+
+def vandal(body: System) -> Candidate:
+    """A candidate that overwrites `u` after use."""
+
+    def force(body: System, u: Any) -> Any:
+        F = body.internal_force(u)
+        u[:] = np.nan
+        return F
+
+    return Candidate(body, internal_force=force)
+
+
+def reusing(body: System) -> Candidate:
+    """A candidate that fills one buffer of F and one of K at each call."""
+    K, F = body.tangent(np.zeros(body.ndofs)), np.zeros(body.ndofs)
+
+    def force(body: System, u: Any) -> Any:
+        F[:] = body.internal_force(u)
+        return F
+
+    return Candidate(body, tangent=lambda body, u: body.tangent(u, out=K), internal_force=force)
+
+
+#: Right candidates with bad manners: these have to pass.
+RIGHT: dict[str, Callable[[System], Any]] = {
+    "overwrites u": vandal,
+    "one buffer for all calls": reusing,
+    "one buffer, spoilt in between": forgetful,
+}
+
+
+def wrong_of(name: str, **methods: Callable[[System, Any], Any]) -> tuple[str, Callable[[System], Any]]:
+    """A named candidate that is wrong in these methods."""
+    return name, lambda body: Candidate(body, **methods)
+
+
+NOTHING: tuple[Any, ...] = (None, "K", b"K", {}, set(), [], [[1.0], [1.0, 2.0]], object(), 1 + 1j, np.nan, print, Array(), 10**400)
+
+#: Candidates that must not pass.
+WRONG: dict[str, Callable[[System], Any]] = dict(
+    [
+        *(
+            wrong_of(f"{method} raises {type(error).__name__}", **{method: raising(error)})
+            for method in ("energy", "internal_force", "tangent")
+            for error in (
+                SystemExit(3),
+                Own("own"),
+                GeneratorExit(),
+                Speechless(),
+                MemoryError(),
+                RecursionError(),
+                StopIteration(),
+            )
+        ),
+        *(
+            wrong_of(f"{method} returns {value!r:.20}", **{method: lambda body, u, value=value: value})
+            for method in ("energy", "internal_force", "tangent")
+            for value in NOTHING
+        ),
+        wrong_of("columns far outside", tangent=changed(indices=entry(0, 10**8))),
+        wrong_of("negative columns", tangent=changed(indices=entry(0, -5))),
+        wrong_of("one column too many", tangent=changed(indices=lambda a: a + 1)),
+        wrong_of("row pointers far outside", tangent=changed(indptr=entry(-1, 10**9))),
+        wrong_of("row pointers that go back", tangent=changed(indptr=entry(2, 0))),
+        wrong_of("negative row pointers", tangent=changed(indptr=entry(1, -7))),
+        wrong_of("too few row pointers", tangent=changed(indptr=lambda a: a[:-3])),
+        wrong_of("too few values", tangent=changed(data=lambda a: a[: len(a) // 2])),
+        wrong_of("no values", tangent=changed(data=lambda a: a[:0])),
+        wrong_of("values of text", tangent=changed(data=lambda a: a.astype(str))),
+        wrong_of("values of objects", tangent=changed(data=lambda a: a.astype(object))),
+        wrong_of("columns that are no whole numbers", tangent=changed(indices=lambda a: a + 0.5)),
+        wrong_of("coordinates outside", tangent=coo_outside),
+        wrong_of("blocks outside", tangent=bsr_outside),
+        wrong_of("diagonals without offset", tangent=dia_short),
+        wrong_of("a matrix that lies", tangent=lying),
+        wrong_of("K of a huge shape", tangent=lambda body, u: csr_matrix((10**6, 10**6))),
+        wrong_of("K dense and not finite", tangent=lambda body, u: np.full((body.ndofs,) * 2, np.inf)),
+        wrong_of("K masked", tangent=lambda body, u: np.ma.masked_all((body.ndofs,) * 2)),
+        wrong_of("K without a shape", tangent=lambda body, u: Shapeless()),
+        wrong_of("an operator that quits", tangent=operator(quits)),
+        wrong_of("an operator that raises its own", tangent=operator(own)),
+        wrong_of("an operator with a short product", tangent=operator(lambda v: v[:-1])),
+        wrong_of("an operator with a product of text", tangent=operator(lambda v: "Kv")),
+        wrong_of("a product that quits", tangent=lambda body, u: Product(body, quits)),
+        wrong_of("a product of another shape", tangent=lambda body, u: Product(body, lambda v: np.ones((v.size, v.size)))),
+        wrong_of("a product of nothing", tangent=lambda body, u: Product(body, lambda v: None)),
+        wrong_of("F of a huge shape", internal_force=lambda body, u: np.broadcast_to(1.0, (10**7, 10**7))),
+        wrong_of("W of a huge shape", energy=lambda body, u: np.broadcast_to(1.0, (10**7, 10**7))),
+        wrong_of("F masked", internal_force=lambda body, u: np.ma.masked_greater(body.internal_force(u), -np.inf)),
+        wrong_of("F masked in one place", internal_force=lambda body, u: np.ma.masked_array(body.internal_force(u), u == u[0])),
+        wrong_of("F as a column", internal_force=lambda body, u: body.internal_force(u)[:, None]),
+        ("methods that raise when looked up", lambda body: Properties()),
+        ("every third force is off", moody),
+    ]
+)
+
+
+def cases() -> Iterator[Case]:
+    """All candidates."""
+    for name, make in WRONG.items():
+        yield Case(name, partial(attempt, make=make), partial(judge, right=False), quick=name in QUICK)
+    for name, make in RIGHT.items():
+        yield Case(name, partial(attempt, make=make), partial(judge, right=True), quick=name in QUICK)
+
+
+QUICK = ("columns far outside", "an operator that quits", "F of a huge shape", "one buffer for all calls")
+
+
+def body() -> System:
+    """A few tetrahedra."""
+    return System(skfem.MeshTet().refined(1), StVK(young=YOUNG, poisson=POISSON))
+
+
+def attempt(folder: Path, make: Callable[[System], Any]) -> Report:
+    """The report on a candidate, written too."""
+    right = body()
+    report = verify(right.mesh, young=YOUNG, poisson=POISSON, candidate=make(right), quiet=True)
+    report.save(folder / "report")
+    return report
+
+
+def judge(report: Report, right: bool) -> None:
+    """Whether the report is whole, says so of the candidate, and nothing else of us."""
+    outcomes = {r.outcome for r in report.results if r.subject == "candidate"}
+    if report.passed is not right:
+        raise Wrong(Verdict.SILENT, "passed" if report.passed else f"not passed: {sorted(o.value for o in outcomes)}")
+    if report.interrupted or any(
+        r.outcome in (Outcome.FAILED, Outcome.COULD_NOT_RUN) for r in report.results if r.subject != "candidate"
+    ):
+        raise Wrong(Verdict.LOSS, "the report is cut short, or blames others")
