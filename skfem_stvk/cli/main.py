@@ -13,7 +13,6 @@ from pathlib import Path
 from typing import Any
 
 from rich.console import Console
-from rich.markup import escape
 
 from ..bench import FULL, QUICK, bench
 from ..bench import page as bench_page
@@ -21,7 +20,7 @@ from ..bench import terminal as bench_terminal
 from ..errors import StvkError, StvkWarning
 from ..mesh import SimplexMesh, embedded_mesh, read_mesh
 from ..referee.header import machine, versions
-from ..referee.terminal import WIDTH, rendered
+from ..referee.terminal import WIDTH, printable, rendered
 from ..referee.verification import verify
 from ..terms import StVK
 
@@ -44,7 +43,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             code: int = options.run(options)
             return code
     except (StvkError, OSError) as error:
-        console.print(f"[bold red]error[/] {escape(str(error))}", soft_wrap=True)
+        console.print(f"[bold red]error[/] {printable(str(error))}", soft_wrap=True)
         return 2
     except KeyboardInterrupt:
         console.print("[yellow]interrupted[/]")
@@ -54,7 +53,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def _show(console: Console, otherwise: Callable[..., None], message: Warning | str, *details: Any, **more: Any) -> None:
     """Our warnings as notes, all others as Python shows them."""
     if isinstance(message, StvkWarning):
-        console.print(f"[yellow]note[/] {escape(str(message))}", soft_wrap=True)
+        console.print(f"[yellow]note[/] {printable(str(message))}", soft_wrap=True)
     else:
         otherwise(message, *details, **more)
 
@@ -96,7 +95,7 @@ def _verify(options: argparse.Namespace) -> int:
     if failure is not None:
         raise failure
     if options.out is not None:
-        console.print(f"report.json and report.html are in {escape(options.out)}", soft_wrap=True)
+        console.print(f"report.json and report.html are in {printable(options.out)}", soft_wrap=True)
     return 0 if report.passed else 1
 
 
@@ -111,7 +110,7 @@ def _bench(options: argparse.Namespace) -> int:
     if failure is not None:
         raise failure
     if options.out is not None:
-        console.print(f"benchmark.md, its pictures and benchmark.json are in {escape(options.out)}", soft_wrap=True)
+        console.print(f"benchmark.md, its pictures and benchmark.json are in {printable(options.out)}", soft_wrap=True)
     return 130 if results.interrupted else 1 if results.failures else 0
 
 
@@ -141,12 +140,12 @@ def _refuse_unwritable(name: str) -> None:
         raise StvkError(f"--out {folder}: {nearest} cannot be written to. Choose another folder, or change its permissions.")
 
 
-def _saved(save: Callable[[str], object], folder: str | None) -> OSError | None:
+def _saved(save: Callable[[str], object], folder: str | None) -> StvkError | OSError | None:
     """Write the results; what went wrong waits until they have been printed."""
     try:
         if folder is not None:
             save(folder)
-    except OSError as error:
+    except (StvkError, OSError) as error:
         return error
     return None
 
@@ -155,7 +154,7 @@ def _info(options: argparse.Namespace) -> int:
     """Print versions, the machine and which optional packages are installed."""
     console = Console(highlight=False)
     for name, value in (machine() | versions() | versions(OPTIONAL)).items():
-        console.print(f"{name:>16}  {escape(str(value))}", soft_wrap=True)
+        console.print(f"{name:>16}  {printable(str(value))}", soft_wrap=True)
     return 0
 
 

@@ -11,6 +11,8 @@ from numba.core.event import Listener, register
 from numpy.typing import NDArray
 from rich.console import Console
 
+from .cache import keep_with_care
+
 Ids: TypeAlias = NDArray[Any]
 Reals: TypeAlias = NDArray[np.floating[Any]]
 Function = TypeVar("Function", bound=Callable[..., Any])
@@ -51,6 +53,8 @@ def kernel(function: Function, **more: Any) -> Function:
     except RuntimeError:  # no folder for the cache
         compiled = numba.njit(**options)(function)
         _Announcement.kept = "in every process: no folder can be written to. Set NUMBA_CACHE_DIR to one that can"
+    else:
+        keep_with_care(compiled)
     return compiled
 
 

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 from numpy.typing import NDArray
-from pyamg.aggregation.aggregate import standard_aggregation
 from scipy.sparse import csr_matrix
 
+from ..errors import StvkError
 from .blocks import BlockStructure, Ids, Reals
 
 #: Nodes are strongly coupled if `|A_ij| >= STRONG sqrt(|A_ii| |A_jj|)`: about what slender elements and jumps of stiffness need.
@@ -49,7 +51,20 @@ def _aggregates(graph: csr_matrix, row: Ids, kept: NDArray[np.bool_]) -> NDArray
     """Of the graph's entries that are kept; a node without neighbours is an aggregate of its own."""
     rows = np.concatenate([[0], np.cumsum(kept)])[graph.indptr].astype(np.int32)
     strong = csr_matrix((np.ones(rows[-1]), graph.indices[kept], rows), shape=graph.shape)
-    found, _ = standard_aggregation(strong)
+    found, _ = _standard_aggregation()(strong)
     numbers = found.shape[1] + np.arange(graph.shape[0])
     numbers[np.diff(found.indptr) > 0] = found.indices
     return np.unique(numbers, return_inverse=True)[1].astype(np.int32)
+
+
+def _standard_aggregation() -> Callable[[csr_matrix], tuple[csr_matrix, Ids]]:
+    """pyamg's, imported when it is needed: `python -OO` takes the docstrings away that pyamg adds to."""
+    try:
+        from pyamg.aggregation.aggregate import standard_aggregation
+    except TypeError as error:
+        raise StvkError(
+            f"pyamg, whose aggregation solver='amg-cg' takes, cannot be imported: {error}. It needs docstrings: "
+            "run Python without -OO, or choose solver='superlu', 'pardiso' or 'ssor-cg'."
+        ) from error
+    aggregation: Callable[[csr_matrix], tuple[csr_matrix, Ids]] = standard_aggregation
+    return aggregation

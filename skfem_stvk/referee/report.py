@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 import json
+import os
 from collections import Counter
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 from .. import arguments
+from ..arguments import path
+from ..errors import StvkError
+from ..results.files import replacing
 from .results import Outcome, Result
 
 
@@ -83,20 +87,41 @@ class Report:
     def save(self, folder: str | Path) -> Path:
         """Write `report.json` and `report.html` (one file that needs no other) into a folder, made if it is missing.
 
+        Each is written beside its place and renamed into it: what stands there is whole.
+
         Raises
         ------
-        OSError
-            if the folder cannot be written to.
+        StvkError
+            if the folder cannot be written to, or a picture cannot be drawn.
         """
-        from .page import page  # matplotlib is imported only when a page is made
-
-        folder = arguments.path("folder", folder, "the path of a folder")
-        folder.mkdir(parents=True, exist_ok=True)
-        (folder / "report.json").write_text(json.dumps(self.to_dict(), indent=1), encoding="utf-8")
-        (folder / "report.html").write_text(page(self), encoding="utf-8", errors="backslashreplace")
+        folder = path("folder", folder, "the path of a folder")
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+            _write(folder / "report.json", json.dumps(self.to_dict(), indent=1))
+            _write(folder / "report.html", self._page())
+        except OSError as error:
+            raise StvkError(
+                f"{error.filename2 or error.filename or folder}: the report cannot be written: {error.strerror or error}. "
+                "Make room, change the permissions, or choose another folder; what stood there before is left as it was."
+            ) from error
         return folder
+
+    def _page(self) -> str:
+        try:
+            from .page import page  # matplotlib is imported only when a page is made
+        except (ImportError, ValueError) as error:
+            raise StvkError(
+                f"report.html needs matplotlib, which cannot be imported: {error}. "
+                f"MPLBACKEND = {os.environ.get('MPLBACKEND', '')!r}; 'agg' always works. report.json is written."
+            ) from error
+        return page(self)
 
     def __str__(self) -> str:
         from .terminal import as_text
 
         return as_text(self)
+
+
+def _write(path: Path, text: str) -> None:
+    with replacing(path) as beside:
+        beside.write_text(text, encoding="utf-8", errors="backslashreplace")

@@ -19,6 +19,17 @@ WORST_FIRST = (Outcome.FAILED, Outcome.COULD_NOT_RUN, Outcome.PASSED, Outcome.NO
 WIDTH = 124
 
 
+def printable(text: str) -> str:
+    """Text that shows on a terminal as it is: neither markup nor control characters act, lines stay lines.
+
+    >>> printable("[bold]bracket\\x1b[2J.msh")
+    '\\\\[bold]bracket\\\\x1b[2J.msh'
+    """
+    return escape(
+        "".join(c if c.isprintable() or c == "\n" else c.encode("unicode_escape", "surrogatepass").decode() for c in text)
+    )
+
+
 def as_text(report: Report) -> str:
     """The report as plain text."""
     buffer = io.StringIO()
@@ -48,7 +59,7 @@ def _head(report: Report) -> RenderableType:
         f"{machine['processor']}, {machine['cores']} cores; "
         + ", ".join(f"{name} {versions[name]}" for name in ("python", "skfem-stvk", "scikit-fem", "numpy", "scipy")),
     ]
-    return escape("\n".join(lines))
+    return printable("\n".join(lines))
 
 
 def grid(title: str, *columns: str, right: tuple[str, ...] = ()) -> Table:
@@ -107,14 +118,14 @@ def _troubles(report: Report) -> list[RenderableType]:
     for results in report.groups().values():
         failed = [r for r in results if r.outcome is Outcome.FAILED]
         if failed:
-            parts.append(f"[{STYLE[Outcome.FAILED]}]failed[/] {escape(_story(max(failed, key=_size)))}")
+            parts.append(f"[{STYLE[Outcome.FAILED]}]failed[/] {printable(_story(max(failed, key=_size)))}")
     for outcome in (Outcome.COULD_NOT_RUN, Outcome.NOT_APPLICABLE):
         reasons: dict[str, dict[str, None]] = {}
         for result in report.results:
             if result.outcome is outcome:
                 reasons.setdefault(result.reason, {})[f"{result.check} ({result.quantity}) of {result.subject}"] = None
         for reason, names in reasons.items():
-            parts.append(f"[{STYLE[outcome]}]{outcome.value}[/] {escape(', '.join(names))}: {escape(reason)}")
+            parts.append(f"[{STYLE[outcome]}]{outcome.value}[/] {printable(', '.join(names))}: {printable(reason)}")
     return [*parts, ""] if parts else []
 
 

@@ -1,5 +1,6 @@
 import io
 import json
+import os
 import re
 import subprocess
 import sys
@@ -226,3 +227,37 @@ def test_a_folder_for_the_benchmark_that_cannot_be_is_an_error_before_the_work(n
     plans = measured(monkeypatch)
     assert main(["bench", "--out", name]) == 2 and not plans
     assert "expected" in capsys.readouterr().err
+
+
+def command(*arguments, flags=(), **environment):
+    return subprocess.run(
+        [sys.executable, *flags, "-m", "skfem_stvk.cli.main", *arguments],
+        env={**os.environ, **environment},
+        capture_output=True,
+        text=True,
+    )
+
+
+def test_an_unknown_backend_of_matplotlib_costs_the_pictures_and_not_the_table(tmp_path):
+    mesh = saved(tmp_path / "m.vtu", box(1).p, box(1).t)
+    done = command("verify", mesh, *MATERIAL, "--out", str(tmp_path / "report"), MPLBACKEND="nonsense")
+    assert done.returncode == 2 and "PASSED" in done.stdout
+    assert "Traceback" not in done.stderr and "MPLBACKEND = 'nonsense'; 'agg' always works" in " ".join(done.stderr.split())
+    assert json.loads((tmp_path / "report" / "report.json").read_text())["passed"]
+
+
+def test_without_docstrings_and_asserts_everything_runs(tmp_path):
+    mesh = saved(tmp_path / "m.vtu", box(1).p, box(1).t)
+    done = command("verify", mesh, *MATERIAL, "--out", str(tmp_path / "report"), flags=["-OO"])
+    assert done.returncode == 0, done.stderr
+    assert "PASSED" in done.stdout and (tmp_path / "report" / "report.html").exists()
+
+
+def test_names_cannot_control_the_terminal(tmp_path, capsys):
+    name = str(tmp_path / "a\x1b[2J\r\u202e[bold]b.vtu")
+    saved(name, box(1).p, box(1).t)
+    assert main(["verify", name, *MATERIAL]) == 0
+    missing = main(["verify", name + "\x07", *MATERIAL])
+    captured = capsys.readouterr()
+    assert missing == 2 and "\\x1b[2J\\r\\u202e[bold]b.vtu" in captured.out and "b.vtu\\x07" in captured.err
+    assert not set("\x1b\r\x07\u202e") & set(captured.out + captured.err)

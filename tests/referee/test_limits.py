@@ -32,8 +32,8 @@ def test_flat_elements_pass_at_the_digits_that_they_cost():
 def test_elements_so_flat_that_the_stress_keeps_six_digits_do_not_pass():
     mesh = box(3)
     report = verify((mesh.p * np.array([[1.0], [2e-4], [1.0]]), mesh.t), TERM, **QUIET)
-    assert {r.check for r in report.failures()} == {"closed forms", "patch test"}
-    assert "aspect ratio" in report.header["mesh"] and "flat elements" in report.failures()[0].reason
+    assert {r.check for r in report.failures()} == {"closed forms"}
+    assert "aspect ratio" in report.header["mesh"] and "flat or small elements" in report.failures()[0].reason
 
 
 def sliver(h):
@@ -73,11 +73,9 @@ def test_long_chains_and_graded_meshes_pass():
 
 
 def test_limits_of_ordinary_meshes_are_1e_12():
-    limits = {(r.check, r.limit) for r in verify(embedded_mesh(), TERM, **QUIET).results}
-    assert {limit for check, limit in limits if check in ("agreement", "derivatives", "invariance", "balance", "symmetry")} == {
-        1e-12
-    }
-    assert all(limit < 1e-11 for check, limit in limits)
+    limits = {(r.check, r.quantity, r.limit) for r in verify(embedded_mesh(), TERM, **QUIET).results if r.limit is not None}
+    by_place = {limit for check, quantity, limit in limits if check in ("agreement", "symmetry", "balance") and quantity != "W"}
+    assert by_place == {1e-12} and all(limit < 2e-11 for _, _, limit in limits)
 
 
 def test_limits_never_leave_1e_6():

@@ -1,6 +1,9 @@
 """What the report holds, how it is saved, and what happens to it when something goes wrong."""
 
+import errno
 import json
+import os
+from pathlib import Path
 
 import pytest
 from bodies import box
@@ -8,6 +11,7 @@ from bodies import box
 from skfem_stvk import (
     Report,
     StVK,
+    StvkError,
     System,
     verify,
 )
@@ -74,6 +78,25 @@ def test_the_report_is_saved_as_json_and_as_one_html_file(tmp_path):
         "http://purl.org", ""
     ).replace("http://creativecommons.org", "")
     assert "src=" not in html and "passed" in html
+
+
+@pytest.mark.parametrize("name", ["report.json", "report.html"])
+def test_on_a_full_disk_a_report_is_whole_or_as_it_was(name, tmp_path, monkeypatch):
+    report, write = verify(box(2), TERM, **QUIET), Path.write_text
+    for old in ("report.json", "report.html"):
+        (tmp_path / old).write_text("as it was")
+
+    def full(self, text, **options):
+        if name in self.name:
+            write(self, text[: len(text) // 2], **options)
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(self))
+        return write(self, text, **options)
+
+    monkeypatch.setattr(Path, "write_text", full)
+    with pytest.raises(StvkError, match=f"{name}.*: the report cannot be written: No space left on device. Make room"):
+        report.save(tmp_path)
+    assert (tmp_path / name).read_text() == "as it was"
+    assert sorted(file.name for file in tmp_path.iterdir()) == ["report.html", "report.json"]
 
 
 def test_a_failed_value_that_is_no_number_is_still_json(tmp_path):

@@ -1,0 +1,83 @@
+"""Machine code on disk: damaged files are deleted and said, a full disk costs time and nothing else."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from skfem_stvk import StvkWarning
+
+ROOT = Path(__file__).parent.parent.parent
+KERNEL = """
+import numpy as np
+from skfem_stvk.kernels.topology import lexicographic_order
+assert lexicographic_order(np.array([[2, 0, 1]], dtype=np.int32), 3).tolist() == [1, 2, 0]
+"""
+NO_ROOM = "import resource; resource.setrlimit(resource.RLIMIT_FSIZE, (0, 0))\n"
+
+
+def said(code, cache, **environment):
+    """What a process with this cache says; it must come out right."""
+    environment = {**os.environ, "NUMBA_CACHE_DIR": str(cache), "PYTHONPATH": str(ROOT), **environment}
+    done = subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, text=True, timeout=200)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout == ""
+    return done.stderr
+
+
+#: What may happen to a file of the cache: its ending, and what becomes of its bytes.
+DAMAGE = {
+    "an index cut off": ("nbi", lambda data: data[: len(data) // 2]),
+    "an index of nothing": ("nbi", lambda data: b""),
+    "code cut off": ("nbc", lambda data: data[: len(data) // 2]),
+    "code with zeros at its end": ("nbc", lambda data: data[: len(data) // 2] + bytes(len(data) - len(data) // 2)),
+    "code with one bit turned": ("nbc", lambda data: data[:-1000] + bytes([data[-1000] ^ 1]) + data[-999:]),
+}
+
+
+@pytest.fixture(scope="module")
+def cache(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("cache")
+    said(KERNEL, folder)
+    return folder
+
+
+@pytest.mark.parametrize("damage", DAMAGE)
+def test_a_damaged_cache_is_said_deleted_and_made_anew(damage, cache):
+    suffix, change = DAMAGE[damage]
+    (file,) = [file for file in cache.rglob(f"*.{suffix}") if file.name.startswith("topology.lexicographic_order")]
+    whole = file.read_bytes()
+    file.write_bytes(change(whole))
+    words = said(KERNEL, cache)
+    assert (
+        "is damaged" in words and "it is deleted and compiled anew" in words and str(cache) in words and words.count("damaged") == 1
+    )
+    assert file.read_bytes() != change(whole)
+
+
+def test_a_whole_cache_is_used_in_silence(cache):
+    said(KERNEL, cache)
+    assert said(KERNEL, cache) == ""
+
+
+def test_a_full_disk_is_said_and_kernels_are_compiled(tmp_path):
+    words = said(NO_ROOM + KERNEL, tmp_path)
+    assert "compiled kernels cannot be kept in" in words and "NUMBA_CACHE_DIR" in words and words.count("cannot be kept") == 1
+    assert not [file for file in tmp_path.rglob("*") if file.is_file() and file.stat().st_size]
+
+
+@pytest.mark.parametrize("given", ["0", "abc", "-3", "2.5", ""])
+def test_a_number_of_threads_that_is_none_is_ignored_with_a_note(given, monkeypatch):
+    import skfem_stvk.kernels as kernels
+
+    monkeypatch.setenv("NUMBA_NUM_THREADS", given)
+    with pytest.warns(StvkWarning, match=f"NUMBA_NUM_THREADS = {given!r} is ignored; expected a whole number from 1"):
+        kernels._usable_number_of_threads()
+    assert "NUMBA_NUM_THREADS" not in os.environ
+
+
+def test_the_package_is_imported_whatever_the_number_of_threads(tmp_path):
+    assert "NUMBA_NUM_THREADS = '0' is ignored" in said("import skfem_stvk", tmp_path, NUMBA_NUM_THREADS="0")
+    assert said("import skfem_stvk, numba; assert numba.config.NUMBA_NUM_THREADS == 1", tmp_path, NUMBA_NUM_THREADS="1") == ""
