@@ -78,6 +78,7 @@ class Walk(ABC):
             self._allowed = max(self._allowed, len(problem.inside_out(u)))
         if not u.any() and problem.residual(u, self.t).size == 0:
             return None
+        problem.accept(u, self.t)  # the supports may move it out of a balance that `u0` is in
         outcome = self._newton(u, self.t, full_first=True)
         self._lost, self._point = isinstance(outcome, Attempt), None
         return outcome if isinstance(outcome, Attempt) else self._accept(self.t, *outcome)
