@@ -706,8 +706,8 @@ class System:
 
     def _by_vertex(self, out: Array) -> Array:
         """An array (ndofs,) to write to, as (nv, d)."""
-        own = isinstance(out, np.ndarray) and not isinstance(out, np.ma.MaskedArray) and out.dtype in (np.float64, np.float32)
-        if not own or out.shape != (self.ndofs,) or not (out.flags.c_contiguous and out.flags.writeable):
+        own = isinstance(out, np.ndarray) and not isinstance(out, np.ma.MaskedArray) and out.dtype.char in "df"
+        if not own or out.shape != (self.ndofs,) or not (out.flags.carray and out.dtype.isnative):
             raise StvkError(
                 f"out = {shown(out)}; expected an array of floats ({self.ndofs},) in one piece that can be written to, such as "
                 "np.zeros(system.ndofs)."
