@@ -4,7 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-NAMES = ("independent", "csm3", "flight", "vibrations", "limit", "large-steps", "tangents", "work-precision", "speed")
+NAMES = (
+    *("independent", "csm3", "flight", "vibrations", "limit", "large-steps", "fast-swings", "blow-ups", "tangents"),
+    *("work-precision", "speed"),
+)
 
 
 def main(quick: bool = False, only: Sequence[str] = (), out: str | None = None) -> int:

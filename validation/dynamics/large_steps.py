@@ -22,6 +22,8 @@ from .scenes import TIP, Array, cantilever, expected
 #: Steps in critical ones, and how many there are at least.
 TIMES, QUICK_TIMES, LEAST = (1, 3, 10, 30, 100, 300, 1000), (1, 30, 1000), 20
 UNTIL = 0.3
+#: The steps of the short table.
+GLANCE = 1, 10, 100, 1000
 #: Tangents that are claimed to get through all steps; the others are shown. A body is out of bounds with so many times the work of its weight.
 ROBUST, TOO_MUCH = ("exact", "clamped", "gauss-newton"), 3.0
 #: Errors at the critical step, and of the last state where steps are larger than `LARGE`: they go to the equilibrium.
@@ -43,6 +45,11 @@ class Trial(NamedTuple):
         ledger = self.run.ledger
         work = np.abs(ledger["potential_energy"]).max()
         return float(-ledger["closure_error"][-1] / work) if work else np.nan
+
+    @property
+    def iterations(self) -> float:
+        """Of conjugate gradients a step."""
+        return self.run.iterations / (self.run.ledger.steps - 1)
 
     @property
     def bounded(self) -> bool:
@@ -88,7 +95,33 @@ def large_steps(quick: bool = False, folder: Path | None = None) -> Sequence[Stu
                 "energy lost as a part of the work that the weight had done; a negative one was gained; where a motion blew up, all is as of its last good state",
             ),
         ),
+        _at_a_glance(trials),
     )
+
+
+def _at_a_glance(trials: Sequence[Trial]) -> Study:
+    """Each tangent with some of the steps: its error, or how it came out."""
+    times = [times for times in GLANCE if any(trial.times == times for trial in trials)]
+    rows = []
+    for one in Tangent:
+        own = {trial.times: trial for trial in trials if trial.tangent == one.value}
+        iterations = ", ".join(f"{own[t].iterations:.0f}" for t in times if own[t].run.success)
+        rows.append((one.value, *(_in_a_word(own[t]) for t in times), iterations))
+    return Study(
+        "Large steps, at a glance",
+        "",
+        ("tangent", *(f"{t} critical steps" for t in times), "CG iterations a step"),
+        tuple(rows),
+        notes=("error of the tip, or where the last state is, where no step ends by then",),
+    )
+
+
+def _in_a_word(trial: Trial) -> str:
+    if not trial.bounded:
+        return trial.run.status.value
+    if not np.isnan(trial.error):
+        return f"{trial.error:.0%}"
+    return "at rest in equilibrium" if trial.distance <= SETTLED else f"{trial.distance:.0%} from equilibrium"
 
 
 def _trial(tangent: str, times: float, critical: float, truth: Array, rest: Array) -> Trial:
@@ -110,7 +143,7 @@ def _row(trial: Trial) -> tuple[str, ...]:
     came_out = "bounded" if trial.bounded else "out of bounds" if run.success else run.status.value
     error = "" if np.isnan(trial.error) else f"{trial.error:.1e}"
     lost = "" if np.isnan(trial.lost) else f"{trial.lost:+.1%}"
-    numbers = f"{run.iterations / steps:.1f}" if run.success else "", error, f"{trial.distance:.1e}", lost
+    numbers = f"{trial.iterations:.1f}" if run.success else "", error, f"{trial.distance:.1e}", lost
     return trial.tangent, f"{trial.times:g}", f"{1e3 * run.dt:.3g}", str(steps), *numbers, came_out
 
 

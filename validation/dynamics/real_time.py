@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from functools import partial
+from itertools import product
 from pathlib import Path
 from typing import NamedTuple
 
@@ -17,6 +18,7 @@ from skfem_stvk.dynamics import VelocityVerlet
 
 from ..statics.study import Study
 from .against_mujoco import against_mujoco
+from .first_guesses import first_guesses
 from .scenes import expected, reached
 from .step_cost import explicit_cost, split
 from .swing import LENGTH, POISSON, PUSH, RTOL, SIDE, TANGENT, YOUNG, Timed, bar, eq9, on_threads, push, timed
@@ -29,6 +31,8 @@ STIFFNESSES, TOLERANCES, ACROSS = (1e4, 3e4, 1e5, 3e5, 1e6), (1e-2, 1e-3, 1e-4),
 #: What iterations that end early may change in the motion of the end of the bar.
 OFF = 0.01
 FRAME = 1 / 60
+#: Stiffnesses [Pa] and tolerances of the largest bars.
+STIFFER, LOOSER = (3e4, 1e5, 1e6), (1e-4, 1e-3)
 
 
 class Pace(NamedTuple):
@@ -74,7 +78,15 @@ def speed(quick: bool = False, folder: Path | None = None) -> Sequence[Study]:
     with on_threads(1), expected():
         n = QUICK if quick else 12
         step = split(bar(n), eq9(60), push(n))
-        return _real_time(quick), explicit_cost(quick), step, _iterations(quick), *against_mujoco(quick)
+        return (
+            _real_time(quick),
+            _stiffer(quick),
+            explicit_cost(quick),
+            step,
+            _iterations(quick),
+            first_guesses(quick),
+            *against_mujoco(quick),
+        )
 
 
 def _paces() -> tuple[Pace, ...]:
@@ -85,9 +97,9 @@ def _paces() -> tuple[Pace, ...]:
     )
 
 
-def _steps(rate: int, until: float, n: int) -> Timed:
+def _steps(rate: int, until: float, n: int, young: float = YOUNG, rtol: float = RTOL) -> Timed:
     """Steps of `1/rate`."""
-    return timed(bar(n), eq9(rate), push(n), until)
+    return timed(bar(n, young), eq9(rate, rtol), push(n), until)
 
 
 def _frames(n: int) -> Timed:
@@ -118,6 +130,22 @@ def _real_time(quick: bool) -> Study:
             "with steps of 1 ms and less, which lose little energy, a few elements at the held corners turn inside out; that is let pass",
             "ms: a step, or a frame of 1/60 s of Verlet's own steps, of 12 n^3 tetrahedra with whole n",
         ),
+    )
+
+
+def _stiffer(quick: bool) -> Study:
+    """The largest bars by stiffness and tolerance."""
+    rows = []
+    for young, rtol in product(STIFFER[:1] if quick else STIFFER, LOOSER):
+        pace = Pace("eq. 9, 60 steps/s", FRAME, partial(_steps, 60, 1.0, young=young, rtol=rtol))
+        (_, _, *numbers, _), _ = pace.row(1, QUICK if quick else pace.largest())
+        rows.append((f"{young:g}", f"{rtol:g}", *numbers))
+    return Study(
+        "Real time, stiffer and looser",
+        "",
+        ("E, Pa", "rtol", "tetrahedra", "ms", "iterations"),
+        tuple(rows),
+        notes=("the largest bars that keep 60 steps/s with eq. 9 on one thread",),
     )
 
 

@@ -11,7 +11,9 @@ from rich.console import Console
 from skfem_stvk.referee.terminal import WIDTH
 
 from ..statics.study import Study
+from .blow_ups import blow_ups
 from .csm3 import csm3
+from .fast_swings import fast_swings
 from .flight import flight
 from .independent import independent
 from .large_steps import large_steps
@@ -31,6 +33,8 @@ def run(names: Sequence[str], quick: bool, out: str | None) -> int:
         "vibrations": vibrations,
         "limit": limit,
         "large-steps": large_steps,
+        "fast-swings": fast_swings,
+        "blow-ups": blow_ups,
         "tangents": tangents,
         "work-precision": work_precision,
         "speed": speed,

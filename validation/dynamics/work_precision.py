@@ -80,7 +80,8 @@ def work_precision(quick: bool = False, folder: Path | None = None) -> Sequence[
     scenes = _scenes(quick)
     found = {scene.name: _points(scene, quick) for scene in scenes}
     pictures = () if folder is None else (_picture(found, folder),)
-    return [_study(scene, found[scene.name], pictures if scene is scenes[-1] else ()) for scene in scenes]
+    each = [_study(scene, found[scene.name], pictures if scene is scenes[-1] else ()) for scene in scenes]
+    return [*each, _seconds_for_errors(found)]
 
 
 def _scenes(quick: bool) -> list[Scene]:
@@ -154,6 +155,29 @@ def seconds_to_reach(goal: float, points: Sequence[Point]) -> float:
         return float("nan")
     errors, seconds = np.log(np.array(good)).T
     return float(np.exp(np.interp(np.log(goal), errors, seconds)))
+
+
+def _seconds_for_errors(found: dict[str, dict[tuple[str, str], list[Point]]]) -> Study:
+    """Of explicit integrators, and of implicit ones with the exact tangent."""
+    heads = [f"{scene}: {goal:.0%}" for scene in found for goal in GOALS]
+    rows = [
+        (one.__name__, *(_in_time(goal, points[one.__name__, tangent]) for points in found.values() for goal in GOALS))
+        for one, tangent in (*((one, "") for one in EXPLICIT), *((one, Tangent.EXACT.value) for one in IMPLICIT))
+    ]
+    note = "seconds, between the runs that were made; or those of the cheapest run, if all are better, and its error; or the best error, if none is as good"
+    return Study("Seconds for an error", "", ("integrator", *heads), tuple(rows), notes=(note,))
+
+
+def _in_time(goal: float, points: Sequence[Point]) -> str:
+    """Seconds for an error, in words where it lies outside of what was run."""
+    seconds = seconds_to_reach(goal, points)
+    if np.isfinite(seconds):
+        return f"{seconds:.2g}"
+    good = [point for point in points if np.isfinite(point.error)]
+    if not good:
+        return "fails"
+    cheapest, best = min(good, key=lambda point: point.seconds), min(point.error for point in good)
+    return f"{cheapest.seconds:.2g}, error {cheapest.error:.1g}" if best <= goal else f"best error {best:.1g}"
 
 
 def _study(scene: Scene, found: dict[tuple[str, str], list[Point]], pictures: tuple[Path, ...]) -> Study:

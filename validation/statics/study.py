@@ -45,7 +45,7 @@ class Study:
         for row in self.rows:
             table.add_row(*map(escape, row))
         verdict = "[bold green]holds[/]" if self.passed else "[bold red]DOES NOT HOLD[/]"
-        claim = f"{verdict}: {escape(self.claim)}" if self.claim or not self.passed else "measured; a quick run claims no times"
+        claim = f"{verdict}: {escape(self.claim)}" if self.claim or not self.passed else "measured, without a claim"
         lines = [claim, *map(escape, self.failures if self.rows else ("nothing was measured",))]
         return Group(table, *lines, *map(escape, self.notes), *(f"picture: {path}" for path in self.pictures), "")
 

@@ -1,0 +1,89 @@
+"""Explicit motions with found steps that blow up: how many go on, from their last good state with shorter steps, to the end.
+
+A bar of 768 tetrahedra is let go from a fraction or a multiple of its length, torn apart, pushed together, or shaken at random, at up to the
+speed of sound.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import skfem
+
+from skfem_stvk import SimplexMesh, StVK, System, VolumePenalty
+from skfem_stvk.dynamics import Run, Status, VelocityVerlet, simulate
+
+from ..statics.study import Study
+from .scenes import Array, expected
+
+YOUNG, DENSITY, LENGTH = 1e5, 1000.0, 2.0
+#: Of each kind; stretches that it is let go from, and speeds as parts of that of sound.
+COUNT, QUICK_COUNT = 11, 2
+STRETCHES, SPEEDS = (0.5, 3.0), (0.1, 1.0)
+UNTIL = 0.5
+TERMS = {"none": (), "compression": (VolumePenalty(kind="compression"),), "barrier": (VolumePenalty(),)}
+
+
+class Start(NamedTuple):
+    """First displacements [m] and velocities [m/s], (nv, 3)."""
+
+    u: Array
+    v: Array
+
+
+def blow_ups(quick: bool = False, folder: Path | None = None) -> Sequence[Study]:
+    """explicit motions that blow up with the step that was found go on with shorter ones, to the end"""
+    mesh = _bar()
+    rows, failures = [], []
+    for name, terms in TERMS.items():
+        system = System(mesh, [StVK(young=YOUNG, poisson=0.3, density=DENSITY), *terms])
+        runs = [moved(system, start) for start in starts(mesh, QUICK_COUNT if quick else COUNT)]
+        ends = {status: sum(run.status is status for run in runs) for status in Status}
+        halved = sum("blew up" in run.message and run.status is not Status.BLEW_UP for run in runs)
+        rows.append((name, *map(str, (len(runs), ends[Status.FINISHED], ends[Status.INVERTED], halved, ends[Status.BLEW_UP]))))
+        if name != "barrier" and ends[Status.BLEW_UP]:
+            failures.append(f"volume term {name}: {ends[Status.BLEW_UP]} of {len(runs)} blew up")
+    return (
+        Study(
+            "Explicit motions that blow up",
+            "without a volume term, and with that of kind 'compression', all reach the end",
+            ("volume term", "runs", "finished", "ended inside out", "of these with halved steps", "blew up"),
+            tuple(rows),
+            tuple(failures),
+            (
+                f"a free bar of {mesh.nt} tetrahedra, E = {YOUNG:g} Pa, velocity Verlet with dt=None, {UNTIL:g} s; the stiffness of the barrier has no limit",
+            ),
+        ),
+    )
+
+
+def _bar() -> SimplexMesh:
+    """Twice as long as it is wide and thick."""
+    lines = np.linspace(0, LENGTH, 9), *2 * [np.linspace(0, LENGTH / 2, 5)]
+    return SimplexMesh.of(skfem.MeshTet.init_tensor(*lines))
+
+
+def starts(mesh: SimplexMesh, count: int) -> list[Start]:
+    """`count` of each kind."""
+    x = mesh.p.T - mesh.p.mean(axis=1)
+    sound, none = np.sqrt(YOUNG / DENSITY), np.zeros_like(x)
+    along = 2 * x[:, :1] / LENGTH * [1.0, 0.0, 0.0]
+    speeds = sound * np.linspace(*SPEEDS, count)
+    noise = [np.random.default_rng(seed).uniform(-1, 1, x.shape) for seed in range(count)]
+    return [
+        *(Start((stretch - 1) * x * [1.0, 0.0, 0.0], none) for stretch in np.geomspace(*STRETCHES, count)),
+        *(Start(none, speed * along) for speed in speeds),
+        *(Start(none, -speed * along) for speed in speeds),
+        *(Start(none, speed * way) for speed, way in zip(speeds, noise, strict=True)),
+    ]
+
+
+def moved(system: System, start: Start) -> Run:
+    """Until it ends or blows up."""
+    with expected():
+        return simulate(
+            system, VelocityVerlet(), until=UNTIL, u0=start.u.ravel(), v0=start.v.ravel(), quiet=True, raise_on_failure=False
+        )

@@ -1,0 +1,54 @@
+"""What it saves to start the solve of a step of eq. 9 from where the last velocity and acceleration lead, in place of the velocity alone."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from skfem_stvk import System
+from skfem_stvk.dynamics import LinearBackwardEuler
+from skfem_stvk.dynamics.motion import Motion
+from skfem_stvk.dynamics.state import State
+
+from ..statics.study import Study
+from .swing import bar, eq9, push
+
+#: Cells across the bar, and the steps that are counted.
+CELLS, QUICK_CELLS, STEPS, QUICK_STEPS = 8, 3, {60: 60, 1000: 200}, {60: 10, 1000: 10}
+#: Stiffnesses [Pa] and tolerances.
+YOUNGS, TOLERANCES = (1e4, 1e5, 1e6), (1e-2, 1e-3, 1e-4)
+
+
+def first_guesses(quick: bool) -> Study:
+    """Iterations by stiffness and tolerance."""
+    n, counts = (QUICK_CELLS, QUICK_STEPS) if quick else (CELLS, STEPS)
+    rows, failures = [], []
+    for rate, steps in counts.items():
+        for young in YOUNGS[:1] if quick else YOUNGS:
+            system = bar(n, young)
+            saved = []
+            for rtol in TOLERANCES:
+                both, velocity = (_iterations(system, eq9(rate, rtol), push(n), steps, whole) for whole in (True, False))
+                saved.append(1 - both / velocity if velocity else 0.0)
+            rows.append((str(rate), f"{young:g}", *(f"{part:.0%}" for part in saved)))
+            failures += [f"{rate} steps/s, E = {young:g} Pa: {-min(saved):.0%} more"] if min(saved) < -0.05 else []
+    return Study(
+        "Where solves start",
+        "to start from velocity and acceleration never takes 5 % more iterations than to start from the velocity",
+        ("steps/s", "E, Pa", *(f"saved, rtol {rtol:g}" for rtol in TOLERANCES)),
+        tuple(rows),
+        tuple(failures),
+        (f"iterations of conjugate gradients, {12 * n**3} tetrahedra",),
+    )
+
+
+def _iterations(system: System, integrator: LinearBackwardEuler, v: np.ndarray, steps: int, whole: bool) -> int:
+    """Of so many steps from rest; without the acceleration unless `whole`."""
+    motion = Motion(system, "lumped", None)
+    stepper, state = integrator.stepper(motion), State.at(0.0, np.zeros_like(v), v)
+    state.v[motion.free.fixed] = 0.0
+    stepper.start(state)
+    for k in range(steps):
+        stepper.step(state, (k + 1) * integrator.dt)
+        if not whole:
+            state.a[:] = 0
+    return stepper.counts.iterations
