@@ -51,8 +51,7 @@ class ExactStVK:
         with localcontext() as context:
             context.prec = DIGITS
             d, e, s = self._state(u)
-            W = (self._volume * (s * e).sum(axis=(0, 1))).sum() / 2
-            return float(W), self._to_vertices(self._volume * np.einsum("ijn,jxn->ixn", s, d))
+            return float(self._energy(e, s)), self._to_vertices(self._volume * np.einsum("ijn,jxn->ixn", s, d))
 
     def energy(self, u: Array) -> float:
         """Strain energy [J]."""
@@ -94,6 +93,9 @@ class ExactStVK:
         d = self._rest + self._spokes(_decimal(u.reshape(-1, self.d).T))
         e = (np.einsum("ixn,jxn->ijn", d, d) - self._metric) / 2
         return d, e, np.einsum("ijmpn,mpn->ijn", self._moduli, e)
+
+    def _energy(self, e: Exact, s: Exact) -> Any:
+        return (self._volume * (s * e).sum(axis=(0, 1))).sum() / 2
 
     def _spokes(self, x: Exact) -> Exact:
         """(k, d, nt) differences of a field (d, nv) to the first vertex."""

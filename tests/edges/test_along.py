@@ -47,11 +47,11 @@ def exact_coefficients(mesh, u, v):
     """From the energy at five places, in 50 digits: divided differences have no truncation error."""
     lam, mu = (float(value) for value in TERM.material.lame(TERM.hypothesis(mesh)))
     inverse = inverse_of_vandermonde()
+    body = exact.ExactStVK(mesh.p, mesh.t, (lam, mu))
     with localcontext() as context:
         context.prec = 2 * exact.DIGITS
-        p, x, y = (exact._decimal(a) for a in (mesh.p, u.reshape(-1, mesh.d).T, v.reshape(-1, mesh.d).T))
-        lam, mu = (exact._decimal(np.array([value]))[0] for value in (lam, mu))
-        W = [exact._energy_and_force(p, mesh.t, lam, mu, x + s * y)[0] for s in range(-2, 3)]
+        x, y = exact._decimal(u), exact._decimal(v)
+        W = [body._energy(*body._state(x + s * y)[1:]) for s in range(-2, 3)]
         return np.array([float(sum(w * n.numerator / n.denominator for w, n in zip(W, row, strict=True))) for row in inverse])
 
 

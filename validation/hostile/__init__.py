@@ -10,6 +10,7 @@ FAMILIES = {
     "physics": "validation.hostile.physics",
     "commands": "validation.hostile.commands",
     "arguments": "validation.hostile.arguments",
+    "candidates": "validation.hostile.candidates",
 }
 NAMES = tuple(FAMILIES)
 
