@@ -17,7 +17,7 @@ from ..linear.choose import direct, is_auto
 from ..mesh.displacements import by_vertex
 from ..results import Fields, Series, plot
 from ..results.state import State
-from ..statics.equilibrium import with_loads
+from ..statics.equilibrium import SYMMETRIC, with_loads
 from ..system import System
 from ..system.mass import Mass
 from ..system.system import checked_system
@@ -30,8 +30,6 @@ Array = NDArray[Any]
 
 #: A motion of which all but this part is rigid is rigid, if its eigenvalue is rounding: so many eps of the largest one.
 NOT_RIGID, ROUNDING = 1e-6, 1e4
-#: A Jacobian is symmetric whose entries differ from those across by this part of the largest at most.
-SYMMETRIC = 1e-12
 #: In pictures the largest displacement is this part of the size of the body.
 SHOWN = 0.1
 #: "auto" takes a direct solver up to so many unknowns: it factorises once and solves about a hundred times.
