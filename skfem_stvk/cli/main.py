@@ -18,15 +18,15 @@ from ..bench import FULL, QUICK, bench
 from ..bench import page as bench_page
 from ..bench import terminal as bench_terminal
 from ..errors import StvkError, StvkWarning
+from ..kernels.threads import threads
 from ..mesh import SimplexMesh, embedded_mesh, read_mesh
-from ..referee.header import machine, versions
+from ..referee.header import caches, machine, optional, versions
 from ..referee.terminal import WIDTH, printable, rendered
 from ..referee.verification import verify
 from ..terms import StVK
 
 #: Materials of the embedded mesh: a bracket of aluminium with a bushing of rubber; Poisson's ratios such that lambda != mu.
 EMBEDDED = [StVK(young=70e9, poisson=0.33, region="bracket"), StVK(young=5e6, poisson=0.45, region="bushing")]
-OPTIONAL = ("gmsh", "h5py", "netCDF4")
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -151,9 +151,10 @@ def _saved(save: Callable[[str], object], folder: str | None) -> StvkError | OSE
 
 
 def _info(options: argparse.Namespace) -> int:
-    """Print versions, the machine and which optional packages are installed."""
+    """Print versions, the machine, threads, caches and every optional package, or the line that installs it."""
     console = Console(highlight=False)
-    for name, value in (machine() | versions() | versions(OPTIONAL)).items():
+    facts = machine() | {"kernels run on": f"{threads()} threads"} | caches() | versions() | optional()
+    for name, value in facts.items():
         console.print(f"{name:>16}  {printable(str(value))}", soft_wrap=True)
     return 0
 

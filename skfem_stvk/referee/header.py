@@ -20,7 +20,32 @@ from ..mesh.geometry import aspect_ratios, edge_lengths
 from ..terms import StVK
 from .bodies import volumes
 
-PACKAGES = ("skfem-stvk", "scikit-fem", "numpy", "scipy", "numba", "meshio", "rich", "matplotlib", "jinja2")
+PACKAGES = (
+    "skfem-stvk",
+    "scikit-fem",
+    "numpy",
+    "scipy",
+    "numba",
+    "meshio",
+    "rich",
+    "matplotlib",
+    "jinja2",
+    "pyamg",
+    "filelock",
+    "pydantic",
+)
+#: Optional packages, and what installs them.
+OPTIONAL = {
+    "pypardiso": "pip install 'skfem-stvk[pardiso]'",
+    "pyvista": "pip install 'skfem-stvk[plot]'",
+    "gmsh": "pip install 'skfem-stvk[gmsh]'",
+    "mujoco": "pip install 'skfem-stvk[peers]'",
+    "felupe": "pip install 'skfem-stvk[peers]'",
+    "ngsolve": "pip install 'skfem-stvk[peers]'",
+    "fenics-dolfinx": "conda install -c conda-forge fenics-dolfinx",
+    "h5py": "pip install h5py (meshes in .h5, .xdmf, .med)",
+    "netCDF4": "pip install netCDF4 (meshes in .exo, .e)",
+}
 THREAD_LIMITS = ("NUMBA_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS")
 
 
@@ -34,6 +59,29 @@ def versions(packages: Sequence[str] = PACKAGES) -> dict[str, str]:
             return "not installed"
 
     return {"python": platform.python_version()} | {package: installed(package) for package in packages}
+
+
+def optional() -> dict[str, str]:
+    """Versions of the optional packages, or the line that installs them."""
+    return {
+        package: f"not installed: {line}" if found == "not installed" else found
+        for package, line in OPTIONAL.items()
+        for found in [versions([package])[package]]
+    }
+
+
+def caches() -> dict[str, str]:
+    """Where compiled kernels are kept, and whether they can be."""
+    from ..kernels.topology import expand
+
+    cache = getattr(expand, "_cache", None)
+    folder = getattr(cache, "cache_path", None)
+    if folder is None:
+        return {"kernels kept in": "no folder: every process compiles. Set NUMBA_CACHE_DIR to one that can be written to"}
+    nearest = next(parent for parent in (Path(folder), *Path(folder).parents) if parent.exists())
+    writable = "writable" if os.access(nearest, os.W_OK | os.X_OK) else "NOT writable; set NUMBA_CACHE_DIR to a folder that is"
+    kept = len(list(Path(folder).glob("*.nbc")))
+    return {"kernels kept in": f"{folder} ({kept} files, {writable})"}
 
 
 def machine() -> dict[str, Any]:

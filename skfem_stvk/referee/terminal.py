@@ -42,6 +42,7 @@ def rendered(report: Report, width: int = WIDTH) -> RenderableType:
     parts: list[RenderableType] = [
         _head(report),
         _checks(report, width),
+        *_reasons(report),
         *_troubles(report),
         _precision(report, width),
         _speed(report, width),
@@ -56,6 +57,7 @@ def _head(report: Report) -> RenderableType:
         f"{mesh['source']}: {mesh['simplices']}, {mesh['vertices']} vertices, {mesh['dofs']} dofs, "
         f"edges {mesh['edges']['shortest']:.3g} ... {mesh['edges']['longest']:.3g}, sha256 {mesh['sha256']}",
         *report.header["material"],
+        f"held against {report.header['reference']}",
         f"{machine['processor']}, {machine['cores']} cores; "
         + ", ".join(f"{name} {versions[name]}" for name in ("python", "skfem-stvk", "scikit-fem", "numpy", "scipy")),
     ]
@@ -91,11 +93,22 @@ def _checks(report: Report, width: int) -> Table:
     return table
 
 
+def _reasons(report: Report) -> list[RenderableType]:
+    """Why limits are what they are: of the worst result of each row that passed or failed, once for each reason."""
+    reasons: dict[str, dict[str, None]] = {}
+    for (check, _, _, quantity), results in report.groups().items():
+        judged = [r for r in results if r.limit is not None]
+        if judged:
+            reasons.setdefault(max(judged, key=_size).reason, {})[f"{check} ({quantity})"] = None
+    lines = [f"[dim]{printable(', '.join(names))}: {printable(reason)}[/]" for reason, names in reasons.items()]
+    return ["[bold]Why these limits[/]", *lines, ""] if lines else []
+
+
 def _size(result: Result) -> float:
-    """For the worst first: nothing measured, numbers, not a number."""
+    """For the worst first: nothing measured, errors over their limits, not a number."""
     if result.measured is None:
         return -1.0
-    return result.measured if math.isfinite(result.measured) else math.inf
+    return result.measured / (result.limit or 1.0) if math.isfinite(result.measured) else math.inf
 
 
 def _tally(results: list[Result], outcome: Outcome) -> str:

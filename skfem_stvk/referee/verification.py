@@ -88,7 +88,7 @@ def verify(
     if case.candidate is not None and not any(case.candidate.has(quantity) for quantity in METHODS):
         raise StvkError(f"candidate, of type {type(candidate).__name__}, has none of {', '.join(METHODS.values())}.")
     homogeneous = homogeneous_copy(body, terms)
-    report = Report(header(body, terms, type(mesh).__name__, seed))
+    report = Report(header(body, terms, type(mesh).__name__, seed) | {"reference": case.reference.model.described()})
     tasks = [
         *agreement(case),
         *derivatives(case),

@@ -4,6 +4,7 @@ import os
 import re
 import subprocess
 import sys
+from importlib.metadata import PackageNotFoundError, version
 
 import meshio
 import numpy as np
@@ -19,6 +20,7 @@ from skfem_stvk.cli import main as cli
 from skfem_stvk.cli.main import main
 from skfem_stvk.referee import verification
 from skfem_stvk.referee.checks import derivatives, precision
+from skfem_stvk.referee.header import OPTIONAL
 from skfem_stvk.referee.results import Outcome
 from skfem_stvk.referee.terminal import rendered
 
@@ -124,10 +126,30 @@ def test_ctrl_c_keeps_what_was_checked(monkeypatch):
     assert {r.reason for r in report.results if r.outcome is Outcome.COULD_NOT_RUN} == {"interrupted"}
 
 
-def test_info_prints_versions_and_optional_packages(capsys):
+def test_info_prints_versions_threads_caches_and_every_optional_package_or_what_installs_it(capsys, monkeypatch):
+    monkeypatch.setattr("skfem_stvk.referee.header.version", lambda package: without_pyvista(package))
     assert main(["info"]) == 0
     out = capsys.readouterr().out
-    assert all(word in out for word in ("python", "skfem-stvk", "scikit-fem", "cores", "h5py"))
+    lines = {line[:16].strip(): line[18:] for line in out.splitlines()}
+    assert {"python", "skfem-stvk", "scikit-fem", "processor", "cores", "kernels run on", *OPTIONAL} <= set(lines)
+    assert lines["pyvista"] == "not installed: pip install 'skfem-stvk[plot]'" and lines["numpy"] == np.__version__
+    assert "writable" in lines["kernels kept in"] or "NUMBA_CACHE_DIR" in lines["kernels kept in"]
+
+
+def without_pyvista(package):
+    if package == "pyvista":
+        raise PackageNotFoundError(package)
+    return version(package)
+
+
+def test_every_extra_of_the_package_is_among_the_optional_packages_of_info():
+    from pathlib import Path
+
+    import tomllib
+
+    extras = tomllib.loads((Path(__file__).parents[2] / "pyproject.toml").read_text())["project"]["optional-dependencies"]
+    names = {re.split("[><=;]", line)[0].strip() for extra, lines in extras.items() if extra != "test" for line in lines}
+    assert names <= set(OPTIONAL)
 
 
 def test_the_command_is_installed():
