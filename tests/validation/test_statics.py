@@ -1,5 +1,7 @@
 """The studies of static solves, in their quick versions; and that they see what is wrong."""
 
+import sys
+
 import numpy as np
 import pytest
 
@@ -223,3 +225,19 @@ def test_a_large_body_is_solved_by_amg():
     study = large.large(quick=True)
     assert study.passed, study.failures
     assert len(study.rows) == 2
+
+
+def test_what_is_not_installed_is_not_measured_and_says_so(monkeypatch):
+    from skfem_stvk.peers import packages
+    from validation.statics import linear_solvers
+
+    monkeypatch.setattr(packages.Package, "version", lambda package: None)
+    for module in (speed, linear_solvers, sys.modules["skfem_stvk.linear.choose"]):
+        monkeypatch.setattr(module, "pardiso_is_installed", lambda: False)
+    monkeypatch.setitem(sys.modules, "pypardiso", None)
+    monkeypatch.setattr(speed, "QUICK_SIZES", (2,))
+    study = speed.speed(quick=True)
+    assert study.passed and {row[0] for row in study.rows} == {"edges P1", "scikit-fem P1"}
+    assert "pardiso" not in {row[1].lower() for row in study.rows}
+    notes = [note for note in study.notes if note.startswith("not measured")]
+    assert notes == ["not measured: pardiso; pip install 'skfem-stvk[pardiso]'", "not measured: FElupe P1; pip install felupe"]

@@ -7,6 +7,8 @@ from typing import Any
 
 from scipy.sparse.linalg import spsolve
 
+from skfem_stvk.linear.pardiso import pardiso_is_installed
+
 from .cantilever import Array
 
 
@@ -18,7 +20,13 @@ def superlu(K: Any, b: Array) -> Array:
 
 def forget() -> None:
     """Let PARDISO's wrapper forget the matrix that it factorised last; it would not factorise the same one again."""
-    import_module("pypardiso").scipy_aliases.pypardiso_solver.free_memory(everything=True)
+    if pardiso_is_installed():
+        import_module("pypardiso").scipy_aliases.pypardiso_solver.free_memory(everything=True)
+
+
+def direct(K: Any, b: Array) -> Array:
+    """PARDISO where it is installed, else SuperLU."""
+    return pardiso(K, b) if pardiso_is_installed() else superlu(K, b)
 
 
 def pardiso(K: Any, b: Array) -> Array:

@@ -9,6 +9,8 @@ from typing import NamedTuple
 import numpy as np
 
 from skfem_stvk.linear import AmgCg, Pardiso
+from skfem_stvk.linear.pardiso import pardiso_is_installed
+from skfem_stvk.peers.packages import PACKAGES
 
 from . import with_edges, with_felupe, with_scikit_fem
 from .cantilever import Array, Run, cantilever
@@ -23,11 +25,11 @@ PATIENCE = 300.0
 MOST_FOR_SUPERLU = 100_000
 #: Claims are about meshes of at least so many unknowns; below, all takes seconds.
 LEAST = 40_000
-PARDISO = Pardiso().name
+PARDISO, FELUPE = Pardiso().name, "FElupe P1"
 AGREEMENT, ASSEMBLY, FASTER = 1e-6, 0.05, 10.0
 PROGRAMS: dict[str, Callable[..., Run]] = {
     "scikit-fem P1": partial(with_scikit_fem.solve, element="P1"),
-    "FElupe P1": with_felupe.solve,
+    FELUPE: with_felupe.solve,
 }
 SOLVERS = {"SuperLU": superlu, "PARDISO": pardiso}
 
@@ -46,7 +48,8 @@ class Entry(NamedTuple):
 
 def speed(quick: bool = False) -> Study:
     """time by part of a cantilever that bends far, against scripts in scikit-fem and FElupe, in one run"""
-    with_edges.warm_up("auto", PARDISO)
+    absent = missing()
+    with_edges.warm_up("auto", *({PARDISO} - set(absent)))
     meshes = [list(entries_on(n)) for n in (QUICK_SIZES if quick else SIZES)]
     return Study(
         "Speed, cantilever in large bending",
@@ -60,20 +63,28 @@ def speed(quick: bool = False) -> Study:
             "same mesh, load steps and stop (residual 1e-8 of loads and reactions); FElupe's own time is all in 'other'",
             f"~ where all would take more than {PATIENCE:g} s, two iterations were timed and as many counted as ours needs; "
             f"SuperLU is left out beyond {MOST_FOR_SUPERLU} unknowns",
+            *(f"not measured: {name}; {line}" for name, line in absent.items()),
         ),
     )
 
 
+def missing() -> dict[str, str]:
+    """Programs and solvers that are not installed, and the line that installs each."""
+    lines = {} if pardiso_is_installed() else {PARDISO: "pip install 'skfem-stvk[pardiso]'"}
+    felupe = PACKAGES["felupe"]
+    return lines if felupe.version() else lines | {FELUPE: felupe.install}
+
+
 def entries_on(n: int) -> Iterator[Entry]:
     """All programs on the mesh with `n` cells across, ours with its own choice of a solver first."""
-    mesh = cantilever(n)
+    mesh, absent = cantilever(n), missing()
     run, result = with_edges.solve(mesh)
     yield Entry(run, f"auto: {result.solver}")
-    for solver in [name for name in (PARDISO, AmgCg().name) if name != result.solver]:
+    for solver in [name for name in (PARDISO, AmgCg().name) if name not in (result.solver, *absent)]:
         yield Entry(with_edges.solve(mesh, solver)[0], solver)
-    for program in PROGRAMS.values():
+    for program in [program for name, program in PROGRAMS.items() if name not in absent]:
         for name, linear in SOLVERS.items():
-            if name != "SuperLU" or run.ndofs <= MOST_FOR_SUPERLU:
+            if name.lower() not in absent and (name != "SuperLU" or run.ndofs <= MOST_FOR_SUPERLU):
                 yield _patiently(partial(program, mesh, linear=linear, factors=result.history.t), name, run.iterations)
 
 
