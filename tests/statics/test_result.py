@@ -98,7 +98,7 @@ def test_stress_by_element_and_node(result):
     assert result.stress("cauchy").shape == (mesh.nt, 3, 3) and result.stress("von_mises", at="nodes").shape == (mesh.nv,)
     with pytest.raises(StvkError, match="pk1"):
         result.stress("piola")
-    with pytest.raises(StvkError, match="'elements' or 'nodes'"):
+    with pytest.raises(StvkError, match="known: 'elements', 'nodes'"):
         result.stress("cauchy", at="vertices")
 
 
