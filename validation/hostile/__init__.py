@@ -8,7 +8,9 @@ from collections.abc import Sequence
 FAMILIES = {
     "meshes": "validation.hostile.meshes",
     "physics": "validation.hostile.physics",
+    "names": "validation.hostile.names",
     "commands": "validation.hostile.commands",
+    "candidates": "validation.hostile.candidates",
     "arguments": "validation.hostile.arguments",
     "candidates": "validation.hostile.candidates",
 }

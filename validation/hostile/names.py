@@ -1,0 +1,255 @@
+"""Names of regions, places and probes that mean something to HTML, CSV, terminals, formulas or paths: they stay names wherever they appear."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import xml.etree.ElementTree as ET
+from collections.abc import Callable, Iterator
+from functools import lru_cache, partial
+from html.parser import HTMLParser
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import skfem
+from rich.console import Console
+
+from skfem_stvk import NodalLoad, SimplexMesh, StVK, System, VelocityVerlet, simulate, solve_static, verify
+from skfem_stvk.mesh import read_mesh
+from skfem_stvk.referee.terminal import rendered
+from skfem_stvk.results.series import read_list
+
+from .case import Case, Verdict, Wrong, in_words
+
+#: Names by what they are.
+NAMES = {
+    "plain": "plain",
+    "script": "<script>alert(1)</script>",
+    "end of an attribute": "\"><img src=x onerror='alert(1)'>",
+    "entities": "&lt;b&gt;&amp;&#x41;",
+    "comment": "<!-- ]]> -->",
+    "template": "{{ 7 * 7 }}{% for x in y %}",
+    "percent": "%s%n%d{0}",
+    "colour": "\x1b[31mred\x1b[0m",
+    "title of the terminal": "\x1b]0;gone\x07",
+    "C1": "\x9b31m",
+    "NUL": "a\0b",
+    "bell": "a\x07b",
+    "newline": "a\nb",
+    "carriage return": "a\rb",
+    "tab": "a\tb",
+    "vertical tab": "a\x0bb",
+    "line separator": "a\u2028b",
+    "right to left": "\u202egnp.exe",
+    "surrogate": "\ud800",
+    "byte order mark": "\ufeffa",
+    "not a character": "\uffff",
+    "combining": "e\u0301",
+    "emoji": "😀",
+    "rich": "[bold red]x[/bold red]",
+    "rich end": "[/]",
+    "rich link": "[link=file:///etc/passwd]x[/link]",
+    "formula": "$\\frac{1}{",
+    "dollar": "$",
+    "underscore": "_hidden",
+    "quotes": "'\"`",
+    "comma": 'a,b;"c"',
+    "backslash": "a\\b\\",
+    "parents": "../../up",
+    "slash": "a/b",
+    "space": " ",
+    "long": "x" * 20_000,
+    "long words": "word " * 2_000,
+}
+#: What may end up in a file's name.
+FILES = {name: text for name, text in NAMES.items() if not set("/\0") & set(text) and len(text) < 200 and text != "\ud800"}
+#: Characters that terminals act on.
+CONTROL = {chr(code) for code in (*range(32), 127, *range(128, 160))} - {"\n"}
+
+
+def cases() -> Iterator[Case]:
+    """All names in all places."""
+    places: dict[str, Callable[[str, Path], None]] = {
+        "a region in the report": in_report,
+        "a region in a VTU file": in_vtu,
+        "a probe in a ledger": in_ledger,
+        "a probe in a picture": in_picture,
+        "a region in a picture": in_field,
+        "an unknown place": in_message,
+        "a region in a mesh file": in_mesh_file,
+    }
+    for place, attempt in places.items():
+        for name, text in NAMES.items():
+            yield Case(f"{name} as {place}", partial(attempt, text), settled, said, quick=name == "script" and attempt is in_vtu)
+    for name, text in FILES.items():
+        yield Case(f"{name} as a series of files", partial(in_path, text), settled, said)
+
+
+def settled(result: None) -> None:
+    """The judge: what is wrong has been raised already."""
+
+
+def said(error: BaseException) -> bool:
+    """An error in words, without characters that terminals act on, of bearable length."""
+    return in_words(error) and not CONTROL & set(str(error)) and len(str(error)) < 5_000
+
+
+def body(name: str) -> SimplexMesh:
+    """Four tetrahedra in two regions, one of this name."""
+    mesh = skfem.MeshTet().refined(0)
+    return SimplexMesh(mesh.p, mesh.t, {name: np.array([0, 1]), "rest": np.arange(2, mesh.nelements)}, {}, {name: np.array([0, 1])})
+
+
+def terms(name: str) -> list[StVK]:
+    """A material for each region."""
+    return [StVK(young=2.0, poisson=0.3, density=1.0, region=name), StVK(young=3.0, poisson=0.2, density=1.0, region="rest")]
+
+
+class Tags(HTMLParser):
+    """The tags and attributes of a page."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__()
+        self.found: list[Any] = []
+        self.feed(text)
+
+    def handle_starttag(self, tag: str, attributes: list[tuple[str, str | None]]) -> None:
+        if tag not in ("path", "use", "g", "defs", "style", "clippath", "rect"):  # the pictures differ from run to run
+            self.found.append((tag, sorted(name for name, _ in attributes)))
+
+
+def in_report(name: str, folder: Path) -> None:
+    """In the report of `verify`: its page has the same tags as with a plain name, its JSON the name, the terminal no control characters."""
+    report = verify(body(name), terms(name), quiet=True)
+    report.save(folder / "report")
+    page = (folder / "report" / "report.html").read_text(encoding="utf-8")
+    if Tags(page).found != plain_tags(folder):
+        raise Wrong(Verdict.SILENT, "the page has other tags than with a plain name")
+    written = json.loads((folder / "report" / "report.json").read_text(encoding="utf-8"))
+    if name not in json.dumps(written, ensure_ascii=False) and json.dumps(name)[1:-1] not in json.dumps(written):
+        raise Wrong(Verdict.LOSS, "the name is not in report.json")
+    stream = io.StringIO()
+    Console(file=stream, width=124, force_terminal=False).print(rendered(report))
+    for text in (str(report), stream.getvalue()):
+        shown_safely(text)
+
+
+@lru_cache
+def plain_tags(folder: Path) -> list[Any]:
+    """Of the page with a plain name."""
+    verify(body("plain"), terms("plain"), quiet=True).save(folder / "plain")
+    return Tags((folder / "plain" / "report.html").read_text(encoding="utf-8")).found
+
+
+def shown_safely(text: str) -> None:
+    """Refuses text that a terminal would act on."""
+    control = sorted(CONTROL & set(text))
+    if control:
+        raise Wrong(Verdict.SILENT, f"control characters on the terminal: {control!r}")
+
+
+def in_vtu(name: str, folder: Path) -> None:
+    """In a VTU file: XML, from which the region is read again."""
+    mesh = body(name)
+    system = System(mesh, [*terms(name), NodalLoad([7], (0.0, 0.0, 1e-3))], fixed=[(np.array([0, 1, 2, 3]), "xyz")])
+    path = solve_static(system, steps=1, quiet=True).save(folder / "body.vtu")
+    ET.parse(path)
+    again = read_mesh(path)
+    if name not in again.subdomains and name.encode("unicode_escape").decode() not in again.subdomains:
+        raise Wrong(Verdict.LOSS, f"the region is not read again, but {[one[:50] for one in again.subdomains]}")
+    if mesh.nt != again.nt:
+        raise Wrong(Verdict.LOSS, "elements are gone")
+
+
+def run(name: str, **options: Any) -> Any:
+    """A short motion with a probe of this name."""
+    system = System(body("plain"), terms("plain"))
+    v0 = 0.01 * np.cos(np.arange(system.ndofs))
+    return simulate(system, VelocityVerlet(dt=1e-3), until=5e-3, v0=v0, probes={name: [1]}, quiet=True, **options)
+
+
+def in_ledger(name: str, folder: Path) -> None:
+    """In a ledger: a table with as many cells in each line, and the name at its head."""
+    done = run(name)
+    path = done.ledger.save(folder / "ledger.csv")
+    with path.open(encoding="utf-8", newline="") as file:
+        lines = list(csv.reader(file))
+    if len(lines) != 1 + done.ledger.steps or {len(line) for line in lines} != {len(done.ledger)}:
+        raise Wrong(Verdict.SILENT, f"a table of {len(lines)} lines, of {sorted({len(line) for line in lines})} cells")
+    if f"{name} x" not in lines[0] and f"{name} x".encode("unicode_escape").decode() not in lines[0]:
+        raise Wrong(Verdict.LOSS, f"the name is not at its head: {lines[0]!r:.300}")
+    shown_safely(repr(done.ledger))
+
+
+def in_picture(name: str, folder: Path) -> None:
+    """As the label of a ledger's picture."""
+    run(name).ledger.plot(folder / "ledger.png")
+    picture(folder / "ledger.png")
+
+
+def in_field(name: str, folder: Path) -> None:
+    """As the label of a body's picture."""
+    state = run("plain").state
+    from skfem_stvk.results import plot
+
+    plot(state, "von_mises_stress", path=folder / "body.png", label=name)
+    picture(folder / "body.png")
+
+
+def picture(path: Path) -> None:
+    """Refuses what is no picture, or one that a name has made larger than any screen."""
+    import matplotlib.image
+
+    height, width = matplotlib.image.imread(path).shape[:2]
+    if max(height, width) > 8_000:
+        raise Wrong(Verdict.SILENT, f"a picture of {width} x {height} pixels")
+
+
+def in_message(name: str, folder: Path) -> None:
+    """As a place that the mesh does not have: the message stays one that can be printed."""
+    System(body("plain"), terms("plain"), fixed={name: "xyz"})
+    if name != "plain":
+        raise Wrong(Verdict.SILENT, "accepted")
+
+
+def in_mesh_file(name: str, folder: Path) -> None:
+    """As a group of a Gmsh file: what is read has it, or the file is refused."""
+    (folder / "body.msh").write_text(MSH.format(name=name), encoding="utf-8", errors="surrogatepass", newline="")
+    mesh = read_mesh(folder / "body.msh")
+    if list(mesh.subdomains) != [name] and list(mesh.subdomains) != [name.strip()]:
+        raise Wrong(Verdict.SILENT, f"read as {list(mesh.subdomains)!r:.200}")
+
+
+MSH = """$MeshFormat
+2.2 0 8
+$EndMeshFormat
+$PhysicalNames
+1
+3 1 "{name}"
+$EndPhysicalNames
+$Nodes
+4
+1 0 0 0
+2 1 0 0
+3 0 1 0
+4 0 0 1
+$EndNodes
+$Elements
+1
+1 4 2 1 1 1 2 3 4
+$EndElements
+"""
+
+
+def in_path(name: str, folder: Path) -> None:
+    """As the name of a series: it lists its files, which are there, and nothing else is."""
+    inner = folder / "inner"
+    inner.mkdir()
+    run("plain", save=inner / f"{name}.pvd", every=1)
+    listed = read_list(inner / f"{name}.pvd")
+    if len(listed) != 6 or not all((inner / file).is_file() for _, file in listed):
+        raise Wrong(Verdict.LOSS, f"the series lists {listed!r:.300}")
+    if {path.name for path in folder.iterdir()} != {"inner"}:
+        raise Wrong(Verdict.LOSS, "files were written elsewhere")
