@@ -12,7 +12,6 @@ FAMILIES = {
     "commands": "validation.hostile.commands",
     "candidates": "validation.hostile.candidates",
     "arguments": "validation.hostile.arguments",
-    "candidates": "validation.hostile.candidates",
 }
 NAMES = tuple(FAMILIES)
 
