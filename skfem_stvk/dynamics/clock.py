@@ -61,6 +61,8 @@ class Clock:
 
 #: The safe bound may move by this part from one look to the next, between which there are so many steps at first, at least and at most.
 MOVES, FIRST, FEWEST, MOST = 0.01, 10, 5, 200
+#: Steps that were found are halved so often at most.
+HALVINGS = 4
 
 
 @dataclass

@@ -231,7 +231,7 @@ class LedgerFile:
 
     def __init__(self, path: str | os.PathLike[str], ledger: Ledger) -> None:
         self.path, self.ledger = output_path(path, ".csv"), ledger
-        self._rows = self._size = -1
+        self._written = -1, -1  # rows and bytes, both at once: whatever interrupts it, they are of the same file
 
     def write(self) -> None:
         """Add the rows that are new.
@@ -241,23 +241,22 @@ class LedgerFile:
         OSError
             if the disk is full, for example; the lines that were there are still there, and no part of a line.
         """
-        as_it_was = self.path.is_file() and self.path.stat().st_size == self._size
-        if as_it_was and self._rows <= self.ledger.steps:
-            self._append(_lines(self.ledger.rows(self._rows).tolist()))
+        rows, size = self._written
+        as_it_was = self.path.is_file() and self.path.stat().st_size == size
+        if as_it_was and rows <= self.ledger.steps:
+            self._append(_lines(self.ledger.rows(rows).tolist()), size)
         else:
             self.ledger.save(self.path)
-            self._size = self.path.stat().st_size
-        self._rows = self.ledger.steps
+        self._written = self.ledger.steps, self.path.stat().st_size
 
-    def _append(self, lines: bytes) -> None:
+    def _append(self, lines: bytes, size: int) -> None:
         try:
             with self.path.open("ab") as file:
                 file.write(lines)
         except BaseException:
             with suppress(OSError):
-                os.truncate(self.path, self._size)
+                os.truncate(self.path, size)
             raise
-        self._size += len(lines)
 
 
 def _lines(rows: Iterable[Iterable[Any]]) -> bytes:

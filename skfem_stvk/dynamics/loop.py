@@ -8,6 +8,7 @@ from typing import Any
 from numpy.typing import NDArray
 
 from ..errors import StateError, warn
+from ..results.files import WriteError
 from ..statics.monitors import Finding, Monitors
 from .books import Books
 from .guard import Guard, from_nowhere
@@ -45,7 +46,7 @@ class Loop:
         self._begin()
         self._inversions = Inversions(plan, self._books.ledger)
         self._monitors = Monitors(plan.motion.system, ellipticity=False)
-        self._outputs = Outputs(plan, self._books.ledger, until, self._stepper.watch)
+        self._outputs = Outputs(plan, self._books.ledger, self._stepper.watch)
         self._cutting = Cutting(self._stepper, self._books, plan.cuts)
         self._jumps = Jumps(plan.motion, plan.state)
         self._stepping = False
@@ -74,8 +75,7 @@ class Loop:
         header = f"{plan.motion.system!r}, {len(plan.motion.free.free)} of them free; {plan.integrator}"
         with Progress(header, ledger, plan.steps, self._quiet) as progress:
             try:
-                if plan.ledger is None:
-                    self._outputs.frame()
+                self._outputs.begin()
                 status, detail = self._steps(progress)
                 while status is Status.BLEW_UP and self._goes_on():
                     status, detail = self._steps(progress)
@@ -147,13 +147,13 @@ class Loop:
         plan, outputs = self.plan, self._outputs
         if self._stepping and (plan.integrator.explicit or plan.state.t != self._books.ledger["time"][-1]):
             self._back()  # implicit steps change the state in the end only
-        if plan.outlets.checkpoint is None:
+        if plan.outlets is None or plan.outlets.checkpoint is None:
             return ""
         full = isinstance(error, OSError)  # then a state may be missing from the series
         if plan.at_a_step and plan.steps > outputs.written and not full:
             with suppress(Exception):
                 outputs.checkpoint()
-        resume = f"resume={str(plan.outlets.checkpoint)!r}"
+        resume = f"checkpoint={str(plan.outlets.checkpoint.place)!r}, resume=True"
         if outputs.written < 0:
             return ""
         return f" {resume} goes on from there." if outputs.written == plan.steps else f" {resume} goes on from the last checkpoint."
@@ -201,6 +201,8 @@ class Loop:
                 f"the step from t = {t:.6g} s did not converge, not even in 64 parts: {detail}.{there} Try a smaller dt or another tangent"
                 f"{'' if self._inversions.resisted else ', or VolumePenalty() among the terms if elements turn inside out'}."
             )
+        if isinstance(cause, WriteError):
+            return f"interrupted at t = {t:.6g} s: {cause}{detail}"
         if isinstance(cause, OSError):
             return f"interrupted at t = {t:.6g} s: results could not be written ({cause}). Make room, or choose another folder.{detail}{there}"
         by = f" by {type(cause).__name__}: {str(cause).rstrip('.')}" if str(cause) else ""

@@ -15,7 +15,8 @@ from .. import arguments
 from ..linear import Kind, LinearSolver, choose
 from ..linear.choose import direct, is_auto
 from ..mesh.displacements import by_vertex
-from ..results import Fields, Series, plot
+from ..results import Fields, plot
+from ..results.series import save_series
 from ..results.state import State
 from ..statics.equilibrium import SYMMETRIC, with_loads
 from ..system import System
@@ -92,11 +93,8 @@ class Modes:
         )
 
     def save(self, path: str | os.PathLike[str], scale: float | None = None) -> Path:
-        """Write all modes as a series for ParaView, whose time is the number of the mode; errors as of `results.Series`."""
-        series = Series(path, ["von_mises_stress"])
-        for number in range(len(self)):
-            series.add(self.state(number, scale), number)
-        return series.path
+        """Write all modes as a series for ParaView, whose time is the number of the mode, or none: errors as of `results.write_vtu`."""
+        return save_series(path, ["von_mises_stress"], ((number, self.state(number, scale)) for number in range(len(self))))
 
     def _named(self, number: int) -> str:
         if self.rigid[number]:

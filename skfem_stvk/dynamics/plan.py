@@ -2,60 +2,35 @@
 
 from __future__ import annotations
 
-import os
+from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..arguments import number, plain_array, shown, whole
+from ..arguments import number, plain_array, shown
 from ..errors import LoadError, StateError, StvkError, SupportError, name_ids
-from ..results.files import output_path
+from ..mesh.places import Where
+from ..results.archive import NotOurs
 from ..system import System
+from ..system.signature import Problem, sums
 from ..terms import Load
 from . import checkpoint as checkpoints
+from .checkpoint import ANEW, FRACTIONS, IntegratorRecord, MomentRecord, MotionHeader
 from .clock import Clock, Looks
+from .consistent import ARRAYS, refuse_inconsistent
 from .counts import Counts
 from .damping import Damping, EdgeDamping, Rayleigh
 from .integrators import INTEGRATORS, Integrator
 from .ledger import Ledger
 from .motion import Motion
+from .outlets import Outlets
 from .places import Places
 from .state import State
 
 Array = NDArray[Any]
-PathLike = str | os.PathLike[str]
-
-EVERY = 10
-#: Of a state, that a checkpoint holds.
-ARRAYS = ("u", "v", "a", "reaction")
-
-
-@dataclass
-class Outlets:
-    """Where results go.
-
-    Attributes
-    ----------
-    save, every, checkpoint : as of `simulate`.
-    """
-
-    save: PathLike | None
-    every: int
-    checkpoint: PathLike | None
-
-    @classmethod
-    def checked(cls, save: Any, every: Any, checkpoint: Any) -> Outlets:
-        """Refuses what are no paths that can be written, and no number of steps."""
-        for name, path, example in (("save", save, "flag.pvd"), ("checkpoint", checkpoint, "flag.npz")):
-            if path is not None and not (isinstance(path, str | os.PathLike) and str(path)):
-                raise StvkError(f"{name} = {shown(path)}; expected the path of a file such as {example!r}.")
-        if save is not None:
-            output_path(save, ".pvd")
-        if checkpoint is not None:
-            output_path(checkpoint, ".npz")
-        return cls(save, whole("every", every, "a whole number of steps, at least 1", 1), checkpoint)
 
 
 @dataclass
@@ -70,6 +45,37 @@ class Snapshot:
     rows: int
 
 
+@dataclass(frozen=True)
+class Beginning:
+    """What a run begins with, as of `simulate`; of one that is resumed, what is given again."""
+
+    integrator: Integrator | None
+    u0: ArrayLike | None
+    v0: ArrayLike | None
+    t0: float
+    mass: str | None
+    damping: Damping | None
+    probes: Mapping[str, Where] | None
+    reactions: Mapping[str, Where] | None
+
+    def numbers(self, system: System) -> dict[str, list[float]]:
+        """Those by which a first state is known again, of what is given of it."""
+        given = {"u0": self.u0, "v0": self.v0}
+        found = {name: sums(_checked_vector(name, x, system)) for name, x in given.items() if x is not None}
+        return found | ({"t0": [self.t0]} if self.t0 else {})
+
+    def refuse_other_places(self, file: Path, system: System, kept: Places) -> None:
+        """Refuse probes and reactions that are given again, but are not those of the file."""
+        now = Places.checked(system, self.probes, self.reactions)
+        for kind, given in (("probes", self.probes), ("reactions", self.reactions)):
+            then, places = getattr(kept, kind), getattr(now, kind)
+            same = list(then) == list(places) and all(np.array_equal(then[name], places[name]) for name in then)
+            if given is not None and not same:
+                raise StvkError(
+                    f"{file} follows the {kind} {list(then)}, and they changed. Give the same again, or leave them out."
+                )
+
+
 @dataclass
 class Plan:
     """All that a run depends on, and where it is.
@@ -77,6 +83,7 @@ class Plan:
     Attributes
     ----------
     places : that the ledger follows.
+    outlets : what is written.
     clock : whose step is 0 until one is found.
     ledger : of the run that is resumed.
     steps, cuts : made so far, and how many of them in parts.
@@ -90,7 +97,7 @@ class Plan:
     state: State
     clock: Clock
     places: Places
-    outlets: Outlets
+    outlets: Outlets | None = None
     ledger: Ledger | None = None
     steps: int = 0
     cuts: int = 0
@@ -100,51 +107,65 @@ class Plan:
     good: Snapshot | None = None
 
     @classmethod
-    def new(
-        cls,
-        system: System,
-        integrator: Integrator | None,
-        u0: ArrayLike | None,
-        v0: ArrayLike | None,
-        t0: float,
-        mass: str,
-        damping: Damping | None,
-        places: Places | None,
-        outlets: Outlets,
-    ) -> Plan:
+    def new(cls, system: System, beginning: Beginning) -> Plan:
         """From a first state."""
-        integrator = checked_integrator(integrator)
-        motion = Motion(system, mass, damping)
-        state = _first_state(motion, u0, v0, t0, integrator)
-        return cls(motion, integrator, state, Clock(state.t, integrator.dt or 0.0), places or Places(), outlets)
+        integrator = checked_integrator(beginning.integrator)
+        places = Places.checked(system, beginning.probes, beginning.reactions)
+        motion = Motion(system, "lumped" if beginning.mass is None else beginning.mass, beginning.damping)
+        state = _first_state(motion, beginning.u0, beginning.v0, beginning.t0, integrator)
+        return cls(motion, integrator, state, Clock(state.t, integrator.dt or 0.0), places)
 
     @classmethod
-    def of_checkpoint(cls, path: PathLike, system: System, integrator: Integrator | None, outlets: dict[str, Any]) -> Plan:
-        """From a checkpoint; `outlets` are those that are not None, in the place of those of the file."""
-        about, arrays, ledger = checkpoints.load(path, system)
-        integrator = _resumed_integrator(about["integrator"], integrator, path)
-        factors = about["damping"]
-        damping: Damping = [Rayleigh(factors["alpha"], factors["beta"]), EdgeDamping(factors["tau"])]
-        motion = Motion(system, about["mass"], damping)
-        now = _unpacked(about, arrays, "", ledger.steps)
-        good = _unpacked(about["good"], arrays, "good ", about["good"]["rows"]) if about["good"] else None
-        places = Places(*({name: arrays.pop(f"{kind} {name}") for name in about[kind]} for kind in Places._fields))
-        kept = Outlets.checked(**(about["outlets"] | outlets))
-        return cls(
+    def of_checkpoint(cls, file: Path, system: System, beginning: Beginning) -> tuple[Plan, Problem, MotionHeader]:
+        """From a checkpoint, for the problem that it holds: what is given of the beginning has to be what it was.
+
+        Raises
+        ------
+        StvkError
+            if the file cannot be read, is of another problem, or says what cannot be.
+        """
+        saved = checkpoints.load(file)
+        header, method = saved.header, saved.method
+        try:
+            integrator = _resumed_integrator(method.integrator, beginning.integrator, file)
+        except (KeyError, TypeError) as error:
+            raise NotOurs(f"{file} is damaged: there is no such integrator ({error}). {ANEW}") from None
+        kept: Damping = [Rayleigh(method.damping.alpha, method.damping.beta), EdgeDamping(method.damping.tau)]
+        damping = kept if beginning.damping is None else beginning.damping
+        motion = Motion(system, method.mass if beginning.mass is None else beginning.mass, damping)
+        start = {name: header.problem.numbers.get(name, []) for name in ("t0", "u0", "v0")} | beginning.numbers(system)
+        problem = Problem("motion", system, described(motion, integrator), header.problem.moments, start)
+        differences = problem.differences(header.problem)
+        if differences:
+            raise StvkError(
+                f"{file} is of another problem: {differences}. Give the same again, or leave it out, to resume it. To start anew: overwrite=True, "
+                "without resume."
+            )
+        try:
+            places = refuse_inconsistent(saved, motion, integrator)
+        except (ValueError, KeyError) as error:
+            raise NotOurs(f"{file} is damaged: {error.args[0]}. {ANEW}") from None
+        beginning.refuse_other_places(file, system, places)
+        now = _unpacked(header.now, saved.arrays, "")
+        good = _unpacked(header.good, saved.arrays, "good ") if header.good else None
+        counts = Counts(**header.counts.model_dump())
+        state, clock, looks = now.state, now.clock, now.looks
+        plan = cls(
             motion,
             integrator,
-            now.state,
-            now.clock,
+            state,
+            clock,
             places,
-            kept,
-            ledger,
+            None,
+            saved.ledger,
             now.steps,
             now.cuts,
-            now.looks,
-            Counts(**about["counts"]),
-            about["seconds"],
+            looks,
+            counts,
+            dict(header.seconds),
             good,
         )
+        return plan, problem, header
 
     @property
     def at_a_step(self) -> bool:
@@ -160,26 +181,23 @@ class Plan:
         self.state.become(then.state)
         self.clock, self.looks, self.steps, self.cuts = replace(then.clock), replace(then.looks), then.steps, then.cuts
 
-    def packed(self) -> tuple[dict[str, Any], dict[str, Array]]:
-        """What a checkpoint needs: what JSON can write, and arrays."""
-        motion, outlets, good = self.motion, self.outlets, self.good
-        paths = {
-            name: None if path is None else os.path.abspath(path)
-            for name, path in (("save", outlets.save), ("checkpoint", outlets.checkpoint))
-        }
-        about: dict[str, Any] = {
-            "integrator": _described(self.integrator),
-            "damping": {"alpha": motion.alpha, "beta": motion.beta, "tau": motion.tau},
-            "mass": motion.mass.kind,
-            "outlets": paths | {"every": outlets.every},
-            "counts": vars(self.counts),
-            "seconds": self.seconds,
-            "good": None,
-        }
-        about |= _packed(self)
+    def problem(self, beginning: Beginning, until: float) -> Problem:
+        """What is to be simulated from its beginning, for files to be known by."""
+        t0 = self.state.t
+        start = {"t0": [t0], "u0": [0.0, 0.0], "v0": [0.0, 0.0]} | beginning.numbers(self.motion.system)
+        moments = [t0 + fraction * (until - t0) for fraction in FRACTIONS]
+        return Problem("motion", self.motion.system, described(self.motion, self.integrator), moments, start)
+
+    def packed(self, rows: int) -> tuple[dict[str, Any], dict[str, Array]]:
+        """What a checkpoint needs: what JSON can write, and arrays; `rows`: how many the ledger has."""
+        outlets, good = self.outlets, self.good
+        assert outlets is not None
+        about: dict[str, Any] = {"now": _packed(self, rows), "good": None, "every": outlets.every}
+        about |= {"counts": vars(self.counts), "seconds": self.seconds}
+        about["save"] = None if outlets.series is None else str(outlets.series.path)
         arrays = {name: getattr(self.state, name) for name in ARRAYS}
         if good is not None and good.steps < self.steps and self.integrator.dt is None:  # others do not go on from there
-            about["good"] = _packed(good) | {"rows": good.rows}
+            about["good"] = _packed(good, good.rows)
             arrays |= {f"good {name}": getattr(good.state, name) for name in ARRAYS}
         for kind, places in self.places._asdict().items():
             about[kind] = list(places)
@@ -187,15 +205,16 @@ class Plan:
         return about, arrays
 
 
-def _packed(moment: Plan | Snapshot) -> dict[str, Any]:
+def _packed(moment: Plan | Snapshot, rows: int) -> dict[str, Any]:
     """Where a run is or was, but for arrays."""
     clock, looks = vars(moment.clock).copy(), vars(moment.looks).copy()
-    return {"t": moment.state.t, "clock": clock, "looks": looks, "steps": moment.steps, "cuts": moment.cuts}
+    return {"t": moment.state.t, "clock": clock, "looks": looks, "steps": moment.steps, "cuts": moment.cuts, "rows": rows}
 
 
-def _unpacked(about: dict[str, Any], arrays: dict[str, Array], prefix: str, rows: int) -> Snapshot:
-    state = State(about["t"], *(arrays.pop(prefix + name) for name in ARRAYS))
-    return Snapshot(state, Clock(**about["clock"]), Looks(**about["looks"]), about["steps"], about["cuts"], rows)
+def _unpacked(record: MomentRecord, arrays: dict[str, Array], prefix: str) -> Snapshot:
+    state = State(record.t, *(arrays[prefix + name] for name in ARRAYS))
+    clock, looks = Clock(**record.clock.model_dump()), Looks(**record.looks.model_dump())
+    return Snapshot(state, clock, looks, record.steps, record.cuts, record.rows)
 
 
 def checked_integrator(integrator: Integrator | None) -> Integrator:
@@ -209,6 +228,12 @@ def checked_integrator(integrator: Integrator | None) -> Integrator:
 def checked_time(name: str, t: float) -> float:
     """Refuse a time that is none."""
     return number(name, t, "a time in seconds")
+
+
+def described(motion: Motion, integrator: Integrator) -> dict[str, Any]:
+    """All options of the method, as `MethodRecord`."""
+    damping = {"alpha": motion.alpha, "beta": motion.beta, "tau": motion.tau}
+    return {"integrator": _described(integrator), "mass": motion.mass.kind, "damping": damping}
 
 
 def _described(integrator: Integrator) -> dict[str, Any]:
@@ -226,21 +251,18 @@ def _described(integrator: Integrator) -> dict[str, Any]:
     }
 
 
-def _resumed_integrator(described: dict[str, Any], given: Integrator | None, path: PathLike) -> Integrator:
-    if given is not None and _described(checked_integrator(given)) != described:
+def _resumed_integrator(kept: IntegratorRecord, given: Integrator | None, file: Path) -> Integrator:
+    """The one that is given, or the one of the file; raises KeyError or TypeError if there is none like it."""
+    if given is not None:
+        return checked_integrator(given)
+    if kept.objects:
+        solver = ", ".join(f"{name}={value!r}" for name, value in kept.objects.items())
         raise StvkError(
-            f"{path} is a motion with {described['name']}({_words(described)}); {given} came. Leave it out, or start anew."
+            f"{file} is a motion with {kept.name}({solver}, ...), whose solver was an object: its options are not in the file. Give the same "
+            "integrator again."
         )
-    if given is None and described["objects"]:
-        raise StvkError(
-            f"{path} is a motion with {described['name']}({_words(described)}), whose solver was an object: its options are not in the file. Give the "
-            "same integrator again."
-        )
-    return given or INTEGRATORS[described["name"]](**described["options"])
-
-
-def _words(described: dict[str, Any]) -> str:
-    return ", ".join(f"{name}={value!r}" for name, value in (described["options"] | described["objects"]).items())
+    options: dict[str, Any] = dict(kept.options)
+    return INTEGRATORS[kept.name](**options)
 
 
 def _checked_vector(name: str, given: ArrayLike | None, system: System) -> Array:

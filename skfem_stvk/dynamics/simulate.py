@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping
+from contextlib import ExitStack
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -16,8 +17,8 @@ from ..system.system import checked_system
 from .damping import Damping
 from .integrators import Integrator
 from .loop import Loop
-from .places import Places
-from .plan import EVERY, Outlets, Plan, checked_time
+from .outlets import Asked, Outlets
+from .plan import Beginning, Plan, checked_time
 from .run import Run
 
 
@@ -36,7 +37,8 @@ def simulate(
     save: str | os.PathLike[str] | None = None,
     every: int | None = None,
     checkpoint: str | os.PathLike[str] | None = None,
-    resume: str | os.PathLike[str] | None = None,
+    resume: bool | str | os.PathLike[str] = False,
+    overwrite: bool = False,
     quiet: bool = False,
     raise_on_failure: bool = True,
 ) -> Run:
@@ -59,9 +61,11 @@ def simulate(
         "reaction B y". Of the last state alone there is `run.reaction("left")`.
     save : a .pvd file, with a .vtu file for each state that is saved, displacements, velocities, stresses and strains, and the ledger as .csv beside it.
     every : steps from one saved state to the next, by default 10.
-    checkpoint : a .npz file that is replaced every few seconds, and at the end.
-    resume : such a file to go on from, bit for bit as if it had never stopped: with its integrator, mass, damping, probes and reactions, and, if no others are
-        given, its `save`, `every` and `checkpoint`.
+    checkpoint : a folder whose one file, `motion.npz`, is replaced every few seconds, and at the end.
+    resume : go on with the motion that `checkpoint` holds, if any, bit for bit as if it had never stopped. What a run begins with (`integrator`,
+        `u0`, `v0`, `t0`, `mass`, `damping`, `probes`, `reactions`) may be given again, and has to be the same, or is taken from there. So are
+        `every`, and the name of the series: it goes on where `save` says, or beside the checkpoint.
+    overwrite : let `save` and `checkpoint` replace what belongs to another problem, with another mesh, other terms, supports, options or beginnings.
     quiet : print nothing.
     raise_on_failure : raise where the end is not reached, or elements are inside out there; otherwise look at `run.status`. What interrupts a run, such as Ctrl-C or a full
         disk, is raised in any case.
@@ -74,7 +78,8 @@ def simulate(
         if the motion blew up, a step found no state, elements are inside out in the end, or something failed on the way, such as a load's
         function or the disk. It carries the run so far, with the last good state; what is inside out in the end is saved like any other.
     StvkError
-        for other parameters that are not as they should be.
+        for other parameters that are not as they should be; where `save` or `checkpoint` belong to another problem, or are being written by
+        another run; where a checkpoint or the series of a run that is resumed is damaged or missing.
 
     Warns
     -----
@@ -98,39 +103,24 @@ def simulate(
     if checked_system(system).dtype != np.float64:
         raise StvkError(f"The system is in {system.dtype}; expected float64: System(..., dtype=np.float64).")
     end = checked_time("until", until)
-    outlets = {"save": save, "every": every, "checkpoint": checkpoint}
-    if resume is not None and not (isinstance(resume, str | os.PathLike) and str(resume)):
-        raise StvkError(f"resume = {resume!r}; expected the path of a checkpoint, such as 'flag.npz'.")
-    if resume is None:
-        kept = Outlets.checked(save, EVERY if every is None else every, checkpoint)
-        plan = Plan.new(
-            system,
-            integrator,
-            u0,
-            v0,
-            checked_time("t0", t0),
-            "lumped" if mass is None else mass,
-            damping,
-            Places.checked(system, probes, reactions),
-            kept,
-        )
-    else:
-        beginnings = {
-            "u0": u0,
-            "v0": v0,
-            "t0": t0 or None,
-            "mass": mass,
-            "damping": damping,
-            "probes": probes,
-            "reactions": reactions,
-        }
-        _refuse_beginnings([name for name, value in beginnings.items() if value is not None])
-        plan = Plan.of_checkpoint(resume, system, integrator, {name: value for name, value in outlets.items() if value is not None})
+    beginning = Beginning(integrator, u0, v0, checked_time("t0", t0), mass, damping, probes, reactions)
+    asked = Asked.checked(save, every, checkpoint, resume, overwrite)
+    with ExitStack() as stack:
+        if asked.checkpoint is not None:
+            stack.enter_context(asked.checkpoint)
+        if asked.source is None:
+            plan = Plan.new(system, beginning)
+            _refuse_end(end, plan)
+            problem = None if asked.save is None and asked.checkpoint is None else plan.problem(beginning, end)
+            plan.outlets = Outlets.opened(stack, asked, problem)
+        else:
+            plan, problem, header = Plan.of_checkpoint(asked.source, system, beginning)
+            _refuse_end(end, plan)
+            assert plan.ledger is not None
+            plan.outlets = Outlets.resumed(stack, asked, problem, header, plan.ledger)
+        return Loop(plan, end, quiet).run(raise_on_failure)
+
+
+def _refuse_end(end: float, plan: Plan) -> None:
     if not end > plan.state.t:
         raise StvkError(f"until = {end:g} s is not after t = {plan.state.t:g} s, where the motion is. Give a later end.")
-    return Loop(plan, end, quiet).run(raise_on_failure)
-
-
-def _refuse_beginnings(given: list[str]) -> None:
-    if given:
-        raise StvkError(f"resume goes on with what the checkpoint holds; {', '.join(given)} came too. Leave out one or the other.")

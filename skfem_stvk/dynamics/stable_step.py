@@ -8,7 +8,7 @@ from math import ulp
 import numpy as np
 
 from ..errors import StateError, StvkError, warn
-from .clock import Clock
+from .clock import HALVINGS, Clock
 from .critical_step import CriticalStep, LargestFrequency
 from .damping import EdgeDamping, Rayleigh
 from .integrators import Explicit
@@ -20,8 +20,6 @@ SAFETY, LEAST, MOST = 0.85, 0.7, 0.88
 #: While the bound, for the price of five to seven forces, is within this part of what it was, the critical step moves with it; else it is looked for,
 #: for that of sixty or more: never for a given step that is below the bound.
 MOVED = 0.04
-#: Steps that were found are halved so often at most.
-HALVINGS = 4
 
 
 class StableStep:

@@ -11,6 +11,10 @@ from .. import arguments
 from ..errors import StvkError
 
 
+class WriteError(StvkError, OSError):
+    """A file could not be written, because the disk is full for example. What was there before is still there."""
+
+
 def output_path(path: str | os.PathLike[str], *suffixes: str) -> Path:
     """The path as one that can be written: call it before expensive work.
 
@@ -33,8 +37,8 @@ def output_path(path: str | os.PathLike[str], *suffixes: str) -> Path:
         raise StvkError(
             f"The folder {path.parent} of {path.name} does not exist. Make it first, or is the path relative to another one?"
         )
-    if path.is_dir():
-        raise StvkError(f"{path} is a folder; expected the path of a file.")
+    if path.exists() and not path.is_file():
+        raise StvkError(f"{path} is {'a folder' if path.is_dir() else 'no regular file'}; expected the path of a file.")
     try:
         _beside(path).touch()
         _beside(path).unlink()
@@ -49,6 +53,11 @@ def replacing(path: Path) -> Iterator[Path]:
 
     Whoever reads `path` finds the old file or the new one, never a part of it, whenever the program is killed; what is left beside it
     then, `.NAME.part`, is overwritten by the next one.
+
+    Raises
+    ------
+    WriteError
+        with the path and what to do, if it cannot be written.
     """
     part = _beside(path)
     try:
@@ -56,11 +65,25 @@ def replacing(path: Path) -> Iterator[Path]:
         with part.open("rb") as file:
             os.fsync(file.fileno())
         os.replace(part, path)
-    except BaseException:
+    except BaseException as error:
         with suppress(OSError):
             part.unlink()
+        if isinstance(error, OSError) and not isinstance(error, StvkError):
+            raise cannot_write(path, error) from error
         raise
     _sync_folder(path.parent)
+
+
+def cannot_write(path: Path, error: OSError) -> WriteError:
+    """The error to raise where a file could not be written, with the number of the system's own error."""
+    if isinstance(error, WriteError) and isinstance(error.__cause__, OSError):
+        error = error.__cause__
+    why = error.strerror or str(error) or type(error).__name__
+    said = WriteError(
+        f"{path} could not be written: {why}. What was there before is still there. Make room, or choose another folder."
+    )
+    said.errno = error.errno
+    return said
 
 
 def _beside(path: Path) -> Path:
@@ -75,3 +98,23 @@ def _sync_folder(folder: Path) -> None:
             os.fsync(descriptor)
         finally:
             os.close(descriptor)
+
+
+def output_folder(path: Path) -> Path:
+    """The path as a folder that can be written to, made if it is not there: call it before expensive work.
+
+    Raises
+    ------
+    StvkError
+        if its parent does not exist, it is no folder, or it cannot be written to.
+    """
+    try:
+        path.mkdir(exist_ok=True)
+        probe = path / ".part"
+        probe.touch()
+        probe.unlink()
+    except OSError as error:
+        raise StvkError(
+            f"The checkpoint {path} cannot be written: {error.strerror}. Does its parent exist, and is it a folder?"
+        ) from error
+    return path

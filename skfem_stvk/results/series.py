@@ -4,25 +4,34 @@ from __future__ import annotations
 
 import os
 import re
+import shutil
 import xml.etree.ElementTree as ET
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from contextlib import nullcontext, suppress
 from pathlib import Path
+from types import TracebackType
 
 import numpy as np
+from pydantic import ValidationError
 
 from ..arguments import flag, number
-from ..errors import StvkError
-from .files import output_path, replacing
+from ..errors import StvkError, warn
+from ..system.signature import Problem, Signature
+from .files import cannot_write, output_path, replacing
+from .one_writer import OneWriter
 from .state import State
 from .table import find_all
 from .vtu import DEFAULT, write_vtu
+
+#: The attribute of a .pvd's collection that holds the signature of the problem whose states it lists.
+PROBLEM = "skfem_stvk_problem"
 
 
 class Series:
     """Results of one run: `NAME_0000.vtu`, `NAME_0001.vtu`, ... beside `NAME.pvd`, which after each step lists all of them.
 
-    A run that is killed leaves a series that opens, with all steps but the one it was writing.
+    A run that is killed leaves a series that opens, with all steps but the one it was writing. In a `with` block nobody else can write it,
+    otherwise while a step is added.
 
     Parameters
     ----------
@@ -32,40 +41,75 @@ class Series:
         first step replaces an older series. The .vtu files of steps that are not kept are removed, if the older .pvd lists them under
         this series' name; other files stay.
     until : of a series that is resumed, steps after this one are not kept either.
+    problem : whose states they are. The .pvd holds its signature, and the series of another problem is neither resumed nor replaced.
+    overwrite : replace the series of another problem all the same.
 
     Raises
     ------
     StvkError
-        for an unknown field, a path that cannot be written, or a series to resume that cannot be read, before any work.
+        for an unknown field, a path that cannot be written, or a series to resume that cannot be read, before any work; where another
+        writer is at it, or it is another problem's.
     """
 
     def __init__(
-        self, path: str | os.PathLike[str], fields: Sequence[str] = DEFAULT, resume: bool = False, until: float = np.inf
+        self,
+        path: str | os.PathLike[str],
+        fields: Sequence[str] = DEFAULT,
+        resume: bool = False,
+        until: float = np.inf,
+        *,
+        problem: Problem | None = None,
+        overwrite: bool = False,
     ) -> None:
         self.fields = tuple(field.name for field in find_all(fields))
         self.path, self.resume = output_path(path, ".pvd"), flag("resume", resume)
         self._until = np.inf if isinstance(until, float) and until == np.inf else number("until", until, "a time, or infinity")
         self.steps: list[tuple[float, Path]] = []
+        self._problem, self._overwrite = problem, overwrite
+        self._writer = OneWriter(self.path)
         self._begun = False
         if resume:
             self._read()
 
+    def __enter__(self) -> Series:
+        try:
+            self._writer.__enter__()
+            self._refuse_other()
+            if self.resume:
+                self.steps = self._kept()
+            return self
+        except BaseException:
+            self.__exit__(None, None, None)
+            raise
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+        self._writer.__exit__(kind, error, trace)
+
     def add(self, state: State, t: float) -> Path:
         """Write the next step, at the load factor or time `t` (by which ParaView orders them), and list it.
+
+        Whatever interrupts it, the step is whole and listed or not there, and can be added again.
 
         Raises
         ------
         StvkError
-            if `t` is not finite.
+            if `t` is not finite, or somebody else writes the series.
+        WriteError
+            if the disk is full, for example.
         """
         t = number("t", t, "a finite load factor or time")
+        with nullcontext() if self._writer.held else self._writer:
+            return self._add(state, float(t))
+
+    def _add(self, state: State, t: float) -> Path:
         if not self._begun:
             self._begin(t)
         last = int(self.steps[-1][1].stem.rpartition("_")[2]) if self.steps else -1
         file = self.path.with_name(f"{self.path.stem}_{last + 1:04d}.vtu")
         write_vtu(file, state, self.fields)
-        self.steps.append((float(t), file))
-        self._write()
+        steps = [*self.steps, (t, file)]
+        self._write(steps)
+        self.steps = steps
         return file
 
     def cut(self, t: float) -> None:
@@ -77,21 +121,42 @@ class Series:
 
     def _begin(self, t: float) -> None:
         """Leave out what an older run wrote, from `t` on or altogether: first in the list, so that it never names what is not there."""
-        former = []
-        with nullcontext() if self.resume else suppress(StvkError):
-            former = self._read()
-        self._keep(former, [step for step in former if self.resume and step[0] < t and step[0] <= self._until])
+        kept = [step for step in self._kept() if step[0] < t] if self.resume else []
+        self._keep(self._former(), kept)
         self._begun = True
 
+    def _former(self) -> list[tuple[float, Path]]:
+        """What an older run wrote; if it is to be replaced and cannot be read, nothing."""
+        if self.resume:
+            return self._read()
+        try:
+            return self._read()
+        except StvkError:
+            return []
+
+    def _kept(self) -> list[tuple[float, Path]]:
+        """The steps of a series that is resumed whose files are there."""
+        if self.steps:
+            return self.steps
+        listed = [step for step in self._read() if step[0] <= self._until]
+        there = [step for step in listed if step[1].is_file()]
+        if len(there) < len(listed):
+            gone = next(file.name for _, file in listed if not file.is_file())
+            warn(
+                f"{self.path} lists {len(listed) - len(there)} files that are not there, the first of them {gone}. They are left out."
+            )
+        return there
+
     def _keep(self, former: list[tuple[float, Path]], kept: list[tuple[float, Path]]) -> None:
-        """The first ones of those that there were."""
-        self.steps = kept
+        """Those of the ones that there were."""
         if kept:
-            self._write()
+            self._write(kept)
         else:
             self.path.unlink(missing_ok=True)
-        for _, file in former[len(kept) :]:
-            file.unlink(missing_ok=True)
+        self.steps = kept
+        for _, file in former:
+            if file not in {file for _, file in kept}:
+                file.unlink(missing_ok=True)
 
     def _read(self) -> list[tuple[float, Path]]:
         """Times and files that the .pvd lists and that this series may have written; none if there is no .pvd."""
@@ -100,18 +165,65 @@ class Series:
         ours = re.compile(re.escape(self.path.stem) + r"_\d{4,}\.vtu")
         try:
             listed = read_list(self.path)
-        except (ET.ParseError, KeyError, ValueError) as error:
+        except (ET.ParseError, KeyError, ValueError, OSError) as error:
             raise StvkError(f"{self.path} is no series that can be resumed ({error}). Start a new one without resume.") from error
         return sorted((t, self.path.with_name(name)) for t, name in listed if ours.fullmatch(name))
 
-    def _write(self) -> None:
+    def _refuse_other(self) -> None:
+        """Refuse the series of another problem."""
+        if self._problem is None or not self.path.exists() or (self._overwrite and not self.resume):
+            return
+        try:
+            then = read_problem(self.path)
+        except (ET.ParseError, ValidationError, ValueError, OSError) as error:
+            raise StvkError(
+                f"{self.path} is there already, and does not say of which problem it is ({type(error).__name__}). Name another series, or replace it "
+                "with overwrite=True."
+            ) from error
+        differences = self._problem.differences(then)
+        if differences:
+            raise StvkError(
+                f"{self.path} is the series of another problem: {differences}. Name another one, or replace it with overwrite=True."
+            )
+
+    def _write(self, steps: list[tuple[float, Path]]) -> None:
         root = ET.Element("VTKFile", type="Collection", version="0.1", byte_order="LittleEndian")
         collection = ET.SubElement(root, "Collection")
-        for t, file in self.steps:
+        if self._problem is not None:
+            collection.set(PROBLEM, self._problem.signature.model_dump_json())
+        for t, file in steps:
             ET.SubElement(collection, "DataSet", timestep=repr(t), group="", part="0", file=file.name)
         ET.indent(root)
         with replacing(self.path) as part:
             ET.ElementTree(root).write(part, encoding="utf-8", xml_declaration=True)
+
+
+def save_series(path: str | os.PathLike[str], fields: Sequence[str], states: Iterable[tuple[float, State]]) -> Path:
+    """Write states and the times by which ParaView orders them as a series, all or none: an older one is replaced when all are written.
+
+    Raises
+    ------
+    StvkError
+        as `Series`.
+    WriteError
+        if they cannot be written, because the disk is full for example; an older series is still there.
+    """
+    with Series(path, fields) as series:
+        aside = series.path.with_name(f".{series.path.stem}.part")
+        try:
+            aside.mkdir(exist_ok=True)
+            written = [(float(t), write_vtu(aside / f"{n:04d}.vtu", state, fields)) for n, (t, state) in enumerate(states)]
+            steps = [(t, series.path.with_name(f"{series.path.stem}_{file.name}")) for t, file in written]
+            series._begin(-np.inf)
+            for (_, file), (_, place) in zip(written, steps, strict=True):
+                file.replace(place)
+            series._write(steps)
+        except OSError as error:
+            raise cannot_write(series.path, error) from error
+        finally:
+            with suppress(OSError):
+                shutil.rmtree(aside)
+    return series.path
 
 
 def read_list(path: Path) -> list[tuple[float, str]]:
@@ -119,3 +231,12 @@ def read_list(path: Path) -> list[tuple[float, str]]:
     if path.exists() and not path.is_file():
         raise ValueError("it is no regular file")
     return [(float(item.attrib["timestep"]), item.attrib["file"]) for item in ET.parse(path).iter("DataSet")]
+
+
+def read_problem(path: Path) -> Signature:
+    """Of which problem the states are that a .pvd lists; raises ParseError or ValueError if it does not say that."""
+    collection = ET.parse(path).find("Collection")
+    written = None if collection is None else collection.get(PROBLEM)
+    if written is None:
+        raise ValueError("it has no signature")
+    return Signature.model_validate_json(written)

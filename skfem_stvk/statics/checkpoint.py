@@ -2,145 +2,292 @@
 
 from __future__ import annotations
 
-import json
-import os
 from dataclasses import asdict, fields
 from pathlib import Path
-from typing import Any
-from zipfile import BadZipFile
+from types import TracebackType
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import AllowInfNan, Field
 
 from ..errors import StvkError
-from ..results.files import replacing
+from ..results.archive import ArchiveHeader, NotOurs, read_archive, read_header, write_archive
+from ..results.files import output_folder
+from ..results.one_writer import OneWriter
 from ..system import System
-from ..system.signature import changed, signature, sums
+from ..system.signature import Problem, Record, Signature
+from .equilibrium import NOTHING
 from .history import Step
 from .monitors import Finding
 from .newton import End, Iterations
-from .path.critical import CriticalPoint
+from .path.critical import BIFURCATION, LIMIT_POINT, CriticalPoint
+from .path.load_steps import LARGEST, LoadSteps
 from .status import Status
 
 Array = NDArray[Any]
 
-ABOUT, VERSION = "path.json", 1
+FORMAT = "path of skfem-stvk", 2
+#: What to do with a state that cannot be read.
+REMEDY = "Remove it and those after it, and resume from the one before; or start anew with overwrite=True and without resume."
+#: The strain energy of a state is what the system says now, but for this part of it; its residual is at most so many times what it was.
+ENERGY, LOOSER = 1e-6, 10.0
+
+Count = Annotated[int, Field(ge=0)]
+Measured = Annotated[float, AllowInfNan(True)]
+
+
+class CountsRecord(Record):
+    """`Iterations`."""
+
+    residuals: Annotated[list[Measured], Field(min_length=1)]
+    lengths: list[Measured]
+    tangents: list[str]
+    linear: list[Count]
+    negative_pivots: Count | None
+    restarted: Count | None
+    detail: str
+
+
+class FindingRecord(Record):
+    """`Finding`, but for its elements."""
+
+    name: str
+    extreme: float
+    text: str
+
+
+class CriticalRecord(Record):
+    """`CriticalPoint`, but for its arrays."""
+
+    kind: Literal[LIMIT_POINT, BIFURCATION]  # type: ignore[valid-type]
+    t: float
+    resolved: bool
+
+
+class WalkRecord(Record):
+    """What a walk goes on with, see `Walk.saved`; the rest is that of one method."""
+
+    size: Annotated[float, Field(ge=0)]
+    first: Annotated[float, Field(ge=0)]
+    reached: bool
+    largest: Annotated[float, Field(ge=0)]
+    straight: bool | None = None
+    full_first: bool | None = None
+    turns: Count | None = None
+    states: Count | None = None
+    rate: float | None = None
+    goal: list[list[float]] | None = None
+
+
+class StepRecord(Record):
+    """`Step`, but for its arrays."""
+
+    t: float
+    status: Literal[tuple(one.name for one in Status)]  # type: ignore[valid-type]
+    end: Literal[tuple(one.name for one in End if one.converged)]  # type: ignore[valid-type]
+    iterations: CountsRecord
+    strain_energy: float
+    potential: Measured
+    smallest_volume_ratio: Measured
+    lowest: float | None
+    jump: Annotated[Measured, Field(ge=0)] | None
+    findings: list[FindingRecord]
+    critical: list[CriticalRecord]
+    seconds: Annotated[float, Field(ge=0)]
+
+
+class StateHeader(ArchiveHeader):
+    """Of a file of one state: of which problem it is, its number on the path, the state, and what the walk was about to do."""
+
+    problem: Signature
+    number: Count
+    step: StepRecord
+    walk: WalkRecord
 
 
 class Checkpoint:
     """A folder with a file for each state, written beside and renamed into place: a run that is killed keeps all that it found.
 
+    It is used in a `with` block, during which nobody else can write it.
+
     Parameters
     ----------
     folder : is made if it is not there; its parent must be.
-    about : what the path depends on, such as the method and the first step.
-    system : of the path.
-    resume : go on with the states that are there, if any.
+    system, problem : whose path it is; each state carries the signature of the problem.
+    resume : go on with the states that are there, if any. Otherwise the first state replaces them.
+    overwrite : replace those of another problem, too.
 
     Raises
     ------
     StvkError
-        if there are states and they are not to be resumed, or those of another path; if the folder cannot be made.
+        by `with`, if the folder cannot be written or has another writer, or if its states are those of another problem; if one that is
+        to be resumed is missing or damaged.
     """
 
-    def __init__(self, folder: str | os.PathLike[str], about: dict[str, Any], system: System, start: Array, resume: bool) -> None:
-        self.folder = Path(folder)
-        now = {"version": VERSION} | about | {"u0": sums(start), "system": signature(system, {f"t = {t:g}": t for t in (0.5, 1.0)})}
-        files = self._files()
-        self._refuse_gaps(files)
-        if files and not resume:
-            raise StvkError(
-                f"{self.folder} holds {len(files)} states of a path. Go on with them with resume=True, or name another folder, or remove it."
-            )
-        try:
-            self.folder.mkdir(exist_ok=True)
-            if files:
-                self._refuse_other(now)
-            else:
-                with replacing(self.folder / ABOUT) as part:
-                    part.write_text(json.dumps(now, indent=1))
-        except OSError as error:
-            raise StvkError(
-                f"The checkpoint {self.folder} cannot be written: {error}. Does its parent exist, and is it a folder?"
-            ) from error
-        self._count = len(files)
+    def __init__(self, folder: Path, system: System, problem: Problem, resume: bool, overwrite: bool) -> None:
+        self.folder, self._system, self._problem = folder, system, problem
+        self._resume, self._overwrite = resume, overwrite
+        self._count = 0
+        self._writer: OneWriter | None = None
+        self._former: list[Path] = []
+        self.steps: list[Step] = []
+        self.saved: dict[str, Any] = {}
 
-    def load(self) -> tuple[list[Step], dict[str, Any]]:
-        """The states, and what the walk was about to do after the last one; none and nothing if there are none."""
-        steps: list[Step] = []
-        saved: dict[str, Any] = {}
-        for file in self._files():
-            try:
-                with np.load(file, allow_pickle=False) as arrays:
-                    step, saved = _unpacked(dict(arrays))
-            except (OSError, EOFError, ValueError, KeyError, BadZipFile) as error:
-                raise StvkError(
-                    f"{file} cannot be read: it is incomplete, or was not written here. Remove it and those after it, and resume from the one before."
-                ) from error
-            steps.append(step)
-        return steps, saved
+    def __enter__(self) -> Checkpoint:
+        try:
+            self._writer = OneWriter(output_folder(self.folder))
+            self._writer.__enter__()
+            files = sorted(self.folder.glob("state_*.npz"))
+            if self._resume:
+                self._load(files)
+            else:
+                self._former = files
+                if not self._overwrite:
+                    self._refuse_others(files)
+            return self
+        except BaseException:
+            self.__exit__(None, None, None)
+            raise
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+        if self._writer is not None:
+            self._writer.__exit__(kind, error, trace)
 
     def add(self, step: Step, saved: dict[str, Any]) -> None:
         """Write a state, and what the walk will do next."""
-        with replacing(self.folder / _name(self._count)) as part, part.open("wb") as file:
-            np.savez(file, **_packed(step, saved))
+        while self._former:  # from the last one on, so that what is there is always a path from its beginning
+            self._former[-1].unlink(missing_ok=True)
+            self._former.pop()
+        header, arrays = _packed(step, saved)
+        header |= {"format": FORMAT[0], "version": FORMAT[1], "number": self._count}
+        header["problem"] = self._problem.signature.model_dump()
+        write_archive(self.folder / _name(self._count), header, arrays)
         self._count += 1
 
-    def _files(self) -> list[Path]:
-        return sorted(self.folder.glob("state_*.npz"))
+    def _refuse_others(self, files: list[Path]) -> None:
+        """Refuse to replace what is of another problem, or none of ours."""
+        for file in files:
+            header = read_header(file, StateHeader, FORMAT, "Name another folder, or replace what is there with overwrite=True.")
+            differences = self._problem.differences(header.problem)
+            if differences:
+                raise StvkError(
+                    f"{self.folder} holds {len(files)} states of another problem: {differences}. Name another folder, or replace them with "
+                    "overwrite=True."
+                )
 
-    def _refuse_gaps(self, files: list[Path]) -> None:
+    def _load(self, files: list[Path]) -> None:
+        """The states, and what the walk was about to do after the last one; none and nothing if there are none."""
         for number, file in enumerate(files):
             if file.name != _name(number):
                 raise StvkError(
                     f"{self.folder} has {file.name}, but no {_name(number)} before it. Remove {file.name} and those after it, and resume from the "
                     "one before."
                 )
-
-    def _refuse_other(self, now: dict[str, Any]) -> None:
-        try:
-            then = dict(json.loads((self.folder / ABOUT).read_text()))
-        except (OSError, ValueError, TypeError) as error:
-            raise StvkError(
-                f"{self.folder / ABOUT} cannot be read ({error}): is {self.folder} the checkpoint of a path?"
-            ) from error
-        different = [name for name in now if name != "system" and then.get(name) != now[name]]
-        if different:
-            pairs = ", ".join(
-                "u0 changed" if name == "u0" else f"{name} was {then.get(name)!r} and is {now[name]!r}" for name in different
-            )
-            raise StvkError(f"{self.folder} holds another path: {pairs}. Give the same again, or name another folder.")
-        other = changed(then.get("system", {}), now["system"])
-        if other:
-            raise StvkError(
-                f"{self.folder} holds the path of another system: {', '.join(other)} changed. Give the same mesh, terms and supports, or name "
-                "another folder."
-            )
+            header, arrays = read_archive(file, StateHeader, FORMAT, REMEDY)
+            differences = self._problem.differences(header.problem)
+            if differences:
+                raise StvkError(
+                    f"{file} is of another problem: {differences}. Give the same again to resume it, or name another folder; overwrite=True without "
+                    "resume replaces what is there."
+                )
+            try:
+                self.steps.append(_unpacked(header.step, arrays, self._system))
+                _check_order(self.steps, header, number)
+                _check_equilibrium(self._system, self.steps[-1], header)
+            except (ValueError, KeyError) as error:
+                raise NotOurs(f"{file} is damaged: {error.args[0]}. {REMEDY}") from None
+            self.saved = header.walk.model_dump(exclude_unset=True)
+        self._count = len(files)
 
 
 def _name(number: int) -> str:
     return f"state_{number:05d}.npz"
 
 
-def _packed(step: Step, saved: dict[str, Any]) -> dict[str, Any]:
-    """Arrays, and all else as JSON."""
+def _packed(step: Step, saved: dict[str, Any]) -> tuple[dict[str, Any], dict[str, Array]]:
+    """What JSON can write, and arrays."""
     plain = {field.name: getattr(step, field.name) for field in fields(step) if field.name not in ("u", "findings", "critical")}
-    plain |= {"status": step.status.name, "end": step.end.name, "iterations": asdict(step.iterations), "saved": saved}
+    plain |= {"status": step.status.name, "end": step.end.name, "iterations": asdict(step.iterations)}
     plain["findings"] = [{"name": one.name, "extreme": one.extreme, "text": one.text} for one in step.findings]
     plain["critical"] = [{"kind": one.kind, "t": one.t, "resolved": one.resolved} for one in step.critical]
-    arrays = {"u": step.u, "plain": np.array(json.dumps(plain))}
-    arrays |= {f"finding_{i}": one.elements for i, one in enumerate(step.findings)}
-    arrays |= {f"critical_{i}": np.stack([one.u, one.mode]) for i, one in enumerate(step.critical)}
-    return arrays
+    arrays = {"u": step.u} | {f"finding {i}": one.elements for i, one in enumerate(step.findings)}
+    arrays |= {f"critical {i}": np.stack([one.u, one.mode]) for i, one in enumerate(step.critical)}
+    return {"step": plain, "walk": saved}, arrays
 
 
-def _unpacked(arrays: dict[str, Array]) -> tuple[Step, dict[str, Any]]:
-    plain = json.loads(str(arrays["plain"]))
-    saved = plain.pop("saved")
-    plain |= {"status": Status[plain["status"]], "end": End[plain["end"]], "iterations": Iterations(**plain["iterations"])}
-    plain["findings"] = tuple(Finding(elements=arrays[f"finding_{i}"], **one) for i, one in enumerate(plain["findings"]))
+def _unpacked(record: StepRecord, arrays: dict[str, Array], system: System) -> Step:
+    """The state; raises ValueError or KeyError in words if it is none of the system."""
+    n = system.ndofs
+    plain = record.model_dump()
+    plain |= {"status": Status[record.status], "end": End[record.end], "iterations": Iterations(**plain["iterations"])}
+    plain["findings"] = tuple(
+        Finding(elements=_elements(arrays, f"finding {i}", system), **one.model_dump()) for i, one in enumerate(record.findings)
+    )
     critical = []
-    for i, one in enumerate(plain["critical"]):
-        u, mode = arrays[f"critical_{i}"]
-        critical.append(CriticalPoint(one["kind"], one["t"], u, mode, one["resolved"]))
-    return Step(u=arrays["u"], **(plain | {"critical": tuple(critical)})), saved
+    for i, one in enumerate(record.critical):
+        u, mode = numbers(arrays, f"critical {i}", (2, n))
+        critical.append(CriticalPoint(one.kind, one.t, u, mode, one.resolved))
+    u = numbers(arrays, "u", (n,))
+    energy = system.energy(u)
+    if not np.isclose(record.strain_energy, energy, rtol=ENERGY, atol=np.finfo(float).tiny):
+        raise ValueError(f"its strain energy is {record.strain_energy:g}, that of its displacements {energy:g}")
+    return Step(u=u, **(plain | {"critical": tuple(critical)}))
+
+
+def numbers(arrays: dict[str, Array], name: str, shape: tuple[int, ...]) -> Array:
+    """An array of finite numbers in double precision; raises KeyError or ValueError in words if it is none of this shape."""
+    if name not in arrays:
+        raise KeyError(f"it has no array '{name}'")
+    array = arrays[name]
+    if array.dtype != np.float64 or array.shape != shape or not np.isfinite(array).all():
+        raise ValueError(f"the array '{name}' is {array.dtype} of shape {array.shape}; expected finite float64 of shape {shape}")
+    return array
+
+
+def _elements(arrays: dict[str, Array], name: str, system: System) -> Array:
+    elements = arrays.get(name, np.empty(0))
+    if elements.ndim != 1 or elements.dtype.kind not in "iu" or not ((elements >= 0) & (elements < system.mesh.nt)).all():
+        raise ValueError(f"the array '{name}' holds no ids of elements")
+    return elements
+
+
+def _check_order(steps: list[Step], header: StateHeader, number: int) -> None:
+    """Refuse a state that is not the next one of its path; raises ValueError in words."""
+    step, walk = steps[-1], header.walk
+    options: dict[str, Any] = dict(header.problem.method)
+    if header.number != number:
+        raise ValueError(f"it is state {header.number} of its path, not {number}")
+    load_steps = options["method"] == LoadSteps.name
+    needed = ("straight", "full_first") if load_steps else ("turns", "states", "rate", "goal")
+    if walk.model_fields_set != {"size", "first", "reached", "largest", *needed}:
+        raise ValueError("what the walk does next is not what its method needs")
+    if not load_steps:
+        return
+    last = steps[-2].t if len(steps) > 1 else -np.inf
+    if not last < step.t <= 1 or walk.reached != (step.t == 1):
+        raise ValueError(f"its load factor is {step.t:g} after {last:g}, and the end is{'' if walk.reached else ' not'} reached")
+    if walk.first != 1 / options["steps"] or not 0 < walk.size <= LARGEST * walk.first:
+        raise ValueError(f"the next step is {walk.size:g} of the load, the first was {walk.first:g}")
+
+
+def _check_equilibrium(system: System, step: Step, header: StateHeader) -> None:
+    """Refuse displacements and a load factor that are no equilibrium of the system; raises ValueError in words."""
+    held, places = system.supports.held, system.supports.values(step.t)
+    gap = np.abs(step.u[held] - places).max(initial=0.0)
+    if gap > 1e-9 * (np.abs(places).max(initial=0.0) + np.abs(step.u).max(initial=0.0)):
+        raise ValueError(f"at t = {step.t:g} the supports are {gap:.3g} m from where its displacements have them")
+    energy = system.energy(step.u)
+    if not np.isclose(step.strain_energy, energy, rtol=ENERGY, atol=np.finfo(float).tiny):
+        raise ValueError(f"its strain energy is {step.strain_energy:g}, that of its displacements {energy:g}")
+    loads = system.external_force(step.u, step.t)
+    forces = system.internal_force(step.u) - loads
+    reactions = forces[held].copy()
+    forces[held] = 0
+    scale = np.linalg.norm(loads) + np.linalg.norm(reactions)
+    rtol: Any = header.problem.method["rtol"]
+    small = LOOSER * max(rtol, step.iterations.residuals[-1])
+    if np.linalg.norm(forces) > small * max(scale, NOTHING * header.walk.largest):
+        raise ValueError(
+            f"its forces are not in equilibrium at t = {step.t:g}, by {np.linalg.norm(forces) / scale:.3g} of the loads and reactions"
+        )

@@ -15,8 +15,9 @@ from numpy.typing import ArrayLike, NDArray
 from .. import arguments
 from ..errors import StvkError
 from ..mesh.places import Where
-from ..results import Fields, Reaction, Series, State, plot, write_vtu
+from ..results import Fields, Reaction, State, plot, write_vtu
 from ..results.reactions import held_vertices
+from ..results.series import save_series
 from ..results.vtu import DEFAULT
 from ..system import System
 from .history import History
@@ -101,17 +102,16 @@ class StaticResult:
     def save(self, path: str | os.PathLike[str], fields: Sequence[str] = DEFAULT) -> Path:
         """Write displacements and fields: of the last good state to a .vtu file, of the whole path to a .pvd file with one .vtu a step.
 
-        Files are written beside and renamed into place. Errors as of `results.write_vtu`.
+        All files are written beside and renamed into place, or none. Errors as of `results.write_vtu`.
         """
         if arguments.path("path", path, "the path of a .vtu or of a .pvd file").suffix != ".pvd":
             return write_vtu(path, self.state, fields)
         if not len(self.history):
             raise StvkError(f"There is no state to write to {path}: none was found.")
-        series = Series(path, fields)
         increasing = bool((np.diff(self.history.t) > 0).all())
-        for number, step in enumerate(self.history, 1):
-            series.add(self.state.fields.at(step.u), step.t if increasing else number)
-        return series.path
+        times = self.history.t if increasing else range(1, len(self.history) + 1)
+        at = self.state.fields.at
+        return save_series(path, fields, ((float(t), at(step.u)) for t, step in zip(times, self.history, strict=True)))
 
     def plot(self, field: str | ArrayLike = "von_mises_stress", **options: Any) -> Any:
         """Draw the deformed body, coloured by a field; options as of `results.plot`."""

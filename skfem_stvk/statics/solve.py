@@ -3,26 +3,25 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..arguments import choice, flag, number, shown, whole
+from ..arguments import choice, flag, number, path, shown, whole
 from ..errors import LoadError, StvkError, warn
 from ..linear import LinearSolver, choose
 from ..mesh.displacements import by_vertex
-from ..results import Fields, Series
 from ..system import System
 from ..system.system import checked_system
 from ..terms import Load
 from .branch_end import branch_end
-from .checkpoint import Checkpoint
 from .equilibrium import Equilibrium, kind_of, with_loads
 from .history import History, Step
 from .message import reason
 from .monitors import Monitors
+from .outlets import Outlets
 from .path.arc_length import ArcLength
 from .path.load_steps import LoadSteps
 from .path.stop import Stop
@@ -53,6 +52,7 @@ def solve_static(
     save: str | os.PathLike[str] | None = None,
     checkpoint: str | os.PathLike[str] | None = None,
     resume: bool = False,
+    overwrite: bool = False,
     quiet: bool = False,
     raise_on_failure: bool = True,
 ) -> StaticResult:
@@ -77,7 +77,8 @@ def solve_static(
     ellipticity : look at each state for elements that have lost strong ellipticity.
     save : a .pvd file that is written as the states are found, with one .vtu each.
     checkpoint : a folder that keeps each state as it is found.
-    resume : go on with the states that `checkpoint` holds, if any; another `stop` may be given.
+    resume : go on with the states that `checkpoint` holds, if any; another `stop` may be given. Otherwise they are replaced.
+    overwrite : let `save` and `checkpoint` replace what belongs to another problem, with another mesh, other terms, supports or options.
     quiet : print nothing.
     raise_on_failure : raise where the result is no success; otherwise look at `result.status`. What interrupts the path, such as Ctrl-C or
         a full disk, is raised in any case.
@@ -90,7 +91,8 @@ def solve_static(
         if no stable state at the end was found, or something failed on the way, such as a load's function or the disk; it says why
         and what to try, and carries the result so far.
     StvkError
-        for other parameters that are not as they should be.
+        for other parameters that are not as they should be; where `save` or `checkpoint` belong to another problem, or are being written by
+        another run.
 
     Warns
     -----
@@ -110,28 +112,29 @@ def solve_static(
     ('converged', 500)
     """
     quiet, raise_on_failure = flag("quiet", quiet), flag("raise_on_failure", raise_on_failure)
-    start = _checked(system, steps, method, stop, rtol, u0, t0, stability, ellipticity, checkpoint, resume)
+    start = _checked(system, steps, method, stop, rtol, u0, t0, stability, ellipticity, save, checkpoint, resume, overwrite)
     system.check_held()
     arc_length = method == ArcLength.name
     chosen = choose(solver, system.ndofs - len(system.supports.held), kind_of(system), indefinite=arc_length)
     solver = with_loads(chosen, system)
-    write, monitors = _writer(system, save), Monitors(system, ellipticity)
-    about = {"method": method, "steps": int(steps), "rtol": float(rtol), "solver": solver.name, "t0": float(t0)}
-    kept = None if checkpoint is None else Checkpoint(checkpoint, about, system, start, resume)
-    found, saved = ([], {}) if kept is None else kept.load()
-    for finding in monitors.before():
-        warn(finding.text)
-    watch, history = Stopwatch(), History()
-    problem = Equilibrium(system, solver, watch)
+    monitors, watch, history = Monitors(system, ellipticity), Stopwatch(), History()
+    options = {"method": method, "steps": int(steps), "rtol": float(rtol), "solver": solver.name, "t0": float(t0)}
+    outlets = Outlets(save, checkpoint, resume, overwrite)
     cause: BaseException | None = None
     verdict = Verdict(True, None)
     branch = ""
-    with Report(f"{system!r}, {len(problem.free.free)} of them free; solver '{solver.name}'", quiet) as report:
+    free = system.ndofs - len(system.supports.held)
+    header = f"{system!r}, {free} of them free; solver '{solver.name}'"
+    with outlets.opened(system, options, start) as (write, kept), Report(header, quiet) as report:
+        for finding in monitors.before():
+            warn(finding.text)
+        problem = Equilibrium(system, solver, watch)
         common = problem, start, float(t0), float(rtol), monitors, stability, report.iterating
         first = 1 / int(steps)
         walk = ArcLength(first, stop or Stop(load=1.0), *common) if arc_length else LoadSteps(first, *common)
-        if found:
-            walk.resume(found, saved)
+        found = [] if kept is None else kept.steps
+        if kept is not None and found:
+            walk.resume(found, kept.saved)
         try:
             if kept is not None and found:
                 report.resumed(kept.folder, len(found))
@@ -173,16 +176,6 @@ def _new_findings(history: History) -> Iterator[str]:
                 yield f"From t = {step.t:.4g} on: {finding.text}"
 
 
-def _writer(system: System, save: str | os.PathLike[str] | None) -> Callable[[float, Step], object]:
-    """What writes a state to the series of files `save`, if there is to be one."""
-    if save is None:
-        return lambda t, step: None
-    if not isinstance(save, str | os.PathLike):
-        raise StvkError(f"save = {shown(save)}; expected the path of a .pvd file.")
-    series, fields = Series(save), Fields(system.mesh, system.elastic_terms)
-    return lambda t, step: series.add(fields.at(step.u), t)
-
-
 def _checked(
     system: System,
     steps: int,
@@ -193,8 +186,10 @@ def _checked(
     t0: float,
     stability: bool,
     ellipticity: bool,
+    save: str | os.PathLike[str] | None,
     checkpoint: str | os.PathLike[str] | None,
     resume: bool,
+    overwrite: bool,
 ) -> Array:
     """The displacements to start from; refuses parameters that make no sense."""
     if checked_system(system).dtype != np.float64:
@@ -211,10 +206,12 @@ def _checked(
     begin = number("t0", t0, "the load factor of u0, a number")
     if method == LoadSteps.name and not begin < 1:
         raise StvkError(f"t0 = {shown(t0)}; expected less than 1, where load steps end.")
-    for name, value in (("stability", stability), ("ellipticity", ellipticity), ("resume", resume)):
+    for name, value in (("stability", stability), ("ellipticity", ellipticity), ("resume", resume), ("overwrite", overwrite)):
         flag(name, value)
-    if checkpoint is not None and (not isinstance(checkpoint, str | os.PathLike) or not str(checkpoint)):
-        raise StvkError(f"checkpoint = {checkpoint!r}; expected the path of a folder.")
+    if save is not None:
+        path("save", save, "the path of a .pvd file")
+    if checkpoint is not None:
+        path("checkpoint", checkpoint, "the path of a folder")
     if resume and checkpoint is None:
         raise StvkError("resume=True without a checkpoint: from which folder? checkpoint='...'.")
     if u0 is None and not system.supports.prescribed.size and not any(isinstance(term, Load) for term in system.terms):

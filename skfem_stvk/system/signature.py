@@ -1,42 +1,109 @@
-"""Numbers by which a system is known again, so that what is on disk goes on with the system that it came from."""
+"""What is written to disk for a problem, and by what the problem is known again: its mesh, terms, supports and method."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any
+from collections.abc import Callable, Mapping, Sequence
+from functools import cached_property
+from typing import Annotated, Any, Literal, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import BaseModel, ConfigDict, Field, JsonValue, ValidationError
 
-from ..terms.load import Time
+from ..terms.load import Moment, Time
 from .system import System
 
 Array = NDArray[Any]
 
-Signature = dict[str, list[float]]
 #: Two systems are the same if their numbers are, but for rounding.
 SAME = 1e-9
+#: The shear and the compression at which elastic terms are looked at.
+SHEAR, COMPRESSED = 0.01, 0.6
+#: What is solved, and how its loads are asked for at a moment.
+KINDS: dict[str, Callable[[float], Time]] = {"path of equilibria": float, "motion": lambda t: Moment(t, 1.0)}
+Kind: TypeAlias = Literal["path of equilibria", "motion"]
 
 
-def signature(system: System, moments: Mapping[str, Time]) -> Signature:
-    """Numbers that change with the mesh, the terms, the supports, and the loads and prescribed displacements at these moments, by name."""
-    mesh = system.mesh
-    shear = 0.01 * np.cos(np.arange(mesh.d**2).reshape(mesh.d, mesh.d))
-    u = ((mesh.p.T - mesh.p.mean(axis=1)) @ shear).ravel()
-    numbers: dict[str, Any] = {
-        "the mesh": [mesh.nv, mesh.nt, *sums(mesh.p), *sums(mesh.t)],
-        "the elastic terms": [system.energy(u), *sums(system.internal_force(u))],
-        "the supports": [len(system.supports.held), *sums(system.supports.held)],
-    }
-    for name, moment in moments.items():
-        numbers[f"the loads at {name}"] = sums(system.external_force(u, moment))
-        numbers[f"prescribed displacements at {name}"] = sums(system.supports.values(moment))
-    return {name: [float(value) for value in values] for name, values in numbers.items()}
+class Record(BaseModel):
+    """What stands in a file: exactly these names, of these types, with finite numbers."""
+
+    model_config = ConfigDict(strict=True, extra="forbid", frozen=True, allow_inf_nan=False)
 
 
-def changed(old: Signature, new: Signature) -> list[str]:
-    """What is not the same as it was, by name."""
-    return [name for name in new if not _alike(old.get(name, []), new[name])]
+class Signature(Record):
+    """Of a problem, as it stands in each file of a run.
+
+    Attributes
+    ----------
+    kind : what is solved.
+    method : how, with all options on which the states depend.
+    moments : load factors or times [s] at which loads and prescribed displacements were looked at.
+    numbers : of the system and of where it starts, by name.
+    """
+
+    kind: Kind
+    method: dict[str, JsonValue]
+    moments: Annotated[list[float], Field(max_length=9)]
+    numbers: dict[str, Annotated[list[float], Field(max_length=9)]]
+
+
+class Problem:
+    """A problem that knows whether a file is one of its own.
+
+    Parameters
+    ----------
+    kind, method, moments : as of `Signature`.
+    start : what else the states depend on, such as `u0`: by name a few numbers, see `sums`.
+    """
+
+    def __init__(
+        self, kind: Kind, system: System, method: Mapping[str, Any], moments: Sequence[float], start: Mapping[str, Sequence[float]]
+    ) -> None:
+        self._system, self._method, self._kind = system, dict(method), kind
+        self._start = {name: [float(value) for value in values] for name, values in start.items()}
+        self._moments = [float(t) for t in moments]
+
+    @cached_property
+    def signature(self) -> Signature:
+        """What stands in its files."""
+        return Signature(kind=self._kind, method=self._method, moments=self._moments, numbers=self._numbers(self._moments))
+
+    def differences(self, then: Signature) -> str:
+        """What the problem of a file had otherwise, in words; empty if it is this one."""
+        if then.kind != self._kind:
+            return f"it holds a {then.kind}, this is a {self._kind}"
+        options = sorted({*then.method, *self._method})
+        was = [
+            f"{name} was {_words(then.method.get(name))} and is {_words(self._method.get(name))}"
+            for name in options
+            if then.method.get(name) != self._method.get(name)
+        ]
+        try:
+            now = self._numbers(then.moments)
+        except Exception as error:  # other loads, which know nothing of these moments
+            return "; ".join([*was, f"the loads of now cannot be had at the moments of then ({error})"])
+        changed = [name for name in now if not _alike(then.numbers.get(name, []), now[name])]
+        return "; ".join([*was, *([f"{', '.join(changed)} changed"] if changed else [])])
+
+    def _numbers(self, moments: Sequence[float]) -> dict[str, list[float]]:
+        """Numbers that change with the mesh, the terms, the supports, and loads and prescribed displacements at these moments."""
+        system, mesh = self._system, self._system.mesh
+        x = mesh.p.T - mesh.p.mean(axis=1)
+        u = (x @ (SHEAR * np.cos(np.arange(mesh.d**2).reshape(mesh.d, mesh.d)))).ravel()
+        pressed = -COMPRESSED * x.ravel() + u
+        numbers: dict[str, Any] = {
+            "the mesh": [mesh.nv, mesh.nt, *sums(mesh.p), *sums(mesh.t)],
+            "the elastic terms": [system.energy(u), *sums(system.internal_force(u)), *sums(system.internal_force(pressed))],
+            "the supports": [len(system.supports.held), *sums(system.supports.held)],
+        }
+        unit = " s" if self._kind == "motion" else ""
+        for t in moments:
+            moment = KINDS[self._kind](t)
+            numbers[f"the loads at t = {t:g}{unit}"] = sums(system.external_force(u, moment))
+            numbers[f"prescribed displacements at t = {t:g}{unit}"] = sums(system.supports.values(moment))
+        if self._kind == "motion":
+            numbers["the masses"] = sums(system.mass().vertex)
+        return {name: [float(value) for value in np.nan_to_num(values)] for name, values in numbers.items()} | self._start
 
 
 def sums(values: Array) -> list[float]:
@@ -44,6 +111,21 @@ def sums(values: Array) -> list[float]:
     weights = 1.5 + np.cos(np.arange(values.size))
     size, balance = float(weights @ np.abs(values.ravel())), float(weights @ values.ravel())
     return [size, 2 + balance / size if size else 0.0]
+
+
+def in_words(error: ValidationError, most: int = 3) -> str:
+    """What is wrong with a record: the first few, and how many more."""
+    found = [
+        f"{'.'.join(map(str, one['loc'])) or 'it'}: {one['msg']}" for one in error.errors(include_input=False, include_url=False)
+    ]
+    return "; ".join(found[:most]) + (f"; and {len(found) - most} more" if len(found) > most else "")
+
+
+def _words(value: Any) -> str:
+    if isinstance(value, dict) and "name" in value:  # an integrator
+        options = {**value.get("options", {}), **value.get("objects", {})}
+        return f"{value['name']}({', '.join(f'{name}={option!r}' for name, option in options.items())})"
+    return repr(value)
 
 
 def _alike(old: list[float], new: list[float]) -> bool:

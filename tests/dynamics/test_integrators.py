@@ -262,7 +262,7 @@ def test_a_number_of_another_precision_is_the_number_it_stands_for(make, tmp_pat
     scene, single = clamped(2), np.float32(0.003)
     damping = [Rayleigh(np.float32(0.5), np.float32(1e-3)), EdgeDamping(np.float32(1e-3))]
     same = [Rayleigh(*(float(one) for one in vars(damping[0]).values())), EdgeDamping(float(damping[1].tau))]
-    run = scene.run(make(single), 0.03, damping=damping, checkpoint=tmp_path / "run.npz")
+    run = scene.run(make(single), 0.03, damping=damping, checkpoint=tmp_path / "run")
     other = scene.run(make(float(single)), 0.03, damping=same)
     np.testing.assert_array_equal(run.ledger.rows(), other.ledger.rows())
     assert type(run.t) is type(run.dt) is float

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from motions import BOTH, MESHES, Scene, driven, kicked, material, reached, velocities
 
-from skfem_stvk import System, simulate
+from skfem_stvk import System
 from skfem_stvk.dynamics import EnergyMomentum, ForwardEuler, LinearBackwardEuler, Newmark, VelocityVerlet, checkpoint
 from skfem_stvk.dynamics.books import Books
 from skfem_stvk.dynamics.clock import Clock, Looks
@@ -40,7 +40,7 @@ def goes_on(scene, integrator, run, path, until):
     assert run.ledger["time"][-1] == run.t
     kinetic = run.v @ scene.system.mass().multiply(run.v) / 2
     assert kinetic == pytest.approx(run.ledger["kinetic_energy"][-1], rel=1e-12)
-    resumed = reached(scene.system, resume=path, until=until)
+    resumed = reached(scene.system, checkpoint=path, resume=True, until=until)
     whole = scene.run(integrator, until)
     np.testing.assert_array_equal(resumed.ledger.rows(), whole.ledger.rows())
     np.testing.assert_array_equal(resumed.u, whole.u)
@@ -60,10 +60,10 @@ def test_ctrl_c_within_what_belongs_to_a_step_leaves_no_half_of_it(integrator, n
     scene, (owner, method, more) = driven(2, damping=BOTH), MOMENTS[moment]
     with monkeypatch.context() as patch:
         interrupt_once(owner, method, patch, number + more)
-        with pytest.raises(Interrupted, match=r"resume='.*' goes on from") as caught:
-            scene.run(integrator, SHORT, checkpoint=tmp_path / "c.npz")
+        with pytest.raises(Interrupted, match=r"checkpoint='.*', resume=True goes on from") as caught:
+            scene.run(integrator, SHORT, checkpoint=tmp_path / "c")
     assert 0.19 < caught.value.run.t <= SHORT
-    goes_on(scene, integrator, caught.value.run, tmp_path / "c.npz", SHORT)
+    goes_on(scene, integrator, caught.value.run, tmp_path / "c", SHORT)
 
 
 @pytest.mark.parametrize("number", [30, 31], ids=["whole", "short"])
@@ -80,10 +80,10 @@ def test_ctrl_c_where_a_support_is_asked_for_leaves_no_half_of_a_step(integrator
         return 0.1 * np.sin(3 * t)
 
     scene = Scene(System(mesh, material(mesh), prescribed={"left": {"x": moving, "y": 0.0}}), 0.5 * velocities(mesh))
-    with pytest.raises(Interrupted, match=r"resume='.*' goes on from") as caught:
-        scene.run(integrator, SHORT, checkpoint=tmp_path / "c.npz")
+    with pytest.raises(Interrupted, match=r"checkpoint='.*', resume=True goes on from") as caught:
+        scene.run(integrator, SHORT, checkpoint=tmp_path / "c")
     assert hit and 0.19 < caught.value.run.t < SHORT
-    goes_on(scene, integrator, caught.value.run, tmp_path / "c.npz", SHORT)
+    goes_on(scene, integrator, caught.value.run, tmp_path / "c", SHORT)
 
 
 #: Where a step is found, and where a motion blows up and goes back: methods, and which calls of them.
@@ -107,9 +107,9 @@ def test_ctrl_c_where_a_step_is_found_leaves_no_half_of_it(moment, number, tmp_p
     with monkeypatch.context() as patch:
         patch.setattr(checkpoint, "EVERY", np.inf)
         interrupt_once(owner, method, patch, number)
-        with pytest.raises(Interrupted, match=r"resume='.*' goes on from") as caught:
-            scene.run(VelocityVerlet(), 4.0, checkpoint=tmp_path / "c.npz")
-    goes_on(scene, VelocityVerlet(), caught.value.run, tmp_path / "c.npz", 4.0)
+        with pytest.raises(Interrupted, match=r"checkpoint='.*', resume=True goes on from") as caught:
+            scene.run(VelocityVerlet(), 4.0, checkpoint=tmp_path / "c")
+    goes_on(scene, VelocityVerlet(), caught.value.run, tmp_path / "c", 4.0)
 
 
 @pytest.mark.parametrize("integrator", INTEGRATORS, ids=lambda one: one.name)
@@ -117,10 +117,10 @@ def test_ctrl_c_between_two_steps_loses_none(integrator, tmp_path, monkeypatch):
     scene = driven(2, damping=BOTH)
     with monkeypatch.context() as patch:
         interrupt_once(Outputs, "step", patch, 27)
-        with pytest.raises(Interrupted, match=r"resume='.*' goes on from there") as caught:
-            scene.run(integrator, SHORT, checkpoint=tmp_path / "c.npz")
+        with pytest.raises(Interrupted, match=r"checkpoint='.*', resume=True goes on from there") as caught:
+            scene.run(integrator, SHORT, checkpoint=tmp_path / "c")
     assert caught.value.run.t == 27 * DT
-    goes_on(scene, integrator, caught.value.run, tmp_path / "c.npz", SHORT)
+    goes_on(scene, integrator, caught.value.run, tmp_path / "c", SHORT)
 
 
 @pytest.mark.parametrize("integrator", INTEGRATORS, ids=lambda one: one.name)
@@ -131,11 +131,8 @@ def test_a_later_checkpoint_is_kept(integrator, tmp_path, monkeypatch):
         patch.setattr(checkpoint, "EVERY", 0.0)
         patch.setattr(checkpoint, "SHARE", np.inf)
         interrupt_once(Cutting, "advance", patch, 30)
-        with pytest.raises(Interrupted, match=r"resume='.*' goes on from the last checkpoint") as caught:
-            scene.run(integrator, SHORT, checkpoint=tmp_path / "c.npz")
+        with pytest.raises(Interrupted, match=r"checkpoint='.*', resume=True goes on from the last checkpoint") as caught:
+            scene.run(integrator, SHORT, checkpoint=tmp_path / "c")
     assert caught.value.run.t == 20 * DT
-    later = simulate(scene.system, resume=tmp_path / "c.npz", until=0.4, quiet=True, checkpoint=tmp_path / "d.npz")
-    with np.load(tmp_path / "c.npz") as file:
-        assert len(file["ledger"]) == 30
-    assert later.success
-    goes_on(scene, integrator, caught.value.run, tmp_path / "c.npz", SHORT)
+    assert checkpoint.load(tmp_path / "c" / "motion.npz").ledger.steps == 30
+    goes_on(scene, integrator, caught.value.run, tmp_path / "c", SHORT)

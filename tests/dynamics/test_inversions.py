@@ -47,7 +47,7 @@ def tangled():
 def test_a_motion_that_ends_inside_out_is_no_success(integrator, turned, tmp_path):
     """Its files are written like those of any other, and it goes on from them."""
     system, v0 = shaken()
-    files = {"save": tmp_path / "run.pvd", "checkpoint": tmp_path / "run.npz"}
+    files = {"save": tmp_path / "run.pvd", "checkpoint": tmp_path / "run"}
     with pytest.raises(
         SimulationError, match=r"reached t = 0\.4 s .* elements \(\d+, .* inside out or flat .*VolumePenalty"
     ) as caught:
@@ -60,20 +60,20 @@ def test_a_motion_that_ends_inside_out_is_no_success(integrator, turned, tmp_pat
     np.testing.assert_array_equal(finding.elements, ids)
     table = np.genfromtxt(tmp_path / "run.csv", delimiter=",", names=True)
     np.testing.assert_array_equal(table["inside_out"], run.ledger["inside_out"])
-    assert reached(system, resume=tmp_path / "run.npz", until=0.41).t == pytest.approx(0.41)
+    assert reached(system, checkpoint=tmp_path / "run", resume=True, until=0.41).t == pytest.approx(0.41)
 
 
 @pytest.mark.parametrize("integrator", [VelocityVerlet(0.01), LinearBackwardEuler(0.01)], ids=lambda one: one.name)
 def test_what_was_inside_out_on_the_way_alone_is_a_success_that_says_so(integrator, tmp_path):
     system, u0 = tangled()
-    files = {"checkpoint": tmp_path / "run.npz", "damping": Rayleigh(alpha=3.0)}
+    files = {"checkpoint": tmp_path / "run", "damping": Rayleigh(alpha=3.0)}
     run = simulate(system, integrator, until=1.0, u0=u0, quiet=True, **files)
     first = len(system.inside_out(u0))
     assert first > 0 and run.ledger["inside_out"][0] == first and run.ledger["inside_out"][-1] == 0
     assert run.status is Status.FINISHED and run.success and not any(one.name == "inside out" for one in run.findings)
     said = rf"elements were inside out on the way, up to {run.ledger['inside_out'].max():.0f} at once, between t = 0 s and t = 0\.\d+ s"
     assert re.search(said, run.message)
-    more = simulate(system, resume=tmp_path / "run.npz", until=1.5, quiet=True)
+    more = simulate(system, checkpoint=tmp_path / "run", resume=True, until=1.5, quiet=True)
     assert "inside out on the way" in more.message and more.success
 
 
@@ -99,8 +99,8 @@ def test_a_resumed_run_has_the_same_counts_as_one_that_never_stopped(tmp_path):
     """The end of the first part is looked at out of turn."""
     system, v0 = shaken()
     whole = reached(system, VelocityVerlet(0.005), until=0.4, v0=v0)
-    first = reached(system, VelocityVerlet(0.005), until=0.235, v0=v0, checkpoint=tmp_path / "run.npz")
-    resumed = reached(system, resume=tmp_path / "run.npz", until=0.4)
+    first = reached(system, VelocityVerlet(0.005), until=0.235, v0=v0, checkpoint=tmp_path / "run")
+    resumed = reached(system, checkpoint=tmp_path / "run", resume=True, until=0.4)
     assert first.ledger["inside_out"][-1] != whole.ledger["inside_out"][47]
     np.testing.assert_array_equal(resumed.ledger.rows(), whole.ledger.rows())
     assert resumed.message == whole.message

@@ -139,7 +139,7 @@ def test_what_was_fast_before_is_known_of_each_support_alone():
 def test_a_run_that_goes_on_after_a_jump_says_nothing_of_it(tmp_path):
     scene = pulled(JUMPS["within a step"][-1])
     with pytest.warns(StvkWarning, match="jump"):
-        scene.run(EnergyMomentum(DT), 0.15, checkpoint=tmp_path / "c.npz")
+        scene.run(EnergyMomentum(DT), 0.15, checkpoint=tmp_path / "c")
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        assert simulate(scene.system, resume=tmp_path / "c.npz", until=0.2, quiet=True).success
+        assert simulate(scene.system, checkpoint=tmp_path / "c", resume=True, until=0.2, quiet=True).success

@@ -2,6 +2,7 @@
 
 import errno
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -15,7 +16,7 @@ import pytest
 import skfem
 from motions import BOTH, MESHES, clamped, driven, ended, kicked, material, reached, spinning, stretched, velocities
 
-from skfem_stvk import NodalLoad, StvkError, System, simulate
+from skfem_stvk import NodalLoad, StvkError, StvkWarning, System, simulate
 from skfem_stvk.dynamics import (
     EdgeDamping,
     EnergyMomentum,
@@ -26,7 +27,7 @@ from skfem_stvk.dynamics import (
     VelocityVerlet,
     checkpoint,
 )
-from skfem_stvk.dynamics.checkpoint import Checkpoint
+from skfem_stvk.dynamics.checkpoint import Checkpoint, load
 from skfem_stvk.dynamics.ledger import LedgerFile
 from skfem_stvk.linear import SuperLU
 from skfem_stvk.results import Series
@@ -68,8 +69,8 @@ def whole(name, folder, resume=False):
     scene, integrator, until = RUNS[name]
     scene, folder = scene(), Path(folder)
     if resume:
-        return reached(scene.system, resume=folder / "run.npz", until=until)
-    outlets = {"save": folder / "run.pvd", "every": EVERY, "checkpoint": folder / "run.npz", "probes": {"tip": [2]}}
+        return reached(scene.system, checkpoint=folder / "run", resume=True, until=until)
+    outlets = {"save": folder / "run.pvd", "every": EVERY, "checkpoint": folder / "run", "probes": {"tip": [2]}}
     return scene.run(integrator(), until, **outlets)
 
 
@@ -141,7 +142,7 @@ def killed(name, folder, threads, moment, resume=False):
     with subprocess.Popen([sys.executable, "-c", program], stdout=subprocess.PIPE, text=True, env=environment) as process:
         assert process.stdout.readline() == "ready\n"
         limit = time.monotonic() + 60
-        while not (folder / "run.npz").exists() and process.poll() is None and time.monotonic() < limit:
+        while not (folder / "run" / "motion.npz").exists() and process.poll() is None and time.monotonic() < limit:
             time.sleep(0.001)
         time.sleep(moment)
         process.kill()
@@ -173,83 +174,155 @@ def test_a_run_that_has_ended_goes_on_to_a_later_end(folders):
     scene = driven(3, damping=BOTH)
     integrator = EnergyMomentum(0.01)
     for folder, ends in zip(folders, ([0.2], [0.055, 0.1, 0.2]), strict=True):
-        run = scene.run(integrator, ends[0], save=folder / "run.pvd", every=EVERY, checkpoint=folder / "run.npz")
+        run = scene.run(integrator, ends[0], save=folder / "run.pvd", every=EVERY, checkpoint=folder / "run")
         for end in ends[1:]:
-            run = simulate(scene.system, integrator, resume=folder / "run.npz", until=end, quiet=True)
+            run = simulate(scene.system, integrator, checkpoint=folder / "run", resume=True, until=end, quiet=True)
         if folder is folders[0]:
             expected = run
     same(expected, run, folders)
 
 
 def test_a_checkpoint_is_of_the_last_whole_step(tmp_path):
-    spinning(2).run(EnergyMomentum(0.01), 0.055, checkpoint=tmp_path / "run.npz")
+    spinning(2).run(EnergyMomentum(0.01), 0.055, checkpoint=tmp_path / "run")
     with pytest.raises(StvkError, match=r"until = 0.05 s is not after t = 0.05 s"):
-        simulate(spinning(2).system, resume=tmp_path / "run.npz", until=0.05)
+        simulate(spinning(2).system, checkpoint=tmp_path / "run", resume=True, until=0.05)
 
 
 def test_outlets_can_be_others_when_a_run_goes_on(tmp_path):
     scene = spinning(2)
-    scene.run(EnergyMomentum(0.01), 0.1, checkpoint=tmp_path / "a.npz")
-    before = (tmp_path / "a.npz").read_bytes()
-    run = simulate(
-        scene.system,
-        resume=tmp_path / "a.npz",
-        until=0.2,
-        save=tmp_path / "b.pvd",
-        every=5,
-        checkpoint=tmp_path / "b.npz",
-        quiet=True,
-    )
-    assert [t for t, _ in read_list(tmp_path / "b.pvd")] == pytest.approx([0.15, 0.2]) and (
-        tmp_path / "a.npz"
-    ).read_bytes() == before
-    further = [simulate(scene.system, resume=tmp_path / name, until=0.3, quiet=True) for name in ("a.npz", "b.npz")]
+    scene.run(EnergyMomentum(0.01), 0.1, checkpoint=tmp_path / "a")
+    shutil.copytree(tmp_path / "a", tmp_path / "b")
+    run = simulate(scene.system, until=0.2, save=tmp_path / "b.pvd", every=5, checkpoint=tmp_path / "b", resume=True, quiet=True)
+    assert [t for t, _ in read_list(tmp_path / "b.pvd")] == pytest.approx([0.1, 0.15, 0.2])
+    further = [simulate(scene.system, checkpoint=tmp_path / name, resume=True, until=0.3, quiet=True) for name in ("a", "b")]
     np.testing.assert_array_equal(further[0].u, further[1].u)
     assert run.t == pytest.approx(0.2) and further[0].ledger.steps == 31
 
 
+V0 = velocities(MESHES[2])
+CALL = {"integrator": EnergyMomentum(0.01, solver="superlu"), "v0": V0, "probes": {"tip": [2]}, "damping": BOTH}
+
+
 @pytest.fixture
 def saved(tmp_path):
-    scene = clamped(2, damping=BOTH)
-    scene.run(EnergyMomentum(0.01, solver="superlu"), 0.1, checkpoint=tmp_path / "run.npz")
-    return scene.system, tmp_path / "run.npz"
+    system = clamped(2).system
+    simulate(system, until=0.1, checkpoint=tmp_path / "run", quiet=True, **CALL)
+    return system, tmp_path / "run"
 
 
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"u0": np.zeros(30)}, "resume goes on with what the checkpoint holds; u0 came too. Leave out one or the other"),
-        ({"v0": np.zeros(30), "mass": "lumped"}, "v0, mass came too"),
-        ({"damping": EdgeDamping(1.0), "probes": {"A": [1]}}, "damping, probes came too"),
-        ({"t0": 0.1}, "t0 came too"),
+        ({"u0": np.full(V0.size, 1e-3)}, "another problem: u0 changed. Give the same again, or leave it out"),
+        ({"v0": 2 * V0, "mass": "consistent"}, "mass was 'lumped' and is 'consistent'; v0 changed"),
+        ({"damping": EdgeDamping(1.0)}, "damping was .* and is"),
+        ({"probes": {"tip": [1]}}, r"follows the probes \['tip'\], and they changed"),
+        ({"reactions": {"A": "left"}}, r"follows the reactions \[\], and they changed"),
+        ({"t0": 0.1}, "t0 changed"),
         (
             {"integrator": EnergyMomentum(0.02, solver="superlu")},
-            r"a motion with EnergyMomentum\(dt=0.01, .*; EnergyMomentum\(dt=0.02.* came. Leave it out",
+            r"integrator was EnergyMomentum\(dt=0.01, .* and is EnergyMomentum\(dt=0.02",
         ),
         ({"integrator": EnergyMomentum(0.01)}, "solver='superlu'"),
-        ({"integrator": VelocityVerlet(0.01)}, "a motion with EnergyMomentum.*; VelocityVerlet"),
+        ({"integrator": VelocityVerlet(0.01)}, "was EnergyMomentum.* and is VelocityVerlet"),
         ({"until": 0.1}, "until = 0.1 s is not after t = 0.1 s"),
-        ({"system": clamped(3).system}, "holds the motion of another system: the mesh"),
-        ({"system": driven(2).system}, "another system: .*prescribed displacements"),
+        ({"system": clamped(3).system}, "another problem: .*the mesh"),
+        ({"system": driven(2).system}, "another problem: .*prescribed displacements"),
         ({"every": 0}, "every = 0; expected"),
     ],
 )
 def test_a_run_goes_on_only_as_what_it_was(saved, options, message):
     system, path = saved
+    kept = (path / "motion.npz").read_bytes()
     with pytest.raises(StvkError, match=message):
-        simulate(**{"system": system, "resume": path, "until": 0.2, "quiet": True} | options)
-    assert simulate(system, EnergyMomentum(0.01, solver="superlu"), resume=path, until=0.2, quiet=True).success
+        simulate(**{"system": system, "checkpoint": path, "resume": True, "until": 0.2, "quiet": True} | options)
+    assert (path / "motion.npz").read_bytes() == kept
+
+
+def test_the_same_call_goes_on_and_what_is_left_out_is_taken_from_the_checkpoint(saved, tmp_path):
+    system, path = saved
+    shutil.copytree(path, tmp_path / "other")
+    whole = simulate(system, until=0.2, quiet=True, **CALL)
+    for place, given in ((path, CALL), (tmp_path / "other", {})):
+        again = simulate(system, until=0.2, checkpoint=place, resume=True, quiet=True, **given)
+        np.testing.assert_array_equal(again.ledger.rows(), whole.ledger.rows())
+        np.testing.assert_array_equal(again.u, whole.u)
+
+
+def test_resume_begins_where_nothing_is_kept_and_needs_a_folder(tmp_path):
+    system = clamped(2).system
+    run = simulate(system, until=0.05, checkpoint=tmp_path / "run", resume=True, quiet=True, **CALL)
+    assert run.ledger.steps == 6 and [file.name for file in (tmp_path / "run").iterdir()] == ["motion.npz"]
+    with pytest.raises(StvkError, match="resume=True without a checkpoint: from which folder"):
+        simulate(system, until=0.05, resume=True, quiet=True, **CALL)
+
+
+def test_files_and_paths_to_resume_are_taken_until_1_0_with_a_warning(tmp_path):
+    scene, integrator = spinning(2), EnergyMomentum(0.01)
+    whole = scene.run(integrator, 0.2)
+    with pytest.warns(StvkWarning, match=r"checkpoint = '.*run\.npz' is taken until 1\.0\. Name a folder: checkpoint='.*run'"):
+        scene.run(integrator, 0.1, checkpoint=tmp_path / "run.npz")
+    assert [file.name for file in tmp_path.iterdir()] == ["run.npz"]
+    shutil.copy(tmp_path / "run.npz", tmp_path / "motion.npz")
+    with pytest.warns(StvkWarning, match=r"resume = '.*' is taken until 1\.0.*checkpoint='.*', resume=True"):
+        again = simulate(scene.system, resume=tmp_path / "run.npz", until=0.2, quiet=True)
+    np.testing.assert_array_equal(again.u, whole.u)
+    with pytest.warns(StvkWarning, match=r"resume = '.*' is taken until 1\.0"):
+        again = simulate(scene.system, resume=tmp_path, until=0.2, checkpoint=tmp_path / "to", quiet=True)
+    np.testing.assert_array_equal(again.u, whole.u)
+    assert load(tmp_path / "motion.npz").ledger.steps == 11 and load(tmp_path / "to" / "motion.npz").ledger.steps == 21
+    with pytest.warns(StvkWarning), pytest.raises(StvkError, match="There is no checkpoint"):
+        simulate(scene.system, resume=tmp_path / "nowhere", until=0.2, quiet=True)
+
+
+def moved(tmp_path):
+    """A run with a series, and its checkpoint where it was moved to."""
+    scene = spinning(2)
+    (tmp_path / "old").mkdir()
+    scene.run(EnergyMomentum(0.01), 0.1, save=tmp_path / "old" / "run.pvd", every=3, checkpoint=tmp_path / "old" / "run")
+    (tmp_path / "old").rename(tmp_path / "new")
+    return scene, tmp_path / "new"
+
+
+def test_a_series_goes_on_beside_the_checkpoint_wherever_both_have_moved(tmp_path):
+    scene, new = moved(tmp_path)
+    run = simulate(scene.system, checkpoint=new / "run", resume=True, until=0.2, quiet=True)
+    assert run.series == new / "run.pvd" and not (tmp_path / "old").exists()
+    assert frames(new)[0] == [run.ledger["time"][row] for row in (0, 3, 6, 9, 12, 15, 18, 20)]
+
+
+def test_a_series_that_is_not_beside_its_checkpoint_is_asked_for(tmp_path):
+    """It says that the path is the checkpoint's, and never begins anew in silence."""
+    scene, new = moved(tmp_path)
+    kept = {file.name: file.read_bytes() for file in new.rglob("*") if file.is_file()}
+    (tmp_path / "run").mkdir()
+    shutil.copy(new / "run" / "motion.npz", tmp_path / "run")
+    with pytest.raises(
+        StvkError, match=r"saved the series '.*old.run\.pvd': that is the checkpoint's path, and run.pvd is not beside it.*save="
+    ):
+        simulate(scene.system, checkpoint=tmp_path / "run", resume=True, until=0.2, quiet=True)
+    assert kept == {file.name: file.read_bytes() for file in new.rglob("*") if file.is_file()}
+    with pytest.warns(
+        StvkWarning, match=r"other\.pvd is not there, and begins at t = 0\.1 s: the states before are in the series that was"
+    ):
+        run = simulate(scene.system, save=tmp_path / "other.pvd", checkpoint=tmp_path / "run", resume=True, until=0.2, quiet=True)
+    assert [t for t, _ in read_list(run.series)] == [run.ledger["time"][row] for row in (12, 15, 18, 20)]
+    shutil.copy(new / "run" / "motion.npz", tmp_path / "run")
+    run = simulate(scene.system, save=new / "run.pvd", checkpoint=tmp_path / "run", resume=True, until=0.2, quiet=True)
+    assert len(frames(new)[0]) == 8
 
 
 def test_a_solver_that_is_an_object_has_to_be_given_again(tmp_path):
     scene, integrator = spinning(2), EnergyMomentum(0.01, solver=SuperLU())
     whole = scene.run(integrator, 0.2)
-    scene.run(integrator, 0.1, checkpoint=tmp_path / "run.npz")
+    scene.run(integrator, 0.1, checkpoint=tmp_path / "run")
     with pytest.raises(
         StvkError, match=r"whose solver was an object: its options are not in the file. Give the same integrator again"
     ):
-        simulate(scene.system, resume=tmp_path / "run.npz", until=0.2, quiet=True)
-    again = simulate(scene.system, EnergyMomentum(0.01, solver=SuperLU()), resume=tmp_path / "run.npz", until=0.2, quiet=True)
+        simulate(scene.system, checkpoint=tmp_path / "run", resume=True, until=0.2, quiet=True)
+    again = simulate(
+        scene.system, EnergyMomentum(0.01, solver=SuperLU()), checkpoint=tmp_path / "run", resume=True, until=0.2, quiet=True
+    )
     np.testing.assert_array_equal(again.u, whole.u)
 
 
@@ -285,8 +358,8 @@ def test_a_full_disk_ends_a_run_and_loses_nothing_else(folders, monkeypatch, wha
 def test_a_resumed_run_that_blows_up_leaves_what_was_saved_before(tmp_path):
     mesh = MESHES[2]
     system = System(mesh, [material(mesh), NodalLoad((1, 5), lambda t: (0.0, 0.0) if t <= 1 else (1e5, 3e5))])
-    options = {"save": tmp_path / "run.pvd", "every": 10, "checkpoint": tmp_path / "run.npz", "quiet": True}
+    options = {"save": tmp_path / "run.pvd", "every": 10, "checkpoint": tmp_path / "run", "quiet": True}
     simulate(system, VelocityVerlet(0.01), until=1.0, v0=0.1 * velocities(mesh), **options)
-    run = simulate(system, resume=tmp_path / "run.npz", until=5.0, quiet=True, raise_on_failure=False)
+    run = simulate(system, checkpoint=tmp_path / "run", resume=True, until=5.0, quiet=True, raise_on_failure=False)
     times, _ = frames(tmp_path)
     assert run.status is Status.BLEW_UP and times == pytest.approx([0.1 * number for number in range(11)]) and run.t == times[-1]

@@ -220,7 +220,7 @@ def test_a_disk_that_really_is_full_raises(tmp_path):
     file.write()
     file.path = Path("/dev/full")
     with pytest.raises(OSError, match="No space left"):
-        file._append(b"1,2,3\n")
+        file._append(b"1,2,3\n", 0)
 
 
 def test_places_that_cannot_be_written_are_refused_before_any_work(tmp_path):

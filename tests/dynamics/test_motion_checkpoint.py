@@ -5,15 +5,19 @@ import signal
 import subprocess
 import sys
 import time
+from dataclasses import asdict
 
 import numpy as np
 import pytest
 import skfem
 
-from skfem_stvk import Gravity, NodalLoad, StVK, StvkError, System, Traction
+from skfem_stvk import Gravity, NodalLoad, Rayleigh, StVK, StvkError, System, Traction, VelocityVerlet, simulate
 from skfem_stvk.dynamics import checkpoint as module
 from skfem_stvk.dynamics.checkpoint import Checkpoint, load
+from skfem_stvk.dynamics.clock import Looks
 from skfem_stvk.dynamics.ledger import Ledger
+from skfem_stvk.results.files import WriteError
+from skfem_stvk.system.signature import Problem
 
 MESH = skfem.MeshTri().refined(2).with_boundaries({"wall": lambda x: x[0] == 0, "tip": lambda x: x[0] == 1})
 SOFT = StVK(young=1e4, poisson=0.3, density=3.0)
@@ -23,20 +27,34 @@ def body(material=SOFT, mesh=MESH, loads=(), fixed=None, prescribed=None):
     return System(mesh, [material, *loads], fixed=fixed or {"wall": "xy"}, prescribed=prescribed)
 
 
-def written(path, system=None, times=(0.0, 2.0), steps=3):
-    """A checkpoint with something to lose in it."""
-    system = system or body()
+def call(path, system=None, **options):
+    """A motion that keeps what it was in a folder."""
+    given = {"integrator": VelocityVerlet(1e-3), "until": 0.02, "v0": np.full(2 * MESH.nvertices, 0.1)}
+    return simulate(system or body(), checkpoint=path, quiet=True, **(given | options))
+
+
+def written(path, steps=3):
+    """A checkpoint with something to lose in it, which is not of any motion."""
     rng = np.random.default_rng(steps)
     ledger = Ledger(["time", "A x"], rng.normal(size=(steps, 2)))
-    arrays = {"u": rng.normal(size=system.ndofs) / 3, "picked": np.arange(steps), "on": np.array([True, False])}
-    about = {"integrator": "Verlet", "dt": 1 / 3, "step": steps, "nested": {"t": [0.1, 1e-300]}}
-    checkpoint = Checkpoint(path, system, times)
-    checkpoint.write(about, arrays, ledger)
+    arrays = {"u": rng.normal(size=50) / 3, "picked": np.arange(steps), "on": np.array([True, False])}
+    clock, looks = {"start": 0.0, "dt": 1 / 3, "count": 0}, asdict(Looks())
+    about = {"now": {"t": 1e-300, "clock": clock, "looks": looks, "steps": 2, "cuts": 0, "rows": 3}, "good": None}
+    about |= {"counts": {"iterations": 7, "clamped": 0}, "seconds": {"solve": 0.1, "other": -1e-9}}
+    about |= {"probes": ["A"], "reactions": [], "save": None, "every": 10}
+    method = {"integrator": {"name": "Verlet", "options": {"dt": 1 / 3}, "objects": {}}, "mass": "lumped"}
+    method["damping"] = {"alpha": 0.0, "beta": 0.0, "tau": 0.0}
+    checkpoint = Checkpoint(path)
+    with checkpoint:
+        checkpoint.belongs_to(Problem("motion", body(), method, [0.0, 2.0], {}), overwrite=True)
+        checkpoint.write(about, arrays, ledger)
     return checkpoint, about, arrays, ledger
 
 
 def same(saved, about, arrays, ledger):
-    assert saved.about == about and saved.arrays.keys() == arrays.keys() and saved.ledger.names == ledger.names
+    header = saved.header.model_dump()
+    assert {name: header[name] for name in about} == about
+    assert saved.arrays.keys() == arrays.keys() and saved.ledger.names == ledger.names
     for name, array in arrays.items():
         assert saved.arrays[name].dtype == array.dtype
         np.testing.assert_array_equal(saved.arrays[name], array)
@@ -45,14 +63,14 @@ def same(saved, about, arrays, ledger):
 
 @pytest.mark.parametrize("steps", [0, 1, 2000])
 def test_a_checkpoint_gives_back_every_bit(tmp_path, steps):
-    _, *content = written(tmp_path / "flag.npz", steps=steps)
-    same(load(tmp_path / "flag.npz", body()), *content)
-    assert [file.name for file in tmp_path.iterdir()] == ["flag.npz"]
+    checkpoint, *content = written(tmp_path / "flag", steps=steps)
+    same(load(checkpoint.file), *content)
+    assert [file.name for file in (tmp_path / "flag").iterdir()] == ["motion.npz"]
 
 
 def test_the_ledger_of_a_checkpoint_goes_on(tmp_path):
-    _, _, _, ledger = written(tmp_path / "flag.npz")
-    again = load(tmp_path / "flag.npz", body()).ledger
+    checkpoint, _, _, ledger = written(tmp_path / "flag")
+    again = load(checkpoint.file).ledger
     again.append([9.0, 8.0])
     assert again.steps == ledger.steps + 1 and again["A x"][-1] == 8.0
 
@@ -74,12 +92,30 @@ def others():
 
 
 @pytest.mark.parametrize("number", range(9))
-def test_the_motion_of_another_system_is_refused(tmp_path, number):
+def test_the_motion_of_another_system_is_neither_resumed_nor_replaced(tmp_path, number):
     what, base, change = list(others())[number]
-    written(tmp_path / "flag.npz", body(**base))
-    load(tmp_path / "flag.npz", body(**base))
-    with pytest.raises(StvkError, match=rf"flag\.npz holds the motion of another system: .*{what}.* changed"):
-        load(tmp_path / "flag.npz", body(**(base | change)))
+    base = {"loads": [Gravity(g=(0, -2.0))]} | base
+    call(tmp_path / "flag", body(**base), v0=None, save=tmp_path / "flag.pvd", damping=Rayleigh(1.0), u0=None)
+    kept = {file: file.read_bytes() for file in tmp_path.rglob("*") if file.is_file()}
+    other = {"system": body(**(base | change)), "v0": None, "damping": Rayleigh(1.0)}
+    with pytest.raises(StvkError, match=rf"motion\.npz is of another problem: .*{what}.* changed"):
+        call(tmp_path / "flag", resume=True, until=0.03, **other)
+    with pytest.raises(StvkError, match=rf"motion\.npz is of another problem: .*{what}.* changed.*overwrite=True"):
+        call(tmp_path / "flag", **other)
+    with pytest.raises(StvkError, match=rf"flag\.pvd is the series of another problem: .*{what}.* changed.*overwrite=True"):
+        call(tmp_path / "else", save=tmp_path / "flag.pvd", **other)
+    assert kept == {file: file.read_bytes() for file in tmp_path.rglob("*") if file.is_file()}
+
+
+def test_its_own_motion_is_replaced_whatever_its_end_and_others_when_asked(tmp_path):
+    files = {"path": tmp_path / "flag", "save": tmp_path / "flag.pvd", "every": 5}
+    call(**files)
+    assert call(**files, until=0.03).success and len(list(tmp_path.glob("flag_*.vtu"))) == 7
+    slower = {"integrator": VelocityVerlet(5e-4)}
+    with pytest.raises(StvkError, match=r"integrator was .*dt=0.001.* and is .*dt=0.0005"):
+        call(**files, **slower)
+    assert call(**files, **slower, overwrite=True).success
+    assert call(**files, **slower, resume=True, until=0.03).ledger.steps == 61
 
 
 def test_constant_loads_do_not_ramp_and_times_are_those_of_the_run(tmp_path):
@@ -91,36 +127,48 @@ def test_constant_loads_do_not_ramp_and_times_are_those_of_the_run(tmp_path):
 
     system = body(loads=[Traction("tip", pull)])
     asked.clear()
-    written(tmp_path / "flag.npz", system, times=(3.0, 5.0))
-    assert (min(asked), max(asked)) == (3.0, 5.0) and len(asked) == 4
+    problem = Problem("motion", system, {}, [3.0 + fraction * 2.0 for fraction in module.FRACTIONS], {})
+    assert problem.signature.kind == "motion" and (min(asked), max(asked)) == (3.0, 5.0) and len(asked) == 4
     constant, ramping = Traction("tip", (0, 1.0)), Traction("tip", lambda t: (0, t))
-    written(tmp_path / "flag.npz", body(loads=[constant]))
-    with pytest.raises(StvkError, match=r"the loads at t = 0 s, the loads at t = 0\.62 s"):
-        load(tmp_path / "flag.npz", body(loads=[ramping]))
+    one, other = (Problem("motion", body(loads=[load]), {}, [0.0, 0.62], {}) for load in (constant, ramping))
+    assert other.differences(one.signature) == "the loads at t = 0 s, the loads at t = 0.62 s changed"
+    assert not one.differences(one.signature)
+
+
+def test_loads_that_know_nothing_of_the_times_of_another_motion_are_others(tmp_path):
+    def short(t):
+        if 0.02 < t < 0.5:
+            raise RuntimeError("no data")
+        return 0, t
+
+    call(tmp_path / "flag", until=0.05)
+    with pytest.raises(StvkError, match=r"of another problem: the loads of now cannot be had at the moments of then \(.*no data"):
+        call(tmp_path / "flag", body(loads=[Traction("tip", short)]))
 
 
 def test_files_that_are_none_are_named(tmp_path):
-    path = tmp_path / "flag.npz"
-    with pytest.raises(StvkError, match=r"no checkpoint .*flag\.npz.*leave out resume"):
-        load(path, body())
+    path = tmp_path / "motion.npz"
+    with pytest.raises(StvkError, match=r"no checkpoint .*motion\.npz.*leave out resume"):
+        load(path)
     np.savez(path, u=np.zeros(3))
-    with pytest.raises(StvkError, match=r"flag\.npz cannot be read as the checkpoint of a motion"):
-        load(path, body())
+    for refused in (load, lambda path: call(tmp_path)):
+        with pytest.raises(StvkError, match=r"motion\.npz cannot be read as a motion of skfem-stvk.*overwrite=True"):
+            refused(path)
     for content in (b"", b"PK", b"not a file of ours", np.arange(9.0).tobytes()):
         path.write_bytes(content)
         with pytest.raises(StvkError, match=r"incomplete, or was not written here .*no whole .npz file") as caught:
-            load(path, body())
+            load(path)
         assert "pickle" not in str(caught.value)
     np.save(tmp_path / "flag.npy", np.zeros(3))
-    with pytest.raises(StvkError, match="cannot be read"):
-        load(tmp_path / "flag.npy", body())
-    with pytest.raises(StvkError, match="cannot be read"):
-        load(tmp_path, body())
+    for other in (tmp_path / "flag.npy", tmp_path):
+        with pytest.raises(StvkError, match="cannot be read"):
+            load(other)
+    assert call(tmp_path, overwrite=True).success and load(path).ledger.steps == 21
 
 
 def test_a_file_that_is_cut_or_damaged_is_never_believed(tmp_path):
-    path, rng = tmp_path / "flag.npz", np.random.default_rng(3)
-    _, *content = written(path)
+    path, rng = tmp_path / "flag" / "motion.npz", np.random.default_rng(3)
+    _, *content = written(tmp_path / "flag")
     whole = path.read_bytes()
     refused = 0
     for trial in range(300):
@@ -131,7 +179,7 @@ def test_a_file_that_is_cut_or_damaged_is_never_believed(tmp_path):
             data[rng.integers(len(data))] ^= 1 << rng.integers(8)
         path.write_bytes(data)
         try:
-            same(load(path, body()), *content)  # a bit that means nothing, such as a file's date
+            same(load(path), *content)  # a bit that means nothing, such as a file's date
         except StvkError:
             refused += 1
     assert refused > 250
@@ -139,19 +187,20 @@ def test_a_file_that_is_cut_or_damaged_is_never_believed(tmp_path):
 
 def test_another_version_is_refused(tmp_path, monkeypatch):
     with monkeypatch.context() as patch:
-        patch.setattr(module, "VERSION", 7)
-        written(tmp_path / "flag.npz")
-    with pytest.raises(StvkError, match=r"is of version 7 of checkpoints; this release reads version 3"):
-        load(tmp_path / "flag.npz", body())
+        patch.setattr(module, "FORMAT", ("motion of skfem-stvk", 7))
+        written(tmp_path / "flag")
+    with pytest.raises(StvkError, match=r"is of version 7 of the format 'motion of skfem-stvk'; this release reads version 4"):
+        load(tmp_path / "flag" / "motion.npz")
 
 
 def test_places_that_cannot_be_written_are_refused_before_any_work(tmp_path):
-    for path, message in ((tmp_path / "flag.zip", r"does not end in .npz"), (tmp_path / "no" / "flag.npz", "does not exist")):
-        with pytest.raises(StvkError, match=message):
-            Checkpoint(path, body(), (0.0, 1.0))
-    checkpoint, *content = written(tmp_path / "flag.npz")
-    Checkpoint(checkpoint.path, body(), (0.0, 1.0))  # looks whether it can write, and leaves the file alone
-    same(load(checkpoint.path, body()), *content)
+    (tmp_path / "file").write_text("")
+    for path in (tmp_path / "no" / "flag", tmp_path / "file"):
+        with pytest.raises(StvkError, match="cannot be written"), Checkpoint(path):
+            pass
+    checkpoint, *content = written(tmp_path / "flag")
+    with Checkpoint(checkpoint.place):  # looks whether it can write, and leaves the file alone
+        same(load(checkpoint.file), *content)
 
 
 def test_writing_takes_no_more_than_its_share_of_the_time(tmp_path, monkeypatch):
@@ -159,7 +208,9 @@ def test_writing_takes_no_more_than_its_share_of_the_time(tmp_path, monkeypatch)
         now = [100.0]
         monkeypatch.setattr(module.time, "perf_counter", lambda now=now: now[0])
         monkeypatch.setattr(module.np, "savez", lambda file, now=now, cost=cost, **_: now.__setitem__(0, now[0] + cost))
-        checkpoint, writes, begin = Checkpoint(tmp_path / "flag.npz", body(), (0.0, 1.0)), [], now[0]
+        checkpoint, writes, begin = Checkpoint(tmp_path / "flag"), [], now[0]
+        checkpoint.place.mkdir(exist_ok=True)
+        checkpoint.belongs_to(Problem("motion", body(), {}, [0.0], {}), overwrite=True)
         while now[0] < begin + 600:
             if checkpoint.due(now[0]):
                 checkpoint.write({}, {}, Ledger(["time"]))
@@ -174,29 +225,30 @@ def test_writing_takes_no_more_than_its_share_of_the_time(tmp_path, monkeypatch)
 def test_a_full_disk_keeps_the_checkpoint_that_is_there(tmp_path):
     import resource
 
-    checkpoint, about, arrays, ledger = written(tmp_path / "flag.npz")
+    checkpoint, about, arrays, ledger = written(tmp_path / "flag")
     before = resource.getrlimit(resource.RLIMIT_FSIZE)
     for room in (0, 100, 900, 20_000):
         try:
             resource.setrlimit(resource.RLIMIT_FSIZE, (room, before[1]))
-            with pytest.raises(OSError, match="too large"):
+            with pytest.raises(WriteError, match=r"motion\.npz could not be written: File too large\. What was there.*Make room"):
                 checkpoint.write(about, {"u": np.zeros(100_000)}, ledger)
         finally:
             resource.setrlimit(resource.RLIMIT_FSIZE, before)
-        assert [file.name for file in tmp_path.iterdir()] == ["flag.npz"]
-        same(load(checkpoint.path, body()), about, arrays, ledger)
+        assert [file.name for file in checkpoint.place.iterdir()] == ["motion.npz"]
+        same(load(checkpoint.file), about, arrays, ledger)
 
 
 ENDLESS = """
 import sys
 import numpy as np
 sys.path[:0] = {path!r}
-from test_motion_checkpoint import Checkpoint, Ledger, body
-checkpoint, ledger, step = Checkpoint({file!r}, body(), (0.0, 2.0)), Ledger(["time", "A x"]), 0
+from test_motion_checkpoint import written
+checkpoint, about, arrays, ledger = written({file!r})
+step = 3
 while True:
     ledger.append([step, 2.0 * step])
     step += 1
-    checkpoint.write({{"step": step}}, {{"u": np.full(50_000, float(step))}}, ledger)
+    checkpoint.write(about, {{"u": np.full(50_000, float(step))}}, ledger)
     print(step, flush=True)
 """
 
@@ -204,7 +256,7 @@ while True:
 @pytest.mark.skipif(not hasattr(signal, "SIGKILL"), reason="no signal that cannot be caught")
 @pytest.mark.parametrize("delay", [0.0, 0.0007, 0.003, 0.008])
 def test_a_killed_run_leaves_a_checkpoint_that_is_whole(tmp_path, delay):
-    path = tmp_path / "flag.npz"
+    path = tmp_path / "flag"
     code = ENDLESS.format(path=[os.path.dirname(os.path.abspath(__file__)), *sys.path], file=str(path))
     child = subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True)
     for _ in range(5):
@@ -212,6 +264,6 @@ def test_a_killed_run_leaves_a_checkpoint_that_is_whole(tmp_path, delay):
     time.sleep(delay)
     child.send_signal(signal.SIGKILL)
     child.wait()
-    about, arrays, ledger = load(path, body())
-    assert about["step"] >= done and (arrays["u"] == about["step"]).all()
-    np.testing.assert_array_equal(ledger["A x"], 2.0 * np.arange(about["step"]))
+    _, _, arrays, ledger = load(path / "motion.npz")
+    assert ledger.steps >= done and (arrays["u"] == ledger.steps).all()
+    np.testing.assert_array_equal(ledger["A x"][3:], 2.0 * np.arange(3, ledger.steps))

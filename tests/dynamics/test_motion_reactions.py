@@ -192,8 +192,8 @@ def test_a_run_that_was_pickled_still_knows_its_reactions():
 def test_to_follow_reactions_changes_nothing_else_and_survives_a_resume(tmp_path):
     scene, places = driven(2, damping=BOTH), {"probes": {"A": [3]}, "reactions": {"A": "left"}}
     for integrator in (VelocityVerlet(0.01), EnergyMomentum(0.01)):
-        scene.run(integrator, 0.1, checkpoint=tmp_path / "c.npz", **places)
-        resumed = simulate(scene.system, resume=tmp_path / "c.npz", until=0.2, quiet=True)
+        scene.run(integrator, 0.1, checkpoint=tmp_path / integrator.name, **places)
+        resumed = simulate(scene.system, checkpoint=tmp_path / integrator.name, resume=True, until=0.2, quiet=True)
         whole, without = scene.run(integrator, 0.2, **places), scene.run(integrator, 0.2)
         assert resumed.ledger.names == whole.ledger.names
         np.testing.assert_array_equal(resumed.ledger.rows(), whole.ledger.rows())

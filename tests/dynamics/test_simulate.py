@@ -52,7 +52,8 @@ from skfem_stvk.dynamics.guard import EVERY, Guard
 from skfem_stvk.dynamics.integrators import StepFailed
 from skfem_stvk.dynamics.integrators.implicit import ImplicitStepper
 from skfem_stvk.dynamics.ledger import Ledger
-from skfem_stvk.dynamics.plan import Outlets, Plan
+from skfem_stvk.dynamics.outlets import Outlets
+from skfem_stvk.dynamics.plan import Beginning, Plan
 from skfem_stvk.dynamics.run import Interrupted
 from skfem_stvk.dynamics.stable_step import StableStep
 from skfem_stvk.dynamics.start_tensions import StartTensions
@@ -204,10 +205,10 @@ def test_ctrl_c_leaves_a_checkpoint_that_goes_on(tmp_path):
     system = System(mesh, [material(mesh), Traction("right", lambda t: pull(t) if t < 0.99 else (0.1, 0.1))], fixed={"left": "xy"})
     for integrator in (VelocityVerlet(0.01), EnergyMomentum(0.01)):
         hit.clear()
-        with pytest.raises(Interrupted, match=r"interrupted at t = .*resume='.*c.npz' goes on from there") as caught:
-            simulate(system, integrator, until=until, checkpoint=tmp_path / "c.npz", quiet=True)
+        with pytest.raises(Interrupted, match=r"interrupted at t = .*checkpoint='.*c', resume=True goes on from there") as caught:
+            simulate(system, integrator, until=until, checkpoint=tmp_path / "c", quiet=True)
         assert 0.3 <= caught.value.run.t <= 0.51
-        resumed = simulate(system, resume=tmp_path / "c.npz", until=until, quiet=True)
+        resumed = simulate(system, checkpoint=tmp_path / "c", resume=True, until=until, quiet=True)
         whole = simulate(system, integrator, until=until, quiet=True)
         np.testing.assert_array_equal(resumed.u, whole.u)
         np.testing.assert_array_equal(resumed.ledger.rows(), whole.ledger.rows())
@@ -252,9 +253,12 @@ def test_ctrl_c_within_the_end_of_a_step_leaves_no_half_of_it(integrator, tmp_pa
     with monkeypatch.context() as patch:
         patch.setattr(type(integrator), "update", interrupted)
         with pytest.raises(Interrupted) as caught:
-            scene.run(integrator, 0.6, checkpoint=tmp_path / "c.npz")
+            scene.run(integrator, 0.6, checkpoint=tmp_path / "c")
     assert caught.value.run.ledger["time"][-1] == caught.value.run.t < 0.3
-    resumed, whole = simulate(scene.system, resume=tmp_path / "c.npz", until=0.6, quiet=True), scene.run(integrator, 0.6)
+    resumed, whole = (
+        simulate(scene.system, checkpoint=tmp_path / "c", resume=True, until=0.6, quiet=True),
+        scene.run(integrator, 0.6),
+    )
     np.testing.assert_array_equal(resumed.u, whole.u)
     np.testing.assert_array_equal(resumed.ledger.rows(), whole.ledger.rows())
 
@@ -296,25 +300,30 @@ def test_tensions_of_the_beginning_are_those_that_are_asked_for():
             np.testing.assert_allclose(product, difference @ v, atol=1e-12)
 
 
+def plan_of(integrator):
+    plan = Plan.new(SYSTEM, Beginning(integrator, None, V0, 0.0, None, None, None, None))
+    plan.outlets = Outlets(None, 10, None)
+    return plan
+
+
 def test_a_plan_goes_back_to_all_that_it_was():
-    outlets = Outlets.checked(None, 10, None)
-    plan = Plan.new(SYSTEM, VelocityVerlet(0.01), None, V0, 0.0, "lumped", None, None, outlets)
+    plan = plan_of(VelocityVerlet(0.01))
     plan.clock = Clock(0.0, 0.01)
-    before, then = json.dumps(plan.packed()[0]), plan.snapshot(1)
+    before, then = json.dumps(plan.packed(1)[0]), plan.snapshot(1)
     plan.state.u += 1
     plan.state.t, plan.steps, plan.cuts, plan.looks.next = 0.5, 50, 3, 99
     plan.clock.change(0.02)
-    assert json.dumps(plan.packed()[0]) != before
+    assert json.dumps(plan.packed(1)[0]) != before
     plan.restore(then)
-    assert json.dumps(plan.packed()[0]) == before and not plan.state.u.any()
+    assert json.dumps(plan.packed(1)[0]) == before and not plan.state.u.any()
     plan.clock.tick()
     plan.looks.next = 7  # what was kept is not what goes on
     plan.restore(then)
-    assert json.dumps(plan.packed()[0]) == before
+    assert json.dumps(plan.packed(1)[0]) == before
 
 
 def test_a_step_that_was_found_comes_back_to_what_it_was_and_no_further():
-    plan = Plan.new(SYSTEM, VelocityVerlet(), None, V0, 0.0, "lumped", None, None, Outlets.checked(None, 10, None))
+    plan = plan_of(VelocityVerlet())
     limit, dt = StableStep(plan), plan.clock.dt
 
     def review(critical):
@@ -572,7 +581,7 @@ MISTAKES = {
     "a nameless probe": (StvkError, "expected places by name", {"probes": {"": [1]}}),
     "a probe nowhere": (StvkError, "probe 'A'", {"probes": {"A": "no such place"}}),
     "save by a flag": (StvkError, "save = True; expected the path of a file such as 'flag.pvd'", {"save": True}),
-    "checkpoint by a flag": (StvkError, "checkpoint = 3; expected the path .* 'flag.npz'", {"checkpoint": 3}),
+    "checkpoint by a flag": (StvkError, "checkpoint = 3; expected the path of a folder such as 'flag'", {"checkpoint": 3}),
     "every 0": (StvkError, "every = 0; expected a whole number of steps, at least 1", {"every": 0}),
     "every half": (StvkError, "every = 0.5; expected a whole number", {"every": 0.5}),
     "every step before": (StvkError, "every = -1; expected a whole number", {"every": -1}),
@@ -581,8 +590,8 @@ MISTAKES = {
         "'flag.xdmf' does not end in .pvd, which is what is written here. Name it flag.pvd",
         {"save": "flag.xdmf"},
     ),
-    "no such folder": (StvkError, "The folder no of flag.npz does not exist", {"checkpoint": "no/flag.npz"}),
-    "no such checkpoint": (StvkError, "There is no checkpoint", {"resume": "nowhere.npz", "v0": None}),
+    "no such folder": (StvkError, "The checkpoint no/flag cannot be written", {"checkpoint": "no/flag"}),
+    "no such checkpoint": (StvkError, "resume=True without a checkpoint", {"resume": True, "v0": None}),
     "nothing acts": (LoadError, "Nothing moves the body: .* Add Gravity", {"v0": None}),
     "a jump": (
         SupportError,
@@ -628,9 +637,10 @@ def test_options_of_integrators_are_checked(make, options, message):
 
 @pytest.mark.parametrize("name", ["save", "checkpoint"])
 def test_what_cannot_be_written_is_told_before_any_work(tmp_path, name):
-    ending = {"save": ".pvd", "checkpoint": ".npz"}[name]
-    (tmp_path / f"folder{ending}").mkdir()
-    for path in (tmp_path / "missing" / f"flag{ending}", tmp_path / "flag.txt", tmp_path / f"folder{ending}"):
+    (tmp_path / "folder.pvd").mkdir()
+    (tmp_path / "flag").write_text("no folder")
+    wrong = {"save": ("missing/flag.pvd", "flag.txt", "folder.pvd"), "checkpoint": ("missing/flag", "flag")}
+    for path in (tmp_path / one for one in wrong[name]):
         with pytest.raises(StvkError, match=r"flag|folder"):
             call(**{name: path})
         with pytest.raises(StvkError, match=r"flag|folder"):
@@ -638,8 +648,11 @@ def test_what_cannot_be_written_is_told_before_any_work(tmp_path, name):
 
 
 def test_names_of_files_may_have_blanks_and_umlauts(tmp_path):
-    run = clamped(2).run(EnergyMomentum(0.01), 0.05, save=tmp_path / "Flügel 1 ß.pvd", every=1, checkpoint=tmp_path / "Flü gel.npz")
-    assert simulate(run.system, resume=tmp_path / "Flü gel.npz", until=0.1, quiet=True).series == tmp_path / "Flügel 1 ß.pvd"
+    run = clamped(2).run(EnergyMomentum(0.01), 0.05, save=tmp_path / "Flügel 1 ß.pvd", every=1, checkpoint=tmp_path / "Flü gel")
+    assert (
+        simulate(run.system, checkpoint=tmp_path / "Flü gel", resume=True, until=0.1, quiet=True).series
+        == tmp_path / "Flügel 1 ß.pvd"
+    )
     for path in (run.animate(tmp_path / "ä ö.gif", "velocity"), run.save(tmp_path / "ü é.vtu"), tmp_path / "Flügel 1 ß.csv"):
         assert path.is_file()
 
@@ -662,8 +675,8 @@ def velocities_of(path):
 def test_velocities_are_saved_with_the_displacements(tmp_path):
     scene = driven(2, damping=BOTH)
     whole = scene.run(EnergyMomentum(0.01), 0.2, save=tmp_path / "whole.pvd", every=3)
-    scene.run(EnergyMomentum(0.01), 0.1, save=tmp_path / "parts.pvd", every=3, checkpoint=tmp_path / "c.npz")
-    simulate(scene.system, resume=tmp_path / "c.npz", until=0.2, quiet=True)
+    scene.run(EnergyMomentum(0.01), 0.1, save=tmp_path / "parts.pvd", every=3, checkpoint=tmp_path / "c")
+    simulate(scene.system, checkpoint=tmp_path / "c", resume=True, until=0.2, quiet=True)
     one, other = velocities_of(tmp_path / "whole.pvd"), velocities_of(tmp_path / "parts.pvd")
     assert list(one) == list(other) and len(one) == 8
     for t, v in one.items():
@@ -686,21 +699,21 @@ def test_the_velocities_after_a_blow_up_are_those_of_the_last_good_state(tmp_pat
 
 @pytest.mark.parametrize("integrator", [VelocityVerlet(0.01), LinearBackwardEuler(0.01), EnergyMomentum(0.01)])
 def test_what_writing_takes_is_a_part_of_the_time(integrator, tmp_path):
-    for options in ({}, {"save": tmp_path / "a.pvd"}, {"checkpoint": tmp_path / "a.npz"}):
+    for options in ({}, {"save": tmp_path / "a.pvd"}, {"checkpoint": tmp_path / "a"}):
         run = clamped(2).run(integrator, 0.05, **options)
         assert list(run.seconds) == ["assemble", "factor", "solve", "write", "other"]
         assert bool(options) == (run.seconds["write"] > 0) and min(run.seconds.values()) >= 0
 
 
 def test_the_last_state_and_the_books_are_saved_in_any_case(tmp_path):
-    run = clamped(2).run(EnergyMomentum(0.01), 0.135, save=tmp_path / "a.pvd", every=5, checkpoint=tmp_path / "a.npz")
+    run = clamped(2).run(EnergyMomentum(0.01), 0.135, save=tmp_path / "a.pvd", every=5, checkpoint=tmp_path / "a")
     pvd = (tmp_path / "a.pvd").read_text()
     assert [float(line.split('"')[1]) for line in pvd.splitlines() if "timestep" in line] == [0.0, 0.05, 0.1, 0.135]
     table = np.genfromtxt(tmp_path / "a.csv", delimiter=",", names=True)
     np.testing.assert_array_equal(table["total_energy"], run.ledger["total_energy"])
     assert run.series == tmp_path / "a.pvd" and sorted(file.suffix for file in tmp_path.iterdir()) == [
+        "",
         ".csv",
-        ".npz",
         ".pvd",
         *4 * [".vtu"],
     ]

@@ -110,8 +110,8 @@ def test_the_tangent_at_rest_does_not_depend_on_when_it_was_made(make, tmp_path)
     system = System(mesh, [material(mesh), Pressure("right", lambda t: 0.3 + 0.5 * np.sin(6 * t))], fixed={"left": "xy"})
     integrator = make(0.01, tangent="rest", solver="superlu")
     whole = simulate(system, integrator, until=0.4, quiet=True)
-    simulate(system, integrator, until=0.2, checkpoint=tmp_path / "run.npz", quiet=True)
-    resumed = simulate(system, resume=tmp_path / "run.npz", until=0.4, quiet=True)
+    simulate(system, integrator, until=0.2, checkpoint=tmp_path / "run", quiet=True)
+    resumed = simulate(system, checkpoint=tmp_path / "run", resume=True, until=0.4, quiet=True)
     np.testing.assert_array_equal(resumed.ledger.rows(), whole.ledger.rows())
 
 

@@ -1,6 +1,5 @@
 """Counts and messages of runs, and where they write."""
 
-import json
 import re
 from dataclasses import dataclass
 
@@ -10,6 +9,7 @@ from motions import clamped, let_go, reached, spinning
 
 from skfem_stvk import simulate
 from skfem_stvk.dynamics import EnergyMomentum, LinearBackwardEuler
+from skfem_stvk.dynamics.checkpoint import load
 from skfem_stvk.dynamics.integrators import StepFailed
 from skfem_stvk.dynamics.integrators.implicit import ImplicitStepper
 from skfem_stvk.statics.stopwatch import Stopwatch
@@ -24,8 +24,8 @@ def test_a_resumed_run_goes_on_counting(tmp_path):
     """Iterations, clamped tangents and seconds, of which the first part of the run has most."""
     pressed, integrator = let_go(3), LinearBackwardEuler(0.2)
     whole = pressed.run(integrator, 4.0)
-    first = pressed.run(integrator, 3.0, checkpoint=tmp_path / "run.npz")
-    resumed = reached(pressed.system, resume=tmp_path / "run.npz", until=4.0)
+    first = pressed.run(integrator, 3.0, checkpoint=tmp_path / "run")
+    resumed = reached(pressed.system, checkpoint=tmp_path / "run", resume=True, until=4.0)
     assert 0 < first.iterations < resumed.iterations == whole.iterations
     assert re.search(r"[1-9]\d* of them with the clamped", first.message) and resumed.message == whole.message
     assert resumed.seconds.keys() == first.seconds.keys()
@@ -74,10 +74,9 @@ def test_a_run_goes_on_in_the_folder_where_it_was(tmp_path, monkeypatch):
     for folder in (here, there):
         folder.mkdir()
     monkeypatch.chdir(here)
-    scene.run(EnergyMomentum(0.01), 0.1, save="run.pvd", checkpoint="run.npz")
+    scene.run(EnergyMomentum(0.01), 0.1, save="run.pvd", checkpoint="run")
     monkeypatch.chdir(there)
-    simulate(scene.system, resume=here / "run.npz", until=0.2, quiet=True)
+    simulate(scene.system, checkpoint=here / "run", resume=True, until=0.2, quiet=True)
     assert not list(there.iterdir())
     assert '"0.2' in (here / "run.pvd").read_text()
-    with np.load(here / "run.npz") as file:
-        assert json.loads(str(file["header"]))["about"]["steps"] == 20
+    assert load(here / "run" / "motion.npz").header.now.steps == 20

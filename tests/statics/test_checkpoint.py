@@ -21,6 +21,7 @@ from skfem_stvk.statics.monitors import Monitors
 from skfem_stvk.statics.path.arc_length import ArcLength
 from skfem_stvk.statics.path.load_steps import LoadSteps
 from skfem_stvk.statics.stopwatch import Stopwatch
+from skfem_stvk.system.signature import Problem
 
 CRITICAL = np.pi**2 * (1e4 / (1 - 0.3**2)) / 12 / (4 * 20**2)
 OPTIONS = {"quiet": True, "raise_on_failure": False, "solver": "superlu"}
@@ -90,7 +91,7 @@ def test_a_path_goes_on_to_another_stop(tmp_path):
 
 def test_resume_without_states_begins(tmp_path):
     result = solve_static(bent(), steps=3, checkpoint=tmp_path / "path", resume=True, quiet=True)
-    assert result.success and (tmp_path / "path" / "path.json").exists()
+    assert result.success and len(list((tmp_path / "path").iterdir())) == len(result.history)
 
 
 def test_the_series_of_files_goes_on_too(tmp_path, monkeypatch):
@@ -111,11 +112,35 @@ def test_the_series_of_a_snap_through_counts_its_states(tmp_path):
     assert len(list(tmp_path.glob("again_*.vtu"))) == len(result.history)
 
 
-def test_states_are_not_overwritten_unasked(tmp_path):
-    call = {"steps": 3, "checkpoint": tmp_path / "path", "quiet": True}
-    solve_static(bent(), **call)
-    with pytest.raises(StvkError, match=r"holds \d+ states of a path.*resume=True"):
-        solve_static(bent(), **call)
+def test_a_fresh_run_replaces_the_states_of_its_own_problem_and_no_others(tmp_path):
+    call = {"steps": 20, "method": "arc-length", "checkpoint": tmp_path / "path", "save": tmp_path / "bar.pvd", "quiet": True}
+    longer = solve_static(bar(), stop=Stop(turns=2), **call)
+    shorter = solve_static(bar(), stop=Stop(turns=1), **call)
+    kept = {file.name: file.read_bytes() for file in [*tmp_path.glob("bar*"), *(tmp_path / "path").iterdir()]}
+    assert len(shorter.history) < len(longer.history) and len(kept) == 2 * len(shorter.history) + 1
+    for one in ("checkpoint", "save"):
+        other = {name: value for name, value in call.items() if name != one} | {"steps": 10}
+        with pytest.raises(StvkError, match=r"of another problem: steps was 20 and is 10.*overwrite=True"):
+            solve_static(bar(), **other)
+    assert kept == {file.name: file.read_bytes() for file in [*tmp_path.glob("bar*"), *(tmp_path / "path").iterdir()]}
+    fewer = solve_static(bar(), overwrite=True, **call | {"steps": 10})
+    assert len(list((tmp_path / "path").iterdir())) == len(fewer.history) == len(list(tmp_path.glob("bar_*.vtu")))
+    same(fewer, solve_static(bar(), resume=True, **call | {"steps": 10}))
+
+
+def test_files_that_are_none_of_ours_are_not_replaced_unasked(tmp_path):
+    (tmp_path / "path").mkdir()
+    np.savez(tmp_path / "path" / "state_00000.npz", u=np.ones(3))
+    (tmp_path / "bent.pvd").write_text("<VTKFile><Collection/></VTKFile>")
+    kept = (tmp_path / "path" / "state_00000.npz").read_bytes()
+    with pytest.raises(StvkError, match=r"state_00000.npz cannot be read as a path of skfem-stvk.*overwrite=True"):
+        solve_static(bent(), steps=3, checkpoint=tmp_path / "path", quiet=True)
+    with pytest.raises(StvkError, match=r"bent.pvd is there already, and does not say of which problem it is.*overwrite=True"):
+        solve_static(bent(), steps=3, save=tmp_path / "bent.pvd", quiet=True)
+    assert (tmp_path / "path" / "state_00000.npz").read_bytes() == kept and "<Collection/>" in (tmp_path / "bent.pvd").read_text()
+    both = {"checkpoint": tmp_path / "path", "save": tmp_path / "bent.pvd"}
+    result = solve_static(bent(), steps=3, overwrite=True, quiet=True, **both)
+    assert len(list((tmp_path / "path").iterdir())) == len(result.history)
 
 
 def other_systems():
@@ -134,7 +159,7 @@ def other_systems():
 def test_the_path_of_another_system_is_refused(tmp_path, number):
     what, other = list(other_systems())[number]
     solve_static(bent(), steps=3, checkpoint=tmp_path / "path", quiet=True)
-    with pytest.raises(StvkError, match=f"another system: .*{what}"):
+    with pytest.raises(StvkError, match=f"another problem: .*{what}"):
         solve_static(other, steps=3, checkpoint=tmp_path / "path", resume=True, quiet=True)
 
 
@@ -144,7 +169,7 @@ def test_another_mesh_of_the_same_size_is_refused(tmp_path):
     p = system.mesh.p.copy()
     p[:, 40] += 1e-4
     mesh = type(system.mesh)(p, system.mesh.t, boundaries=dict(system.mesh.boundaries))
-    with pytest.raises(StvkError, match="another system"):
+    with pytest.raises(StvkError, match="another problem"):
         solve_static(
             System(mesh, system.terms, fixed={"wall": "xyz"}), steps=3, checkpoint=tmp_path / "path", resume=True, quiet=True
         )
@@ -155,7 +180,7 @@ def test_another_way_to_walk_is_refused(tmp_path, changed):
     call = {"steps": 3, "checkpoint": tmp_path / "path", "quiet": True, "solver": "superlu"}
     solve_static(bent(), **call)
     name = next(iter(changed))
-    with pytest.raises(StvkError, match=f"another path: {name} was"):
+    with pytest.raises(StvkError, match=f"another problem: .*{name} was"):
         solve_static(bent(), resume=True, **(call | changed))
 
 
@@ -165,9 +190,6 @@ def test_files_that_cannot_be_read_are_named(tmp_path):
     broken = sorted((tmp_path / "path").glob("state_*.npz"))[1]
     broken.write_bytes(broken.read_bytes()[:100])
     with pytest.raises(StvkError, match=r"state_00001.npz cannot be read.*resume from the one before"):
-        solve_static(bent(), resume=True, **call)
-    (tmp_path / "path" / "path.json").write_text("{")
-    with pytest.raises(StvkError, match=r"path.json cannot be read"):
         solve_static(bent(), resume=True, **call)
 
 
@@ -195,7 +217,7 @@ def test_a_full_disk_keeps_the_states_that_are_there(tmp_path, monkeypatch):
 
     def add(self, step, saved):
         if self._count == 2:
-            monkeypatch.setattr(checkpoint.np, "savez", full)
+            monkeypatch.setattr(np, "savez", full)
         kept(self, step, saved)
 
     with monkeypatch.context() as patch:
@@ -269,14 +291,14 @@ def pushed(vertex, force, move):
 def test_a_load_in_another_place_or_of_another_sign_is_refused(tmp_path, changed, what):
     given = {"vertex": 50, "force": (0, 0, -3.0), "move": 0.1}
     solve_static(pushed(**given), steps=2, checkpoint=tmp_path / "path", quiet=True)
-    with pytest.raises(StvkError, match=f"another system: .*{what}"):
+    with pytest.raises(StvkError, match=f"another problem: .*{what}"):
         solve_static(pushed(**(given | changed)), steps=2, checkpoint=tmp_path / "path", resume=True, quiet=True)
 
 
 def test_another_start_is_refused(tmp_path):
     call = {"steps": 3, "checkpoint": tmp_path / "path", "quiet": True}
     solve_static(bent(), u0=np.full(297, 1e-3), **call)
-    with pytest.raises(StvkError, match="another path: u0"):
+    with pytest.raises(StvkError, match="another problem: u0"):
         solve_static(bent(), u0=np.full(297, -1e-3), resume=True, **call)
 
 
@@ -318,7 +340,7 @@ def test_an_empty_file_is_named(tmp_path):
 
 
 def test_a_series_that_is_asked_for_later_has_all_states_and_no_older_ones(tmp_path):
-    call = {"steps": 6, "checkpoint": tmp_path / "path", "quiet": True}
+    call = {"steps": 6, "checkpoint": tmp_path / "path", "overwrite": True, "quiet": True}
     solve_static(bent(load=(0, 0, -1.0)), steps=40, save=tmp_path / "bent.pvd", quiet=True)
     for _ in range(2):
         result = solve_static(bent(), resume=True, save=tmp_path / "bent.pvd", **call)
@@ -386,17 +408,17 @@ WALKS = {
 )
 def test_after_each_state_another_walk_can_stand_where_this_one_stands(tmp_path, scene, method):
     system, options = WALKS[scene]()
-    walk, keep = (
-        walk_of(system, method, 5, **options),
-        checkpoint.Checkpoint(tmp_path / "path", {}, system, np.zeros(system.ndofs), False),
-    )
-    found = 0
+    walk, found = walk_of(system, method, 5, **options), 0
+    problem = Problem("path of equilibria", system, {"method": method, "steps": 5, "rtol": 1e-8}, (0.5, 1.0), {})
+    keep = checkpoint.Checkpoint(tmp_path / "path", system, problem, False, False).__enter__()
     for outcome in walk.states(resumed=False):
         if not isinstance(outcome, Step):
             continue
         keep.add(outcome, walk.saved())
         other = walk_of(WALKS[scene]()[0], method, 5, **options)
-        other.resume(*keep.load())
+        keep.__exit__(None, None, None)
+        keep = checkpoint.Checkpoint(tmp_path / "path", system, problem, True, False).__enter__()
+        other.resume(keep.steps, keep.saved)
         (numbers, arrays), (others, other_arrays) = stands(walk), stands(other)
         assert others == numbers and other_arrays.keys() == arrays.keys()
         for name, array in arrays.items():
@@ -420,7 +442,7 @@ def test_a_load_that_grows_in_another_way_is_refused(tmp_path):
 def test_another_load_factor_at_the_start_is_refused(tmp_path):
     call = {"u0": np.zeros(297), "steps": 3, "checkpoint": tmp_path / "path", "quiet": True}
     solve_static(bent(), t0=0.1, **call)
-    with pytest.raises(StvkError, match=r"another path: t0 was 0\.1"):
+    with pytest.raises(StvkError, match=r"another problem: t0 was 0\.1 and is 0\.2"):
         solve_static(bent(), t0=0.2, resume=True, **call)
 
 

@@ -1,0 +1,131 @@
+"""Arrays with a header, in one .npz file: whole or not there, and believed only as far as a schema goes."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, TypeVar
+from zipfile import BadZipFile, ZipFile, is_zipfile
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import ValidationError
+
+from ..errors import StvkError
+from ..system.signature import Record, in_words
+from .files import replacing
+
+Array = NDArray[Any]
+Header = TypeVar("Header", bound="ArchiveHeader")
+
+#: Before the names of arrays, so that no name is taken for another thing.
+ARRAY = "array "
+
+
+class ArchiveHeader(Record):
+    """What each header has.
+
+    Attributes
+    ----------
+    format, version : by which a file is known as one of ours.
+    """
+
+    format: str
+    version: int
+
+
+class NotOurs(StvkError):
+    """A file that cannot be read as what it should be."""
+
+
+def write_archive(path: Path, header: Mapping[str, Any], arrays: Mapping[str, Array]) -> None:
+    """Replace the file.
+
+    Raises
+    ------
+    WriteError
+        if the disk is full, for example; the file that was there is still there.
+    """
+    text = json.dumps(header)
+    packed = {"header": np.array(text), "digest": np.array(_digest(text, arrays))}
+    packed |= {ARRAY + name: array for name, array in arrays.items()}
+    with replacing(path) as part, part.open("wb") as file:
+        np.savez(file, **packed)  # type: ignore[arg-type]
+
+
+def read_header(path: Path, schema: type[Header], known: tuple[str, int], remedy: str) -> Header:
+    """The header, without the arrays; parameters and errors as of `read_archive`."""
+    return _read(path, schema, known, remedy, only_header=True)[0]
+
+
+def read_archive(path: Path, schema: type[Header], known: tuple[str, int], remedy: str) -> tuple[Header, dict[str, Array]]:
+    """Header and arrays.
+
+    Parameters
+    ----------
+    schema : of the header.
+    known : the format and the version that it has to be of.
+    remedy : what to do if it is not, for the message.
+
+    Raises
+    ------
+    NotOurs
+        with the file, what is wrong and the remedy, if it is incomplete, was not written here or says what cannot be.
+    """
+    return _read(path, schema, known, remedy, only_header=False)
+
+
+def _read(
+    path: Path, schema: type[Header], known: tuple[str, int], remedy: str, only_header: bool
+) -> tuple[Header, dict[str, Array]]:
+    try:
+        text, digest, arrays = _unpacked(path, only_header)
+        header = json.loads(text)
+        _check_known(header, known)
+        if not only_header and digest != _digest(text, arrays):
+            raise NotOurs("was changed after it was written.")
+    except NotOurs as error:
+        raise NotOurs(f"{path} {error} {remedy}") from None
+    except (OSError, EOFError, ValueError, KeyError, TypeError, MemoryError, RuntimeError, BadZipFile) as error:
+        raise NotOurs(
+            f"{path} cannot be read as a {known[0]}: it is incomplete, or was not written here ({type(error).__name__}: {error}). {remedy}"
+        ) from error
+    try:
+        return schema.model_validate(header), arrays
+    except ValidationError as error:
+        raise NotOurs(f"{path} is damaged: {in_words(error)}. {remedy}") from error
+
+
+def _unpacked(path: Path, only_header: bool) -> tuple[str, str, dict[str, Array]]:
+    """Header, digest and arrays as they stand in the file."""
+    if not path.is_file() or not is_zipfile(path):
+        raise ValueError("it is no whole .npz file")
+    with ZipFile(path) as whole:
+        if any(member.file_size != member.compress_size for member in whole.infolist()):
+            raise ValueError("it is compressed")  # a small file could unpack to a large one
+    with np.load(path, allow_pickle=False) as file:
+        names = [] if only_header else [name for name in file.files if name.startswith(ARRAY)]
+        return str(file["header"]), str(file["digest"]), {name.removeprefix(ARRAY): file[name] for name in names}
+
+
+def _digest(header: str, arrays: Mapping[str, Array]) -> str:
+    """By which a change of header or arrays is noticed."""
+    digest = hashlib.blake2b(header.encode(), digest_size=16)
+    for name in sorted(arrays):
+        array = np.ascontiguousarray(arrays[name])
+        digest.update(f"{name} {array.dtype.str} {array.shape} ".encode())
+        digest.update(array.view(np.uint8).data if array.size else b"")
+    return digest.hexdigest()
+
+
+def _check_known(header: Any, known: tuple[str, int]) -> None:
+    kind, version = known
+    if not isinstance(header, dict) or header.get("format") != kind:
+        raise ValueError(f"the format is {header.get('format')!r}" if isinstance(header, dict) else "it has no header")
+    if header.get("version") != version:
+        raise NotOurs(
+            f"is of version {header.get('version')!r} of the format '{kind}'; this release reads version {version}: resume it with the release "
+            "that wrote it."
+        )
