@@ -224,7 +224,10 @@ def load(file: Path) -> Saved:
     header, arrays = read_archive(file, MotionHeader, FORMAT, ANEW)
     try:
         method = MethodRecord.model_validate(header.problem.method)
-        return Saved(header, method, arrays, Ledger(header.columns, arrays.pop("ledger")))
+        rows = arrays.pop("ledger")
+        if rows.dtype != np.float64:
+            raise ValueError(f"numbers of the type {rows.dtype}")
+        return Saved(header, method, arrays, Ledger(header.columns, rows))
     except ValidationError as error:
         raise NotOurs(f"{file} is damaged: {in_words(error)}. {ANEW}") from None
     except (StvkError, KeyError, ValueError, TypeError) as error:

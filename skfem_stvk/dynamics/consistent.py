@@ -20,6 +20,8 @@ Array = NDArray[Any]
 ARRAYS = ("u", "v", "a", "reaction")
 #: Energies agree, but for this part of the largest.
 ENERGY = 1e-6
+#: Steps that are found do not shrink below this part of the first one.
+SHORTEST = 1e-9
 #: What the total energy and the closure error are sums of.
 PARTS = "kinetic_energy", "strain_energy", "potential_energy", "external_work", "dissipated_work"
 
@@ -39,6 +41,9 @@ def refuse_inconsistent(saved: Saved, motion: Motion, integrator: Integrator) ->
     if ledger.steps != header.now.rows:
         raise ValueError(f"its ledger has {ledger.steps} rows for {header.now.rows}")
     _check_balance(ledger)
+    start = {name: header.problem.numbers.get(name, []) for name in ("t0", "u0", "v0")}
+    if start["t0"] != [ledger["time"][0]] or len(start["u0"]) != 2 or len(start["v0"]) != 2:
+        raise ValueError(f"it began with {start}, its ledger at t = {ledger['time'][0]:g}")
     _check_moment(saved, header.now, "", motion, integrator)
     if header.good is not None:
         if integrator.dt is not None or not header.good.steps < header.now.steps:
@@ -71,6 +76,8 @@ def _check_moment(saved: Saved, moment: MomentRecord, prefix: str, motion: Motio
         raise ValueError("the times of its ledger are not those of its clock")
     if integrator.dt is not None and clock.dt != integrator.dt:
         raise ValueError(f"its steps are of {clock.dt!r}, those of its integrator of {integrator.dt!r}")
+    if integrator.dt is None and not SHORTEST * looks.largest <= clock.dt <= looks.largest:
+        raise ValueError(f"its steps are of {clock.dt:g} s, and were {looks.largest:g} s at first")
     if looks.next > moment.steps + looks.interval:
         raise ValueError(f"after {moment.steps} steps it would look at the critical step after {looks.next} at first")
     state = {name: numbers(saved.arrays, prefix + name, (motion.system.ndofs,)) for name in ARRAYS}

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..arguments import number, plain_array, shown
 from ..errors import LoadError, StateError, StvkError, SupportError, name_ids
+from ..linear.choose import SOLVERS
 from ..mesh.places import Where
 from ..results.archive import NotOurs
 from ..system import System
@@ -126,10 +127,7 @@ class Plan:
         """
         saved = checkpoints.load(file)
         header, method = saved.header, saved.method
-        try:
-            integrator = _resumed_integrator(method.integrator, beginning.integrator, file)
-        except (KeyError, TypeError) as error:
-            raise NotOurs(f"{file} is damaged: there is no such integrator ({error}). {ANEW}") from None
+        integrator = _resumed_integrator(method.integrator, beginning.integrator, file)
         kept: Damping = [Rayleigh(method.damping.alpha, method.damping.beta), EdgeDamping(method.damping.tau)]
         damping = kept if beginning.damping is None else beginning.damping
         motion = Motion(system, method.mass if beginning.mass is None else beginning.mass, damping)
@@ -252,7 +250,7 @@ def _described(integrator: Integrator) -> dict[str, Any]:
 
 
 def _resumed_integrator(kept: IntegratorRecord, given: Integrator | None, file: Path) -> Integrator:
-    """The one that is given, or the one of the file; raises KeyError or TypeError if there is none like it."""
+    """The one that is given, or the one of the file."""
     if given is not None:
         return checked_integrator(given)
     if kept.objects:
@@ -262,7 +260,13 @@ def _resumed_integrator(kept: IntegratorRecord, given: Integrator | None, file: 
             "integrator again."
         )
     options: dict[str, Any] = dict(kept.options)
-    return INTEGRATORS[kept.name](**options)
+    solvers = ["auto", *(one.name for one in SOLVERS)]
+    try:
+        if options.get("solver", "auto") not in solvers:
+            raise ValueError(f"solver = {options['solver']!r}")
+        return INTEGRATORS[kept.name](**options)
+    except (KeyError, TypeError, ValueError) as error:
+        raise NotOurs(f"{file} is damaged: there is no integrator {kept.name!r} with its options ({error}). {ANEW}") from None
 
 
 def _checked_vector(name: str, given: ArrayLike | None, system: System) -> Array:

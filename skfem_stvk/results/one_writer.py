@@ -70,6 +70,12 @@ class OneWriter:
             raise
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+        try:
+            self._release()
+        finally:
+            self._release()  # again, where Ctrl-C has interrupted it
+
+    def _release(self) -> None:
         if self.held and self._lock is not None and self._lock.is_locked:
             for file in (self._holder, self._lock_path):  # while the lock is held: whoever comes next makes a new one
                 with suppress(OSError):

@@ -186,7 +186,8 @@ class Series:
                 f"{self.path} is the series of another problem: {differences}. Name another one, or replace it with overwrite=True."
             )
 
-    def _write(self, steps: list[tuple[float, Path]]) -> None:
+    def _write(self, steps: list[tuple[float, Path]], place: Path | None = None) -> None:
+        """Write the list, to its place or another one."""
         root = ET.Element("VTKFile", type="Collection", version="0.1", byte_order="LittleEndian")
         collection = ET.SubElement(root, "Collection")
         if self._problem is not None:
@@ -194,7 +195,7 @@ class Series:
         for t, file in steps:
             ET.SubElement(collection, "DataSet", timestep=repr(t), group="", part="0", file=file.name)
         ET.indent(root)
-        with replacing(self.path) as part:
+        with replacing(place or self.path) as part:
             ET.ElementTree(root).write(part, encoding="utf-8", xml_declaration=True)
 
 
@@ -214,10 +215,11 @@ def save_series(path: str | os.PathLike[str], fields: Sequence[str], states: Ite
             aside.mkdir(exist_ok=True)
             written = [(float(t), write_vtu(aside / f"{n:04d}.vtu", state, fields)) for n, (t, state) in enumerate(states)]
             steps = [(t, series.path.with_name(f"{series.path.stem}_{file.name}")) for t, file in written]
-            series._begin(-np.inf)
+            series._write(steps, aside / series.path.name)
+            series._begin(-np.inf)  # from here on files are only renamed
             for (_, file), (_, place) in zip(written, steps, strict=True):
                 file.replace(place)
-            series._write(steps)
+            (aside / series.path.name).replace(series.path)
         except OSError as error:
             raise cannot_write(series.path, error) from error
         finally:

@@ -1,5 +1,6 @@
-"""Ctrl-C at each line of what writes files: nothing is lost, and no state is ever missing from a series."""
+"""Ctrl-C at lines all over what writes files (a stride of 1 takes each of them): nothing is lost, and no state is ever missing from a series."""
 
+import gc
 import shutil
 import sys
 from pathlib import Path
@@ -63,8 +64,8 @@ def each_step(monkeypatch):
     monkeypatch.setattr(checkpoint, "SHARE", np.inf)
 
 
-@pytest.mark.parametrize(("integrator", "stride"), [(VelocityVerlet(0.01), 1), (EnergyMomentum(0.01), 29)])
-def test_ctrl_c_at_any_line_that_writes_leaves_a_motion_that_goes_on_whole(integrator, stride, tmp_path, each_step):
+@pytest.mark.parametrize(("integrator", "stride"), [(VelocityVerlet(0.01), 17), (EnergyMomentum(0.01), 97)])
+def test_ctrl_c_at_lines_that_write_leaves_a_motion_that_goes_on_whole(integrator, stride, tmp_path, each_step):
     (tmp_path / "whole").mkdir()
     whole = motion(tmp_path / "whole", integrator, STEPS + 1)
     expected, all_lines, interrupted = written(tmp_path / "whole"), CtrlC(), 0
@@ -79,9 +80,9 @@ def test_ctrl_c_at_any_line_that_writes_leaves_a_motion_that_goes_on_whole(integ
                 motion(folder, integrator)
         except KeyboardInterrupt as error:
             interrupted += isinstance(error, Interrupted)
+        gc.collect()  # a lock whose giving back was interrupted goes with the frames of the error
         again = motion(folder, integrator, STEPS + 1, resume=True)
         np.testing.assert_array_equal(again.ledger.rows(), whole.ledger.rows())
         assert written(folder) == expected, f"line {number}"
         shutil.rmtree(folder)
-    print(all_lines.count, interrupted)
-    assert interrupted > 100 / stride
+    assert interrupted > 300 / stride

@@ -10,8 +10,10 @@ import numpy as np
 import pytest
 from bodies import MESHES, state
 
-from skfem_stvk import StVK, StvkError
+from skfem_stvk import StVK, StvkError, StvkWarning
 from skfem_stvk.results import Fields, Series
+from skfem_stvk.results.files import WriteError
+from skfem_stvk.results.series import save_series
 
 MESH = MESHES["triangles"]
 FIELDS = Fields(MESH, StVK(young=2.0, poisson=0.3))
@@ -169,3 +171,49 @@ def test_a_series_can_be_cut_back(tmp_path):
     assert listed(path) == expected((0.1, 0.2))
     resumed.cut(0.0)
     assert names(tmp_path) == []
+
+
+@pytest.mark.parametrize("number", [1, 3, 5, 2, 6, 99])
+def test_a_series_that_is_saved_at_once_is_there_altogether_or_not_at_all(tmp_path, monkeypatch, number):
+    """A full disk at any of its files leaves the older one, and no parts."""
+    path = tmp_path / "flag.pvd"
+    run(path, (0.1, 0.2, 0.3))
+    before, calls, kept = {file: file.read_bytes() for file in tmp_path.iterdir()}, [], os.fsync
+
+    def full(descriptor):
+        calls.append(descriptor)
+        if len(calls) == number:
+            raise OSError(28, "No space left on device")
+        kept(descriptor)
+
+    monkeypatch.setattr(os, "fsync", full)
+    states = [(t, at(t)) for t in (0.5, 1.0)]
+    if number in (1, 3, 5):  # the files and the list; others are folders, which some disks cannot force
+        with pytest.raises(
+            WriteError, match=r"flag\.pvd could not be written: No space left on device\. What was there before.*Make room"
+        ):
+            save_series(path, ["cauchy"], states)
+        assert {file: file.read_bytes() for file in tmp_path.iterdir()} == before
+    else:
+        assert save_series(path, ["cauchy"], states) == path
+        assert listed(path) == expected((0.5, 1.0)) and names(tmp_path) == ["flag.pvd", "flag_0000.vtu", "flag_0001.vtu"]
+
+
+def test_what_is_removed_of_a_series_is_left_out_and_said_when_it_goes_on(tmp_path):
+    path = tmp_path / "flag.pvd"
+    run(path, (0.1, 0.2, 0.3))
+    (tmp_path / "flag_0001.vtu").unlink()
+    with pytest.warns(StvkWarning, match=r"lists 1 files that are not there, the first of them flag_0001\.vtu"):
+        run(path, (0.4,), resume=True)
+    assert listed(path) == expected((0.1, 0.3, 0.4))
+
+
+def test_a_second_writer_of_a_series_is_refused(tmp_path):
+    path = tmp_path / "flag.pvd"
+    with Series(path) as series:
+        series.add(at(0.1), 0.1)
+        for refused in (lambda: run(path, (0.5,)), lambda: save_series(path, ["cauchy"], []), lambda: Series(path).__enter__()):
+            with pytest.raises(StvkError, match=r"flag\.pvd is being written by another run in this process"):
+                refused()
+        series.add(at(0.2), 0.2)
+    assert listed(path) == expected((0.1, 0.2))

@@ -1,0 +1,121 @@
+"""Checkpoints of paths that say what cannot be, each number and array of them in turn."""
+
+import copy
+
+import numpy as np
+import pytest
+from scenes import bent
+from test_arc_length import bar
+
+from skfem_stvk import Stop, StvkError, solve_static
+from skfem_stvk.results.archive import read_archive, write_archive
+from skfem_stvk.statics.checkpoint import FORMAT, StateHeader
+
+WRONG = [None, True, -1, 10**30, 0.5, float("nan"), "x", [], {}]
+#: What a state took, what was found of it and how Newton's method got there; where loads were looked at.
+RECORDS = (
+    "step.seconds",
+    "step.iterations.",
+    "step.jump",
+    "step.lowest",
+    "step.potential",
+    "step.smallest_volume_ratio",
+    "step.findings",
+    "step.critical",
+    "step.status",
+    "step.end",
+    "problem.moments",
+)
+#: How the walk goes on, which Newton's method takes to an equilibrium or not.
+WALK = ("walk.",)
+
+
+def load_steps():
+    return {"system": bent(n=3), "steps": 3}
+
+
+def arc_length():
+    return {"system": bar(), "steps": 20, "method": "arc-length", "stop": Stop(states=4)}
+
+
+@pytest.fixture(scope="module", params=[load_steps, arc_length])
+def path(request, tmp_path_factory):
+    call = request.param() | {"checkpoint": tmp_path_factory.mktemp("path") / "path", "quiet": True, "raise_on_failure": False}
+    solve_static(**call)
+    file = sorted(call["checkpoint"].iterdir())[-1]
+    header, arrays = read_archive(file, StateHeader, FORMAT, "")
+    return call, file, header.model_dump(exclude_unset=True), arrays
+
+
+def go_on(call, file, header, arrays):
+    """Resume what is written so; what it was refused with, in words."""
+    write_archive(file, header, arrays)
+    try:
+        solve_static(**call, resume=True)
+    except StvkError as error:
+        return str(error)
+    return ""
+
+
+def entries(header, way=()):
+    for name, value in header.items():
+        yield (*way, name), value
+        if isinstance(value, dict):
+            yield from entries(value, (*way, name))
+
+
+def test_each_entry_of_the_header_that_is_wrong_is_refused(path):
+    call, file, header, arrays = path
+    accepted, refused = [], 0
+    for way, value in list(entries(header)):
+        for wrong in [..., *WRONG]:
+            if wrong == value and type(wrong) is type(value):
+                continue
+            other = copy.deepcopy(header)
+            inner = other
+            for name in way[:-1]:
+                inner = inner[name]
+            if wrong is ...:
+                del inner[way[-1]]
+            else:
+                inner[way[-1]] = wrong
+            said = go_on(call, file, other, arrays)
+            refused += str(file) in said
+            if str(file) not in said:
+                accepted.append((".".join(way), wrong, said))
+    assert [one for one in accepted if not one[0].startswith((*RECORDS, *WALK))] == [] and refused > 250
+    assert go_on(call, file, header, arrays) == ""
+
+
+CHANGES = {
+    "missing": lambda u: None,
+    "shorter": lambda u: u[:-1],
+    "text": lambda u: u.astype(str),
+    "single": lambda u: u.astype(np.float32),
+    "not finite": lambda u: np.where(np.arange(len(u)) == 3, np.nan, u),
+    "of another state": lambda u: 1.01 * u,
+}
+
+
+@pytest.mark.parametrize("change", CHANGES)
+def test_displacements_that_are_no_state_of_the_path_are_refused(path, change):
+    call, file, header, arrays = path
+    u = CHANGES[change](arrays["u"])
+    assert f"{file} is damaged" in go_on(
+        call, file, header, {name: array for name, array in (arrays | {"u": u}).items() if array is not None}
+    )
+    assert go_on(call, file, header, arrays) == ""
+
+
+def test_states_in_another_order_or_of_another_path_are_refused(path, tmp_path):
+    call, file, *_ = path
+    first = file.with_name("state_00000.npz")
+    kept = file.read_bytes()
+    file.write_bytes(first.read_bytes())
+    with pytest.raises(StvkError, match=r"damaged: it is state 0 of its path, not"):
+        solve_static(**call, resume=True)
+    solve_static(**call | {"checkpoint": tmp_path / "other", "rtol": 1e-6})
+    file.write_bytes((tmp_path / "other" / file.name).read_bytes())
+    with pytest.raises(StvkError, match=rf"{file.name} is of another problem: rtol was 1e-06 and is 1e-08"):
+        solve_static(**call, resume=True)
+    file.write_bytes(kept)
