@@ -236,7 +236,7 @@ def _path(stop: Stop) -> Any:
 
 
 def _static(**given: Any) -> Any:
-    result: StaticResult = solve_static(**given)
+    result: StaticResult = solve_static(overwrite=True, **given)
     return result.status.value, result.t, result.u
 
 
@@ -245,7 +245,7 @@ def _measured(**given: Any) -> Any:
 
 
 def _motion(**given: Any) -> Any:
-    run = simulate(**given)
+    run = simulate(overwrite=True, **given)
     return run.status.value, run.t, run.u
 
 
