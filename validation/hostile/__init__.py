@@ -8,6 +8,8 @@ from collections.abc import Sequence
 FAMILIES = {
     "meshes": "validation.hostile.meshes",
     "physics": "validation.hostile.physics",
+    "checkpoints": "validation.hostile.checkpoints",
+    "interruptions": "validation.hostile.interruptions",
     "names": "validation.hostile.names",
     "commands": "validation.hostile.commands",
     "candidates": "validation.hostile.candidates",

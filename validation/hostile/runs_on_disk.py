@@ -1,0 +1,149 @@
+"""Runs that write a checkpoint and a series, small enough to be made a hundred times: what hostile things are done to."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from time import perf_counter
+from typing import Any
+
+import numpy as np
+import skfem
+from numpy.typing import NDArray
+
+from skfem_stvk import EnergyMomentum, Gravity, NodalLoad, Stop, StVK, System, VelocityVerlet, simulate, solve_static
+from skfem_stvk.dynamics import EdgeDamping, checkpoint
+from skfem_stvk.results.series import read_list
+
+from .case import Verdict, Wrong
+
+#: Seconds between checkpoints of a motion, and the share of its time: the usual ones, and one each step.
+SELDOM, OFTEN = (checkpoint.EVERY, checkpoint.SHARE), (0.0, np.inf)
+
+
+@dataclass(frozen=True)
+class Kind:
+    """A run of one kind.
+
+    Attributes
+    ----------
+    system : what it is of.
+    make : `(system, **files and options)`: makes the run.
+    bits : all numbers of its result, which are to be the same to the last bit.
+    """
+
+    system: Callable[..., System]
+    make: Callable[..., Any]
+    bits: Callable[[Any], list[NDArray[Any]]]
+
+    def run(self, folder: Path, system: System | None = None, often: bool = False, **options: Any) -> Any:
+        """The run, with all that it writes in a folder; `often`: a checkpoint each step."""
+        checkpoint.EVERY, checkpoint.SHARE = OFTEN if often else SELDOM
+        files = {"checkpoint": folder / "kept", "save": folder / "run.pvd"}
+        return self.make(self.system() if system is None else system, **files, **{"quiet": True, **options})
+
+
+@dataclass(frozen=True)
+class Whole:
+    """What a run that nothing interrupts leaves: its numbers, its files, and how long it took [s]."""
+
+    bits: list[NDArray[Any]]
+    files: dict[str, bytes | None]
+    times: list[float]
+    seconds: float
+
+
+def strip(young: float = 3.0, moved: float = 0.0) -> System:
+    """A strip in the plane, clamped at its left end."""
+    mesh = skfem.MeshTri.init_tensor(np.linspace(0, 1, 9), np.linspace(0, 0.3, 4))
+    p = mesh.p + moved * (mesh.p[0] > 0.5)
+    load = NodalLoad(lambda x: x[0] >= 1, lambda t: (0.0, -2e-4 * (1 + np.sin(9 * t))))
+    terms: list[Any] = [StVK(young=young, poisson=0.3, density=1.0), Gravity((0.0, -0.02)), load]
+    return System((p, mesh.t), terms, fixed={lambda x: x[0] == 0: "xy"})
+
+
+def beam(young: float = 1e4, moved: float = 0.0) -> System:
+    """A cantilever in the plane that its load bends far."""
+    mesh = skfem.MeshTri.init_tensor(np.linspace(0, 5, 21), np.linspace(0, 0.5, 3))
+    p = mesh.p + moved * (mesh.p[0] > 2)
+    terms: list[Any] = [StVK(young=young, poisson=0.3), NodalLoad(lambda x: x[0] >= 5, (0.0, -1.0))]
+    return System((p, mesh.t), terms, fixed={lambda x: x[0] == 0: "xy"})
+
+
+def bar(young: float = 1e5, moved: float = 0.0) -> System:
+    """A bar that leans, and snaps through."""
+    mesh = np.array([[-1.0 - moved, 0.0], [0.0, 0.1]]), np.array([[0], [1]])
+    terms: list[Any] = [StVK(young=young, poisson=0.3, area=1e-2), NodalLoad([1], (0.0, -0.4))]
+    return System(mesh, terms, fixed=[([0], "xy"), ([1], "x")])
+
+
+def _motion(integrator: Any, until: float, **more: Any) -> Callable[..., Any]:
+    def make(system: System, until: float = until, **options: Any) -> Any:
+        v0 = 0.02 * np.cos(np.arange(system.ndofs))
+        v0[system.supports.held] = 0
+        return simulate(system, integrator, until=until, v0=v0, probes={"tip": [5]}, every=7, **more, **options)
+
+    return make
+
+
+def _bits_of_motion(run: Any) -> list[NDArray[Any]]:
+    return [run.u, run.v, np.array([run.t, run.dt]), run.ledger.rows()]
+
+
+def _bits_of_path(result: Any) -> list[NDArray[Any]]:
+    numbers = [[step.t, step.strain_energy, step.potential, step.smallest_volume_ratio] for step in result.history]
+    words = [[result.status.value, step.status.value, step.end.value, str(step.negative)] for step in result.history]
+    return [result.u, np.array([result.t]), np.array(numbers), np.array(words), *[step.u for step in result.history]]
+
+
+KINDS = {
+    "verlet": Kind(strip, _motion(VelocityVerlet(0.01), 0.605), _bits_of_motion),
+    "energy-momentum": Kind(
+        strip, _motion(EnergyMomentum(0.05, solver="superlu"), 2.025, damping=EdgeDamping(1e-3)), _bits_of_motion
+    ),
+    "load steps": Kind(beam, lambda system, **options: solve_static(system, steps=12, solver="superlu", **options), _bits_of_path),
+    "arc length": Kind(
+        bar,
+        lambda system, **options: solve_static(system, steps=20, method="arc-length", stop=Stop(turns=2), **options),
+        _bits_of_path,
+    ),
+}
+
+
+@lru_cache
+def whole(name: str) -> Whole:
+    """The run of this kind, made once a process."""
+    kind = KINDS[name]
+    with TemporaryDirectory() as folder:
+        kind.run(Path(folder))  # kernels are compiled, or read from disk
+        begin = perf_counter()
+        bits = kind.bits(kind.run(Path(folder), often=True))
+        seconds = perf_counter() - begin
+        return Whole(bits, *files_of(Path(folder)), seconds)
+
+
+def files_of(folder: Path) -> tuple[dict[str, bytes | None], list[float]]:
+    """Files by name, with what they hold where that is to be the same from run to run; and the times of the series."""
+    found = {str(path.relative_to(folder)): path for path in sorted(folder.rglob("*")) if path.is_file()}
+    held = {name: path.read_bytes() if path.suffix in (".vtu", ".csv") else None for name, path in found.items()}
+    return held, [t for t, _ in read_list(folder / "run.pvd")]
+
+
+def check_same(name: str, result: Any, folder: Path | None) -> None:
+    """Refuse a result, and files, that are not those of a run that nothing has interrupted, to the last bit."""
+    expected, bits = whole(name), KINDS[name].bits(result)
+    if len(bits) != len(expected.bits) or not all(map(np.array_equal, bits, expected.bits)):
+        raise Wrong(Verdict.SILENT, "the result is not that of a run without interruption, to the last bit")
+    if folder is None:
+        return
+    files, times = files_of(folder)
+    if times != expected.times:
+        raise Wrong(Verdict.LOSS, f"the series has {len(times)} states, {len(expected.times)} were expected: {times}")
+    if files.keys() != expected.files.keys():
+        raise Wrong(Verdict.LOSS, f"files are missing or left over: {sorted(files.keys() ^ expected.files.keys())}")
+    changed = [name for name in files if files[name] != expected.files[name]]
+    if changed:
+        raise Wrong(Verdict.LOSS, f"files differ: {changed}")
