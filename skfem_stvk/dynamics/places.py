@@ -58,4 +58,9 @@ def _named(name: str, given: Any, example: str) -> Mapping[str, Where]:
         return {}
     if not isinstance(given, Mapping) or not all(isinstance(one, str) and one for one in given):
         raise StvkError(f"{name} = {shown(given)}; expected places by name, such as {{{example}}}.")
+    hidden = [one for one in given if not one.isprintable()]
+    if hidden:
+        raise StvkError(
+            f"{name}: the name {ascii(hidden[0])[:80]} has characters that cannot be printed. It stands in tables and pictures: rename it."
+        )
     return given

@@ -21,7 +21,7 @@ def output_path(path: str | os.PathLike[str], *suffixes: str) -> Path:
     Raises
     ------
     StvkError
-        if it ends in none of the suffixes, or its folder is missing or cannot be written to.
+        if it ends in none of the suffixes, its name cannot be printed, or its folder is missing or cannot be written to.
 
     >>> output_path("missing/bracket.vtu", ".vtu")
     Traceback (most recent call last):
@@ -32,6 +32,10 @@ def output_path(path: str | os.PathLike[str], *suffixes: str) -> Path:
         named = path.with_suffix(suffixes[0]).name if path.name else f"result{suffixes[0]}"
         raise StvkError(
             f"{arguments.shown(str(path))} does not end in {' or '.join(suffixes)}, which is what is written here. Name it {named}."
+        )
+    if not path.name.isprintable():
+        raise StvkError(
+            f"{ascii(path.name)[:200]} has characters that cannot be printed, and that lists of files cannot hold. Rename it."
         )
     if not path.parent.is_dir():
         raise StvkError(

@@ -614,6 +614,7 @@ def test_mistakes_are_named(mistake, monkeypatch, tmp_path):
 @pytest.mark.parametrize(
     ("make", "options", "message"),
     [
+        (EnergyMomentum, {"dt": 1e-170}, "dt = 1e-170; expected a time step between 1e-150 s and 1e150 s: choose other units"),
         (EnergyMomentum, {"dt": 0.0}, "dt = 0.0; expected a time step in seconds, a positive number[.]$"),
         (EnergyMomentum, {"dt": None}, "dt = None; expected a time step"),
         (VelocityVerlet, {"dt": -1.0}, "dt = -1.0; .* or None for a stable one"),
@@ -727,3 +728,15 @@ def test_a_run_says_what_it_was(capsys):
     assert run.iterations >= 10 and run.success and run.system.ndofs == len(run.u)
     driven(2).run(EnergyMomentum(0.01), 0.1, quiet=True)
     assert capsys.readouterr() == ("", "")
+
+
+@pytest.mark.parametrize("name", ["a\nb", "\x1b[31mred", "a\0", "\ud800", "a\rb"])
+def test_names_that_cannot_be_printed_are_refused_as_names_of_probes_and_of_series(name, tmp_path):
+    scene = spinning(2)
+    with pytest.raises(StvkError, match=r"probes: the name .* cannot be printed") as caught:
+        scene.run(VelocityVerlet(0.01), 0.1, probes={name: [1]})
+    assert str(caught.value).isprintable()
+    if "\0" not in name:
+        with pytest.raises(StvkError, match="cannot be printed, and that lists of files cannot hold") as caught:
+            scene.run(VelocityVerlet(0.01), 0.1, save=tmp_path / f"{name}.pvd")
+        assert str(caught.value).isprintable() and not list(tmp_path.iterdir())

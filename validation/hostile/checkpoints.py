@@ -16,9 +16,9 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from skfem_stvk.results.archive import write_archive
 
 from skfem_stvk.dynamics import SimulationError
+from skfem_stvk.results.archive import write_archive
 from skfem_stvk.statics import SolveError
 
 from .case import Case, Verdict, Wrong, in_words

@@ -84,7 +84,8 @@ class Integrator(ABC):
 
 
 def checked_step(dt: float | None, optional: bool = False) -> float | None:
-    """A time step in double precision, for times are sums of it; refuse one that is none."""
+    """A time step in double precision, for times are sums of it; refuse one that is none, or whose square is no number."""
     if dt is None and optional:
         return None
-    return number("dt", dt, f"a time step in seconds, a positive number{', or None for a stable one' * optional}", low=0.0)
+    step = number("dt", dt, f"a time step in seconds, a positive number{', or None for a stable one' * optional}", low=0.0)
+    return number("dt", step, "a time step between 1e-150 s and 1e150 s: choose other units", low=1e-150, high=1e150)
