@@ -5,8 +5,9 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Mapping
+from math import prod
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import IO, Any, TypeVar
 from zipfile import BadZipFile, ZipFile, is_zipfile
 
 import numpy as np
@@ -103,11 +104,23 @@ def _unpacked(path: Path, only_header: bool) -> tuple[str, str, dict[str, Array]
     if not path.is_file() or not is_zipfile(path):
         raise ValueError("it is no whole .npz file")
     with ZipFile(path) as whole:
-        if any(member.file_size != member.compress_size for member in whole.infolist()):
-            raise ValueError("it is compressed")  # a small file could unpack to a large one
+        for member in whole.infolist():
+            if member.file_size != member.compress_size:
+                raise ValueError("it is compressed")  # a small file could unpack to a large one
+            with whole.open(member) as content:
+                if _declared(content) > member.file_size:
+                    raise ValueError(f"{member.filename} declares more numbers than there are")
     with np.load(path, allow_pickle=False) as file:
         names = [] if only_header else [name for name in file.files if name.startswith(ARRAY)]
         return str(file["header"]), str(file["digest"]), {name.removeprefix(ARRAY): file[name] for name in names}
+
+
+def _declared(content: IO[bytes]) -> int:
+    """Bytes of the array that begins here in NumPy's format, as far as its header says."""
+    numpy_format = np.lib.format
+    read = numpy_format.read_array_header_1_0 if numpy_format.read_magic(content) == (1, 0) else numpy_format.read_array_header_2_0
+    shape, _, dtype = read(content)
+    return prod(shape) * int(dtype.itemsize)
 
 
 def _digest(header: str, arrays: Mapping[str, Array]) -> str:

@@ -260,7 +260,10 @@ def _check_order(steps: list[Step], header: StateHeader, number: int) -> None:
         raise ValueError(f"it is state {header.number} of its path, not {number}")
     load_steps = options["method"] == LoadSteps.name
     needed = ("straight", "full_first") if load_steps else ("turns", "states", "rate", "goal")
-    if walk.model_fields_set != {"size", "first", "reached", "largest", *needed}:
+    counted = needed[:2]  # what a method counts or knows from the beginning
+    if walk.model_fields_set != {"size", "first", "reached", "largest", *needed} or any(
+        getattr(walk, name) is None for name in counted
+    ):
         raise ValueError("what the walk does next is not what its method needs")
     if not load_steps:
         return

@@ -107,7 +107,7 @@ KINDS = {
     "load steps": Kind(beam, lambda system, **options: solve_static(system, steps=12, solver="superlu", **options), _bits_of_path),
     "arc length": Kind(
         bar,
-        lambda system, **options: solve_static(system, steps=20, method="arc-length", stop=Stop(turns=2), **options),
+        lambda system, **options: solve_static(system, steps=20, method="arc-length", stop=Stop(turns=2, states=60), **options),
         _bits_of_path,
     ),
 }
