@@ -65,9 +65,9 @@ class Outlets:
     every : steps from one saved state to the next.
     """
 
-    series: Series | None
-    every: int
-    checkpoint: Checkpoint | None
+    series: Series | None = None
+    every: int = EVERY
+    checkpoint: Checkpoint | None = None
 
     @classmethod
     def opened(cls, stack: ExitStack, asked: Asked, problem: Problem | None) -> Outlets:

@@ -33,7 +33,6 @@ class Outputs:
     """
 
     def __init__(self, plan: Plan, ledger: Ledger, watch: Stopwatch) -> None:
-        assert plan.outlets is not None
         self._plan, self._ledger, self._watch = plan, ledger, watch
         self._series, self._checkpoint, self.every = plan.outlets.series, plan.outlets.checkpoint, plan.outlets.every
         self.written = -1

@@ -98,7 +98,7 @@ class Plan:
     state: State
     clock: Clock
     places: Places
-    outlets: Outlets | None = None
+    outlets: Outlets = field(default_factory=Outlets)
     ledger: Ledger | None = None
     steps: int = 0
     cuts: int = 0

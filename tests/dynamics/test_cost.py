@@ -13,7 +13,7 @@ from skfem_stvk.dynamics import ForwardEuler, LinearBackwardEuler, VelocityVerle
 from skfem_stvk.dynamics.clock import FEWEST, MOST, Looks
 from skfem_stvk.dynamics.critical_step import LargestFrequency, critical_step
 from skfem_stvk.dynamics.loop import Loop
-from skfem_stvk.dynamics.plan import Outlets, Plan
+from skfem_stvk.dynamics.plan import Beginning, Plan
 from skfem_stvk.dynamics.stable_step import StableStep
 from skfem_stvk.dynamics.status import Status
 
@@ -30,12 +30,16 @@ def pushed(system):
     return v.ravel()
 
 
+def plan_of(system, integrator):
+    return Plan.new(system, Beginning(integrator, None, pushed(system), 0.0, None, None, None, None))
+
+
 @pytest.mark.parametrize(
     "integrator", [ForwardEuler(dt=1e-5), VelocityVerlet(dt=1e-5), LinearBackwardEuler(dt=1e-3)], ids=lambda one: one.name
 )
 def test_nothing_as_long_as_a_vector_is_allocated_in_the_time_loop(integrator):
     system = hanging(6)
-    plan = Plan.new(system, integrator, None, pushed(system), 0.0, "lumped", None, None, Outlets(None, 10, None))
+    plan = plan_of(system, integrator)
     loop = Loop(plan, 1.0, True)
 
     def steps():
@@ -61,7 +65,7 @@ def test_a_linear_step_starts_from_where_velocity_and_acceleration_lead():
     """Less iterations, and the same motion."""
     system = hanging(4)
     run = simulate(system, LinearBackwardEuler(dt=1e-2, rtol=1e-3), until=0.3, v0=pushed(system), quiet=True)
-    plan = Plan.new(system, run.integrator, None, pushed(system), 0.0, "lumped", None, None, Outlets(None, 10, None))
+    plan = plan_of(system, run.integrator)
     stepper, state = plan.integrator.stepper(plan.motion), plan.state
     stepper.start(state)
     for k in range(run.ledger.steps - 1):
@@ -98,7 +102,7 @@ def test_eigenvalues_are_looked_for_only_where_a_given_step_is_above_the_safe_bo
     system, asked, at = hanging(3), [], LargestFrequency.at
     found = critical_step(system)
     assert share * found.bound < found.step
-    monkeypatch.setattr(LargestFrequency, "at", lambda self, u: asked.append(u) or at(self, u))
+    monkeypatch.setattr(LargestFrequency, "at", lambda self, u, t: asked.append(u) or at(self, u, t))
     run = simulate(system, VelocityVerlet(dt=share * found.bound), until=5 * found.bound, quiet=True)
     assert run.status is Status.FINISHED and len(asked) == times
 
@@ -106,7 +110,7 @@ def test_eigenvalues_are_looked_for_only_where_a_given_step_is_above_the_safe_bo
 def test_a_body_that_is_drawn_out_until_a_given_step_is_too_large_is_noticed_though_no_eigenvalue_was_looked_for_before():
     system = hanging(3)
     dt = 0.9 * critical_step(system).bound
-    plan = Plan.new(system, VelocityVerlet(dt=dt), None, pushed(system), 0.0, "lumped", None, None, Outlets(None, 10, None))
+    plan = plan_of(system, VelocityVerlet(dt=dt))
     limit = StableStep(plan)
     for stretch, looked in ((1.1, False), (2.0, True)):
         plan.state.u[2::3] = (stretch - 1) * system.mesh.p[2]
@@ -120,5 +124,5 @@ def test_a_body_that_is_drawn_out_until_a_given_step_is_too_large_is_noticed_tho
 def test_the_advice_after_a_blow_up_has_both_numbers_even_if_none_was_looked_for_before():
     system = hanging(3)
     dt = 0.5 * critical_step(system).bound
-    plan = Plan.new(system, VelocityVerlet(dt=dt), None, pushed(system), 0.0, "lumped", None, None, Outlets(None, 10, None))
+    plan = plan_of(system, VelocityVerlet(dt=dt))
     assert re.search("critical step .* s, safe bound .* s when", StableStep(plan).advice())
