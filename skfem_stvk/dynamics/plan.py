@@ -154,14 +154,13 @@ class Plan:
             state,
             clock,
             places,
-            None,
-            saved.ledger,
-            now.steps,
-            now.cuts,
-            looks,
-            counts,
-            dict(header.seconds),
-            good,
+            ledger=saved.ledger,
+            steps=now.steps,
+            cuts=now.cuts,
+            looks=looks,
+            counts=counts,
+            seconds=dict(header.seconds),
+            good=good,
         )
         return plan, problem, header
 
@@ -189,7 +188,6 @@ class Plan:
     def packed(self, rows: int) -> tuple[dict[str, Any], dict[str, Array]]:
         """What a checkpoint needs: what JSON can write, and arrays; `rows`: how many the ledger has."""
         outlets, good = self.outlets, self.good
-        assert outlets is not None
         about: dict[str, Any] = {"now": _packed(self, rows), "good": None, "every": outlets.every}
         about |= {"counts": vars(self.counts), "seconds": self.seconds}
         about["save"] = None if outlets.series is None else str(outlets.series.path)
