@@ -51,3 +51,9 @@ def test_the_quick_version_takes_the_quick_cases(monkeypatch, capsys):
 def test_a_case_that_is_not_there_is_told():
     with pytest.raises(SystemExit, match="There is no case 'meshes/nothing'"):
         hostile.main(case=["meshes/nothing"])
+
+
+def test_the_quick_version_finds_nothing_in_any_family(capsys):
+    assert hostile.main(quick=True) == 0, capsys.readouterr().out
+    out = capsys.readouterr().out
+    assert "none is wrong" in out and all(f" {family} " in out for family in hostile.NAMES)

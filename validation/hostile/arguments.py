@@ -66,6 +66,7 @@ def case_of(call: Call, argument: str, value: Hostile) -> Case:
         attempt,
         partial(_judge, call, argument, value),
         partial(_refused, re.compile(call.called.get(argument, CALLED.get(argument, rf"\b{argument}\b")))),
+        quick=value.name == "1j",
     )
 
 
