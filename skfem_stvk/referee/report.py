@@ -12,7 +12,7 @@ from typing import Any
 from .. import arguments
 from ..arguments import path
 from ..errors import StvkError
-from ..results.files import replacing
+from ..results.files import cannot_write, replacing
 from .results import Outcome, Result
 
 
@@ -97,13 +97,10 @@ class Report:
         folder = path("folder", folder, "the path of a folder")
         try:
             folder.mkdir(parents=True, exist_ok=True)
-            _write(folder / "report.json", json.dumps(self.to_dict(), indent=1))
-            _write(folder / "report.html", self._page())
         except OSError as error:
-            raise StvkError(
-                f"{error.filename2 or error.filename or folder}: the report cannot be written: {error.strerror or error}. "
-                "Make room, change the permissions, or choose another folder; what stood there before is left as it was."
-            ) from error
+            raise cannot_write(folder, error) from error
+        _write(folder / "report.json", json.dumps(self.to_dict(), indent=1))
+        _write(folder / "report.html", self._page())
         return folder
 
     def _page(self) -> str:
