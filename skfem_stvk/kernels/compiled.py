@@ -54,7 +54,8 @@ def kernel(function: Function, **more: Any) -> Function:
         compiled = numba.njit(**options)(function)
         _Announcement.kept = "in every process: no folder can be written to. Set NUMBA_CACHE_DIR to one that can"
     else:
-        keep_with_care(compiled)
+        if compiled is not function:  # as it is where numba is switched off
+            keep_with_care(compiled)
     return compiled
 
 

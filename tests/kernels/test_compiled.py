@@ -101,3 +101,9 @@ def test_what_overflows_is_not_optimised_away():
         return a / b if a == a else -1.0
 
     assert ratio(np.nan, 1.0) == -1.0 and ratio(1.0, 0.0) == np.inf
+
+
+def test_kernels_run_as_plain_functions_where_numba_is_switched_off(tmp_path):
+    environment = {**os.environ, "NUMBA_DISABLE_JIT": "1", "PYTHONPATH": str(ROOT)}
+    done = subprocess.run([sys.executable, "-c", TWO_KERNELS], env=environment, capture_output=True, text=True, timeout=100)
+    assert done.returncode == 0 and done.stderr == "", done.stderr
