@@ -7,6 +7,7 @@ from skfem_stvk import Gravity, System
 from skfem_stvk.dynamics import BackwardEuler, EnergyMomentum, ForwardEuler, GeneralizedAlpha, Newmark, VelocityVerlet, simulate
 from skfem_stvk.dynamics.critical_step import critical_step
 from skfem_stvk.dynamics.integrators import ENERGY
+from skfem_stvk.dynamics.integrators.implicit import ImplicitStepper
 from validation import dynamics
 from validation.dynamics import (
     csm3,
@@ -15,6 +16,7 @@ from validation.dynamics import (
     large_steps,
     limit,
     step_cost,
+    step_solvers,
     studies,
     tangents,
     vibrations,
@@ -188,6 +190,22 @@ def test_a_tangent_that_breaks_is_seen(monkeypatch):
     assert any(failure.startswith("diagonal, 1 times") and "error" in failure for failure in failures)
 
 
+def test_a_solver_that_leads_elsewhere_is_seen():
+    system = cantilever(1)
+    loose, tight = (
+        step_solvers.stepped(system, BackwardEuler(dt=0.02, rtol=rtol), np.zeros(system.ndofs), 2) for rtol in (1e-1, 1e-10)
+    )
+    assert not list(step_solvers._unlike("a body", {"one": tight, "other": tight}))
+    failures = list(step_solvers._unlike("a body", {"one": loose, "other": tight}))
+    assert len(failures) == 2 and "motions with one and other differ" in failures[0] and "iterations with one" in failures[1]
+
+
+def test_more_iterations_with_ssor_are_seen(monkeypatch):
+    monkeypatch.setattr(step_solvers, "PART", 0.1)
+    study = step_solvers._of_eq9(quick=True)
+    assert not study.passed and "iterations with SSOR" in study.failures[0]
+
+
 def test_the_command_says_what_does_not_hold(monkeypatch, capsys):
     broken = Study("a study", "1 = 2", ("number",), (("1",),), ("1 is not 2",))
     monkeypatch.setattr(studies, "limit", lambda quick, folder: [broken])
@@ -208,3 +226,13 @@ def test_as_many_steps_as_forces_are_timed_in_turn(integrator, monkeypatch):
     system = step_cost.Interleaved(body.mesh, [*body.terms, Gravity((0.0,) * (body.mesh.d - 1) + (-9.81,))])
     first, rounds = step_cost._rounds(system, integrator, 3)
     assert first == 1 and np.array_equal(rounds, np.ones((3, 2)))
+
+
+def test_the_first_step_is_not_timed(monkeypatch):
+    """By a clock that counts steps."""
+    steps, body = [], cantilever(1)
+    step = ImplicitStepper.step
+    monkeypatch.setattr(ImplicitStepper, "step", lambda self, state, t: steps.append(t) or step(self, state, t))
+    monkeypatch.setattr(step_solvers, "clock", lambda: float(len(steps)) ** 2)
+    found = step_solvers.stepped(body, BackwardEuler(dt=0.01), np.zeros(body.ndofs), 3)
+    assert found.seconds == (4**2 - 1) / 3 and np.allclose(steps, [0.01, 0.02, 0.03, 0.04])

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 NAMES = (
     *("independent", "csm3", "flight", "vibrations", "limit", "large-steps", "fast-swings", "blow-ups", "tangents"),
-    *("work-precision", "speed"),
+    *("work-precision", "speed", "step-solvers"),
 )
 
 

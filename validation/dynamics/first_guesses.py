@@ -6,10 +6,9 @@ import numpy as np
 
 from skfem_stvk import System
 from skfem_stvk.dynamics import LinearBackwardEuler
-from skfem_stvk.dynamics.motion import Motion
-from skfem_stvk.dynamics.state import State
 
 from ..statics.study import Study
+from .scenes import begun
 from .swing import bar, eq9, push
 
 #: Cells across the bar, and the steps that are counted.
@@ -43,10 +42,7 @@ def first_guesses(quick: bool) -> Study:
 
 def _iterations(system: System, integrator: LinearBackwardEuler, v: np.ndarray, steps: int, whole: bool) -> int:
     """Of so many steps from rest; without the acceleration unless `whole`."""
-    motion = Motion(system, "lumped", None)
-    stepper, state = integrator.stepper(motion), State.at(0.0, np.zeros_like(v), v)
-    state.v[motion.free.fixed] = 0.0
-    stepper.start(state)
+    stepper, state = begun(system, integrator, v)
     for k in range(steps):
         stepper.step(state, (k + 1) * integrator.dt)
         if not whole:

@@ -13,6 +13,9 @@ from numpy.typing import NDArray
 
 from skfem_stvk import Gravity, SimplexMesh, StVK, StvkWarning, System
 from skfem_stvk.dynamics import Integrator, Run, SimulationError, Status, simulate
+from skfem_stvk.dynamics.integrators.implicit import Implicit, ImplicitStepper
+from skfem_stvk.dynamics.motion import Motion
+from skfem_stvk.dynamics.state import State
 
 from ..statics.meshes import moved_box
 
@@ -40,6 +43,15 @@ def reached(system: System, integrator: Integrator, **options: Any) -> Run:
     if run.status not in (Status.FINISHED, Status.INVERTED):
         raise SimulationError(run)
     return run
+
+
+def begun(system: System, integrator: Implicit, v: Array) -> tuple[ImplicitStepper, State]:
+    """A stepper and its first state, undeformed with velocities `v` (ndofs,) [m/s]: for steps that are made one by one, without a ledger."""
+    motion = Motion(system, "lumped", None)
+    stepper, state = integrator.stepper(motion), State.at(0.0, np.zeros_like(v), v)
+    state.v[motion.free.fixed] = 0.0
+    stepper.start(state)
+    return stepper, state
 
 
 @contextmanager

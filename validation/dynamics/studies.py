@@ -19,6 +19,7 @@ from .independent import independent
 from .large_steps import large_steps
 from .limit import limit
 from .real_time import speed
+from .step_solvers import step_solvers
 from .tangents import tangents
 from .vibrations import vibrations
 from .work_precision import work_precision
@@ -38,6 +39,7 @@ def run(names: Sequence[str], quick: bool, out: str | None) -> int:
         "tangents": tangents,
         "work-precision": work_precision,
         "speed": speed,
+        "step-solvers": step_solvers,
     }
     folder = None if out is None else Path(out)
     if folder is not None:
