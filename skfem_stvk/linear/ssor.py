@@ -28,5 +28,5 @@ class SsorCg(BlockJacobiCg):
     """
 
     name: ClassVar[str] = "ssor-cg"
-    #: A tenth fewer iterations than with 1 in time steps, a quarter fewer in statics; beyond 1.6 they grow.
+    #: A sixth to an eighth fewer iterations than with 1 in time steps, a quarter fewer in statics; beyond 1.6 they grow.
     omega: ClassVar[float] = 1.4

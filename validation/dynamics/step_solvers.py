@@ -134,7 +134,7 @@ def _converged(quick: bool) -> Study:
         ("tetrahedra", "integrator", *(f"{name}, ms" for name in SOLVERS), "Newton iterations"),
         tuple(rows),
         tuple(failures),
-        (f"per step of the bar of soft tissue, E = {YOUNG:g} Pa, means of {' and '.join(map(str, sizes.values()))} steps",),
+        (f"per step of the bar of soft tissue, E = {YOUNG:g} Pa, means of {', '.join(map(str, sizes.values()))} steps by size",),
     )
 
 
@@ -143,9 +143,12 @@ def _available() -> list[str]:
 
 
 def _cells(found: dict[str, Steps]) -> Iterator[str]:
-    """Times of the table, in the order of `SOLVERS`."""
+    """Times of the table to three digits, in the order of `SOLVERS`."""
     for name in SOLVERS:
-        yield f"{1e3 * found[name].seconds:.3g}" if name in found else "not run" if name in _available() else "not installed"
+        if name in found:
+            yield np.format_float_positional(1e3 * found[name].seconds, 3, fractional=False, trim="-")
+        else:
+            yield "not run" if name in _available() else "not installed"
 
 
 def _unlike(what: str, found: dict[str, Steps]) -> Iterator[str]:
