@@ -44,8 +44,7 @@ def output_path(path: str | os.PathLike[str], *suffixes: str) -> Path:
     if path.exists() and not path.is_file():
         raise StvkError(f"{path} is {'a folder' if path.is_dir() else 'no regular file'}; expected the path of a file.")
     try:
-        _beside(path).touch()
-        _beside(path).unlink()
+        _try_to_write(path.with_name(f".{path.name}.{os.getpid()}"))
     except OSError as error:
         raise StvkError(f"{path} cannot be written: {error.strerror}. Choose another folder, or change its permissions.") from error
     return path
@@ -90,6 +89,12 @@ def cannot_write(path: Path, error: OSError) -> WriteError:
     return said
 
 
+def _try_to_write(probe: Path) -> None:
+    """Make a file and remove it; its name is that of no file which another process may be writing there now."""
+    probe.touch()
+    probe.unlink(missing_ok=True)
+
+
 def _beside(path: Path) -> Path:
     return path.with_name(f".{path.name}.part")
 
@@ -114,9 +119,7 @@ def output_folder(path: Path) -> Path:
     """
     try:
         path.mkdir(exist_ok=True)
-        probe = path / ".part"
-        probe.touch()
-        probe.unlink()
+        _try_to_write(path / f".{os.getpid()}")
     except OSError as error:
         raise StvkError(
             f"The checkpoint {path} cannot be written: {error.strerror}. Does its parent exist, and is it a folder?"

@@ -7,7 +7,7 @@ from bodies import MESHES, state
 
 from skfem_stvk import SimplexMesh, StateError, StVK, StvkError, embedded_mesh, read_mesh
 from skfem_stvk.results import Fields, names, write_vtu
-from skfem_stvk.results.files import output_path, replacing
+from skfem_stvk.results.files import output_folder, output_path, replacing
 
 
 def at(mesh, **term):
@@ -99,7 +99,7 @@ def test_places_that_cannot_be_written_are_refused(tmp_path):
     (tmp_path / "folder.vtu").mkdir()
     with pytest.raises(StvkError, match="is a folder"):
         output_path(tmp_path / "folder.vtu", ".vtu")
-    (tmp_path / ".taken.vtu.part").mkdir()  # stands for a folder without permission, which root would have
+    (tmp_path / f".taken.vtu.{os.getpid()}").mkdir()  # stands for a folder without permission, which root would have
     with pytest.raises(StvkError, match=r"cannot be written: .* Choose another folder"):
         output_path(tmp_path / "taken.vtu", ".vtu")
 
@@ -109,6 +109,18 @@ def test_a_folder_without_permission_is_refused(tmp_path):
     tmp_path.chmod(0o500)
     with pytest.raises(StvkError, match="cannot be written: Permission denied"):
         output_path(tmp_path / "body.vtu", ".vtu")
+
+
+def test_whoever_asks_for_a_place_leaves_what_is_being_written_there(tmp_path):
+    path, folder = tmp_path / "body.vtu", tmp_path / "steps"
+    with replacing(path) as part:
+        part.write_text("new")
+        output_path(path, ".vtu")
+    with replacing(output_folder(folder) / "a") as part:
+        part.write_text("new")
+        output_folder(folder)
+    assert path.read_text() == "new" == (folder / "a").read_text()
+    assert sorted(file.name for file in tmp_path.rglob("*")) == ["a", "body.vtu", "steps"]
 
 
 def test_a_file_is_replaced_whole_or_not_at_all(tmp_path):
