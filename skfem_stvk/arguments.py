@@ -242,7 +242,7 @@ def own(specification: Any) -> None:
 def frozen(given: Any, depth: int = 8) -> Any:
     """A copy that does not change with the original: arrays that cannot be written to, lists and dicts with all that is in them.
 
-    Other objects, such as functions, are handed back, and so is what lies deeper than `depth`: nothing of use does, and a list may hold itself.
+    A series of pandas becomes an array, as does whatever else NumPy takes for one. Other objects, such as functions, are handed back, and so is what lies deeper than `depth`: nothing of use does, and a list may hold itself.
 
     >>> values = np.array([1.0, 2.0])
     >>> kept = frozen([values, "x"])
@@ -260,6 +260,9 @@ def frozen(given: Any, depth: int = 8) -> Any:
         return {key: frozen(value, depth - 1) for key, value in given.items()}
     if depth and type(given) in (list, tuple):
         return type(given)(frozen(one, depth - 1) for one in given)
+    if hasattr(given, "__array__") and not callable(given) and not isinstance(given, np.generic):
+        values = plain_array(given)
+        return given if values is None else frozen(values)
     return set(given) if isinstance(given, set) else given
 
 

@@ -119,6 +119,25 @@ def test_lists_are_kept_too(name):
     assert answer(terms) == pytest.approx(expected)
 
 
+class Series:
+    """What NumPy takes for an array, as it does a series of pandas."""
+
+    def __init__(self, values):
+        self.values = values
+
+    def __array__(self, dtype=None, copy=None):
+        return self.values if dtype is None else self.values.astype(dtype)
+
+
+def test_what_numpy_takes_for_an_array_is_kept_too():
+    ids, forces = WALL.copy(), np.ones((3, len(WALL)))
+    terms = with_load(NodalLoad(Series(ids), Series(forces)))
+    expected = answer(with_load(NodalLoad(WALL, np.ones((3, len(WALL))))))
+    ids[:] = ids[::-1].copy() + 1
+    forces *= 2
+    assert np.array_equal(answer(terms), expected)
+
+
 def test_every_public_specification_is_in_the_table():
     plain = {"BackwardEuler", "EdgeDamping", "EnergyMomentum", "ForwardEuler", "GeneralizedAlpha", "LinearBackwardEuler", "Newmark"}
     plain |= {"Rayleigh", "VelocityVerlet"}  # numbers and names only, which cannot change
