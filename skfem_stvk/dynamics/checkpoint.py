@@ -139,7 +139,7 @@ class Checkpoint:
     Parameters
     ----------
     place : the folder, which is made if it is not there; until 1.0 also a .npz file in a folder that exists.
-    named : the argument by which it came; until 1.0 also "resume".
+    named : the argument that gave it; until 1.0 also "resume".
 
     Raises
     ------

@@ -93,7 +93,7 @@ class Modes:
         )
 
     def save(self, path: str | os.PathLike[str], scale: float | None = None) -> Path:
-        """Write all modes as a series for ParaView, whose time is the number of the mode, or none: errors as of `results.write_vtu`."""
+        """Write all modes as a series for ParaView, whose time is the number of the mode, or none: errors as in `results.write_vtu`."""
         return save_series(path, ["von_mises_stress"], ((number, self.state(number, scale)) for number in range(len(self))))
 
     def _named(self, number: int) -> str:

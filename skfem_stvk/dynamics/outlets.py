@@ -25,7 +25,7 @@ class Asked:
 
     Attributes
     ----------
-    save, every, overwrite : as of `simulate`.
+    save, every, overwrite : as in `simulate`.
     checkpoint : what is written, and resumed.
     source : the file to go on from, None to begin anew.
     """

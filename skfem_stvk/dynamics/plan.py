@@ -48,7 +48,7 @@ class Snapshot:
 
 @dataclass(frozen=True)
 class Beginning:
-    """What a run begins with, as of `simulate`; of one that is resumed, what is given again."""
+    """What a run begins with, as in `simulate`; of one that is resumed, what is given again."""
 
     integrator: Integrator | None
     u0: ArrayLike | None

@@ -23,7 +23,7 @@ def constant(value: ArrayLike, name: str, low: float = -np.inf, high: float = np
     """
     given = real_array(value)
     if given is None:
-        raise MaterialError(f"{name} = {shown(value)} is not a number, nor an array with one value an element.")
+        raise MaterialError(f"{name} = {shown(value)} is not a number, nor an array with one value per element.")
     array = np.array(given)  # a copy: materials are frozen
     if not array.size or array.shape not in (shape, (len(array) if array.ndim else 0, *shape)):
         raise MaterialError(

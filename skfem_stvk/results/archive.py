@@ -57,7 +57,7 @@ def write_archive(path: Path, header: Mapping[str, Any], arrays: Mapping[str, Ar
 
 
 def read_header(path: Path, schema: type[Header], known: tuple[str, int], remedy: str) -> Header:
-    """The header, without the arrays; parameters and errors as of `read_archive`."""
+    """The header, without the arrays; parameters and errors as in `read_archive`."""
     return _read(path, schema, known, remedy, only_header=True)[0]
 
 

@@ -22,7 +22,7 @@ MOST_NAMED = 5
 def branch_end(problem: Equilibrium, start: Array, t0: float, u: Array, t: float) -> str:
     """What there is to say of the last state `u` (ndofs,) of a path that began at `start`; nothing if its tangent is as stiff as ever.
 
-    Nothing of a K that is not symmetric, either, as of loads that follow the body.
+    Nothing is said of a K that is not symmetric either, as loads that follow the body make it.
     """
     try:
         before = _lowest(problem, start, t0)

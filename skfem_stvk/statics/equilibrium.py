@@ -321,7 +321,7 @@ def with_loads(solver: LinearSolver, system: System) -> LinearSolver:
         return solver
     if not isinstance(solver, BlockJacobiCg):
         raise StvkError(
-            f"solver '{solver.name}' came, which forms no matrix; expected one that does, such as 'amg-cg' or 'superlu': a load depends on "
+            f"solver = '{solver.name}', which forms no matrix; expected one that does, such as 'amg-cg' or 'superlu': a load depends on "
             "where the body goes, and its stiffness is added to a matrix."
         )
     return replace(solver, assembled=True)
@@ -333,7 +333,7 @@ def dot(x: Array, y: Array) -> float:
 
 
 def norm(x: Array) -> float:
-    """`|x|`, likewise; of entries whose squares are too small or too large for a number, too: forces of 1e-200 N are not nothing."""
+    """`|x|` without BLAS, also of entries whose squares are too small or too large for a number: forces of 1e-200 N are not nothing."""
     with np.errstate(over="ignore", under="ignore"):
         square = dot(x, x)
     if SQUARES[0] < square < SQUARES[1] or not len(x):

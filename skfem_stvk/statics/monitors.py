@@ -49,7 +49,7 @@ class Monitors:
 
         locking         Poisson's ratio above 0.45 in solids and plane strain, where linear simplices are far too stiff. Of materials that
                         are not isotropic that of the Reuss averages, `(3 K - 2 G)/(6 K + 2 G)`: the same stress in all directions
-        inside out      J <= 1e-9, of elements that fill their space: inside out or flat, as of `System.inside_out`
+        inside out      J <= 1e-9, of elements that fill their space: inside out or flat, as in `System.inside_out`
         compressed      smallest principal stretch below 1/sqrt(3), where uniaxial compression has its limit point
         not elliptic    strong ellipticity lost, if asked for: see `results.ellipticity`
 

@@ -25,7 +25,7 @@ MOMENTS = 0.5, 1.0
 
 
 class Outlets(NamedTuple):
-    """What a solve writes while it goes, as of `solve_static`."""
+    """What a solve writes while it goes, as in `solve_static`."""
 
     save: str | os.PathLike[str] | None
     checkpoint: str | os.PathLike[str] | None

@@ -102,7 +102,7 @@ class StaticResult:
     def save(self, path: str | os.PathLike[str], fields: Sequence[str] = DEFAULT) -> Path:
         """Write displacements and fields: of the last good state to a .vtu file, of the whole path to a .pvd file with one .vtu a step.
 
-        All files are written beside and renamed into place, or none. Errors as of `results.write_vtu`.
+        All files are written beside and renamed into place, or none. Errors as in `results.write_vtu`.
         """
         if arguments.path("path", path, "the path of a .vtu or of a .pvd file").suffix != ".pvd":
             return write_vtu(path, self.state, fields)

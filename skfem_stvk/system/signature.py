@@ -31,7 +31,7 @@ class Record(BaseModel):
 
 
 class Signature(Record):
-    """Of a problem, as it stands in each file of a run.
+    """The signature of a problem, as it stands in each file of a run.
 
     Attributes
     ----------
@@ -52,7 +52,7 @@ class Problem:
 
     Parameters
     ----------
-    kind, method, moments : as of `Signature`.
+    kind, method, moments : as in `Signature`.
     start : what else the states depend on, such as `u0`: by name a few numbers, see `sums`.
     """
 

@@ -64,7 +64,7 @@ def test_a_solver_that_takes_no_matrix_is_refused():
         def analyse(self, unknowns):
             raise AssertionError
 
-    with pytest.raises(StvkError, match=r"solver 'free' came, which forms no matrix; expected one that does"):
+    with pytest.raises(StvkError, match=r"solver = 'free', which forms no matrix; expected one that does"):
         solve_static(tied(), solver=Free(), quiet=True)
 
 
