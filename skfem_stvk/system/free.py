@@ -30,12 +30,13 @@ class Patterned(Protocol):
         """Of K."""
 
 
-def _numbers(name: str, given: Any, n: int) -> Array:
-    """A number, or (n,) of them, in the precision in which they come."""
+def _numbers(name: str, given: Any, n: int) -> NDArray[Any]:
+    """A number, or (n,) of them, in the precision in which they come; complex ones as well, such as parts of modes."""
     values = plain_array(given)
-    if values is None or values.dtype.kind not in "fiu" or values.shape not in ((n,), ()):
-        what = f"has shape {values.shape}" if values is not None and values.dtype.kind in "fiu" else f"= {shown(given)}"
-        raise StvkError(f"{name} {what}; expected ({n},), one value for each {name} degree of freedom.")
+    if values is None or values.dtype.kind not in "fiuc":
+        raise StvkError(f"{name} = {shown(given)}; expected ({n},) numbers, one for each {name} degree of freedom.")
+    if values.shape not in ((n,), ()):
+        raise StvkError(f"{name} has shape {values.shape}; expected ({n},), one value for each {name} degree of freedom.")
     if not np.isfinite(values).all():
         raise StateError(f"{name} is not finite in {name_ids(np.flatnonzero(~np.isfinite(values)), 'entry')}.")
     return values

@@ -62,6 +62,7 @@ class Problem:
         self._system, self._method, self._kind = system, dict(method), kind
         self._start = {name: [float(value) for value in values] for name, values in start.items()}
         self._moments = [float(t) for t in moments]
+        self._known: dict[tuple[float, ...], dict[str, list[float]]] = {}
 
     @cached_property
     def signature(self) -> Signature:
@@ -86,6 +87,12 @@ class Problem:
         return "; ".join([*was, *([f"{', '.join(changed)} changed"] if changed else [])])
 
     def _numbers(self, moments: Sequence[float]) -> dict[str, list[float]]:
+        """What is worked out for these moments, once: a path has a file for each state."""
+        if tuple(moments) not in self._known:
+            self._known[tuple(moments)] = self._worked_out(moments)
+        return self._known[tuple(moments)]
+
+    def _worked_out(self, moments: Sequence[float]) -> dict[str, list[float]]:
         """Numbers that change with the mesh, the terms, the supports, and loads and prescribed displacements at these moments."""
         system, mesh = self._system, self._system.mesh
         x = mesh.p.T - mesh.p.mean(axis=1)
