@@ -177,8 +177,8 @@ class Series:
             then = read_problem(self.path)
         except (ET.ParseError, ValidationError, ValueError, OSError) as error:
             raise StvkError(
-                f"{self.path} is there already, and does not say of which problem it is ({type(error).__name__}). Name another series, or replace it "
-                "with overwrite=True."
+                f"{self.path} is there already, and does not say of which problem it is: another program or release wrote it, or result.save(...). Name "
+                "another series, or replace it with overwrite=True."
             ) from error
         differences = self._problem.differences(then)
         if differences:
