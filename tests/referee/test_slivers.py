@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+import skfem
 from bodies import box
 
 from skfem_stvk import Isotropic, SimplexMesh, StVK, System, verify
@@ -125,3 +126,17 @@ def test_vertices_of_flat_elements_alone_belong_to_the_truth():
     assert (
         np.abs(truth.internal_force(u) - System(body, TERM).internal_force(u)).max() < 1e-9 * np.abs(truth.internal_force(u)).max()
     )
+
+
+@pytest.mark.parametrize(("element", "vertices", "off"), [(147, (1, 2, 0, 3), 4e-4), (161, (2, 3, 1, 0), 1e-3)])
+def test_slivers_around_a_vertex_almost_in_the_plane_of_its_neighbours_pass(element, vertices, off):
+    """There are up to six of them, around an edge, and what they lose adds up."""
+    mesh = skfem.MeshTet.init_tensor(*[np.linspace(0, 1, 4)] * 3)
+    p = mesh.p.copy()
+    a, b, c, apex = (p[:, vertex] for vertex in mesh.t[list(vertices), element])
+    normal = np.cross(b - a, c - a) / np.linalg.norm(np.cross(b - a, c - a))
+    p[:, mesh.t[vertices[3], element]] -= normal * ((apex - a) @ normal) * (1 - off)
+    mesh = SimplexMesh(p, mesh.t)
+    assert (aspect_ratios(mesh) > 500).sum() > 1
+    report = verify(mesh, StVK(young=1e5, poisson=0.0), quiet=True)
+    assert not report.failures()
