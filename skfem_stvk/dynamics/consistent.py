@@ -70,7 +70,7 @@ def _check_moment(saved: Saved, moment: MomentRecord, prefix: str, motion: Motio
         raise ValueError(f"{moment.steps} steps, {moment.cuts} of them cut and {clock.count} of one length, for {moment.rows} rows")
     if moment.t != clock.start + clock.count * clock.dt or moment.t != times[-1]:
         raise ValueError(
-            f"t = {moment.t!r}, but its clock has {clock.count} steps of {clock.dt!r} from {clock.start!r}, its ledger ends at {times[-1]!r}"
+            f"t = {moment.t!r}, but its clock has {clock.count} steps of {clock.dt!r} from {clock.start!r}, its ledger ends at {float(times[-1])!r}"
         )
     if not np.array_equal(times[moment.steps - clock.count :], clock.start + np.arange(clock.count + 1) * clock.dt):
         raise ValueError("the times of its ledger are not those of its clock")

@@ -68,6 +68,8 @@ def quietly(path: Path) -> meshio.Mesh:
             return meshio.read(path)
     except SystemExit as error:  # how meshio gives up, after printing why
         raise Damaged(" ".join(printed.getvalue().split()) or "meshio does not say why") from error
+    except KeyError as error:  # how meshio looks up ids
+        raise Damaged(f"it names {error.args[0]!r}, which is not defined in it") from error
 
 
 def unpacked(path: Path) -> meshio.Mesh:

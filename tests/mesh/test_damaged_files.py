@@ -235,3 +235,14 @@ def test_what_meshio_leaves_out_is_noticed_by_its_number(tmp_path):
     (tmp_path / "mesh.su2").write_text(first + "\n10 " + rest[0] + "\n" + "".join("\n10 " + row for row in rest[1:]))
     with pytest.raises(MeshError, match="40 cells are declared, 39 were read"):
         read_mesh(tmp_path / "mesh.su2")
+
+
+def test_a_node_that_nastran_does_not_define_is_named(tmp_path):
+    """The id of one node stands twice, its own one nowhere; meshio ends in a KeyError."""
+    file = tmp_path / "mesh.nas"
+    write(file, TETS.p.T, [("tetra", TETS.t.T)])
+    text = file.read_text()
+    file.write_text(text.replace(f"{'GRID*':8}{2:<16}", f"{'GRID*':8}{1:<16}", 1))
+    assert file.read_text() != text
+    with pytest.raises(MeshError, match="names 2, which is not defined in it"):
+        read_mesh(file)
