@@ -213,3 +213,19 @@ def test_the_norm_of_any_numbers_is_one(size):
     assert norm(size * np.array([3.0, 0.0, -4.0])) == pytest.approx(5 * size)
     assert norm(np.zeros(3)) == norm(np.empty(0)) == 0
     assert norm(np.array([1.0, np.inf])) == np.inf and np.isnan(norm(np.array([1.0, np.nan])))
+
+
+def test_the_forces_of_a_far_start_are_not_what_the_path_is_held_against(tmp_path):
+    """They are 1e9 times as large as the loads, and would let go of the path; a resumed one is held to the same."""
+    system = bent()
+    far = (system.mesh.p.T * [400.0, 300.0, 200.0]).ravel()
+    result = solve_static(system, steps=3, u0=far, checkpoint=tmp_path / "path", quiet=True)
+    forces, held = system.residual(result.u), system.supports.held
+    free = np.setdiff1d(np.arange(system.ndofs), held)
+    scale = np.linalg.norm(system.external_force(result.u)) + np.linalg.norm(forces[held])
+    assert result.history[0].t == 0 and np.linalg.norm(system.internal_force(far)) > 1e8 * scale
+    assert np.linalg.norm(forces[free]) < 1e-8 * scale
+    for file in sorted((tmp_path / "path").glob("*.npz"))[1:]:
+        file.unlink()
+    resumed = solve_static(system, steps=3, u0=far, checkpoint=tmp_path / "path", resume=True, quiet=True)
+    np.testing.assert_array_equal(resumed.u, result.u)

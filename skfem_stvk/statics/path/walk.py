@@ -65,6 +65,7 @@ class Walk(ABC):
             outcome = self._begin()
             if outcome is not None:
                 yield outcome
+                self._leave_the_start()
         while not self._lost and not self.reached:
             outcome = self._advance()
             if outcome is None:
@@ -83,6 +84,11 @@ class Walk(ABC):
         self._lost, self._point = isinstance(outcome, Attempt), None
         return outcome if isinstance(outcome, Attempt) else self._accept(self.t, *outcome)
 
+    def _leave_the_start(self) -> None:
+        """Hold what comes to the forces of the states found: those of a tangled start may be a million times as large."""
+        self.problem.largest = 0.0
+        self.problem.accept(self.u, self.t)
+
     @abstractmethod
     def _start(self, t: float) -> Array:
         """Where Newton's method starts; its held degrees of freedom are where they belong at `t`."""
@@ -97,11 +103,13 @@ class Walk(ABC):
 
     def resume(self, steps: list[Step], saved: dict[str, Any]) -> None:
         """Stand where another walk stood when it had found these states."""
-        last = steps[-1]
+        last, t0 = steps[-1], self.t
         self._size, self._first, self.problem.largest = saved["size"], saved["first"], saved["largest"]
         self.reached, self.t, self.u = saved["reached"], last.t, last.u
         self._allowed = len(self.problem.inside_out(last.u))
         self._point = Point(last.u, last.t, last.negative, last.lowest)
+        if len(steps) == 1 and last.t == t0:
+            self._leave_the_start()
 
     def _newton(self, start: Array, t: float, full_first: bool) -> tuple[Array, End, Iterations] | Attempt:
         """Newton's method at the load factor `t`, unless the start is inside out."""
