@@ -144,9 +144,10 @@ class FreeDofs:
         StvkError
             if there are not as many values.
         """
-        values = _numbers("free", free, len(self.free)), _numbers("fixed", fixed, len(self.fixed))
-        x = np.empty(self._system.ndofs, dtype=np.result_type(values[0], np.float32, *values[1:][: values[1].ndim]))
-        x[self.free], x[self.fixed] = values
+        inner, outer = _numbers("free", free, len(self.free)), _numbers("fixed", fixed, len(self.fixed))
+        least = np.complex64 if outer.dtype.kind == "c" else np.float32  # one number for all does not ask for more precision
+        x = np.empty(self._system.ndofs, dtype=np.result_type(inner, outer if outer.ndim else least, least))
+        x[self.free], x[self.fixed] = inner, outer
         return x
 
     def __repr__(self) -> str:

@@ -189,6 +189,7 @@ def test_vector_is_the_inverse_of_slicing(dtype):
     assert (HELD.vector(x[HELD.free], 0.25)[HELD.fixed] == 0.25).all()
     assert HELD.vector([1] * len(HELD.free)).dtype == np.float64
     assert np.array_equal(HELD.vector((1 + 2j) * x[HELD.free], (1 + 2j) * x[HELD.fixed]), (1 + 2j) * x)
+    assert (HELD.vector(x[HELD.free], 3 + 1j)[HELD.fixed] == 3 + 1j).all()
 
 
 def test_a_vector_of_another_length_is_refused():

@@ -22,6 +22,8 @@ OPTIONAL = frozenset({"None"})
 POSITIVE = frozenset({"0.5"})
 NOT_NEGATIVE = POSITIVE | {"0"}
 NUMBER = NOT_NEGATIVE | {"-1"}
+#: Legal for vectors that may be parts of complex modes.
+COMPLEX = frozenset({"1j", "0-d complex", "complex", "complex without imaginary part"})
 #: Legal for texts that are shown as they are.
 TEXT = frozenset({"text", "number as text", "empty text", "long text", "NUL", "control characters", "lone surrogate"})
 NOTHING_LISTED = frozenset({"empty list", "empty dict"})

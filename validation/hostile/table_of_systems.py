@@ -12,7 +12,7 @@ from skfem_stvk.system import Supports
 from skfem_stvk.terms.load import Moment
 
 from .call import Call
-from .small_bodies import NUMBER, OPTIONAL, call, displacements, system
+from .small_bodies import COMPLEX, NUMBER, OPTIONAL, call, displacements, system
 
 #: Functions of displacements alone, and of displacements and the load factor.
 OF_U = (
@@ -76,7 +76,13 @@ def calls() -> list[Call]:
         call("System.linear_operator of tensions", lambda kept: body.linear_operator(u, kept=kept).matvec(u), kept=TENSILE),
         call("TangentOperator.prepare", lambda **given: body.linear_operator(u).prepare(**given), u=u),
         call("FreeDofs.matrix", held.matrix, {"out": OPTIONAL}, K=K, out=restricted),
-        call("FreeDofs.vector", held.vector, dict.fromkeys(("free", "fixed"), NUMBER), free=np.arange(10.0), fixed=[0.5, 0.25]),
+        call(
+            "FreeDofs.vector",
+            held.vector,
+            dict.fromkeys(("free", "fixed"), NUMBER | COMPLEX),
+            free=np.arange(10.0),
+            fixed=[0.5, 0.25],
+        ),
         call("Mass.multiply", mass.multiply, v=u),
         call("Mass.solve", mass.solve, f=u),
         call("consistent Mass.multiply", body.mass("consistent").multiply, v=u),
