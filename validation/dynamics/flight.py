@@ -40,7 +40,7 @@ RTOL, KEPT = 1e-12, 1e-10
 #: Energy and momentum over many steps, solved to round-off: `EXACT`; where the body flies through the room, its angular momentum about the origin to `FAR`.
 STEPS, QUICK_STEPS = 100_000, 1000
 #: Beside the six tetrahedra of those runs, at a seventh of the critical step, a body of 6 n^3 with steps of so many critical ones, and their number.
-REAL, TIMES, REAL_STEPS, QUICK_REAL_STEPS = 6, 10.0, 10_000, 20
+REAL, TIMES, REAL_STEPS, QUICK_REAL_STEPS = 6, 10.0, 2500, 20
 ROUND_OFF, EXACT, FAR = 3e-16, 1e-12, 1e-10
 SPIN, THROUGH = (1.0, 2.0, 10.0), (3.0, 1.5, -1.0)  # [rad/s], [m/s]
 SIDES = (0.4, 0.1, 0.15)
