@@ -20,6 +20,9 @@ from skfem.assembly.dofs import DofsView
 
 from .errors import StvkError, name_ids, name_known
 
+#: Numbers in an array, mostly of double precision: docstrings say the shape.
+Array = NDArray[Any]
+
 #: The longest path that systems take.
 LONGEST_PATH = 4096
 #: The largest whole number of 64 bits.

@@ -99,7 +99,8 @@ def arrays(system: stvk.System) -> Iterator[tuple[str, str]]:
     yield "W and F", digest(energy, force, system.internal_force(u), system.energy(u))
     K = system.tangent(u)
     yield "K", digest(K.data, K.indices, K.indptr)
-    yield "W, F, K", digest(*(x.data if hasattr(x, "indptr") else x for x in system.linearize(u)))
+    energy, force, K = system.linearize(u)
+    yield "W, F, K", digest(energy, force, K.data)
     yield (
         "jacobian",
         digest(system.jacobian(u, 0.6).data, system.jacobian(u, 0.6, kept=TENSILE).data, system.jacobian(u, 0.6, kept=NONE).data),

@@ -7,14 +7,12 @@ from functools import cached_property
 
 import numpy as np
 import skfem
-from numpy.typing import NDArray
 
+from ..arguments import Array
 from ..errors import StvkError
 from ..mesh import SimplexMesh
 from ..terms import StVK
 from .checkout import from_checkout
-
-Array = NDArray[np.float64]
 
 YOUNG, POISSON = 1e5, 0.3  # [Pa, -]; lambda = 1.5 mu
 EDGE_OF_PART = {5_000: 5.8e-3, 40_000: 2.15e-3, 250_000: 1.1e-3}  # [m] edges that give about as many tetrahedra

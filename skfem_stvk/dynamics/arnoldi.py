@@ -2,16 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import eig, eigh
 from scipy.sparse.linalg import LinearOperator
 
+from ..arguments import Array
 from .shift_invert import FEW, MORE, SAME, ShiftedProblem, first_shift, krylov
-
-Array = NDArray[Any]
 
 #: Directions of which less is left beside the others are rounding.
 SHORT = 1e-10

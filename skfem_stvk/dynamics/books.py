@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
-from numpy.typing import NDArray
 
+from ..arguments import Array
 from ..kernels import motion as kernels
 from ..statics.equilibrium import dot
 from ..terms.load import Moment
@@ -15,8 +13,6 @@ from .motion import Motion
 from .places import Places
 from .reactions import ground_forces, last_step
 from .state import State
-
-Array = NDArray[Any]
 
 
 class Books:

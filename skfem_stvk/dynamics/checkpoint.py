@@ -10,9 +10,9 @@ from types import TracebackType
 from typing import Annotated, Any, Literal, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import AllowInfNan, Field, ValidationError
 
+from ..arguments import Array
 from ..errors import StvkError, warn
 from ..results.archive import ArchiveHeader, NotOurs, read_archive, read_header, write_archive
 from ..results.files import output_folder, output_path
@@ -20,8 +20,6 @@ from ..results.one_writer import OneWriter
 from ..system.signature import Problem, Record, Signature, in_words
 from . import clock as clocks
 from .ledger import Ledger
-
-Array = NDArray[Any]
 
 FORMAT = "motion of skfem-stvk", 4
 NAME = "motion.npz"

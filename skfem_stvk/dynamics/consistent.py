@@ -2,19 +2,15 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
-from numpy.typing import NDArray
 
+from ..arguments import Array
 from ..statics.checkpoint import numbers
 from .checkpoint import MomentRecord, Saved
 from .integrators import Integrator
 from .ledger import Ledger, column_names
 from .motion import Motion
 from .places import Places
-
-Array = NDArray[Any]
 
 #: Of a state, what a checkpoint holds.
 ARRAYS = ("u", "v", "a", "reaction")

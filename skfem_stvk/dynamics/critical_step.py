@@ -4,10 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ..edges import ALL, Tensions
 from ..system import System, TangentOperator
@@ -15,8 +14,6 @@ from ..system.system import checked_system
 from ..terms.load import Moment
 from .damping import Damping, damping_factors
 from .largest import bound_on_eigenvalues, largest_eigenvalue
-
-Array = NDArray[Any]
 
 #: Estimates with damping at most, until the step changes by less than this part.
 MOST, PRECISION = 6, 1e-4

@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 from numpy.typing import NDArray
 
+from ..arguments import Array
 from ..errors import name_ids, warn
 from .motion import Motion
 from .state import State
-
-Array = NDArray[Any]
 
 #: A step over which a support moves so many times faster than ever before is looked at: halved so often, and then it is a jump if such a part of
 #: what it moved is still left. What is smooth, or has a kink, leaves next to nothing; a motion within a thousandth of a step is a jump to it.

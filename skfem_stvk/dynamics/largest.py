@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..arguments import Array
 from ..statics.equilibrium import dot
 from ..system import TangentOperator
 from ..system.mass import Mass
-
-Array = NDArray[Any]
 
 #: The residual that is left, as a part of the eigenvalue; iterations at most.
 PRECISION, MOST = 1e-3, 300

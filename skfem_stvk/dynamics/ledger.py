@@ -11,15 +11,13 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from ..arguments import real_array, shown, whole
+from ..arguments import Array, real_array, shown, whole
 from ..errors import StvkError, name_known
 from ..results.files import output_path, replacing
 from ..system import System
 from ..terms import Load
-
-Array = NDArray[np.float64]
 
 FIRST_ROWS = 1024
 ROWS_AT_ONCE = 10_000

@@ -7,12 +7,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
+from ..arguments import Array
 from ..results.matplotlib_plot import new_figure
 from .ledger import Ledger
-
-Array = NDArray[np.float64]
 
 #: Okabe and Ito's colours, which colour-blind readers can tell apart.
 ENERGIES = {

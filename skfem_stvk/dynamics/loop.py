@@ -3,9 +3,6 @@
 from __future__ import annotations
 
 from contextlib import suppress
-from typing import Any
-
-from numpy.typing import NDArray
 
 from ..errors import StateError, warn
 from ..results.files import WriteError
@@ -22,8 +19,6 @@ from .run import Interrupted, Run, SimulationError
 from .stable_step import StableStep
 from .status import Status
 from .stepping import Cutting
-
-Array = NDArray[Any]
 
 #: A closure error from this part of the energy on is said.
 WORTH_SAYING = 0.05

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.linalg import eig, eigh
 
 from .. import arguments
+from ..arguments import Array
 from ..linear import Kind, LinearSolver, choose
 from ..linear.choose import direct, is_auto
 from ..mesh.displacements import by_vertex
@@ -26,8 +27,6 @@ from .arnoldi import nearest_vectors
 from .largest import bound_on_eigenvalues
 from .rigid_part import rigid_part
 from .shift_invert import ShiftedProblem, lowest_vectors
-
-Array = NDArray[Any]
 
 #: A motion of which all but this part is rigid is rigid, if its eigenvalue is rounding: so many eps of the largest one.
 NOT_RIGID, ROUNDING = 1e-6, 1e4

@@ -3,17 +3,14 @@
 from __future__ import annotations
 
 from functools import cached_property
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..arguments import Array
 from ..statics.equilibrium import dot
 from ..system import System, TangentOperator
 from ..terms.load import Moment
 from .damping import Damping, damping_factors
-
-Array = NDArray[Any]
 
 #: Part of a time step over which prescribed displacements are differenced to begin with.
 DIFFERENCE = 1e-3

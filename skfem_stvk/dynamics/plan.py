@@ -8,9 +8,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from ..arguments import number, plain_array, shown
+from ..arguments import Array, number, plain_array, shown
 from ..errors import LoadError, StateError, StvkError, SupportError, name_ids
 from ..linear.choose import SOLVERS
 from ..mesh.places import Where
@@ -30,8 +30,6 @@ from .motion import Motion
 from .outlets import Outlets
 from .places import Places
 from .state import State
-
-Array = NDArray[Any]
 
 
 @dataclass

@@ -3,14 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..arguments import Array
 from .motion import Motion
-
-Array = NDArray[Any]
 
 #: A step that is shorter than this part of the one before is no step to difference over.
 SHORT = 0.3

@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 from numpy.typing import NDArray
 
+from ..arguments import Array
 from ..system import System
 from ..system.mass import Mass
 from ..system.rigid import motions
-
-Array = NDArray[Any]
 
 #: Singular values below this part of the largest are zero.
 ZERO = 1e-10

@@ -8,8 +8,9 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from ..arguments import Array
 from ..errors import StvkError
 from ..mesh.places import Where
 from ..results import Fields, Reaction, State, animate, plot, write_vtu
@@ -22,8 +23,6 @@ from .ledger import Ledger
 from .motion import Motion
 from .reactions import ground_forces, last_step
 from .status import Status
-
-Array = NDArray[Any]
 
 
 @dataclass(frozen=True, eq=False, repr=False)

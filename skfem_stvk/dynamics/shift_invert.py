@@ -5,11 +5,11 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import eigh
 from scipy.sparse import csr_matrix
 from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigs, eigsh
 
+from ..arguments import Array
 from ..edges import Tensions
 from ..errors import StvkError
 from ..linear import Factors, Kind, LinearSolver, Outcome
@@ -20,8 +20,6 @@ from ..system import FreeOperator, System
 from ..system.mass import Mass
 from ..terms.load import Time
 from .largest import bound_on_eigenvalues
-
-Array = NDArray[Any]
 
 #: The shift, as a part of the largest eigenvalue divided by the square of the number of vertices in a row.
 SHIFT = 1e-2

@@ -2,17 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
-from numpy.typing import NDArray
 from scipy.sparse import csr_matrix
 
+from ..arguments import Array
 from ..edges import NONE, Tensions
 from ..system import System, TangentOperator
 from ..terms.load import Time
-
-Array = NDArray[Any]
 
 
 class StartTensions:

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_matrix
 
+from ..arguments import Array
 from ..edges import ALL, NONE, Tensions
 from ..errors import StateError
 from ..linear import Factors, Kind, LinearSolver, Outcome, Solution, Unknowns
@@ -23,9 +24,6 @@ from .motion import Motion
 from .start_tensions import StartTensions
 from .state import State
 from .tangents import Tangent
-
-Array = NDArray[Any]
-
 
 #: Linear solves of Newton's method are as precise as this at least, so that it converges as with a direct solver, for a sixth more time than with
 #: 1e-5: with that, and where `rtol` allows much, small steps of Newmark's method were off by 1e-5 in place of 3e-9. With those of an inexact Newton

@@ -2,17 +2,11 @@
 
 from __future__ import annotations
 
-from typing import Any
-
-from numpy.typing import NDArray
-
 from ..errors import warn
 from .books import Books
 from .integrators import StepFailed
 from .integrators.integrator import Stepper
 from .state import State
-
-Array = NDArray[Any]
 
 #: A step is cut in two at most so often: in 64 parts.
 DEEPEST = 6

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
+from ..arguments import Array
 from ..kernels import blocks as block_kernels
 from ..kernels.simplices import LANES
 from ..kernels.threads import Turn, threads
@@ -16,8 +17,6 @@ from ..kernels.topology import lexicographic_order
 from .lanes import in_lanes, out_of_lanes
 from .order import OwnEdges, OwnOrder, own_edges, own_order
 from .sharing import Shares, shares_of
-
-Array = NDArray[np.floating[Any]]
 
 
 class OwnArrays:

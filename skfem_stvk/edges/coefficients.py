@@ -15,12 +15,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..arguments import Array
 from ..errors import MaterialError
 from ..materials import FramedMaterial, Hypothesis, Isotropic, Material
 from ..mesh.geometry import Geometry
 from .topology import LOCAL_EDGES
-
-Array = NDArray[np.float64]
 
 #: Components of a symmetric tensor in one, two and three dimensions: the Voigt order of the package.
 VOIGT = {

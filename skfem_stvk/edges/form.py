@@ -8,10 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import coo_matrix, csr_matrix, triu
 
+from ..arguments import Array
 from .stiffness import Stiffness
 from .topology import edge_topology
-
-Array = NDArray[np.float64]
 
 
 class EdgeForm:

@@ -8,14 +8,13 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ..arguments import Array
 from ..kernels import blocks as block_kernels
 from ..kernels.threads import in_turn, parts_of, run
 from .rows import Places, Rows, rows_of
 from .sharing import Shares
 from .tensions import ALL, Tensions
 from .volumes import Volumes
-
-Array = NDArray[np.floating[Any]]
 
 AXES = {1: (0,), 2: (0, 1), 3: (0, 1, 2)}
 

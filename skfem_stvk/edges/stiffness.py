@@ -8,13 +8,12 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
+from ..arguments import Array
 from ..errors import MaterialError, name_ids
 from ..kernels.geometry import scaled_gram
 from ..mesh.geometry import Geometry
 from .coefficients import isotropic_coefficients
 from .topology import LOCAL_EDGES
-
-Array = NDArray[np.float64]
 
 #: Pairs of spokes: the order of the strains `M_ij` and tensions `S_ij` of the kernels.
 PAIRS = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))

@@ -2,18 +2,15 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 from numpy.typing import NDArray
 
+from ..arguments import Array
 from ..kernels import blocks as block_kernels
 from ..kernels import stretches as stretch_kernels
 from ..kernels.simplices import LANES
 from ..kernels.threads import in_turn, run
 from .arrays import OwnArrays
-
-Array = NDArray[np.floating[Any]]
 
 
 class Stretches(OwnArrays):

@@ -11,15 +11,13 @@ from dataclasses import dataclass
 from math import factorial
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..arguments import Array
 from ..errors import MaterialError
 from ..materials import Anisotropic, FramedMaterial, Isotropic, Material, Orthotropic, TransverselyIsotropic
 from ..mesh import SimplexMesh
 from ..reference import ReferenceStVK, anisotropic_tensor, engineering_matrix, isotropic_tensor, simplex_axes
 from ..terms import StVK
-
-Array = NDArray[np.float64]
 
 
 def volumes(mesh: SimplexMesh) -> Array:

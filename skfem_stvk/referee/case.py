@@ -7,9 +7,9 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.sparse import csr_matrix, diags, issparse
 
+from ..arguments import Array
 from ..mesh import SimplexMesh
 from ..mesh.geometry import edge_differences, edge_lengths, vertex_sizes
 from .judgement import largest_component, largest_rows
@@ -17,8 +17,6 @@ from .players import Player
 from .round_off import RoundOff
 from .states import INVERTED, STRETCH
 from .tasks import NotApplicable
-
-Array = NDArray[np.float64]
 
 EPS = float(np.finfo(float).eps)
 OURS, REFERENCE, CANDIDATE = "skfem-stvk", "scikit-fem", "candidate"

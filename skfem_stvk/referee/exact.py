@@ -20,7 +20,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import coo_matrix, csr_matrix
 
-Array = NDArray[np.float64]
+from ..arguments import Array
+
 Exact = NDArray[Any]
 DIGITS = 50
 

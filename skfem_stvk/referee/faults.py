@@ -11,9 +11,10 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import DTypeLike, NDArray
+from numpy.typing import DTypeLike
 from scipy.sparse import coo_matrix, csr_matrix, identity, kron
 
+from ..arguments import Array
 from ..edges import Assembly, EdgeForm
 from ..edges.stiffness import GeneralStiffness
 from ..edges.topology import LOCAL_EDGES
@@ -22,8 +23,6 @@ from ..materials import Hypothesis, Isotropic
 from ..mesh import SimplexMesh
 from ..system import System
 from ..terms import Body, StVK
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

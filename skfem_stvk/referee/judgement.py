@@ -9,13 +9,12 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.sparse import csr_matrix, spmatrix
 
+from ..arguments import Array
 from ..mesh import SimplexMesh
 from .places import worst_places
 
-Array = NDArray[np.float64]
 Measurement = dict[str, Any]
 
 LIMIT, HIGHEST = 1e-12, 1e-6

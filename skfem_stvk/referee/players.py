@@ -10,9 +10,8 @@ from numpy.typing import NDArray
 from scipy.sparse import bsr_matrix, coo_matrix, csc_matrix, csr_matrix, issparse
 from scipy.sparse.linalg import LinearOperator
 
-from ..arguments import shown
+from ..arguments import Array, shown
 
-Array = NDArray[np.float64]
 Value = TypeVar("Value")
 
 COMPRESSED = {"csr": csr_matrix, "csc": csc_matrix, "bsr": bsr_matrix}

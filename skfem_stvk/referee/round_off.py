@@ -26,10 +26,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_matrix
 
+from ..arguments import Array
 from ..mesh import SimplexMesh
 from ..mesh.geometry import Geometry, edge_differences
-
-Array = NDArray[np.float64]
 
 #: Several elements meet at a vertex, and twice what was seen: the margin of ordinary elements, and of the flattest.
 MARGIN, LARGEST_MARGIN = 4.0, 32.0

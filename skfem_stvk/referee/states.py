@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-Array = NDArray[np.float64]
+from ..arguments import Array
 
 
 def random_rotation(d: int, rng: np.random.Generator, degrees: float = 170.0) -> Array:

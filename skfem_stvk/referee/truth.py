@@ -6,12 +6,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_matrix
 
+from ..arguments import Array
 from ..mesh import SimplexMesh
 from ..mesh.geometry import aspect_ratios
 from ..reference import ReferenceStVK
 from .exact import ExactStVK
-
-Array = NDArray[np.float64]
 
 #: Longest edge over smallest height beyond which round-off may cost more than 1e-12; and how many such elements are computed in 50 digits.
 FLAT, MOST = 20.0, 200

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_matrix
 from skfem.helpers import ddot
 
-Array = NDArray[np.float64]
+from ..arguments import Array
 
 
 class ReferenceStVK:

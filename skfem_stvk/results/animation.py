@@ -8,11 +8,9 @@ import xml.etree.ElementTree as ET
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import meshio
 import numpy as np
-from numpy.typing import NDArray
 
 from .. import arguments
 from ..errors import StvkError, name_known
@@ -22,8 +20,6 @@ from .picture import Picture, Sight, View, checked_label, checked_scale, corner_
 from .series import read_list
 from .state import State, checked_state, masked
 from .table import FIELDS, VECTORS
-
-Array = NDArray[Any]
 
 States = Sequence[tuple[float, State]]
 

@@ -11,14 +11,13 @@ from typing import IO, Any, TypeVar
 from zipfile import BadZipFile, ZipFile, is_zipfile
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import ValidationError
 
+from ..arguments import Array
 from ..errors import StvkError
 from ..system.signature import Record, in_words
 from .files import replacing
 
-Array = NDArray[Any]
 Header = TypeVar("Header", bound="ArchiveHeader")
 
 #: Before the names of arrays, so that no name is taken for another thing.

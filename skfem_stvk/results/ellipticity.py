@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from ..arguments import Array
 from ..edges.coefficients import VOIGT
 from ..terms.volume_energies import ENERGIES
 from .kinematics import Masked
@@ -27,7 +28,6 @@ from .law import dilation, strain_and_stress
 if TYPE_CHECKING:
     from .state import State
 
-Array = NDArray[np.float64]
 Ids = NDArray[np.int64]
 
 #: Directions to begin with, on half a circle and half a sphere.

@@ -7,13 +7,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from ..arguments import Array
 from ..errors import name_ids, warn
 from .frames import current_normals, in_space
 
 if TYPE_CHECKING:
     from .state import State
 
-Array = NDArray[np.float64]
 #: Values, one an element, and a mask of the elements that have none.
 Masked = tuple[Array, NDArray[np.bool_]]
 

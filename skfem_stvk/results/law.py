@@ -8,11 +8,11 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from ..arguments import Array
 from ..edges.coefficients import VOIGT
 from ..errors import MaterialError
 from ..materials import FramedMaterial, Hypothesis, Isotropic, Material
 
-Array = NDArray[np.float64]
 FIRST, SECOND = np.array(VOIGT[3]).T
 PLACE = np.array([[0, 5, 4], [5, 1, 3], [4, 3, 2]])  # of each component of a tensor in the Voigt vector
 SHEAR = np.array([1.0, 1.0, 1.0, 2.0, 2.0, 2.0])

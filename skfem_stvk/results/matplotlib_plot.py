@@ -14,9 +14,9 @@ from matplotlib.colors import LinearSegmentedColormap, Normalize, to_rgba
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from ..arguments import Array
 from .picture import Picture, View
 
-Array = NDArray[np.float64]
 MISSING, REST, EDGE = "#c8c8c8", "#909090", "#202020"
 #: Yellow to red without the palest tenth, which white paper would swallow.
 COLOURS = LinearSegmentedColormap.from_list("stvk", colormaps["YlOrRd"](np.linspace(0.12, 1, 256))).with_extremes(bad=MISSING)

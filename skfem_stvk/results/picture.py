@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..arguments import number, real_array, shown, text
+from ..arguments import Array, number, real_array, shown, text
 from ..errors import StvkError
 from ..mesh import SimplexMesh
 from .frames import in_space
@@ -18,7 +18,6 @@ from .state import State, checked_state, masked
 from .surface import outline, visible_cells
 from .table import FIELDS, VECTORS, find
 
-Array = NDArray[np.float64]
 PREFIXES = {-9: "n", -6: "µ", -3: "m", 0: "", 3: "k", 6: "M", 9: "G", 12: "T"}
 
 

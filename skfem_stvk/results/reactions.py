@@ -8,12 +8,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .. import arguments
+from ..arguments import Array
 from ..errors import StateError, SupportError, name_ids
 from ..mesh import SimplexMesh
 from ..mesh.places import Where, describe, vertices_at
 from ..system import System
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

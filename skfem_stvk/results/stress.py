@@ -7,13 +7,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from ..arguments import Array
 from ..errors import name_ids, warn
 from .kinematics import Masked
 
 if TYPE_CHECKING:
     from .state import State
-
-Array = NDArray[np.float64]
 
 
 def pk2_stress(state: State) -> Masked:

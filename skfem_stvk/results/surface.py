@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from ..arguments import Array
 from ..mesh import SimplexMesh
 from ..mesh.facets import facet_ids
 
-Array = NDArray[np.float64]
 Ids = NDArray[np.int64]
 SHARP = np.cos(np.radians(30))
 

@@ -13,12 +13,12 @@ import meshio
 import numpy as np
 from numpy.typing import NDArray
 
+from ..arguments import Array
 from ..mesh import SimplexMesh
 from .files import output_path, replacing
 from .state import State, checked_state
 from .table import Field, find_all
 
-Array = NDArray[np.float64]
 Arrays = dict[str, NDArray[Any]]
 CELLS = {1: "line", 2: "triangle", 3: "tetra"}
 #: VTK's order of the components of a symmetric tensor: XX, YY, ZZ, XY, YZ, XZ.

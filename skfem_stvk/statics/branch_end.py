@@ -2,16 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
-from numpy.typing import NDArray
 
+from ..arguments import Array
 from ..errors import StateError, name_ids
 from .eigen import lowest_mode, nearest_mode
 from .equilibrium import Equilibrium
-
-Array = NDArray[Any]
 
 #: A branch ends where the lowest eigenvalue of K has fallen below this part of what it was at the start.
 GIVEN_WAY = 0.1

@@ -8,9 +8,9 @@ from types import TracebackType
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import AllowInfNan, Field
 
+from ..arguments import Array
 from ..errors import StvkError
 from ..results.archive import ArchiveHeader, NotOurs, read_archive, read_header, write_archive
 from ..results.files import output_folder
@@ -24,8 +24,6 @@ from .newton import End, Iterations
 from .path.critical import BIFURCATION, LIMIT_POINT, CriticalPoint
 from .path.load_steps import LARGEST, LoadSteps
 from .status import Status
-
-Array = NDArray[Any]
 
 FORMAT = "path of skfem-stvk", 2
 #: What to do with a state that cannot be read.

@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.sparse import csr_matrix
 from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigs
 
+from ..arguments import Array
 from ..linear import Factors, Kind, SuperLU, Unknowns
 from ..linear.choose import direct
 from ..linear.inertia import COUNTED, ROUNDING, eigenvalues_below, inertia, transposition
-
-Array = NDArray[Any]
 
 #: Unknowns up to which all eigenvalues are worked out; of more, so many nearest to zero, and so many at most.
 DENSE, FIRST, MOST = 200, 6, 24

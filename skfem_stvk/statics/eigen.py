@@ -5,20 +5,17 @@ from __future__ import annotations
 import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.sparse import csr_matrix
 from scipy.sparse.linalg import LinearOperator, eigsh, lobpcg
 
+from ..arguments import Array
 from ..linear import Kind
 from ..linear.choose import direct
 from ..linear.inertia import COUNTED, ROUNDING, eigenvalues_below, shifted
 from .equilibrium import Equilibrium, Tangent, dot
 from .newton import usable
-
-Array = NDArray[Any]
 
 #: Of the eigenvalue; the mode is good to its square root.
 PRECISION = 1e-6

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_matrix
 
+from ..arguments import Array
 from ..edges import ALL, TENSILE, Tensions
 from ..errors import StateError, StvkError, name_ids
 from ..linear import BlockJacobiCg, Factors, Kind, LinearSolver, Solution, Unknowns
@@ -19,9 +20,6 @@ from ..system import FreeOperator, System, TangentOperator
 from ..system.rigid import rigid_modes
 from ..terms.load import Time
 from .stopwatch import Stopwatch
-
-Array = NDArray[Any]
-
 
 #: What is added to a tangent without any stiffness in some direction, as a part of the largest diagonal entry of each vertex.
 SHIFT = 1e-4

@@ -4,17 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any, overload
+from typing import overload
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..arguments import Array
 from .monitors import Finding
 from .newton import End, Iterations
 from .path.critical import CriticalPoint
 from .status import Status
-
-Array = NDArray[Any]
 
 #: From here on a state is further from where the path pointed than bending, twisting or tightening bodies get (1.2 at most on the hard cases).
 JUMPED = 5.0

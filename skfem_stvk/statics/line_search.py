@@ -5,9 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from ..arguments import Array
 
 #: A residual along the line is as good as zero below this part of what it was.
 GOOD_ENOUGH = 0.1

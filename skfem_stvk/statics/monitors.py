@@ -4,19 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ..arguments import Array
 from ..errors import name_ids
 from ..materials import FramedMaterial, Isotropic, Material
 from ..results import Fields
 from ..results.ellipticity import without_ellipticity
 from ..system import System
 from ..terms import StVK, VolumePenalty
-
-Array = NDArray[Any]
 
 #: Poisson's ratio above which linear simplices lock, and the stretch below which St. Venant-Kirchhoff bodies soften.
 LOCKING, SOFTENING = 0.45, 3**-0.5

@@ -5,19 +5,16 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from enum import Enum
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..arguments import Array
 from ..errors import StateError
 from ..linear import Outcome, Solution
 from ..terms.load import Time
 from .equilibrium import Equilibrium, Residual, Tangent
 from .line_search import quartic_minimum, root_of_slope
 from .status import Status
-
-Array = NDArray[Any]
 
 #: With the line search, the same from a state with elements inside out, and with full steps.
 MOST_ITERATIONS, MOST_TANGLED, MOST_FULL = 40, 120, 20

@@ -9,15 +9,13 @@ from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple, TypeAlias
 
-from numpy.typing import NDArray
-
+from ..arguments import Array
 from ..results import Fields, Series
 from ..system import System
 from ..system.signature import Problem, sums
 from .checkpoint import Checkpoint
 from .history import Step
 
-Array = NDArray[Any]
 Write: TypeAlias = Callable[[float, Step], object]
 
 #: Load factors at which loads and prescribed displacements are looked at to know a problem again.

@@ -10,9 +10,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from .. import arguments
+from ..arguments import Array
 from ..errors import StvkError
 from ..mesh.places import Where
 from ..results import Fields, Reaction, State, plot, write_vtu
@@ -23,8 +24,6 @@ from ..system import System
 from .history import History
 from .path.critical import CriticalPoint
 from .status import Status
-
-Array = NDArray[Any]
 
 
 @dataclass(frozen=True, eq=False, repr=False)

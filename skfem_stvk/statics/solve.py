@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterator
-from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from ..arguments import choice, flag, number, path, shown, whole
+from ..arguments import Array, choice, flag, number, path, shown, whole
 from ..errors import LoadError, StvkError, warn
 from ..linear import LinearSolver, choose
 from ..mesh.displacements import by_vertex
@@ -31,8 +30,6 @@ from .result import Interrupted, SolveError, StaticResult
 from .stability import Verdict, judged
 from .status import Status
 from .stopwatch import Stopwatch
-
-Array = NDArray[Any]
 
 METHODS = (LoadSteps.name, ArcLength.name)
 

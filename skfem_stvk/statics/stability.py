@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..arguments import Array
 from ..linear import Outcome
 from ..linear.inertia import COUNTED, inertia
 from .divergence import real_eigenvalues
 from .eigen import lowest_mode, rounding
 from .equilibrium import Equilibrium
-
-Array = NDArray[Any]
 
 NO_FLUTTER = "K is not symmetric there: no real eigenvalue of it is negative, so the state does not diverge; flutter not looked at."
 NO_SIGN = "Whether the state is stable is not known: the eigenvalue of K nearest to zero is within rounding."

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
 
-Array = NDArray[np.float64]
+from ..arguments import Array
 
 #: Constraints of unit size that resist a motion less than this do not: joints that are closer together than 3e-7 of a body are one.
 NOTHING = 3e-7

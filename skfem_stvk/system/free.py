@@ -9,13 +9,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.sparse import csr_matrix
 
-from ..arguments import plain_array, shown, whole_array
+from ..arguments import Array, plain_array, shown, whole_array
 from ..errors import StateError, StvkError, name_ids
 from ..kernels import blocks as block_kernels
 from ..kernels.threads import parts_of, run, threads
 from .pattern import Pattern, Structure
-
-Array = NDArray[np.floating[Any]]
 
 
 class Patterned(Protocol):

@@ -10,14 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_matrix, diags
 
-from ..arguments import array, choice, number, shown
+from ..arguments import Array, array, choice, number, shown
 from ..errors import MaterialError, StateError, StvkError, name_ids
 from ..mesh import SimplexMesh
 from ..mesh.displacements import all_finite
 from .free import Patterned
 from .pattern import Pattern
-
-Array = NDArray[np.float64]
 
 
 class Mass(ABC):

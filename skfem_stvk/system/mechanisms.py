@@ -11,12 +11,12 @@ from numpy.typing import NDArray
 from scipy.sparse import coo_matrix, csr_matrix
 from scipy.sparse.csgraph import connected_components
 
+from ..arguments import Array
 from ..errors import name_ids
 from ..kernels.pieces import pieces_of_simplices
 from .constraints import Block, compressed, free_motions
 from .rigid import centred, motions, name_part
 
-Array = NDArray[np.float64]
 Ids = NDArray[Any]
 
 #: Pieces that turn against each other by less than this part of the largest motion do not.

@@ -7,9 +7,10 @@ from itertools import zip_longest
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, DTypeLike, NDArray
+from numpy.typing import ArrayLike, DTypeLike
 from scipy.sparse.linalg import LinearOperator
 
+from ..arguments import Array
 from ..edges import ALL, Tensions
 from ..edges.simplices import SimplexTerm
 from ..errors import StateError, StvkError
@@ -18,8 +19,6 @@ from ..kernels.threads import parts_of, run, threads
 from ..linear import EdgeBlocks
 from ..terms import BoundTerm
 from .free import FreeDofs
-
-Array = NDArray[np.floating[Any]]
 
 
 class TangentOperator(LinearOperator):

@@ -11,10 +11,9 @@ from numpy.typing import NDArray
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
+from ..arguments import Array
 from ..errors import name_ids
 from .motions import names
-
-Array = NDArray[np.float64]
 
 #: Below this part of the largest, what resists a motion is rounding: supports that are closer together than 3e-7 of a body are one.
 NOTHING = 1e-13

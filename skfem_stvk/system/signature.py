@@ -7,13 +7,11 @@ from functools import cached_property
 from typing import Annotated, Any, Literal, TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, JsonValue, ValidationError
 
+from ..arguments import Array
 from ..terms.load import Moment, Time
 from .system import System
-
-Array = NDArray[Any]
 
 #: Two systems are the same if their numbers are, but for rounding.
 SAME = 1e-9

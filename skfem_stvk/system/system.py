@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, DTypeLike, NDArray
 from scipy.sparse import csr_matrix
 
-from ..arguments import array, number, shown
+from ..arguments import Array, array, number, shown
 from ..edges import ALL, Rows, Tensions
 from ..errors import LoadError, StateError, StvkError, name_ids, warn
 from ..kernels.threads import Turn
@@ -41,8 +41,6 @@ from .operator import TangentOperator
 from .pattern import Pattern
 from .rigid import parts_of
 from .supports import Displacements, Supports, dofs_at
-
-Array = NDArray[np.floating[Any]]
 
 #: Loads that are given by constants, at their full size.
 FULL = Moment(1.0, 1.0)

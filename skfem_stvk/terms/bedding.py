@@ -8,13 +8,12 @@ import numpy as np
 from numpy.typing import DTypeLike, NDArray
 from scipy.sparse import csr_matrix
 
+from ..arguments import Array
 from ..edges import ALL, Linearized, Rows, Tensions
 from ..edges.rows import Places
 from ..edges.topology import edge_topology
 from ..kernels.topology import OWN, stars
 from .spread import Spread
-
-Array = NDArray[np.floating[Any]]
 
 
 class Bedding:

@@ -10,13 +10,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..arguments import Array
 from ..errors import LoadError, MaterialError, name_ids
 from ..kernels.geometry import measures
 from ..mesh import SimplexMesh
 from ..mesh.facets import facet_sizes, facets_of, find_facets
 from .stvk import StVK
-
-Array = NDArray[np.float64]
 
 
 class Body:

@@ -7,12 +7,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..arguments import Array
 from ..edges.rows import Places
 from ..mesh import SimplexMesh
 from .load import Moment, Time, Value
 from .spread import Spread
 
-Array = NDArray[np.floating[Any]]
 Values = NDArray[np.float64]
 
 

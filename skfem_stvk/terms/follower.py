@@ -2,19 +2,18 @@
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ..arguments import Array
 from ..edges.rows import Places
 from ..edges.topology import LOCAL_EDGES, edge_topology
 from ..errors import LoadError
 from ..mesh import SimplexMesh
 from .load import Time, Value
 from .spread import Spread
-
-Array = NDArray[np.floating[Any]]
 
 #: Row and column where the axial vector's components stand in the matrix of a cross product; minus them in the transposed place.
 AXIAL = {2: ((1, 0),), 3: ((2, 1), (0, 2), (1, 0))}

@@ -9,14 +9,11 @@ from math import isfinite
 from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
 
-from ..arguments import number, own, real_array, shown
+from ..arguments import Array, number, own, real_array, shown
 from ..errors import LoadError, StateError, StvkError, name_ids
 from .body import Body
 from .protocols import BoundLoad
-
-Array = NDArray[np.float64]
 
 
 class Load(ABC):

@@ -7,14 +7,13 @@ from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
+from ..arguments import Array
 from ..edges import ALL, Linearized, Rows, Tensions
 from ..edges.rows import Places
 
 if TYPE_CHECKING:
     from .body import Body
     from .load import Time
-
-Array = NDArray[np.floating[Any]]
 
 
 class BoundTerm(Protocol):

@@ -6,11 +6,9 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..arguments import Array
 from ..kernels.penalty import BARRIER, COMPRESSION, QUADRATIC
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

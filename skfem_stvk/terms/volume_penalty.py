@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, DTypeLike, NDArray
 
-from ..arguments import choice, own
+from ..arguments import Array, choice, own
 from ..edges import PenaltyAssembly
 from ..edges.penalty import refuse_inside_out
 from ..errors import MaterialError, name_ids
@@ -16,8 +16,6 @@ from ..materials.values import check_length, constant
 from ..mesh import SimplexMesh
 from .body import Body
 from .volume_energies import ENERGIES
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,17 +9,15 @@ from typing import Any
 
 import numpy as np
 import skfem
-from numpy.typing import NDArray
 
 from skfem_stvk import Gravity, SimplexMesh, StVK, StvkWarning, System
+from skfem_stvk.arguments import Array
 from skfem_stvk.dynamics import Integrator, Run, SimulationError, Status, simulate
 from skfem_stvk.dynamics.integrators.implicit import Implicit, ImplicitStepper
 from skfem_stvk.dynamics.motion import Motion
 from skfem_stvk.dynamics.state import State
 
 from ..statics.meshes import moved_box
-
-Array = NDArray[np.float64]
 
 #: Okabe and Ito's.
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")

@@ -6,12 +6,8 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
 from skfem_stvk import SimplexMesh, StVK, System, VolumePenalty
-
-Array = NDArray[np.float64]
+from skfem_stvk.arguments import Array
 
 
 @dataclass(frozen=True)

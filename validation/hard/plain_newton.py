@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 import warnings
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse.linalg import MatrixRankWarning, spsolve
 
 from skfem_stvk import StateError, System
+from skfem_stvk.arguments import Array
 from skfem_stvk.edges import ALL, TENSILE
-
-Array = NDArray[np.floating[Any]]
 
 RTOL, MOST, SHORTEST = 1e-8, 60, 1 / 1024
 

@@ -15,8 +15,8 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from skfem_stvk.arguments import Array
 from skfem_stvk.dynamics import SimulationError
 from skfem_stvk.results.archive import write_archive
 from skfem_stvk.statics import SolveError
@@ -24,7 +24,6 @@ from skfem_stvk.statics import SolveError
 from .case import Case, Verdict, Wrong, in_words
 from .runs_on_disk import KINDS, beam, check_same, strip
 
-Array = NDArray[Any]
 Header = dict[str, Any]
 
 #: Kinds of runs whose checkpoints are changed, with the file that is changed.

@@ -7,13 +7,11 @@ from typing import Any
 
 import numpy as np
 import skfem
-from numpy.typing import NDArray
 
 from skfem_stvk import SimplexMesh, StVK
+from skfem_stvk.arguments import Array
 
 from .spokes import Spokes
-
-Array = NDArray[Any]
 
 #: Poisson's ratios: common ones, and the ends of what is legal.
 POISSON = (

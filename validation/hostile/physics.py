@@ -8,17 +8,15 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from skfem_stvk import EnergyMomentum, NodalLoad, System, VelocityVerlet, simulate, solve_static
+from skfem_stvk.arguments import Array
 from skfem_stvk.dynamics import Run, SimulationError
 from skfem_stvk.statics import SolveError, StaticResult
 
 from .case import Case, Verdict, Wrong, in_words
 from .extreme_bodies import Body, body
 from .spokes import Spokes, long
-
-Array = NDArray[Any]
 
 AT_REST, IN_MOTION = 400, 200
 #: Of the residual relative to loads and reactions: ten times what `solve_static` asks for.

@@ -11,14 +11,12 @@ in covariant components, so that it holds for k < d too. Numbers of 80 bits neit
 from __future__ import annotations
 
 from math import factorial
-from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from skfem_stvk import SimplexMesh
-
-Array = NDArray[Any]
+from skfem_stvk.arguments import Array
 
 
 class Spokes:

@@ -13,18 +13,16 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import brentq
 from scipy.spatial.transform import Rotation
 
 from skfem_stvk import StVK
+from skfem_stvk.arguments import Array
 from skfem_stvk.results import Fields
 
 from ..statics.meshes import moved_box
 from ..statics.study import Study
 from .not_found import NotFoundError
-
-Array = NDArray[np.float64]
 
 YOUNG, POISSON = 1.0e5, (0.0, 0.3, 0.45)
 #: Of the stretch: eigenvalues vanish with a slope of about E, and are good to 1e-13 of it.

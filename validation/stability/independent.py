@@ -15,9 +15,10 @@ from scipy.optimize import brentq
 from scipy.sparse import bmat, bsr_matrix, coo_matrix, csr_matrix
 from scipy.sparse.linalg import splu
 
+from skfem_stvk.arguments import Array
+
 from .not_found import NotFoundError
 
-Array = NDArray[np.float64]
 #: Of a basis and its function of a number: the gradient as (3, 3, nt, nq).
 Gradient = Callable[[Any, Any], Array]
 

@@ -12,15 +12,14 @@ from functools import partial
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from skfem_stvk import NodalLoad, SimplexMesh, StVK, System
+from skfem_stvk.arguments import Array
 from skfem_stvk.statics import StaticResult, Stop
 
 from .limit_points import through
 from .picture import Curve, Drawn, Panel
 
-Array = NDArray[np.float64]
 #: Of the limit load: rounding of three factors, and the residual that Newton's method leaves.
 LIMIT = 1e-10
 #: Of the limit points, in rises: they are found to 1e-10 of a step.

@@ -9,9 +9,8 @@ from typing import NamedTuple
 
 import numpy as np
 import skfem
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from skfem_stvk.arguments import Array
 
 LENGTH, YOUNG, POISSON = 5.0, 1.5e6, 0.3
 TRACTION = (0.0, 0.0, -1.0e4)  # force per rest area at the end [Pa]: P L^2/EI = 2

@@ -16,9 +16,8 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from skfem_stvk.arguments import Array
 
 #: At t = 1.
 STRETCH, SHEAR = 1.2, 0.4

@@ -6,11 +6,9 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 import skfem
-from numpy.typing import NDArray
 
 from skfem_stvk import SimplexMesh
-
-Array = NDArray[np.float64]
+from skfem_stvk.arguments import Array
 
 
 def moved_box(d: int, n: int, amount: float = 0.2, seed: int = 1) -> SimplexMesh:

@@ -5,17 +5,15 @@ from __future__ import annotations
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import lru_cache
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ...arguments import Array
 from ..state import State
 from ..step_problem import Coefficients
 from .implicit import Implicit, ImplicitStepper
 from .integrator import ANGULAR_MOMENTUM, ENERGY, LINEAR_MOMENTUM
-
-Array = NDArray[Any]
 
 
 @dataclass(frozen=True)

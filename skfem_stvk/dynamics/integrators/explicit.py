@@ -3,19 +3,17 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ...arguments import Array
 from ...errors import StvkError
 from ...statics.stopwatch import Stopwatch
 from ..counts import Counts
 from ..motion import Motion
 from ..state import State
 from .integrator import Integrator, checked_step
-
-Array = NDArray[Any]
 
 
 @dataclass(frozen=True)

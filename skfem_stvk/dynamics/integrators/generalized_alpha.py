@@ -3,18 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import ClassVar
 
-from numpy.typing import NDArray
-
-from ...arguments import number
+from ...arguments import Array, number
 from ..state import State
 from ..step_problem import Coefficients
 from .implicit import Implicit, ImplicitStepper
 from .integrator import LINEAR_MOMENTUM
 from .newmark import newmark_coefficients, newmark_update
-
-Array = NDArray[Any]
 
 
 @dataclass(frozen=True)

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from dataclasses import dataclass, replace
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
-from ...arguments import choice, number
+from ...arguments import Array, choice, number
 from ...linear import BlockJacobiCg, Kind, LinearSolver, SsorCg, choose
 from ...linear.choose import is_auto
 from ...statics.equilibrium import with_loads
@@ -24,8 +23,6 @@ from ..state import State
 from ..step_problem import Coefficients, StepProblem, kind_of_step
 from ..tangents import Tangent
 from .integrator import Integrator, StepFailed, checked_step
-
-Array = NDArray[Any]
 
 
 @dataclass(frozen=True)

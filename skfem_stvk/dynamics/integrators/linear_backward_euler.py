@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ...arguments import Array
 from ...errors import StvkError
 from ...statics.equilibrium import Tangent as Attempted
 from ...statics.newton import usable
@@ -20,8 +19,6 @@ from ..tangents import Tangent
 from .backward_euler import BackwardEuler
 from .implicit import ImplicitStepper
 from .integrator import ANGULAR_MOMENTUM, LINEAR_MOMENTUM, StepFailed
-
-Array = NDArray[Any]
 
 
 @dataclass(frozen=True)

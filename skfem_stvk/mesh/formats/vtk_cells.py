@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import meshio
 import numpy as np
 from numpy.typing import NDArray
 
+from ...arguments import Array
 from ...errors import name_ids
 from .cell_types import NODES, VTK
 from .source import Damaged
-
-Array = NDArray[Any]
 
 
 def mesh_of(points: Array, connectivity: Array, ends: Array, types: Array, cell_data: dict[str, Array]) -> meshio.Mesh:

@@ -8,15 +8,13 @@ from itertools import combinations
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.sparse import issparse
 
+from ...arguments import Array
 from ..case import Case
 from ..judgement import as_a_whole, by_entry, by_vertex, largest_component, largest_rows
 from ..players import Player
 from ..tasks import NotApplicable, Task
-
-Array = NDArray[np.float64]
 
 
 def balance(case: Case) -> Iterator[Task]:

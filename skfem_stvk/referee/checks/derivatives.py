@@ -16,12 +16,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ...arguments import Array
 from ..case import EPS, Case
 from ..judgement import as_a_whole, by_vertex, largest_component
 from ..players import Player
 from ..tasks import CannotTell, Task
-
-Array = NDArray[np.float64]
 
 REASON = "1e-12 is for round-off, all that the five-point stencil leaves of this law; 1e-15 is usual"
 STENCIL = ((-2, 1 / 12), (-1, -8 / 12), (1, 8 / 12), (2, -1 / 12))

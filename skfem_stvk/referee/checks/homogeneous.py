@@ -19,8 +19,8 @@ from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ...arguments import Array
 from ...mesh import SimplexMesh
 from ...mesh.facets import boundary_vertices
 from ...reference import ReferenceStVK
@@ -30,8 +30,6 @@ from ..judgement import as_a_whole, by_vertex, largest_rows
 from ..players import Player
 from ..round_off import RoundOff
 from ..tasks import NotApplicable, Task
-
-Array = NDArray[np.float64]
 
 STRETCH, SHEAR = 1.15, 0.4
 #: An affine state without symmetry: stretch, shear and turn together.

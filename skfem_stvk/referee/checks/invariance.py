@@ -7,15 +7,13 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ...arguments import Array
 from ..case import Case
 from ..judgement import as_a_whole, by_vertex, largest_component
 from ..players import Player
 from ..states import STRETCH, random_rotation
 from ..tasks import NotApplicable, Task
-
-Array = NDArray[np.float64]
 
 REASON = "1e-12 is for round-off of moving the body by about its own size: 1e-14 on a hundred elements in a row"
 

@@ -10,8 +10,8 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ...arguments import Array
 from ...edges import Assembly, EdgeForm
 from ...mesh import SimplexMesh
 from ...mesh.geometry import aspect_ratios, vertex_sizes
@@ -23,7 +23,6 @@ from ..judgement import HIGHEST
 from ..states import random_rotation
 from ..tasks import NotApplicable, Task
 
-Array = NDArray[np.float64]
 Force = Callable[[Array], Array]
 
 STRAINS = 10.0 ** -np.arange(1, 13)

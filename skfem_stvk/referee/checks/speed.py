@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ...arguments import Array
 from ...errors import StvkWarning
 from ...mesh.geometry import vertex_sizes
 from ...reference import ReferenceStVK
@@ -22,8 +23,6 @@ from ..exact import ExactStVK
 from ..players import METHODS, Foul
 from ..states import STRETCH
 from .precision import TEXTBOOK, forms_on, patch
-
-Array = NDArray[np.float64]
 
 REPETITIONS, SECONDS = 5, 1.0
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import Any, ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ...arguments import Array
 from ..equilibrium import dot
 from ..history import Attempt, Step
 from ..newton import End, Iterations
@@ -15,8 +15,6 @@ from .heading import Heading, heading
 from .plane import Plane, correct
 from .stop import Goal, Stop
 from .walk import SMALLEST, Walk
-
-Array = NDArray[Any]
 
 #: Iterations that a step of the right length takes, and how much longer the next may be.
 ITERATIONS, GROWTH = 4, 1.5

@@ -3,17 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ...arguments import Array
 from ...errors import StateError
 from ..equilibrium import Equilibrium, norm
 from ..history import JUMPED
 from ..newton import usable
-
-Array = NDArray[Any]
 
 #: A force along the straight way to the next state that is off a straight line by less than this part of its growth tells of no snap.
 STRAIGHT = 0.1

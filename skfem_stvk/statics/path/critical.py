@@ -5,18 +5,15 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import brentq
 
+from ...arguments import Array
 from ..eigen import lowest_mode, nearest_mode
 from ..equilibrium import Equilibrium, dot
 from .heading import heading
 from .plane import Plane, correct
-
-Array = NDArray[Any]
 
 LIMIT_POINT, BIFURCATION = "limit point", "bifurcation"
 #: How well its place is known, as a part of the step on which it lies; residuals there are this much smaller than elsewhere.

@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ...arguments import Array
 from ..equilibrium import Equilibrium, dot
 from ..newton import usable
-
-Array = NDArray[Any]
 
 
 @dataclass(frozen=True)

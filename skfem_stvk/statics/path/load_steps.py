@@ -5,15 +5,13 @@ from __future__ import annotations
 from typing import Any, ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ...arguments import Array
 from ..equilibrium import Tangent, norm
 from ..history import JUMPED, Attempt, Step
 from ..newton import MOST_FULL, newton, usable
 from .between import Between, State
 from .walk import SMALLEST, Walk
-
-Array = NDArray[Any]
 
 #: A step that took no more iterations lets the next one grow, by this factor, up to this many times the first one.
 FEW, GROWTH, LARGEST = 5, 1.5, 4.0

@@ -4,16 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ...arguments import Array
 from ...errors import StateError
 from ..equilibrium import Equilibrium, dot
 from ..newton import End, Iterations, arrived, usable
-
-Array = NDArray[Any]
 
 #: Iterations at most; a step that needs more is too long.
 MOST_IN_PLANE = 12

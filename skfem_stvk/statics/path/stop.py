@@ -8,17 +8,14 @@ from itertools import pairwise
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from ...arguments import number, own, shown, whole
+from ...arguments import Array, number, own, shown, whole
 from ...errors import StvkError, name_ids
 from ...mesh.places import Where, describe, vertices_at
 from ...system import System
 from ..equilibrium import dot
 from ..history import Step
 from .plane import Plane
-
-Array = NDArray[Any]
 
 #: A path that is given no other number of states ends after so many.
 MOST_STATES = 1000

@@ -8,8 +8,7 @@ from functools import partial
 from time import perf_counter
 from typing import Any, ClassVar
 
-from numpy.typing import NDArray
-
+from ...arguments import Array
 from ..eigen import lowest_mode
 from ..equilibrium import Equilibrium
 from ..history import Attempt, Step
@@ -19,7 +18,6 @@ from ..stability import judged
 from ..status import Status
 from .critical import CriticalPoint, Point, find
 
-Array = NDArray[Any]
 Watch = Callable[[float, Iterations], None]
 
 #: Steps are shortened down to this part of the first one.
