@@ -1,0 +1,122 @@
+"""Whether one version of the package is as fast as another: the same calls in both, in turn, on the same machine.
+
+    python validation/as_fast.py OTHER_CHECKOUT [--rounds 9]         in a checkout
+
+Each round runs both versions in processes of their own, one after the other, and takes the best of several repetitions of each call; the
+table has the medians over the rounds, their ratio and how far the ratios of single rounds spread (quartiles). One thread.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from time import perf_counter
+from typing import Any
+
+import numpy as np
+
+
+def calls() -> dict[str, tuple[int, Callable[[], Any]]]:
+    """What is timed, by name: how often in a round, and the call."""
+    import skfem
+
+    import skfem_stvk as stvk
+
+    def body(n: int, young: float = 1e6) -> stvk.System:
+        mesh = skfem.MeshTet.init_tensor(*(np.linspace(0, s, s * n + 1) for s in (2, 1, 1)))
+        mesh = mesh.with_boundaries({"left": lambda x: x[0] == 0, "right": lambda x: x[0] == 2})
+        terms = [stvk.StVK(young=young, poisson=0.3, density=1e3), stvk.Gravity(g=(0, 0, -9.81))]
+        return stvk.System(mesh, terms, fixed={"left": "xyz"})
+
+    found: dict[str, tuple[int, Callable[[], Any]]] = {}
+    for n in (7, 16):
+        system = body(n)
+        u = 1e-3 / n * np.random.default_rng(0).standard_normal(system.ndofs) + 0.05 * system.mesh.p.ravel("F")
+        K, force, operator = system.tangent(u), np.zeros(system.ndofs), system.linear_operator(u)
+        size = f"{system.mesh.nt} tets"
+        found |= {
+            f"W and F, {size}": (60, lambda s=system, u=u, f=force: s.energy_and_force(u, out=f)),
+            f"K, {size}": (25, lambda s=system, u=u, K=K: s.tangent(u, out=K)),
+            f"W, F and K, {size}": (25, lambda s=system, u=u, K=K: s.linearize(u, out=K)),
+            f"K v: prepared, {size}": (25, lambda o=operator, u=u: o.prepare(u)),
+            f"K v, {size}": (60, lambda o=operator, u=u: o @ u),
+        }
+    small, large = body(7), body(10)
+    plate = skfem.MeshTri.init_tensor(np.linspace(0, 1, 61), np.linspace(0, 0.2, 13)).with_boundaries({"left": lambda x: x[0] == 0})
+    terms = [stvk.StVK(young=1e7, poisson=0.4, density=1e3), stvk.Gravity(g=(0, -9.81))]
+    flag = stvk.System(plate, terms, fixed={"left": "xy"})
+
+    def statics(system: stvk.System, solver: str, **options: Any) -> Callable[[], Any]:
+        return lambda: stvk.solve_static(system, steps=2, solver=solver, quiet=True, **options)
+
+    def motion(system: stvk.System, integrator: Any, until: float) -> Callable[[], Any]:
+        return lambda: stvk.simulate(system, integrator, until=until, quiet=True)
+
+    return found | {
+        "system made": (3, lambda: body(7)),
+        "statics, superlu, triangles": (3, statics(flag, "superlu")),
+        "statics, block-jacobi-cg": (2, statics(small, "block-jacobi-cg")),
+        "statics, amg-cg": (2, statics(large, "amg-cg")),
+        "arc length, superlu, triangles": (2, statics(flag, "superlu", method="arc-length")),
+        "velocity Verlet, 200 steps": (3, motion(small, stvk.VelocityVerlet(dt=1e-4), 0.02)),
+        "backward Euler (linear), 10 steps": (3, motion(small, stvk.LinearBackwardEuler(dt=1e-2), 0.1)),
+        "Newmark, 10 steps": (2, motion(small, stvk.Newmark(dt=1e-2), 0.1)),
+        "energy-momentum, 10 steps": (2, motion(small, stvk.EnergyMomentum(dt=1e-2), 0.1)),
+        "one step of velocity Verlet": (5, motion(flag, stvk.VelocityVerlet(dt=1e-5), 1e-5)),
+    }
+
+
+def measure() -> dict[str, float]:
+    """Best seconds of each call."""
+    import numba
+
+    numba.set_num_threads(1)
+    found = {}
+    for name, (repetitions, call) in calls().items():
+        call()
+        times = []
+        for _ in range(repetitions):
+            begin = perf_counter()
+            call()
+            times.append(perf_counter() - begin)
+        found[name] = min(times)
+    return found
+
+
+def one_round(checkout: Path) -> dict[str, float]:
+    """What a process of its own measures with the package of a checkout."""
+    command = [sys.executable, "-W", "ignore", str(Path(__file__).resolve()), "--measure"]
+    environment = os.environ | {"PYTHONPATH": str(checkout), "OMP_NUM_THREADS": "1"}
+    done = subprocess.run(command, cwd=checkout, env=environment, capture_output=True, text=True, check=True)
+    times: dict[str, float] = json.loads(done.stdout.splitlines()[-1])
+    return times
+
+
+def main() -> int:
+    """Measure here, or compare with another checkout."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("other", nargs="?", metavar="OTHER_CHECKOUT")
+    parser.add_argument("--rounds", type=int, default=9)
+    parser.add_argument("--measure", action="store_true", help="print the seconds of each call once, as JSON")
+    given = parser.parse_args()
+    if given.measure or given.other is None:
+        print(json.dumps(measure()))
+        return 0
+    folders = Path(given.other).resolve(), Path.cwd()
+    rounds: list[list[dict[str, float]]] = [[one_round(folder) for folder in folders] for _ in range(given.rounds)]
+    print(f"{'':36}{'before [ms]':>12}{'now [ms]':>12}{'now/before':>12}   quartiles of single rounds")
+    for name in rounds[0][0]:
+        before, now = (np.array([pair[i][name] for pair in rounds]) for i in (0, 1))
+        low, high = np.quantile(now / before, (0.25, 0.75))
+        ratio = np.median(now) / np.median(before)
+        print(f"{name:36}{1e3 * np.median(before):12.4g}{1e3 * np.median(now):12.4g}{ratio:12.3f}   {low:.3f} - {high:.3f}")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
