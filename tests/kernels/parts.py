@@ -1,9 +1,10 @@
 """Small meshes in several parts, and systems on the readable twins of the kernels."""
 
 import numba
+from kernels import readable
 
 from skfem_stvk.edges import arrays, assembly, order, penalty, rows, simplices, stiffness, stretches, topology, volumes
-from skfem_stvk.kernels import readable, threads
+from skfem_stvk.kernels import threads
 from skfem_stvk.mesh import displacements
 from skfem_stvk.system import free, pattern
 

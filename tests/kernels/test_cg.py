@@ -2,9 +2,10 @@
 
 import numpy as np
 import pytest
+from kernels import readable
 from linear.problems import NAMES, body, held
 
-from skfem_stvk.kernels import cg, readable
+from skfem_stvk.kernels import cg
 from skfem_stvk.kernels.cg import MORE, NEGATIVE, NOT_FINITE, SMALL, P, S, T, U, X
 from skfem_stvk.linear import BlockJacobiCg, Kind, SsorCg, Unknowns
 from skfem_stvk.system import FreeOperator

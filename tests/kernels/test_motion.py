@@ -2,8 +2,9 @@
 
 import numpy as np
 import pytest
+from kernels import readable
 
-from skfem_stvk.kernels import blocks, motion, readable
+from skfem_stvk.kernels import blocks, motion
 
 
 @pytest.mark.parametrize("d", [1, 2, 3])

@@ -4,10 +4,11 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from kernels import readable
 from scipy.sparse import csr_matrix
 from scipy.sparse import random as random_graph
 
-from skfem_stvk.kernels import readable, sparse
+from skfem_stvk.kernels import sparse
 
 N = 13
 PARTS = {"one part": [0, N], "two parts": [0, 5, N], "an empty part": [0, 5, 5, 9, N]}

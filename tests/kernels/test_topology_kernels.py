@@ -6,9 +6,10 @@ import pytest
 import skfem
 from bodies import MESHES
 from hypothesis import given, settings
+from kernels import readable
 
 from skfem_stvk.edges.topology import LOCAL_EDGES
-from skfem_stvk.kernels import geometry, readable, topology
+from skfem_stvk.kernels import geometry, topology
 from skfem_stvk.kernels.topology import OWN
 
 HUB = 10_000

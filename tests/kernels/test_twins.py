@@ -3,12 +3,13 @@
 import numpy as np
 import pytest
 from bodies import BODIES, MESHES, box, state
+from kernels import readable
 from kernels.parts import in_parts, on_twins
 from numba.core.dispatcher import Dispatcher
 
 from skfem_stvk import Anisotropic, StVK, System, VolumePenalty
 from skfem_stvk.edges import Tensions
-from skfem_stvk.kernels import blocks, cg, geometry, motion, penalty, readable, simplices, stretches, topology, volumes
+from skfem_stvk.kernels import blocks, cg, geometry, motion, penalty, simplices, stretches, topology, volumes
 from skfem_stvk.kernels.simplices import LANES
 
 

@@ -8,6 +8,7 @@ import pytest
 from bodies import BODIES, MESHES, bar, box, some_voigt, state
 from hypothesis import assume, given
 from hypothesis import strategies as st
+from kernels.readable import volume_energies
 
 from skfem_stvk import (
     Anisotropic,
@@ -23,7 +24,6 @@ from skfem_stvk import (
     verify,
 )
 from skfem_stvk.edges import TENSILE
-from skfem_stvk.kernels.readable import volume_energies
 from skfem_stvk.terms import Body
 from skfem_stvk.terms.volume_energies import ENERGIES
 

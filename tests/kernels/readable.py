@@ -2,7 +2,7 @@
 
 Tests hold the kernels against them; nothing else calls them. They take another way where there is one: all edges instead of spokes, the
 whole tensor D instead of the numbers that are stored, sums over lists of places instead of loops. What is said of the arrays in
-`simplices` and `blocks` holds here.
+`skfem_stvk.kernels.simplices` and `skfem_stvk.kernels.blocks` holds here.
 """
 
 from __future__ import annotations
@@ -10,11 +10,11 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from .cg import BETA, MORE, NEGATIVE, NORM, NOT_FINITE, PART, RHO, SEEN, SMALL, P, S, T, U, X
-from .compiled import Ids, Reals
-from .penalty import BARRIER, COMPRESSION, QUADRATIC
-from .simplices import LANES
-from .topology import OWN
+from skfem_stvk.kernels.cg import BETA, MORE, NEGATIVE, NORM, NOT_FINITE, PART, RHO, SEEN, SMALL, P, S, T, U, X
+from skfem_stvk.kernels.compiled import Ids, Reals
+from skfem_stvk.kernels.penalty import BARRIER, COMPRESSION, QUADRATIC
+from skfem_stvk.kernels.simplices import LANES
+from skfem_stvk.kernels.topology import OWN
 
 #: Edges of a tetrahedron as pairs of its vertices: the order of `edge_slots`.
 EDGES = ((0, 1), (1, 2), (0, 2), (0, 3), (1, 3), (2, 3))
