@@ -7,14 +7,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ..arguments import Array
 from ..errors import MaterialError
-from .material import Hypothesis, Material
-from .values import Values, check_length, constant
+from .material import Hypothesis, Material, check_length, constant
 
 
 @dataclass(frozen=True, eq=False)
 class Isotropic(Material):
-    """`S = lam tr(E) I + 2 mu E`; every constant is a number, or an array with one value an element.
+    """`S = lam tr(E) I + 2 mu E`; every constant is a number, or an array with one value per element.
 
     Parameters
     ----------
@@ -61,7 +61,7 @@ class Isotropic(Material):
         if hypothesis is not Hypothesis.PLANE_STRESS:
             constant(self.poisson, f"poisson ({hypothesis.value})", low=-1.0, high=0.5)
 
-    def lame(self, hypothesis: Hypothesis) -> tuple[Values, Values]:
+    def lame(self, hypothesis: Hypothesis) -> tuple[Array, Array]:
         """The pair `(lam, mu)` [Pa] that acts within the simplex's own dimensions.
 
         `lam = E nu/((1 + nu)(1 - 2 nu))` in solids and plane strain, `E nu/(1 - nu^2)` in plane stress; `mu = E/(2 (1 + nu))`.

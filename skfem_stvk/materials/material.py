@@ -1,4 +1,4 @@
-"""What all materials share: a density, a frame, and the question whether they fit a region."""
+"""What all materials share: constants that are checked with the ids of the bad ones, a density, a frame, and whether they fit a region."""
 
 from __future__ import annotations
 
@@ -7,11 +7,10 @@ from dataclasses import dataclass, field
 from enum import Enum
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
-from ..arguments import real_array
+from ..arguments import Array, real_array, shown
 from ..errors import MaterialError, name_ids
-from .values import Values, check_length, constant
 
 
 class Hypothesis(Enum):
@@ -53,7 +52,7 @@ class Material:
 class FramedMaterial(Material, ABC):
     """A material given by constants along its own axes.
 
-    `frame`'s columns are the material axes in global coordinates: (3, 3), (2, 2) for axes in the plane, or one an element with
+    `frame`'s columns are the material axes in global coordinates: (3, 3), (2, 2) for axes in the plane, or one per element with
     one more axis in front; the global axes by default.
     """
 
@@ -66,7 +65,7 @@ class FramedMaterial(Material, ABC):
         _refuse_indefinite(self.stiffness())
 
     @abstractmethod
-    def stiffness(self) -> Values:
+    def stiffness(self) -> Array:
         """Elasticity matrix in material axes [Pa], Voigt order 11, 22, 33, 23, 13, 12, engineering shear: (6, 6) or (n, 6, 6)."""
 
     def check(self, n: int, hypothesis: Hypothesis) -> None:
@@ -76,7 +75,7 @@ class FramedMaterial(Material, ABC):
             check_length(np.asarray(self.frame), n, "frame", (3, 3))
 
 
-def _orthonormal(frame: ArrayLike) -> Values:
+def _orthonormal(frame: ArrayLike) -> Array:
     """The frame as (3, 3) or (n, 3, 3)."""
     given = real_array(frame)
     size = 2 if given is not None and given.shape[-2:] == (2, 2) else 3
@@ -87,7 +86,7 @@ def _orthonormal(frame: ArrayLike) -> Values:
         where = f" in {name_ids(bad, 'element')}" if array.ndim == 3 else ""
         raise MaterialError(
             f"The columns of frame are not orthonormal{where}: frame' frame differs from the identity by {error.max():.1e}. "
-            "Expected the material axes as unit vectors at right angles, one a column."
+            "Expected the material axes as unit vectors at right angles, one per column."
         )
     if size == 2:
         embedded = np.broadcast_to(np.eye(3), (*array.shape[:-2], 3, 3)).copy()
@@ -96,7 +95,7 @@ def _orthonormal(frame: ArrayLike) -> Values:
     return array
 
 
-def _refuse_indefinite(stiffness: Values) -> None:
+def _refuse_indefinite(stiffness: Array) -> None:
     """Refuse an elasticity matrix that is not symmetric positive definite."""
     matrices = stiffness.reshape(-1, 6, 6)
     size = np.abs(matrices).max(axis=(1, 2))
@@ -110,3 +109,47 @@ def _refuse_indefinite(stiffness: Values) -> None:
             where = f" in {name_ids(np.flatnonzero(bad), 'element')}" if stiffness.ndim == 3 else ""
             detail = f"entries differ by {asymmetry.max():.2e}" if what == "symmetric" else f"lowest eigenvalue {lowest.min():.2e}"
             raise MaterialError(f"The elasticity matrix is not {what}{where} ({detail}). {cause}")
+
+
+def constant(value: ArrayLike, name: str, low: float = -np.inf, high: float = np.inf, shape: tuple[int, ...] = ()) -> Array:
+    """The constant as an array of the given shape, or with one more axis in front for one value per element.
+
+    Raises
+    ------
+    MaterialError
+        if it has another shape, is not finite, or not strictly between `low` and `high`; with the ids.
+    """
+    given = real_array(value)
+    if given is None:
+        raise MaterialError(f"{name} = {shown(value)} is not a number, nor an array with one value per element.")
+    array = np.array(given)  # a copy: materials are frozen
+    if not array.size or array.shape not in (shape, (len(array) if array.ndim else 0, *shape)):
+        raise MaterialError(
+            f"{name} has shape {array.shape}; expected {shape or 'a number'}, or one value per element: {('n', *shape)}."
+        )
+    _refuse(array, ~np.isfinite(array), name, "not finite", shape)
+    array.flags.writeable = False
+    _refuse(array, ~((array > low) & (array < high)), name, f"outside ({low:g}, {high:g})", shape)
+    return array
+
+
+def _refuse(array: Array, bad: NDArray[np.bool_], name: str, what: str, shape: tuple[int, ...]) -> None:
+    if not bad.any():
+        return
+    if array.ndim == len(shape):
+        raise MaterialError(f"{name} = {np.array2string(array)} is {what}.")
+    ids = np.flatnonzero(bad.reshape(len(array), -1).any(axis=1))
+    raise MaterialError(f"{name} is {what} in {name_ids(ids, 'element')}, first value {array[bad][0]:g}. Was it filled for all?")
+
+
+def check_length(array: Array, n: int, name: str, shape: tuple[int, ...] = ()) -> None:
+    """Refuse an array with one value per element if there are not `n` elements.
+
+    Raises
+    ------
+    MaterialError
+    """
+    if array.ndim > len(shape) and len(array) != n:
+        raise MaterialError(
+            f"{name} has {len(array)} values; expected a single one, or one for each of the {n} elements of its region, in their order."
+        )

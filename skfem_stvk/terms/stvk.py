@@ -15,7 +15,7 @@ from ..edges.coefficients import simplex_coefficients
 from ..edges.stiffness import GeneralStiffness, IsotropicStiffness, Stiffness
 from ..errors import MaterialError
 from ..materials import FramedMaterial, Hypothesis, Isotropic, Material
-from ..materials.values import check_length, constant
+from ..materials.material import check_length, constant
 from ..mesh import SimplexMesh
 from ..mesh.geometry import Geometry
 

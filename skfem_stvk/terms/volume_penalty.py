@@ -12,7 +12,7 @@ from ..arguments import Array, choice, own
 from ..edges import PenaltyAssembly
 from ..edges.penalty import refuse_inside_out
 from ..errors import MaterialError, name_ids
-from ..materials.values import check_length, constant
+from ..materials.material import check_length, constant
 from ..mesh import SimplexMesh
 from .body import Body
 from .volume_energies import ENERGIES
