@@ -7,7 +7,7 @@ from typing import Any
 
 from ..mesh import SimplexMesh
 from ..peers import load, module_of
-from ..peers.packages import PACKAGES
+from ..peers.peer import PACKAGES
 from ..reference import ReferenceStVK, isotropic_tensor
 from .case import POISSON, YOUNG, Case
 from .contenders import METHODS

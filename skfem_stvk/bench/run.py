@@ -12,7 +12,7 @@ from time import perf_counter
 from ..arguments import flag, shown
 from ..errors import StvkError
 from ..peers import PEERS
-from ..peers.packages import PACKAGES
+from ..peers.peer import PACKAGES
 from ..referee.header import PACKAGES as OWN
 from ..referee.header import machine, versions
 from ..referee.progress import Progress

@@ -9,8 +9,7 @@ from importlib import import_module
 
 from ..arguments import shown
 from ..errors import StvkError
-from .packages import PACKAGES
-from .peer import Peer
+from .peer import PACKAGES, Peer
 
 PEERS = {"MuJoCo": "mujoco.MuJoCo", "FElupe": "felupe.FElupe", "NGSolve": "ngsolve.NGSolve", "DOLFINx": "dolfinx.DOLFINx"}
 

@@ -1,4 +1,4 @@
-"""DOLFINx: UFL's derivatives of the energy, compiled to C by FFCx."""
+"""DOLFINx: FFCx compiles UFL's derivatives of the energy to C."""
 
 from __future__ import annotations
 
@@ -8,10 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import bsr_matrix, csr_matrix
 
+from ..arguments import Array
 from ..errors import StvkError
-from .packages import require
-from .peer import Array, lame
-from .reordering import Reordering
+from .peer import Reordering, lame, require
 
 OPTIONS = {"cffi_extra_compile_args": ["-O3", "-march=native", "-ffast-math"]}
 

@@ -1,4 +1,4 @@
-"""FElupe: contractions of numpy over all elements."""
+"""FElupe, which contracts arrays of all elements with NumPy."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_matrix
 
-from .packages import require
-from .peer import Array, lame
+from ..arguments import Array
+from .peer import lame, require
 
 
 class FElupe:
@@ -58,7 +58,7 @@ def _law(felupe: Any, lam: float, mu: float) -> Any:
     `P = F S` and `A_iJkL = lambda F_iJ F_kL + mu (F_iL F_kJ + (F F')_ik delta_JL) + delta_ik S_JL`.
     """
 
-    class StVK(felupe.ConstitutiveMaterial):
+    class Law(felupe.ConstitutiveMaterial):
         def __init__(self) -> None:
             self.x = [np.eye(3), np.zeros(0)]
 
@@ -96,4 +96,4 @@ def _law(felupe: Any, lam: float, mu: float) -> Any:
             E *= 0.5
             return E
 
-    return StVK()
+    return Law()

@@ -1,4 +1,4 @@
-"""MuJoCo: the passive force of a flex, an edge form summed element by element in C, and flexes in motion."""
+"""MuJoCo: the passive force of a flex, which is an edge form summed element by element in C, and flexes in motion."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..arguments import Array
 from ..errors import StvkError
-from .packages import require
-from .peer import Array
+from .peer import require
 
 
 class MuJoCo:
@@ -52,8 +52,8 @@ class Moving:
     held : ids of vertices that do not move.
     gravity : (3,) [m/s^2].
     dt : time step [s].
-    integrator : "discrete", MuJoCo's implicit one for flexes: a linear solve a step with `M + dt^2 K`, K with tensile tensions alone; or "Euler",
-        explicit.
+    integrator : "discrete", MuJoCo's implicit one for flexes: one linear solve per step with `M + dt^2 K`, where K has tensile
+        tensions alone; or "Euler", which is explicit.
     rtol, iterations : of the linear solve.
     """
 
@@ -67,7 +67,7 @@ class Moving:
 
 
 class MuJoCoMotion:
-    """A flex in motion, vertices that are held without joints; parameters and errors as of `MuJoCo`."""
+    """A flex in motion, whose held vertices have no joints; parameters and errors as in `MuJoCo`."""
 
     def __init__(self, p: Array, t: NDArray[np.int32], young: float, poisson: float, moving: Moving) -> None:
         self._engine = mujoco = require("mujoco")
@@ -78,35 +78,35 @@ class MuJoCoMotion:
         self._free = np.setdiff1d(np.arange(len(rest)), moving.held)
 
     def begin(self, u: Array, v: Array) -> None:
-        """From displacements [m] and velocities [m/s] (3 nv,) on; those of vertices that are held are left out."""
+        """Start from displacements [m] and velocities [m/s] (3 nv,); those of held vertices are left out."""
         self._data.qpos[:] = u.reshape(-1, 3)[self._free].ravel()
         self._data.qvel[:] = v.reshape(-1, 3)[self._free].ravel()
 
     def step(self) -> None:
-        """A time step."""
+        """Advance by one time step."""
         self._engine.mj_step(self._model, self._data)
 
     def displacements(self) -> Array:
-        """(3 nv,) now [m]."""
+        """Displacements (3 nv,) of the current state [m]."""
         u = np.zeros((self._model.nbody - 1, 3))
         u[self._free] = self._data.qpos.reshape(-1, 3)
         return u.ravel()
 
     def solved(self) -> bool:
-        """Whether MuJoCo has had nothing to warn of, such as a solve that ran out of iterations, or a state that is not finite."""
+        """Whether MuJoCo has not warned, as it does of a solve that ran out of iterations and of a state that is not finite."""
         return not any(warning.number for warning in self._data.warning)
 
 
 def _model(mujoco: Any, rest: Array, t: NDArray[np.int32], young: float, poisson: float, moving: Moving | None = None) -> Any:
-    """Each vertex a body that slides along x, y and z; of some mass, about its own place: else the engine takes a slower path."""
+    """A flex whose vertices are bodies that slide along x, y and z; without a mass and inertia the engine takes a slower path."""
     if not 0 <= poisson < 0.5:
-        raise StvkError(f"Poisson's ratio {poisson} came; MuJoCo takes those from 0 up to, but not, 1/2.")
+        raise StvkError(f"Expected a Poisson's ratio from 0 to below 1/2, as MuJoCo needs it; got {poisson}.")
     spec = mujoco.MjSpec()
     spec.memory = 2**20 + 256 * rest.size  # [B]; by itself it would take many times that
     masses, held = (np.ones(len(rest)), ()) if moving is None else (moving.masses, moving.held)
     is_held = np.isin(np.arange(len(rest)), held)
     for vertex, (place, mass) in enumerate(zip(rest, masses, strict=True)):
-        inertia = [mass] * 3  # of what does not turn
+        inertia = [mass] * 3  # of a body that does not turn
         body = spec.worldbody.add_body(
             name=str(vertex), pos=place, mass=mass, inertia=inertia, ipos=[0, 0, 0], explicitinertial=True
         )

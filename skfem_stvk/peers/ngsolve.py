@@ -1,4 +1,4 @@
-"""NGSolve: the derivatives of a symbolic energy, compiled."""
+"""NGSolve, which compiles the derivatives of a symbolic energy."""
 
 from __future__ import annotations
 
@@ -14,9 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_matrix
 
-from .packages import require
-from .peer import Array, lame
-from .reordering import Reordering
+from ..arguments import Array
+from .peer import Reordering, lame, require
 
 
 class NGSolve:

@@ -1,13 +1,17 @@
-"""What a peer is."""
+"""What a peer is, the packages that peers need, and what their classes share."""
 
 from __future__ import annotations
 
-from typing import Protocol
+from dataclasses import dataclass
+from importlib import import_module, metadata
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.sparse import coo_matrix, csr_matrix
 
 from ..arguments import Array
+from ..errors import StvkError
 
 
 class Peer(Protocol):
@@ -46,3 +50,82 @@ def lame(young: float, poisson: float) -> tuple[float, float]:
     (1.0, 1.0)
     """
     return young * poisson / ((1 + poisson) * (1 - 2 * poisson)), young / (2 * (1 + poisson))
+
+
+class Reordering:
+    """Matrices of one pattern, brought to another order of the degrees of freedom for the price of one indexing.
+
+    Parameters
+    ----------
+    numbered : a sparse matrix of the pattern, with the values 1, 2, 3, ... as they lie in memory.
+    dofs : the new degree of freedom of each row and column.
+    ndofs : the number of new degrees of freedom.
+
+    >>> two = csr_matrix(([1.0, 2.0, 3.0], [0, 0, 1], [0, 1, 3]))
+    >>> two.toarray().tolist(), Reordering(two, np.array([1, 0]), 2)(np.array([7.0, 8.0, 9.0])).toarray().tolist()
+    ([[1.0, 0.0], [2.0, 3.0]], [[9.0, 8.0], [0.0, 7.0]])
+    """
+
+    def __init__(self, numbered: Any, dofs: NDArray[np.intp], ndofs: int) -> None:
+        entries = numbered.tocoo()
+        self._pattern = coo_matrix((entries.data, (dofs[entries.row], dofs[entries.col])), shape=(ndofs, ndofs)).tocsr()
+        self._order = self._pattern.data.astype(np.intp) - 1
+
+    def __call__(self, data: NDArray[np.float64]) -> csr_matrix:
+        """The matrix with these values, which it copies."""
+        return csr_matrix((data[self._order], self._pattern.indices, self._pattern.indptr), shape=self._pattern.shape)
+
+
+@dataclass(frozen=True)
+class Package:
+    """An optional package: the name it is imported by, its name where it is installed from, and the line that installs it.
+
+    `least` is the first major version that computes this model, `why` the reason.
+    """
+
+    module: str
+    distribution: str
+    install: str
+    least: int = 0
+    why: str = ""
+
+    def version(self) -> str | None:
+        """The installed version; None if it is missing or too old."""
+        try:
+            version = metadata.version(self.distribution)
+        except metadata.PackageNotFoundError:
+            return None
+        return version if self.fits(version) else None
+
+    def fits(self, version: str) -> bool:
+        return int(version.split(".")[0]) >= self.least
+
+
+PACKAGES = {
+    package.module: package
+    for package in (
+        Package("mujoco", "mujoco", 'pip install "mujoco>=4"', least=4, why="Releases before 4.0 take lambda twice."),
+        Package("felupe", "felupe", "pip install felupe"),
+        Package("ngsolve", "ngsolve", "pip install ngsolve"),
+        Package("dolfinx", "fenics-dolfinx", "conda install -c conda-forge fenics-dolfinx"),
+    )
+}
+
+
+def require(module: str) -> Any:
+    """The imported package.
+
+    Raises
+    ------
+    StvkError
+        if it is missing, cannot be imported or is too old, with the line that installs it.
+    """
+    package = PACKAGES[module]
+    try:
+        imported = import_module(module)
+    except ImportError as error:
+        raise StvkError(f"The package {module} cannot be imported ({error}). It is optional: {package.install}") from error
+    version = str(getattr(imported, "__version__", ""))
+    if package.least and not package.fits(version):
+        raise StvkError(f"Expected {module} {package.least}.0 or later, got {version}. {package.why} Get it: {package.install}")
+    return imported

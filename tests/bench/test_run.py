@@ -18,7 +18,7 @@ from skfem_stvk.bench.terminal import as_text, rendered
 from skfem_stvk.bench.timing import best_and_median, most_threads, threads
 from skfem_stvk.bench.traffic import copy_bandwidth, least_bytes
 from skfem_stvk.peers import PEERS
-from skfem_stvk.peers.packages import PACKAGES, Package
+from skfem_stvk.peers.peer import PACKAGES, Package
 from validation.control import compiler
 
 PLAN = Plan("quick", boxes=(50, 400), parts=(), judged=(400,), referenced=(400,), seconds=0.0)

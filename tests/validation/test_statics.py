@@ -228,10 +228,10 @@ def test_a_large_body_is_solved_by_amg():
 
 
 def test_what_is_not_installed_is_not_measured_and_says_so(monkeypatch):
-    from skfem_stvk.peers import packages
+    from skfem_stvk.peers import peer
     from validation.statics import linear_solvers
 
-    monkeypatch.setattr(packages.Package, "version", lambda package: None)
+    monkeypatch.setattr(peer.Package, "version", lambda package: None)
     for module in (speed, linear_solvers, sys.modules["skfem_stvk.linear.choose"]):
         monkeypatch.setattr(module, "pardiso_is_installed", lambda: False)
     monkeypatch.setitem(sys.modules, "pypardiso", None)

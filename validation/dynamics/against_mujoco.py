@@ -9,7 +9,7 @@ import numpy as np
 from skfem_stvk import System
 from skfem_stvk.dynamics import ForwardEuler
 from skfem_stvk.peers.mujoco import Moving, MuJoCoMotion
-from skfem_stvk.peers.packages import PACKAGES
+from skfem_stvk.peers.peer import PACKAGES
 
 from ..statics.study import Study
 from .scenes import Array

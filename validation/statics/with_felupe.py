@@ -9,7 +9,7 @@ import numpy as np
 import skfem
 
 from skfem_stvk.peers.felupe import FElupe
-from skfem_stvk.peers.packages import require
+from skfem_stvk.peers.peer import require
 
 from .cantilever import POISSON, RTOL, TENTHS, TRACTION, YOUNG, Array, Run, end_centre, timed
 from .with_scikit_fem import LinearSolver
