@@ -1,4 +1,4 @@
-"""What all materials share: constants that are checked with the ids of the bad ones, a density, a frame, and whether they fit a region."""
+"""What all materials share: checked constants, a density, a frame, and whether they fit a region."""
 
 from __future__ import annotations
 
@@ -151,5 +151,6 @@ def check_length(array: Array, n: int, name: str, shape: tuple[int, ...] = ()) -
     """
     if array.ndim > len(shape) and len(array) != n:
         raise MaterialError(
-            f"{name} has {len(array)} values; expected a single one, or one for each of the {n} elements of its region, in their order."
+            f"{name} has {len(array)} values; expected a single one, or one for each of the {n} elements of its region, "
+            "in their order."
         )

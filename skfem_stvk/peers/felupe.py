@@ -15,9 +15,9 @@ from .peer import lame, require
 class FElupe:
     """A `SolidBody` of `RegionTetra` with one quadrature point and one thread; see `Peer`.
 
-    FElupe needs tetrahedra of positive orientation, so the others are handed over with two vertices exchanged. The law is written for
-    it as its own compressible laws are, in closed form; its general route to the same law, `MaterialStrain`, takes about 1.5 times as
-    long.
+    FElupe needs tetrahedra of positive orientation, so the others are handed over with two vertices exchanged. The law is written
+    for it as its own compressible laws are, in closed form; its general route to the same law, `MaterialStrain`, takes about 1.5
+    times as long.
     """
 
     name = "FElupe"

@@ -23,9 +23,9 @@ class Peer(Protocol):
     t : (4, nt) vertices of the tetrahedra, of either orientation.
     young, poisson : constants of the material [Pa, -], the same everywhere.
 
-    A peer has those of `energy(u) -> float` [J], `internal_force(u) -> (3 nv,)` = dW/du [N] and `tangent(u) -> csr_matrix` [N/m] that
-    its code can compute, for `u` (3 nv,) [m] with the degree of freedom `3 * vertex + component`. All that does not depend on `u` is
-    done when the peer is made, so that the time of a call is the other code's own.
+    A peer has those of `energy(u) -> float` [J], `internal_force(u) -> (3 nv,)` = dW/du [N] and `tangent(u) -> csr_matrix` [N/m]
+    that its code can compute, for `u` (3 nv,) [m] with the degree of freedom `3 * vertex + component`. All that does not depend on
+    `u` is done when the peer is made, so that the time of a call is the other code's own.
 
     Attributes
     ----------
