@@ -7,7 +7,7 @@ import numpy as np
 from ..arguments import Array
 from ..kernels import motion as kernels
 from ..statics.equilibrium import dot
-from ..terms.load import Moment
+from .forces import driven, driving_force, steady_potential
 from .ledger import INSIDE_OUT, Balance, Ledger, column_names
 from .motion import Motion
 from .places import Places
@@ -35,7 +35,7 @@ class Books:
         self.external = self.dissipated = 0.0
         self._first = float(self.ledger["total_energy"][0]) if self.ledger.steps else None
         self._inside_out = self.ledger.names.index(INSIDE_OUT)
-        self._watched = motion.moving or motion.damped or motion.system.driven
+        self._watched = motion.moving or motion.damped or driven(motion.system)
         self._t, self._u = 0.0, np.zeros(motion.system.ndofs)
         self._driving: Array = np.zeros(motion.system.ndofs)
 
@@ -49,7 +49,7 @@ class Books:
         if self._watched:
             self._t = state.t
             np.copyto(self._u, state.u)
-            self._driving = self.motion.system.driving_force(state.u, Moment(state.t, 1.0))
+            self._driving = driving_force(self.motion.system, state.u, state.t)
 
     def work(self, state: State) -> None:
         """Count the work of what drives the body, and what damping took, since the state before."""
@@ -97,4 +97,4 @@ class Books:
         u, v, Mv = (x.reshape(mesh.nv, mesh.d) for x in (state.u, state.v, self._Mv))
         motion.mass.multiply(state.v, out=self._Mv)
         kernels.momenta(mesh.p, u, v, Mv, sums)
-        return motion.system.steady_potential(state.u)
+        return steady_potential(motion.system, state.u)

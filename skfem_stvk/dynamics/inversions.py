@@ -6,7 +6,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import name_ids, warn
-from ..terms import VolumePenalty
 from .ledger import INSIDE_OUT, Ledger
 from .plan import Plan
 
@@ -54,7 +53,7 @@ class Inversions:
     @property
     def resisted(self) -> bool:
         """Whether a term resists that elements turn inside out."""
-        return any(isinstance(term, VolumePenalty) for term in self._plan.motion.system.elastic_terms)
+        return self._plan.motion.system.resists_inversion
 
     def _elements(self) -> NDArray[np.int64]:
         return self._plan.motion.system.inside_out(self._plan.state.u)

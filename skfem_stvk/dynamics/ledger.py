@@ -17,7 +17,6 @@ from ..arguments import Array, real_array, shown, whole
 from ..errors import StvkError, name_known
 from ..results.files import output_path, replacing
 from ..system import System
-from ..terms import Load
 
 FIRST_ROWS = 1024
 ROWS_AT_ONCE = 10_000
@@ -74,7 +73,7 @@ def column_names(system: System, probes: Iterable[str] = (), reactions: Iterable
     ===================================  ====================================================================================
     """
     axes = "xyz"[: system.mesh.d]
-    terms = [f"{type(term).__name__} {number}" for number, term in enumerate(system.terms) if not isinstance(term, Load)]
+    terms = system.elastic_names
     return (
         "time",
         "kinetic_energy",

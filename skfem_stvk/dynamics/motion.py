@@ -11,6 +11,7 @@ from ..statics.equilibrium import dot
 from ..system import System, TangentOperator
 from ..terms.load import Moment
 from .damping import Damping, damping_factors
+from .forces import add_damping_force, add_secant_damping, constant_loads
 
 #: Part of a time step over which prescribed displacements are differenced to begin with.
 DIFFERENCE = 1e-3
@@ -59,7 +60,7 @@ class Motion:
     @cached_property
     def constant_loads(self) -> Array | None:
         """(ndofs,) the loads, if they are the same at any time and place [N]."""
-        if not self.system.constant_loads:
+        if not constant_loads(self.system):
             return None
         loads = self.system.external_force(np.zeros(self.system.ndofs), Moment(0.0, 1.0))
         loads.flags.writeable = False
@@ -74,7 +75,7 @@ class Motion:
         self.add_linear_damping(v, out)
         if self.tau:
             self._force[:] = 0
-            self.system.add_damping_force(u, v, self._force)
+            add_damping_force(self.system, u, v, self._force)
             out += self.tau * self._force
 
     def add_linear_damping(self, v: Array, out: Array) -> None:
@@ -105,5 +106,5 @@ class Motion:
         lost = dt * dot(v, force)
         if self.tau:  # dzeta' L dzeta / 4 comes with the force
             self._force[:] = 0
-            lost += 2 * self.tau / dt * self.system.add_secant_damping(u0, u1, 0.5, self._force)
+            lost += 2 * self.tau / dt * add_secant_damping(self.system, u0, u1, 0.5, self._force)
         return lost

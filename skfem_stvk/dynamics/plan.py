@@ -17,7 +17,6 @@ from ..mesh.places import Where
 from ..results.archive import NotOurs
 from ..system import System
 from ..system.signature import Problem, sums
-from ..terms import Load
 from . import checkpoint as checkpoints
 from .checkpoint import ANEW, FRACTIONS, IntegratorRecord, MomentRecord, MotionHeader
 from .clock import Clock, Looks
@@ -305,6 +304,6 @@ def _first_state(motion: Motion, u0: ArrayLike | None, v0: ArrayLike | None, t0:
         )
     state.u[fixed] = held
     state.v[fixed] = motion.held_velocities(t0, integrator.dt or 1e-6)
-    if not (state.u.any() or state.v.any() or motion.moving or any(isinstance(term, Load) for term in system.terms)):
+    if not (state.u.any() or state.v.any() or motion.moving or system.loads):
         raise LoadError("Nothing moves the body: no load, nothing prescribed, u0 and v0 zero. Add Gravity(...), or give u0 or v0.")
     return state

@@ -20,6 +20,7 @@ from ..statics.stopwatch import Stopwatch
 from ..system import FreeOperator, System, TangentOperator
 from ..system.rigid import rigid_modes
 from ..terms.load import Moment, Time
+from .forces import add_damping_force, add_mean_force, add_secant_damping
 from .motion import Motion
 from .start_tensions import StartTensions
 from .state import State
@@ -207,17 +208,17 @@ class StepProblem(Equilibrium):
         u0, u1, force = self._u0, self._u0 + w, self._force
         if self._mean:
             force[:] = 0
-            self.system.add_mean_force(u0, u1, force)
+            add_mean_force(self.system, u0, u1, force)
             force *= 2
         else:
             self.system.energy_and_force(u1, out=force)
         if self.motion.tau:
             damping = np.zeros_like(force)
             if self._secant:
-                self.system.add_secant_damping(u0, u1, 0.5 if self._mean else 1.0, damping)
+                add_secant_damping(self.system, u0, u1, 0.5 if self._mean else 1.0, damping)
                 damping *= self._g
             else:
-                self.system.add_damping_force(u1, self._g * w - self._d, damping)
+                add_damping_force(self.system, u1, self._g * w - self._d, damping)
             force += self.motion.tau * damping
         return force
 

@@ -15,7 +15,7 @@ from ..materials import Hypothesis, Material
 from ..mesh import MeshLike, SimplexMesh
 from ..mesh.displacements import by_vertex
 from ..mesh.geometry import Geometry
-from ..terms import Body, StVK, VolumePenalty
+from ..terms import Body, HasPressure, HasStress
 from .frames import rest_frames
 from .kinematics import Array
 from .nodal import NodalAverage
@@ -37,7 +37,7 @@ class VolumePart:
     """A volume penalty on its elements, with its stiffness [Pa], and whether something keeps them from giving way across."""
 
     elements: NDArray[np.int64]
-    term: VolumePenalty
+    term: HasPressure
     stiffness: Array
     held_across: NDArray[np.bool_]
 
@@ -78,8 +78,8 @@ class Fields:
     def __init__(self, mesh: MeshLike, terms: Any) -> None:
         self.mesh = SimplexMesh.of(mesh)
         every = list(terms) if isinstance(terms, Iterable) and not isinstance(terms, np.ndarray) else [terms]
-        carrying = [term for term in every if isinstance(term, StVK)]
-        penalties = [term for term in every if isinstance(term, VolumePenalty)]
+        carrying = [term for term in every if isinstance(term, HasStress)]
+        penalties = [term for term in every if isinstance(term, HasPressure)]
         if not carrying and not penalties:
             raise StvkError("None of the terms carries stress; expected at least one StVK(...).")
         self.parts = [self._part(term) for term in carrying]
@@ -94,14 +94,13 @@ class Fields:
         for penalty in self.volume_parts:
             self.without_term[penalty.elements] = False
 
-    def _part(self, term: StVK) -> Part:
+    def _part(self, term: HasStress) -> Part:
         elements, hypothesis = self.mesh.elements(term.region), term.hypothesis(self.mesh)
-        assert term.material is not None
         term.material.check(len(elements), hypothesis)
         section = np.broadcast_to(term.section(self.mesh, len(elements)), len(elements))
         return Part(elements, term.material, hypothesis, section)
 
-    def _volume_part(self, term: VolumePenalty, body: Body) -> VolumePart:
+    def _volume_part(self, term: HasPressure, body: Body) -> VolumePart:
         """What no other term is on is in plane strain."""
         held = (self.total_section == 0) & (self.mesh.k > 1)
         for part in self.parts:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from ..system import System
-from ..terms import Load, VolumePenalty
 from .history import History
 from .newton import End
 from .path.arc_length import ArcLength
@@ -57,8 +56,7 @@ def reason(
     if status is Status.UNSTABLE:
         count = f"K has {verdict.negative} negative eigenvalue(s)" if verdict.negative else "K is not positive definite"
         mode = "a small part of result.critical_points[0].mode" if history.critical_points else "a small imperfection"
-        loaded = any(isinstance(term, Load) for term in system.terms)
-        otherwise = ", or prescribe displacements instead of loads" if loaded else ""
+        otherwise = ", or prescribe displacements instead of loads" if system.loads else ""
         return (
             f"At t = {t:.4g} the body is in equilibrium, but unstable: {count}, and a real one would leave this state.{_critical(history)} Look for "
             f"the stable one beside it: give the mesh {mode}{' as an imperfection' * bool(history.critical_points)}{otherwise}."
@@ -75,7 +73,7 @@ def reason(
         return f"Interrupted at t = {t:.6g}{by.rstrip('.')}. Kept so far: {kept}."
     if status is Status.STOPPED:
         where = "before its end" if method == ArcLength.name else "before the full load"
-        penalty = any(isinstance(term, VolumePenalty) for term in system.terms)
+        penalty = system.resists_inversion
         unstable = len(history) and history[-1].negative
         already = f" The last state is unstable: K has {unstable} negative eigenvalue(s) there." if unstable else ""
         return f"Stopped {where}, at t = {t:.6g}{_why(history, t, branch, penalty, started)}{already}{_critical(history)}{_found(history)}"

@@ -14,7 +14,7 @@ from ..materials import FramedMaterial, Isotropic, Material
 from ..results import Fields
 from ..results.ellipticity import without_ellipticity
 from ..system import System
-from ..terms import StVK, VolumePenalty
+from ..terms import HasStress
 
 #: Poisson's ratio above which linear simplices lock, and the stretch below which St. Venant-Kirchhoff bodies soften.
 LOCKING, SOFTENING = 0.45, 3**-0.5
@@ -73,7 +73,7 @@ class Monitors:
         """
         ratio = np.full(self._system.mesh.nt, -1.0)
         for term in self._system.elastic_terms:
-            if isinstance(term, StVK) and term.material is not None and not term.hypothesis(self._system.mesh).condensed:
+            if isinstance(term, HasStress) and not term.hypothesis(self._system.mesh).condensed:
                 elements = self._system.mesh.elements(term.region)
                 ratio[elements] = np.maximum(ratio[elements], poisson_of(term.material))
         largest = float(ratio.max())
@@ -112,19 +112,16 @@ class Monitors:
                 yield self._finding("not elliptic", ids, float(lowest.min()), what)
 
     def _if_inside_out(self) -> str:
-        remedy = "" if self._has_penalty() else ", or a VolumePenalty among the terms, which resists"
+        remedy = "" if self._system.resists_inversion else ", or a VolumePenalty among the terms, which resists"
         return f"No body can do that, so the state means nothing there. Take smaller steps, a finer mesh{remedy}."
 
     def _if_compressed(self) -> str:
         if self._system.mesh.k < self._system.mesh.d:
             return "Membranes and cables wrinkle and go slack long before: is it pushed where it should be pulled?"
-        if self._has_penalty():
+        if self._system.resists_inversion:
             return "The VolumePenalty carries it: what is computed there is a body with that penalty more than a St. Venant-Kirchhoff one."
         local = "At a corner or under a load on few vertices refine the mesh or spread the load"
         return f"More compression takes less force. {local}; elsewhere add a VolumePenalty, or take less load."
-
-    def _has_penalty(self) -> bool:
-        return any(isinstance(term, VolumePenalty) for term in self._system.elastic_terms)
 
     def _finding(self, name: str, ids: NDArray[np.int64], extreme: float, what: str) -> Finding:
         mesh = self._system.mesh

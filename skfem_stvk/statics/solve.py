@@ -14,7 +14,6 @@ from ..linear import LinearSolver, choose
 from ..mesh.displacements import by_vertex
 from ..system import System
 from ..system.system import checked_system
-from ..terms import Load
 from .branch_end import branch_end
 from .equilibrium import Equilibrium, kind_of, with_loads
 from .history import History, Step
@@ -211,7 +210,7 @@ def _checked(
         path("checkpoint", checkpoint, "the path of a folder")
     if resume and checkpoint is None:
         raise StvkError("resume=True without a checkpoint: from which folder? checkpoint='...'.")
-    if u0 is None and not system.supports.prescribed.size and not any(isinstance(term, Load) for term in system.terms):
+    if u0 is None and not system.supports.prescribed.size and not system.loads:
         raise LoadError(
             "Nothing acts on the body: no load, nothing prescribed. Add Gravity(...), Traction(...) or prescribed={...}."
         )

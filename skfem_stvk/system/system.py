@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, DTypeLike, NDArray
 from scipy.sparse import csr_matrix
 
-from ..arguments import Array, array, number, shown
+from ..arguments import Array, number, shown
 from ..edges import ALL, Rows, Tensions
 from ..errors import LoadError, StateError, StvkError, name_ids, warn
 from ..kernels.threads import Turn
@@ -24,14 +24,13 @@ from ..terms import (
     BoundLoad,
     BoundTerm,
     Grounded,
-    HasDampingForce,
-    HasMeanForce,
+    HasStress,
     HasStretch,
     HasVolume,
     Load,
     Quartic,
-    StVK,
     Term,
+    is_load,
 )
 from ..terms.load import Moment, Time
 from .free import FreeDofs
@@ -42,8 +41,6 @@ from .pattern import Pattern
 from .rigid import parts_of
 from .supports import Displacements, Supports, dofs_at
 
-#: Loads that are given by constants, at their full size.
-FULL = Moment(1.0, 1.0)
 #: Elements of a smaller part of their volume are flat: what is left of it is rounding.
 FLAT = 1e-9
 
@@ -110,17 +107,28 @@ class System:
             if isinstance(term, type) or not hasattr(term, "bind"):
                 name = term.__name__ if isinstance(term, type) else type(term).__name__
                 raise StvkError(f"A term of type {name} came; expected StVK(...) or a list of terms.")
-        self.elastic_terms: tuple[Any, ...] = tuple(term for term in self.terms if not isinstance(term, Load))
+        self.loads: tuple[Load, ...] = tuple(filter(is_load, self.terms))
+        self.elastic_terms: tuple[Any, ...] = tuple(term for term in self.terms if not is_load(term))
         if not self.elastic_terms:
             raise StvkError("Only loads came; expected at least one elastic term, such as StVK(young=..., poisson=...).")
         self.supports = Supports(self.mesh, fixed, prescribed)
         self._body = Body(self.mesh, self.elastic_terms)
-        self._bound: list[BoundTerm] = [term.bind(self._body, self.dtype) for term in self.elastic_terms]
-        self._loads: list[BoundLoad] = [term.bind(self._body) for term in self.terms if isinstance(term, Load)]
+        self.bound_terms: tuple[BoundTerm, ...] = tuple(term.bind(self._body, self.dtype) for term in self.elastic_terms)
+        self.bound_loads: tuple[BoundLoad, ...] = tuple(load.bind(self._body) for load in self.loads)
         self._masses: dict[str, Mass] = {}
         self._operator: TangentOperator | None = None
         self._turn = Turn()
         self._warn_of_bare_vertices()
+
+    @property
+    def elastic_names(self) -> list[str]:
+        """Names of `elastic_terms` in `energies` and in messages: their types and their numbers among all terms."""
+        return [name for name, term in self._named if not is_load(term)]
+
+    @property
+    def resists_inversion(self) -> bool:
+        """Whether a term resists that elements turn inside out, as `VolumePenalty` does."""
+        return any(getattr(term, "resists_inversion", False) for term in self.elastic_terms)
 
     @property
     def ndofs(self) -> int:
@@ -130,23 +138,23 @@ class System:
     @cached_property
     def pattern(self) -> Pattern:
         """The pattern that every K of this system has; made when it is first needed."""
-        loads = [load.edges for load in self._loads if load.edges.size]
-        return Pattern(self.mesh.nv, self.mesh.d, [term.edges for term in self._bound] + loads)
+        loads = [load.edges for load in self.bound_loads if load.edges.size]
+        return Pattern(self.mesh.nv, self.mesh.d, [term.edges for term in self.bound_terms] + loads)
 
     @cached_property
     def _rows(self) -> list[Rows]:
-        return [term.rows(self.pattern) for term in self._bound]
+        return [term.rows(self.pattern) for term in self.bound_terms]
 
     @cached_property
     def _load_places(self) -> list[Any]:
-        return [load.places(self.pattern) for load in self._loads]
+        return [load.places(self.pattern) for load in self.bound_loads]
 
     @cached_property
     def _with_volume(self) -> list[tuple[NDArray[np.int64], HasVolume]]:
         """Terms that know the volumes of all elements that any term has, and the ids of theirs; most often the first alone."""
         kept: list[tuple[NDArray[np.int64], HasVolume]] = []
         known = np.zeros(self.mesh.nt, dtype=bool)
-        for specification, term in zip(self.elastic_terms, self._bound, strict=True):
+        for specification, term in zip(self.elastic_terms, self.bound_terms, strict=True):
             if isinstance(term, HasVolume):
                 elements = self.mesh.elements(specification.region)
                 if not known[elements].all():
@@ -157,12 +165,12 @@ class System:
     @property
     def conservative(self) -> bool:
         """Whether all loads have a potential; if not, the Jacobian is not symmetric."""
-        return all(load.has_potential for load in self._loads)
+        return all(load.has_potential for load in self.bound_loads)
 
     @property
     def dead(self) -> bool:
         """Whether all loads keep their size and direction wherever the body goes; if so, the Jacobian is the tangent."""
-        return all(load.dead for load in self._loads)
+        return all(load.dead for load in self.bound_loads)
 
     def energy(self, u: ArrayLike) -> float:
         """Strain energy `W(u)` [J].
@@ -173,8 +181,8 @@ class System:
             if `u` does not have one finite entry for each degree of freedom, or is so large that the result overflows.
         """
         x = self._state(u)
-        energy = sum(term.energy(x) for term in self._bound)
-        _refuse_overflow(energy, "W", x)
+        energy = sum(term.energy(x) for term in self.bound_terms)
+        refuse_overflow(energy, "W", x)
         return energy
 
     def internal_force(self, u: ArrayLike) -> Array:
@@ -187,7 +195,7 @@ class System:
         """
         x = self._state(u)
         _, force = self._energy_and_force(x)
-        _refuse_overflow(force, "F", x)
+        refuse_overflow(force, "F", x)
         return force.ravel()
 
     def energy_and_force(self, u: ArrayLike, out: Array | None = None) -> tuple[float, Array]:
@@ -206,114 +214,10 @@ class System:
             if `out` is no array of floats of that shape, in one piece.
         """
         x = self._state(u)
-        energy, force = self._energy_and_force(x, None if out is None else self._by_vertex(out))
-        _refuse_overflow(energy, "W", x)
-        _refuse_overflow(force, "F", x)
+        energy, force = self._energy_and_force(x, None if out is None else array_to_fill(self.mesh, out))
+        refuse_overflow(energy, "W", x)
+        refuse_overflow(force, "F", x)
         return energy, force.reshape(-1) if out is None else out
-
-    def add_mean_force(
-        self, u0: ArrayLike, u1: ArrayLike, out: Array, *, weights: tuple[float, float] = (0.5, 0.5), theta: float = 0.5
-    ) -> float:
-        """Add to `out` (ndofs,) [N] what mean tensions of two states pull along the edges as they are in between.
-
-            f_a = sum_b t_ab (p_a - p_b)        t = L (w0 zeta(u0) + w1 zeta(u1)),  p = X + (1 - theta) u0 + theta u1
-
-        With `w0 = w1 = theta = 1/2` its work over `u1 - u0` is `W(u1) - W(u0)` to round-off, whatever the states are, and forces and torques
-        balance about `p`: what conserves energy and momenta. With other weights of sum 1 the work is larger by `(w1 - w0) R`,
-        `R = 1/4 dzeta' L dzeta >= 0` with `dzeta = zeta(u1) - zeta(u0)`, which is zero for rigid motions.
-
-        A foundation adds `(w0 + w1) K (p - X)` and nothing to R. A `VolumePenalty` adds `(w0 + w1)` times its force at `p`, the work of which is the
-        difference of its energies to second order only.
-
-        Parameters
-        ----------
-        u0, u1 : displacements (ndofs,) [m].
-        out : what the force is added to.
-        weights : `w0, w1`.
-        theta : place between `u0` and `u1`.
-
-        Returns
-        -------
-        float
-            R [J].
-
-        Raises
-        ------
-        StateError, StvkError
-            as of `energy_and_force`; states with inside-out elements as there, at `p`.
-
-        >>> import numpy as np, skfem
-        >>> from skfem_stvk import StVK
-        >>> body = System(skfem.MeshTet().refined(2), StVK(young=1e5, poisson=0.3))
-        >>> rng, force = np.random.default_rng(0), np.zeros(body.ndofs)
-        >>> u0, u1 = rng.normal(size=(2, body.ndofs))
-        >>> R = body.add_mean_force(u0, u1, force)
-        >>> bool(abs(force @ (u1 - u0) / (body.energy(u1) - body.energy(u0)) - 1) < 1e-12)
-        True
-        """
-        x, y, force = self._state(u0, "u0"), self._state(u1, "u1"), self._by_vertex(out)
-        weights, theta, R = _two_numbers("weights", weights), number("theta", theta), 0.0
-        for term in self._bound:
-            if isinstance(term, HasMeanForce):
-                R += term.mean_force(x, y, weights, theta, force)
-            else:
-                at_p = np.zeros_like(force)
-                term.energy(x + theta * (y - x), at_p)
-                force += sum(weights) * at_p
-        _refuse_overflow(R, "The energy of the change", y)
-        _refuse_overflow(force, "out, with the mean force added,", y)
-        return R
-
-    def add_damping_force(self, u: ArrayLike, v: ArrayLike, out: Array) -> float:
-        """Add to `out` (ndofs,) the resistance of the edges to the rate of their squared elongations at velocities `v` (ndofs,) [m/s].
-
-            f_a = sum_b t_ab (p_a - p_b)        t = L dzeta/dt,  dzeta_ab/dt = 2 (p_a - p_b) . (v_a - v_b)
-
-        Times a relaxation time tau [s] it is a force: `tau K_GN(u) v`, `K_GN = 2 J' L J` the Gauss-Newton tangent. It takes the power
-        `2 tau R`, `R = 1/4 dzeta/dt' L dzeta/dt >= 0`, Rayleigh's function, whose derivative by `v` it is. Rigid motions meet no resistance, turning
-        ones at finite rotations included. Terms without edges, foundations and volume penalties, add nothing.
-
-        Returns
-        -------
-        float
-            R [J/s^2].
-
-        Raises
-        ------
-        StateError, StvkError
-            as of `energy_and_force`.
-        """
-        x, y, force = self._state(u), self._state(v, "v"), self._by_vertex(out)
-        R = sum(term.damping_force(x, y, force) for term in self._bound if isinstance(term, HasDampingForce))
-        _refuse_overflow(R, "The damping", x)
-        _refuse_overflow(force, "out, with the damping force added,", x)
-        return R
-
-    def add_secant_damping(self, u0: ArrayLike, u1: ArrayLike, theta: float, out: Array) -> float:
-        """As `add_damping_force`, of the whole change from `u0` to `u1` in the place of a rate: the edges' resistance to it.
-
-            f_a = sum_b t_ab (p_a - p_b)        t = L (zeta(u1) - zeta(u0)),  p = X + (1 - theta) u0 + theta u1
-
-        Times `tau/dt` it is a force. For `theta = 1/2` its work over `u1 - u0` is exactly `2 R`, `R = 1/4 dzeta' L dzeta >= 0`: zero for rigid motions
-        however large, turned ones included.
-
-        Returns
-        -------
-        float
-            R [J].
-
-        Raises
-        ------
-        StateError, StvkError
-            as of `energy_and_force`.
-        """
-        x, y, force = self._state(u0, "u0"), self._state(u1, "u1"), self._by_vertex(out)
-        edges = [term for term in self._bound if isinstance(term, HasMeanForce) and isinstance(term, HasDampingForce)]
-        theta = number("theta", theta)
-        R = sum(term.mean_force(x, y, (-1.0, 1.0), theta, force) for term in edges)
-        _refuse_overflow(R, "The damping", y)
-        _refuse_overflow(force, "out, with the damping force added,", y)
-        return R
 
     def tangent(self, u: ArrayLike, out: csr_matrix | None = None) -> csr_matrix:
         """Tangent stiffness `K = d2W/du2` (ndofs, ndofs) [N/m], always of the same pattern, zeros kept.
@@ -337,8 +241,8 @@ class System:
         x = self._state(u)
         K, force = self._matrix(out), np.zeros(x.shape, dtype=self.dtype)
         energy = self._fill(x, K, force)
-        _refuse_overflow(energy, "W", x)
-        _refuse_overflow(force, "F", x)
+        refuse_overflow(energy, "W", x)
+        refuse_overflow(force, "F", x)
         return energy, force.ravel(), K
 
     def product(self, u: ArrayLike, v: ArrayLike) -> Array:
@@ -358,7 +262,7 @@ class System:
             elif not self._operator.is_at(x):
                 self._operator.prepare(u)
             product = self._operator.matvec(y)
-        _refuse_overflow(product, "K v", x)
+        refuse_overflow(product, "K v", x)
         return product
 
     def linear_operator(self, u: ArrayLike, *, kept: Tensions = ALL) -> TangentOperator:
@@ -372,7 +276,7 @@ class System:
         >>> bool(abs(K @ v - body.tangent(u) @ v).max() < 1e-9), bool(abs(K @ v - body.product(u, v)).max() == 0)
         (True, True)
         """
-        return TangentOperator(self._bound, self._state, u, self.dtype, _factors(kept))
+        return TangentOperator(self.bound_terms, self._state, u, self.dtype, _factors(kept))
 
     def external_force(self, u: ArrayLike, t: Time = 1.0) -> Array:
         """Sum of the loads (ndofs,) [N] at displacements `u` and load factor `t`.
@@ -385,9 +289,9 @@ class System:
             if a load that is given as a function does not return finite values.
         """
         x, force, moment = self._state(u), np.zeros(self.mesh.p.T.shape), Moment.checked(t)
-        for load in self._loads:
+        for load in self.bound_loads:
             load.add_force(x, moment, force)
-        _refuse_overflow(force, "The external force", x)
+        refuse_overflow(force, "The external force", x)
         return force.ravel()
 
     def potential(self, u: ArrayLike, t: Time = 1.0) -> float:
@@ -403,29 +307,6 @@ class System:
         moment = Moment.checked(t)
         return self.energy(u) + self._potential(self._state(u), moment)
 
-    @property
-    def driven(self) -> bool:
-        """Whether a load changes with time, or has no potential: whether the energy of the moving body would not be kept."""
-        return not all(map(_keeps_energy, self._loads))
-
-    @property
-    def constant_loads(self) -> bool:
-        """Whether the loads are the same at any time, wherever the body is."""
-        return all(load.steady and load.dead for load in self._loads)
-
-    def driving_force(self, u: ArrayLike, t: Time) -> Array:
-        """(ndofs,) of the loads that change with time or have no potential [N]; errors as of `external_force`."""
-        x, force, moment = self._state(u), np.zeros(self.mesh.p.T.shape), Moment.checked(t)
-        for load in self._loads:
-            if not _keeps_energy(load):
-                load.add_force(x, moment, force)
-        return force.ravel()
-
-    def steady_potential(self, u: ArrayLike) -> float:
-        """Potential of the other loads, which are given by constants, at their full size [J]."""
-        x = self._state(u)
-        return sum(load.potential(x, FULL) for load in self._loads if _keeps_energy(load))
-
     def residual(self, u: ArrayLike, t: Time = 1.0) -> Array:
         """`F(u) - f_ext(u, t)` (ndofs,) [N]; at rest it vanishes but for the reactions at the supports. Errors as of `energy`."""
         loads = self.external_force(u, t)
@@ -439,21 +320,21 @@ class System:
         """
         moment = Moment.checked(t)
         K = self._elastic_tangent(u, out, _factors(kept))
-        for load, places in zip(self._loads, self._load_places, strict=True):
+        for load, places in zip(self.bound_loads, self._load_places, strict=True):
             load.add_stiffness(self._state(u), moment, places, K.data)
         return K
 
     @cached_property
     def _turning(self) -> tuple[Pattern, list[tuple[BoundLoad, Any]]]:
         """Loads that have a potential and are not dead, and the pattern of their stiffness alone."""
-        loads = [load for load in self._loads if load.has_potential and not load.dead]
+        loads = [load for load in self.bound_loads if load.has_potential and not load.dead]
         pattern = Pattern(self.mesh.nv, self.mesh.d, [load.edges for load in loads])
         return pattern, [(load, load.places(pattern)) for load in loads]
 
     def load_stiffness(self, u: ArrayLike, t: Time = 1.0) -> csr_matrix | None:
         """`-df_ext/du` (ndofs, ndofs) [N/m] of the loads that have a potential and are not dead; None if there are none. Errors as in `jacobian`."""
         x, moment = self._state(u), Moment.checked(t)
-        if not any(load.has_potential and not load.dead for load in self._loads):
+        if not any(load.has_potential and not load.dead for load in self.bound_loads):
             return None
         pattern, loads = self._turning
         K = pattern.matrix(np.zeros(pattern.nnz))
@@ -464,20 +345,15 @@ class System:
     def energies(self, u: ArrayLike, t: Time = 1.0) -> dict[str, float]:
         """Energy by term [J], named after its type and number: strain energies, and the potentials of loads that have one."""
         x, moment = self._state(u), Moment.checked(t)
-        elastic = self.elastic_energies(u)
-        loads = [load.potential(x, moment) if load.has_potential else None for load in self._loads]
-        values = iter(elastic), iter(loads)
-        found: dict[str, float] = {}
-        for place, term in enumerate(self.terms):
-            value = next(values[isinstance(term, Load)])
-            if value is not None:
-                found[f"{type(term).__name__} {place}"] = value
-        return found
+        elastic = iter(self.elastic_energies(u))
+        loads = iter([load.potential(x, moment) if load.has_potential else None for load in self.bound_loads])
+        values = {name: next(loads if is_load(term) else elastic) for name, term in self._named}
+        return {name: value for name, value in values.items() if value is not None}
 
     def elastic_energies(self, u: ArrayLike) -> list[float]:
         """Strain energy of each of `elastic_terms` [J]."""
         x = self._state(u)
-        return [term.energy(x) for term in self._bound]
+        return [term.energy(x) for term in self.bound_terms]
 
     def mass(self, kind: str = "lumped") -> Mass:
         """The mass of the body, from the density of its materials: "lumped" at the vertices, or "consistent" with linear displacements.
@@ -497,21 +373,21 @@ class System:
     @cached_property
     def grounded(self) -> NDArray[np.int64]:
         """Degrees of freedom that foundations tie to the ground, ascending."""
-        return grounded_dofs(self._bound)
+        return grounded_dofs(self.bound_terms)
 
     def foundation_force(self, u: ArrayLike) -> Array:
         """Force of the foundations on the body (ndofs,) [N], which is minus their part of the internal force; errors as in `internal_force`."""
         x, force = self._state(u), np.zeros(self.mesh.p.T.shape)
-        for term in self._bound:
+        for term in self.bound_terms:
             if isinstance(term, Grounded):
                 term.energy(x, force)
-        _refuse_overflow(force, "The force of foundations", x)
+        refuse_overflow(force, "The force of foundations", x)
         return -force.ravel()
 
     @property
     def quartic(self) -> bool:
         """Whether the strain energy along any line is exactly a quartic: that of `VolumePenalty` is not."""
-        return all(isinstance(term, Quartic) for term in self._bound)
+        return all(isinstance(term, Quartic) for term in self.bound_terms)
 
     def energy_along(self, u: ArrayLike, v: ArrayLike) -> NDArray[np.float64]:
         """(5,) coefficients of the strain energy along `u + s v` [J]: `W(u + s v) = c0 + c1 s + c2 s^2 + c3 s^3 + c4 s^4`, exactly.
@@ -523,14 +399,14 @@ class System:
         StvkError
             if the energy is no quartic: ask `quartic`.
         """
-        quartics = [term for term in self._bound if isinstance(term, Quartic)]
-        if len(quartics) < len(self._bound):
+        quartics = [term for term in self.bound_terms if isinstance(term, Quartic)]
+        if len(quartics) < len(self.bound_terms):
             raise StvkError(
                 "The strain energy along a line is no quartic with a VolumePenalty among the terms. Ask for energy_and_force(u + s v) instead."
             )
         x, y = self._state(u), self._state(v, "v")
         coefficients = sum((term.along(x, y) for term in quartics), np.zeros(5))
-        _refuse_overflow(coefficients, "W along a line", x)
+        refuse_overflow(coefficients, "W along a line", x)
         return coefficients
 
     def round_off(self, u: ArrayLike) -> Array:
@@ -540,7 +416,7 @@ class System:
         """
         x = self._state(u)
         sums = np.zeros(x.shape, dtype=self.dtype)
-        for term in self._bound:
+        for term in self.bound_terms:
             term.add_round_off(x, sums)
         return sums.ravel()
 
@@ -555,13 +431,13 @@ class System:
         """
         solid = np.zeros(self.mesh.nt, dtype=bool)
         for term in self.elastic_terms:
-            if isinstance(term, StVK):
+            if isinstance(term, HasStress):
                 solid[self.mesh.elements(term.region)] = True
-        check_held(self.mesh, self._bound, self.supports.held, solid)
+        check_held(self.mesh, self.bound_terms, self.supports.held, solid)
 
     def parts(self) -> NDArray[np.int32]:
         """(nv,) number of the part that each vertex is of: parts are what terms hold together."""
-        return parts_of([term.edges for term in self._bound], self.mesh.nv)
+        return parts_of([term.edges for term in self.bound_terms], self.mesh.nv)
 
     def smallest_volume_ratio(self, u: ArrayLike) -> float:
         """The smallest ratio `J` of an element's volume at `u` to that at rest; below zero it is inside out. Errors as of `energy`.
@@ -606,13 +482,13 @@ class System:
         Below 1/sqrt(3) = 0.577 a St. Venant-Kirchhoff body gives way: under uniaxial compression more shortening takes less force.
         """
         x = self._state(u)
-        return min((term.smallest_stretch(x) for term in self._bound if isinstance(term, HasStretch)), default=np.inf)
+        return min((term.smallest_stretch(x) for term in self.bound_terms if isinstance(term, HasStretch)), default=np.inf)
 
     def compressed(self, u: ArrayLike, below: float) -> NDArray[np.int64]:
         """Ids of the elements whose smallest principal stretch at `u` is less than `below`, ascending. Errors as of `energy`."""
         x, below = self._state(u), number("below", below, "a finite stretch")
         ids = [np.empty(0, dtype=np.int64)]
-        for specification, term in zip(self.elastic_terms, self._bound, strict=True):
+        for specification, term in zip(self.elastic_terms, self.bound_terms, strict=True):
             if isinstance(term, HasStretch) and term.smallest_stretch(x) < below:
                 ids.append(self.mesh.elements(specification.region)[term.smallest_stretches(x) < below])
         return np.unique(np.concatenate(ids))
@@ -645,7 +521,7 @@ class System:
         0
         """
         parts = {"mesh": self.mesh.p.nbytes + self.mesh.t.nbytes}
-        every: list[BoundTerm | BoundLoad] = [*self._bound, *self._loads]
+        every: list[BoundTerm | BoundLoad] = [*self.bound_terms, *self.bound_loads]
         for term in every:
             for name, count in term.memory().items():
                 parts[name] = parts.get(name, 0) + count
@@ -658,10 +534,10 @@ class System:
 
     def _potential(self, x: Array, moment: Moment) -> float:
         if not self.conservative:
-            loads = [type(term).__name__ for term in self.terms if isinstance(term, Load)]
-            without = [name for name, load in zip(loads, self._loads, strict=True) if not load.has_potential]
+            pairs = zip(self.loads, self.bound_loads, strict=True)
+            without = [type(term).__name__ for term, load in pairs if not load.has_potential]
             raise LoadError(f"{', '.join(without)} has no potential: its work depends on the path. Ask for residual(u, t) instead.")
-        return sum(load.potential(x, moment) for load in self._loads)
+        return sum(load.potential(x, moment) for load in self.bound_loads)
 
     def _elastic_tangent(self, u: ArrayLike, out: csr_matrix | None, kept: Tensions = ALL) -> csr_matrix:
         x = self._state(u)
@@ -672,7 +548,7 @@ class System:
     def _energy_and_force(self, x: Array, out: Array | None = None) -> tuple[float, Array]:
         force = np.zeros(x.shape, dtype=self.dtype) if out is None else out
         force[:] = 0
-        return sum(term.energy(x, force) for term in self._bound), force
+        return sum(term.energy(x, force) for term in self.bound_terms), force
 
     def _matrix(self, out: csr_matrix | None) -> csr_matrix:
         if out is None:
@@ -691,10 +567,10 @@ class System:
         if add:
             K.data[:] = 0
         energy = 0.0
-        for term, rows in zip(self._bound, self._rows, strict=True):
+        for term, rows in zip(self.bound_terms, self._rows, strict=True):
             linearized = term.tangent(x, rows, K.data, add, force, kept)
             add = True
-            _refuse_overflow(linearized.total, "K", x)
+            refuse_overflow(linearized.total, "K", x)
             energy += linearized.energy
         return energy
 
@@ -702,19 +578,13 @@ class System:
         """Displacements as (nv, d)."""
         return by_vertex(self.mesh, u, name)
 
-    def _by_vertex(self, out: Array) -> Array:
-        """An array (ndofs,) to write to, as (nv, d)."""
-        own = isinstance(out, np.ndarray) and not isinstance(out, np.ma.MaskedArray) and out.dtype.char in "df"
-        if not own or out.shape != (self.ndofs,) or not (out.flags.carray and out.dtype.isnative):
-            raise StvkError(
-                f"out = {shown(out)}; expected an array of floats ({self.ndofs},) in one piece that can be written to, such as "
-                "np.zeros(system.ndofs)."
-            )
-        return out.reshape(-1, self.mesh.d)
+    @property
+    def _named(self) -> list[tuple[str, Any]]:
+        return [(f"{type(term).__name__} {number}", term) for number, term in enumerate(self.terms)]
 
     def _warn_of_bare_vertices(self) -> None:
         used = np.zeros(self.mesh.nv, dtype=bool)
-        for term in self._bound:
+        for term in self.bound_terms:
             used[term.edges.ravel()] = True
         bare = np.flatnonzero(~used)
         if len(bare):
@@ -742,11 +612,21 @@ def _float_type(dtype: Any) -> np.dtype[Any]:
     return found
 
 
-def _two_numbers(name: str, given: Any) -> tuple[float, float]:
-    if type(given) is tuple and len(given) == 2:
-        return number(f"{name}[0]", given[0]), number(f"{name}[1]", given[1])
-    first, second = array(name, given, (2,), "two numbers").tolist()
-    return first, second
+def array_to_fill(mesh: SimplexMesh, out: Array) -> Array:
+    """An array (ndofs,) to write to, as (nv, d).
+
+    Raises
+    ------
+    StvkError
+        if it is no array of floats of that shape, in one piece.
+    """
+    own = isinstance(out, np.ndarray) and not isinstance(out, np.ma.MaskedArray) and out.dtype.char in "df"
+    if not own or out.shape != (mesh.p.size,) or not (out.flags.carray and out.dtype.isnative):
+        raise StvkError(
+            f"out = {shown(out)}; expected an array of floats ({mesh.p.size},) in one piece that can be written to, such as "
+            "np.zeros(system.ndofs)."
+        )
+    return out.reshape(-1, mesh.d)
 
 
 def _factors(kept: Tensions) -> Tensions:
@@ -758,11 +638,13 @@ def _factors(kept: Tensions) -> Tensions:
     return Tensions(number("kept: positive", kept.positive), number("kept: negative", kept.negative))
 
 
-def _keeps_energy(load: BoundLoad) -> bool:
-    return load.steady and load.has_potential
+def refuse_overflow(values: ArrayLike, name: str, u: Array) -> None:
+    """Refuse results, called `name`, that are not finite at displacements `u`.
 
-
-def _refuse_overflow(values: ArrayLike, name: str, u: Array) -> None:
+    Raises
+    ------
+    StateError
+    """
     if not (isfinite(values) if isinstance(values, float | int) else all_finite(np.asarray(values))):
         raise StateError(
             f"{name} overflows at displacements of up to {np.abs(u).max():.1e}: did the step before diverge, or are units mixed up?"

@@ -4,10 +4,22 @@ from .body import Body
 from .body_force import BodyForce
 from .foundation import ElasticFoundation
 from .gravity import Gravity
-from .load import Load
+from .load import Load, is_load
 from .nodal_load import NodalLoad
 from .pressure import Pressure
-from .protocols import BoundLoad, BoundTerm, Grounded, HasDampingForce, HasMeanForce, HasStretch, HasVolume, Quartic, Term
+from .protocols import (
+    BoundLoad,
+    BoundTerm,
+    Grounded,
+    HasDampingForce,
+    HasMeanForce,
+    HasPressure,
+    HasStress,
+    HasStretch,
+    HasVolume,
+    Quartic,
+    Term,
+)
 from .stvk import StVK
 from .traction import Traction
 from .volume_penalty import VolumePenalty
@@ -22,6 +34,8 @@ __all__ = [
     "Grounded",
     "HasDampingForce",
     "HasMeanForce",
+    "HasPressure",
+    "HasStress",
     "HasStretch",
     "HasVolume",
     "Load",
@@ -32,4 +46,5 @@ __all__ = [
     "Term",
     "Traction",
     "VolumePenalty",
+    "is_load",
 ]

@@ -6,7 +6,7 @@ import inspect
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from math import isfinite
-from typing import Any, NamedTuple, TypeAlias
+from typing import Any, ClassVar, NamedTuple, TypeAlias, TypeGuard
 
 import numpy as np
 
@@ -19,12 +19,19 @@ from .protocols import BoundLoad
 class Load(ABC):
     """A load without a mesh, good for many systems; as a dataclass it keeps copies of what it is given."""
 
+    external: ClassVar[bool] = True
+
     def __post_init__(self) -> None:
         own(self)
 
     @abstractmethod
     def bind(self, body: Body) -> BoundLoad:
         """The load on this body; raises RegionError or LoadError where it has no meaning there."""
+
+
+def is_load(term: Any) -> TypeGuard[Load]:
+    """Whether a term acts from outside: a `Load`, or whatever else says so by `external`."""
+    return bool(getattr(term, "external", False))
 
 
 class Moment(NamedTuple):

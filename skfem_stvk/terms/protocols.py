@@ -10,6 +10,8 @@ from numpy.typing import DTypeLike, NDArray
 from ..arguments import Array
 from ..edges import ALL, Linearized, Rows, Tensions
 from ..edges.rows import Places
+from ..materials import Hypothesis
+from ..mesh import SimplexMesh
 
 if TYPE_CHECKING:
     from .body import Body
@@ -107,6 +109,42 @@ class HasVolume(Protocol):
 
     def step_limit(self, u: Array, v: Array) -> float:
         """The smallest `s > 0` at which a simplex that is right side out at `u` has no volume left at `u + s v`; or infinity."""
+
+
+@runtime_checkable
+class HasStress(Protocol):
+    """A specification of a material that carries stress on the elements of its `region`."""
+
+    @property
+    def region(self) -> Any:
+        """Name of a subdomain, element ids, or None for all elements."""
+
+    @property
+    def material(self) -> Any:
+        """The material, with `check`, `density` and its moduli."""
+
+    def hypothesis(self, mesh: SimplexMesh) -> Hypothesis:
+        """Which components of strain or stress vanish across the simplices of this mesh."""
+
+    def section(self, mesh: SimplexMesh, n: int) -> NDArray[np.float64]:
+        """What turns the measure of a simplex into a volume, a number or (n,)."""
+
+
+@runtime_checkable
+class HasPressure(Protocol):
+    """A specification of an energy of the volume ratio `J`, whose stress is a pressure, on the elements of its `region`."""
+
+    kind: str
+
+    @property
+    def region(self) -> Any:
+        """Name of a subdomain, element ids, or None for all elements."""
+
+    def moduli(self, body: Body) -> Array:
+        """(n,) stiffness of the elements of the region [Pa]."""
+
+    def density_and_slope(self, e: Array, elements: NDArray[Any]) -> tuple[Array, Array]:
+        """`psi` and `psi'` (n,) for a stiffness of 1 at `e = J - 1` of these elements."""
 
 
 @runtime_checkable

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike, DTypeLike, NDArray
@@ -61,6 +61,8 @@ class VolumePenalty:
     >>> {name: round(energy, 4) for name, energy in cube.energies(u).items()}
     {'StVK 0': 0.0947, 'VolumePenalty 1': 0.25}
     """
+
+    resists_inversion: ClassVar[bool] = True
 
     stiffness: ArrayLike | None = None
     kind: str = "barrier"

@@ -118,7 +118,7 @@ def test_the_clamped_and_the_gauss_newton_tangent_are_positive_semi_definite_whe
         term = StVK(Anisotropic(A @ np.swapaxes(A, 1, 2) + np.eye(6)))
     noise = rng.standard_normal(mesh.p.T.shape) / mesh.nv ** (1 / mesh.k)
     body, u = System(mesh, term), STATES[stress](mesh.p.T, noise)
-    (assembly,) = body._bound
+    (assembly,) = body.bound_terms
     exact, *others = (np.linalg.eigvalsh(dense(assembly, u, kept)) for kept in (ALL, TENSILE, NONE))
     assert exact[0] < -1e-6 * np.abs(exact).max()
     for lowest, highest in ((values[0], values[-1]) for values in others):
@@ -164,8 +164,8 @@ def test_the_operator_without_negative_tensions_is_the_clamped_tangent(name):
     mesh, terms = BODIES[name]
     body, u, v = System(mesh, terms), compressed(mesh).ravel(), state(mesh, seed=9)
     x = u.reshape(-1, mesh.d)
-    K = sum(dense(assembly, x, TENSILE) for assembly in body._bound)
-    operator = TangentOperator(body._bound, body._state, u, body.dtype, kept=TENSILE)
+    K = sum(dense(assembly, x, TENSILE) for assembly in body.bound_terms)
+    operator = TangentOperator(body.bound_terms, body._state, u, body.dtype, kept=TENSILE)
     assert np.abs(operator @ v - K @ v).max() < 1e-13 * np.abs(K @ v).max()
     operator.prepare(u)
     assert np.abs(operator @ v - body.tangent(u) @ v).max() < 1e-13 * np.abs(K @ v).max() < np.abs(operator @ v - K @ v).max()

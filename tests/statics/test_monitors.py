@@ -204,7 +204,7 @@ def test_nothing_is_listed_where_nothing_is_found(monkeypatch):
     """One pass each, for the smallest: no array of all elements is made."""
     mesh = MESHES["tetrahedra"]
     system = System(mesh, StVK(young=1.0, poisson=0.3))
-    (term,) = system._bound
+    (term,) = system.bound_terms
     for name in ("volume_ratios", "smallest_stretches"):
         monkeypatch.setattr(term, name, lambda u: pytest.fail("a list was made"))
     assert Monitors(system, ellipticity=False).at(state(mesh, 0.02)) == ()

@@ -94,7 +94,7 @@ def test_a_foundation_holds_a_body_that_supports_do_not():
     "t", [np.nan, np.inf, None, "1", "a", 1j, [0.5], (0.5, 1.0), True, 10**400, Moment(0.5, np.nan), Moment(None, 1.0)]
 )
 @pytest.mark.parametrize("loads", [[], [BodyForce((0, 0, -1.0))]], ids=["no load", "a load"])
-@pytest.mark.parametrize("name", ["external_force", "residual", "potential", "jacobian", "energies", "driving_force"])
+@pytest.mark.parametrize("name", ["external_force", "residual", "potential", "jacobian", "energies"])
 def test_what_is_no_time_is_refused(name, loads, t):
     system = System(box(), [StVK(young=2.0, poisson=0.3), *loads])
     with pytest.raises(StateError, match=r"t = .*; expected a finite load factor"):

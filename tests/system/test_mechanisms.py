@@ -326,7 +326,7 @@ def at_any(x, values):
 
 
 def test_what_another_term_ties_together_counts_as_held():
-    edges = System(ONE_EDGE, MATERIAL)._bound[0].edges
+    edges = System(ONE_EDGE, MATERIAL).bound_terms[0].edges
     held = (3 * np.flatnonzero(ONE_EDGE.p[0] == 0)[:, None] + np.arange(3)).ravel()
     solid, term = np.ones(ONE_EDGE.nt, dtype=bool), SimpleNamespace(edges=edges)
     a, b = (np.flatnonzero(at(*point)(ONE_EDGE.p))[0] for point in ((0, 0, 0), (2, 2, 0)))

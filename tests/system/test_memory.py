@@ -110,7 +110,7 @@ def test_energy_and_force_need_no_pattern_and_no_pairs(call, term):
     memory = body.memory()
     assert {name for name in MORE if memory[name]} == set()
     assert not {"pattern", "_rows"} & set(vars(body))
-    (assembly,) = body._bound
+    (assembly,) = body.bound_terms
     assert not {"_topology", "_own"} & set(vars(assembly))
     assert not {"L", "P", "t2e", "pairs", "adjacent"} & set(vars(assembly.form))
 
@@ -123,7 +123,7 @@ def test_a_product_needs_no_pattern_and_the_tangent_no_product():
     assert {name for name in MORE if one.memory()[name]} == {"own edges", "product"}
     assert {name for name in MORE if other.memory()[name]} == MORE - {"product"}
     for body in (one, other):
-        (assembly,) = body._bound
+        (assembly,) = body.bound_terms
         assert not {"L", "P", "pairs", "adjacent"} & set(vars(assembly.form))
 
 
@@ -166,7 +166,7 @@ def test_the_parts_of_memory_are_bytes_of_their_arrays():
     K = body.tangent(np.zeros(body.ndofs))
     memory = body.memory()
     assert memory["mesh"] == body.mesh.p.nbytes + body.mesh.t.nbytes
-    assert memory["edges of the mesh"] == body._bound[0].edges.nbytes == 8 * mesh.edges.shape[1]
+    assert memory["edges of the mesh"] == body.bound_terms[0].edges.nbytes == 8 * mesh.edges.shape[1]
     assert memory["blocks of edges"] == 72 * mesh.edges.shape[1]
     assert memory["pattern of K"] == real_bytes(body.pattern) > K.indices.nbytes + K.indptr.nbytes
     assert memory["shares of threads"] == memory["product"] == 0

@@ -157,7 +157,7 @@ def test_an_operator_whose_preparation_was_cut_off_says_so_and_a_product_is_neve
         raise KeyboardInterrupt
 
     with monkeypatch.context() as during:
-        during.setattr(body._bound[1], "edge_blocks", cut_off, raising=False)
+        during.setattr(body.bound_terms[1], "edge_blocks", cut_off, raising=False)
         for call in (lambda: body.product(0.5 * u, v), lambda: operator.prepare(0.5 * u)):
             with pytest.raises(KeyboardInterrupt):
                 call()

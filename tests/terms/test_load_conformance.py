@@ -8,6 +8,7 @@ from bodies import MESHES, state
 from springs import PointSpring
 
 from skfem_stvk import BodyForce, Gravity, LoadError, NodalLoad, Pressure, SimplexMesh, StVK, System, Traction
+from skfem_stvk.dynamics.forces import constant_loads, driven, steady_potential
 from skfem_stvk.system import Pattern
 from skfem_stvk.terms import Body
 from skfem_stvk.terms.load import Moment
@@ -151,8 +152,8 @@ def test_a_system_with_it_knows(name):
     system, u = System(case.mesh, [ELASTIC, case.load]), two_states(case)[0]
     assert (system.conservative, system.dead) == (case.has_potential, case.dead)
     kept = case.steady and case.has_potential
-    assert system.constant_loads == (case.steady and case.dead) and system.driven != kept
-    assert system.steady_potential(u.ravel()) == (bound(case).potential(u, Moment(1.0, 1.0)) if kept else 0)
+    assert constant_loads(system) == (case.steady and case.dead) and driven(system) != kept
+    assert steady_potential(system, u.ravel()) == (bound(case).potential(u, Moment(1.0, 1.0)) if kept else 0)
 
 
 @pytest.mark.parametrize("name", NOT_DEAD)

@@ -247,7 +247,7 @@ def test_the_barrier_names_the_elements_of_the_mesh(dtype):
     mesh = box(3)
     region = np.random.default_rng(2).permutation(mesh.nt)[:100]
     body = System(mesh, [StVK(young=1.0, poisson=0.3), VolumePenalty(kind="barrier", region=region)], dtype=dtype)
-    term = body._bound[1]
+    term = body.bound_terms[1]
     for e in (region[0], region[57]):
         u = np.zeros((mesh.nv, 3))
         top, base = mesh.t[0, e], mesh.t[1:, e]
@@ -296,7 +296,7 @@ def test_a_tangent_whose_diagonal_alone_is_finite_is_refused():
     """`psi'` overflows, `psi''` does not: what the pressure adds to K is in no diagonal entry."""
     near = MESHES["tetrahedra"]
     body, u = System(SimplexMesh(1e49 * near.p, near.t), VolumePenalty(1e-240, "quadratic")), 1e148 * state(near)
-    (term,) = body._bound
+    (term,) = body.bound_terms
     data = np.zeros(body.pattern.nnz)
     term.tangent(u.reshape(-1, 3), term.rows(body.pattern), data, False)
     K = body.pattern.matrix(data)

@@ -23,6 +23,7 @@ from scipy.sparse.linalg import splu
 from skfem_stvk import System
 from skfem_stvk.dynamics import EnergyMomentum, simulate
 from skfem_stvk.dynamics.critical_step import critical_step
+from skfem_stvk.dynamics.forces import add_mean_force
 from skfem_stvk.edges import ALL, NONE, Assembly, EdgeForm
 
 from ..statics.study import Study
@@ -68,7 +69,7 @@ class Exact:
         w[self._free] = h * v0[self._free]
         for _ in range(MOST):
             force = np.zeros_like(u0)
-            self._system.add_mean_force(u0, u0 + w, force)
+            add_mean_force(self._system, u0, u0 + w, force)
             parts = 2 / h**2 * self._mass * w, -2 / h * self._mass * v0, force, -self._load
             residual = np.sum(parts, axis=0)[self._free]
             if np.linalg.norm(residual) <= RTOL * sum(np.linalg.norm(part[self._free]) for part in parts):

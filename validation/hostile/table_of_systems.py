@@ -23,14 +23,13 @@ OF_U = (
     "tangent",
     "linearize",
     "linear_operator",
-    "steady_potential",
     "elastic_energies",
     "round_off",
     "smallest_volume_ratio",
     "inside_out",
     "smallest_stretch",
 )
-OF_U_AND_T = ("external_force", "load_stiffness", "potential", "driving_force", "residual", "jacobian", "energies")
+OF_U_AND_T = ("external_force", "load_stiffness", "potential", "residual", "jacobian", "energies")
 OF_U_AND_V = ("product", "energy_along", "step_limit")
 
 
@@ -63,9 +62,6 @@ def calls() -> list[Call]:
             fixed=[0, 1, 4],
         ),
         _writing("energy_and_force", {"out": OPTIONAL | {"NaN in it", "inf in it"}}, u=u),
-        _writing("add_damping_force", u=u, v=u),
-        _writing("add_mean_force", {"theta": NUMBER}, u0=u, u1=2 * u, weights=(0.5, 0.25), theta=0.5),
-        _writing("add_secant_damping", {"theta": NUMBER}, u0=u, u1=2 * u, theta=0.5),
         Call("System.tangent into a matrix", lambda: (body.tangent, {"u": u, "out": K.copy()}), {"out": OPTIONAL}),
         Call(
             "System.jacobian into a matrix",

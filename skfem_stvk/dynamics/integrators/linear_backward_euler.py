@@ -11,8 +11,8 @@ from ...errors import StvkError
 from ...statics.equilibrium import Tangent as Attempted
 from ...statics.newton import usable
 from ...system import System
-from ...terms import StVK
 from ...terms.load import Moment
+from ..forces import damping_is_of_edges
 from ..motion import Motion
 from ..state import State
 from ..tangents import Tangent
@@ -63,7 +63,7 @@ class LinearBackwardEuler(BackwardEuler):
                 "LinearBackwardEuler: tangent='diagonal' would leave out damping between vertices. Take Rayleigh(alpha) or another tangent."
             )
         system = motion.system
-        if motion.tau and not (system.dead and all(isinstance(term, StVK) for term in system.elastic_terms)):
+        if motion.tau and not (system.dead and damping_is_of_edges(system)):
             raise StvkError(
                 "LinearBackwardEuler: with EdgeDamping it would damp loads that depend on where the body goes, foundations and volume penalties as well. Take Rayleigh(beta=tau), or "
                 "BackwardEuler."

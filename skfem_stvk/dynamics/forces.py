@@ -1,0 +1,160 @@
+"""Forces and energies of a system that only motions ask for: between two states, against rates, of what drives the body."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..arguments import Array
+from ..mesh.displacements import by_vertex
+from ..system import System
+from ..system.system import array_to_fill, refuse_overflow
+from ..terms import BoundLoad, HasDampingForce, HasMeanForce
+from ..terms.load import Moment
+
+#: Loads that are given by constants, at their full size.
+FULL = Moment(1.0, 1.0)
+
+
+def add_mean_force(
+    system: System, u0: Array, u1: Array, out: Array, *, weights: tuple[float, float] = (0.5, 0.5), theta: float = 0.5
+) -> float:
+    """Add to `out` (ndofs,) [N] what mean tensions of two states pull along the edges as they are in between.
+
+        f_a = sum_b t_ab (p_a - p_b)        t = L (w0 zeta(u0) + w1 zeta(u1)),  p = X + (1 - theta) u0 + theta u1
+
+    With `w0 = w1 = theta = 1/2` its work over `u1 - u0` is `W(u1) - W(u0)` to round-off, whatever the states are, and forces and torques
+    balance about `p`: what conserves energy and momenta. With other weights of sum 1 the work is larger by `(w1 - w0) R`,
+    `R = 1/4 dzeta' L dzeta >= 0` with `dzeta = zeta(u1) - zeta(u0)`, which is zero for rigid motions.
+
+    A foundation adds `(w0 + w1) K (p - X)` and nothing to R. A term without a mean force, such as a `VolumePenalty`, adds `(w0 + w1)` times its
+    force at `p`, the work of which is the difference of its energies to second order only.
+
+    Parameters
+    ----------
+    u0, u1 : displacements (ndofs,) [m].
+    out : what the force is added to.
+    weights : `w0, w1`.
+    theta : place between `u0` and `u1`.
+
+    Returns
+    -------
+    float
+        R [J].
+
+    Raises
+    ------
+    StateError, StvkError
+        as in `System.energy_and_force`; for elements inside out as there, at `p`.
+
+    >>> import skfem
+    >>> from skfem_stvk import StVK
+    >>> body = System(skfem.MeshTet().refined(2), StVK(young=1e5, poisson=0.3))
+    >>> rng, force = np.random.default_rng(0), np.zeros(body.ndofs)
+    >>> u0, u1 = rng.normal(size=(2, body.ndofs))
+    >>> R = add_mean_force(body, u0, u1, force)
+    >>> bool(abs(force @ (u1 - u0) / (body.energy(u1) - body.energy(u0)) - 1) < 1e-12)
+    True
+    """
+    x, y, force, R = by_vertex(system.mesh, u0, "u0"), by_vertex(system.mesh, u1, "u1"), array_to_fill(system.mesh, out), 0.0
+    for term in system.bound_terms:
+        if isinstance(term, HasMeanForce):
+            R += term.mean_force(x, y, weights, theta, force)
+        else:
+            at_p = np.zeros_like(force)
+            term.energy(x + theta * (y - x), at_p)
+            force += sum(weights) * at_p
+    refuse_overflow(R, "The energy of the change", y)
+    refuse_overflow(force, "out, with the mean force added,", y)
+    return R
+
+
+def add_damping_force(system: System, u: Array, v: Array, out: Array) -> float:
+    """Add to `out` (ndofs,) the resistance of the edges to the rate of their squared elongations at velocities `v` (ndofs,) [m/s].
+
+        f_a = sum_b t_ab (p_a - p_b)        t = L dzeta/dt,  dzeta_ab/dt = 2 (p_a - p_b) . (v_a - v_b)
+
+    Times a relaxation time tau [s] it is a force: `tau K_GN(u) v`, `K_GN = 2 J' L J` the Gauss-Newton tangent. It takes the power
+    `2 tau R`, `R = 1/4 dzeta/dt' L dzeta/dt >= 0`, Rayleigh's function, whose derivative by `v` it is. Rigid motions meet no resistance, turning
+    ones at finite rotations included. Terms without edges, foundations and volume penalties, add nothing.
+
+    Returns
+    -------
+    float
+        R [J/s^2].
+
+    Raises
+    ------
+    StateError, StvkError
+        as in `System.energy_and_force`.
+    """
+    x, y, force = by_vertex(system.mesh, u), by_vertex(system.mesh, v, "v"), array_to_fill(system.mesh, out)
+    R = sum(term.damping_force(x, y, force) for term in system.bound_terms if isinstance(term, HasDampingForce))
+    refuse_overflow(R, "The damping", x)
+    refuse_overflow(force, "out, with the damping force added,", x)
+    return R
+
+
+def add_secant_damping(system: System, u0: Array, u1: Array, theta: float, out: Array) -> float:
+    """Add the resistance of the edges to the whole change from `u0` to `u1`, which stands in the place of the rate of `add_damping_force`.
+
+        f_a = sum_b t_ab (p_a - p_b)        t = L (zeta(u1) - zeta(u0)),  p = X + (1 - theta) u0 + theta u1
+
+    Times `tau/dt` it is a force. For `theta = 1/2` its work over `u1 - u0` is exactly `2 R`, `R = 1/4 dzeta' L dzeta >= 0`: zero for rigid motions
+    however large, turned ones included.
+
+    Returns
+    -------
+    float
+        R [J].
+
+    Raises
+    ------
+    StateError, StvkError
+        as in `System.energy_and_force`.
+    """
+    x, y, force = by_vertex(system.mesh, u0, "u0"), by_vertex(system.mesh, u1, "u1"), array_to_fill(system.mesh, out)
+    edges = [term for term in system.bound_terms if isinstance(term, HasMeanForce) and isinstance(term, HasDampingForce)]
+    R = sum(term.mean_force(x, y, (-1.0, 1.0), theta, force) for term in edges)
+    refuse_overflow(R, "The damping", y)
+    refuse_overflow(force, "out, with the damping force added,", y)
+    return R
+
+
+def damping_is_of_edges(system: System) -> bool:
+    """Whether the Gauss-Newton tangent is that of the edges alone, so that `tau K_GN` damps nothing else."""
+    return system.dead and all(isinstance(term, HasDampingForce) for term in system.bound_terms)
+
+
+def driven(system: System) -> bool:
+    """Whether a load changes with time, or has no potential: whether the energy of the moving body would not be kept."""
+    return not all(map(_keeps_energy, system.bound_loads))
+
+
+def constant_loads(system: System) -> bool:
+    """Whether the loads are the same at any time, wherever the body is."""
+    return all(load.steady and load.dead for load in system.bound_loads)
+
+
+def driving_force(system: System, u: Array, t: float) -> Array:
+    """(ndofs,) force [N] of the loads that change with time or have no potential, at time `t` [s].
+
+    Raises
+    ------
+    StateError, LoadError
+        as in `System.external_force`.
+    """
+    x, force = by_vertex(system.mesh, u), np.zeros(system.mesh.p.T.shape)
+    for load in system.bound_loads:
+        if not _keeps_energy(load):
+            load.add_force(x, Moment(t, 1.0), force)
+    return force.ravel()
+
+
+def steady_potential(system: System, u: Array) -> float:
+    """Potential of the loads that are given by constants and have one, at their full size [J]."""
+    x = by_vertex(system.mesh, u)
+    return sum(load.potential(x, FULL) for load in system.bound_loads if _keeps_energy(load))
+
+
+def _keeps_energy(load: BoundLoad) -> bool:
+    return load.steady and load.has_potential
