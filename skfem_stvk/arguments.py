@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 from skfem.assembly.dofs import DofsView
 
-from .errors import StvkError, name_ids, name_known
+from .errors import StateError, StvkError, name_ids, name_known
 
 #: Numbers in an array, mostly of double precision: docstrings say the shape.
 Array = NDArray[Any]
@@ -196,6 +196,36 @@ def array(
         where = f" in {name_ids(np.unique(np.nonzero(bad)[-1]), what)}" if values.ndim else ""
         raise error(f"{name} is not finite{where}; expected {expected}.")
     return values
+
+
+def vector(name: str, given: Any, n: int, each: str = "degree of freedom", *, kinds: str = "fiu") -> Array:
+    """(n,) numbers, one for each of what `each` names, in the precision in which they are given: single or double. They need not be finite.
+
+    They are not copied if they are floating-point numbers and contiguous. `kinds` are NumPy's letters of the types that are taken, "fiuc" with
+    complex numbers. `mesh.displacements.finite_vector` refuses NaN and infinity, too.
+
+    Raises
+    ------
+    StateError
+        for another shape, and for what holds no such numbers, or masked ones.
+
+    >>> vector("u", [1, 2], 2)
+    array([1., 2.])
+    >>> vector("u", np.zeros((2, 2)), 4)
+    Traceback (most recent call last):
+    skfem_stvk.errors.StateError: u has shape (2, 2); expected (4,), one number for each degree of freedom. Flatten it: ...
+    """
+    values = given if type(given) is np.ndarray else plain_array(given)
+    if values is None or values.dtype.kind not in kinds:
+        what = f"= {shown(given)}" if values is None or not values.ndim else f"has dtype {values.dtype}"
+        masked = ", without masked entries" if isinstance(given, np.ma.MaskedArray) else ""
+        of_result = " Of a result, take its .u." if values is not None and not values.ndim else ""
+        raise StateError(f"{name} {what}; expected ({n},) real numbers, one for each {each}{masked}.{of_result}")
+    if values.shape != (n,):
+        flat = f"Flatten it: {name}.ravel(), if its rows are vertices."
+        hint = flat if values.ndim > 1 and values.size == n else "Is it of another mesh or of second order?"
+        raise StateError(f"{name} has shape {values.shape}; expected ({n},), one number for each {each}. {hint}")
+    return np.ascontiguousarray(values, None if values.dtype.char in "fdFD" else np.float64)  # single and double, real and complex
 
 
 def real_array(given: Any) -> NDArray[np.float64] | None:

@@ -10,9 +10,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..arguments import Array, number, plain_array, shown
-from ..errors import LoadError, StateError, StvkError, SupportError, name_ids
+from ..arguments import Array, number, shown
+from ..errors import LoadError, StvkError, SupportError, name_ids
 from ..linear.choose import SOLVERS
+from ..mesh.displacements import finite_vector
 from ..mesh.places import Where
 from ..results.archive import NotOurs
 from ..system import System
@@ -265,29 +266,8 @@ def _resumed_integrator(kept: IntegratorRecord, given: Integrator | None, file: 
 
 
 def _checked_vector(name: str, given: ArrayLike | None, system: System) -> Array:
-    """(ndofs,) zeros, or a copy of what was given; refuses what is not one finite number a degree of freedom."""
-    if given is None:
-        return np.zeros(system.ndofs)
-    x = plain_array(given)
-    if x is None:
-        raise StateError(f"{name} = {shown(given)}; expected ({system.ndofs},) numbers, one a degree of freedom, none masked.")
-    if x.shape != (system.ndofs,) or x.dtype.kind not in "fiu":
-        hint = (
-            f" Flatten it: {name}.ravel()."
-            if x.shape == (system.mesh.nv, system.mesh.d)
-            else " Of a result, take its .u."
-            if x.shape == ()
-            else " Is it of another mesh?"
-            if x.ndim == 1 and len(x) != system.ndofs
-            else ""
-        )
-        raise StateError(
-            f"{name} is a {type(given).__name__} of shape {x.shape}, dtype {x.dtype}; expected ({system.ndofs},) numbers, one a degree of freedom.{hint}"
-        )
-    bad = np.flatnonzero(~np.isfinite(x))
-    if len(bad):
-        raise StateError(f"{name} is not finite at {name_ids(bad, 'entry')} of {system.ndofs}.")
-    return x.astype(np.float64)
+    """(ndofs,) zeros, or a copy of what was given."""
+    return np.zeros(system.ndofs) if given is None else finite_vector(name, given, system.ndofs).astype(np.float64)
 
 
 def _first_state(motion: Motion, u0: ArrayLike | None, v0: ArrayLike | None, t0: float, integrator: Integrator) -> State:

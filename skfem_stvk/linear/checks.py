@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_matrix
 
-from ..arguments import number, real_array, shown
+from ..arguments import number, shown, vector
 from ..errors import StateError, StvkError, name_ids
 from .solver import Kind, LinearSolver, Solution, Unknowns, Vector
 
@@ -77,16 +77,12 @@ def checked_right(b: Any, n: int, rtol: Any, x0: Any, out: Any) -> tuple[Vector,
         if not own or isinstance(out, np.ma.MaskedArray):
             raise StvkError(f"out = {shown(out)}; expected an array of double precision ({n},) that can be written to.")
     rtol = number("rtol", rtol, "a number between 0 and 1, such as 1e-10", 0.0, 1.0)
-    return _vector("b", b, n), rtol, None if x0 is None else _vector("x0", x0, n)
+    return _right("b", b, n), rtol, None if x0 is None else _right("x0", x0, n)
 
 
-def _vector(name: str, given: Any, n: int) -> Vector:
-    """(n,) numbers, which need not be finite: the outcome of the solve says so."""
-    values = given if type(given) is np.ndarray and given.dtype == np.float64 else real_array(given)
-    if values is None or values.shape != (n,):
-        what = f"has shape {values.shape}" if values is not None else f"= {shown(given)}"
-        raise StvkError(f"{name} {what}; expected ({n},), a value for each free degree of freedom.")
-    return np.ascontiguousarray(values)
+def _right(name: str, given: Any, n: int) -> Vector:
+    """(n,) numbers in double precision, which need not be finite: the outcome of the solve says so."""
+    return vector(name, given, n, "free degree of freedom").astype(np.float64, copy=False)
 
 
 def checked_unknowns(unknowns: Any) -> Unknowns:

@@ -6,15 +6,15 @@ from math import isfinite
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from ..arguments import plain_array, shown
+from ..arguments import Array, vector
 from ..errors import StateError, name_ids
 from ..kernels import blocks as block_kernels
 from .simplices import SimplexMesh
 
 
-def by_vertex(mesh: SimplexMesh, u: ArrayLike, name: str = "u") -> NDArray[np.floating[Any]]:
+def by_vertex(mesh: SimplexMesh, u: ArrayLike, name: str = "u") -> Array:
     """`u` (ndofs,) as (nv, d), not copied if it is in double or single precision and contiguous.
 
     Raises
@@ -26,27 +26,34 @@ def by_vertex(mesh: SimplexMesh, u: ArrayLike, name: str = "u") -> NDArray[np.fl
     array([[1., 2.],
            [3., 4.]])
     """
-    given = u if type(u) is np.ndarray else plain_array(u)
-    if given is None or given.dtype.kind not in "fiu":
-        what = f"is {shown(u)}" if given is None or not given.ndim else f"has dtype {given.dtype}"
-        hint = ", without masked entries" if isinstance(u, np.ma.MaskedArray) else ""
-        raise StateError(f"{name} {what}; expected real numbers, displacements in m{hint}.")
-    u = np.ascontiguousarray(given, dtype=np.float32 if given.dtype == np.float32 else np.float64)
-    if u.shape != (mesh.p.size,):
+    return finite_vector(name, u, mesh.p.size, "degree of freedom d * vertex + component").reshape(-1, mesh.d)
+
+
+def finite_vector(name: str, given: Any, n: int, each: str = "degree of freedom", *, kinds: str = "fiu") -> Array:
+    """As `arguments.vector`, of finite numbers.
+
+    Raises
+    ------
+    StateError
+        as in `arguments.vector`, and for entries that are not finite.
+
+    >>> finite_vector("v", [0.0, np.nan, 1.0], 3)
+    Traceback (most recent call last):
+    skfem_stvk.errors.StateError: v is not finite in 1 entry (1): did the step before diverge?
+    """
+    values = vector(name, given, n, each, kinds=kinds)
+    if not all_finite(values):
         raise StateError(
-            f"{name} has shape {u.shape}; expected ({mesh.p.size},): {mesh.d} components at each of {mesh.nv} vertices, "
-            "degree of freedom d * vertex + component. Is it of another mesh or of second order?"
+            f"{name} is not finite in {name_ids(np.flatnonzero(~np.isfinite(values)), 'entry')}: did the step before diverge?"
         )
-    if not all_finite(u):
-        bad = np.flatnonzero(~np.isfinite(u))
-        raise StateError(f"{name} is not finite in {name_ids(bad, 'entry')}: did the step before diverge?")
-    return u.reshape(-1, mesh.d)
+    return values
 
 
-def all_finite(values: NDArray[np.floating[Any]]) -> bool:
+def all_finite(values: Array) -> bool:
     """Whether no entry is infinite or NaN: then their sum is finite, and only where that overflows every entry is looked at.
 
     >>> all_finite(np.array([1e308, 1e308])), all_finite(np.array([np.inf, -np.inf]))
     (True, False)
     """
-    return bool(isfinite(block_kernels.total(values.reshape(-1))) or np.isfinite(values).all())
+    flat = values.reshape(-1) if values.dtype.kind == "f" else values.reshape(-1).view(values.real.dtype)
+    return bool(isfinite(block_kernels.total(flat)) or np.isfinite(values).all())

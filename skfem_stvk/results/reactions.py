@@ -9,8 +9,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from .. import arguments
 from ..arguments import Array
-from ..errors import StateError, SupportError, name_ids
+from ..errors import SupportError
 from ..mesh import SimplexMesh
+from ..mesh.displacements import by_vertex
 from ..mesh.places import Where, describe, vertices_at
 from ..system import System
 
@@ -126,15 +127,10 @@ def _centred(x: Array) -> Array:
 
 
 def _nodal(values: ArrayLike, name: str, mesh: SimplexMesh) -> Array:
-    array = arguments.real_array(values)
-    if array is None:
-        raise StateError(f"{name} = {arguments.shown(values)}; expected {mesh.d} components at each of {mesh.nv} vertices.")
-    if array.shape not in ((mesh.p.size,), (mesh.nv, mesh.d)):
-        raise StateError(f"{name} has shape {array.shape}; expected {mesh.d} components at each of {mesh.nv} vertices.")
-    bad = np.flatnonzero(~np.isfinite(array))
-    if len(bad):
-        raise StateError(f"{name} is not finite in {name_ids(bad, 'entry')}: did the step before diverge?")
-    return array.reshape(mesh.nv, mesh.d)
+    """(nv, d) finite numbers, of which there may be as many in one row."""
+    given = arguments.real_array(values)
+    flat = values if given is None or given.shape != (mesh.nv, mesh.d) else given.ravel()
+    return by_vertex(mesh, flat, name).astype(np.float64, copy=False)
 
 
 def _digits(values: ArrayLike) -> str:

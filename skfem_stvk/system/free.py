@@ -10,9 +10,10 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.sparse import csr_matrix
 
 from ..arguments import Array, plain_array, shown, whole_array
-from ..errors import StateError, StvkError, name_ids
+from ..errors import StvkError, name_ids
 from ..kernels import blocks as block_kernels
 from ..kernels.threads import parts_of, run, threads
+from ..mesh.displacements import finite_vector
 from .pattern import Pattern, Structure
 
 
@@ -28,16 +29,12 @@ class Patterned(Protocol):
         """Of K."""
 
 
-def _numbers(name: str, given: Any, n: int) -> NDArray[Any]:
-    """A number, or (n,) of them, in the precision in which they come; complex ones as well, such as parts of modes."""
-    values = plain_array(given)
-    if values is None or values.dtype.kind not in "fiuc":
-        raise StvkError(f"{name} = {shown(given)}; expected ({n},) numbers, one for each {name} degree of freedom.")
-    if values.shape not in ((n,), ()):
-        raise StvkError(f"{name} has shape {values.shape}; expected ({n},), one value for each {name} degree of freedom.")
-    if not np.isfinite(values).all():
-        raise StateError(f"{name} is not finite in {name_ids(np.flatnonzero(~np.isfinite(values)), 'entry')}.")
-    return values
+def _numbers(name: str, given: Any, n: int) -> Array:
+    """A number, or (n,) of them, in the precision in which they are given; complex ones as well, such as parts of modes."""
+    values, each = plain_array(given), f"{name} degree of freedom"
+    if values is not None and values.ndim == 0:
+        return finite_vector(name, values.reshape(1), 1, each, kinds="fiuc").reshape(())
+    return finite_vector(name, given, n, each, kinds="fiuc")
 
 
 class FreeDofs:

@@ -10,10 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_matrix, diags
 
-from ..arguments import Array, array, choice, number, shown
-from ..errors import MaterialError, StateError, StvkError, name_ids
+from ..arguments import Array, choice, number, shown
+from ..errors import MaterialError, StvkError, name_ids
 from ..mesh import SimplexMesh
-from ..mesh.displacements import all_finite
+from ..mesh.displacements import finite_vector
 from .free import Patterned
 from .pattern import Pattern
 
@@ -113,13 +113,8 @@ class Mass(ABC):
         K.data[places] += number("factor", factor, "a finite number") * values
 
     def _vector(self, name: str, given: Any) -> Array:
-        """(ndofs,) finite numbers; most often they are, and nothing is done."""
-        own = type(given) is np.ndarray and given.dtype == np.float64 and given.shape == (self._free.size,)
-        if own and all_finite(given):
-            return given
-        return array(
-            name, given, (self._free.size,), f"({self._free.size},) finite numbers, one for each degree of freedom", StateError
-        )
+        """(ndofs,) finite numbers in double precision."""
+        return finite_vector(name, given, self._free.size).astype(np.float64, copy=False)
 
     def _refuse_bare(self) -> None:
         bare = np.flatnonzero((self.vertex <= 0) & self._free.any(axis=1))

@@ -75,7 +75,7 @@ def test_what_does_not_fit_is_refused():
         Reaction.of(mesh, u, force, [])
     with pytest.raises(RegionError, match=r"1 vertex \(25\) outside 0 ... 24"):
         Reaction.of(mesh, u, force, [1, 25])
-    with pytest.raises(StateError, match=r"forces has shape \(3,\); expected 2 components at each of 25"):
+    with pytest.raises(StateError, match=r"forces has shape \(3,\); expected \(50,\), one number for each"):
         Reaction.of(mesh, u, np.zeros(3), [1])
     with pytest.raises(StateError, match="not finite"):
         Reaction.of(mesh, u, np.full(50, np.nan), [1])

@@ -193,7 +193,7 @@ def test_vector_is_the_inverse_of_slicing(dtype):
 
 
 def test_a_vector_of_another_length_is_refused():
-    with pytest.raises(StvkError, match=r"free has shape .*, one value for each free degree of freedom"):
+    with pytest.raises(StvkError, match=r"free has shape .*, one number for each free degree of freedom"):
         HELD.vector(np.zeros(len(HELD.free) + 1))
     with pytest.raises(StvkError, match="fixed has shape"):
         HELD.vector(np.zeros(len(HELD.free)), np.zeros(3))
