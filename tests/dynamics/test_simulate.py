@@ -557,7 +557,7 @@ MISTAKES = {
     "a name": (StvkError, "integrator is 'Newmark'; expected one of ForwardEuler", {"integrator": "Newmark"}),
     "u0 by vertex": (
         StateError,
-        rf"u0 has shape \({N // 2}, 2\); expected \({N},\) .*u0.ravel\(\)",
+        rf"u0 has shape \({N // 2}, 2\); expected \({N},\), .*u0.ravel\(\)",
         {"u0": np.zeros((N // 2, 2))},
     ),
     "no kind of mass": (StvkError, "mass = ''; known: 'consistent', 'lumped'", {"mass": ""}),
