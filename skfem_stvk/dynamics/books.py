@@ -6,7 +6,7 @@ import numpy as np
 
 from ..arguments import Array
 from ..kernels import motion as kernels
-from ..statics.equilibrium import dot
+from ..nonlinear.problem import dot
 from .forces import driven, driving_force, steady_potential
 from .ledger import INSIDE_OUT, Balance, Ledger, column_names
 from .motion import Motion

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..arguments import Array
-from ..statics.equilibrium import dot
+from ..nonlinear.problem import dot
 from ..system import TangentOperator
 from ..system.mass import Mass
 

@@ -6,7 +6,7 @@ from contextlib import suppress
 
 from ..errors import StateError, warn
 from ..results.files import WriteError
-from ..statics.monitors import Finding, Monitors
+from ..results.monitors import Finding, Monitors
 from .books import Books
 from .guard import Guard, from_nowhere
 from .integrators import StepFailed

@@ -7,7 +7,7 @@ from functools import cached_property
 import numpy as np
 
 from ..arguments import Array
-from ..statics.equilibrium import dot
+from ..nonlinear.problem import dot
 from ..system import System, TangentOperator
 from ..terms.load import Moment
 from .damping import Damping, damping_factors

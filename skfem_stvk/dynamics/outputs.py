@@ -5,8 +5,8 @@ from __future__ import annotations
 import time
 from pathlib import Path
 
+from ..nonlinear.stopwatch import Stopwatch
 from ..results import Fields
-from ..statics.stopwatch import Stopwatch
 from .ledger import Ledger, LedgerFile
 from .plan import Plan
 

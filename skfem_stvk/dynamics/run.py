@@ -14,9 +14,9 @@ from ..arguments import Array
 from ..errors import StvkError
 from ..mesh.places import Where
 from ..results import Fields, Reaction, State, animate, plot, write_vtu
+from ..results.monitors import Finding
 from ..results.reactions import held_vertices
 from ..results.vtu import DEFAULT
-from ..statics.monitors import Finding
 from ..system import System
 from .integrators import Integrator
 from .ledger import Ledger

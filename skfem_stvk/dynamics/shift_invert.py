@@ -13,9 +13,9 @@ from ..arguments import Array
 from ..edges import Tensions
 from ..errors import StvkError
 from ..linear import Factors, Kind, LinearSolver, Outcome
+from ..nonlinear.newton import usable
+from ..nonlinear.stopwatch import Stopwatch
 from ..statics.equilibrium import Equilibrium
-from ..statics.newton import usable
-from ..statics.stopwatch import Stopwatch
 from ..system import FreeOperator, System
 from ..system.mass import Mass
 from ..terms.load import Time

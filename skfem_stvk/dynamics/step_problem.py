@@ -14,9 +14,10 @@ from ..errors import StateError
 from ..linear import Factors, Kind, LinearSolver, Outcome, Solution, Unknowns
 from ..linear.block_jacobi import BlockJacobiAnalysis, BlockJacobiCg, BlockJacobiFactors
 from ..linear.edge_cg import EdgeFactors
-from ..statics.equilibrium import Equilibrium, Residual, dot, kind_of, norm
-from ..statics.equilibrium import Tangent as Attempted
-from ..statics.stopwatch import Stopwatch
+from ..nonlinear.problem import Residual, dot, norm
+from ..nonlinear.problem import Tangent as Attempted
+from ..nonlinear.stopwatch import Stopwatch
+from ..statics.equilibrium import Equilibrium, kind_of
 from ..system import FreeOperator, System, TangentOperator
 from ..system.rigid import rigid_modes
 from ..terms.load import Moment, Time

@@ -6,7 +6,7 @@ import numpy as np
 
 from ..arguments import Array
 from ..errors import StateError, name_ids
-from .eigen import lowest_mode, nearest_mode
+from ..nonlinear.eigen import lowest_mode, nearest_mode
 from .equilibrium import Equilibrium
 
 #: A branch ends where the lowest eigenvalue of K has fallen below this part of what it was at the start.

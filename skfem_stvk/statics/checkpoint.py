@@ -12,17 +12,17 @@ from pydantic import AllowInfNan, Field
 
 from ..arguments import Array
 from ..errors import StvkError
+from ..nonlinear.newton import End, Iterations
 from ..results.archive import ArchiveHeader, NotOurs, read_archive, read_header, write_archive
 from ..results.files import output_folder
+from ..results.monitors import Finding
 from ..results.one_writer import OneWriter
 from ..system import System
 from ..system.signature import Problem, Record, Signature
+from .critical import BIFURCATION, LIMIT_POINT, CriticalPoint
 from .equilibrium import NOTHING
 from .history import Step
-from .monitors import Finding
-from .newton import End, Iterations
-from .path.critical import BIFURCATION, LIMIT_POINT, CriticalPoint
-from .path.load_steps import LARGEST, LoadSteps
+from .load_steps import LARGEST, LoadSteps
 from .status import Status
 
 FORMAT = "path of skfem-stvk", 2

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from enum import Enum
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -16,58 +15,23 @@ from ..errors import StateError, StvkError, name_ids
 from ..linear import BlockJacobiCg, Factors, Kind, LinearSolver, Solution, Unknowns
 from ..linear.choose import direct
 from ..linear.inertia import COUNTED, inertia, transposition
+from ..nonlinear.problem import Residual, Tangent, dot, norm
+from ..nonlinear.stopwatch import Stopwatch
 from ..system import FreeOperator, System, TangentOperator
 from ..system.rigid import rigid_modes
 from ..terms.load import Time
-from .stopwatch import Stopwatch
 
 #: What is added to a tangent without any stiffness in some direction, as a part of the largest diagonal entry of each vertex.
 SHIFT = 1e-4
 #: Loads and reactions below this part of the largest on the path count as this part: where they go back to zero, nothing else is left to
 #: be small against.
 NOTHING = 1e-6
-#: Sums of squares outside of these may have lost digits to underflow, or have overflowed.
-SQUARES = 1e-280, 1e300
 #: How often on a path it is asked whether CG met negative curvature or its own round-off.
 MOST_DOUBTS = 3
 #: A Jacobian is symmetric to this part of its largest entry.
 SYMMETRIC = 1e-12
 #: Part of the load factor, or of 1, over which loads and prescribed displacements are differenced; exact for what grows linearly.
 DIFFERENCE = 1e-6
-
-
-class Tangent(Enum):
-    """What Newton's method solves with, in the order in which it tries them.
-
-    exact       the Jacobian
-    clamped     without negative tensions of edges: positive semi-definite
-    shifted     that, and a little stiffness against the ground: positive definite, for flat membranes and slack cables
-    """
-
-    EXACT = "exact"
-    CLAMPED = "clamped"
-    SHIFTED = "shifted"
-
-
-@dataclass(frozen=True)
-class Residual:
-    """Forces that are not in equilibrium.
-
-    Attributes
-    ----------
-    free : (n,) residual `F - f_ext` over the free degrees of freedom [N].
-    size : its 2-norm.
-    scale : 2-norm of the loads plus that of the reactions, what `size` is small against.
-    """
-
-    free: Array
-    size: float
-    scale: float
-
-    @property
-    def relative(self) -> float:
-        """`size / scale`; 0 if there is no force at all."""
-        return self.size / self.scale if self.scale > 0 else float(self.size > 0)
 
 
 class Equilibrium:
@@ -96,6 +60,54 @@ class Equilibrium:
         self._doubts = MOST_DOUBTS
         with watch("factor"):
             self._analysis = self.solver.analyse(self._unknowns())
+
+    @property
+    def n(self) -> int:
+        """Number of unknowns."""
+        return len(self.free.free)
+
+    @property
+    def iterative(self) -> bool:
+        """Whether linear solves iterate."""
+        return self.solver.iterative
+
+    @property
+    def dead(self) -> bool:
+        """Whether no load depends on where the body goes."""
+        return self.system.dead
+
+    def dot(self, x: Array, y: Array) -> float:
+        """`x . y` of two vectors of unknowns, or of two of all degrees of freedom."""
+        return dot(x, y)
+
+    def norm(self, x: Array) -> float:
+        """`|x|`."""
+        return norm(x)
+
+    def direction(self, x: Array) -> Array:
+        """(ndofs,) displacements `x` (n,) of the free degrees of freedom."""
+        return self.free.vector(x)
+
+    def unknowns_of(self, v: Array) -> Array:
+        """(n,) displacements of the free degrees of freedom."""
+        free: Array = v[self.free.free]
+        return free
+
+    def place(self, u: Array, t: float) -> Array:
+        """`u`, in place, with the held degrees of freedom where they are at `t`."""
+        u[self.free.fixed] = self.held(t)
+        return u
+
+    def stiffness_norm(self, u: Array, t: Time) -> float:
+        """The largest sum of a row of K, or twice that of the blocks of its diagonal [N/m]."""
+        K = self.operator(u, t)
+        if isinstance(K, csr_matrix):
+            return float(abs(K).sum(axis=1).max())
+        return 2 * float(np.abs(K.diagonal_blocks()).sum(axis=2).max())
+
+    def elastic_along(self, u: Array, v: Array) -> Array | None:
+        """(5,) coefficients of the strain energy along `u + s v`; None if that is no quartic."""
+        return self.system.energy_along(u, v) if self.system.quartic else None
 
     def take_over(self, u: Array, t: Time) -> bool:
         """Whether a direct solver takes over, here and on the rest of the path, where CG did not solve with the Jacobian at `u`.
@@ -131,6 +143,10 @@ class Equilibrium:
         """A state of the path: its forces are something that others are small against."""
         residual = self.residual(u, t)
         self.largest = max(self.largest, residual.scale, residual.size)
+
+    def slope(self, residual: Residual, v: Array) -> float:
+        """`r . v` [J]."""
+        return float(residual.free @ v[self.free.free])
 
     def round_off(self, u: Array, t: Time) -> float:
         """Size of the residual that is left by rounding alone [N]."""
@@ -323,18 +339,3 @@ def with_loads(solver: LinearSolver, system: System) -> LinearSolver:
             "where the body goes, and its stiffness is added to a matrix."
         )
     return replace(solver, assembled=True)
-
-
-def dot(x: Array, y: Array) -> float:
-    """`x . y` without BLAS, whose threads wait for ours: 0.05 ms instead of 5 for 50 000 entries where something else is running."""
-    return float(np.einsum("i,i", x, y))
-
-
-def norm(x: Array) -> float:
-    """`|x|` without BLAS, also of entries whose squares are too small or too large for a number: forces of 1e-200 N are not nothing."""
-    with np.errstate(over="ignore", under="ignore"):
-        square = dot(x, x)
-    if SQUARES[0] < square < SQUARES[1] or not len(x):
-        return float(np.sqrt(square))
-    largest = float(np.abs(x).max())
-    return largest * norm(x / largest) if 0 < largest < np.inf else largest

@@ -9,9 +9,9 @@ from typing import overload
 import numpy as np
 
 from ..arguments import Array
-from .monitors import Finding
-from .newton import End, Iterations
-from .path.critical import CriticalPoint
+from ..nonlinear.newton import End, Iterations
+from ..results.monitors import Finding
+from .critical import CriticalPoint
 from .status import Status
 
 #: From here on a state is further from where the path pointed than bending, twisting or tightening bodies get (1.2 at most on the hard cases).
@@ -88,6 +88,11 @@ class Attempt:
     def __str__(self) -> str:
         detail = f" ({self.iterations.detail})" if self.iterations.detail else ""
         return f"t {self.t:<9.4g} {len(self.iterations):>3} iterations   failed: {self.end.value}{detail}"
+
+
+def found_status(end: End) -> Status:
+    """Of a state that Newton's method found, if it is stable and not inside out."""
+    return Status.CONVERGED if end is End.CONVERGED else Status.AT_ROUND_OFF
 
 
 class History(Sequence[Step]):

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
+from ..nonlinear.newton import End
+from ..nonlinear.stability import Verdict
 from ..system import System
+from .arc_length import ArcLength
 from .history import History
-from .newton import End
-from .path.arc_length import ArcLength
-from .stability import Verdict
 from .status import Status
 
 GIVES_WAY = "St. Venant-Kirchhoff material gives way in compression, so the branch without inversion may end here."

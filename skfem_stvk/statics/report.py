@@ -8,8 +8,8 @@ from types import TracebackType
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
+from ..nonlinear.newton import Iterations
 from .history import Attempt, Step
-from .newton import Iterations
 
 
 class Report:

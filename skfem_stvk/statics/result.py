@@ -21,8 +21,8 @@ from ..results.reactions import held_vertices
 from ..results.series import save_series
 from ..results.vtu import DEFAULT
 from ..system import System
+from .critical import CriticalPoint
 from .history import History
-from .path.critical import CriticalPoint
 from .status import Status
 
 

@@ -12,23 +12,23 @@ from ..arguments import Array, choice, flag, number, path, shown, whole
 from ..errors import LoadError, StvkError, warn
 from ..linear import LinearSolver, choose
 from ..mesh.displacements import by_vertex
+from ..nonlinear.stability import Verdict, judged
+from ..nonlinear.stopwatch import Stopwatch
+from ..results.monitors import Monitors
 from ..system import System
 from ..system.system import checked_system
+from .arc_length import ArcLength
 from .branch_end import branch_end
 from .equilibrium import Equilibrium, kind_of, with_loads
-from .history import History, Step
+from .history import History, Step, found_status
+from .load_steps import LoadSteps
 from .message import reason
-from .monitors import Monitors
 from .outlets import Outlets
-from .path.arc_length import ArcLength
-from .path.load_steps import LoadSteps
-from .path.stop import Stop
-from .path.walk import Walk
 from .report import Report
 from .result import Interrupted, SolveError, StaticResult
-from .stability import Verdict, judged
 from .status import Status
-from .stopwatch import Stopwatch
+from .stop import Goal, Stop
+from .walk import Walk
 
 METHODS = (LoadSteps.name, ArcLength.name)
 
@@ -127,7 +127,7 @@ def solve_static(
         problem = Equilibrium(system, solver, watch)
         common = problem, start, float(t0), float(rtol), monitors, stability, report.iterating
         first = 1 / int(steps)
-        walk = ArcLength(first, stop or Stop(load=1.0), *common) if arc_length else LoadSteps(first, *common)
+        walk = ArcLength(first, Goal(stop or Stop(load=1.0), system), *common) if arc_length else LoadSteps(first, *common)
         found = [] if kept is None else kept.steps
         if kept is not None and found:
             walk.resume(found, kept.saved)
@@ -151,7 +151,7 @@ def solve_static(
                 branch = branch_end(problem, start, float(t0), walk.u, walk.t)
         except (KeyboardInterrupt, Exception) as error:  # a full disk, a load's function that fails: the states so far are kept
             cause = error
-    result = _result(walk, start, history, watch, verdict, branch, solver.name, cause)
+    result = _result(problem, walk, start, history, watch, verdict, branch, solver.name, cause)
     for text in _new_findings(history):
         warn(text)
     if isinstance(cause, KeyboardInterrupt):
@@ -229,6 +229,7 @@ def _verdict(problem: Equilibrium, walk: Walk, last: Step) -> Verdict:
 
 
 def _result(
+    problem: Equilibrium,
     walk: Walk,
     start: Array,
     history: History,
@@ -238,14 +239,14 @@ def _result(
     asked: str,
     cause: BaseException | None,
 ) -> StaticResult:
-    problem, t, u = walk.problem, walk.t, walk.u
+    t, u = walk.t, walk.u
     inverted = problem.inside_out(u)
     if cause is not None:
         status = Status.INTERRUPTED
     elif not walk.reached:
         status = Status.STOPPED
     else:
-        status = Status.INVERTED if len(inverted) else history[-1].end.status if verdict.stable else Status.UNSTABLE
+        status = Status.INVERTED if len(inverted) else found_status(history[-1].end) if verdict.stable else Status.UNSTABLE
         history.judge_last(status)
     named = problem.named(inverted) if len(inverted) else ""
     message = reason(status, walk.name, problem.system, history, t, verdict, named, branch, bool(start.any()), cause)

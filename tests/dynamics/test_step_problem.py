@@ -17,7 +17,8 @@ from skfem_stvk.dynamics import (
 from skfem_stvk.dynamics.integrators.implicit import ImplicitStepper
 from skfem_stvk.dynamics.motion import Motion
 from skfem_stvk.dynamics.state import State
-from skfem_stvk.statics.equilibrium import Equilibrium, Tangent
+from skfem_stvk.nonlinear.problem import Tangent
+from skfem_stvk.statics.equilibrium import Equilibrium
 from skfem_stvk.system.rigid import rigid_modes
 from skfem_stvk.terms.load import Moment
 

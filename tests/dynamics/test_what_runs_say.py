@@ -12,7 +12,7 @@ from skfem_stvk.dynamics import EnergyMomentum, LinearBackwardEuler
 from skfem_stvk.dynamics.checkpoint import load
 from skfem_stvk.dynamics.integrators import StepFailed
 from skfem_stvk.dynamics.integrators.implicit import ImplicitStepper
-from skfem_stvk.statics.stopwatch import Stopwatch
+from skfem_stvk.nonlinear.stopwatch import Stopwatch
 
 
 def test_iterations_are_those_of_all_steps():

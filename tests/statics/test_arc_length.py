@@ -8,11 +8,11 @@ from scenes import beam, bent, block, column
 from skfem_stvk import NodalLoad, Pressure, SimplexMesh, Stop, StVK, System, Traction, solve_static
 from skfem_stvk.errors import StateError, StvkError
 from skfem_stvk.linear import SuperLU
+from skfem_stvk.nonlinear.stopwatch import Stopwatch
 from skfem_stvk.statics import CriticalPoint, SolveError, Status
+from skfem_stvk.statics.arc_length import ArcLength
+from skfem_stvk.statics.critical import Point
 from skfem_stvk.statics.equilibrium import Equilibrium
-from skfem_stvk.statics.path.arc_length import ArcLength
-from skfem_stvk.statics.path.critical import Point
-from skfem_stvk.statics.stopwatch import Stopwatch
 
 SPAN, RISE, EA = 1.0, 0.1, 1e3
 LENGTH = np.hypot(SPAN, RISE)
@@ -83,7 +83,7 @@ def test_what_comes_first_ends_the_path():
 
 
 def test_a_path_that_never_gets_there_says_so(monkeypatch):
-    from skfem_stvk.statics.path import stop
+    from skfem_stvk.statics import stop
 
     monkeypatch.setattr(stop, "MOST_STATES", 10)
     with pytest.raises(SolveError, match=r"before its end.*nothing that was asked for is reached after 10 states") as failure:
@@ -259,9 +259,9 @@ def test_what_is_not_linear_in_the_load_factor_is_followed_too():
 def test_the_rate_of_a_path_is_the_derivative_of_its_states():
     """`dr/dt` by its definition, with supports that move and loads that curve."""
     from skfem_stvk.linear import SuperLU
+    from skfem_stvk.nonlinear.stopwatch import Stopwatch
     from skfem_stvk.statics.equilibrium import Equilibrium
-    from skfem_stvk.statics.path.heading import heading
-    from skfem_stvk.statics.stopwatch import Stopwatch
+    from skfem_stvk.statics.heading import heading
 
     def move(x, t):
         return np.stack([0 * x[0], 0.5 * np.sin(2 * t) * x[1], -2 * t**2 + 0 * x[0]])
@@ -297,7 +297,7 @@ def test_of_two_levels_in_one_step_the_first_one_ends_the_path(load, w):
 
 
 def test_more_states_than_anybody_expects_can_be_asked_for(monkeypatch):
-    from skfem_stvk.statics.path import stop
+    from skfem_stvk.statics import stop
 
     monkeypatch.setattr(stop, "MOST_STATES", 5)
     assert len(solve_static(bar(), steps=20, stop=Stop(states=8), **OPTIONS).history) == 8

@@ -15,12 +15,13 @@ from test_arc_length import bar
 from skfem_stvk import Gravity, NodalLoad, Stop, StVK, System, Traction, solve_static
 from skfem_stvk.errors import StvkError
 from skfem_stvk.linear import AmgCg, SuperLU
+from skfem_stvk.nonlinear.stopwatch import Stopwatch
+from skfem_stvk.results.monitors import Monitors
 from skfem_stvk.statics import Interrupted, SolveError, Step, checkpoint
+from skfem_stvk.statics.arc_length import ArcLength
 from skfem_stvk.statics.equilibrium import Equilibrium
-from skfem_stvk.statics.monitors import Monitors
-from skfem_stvk.statics.path.arc_length import ArcLength
-from skfem_stvk.statics.path.load_steps import LoadSteps
-from skfem_stvk.statics.stopwatch import Stopwatch
+from skfem_stvk.statics.load_steps import LoadSteps
+from skfem_stvk.statics.stop import Goal
 from skfem_stvk.system.signature import Problem
 
 CRITICAL = np.pi**2 * (1e4 / (1 - 0.3**2)) / 12 / (4 * 20**2)
@@ -304,7 +305,7 @@ def test_another_start_is_refused(tmp_path):
 
 @pytest.mark.parametrize("stop", [{"states": 5}, {"turns": 1}])
 def test_a_stop_that_has_been_passed_ends_the_path_at_once(tmp_path, monkeypatch, stop):
-    from skfem_stvk.statics.path import stop as stops
+    from skfem_stvk.statics import stop as stops
 
     monkeypatch.setattr(stops, "MOST_STATES", 40)
     call = {"steps": 20, "method": "arc-length", "checkpoint": tmp_path / "path", "quiet": True}
@@ -354,7 +355,7 @@ def test_a_series_that_is_asked_for_later_has_all_states_and_no_older_ones(tmp_p
 def walk_of(system, method, steps, u0=None, t0=0.0, solver=None, stability=False):
     problem = Equilibrium(system, solver or SuperLU(), Stopwatch())
     common = problem, np.zeros(system.ndofs) if u0 is None else u0, t0, 1e-8, Monitors(system, False), stability, lambda *_: None
-    return ArcLength(1 / steps, Stop(load=1.0), *common) if method == "arc-length" else LoadSteps(1 / steps, *common)
+    return ArcLength(1 / steps, Goal(Stop(load=1.0), system), *common) if method == "arc-length" else LoadSteps(1 / steps, *common)
 
 
 def stands(walk):

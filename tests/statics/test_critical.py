@@ -8,9 +8,8 @@ import skfem
 from scenes import column
 
 from skfem_stvk import Isotropic, NodalLoad, Stop, StVK, StvkWarning, System, Traction, VolumePenalty, solve_static
-from skfem_stvk.statics import Status
-from skfem_stvk.statics.path import critical
-from skfem_stvk.statics.path.critical import Point
+from skfem_stvk.statics import Status, critical
+from skfem_stvk.statics.critical import Point
 
 CRITICAL = np.pi**2 * (1e4 / (1 - 0.3**2)) / 12 / (4 * 20**2)
 OPTIONS = {"quiet": True, "raise_on_failure": False}

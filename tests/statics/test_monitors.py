@@ -19,7 +19,7 @@ from skfem_stvk import (
 )
 from skfem_stvk.errors import StvkWarning
 from skfem_stvk.results import Fields
-from skfem_stvk.statics.monitors import Monitors, poisson_of
+from skfem_stvk.results.monitors import Monitors, poisson_of
 
 FOUNDATION = ElasticFoundation(lambda x: x[0] < 0.5, stiffness=1.0)
 

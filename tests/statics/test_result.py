@@ -157,8 +157,8 @@ def test_a_result_says_how_it_came_out(result):
 
 
 def test_matrices_are_made_once():
+    from skfem_stvk.nonlinear.stopwatch import Stopwatch
     from skfem_stvk.statics.equilibrium import Equilibrium
-    from skfem_stvk.statics.stopwatch import Stopwatch
 
     system = bent()
     problem = Equilibrium(system, SuperLU(), Stopwatch())

@@ -7,11 +7,10 @@ from scenes import bent, block, column
 
 from skfem_stvk import NodalLoad, Pressure, StVK, System, solve_static
 from skfem_stvk.linear import SuperLU
-from skfem_stvk.statics import Status
+from skfem_stvk.nonlinear.stopwatch import Stopwatch
+from skfem_stvk.statics import Status, load_steps
+from skfem_stvk.statics.between import MOST, Between, State
 from skfem_stvk.statics.equilibrium import Equilibrium
-from skfem_stvk.statics.path import load_steps
-from skfem_stvk.statics.path.between import MOST, Between, State
-from skfem_stvk.statics.stopwatch import Stopwatch
 
 OPTIONS = {"quiet": True, "raise_on_failure": False}
 

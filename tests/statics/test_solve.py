@@ -4,8 +4,8 @@ import skfem
 from scenes import beam, bent, block, column
 
 from skfem_stvk import NodalLoad, Pressure, StVK, System, Traction, solve_static
+from skfem_stvk.nonlinear.problem import norm
 from skfem_stvk.statics import SolveError, Status
-from skfem_stvk.statics.equilibrium import norm
 
 SOLVERS = ("superlu", "pardiso", "amg-cg", "block-jacobi-cg", "ssor-cg")
 

@@ -7,12 +7,13 @@ from springs import PointSpring
 
 from skfem_stvk import NodalLoad, SimplexMesh, Stop, StVK, StvkError, System, Traction, solve_static
 from skfem_stvk.linear import Kind, SuperLU
+from skfem_stvk.nonlinear.newton import _length
+from skfem_stvk.nonlinear.problem import Tangent
+from skfem_stvk.nonlinear.stopwatch import Stopwatch
+from skfem_stvk.results.monitors import Monitors
 from skfem_stvk.statics import Status
-from skfem_stvk.statics.equilibrium import Equilibrium, Tangent
-from skfem_stvk.statics.monitors import Monitors
-from skfem_stvk.statics.newton import _length
-from skfem_stvk.statics.path.load_steps import LoadSteps
-from skfem_stvk.statics.stopwatch import Stopwatch
+from skfem_stvk.statics.equilibrium import Equilibrium
+from skfem_stvk.statics.load_steps import LoadSteps
 
 ELASTIC = StVK(young=1e4, poisson=0.3)
 MESH = beam(n=1)

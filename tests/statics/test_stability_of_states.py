@@ -13,12 +13,13 @@ from skfem_stvk import Pressure, SimplexMesh, Stop, StVK, System, Traction, solv
 from skfem_stvk.linear import AmgCg, Outcome, Pardiso, SuperLU, Unknowns
 from skfem_stvk.linear.inertia import Inertia, inertia, shifted
 from skfem_stvk.linear.pardiso import PardisoFactors
-from skfem_stvk.statics import Status, divergence, eigen, stability
-from skfem_stvk.statics.divergence import real_eigenvalues
-from skfem_stvk.statics.eigen import lowest_mode
+from skfem_stvk.nonlinear import divergence, eigen, stability
+from skfem_stvk.nonlinear.divergence import real_eigenvalues
+from skfem_stvk.nonlinear.eigen import lowest_mode
+from skfem_stvk.nonlinear.stability import judged
+from skfem_stvk.nonlinear.stopwatch import Stopwatch
+from skfem_stvk.statics import Status
 from skfem_stvk.statics.equilibrium import Equilibrium
-from skfem_stvk.statics.stability import judged
-from skfem_stvk.statics.stopwatch import Stopwatch
 
 OPTIONS = {"quiet": True, "raise_on_failure": False}
 EULER = np.pi**2 * (1e4 / (1 - 0.3**2)) / 12 / (4 * 20**2)

@@ -10,15 +10,14 @@ from scenes import beam, bent, block, column
 from skfem_stvk import Gravity, NodalLoad, Pressure, StVK, System, Traction, solve_static
 from skfem_stvk.errors import StvkError, StvkWarning, SupportError
 from skfem_stvk.linear import SuperLU
-from skfem_stvk.statics import Interrupted, SolveError, Status
+from skfem_stvk.nonlinear.eigen import Mode
+from skfem_stvk.nonlinear.line_search import quartic_minimum
+from skfem_stvk.nonlinear.stopwatch import Stopwatch
+from skfem_stvk.statics import Interrupted, SolveError, Status, load_steps
 from skfem_stvk.statics import branch_end as branch_module
 from skfem_stvk.statics import solve as solve_module
 from skfem_stvk.statics.branch_end import branch_end
-from skfem_stvk.statics.eigen import Mode
 from skfem_stvk.statics.equilibrium import Equilibrium
-from skfem_stvk.statics.line_search import quartic_minimum
-from skfem_stvk.statics.path import load_steps
-from skfem_stvk.statics.stopwatch import Stopwatch
 
 OPTIONS = {"quiet": True, "raise_on_failure": False}
 CRITICAL = np.pi**2 * (1e4 / (1 - 0.3**2)) / 12 / (4 * 20**2)
@@ -234,7 +233,7 @@ def test_stopped_results_speak_of_their_own_load_factor():
 
 def test_seconds_add_up_to_the_whole_solve(monkeypatch):
     ticks = []  # a clock that goes on by a second whenever it is read
-    monkeypatch.setattr("skfem_stvk.statics.stopwatch.perf_counter", lambda: ticks.append(1) or float(len(ticks)))
+    monkeypatch.setattr("skfem_stvk.nonlinear.stopwatch.perf_counter", lambda: ticks.append(1) or float(len(ticks)))
     result = solve_static(bent(), steps=3, quiet=True)
     assert sum(result.seconds.values()) == len(ticks) - 1
     assert all(seconds > 0 for seconds in result.seconds.values())

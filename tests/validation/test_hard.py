@@ -9,7 +9,8 @@ import pytest
 from scipy.sparse import csr_matrix
 
 from skfem_stvk import System
-from skfem_stvk.statics import solve, stability
+from skfem_stvk.nonlinear import stability
+from skfem_stvk.statics import solve
 from validation import hard
 from validation.hard import crushed, deformed, judge, meshes, methods, scales, study, table, truths, unstable
 from validation.hard.case import Case

@@ -9,7 +9,7 @@ import numpy as np
 
 from ...arguments import Array
 from ...errors import StvkError
-from ...statics.stopwatch import Stopwatch
+from ...nonlinear.stopwatch import Stopwatch
 from ..counts import Counts
 from ..motion import Motion
 from ..state import State

@@ -11,9 +11,9 @@ import numpy as np
 from ...arguments import Array, choice, number
 from ...linear import BlockJacobiCg, Kind, LinearSolver, SsorCg, choose
 from ...linear.choose import is_auto
+from ...nonlinear.newton import Iterations, newton
+from ...nonlinear.stopwatch import Stopwatch
 from ...statics.equilibrium import with_loads
-from ...statics.newton import Iterations, newton
-from ...statics.stopwatch import Stopwatch
 from ...system import System
 from ...terms.load import Moment
 from ..clock import SLACK

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import ClassVar, Protocol
 
 from ...arguments import number
-from ...statics.stopwatch import Stopwatch
+from ...nonlinear.stopwatch import Stopwatch
 from ..counts import Counts
 from ..motion import Motion
 from ..state import State

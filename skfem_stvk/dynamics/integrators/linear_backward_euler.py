@@ -8,8 +8,8 @@ import numpy as np
 
 from ...arguments import Array
 from ...errors import StvkError
-from ...statics.equilibrium import Tangent as Attempted
-from ...statics.newton import usable
+from ...nonlinear.newton import usable
+from ...nonlinear.problem import Tangent as Attempted
 from ...system import System
 from ...terms.load import Moment
 from ..forces import damping_is_of_edges

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...arguments import Array
-from ..equilibrium import Equilibrium, dot
-from ..newton import usable
+from ..arguments import Array
+from ..nonlinear.newton import usable
+from ..nonlinear.problem import PathProblem
 
 
 @dataclass(frozen=True)
@@ -30,20 +30,20 @@ class Heading:
         """The other way."""
         return Heading(-self.direction, -self.rate, self.negative)
 
-    def along(self, v: Array) -> Heading:
+    def along(self, v: Array, problem: PathProblem) -> Heading:
         """This way or the other, whichever does not point against `v` (ndofs,)."""
-        return self if dot(self.direction, v) >= 0 else self.reversed()
+        return self if problem.dot(self.direction, v) >= 0 else self.reversed()
 
 
-def heading(problem: Equilibrium, u: Array, t: float, singular: bool = False) -> Heading | str:
+def heading(problem: PathProblem, u: Array, t: float, singular: bool = False) -> Heading | str:
     """Towards growing t at an equilibrium: `K du = -dr/dt dt`; or why there is none. `singular`: as of `usable`."""
     factors = problem.factorise(u, t)
     forces, held = problem.rate(u, t)
     solution = problem.solve(factors, forces, 1e-10)
     if not usable(solution, singular):
         return solution.outcome.value
-    rate = held + problem.free.vector(solution.x)
-    length = float(np.sqrt(dot(rate, rate)))
+    rate = held + problem.direction(solution.x)
+    length = float(np.sqrt(problem.dot(rate, rate)))
     if length == 0:
         return "nothing moves as the load grows"
     return Heading(rate / length, 1 / length, problem.negative_pivots())

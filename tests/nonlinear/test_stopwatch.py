@@ -2,8 +2,8 @@
 
 import pytest
 
-from skfem_stvk.statics import stopwatch
-from skfem_stvk.statics.stopwatch import Stopwatch
+from skfem_stvk.nonlinear import stopwatch
+from skfem_stvk.nonlinear.stopwatch import Stopwatch
 
 
 @pytest.fixture

@@ -9,12 +9,12 @@ from typing import Any
 
 import numpy as np
 
-from ...arguments import Array, number, own, shown, whole
-from ...errors import StvkError, name_ids
-from ...mesh.places import Where, describe, vertices_at
-from ...system import System
-from ..equilibrium import dot
-from ..history import Step
+from ..arguments import Array, number, own, shown, whole
+from ..errors import StvkError, name_ids
+from ..mesh.places import Where, describe, vertices_at
+from ..nonlinear.problem import dot
+from ..system import System
+from .history import Step
 from .plane import Plane
 
 #: A path that is given no other number of states ends after so many.

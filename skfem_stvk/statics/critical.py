@@ -9,9 +9,9 @@ from functools import partial
 import numpy as np
 from scipy.optimize import brentq
 
-from ...arguments import Array
-from ..eigen import lowest_mode, nearest_mode
-from ..equilibrium import Equilibrium, dot
+from ..arguments import Array
+from ..nonlinear.eigen import lowest_mode, nearest_mode
+from ..nonlinear.problem import PathProblem
 from .heading import heading
 from .plane import Plane, correct
 
@@ -70,7 +70,7 @@ class _Lost(Exception):
     """The path between two states is not found, or does not do what it was expected to."""
 
 
-def find(problem: Equilibrium, before: Point, after: Point, turned: bool, rtol: float) -> tuple[CriticalPoint, ...]:
+def find(problem: PathProblem, before: Point, after: Point, turned: bool, rtol: float) -> tuple[CriticalPoint, ...]:
     """The critical points on the step from `before` to `after`; `turned`: the load factor turned back on it.
 
     Where it turns, `dt/ds` has a root; where otherwise an eigenvalue of K changes its sign, that has one.
@@ -99,7 +99,7 @@ def find(problem: Equilibrium, before: Point, after: Point, turned: bool, rtol: 
     return tuple(points[i] for i in order)
 
 
-def turning_point(problem: Equilibrium, before: Point, after: Point, rtol: float) -> tuple[Array, float] | None:
+def turning_point(problem: PathProblem, before: Point, after: Point, rtol: float) -> tuple[Array, float] | None:
     """The state between two others at which the load factor turns back; None if it is not found."""
     chord = _Chord(problem, before, after, rtol)
     f = chord.root(chord.rate)
@@ -133,7 +133,7 @@ def _scaled(mode: Array) -> Array:
 class _Chord:
     """The path between two states, by equilibria in planes across the straight line from one to the other."""
 
-    def __init__(self, problem: Equilibrium, before: Point, after: Point, rtol: float) -> None:
+    def __init__(self, problem: PathProblem, before: Point, after: Point, rtol: float) -> None:
         self._problem, self.before, self.after, self._rtol = problem, before, after, rtol
         self.direction, self._fewest = after.u - before.u, 0
 
@@ -150,6 +150,7 @@ class _Chord:
 
     def _corrected(self, f: float) -> tuple[Array, float] | None:
         """The equilibrium in the plane across the line there, if Newton's method finds it: K may be singular to the last digit."""
+        dot = self._problem.dot
         length = float(np.sqrt(dot(self.direction, self.direction)))
         if not length:
             return None
@@ -193,7 +194,7 @@ class _Chord:
     def rate(self, f: float) -> float:
         """`dt/ds`, which is zero at a limit point; zero, too, where K is too singular to be solved with."""
         found = heading(self._problem, *self.at(f), singular=True)
-        return 0.0 if isinstance(found, str) else found.along(self.direction).rate
+        return 0.0 if isinstance(found, str) else found.along(self.direction, self._problem).rate
 
     def eigenvalue(self, passed: int, f: float) -> float:
         """The eigenvalue nearest to zero, negative where more than `passed` have changed their sign; zero where a pivot is too small to tell."""

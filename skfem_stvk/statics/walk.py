@@ -8,15 +8,15 @@ from functools import partial
 from time import perf_counter
 from typing import Any, ClassVar
 
-from ...arguments import Array
-from ..eigen import lowest_mode
-from ..equilibrium import Equilibrium
-from ..history import Attempt, Step
-from ..monitors import Monitors
-from ..newton import End, Iterations, newton
-from ..stability import judged
-from ..status import Status
+from ..arguments import Array
+from ..nonlinear.eigen import lowest_mode
+from ..nonlinear.newton import End, Iterations, newton
+from ..nonlinear.problem import PathProblem
+from ..nonlinear.stability import judged
+from ..results.monitors import Monitors
 from .critical import CriticalPoint, Point, find
+from .history import Attempt, Step, found_status
+from .status import Status
 
 Watch = Callable[[float, Iterations], None]
 
@@ -37,7 +37,7 @@ class Walk(ABC):
     name: ClassVar[str]
 
     def __init__(
-        self, problem: Equilibrium, u0: Array, t0: float, rtol: float, monitors: Monitors, stability: bool, iterating: Watch
+        self, problem: PathProblem, u0: Array, t0: float, rtol: float, monitors: Monitors, stability: bool, iterating: Watch
     ) -> None:
         self.problem, self._rtol, self._monitors, self._iterating = problem, rtol, monitors, iterating
         self._stability = stability
@@ -47,12 +47,12 @@ class Walk(ABC):
         self._allowed = len(problem.inside_out(u0))
         self._point: Point | None = None  # displacements that are given may be no state of the path
         if not u0.any():
-            self._point = Point(u0, t0, None if problem.solver.iterative else self._negative_at_rest(), None)
+            self._point = Point(u0, t0, None if problem.iterative else self._negative_at_rest(), None)
         problem.accept(u0, t0)
 
     def _negative_at_rest(self) -> int | None:
         """Negative eigenvalues of K without displacements: none without tension of edges, unless loads have a stiffness."""
-        if self.problem.system.dead:
+        if self.problem.dead:
             return 0
         self.problem.factorise(self.u, self.t)
         return self.problem.negative_pivots()
@@ -131,16 +131,16 @@ class Walk(ABC):
         problem, before = self.problem, self._point
         problem.accept(u, t)
         inverted = problem.inside_out(u)
-        if critical is None and not problem.solver.iterative and not (before and record.negative_pivots == before.negative):
+        if critical is None and not problem.iterative and not (before and record.negative_pivots == before.negative):
             problem.factorise(u, t)  # the last tangent of Newton's method, if there was one, was a little before the state
             record.negative_pivots = problem.negative_pivots()
-        if self._stability and record.negative_pivots is None and not problem.solver.iterative:
+        if self._stability and record.negative_pivots is None and not problem.iterative:
             record.negative_pivots = judged(problem, u, t).negative
-        lowest = lowest_mode(problem, u, t).value if self._stability and problem.solver.iterative else None
+        lowest = lowest_mode(problem, u, t).value if self._stability and problem.iterative else None
         point = Point(u, t, record.negative_pivots, lowest)
         if critical is None:
             critical = () if before is None else find(problem, before, point, False, self._rtol)
-        status = Status.INVERTED if len(inverted) else Status.UNSTABLE if point.unstable else end.status
+        status = Status.INVERTED if len(inverted) else Status.UNSTABLE if point.unstable else found_status(end)
         energies, smallest, findings = problem.energies(u, t), problem.smallest_volume_ratio(u), self._monitors.at(u)
         now, clock = perf_counter(), self._clock
         self.t, self.u, self._point, self._allowed, self._clock = t, u, point, len(inverted), now

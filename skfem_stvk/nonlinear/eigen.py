@@ -7,15 +7,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.sparse import csr_matrix
 from scipy.sparse.linalg import LinearOperator, eigsh, lobpcg
 
 from ..arguments import Array
 from ..linear import Kind
 from ..linear.choose import direct
 from ..linear.inertia import COUNTED, ROUNDING, eigenvalues_below, shifted
-from .equilibrium import Equilibrium, Tangent, dot
 from .newton import usable
+from .problem import Problem, Tangent
 
 #: Of the eigenvalue; the mode is good to its square root.
 PRECISION = 1e-6
@@ -34,14 +33,14 @@ class Mode:
     error: float = 0.0
 
 
-def nearest_mode(problem: Equilibrium, u: Array, t: float, without: Sequence[Array] = ()) -> Mode | None:
+def nearest_mode(problem: Problem, u: Array, t: float, without: Sequence[Array] = ()) -> Mode | None:
     """The eigenvalue nearest to zero, by inverse iteration with a direct solver; None if K is exactly singular.
 
     `without` are modes (ndofs,) at right angles to which it is looked for.
     """
     factors = problem.factorise(u, t)
-    others = [_unit(mode[problem.free.free]) for mode in without]
-    x = _unit(np.random.default_rng(0).standard_normal(len(problem.free.free)))
+    others = [_unit(problem, problem.unknowns_of(mode)) for mode in without]
+    x = _unit(problem, np.random.default_rng(0).standard_normal(problem.n))
     value = np.inf
     for _ in range(MOST_INVERSE):
         solution = problem.solve(factors, x, 1e-6)
@@ -49,35 +48,32 @@ def nearest_mode(problem: Equilibrium, u: Array, t: float, without: Sequence[Arr
             return None
         y = solution.x
         for other in others:
-            y = y - dot(other, y) * other
-        before, last, value = x, value, dot(x, y) / dot(y, y)  # the Rayleigh quotient of y, for K y = x
-        x = _unit(y)
-        if abs(value - last) <= PRECISION * abs(value) or 1 - abs(dot(before, x)) <= PRECISION**2:
+            y = y - problem.dot(other, y) * other
+        before, last, value = x, value, problem.dot(x, y) / problem.dot(y, y)  # the Rayleigh quotient of y, for K y = x
+        x = _unit(problem, y)
+        if abs(value - last) <= PRECISION * abs(value) or 1 - abs(problem.dot(before, x)) <= PRECISION**2:
             break
-    return Mode(value, problem.free.vector(x))
+    return Mode(value, problem.direction(x))
 
 
-def lowest_mode(problem: Equilibrium, u: Array, t: float) -> Mode:
+def lowest_mode(problem: Problem, u: Array, t: float) -> Mode:
     """The lowest eigenvalue by LOBPCG (Knyazev 2001), preconditioned by loose solves with the tangent without negative tensions.
 
     Where that does not converge, as in slender bodies, up to `COUNTED` unknowns by factorisations. A value within rounding is 0: it has no
     sign.
     """
     mode, floor = _by_lobpcg(problem, u, t), rounding(problem, u, t)
-    if mode.error > GOOD * abs(mode.value) and len(problem.free.free) <= COUNTED:
+    if mode.error > GOOD * abs(mode.value) and problem.n <= COUNTED:
         mode = _by_factorisation(problem, u, t, mode.value, floor)
     return mode if abs(mode.value) > floor else replace(mode, value=0.0)
 
 
-def rounding(problem: Equilibrium, u: Array, t: float) -> float:
-    """`8 eps |K|` [N/m], `|K|` as twice the largest block of the diagonal: eigenvalues below have no sign but that of rounding."""
-    K = problem.operator(u, t)
-    if isinstance(K, csr_matrix):
-        return ROUNDING * float(abs(K).sum(axis=1).max())
-    return 2 * ROUNDING * float(np.abs(K.diagonal_blocks()).sum(axis=2).max())
+def rounding(problem: Problem, u: Array, t: float) -> float:
+    """`8 eps |K|` [N/m]: eigenvalues below have no sign but that of rounding."""
+    return ROUNDING * problem.stiffness_norm(u, t)
 
 
-def _by_lobpcg(problem: Equilibrium, u: Array, t: float) -> Mode:
+def _by_lobpcg(problem: Problem, u: Array, t: float) -> Mode:
     factors = problem.factorise(u, t, Tangent.CLAMPED)
     K = problem.operator(u, t)
     M = LinearOperator(K.shape, matvec=lambda r: problem.solve(factors, np.ravel(r), 0.1).x, dtype=np.float64)
@@ -86,12 +82,12 @@ def _by_lobpcg(problem: Equilibrium, u: Array, t: float) -> Mode:
         warnings.simplefilter("ignore")
         values, vectors = lobpcg(K, X, M=M, largest=False, tol=None, maxiter=MOST_LOBPCG)
     first = int(np.argmin(values))
-    value, x = float(values[first]), _unit(vectors[:, first])
+    value, x = float(values[first]), _unit(problem, vectors[:, first])
     y = K @ x - value * x
-    return Mode(value, problem.free.vector(x), float(np.sqrt(dot(y, y))))
+    return Mode(value, problem.direction(x), float(np.sqrt(problem.dot(y, y))))
 
 
-def _by_factorisation(problem: Equilibrium, u: Array, t: float, above: float, floor: float) -> Mode:
+def _by_factorisation(problem: Problem, u: Array, t: float, above: float, floor: float) -> Mode:
     """By inverse iteration from a shift below all eigenvalues, which their numbers below it tell; `above` is not below the lowest."""
     K, unknowns = problem.matrix(u, t)
     shift = -max(2 * abs(min(above, 0.0)), 4 * floor)
@@ -101,8 +97,8 @@ def _by_factorisation(problem: Equilibrium, u: Array, t: float, above: float, fl
     inverse = LinearOperator(K.shape, matvec=lambda r: solve(np.ravel(r), 1e-10).x, dtype=np.float64)
     start = np.random.default_rng(0).standard_normal(K.shape[0])
     values, vectors = eigsh(K, 1, sigma=shift, OPinv=inverse, v0=start)
-    return Mode(float(values[0]), problem.free.vector(_unit(vectors[:, 0])))
+    return Mode(float(values[0]), problem.direction(_unit(problem, vectors[:, 0])))
 
 
-def _unit(x: Array) -> Array:
-    return x / np.sqrt(dot(x, x))
+def _unit(problem: Problem, x: Array) -> Array:
+    return x / np.sqrt(problem.dot(x, x))

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...arguments import Array
-from ...errors import StateError
-from ..equilibrium import Equilibrium, dot
-from ..newton import End, Iterations, arrived, usable
+from ..arguments import Array
+from ..errors import StateError
+from ..nonlinear.newton import End, Iterations, arrived, usable
+from ..nonlinear.problem import PathProblem
 
 #: Iterations at most; a step that needs more is too long.
 MOST_IN_PLANE = 12
@@ -35,13 +35,13 @@ class Plane:
     value: float
     reach: float
 
-    def miss(self, u: Array, t: float) -> float:
+    def miss(self, u: Array, t: float, problem: PathProblem) -> float:
         """How far the state is from it."""
-        return self.value - dot(self.normal, u) - self.weight * t
+        return self.value - problem.dot(self.normal, u) - self.weight * t
 
 
 def correct(
-    problem: Equilibrium, u: Array, t: float, plane: Plane, rtol: float, watch: Callable[[float, Iterations], None]
+    problem: PathProblem, u: Array, t: float, plane: Plane, rtol: float, watch: Callable[[float, Iterations], None]
 ) -> tuple[Array, float, End, Iterations]:
     """The equilibrium in the plane, from `u` (ndofs,) and `t` near it, by full steps of the exact tangent.
 
@@ -49,15 +49,13 @@ def correct(
     singular, at a limit point, where `a` and `b` are large and their sum is not.
     """
     record, before = Iterations(), None
-    held = problem.free.fixed
     try:
         while True:
-            u = u.copy()
-            u[held] = problem.held(t)
+            u = problem.place(u.copy(), t)
             residual = problem.residual(u, t)
             record.residuals.append(residual.relative)
             watch(t, record)
-            miss = plane.miss(u, t)
+            miss = plane.miss(u, t, problem)
             if abs(miss) <= IN_PLANE * abs(plane.reach):
                 end = arrived(problem, u, t, residual, before, rtol)
                 if end is not None:
@@ -70,11 +68,11 @@ def correct(
             if not (usable(a, singular=True) and usable(b, singular=True)):
                 record.detail = (b if usable(a, singular=True) else a).outcome.value
                 return u, t, End.NO_DESCENT, record
-            x, y = problem.free.vector(a.x), moves + problem.free.vector(b.x)
-            slope = dot(plane.normal, y) + plane.weight
+            x, y = problem.direction(a.x), moves + problem.direction(b.x)
+            slope = problem.dot(plane.normal, y) + plane.weight
             if slope == 0:
                 return u, t, End.NO_LENGTH, record
-            dt = (miss - dot(plane.normal, x)) / slope
+            dt = (miss - problem.dot(plane.normal, x)) / slope
             u, t, before = u + x + dt * y, t + dt, residual
             if not np.isfinite(t):
                 return u, t, End.OVERFLOW, record

@@ -6,11 +6,11 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from ...arguments import Array
-from ..equilibrium import Tangent, norm
-from ..history import JUMPED, Attempt, Step
-from ..newton import MOST_FULL, newton, usable
+from ..arguments import Array
+from ..nonlinear.newton import MOST_FULL, newton, usable
+from ..nonlinear.problem import Tangent
 from .between import Between, State
+from .history import JUMPED, Attempt, Step
 from .walk import SMALLEST, Walk
 
 #: A step that took no more iterations lets the next one grow, by this factor, up to this many times the first one.
@@ -56,7 +56,7 @@ class LoadSteps(Walk):
             self._size /= 2
             return found
         u, end, record = found
-        jump = None if pointed is None else norm(u - pointed) / norm(pointed - self.u)
+        jump = None if pointed is None else self.problem.norm(u - pointed) / self.problem.norm(pointed - self.u)
         if jump is None or jump > FAR:
             looked = Between(self.problem, self._equilibrium).jump(State(self.t, self.u), State(t, u))
             jump = looked if looked is not None or (jump or 0.0) > JUMPED else jump
@@ -70,8 +70,7 @@ class LoadSteps(Walk):
     def _equilibrium(self, before: State, start: Array, t: float) -> Array | None:
         """The state at `t` on the way from one before, to the precision that telling a jump takes."""
         if len(self.problem.inside_out(start)) > self._allowed or not self.problem.on_this_side(before.u, start):
-            start = before.u.copy()
-            start[self.problem.free.fixed] = self.problem.held(t)
+            start = self.problem.place(before.u.copy(), t)
         u, end, _ = newton(self.problem, start, t, max(self._rtol, LOOSE), self._allowed, lambda record: None, full_first=True)
         return u if end.converged else None
 
@@ -83,14 +82,12 @@ class LoadSteps(Walk):
         return self.u + (t - self.t) / (self.t - t_before) * (self.u - u_before)
 
     def _start(self, t: float) -> Array:
-        held, goal = self.problem.free.fixed, self.problem.held(t)
         u = self._pointed(t)
         if u is not None:
-            u[held] = goal
+            self.problem.place(u, t)
             if len(self.problem.inside_out(u)) <= self._allowed and self.problem.on_this_side(self.u, u):
                 return u
-        move = np.zeros_like(self.u)
-        move[held] = goal - self.u[held]
+        move = self.problem.place(self.u.copy(), t) - self.u
         return self.u + move if not move.any() else self._carried(move, t)
 
     def _carried(self, move: Array, t: float) -> Array:
@@ -100,6 +97,6 @@ class LoadSteps(Walk):
             factors = problem.factorise(self.u, t, tangent)
             solution = problem.solve(factors, -problem.force_of(move), 1e-3)
             if usable(solution):
-                move = move + problem.free.vector(solution.x)
+                move = move + problem.direction(solution.x)
                 break
         return self.u + move

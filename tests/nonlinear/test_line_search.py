@@ -3,7 +3,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from skfem_stvk.statics.line_search import quartic_minimum, root_of_slope
+from skfem_stvk.nonlinear.line_search import quartic_minimum, root_of_slope
 
 numbers = st.floats(-10, 10).filter(lambda x: x == 0 or abs(x) > 1e-3)
 

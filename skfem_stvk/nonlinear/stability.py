@@ -11,7 +11,7 @@ from ..linear import Outcome
 from ..linear.inertia import COUNTED, inertia
 from .divergence import real_eigenvalues
 from .eigen import lowest_mode, rounding
-from .equilibrium import Equilibrium
+from .problem import Problem
 
 NO_FLUTTER = "K is not symmetric there: no real eigenvalue of it is negative, so the state does not diverge; flutter not looked at."
 NO_SIGN = "Whether the state is stable is not known: the eigenvalue of K nearest to zero is within rounding."
@@ -37,7 +37,7 @@ class Verdict(NamedTuple):
     doubt: str = ""
 
 
-def judged(problem: Equilibrium, u: Array, t: float) -> Verdict:
+def judged(problem: Problem, u: Array, t: float) -> Verdict:
     """What the tangent says of the state `u` (ndofs,) at `t`.
 
     The pivots of a direct solver count negative eigenvalues. CG does not count; it solves for a random force, in which every mode of buckling
@@ -50,16 +50,16 @@ def judged(problem: Equilibrium, u: Array, t: float) -> Verdict:
     negative = problem.negative_pivots()
     if negative == 0:
         return Verdict(True, 0)
-    if problem.solver.iterative:
-        force = np.random.default_rng(0).standard_normal(len(problem.free.free))
+    if problem.iterative:
+        force = np.random.default_rng(0).standard_normal(problem.n)
         if problem.solve(factors, force, 1e-4).outcome is Outcome.SOLVED:
             return Verdict(True, None)
     return _confirmed(problem, u, t)
 
 
-def _confirmed(problem: Equilibrium, u: Array, t: float) -> Verdict:
+def _confirmed(problem: Problem, u: Array, t: float) -> Verdict:
     """By factorisation, up to `COUNTED` unknowns and where that is how the problem is solved; otherwise by the lowest eigenvalue."""
-    if not problem.solver.iterative or len(problem.free.free) <= COUNTED:
+    if not problem.iterative or problem.n <= COUNTED:
         counts = inertia(*problem.matrix(u, t))
         if counts is None:
             return Verdict(True, None, NOT_COUNTED)
@@ -70,7 +70,7 @@ def _confirmed(problem: Equilibrium, u: Array, t: float) -> Verdict:
     return Verdict(True, None, "" if mode.value - mode.error > floor else NO_SIGN if abs(mode.value) <= floor else NOT_FOUND)
 
 
-def _divergence(problem: Equilibrium, u: Array, t: float) -> Verdict:
+def _divergence(problem: Problem, u: Array, t: float) -> Verdict:
     """Of a tangent that is not symmetric: whether a real eigenvalue is negative."""
     found = real_eigenvalues(*problem.matrix(u, t))
     if found.negative:

@@ -7,11 +7,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...arguments import Array
-from ...errors import StateError
-from ..equilibrium import Equilibrium, norm
-from ..history import JUMPED
-from ..newton import usable
+from ..arguments import Array
+from ..errors import StateError
+from ..nonlinear.newton import usable
+from ..nonlinear.problem import PathProblem
+from .history import JUMPED
 
 #: A force along the straight way to the next state that is off a straight line by less than this part of its growth tells of no snap.
 STRAIGHT = 0.1
@@ -39,7 +39,7 @@ class Between:
     small it is. So a step that is not is halved: the equilibrium in the middle is found, and both halves are looked at, those before first.
     """
 
-    def __init__(self, problem: Equilibrium, solve: Solve) -> None:
+    def __init__(self, problem: PathProblem, solve: Solve) -> None:
         self._problem, self._solve, self._left = problem, solve, MOST
 
     def jump(self, before: State, after: State) -> float | None:
@@ -53,15 +53,12 @@ class Between:
 
     def _is_straight(self, before: State, after: State) -> bool:
         """Whether the elastic force along the straight way, a cubic, is about linear: no load had to fall on it."""
-        system = self._problem.system
-        if not system.quartic:
-            return False
-        c = system.energy_along(before.u, after.u - before.u)
-        return bool(0.75 * abs(c[3]) + 1.54 * abs(c[4]) <= STRAIGHT * abs(2 * c[2] + 3 * c[3] + 4 * c[4]))
+        c = self._problem.elastic_along(before.u, after.u - before.u)
+        return c is not None and bool(0.75 * abs(c[3]) + 1.54 * abs(c[4]) <= STRAIGHT * abs(2 * c[2] + 3 * c[3] + 4 * c[4]))
 
     def _jump(self, before: State, after: State, halved: int, most: float = 0.0) -> float | None:
         """`most`: how far off states were in the longer parts of the step that hold this one."""
-        forward = self._answer(before, after.t)
+        norm, forward = self._problem.norm, self._answer(before, after.t)
         if forward is None or not norm(forward):
             return None
         off = norm(after.u - before.u - forward) / norm(forward)
@@ -76,14 +73,13 @@ class Between:
 
     def _points_back(self, before: State, after: State) -> bool:
         backward = self._answer(after, before.t)
+        norm = self._problem.norm
         return backward is not None and norm(before.u - after.u - backward) <= NEAR * norm(backward)
 
     def _middle(self, before: State, after: State, forward: Array) -> State | None:
         self._left -= 1
         t = (before.t + after.t) / 2
-        start = before.u + forward / 2
-        held = self._problem.free.fixed
-        start[held] = self._problem.held(t)
+        start = self._problem.place(before.u + forward / 2, t)
         u = self._solve(before, start, t)
         return None if u is None else State(t, u)
 
@@ -93,4 +89,4 @@ class Between:
         factors = problem.factorise(state.u, state.t)
         forces, moves = problem.change(state.u, state.t, t)
         solution = problem.solve(factors, forces, 1e-3)
-        return moves + problem.free.vector(solution.x) if usable(solution) and np.isfinite(solution.x).all() else None
+        return moves + problem.direction(solution.x) if usable(solution) and np.isfinite(solution.x).all() else None

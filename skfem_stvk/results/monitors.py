@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 from ..arguments import Array
 from ..errors import name_ids
 from ..materials import FramedMaterial, Isotropic, Material
-from ..results import Fields
-from ..results.ellipticity import without_ellipticity
 from ..system import System
 from ..terms import HasStress
+from .ellipticity import without_ellipticity
+from .fields import Fields
 
 #: Poisson's ratio above which linear simplices lock, and the stretch below which St. Venant-Kirchhoff bodies soften.
 LOCKING, SOFTENING = 0.45, 3**-0.5

@@ -12,9 +12,8 @@ from ..arguments import Array
 from ..errors import StateError
 from ..linear import Outcome, Solution
 from ..terms.load import Time
-from .equilibrium import Equilibrium, Residual, Tangent
 from .line_search import quartic_minimum, root_of_slope
-from .status import Status
+from .problem import Problem, Residual, Tangent
 
 #: With the line search, the same from a state with elements inside out, and with full steps.
 MOST_ITERATIONS, MOST_TANGLED, MOST_FULL = 40, 120, 20
@@ -40,11 +39,6 @@ class End(Enum):
     def converged(self) -> bool:
         """Whether a state of equilibrium was found."""
         return self in (End.CONVERGED, End.AT_ROUND_OFF)
-
-    @property
-    def status(self) -> Status:
-        """Of a state that was found, if it is stable and not inside out."""
-        return Status.CONVERGED if self is End.CONVERGED else Status.AT_ROUND_OFF
 
 
 @dataclass
@@ -75,7 +69,7 @@ class Iterations:
 
 
 def newton(
-    problem: Equilibrium,
+    problem: Problem,
     u: Array,
     t: Time,
     rtol: float,
@@ -106,7 +100,7 @@ def newton(
 
 
 def _iterate(
-    problem: Equilibrium,
+    problem: Problem,
     u: Array,
     t: Time,
     rtol: float,
@@ -130,7 +124,7 @@ def _iterate(
             if len(record) == most:
                 if record.tangents[-1] != "exact":
                     record.detail = "K is not positive definite there: the body gives way or buckles"
-                    record.detail += ", or it is too ill-conditioned for CG: try solver='superlu'" * problem.solver.iterative
+                    record.detail += ", or it is too ill-conditioned for CG: try solver='superlu'" * problem.iterative
                 return u, End.OUT_OF_ITERATIONS
             v = _direction(problem, u, t, residual, max(forcing, 0.3 * rtol / residual.relative), record, search)
             if v is None:
@@ -145,7 +139,7 @@ def _iterate(
         return u, End.OVERFLOW
 
 
-def arrived(problem: Equilibrium, u: Array, t: Time, residual: Residual, before: Residual | None, rtol: float) -> End | None:
+def arrived(problem: Problem, u: Array, t: Time, residual: Residual, before: Residual | None, rtol: float) -> End | None:
     """How the state is one of equilibrium, if it is; `before` is the residual of the iteration before."""
     if residual.size <= rtol * residual.scale:
         return End.CONVERGED
@@ -162,7 +156,7 @@ def _forcing(last: float, now: Residual, before: Residual) -> float:
 
 
 def _direction(
-    problem: Equilibrium, u: Array, t: Time, residual: Residual, rtol: float, record: Iterations, search: bool
+    problem: Problem, u: Array, t: Time, residual: Residual, rtol: float, record: Iterations, search: bool
 ) -> Array | None:
     """(ndofs,) Newton's direction, with the first tangent that gives one of descent; for full steps the exact one only."""
     for tangent in Tangent if search else (Tangent.EXACT,):
@@ -173,11 +167,12 @@ def _direction(
         if not usable(solution):
             record.detail = solution.outcome.value
             continue
-        if solution.x @ residual.free < 0:
+        v = problem.direction(solution.x)
+        if problem.slope(residual, v) < 0:
             record.tangents.append(tangent.value)
             record.linear.append(solution.iterations)
             record.detail = ""
-            return problem.free.vector(solution.x)
+            return v
         record.detail = "the direction is not one of descent"
     return None
 
@@ -194,7 +189,7 @@ def usable(solution: Solution, singular: bool = False) -> bool:
 
 
 def _moved(
-    problem: Equilibrium, u: Array, v: Array, t: Time, residual: Residual, record: Iterations, search: bool, tangled: bool
+    problem: Problem, u: Array, v: Array, t: Time, residual: Residual, record: Iterations, search: bool, tangled: bool
 ) -> Array | End:
     """`u + s v`, with the length `s` of the line search, which ends before elements turn inside out; or the full step.
 
@@ -214,9 +209,9 @@ def _moved(
     return u + s * v
 
 
-def _length(problem: Equilibrium, u: Array, v: Array, t: Time, residual: Residual, longest: float) -> float | None:
+def _length(problem: Problem, u: Array, v: Array, t: Time, residual: Residual, longest: float) -> float | None:
     """Of the line search, `longest` at most."""
-    slope = float(residual.free @ v[problem.free.free])
+    slope = problem.slope(residual, v)
     if problem.quartic:
         c = problem.energy_along(u, v, t)
         if abs(c[1] - slope) > 0.1 * abs(slope):  # rounding is as large as what there is to gain
@@ -225,6 +220,6 @@ def _length(problem: Equilibrium, u: Array, v: Array, t: Time, residual: Residua
         return s if np.isfinite(s) else None
 
     def slope_at(s: float) -> float:
-        return float(problem.residual(u + s * v, t).free @ v[problem.free.free])
+        return problem.slope(problem.residual(u + s * v, t), v)
 
     return root_of_slope(slope_at, slope, longest)

@@ -6,14 +6,13 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from ...arguments import Array
-from ..equilibrium import dot
-from ..history import Attempt, Step
-from ..newton import End, Iterations
+from ..arguments import Array
+from ..nonlinear.newton import End, Iterations
 from .critical import CriticalPoint, Point, find, turning_point
 from .heading import Heading, heading
+from .history import Attempt, Step
 from .plane import Plane, correct
-from .stop import Goal, Stop
+from .stop import Goal
 from .walk import SMALLEST, Walk
 
 #: Iterations that a step of the right length takes, and how much longer the next may be.
@@ -38,9 +37,9 @@ class ArcLength(Walk):
 
     name: ClassVar[str] = "arc-length"
 
-    def __init__(self, first: float, stop: Stop, *arguments: Any) -> None:
+    def __init__(self, first: float, goal: Goal, *arguments: Any) -> None:
         super().__init__(*arguments)
-        self._goal = Goal(stop, self.problem.system)
+        self._goal = goal
         self._first_load, self._first, self._size = first, 0.0, 0.0
         self._heading: Heading | None = None
         self._turns = self._states = 0
@@ -67,9 +66,7 @@ class ArcLength(Walk):
         return outcome
 
     def _start(self, t: float) -> Array:
-        u = self.u.copy()
-        u[self.problem.free.fixed] = self.problem.held(t)
-        return u
+        return self.problem.place(self.u.copy(), t)
 
     def _advance(self) -> Step | Attempt | None:
         if self._heading is None:
@@ -102,7 +99,7 @@ class ArcLength(Walk):
         ahead = heading(problem, u, t)
         landed = False
         if not isinstance(ahead, str):
-            landing = self._landed(u, t, ahead.along(way.direction).rate * way.rate < 0)
+            landing = self._landed(u, t, ahead.along(way.direction, problem).rate * way.rate < 0)
             if isinstance(landing, Attempt):
                 return landing
             if landing is not None:
@@ -110,9 +107,9 @@ class ArcLength(Walk):
                 ahead = heading(problem, u, t)
         if isinstance(ahead, str):
             return Attempt(t, End.NO_DESCENT, Iterations(record.residuals, detail=ahead))
-        ahead = ahead.along(way.direction)
+        ahead = ahead.along(way.direction, problem)
         chord = u - self.u
-        reach = float(np.sqrt(dot(chord, chord)))
+        dot, reach = problem.dot, float(np.sqrt(problem.dot(chord, chord)))
         cosine = min(dot(ahead.direction, way.direction), dot(way.direction, chord) / reach, dot(ahead.direction, chord) / reach)
         if cosine < SHARPEST:
             return Attempt(t, End.TOO_SHARP, record)
@@ -151,7 +148,7 @@ class ArcLength(Walk):
                 found = self._correct(begin[0] + part * chord, begin[1] + part * (end[1] - begin[1]), plane)
                 if isinstance(found, Attempt):
                     return found
-                along = dot(found[0] - begin[0], chord) / dot(chord, chord)
+                along = self.problem.dot(found[0] - begin[0], chord) / self.problem.dot(chord, chord)
                 if not -BESIDE <= along <= 1 + BESIDE:
                     return Attempt(found[1], End.TOO_SHARP, found[3])
                 return found
@@ -171,12 +168,12 @@ class ArcLength(Walk):
 
     def _place(self, way: Heading, length: float) -> float:
         """Where the plane across the path is, along it."""
-        return dot(way.direction, self.u) + length
+        return self.problem.dot(way.direction, self.u) + length
 
     def _adapt(self, iterations: int, cosine: float) -> None:
         factor = float(np.clip(np.sqrt(ITERATIONS / max(iterations, 1)), 1 / GROWTH, GROWTH))
         if cosine < SHARP:
             factor = min(factor, 1 / GROWTH)
         so_far = self.u - self._from
-        part = PARTS * self._first_load * float(np.sqrt(dot(so_far, so_far)))
+        part = PARTS * self._first_load * float(np.sqrt(self.problem.dot(so_far, so_far)))
         self._size = min(factor * self._size, max(LARGEST * self._first, part))
