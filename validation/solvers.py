@@ -22,7 +22,7 @@ from rich.console import Console
 from rich.table import Table
 
 from skfem_stvk import StVK, System
-from skfem_stvk.linear import SOLVERS, AmgCg, Kind, LinearSolver, Unknowns, aggregation, amg, hierarchy, level
+from skfem_stvk.linear import SOLVERS, AmgCg, Kind, LinearSolver, Unknowns, amg, multigrid
 from skfem_stvk.linear.pardiso import pardiso_is_installed
 from skfem_stvk.system import FreeOperator
 
@@ -180,7 +180,7 @@ def table_of(shape: str, rows: list[dict[str, Any]]) -> Table:
     return table
 
 
-def chebyshev(self: level.Level, b: NDArray[Any]) -> NDArray[Any]:
+def chebyshev(self: multigrid.Level, b: NDArray[Any]) -> NDArray[Any]:
     """Second degree in `D^-1 A`, on the upper three quarters of its spectrum, of the residual b."""
     if not hasattr(self, "rho"):
         self.rho = self._spectral_radius()  # type: ignore[attr-defined]
@@ -195,13 +195,13 @@ def chebyshev(self: level.Level, b: NDArray[Any]) -> NDArray[Any]:
     return x.astype(b.dtype)
 
 
-def chebyshev_forward(self: level.Level, b: NDArray[Any]) -> NDArray[Any]:
+def chebyshev_forward(self: multigrid.Level, b: NDArray[Any]) -> NDArray[Any]:
     """In place of a sweep."""
     self.x[:] = chebyshev(self, b)
     return np.asarray(b - self.A.product(self.single, self.x, self._left))
 
 
-def chebyshev_backward(self: level.Level, b: NDArray[Any]) -> NDArray[Any]:
+def chebyshev_backward(self: multigrid.Level, b: NDArray[Any]) -> NDArray[Any]:
     """In place of a sweep."""
     self.x += chebyshev(self, b - self.A.product(self.single, self.x, self._left))
     return self.x
@@ -210,10 +210,10 @@ def chebyshev_backward(self: level.Level, b: NDArray[Any]) -> NDArray[Any]:
 #: What is patched for each variant of multigrid.
 VARIANTS: dict[str, list[tuple[Any, str, Any]]] = {
     "as it is": [],
-    "V-cycle": [(hierarchy.Hierarchy, "_twice", hierarchy.Hierarchy._cycle)],
-    "double precision": [(module, "SINGLE", np.float64) for module in (level, hierarchy, amg)],
-    "all couplings strong": [(aggregation, "STRONG", 0.0)],
-    "Chebyshev of degree 2": [(level.Level, "forward", chebyshev_forward), (level.Level, "backward", chebyshev_backward)],
+    "V-cycle": [(multigrid.Hierarchy, "_twice", multigrid.Hierarchy._cycle)],
+    "double precision": [(module, "SINGLE", np.float64) for module in (multigrid, amg)],
+    "all couplings strong": [(multigrid, "STRONG", 0.0)],
+    "Chebyshev of degree 2": [(multigrid.Level, "forward", chebyshev_forward), (multigrid.Level, "backward", chebyshev_backward)],
     "translations only": [(amg, "_modes", lambda unknowns: unknowns.near_null_space()[:, :3])],
 }
 

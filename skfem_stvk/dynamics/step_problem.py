@@ -12,8 +12,8 @@ from ..arguments import Array
 from ..edges import ALL, NONE, Tensions
 from ..errors import StateError
 from ..linear import Factors, Kind, LinearSolver, Outcome, Solution, Unknowns
-from ..linear.block_jacobi import BlockJacobiAnalysis, BlockJacobiCg, BlockJacobiFactors
-from ..linear.edge_cg import EdgeFactors
+from ..linear.block_cg import BlockJacobiAnalysis, BlockJacobiCg, BlockJacobiFactors
+from ..linear.cg import EdgeFactors
 from ..nonlinear.problem import Residual, dot, norm
 from ..nonlinear.problem import Tangent as Attempted
 from ..nonlinear.stopwatch import Stopwatch

@@ -1,11 +1,10 @@
 """Linear solvers behind one joint: they know matrices, not meshes."""
 
 from .amg import AmgCg
-from .block_jacobi import BlockJacobiCg
+from .block_cg import BlockJacobiCg, SsorCg
 from .choose import SOLVERS, choose
 from .pardiso import Pardiso
 from .solver import Analysis, EdgeBlocks, Factors, Kind, LinearSolver, Operator, Outcome, Solution, Unknowns
-from .ssor import SsorCg
 from .superlu import SuperLU
 
 __all__ = [

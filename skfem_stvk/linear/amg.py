@@ -9,12 +9,11 @@ import numpy as np
 
 from ..errors import StvkError
 from ..kernels.threads import parts_of, threads
+from .blocks import VertexRows
 from .cg import conjugate_gradients, dot
 from .checks import Newest, check_kind, checked_right, checked_unknowns, checked_values, handed_out
-from .hierarchy import Hierarchy
-from .level import SINGLE, Level
+from .multigrid import SINGLE, Hierarchy, Level
 from .solver import Kind, Solution, Unknowns, Vector
-from .vertices import VertexRows
 
 #: Iterations at most.
 MOST = 1000

@@ -1,19 +1,34 @@
-"""Conjugate gradients, preconditioned: when they end, and the loop of solvers whose products take several threads."""
+"""Conjugate gradients, preconditioned: when they end, and two loops.
+
+One is for functions that multiply and precondition on several threads, the other is compiled as a whole, for blocks of edges on one thread.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Protocol
+from typing import Any, ClassVar, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..kernels import sparse as kernels
+from ..errors import StateError, StvkError, name_ids
+from ..kernels import cg as kernels
+from ..kernels import sparse as products
+from ..kernels.compiled import Ids
 from ..kernels.threads import parts_of, run, threads
-from .direct import nothing
+from .checks import Newest, checked_right, handed_out
 from .solver import Outcome, Solution, Vector
 
 Map = Callable[[Vector], Vector]
+#: Iterations at most: on slender bodies they grow with the number of elements along them, and more.
+MOST = 50_000
+#: Edges that one call takes, iteration after iteration: 50 ms, after which Python looks whether Ctrl-C was pressed.
+STRETCH = 10_000_000
+OUTCOMES = {
+    kernels.SMALL: Outcome.SOLVED,
+    kernels.NEGATIVE: Outcome.NEGATIVE_CURVATURE,
+    kernels.NOT_FINITE: Outcome.NOT_FINITE,
+}
 
 
 class Search(Protocol):
@@ -47,7 +62,7 @@ def solve_by(search: Search, b: Vector, rtol: float, most: int) -> Solution:
     """
     size, first = search.size, search.norm
     if not np.isfinite(first + size):
-        return nothing(b, Outcome.NOT_FINITE)
+        return Solution.none(b, Outcome.NOT_FINITE)
     if size == 0:
         return Solution(np.zeros_like(b), 0, 0.0, Outcome.SOLVED)
     residual = first
@@ -58,7 +73,7 @@ def solve_by(search: Search, b: Vector, rtol: float, most: int) -> Solution:
         if outcome is not Outcome.SOLVED or residual <= rtol * size:
             break
     if not np.isfinite(residual):
-        return nothing(b, Outcome.NOT_FINITE)
+        return Solution.none(b, Outcome.NOT_FINITE)
     if outcome is Outcome.SOLVED and residual > rtol * size:
         outcome = Outcome.INACCURATE
     return Solution(search.x(), search.iterations, residual / size, outcome, first / size)
@@ -109,13 +124,13 @@ class _Search:
         if not rho > 0:
             return Outcome.NEGATIVE_CURVATURE if np.isfinite(rho) else Outcome.NOT_FINITE
         beta = max((rho - self._dot(z, self._before)) / before, 0.0) if before else 0.0
-        run(kernels.turn, self._parts, beta, z, self._p)
+        run(products.turn, self._parts, beta, z, self._p)
         q = self._product(self._p)
         curvature = self._dot(self._p, q)
         if not curvature > 0:
             return Outcome.NEGATIVE_CURVATURE if np.isfinite(curvature) else Outcome.NOT_FINITE
         np.copyto(self._before, self._r)
-        square = sum(run(kernels.step, self._parts, rho / curvature, self._p, q, self._x, self._r))
+        square = sum(run(products.step, self._parts, rho / curvature, self._p, q, self._x, self._r))
         self.norm, self._rho = float(np.sqrt(square)), rho
         self.iterations += 1
         return None if np.isfinite(square) else Outcome.NOT_FINITE
@@ -126,4 +141,149 @@ class _Search:
 
 def dot(parts: NDArray[np.int64], x: Vector, y: Vector) -> float:
     """`x'y` by kernels: BLAS wakes threads that wait awake, in the way of ours."""
-    return float(sum(run(kernels.dot, parts, x, y)))
+    return float(sum(run(products.dot, parts, x, y)))
+
+
+class EdgeCg:
+    """Conjugate gradients on blocks of edges, on one thread.
+
+    Parameters
+    ----------
+    edges : (ne, 2) block rows `a < b`.
+    vertices : (rows,) what messages call the block rows.
+    places : (n,) of the unknowns, `3 row + component`.
+    assembled : whether the diagonal is given, block by block; otherwise it is a shift minus the blocks of edges.
+    omega : of SSOR; of edges that are not sorted it needs a copy of the blocks. 0 stands for the diagonal blocks alone.
+
+    Attributes
+    ----------
+    diagonal : as of `kernels.cg`.
+    iterations, size, norm : as of `cg.Search`.
+    """
+
+    def __init__(self, edges: Ids, vertices: Ids, places: NDArray[np.int64], assembled: bool, omega: float) -> None:
+        self._order = _sorting(edges) if omega > 0 else None
+        self.edges = edges if self._order is None else edges[self._order]
+        self._vertices, self._places, self._omega = vertices, places, omega
+        rows = len(vertices)
+        is_held = np.ones(3 * rows, dtype=bool)
+        is_held[places] = False
+        self._held, self._rows = np.flatnonzero(is_held), np.arange(rows)
+        self._held_diagonal = 9 * (self._held // 3) + 4 * (self._held % 3)
+        self.diagonal, self.inverse = np.zeros((9 if assembled else 3) * rows), np.zeros(9 * rows)
+        self._none, self._work, self._state = np.zeros(rows), np.zeros((6, 3 * rows)), np.zeros(4)
+        self._blocks: NDArray[np.floating[Any]] = np.empty(0)
+        self._indefinite = False
+        self._b: Vector = np.empty(0)
+        self.iterations, self.size, self.norm = 0, 0.0, 0.0
+
+    def shift(self, blocks: NDArray[np.floating[Any]], shift: NDArray[np.floating[Any]] | None) -> None:
+        """The matrix of these blocks, without those of the diagonal, and with a stiffness of each unknown against the ground."""
+        added = self._none[:0] if shift is None else shift
+        if shift is None:
+            self.diagonal[:] = 0
+        elif shift.shape != self._places.shape:
+            raise StvkError(
+                f"The shift has shape {shift.shape}; expected {self._places.shape}, a value for each free degree of freedom."
+            )
+        blocks = self._sorted(blocks)
+        total = kernels.shifted_diagonal(self.edges, blocks, self._held, self._places, added, self.diagonal, self.inverse)
+        self._invert(blocks, total)
+
+    def fill(self, blocks: NDArray[np.floating[Any]]) -> None:
+        """The matrix of these blocks and of those that were written to `diagonal`."""
+        np.copyto(self.inverse, self.diagonal)
+        self._invert(blocks, float(self.inverse.sum()))
+
+    def _invert(self, blocks: NDArray[np.floating[Any]], total: float) -> None:
+        if not np.isfinite(total):
+            bad = self._vertices[~np.isfinite(self.inverse.reshape(-1, 9)).all(axis=1)]
+            raise StateError(f"The diagonal of K is not finite at {name_ids(bad, 'vertex')}: did the step before diverge?")
+        negative = products.invert_diagonal(0, len(self._rows), self._rows, self.inverse, self._none, self.inverse)
+        self.inverse[self._held_diagonal] = 0
+        if self._omega > 0:
+            self.inverse *= self._omega
+        self._blocks, self._indefinite = blocks, self._omega > 0 and negative > 0
+
+    def _sorted(self, blocks: NDArray[np.floating[Any]]) -> NDArray[np.floating[Any]]:
+        """In the order of the edges."""
+        if self._order is None:
+            return blocks
+        if self._blocks.dtype != blocks.dtype or self._blocks.shape != blocks.shape:
+            self._blocks = np.empty_like(blocks)
+        np.take(blocks.reshape(-1, 9), self._order, axis=0, out=self._blocks.reshape(-1, 9), mode="clip")
+        return self._blocks
+
+    def solve(self, b: Vector, rtol: float, most: int, x0: Vector | None, out: Vector | None) -> Solution:
+        """From `x0` or from zero; x is written to `out`."""
+        self._b, self._out = b, np.empty(len(b)) if out is None else out
+        x = self._work[kernels.X]
+        if x0 is None:
+            x[:] = 0
+        else:
+            x[self._places] = x0
+        self.iterations, self.size = 0, float(np.sqrt(np.einsum("i,i", b, b)))
+        self.true_residual()
+        return solve_by(self, b, rtol, most)
+
+    def precondition(self, r: Vector) -> Vector:
+        """(n,) `M^-1 r`."""
+        s = self._work[kernels.S]
+        s[:] = 0
+        s[self._places] = r
+        kernels.precondition(self.edges, self._blocks, self.inverse, self._held, self._omega, self._work)
+        return np.asarray(self._work[kernels.T, self._places])
+
+    def true_residual(self) -> float:
+        """`|b - K x|` from x, and from here on that is the residual; the next direction is the first again."""
+        own = self.edges, self._blocks, self.diagonal, self._held
+        kernels.residual(*own, self._places, self._b, self._state, self._work)
+        self.norm = float(self._state[kernels.NORM])
+        return self.norm
+
+    def run(self, enough: float, most: int) -> Outcome:
+        """Iterate until the residual is small enough, or something else happens.
+
+        A diagonal block that is indefinite has a direction of negative curvature; SSOR, made of one that is not, would not see it.
+        """
+        if self._indefinite:
+            return Outcome.NEGATIVE_CURVATURE
+        own = self.edges, self._blocks, self.diagonal, self.inverse, self._held, self._omega
+        stretch, ended = max(1, STRETCH // max(1, len(self.edges))), kernels.MORE
+        while ended == kernels.MORE:
+            if self.iterations >= most:
+                return Outcome.SOLVED if self.norm <= enough else Outcome.OUT_OF_ITERATIONS
+            ended, done = kernels.iterate(*own, enough, min(stretch, most - self.iterations), self._state, self._work)
+            self.iterations += done
+        self.norm = float(self._state[kernels.NORM])
+        return OUTCOMES[ended]
+
+    def x(self) -> Vector:
+        """Where it is."""
+        return np.take(self._work[kernels.X], self._places, out=self._out, mode="clip")
+
+
+def _sorting(edges: Ids) -> Ids | None:
+    """What sorts them; None if they are sorted."""
+    order = np.lexsort((edges[:, 1], edges[:, 0]))
+    return order if (np.diff(order) != 1).any() else None
+
+
+class EdgeFactors:
+    """The preconditioner, in the place that its analysis has for it."""
+
+    negative_pivots: ClassVar[None] = None
+
+    def __init__(self, search: EdgeCg, n: int, newest: Newest) -> None:
+        self._search, self._n = search, n
+        self._newest, self._number = newest, newest.next()
+
+    def solve(self, b: Vector, rtol: float = 1e-10, x0: Vector | None = None, out: Vector | None = None) -> Solution:
+        """Conjugate gradients, all compiled."""
+        self._newest.check(self._number)
+        b, rtol, x0 = checked_right(b, self._n, rtol, x0, out)
+        return handed_out(self._search.solve(b, rtol, MOST, x0, out), out)
+
+    def precondition(self, r: Vector) -> Vector:
+        """(n,) `M^-1 r`; of `omega = 0` the inverses of the diagonal blocks times `r`."""
+        return self._search.precondition(r)

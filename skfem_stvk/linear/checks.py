@@ -1,7 +1,8 @@
-"""What every solver checks before it works."""
+"""What every solver checks: the matrix and the right side before it works, the residual after a direct solve."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
@@ -11,7 +12,7 @@ from scipy.sparse import csr_matrix
 
 from ..arguments import number, shown, vector
 from ..errors import StateError, StvkError, name_ids
-from .solver import Kind, LinearSolver, Solution, Unknowns, Vector
+from .solver import Kind, LinearSolver, Outcome, Solution, Unknowns, Vector
 
 
 class Newest:
@@ -44,12 +45,9 @@ def check_kind(solver: LinearSolver, kind: Kind) -> None:
     """Refuse what the solver cannot take, and name those that can."""
     checked_kind(kind)
     if kind > solver.takes:
-        from .choose import SOLVERS
-        from .solver import names
-
-        able = names([other for other in SOLVERS if other.takes >= kind])
         raise StvkError(
-            f"A {kind} matrix came; '{solver.name}' takes {solver.takes} ones at most. Follower loads make K unsymmetric. Solvers that take it: {able}."
+            f"'{solver.name}' got a {kind} matrix; expected at most a {solver.takes} one. Follower loads make K unsymmetric. Direct solvers take "
+            "every kind: solver='superlu', 'pardiso' or 'auto'."
         )
 
 
@@ -102,3 +100,25 @@ def handed_out(found: Solution, out: Vector | None) -> Solution:
 
 def _same(a: Any, b: Any) -> bool:
     return a is b or np.array_equal(a, b)
+
+
+def solve_checked(product: Callable[[Vector], Vector], inverse: Callable[[Vector], Vector], b: Vector, rtol: float) -> Solution:
+    """`x = inverse(b)`, refined once (`x += inverse(b - K x)`) where the residual is above `rtol |b|`, and kept if that made it smaller."""
+    size = float(np.linalg.norm(b))
+    if not np.isfinite(size):
+        return Solution.none(b, Outcome.NOT_FINITE)
+    if size == 0:
+        return Solution(np.zeros_like(b), 0, 0.0, Outcome.SOLVED)
+    x = inverse(b)
+    if not np.isfinite(x).all():
+        return Solution.none(b, Outcome.SINGULAR)
+    r = b - product(x)
+    residual, refined = float(np.linalg.norm(r)) / size, 0
+    if residual > rtol:
+        y = x + inverse(r)
+        better = float(np.linalg.norm(b - product(y))) / size
+        if better < residual:
+            x, residual, refined = y, better, 1
+    if not np.isfinite(residual):
+        return Solution.none(b, Outcome.NOT_FINITE)
+    return Solution(x, refined, residual, Outcome.SOLVED if residual <= rtol else Outcome.INACCURATE)

@@ -5,11 +5,10 @@ from __future__ import annotations
 from ..arguments import flag, shown, whole
 from ..errors import StvkError
 from .amg import AmgCg
-from .block_jacobi import BlockJacobiCg
+from .block_cg import BlockJacobiCg, SsorCg
 from .checks import check_kind, checked_kind
 from .pardiso import Pardiso, pardiso_is_installed
 from .solver import Kind, LinearSolver, names
-from .ssor import SsorCg
 from .superlu import SuperLU
 
 #: From so many unknowns on PARDISO is faster than SuperLU; from so many on multigrid is faster than either.

@@ -17,8 +17,7 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_matrix
 
 from ..errors import StvkError, name_ids
-from .checks import Newest, check_kind, checked_right, checked_unknowns, checked_values, handed_out
-from .direct import nothing, solve_checked
+from .checks import Newest, check_kind, checked_right, checked_unknowns, checked_values, handed_out, solve_checked
 from .solver import Kind, Outcome, Solution, Unknowns, Vector
 
 SYMMETRIC, GENERAL = -2, 11  # mtype
@@ -120,7 +119,7 @@ class PardisoFactors:
         self._newest.check(self._number)
         b, rtol, _ = checked_right(b, self._memory.n, rtol, x0, out)
         if not self._exact:
-            return handed_out(nothing(b, Outcome.SINGULAR), out)
+            return handed_out(Solution.none(b, Outcome.SINGULAR), out)
         return handed_out(solve_checked(self._memory.product, self._memory.solve, b, rtol), out)
 
 

@@ -65,6 +65,11 @@ class Solution:
     outcome: Outcome
     start: float = 1.0
 
+    @classmethod
+    def none(cls, b: Vector, outcome: Outcome) -> Solution:
+        """Zero instead of a solution, with the outcome that says why."""
+        return cls(np.zeros_like(b), 0, 1.0, outcome)
+
 
 @dataclass(frozen=True)
 class Unknowns:

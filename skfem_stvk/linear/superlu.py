@@ -11,8 +11,7 @@ from scipy.sparse import csc_matrix, csr_matrix
 from scipy.sparse.csgraph import connected_components
 from scipy.sparse.linalg import splu
 
-from .checks import Newest, check_kind, checked_right, checked_unknowns, checked_values, handed_out
-from .direct import nothing, solve_checked
+from .checks import Newest, check_kind, checked_right, checked_unknowns, checked_values, handed_out, solve_checked
 from .solver import Kind, Outcome, Solution, Unknowns, Vector
 
 #: A diagonal entry is the pivot unless it is smaller than this part of the largest of its column.
@@ -91,7 +90,7 @@ class SuperLUFactors:
         self._newest.check(self._number)
         b, rtol, _ = checked_right(b, self._transpose.shape[0], rtol, x0, out)
         if self._lu is None:
-            return handed_out(nothing(b, Outcome.SINGULAR), out)
+            return handed_out(Solution.none(b, Outcome.SINGULAR), out)
         lu, K = self._lu, self._transpose.T
         return handed_out(solve_checked(lambda x: K @ x, lambda r: lu.solve(r, trans="T"), b, rtol), out)
 

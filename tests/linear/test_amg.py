@@ -9,8 +9,8 @@ from linear.problems import problem, rigid_motions
 from skfem_stvk import StVK, System
 from skfem_stvk.errors import StvkError
 from skfem_stvk.linear import AmgCg, Kind, Outcome, Unknowns, amg
-from skfem_stvk.linear.aggregation import FEWEST, aggregates
-from skfem_stvk.linear.vertices import VertexRows
+from skfem_stvk.linear.blocks import VertexRows
+from skfem_stvk.linear.multigrid import FEWEST, aggregates
 
 
 def beam(size, young=1.0, flat=1.0):
@@ -48,7 +48,7 @@ def test_stiffnesses_in_contrast_cost_few_iterations():
 def test_slender_elements_are_aggregated_along_strong_couplings(monkeypatch):
     K, unknowns = beam(6, flat=0.15)
     few = solved(K, unknowns, 1e-6).iterations
-    monkeypatch.setattr("skfem_stvk.linear.aggregation.STRONG", 0.0)
+    monkeypatch.setattr("skfem_stvk.linear.multigrid.STRONG", 0.0)
     assert few < 0.7 * solved(K, unknowns, 1e-6).iterations
 
 
@@ -126,7 +126,7 @@ def test_aggregates_cover_all_vertices_and_are_neither_tiny_nor_without_end():
 
 
 def test_couplings_that_would_leave_tiny_aggregates_do_not_count(monkeypatch):
-    monkeypatch.setattr("skfem_stvk.linear.aggregation.STRONG", 0.4)
+    monkeypatch.setattr("skfem_stvk.linear.multigrid.STRONG", 0.4)
     K, unknowns = beam(6)
     rows = VertexRows(unknowns)
     blocks, single = rows.structure.room(), rows.structure.room(np.float32)

@@ -10,9 +10,9 @@ from linear.problems import NAMES, body, held, problem
 
 from skfem_stvk import StVK, System
 from skfem_stvk.errors import StateError, StvkError
-from skfem_stvk.linear import BlockJacobiCg, Kind, Outcome, SsorCg, Unknowns, edge_cg
-from skfem_stvk.linear.block_jacobi import BlockJacobiFactors
-from skfem_stvk.linear.edge_cg import EdgeFactors
+from skfem_stvk.linear import BlockJacobiCg, Kind, Outcome, SsorCg, Unknowns, cg
+from skfem_stvk.linear.block_cg import BlockJacobiFactors
+from skfem_stvk.linear.cg import EdgeFactors
 from skfem_stvk.system import FreeOperator
 
 SYMMETRIC = Kind.SYMMETRIC
@@ -99,7 +99,7 @@ def test_a_residual_that_rounding_left_too_small_is_looked_at_from_x(solver):
 
 @preconditioned
 def test_iterations_come_to_an_end_and_what_there_is_is_handed_out(monkeypatch, solver):
-    monkeypatch.setattr(edge_cg, "MOST", 7)
+    monkeypatch.setattr(cg, "MOST", 7)
     operator, unknowns, b = operator_of()
     solution = solver.analyse(unknowns).factorise(operator, SYMMETRIC).solve(b, 1e-12)
     assert solution.outcome is Outcome.OUT_OF_ITERATIONS and solution.iterations == 7
@@ -112,7 +112,7 @@ def test_stretches_between_which_python_looks_up_change_no_bit(stretch, monkeypa
     operator, unknowns, b = operator_of()
     factors = solver.analyse(unknowns).factorise(operator, SYMMETRIC)
     whole = factors.solve(b, 1e-10)
-    monkeypatch.setattr(edge_cg, "STRETCH", stretch)
+    monkeypatch.setattr(cg, "STRETCH", stretch)
     again = factors.solve(b, 1e-10)
     assert np.array_equal(again.x, whole.x) and again.iterations == whole.iterations
 

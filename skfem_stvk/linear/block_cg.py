@@ -1,4 +1,4 @@
-"""Conjugate gradients with the diagonal blocks of the vertices as preconditioner, without a matrix or with one."""
+"""Conjugate gradients on blocks of vertices, with their diagonal or sweeps over them (SSOR) as preconditioner, without a matrix or with one."""
 
 from __future__ import annotations
 
@@ -7,16 +7,17 @@ from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.sparse import triu
 
 from ..arguments import flag, shown
 from ..errors import StateError, StvkError, name_ids
-from ..kernels import sparse as kernels
+from ..kernels.cg import fill_edges
+from ..kernels.sparse import invert_diagonal, multiply_diagonal
 from ..kernels.threads import parts_of, run, threads
-from .assembled import AssembledAnalysis
-from .cg import conjugate_gradients
-from .checks import Newest, check_kind, checked_right, checked_unknowns, handed_out
-from .edge_cg import MOST, EdgeCg, EdgeFactors
-from .solver import EdgeBlocks, Kind, Operator, Solution, Unknowns, Vector
+from .blocks import BlockStructure, VertexRows
+from .cg import MOST, EdgeCg, EdgeFactors, conjugate_gradients
+from .checks import Newest, check_kind, checked_right, checked_unknowns, checked_values, handed_out
+from .solver import EdgeBlocks, Kind, LinearSolver, Operator, Solution, Unknowns, Vector
 
 
 @dataclass(frozen=True)
@@ -116,7 +117,7 @@ class BlockJacobiAnalysis:
         if len(bad):
             raise StateError(f"The diagonal of K is not finite at {name_ids(bad, 'vertex')}: did the step before diverge?")
         inverse, parts = np.empty(9 * count), parts_of(count, 1, threads())
-        run(kernels.invert_diagonal, parts, np.arange(count), blocks.ravel(), np.zeros(count), inverse)
+        run(invert_diagonal, parts, np.arange(count), blocks.ravel(), np.zeros(count), inverse)
         return inverse
 
 
@@ -141,8 +142,53 @@ class BlockJacobiFactors:
     def precondition(self, r: Vector) -> Vector:
         """(n,) the inverses of the diagonal blocks times `r`."""
         self._padded[self._analysis.places] = r
-        run(kernels.multiply_diagonal, self._parts, self._inverse, self._padded, self._out)
+        run(multiply_diagonal, self._parts, self._inverse, self._padded, self._out)
         return self._out[self._analysis.places]
 
     def _multiply(self, v: Vector) -> Vector:
         return np.asarray(self._K.matvec(v), dtype=np.float64)
+
+
+class AssembledAnalysis:
+    """The edges of the graph of K, and room for the values."""
+
+    def __init__(self, solver: LinearSolver, unknowns: Unknowns, omega: float) -> None:
+        self._solver, self._unknowns, self._newest = solver, unknowns, Newest()
+        self._rows = VertexRows(unknowns)
+        self._above = BlockStructure.of(triu(self._rows.graph, 1, format="csr"))
+        edges = np.stack([self._above.row_of_each(), self._above.columns], axis=1)
+        self._blocks = self._above.room()
+        self._search = EdgeCg(edges, self._rows.vertices, self._rows.places, assembled=True, omega=omega)
+
+    def factorise(self, K: Any, kind: Kind) -> EdgeFactors:
+        """The values, and the inverses of the diagonal blocks."""
+        check_kind(self._solver, kind)
+        values, rows, search = checked_values(K, self._unknowns), self._rows, self._search
+        unknowns = rows.first, rows.row, rows.component, K.indptr, K.indices, values
+        fill_edges(self._above.rows, self._above.columns, *unknowns, self._blocks, search.diagonal)
+        search.fill(self._blocks)
+        return EdgeFactors(search, self._unknowns.n, self._newest)
+
+
+@dataclass(frozen=True)
+class SsorCg(BlockJacobiCg):
+    """As `BlockJacobiCg`, with a third of its iterations, each half as long again: a sweep over the vertices back and one forth stand for the product.
+
+    The sweeps are those of the compiled loop: they need the blocks of the edges of one term, which are copied, or with `assembled` those of a
+    matrix. A body of several terms that is not assembled is solved with diagonal blocks, as by `BlockJacobiCg`.
+
+    >>> import numpy as np
+    >>> from scipy.sparse import diags
+    >>> from skfem_stvk.linear import Kind, Unknowns
+    >>> K = diags([-1.0, 2.5, -1.0], [-1, 0, 1], shape=(60, 60), format="csr")
+    >>> unknowns = Unknowns(np.arange(60), np.zeros(60, dtype=int), K.indptr, K.indices)
+    >>> b = np.cos(np.arange(60.0))
+    >>> solvers = SsorCg(assembled=True), BlockJacobiCg(assembled=True)
+    >>> one, other = (solver.analyse(unknowns).factorise(K, Kind.POSITIVE_DEFINITE).solve(b, rtol=1e-8) for solver in solvers)
+    >>> one.outcome.value, one.iterations < other.iterations / 2, bool(abs(one.x - other.x).max() < 1e-6)
+    ('solved', True, True)
+    """
+
+    name: ClassVar[str] = "ssor-cg"
+    #: A sixth to an eighth fewer iterations than with 1 in time steps, a quarter fewer in statics; beyond 1.6 they grow.
+    omega: ClassVar[float] = 1.4

@@ -1,0 +1,288 @@
+"""Smoothed aggregation: levels and their Gauss-Seidel sweeps, which vertices share a coarse one, and the hierarchy with its cycle."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import csr_matrix
+
+from ..errors import StvkError
+from ..kernels import sparse as kernels
+from ..kernels.compiled import Ids, Reals
+from ..kernels.threads import parts_of, run, threads
+from .blocks import BlockStructure
+
+SINGLE: Any = np.float32
+TURNS = 8
+#: Nodes are strongly coupled if `|A_ij| >= STRONG sqrt(|A_ii| |A_jj|)`: about what slender elements and jumps of stiffness need.
+STRONG = 0.05
+#: Aggregates of fewer nodes on average make coarse levels expensive; then weaker couplings count as strong, too.
+FEWEST = 5
+#: Nodes of the coarsest level at most: it is solved by its dense inverse.
+COARSEST = 50
+
+
+class Level:
+    """A matrix in blocks, in double precision, and `scale` times it in single, which is enough to smooth with.
+
+    Attributes
+    ----------
+    graph : of its nodes, with the diagonal, columns sorted.
+    A, blocks, single : structure and values.
+    x : (3 n,) the result of the last sweep.
+    """
+
+    def __init__(self, graph: csr_matrix, structure: BlockStructure, diagonal: Ids, blocks: Reals, single: Reals) -> None:
+        self.graph, self.A, self.blocks, self.single = graph, structure, blocks, single
+        self._diagonal, n = diagonal, structure.n
+        self._inverse, self._extra = np.empty(9 * n, SINGLE), np.zeros(n, SINGLE)
+        self.x, self._left = np.empty(3 * n, SINGLE), np.empty(3 * n, SINGLE)
+
+    def scale(self, scale: float) -> None:
+        """Copy to single precision; an unknown that no mode of the level above reaches gets a diagonal."""
+        entries = self.blocks.reshape(-1, 9)
+        for component in (0, 4, 8):
+            dead = self._diagonal[entries[self._diagonal, component] == 0]
+            entries[dead, component] = 1 / scale
+        np.multiply(self.blocks, scale, out=self.single, casting="same_kind")
+
+    def invert(self) -> None:
+        """The diagonal blocks, for sweeps that go on in parts at the same time."""
+        A = self.A
+        if len(A.parts) > 2:
+            run(kernels.outside, A.parts, A.rows, A.columns, self.single, self._extra)
+        run(kernels.invert_diagonal, A.parts, self._diagonal, self.single, self._extra, self._inverse)
+
+    def forward(self, b: Reals) -> Reals:
+        """`x` from zero by a forward sweep; the residual."""
+        A = self.A
+        run(kernels.sweep_forward, A.parts, A.rows, A.columns, self._diagonal, self.single, self._inverse, b, self.x)
+        own = A.rows, A.columns, self._diagonal, self.single, self._extra, self.x, self._left
+        run(kernels.residual_after_forward, A.parts, *own)
+        return self._left
+
+    def backward(self, b: Reals) -> Reals:
+        """`x` improved by a backward sweep: the adjoint of the forward one."""
+        A, before = self.A, self.x
+        if len(A.parts) > 2:
+            before = self._left
+            np.copyto(before, self.x)
+        run(kernels.sweep_backward, A.parts, A.rows, A.columns, self.single, self._inverse, b, before, self.x)
+        return self.x
+
+    def smoothed(self, structure: BlockStructure, places: Ids, products: Reals, tentative: Reals, scale: float, out: Reals) -> None:
+        """`P = T - 4/3 / rho D^-1 A T` from `products`, A T in the structure of P; `places` of T in it."""
+        count = len(tentative) // (9 * self.A.n)
+        omega = 4 / 3 / self._spectral_radius() * scale
+        own = structure.rows, places, count, self._inverse, omega, products, tentative
+        run(kernels.smooth_prolongator, self.A.parts, *own, out)
+
+    def _spectral_radius(self) -> float:
+        """Of `D^-1 A`, by some turns of the power method, which stay below it."""
+        x = np.random.default_rng(0).standard_normal(3 * self.A.n).astype(SINGLE)
+        for _ in range(TURNS):
+            x /= self._size(x)
+            self.A.product(self.single, x, self._left)
+            run(kernels.multiply_diagonal, self.A.parts, self._inverse, self._left, x)
+        return 1.1 * self._size(x)
+
+    def _size(self, x: Reals) -> float:
+        return float(np.sqrt(sum(run(kernels.dot, 3 * self.A.parts, x, x))))
+
+
+class Coarsening:
+    """From a level to the next: `R = P'`, `A_next = R A P`, P of smoothed aggregation.
+
+    Attributes
+    ----------
+    structure, graph : of the next level.
+    """
+
+    def __init__(self, level: Level, count: int) -> None:
+        numbers = aggregates(level.graph, level.A, level.single)
+        each, n = level.A.n // level.graph.shape[0], numbers.max() + 1
+        tentative = csr_matrix((np.ones(len(numbers), np.float32), numbers, np.arange(len(numbers) + 1)), shape=(len(numbers), n))
+        graph = level.graph.astype(np.float32)
+        P = _sorted(graph @ tentative)
+        AP = _sorted(graph @ P)
+        self.graph = _sorted(P.T.tocsr() @ AP)
+        self.structure = BlockStructure.of(self.graph, count, count)
+        self._T = BlockStructure.of(tentative, each, count)
+        self._P, self._AP = BlockStructure.of(P, each, count), BlockStructure.of(AP, each, count)
+        self._R, self._transposition = self._P.transposed()
+        self._p, self._r, self._ap = self._P.room(SINGLE), self._R.room(SINGLE), self._AP.room()
+        self._count, rows = count, np.repeat(numbers, each)
+        self._members = np.argsort(rows, kind="stable").astype(np.int32)
+        self._starts = np.concatenate([[0], np.cumsum(np.bincount(rows, minlength=n))]).astype(np.int32)
+        self._places = np.flatnonzero(self._P.columns == count * rows[self._P.row_of_each()])
+
+    def prolong(self, level: Level, modes: Reals, scale: float) -> Reals:
+        """P anew, such that it holds `modes` (blocks of T's structure); the modes of the next level."""
+        n = len(self._starts) - 1
+        coarse = np.empty(9 * self._count**2 * n)
+        parts = parts_of(n, 40, threads())
+        run(kernels.orthonormalise, parts, self._starts, self._members, self._count, modes, coarse)
+        products = level.A.multiply(level.blocks, self._T, modes, self._P, self._P.room())
+        level.smoothed(self._P, self._places, products, modes, scale, self._p)
+        run(kernels.transpose_blocks, parts_of(len(self._transposition), 0.3, threads()), self._transposition, self._p, self._r)
+        return coarse
+
+    def galerkin(self, level: Level, out: Reals) -> None:
+        """`R A P` to the values of the next level."""
+        level.A.multiply(level.blocks, self._P, self._p, self._AP, self._ap)
+        self._R.multiply(self._r, self._AP, self._ap, self.structure, out)
+
+    def restrict(self, residual: Reals, out: Reals) -> Reals:
+        """`R r`."""
+        return self._R.product(self._r, residual, out)
+
+    def correct(self, error: Reals, x: Reals) -> None:
+        """`x += P e`."""
+        self._P.product(self._p, error, x, add=True)
+
+
+def _sorted(graph: csr_matrix) -> csr_matrix:
+    graph.sort_indices()
+    return graph
+
+
+def aggregates(graph: csr_matrix, structure: BlockStructure, blocks: Reals) -> NDArray[np.int32]:
+    """(nodes,) number of the aggregate of each node, by pyamg's standard aggregation of strongly coupled nodes.
+
+    `structure`, `blocks` are a matrix with as many block rows a node as there are to each of the graph.
+    """
+    norms, diagonal = _norms(graph, structure, blocks)
+    row = np.repeat(np.arange(graph.shape[0]), np.diff(graph.indptr))
+    strength = norms / np.sqrt(diagonal[row] * diagonal[graph.indices])
+    for least in (STRONG, STRONG / 2, STRONG / 4, 0.0):
+        numbers = _aggregates(graph, row, (strength >= least) | (row == graph.indices))
+        if numbers.max() + 1 <= graph.shape[0] / FEWEST:
+            break
+    return numbers
+
+
+def _norms(graph: csr_matrix, structure: BlockStructure, blocks: Reals) -> tuple[Reals, Reals]:
+    """Frobenius norms of the blocks of the graph's entries, and of its diagonal."""
+    squares = np.einsum("ij,ij->i", blocks.reshape(-1, 9), blocks.reshape(-1, 9), dtype=np.float64)
+    each = structure.n // graph.shape[0]
+    if each > 1:
+        places = structure.row_of_each() // each, structure.columns // each
+        joined = csr_matrix((squares, places), shape=graph.shape)
+        joined.sort_indices()
+        squares = joined.data
+    norms = np.sqrt(squares)
+    own = np.repeat(np.arange(graph.shape[0]), np.diff(graph.indptr)) == graph.indices
+    return norms, norms[own]
+
+
+def _aggregates(graph: csr_matrix, row: Ids, kept: NDArray[np.bool_]) -> NDArray[np.int32]:
+    """Of the graph's entries that are kept; a node without neighbours is an aggregate of its own."""
+    rows = np.concatenate([[0], np.cumsum(kept)])[graph.indptr].astype(np.int32)
+    strong = csr_matrix((np.ones(rows[-1]), graph.indices[kept], rows), shape=graph.shape)
+    found, _ = _standard_aggregation()(strong)
+    numbers = found.shape[1] + np.arange(graph.shape[0])
+    numbers[np.diff(found.indptr) > 0] = found.indices
+    return np.unique(numbers, return_inverse=True)[1].astype(np.int32)
+
+
+def _standard_aggregation() -> Callable[[csr_matrix], tuple[csr_matrix, Ids]]:
+    """pyamg's, imported when it is needed: `python -OO` takes the docstrings away that pyamg adds to."""
+    try:
+        from pyamg.aggregation.aggregate import standard_aggregation
+    except TypeError as error:
+        raise StvkError(
+            f"pyamg, whose aggregation solver='amg-cg' takes, cannot be imported: {error}. It needs docstrings: "
+            "run Python without -OO, or choose solver='superlu', 'pardiso' or 'ssor-cg'."
+        ) from error
+    aggregation: Callable[[csr_matrix], tuple[csr_matrix, Ids]] = standard_aggregation
+    return aggregation
+
+
+class Hierarchy:
+    """Levels of a matrix, from fine to coarse: an approximate inverse, symmetric and positive definite.
+
+    Parameters
+    ----------
+    finest : the matrix.
+    modes : (3 n, r) displacements of little energy, in the block rows of the matrix.
+    scale : of the values in single precision.
+    """
+
+    def __init__(self, finest: Level, modes: Reals, scale: float) -> None:
+        count = -(-modes.shape[1] // 3)
+        self._levels: list[Level] = [finest]
+        self._ways: list[Coarsening] = []
+        blocks = _in_blocks(modes, count)
+        while (level := self._levels[-1]).graph.shape[0] > COARSEST:
+            level.invert()
+            way = Coarsening(level, count)
+            if way.graph.shape[0] == level.graph.shape[0]:
+                break
+            blocks = way.prolong(level, blocks, scale)
+            self._ways.append(way)
+            structure = way.structure
+            self._levels.append(Level(way.graph, structure, structure.diagonal(), structure.room(), structure.room(SINGLE)))
+            self._fill(len(self._ways), scale)
+        self._solve_coarsest(scale)
+        self._rhs = [np.empty_like(level.x) for level in self._levels]
+        self._sums = [np.empty_like(level.x) for level in self._levels]
+
+    def refresh(self, scale: float) -> None:
+        """All levels anew from the values of the finest; R and P stay."""
+        for number in range(1, len(self._levels)):
+            self._levels[number - 1].invert()
+            self._fill(number, scale)
+        self._solve_coarsest(scale)
+
+    def __call__(self, b: Reals) -> Reals:
+        """One cycle, for `b` in single precision; the result is overwritten by the next."""
+        return self._cycle(0, b)
+
+    def _fill(self, number: int, scale: float) -> None:
+        above, level = self._levels[number - 1], self._levels[number]
+        self._ways[number - 1].galerkin(above, level.blocks)
+        level.scale(scale)
+
+    def _solve_coarsest(self, scale: float) -> None:
+        """The inverse, as a matrix of blocks; of an indefinite matrix that of its absolute value."""
+        level = self._levels[-1]
+        n, dense = level.A.n, scale * level.A.dense(level.blocks)
+        inverse = dense.copy()
+        if not kernels.invert_dense(inverse):
+            values, vectors = np.linalg.eigh((dense + dense.T) / 2)
+            sizes = np.abs(values)
+            inverse = (vectors / np.maximum(sizes, 1e-12 * sizes.max())) @ vectors.T
+        self._inverse = np.ascontiguousarray(inverse.reshape(n, 3, n, 3).transpose(0, 2, 1, 3), SINGLE).ravel()
+        rows, columns = n * np.arange(n + 1, dtype=np.int32), np.tile(np.arange(n, dtype=np.int32), n)
+        self._full = BlockStructure(rows, columns, n, np.array([0, n]))
+
+    def _cycle(self, number: int, b: Reals) -> Reals:
+        level = self._levels[number]
+        if number == len(self._ways):
+            return self._full.product(self._inverse, b, level.x)
+        way = self._ways[number]
+        coarse = way.restrict(level.forward(b), self._rhs[number + 1])
+        way.correct(self._twice(number + 1, coarse), level.x)
+        return level.backward(b)
+
+    def _twice(self, number: int, b: Reals) -> Reals:
+        """Two cycles (W): coarse levels cost little, and inexact ones cost the finest iterations."""
+        level, total = self._levels[number], self._sums[number]
+        x = self._cycle(number, b)
+        if number == len(self._ways):
+            return x
+        np.copyto(total, x)
+        level.A.product(level.single, total, level.x)
+        b -= level.x
+        total += self._cycle(number, b)
+        return total
+
+
+def _in_blocks(modes: Reals, count: int) -> Reals:
+    """(9 count n,) modes as `count` blocks a block row, padded with zeros."""
+    padded = np.zeros((len(modes), 3 * count))
+    padded[:, : modes.shape[1]] = modes
+    return np.ascontiguousarray(padded.reshape(-1, 3, count, 3).transpose(0, 2, 1, 3)).ravel()
