@@ -90,11 +90,11 @@ def test_W_alone_off_by_a_rounding_of_a_float32_is_caught():
     assert {r.quantity for r in failed if r.check == "agreement"} == {"W"}
 
 
-def test_the_docs_show_the_table_of_faults():
-    text = (Path(__file__).parents[2] / "docs" / "referee.md").read_text()
+def test_the_docs_list_the_faults():
+    text = " ".join((Path(__file__).parents[2] / "docs" / "referee.md").read_text().split())
     for name, fault in FAULTS.items():
         checks = ", ".join(sorted(f"{check} ({quantity})" for check, quantity in fault.caught_by))
-        assert f"| {name} | {fault.description} | {checks} |" in text
+        assert f"- **{name}**: {fault.description}. Caught at least by {checks}." in text
 
 
 @pytest.mark.parametrize("name", ["twice lambda", "half mu", "no pairs", "no opposite pairs", "one wrong sign"])
