@@ -1,20 +1,50 @@
-"""The facets of simplices: which of them are shared, and where given ones stand among them."""
+"""The facets of simplices: which of them are shared, where given ones stand among them, their names, and which side of a surface is which."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Mapping
+from functools import cached_property
 from math import factorial
-from typing import TYPE_CHECKING, Any
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
 
+from ..arguments import frozen
 from ..kernels.geometry import measures
 from ..kernels.topology import lexicographic_order
 
-if TYPE_CHECKING:
-    from .simplices import SimplexMesh
-
 Ids = NDArray[np.int32]
+
+
+class Simplices(Protocol):
+    """Simplices of dimension `k` in a space of dimension `d`, as bare arrays."""
+
+    @property
+    def p(self) -> NDArray[np.float64]:
+        """(d, nv) coordinates of the vertices [m]."""
+
+    @property
+    def t(self) -> Ids:
+        """(k + 1, nt) vertices of the simplices."""
+
+    @property
+    def k(self) -> int:
+        """Dimension of the simplices."""
+
+    @property
+    def d(self) -> int:
+        """Dimension of the space."""
+
+    @property
+    def nv(self) -> int:
+        """Number of vertices."""
+
+    @property
+    def nt(self) -> int:
+        """Number of simplices."""
 
 
 def facets_of(t: Ids, nv: int) -> tuple[Ids, Ids]:
@@ -43,12 +73,12 @@ def facets_of(t: Ids, nv: int) -> tuple[Ids, Ids]:
     return facets[:, order[new]], t2f
 
 
-def facet_ids(mesh: SimplexMesh) -> Ids:
+def facet_ids(mesh: Simplices) -> Ids:
     """(k + 1, nt) number of the facet opposite to each vertex of each simplex; simplices that share a facet share the number."""
     return facets_of(mesh.t, mesh.nv)[1]
 
 
-def boundary_facets(mesh: SimplexMesh) -> Ids:
+def boundary_facets(mesh: Simplices) -> Ids:
     """(k, n) vertices of the facets that belong to one simplex only, turned outwards where the simplices fill the space.
 
     Those of tetrahedra are counterclockwise when seen from outside; those of triangles in the plane have the body on their left.
@@ -70,11 +100,6 @@ def boundary_facets(mesh: SimplexMesh) -> Ids:
         inside = np.linalg.det((x[:, 1:] - x[:, :1]).transpose(2, 0, 1)) * (-1) ** mesh.k > 0
         facets[:2, ~inside] = facets[1::-1, ~inside]
     return facets
-
-
-def boundary_vertices(mesh: SimplexMesh) -> Ids:
-    """Vertices of the boundary facets."""
-    return np.unique(mesh.surface)
 
 
 def find_facets(wanted: Ids, facets: Ids, nv: int) -> NDArray[np.int64]:
@@ -111,3 +136,75 @@ def _grouped(facets: Ids, nv: int) -> tuple[Ids, NDArray[np.bool_]]:
     new = np.ones(len(order), dtype=bool)
     new[1:] = (facets[:, 1:] != facets[:, :-1]).any(axis=0)
     return order, new
+
+
+class NamedFacets(Mapping[str, NDArray[np.int32]]):
+    """Facets (k, n) by name, from their numbers in scikit-fem's order. Looking at one finds all facets of the mesh, once.
+
+    Parameters
+    ----------
+    t : (k + 1, nt) vertices of the simplices.
+    nv : number of vertices.
+    ids : numbers of facets by name.
+    """
+
+    def __init__(self, t: NDArray[np.int32], nv: int, ids: Mapping[str, Any]) -> None:
+        self._t, self._nv, self._ids = t, nv, frozen(ids)
+
+    def __getitem__(self, name: str) -> NDArray[np.int32]:
+        return self._facets[:, np.asarray(self._ids[name])]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._ids)
+
+    def __len__(self) -> int:
+        return len(self._ids)
+
+    def __contains__(self, name: object) -> bool:
+        return name in self._ids
+
+    @cached_property
+    def _facets(self) -> NDArray[np.int32]:
+        return facets_of(self._t, self._nv)[0]
+
+    def __repr__(self) -> str:
+        return f"NamedFacets: {', '.join(self._ids)}"
+
+
+def turned_alike(t: NDArray[np.int32], nv: int) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+    """Which triangles to turn so that all neighbours look to the same side, that of the first one of their connected piece.
+
+    Neighbours are two triangles at an edge of no other: they look to the same side if they go along it in opposite directions.
+
+    Parameters
+    ----------
+    t : (3, n) triangles of vertices smaller than `nv`.
+
+    Returns
+    -------
+    turned : (n,) whether to turn it.
+    two_sided : (n,) whether its piece has two sides, unlike a Moebius strip.
+
+    >>> turned_alike(np.array([[0, 1], [1, 2], [2, 3]]), 4)
+    (array([False,  True]), array([ True,  True]))
+    """
+    n = t.shape[1]
+    one, other, against = _neighbours(t, nv)
+    front, back = np.arange(n), np.arange(n, 2 * n)  # the two sides of each triangle, linked to those of its neighbours
+    rows = np.concatenate([front[one], back[one]])
+    columns = np.concatenate([np.where(against, front[other], back[other]), np.where(against, back[other], front[other])])
+    graph = coo_matrix((np.ones(len(rows), dtype=np.int8), (rows, columns)), shape=(2 * n, 2 * n))
+    side = connected_components(graph, directed=False)[1]
+    _, first, piece = np.unique(np.minimum(side[:n], side[n:]), return_index=True, return_inverse=True)
+    return side[:n] != side[first][piece], side[:n] != side[n:]
+
+
+def _neighbours(t: NDArray[np.int32], nv: int) -> tuple[NDArray[Any], NDArray[Any], NDArray[np.bool_]]:
+    """Pairs of triangles at edges that only they have, and whether they go along it in opposite directions."""
+    ends = np.concatenate([t[[0, 1]], t[[1, 2]], t[[2, 0]]], axis=1).astype(np.int32)
+    both = np.sort(ends, axis=0)
+    order = lexicographic_order(both, nv)
+    same = (both[:, order[1:]] == both[:, order[:-1]]).all(axis=0)
+    pair = np.flatnonzero(same & ~np.append(False, same[:-1]) & ~np.append(same[1:], False))
+    one, other = order[pair], order[pair + 1]
+    return one % t.shape[1], other % t.shape[1], ends[0, one] != ends[0, other]

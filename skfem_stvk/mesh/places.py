@@ -2,24 +2,47 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Any, TypeAlias
+from collections.abc import Callable, Mapping
+from typing import Any, Protocol, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from skfem.assembly.dofs import DofsView
 
 from ..arguments import shown, whole_array
 from ..errors import RegionError, name_ids, name_known
-from .dofs_views import DofsView, refuse_foreign, vertices_of
-from .facets import find_facets
-from .simplices import SimplexMesh
+from .facets import Simplices, find_facets
 
 #: The name of a boundary or of a node set; vertex ids, or a mask; a predicate of coordinates `x` (d, n), as in scikit-fem:
 #: `lambda x: x[0] == 0`; or what scikit-fem's `basis.get_dofs(...)` returned, which stands for its vertices.
 Where: TypeAlias = str | ArrayLike | Callable[[NDArray[np.float64]], ArrayLike] | DofsView
 
 
-def vertices_at(mesh: SimplexMesh, where: Where, what: str = "The place") -> NDArray[np.int64]:
+#: Vertices count as the same within this part of the size of the mesh: files keep fewer digits than arrays.
+SAME_PLACE = 1e-6
+
+
+class Marked(Simplices, Protocol):
+    """Simplices with a boundary, and with names for some of their facets, vertices and elements."""
+
+    @property
+    def surface(self) -> NDArray[np.int32]:
+        """(k, n) vertices of the boundary facets."""
+
+    @property
+    def boundaries(self) -> Mapping[str, NDArray[np.int32]]:
+        """Facets (k, n) by name."""
+
+    @property
+    def node_sets(self) -> Mapping[str, NDArray[np.int32]]:
+        """Vertex ids by name."""
+
+    @property
+    def subdomains(self) -> Mapping[str, NDArray[np.int32]]:
+        """Element ids by name."""
+
+
+def vertices_at(mesh: Marked, where: Where, what: str = "The place") -> NDArray[np.int64]:
     """Ids of the vertices there: listed ids in the order in which they are given, all others ascending.
 
     Raises
@@ -27,6 +50,7 @@ def vertices_at(mesh: SimplexMesh, where: Where, what: str = "The place") -> NDA
     RegionError
         if there are none, the name is unknown, or ids are listed twice; the message begins with `what` asks for them.
 
+    >>> from skfem_stvk import SimplexMesh
     >>> mesh = SimplexMesh(p=[[0, 1, 0, 1], [0, 0, 1, 1]], t=[[0, 1], [1, 2], [2, 3]], node_sets={"corner": [3]})
     >>> vertices_at(mesh, "corner"), vertices_at(mesh, lambda x: x[0] == 0), vertices_at(mesh, [2, 0])
     (array([3]), array([0, 2]), array([2, 0]))
@@ -49,7 +73,7 @@ def vertices_at(mesh: SimplexMesh, where: Where, what: str = "The place") -> NDA
     return ids
 
 
-def facets_at(mesh: SimplexMesh, where: Where, what: str = "The place") -> NDArray[np.int32]:
+def facets_at(mesh: Marked, where: Where, what: str = "The place") -> NDArray[np.int32]:
     """(k, n) vertices of the facets there, each once: those of a named boundary, or the boundary facets with all vertices there.
 
     Raises
@@ -57,6 +81,7 @@ def facets_at(mesh: SimplexMesh, where: Where, what: str = "The place") -> NDArr
     RegionError
         if there are none, or the name is unknown.
 
+    >>> from skfem_stvk import SimplexMesh
     >>> mesh = SimplexMesh(p=[[0, 1, 0, 1], [0, 0, 1, 1]], t=[[0, 1], [1, 2], [2, 3]])
     >>> facets_at(mesh, lambda x: x[0] == 0)
     array([[2],
@@ -76,7 +101,7 @@ def facets_at(mesh: SimplexMesh, where: Where, what: str = "The place") -> NDArr
     return facets
 
 
-def in_order(mesh: SimplexMesh, where: Where, facets: NDArray[np.int32]) -> NDArray[np.int64]:
+def in_order(mesh: Marked, where: Where, facets: NDArray[np.int32]) -> NDArray[np.int64]:
     """(n,) vertices of the facets at a place, in the order in which values are given for them: that of `vertices_at`."""
     ids = np.unique(facets).astype(np.int64)
     if isinstance(where, str) or callable(where):
@@ -101,7 +126,7 @@ def describe(where: Any) -> str:
     return name_ids(np.flatnonzero(ids) if ids.dtype == bool else ids, "vertex")
 
 
-def _named(mesh: SimplexMesh, name: str, what: str) -> NDArray[np.int64]:
+def _named(mesh: Marked, name: str, what: str) -> NDArray[np.int64]:
     _refuse_unknown(mesh, name, what)
     on_boundary = np.unique(_boundary(mesh, name)).astype(np.int64) if name in mesh.boundaries else None
     in_set = np.unique(_listed(mesh, mesh.node_sets[name], f"Node set {name!r}")) if name in mesh.node_sets else None
@@ -115,14 +140,14 @@ def _named(mesh: SimplexMesh, name: str, what: str) -> NDArray[np.int64]:
     return in_set
 
 
-def _refuse_unknown(mesh: SimplexMesh, name: str, what: str) -> None:
+def _refuse_unknown(mesh: Marked, name: str, what: str) -> None:
     known = {*mesh.boundaries, *mesh.node_sets}
     if name not in known:
         hint = " It is a subdomain: for its vertices, np.unique(mesh.t[:, mesh.elements(name)])." if name in mesh.subdomains else ""
         raise RegionError(f"{what}: the mesh has no boundary or node set {shown(name)}; {name_known(name, known)}{hint}")
 
 
-def _boundary(mesh: SimplexMesh, name: str) -> NDArray[np.int32]:
+def _boundary(mesh: Marked, name: str) -> NDArray[np.int32]:
     """(k, n) facets of a named boundary, each once."""
     facets = np.asarray(mesh.boundaries[name])
     if facets.ndim != 2 or len(facets) != mesh.k or not facets.size or facets.dtype.kind not in "iu":
@@ -135,7 +160,7 @@ def _boundary(mesh: SimplexMesh, name: str) -> NDArray[np.int32]:
     return facets[:, np.unique(find_facets(facets, facets, mesh.nv))].astype(np.int32)
 
 
-def _satisfying(mesh: SimplexMesh, predicate: Callable[[Any], Any], what: str) -> NDArray[np.int64]:
+def _satisfying(mesh: Marked, predicate: Callable[[Any], Any], what: str) -> NDArray[np.int64]:
     try:
         mask = np.asarray(predicate(mesh.p.copy()))
     except Exception as error:
@@ -159,7 +184,7 @@ def _satisfying(mesh: SimplexMesh, predicate: Callable[[Any], Any], what: str) -
     return np.flatnonzero(mask)
 
 
-def _listed(mesh: SimplexMesh, given: Any, what: str) -> NDArray[np.int64]:
+def _listed(mesh: Marked, given: Any, what: str) -> NDArray[np.int64]:
     """Vertex ids as they are given, or those of a mask."""
     ids = _array(given)
     if ids is None or ids.ndim != 1:
@@ -180,3 +205,57 @@ def _listed(mesh: SimplexMesh, given: Any, what: str) -> NDArray[np.int64]:
 def _array(given: Any) -> NDArray[Any] | None:
     """Ids or a mask; None for what is neither."""
     return vertices_of(given) if isinstance(given, DofsView) else whole_array(given)
+
+
+def vertices_of(view: DofsView) -> NDArray[Any]:
+    """Vertices of the view, in its own order; whether they are of a certain mesh is not looked at."""
+    return np.arange(view.obj.topo.nvertices)[view.nodal_ix]
+
+
+def dofs_of(mesh: Simplices, view: DofsView, what: str) -> NDArray[np.int64]:
+    """Degrees of freedom of the view on this mesh, ascending; components that were dropped from it are not among them.
+
+    Raises
+    ------
+    RegionError
+        as `refuse_foreign`.
+
+    >>> import skfem
+    >>> from skfem_stvk import SimplexMesh
+    >>> square = skfem.MeshTri()
+    >>> view = skfem.Basis(square, skfem.ElementVector(skfem.ElementTriP1())).get_dofs(lambda x: x[0] == 0)
+    >>> vertices_of(view), dofs_of(SimplexMesh.of(square), view.keep("u^2"), "fixed")
+    (array([0, 2]), array([1, 5]))
+    """
+    refuse_foreign(mesh, view, what)
+    return np.unique(view.obj.nodal_dofs[view.nodal_rows][:, view.nodal_ix]).astype(np.int64)
+
+
+def refuse_foreign(mesh: Simplices, view: DofsView, what: str) -> None:
+    """Refuse degrees of freedom that are not those of the displacements of this mesh.
+
+    Raises
+    ------
+    RegionError
+        if the view is of a basis on another mesh, or of another element than vectors that are linear on each simplex.
+    """
+    dofs, numbers = view.obj, np.arange(mesh.p.size).reshape(mesh.nv, mesh.d).T
+    p = dofs.topo.doflocs[:, : dofs.topo.nvertices]
+    if p.shape != mesh.p.shape or np.abs(p - mesh.p).max() > SAME_PLACE * np.ptp(mesh.p, axis=1).max():
+        difference = f"{p.shape[1]} vertices in {p.shape[0]}D" if p.shape != mesh.p.shape else "as many vertices elsewhere"
+        raise RegionError(
+            f"{what}: scikit-fem's degrees of freedom are of another mesh, with {difference}; this one has {mesh.nv} vertices in "
+            f"{mesh.d}D. Take them from a basis on the mesh of the system."
+        )
+    others = dofs.facet_dofs.size + dofs.edge_dofs.size + dofs.interior_dofs.size
+    if others or not np.array_equal(dofs.nodal_dofs, numbers):
+        raise RegionError(
+            f"{what}: scikit-fem's degrees of freedom are of {_in_words(dofs.element)}; expected those of linear vectors with {mesh.d} "
+            "components, such as ElementVector(ElementTetP1()). Vertices alone can be given by their ids: view.nodal_ix."
+        )
+
+
+def _in_words(element: Any) -> str:
+    """An element in words, with the one that a vector element repeats."""
+    inner = getattr(element, "elem", None)
+    return type(element).__name__ + (f"({type(inner).__name__}())" if inner is not None else "")

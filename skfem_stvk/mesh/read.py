@@ -1,20 +1,24 @@
-"""Mesh files of all formats that meshio reads."""
+"""Mesh files of all formats that meshio reads, each a regular file that holds what it declares; nothing is printed."""
 
 from __future__ import annotations
 
+import gzip
+from contextlib import redirect_stderr, redirect_stdout
+from importlib.resources import as_file, files
+from io import StringIO
 from pathlib import Path
-from typing import Any
+from tempfile import TemporaryDirectory
 
 import meshio
 import numpy as np
-from numpy.typing import NDArray
 
-from ..errors import MeshError, name_ids, warn
-from .cells import corners, count_cells, inner_nodes, simplex_dimension
-from .files import check_cells, load
-from .formats import Damaged
-from .groups import cell_groups, facet_groups, node_groups, pick
-from .simplices import KINDS, SimplexMesh
+from ..errors import MeshError
+from .content import check_cells, content_of
+from .formats import CHECKS, READERS, Counts, Damaged
+from .simplices import SimplexMesh
+
+#: A packed file is unpacked to at most as many times its size; text of meshes packs to a third or a tenth.
+MOST_UNPACKED = 50
 
 
 def read_mesh(path: str | Path) -> SimplexMesh:
@@ -44,127 +48,112 @@ def read_mesh(path: str | Path) -> SimplexMesh:
     ['bracket', 'bushing']
     """
     path = Path(path)
-    return simplices_of(load(path), str(path))
+    return SimplexMesh.made_of(content_of(load(path), str(path)), str(path))
 
 
-def simplices_in_memory(raw: meshio.Mesh) -> SimplexMesh:
-    """The simplices of a mesh of meshio's, as `read_mesh` takes them of a file."""
+def embedded_mesh() -> SimplexMesh:
+    """An angle bracket [m] with a fillet, a bolt hole and a bushing of its own subdomain, meshed by Gmsh.
+
+    Subdomains 'bracket' and 'bushing'; boundaries 'bolt' (the wall of the hole in the base) and 'bore' (inside the
+    bushing). Half of the elements are turned round. Made by `python -m validation.meshes`.
+    """
+    with as_file(files("skfem_stvk.mesh") / "data" / "bracket.msh") as path:
+        return read_mesh(path)
+
+
+def load(path: Path) -> meshio.Mesh:
+    """Points, cells, groups and data of the file.
+
+    Raises
+    ------
+    MeshError
+        if the file is missing, empty, no regular file, of an unknown format or damaged, or needs a package that is not installed.
+    """
+    check_file(path)
     try:
-        check_cells(raw)
+        if path.suffix.lower() == ".gz":
+            return unpacked(path)
+        return checked(path)
     except Damaged as error:
-        raise MeshError(f"The meshio.Mesh is no whole mesh: {error}.") from error
-    return simplices_of(raw, "The meshio.Mesh")
+        raise damaged(path, str(error)) from error
+    except PermissionError as error:
+        raise MeshError(f"{path} may not be read: {error.strerror}. Change its permissions, or copy it.") from error
+    except ModuleNotFoundError as error:
+        raise MeshError(
+            f"Reading {path.suffix} files needs the package {error.name}, which is not installed: pip install {error.name}"
+        ) from error
+    except MemoryError as error:
+        raise MeshError(f"{path} declares more than there is memory for. Is it damaged? Write it anew.") from error
+    except Exception as error:
+        raise damaged(path, f"{type(error).__name__}: {error}") from error
 
 
-def simplices_of(raw: meshio.Mesh, name: str) -> SimplexMesh:
-    """The simplices of what was read, or of a mesh of meshio's that was made in memory; `name` stands for it in messages."""
-    k = dimension(raw, name)
-    warn_of_cells(raw, k)
+def checked(path: Path) -> meshio.Mesh:
+    """The content of a file that was looked through before and after it was read."""
+    ending = path.suffix.lower()
+    if ending in READERS:
+        mesh = READERS[ending](path)
+    else:
+        counts: Counts = CHECKS[ending](path) if ending in CHECKS else (None, None)
+        mesh = quietly(path)
+        check_counts(mesh, counts)
+    check_cells(mesh)
+    return mesh
+
+
+def quietly(path: Path) -> meshio.Mesh:
+    """What meshio reads, with what it prints in its errors."""
+    printed = StringIO()
     try:
-        sets = cell_groups(raw, k)
-        t, subdomains = corners(raw.cells, k), pick(sets, raw, k)
-        if "gmsh:physical" in raw.cell_data:
-            t, subdomains = merge_copies(t, subdomains)
-        facets = facet_groups(raw, sets, k)
-        whole = SimplexMesh(raw.points.T, t)
-    except MeshError as error:
-        raise MeshError(f"{name}: {error}") from error
-    used = np.unique(whole.t)
-    inner = inner_nodes(raw.cells)
-    warn_of_vertices(whole, used, inner)
-    number = np.full(whole.nv, -1, dtype=np.int32)
-    number[used] = np.arange(len(used))
-    boundaries = {key: number[ids] for key, ids in facets_on(used, facets).items()}
-    node_sets = {key: number[ids] for key, ids in nodes_on(used, inner, node_groups(raw, sets, k)).items()}
-    return SimplexMesh(flatten(whole.p[:, used], k), number[whole.t], subdomains, boundaries, node_sets)
+        with redirect_stdout(printed), redirect_stderr(StringIO()), np.errstate(over="ignore"):
+            return meshio.read(path)
+    except SystemExit as error:  # how meshio gives up, after printing why
+        raise Damaged(" ".join(printed.getvalue().split()) or "meshio does not say why") from error
+    except KeyError as error:  # how meshio looks up ids
+        raise Damaged(f"it names {error.args[0]!r}, which is not defined in it") from error
 
 
-def dimension(raw: meshio.Mesh, name: str) -> int:
-    """The highest dimension of the cells, if there are simplices among those."""
-    filled = [block for block in raw.cells if len(block)]
-    if not filled:
-        raise MeshError(f"{name} holds no cells. Is it cut off, or a cloud of points?")
-    k = max(block.dim for block in filled)
-    if k > 0 and any(simplex_dimension(block.type) == k for block in filled):
-        return k
-    raise MeshError(
-        f"{name} holds no {KINDS.get(k, 'simplices')}: {count_cells(filled)} came; expected tetrahedra, triangles or segments. "
-        "Hexahedra and quadrilaterals can be split: mesh.to_meshtet(), mesh.to_meshtri() in scikit-fem."
+def unpacked(path: Path) -> meshio.Mesh:
+    """The content of a file that gzip has packed."""
+    most = MOST_UNPACKED * path.stat().st_size + 1_000_000
+    with gzip.open(path) as file:
+        content = file.read(most + 1)
+    if len(content) > most:
+        raise Damaged(f"it unpacks to more than {MOST_UNPACKED} times its size; unpack it yourself if that is right")
+    with TemporaryDirectory() as folder:
+        plain = Path(folder) / path.stem
+        plain.write_bytes(content)
+        return checked(plain)
+
+
+def check_counts(mesh: meshio.Mesh, counts: Counts) -> None:
+    """Refuse a mesh that is not what was declared."""
+    for what, declared, read in zip(("nodes", "cells"), counts, (len(mesh.points), sum(map(len, mesh.cells))), strict=True):
+        if declared is not None and declared != read:
+            raise Damaged(f"{declared} {what} are declared, {read} were read")
+
+
+def check_file(path: Path) -> None:
+    """Refuse what is no regular file, of an unknown format, or empty."""
+    try:
+        if not path.is_file():
+            what = "is no regular file" if path.exists() else "is no file"
+            raise MeshError(f"{path} {what}; expected the path of a mesh file. Is the path relative to another folder?")
+    except OSError as error:
+        raise MeshError(f"{path} may not be read: {error.strerror}. Change the permissions of its folder, or copy it.") from error
+    endings = {ending.lower() for ending in (path.suffix, "".join(path.suffixes[-2:]))}
+    if not endings & set(meshio.extension_to_filetypes):
+        raise MeshError(
+            f"{path} has the unknown extension {path.suffix!r}; known: {', '.join(sorted(meshio.extension_to_filetypes))}. "
+            "Rename the file if it is of one of these formats, or convert it."
+        )
+    if path.stat().st_size == 0:
+        raise MeshError(f"{path} is empty. Did the program that writes it fail, or is it still writing?")
+
+
+def damaged(path: Path, reason: str) -> MeshError:
+    """The error for a file that does not hold together."""
+    again = "Write it anew" + (", from Gmsh with Mesh.SaveAll = 0." if path.suffix.lower() == ".msh" else ".")
+    return MeshError(
+        f"{path} could not be read: {reason.rstrip('.: ')}. Is it cut off, or not really a {path.suffix} file? {again}"
     )
-
-
-def warn_of_cells(raw: meshio.Mesh, k: int) -> None:
-    """Warn of cells that carry volume but are no simplices, and of simplices with more than their corners."""
-    carriers = [block for block in raw.cells if len(block) and block.dim == k]
-    others = [block for block in carriers if simplex_dimension(block.type) != k]
-    if others:
-        warn(f"{count_cells(others)} are left out: only {KINDS[k]} are used. Split them if the body goes on there.")
-    higher = [block for block in carriers if simplex_dimension(block.type) == k and block.data.shape[1] > k + 1]
-    if higher:
-        warn(
-            f"{count_cells(higher)} are of higher order: their corner vertices are used and their curved edges are taken as straight."
-        )
-
-
-def warn_of_vertices(mesh: SimplexMesh, used: NDArray[Any], inner: NDArray[Any]) -> None:
-    """Warn of vertices that no element and no element of higher order has."""
-    unused = np.setdiff1d(np.arange(mesh.nv), np.union1d(used, inner))
-    if len(unused):
-        warn(
-            f"{name_ids(unused, 'vertex')}: on none of the {KINDS[mesh.k]}, so dropped; the later ones move up. Centres of arcs, or "
-            "cells that are left out?"
-        )
-
-
-def merge_copies(t: NDArray[Any], subdomains: dict[str, NDArray[Any]]) -> tuple[NDArray[Any], dict[str, NDArray[Any]]]:
-    """Take once the elements that stand in the file once for each of their groups, as Gmsh 2.2 writes them.
-
-    Copies within one group are left for `check_mesh` to name.
-    """
-    order = np.lexsort(t)
-    starts = np.append(True, (t[:, order[1:]] != t[:, order[:-1]]).any(axis=0))
-    first = np.empty_like(order)
-    first[order] = order[starts][np.cumsum(starts) - 1]
-    kept, number = np.unique(first, return_inverse=True)
-    merged = {name: np.unique(number[ids]).astype(np.int32) for name, ids in subdomains.items()}
-    grouped = np.unique(np.concatenate([np.empty(0, dtype=np.int64), *subdomains.values()]))
-    if grouped.size < t.shape[1] or any(len(merged[name]) < len(ids) for name, ids in subdomains.items()):
-        return t, subdomains
-    return t[:, kept], merged
-
-
-def facets_on(used: NDArray[Any], boundaries: dict[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
-    """The facets whose vertices are all used, with a warning of the others."""
-    kept = {}
-    for name, facets in boundaries.items():
-        good = np.isin(facets, used).all(axis=0)
-        bad = np.flatnonzero(~good)
-        if len(bad):
-            warn(f"Boundary {name!r}: {name_ids(bad, 'facet')} of {facets.shape[1]} are left out: they have dropped vertices.")
-        if good.any():
-            kept[name] = facets[:, good]
-    return kept
-
-
-def nodes_on(used: NDArray[Any], inner: NDArray[Any], sets: dict[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
-    """The nodes that are used, with a warning of others that are not inside elements of higher order; no empty sets."""
-    kept = {}
-    for name, nodes in sets.items():
-        kept[name] = np.intersect1d(nodes, used)
-        lost = np.setdiff1d(nodes, np.union1d(used, inner))
-        if len(lost):
-            warn(f"Node set {name!r}: {name_ids(lost, 'vertex')} of {len(nodes)} are left out: dropped, since on no element.")
-    return {name: nodes for name, nodes in kept.items() if len(nodes)}
-
-
-def flatten(p: NDArray[np.float64], k: int) -> NDArray[np.float64]:
-    """Without the last coordinates that are the same everywhere, as far as the simplices allow.
-
-    >>> flatten(np.array([[0.0, 1, 0], [0, 0, 1], [5, 5, 5]]), k=2)
-    array([[0., 1., 0.],
-           [0., 0., 1.]])
-    """
-    d = len(p)
-    while d > k and (p[d - 1] == p[d - 1, 0]).all():
-        d -= 1
-    return p[:d]

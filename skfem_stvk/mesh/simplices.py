@@ -16,14 +16,15 @@ from skfem.mesh.mesh_dg import MeshDG
 
 from ..arguments import frozen, real_array, shown, whole_array
 from ..errors import MeshError, RegionError, name_ids, name_known, warn
-from .boundaries import NamedFacets
-from .facets import boundary_facets
+from .content import Content, content_in_memory
+from .facets import NamedFacets, boundary_facets
+from .groups import KINDS
+from .places import facets_at
 
 #: What `System` and `verify` take for a mesh: a scikit-fem mesh of segments, triangles or tetrahedra, arrays
 #: `(p, t)`, a `meshio.Mesh`, or a `SimplexMesh`.
 MeshLike: TypeAlias = Any
 
-KINDS = {1: "segments", 2: "triangles", 3: "tetrahedra"}
 LARGEST_INDEX = np.iinfo(np.int32).max
 
 
@@ -114,13 +115,19 @@ class SimplexMesh:
         if isinstance(mesh, tuple | list) and len(mesh) == 2:
             return cls(*mesh)
         if isinstance(mesh, meshio.Mesh):
-            from .read import simplices_in_memory
-
-            return simplices_in_memory(mesh)
+            return cls.made_of(content_in_memory(mesh, "The meshio.Mesh"), "The meshio.Mesh")
         raise MeshError(
             f"Expected a scikit-fem mesh, arrays (p, t), a meshio.Mesh or a SimplexMesh; got {shown(mesh)}. "
             "Files are read by read_mesh(path) or by scikit-fem."
         )
+
+    @classmethod
+    def made_of(cls, content: Content, name: str) -> SimplexMesh:
+        """The mesh of what a file or a `meshio.Mesh` holds; messages begin with its `name`."""
+        try:
+            return cls(*content)
+        except MeshError as error:
+            raise MeshError(f"{name}: {error}") from error
 
     @property
     def k(self) -> int:
@@ -167,8 +174,6 @@ class SimplexMesh:
         array([[2],
                [0]], dtype=int32)
         """
-        from .places import facets_at
-
         if not isinstance(boundaries, Mapping):
             raise RegionError(
                 f"boundaries = {shown(boundaries)}; expected places by name, such as {{'left': lambda x: x[0] == 0}}."

@@ -18,7 +18,7 @@ from ..kernels.threads import Turn
 from ..mesh import MeshLike, SimplexMesh
 from ..mesh.diagnostics import check_mesh, warn_of_flat_elements
 from ..mesh.displacements import all_finite, by_vertex
-from ..mesh.dofs_views import DofsView
+from ..mesh.places import DofsView
 from ..terms import (
     Body,
     BoundLoad,

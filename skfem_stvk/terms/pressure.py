@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 
 from ..errors import LoadError, name_ids
 from ..mesh import SimplexMesh
-from ..mesh.facets import find_facets
-from ..mesh.orientation import turned_alike
+from ..mesh.facets import find_facets, turned_alike
 from ..mesh.places import Where, describe, facets_at, in_order
 from .body import Body
 from .follower import FollowerPressure

@@ -174,10 +174,10 @@ def test_boundaries_of_a_scikit_fem_mesh_come_along(mesh):
 
 
 def test_the_facets_of_a_scikit_fem_mesh_are_not_looked_for_before_a_boundary_is_looked_at(monkeypatch):
-    from skfem_stvk.mesh import boundaries
+    from skfem_stvk.mesh import facets
 
     mesh = skfem.MeshTet().refined(1).with_boundaries({"wall": lambda x: x[0] == 0})
-    monkeypatch.setattr(boundaries, "facets_of", lambda *a: pytest.fail("looked for facets"))
+    monkeypatch.setattr(facets, "facets_of", lambda *a: pytest.fail("looked for facets"))
     simplices = SimplexMesh.of(mesh)
     assert "wall" in simplices.boundaries and list(simplices.boundaries) == ["wall"] and "wall" in repr(simplices.boundaries)
     assert SimplexMesh.of(skfem.MeshTet()).boundaries == {}

@@ -117,13 +117,13 @@ def test_quadrilaterals_among_triangles_are_left_out_with_a_warning(tmp_path):
 @pytest.mark.parametrize(
     ("cells", "message"),
     [
-        ([("hexahedron", HEXAHEDRON)], r"no tetrahedra: 1 hexahedron cells came; .*mesh.to_meshtet\(\)"),
-        ([("hexahedron", HEXAHEDRON), ("quad", [[0, 1, 2, 3]]), ("line", [[0, 1]])], "1 hexahedron, 1 quad and 1 line cells came"),
-        ([("quad", [[0, 1, 2, 3]]), ("line", [[0, 1]])], r"no triangles: 1 quad and 1 line cells came.*mesh.to_meshtri\(\)"),
-        ([("vertex", [[0], [1]])], "no simplices: 2 vertex cells came; expected tetrahedra, triangles or segments"),
+        ([("hexahedron", HEXAHEDRON)], r"no tetrahedra; .*got 1 hexahedron cells.*mesh.to_meshtet\(\)"),
+        ([("hexahedron", HEXAHEDRON), ("quad", [[0, 1, 2, 3]]), ("line", [[0, 1]])], "got 1 hexahedron, 1 quad and 1 line cells"),
+        ([("quad", [[0, 1, 2, 3]]), ("line", [[0, 1]])], r"no triangles; .*got 1 quad and 1 line cells.*mesh.to_meshtri\(\)"),
+        ([("vertex", [[0], [1]])], "no simplices; expected tetrahedra, triangles or segments, got 2 vertex cells"),
     ],
 )
-def test_a_file_without_simplices_is_refused_with_what_came(cells, message, tmp_path):
+def test_a_file_without_simplices_is_refused_with_what_it_holds(cells, message, tmp_path):
     with pytest.raises(MeshError, match=message):
         read_mesh(write(tmp_path / "mesh.vtu", CUBE, cells))
 
@@ -186,7 +186,7 @@ def test_facets_on_dropped_vertices_leave_their_boundary_with_a_warning(tmp_path
 
 
 def test_empty_blocks_do_not_count(tmp_path):
-    from skfem_stvk.mesh import read
+    from skfem_stvk.mesh import content
 
     raw = meshio.Mesh(np.array(CUBE, dtype=float), [("triangle", [[0, 1, 2], [0, 2, 3]]), ("tetra", np.empty((0, 4), dtype=int))])
-    assert read.dimension(raw, "mesh") == 2
+    assert content.dimension(raw, "mesh") == 2

@@ -10,20 +10,19 @@ from pathlib import Path
 
 import meshio
 
-from . import abaqus, ansys, counted, gmsh, medit, ply, uncounted, vtk, vtu, xml_meshes
-from .source import Damaged, Source
-from .uncounted import Counts
+from . import abaqus, counted, gmsh, sections, uncounted, vtk, xml_files
+from .source import Counts, Damaged, Source
 
 
 def msh(path: Path) -> Counts:
     """Gmsh's files, or Fluent's, which begin with a bracket; meshio writes the latter unless it is told which."""
     with Source(path) as source:
         fluent = source.line().startswith("(")
-    return ansys.check(path) if fluent else gmsh.check(path)
+    return sections.fluent(path) if fluent else gmsh.check(path)
 
 
 #: Readers of this package, by the ending of a file.
-READERS: dict[str, Callable[[Path], meshio.Mesh]] = {".inp": abaqus.read, ".vtk": vtk.read, ".vtu": vtu.read}
+READERS: dict[str, Callable[[Path], meshio.Mesh]] = {".inp": abaqus.read, ".vtk": vtk.read, ".vtu": xml_files.read}
 #: What looks through a file before meshio reads it, by its ending: numbers of nodes and of elements.
 CHECKS: dict[str, Callable[[Path], Counts]] = {
     ".msh": msh,
@@ -33,9 +32,9 @@ CHECKS: dict[str, Callable[[Path], Counts]] = {
     ".off": counted.off,
     ".avs": counted.avs,
     ".ugrid": counted.ugrid,
-    ".ply": ply.check,
-    ".mesh": medit.text,
-    ".meshb": medit.binary,
+    ".ply": counted.ply,
+    ".mesh": sections.medit,
+    ".meshb": sections.medit_binary,
     ".bdf": uncounted.nastran,
     ".fem": uncounted.nastran,
     ".nas": uncounted.nastran,
@@ -49,9 +48,9 @@ CHECKS: dict[str, Callable[[Path], Counts]] = {
     ".vol": uncounted.netgen,
     ".dat": uncounted.tecplot,
     ".tec": uncounted.tecplot,
-    ".xml": xml_meshes.dolfin,
-    ".xdmf": xml_meshes.xdmf,
-    ".xmf": xml_meshes.xdmf,
+    ".xml": xml_files.dolfin,
+    ".xdmf": xml_files.xdmf,
+    ".xmf": xml_files.xdmf,
 }
 
 __all__ = ["CHECKS", "READERS", "Counts", "Damaged"]

@@ -10,8 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import name_ids
-from .cell_types import ABAQUS, NODES
-from .source import Damaged, Source, check_known, check_last_line, check_unique
+from .source import ABAQUS, NODES, Damaged, Source, check_known, check_last_line, check_unique
 
 Ids = NDArray[np.int64]
 #: Keyword, options and data lines in words.

@@ -8,8 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .cell_types import GMSH, NODES
-from .source import Damaged, Source, check_known, check_unique, count_of
+from .source import GMSH, NODES, Damaged, Source, check_known, check_unique, count_of
 
 Ids = NDArray[np.int64]
 #: meshio makes arrays as long as the largest tag of a node. Larger tags than these and the size of the file are refused.

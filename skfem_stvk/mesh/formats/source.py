@@ -1,4 +1,4 @@
-"""The content of a mesh file in order, where nothing is taken for granted that the file declares."""
+"""The content of a mesh file in order, where nothing is taken for granted that the file declares; and types of cells by their names."""
 
 from __future__ import annotations
 
@@ -9,9 +9,27 @@ from types import TracebackType
 from typing import Any
 
 import numpy as np
+from meshio._common import num_nodes_per_cell
+from meshio._mesh import topological_dimension
+from meshio._vtk_common import vtk_to_meshio_type
+from meshio.abaqus._abaqus import abaqus_to_meshio_type
+from meshio.gmsh.common import _gmsh_to_meshio_type
 from numpy.typing import NDArray
 
 from ...errors import name_ids
+
+#: Numbers of nodes and of elements that a file declares; None for what it does not.
+Counts = tuple[int | None, int | None]
+
+
+#: Number of nodes of a cell by meshio's name of its type; types that are not in it have cells of several sizes.
+NODES: dict[str, int] = num_nodes_per_cell
+#: meshio's names by the numbers or names of the formats.
+VTK: dict[int, str] = {
+    kind: name for kind, name in vtk_to_meshio_type.items() if name in topological_dimension and name != "polyhedron"
+}
+ABAQUS: dict[str, str] = {**abaqus_to_meshio_type, "C3D4H": "tetra", "CPE3": "triangle", "CPS6": "triangle6"}
+GMSH: dict[int, str] = _gmsh_to_meshio_type
 
 
 class Damaged(Exception):

@@ -11,9 +11,8 @@ from pathlib import Path
 
 import numpy as np
 
-from .source import Damaged, Source, check_consecutive, check_known, check_last_line, check_unique, count_of
+from .source import Counts, Damaged, Source, check_consecutive, check_known, check_last_line, check_unique, count_of
 
-Counts = tuple[int | None, int | None]
 #: meshio makes arrays as long as the largest id of an element of FLAC3D's. Larger ones than this and the size of the file are refused.
 LARGEST_ID = 10_000_000
 #: Nodes of FLAC3D's elements.

@@ -22,7 +22,6 @@ import numpy as np
 
 from ...arguments import Array
 from ...mesh import SimplexMesh
-from ...mesh.facets import boundary_vertices
 from ...reference import ReferenceStVK
 from ..bodies import Homogeneous, volumes
 from ..case import Case
@@ -154,7 +153,7 @@ def _closed_form(
 def _patch_test(case: Case, player: Player, body: Homogeneous, yard: Yardstick, refused: str) -> dict[str, Any]:
     _refuse(case, refused)
     k = case.mesh.k
-    inner = np.setdiff1d(np.arange(case.mesh.nv), boundary_vertices(case.mesh))
+    inner = np.setdiff1d(np.arange(case.mesh.nv), case.mesh.surface)
     if not len(inner):
         raise NotApplicable("the mesh has no inner vertices")
     F = AFFINE[:k, :k]
