@@ -19,17 +19,18 @@ from ..mesh.displacements import by_vertex
 from ..results import Fields, plot
 from ..results.series import save_series
 from ..results.state import State
-from ..statics.equilibrium import SYMMETRIC, with_loads
 from ..system import System
+from ..system.free_tangent import SYMMETRIC, with_loads
 from ..system.mass import Mass
+from ..system.rigid import motions
 from ..system.system import checked_system
-from .arnoldi import nearest_vectors
 from .largest import bound_on_eigenvalues
-from .rigid_part import rigid_part
-from .shift_invert import ShiftedProblem, lowest_vectors
+from .shift_invert import ShiftedProblem, lowest_vectors, nearest_vectors
 
 #: A motion of which all but this part is rigid is rigid, if its eigenvalue is rounding: so many eps of the largest one.
 NOT_RIGID, ROUNDING = 1e-6, 1e4
+#: Singular values below this part of the largest are zero.
+ZERO = 1e-10
 #: In pictures the largest displacement is this part of the size of the body.
 SHOWN = 0.1
 #: "auto" takes a direct solver up to so many unknowns: it factorises once and solves about a hundred times.
@@ -153,9 +154,9 @@ def modes(
     moment = arguments.number("t", t, "the load factor of the equilibrium")
     kind = _kind(system, x, moment, free)
     chosen = direct(len(free)) if is_auto(solver) and len(free) <= MANY else choose(solver, len(free), kind)
-    problem = ShiftedProblem(system, with_loads(chosen, system), system.mass(mass), kind, moment)
-    vectors = (nearest_vectors if kind is Kind.GENERAL else lowest_vectors)(problem, x, n)
-    return _ritz(problem, x, np.array([problem.free.vector(vector) for vector in vectors.T]), int(n))
+    problem = ShiftedProblem(system, with_loads(chosen, system), system.mass(mass), kind, x, moment)
+    vectors = (nearest_vectors if kind is Kind.GENERAL else lowest_vectors)(problem, n)
+    return _ritz(problem, np.array([problem.free.vector(vector) for vector in vectors.T]), int(n))
 
 
 def _kind(system: System, u: Array, t: float, free: Array) -> Kind:
@@ -166,9 +167,9 @@ def _kind(system: System, u: Array, t: float, free: Array) -> Kind:
     return Kind.SYMMETRIC if abs(K - K.T).max() <= SYMMETRIC * abs(K).max() else Kind.GENERAL
 
 
-def _ritz(problem: ShiftedProblem, u: Array, vectors: Array, n: int) -> Modes:
+def _ritz(problem: ShiftedProblem, vectors: Array, n: int) -> Modes:
     """The n lowest modes in the span of the rows of `vectors` (m, ndofs), by exact products with K and M."""
-    system, mass, K = problem.system, problem.mass, problem.stiffness(u)
+    system, mass, u, K = problem.system, problem.mass, problem.u, problem.stiffness()
     images, momenta = (np.array([multiply(row) for row in vectors]) for multiply in (lambda v: K @ v, mass.multiply))
     largest = bound_on_eigenvalues(system.linear_operator(u), mass.vertex)
     rounding = ROUNDING * float(np.finfo(system.dtype).eps) * largest
@@ -179,7 +180,7 @@ def _ritz(problem: ShiftedProblem, u: Array, vectors: Array, n: int) -> Modes:
     values, c = values[:n], c[:, :n].T
     shapes, forces = c @ vectors, c @ images
     residuals = _residuals(mass, values, shapes, forces)
-    rigid = (np.abs(values) <= rounding) & (rigid_part(system, mass, u, shapes.real) >= 1 - NOT_RIGID)
+    rigid = (np.abs(values) <= rounding) & (_rigid_part(system, mass, u, shapes.real) >= 1 - NOT_RIGID)
     flutter = np.abs(values.imag) > 0
     unstable = flutter | (~rigid & (values.real < -rounding))
     omega = np.sqrt(values.astype(complex))
@@ -217,3 +218,50 @@ def _residuals(mass: Mass, values: Array, shapes: Array, forces: Array) -> Array
 def _product(a: Array, b: Array) -> Array:
     product: Array = a @ b.T
     return (product + product.T) / 2
+
+
+def _rigid_part(system: System, mass: Mass, u: Array, shapes: Array) -> Array:
+    """(n,) `|P x|^2 / |x|^2` in M for motions x, the rows of `shapes` (n, ndofs).
+
+    P projects on the rigid motions, at displacements `u` (ndofs,), of each part of the body that the supports allow.
+    """
+    mesh = system.mesh
+    where = mesh.p.T + u.reshape(-1, mesh.d)
+    part = system.parts()
+    is_held = np.zeros(system.ndofs, dtype=bool)
+    is_held[system.supports.held] = True
+    found, all_of_it = np.zeros(len(shapes)), _products(mass, shapes, shapes)
+    for own in np.split(np.argsort(part, kind="stable"), np.cumsum(np.bincount(part))[:-1]):
+        rigid = _allowed(where[own], is_held.reshape(-1, mesh.d)[own])
+        padded = np.zeros((rigid.shape[1], mesh.nv, mesh.d))
+        padded[:, own] = rigid.T.reshape(-1, len(own), mesh.d)
+        for motion in _orthonormal(mass, padded.reshape(len(padded), system.ndofs)):
+            found += (shapes @ mass.multiply(motion)) ** 2
+    return found / all_of_it
+
+
+def _allowed(x: Array, is_held: NDArray[np.bool_]) -> Array:
+    """(dofs, m) rigid motions of vertices at `x` (nv, d) that leave in place what is held."""
+    x = x - x.mean(axis=0)
+    every = motions(x / (np.linalg.norm(x, axis=1).max() or 1.0)).reshape(x.size, -1)
+    held = every[is_held.ravel()]
+    if not len(held):
+        return every
+    _, values, right = np.linalg.svd(held, full_matrices=True)
+    rank = int((values > ZERO * values.max()).sum())
+    allowed: Array = every @ right[rank:].T
+    return allowed
+
+
+def _orthonormal(mass: Mass, vectors: Array) -> Array:
+    """Rows that span the same, orthonormal in M."""
+    if not len(vectors):
+        return vectors
+    values, c = np.linalg.eigh(vectors @ np.array([mass.multiply(v) for v in vectors]).T)
+    kept = values > ZERO * values.max()
+    basis: Array = (c[:, kept] / np.sqrt(values[kept])).T @ vectors
+    return basis
+
+
+def _products(mass: Mass, a: Array, b: Array) -> Array:
+    return np.array([x @ mass.multiply(y) for x, y in zip(a, b, strict=True)])

@@ -1,22 +1,20 @@
-"""The lowest eigenpairs of (K, M), by Lanczos' method on the inverse of what is shifted below all of them."""
+"""Eigenpairs of (K, M) next to zero: by Lanczos' method on the inverse of K shifted below all of them, or by Arnoldi's if K is not symmetric."""
 
 from __future__ import annotations
 
 from typing import Any
 
 import numpy as np
-from scipy.linalg import eigh
+from scipy.linalg import eig, eigh
 from scipy.sparse import csr_matrix
 from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigs, eigsh
 
 from ..arguments import Array
-from ..edges import Tensions
 from ..errors import StvkError
 from ..linear import Factors, Kind, LinearSolver, Outcome
 from ..nonlinear.newton import usable
-from ..nonlinear.stopwatch import Stopwatch
-from ..statics.equilibrium import Equilibrium
 from ..system import FreeOperator, System
+from ..system.free_tangent import FreeTangent
 from ..system.mass import Mass
 from ..terms.load import Time
 from .largest import bound_on_eigenvalues
@@ -30,6 +28,8 @@ GROWTH, MOST = 10.0, 12
 MORE, FEW = 4, 4
 #: Eigenvalues, counted from the shift, that are this close together are one.
 SAME = 1e-6
+#: Directions of which less is left beside the others are rounding.
+SHORT = 1e-10
 #: Residual of iterative solvers.
 PRECISION = 1e-10
 
@@ -38,46 +38,51 @@ class Indefinite(Exception):
     """There are eigenvalues below the shift."""
 
 
-class ShiftedProblem(Equilibrium):
+class ShiftedProblem:
     """`K + shift M` over the free degrees of freedom, with the part in K of loads that depend on the displacements.
 
     Parameters
     ----------
     kind : what K is; "symmetric" also where loads follow the body, if it comes out so.
+    u : (ndofs,) where [m].
     t : when those loads act.
     """
 
-    def __init__(self, system: System, solver: LinearSolver, mass: Mass, kind: Kind, t: Time) -> None:
+    def __init__(self, system: System, solver: LinearSolver, mass: Mass, kind: Kind, u: Array, t: Time) -> None:
         if solver.matrix_free and mass.kind != "lumped":
             raise StvkError(
                 f"mass = {mass.kind!r} came with solver '{solver.name}', which forms no matrix; expected 'lumped', or another solver."
             )
-        self.mass, self.shift, self._t = mass, 0.0, t
-        super().__init__(system, solver, Stopwatch())
-        self._kind = kind
+        self.system, self.mass, self.kind, self.u, self.shift, self._t = system, mass, kind, u, 0.0, t
+        self._tangent = FreeTangent(system, solver, kind, lambda: u)
+        self.free = self._tangent.free
 
     @property
-    def kind(self) -> Kind:
-        """What K is."""
-        return self._kind
+    def n(self) -> int:
+        """Number of unknowns."""
+        return len(self.free.free)
 
-    def matrices(self, u: Array) -> tuple[Array, Array]:
+    @property
+    def iterative(self) -> bool:
+        """Whether linear solves iterate."""
+        return self._tangent.solver.iterative
+
+    def matrices(self) -> tuple[Array, Array]:
         """K and M over the free degrees of freedom, dense."""
         ids = np.ix_(self.free.free, self.free.free)
-        return self.system.jacobian(u, self._t).toarray().astype(np.float64)[ids], self.mass.matrix.toarray()[ids]
+        return self.system.jacobian(self.u, self._t).toarray().astype(np.float64)[ids], self.mass.matrix.toarray()[ids]
 
-    def stiffness(self, u: Array) -> Any:
-        """K, as a matrix or as an operator."""
-        return self.system.linear_operator(u) if self.solver.matrix_free else self.system.jacobian(u, self._t)
+    def stiffness(self) -> Any:
+        """K of all degrees of freedom, as a matrix or as an operator."""
+        return self.system.linear_operator(self.u) if self._tangent.solver.matrix_free else self.system.jacobian(self.u, self._t)
 
-    def inverse(self, u: Array, shift: float) -> LinearOperator:
+    def inverse(self, shift: float) -> LinearOperator:
         """`r -> (K + shift M)^-1 r`; raises Indefinite where eigenvalues are below `-shift`, now or when it is applied."""
         self.shift = shift
-        factors = self.factorise(u, self._t)
+        factors = self._tangent.factorise(self._shifted())
         if factors.negative_pivots:
             raise Indefinite
-        n = len(self.free.free)
-        return LinearOperator((n, n), matvec=lambda r: self._answer(factors, np.ravel(r)), dtype=np.float64)
+        return LinearOperator((self.n, self.n), matvec=lambda r: self._answer(factors, np.ravel(r)), dtype=np.float64)
 
     def momentum(self, x: Array) -> Array:
         """`M x` over the free degrees of freedom."""
@@ -85,42 +90,41 @@ class ShiftedProblem(Equilibrium):
         everywhere[self.free.free] = x
         return self.mass.multiply(everywhere)[self.free.free]
 
+    def _shifted(self) -> FreeOperator | csr_matrix:
+        if self._tangent.solver.matrix_free:
+            vertex = self.free.free // self.system.mesh.d
+            return FreeOperator(self._tangent.operator(self.u), self.free, self.shift * self.mass.vertex[vertex])
+        K = self._tangent.matrix(self.u, self._t)
+        self.mass.add_to(K, self.shift)
+        return self._tangent.restricted(K)
+
     def _answer(self, factors: Factors, r: Array) -> Array:
-        solution = self.solve(factors, r, PRECISION)
+        solution = factors.solve(r, PRECISION)
         if solution.outcome is Outcome.NEGATIVE_CURVATURE:
             raise Indefinite
         if not usable(solution):
-            raise StvkError(f"Modes: solver '{self.solver.name}' failed: {solution.outcome.value}. Take another solver=.")
+            name = self._tangent.solver.name
+            raise StvkError(f"Modes: solver '{name}' failed: {solution.outcome.value}. Take another solver=.")
         return solution.x
 
-    def _jacobian(self, u: Array, t: Any, kept: Tensions) -> csr_matrix:
-        K = super()._jacobian(u, t, kept)
-        self.mass.add_to(K, self.shift)
-        return K
 
-    def _free_operator(self, u: Array, kept: Tensions, shifted: bool) -> FreeOperator:
-        vertex = self.free.free // self.system.mesh.d
-        return FreeOperator(self._prepare(u, kept), self.free, self.shift * self.mass.vertex[vertex])
-
-
-def lowest_vectors(problem: ShiftedProblem, u: Array, n: int) -> Array:
-    """(n_free, m) vectors, m >= n, that span the modes of the n lowest eigenvalues at `u` (ndofs,)."""
-    unknowns = len(problem.free.free)
-    if unknowns < FEW * (n + MORE):
-        K, M = problem.matrices(u)
+def lowest_vectors(problem: ShiftedProblem, n: int) -> Array:
+    """(n_free, m) vectors, m >= n, that span the modes of the n lowest eigenvalues."""
+    if problem.n < FEW * (n + MORE):
+        K, M = problem.matrices()
         return np.asarray(eigh(K, M, subset_by_index=[0, n - 1])[1])
-    for shift in first_shift(problem, u) * GROWTH ** np.arange(MOST):
+    for shift in first_shift(problem) * GROWTH ** np.arange(MOST):
         try:
-            return _all_lowest(problem, problem.inverse(u, shift), n)
+            return _all_lowest(problem, problem.inverse(shift), n)
         except Indefinite:
             continue
     raise StvkError("Modes: K has eigenvalues below anything that could be shifted. Is `u` a state of equilibrium?")
 
 
-def first_shift(problem: ShiftedProblem, u: Array) -> float:
+def first_shift(problem: ShiftedProblem) -> float:
     """Small against the lowest eigenvalues of a body that is about as long as thick, and large against rounding [1/s^2]."""
     mesh = problem.system.mesh
-    bound = bound_on_eigenvalues(problem.system.linear_operator(u), problem.mass.vertex)
+    bound = bound_on_eigenvalues(problem.system.linear_operator(problem.u), problem.mass.vertex)
     return SHIFT * bound / mesh.nv ** (2 / mesh.k)
 
 
@@ -139,6 +143,42 @@ def _all_lowest(problem: ShiftedProblem, inverse: LinearOperator, n: int) -> Arr
         values, vectors = np.append(values, value), np.hstack([vectors, vector])
 
 
+def nearest_vectors(problem: ShiftedProblem, n: int) -> Array:
+    """(n_free, m) real vectors, m >= n, whose span has the modes of the n eigenvalues nearest to zero.
+
+    Complex modes come in pairs `x, conj(x)`, which the real and the imaginary part of x span.
+    """
+    if problem.n < FEW * (n + MORE):
+        values, vectors = eig(*problem.matrices())
+        return _real_basis(problem, vectors[:, np.argsort(np.abs(values))[:n]])
+    return _all_nearest(problem, problem.inverse(first_shift(problem)), n)
+
+
+def _all_nearest(problem: ShiftedProblem, inverse: LinearOperator, n: int) -> Array:
+    """As `nearest_vectors`; searched again across all that was found until nothing there is nearer, as where K is symmetric.
+
+    What is found spans an invariant subspace, so that the eigenvalues which are left are those of the operator across it in M.
+    """
+    values, vectors = krylov(problem, inverse, n + MORE, np.empty((inverse.shape[0], 0)))
+    basis, distances = _real_basis(problem, vectors), np.abs(values + problem.shift)
+    while True:
+        value, vector = krylov(problem, inverse, 1, basis)
+        distance = np.abs(value + problem.shift)
+        if distance[0] >= (1 - SAME) * np.sort(distances)[n - 1]:
+            return basis
+        basis, distances = _real_basis(problem, np.hstack([basis, vector])), np.append(distances, distance)
+
+
+def _real_basis(problem: ShiftedProblem, vectors: Array) -> Array:
+    """(n_free, m) real vectors, orthonormal in M, that span the real and imaginary parts of the columns of `vectors`."""
+    parts = np.hstack([vectors.real, vectors.imag])
+    momenta = np.array([problem.momentum(part) for part in parts.T]).T
+    sizes, c = eigh(parts.T @ momenta)
+    kept = sizes > SHORT * sizes.max()
+    basis: Array = parts @ (c[:, kept] / np.sqrt(sizes[kept]))
+    return basis
+
+
 def krylov(problem: ShiftedProblem, inverse: LinearOperator, n: int, known: Array) -> tuple[Array, Array]:
     """Eigenvalues and vectors (n_free, n) nearest to the shift, M-orthogonal to those that are known, from always the same start on.
 
@@ -153,7 +193,7 @@ def krylov(problem: ShiftedProblem, inverse: LinearOperator, n: int, known: Arra
     M = LinearOperator(inverse.shape, matvec=lambda x: problem.momentum(np.ravel(x)), dtype=np.float64)
     start = np.random.default_rng(known.shape[1]).standard_normal(inverse.shape[0])
     start -= known @ (momenta @ start)
-    tolerance = PRECISION if problem.solver.iterative else 0.0
+    tolerance = PRECISION if problem.iterative else 0.0
     across = LinearOperator(inverse.shape, matvec=solved, dtype=np.float64)
     solve = eigs if problem.kind is Kind.GENERAL else eigsh
     try:

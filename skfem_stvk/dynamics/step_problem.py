@@ -1,7 +1,8 @@
-"""The equation of one implicit step, as part 3's Newton method wants it."""
+"""The equation of one implicit step as a nonlinear problem."""
 
 from __future__ import annotations
 
+from enum import Enum
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -9,23 +10,21 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_matrix
 
 from ..arguments import Array
-from ..edges import ALL, NONE, Tensions
+from ..edges import ALL, NONE, TENSILE, Tensions
 from ..errors import StateError
 from ..linear import Factors, Kind, LinearSolver, Outcome, Solution, Unknowns
 from ..linear.block_cg import BlockJacobiAnalysis, BlockJacobiCg, BlockJacobiFactors
 from ..linear.cg import EdgeFactors
-from ..nonlinear.problem import Residual, dot, norm
-from ..nonlinear.problem import Tangent as Attempted
+from ..nonlinear.problem import Residual, Tangent, dot, norm
 from ..nonlinear.stopwatch import Stopwatch
-from ..statics.equilibrium import Equilibrium, kind_of
+from ..results.monitors import named_elements
 from ..system import FreeOperator, System, TangentOperator
-from ..system.rigid import rigid_modes
+from ..system.free_tangent import FreeTangent, kind_of
 from ..terms.load import Moment, Time
 from .forces import add_damping_force, add_mean_force, add_secant_damping
 from .motion import Motion
 from .start_tensions import StartTensions
 from .state import State
-from .tangents import Tangent
 
 #: Linear solves of Newton's method are as precise as this at least, so that it converges as with a direct solver, for a sixth more time than with
 #: 1e-5: with that, and where `rtol` allows much, small steps of Newmark's method were off by 1e-5 in place of 3e-9. With those of an inexact Newton
@@ -33,6 +32,28 @@ from .tangents import Tangent
 PRECISE = 1e-8
 #: A residual that falls by less than this factor in an iteration falls slowly.
 SLOW = 0.5
+
+
+class StepTangent(Enum):
+    """What stands in for the tangent stiffness in an implicit integrator, by its name in the integrator's options.
+
+    exact           K
+    clamped         without negative tensions of edges: positive semi-definite
+    gauss-newton    without any tension: 2 J'LJ
+    diagonal        the diagonal blocks alone (Debunne 2001, Mueller 2001): no solve, but forces reach no further than one vertex per step
+    rest            K(0), made and factorised once: wrong under rotation
+    """
+
+    EXACT = "exact"
+    CLAMPED = "clamped"
+    GAUSS_NEWTON = "gauss-newton"
+    DIAGONAL = "diagonal"
+    REST = "rest"
+
+    @property
+    def kept(self) -> Tensions:
+        """The tensions that stay in it."""
+        return {StepTangent.CLAMPED: TENSILE, StepTangent.GAUSS_NEWTON: NONE}.get(self, ALL)
 
 
 class Coefficients(NamedTuple):
@@ -54,9 +75,9 @@ class Coefficients(NamedTuple):
     rest: Array | float = 0.0
 
 
-def kind_of_step(system: System, tangent: Tangent) -> Kind:
+def kind_of_step(system: System, tangent: StepTangent) -> Kind:
     """What the tangent of a step is: diagonal blocks and K(0) are symmetric, for they have nothing of loads that follow the body."""
-    return Kind.SYMMETRIC if tangent in (Tangent.DIAGONAL, Tangent.REST) else kind_of(system)
+    return Kind.SYMMETRIC if tangent in (StepTangent.DIAGONAL, StepTangent.REST) else kind_of(system)
 
 
 class _Parts(NamedTuple):
@@ -67,8 +88,8 @@ class _Parts(NamedTuple):
     kept: Tensions
 
 
-class StepProblem(Equilibrium):
-    """One step from `u_0`, whose unknown is the displacement `w` over the step: what `Equilibrium` calls `u` is `w` here.
+class StepProblem:
+    """One step from `u_0` as a `Problem`, whose state is the displacement `w` (ndofs,) over the step.
 
     Of `u_1` itself, rounding would leave `eps |u| / |w|` of the velocities.
 
@@ -79,25 +100,41 @@ class StepProblem(Equilibrium):
         bodies that vibrate faster than the steps they say nothing. K at the middle, where a body that turns has shrunk, does not do: a
         spinning block of 1e9 Pa took 20 times the iterations.
     secant : whether edge damping takes the rate of the squared elongations from their difference over the step; otherwise from velocities.
+
+    Attributes
+    ----------
+    tangent : K with masses and damping over the free degrees of freedom, and what solves with it.
+    free : the free and held degrees of freedom.
+    full : (ndofs,) the last residual, at held degrees of freedom the reaction [N].
     """
 
     def __init__(
-        self, motion: Motion, solver: LinearSolver, tangent: Tangent, watch: Stopwatch, mean: bool = False, secant: bool = False
+        self, motion: Motion, solver: LinearSolver, chosen: StepTangent, watch: Stopwatch, mean: bool = False, secant: bool = False
     ) -> None:
-        self.motion, self._tangent, self._mean, self._secant = motion, tangent, mean, secant
+        self.motion, self.system, self._watch = motion, motion.system, watch
+        self._chosen, self._mean, self._secant = chosen, mean, secant
         n = motion.system.ndofs
-        self._u0, self._offset, self._force, self._arrived, self._at, self.full = (np.zeros(n) for _ in range(6))
+        self._u0, self._offset, self._force, self._arrived, self._at, self._w, self.full = (np.zeros(n) for _ in range(7))
         self._rest: Any = None  # K(0)
-        self._tensions = StartTensions(motion.system) if mean and tangent is not Tangent.REST else None
+        self._tensions = StartTensions(motion.system) if mean and chosen is not StepTangent.REST else None
         self._rest_factors: tuple[Any, Factors] | None = None
-        self._free_tangent: FreeOperator | None = None
-        super().__init__(motion.system, solver, watch)
-        self._kind = kind_of_step(motion.system, tangent)
+        self._free_operator: FreeOperator | None = None
+        with watch("factor"):
+            self.tangent = FreeTangent(motion.system, solver, kind_of_step(motion.system, chosen), lambda: self._u0 + self._w)
+        self.free = self.tangent.free
         self._diagonal = (
             BlockJacobiAnalysis(BlockJacobiCg(), _by_vertex(self.free.free, motion.system.mesh.d))
-            if tangent is Tangent.DIAGONAL
+            if chosen is StepTangent.DIAGONAL
             else None
         )
+
+    @property
+    def iterative(self) -> bool:
+        return self.tangent.solver.iterative
+
+    @property
+    def quartic(self) -> bool:
+        return self.system.dead and self.system.quartic and not self._mean and not self.motion.tau
 
     def begin(self, state: State, coefficients: Coefficients) -> None:
         """A step from this state."""
@@ -126,67 +163,104 @@ class StepProblem(Equilibrium):
             self.full -= self.motion.loads(self._u0, t)
             return self.full
 
-    def residual(self, u: Array, t: Time) -> Residual:
-        """What is not in balance after the step `w = u` (ndofs,)."""
+    def residual(self, w: Array, t: Time) -> Residual:
         with self._watch("assemble"):
-            loads = self.motion.loads(self._u0 + u, Moment.of(t).time)
-            internal = self._internal_force(u)
-            inertia = self._linear(u)
+            loads = self.motion.loads(self._u0 + w, Moment.of(t).time)
+            internal = self._internal_force(w)
+            inertia = self._linear(w)
             free = self.free.free
             scale = norm(inertia[free]) + norm(self._offset[free]) + norm(internal[free]) + norm(loads[free])
             self.full = inertia - self._offset + internal - loads
             size = norm(self.full[free])
             if not np.isfinite(size + scale):
-                raise StateError(f"The residual overflows at displacements of up to {np.abs(self._u0 + u).max():.1e}.")
+                raise StateError(f"The residual overflows at displacements of up to {np.abs(self._u0 + w).max():.1e}.")
             if size > SLOW * self._before:
                 self._with_tensions = False
             self._before = size
             return Residual(self.full[free], size, scale)
 
-    def round_off(self, u: Array, t: Time) -> float:
+    def round_off(self, w: Array, t: Time) -> float:
         with self._watch("assemble"):
-            u1 = self._u0 + u
+            u1 = self._u0 + w
             sums = self.system.round_off(u1) + np.abs(self.system.external_force(u1, t)) + np.abs(self._offset)
-            sums += self.motion.mass.multiply(np.abs(u)) * self._inertia_factor
+            sums += self.motion.mass.multiply(np.abs(w)) * self._inertia_factor
             return float(np.finfo(float).eps) * norm(sums[self.free.free])
 
-    def step_limit(self, u: Array, v: Array) -> float:
-        return super().step_limit(self._u0 + u, v)
+    def direction(self, x: Array) -> Array:
+        return self.free.vector(x)
 
-    def inside_out(self, u: Array) -> NDArray[np.int64]:
-        return super().inside_out(self._u0 + u)
+    def slope(self, residual: Residual, v: Array) -> float:
+        return float(residual.free @ v[self.free.free])
 
-    @property
-    def quartic(self) -> bool:
-        return super().quartic and not self._mean and not self.motion.tau
-
-    def energy_along(self, u: Array, v: Array, t: Time) -> Array:
-        """(5,) coefficients along `w + s v` of what an implicit step is the minimum of, but for the constant one."""
-        c = super().energy_along(self._u0 + u, v, t)
-        Av = self._linear(v)
-        c[1] += dot(Av, u) - dot(self._offset, v)
-        c[2] += dot(Av, v) / 2
-        return c
-
-    def factorise(self, u: Array, t: Time, tangent: Attempted = Attempted.EXACT) -> Factors:
+    def factorise(self, w: Array, t: Time, tangent: Tangent = Tangent.EXACT) -> Factors:
         """The tangent that was chosen; those that Newton's method falls back on are as in statics, but for K(0), which is what it is."""
-        if self._tangent is Tangent.REST:
-            key = self._c, self._g
-            if self._rest_factors is None or self._rest_factors[0] != key:
-                self._rest_factors = key, super().factorise(u, t)
-            return self._rest_factors[1]
-        if self._diagonal is not None and tangent is Attempted.EXACT:
-            with self._watch("factor"):
-                return _Diagonal(self._diagonal.factorise(self._free_operator(u, ALL, shifted=False), self._kind))
-        return super().factorise(u, t, tangent)
+        if self._chosen is not StepTangent.REST:
+            return self._factorise(w, t, tangent)
+        key = self._c, self._g
+        if self._rest_factors is None or self._rest_factors[0] != key:
+            self._rest_factors = key, self._factorise(w, t, Tangent.EXACT)
+        return self._rest_factors[1]
 
-    def take_over(self, u: Array, t: Time) -> bool:
+    def _factorise(self, w: Array, t: Time, tangent: Tangent) -> Factors:
+        K: Any
+        exact = tangent is Tangent.EXACT
+        kept, self._w = self._chosen.kept if exact else TENSILE, w
+        if self._diagonal is not None and exact:
+            with self._watch("factor"):
+                return _Diagonal(self._diagonal.factorise(self._operator(w, kept), self.tangent.kind))
+        with self._watch("assemble"):
+            if self.tangent.solver.matrix_free:
+                K = self._operator(w, kept)
+            else:
+                K = self.tangent.restricted(self._matrix(w, t, kept))
+                if tangent is Tangent.SHIFTED:
+                    K.setdiag(K.diagonal() + self.tangent.shift(K.diagonal()))
+        with self._watch("factor"):
+            return self.tangent.factorise(K, exact)
+
+    def solve(self, factors: Factors, b: Array, rtol: float) -> Solution:
+        """The solution of `K x = b`, as precise as `PRECISE` at least."""
+        with self._watch("solve"):
+            return factors.solve(b, min(rtol, PRECISE))
+
+    def take_over(self, w: Array, t: Time) -> bool:
         """Never: with the mass on its diagonal K is not so ill-conditioned."""
         return False
 
-    def solve(self, factors: Factors, b: Array, rtol: float, start: Array | None = None, out: Array | None = None) -> Solution:
-        """As in statics, precisely."""
-        return super().solve(factors, b, min(rtol, PRECISE), start, out)
+    def negative_pivots(self) -> int | None:
+        with self._watch("factor"):
+            return None if self.tangent.exact is None else self.tangent.exact.negative_pivots
+
+    def energy_along(self, w: Array, v: Array, t: Time) -> Array:
+        """(5,) coefficients along `w + s v` of what an implicit step is the minimum of, but for the constant one."""
+        with self._watch("assemble"):
+            u1 = self._u0 + w
+            c = self.system.energy_along(u1, v)
+            c[1] -= dot(self.system.external_force(u1, t), v)
+            Av = self._linear(v)
+            c[1] += dot(Av, w) - dot(self._offset, v)
+            c[2] += dot(Av, v) / 2
+            return c
+
+    def step_limit(self, w: Array, v: Array) -> float:
+        with self._watch("assemble"):
+            return self.system.step_limit(self._u0 + w, v)
+
+    def on_this_side(self, w: Array, found: Array) -> bool:
+        """As a `Problem` says it; nothing is said of states with elements inside out, which have to turn."""
+        return len(self.inside_out(w)) > 0 or self.step_limit(w, found - w) > 1
+
+    def inside_out(self, w: Array) -> NDArray[np.int64]:
+        with self._watch("assemble"):
+            return self.system.inside_out(self._u0 + w)
+
+    def named(self, inside_out: NDArray[np.int64]) -> str:
+        return named_elements(self.system.mesh, inside_out)
+
+    def force_of(self, w: Array) -> Array:
+        """(n,) what displacements `w` (ndofs,) of held degrees of freedom do to the free ones, by the tangent that was made last."""
+        with self._watch("assemble"):
+            return self.tangent.force_of(w)
 
     def _linear(self, w: Array) -> Array:
         """Forces of inertia and of linear damping that `w` causes."""
@@ -226,22 +300,20 @@ class StepProblem(Equilibrium):
     def _parts(self, kept: Tensions) -> _Parts:
         """With edge damping, which is a part of `2 J'LJ`, as the factor: `factor (2 J'LJ + tensions / factor)`."""
         factor = 1 + self._stiffening
-        kept = self._tangent.kept if kept == ALL else kept
         if self._tensions is not None:
             return _Parts(factor, NONE, kept if self._with_tensions else NONE)
         return _Parts(factor, Tensions(kept.positive / factor, kept.negative / factor), NONE)
 
     def _where(self, w: Array) -> Array:
         """Where the tangent is taken."""
-        if self._tangent is Tangent.REST:
+        if self._chosen is StepTangent.REST:
             return np.zeros_like(w)
         return np.add(self._u0, w / 2 if self._mean else w, out=self._at)
 
-    def _jacobian(self, u: Array, t: Time, kept: Tensions) -> csr_matrix:
+    def _matrix(self, w: Array, t: Time, kept: Tensions) -> csr_matrix:
         factor, within, kept = self._parts(kept)
-        where = self._where(u)
-        at_rest = self._tangent is Tangent.REST  # loads follow the body, and change: they are not in K(0)
-        K = self.system.tangent(where, out=self._K) if at_rest else self.system.jacobian(where, t, out=self._K, kept=within)
+        at_rest = self._chosen is StepTangent.REST  # loads follow the body, and change: they are not in K(0)
+        K = self.tangent.matrix(self._where(w), None if at_rest else t, within)
         if factor != 1:
             K.data *= factor
         if self._tensions is not None and kept != NONE:
@@ -253,29 +325,25 @@ class StepProblem(Equilibrium):
         self.motion.mass.add_to(K, self._inertia_factor)
         return K
 
-    def _prepare(self, u: Array, kept: Tensions) -> TangentOperator:
+    def _operator(self, w: Array, kept: Tensions) -> FreeOperator:
+        """K for products; with the mass on its diagonal it needs no other shift."""
+        operator = self._prepared(w, kept)
+        if self._free_operator is None:
+            free = self.free.free
+            self._lumped = self.motion.mass.vertex[free // self.system.mesh.d]
+            self._free_operator = FreeOperator(operator, self.free, np.zeros(len(free)))
+        np.multiply(self._lumped, self._inertia_factor, out=self._free_operator.shift)
+        return self._free_operator
+
+    def _prepared(self, w: Array, kept: Tensions) -> TangentOperator:
         factor, within, kept = self._parts(kept)
-        operator = super()._prepare(self._where(u), within)
+        operator = self.tangent.operator(self._where(w), within)
         others = [(self.motion.beta * self._g, self.motion.at_rest)] if self.motion.beta else []
         if self._tensions is not None and kept != NONE:
             others += self._tensions.operators(kept)
         if factor != 1 or others:
             operator.scale_and_add(factor, others)
         return operator
-
-    def _free_operator(self, u: Array, kept: Tensions, shifted: bool) -> FreeOperator:
-        """With the mass on its diagonal it needs no other shift."""
-        operator = self._prepare(u, kept)
-        if self._free_tangent is None:
-            free = self.free.free
-            self._lumped = self.motion.mass.vertex[free // self.system.mesh.d]
-            self._free_tangent = FreeOperator(operator, self.free, np.zeros(len(free)))
-        np.multiply(self._lumped, self._inertia_factor, out=self._free_tangent.shift)
-        return self._free_tangent
-
-    def _rigid_modes(self) -> Array:
-        mesh = self.system.mesh
-        return rigid_modes(mesh.p.T + (self._u0 + self._u).reshape(-1, mesh.d))[self.free.free]
 
 
 class _Diagonal:

@@ -14,7 +14,7 @@ from ..linear import Kind
 from ..linear.choose import direct
 from ..linear.inertia import COUNTED, ROUNDING, eigenvalues_below, shifted
 from .newton import usable
-from .problem import Problem, Tangent
+from .problem import EigenProblem, Tangent
 
 #: Of the eigenvalue; the mode is good to its square root.
 PRECISION = 1e-6
@@ -33,7 +33,7 @@ class Mode:
     error: float = 0.0
 
 
-def nearest_mode(problem: Problem, u: Array, t: float, without: Sequence[Array] = ()) -> Mode | None:
+def nearest_mode(problem: EigenProblem, u: Array, t: float, without: Sequence[Array] = ()) -> Mode | None:
     """The eigenvalue nearest to zero, by inverse iteration with a direct solver; None if K is exactly singular.
 
     `without` are modes (ndofs,) at right angles to which it is looked for.
@@ -56,7 +56,7 @@ def nearest_mode(problem: Problem, u: Array, t: float, without: Sequence[Array] 
     return Mode(value, problem.direction(x))
 
 
-def lowest_mode(problem: Problem, u: Array, t: float) -> Mode:
+def lowest_mode(problem: EigenProblem, u: Array, t: float) -> Mode:
     """The lowest eigenvalue by LOBPCG (Knyazev 2001), preconditioned by loose solves with the tangent without negative tensions.
 
     Where that does not converge, as in slender bodies, up to `COUNTED` unknowns by factorisations. A value within rounding is 0: it has no
@@ -68,12 +68,12 @@ def lowest_mode(problem: Problem, u: Array, t: float) -> Mode:
     return mode if abs(mode.value) > floor else replace(mode, value=0.0)
 
 
-def rounding(problem: Problem, u: Array, t: float) -> float:
+def rounding(problem: EigenProblem, u: Array, t: float) -> float:
     """`8 eps |K|` [N/m]: eigenvalues below have no sign but that of rounding."""
     return ROUNDING * problem.stiffness_norm(u, t)
 
 
-def _by_lobpcg(problem: Problem, u: Array, t: float) -> Mode:
+def _by_lobpcg(problem: EigenProblem, u: Array, t: float) -> Mode:
     factors = problem.factorise(u, t, Tangent.CLAMPED)
     K = problem.operator(u, t)
     M = LinearOperator(K.shape, matvec=lambda r: problem.solve(factors, np.ravel(r), 0.1).x, dtype=np.float64)
@@ -87,7 +87,7 @@ def _by_lobpcg(problem: Problem, u: Array, t: float) -> Mode:
     return Mode(value, problem.direction(x), float(np.sqrt(problem.dot(y, y))))
 
 
-def _by_factorisation(problem: Problem, u: Array, t: float, above: float, floor: float) -> Mode:
+def _by_factorisation(problem: EigenProblem, u: Array, t: float, above: float, floor: float) -> Mode:
     """By inverse iteration from a shift below all eigenvalues, which their numbers below it tell; `above` is not below the lowest."""
     K, unknowns = problem.matrix(u, t)
     shift = -max(2 * abs(min(above, 0.0)), 4 * floor)
@@ -100,5 +100,5 @@ def _by_factorisation(problem: Problem, u: Array, t: float, above: float, floor:
     return Mode(float(values[0]), problem.direction(_unit(problem, vectors[:, 0])))
 
 
-def _unit(problem: Problem, x: Array) -> Array:
+def _unit(problem: EigenProblem, x: Array) -> Array:
     return x / np.sqrt(problem.dot(x, x))

@@ -16,6 +16,7 @@ from typing import Any, Protocol
 
 import numpy as np
 from scipy.sparse import csr_matrix
+from scipy.sparse.linalg import LinearOperator
 
 from ..arguments import Array
 from ..linear import Factors, Solution, Unknowns
@@ -60,41 +61,18 @@ class Residual:
 
 
 class Problem(Protocol):
-    """An equation `r(u, t) = 0`, as Newton's method and the eigenvalue tools see it."""
-
-    @property
-    def n(self) -> int:
-        """Number of unknowns."""
+    """An equation `r(u, t) = 0`, as Newton's method sees it."""
 
     @property
     def iterative(self) -> bool:
         """Whether linear solves iterate; otherwise factors count negative eigenvalues."""
 
     @property
-    def symmetric(self) -> bool:
-        """Whether the Jacobian that was factorised last is symmetric, to rounding."""
-
-    @property
     def quartic(self) -> bool:
         """Whether the residual is the gradient of a potential that is a quartic along any line."""
 
-    def dot(self, x: Array, y: Array) -> float:
-        """`x . y` of two vectors of unknowns, or of two directions."""
-
-    def norm(self, x: Array) -> float:
-        """`|x|` of a vector of unknowns or of a direction."""
-
-    def direction(self, x: Array) -> Array:
-        """The direction in which the unknowns change by `x` (n,), and nothing else does."""
-
-    def unknowns_of(self, v: Array) -> Array:
-        """(n,) how the unknowns change along a direction."""
-
     def residual(self, u: Array, t: Time) -> Residual:
         """What is not in equilibrium at `u`; raises StateError where numbers overflow."""
-
-    def slope(self, residual: Residual, v: Array) -> float:
-        """`r . v` [J]: how the potential, if there is one, changes along a direction."""
 
     def round_off(self, u: Array, t: Time) -> float:
         """Size of the residual that is left by rounding alone [N]."""
@@ -111,14 +89,11 @@ class Problem(Protocol):
     def negative_pivots(self) -> int | None:
         """How many eigenvalues of the exact tangent that was factorised last are negative; None if that is not known."""
 
-    def matrix(self, u: Array, t: Time) -> tuple[csr_matrix, Unknowns]:
-        """The Jacobian at `u`, beside what is factorised, and its unknowns."""
+    def direction(self, x: Array) -> Array:
+        """The direction in which the unknowns change by `x` (n,), and nothing else does."""
 
-    def operator(self, u: Array, t: Time) -> Any:
-        """The Jacobian at `u`, beside what is factorised, for products `K @ x`."""
-
-    def stiffness_norm(self, u: Array, t: Time) -> float:
-        """What no eigenvalue of the Jacobian at `u` is much larger than [N/m]."""
+    def slope(self, residual: Residual, v: Array) -> float:
+        """`r . v` [J]: how the potential, if there is one, changes along a direction."""
 
     def energy_along(self, u: Array, v: Array, t: Time) -> Array:
         """(5,) coefficients of the potential along `u + s v`, but for the constant one; for a problem that is `quartic`."""
@@ -136,7 +111,37 @@ class Problem(Protocol):
         """The first few of what is inside out, and where they are; empty if there are none."""
 
 
-class PathProblem(Problem, Protocol):
+class EigenProblem(Problem, Protocol):
+    """A problem whose Jacobian is looked at for its eigenvalues, to tell whether a state is stable."""
+
+    @property
+    def n(self) -> int:
+        """Number of unknowns."""
+
+    @property
+    def symmetric(self) -> bool:
+        """Whether the Jacobian that was factorised last is symmetric, to rounding."""
+
+    def dot(self, x: Array, y: Array) -> float:
+        """`x . y` of two vectors of unknowns, or of two directions."""
+
+    def norm(self, x: Array) -> float:
+        """`|x|` of a vector of unknowns or of a direction."""
+
+    def unknowns_of(self, v: Array) -> Array:
+        """(n,) how the unknowns change along a direction."""
+
+    def matrix(self, u: Array, t: Time) -> tuple[csr_matrix, Unknowns]:
+        """The Jacobian at `u`, beside what is factorised, and its unknowns."""
+
+    def operator(self, u: Array, t: Time) -> LinearOperator | csr_matrix:
+        """The Jacobian at `u`, beside what is factorised, for products `K @ x`."""
+
+    def stiffness_norm(self, u: Array, t: Time) -> float:
+        """What no eigenvalue of the Jacobian at `u` is much larger than [N/m]."""
+
+
+class PathProblem(EigenProblem, Protocol):
     """A problem whose states form a path as the load factor t grows."""
 
     #: The largest of the forces on the path so far [N].

@@ -11,7 +11,7 @@ from ..linear import Outcome
 from ..linear.inertia import COUNTED, inertia
 from .divergence import real_eigenvalues
 from .eigen import lowest_mode, rounding
-from .problem import Problem
+from .problem import EigenProblem
 
 NO_FLUTTER = "K is not symmetric there: no real eigenvalue of it is negative, so the state does not diverge; flutter not looked at."
 NO_SIGN = "Whether the state is stable is not known: the eigenvalue of K nearest to zero is within rounding."
@@ -37,7 +37,7 @@ class Verdict(NamedTuple):
     doubt: str = ""
 
 
-def judged(problem: Problem, u: Array, t: float) -> Verdict:
+def judged(problem: EigenProblem, u: Array, t: float) -> Verdict:
     """What the tangent says of the state `u` (ndofs,) at `t`.
 
     The pivots of a direct solver count negative eigenvalues. CG does not count; it solves for a random force, in which every mode of buckling
@@ -57,7 +57,7 @@ def judged(problem: Problem, u: Array, t: float) -> Verdict:
     return _confirmed(problem, u, t)
 
 
-def _confirmed(problem: Problem, u: Array, t: float) -> Verdict:
+def _confirmed(problem: EigenProblem, u: Array, t: float) -> Verdict:
     """By factorisation, up to `COUNTED` unknowns and where that is how the problem is solved; otherwise by the lowest eigenvalue."""
     if not problem.iterative or problem.n <= COUNTED:
         counts = inertia(*problem.matrix(u, t))
@@ -70,7 +70,7 @@ def _confirmed(problem: Problem, u: Array, t: float) -> Verdict:
     return Verdict(True, None, "" if mode.value - mode.error > floor else NO_SIGN if abs(mode.value) <= floor else NOT_FOUND)
 
 
-def _divergence(problem: Problem, u: Array, t: float) -> Verdict:
+def _divergence(problem: EigenProblem, u: Array, t: float) -> Verdict:
     """Of a tangent that is not symmetric: whether a real eigenvalue is negative."""
     found = real_eigenvalues(*problem.matrix(u, t))
     if found.negative:

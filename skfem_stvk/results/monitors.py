@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from ..arguments import Array
 from ..errors import name_ids
 from ..materials import FramedMaterial, Isotropic, Material
+from ..mesh import SimplexMesh
 from ..system import System
 from ..terms import HasStress
 from .ellipticity import without_ellipticity
@@ -124,9 +125,18 @@ class Monitors:
         return f"More compression takes less force. {local}; elsewhere add a VolumePenalty, or take less load."
 
     def _finding(self, name: str, ids: NDArray[np.int64], extreme: float, what: str) -> Finding:
-        mesh = self._system.mesh
-        place = ", ".join(f"{x:.4g}" for x in mesh.p[:, mesh.t[:, ids[0]]].mean(axis=1))
-        return Finding(name, ids, extreme, f"{name_ids(ids, 'element')}, the first at ({place}) at rest: {what}")
+        where = point_of(self._system.mesh, ids[0])
+        return Finding(name, ids, extreme, f"{name_ids(ids, 'element')}, the first at {where} at rest: {what}")
+
+
+def named_elements(mesh: SimplexMesh, ids: NDArray[np.int64]) -> str:
+    """The first few elements, and where the first one is at rest; empty if there are none."""
+    return f"{name_ids(ids, 'element')}, the first one near x = {point_of(mesh, ids[0])}" if len(ids) else ""
+
+
+def point_of(mesh: SimplexMesh, element: int) -> str:
+    """The centre of an element at rest."""
+    return f"({', '.join(f'{x:.4g}' for x in mesh.p[:, mesh.t[:, element]].mean(axis=1))})"
 
 
 def poisson_of(material: Material) -> Array:

@@ -7,6 +7,7 @@ import numpy as np
 from ..arguments import Array
 from ..errors import StateError, name_ids
 from ..nonlinear.eigen import lowest_mode, nearest_mode
+from ..results.monitors import point_of
 from .equilibrium import Equilibrium
 
 #: A branch ends where the lowest eigenvalue of K has fallen below this part of what it was at the start.
@@ -36,7 +37,7 @@ def branch_end(problem: Equilibrium, start: Array, t0: float, u: Array, t: float
 
 def _lowest(problem: Equilibrium, u: Array, t: float) -> tuple[float, Array] | None:
     """The lowest eigenvalue, or of a direct solver the one nearest to zero, and its mode; None if there is none to speak of."""
-    mode = lowest_mode(problem, u, t) if problem.solver.iterative else nearest_mode(problem, u, t)
+    mode = lowest_mode(problem, u, t) if problem.iterative else nearest_mode(problem, u, t)
     return None if mode is None or not problem.symmetric else (mode.value, mode.vector)
 
 
@@ -46,7 +47,5 @@ def _where(problem: Equilibrium, u: Array, mode: Array) -> str:
     v = mode.reshape(-1, mesh.d)
     moves = v[mesh.t] - v[mesh.t].mean(axis=0)
     most = np.argsort(-(moves**2).sum(axis=(0, 2)))[:MOST_NAMED]
-    x = mesh.p[:, mesh.t[:, most[0]]].mean(axis=1)
-    place = ", ".join(f"{c:.4g}" for c in x)
     pressed = problem.system.smallest_stretch(u)
-    return f"{name_ids(np.sort(most), 'element')}, near x = ({place}); the smallest principal stretch of all is {pressed:.2g}"
+    return f"{name_ids(np.sort(most), 'element')}, near x = {point_of(mesh, most[0])}; the smallest principal stretch of all is {pressed:.2g}"

@@ -16,10 +16,11 @@ from ..nonlinear.stability import Verdict, judged
 from ..nonlinear.stopwatch import Stopwatch
 from ..results.monitors import Monitors
 from ..system import System
+from ..system.free_tangent import kind_of, with_loads
 from ..system.system import checked_system
 from .arc_length import ArcLength
 from .branch_end import branch_end
-from .equilibrium import Equilibrium, kind_of, with_loads
+from .equilibrium import Equilibrium
 from .history import History, Step, found_status
 from .load_steps import LoadSteps
 from .message import reason

@@ -18,7 +18,7 @@ from skfem_stvk.dynamics.integrators.implicit import ImplicitStepper
 from skfem_stvk.dynamics.motion import Motion
 from skfem_stvk.dynamics.state import State
 from skfem_stvk.nonlinear.problem import Tangent
-from skfem_stvk.statics.equilibrium import Equilibrium
+from skfem_stvk.system.free_tangent import FreeTangent
 from skfem_stvk.system.rigid import rigid_modes
 from skfem_stvk.terms.load import Moment
 
@@ -118,13 +118,13 @@ def test_the_tangent_at_rest_does_not_depend_on_when_it_was_made(make, tmp_path)
 
 @pytest.mark.parametrize("make", [BackwardEuler, Newmark, EnergyMomentum, LinearBackwardEuler])
 def test_at_rest_there_is_one_factorisation_whatever_rounding_makes_of_times(make, monkeypatch):
-    made, factorise = [], Equilibrium.factorise
+    made, factorise = [], FreeTangent.factorise
 
     def counted(self, *content):
         made.append(content)
         return factorise(self, *content)
 
-    monkeypatch.setattr(Equilibrium, "factorise", counted)
+    monkeypatch.setattr(FreeTangent, "factorise", counted)
     run = clamped(2).run(make(1e-3, tangent="rest", solver="superlu"), 10.1, t0=10.0)
     assert len(made) == 1 and run.ledger.steps == 101 and len(np.unique(np.diff(run.ledger["time"]))) > 1
 
@@ -133,4 +133,4 @@ def test_multigrid_is_told_how_the_body_turns_where_it_is():
     problem, u, w, _ = begun(BackwardEuler(DT, solver="amg-cg"))
     problem.factorise(w, AT_END)
     where = problem.system.mesh.p.T + (u + w).reshape(-1, 3)
-    np.testing.assert_array_equal(problem._rigid_modes(), rigid_modes(where)[problem.free.free])
+    np.testing.assert_array_equal(problem.tangent.rigid_modes(), rigid_modes(where)[problem.free.free])

@@ -18,7 +18,7 @@ from skfem_stvk.dynamics import (
     simulate,
 )
 from skfem_stvk.dynamics.motion import Motion
-from skfem_stvk.dynamics.tangents import Tangent
+from skfem_stvk.dynamics.step_problem import StepTangent
 from skfem_stvk.linear import BlockJacobiCg, SsorCg, SuperLU
 
 MESHES = {2: MeshTri.init_tensor(*(np.linspace(0, x, n) for x, n in ((0.3, 13), (0.1, 5)))), 3: MeshTet().refined(3)}
@@ -69,7 +69,7 @@ def test_by_default_converged_integrators_iterate_on_tetrahedra_where_k_is_symme
     assert chosen(pressed) == "superlu"
 
 
-@pytest.mark.parametrize("tangent", [one.value for one in Tangent])
+@pytest.mark.parametrize("tangent", [one.value for one in StepTangent])
 @pytest.mark.parametrize(
     ("integrator", "limit"),
     [

@@ -163,9 +163,9 @@ def test_matrices_are_made_once():
     system = bent()
     problem = Equilibrium(system, SuperLU(), Stopwatch())
     problem.factorise(np.zeros(system.ndofs), 0.0)
-    K, Kff = problem._K, problem._Kff
+    K, Kff = problem.tangent._K, problem.tangent._Kff
     problem.factorise(np.full(system.ndofs, 0.1), 0.0)
-    assert problem._K is K and problem._Kff is Kff
+    assert problem.tangent._K is K and problem.tangent._Kff is Kff
 
 
 def test_a_matrix_free_solve_makes_no_pattern():

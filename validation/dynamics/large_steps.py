@@ -14,7 +14,7 @@ import numpy as np
 from skfem_stvk import solve_static
 from skfem_stvk.dynamics import LinearBackwardEuler, Run, VelocityVerlet, simulate
 from skfem_stvk.dynamics.critical_step import critical_step
-from skfem_stvk.dynamics.tangents import Tangent
+from skfem_stvk.dynamics.step_problem import StepTangent
 
 from ..statics.study import Study
 from .scenes import TIP, Array, cantilever, expected
@@ -68,7 +68,7 @@ def large_steps(quick: bool = False, folder: Path | None = None) -> Sequence[Stu
     times = QUICK_TIMES if quick else TIMES
     trials = [
         _trial(one.value, factor, critical, np.array([truth[f"tip {axis}"][-1] for axis in "xyz"]), rest)
-        for one in Tangent
+        for one in StepTangent
         for factor in times
     ]
     return (
@@ -103,7 +103,7 @@ def _at_a_glance(trials: Sequence[Trial]) -> Study:
     """Each tangent with some of the steps: its error, or how it came out."""
     times = [times for times in GLANCE if any(trial.times == times for trial in trials)]
     rows = []
-    for one in Tangent:
+    for one in StepTangent:
         own = {trial.times: trial for trial in trials if trial.tangent == one.value}
         iterations = ", ".join(f"{own[t].iterations:.0f}" for t in times if own[t].run.success)
         rows.append((one.value, *(_in_a_word(own[t]) for t in times), iterations))

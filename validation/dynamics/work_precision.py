@@ -30,7 +30,7 @@ from skfem_stvk.dynamics import (
 )
 from skfem_stvk.dynamics.critical_step import critical_step
 from skfem_stvk.dynamics.modes import modes
-from skfem_stvk.dynamics.tangents import Tangent
+from skfem_stvk.dynamics.step_problem import StepTangent
 
 from ..statics.study import Study
 from .flight import SPIN
@@ -110,7 +110,7 @@ def _points(scene: Scene, quick: bool) -> dict[tuple[str, str], list[Point]]:
     found = {(one.__name__, ""): [_point(scene, one(dt=part * critical), truth) for part in PARTS] for one in EXPLICIT}
     for one in IMPLICIT:
         for tangent in _tangents(one, quick):
-            steps = scene.steps if tangent == Tangent.EXACT.value else scene.steps[-OTHERS:]
+            steps = scene.steps if tangent == StepTangent.EXACT.value else scene.steps[-OTHERS:]
             found[one.__name__, tangent] = [_point(scene, one(dt=dt, **_options(one, tangent)), truth) for dt in steps]
     return found
 
@@ -128,7 +128,7 @@ def _truth(scene: Scene, critical: float) -> Array:
 def _tangents(kind: type[Any], quick: bool) -> list[str]:
     """All of them for the overview's integrator and for energy-momentum; the exact one of the others."""
     several = kind in OF_ALL_TANGENTS and not quick
-    return [one.value for one in Tangent] if several else [Tangent.EXACT.value]
+    return [one.value for one in StepTangent] if several else [StepTangent.EXACT.value]
 
 
 def _options(kind: type[Any], tangent: str) -> dict[str, Any]:
@@ -162,7 +162,7 @@ def _seconds_for_errors(found: dict[str, dict[tuple[str, str], list[Point]]]) ->
     heads = [f"{scene}: {goal:.0%}" for scene in found for goal in GOALS]
     rows = [
         (one.__name__, *(_in_time(goal, points[one.__name__, tangent]) for points in found.values() for goal in GOALS))
-        for one, tangent in (*((one, "") for one in EXPLICIT), *((one, Tangent.EXACT.value) for one in IMPLICIT))
+        for one, tangent in (*((one, "") for one in EXPLICIT), *((one, StepTangent.EXACT.value) for one in IMPLICIT))
     ]
     note = "seconds, between the runs that were made; or those of the cheapest run, if all are better, and its error; or the best error, if none is as good"
     return Study("Seconds for an error", "", ("integrator", *heads), tuple(rows), notes=(note,))
@@ -185,7 +185,7 @@ def _study(scene: Scene, found: dict[tuple[str, str], list[Point]], pictures: tu
     failures = [
         f"{name}: {points[-1].error:.1e} from the truth"
         for (name, tangent), points in found.items()
-        if tangent in ("", Tangent.EXACT.value) and points[-1].integrator.order == 2 and not points[-1].error <= CLOSE
+        if tangent in ("", StepTangent.EXACT.value) and points[-1].integrator.order == 2 and not points[-1].error <= CLOSE
     ]
     return Study(
         f"Work and precision: {scene.name}",
@@ -215,7 +215,7 @@ def _picture(found: dict[str, dict[tuple[str, str], list[Point]]], folder: Path)
     names = [one.__name__ for one in (*EXPLICIT, *IMPLICIT)]
     for axes, (scene, several) in zip(figure.subplots(1, len(found)), found.items(), strict=True):
         for (name, tangent), points in several.items():
-            first = tangent in ("", Tangent.EXACT.value)
+            first = tangent in ("", StepTangent.EXACT.value)
             style = (
                 {"lw": 1.5, "ls": "-", "marker": "o", "ms": 4}
                 if first

@@ -13,15 +13,14 @@ from ...linear import BlockJacobiCg, Kind, LinearSolver, SsorCg, choose
 from ...linear.choose import is_auto
 from ...nonlinear.newton import Iterations, newton
 from ...nonlinear.stopwatch import Stopwatch
-from ...statics.equilibrium import with_loads
 from ...system import System
+from ...system.free_tangent import with_loads
 from ...terms.load import Moment
 from ..clock import SLACK
 from ..counts import Counts
 from ..motion import Motion
 from ..state import State
-from ..step_problem import Coefficients, StepProblem, kind_of_step
-from ..tangents import Tangent
+from ..step_problem import Coefficients, StepProblem, StepTangent, kind_of_step
 from .integrator import Integrator, StepFailed, checked_step
 
 
@@ -32,7 +31,7 @@ class Implicit(Integrator):
     Parameters
     ----------
     dt : time step [s].
-    tangent : "exact", "clamped", "gauss-newton", "diagonal" or "rest": what its solves are made with, see `Tangent`.
+    tangent : "exact", "clamped", "gauss-newton", "diagonal" or "rest": what its solves are made with, see `StepTangent`.
     solver : of linear systems, as of `solve_static`; by default "ssor-cg" for tetrahedra, if forces have a potential, and by size otherwise.
     rtol : the residual is small enough below this part of the forces, those of inertia among them.
     """
@@ -46,14 +45,14 @@ class Implicit(Integrator):
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "dt", checked_step(self.dt))
-        object.__setattr__(self, "tangent", choice("tangent", self.tangent, [one.value for one in Tangent]))
+        object.__setattr__(self, "tangent", choice("tangent", self.tangent, [one.value for one in StepTangent]))
         object.__setattr__(self, "rtol", number("rtol", self.rtol, "a number between 0 and 1, such as 1e-8", 0.0, 1.0))
 
     def linear_solver(self, motion: Motion) -> LinearSolver:
         """What solves its linear systems; with a matrix where a mass between vertices needs one, or SSOR, for the blocks of several terms."""
-        kind = kind_of_step(motion.system, Tangent(self.tangent))
+        kind = kind_of_step(motion.system, StepTangent(self.tangent))
         solver = choose(self._named(motion.system, kind), len(motion.free.free), kind)
-        if Tangent(self.tangent) not in (Tangent.DIAGONAL, Tangent.REST):
+        if StepTangent(self.tangent) not in (StepTangent.DIAGONAL, StepTangent.REST):
             solver = with_loads(solver, motion.system)
         if not solver.matrix_free:
             return solver
@@ -63,13 +62,13 @@ class Implicit(Integrator):
 
     def _named(self, system: System, kind: Kind) -> str | LinearSolver:
         """Conjugate gradients for the diagonal blocks, which need nothing else, and by default where they are fast and take the matrix."""
-        if Tangent(self.tangent) is Tangent.DIAGONAL:
+        if StepTangent(self.tangent) is StepTangent.DIAGONAL:
             return "block-jacobi-cg"
         return "ssor-cg" if is_auto(self.solver) and kind is Kind.SYMMETRIC and self.iterates(system) else self.solver
 
     def iterates(self, system: System) -> bool:
         """Whether conjugate gradients are fast: for tetrahedra, whose factors are large, unless factors are kept."""
-        return system.mesh.k == 3 and Tangent(self.tangent) is not Tangent.REST
+        return system.mesh.k == 3 and StepTangent(self.tangent) is not StepTangent.REST
 
     @abstractmethod
     def coefficients(self, state: State, h: float, stepper: ImplicitStepper) -> Coefficients:
@@ -101,7 +100,7 @@ class ImplicitStepper:
 
     def __init__(self, motion: Motion, integrator: Implicit) -> None:
         self.motion, self.integrator, self.watch = motion, integrator, Stopwatch("write")
-        tangent = Tangent(integrator.tangent)
+        tangent = StepTangent(integrator.tangent)
         self.problem = StepProblem(
             motion, integrator.linear_solver(motion), tangent, self.watch, integrator.mean, integrator.secant
         )

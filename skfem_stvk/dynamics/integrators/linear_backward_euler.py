@@ -9,13 +9,13 @@ import numpy as np
 from ...arguments import Array
 from ...errors import StvkError
 from ...nonlinear.newton import usable
-from ...nonlinear.problem import Tangent as Attempted
+from ...nonlinear.problem import Tangent
 from ...system import System
 from ...terms.load import Moment
 from ..forces import damping_is_of_edges
 from ..motion import Motion
 from ..state import State
-from ..tangents import Tangent
+from ..step_problem import StepTangent
 from .backward_euler import BackwardEuler
 from .implicit import ImplicitStepper
 from .integrator import ANGULAR_MOMENTUM, LINEAR_MOMENTUM, StepFailed
@@ -41,9 +41,9 @@ class LinearBackwardEuler(BackwardEuler):
     @property
     def conserves(self) -> frozenset[str]:  # type: ignore[override]
         """Edges pull along themselves in "gauss-newton", without a torque; diagonal blocks alone resist any motion."""
-        if self.tangent == Tangent.GAUSS_NEWTON.value:
+        if self.tangent == StepTangent.GAUSS_NEWTON.value:
             return frozenset({LINEAR_MOMENTUM, ANGULAR_MOMENTUM})
-        return frozenset() if self.tangent == Tangent.DIAGONAL.value else frozenset({LINEAR_MOMENTUM})
+        return frozenset() if self.tangent == StepTangent.DIAGONAL.value else frozenset({LINEAR_MOMENTUM})
 
     def iterates(self, system: System) -> bool:
         """In any case: one solve is all that a step is, and it starts near its solution."""
@@ -55,7 +55,7 @@ class LinearBackwardEuler(BackwardEuler):
 
     def _refuse_what_a_solve_would_miss(self, motion: Motion) -> None:
         """Of M and D, unlike K, nothing may be left out: not even the smallest steps would lead to the motion."""
-        diagonal, rest = self.tangent == Tangent.DIAGONAL.value, self.tangent == Tangent.REST.value
+        diagonal, rest = self.tangent == StepTangent.DIAGONAL.value, self.tangent == StepTangent.REST.value
         if diagonal and motion.mass.kind == "consistent":
             raise StvkError("LinearBackwardEuler: tangent='diagonal' would leave out masses between vertices. Take mass='lumped'.")
         if diagonal and (motion.beta or motion.tau):
@@ -136,13 +136,13 @@ class LinearStepper(ImplicitStepper):
     def _solution(self, w: Array, moment: Moment) -> Array:
         """Of the free degrees of freedom, with the tangent that was chosen, or the clamped one if that is not positive definite."""
         problem, moving = self.problem, self.motion.moving
-        for attempted in (Attempted.EXACT, Attempted.CLAMPED):
+        for attempted in (Tangent.EXACT, Tangent.CLAMPED):
             factors = problem.factorise(self._nowhere, moment, attempted)
             b = self._b - problem.force_of(w) if moving else self._b
             with self.watch("solve"):
                 solution = factors.solve(b, self.integrator.rtol, self._start, self._x)
             self.counts.iterations += solution.iterations
             if usable(solution):
-                self.counts.clamped += attempted is Attempted.CLAMPED
+                self.counts.clamped += attempted is Tangent.CLAMPED
                 return solution.x
         raise StepFailed(f"the linear solve failed: {solution.outcome.value}")

@@ -1,0 +1,163 @@
+"""The tangent over the free degrees of freedom: made in place, as a matrix or as an operator, and factorised by a linear solver."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import csr_matrix
+
+from ..arguments import Array
+from ..edges import ALL, Tensions
+from ..errors import StvkError
+from ..linear import BlockJacobiCg, Factors, Kind, LinearSolver, Unknowns
+from ..linear.inertia import transposition
+from ..terms.load import Time
+from .operator import FreeOperator, TangentOperator
+from .rigid import rigid_modes
+from .system import System
+
+#: What is added to a tangent without any stiffness in some direction, as a part of the largest diagonal entry of each vertex.
+SHIFT = 1e-4
+#: A Jacobian is symmetric to this part of its largest entry.
+SYMMETRIC = 1e-12
+
+
+class FreeTangent:
+    """What problems on one system share: which degrees of freedom are free, the analysis of K, and K itself, in the same place each time.
+
+    A problem makes K by `matrix` or, if its solver takes no matrix, by `operator`, adds its own parts (masses, damping), and has it factorised.
+
+    Parameters
+    ----------
+    solver : what factorises; see `with_loads` for loads that have a stiffness.
+    kind : what K is at most: where it need not be symmetric, the values of each matrix tell whether it is.
+    displacements : gives (ndofs,) where the body is now [m], for solvers that ask for its rigid motions.
+
+    Attributes
+    ----------
+    free : the free and held degrees of freedom.
+    symmetric : whether the matrix that was factorised last is symmetric.
+    exact : the factors of the last Jacobian that nothing stood in for; None if there are none.
+    """
+
+    def __init__(self, system: System, solver: LinearSolver, kind: Kind, displacements: Callable[[], Array]) -> None:
+        self.system, self.kind, self._displacements = system, kind, displacements
+        self.free = system.free_dofs(system.supports.held)
+        self.symmetric = kind is not Kind.GENERAL
+        self._turned: NDArray[np.int64] | None = None
+        self._operator: TangentOperator | None = None
+        self._K: csr_matrix | None = None
+        self._Kff: csr_matrix | None = None
+        self.take(solver)
+
+    def take(self, solver: LinearSolver) -> None:
+        """Solve with this solver from here on."""
+        self.solver = solver
+        self.exact: Factors | None = None
+        self._analysis = solver.analyse(self.unknowns())
+
+    def unknowns(self) -> Unknowns:
+        """The unknowns; with the structure of K unless it is never formed."""
+        free, d = self.free.free, self.system.mesh.d
+        if self.solver.matrix_free:
+            return Unknowns(free // d, free % d)
+        structure = self.free.structure
+        return Unknowns(free // d, free % d, structure.indptr, structure.indices, self.rigid_modes)
+
+    def rigid_modes(self) -> Array:
+        """(n, r) rigid motions of the body as it is deformed now."""
+        mesh = self.system.mesh
+        return rigid_modes(mesh.p.T + self._displacements().reshape(-1, mesh.d))[self.free.free]
+
+    def matrix(self, u: Array, t: Time | None, kept: Tensions = ALL) -> csr_matrix:
+        """The Jacobian at `u` (ndofs,) of all degrees of freedom, in the place of the one before; without a time, K of the elastic terms alone."""
+        if t is None:
+            self._K = self.system.tangent(u, out=self._K)
+        else:
+            self._K = self.system.jacobian(u, t, out=self._K, kept=kept)
+        return self._K
+
+    def operator(self, u: Array, kept: Tensions = ALL) -> TangentOperator:
+        """The tangent at `u` (ndofs,) as an operator on all degrees of freedom, in the place of the one before."""
+        if self._operator is None:
+            self._operator = self.system.linear_operator(u, kept=kept)
+        else:
+            self._operator.prepare(u, kept=kept)
+        return self._operator
+
+    def restricted(self, K: csr_matrix) -> csr_matrix:
+        """`K` of the free degrees of freedom, in the place of the one before."""
+        self._Kff = self.free.matrix(K, out=self._Kff)
+        return self._Kff
+
+    def shift(self, diagonal: Array) -> Array:
+        """(n,) a little stiffness for each free degree of freedom, small against the largest of its vertex."""
+        vertex = self.free.free // self.system.mesh.d
+        largest = np.zeros(self.system.mesh.nv)
+        np.maximum.at(largest, vertex, diagonal)
+        return SHIFT * np.where(largest > 0, largest, largest.max())[vertex]
+
+    def diagonal_of(self, operator: TangentOperator) -> Array:
+        """(n,) diagonal of K over the free degrees of freedom."""
+        diagonal: Array = np.einsum("vcc->vc", operator.diagonal_blocks()).ravel()[self.free.free]
+        return diagonal
+
+    def factorise(self, K: Any, exact: bool = True) -> Factors:
+        """Factors of `K` over the free degrees of freedom, a matrix or an operator; `exact`: nothing stands in for it."""
+        factors = self._analysis.factorise(K, self._kind_of(K, exact))
+        if exact:
+            self.exact = factors
+        return factors
+
+    def force_of(self, w: Array) -> Array:
+        """(n,) `K w` for displacements `w` (ndofs,), by the K of all degrees of freedom that was made last."""
+        K = self._operator if self.solver.matrix_free else self._K
+        assert K is not None
+        force: Array = (K @ w)[self.free.free]
+        return force
+
+    def beside(self, u: Array, t: Time) -> tuple[csr_matrix, Unknowns]:
+        """The Jacobian at `u` over the free degrees of freedom as a matrix of its own, and its unknowns."""
+        K, d = self.free.matrix(self.system.jacobian(u, t)), self.system.mesh.d
+        return K, Unknowns(self.free.free // d, self.free.free % d, K.indptr, K.indices)
+
+    def operator_beside(self, u: Array, t: Time) -> FreeOperator | csr_matrix:
+        """The Jacobian at `u` over the free degrees of freedom for products, of its own; a matrix where loads have a stiffness."""
+        return FreeOperator(self.system.linear_operator(u), self.free) if self.system.dead else self.beside(u, t)[0]
+
+    def _kind_of(self, K: Any, exact: bool) -> Kind:
+        """What K is: with loads that follow the body symmetric, too, where the rim of their surface is held or they are closed."""
+        if self.kind is not Kind.GENERAL:
+            return Kind.POSITIVE_DEFINITE if not exact and self.system.dead else self.kind
+        if self._turned is None:
+            self._turned = transposition(K)
+        skewed = float(np.abs(K.data - K.data[self._turned]).max(initial=0.0))
+        self.symmetric = skewed <= SYMMETRIC * float(np.abs(K.data).max(initial=0.0))
+        return Kind.SYMMETRIC if self.symmetric else Kind.GENERAL
+
+
+def kind_of(system: System) -> Kind:
+    """What the Jacobian of a system is."""
+    return Kind.SYMMETRIC if system.conservative else Kind.GENERAL
+
+
+def with_loads(solver: LinearSolver, system: System) -> LinearSolver:
+    """The solver, which takes a matrix where loads have a stiffness: operators have that of elastic terms alone.
+
+    Raises
+    ------
+    StvkError
+        if it takes none.
+    """
+    if system.dead or not solver.matrix_free:
+        return solver
+    if not isinstance(solver, BlockJacobiCg):
+        raise StvkError(
+            f"solver = '{solver.name}', which forms no matrix; expected one that does, such as 'amg-cg' or 'superlu': a load depends on "
+            "where the body goes, and its stiffness is added to a matrix."
+        )
+    return replace(solver, assembled=True)
