@@ -10,7 +10,7 @@ import numpy as np
 from rich.table import Table
 
 from skfem_stvk import SimplexMesh, StVK
-from skfem_stvk.bench.timing import best_and_median
+from skfem_stvk.bench.costs import best_and_median
 from skfem_stvk.edges import TENSILE
 from skfem_stvk.system import Pattern
 

@@ -13,14 +13,14 @@ from rich.console import Console
 from rich.table import Table
 
 from skfem_stvk import SimplexMesh, StVK, System
-from skfem_stvk.bench.timing import best_and_median
+from skfem_stvk.bench.control import Control, compiler
+from skfem_stvk.bench.costs import best_and_median
+from skfem_stvk.bench.meshes import bracket
 from skfem_stvk.edges.order import OwnOrder
 from skfem_stvk.edges.stiffness import GeneralStiffness
 
 from .asked import costs
-from .control import Control, compiler
 from .edge_gather import EdgeGather
-from .meshes import bracket
 from .operations import edges, total_lagrangian
 from .operations.algorithms import Algorithm, state
 from .operations.body import Body

@@ -1,12 +1,8 @@
-"""Meshes of a real part, made by Gmsh: `python -m validation.meshes` writes the one that comes with the package."""
+"""What the studies ask of meshes: `python -m validation.meshes` writes the one that comes with the package."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
-from tempfile import TemporaryDirectory
-from typing import Any
 
 import meshio
 import numpy as np
@@ -14,100 +10,13 @@ from numpy.typing import NDArray
 
 import skfem_stvk.mesh
 from skfem_stvk import SimplexMesh
+from skfem_stvk.bench.meshes import bracket
 from skfem_stvk.mesh import read_mesh
 from skfem_stvk.mesh.geometry import Geometry
 
 EMBEDDED = Path(skfem_stvk.mesh.__file__).with_name("data") / "bracket.msh"
 EMBEDDED_SIZE = 8e-3  # [m]
 FINE_SIZE = 2.5e-3  # [m]; 26 000 tetrahedra
-
-# The part [m]: the base lies along x, the other arm stands along z, both are WIDTH wide along y.
-LENGTH, HEIGHT, WIDTH, THICKNESS, FILLET = 0.1, 0.08, 0.04, 0.012, 0.01
-BOLT = (0.07, 0.0055)  # x and radius of the hole in the base
-BUSHING = (0.055, 0.008, 0.012)  # z, inner and outer radius of the ring in the standing arm
-
-
-def bracket(size: float) -> SimplexMesh:
-    """An angle bracket with a fillet, a bolt hole and a bushing, in tetrahedra of edges of about `size` [m].
-
-    Subdomains 'bracket' and 'bushing', which share their vertices; boundaries 'bolt' and 'bore'. Gmsh makes positive
-    elements only: half of them, picked at random but always the same, are turned round.
-    """
-    with gmsh_session() as gmsh, TemporaryDirectory() as folder:
-        draw(gmsh)
-        for option, value in {
-            "MeshSizeMin": size / 2,
-            "MeshSizeMax": size,
-            "MeshSizeFromCurvature": 12,
-            "OptimizeNetgen": 1,
-        }.items():
-            gmsh.option.setNumber(f"Mesh.{option}", value)
-        gmsh.model.mesh.generate(3)
-        file = Path(folder) / "bracket.msh"
-        gmsh.write(str(file))
-        mesh = read_mesh(file)
-    t = mesh.t.copy()
-    turned = np.random.default_rng(0).permutation(mesh.nt)[: mesh.nt // 2]
-    t[:2, turned] = t[1::-1, turned]
-    return SimplexMesh(mesh.p, t, mesh.subdomains, mesh.boundaries)
-
-
-@contextmanager
-def gmsh_session() -> Iterator[Any]:
-    """Gmsh, silent, on one thread and writing MSH 2.2; errors say how to install what it lacks."""
-    try:
-        import gmsh
-    except ImportError as error:
-        raise ImportError("This mesh is made by Gmsh, which is not installed: pip install gmsh") from error
-    except OSError as error:
-        raise OSError(
-            f"Gmsh lacks a library: {error}. On Debian: apt install libglu1-mesa libxft2 libxcursor1 libxinerama1"
-        ) from error
-    gmsh.initialize(interruptible=False)
-    try:
-        for option, value in {"General.Terminal": 0, "General.NumThreads": 1, "Mesh.MshFileVersion": 2.2, "Mesh.Binary": 1}.items():
-            gmsh.option.setNumber(option, value)
-        yield gmsh
-    finally:
-        gmsh.finalize()
-
-
-def draw(gmsh: Any) -> None:
-    """The solid bracket and its bushing, and their physical groups."""
-    occ, groups = gmsh.model.occ, gmsh.model
-    x, (z, inner, outer) = BOLT[0], BUSHING
-    across = (-THICKNESS, z, 3 * THICKNESS)
-    solid = occ.extrude([(2, profile(occ))], 0, WIDTH, 0)[1]
-    bolt = occ.addCylinder(x, WIDTH / 2, -THICKNESS, 0, 0, 3 * THICKNESS, BOLT[1])
-    hole = occ.addCylinder(across[0], WIDTH / 2, z, across[2], 0, 0, outer)
-    occ.cut([solid], [(3, bolt), (3, hole)])
-    ring = occ.addCylinder(0, WIDTH / 2, z, THICKNESS, 0, 0, outer)
-    bore = occ.addCylinder(0, WIDTH / 2, z, THICKNESS, 0, 0, inner)
-    occ.cut([(3, ring)], [(3, bore)])
-    occ.fragment([solid], [(3, ring)])
-    occ.synchronize()
-    groups.addPhysicalGroup(3, [solid[1]], name="bracket")
-    groups.addPhysicalGroup(3, [ring], name="bushing")
-    groups.addPhysicalGroup(2, walls(gmsh, (x, WIDTH / 2, THICKNESS / 2), (BOLT[1], BOLT[1], THICKNESS / 2)), name="bolt")
-    groups.addPhysicalGroup(2, walls(gmsh, (THICKNESS / 2, WIDTH / 2, z), (THICKNESS / 2, inner, inner)), name="bore")
-
-
-def profile(occ: Any) -> int:
-    """The face of the angle in the plane y = 0, with its fillet in the inner corner."""
-    a, b = THICKNESS, THICKNESS + FILLET
-    outline = [(0, 0), (LENGTH, 0), (LENGTH, a), (b, a), (a, b), (a, HEIGHT), (0, HEIGHT)]
-    points = [occ.addPoint(x, 0, z) for x, z in outline]
-    centre = occ.addPoint(b, 0, b)
-    curves = []
-    for start, end in zip(points, points[1:] + points[:1], strict=True):
-        curves.append(occ.addCircleArc(start, centre, end) if start == points[3] else occ.addLine(start, end))
-    return occ.addPlaneSurface([occ.addCurveLoop(curves)])
-
-
-def walls(gmsh: Any, centre: tuple[float, ...], half: tuple[float, ...]) -> list[int]:
-    """Tags of the faces that lie in the box around `centre`."""
-    low, high = np.subtract(centre, half) - 1e-5, np.add(centre, half) + 1e-5
-    return [tag for _, tag in gmsh.model.getEntitiesInBoundingBox(*low, *high, dim=2)]
 
 
 def save(mesh: SimplexMesh, file: Path) -> None:

@@ -1,7 +1,11 @@
-"""W, F, K and K v of this package, of the C loop, and one CSR product with the same K: timed in turns."""
+"""All who compute W, F, K and K v in one run: this package, a C loop, scikit-fem, the textbook form and other codes.
+
+Their times are taken in turns, and their errors against 50 digits.
+"""
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable
 from functools import partial
 from operator import matmul
@@ -10,25 +14,31 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import StvkError
-from ..peers.peer import lame
+from ..errors import StvkError, StvkWarning
+from ..mesh import SimplexMesh
+from ..mesh.geometry import vertex_sizes
+from ..peers import load, module_of
+from ..peers.peer import PACKAGES, lame
+from ..referee.checks.precision import Textbook, patch, relative_error
+from ..referee.exact import ExactStVK
+from ..referee.players import METHODS
+from ..reference import ReferenceStVK, isotropic_tensor
 from ..system import System
-from .case import POISSON, YOUNG, Case
-from .checkout import from_checkout
-from .results import CONTROL, CSR, OURS, Benchmark
-from .timing import best_and_median, most_threads, threads
-from .traffic import least_bytes
+from .control import Control
+from .costs import best_and_median, least_bytes, most_threads, threads
+from .meshes import POISSON, YOUNG, Specimen
+from .results import CONTROL, CSR, OURS, REFERENCE, TEXTBOOK, Benchmark, ErrorOf
 
 Calls = dict[tuple[str, str], Callable[[], Any]]
 
-METHODS = {"W": "energy", "F": "internal_force", "K": "tangent"}
+STRAINS = (1e-3, 1e-6)
 
 
-def time_contenders(results: Benchmark, case: Case) -> None:
-    """Both precisions on one and two threads; the C loop and the CSR product have one."""
-    control = results.optional(CONTROL, partial(_control_calls, case))
+def time_contenders(results: Benchmark, specimen: Specimen) -> None:
+    """Time this package in both precisions on one and two threads, the C loop and one CSR product with the same K on one."""
+    control = results.optional(CONTROL, partial(_control_calls, specimen))
     for dtype in ("float64", "float32"):
-        body, u, v = System(case.mesh, case.term, dtype=dtype), case.u.astype(dtype), case.v.astype(dtype)
+        body, u, v = System(specimen.mesh, specimen.term, dtype=dtype), specimen.u.astype(dtype), specimen.v.astype(dtype)
         for count in (1, 2):
             if count > most_threads():
                 results.not_measured["2 threads"] = "numba has one thread here"
@@ -40,9 +50,9 @@ def time_contenders(results: Benchmark, case: Case) -> None:
                 if count == 1 and dtype == "float64":
                     calls |= control or {}
                 for (player, quantity), taken in best_and_median(calls, results.plan.seconds).items():
-                    results.add(case, player, quantity, taken, count, dtype)
+                    results.add(specimen, player, quantity, taken, count, dtype)
                 if count == 1 and dtype == "float64":
-                    results.least_bytes[case.name] = {what: n / case.mesh.nt for what, n in least_bytes(body, K).items()}
+                    results.least_bytes[specimen.name] = {what: n / specimen.mesh.nt for what, n in least_bytes(body, K).items()}
 
 
 def our_calls(body: System, u: NDArray[Any], v: NDArray[Any]) -> tuple[Calls, Any]:
@@ -60,16 +70,107 @@ def our_calls(body: System, u: NDArray[Any], v: NDArray[Any]) -> tuple[Calls, An
     return {(OURS, quantity): call for quantity, call in calls.items()}, K
 
 
-def _control_calls(case: Case) -> Calls:
-    """The C loop's.
+def _control_calls(specimen: Specimen) -> Calls:
+    """The calls of the C loop.
 
     Raises
     ------
     StvkError
-        if there is no checkout or no compiler.
+        if there is no compiler, or what it makes cannot be used.
     """
     try:
-        loop = from_checkout("control").Control(case.mesh.p, case.mesh.t, *lame(YOUNG, POISSON))
+        loop = Control(specimen.mesh.p, specimen.mesh.t, *lame(YOUNG, POISSON))
     except (OSError, np.linalg.LinAlgError) as error:
         raise StvkError(f"the C loop cannot be used ({error})") from error
-    return {(CONTROL, quantity): partial(getattr(loop, method), case.u) for quantity, method in METHODS.items()}
+    return {(CONTROL, quantity): partial(getattr(loop, method), specimen.u) for quantity, method in METHODS.items()}
+
+
+def reference_on(mesh: SimplexMesh) -> ReferenceStVK:
+    """scikit-fem's standard assembly of the benchmark's material."""
+    return ReferenceStVK(mesh.p, mesh.t, isotropic_tensor(YOUNG, POISSON, 3, False))
+
+
+def time_reference(results: Benchmark, specimen: Specimen) -> None:
+    """Time scikit-fem's W, F and K, and the textbook form's F in both precisions, on one thread."""
+    if specimen.size not in results.plan.referenced:
+        return
+    for dtype in ("float64", "float32"):
+        form, u = Textbook(specimen.term.bind(specimen.mesh).form, dtype), specimen.u.astype(dtype)
+        (taken,) = best_and_median({"F": partial(form.internal_force, u)}, results.plan.seconds).values()
+        results.add(specimen, TEXTBOOK, "F", taken, dtype=dtype)
+    _time(results, specimen, REFERENCE, reference_on(specimen.mesh))
+
+
+def time_peers(results: Benchmark, specimen: Specimen) -> None:
+    """Time each peer that the plan names for this mesh and that is installed, on one thread."""
+    for name, meshes in results.plan.peers.items():
+        if specimen.name not in meshes or name in results.not_measured:
+            continue
+        results.attempt(f"{specimen.name}: {name}", partial(_time_peer, results, specimen, name))
+
+
+def _time_peer(results: Benchmark, specimen: Specimen, name: str) -> None:
+    model = results.optional(name, partial(peer_on, name, specimen.mesh))
+    if model is not None:
+        _time(results, specimen, name, model)
+
+
+def peer_on(name: str, mesh: SimplexMesh) -> Any:
+    """A peer of the benchmark's material.
+
+    Raises
+    ------
+    StvkError
+        if it is not installed.
+    """
+    return load(name)(mesh.p, mesh.t, YOUNG, POISSON)
+
+
+def leave_out(results: Benchmark, names: list[str]) -> None:
+    """Say which peers the plan does not time, and how those that are missing are installed."""
+    for name in names:
+        package = PACKAGES[module_of(name)]
+        if package.version() is None:
+            results.not_measured[name] = f"not installed: {package.install}"
+        elif name not in results.plan.peers:
+            results.not_measured[name] = "left to the full run"
+
+
+def _time(results: Benchmark, specimen: Specimen, player: str, model: Any) -> None:
+    calls = {what: partial(getattr(model, name), specimen.u) for what, name in METHODS.items() if hasattr(model, name)}
+    with threads(1):
+        for quantity, taken in best_and_median(calls, results.plan.seconds).items():
+            results.add(specimen, player, quantity, taken)
+
+
+def compare_errors(results: Benchmark, specimen: Specimen) -> None:
+    """Keep the errors of all players on 64 tetrahedra from the middle of a mesh, strained at random without rotation.
+
+    Single precision holds the displacements exactly, so that the computation alone is measured.
+    """
+    piece = patch(specimen.mesh)
+    noise = vertex_sizes(piece)[:, None] * np.random.default_rng(2).standard_normal((2, piece.nv, 3))
+    exact = ExactStVK(piece.p, piece.t, lame(YOUNG, POISSON))
+    models = _models(results, specimen, piece)
+    for strain in STRAINS:
+        u, v = (strain * noise).astype(np.float32).astype(float).reshape(2, -1)
+        F, Kv = exact.internal_force(u), exact.product(u, v)
+        for (player, dtype), model in models.items():
+            at = u.astype(dtype)
+            results.errors.append(ErrorOf(player, dtype, "F", strain, relative_error(model.internal_force(at), F)))
+            if hasattr(model, "tangent"):
+                product = model.tangent(at) @ v.astype(dtype)
+                results.errors.append(ErrorOf(player, dtype, "K", strain, relative_error(product, Kv)))
+
+
+def _models(results: Benchmark, specimen: Specimen, piece: SimplexMesh) -> dict[tuple[str, str], Any]:
+    """Every player that was timed, by name and precision."""
+    models: dict[tuple[str, str], Any] = {(REFERENCE, "float64"): reference_on(piece)}
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", StvkWarning)  # the patch may be in pieces
+        for dtype in ("float64", "float32"):
+            models[OURS, dtype] = System(piece, specimen.term, dtype=dtype)
+            models[TEXTBOOK, dtype] = Textbook(specimen.term.bind(piece).form, dtype)
+    for name in dict.fromkeys(timing.player for timing in results.timings if timing.player in results.plan.peers):
+        models[name, "float64"] = peer_on(name, piece)
+    return models

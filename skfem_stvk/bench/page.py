@@ -1,25 +1,32 @@
-"""The page of the docs, and the files of a run."""
+"""A run in a terminal, as the page of the docs, and as files."""
 
 from __future__ import annotations
 
 import json
+import textwrap
 from pathlib import Path
 
+from rich.console import Group, RenderableType
+from rich.markup import escape
+from rich.table import Table as RichTable
+from rich.text import Text
+
+from ..referee.terminal import as_text, grid
 from .results import Benchmark
 from .tables import Table, tables
-from .terminal import as_text, grid_of, head
 
+WIDTH = 132
 NAME = "benchmark"
 PICTURES = {
     "speed-error": "Time of a call against its error: down and to the left is better",
-    "size": "Time of a call for each tetrahedron, against the size of the mesh",
+    "size": "Time of a call per tetrahedron, against the size of the mesh",
 }
 METHOD = """\
 Boxes are grids of six tetrahedra a cell, in scikit-fem's order; parts are a bracket that Gmsh meshes. Half of all tetrahedra are
 turned round. Poisson's ratio is 0.3, strains are about 0.6. Calls that are compared take turns, of five each after one that is not
 counted, as what came before has filled the caches: after other work a CSR product took twice as long here. The best and the median
 are shown. All is on one thread unless it says otherwise. K is filled into the CSR matrix that the solver takes (`tangent(u,
-out=K)`); the CSR product is scipy's, with the same K. The C loop is a plain element loop of this project (`validation/control.c`),
+out=K)`); the CSR product is scipy's, with the same K. The C loop is a plain element loop of this project (`skfem_stvk/bench/control.c`),
 compiled with `-O3 -march=native -ffast-math`. scikit-fem's forms are written as well as they can be, with one quadrature point and
 all constant parts hoisted out. The textbook form is the edge form with `zeta = |p|^2 - |P|^2` from positions, in NumPy and sparse
 products. The peers get what their codes offer for the same law, element and one thread (`skfem_stvk/peers`).
@@ -30,6 +37,41 @@ for K v the blocks and vertices of the edges, and both vectors. The same arrays 
 
 Left out: time in a solver, I/O, more than two threads, second-order elements, other laws, scikit-fem's and the peers' memory, and
 scikit-fem in single precision, which it does not offer."""
+
+
+def rendered(results: Benchmark) -> RenderableType:
+    """The run for a rich console: head, tables, what is missing, and the targets at the end, where they are seen."""
+    shown = tables(results)
+    order = [*shown[1:], *shown[:1]] if shown and shown[0].title == "Targets" else shown
+    parts: list[RenderableType] = [Text(head(results))]
+    for table in order:
+        parts += [grid_of(table, escape(table.title)), *([Text(table.note, style="dim")] if table.note else []), Text()]
+    return Group(*parts, _last_line(results))
+
+
+def head(results: Benchmark) -> str:
+    """Machine, bandwidth and versions in lines."""
+    machine, versions = results.header["machine"], results.header["versions"]
+    bandwidth = "" if results.bandwidth is None else f", a copy reads and writes {results.bandwidth / 1e9:.1f} GB/s on one thread"
+    named = ", ".join(f"{name} {version}" for name, version in versions.items() if version != "not installed")
+    return "\n".join([f"{machine['processor']}, {machine['cores']} cores{bandwidth}", *textwrap.wrap(named, WIDTH - 8)])
+
+
+def grid_of(table: Table, title: str = "") -> RichTable:
+    """The table for a rich console, in the house style."""
+    shown = grid(title, *map(escape, table.columns))
+    for column in shown.columns[table.words :]:
+        column.justify, column.no_wrap = "right", True
+    for row in table.rows:
+        shown.add_row(*(cell if isinstance(cell, Text) else Text(cell) for cell in row))
+    return shown
+
+
+def _last_line(results: Benchmark) -> Text:
+    words = f"{results.plan.name} run, {results.seconds:.0f} s"
+    if results.interrupted:
+        words += ", interrupted; the tables show what was measured before"
+    return Text(words, style="yellow" if results.interrupted or results.failures else "")
 
 
 def save(results: Benchmark, folder: str | Path) -> None:
@@ -52,9 +94,9 @@ def save(results: Benchmark, folder: str | Path) -> None:
 
 
 def page(results: Benchmark) -> str:
-    """The page as Markdown."""
+    """The run as a page in Markdown."""
     command = "skfem-stvk bench --out docs" if results.plan.name == "full" else f"skfem-stvk bench --{results.plan.name} --out docs"
-    warning = "**Interrupted**: what was measured until then.\n\n" if results.interrupted else ""
+    warning = "**Interrupted**: the tables show what was measured before.\n\n" if results.interrupted else ""
     parts = [f"# The benchmark\n\nThis page is written by\n\n    {command}\n\n{warning}on\n\n{_indented(head(results))}"]
     shown = tables(results)
     parts += [_section(table) for table in shown[:1]]
@@ -65,7 +107,7 @@ def page(results: Benchmark) -> str:
 
 def _section(table: Table) -> str:
     note = f"{table.note}\n\n" if table.note else ""
-    return f"## {table.title}\n\n{note}{_indented(as_text(grid_of(table)))}"
+    return f"## {table.title}\n\n{note}{_indented(as_text(grid_of(table), WIDTH))}"
 
 
 def _indented(text: str) -> str:

@@ -7,7 +7,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.transforms import Bbox
 
-from .results import CONTROL, CSR, OURS, REFERENCE, TEXTBOOK, Benchmark
+from .results import CONTROL, CSR, OURS, REFERENCE, TEXTBOOK, Benchmark, Timing
 
 COLOURS = {  # Okabe and Ito's, which colour-blind readers can tell apart
     OURS: "#0072B2",
@@ -39,7 +39,7 @@ def speed_against_error(results: Benchmark) -> Figure:
                 if time is not None:
                     points.append((time, max(e.error, FLOOR), e.player, e.dtype))
         _scatter(axes, points)
-        _finish(axes, "ns a tetrahedron", f"{quantity}, strain {strain:.0e}")
+        _finish(axes, "ns per tetrahedron", f"{quantity}, strain {strain:.0e}")
         shown.append(points)
     panels[0].set_ylabel("error, relative to 50 digits")
     figure.suptitle(f"{mesh}: filled in double precision, open in single; down and to the left is better", fontsize=10)
@@ -60,7 +60,7 @@ def _scatter(axes: Axes, points: list[Point]) -> None:
 
 
 def _finish(axes: Axes, xlabel: str, title: str) -> None:
-    """Logarithms, if there is something to take them of."""
+    """Labels and a grid; logarithmic axes where there are points."""
     axes.set(xlabel=xlabel, title=title)
     axes.grid(alpha=0.3)
     if axes.has_data():
@@ -90,17 +90,17 @@ def _mesh_of_most(results: Benchmark) -> str:
 
 
 def time_against_size(results: Benchmark) -> Figure:
-    """ns a tetrahedron of the force and of the tangent: boxes as lines, parts as open markers."""
+    """Times of the force and of the tangent per tetrahedron: boxes as lines, parts as open markers."""
     figure = Figure(figsize=(11, 4.2), layout="constrained")
     panels: list[Axes] = list(figure.subplots(1, 2, sharey=True))
     for axes, quantity, title in zip(panels, ("F", "K"), ("internal force F", "tangent stiffness K"), strict=True):
         for player, colour in COLOURS.items():
             shown = "K v" if player == CSR else quantity
-            _line(axes, results, player, shown, colour, "float64", "-")
-            if player == OURS:
-                _line(axes, results, player, shown, colour, "float32", "--")
+            for dtype in ("float64", "float32") if player == OURS else ("float64",):
+                timings = [t for t in results.timings if (t.player, t.quantity, t.threads, t.dtype) == (player, shown, 1, dtype)]
+                _line(axes, timings, colour, player if dtype == "float64" else f"{player}, float32")
         _finish(axes, "tetrahedra", title)
-    panels[0].set_ylabel("ns a tetrahedron, one thread")
+    panels[0].set_ylabel("ns per tetrahedron, one thread")
     if any(name.startswith("part") for name in results.meshes):
         figure.suptitle("lines: boxes; diamonds: a part meshed by Gmsh", fontsize=10)
     handles = dict(zip(*reversed(panels[1].get_legend_handles_labels()), strict=True))
@@ -110,12 +110,13 @@ def time_against_size(results: Benchmark) -> Figure:
     return figure
 
 
-def _line(axes: Axes, results: Benchmark, player: str, quantity: str, colour: str, dtype: str, style: str) -> None:
-    found = [t for t in results.timings if (t.player, t.quantity, t.threads, t.dtype) == (player, quantity, 1, dtype)]
-    boxes, parts = ([t for t in found if t.mesh.startswith(kind)] for kind in ("box", "part"))
-    label = player if dtype == "float64" else f"{player}, float32"
+def _line(axes: Axes, timings: list[Timing], colour: str, label: str) -> None:
+    """The times of one player in one precision: dashed in single precision, where parts are left out."""
+    boxes, parts = ([t for t in timings if t.mesh.startswith(kind)] for kind in ("box", "part"))
+    single = "float32" in {t.dtype for t in timings}
     if boxes:
+        style = "--" if single else "-"
         axes.plot([t.nt for t in boxes], [t.best for t in boxes], style, marker="o", ms=4, color=colour, label=label)
-    if parts and dtype == "float64":
+    if parts and not single:
         label = "" if boxes else label
         axes.plot([t.nt for t in parts], [t.best for t in parts], "D", ms=6, mfc="none", color=colour, label=label)

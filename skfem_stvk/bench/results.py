@@ -1,27 +1,84 @@
-"""What a run has measured so far."""
+"""What a run measures, quick for a look or full for the page of the docs, and what it has measured so far."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, field
-from typing import Any, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 from ..errors import StvkError
 from ..referee.case import OURS, REFERENCE
-from .case import Case
-from .plan import Plan
-from .timing import Seconds
+from .meshes import Specimen
 
 CSR, CONTROL, TEXTBOOK = "CSR product", "C loop", "textbook form"
 QUANTITIES = ("W", "F", "W+F", "K", "W+F+K", "K v", "K v: prepare")
+MESHES = ("box 5 k", "part 5 k", "box 40 k", "part 40 k", "box 250 k", "part 250 k")
 T = TypeVar("T")
 
 __all__ = ["CONTROL", "CSR", "OURS", "QUANTITIES", "REFERENCE", "TEXTBOOK", "Benchmark", "ErrorOf", "Memory", "Timing"]
 
 
 @dataclass(frozen=True)
+class Plan:
+    """What a run measures; sizes are approximate numbers of tetrahedra.
+
+    Attributes
+    ----------
+    name : of the run.
+    boxes, parts : sizes of the structured meshes, and of those that Gmsh makes of a part.
+    judged : sizes that the targets are for.
+    referenced : sizes at which scikit-fem's assembly and the textbook form are timed.
+    peers : names of the meshes that each peer is timed on; those that are not named are left to the full run.
+    seconds : least time that is spent on each call, after warming up.
+    first_use : whether compiling into an empty cache is timed.
+    """
+
+    name: str
+    boxes: tuple[int, ...]
+    parts: tuple[int, ...]
+    judged: tuple[int, ...]
+    referenced: tuple[int, ...]
+    peers: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    seconds: float = 1.0
+    first_use: bool = False
+
+
+QUICK = Plan(
+    name="quick",
+    boxes=(5_000, 40_000, 250_000),
+    parts=(),
+    judged=(40_000, 250_000),
+    referenced=(40_000,),
+    peers={"MuJoCo": ("box 40 k",), "FElupe": ("box 40 k",)},
+    seconds=0.2,
+)
+FULL = Plan(
+    name="full",
+    boxes=(5_000, 40_000, 250_000, 2_000_000),
+    parts=(5_000, 40_000, 250_000),
+    judged=(40_000, 250_000),
+    referenced=(5_000, 40_000, 250_000),
+    peers={
+        "MuJoCo": MESHES[:4],  # it takes 10 minutes and more to set up 250 k tetrahedra
+        "FElupe": MESHES,
+        "NGSolve": MESHES,
+        "DOLFINx": MESHES,
+    },
+    first_use=True,
+)
+
+
+class Seconds(NamedTuple):
+    """Shortest and median time of a call [s], and the number of calls."""
+
+    best: float
+    median: float
+    repetitions: int
+
+
+@dataclass(frozen=True)
 class Timing:
-    """Shortest and median time of a call [ns a tetrahedron]."""
+    """Shortest and median time of a call [ns per tetrahedron]."""
 
     mesh: str
     nt: int
@@ -63,15 +120,15 @@ class ErrorOf:
 
 @dataclass
 class Benchmark:
-    """A run and its results, which may be a part of what was planned.
+    """A run and its results, which may be less than what was planned.
 
     Attributes
     ----------
-    bandwidth : of a copy, bytes read and written a second.
-    least_bytes : by mesh and quantity, what a call must read and write [bytes a tetrahedron], in double precision.
+    bandwidth : of a copy, bytes read and written per second.
+    least_bytes : by mesh and quantity, what a call must read and write [bytes per tetrahedron], in double precision.
     first_use : time of W, F, K and K v with an empty cache of compiled kernels [s].
-    not_measured : what, and why not.
-    failures : what went wrong.
+    not_measured : what could not be measured here, and why.
+    failures : what went wrong, and how.
     """
 
     plan: Plan
@@ -88,11 +145,11 @@ class Benchmark:
     interrupted: bool = False
     seconds: float = 0.0
 
-    def add(self, case: Case, player: str, quantity: str, taken: Seconds, threads: int = 1, dtype: str = "float64") -> None:
+    def add(self, specimen: Specimen, player: str, quantity: str, taken: Seconds, threads: int = 1, dtype: str = "float64") -> None:
         """Keep the time of a call."""
-        per_tet = 1e9 / case.mesh.nt
+        per_tet = 1e9 / specimen.mesh.nt
         times = per_tet * taken.best, per_tet * taken.median
-        self.timings.append(Timing(case.name, case.mesh.nt, player, quantity, threads, dtype, *times, taken.repetitions))
+        self.timings.append(Timing(specimen.name, specimen.mesh.nt, player, quantity, threads, dtype, *times, taken.repetitions))
 
     def timing(self, mesh: str, player: str, quantity: str, threads: int = 1, dtype: str = "float64") -> Timing | None:
         """The time of a call; None if it was not measured."""
@@ -100,7 +157,7 @@ class Benchmark:
         return next((t for t in self.timings if (t.mesh, t.player, t.quantity, t.threads, t.dtype) == wanted), None)
 
     def best(self, mesh: str, player: str, *quantities: str, threads: int = 1, dtype: str = "float64") -> float | None:
-        """Sum of the shortest times of calls [ns a tetrahedron]; None if one was not measured."""
+        """Sum of the shortest times of calls [ns per tetrahedron]; None if one was not measured."""
         found = [self.timing(mesh, player, quantity, threads, dtype) for quantity in quantities]
         return None if None in found else sum(t.best for t in found if t is not None)
 
@@ -120,5 +177,5 @@ class Benchmark:
             self.failures[what] = f"{type(error).__name__}: {error}"
 
     def as_dict(self) -> dict[str, Any]:
-        """All of it, as JSON can hold it."""
+        """Plan and results in types that JSON has."""
         return asdict(self)

@@ -15,18 +15,13 @@ from ..peers import PEERS
 from ..peers.peer import PACKAGES
 from ..referee.header import PACKAGES as OWN
 from ..referee.header import machine, versions
-from ..referee.progress import Progress
-from .case import Case
-from .contenders import time_contenders
-from .errors import compare_errors
-from .holding import weigh
-from .others import leave_out, time_peers, time_reference
-from .plan import FULL, Plan
-from .results import Benchmark
-from .start import first_use, time_setup
-from .traffic import copy_bandwidth
+from ..referee.terminal import Progress
+from .contenders import compare_errors, leave_out, time_contenders, time_peers, time_reference
+from .costs import copy_bandwidth, first_use, time_setup, weigh
+from .meshes import Specimen
+from .results import FULL, Benchmark, Plan
 
-STEPS: dict[str, Callable[[Benchmark, Case], None]] = {
+STEPS: dict[str, Callable[[Benchmark, Specimen], None]] = {
     "this package, the C loop, a CSR product": time_contenders,
     "setup": time_setup,
     "memory": weigh,
@@ -49,43 +44,43 @@ def bench(plan: Plan = FULL, quiet: bool = False) -> Benchmark:
         raise StvkError(f"plan = {shown(plan)}; expected FULL, QUICK or a Plan(...).")
     quiet = flag("quiet", quiet)
     results = Benchmark(plan, _header())
-    cases = [Case(kind, size) for kind, sizes in (("box", plan.boxes), ("part", plan.parts)) for size in sizes]
+    specimens = [Specimen(kind, size) for kind, sizes in (("box", plan.boxes), ("part", plan.parts)) for size in sizes]
     begin = perf_counter()
     leave_out(results, list(PEERS))
     try:
-        with Progress("bench", 3 + len(cases) * (1 + len(STEPS)) + plan.first_use, quiet) as progress:
-            _run(results, cases, progress)
+        with Progress("bench", 3 + len(specimens) * (1 + len(STEPS)) + plan.first_use, quiet) as progress:
+            _run(results, specimens, progress)
     except KeyboardInterrupt:
         results.interrupted = True
     results.seconds = perf_counter() - begin
     return results
 
 
-def _run(results: Benchmark, cases: list[Case], progress: Progress) -> None:
+def _run(results: Benchmark, specimens: list[Specimen], progress: Progress) -> None:
     def attempt(what: str, step: Callable[[], None]) -> None:
         progress.step(what)
         results.attempt(what, step)
 
     attempt("speed of a copy", lambda: setattr(results, "bandwidth", copy_bandwidth()))
-    for case in cases:
-        attempt(f"{case.name}: mesh", partial(_mesh, results, case))
+    for specimen in specimens:
+        attempt(f"{specimen.name}: mesh", partial(_mesh, results, specimen))
         for what, step in STEPS.items():
-            if case.name in results.meshes:
-                attempt(f"{case.name}: {what}", partial(step, results, case))
+            if specimen.name in results.meshes:
+                attempt(f"{specimen.name}: {what}", partial(step, results, specimen))
             else:
                 progress.step(what)
-    if "box" in {case.kind for case in cases}:
-        attempt("errors", partial(compare_errors, results, cases[0]))
+    if "box" in {specimen.kind for specimen in specimens}:
+        attempt("errors", partial(compare_errors, results, specimens[0]))
     if results.plan.first_use:
         attempt("first use", lambda: setattr(results, "first_use", first_use()))
     else:
         results.not_measured["first use"] = "left to the full run"
 
 
-def _mesh(results: Benchmark, case: Case) -> None:
-    mesh = results.optional(case.name, lambda: case.mesh)
+def _mesh(results: Benchmark, specimen: Specimen) -> None:
+    mesh = results.optional(specimen.name, lambda: specimen.mesh)
     if mesh is not None:
-        results.meshes[case.name] = {"nt": mesh.nt, "nv": mesh.nv}
+        results.meshes[specimen.name] = {"nt": mesh.nt, "nv": mesh.nv}
 
 
 def _header() -> dict[str, object]:

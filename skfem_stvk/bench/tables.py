@@ -6,9 +6,8 @@ from dataclasses import dataclass
 
 from rich.text import Text
 
-from .growth import of_memory, of_time
 from .results import CONTROL, CSR, OURS, QUANTITIES, REFERENCE, Benchmark
-from .targets import Verdict, judged, verdicts
+from .targets import TargetVerdict, judged, of_memory, of_time, verdicts
 
 Row = tuple[str | Text, ...]
 
@@ -27,13 +26,13 @@ class Table:
 
 
 def tables(results: Benchmark) -> list[Table]:
-    """All that hold something, the targets first."""
+    """The tables that hold something, the targets first."""
     every = (targets, ours, precisions, others, growth, setup, memory, memory_by_mesh, errors, missing)
     return [table for make in every if (table := make(results)).rows]
 
 
 def number(value: float | None) -> str:
-    """Three digits, or nothing.
+    """The number with three digits; None is empty.
 
     >>> number(0.1234), number(12.34), number(1234.5), number(None)
     ('0.123', '12.3', '1234', '')
@@ -55,7 +54,7 @@ def targets(results: Benchmark) -> Table:
     return Table("Targets", note, columns, rows if results.meshes else [])
 
 
-def _row_of(verdict: Verdict, meshes: list[str]) -> Row:
+def _row_of(verdict: TargetVerdict, meshes: list[str]) -> Row:
     target, sign = verdict.target, "≥" if verdict.target.at_least else "≤"
     word = verdict.in_words()
     moonshot = {None: "", True: "yes", False: "no"}[verdict.moonshot]
@@ -83,7 +82,7 @@ def ours(results: Benchmark) -> Table:
                 limit = _limit(results, mesh, quantity)
                 ratios = quotient(timing.best, product), quotient(timing.best, loop), quotient(reference, timing.best)
                 rows.append((mesh, quantity, number(timing.best), number(timing.median), *ratios, quotient(timing.best, limit)))
-    columns = ("mesh", "of", "ns a tet", "median", "CSR products", "of the C loop", "x scikit-fem", "x memory limit")
+    columns = ("mesh", "of", "ns per tet", "median", "CSR products", "of the C loop", "x scikit-fem", "x memory limit")
     note = (
         "One thread, double precision. W+F stands against scikit-fem's W and F, and against the C loop's F. K v is applied to a "
         "vector; preparing it at new displacements stands in a row of its own. The memory limit is the time to read and write "
@@ -94,7 +93,7 @@ def ours(results: Benchmark) -> Table:
 
 
 def _limit(results: Benchmark, mesh: str, quantity: str) -> float | None:
-    """Time at the speed of a copy [ns a tetrahedron]."""
+    """Time at the speed of a copy [ns per tetrahedron]."""
     least = results.least_bytes.get(mesh, {}).get(quantity)
     return None if least is None or results.bandwidth is None else 1e9 * least / results.bandwidth
 
@@ -112,7 +111,7 @@ def precisions(results: Benchmark) -> Table:
                 times = number(one), number(two), quotient(one, two), number(single), number(both), quotient(single, both)
                 rows.append((mesh, quantity if player == OURS else player, *times, quotient(one, single)))
     columns = ("mesh", "of", "float64", "2 threads", "gain", "float32", "2 threads", "gain", "float64/float32")
-    return Table("Threads and precision", "ns a tetrahedron, best.", columns, rows, words=2)
+    return Table("Threads and precision", "Best times, ns per tetrahedron.", columns, rows, words=2)
 
 
 def others(results: Benchmark) -> Table:
@@ -121,7 +120,7 @@ def others(results: Benchmark) -> Table:
         if timing.player != OURS and timing.dtype == "float64":
             ratio = quotient(timing.best, results.best(timing.mesh, OURS, timing.quantity))
             rows.append((timing.mesh, timing.player, timing.quantity, number(timing.best), number(timing.median), ratio))
-    columns = ("mesh", "player", "of", "ns a tet", "median", "x ours")
+    columns = ("mesh", "player", "of", "ns per tet", "median", "x ours")
     return Table("Others, in the same run", "One thread, double precision.", columns, rows, words=3)
 
 
@@ -141,13 +140,13 @@ def setup(results: Benchmark) -> Table:
         if timing.quantity.startswith("setup"):
             in_k = quotient(timing.best, results.best(timing.mesh, OURS, "K"))
             rows.append((timing.mesh, timing.quantity, number(timing.best), number(timing.median), in_k))
-    columns = ("mesh", "of", "ns a tet", "median", "in assemblies of K")
+    columns = ("mesh", "of", "ns per tet", "median", "in assemblies of K")
     note = "From arrays of points and tetrahedra to the first result, less the time of one such call; the kernels are compiled."
     return Table("Setup", note, columns, rows, words=2)
 
 
 def memory(results: Benchmark) -> Table:
-    """By part, on the largest mesh that is judged."""
+    """Memory by part, on the largest mesh that is judged."""
     mesh = (judged(results) or [""])[-1]
     held = [m for m in results.memory if m.mesh == mesh]
     names = dict.fromkeys(name for m in held for name in m.parts)
@@ -155,7 +154,9 @@ def memory(results: Benchmark) -> Table:
     if rows:
         rows.append(("all but the pattern of K", *(number(m.besides / m.nt) for m in held)))
     columns = (mesh, *(m.quantity + (", float32" if m.dtype == "float32" else "") for m in held))
-    note = "Bytes a tetrahedron that a system holds on one thread. The values of K are the user's, who gets the pattern with them."
+    note = (
+        "Bytes per tetrahedron that a system holds on one thread. The values of K are the user's, who gets the pattern with them."
+    )
     return Table("Memory by part", note, columns, rows)
 
 
@@ -168,7 +169,7 @@ def memory_by_mesh(results: Benchmark) -> Table:
         if any((mesh, *kind) in found for kind in kinds)
     ]
     columns = ("mesh", *(quantity + (", float32" if dtype == "float32" else "") for quantity, dtype in kinds))
-    return Table("Memory by mesh", "Bytes a tetrahedron, all but the pattern of K.", columns, rows)
+    return Table("Memory by mesh", "Bytes per tetrahedron, all but the pattern of K.", columns, rows)
 
 
 def errors(results: Benchmark) -> Table:

@@ -1,13 +1,14 @@
-"""The targets, and whether they are met."""
+"""The targets and whether they are met, and how time and memory grow with the mesh."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 
-from .case import Case
-from .growth import of_memory, of_time
+import numpy as np
+
+from .meshes import Specimen
 from .results import CONTROL, CSR, OURS, REFERENCE, Benchmark
 
 Measure = Callable[[Benchmark, str], float | None]
@@ -17,8 +18,8 @@ Measure = Callable[[Benchmark, str], float | None]
 class Target:
     """A number that shall be at most (`at_least`: at least) `limit`, or even `moonshot`.
 
-    `measure` gives it for a mesh, by name; None where it was not measured. `where` says on which meshes: 'judged', the sizes that the
-    plan judges, 'largest' of them, or 'run', once for the whole run, where the mesh's name is empty.
+    `measure` gives it for a mesh, by name; None where it was not measured. `where` says on which meshes: 'judged' for the sizes that
+    the plan judges, 'largest' for the largest of them, or 'run' for once in the whole run, where the mesh's name is empty.
     """
 
     what: str
@@ -32,14 +33,14 @@ class Target:
         return value >= limit if self.at_least else value <= limit
 
     def missed_by(self, value: float) -> float:
-        """The part of the limit that the value is off; 0 if it is met."""
+        """Distance from the limit as a fraction of it; 0 if it is met."""
         off = 1 - value / self.limit if self.at_least else value / self.limit - 1
         return max(off, 0.0)
 
 
 @dataclass(frozen=True)
-class Verdict:
-    """A target and what was measured, by mesh; the worst of them decides."""
+class TargetVerdict:
+    """A target and what was measured, by mesh; the worst value decides."""
 
     target: Target
     values: dict[str, float]
@@ -51,12 +52,12 @@ class Verdict:
 
     @property
     def met(self) -> bool | None:
-        """None if nothing was measured."""
+        """Whether the worst value meets the limit; None if nothing was measured."""
         return None if self.worst is None else self.target.meets(self.worst, self.target.limit)
 
     @property
     def moonshot(self) -> bool | None:
-        """None if nothing was measured or there is none."""
+        """Whether the worst value meets the moonshot; None if nothing was measured or there is none."""
         if self.worst is None or self.target.moonshot is None:
             return None
         return self.target.meets(self.worst, self.target.moonshot)
@@ -64,7 +65,7 @@ class Verdict:
     def in_words(self) -> str:
         """
         >>> target = Target("time", 2.0, lambda results, mesh: None)
-        >>> [Verdict(target, values).in_words() for values in ({}, {"a": 2.0}, {"a": 1.0, "b": 2.5})]
+        >>> [TargetVerdict(target, values).in_words() for values in ({}, {"a": 2.0}, {"a": 1.0, "b": 2.5})]
         ['not measured', 'met', 'missed by 25 %']
         """
         if self.worst is None:
@@ -72,10 +73,12 @@ class Verdict:
         return "met" if self.met else f"missed by {100 * self.target.missed_by(self.worst):.2g} %"
 
 
-def verdicts(results: Benchmark) -> list[Verdict]:
+def verdicts(results: Benchmark) -> list[TargetVerdict]:
     """Each target against what was measured so far."""
     return [
-        Verdict(target, {mesh: value for mesh in _meshes(results, target) if (value := target.measure(results, mesh)) is not None})
+        TargetVerdict(
+            target, {mesh: value for mesh in _meshes(results, target) if (value := target.measure(results, mesh)) is not None}
+        )
         for target in TARGETS
     ]
 
@@ -83,19 +86,19 @@ def verdicts(results: Benchmark) -> list[Verdict]:
 def judged(results: Benchmark) -> list[str]:
     """Names of the measured meshes that the targets are for."""
     sizes = results.plan.judged
-    names = [Case(kind, size).name for size in sizes for kind in ("box", "part")]
+    names = [Specimen(kind, size).name for size in sizes for kind in ("box", "part")]
     return [name for name in names if name in results.meshes]
 
 
 def _meshes(results: Benchmark, target: Target) -> list[str]:
     if target.where == "run":
         return [""]
-    largest = Case("", max(results.plan.judged)).name
+    largest = Specimen("", max(results.plan.judged)).name
     return [name for name in judged(results) if target.where == "judged" or name.endswith(largest)]
 
 
 def over(above: tuple[str, ...], below: tuple[str, ...], threads: int = 1) -> Measure:
-    """The ratio of two times; each a player and the quantities that are summed; the one below on `threads`."""
+    """The ratio of two times, each of a player and the sum of its quantities; the one below on this number of threads."""
 
     def ratio(results: Benchmark, mesh: str) -> float | None:
         first, second = results.best(mesh, *above), results.best(mesh, *below, threads=threads)
@@ -104,10 +107,32 @@ def over(above: tuple[str, ...], below: tuple[str, ...], threads: int = 1) -> Me
     return ratio
 
 
-def bytes_a_tet(results: Benchmark, mesh: str, quantity: str) -> float | None:
+def bytes_per_tet(results: Benchmark, mesh: str, quantity: str) -> float | None:
     """What a system in double precision holds besides the pattern of K."""
     wanted = mesh, quantity, "float64"
     return next((m.besides / m.nt for m in results.memory if (m.mesh, m.quantity, m.dtype) == wanted), None)
+
+
+def slope(sizes: Sequence[float], amounts: Sequence[float]) -> float | None:
+    """The exponent `s` of `amount ~ size^s`, fitted to logarithms; None if there are fewer than two sizes.
+
+    >>> round(slope([10, 100, 1000], [3, 300, 30000]), 12)
+    2.0
+    """
+    return float(np.polyfit(np.log(sizes), np.log(amounts), 1)[0]) if len(set(sizes)) > 1 else None
+
+
+def of_time(results: Benchmark, quantity: str) -> float | None:
+    """Exponent of the growth of a call's time over the boxes: one thread, double precision."""
+    found = [results.timing(mesh, OURS, quantity) for mesh in results.meshes if mesh.startswith("box")]
+    times = [timing for timing in found if timing is not None]
+    return slope([t.nt for t in times], [t.best * t.nt for t in times])
+
+
+def of_memory(results: Benchmark, quantity: str) -> float | None:
+    """Exponent of the growth, over the boxes, of what a system holds besides the pattern of K."""
+    held = [m for m in results.memory if m.mesh.startswith("box") and (m.quantity, m.dtype) == (quantity, "float64")]
+    return slope([m.nt for m in held], [m.besides for m in held])
 
 
 PRODUCT, WF, K = (CSR, "K v"), (OURS, "W+F"), (OURS, "K")
@@ -129,8 +154,8 @@ TARGETS = (
     Target("growth of the time of K, exponent", 1.08, lambda results, _: of_time(results, "K"), where="run"),
     Target("growth of memory for F, exponent", 1.02, lambda results, _: of_memory(results, "F"), where="run"),
     Target("growth of memory for F and K, exponent", 1.02, lambda results, _: of_memory(results, "F and K"), where="run"),
-    Target("memory for F, bytes a tet", 400, partial(bytes_a_tet, quantity="F")),
-    Target("memory for F and K besides K and its pattern", 700, partial(bytes_a_tet, quantity="F and K")),
+    Target("memory for F, bytes per tet", 400, partial(bytes_per_tet, quantity="F")),
+    Target("memory for F and K besides K and its pattern", 700, partial(bytes_per_tet, quantity="F and K")),
     Target("setup, in assemblies of K", 60, over((OURS, "setup of K"), K), moonshot=20),
     Target("first use with an empty cache, s", 20, lambda results, _: results.first_use, where="run"),
 )

@@ -14,9 +14,7 @@ from typing import Any
 
 from rich.console import Console
 
-from ..bench import FULL, QUICK, bench
-from ..bench import page as bench_page
-from ..bench import terminal as bench_terminal
+from ..bench import FULL, QUICK, bench, page
 from ..errors import StvkError, StvkWarning
 from ..kernels.threads import threads
 from ..mesh import SimplexMesh, embedded_mesh, read_mesh
@@ -104,9 +102,9 @@ def _bench(options: argparse.Namespace) -> int:
     if options.out is not None:
         _refuse_unwritable(options.out)
     results = bench(QUICK if options.quick else FULL)
-    failure = _saved(partial(bench_page.save, results), options.out)
-    console = _console(bench_terminal.WIDTH)
-    console.print(bench_terminal.rendered(results))
+    failure = _saved(partial(page.save, results), options.out)
+    console = _console(page.WIDTH)
+    console.print(page.rendered(results))
     if failure is not None:
         raise failure
     if options.out is not None:

@@ -1,4 +1,4 @@
-"""The case before the referee: a mesh, the players, the states, and the scales that errors are relative to."""
+"""The case before the referee: a mesh, players, named states, and the scales that errors are relative to."""
 
 from __future__ import annotations
 
@@ -8,18 +8,20 @@ from typing import Any
 
 import numpy as np
 from scipy.sparse import csr_matrix, diags, issparse
+from scipy.spatial.transform import Rotation
 
 from ..arguments import Array
 from ..mesh import SimplexMesh
 from ..mesh.geometry import edge_differences, edge_lengths, vertex_sizes
-from .judgement import largest_component, largest_rows
+from .judgement import RoundOff, largest_component, largest_rows
 from .players import Player
-from .round_off import RoundOff
-from .states import INVERTED, STRETCH
-from .tasks import NotApplicable
+from .results import NotApplicable
 
 EPS = float(np.finfo(float).eps)
 OURS, REFERENCE, CANDIDATE = "skfem-stvk", "scikit-fem", "candidate"
+STRETCH = "100 % stretch"
+#: States in which elements may be inside out.
+INVERTED = ("large random", "reflected random")
 
 
 @dataclass
@@ -31,7 +33,7 @@ class Case:
     mesh : the body's simplices.
     ours, reference : the edge form, and what it is held against (`truth`).
     scikit_fem : scikit-fem's standard assembly of all elements, whose speed is measured.
-    candidate : somebody else's model, if one came.
+    candidate : somebody else's model, if there is one.
     candidate_is_stvk : whether the candidate claims to be this model.
     states : displacements (ndofs,) [m] by name.
     seed : of all random numbers.
@@ -63,12 +65,12 @@ class Case:
         return player is not self.candidate or self.candidate_is_stvk
 
     def refuse_undefined(self, player: Player, state: str) -> None:
-        """States in which elements may be inside out, where laws other than St. Venant-Kirchhoff may not be defined."""
+        """Refuse states in which elements may be inside out, where laws other than St. Venant-Kirchhoff may not be defined."""
         if state in INVERTED and not self.is_stvk(player):
             raise NotApplicable("elements may be inside out, where the candidate's law may not be defined")
 
     def value(self, player: Player, quantity: str, state: str) -> Any:
-        """W, F or K of a player in a named state; those of the latest state are kept, for several checks hold them against each other."""
+        """W, F or K of a player in a named state; those of the latest state are kept, as several checks need them."""
         if state != self._state:
             self._state = state
             self._values.clear()
@@ -78,7 +80,7 @@ class Case:
         return self._values[key]
 
     def random(self, name: str) -> np.random.Generator:
-        """Random numbers for one check, independent of which others run."""
+        """Random numbers for one check, whichever others run."""
         return np.random.default_rng([self.seed, *name.encode()])
 
     @cached_property
@@ -102,9 +104,9 @@ class Case:
         return (self.mesh.p - self.mesh.p.mean(axis=1, keepdims=True)).T
 
     def stiffness(self, player: Player) -> Array:
-        """(nv,) largest entry of K at rest in the rows of each vertex [N/m]: the reference's, or of a player of another law its own.
+        """(nv,) largest entry of K at rest in the rows of each vertex [N/m].
 
-        Of a player without a matrix one value for all vertices is estimated.
+        K is the reference's, or for another law the player's own; without a matrix one value for all vertices is estimated.
         """
         judge = self.reference if self.is_stvk(player) else player
         if judge.name not in self._stiffness:
@@ -125,7 +127,7 @@ class Case:
         return np.full(self.mesh.nv, estimate)
 
     def force_floor(self, player: Player) -> Array:
-        """(nv,) stiffness at rest x shortest edge of each vertex [N]: what force means there where F = 0."""
+        """(nv,) stiffness at rest x shortest edge of each vertex [N]: the scale of forces there where F = 0."""
         return self.stiffness(player) * self.node_size
 
     def force_scale(self, player: Player, *forces: Array) -> Array:
@@ -134,13 +136,13 @@ class Case:
         return np.maximum(self.round_off.around(largest), self.force_floor(player))
 
     def energy_floor(self, player: Player) -> float:
-        """Median of stiffness at rest x shortest edge squared of the vertices [J]: what energy means on this body where W = 0."""
+        """Median of stiffness at rest x shortest edge squared of the vertices [J]: the scale of energy where W = 0."""
         floor = self.force_floor(player) * self.node_size
         return float(np.median(floor[floor > 0])) if (floor > 0).any() else 0.0
 
     @cached_property
     def round_off(self) -> RoundOff:
-        """What round-off may cost in each state."""
+        """The model of what round-off may cost in each state."""
         return RoundOff(self.mesh, self.modulus)
 
     def lost_force(self, player: Player, u: Array) -> Array:
@@ -157,7 +159,7 @@ class Case:
         return np.asarray(self.mesh.d * (self.lost_stiffness(player, u) @ largest_component(v, self.mesh.d)))
 
     def lost_energy(self, player: Player, u: Array) -> float:
-        """Round-off that a right W may have at `u` [J], the sum of that of the elements; of another law in proportion to its stiffness."""
+        """Round-off that a right W may have at `u` [J], summed over the elements; for another law in proportion to its stiffness."""
         lost = float(self.round_off.lost(u).energy.sum())
         return lost if self.is_stvk(player) else lost * self.energy_floor(player) / self.energy_floor(self.reference)
 
@@ -172,3 +174,52 @@ class Case:
         strain = self.strain(u)
         amplitude = 0.1 if strain < 1e-9 else min(strain, 0.3)
         return (amplitude * self.node_size[:, None] * rng.standard_normal((self.mesh.nv, self.mesh.d))).ravel()
+
+
+def random_rotation(d: int, rng: np.random.Generator, degrees: float = 170.0) -> Array:
+    """(d, d) rotation by this angle, about a random axis in space; the identity on a line."""
+    if d == 1:
+        return np.eye(1)
+    angle = np.deg2rad(degrees)
+    if d == 2:
+        return np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+    axis = rng.standard_normal(3)
+    return np.asarray(Rotation.from_rotvec(angle * axis / np.linalg.norm(axis)).as_matrix())
+
+
+def named_states(X: Array, node_size: Array, rng: np.random.Generator) -> dict[str, Array]:
+    """Displacements (ndofs,) [m] by name.
+
+    Parameters
+    ----------
+    X : (nv, d) coordinates from the centre of the body [m].
+    node_size : (nv,) size of the elements around each vertex [m], the unit of the random displacements.
+    rng : random numbers.
+    """
+    d = X.shape[1]
+    turn = random_rotation(d, rng)
+    shift = np.ptp(X, axis=0).max() * rng.standard_normal(d)
+    along = np.linalg.svd(X, full_matrices=False)[2][0]  # the direction in which the body is longest
+
+    def noise(amplitude: float) -> Array:
+        return amplitude * node_size[:, None] * rng.standard_normal(X.shape)
+
+    def stretched(s: float) -> Array:
+        return (s - 1) * np.outer(X @ along, along) + noise(0.02)
+
+    strained = 0.1 * np.outer(X @ along, along) + noise(0.05)
+    mirror = np.eye(d) - 2 * np.outer(along, along)
+    states = {
+        "rest": np.zeros_like(X),
+        "small random strain": noise(1e-3),
+        "rigid rotation": X @ turn.T - X + shift,
+        "rotated strained": (X + strained) @ turn.T - X + shift,
+        STRETCH: stretched(2.0),
+        "35 % compression": stretched(0.65),
+        "large random": noise(0.3),
+        "reflected random": (X + noise(0.3)) @ mirror.T - X,
+    }
+    if d == 1:  # a line cannot turn
+        states["rigid translation"] = states.pop("rigid rotation")
+        states["translated strained"] = states.pop("rotated strained")
+    return {name: u.ravel() for name, u in states.items()}

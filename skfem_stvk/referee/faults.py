@@ -130,7 +130,7 @@ def _altered(change: Callable[[Array], None]) -> Callable[[SimplexMesh, StVK], S
 
 def _refuse_other_bodies(mesh: SimplexMesh, term: StVK) -> None:
     if mesh.k != 3 or not isinstance(term.material, Isotropic):
-        raise StvkError(f"This fault is for isotropic tetrahedra; {mesh.kind} of {type(term.material).__name__} came.")
+        raise StvkError(f"This fault is for isotropic tetrahedra; got {mesh.kind} of {type(term.material).__name__}.")
 
 
 def _drop_pairs(L: Array) -> None:

@@ -113,7 +113,8 @@ def mesh_facts(mesh: SimplexMesh) -> dict[str, Any]:
         "dofs": mesh.p.size,
         "size": [float(extent) for extent in np.ptp(mesh.p, axis=1)],
         "edges": {"shortest": float(lengths.min()), "median": float(np.median(lengths)), "longest": float(lengths.max())},
-        "aspect ratio": f"{np.median(aspect):.3g} median, {aspect.max():.3g} in element {aspect.argmax()} (longest edge/smallest height)",
+        "aspect ratio": f"{np.median(aspect):.3g} median, {aspect.max():.3g} in element {aspect.argmax()} "
+        "(longest edge/smallest height)",
         "measure": float(volumes(mesh).sum()),
         "subdomains": {name: len(ids) for name, ids in mesh.subdomains.items()},
         "boundaries": {name: facets.shape[1] for name, facets in mesh.boundaries.items()},
@@ -131,7 +132,7 @@ def material_facts(mesh: SimplexMesh, term: StVK) -> str:
         words = f"isotropic, E = {_range(material.young)}, nu = {'-' if material.poisson is None else _range(material.poisson)}"
     elif isinstance(material, FramedMaterial):
         stiffness = np.einsum("...ii->...i", material.stiffness())
-        frames = {0: "", 2: ", a frame", 3: ", a frame an element"}[np.ndim(material.frame) if material.frame is not None else 0]
+        frames = {0: "", 2: ", a frame", 3: ", a frame per element"}[np.ndim(material.frame) if material.frame is not None else 0]
         words = f"{type(material).__name__}, diagonal of the elasticity matrix {_range(stiffness)}{frames}"
     else:
         words = type(material).__name__
@@ -154,7 +155,7 @@ def _range(values: Any) -> str:
 
 
 def header(mesh: SimplexMesh, terms: Sequence[StVK], source: str, seed: int) -> dict[str, Any]:
-    """The head of a report on this body; `source` says where the mesh came from."""
+    """The head of a report on this body; `source` says where the mesh is from."""
     return {
         "date": datetime.now(timezone.utc).isoformat(timespec="seconds"),
         "command": " ".join([Path(sys.argv[0]).name, *sys.argv[1:]]),

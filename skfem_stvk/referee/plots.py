@@ -1,21 +1,24 @@
-"""Pictures of a report. matplotlib is imported here, so this module is imported only when a picture is asked for."""
+"""Pictures of a report, and the HTML page that shows them; imported only when one is asked for, as it imports matplotlib."""
 
 from __future__ import annotations
 
 import io
+from importlib.resources import files
 
+from jinja2 import Environment
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from .case import OURS, REFERENCE
 from .checks.precision import TEXTBOOK
-from .report import Report
+from .judgement import in_words
+from .results import Findings
 
 COLOURS = {OURS: "#0072B2", REFERENCE: "#D55E00", TEXTBOOK: "#009E73"}
 MARKERS = {"W": "s", "F": "o", "K": "^"}
 
 
-def error_against_strain(report: Report) -> Figure:
+def error_against_strain(report: Findings) -> Figure:
     """Error of F against strain: without and with a large rotation, at the origin and far from it."""
     figure = Figure(figsize=(9, 3.6), layout="constrained")
     panels: list[Axes] = list(figure.subplots(1, 2, sharey=True))
@@ -35,7 +38,7 @@ def error_against_strain(report: Report) -> Figure:
     return figure
 
 
-def speed_against_error(report: Report) -> Figure:
+def speed_against_error(report: Findings) -> Figure:
     """Time of W, F and K against their errors: down and to the left is better."""
     figure = Figure(figsize=(6, 3.6), layout="constrained")
     axes = figure.subplots()
@@ -47,7 +50,7 @@ def speed_against_error(report: Report) -> Figure:
         axes.loglog(
             row["ns_per_element"], max(error, 1e-17), marker, color=colour, label=f"{row['quantity']}, {row['player']}", ms=8
         )
-    axes.set(xlabel="time [ns an element]", ylabel="error at 0.1 % strain, relative to 50 digits")
+    axes.set(xlabel="time [ns per element]", ylabel="error at 0.1 % strain, relative to 50 digits")
     axes.grid(alpha=0.3)
     axes.margins(0.2)
     if axes.get_legend_handles_labels()[0]:
@@ -61,3 +64,12 @@ def as_svg(figure: Figure) -> str:
     figure.savefig(buffer, format="svg", metadata={"Date": None})
     text = buffer.getvalue()
     return text[text.index("<svg") :]
+
+
+def page(report: Findings) -> str:
+    """The report as one HTML file that needs no other, with the pictures inside."""
+    environment = Environment(autoescape=True, trim_blocks=True, lstrip_blocks=True)
+    environment.filters["in_words"] = in_words
+    template = environment.from_string(files(__package__).joinpath("page.html").read_text(encoding="utf-8"))
+    pictures = [as_svg(error_against_strain(report)), as_svg(speed_against_error(report))]
+    return template.render(report=report, header=report.header, pictures=pictures)

@@ -1,14 +1,19 @@
-"""What a check says: four outcomes, the measured value, the limit and why it is that, and the worst places."""
+"""What a check says, how a task turns one measurement into that whatever happens, and all that a verification has found."""
 
 from __future__ import annotations
 
 import math
+from collections import Counter
+from collections.abc import Callable
 from dataclasses import asdict, dataclass, field
 from enum import Enum
 from typing import Any
 
+from .. import arguments
+from .players import METHODS, Foul, Player
 
-class Outcome(Enum):
+
+class CheckOutcome(Enum):
     """The four ways in which a check can end; the value is the message."""
 
     PASSED = "passed"
@@ -39,7 +44,7 @@ class Result:
     subject: str
     quantity: str
     state: str
-    outcome: Outcome
+    outcome: CheckOutcome
     against: str = ""
     measured: float | None = None
     limit: float | None = None
@@ -48,7 +53,7 @@ class Result:
     worst: dict[str, Any] = field(default_factory=dict)
 
     def to_dict(self) -> dict[str, Any]:
-        """For JSON: not a number, which JSON does not have, as text."""
+        """The result in types that JSON has: what is not a number or infinite becomes text."""
         entries = asdict(self) | {"outcome": self.outcome.value}
         if self.measured is not None and not math.isfinite(self.measured):
             entries["measured"] = str(self.measured)
@@ -56,10 +61,132 @@ class Result:
 
 
 def judged(measured: float, limit: float, **entries: Any) -> Result:
-    """Passed if `measured <= limit`; a value that is not a number fails.
+    """The result of a measurement: passed if `measured <= limit`; a value that is not a number fails.
 
     >>> judged(float("nan"), 1e-12, check="a", subject="b", quantity="F", state="rest").outcome
-    <Outcome.FAILED: 'failed'>
+    <CheckOutcome.FAILED: 'failed'>
     """
-    outcome = Outcome.PASSED if measured <= limit else Outcome.FAILED
+    outcome = CheckOutcome.PASSED if measured <= limit else CheckOutcome.FAILED
     return Result(outcome=outcome, measured=float(measured), limit=limit, **entries)
+
+
+class NotApplicable(Exception):
+    """The check has no meaning here, by nature; the message says why."""
+
+
+class CannotTell(Exception):
+    """The check ran and could not decide; the message says why."""
+
+
+@dataclass(frozen=True)
+class Task:
+    """One check of one quantity of one player in one state.
+
+    `needs` are those of W, F, K that the player must have. `measure` returns what `judged` takes, at least `measured` and `limit`.
+    """
+
+    check: str
+    player: Player
+    quantity: str
+    state: str
+    needs: str
+    measure: Callable[[], dict[str, Any]]
+    against: str = ""
+
+    @property
+    def _who(self) -> dict[str, Any]:
+        same = {name: getattr(self, name) for name in ("check", "quantity", "state", "against")}
+        return same | {"subject": self.player.name}
+
+    def missed(self, reason: str) -> Result:
+        """The result of a task that could not run."""
+        return Result(outcome=CheckOutcome.COULD_NOT_RUN, reason=reason, **self._who)
+
+    def pointless(self, reason: str) -> Result:
+        """The result of a task that has no meaning here."""
+        return Result(outcome=CheckOutcome.NOT_APPLICABLE, reason=reason, **self._who)
+
+    def run(self) -> Result:
+        """The result of the measurement, whatever it raises."""
+        lacking = [f"{METHODS[quantity]}(u)" for quantity in self.needs if not self.player.has(quantity)]
+        if lacking:
+            return self.pointless(f"{self.player.name} has no {' and no '.join(lacking)}")
+        try:
+            return judged(**self._who, **self.measure())
+        except NotApplicable as why:
+            return self.pointless(str(why))
+        except (Foul, CannotTell) as why:
+            return self.missed(str(why))
+        except Exception as error:
+            return self.missed(f"{type(error).__name__}: {error}")
+
+
+@dataclass
+class Findings:
+    """What a verification has found so far.
+
+    Attributes
+    ----------
+    header : versions, machine, mesh, material, command line, seed.
+    results : every check of every quantity in every state.
+    precision : rows of error against strain (`checks.precision.precision_table`).
+    speed : rows of time and memory (`checks.precision.speed_table`).
+    errors : errors against 50 digits that the speed is shown against.
+    interrupted : whether it was stopped before the end.
+    seconds : how long the verification took.
+    """
+
+    header: dict[str, Any]
+    results: list[Result] = field(default_factory=list)
+    precision: list[dict[str, Any]] = field(default_factory=list)
+    speed: list[dict[str, Any]] = field(default_factory=list)
+    errors: dict[str, dict[str, float]] = field(default_factory=dict)
+    interrupted: bool = False
+    seconds: float = 0.0
+
+    @property
+    def passed(self) -> bool:
+        """Whether it ran to the end, something was measured, and everything passed or is not applicable by nature."""
+        counts = self.counts
+        return counts[CheckOutcome.PASSED] > 0 and not (
+            counts[CheckOutcome.FAILED] or counts[CheckOutcome.COULD_NOT_RUN] or self.interrupted
+        )
+
+    @property
+    def counts(self) -> Counter[CheckOutcome]:
+        """Number of checks by the way they ended."""
+        return Counter(result.outcome for result in self.results)
+
+    def failures(self, subject: str | None = None) -> list[Result]:
+        """The results that failed, of one subject or of all.
+
+        Raises
+        ------
+        StvkError
+            if nothing was checked of this subject.
+        """
+        if subject is not None:
+            subject = arguments.choice("subject", subject, {result.subject for result in self.results})
+        return [r for r in self.results if r.outcome is CheckOutcome.FAILED and subject in (None, r.subject)]
+
+    def groups(self) -> dict[tuple[str, str, str, str], list[Result]]:
+        """The results by check, subject, reference and quantity: the lines of a table."""
+        groups: dict[tuple[str, str, str, str], list[Result]] = {}
+        checks = list(dict.fromkeys(result.check for result in self.results))
+        for result in sorted(self.results, key=lambda result: checks.index(result.check)):
+            groups.setdefault((result.check, result.subject, result.against, result.quantity), []).append(result)
+        return groups
+
+    def to_dict(self) -> dict[str, Any]:
+        """Everything, in types that JSON has."""
+        return {
+            "passed": self.passed,
+            "counts": {outcome.value: self.counts[outcome] for outcome in CheckOutcome},
+            "interrupted": self.interrupted,
+            "seconds": self.seconds,
+            "header": self.header,
+            "results": [result.to_dict() for result in self.results],
+            "precision": self.precision,
+            "speed": self.speed,
+            "errors": self.errors,
+        }

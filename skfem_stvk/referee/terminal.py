@@ -1,26 +1,33 @@
-"""The report in a terminal, and progress while it is made."""
+"""Text for a terminal: the report, tables in the house style, and the progress of a long command."""
 
 from __future__ import annotations
 
 import io
 import math
+from types import TracebackType
 
 from rich import box
 from rich.console import Console, Group, RenderableType
 from rich.markup import escape
+from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeElapsedColumn
+from rich.progress import Progress as Bar
 from rich.table import Table
 
-from .places import in_words
-from .report import Report
-from .results import Outcome, Result
+from .judgement import in_words
+from .results import CheckOutcome, Findings, Result
 
-STYLE = {Outcome.PASSED: "green", Outcome.FAILED: "bold red", Outcome.COULD_NOT_RUN: "yellow", Outcome.NOT_APPLICABLE: "dim"}
-WORST_FIRST = (Outcome.FAILED, Outcome.COULD_NOT_RUN, Outcome.PASSED, Outcome.NOT_APPLICABLE)
+STYLE = {
+    CheckOutcome.PASSED: "green",
+    CheckOutcome.FAILED: "bold red",
+    CheckOutcome.COULD_NOT_RUN: "yellow",
+    CheckOutcome.NOT_APPLICABLE: "dim",
+}
+WORST_FIRST = (CheckOutcome.FAILED, CheckOutcome.COULD_NOT_RUN, CheckOutcome.PASSED, CheckOutcome.NOT_APPLICABLE)
 WIDTH = 124
 
 
 def printable(text: str) -> str:
-    """Text that shows on a terminal as it is: neither markup nor control characters act, lines stay lines.
+    """Text that a terminal shows as it is: neither markup nor control characters act, and lines stay lines.
 
     >>> printable("[bold]bracket\\x1b[2J.msh")
     '\\\\[bold]bracket\\\\x1b[2J.msh'
@@ -30,28 +37,20 @@ def printable(text: str) -> str:
     )
 
 
-def as_text(report: Report) -> str:
-    """The report as plain text."""
+def as_text(renderable: RenderableType, width: int = WIDTH) -> str:
+    """Plain text, without blanks at the ends of lines."""
     buffer = io.StringIO()
-    Console(file=buffer, width=WIDTH, no_color=True, highlight=False).print(rendered(report))
-    return buffer.getvalue().rstrip()
+    Console(file=buffer, width=width, no_color=True, highlight=False).print(renderable)
+    return "\n".join(line.rstrip() for line in buffer.getvalue().splitlines()).strip("\n")
 
 
-def rendered(report: Report, width: int = WIDTH) -> RenderableType:
-    """The report for a rich console: head, checks, what did not pass, precision, speed, verdict; fewer columns if it is narrow."""
-    parts: list[RenderableType] = [
-        _head(report),
-        _checks(report, width),
-        *_reasons(report),
-        *_troubles(report),
-        _precision(report, width),
-        _speed(report, width),
-        _verdict(report),
-    ]
-    return Group(*parts)
+def rendered(report: Findings, width: int = WIDTH) -> RenderableType:
+    """The report for a rich console: head, checks, what did not pass, precision, speed, verdict; with fewer columns if it is narrow."""
+    tables = _precision(report, width), _speed(report, width)
+    return Group(_head(report), _checks(report, width), *_reasons(report), *_troubles(report), *tables, _verdict(report))
 
 
-def _head(report: Report) -> RenderableType:
+def _head(report: Findings) -> RenderableType:
     mesh, machine, versions = report.header["mesh"], report.header["machine"], report.header["versions"]
     lines = [
         f"{mesh['source']}: {mesh['simplices']}, {mesh['vertices']} vertices, {mesh['dofs']} dofs, "
@@ -72,7 +71,7 @@ def grid(title: str, *columns: str, right: tuple[str, ...] = ()) -> Table:
     return table
 
 
-def _checks(report: Report, width: int) -> Table:
+def _checks(report: Findings, width: int) -> Table:
     columns = {"check": 0, "of": 0, "against": 108, "what": 0, "error": 0, "limit": 118, "worst in": 96, "passed": 0}
     shown = [column for column, needed in columns.items() if width >= needed]  # the rest is in report.json
     table = grid("Checks, the worst state of each", *shown, right=("error", "limit"))
@@ -86,15 +85,15 @@ def _checks(report: Report, width: int) -> Table:
             "what": quantity,
             "error": _number(worst.measured),
             "limit": _number(worst.limit),
-            "worst in": "" if outcome is Outcome.NOT_APPLICABLE else worst.state,
+            "worst in": "" if outcome is CheckOutcome.NOT_APPLICABLE else worst.state,
             "passed": f"[{STYLE[outcome]}]{_tally(results, outcome)}[/]",
         }
         table.add_row(*(row[column] for column in shown))
     return table
 
 
-def _reasons(report: Report) -> list[RenderableType]:
-    """Why limits are what they are: of the worst result of each row that passed or failed, once for each reason."""
+def _reasons(report: Findings) -> list[RenderableType]:
+    """Lines that say why limits are what they are: for the worst result of each row that has one, once per reason."""
     reasons: dict[str, dict[str, None]] = {}
     for (check, _, _, quantity), results in report.groups().items():
         judged = [r for r in results if r.limit is not None]
@@ -105,17 +104,21 @@ def _reasons(report: Report) -> list[RenderableType]:
 
 
 def _size(result: Result) -> float:
-    """For the worst first: nothing measured, errors over their limits, not a number."""
+    """How bad a result is: below zero if nothing was measured, else the error over its limit; infinite for not a number."""
     if result.measured is None:
         return -1.0
     return result.measured / (result.limit or 1.0) if math.isfinite(result.measured) else math.inf
 
 
-def _tally(results: list[Result], outcome: Outcome) -> str:
-    passed = sum(r.outcome is Outcome.PASSED for r in results)
-    asked = sum(r.outcome is not Outcome.NOT_APPLICABLE for r in results)
+def _tally(results: list[Result], outcome: CheckOutcome) -> str:
+    passed = sum(r.outcome is CheckOutcome.PASSED for r in results)
+    asked = sum(r.outcome is not CheckOutcome.NOT_APPLICABLE for r in results)
     return (
-        f"{passed}/{asked}" if outcome is Outcome.PASSED else outcome.value if not passed else f"{passed}/{asked} {outcome.value}"
+        f"{passed}/{asked}"
+        if outcome is CheckOutcome.PASSED
+        else outcome.value
+        if not passed
+        else f"{passed}/{asked} {outcome.value}"
     )
 
 
@@ -125,14 +128,14 @@ def _number(value: float | None) -> str:
     return "" if value is None else f"{value:.0f}" if value == int(value) and abs(value) < 1e6 else f"{value:.1e}"
 
 
-def _troubles(report: Report) -> list[RenderableType]:
-    """What failed, at its worst; what did not run or does not apply, once for each reason."""
+def _troubles(report: Findings) -> list[RenderableType]:
+    """Lines on what failed, at its worst, and on what did not run or does not apply, once per reason."""
     parts: list[RenderableType] = []
     for results in report.groups().values():
-        failed = [r for r in results if r.outcome is Outcome.FAILED]
+        failed = [r for r in results if r.outcome is CheckOutcome.FAILED]
         if failed:
-            parts.append(f"[{STYLE[Outcome.FAILED]}]failed[/] {printable(_story(max(failed, key=_size)))}")
-    for outcome in (Outcome.COULD_NOT_RUN, Outcome.NOT_APPLICABLE):
+            parts.append(f"[{STYLE[CheckOutcome.FAILED]}]failed[/] {printable(_story(max(failed, key=_size)))}")
+    for outcome in (CheckOutcome.COULD_NOT_RUN, CheckOutcome.NOT_APPLICABLE):
         reasons: dict[str, dict[str, None]] = {}
         for result in report.results:
             if result.outcome is outcome:
@@ -149,7 +152,7 @@ def _story(result: Result) -> str:
     return f"{what}, {result.state}: {result.measured:.2e} > {result.limit:.0e} of {result.scale}. {in_words(result.worst)}"
 
 
-def _precision(report: Report, width: int) -> Table:
+def _precision(report: Findings, width: int) -> Table:
     strains = sorted({row["strain"] for row in report.precision}, reverse=True)
     shown = strains[:: 2 if width >= 90 else 4]
     table = grid(
@@ -166,8 +169,8 @@ def _precision(report: Report, width: int) -> Table:
     return table
 
 
-def _speed(report: Report, width: int) -> Table:
-    columns = {"": 0, "of": 0, "ns an element": 0, "median": 90, "x reference": 0, "peak bytes an element": 90, "error": 0}
+def _speed(report: Findings, width: int) -> Table:
+    columns = {"": 0, "of": 0, "ns per element": 0, "median": 90, "x reference": 0, "peak bytes per element": 90, "error": 0}
     shown = [column for column, needed in columns.items() if width >= needed]
     table = grid("Speed against error, one run", *shown, right=tuple(shown[2:]))
     for row in report.speed:
@@ -175,17 +178,38 @@ def _speed(report: Report, width: int) -> Table:
         cells = {
             "": row["quantity"],
             "of": row["player"],
-            "ns an element": f"{row['ns_per_element']:.0f}",
+            "ns per element": f"{row['ns_per_element']:.0f}",
             "median": f"{row['median_ns_per_element']:.0f}",
             "x reference": f"{row['ratio']:.1f}",
-            "peak bytes an element": f"{row['peak_bytes_per_element']:.0f}",
+            "peak bytes per element": f"{row['peak_bytes_per_element']:.0f}",
             "error": "" if error is None else f"{error:.0e}",
         }
         table.add_row(*(cells[column] for column in shown))
     return table
 
 
-def _verdict(report: Report) -> str:
-    counts = ", ".join(f"{report.counts[outcome]} {outcome.value}" for outcome in Outcome)
+def _verdict(report: Findings) -> str:
+    counts = ", ".join(f"{report.counts[outcome]} {outcome.value}" for outcome in CheckOutcome)
     word, style = ("PASSED", "bold green") if report.passed else ("NOT PASSED", "bold red")
     return f"[{style}]{word}[/]: {counts} in {report.seconds:.1f} s{', interrupted' if report.interrupted else ''}"
+
+
+class Progress:
+    """A bar on standard error that goes away when the work is done; there is none if quiet or not on a terminal."""
+
+    def __init__(self, command: str, total: int, quiet: bool) -> None:
+        columns = TextColumn(command), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(), TextColumn("{task.description}")
+        console = Console(stderr=True)
+        self._bar = Bar(*columns, console=console, transient=True, disable=quiet or not console.is_terminal)
+        self._task = self._bar.add_task("", total=total)
+
+    def __enter__(self) -> Progress:
+        self._bar.start()
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+        self._bar.stop()
+
+    def step(self, description: str) -> None:
+        """Say that one more piece of work begins."""
+        self._bar.update(self._task, advance=1, description=description)

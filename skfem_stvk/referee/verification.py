@@ -18,22 +18,17 @@ from ..reference import ReferenceStVK
 from ..system import System
 from ..terms import StVK
 from .bodies import Homogeneous, elasticity, homogeneous_copy
-from .case import CANDIDATE, OURS, REFERENCE, Case
-from .checks.agreement import agreement
-from .checks.balance import balance
-from .checks.derivatives import derivatives
+from .case import CANDIDATE, OURS, REFERENCE, STRETCH, Case, named_states
+from .checks.agreement import agreement, derivatives
 from .checks.homogeneous import homogeneous_states
-from .checks.invariance import invariance
-from .checks.precision import precision
-from .checks.speed import error_table, speed_table
-from .checks.zero_modes import zero_modes
+from .checks.precision import error_table, precision, speed_table
+from .checks.rigid_motions import balance, invariance, zero_modes
+from .exact import Truth
 from .header import header
 from .players import METHODS, Player
-from .progress import Progress
 from .report import Report
-from .results import Outcome, Result
-from .states import STRETCH, named_states
-from .truth import Truth
+from .results import CheckOutcome, Result
+from .terminal import Progress
 
 
 def verify(
@@ -118,7 +113,7 @@ def _measure_speed(report: Report, case: Case, homogeneous: Homogeneous) -> None
         report.errors |= error_table(case, homogeneous)
     except Exception as error:  # nothing that was found before is lost
         reason = f"{type(error).__name__}: {error}"
-        report.results.append(Result("speed", OURS, "W, F, K", STRETCH, Outcome.COULD_NOT_RUN, reason=reason))
+        report.results.append(Result("speed", OURS, "W, F, K", STRETCH, CheckOutcome.COULD_NOT_RUN, reason=reason))
 
 
 def _twin(case: Case, homogeneous: Homogeneous) -> Player:
@@ -134,7 +129,9 @@ def _terms(material: Material | StVK | Sequence[StVK] | None, young: ArrayLike |
     if material is None:
         return [StVK(young=young, poisson=poisson)]
     if young is not None or poisson is not None:
-        raise MaterialError("young and poisson are shorthand for material=Isotropic(young, poisson); a material came as well.")
+        raise MaterialError(
+            "young and poisson are shorthand for material=Isotropic(young, poisson); expected one of the two, got both."
+        )
     if isinstance(material, Material):
         return [StVK(material)]
     if not isinstance(material, StVK | list | tuple):

@@ -2,24 +2,25 @@
 
 import json
 import re
+import sys
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from skfem_stvk import StvkError, System
-from skfem_stvk.bench import Plan, bench, checkout, others, run, start
-from skfem_stvk.bench.case import Case
+from skfem_stvk.bench import Plan, bench, contenders, control, costs, run
 from skfem_stvk.bench.contenders import our_calls
-from skfem_stvk.bench.page import page, save
+from skfem_stvk.bench.control import compiler
+from skfem_stvk.bench.costs import best_and_median, copy_bandwidth, least_bytes, most_threads, threads
+from skfem_stvk.bench.meshes import Specimen
+from skfem_stvk.bench.page import page, rendered, save
 from skfem_stvk.bench.results import CONTROL, CSR, OURS, QUANTITIES, REFERENCE, TEXTBOOK
 from skfem_stvk.bench.tables import tables
-from skfem_stvk.bench.terminal import as_text, rendered
-from skfem_stvk.bench.timing import best_and_median, most_threads, threads
-from skfem_stvk.bench.traffic import copy_bandwidth, least_bytes
 from skfem_stvk.peers import PEERS
 from skfem_stvk.peers.peer import PACKAGES, Package
-from validation.control import compiler
+from skfem_stvk.referee.terminal import as_text
 
 PLAN = Plan("quick", boxes=(50, 400), parts=(), judged=(400,), referenced=(400,), seconds=0.0)
 
@@ -55,7 +56,7 @@ def test_the_reference_and_the_textbook_form_are_timed_where_the_plan_says(resul
 
 
 @pytest.mark.skipif(compiler() is None, reason="no C compiler")
-def test_the_c_loop_is_timed_in_a_checkout(results):
+def test_the_c_loop_is_timed(results):
     assert CONTROL not in results.not_measured and results.best("box 400", CONTROL, "W", "F", "K")
 
 
@@ -76,13 +77,13 @@ def test_errors_are_those_of_the_precision_and_the_textbook_form_loses_digits(re
 
 
 def test_half_of_the_elements_are_turned_round():
-    x = Case("box", 400).mesh
+    x = Specimen("box", 400).mesh
     edges = np.moveaxis(x.p[:, x.t[1:]] - x.p[:, x.t[:1]], 2, 0)
     assert abs((np.linalg.det(edges) < 0).mean() - 0.5) < 0.1
 
 
 def test_the_least_bytes_are_those_of_the_arrays():
-    case = Case("box", 400)
+    case = Specimen("box", 400)
     body = System(case.mesh, case.term)
     with threads(1):
         _, K = our_calls(body, case.u, case.v)
@@ -134,60 +135,42 @@ def test_a_peer_that_is_here_is_timed():
 
 def test_a_peer_that_breaks_is_a_failure_and_the_rest_is_measured(monkeypatch):
     monkeypatch.setattr(Package, "version", lambda self: "99.0")
-    monkeypatch.setattr(others, "load", lambda name: 1 / 0)
+    monkeypatch.setattr(contenders, "load", lambda name: 1 / 0)
     found = bench(replace(PLAN, boxes=(50,), peers={"FElupe": ("box 50",)}), quiet=True)
     assert "ZeroDivisionError" in found.failures["box 50: FElupe"] and found.best("box 50", OURS, "K")
     assert "failed: ZeroDivisionError" in as_text(rendered(found))
 
 
 def test_without_a_compiler_the_c_loop_is_not_measured(monkeypatch):
-    import validation.control
-
-    monkeypatch.setattr(validation.control, "compiler", lambda: None)
-    validation.control._library.cache_clear()
+    monkeypatch.setattr(control, "compiler", lambda: None)
+    control._library.cache_clear()
     try:
         found = bench(replace(PLAN, boxes=(50,)), quiet=True)
     finally:
-        validation.control._library.cache_clear()
+        control._library.cache_clear()
     assert "No C compiler" in found.not_measured[CONTROL] and not found.failures
 
 
-@pytest.fixture
-def outside(monkeypatch, tmp_path):
-    """Installed, without a checkout."""
-
+@pytest.mark.skipif(compiler() is None, reason="no C compiler")
+def test_outside_a_checkout_as_much_is_measured(monkeypatch, tmp_path):
+    """What an installed package has, the C loop included, and nothing from the current folder."""
+    (tmp_path / "validation").mkdir()
+    (tmp_path / "validation" / "__init__.py").write_text("raise SystemExit('not ours')")
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(checkout, "__file__", str(tmp_path / "lib" / "skfem_stvk" / "bench" / "checkout.py"))
-    return tmp_path
-
-
-def test_without_a_checkout_its_parts_are_not_measured(outside):
-    found = bench(replace(PLAN, boxes=(50,), parts=(5_000,)), quiet=True)
-    assert all("only in a checkout" in found.not_measured[name] for name in (CONTROL, "part 5 k")) and not found.failures
-
-
-def test_a_checkout_in_the_current_folder_is_found_and_nothing_else_that_is_called_validation(outside):
-    (outside / "validation").mkdir()
-    (outside / "validation" / "control.py").write_text("raise SystemExit('not ours')")
-    with pytest.raises(StvkError, match="only in a checkout"):
-        checkout.from_checkout("control")
-    (outside / "pyproject.toml").write_text('[project]\nname = "skfem-stvk"\n')
-    assert checkout.checkout() == outside
+    control._library.cache_clear()
+    found = bench(replace(PLAN, boxes=(50,)), quiet=True)
+    assert found.best("box 50", CONTROL, "W", "F", "K") and not found.failures
+    assert control.SOURCE.parent == Path(run.__file__).parent
 
 
 def test_without_gmsh_parts_are_not_measured(monkeypatch):
-    import validation.meshes
-
-    def missing(size):
-        raise ImportError("Gmsh is not installed: pip install gmsh")
-
-    monkeypatch.setattr(validation.meshes, "bracket", missing)
+    monkeypatch.setitem(sys.modules, "gmsh", None)
     assert "pip install gmsh" in bench(replace(PLAN, boxes=(), parts=(5_000,)), quiet=True).not_measured["part 5 k"]
 
 
 def test_a_part_of_a_size_that_is_not_there_is_an_error():
     with pytest.raises(StvkError, match="there are 5000, 40000, 250000"):
-        Case("part", 7).mesh  # noqa: B018
+        Specimen("part", 7).mesh  # noqa: B018
 
 
 def test_ctrl_c_keeps_what_was_finished(monkeypatch, tmp_path):
@@ -209,11 +192,11 @@ def test_a_step_that_fails_leaves_the_others(monkeypatch):
 
 
 def test_a_first_use_that_fails_is_said(monkeypatch):
-    monkeypatch.setattr(start, "FIRST_USE", "raise SystemExit('no such thing')")
+    monkeypatch.setattr(costs, "FIRST_USE", "raise SystemExit('no such thing')")
     found = bench(replace(PLAN, boxes=(), first_use=True), quiet=True)
     assert "no such thing" in found.failures["first use"] and found.first_use is None
-    monkeypatch.setattr(start, "FIRST_USE", "print(1.5)")
-    assert start.first_use() == 1.5
+    monkeypatch.setattr(costs, "FIRST_USE", "print(1.5)")
+    assert costs.first_use() == 1.5
 
 
 def test_the_tables_name_all_that_was_measured(results):

@@ -4,21 +4,20 @@ import numpy as np
 import pytest
 
 from skfem_stvk.bench import Benchmark, Plan
-from skfem_stvk.bench.case import Case
-from skfem_stvk.bench.growth import of_memory, of_time, slope
+from skfem_stvk.bench.meshes import Specimen
 from skfem_stvk.bench.results import CONTROL, CSR, OURS, REFERENCE, Memory, Timing
-from skfem_stvk.bench.targets import TARGETS, Target, Verdict, judged, over, verdicts
+from skfem_stvk.bench.targets import TARGETS, Target, TargetVerdict, judged, of_memory, of_time, over, slope, verdicts
 
 PLAN = Plan("made up", boxes=(40, 250), parts=(40,), judged=(40, 250), referenced=())
 MESHES = {"box 40": 42, "box 250": 256, "part 40": 38}
 
 
 def at_most(value, limit=2.0, moonshot=1.0):
-    return Verdict(Target("time", limit, lambda results, mesh: None, moonshot), {"a": value})
+    return TargetVerdict(Target("time", limit, lambda results, mesh: None, moonshot), {"a": value})
 
 
 def at_least(value, limit=25.0, moonshot=50.0):
-    return Verdict(Target("ratio", limit, lambda results, mesh: None, moonshot, at_least=True), {"a": value})
+    return TargetVerdict(Target("ratio", limit, lambda results, mesh: None, moonshot, at_least=True), {"a": value})
 
 
 def made_up(**times):
@@ -49,11 +48,11 @@ def test_a_target_is_met_at_its_limit_and_missed_beyond(verdict, words, met, moo
 
 def test_the_worst_mesh_decides():
     both = {"a": 1.0, "b": 3.0}
-    assert Verdict(at_most(0).target, both).worst == 3.0 and Verdict(at_least(0).target, both).worst == 1.0
+    assert TargetVerdict(at_most(0).target, both).worst == 3.0 and TargetVerdict(at_least(0).target, both).worst == 1.0
 
 
 def test_what_was_not_measured_is_neither_met_nor_missed():
-    nothing = Verdict(at_most(0).target, {})
+    nothing = TargetVerdict(at_most(0).target, {})
     assert (nothing.met, nothing.moonshot, nothing.in_words()) == (None, None, "not measured")
     assert all(verdict.met is None for verdict in verdicts(made_up(calls=[])))
 
@@ -119,4 +118,4 @@ def test_growth_is_fitted_over_the_boxes():
 
 
 def test_sizes_have_short_names():
-    assert [Case("box", n).name for n in (96, 5_000, 250_000, 2_000_000)] == ["box 96", "box 5 k", "box 250 k", "box 2 M"]
+    assert [Specimen("box", n).name for n in (96, 5_000, 250_000, 2_000_000)] == ["box 96", "box 5 k", "box 250 k", "box 2 M"]

@@ -19,9 +19,9 @@ from skfem_stvk.bench.run import _header
 from skfem_stvk.cli import main as cli
 from skfem_stvk.cli.main import main
 from skfem_stvk.referee import verification
-from skfem_stvk.referee.checks import derivatives, precision
+from skfem_stvk.referee.checks import agreement, precision
 from skfem_stvk.referee.header import OPTIONAL
-from skfem_stvk.referee.results import Outcome
+from skfem_stvk.referee.results import CheckOutcome
 from skfem_stvk.referee.terminal import rendered
 
 MATERIAL = ["--young", "70e9", "--poisson", "0.33"]
@@ -119,11 +119,11 @@ def test_ctrl_c_keeps_what_was_checked(monkeypatch):
     def interrupted(*_):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(derivatives, "_lines", interrupted)
+    monkeypatch.setattr(agreement, "_lines", interrupted)
     report = verify(box(2), StVK(young=1.0, poisson=0.3), quiet=True)
     assert not report.passed
-    assert report.counts[Outcome.PASSED] == 24
-    assert {r.reason for r in report.results if r.outcome is Outcome.COULD_NOT_RUN} == {"interrupted"}
+    assert report.counts[CheckOutcome.PASSED] == 24
+    assert {r.reason for r in report.results if r.outcome is CheckOutcome.COULD_NOT_RUN} == {"interrupted"}
 
 
 def test_info_prints_versions_threads_caches_and_every_optional_package_or_what_installs_it(capsys, monkeypatch):
@@ -203,7 +203,7 @@ def test_a_stop_in_the_midst_of_the_precision_keeps_the_rest(call, kind, monkeyp
     assert not report.passed and "PASSED" in str(report)
     assert (report.save(tmp_path) / "report.html").exists()
     results = [r for r in report.results if r.check == "precision"]
-    assert results[0].outcome is Outcome.COULD_NOT_RUN and len(results) == 2
+    assert results[0].outcome is CheckOutcome.COULD_NOT_RUN and len(results) == 2
     assert "a line cannot turn" not in {r.reason for r in results}
 
 

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import skfem
 
+from skfem_stvk.bench.meshes import bracket
 from skfem_stvk.mesh import embedded_mesh
 from skfem_stvk.mesh.diagnostics import check_mesh
 from skfem_stvk.mesh.geometry import Geometry
@@ -59,7 +60,7 @@ def test_scikit_fem_loads_the_same_mesh():
 
 
 def test_its_generator_also_makes_a_fine_one(gmsh):
-    fine = meshes.bracket(meshes.FINE_SIZE)
+    fine = bracket(meshes.FINE_SIZE)
     check_mesh(fine)
     assert fine.nt >= 20_000
     assert set(fine.subdomains) == set(MESH.subdomains) and set(fine.boundaries) == set(MESH.boundaries)

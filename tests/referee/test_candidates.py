@@ -10,8 +10,8 @@ from scipy.sparse.linalg import LinearOperator
 
 from skfem_stvk import StVK, StvkError, System, verify
 from skfem_stvk.referee.faults import FAULTS
-from skfem_stvk.referee.places import worst_places
-from skfem_stvk.referee.results import Outcome
+from skfem_stvk.referee.judgement import worst_places
+from skfem_stvk.referee.results import CheckOutcome
 
 MESH = box(3)
 TERM = StVK(young=2.0, poisson=0.3)
@@ -33,8 +33,8 @@ def outcomes(report, check, quantity):
 def test_a_candidate_with_F_alone_is_checked_for_what_it_has():
     report = verify(MESH, TERM, candidate=Candidate(internal_force=BODY.internal_force), quiet=True)
     assert report.passed
-    assert outcomes(report, "agreement", "F") == {Outcome.PASSED}
-    assert outcomes(report, "agreement", "K") == outcomes(report, "derivatives", "F") == {Outcome.NOT_APPLICABLE}
+    assert outcomes(report, "agreement", "F") == {CheckOutcome.PASSED}
+    assert outcomes(report, "agreement", "K") == outcomes(report, "derivatives", "F") == {CheckOutcome.NOT_APPLICABLE}
     assert any("candidate has no tangent(u)" in r.reason for r in report.results)
 
 
@@ -60,21 +60,25 @@ def test_K_may_be_dense_sparse_or_an_operator(convert):
 @pytest.mark.parametrize(
     ("methods", "outcome", "words"),
     [
-        ({"internal_force": lambda u: np.zeros(3)}, Outcome.COULD_NOT_RUN, r"internal_force\(u\) returned shape \(3,\); expected"),
-        ({"internal_force": lambda u: 1 / 0}, Outcome.COULD_NOT_RUN, r"raised ZeroDivisionError"),
-        ({"energy": lambda u: [1.0, 2.0]}, Outcome.COULD_NOT_RUN, r"energy\(u\) returned shape \(2,\)"),
-        ({"tangent": lambda u: np.eye(3)}, Outcome.COULD_NOT_RUN, r"tangent\(u\) returned ndarray of shape \(3, 3\)"),
-        ({"tangent": lambda u: "K"}, Outcome.COULD_NOT_RUN, r"returned str of shape None"),
-        ({"energy": lambda u: "abc"}, Outcome.COULD_NOT_RUN, r"energy\(u\) returned a str of <U3; expected real numbers"),
-        ({"energy": lambda u: {}}, Outcome.COULD_NOT_RUN, r"energy\(u\) returned a dict; expected real numbers"),
-        ({"energy": lambda u: 1 + 1j}, Outcome.COULD_NOT_RUN, r"returned a complex of complex128"),
-        ({"internal_force": lambda u: BODY.internal_force(u) + 7j}, Outcome.COULD_NOT_RUN, "returned a ndarray of complex128"),
-        ({"internal_force": lambda u: [[1.0], [1.0, 2.0]]}, Outcome.COULD_NOT_RUN, "returned a list; expected real numbers"),
-        ({"internal_force": lambda u: csr_matrix(BODY.internal_force(u))}, Outcome.COULD_NOT_RUN, "returned a csr_matrix"),
-        ({"tangent": lambda u: BODY.tangent(u) * (1 + 1j)}, Outcome.COULD_NOT_RUN, "returned a matrix of complex128"),
-        ({"internal_force": lambda u: np.full(u.size, np.nan)}, Outcome.FAILED, ""),
-        ({"energy": lambda u: float("nan")}, Outcome.FAILED, ""),
-        ({"tangent": lambda u: BODY.tangent(u) * np.nan}, Outcome.FAILED, ""),
+        (
+            {"internal_force": lambda u: np.zeros(3)},
+            CheckOutcome.COULD_NOT_RUN,
+            r"internal_force\(u\) returned shape \(3,\); expected",
+        ),
+        ({"internal_force": lambda u: 1 / 0}, CheckOutcome.COULD_NOT_RUN, r"raised ZeroDivisionError"),
+        ({"energy": lambda u: [1.0, 2.0]}, CheckOutcome.COULD_NOT_RUN, r"energy\(u\) returned shape \(2,\)"),
+        ({"tangent": lambda u: np.eye(3)}, CheckOutcome.COULD_NOT_RUN, r"tangent\(u\) returned ndarray of shape \(3, 3\)"),
+        ({"tangent": lambda u: "K"}, CheckOutcome.COULD_NOT_RUN, r"returned str of shape None"),
+        ({"energy": lambda u: "abc"}, CheckOutcome.COULD_NOT_RUN, r"energy\(u\) returned a str of <U3; expected real numbers"),
+        ({"energy": lambda u: {}}, CheckOutcome.COULD_NOT_RUN, r"energy\(u\) returned a dict; expected real numbers"),
+        ({"energy": lambda u: 1 + 1j}, CheckOutcome.COULD_NOT_RUN, r"returned a complex of complex128"),
+        ({"internal_force": lambda u: BODY.internal_force(u) + 7j}, CheckOutcome.COULD_NOT_RUN, "returned a ndarray of complex128"),
+        ({"internal_force": lambda u: [[1.0], [1.0, 2.0]]}, CheckOutcome.COULD_NOT_RUN, "returned a list; expected real numbers"),
+        ({"internal_force": lambda u: csr_matrix(BODY.internal_force(u))}, CheckOutcome.COULD_NOT_RUN, "returned a csr_matrix"),
+        ({"tangent": lambda u: BODY.tangent(u) * (1 + 1j)}, CheckOutcome.COULD_NOT_RUN, "returned a matrix of complex128"),
+        ({"internal_force": lambda u: np.full(u.size, np.nan)}, CheckOutcome.FAILED, ""),
+        ({"energy": lambda u: float("nan")}, CheckOutcome.FAILED, ""),
+        ({"tangent": lambda u: BODY.tangent(u) * np.nan}, CheckOutcome.FAILED, ""),
     ],
 )
 def test_a_broken_candidate_is_never_a_pass_nor_an_exception(methods, outcome, words):
@@ -82,7 +86,7 @@ def test_a_broken_candidate_is_never_a_pass_nor_an_exception(methods, outcome, w
     assert not report.passed
     agreement = [r for r in report.results if r.check == "agreement" and r.subject == "candidate" and r.outcome is outcome]
     assert agreement and all(re.search(words, r.reason) for r in agreement)
-    assert all(r.outcome is Outcome.PASSED for r in report.results if r.subject == "skfem-stvk")
+    assert all(r.outcome is CheckOutcome.PASSED for r in report.results if r.subject == "skfem-stvk")
 
 
 def test_a_candidate_that_changes_u_does_not_harm_the_others():
@@ -142,8 +146,10 @@ class NeoHookean:
 def test_another_law_gets_a_taylor_test_and_no_comparison():
     report = verify(MESH, TERM, candidate=NeoHookean(MESH, 1.5, 1.0), candidate_is_stvk=False, quiet=True)
     assert report.passed, str(report)
-    assert outcomes(report, "agreement", "F") == outcomes(report, "closed forms", "P") == {Outcome.NOT_APPLICABLE}
-    taylor = [r for r in report.results if r.check == "derivatives" and r.subject == "candidate" and r.outcome is Outcome.PASSED]
+    assert outcomes(report, "agreement", "F") == outcomes(report, "closed forms", "P") == {CheckOutcome.NOT_APPLICABLE}
+    taylor = [
+        r for r in report.results if r.check == "derivatives" and r.subject == "candidate" and r.outcome is CheckOutcome.PASSED
+    ]
     assert len(taylor) == 12 and all("order" in r.scale and r.reason.startswith("Taylor test") for r in taylor)
     assert "Taylor test" in str(report.to_dict())
 
@@ -181,7 +187,7 @@ def test_a_large_operator_is_checked_for_zero_modes_on_a_piece():
     operator = Candidate(tangent=lambda u: LinearOperator((mesh.p.size,) * 2, matvec=lambda v: body.tangent(u) @ v, dtype=float))
     report = verify(mesh, TERM, candidate=operator, quiet=True)
     (result,) = [r for r in report.results if r.check == "no further zero mode" and r.subject == "candidate"]
-    assert result.outcome is Outcome.PASSED and "all others held" in result.scale
+    assert result.outcome is CheckOutcome.PASSED and "all others held" in result.scale
 
 
 def test_a_candidate_that_uses_its_buffer_again_is_not_misjudged():
@@ -217,14 +223,14 @@ def test_nothing_at_all_does_not_pass(is_stvk):
     nothing = Candidate(energy=lambda u: 0.0, internal_force=lambda u: 0 * u)
     report = verify(MESH, TERM, candidate=nothing, candidate_is_stvk=is_stvk, quiet=True)
     assert not report.passed
-    assert {"derivatives"} <= {r.check for r in report.results if r.subject == "candidate" and r.outcome is not Outcome.PASSED}
+    assert {"derivatives"} <= {r.check for r in report.results if r.subject == "candidate" and r.outcome is not CheckOutcome.PASSED}
 
 
 def test_a_derivative_that_round_off_hides_is_no_pass():
     hidden = Candidate(energy=lambda u: 1e14 + BODY.energy(u), internal_force=lambda u: 2 * BODY.internal_force(u))
     report = verify(MESH, TERM, candidate=hidden, candidate_is_stvk=False, quiet=True)
     assert not report.passed
-    assert any("round-off hides the derivative" in r.reason for r in report.results if r.outcome is Outcome.COULD_NOT_RUN)
+    assert any("round-off hides the derivative" in r.reason for r in report.results if r.outcome is CheckOutcome.COULD_NOT_RUN)
 
 
 def test_a_candidate_that_fills_the_same_matrix_again_is_not_misjudged():
@@ -243,7 +249,7 @@ def test_a_candidate_that_exits_or_has_a_raising_property_does_not_stop_the_refe
             raise RuntimeError("not built")
 
     report = verify(MESH, TERM, candidate=Quits(), quiet=True)
-    reasons = " ".join(r.reason for r in report.results if r.outcome is Outcome.COULD_NOT_RUN)
+    reasons = " ".join(r.reason for r in report.results if r.outcome is CheckOutcome.COULD_NOT_RUN)
     assert "raised SystemExit: 3" in reasons and "raised RuntimeError: not built" in reasons
 
 

@@ -8,7 +8,7 @@ from bodies import MESHES, box
 
 from skfem_stvk import SimplexMesh, StVK, StvkError, System, embedded_mesh, verify
 from skfem_stvk.referee.faults import FAULTS
-from skfem_stvk.referee.results import Outcome
+from skfem_stvk.referee.results import CheckOutcome
 
 MESH = box(4)
 TERM = StVK(young=2.0, poisson=0.3)
@@ -24,7 +24,7 @@ def test_a_planted_fault_is_caught_by_its_checks(name):
     failed = {(result.check, result.quantity) for result in report.failures("candidate")}
     assert not report.passed
     assert FAULTS[name].caught_by <= failed
-    assert not [r for r in report.results if r.subject != "candidate" and r.outcome is not Outcome.PASSED]
+    assert not [r for r in report.results if r.subject != "candidate" and r.outcome is not CheckOutcome.PASSED]
 
 
 @pytest.mark.parametrize("name", ["twice lambda", "no geometric term", "linear strain", "one wrong sign"])
@@ -64,7 +64,7 @@ def test_without_the_geometric_term_K_is_right_at_rest_only():
     states = {
         r.state
         for r in report.results
-        if r.check == "agreement" and r.quantity == "K" and r.subject == "candidate" and r.outcome is Outcome.PASSED
+        if r.check == "agreement" and r.quantity == "K" and r.subject == "candidate" and r.outcome is CheckOutcome.PASSED
     }
     assert states == {"rest", "rigid rotation"}
 
@@ -99,7 +99,7 @@ def test_the_docs_list_the_faults():
 
 @pytest.mark.parametrize("name", ["twice lambda", "half mu", "no pairs", "no opposite pairs", "one wrong sign"])
 def test_a_fault_of_tetrahedra_refuses_triangles(name):
-    with pytest.raises(StvkError, match="This fault is for isotropic tetrahedra; triangles in 2D of Isotropic came"):
+    with pytest.raises(StvkError, match="This fault is for isotropic tetrahedra; got triangles in 2D of Isotropic"):
         FAULTS[name].make(MESHES["triangles"], TERM)
 
 

@@ -5,7 +5,7 @@ import pytest
 
 from skfem_stvk import verify
 from skfem_stvk.referee.players import Foul, Player
-from skfem_stvk.referee.results import Outcome
+from skfem_stvk.referee.results import CheckOutcome
 from validation.hostile import candidates
 from validation.hostile.candidates import RIGHT, WRONG, Candidate, attempt, judge
 
@@ -69,7 +69,7 @@ def test_a_candidate_that_interrupts_leaves_a_report_that_says_so():
         candidate=Candidate(BODY, tangent=candidates.raising(KeyboardInterrupt())),
         quiet=True,
     )
-    assert report.interrupted and not report.passed and report.counts[Outcome.PASSED] > 0
+    assert report.interrupted and not report.passed and report.counts[CheckOutcome.PASSED] > 0
 
 
 def test_the_referee_keeps_no_array_of_a_candidate():

@@ -10,7 +10,7 @@ from skfem_stvk import (
     embedded_mesh,
     verify,
 )
-from skfem_stvk.referee.results import Outcome
+from skfem_stvk.referee.results import CheckOutcome
 
 TERM = StVK(young=2.0, poisson=0.3)
 QUIET = {"quiet": True}
@@ -61,7 +61,7 @@ def test_slivers_whose_offset_would_flatten_them_are_measured_where_they_can_be(
     p, t = sliver(3e-4)
     report = verify((3e-6 * p, t), TERM, **QUIET)
     assert {r["offset_m"] for r in report.precision} == {0.0, 1e3}
-    assert not [r for r in report.results if r.outcome is Outcome.COULD_NOT_RUN]
+    assert not [r for r in report.results if r.outcome is CheckOutcome.COULD_NOT_RUN]
 
 
 def test_long_chains_and_graded_meshes_pass():

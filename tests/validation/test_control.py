@@ -7,8 +7,8 @@ import pytest
 from bodies import box, state
 
 from skfem_stvk import Isotropic, StVK, StvkError, System
-from validation import control
-from validation.control import Control
+from skfem_stvk.bench import control
+from skfem_stvk.bench.control import Control
 
 LIMIT = 1e-12
 MESH = box()

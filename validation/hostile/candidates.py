@@ -13,7 +13,7 @@ from scipy.sparse import bsr_matrix, coo_matrix, csr_matrix, dia_matrix
 from scipy.sparse.linalg import LinearOperator
 
 from skfem_stvk import Report, StVK, System, verify
-from skfem_stvk.referee.results import Outcome
+from skfem_stvk.referee.results import CheckOutcome
 
 from .case import Case, Verdict, Wrong
 
@@ -312,6 +312,6 @@ def judge(report: Report, right: bool) -> None:
     if report.passed is not right:
         raise Wrong(Verdict.SILENT, "passed" if report.passed else f"not passed: {sorted(o.value for o in outcomes)}")
     if report.interrupted or any(
-        r.outcome in (Outcome.FAILED, Outcome.COULD_NOT_RUN) for r in report.results if r.subject != "candidate"
+        r.outcome in (CheckOutcome.FAILED, CheckOutcome.COULD_NOT_RUN) for r in report.results if r.subject != "candidate"
     ):
         raise Wrong(Verdict.LOSS, "the report is cut short, or blames others")

@@ -1,20 +1,33 @@
-"""W, F and K against scikit-fem's standard assembly (and a candidate's against ours too), state by state."""
+"""W, F and K agree with scikit-fem's standard assembly, and with one another: F is the derivative of W, and K that of F.
+
+Along a line `u + s v` the energy of St. Venant-Kirchhoff is exactly a quartic in `s`, and the force a cubic. So the five-point
+stencil
+
+    f'(0) = [ f(-2) - 8 f(-1) + 8 f(1) - f(2) ] / 12
+
+has no truncation error, and there is no step size to choose. Other laws get a Taylor test with a fitted order.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from functools import partial
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.sparse import csr_matrix, issparse
 
-from ..case import Case
+from ...arguments import Array
+from ..case import EPS, Case
 from ..judgement import as_a_whole, by_entry, by_vertex, largest_component, largest_rows
 from ..players import Player
-from ..tasks import NotApplicable, Task
+from ..results import CannotTell, NotApplicable, Task
 
-REASON = "1e-12 is for round-off of two orders of summation, 1e-15 is usual"
+AGREEMENT = "1e-12 is for round-off of two orders of summation, 1e-15 is usual"
+DERIVATIVES = "1e-12 is for round-off, all that the five-point stencil leaves of this law; 1e-15 is usual"
+STENCIL = ((-2, 1 / 12), (-1, -8 / 12), (1, 8 / 12), (2, -1 / 12))
+ORDER, DIRECTIONS = 1.9, 2
 
 
 def agreement(case: Case) -> Iterator[Task]:
@@ -37,19 +50,116 @@ def _difference(case: Case, player: Player, reference: Player, quantity: str, st
     if quantity == "W":
         floor = case.energy_floor(reference)
         words = "W_ref" if truth >= floor else "K at rest x edge squared, median"
-        return as_a_whole(abs(value - truth), max(truth, floor), case.lost_energy(reference, u), words, REASON)
+        return as_a_whole(abs(value - truth), max(truth, floor), case.lost_energy(reference, u), words, AGREEMENT)
     if quantity == "F":
         words = "largest |F_ref| around, or K at rest x edge"
-        return by_vertex(case.mesh, value - truth, case.force_scale(reference, truth), case.lost_force(reference, u), words, REASON)
+        return by_vertex(
+            case.mesh, value - truth, case.force_scale(reference, truth), case.lost_force(reference, u), words, AGREEMENT
+        )
     return _matrix_difference(case, value, truth, case.lost_stiffness(reference, u))
 
 
 def _matrix_difference(case: Case, K: Any, truth: csr_matrix, lost: csr_matrix) -> dict[str, Any]:
     if issparse(K):
         rows = np.maximum(largest_rows(truth, case.mesh.d), case.stiffness(case.reference))
-        return by_entry(case.mesh, K - truth, rows, lost, "largest |K_ref| of the rows, now or at rest", REASON)
+        return by_entry(case.mesh, K - truth, rows, lost, "largest |K_ref| of the rows, now or at rest", AGREEMENT)
     signs = case.random("agreement").choice([-1.0, 1.0], size=(K.shape[1], 4))  # every entry of a row counts in its products
     error = np.max([np.abs(K @ v - truth @ v) for v in signs.T], axis=0)
     sums = largest_component(np.asarray(abs(truth).sum(axis=1)).ravel(), case.mesh.d)
     loss = case.mesh.d * np.asarray(lost.sum(axis=1)).ravel()
-    return by_vertex(case.mesh, error, sums, loss, "products with random signs over the row sum of |K_ref|", REASON)
+    return by_vertex(case.mesh, error, sums, loss, "products with random signs over the row sum of |K_ref|", AGREEMENT)
+
+
+def derivatives(case: Case) -> Iterator[Task]:
+    """`dW/du = F` and `dF/du = K` of every player in every state."""
+    for player in case.players:
+        test = _stencil if case.is_stvk(player) else _taylor
+        for state in case.states:
+            for quantity, needs in (("F", "WF"), ("K", "FK")):
+                yield Task("derivatives", player, quantity, state, needs, partial(test, case, player, quantity, state))
+
+
+class Line(NamedTuple):
+    """A function along `u + s v`, and its claimed derivative at `s = 0`."""
+
+    u: Array
+    v: Array
+    function: Callable[[float], Array]
+    claimed: Array
+
+
+def _lines(case: Case, player: Player, quantity: str, state: str) -> Iterator[Line]:
+    """W or F along random lines scaled to the state."""
+    u, rng = case.states[state], case.random(f"derivatives {state}")
+    for _ in range(DIRECTIONS):
+        v = case.direction(u, rng)
+        if quantity == "F":
+            yield Line(u, v, partial(_energy, player, u, v), np.array([player.F(u) @ v]))
+        else:
+            yield Line(u, v, partial(_force, player, u, v), np.asarray(player.K(u) @ v))
+
+
+def _energy(player: Player, u: Array, v: Array, s: float) -> Array:
+    return np.array([player.W(u + s * v)])
+
+
+def _force(player: Player, u: Array, v: Array, s: float) -> Array:
+    return player.F(u + s * v)
+
+
+def _stencil(case: Case, player: Player, quantity: str, state: str) -> dict[str, Any]:
+    return max((_along(case, player, quantity, line) for line in _lines(case, player, quantity, state)), key=_badness)
+
+
+def _along(case: Case, player: Player, quantity: str, line: Line) -> dict[str, Any]:
+    u, v = line.u, line.v
+    terms = np.array([weight * line.function(s) for s, weight in STENCIL])
+    error, words = np.abs(terms.sum(axis=0) - line.claimed), "largest term of the stencil"
+    d = case.mesh.d
+    if quantity == "F":
+        lost = max(abs(weight) * case.lost_energy(player, u + s * v) for s, weight in STENCIL)
+        lost += float(case.lost_force(player, u) @ largest_component(v, d))
+        return as_a_whole(float(error[0]), float(np.abs(terms).max()), lost, words, DERIVATIVES)
+    loss = np.max([abs(weight) * case.lost_force(player, u + s * v) for s, weight in STENCIL], axis=0)
+    scale = case.round_off.around(largest_component(np.abs(terms).max(axis=0), d))
+    return by_vertex(case.mesh, error, scale, loss + case.lost_product(player, u, v), f"{words} around", DERIVATIVES)
+
+
+def _taylor(case: Case, player: Player, quantity: str, state: str) -> dict[str, Any]:
+    case.refuse_undefined(player, state)
+    return max((_order(line.function, line.claimed) for line in _lines(case, player, quantity, state)), key=_badness)
+
+
+def _order(function: Callable[[float], Array], claimed: Array) -> dict[str, Any]:
+    """`|f(s) - f(0) - s f'(0)|` must fall with order 2: the deficit from 2 of the fitted order is measured."""
+    start, steps = function(0.0), 0.5 ** np.arange(2, 16)
+    remainders = np.array([np.abs(function(s) - start - s * claimed).max() for s in steps])
+    round_off = 1e3 * EPS * max(float(np.abs(start).max()), float(np.abs(claimed).max()))
+    usable = np.flatnonzero(~(remainders <= round_off))
+    if len(usable) >= 3:
+        order = _fitted_order(steps[usable], remainders[usable])
+        words = f"fitted to {len(usable)} of {len(steps)} steps, above round-off"
+    elif round_off < 1e-6 * steps[0] * float(np.abs(claimed).max()):
+        order, words = 2.0, "linear along the line: no remainder above round-off"
+    else:
+        raise CannotTell(
+            "round-off hides the derivative along the line: the values are too large for their changes, or never change"
+        )
+    return {
+        "measured": 2 - order,
+        "limit": 2 - ORDER,
+        "scale": f"order {order:.2f}, {words}",
+        "reason": "Taylor test: the remainder of a right derivative falls with order 2, that of a wrong one with 1; "
+        f"at least {ORDER} asked",
+    }
+
+
+def _badness(measurement: dict[str, Any]) -> float:
+    """The measured value over its limit; not a number is worse than any."""
+    return float(measurement["measured"]) / measurement["limit"] if np.isfinite(measurement["measured"]) else np.inf
+
+
+def _fitted_order(steps: NDArray[Any], remainders: NDArray[Any]) -> float:
+    """Slope of the last half of the usable steps, where the leading term rules."""
+    half = slice(len(steps) // 2 if len(steps) >= 6 else 0, None)
+    return float(np.polyfit(np.log(steps[half]), np.log(remainders[half]), 1)[0])

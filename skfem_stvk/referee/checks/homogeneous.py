@@ -25,10 +25,9 @@ from ...mesh import SimplexMesh
 from ...reference import ReferenceStVK
 from ..bodies import Homogeneous, volumes
 from ..case import Case
-from ..judgement import as_a_whole, by_vertex, largest_rows
+from ..judgement import RoundOff, as_a_whole, by_vertex, largest_rows
 from ..players import Player
-from ..round_off import RoundOff
-from ..tasks import NotApplicable, Task
+from ..results import NotApplicable, Task
 
 STRETCH, SHEAR = 1.15, 0.4
 #: An affine state without symmetry: stretch, shear and turn together.
@@ -100,44 +99,33 @@ def _young_and_poisson(k: int, lam: float, mu: float) -> tuple[float, float]:
 
 
 def homogeneous_states(case: Case, twin: Player, body: Homogeneous) -> Iterator[Task]:
-    """Closed forms and the patch test, of our W, F, K on the homogeneous copy; the candidate's too if the body itself is that."""
+    """Closed forms and the patch test of our W and F on the homogeneous copy; of the candidate's if the body itself is homogeneous."""
     yard = Yardstick(case.mesh, body)
     players = [twin] + ([case.candidate] if case.candidate is not None else [])
     for player in players:
-        refused = ""
-        if player is case.candidate and not case.candidate_is_stvk:
-            refused = "the candidate does not claim to be St. Venant-Kirchhoff"
-        elif player is case.candidate and not body.same:
-            refused = "closed forms are for homogeneous isotropic bodies; the candidate's is not"
         for name in CLOSED_FORMS:
             for quantity, needs in (("W", "W"), ("P", "F")):
-                yield Task(
-                    "closed forms",
-                    player,
-                    quantity,
-                    name,
-                    needs,
-                    partial(_closed_form, case, player, quantity, name, body, yard, refused),
-                )
-        yield Task("patch test", player, "F", "affine", "F", partial(_patch_test, case, player, body, yard, refused))
+                measure = partial(_closed_form, case, player, quantity, name, yard)
+                yield Task("closed forms", player, quantity, name, needs, measure)
+        yield Task("patch test", player, "F", "affine", "F", partial(_patch_test, case, player, yard))
 
 
-def _refuse(case: Case, refused: str) -> None:
+def _refuse(case: Case, player: Player, body: Homogeneous) -> None:
     if case.mesh.k < case.mesh.d:
         raise NotApplicable("on membranes and cables in space an affine motion is no homogeneous state")
-    if refused:
-        raise NotApplicable(refused)
+    if not case.is_stvk(player):
+        raise NotApplicable("the candidate does not claim to be St. Venant-Kirchhoff")
+    if player is case.candidate and not body.same:
+        raise NotApplicable("closed forms are for homogeneous isotropic bodies; the candidate's is not")
 
 
-def _closed_form(
-    case: Case, player: Player, quantity: str, name: str, body: Homogeneous, yard: Yardstick, refused: str
-) -> dict[str, Any]:
-    _refuse(case, refused)
+def _closed_form(case: Case, player: Player, quantity: str, name: str, yard: Yardstick) -> dict[str, Any]:
+    _refuse(case, player, yard.body)
     form, dimensions = CLOSED_FORMS[name]
     k = case.mesh.k
     if k not in dimensions:
         raise NotApplicable(f"in {k}D this is no state of its own")
-    F, P, density = form(k, *body.lame)
+    F, P, density = form(k, *yard.body.lame)
     X = case.centred
     u = (X @ (F - np.eye(k)).T).ravel()
     volume = float(volumes(case.mesh).sum())
@@ -150,8 +138,8 @@ def _closed_form(
     return as_a_whole(float(np.abs(mean - P).max()), float(np.abs(P).max()), lost, "largest entry of the nominal stress", reason)
 
 
-def _patch_test(case: Case, player: Player, body: Homogeneous, yard: Yardstick, refused: str) -> dict[str, Any]:
-    _refuse(case, refused)
+def _patch_test(case: Case, player: Player, yard: Yardstick) -> dict[str, Any]:
+    _refuse(case, player, yard.body)
     k = case.mesh.k
     inner = np.setdiff1d(np.arange(case.mesh.nv), case.mesh.surface)
     if not len(inner):
@@ -161,23 +149,23 @@ def _patch_test(case: Case, player: Player, body: Homogeneous, yard: Yardstick, 
     error = np.zeros_like(case.centred)
     error[inner] = np.abs(player.F(u).reshape(-1, k)[inner])
     reason = "1e-12 is for round-off: under constant stress no force is left on inner vertices"
-    (lam, mu), E = body.lame, (F.T @ F - np.eye(k)) / 2
+    (lam, mu), E = yard.body.lame, (F.T @ F - np.eye(k)) / 2
     scale = yard.facet_forces(F @ (lam * np.trace(E) * np.eye(k) + 2 * mu * E))
     words = f"stress on the facets around, {len(inner)} inner vertices"
     return by_vertex(case.mesh, error.ravel(), scale, yard.lost_force(u), words, reason)
 
 
 class Yardstick:
-    """What force means at the vertices of the homogeneous copy, and what round-off may cost there."""
+    """Scales of forces at the vertices of the homogeneous copy `body`, and what round-off may cost there."""
 
     def __init__(self, mesh: SimplexMesh, body: Homogeneous) -> None:
-        self._mesh, self._tensor = mesh, body.tensor
+        self._mesh, self.body = mesh, body
         self.round_off = RoundOff(mesh, np.full(mesh.nt, float(np.abs(body.tensor).max())))
 
     @cached_property
     def stiffness(self) -> Array:
         """(nv,) largest entry of K at rest in the rows of each vertex [N/m]."""
-        K = ReferenceStVK(self._mesh.p, self._mesh.t, self._tensor).tangent(np.zeros(self._mesh.p.size))
+        K = ReferenceStVK(self._mesh.p, self._mesh.t, self.body.tensor).tangent(np.zeros(self._mesh.p.size))
         return largest_rows(K, self._mesh.d)
 
     def lost_force(self, u: Array) -> Array:
@@ -185,6 +173,6 @@ class Yardstick:
         return self.round_off.by_vertex(self.round_off.lost(u).force) * self.stiffness
 
     def facet_forces(self, P: Array) -> Array:
-        """(nv,) what a nominal stress does on the largest facets of the elements about a vertex, in sum [N]."""
+        """(nv,) sum of the forces of a nominal stress on the largest facets of the elements about a vertex [N]."""
         facets = np.tile(volumes(self._mesh) * self.round_off.steepest, self._mesh.k + 1)
         return np.asarray(float(np.abs(P).max()) * np.bincount(self._mesh.t.ravel(), weights=facets, minlength=self._mesh.nv))

@@ -1,39 +1,45 @@
-"""Round-off: the error of F against 50-digit arithmetic, for small strains, large rotations and meshes far from the origin.
+"""Round-off and speed: errors against 50-digit arithmetic, for small strains, large rotations and far from the origin, and times.
 
-Measured on a homogeneous isotropic patch of the mesh, for three forms: ours, the textbook's, and scikit-fem's. Ours is judged.
+Errors are measured on a homogeneous isotropic patch of the mesh, for three forms: ours, the textbook's, and scikit-fem's. Ours is judged.
 """
 
 from __future__ import annotations
 
+import time
+import tracemalloc
+import warnings
 from collections.abc import Callable, Iterator
 from functools import partial
 from typing import Any
 
 import numpy as np
+from numpy.typing import DTypeLike
+from scipy.sparse import csr_matrix
 
 from ...arguments import Array
 from ...edges import Assembly, EdgeForm
+from ...errors import StvkWarning
 from ...mesh import SimplexMesh
 from ...mesh.geometry import aspect_ratios, vertex_sizes
 from ...reference import ReferenceStVK
+from ...system import System
 from ..bodies import Homogeneous
-from ..case import EPS, OURS, REFERENCE, Case
+from ..case import EPS, OURS, REFERENCE, STRETCH, Case, random_rotation
 from ..exact import ExactStVK
 from ..judgement import HIGHEST
-from ..states import random_rotation
-from ..tasks import NotApplicable, Task
-
-Force = Callable[[Array], Array]
+from ..players import METHODS, Foul
+from ..results import NotApplicable, Task
 
 STRAINS = 10.0 ** -np.arange(1, 13)
 OFFSETS = (0.0, 1e3, 1e6)
 TEXTBOOK = "|p|^2 - |P|^2"
 ELEMENTS = 64
 LIMIT, LIMIT_ROTATED = 1e-13, 50 * EPS
+REPETITIONS, SECONDS = 5, 1.0
 
 
 def precision(case: Case, body: Homogeneous, table: list[dict[str, Any]]) -> Iterator[Task]:
-    """What our form must keep; the table is filled on the way."""
+    """Errors of our form without and with a rotation; the table is filled when the first is measured."""
     for degrees, state in ((0, "no rotation"), (170, "rotated by 170 deg")):
         yield Task("precision", case.ours, "F", state, "F", partial(_worst, case, body, table, degrees), against="50 digits")
 
@@ -47,20 +53,16 @@ def _worst(case: Case, body: Homogeneous, table: list[dict[str, Any]], degrees: 
     flatness = float(aspect_ratios(patch(case.mesh)).max()) ** 2
     errors = np.array([row["error"] * (row["strain"] if degrees else 1.0) for row in rows])
     worst = rows[int(np.argmax(errors))]  # not a number counts as the largest
+    reason = "1e-13 is for round-off, whatever the strain and the offset: zeta = (P + p) . U has no cancellation"
+    if degrees:
+        reason = "50 eps/strain: a rotated body's displacement leaves no more to any form"
+    if 10 * EPS * flatness > LIMIT:
+        reason += f"; flat elements of the patch cost 10 eps x (longest edge/height)^2 = {10 * EPS * flatness:.0e}"
     return {
         "measured": float(errors.max()),
         "limit": max(LIMIT_ROTATED if degrees else LIMIT, min(10 * EPS * flatness, HIGHEST)),
         "scale": "largest |F|" + (", times the strain" if degrees else ""),
-        "reason": (
-            "50 eps/strain: a rotated body's displacement leaves no more to any form"
-            if degrees
-            else "1e-13 is for round-off, whatever the strain and the offset: zeta = (P + p) . U has no cancellation"
-        )
-        + (
-            ""
-            if 10 * EPS * flatness <= LIMIT
-            else f"; flat elements of the patch cost 10 eps x (longest edge/height)^2 = {10 * EPS * flatness:.0e}"
-        ),
+        "reason": reason,
         "worst": {"at strain": worst["strain"], "offset [m]": worst["offset_m"]},
     }
 
@@ -82,7 +84,7 @@ def precision_table(mesh: SimplexMesh, body: Homogeneous, rng: np.random.Generat
                 u = (Q @ (strain * noise) + (Q - np.eye(mesh.d)) @ piece.p).T.ravel()
                 truth = exact.internal_force(u)
                 for form, force in forms.items():
-                    error = float(np.abs(force(u) - truth).max() / np.abs(truth).max())
+                    error = relative_error(force(u), truth)
                     yield {"form": form, "rotation_deg": degrees, "offset_m": offset, "strain": strain, "error": error}
 
 
@@ -95,12 +97,12 @@ def patch(mesh: SimplexMesh) -> SimplexMesh:
     return SimplexMesh(p - p.mean(axis=1, keepdims=True), t.reshape(len(mesh.t), -1).astype(np.int32))
 
 
-def forms_on(mesh: SimplexMesh, body: Homogeneous) -> dict[str, Force]:
+def forms_on(mesh: SimplexMesh, body: Homogeneous) -> dict[str, Callable[[Array], Array]]:
     """F(u) by name: our form, the textbook form and scikit-fem's."""
     assembly = body.term.bind(mesh)
     return {
         OURS: partial(edge_force, assembly),
-        TEXTBOOK: partial(textbook_force, assembly.form, mesh.p.T),
+        TEXTBOOK: Textbook(assembly.form).internal_force,
         REFERENCE: ReferenceStVK(mesh.p, mesh.t, body.tensor).internal_force,
     }
 
@@ -112,12 +114,111 @@ def edge_force(assembly: Assembly, u: Array) -> Array:
     return force.ravel()
 
 
-def textbook_force(form: EdgeForm, X: Array, u: Array) -> Array:
-    """F with `zeta = |x_a - x_b|^2 - |X_a - X_b|^2` from positions `x = X + u`, as textbooks write it."""
-    x = X + u.reshape(X.shape)
-    p = x[form.edges[0]] - x[form.edges[1]]
-    tension = form.L @ ((p**2).sum(axis=1) - (form.P**2).sum(axis=1))
-    force = np.zeros_like(x)
-    np.add.at(force, form.edges[0], tension[:, None] * p)
-    np.subtract.at(force, form.edges[1], tension[:, None] * p)
-    return force.ravel()
+class Textbook:
+    """F of the edge form with `zeta = |x_a - x_b|^2 - |X_a - X_b|^2` from positions, as textbooks write it.
+
+    Parameters
+    ----------
+    form : edges, coefficients and coordinates.
+    dtype : precision of all that it holds and computes.
+    """
+
+    def __init__(self, form: EdgeForm, dtype: DTypeLike = np.float64) -> None:
+        ne, nv = form.edges.shape[1], form.p.shape[1]
+        signs = np.tile([1, -1], ne).astype(dtype)
+        self._differences = csr_matrix((signs, form.edges.T.ravel(), 2 * np.arange(ne + 1)), shape=(ne, nv))
+        self._to_vertices = csr_matrix(self._differences.T)
+        self._L = form.L.astype(dtype)
+        self._X = form.p.T.astype(dtype)
+        self._rest = self._squares(self._differences @ self._X)
+
+    def internal_force(self, u: Array) -> Array:
+        """Internal force (ndofs,) [N]."""
+        p = self._differences @ (self._X + u.reshape(self._X.shape))
+        tension = self._L @ (self._squares(p) - self._rest)
+        return np.asarray(self._to_vertices @ (tension[:, None] * p)).ravel()
+
+    @staticmethod
+    def _squares(p: Array) -> Array:
+        return np.asarray((p * p).sum(axis=1))
+
+
+def speed_table(case: Case) -> Iterator[dict[str, Any]]:
+    """Rows player, quantity, ns_per_element (best), median_ns_per_element, ratio to the reference's best, peak_bytes_per_element.
+
+    A player that lacks the method or raises has no row, as the check of agreement says.
+    """
+    u = case.states[STRETCH]
+    for quantity, method in METHODS.items():
+        reference_best = None
+        for player in [case.scikit_fem, *case.players]:
+            if not player.has(quantity):
+                continue
+            call = partial(player.call, quantity, u)
+            try:
+                getattr(player, quantity)(u)  # what it returns can be used
+                seconds, peak = _timed(call), _peak(call)
+            except Foul:
+                continue
+            best = min(seconds)
+            reference_best = best if reference_best is None else reference_best
+            yield {
+                "player": player.name,
+                "quantity": quantity,
+                "method": method,
+                "ns_per_element": 1e9 * best / case.mesh.nt,
+                "median_ns_per_element": 1e9 * float(np.median(seconds)) / case.mesh.nt,
+                "ratio": reference_best / best,
+                "peak_bytes_per_element": peak / case.mesh.nt,
+                "repetitions": len(seconds),
+            }
+
+
+def _timed(call: Callable[[], Any]) -> list[float]:
+    """Seconds of each repetition, after one that is not counted."""
+    call()
+    seconds: list[float] = []
+    while len(seconds) < REPETITIONS or (sum(seconds) < SECONDS / 10 and len(seconds) < 100):
+        start = time.perf_counter()
+        call()
+        seconds.append(time.perf_counter() - start)
+        if sum(seconds) > SECONDS and len(seconds) >= 2:
+            break
+    return seconds
+
+
+def _peak(call: Callable[[], Any]) -> int:
+    """Most bytes that NumPy and Python held during the call beyond what they held before."""
+    tracemalloc.start()
+    try:
+        call()
+        return tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+
+
+def error_table(case: Case, body: Homogeneous) -> dict[str, dict[str, float]]:
+    """Errors of W, F and K v against 50 digits on a patch of the body, strained by 0.1 %: what the speed is shown against."""
+    piece = patch(case.mesh)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", StvkWarning)  # the patch may be in pieces
+        ours = System(piece, body.term)
+    reference = ReferenceStVK(piece.p, piece.t, body.tensor)
+    noise = 1e-3 * vertex_sizes(piece)[:, None] * case.random("speed").standard_normal((2, piece.nv, piece.d))
+    u, v = noise.reshape(2, -1)
+    exact = ExactStVK(piece.p, piece.t, body.lame)
+    (W, F), Kv = exact.energy_and_force(u), exact.product(u, v)
+    errors = {
+        name: {
+            "W": abs(model.energy(u) - W) / W,
+            "F": relative_error(model.internal_force(u), F),
+            "K": relative_error(model.tangent(u) @ v, Kv),
+        }
+        for name, model in ((OURS, ours), (REFERENCE, reference))
+    }
+    return errors | {TEXTBOOK: {"F": relative_error(forms_on(piece, body)[TEXTBOOK](u), F)}}
+
+
+def relative_error(value: Array, truth: Array) -> float:
+    """Largest error of an entry, relative to the largest entry."""
+    return float(np.abs(value - truth).max() / np.abs(truth).max())

@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.sparse import bsr_matrix
 
-from skfem_stvk.arguments import Array
-from skfem_stvk.errors import StvkError
+from ..arguments import Array
+from ..errors import StvkError
 
 SOURCE = Path(__file__).with_name("control.c")
 FLAGS = ("-O3", "-march=native", "-ffast-math", "-fPIC", "-c")
@@ -52,8 +52,8 @@ class Control:
         self._lame = np.asarray(lam) * volumes, np.asarray(mu) * volumes
 
         corners = self._corners.astype(np.int64)
-        keys, places = np.unique(corners[:, :, None] * self.nv + corners[:, None, :], return_inverse=True)
-        self._places = places.astype(np.int32).ravel()
+        keys, positions = np.unique(corners[:, :, None] * self.nv + corners[:, None, :], return_inverse=True)
+        self._positions = positions.astype(np.int32).ravel()
         self._columns = (keys % self.nv).astype(np.int32)
         self._begin = np.searchsorted(keys // self.nv, np.arange(self.nv + 1)).astype(np.int32)
         self._x, self._f = np.empty((self.nv, 3)), np.empty(3 * self.nv)
@@ -77,7 +77,7 @@ class Control:
         """Tangent stiffness [N/m], around values that the next call fills anew."""
         self._move(u)
         sizes = ctypes.c_long(self.nt), ctypes.c_long(len(self._blocks))
-        self._library.tangent(*sizes, *self._mesh, _at(self._places), *self._material, _at(self._blocks))
+        self._library.tangent(*sizes, *self._mesh, _at(self._positions), *self._material, _at(self._blocks))
         return bsr_matrix((self._blocks, self._columns, self._begin), shape=(3 * self.nv, 3 * self.nv))
 
     def _move(self, u: Array) -> None:

@@ -1,0 +1,226 @@
+"""Rigid motions: they change nothing but directions, so forces and torques balance; at rest they, and no other motions, cost nothing.
+
+Translations, rotations and reflections of the deformed body leave W as it is, and turn F and K with the body. K is symmetric. At rest all
+its pivots are positive once the rigid motions are grounded.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from functools import partial
+from itertools import combinations
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import qr
+from scipy.sparse import csc_matrix, csr_matrix, diags, issparse
+from scipy.sparse.csgraph import connected_components
+from scipy.sparse.linalg import splu
+
+from ...arguments import Array
+from ...mesh import SimplexMesh
+from ...mesh.facets import facet_ids
+from ..case import STRETCH, Case, random_rotation
+from ..judgement import as_a_whole, by_entry, by_vertex, largest_component, largest_rows
+from ..players import Player
+from ..results import CannotTell, NotApplicable, Task
+
+REASON = "1e-12 is for round-off of moving the body by about its own size: 1e-14 on a hundred elements in a row"
+#: A larger body is checked on a piece of this size, all else held: a factorisation of 60 000 unknowns takes 15 s. Of an operator,
+#: the columns of the piece are found one by one.
+LARGEST, LARGEST_OPERATOR = 60_000, 600
+#: Zero pivots are 1e-12 of the diagonal at this size; those of a beam 1000 times longer than thick are 1e-10.
+ZERO = 1e-11
+
+
+def invariance(case: Case) -> Iterator[Task]:
+    """`W(g u) = W(u)`, `F(g u) = Q F(u)`, `K(g u) Q = Q K(u)` for the motions `g` with orthogonal `Q`."""
+    d = case.mesh.d
+    rng = case.random("invariance")
+    mirror = np.eye(d) - 2 * np.outer(np.eye(d)[0], np.eye(d)[0])
+    shift = np.ptp(case.centred, axis=0).max() * rng.standard_normal(d)
+    turn = random_rotation(d, rng, degrees=115.0)
+    motions = {"translation": (np.eye(d), shift), "rotation": (turn, 0 * shift), "reflection": (turn @ mirror, 0 * shift)}
+    for player in case.players:
+        for motion, (Q, c) in motions.items():
+            for quantity in "WFK":
+                measure = partial(_change, case, player, quantity, motion, Q, c)
+                yield Task("invariance", player, quantity, motion, quantity, measure)
+
+
+def _change(case: Case, player: Player, quantity: str, motion: str, Q: Array, c: Array) -> dict[str, Any]:
+    d = case.mesh.d
+    if np.linalg.det(Q) < 0 and not case.is_stvk(player):
+        raise NotApplicable("a law may tell a body from its mirror image; the candidate does not claim to be St. Venant-Kirchhoff")
+    if case.mesh.d == 1 and motion == "rotation":
+        raise NotApplicable("a line cannot turn")
+    u = case.states[STRETCH]
+    moved = (case.centred @ (Q - np.eye(d)).T + u.reshape(-1, d) @ Q.T + c).ravel()
+
+    def turned(f: Array) -> Array:
+        return (f.reshape(-1, d) @ Q.T).ravel()
+
+    if quantity == "W":
+        W, words = player.W(u), "W before, or K at rest x edge squared, median"
+        scale = max(abs(W), case.energy_floor(player))
+        return as_a_whole(abs(player.W(moved) - W), scale, case.lost_energy(player, moved), words, REASON)
+    if quantity == "F":
+        F, after = turned(player.F(u)), player.F(moved)
+        words = "largest |F| around before, or K at rest x edge"
+        return by_vertex(case.mesh, after - F, case.force_scale(player, F), case.lost_force(player, moved), words, REASON)
+    v = case.direction(u, case.random("invariance K"))
+    Kv, after = turned(np.asarray(player.K(u) @ v)), np.asarray(player.K(moved) @ turned(v))
+    scale = np.maximum(case.round_off.around(largest_component(Kv, d)), case.stiffness(player) * largest_component(v, d))
+    words = "largest |K v| around before, or K at rest x |v|"
+    return by_vertex(case.mesh, after - Kv, scale, case.lost_product(player, moved, turned(v)), words, REASON)
+
+
+def balance(case: Case) -> Iterator[Task]:
+    """Sums of forces and torques, symmetry of K in every state; rigid modes at rest."""
+    for player in case.players:
+        for state in case.states:
+            yield Task("balance", player, "sum of forces", state, "F", partial(_forces, case, player, state))
+            yield Task("balance", player, "sum of torques", state, "F", partial(_torques, case, player, state))
+            yield Task("symmetry", player, "K", state, "K", partial(_symmetry, case, player, state))
+        yield Task("rigid modes", player, "K", "rest", "K", partial(_rigid_modes, case, player))
+
+
+def _forces(case: Case, player: Player, state: str) -> dict[str, Any]:
+    case.refuse_undefined(player, state)
+    F = case.value(player, "F", state).reshape(-1, case.mesh.d)
+    return _resultant(case, player, state, F.sum(axis=0), 1.0, "sum of |F|, or K at rest x edge")
+
+
+def _torques(case: Case, player: Player, state: str) -> dict[str, Any]:
+    case.refuse_undefined(player, state)
+    d = case.mesh.d
+    if d == 1:
+        raise NotApplicable("there are no torques on a line")
+    F = case.value(player, "F", state).reshape(-1, d)
+    x = case.centred + case.states[state].reshape(-1, d)
+    x = x - x.mean(axis=0)
+    torque = np.array([(x[:, i] * F[:, j] - x[:, j] * F[:, i]).sum() for i, j in combinations(range(d), 2)])
+    reach = float(np.abs(x).max())
+    return _resultant(case, player, state, torque, reach, "sum of |F| x size of the body")
+
+
+def _resultant(case: Case, player: Player, state: str, total: Array, reach: float, words: str) -> dict[str, Any]:
+    scale = max(float(np.abs(case.value(player, "F", state)).sum()), float(case.force_floor(player).max())) * reach
+    lost = float(case.lost_force(player, case.states[state]).max()) * reach
+    reason = "1e-12 is for round-off: forces between the vertices of an element cancel"
+    return as_a_whole(float(np.abs(total).max()), scale, lost, words, reason)
+
+
+def _symmetry(case: Case, player: Player, state: str) -> dict[str, Any]:
+    case.refuse_undefined(player, state)
+    K, lost = case.value(player, "K", state), case.lost_stiffness(player, case.states[state])
+    reason = "1e-12 is for round-off of the diagonal blocks: second derivatives commute"
+    if issparse(K):
+        rows = np.maximum(largest_rows(K, case.mesh.d), case.stiffness(player))
+        return by_entry(case.mesh, K - K.T, rows, lost, "largest |K| of the rows, now or at rest", reason)
+    rng = case.random("symmetry")
+    x, y = rng.standard_normal((2, K.shape[0]))
+    Kx, Ky = K @ x, K @ y
+    largest = (largest_component(values, case.mesh.d) for values in (x, y))
+    loss = case.mesh.d**2 * float(next(largest) @ lost @ next(largest))
+    return as_a_whole(abs(float(y @ Kx - x @ Ky)), float(np.abs(y * Kx).sum()), loss, "sum of |y K x|, random x and y", reason)
+
+
+def rigid_motions(X: Array) -> Array:
+    """(ndofs, d (d + 1)/2) translations and infinitesimal rotations about the origin of `X` (nv, d), largest entry 1."""
+    d = X.shape[1]
+    modes = []
+    for i in range(d):
+        modes.append(np.tile(np.eye(d)[i], (len(X), 1)))
+    for i, j in combinations(range(d), 2):
+        spin = np.zeros_like(X)
+        spin[:, i], spin[:, j] = -X[:, j], X[:, i]
+        modes.append(spin / np.abs(X).max())
+    return np.stack([mode.ravel() for mode in modes], axis=1)
+
+
+def _rigid_modes(case: Case, player: Player) -> dict[str, Any]:
+    u = np.zeros(case.mesh.p.size)
+    K = player.K(u)
+    error = np.max([np.abs(K @ mode) for mode in rigid_motions(case.centred).T], axis=0)
+    lost = case.lost_product(player, u, np.ones(case.mesh.p.size))
+    reason = "1e-12 is for round-off: translations and rotations strain nothing to first order"
+    return by_vertex(case.mesh, error, case.stiffness(player), lost, "largest |K| of the row, modes of size 1", reason)
+
+
+def zero_modes(case: Case) -> Iterator[Task]:
+    """Pivots of K at rest that are not positive: motions besides the rigid ones that cost nothing."""
+    for player in case.players:
+        yield Task("no further zero mode", player, "K", "rest", "K", partial(_count, case, player))
+
+
+def _count(case: Case, player: Player) -> dict[str, Any]:
+    mesh = case.mesh
+    if mesh.k < mesh.d:
+        raise NotApplicable("membranes and cables in space resist no bending: K has further zero modes at rest")
+    if case.bare:
+        raise NotApplicable(f"{case.bare} elements belong to no term, so the body has holes that the mesh does not show")
+    if facet_connected_parts(mesh) > 1:
+        raise NotApplicable("the body is in parts that share no facet, which can move or turn against each other")
+    K = player.K(np.zeros(mesh.p.size))
+    free, how = _supported(case, LARGEST if issparse(K) else LARGEST_OPERATOR)
+    pivots, diagonal = _pivots(csc_matrix(K[free][:, free] if issparse(K) else _columns(K, free)))
+    relative = pivots / np.maximum(diagonal, np.finfo(float).tiny)
+    bad = np.flatnonzero(~(relative > ZERO))
+    dofs = free[bad]
+    worst = {"dof": int(dofs[0]), "vertex": int(dofs[0]) // mesh.d, "component": "xyz"[dofs[0] % mesh.d]} if len(bad) else {}
+    return {
+        "measured": float(len(bad)),
+        "limit": 0.0,
+        "scale": f"pivots, the smallest {np.min(relative):.1e} of its diagonal entry ({how})",
+        "reason": f"a mode without energy leaves a pivot that is zero (here: below {ZERO:g} of the diagonal entry) or negative",
+        "worst": worst,
+    }
+
+
+def _supported(case: Case, largest: int) -> tuple[NDArray[np.int64], str]:
+    """Degrees of freedom that stay free when the rigid motions are taken away, and how that was done."""
+    d, ndofs = case.mesh.d, case.mesh.p.size
+    if ndofs > largest:
+        centre = case.centred[case.random("zero modes").integers(case.mesh.nv)]
+        near = np.argsort(((case.centred - centre) ** 2).sum(axis=1))[: largest // (2 * d)]
+        return np.sort((d * near[:, None] + np.arange(d)).ravel()), f"{len(near)} vertices around one, all others held"
+    motions = rigid_motions(case.centred)
+    grounded = qr(motions.T, mode="r", pivoting=True)[1][: motions.shape[1]]
+    return np.setdiff1d(np.arange(ndofs), grounded), f"dofs {', '.join(map(str, sorted(grounded.tolist())))} grounded"
+
+
+def _columns(K: Any, free: NDArray[np.int64]) -> NDArray[np.float64]:
+    """The square block of an operator on some degrees of freedom, column by column."""
+    unit, columns = np.zeros(K.shape[1]), []
+    for dof in free:
+        unit[dof] = 1.0
+        columns.append(np.asarray(K @ unit)[free])
+        unit[dof] = 0.0
+    return np.stack(columns, axis=1)
+
+
+def _pivots(K: csc_matrix) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Pivots of a factorisation that keeps to the diagonal, and the diagonal entries, in the order of K.
+
+    A shift far below what counts as zero keeps an exactly singular matrix from stopping it.
+    """
+    diagonal = np.abs(K.diagonal())
+    shift = np.where(diagonal > 0, 0.01 * ZERO * diagonal, 1e-3 * ZERO * diagonal.max())
+    try:
+        lu = splu(
+            K + diags(shift, format="csc"), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True}
+        )
+    except RuntimeError as error:
+        raise CannotTell(f"the factorisation of K at rest stopped: {error}") from error
+    if not np.array_equal(lu.perm_r, lu.perm_c):
+        raise CannotTell("the factorisation of K at rest left the diagonal: K is not symmetric, or has a zero pivot")
+    return lu.U.diagonal()[lu.perm_c], np.maximum(diagonal, shift / (0.1 * ZERO))
+
+
+def facet_connected_parts(mesh: SimplexMesh) -> int:
+    """Number of parts of the mesh whose simplices are connected by whole facets."""
+    ids = facet_ids(mesh)
+    incidence = csr_matrix((np.ones(ids.size), (ids.ravel(), np.tile(np.arange(mesh.nt), mesh.k + 1))))
+    return int(connected_components(incidence.T @ incidence, directed=False)[0])
