@@ -45,8 +45,8 @@ def best_and_median(calls: Mapping[Key, Callable[[], Any]], seconds: float) -> d
     """The time of each call in caches that are warm from itself.
 
     The calls take turns, so that whatever else the machine does meets all of them alike. A turn is one call that is not counted,
-    because the one before it has filled the caches (a CSR product took twice as long after something else), and five that are. A call
-    has turns until its `seconds` are spent.
+    because the one before it has filled the caches (a CSR product took twice as long after something else), and five that are. A
+    call has turns until its `seconds` are spent.
     """
     taken: dict[Key, list[float]] = {key: [] for key in calls}
     while waiting := [key for key, times in taken.items() if not times or sum(times) < seconds]:

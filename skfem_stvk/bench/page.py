@@ -22,18 +22,20 @@ PICTURES = {
     "size": "Time of a call per tetrahedron, against the size of the mesh",
 }
 METHOD = """\
-Boxes are grids of six tetrahedra a cell, in scikit-fem's order; parts are a bracket that Gmsh meshes. Half of all tetrahedra are
-turned round. Poisson's ratio is 0.3, strains are about 0.6. Calls that are compared take turns, of five each after one that is not
-counted, as what came before has filled the caches: after other work a CSR product took twice as long here. The best and the median
-are shown. All is on one thread unless it says otherwise. K is filled into the CSR matrix that the solver takes (`tangent(u,
-out=K)`); the CSR product is scipy's, with the same K. The C loop is a plain element loop of this project (`skfem_stvk/bench/control.c`),
-compiled with `-O3 -march=native -ffast-math`. scikit-fem's forms are written as well as they can be, with one quadrature point and
-all constant parts hoisted out. The textbook form is the edge form with `zeta = |p|^2 - |P|^2` from positions, in NumPy and sparse
+The command needs no checkout of the project. Boxes are grids of six tetrahedra per cell, in scikit-fem's order; parts are a
+bracket that Gmsh meshes (`pip install gmsh`). Half of all tetrahedra are turned round. Poisson's ratio is 0.3, strains are about
+0.6. Calls that are compared take turns, of five each after one that is not counted, because the call before it has filled the
+caches: after other work a CSR product took twice as long here. The best and the median are shown. All is on one thread unless it
+says otherwise. K is filled into the CSR matrix that the solver takes (`tangent(u, out=K)`); the CSR product is scipy's, with the
+same K. The C loop is a plain element loop of this project (`skfem_stvk/bench/control.c`), compiled with `-O3 -march=native
+-ffast-math` when there is a compiler. scikit-fem's forms are written as well as they can be, with one quadrature point and all
+constant parts hoisted out. The textbook form is the edge form with `zeta = |p|^2 - |P|^2` from positions, in NumPy and sparse
 products. The peers get what their codes offer for the same law, element and one thread (`skfem_stvk/peers`).
 
-Bytes for the memory limit, each read or written once: for F vertices, coefficients and coordinates of the tetrahedra, u and F; for K
-the tetrahedra with the ids of their edges, the blocks of the edges written and read again, their places in K, and the values of K;
-for K v the blocks and vertices of the edges, and both vectors. The same arrays count as memory, with what threads need.
+Bytes for the memory limit, each read or written once: for F vertices, coefficients and coordinates of the tetrahedra, u and F;
+for K the tetrahedra with the ids of their edges, the blocks of the edges written and read again, their positions in K, and the
+values of K; for K v the blocks and vertices of the edges, and both vectors. The same arrays count as memory, with what threads
+need.
 
 Left out: time in a solver, I/O, more than two threads, second-order elements, other laws, scikit-fem's and the peers' memory, and
 scikit-fem in single precision, which it does not offer."""
@@ -106,8 +108,8 @@ def page(results: Benchmark) -> str:
 
 
 def _section(table: Table) -> str:
-    note = f"{table.note}\n\n" if table.note else ""
-    return f"## {table.title}\n\n{note}{_indented(as_text(grid_of(table), WIDTH))}"
+    note = f"{textwrap.fill(table.note, WIDTH)}\n\n" if table.note else ""
+    return f"## {table.title}\n\n{note}{_indented(as_text(grid_of(table), WIDTH - 4))}"
 
 
 def _indented(text: str) -> str:

@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Callable
-from datetime import datetime, timezone
 from functools import partial
-from pathlib import Path
 from time import perf_counter
 
 from ..arguments import flag, shown
@@ -14,7 +11,7 @@ from ..errors import StvkError
 from ..peers import PEERS
 from ..peers.peer import PACKAGES
 from ..referee.header import PACKAGES as OWN
-from ..referee.header import machine, versions
+from ..referee.header import circumstances
 from ..referee.terminal import Progress
 from .contenders import compare_errors, leave_out, time_contenders, time_peers, time_reference
 from .costs import copy_bandwidth, first_use, time_setup, weigh
@@ -43,7 +40,7 @@ def bench(plan: Plan = FULL, quiet: bool = False) -> Benchmark:
     if not isinstance(plan, Plan):
         raise StvkError(f"plan = {shown(plan)}; expected FULL, QUICK or a Plan(...).")
     quiet = flag("quiet", quiet)
-    results = Benchmark(plan, _header())
+    results = Benchmark(plan, circumstances((*OWN[:4], "numba", *(package.distribution for package in PACKAGES.values()))))
     specimens = [Specimen(kind, size) for kind, sizes in (("box", plan.boxes), ("part", plan.parts)) for size in sizes]
     begin = perf_counter()
     leave_out(results, list(PEERS))
@@ -81,12 +78,3 @@ def _mesh(results: Benchmark, specimen: Specimen) -> None:
     mesh = results.optional(specimen.name, lambda: specimen.mesh)
     if mesh is not None:
         results.meshes[specimen.name] = {"nt": mesh.nt, "nv": mesh.nv}
-
-
-def _header() -> dict[str, object]:
-    return {
-        "date": datetime.now(timezone.utc).isoformat(timespec="seconds"),
-        "command": " ".join([Path(sys.argv[0]).name, *sys.argv[1:]]),
-        "versions": versions((*OWN[:4], "numba", *(package.distribution for package in PACKAGES.values()))),
-        "machine": machine(),
-    }

@@ -18,8 +18,8 @@ Measure = Callable[[Benchmark, str], float | None]
 class Target:
     """A number that shall be at most (`at_least`: at least) `limit`, or even `moonshot`.
 
-    `measure` gives it for a mesh, by name; None where it was not measured. `where` says on which meshes: 'judged' for the sizes that
-    the plan judges, 'largest' for the largest of them, or 'run' for once in the whole run, where the mesh's name is empty.
+    `measure` gives it for a mesh, by name; None where it was not measured. `where` says on which meshes: 'judged' for the sizes
+    that the plan judges, 'largest' for the largest of them, or 'run' for once in the whole run, where the mesh's name is empty.
     """
 
     what: str

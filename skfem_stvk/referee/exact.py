@@ -12,7 +12,7 @@ Python's decimal numbers are exact on every platform (a `longdouble` is a mere d
 
 from __future__ import annotations
 
-from decimal import Decimal, localcontext
+from decimal import Context, Decimal, localcontext
 from math import factorial
 from typing import Any
 
@@ -27,6 +27,7 @@ from ..reference import ReferenceStVK
 
 Exact = NDArray[Any]
 DIGITS = 50
+CONTEXT = Context(prec=DIGITS)
 #: Longest edge over smallest height beyond which round-off may cost more than 1e-12.
 FLAT = 20.0
 #: Largest number of such elements that are computed in 50 digits.
@@ -34,11 +35,11 @@ MOST = 200
 
 
 class ExactStVK:
-    """W, F and K of simplices, each rounded to double once.
+    """W, F and K of simplices in 50 decimal digits, each rounded to double once.
 
     Parameters
     ----------
-    p : (d, nv) coordinates, taken as they are: exact binary fractions.
+    p : (d, nv) coordinates, taken as exact.
     t : (k + 1, nt) vertices.
     tensor : (nt, k, k, k, k) or (1, k, k, k, k) elasticity tensors in the simplices' own axes times their section, as `reference`
         takes them; or the Lame pair within the simplices' dimensions.
@@ -46,8 +47,7 @@ class ExactStVK:
 
     def __init__(self, p: Array, t: NDArray[np.int32], tensor: Array | tuple[float, float]) -> None:
         self.d, self.t, self.ndofs = len(p), t, p.size
-        with localcontext() as context:
-            context.prec = DIGITS
+        with localcontext(CONTEXT):
             self._rest = self._spokes(_decimal(p))
             metric = np.einsum("ixn,jxn->ijn", self._rest, self._rest)
             inverse, determinant = _inverse(metric)
@@ -55,9 +55,8 @@ class ExactStVK:
             self._moduli = _isotropic(inverse, *tensor) if isinstance(tensor, tuple) else _general(self._rest, tensor)
 
     def energy_and_force(self, u: Array) -> tuple[float, Array]:
-        """W and F (ndofs,) at `u` (ndofs,), taken as it is."""
-        with localcontext() as context:
-            context.prec = DIGITS
+        """W and F (ndofs,) at `u` (ndofs,), whose entries are taken as exact."""
+        with localcontext(CONTEXT):
             d, e, s = self._state(u)
             return float(self._energy(e, s)), self._to_vertices(self._volume * np.einsum("ijn,jxn->ixn", s, d))
 
@@ -71,8 +70,7 @@ class ExactStVK:
 
     def tangent(self, u: Array) -> csr_matrix:
         """Tangent stiffness [N/m]."""
-        with localcontext() as context:
-            context.prec = DIGITS
+        with localcontext(CONTEXT):
             d, _, s = self._state(u)
             k, _, n = d.shape
             half = np.einsum("imjpn,mxn->ixjpn", self._moduli, d)
@@ -89,8 +87,7 @@ class ExactStVK:
 
     def product(self, u: Array, v: Array) -> Array:
         """`K(u) v` (ndofs,) [N]."""
-        with localcontext() as context:
-            context.prec = DIGITS
+        with localcontext(CONTEXT):
             d, _, s = self._state(u)
             dd = self._spokes(_decimal(v.reshape(-1, self.d).T))
             ds = np.einsum("ijmpn,mxn,pxn->ijn", self._moduli, d, dd)
@@ -110,21 +107,11 @@ class ExactStVK:
         return np.stack([x[:, ends] - x[:, self.t[0]] for ends in self.t[1:]])
 
     def _to_vertices(self, f: Exact) -> Array:
-        """(ndofs,) the sum of forces (k, d, nt) on all vertices but the first, and of what balances them there."""
+        """(ndofs,) sum of forces (k, d, nt) on all vertices but the first, and of their opposites on the first."""
         F = np.full((self.ndofs // self.d, self.d), Decimal(0), dtype=object)
         for ends, force in zip(self.t, [-f.sum(axis=0), *f], strict=True):
             np.add.at(F, ends, force.T)
         return F.astype(float).ravel()
-
-
-def exact_energy_and_force(p: Array, t: NDArray[np.int32], lam: float, mu: float, u: Array) -> tuple[float, Array]:
-    """W and F (ndofs,) at `u` (ndofs,) of isotropic simplices: `ExactStVK` for one state."""
-    return ExactStVK(p, t, (lam, mu)).energy_and_force(u)
-
-
-def exact_product(p: Array, t: NDArray[np.int32], lam: float, mu: float, u: Array, v: Array) -> Array:
-    """`K(u) v` (ndofs,) of isotropic simplices: `ExactStVK` for one state and direction."""
-    return ExactStVK(p, t, (lam, mu)).product(u, v)
 
 
 class Truth:
@@ -141,34 +128,33 @@ class Truth:
         self.exact = flattest[aspect[flattest] > FLAT]
         others = np.setdiff1d(np.arange(mesh.nt), self.exact)
         each = np.broadcast_to(tensor, (mesh.nt, *tensor.shape[1:]))
-        self._parts: list[_Part | ExactStVK] = []
+        self._models: list[_SomeElements | ExactStVK] = []
         if len(others):
-            self._parts.append(_Part(mesh, others, tensor if len(tensor) == 1 else each[others]))
+            self._models.append(_SomeElements(mesh, others, tensor if len(tensor) == 1 else each[others]))
         if len(self.exact):
-            self._parts.append(ExactStVK(mesh.p, mesh.t[:, self.exact], each[self.exact]))
+            self._models.append(ExactStVK(mesh.p, mesh.t[:, self.exact], each[self.exact]))
 
     def described(self) -> str:
         """How it is computed, for the head of a report."""
         count = len(self.exact)
-        return "scikit-fem" + (
-            f"; the {count} flattest elements in 50 digits" if count > 1 else "; the flattest element in 50 digits" * count
-        )
+        flattest = f"the {count} flattest elements" if count > 1 else "the flattest element"
+        return f"scikit-fem; {flattest} in 50 digits" if count else "scikit-fem"
 
     def energy(self, u: Array) -> float:
         """Strain energy [J]."""
-        return sum(part.energy(u) for part in self._parts)
+        return sum(model.energy(u) for model in self._models)
 
     def internal_force(self, u: Array) -> Array:
         """Internal force (ndofs,) [N]."""
-        return np.sum([part.internal_force(u) for part in self._parts], axis=0)
+        return np.sum([model.internal_force(u) for model in self._models], axis=0)
 
     def tangent(self, u: Array) -> csr_matrix:
         """Tangent stiffness [N/m]."""
-        K, *more = (part.tangent(u) for part in self._parts)
+        K, *more = (model.tangent(u) for model in self._models)
         return csr_matrix(sum(more, K))
 
 
-class _Part:
+class _SomeElements:
     """scikit-fem's assembly of some elements, on their own vertices: it takes no others."""
 
     def __init__(self, mesh: SimplexMesh, elements: NDArray[np.int64], tensor: Array) -> None:
@@ -202,7 +188,7 @@ def _general(rest: Exact, tensor: Array) -> Exact:
     own = rest if rest.shape[0] == rest.shape[1] else _in_own_axes(rest)
     dual, _ = _inverse(own)  # (component, spoke, nt)
     c = np.broadcast_to(np.moveaxis(_decimal(tensor), 0, -1), (*4 * (len(own),), own.shape[-1]))
-    for _ in range(4):  # one axis after the other, each to the end of the four
+    for _ in range(4):  # one axis after the other goes to the end of the four
         c = np.einsum("ajmpn,ain->jmpin", c, dual)
     return c
 

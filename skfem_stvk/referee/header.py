@@ -1,4 +1,4 @@
-"""What was measured, on what, and with what: the head of every report."""
+"""The head of every report: what was measured, on which machine, and with which packages."""
 
 from __future__ import annotations
 
@@ -71,7 +71,7 @@ def optional() -> dict[str, str]:
 
 
 def caches() -> dict[str, str]:
-    """Where compiled kernels are kept, and whether they can be."""
+    """The folder of compiled kernels, and whether it can be written to."""
     from ..kernels.topology import expand
 
     cache = getattr(expand, "_cache", None)
@@ -154,14 +154,21 @@ def _range(values: Any) -> str:
     return f"{array.min():.6g}" if array.min() == array.max() else f"{array.min():.6g} ... {array.max():.6g}"
 
 
-def header(mesh: SimplexMesh, terms: Sequence[StVK], source: str, seed: int) -> dict[str, Any]:
-    """The head of a report on this body; `source` says where the mesh is from."""
+def circumstances(packages: Sequence[str]) -> dict[str, Any]:
+    """Date, command, versions and machine of a run."""
     return {
         "date": datetime.now(timezone.utc).isoformat(timespec="seconds"),
         "command": " ".join([Path(sys.argv[0]).name, *sys.argv[1:]]),
-        "versions": versions(),
+        "versions": versions(packages),
         "machine": machine(),
+    }
+
+
+def header(mesh: SimplexMesh, terms: Sequence[StVK], source: str, seed: int) -> dict[str, Any]:
+    """The head of a report on this body; `source` says where the mesh is from."""
+    facts = {
         "mesh": {"source": source} | mesh_facts(mesh),
         "material": [material_facts(mesh, term) for term in terms],
         "seed": seed,
     }
+    return circumstances(PACKAGES) | facts

@@ -15,12 +15,11 @@ from rich.console import Console
 
 from skfem_stvk import StVK, verify
 from skfem_stvk.bench import Benchmark, Plan
-from skfem_stvk.bench.run import _header
 from skfem_stvk.cli import main as cli
 from skfem_stvk.cli.main import main
 from skfem_stvk.referee import verification
 from skfem_stvk.referee.checks import agreement, precision
-from skfem_stvk.referee.header import OPTIONAL
+from skfem_stvk.referee.header import OPTIONAL, PACKAGES, circumstances
 from skfem_stvk.referee.results import CheckOutcome
 from skfem_stvk.referee.terminal import rendered
 
@@ -219,7 +218,7 @@ def measured(monkeypatch, **outcome):
 
     def run(plan):
         plans.append(plan)
-        return Benchmark(plan, _header(), **outcome)
+        return Benchmark(plan, circumstances(PACKAGES), **outcome)
 
     monkeypatch.setattr(cli, "bench", run)
     return plans
