@@ -17,8 +17,8 @@ from ..linear import Kind, LinearSolver, choose
 from ..linear.choose import direct, is_auto
 from ..mesh.displacements import by_vertex
 from ..results import Fields, plot
+from ..results.fields import State
 from ..results.series import save_series
-from ..results.state import State
 from ..system import System
 from ..system.free_tangent import SYMMETRIC, with_loads
 from ..system.mass import Mass

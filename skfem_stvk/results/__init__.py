@@ -1,11 +1,9 @@
 """Results of a body at given displacements: strains, stresses, reactions, files and pictures."""
 
-from .animation import animate
-from .fields import Fields
-from .plotting import plot
+from .fields import Fields, State
+from .plotting import animate, plot
 from .reactions import Reaction
 from .series import Series
-from .state import State
 from .table import names
 from .vtu import write_vtu
 

@@ -14,19 +14,14 @@ are left out: under any compression they move across themselves, which is wrinkl
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 from numpy.typing import NDArray
 
 from ..arguments import Array
 from ..edges.coefficients import VOIGT
 from ..terms.volume_energies import ENERGIES
-from .kinematics import Masked
 from .law import dilation, strain_and_stress
-
-if TYPE_CHECKING:
-    from .state import State
+from .response import Masked, Response
 
 Ids = NDArray[np.int64]
 
@@ -40,7 +35,7 @@ CHUNK = 256
 MOST_STEPS, LONGEST, ENOUGH = 30, 0.3, 1e-13
 
 
-def smallest_acoustic_eigenvalue(state: State) -> Masked:
+def smallest_acoustic_eigenvalue(state: Response) -> Masked:
     """The smallest eigenvalue of the acoustic tensors `Q(N)` of all unit `N` (nt,) [Pa]: strong ellipticity is lost where it is not positive.
 
     Directions are sampled, and the best of them, and the best away from it, improved by Newton's method. An isotropic solid at rest has
@@ -54,7 +49,7 @@ def smallest_acoustic_eigenvalue(state: State) -> Masked:
     return lowest, missing
 
 
-def without_ellipticity(state: State) -> tuple[Ids, Array]:
+def without_ellipticity(state: Response) -> tuple[Ids, Array]:
     """Ids (n,) of the elements where strong ellipticity is lost, ascending, and their `smallest_acoustic_eigenvalue` (n,) [Pa].
 
     That is worked out only where it may be lost, which takes a fraction of the time unless the body is compressed all over.
@@ -74,7 +69,7 @@ def without_ellipticity(state: State) -> tuple[Ids, Array]:
     return ids[lowest <= 0], lowest[lowest <= 0]
 
 
-def _response(state: State) -> tuple[Array, Array, Array, Array]:
+def _response(state: Response) -> tuple[Array, Array, Array, Array]:
     """Within the elements' own dimensions `F`, `S` (nt, k, k), `C_MJ,NL` (nt, m, m), pairs in Voigt order, and `psi''` (nt,) [Pa].
 
     `S` and `C` are those of the materials alone, by their law for one unit of each strain: what vanishes across is condensed out.
@@ -94,7 +89,7 @@ def _response(state: State) -> tuple[Array, Array, Array, Array]:
     return fields.geometry.axes + state.gradient, S[:, _places(k)], C, _curvature(state)
 
 
-def _curvature(state: State) -> Array:
+def _curvature(state: Response) -> Array:
     """(nt,) `psi''(J)` [Pa] of all volume penalties."""
     curvature = np.zeros(state.fields.mesh.nt)
     for part in state.fields.volume_parts:

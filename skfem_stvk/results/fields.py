@@ -1,48 +1,22 @@
-"""Fields of a body by element and by node, for any displacements: what its mesh and its terms give, kept."""
+"""Fields of a body by name, by element and by node, for any displacements: what its mesh and its terms give is kept."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.sparse import csr_matrix
 
+from ..arguments import Array, shown
 from ..errors import StvkError
-from ..materials import Hypothesis, Material
-from ..mesh import MeshLike, SimplexMesh
 from ..mesh.displacements import by_vertex
-from ..mesh.geometry import Geometry
-from ..terms import Body, HasPressure, HasStress
-from .frames import rest_frames
-from .kinematics import Array
-from .nodal import NodalAverage
-from .state import State
+from .response import ElasticBody, Masked, Response
+from .table import find
 
 
-@dataclass(frozen=True)
-class Part:
-    """A term on its elements, with their sections (thickness, area or 1)."""
-
-    elements: NDArray[np.int64]
-    material: Material
-    hypothesis: Hypothesis
-    section: Array
-
-
-@dataclass(frozen=True)
-class VolumePart:
-    """A volume penalty on its elements, with its stiffness [Pa], and whether something keeps them from giving way across."""
-
-    elements: NDArray[np.int64]
-    term: HasPressure
-    stiffness: Array
-    held_across: NDArray[np.bool_]
-
-
-class Fields:
+class Fields(ElasticBody):
     """Strains and stresses of a body, for any displacements of it.
 
     Parameters
@@ -68,6 +42,7 @@ class Fields:
         if none of the terms carries stress.
 
     >>> import skfem
+    >>> from skfem_stvk import StVK
     >>> mesh = skfem.MeshTet().refined(1)
     >>> now = Fields(mesh, StVK(young=2.6, poisson=0.3)).at(0.1 * mesh.p.ravel("F"))   # 10 % larger in all directions
     >>> E = (1.1**2 - 1) / 2                             # S = 3 K E I, sigma = F S F'/J = 3 K E/1.1 I with K = 13/6
@@ -75,65 +50,9 @@ class Fields:
     (True, True)
     """
 
-    def __init__(self, mesh: MeshLike, terms: Any) -> None:
-        self.mesh = SimplexMesh.of(mesh)
-        every = list(terms) if isinstance(terms, Iterable) and not isinstance(terms, np.ndarray) else [terms]
-        carrying = [term for term in every if isinstance(term, HasStress)]
-        penalties = [term for term in every if isinstance(term, HasPressure)]
-        if not carrying and not penalties:
-            raise StvkError("None of the terms carries stress; expected at least one StVK(...).")
-        self.parts = [self._part(term) for term in carrying]
-        self.section, self.total_section = np.zeros(self.mesh.nt), np.zeros(self.mesh.nt)
-        for part in self.parts:
-            self.section[part.elements] = np.maximum(self.section[part.elements], part.section)
-            self.total_section[part.elements] += part.section
-        self.without_term: NDArray[np.bool_] = self.total_section == 0
-        self.section[self.without_term] = 1.0
-        body = Body(self.mesh, carrying)
-        self.volume_parts = [self._volume_part(term, body) for term in penalties]
-        for penalty in self.volume_parts:
-            self.without_term[penalty.elements] = False
-
-    def _part(self, term: HasStress) -> Part:
-        elements, hypothesis = self.mesh.elements(term.region), term.hypothesis(self.mesh)
-        term.material.check(len(elements), hypothesis)
-        section = np.broadcast_to(term.section(self.mesh, len(elements)), len(elements))
-        return Part(elements, term.material, hypothesis, section)
-
-    def _volume_part(self, term: HasPressure, body: Body) -> VolumePart:
-        """What no other term is on is in plane strain."""
-        held = (self.total_section == 0) & (self.mesh.k > 1)
-        for part in self.parts:
-            held[part.elements] |= not part.hypothesis.condensed
-        elements = self.mesh.elements(term.region)
-        return VolumePart(elements, term, term.moduli(body), held[elements])
-
-    @cached_property
-    def geometry(self) -> Geometry:
-        return Geometry(self.mesh.p, self.mesh.t)
-
-    @cached_property
-    def frames(self) -> Array:
-        """(nt, 3, 3) axes and normals of the simplices at rest."""
-        return rest_frames(self.geometry.axes)
-
-    @cached_property
-    def volume(self) -> Array:
-        volume: Array = self.geometry.volume * self.section
-        return volume
-
     @cached_property
     def average(self) -> NodalAverage:
         return NodalAverage(self.mesh.t, self.volume, self.mesh.nv)
-
-    @cached_property
-    def material_of(self) -> NDArray[np.int64]:
-        """(nt,) a number for each combination of terms that elements are in: stress jumps between them."""
-        every = [part.elements for part in self.parts] + [part.elements for part in self.volume_parts]
-        covered = np.zeros((len(every), self.mesh.nt), dtype=bool)
-        for row, elements in zip(covered, every, strict=True):
-            row[elements] = True
-        return np.unique(covered, axis=1, return_inverse=True)[1].reshape(-1)
 
     def at(self, u: ArrayLike, v: ArrayLike | None = None) -> State:
         """The state at displacements `u` (ndofs,) [m], of a body in motion with velocities `v` (ndofs,) [m/s].
@@ -145,3 +64,106 @@ class Fields:
         """
         moving = None if v is None else by_vertex(self.mesh, v, "v").astype(np.float64)
         return State(self, by_vertex(self.mesh, u).astype(np.float64), moving)
+
+
+class State(Response):
+    """Fields at displacements `u` (nv, d) [m]: `state[name]` by element, `state.at_nodes(name)` by node, each worked out when first asked for.
+
+    Elements and nodes that have no value are masked (a `numpy.ma.MaskedArray`): elements in no term have no stress and, below three
+    dimensions, no strain across. Where nothing is missing, a plain array comes.
+
+    Attributes
+    ----------
+    v : (nv, d) velocities [m/s] of a body in motion, otherwise None.
+    """
+
+    fields: Fields
+
+    def __getitem__(self, name: str) -> Array:
+        """(nt, ...) values by element of the field of this name, `results.names()` lists them.
+
+        Raises
+        ------
+        StvkError
+            if there is no such field.
+        """
+        return masked(*self.raw(name))
+
+    def at_nodes(self, name: str, region: str | NDArray[Any] | None = None) -> Array:
+        """(nv, ...) averages over the elements around each node, weighted by rest volume; with a `region`, over its elements only.
+
+        Raises
+        ------
+        StvkError
+            if there is no such field or region.
+        """
+        values, missing = self.raw(name)
+        outside = np.ones(self.fields.mesh.nt, dtype=bool)
+        outside[self.fields.mesh.elements(region)] = False
+        return masked(*self.fields.average(values, missing | outside))
+
+    def raw(self, name: str) -> Masked:
+        """Values by element, finite everywhere, and which of them mean nothing."""
+        return self.value(find(name).of)
+
+    @property
+    def vectors(self) -> dict[str, Array]:
+        """(nv, d) by name: the displacements, and the velocities if there are any."""
+        return {"displacement": self.u} | ({} if self.v is None else {"velocity": self.v})
+
+
+class NodalAverage:
+    """At each node the mean over the elements around it, weighted by their rest volumes; the operator is built once.
+
+    It smooths what is constant in each element, across the boundary of two materials too, where stresses jump: average over one region at
+    a time there, by leaving the others out.
+
+    Parameters
+    ----------
+    t : (k + 1, nt) nodes of the elements.
+    volume : (nt,) rest volumes.
+    nodes : how many there are.
+
+    >>> average = NodalAverage(np.array([[0, 1], [1, 2]]), np.array([1.0, 3.0]), 4)
+    >>> average(np.array([10.0, 20.0]), np.array([False, False]))
+    (array([10. , 17.5, 20. ,  0. ]), array([False, False, False,  True]))
+    """
+
+    def __init__(self, t: NDArray[np.integer], volume: Array, nodes: int) -> None:
+        size, nt = t.shape
+        self._sum = csr_matrix((np.tile(volume, size), (t.ravel(), np.tile(np.arange(nt), size))), shape=(nodes, nt))
+
+    def __call__(self, values: Array, missing: NDArray[np.bool_]) -> tuple[Array, NDArray[np.bool_]]:
+        """(nodes, ...) averages of (nt, ...) values over the elements that are not missing, and the nodes without any."""
+        weight = self._sum @ np.where(missing, 0.0, 1.0)
+        flat = np.where(missing[:, None], 0.0, values.reshape(len(values), -1))
+        average = (self._sum @ flat) / np.where(weight > 0, weight, 1.0)[:, None]
+        return average.reshape(-1, *values.shape[1:]), weight == 0
+
+
+def split_nodes(t: NDArray[np.integer], part: NDArray[np.integer]) -> tuple[NDArray[np.int64], int]:
+    """(k + 1, nt) numbers of the nodes, and how many, after each has been split in one for every part that meets there.
+
+    >>> split_nodes(np.array([[0, 1], [1, 2]]), np.array([0, 1]))
+    (array([[0, 2],
+           [1, 3]]), 4)
+    """
+    nodes = int(t.max()) + 1
+    numbers, split = np.unique(part * nodes + t, return_inverse=True)
+    return split.reshape(t.shape), len(numbers)
+
+
+def checked_state(state: Any) -> State:
+    """Refuses what is no state."""
+    if not isinstance(state, State):
+        raise StvkError(f"state = {shown(state)}; expected a state, such as result.state or Fields(mesh, terms).at(u).")
+    return state
+
+
+def masked(values: Array, missing: NDArray[np.bool_]) -> Array:
+    """The values, masked where there are none; as they are if none is missing."""
+    if not missing.any():
+        return values
+    mask = np.broadcast_to(missing.reshape(-1, *(1,) * (values.ndim - 1)), values.shape)
+    result: Array = np.ma.MaskedArray(values, mask)
+    return result

@@ -1,21 +1,25 @@
-"""Pictures by matplotlib. It is imported here, so this module is imported only when a picture is asked for."""
+"""Pictures and films by matplotlib. It is imported here, so this module is imported only when one of them is asked for."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from importlib import import_module
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from matplotlib import colormaps
+from matplotlib.animation import FFMpegWriter
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.cm import ScalarMappable
 from matplotlib.collections import LineCollection, PolyCollection
 from matplotlib.colors import LinearSegmentedColormap, Normalize, to_rgba
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
+from PIL import Image
 
 from ..arguments import Array
-from .picture import Picture, View
+from .picture import Film, Picture, View
 
 MISSING, REST, EDGE = "#c8c8c8", "#909090", "#202020"
 #: Yellow to red without the palest tenth, which white paper would swallow.
@@ -23,11 +27,13 @@ COLOURS = LinearSegmentedColormap.from_list("stvk", colormaps["YlOrRd"](np.linsp
 PIECES = 30_000  # in which triangles are cut, so that colours run smoothly
 VIEW = (24.0, -50.0)  # elevation and azimuth [degrees]
 LIGHT = np.array([0.35, -0.55, 0.76])
+#: Of films, in inches and dots per inch: an even number of pixels, as .mp4 has it.
+SIZE, DPI = (7.0, 4.5), 120
 
 
 def draw(picture: Picture, path: Path | None) -> Figure:
     """The figure; written to `path` if there is one, else known to pyplot, which can show it."""
-    figure = new_figure((7, 4.5), interactive=path is None)
+    figure = new_figure(SIZE, interactive=path is None)
     Stage(figure, picture, View.of([picture])).show(picture)
     if path is not None:
         figure.savefig(path, dpi=200, bbox_inches="tight")
@@ -182,3 +188,53 @@ def _lattice(m: int, cuts: int) -> Array:
                 pieces.append([(i + 1, j), (i + 1, j + 1), (i, j + 1)])
     ij = np.array(pieces) / cuts
     return np.concatenate([ij, 1 - ij.sum(axis=2, keepdims=True)], axis=2)
+
+
+def write_film(film: Film, path: Path, suffix: str, fps: float) -> None:
+    """Write a film as a .gif or an .mp4 file, by the suffix, whatever the path ends in."""
+    figure = new_figure(SIZE, interactive=False)
+    figure.set_dpi(DPI)
+    canvas, shown = FigureCanvasAgg(figure), _shown(figure, film)
+    if suffix == ".gif":
+        images = (_image(canvas, _palette(in_space=picture.d == 3)) for picture in shown)
+        options = {"save_all": True, "append_images": images, "duration": round(1000 / fps), "loop": 0}
+        next(images).save(path, format="GIF", **options)
+        return
+    writer = FFMpegWriter(fps=fps, extra_args=["-f", "mp4", "-pix_fmt", "yuv420p"])  # type: ignore[arg-type]
+    with writer.saving(figure, str(path), DPI):
+        for _ in shown:
+            writer.grab_frame()
+
+
+def _shown(figure: Figure, film: Film) -> Iterator[Picture]:
+    """One picture after the other, on a figure that stays as it is laid out for the first."""
+    view, pictures = film.developed()
+    title = figure.suptitle(" ", fontsize=11, color=EDGE)
+    stage = None
+    for words, picture in pictures:
+        title.set_text(words)
+        if stage is None:
+            stage = Stage(figure, picture, view)
+            stage.show(picture)
+            figure.draw_without_rendering()
+            figure.set_layout_engine("none")
+        else:
+            stage.show(picture)
+        yield picture
+
+
+def _image(canvas: FigureCanvasAgg, palette: Image.Image) -> Image.Image:
+    canvas.draw()
+    image = Image.frombuffer("RGBA", canvas.get_width_height(), bytes(canvas.buffer_rgba()))
+    return image.convert("RGB").quantize(palette=palette, dither=Image.Dither.NONE)
+
+
+def _palette(in_space: bool) -> Image.Image:
+    """The 256 colours of all frames: those of the bar, in space in several lights, and greys."""
+    lights = np.linspace(0.8, 1.0, 5) if in_space else np.ones(1)
+    greys = np.linspace(0.0, 1.0, 36)
+    shades = COLOURS(np.linspace(0, 1, (256 - len(greys)) // len(lights)))[:, :3]
+    colours = np.concatenate([(lights[:, None, None] * shades).reshape(-1, 3), np.repeat(greys[:, None], 3, axis=1)])
+    palette = Image.new("P", (1, 1))
+    palette.putpalette(np.round(255 * colours).astype(np.uint8).tobytes())
+    return palette

@@ -1,8 +1,8 @@
-"""What a picture of a deformed body shows, whoever draws it."""
+"""What pictures and films of a deformed body show, whoever draws them."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
@@ -12,13 +12,16 @@ from numpy.typing import ArrayLike, NDArray
 from ..arguments import Array, number, real_array, shown, text
 from ..errors import StvkError
 from ..mesh import SimplexMesh
-from .frames import in_space
-from .nodal import NodalAverage, split_nodes
-from .state import State, checked_state, masked
-from .surface import outline, visible_cells
+from ..mesh.facets import facet_ids
+from .fields import NodalAverage, State, checked_state, masked, split_nodes
+from .law import in_space
 from .table import FIELDS, VECTORS, find
 
 PREFIXES = {-9: "n", -6: "µ", -3: "m", 0: "", 3: "k", 6: "M", 9: "G", 12: "T"}
+
+
+Ids = NDArray[np.int64]
+SHARP = np.cos(np.radians(30))
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,6 +117,39 @@ def checked_label(label: Any) -> str | None:
     return None if label is None else text("label", label)
 
 
+@dataclass(frozen=True, eq=False)
+class Film:
+    """Pictures of a body in time, each made when it is asked for.
+
+    Attributes
+    ----------
+    times : of them.
+    picture : of a number, with values in their unit.
+    unit : of the values; nothing if they stay as they are.
+    """
+
+    times: list[float]
+    picture: Callable[[int], Picture]
+    unit: str
+
+    def developed(self) -> tuple[View, Iterator[tuple[str, Picture]]]:
+        """What all pictures have in common, and each with its time: on as many axes as the motion takes, in a unit that suits all values."""
+        raw = View.of(map(self.picture, range(len(self.times))))
+        low, high = raw.limits
+        factor, unit = prefixed(max(abs(low), abs(high)), self.unit)
+        moving = np.flatnonzero(np.ptp(raw.box, axis=0) > 0)
+        d = int(max(moving, default=0)) + 1
+        shots = (replace(self.picture(number).in_unit(factor, unit), d=d) for number in range(len(self.times)))
+        return View(raw.box, (factor * low, factor * high)), zip(_in_words(self.times), shots, strict=True)
+
+
+def _in_words(times: list[float]) -> list[str]:
+    """With as many digits as tell them apart."""
+    gaps = np.diff(np.unique(times))
+    digits = int(np.clip(1 - np.floor(np.log10(gaps.min())), 0, 9)) if len(gaps) else 3
+    return [f"t = {t:.{digits}f}" for t in times]
+
+
 class Sight:
     """What is seen of a mesh, for pictures of it at any displacements."""
 
@@ -168,3 +204,38 @@ def prefixed(largest: float, unit: str) -> tuple[float, str]:
         return 1.0, unit
     power = int(np.clip(3 * np.floor(np.log10(largest) / 3 + 1e-9), min(PREFIXES), max(PREFIXES)))
     return 10.0**-power, PREFIXES[power] + unit.replace("^3", "³")
+
+
+def visible_cells(mesh: SimplexMesh) -> tuple[Ids, Ids]:
+    """(m, n) corners and (n,) elements of what is drawn: the boundary facets of tetrahedra, other simplices as they are.
+
+    `mesh.t[corners, elements]` are the vertices; facets are counterclockwise when seen from outside.
+    """
+    if mesh.k < 3:
+        return np.repeat(np.arange(mesh.k + 1)[:, None], mesh.nt, axis=1), np.arange(mesh.nt)
+    ids = facet_ids(mesh)
+    opposite, elements = np.nonzero(np.bincount(ids.ravel())[ids] == 1)
+    corners = np.array([[1, 2, 3], [0, 2, 3], [0, 1, 3], [0, 1, 2]])[opposite].T
+    a, b, c, inside = mesh.p.T[mesh.t[np.vstack([corners, opposite]), elements]]
+    inwards = (np.cross(b - a, c - a) * (inside - a)).sum(axis=1) > 0
+    corners[:2, inwards] = corners[1::-1, inwards]
+    return corners, elements
+
+
+def outline(points: Array, cells: NDArray[np.integer]) -> NDArray[np.integer]:
+    """(2, n) edges of triangles (3, nt) that one triangle or more than two have, or two that meet at more than 30 degrees; segments as they are.
+
+    `points` are (nv, 3).
+    """
+    if len(cells) == 2:
+        return cells
+    a, b, c = points[cells]
+    normals = np.cross(b - a, c - a)
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    edges = np.sort(np.concatenate([cells[[0, 1]], cells[[1, 2]], cells[[0, 2]]], axis=1), axis=0)
+    unique, place, count = np.unique(edges, axis=1, return_inverse=True, return_counts=True)
+    by_edge = np.argsort(place.reshape(-1), kind="stable") % cells.shape[1]  # the triangles of each edge in turn
+    start = np.cumsum(count) - count
+    flat = np.abs((normals[by_edge[start]] * normals[by_edge[start + (count == 2)]]).sum(axis=1)) > SHARP
+    drawn: NDArray[np.integer] = unique[:, (count != 2) | ~flat]
+    return drawn

@@ -1,20 +1,31 @@
-"""Pictures of a deformed body, by PyVista where it is installed, else by matplotlib."""
+"""Pictures and films of a deformed body, drawn by matplotlib; and scenes of PyVista that can be turned."""
 
 from __future__ import annotations
 
 import os
+import shutil
+import xml.etree.ElementTree as ET
+from collections.abc import Sequence
 from importlib.util import find_spec
+from pathlib import Path
 from typing import Any
 
+import meshio
+import numpy as np
 from numpy.typing import ArrayLike
 
+from .. import arguments
 from ..arguments import choice
-from ..errors import StvkError
-from .files import output_path
-from .picture import picture_of
-from .state import State
+from ..errors import StvkError, name_known
+from ..mesh import SimplexMesh
+from .fields import State, checked_state, masked
+from .files import output_path, replacing
+from .picture import Film, Picture, Sight, checked_label, checked_scale, corner_values, picture_of
+from .series import read_list
+from .table import FIELDS, VECTORS
 
-BACKENDS = ("pyvista", "matplotlib")
+BACKENDS = ("matplotlib", "pyvista")
+States = Sequence[tuple[float, State]]
 
 
 def plot(
@@ -30,30 +41,145 @@ def plot(
 
     Parameters
     ----------
-    field : name of a field with one number an element, or "displacement" or "velocity" for its length; or the numbers themselves, one an element
-        or one a vertex. Numbers by element are averaged to the nodes, within each material. Grey: no value there.
+    field : name of a field with one number per element, or "displacement" or "velocity" for its length; or the numbers themselves, one per
+        element or one per vertex. Numbers by element are averaged to the nodes, within each material. Grey: no value there.
     scale : factor for the displacements, 1 for the true shape.
     label : of the colour bar; by default the field's name and unit.
     path : of a .png, .pdf or .svg file to write.
-    backend : "pyvista" or "matplotlib"; by default PyVista if it is installed (`pip install pyvista`).
+    backend : "matplotlib", or "pyvista" for a scene that the mouse turns and that PyVista exports (`pip install 'skfem-stvk[plot]'`).
 
     Returns
     -------
-    matplotlib's `Figure`, which `pyplot.show()` shows, or PyVista's `Plotter`, which `.show()` shows.
+    matplotlib's `Figure`, which `pyplot.show()` shows; or PyVista's `Plotter`, which `.show()` shows and `.export_gltf(...)` exports.
 
     Raises
     ------
     StvkError
         for an unknown field or backend, or a path that cannot be written, before any work.
     """
-    if backend is None:
-        backend = "pyvista" if find_spec("pyvista") else "matplotlib"
-    backend = choice("backend", backend, BACKENDS)
+    backend = "matplotlib" if backend is None else choice("backend", backend, BACKENDS)
     target = None if path is None else output_path(path, ".png", ".pdf", ".svg")
-    if backend == "matplotlib":
+    if backend == "pyvista" and not find_spec("pyvista"):
+        raise StvkError("PyVista is not installed: pip install 'skfem-stvk[plot]', or take backend=\"matplotlib\".")
+    picture = picture_of(state, field, scale, label)
+    if backend == "matplotlib" or target is not None:
         from .matplotlib_plot import draw
-    elif find_spec("pyvista"):
-        from .pyvista_plot import draw
+
+        figure = draw(picture, target)
+    if backend == "matplotlib":
+        return figure
+    from .pyvista_scene import scene
+
+    return scene(picture)
+
+
+def animate(
+    series: str | os.PathLike[str] | States,
+    path: str | os.PathLike[str],
+    field: str = "displacement",
+    *,
+    scale: float = 1.0,
+    label: str | None = None,
+    fps: float = 20.0,
+) -> Path:
+    """Write a film of the deformed body, coloured by a field; axes and colours are the same in all frames.
+
+    Parameters
+    ----------
+    series : a .pvd file with the .vtu files it lists, as `Series` writes them; or pairs of times and states.
+    path : of a .gif file, or of an .mp4 file, for which ffmpeg has to be installed.
+    field : name of a field with one number an element, or "displacement" or "velocity" for its length. From a .pvd, one that its files hold, averaged
+        to the nodes there.
+    scale : factor for the displacements, 1 for the true shape.
+    label : of the colour bar; by default the field's name and unit.
+    fps : frames a second. A .gif counts in hundredths of a second.
+
+    Raises
+    ------
+    StvkError
+        for a series that cannot be read or has no states, an unknown field, a path that cannot be written, or without ffmpeg: before any work.
+    """
+    path = output_path(path, ".gif", ".mp4")
+    scale, label = checked_scale(scale), checked_label(label)
+    fps = arguments.number("fps", fps, "frames a second, up to 100", 0.0, np.nextafter(100.0, 101.0))
+    if path.suffix.lower() == ".mp4" and not _ffmpeg():
+        raise StvkError(
+            "ffmpeg, which writes .mp4 files, is not installed: apt install ffmpeg, brew install ffmpeg or conda install ffmpeg. Or name a .gif file."
+        )
+    if isinstance(series, str | os.PathLike):
+        film = _of_files(series, field, scale, label)
     else:
-        raise StvkError('PyVista is not installed: pip install pyvista, or take backend="matplotlib".')
-    return draw(picture_of(state, field, scale, label), target)
+        film = _of_states(series, field, scale, label)
+    from .matplotlib_plot import write_film
+
+    with replacing(path) as part:
+        write_film(film, part, path.suffix.lower(), fps)
+    return path
+
+
+def _ffmpeg() -> bool:
+    from matplotlib import rcParams
+
+    return shutil.which(rcParams["animation.ffmpeg_path"]) is not None
+
+
+def _of_states(states: States, field: str, scale: float, label: str | None) -> Film:
+    expected = "the path of a .pvd file, or pairs of times and states, such as (0.5, fields.at(u))"
+    if not isinstance(states, Sequence) or not all(isinstance(pair, tuple | list) and len(pair) == 2 for pair in states):
+        raise StvkError(f"series = {arguments.shown(states)}; expected {expected}.")
+    if not states:
+        raise StvkError(f"The series has no states; expected {expected}.")
+    pairs = [(arguments.number("series: a time", t), checked_state(state)) for t, state in states]
+    sight = Sight(pairs[0][1].fields.mesh)
+    _, named, unit = corner_values(pairs[0][1], field)
+
+    def picture(number: int) -> Picture:
+        state = pairs[number][1]
+        return sight.picture(state.u, corner_values(state, field)[0], label or named, scale)
+
+    return Film([t for t, _ in pairs], picture, "" if label else unit)
+
+
+def _of_files(series: str | os.PathLike[str], field: str, scale: float, label: str | None) -> Film:
+    path = arguments.path("series", series, "the path of a .pvd file")
+    try:
+        listed = [(t, path.with_name(name)) for t, name in read_list(path)]
+    except (OSError, ET.ParseError, KeyError, ValueError) as error:
+        raise StvkError(f"{path} is no series of results ({error}); expected a .pvd file, as save=... writes it.") from error
+    if not listed:
+        raise StvkError(f"{path} lists no states. Was the run stopped before its first one?")
+    files = [file for _, file in listed]
+    first = _read(files[0])
+    p, cells = first.points.T, first.cells[0]
+    sight = Sight(SimplexMesh(p, cells.data.T))
+    name, named, unit = _described(first, field, files[0])
+
+    def picture(number: int) -> Picture:
+        data = _read(files[number]).point_data
+        values = np.linalg.norm(data[name], axis=1) if name in VECTORS else data[name]
+        missing = data.get(f"{name}_missing", np.zeros(len(values))).astype(bool)
+        return sight.picture(data["displacement"], masked(values, missing)[cells.data.T], label or named, scale)
+
+    return Film([t for t, _ in listed], picture, "" if label else unit)
+
+
+def _described(mesh: meshio.Mesh, field: str, file: Path) -> tuple[str, str, str]:
+    """A field's name in the file, its words and its unit."""
+    scalars = [name for name, values in mesh.point_data.items() if values.ndim == 1 and not name.endswith("_missing")]
+    vectors = [name for name in VECTORS if name in mesh.point_data]
+    if field in vectors:
+        return field, field, VECTORS[field]
+    for name in (field, f"{field}_stress"):
+        if name in scalars:
+            units = {one.name: (one.words, one.unit.replace("-", "")) for one in FIELDS}
+            return name, *units.get(name, (name.replace("_", " "), ""))
+    raise StvkError(f"{file.name} holds no numbers {field!r}; {name_known(field, [*vectors, *scalars])}")
+
+
+def _read(file: Path) -> meshio.Mesh:
+    try:
+        if file.exists() and not file.is_file():
+            raise OSError("it is no regular file")
+        return meshio.vtu.read(file)
+    except Exception as error:  # meshio fails in many ways on files that are damaged
+        raise StvkError(f"{file} cannot be read ({error}): is it where the .pvd file says?") from error

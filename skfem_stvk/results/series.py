@@ -17,9 +17,9 @@ from pydantic import ValidationError
 from ..arguments import flag, number
 from ..errors import StvkError, warn
 from ..system.signature import Problem, Signature
+from .fields import State
 from .files import cannot_write, output_path, replacing
 from .one_writer import OneWriter
-from .state import State
 from .table import find_all
 from .vtu import DEFAULT, write_vtu
 

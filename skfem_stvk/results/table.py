@@ -1,39 +1,21 @@
-"""The fields that a result has, by name. A new field is one function and one row here."""
+"""The fields that a result has, by name. A new field is one function, which takes a `Response`, and one row of `FIELDS`.
+
+Each function gives the values and where there are none.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
-from ..arguments import shown
-from ..errors import StvkError, name_known
-from . import ellipticity, kinematics, stress
-from .kinematics import Masked
+import numpy as np
+from numpy.typing import NDArray
 
-if TYPE_CHECKING:
-    from .state import State
-
-
-@dataclass(frozen=True)
-class Field:
-    """What a field is: its name and unit, the shape of one element's value, whether that is a symmetric tensor, and its function."""
-
-    name: str
-    unit: str
-    shape: tuple[int, ...]
-    symmetric: bool
-    of: Callable[[State], Masked]
-
-    @property
-    def words(self) -> str:
-        """The name in words.
-
-        >>> find("von_mises").words, find("pk1").words
-        ('von Mises stress', 'first Piola-Kirchhoff stress')
-        """
-        return WORDS.get(self.name, self.name.replace("_", " "))
-
+from ..arguments import Array, shown
+from ..errors import StvkError, name_ids, name_known, warn
+from .ellipticity import smallest_acoustic_eigenvalue
+from .law import current_normals, in_space
+from .response import Masked, Response
 
 WORDS = {
     "green_strain": "Green-Lagrange strain",
@@ -45,17 +27,176 @@ WORDS = {
 TENSOR = (3, 3)
 #: Vectors of the vertices, by name, and their units.
 VECTORS = {"displacement": "m", "velocity": "m/s"}
+
+
+def green_strain(state: Response) -> Masked:
+    """Green-Lagrange strain `E = (F'F - I)/2` (nt, 3, 3), on rest axes."""
+    return state.globally(state.strain), state.without_strain
+
+
+def deformation_gradient(state: Response) -> Masked:
+    """Deformation gradient `F` (nt, 3, 3), from rest to current axes: `I + grad u` within, and the stretches across the simplex.
+
+    In plane strain `F_33 = 1`. Where the stress across vanishes, the columns across follow from `F'F = I + 2 E` and the current normals:
+    `F_33 = sqrt(1 + 2 E_33)` if nothing shears across. There is no such `F` where `1 + 2 E_33 <= 0`: the law leaves no thickness.
+
+    Warns
+    -----
+    StvkWarning
+        with the ids of the elements without thickness; they are masked.
+    """
+    frames, k = state.fields.frames, state.fields.mesh.k
+    gradient = in_space(state.gradient)
+    if k == 3:
+        return gradient + np.eye(3), state.without_strain
+    tangents = frames[..., :k] + gradient
+    across, solid = _across(tangents, state)
+    thin = np.flatnonzero(~solid & ~state.without_strain)
+    if len(thin):
+        warn(_describe_thin(thin))
+    F = tangents @ np.swapaxes(frames[..., :k], 1, 2) + across @ np.swapaxes(frames[..., k:], 1, 2)
+    return F, state.without_strain | ~solid
+
+
+def _across(tangents: Array, state: Response) -> tuple[Array, NDArray[np.bool_]]:
+    """(nt, 3, 3 - k) images `f B + n U` of the normals, `B = (f'f)^-1 2 E_f3`, `U^2 = 1 + 2 E_33 - 2 E_3f B`, and where `U` exists."""
+    k = tangents.shape[2]
+    C = np.eye(3) + 2 * state.strain
+    B, solved = _solve(np.swapaxes(tangents, 1, 2) @ tangents, C[:, :k, k:])
+    squares, directions = np.linalg.eigh(C[:, k:, k:] - C[:, k:, :k] @ B)
+    U = (directions * np.sqrt(np.maximum(squares, 0.0))[:, None]) @ np.swapaxes(directions, 1, 2)
+    normals = current_normals(state.fields.frames, tangents, state.fields.mesh.d)
+    return tangents @ B + normals @ U, solved & (squares.min(axis=1) > 0)
+
+
+def _solve(M: Array, right: Array) -> tuple[Array, NDArray[np.bool_]]:
+    """`M^-1 right` and where there is one, `M` of order 1 or 2; zero where `right` is, even if `M` is singular."""
+    adjugate = np.ones_like(M) if M.shape[1] == 1 else M[:, ::-1, ::-1] * np.array([[1, -1], [-1, 1]])
+    determinant, size = np.linalg.det(M), np.trace(M, axis1=1, axis2=2) ** M.shape[1]
+    regular = determinant > np.finfo(float).eps ** 2 * size
+    solution = adjugate @ right / np.where(regular, determinant, 1.0)[:, None, None]
+    return np.where(regular[:, None, None], solution, 0.0), regular | ~right.any(axis=(1, 2))
+
+
+def volume_ratio(state: Response) -> Masked:
+    """`J = det F` (nt,): volume over rest volume, negative where an element is turned inside out; which way round its vertices are
+    listed does not matter. Membranes and cables in space have no inside: theirs is positive."""
+    F, missing = state.value(deformation_gradient)
+    return np.linalg.det(F), missing
+
+
+def principal_stretches(state: Response) -> Masked:
+    """Principal stretches (nt, 3), descending: roots of the eigenvalues of `F'F = I + 2 E`, never negative."""
+    strains = np.linalg.eigvalsh(state.strain)[:, ::-1]
+    missing = state.value(deformation_gradient)[1] if state.fields.mesh.k < 3 else state.without_strain
+    return np.sqrt(np.maximum(1 + 2 * strains, 0.0)), missing
+
+
+def _describe_thin(ids: NDArray[np.int64]) -> str:
+    return (
+        f"{name_ids(ids, 'element')}: stretched so far that zero stress across leaves no thickness (1 + 2 E <= 0 there). F, J, principal "
+        "stretches and Cauchy stress are masked; pk2_stress, pk1_stress and green_strain are not. Were loads or moduli meant in other units?"
+    )
+
+
+def pk2_stress(state: Response) -> Masked:
+    """Second Piola-Kirchhoff stress (nt, 3, 3) [Pa], on rest axes: `S = C : E`, and `psi'(J) J (F'F)^-1` of a `VolumePenalty`.
+
+    Warns
+    -----
+    StvkWarning
+        with the ids of the elements of a `VolumePenalty` that have shrunk to nothing (`J = 0`); they are masked.
+    """
+    lost = np.flatnonzero(state.shrunk)
+    if len(lost):
+        _warn_of_shrunk(lost, "stress is infinite")
+    return state.globally(state.stress), state.fields.without_term | state.shrunk
+
+
+def pk1_stress(state: Response) -> Masked:
+    """First Piola-Kirchhoff (nominal) stress `P = F S` (nt, 3, 3) [Pa], force per rest area; not symmetric.
+
+    There is no stress across where `F` may be missing, so `P` is there all the same.
+    """
+    S, missing = state.value(pk2_stress)
+    P: Array = state.value(deformation_gradient)[0] @ S
+    return P, missing
+
+
+def cauchy_stress(state: Response) -> Masked:
+    """Cauchy (true) stress `F S F'/|J|` (nt, 3, 3) [Pa], force per current area, on current axes.
+
+    `|J|`, so that tension stays tension in elements that are turned inside out.
+
+    Warns
+    -----
+    StvkWarning
+        with the ids of the elements that have shrunk to nothing (`J = 0`); they are masked.
+    """
+    F, _ = state.value(deformation_gradient)
+    J, missing = state.value(volume_ratio)
+    S, without = state.value(pk2_stress)
+    missing = missing | without
+    with np.errstate(divide="ignore", over="ignore", invalid="ignore"):
+        stress = F @ S @ np.swapaxes(F, 1, 2) / np.abs(J)[:, None, None]
+    infinite = ~np.isfinite(stress).all(axis=(1, 2))
+    lost = np.flatnonzero(infinite & ~missing)
+    if len(lost):
+        _warn_of_shrunk(lost, "the Cauchy stress is infinite")
+    stress[infinite] = 0.0
+    return stress, missing | infinite
+
+
+def _warn_of_shrunk(ids: NDArray[np.int64], what: str) -> None:
+    warn(
+        f"{name_ids(ids, 'element')}: shrunk to nothing (J = 0), so that {what}; it is masked there. "
+        "Did the solve converge, and do prescribed displacements put vertices in one place?"
+    )
+
+
+def von_mises_stress(state: Response) -> Masked:
+    """Von Mises stress `sqrt(3/2 s : s)` (nt,) [Pa], `s` the deviator of the Cauchy stress."""
+    stress, missing = state.value(cauchy_stress)
+    deviator = stress - np.trace(stress, axis1=1, axis2=2)[:, None, None] / 3 * np.eye(3)
+    return np.sqrt(1.5 * (deviator**2).sum(axis=(1, 2))), missing
+
+
+def strain_energy_density(state: Response) -> Masked:
+    """Strain energy per rest volume (nt,) [J/m^3], added up over the terms: `1/2 E : C : E`, and `psi(J)` of a `VolumePenalty`."""
+    return state.energy_density, state.fields.without_term
+
+
+@dataclass(frozen=True)
+class Field:
+    """What a field is: its name and unit, the shape of one element's value, whether that is a symmetric tensor, and its function."""
+
+    name: str
+    unit: str
+    shape: tuple[int, ...]
+    symmetric: bool
+    of: Callable[[Response], Masked]
+
+    @property
+    def words(self) -> str:
+        """The name in words.
+
+        >>> find("von_mises").words, find("pk1").words
+        ('von Mises stress', 'first Piola-Kirchhoff stress')
+        """
+        return WORDS.get(self.name, self.name.replace("_", " "))
+
+
 FIELDS = (
-    Field("deformation_gradient", "-", TENSOR, False, kinematics.deformation_gradient),
-    Field("green_strain", "-", TENSOR, True, kinematics.green_strain),
-    Field("volume_ratio", "-", (), False, kinematics.volume_ratio),
-    Field("principal_stretches", "-", (3,), False, kinematics.principal_stretches),
-    Field("pk2_stress", "Pa", TENSOR, True, stress.pk2_stress),
-    Field("pk1_stress", "Pa", TENSOR, False, stress.pk1_stress),
-    Field("cauchy_stress", "Pa", TENSOR, True, stress.cauchy_stress),
-    Field("von_mises_stress", "Pa", (), False, stress.von_mises_stress),
-    Field("strain_energy_density", "J/m^3", (), False, stress.strain_energy_density),
-    Field("smallest_acoustic_eigenvalue", "Pa", (), False, ellipticity.smallest_acoustic_eigenvalue),
+    Field("deformation_gradient", "-", TENSOR, False, deformation_gradient),
+    Field("green_strain", "-", TENSOR, True, green_strain),
+    Field("volume_ratio", "-", (), False, volume_ratio),
+    Field("principal_stretches", "-", (3,), False, principal_stretches),
+    Field("pk2_stress", "Pa", TENSOR, True, pk2_stress),
+    Field("pk1_stress", "Pa", TENSOR, False, pk1_stress),
+    Field("cauchy_stress", "Pa", TENSOR, True, cauchy_stress),
+    Field("von_mises_stress", "Pa", (), False, von_mises_stress),
+    Field("strain_energy_density", "J/m^3", (), False, strain_energy_density),
+    Field("smallest_acoustic_eigenvalue", "Pa", (), False, smallest_acoustic_eigenvalue),
 )
 
 

@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 
 from ..arguments import Array
 from ..mesh import SimplexMesh
+from .fields import State, checked_state
 from .files import output_path, replacing
-from .state import State, checked_state
 from .table import Field, find_all
 
 Arrays = dict[str, NDArray[Any]]

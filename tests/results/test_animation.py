@@ -10,7 +10,8 @@ from bodies import MESHES, state
 from PIL import Image
 
 from skfem_stvk import StVK, StvkError
-from skfem_stvk.results import Fields, Series, animate, animation
+from skfem_stvk.results import Fields, Series, animate, plotting
+from skfem_stvk.results.picture import _in_words
 
 COUNT = 5
 
@@ -60,7 +61,7 @@ def test_a_series_on_disk_gives_the_film_of_its_states(tmp_path, name):
 
 def test_colours_and_axes_are_those_of_all_frames():
     states = motion(count=8)
-    view, shots = animation._of_states(states, "displacement", 3.0, None).developed()
+    view, shots = plotting._of_states(states, "displacement", 3.0, None).developed()
     shots = list(shots)
     values = np.concatenate([picture.values.ravel() for _, picture in shots])
     assert view.limits == (pytest.approx(values.min()), pytest.approx(values.max()))
@@ -83,7 +84,7 @@ def test_nothing_but_the_body_and_the_time_moves(tmp_path):
 
 def test_a_body_is_drawn_on_the_axes_that_its_motion_takes(tmp_path):
     for name, d in {"segments": 1, "cable in the plane": 2, "triangles": 2, "cable": 3, "membrane": 3, "tetrahedra": 3}.items():
-        film = animation._of_files(saved(tmp_path / "body.pvd", motion(name, 2)), "displacement", 1.0, None)
+        film = plotting._of_files(saved(tmp_path / "body.pvd", motion(name, 2)), "displacement", 1.0, None)
         _, shots = film.developed()
         assert {picture.d for _, picture in shots} == {d}, name
 
@@ -92,17 +93,17 @@ def test_a_body_is_drawn_on_the_axes_that_its_motion_takes(tmp_path):
     ("step", "words"), [(0.05, "t = 0.200"), (1.0, "t = 4.0"), (1e-4, "t = 0.00040"), (1 / 3, "t = 1.33"), (50.0, "t = 200")]
 )
 def test_the_time_has_the_digits_that_tell_frames_apart(step, words):
-    times = animation._in_words([step * i for i in range(COUNT)])
+    times = _in_words([step * i for i in range(COUNT)])
     assert times[-1] == words and len(set(times)) == COUNT
-    assert animation._in_words([0.5]) == ["t = 0.500"]
+    assert _in_words([0.5]) == ["t = 0.500"]
 
 
 def test_velocities_colour_a_film_by_their_length(tmp_path):
     fields, u = motion()[0][1].fields, state(MESHES["triangles"], 0.1)
     states = [(0.1 * i, fields.at(0.1 * i * u, (1 + i) * u[::-1])) for i in range(3)]
     for film in (
-        animation._of_states(states, "velocity", 1.0, None),
-        animation._of_files(saved(tmp_path / "body.pvd", states), "velocity", 1.0, None),
+        plotting._of_states(states, "velocity", 1.0, None),
+        plotting._of_files(saved(tmp_path / "body.pvd", states), "velocity", 1.0, None),
     ):
         shots = [picture for _, picture in film.developed()[1]]
         assert shots[0].label == "velocity [mm/s]"
@@ -119,12 +120,12 @@ def test_fields_of_files_have_their_names_and_units(tmp_path):
         ("von_mises_stress", "von Mises stress [kPa]"),
         ("volume_ratio", "volume ratio"),
     ):
-        _, shots = animation._of_files(series, field, 1.0, None).developed()
+        _, shots = plotting._of_files(series, field, 1.0, None).developed()
         _, picture = next(shots)
         assert picture.label == label
         expected = np.asarray(states[0][1].at_nodes(field))[picture.cells]
         np.testing.assert_allclose(picture.values, expected * (1e-3 if "kPa" in label else 1), rtol=1e-9)
-    _, shots = animation._of_files(series, "von_mises", 1.0, "stress [psi]").developed()
+    _, shots = plotting._of_files(series, "von_mises", 1.0, "stress [psi]").developed()
     _, picture = next(shots)
     assert picture.label == "stress [psi]" and picture.values.max() > 1e3, "numbers stay as they are"
 
@@ -132,7 +133,7 @@ def test_fields_of_files_have_their_names_and_units(tmp_path):
 def test_where_a_file_has_no_value_there_is_none_in_the_film(tmp_path):
     right = np.flatnonzero(MESHES["triangles"].p[0, MESHES["triangles"].t].mean(axis=0) > 0.6)
     series = saved(tmp_path / "body.pvd", motion(region=right))
-    _, shots = animation._of_files(series, "von_mises", 1.0, None).developed()
+    _, shots = plotting._of_files(series, "von_mises", 1.0, None).developed()
     _, picture = next(shots)
     assert 0 < np.ma.getmaskarray(picture.values).mean() < 1
 
@@ -188,7 +189,7 @@ def test_an_mp4_is_what_ffmpeg_makes_of_all_frames(tmp_path):
 
 
 def test_a_film_that_fails_leaves_the_one_that_was_there(tmp_path, monkeypatch):
-    from skfem_stvk.results import matplotlib_film
+    from skfem_stvk.results import matplotlib_plot
 
     path = animate(motion(), tmp_path / "body.gif")
     before = path.read_bytes()
@@ -196,7 +197,7 @@ def test_a_film_that_fails_leaves_the_one_that_was_there(tmp_path, monkeypatch):
     def full(*_):
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(matplotlib_film, "_image", full)
+    monkeypatch.setattr(matplotlib_plot, "_image", full)
     with pytest.raises(OSError, match="No space"):
         animate(motion(), path)
     assert path.read_bytes() == before and [file.name for file in tmp_path.iterdir()] == ["body.gif"]

@@ -4,7 +4,7 @@ from bodies import MESHES, state
 
 from skfem_stvk import RegionError, SimplexMesh, StVK
 from skfem_stvk.results import Fields
-from skfem_stvk.results.nodal import NodalAverage, split_nodes
+from skfem_stvk.results.fields import NodalAverage, split_nodes
 
 
 @pytest.mark.parametrize("name", MESHES)

@@ -1,6 +1,5 @@
 """What pictures show. How they look was looked at."""
 
-import importlib.util
 import re
 
 import matplotlib
@@ -11,13 +10,8 @@ from bodies import MESHES, state
 
 from skfem_stvk import SimplexMesh, StVK, StvkError, embedded_mesh
 from skfem_stvk.results import Fields, plot, plotting
-from skfem_stvk.results.picture import picture_of
-from skfem_stvk.results.surface import outline, visible_cells
+from skfem_stvk.results.picture import outline, picture_of, visible_cells
 
-BACKENDS = [
-    "matplotlib",
-    pytest.param("pyvista", marks=pytest.mark.skipif(not importlib.util.find_spec("pyvista"), reason="no PyVista")),
-]
 matplotlib.use("Agg")
 
 
@@ -25,15 +19,22 @@ def at(mesh, amount=0.03, **term):
     return Fields(mesh, StVK(young=2e6, poisson=0.3, **term)).at(state(mesh, amount))
 
 
-@pytest.mark.parametrize("backend", BACKENDS)
 @pytest.mark.parametrize("name", MESHES)
-def test_every_kind_of_mesh_has_a_picture(name, backend, tmp_path):
+def test_every_kind_of_mesh_has_a_picture(name, tmp_path):
     path = tmp_path / "body.png"
-    assert plot(at(MESHES[name]), path=path, backend=backend) is not None
+    assert isinstance(plot(at(MESHES[name]), path=path), matplotlib.figure.Figure)
     pixels = matplotlib.image.imread(path)[..., :3]
     coloured = np.ptp(pixels, axis=2) > 0.2
     assert coloured.mean() > 0.003  # the body and its colour bar
     assert (pixels.min(axis=2) > 0.98).mean() < 0.99
+
+
+@pytest.mark.parametrize("name", MESHES)
+def test_every_kind_of_mesh_has_a_scene_that_can_be_turned_and_exported(name, tmp_path):
+    pytest.importorskip("pyvista")
+    scene = plot(at(MESHES[name]), path=tmp_path / "body.png", backend="pyvista")
+    scene.export_gltf(tmp_path / "body.gltf")
+    assert (tmp_path / "body.gltf").stat().st_size > 1000 and (tmp_path / "body.png").stat().st_size > 1000
 
 
 @pytest.mark.parametrize("suffix", [".pdf", ".svg"])
@@ -87,12 +88,11 @@ def test_colours_do_not_run_from_one_material_into_another():
     assert np.allclose(both[:, mine], alone[:, mine]) and np.ma.getmaskarray(alone)[:, ~mine].all()
 
 
-@pytest.mark.parametrize("backend", BACKENDS)
-def test_where_there_is_no_value_the_body_is_grey(backend, tmp_path):
+def test_where_there_is_no_value_the_body_is_grey(tmp_path):
     mesh = MESHES["triangles"]
     path = tmp_path / "body.png"
     right = np.flatnonzero(mesh.p[0, mesh.t].mean(axis=0) > 0.6)
-    plot(at(mesh, region=right), path=path, backend=backend)
+    plot(at(mesh, region=right), path=path)
     pixels = np.round(255 * matplotlib.image.imread(path)[..., :3]).astype(int)
     grey = (np.ptp(pixels, axis=2) < 3) & (abs(pixels[..., 0] - 0xC8) < 20)
     assert grey.mean() > 0.05
@@ -132,12 +132,10 @@ def test_what_cannot_be_drawn_is_refused(tmp_path):
             plot(now, **{"backend": "matplotlib", **arguments})
 
 
-def test_without_pyvista_matplotlib_draws(monkeypatch):
+def test_a_scene_without_pyvista_is_refused_with_the_line_that_installs_it(monkeypatch):
     monkeypatch.setattr(plotting, "find_spec", lambda name: None)
-    now = at(MESHES["triangles"])
-    assert isinstance(plot(now), matplotlib.figure.Figure)
-    with pytest.raises(StvkError, match="PyVista is not installed: pip install pyvista"):
-        plot(now, backend="pyvista")
+    with pytest.raises(StvkError, match=r"PyVista is not installed: pip install 'skfem-stvk\[plot\]'"):
+        plot(at(MESHES["triangles"]), backend="pyvista")
 
 
 def test_the_surface_is_closed_and_seen_from_outside():

@@ -14,7 +14,7 @@ from matplotlib.cm import ScalarMappable
 from matplotlib.colors import TwoSlopeNorm
 from matplotlib.figure import Figure
 
-from skfem_stvk.results.surface import visible_cells
+from skfem_stvk.results.picture import visible_cells
 
 from .case import Array
 from .judge import volume_ratios

@@ -100,11 +100,10 @@ def drawn(function: Callable[..., Any]) -> Callable[..., Any]:
             part.touch()
 
         with (
-            patch("skfem_stvk.results.plotting.find_spec", lambda name: None),
             patch("skfem_stvk.referee.plots.page", lambda report: "page"),
             patch("skfem_stvk.dynamics.ledger_plot.draw", lambda ledger, path: path),
             patch("skfem_stvk.results.matplotlib_plot.draw", lambda picture, path: picture),
-            patch("skfem_stvk.results.matplotlib_film.write", film),
+            patch("skfem_stvk.results.matplotlib_plot.write_film", film),
         ):
             return function(**given), pictures
 

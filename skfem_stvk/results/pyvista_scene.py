@@ -1,11 +1,10 @@
-"""Pictures by PyVista, an optional package, imported only when a picture is asked for."""
+"""Scenes of PyVista, an optional package, imported only when one is asked for."""
 
 from __future__ import annotations
 
 import os
 import sys
 from importlib import import_module
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -16,9 +15,9 @@ from .picture import Picture
 pyvista: Any = import_module("pyvista")
 
 
-def draw(picture: Picture, path: Path | None) -> Any:
-    """The plotter; its picture written to `path` if there is one."""
-    plotter = pyvista.Plotter(off_screen=path is not None or _no_display(), window_size=(1400, 900))
+def scene(picture: Picture) -> Any:
+    """The plotter, which shows the scene and exports it."""
+    plotter = pyvista.Plotter(off_screen=_no_display(), window_size=(1400, 900))
     plotter.background_color = "white"
     m, n = picture.cells.shape
     cells = np.column_stack([np.full(n, m), np.arange(m * n).reshape(n, m)]).ravel()
@@ -36,8 +35,6 @@ def draw(picture: Picture, path: Path | None) -> Any:
     if picture.scale != 1:
         plotter.add_text(f"displacements × {picture.scale:g}", position="lower_left", font_size=10, color=REST)
     _look(plotter, picture)
-    if path is not None:
-        plotter.screenshot(path) if path.suffix.lower() == ".png" else plotter.save_graphic(path)
     return plotter
 
 

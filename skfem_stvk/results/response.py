@@ -1,0 +1,215 @@
+"""How a body responds to displacements: strain, stress and energy density of its elements, from its mesh and its terms."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..arguments import Array
+from ..errors import StateError, StvkError
+from ..materials import Hypothesis, Material
+from ..mesh import MeshLike, SimplexMesh
+from ..mesh.geometry import Geometry
+from ..terms import Body, HasPressure, HasStress
+from .law import dilation, rest_frames, strain_and_stress, volume_stress
+
+#: One value per element, and a mask of the elements that have none.
+Masked: TypeAlias = tuple[Array, NDArray[np.bool_]]
+
+
+@dataclass(frozen=True)
+class ElasticPart:
+    """The law of a term on its elements, with their sections (thickness, area or 1)."""
+
+    elements: NDArray[np.int64]
+    material: Material
+    hypothesis: Hypothesis
+    section: Array
+
+
+@dataclass(frozen=True)
+class VolumePart:
+    """A volume penalty on its elements, with its stiffness [Pa], and whether something keeps them from giving way across."""
+
+    elements: NDArray[np.int64]
+    term: HasPressure
+    stiffness: Array
+    held_across: NDArray[np.bool_]
+
+
+class ElasticBody:
+    """What a mesh and its terms give for fields, whatever the displacements.
+
+    Attributes, parameters and errors as in `fields.Fields`.
+    """
+
+    def __init__(self, mesh: MeshLike, terms: Any) -> None:
+        self.mesh = SimplexMesh.of(mesh)
+        every = list(terms) if isinstance(terms, Iterable) and not isinstance(terms, np.ndarray) else [terms]
+        carrying = [term for term in every if isinstance(term, HasStress)]
+        penalties = [term for term in every if isinstance(term, HasPressure)]
+        if not carrying and not penalties:
+            raise StvkError("None of the terms carries stress; expected at least one StVK(...).")
+        self.parts = [self._part(term) for term in carrying]
+        self.section, self.total_section = np.zeros(self.mesh.nt), np.zeros(self.mesh.nt)
+        for part in self.parts:
+            self.section[part.elements] = np.maximum(self.section[part.elements], part.section)
+            self.total_section[part.elements] += part.section
+        self.without_term: NDArray[np.bool_] = self.total_section == 0
+        self.section[self.without_term] = 1.0
+        body = Body(self.mesh, carrying)
+        self.volume_parts = [self._volume_part(term, body) for term in penalties]
+        for penalty in self.volume_parts:
+            self.without_term[penalty.elements] = False
+
+    def _part(self, term: HasStress) -> ElasticPart:
+        elements, hypothesis = self.mesh.elements(term.region), term.hypothesis(self.mesh)
+        term.material.check(len(elements), hypothesis)
+        section = np.broadcast_to(term.section(self.mesh, len(elements)), len(elements))
+        return ElasticPart(elements, term.material, hypothesis, section)
+
+    def _volume_part(self, term: HasPressure, body: Body) -> VolumePart:
+        """What no other term is on is in plane strain."""
+        held = (self.total_section == 0) & (self.mesh.k > 1)
+        for part in self.parts:
+            held[part.elements] |= not part.hypothesis.condensed
+        elements = self.mesh.elements(term.region)
+        return VolumePart(elements, term, term.moduli(body), held[elements])
+
+    @cached_property
+    def geometry(self) -> Geometry:
+        return Geometry(self.mesh.p, self.mesh.t)
+
+    @cached_property
+    def frames(self) -> Array:
+        """(nt, 3, 3) axes and normals of the simplices at rest."""
+        return rest_frames(self.geometry.axes)
+
+    @cached_property
+    def volume(self) -> Array:
+        volume: Array = self.geometry.volume * self.section
+        return volume
+
+    @cached_property
+    def material_of(self) -> NDArray[np.int64]:
+        """(nt,) a number for each combination of terms that elements are in: stress jumps between them."""
+        every = [part.elements for part in self.parts] + [part.elements for part in self.volume_parts]
+        covered = np.zeros((len(every), self.mesh.nt), dtype=bool)
+        for row, elements in zip(covered, every, strict=True):
+            row[elements] = True
+        return np.unique(covered, axis=1, return_inverse=True)[1].reshape(-1)
+
+
+class Response:
+    """Strain and stress of a body at displacements `u` (nv, d) [m], in the frames of its elements; each worked out when first asked for.
+
+    Attributes
+    ----------
+    fields : the body.
+    v : (nv, d) velocities [m/s] of a body in motion, otherwise None.
+    """
+
+    def __init__(self, fields: ElasticBody, u: Array, v: Array | None = None) -> None:
+        self.fields, self.u, self.v = fields, u, v
+        self._known: dict[Any, Masked] = {}
+
+    def value(self, function: Callable[[Response], Masked]) -> Masked:
+        """What a function of this response gives, worked out once: values by element, finite everywhere, and which of them mean nothing."""
+        if function not in self._known:
+            self._known[function] = function(self)
+        return self._known[function]
+
+    @property
+    def without_strain(self) -> NDArray[np.bool_]:
+        """(nt,) whether an element has no strain: below three dimensions that across follows from the material."""
+        missing = self.fields.without_term
+        return missing if self.fields.mesh.k < 3 else np.zeros_like(missing)
+
+    @cached_property
+    def gradient(self) -> Array:
+        """(nt, d, k) derivatives of the displacement along the simplices' axes."""
+        return displacement_gradient(self.u, self.fields.mesh.t, self.fields.geometry.gradients)
+
+    @property
+    def strain(self) -> Array:
+        """(nt, 3, 3) Green-Lagrange strain in the simplices' frames."""
+        return self._response[0]
+
+    @property
+    def stress(self) -> Array:
+        """(nt, 3, 3) second Piola-Kirchhoff stress in the simplices' frames [Pa]."""
+        return self._response[1]
+
+    @property
+    def energy_density(self) -> Array:
+        """(nt,) strain energy per rest volume [J/m^3]."""
+        return self._response[2]
+
+    @property
+    def shrunk(self) -> NDArray[np.bool_]:
+        """(nt,) whether the second Piola-Kirchhoff stress is infinite: that of a `VolumePenalty` on an element without volume, `J = 0`."""
+        return self._response[3]
+
+    @cached_property
+    def _response(self) -> tuple[Array, Array, Array, NDArray[np.bool_]]:
+        """Strain, stress and energy density, the terms' added up by their sections; and where stress is infinite, 0 there.
+
+        Raises
+        ------
+        StateError
+            if they overflow.
+        """
+        with np.errstate(over="ignore", invalid="ignore"):
+            strain, stress, density, shrunk = self._added_up()
+        if not np.isfinite(stress).all() or not np.isfinite(density).all():
+            raise StateError(
+                f"Stresses overflow at displacements of up to {np.abs(self.u).max():.1e}: did the step before diverge?"
+            )
+        return strain, stress, density, shrunk
+
+    def _added_up(self) -> tuple[Array, Array, Array, NDArray[np.bool_]]:
+        fields, k = self.fields, self.fields.mesh.k
+        within = strain_within(self.gradient, fields.geometry.axes)
+        strain, stress, density = np.zeros((len(within), 3, 3)), np.zeros((len(within), 3, 3)), np.zeros(len(within))
+        for part in fields.parts:
+            ids = part.elements
+            E, S = strain_and_stress(part.material, part.hypothesis, within[ids], fields.frames[ids])
+            share = part.section / fields.section[ids]
+            strain[ids] += (part.section / fields.total_section[ids])[:, None, None] * E
+            stress[ids] += share[:, None, None] * S
+            density[ids] += share * (S * E).sum(axis=(1, 2)) / 2
+        strain[:, :k, :k] = within
+        shrunk = np.zeros(len(within), dtype=bool)
+        for penalty in fields.volume_parts:
+            ids, gradient = penalty.elements, self.gradient[penalty.elements]
+            psi, slope = penalty.term.density_and_slope(dilation(gradient), ids)
+            S, lost = volume_stress(penalty.stiffness * slope, gradient, penalty.held_across)
+            stress[ids] += S
+            density[ids] += penalty.stiffness * psi
+            shrunk[ids] |= lost
+        stress[shrunk] = 0
+        return strain, stress, density, shrunk
+
+    def globally(self, tensor: Array) -> Array:
+        """A tensor (nt, 3, 3) of the simplices' frames in global axes."""
+        frames, mesh = self.fields.frames, self.fields.mesh
+        return tensor if mesh.k == mesh.d else frames @ tensor @ np.swapaxes(frames, 1, 2)
+
+
+def displacement_gradient(u: Array, t: NDArray[np.int32], gradients: Array) -> Array:
+    """(nt, d, k) derivatives of the displacement (nv, d) along the simplices' own axes: `sum_a (u_a - u_0) (x) g_a`."""
+    corners = u[t.T]
+    gradient: Array = np.swapaxes(corners[:, 1:] - corners[:, :1], 1, 2) @ gradients[:, 1:]
+    return gradient
+
+
+def strain_within(gradient: Array, axes: Array) -> Array:
+    """(nt, k, k) Green-Lagrange strain `(A'H + H'A + H'H)/2` in the simplices' axes `A`, from displacements `H`: nothing cancels."""
+    linear = np.swapaxes(axes, 1, 2) @ gradient
+    strain: Array = (linear + np.swapaxes(linear, 1, 2) + np.swapaxes(gradient, 1, 2) @ gradient) / 2
+    return strain
