@@ -19,6 +19,7 @@ from .dynamics import (
 from .errors import LoadError, MaterialError, MeshError, RegionError, StateError, StvkError, StvkWarning, SupportError
 from .materials import Anisotropic, Isotropic, Orthotropic, TransverselyIsotropic
 from .mesh import SimplexMesh, embedded_mesh, read_mesh
+from .nonlinear.outcome import Interrupted
 from .referee import Report, verify
 from .statics import SolveError, StaticResult, Stop, solve_static
 from .system import System
@@ -35,6 +36,7 @@ __all__ = [
     "ForwardEuler",
     "GeneralizedAlpha",
     "Gravity",
+    "Interrupted",
     "Isotropic",
     "LinearBackwardEuler",
     "LoadError",

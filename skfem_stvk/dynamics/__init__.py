@@ -1,5 +1,6 @@
 """Motion in time: masses, damping, integrators, modes."""
 
+from ..nonlinear.outcome import Interrupted, Status
 from .critical_step import CriticalStep, LargestFrequency, critical_step
 from .damping import EdgeDamping, Rayleigh
 from .integrators import (
@@ -17,7 +18,6 @@ from .ledger import Ledger
 from .modes import Modes, modes
 from .run import Run, SimulationError
 from .simulate import simulate
-from .status import Status
 
 __all__ = [
     "INTEGRATORS",
@@ -28,6 +28,7 @@ __all__ = [
     "ForwardEuler",
     "GeneralizedAlpha",
     "Integrator",
+    "Interrupted",
     "LargestFrequency",
     "Ledger",
     "LinearBackwardEuler",

@@ -1,33 +1,138 @@
-"""Who enters a motion in its ledger, step by step."""
+"""What a ledger holds: the columns, the places whose motion and forces it follows, and the rows that are entered step by step."""
 
 from __future__ import annotations
 
-import numpy as np
+from collections.abc import Iterable, Mapping
+from types import MappingProxyType
+from typing import Any, NamedTuple
 
-from ..arguments import Array
+import numpy as np
+from numpy.typing import NDArray
+
+from ..arguments import Array, shown
+from ..errors import StvkError
 from ..kernels import motion as kernels
+from ..mesh.places import Where, vertices_at
 from ..nonlinear.problem import dot
+from ..results.reactions import held_vertices
+from ..system import System
 from .forces import driven, driving_force, steady_potential
-from .ledger import INSIDE_OUT, Balance, Ledger, column_names
-from .motion import Motion
-from .places import Places
-from .reactions import ground_forces, last_step
-from .state import State
+from .ledger import Ledger
+from .motion import Motion, ground_forces, last_step
+from .record import MotionState
+
+#: The column of the number of elements that are inside out.
+INSIDE_OUT = "inside_out"
+Vertices = Mapping[str, NDArray[np.int64]]
+NOWHERE: Vertices = MappingProxyType({})
+
+
+class Balance(NamedTuple):
+    """Energies that add up [J].
+
+        total_energy = kinetic + strain + potential
+        closure_error = total_energy - total_energy at the first step - external work + dissipated work
+
+    The closure error is energy that appeared from nowhere or was lost: by the time integrator, and by round-off.
+    """
+
+    total_energy: float
+    closure_error: float
+
+    @classmethod
+    def of(
+        cls, kinetic: float, strain: float, potential: float, external: float, dissipated: float, first: float | None
+    ) -> Balance:
+        """The balance of energies now and works since the first step, and the total energy `first` at that step: None if it is this one."""
+        total = kinetic + strain + potential
+        return cls(total, 0.0 if first is None else total - first - external + dissipated)
+
+
+def column_names(system: System, probes: Iterable[str] = (), reactions: Iterable[str] = ()) -> tuple[str, ...]:
+    """The columns of a motion's ledger, in their order.
+
+    ===================================  ====================================================================================
+    `time`                               [s]
+    `kinetic_energy`                     `1/2 v . M v` [J]
+    `strain_energy`                      `W(u)` [J]; if there are several elastic terms, then `strain_energy StVK 0` and so on
+                                         too, named as in `System.energies`
+    `potential_energy`                   of the loads that have a potential [J]
+    `external_work`                      done since the first step by those that have none, by prescribed motion and by what
+                                         changes with time [J]
+    `dissipated_work`                    lost to damping since the first step [J]
+    `total_energy`, `closure_error`      see `Balance` [J]
+    `inside_out`                         number of elements that were inside out or flat when that was looked at last: after
+                                         every step of implicit integrators, every 20 of explicit ones, and at both ends
+    `linear_momentum_x`, ...             [kg m/s]
+    `angular_momentum_x`, ...            about the origin [kg m^2/s]; in the plane `_z` alone
+    `A x`, `A y`, ...                    displacements of the probe `A` [m]
+    `reaction B x`, ...                  force of supports and foundations at `B` at this moment, see `Run.reaction` [N]
+    ===================================  ====================================================================================
+    """
+    axes = "xyz"[: system.mesh.d]
+    terms = system.elastic_names
+    return (
+        "time",
+        "kinetic_energy",
+        "strain_energy",
+        *(f"strain_energy {name}" for name in terms if len(terms) > 1),
+        "potential_energy",
+        "external_work",
+        "dissipated_work",
+        *Balance._fields,
+        INSIDE_OUT,
+        *(f"linear_momentum_{axis}" for axis in axes),
+        *(f"angular_momentum_{axis}" for axis in {"xy": "z", "xyz": axes}.get(axes, "")),
+        *(f"{probe} {axis}" for probe in probes for axis in axes),
+        *(f"reaction {place} {axis}" for place in reactions for axis in axes),
+    )
+
+
+class LedgerPlaces(NamedTuple):
+    """Vertices by name, whose motion and forces stand in a ledger.
+
+    Attributes
+    ----------
+    probes : vertices whose mean displacements are entered.
+    reactions : vertices at which the forces of supports and foundations are entered.
+    """
+
+    probes: Vertices = NOWHERE
+    reactions: Vertices = NOWHERE
+
+    @classmethod
+    def checked(cls, system: System, probes: Mapping[str, Where] | None, reactions: Mapping[str, Where] | None) -> LedgerPlaces:
+        """Vertices of the places that were asked for.
+
+        Raises
+        ------
+        RegionError, SupportError
+            if there is no vertex at a place, or neither a support nor a foundation at one for reactions.
+        StvkError
+            if they do not come by name, or two columns would have the same name.
+        """
+        places, supports = _named("probes", probes, "'tip': [17]"), _named("reactions", reactions, "'clamp': 'left'")
+        moving = {name: vertices_at(system.mesh, where, f"probe {name!r}") for name, where in places.items()}
+        held_up = {name: held_vertices(system, where, f"reaction {name!r}") for name, where in supports.items()}
+        columns = column_names(system, moving, held_up)
+        twice = sorted({name for name in columns if columns.count(name) > 1})
+        if twice:
+            raise StvkError(f"The ledger would have two columns {twice[0]!r}: rename a probe or a reaction.")
+        return cls(moving, held_up)
 
 
 class Books:
-    """Energies, works and momenta of the states of a motion.
+    """Enter energies, works and momenta of the states of a motion in its ledger.
 
     Parameters
     ----------
-    places : that are followed.
-    ledger : of a motion that is resumed, whose last row is that of the first state.
-    dt : of the first step [s], or about that.
+    places : where the motion and the forces are followed.
+    ledger : without rows, or that of a motion that is resumed, whose last row is that of the first state.
+    dt : length of the first step, or about that [s].
     """
 
-    def __init__(self, motion: Motion, places: Places, ledger: Ledger | None = None, dt: float = 1e-4) -> None:
-        self.motion, self._places, self._dt = motion, places, dt
-        self.ledger = Ledger(column_names(motion.system, *places)) if ledger is None else ledger
+    def __init__(self, motion: Motion, places: LedgerPlaces, ledger: Ledger, dt: float) -> None:
+        self.motion, self._places, self.ledger, self._dt = motion, places, ledger, dt
         mesh = motion.system.mesh
         self._several = len(motion.system.elastic_terms) > 1
         self._turning = {1: slice(0), 2: slice(6, 7), 3: slice(4, 7)}[mesh.d]
@@ -39,20 +144,20 @@ class Books:
         self._t, self._u = 0.0, np.zeros(motion.system.ndofs)
         self._driving: Array = np.zeros(motion.system.ndofs)
 
-    def begin(self, state: State) -> None:
-        """The work is counted from this state on, which is that of the last row, if there is one."""
+    def begin(self, state: MotionState) -> None:
+        """Count the work from this state on, which is that of the last row, if there is one."""
         if self.ledger.steps:
             self.external, self.dissipated = (float(self.ledger[name][-1]) for name in ("external_work", "dissipated_work"))
         self._begin(state)
 
-    def _begin(self, state: State) -> None:
+    def _begin(self, state: MotionState) -> None:
         if self._watched:
             self._t = state.t
             np.copyto(self._u, state.u)
             self._driving = driving_force(self.motion.system, state.u, state.t)
 
-    def work(self, state: State) -> None:
-        """Count the work of what drives the body, and what damping took, since the state before."""
+    def work(self, state: MotionState) -> None:
+        """Count the work of driving forces, and what damping took, since the state before."""
         if not self._watched:
             return
         motion, before, since = self.motion, self._driving, self._t
@@ -64,8 +169,8 @@ class Books:
             held = motion.free.fixed
             self.external += dot(state.reaction[held], change[held])
 
-    def enter(self, state: State, strain_energy: float) -> None:
-        """A row for this state, with as many elements inside out as in the row before: `Inversions` counts them."""
+    def enter(self, state: MotionState, strain_energy: float) -> None:
+        """Enter a row for this state, with as many elements inside out as in the row before: see `count_inside_out`."""
         system, mesh = self.motion.system, self.motion.system.mesh
         potential = self._sum(state)
         sums = self._sums.tolist()
@@ -87,8 +192,12 @@ class Books:
                 row += list(forces[vertices].sum(axis=0))
         self.ledger.append(row)
 
-    def _sum(self, state: State) -> float:
-        """Twice the kinetic energy and the momenta, to where they are kept; the potential of loads that are given by constants [J]."""
+    def count_inside_out(self, number: float) -> None:
+        """Enter the number of elements that are inside out in the last row."""
+        self.ledger.replace_last(INSIDE_OUT, number)
+
+    def _sum(self, state: MotionState) -> float:
+        """Compute twice the kinetic energy and the momenta, in `self._sums`; returns the potential of constant loads [J]."""
         motion, sums = self.motion, self._sums
         mesh = motion.system.mesh
         if motion.mass.kind == "lumped" and motion.constant_loads is not None:
@@ -98,3 +207,16 @@ class Books:
         motion.mass.multiply(state.v, out=self._Mv)
         kernels.momenta(mesh.p, u, v, Mv, sums)
         return steady_potential(motion.system, state.u)
+
+
+def _named(name: str, given: Any, example: str) -> Mapping[str, Where]:
+    if given is None:
+        return {}
+    if not isinstance(given, Mapping) or not all(isinstance(one, str) and one for one in given):
+        raise StvkError(f"{name} = {shown(given)}; expected places by name, such as {{{example}}}.")
+    hidden = [one for one in given if not one.isprintable()]
+    if hidden:
+        raise StvkError(
+            f"{name}: the name {ascii(hidden[0])[:80]} has characters that cannot be printed. It stands in tables and pictures: rename it."
+        )
+    return given

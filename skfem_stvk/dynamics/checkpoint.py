@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import os
 import time
 from collections.abc import Mapping
 from pathlib import Path
-from types import TracebackType
 from typing import Annotated, Any, Literal, NamedTuple
 
 import numpy as np
@@ -14,21 +12,31 @@ from pydantic import AllowInfNan, Field, ValidationError
 
 from ..arguments import Array
 from ..errors import StvkError, warn
-from ..results.archive import ArchiveHeader, NotOurs, read_archive, read_header, write_archive
-from ..results.files import output_folder, output_path
-from ..results.one_writer import OneWriter
-from ..system.signature import Problem, Record, Signature, in_words
-from . import clock as clocks
+from ..results.archive import Checkpoint, CheckpointHeader, NotOurs, finite
+from ..results.files import output_path
+from ..system.signature import Problem, Record, in_words
+from . import record as records
+from .books import LedgerPlaces, column_names
+from .integrators import Integrator
 from .ledger import Ledger
+from .motion import Motion
+from .record import Clock, Counts, MotionState, Reviews, RunRecord, Snapshot
 
-FORMAT = "motion of skfem-stvk", 4
 NAME = "motion.npz"
-#: Where in the time of a run its loads and prescribed displacements are looked at.
+#: Where in the time of a run its loads and prescribed displacements are evaluated for its signature.
 FRACTIONS = (0.0, 0.31, 0.77, 1.0)
 #: Time from one checkpoint to the next: at least that [s], and so long that writing takes no larger share of it.
 EVERY, SHARE = 5.0, 0.05
 #: What to do with a file that cannot be resumed.
 ANEW = "Start anew: overwrite=True, without resume."
+#: Arrays of a state that a checkpoint holds.
+ARRAYS = ("u", "v", "a", "reaction")
+#: Energies agree, but for this part of the largest.
+ENERGY = 1e-6
+#: Steps that are found do not shrink below this part of the first one.
+SHORTEST = 1e-9
+#: Columns of which the total energy and the closure error are sums.
+PARTS = "kinetic_energy", "strain_energy", "potential_energy", "external_work", "dissipated_work"
 
 Count = Annotated[int, Field(ge=0)]
 NotNegative = Annotated[float, Field(ge=0)]
@@ -44,30 +52,30 @@ class ClockRecord(Record):
     count: Count
 
 
-class LooksRecord(Record):
-    """`Looks`."""
+class ReviewsRecord(Record):
+    """`Reviews`."""
 
     next: Count
-    interval: Annotated[int, Field(ge=clocks.FEWEST, le=clocks.MOST)]
+    interval: Annotated[int, Field(ge=records.FEWEST, le=records.MOST)]
     seen: Bound
     step: Bound
     bound: Bound
     largest: Bound
-    halvings: Annotated[int, Field(ge=0, le=clocks.HALVINGS)]
+    halvings: Annotated[int, Field(ge=0, le=records.HALVINGS)]
 
 
 class MomentRecord(Record):
-    """Where a run is or was, but for the state's arrays."""
+    """`Snapshot`, but for the arrays of its state."""
 
     t: float
     clock: ClockRecord
-    looks: LooksRecord
+    looks: ReviewsRecord
     steps: Count
     cuts: Count
     rows: Annotated[int, Field(ge=1)]
 
 
-class CountsRecord(Record):
+class StepperRecord(Record):
     """`Counts`."""
 
     iterations: Count
@@ -75,7 +83,7 @@ class CountsRecord(Record):
 
 
 class IntegratorRecord(Record):
-    """An integrator: its options, and the names of solvers that are objects."""
+    """An integrator by its options, and by the names of solvers that are objects."""
 
     name: str
     options: dict[str, str | float | None]
@@ -83,7 +91,7 @@ class IntegratorRecord(Record):
 
 
 class DampingRecord(Record):
-    """Factors of damping."""
+    """`DampingFactors`."""
 
     alpha: NotNegative
     beta: NotNegative
@@ -91,27 +99,26 @@ class DampingRecord(Record):
 
 
 class MethodRecord(Record):
-    """The method of a motion's `Signature`."""
+    """The method in the `Signature` of a motion."""
 
     integrator: IntegratorRecord
     mass: Literal["lumped", "consistent"]
     damping: DampingRecord
 
 
-class MotionHeader(ArchiveHeader):
-    """Of the file: of which problem it is, where the run is, its last good state, what it follows, and what it saved.
+class MotionHeader(CheckpointHeader):
+    """The header of the file: where the run is, its last good state, the places that it follows, and what it saved.
 
     Attributes
     ----------
-    counts, seconds : what the steps took so far; "other" may be below zero by rounding.
+    counts, seconds : iterations and seconds that the steps took so far; "other" may be below zero by rounding.
     save : the name of its series, as the run was given it, or None. Nothing is written there: a checkpoint does not say where.
     every : steps from one saved state to the next.
     """
 
-    problem: Signature
     now: MomentRecord
     good: MomentRecord | None
-    counts: CountsRecord
+    counts: StepperRecord
     seconds: dict[str, Annotated[float, Field(ge=-1)]]
     probes: list[str]
     reactions: list[str]
@@ -120,19 +127,8 @@ class MotionHeader(ArchiveHeader):
     every: Annotated[int, Field(ge=1)]
 
 
-class Saved(NamedTuple):
-    """What a checkpoint holds: its header, arrays by name, and the ledger so far."""
-
-    header: MotionHeader
-    method: MethodRecord
-    arrays: dict[str, Array]
-    ledger: Ledger
-
-
-class Checkpoint:
+class MotionCheckpoint(Checkpoint[MotionHeader]):
     """The file `motion.npz` in a folder, which is replaced as a motion goes on: a run that is killed finds the last one whole.
-
-    It is used in a `with` block, during which nobody else can write it.
 
     Parameters
     ----------
@@ -145,72 +141,102 @@ class Checkpoint:
         if the file cannot be written, before any work; by `with`, if it has another writer.
     """
 
-    def __init__(self, place: str | os.PathLike[str], named: str = "checkpoint") -> None:
-        self.place = Path(place)
-        self._is_file = self.place.suffix.lower() == ".npz" and not self.place.is_dir()
-        self.file = self.place if self._is_file else self.place / NAME
-        self._writer: OneWriter | None = None
-        self._signature: Signature | None = None
+    known = "motion of skfem-stvk", 4
+    schema = MotionHeader
+    remedy = ANEW
+
+    def __init__(self, place: Path, named: str = "checkpoint") -> None:
+        super().__init__(place)
+        self._is_file = place.suffix.lower() == ".npz" and not place.is_dir()
+        self.file = place if self._is_file else place / NAME
         self._next = -np.inf
         if self._is_file:
             output_path(self.file, ".npz")
         if self._is_file or named == "resume":
-            folder = str(self.place.with_suffix("") if self._is_file else self.place)
+            folder = str(place.with_suffix("") if self._is_file else place)
             warn(
-                f"{named} = {str(self.place)!r} is taken until 1.0. Name a folder: checkpoint={folder!r}{', resume=True' * (named == 'resume')}; "
+                f"{named} = {str(place)!r} is taken until 1.0. Name a folder: checkpoint={folder!r}{', resume=True' * (named == 'resume')}; "
                 f"what it holds is {NAME}."
             )
 
-    def __enter__(self) -> Checkpoint:
-        try:
-            self._writer = OneWriter(self.file if self._is_file else output_folder(self.place))
-            self._writer.__enter__()
-            return self
-        except BaseException:
-            self.__exit__(None, None, None)
-            raise
-
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
-        if self._writer is not None:
-            self._writer.__exit__(kind, error, trace)
+    def writable(self) -> Path:
+        return self.file if self._is_file else super().writable()
 
     def belongs_to(self, problem: Problem, overwrite: bool) -> None:
-        """Take the signature of the problem that is written from here on; refuse to replace what is of another one."""
+        """Write the signature of this problem from here on; refuse to replace a file of another one."""
+        self.problem = problem
         if self.file.exists() and not overwrite:
-            header = read_header(self.file, MotionHeader, FORMAT, "Name another folder, or replace it with overwrite=True.")
-            differences = problem.differences(header.problem)
-            if differences:
-                raise StvkError(
-                    f"{self.file} is of another problem: {differences}. Name another folder, or replace it with overwrite=True."
-                )
-        self._signature = problem.signature
+            self.refuse_to_replace(self.file)
 
     def due(self, now: float) -> bool:
         """Whether it is time to write, at `now` of `time.perf_counter` [s]: at first, and then as often as costs little."""
         return now >= self._next
 
-    def write(self, about: dict[str, Any], arrays: Mapping[str, Array], ledger: Ledger) -> None:
+    def write(self, about: Mapping[str, Any], arrays: Mapping[str, Array], ledger: Ledger) -> None:
         """Replace the file.
 
         Parameters
         ----------
-        about : what `MotionHeader` has beside the problem and the columns.
+        about : what `MotionHeader` has beside the format, the problem and the columns.
 
         Raises
         ------
         WriteError
             if the disk is full, for example; the file that was there is still there.
         """
-        assert self._signature is not None
         begin = time.perf_counter()
-        header = {"format": FORMAT[0], "version": FORMAT[1], "columns": ledger.names, **about}
-        write_archive(self.file, header | {"problem": self._signature.model_dump()}, {**arrays, "ledger": ledger.rows()})
+        self.write_file(self.file, {"columns": ledger.names, **about}, {**arrays, "ledger": ledger.rows()})
         end = time.perf_counter()
         self._next = end + max(EVERY, (end - begin) / SHARE)
 
 
+class Saved(NamedTuple):
+    """The content of a checkpoint: its header and method, arrays by name, and the ledger so far."""
+
+    header: MotionHeader
+    method: MethodRecord
+    arrays: dict[str, Array]
+    ledger: Ledger
+
+    def record(self) -> RunRecord:
+        """Where the run was."""
+        now, good = self.header.now, self.header.good
+        then = self._snapshot(now, "")
+        kept = None if good is None else self._snapshot(good, "good ")
+        counts, seconds = Counts(**self.header.counts.model_dump()), dict(self.header.seconds)
+        return RunRecord(then.state, then.clock, self.ledger, then.reviews, then.steps, then.cuts, kept, counts, seconds)
+
+    def _snapshot(self, moment: MomentRecord, prefix: str) -> Snapshot:
+        state = MotionState(moment.t, *(self.arrays[prefix + name] for name in ARRAYS))
+        clock, reviews = Clock(**moment.clock.model_dump()), Reviews(**moment.looks.model_dump())
+        return Snapshot(state, clock, reviews, moment.steps, moment.cuts, moment.rows)
+
+
+def packed(record: RunRecord, places: LedgerPlaces, found: bool) -> tuple[dict[str, Any], dict[str, Array]]:
+    """The part of the header that JSON can write, and the arrays of a checkpoint.
+
+    `found`: whether steps are found, and not given: only then a run goes back to its last good state.
+    """
+    about: dict[str, Any] = {"now": _moment(record, record.ledger.steps), "good": None}
+    arrays = {name: getattr(record.state, name) for name in ARRAYS}
+    good = record.good
+    if found and good is not None and good.steps < record.steps:
+        about["good"] = _moment(good, good.rows)
+        arrays |= {f"good {name}": getattr(good.state, name) for name in ARRAYS}
+    for kind, vertices in places._asdict().items():
+        about[kind] = list(vertices)
+        arrays |= {f"{kind} {name}": ids for name, ids in vertices.items()}
+    return about, arrays
+
+
+def _moment(then: RunRecord | Snapshot, rows: int) -> dict[str, Any]:
+    """A `MomentRecord`, as JSON can write it."""
+    clock, looks = vars(then.clock).copy(), vars(then.reviews).copy()
+    return {"t": then.state.t, "clock": clock, "looks": looks, "steps": then.steps, "cuts": then.cuts, "rows": rows}
+
+
 def load(file: Path) -> Saved:
-    """What the file holds, as far as it can be believed without the system.
+    """The content of the file, as far as it can be believed without the system.
 
     Raises
     ------
@@ -219,7 +245,7 @@ def load(file: Path) -> Saved:
     """
     if not file.exists():
         raise StvkError(f"There is no checkpoint {file}. Is the path relative to another folder? To begin anew, leave out resume.")
-    header, arrays = read_archive(file, MotionHeader, FORMAT, ANEW)
+    header, arrays = MotionCheckpoint.read_file(file)
     try:
         method = MethodRecord.model_validate(header.problem.method)
         rows = arrays.pop("ledger")
@@ -230,3 +256,83 @@ def load(file: Path) -> Saved:
         raise NotOurs(f"{file} is damaged: {in_words(error)}. {ANEW}") from None
     except (StvkError, KeyError, ValueError, TypeError) as error:
         raise NotOurs(f"{file} is damaged: its ledger is missing, or none ({error}). {ANEW}") from None
+
+
+def refuse_inconsistent(saved: Saved, motion: Motion, integrator: Integrator) -> LedgerPlaces:
+    """Refuse a checkpoint that contradicts itself or the system: lengths, times, rows and energies. Returns the places that it follows.
+
+    Raises
+    ------
+    ValueError, KeyError
+        with what is wrong in words.
+    """
+    header, ledger, system = saved.header, saved.ledger, motion.system
+    places = LedgerPlaces.checked(
+        system, _vertices(saved, "probes", header.probes), _vertices(saved, "reactions", header.reactions)
+    )
+    if ledger.names != column_names(system, *places):
+        raise ValueError(f"its ledger has the columns {', '.join(ledger.names)}")
+    if ledger.steps != header.now.rows:
+        raise ValueError(f"its ledger has {ledger.steps} rows for {header.now.rows}")
+    _check_balance(ledger)
+    start = {name: header.problem.numbers.get(name, []) for name in ("t0", "u0", "v0")}
+    if start["t0"] != [ledger["time"][0]] or len(start["u0"]) != 2 or len(start["v0"]) != 2:
+        raise ValueError(f"it began with {start}, its ledger at t = {ledger['time'][0]:g}")
+    _check_moment(saved, header.now, "", motion, integrator)
+    if header.good is not None:
+        if integrator.dt is not None or not header.good.steps < header.now.steps:
+            raise ValueError(f"its last good state is that of step {header.good.steps} of {header.now.steps}")
+        _check_moment(saved, header.good, "good ", motion, integrator)
+    return places
+
+
+def _vertices(saved: Saved, kind: str, names: list[str]) -> dict[str, Array]:
+    """Places of a checkpoint by name; raises ValueError in words."""
+    found = {name: saved.arrays.get(f"{kind} {name}", np.empty(0)) for name in names}
+    wrong = [name for name, ids in found.items() if ids.ndim != 1 or ids.dtype.kind != "i"]
+    if wrong or len(found) < len(names):
+        raise ValueError(
+            f"the vertices of its {kind} {', '.join(map(repr, wrong or names))} are missing, or are none, or come twice"
+        )
+    return found
+
+
+def _check_moment(saved: Saved, moment: MomentRecord, prefix: str, motion: Motion, integrator: Integrator) -> None:
+    """Refuse a moment whose steps, rows, clock, arrays and energies do not belong together; raises ValueError or KeyError in words."""
+    clock, looks, times = moment.clock, moment.looks, saved.ledger["time"][: moment.rows]
+    if moment.rows != moment.steps + 1 or moment.cuts > moment.steps or clock.count > moment.steps:
+        raise ValueError(f"{moment.steps} steps, {moment.cuts} of them cut and {clock.count} of one length, for {moment.rows} rows")
+    if moment.t != clock.start + clock.count * clock.dt or moment.t != times[-1]:
+        raise ValueError(
+            f"t = {moment.t!r}, but its clock has {clock.count} steps of {clock.dt!r} from {clock.start!r}, its ledger ends at {float(times[-1])!r}"
+        )
+    if not np.array_equal(times[moment.steps - clock.count :], clock.start + np.arange(clock.count + 1) * clock.dt):
+        raise ValueError("the times of its ledger are not those of its clock")
+    if integrator.dt is not None and clock.dt != integrator.dt:
+        raise ValueError(f"its steps are of {clock.dt!r}, those of its integrator of {integrator.dt!r}")
+    if integrator.dt is None and not SHORTEST * looks.largest <= clock.dt <= looks.largest:
+        raise ValueError(f"its steps are of {clock.dt:g} s, and were {looks.largest:g} s at first")
+    if looks.next > moment.steps + looks.interval:
+        raise ValueError(f"after {moment.steps} steps it would look at the critical step after {looks.next} at first")
+    state = {name: finite(saved.arrays, prefix + name, (motion.system.ndofs,)) for name in ARRAYS}
+    row = {name: float(saved.ledger[name][moment.rows - 1]) for name in ("kinetic_energy", "strain_energy")}
+    kinetic = float(state["v"] @ motion.mass.multiply(state["v"])) / 2
+    strain = motion.system.energy(state["u"])
+    for name, energy in (("kinetic_energy", kinetic), ("strain_energy", strain)):
+        if not np.isclose(row[name], energy, rtol=ENERGY, atol=ENERGY**2 * (kinetic + abs(strain))):
+            raise ValueError(f"its ledger ends with a {name} of {row[name]:g} J; its state has {energy:g} J")
+
+
+def _check_balance(ledger: Ledger) -> None:
+    """Refuse rows that are not finite, not in order or do not add up; raises ValueError in words."""
+    rows = ledger.rows()
+    if not np.isfinite(rows).all():
+        raise ValueError(f"row {int(np.argmin(np.isfinite(rows).all(axis=1)))} of its ledger is not finite")
+    if not (np.diff(ledger["time"]) > 0).all():
+        raise ValueError("the times of its ledger do not ascend")
+    total = ledger["kinetic_energy"] + ledger["strain_energy"] + ledger["potential_energy"]
+    closure = total - total[:1] - ledger["external_work"] + ledger["dissipated_work"]
+    size = ENERGY * max(float(np.abs(ledger[name]).max()) for name in PARTS)
+    for name, sums in (("total_energy", total), ("closure_error", closure)):
+        if (np.abs(ledger[name] - sums) > size).any():
+            raise ValueError(f"the {name} of row {int(np.argmax(np.abs(ledger[name] - sums)))} of its ledger does not add up")

@@ -1,4 +1,4 @@
-"""The books of a motion: where its energy is and where it went, and its momenta, one row a step."""
+"""A ledger: one column for each quantity, one row for each step; as a mapping, as a table on disk, and as a picture."""
 
 from __future__ import annotations
 
@@ -16,12 +16,23 @@ from numpy.typing import ArrayLike
 from ..arguments import Array, real_array, shown, whole
 from ..errors import StvkError, name_known
 from ..results.files import output_path, replacing
-from ..system import System
 
 FIRST_ROWS = 1024
 ROWS_AT_ONCE = 10_000
-#: The column of the number of elements that are inside out.
-INSIDE_OUT = "inside_out"
+#: Okabe and Ito's colours, which colour-blind readers can tell apart.
+ENERGIES = {
+    "kinetic_energy": "#D55E00",
+    "strain_energy": "#E69F00",
+    "potential_energy": "#0072B2",
+    "external_work": "#009E73",
+    "dissipated_work": "#CC79A7",
+    "total_energy": "#000000",
+}
+AXES = {"x": "#D55E00", "y": "#009E73", "z": "#0072B2"}
+MOMENTA = {"linear_momentum": "linear\nmomentum [kg m/s]", "angular_momentum": "angular\nmomentum [kg m²/s]"}
+#: A line has no more points than that: two for each of the pixels it goes through.
+MOST_POINTS = 4000
+Lines = list[tuple[str, str, str]]
 
 
 class NoColumn(StvkError, KeyError):
@@ -30,69 +41,8 @@ class NoColumn(StvkError, KeyError):
     __str__ = Exception.__str__
 
 
-class Balance(NamedTuple):
-    """What adds up [J].
-
-        total_energy = kinetic + strain + potential
-        closure_error = total_energy - total_energy at the first step - external work + dissipated work
-
-    The closure error is energy that came from nowhere, or went: that of the time integrator, and round-off.
-    """
-
-    total_energy: float
-    closure_error: float
-
-    @classmethod
-    def of(
-        cls, kinetic: float, strain: float, potential: float, external: float, dissipated: float, first: float | None
-    ) -> Balance:
-        """Of energies now, works since the first step, and the total energy at that: None if it is this one."""
-        total = kinetic + strain + potential
-        return cls(total, 0.0 if first is None else total - first - external + dissipated)
-
-
-def column_names(system: System, probes: Iterable[str] = (), reactions: Iterable[str] = ()) -> tuple[str, ...]:
-    """The columns of a motion's ledger, in their order.
-
-    ===================================  ====================================================================================
-    `time`                               [s]
-    `kinetic_energy`                     `1/2 v . M v` [J]
-    `strain_energy`                      `W(u)` [J]; if there are several elastic terms, then `strain_energy StVK 0` and so on
-                                         too, named as in `System.energies`
-    `potential_energy`                   of the loads that have a potential [J]
-    `external_work`                      done since the first step by those that have none, by prescribed motion and by what
-                                         changes with time [J]
-    `dissipated_work`                    lost to damping since the first step [J]
-    `total_energy`, `closure_error`      see `Balance` [J]
-    `inside_out`                         number of elements that were inside out or flat when that was looked at last: after
-                                         every step of implicit integrators, every 20 of explicit ones, and at both ends
-    `linear_momentum_x`, ...             [kg m/s]
-    `angular_momentum_x`, ...            about the origin [kg m^2/s]; in the plane `_z` alone
-    `A x`, `A y`, ...                    displacements of the probe `A` [m]
-    `reaction B x`, ...                  force of supports and foundations at `B` at this moment, see `Run.reaction` [N]
-    ===================================  ====================================================================================
-    """
-    axes = "xyz"[: system.mesh.d]
-    terms = system.elastic_names
-    return (
-        "time",
-        "kinetic_energy",
-        "strain_energy",
-        *(f"strain_energy {name}" for name in terms if len(terms) > 1),
-        "potential_energy",
-        "external_work",
-        "dissipated_work",
-        *Balance._fields,
-        INSIDE_OUT,
-        *(f"linear_momentum_{axis}" for axis in axes),
-        *(f"angular_momentum_{axis}" for axis in {"xy": "z", "xyz": axes}.get(axes, "")),
-        *(f"{probe} {axis}" for probe in probes for axis in axes),
-        *(f"reaction {place} {axis}" for place in reactions for axis in axes),
-    )
-
-
 class Ledger(Mapping[str, Array]):
-    """One array a name, one value a step.
+    """One array per name, one value per step.
 
     Parameters
     ----------
@@ -165,7 +115,7 @@ class Ledger(Mapping[str, Array]):
         return view
 
     def save(self, path: str | os.PathLike[str]) -> Path:
-        """Write all as a table, a .csv file: a line of names, then a line a step, with all digits.
+        """Write all as a table, a .csv file: a line of names, then one line per step, with all digits.
 
         Raises
         ------
@@ -190,9 +140,7 @@ class Ledger(Mapping[str, Array]):
         if self.steps < 2:
             raise StvkError(f"There are lines to draw from two steps on; the ledger has {self.steps}.")
         target = None if path is None else output_path(path, ".png", ".pdf", ".svg")
-        from .ledger_plot import draw
-
-        return draw(self, target)
+        return _draw(self, target)
 
     def __getitem__(self, name: str) -> Array:
         if not isinstance(name, str) or name not in self._column:
@@ -261,3 +209,71 @@ def _lines(rows: Iterable[Iterable[Any]]) -> bytes:
     text = io.StringIO()
     csv.writer(text, lineterminator="\n").writerows(rows)
     return text.getvalue().encode()
+
+
+class _Panel(NamedTuple):
+    """Lines over time: the columns with their words and colours, and the panel's height over that of the least."""
+
+    label: str
+    lines: Lines
+    height: float
+
+
+def _draw(ledger: Mapping[str, Array], path: Path | None) -> Any:
+    """The figure; written to `path` if there is one, else known to pyplot, which can show it."""
+    from ..results.matplotlib_plot import new_figure  # matplotlib is imported only when a picture is asked for
+
+    panels = [panel for panel in _panels(ledger) if panel.lines]
+    figure = new_figure((7.5, 1.2 * sum(panel.height for panel in panels) + 0.8), interactive=path is None)
+    heights = [panel.height for panel in panels]
+    rows: list[Any] = list(figure.subplots(len(panels), 1, sharex=True, squeeze=False, height_ratios=heights)[:, 0])
+    for axes, panel in zip(rows, panels, strict=True):
+        _fill(axes, panel, ledger)
+    rows[-1].set_xlabel("time [s]")
+    figure.align_ylabels()
+    if path is not None:
+        figure.savefig(path, dpi=160)
+    return figure
+
+
+def _panels(ledger: Mapping[str, Array]) -> list[_Panel]:
+    """What there is to draw: energies that are not zero throughout, the closure error, momenta, displacements of probes, and reactions."""
+    energies = [
+        (name, name.replace("_", " "), colour) for name, colour in ENERGIES.items() if name in ledger and ledger[name].any()
+    ]
+    panels = [
+        _Panel("energy [J]", energies, 2.6),
+        _Panel("closure\nerror [J]", [(name, "", "#000000") for name in ledger if name == "closure_error"], 1.0),
+    ]
+    for quantity, label in MOMENTA.items():
+        panels.append(_Panel(label, _along_axes(ledger, f"{quantity}_"), 1.2))
+    probes = dict.fromkeys(name[:-2] for name in ledger if name[-2:] in (" x", " y", " z"))
+    for probe in probes:
+        label = f"{probe} [N]" if probe.startswith("reaction ") else f"displacement\nof {probe} [m]"
+        panels.append(_Panel(label, _along_axes(ledger, f"{probe} "), 1.2))
+    return panels
+
+
+def _along_axes(ledger: Mapping[str, Array], prefix: str) -> Lines:
+    return [(prefix + axis, axis, colour) for axis, colour in AXES.items() if prefix + axis in ledger]
+
+
+def _fill(axes: Any, panel: _Panel, ledger: Mapping[str, Array]) -> None:
+    for name, words, colour in panel.lines:
+        total = name == "total_energy"
+        axes.plot(*_thinned(ledger["time"], ledger[name]), color=colour, lw=1.6 if total else 1.0, label=words)
+    axes.set_ylabel(panel.label, fontsize=9)
+    axes.tick_params(labelsize=8)
+    axes.spines[["top", "right"]].set_visible(False)
+    axes.axhline(0, color="#c8c8c8", lw=0.6, zorder=0)
+    if any(words for _, words, _ in panel.lines):
+        axes.legend(fontsize=8, frameon=False, loc="center left", bbox_to_anchor=(1.0, 0.5))
+
+
+def _thinned(t: Array, values: Array) -> tuple[Array, Array]:
+    """Points that draw the same line: of each of many short stretches the least and the largest value."""
+    if len(t) <= MOST_POINTS:
+        return t, values
+    edges = np.linspace(0, len(t), MOST_POINTS // 2 + 1).astype(np.int64)
+    least, largest = (find.reduceat(values, edges[:-1]) for find in (np.minimum, np.maximum))
+    return np.repeat(t[edges[:-1]], 2), np.column_stack([least, largest]).ravel()

@@ -2,75 +2,81 @@
 
 from __future__ import annotations
 
-from contextlib import suppress
+from collections.abc import Callable
 
 from ..errors import StateError, warn
+from ..nonlinear.outcome import Interrupted, Status
+from ..nonlinear.progress import MotionProgress
 from ..results.files import WriteError
 from ..results.monitors import Finding, Monitors
 from .books import Books
-from .guard import Guard, from_nowhere
-from .integrators import StepFailed
-from .inversions import Inversions
-from .jumps import Jumps
-from .outputs import Outputs
-from .plan import Plan
-from .progress import Progress
-from .run import Interrupted, Run, SimulationError
-from .stable_step import StableStep
-from .status import Status
-from .stepping import Cutting
+from .guards import Guard, Inversions, Jumps, from_nowhere, inside_out_on_the_way
+from .integrators import StepFailed, Stepper
+from .options import Setup
+from .outputs import MotionFiles, Outputs
+from .record import MotionState, RunRecord
+from .run import Run, SimulationError
+from .stable_step import StableStep, halved_on_the_way
 
-#: A closure error from this part of the energy on is said.
+#: A closure error from this part of the energy on is mentioned.
 WORTH_SAYING = 0.05
+#: A step is cut in two at most so often: in 64 parts.
+DEEPEST = 6
+#: Steps in a row that have to be cut before a warning.
+MANY = 10
 
 
 class Loop:
-    """Steps, books, outputs and guards of one run, until its end.
+    """The steps of one run until its end: the only writer of its record. What it asks on the way answers, and writes its own only.
 
     Parameters
     ----------
-    until : the end [s].
+    setup : what the run is.
+    record : where it begins, with what a run that is resumed had counted before.
+    files : what it writes.
     """
 
-    def __init__(self, plan: Plan, until: float, quiet: bool) -> None:
-        self.plan, self._until, self._quiet = plan, until, quiet
-        self._stepper = plan.integrator.stepper(plan.motion)
-        self._go_on_counting()
-        self._limit = StableStep(plan)
-        self._books = Books(plan.motion, plan.places, plan.ledger, plan.clock.dt)
+    def __init__(self, setup: Setup, record: RunRecord, files: MotionFiles, quiet: bool) -> None:
+        self.setup, self.record, self._quiet = setup, record, quiet
+        motion, new = setup.motion, not record.ledger.steps
+        self._stepper = setup.integrator.stepper(motion)
+        self._stepper.counts.add(record.counts)
+        self._stepper.watch.add(record.seconds)
+        self._limit = StableStep(motion, setup.integrator)
+        if new:
+            record.clock.dt, record.reviews = self._limit.first(record.state)
+        self._books = Books(motion, setup.places, record.ledger, record.clock.dt)
         self._begin()
-        self._inversions = Inversions(plan, self._books.ledger)
-        self._monitors = Monitors(plan.motion.system, ellipticity=False)
-        self._outputs = Outputs(plan, self._books.ledger, self._stepper.watch)
-        self._cutting = Cutting(self._stepper, self._books, plan.cuts)
-        self._jumps = Jumps(plan.motion, plan.state)
+        self._inversions = Inversions(motion, setup.integrator.explicit)
+        self._books.count_inside_out(self._inversions.at_first(record))
+        self._monitors = Monitors(motion.system, ellipticity=False)
+        self._outputs = Outputs(files, setup, record, self._stepper)
+        self._cutting = Cutting(self._stepper, self._books.work)
+        self._jumps = Jumps(motion, record.state)
         self._stepping = False
 
-    def _go_on_counting(self) -> None:
-        """From what a run that is resumed took before."""
-        self._stepper.counts.add(self.plan.counts)
-        self._stepper.watch.add(self.plan.seconds)
-        self.plan.counts = self._stepper.counts
-
     def _begin(self) -> None:
-        """From the plan's state on, with what a run that is resumed there would know."""
-        self._stepper.start(self.plan.state)
-        self._books.begin(self.plan.state)
-        if self._books.ledger.steps == 0:
-            self._books.enter(self.plan.state, self._stepper.energy)
-        self._guard = Guard(self._books.ledger, self.plan)
+        """Start from the state of the record, with what a run that is resumed there would know."""
+        record = self.record
+        self._stepper.start(record.state)
+        self._books.begin(record.state)
+        if record.ledger.steps == 0:
+            self._books.enter(record.state, self._stepper.energy)
+        if record.good is None:
+            record.keep()
+        self._guard = Guard(record)
 
     def run(self, raise_on_failure: bool) -> Run:
-        """All steps; errors as of `simulate`."""
+        """Make all steps. Raises as `simulate`."""
         status, detail = Status.FINISHED, ""
         cause: BaseException | None = None
-        plan, ledger = self.plan, self._books.ledger
+        setup, record = self.setup, self.record
         for finding in self._monitors.before():
             warn(finding.text)
-        header = f"{plan.motion.system!r}, {len(plan.motion.free.free)} of them free; {plan.integrator}"
-        with Progress(header, ledger, plan.steps, self._quiet) as progress:
+        header = f"{setup.motion.system!r}, {len(setup.motion.free.free)} of them free; {setup.integrator}"
+        with MotionProgress(header, record.ledger, record.steps, self._quiet) as progress:
             try:
-                self._outputs.begin()
+                self._outputs.frame_in_turn()
                 status, detail = self._steps(progress)
                 while status is Status.BLEW_UP and self._goes_on():
                     status, detail = self._steps(progress)
@@ -85,39 +91,45 @@ class Loop:
             raise SimulationError(run) from cause
         return run
 
-    def _steps(self, progress: Progress) -> tuple[Status, str]:
-        plan, state, clock = self.plan, self.plan.state, self.plan.clock
-        while plan.at_a_step and clock.left(self._until):
-            t, whole = clock.next(self._until)
+    def _steps(self, progress: MotionProgress) -> tuple[Status, str]:
+        record, motion, until = self.record, self.setup.motion, self.setup.until
+        state, clock = record.state, record.clock
+        while record.at_a_step and clock.left(until):
+            t, whole = clock.next(until)
             if not whole:
                 self._outputs.checkpoint()
             status, detail = self._step(t, whole)
-            if plan.motion.moving:
-                self._jumps.look(t, state.u[plan.motion.free.fixed] if state.t == t else None)  # a jump may be why
+            if motion.moving:
+                self._jumps.look(t, state.u[motion.free.fixed] if state.t == t else None)  # a jump may be why
             if not status.success:
                 return status, detail
-            self._inversions.look(last=not whole or not clock.left(self._until))
+            turned = self._inversions.count(record, last=not whole or not clock.left(until))
+            if turned is not None:
+                self._books.count_inside_out(turned)
             if whole:
                 self._outputs.step()
-            progress.step(plan.steps, plan.steps + (clock.left(self._until) if whole else 0))
+            progress.step(record.steps, record.steps + (clock.left(until) if whole else 0))
         return Status.FINISHED, ""
 
     def _step(self, t: float, whole: bool) -> tuple[Status, str]:
-        """Go on to time `t`, with all that belongs to a step; how that came out."""
-        plan, state = self.plan, self.plan.state
+        """Go on to time `t`, with all that belongs to a step; returns how that came out."""
+        record, state = self.record, self.record.state
         self._stepping = True
         try:
-            self._cutting.advance(state, t)
-            plan.steps, plan.cuts = plan.steps + 1, self._cutting.cuts
+            cut = self._cutting.advance(state, t)
+            record.steps, record.cuts = record.steps + 1, record.cuts + cut
             if whole:
-                plan.clock.tick()
+                record.clock.tick()
             self._books.enter(state, self._stepper.energy)
             if self._guard.blown_up():
-                total = self._books.ledger["total_energy"][-1]
+                total = record.ledger["total_energy"][-1]
                 return Status.BLEW_UP, f"energy came from nowhere, {total:.3g} J in all at t = {t:.6g} s"
             if whole:
-                self._limit.review()
-                self._guard.keep()
+                dt, record.reviews = self._limit.review(record)
+                if dt != record.clock.dt:
+                    record.clock.change(dt)
+                if self._guard.trusts():
+                    record.keep()
         except StepFailed as error:
             return Status.NOT_CONVERGED, str(error)
         except StateError as error:
@@ -126,71 +138,54 @@ class Loop:
         return Status.FINISHED, ""
 
     def _goes_on(self) -> bool:
-        """Back to the last good state after a motion has blown up; whether it can go on from there, with shorter steps."""
-        halved = self._limit.halve()
-        self._back()
+        """Return to the last good state after a motion has blown up; whether it can go on from there, with shorter steps."""
+        assert self.record.good is not None
+        halved = self._limit.halved(self.record.good)
+        self.record.good = halved or self.record.good
+        self.record.back()
         self._outputs.back()
         if halved:
             self._begin()
-        return halved
+        return halved is not None
 
     def _rescue(self, error: BaseException) -> str:
-        """Where an interrupted run ends: at the last whole step, or the last good state if it was in between; what to do next.
-
-        A checkpoint of it is written, unless there is a later one, or results can no more be written.
-        """
-        plan, outputs = self.plan, self._outputs
-        if self._stepping and (plan.integrator.explicit or plan.state.t != self._books.ledger["time"][-1]):
-            self._back()  # implicit steps change the state in the end only
-        if plan.outlets is None or plan.outlets.checkpoint is None:
-            return ""
-        full = isinstance(error, OSError)  # then a state may be missing from the series
-        if plan.at_a_step and plan.steps > outputs.written and not full:
-            with suppress(Exception):
-                outputs.checkpoint()
-        resume = f"checkpoint={str(plan.outlets.checkpoint.place)!r}, resume=True"
-        if outputs.written < 0:
-            return ""
-        return f" {resume} goes on from there." if outputs.written == plan.steps else f" {resume} goes on from the last checkpoint."
-
-    def _back(self) -> None:
-        """To the last good state."""
-        good = self.plan.good
-        assert good is not None
-        self.plan.restore(good)
-        self._books.ledger.truncate(good.rows)
+        """End an interrupted run at the last whole step, or at the last good state if it was in between; what to do next, in words."""
+        record = self.record
+        if self._stepping and (self.setup.integrator.explicit or record.state.t != record.ledger["time"][-1]):
+            record.back()  # implicit steps change the state in the end only
+        return self._outputs.how_to_go_on(error)
 
     def _result(self, status: Status, detail: str, cause: BaseException | None) -> Run:
-        plan, state, ledger = self.plan, self.plan.state, self._books.ledger
-        findings = self._monitors.at(state.u)
+        setup, record, stepper = self.setup, self.record, self._stepper
+        findings = self._monitors.at(record.state.u)
         if status is Status.FINISHED and any(finding.name == "inside out" for finding in findings):
-            status = Status.INVERTED
+            status = Status.ENDED_INVERTED
         message = self._message(status, detail, cause, findings)
         return Run(
-            plan.motion,
-            plan.integrator,
-            state.u.copy(),
-            state.v.copy(),
-            state.t,
-            plan.clock.dt,
-            status,
-            message,
-            findings,
-            ledger,
-            plan.counts.iterations,
-            plan.cuts,
-            self._stepper.watch.parts(),
-            self._outputs.path,
+            motion=setup.motion,
+            integrator=setup.integrator,
+            u=record.state.u.copy(),
+            v=record.state.v.copy(),
+            t=record.state.t,
+            dt=record.clock.dt,
+            status=status,
+            message=message,
+            findings=findings,
+            ledger=record.ledger,
+            iterations=stepper.counts.iterations,
+            cuts=record.cuts,
+            seconds=stepper.watch.parts(),
+            series=self._outputs.path,
         )
 
     def _message(self, status: Status, detail: str, cause: BaseException | None, findings: tuple[Finding, ...]) -> str:
-        """The message of the run; `findings` are of its last state."""
-        t = self.plan.state.t
-        if status in (Status.FINISHED, Status.INVERTED):
+        """The message of the run; `findings` are those in its last state."""
+        t = self.record.state.t
+        if status in (Status.FINISHED, Status.ENDED_INVERTED):
             return ". ".join([self._reached(), *(finding.text.rstrip(".") for finding in findings)]) + "." * bool(findings)
         there = "".join(f" {finding.text}" for finding in findings if finding.name == "inside out")
         if status is Status.BLEW_UP:
-            return f"blew up soon after t = {t:.6g} s, the last good state: {detail}.{there} {self._limit.advice()}"
+            return f"blew up soon after t = {t:.6g} s, the last good state: {detail}.{there} {self._limit.advice(self.record)}"
         if status is Status.NOT_CONVERGED:
             return (
                 f"the step from t = {t:.6g} s did not converge, not even in 64 parts: {detail}.{there} Try a smaller dt or another tangent"
@@ -204,16 +199,64 @@ class Loop:
         return f"interrupted at t = {t:.6g} s{by}.{detail}{there}"
 
     def _reached(self) -> str:
-        """That the end is reached, and what there is to say of the way."""
-        plan = self.plan
-        cuts = f", {plan.cuts} of them cut into smaller ones" if plan.cuts else ""
-        gained = _gained(from_nowhere(self._books.ledger))
-        way = f"{cuts}{self._stepper.remark}{self._limit.remark}{gained}{self._inversions.on_the_way()}"
-        return f"reached t = {plan.state.t:.6g} s in {plan.steps} steps{way}"
+        """That the end is reached, and what is worth mentioning of the way there."""
+        record = self.record
+        cuts = f", {record.cuts} of them cut into smaller ones" if record.cuts else ""
+        gained = _gained(from_nowhere(record.ledger))
+        way = f"{cuts}{self._stepper.remark}{halved_on_the_way(record.reviews)}{gained}{inside_out_on_the_way(record.ledger)}"
+        return f"reached t = {record.state.t:.6g} s in {record.steps} steps{way}"
 
 
 def _gained(part: float) -> str:
-    """In words, if it is worth saying."""
+    """Message about lost or gained energy; empty if within tolerance."""
     if abs(part) < WORTH_SAYING:
         return ""
     return f"; the steps {'gained' if part > 0 else 'lost'} {abs(part) * 100:.0f} % of the energy (closure_error)"
+
+
+class Cutting:
+    """Make the steps of an integrator; where there is no state at the end of one, it is made in two halves, and so on.
+
+    Parameters
+    ----------
+    arrived : is called with the state after each part.
+    """
+
+    def __init__(self, stepper: Stepper, arrived: Callable[[MotionState], object]) -> None:
+        self._stepper, self._arrived, self._in_a_row = stepper, arrived, 0
+
+    def advance(self, state: MotionState, t: float) -> bool:
+        """Go on to time `t`; whether that took parts.
+
+        Raises
+        ------
+        StepFailed
+            if parts of 1/64 fail too; the state is as it was then.
+        """
+        try:
+            self._stepper.step(state, t)
+        except StepFailed:
+            before = state.copy()
+            try:
+                self._halves(state, t, 1)
+            except StepFailed:
+                state.become(before)
+                raise
+            self._in_a_row += 1
+            if self._in_a_row == MANY:
+                warn(f"t = {t:.4g} s: {MANY} steps in a row had to be cut into parts. Take a smaller dt, or another tangent.")
+            return True
+        self._in_a_row = 0
+        self._arrived(state)
+        return False
+
+    def _halves(self, state: MotionState, t: float, depth: int) -> None:
+        for end in ((state.t + t) / 2, t):
+            try:
+                self._stepper.step(state, end)
+            except StepFailed:
+                if depth == DEEPEST:
+                    raise
+                self._halves(state, end, depth + 1)
+            else:
+                self._arrived(state)

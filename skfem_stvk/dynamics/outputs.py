@@ -1,29 +1,110 @@
-"""What a simulation writes while it runs."""
+"""What a simulation writes while it runs: the series of states with the ledger beside it, and the checkpoint."""
 
 from __future__ import annotations
 
+import os
 import time
+from contextlib import ExitStack, suppress
 from pathlib import Path
+from typing import NamedTuple
 
-from ..nonlinear.stopwatch import Stopwatch
-from ..results import Fields
-from .ledger import Ledger, LedgerFile
-from .plan import Plan
+from ..errors import StvkError, warn
+from ..results import Fields, Series
+from ..system.signature import Problem
+from .checkpoint import MotionCheckpoint, MotionHeader, Saved, packed
+from .integrators import Stepper
+from .ledger import LedgerFile
+from .options import Options, Setup
+from .record import RunRecord
+
+#: Steps from one saved state to the next, by default.
+EVERY = 10
+
+
+class MotionFiles(NamedTuple):
+    """The files of a run, opened.
+
+    Attributes
+    ----------
+    series, checkpoint : None where none was asked for.
+    every : steps from one saved state to the next.
+    """
+
+    series: Series | None = None
+    every: int = EVERY
+    checkpoint: MotionCheckpoint | None = None
+
+    @classmethod
+    def opened(cls, stack: ExitStack, options: Options, problem: Problem | None) -> MotionFiles:
+        """Those of a run that begins; files of another problem are refused."""
+        series = None
+        if options.checkpoint is not None and problem is not None:
+            options.checkpoint.belongs_to(problem, options.outlets.overwrite)
+        if options.outlets.save is not None:
+            series = stack.enter_context(Series(options.outlets.save, problem=problem, overwrite=options.outlets.overwrite))
+        return cls(series, options.every or EVERY, options.checkpoint)
+
+    @classmethod
+    def resumed(cls, stack: ExitStack, options: Options, problem: Problem, saved: Saved) -> MotionFiles:
+        """Those of a run that goes on: the series is where the caller says, or beside the checkpoint.
+
+        Raises
+        ------
+        StvkError
+            if the run had a series that is not there.
+
+        Warns
+        -----
+        StvkWarning
+            where states are missing from the series, or a new one begins.
+        """
+        then, checkpoint = saved.header, options.checkpoint
+        every, steps = options.every or then.every, then.now.steps
+        assert checkpoint is not None
+        checkpoint.belongs_to(problem, overwrite=options.outlets.overwrite or options.source != checkpoint.file)
+        save = _beside(then, checkpoint.folder) if options.outlets.save is None else options.outlets.save
+        if save is None:
+            return cls(None, every, checkpoint)
+        if then.save is not None and not save.exists():
+            warn(
+                f"{save} is not there, and begins at t = {then.now.t:g} s: the states before are in the series that was {then.save!r} when the "
+                "checkpoint was written."
+            )
+        last = float(saved.ledger["time"][steps - steps % every])
+        series = stack.enter_context(Series(save, resume=True, until=last, problem=problem))
+        if series.steps and series.steps[-1][0] < last < then.now.t and every == then.every:
+            warn(
+                f"{series.path} ends at t = {series.steps[-1][0]:g} s: its state at {last:g} s is missing, and cannot be had any more."
+            )
+        return cls(series, every, checkpoint)
+
+
+def _beside(then: MotionHeader, place: Path) -> Path | None:
+    """The series of a run, by its name beside the checkpoint."""
+    if then.save is None:
+        return None
+    save = Path(os.path.abspath(place)).parent / Path(then.save).name
+    if not save.is_file() or save.suffix.lower() != ".pvd":
+        raise StvkError(
+            f"The checkpoint {place} is of a run that saved the series {then.save!r}: that is the checkpoint's path, and {save.name} is not beside it "
+            f"in {save.parent}. Say where it is now, or where the states from t = {then.now.t:g} s on shall go: save=...; or move it there."
+        )
+    return save
 
 
 class Outputs:
-    """A series of states with the ledger beside it, and the checkpoint: each where it was asked for.
+    """Write the states, the ledger and the checkpoint of a run, each where it was asked for.
 
     A checkpoint is written after the state that is to be saved at its step, never before: what a later run goes on from has all states saved
     that lie behind it, whatever interrupts this one.
 
     Parameters
     ----------
-    watch : of the run; what is done here is its part "write".
+    record : of the run; it is read, never written.
+    stepper : its stopwatch counts what is done here as "write".
 
     Attributes
     ----------
-    every : steps from one saved state to the next.
     written : how many steps there were at the last checkpoint; below zero if there is none yet.
 
     Raises
@@ -32,30 +113,23 @@ class Outputs:
         if a file cannot be written, before any work.
     """
 
-    def __init__(self, plan: Plan, ledger: Ledger, watch: Stopwatch) -> None:
-        self._plan, self._ledger, self._watch = plan, ledger, watch
-        self._series, self._checkpoint, self.every = plan.outlets.series, plan.outlets.checkpoint, plan.outlets.every
+    def __init__(self, files: MotionFiles, setup: Setup, record: RunRecord, stepper: Stepper) -> None:
+        self._series, self._every, self._checkpoint = files
+        self._setup, self._record, self._stepper, self._watch = setup, record, stepper, stepper.watch
         self.written = -1
         if self._series is not None:
-            system = plan.motion.system
+            system = setup.motion.system
             self._fields = Fields(system.mesh, system.elastic_terms)
-            self._table = LedgerFile(self._series.path.with_suffix(".csv"), ledger)
+            self._table = LedgerFile(self._series.path.with_suffix(".csv"), record.ledger)
 
     @property
     def path(self) -> Path | None:
-        """Of the series."""
+        """The path of the series."""
         return None if self._series is None else self._series.path
-
-    def begin(self) -> None:
-        """Save the first state; of a run that is resumed, the one that it goes on from, if it is its turn and it is missing."""
-        if self._plan.ledger is None:
-            self.frame()
-        else:
-            self._frame_in_turn()
 
     def frame(self) -> None:
         """Save the state, unless it is saved."""
-        series, state = self._series, self._plan.state
+        series, state = self._series, self._record.state
         if series is None:
             return
         with self._watch("write"):
@@ -63,36 +137,54 @@ class Outputs:
                 series.add(self._fields.at(state.u, state.v), state.t)
             self._table.write()
 
-    def _frame_in_turn(self) -> None:
-        if self._plan.steps % self.every == 0:
+    def frame_in_turn(self) -> None:
+        """Save the state if it is its turn: that of a run that begins, or goes on from where it was not saved, too."""
+        if self._record.steps % self._every == 0:
             self.frame()
 
     def step(self) -> None:
-        """A whole step is made: save its state if it is its turn, and write a checkpoint if it is time."""
-        self._frame_in_turn()
+        """Save the state after a whole step if it is its turn, and write a checkpoint if it is time."""
+        self.frame_in_turn()
         if self._checkpoint is not None and self._checkpoint.due(time.perf_counter()):
             self.checkpoint()
 
     def checkpoint(self) -> None:
-        """Write it now, after the state if that is to be saved."""
-        if self._checkpoint is not None:
-            self._frame_in_turn()
-            self._plan.seconds = self._watch.parts()
-            with self._watch("write"):
-                self._checkpoint.write(*self._plan.packed(self._ledger.steps), self._ledger)
-            self.written = self._plan.steps
+        """Write the checkpoint now, after the state if that is to be saved."""
+        if self._checkpoint is None:
+            return
+        self.frame_in_turn()
+        record, setup, seconds = self._record, self._setup, self._watch.parts()
+        with self._watch("write"):
+            about, arrays = packed(record, setup.places, found=setup.integrator.dt is None)
+            about |= {"counts": vars(self._stepper.counts), "seconds": seconds, "every": self._every}
+            about["save"] = None if self._series is None else str(self._series.path)
+            self._checkpoint.write(about, arrays, record.ledger)
+        self.written = record.steps
 
     def back(self) -> None:
-        """The state is an earlier one again: the end of the series and of the table, and what a checkpoint holds."""
+        """Remove from the files what came after the state, which is an earlier one again."""
         if self._series is not None:
             with self._watch("write"):
-                self._series.cut(self._plan.state.t)
+                self._series.cut(self._record.state.t)
                 self._table.write()
-        self._frame_in_turn()
+        self.frame_in_turn()
         self.checkpoint()
 
     def close(self) -> None:
-        """The last state, and the checkpoint unless the last step was shorter than the others: a later run goes on from before that."""
+        """Write the last state, and the checkpoint unless the last step was shorter than the others: a later run goes on from before that."""
         self.frame()
-        if self._plan.at_a_step:
+        if self._record.at_a_step:
             self.checkpoint()
+
+    def how_to_go_on(self, error: BaseException) -> str:
+        """Write a checkpoint after an error, unless there is a later one or results cannot be written any more; how to go on from it, in words."""
+        if self._checkpoint is None:
+            return ""
+        record, full = self._record, isinstance(error, OSError)  # then a state may be missing from the series
+        if record.at_a_step and record.steps > self.written and not full:
+            with suppress(Exception):
+                self.checkpoint()
+        if self.written < 0:
+            return ""
+        there = "there" if self.written == record.steps else "the last checkpoint"
+        return f" checkpoint={str(self._checkpoint.folder)!r}, resume=True goes on from {there}."

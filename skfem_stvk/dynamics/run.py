@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike
 from ..arguments import Array
 from ..errors import StvkError
 from ..mesh.places import Where
+from ..nonlinear.outcome import Status
 from ..results import Fields, Reaction, State, animate, plot, write_vtu
 from ..results.monitors import Finding
 from ..results.reactions import held_vertices
@@ -20,9 +21,7 @@ from ..results.vtu import DEFAULT
 from ..system import System
 from .integrators import Integrator
 from .ledger import Ledger
-from .motion import Motion
-from .reactions import ground_forces, last_step
-from .status import Status
+from .motion import Motion, ground_forces, last_step
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -126,17 +125,6 @@ class SimulationError(RuntimeError):
     ----------
     run : what there is so far, with the last good state.
     """
-
-    def __init__(self, run: Run) -> None:
-        super().__init__(run.message)
-        self.run = run
-
-    def __reduce__(self) -> Any:
-        return type(self), (self.run,)
-
-
-class Interrupted(KeyboardInterrupt):
-    """Ctrl-C came during a simulation; `run` is what there is so far."""
 
     def __init__(self, run: Run) -> None:
         super().__init__(run.message)

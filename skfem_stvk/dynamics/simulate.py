@@ -1,24 +1,34 @@
-"""Simulations: the loop over the steps, and what goes on around it."""
+"""Simulations: from a first state or a checkpoint, through the loop over the steps, to what came out."""
 
 from __future__ import annotations
 
 import os
 from collections.abc import Mapping
 from contextlib import ExitStack
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..arguments import flag
-from ..errors import StvkError
+from ..arguments import Array, flag, number, path, whole
+from ..errors import LoadError, StvkError, SupportError, name_ids
+from ..mesh.displacements import by_vertex
 from ..mesh.places import Where
+from ..results.archive import NotOurs
+from ..results.outlets import Outlets
 from ..system import System
+from ..system.signature import Problem
 from ..system.system import checked_system
-from .damping import Damping
+from .books import LedgerPlaces, column_names
+from .checkpoint import ANEW, MotionCheckpoint, load, refuse_inconsistent
+from .damping import Damping, EdgeDamping, Rayleigh
 from .integrators import Integrator
+from .ledger import Ledger
 from .loop import Loop
-from .outlets import Asked, Outlets
-from .plan import Beginning, Plan, checked_time
+from .motion import Motion
+from .options import Options, Setup, checked_integrator, described, resumed_integrator
+from .outputs import MotionFiles
+from .record import Clock, MotionState, RunRecord
 from .run import Run
 
 
@@ -57,7 +67,7 @@ def simulate(
     mass : "lumped", the default, or "consistent".
     damping : `Rayleigh(alpha, beta)`, `EdgeDamping(tau)` or a list of them.
     probes : places by name, whose mean displacements stand in the ledger: `{"A": [17]}` gives the columns "A x", "A y".
-    reactions : places with supports or foundations by name, whose forces stand in the ledger, for the price of a force a step: `{"B": "left"}` gives "reaction B x",
+    reactions : places with supports or foundations by name, whose forces stand in the ledger, for the price of one force per step: `{"B": "left"}` gives "reaction B x",
         "reaction B y". Of the last state alone there is `run.reaction("left")`.
     save : a .pvd file, with a .vtu file for each state that is saved, displacements, velocities, stresses and strains, and the ledger as .csv beside it.
     every : steps from one saved state to the next, by default 10.
@@ -102,25 +112,111 @@ def simulate(
     quiet, raise_on_failure = flag("quiet", quiet), flag("raise_on_failure", raise_on_failure)
     if checked_system(system).dtype != np.float64:
         raise StvkError(f"The system is in {system.dtype}; expected float64: System(..., dtype=np.float64).")
-    end = checked_time("until", until)
-    beginning = Beginning(integrator, u0, v0, checked_time("t0", t0), mass, damping, probes, reactions)
-    asked = Asked.checked(save, every, checkpoint, resume, overwrite)
+    until, t0 = number("until", until, "a time in seconds"), number("t0", t0, "a time in seconds")
+    if every is not None:
+        every = whole("every", every, "a whole number of steps, at least 1", least=1)
+    named = MotionCheckpoint(path("resume", resume, "True or False"), "resume") if isinstance(resume, str | os.PathLike) else None
+    outlets = Outlets.checked(save, checkpoint, False if named or resume is None else resume, overwrite)
+    kept = named if outlets.checkpoint is None else MotionCheckpoint(outlets.checkpoint)
+    source = named or (kept if kept is not None and outlets.resume and kept.file.exists() else None)
+    options = Options(
+        until=until,
+        integrator=integrator,
+        u0=u0,
+        v0=v0,
+        t0=t0,
+        mass=mass,
+        damping=damping,
+        probes=probes,
+        reactions=reactions,
+        outlets=outlets,
+        every=every,
+        checkpoint=kept,
+        source=None if source is None else source.file,
+        quiet=quiet,
+        raise_on_failure=raise_on_failure,
+    )
     with ExitStack() as stack:
-        if asked.checkpoint is not None:
-            stack.enter_context(asked.checkpoint)
-        if asked.source is None:
-            plan = Plan.new(system, beginning)
-            _refuse_end(end, plan)
-            problem = None if asked.save is None and asked.checkpoint is None else plan.problem(beginning, end)
-            plan.outlets = Outlets.opened(stack, asked, problem)
-        else:
-            plan, problem, header = Plan.of_checkpoint(asked.source, system, beginning)
-            _refuse_end(end, plan)
-            assert plan.ledger is not None
-            plan.outlets = Outlets.resumed(stack, asked, problem, header, plan.ledger)
-        return Loop(plan, end, quiet).run(raise_on_failure)
+        if kept is not None:
+            stack.enter_context(kept)
+        start = _begun(system, options, stack) if options.source is None else _resumed(system, options, stack, options.source)
+        return Loop(*start, quiet).run(raise_on_failure)
 
 
-def _refuse_end(end: float, plan: Plan) -> None:
-    if not end > plan.state.t:
-        raise StvkError(f"until = {end:g} s is not after t = {plan.state.t:g} s, where the motion is. Give a later end.")
+def _begun(system: System, options: Options, stack: ExitStack) -> tuple[Setup, RunRecord, MotionFiles]:
+    """A run from a first state."""
+    integrator = checked_integrator(options.integrator)
+    places = LedgerPlaces.checked(system, options.probes, options.reactions)
+    motion = Motion(system, "lumped" if options.mass is None else options.mass, options.damping)
+    state = _first_state(motion, options, integrator.dt or 1e-6)
+    if not options.until > state.t:
+        raise _too_early(options.until, state.t)
+    setup = Setup(motion, integrator, places, options.until)
+    record = RunRecord(state, Clock(state.t, integrator.dt or 0.0), Ledger(column_names(system, *places)))
+    writes = options.outlets.save is not None or options.checkpoint is not None
+    problem = setup.problem(state.t, options.start(system)) if writes else None
+    return setup, record, MotionFiles.opened(stack, options, problem)
+
+
+def _resumed(system: System, options: Options, stack: ExitStack, file: Path) -> tuple[Setup, RunRecord, MotionFiles]:
+    """A run from a checkpoint, for the problem that it holds: what is given of the beginning has to be what it was.
+
+    Raises
+    ------
+    StvkError
+        if the file cannot be read, is of another problem, or says what cannot be.
+    """
+    saved = load(file)
+    header, method = saved.header, saved.method
+    given = options.integrator
+    integrator = resumed_integrator(method.integrator, file) if given is None else checked_integrator(given)
+    kept: Damping = [Rayleigh(method.damping.alpha, method.damping.beta), EdgeDamping(method.damping.tau)]
+    damping = kept if options.damping is None else options.damping
+    motion = Motion(system, method.mass if options.mass is None else options.mass, damping)
+    start = {name: header.problem.numbers.get(name, []) for name in ("t0", "u0", "v0")} | options.start(system)
+    problem = Problem("motion", system, described(motion, integrator), header.problem.moments, start)
+    differences = problem.differences(header.problem)
+    if differences:
+        raise StvkError(
+            f"{file} is of another problem: {differences}. Give the same again, or leave it out, to resume it. To start anew: overwrite=True, "
+            "without resume."
+        )
+    try:
+        places = refuse_inconsistent(saved, motion, integrator)
+    except (ValueError, KeyError) as error:
+        raise NotOurs(f"{file} is damaged: {error.args[0]}. {ANEW}") from None
+    options.refuse_other_places(file, system, places)
+    record = saved.record()
+    if not options.until >= record.state.t:
+        raise _too_early(options.until, record.state.t)
+    setup = Setup(motion, integrator, places, options.until)
+    return setup, record, MotionFiles.resumed(stack, options, problem, saved)
+
+
+def _too_early(until: float, t: float) -> StvkError:
+    return StvkError(f"until = {until:g} s is not after t = {t:g} s, where the motion is. Give a later end.")
+
+
+def _first_state(motion: Motion, options: Options, dt: float) -> MotionState:
+    """The state that is asked for, with what is held where the supports have it; its velocities are differenced over a part of `dt`."""
+    system, t0 = motion.system, options.t0
+    u, v = (_vector(name, x, system) for name, x in (("u0", options.u0), ("v0", options.v0)))
+    state = MotionState.at(t0, u, v)
+    fixed, held = motion.free.fixed, motion.held(t0)
+    gap = np.abs(held - state.u[fixed])
+    far = fixed[gap > 1e-9 * (1e-3 * np.ptp(system.mesh.p, axis=1).max() + np.abs(held).max(initial=0.0))]
+    if len(far):
+        raise SupportError(
+            f"{name_ids(np.unique(far // system.mesh.d), 'vertex')}: at t0 = {t0:g} s the supports hold them up to {gap.max():.3g} m from where u0 has "
+            "them. In dynamics constants do not ramp: prescribe a function of t that begins at u0, or begin in an equilibrium: u0=solve_static(...).u."
+        )
+    state.u[fixed] = held
+    state.v[fixed] = motion.held_velocities(t0, dt)
+    if not (state.u.any() or state.v.any() or motion.moving or system.loads):
+        raise LoadError("Nothing moves the body: no load, nothing prescribed, u0 and v0 zero. Add Gravity(...), or give u0 or v0.")
+    return state
+
+
+def _vector(name: str, given: ArrayLike | None, system: System) -> Array:
+    """(ndofs,) zeros, or what was given."""
+    return np.zeros(system.ndofs) if given is None else by_vertex(system.mesh, given, name).astype(np.float64).ravel()

@@ -23,8 +23,8 @@ from ..system.free_tangent import FreeTangent, kind_of
 from ..terms.load import Moment, Time
 from .forces import add_damping_force, add_mean_force, add_secant_damping
 from .motion import Motion
+from .record import MotionState
 from .start_tensions import StartTensions
-from .state import State
 
 #: Linear solves of Newton's method are as precise as this at least, so that it converges as with a direct solver, for a sixth more time than with
 #: 1e-5: with that, and where `rtol` allows much, small steps of Newmark's method were off by 1e-5 in place of 3e-9. With those of an inexact Newton
@@ -136,7 +136,7 @@ class StepProblem:
     def quartic(self) -> bool:
         return self.system.dead and self.system.quartic and not self._mean and not self.motion.tau
 
-    def begin(self, state: State, coefficients: Coefficients) -> None:
+    def begin(self, state: MotionState, coefficients: Coefficients) -> None:
         """A step from this state."""
         with self._watch("assemble"):
             c, m, g, d, rest = coefficients

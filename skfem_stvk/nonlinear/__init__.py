@@ -1,1 +1,1 @@
-"""Nonlinear equations: Newton's method, its line search and tangents, and eigenvalues of the tangent, on a `Problem` that knows its own unknowns."""
+"""What static solves and motions share: Newton's method and eigenvalue tools on a `Problem` that knows its own unknowns, outcomes and progress."""

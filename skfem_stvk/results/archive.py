@@ -1,4 +1,4 @@
-"""Arrays with a header, in one .npz file: whole or not there, and believed only as far as a schema goes."""
+"""Arrays with a header, in one .npz file: whole or not there, and believed only as far as a schema goes; and checkpoints made of such files."""
 
 from __future__ import annotations
 
@@ -7,7 +7,8 @@ import json
 from collections.abc import Mapping
 from math import prod
 from pathlib import Path
-from typing import IO, Any, TypeVar
+from types import TracebackType
+from typing import IO, Any, ClassVar, Generic, TypeVar
 from zipfile import BadZipFile, ZipFile, is_zipfile
 
 import numpy as np
@@ -15,17 +16,20 @@ from pydantic import ValidationError
 
 from ..arguments import Array
 from ..errors import StvkError
-from ..system.signature import Record, in_words
-from .files import replacing
+from ..system.signature import Problem, Record, Signature, in_words
+from .files import output_folder, replacing
+from .one_writer import OneWriter
 
 Header = TypeVar("Header", bound="ArchiveHeader")
+ProblemHeader = TypeVar("ProblemHeader", bound="CheckpointHeader")
+Opened = TypeVar("Opened", bound="Checkpoint[Any]")
 
 #: Before the names of arrays, so that no name is taken for another thing.
 ARRAY = "array "
 
 
 class ArchiveHeader(Record):
-    """What each header has.
+    """Entries of each header.
 
     Attributes
     ----------
@@ -34,6 +38,17 @@ class ArchiveHeader(Record):
 
     format: str
     version: int
+
+
+class CheckpointHeader(ArchiveHeader):
+    """Entries of the header of each file of a checkpoint.
+
+    Attributes
+    ----------
+    problem : whose file it is.
+    """
+
+    problem: Signature
 
 
 class NotOurs(StvkError):
@@ -75,6 +90,79 @@ def read_archive(path: Path, schema: type[Header], known: tuple[str, int], remed
         with the file, what is wrong and the remedy, if it is incomplete, was not written here or says what cannot be.
     """
     return _read(path, schema, known, remedy, only_header=False)
+
+
+class Checkpoint(Generic[ProblemHeader]):
+    """Archives in a folder, from which a later run goes on. It is used in a `with` block, during which nobody else can write them.
+
+    Parameters
+    ----------
+    folder : is made if it is not there; its parent must be.
+
+    Attributes
+    ----------
+    known, schema : format and version, and the header, of a file.
+    remedy : what to do with a file that cannot be read.
+    problem : whose files are written; each of them carries its signature.
+
+    Raises
+    ------
+    StvkError
+        by `with`, if the folder cannot be written or has another writer.
+    """
+
+    known: ClassVar[tuple[str, int]]
+    remedy: ClassVar[str]
+    schema: type[ProblemHeader]
+    problem: Problem | None = None
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        self._writer: OneWriter | None = None
+
+    def writable(self) -> Path:
+        """The folder, or a file, that nobody else is to write."""
+        return output_folder(self.folder)
+
+    def __enter__(self: Opened) -> Opened:
+        try:
+            self._writer = OneWriter(self.writable())
+            self._writer.__enter__()
+            self.opened()
+            return self
+        except BaseException:
+            self.__exit__(None, None, None)
+            raise
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+        if self._writer is not None:
+            self._writer.__exit__(kind, error, trace)
+
+    def opened(self) -> None:
+        """Look at the files that are there: a subclass may."""
+
+    def write_file(self, file: Path, about: Mapping[str, Any], arrays: Mapping[str, Array]) -> None:
+        """Replace a file; `about` is what its header has beside the format and the problem. Raises as `write_archive`."""
+        assert self.problem is not None
+        header = {"format": self.known[0], "version": self.known[1], **about, "problem": self.problem.signature.model_dump()}
+        write_archive(file, header, arrays)
+
+    @classmethod
+    def read_file(cls, file: Path) -> tuple[ProblemHeader, dict[str, Array]]:
+        """Header and arrays of a file. Raises as `read_archive`."""
+        return read_archive(file, cls.schema, cls.known, cls.remedy)
+
+    def refuse_to_replace(self, file: Path) -> None:
+        """Refuse to replace a file that is of another problem, or none of ours."""
+        header = read_header(file, self.schema, self.known, "Name another folder, or replace what is there with overwrite=True.")
+        self.refuse_other(file, header, "Name another folder, or replace it with overwrite=True.")
+
+    def refuse_other(self, file: Path, header: ProblemHeader, remedy: str) -> None:
+        """Refuse a file of another problem."""
+        assert self.problem is not None
+        differences = self.problem.differences(header.problem)
+        if differences:
+            raise StvkError(f"{file} is of another problem: {differences}. {remedy}")
 
 
 def _read(
@@ -141,3 +229,13 @@ def _check_known(header: Any, known: tuple[str, int]) -> None:
             f"is of version {header.get('version')!r} of the format '{kind}'; this release reads version {version}: resume it with the release "
             "that wrote it."
         )
+
+
+def finite(arrays: Mapping[str, Array], name: str, shape: tuple[int, ...]) -> Array:
+    """An array of finite numbers in double precision; raises KeyError or ValueError in words if it is none of this shape."""
+    if name not in arrays:
+        raise KeyError(f"it has no array '{name}'")
+    array = arrays[name]
+    if array.dtype != np.float64 or array.shape != shape or not np.isfinite(array).all():
+        raise ValueError(f"the array '{name}' is {array.dtype} of shape {array.shape}; expected finite float64 of shape {shape}")
+    return array

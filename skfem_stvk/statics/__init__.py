@@ -1,12 +1,12 @@
 """Quasi-static solves: Newton's method, paths in load steps or by arc length, and a result that says how it came out."""
 
 from ..nonlinear.newton import End, Iterations
+from ..nonlinear.outcome import Interrupted, Status
 from ..results.monitors import Finding
 from .critical import CriticalPoint
 from .history import Attempt, History, Step
-from .result import Interrupted, SolveError, StaticResult
+from .result import SolveError, StaticResult
 from .solve import solve_static
-from .status import Status
 from .stop import Stop
 
 __all__ = [

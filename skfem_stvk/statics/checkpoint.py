@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import asdict, fields
 from pathlib import Path
-from types import TracebackType
 from typing import Annotated, Any, Literal
 
 import numpy as np
@@ -13,21 +12,19 @@ from pydantic import AllowInfNan, Field
 from ..arguments import Array
 from ..errors import StvkError
 from ..nonlinear.newton import End, Iterations
-from ..results.archive import ArchiveHeader, NotOurs, read_archive, read_header, write_archive
-from ..results.files import output_folder
+from ..nonlinear.outcome import Status
+from ..results.archive import Checkpoint, CheckpointHeader, NotOurs, finite
 from ..results.monitors import Finding
-from ..results.one_writer import OneWriter
+from ..results.outlets import Outlets
 from ..system import System
-from ..system.signature import Problem, Record, Signature
+from ..system.signature import Problem, Record
 from .critical import BIFURCATION, LIMIT_POINT, CriticalPoint
 from .equilibrium import NOTHING
 from .history import Step
 from .load_steps import LARGEST, LoadSteps
-from .status import Status
 
-FORMAT = "path of skfem-stvk", 2
-#: What to do with a state that cannot be read.
-REMEDY = "Remove it and those after it, and resume from the one before; or start anew with overwrite=True and without resume."
+#: How a state of a path may come out.
+EQUILIBRIA = Status.CONVERGED, Status.AT_ROUND_OFF, Status.UNSTABLE, Status.INVERTED
 #: The strain energy of a state is what the system says now, but for this part of it; its residual is at most so many times what it was.
 ENERGY, LOOSER = 1e-6, 10.0
 
@@ -35,7 +32,7 @@ Count = Annotated[int, Field(ge=0)]
 Measured = Annotated[float, AllowInfNan(True)]
 
 
-class CountsRecord(Record):
+class IterationsRecord(Record):
     """`Iterations`."""
 
     residuals: Annotated[list[Measured], Field(min_length=1)]
@@ -82,9 +79,9 @@ class StepRecord(Record):
     """`Step`, but for its arrays."""
 
     t: float
-    status: Literal[tuple(one.name for one in Status)]  # type: ignore[valid-type]
+    status: Literal[tuple(one.name for one in EQUILIBRIA)]  # type: ignore[valid-type]
     end: Literal[tuple(one.name for one in End if one.converged)]  # type: ignore[valid-type]
-    iterations: CountsRecord
+    iterations: IterationsRecord
     strain_energy: float
     potential: Measured
     smallest_volume_ratio: Measured
@@ -95,26 +92,26 @@ class StepRecord(Record):
     seconds: Annotated[float, Field(ge=0)]
 
 
-class StateHeader(ArchiveHeader):
-    """Of a file of one state: of which problem it is, its number on the path, the state, and what the walk was about to do."""
+class StateHeader(CheckpointHeader):
+    """The header of a file of one state: its number on the path, the state, and what the walk was about to do."""
 
-    problem: Signature
     number: Count
     step: StepRecord
     walk: WalkRecord
 
 
-class Checkpoint:
-    """A folder with a file for each state, written beside and renamed into place: a run that is killed keeps all that it found.
-
-    It is used in a `with` block, during which nobody else can write it.
+class PathCheckpoint(Checkpoint[StateHeader]):
+    """A folder with a file for each state of a path, written beside and renamed into place: a run that is killed keeps all that it found.
 
     Parameters
     ----------
-    folder : is made if it is not there; its parent must be.
     system, problem : whose path it is; each state carries the signature of the problem.
-    resume : go on with the states that are there, if any. Otherwise the first state replaces them.
-    overwrite : replace those of another problem, too.
+    outlets : the folder, and whether to go on with the states that are there, if any; otherwise the first state replaces them, those of another
+        problem only if they are to be overwritten.
+
+    Attributes
+    ----------
+    steps, saved : the states that are there to go on with, and what the walk was about to do after the last one.
 
     Raises
     ------
@@ -123,56 +120,36 @@ class Checkpoint:
         to be resumed is missing or damaged.
     """
 
-    def __init__(self, folder: Path, system: System, problem: Problem, resume: bool, overwrite: bool) -> None:
-        self.folder, self._system, self._problem = folder, system, problem
-        self._resume, self._overwrite = resume, overwrite
+    known = "path of skfem-stvk", 2
+    schema = StateHeader
+    remedy = "Remove it and those after it, and resume from the one before; or start anew with overwrite=True and without resume."
+
+    def __init__(self, folder: Path, system: System, problem: Problem, outlets: Outlets) -> None:
+        super().__init__(folder)
+        self.problem, self._system, self._outlets = problem, system, outlets
         self._count = 0
-        self._writer: OneWriter | None = None
         self._former: list[Path] = []
         self.steps: list[Step] = []
         self.saved: dict[str, Any] = {}
 
-    def __enter__(self) -> Checkpoint:
-        try:
-            self._writer = OneWriter(output_folder(self.folder))
-            self._writer.__enter__()
-            files = sorted(self.folder.glob("state_*.npz"))
-            if self._resume:
-                self._load(files)
-            else:
-                self._former = files
-                if not self._overwrite:
-                    self._refuse_others(files)
-            return self
-        except BaseException:
-            self.__exit__(None, None, None)
-            raise
-
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
-        if self._writer is not None:
-            self._writer.__exit__(kind, error, trace)
+    def opened(self) -> None:
+        files = sorted(self.folder.glob("state_*.npz"))
+        if self._outlets.resume:
+            self._load(files)
+            return
+        self._former = files
+        if not self._outlets.overwrite:
+            for file in files:
+                self.refuse_to_replace(file)
 
     def add(self, step: Step, saved: dict[str, Any]) -> None:
         """Write a state, and what the walk will do next."""
         while self._former:  # from the last one on, so that what is there is always a path from its beginning
             self._former[-1].unlink(missing_ok=True)
             self._former.pop()
-        header, arrays = _packed(step, saved)
-        header |= {"format": FORMAT[0], "version": FORMAT[1], "number": self._count}
-        header["problem"] = self._problem.signature.model_dump()
-        write_archive(self.folder / _name(self._count), header, arrays)
+        about, arrays = _packed(step, saved)
+        self.write_file(self.folder / _name(self._count), {"number": self._count, **about}, arrays)
         self._count += 1
-
-    def _refuse_others(self, files: list[Path]) -> None:
-        """Refuse to replace what is of another problem, or none of ours."""
-        for file in files:
-            header = read_header(file, StateHeader, FORMAT, "Name another folder, or replace what is there with overwrite=True.")
-            differences = self._problem.differences(header.problem)
-            if differences:
-                raise StvkError(
-                    f"{self.folder} holds {len(files)} states of another problem: {differences}. Name another folder, or replace them with "
-                    "overwrite=True."
-                )
 
     def _load(self, files: list[Path]) -> None:
         """The states, and what the walk was about to do after the last one; none and nothing if there are none."""
@@ -182,19 +159,18 @@ class Checkpoint:
                     f"{self.folder} has {file.name}, but no {_name(number)} before it. Remove {file.name} and those after it, and resume from the "
                     "one before."
                 )
-            header, arrays = read_archive(file, StateHeader, FORMAT, REMEDY)
-            differences = self._problem.differences(header.problem)
-            if differences:
-                raise StvkError(
-                    f"{file} is of another problem: {differences}. Give the same again to resume it, or name another folder; overwrite=True without "
-                    "resume replaces what is there."
-                )
+            header, arrays = self.read_file(file)
+            self.refuse_other(
+                file,
+                header,
+                "Give the same again to resume it, or name another folder; overwrite=True without resume replaces what is there.",
+            )
             try:
                 self.steps.append(_unpacked(header.step, arrays, self._system))
                 _check_order(self.steps, header, number)
                 _check_equilibrium(self._system, self.steps[-1], header)
             except (ValueError, KeyError) as error:
-                raise NotOurs(f"{file} is damaged: {error.args[0]}. {REMEDY}") from None
+                raise NotOurs(f"{file} is damaged: {error.args[0]}. {self.remedy}") from None
             self.saved = header.walk.model_dump(exclude_unset=True)
         self._count = len(files)
 
@@ -224,23 +200,13 @@ def _unpacked(record: StepRecord, arrays: dict[str, Array], system: System) -> S
     )
     critical = []
     for i, one in enumerate(record.critical):
-        u, mode = numbers(arrays, f"critical {i}", (2, n))
+        u, mode = finite(arrays, f"critical {i}", (2, n))
         critical.append(CriticalPoint(one.kind, one.t, u, mode, one.resolved))
-    u = numbers(arrays, "u", (n,))
+    u = finite(arrays, "u", (n,))
     energy = system.energy(u)
     if not np.isclose(record.strain_energy, energy, rtol=ENERGY, atol=np.finfo(float).tiny):
         raise ValueError(f"its strain energy is {record.strain_energy:g}, that of its displacements {energy:g}")
     return Step(u=u, **(plain | {"critical": tuple(critical)}))
-
-
-def numbers(arrays: dict[str, Array], name: str, shape: tuple[int, ...]) -> Array:
-    """An array of finite numbers in double precision; raises KeyError or ValueError in words if it is none of this shape."""
-    if name not in arrays:
-        raise KeyError(f"it has no array '{name}'")
-    array = arrays[name]
-    if array.dtype != np.float64 or array.shape != shape or not np.isfinite(array).all():
-        raise ValueError(f"the array '{name}' is {array.dtype} of shape {array.shape}; expected finite float64 of shape {shape}")
-    return array
 
 
 def _elements(arrays: dict[str, Array], name: str, system: System) -> Array:

@@ -10,9 +10,9 @@ import numpy as np
 
 from ..arguments import Array
 from ..nonlinear.newton import End, Iterations
+from ..nonlinear.outcome import Status
 from ..results.monitors import Finding
 from .critical import CriticalPoint
-from .status import Status
 
 #: From here on a state is further from where the path pointed than bending, twisting or tightening bodies get (1.2 at most on the hard cases).
 JUMPED = 5.0

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from ..nonlinear.newton import End
+from ..nonlinear.outcome import Status
 from ..nonlinear.stability import Verdict
 from ..system import System
 from .arc_length import ArcLength
 from .history import History
-from .status import Status
 
 GIVES_WAY = "St. Venant-Kirchhoff material gives way in compression, so the branch without inversion may end here."
 RESIST = {

@@ -16,6 +16,7 @@ from .. import arguments
 from ..arguments import Array
 from ..errors import StvkError
 from ..mesh.places import Where
+from ..nonlinear.outcome import Status
 from ..results import Fields, Reaction, State, plot, write_vtu
 from ..results.reactions import held_vertices
 from ..results.series import save_series
@@ -23,7 +24,6 @@ from ..results.vtu import DEFAULT
 from ..system import System
 from .critical import CriticalPoint
 from .history import History
-from .status import Status
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -131,17 +131,6 @@ class SolveError(RuntimeError):
     ----------
     result : what was found so far, with the last good state.
     """
-
-    def __init__(self, result: StaticResult) -> None:
-        super().__init__(result.message)
-        self.result = result
-
-    def __reduce__(self) -> Any:
-        return type(self), (self.result,)
-
-
-class Interrupted(KeyboardInterrupt):
-    """Ctrl-C came during a static solve; `result` is what was found so far."""
 
     def __init__(self, result: StaticResult) -> None:
         super().__init__(result.message)

@@ -8,13 +8,15 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..arguments import Array, choice, flag, number, path, shown, whole
+from ..arguments import Array, choice, flag, number, shown, whole
 from ..errors import LoadError, StvkError, warn
 from ..linear import LinearSolver, choose
 from ..mesh.displacements import by_vertex
+from ..nonlinear.outcome import Interrupted, Status
 from ..nonlinear.stability import Verdict, judged
 from ..nonlinear.stopwatch import Stopwatch
 from ..results.monitors import Monitors
+from ..results.outlets import Outlets
 from ..system import System
 from ..system.free_tangent import kind_of, with_loads
 from ..system.system import checked_system
@@ -24,10 +26,9 @@ from .equilibrium import Equilibrium
 from .history import History, Step, found_status
 from .load_steps import LoadSteps
 from .message import reason
-from .outlets import Outlets
-from .report import Report
-from .result import Interrupted, SolveError, StaticResult
-from .status import Status
+from .outlets import opened
+from .report import PathProgress
+from .result import SolveError, StaticResult
 from .stop import Goal, Stop
 from .walk import Walk
 
@@ -109,20 +110,20 @@ def solve_static(
     ('converged', 500)
     """
     quiet, raise_on_failure = flag("quiet", quiet), flag("raise_on_failure", raise_on_failure)
-    start = _checked(system, steps, method, stop, rtol, u0, t0, stability, ellipticity, save, checkpoint, resume, overwrite)
+    start = _checked(system, steps, method, stop, rtol, u0, t0, stability, ellipticity)
+    outlets = Outlets.checked(save, checkpoint, resume, overwrite)
     system.check_held()
     arc_length = method == ArcLength.name
     chosen = choose(solver, system.ndofs - len(system.supports.held), kind_of(system), indefinite=arc_length)
     solver = with_loads(chosen, system)
     monitors, watch, history = Monitors(system, ellipticity), Stopwatch(), History()
     options = {"method": method, "steps": int(steps), "rtol": float(rtol), "solver": solver.name, "t0": float(t0)}
-    outlets = Outlets(save, checkpoint, resume, overwrite)
     cause: BaseException | None = None
     verdict = Verdict(True, None)
     branch = ""
     free = system.ndofs - len(system.supports.held)
     header = f"{system!r}, {free} of them free; solver '{solver.name}'"
-    with outlets.opened(system, options, start) as (write, kept), Report(header, quiet) as report:
+    with opened(outlets, system, options, start) as (write, kept), PathProgress(header, quiet) as report:
         for finding in monitors.before():
             warn(finding.text)
         problem = Equilibrium(system, solver, watch)
@@ -183,10 +184,6 @@ def _checked(
     t0: float,
     stability: bool,
     ellipticity: bool,
-    save: str | os.PathLike[str] | None,
-    checkpoint: str | os.PathLike[str] | None,
-    resume: bool,
-    overwrite: bool,
 ) -> Array:
     """The displacements to start from; refuses parameters that make no sense."""
     if checked_system(system).dtype != np.float64:
@@ -203,14 +200,8 @@ def _checked(
     begin = number("t0", t0, "the load factor of u0, a number")
     if method == LoadSteps.name and not begin < 1:
         raise StvkError(f"t0 = {shown(t0)}; expected less than 1, where load steps end.")
-    for name, value in (("stability", stability), ("ellipticity", ellipticity), ("resume", resume), ("overwrite", overwrite)):
+    for name, value in (("stability", stability), ("ellipticity", ellipticity)):
         flag(name, value)
-    if save is not None:
-        path("save", save, "the path of a .pvd file")
-    if checkpoint is not None:
-        path("checkpoint", checkpoint, "the path of a folder")
-    if resume and checkpoint is None:
-        raise StvkError("resume=True without a checkpoint: from which folder? checkpoint='...'.")
     if u0 is None and not system.supports.prescribed.size and not system.loads:
         raise LoadError(
             "Nothing acts on the body: no load, nothing prescribed. Add Gravity(...), Traction(...) or prescribed={...}."

@@ -11,12 +11,12 @@ from typing import Any, ClassVar
 from ..arguments import Array
 from ..nonlinear.eigen import lowest_mode
 from ..nonlinear.newton import End, Iterations, newton
+from ..nonlinear.outcome import Status
 from ..nonlinear.problem import PathProblem
 from ..nonlinear.stability import judged
 from ..results.monitors import Monitors
 from .critical import CriticalPoint, Point, find
 from .history import Attempt, Step, found_status
-from .status import Status
 
 Watch = Callable[[float, Iterations], None]
 

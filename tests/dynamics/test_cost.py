@@ -7,15 +7,15 @@ from contextlib import nullcontext
 import numpy as np
 import pytest
 from skfem import MeshTet
+from skfem_stvk.dynamics.clock import FEWEST, MOST, Looks
+from skfem_stvk.dynamics.plan import Beginning, Plan
+from skfem_stvk.dynamics.status import Status
 
 from skfem_stvk import Gravity, StVK, StvkWarning, System
 from skfem_stvk.dynamics import ForwardEuler, LinearBackwardEuler, VelocityVerlet, simulate
-from skfem_stvk.dynamics.clock import FEWEST, MOST, Looks
 from skfem_stvk.dynamics.critical_step import LargestFrequency, critical_step
 from skfem_stvk.dynamics.loop import Loop
-from skfem_stvk.dynamics.plan import Beginning, Plan
 from skfem_stvk.dynamics.stable_step import StableStep
-from skfem_stvk.dynamics.status import Status
 
 
 def hanging(n, young=3e4):

@@ -3,18 +3,18 @@
 import numpy as np
 import pytest
 from motions import BOTH, MESHES, Scene, driven, kicked, material, reached, velocities
+from skfem_stvk.dynamics.clock import Clock, Looks
+from skfem_stvk.dynamics.guard import Guard
+from skfem_stvk.dynamics.plan import Plan
+from skfem_stvk.dynamics.stepping import Cutting
 
 from skfem_stvk import System
 from skfem_stvk.dynamics import EnergyMomentum, ForwardEuler, LinearBackwardEuler, Newmark, VelocityVerlet, checkpoint
 from skfem_stvk.dynamics.books import Books
-from skfem_stvk.dynamics.clock import Clock, Looks
 from skfem_stvk.dynamics.critical_step import LargestFrequency
-from skfem_stvk.dynamics.guard import Guard
 from skfem_stvk.dynamics.outputs import Outputs
-from skfem_stvk.dynamics.plan import Plan
 from skfem_stvk.dynamics.run import Interrupted
 from skfem_stvk.dynamics.stable_step import StableStep
-from skfem_stvk.dynamics.stepping import Cutting
 
 DT, SHORT = 0.01, 0.305
 INTEGRATORS = [ForwardEuler(DT), VelocityVerlet(DT), LinearBackwardEuler(DT), EnergyMomentum(DT), Newmark(DT)]

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import skfem
 from motions import MESHES, material, reached
+from skfem_stvk.dynamics.inversions import EXPLICIT
 
 from skfem_stvk import Gravity, SimplexMesh, StVK, StvkWarning, System, VolumePenalty, simulate
 from skfem_stvk.dynamics import (
@@ -17,7 +18,6 @@ from skfem_stvk.dynamics import (
     Status,
     VelocityVerlet,
 )
-from skfem_stvk.dynamics.inversions import EXPLICIT
 
 pytestmark = pytest.mark.filterwarnings("ignore:.*inside out:skfem_stvk.errors.StvkWarning")
 

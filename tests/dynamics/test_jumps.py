@@ -5,12 +5,12 @@ import warnings
 import numpy as np
 import pytest
 from motions import MESHES, Scene, driven, material
+from skfem_stvk.dynamics.jumps import Jumps
+from skfem_stvk.dynamics.state import State
 
 from skfem_stvk import StvkWarning, System, simulate
 from skfem_stvk.dynamics import EnergyMomentum, ForwardEuler, LinearBackwardEuler, Newmark, SimulationError, VelocityVerlet
-from skfem_stvk.dynamics.jumps import Jumps
 from skfem_stvk.dynamics.motion import Motion
-from skfem_stvk.dynamics.state import State
 
 DT, SIZE = 0.01, 0.02
 JUMPS = {

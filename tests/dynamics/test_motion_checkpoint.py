@@ -10,11 +10,11 @@ from dataclasses import asdict
 import numpy as np
 import pytest
 import skfem
+from skfem_stvk.dynamics.clock import Looks
 
 from skfem_stvk import Gravity, NodalLoad, Rayleigh, StVK, StvkError, System, Traction, VelocityVerlet, simulate
 from skfem_stvk.dynamics import checkpoint as module
 from skfem_stvk.dynamics.checkpoint import Checkpoint, load
-from skfem_stvk.dynamics.clock import Looks
 from skfem_stvk.dynamics.ledger import Ledger
 from skfem_stvk.results.files import WriteError
 from skfem_stvk.system.signature import Problem

@@ -4,10 +4,10 @@ import io
 
 import pytest
 from rich.console import Console
+from skfem_stvk.dynamics.progress import Progress
 
 from skfem_stvk.dynamics import progress as module
 from skfem_stvk.dynamics.ledger import Ledger
-from skfem_stvk.dynamics.progress import Progress
 
 
 class Clock:

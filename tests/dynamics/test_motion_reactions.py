@@ -5,6 +5,7 @@ import pickle
 import numpy as np
 import pytest
 from motions import BOTH, MESHES, Scene, clamped, driven, material, moved, pushed, spinning, velocities
+from skfem_stvk.dynamics.reactions import held_accelerations
 
 from skfem_stvk import (
     ElasticFoundation,
@@ -30,7 +31,6 @@ from skfem_stvk.dynamics import (
     VelocityVerlet,
 )
 from skfem_stvk.dynamics.motion import Motion
-from skfem_stvk.dynamics.reactions import held_accelerations
 from skfem_stvk.terms.load import Moment
 
 AXES = "xyz"

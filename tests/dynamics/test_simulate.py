@@ -11,6 +11,10 @@ import meshio
 import numpy as np
 import pytest
 from motions import BOTH, MESHES, SCENES, clamped, driven, loaded, material, pushed, reached, spinning, velocities
+from skfem_stvk.dynamics.clock import FEWEST, FIRST, Clock, Looks
+from skfem_stvk.dynamics.guard import EVERY, Guard
+from skfem_stvk.dynamics.outlets import Outlets
+from skfem_stvk.dynamics.plan import Beginning, Plan
 
 from skfem_stvk import (
     BodyForce,
@@ -46,14 +50,10 @@ from skfem_stvk.dynamics import (
     Status,
     VelocityVerlet,
 )
-from skfem_stvk.dynamics.clock import FEWEST, FIRST, Clock, Looks
 from skfem_stvk.dynamics.critical_step import critical_step
-from skfem_stvk.dynamics.guard import EVERY, Guard
 from skfem_stvk.dynamics.integrators import StepFailed
 from skfem_stvk.dynamics.integrators.implicit import ImplicitStepper
 from skfem_stvk.dynamics.ledger import Ledger
-from skfem_stvk.dynamics.outlets import Outlets
-from skfem_stvk.dynamics.plan import Beginning, Plan
 from skfem_stvk.dynamics.run import Interrupted
 from skfem_stvk.dynamics.stable_step import StableStep
 from skfem_stvk.dynamics.start_tensions import StartTensions

@@ -16,7 +16,6 @@ from skfem_stvk.dynamics import (
 )
 from skfem_stvk.dynamics.integrators.implicit import ImplicitStepper
 from skfem_stvk.dynamics.motion import Motion
-from skfem_stvk.dynamics.state import State
 from skfem_stvk.nonlinear.problem import Tangent
 from skfem_stvk.system.free_tangent import FreeTangent
 from skfem_stvk.system.rigid import rigid_modes

@@ -43,7 +43,9 @@ def blow_ups(quick: bool = False, folder: Path | None = None) -> Sequence[Study]
         runs = [moved(system, start) for start in starts(mesh, QUICK_COUNT if quick else COUNT)]
         ends = {status: sum(run.status is status for run in runs) for status in Status}
         halved = sum("blew up" in run.message and run.status is not Status.BLEW_UP for run in runs)
-        rows.append((name, *map(str, (len(runs), ends[Status.FINISHED], ends[Status.INVERTED], halved, ends[Status.BLEW_UP]))))
+        rows.append(
+            (name, *map(str, (len(runs), ends[Status.FINISHED], ends[Status.ENDED_INVERTED], halved, ends[Status.BLEW_UP])))
+        )
         if name != "barrier" and ends[Status.BLEW_UP]:
             failures.append(f"volume term {name}: {ends[Status.BLEW_UP]} of {len(runs)} blew up")
     return (

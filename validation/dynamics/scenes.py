@@ -15,7 +15,7 @@ from skfem_stvk.arguments import Array
 from skfem_stvk.dynamics import Integrator, Run, SimulationError, Status, simulate
 from skfem_stvk.dynamics.integrators.implicit import Implicit, ImplicitStepper
 from skfem_stvk.dynamics.motion import Motion
-from skfem_stvk.dynamics.state import State
+from skfem_stvk.dynamics.record import MotionState
 
 from ..statics.meshes import moved_box
 
@@ -38,15 +38,15 @@ def block(n: int, sides: tuple[float, ...] = (0.4, 0.1, 0.15), material: StVK = 
 def reached(system: System, integrator: Integrator, **options: Any) -> Run:
     """A motion that reaches its end, for studies of what it costs: elements may be inside out there."""
     run = simulate(system, integrator, quiet=True, raise_on_failure=False, **options)
-    if run.status not in (Status.FINISHED, Status.INVERTED):
+    if run.status not in (Status.FINISHED, Status.ENDED_INVERTED):
         raise SimulationError(run)
     return run
 
 
-def begun(system: System, integrator: Implicit, v: Array) -> tuple[ImplicitStepper, State]:
+def begun(system: System, integrator: Implicit, v: Array) -> tuple[ImplicitStepper, MotionState]:
     """A stepper and its first state, undeformed with velocities `v` (ndofs,) [m/s]: for steps that are made one by one, without a ledger."""
     motion = Motion(system, "lumped", None)
-    stepper, state = integrator.stepper(motion), State.at(0.0, np.zeros_like(v), v)
+    stepper, state = integrator.stepper(motion), MotionState.at(0.0, np.zeros_like(v), v)
     state.v[motion.free.fixed] = 0.0
     stepper.start(state)
     return stepper, state

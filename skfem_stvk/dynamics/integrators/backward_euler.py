@@ -8,7 +8,7 @@ from typing import ClassVar
 import numpy as np
 
 from ...arguments import Array
-from ..state import State
+from ..record import MotionState
 from ..step_problem import Coefficients
 from .implicit import Implicit, ImplicitStepper
 from .integrator import LINEAR_MOMENTUM
@@ -28,8 +28,8 @@ class BackwardEuler(Implicit):
     reversible: ClassVar[bool] = False
     secant: ClassVar[bool] = True
 
-    def coefficients(self, state: State, h: float, stepper: ImplicitStepper) -> Coefficients:
+    def coefficients(self, state: MotionState, h: float, stepper: ImplicitStepper) -> Coefficients:
         return Coefficients(1 / h**2, np.divide(state.v, h, out=stepper.room), 1 / h, 0.0)
 
-    def update(self, state: State, w: Array, h: float) -> None:
+    def update(self, state: MotionState, w: Array, h: float) -> None:
         np.divide(w, h, out=state.v)

@@ -10,7 +10,7 @@ from typing import ClassVar
 import numpy as np
 
 from ...arguments import Array
-from ..state import State
+from ..record import MotionState
 from ..step_problem import Coefficients
 from .implicit import Implicit, ImplicitStepper
 from .integrator import ANGULAR_MOMENTUM, ENERGY, LINEAR_MOMENTUM
@@ -42,12 +42,12 @@ class EnergyMomentum(Implicit):
 
     rtol: float = 1e-13
 
-    def coefficients(self, state: State, h: float, stepper: ImplicitStepper) -> Coefficients:
+    def coefficients(self, state: MotionState, h: float, stepper: ImplicitStepper) -> Coefficients:
         """Twice the equation above, so that K stands in the tangent as it is."""
         loads, rate = stepper.motion.loads(state.u, state.t), _rate(h)
         return Coefficients(rate * rate, 2 * rate * state.v, rate, np.zeros_like(state.v), -loads)
 
-    def update(self, state: State, w: Array, h: float) -> None:
+    def update(self, state: MotionState, w: Array, h: float) -> None:
         np.subtract(_rate(h) * w, state.v, out=state.v)
 
 

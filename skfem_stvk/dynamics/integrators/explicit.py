@@ -10,9 +10,8 @@ import numpy as np
 from ...arguments import Array
 from ...errors import StvkError
 from ...nonlinear.stopwatch import Stopwatch
-from ..counts import Counts
 from ..motion import Motion
-from ..state import State
+from ..record import Counts, MotionState
 from .integrator import Integrator, checked_step
 
 
@@ -57,7 +56,7 @@ class ExplicitStepper:
         """Nothing."""
         return ""
 
-    def start(self, state: State) -> None:
+    def start(self, state: MotionState) -> None:
         """The internal force at the first state."""
         self.evaluate(state)
 
@@ -70,13 +69,13 @@ class ExplicitStepper:
         self.motion.add_damping(u, v, self._damped)
         return np.subtract(loads, self._damped, out=self._damped)
 
-    def arrive(self, state: State, t: float) -> None:
+    def arrive(self, state: MotionState, t: float) -> None:
         """It is `t`; the held ones are where they are then."""
         if self.motion.moving:
             state.u[self.motion.free.fixed] = self.motion.held(t)
         state.t = t
 
-    def evaluate(self, state: State) -> None:
+    def evaluate(self, state: MotionState) -> None:
         """The internal force and the strain energy at the state."""
         with self.watch("assemble"):
             self.energy, _ = self.motion.system.energy_and_force(state.u, out=self.internal)

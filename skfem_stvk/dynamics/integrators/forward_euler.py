@@ -7,7 +7,7 @@ from typing import ClassVar
 
 from ...kernels import motion as kernels
 from ..motion import Motion
-from ..state import State
+from ..record import MotionState
 from .explicit import Explicit, ExplicitStepper
 from .integrator import ANGULAR_MOMENTUM, LINEAR_MOMENTUM
 
@@ -35,7 +35,7 @@ class ForwardEuler(Explicit):
 class ForwardEulerStepper(ExplicitStepper):
     """A force a step."""
 
-    def step(self, state: State, t: float) -> None:
+    def step(self, state: MotionState, t: float) -> None:
         h = t - state.t
         held = self.motion.free.fixed
         external = self.external(state.u, state.v, t)

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from ...arguments import Array, number
-from ..state import State
+from ..record import MotionState
 from ..step_problem import Coefficients
 from .implicit import Implicit, ImplicitStepper
 from .integrator import LINEAR_MOMENTUM
@@ -58,7 +58,7 @@ class GeneralizedAlpha(Implicit):
     def beta(self) -> float:
         return (1 - self.alpha_m + self.alpha_f) ** 2 / 4
 
-    def coefficients(self, state: State, h: float, stepper: ImplicitStepper) -> Coefficients:
+    def coefficients(self, state: MotionState, h: float, stepper: ImplicitStepper) -> Coefficients:
         """The equation above, divided by `1 - alpha_f`."""
         c, m, g, d, _ = newmark_coefficients(state, h, self.beta, self.gamma)
         share, before = (1 - self.alpha_m) / (1 - self.alpha_f), self.alpha_f / (1 - self.alpha_f)
@@ -66,5 +66,5 @@ class GeneralizedAlpha(Implicit):
         inertia = share * m - self.alpha_m / (1 - self.alpha_f) * state.a
         return Coefficients(share * c, inertia, g, d, -before * motion.force(state.u, state.v, state.t))
 
-    def update(self, state: State, w: Array, h: float) -> None:
+    def update(self, state: MotionState, w: Array, h: float) -> None:
         newmark_update(state, w, h, self.beta, self.gamma)

@@ -16,10 +16,8 @@ from ...nonlinear.stopwatch import Stopwatch
 from ...system import System
 from ...system.free_tangent import with_loads
 from ...terms.load import Moment
-from ..clock import SLACK
-from ..counts import Counts
 from ..motion import Motion
-from ..state import State
+from ..record import SLACK, Counts, MotionState
 from ..step_problem import Coefficients, StepProblem, StepTangent, kind_of_step
 from .integrator import Integrator, StepFailed, checked_step
 
@@ -71,11 +69,11 @@ class Implicit(Integrator):
         return system.mesh.k == 3 and StepTangent(self.tangent) is not StepTangent.REST
 
     @abstractmethod
-    def coefficients(self, state: State, h: float, stepper: ImplicitStepper) -> Coefficients:
+    def coefficients(self, state: MotionState, h: float, stepper: ImplicitStepper) -> Coefficients:
         """Of the equation of a step of length `h`."""
 
     @abstractmethod
-    def update(self, state: State, w: Array, h: float) -> None:
+    def update(self, state: MotionState, w: Array, h: float) -> None:
         """Velocities and accelerations after the step, from the displacements `w` over it and those before; `state.u` is still the old one."""
 
     #: The reactions of the equation of motion, as a part of those of the equation that is solved, where these are taken.
@@ -112,13 +110,13 @@ class ImplicitStepper:
         """Nothing."""
         return ""
 
-    def start(self, state: State) -> None:
+    def start(self, state: MotionState) -> None:
         """The strain energy, and the acceleration if the integrator needs it."""
         self.energy = self.motion.system.energy(state.u)
         if self.integrator.needs_acceleration and not state.a.any():
             state.a[:] = self.motion.accelerations(state.u, state.v, state.t)
 
-    def step(self, state: State, t: float) -> None:
+    def step(self, state: MotionState, t: float) -> None:
         h, problem, moment = self.length(state, t), self.problem, Moment(t, 1.0)
         problem.begin(state, self.integrator.coefficients(state, h, self))
         w = self.predicted(state, t)
@@ -128,7 +126,7 @@ class ImplicitStepper:
             raise StepFailed(found)
         self.accept(state, w, h, moment)
 
-    def length(self, state: State, t: float) -> float:
+    def length(self, state: MotionState, t: float) -> float:
         """Of the step to `t` [s]: that of a whole step is `dt` to the last bit, so that factors are kept from one to the next."""
         h, dt = t - state.t, self.integrator.dt
         return dt if abs(h - dt) < SLACK * dt else h
@@ -139,14 +137,14 @@ class ImplicitStepper:
         w, end, record = newton(self.problem, w, moment, rtol, inside_out, _nobody, full_first=True)
         return w, "" if end.converged else f"{end.value}{': ' * bool(record.detail)}{record.detail}", record
 
-    def predicted(self, state: State, t: float) -> Array:
+    def predicted(self, state: MotionState, t: float) -> Array:
         """Where the solve begins: on at the same velocity, the held ones to where they are at `t`."""
         w = (t - state.t) * state.v
         fixed = self.motion.free.fixed
         w[fixed] = self.motion.held(t) - state.u[fixed]
         return w
 
-    def accept(self, state: State, w: Array, h: float, moment: Moment) -> None:
+    def accept(self, state: MotionState, w: Array, h: float, moment: Moment) -> None:
         """The state after the displacements `w`, at which the residual was found last."""
         fixed, motion = self.motion.free.fixed, self.motion
         before = state.copy() if motion.moving and self.integrator.needs_acceleration else None
@@ -160,7 +158,7 @@ class ImplicitStepper:
             state.reaction[fixed] = (motion.mass.multiply(state.v - before.v) / h - forces / 2)[fixed]
         self.energy = self.strain_energy(state)
 
-    def strain_energy(self, state: State) -> float:
+    def strain_energy(self, state: MotionState) -> float:
         """Of a state that a step has led to."""
         return self.motion.system.energy(state.u)
 

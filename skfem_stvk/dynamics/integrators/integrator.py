@@ -8,9 +8,8 @@ from typing import ClassVar, Protocol
 
 from ...arguments import number
 from ...nonlinear.stopwatch import Stopwatch
-from ..counts import Counts
 from ..motion import Motion
-from ..state import State
+from ..record import Counts, MotionState
 
 LINEAR_MOMENTUM, ANGULAR_MOMENTUM, ENERGY = "linear momentum", "angular momentum", "energy"
 
@@ -38,10 +37,10 @@ class Stepper(Protocol):
     def watch(self) -> Stopwatch:
         """Where the time goes."""
 
-    def start(self, state: State) -> None:
+    def start(self, state: MotionState) -> None:
         """Prepare for the first step from a state: what is not in it is computed."""
 
-    def step(self, state: State, t: float) -> None:
+    def step(self, state: MotionState, t: float) -> None:
         """Go on to time `t`, in place.
 
         Raises

@@ -14,7 +14,7 @@ from ...system import System
 from ...terms.load import Moment
 from ..forces import damping_is_of_edges
 from ..motion import Motion
-from ..state import State
+from ..record import MotionState
 from ..step_problem import StepTangent
 from .backward_euler import BackwardEuler
 from .implicit import ImplicitStepper
@@ -94,11 +94,11 @@ class LinearStepper(ImplicitStepper):
         clamped = self.counts.clamped
         return f", {clamped} of them with the clamped tangent, for K was not positive definite" if clamped else ""
 
-    def start(self, state: State) -> None:
+    def start(self, state: MotionState) -> None:
         """The strain energy, and the internal force."""
         self.energy = self.problem.arrive(state.u)
 
-    def step(self, state: State, t: float) -> None:
+    def step(self, state: MotionState, t: float) -> None:
         h, problem, moment = self.length(state, t), self.problem, Moment(t, 1.0)
         free, fixed, w = self.motion.free.free, self.motion.free.fixed, self._w
         problem.begin(state, self.integrator.coefficients(state, h, self))
@@ -113,7 +113,7 @@ class LinearStepper(ImplicitStepper):
             problem.residual(w, moment)
         self.accept(state, w, h, moment)
 
-    def predicted(self, state: State, t: float) -> Array:
+    def predicted(self, state: MotionState, t: float) -> Array:
         """With the acceleration of the step before: a fifth fewer iterations than without."""
         h, w, fixed = t - state.t, self._predicted, self.motion.free.fixed
         np.multiply(state.a, h, out=w)
@@ -122,14 +122,14 @@ class LinearStepper(ImplicitStepper):
         w[fixed] = self.motion.held(t) - state.u[fixed]
         return w
 
-    def accept(self, state: State, w: Array, h: float, moment: Moment) -> None:
+    def accept(self, state: MotionState, w: Array, h: float, moment: Moment) -> None:
         state.t = moment.time  # from here on it is no more the state of the step before
         np.divide(w, h, out=state.a)
         state.a -= state.v
         state.a /= h
         super().accept(state, w, h, moment)
 
-    def strain_energy(self, state: State) -> float:
+    def strain_energy(self, state: MotionState) -> float:
         """With the internal force, where the next step begins."""
         return self.problem.arrive(state.u)
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from ...arguments import Array, number
 from ...errors import StvkError
-from ..state import State
+from ..record import MotionState
 from ..step_problem import Coefficients
 from .implicit import Implicit, ImplicitStepper
 from .integrator import LINEAR_MOMENTUM
@@ -49,10 +49,10 @@ class Newmark(Implicit):
     def reversible(self) -> bool:  # type: ignore[override]
         return self.gamma == 0.5
 
-    def coefficients(self, state: State, h: float, stepper: ImplicitStepper) -> Coefficients:
+    def coefficients(self, state: MotionState, h: float, stepper: ImplicitStepper) -> Coefficients:
         return newmark_coefficients(state, h, self.beta, self.gamma)
 
-    def update(self, state: State, w: Array, h: float) -> None:
+    def update(self, state: MotionState, w: Array, h: float) -> None:
         newmark_update(state, w, h, self.beta, self.gamma)
 
 
@@ -65,7 +65,7 @@ def check_newmark(beta: float, gamma: float) -> None:
         )
 
 
-def newmark_coefficients(state: State, h: float, beta: float, gamma: float) -> Coefficients:
+def newmark_coefficients(state: MotionState, h: float, beta: float, gamma: float) -> Coefficients:
     """`a1 = c w - m` and `v1 = g w - d` of the displacements `w` over the step."""
     c, g = 1 / (beta * h**2), gamma / (beta * h)
     m = state.v / (beta * h) + (1 / (2 * beta) - 1) * state.a
@@ -73,7 +73,7 @@ def newmark_coefficients(state: State, h: float, beta: float, gamma: float) -> C
     return Coefficients(c, m, g, d)
 
 
-def newmark_update(state: State, w: Array, h: float, beta: float, gamma: float) -> None:
+def newmark_update(state: MotionState, w: Array, h: float, beta: float, gamma: float) -> None:
     """Velocities and accelerations at the end of the step."""
     c, m, _, _, _ = newmark_coefficients(state, h, beta, gamma)
     a = c * w - m

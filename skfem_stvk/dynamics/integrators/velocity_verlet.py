@@ -9,7 +9,7 @@ import numpy as np
 
 from ...kernels import motion as kernels
 from ..motion import Motion
-from ..state import State
+from ..record import MotionState
 from .explicit import Explicit, ExplicitStepper
 from .integrator import ANGULAR_MOMENTUM, LINEAR_MOMENTUM
 
@@ -39,13 +39,13 @@ class VelocityVerlet(Explicit):
 class VelocityVerletStepper(ExplicitStepper):
     """A force a step; the acceleration is kept from step to step."""
 
-    def start(self, state: State) -> None:
+    def start(self, state: MotionState) -> None:
         super().start(state)
         if not state.a.any():
             force = self.external(state.u, state.v, state.t) - self.internal
             np.multiply(self.inverse, force, out=state.a)
 
-    def step(self, state: State, t: float) -> None:
+    def step(self, state: MotionState, t: float) -> None:
         h, motion, held = t - state.t, self.motion, self.motion.free.fixed
         if motion.moving:
             before, velocities = state.u[held], state.v[held]

@@ -13,7 +13,7 @@ from skfem_stvk import Gravity, StVK, System
 from skfem_stvk.dynamics import EnergyMomentum, ForwardEuler, Integrator, LinearBackwardEuler, simulate
 from skfem_stvk.dynamics.integrators.integrator import Stepper
 from skfem_stvk.dynamics.motion import Motion
-from skfem_stvk.dynamics.state import State
+from skfem_stvk.dynamics.record import MotionState
 
 from .. import meshes
 
@@ -63,7 +63,7 @@ class Watched:
     def __getattr__(self, name: str) -> Any:
         return getattr(self._stepper, name)
 
-    def step(self, state: State, t: float) -> None:
+    def step(self, state: MotionState, t: float) -> None:
         self._stepper.step(state, t)
         if t >= self._when:
             self._when, self.before, self.process = float("inf"), held(), resident()

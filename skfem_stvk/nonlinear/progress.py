@@ -1,62 +1,94 @@
-"""What a simulation prints while it runs."""
+"""What an analysis prints while it runs."""
 
 from __future__ import annotations
 
 import time
 from collections import deque
+from collections.abc import Mapping
 from types import TracebackType
+from typing import Any, TypeVar
 
 from rich.console import Console
 from rich.progress import BarColumn, TextColumn
 from rich.progress import Progress as Bar
 
-from .ledger import Ledger
-
 #: Time from one look to the next [s], on a terminal and elsewhere, and over how many of them steps/s are averaged.
 REFRESH, LINES, WINDOW = 0.25, 5.0, 10
 ENERGIES = {"kinetic": "kinetic_energy", "strain": "strain_energy", "total": "total_energy", "closure error": "closure_error"}
 
+Entered = TypeVar("Entered", bound="Progress")
+
 
 class Progress:
-    """On a terminal a bar that goes away when the work is done, elsewhere a line every few seconds; one at the end. Nothing if quiet.
+    """Lines on standard output, and a bar on standard error, on a terminal, that goes away when the work is done; nothing if quiet.
 
     Parameters
     ----------
-    header : the first line.
-    ledger : of the motion; its last row is what is told.
-    done : steps that were made before, by the run that is resumed.
+    name : stands before the bar.
+    header : the first line, None for no line.
     quiet : print nothing.
+    columns : of the bar, between its name and the description.
+    options : of rich's `Progress`.
     """
 
-    def __init__(self, header: str, ledger: Ledger, done: int, quiet: bool) -> None:
+    def __init__(self, name: str, header: str | None, quiet: bool, columns: tuple[Any, ...], **options: Any) -> None:
         console = Console(stderr=True)
-        columns = TextColumn("dynamics"), BarColumn(24), TextColumn("{task.description}")
-        disabled = quiet or not console.is_terminal
-        self._bar = Bar(*columns, console=console, transient=True, auto_refresh=False, disable=disabled)
+        shown = TextColumn(name), *columns, TextColumn("{task.description}")
+        hidden = quiet or not console.is_terminal
+        self._bar = Bar(*shown, console=console, transient=True, disable=hidden, **options)
         self._task = self._bar.add_task("")
-        self._header, self._ledger, self._quiet = header, ledger, quiet
-        self._every = LINES if disabled else REFRESH
-        self._number = self._steps = self._done = done
-        self._next = float("inf")
+        self._header, self._quiet = header, quiet
 
-    def __enter__(self) -> Progress:
-        if not self._quiet:
-            print(self._header, flush=True)
-            self._begin = time.perf_counter()
-            self._looks = deque([(self._begin, self._done)], maxlen=WINDOW)
-            self._next = self._begin + self._every
-            self._bar.start()
+    def __enter__(self: Entered) -> Entered:
+        if self._header is not None:
+            self.print(self._header)
+        self._bar.start()
         return self
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
         self._bar.stop()
+
+    def print(self, line: str) -> None:
+        """Print a line."""
+        if not self._quiet:
+            print(line, flush=True)
+
+    def show(self, **changes: Any) -> None:
+        """Draw the bar anew, with changes as rich's `Progress.update` takes them."""
+        self._bar.update(self._task, refresh=True, **changes)
+
+
+class MotionProgress(Progress):
+    """On a terminal a bar that is drawn four times a second, elsewhere a line every few seconds; one at the end.
+
+    Parameters
+    ----------
+    ledger : of the motion; its last row is what is printed.
+    done : steps that were made before, by the run that is resumed.
+    """
+
+    def __init__(self, header: str, ledger: Mapping[str, Any], done: int, quiet: bool) -> None:
+        super().__init__("dynamics", header, quiet, (BarColumn(24),), auto_refresh=False)
+        self._ledger, self._every = ledger, LINES if self._bar.disable else REFRESH
+        self._number = self._steps = self._done = done
+        self._next = float("inf")
+
+    def __enter__(self) -> MotionProgress:
+        super().__enter__()
+        if not self._quiet:
+            self._begin = time.perf_counter()
+            self._looks = deque([(self._begin, self._done)], maxlen=WINDOW)
+            self._next = self._begin + self._every
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+        super().__exit__(kind, error, trace)
         if self._number > self._done and not self._quiet:
             taken = time.perf_counter() - self._begin
-            rate = (self._number - self._done) / taken
-            print(self._line(rate, f"took {duration(taken)}"), flush=True)
+            self.print(self._line((self._number - self._done) / taken, f"took {duration(taken)}"))
 
     def step(self, number: int, steps: int) -> None:
-        """Step `number` of `steps` is made, those before this run counted too, and in the ledger."""
+        """Count a step that is in the ledger: `number` of `steps`, those before this run included."""
         self._number, self._steps = number, steps
         now = time.perf_counter()
         if now >= self._next:
@@ -68,23 +100,23 @@ class Progress:
         self._looks.append((now, self._number))
         line = self._line(rate, f"{duration((self._steps - self._number) / rate)} left" if rate else "")
         if self._bar.disable:
-            print(line, flush=True)
+            self.print(line)
         else:
-            self._bar.update(self._task, completed=self._number, total=self._steps, description=line, refresh=True)
+            self.show(completed=self._number, total=self._steps, description=line)
         self._next = now + self._every
 
     def _line(self, rate: float, end: str) -> str:
         ledger = self._ledger
         speed = f"{rate:,.0f} steps/s" if rate >= 100 else f"{rate:.3g} steps/s"
         parts = [f"step {self._number}/{self._steps}", speed, end]
-        if ledger.steps:
+        if len(ledger["time"]):
             parts.append(f"t {ledger['time'][-1]:.4g} s")
             parts += [f"{words} {ledger[name][-1]:.3g} J" for words, name in ENERGIES.items() if name in ledger]
         return "   ".join(part for part in parts if part)
 
 
 def duration(seconds: float) -> str:
-    """In words, to two numbers.
+    """Seconds in words, to two numbers.
 
     >>> duration(0.0123), duration(59.4), duration(192), duration(7500)
     ('0.012 s', '59 s', '3 min 12 s', '2 h 5 min')

@@ -1,0 +1,189 @@
+"""What is watched in a motion: energy from nowhere, elements that turn inside out, and supports that jump."""
+
+from __future__ import annotations
+
+from math import isfinite
+from operator import itemgetter
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..arguments import Array
+from ..errors import name_ids, warn
+from ..terms import VolumePenalty
+from .books import INSIDE_OUT
+from .ledger import Ledger
+from .motion import Motion
+from .record import MotionState, RunRecord
+
+#: A body has blown up with this many times more energy, from nowhere, than it had or was given.
+TOO_MUCH = 20.0
+#: Up to this part of it a state counts as good, unless so much of it came within as many steps; every so many steps one is kept.
+GOOD, QUICKLY, EVERY = 1.0, 0.1, 20
+COLUMNS = "kinetic_energy", "strain_energy", "potential_energy", "external_work", "closure_error"
+#: Elements are counted after so many steps of explicit integrators, for a count costs half a force; of implicit ones after each.
+EXPLICIT, IMPLICIT = 20, 1
+#: A step over which a support moves so many times faster than ever before is searched: it is halved so often, and then it is a jump if such a part
+#: of what it moved is still left. What is smooth, or has a kink, leaves next to nothing; a motion within a thousandth of a step counts as a jump.
+FASTER, HALVINGS, LEFT = 2.0, 10, 0.25
+#: Smaller jumps, as a part of the body's size, do no harm.
+SMALL = 1e-9
+#: Steps over which a jump should be spread.
+STEPS = 20
+
+
+class Guard:
+    """Compare the closure error in the last row of a run's ledger with the energy that there is."""
+
+    def __init__(self, record: RunRecord) -> None:
+        self._record, ledger = record, record.ledger
+        self._pick = itemgetter(*map(ledger.names.index, COLUMNS))
+        self._potential = float(ledger["potential_energy"][0])
+        self._most = energy_given(ledger)
+
+    def blown_up(self) -> bool:
+        """Whether the last row shows energy from nowhere."""
+        ledger = self._record.ledger
+        kinetic, strain, potential, external, excess = self._pick(ledger.rows(ledger.steps - 1)[0].tolist())
+        self._most = max(self._most, abs(potential - self._potential), abs(external))
+        self._excess = excess
+        return not isfinite(kinetic + strain + excess) or excess > TOO_MUCH * self._most > 0
+
+    def trusts(self) -> bool:
+        """Whether the state of the last row, for which `blown_up` was asked, is to be kept: it is good, and the one that is kept is old."""
+        good = self._record.good
+        assert good is not None
+        since = (self._record.steps - good.steps) / EVERY
+        if since < 1 or self._excess > self._most * GOOD:
+            return False
+        return bool(self._excess - self._record.ledger["closure_error"][good.rows - 1] <= self._most * QUICKLY * since)
+
+
+def from_nowhere(ledger: Ledger) -> float:
+    """The closure error in the end, as a part of the energy that there was or was given: below zero where the steps lost it."""
+    most = energy_given(ledger)
+    return float(ledger["closure_error"][-1] / most) if most > 0 else 0.0
+
+
+def energy_given(ledger: Ledger) -> float:
+    """The energy at first, or the most that was given since [J]: more than that damping takes only of what came from nowhere."""
+    kinetic, strain, *changing = (ledger[name] for name in COLUMNS[:-1])
+    return max(float(kinetic[0] + strain[0]), *(float(max(x.max() - x[0], x[0] - x.min())) for x in changing))
+
+
+class Inversions:
+    """Count the elements that are inside out, and warn of the first ones.
+
+    Rows between two counts have the number of the count before, so that a run which is resumed has the same ledger as one that never stopped.
+    """
+
+    def __init__(self, motion: Motion, explicit: bool) -> None:
+        self._motion, self._every, self._warned = motion, EXPLICIT if explicit else IMPLICIT, False
+
+    def at_first(self, record: RunRecord) -> float:
+        """How many to enter for the state from which a run begins or goes on."""
+        out_of_turn = record.steps % self._every  # as the end of a run that is resumed, which was counted because it was the end
+        return float(record.ledger[INSIDE_OUT][-2]) if out_of_turn else len(self._elements(record.state))
+
+    def count(self, record: RunRecord, last: bool) -> int | None:
+        """How many there are, None if it is not time to count them; in the `last` state it is.
+
+        Warns
+        -----
+        StvkWarning
+            where there are any for the first time.
+        """
+        if record.steps % self._every and not last:
+            return None
+        turned = self._elements(record.state)
+        if len(turned) and not self._warned:
+            self._warned = True
+            warn(f"t = {record.state.t:.4g} s: {name_ids(turned, 'element')} inside out. {self._advice()}")
+        return len(turned)
+
+    @property
+    def resisted(self) -> bool:
+        """Whether a term resists that elements turn inside out."""
+        return any(isinstance(term, VolumePenalty) for term in self._motion.system.elastic_terms)
+
+    def _elements(self, state: MotionState) -> NDArray[np.int64]:
+        return self._motion.system.inside_out(state.u)
+
+    def _advice(self) -> str:
+        if self.resisted:
+            return "Take smaller steps, or a stiffer VolumePenalty."
+        return "St. Venant-Kirchhoff does not resist that: add VolumePenalty() to the terms, or take smaller steps."
+
+
+def inside_out_on_the_way(ledger: Ledger) -> str:
+    """How many elements were inside out since the beginning, and when, for the message of the run; empty if none were."""
+    counts, times = ledger[INSIDE_OUT], ledger["time"]
+    seen = np.flatnonzero(counts)
+    if not len(seen):
+        return ""
+    first, last = times[seen[[0, -1]]]
+    return (
+        f"; elements were inside out on the way, up to {counts.max():.0f} at once, between t = {first:.4g} s and t = {last:.4g} s"
+    )
+
+
+class Jumps:
+    """Detect jumps of prescribed displacements, step by step, and warn of the first one.
+
+    The functions of the supports are evaluated where a step began, ended, or is halved: never beyond the run.
+    """
+
+    def __init__(self, motion: Motion, state: MotionState) -> None:
+        self._motion, self._t = motion, state.t
+        self._before, self._speed = state.u[motion.free.fixed], np.abs(state.v[motion.free.fixed])
+        self._small = SMALL * float(np.ptp(motion.system.mesh.p, axis=1).max())
+        self._looking = motion.moving
+
+    def look(self, t: float, held: Array | None = None) -> None:
+        """Compare with the step before: at `t` the supports are at `held`, by default where their functions say.
+
+        Warns
+        -----
+        StvkWarning
+            if they have jumped, once.
+        """
+        if not self._looking or t == self._t:
+            return
+        held = self._motion.held(t) if held is None else held
+        moved, h = np.abs(held - self._before), t - self._t
+        fast = np.flatnonzero(moved > FASTER * h * self._speed + self._small)
+        if len(fast):
+            self._search((self._t, t), (self._before[fast], held[fast]), fast)
+        np.maximum(self._speed, moved / h, out=self._speed)
+        self._t, self._before = t, held
+
+    def _search(self, times: tuple[float, float], ends: tuple[Array, Array], fast: NDArray[np.intp]) -> None:
+        """Warn if the fast supports jump between these times, at which they are at these ends."""
+        found = self._first_jump(times, ends, fast, np.zeros(len(fast)), HALVINGS)
+        if found is None:
+            return
+        t, sizes = found
+        self._looking = False
+        jumping = sizes > 0
+        vertices = np.unique(self._motion.free.fixed[fast[jumping]] // self._motion.system.mesh.d)
+        warn(
+            f"t = {t:.6g} s: the supports of {name_ids(vertices, 'vertex')} jump by up to {sizes.max():.3g} m. What energy that puts in depends on dt: "
+            f"let them get there by a ramp, over {STEPS} steps or more. To begin elsewhere, hand in u0=solve_static(...).u."
+        )
+
+    def _first_jump(
+        self, times: tuple[float, float], ends: tuple[Array, Array], fast: NDArray[np.intp], most: Array, halvings: int
+    ) -> tuple[float, Array] | None:
+        """When the first jump ends, and how far each of the fast supports moves in it, 0 for those that do not jump.
+
+        `most` is the most that each was seen to move; what is left of it is compared with that.
+        """
+        moved = np.abs(ends[1] - ends[0])
+        np.maximum(most, moved, out=most)
+        moved[moved < LEFT * most] = 0
+        if not moved.any() or not halvings:
+            return (times[1], moved) if moved.any() else None
+        middle = (times[0] + times[1]) / 2
+        there = self._motion.held(middle)[fast]
+        early = self._first_jump((times[0], middle), (ends[0], there), fast, most, halvings - 1)
+        return early or self._first_jump((middle, times[1]), (there, ends[1]), fast, most, halvings - 1)

@@ -1,0 +1,130 @@
+"""What a simulation is asked for, and what it is."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ..arguments import shown
+from ..errors import StvkError
+from ..linear.choose import SOLVERS
+from ..mesh.displacements import by_vertex
+from ..mesh.places import Where
+from ..results.archive import NotOurs
+from ..results.outlets import Outlets
+from ..system import System
+from ..system.signature import Problem, sums
+from .books import LedgerPlaces
+from .checkpoint import ANEW, FRACTIONS, IntegratorRecord, MotionCheckpoint
+from .damping import Damping
+from .integrators import INTEGRATORS, Integrator
+from .motion import Motion
+
+
+@dataclass(frozen=True)
+class Options:
+    """The arguments of `simulate`, but for the system. What a run begins with may be given again where it is resumed.
+
+    Attributes
+    ----------
+    checkpoint : what is written.
+    source : the file to go on from, None to begin anew.
+    """
+
+    until: float
+    integrator: Integrator | None
+    u0: ArrayLike | None
+    v0: ArrayLike | None
+    t0: float
+    mass: str | None
+    damping: Damping | None
+    probes: Mapping[str, Where] | None
+    reactions: Mapping[str, Where] | None
+    outlets: Outlets
+    every: int | None
+    checkpoint: MotionCheckpoint | None
+    source: Path | None
+    quiet: bool
+    raise_on_failure: bool
+
+    def start(self, system: System) -> dict[str, list[float]]:
+        """Numbers by which a first state is known again, of what is given of it."""
+        given = {"u0": self.u0, "v0": self.v0}
+        found = {name: sums(by_vertex(system.mesh, x, name)) for name, x in given.items() if x is not None}
+        return found | ({"t0": [self.t0]} if self.t0 else {})
+
+    def refuse_other_places(self, file: Path, system: System, kept: LedgerPlaces) -> None:
+        """Refuse probes and reactions that are given again, but are not those of the file."""
+        now = LedgerPlaces.checked(system, self.probes, self.reactions)
+        for kind, given in (("probes", self.probes), ("reactions", self.reactions)):
+            then, places = getattr(kept, kind), getattr(now, kind)
+            same = list(then) == list(places) and all(np.array_equal(then[name], places[name]) for name in then)
+            if given is not None and not same:
+                raise StvkError(
+                    f"{file} follows the {kind} {list(then)}, and they changed. Give the same again, or leave them out."
+                )
+
+
+@dataclass(frozen=True)
+class Setup:
+    """What a run is, from its beginning to its end.
+
+    Attributes
+    ----------
+    places : what the ledger follows.
+    until : the end [s].
+    """
+
+    motion: Motion
+    integrator: Integrator
+    places: LedgerPlaces
+    until: float
+
+    def problem(self, t0: float, start: Mapping[str, list[float]]) -> Problem:
+        """What is simulated from `t0` on, for files to be known by; `start`: numbers of the first state that are not zero."""
+        moments = [t0 + fraction * (self.until - t0) for fraction in FRACTIONS]
+        at_rest = {"t0": [t0], "u0": [0.0, 0.0], "v0": [0.0, 0.0]}
+        return Problem("motion", self.motion.system, described(self.motion, self.integrator), moments, at_rest | dict(start))
+
+
+def described(motion: Motion, integrator: Integrator) -> dict[str, Any]:
+    """All options of the method, as `MethodRecord`; a solver that is an object stands there by its name."""
+    options = {one.name: getattr(integrator, one.name) for one in fields(integrator)}
+    objects = {name: value.name for name, value in options.items() if hasattr(value, "name")}
+    plain = {name: x if x is None or isinstance(x, str) else float(x) for name, x in options.items() if name not in objects}
+    return {
+        "integrator": {"name": integrator.name, "options": plain, "objects": objects},
+        "mass": motion.mass.kind,
+        "damping": {"alpha": motion.alpha, "beta": motion.beta, "tau": motion.tau},
+    }
+
+
+def checked_integrator(integrator: Integrator | None) -> Integrator:
+    """The integrator; refuses what is none."""
+    if not isinstance(integrator, Integrator):
+        given = f"the class {integrator.__name__}" if isinstance(integrator, type) else shown(integrator)
+        raise StvkError(f"integrator is {given}; expected one of {', '.join(INTEGRATORS)}, such as EnergyMomentum(dt=1e-3).")
+    return integrator
+
+
+def resumed_integrator(kept: IntegratorRecord, file: Path) -> Integrator:
+    """The integrator of a checkpoint; refuses one with a solver that was an object."""
+    if kept.objects:
+        solver = ", ".join(f"{name}={value!r}" for name, value in kept.objects.items())
+        raise StvkError(
+            f"{file} is a motion with {kept.name}({solver}, ...), whose solver was an object: its options are not in the file. Give the same "
+            "integrator again."
+        )
+    options: dict[str, Any] = dict(kept.options)
+    solvers = ["auto", *(one.name for one in SOLVERS)]
+    try:
+        if options.get("solver", "auto") not in solvers:
+            raise ValueError(f"solver = {options['solver']!r}")
+        return INTEGRATORS[kept.name](**options)
+    except (KeyError, TypeError, ValueError) as error:
+        raise NotOurs(f"{file} is damaged: there is no integrator {kept.name!r} with its options ({error}). {ANEW}") from None
