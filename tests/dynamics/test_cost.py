@@ -3,18 +3,19 @@
 import re
 import tracemalloc
 from contextlib import nullcontext
+from dataclasses import replace
 
 import numpy as np
 import pytest
+from motions import begun
 from skfem import MeshTet
-from skfem_stvk.dynamics.clock import FEWEST, MOST, Looks
-from skfem_stvk.dynamics.plan import Beginning, Plan
-from skfem_stvk.dynamics.status import Status
 
 from skfem_stvk import Gravity, StVK, StvkWarning, System
-from skfem_stvk.dynamics import ForwardEuler, LinearBackwardEuler, VelocityVerlet, simulate
+from skfem_stvk.dynamics import ForwardEuler, LinearBackwardEuler, Status, VelocityVerlet, simulate
 from skfem_stvk.dynamics.critical_step import LargestFrequency, critical_step
 from skfem_stvk.dynamics.loop import Loop
+from skfem_stvk.dynamics.outputs import MotionFiles
+from skfem_stvk.dynamics.record import FEWEST, MOST, Reviews
 from skfem_stvk.dynamics.stable_step import StableStep
 
 
@@ -30,23 +31,19 @@ def pushed(system):
     return v.ravel()
 
 
-def plan_of(system, integrator):
-    return Plan.new(system, Beginning(integrator, None, pushed(system), 0.0, None, None, None, None))
-
-
 @pytest.mark.parametrize(
     "integrator", [ForwardEuler(dt=1e-5), VelocityVerlet(dt=1e-5), LinearBackwardEuler(dt=1e-3)], ids=lambda one: one.name
 )
 def test_nothing_as_long_as_a_vector_is_allocated_in_the_time_loop(integrator):
     system = hanging(6)
-    plan = plan_of(system, integrator)
-    loop = Loop(plan, 1.0, True)
+    setup, record = begun(system, integrator, pushed(system))
+    loop = Loop(setup, record, MotionFiles(), True)
 
     def steps():
         for _ in range(3):
-            loop._cutting.advance(plan.state, plan.clock.next(1.0)[0])
-            loop._books.enter(plan.state, loop._stepper.energy)
-            plan.clock.tick()
+            loop._cutting.advance(record.state, record.clock.next(1.0)[0])
+            loop._books.enter(record.state, loop._stepper.energy)
+            record.clock.tick()
 
     steps()
     tracemalloc.start()
@@ -58,15 +55,15 @@ def test_nothing_as_long_as_a_vector_is_allocated_in_the_time_loop(integrator):
         after, peak = tracemalloc.get_traced_memory()
     finally:
         tracemalloc.stop()
-    assert peak - before < plan.state.u.nbytes and after - before < 1000
+    assert peak - before < record.state.u.nbytes and after - before < 1000
 
 
 def test_a_linear_step_starts_from_where_velocity_and_acceleration_lead():
     """Less iterations, and the same motion."""
     system = hanging(4)
     run = simulate(system, LinearBackwardEuler(dt=1e-2, rtol=1e-3), until=0.3, v0=pushed(system), quiet=True)
-    plan = plan_of(system, run.integrator)
-    stepper, state = plan.integrator.stepper(plan.motion), plan.state
+    setup, record = begun(system, run.integrator, pushed(system))
+    stepper, state = run.integrator.stepper(setup.motion), record.state
     stepper.start(state)
     for k in range(run.ledger.steps - 1):
         stepper.step(state, (k + 1) * 1e-2)
@@ -76,15 +73,16 @@ def test_a_linear_step_starts_from_where_velocity_and_acceleration_lead():
 
 
 def test_looks_are_taken_more_often_while_the_bound_moves():
-    looks = Looks(step=1.25, bound=1.0)
-    assert looks.estimate(1.0, 10) == 1.25 and (looks.next, looks.interval) == (30, 20)
+    step, reviews = Reviews(step=1.25, bound=1.0).estimate(1.0, 10)
+    assert step == 1.25 and (reviews.next, reviews.interval) == (30, 20)
     for _ in range(5):
-        looks.estimate(1.0, looks.next)
-    assert looks.interval == MOST
-    assert looks.estimate(0.8, 500) == pytest.approx(1.0) and looks.next == 500 + MOST // 4
+        _, reviews = reviews.estimate(1.0, reviews.next)
+    assert reviews.interval == MOST
+    step, reviews = reviews.estimate(0.8, 500)
+    assert step == pytest.approx(1.0) and reviews.next == 500 + MOST // 4
     for n in range(5):
-        looks.estimate(0.8 * 0.9**n, looks.next)
-    assert looks.interval == FEWEST
+        _, reviews = reviews.estimate(0.8 * 0.9**n, reviews.next)
+    assert reviews.interval == FEWEST
 
 
 @pytest.mark.parametrize("n", [4, 6, 8])
@@ -110,13 +108,14 @@ def test_eigenvalues_are_looked_for_only_where_a_given_step_is_above_the_safe_bo
 def test_a_body_that_is_drawn_out_until_a_given_step_is_too_large_is_noticed_though_no_eigenvalue_was_looked_for_before():
     system = hanging(3)
     dt = 0.9 * critical_step(system).bound
-    plan = plan_of(system, VelocityVerlet(dt=dt))
-    limit = StableStep(plan)
+    setup, record = begun(system, VelocityVerlet(dt=dt), pushed(system))
+    limit = StableStep(setup.motion, setup.integrator)
+    _, reviews = limit.first(record.state)
     for stretch, looked in ((1.1, False), (2.0, True)):
-        plan.state.u[2::3] = (stretch - 1) * system.mesh.p[2]
-        plan.looks.next = plan.steps
+        record.state.u[2::3] = (stretch - 1) * system.mesh.p[2]
+        record.reviews = replace(reviews, next=record.steps)
         with pytest.warns(StvkWarning, match="above the critical one.*safe bound") if looked else nullcontext():
-            limit.review()
+            _, reviews = limit.review(record)
         assert (limit._last is not None) == looked
     assert limit._last.step < dt < critical_step(system).bound
 
@@ -124,5 +123,5 @@ def test_a_body_that_is_drawn_out_until_a_given_step_is_too_large_is_noticed_tho
 def test_the_advice_after_a_blow_up_has_both_numbers_even_if_none_was_looked_for_before():
     system = hanging(3)
     dt = 0.5 * critical_step(system).bound
-    plan = plan_of(system, VelocityVerlet(dt=dt))
-    assert re.search("critical step .* s, safe bound .* s when", StableStep(plan).advice())
+    setup, record = begun(system, VelocityVerlet(dt=dt), pushed(system))
+    assert re.search("critical step .* s, safe bound .* s when", StableStep(setup.motion, setup.integrator).advice(record))

@@ -9,9 +9,8 @@ import numpy as np
 import pytest
 from motions import spinning
 
-from skfem_stvk import simulate
+from skfem_stvk import Interrupted, simulate
 from skfem_stvk.dynamics import EnergyMomentum, VelocityVerlet, checkpoint
-from skfem_stvk.dynamics.run import Interrupted
 from skfem_stvk.results.series import read_list
 
 #: Of this package, what writes while a run goes.

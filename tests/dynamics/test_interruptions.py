@@ -3,17 +3,15 @@
 import numpy as np
 import pytest
 from motions import BOTH, MESHES, Scene, driven, kicked, material, reached, velocities
-from skfem_stvk.dynamics.clock import Clock, Looks
-from skfem_stvk.dynamics.guard import Guard
-from skfem_stvk.dynamics.plan import Plan
-from skfem_stvk.dynamics.stepping import Cutting
 
-from skfem_stvk import System
+from skfem_stvk import Interrupted, System
 from skfem_stvk.dynamics import EnergyMomentum, ForwardEuler, LinearBackwardEuler, Newmark, VelocityVerlet, checkpoint
 from skfem_stvk.dynamics.books import Books
 from skfem_stvk.dynamics.critical_step import LargestFrequency
+from skfem_stvk.dynamics.guards import Guard
+from skfem_stvk.dynamics.loop import Cutting
 from skfem_stvk.dynamics.outputs import Outputs
-from skfem_stvk.dynamics.run import Interrupted
+from skfem_stvk.dynamics.record import Clock, Reviews, RunRecord
 from skfem_stvk.dynamics.stable_step import StableStep
 
 DT, SHORT = 0.01, 0.305
@@ -88,11 +86,12 @@ def test_ctrl_c_where_a_support_is_asked_for_leaves_no_half_of_a_step(integrator
 
 #: Where a step is found, and where a motion blows up and goes back: methods, and which calls of them.
 FOUND = {
-    "look": (Looks, "estimate", (1, 4, 9)),
+    "look": (Reviews, "estimate", (1, 4, 9)),
     "critical step": (LargestFrequency, "at", (3, 5)),
-    "good state": (Guard, "keep", (19, 20, 45, 60)),
-    "halving": (StableStep, "halve", (1,)),
-    "way back": (Plan, "restore", (1,)),
+    "guard": (Guard, "trusts", (19, 20, 45, 60)),
+    "good state": (RunRecord, "keep", (1, 2, 3)),
+    "halving": (StableStep, "halved", (1,)),
+    "way back": (RunRecord, "back", (1,)),
     "files": (Outputs, "back", (1,)),
 }
 

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 import skfem
 from motions import MESHES, material, reached
-from skfem_stvk.dynamics.inversions import EXPLICIT
 
 from skfem_stvk import Gravity, SimplexMesh, StVK, StvkWarning, System, VolumePenalty, simulate
 from skfem_stvk.dynamics import (
@@ -18,6 +17,7 @@ from skfem_stvk.dynamics import (
     Status,
     VelocityVerlet,
 )
+from skfem_stvk.dynamics.guards import EXPLICIT
 
 pytestmark = pytest.mark.filterwarnings("ignore:.*inside out:skfem_stvk.errors.StvkWarning")
 
@@ -54,7 +54,7 @@ def test_a_motion_that_ends_inside_out_is_no_success(integrator, turned, tmp_pat
         simulate(system, integrator, until=0.4, v0=v0, quiet=True, **files)
     run = caught.value.run
     ids = system.inside_out(run.u)
-    assert run.status is Status.INVERTED and not run.success and run.t == 0.4
+    assert run.status is Status.ENDED_INVERTED and not run.success and run.t == 0.4
     assert run.ledger["inside_out"][-1] == len(ids) >= turned - 20
     finding = next(one for one in run.findings if one.name == "inside out")
     np.testing.assert_array_equal(finding.elements, ids)

@@ -5,12 +5,12 @@ import warnings
 import numpy as np
 import pytest
 from motions import MESHES, Scene, driven, material
-from skfem_stvk.dynamics.jumps import Jumps
-from skfem_stvk.dynamics.state import State
 
 from skfem_stvk import StvkWarning, System, simulate
 from skfem_stvk.dynamics import EnergyMomentum, ForwardEuler, LinearBackwardEuler, Newmark, SimulationError, VelocityVerlet
+from skfem_stvk.dynamics.guards import Jumps
 from skfem_stvk.dynamics.motion import Motion
+from skfem_stvk.dynamics.record import MotionState
 
 DT, SIZE = 0.01, 0.02
 JUMPS = {
@@ -121,7 +121,7 @@ def test_what_was_fast_before_is_known_of_each_support_alone():
     """A search is for those that were never so fast: one may jump while the other swings."""
     scene = driven(2)
     motion = Motion(scene.system, "lumped", None)
-    state = State.at(0.0, np.zeros(scene.system.ndofs), np.zeros(scene.system.ndofs))
+    state = MotionState.at(0.0, np.zeros(scene.system.ndofs), np.zeros(scene.system.ndofs))
     jumps, searched = Jumps(motion, state), []
     jumps._search = lambda times, ends, fast: searched.append(fast.tolist())
     still = np.zeros(len(motion.free.fixed))

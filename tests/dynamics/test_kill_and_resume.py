@@ -27,7 +27,7 @@ from skfem_stvk.dynamics import (
     VelocityVerlet,
     checkpoint,
 )
-from skfem_stvk.dynamics.checkpoint import Checkpoint, load
+from skfem_stvk.dynamics.checkpoint import MotionCheckpoint, load
 from skfem_stvk.dynamics.ledger import LedgerFile
 from skfem_stvk.linear import SuperLU
 from skfem_stvk.results import Series
@@ -106,7 +106,7 @@ class Killed(BaseException):
 
 def stopped(name, folder, monkeypatch, checkpoints, resume=False):
     """The run as a kill leaves it after so many checkpoints, one a step: nothing is cleaned up, nothing more is written."""
-    kept, count = Checkpoint.write, 0
+    kept, count = MotionCheckpoint.write, 0
 
     def write(self, *content):
         nonlocal count
@@ -118,7 +118,7 @@ def stopped(name, folder, monkeypatch, checkpoints, resume=False):
     with monkeypatch.context() as patch:
         patch.setattr(checkpoint, "EVERY", 0.0)
         patch.setattr(checkpoint, "SHARE", np.inf)
-        patch.setattr(Checkpoint, "write", write)
+        patch.setattr(MotionCheckpoint, "write", write)
         with pytest.raises(Killed):
             whole(name, folder, resume)
 
@@ -329,7 +329,7 @@ def test_a_solver_that_is_an_object_has_to_be_given_again(tmp_path):
 @pytest.mark.parametrize("what", ["checkpoint", "table", "state"])
 def test_a_full_disk_ends_a_run_and_loses_nothing_else(folders, monkeypatch, what):
     expected = whole("superlu", folders[0])
-    owner, method = {"checkpoint": (Checkpoint, "write"), "table": (LedgerFile, "write"), "state": (Series, "add")}[what]
+    owner, method = {"checkpoint": (MotionCheckpoint, "write"), "table": (LedgerFile, "write"), "state": (Series, "add")}[what]
     kept, count = getattr(owner, method), 0
 
     def full(self, *content):

@@ -12,11 +12,11 @@ import pytest
 import skfem
 from hypothesis import given
 from hypothesis import strategies as st
-from skfem_stvk.dynamics.ledger_plot import MOST_POINTS
 
 from skfem_stvk import Gravity, StVK, StvkError, System
 from skfem_stvk.dynamics import ledger as module
-from skfem_stvk.dynamics.ledger import Balance, Ledger, LedgerFile, column_names
+from skfem_stvk.dynamics.books import Balance, column_names
+from skfem_stvk.dynamics.ledger import MOST_POINTS, Ledger, LedgerFile
 
 matplotlib.use("Agg")
 NAMES = ("time", "kinetic_energy", "total_energy")

@@ -9,7 +9,7 @@ from motions import driven, kicked
 
 from skfem_stvk import StvkError, simulate
 from skfem_stvk.dynamics import EnergyMomentum, VelocityVerlet
-from skfem_stvk.dynamics.checkpoint import FORMAT, MotionHeader
+from skfem_stvk.dynamics.checkpoint import MotionCheckpoint, MotionHeader
 from skfem_stvk.results.archive import read_archive, write_archive
 
 pytestmark = pytest.mark.filterwarnings("ignore:overflow encountered:RuntimeWarning")
@@ -45,7 +45,7 @@ def motion(request, tmp_path_factory):
     scene, integrator, until, places = RUNS[request.param]()
     folder = tmp_path_factory.mktemp(request.param)
     scene.run(integrator, until, checkpoint=folder / "run", **places)
-    header, arrays = read_archive(folder / "run" / "motion.npz", MotionHeader, FORMAT, "")
+    header, arrays = read_archive(folder / "run" / "motion.npz", MotionHeader, MotionCheckpoint.known, "")
     return scene.system, folder, header.model_dump(), arrays, until
 
 

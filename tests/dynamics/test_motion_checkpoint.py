@@ -10,12 +10,12 @@ from dataclasses import asdict
 import numpy as np
 import pytest
 import skfem
-from skfem_stvk.dynamics.clock import Looks
 
 from skfem_stvk import Gravity, NodalLoad, Rayleigh, StVK, StvkError, System, Traction, VelocityVerlet, simulate
 from skfem_stvk.dynamics import checkpoint as module
-from skfem_stvk.dynamics.checkpoint import Checkpoint, load
+from skfem_stvk.dynamics.checkpoint import MotionCheckpoint, load
 from skfem_stvk.dynamics.ledger import Ledger
+from skfem_stvk.dynamics.record import Reviews
 from skfem_stvk.results.files import WriteError
 from skfem_stvk.system.signature import Problem
 
@@ -38,13 +38,13 @@ def written(path, steps=3):
     rng = np.random.default_rng(steps)
     ledger = Ledger(["time", "A x"], rng.normal(size=(steps, 2)))
     arrays = {"u": rng.normal(size=50) / 3, "picked": np.arange(steps), "on": np.array([True, False])}
-    clock, looks = {"start": 0.0, "dt": 1 / 3, "count": 0}, asdict(Looks())
+    clock, looks = {"start": 0.0, "dt": 1 / 3, "count": 0}, asdict(Reviews())
     about = {"now": {"t": 1e-300, "clock": clock, "looks": looks, "steps": 2, "cuts": 0, "rows": 3}, "good": None}
     about |= {"counts": {"iterations": 7, "clamped": 0}, "seconds": {"solve": 0.1, "other": -1e-9}}
     about |= {"probes": ["A"], "reactions": [], "save": None, "every": 10}
     method = {"integrator": {"name": "Verlet", "options": {"dt": 1 / 3}, "objects": {}}, "mass": "lumped"}
     method["damping"] = {"alpha": 0.0, "beta": 0.0, "tau": 0.0}
-    checkpoint = Checkpoint(path)
+    checkpoint = MotionCheckpoint(path)
     with checkpoint:
         checkpoint.belongs_to(Problem("motion", body(), method, [0.0, 2.0], {}), overwrite=True)
         checkpoint.write(about, arrays, ledger)
@@ -187,7 +187,7 @@ def test_a_file_that_is_cut_or_damaged_is_never_believed(tmp_path):
 
 def test_another_version_is_refused(tmp_path, monkeypatch):
     with monkeypatch.context() as patch:
-        patch.setattr(module, "FORMAT", ("motion of skfem-stvk", 7))
+        patch.setattr(MotionCheckpoint, "known", ("motion of skfem-stvk", 7))
         written(tmp_path / "flag")
     with pytest.raises(StvkError, match=r"is of version 7 of the format 'motion of skfem-stvk'; this release reads version 4"):
         load(tmp_path / "flag" / "motion.npz")
@@ -196,10 +196,10 @@ def test_another_version_is_refused(tmp_path, monkeypatch):
 def test_places_that_cannot_be_written_are_refused_before_any_work(tmp_path):
     (tmp_path / "file").write_text("")
     for path in (tmp_path / "no" / "flag", tmp_path / "file"):
-        with pytest.raises(StvkError, match="cannot be written"), Checkpoint(path):
+        with pytest.raises(StvkError, match="cannot be written"), MotionCheckpoint(path):
             pass
     checkpoint, *content = written(tmp_path / "flag")
-    with Checkpoint(checkpoint.place):  # looks whether it can write, and leaves the file alone
+    with MotionCheckpoint(checkpoint.folder):  # looks whether it can write, and leaves the file alone
         same(load(checkpoint.file), *content)
 
 
@@ -208,8 +208,8 @@ def test_writing_takes_no_more_than_its_share_of_the_time(tmp_path, monkeypatch)
         now = [100.0]
         monkeypatch.setattr(module.time, "perf_counter", lambda now=now: now[0])
         monkeypatch.setattr(module.np, "savez", lambda file, now=now, cost=cost, **_: now.__setitem__(0, now[0] + cost))
-        checkpoint, writes, begin = Checkpoint(tmp_path / "flag"), [], now[0]
-        checkpoint.place.mkdir(exist_ok=True)
+        checkpoint, writes, begin = MotionCheckpoint(tmp_path / "flag"), [], now[0]
+        checkpoint.folder.mkdir(exist_ok=True)
         checkpoint.belongs_to(Problem("motion", body(), {}, [0.0], {}), overwrite=True)
         while now[0] < begin + 600:
             if checkpoint.due(now[0]):
@@ -234,7 +234,7 @@ def test_a_full_disk_keeps_the_checkpoint_that_is_there(tmp_path):
                 checkpoint.write(about, {"u": np.zeros(100_000)}, ledger)
         finally:
             resource.setrlimit(resource.RLIMIT_FSIZE, before)
-        assert [file.name for file in checkpoint.place.iterdir()] == ["motion.npz"]
+        assert [file.name for file in checkpoint.folder.iterdir()] == ["motion.npz"]
         same(load(checkpoint.file), about, arrays, ledger)
 
 

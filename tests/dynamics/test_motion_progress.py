@@ -4,10 +4,10 @@ import io
 
 import pytest
 from rich.console import Console
-from skfem_stvk.dynamics.progress import Progress
 
-from skfem_stvk.dynamics import progress as module
 from skfem_stvk.dynamics.ledger import Ledger
+from skfem_stvk.nonlinear import progress as module
+from skfem_stvk.nonlinear.progress import MotionProgress
 
 
 class Clock:
@@ -30,7 +30,7 @@ def clock(monkeypatch):
 def simulate(clock, seconds, steps, done=0, quiet=False):
     """Steps that take so long each."""
     ledger = Ledger(["time", "kinetic_energy", "strain_energy", "total_energy", "closure_error"])
-    with Progress("a body of 8 elements", ledger, done, quiet) as progress:
+    with MotionProgress("a body of 8 elements", ledger, done, quiet) as progress:
         for number in range(done + 1, steps + 1):
             ledger.append([0.01 * number, 2.0, 0.5, 2.5, -1.5e-13])
             clock.now += seconds
@@ -65,7 +65,7 @@ def test_a_resumed_run_counts_its_own_steps_for_the_speed(clock, capsys):
 
 def test_the_time_left_follows_the_speed_of_late(clock, capsys):
     ledger = Ledger(["time"])
-    with Progress("header", ledger, 0, False) as progress:
+    with MotionProgress("header", ledger, 0, False) as progress:
         for number in range(1, 301):
             clock.now += 1.0 if number <= 100 else 4.0
             progress.step(number, 1000)

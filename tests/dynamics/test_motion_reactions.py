@@ -5,7 +5,6 @@ import pickle
 import numpy as np
 import pytest
 from motions import BOTH, MESHES, Scene, clamped, driven, material, moved, pushed, spinning, velocities
-from skfem_stvk.dynamics.reactions import held_accelerations
 
 from skfem_stvk import (
     ElasticFoundation,
@@ -30,7 +29,7 @@ from skfem_stvk.dynamics import (
     Rayleigh,
     VelocityVerlet,
 )
-from skfem_stvk.dynamics.motion import Motion
+from skfem_stvk.dynamics.motion import Motion, held_accelerations
 from skfem_stvk.terms.load import Moment
 
 AXES = "xyz"

@@ -3,23 +3,20 @@
 import json
 import pickle
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import pi
 from types import SimpleNamespace
 
 import meshio
 import numpy as np
 import pytest
-from motions import BOTH, MESHES, SCENES, clamped, driven, loaded, material, pushed, reached, spinning, velocities
-from skfem_stvk.dynamics.clock import FEWEST, FIRST, Clock, Looks
-from skfem_stvk.dynamics.guard import EVERY, Guard
-from skfem_stvk.dynamics.outlets import Outlets
-from skfem_stvk.dynamics.plan import Beginning, Plan
+from motions import BOTH, MESHES, SCENES, begun, clamped, driven, loaded, material, pushed, reached, spinning, velocities
 
 from skfem_stvk import (
     BodyForce,
     ElasticFoundation,
     Gravity,
+    Interrupted,
     LoadError,
     MaterialError,
     NodalLoad,
@@ -50,11 +47,13 @@ from skfem_stvk.dynamics import (
     Status,
     VelocityVerlet,
 )
+from skfem_stvk.dynamics.checkpoint import packed
 from skfem_stvk.dynamics.critical_step import critical_step
+from skfem_stvk.dynamics.guards import EVERY, Guard
 from skfem_stvk.dynamics.integrators import StepFailed
 from skfem_stvk.dynamics.integrators.implicit import ImplicitStepper
 from skfem_stvk.dynamics.ledger import Ledger
-from skfem_stvk.dynamics.run import Interrupted
+from skfem_stvk.dynamics.record import FEWEST, FIRST, Clock, MotionState, Reviews, RunRecord
 from skfem_stvk.dynamics.stable_step import StableStep
 from skfem_stvk.dynamics.start_tensions import StartTensions
 from skfem_stvk.edges import ALL, NONE, TENSILE
@@ -108,16 +107,18 @@ def guarded(rows):
     """Which rows of energies (kinetic, strain, potential, external, dissipated, closure error) count as a blow-up, and the good ones."""
     names = "time", "kinetic_energy", "strain_energy", "potential_energy", "external_work", "dissipated_work", "closure_error"
     ledger, found, good = Ledger(names), [], []
-    plan = SimpleNamespace(good=None, snapshot=lambda rows: SimpleNamespace(steps=rows - 1, rows=rows))
+    record = RunRecord(MotionState.at(0.0, np.zeros(2), np.zeros(2)), Clock(0.0, 0.1), ledger)
     for number, row in enumerate(rows):
-        plan.steps = number
+        record.steps = number
         ledger.append([0.1 * number, *row])
         if number == 0:
-            guard = Guard(ledger, plan)
+            record.keep()
+            guard = Guard(record)
         else:
             found.append(guard.blown_up())
-            guard.keep()
-            good.append(plan.good.steps)
+            if guard.trusts():
+                record.keep()
+            good.append(record.good.steps)
     return found, good
 
 
@@ -284,7 +285,7 @@ def test_what_was_given_before_a_resume_counts_for_the_guard():
     )
     for number, given in enumerate((0.0, 40.0, 0.0)):
         ledger.append([0.1 * number, 1.0, 2.0, 0.0, given, 0.0, 0.0])
-    guard = Guard(ledger, SimpleNamespace(good=None, steps=3, snapshot=lambda rows: SimpleNamespace(steps=rows - 1, rows=rows)))
+    guard = Guard(RunRecord(MotionState.at(0.2, np.zeros(2), np.zeros(2)), Clock(0.0, 0.1), ledger, steps=3))
     ledger.append([0.3, *row, 70.0])
     assert not guard.blown_up()
 
@@ -305,51 +306,52 @@ def test_tensions_of_the_beginning_are_those_that_are_asked_for():
             np.testing.assert_allclose(product, difference @ v, atol=1e-12)
 
 
-def plan_of(integrator):
-    plan = Plan.new(SYSTEM, Beginning(integrator, None, V0, 0.0, None, None, None, None))
-    plan.outlets = Outlets(None, 10, None)
-    return plan
+def test_a_record_goes_back_to_all_that_it_was():
+    setup, record = begun(SYSTEM, VelocityVerlet(0.01), V0)
 
+    def now():
+        return json.dumps(packed(record, setup.places, found=False)[0])
 
-def test_a_plan_goes_back_to_all_that_it_was():
-    plan = plan_of(VelocityVerlet(0.01))
-    plan.clock = Clock(0.0, 0.01)
-    before, then = json.dumps(plan.packed(1)[0]), plan.snapshot(1)
-    plan.state.u += 1
-    plan.state.t, plan.steps, plan.cuts, plan.looks.next = 0.5, 50, 3, 99
-    plan.clock.change(0.02)
-    assert json.dumps(plan.packed(1)[0]) != before
-    plan.restore(then)
-    assert json.dumps(plan.packed(1)[0]) == before and not plan.state.u.any()
-    plan.clock.tick()
-    plan.looks.next = 7  # what was kept is not what goes on
-    plan.restore(then)
-    assert json.dumps(plan.packed(1)[0]) == before
+    record.ledger.append(np.zeros(len(record.ledger)))
+    record.keep()
+    before = now()
+    record.state.u += 1
+    record.ledger.append(np.ones(len(record.ledger)))
+    record.state.t, record.steps, record.cuts, record.reviews = 0.5, 50, 3, Reviews(next=99)
+    record.clock.change(0.02)
+    assert now() != before
+    record.back()
+    assert now() == before and not record.state.u.any()
+    record.clock.tick()  # what was kept is not what goes on
+    record.back()
+    assert now() == before
 
 
 def test_a_step_that_was_found_comes_back_to_what_it_was_and_no_further():
-    plan = plan_of(VelocityVerlet())
-    limit, dt = StableStep(plan), plan.clock.dt
+    setup, record = begun(SYSTEM, VelocityVerlet(), V0)
+    limit = StableStep(setup.motion, setup.integrator)
+    dt, reviews = limit.first(record.state)
+    record.clock = Clock(0.0, dt)
 
     def review(critical):
-        plan.looks.next = 0
+        record.reviews = replace(reviews, next=0)
         limit._largest = SimpleNamespace(bound=lambda u, t: np.inf, at=lambda u, t: SimpleNamespace(step=critical, bound=critical))
-        limit.review()
-        return plan.clock.dt
+        record.clock.dt, record.reviews = limit.review(record)
+        return record.clock.dt
 
-    plan.clock.tick()
-    assert review(3 * dt) == dt and plan.clock.count == 1  # nor does it begin to count anew
-    assert review(dt / 2) == 0.85 * dt / 2 and plan.clock.count == 0
+    assert review(3 * dt) == dt
+    assert review(dt / 2) == 0.85 * dt / 2
     assert review(dt) == 0.85 * dt and review(10 * dt) == dt
     with pytest.raises(StateError, match=r"steps would be of 8.5e-19 s, .* too short for the clock"):
         review(1e-18)
 
 
 def test_a_bound_that_is_infinite_says_nothing_and_is_looked_at_soon():
-    for looks, bound in ((Looks(step=1.0, bound=np.inf), 1.0), (Looks(step=1.0, bound=1.0), np.inf)):
-        assert np.isnan(looks.estimate(bound, 7)) and looks.next == 7 + FEWEST
-    looks = Looks(step=1.0, bound=0.5)
-    assert looks.estimate(0.25, 7) == 0.5 and looks.next < 7 + FIRST
+    for before, bound in ((np.inf, 1.0), (1.0, np.inf)):
+        step, reviews = Reviews(step=1.0, bound=before).estimate(bound, 7)
+        assert np.isnan(step) and reviews.next == 7 + FEWEST
+    step, reviews = Reviews(step=1.0, bound=0.5).estimate(0.25, 7)
+    assert step == 0.5 and reviews.next < 7 + FIRST
 
 
 def test_where_the_smallest_part_fails_too_the_run_ends_with_the_state_before():

@@ -34,7 +34,7 @@ def begun(integrator, d=3, mass="lumped", damping=None, size=0.1):
     stepper = ImplicitStepper(Motion(system, mass, damping), integrator)
     free = stepper.problem.free.vector
     u, w, p = (size * free(rng.standard_normal(len(stepper.problem.free.free))) for _ in range(3))
-    state = State.at(0.5, u, velocities(mesh))
+    state = MotionState.at(0.5, u, velocities(mesh))
     stepper.start(state)
     stepper.problem.begin(state, integrator.coefficients(state, DT, stepper))
     return stepper.problem, u, w, p
@@ -73,7 +73,7 @@ def test_a_residual_is_held_against_every_force_and_so_is_rounding(integrator):
         mesh = MESHES[3]
         soft = System(mesh, [material(mesh, young=3.0 / strength), Gravity((0.0, -heavy, 0.0))])
         stepper = ImplicitStepper(Motion(soft, "lumped", None), integrator)
-        state, problem = State.at(0.0, np.zeros(soft.ndofs), 5.0 * velocities(mesh)), stepper.problem
+        state, problem = MotionState.at(0.0, np.zeros(soft.ndofs), 5.0 * velocities(mesh)), stepper.problem
         coefficients = integrator.coefficients(state, DT, stepper)
         problem.begin(state, coefficients)
         behind = soft.mass().multiply(coefficients.m)

@@ -17,6 +17,7 @@ from skfem_stvk.errors import StvkError
 from skfem_stvk.linear import AmgCg, SuperLU
 from skfem_stvk.nonlinear.stopwatch import Stopwatch
 from skfem_stvk.results.monitors import Monitors
+from skfem_stvk.results.outlets import Outlets
 from skfem_stvk.statics import Interrupted, SolveError, Step, checkpoint
 from skfem_stvk.statics.arc_length import ArcLength
 from skfem_stvk.statics.equilibrium import Equilibrium
@@ -45,7 +46,7 @@ class Killed(Exception):
 
 def stopped_after(monkeypatch, states, **call):
     """A run that something ends when it has kept so many states."""
-    kept = checkpoint.Checkpoint.add
+    kept = checkpoint.PathCheckpoint.add
 
     def add(self, step, saved):
         kept(self, step, saved)
@@ -53,7 +54,7 @@ def stopped_after(monkeypatch, states, **call):
             raise Killed
 
     with monkeypatch.context() as patch:
-        patch.setattr(checkpoint.Checkpoint, "add", add)
+        patch.setattr(checkpoint.PathCheckpoint, "add", add)
         with pytest.raises(SolveError):
             solve_static(**call)
 
@@ -214,7 +215,7 @@ def test_a_full_disk_keeps_the_states_that_are_there(tmp_path, monkeypatch):
         raise OSError(28, "No space left on device")
 
     call = {"steps": 8, "checkpoint": tmp_path / "path", **OPTIONS}
-    kept = checkpoint.Checkpoint.add
+    kept = checkpoint.PathCheckpoint.add
 
     def add(self, step, saved):
         if self._count == 2:
@@ -222,7 +223,7 @@ def test_a_full_disk_keeps_the_states_that_are_there(tmp_path, monkeypatch):
         kept(self, step, saved)
 
     with monkeypatch.context() as patch:
-        patch.setattr(checkpoint.Checkpoint, "add", add)
+        patch.setattr(checkpoint.PathCheckpoint, "add", add)
         with pytest.raises(SolveError, match="No space left"):
             solve_static(bent(), **call)
     monkeypatch.undo()
@@ -231,7 +232,7 @@ def test_a_full_disk_keeps_the_states_that_are_there(tmp_path, monkeypatch):
 
 
 def test_ctrl_c_keeps_the_states(tmp_path, monkeypatch):
-    kept = checkpoint.Checkpoint.add
+    kept = checkpoint.PathCheckpoint.add
 
     def add(self, step, saved):
         kept(self, step, saved)
@@ -240,7 +241,7 @@ def test_ctrl_c_keeps_the_states(tmp_path, monkeypatch):
 
     call = {"steps": 8, "checkpoint": tmp_path / "path", **OPTIONS}
     with monkeypatch.context() as patch:
-        patch.setattr(checkpoint.Checkpoint, "add", add)
+        patch.setattr(checkpoint.PathCheckpoint, "add", add)
         with pytest.raises(Interrupted) as stopped:
             solve_static(bent(), **call)
     assert len(stopped.value.result.history) == 2
@@ -411,14 +412,14 @@ def test_after_each_state_another_walk_can_stand_where_this_one_stands(tmp_path,
     system, options = WALKS[scene]()
     walk, found = walk_of(system, method, 5, **options), 0
     problem = Problem("path of equilibria", system, {"method": method, "steps": 5, "rtol": 1e-8}, (0.5, 1.0), {})
-    keep = checkpoint.Checkpoint(tmp_path / "path", system, problem, False, False).__enter__()
+    keep = checkpoint.PathCheckpoint(tmp_path / "path", system, problem, Outlets(None, None, False, False)).__enter__()
     for outcome in walk.states(resumed=False):
         if not isinstance(outcome, Step):
             continue
         keep.add(outcome, walk.saved())
         other = walk_of(WALKS[scene]()[0], method, 5, **options)
         keep.__exit__(None, None, None)
-        keep = checkpoint.Checkpoint(tmp_path / "path", system, problem, True, False).__enter__()
+        keep = checkpoint.PathCheckpoint(tmp_path / "path", system, problem, Outlets(None, None, True, False)).__enter__()
         other.resume(keep.steps, keep.saved)
         (numbers, arrays), (others, other_arrays) = stands(walk), stands(other)
         assert others == numbers and other_arrays.keys() == arrays.keys()

@@ -9,7 +9,7 @@ from test_arc_length import bar
 
 from skfem_stvk import Stop, StvkError, solve_static
 from skfem_stvk.results.archive import read_archive, write_archive
-from skfem_stvk.statics.checkpoint import FORMAT, StateHeader
+from skfem_stvk.statics.checkpoint import PathCheckpoint, StateHeader
 
 WRONG = [None, True, -1, 10**30, 0.5, float("nan"), "x", [], {}]
 #: What a state took, what was found of it and how Newton's method got there; where loads were looked at.
@@ -43,7 +43,7 @@ def path(request, tmp_path_factory):
     call = request.param() | {"checkpoint": tmp_path_factory.mktemp("path") / "path", "quiet": True, "raise_on_failure": False}
     solve_static(**call)
     file = sorted(call["checkpoint"].iterdir())[-1]
-    header, arrays = read_archive(file, StateHeader, FORMAT, "")
+    header, arrays = read_archive(file, StateHeader, PathCheckpoint.known, "")
     return call, file, header.model_dump(exclude_unset=True), arrays
 
 

@@ -124,7 +124,7 @@ def test_a_block_that_is_shaken_inside_out_is_no_success_of_any_method():
 
 def test_a_run_that_calls_what_is_inside_out_a_success_is_seen(monkeypatch):
     monkeypatch.setattr(
-        "skfem_stvk.dynamics.status.Status.success", property(lambda self: self in (Status.FINISHED, Status.INVERTED))
+        "skfem_stvk.nonlinear.outcome.Status.success", property(lambda self: self in (Status.FINISHED, Status.ENDED_INVERTED))
     )
     scene = replace(a_scene("stretch a bar"), methods=("forward Euler",))
     assert [failure for failure in study.failures(study.row_of(scene)) if "reported as success, but 1" in failure]
