@@ -28,7 +28,7 @@ from .loop import Loop
 from .motion import Motion
 from .options import Options, Setup, checked_integrator, described, resumed_integrator
 from .outputs import MotionFiles
-from .record import Clock, MotionState, RunRecord
+from .record import SLACK, Clock, MotionState, RunRecord
 from .run import Run
 
 
@@ -72,7 +72,7 @@ def simulate(
     save : a .pvd file, with a .vtu file for each state that is saved, displacements, velocities, stresses and strains, and the ledger as .csv beside it.
     every : steps from one saved state to the next, by default 10.
     checkpoint : a folder whose one file, `motion.npz`, is replaced every few seconds, and at the end.
-    resume : go on with the motion that `checkpoint` holds, if any, bit for bit as if it had never stopped. What a run begins with (`integrator`,
+    resume : go on with the motion that `checkpoint` holds, if any, bit for bit as if it had never stopped; one that is at its end is returned. What a run begins with (`integrator`,
         `u0`, `v0`, `t0`, `mass`, `damping`, `probes`, `reactions`) may be given again, and has to be the same, or is taken from there. So are
         `every`, and the name of the series: it goes on where `save` says, or beside the checkpoint.
     overwrite : let `save` and `checkpoint` replace what belongs to another problem, with another mesh, other terms, supports, options or beginnings.
@@ -187,7 +187,7 @@ def _resumed(system: System, options: Options, stack: ExitStack, file: Path) -> 
         raise NotOurs(f"{file} is damaged: {error.args[0]}. {ANEW}") from None
     options.refuse_other_places(file, system, places)
     record = saved.record()
-    if not options.until >= record.state.t:
+    if options.until < record.state.t - SLACK * record.clock.dt:
         raise _too_early(options.until, record.state.t)
     setup = Setup(motion, integrator, places, options.until)
     return setup, record, MotionFiles.resumed(stack, options, problem, saved)

@@ -89,7 +89,7 @@ FOUND = {
     "look": (Reviews, "estimate", (1, 4, 9)),
     "critical step": (LargestFrequency, "at", (3, 5)),
     "guard": (Guard, "trusts", (19, 20, 45, 60)),
-    "good state": (RunRecord, "keep", (1, 2, 3)),
+    "good state": (RunRecord, "keep", (2, 3, 4)),
     "halving": (StableStep, "halved", (1,)),
     "way back": (RunRecord, "back", (1,)),
     "files": (Outputs, "back", (1,)),

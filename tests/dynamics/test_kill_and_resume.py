@@ -184,8 +184,27 @@ def test_a_run_that_has_ended_goes_on_to_a_later_end(folders):
 
 def test_a_checkpoint_is_of_the_last_whole_step(tmp_path):
     spinning(2).run(EnergyMomentum(0.01), 0.055, checkpoint=tmp_path / "run")
-    with pytest.raises(StvkError, match=r"until = 0.05 s is not after t = 0.05 s"):
-        simulate(spinning(2).system, checkpoint=tmp_path / "run", resume=True, until=0.05)
+    with pytest.raises(StvkError, match=r"until = 0.04 s is not after t = 0.05 s"):
+        simulate(spinning(2).system, checkpoint=tmp_path / "run", resume=True, until=0.04)
+    assert simulate(spinning(2).system, checkpoint=tmp_path / "run", resume=True, until=0.05).t == 0.05
+
+
+@pytest.mark.parametrize("integrator", [EnergyMomentum(0.1), VelocityVerlet(0.001)])
+def test_a_motion_that_is_at_its_end_is_returned_as_it_is(integrator, tmp_path):
+    """Its end may be rounded: 3 * 0.1 is above 0.3."""
+    options = {"until": 0.3, "save": tmp_path / "run.pvd", "checkpoint": tmp_path / "run", "quiet": True}
+    finished = simulate(spinning(2).system, integrator, v0=spinning(2).v0, **options)
+    files = {file: file.read_bytes() for file in tmp_path.iterdir() if file.is_file()}
+    again = simulate(spinning(2).system, resume=True, **options)
+    assert (again.t, again.status, again.message, again.iterations) == (
+        finished.t,
+        finished.status,
+        finished.message,
+        finished.iterations,
+    )
+    np.testing.assert_array_equal(again.u, finished.u)
+    np.testing.assert_array_equal(again.ledger.rows(), finished.ledger.rows())
+    assert files == {file: file.read_bytes() for file in tmp_path.iterdir() if file.is_file()}
 
 
 def test_outlets_can_be_others_when_a_run_goes_on(tmp_path):
@@ -225,7 +244,7 @@ def saved(tmp_path):
         ),
         ({"integrator": EnergyMomentum(0.01)}, "solver='superlu'"),
         ({"integrator": VelocityVerlet(0.01)}, "was EnergyMomentum.* and is VelocityVerlet"),
-        ({"until": 0.1}, "until = 0.1 s is not after t = 0.1 s"),
+        ({"until": 0.05}, "until = 0.05 s is not after t = 0.1 s"),
         ({"system": clamped(3).system}, "another problem: .*the mesh"),
         ({"system": driven(2).system}, "another problem: .*prescribed displacements"),
         ({"every": 0}, "every = 0; expected"),

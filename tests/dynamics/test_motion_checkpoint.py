@@ -6,6 +6,7 @@ import subprocess
 import sys
 import time
 from dataclasses import asdict
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -44,7 +45,7 @@ def written(path, steps=3):
     about |= {"probes": ["A"], "reactions": [], "save": None, "every": 10}
     method = {"integrator": {"name": "Verlet", "options": {"dt": 1 / 3}, "objects": {}}, "mass": "lumped"}
     method["damping"] = {"alpha": 0.0, "beta": 0.0, "tau": 0.0}
-    checkpoint = MotionCheckpoint(path)
+    checkpoint = MotionCheckpoint(Path(path))
     with checkpoint:
         checkpoint.belongs_to(Problem("motion", body(), method, [0.0, 2.0], {}), overwrite=True)
         checkpoint.write(about, arrays, ledger)

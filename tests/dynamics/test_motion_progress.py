@@ -79,7 +79,7 @@ def test_quiet_prints_nothing(clock, capsys):
 
 
 def test_no_step_at_all_ends_without_a_line(clock, capsys):
-    with pytest.raises(KeyError), Progress("header", Ledger(["time"]), 7, False):
+    with pytest.raises(KeyError), MotionProgress("header", Ledger(["time"]), 7, False):
         raise KeyError
     assert capsys.readouterr().out == "header\n"
 

@@ -331,7 +331,7 @@ def test_a_step_that_was_found_comes_back_to_what_it_was_and_no_further():
     setup, record = begun(SYSTEM, VelocityVerlet(), V0)
     limit = StableStep(setup.motion, setup.integrator)
     dt, reviews = limit.first(record.state)
-    record.clock = Clock(0.0, dt)
+    record.clock = Clock(0.0, dt, 1)
 
     def review(critical):
         record.reviews = replace(reviews, next=0)

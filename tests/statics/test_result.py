@@ -124,7 +124,7 @@ def test_ctrl_c_keeps_the_states_so_far(monkeypatch):
         if outcome.t > 0.3:
             raise KeyboardInterrupt
 
-    monkeypatch.setattr(report_module.Report, "line", interrupt)
+    monkeypatch.setattr(report_module.PathProgress, "line", interrupt)
     with pytest.raises(KeyboardInterrupt) as caught:
         solve_static(bent(), steps=10, quiet=True)
     assert isinstance(caught.value, Interrupted)
