@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import numpy as np
+from scipy.sparse import csr_matrix
 
 from ..arguments import Array
+from ..edges import NONE, Tensions
 from ..mesh.displacements import by_vertex
-from ..system import System
+from ..system import System, TangentOperator
 from ..system.system import array_to_fill, refuse_overflow
 from ..terms import BoundLoad, HasDampingForce, HasMeanForce
-from ..terms.load import Moment
+from ..terms.load import Moment, Time
 
 #: Loads that are given by constants, at their full size.
 FULL = Moment(1.0, 1.0)
@@ -158,3 +160,43 @@ def steady_potential(system: System, u: Array) -> float:
 
 def _keeps_energy(load: BoundLoad) -> bool:
     return load.steady and load.has_potential
+
+
+class StartTensions:
+    """The part of the tangent due to the tensions at the beginning of a step: `sum t_i(u_0) Lap_i`, the difference of two tangents at `u_0`: one with the tensions that are kept, one without any.
+
+    It is computed when it is first asked for in a step, on arrays that are kept.
+    """
+
+    def __init__(self, system: System) -> None:
+        self._system, self._u0 = system, np.zeros(system.ndofs)
+        self._matrices: list[csr_matrix | None] = [None, None]
+        self._operators: list[TangentOperator] = []
+        self._valued: Tensions | None = None
+        self._prepared: Tensions | None = None
+
+    def begin(self, u0: Array) -> None:
+        """Begin a step from `u0` (ndofs,)."""
+        np.copyto(self._u0, u0)
+        self._valued = self._prepared = None
+
+    def values(self, t: Time, kept: Tensions) -> Array:
+        """Values of a matrix of the system's pattern, with the tensions that are `kept`."""
+        difference, without = self._matrices
+        if self._valued != kept or difference is None:
+            difference = self._system.jacobian(self._u0, t, out=difference, kept=kept)
+            without = self._system.jacobian(self._u0, t, out=without, kept=NONE)
+            difference.data -= without.data
+            self._matrices, self._valued = [difference, without], kept
+        values: Array = difference.data
+        return values
+
+    def operators(self, kept: Tensions) -> list[tuple[float, TangentOperator]]:
+        """Factors and operators, as `TangentOperator.scale_and_add` takes them."""
+        if not self._operators:
+            self._operators = [self._system.linear_operator(self._u0, kept=which) for which in (kept, NONE)]
+        elif self._prepared != kept:
+            for operator, which in zip(self._operators, (kept, NONE), strict=True):
+                operator.prepare(self._u0, kept=which)
+        self._prepared = kept
+        return list(zip((1.0, -1.0), self._operators, strict=True))

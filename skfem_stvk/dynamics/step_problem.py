@@ -21,10 +21,9 @@ from ..results.monitors import named_elements
 from ..system import FreeOperator, System, TangentOperator
 from ..system.free_tangent import FreeTangent, kind_of
 from ..terms.load import Moment, Time
-from .forces import add_damping_force, add_mean_force, add_secant_damping
+from .forces import StartTensions, add_damping_force, add_mean_force, add_secant_damping
 from .motion import Motion
 from .record import MotionState
-from .start_tensions import StartTensions
 
 #: Linear solves of Newton's method are as precise as this at least, so that it converges as with a direct solver, for a sixth more time than with
 #: 1e-5: with that, and where `rtol` allows much, small steps of Newmark's method were off by 1e-5 in place of 3e-9. With those of an inexact Newton

@@ -49,13 +49,13 @@ from skfem_stvk.dynamics import (
 )
 from skfem_stvk.dynamics.checkpoint import packed
 from skfem_stvk.dynamics.critical_step import critical_step
+from skfem_stvk.dynamics.forces import StartTensions
 from skfem_stvk.dynamics.guards import EVERY, Guard
 from skfem_stvk.dynamics.integrators import StepFailed
 from skfem_stvk.dynamics.integrators.implicit import ImplicitStepper
 from skfem_stvk.dynamics.ledger import Ledger
 from skfem_stvk.dynamics.record import FEWEST, FIRST, Clock, MotionState, Reviews, RunRecord
 from skfem_stvk.dynamics.stable_step import StableStep
-from skfem_stvk.dynamics.start_tensions import StartTensions
 from skfem_stvk.edges import ALL, NONE, TENSILE
 from skfem_stvk.results.series import read_list
 

@@ -16,6 +16,7 @@ from skfem_stvk.dynamics import (
 )
 from skfem_stvk.dynamics.integrators.implicit import ImplicitStepper
 from skfem_stvk.dynamics.motion import Motion
+from skfem_stvk.dynamics.record import MotionState
 from skfem_stvk.nonlinear.problem import Tangent
 from skfem_stvk.system.free_tangent import FreeTangent
 from skfem_stvk.system.rigid import rigid_modes
