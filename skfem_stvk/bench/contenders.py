@@ -71,13 +71,7 @@ def our_calls(body: System, u: NDArray[Any], v: NDArray[Any]) -> tuple[Calls, An
 
 
 def _control_calls(specimen: Specimen) -> Calls:
-    """The calls of the C loop.
-
-    Raises
-    ------
-    StvkError
-        if there is no compiler, or what it makes cannot be used.
-    """
+    """The calls of the C loop; a StvkError if there is no compiler, or what it makes cannot be used."""
     try:
         loop = Control(specimen.mesh.p, specimen.mesh.t, *lame(YOUNG, POISSON))
     except (OSError, np.linalg.LinAlgError) as error:
@@ -116,13 +110,7 @@ def _time_peer(results: Benchmark, specimen: Specimen, name: str) -> None:
 
 
 def peer_on(name: str, mesh: SimplexMesh) -> Any:
-    """A peer of the benchmark's material.
-
-    Raises
-    ------
-    StvkError
-        if it is not installed.
-    """
+    """A peer of the benchmark's material; a StvkError if it is not installed."""
     return load(name)(mesh.p, mesh.t, YOUNG, POISSON)
 
 

@@ -103,13 +103,7 @@ def _first(specimen: Specimen, call: Callable[[System, Any], Any]) -> None:
 
 
 def first_use() -> float:
-    """Time [s] of the first W, F, K and K v of tetrahedra in double precision, all compiled anew by a new process.
-
-    Raises
-    ------
-    StvkError
-        if that process fails.
-    """
+    """Time [s] of the first W, F, K and K v of tetrahedra in double precision, all compiled anew by a new process."""
     with TemporaryDirectory() as folder:
         settings = os.environ | {"NUMBA_CACHE_DIR": folder}
         done = subprocess.run([sys.executable, "-c", FIRST_USE], env=settings, capture_output=True, text=True, check=False)

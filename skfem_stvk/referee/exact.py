@@ -128,9 +128,9 @@ class Truth:
         self.exact = flattest[aspect[flattest] > FLAT]
         others = np.setdiff1d(np.arange(mesh.nt), self.exact)
         each = np.broadcast_to(tensor, (mesh.nt, *tensor.shape[1:]))
-        self._models: list[_SomeElements | ExactStVK] = []
+        self._models: list[ReferenceStVK | ExactStVK] = []
         if len(others):
-            self._models.append(_SomeElements(mesh, others, tensor if len(tensor) == 1 else each[others]))
+            self._models.append(ReferenceStVK(mesh.p, mesh.t[:, others], tensor if len(tensor) == 1 else each[others]))
         if len(self.exact):
             self._models.append(ExactStVK(mesh.p, mesh.t[:, self.exact], each[self.exact]))
 
@@ -152,25 +152,6 @@ class Truth:
         """Tangent stiffness [N/m]."""
         K, *more = (model.tangent(u) for model in self._models)
         return csr_matrix(sum(more, K))
-
-
-class _SomeElements:
-    """scikit-fem's assembly of some elements, on their own vertices: it takes no others."""
-
-    def __init__(self, mesh: SimplexMesh, elements: NDArray[np.int64], tensor: Array) -> None:
-        used, t = np.unique(mesh.t[:, elements], return_inverse=True)
-        self._model = ReferenceStVK(mesh.p[:, used], t.reshape(len(mesh.t), -1).astype(np.int32), tensor)
-        dofs = (mesh.d * used[:, None] + np.arange(mesh.d)).ravel()
-        self._gather = csr_matrix((np.ones(len(dofs)), (np.arange(len(dofs)), dofs)), shape=(len(dofs), mesh.p.size))
-
-    def energy(self, u: Array) -> float:
-        return self._model.energy(self._gather @ u)
-
-    def internal_force(self, u: Array) -> Array:
-        return np.asarray(self._gather.T @ self._model.internal_force(self._gather @ u))
-
-    def tangent(self, u: Array) -> csr_matrix:
-        return csr_matrix(self._gather.T @ self._model.tangent(self._gather @ u) @ self._gather)
 
 
 def _decimal(array: Array) -> Exact:

@@ -1,4 +1,4 @@
-"""A player: anybody's W, F and K behind one face. What it returns is not trusted."""
+"""Players: anybody's W, F and K behind one interface, which trusts nothing that they return."""
 
 from __future__ import annotations
 
@@ -23,13 +23,9 @@ class Foul(Exception):
 
 
 def fairly(name: str, call: Callable[[], Value]) -> Value:
-    """The value of a call into a candidate; whatever it raises is a foul, and ends nothing else.
+    """The value of a call into a candidate; whatever it raises becomes a `Foul`, and ends nothing else.
 
     Ctrl-C alone goes through: a candidate that raises `KeyboardInterrupt` by itself cannot be told from it.
-
-    Raises
-    ------
-    Foul, KeyboardInterrupt
     """
     try:
         return call()

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import time
-import warnings
 from collections.abc import Sequence
 from typing import Any
 
@@ -11,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..arguments import flag, shown, whole
-from ..errors import MaterialError, StvkError, StvkWarning
+from ..errors import MaterialError, StvkError
 from ..materials import Material
 from ..mesh import MeshLike, SimplexMesh
 from ..reference import ReferenceStVK
@@ -90,7 +89,7 @@ def verify(
         *invariance(case),
         *balance(case),
         *zero_modes(case),
-        *homogeneous_states(case, _twin(case, homogeneous), homogeneous),
+        *homogeneous_states(case, homogeneous),
         *precision(case, homogeneous, report.precision),
     ]
     with Progress("verify", len(tasks) + 1, quiet) as progress:
@@ -114,15 +113,6 @@ def _measure_speed(report: Report, case: Case, homogeneous: Homogeneous) -> None
     except Exception as error:  # nothing that was found before is lost
         reason = f"{type(error).__name__}: {error}"
         report.results.append(Result("speed", OURS, "W, F, K", STRETCH, CheckOutcome.COULD_NOT_RUN, reason=reason))
-
-
-def _twin(case: Case, homogeneous: Homogeneous) -> Player:
-    """Our W, F, K of the homogeneous copy: the body itself if it is that."""
-    if homogeneous.same:
-        return case.ours
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", StvkWarning)  # whatever there is to say of the mesh has been said
-        return Player("homogeneous copy", System(case.mesh, homogeneous.term), case.ours.ndofs)
 
 
 def _terms(material: Material | StVK | Sequence[StVK] | None, young: ArrayLike | None, poisson: ArrayLike | None) -> list[StVK]:

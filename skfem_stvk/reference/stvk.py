@@ -23,7 +23,8 @@ class ReferenceStVK:
     """`W = sum of V/2 E : C : E` with `E = 1/2 (F'F - I)`, `F = I + grad u`, assembled by scikit-fem.
 
     Simplices of lower dimension than the space, for which scikit-fem has no mesh, are laid flat one by one; the displacement keeps
-    all its components, `F` (d, k) starts from the simplices' own axes, and the result is summed to the shared vertices.
+    all its components, `F` (d, k) starts from the simplices' own axes, and the result is summed to the shared vertices. Vertices
+    that belong to no simplex get no force.
 
     Parameters
     ----------
@@ -38,12 +39,16 @@ class ReferenceStVK:
         element = {1: skfem.ElementLineP1, 2: skfem.ElementTriP1, 3: skfem.ElementTetP1}[k]()
         make = {1: skfem.MeshLine1, 2: skfem.MeshTri1, 3: skfem.MeshTet1}[k]
         if k == d:
-            self._gather = None
-            mesh = make(p, t, validate=False)
+            vertices, own = np.unique(t, return_inverse=True)
+            points, own = p[:, vertices], own.reshape(t.shape).astype(t.dtype)
         else:
-            dofs = (d * t.T.reshape(-1, 1) + np.arange(d)).ravel()
+            vertices, own = t.T.ravel(), np.arange(t.size).reshape(-1, k + 1).T.copy()
+            points = _laid_flat(p, t, self.axes)
+        mesh = make(points, own, validate=False)
+        dofs = (d * vertices[:, None] + np.arange(d)).ravel()
+        self._gather = None
+        if not np.array_equal(dofs, np.arange(p.size)):
             self._gather = csr_matrix((np.ones(len(dofs)), (np.arange(len(dofs)), dofs)), shape=(len(dofs), p.size))
-            mesh = make(_laid_flat(p, t, self.axes), np.arange(t.size).reshape(-1, k + 1).T.copy(), validate=False)
         centre = np.full((k, 1), 1 / (k + 1)), np.array([1 / factorial(k)])  # intorder=1 takes three points of a triangle
         self.basis = skfem.Basis(mesh, skfem.ElementVector(element, dim=d), quadrature=centre)
         self._tangent_axes = np.moveaxis(self.axes, 0, 2)[..., None]  # (d, k, nt, 1): the gradient of the rest position

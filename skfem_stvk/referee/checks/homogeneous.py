@@ -14,18 +14,21 @@ In the plane `E` and `nu` are those of the plane: `nu = lam/(lam + 2 mu)`, `E = 
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable, Iterator
-from functools import cached_property, partial
+from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
 
 from ...arguments import Array
-from ...mesh import SimplexMesh
+from ...errors import StvkWarning
 from ...reference import ReferenceStVK
+from ...system import System
 from ..bodies import Homogeneous, volumes
-from ..case import Case
-from ..judgement import RoundOff, as_a_whole, by_vertex, largest_rows
+from ..case import REFERENCE, Case
+from ..judgement import as_a_whole, by_vertex
 from ..players import Player
 from ..results import NotApplicable, Task
 
@@ -98,16 +101,27 @@ def _young_and_poisson(k: int, lam: float, mu: float) -> tuple[float, float]:
     return 2 * mu * (1 + nu), nu
 
 
-def homogeneous_states(case: Case, twin: Player, body: Homogeneous) -> Iterator[Task]:
+def homogeneous_states(case: Case, body: Homogeneous) -> Iterator[Task]:
     """Closed forms and the patch test of our W and F on the homogeneous copy; of the candidate's if the body itself is homogeneous."""
-    yard = Yardstick(case.mesh, body)
-    players = [twin] + ([case.candidate] if case.candidate is not None else [])
-    for player in players:
+    copy = _case_of(case, body)
+    for player in copy.players:
         for name in CLOSED_FORMS:
             for quantity, needs in (("W", "W"), ("P", "F")):
-                measure = partial(_closed_form, case, player, quantity, name, yard)
+                measure = partial(_closed_form, copy, player, quantity, name, body)
                 yield Task("closed forms", player, quantity, name, needs, measure)
-        yield Task("patch test", player, "F", "affine", "F", partial(_patch_test, case, player, yard))
+        yield Task("patch test", player, "F", "affine", "F", partial(_patch_test, copy, player, body))
+
+
+def _case_of(case: Case, body: Homogeneous) -> Case:
+    """The case of the homogeneous copy: the given one if the body is its own copy."""
+    if body.same:
+        return case
+    mesh, ndofs = case.mesh, case.ours.ndofs
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", StvkWarning)  # whatever there is to say of the mesh has been said
+        ours = Player("homogeneous copy", System(mesh, body.term), ndofs)
+    reference = Player(REFERENCE, ReferenceStVK(mesh.p, mesh.t, body.tensor), ndofs)
+    return replace(case, ours=ours, reference=reference, modulus=np.full(mesh.nt, np.abs(body.tensor).max()))
 
 
 def _refuse(case: Case, player: Player, body: Homogeneous) -> None:
@@ -119,27 +133,27 @@ def _refuse(case: Case, player: Player, body: Homogeneous) -> None:
         raise NotApplicable("closed forms are for homogeneous isotropic bodies; the candidate's is not")
 
 
-def _closed_form(case: Case, player: Player, quantity: str, name: str, yard: Yardstick) -> dict[str, Any]:
-    _refuse(case, player, yard.body)
+def _closed_form(case: Case, player: Player, quantity: str, name: str, body: Homogeneous) -> dict[str, Any]:
+    _refuse(case, player, body)
     form, dimensions = CLOSED_FORMS[name]
     k = case.mesh.k
     if k not in dimensions:
         raise NotApplicable(f"in {k}D this is no state of its own")
-    F, P, density = form(k, *yard.body.lame)
+    F, P, density = form(k, *body.lame)
     X = case.centred
     u = (X @ (F - np.eye(k)).T).ravel()
     volume = float(volumes(case.mesh).sum())
     reason = "1e-12 is for round-off of a sum over all vertices of a closed form, which every mesh meets"
     if quantity == "W":
-        lost = float(yard.round_off.lost(u).energy.sum()) / volume
+        lost = case.lost_energy(player, u) / volume
         return as_a_whole(abs(player.W(u) / volume - density), density, lost, "energy density", reason)
     mean = player.F(u).reshape(-1, k).T @ X / volume  # first moment of the nodal forces: sum f_a (x) X_a = integral of P
-    lost = float(np.linalg.norm(yard.lost_force(u) * np.linalg.norm(X, axis=1))) / volume  # of each vertex at random
+    lost = float(np.linalg.norm(case.lost_force(player, u) * np.linalg.norm(X, axis=1))) / volume  # of each vertex at random
     return as_a_whole(float(np.abs(mean - P).max()), float(np.abs(P).max()), lost, "largest entry of the nominal stress", reason)
 
 
-def _patch_test(case: Case, player: Player, yard: Yardstick) -> dict[str, Any]:
-    _refuse(case, player, yard.body)
+def _patch_test(case: Case, player: Player, body: Homogeneous) -> dict[str, Any]:
+    _refuse(case, player, body)
     k = case.mesh.k
     inner = np.setdiff1d(np.arange(case.mesh.nv), case.mesh.surface)
     if not len(inner):
@@ -149,30 +163,9 @@ def _patch_test(case: Case, player: Player, yard: Yardstick) -> dict[str, Any]:
     error = np.zeros_like(case.centred)
     error[inner] = np.abs(player.F(u).reshape(-1, k)[inner])
     reason = "1e-12 is for round-off: under constant stress no force is left on inner vertices"
-    (lam, mu), E = yard.body.lame, (F.T @ F - np.eye(k)) / 2
-    scale = yard.facet_forces(F @ (lam * np.trace(E) * np.eye(k) + 2 * mu * E))
+    (lam, mu), E = body.lame, (F.T @ F - np.eye(k)) / 2
+    stress = F @ (lam * np.trace(E) * np.eye(k) + 2 * mu * E)
+    facets = np.tile(volumes(case.mesh) * case.round_off.steepest, k + 1)  # the largest of each element
+    scale = np.abs(stress).max() * np.bincount(case.mesh.t.ravel(), weights=facets, minlength=case.mesh.nv)
     words = f"stress on the facets around, {len(inner)} inner vertices"
-    return by_vertex(case.mesh, error.ravel(), scale, yard.lost_force(u), words, reason)
-
-
-class Yardstick:
-    """Scales of forces at the vertices of the homogeneous copy `body`, and what round-off may cost there."""
-
-    def __init__(self, mesh: SimplexMesh, body: Homogeneous) -> None:
-        self._mesh, self.body = mesh, body
-        self.round_off = RoundOff(mesh, np.full(mesh.nt, float(np.abs(body.tensor).max())))
-
-    @cached_property
-    def stiffness(self) -> Array:
-        """(nv,) largest entry of K at rest in the rows of each vertex [N/m]."""
-        K = ReferenceStVK(self._mesh.p, self._mesh.t, self.body.tensor).tangent(np.zeros(self._mesh.p.size))
-        return largest_rows(K, self._mesh.d)
-
-    def lost_force(self, u: Array) -> Array:
-        """(nv,) round-off that a right F may have at `u` [N]."""
-        return self.round_off.by_vertex(self.round_off.lost(u).force) * self.stiffness
-
-    def facet_forces(self, P: Array) -> Array:
-        """(nv,) sum of the forces of a nominal stress on the largest facets of the elements about a vertex [N]."""
-        facets = np.tile(volumes(self._mesh) * self.round_off.steepest, self._mesh.k + 1)
-        return np.asarray(float(np.abs(P).max()) * np.bincount(self._mesh.t.ravel(), weights=facets, minlength=self._mesh.nv))
+    return by_vertex(case.mesh, error.ravel(), scale, case.lost_force(player, u), words, reason)
