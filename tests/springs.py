@@ -27,11 +27,16 @@ class PointSpring(Load):
 
 
 class BoundSprings:
-    has_potential, dead = True, False
-    edges = np.empty((2, 0), dtype=np.int32)  # each vertex is coupled with itself alone
+    has_potential, dead, symmetric, balanced = True, False, True, False
+    nodes_paired = np.empty((2, 0), dtype=np.int32)  # each vertex is coupled with itself alone
 
     def __init__(self, mesh, vertices, spring):
-        self._vertices, self._rest, self._length = vertices, mesh.p.T[vertices] - np.asarray(spring.point), spring.length
+        self._vertices, self.nodes, self._rest, self._length = (
+            vertices,
+            np.unique(vertices),
+            mesh.p.T[vertices] - np.asarray(spring.point),
+            spring.length,
+        )
         self._stiffness = Value(spring.stiffness, (), mesh.p[:, vertices], "PointSpring")
 
     @property
@@ -53,19 +58,11 @@ class BoundSprings:
         k, lengths, directions = self._springs(u, t)
         out[self._vertices] -= (k * (lengths - self._length))[:, None] * directions
 
-    def places(self, pattern):
-        own = self._vertices.astype(np.int32)
-        return pattern.places(own, own), pattern.strides[own]
-
-    def add_stiffness(self, u, t, places, data):
+    def add_blocks(self, u, t, blocks):
         k, lengths, n = self._springs(u, t)
         slack = np.divide(self._length, lengths, out=np.zeros_like(lengths), where=lengths > 0)
-        d = n.shape[1]
-        blocks = (k * (1 - slack))[:, None, None] * np.eye(d) + (k * slack)[:, None, None] * n[:, :, None] * n[:, None, :]
-        first, strides = places
-        for row in range(d):
-            for column in range(d):
-                data[first + row * strides + column] += blocks[:, row, column]
+        own = (k * (1 - slack))[:, None, None] * np.eye(n.shape[1]) + (k * slack)[:, None, None] * n[:, :, None] * n[:, None, :]
+        np.add.at(blocks.own, np.searchsorted(self.nodes, self._vertices), own)
 
     def memory(self):
         return {"loads": self._rest.nbytes}

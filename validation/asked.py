@@ -35,21 +35,21 @@ def calls(mesh: SimplexMesh, term: StVK) -> dict[str, Callable[[], Any]]:
     assembly, rng = term.bind(mesh), np.random.default_rng(0)
     u, v = (amount * rng.standard_normal((mesh.nv, 3)) for amount in (0.1 * np.cbrt(np.ptp(mesh.p) ** 3 / mesh.nv), 1.0))
     force, diagonal = np.zeros_like(u), np.zeros((mesh.nv, 3, 3))
-    pattern = Pattern(mesh.nv, 3, [assembly.edges])
-    rows, data = assembly.rows(pattern), np.zeros(pattern.nnz)
-    (_, exact), (_, clamped) = assembly.edge_blocks(u), assembly.edge_blocks(u, kept=TENSILE)
+    pattern = Pattern(mesh.nv, 3, [assembly.nodes_paired])
+    rows, data = assembly.pairs.rows(pattern), np.zeros(pattern.nnz)
+    (_, exact), (_, clamped) = assembly.blocks(u), assembly.blocks(u, kept=TENSILE)
     return {
-        "W and F": partial(assembly.energy, u, force),
+        "W and F": partial(assembly.energy_and_force, u, force),
         "W along a line": partial(assembly.along, u, v),
         "F between two states": partial(assembly.mean_force, u, u + 0.01 * v, (0.5, 0.5), 0.5, force),
         "damping of edges": partial(assembly.damping_force, u, v, force),
         "round-off of F": partial(assembly.add_round_off, u, force),
         "smallest ratio of volumes": partial(assembly.smallest_volume_ratio, u),
         "ratios of volumes": partial(assembly.volume_ratios, u),
-        "K": partial(assembly.tangent, u, rows, data, False),
-        "K, clamped": partial(assembly.tangent, u, rows, data, False, None, TENSILE),
-        "K v: prepared": partial(assembly.edge_blocks, u, None, exact),
-        "K v: prepared, clamped": partial(assembly.edge_blocks, u, None, clamped, TENSILE),
-        "K v": partial(assembly.add_product, exact, v, force),
-        "diagonal blocks of K": partial(assembly.add_diagonal, exact, diagonal),
+        "K": partial(assembly.fill, u, rows, data, False),
+        "K, clamped": partial(assembly.fill, u, rows, data, False, None, TENSILE),
+        "K v: prepared": partial(assembly.blocks, u, None, exact),
+        "K v: prepared, clamped": partial(assembly.blocks, u, None, clamped, TENSILE),
+        "K v": partial(assembly.pairs.add_product, exact, v, force),
+        "diagonal blocks of K": partial(assembly.pairs.add_diagonal, exact, diagonal),
     }

@@ -16,8 +16,8 @@ from skfem_stvk import SimplexMesh, StVK, System
 from skfem_stvk.bench.control import Control, compiler
 from skfem_stvk.bench.costs import best_and_median
 from skfem_stvk.bench.meshes import bracket
-from skfem_stvk.edges.order import OwnOrder
 from skfem_stvk.edges.stiffness import GeneralStiffness
+from skfem_stvk.edges.topology import OwnOrder
 
 from .asked import costs
 from .edge_gather import EdgeGather

@@ -63,7 +63,7 @@ def add_mean_force(
             R += term.mean_force(x, y, weights, theta, force)
         else:
             at_p = np.zeros_like(force)
-            term.energy(x + theta * (y - x), at_p)
+            term.energy_and_force(x + theta * (y - x), at_p)
             force += sum(weights) * at_p
     refuse_overflow(R, "The energy of the change", y)
     refuse_overflow(force, "out, with the mean force added,", y)

@@ -2,9 +2,7 @@
 
 from .assembly import Assembly
 from .form import EdgeForm
+from .pairs import ALL, NONE, TENSILE, Linearized, NodeBlocks, Rows, Tensions
 from .penalty import PenaltyAssembly
-from .rows import Rows
-from .simplices import Linearized
-from .tensions import ALL, NONE, TENSILE, Tensions
 
-__all__ = ["ALL", "NONE", "TENSILE", "Assembly", "EdgeForm", "Linearized", "PenaltyAssembly", "Rows", "Tensions"]
+__all__ = ["ALL", "NONE", "TENSILE", "Assembly", "EdgeForm", "Linearized", "NodeBlocks", "PenaltyAssembly", "Rows", "Tensions"]

@@ -1,24 +1,166 @@
-"""W, F and K of an edge form, and what solvers ask of them."""
+"""W, F and K of energies that are a sum over simplices; those of an edge form, and what solvers ask of them."""
 
 from __future__ import annotations
 
+from abc import abstractmethod
+from collections.abc import Callable
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
+from ..arguments import Array
 from ..kernels import blocks as block_kernels
 from ..kernels import simplices as simplex_kernels
+from ..kernels import stretches as stretch_kernels
+from ..kernels import volumes as volume_kernels
+from ..kernels.simplices import LANES
 from ..kernels.threads import in_turn, run
 from .form import EdgeForm
-from .sharing import Shares
-from .simplices import Array, SimplexTerm
+from .pairs import ALL, PairBlocks, PairTerm, Tensions
+from .simplices import Simplices, nbytes
 from .stiffness import in_range
-from .stretches import Stretches
-from .tensions import ALL, Tensions
+from .topology import OwnOrder, Shares, in_lanes, own_order
 
 
-class Assembly(Stretches, SimplexTerm):
+class SimplexTerm(PairTerm):
+    """The calls of the kernels on simplices, and how the volumes of those change.
+
+    Ratios of volumes are below zero where a simplex is inside out, whichever way round its vertices are numbered. Of triangles in space, and of
+    segments in more than one dimension, they are ratios of areas and lengths, which have no sign.
+
+    Parameters
+    ----------
+    p : (d, nv) rest coordinates of all vertices of the mesh [m].
+    t : (k + 1, nt) vertices of the simplices.
+    edges : (2, ne) their edges, `a < b` in lexicographic order.
+    stored : what the kernels store of the simplices in their own order, (m, nt) from its vertices of the mesh (k + 1, nt) and the order.
+    dtype : of results and of what is stored, which is computed in double and rounded then.
+    """
+
+    symmetric = balanced = has_energy = True
+
+    def __init__(
+        self,
+        p: NDArray[np.float64],
+        t: NDArray[np.int32],
+        edges: NDArray[np.int32],
+        stored: Callable[[NDArray[np.int32], OwnOrder], NDArray[np.float64]],
+        dtype: DTypeLike = np.float64,
+    ) -> None:
+        order = own_order(t, edges)
+        self.nodes_paired, self.dtype, self.simplices = edges, np.dtype(dtype), Simplices(p, order, dtype)
+        super().__init__(self.simplices.own.turn)
+        n = len(order.elements)
+        D = in_lanes(stored(order.vertices[order.t], order).astype(self.dtype))
+        D.reshape(len(D), -1, LANES)[-1, :, n - (len(D) - 1) * LANES :] = 0  # what only fills the last block has no stiffness
+        self._D = D
+
+    @cached_property
+    def pairs(self) -> PairBlocks:
+        """What is made of the blocks."""
+        return PairBlocks(self.simplices.own, self.simplices.edges, self.simplices.d)
+
+    @in_turn
+    def energy_and_force(self, u: Array, force: Array | None = None) -> float:
+        """Strain energy [J] at displacements `u` (nv, d) [m]; adds the internal force `dW/du` [N] to `force` (nv, d)."""
+        simplices = self.simplices
+        shares = simplices.forces
+        f = simplices.own.slots("F", shares) if force is not None else np.empty(0, dtype=self.dtype)
+        simplices.gather(u)
+        W = self._energy(shares, f)
+        if force is not None:
+            simplices.own.add(f, shares, force)
+        return W
+
+    @abstractmethod
+    def _energy(self, shares: Shares, f: Array) -> float:
+        """The energy at the displacements that were gathered last; adds the forces to the slots `f`, unless that is empty."""
+
+    @in_turn
+    def blocks(self, u: Array, force: Array | None = None, out: Array | None = None, kept: Tensions = ALL) -> tuple[float, Array]:
+        """As in `PairTerm`: the blocks `K_ab` (9 ne,) of the edges, with room for what threads add to them."""
+        simplices = self.simplices
+        shares, to, total = simplices.forces, simplices.blocks, simplices.edges.total
+        size = 9 * (total + len(to.extra))
+        blocks = np.empty(size, dtype=self.dtype) if out is None or len(out) != size else out
+        f = simplices.own.slots("F", shares) if force is not None else np.empty(0, dtype=self.dtype)
+        simplices.gather(u)
+        blocks[9 * total :] = 0
+        W = self._linearize(shares, to.slots.reshape(len(simplices.t), -1), f, blocks, kept)
+        block_kernels.fold(blocks, total, to.extra, 9)
+        if force is not None:
+            simplices.own.add(f, shares, force)
+        return W, blocks
+
+    @abstractmethod
+    def _linearize(self, shares: Shares, edge_slots: NDArray[Any], f: Array, blocks: Array, kept: Tensions) -> float:
+        """As `_energy`; writes the blocks of the edges to their slots in `blocks`."""
+
+    @in_turn
+    def add_round_off(self, u: Array, out: Array) -> None:
+        """Add the absolute values of all that adds up to the force at `u` (nv, d) to `out` (nv, d) [N].
+
+        Times eps it is the size of the force's rounding error, of which that of `u` itself is a part.
+        """
+        simplices = self.simplices
+        shares = simplices.forces
+        f = simplices.own.slots("F", shares)
+        simplices.gather(u)
+        self._round_off(shares, f)
+        simplices.own.add(f, shares, out)
+
+    @abstractmethod
+    def _round_off(self, shares: Shares, f: Array) -> None:
+        """Add the sizes of the forces at the displacements that were gathered last to the slots `f`."""
+
+    @in_turn
+    def volume_ratios(self, u: Array) -> NDArray[np.float64]:
+        """(nt,) ratios at `u` (nv, d), of the simplices in the order in which they were given."""
+        self.simplices.gather(u)
+        return self._volume_ratios()
+
+    @in_turn
+    def smallest_volume_ratio(self, u: Array) -> float:
+        """The smallest of `volume_ratios(u)`, for half the price of F."""
+        self.simplices.gather(u)
+        return self._smallest_volume_ratio(np.empty(0))
+
+    @in_turn
+    def step_limit(self, u: Array, v: Array) -> float:
+        """The smallest `s > 0` at which a simplex that is right side out at `u` has no volume left at `u + s v`, both (nv, d); or infinity."""
+        simplices = self.simplices
+        if simplices.k < simplices.d:
+            return np.inf
+        simplices.gather(u)
+        V = simplices.own.gathered("direction", v, np.float64)
+        arrays = simplices.t.ravel(), simplices.X, simplices.u, V
+        return min(run(volume_kernels.step_limit, simplices.forces.parts, *arrays, simplices.k))
+
+    def _volume_ratios(self) -> NDArray[np.float64]:
+        """At the displacements that were gathered last."""
+        own = np.empty(len(self.simplices.t) * LANES)
+        self._smallest_volume_ratio(own)
+        return self.simplices.in_their_order(own)
+
+    def _smallest_volume_ratio(self, out: Array) -> float:
+        simplices = self.simplices
+        arrays = simplices.t.ravel(), simplices.X, simplices.u
+        return min(run(volume_kernels.volume_ratios, simplices.forces.parts, *arrays, simplices.k, simplices.d, out))
+
+    def memory(self) -> dict[str, int]:
+        """Bytes of its arrays, by part."""
+        parts = self.simplices.memory()
+        parts["simplices"] += self._D.nbytes
+        return (
+            {"edges of the mesh": self.nodes_paired.nbytes}
+            | parts
+            | {"blocks of edges": nbytes([] if self._filled is None else self._filled)}
+        )
+
+
+class Assembly(SimplexTerm):
     """The kernels on the simplices of an edge form.
 
     Parameters
@@ -36,19 +178,27 @@ class Assembly(Stretches, SimplexTerm):
             lambda t, own: in_range(form.stiffness.stored(form.p, t, own.elements, own.local), own.elements, dtype),
             dtype,
         )
-        if self._D.shape[1] == 7 * simplex_kernels.LANES:
+        if self._D.shape[1] == 7 * LANES:
             self._D = self._D.ravel()
 
     def _energy(self, shares: Shares, f: Array) -> float:
-        return sum(run(simplex_kernels.energy_and_force, shares.parts, self._t.ravel(), shares.slots, self._D, self._X, self._u, f))
+        return sum(run(simplex_kernels.energy_and_force, shares.parts, *self._simplices(shares), f))
+
+    def _round_off(self, shares: Shares, f: Array) -> None:
+        run(simplex_kernels.round_off, shares.parts, *self._simplices(shares), f)
+
+    def _simplices(self, shares: Shares) -> tuple[NDArray[Any], ...]:
+        """What kernels that add to vertices read."""
+        return self.simplices.t.ravel(), shares.slots, self._D, self.simplices.X, self.simplices.u
 
     @in_turn
     def along(self, u: Array, v: Array) -> NDArray[np.float64]:
         """(5,) coefficients `c` [J] of the energy along `u + s v`, both (nv, d): exactly `c_0 + c_1 s + ... + c_4 s^4`, at any `s`."""
-        block_kernels.gather(u, self.vertices, self._u)
-        V = self._gathered("direction", v, np.float64)
-        coefficients = run(simplex_kernels.along, self._forces.parts, self._t.ravel(), self._D, self._X, self._u, V)
-        total: NDArray[np.float64] = np.sum(coefficients, axis=0)
+        simplices = self.simplices
+        simplices.gather(u)
+        V = simplices.own.gathered("direction", v, np.float64)
+        arrays = simplices.t.ravel(), self._D, simplices.X, simplices.u, V
+        total: NDArray[np.float64] = np.sum(run(simplex_kernels.along, simplices.forces.parts, *arrays), axis=0)
         return total
 
     @in_turn
@@ -60,15 +210,16 @@ class Assembly(Stretches, SimplexTerm):
         Forces and torques about `p` balance. The work over `u1 - u0` is `W(u1) - W(u0)` for `w0 = w1 = theta = 1/2`, and with other weights of
         sum 1 more by `(w1 - w0)` times `1/4 dzeta' L dzeta` [J], which is returned: zero for a rigid motion, and never negative.
         """
-        shares = self._forces
-        f = self._slots("F", shares)
-        block_kernels.gather(u0, self.vertices, self._u)
-        change = self._gathered("direction", u1, np.float64)
-        change -= self._u
-        simplices = self._t.ravel(), shares.slots, self._D, self._X, self._u
+        simplices = self.simplices
+        shares = simplices.forces
+        f = simplices.own.slots("F", shares)
+        simplices.gather(u0)
+        change = simplices.own.gathered("direction", u1, np.float64)
+        change -= simplices.u
         w0, w1 = weights
-        parts = run(simplex_kernels.mean_force, shares.parts, *simplices, change, float(w0), float(w1), float(theta), f)
-        self._add(f, shares, force)
+        states = change, float(w0), float(w1), float(theta)
+        parts = run(simplex_kernels.mean_force, shares.parts, *self._simplices(shares), *states, f)
+        simplices.own.add(f, shares, force)
         return sum(parts)
 
     @in_turn
@@ -80,46 +231,61 @@ class Assembly(Stretches, SimplexTerm):
         It is `2 J' L J v`, the product with the Gauss-Newton tangent, and the derivative by `v` of `R = 1/4 dzeta/dt' L dzeta/dt` [W], which
         is returned: the power that it takes is `2 R`. Rigid motions, turning ones too, meet no resistance.
         """
-        shares = self._forces
-        f = self._slots("F", shares)
-        block_kernels.gather(u, self.vertices, self._u)
-        V = self._gathered("direction", v, np.float64)
-        simplices = self._t.ravel(), shares.slots, self._D, self._X, self._u
-        parts = run(simplex_kernels.damping_force, shares.parts, *simplices, V, f)
-        self._add(f, shares, force)
+        simplices = self.simplices
+        shares = simplices.forces
+        f = simplices.own.slots("F", shares)
+        simplices.gather(u)
+        V = simplices.own.gathered("direction", v, np.float64)
+        parts = run(simplex_kernels.damping_force, shares.parts, *self._simplices(shares), V, f)
+        simplices.own.add(f, shares, force)
         return sum(parts)
-
-    def _round_off(self, shares: Shares, f: Array) -> None:
-        run(simplex_kernels.round_off, shares.parts, self._t.ravel(), shares.slots, self._D, self._X, self._u, f)
 
     @in_turn
     def tensions(self, u: Array) -> Array:
         """(ne,) tensions `t = L zeta` [N/m] at `u` (nv, d) of the edges in lexicographic order: `form.tensions` without L."""
-        block_kernels.gather(u, self.vertices, self._u)
-        tensions: Array = self._tensions()[self._lexicographic]
+        self.simplices.gather(u)
+        tensions: Array = self._tensions()[self.simplices.lexicographic]
         return tensions
 
     def _tensions(self) -> Array:
-        """Of the edges in their own order, at the displacements that were gathered last."""
-        to, total = self._blocks, self._own.total
-        t = self._room("t", total + len(to.extra), self.dtype)
+        """Tensions of the edges in their own order, at the displacements that were gathered last."""
+        simplices = self.simplices
+        to, total = simplices.blocks, simplices.edges.total
+        t = simplices.own.room("t", total + len(to.extra), self.dtype)
         t[total:] = 0
-        edge_slots = to.slots.reshape(len(self._t), -1)
-        simplices = self._t.ravel(), edge_slots, self._own.marks, self._D, self._X, self._u
-        run(simplex_kernels.tensions, self._forces.parts, *simplices, t)
+        slots = to.slots.reshape(len(simplices.t), -1)
+        arrays = simplices.t.ravel(), slots, simplices.edges.marks, self._D, simplices.X, simplices.u
+        run(simplex_kernels.tensions, simplices.forces.parts, *arrays, t)
         block_kernels.fold(t, total, to.extra, 1)
         return t[:total]
 
     @in_turn
-    def edge_blocks(
-        self, u: Array, force: Array | None = None, out: Array | None = None, kept: Tensions = ALL
-    ) -> tuple[float, Array]:
-        """As of `SimplexTerm`: `K = 2 J' L J + sum g t Lap (x) I` with the factors `g` of the tensions `t` that are kept."""
-        W, blocks = super().edge_blocks(u, force, out, kept)
+    def blocks(self, u: Array, force: Array | None = None, out: Array | None = None, kept: Tensions = ALL) -> tuple[float, Array]:
+        """As in `SimplexTerm`: `K = 2 J' L J + sum g t Lap (x) I` with the factors `g` of the tensions `t` that are kept."""
+        W, blocks = super().blocks(u, force, out, kept)
         if kept.negative != kept.positive:
-            run(block_kernels.weigh_negative, self._products.parts, self._tensions(), kept.positive - kept.negative, blocks)
+            less = kept.positive - kept.negative
+            run(block_kernels.weigh_negative, self.pairs.products.parts, self._tensions(), less, blocks)
         return W, blocks
 
     def _linearize(self, shares: Shares, edge_slots: NDArray[Any], f: Array, blocks: Array, kept: Tensions) -> float:
-        simplices = self._t.ravel(), shares.slots, edge_slots, self._own.marks, self._D, self._X, self._u
-        return sum(run(simplex_kernels.linearize, shares.parts, *simplices, kept.positive, f, blocks))
+        simplices = self.simplices
+        arrays = simplices.t.ravel(), shares.slots, edge_slots, simplices.edges.marks, self._D, simplices.X, simplices.u
+        return sum(run(simplex_kernels.linearize, shares.parts, *arrays, kept.positive, f, blocks))
+
+    def smallest_stretches(self, u: Array) -> NDArray[np.float64]:
+        """(nt,) smallest principal stretch at `u` (nv, d) within their own dimensions, of the simplices in the order in which they were given."""
+        own = np.empty(len(self.simplices.t) * LANES)
+        self._smallest_stretch(u, own)
+        return self.simplices.in_their_order(own)
+
+    def smallest_stretch(self, u: Array) -> float:
+        """The smallest of `smallest_stretches(u)`, for one and a half times the price of F."""
+        return self._smallest_stretch(u, np.empty(0))
+
+    @in_turn
+    def _smallest_stretch(self, u: Array, out: Array) -> float:
+        simplices = self.simplices
+        simplices.gather(u)
+        arrays = simplices.t.ravel(), simplices.X, simplices.u
+        return min(run(stretch_kernels.smallest_stretches, simplices.forces.parts, *arrays, simplices.k, out))

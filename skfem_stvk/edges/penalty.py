@@ -9,15 +9,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
+from ..arguments import Array
 from ..errors import StateError, name_ids
 from ..kernels import penalty as penalty_kernels
 from ..kernels.threads import run
-from .order import OwnOrder
-from .rows import Rows
-from .sharing import Shares
-from .simplices import Array, Linearized, SimplexTerm
-from .tensions import ALL, Tensions
-from .topology import edge_topology
+from .assembly import SimplexTerm
+from .pairs import ALL, Linearized, Rows, Tensions
+from .topology import OwnOrder, Shares, edge_topology
 
 
 class PenaltyAssembly(SimplexTerm):
@@ -46,23 +44,25 @@ class PenaltyAssembly(SimplexTerm):
         self._kind, self._ids = kind, elements
 
     def _energy(self, shares: Shares, f: Array) -> float:
-        simplices = self._t.ravel(), shares.slots, self._D, self._X, self._u
-        return self._checked(run(penalty_kernels.penalty_energy_and_force, shares.parts, *simplices, self.k, self._kind, f))
+        return self._checked(run(penalty_kernels.penalty_energy_and_force, shares.parts, *self._simplices(shares), f))
 
     def _linearize(self, shares: Shares, edge_slots: NDArray[Any], f: Array, blocks: Array, kept: Tensions) -> float:
-        simplices = self._t.ravel(), shares.slots, edge_slots, self._own.marks, self._D, self._X, self._u
-        return self._checked(
-            run(penalty_kernels.penalty_linearize, shares.parts, *simplices, self.k, self._kind, kept.negative, f, blocks)
-        )
+        t, slots, *others = self._simplices(shares)
+        arrays = t, slots, edge_slots, self.simplices.edges.marks, *others, kept.negative
+        return self._checked(run(penalty_kernels.penalty_linearize, shares.parts, *arrays, f, blocks))
 
     def _round_off(self, shares: Shares, f: Array) -> None:
-        simplices = self._t.ravel(), shares.slots, self._D, self._X, self._u
-        least = run(penalty_kernels.penalty_round_off, shares.parts, *simplices, self.k, self._kind, f)
+        least = run(penalty_kernels.penalty_round_off, shares.parts, *self._simplices(shares), f)
         self._checked([(0.0, value) for value in least])
 
-    def tangent(self, u: Array, rows: Rows, data: Array, add: bool, force: Array | None = None, kept: Tensions = ALL) -> Linearized:
-        """As of `SimplexTerm`. What `psi'` adds to K is skew and in no diagonal entry: if it overflows, so does the energy."""
-        W, total = super().tangent(u, rows, data, add, force, kept)
+    def _simplices(self, shares: Shares) -> tuple[Any, ...]:
+        """What the kernels read."""
+        simplices = self.simplices
+        return simplices.t.ravel(), shares.slots, self._D, simplices.X, simplices.u, simplices.k, self._kind
+
+    def fill(self, u: Array, rows: Rows, data: Array, add: bool, force: Array | None = None, kept: Tensions = ALL) -> Linearized:
+        """As in `PairTerm`. What `psi'` adds to K is skew and in no diagonal entry: if it overflows, so does the energy."""
+        W, total = super().fill(u, rows, data, add, force, kept)
         return Linearized(W, total + W)
 
     def _checked(self, found: list[tuple[float, float]]) -> float:

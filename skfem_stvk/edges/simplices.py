@@ -1,130 +1,143 @@
-"""W, F and K of energies that are a sum over simplices: what they have in common."""
+"""Simplices as the kernels read them: in blocks of lanes and in an order of their own, with vectors to work in."""
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
-from typing import Any, NamedTuple
+from collections.abc import Callable
+from functools import cached_property
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import DTypeLike, NDArray
 
 from ..arguments import Array
 from ..kernels import blocks as block_kernels
-from ..kernels.threads import in_turn, parts_of, run
-from .rows import Places, Rows, rows_of
-from .sharing import Shares
-from .tensions import ALL, Tensions
-from .volumes import Volumes
-
-AXES = {1: (0,), 2: (0, 1), 3: (0, 1, 2)}
+from ..kernels.simplices import LANES
+from ..kernels.threads import Turn, threads
+from ..kernels.topology import lexicographic_order
+from .topology import OwnEdges, OwnOrder, Shares, in_lanes, out_of_lanes, own_edges, shares_of
 
 
-class Linearized(NamedTuple):
-    """What a tangent comes with.
+class OwnVertices:
+    """Vertices in the kernels' order: vectors of three components for each to work in, and how threads share what they add to them.
+
+    Parameters
+    ----------
+    vertices : (n,) their numbers in the mesh, in the kernels' order.
+    dtype : of results.
 
     Attributes
     ----------
-    energy : strain energy [J].
-    total : a sum that is not finite if any value of K is not.
+    turn : of Python threads, since the vectors are in use during a call.
     """
 
-    energy: float
-    total: float
+    def __init__(self, vertices: NDArray[np.int32], dtype: DTypeLike) -> None:
+        self.vertices, self.dtype, self.turn = vertices, np.dtype(dtype), Turn()
+        self._threads = 0
+        self._shared: dict[str, Shares] = {}
+        self._kept: dict[str, Array] = {}
+
+    def share(self, name: str, make: Callable[[int], Shares]) -> Shares:
+        """Shares for numba's number of threads, made once; those for another number are thrown away."""
+        if threads() != self._threads:
+            self._threads, self._shared = threads(), {}
+        if name not in self._shared:
+            self._shared[name] = make(self._threads)
+        return self._shared[name]
+
+    def room(self, name: str, size: int, dtype: DTypeLike) -> Array:
+        """A vector to work in, kept from call to call; a new one is zero."""
+        if name not in self._kept or len(self._kept[name]) != size:
+            self._kept[name] = np.zeros(size, dtype=dtype)
+        return self._kept[name]
+
+    def gathered(self, name: str, x: Array, dtype: DTypeLike) -> Array:
+        """A field `x` (nv, d) of the mesh in the kernels' order, (3 n,)."""
+        own = self.room(name, 3 * len(self.vertices), dtype)
+        block_kernels.gather(x, self.vertices, own)
+        return own
+
+    def slots(self, name: str, shares: Shares) -> Array:
+        """Zeros for what the shares add to vertices."""
+        slots = self.room(name, 3 * (len(self.vertices) + len(shares.extra)), self.dtype)
+        slots[:] = 0
+        return slots
+
+    def add(self, f: Array, shares: Shares, out: Array) -> None:
+        """Add what stands in the slots to `out` (nv, d) of the mesh."""
+        block_kernels.fold(f, len(self.vertices), shares.extra, 3)
+        block_kernels.add_scattered(f, self.vertices, out)
+
+    def memory(self) -> dict[str, int]:
+        """Bytes of its arrays, by part."""
+        return {
+            "shares of threads": nbytes([value for value in self._shared.values() if len(value.parts) > 2]),
+            "vectors": nbytes(list(self._kept.values())),
+        }
 
 
-class SimplexTerm(Volumes, ABC):
-    """The calls of the kernels. Its arrays are in use during a call: Python threads take turns."""
+class Simplices:
+    """Simplices in blocks of lanes. What only K needs is made at the first K, and vectors when they are first used.
 
-    @in_turn
-    def energy(self, u: Array, force: Array | None = None) -> float:
-        """Strain energy [J] at displacements `u` (nv, d) [m]; adds the internal force `dW/du` [N] to `force` (nv, d)."""
-        shares = self._forces
-        f = self._slots("F", shares) if force is not None else np.empty(0, dtype=self.dtype)
-        block_kernels.gather(u, self.vertices, self._u)
-        W = self._energy(shares, f)
-        if force is not None:
-            self._add(f, shares, force)
-        return W
+    Parameters
+    ----------
+    p : (d, nv) rest coordinates of all vertices of the mesh [m].
+    order : of the simplices.
+    dtype : of results.
 
-    @abstractmethod
-    def _energy(self, shares: Shares, f: Array) -> float:
-        """The energy at the displacements that were gathered last; adds the forces to the slots `f`, unless that is empty."""
+    Attributes
+    ----------
+    k, d : dimension of the simplices, and of the space.
+    own : their vertices.
+    elements : (nt,) position of each simplex in the order in which they were given.
+    t : (blocks, 4 LANES) vertices of the simplices.
+    X, u : (3 n,) rest coordinates, and the displacements that were gathered last.
+    """
 
-    @in_turn
-    def edge_blocks(
-        self, u: Array, force: Array | None = None, out: Array | None = None, kept: Tensions = ALL
-    ) -> tuple[float, Array]:
-        """The energy [J] and the blocks `K_ab` (9 ne,) of the edges at `u` (nv, d), with room for what threads add to them.
+    def __init__(self, p: NDArray[np.float64], order: OwnOrder, dtype: DTypeLike) -> None:
+        self.k, self.d = len(order.t) - 1, len(p)
+        self.own, self.elements = OwnVertices(order.vertices, dtype), order.elements
+        self.t = in_lanes(order.t[[*range(self.k + 1), *[0] * (3 - self.k)]].astype(np.uint32))
+        self.X, self.u = np.zeros(3 * len(order.vertices)), np.zeros(3 * len(order.vertices))
+        block_kernels.gather(np.ascontiguousarray(p.T), order.vertices, self.X)
 
-        Adds the internal force to `force` (nv, d). `out` are blocks that this method returned before, to be filled anew.
+    @cached_property
+    def edges(self) -> OwnEdges:
+        """Their edges in the kernels' order."""
+        return own_edges(out_of_lanes(self.t, len(self.elements))[: self.k + 1].astype(np.int32))
 
-        `kept`: which tensions of edges stay in K.
-        """
-        shares, to = self._forces, self._blocks
-        size = 9 * (self._own.total + len(to.extra))
-        blocks = np.empty(size, dtype=self.dtype) if out is None or len(out) != size else out
-        f = self._slots("F", shares) if force is not None else np.empty(0, dtype=self.dtype)
-        block_kernels.gather(u, self.vertices, self._u)
-        blocks[9 * self._own.total :] = 0
-        W = self._linearize(shares, to.slots.reshape(len(self._t), -1), f, blocks, kept)
-        block_kernels.fold(blocks, self._own.total, to.extra, 9)
-        if force is not None:
-            self._add(f, shares, force)
-        return W, blocks
-
-    @abstractmethod
-    def _linearize(self, shares: Shares, edge_slots: NDArray[Any], f: Array, blocks: Array, kept: Tensions) -> float:
-        """As `_energy`; writes the blocks of the edges to their slots in `blocks`."""
-
-    def rows(self, pattern: Places) -> Rows:
-        """Where the blocks stand in the values of a matrix of this pattern."""
-        return rows_of(self._own, self.vertices, pattern)
-
-    @in_turn
-    def tangent(self, u: Array, rows: Rows, data: Array, add: bool, force: Array | None = None, kept: Tensions = ALL) -> Linearized:
-        """Write the tangent stiffness [N/m] to the CSR values `data`, or add it to them; adds the force to `force` (nv, d).
-
-        `kept`: as of `edge_blocks`.
-        """
-        W, blocks = self.edge_blocks(u, force, self._kept.get("blocks"), kept)
-        self._kept["blocks"] = blocks
-        parts = parts_of(len(self.vertices), 1, self._threads)
-        totals = run(block_kernels.fill_rows, parts, *rows, blocks, AXES[u.shape[1]], add, data)
-        return Linearized(W, sum(totals))
-
-    @in_turn
-    def add_product(self, blocks: Array, v: Array, out: Array) -> None:
-        """Add `K v` to `out` (nv, d), for the `blocks` of the edges and `v` (nv, d)."""
-        shares = self._products
-        x, y = self._gathered("factor", v, self.dtype), self._slots("K v", shares)
-        run(block_kernels.multiply, shares.parts, self._own.edges, shares.slots.reshape(-1, 2), blocks, x, y)
-        self._add(y, shares, out)
+    @cached_property
+    def lexicographic(self) -> NDArray[np.int32]:
+        """(ne,) places in the kernels' order of the edges in the mesh's lexicographic order."""
+        ends = np.sort(self.own.vertices[self.edges.edges].T, axis=0)
+        return lexicographic_order(ends, int(ends.max()) + 1)
 
     @property
-    def own_edges(self) -> NDArray[np.int32]:
-        """(ne, 2) edges in the order of their blocks, of numbers of `vertices`."""
-        return self._own.edges
+    def forces(self) -> Shares:
+        """How threads share what simplices add to vertices."""
+        return self.own.share("F", lambda n: shares_of(self.t, len(self.own.vertices), LANES, n))
 
-    def add_diagonal(self, blocks: Array, out: Array) -> None:
-        """Add the diagonal blocks `K_aa` to `out` (nv, d, d), for the `blocks` of the edges."""
-        block_kernels.add_diagonal(self._own.edges, self.vertices, blocks, out)
+    @property
+    def blocks(self) -> Shares:
+        """How threads share what simplices add to edges."""
+        return self.own.share("K", lambda n: shares_of(self.edges.t2e, self.edges.total, LANES, n))
 
-    def add_norms(self, blocks: Array, x: Array, out: Array) -> None:
-        """Add `sum_b |K_ab| x_b` over the other vertices `b` to `out` (nv,), for `x` (nv,); Frobenius norms of the `blocks` of the edges."""
-        block_kernels.add_norms(self._own.edges, self.vertices, blocks, self.d, x, out)
+    def gather(self, u: Array) -> None:
+        """Take displacements `u` (nv, d) of the mesh."""
+        block_kernels.gather(u, self.own.vertices, self.u)
 
-    @in_turn
-    def add_round_off(self, u: Array, out: Array) -> None:
-        """Add the absolute values of all that adds up to the force at `u` (nv, d) to `out` (nv, d) [N].
+    def in_their_order(self, own: Array) -> Array:
+        """(nt,) values of the simplices in the order in which they were given."""
+        values = np.empty(len(self.elements))
+        values[self.elements] = own[: len(values)]
+        return values
 
-        Times eps it is the size of the force's rounding error, of which that of `u` itself is a part.
-        """
-        shares = self._forces
-        f = self._slots("F", shares)
-        block_kernels.gather(u, self.vertices, self._u)
-        self._round_off(shares, f)
-        self._add(f, shares, out)
+    def memory(self) -> dict[str, int]:
+        """Bytes of its arrays, by part."""
+        made = [self.__dict__.get(name, ()) for name in ("edges", "lexicographic")]
+        own = self.t, self.own.vertices, self.elements, self.X, self.u
+        return {"simplices": nbytes(own), "own edges": nbytes(made)} | self.own.memory()
 
-    @abstractmethod
-    def _round_off(self, shares: Shares, f: Array) -> None:
-        """Add the sizes of the forces at the displacements that were gathered last to the slots `f`."""
+
+def nbytes(arrays: Any) -> int:
+    """Bytes of an array, or of a tree of arrays."""
+    return arrays.nbytes if isinstance(arrays, np.ndarray) else sum(map(nbytes, arrays))

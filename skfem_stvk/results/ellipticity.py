@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..arguments import Array
-from ..edges.coefficients import VOIGT
+from ..edges.stiffness import VOIGT
 from ..terms.volume_energies import ENERGIES
 from .law import dilation, strain_and_stress
 from .response import Masked, Response

@@ -1,9 +1,8 @@
 """Terms that share one mesh and one pattern, what loads them, and what holds them."""
 
-from .free import FreeDofs
 from .mass import Mass
 from .operator import FreeOperator, TangentOperator
-from .pattern import Pattern
+from .pattern import FreeDofs, Pattern
 from .supports import Supports
 from .system import System
 

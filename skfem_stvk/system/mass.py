@@ -14,8 +14,7 @@ from ..arguments import Array, choice, number, shown
 from ..errors import MaterialError, StvkError, name_ids
 from ..mesh import SimplexMesh
 from ..mesh.displacements import finite_vector
-from .free import Patterned
-from .pattern import Pattern
+from .pattern import Patterned
 
 
 class Mass(ABC):
@@ -53,6 +52,8 @@ class Mass(ABC):
         is_free = np.ones(mesh.p.size, dtype=bool)
         is_free[held] = False
         self._free = is_free.reshape(-1, mesh.d)
+        self._places: NDArray[np.intp] | None = None
+        self._version = 0
         self._refuse_bare()
 
     @property
@@ -112,6 +113,14 @@ class Mass(ABC):
         places, values = self._values()
         K.data[places] += number("factor", factor, "a finite number") * values
 
+    def _diagonals(self, a: NDArray[np.int32], b: NDArray[np.int32]) -> NDArray[np.intp]:
+        """(n, d) places of the diagonals of blocks `(a, b)` in the values of K, worked out once for each version of its pattern."""
+        pattern = self._system.pattern
+        if self._places is None or self._version != pattern.version:
+            first, steps = pattern.places(a, b), np.arange(self._d)
+            self._places, self._version = first[:, None] + steps * (pattern.strides[a][:, None] + 1), pattern.version
+        return self._places
+
     def _vector(self, name: str, given: Any) -> Array:
         """(ndofs,) finite numbers in double precision."""
         return finite_vector(name, given, self._free.size).astype(np.float64, copy=False)
@@ -137,7 +146,6 @@ class LumpedMass(Mass):
         super().__init__(system, mesh, elements, held)
         self._dofs = np.repeat(self.vertex, mesh.d)
         self._inverse = _inverse(self.vertex, self._free).ravel()
-        self._places: NDArray[np.intp] | None = None
 
     @property
     def matrix(self) -> csr_matrix:
@@ -150,10 +158,8 @@ class LumpedMass(Mass):
         return np.asarray(self._inverse * self._vector("f", f))
 
     def _values(self) -> tuple[NDArray[np.intp], Array]:
-        if self._places is None:
-            every = np.arange(len(self.vertex), dtype=np.int32)
-            self._places = _places(self._system.pattern, every, every, self._d)
-        return self._places, self.vertex[:, None]
+        every = np.arange(len(self.vertex), dtype=np.int32)
+        return self._diagonals(every, every), self.vertex[:, None]
 
     def memory(self) -> int:
         own = (self.vertex, self._free, self._dofs, self._inverse, self._places)
@@ -173,7 +179,6 @@ class ConsistentMass(Mass):
         self._scalar = _scalar_matrix(mesh, elements)
         self._inverse = _inverse(self._scalar.diagonal(), self._free)
         self._bounds = 0.5, (mesh.k + 2) / 2
-        self._places: NDArray[np.intp] | None = None
 
     @property
     def matrix(self) -> csr_matrix:
@@ -203,10 +208,8 @@ class ConsistentMass(Mass):
 
     def _values(self) -> tuple[NDArray[np.intp], Array]:
         scalar = self._scalar
-        if self._places is None:
-            row = np.repeat(np.arange(len(self.vertex), dtype=np.int32), np.diff(scalar.indptr))
-            self._places = _places(self._system.pattern, row, scalar.indices, self._d)
-        return self._places, scalar.data[:, None]
+        row = np.repeat(np.arange(len(self.vertex), dtype=np.int32), np.diff(scalar.indptr))
+        return self._diagonals(row, scalar.indices), scalar.data[:, None]
 
     def memory(self) -> int:
         own = (self.vertex, self._free, self._inverse, self._scalar.data, self._scalar.indices, self._scalar.indptr, self._places)
@@ -243,9 +246,3 @@ def _scalar_matrix(mesh: SimplexMesh, elements: Array) -> csr_matrix:
 def _inverse(diagonal: Array, is_free: NDArray[np.bool_]) -> Array:
     """(nv, d) of free degrees of freedom, 0 for those that are held."""
     return np.where(is_free, 1 / np.where(is_free.any(axis=1), diagonal, 1.0)[:, None], 0.0)
-
-
-def _places(pattern: Pattern, a: NDArray[np.int32], b: NDArray[np.int32], d: int) -> NDArray[np.intp]:
-    """(n, d) places of the diagonals of blocks `(a, b)` in the values of K."""
-    places: NDArray[np.intp] = pattern.places(a, b)[:, None] + np.arange(d) * (pattern.strides[a][:, None] + 1)
-    return places

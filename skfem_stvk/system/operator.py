@@ -12,13 +12,12 @@ from scipy.sparse.linalg import LinearOperator
 
 from ..arguments import Array
 from ..edges import ALL, Tensions
-from ..edges.simplices import SimplexTerm
+from ..edges.pairs import PairTerm
 from ..errors import StateError, StvkError
 from ..kernels import blocks as block_kernels
 from ..kernels.threads import parts_of, run, threads
 from ..linear import EdgeBlocks
-from ..terms import BoundTerm
-from .free import FreeDofs
+from .pattern import FreeDofs
 
 
 class TangentOperator(LinearOperator):
@@ -33,7 +32,7 @@ class TangentOperator(LinearOperator):
     """
 
     def __init__(
-        self, terms: Sequence[BoundTerm], state: Callable[[ArrayLike], Array], u: ArrayLike, dtype: DTypeLike, kept: Tensions = ALL
+        self, terms: Sequence[PairTerm], state: Callable[[ArrayLike], Array], u: ArrayLike, dtype: DTypeLike, kept: Tensions = ALL
     ) -> None:
         self._terms, self._state = terms, state
         self._blocks: list[Any] = [None] * len(terms)
@@ -56,7 +55,7 @@ class TangentOperator(LinearOperator):
         x, energy = self._state(u), 0.0
         self._ready = False  # until all of it is done
         for i, term in enumerate(self._terms):
-            part, self._blocks[i] = term.edge_blocks(x, force, self._blocks[i], kept)
+            part, self._blocks[i] = term.blocks(x, force, self._blocks[i], kept)
             energy += part
         if not all(_is_finite(blocks) for blocks in self._blocks):
             raise StateError(
@@ -105,7 +104,7 @@ class TangentOperator(LinearOperator):
         nv, d = self.nodal_shape
         out = np.zeros((nv, d, d), dtype=self.dtype)
         for term, blocks in zip(self._terms, self._blocks, strict=True):
-            term.add_diagonal(blocks, out)
+            term.pairs.add_diagonal(blocks, out)
         return out
 
     def add_norms(self, x: Array, out: Array) -> None:
@@ -118,7 +117,7 @@ class TangentOperator(LinearOperator):
         """
         self._refuse_unprepared()
         for term, blocks in zip(self._terms, self._blocks, strict=True):
-            term.add_norms(blocks, x, out)
+            term.pairs.add_norms(blocks, x, out)
 
     def add_product(self, x: Array, out: Array) -> None:
         """Add `K x` to `out`, both (nv, d).
@@ -130,7 +129,7 @@ class TangentOperator(LinearOperator):
         """
         self._refuse_unprepared()
         for term, blocks in zip(self._terms, self._blocks, strict=True):
-            term.add_product(blocks, x, out)
+            term.pairs.add_product(blocks, x, out)
 
     def by_edges(self, shift: Array | None = None) -> EdgeBlocks | None:
         """The blocks, not copied, for solvers that multiply by themselves; None unless it is made of one term, on simplices.
@@ -142,9 +141,10 @@ class TangentOperator(LinearOperator):
         """
         self._refuse_unprepared()
         term, *others = self._terms
-        if others or not isinstance(term, SimplexTerm):
+        edges = term.pairs.edges
+        if others or edges is None:
             return None
-        return EdgeBlocks(term.own_edges, self._blocks[0][: 9 * len(term.own_edges)], term.vertices, shift)
+        return EdgeBlocks(edges, self._blocks[0][: term.pairs.size], term.pairs.own.vertices, shift)
 
     def memory(self) -> int:
         """Bytes of what is prepared."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from functools import cached_property
 from math import isfinite
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, DTypeLike, NDArray
@@ -13,39 +13,25 @@ from scipy.sparse import csr_matrix
 
 from ..arguments import Array, number, shown
 from ..edges import ALL, Rows, Tensions
-from ..errors import LoadError, StateError, StvkError, name_ids, warn
+from ..edges.pairs import Coupled, version_of
+from ..errors import LoadError, StateError, StvkError
 from ..kernels.threads import Turn
 from ..mesh import MeshLike, SimplexMesh
 from ..mesh.diagnostics import check_mesh, warn_of_flat_elements
-from ..mesh.displacements import all_finite, by_vertex
+from ..mesh.displacements import all_finite
 from ..mesh.places import DofsView
-from ..terms import (
-    Body,
-    BoundLoad,
-    BoundTerm,
-    Grounded,
-    HasStress,
-    HasStretch,
-    HasVolume,
-    Load,
-    Quartic,
-    Term,
-    is_load,
-)
+from ..terms import Grounded, HasMemory, HasRoundOff, HasStress, Load, Quartic, Term, TurningLoad, is_load
 from ..terms.load import Moment, Time
-from .free import FreeDofs
-from .held import check_held, grounded_dofs
+from .bound import BoundTerms
 from .mass import Mass, kind_of_mass
+from .mechanisms import check_held, grounded_dofs
 from .operator import TangentOperator
-from .pattern import Pattern
+from .pattern import FreeDofs, Pattern
 from .rigid import parts_of
 from .supports import Displacements, Supports, dofs_at
 
-#: Elements of a smaller part of their volume are flat: what is left of it is rounding.
-FLAT = 1e-9
 
-
-class System:
+class System(BoundTerms):
     """An elastic body: its strain energy W, internal force F and tangent stiffness K; what acts on it, and how it is held.
 
         W = 1/4 sum L_ij zeta_i zeta_j        F = dW/du        K = d2W/du2
@@ -95,82 +81,48 @@ class System:
         *,
         dtype: DTypeLike = np.float64,
     ) -> None:
-        self.mesh = SimplexMesh.of(mesh)
-        check_mesh(self.mesh)
-        self.dtype = _float_type(dtype)
-        self.terms = tuple(terms) if isinstance(terms, Sequence) else (terms,)
-        if not self.terms:
-            raise StvkError("No terms came; expected at least one, such as StVK(young=..., poisson=...).")
-        if self.dtype == np.float32:
-            warn_of_flat_elements(self.mesh)
-        for term in self.terms:
-            if isinstance(term, type) or not hasattr(term, "bind"):
-                name = term.__name__ if isinstance(term, type) else type(term).__name__
-                raise StvkError(f"A term of type {name} came; expected StVK(...) or a list of terms.")
-        self.loads: tuple[Load, ...] = tuple(filter(is_load, self.terms))
-        self.elastic_terms: tuple[Any, ...] = tuple(term for term in self.terms if not is_load(term))
-        if not self.elastic_terms:
-            raise StvkError("Only loads came; expected at least one elastic term, such as StVK(young=..., poisson=...).")
-        self.supports = Supports(self.mesh, fixed, prescribed)
-        self._body = Body(self.mesh, self.elastic_terms)
-        self.bound_terms: tuple[BoundTerm, ...] = tuple(term.bind(self._body, self.dtype) for term in self.elastic_terms)
-        self.bound_loads: tuple[BoundLoad, ...] = tuple(load.bind(self._body) for load in self.loads)
+        mesh, double = SimplexMesh.of(mesh), _float_type(dtype) == np.float64
+        check_mesh(mesh)
+        if not double:
+            warn_of_flat_elements(mesh)
+        self.supports = Supports(mesh, fixed, prescribed)
+        super().__init__(mesh, terms, np.float64 if double else np.float32)
+        spaces = mesh.nv, mesh.d, np.float64
+        self._turning = [(load, Coupled(load, *spaces)) for load in self.bound_loads if isinstance(load, TurningLoad)]
+        self._changing = [term for term in (*self.bound_terms, *self.bound_loads) if hasattr(term, "pattern_version")]
+        self._pattern: Pattern | None = None
+        self._places: _Places | None = None
         self._masses: dict[str, Mass] = {}
         self._operator: TangentOperator | None = None
         self._turn = Turn()
-        self._warn_of_bare_vertices()
-
-    @property
-    def elastic_names(self) -> list[str]:
-        """Names of `elastic_terms` in `energies` and in messages: their types and their numbers among all terms."""
-        return [name for name, term in self._named if not is_load(term)]
-
-    @property
-    def resists_inversion(self) -> bool:
-        """Whether a term resists that elements turn inside out, as `VolumePenalty` does."""
-        return any(getattr(term, "resists_inversion", False) for term in self.elastic_terms)
 
     @property
     def ndofs(self) -> int:
         """Number of degrees of freedom, `d * nv`."""
         return self.mesh.p.size
 
-    @cached_property
+    @property
+    def pattern_version(self) -> int:
+        """How often terms have changed which vertices they couple; what is worked out for a pattern is good for one version."""
+        return sum(map(version_of, self._changing))
+
+    @property
     def pattern(self) -> Pattern:
-        """The pattern that every K of this system has; made when it is first needed."""
-        loads = [load.edges for load in self.bound_loads if load.edges.size]
-        return Pattern(self.mesh.nv, self.mesh.d, [term.edges for term in self.bound_terms] + loads)
+        """The pattern of all K of this system, unless a term changes which vertices it couples; made when it is first needed."""
+        version = self.pattern_version
+        if self._pattern is None or self._pattern.version != version:
+            pairs = [term.nodes_paired for term in self.bound_terms]
+            pairs += [load.nodes_paired for load, _ in self._turning if load.nodes_paired.size]
+            self._pattern = Pattern(self.mesh.nv, self.mesh.d, pairs, version)
+        return self._pattern
 
-    @cached_property
-    def _rows(self) -> list[Rows]:
-        return [term.rows(self.pattern) for term in self.bound_terms]
-
-    @cached_property
-    def _load_places(self) -> list[Any]:
-        return [load.places(self.pattern) for load in self.bound_loads]
-
-    @cached_property
-    def _with_volume(self) -> list[tuple[NDArray[np.int64], HasVolume]]:
-        """Terms that know the volumes of all elements that any term has, and the ids of theirs; most often the first alone."""
-        kept: list[tuple[NDArray[np.int64], HasVolume]] = []
-        known = np.zeros(self.mesh.nt, dtype=bool)
-        for specification, term in zip(self.elastic_terms, self.bound_terms, strict=True):
-            if isinstance(term, HasVolume):
-                elements = self.mesh.elements(specification.region)
-                if not known[elements].all():
-                    kept.append((elements, term))
-                known[elements] = True
-        return kept
-
-    @property
-    def conservative(self) -> bool:
-        """Whether all loads have a potential; if not, the Jacobian is not symmetric."""
-        return all(load.has_potential for load in self.bound_loads)
-
-    @property
-    def dead(self) -> bool:
-        """Whether all loads keep their size and direction wherever the body goes; if so, the Jacobian is the tangent."""
-        return all(load.dead for load in self.bound_loads)
+    def _rows(self) -> _Places:
+        """Where blocks stand in the values of K, worked out once for each version of the pattern."""
+        pattern = self.pattern
+        if self._places is None or self._places.version != pattern.version:
+            terms = [term.pairs.rows(pattern) for term in self.pair_terms]
+            self._places = _Places(pattern.version, terms, [of.pairs.rows(pattern) for _, of in self._turning])
+        return self._places
 
     def energy(self, u: ArrayLike) -> float:
         """Strain energy `W(u)` [J].
@@ -181,7 +133,7 @@ class System:
             if `u` does not have one finite entry for each degree of freedom, or is so large that the result overflows.
         """
         x = self._state(u)
-        energy = sum(term.energy(x) for term in self.bound_terms)
+        energy = sum(term.energy_and_force(x) for term in self.bound_terms)
         refuse_overflow(energy, "W", x)
         return energy
 
@@ -276,7 +228,7 @@ class System:
         >>> bool(abs(K @ v - body.tangent(u) @ v).max() < 1e-9), bool(abs(K @ v - body.product(u, v)).max() == 0)
         (True, True)
         """
-        return TangentOperator(self.bound_terms, self._state, u, self.dtype, _factors(kept))
+        return TangentOperator(self.pair_terms, self._state, u, self.dtype, _factors(kept))
 
     def external_force(self, u: ArrayLike, t: Time = 1.0) -> Array:
         """Sum of the loads (ndofs,) [N] at displacements `u` and load factor `t`.
@@ -320,26 +272,20 @@ class System:
         """
         moment = Moment.checked(t)
         K = self._elastic_tangent(u, out, _factors(kept))
-        for load, places in zip(self.bound_loads, self._load_places, strict=True):
-            load.add_stiffness(self._state(u), moment, places, K.data)
+        for (_, of), rows in zip(self._turning, self._rows().loads, strict=True):
+            of.add_stiffness(self._state(u), moment, rows, K.data)
         return K
-
-    @cached_property
-    def _turning(self) -> tuple[Pattern, list[tuple[BoundLoad, Any]]]:
-        """Loads that have a potential and are not dead, and the pattern of their stiffness alone."""
-        loads = [load for load in self.bound_loads if load.has_potential and not load.dead]
-        pattern = Pattern(self.mesh.nv, self.mesh.d, [load.edges for load in loads])
-        return pattern, [(load, load.places(pattern)) for load in loads]
 
     def load_stiffness(self, u: ArrayLike, t: Time = 1.0) -> csr_matrix | None:
         """`-df_ext/du` (ndofs, ndofs) [N/m] of the loads that have a potential and are not dead; None if there are none. Errors as in `jacobian`."""
         x, moment = self._state(u), Moment.checked(t)
-        if not any(load.has_potential and not load.dead for load in self.bound_loads):
+        turning = [of for load, of in self._turning if load.symmetric]
+        if not turning:
             return None
-        pattern, loads = self._turning
+        pattern = Pattern(self.mesh.nv, self.mesh.d, [of.term.nodes_paired for of in turning])
         K = pattern.matrix(np.zeros(pattern.nnz))
-        for load, places in loads:
-            load.add_stiffness(x, moment, places, K.data)
+        for of in turning:
+            of.add_stiffness(x, moment, of.pairs.rows(pattern), K.data)
         return K
 
     def energies(self, u: ArrayLike, t: Time = 1.0) -> dict[str, float]:
@@ -353,7 +299,7 @@ class System:
     def elastic_energies(self, u: ArrayLike) -> list[float]:
         """Strain energy of each of `elastic_terms` [J]."""
         x = self._state(u)
-        return [term.energy(x) for term in self.bound_terms]
+        return [term.energy_and_force(x) for term in self.bound_terms]
 
     def mass(self, kind: str = "lumped") -> Mass:
         """The mass of the body, from the density of its materials: "lumped" at the vertices, or "consistent" with linear displacements.
@@ -380,7 +326,7 @@ class System:
         x, force = self._state(u), np.zeros(self.mesh.p.T.shape)
         for term in self.bound_terms:
             if isinstance(term, Grounded):
-                term.energy(x, force)
+                term.energy_and_force(x, force)
         refuse_overflow(force, "The force of foundations", x)
         return -force.ravel()
 
@@ -416,8 +362,11 @@ class System:
         """
         x = self._state(u)
         sums = np.zeros(x.shape, dtype=self.dtype)
-        for term in self.bound_terms:
-            term.add_round_off(x, sums)
+        for term, pairs in zip(self.bound_terms, self.pair_terms, strict=True):
+            if isinstance(term, HasRoundOff):
+                term.add_round_off(x, sums)
+            else:
+                pairs.add_sizes(x, sums)
         return sums.ravel()
 
     def check_held(self) -> None:
@@ -437,61 +386,7 @@ class System:
 
     def parts(self) -> NDArray[np.int32]:
         """(nv,) number of the part that each vertex is of: parts are what terms hold together."""
-        return parts_of([term.edges for term in self.bound_terms], self.mesh.nv)
-
-    def smallest_volume_ratio(self, u: ArrayLike) -> float:
-        """The smallest ratio `J` of an element's volume at `u` to that at rest; below zero it is inside out. Errors as of `energy`.
-
-        Of triangles in space and segments in more than one dimension the ratio of areas and lengths, which has no sign.
-        """
-        x = self._state(u)
-        return min((term.smallest_volume_ratio(x) for _, term in self._with_volume), default=np.inf)
-
-    def step_limit(self, u: ArrayLike, v: ArrayLike) -> float:
-        """The smallest `s > 0` at which an element that is right side out at `u` (`J > 0`) has no volume left at `u + s v`; or infinity.
-
-        Exact: `J` is a cubic in `s`. Triangles in space and segments in more than one dimension have no inside, so that nothing limits them.
-
-        Raises
-        ------
-        StateError
-            if `u` or `v` does not have one finite entry for each degree of freedom.
-
-        >>> import skfem
-        >>> from skfem_stvk import StVK
-        >>> mesh = skfem.MeshTet().refined(1)
-        >>> body = System(mesh, StVK(young=1.0, poisson=0.3))
-        >>> flatter = -0.5 * (mesh.p * [[0], [0], [1]]).ravel("F")
-        >>> round(body.step_limit(0 * flatter, flatter), 12)
-        2.0
-        """
-        x, y = self._state(u), self._state(v, "v")
-        return min((term.step_limit(x, y) for _, term in self._with_volume), default=np.inf)
-
-    def inside_out(self, u: ArrayLike) -> NDArray[np.int64]:
-        """Ids of the elements that are inside out or flat at `u`, ascending: `J <= FLAT`. Errors as of `energy`."""
-        if self.mesh.k < self.mesh.d or self.smallest_volume_ratio(u) > FLAT:
-            return np.empty(0, dtype=np.int64)
-        x = self._state(u)
-        turned = [elements[term.volume_ratios(x) <= FLAT] for elements, term in self._with_volume]
-        return np.unique(np.concatenate(turned))
-
-    def smallest_stretch(self, u: ArrayLike) -> float:
-        """The smallest principal stretch of all elements at `u`, within their own dimensions: 1 at rest, 0 flat. Errors as of `energy`.
-
-        Below 1/sqrt(3) = 0.577 a St. Venant-Kirchhoff body gives way: under uniaxial compression more shortening takes less force.
-        """
-        x = self._state(u)
-        return min((term.smallest_stretch(x) for term in self.bound_terms if isinstance(term, HasStretch)), default=np.inf)
-
-    def compressed(self, u: ArrayLike, below: float) -> NDArray[np.int64]:
-        """Ids of the elements whose smallest principal stretch at `u` is less than `below`, ascending. Errors as of `energy`."""
-        x, below = self._state(u), number("below", below, "a finite stretch")
-        ids = [np.empty(0, dtype=np.int64)]
-        for specification, term in zip(self.elastic_terms, self.bound_terms, strict=True):
-            if isinstance(term, HasStretch) and term.smallest_stretch(x) < below:
-                ids.append(self.mesh.elements(specification.region)[term.smallest_stretches(x) < below])
-        return np.unique(np.concatenate(ids))
+        return parts_of([term.nodes_paired for term in self.bound_terms], self.mesh.nv)
 
     def free_dofs(self, fixed: Any) -> FreeDofs:
         """The degrees of freedom that are not `fixed`, and K restricted to them without slicing.
@@ -521,13 +416,16 @@ class System:
         0
         """
         parts = {"mesh": self.mesh.p.nbytes + self.mesh.t.nbytes}
-        every: list[BoundTerm | BoundLoad] = [*self.bound_terms, *self.bound_loads]
-        for term in every:
-            for name, count in term.memory().items():
-                parts[name] = parts.get(name, 0) + count
-        rows = self.__dict__.get("_rows", [])
+        for term in (*self.bound_terms, *self.bound_loads):
+            if isinstance(term, HasMemory):
+                for name, count in term.memory().items():
+                    parts[name] = parts.get(name, 0) + count
+        for narrow in (*self.pair_terms, *(of for _, of in self._turning)):
+            if isinstance(narrow, Coupled):
+                parts["blocks of pairs"] = parts.get("blocks of pairs", 0) + narrow.own_memory()
+        rows = [] if self._places is None else [*self._places.terms, *self._places.loads]
         parts["rows of K"] = sum(array.nbytes for row in rows for array in row)
-        parts["pattern of K"] = self.pattern.memory() if "pattern" in self.__dict__ else 0
+        parts["pattern of K"] = 0 if self._pattern is None else self._pattern.memory()
         parts["product"] = self._operator.memory() if self._operator is not None else 0
         parts["mass"] = sum(mass.memory() for mass in self._masses.values())
         return parts
@@ -548,7 +446,7 @@ class System:
     def _energy_and_force(self, x: Array, out: Array | None = None) -> tuple[float, Array]:
         force = np.zeros(x.shape, dtype=self.dtype) if out is None else out
         force[:] = 0
-        return sum(term.energy(x, force) for term in self.bound_terms), force
+        return sum(term.energy_and_force(x, force) for term in self.bound_terms), force
 
     def _matrix(self, out: csr_matrix | None) -> csr_matrix:
         if out is None:
@@ -563,35 +461,28 @@ class System:
 
     def _fill(self, x: Array, K: csr_matrix, force: Array | None, kept: Tensions = ALL) -> float:
         """Fill the values of K; adds the force; the energy."""
-        add = self.mesh.d**2 * len(self._rows[0].entries) < self.pattern.nnz  # otherwise the first term writes to all of K
+        every = self._rows().terms
+        add = self.mesh.d**2 * len(every[0].entries) < self.pattern.nnz  # otherwise the first term writes to all of K
         if add:
             K.data[:] = 0
         energy = 0.0
-        for term, rows in zip(self.bound_terms, self._rows, strict=True):
-            linearized = term.tangent(x, rows, K.data, add, force, kept)
+        for term, rows in zip(self.pair_terms, every, strict=True):
+            linearized = term.fill(x, rows, K.data, add, force, kept)
             add = True
             refuse_overflow(linearized.total, "K", x)
             energy += linearized.energy
         return energy
 
-    def _state(self, u: ArrayLike, name: str = "u") -> Array:
-        """Displacements as (nv, d)."""
-        return by_vertex(self.mesh, u, name)
-
-    @property
-    def _named(self) -> list[tuple[str, Any]]:
-        return [(f"{type(term).__name__} {number}", term) for number, term in enumerate(self.terms)]
-
-    def _warn_of_bare_vertices(self) -> None:
-        used = np.zeros(self.mesh.nv, dtype=bool)
-        for term in self.bound_terms:
-            used[term.edges.ravel()] = True
-        bare = np.flatnonzero(~used)
-        if len(bare):
-            warn(f"{name_ids(bare, 'vertex')}: in no term, so their rows of K are zero. Is a region missing from the terms?")
-
     def __repr__(self) -> str:
         return f"System: {self.mesh.nt} {self.mesh.kind}, {self.ndofs} degrees of freedom, {len(self.terms)} term(s)"
+
+
+class _Places(NamedTuple):
+    """Rows of terms and of loads in a version of the pattern."""
+
+    version: int
+    terms: list[Rows]
+    loads: list[Rows]
 
 
 def checked_system(system: Any) -> System:

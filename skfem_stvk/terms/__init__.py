@@ -1,11 +1,8 @@
 """What a body is made of and what acts on it: specifications without a mesh, one a file."""
 
 from .body import Body
-from .body_force import BodyForce
+from .dead_loads import BodyForce, Gravity, NodalLoad, Traction
 from .foundation import ElasticFoundation
-from .gravity import Gravity
-from .load import Load, is_load
-from .nodal_load import NodalLoad
 from .pressure import Pressure
 from .protocols import (
     BoundLoad,
@@ -13,15 +10,20 @@ from .protocols import (
     Grounded,
     HasDampingForce,
     HasMeanForce,
+    HasMemory,
     HasPressure,
+    HasRoundOff,
+    HasState,
     HasStress,
     HasStretch,
     HasVolume,
+    Load,
     Quartic,
     Term,
+    TurningLoad,
+    is_load,
 )
 from .stvk import StVK
-from .traction import Traction
 from .volume_penalty import VolumePenalty
 
 __all__ = [
@@ -34,7 +36,10 @@ __all__ = [
     "Grounded",
     "HasDampingForce",
     "HasMeanForce",
+    "HasMemory",
     "HasPressure",
+    "HasRoundOff",
+    "HasState",
     "HasStress",
     "HasStretch",
     "HasVolume",
@@ -45,6 +50,7 @@ __all__ = [
     "StVK",
     "Term",
     "Traction",
+    "TurningLoad",
     "VolumePenalty",
     "is_load",
 ]

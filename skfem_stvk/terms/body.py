@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from functools import cached_property
 from math import factorial
-from typing import Any
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +15,33 @@ from ..errors import LoadError, MaterialError, name_ids
 from ..kernels.geometry import measures
 from ..mesh import SimplexMesh
 from ..mesh.facets import facet_sizes, facets_of, find_facets
-from .stvk import StVK
+
+
+@runtime_checkable
+class HasMass(Protocol):
+    """A specification of elements with mass."""
+
+    @property
+    def region(self) -> Any:
+        """Name of a subdomain, element ids, or None for all elements."""
+
+    def mass(self, mesh: SimplexMesh, sizes: Array) -> Array:
+        """(n,) masses [kg] of the elements of the region, from their lengths, areas or volumes `sizes` (n,)."""
+
+
+@runtime_checkable
+class HasSection(Protocol):
+    """A specification of elements with thickness or cross-section, and a stiffness."""
+
+    @property
+    def region(self) -> Any:
+        """Name of a subdomain, element ids, or None for all elements."""
+
+    def section(self, mesh: SimplexMesh, n: int) -> Array:
+        """What turns the measure of an element into a volume, a number or (n,)."""
+
+    def confined_modulus(self, mesh: SimplexMesh, n: int) -> Array:
+        """`lam + 2 mu` [Pa], a number or (n,)."""
 
 
 class Body:
@@ -29,7 +55,8 @@ class Body:
 
     def __init__(self, mesh: SimplexMesh, terms: Sequence[Any]) -> None:
         self.mesh = mesh
-        self._materials = [term for term in terms if isinstance(term, StVK)]
+        self._terms = terms
+        self._materials = [term for term in terms if isinstance(term, HasSection)]
 
     @cached_property
     def sizes(self) -> Array:
@@ -82,16 +109,13 @@ class Body:
         MaterialError
             if a material has no density.
         """
-        if not self._materials:
+        heavy = [term for term in self._terms if isinstance(term, HasMass)]
+        if not heavy:
             raise MaterialError("No term has a density. Give one to the material: StVK(..., density=...).")
         mass = np.zeros(self.mesh.nt)
-        for term in self._materials:
-            assert term.material is not None
-            if term.material.density is None:
-                region = f" on {term.region!r}" if isinstance(term.region, str) else ""
-                raise MaterialError(f"The material{region} has no density. Give it one: StVK(..., density=...) [kg/m^3].")
+        for term in heavy:
             ids = self.mesh.elements(term.region)
-            mass[ids] += self.sizes[ids] * term.section(self.mesh, len(ids)) * np.asarray(term.material.density)
+            mass[ids] += term.mass(self.mesh, self.sizes[ids])
         return mass
 
     def facet_areas(self, facets: NDArray[np.int32]) -> Array:

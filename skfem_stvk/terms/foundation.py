@@ -5,13 +5,15 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, DTypeLike
+from numpy.typing import ArrayLike, DTypeLike, NDArray
+from scipy.sparse import csr_matrix
 
-from ..arguments import own, real_array, shown
+from ..arguments import Array, own, real_array, shown
+from ..edges import ALL, NodeBlocks, Tensions
+from ..edges.topology import edge_topology
 from ..errors import LoadError
 from ..mesh import SimplexMesh
 from ..mesh.places import Where, describe, facets_at
-from .bedding import Bedding
 from .body import Body
 from .spread import Spread
 
@@ -24,7 +26,7 @@ class ElasticFoundation:
 
     Parameters
     ----------
-    where : as of `Traction`.
+    where : as in `Traction`.
     stiffness : `k` per area at rest [N/m^3], a number for all components or one for each; zero lets go of a component.
 
     Raises
@@ -69,3 +71,88 @@ class ElasticFoundation:
             )
         facets = facets_at(body.mesh, self.where, what)
         return Bedding(Spread(body.mesh, facets, body.facet_areas(facets)), facets, np.broadcast_to(k, d), dtype)
+
+
+class Bedding:
+    """A foundation on a mesh: `K = k (x) M` with the mass matrix `M` of its facets, constant.
+
+    Attributes
+    ----------
+    nodes_paired : (2, ne) edges of the facets.
+    nodes : (n,) their vertices.
+    grounded : degrees of freedom that it ties to the ground.
+    """
+
+    symmetric = has_energy = True
+    balanced = False
+
+    def __init__(self, spread: Spread, facets: NDArray[np.int32], stiffness: NDArray[np.float64], dtype: DTypeLike) -> None:
+        self.nodes, self._k = spread.vertices, stiffness
+        local, self._between, self._own = _masses(spread, facets, dtype)
+        self.nodes_paired = spread.vertices[local].astype(np.int32)
+        self._M = _matrix(local, self._between, self._own)
+        d = len(stiffness)
+        self.grounded = (d * self.nodes[:, None] + np.flatnonzero(stiffness)).ravel()
+
+    def energy_and_force(self, u: Array, force: Array | None = None) -> float:
+        """Energy [J] at `u` (nv, d); adds the force on the springs [N] to `force` (nv, d)."""
+        own = u[self.nodes]
+        pull = self._pull(own)
+        if force is not None:
+            force[self.nodes] += pull
+        return float(np.vdot(own, pull)) / 2
+
+    def add_blocks(self, u: Array, blocks: NodeBlocks, kept: Tensions = ALL) -> None:
+        """Add `k M_ab`, the same at all `u`."""
+        assert blocks.own is not None
+        for c, k in enumerate(self._k):
+            blocks.pairs[:, c, c] += k * self._between
+            blocks.own[:, c, c] += k * self._own
+
+    def along(self, u: Array, v: Array) -> NDArray[np.float64]:
+        """(5,) coefficients of the energy along `u + s v`: the last two are zero."""
+        U, V = u[self.nodes].astype(np.float64), v[self.nodes].astype(np.float64)
+        pull = self._pull(V)
+        return np.array([np.vdot(U, self._pull(U)) / 2, np.vdot(U, pull), np.vdot(V, pull) / 2, 0.0, 0.0])
+
+    def mean_force(self, u0: Array, u1: Array, weights: tuple[float, float], theta: float, force: Array) -> float:
+        """Add `(w0 + w1) K ((1 - theta) u0 + theta u1)` to `force` (nv, d); its springs lose nothing by weights that are not alike: always 0."""
+        own, after = u0[self.nodes], u1[self.nodes]
+        force[self.nodes] += sum(weights) * self._pull((1 - theta) * own + theta * after)
+        return 0.0
+
+    def add_round_off(self, u: Array, out: Array) -> None:
+        """Add `K |u|`, all that adds up to the force [N], to `out` (nv, d); all entries of K are positive."""
+        out[self.nodes] += self._pull(np.abs(u[self.nodes]))
+
+    def memory(self) -> dict[str, int]:
+        """Bytes of its arrays, by part."""
+        M = self._M
+        arrays = M.data, M.indices, M.indptr, self._between, self._own, self.nodes, self.grounded, self.nodes_paired
+        return {"foundations": sum(array.nbytes for array in arrays)}
+
+    def _pull(self, own: Array) -> Array:
+        """(n, d) `K u` from the displacements of its own vertices."""
+        pull: Array = self._M @ own * self._k.astype(self._M.dtype)
+        return pull
+
+
+def _masses(spread: Spread, facets: NDArray[np.int32], dtype: DTypeLike) -> tuple[NDArray[np.int32], Array, Array]:
+    """Edges (2, ne) of the facets (m, n) between the vertices of the spread, and `M_ab = sum of (1 + delta_ab) area/(m (m + 1))` of both kinds."""
+    m = len(facets)
+    share = spread.sizes / (m * (m + 1))
+    own = 2 * spread.add(np.broadcast_to(share, spread.corners.shape))
+    if m == 1:
+        return np.empty((2, 0), dtype=np.int32), np.empty(0, dtype=dtype), own.astype(dtype)
+    local, sides = edge_topology(spread.corners.astype(np.int32))
+    between = np.bincount(sides.ravel(), weights=np.tile(share, len(sides)), minlength=local.shape[1])
+    return local, between.astype(dtype), own.astype(dtype)
+
+
+def _matrix(local: NDArray[np.int32], between: Array, own: Array) -> csr_matrix:
+    """The symmetric matrix with these entries between vertices, and of vertices themselves."""
+    every = np.arange(len(own), dtype=np.int32)
+    row, column = np.concatenate([local[0], local[1], every]), np.concatenate([local[1], local[0], every])
+    M = csr_matrix((np.concatenate([between, between, own]), (row, column)), shape=(len(own),) * 2)
+    M.sort_indices()
+    return M

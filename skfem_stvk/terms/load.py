@@ -1,37 +1,16 @@
-"""What acts from outside, and how what a user gives for it becomes a function of place and time."""
+"""When loads are asked for, and how what a user gives for them becomes a function of place and time."""
 
 from __future__ import annotations
 
 import inspect
-from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from math import isfinite
-from typing import Any, ClassVar, NamedTuple, TypeAlias, TypeGuard
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 
-from ..arguments import Array, number, own, real_array, shown
+from ..arguments import Array, number, real_array, shown
 from ..errors import LoadError, StateError, StvkError, name_ids
-from .body import Body
-from .protocols import BoundLoad
-
-
-class Load(ABC):
-    """A load without a mesh, good for many systems; as a dataclass it keeps copies of what it is given."""
-
-    external: ClassVar[bool] = True
-
-    def __post_init__(self) -> None:
-        own(self)
-
-    @abstractmethod
-    def bind(self, body: Body) -> BoundLoad:
-        """The load on this body; raises RegionError or LoadError where it has no meaning there."""
-
-
-def is_load(term: Any) -> TypeGuard[Load]:
-    """Whether a term acts from outside: a `Load`, or whatever else says so by `external`."""
-    return bool(getattr(term, "external", False))
 
 
 class Moment(NamedTuple):

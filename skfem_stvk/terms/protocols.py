@@ -1,61 +1,114 @@
-"""What a term is: a specification that binds to a mesh, and what it is then."""
+"""What a term is: a specification that binds to a body, what it owes then, and what else it can be asked for."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
+from abc import ABC, abstractmethod
+from typing import Any, ClassVar, Protocol, TypeGuard, runtime_checkable
 
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
-from ..arguments import Array
-from ..edges import ALL, Linearized, Rows, Tensions
-from ..edges.rows import Places
+from ..arguments import Array, own
+from ..edges.pairs import BoundTerm, NodeBlocks
 from ..materials import Hypothesis
 from ..mesh import SimplexMesh
-
-if TYPE_CHECKING:
-    from .body import Body
-    from .load import Time
+from .body import Body
+from .load import Time
 
 
-class BoundTerm(Protocol):
-    """An elastic term on a mesh: it adds what it contributes at displacements `u` (nv, d) to arrays that it is handed."""
+class Term(Protocol):
+    """A specification without a mesh."""
+
+    def bind(self, body: Body, dtype: DTypeLike) -> BoundTerm:
+        """The term on this body, with results of this type."""
+
+
+class Load(ABC):
+    """A load without a mesh, good for many systems; as a dataclass it keeps copies of what it is given."""
+
+    external: ClassVar[bool] = True
+
+    def __post_init__(self) -> None:
+        own(self)
+
+    @abstractmethod
+    def bind(self, body: Body) -> BoundLoad:
+        """The load on this body; raises RegionError or LoadError where it has no meaning there."""
+
+
+def is_load(term: Any) -> TypeGuard[Load]:
+    """Whether a term acts from outside: a `Load`, or whatever else says so by `external`."""
+    return bool(getattr(term, "external", False))
+
+
+class BoundLoad(Protocol):
+    """What acts on a body from outside, at displacements `u` (nv, d) and load factor or moment `t`. If it is not `dead` it is a `TurningLoad`."""
 
     @property
-    def edges(self) -> NDArray[np.int32]:
-        """(2, ne) pairs of vertices `a < b` that it couples, in lexicographic order."""
+    def has_potential(self) -> bool:
+        """Whether its force is minus the gradient of a potential; otherwise its stiffness is not symmetric."""
 
-    def energy(self, u: Array, force: Array | None = None) -> float:
-        """Strain energy [J]; adds the internal force [N] to `force` (nv, d)."""
+    @property
+    def dead(self) -> bool:
+        """Whether its force is the same wherever the body goes: it has a potential, linear in `u`, and no stiffness."""
 
-    def rows(self, pattern: Places) -> Rows:
-        """Where its blocks stand in the values of a matrix of this pattern."""
+    @property
+    def steady(self) -> bool:
+        """Whether it is given by constants, not by a function of time."""
 
-    def tangent(self, u: Array, rows: Rows, data: Array, add: bool, force: Array | None = None, kept: Tensions = ALL) -> Linearized:
-        """Write the tangent stiffness [N/m] of its edges and vertices to CSR values, or add it; adds the force to `force` (nv, d).
+    def potential(self, u: Array, t: Time) -> float:
+        """Its potential [J]; the force is `-d potential/du`."""
 
-        `kept`: which tensions of edges stay in it; the factor of negative ones is that of `psi' d2J` of volumes as well.
-        """
+    def add_force(self, u: Array, t: Time, out: Array) -> None:
+        """Add the external force [N] to `out` (nv, d)."""
 
-    def edge_blocks(
-        self, u: Array, force: Array | None = None, out: Array | None = None, kept: Tensions = ALL
-    ) -> tuple[float, Array]:
-        """The energy [J], and what `add_product` needs at `u`, in which K is linear; `out` is what it returned before, to be filled anew."""
 
-    def add_product(self, blocks: Array, v: Array, out: Array) -> None:
-        """Add `K v` to `out` (nv, d)."""
+@runtime_checkable
+class TurningLoad(Protocol):
+    """A load with a stiffness: blocks of the pairs of vertices that it couples, and of vertices themselves.
 
-    def add_diagonal(self, blocks: Array, out: Array) -> None:
-        """Add the diagonal blocks `K_aa` to `out` (nv, d, d)."""
+    Attributes
+    ----------
+    symmetric : whether its stiffness is; if not, it gives `K_ba` of its pairs as well.
+    balanced : whether the rows of its stiffness sum to zero; if not, it gives those of its `nodes` (m,).
+    """
 
-    def add_norms(self, blocks: Array, x: Array, out: Array) -> None:
-        """Add `sum_b |K_ab| x_b` over the other vertices `b` to `out` (nv,), for `x` (nv,), with norms not below the 2-norm."""
+    symmetric: bool
+    balanced: bool
+
+    @property
+    def nodes_paired(self) -> NDArray[np.int32]:
+        """(2, n) pairs of vertices `a < b` that it couples, each once; none if it couples each vertex with itself at most."""
+
+    def add_blocks(self, u: Array, t: Time, blocks: NodeBlocks) -> None:
+        """Add the blocks of `-d force/du` [N/m] at `u` (nv, d)."""
+
+
+@runtime_checkable
+class HasMemory(Protocol):
+    """A term that knows how large its arrays are."""
+
+    def memory(self) -> dict[str, int]:
+        """Bytes of its arrays, by part."""
+
+
+@runtime_checkable
+class HasRoundOff(Protocol):
+    """A term that knows the rounding error of its force better than its blocks say it."""
 
     def add_round_off(self, u: Array, out: Array) -> None:
         """Add to `out` (nv, d) the absolute values of all that adds up to the force [N]: times eps, the size of its rounding error."""
 
-    def memory(self) -> dict[str, int]:
-        """Bytes of what there is now, by part."""
+
+@runtime_checkable
+class HasState(Protocol):
+    """A term with a memory, such as friction that lags behind: an analysis tells it which states are accepted."""
+
+    def commit(self, u: Array) -> None:
+        """Keep what belongs to displacements `u` (nv, d), which an analysis has accepted."""
+
+    def restore(self) -> None:
+        """Go back to what was kept last, since what came after was not accepted."""
 
 
 @runtime_checkable
@@ -93,7 +146,7 @@ class Grounded(Protocol):
     def grounded(self) -> NDArray[np.int64]:
         """Degrees of freedom that it ties to the ground."""
 
-    def energy(self, u: Array, force: Array | None = None) -> float:
+    def energy_and_force(self, u: Array, force: Array | None = None) -> float:
         """Strain energy [J]; adds the internal force [N], minus that of the ground on the body, to `force` (nv, d)."""
 
 
@@ -112,6 +165,17 @@ class HasVolume(Protocol):
 
 
 @runtime_checkable
+class HasStretch(Protocol):
+    """A term with simplices that can be compressed; its specification has their `region`."""
+
+    def smallest_stretches(self, u: Array) -> NDArray[np.float64]:
+        """(n,) smallest principal stretch at `u` (nv, d) of the region's simplices, in their order, within their own dimensions."""
+
+    def smallest_stretch(self, u: Array) -> float:
+        """The smallest of them."""
+
+
+@runtime_checkable
 class HasStress(Protocol):
     """A specification of a material that carries stress on the elements of its `region`."""
 
@@ -121,7 +185,7 @@ class HasStress(Protocol):
 
     @property
     def material(self) -> Any:
-        """The material, with `check`, `density` and its moduli."""
+        """The material, with `check` and its moduli."""
 
     def hypothesis(self, mesh: SimplexMesh) -> Hypothesis:
         """Which components of strain or stress vanish across the simplices of this mesh."""
@@ -145,56 +209,3 @@ class HasPressure(Protocol):
 
     def density_and_slope(self, e: Array, elements: NDArray[Any]) -> tuple[Array, Array]:
         """`psi` and `psi'` (n,) for a stiffness of 1 at `e = J - 1` of these elements."""
-
-
-@runtime_checkable
-class HasStretch(Protocol):
-    """A term with simplices that can be compressed; its specification has their `region`."""
-
-    def smallest_stretches(self, u: Array) -> NDArray[np.float64]:
-        """(n,) smallest principal stretch at `u` (nv, d) of the region's simplices, in their order, within their own dimensions."""
-
-    def smallest_stretch(self, u: Array) -> float:
-        """The smallest of them."""
-
-
-class Term(Protocol):
-    """A specification without a mesh."""
-
-    def bind(self, body: Body, dtype: DTypeLike) -> BoundTerm:
-        """The term on this body, with results of this type."""
-
-
-class BoundLoad(Protocol):
-    """What acts on a body from outside, at displacements `u` (nv, d) and load factor or moment `t`."""
-
-    @property
-    def has_potential(self) -> bool:
-        """Whether its force is minus the gradient of a potential; otherwise its stiffness is not symmetric."""
-
-    @property
-    def dead(self) -> bool:
-        """Whether its force is the same wherever the body goes: it has a potential, linear in `u`, and no stiffness."""
-
-    @property
-    def steady(self) -> bool:
-        """Whether it is given by constants, not by a function of time."""
-
-    @property
-    def edges(self) -> NDArray[np.int32]:
-        """(2, ne) pairs of vertices `a < b` that its stiffness couples, in lexicographic order; none if it couples each vertex with itself at most."""
-
-    def potential(self, u: Array, t: Time) -> float:
-        """Its potential [J]; the force is `-d potential/du`."""
-
-    def add_force(self, u: Array, t: Time, out: Array) -> None:
-        """Add the external force [N] to `out` (nv, d)."""
-
-    def places(self, pattern: Places) -> Any:
-        """Where its blocks stand in the values of a matrix of this pattern."""
-
-    def add_stiffness(self, u: Array, t: Time, places: Any, data: Array) -> None:
-        """Add `-d force/du` [N/m] to CSR values."""
-
-    def memory(self) -> dict[str, int]:
-        """Bytes of what there is now, by part."""

@@ -4,23 +4,20 @@ from __future__ import annotations
 
 from dataclasses import InitVar, dataclass
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, DTypeLike, NDArray
 
 from ..arguments import choice, own
 from ..edges import Assembly, EdgeForm
-from ..edges.coefficients import simplex_coefficients
-from ..edges.stiffness import GeneralStiffness, IsotropicStiffness, Stiffness
+from ..edges.stiffness import GeneralStiffness, IsotropicStiffness, Stiffness, simplex_coefficients
 from ..errors import MaterialError
 from ..materials import FramedMaterial, Hypothesis, Isotropic, Material
 from ..materials.material import check_length, constant
 from ..mesh import SimplexMesh
 from ..mesh.geometry import Geometry
-
-if TYPE_CHECKING:
-    from .body import Body
+from .body import Body
 
 
 @dataclass(frozen=True, eq=False)
@@ -122,6 +119,20 @@ class StVK:
         section = self.section(mesh, len(elements))
         geometry = Geometry(mesh.p, mesh.t[:, elements])
         return simplex_coefficients(geometry, self.material, hypothesis) * section[..., None, None]
+
+    def mass(self, mesh: SimplexMesh, sizes: NDArray[np.float64]) -> NDArray[np.float64]:
+        """(n,) masses [kg] of the elements of the region, from their lengths, areas or volumes `sizes` (n,).
+
+        Raises
+        ------
+        MaterialError
+            if the material has no density.
+        """
+        assert self.material is not None
+        if self.material.density is None:
+            region = f" on {self.region!r}" if isinstance(self.region, str) else ""
+            raise MaterialError(f"The material{region} has no density. Give it one: StVK(..., density=...) [kg/m^3].")
+        return sizes * self.section(mesh, len(sizes)) * np.asarray(self.material.density)
 
     def confined_modulus(self, mesh: SimplexMesh, n: int) -> NDArray[np.float64]:
         """`lam + 2 mu` [Pa] within the simplices' own dimensions; if not isotropic the largest of `C_1111, C_2222, C_3333` in material axes."""

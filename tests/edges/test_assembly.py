@@ -7,9 +7,7 @@ from kernels.parts import in_parts
 
 from skfem_stvk import SimplexMesh, StVK, System
 from skfem_stvk.edges import TENSILE
-from skfem_stvk.edges.lanes import in_lanes, out_of_lanes
-from skfem_stvk.edges.order import own_order
-from skfem_stvk.edges.topology import LOCAL_EDGES, edge_topology
+from skfem_stvk.edges.topology import LOCAL_EDGES, edge_topology, in_lanes, out_of_lanes, own_order
 from skfem_stvk.errors import MaterialError
 from skfem_stvk.kernels.simplices import LANES
 from skfem_stvk.system import Pattern
@@ -58,25 +56,25 @@ def test_vertices_of_other_terms_are_not_in_the_own_order():
 def test_force_is_added_and_K_is_written_or_added(name):
     mesh, terms = BODIES[name]
     assembly, u = terms[0].bind(mesh, np.float64), state(mesh).reshape(-1, mesh.d)
-    pattern = Pattern(mesh.nv, mesh.d, [assembly.edges])
-    rows = assembly.rows(pattern)
+    pattern = Pattern(mesh.nv, mesh.d, [assembly.nodes_paired])
+    rows = assembly.pairs.rows(pattern)
     before = np.random.default_rng(0).standard_normal(u.shape)
     F, sum_of_both, same = np.zeros_like(u), before.copy(), before.copy()
-    W = assembly.energy(u, F)
-    assert assembly.energy(u, sum_of_both) == W
+    W = assembly.energy_and_force(u, F)
+    assert assembly.energy_and_force(u, sum_of_both) == W
     scale = np.abs(F).max() + 1
     assert np.abs(F).max() > 1e-3 and np.abs(sum_of_both - before - F).max() < 1e-14 * scale
 
     K = np.zeros(pattern.nnz)
-    assembly.tangent(u, rows, K, True)
+    assembly.fill(u, rows, K, True)
     more = np.full(pattern.nnz, 7.0)
-    linearized = assembly.tangent(u, rows, more, True, same)
+    linearized = assembly.fill(u, rows, more, True, same)
     assert linearized.energy == pytest.approx(W, rel=1e-14)
     assert np.abs(same - before - F).max() < 1e-14 * scale
     assert np.abs(more - K - 7).max() < 1e-14 * (np.abs(K).max() + 7)
     written = np.zeros(pattern.nnz)
     written[K != 0] = np.nan  # all that the term has is written over
-    assembly.tangent(u, rows, written, False)
+    assembly.fill(u, rows, written, False)
     assert np.array_equal(written, K)
 
 
@@ -86,16 +84,16 @@ def test_blocks_of_edges_are_those_of_K_and_their_total_is_its_trace(name):
     mesh = MESHES[name]
     assembly, u = TERM.bind(mesh), state(mesh).reshape(-1, mesh.d)
     K = System(mesh, TERM).tangent(u.ravel()).toarray().reshape(mesh.nv, mesh.d, mesh.nv, mesh.d).swapaxes(1, 2)
-    energy, blocks = assembly.edge_blocks(u)
-    alone = assembly.energy(u, np.zeros_like(u))
+    energy, blocks = assembly.blocks(u)
+    alone = assembly.energy_and_force(u, np.zeros_like(u))
     assert energy == pytest.approx(alone, rel=1e-14)
-    a, b = assembly.edges
+    a, b = assembly.nodes_paired
     wanted = np.sort(np.einsum("exx->e", K[a, b]))
     found = blocks[: 9 * len(a)].reshape(-1, 3, 3)[:, : mesh.d, : mesh.d]
     assert np.abs(np.sort(np.einsum("exx->e", found)) - wanted).max() < 1e-13 * np.abs(wanted).max()
-    pattern = Pattern(mesh.nv, mesh.d, [assembly.edges])
+    pattern = Pattern(mesh.nv, mesh.d, [assembly.nodes_paired])
     data = np.zeros(pattern.nnz)
-    total = assembly.tangent(u, assembly.rows(pattern), data, False).total
+    total = assembly.fill(u, assembly.pairs.rows(pattern), data, False).total
     if mesh.d == 3:
         assert total == pytest.approx(np.einsum("aaxx->", K), rel=1e-13)
     assert total > 0
@@ -104,12 +102,12 @@ def test_blocks_of_edges_are_those_of_K_and_their_total_is_its_trace(name):
 def test_blocks_are_filled_anew_where_they_stand():
     mesh = MESHES["tetrahedra"]
     assembly, u = TERM.bind(mesh), state(mesh).reshape(-1, 3)
-    _, wanted = assembly.edge_blocks(u)
-    _, blocks = assembly.edge_blocks(-2 * u)
+    _, wanted = assembly.blocks(u)
+    _, blocks = assembly.blocks(-2 * u)
     assert np.abs(blocks - wanted).max() > 1e-3
-    _, again = assembly.edge_blocks(u, out=blocks)
+    _, again = assembly.blocks(u, out=blocks)
     assert again is blocks and np.array_equal(again, wanted)
-    _, other = assembly.edge_blocks(u, out=np.empty(3))
+    _, other = assembly.blocks(u, out=np.empty(3))
     assert np.array_equal(other, wanted)
 
 
@@ -138,7 +136,7 @@ def test_coefficients_of_edges_and_what_the_kernels_store_are_one_stiffness(name
         form = assembly.form
         assert len(form.t2e) == len(LOCAL_EDGES[mesh.k])
         zeta = form.squared_elongations(u)
-        assert zeta @ form.L @ zeta / 4 == pytest.approx(assembly.energy(u, np.zeros_like(u)), rel=1e-13)
+        assert zeta @ form.L @ zeta / 4 == pytest.approx(assembly.energy_and_force(u, np.zeros_like(u)), rel=1e-13)
 
 
 def test_vectors_to_work_in_are_kept_and_counted(monkeypatch):
@@ -146,19 +144,20 @@ def test_vectors_to_work_in_are_kept_and_counted(monkeypatch):
     in_parts(monkeypatch, 2)
     mesh = MESHES["tetrahedra"]
     assembly, u = TERM.bind(mesh), state(mesh).reshape(-1, 3)
-    pattern = Pattern(mesh.nv, 3, [assembly.edges])
-    rows, data, force = assembly.rows(pattern), np.zeros(pattern.nnz), np.zeros_like(u)
+    pattern = Pattern(mesh.nv, 3, [assembly.nodes_paired])
+    rows, data, force = assembly.pairs.rows(pattern), np.zeros(pattern.nnz), np.zeros_like(u)
     kept = []
     for _ in range(3):
-        assembly.energy(u, force)
-        assembly.tangent(u, rows, data, False, force, TENSILE)
+        assembly.energy_and_force(u, force)
+        assembly.fill(u, rows, data, False, force, TENSILE)
         assembly.along(u, u)
         assembly.add_round_off(u, force)
-        assembly.add_product(assembly._kept["blocks"], u, force)
-        kept.append({name: id(vector) for name, vector in assembly._kept.items()})
+        assembly.pairs.add_product(assembly._filled, u, force)
+        vectors = assembly.simplices.own._kept | {"blocks": assembly._filled}
+        kept.append({name: id(vector) for name, vector in vectors.items()})
     assert kept[0] == kept[1] == kept[2] and len(kept[0]) > 4
     memory = assembly.memory()
-    assert memory["vectors"] + memory["blocks of edges"] == sum(vector.nbytes for vector in assembly._kept.values())
+    assert memory["vectors"] + memory["blocks of edges"] == sum(vector.nbytes for vector in vectors.values())
 
 
 @pytest.mark.parametrize("dtype", [np.float64, np.float32])

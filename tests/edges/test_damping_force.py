@@ -20,7 +20,7 @@ def damping(assembly, u, v):
 
 def product(assembly, u, v, kept):
     out = np.zeros(u.shape)
-    assembly.add_product(assembly.edge_blocks(u, kept=kept)[1], v, out)
+    assembly.pairs.add_product(assembly.blocks(u, kept=kept)[1], v, out)
     return out
 
 

@@ -19,7 +19,7 @@ def bound_of(assembly, u):
 
 def force_of(assembly, u):
     force = np.zeros(u.shape)
-    assembly.energy(u, force)
+    assembly.energy_and_force(u, force)
     return force
 
 

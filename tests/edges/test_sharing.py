@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 
-from skfem_stvk.edges.sharing import shares_of
+from skfem_stvk.edges.topology import shares_of
 from skfem_stvk.kernels import threads as kernel_threads
 from skfem_stvk.kernels.blocks import fold
 from skfem_stvk.kernels.threads import parts_of

@@ -50,9 +50,9 @@ def from_the_edges(assembly, u, kept):
 
 def dense(assembly, u, kept):
     """The same from the kernels, by way of CSR values."""
-    pattern = Pattern(len(u), u.shape[1], [assembly.edges])
+    pattern = Pattern(len(u), u.shape[1], [assembly.nodes_paired])
     data = np.zeros(pattern.nnz)
-    assembly.tangent(u, assembly.rows(pattern), data, False, None, kept)
+    assembly.fill(u, assembly.pairs.rows(pattern), data, False, None, kept)
     return pattern.matrix(data).toarray()
 
 
@@ -152,10 +152,10 @@ def test_energy_and_force_that_come_with_another_tangent_are_the_exact_ones():
     mesh, terms = BODIES["tetrahedra, isotropic"]
     (assembly,), u = bound(mesh, terms), state(mesh).reshape(-1, 3)
     F, same = np.zeros_like(u), np.zeros_like(u)
-    W = assembly.energy(u, F)
+    W = assembly.energy_and_force(u, F)
     for kept in (TENSILE, NONE):
         same[:] = 0
-        energy, _ = assembly.edge_blocks(u, same, kept=kept)
+        energy, _ = assembly.blocks(u, same, kept=kept)
         assert energy == pytest.approx(W, rel=1e-14) and np.abs(F - same).max() < 1e-14 * np.abs(F).max()
 
 

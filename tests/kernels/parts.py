@@ -3,18 +3,17 @@
 import numba
 from kernels import readable
 
-from skfem_stvk.edges import arrays, assembly, order, penalty, rows, simplices, stiffness, stretches, topology, volumes
+from skfem_stvk.edges import assembly, pairs, penalty, simplices, stiffness, topology
 from skfem_stvk.kernels import threads
 from skfem_stvk.mesh import displacements
-from skfem_stvk.system import free, pattern
+from skfem_stvk.system import pattern
 
 #: Modules and the kernels that they import by name.
 BY_NAME = {
-    arrays: ("lexicographic_order",),
-    order: ("lexicographic_order", "numbers_by_first_use", "stars"),
-    rows: ("stars",),
+    simplices: ("lexicographic_order",),
+    pairs: ("lexicographic_order", "stars"),
     stiffness: ("scaled_gram",),
-    topology: ("edges_of_simplices",),
+    topology: ("edges_of_simplices", "lexicographic_order", "numbers_by_first_use", "stars"),
     pattern: ("expand", "first_places", "lexicographic_order", "stars"),
 }
 
@@ -27,13 +26,11 @@ def in_parts(monkeypatch, n):
 
 def on_twins(monkeypatch):
     """From now on nothing compiled is called."""
-    monkeypatch.setattr(assembly, "simplex_kernels", readable)
+    for name in ("simplex_kernels", "volume_kernels", "stretch_kernels"):
+        monkeypatch.setattr(assembly, name, readable)
     monkeypatch.setattr(penalty, "penalty_kernels", readable)
-    monkeypatch.setattr(volumes, "volume_kernels", readable)
-    for module in (arrays, assembly, displacements, free, simplices, volumes):
+    for module in (assembly, displacements, pairs, pattern, simplices):
         monkeypatch.setattr(module, "block_kernels", readable)
-    for name in ("block_kernels", "stretch_kernels"):
-        monkeypatch.setattr(stretches, name, readable)
     for module, names in BY_NAME.items():
         for name in names:
             monkeypatch.setattr(module, name, getattr(readable, name))

@@ -40,10 +40,10 @@ def of_terms(mesh, terms, dtype, amount):
         u = state(mesh, amount).reshape(-1, mesh.d) - 0.3 * mesh.p.T
         sizes, diagonal, product = np.zeros_like(u), np.zeros((*u.shape, mesh.d)), np.zeros_like(u)
         assembly.add_round_off(u, sizes)
-        _, blocks = assembly.edge_blocks(u, kept=Tensions(0.9, 0.2))
-        assembly.add_diagonal(blocks, diagonal)
-        assembly.add_product(blocks, v, product)
-        assembly.add_norms(blocks, np.arange(1.0, mesh.nv + 1), norms := np.zeros(mesh.nv))
+        _, blocks = assembly.blocks(u, kept=Tensions(0.9, 0.2))
+        assembly.pairs.add_diagonal(blocks, diagonal)
+        assembly.pairs.add_product(blocks, v, product)
+        assembly.pairs.add_norms(blocks, np.arange(1.0, mesh.nv + 1), norms := np.zeros(mesh.nv))
         if isinstance(term, StVK):
             mean, damping = np.zeros_like(u), np.zeros_like(u)
             found |= {

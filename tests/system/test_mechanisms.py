@@ -18,8 +18,7 @@ from skfem_stvk.errors import SupportError
 from skfem_stvk.kernels.pieces import pieces_of_simplices
 from skfem_stvk.mesh.facets import facet_ids
 from skfem_stvk.system.constraints import Block, free_motions
-from skfem_stvk.system.held import check_held
-from skfem_stvk.system.mechanisms import mechanisms
+from skfem_stvk.system.mechanisms import check_held, mechanisms
 from skfem_stvk.system.rigid import parts_of, rigid_modes_left
 
 MATERIAL = StVK(young=2.0, poisson=0.3)
@@ -326,13 +325,13 @@ def at_any(x, values):
 
 
 def test_what_another_term_ties_together_counts_as_held():
-    edges = System(ONE_EDGE, MATERIAL).bound_terms[0].edges
+    edges = System(ONE_EDGE, MATERIAL).bound_terms[0].nodes_paired
     held = (3 * np.flatnonzero(ONE_EDGE.p[0] == 0)[:, None] + np.arange(3)).ravel()
-    solid, term = np.ones(ONE_EDGE.nt, dtype=bool), SimpleNamespace(edges=edges)
+    solid, term = np.ones(ONE_EDGE.nt, dtype=bool), SimpleNamespace(nodes_paired=edges)
     a, b = (np.flatnonzero(at(*point)(ONE_EDGE.p))[0] for point in ((0, 0, 0), (2, 2, 0)))
     with pytest.raises(SupportError, match="1 mechanism"):
-        check_held(ONE_EDGE, [term, SimpleNamespace(edges=edges[:, ::2])], held, solid)
-    check_held(ONE_EDGE, [term, SimpleNamespace(edges=np.array([[a], [b]]))], held, solid)
+        check_held(ONE_EDGE, [term, SimpleNamespace(nodes_paired=edges[:, ::2])], held, solid)
+    check_held(ONE_EDGE, [term, SimpleNamespace(nodes_paired=np.array([[a], [b]]))], held, solid)
 
 
 def test_cables_trusses_and_membranes_in_space_are_left_to_their_tension():

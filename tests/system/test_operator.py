@@ -7,6 +7,7 @@ from bodies import BODIES, MESHES, state
 
 from skfem_stvk import ElasticFoundation, StateError, StVK, System
 from skfem_stvk.edges import ALL, NONE, TENSILE
+from skfem_stvk.edges.pairs import with_blocks
 from skfem_stvk.errors import StvkError
 from skfem_stvk.system import FreeOperator, TangentOperator
 
@@ -157,7 +158,7 @@ def test_an_operator_whose_preparation_was_cut_off_says_so_and_a_product_is_neve
         raise KeyboardInterrupt
 
     with monkeypatch.context() as during:
-        during.setattr(body.bound_terms[1], "edge_blocks", cut_off, raising=False)
+        during.setattr(body.pair_terms[1], "blocks", cut_off, raising=False)
         for call in (lambda: body.product(0.5 * u, v), lambda: operator.prepare(0.5 * u)):
             with pytest.raises(KeyboardInterrupt):
                 call()
@@ -292,26 +293,27 @@ def test_a_clamped_operator_is_never_taken_for_the_tangent():
 class Anchors:
     """A term that is no assembly: springs `c` from some vertices to where they are at rest."""
 
+    symmetric, balanced, has_energy = True, False, True
+    nodes_paired = np.empty((2, 0), dtype=np.int32)
+
     def __init__(self, c):
-        self.c = c
+        self.c, self.nodes = c, np.arange(len(c))
 
-    def edge_blocks(self, u, force=None, out=None, kept=ALL):
-        blocks = np.multiply.outer(self.c, np.eye(u.shape[1]))
-        if out is not None:
-            out[:] = blocks
-        return float((self.c[:, None] * u**2).sum() / 2), blocks if out is None else out
+    def energy_and_force(self, u, force=None):
+        if force is not None:
+            force += self.c[:, None] * u
+        return float((self.c[:, None] * u**2).sum() / 2)
 
-    def add_product(self, blocks, v, out):
-        out += np.einsum("aij,aj->ai", blocks, v)
-
-    def add_diagonal(self, blocks, out):
-        out += blocks
+    def add_blocks(self, u, blocks, kept=ALL):
+        blocks.own += np.multiply.outer(self.c, np.eye(u.shape[1]))
 
 
 def test_terms_that_are_no_assemblies_will_do():
     mesh = SOLID.mesh
     u, v, c = state(mesh), state(mesh, seed=9), np.arange(mesh.nv) % 5.0
-    operator = TangentOperator([TERM.bind(mesh), Anchors(c)], lambda u: u.reshape(-1, 3), u, np.float64)
+    operator = TangentOperator(
+        [TERM.bind(mesh), with_blocks(Anchors(c), mesh.nv, 3, np.float64)], lambda u: u.reshape(-1, 3), u, np.float64
+    )
     operator.prepare(u)
     wanted = SOLID.tangent(u) @ v + np.repeat(c, 3) * v
     assert np.abs(operator @ v - wanted).max() < 1e-13 * np.abs(wanted).max()

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from skfem_stvk import SimplexMesh, StVK, System
 from skfem_stvk.edges.topology import edge_topology
 from skfem_stvk.errors import SupportError
-from skfem_stvk.system.held import check_held
+from skfem_stvk.system.mechanisms import check_held
 from skfem_stvk.system.rigid import parts_of, rigid_modes, rigid_modes_left
 from skfem_stvk.system.supports import Supports
 
@@ -152,10 +152,10 @@ def test_each_part_needs_supports_of_its_own():
 def test_a_body_that_is_not_held_is_refused_and_a_foundation_holds_it():
     edges, solid = edge_topology(CUBE.t)[0], np.ones(CUBE.nt, dtype=bool)
     floor = at(CUBE, lambda p: p[2] == 0)
-    term, held = SimpleNamespace(edges=edges), np.array([0])
+    term, held = SimpleNamespace(nodes_paired=edges), np.array([0])
     with pytest.raises(SupportError, match=r"^Not held: the body of \d+ vertices has 5 rigid modes left, .*\. Fix more components"):
         check_held(CUBE, [term], held, solid)
-    bedding = SimpleNamespace(edges=np.empty((2, 0), dtype=np.int32), grounded=(3 * floor[:, None] + np.arange(3)).ravel())
+    bedding = SimpleNamespace(nodes_paired=np.empty((2, 0), dtype=np.int32), grounded=(3 * floor[:, None] + np.arange(3)).ravel())
     check_held(CUBE, [term, bedding], held, solid)
 
 
@@ -164,7 +164,9 @@ def test_many_parts_are_counted():
     p = np.concatenate([CUBE.p + 3 * i for i in range(copies)], axis=1)
     mesh = SimplexMesh(p, np.concatenate([CUBE.t + n * i for i in range(copies)], axis=1))
     with pytest.raises(SupportError, match=r"; and 4 more parts\. Fix .* common faces\.$") as error:
-        check_held(mesh, [SimpleNamespace(edges=edge_topology(mesh.t)[0])], np.array([], dtype=int), np.ones(mesh.nt, dtype=bool))
+        check_held(
+            mesh, [SimpleNamespace(nodes_paired=edge_topology(mesh.t)[0])], np.array([], dtype=int), np.ones(mesh.nt, dtype=bool)
+        )
     assert str(error.value).count("the part of") == 5
 
 

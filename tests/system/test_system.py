@@ -230,7 +230,7 @@ def test_vertices_without_a_term_are_warned_of():
 
 
 def test_something_that_is_no_term_is_refused():
-    with pytest.raises(StvkError, match="A term of type float came"):
+    with pytest.raises(StvkError, match="Got a term of type float"):
         System(MESHES["tetrahedra"], [TERM, 3.0])
 
 
@@ -240,7 +240,7 @@ def test_something_that_is_no_type_is_refused():
 
 
 def test_no_terms_are_refused():
-    with pytest.raises(StvkError, match="No terms came"):
+    with pytest.raises(StvkError, match="Got no terms"):
         System(MESHES["tetrahedra"], [])
 
 

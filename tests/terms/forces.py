@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from skfem_stvk.edges.pairs import Coupled
 from skfem_stvk.system.pattern import Pattern
 
 
@@ -32,7 +33,9 @@ def force(load, mesh, u=None, t=1.0):
 
 def stiffness(load, mesh, u, t=1.0):
     """(ndofs, ndofs) `-df/du`, dense."""
-    pattern = Pattern(mesh.nv, mesh.d, [load.edges])
+    if load.dead:
+        return np.zeros((mesh.p.size, mesh.p.size))
+    pattern, of = Pattern(mesh.nv, mesh.d, [load.nodes_paired]), Coupled(load, mesh.nv, mesh.d, np.float64)
     K = pattern.matrix(np.zeros(pattern.nnz))
-    load.add_stiffness(u, t, load.places(pattern), K.data)
+    of.add_stiffness(u, t, of.pairs.rows(pattern), K.data)
     return K.toarray()

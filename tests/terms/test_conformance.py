@@ -9,6 +9,7 @@ from kernels.parts import in_parts
 
 from skfem_stvk import Anisotropic, ElasticFoundation, SimplexMesh, StVK, System, VolumePenalty
 from skfem_stvk.edges import ALL, NONE, TENSILE, Tensions
+from skfem_stvk.edges.pairs import with_blocks
 from skfem_stvk.system import Pattern
 from skfem_stvk.terms import Body, HasDampingForce, HasMeanForce, HasVolume, Quartic
 
@@ -64,6 +65,10 @@ def bound(case, dtype=np.float64, mesh=None):
     return case.term.bind(Body(case.mesh if mesh is None else mesh, []), dtype)
 
 
+def with_its_blocks(case, term, dtype=np.float64):
+    return with_blocks(term, case.mesh.nv, case.mesh.d, dtype)
+
+
 def states(case):
     """(nv, d) by name: not small, pushed together, and inside out where the term knows that."""
     mesh = case.mesh
@@ -75,20 +80,21 @@ def states(case):
 
 
 def pattern_of(case, *terms):
-    return Pattern(case.mesh.nv, case.mesh.d, [term.edges for term in terms])
+    return Pattern(case.mesh.nv, case.mesh.d, [term.nodes_paired for term in terms])
 
 
 def dense(case, term, u, kept=ALL):
     """K, F, and what the tangent comes with."""
     pattern, force = pattern_of(case, term), np.zeros(u.shape)
     data = np.full(pattern.nnz, np.nan)
-    linearized = term.tangent(u, term.rows(pattern), data, False, force, kept)
+    paired = with_its_blocks(case, term)
+    linearized = paired.fill(u, paired.pairs.rows(pattern), data, False, force, kept)
     return np.nan_to_num(pattern.matrix(data).toarray()), force, linearized  # vertices of other elements are left alone
 
 
 def force_of(term, u, dtype=np.float64):
     force = np.zeros(u.shape, dtype)
-    term.energy(u, force)
+    term.energy_and_force(u, force)
     return force
 
 
@@ -111,9 +117,9 @@ def test_force_and_tangent_are_derivatives(name):
         Kv = (K @ v.ravel()).reshape(v.shape)
         assert clearly_not_zero(F, K, Kv)
         assert np.isfinite(linearized.total)
-        assert linearized.energy == pytest.approx(term.energy(u), rel=1e-13)
+        assert linearized.energy == pytest.approx(term.energy_and_force(u), rel=1e-13)
         assert force_of(term, u) == pytest.approx(F, abs=1e-13 * np.abs(F).max())
-        slope = derivative(lambda s, u=u: term.energy(u + s * v), case.step)
+        slope = derivative(lambda s, u=u: term.energy_and_force(u + s * v), case.step)
         force = derivative(lambda s, u=u: force_of(term, u + s * v), case.step)
         assert slope == pytest.approx(np.vdot(F, v), abs=case.limit * np.abs(F).ravel() @ np.abs(v).ravel())
         assert np.abs(force - Kv).max() < case.limit * np.abs(Kv).max()
@@ -124,16 +130,16 @@ def test_force_and_tangent_are_derivatives(name):
 def test_products_diagonals_and_edge_blocks_are_those_of_the_tangent(name):
     case = CASES[name]
     term, v = bound(case), state(case.mesh, seed=9).reshape(-1, case.mesh.d)
-    nv, d = v.shape
+    (nv, d), paired = v.shape, with_its_blocks(case, term)
     for _, u in states(case):
         for kept in (ALL, TENSILE, NONE, Tensions(0.3, 0.8)):
             K, F, _ = dense(case, term, u, kept)
             force, product, diagonal, norms = np.zeros((nv, d)), np.zeros((nv, d)), np.zeros((nv, d, d)), np.zeros(nv)
-            energy, blocks = term.edge_blocks(u, force, None, kept)
-            term.add_product(blocks, v, product)
-            term.add_diagonal(blocks, diagonal)
-            term.add_norms(blocks, x := np.arange(1.0, nv + 1), norms)
-            assert energy == pytest.approx(term.energy(u), rel=1e-13)
+            energy, blocks = paired.blocks(u, force, None, kept)
+            paired.pairs.add_product(blocks, v, product)
+            paired.pairs.add_diagonal(blocks, diagonal)
+            paired.pairs.add_norms(blocks, x := np.arange(1.0, nv + 1), norms)
+            assert energy == pytest.approx(term.energy_and_force(u), rel=1e-13)
             assert np.abs(force - F).max() <= 1e-13 * np.abs(F).max()
             assert product.ravel() == pytest.approx(K @ v.ravel(), abs=1e-13 * np.abs(K).max())
             assert diagonal == pytest.approx(
@@ -171,11 +177,11 @@ def test_rigid_motions_change_nothing_and_forces_balance(name):
     assert np.linalg.det(turn) == pytest.approx(1)
     x = mesh.p.T
     for _, u in states(case):
-        W, F, K = term.energy(u), force_of(term, u), dense(case, term, u)[0]
+        W, F, K = term.energy_and_force(u), force_of(term, u), dense(case, term, u)[0]
         size = np.abs(F).max()
         assert W > 1e-3 and size > 1e-3
         moved = (x + u) @ turn.T + 3.0 - x
-        assert term.energy(moved) == pytest.approx(W, rel=1e-11)
+        assert term.energy_and_force(moved) == pytest.approx(W, rel=1e-11)
         assert np.abs(force_of(term, moved) - F @ turn.T).max() < 1e-11 * size
         assert np.abs(F.sum(axis=0)).max() < 1e-12 * size
         arms = x + u
@@ -191,7 +197,8 @@ def test_it_adds_to_what_others_left_on_a_larger_pattern(name):
     for _, u in states(case):
         pattern = pattern_of(case, other, term)
         data, force = np.ones(pattern.nnz), np.ones(u.shape)
-        term.tangent(u, term.rows(pattern), data, True, force)
+        paired = with_its_blocks(case, term)
+        paired.fill(u, paired.pairs.rows(pattern), data, True, force)
         K, F, _ = dense(case, term, u)
         assert pattern.matrix(data - 1).toarray() == pytest.approx(K, abs=1e-13 * max(1, np.abs(K).max()))
         assert force - 1 == pytest.approx(F, abs=1e-13 * max(1, np.abs(F).max()))
@@ -201,12 +208,12 @@ def test_it_adds_to_what_others_left_on_a_larger_pattern(name):
 @pytest.mark.parametrize("name", CASES)
 def test_shared_by_threads_the_results_are_the_same(name, parts, monkeypatch):
     case = CASES[name]
-    wanted = [(term := bound(case)).energy(u) for _, u in states(case)], [dense(case, term, u) for _, u in states(case)]
+    wanted = [(term := bound(case)).energy_and_force(u) for _, u in states(case)], [dense(case, term, u) for _, u in states(case)]
     in_parts(monkeypatch, parts)
     term = bound(case)
     for (_, u), W, (K, F, _) in zip(states(case), *wanted, strict=True):
         found = dense(case, term, u)
-        assert term.energy(u) == pytest.approx(W, rel=1e-13)
+        assert term.energy_and_force(u) == pytest.approx(W, rel=1e-13)
         assert np.abs(found[0] - K).max() < 1e-13 * np.abs(K).max() and np.abs(found[1] - F).max() < 1e-13 * np.abs(F).max()
         again = dense(case, term, u)
         assert np.array_equal(found[0], again[0]) and np.array_equal(found[1], again[1])
@@ -230,7 +237,7 @@ def test_numbers_of_vertices_and_elements_and_orientations_do_not_matter(name):
     for _, u in states(case):
         v = np.empty_like(u)
         v[to] = u
-        assert two.energy(v) == pytest.approx(one.energy(u), rel=1e-12)
+        assert two.energy_and_force(v) == pytest.approx(one.energy_and_force(u), rel=1e-12)
         F = force_of(one, u)
         assert np.abs(force_of(two, v)[to] - F).max() < 1e-11 * np.abs(F).max()
 
@@ -241,12 +248,13 @@ def test_single_precision_has_errors_of_single_precision(name):
     single, double = bound(case, np.float32), bound(case)
     for _, u in states(case):
         K, F, _ = dense(case, double, u)
-        blocks = single.edge_blocks(u)[1]
+        paired = with_its_blocks(case, single, np.float32)
+        blocks = paired.blocks(u)[1]
         assert blocks.dtype == np.float32
         pattern = pattern_of(case, single)
         data, force = np.zeros(pattern.nnz, np.float32), np.zeros(u.shape, np.float32)
-        linearized = single.tangent(u, single.rows(pattern), data, False, force)
-        assert linearized.energy == pytest.approx(double.energy(u), rel=4e-6)
+        linearized = paired.fill(u, paired.pairs.rows(pattern), data, False, force)
+        assert linearized.energy == pytest.approx(double.energy_and_force(u), rel=4e-6)
         assert 0 < np.abs(force - F).max() < 8e-6 * np.abs(F).max()
         assert np.abs(pattern.matrix(data.astype(float)).toarray() - K).max() < 8e-6 * np.abs(K).max()
 
@@ -286,7 +294,7 @@ def test_the_work_of_the_mean_force_is_the_difference_of_the_energies(name):
     case = CASES[name]
     term, v = bound(case), state(case.mesh, seed=9).reshape(-1, case.mesh.d)
     for _, u in states(case):
-        gained, moved = term.energy(u + v) - term.energy(u), force_of(term, u + 0.3 * v)
+        gained, moved = term.energy_and_force(u + v) - term.energy_and_force(u), force_of(term, u + 0.3 * v)
         for w1 in (0.5, 0.9):
             force = np.ones(u.shape)
             R = term.mean_force(u, u + v, (1 - w1, w1), 0.5, force)
@@ -305,4 +313,4 @@ def test_the_quartic_is_the_energy_along_a_line(name):
         c = term.along(u, v)
         for s in (-1.5, 0.0, 0.7):
             powers = c * s ** np.arange(5)
-            assert powers.sum() == pytest.approx(term.energy(u + s * v), abs=1e-12 * np.abs(powers).sum())
+            assert powers.sum() == pytest.approx(term.energy_and_force(u + s * v), abs=1e-12 * np.abs(powers).sum())

@@ -7,6 +7,7 @@ from forces import integral
 
 from skfem_stvk import RegionError, SimplexMesh, StVK
 from skfem_stvk.edges import TENSILE
+from skfem_stvk.edges.pairs import with_blocks
 from skfem_stvk.errors import LoadError
 from skfem_stvk.mesh.facets import facet_sizes
 from skfem_stvk.system.pattern import Pattern
@@ -28,10 +29,11 @@ def bound(mesh, part="all", stiffness=None, dtype=np.float64):
 
 
 def dense(term, mesh, u, add=False, others=()):
-    pattern = Pattern(mesh.nv, mesh.d, [term.edges, *others])
+    pattern = Pattern(mesh.nv, mesh.d, [term.nodes_paired, *others])
     K = pattern.matrix(np.full(pattern.nnz, 0.0 if add else np.nan))
     force = np.zeros(u.shape)
-    linearized = term.tangent(u, term.rows(pattern), K.data, add, force)
+    paired = with_blocks(term, mesh.nv, mesh.d, np.float64)
+    linearized = paired.fill(u, paired.pairs.rows(pattern), K.data, add, force)
     return np.nan_to_num(K.toarray()), force, linearized
 
 
@@ -43,7 +45,7 @@ def test_the_energy_of_a_linear_field_is_that_of_quadrature(case):
     areas = facet_sizes(mesh.p, facets) * (0.3 if mesh.k < 3 else 1)
     k = [2.0] if mesh.d == 1 else K_XYZ[: mesh.d]
     expected = integral(mesh.p, facets, areas, lambda x: (np.array(k)[:, None] * (A @ x) ** 2).sum(axis=0)[None])[0] / 2
-    assert bound(mesh, part).energy((A @ mesh.p).T) == pytest.approx(expected, rel=1e-12)
+    assert bound(mesh, part).energy_and_force((A @ mesh.p).T) == pytest.approx(expected, rel=1e-12)
 
 
 @pytest.mark.parametrize("case", CASES)
@@ -52,14 +54,14 @@ def test_force_and_stiffness_are_derivatives_of_the_energy(case):
     term = bound(mesh, part)
     u, v = (state(mesh, seed=seed).reshape(-1, mesh.d) for seed in (1, 2))
     K, force, linearized = dense(term, mesh, u)
-    W = {s: term.energy(u + s * v) for s in (-1, 0, 1)}
+    W = {s: term.energy_and_force(u + s * v) for s in (-1, 0, 1)}
     assert linearized.energy == W[0]
     assert np.vdot(force, v) == pytest.approx((W[1] - W[-1]) / 2, abs=1e-13 * W[0])
     assert v.ravel() @ K @ v.ravel() == pytest.approx(W[1] - 2 * W[0] + W[-1], rel=1e-11)
     assert force.ravel() == pytest.approx(K @ u.ravel(), abs=1e-14 * np.abs(force).max())
     assert np.array_equal(K, K.T) and np.linalg.eigvalsh(K).min() > -1e-14
     again = np.zeros_like(force)
-    assert term.energy(u, again) == W[0] and np.array_equal(again, force)
+    assert term.energy_and_force(u, again) == W[0] and np.array_equal(again, force)
 
 
 @pytest.mark.parametrize("case", CASES)
@@ -68,29 +70,31 @@ def test_products_diagonals_lines_and_round_off_agree_with_the_matrix(case):
     term = bound(mesh, part)
     u, v = (state(mesh, seed=seed).reshape(-1, mesh.d) for seed in (1, 2))
     K = dense(term, mesh, u)[0]
-    energy, blocks = term.edge_blocks(u, kept=TENSILE)
+    paired = with_blocks(term, mesh.nv, mesh.d, np.float64)
+    energy, blocks = paired.blocks(u, kept=TENSILE)
     out, diagonal, size = np.zeros(u.shape), np.zeros((mesh.nv, mesh.d, mesh.d)), np.zeros(u.shape)
-    term.add_product(blocks, v, out)
-    term.add_diagonal(blocks, diagonal)
+    paired.pairs.add_product(blocks, v, out)
+    paired.pairs.add_diagonal(blocks, diagonal)
     term.add_round_off(u, size)
-    assert energy == term.energy(u)
+    assert energy == term.energy_and_force(u)
     assert out.ravel() == pytest.approx(K @ v.ravel(), abs=1e-14 * np.abs(K).max())
     assert diagonal == pytest.approx(np.stack([K[mesh.d * a :, mesh.d * a :][: mesh.d, : mesh.d] for a in range(mesh.nv)]))
     assert size.ravel() == pytest.approx(np.abs(K) @ np.abs(u.ravel()))
     c = term.along(u, v)
     assert c.shape == (5,) and not c[3:].any()
     for s in (-1.5, 0.0, 0.7):
-        assert np.polyval(c[::-1], s) == pytest.approx(term.energy(u + s * v), rel=1e-12)
+        assert np.polyval(c[::-1], s) == pytest.approx(term.energy_and_force(u + s * v), rel=1e-12)
 
 
 @pytest.mark.parametrize("name", MESHES)
 def test_it_adds_to_what_others_left_on_a_larger_pattern(name):
     mesh = MESHES[name]
     term, u = bound(mesh, "part"), state(mesh).reshape(-1, mesh.d)
-    others = [StVK(young=1.0, poisson=0.3).bind(mesh).edges]
-    pattern = Pattern(mesh.nv, mesh.d, [term.edges, *others])
+    others = [StVK(young=1.0, poisson=0.3).bind(mesh).nodes_paired]
+    pattern = Pattern(mesh.nv, mesh.d, [term.nodes_paired, *others])
     data = np.ones(pattern.nnz)
-    term.tangent(u, term.rows(pattern), data, add=True)
+    paired = with_blocks(term, mesh.nv, mesh.d, np.float64)
+    paired.fill(u, paired.pairs.rows(pattern), data, add=True)
     assert pattern.matrix(data - 1).toarray() == pytest.approx(dense(term, mesh, u)[0], abs=1e-14)
 
 
@@ -104,11 +108,12 @@ def test_single_precision_gives_single_precision():
     mesh = MESHES["tetrahedra"]
     term, u = bound(mesh, dtype=np.float32), state(mesh).reshape(-1, 3)
     force, out = np.zeros((2, mesh.nv, 3), dtype=np.float32)
-    term.energy(u, force)
-    blocks = term.edge_blocks(u)[1]
-    term.add_product(blocks, u.astype(np.float32), out)
+    term.energy_and_force(u, force)
+    paired = with_blocks(term, mesh.nv, mesh.d, np.float32)
+    blocks = paired.blocks(u)[1]
+    paired.pairs.add_product(blocks, u.astype(np.float32), out)
     exact = np.zeros(u.shape)
-    bound(mesh).energy(u, exact)
+    bound(mesh).energy_and_force(u, exact)
     assert blocks.dtype == np.float32
     assert force == pytest.approx(exact, abs=1e-6 * np.abs(exact).max()) and out == pytest.approx(exact, abs=1e-6)
 
@@ -116,7 +121,7 @@ def test_single_precision_gives_single_precision():
 def test_a_number_is_the_stiffness_of_all_components():
     mesh = sheet()
     u = state(mesh).reshape(-1, 2)
-    assert bound(mesh, stiffness=3.0).energy(u) == bound(mesh, stiffness=(3, 3)).energy(u)
+    assert bound(mesh, stiffness=3.0).energy_and_force(u) == bound(mesh, stiffness=(3, 3)).energy_and_force(u)
 
 
 @pytest.mark.parametrize("stiffness", [-1.0, (1, np.nan, 1), 0, (0, 0, 0), "stiff", [[1, 2]], (1, 2, -3)])

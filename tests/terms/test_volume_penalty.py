@@ -52,7 +52,7 @@ def test_the_energy_is_k_psi_times_the_volume(name, J, kind):
     u = mesh.p.T @ (gradient.T - np.eye(mesh.d))
     section = {1: {"area": 0.3}, 2: {"thickness": 0.3}}.get(mesh.k, {})
     body = Body(mesh, [StVK(young=1.0, poisson=0.3, **section)])
-    found = VolumePenalty(k, kind).bind(body).energy(u)
+    found = VolumePenalty(k, kind).bind(body).energy_and_force(u)
     assert found == pytest.approx((k * body.volumes).sum() * PSI[kind](J), rel=1e-11, abs=1e-14)
 
 
@@ -164,7 +164,7 @@ def test_small_strains_keep_their_digits_far_from_the_origin_too(kind, strain, o
     rng = np.random.default_rng(5)
     u = -strain * (near.p.T + 0.3 * rng.random(near.p.T.shape))
     found = np.zeros_like(u)
-    W = VolumePenalty(3.0, kind).bind(mesh).energy(u, found)
+    W = VolumePenalty(3.0, kind).bind(mesh).energy_and_force(u, found)
     wanted, energy = np.zeros_like(u), 0.0
     for corners in mesh.t.T:
         P = [[Fraction(value) for value in row] for row in far.T[corners].tolist()]
@@ -261,7 +261,7 @@ def test_the_barrier_names_the_elements_of_the_mesh(dtype):
         assert "Start from a state" in str(caught.value) and 'kind="compression"' in str(caught.value)
         force = np.zeros((mesh.nv, 3), dtype)
         with pytest.raises(StateError):
-            term.energy(u, force)
+            term.energy_and_force(u, force)
         assert not force.any()  # nothing was added before it was known
 
 
@@ -298,7 +298,7 @@ def test_a_tangent_whose_diagonal_alone_is_finite_is_refused():
     body, u = System(SimplexMesh(1e49 * near.p, near.t), VolumePenalty(1e-240, "quadratic")), 1e148 * state(near)
     (term,) = body.bound_terms
     data = np.zeros(body.pattern.nnz)
-    term.tangent(u.reshape(-1, 3), term.rows(body.pattern), data, False)
+    term.fill(u.reshape(-1, 3), term.pairs.rows(body.pattern), data, False)
     K = body.pattern.matrix(data)
     assert np.isfinite(K.diagonal()).all() and not np.isfinite(data).all()
     with pytest.raises(StateError, match="K overflows"):
@@ -384,7 +384,7 @@ def test_what_does_not_fit_the_mesh_is_refused():
         System(mesh, [solid, VolumePenalty(1.0, region="core")])
     with pytest.raises(MaterialError, match="in no StVK"):
         VolumePenalty().bind(mesh)
-    assert VolumePenalty(1.0).bind(mesh).energy(np.zeros((mesh.nv, 3))) == 0
+    assert VolumePenalty(1.0).bind(mesh).energy_and_force(np.zeros((mesh.nv, 3))) == 0
 
 
 def test_the_referee_does_not_take_it():

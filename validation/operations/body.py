@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skfem_stvk import SimplexMesh
-from skfem_stvk.edges.coefficients import isotropic_coefficients
+from skfem_stvk.edges.stiffness import isotropic_coefficients
 from skfem_stvk.edges.topology import edge_topology
 from skfem_stvk.mesh.geometry import Geometry
 

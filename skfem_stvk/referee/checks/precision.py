@@ -110,7 +110,7 @@ def forms_on(mesh: SimplexMesh, body: Homogeneous) -> dict[str, Callable[[Array]
 def edge_force(assembly: Assembly, u: Array) -> Array:
     """F of our form."""
     force = np.zeros(assembly.form.p.T.shape)
-    assembly.energy(u.reshape(force.shape), force)
+    assembly.energy_and_force(u.reshape(force.shape), force)
     return force.ravel()
 
 

@@ -1,0 +1,441 @@
+"""Blocks of node pairs: all there is of a stiffness; its rows, values, product, diagonal and norms are made of them here."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, NamedTuple, Protocol, runtime_checkable
+
+import numpy as np
+from numpy.typing import DTypeLike, NDArray
+from scipy.sparse import csr_matrix
+
+from ..arguments import Array
+from ..errors import StvkError, name_ids
+from ..kernels import blocks as block_kernels
+from ..kernels.threads import Turn, in_turn, parts_of, run, threads
+from ..kernels.topology import OWN, lexicographic_order, stars
+from .simplices import OwnVertices, nbytes
+from .topology import OwnEdges, Shares, shares_of
+
+AXES = {1: (0,), 2: (0, 1), 3: (0, 1, 2)}
+
+
+class Tensions(NamedTuple):
+    """Factors of the tensions of edges in `K = 2 J' L J + sum_ab g_ab t_ab Lap_ab (x) I`, `g` that of the sign of `t`.
+
+    The forces are not touched by them. The pressure of a `VolumePenalty` counts as a negative tension.
+
+        ALL         the exact tangent
+        TENSILE     clamped: without negative tensions, positive semi-definite
+        NONE        Gauss-Newton, `2 J' L J`: positive semi-definite
+
+    Attributes
+    ----------
+    positive, negative : factors of tensions `t > 0` and `t < 0`.
+
+    >>> Tensions(1.0, 0.0) == TENSILE
+    True
+    """
+
+    positive: float
+    negative: float
+
+
+ALL = Tensions(1.0, 1.0)
+TENSILE = Tensions(1.0, 0.0)
+NONE = Tensions(0.0, 0.0)
+
+
+class Linearized(NamedTuple):
+    """What filling the values of K says besides.
+
+    Attributes
+    ----------
+    energy : strain energy [J].
+    total : a sum that is not finite if any value of K is not.
+    """
+
+    energy: float
+    total: float
+
+
+class BlockPattern(Protocol):
+    """A pattern of K, as blocks of node pairs see it."""
+
+    strides: NDArray[np.int32]
+    """(nv,) values from a row of a vertex to its next."""
+
+    def places(self, a: NDArray[np.int32], b: NDArray[np.int32]) -> NDArray[np.int32]:
+        """(n,) place of the first value of each block `(a, b)`."""
+
+
+class Rows(NamedTuple):
+    """Where blocks stand in the values of K: the stars of vertices (`kernels.blocks.fill_rows`), or blocks one by one.
+
+    Attributes
+    ----------
+    begin : (n + 1,) where the stars begin; empty for blocks one by one.
+    entries : (m,) the block that stands at each place.
+    places : (m,) the first value of each.
+    strides : values from a row of a vertex, or of a block, to its next.
+    """
+
+    begin: NDArray[np.int64]
+    entries: NDArray[np.int32]
+    places: NDArray[np.int32]
+    strides: NDArray[np.int32]
+
+
+@dataclass
+class NodeBlocks:
+    """Arrays that a term adds its blocks to [N/m].
+
+    Attributes
+    ----------
+    pairs : (n, d, d) `K_ab` of its `nodes_paired`.
+    reverse : (n, d, d) `K_ba`; None for symmetric terms.
+    own : (m, d, d) `K_aa` of its `nodes`; None for balanced terms.
+    """
+
+    pairs: Array
+    reverse: Array | None
+    own: Array | None
+
+
+class PairBlocks:
+    """Symmetric and balanced blocks: `K_ba = K_ab'` and `K_aa = -sum_b K_ab`. All methods are linear in the `blocks` (9 n,) of the pairs.
+
+    Parameters
+    ----------
+    own : the vertices, with vectors to work in.
+    edges : pairs of them, in the order of their blocks.
+    d : components.
+    """
+
+    def __init__(self, own: OwnVertices, edges: OwnEdges, d: int) -> None:
+        self.own, self.d, self._edges, self._turn = own, d, edges, own.turn
+
+    @property
+    def size(self) -> int:
+        """Numbers in the blocks."""
+        return 9 * self._edges.total
+
+    @property
+    def edges(self) -> NDArray[np.int32] | None:
+        """(n, 2) pairs of numbers of `own.vertices` in the order of the blocks, of which there is nothing else to know; else None."""
+        return self._edges.edges
+
+    def given(self, blocks: Array) -> NodeBlocks:
+        """Zeros among the `blocks`, for a term to add to."""
+        blocks[:] = 0
+        return NodeBlocks(blocks.reshape(-1, 3, 3)[:, : self.d, : self.d], None, None)
+
+    def complete(self, blocks: Array) -> None:
+        """Write what follows from the blocks that a term gave."""
+
+    def rows(self, pattern: BlockPattern) -> Rows:
+        """Where the blocks stand in the values of a matrix of this pattern."""
+        own, vertices = self._edges, self.own.vertices
+        begin, others, entries = stars(own.edges[own.number].T, len(vertices))
+        upper = entries >= 0
+        number = own.number[np.where(upper, entries, -1 - entries) * (entries != OWN)]
+        entries = np.where(entries == OWN, OWN, np.where(upper, number, -1 - number))
+        mine = np.repeat(vertices, np.diff(begin))
+        return Rows(begin, entries.astype(np.int32), pattern.places(mine, vertices[others]), pattern.strides[vertices])
+
+    def fill(self, rows: Rows, blocks: Array, add: bool, data: Array) -> float:
+        """Write K [N/m] to the CSR values `data`, or add it to them; a sum that is not finite if any value is not."""
+        parts = parts_of(len(self.own.vertices), 1, threads())
+        return sum(run(block_kernels.fill_rows, parts, *rows, blocks, AXES[self.d], add, data))
+
+    @in_turn
+    def add_product(self, blocks: Array, v: Array, out: Array) -> None:
+        """Add `K v` to `out` (nv, d), for `v` (nv, d)."""
+        shares = self.products
+        x, y = self.own.gathered("factor", v, self.own.dtype), self.own.slots("K v", shares)
+        run(block_kernels.multiply, shares.parts, self._edges.edges, shares.slots.reshape(-1, 2), blocks, x, y)
+        self.own.add(y, shares, out)
+
+    def add_diagonal(self, blocks: Array, out: Array) -> None:
+        """Add the diagonal blocks `K_aa` to `out` (nv, d, d)."""
+        block_kernels.add_diagonal(self._edges.edges, self.own.vertices, blocks, out)
+
+    def add_norms(self, blocks: Array, x: Array, out: Array) -> None:
+        """Add `sum_b |K_ab| x_b` over the other vertices `b` to `out` (nv,), for `x` (nv,), with Frobenius norms."""
+        block_kernels.add_norms(self._edges.edges, self.own.vertices, blocks, self.d, x, out)
+
+    @property
+    def products(self) -> Shares:
+        """How threads share what pairs add to vertices."""
+        return self.own.share("K v", lambda n: shares_of(self._edges.edges, len(self.own.vertices), 0.25, n))
+
+    def memory(self) -> int:
+        """Bytes of its arrays, without those of `own`."""
+        return nbytes(self._edges)
+
+
+class GivenBlocks(PairBlocks):
+    """Blocks that are not symmetric, or not balanced: `K_ab` of the pairs, `K_ba`, and `K_aa` of `nodes` or of all vertices of pairs.
+
+    Parameters
+    ----------
+    nodes : (m,) vertices of the mesh whose `K_aa` are given; None if they are `-sum_b K_ab`.
+    symmetric : whether `K_ba = K_ab'`.
+    """
+
+    def __init__(self, own: OwnVertices, edges: OwnEdges, d: int, nodes: NDArray[np.int32] | None, symmetric: bool) -> None:
+        super().__init__(own, edges, d)
+        self._symmetric, self._balanced = symmetric, nodes is None
+        self._nodes = np.arange(len(own.vertices)) if nodes is None else np.searchsorted(own.vertices, nodes)
+        a, b = edges.edges.T
+        self._row, self._column = np.concatenate([a, b, self._nodes]), np.concatenate([b, a, self._nodes])
+
+    @property
+    def size(self) -> int:
+        """Numbers in the blocks."""
+        return self.d**2 * len(self._row)
+
+    @property
+    def edges(self) -> None:
+        """None: there are more blocks than those of pairs."""
+        return None
+
+    def given(self, blocks: Array) -> NodeBlocks:
+        """Zeros among the `blocks`, for a term to add to."""
+        blocks[:] = 0
+        pairs, reverse, own = self._views(blocks)
+        return NodeBlocks(pairs, None if self._symmetric else reverse, None if self._balanced else own)
+
+    def complete(self, blocks: Array) -> None:
+        """Write what follows from the blocks that a term gave."""
+        pairs, reverse, own = self._views(blocks)
+        if self._symmetric:
+            reverse[:] = pairs.transpose(0, 2, 1)
+        if self._balanced:
+            both = blocks[: pairs.size + reverse.size].reshape(-1, self.d**2)
+            own[:] = -(self._to_rows[:, : len(both)] @ both).reshape(own.shape)
+
+    def rows(self, pattern: BlockPattern) -> Rows:
+        """Where the blocks stand in the values of a matrix of this pattern."""
+        vertices = self.own.vertices
+        row, column = vertices[self._row], vertices[self._column]
+        every = np.arange(len(row), dtype=np.int32)
+        return Rows(np.empty(0, dtype=np.int64), every, pattern.places(row, column), pattern.strides[row])
+
+    def fill(self, rows: Rows, blocks: Array, add: bool, data: Array) -> float:
+        """Write K [N/m] to the CSR values `data`, or add it to them; a sum that is not finite if any value is not."""
+        every = blocks.reshape(-1, self.d, self.d)
+        for r in range(self.d):
+            for c in range(self.d):
+                places = rows.places + r * rows.strides + c
+                if add:
+                    data[places] += every[:, r, c]
+                else:
+                    data[places] = every[:, r, c]
+        return float(blocks.sum())
+
+    def add_product(self, blocks: Array, v: Array, out: Array) -> None:
+        """Add `K v` to `out` (nv, d), for `v` (nv, d)."""
+        x = v[self.own.vertices[self._column]]
+        out[self.own.vertices] += self._to_rows @ np.einsum("nij,nj->ni", blocks.reshape(-1, self.d, self.d), x)
+
+    def add_diagonal(self, blocks: Array, out: Array) -> None:
+        """Add the diagonal blocks `K_aa` to `out` (nv, d, d)."""
+        out[self.own.vertices[self._nodes]] += self._views(blocks)[2]
+
+    def add_norms(self, blocks: Array, x: Array, out: Array) -> None:
+        """Add `sum_b |K_ab| x_b` over the other vertices `b` to `out` (nv,), for `x` (nv,), with Frobenius norms."""
+        others = 2 * self._edges.total
+        norms = np.linalg.norm(blocks.reshape(-1, self.d**2)[:others], axis=1)
+        out[self.own.vertices] += self._to_rows[:, :others] @ (norms * x[self.own.vertices[self._column[:others]]])
+
+    @cached_property
+    def _to_rows(self) -> csr_matrix:
+        """(vertices, blocks) ones where a block is in the row of a vertex."""
+        n = len(self._row)
+        return csr_matrix((np.ones(n), (self._row, np.arange(n))), shape=(len(self.own.vertices), n))
+
+    def _views(self, blocks: Array) -> tuple[Array, Array, Array]:
+        every, n = blocks.reshape(-1, self.d, self.d), self._edges.total
+        return every[:n], every[n : 2 * n], every[2 * n :]
+
+    def memory(self) -> int:
+        """Bytes of its arrays, without those of `own`."""
+        return super().memory() + nbytes([self._row, self._column, self._nodes])
+
+
+def blocks_between(term: Any, nv: int, d: int, dtype: DTypeLike) -> PairBlocks:
+    """Blocks of the `nodes_paired` (2, n) of a term, in its own order, and of its `nodes` unless it is `balanced`.
+
+    Raises
+    ------
+    StvkError
+        if a pair is not of two vertices `a < b` of the mesh, or is named twice.
+    """
+    pairs = np.ascontiguousarray(term.nodes_paired, dtype=np.int32)
+    if pairs.ndim != 2 or len(pairs) != 2:
+        raise StvkError(f"{type(term).__name__}: nodes_paired has shape {pairs.shape}; expected (2, n) pairs of vertices.")
+    a, b = pairs
+    nodes = None if term.balanced else np.asarray(term.nodes, dtype=np.int32)
+    bad = np.flatnonzero((a < 0) | (a >= b) | (b >= nv))
+    if len(bad):
+        raise StvkError(f"{type(term).__name__}: {name_ids(bad, 'pair')} of nodes_paired; expected vertices 0 <= a < b < {nv}.")
+    number = lexicographic_order(pairs, nv)
+    twice = np.flatnonzero((np.diff(pairs[:, number], axis=1) == 0).all(axis=0))
+    if len(twice):
+        raise StvkError(f"{type(term).__name__}: {name_ids(number[twice], 'pair')} of nodes_paired twice; expected each once.")
+    vertices = np.unique(np.concatenate([a, b, *([] if nodes is None else [nodes])])).astype(np.int32)
+    local = np.searchsorted(vertices, pairs.T).astype(np.int32)
+    own = OwnVertices(vertices, dtype)
+    edges = OwnEdges(np.ascontiguousarray(local), number, np.empty((0, 0), dtype=np.uint32), np.zeros(1, dtype=np.int64))
+    if term.symmetric and nodes is None:
+        return PairBlocks(own, edges, d)
+    return GivenBlocks(own, edges, d, nodes, term.symmetric)
+
+
+class BoundTerm(Protocol):
+    """An elastic term on a body: it couples pairs of vertices and has a force. It also is a `NarrowTerm` or a `PairTerm`.
+
+    Attributes
+    ----------
+    symmetric : whether `K_ba = K_ab'`; if not, it gives both.
+    balanced : whether the rows of K sum to zero, so that `K_aa = -sum_b K_ab`; if not, it gives those of its `nodes` (m,).
+    has_energy : whether the force is the gradient of an energy; if not, `energy_and_force` returns 0.
+    """
+
+    symmetric: bool
+    balanced: bool
+    has_energy: bool
+
+    @property
+    def nodes_paired(self) -> NDArray[np.int32]:
+        """(2, n) pairs of vertices `a < b` that it couples, each once, in any order."""
+
+    def energy_and_force(self, u: Array, force: Array | None = None) -> float:
+        """Strain energy [J] at displacements `u` (nv, d); adds the internal force [N] to `force` (nv, d)."""
+
+
+@runtime_checkable
+class NarrowTerm(BoundTerm, Protocol):
+    """What a law owes at least: it adds the blocks of its pairs to arrays that it is handed."""
+
+    def add_blocks(self, u: Array, blocks: NodeBlocks, kept: Tensions = ALL) -> None:
+        """Add the blocks of K [N/m] at `u` (nv, d).
+
+        `kept`: which tensions stay in it; a term without tensions may give all of K always.
+        """
+
+
+class PairTerm(ABC):
+    """A term whose stiffness is blocks of node pairs, as systems assemble it. Python threads take turns: arrays are in use during a call."""
+
+    def __init__(self, turn: Turn) -> None:
+        self._turn = turn
+        self._filled: Array | None = None
+
+    @property
+    @abstractmethod
+    def pairs(self) -> PairBlocks:
+        """What is made of the blocks."""
+
+    @abstractmethod
+    def energy_and_force(self, u: Array, force: Array | None = None) -> float:
+        """Strain energy [J] at displacements `u` (nv, d) [m]; adds the internal force `dW/du` [N] to `force` (nv, d)."""
+
+    @abstractmethod
+    def blocks(self, u: Array, force: Array | None = None, out: Array | None = None, kept: Tensions = ALL) -> tuple[float, Array]:
+        """The energy [J] and the blocks at `u` (nv, d); adds the internal force to `force` (nv, d).
+
+        `out` are blocks that this method returned before, to be filled anew. `kept`: which tensions of edges stay in K.
+        """
+
+    @in_turn
+    def fill(self, u: Array, rows: Rows, data: Array, add: bool, force: Array | None = None, kept: Tensions = ALL) -> Linearized:
+        """Write the tangent stiffness [N/m] to the CSR values `data`, or add it to them; adds the force to `force` (nv, d).
+
+        `kept`: as in `blocks`.
+        """
+        W, self._filled = self.blocks(u, force, self._filled, kept)
+        return Linearized(W, self.pairs.fill(rows, self._filled, add, data))
+
+    def add_sizes(self, u: Array, out: Array) -> None:
+        """Add `|F|` and `sum_b |K_ab| |u_b|` at `u` (nv, d) to `out` (nv, d) [N]: no less than all that adds up to F, if that is smooth."""
+        force, sizes, diagonal = np.zeros(u.shape), np.zeros(len(u)), np.zeros((*u.shape, u.shape[1]))
+        _, blocks = self.blocks(u, force)
+        lengths = np.linalg.norm(u, axis=1)
+        self.pairs.add_norms(blocks, lengths, sizes)
+        self.pairs.add_diagonal(blocks, diagonal)
+        sizes += np.linalg.norm(diagonal, axis=(1, 2)) * lengths
+        out += np.abs(force) + sizes[:, None]
+
+
+class Coupled:
+    """A term or load, and blocks of the pairs that it names: others when it says that it couples others."""
+
+    def __init__(self, term: Any, nv: int, d: int, dtype: DTypeLike) -> None:
+        self.term, self._space = term, (nv, d, dtype)
+        self._version, self._pairs = version_of(term), blocks_between(term, *self._space)
+
+    @property
+    def pairs(self) -> PairBlocks:
+        """What is made of the blocks."""
+        if version_of(self.term) != self._version:
+            self._version, self._pairs = version_of(self.term), blocks_between(self.term, *self._space)
+        return self._pairs
+
+    def own_memory(self) -> int:
+        """Bytes of its arrays, without those of the term."""
+        return self.pairs.memory() + sum(self.pairs.own.memory().values()) + self.pairs.own.vertices.nbytes
+
+    def add_stiffness(self, u: Array, t: Any, rows: Rows, data: Array) -> None:
+        """Add `-d force/du` [N/m] of a load at `u` (nv, d) and `t` to CSR values."""
+        pairs = self.pairs
+        blocks = np.empty(pairs.size, dtype=pairs.own.dtype)
+        self.term.add_blocks(u, t, pairs.given(blocks))
+        pairs.complete(blocks)
+        pairs.fill(rows, blocks, True, data)
+
+
+class Narrow(Coupled, PairTerm):
+    """A narrow term, and what is made of its blocks."""
+
+    def __init__(self, term: NarrowTerm, nv: int, d: int, dtype: DTypeLike) -> None:
+        Coupled.__init__(self, term, nv, d, dtype)
+        PairTerm.__init__(self, Turn())
+
+    def energy_and_force(self, u: Array, force: Array | None = None) -> float:
+        """As in the term."""
+        return self.term.energy_and_force(u, force)
+
+    def blocks(self, u: Array, force: Array | None = None, out: Array | None = None, kept: Tensions = ALL) -> tuple[float, Array]:
+        """As in `PairTerm`."""
+        pairs = self.pairs
+        blocks = np.empty(pairs.size, dtype=pairs.own.dtype) if out is None or len(out) != pairs.size else out
+        self.term.add_blocks(u, pairs.given(blocks), kept)
+        pairs.complete(blocks)
+        return self.term.energy_and_force(u, force), blocks
+
+
+def with_blocks(term: BoundTerm, nv: int, d: int, dtype: DTypeLike) -> PairTerm:
+    """A term with what is made of its blocks, on a mesh of `nv` vertices in `d` dimensions.
+
+    Raises
+    ------
+    StvkError
+        if it gives no blocks, or pairs that there are not.
+    """
+    if isinstance(term, PairTerm):
+        return term
+    if not isinstance(term, NarrowTerm):
+        raise StvkError(
+            f"{type(term).__name__} is no elastic term: expected symmetric, balanced, has_energy, nodes_paired, energy_and_force(u, force) and "
+            "add_blocks(u, blocks, kept), as in skfem_stvk.edges.pairs.NarrowTerm. What acts from outside is a Load."
+        )
+    return Narrow(term, nv, d, dtype)
+
+
+def version_of(term: Any) -> int:
+    """How often the pairs that a term couples have changed."""
+    return int(getattr(term, "pattern_version", 0))

@@ -1,0 +1,173 @@
+"""Terms on one mesh: what they are on it, by which names, and what they say of the shape of the body."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, DTypeLike, NDArray
+
+from ..arguments import Array, number
+from ..edges.pairs import with_blocks
+from ..errors import StvkError, name_ids, warn
+from ..mesh import SimplexMesh
+from ..mesh.displacements import by_vertex
+from ..terms import Body, BoundLoad, BoundTerm, HasState, HasStretch, HasVolume, Load, Term, is_load
+
+#: Elements of a smaller part of their volume are flat: what is left of it is rounding.
+FLAT = 1e-9
+
+
+class BoundTerms:
+    """Terms and loads on one mesh.
+
+    Attributes
+    ----------
+    mesh : the mesh.
+    dtype : of results.
+    terms, elastic_terms, loads : the specifications: all, and those that act within and from outside.
+    bound_terms, bound_loads : what `elastic_terms` and `loads` are on this mesh.
+    pair_terms : `bound_terms` with what is made of their blocks.
+    """
+
+    def __init__(self, mesh: SimplexMesh, terms: Term | Load | Sequence[Term | Load], dtype: DTypeLike) -> None:
+        self.mesh, self.dtype = mesh, np.dtype(dtype)
+        self.terms = tuple(terms) if isinstance(terms, Sequence) else (terms,)
+        if not self.terms:
+            raise StvkError("Got no terms; expected at least one, such as StVK(young=..., poisson=...).")
+        for term in self.terms:
+            if isinstance(term, type) or not hasattr(term, "bind"):
+                name = term.__name__ if isinstance(term, type) else type(term).__name__
+                raise StvkError(f"Got a term of type {name}; expected StVK(...) or a list of terms.")
+        self.loads: tuple[Load, ...] = tuple(filter(is_load, self.terms))
+        self.elastic_terms: tuple[Any, ...] = tuple(term for term in self.terms if not is_load(term))
+        if not self.elastic_terms:
+            raise StvkError("Got only loads; expected at least one elastic term, such as StVK(young=..., poisson=...).")
+        self._body = Body(mesh, self.elastic_terms)
+        self.bound_terms: tuple[BoundTerm, ...] = tuple(term.bind(self._body, self.dtype) for term in self.elastic_terms)
+        self.bound_loads: tuple[BoundLoad, ...] = tuple(load.bind(self._body) for load in self.loads)
+        self.pair_terms = tuple(with_blocks(term, mesh.nv, mesh.d, self.dtype) for term in self.bound_terms)
+        self._warn_of_bare_vertices()
+
+    @property
+    def elastic_names(self) -> list[str]:
+        """Names of `elastic_terms` in `energies` and in messages: their types and their numbers among all terms."""
+        return [name for name, term in self._named if not is_load(term)]
+
+    @property
+    def resists_inversion(self) -> bool:
+        """Whether a term resists that elements turn inside out, as `VolumePenalty` does."""
+        return any(getattr(term, "resists_inversion", False) for term in self.elastic_terms)
+
+    @property
+    def conservative(self) -> bool:
+        """Whether all terms have an energy and all loads a potential; if not, the Jacobian is not symmetric."""
+        return self._elastic and all(load.has_potential for load in self.bound_loads)
+
+    @property
+    def dead(self) -> bool:
+        """Whether all loads keep their size and direction wherever the body goes: then the Jacobian is the tangent, that of an energy."""
+        return self._elastic and all(load.dead for load in self.bound_loads)
+
+    @property
+    def _elastic(self) -> bool:
+        return all(term.has_energy and term.symmetric for term in self.bound_terms)
+
+    def commit(self, u: ArrayLike) -> None:
+        """Tell terms with a memory that displacements `u` (ndofs,) are those of a state that an analysis has accepted."""
+        for term in self._remembering:
+            term.commit(self._state(u))
+
+    def restore(self) -> None:
+        """Tell terms with a memory that what came after the last accepted state was not accepted."""
+        for term in self._remembering:
+            term.restore()
+
+    @cached_property
+    def _remembering(self) -> list[HasState]:
+        return [term for term in (*self.bound_terms, *self.bound_loads) if isinstance(term, HasState)]
+
+    def smallest_volume_ratio(self, u: ArrayLike) -> float:
+        """The smallest ratio `J` of an element's volume at `u` to that at rest; below zero it is inside out. Errors as in `energy`.
+
+        Of triangles in space and segments in more than one dimension the ratio of areas and lengths, which has no sign.
+        """
+        x = self._state(u)
+        return min((term.smallest_volume_ratio(x) for _, term in self._with_volume), default=np.inf)
+
+    def step_limit(self, u: ArrayLike, v: ArrayLike) -> float:
+        """The smallest `s > 0` at which an element that is right side out at `u` (`J > 0`) has no volume left at `u + s v`; or infinity.
+
+        Exact: `J` is a cubic in `s`. Triangles in space and segments in more than one dimension have no inside, so that nothing limits them.
+
+        Raises
+        ------
+        StateError
+            if `u` or `v` does not have one finite entry for each degree of freedom.
+
+        >>> import skfem
+        >>> from skfem_stvk import StVK, System
+        >>> mesh = skfem.MeshTet().refined(1)
+        >>> body = System(mesh, StVK(young=1.0, poisson=0.3))
+        >>> flatter = -0.5 * (mesh.p * [[0], [0], [1]]).ravel("F")
+        >>> round(body.step_limit(0 * flatter, flatter), 12)
+        2.0
+        """
+        x, y = self._state(u), self._state(v, "v")
+        return min((term.step_limit(x, y) for _, term in self._with_volume), default=np.inf)
+
+    def inside_out(self, u: ArrayLike) -> NDArray[np.int64]:
+        """Ids of the elements that are inside out or flat at `u`, ascending: `J <= FLAT`. Errors as in `energy`."""
+        if self.mesh.k < self.mesh.d or self.smallest_volume_ratio(u) > FLAT:
+            return np.empty(0, dtype=np.int64)
+        x = self._state(u)
+        turned = [elements[term.volume_ratios(x) <= FLAT] for elements, term in self._with_volume]
+        return np.unique(np.concatenate(turned))
+
+    def smallest_stretch(self, u: ArrayLike) -> float:
+        """The smallest principal stretch of all elements at `u`, within their own dimensions: 1 at rest, 0 flat. Errors as in `energy`.
+
+        Below 1/sqrt(3) = 0.577 a St. Venant-Kirchhoff body gives way: under uniaxial compression more shortening takes less force.
+        """
+        x = self._state(u)
+        return min((term.smallest_stretch(x) for term in self.bound_terms if isinstance(term, HasStretch)), default=np.inf)
+
+    def compressed(self, u: ArrayLike, below: float) -> NDArray[np.int64]:
+        """Ids of the elements whose smallest principal stretch at `u` is less than `below`, ascending. Errors as in `energy`."""
+        x, below = self._state(u), number("below", below, "a finite stretch")
+        ids = [np.empty(0, dtype=np.int64)]
+        for specification, term in zip(self.elastic_terms, self.bound_terms, strict=True):
+            if isinstance(term, HasStretch) and term.smallest_stretch(x) < below:
+                ids.append(self.mesh.elements(specification.region)[term.smallest_stretches(x) < below])
+        return np.unique(np.concatenate(ids))
+
+    @cached_property
+    def _with_volume(self) -> list[tuple[NDArray[np.int64], HasVolume]]:
+        """Terms that know the volumes of all elements that any term has, and the ids of theirs; most often the first alone."""
+        kept: list[tuple[NDArray[np.int64], HasVolume]] = []
+        known = np.zeros(self.mesh.nt, dtype=bool)
+        for specification, term in zip(self.elastic_terms, self.bound_terms, strict=True):
+            if isinstance(term, HasVolume):
+                elements = self.mesh.elements(specification.region)
+                if not known[elements].all():
+                    kept.append((elements, term))
+                known[elements] = True
+        return kept
+
+    @property
+    def _named(self) -> list[tuple[str, Any]]:
+        return [(f"{type(term).__name__} {number}", term) for number, term in enumerate(self.terms)]
+
+    def _state(self, u: ArrayLike, name: str = "u") -> Array:
+        """Displacements as (nv, d)."""
+        return by_vertex(self.mesh, u, name)
+
+    def _warn_of_bare_vertices(self) -> None:
+        used = np.zeros(self.mesh.nv, dtype=bool)
+        for term in self.bound_terms:
+            used[term.nodes_paired.ravel()] = True
+        bare = np.flatnonzero(~used)
+        if len(bare):
+            warn(f"{name_ids(bare, 'vertex')}: in no term, so their rows of K are zero. Is a region missing from the terms?")

@@ -1,0 +1,210 @@
+"""Dead loads: forces on the vertices, the volume or the surface of a body that do not depend on where it goes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..arguments import Array
+from ..mesh import SimplexMesh
+from ..mesh.places import Where, describe, facets_at, in_order, vertices_at
+from .body import Body
+from .load import Moment, Time, Value
+from .protocols import Load
+from .spread import Spread
+
+Values = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Gravity(Load):
+    """Weight: `f_a = integral of rho N_a g dV`, with the densities of the materials.
+
+    Parameters
+    ----------
+    g : acceleration [m/s^2]: components, which ramp with the load factor; or a function of t or of (x, t), taken as it is.
+
+    Raises
+    ------
+    MaterialError
+        when it is bound, if a material has no density.
+    LoadError
+        when it is bound, if `g` does not have one finite value a component.
+
+    >>> import numpy as np, skfem
+    >>> from skfem_stvk import StVK, System
+    >>> cube = System(skfem.MeshTet(), [StVK(young=1.0, poisson=0.3, density=2700.0), Gravity(g=(0, 0, -9.81))])
+    >>> cube.external_force(np.zeros(cube.ndofs)).reshape(-1, 3).sum(axis=0).round(6)
+    array([     0.,      0., -26487.])
+    """
+
+    g: Any
+
+    def bind(self, body: Body) -> DeadLoad:
+        spread = Spread(body.mesh, body.mesh.t, body.mass)
+        return DeadLoad(body.mesh, spread, Value(self.g, (body.mesh.d,), spread.x, "Gravity", name="g"))
+
+
+@dataclass(frozen=True, eq=False)
+class BodyForce(Load):
+    """Dead force on the volume: `f_a = integral of N_a b dV` over the body at rest; thickness and area of its terms count.
+
+    Parameters
+    ----------
+    force : `b` per volume at rest [N/m^3]: components, which ramp with the load factor; or a function of t or of (x, t), taken as it is
+        and interpolated linearly between vertices.
+    region : name of a subdomain, element ids, or None for all elements.
+
+    Raises
+    ------
+    RegionError
+        when it is bound, if the region is not in the mesh.
+    LoadError
+        when it is bound, if `force` does not have one finite value a component.
+
+    >>> import numpy as np, skfem
+    >>> from skfem_stvk import StVK, System
+    >>> cube = System(skfem.MeshTet(), [StVK(young=1.0, poisson=0.3), BodyForce(lambda x, t: (t * x[2], 0, 0))])
+    >>> cube.external_force(np.zeros(cube.ndofs), t=0.5).reshape(-1, 3).sum(axis=0).round(6)
+    array([0.25, 0.  , 0.  ])
+    """
+
+    force: Any
+    region: str | NDArray[Any] | None = None
+
+    def bind(self, body: Body) -> DeadLoad:
+        ids = body.mesh.elements(self.region)
+        spread = Spread(body.mesh, body.mesh.t[:, ids], body.volumes[ids])
+        return DeadLoad(body.mesh, spread, Value(self.force, (body.mesh.d,), spread.x, "BodyForce", name="force"))
+
+
+@dataclass(frozen=True, eq=False)
+class NodalLoad(Load):
+    """Dead force on each vertex at a place.
+
+    Parameters
+    ----------
+    where : name of a boundary or of a node set, vertex ids or a mask, predicate of x (d, n), or scikit-fem's get_dofs(...).
+    force : on *each* vertex [N]: components, or (d, n) with one column for each vertex, in the order of ids as given, otherwise ascending; these
+        ramp with the load factor. Or a function of t or of (x, t), taken as it is.
+
+    Raises
+    ------
+    RegionError
+        when it is bound, if there is no vertex.
+    LoadError
+        when it is bound, if `force` does not have one finite value a component.
+
+    >>> import numpy as np, skfem
+    >>> from skfem_stvk import StVK, System
+    >>> bar = System(skfem.MeshLine(), [StVK(young=1.0, poisson=0.3), NodalLoad(lambda x: x[0] == 1, [5.0])])
+    >>> bar.external_force(np.zeros(2), t=0.1)
+    array([0. , 0.5])
+    """
+
+    where: Where
+    force: Any
+
+    def bind(self, body: Body) -> DeadLoad:
+        what = f"NodalLoad on {describe(self.where)}"
+        nodes = Nodes(body.mesh, vertices_at(body.mesh, self.where, what))
+        return DeadLoad(body.mesh, nodes, Value(self.force, (body.mesh.d,), nodes.x, what, name="force"))
+
+
+@dataclass(frozen=True, eq=False)
+class Traction(Load):
+    """Dead traction: `f_a = integral of N_a T dA` over facets of the body at rest.
+
+    The facets of triangles are edges, whose area is length times thickness; those of segments are ends, with the segment's area.
+
+    Parameters
+    ----------
+    where : name of a boundary; or another place (name of a node set, vertex ids or a mask, predicate of x (d, n), scikit-fem's get_dofs(...)):
+        all boundary facets whose vertices are all there.
+    traction : `T` per area at rest [N/m^2]: components, or (d, n) with one column for each vertex of the facets, in the order of ids as given,
+        otherwise ascending; these ramp with the load factor. Or a function of t or of (x, t), taken as it is. Interpolated linearly between vertices.
+
+    Raises
+    ------
+    RegionError
+        when it is bound, if there is no facet.
+    LoadError
+        when it is bound, if `traction` does not have one finite value a component.
+
+    >>> import numpy as np, skfem
+    >>> from skfem_stvk import StVK, System
+    >>> cube = System(skfem.MeshTet(), [StVK(young=1.0, poisson=0.3), Traction(lambda x: x[0] == 1, (0, 0, -2e6))])
+    >>> cube.external_force(np.zeros(cube.ndofs), t=0.5).reshape(-1, 3).sum(axis=0)
+    array([       0.,        0., -1000000.])
+    """
+
+    where: Where
+    traction: Any
+
+    def bind(self, body: Body) -> DeadLoad:
+        what = f"Traction on {describe(self.where)}"
+        facets = facets_at(body.mesh, self.where, what)
+        spread = Spread(body.mesh, facets, body.facet_areas(facets), in_order(body.mesh, self.where, facets))
+        return DeadLoad(body.mesh, spread, Value(self.traction, (body.mesh.d,), spread.x, what, name="traction"))
+
+
+class Nodes:
+    """Vertices that take the values as they are: what `Spread` is for forces on vertices."""
+
+    def __init__(self, mesh: SimplexMesh, vertices: NDArray[np.int64]) -> None:
+        self.vertices, self.x = vertices, mesh.p[:, vertices]
+
+    def integrate(self, values: Values) -> Values:
+        """(nv, d) the `values` (d, nv) or (d, 1)."""
+        return np.broadcast_to(values.T, self.x.T.shape)
+
+
+class DeadLoad:
+    """Values `f(t)` with the potential `-f . u`. Those of constants are computed once, others once for each new `t`.
+
+    Parameters
+    ----------
+    spread : vertices, and how values go to them.
+    value : what acts there, (d,) components at each of them.
+    """
+
+    has_potential = True
+    dead = True
+
+    def __init__(self, mesh: SimplexMesh, spread: Spread | Nodes, value: Value) -> None:
+        self._at: Any = slice(None) if np.array_equal(spread.vertices, np.arange(mesh.nv)) else spread.vertices
+        self._spread, self._value = spread, value
+        self._unit = None if value.constant is None else spread.integrate(value.constant)
+        self._known = Moment(1.0, 1.0), self._compute(Moment(1.0, 1.0))
+
+    @property
+    def steady(self) -> bool:
+        """Whether it is given by constants."""
+        return self._unit is not None
+
+    def forces(self, t: Time) -> Values:
+        """(n, d) forces on its vertices [N]."""
+        moment = Moment.of(t)
+        known, forces = self._known
+        if moment != known and not (self.steady and moment.factor == known.factor):
+            forces = self._compute(moment)
+            self._known = moment, forces
+        return forces
+
+    def _compute(self, moment: Moment) -> Values:
+        return self._spread.integrate(self._value.at(moment)) if self._unit is None else moment.factor * self._unit
+
+    def potential(self, u: Array, t: Time) -> float:
+        """`-f(t) . u` [J]."""
+        return -float(np.einsum("ic,ic", self.forces(t), u[self._at]))  # not by BLAS, whose threads wait for ours
+
+    def add_force(self, u: Array, t: Time, out: Array) -> None:
+        """Add the forces [N] to `out` (nv, d)."""
+        out[self._at] += self.forces(t)
+
+    def memory(self) -> dict[str, int]:
+        """Bytes of its arrays, by part."""
+        return {"loads": self._known[1].nbytes}
