@@ -1,6 +1,6 @@
 /* A plain loop over P1 tetrahedra for St. Venant-Kirchhoff's law in the Total Lagrangian form: what a careful engineer writes
-   first, and what an assembly from edges has to beat. C = F'F, S = lambda tr(E) I + 2 mu E, P = F S; forces and 3x3 blocks are added up in
-   the mesh's order.
+   first, and what an assembly from edges has to beat. C = F'F, S = lambda tr(E) I + 2 mu E, P = F S; forces and 3x3 blocks are
+   added up in the mesh's order.
 
    rest     (nv, 3) vertices
    corner   (nt, 4) vertices of each tetrahedron

@@ -12,7 +12,7 @@ from ..peers import PEERS
 from ..peers.peer import PACKAGES
 from ..referee.header import PACKAGES as OWN
 from ..referee.header import circumstances
-from ..referee.terminal import Progress
+from ..referee.terminal import CountedProgress
 from .contenders import compare_errors, leave_out, time_contenders, time_peers, time_reference
 from .costs import copy_bandwidth, first_use, time_setup, weigh
 from .meshes import Specimen
@@ -45,7 +45,7 @@ def bench(plan: Plan = FULL, quiet: bool = False) -> Benchmark:
     begin = perf_counter()
     leave_out(results, list(PEERS))
     try:
-        with Progress("bench", 3 + len(specimens) * (1 + len(STEPS)) + plan.first_use, quiet) as progress:
+        with CountedProgress("bench", 3 + len(specimens) * (1 + len(STEPS)) + plan.first_use, quiet) as progress:
             _run(results, specimens, progress)
     except KeyboardInterrupt:
         results.interrupted = True
@@ -53,7 +53,7 @@ def bench(plan: Plan = FULL, quiet: bool = False) -> Benchmark:
     return results
 
 
-def _run(results: Benchmark, specimens: list[Specimen], progress: Progress) -> None:
+def _run(results: Benchmark, specimens: list[Specimen], progress: CountedProgress) -> None:
     def attempt(what: str, step: Callable[[], None]) -> None:
         progress.step(what)
         results.attempt(what, step)

@@ -159,7 +159,7 @@ class Case:
         return np.asarray(self.mesh.d * (self.lost_stiffness(player, u) @ largest_component(v, self.mesh.d)))
 
     def lost_energy(self, player: Player, u: Array) -> float:
-        """Round-off that a right W may have at `u` [J], summed over the elements; for another law in proportion to its stiffness."""
+        """Round-off that a right W may have at `u` [J], summed over elements; for another law in proportion to its stiffness."""
         lost = float(self.round_off.lost(u).energy.sum())
         return lost if self.is_stvk(player) else lost * self.energy_floor(player) / self.energy_floor(self.reference)
 

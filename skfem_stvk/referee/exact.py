@@ -2,10 +2,11 @@
 
 In the simplex's own oblique axes `D_i = X_i - X_0` (current: `d_i`), with the dual vectors `g_i . D_j = delta_ij`:
 
-    e_ij = 1/2 (d_i . d_j - D_i . D_j),   c_ijmn = C : g_i (x) g_j (x) g_m (x) g_n,   s_ij = c_ijmn e_mn,   V = sqrt(det D_i . D_j)/k!
+    e_ij = 1/2 (d_i . d_j - D_i . D_j),  c_ijmn = C : g_i (x) g_j (x) g_m (x) g_n,  s_ij = c_ijmn e_mn,  V = sqrt(det D_i . D_j)/k!
     W = sum V/2 s : e,   F_i = V sum_j s_ij d_j,   K_ij = V (s_ij I + sum_mn c_imjn d_m (x) d_n),   and minus the sums for vertex 0
 
-Isotropic: `c_ijmn = lam G_ij G_mn + mu (G_im G_jn + G_in G_jm)` with `G` the inverse of `D_i . D_j`. `K v` is the derivative of F along v.
+Isotropic materials have `c_ijmn = lam G_ij G_mn + mu (G_im G_jn + G_in G_jm)` with `G` the inverse of `D_i . D_j`. `K v` is the
+derivative of F along v.
 
 Python's decimal numbers are exact on every platform (a `longdouble` is a mere double on some), and fast enough for a patch.
 """

@@ -1,7 +1,7 @@
 """From errors to what `judged` takes: each vertex, or entry of K, has its own scale and its own limit, and the worst place is told.
 
-The limit of a vertex is `LIMIT` of its scale, or what round-off may cost a right form in its elements (`RoundOff`), and never more than
-`HIGHEST` of its scale.
+The limit of a vertex is `LIMIT` of its scale, or what round-off may cost a right form in its elements (`RoundOff`), and never more
+than `HIGHEST` of its scale.
 """
 
 from __future__ import annotations
@@ -51,8 +51,8 @@ def by_vertex(mesh: SimplexMesh, error: Array, scale: Array, lost: Array, words:
 def by_entry(mesh: SimplexMesh, difference: spmatrix, rows: Array, lost: csr_matrix, words: str, reason: str) -> Measurement:
     """A measurement of the entries of a difference of matrices.
 
-    An entry is relative to the geometric mean of `rows` (nv,) of its two vertices; `lost` (nv, nv) is the round-off that a right form
-    may have.
+    An entry is relative to the geometric mean of `rows` (nv,) of its two vertices; `lost` (nv, nv) is the round-off that a right
+    form may have.
     """
     entries = abs(difference).tocoo()
     if not entries.nnz or not rows.any():
@@ -111,7 +111,7 @@ def largest_component(values: Array, d: int) -> Array:
 
 
 def _over(error: Array, scale: Array) -> Array:
-    """Relative errors: infinite where the error is not finite, however large the scale, and where it is positive and the scale zero."""
+    """Relative errors: infinite where the error is not finite, whatever the scale, and where only the scale is zero."""
     finite = np.isfinite(error)
     return np.divide(error, scale, out=np.where(finite & (error == 0), 0.0, np.inf), where=finite & (scale > 0))
 
@@ -188,11 +188,11 @@ class RoundOff:
     deformed, deformation gradient `A` and displacements up to `|u|`, with `V C` its volume times the largest entry of its
     elasticity tensor, what is lost, over eps, is
 
-        form                            what is lost                  of W               of F                   of K
-        squared lengths (l^2 + m^2)     strain g^2 (l^2 + m^2)        V C |E| x strain   V C g^2 x strain x m   V C g^2 x strain
-        edges, their change z           strain g^2 z, relative        V C (g^2 z)^2
-        gradient of the displacement    gradient g |u| (strain: |A|)  V C |E| x strain   V C g^2 (1+A^2) |u|    V C g^2 (1+|A|) g |u|
-        gradients of shape functions    g l, relative                 W g l              V C g^2 (1+A^2) l |A|  V C g^2 (1+A^2) g l
+        form                          what is lost                  of W              of F                   of K
+        squared lengths (l^2 + m^2)   strain g^2 (l^2 + m^2)        V C |E| x strain  V C g^2 x strain x m   V C g^2 x strain
+        edges, their change z         strain g^2 z, relative        V C (g^2 z)^2
+        gradient of the displacement  gradient g |u| (strain: |A|)  V C |E| x strain  V C g^2 (1+A^2) |u|    V C g^2 (1+|A|) g |u|
+        gradients of shape functions  g l, relative                 W g l             V C g^2 (1+A^2) l |A|  V C g^2 (1+A^2) g l
 
     Right forms keep to the sum: the edge form to less than half of it on needles, random clouds and single slivers, scikit-fem's to
     a tenth. Slivers stand in groups where one vertex lies almost in the plane of its neighbours, up to six of them around an edge;

@@ -4,15 +4,14 @@ from __future__ import annotations
 
 import io
 import math
-from types import TracebackType
 
 from rich import box
 from rich.console import Console, Group, RenderableType
 from rich.markup import escape
-from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeElapsedColumn
-from rich.progress import Progress as Bar
+from rich.progress import BarColumn, MofNCompleteColumn, TimeElapsedColumn
 from rich.table import Table
 
+from ..nonlinear.progress import Progress
 from .judgement import in_words
 from .results import CheckOutcome, Findings, Result
 
@@ -45,7 +44,7 @@ def as_text(renderable: RenderableType, width: int = WIDTH) -> str:
 
 
 def rendered(report: Findings, width: int = WIDTH) -> RenderableType:
-    """The report for a rich console: head, checks, what did not pass, precision, speed, verdict; with fewer columns if it is narrow."""
+    """The report for a rich console: head, checks, what did not pass, precision, speed, verdict; fewer columns if narrow."""
     tables = _precision(report, width), _speed(report, width)
     return Group(_head(report), _checks(report, width), *_reasons(report), *_troubles(report), *tables, _verdict(report))
 
@@ -194,22 +193,13 @@ def _verdict(report: Findings) -> str:
     return f"[{style}]{word}[/]: {counts} in {report.seconds:.1f} s{', interrupted' if report.interrupted else ''}"
 
 
-class Progress:
-    """A bar on standard error that goes away when the work is done; there is none if quiet or not on a terminal."""
+class CountedProgress(Progress):
+    """A bar that counts so many pieces of work."""
 
     def __init__(self, command: str, total: int, quiet: bool) -> None:
-        columns = TextColumn(command), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(), TextColumn("{task.description}")
-        console = Console(stderr=True)
-        self._bar = Bar(*columns, console=console, transient=True, disable=quiet or not console.is_terminal)
-        self._task = self._bar.add_task("", total=total)
-
-    def __enter__(self) -> Progress:
-        self._bar.start()
-        return self
-
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
-        self._bar.stop()
+        super().__init__(command, None, quiet, (BarColumn(), MofNCompleteColumn(), TimeElapsedColumn()))
+        self.show(total=total)
 
     def step(self, description: str) -> None:
         """Say that one more piece of work begins."""
-        self._bar.update(self._task, advance=1, description=description)
+        self.show(advance=1, description=description)

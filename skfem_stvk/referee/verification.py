@@ -27,7 +27,7 @@ from .header import header
 from .players import METHODS, Player
 from .report import Report
 from .results import CheckOutcome, Result
-from .terminal import Progress
+from .terminal import CountedProgress
 
 
 def verify(
@@ -92,7 +92,7 @@ def verify(
         *homogeneous_states(case, homogeneous),
         *precision(case, homogeneous, report.precision),
     ]
-    with Progress("verify", len(tasks) + 1, quiet) as progress:
+    with CountedProgress("verify", len(tasks) + 1, quiet) as progress:
         try:
             for task in tasks:
                 progress.step(f"{task.check}: {task.player.name}, {task.quantity}, {task.state}")

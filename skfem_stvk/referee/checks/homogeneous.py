@@ -102,7 +102,7 @@ def _young_and_poisson(k: int, lam: float, mu: float) -> tuple[float, float]:
 
 
 def homogeneous_states(case: Case, body: Homogeneous) -> Iterator[Task]:
-    """Closed forms and the patch test of our W and F on the homogeneous copy; of the candidate's if the body itself is homogeneous."""
+    """Closed forms and the patch test on the homogeneous copy; of the candidate's W and F if the body is its own copy."""
     copy = _case_of(case, body)
     for player in copy.players:
         for name in CLOSED_FORMS:

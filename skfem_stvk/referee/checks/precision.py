@@ -1,6 +1,7 @@
 """Round-off and speed: errors against 50-digit arithmetic, for small strains, large rotations and far from the origin, and times.
 
-Errors are measured on a homogeneous isotropic patch of the mesh, for three forms: ours, the textbook's, and scikit-fem's. Ours is judged.
+Errors are measured on a homogeneous isotropic patch of the mesh, for three forms: ours, the textbook's, and scikit-fem's. Ours is
+judged.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
-"""Rigid motions: they change nothing but directions, so forces and torques balance; at rest they, and no other motions, cost nothing.
+"""Rigid motions: they change only directions, so forces and torques balance; at rest they, and no others, cost nothing.
 
-Translations, rotations and reflections of the deformed body leave W as it is, and turn F and K with the body. K is symmetric. At rest all
-its pivots are positive once the rigid motions are grounded.
+Translations, rotations and reflections of the deformed body leave W as it is, and turn F and K with the body. K is symmetric. At
+rest all its pivots are positive once the rigid motions are grounded.
 """
 
 from __future__ import annotations
