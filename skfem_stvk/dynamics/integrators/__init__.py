@@ -1,17 +1,13 @@
-"""Integrators, one a file; each declares its order and what it conserves."""
+"""Integrators: each declares its order and what it conserves."""
 
-from .backward_euler import BackwardEuler
+from .backward_euler import BackwardEuler, LinearBackwardEuler
 from .energy_momentum import EnergyMomentum
-from .explicit import Explicit
-from .forward_euler import ForwardEuler
-from .generalized_alpha import GeneralizedAlpha
+from .explicit import Explicit, ForwardEuler, VelocityVerlet
 from .implicit import Implicit
 from .integrator import ANGULAR_MOMENTUM, ENERGY, LINEAR_MOMENTUM, Integrator, StepFailed, Stepper
-from .linear_backward_euler import LinearBackwardEuler
-from .newmark import Newmark
-from .velocity_verlet import VelocityVerlet
+from .newmark import GeneralizedAlpha, Newmark
 
-#: All there are, by the name of their class.
+#: All integrators, by the name of their class.
 INTEGRATORS: dict[str, type[Integrator]] = {
     one.__name__: one
     for one in (ForwardEuler, VelocityVerlet, LinearBackwardEuler, BackwardEuler, Newmark, GeneralizedAlpha, EnergyMomentum)

@@ -1,4 +1,4 @@
-"""What explicit integrators have in common."""
+"""Explicit integrators, which need forces only: symplectic Euler and velocity Verlet."""
 
 from __future__ import annotations
 
@@ -9,10 +9,11 @@ import numpy as np
 
 from ...arguments import Array
 from ...errors import StvkError
+from ...kernels import motion as kernels
 from ...nonlinear.stopwatch import Stopwatch
 from ..motion import Motion
 from ..record import Counts, MotionState
-from .integrator import Integrator, checked_step
+from .integrator import ANGULAR_MOMENTUM, LINEAR_MOMENTUM, Integrator, checked_step
 
 
 @dataclass(frozen=True)
@@ -25,7 +26,7 @@ class Explicit(Integrator):
     """
 
     explicit: ClassVar[bool] = True
-    #: How many times over damping counts where the critical step is looked for.
+    #: How many times over damping counts where the critical step is computed.
     damping_weight: ClassVar[float] = 1.0
 
     dt: float | None = None
@@ -35,7 +36,7 @@ class Explicit(Integrator):
 
 
 class ExplicitStepper:
-    """The forces on the body, `h - D v` and `F`, on arrays that are made once.
+    """Evaluate the forces on the body, `h - D v` and `F`, on arrays that are made once.
 
     Attributes
     ----------
@@ -53,11 +54,11 @@ class ExplicitStepper:
 
     @property
     def remark(self) -> str:
-        """Nothing."""
+        """Empty: an explicit step is worth no remark."""
         return ""
 
     def start(self, state: MotionState) -> None:
-        """The internal force at the first state."""
+        """Evaluate the internal force at the first state."""
         self.evaluate(state)
 
     def external(self, u: Array, v: Array, t: float) -> Array:
@@ -70,12 +71,100 @@ class ExplicitStepper:
         return np.subtract(loads, self._damped, out=self._damped)
 
     def arrive(self, state: MotionState, t: float) -> None:
-        """It is `t`; the held ones are where they are then."""
+        """Move the state to time `t`, and what is held to where the supports have it then."""
         if self.motion.moving:
             state.u[self.motion.free.fixed] = self.motion.held(t)
         state.t = t
 
     def evaluate(self, state: MotionState) -> None:
-        """The internal force and the strain energy at the state."""
+        """Evaluate the internal force and the strain energy at the state."""
         with self.watch("assemble"):
             self.energy, _ = self.motion.system.energy_and_force(state.u, out=self.internal)
+
+
+@dataclass(frozen=True)
+class ForwardEuler(Explicit):
+    """Forward Euler as in Kikuuwe (2009), eq. 4: the new velocity moves the body.
+
+        v <- v + T M^-1 (h - D v - F(p))        p <- p + T v
+
+    Elsewhere it is called semi-implicit or symplectic Euler: its energy is off by O(T), but does not drift. Stable below `T = 2 / omega_max`.
+
+    >>> ForwardEuler(dt=1e-4).order, sorted(ForwardEuler.conserves)
+    (1, ['angular momentum', 'linear momentum'])
+    """
+
+    order: ClassVar[int] = 1
+    conserves: ClassVar[frozenset[str]] = frozenset({LINEAR_MOMENTUM, ANGULAR_MOMENTUM})
+    reversible: ClassVar[bool] = False
+
+    def stepper(self, motion: Motion) -> ForwardEulerStepper:
+        return ForwardEulerStepper(motion, self.name)
+
+
+class ForwardEulerStepper(ExplicitStepper):
+    """Make steps with one force per step."""
+
+    def step(self, state: MotionState, t: float) -> None:
+        h = t - state.t
+        held = self.motion.free.fixed
+        external = self.external(state.u, state.v, t)
+        if self.motion.moving:
+            before, velocities, force = state.u[held], state.v[held], external[held] - self.internal[held]
+        kernels.push_and_drift(self.inverse, external, self.internal, h, state.v, state.u)
+        self.arrive(state, t)
+        if self.motion.moving:
+            state.v[held] = (state.u[held] - before) / h
+            inertia = (
+                self.motion.mass.multiply(state.v)[held] - self.motion.mass.vertex[held // self.motion.system.mesh.d] * velocities
+            )
+            state.reaction[held] = inertia / h - force
+        self.evaluate(state)
+
+
+@dataclass(frozen=True)
+class VelocityVerlet(Explicit):
+    """Velocity Verlet, the central differences of structural dynamics (Newmark's beta = 0, gamma = 1/2).
+
+        v(1/2) = v + T/2 a        u <- u + T v(1/2)        a <- M^-1 (h - D (v + T a) - F(u))        v <- v(1/2) + T/2 a
+
+    One force per step, symplectic, reversible without damping. Stable below `T = 2 / omega_max`; with damping, which is taken at a predicted
+    velocity, below `2/omega (sqrt(1 + 4 xi^2) - 2 xi)`: it counts twice.
+
+    >>> VelocityVerlet().order, VelocityVerlet.reversible
+    (2, True)
+    """
+
+    order: ClassVar[int] = 2
+    conserves: ClassVar[frozenset[str]] = frozenset({LINEAR_MOMENTUM, ANGULAR_MOMENTUM})
+    reversible: ClassVar[bool] = True
+    damping_weight: ClassVar[float] = 2.0
+
+    def stepper(self, motion: Motion) -> VelocityVerletStepper:
+        return VelocityVerletStepper(motion, self.name)
+
+
+class VelocityVerletStepper(ExplicitStepper):
+    """Make steps with one force per step; the acceleration is kept from step to step."""
+
+    def start(self, state: MotionState) -> None:
+        super().start(state)
+        if not state.a.any():
+            force = self.external(state.u, state.v, state.t) - self.internal
+            np.multiply(self.inverse, force, out=state.a)
+
+    def step(self, state: MotionState, t: float) -> None:
+        h, motion, held = t - state.t, self.motion, self.motion.free.fixed
+        if motion.moving:
+            before, velocities = state.u[held], state.v[held]
+            force = self.external(state.u, state.v, state.t)[held] - self.internal[held]
+        kernels.kick_and_drift(state.a, h / 2, h, state.v, state.u)
+        self.arrive(state, t)
+        self.evaluate(state)
+        if motion.moving:
+            state.v[held] = 2 * (state.u[held] - before) / h - velocities
+        external = self.external(state.u, state.v + (h / 2) * state.a if motion.damped else state.v, t)
+        if motion.moving:
+            m = motion.mass.vertex[held // motion.system.mesh.d]
+            state.reaction[held] = m * (state.v[held] - velocities) / h - (force + external[held] - self.internal[held]) / 2
+        kernels.accelerate(self.inverse, external, self.internal, h / 2, state.a, state.v)
