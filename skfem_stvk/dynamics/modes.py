@@ -24,7 +24,7 @@ from ..system.free_tangent import SYMMETRIC, with_loads
 from ..system.mass import Mass
 from ..system.rigid import motions
 from ..system.system import checked_system
-from .largest import bound_on_eigenvalues
+from .critical_step import bound_on_eigenvalues
 from .shift_invert import ShiftedProblem, lowest_vectors, nearest_vectors
 
 #: A motion of which all but this part is rigid is rigid, if its eigenvalue is rounding: so many eps of the largest one.

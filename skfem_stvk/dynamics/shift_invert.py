@@ -17,7 +17,7 @@ from ..system import FreeOperator, System
 from ..system.free_tangent import FreeTangent
 from ..system.mass import Mass
 from ..terms.load import Time
-from .largest import bound_on_eigenvalues
+from .critical_step import bound_on_eigenvalues
 
 #: The shift, as a part of the largest eigenvalue divided by the square of the number of vertices in a row.
 SHIFT = 1e-2

@@ -1,4 +1,4 @@
-"""What an analysis prints while it runs."""
+"""What analyses and long commands print while they run."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from types import TracebackType
 from typing import Any, TypeVar
 
 from rich.console import Console
-from rich.progress import BarColumn, TextColumn
+from rich.progress import BarColumn, ProgressColumn, TextColumn
 from rich.progress import Progress as Bar
 
 #: Time from one look to the next [s], on a terminal and elsewhere, and over how many of them steps/s are averaged.
@@ -20,33 +20,33 @@ Entered = TypeVar("Entered", bound="Progress")
 
 
 class Progress:
-    """Lines on standard output, and a bar on standard error, on a terminal, that goes away when the work is done; nothing if quiet.
+    """Lines on standard output, and on a terminal a bar on standard error that goes away when the work is done; nothing if quiet.
 
     Parameters
     ----------
-    name : stands before the bar.
-    header : the first line, None for no line.
+    name : text before the bar.
     quiet : print nothing.
-    columns : of the bar, between its name and the description.
+    columns : of the bar, as rich takes them, between its name and the description.
     options : of rich's `Progress`.
     """
 
-    def __init__(self, name: str, header: str | None, quiet: bool, columns: tuple[Any, ...], **options: Any) -> None:
-        console = Console(stderr=True)
-        shown = TextColumn(name), *columns, TextColumn("{task.description}")
-        hidden = quiet or not console.is_terminal
-        self._bar = Bar(*shown, console=console, transient=True, disable=hidden, **options)
-        self._task = self._bar.add_task("")
-        self._header, self._quiet = header, quiet
+    def __init__(self, name: str, quiet: bool, columns: tuple[ProgressColumn, ...], **options: Any) -> None:
+        self._quiet = quiet
+        self._bar: Bar | None = None
+        console = None if quiet else Console(stderr=True)
+        if console is not None and console.is_terminal:
+            shown = TextColumn(name), *columns, TextColumn("{task.description}")
+            self._bar = Bar(*shown, console=console, transient=True, **options)
+            self._bar.add_task("")
 
     def __enter__(self: Entered) -> Entered:
-        if self._header is not None:
-            self.print(self._header)
-        self._bar.start()
+        if self._bar is not None:
+            self._bar.start()
         return self
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
-        self._bar.stop()
+        if self._bar is not None:
+            self._bar.stop()
 
     def print(self, line: str) -> None:
         """Print a line."""
@@ -55,7 +55,8 @@ class Progress:
 
     def show(self, **changes: Any) -> None:
         """Draw the bar anew, with changes as rich's `Progress.update` takes them."""
-        self._bar.update(self._task, refresh=True, **changes)
+        if self._bar is not None:
+            self._bar.update(self._bar.task_ids[0], refresh=True, **changes)
 
 
 class MotionProgress(Progress):
@@ -68,18 +69,18 @@ class MotionProgress(Progress):
     """
 
     def __init__(self, header: str, ledger: Mapping[str, Any], done: int, quiet: bool) -> None:
-        super().__init__("dynamics", header, quiet, (BarColumn(24),), auto_refresh=False)
-        self._ledger, self._every = ledger, LINES if self._bar.disable else REFRESH
+        super().__init__("dynamics", quiet, (BarColumn(24),), auto_refresh=False)
+        self._header, self._ledger, self._every = header, ledger, LINES if self._bar is None else REFRESH
         self._number = self._steps = self._done = done
         self._next = float("inf")
 
     def __enter__(self) -> MotionProgress:
-        super().__enter__()
         if not self._quiet:
+            self.print(self._header)
             self._begin = time.perf_counter()
             self._looks = deque([(self._begin, self._done)], maxlen=WINDOW)
             self._next = self._begin + self._every
-        return self
+        return super().__enter__()
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
         super().__exit__(kind, error, trace)
@@ -99,7 +100,7 @@ class MotionProgress(Progress):
         rate = (self._number - before) / (now - then)
         self._looks.append((now, self._number))
         line = self._line(rate, f"{duration((self._steps - self._number) / rate)} left" if rate else "")
-        if self._bar.disable:
+        if self._bar is None:
             self.print(line)
         else:
             self.show(completed=self._number, total=self._steps, description=line)

@@ -197,7 +197,7 @@ class CountedProgress(Progress):
     """A bar that counts so many pieces of work."""
 
     def __init__(self, command: str, total: int, quiet: bool) -> None:
-        super().__init__(command, None, quiet, (BarColumn(), MofNCompleteColumn(), TimeElapsedColumn()))
+        super().__init__(command, quiet, (BarColumn(), MofNCompleteColumn(), TimeElapsedColumn()))
         self.show(total=total)
 
     def step(self, description: str) -> None:

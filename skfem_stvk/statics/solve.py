@@ -26,8 +26,7 @@ from .equilibrium import Equilibrium
 from .history import History, Step, found_status
 from .load_steps import LoadSteps
 from .message import reason
-from .outlets import opened
-from .report import PathProgress
+from .outputs import PathProgress, opened
 from .result import SolveError, StaticResult
 from .stop import Goal, Stop
 from .walk import Walk

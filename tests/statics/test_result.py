@@ -8,8 +8,7 @@ from scenes import beam, bent, block, column
 from skfem_stvk import ElasticFoundation, Gravity, Isotropic, Pressure, StVK, System, Traction, solve_static
 from skfem_stvk.errors import LoadError, RegionError, StateError, StvkError, SupportError
 from skfem_stvk.linear import SuperLU
-from skfem_stvk.statics import Interrupted, SolveError, Status
-from skfem_stvk.statics import report as report_module
+from skfem_stvk.statics import Interrupted, SolveError, Status, outputs
 
 MATERIAL = StVK(young=1e4, poisson=0.3, density=1.0)
 PULL = Traction("tip", (0, 0, -1.0))
@@ -124,7 +123,7 @@ def test_ctrl_c_keeps_the_states_so_far(monkeypatch):
         if outcome.t > 0.3:
             raise KeyboardInterrupt
 
-    monkeypatch.setattr(report_module.PathProgress, "line", interrupt)
+    monkeypatch.setattr(outputs.PathProgress, "line", interrupt)
     with pytest.raises(KeyboardInterrupt) as caught:
         solve_static(bent(), steps=10, quiet=True)
     assert isinstance(caught.value, Interrupted)

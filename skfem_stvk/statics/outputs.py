@@ -1,19 +1,24 @@
-"""What a static solve writes while it goes: a series of states, and the checkpoint."""
+"""What a static solve prints and writes while it runs: lines and a bar, a series of states, and the checkpoint."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from functools import partial
+from pathlib import Path
 from typing import Any, TypeAlias
 
+from rich.progress import BarColumn, TimeElapsedColumn
+
 from ..arguments import Array
+from ..nonlinear.newton import Iterations
+from ..nonlinear.progress import Progress
 from ..results import Fields, Series
 from ..results.outlets import Outlets
 from ..system import System
 from ..system.signature import Problem, sums
 from .checkpoint import PathCheckpoint
-from .history import Step
+from .history import Attempt, Step
 
 Write: TypeAlias = Callable[[float, Step], object]
 
@@ -44,3 +49,28 @@ def _add(series: Series, fields: Fields, t: float, step: Step) -> None:
 
 def _nothing(t: float, step: Step) -> None:
     """Write nothing: no series was asked for."""
+
+
+class PathProgress(Progress):
+    """A line for each state on standard output; on a terminal also a bar that goes away when the work is done. Nothing if quiet."""
+
+    def __init__(self, header: str, quiet: bool) -> None:
+        super().__init__("statics", quiet, (BarColumn(), TimeElapsedColumn()))
+        self.show(total=1.0)
+        self.print(header)
+
+    def iterating(self, t: float, record: Iterations) -> None:
+        """Show that an iteration begins."""
+        self.show(description=f"t {t:.4g}, iteration {len(record)}, residual {record.residuals[-1]:.1e}")
+
+    def line(self, outcome: Step | Attempt) -> None:
+        """Print a state that was found, now or by the run that is resumed, or a step that has to be cut back."""
+        self.print(str(outcome))
+        if isinstance(outcome, Step):
+            self.show(completed=min(max(outcome.t, 0.0), 1.0))
+            for point in outcome.critical:
+                self.print(str(point))
+
+    def resumed(self, folder: Path, states: int) -> None:
+        """Print that what comes first was found before."""
+        self.print(f"kept in {folder}: {states} states")
