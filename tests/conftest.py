@@ -28,3 +28,11 @@ def gmsh():
             f"Gmsh cannot be imported ({error}): pip install gmsh; on Debian apt install libglu1-mesa libxft2 libxcursor1 libxinerama1"
         )
     return gmsh
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_xdist_make_scheduler(config, log):
+    """Neighbouring tests go to the same process, which makes their fixtures and compiles their kernels once; who is done takes over the others'."""
+    from xdist.scheduler import WorkStealingScheduling
+
+    return WorkStealingScheduling(config, log)

@@ -6,11 +6,9 @@ import numpy as np
 import pytest
 import skfem
 
-from skfem_stvk.bench.meshes import bracket
 from skfem_stvk.mesh import embedded_mesh
 from skfem_stvk.mesh.diagnostics import check_mesh
 from skfem_stvk.mesh.geometry import Geometry
-from validation import meshes
 
 MESH = embedded_mesh()
 FILE = files("skfem_stvk.mesh") / "data" / "bracket.msh"
@@ -57,12 +55,3 @@ def test_scikit_fem_loads_the_same_mesh():
     for name, facets in MESH.boundaries.items():
         found = np.sort(mesh.facets[:, mesh.boundaries[name]], axis=0)
         assert sorted(found.T.tolist()) == sorted(np.sort(facets, axis=0).T.tolist())
-
-
-def test_its_generator_also_makes_a_fine_one(gmsh):
-    fine = bracket(meshes.FINE_SIZE)
-    check_mesh(fine)
-    assert fine.nt >= 20_000
-    assert set(fine.subdomains) == set(MESH.subdomains) and set(fine.boundaries) == set(MESH.boundaries)
-    assert abs((meshes.signed_volumes(fine) < 0).sum() - fine.nt / 2) <= 1
-    assert meshes.dihedral_angles(fine).min() > 5
