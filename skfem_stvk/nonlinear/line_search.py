@@ -7,15 +7,29 @@ from collections.abc import Callable
 import numpy as np
 
 from ..arguments import Array
+from ..terms.load import Time
+from .problem import Problem, Residual
 
 #: A residual along the line is as good as zero below this part of what it was.
 GOOD_ENOUGH = 0.1
 
 
-def quartic_minimum(c: Array) -> float:
-    """The first minimum at `s > 0` of `c0 + c1 s + ... + c4 s^4`, which falls at 0; infinite if it never ends to fall.
+def length(problem: Problem, u: Array, v: Array, t: Time, at_zero: Residual, longest: float) -> float | None:
+    """The factor `s` of the direction `v` from `u`, where the residual is `at_zero`: `longest` at most; None if there is none."""
+    slope = problem.slope(at_zero, v)
+    if not problem.quartic:
+        return root_of_slope(lambda s: problem.slope(problem.residual(u + s * v, t), v), slope, longest)
+    c = problem.energy_along(u, v, t)
+    if abs(c[1] - slope) > 0.1 * abs(slope):  # rounding is as large as what there is to gain
+        return min(1.0, longest)
+    s = min(quartic_minimum(c), longest)
+    return s if np.isfinite(s) else None
 
-    The first one: those behind it belong to other states, mirrored ones among them.
+
+def quartic_minimum(c: Array) -> float:
+    """The first minimum at `s > 0` of `c0 + c1 s + ... + c4 s^4`, which falls at 0; infinite if it never ceases to fall.
+
+    Those behind it belong to other states, mirrored ones among them.
 
     >>> round(quartic_minimum(np.array([0, -1, 0.5, 0, 0])), 12)
     1.0

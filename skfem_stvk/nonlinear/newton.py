@@ -12,7 +12,8 @@ from ..arguments import Array
 from ..errors import StateError
 from ..linear import Outcome, Solution
 from ..terms.load import Time
-from .line_search import quartic_minimum, root_of_slope
+from .line_search import length
+from .outcome import Status
 from .problem import Problem, Residual, Tangent
 
 #: With the line search, the same from a state with elements inside out, and with full steps.
@@ -39,6 +40,11 @@ class End(Enum):
     def converged(self) -> bool:
         """Whether a state of equilibrium was found."""
         return self in (End.CONVERGED, End.AT_ROUND_OFF)
+
+    @property
+    def status(self) -> Status:
+        """The status of a state that was found, if it is stable and not inside out."""
+        return Status.CONVERGED if self is End.CONVERGED else Status.AT_ROUND_OFF
 
 
 @dataclass
@@ -68,16 +74,30 @@ class Iterations:
         return len(self.lengths)
 
 
-def newton(
-    problem: Problem,
-    u: Array,
-    t: Time,
-    rtol: float,
-    most_inside_out: int,
-    watch: Callable[[Iterations], None],
-    full_first: bool,
-) -> tuple[Array, End, Iterations]:
-    """Equilibrium at load factor `t` from `u` (ndofs,), whose held degrees of freedom are where they belong.
+def _nobody(record: Iterations) -> None:
+    """Watch nothing."""
+
+
+@dataclass(frozen=True)
+class Search:
+    """What is looked for, and how.
+
+    Attributes
+    ----------
+    rtol : the residual is small enough below this part of its scale.
+    most_inside_out : so many elements may be inside out in the state that is found.
+    full_first : try full steps first.
+    watch : is told of each iteration as it begins.
+    """
+
+    rtol: float
+    most_inside_out: int = 0
+    full_first: bool = True
+    watch: Callable[[Iterations], None] = _nobody
+
+
+def newton(problem: Problem, u: Array, t: Time, wanted: Search) -> tuple[Array, End, Iterations]:
+    """Equilibrium at load factor `t` from the state `u`, in which what is held is where it belongs.
 
     With `full_first`, full steps of the exact tangent are tried: slender bodies bend that way in a third of the iterations, for a full step
     stretches them first and a line search does not let it. Unless they arrive, at a stable state, with no more than `most_inside_out` elements
@@ -86,57 +106,93 @@ def newton(
     before elements turn inside out, unless some are already.
     """
     record = Iterations()
-    if full_first:
-        found, end = _iterate(problem, u, t, rtol, record, watch, search=False)
+    if wanted.full_first:
+        found, end = _Descent(problem, t, wanted, record, search=False).from_state(u)
         stable = end.converged and not record.negative_pivots
-        if stable and len(problem.inside_out(found)) <= most_inside_out and problem.on_this_side(u, found):
+        if stable and len(problem.inside_out(found)) <= wanted.most_inside_out and problem.on_this_side(u, found):
             return found, end, record
         record.restarted = len(record)
-    found, end = _iterate(problem, u, t, rtol, record, watch, search=True)
-    if end.converged and len(turned := problem.inside_out(found)) > most_inside_out:
+    found, end = _Descent(problem, t, wanted, record, search=True).from_state(u)
+    if end.converged and len(turned := problem.inside_out(found)) > wanted.most_inside_out:
         record.detail = problem.named(turned)
         return found, End.INSIDE_OUT, record
     return found, end, record
 
 
-def _iterate(
-    problem: Problem,
-    u: Array,
-    t: Time,
-    rtol: float,
-    record: Iterations,
-    watch: Callable[[Iterations], None],
-    search: bool,
-) -> tuple[Array, End]:
-    """Newton's iterations, with the line search or with full steps."""
-    forcing, before, tangled = LOOSEST, None, len(problem.inside_out(u)) > 0
-    most = len(record) + (MOST_FULL if not search else MOST_TANGLED if tangled else MOST_ITERATIONS)
-    try:
-        residual = problem.residual(u, t)
-        while True:
-            record.residuals.append(residual.relative)
-            watch(record)
-            end = arrived(problem, u, t, residual, before, rtol)
-            if end is not None:
-                if len(record):  # each iteration has made an exact tangent, also where another one was taken
-                    record.negative_pivots = problem.negative_pivots()
-                return u, end
-            if len(record) == most:
-                if record.tangents[-1] != "exact":
-                    record.detail = "K is not positive definite there: the body gives way or buckles"
-                    record.detail += ", or it is too ill-conditioned for CG: try solver='superlu'" * problem.iterative
-                return u, End.OUT_OF_ITERATIONS
-            v = _direction(problem, u, t, residual, max(forcing, 0.3 * rtol / residual.relative), record, search)
-            if v is None:
-                return u, End.NO_DESCENT
-            moved = _moved(problem, u, v, t, residual, record, search, tangled)
-            if isinstance(moved, End):
-                return u, moved
-            u, before = moved, residual
+class _Descent:
+    """Newton's iterations at one load, with the line search or with full steps."""
+
+    def __init__(self, problem: Problem, t: Time, wanted: Search, record: Iterations, search: bool) -> None:
+        self._problem, self._t, self._wanted, self._record, self._search = problem, t, wanted, record, search
+
+    def from_state(self, u: Array) -> tuple[Array, End]:
+        problem, t, record, rtol = self._problem, self._t, self._record, self._wanted.rtol
+        forcing, before, tangled = LOOSEST, None, len(problem.inside_out(u)) > 0
+        most = len(record) + (MOST_FULL if not self._search else MOST_TANGLED if tangled else MOST_ITERATIONS)
+        try:
             residual = problem.residual(u, t)
-            forcing = _forcing(forcing, residual, before)
-    except StateError:
-        return u, End.OVERFLOW
+            while True:
+                record.residuals.append(residual.relative)
+                self._wanted.watch(record)
+                end = arrived(problem, u, t, residual, before, rtol)
+                if end is not None:
+                    if len(record):  # each iteration has made an exact tangent, also where another one was taken
+                        record.negative_pivots = problem.negative_pivots()
+                    return u, end
+                if len(record) == most:
+                    if record.tangents[-1] != "exact":
+                        record.detail = "K is not positive definite there: the body gives way or buckles"
+                        record.detail += ", or it is too ill-conditioned for CG: try solver='superlu'" * problem.iterative
+                    return u, End.OUT_OF_ITERATIONS
+                v = self._direction(u, residual, max(forcing, 0.3 * rtol / residual.relative))
+                if v is None:
+                    return u, End.NO_DESCENT
+                moved = self._moved(u, v, residual, tangled)
+                if isinstance(moved, End):
+                    return u, moved
+                u, before = moved, residual
+                residual = problem.residual(u, t)
+                forcing = _forcing(forcing, residual, before)
+        except StateError:
+            return u, End.OVERFLOW
+
+    def _direction(self, u: Array, residual: Residual, rtol: float) -> Array | None:
+        """Newton's direction, with the first tangent that gives one of descent; for full steps the exact one only."""
+        problem, t, record = self._problem, self._t, self._record
+        for tangent in Tangent if self._search else (Tangent.EXACT,):
+            factors = problem.factorise(u, t, tangent)
+            solution = problem.solve(factors, -residual.free, rtol)
+            if not usable(solution) and tangent is Tangent.EXACT and problem.take_over(u, t):
+                solution = problem.solve(problem.factorise(u, t), -residual.free, rtol)
+            if not usable(solution):
+                record.detail = solution.outcome.value
+                continue
+            v = problem.direction(solution.x)
+            if problem.slope(residual, v) < 0:
+                record.tangents.append(tangent.value)
+                record.linear.append(solution.iterations)
+                record.detail = ""
+                return v
+            record.detail = "the direction is not one of descent"
+        return None
+
+    def _moved(self, u: Array, v: Array, residual: Residual, tangled: bool) -> Array | End:
+        """`u + s v`, with the length `s` of the line search, which ends before elements turn inside out; or the full step.
+
+        A state that is `tangled`, with elements inside out, is not limited: on the way back some elements turn and take others through zero volume.
+        """
+        if not self._search:
+            self._record.lengths.append(1.0)
+            return u + v
+        limit = np.inf if tangled else self._problem.step_limit(u, v)
+        s = length(self._problem, u, v, self._t, residual, BEFORE_THE_LIMIT * limit)
+        if s is None:
+            return End.NO_LENGTH
+        if s < SHORTEST and s == BEFORE_THE_LIMIT * limit:
+            self._record.detail = self._problem.named(self._problem.inside_out(u + 1.01 * limit * v))
+            return End.INSIDE_OUT
+        self._record.lengths.append(s)
+        return u + s * v
 
 
 def arrived(problem: Problem, u: Array, t: Time, residual: Residual, before: Residual | None, rtol: float) -> End | None:
@@ -155,28 +211,6 @@ def _forcing(last: float, now: Residual, before: Residual) -> float:
     return min(LOOSEST, max(new, kept) if kept > 0.1 else new)
 
 
-def _direction(
-    problem: Problem, u: Array, t: Time, residual: Residual, rtol: float, record: Iterations, search: bool
-) -> Array | None:
-    """(ndofs,) Newton's direction, with the first tangent that gives one of descent; for full steps the exact one only."""
-    for tangent in Tangent if search else (Tangent.EXACT,):
-        factors = problem.factorise(u, t, tangent)
-        solution = problem.solve(factors, -residual.free, rtol)
-        if not usable(solution) and tangent is Tangent.EXACT and problem.take_over(u, t):
-            solution = problem.solve(problem.factorise(u, t), -residual.free, rtol)
-        if not usable(solution):
-            record.detail = solution.outcome.value
-            continue
-        v = problem.direction(solution.x)
-        if problem.slope(residual, v) < 0:
-            record.tangents.append(tangent.value)
-            record.linear.append(solution.iterations)
-            record.detail = ""
-            return v
-        record.detail = "the direction is not one of descent"
-    return None
-
-
 def usable(solution: Solution, singular: bool = False) -> bool:
     """Whether Newton's method can go on with it: with less precision than asked for, too, as long as most of the residual is answered.
 
@@ -186,40 +220,3 @@ def usable(solution: Solution, singular: bool = False) -> bool:
     imprecise = solution.outcome in (Outcome.INACCURATE, Outcome.OUT_OF_ITERATIONS)
     enough = solution.residual <= LOOSEST or (singular and solution.outcome is Outcome.INACCURATE)
     return solution.outcome is Outcome.SOLVED or (imprecise and enough)
-
-
-def _moved(
-    problem: Problem, u: Array, v: Array, t: Time, residual: Residual, record: Iterations, search: bool, tangled: bool
-) -> Array | End:
-    """`u + s v`, with the length `s` of the line search, which ends before elements turn inside out; or the full step.
-
-    From a state that is `tangled`, with elements inside out, others have to turn with them on the way back.
-    """
-    if not search:
-        record.lengths.append(1.0)
-        return u + v
-    limit = np.inf if tangled else problem.step_limit(u, v)
-    s = _length(problem, u, v, t, residual, BEFORE_THE_LIMIT * limit)
-    if s is None:
-        return End.NO_LENGTH
-    if s < SHORTEST and s == BEFORE_THE_LIMIT * limit:
-        record.detail = problem.named(problem.inside_out(u + 1.01 * limit * v))
-        return End.INSIDE_OUT
-    record.lengths.append(s)
-    return u + s * v
-
-
-def _length(problem: Problem, u: Array, v: Array, t: Time, residual: Residual, longest: float) -> float | None:
-    """Of the line search, `longest` at most."""
-    slope = problem.slope(residual, v)
-    if problem.quartic:
-        c = problem.energy_along(u, v, t)
-        if abs(c[1] - slope) > 0.1 * abs(slope):  # rounding is as large as what there is to gain
-            return min(1.0, longest)
-        s = min(quartic_minimum(c), longest)
-        return s if np.isfinite(s) else None
-
-    def slope_at(s: float) -> float:
-        return problem.slope(problem.residual(u + s * v, t), v)
-
-    return root_of_slope(slope_at, slope, longest)

@@ -8,12 +8,12 @@ import numpy as np
 
 from ..arguments import Array
 from ..nonlinear.newton import End, Iterations
+from ..nonlinear.problem import PathProblem
+from .continuation import Heading, Plane, correct, heading
 from .critical import CriticalPoint, Point, find, turning_point
-from .heading import Heading, heading
 from .history import Attempt, Step
-from .plane import Plane, correct
 from .stop import Goal
-from .walk import SMALLEST, Walk
+from .walk import SMALLEST, Course, Walk
 
 #: Iterations that a step of the right length takes, and how much longer the next may be.
 ITERATIONS, GROWTH = 4, 1.5
@@ -37,10 +37,10 @@ class ArcLength(Walk):
 
     name: ClassVar[str] = "arc-length"
 
-    def __init__(self, first: float, goal: Goal, *arguments: Any) -> None:
-        super().__init__(*arguments)
+    def __init__(self, problem: PathProblem, u0: Array, t0: float, course: Course, goal: Goal) -> None:
+        super().__init__(problem, u0, t0, course)
         self._goal = goal
-        self._first_load, self._first, self._size = first, 0.0, 0.0
+        self._first_load, self._first, self._size = course.first, 0.0, 0.0
         self._heading: Heading | None = None
         self._turns = self._states = 0
         self._from = self.u
@@ -157,7 +157,7 @@ class ArcLength(Walk):
 
     def _correct(self, u: Array, t: float, plane: Plane) -> tuple[Array, float, End, Iterations] | Attempt:
         """The equilibrium in a plane, with no more elements inside out than there are."""
-        u, t, end, record = correct(self.problem, u, t, plane, self._rtol, self._iterating)
+        u, t, end, record = correct(self.problem, u, t, plane, self._rtol, self._course.iterating)
         if not end.converged:
             return Attempt(t, end, record)
         turned = self.problem.inside_out(u)

@@ -12,8 +12,7 @@ from scipy.optimize import brentq
 from ..arguments import Array
 from ..nonlinear.eigen import lowest_mode, nearest_mode
 from ..nonlinear.problem import PathProblem
-from .heading import heading
-from .plane import Plane, correct
+from .continuation import Plane, correct, heading
 
 LIMIT_POINT, BIFURCATION = "limit point", "bifurcation"
 #: How well its place is known, as a part of the step on which it lies; residuals there are this much smaller than elsewhere.

@@ -90,11 +90,6 @@ class Attempt:
         return f"t {self.t:<9.4g} {len(self.iterations):>3} iterations   failed: {self.end.value}{detail}"
 
 
-def found_status(end: End) -> Status:
-    """Of a state that Newton's method found, if it is stable and not inside out."""
-    return Status.CONVERGED if end is End.CONVERGED else Status.AT_ROUND_OFF
-
-
 class History(Sequence[Step]):
     """The steps of a path, in order.
 

@@ -2,21 +2,28 @@
 
 from __future__ import annotations
 
-from typing import Any, ClassVar
+from collections.abc import Callable
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
 from ..arguments import Array
-from ..nonlinear.newton import MOST_FULL, newton, usable
-from ..nonlinear.problem import Tangent
-from .between import Between, State
+from ..errors import StateError
+from ..nonlinear.newton import MOST_FULL, Search, newton, usable
+from ..nonlinear.problem import PathProblem, Tangent
 from .history import JUMPED, Attempt, Step
-from .walk import SMALLEST, Walk
+from .walk import SMALLEST, Course, Walk
 
 #: A step that took no more iterations lets the next one grow, by this factor, up to this many times the first one.
 FEW, GROWTH, LARGEST = 5, 1.5, 4.0
 #: From here on a state is so far from where the path pointed that it is looked at what happened in between, with residuals below `LOOSE`.
 FAR, LOOSE = 2.0, 1e-6
+#: A force along the straight way to the next state that is off a straight line by less than this part of its growth tells of no snap.
+STRAIGHT = 0.1
+#: States this near to where the tangents at both of them point, as a part of the way, lie on one path.
+NEAR = 0.5
+#: A step is halved so often, and so many states in between are looked for at most.
+HALVED, MOST = 6, 16
 
 
 class LoadSteps(Walk):
@@ -28,9 +35,9 @@ class LoadSteps(Walk):
 
     name: ClassVar[str] = "load-steps"
 
-    def __init__(self, first: float, *arguments: Any) -> None:
-        super().__init__(*arguments)
-        self._first = self._size = first
+    def __init__(self, problem: PathProblem, u0: Array, t0: float, course: Course) -> None:
+        super().__init__(problem, u0, t0, course)
+        self._first = self._size = course.first
         self._before: tuple[float, Array] | None = None
         self._full_first = True
 
@@ -58,7 +65,7 @@ class LoadSteps(Walk):
         u, end, record = found
         jump = None if pointed is None else self.problem.norm(u - pointed) / self.problem.norm(pointed - self.u)
         if jump is None or jump > FAR:
-            looked = Between(self.problem, self._equilibrium).jump(State(self.t, self.u), State(t, u))
+            looked = Between(self.problem, self._equilibrium).jump(OnPath(self.t, self.u), OnPath(t, u))
             jump = looked if looked is not None or (jump or 0.0) > JUMPED else jump
         self._full_first = record.restarted is None and len(record) <= MOST_FULL
         self._before = self.t, self.u
@@ -67,11 +74,11 @@ class LoadSteps(Walk):
         self.reached = t == 1
         return self._accept(t, u, end, record, jump=jump)
 
-    def _equilibrium(self, before: State, start: Array, t: float) -> Array | None:
+    def _equilibrium(self, before: OnPath, start: Array, t: float) -> Array | None:
         """The state at `t` on the way from one before, to the precision that telling a jump takes."""
         if len(self.problem.inside_out(start)) > self._allowed or not self.problem.on_this_side(before.u, start):
             start = self.problem.place(before.u.copy(), t)
-        u, end, _ = newton(self.problem, start, t, max(self._rtol, LOOSE), self._allowed, lambda record: None, full_first=True)
+        u, end, _ = newton(self.problem, start, t, Search(max(self._rtol, LOOSE), self._allowed))
         return u if end.converged else None
 
     def _pointed(self, t: float) -> Array | None:
@@ -100,3 +107,74 @@ class LoadSteps(Walk):
                 move = move + problem.direction(solution.x)
                 break
         return self.u + move
+
+
+class OnPath(NamedTuple):
+    """An equilibrium on the path: load factor and displacements (ndofs,)."""
+
+    t: float
+    u: Array
+
+
+#: The equilibrium at a load factor, looked for from a state before it and from displacements near it; None if it is not found.
+Solve = Callable[[OnPath, Array, float], "Array | None"]
+
+
+class Between:
+    """The way between two states that a step of the load led from and to.
+
+    A body that follows its path is where the tangents at both ends say, once the step is small enough. One that snapped is not, however
+    small it is. So a step that is not is halved: the equilibrium in the middle is found, and both halves are looked at, those before first.
+    """
+
+    def __init__(self, problem: PathProblem, solve: Solve) -> None:
+        self._problem, self._solve, self._left = problem, solve, MOST
+
+    def jump(self, before: OnPath, after: OnPath) -> float | None:
+        """How far the state that the body jumped to is from where the path pointed, as `Step.jump` has it; None where no jump is found."""
+        if self._is_straight(before, after):
+            return None
+        try:
+            return self._jump(before, after, HALVED)
+        except StateError:
+            return None
+
+    def _is_straight(self, before: OnPath, after: OnPath) -> bool:
+        """Whether the elastic force along the straight way, a cubic, is about linear: no load had to fall on it."""
+        c = self._problem.elastic_along(before.u, after.u - before.u)
+        return c is not None and bool(0.75 * abs(c[3]) + 1.54 * abs(c[4]) <= STRAIGHT * abs(2 * c[2] + 3 * c[3] + 4 * c[4]))
+
+    def _jump(self, before: OnPath, after: OnPath, halved: int, most: float = 0.0) -> float | None:
+        """`most`: how far off states were in the longer parts of the step that hold this one."""
+        norm, forward = self._problem.norm, self._answer(before, after.t)
+        if forward is None or not norm(forward):
+            return None
+        off = norm(after.u - before.u - forward) / norm(forward)
+        if off <= NEAR and self._points_back(before, after):
+            return None
+        most = max(most, off)
+        middle = self._middle(before, after, forward) if halved and self._left else None
+        if middle is None:
+            return most if most > JUMPED else None
+        first = self._jump(before, middle, halved - 1, most)
+        return self._jump(middle, after, halved - 1, most) if first is None else first
+
+    def _points_back(self, before: OnPath, after: OnPath) -> bool:
+        backward = self._answer(after, before.t)
+        norm = self._problem.norm
+        return backward is not None and norm(before.u - after.u - backward) <= NEAR * norm(backward)
+
+    def _middle(self, before: OnPath, after: OnPath, forward: Array) -> OnPath | None:
+        self._left -= 1
+        t = (before.t + after.t) / 2
+        start = self._problem.place(before.u + forward / 2, t)
+        u = self._solve(before, start, t)
+        return None if u is None else OnPath(t, u)
+
+    def _answer(self, state: OnPath, t: float) -> Array | None:
+        """(ndofs,) the displacements with which the tangent at a state answers loads and supports at `t`; None if it cannot."""
+        problem = self._problem
+        factors = problem.factorise(state.u, state.t)
+        forces, moves = problem.change(state.u, state.t, t)
+        solution = problem.solve(factors, forces, 1e-3)
+        return moves + problem.direction(solution.x) if usable(solution) and np.isfinite(solution.x).all() else None

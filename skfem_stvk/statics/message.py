@@ -2,11 +2,20 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..arguments import Array
+from ..errors import StateError, name_ids
+from ..nonlinear.eigen import lowest_mode, nearest_mode
 from ..nonlinear.newton import End
 from ..nonlinear.outcome import Status
 from ..nonlinear.stability import Verdict
+from ..results.monitors import point_of
 from ..system import System
 from .arc_length import ArcLength
+from .equilibrium import Equilibrium
 from .history import History
 
 GIVES_WAY = "St. Venant-Kirchhoff material gives way in compression, so the branch without inversion may end here."
@@ -24,6 +33,12 @@ TRY = {
 }
 
 
+#: A branch ends where the lowest eigenvalue of K has fallen below this part of what it was at the start.
+GIVEN_WAY = 0.1
+#: So many elements take part most are named.
+MOST_NAMED = 5
+
+
 def what_to_try(end: End, penalty: bool) -> str:
     """After a step that failed; `penalty`: whether a VolumePenalty is among the terms."""
     if end is End.OUT_OF_ITERATIONS:
@@ -31,77 +46,85 @@ def what_to_try(end: End, penalty: bool) -> str:
     return f"{GIVES_WAY} Try {RESIST[penalty]}" if end is End.INSIDE_OUT else TRY[end]
 
 
-def reason(
-    status: Status,
-    method: str,
-    system: System,
-    history: History,
-    t: float,
-    verdict: Verdict,
-    inverted: str,
-    branch: str,
-    started: bool,
-    cause: BaseException | None,
-) -> str:
-    """The message of a result.
+@dataclass(frozen=True)
+class Ending:
+    """What is known of a solve when it ends, of which its message is made.
 
-    Parameters
+    Attributes
     ----------
+    method : name of the walk.
+    t : load factor of the last state.
     verdict : of the last state, if the path arrived.
     inverted : names elements inside out or flat.
     branch : says whether a branch ends where it stopped.
-    started : whether a state to start from came.
+    started : whether the path began at displacements that were given.
     cause : what interrupted it.
     """
+
+    system: System
+    status: Status
+    method: str
+    history: History
+    t: float
+    verdict: Verdict
+    inverted: str
+    branch: str
+    started: bool
+    cause: BaseException | None
+
+
+def reason(ending: Ending) -> str:
+    """The message of a result."""
+    status, history, t, verdict = ending.status, ending.history, ending.t, ending.verdict
     if status is Status.UNSTABLE:
         count = f"K has {verdict.negative} negative eigenvalue(s)" if verdict.negative else "K is not positive definite"
         mode = "a small part of result.critical_points[0].mode" if history.critical_points else "a small imperfection"
-        otherwise = ", or prescribe displacements instead of loads" if system.loads else ""
+        otherwise = ", or prescribe displacements instead of loads" if ending.system.loads else ""
         return (
             f"At t = {t:.4g} the body is in equilibrium, but unstable: {count}, and a real one would leave this state.{_critical(history)} Look for "
             f"the stable one beside it: give the mesh {mode}{' as an imperfection' * bool(history.critical_points)}{otherwise}."
         )
     if status is Status.INVERTED:
         return (
-            f"At t = {t:.4g} the body is in equilibrium, but turned inside out or flat in {inverted}. The energy does not change when an "
+            f"At t = {t:.4g} the body is in equilibrium, but turned inside out or flat in {ending.inverted}. The energy does not change when an "
             "element is mirrored, so this is a solution of the equations, not one of the body. Start from a state that is not inside out, or add "
             "a term that turns elements back: VolumePenalty(kind='compression')."
         )
     if status is Status.INTERRUPTED:
-        by = "" if isinstance(cause, KeyboardInterrupt) else f" by {type(cause).__name__}: {cause}"
+        by = "" if isinstance(ending.cause, KeyboardInterrupt) else f" by {type(ending.cause).__name__}: {ending.cause}"
         kept = "1 state" if len(history) == 1 else f"{len(history)} states"
         return f"Interrupted at t = {t:.6g}{by.rstrip('.')}. Kept so far: {kept}."
     if status is Status.STOPPED:
-        where = "before its end" if method == ArcLength.name else "before the full load"
-        penalty = system.resists_inversion
+        where = "before its end" if ending.method == ArcLength.name else "before the full load"
         unstable = len(history) and history[-1].negative
         already = f" The last state is unstable: K has {unstable} negative eigenvalue(s) there." if unstable else ""
-        return f"Stopped {where}, at t = {t:.6g}{_why(history, t, branch, penalty, started)}{already}{_critical(history)}{_found(history)}"
+        return f"Stopped {where}, at t = {t:.6g}{_why(ending)}{already}{_critical(history)}{_found(history)}"
     residual = history[-1].iterations.residuals[-1]
-    end = f"the path is followed to its end at t = {t:.6g}" if method == ArcLength.name else "the full load is reached"
+    end = f"the path is followed to its end at t = {t:.6g}" if ending.method == ArcLength.name else "the full load is reached"
     doubt = f" {verdict.doubt}" if verdict.doubt else ""
     rounding = "" if status is Status.CONVERGED else " as far as rounding allows"
     return f"Converged: {end}{rounding}, residual {residual:.1e} of loads and reactions.{doubt}{_jumped(history)}{_critical(history)}{_found(history)}"
 
 
-def _why(history: History, t: float, branch: str, penalty: bool, started: bool) -> str:
+def _why(ending: Ending) -> str:
+    history, t, penalty = ending.history, ending.t, ending.system.resists_inversion
     if not history.ends_in_failure:
         return f": nothing that was asked for is reached after {len(history)} states. Give a stop that is, or Stop(states=...)."
     last = history.attempts[-1]
     detail = f" ({last.iterations.detail})" if last.iterations.detail else ""
     if last.t == t:
         start = "Let what is there from the start grow with t."
-        if started:
+        if ending.started:
             turn_back = (
                 "" if penalty else ", or add VolumePenalty(kind='compression'), which turns elements back that are inside out"
             )
             start = f"Give another u0, for from this one no equilibrium was found{turn_back}."
         return f": {last.end.value}{detail}, before the first step. {start} {what_to_try(last.end, penalty)}"
     failed = f"{last.end.value}{detail}, in a step of {abs(last.t - t):.1e} too."
-    if not branch:
+    if not ending.branch:
         return f": {failed} {what_to_try(last.end, penalty)}"
     beyond = "To follow the path beyond it, where it is unstable, there is method='arc-length'."
-    return f": {branch} Beyond it, {failed} {beyond} Where it is the material that gives way in compression, try {RESIST[penalty]}"
+    return f": {ending.branch} Beyond it, {failed} {beyond} Where it is the material that gives way in compression, try {RESIST[penalty]}"
 
 
 def _jumped(history: History) -> str:
@@ -129,3 +152,38 @@ def _critical(history: History) -> str:
 def _found(history: History) -> str:
     """What the monitors found in the last state."""
     return "".join(f" {finding.text}" for finding in history[-1].findings) if len(history) else ""
+
+
+def branch_end(problem: Equilibrium, start: Array, t0: float, u: Array, t: float) -> str:
+    """What there is to say of the last state `u` (ndofs,) of a path that began at `start`; nothing if its tangent is as stiff as ever.
+
+    Nothing is said of a K that is not symmetric either, as loads that follow the body make it.
+    """
+    try:
+        before = _lowest(problem, start, t0)
+        now = None if before is None else _lowest(problem, u, t)
+    except StateError:
+        return ""
+    if before is None or now is None or not now[0] < GIVEN_WAY * before[0]:
+        return ""
+    value, mode = now
+    fallen = "K is not positive definite any more"
+    if value > 0:
+        fallen = f"the lowest eigenvalue of K has fallen to {value / before[0]:.2g} of that at the start"
+    return f"the stable branch ends here. There {fallen}, and the body gives way most in {_where(problem, u, mode)}."
+
+
+def _lowest(problem: Equilibrium, u: Array, t: float) -> tuple[float, Array] | None:
+    """The lowest eigenvalue, or of a direct solver the one nearest to zero, and its mode; None if there is none to speak of."""
+    mode = lowest_mode(problem, u, t) if problem.iterative else nearest_mode(problem, u, t)
+    return None if mode is None or not problem.symmetric else (mode.value, mode.vector)
+
+
+def _where(problem: Equilibrium, u: Array, mode: Array) -> str:
+    """The elements that the mode deforms most, by the change of their edges."""
+    mesh = problem.system.mesh
+    v = mode.reshape(-1, mesh.d)
+    moves = v[mesh.t] - v[mesh.t].mean(axis=0)
+    most = np.argsort(-(moves**2).sum(axis=(0, 2)))[:MOST_NAMED]
+    pressed = problem.system.smallest_stretch(u)
+    return f"{name_ids(np.sort(most), 'element')}, near x = {point_of(mesh, most[0])}; the smallest principal stretch of all is {pressed:.2g}"

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -21,15 +23,15 @@ from ..system import System
 from ..system.free_tangent import kind_of, with_loads
 from ..system.system import checked_system
 from .arc_length import ArcLength
-from .branch_end import branch_end
+from .checkpoint import PathCheckpoint
 from .equilibrium import Equilibrium
-from .history import History, Step, found_status
+from .history import Attempt, History, Step
 from .load_steps import LoadSteps
-from .message import reason
-from .outputs import PathProgress, opened
+from .message import Ending, branch_end, reason
+from .outputs import PathProgress, Write, opened
 from .result import SolveError, StaticResult
 from .stop import Goal, Stop
-from .walk import Walk
+from .walk import Course, Walk
 
 METHODS = (LoadSteps.name, ArcLength.name)
 
@@ -108,59 +110,194 @@ def solve_static(
     >>> result.status.value, round(float(result.reaction().resultant[2]))
     ('converged', 500)
     """
-    quiet, raise_on_failure = flag("quiet", quiet), flag("raise_on_failure", raise_on_failure)
-    start = _checked(system, steps, method, stop, rtol, u0, t0, stability, ellipticity)
-    outlets = Outlets.checked(save, checkpoint, resume, overwrite)
+    options = Options(
+        steps=steps,
+        method=method,
+        stop=stop,
+        solver=solver,
+        rtol=rtol,
+        t0=t0,
+        stability=stability,
+        ellipticity=ellipticity,
+        outlets=Outlets.checked(save, checkpoint, resume, overwrite),
+        quiet=quiet,
+        raise_on_failure=raise_on_failure,
+    )
+    return _Solve(system, _start(system, u0), options).result()
+
+
+@dataclass(frozen=True, kw_only=True)
+class Options:
+    """The keywords of `solve_static`, as they are explained there; refuses what makes no sense."""
+
+    steps: int
+    method: str
+    stop: Stop | None
+    solver: str | LinearSolver
+    rtol: float
+    t0: float
+    stability: bool
+    ellipticity: bool
+    outlets: Outlets
+    quiet: bool
+    raise_on_failure: bool
+
+    def __post_init__(self) -> None:
+        choice("method", self.method, METHODS)
+        if self.stop is not None and not (self.arc_length and isinstance(self.stop, Stop)):
+            raise StvkError(
+                f"stop = {shown(self.stop)} with method {self.method!r}; expected a Stop(...), with method='arc-length'. "
+                "Load steps end at t = 1."
+            )
+        number("rtol", self.rtol, "a number between 0 and 1, such as 1e-8", 0.0, 1.0)
+        whole("steps", self.steps, "a whole number of at least 1: the first step is 1/steps of the load", 1)
+        begin = number("t0", self.t0, "the load factor of u0, a number")
+        if not self.arc_length and not begin < 1:
+            raise StvkError(f"t0 = {shown(self.t0)}; expected less than 1, where load steps end.")
+        for name in ("stability", "ellipticity", "quiet", "raise_on_failure"):
+            flag(name, getattr(self, name))
+
+    @property
+    def arc_length(self) -> bool:
+        """Whether the path is followed by its length."""
+        return self.method == ArcLength.name
+
+    def signature(self, solver: LinearSolver) -> dict[str, Any]:
+        """Options by which a checkpoint knows its problem again."""
+        return {
+            "method": self.method,
+            "steps": int(self.steps),
+            "rtol": float(self.rtol),
+            "solver": solver.name,
+            "t0": float(self.t0),
+        }
+
+
+def _start(system: System, u0: ArrayLike | None) -> Array:
+    """The displacements to start from; refuses a system on which nothing acts, or that moves without strain."""
+    if checked_system(system).dtype != np.float64:
+        raise StvkError(
+            f"The system is in {system.dtype}, whose residuals stop at 1e-6; expected float64: System(..., dtype=np.float64)."
+        )
+    if u0 is None and not system.supports.prescribed.size and not system.loads:
+        raise LoadError(
+            "Nothing acts on the body: no load, nothing prescribed. Add Gravity(...), Traction(...) or prescribed={...}."
+        )
+    start = np.zeros(system.ndofs) if u0 is None else np.array(by_vertex(system.mesh, u0, "u0"), dtype=np.float64).ravel()
+    system.energy(start)  # refuses what overflows
     system.check_held()
-    arc_length = method == ArcLength.name
-    chosen = choose(solver, system.ndofs - len(system.supports.held), kind_of(system), indefinite=arc_length)
-    solver = with_loads(chosen, system)
-    monitors, watch, history = Monitors(system, ellipticity), Stopwatch(), History()
-    options = {"method": method, "steps": int(steps), "rtol": float(rtol), "solver": solver.name, "t0": float(t0)}
-    cause: BaseException | None = None
-    verdict = Verdict(True, None)
-    branch = ""
-    free = system.ndofs - len(system.supports.held)
-    header = f"{system!r}, {free} of them free; solver '{solver.name}'"
-    with opened(outlets, system, options, start) as (write, kept), PathProgress(header, quiet) as report:
-        for finding in monitors.before():
-            warn(finding.text)
-        problem = Equilibrium(system, solver, watch)
-        common = problem, start, float(t0), float(rtol), monitors, stability, report.iterating
-        first = 1 / int(steps)
-        walk = ArcLength(first, Goal(stop or Stop(load=1.0), system), *common) if arc_length else LoadSteps(first, *common)
+    return start
+
+
+class _Solve:
+    """One solve: the walk along the path, what is written on the way, and what is said of it in the end."""
+
+    def __init__(self, system: System, start: Array, options: Options) -> None:
+        self._system, self._start, self._options = system, start, options
+        self._free = system.ndofs - len(system.supports.held)
+        chosen = choose(options.solver, self._free, kind_of(system), indefinite=options.arc_length)
+        self._asked = with_loads(chosen, system)
+        self._watch, self._history = Stopwatch(), History()
+        self._verdict, self._branch = Verdict(True, None), ""
+        self._cause: BaseException | None = None
+
+    def result(self) -> StaticResult:
+        """The result, or what is raised instead."""
+        options, history = self._options, self._history
+        header = f"{self._system!r}, {self._free} of them free; solver '{self._asked.name}'"
+        files = opened(options.outlets, self._system, options.signature(self._asked), self._start)
+        with files as (write, kept), PathProgress(header, options.quiet) as report:
+            monitors = Monitors(self._system, options.ellipticity)
+            for finding in monitors.before():
+                warn(finding.text)
+            problem = Equilibrium(self._system, self._asked, self._watch)
+            walk = self._walk(
+                problem, Course(1 / int(options.steps), float(options.rtol), monitors, options.stability, report.iterating)
+            )
+            if kept is not None and kept.steps:
+                walk.resume(kept.steps, kept.saved)
+            try:
+                self._follow(walk, write, kept, report)
+                self._judge(problem, walk)
+            except (KeyboardInterrupt, Exception) as error:  # a full disk, a load's function that fails: the states so far are kept
+                self._cause = error
+        result = self._ended(problem, walk)
+        for text in _new_findings(history):
+            warn(text)
+        if isinstance(self._cause, KeyboardInterrupt):
+            raise Interrupted(result)
+        expected = result.success or (options.arc_length and result.status is Status.UNSTABLE)
+        if self._cause is not None or (options.raise_on_failure and not expected):
+            raise SolveError(result) from self._cause
+        return result
+
+    def _walk(self, problem: Equilibrium, course: Course) -> Walk:
+        options, t0 = self._options, float(self._options.t0)
+        if not options.arc_length:
+            return LoadSteps(problem, self._start, t0, course)
+        return ArcLength(problem, self._start, t0, course, Goal(options.stop or Stop(load=1.0), self._system))
+
+    def _follow(self, walk: Walk, write: Write, kept: PathCheckpoint | None, report: PathProgress) -> None:
+        """The states that are kept from before, and those that follow."""
         found = [] if kept is None else kept.steps
         if kept is not None and found:
-            walk.resume(found, kept.saved)
-        try:
-            if kept is not None and found:
-                report.resumed(kept.folder, len(found))
-            for step in found:
-                history.append(step)
-                report.line(step)
-                write(step.t if not arc_length else len(history), step)
-            for outcome in walk.states(resumed=bool(found)):
-                history.append(outcome)
-                report.line(outcome)
-                if isinstance(outcome, Step):
-                    write(outcome.t if not arc_length else len(history), outcome)
-                    if kept is not None:
-                        kept.add(outcome, walk.saved())
-            if walk.reached:
-                verdict = _verdict(problem, walk, history[-1])
-            elif len(history) and not history[-1].negative:
-                branch = branch_end(problem, start, float(t0), walk.u, walk.t)
-        except (KeyboardInterrupt, Exception) as error:  # a full disk, a load's function that fails: the states so far are kept
-            cause = error
-    result = _result(problem, walk, start, history, watch, verdict, branch, solver.name, cause)
-    for text in _new_findings(history):
-        warn(text)
-    if isinstance(cause, KeyboardInterrupt):
-        raise Interrupted(result)
-    expected = result.success or (arc_length and result.status is Status.UNSTABLE)
-    if cause is not None or (raise_on_failure and not expected):
-        raise SolveError(result) from cause
-    return result
+            report.resumed(kept.folder, len(found))
+        for step in found:
+            self._note(step, write, report)
+        for outcome in walk.states(resumed=bool(found)):
+            self._note(outcome, write, report)
+            if isinstance(outcome, Step) and kept is not None:
+                kept.add(outcome, walk.saved())
+
+    def _note(self, outcome: Step | Attempt, write: Write, report: PathProgress) -> None:
+        self._history.append(outcome)
+        report.line(outcome)
+        if isinstance(outcome, Step):
+            write(len(self._history) if self._options.arc_length else outcome.t, outcome)
+
+    def _judge(self, problem: Equilibrium, walk: Walk) -> None:
+        """What is known of the stability of the last state; of a path that stopped, whether its branch ends there."""
+        history = self._history
+        if not walk.reached:
+            if len(history) and not history[-1].negative:
+                self._branch = branch_end(problem, self._start, float(self._options.t0), walk.u, walk.t)
+            return
+        last = history[-1]
+        if self._options.arc_length and last.negative is not None and problem.symmetric:
+            self._verdict = Verdict(not last.negative, last.negative)
+        elif last.lowest is not None and last.lowest < 0:
+            self._verdict = Verdict(False, None)
+        else:
+            self._verdict = judged(problem, last.u, last.t)
+
+    def _ended(self, problem: Equilibrium, walk: Walk) -> StaticResult:
+        t, u, history = walk.t, walk.u, self._history
+        inverted = problem.inside_out(u)
+        if self._cause is not None:
+            status = Status.INTERRUPTED
+        elif not walk.reached:
+            status = Status.STOPPED
+        else:
+            found = history[-1].end.status if self._verdict.stable else Status.UNSTABLE
+            status = Status.INVERTED if len(inverted) else found
+            history.judge_last(status)
+        message = reason(
+            Ending(
+                system=self._system,
+                status=status,
+                method=walk.name,
+                history=history,
+                t=t,
+                verdict=self._verdict,
+                inverted=problem.named(inverted),
+                branch=self._branch,
+                started=bool(self._start.any()),
+                cause=self._cause,
+            )
+        )
+        if problem.solver.name != self._asked.name:
+            message += f" '{self._asked.name}' met its round-off in this body, and '{problem.solver.name}' took over."
+        return StaticResult(self._system, u, t, status, message, history, problem.solver.name, self._watch.parts())
 
 
 def _new_findings(history: History) -> Iterator[str]:
@@ -171,76 +308,3 @@ def _new_findings(history: History) -> Iterator[str]:
             if finding.name not in known:
                 known.add(finding.name)
                 yield f"From t = {step.t:.4g} on: {finding.text}"
-
-
-def _checked(
-    system: System,
-    steps: int,
-    method: str,
-    stop: Stop | None,
-    rtol: float,
-    u0: ArrayLike | None,
-    t0: float,
-    stability: bool,
-    ellipticity: bool,
-) -> Array:
-    """The displacements to start from; refuses parameters that make no sense."""
-    if checked_system(system).dtype != np.float64:
-        raise StvkError(
-            f"The system is in {system.dtype}, whose residuals stop at 1e-6; expected float64: System(..., dtype=np.float64)."
-        )
-    choice("method", method, METHODS)
-    if stop is not None and (method != ArcLength.name or not isinstance(stop, Stop)):
-        raise StvkError(
-            f"stop = {shown(stop)} with method {method!r}; expected a Stop(...), with method='arc-length'. Load steps end at t = 1."
-        )
-    number("rtol", rtol, "a number between 0 and 1, such as 1e-8", 0.0, 1.0)
-    whole("steps", steps, "a whole number of at least 1: the first step is 1/steps of the load", 1)
-    begin = number("t0", t0, "the load factor of u0, a number")
-    if method == LoadSteps.name and not begin < 1:
-        raise StvkError(f"t0 = {shown(t0)}; expected less than 1, where load steps end.")
-    for name, value in (("stability", stability), ("ellipticity", ellipticity)):
-        flag(name, value)
-    if u0 is None and not system.supports.prescribed.size and not system.loads:
-        raise LoadError(
-            "Nothing acts on the body: no load, nothing prescribed. Add Gravity(...), Traction(...) or prescribed={...}."
-        )
-    start = np.zeros(system.ndofs) if u0 is None else np.array(by_vertex(system.mesh, u0, "u0"), dtype=np.float64).ravel()
-    system.energy(start)  # refuses what overflows
-    return start
-
-
-def _verdict(problem: Equilibrium, walk: Walk, last: Step) -> Verdict:
-    """What is known of the stability of the last state."""
-    if walk.name == ArcLength.name and last.negative is not None and problem.symmetric:
-        return Verdict(not last.negative, last.negative)
-    if last.lowest is not None and last.lowest < 0:
-        return Verdict(False, None)
-    return judged(problem, last.u, last.t)
-
-
-def _result(
-    problem: Equilibrium,
-    walk: Walk,
-    start: Array,
-    history: History,
-    watch: Stopwatch,
-    verdict: Verdict,
-    branch: str,
-    asked: str,
-    cause: BaseException | None,
-) -> StaticResult:
-    t, u = walk.t, walk.u
-    inverted = problem.inside_out(u)
-    if cause is not None:
-        status = Status.INTERRUPTED
-    elif not walk.reached:
-        status = Status.STOPPED
-    else:
-        status = Status.INVERTED if len(inverted) else found_status(history[-1].end) if verdict.stable else Status.UNSTABLE
-        history.judge_last(status)
-    named = problem.named(inverted) if len(inverted) else ""
-    message = reason(status, walk.name, problem.system, history, t, verdict, named, branch, bool(start.any()), cause)
-    if problem.solver.name != asked:
-        message += f" '{asked}' met its round-off in this body, and '{problem.solver.name}' took over."
-    return StaticResult(problem.system, u, t, status, message, history, problem.solver.name, watch.parts())

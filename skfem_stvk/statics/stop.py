@@ -14,8 +14,8 @@ from ..errors import StvkError, name_ids
 from ..mesh.places import Where, describe, vertices_at
 from ..nonlinear.problem import dot
 from ..system import System
+from .continuation import Plane
 from .history import Step
-from .plane import Plane
 
 #: A path that is given no other number of states ends after so many.
 MOST_STATES = 1000

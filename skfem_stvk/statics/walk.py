@@ -4,28 +4,47 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 from functools import partial
 from time import perf_counter
 from typing import Any, ClassVar
 
 from ..arguments import Array
 from ..nonlinear.eigen import lowest_mode
-from ..nonlinear.newton import End, Iterations, newton
+from ..nonlinear.newton import End, Iterations, Search, newton
 from ..nonlinear.outcome import Status
 from ..nonlinear.problem import PathProblem
 from ..nonlinear.stability import judged
 from ..results.monitors import Monitors
 from .critical import CriticalPoint, Point, find
-from .history import Attempt, Step, found_status
-
-Watch = Callable[[float, Iterations], None]
+from .history import Attempt, Step
 
 #: Steps are shortened down to this part of the first one.
 SMALLEST = 1 / 1024
 
 
+@dataclass(frozen=True)
+class Course:
+    """How a path is walked, whatever the method.
+
+    Attributes
+    ----------
+    first : the first step, as a part of the load.
+    rtol : the residual is small enough below this part of loads and reactions.
+    monitors : looks at each state.
+    stability : find the lowest eigenvalue at each state where the solver does not count negative ones.
+    iterating : is told of each iteration as it begins.
+    """
+
+    first: float
+    rtol: float
+    monitors: Monitors
+    stability: bool
+    iterating: Callable[[float, Iterations], None]
+
+
 class Walk(ABC):
-    """From `u0` (ndofs,) at `t0` on.
+    """A walk from `u0` (ndofs,) at `t0` on.
 
     Attributes
     ----------
@@ -36,11 +55,8 @@ class Walk(ABC):
 
     name: ClassVar[str]
 
-    def __init__(
-        self, problem: PathProblem, u0: Array, t0: float, rtol: float, monitors: Monitors, stability: bool, iterating: Watch
-    ) -> None:
-        self.problem, self._rtol, self._monitors, self._iterating = problem, rtol, monitors, iterating
-        self._stability = stability
+    def __init__(self, problem: PathProblem, u0: Array, t0: float, course: Course) -> None:
+        self.problem, self._course, self._rtol = problem, course, course.rtol
         self.t, self.u, self.reached = t0, u0, False
         self._first = self._size = 0.0  # of steps, in the measure of the walk
         self._lost, self._clock = False, perf_counter()
@@ -114,8 +130,8 @@ class Walk(ABC):
         turned = self.problem.inside_out(start)
         if len(turned) > self._allowed or not self.problem.on_this_side(self.u, start):
             return Attempt(t, End.INSIDE_OUT, Iterations(detail=self.problem.named(turned)))
-        watch = partial(self._iterating, t)
-        u, end, record = newton(self.problem, start, t, self._rtol, self._allowed, watch, full_first)
+        watch = partial(self._course.iterating, t)
+        u, end, record = newton(self.problem, start, t, Search(self._rtol, self._allowed, full_first, watch))
         return (u, end, record) if end.converged else Attempt(t, end, record)
 
     def _accept(
@@ -134,14 +150,14 @@ class Walk(ABC):
         if critical is None and not problem.iterative and not (before and record.negative_pivots == before.negative):
             problem.factorise(u, t)  # the last tangent of Newton's method, if there was one, was a little before the state
             record.negative_pivots = problem.negative_pivots()
-        if self._stability and record.negative_pivots is None and not problem.iterative:
+        if self._course.stability and record.negative_pivots is None and not problem.iterative:
             record.negative_pivots = judged(problem, u, t).negative
-        lowest = lowest_mode(problem, u, t).value if self._stability and problem.iterative else None
+        lowest = lowest_mode(problem, u, t).value if self._course.stability and problem.iterative else None
         point = Point(u, t, record.negative_pivots, lowest)
         if critical is None:
             critical = () if before is None else find(problem, before, point, False, self._rtol)
-        status = Status.INVERTED if len(inverted) else Status.UNSTABLE if point.unstable else found_status(end)
-        energies, smallest, findings = problem.energies(u, t), problem.smallest_volume_ratio(u), self._monitors.at(u)
+        status = Status.INVERTED if len(inverted) else Status.UNSTABLE if point.unstable else end.status
+        energies, smallest, findings = problem.energies(u, t), problem.smallest_volume_ratio(u), self._course.monitors.at(u)
         now, clock = perf_counter(), self._clock
         self.t, self.u, self._point, self._allowed, self._clock = t, u, point, len(inverted), now
         return Step(t, u, status, end, record, *energies, smallest, lowest, jump, findings, critical, now - clock)

@@ -260,8 +260,8 @@ def test_the_rate_of_a_path_is_the_derivative_of_its_states():
     """`dr/dt` by its definition, with supports that move and loads that curve."""
     from skfem_stvk.linear import SuperLU
     from skfem_stvk.nonlinear.stopwatch import Stopwatch
+    from skfem_stvk.statics.continuation import heading
     from skfem_stvk.statics.equilibrium import Equilibrium
-    from skfem_stvk.statics.heading import heading
 
     def move(x, t):
         return np.stack([0 * x[0], 0.5 * np.sin(2 * t) * x[1], -2 * t**2 + 0 * x[0]])

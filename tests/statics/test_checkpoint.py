@@ -23,6 +23,7 @@ from skfem_stvk.statics.arc_length import ArcLength
 from skfem_stvk.statics.equilibrium import Equilibrium
 from skfem_stvk.statics.load_steps import LoadSteps
 from skfem_stvk.statics.stop import Goal
+from skfem_stvk.statics.walk import Course
 from skfem_stvk.system.signature import Problem
 
 CRITICAL = np.pi**2 * (1e4 / (1 - 0.3**2)) / 12 / (4 * 20**2)
@@ -355,8 +356,9 @@ def test_a_series_that_is_asked_for_later_has_all_states_and_no_older_ones(tmp_p
 
 def walk_of(system, method, steps, u0=None, t0=0.0, solver=None, stability=False):
     problem = Equilibrium(system, solver or SuperLU(), Stopwatch())
-    common = problem, np.zeros(system.ndofs) if u0 is None else u0, t0, 1e-8, Monitors(system, False), stability, lambda *_: None
-    return ArcLength(1 / steps, Goal(Stop(load=1.0), system), *common) if method == "arc-length" else LoadSteps(1 / steps, *common)
+    course = Course(1 / steps, 1e-8, Monitors(system, False), stability, lambda *_: None)
+    begin = problem, np.zeros(system.ndofs) if u0 is None else u0, t0, course
+    return ArcLength(*begin, Goal(Stop(load=1.0), system)) if method == "arc-length" else LoadSteps(*begin)
 
 
 def stands(walk):

@@ -9,8 +9,8 @@ from skfem_stvk import NodalLoad, Pressure, StVK, System, solve_static
 from skfem_stvk.linear import SuperLU
 from skfem_stvk.nonlinear.stopwatch import Stopwatch
 from skfem_stvk.statics import Status, load_steps
-from skfem_stvk.statics.between import MOST, Between, State
 from skfem_stvk.statics.equilibrium import Equilibrium
+from skfem_stvk.statics.load_steps import MOST, Between, OnPath
 
 OPTIONS = {"quiet": True, "raise_on_failure": False}
 
@@ -116,4 +116,4 @@ def test_states_in_between_are_few(monkeypatch):
     monkeypatch.setattr(Between, "_answer", lambda self, state, t: np.full(12, t - state.t))
     problem = Equilibrium(truss(1.0), SuperLU(), Stopwatch())
     between = Between(problem, lambda before, start, t: asked.append(t) or np.full(12, 3 * t))
-    assert between.jump(State(0.0, np.zeros(12)), State(1.0, np.full(12, 3.0))) is None and len(asked) == MOST
+    assert between.jump(OnPath(0.0, np.zeros(12)), OnPath(1.0, np.full(12, 3.0))) is None and len(asked) == MOST

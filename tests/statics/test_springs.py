@@ -7,13 +7,14 @@ from springs import PointSpring
 
 from skfem_stvk import NodalLoad, SimplexMesh, Stop, StVK, StvkError, System, Traction, solve_static
 from skfem_stvk.linear import Kind, SuperLU
-from skfem_stvk.nonlinear.newton import _length
+from skfem_stvk.nonlinear.line_search import length as length_along
 from skfem_stvk.nonlinear.problem import Tangent
 from skfem_stvk.nonlinear.stopwatch import Stopwatch
 from skfem_stvk.results.monitors import Monitors
 from skfem_stvk.statics import Status
 from skfem_stvk.statics.equilibrium import Equilibrium
 from skfem_stvk.statics.load_steps import LoadSteps
+from skfem_stvk.statics.walk import Course
 
 ELASTIC = StVK(young=1e4, poisson=0.3)
 MESH = beam(n=1)
@@ -127,7 +128,7 @@ def test_the_line_search_minimises_the_potential_of_springs_too():
     problem, u = equilibrium(tied(length=2.0, stiffness=3e3)), np.zeros(MESH.p.size)
     residual = problem.residual(u, 1.0)
     v = problem.free.vector(-residual.free / 300)
-    s = _length(problem, u, v, 1.0, residual, np.inf)
+    s = length_along(problem, u, v, 1.0, residual, np.inf)
     slopes = [problem.residual(u + length * v, 1.0).free @ v[problem.free.free] for length in (0.0, s)]
     assert not problem.quartic and slopes[0] < 0 and abs(slopes[1]) <= 0.1 * abs(slopes[0])
 
@@ -151,5 +152,7 @@ def test_a_path_begins_with_the_negative_eigenvalues_that_springs_make(k, negati
     mesh = SimplexMesh(np.array([[0.0, 1.0], [0.0, 0.0]]), np.array([[0], [1]]))
     away = PointSpring([1], (1.0, 0.0), lambda t: k)
     system = System(mesh, [StVK(young=1e4, poisson=0.3, area=1e-2), away], fixed=[([0], "xy"), ([1], "y")])
-    walk = LoadSteps(0.25, equilibrium(system), np.zeros(4), 0.0, 1e-8, Monitors(system, False), False, lambda t, record: None)
+    walk = LoadSteps(
+        equilibrium(system), np.zeros(4), 0.0, Course(0.25, 1e-8, Monitors(system, False), False, lambda t, record: None)
+    )
     assert walk._point.negative == negative

@@ -13,10 +13,9 @@ from skfem_stvk import Pressure, SimplexMesh, Stop, StVK, System, Traction, solv
 from skfem_stvk.linear import AmgCg, Outcome, Pardiso, SuperLU, Unknowns
 from skfem_stvk.linear.inertia import Inertia, inertia, shifted
 from skfem_stvk.linear.pardiso import PardisoFactors
-from skfem_stvk.nonlinear import divergence, eigen, stability
-from skfem_stvk.nonlinear.divergence import real_eigenvalues
+from skfem_stvk.nonlinear import eigen, stability
 from skfem_stvk.nonlinear.eigen import lowest_mode
-from skfem_stvk.nonlinear.stability import judged
+from skfem_stvk.nonlinear.stability import judged, real_eigenvalues
 from skfem_stvk.nonlinear.stopwatch import Stopwatch
 from skfem_stvk.statics import Status
 from skfem_stvk.statics.equilibrium import Equilibrium
@@ -109,7 +108,7 @@ def test_a_column_whose_load_follows_is_judged_where_its_symmetric_part_is_indef
     """With many unknowns not all eigenvalues are worked out."""
     result = solve_static(pressed_column(Pressure(head, 50.0), False), steps=3, solver="superlu", **OPTIONS)
     K = tangent(result)
-    assert len(K) > divergence.DENSE and np.linalg.eigvalsh((K + K.T) / 2)[0] < 0
+    assert len(K) > stability.DENSE and np.linalg.eigvalsh((K + K.T) / 2)[0] < 0
     assert result.success and "does not diverge" in result.message
 
 
@@ -139,7 +138,7 @@ def skewed(below, n=60, seed=3):
 @pytest.mark.parametrize("dense", [0, 1000], ids=["the nearest", "all"])
 @pytest.mark.parametrize("below", [0, 1, 2, 3])
 def test_real_eigenvalues_that_are_negative_are_counted(monkeypatch, dense, below):
-    monkeypatch.setattr(divergence, "DENSE", dense)
+    monkeypatch.setattr(stability, "DENSE", dense)
     K, unknowns = skewed(below)
     assert np.linalg.eigvalsh((K + K.T).toarray() / 2)[0] < 0
     found = real_eigenvalues(K, unknowns)
@@ -154,9 +153,9 @@ def test_a_negative_eigenvalue_that_is_far_from_zero_is_told_by_the_determinant(
     values[first] = -1e3
     K.data[:] = (vectors @ np.diag(values) @ np.linalg.inv(vectors)).real.ravel()
     for name, value in (("DENSE", 0), ("FIRST", 3), ("MOST", 3)):
-        monkeypatch.setattr(divergence, name, value)
+        monkeypatch.setattr(stability, name, value)
     assert real_eigenvalues(K, unknowns).negative == 1
-    monkeypatch.setattr(divergence, "COUNTED", 0)
+    monkeypatch.setattr(stability, "COUNTED", 0)
     found = real_eigenvalues(K, unknowns)
     assert not found.negative and not found.all_of_them, "without the determinant it is not known"
 

@@ -13,11 +13,10 @@ from skfem_stvk.linear import SuperLU
 from skfem_stvk.nonlinear.eigen import Mode
 from skfem_stvk.nonlinear.line_search import quartic_minimum
 from skfem_stvk.nonlinear.stopwatch import Stopwatch
-from skfem_stvk.statics import Interrupted, SolveError, Status, load_steps
-from skfem_stvk.statics import branch_end as branch_module
+from skfem_stvk.statics import Interrupted, SolveError, Status, load_steps, message
 from skfem_stvk.statics import solve as solve_module
-from skfem_stvk.statics.branch_end import branch_end
 from skfem_stvk.statics.equilibrium import Equilibrium
+from skfem_stvk.statics.message import branch_end
 
 OPTIONS = {"quiet": True, "raise_on_failure": False}
 CRITICAL = np.pi**2 * (1e4 / (1 - 0.3**2)) / 12 / (4 * 20**2)
@@ -273,14 +272,12 @@ def test_where_a_branch_ends_the_elements_that_its_mode_deforms_most_are_named(m
     """Of two cubes in a row one is soft; it gives way, the other rides on it."""
     import re
 
-    from skfem_stvk.statics import branch_end
-
     mesh = skfem.MeshTet.init_tensor(np.linspace(0, 2, 9), *[np.linspace(0, 1, 5)] * 2)
     soft = np.flatnonzero(mesh.p[0, mesh.t].mean(axis=0) < 1)
     young = np.where(np.isin(np.arange(mesh.nelements), soft), 1e4, 1e6)
     pushed = {lambda x: x[0] == 2: {"x": -0.45, "y": 0.0, "z": 0.0}}
     system = System(mesh, StVK(young=young, poisson=0.3), fixed={lambda x: x[0] == 0: "xyz"}, prescribed=pushed)
-    monkeypatch.setattr(branch_end, "MOST_NAMED", 3)
+    monkeypatch.setattr(message, "MOST_NAMED", 3)
     with pytest.warns(StvkWarning) as warned:
         result = solve_static(system, steps=5, **OPTIONS)
     assert result.status is Status.STOPPED
@@ -303,6 +300,6 @@ def test_of_a_tangent_that_is_not_symmetric_no_branch_is_said_to_end(monkeypatch
     assert result.status is Status.STOPPED and "stable branch ends" not in result.message
     problem, values = Equilibrium(pressed, SuperLU(), Stopwatch()), iter([1.0, 1e-3])
     u = np.zeros(pressed.ndofs)
-    monkeypatch.setattr(branch_module, "nearest_mode", lambda problem, u, t: problem.factorise(u, t) and Mode(next(values), u + 1))
+    monkeypatch.setattr(message, "nearest_mode", lambda problem, u, t: problem.factorise(u, t) and Mode(next(values), u + 1))
     assert branch_end(problem, u, 0.0, u, 1.0) == ""
     assert next(values, "all") == "all", "both were looked at"
