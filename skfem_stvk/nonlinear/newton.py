@@ -79,7 +79,7 @@ def _nobody(record: Iterations) -> None:
 
 
 @dataclass(frozen=True)
-class Search:
+class NewtonOptions:
     """What is looked for, and how.
 
     Attributes
@@ -96,7 +96,7 @@ class Search:
     watch: Callable[[Iterations], None] = _nobody
 
 
-def newton(problem: Problem, u: Array, t: Time, wanted: Search) -> tuple[Array, End, Iterations]:
+def newton(problem: Problem, u: Array, t: Time, wanted: NewtonOptions) -> tuple[Array, End, Iterations]:
     """Equilibrium at load factor `t` from the state `u`, in which what is held is where it belongs.
 
     With `full_first`, full steps of the exact tangent are tried: slender bodies bend that way in a third of the iterations, for a full step
@@ -122,7 +122,7 @@ def newton(problem: Problem, u: Array, t: Time, wanted: Search) -> tuple[Array, 
 class _Descent:
     """Newton's iterations at one load, with the line search or with full steps."""
 
-    def __init__(self, problem: Problem, t: Time, wanted: Search, record: Iterations, search: bool) -> None:
+    def __init__(self, problem: Problem, t: Time, wanted: NewtonOptions, record: Iterations, search: bool) -> None:
         self._problem, self._t, self._wanted, self._record, self._search = problem, t, wanted, record, search
 
     def from_state(self, u: Array) -> tuple[Array, End]:

@@ -9,7 +9,7 @@ import numpy as np
 
 from ..arguments import Array
 from ..errors import StateError
-from ..nonlinear.newton import MOST_FULL, Search, newton, usable
+from ..nonlinear.newton import MOST_FULL, NewtonOptions, newton, usable
 from ..nonlinear.problem import PathProblem, Tangent
 from .history import JUMPED, Attempt, Step
 from .walk import SMALLEST, Course, Walk
@@ -78,7 +78,7 @@ class LoadSteps(Walk):
         """The state at `t` on the way from one before, to the precision that telling a jump takes."""
         if len(self.problem.inside_out(start)) > self._allowed or not self.problem.on_this_side(before.u, start):
             start = self.problem.place(before.u.copy(), t)
-        u, end, _ = newton(self.problem, start, t, Search(max(self._rtol, LOOSE), self._allowed))
+        u, end, _ = newton(self.problem, start, t, NewtonOptions(max(self._rtol, LOOSE), self._allowed))
         return u if end.converged else None
 
     def _pointed(self, t: float) -> Array | None:

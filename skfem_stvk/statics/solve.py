@@ -110,7 +110,7 @@ def solve_static(
     >>> result.status.value, round(float(result.reaction().resultant[2]))
     ('converged', 500)
     """
-    options = Options(
+    options = StaticOptions(
         steps=steps,
         method=method,
         stop=stop,
@@ -127,7 +127,7 @@ def solve_static(
 
 
 @dataclass(frozen=True, kw_only=True)
-class Options:
+class StaticOptions:
     """The keywords of `solve_static`, as they are explained there; refuses what makes no sense."""
 
     steps: int
@@ -163,7 +163,7 @@ class Options:
         return self.method == ArcLength.name
 
     def signature(self, solver: LinearSolver) -> dict[str, Any]:
-        """Options by which a checkpoint knows its problem again."""
+        """StaticOptions by which a checkpoint knows its problem again."""
         return {
             "method": self.method,
             "steps": int(self.steps),
@@ -192,7 +192,7 @@ def _start(system: System, u0: ArrayLike | None) -> Array:
 class _Solve:
     """One solve: the walk along the path, what is written on the way, and what is said of it in the end."""
 
-    def __init__(self, system: System, start: Array, options: Options) -> None:
+    def __init__(self, system: System, start: Array, options: StaticOptions) -> None:
         self._system, self._start, self._options = system, start, options
         self._free = system.ndofs - len(system.supports.held)
         chosen = choose(options.solver, self._free, kind_of(system), indefinite=options.arc_length)

@@ -11,7 +11,7 @@ from typing import Any, ClassVar
 
 from ..arguments import Array
 from ..nonlinear.eigen import lowest_mode
-from ..nonlinear.newton import End, Iterations, Search, newton
+from ..nonlinear.newton import End, Iterations, NewtonOptions, newton
 from ..nonlinear.outcome import Status
 from ..nonlinear.problem import PathProblem
 from ..nonlinear.stability import judged
@@ -131,7 +131,7 @@ class Walk(ABC):
         if len(turned) > self._allowed or not self.problem.on_this_side(self.u, start):
             return Attempt(t, End.INSIDE_OUT, Iterations(detail=self.problem.named(turned)))
         watch = partial(self._course.iterating, t)
-        u, end, record = newton(self.problem, start, t, Search(self._rtol, self._allowed, full_first, watch))
+        u, end, record = newton(self.problem, start, t, NewtonOptions(self._rtol, self._allowed, full_first, watch))
         return (u, end, record) if end.converged else Attempt(t, end, record)
 
     def _accept(

@@ -11,7 +11,7 @@ import numpy as np
 from ...arguments import Array, choice, number
 from ...linear import BlockJacobiCg, Kind, LinearSolver, SsorCg, choose
 from ...linear.choose import is_auto
-from ...nonlinear.newton import Iterations, Search, newton
+from ...nonlinear.newton import Iterations, NewtonOptions, newton
 from ...nonlinear.stopwatch import Stopwatch
 from ...system import System
 from ...system.free_tangent import with_loads
@@ -134,7 +134,7 @@ class ImplicitStepper:
     def solve(self, w: Array, moment: Moment, inside_out: int) -> tuple[Array, str, Iterations]:
         """The displacements over the step, and why not, if they were not found."""
         rtol = self.integrator.rtol
-        w, end, record = newton(self.problem, w, moment, Search(rtol, inside_out))
+        w, end, record = newton(self.problem, w, moment, NewtonOptions(rtol, inside_out))
         return w, "" if end.converged else f"{end.value}{': ' * bool(record.detail)}{record.detail}", record
 
     def predicted(self, state: MotionState, t: float) -> Array:
