@@ -199,10 +199,11 @@ def array(
 
 
 def vector(name: str, given: Any, n: int, each: str = "degree of freedom", *, kinds: str = "fiu") -> Array:
-    """(n,) numbers, one for each of what `each` names, in the precision in which they are given: single or double. They need not be finite.
+    """(n,) numbers, one for each of what `each` names, in the precision in which they are given: single or double. They need not be
+    finite.
 
-    They are not copied if they are floating-point numbers and contiguous. `kinds` are NumPy's letters of the types that are taken, "fiuc" with
-    complex numbers. `mesh.displacements.finite_vector` refuses NaN and infinity, too.
+    They are not copied if they are floating-point numbers and contiguous. `kinds` are NumPy's letters of the types that are taken,
+    "fiuc" with complex numbers. `mesh.displacements.finite_vector` refuses NaN and infinity, too.
 
     Raises
     ------
@@ -275,7 +276,8 @@ def own(specification: Any) -> None:
 def frozen(given: Any, depth: int = 8) -> Any:
     """A copy that does not change with the original: arrays that cannot be written to, lists and dicts with all that is in them.
 
-    A series of pandas becomes an array, as does whatever else NumPy takes for one. Other objects, such as functions, are handed back, and so is what lies deeper than `depth`: nothing of use does, and a list may hold itself.
+    A series of pandas becomes an array, as does whatever else NumPy takes for one. Other objects, such as functions, are handed
+    back, and so is what lies deeper than `depth`: nothing of use does, and a list may hold itself.
 
     >>> values = np.array([1.0, 2.0])
     >>> kept = frozen([values, "x"])

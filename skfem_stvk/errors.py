@@ -48,7 +48,8 @@ class StvkWarning(UserWarning):
     """The input can be used, but is probably not what was meant."""
 
 
-#: Where this package's own files are, and what Python calls the machinery of imports: warnings point at the first line that is not there.
+#: Where this package's own files are, and what Python calls the machinery of imports: warnings point at the first line that is not
+#: there.
 _PACKAGE = str(Path(__file__).parent) + os.sep, "<frozen importlib"
 
 

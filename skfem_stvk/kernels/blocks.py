@@ -1,10 +1,10 @@
 """What is made of the edge blocks of K: values of a CSR matrix, its diagonal blocks, and the product with a vector.
 
-The blocks `K_ab` of the edges `a < b` are all there is of K: `K_ba = K_ab'`, and a translation costs nothing, so that `K_aa = -sum_b
-K_ab` and `(K v)_a = sum_b K_ab (v_b - v_a)`.
+The blocks `K_ab` of the edges `a < b` are all there is of K: `K_ba = K_ab'`, and a translation costs nothing, so that `K_aa =
+-sum_b K_ab` and `(K v)_a = sum_b K_ab (v_b - v_a)`.
 
-Arrays: `blocks` (9 ne,), row by row, three components always; vectors of the kernels (3 nv,) in their own order of the vertices, `order`
-its vertices in the mesh.
+Arrays: `blocks` (9 ne,), row by row, three components always; vectors of the kernels (3 nv,) in their own order of the vertices,
+`order` its vertices in the mesh.
 """
 
 from __future__ import annotations
@@ -98,9 +98,10 @@ def fill_rows(
 ) -> float:
     """Write the block rows of vertices `begin` to `end` into the CSR values `data`, or add them.
 
-    `rows`, `entries` are the stars of the vertices (`topology.stars`): the block of an edge, its transpose, the diagonal; `places` the place
-    in `data` of the first value of each, `strides` (nv,) from there to the next row. `axes` is a tuple as long as a block is wide. Returns
-    the sum of the diagonals of the diagonal blocks, of three components each: it is not finite if any value is not.
+    `rows`, `entries` are the stars of the vertices (`topology.stars`): the block of an edge, its transpose, the diagonal; `places`
+    the place in `data` of the first value of each, `strides` (nv,) from there to the next row. `axes` is a tuple as long as a block
+    is wide. Returns the sum of the diagonals of the diagonal blocks, of three components each: it is not finite if any value is
+    not.
     """
     zero = blocks.dtype.type(0)
     total = 0.0
@@ -169,7 +170,9 @@ def _add_norms(edges, order, blocks, d, x, out):
 
 @kernel
 def add_norms(edges: Ids, order: Ids, blocks: Reals, d: int, x: Reals, out: Reals) -> None:
-    """Add `sum_b |K_ab| x_b` to `out` (n,) of the mesh, with Frobenius norms of the `d x d` blocks of `edges` (ne, 2) and `x` (n,)."""
+    """Add `sum_b |K_ab| x_b` to `out` (n,) of the mesh, with Frobenius norms of the `d x d` blocks of `edges` (ne, 2) and `x`
+    (n,).
+    """
     if d == 3:
         _add_norms(edges, order, blocks, 3, x, out)
     else:
@@ -178,7 +181,9 @@ def add_norms(edges: Ids, order: Ids, blocks: Reals, d: int, x: Reals, out: Real
 
 @kernel
 def multiply(begin: int, end: int, edges: Ids, slots: Ids, blocks: Reals, v: Reals, out: Reals) -> None:
-    """Add what edges `begin` to `end` do to `K v` to the slots `out`; `edges` (ne, 2), their `slots` (ne, 2), each block read once."""
+    """Add what edges `begin` to `end` do to `K v` to the slots `out`; `edges` (ne, 2), their `slots` (ne, 2), each block read
+    once.
+    """
     for e in range(begin, end):
         i = I(e)
         a, b, at = I(3) * I(edges[i, I(0)]), I(3) * I(edges[i, I(1)]), I(9) * i

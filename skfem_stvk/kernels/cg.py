@@ -12,12 +12,14 @@ SSOR needs no product with A (Eisenstat 1981): r being the residual and t the di
 
     s = E (E + L)^-1 r      p = (E + L') t      u = E (E + L)^-1 A t = h + E w      h = E t      w = (E + L)^-1 (p - (2 - omega) h)
 
-so that a sweep back, for t, and one forth, for u, are an iteration, each over all blocks; `t'A t = p'(t + w)`, `r'M^-1 r = s'E^-1 s`.
+so that a sweep back, for t, and one forth, for u, are an iteration, each over all blocks; `t'A t = p'(t + w)`, `r'M^-1 r = s'E^-1
+s`.
 
-Arrays: `edges` (ne, 2) block rows, their `blocks` (9 ne,), row by row; for SSOR sorted, and a < b in each. `diagonal` is S (3 n,) or `A_aa`
-(9 n,), and its length says which; `inverse` (9 n,) of the blocks of E. Vectors have three components a block row. Those `held` are no
-unknowns: rows and columns of `inverse` are zero there, and x, s, p, t and u stay zero, which is the same as to gather those that are not (Baraff and
-Witkin's filter). `work` (6, 3 n) is x, s, p, t, h and u, where h is used as room, too; `state` is `|r|` when it was last computed, `r'M^-1 r` then and now, and beta.
+Arrays: `edges` (ne, 2) block rows, their `blocks` (9 ne,), row by row; for SSOR sorted, and a < b in each. `diagonal` is S (3 n,)
+or `A_aa` (9 n,), and its length says which; `inverse` (9 n,) of the blocks of E. Vectors have three components a block row. Those
+`held` are no unknowns: rows and columns of `inverse` are zero there, and x, s, p, t and u stay zero, which is the same as to gather
+those that are not (Baraff and Witkin's filter). `work` (6, 3 n) is x, s, p, t, h and u, where h is used as room, too; `state` is
+`|r|` when it was last computed, `r'M^-1 r` then and now, and beta.
 """
 
 from __future__ import annotations
@@ -120,7 +122,8 @@ def _hold(held, v):
 def _backward(edges, blocks, inverse, omega, p, t, h, u):
     """`t = (E + L')^-1 p`; `h = E t` and `u = p + (omega - 1) h`.
 
-    From the last row to the first, and the nearest neighbour last: what the row before has just found is waited for as late as can be.
+    From the last row to the first, and the nearest neighbour last: what the row before has just found is waited for as late as can
+    be.
     """
     k = len(edges) - 1
     for i in range(len(p) // 3 - 1, -1, -1):
@@ -214,7 +217,8 @@ def _norm(edges, blocks, inverse, held, omega, s, r):
 
 @kernel
 def residual(edges: Ids, blocks: Reals, diagonal: Reals, held: Ids, places: Ids, b: Reals, state: Reals, work: Reals) -> None:
-    """`r = b - A x` in the place of s, and `|r|`; the next iteration is the first again. `places` (n,) has the entries of b in the vectors.
+    """`r = b - A x` in the place of s, and `|r|`; the next iteration is the first again. `places` (n,) has the entries of b in the
+    vectors.
 
     Where x is zero, there is no product.
     """
@@ -291,7 +295,8 @@ def iterate(
 
 @kernel
 def shifted_diagonal(edges: Ids, blocks: Reals, held: Ids, places: Ids, shift: Reals, diagonal: Reals, out: Reals) -> float:
-    """`shift` (n,) of the unknowns at their `places` in `diagonal` (3 n,); `A_aa = S_a - sum_b A_ab` to `out` (9 n,), zero in held rows and columns.
+    """`shift` (n,) of the unknowns at their `places` in `diagonal` (3 n,); `A_aa = S_a - sum_b A_ab` to `out` (9 n,), zero in held
+    rows and columns.
 
     An empty `shift` is none. Returns a sum that is not finite if any entry is not.
     """
@@ -335,8 +340,8 @@ def fill_edges(
 ) -> None:
     """A symmetric CSR matrix as `blocks` above the diagonal and `diagonal` blocks (9 n,).
 
-    `rows`, `columns` are the structure above the diagonal. Unknown `w` is `component[w]` of block row `block[w]`; those of block row
-    `i` are `first[i]` and the next ones.
+    `rows`, `columns` are the structure above the diagonal. Unknown `w` is `component[w]` of block row `block[w]`; those of block
+    row `i` are `first[i]` and the next ones.
     """
     for i in range(len(blocks)):
         blocks[I(i)] = 0.0

@@ -11,7 +11,8 @@ I = np.uint64
 
 @kernel
 def momenta(p: Reals, u: Reals, v: Reals, Mv: Reals, out: Reals) -> None:
-    """`v . M v`, then `sum M v` (3), then `sum x (x) M v` about the origin, `x = X + u`, as an axial vector (3), written to `out` (7,).
+    """`v . M v`, then `sum M v` (3), then `sum x (x) M v` about the origin, `x = X + u`, as an axial vector (3), written to `out`
+    (7,).
 
     `p` (d, nv) at rest; `u`, `v`, `Mv` (nv, d). Components that the space does not have are zero.
     """
@@ -63,10 +64,11 @@ def _add_up(p, u, v, m, f, d, out):
 
 @kernel
 def lumped_momenta(p: Reals, u: Reals, v: Reals, m: Reals, f: Reals, out: Reals) -> None:
-    """As `momenta`, of masses `m` (nv,), and then `f . u`, written to `out` (8,): all in one pass; `u`, `v` and the forces `f` are (ndofs,).
+    """As `momenta`, of masses `m` (nv,), and then `f . u`, written to `out` (8,): all in one pass; `u`, `v` and the forces `f` are
+    (ndofs,).
 
-    In space the distance from vertex to vertex is known at compile time: that vectorises, 1.5 ns a vertex instead of 3.9 as long as all is in
-    the cache.
+    In space the distance from vertex to vertex is known at compile time: that vectorises, 1.5 ns a vertex instead of 3.9 as long as
+    all is in the cache.
     """
     if p.shape[0] == 3:
         _add_up(p, u, v, m, f, 3, out)
@@ -92,7 +94,9 @@ def accelerate(inverse: Reals, external: Reals, internal: Reals, h: float, a: Re
 
 @kernel
 def push_and_drift(inverse: Reals, external: Reals, internal: Reals, h: float, v: Reals, u: Reals) -> None:
-    """`v += h M^-1 (external - internal)` with the lumped masses' inverses, zero where a degree of freedom is held, and `u += h v`; all (ndofs,)."""
+    """`v += h M^-1 (external - internal)` with the lumped masses' inverses, zero where a degree of freedom is held, and `u += h
+    v`; all (ndofs,).
+    """
     for i in range(len(v)):
         v[I(i)] += h * inverse[I(i)] * (external[I(i)] - internal[I(i)])
         u[I(i)] += h * v[I(i)]

@@ -2,9 +2,9 @@
 
 With the signed volume form `C = p_1 . (p_2 x p_3)` of the spokes `p_i = P_i + U_i`, `C0` that at rest and `V0` the volume at rest:
 
-    e = J - 1 = (C - C0)/C0        C - C0 = U_1 . (p_2 x p_3) + P_1 . (U_2 x p_3 + P_2 x U_3)        without cancellation at small strain
-    W = V0 psi(J)        f_i = V0/C0 psi' n_i        n_i = dC/dp_i: n_1 = p_2 x p_3, and so on round; n_0 = -(n_1 + n_2 + n_3)
-    K_ab = V0/C0^2 psi'' n_a n_b' + V0/C0 psi' [q_ab]        [q] x = q x x        q_12 = -p_3, q_13 = p_2, q_23 = -p_1
+    e = J - 1 = (C - C0)/C0        C - C0 = U_1 . (p_2 x p_3) + P_1 . (U_2 x p_3 + P_2 x U_3)        without cancellation at small
+    strain W = V0 psi(J)        f_i = V0/C0 psi' n_i        n_i = dC/dp_i: n_1 = p_2 x p_3, and so on round; n_0 = -(n_1 + n_2 +
+    n_3) K_ab = V0/C0^2 psi'' n_a n_b' + V0/C0 psi' [q_ab]        [q] x = q x x        q_12 = -p_3, q_13 = p_2, q_23 = -p_1
 
 `q` of the edges of vertex 0 follows from the row sums: the edge opposite, as for the others. Per unit of stiffness:
 
@@ -14,9 +14,11 @@ With the signed volume form `C = p_1 . (p_2 x p_3)` of the spokes `p_i = P_i + U
 
 No `psi''` is negative, and in no sum do terms of both signs meet. Without `psi'` K is positive semi-definite.
 
-A triangle in the plane has (0, 0, 1) for its third spoke, a segment on the line (0, 1, 0) and (0, 0, 1): of what belongs to them nothing counts.
+A triangle in the plane has (0, 0, 1) for its third spoke, a segment on the line (0, 1, 0) and (0, 0, 1): of what belongs to them
+nothing counts.
 
-Simplices stand in blocks of lanes, and arrays are those of `simplices`; `D` (blocks, 2 LANES) has the stiffness times `V0` and `1/C0`.
+Simplices stand in blocks of lanes, and arrays are those of `simplices`; `D` (blocks, 2 LANES) has the stiffness times `V0` and
+`1/C0`.
 """
 
 from __future__ import annotations
@@ -70,7 +72,9 @@ def _put(a, out, at):
 
 @kernel
 def _gather_spokes(t, block, X, u, k, P, U):
-    """Spokes of a block at rest and their displacements, differences taken in double; constant spokes where simplices have less than three."""
+    """Spokes of a block at rest and their displacements, differences taken in double; constant spokes where simplices have less
+    than three.
+    """
     first = I(block * 4 * LANES)
     for lane in range(LANES):
         at = first + I(lane)
@@ -232,7 +236,9 @@ def penalty_linearize(
     f: Reals,
     blocks: Reals,
 ) -> tuple[float, float]:
-    """As `penalty_energy_and_force`; adds `K_ab` of the edges, `psi'` times `kept` in it, to their slots in `blocks` as `simplices.linearize` does."""
+    """As `penalty_energy_and_force`; adds `K_ab` of the edges, `psi'` times `kept` in it, to their slots in `blocks` as
+    `simplices.linearize` does.
+    """
     P, U, forces = np.empty(9 * LANES, D.dtype), np.empty(9 * LANES, D.dtype), np.empty(9 * LANES, D.dtype)
     e, J = np.empty(LANES, D.dtype), np.empty(LANES, D.dtype)
     psi, slope, curvature = np.empty(LANES, D.dtype), np.empty(LANES, D.dtype), np.empty(LANES, D.dtype)
@@ -314,7 +320,8 @@ def _scatter_sizes(slots, block, forces, f):
 
 @kernel
 def penalty_round_off(begin: int, end: int, t: Ids, slots: Ids, D: Reals, X: Reals, u: Reals, k: int, kind: int, f: Reals) -> float:
-    """Add to the slots `f` the forces of absolute values: `|V0/C0| (psi'' |e| + |psi'|) |n_i|`, with `|u_i| + |u_0|` for the `U` of `|e|`.
+    """Add to the slots `f` the forces of absolute values: `|V0/C0| (psi'' |e| + |psi'|) |n_i|`, with `|u_i| + |u_0|` for the `U` of
+    `|e|`.
 
     The smallest `J` as of `penalty_energy_and_force`.
     """

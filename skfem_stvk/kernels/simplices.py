@@ -1,7 +1,7 @@
 """W, F and the edge blocks of K, simplex by simplex: what all assembly is made of.
 
-A simplex has its vertex 0 and `k` spokes from there to the others: at rest `P_i = X_i - X_0`, of displacements `U_i = u_i - u_0`, now
-`p_i = P_i + U_i`. The squared elongations of all of its edges, in the basis of its spokes, and the tensions that answer them:
+A simplex has its vertex 0 and `k` spokes from there to the others: at rest `P_i = X_i - X_0`, of displacements `U_i = u_i - u_0`,
+now `p_i = P_i + U_i`. The squared elongations of all of its edges, in the basis of its spokes, and the tensions that answer them:
 
     M_ij = p_i . p_j - P_i . P_j = p_i . U_j + U_i . P_j         zeta_0i = M_ii        zeta_ij = M_ii + M_jj - 2 M_ij
     S_ij = sum_kl D_ijkl M_kl                                    t_ij = -S_ij         t_0i = sum_j S_ij
@@ -12,24 +12,25 @@ A simplex has its vertex 0 and `k` spokes from there to the others: at rest `P_i
     M'_ij = p_i . V_j + V_i . p_j        M''_ij = 2 V_i . V_j
     W(s)  = S:M/4 + S:M'/2 s + (S:M'' + S':M')/4 s^2 + S':M''/4 s^3 + S'':M''/16 s^4
 
-    From u to u + v M changes by dM_ij = (p_i + V_i) . V_j + V_i . p_j. The tensions w0 S + w1 (S + dS) pull along p_i + theta V_i; their work
-    over v is W(u + v) - W(u) + (w1 - w0)/4 dS:dM for theta = 1/2, w0 + w1 = 1. At velocities v the S' pull along p_i: they are the
-    derivative of R = 1/4 S':M' by V_i, and take the power 2 R.
+    From u to u + v M changes by dM_ij = (p_i + V_i) . V_j + V_i . p_j. The tensions w0 S + w1 (S + dS) pull along p_i + theta V_i;
+    their work over v is W(u + v) - W(u) + (w1 - w0)/4 dS:dM for theta = 1/2, w0 + w1 = 1. At velocities v the S' pull along p_i:
+    they are the derivative of R = 1/4 S':M' by V_i, and take the power 2 R.
 
-    isotropic, 7 numbers    S = r (g : M) g + g M g        g_ij = sqrt(V mu) G_ij,  r = lam / (2 mu),  G_ij = g_i . g_j the Gram matrix
+    isotropic, 7 numbers    S = r (g : M) g + g M g        g_ij = sqrt(V mu) G_ij,  r = lam / (2 mu),  G_ij = g_i . g_j the Gram
+    matrix
                             K_ij = 2 r y_i y_j' + y_j y_i' + g_ij B + S_ij I        y_i = sum_j g_ij p_j,  B = sum_i p_i y_i'
     general, 21 numbers     D in the order 11, 22, 33, 12, 13, 23
 
-`M` has no cancellation at small strain. All simplices are tetrahedra in space here: what a triangle or a segment lacks of spokes and
-components is zero. That makes one specialisation for each precision and law instead of six.
+`M` has no cancellation at small strain. All simplices are tetrahedra in space here: what a triangle or a segment lacks of spokes
+and components is zero. That makes one specialisation for each precision and law instead of six.
 
 Simplices stand in blocks of LANES, the last axis of every array, so that the arithmetic runs on vector registers; one dimension and
 offsets known at compile time are what lets LLVM see that. W and F take 15 ns a tetrahedron, one at a time 20 to 28
 (`python -m validation kernels`).
 
-Arrays: `t` vertices (blocks 4 LANES), `slots` where forces go, `edge_slots` (blocks, edges LANES) where edge blocks go; `D` one-dimensional
-(blocks 7 LANES) if isotropic, two-dimensional (blocks, 21 LANES) if general; `X`, `u`, `v` (3 nv,) in double, `f` (3 slots,), `blocks` (9 slots,).
-Threads take runs of blocks, and no two of them share a slot.
+Arrays: `t` vertices (blocks 4 LANES), `slots` where forces go, `edge_slots` (blocks, edges LANES) where edge blocks go; `D`
+one-dimensional (blocks 7 LANES) if isotropic, two-dimensional (blocks, 21 LANES) if general; `X`, `u`, `v` (3 nv,) in double, `f`
+(3 slots,), `blocks` (9 slots,). Threads take runs of blocks, and no two of them share a slot.
 """
 
 from __future__ import annotations
@@ -38,7 +39,8 @@ import numpy as np
 
 from .compiled import Ids, Reals, inlined, kernel
 
-#: Simplices in a block. 16 measures best: 8 are unrolled before they are vectorised (2 x slower), 32 spill from the registers' cache.
+#: Simplices in a block. 16 measures best: 8 are unrolled before they are vectorised (2 x slower), 32 spill from the registers'
+#: cache.
 LANES = 16
 
 #: Unsigned indices: numba tests signed ones for wrap-around.
@@ -367,10 +369,11 @@ def linearize(
     f: Reals,
     blocks: Reals,
 ) -> float:
-    """The energy; adds the forces to the slots `f`, unless that is empty, and `K_ab` of the edges, `S` times `kept` in it, to their slots in `blocks`.
+    """The energy; adds the forces to the slots `f`, unless that is empty, and `K_ab` of the edges, `S` times `kept` in it, to their
+    slots in `blocks`.
 
-    `marks[i]` to `marks[i + 1]` are the edges that block `i` is the first to have: they are set to zero just before. To do so for all edges
-    beforehand takes 1.5 x the time on 250 000 tetrahedra.
+    `marks[i]` to `marks[i + 1]` are the edges that block `i` is the first to have: they are set to zero just before. To do so for
+    all edges beforehand takes 1.5 x the time on 250 000 tetrahedra.
     """
     P, U, values = np.empty(9 * LANES, D.dtype), np.empty(9 * LANES, D.dtype), np.empty(63 * LANES, D.dtype)
     forces, g = values[54 * LANES :], D.dtype.type(kept)
@@ -515,7 +518,9 @@ def mean_force(
 
 @kernel
 def damping_force(begin: int, end: int, t: Ids, slots: Ids, D: Reals, X: Reals, u: Reals, v: Reals, f: Reals) -> float:
-    """Add to the slots `f` what the rates of the tensions at velocities `v` pull along the edges at `u`; `R` of the blocks `begin` to `end`."""
+    """Add to the slots `f` what the rates of the tensions at velocities `v` pull along the edges at `u`; `R` of the blocks
+    `begin` to `end`.
+    """
     P, U, V, forces = (
         np.empty(9 * LANES, D.dtype),
         np.empty(9 * LANES, D.dtype),

@@ -1,8 +1,8 @@
 """Sparse matrices of 3 x 3 blocks: products, Gauss-Seidel sweeps, and what algebraic multigrid makes of them.
 
-Arrays: a matrix has the blocks `rows[i]` ... `rows[i + 1]` in block row `i`, with ascending block `columns`, and `blocks` (9 nnz,), row
-by row; `diagonal[i]` is the place of the diagonal block. Vectors have three components a block row. A kernel works on block rows `begin`
-to `end`; Gauss-Seidel takes what other parts hold as it was before.
+Arrays: a matrix has the blocks `rows[i]` ... `rows[i + 1]` in block row `i`, with ascending block `columns`, and `blocks` (9 nnz,),
+row by row; `diagonal[i]` is the place of the diagonal block. Vectors have three components a block row. A kernel works on block
+rows `begin` to `end`; Gauss-Seidel takes what other parts hold as it was before.
 """
 
 from __future__ import annotations
@@ -99,7 +99,9 @@ def product(begin: int, end: int, rows: Ids, columns: Ids, blocks: Reals, x: Rea
 def sweep_forward(
     begin: int, end: int, rows: Ids, columns: Ids, diagonal: Ids, blocks: Reals, inverse: Reals, b: Reals, x: Reals
 ) -> None:
-    """Gauss-Seidel from `x = 0`, rows ascending: `x_i = D_i^-1 (b_i - sum_{begin <= j < i} A_ij x_j)`; `inverse` (9 n,) has `D_i^-1`."""
+    """Gauss-Seidel from `x = 0`, rows ascending: `x_i = D_i^-1 (b_i - sum_{begin <= j < i} A_ij x_j)`; `inverse` (9 n,) has
+    `D_i^-1`.
+    """
     for i in range(begin, end):
         inner = rows[I(i)]
         while columns[I(inner)] < begin:
@@ -150,7 +152,9 @@ def sweep_backward(
 
 @kernel
 def outside(begin: int, end: int, rows: Ids, columns: Ids, blocks: Reals, extra: Reals) -> None:
-    """Half the sum of the norms of the blocks of a row outside of the part: with it on the diagonal Gauss-Seidel in parts converges."""
+    """Half the sum of the norms of the blocks of a row outside of the part: with it on the diagonal Gauss-Seidel in parts
+    converges.
+    """
     for i in range(begin, end):
         total = 0.0
         for j in range(rows[I(i)], rows[I(i + 1)]):
@@ -245,7 +249,9 @@ def smooth_prolongator(
     tentative: Reals,
     out: Reals,
 ) -> None:
-    """`T - omega D^-1 (A T)` in the structure of `A T`; row `i` of T has `count` blocks, from the place `own[i]` of that structure on."""
+    """`T - omega D^-1 (A T)` in the structure of `A T`; row `i` of T has `count` blocks, from the place `own[i]` of that
+    structure on.
+    """
     for i in range(begin, end):
         at = I(9) * I(i)
         for k in range(rows[I(i)], rows[I(i + 1)]):
@@ -271,9 +277,11 @@ def transpose_blocks(begin: int, end: int, places: Ids, blocks: Reals, out: Real
 
 @kernel
 def orthonormalise(begin: int, end: int, starts: Ids, members: Ids, count: int, modes: Reals, coarse: Reals) -> None:
-    """Modes `B = Q R` aggregate by aggregate: Q in place of `modes`, R to `coarse`; a mode that depends on those before becomes zero.
+    """Modes `B = Q R` aggregate by aggregate: Q in place of `modes`, R to `coarse`; a mode that depends on those before becomes
+    zero.
 
-    Aggregate `a` is the block rows `members[starts[a]]` ... of `starts[a + 1]`; `modes` has `count` blocks a row, `coarse` `count^2` an aggregate.
+    Aggregate `a` is the block rows `members[starts[a]]` ... of `starts[a + 1]`; `modes` has `count` blocks a row, `coarse`
+    `count^2` an aggregate.
     """
     for a in range(begin, end):
         for k in range(9 * count * count * a, 9 * count * count * (a + 1)):
@@ -310,7 +318,9 @@ def orthonormalise(begin: int, end: int, starts: Ids, members: Ids, count: int, 
 
 @kernel
 def invert_dense(a: Reals) -> bool:
-    """The inverse of a symmetric matrix (n, n) in its place, by Gauss and Jordan; False, and nothing of use, unless it is positive definite."""
+    """The inverse of a symmetric matrix (n, n) in its place, by Gauss and Jordan; False, and nothing of use, unless it is
+    positive definite.
+    """
     n, least = len(a), 0.0
     for k in range(n):
         least = max(least, 1e-14 * a[k, k])

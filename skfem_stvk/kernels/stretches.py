@@ -4,8 +4,9 @@ With the spokes at rest `P = Q R`, `Q` orthonormal and `R` upper triangular, and
 
     H = U R^-1        C = I + 2 E        2 E = Q'H + H'Q + H'H        smallest stretch s = sqrt(smallest eigenvalue of C)
 
-`E` has no cancellation at small strain, and is that of a tetrahedron within its three dimensions, of a triangle within its two, of a
-segment within its one. The smallest eigenvalue of a tetrahedron's C in closed form, with the same accuracy where eigenvalues repeat:
+`E` has no cancellation at small strain, and is that of a tetrahedron within its three dimensions, of a triangle within its two, of
+a segment within its one. The smallest eigenvalue of a tetrahedron's C in closed form, with the same accuracy where eigenvalues
+repeat:
 
     q = tr C/3    B = (C - q I)/p with tr B^2 = 6    r = det B/2    1 - r = |B^2 - 2 I - r B|^2 / (6 (1 + r))
     smallest eigenvalue = q - p (1 + z)              z^2 (3 + z) = 2 (1 - r), the root with 0 <= z <= 1
@@ -57,7 +58,9 @@ def _strain(q1, h1, q2, h2):
 
 @kernel
 def _gather(t, block, X, u, P, U):
-    """Spokes of a block at rest and their displacements: stored apart, for the compiler may turn `(X_b - X_a) + (u_b - u_a)` round."""
+    """Spokes of a block at rest and their displacements: stored apart, for the compiler may turn `(X_b - X_a) + (u_b - u_a)`
+    round.
+    """
     first = I(block * 4 * LANES)
     for lane in range(LANES):
         at = first + I(lane)

@@ -1,7 +1,7 @@
 """Kernels on several threads.
 
-Kernels let go of the GIL, so Python's own threads run them. They sleep when there is nothing to do. OpenMP's, which numba would use, wait
-awake: with another process on the machine, K on 2 of 2 cores then took 1080 ns a tetrahedron instead of 59.
+Kernels let go of the GIL, so Python's own threads run them. They sleep when there is nothing to do. OpenMP's, which numba would
+use, wait awake: with another process on the machine, K on 2 of 2 cores then took 1080 ns a tetrahedron instead of 59.
 """
 
 from __future__ import annotations

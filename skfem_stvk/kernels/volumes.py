@@ -41,7 +41,9 @@ def _dot(a, b):
 
 @kernel
 def _gather(t, block, X, u, P, U):
-    """Spokes of a block at rest and their displacements: stored apart, for the compiler may turn `(X_b - X_a) + (u_b - u_a)` round."""
+    """Spokes of a block at rest and their displacements: stored apart, for the compiler may turn `(X_b - X_a) + (u_b - u_a)`
+    round.
+    """
     first = I(block * 4 * LANES)
     for lane in range(LANES):
         at = first + I(lane)
@@ -118,7 +120,9 @@ def _value(c0, c1, c2, c3, s):
 
 @kernel
 def _crossing(c0, c1, c2, c3, a, b):
-    """The zero of a cubic that falls from above zero at `a` to zero or below at `b`: Newton's method, within what bisection leaves."""
+    """The zero of a cubic that falls from above zero at `a` to zero or below at `b`: Newton's method, within what bisection
+    leaves.
+    """
     s = (a + b) / 2
     for _ in range(200):
         value, slope = _value(c0, c1, c2, c3, s), c1 + s * (2 * c2 + 3 * s * c3)
@@ -188,7 +192,10 @@ def _ends(v, a, b):
 
 @kernel
 def _limit(p1, p2, p3, V1, V2, V3, B1, B2, B3, sign, end):
-    """The smallest `s` before `end` at which a simplex has no volume left; `end` if there is none. `B` are the sizes of what `V` came from."""
+    """The smallest `s` before `end` at which a simplex has no volume left; `end` if there is none.
+
+    `B` are the sizes of what `V` came from.
+    """
     c1 = _triple(V1, p2, p3) + _triple(p1, V2, p3) + _triple(p1, p2, V3)
     c2 = _triple(p1, V2, V3) + _triple(V1, p2, V3) + _triple(V1, V2, p3)
     c1 = _significant(c1, _size(B1, p2, p3) + _size(p1, B2, p3) + _size(p1, p2, B3))
@@ -199,10 +206,11 @@ def _limit(p1, p2, p3, V1, V2, V3, B1, B2, B3, sign, end):
 
 @kernel
 def step_limit(begin: int, end: int, t: Ids, X: Reals, u: Reals, v: Reals, k: int) -> float:
-    """The smallest `s > 0` at which a simplex of the blocks `begin` to `end` with `J > 0` at `u` has `J = 0` at `u + s v`; or infinity.
+    """The smallest `s > 0` at which a simplex of the blocks `begin` to `end` with `J > 0` at `u` has `J = 0` at `u + s v`; or
+    infinity.
 
-    No zero is looked for where `C(s) >= c0 - |c1| s - |c2| s^2 - |c3| s^3 > 0` up to the smallest `s` so far, or where no coefficient is
-    negative.
+    No zero is looked for where `C(s) >= c0 - |c1| s - |c2| s^2 - |c3| s^3 > 0` up to the smallest `s` so far, or where no
+    coefficient is negative.
     """
     P, U, V = np.empty(9 * LANES), np.empty(9 * LANES), np.empty(9 * LANES)
     least, looked_at = np.inf, np.empty(LANES, dtype=np.bool_)

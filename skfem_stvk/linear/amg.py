@@ -18,7 +18,8 @@ from .solver import Kind, Solution, Unknowns, Vector
 #: Iterations at most.
 MOST = 1000
 
-#: The hierarchy is built anew when a decade of the residual takes so many times the iterations that it took just after it was built.
+#: The hierarchy is built anew when a decade of the residual takes so many times the iterations that it took just after it was
+#: built.
 GROWTH = 1.5
 
 
@@ -26,8 +27,8 @@ GROWTH = 1.5
 class AmgCg:
     """Memory and time grow with the number of unknowns, hardly faster; an indefinite matrix is noticed.
 
-    Aggregates of strongly coupled vertices, the rigid motions as near-null space, Gauss-Seidel by vertex. The cycle works in single precision,
-    conjugate gradients in double. From one matrix to the next the aggregates and R, P are kept, until iterations grow.
+    Aggregates of strongly coupled vertices, the rigid motions as near-null space, Gauss-Seidel by vertex. The cycle works in single
+    precision, conjugate gradients in double. From one matrix to the next the aggregates and R, P are kept, until iterations grow.
 
     >>> import numpy as np
     >>> from scipy.sparse import diags
@@ -142,6 +143,7 @@ def _modes(unknowns: Unknowns) -> Vector:
     modes = np.asarray(unknowns.near_null_space())
     if modes.ndim != 2 or modes.shape[0] != unknowns.n or not 1 <= modes.shape[1] <= 6 or not np.isfinite(modes).all():
         raise StvkError(
-            f"near_null_space() has shape {modes.shape}; expected ({unknowns.n}, r), finite, with r = 1 ... 6 rigid motions, restricted to the unknowns."
+            f"near_null_space() has shape {modes.shape}; expected ({unknowns.n}, r), finite, with r = 1 ... 6 rigid motions, "
+            "restricted to the unknowns."
         )
     return modes

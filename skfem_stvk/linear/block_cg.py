@@ -1,4 +1,6 @@
-"""Conjugate gradients on blocks of vertices, with their diagonal or sweeps over them (SSOR) as preconditioner, without a matrix or with one."""
+"""Conjugate gradients on blocks of vertices, with their diagonal or sweeps over them (SSOR) as preconditioner, without a matrix
+or with one.
+"""
 
 from __future__ import annotations
 
@@ -24,12 +26,13 @@ from .solver import EdgeBlocks, Kind, LinearSolver, Operator, Solution, Unknowns
 class BlockJacobiCg:
     """The least memory: neither K nor its pattern is ever formed. Iterations grow with refinement.
 
-    Of a body of one term the whole loop is compiled, on one thread: faster than with products on any number of threads and Python between them.
+    Of a body of one term the whole loop is compiled, on one thread: faster than with products on any number of threads and Python
+    between them.
 
     Attributes
     ----------
-    assembled : take K as a matrix instead, of which the blocks on and above the diagonal are kept: the compiled loop for bodies of several terms,
-        and for all else that a matrix can be.
+    assembled : take K as a matrix instead, of which the blocks on and above the diagonal are kept: the compiled loop for bodies of
+        several terms, and for all else that a matrix can be.
 
     >>> import numpy as np
     >>> class Springs:
@@ -172,10 +175,11 @@ class AssembledAnalysis:
 
 @dataclass(frozen=True)
 class SsorCg(BlockJacobiCg):
-    """As `BlockJacobiCg`, with a third of its iterations, each half as long again: a sweep over the vertices back and one forth stand for the product.
+    """As `BlockJacobiCg`, with a third of its iterations, each half as long again: a sweep over the vertices back and one forth
+    stand for the product.
 
-    The sweeps are those of the compiled loop: they need the blocks of the edges of one term, which are copied, or with `assembled` those of a
-    matrix. A body of several terms that is not assembled is solved with diagonal blocks, as by `BlockJacobiCg`.
+    The sweeps are those of the compiled loop: they need the blocks of the edges of one term, which are copied, or with `assembled`
+    those of a matrix. A body of several terms that is not assembled is solved with diagonal blocks, as by `BlockJacobiCg`.
 
     >>> import numpy as np
     >>> from scipy.sparse import diags

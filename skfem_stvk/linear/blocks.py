@@ -100,7 +100,8 @@ def _structure(rows: Ids, columns: Ids, width: int) -> BlockStructure:
 
 
 class VertexRows:
-    """K in blocks of vertices: three components always, those that are held padded with a diagonal, in the order of Cuthill and McKee.
+    """K in blocks of vertices: three components always, those that are held padded with a diagonal, in the order of Cuthill and
+    McKee.
 
     Attributes
     ----------
@@ -159,8 +160,8 @@ def _graph(unknowns: Unknowns, starts: Ids, node: Ids) -> csr_matrix:
     uneven = np.flatnonzero(counts != counts[starts][node])
     if len(uneven):
         raise StvkError(
-            f"K has no full block for each pair of vertices: {name_ids(uneven, 'row')} and others of the same vertex have different "
-            "numbers of values. Keep the zeros of K, as System.tangent and FreeDofs.matrix do."
+            f"K has no full block for each pair of vertices: {name_ids(uneven, 'row')} and others of the same vertex have "
+            "different numbers of values. Keep the zeros of K, as System.tangent and FreeDofs.matrix do."
         )
     begin = np.concatenate([[0], np.cumsum(counts[starts])])
     columns = node[indices[np.arange(begin[-1]) + np.repeat(indptr[starts] - begin[:-1], counts[starts])]]

@@ -1,6 +1,7 @@
 """Conjugate gradients, preconditioned: when they end, and two loops.
 
-One is for functions that multiply and precondition on several threads, the other is compiled as a whole, for blocks of edges on one thread.
+One is for functions that multiply and precondition on several threads, the other is compiled as a whole, for blocks of edges on one
+thread.
 """
 
 from __future__ import annotations
@@ -56,9 +57,11 @@ class Search(Protocol):
 
 
 def solve_by(search: Search, b: Vector, rtol: float, most: int) -> Solution:
-    """`x` with `|b - K x| <= rtol |b|`, or what there is when `p'Kp <= 0`, after `most` iterations, or when something is not finite.
+    """`x` with `|b - K x| <= rtol |b|`, or what there is when `p'Kp <= 0`, after `most` iterations, or when something is not
+    finite.
 
-    The residual that the loop keeps is compared with that of x at the end, and where it was too small the loop starts again from x, once.
+    The residual that the loop keeps is compared with that of x at the end, and where it was too small the loop starts again from x,
+    once.
     """
     size, first = search.size, search.norm
     if not np.isfinite(first + size):
@@ -118,7 +121,10 @@ class _Search:
         return self._x
 
     def _iterate(self) -> Outcome | None:
-        """One step. The preconditioner may be rounded, not quite symmetric: `beta = z'(r - r_before) / (z'r)_before` (Polak, Ribiere)."""
+        """One step.
+
+        The preconditioner may be rounded, not quite symmetric: `beta = z'(r - r_before) / (z'r)_before` (Polak, Ribiere).
+        """
         z = self._precondition(self._r)
         rho, before = self._dot(z, self._r), self._rho
         if not rho > 0:

@@ -30,8 +30,8 @@ class Newest:
         """Refuse factors that are not the newest."""
         if number != self._number:
             raise StvkError(
-                "These factors are stale: their analysis has factorised another matrix since. Solve with what factorise() returned last, "
-                "or analyse once more for a second set of factors."
+                "These factors are stale: their analysis has factorised another matrix since. Solve with what factorise() returned "
+                "last, or analyse once more for a second set of factors."
             )
 
 
@@ -46,8 +46,8 @@ def check_kind(solver: LinearSolver, kind: Kind) -> None:
     checked_kind(kind)
     if kind > solver.takes:
         raise StvkError(
-            f"'{solver.name}' got a {kind} matrix; expected at most a {solver.takes} one. Follower loads make K unsymmetric. Direct solvers take "
-            "every kind: solver='superlu', 'pardiso' or 'auto'."
+            f"'{solver.name}' got a {kind} matrix; expected at most a {solver.takes} one. Follower loads make K unsymmetric. "
+            "Direct solvers take every kind: solver='superlu', 'pardiso' or 'auto'."
         )
 
 
@@ -60,7 +60,8 @@ def checked_values(K: Any, unknowns: Unknowns) -> NDArray[np.float64]:
         raise StvkError(f"K = {shown(K)}; expected a csr_matrix of shape {(n, n)}.")
     if not _same(K.indptr, unknowns.indptr) or not _same(K.indices, unknowns.indices):
         raise StvkError(
-            f"K has {K.nnz} values in another structure than was analysed, of {len(unknowns.indices)} values. Keep its zeros, or analyse anew."
+            f"K has {K.nnz} values in another structure than was analysed, of {len(unknowns.indices)} values. Keep its zeros, or "
+            "analyse anew."
         )
     values = np.ascontiguousarray(K.data, dtype=np.float64)
     if not np.isfinite(values.sum()) and len(bad := np.flatnonzero(~np.isfinite(values))):
@@ -103,7 +104,9 @@ def _same(a: Any, b: Any) -> bool:
 
 
 def solve_checked(product: Callable[[Vector], Vector], inverse: Callable[[Vector], Vector], b: Vector, rtol: float) -> Solution:
-    """`x = inverse(b)`, refined once (`x += inverse(b - K x)`) where the residual is above `rtol |b|`, and kept if that made it smaller."""
+    """`x = inverse(b)`, refined once (`x += inverse(b - K x)`) where the residual is above `rtol |b|`, and kept if that made it
+    smaller.
+    """
     size = float(np.linalg.norm(b))
     if not np.isfinite(size):
         return Solution.none(b, Outcome.NOT_FINITE)

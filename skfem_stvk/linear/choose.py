@@ -45,8 +45,8 @@ def choose(solver: str | LinearSolver, n: int, kind: Kind, indefinite: bool = Fa
     if indefinite and solver.iterative:
         able = names([other for other in SOLVERS if not other.iterative])
         raise StvkError(
-            f"solver '{solver.name}' came; expected a direct one, {able}, or 'auto': behind a limit point K is indefinite, and conjugate gradients "
-            "cannot solve with it."
+            f"solver '{solver.name}' came; expected a direct one, {able}, or 'auto': behind a limit point K is indefinite, and "
+            "conjugate gradients cannot solve with it."
         )
     return solver
 
@@ -57,7 +57,8 @@ def is_auto(solver: object) -> bool:
 
 
 def automatic(n: int, kind: Kind) -> LinearSolver:
-    """By the table of `docs/solvers.md`: multigrid where it is faster than the direct solvers even on slender bodies, SuperLU where nothing gains.
+    """By the table of `docs/solvers.md`: multigrid where it is faster than the direct solvers even on slender bodies, SuperLU where
+    nothing gains.
 
     Below, direct solvers tell how many eigenvalues are negative and take what is indefinite, for little more time.
     """

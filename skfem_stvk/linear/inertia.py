@@ -34,8 +34,8 @@ class Inertia(NamedTuple):
 def inertia(K: csr_matrix, unknowns: Unknowns) -> Inertia | None:
     """The inertia of K, whose rows and columns are scaled so that its diagonal is one; None if no direct solver can tell.
 
-    By Sylvester's law scaling changes no sign. It makes `|K|`, the largest sum of a row, one that soft parts beside stiff ones are not lost
-    against.
+    By Sylvester's law scaling changes no sign. It makes `|K|`, the largest sum of a row, one that soft parts beside stiff ones are
+    not lost against.
 
     >>> K = csr_matrix(np.array([[2.0, -1, 0], [-1, -2, 1], [0, 1, 3]]))
     >>> inertia(K, Unknowns(np.arange(3), np.zeros(3, dtype=int), K.indptr, K.indices))

@@ -1,4 +1,6 @@
-"""Smoothed aggregation: levels and their Gauss-Seidel sweeps, which vertices share a coarse one, and the hierarchy with its cycle."""
+"""Smoothed aggregation: levels and their Gauss-Seidel sweeps, which vertices share a coarse one, and the hierarchy with its
+cycle.
+"""
 
 from __future__ import annotations
 

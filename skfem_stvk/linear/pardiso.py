@@ -1,7 +1,7 @@
 """PARDISO of Intel's MKL, by the optional package pypardiso: direct, on all cores.
 
-Symmetric matrices go as mtype -2 (Bunch-Kaufman): as fast as positive definite ones, and it gives the inertia. Of those PARDISO wants the upper
-triangle with every diagonal entry: handed all of the matrix, it crashes the process.
+Symmetric matrices go as mtype -2 (Bunch-Kaufman): as fast as positive definite ones, and it gives the inertia. Of those PARDISO
+wants the upper triangle with every diagonal entry: handed all of the matrix, it crashes the process.
 """
 
 from __future__ import annotations
@@ -24,7 +24,8 @@ SYMMETRIC, GENERAL = -2, 11  # mtype
 ANALYSE, FACTORISE, SOLVE = 11, 22, 33  # phase
 NEGATIVE, PERTURBED = 23, 14  # iparm, counted from 1
 
-#: iparm, counted from 1: ours, METIS, no refinement unless pivots were perturbed (it took five times the solve), pivots below 10^-iparm(10) perturbed.
+#: iparm, counted from 1: ours, METIS, no refinement unless pivots were perturbed (it took five times the solve), pivots below
+#: 10^-iparm(10) perturbed.
 OPTIONS = {SYMMETRIC: {1: 1, 2: 2, 8: 0, 10: 8, 21: 1}, GENERAL: {1: 1, 2: 2, 8: 0, 10: 13, 11: 1, 13: 1}}
 
 #: What its error codes mean.
@@ -80,7 +81,9 @@ class PardisoAnalysis:
         self._memory.call(ANALYSE)
 
     def factorise(self, K: Any, kind: Kind) -> PardisoFactors:
-        """Numbers into the order of elimination that there is; a general matrix after symmetric ones, or the reverse, needs a new one."""
+        """Numbers into the order of elimination that there is; a general matrix after symmetric ones, or the reverse, needs a new
+        one.
+        """
         check_kind(self._solver, kind)
         values = checked_values(K, self._unknowns)
         mtype = GENERAL if kind == Kind.GENERAL else SYMMETRIC

@@ -4,8 +4,8 @@
     factors = analysis.factorise(K, kind)          once a Newton step
     solution = factors.solve(b, rtol, x0)          as often as needed
 
-A solver holds options only and never changes. What is kept between Newton steps is in the analysis, which owns one set of factors: with
-new ones the old refuse to solve.
+A solver holds options only and never changes. What is kept between Newton steps is in the analysis, which owns one set of factors:
+with new ones the old refuse to solve.
 """
 
 from __future__ import annotations
@@ -79,7 +79,8 @@ class Unknowns:
     ----------
     vertex, component : (n,) of each unknown, sorted by vertex, then by component.
     indptr, indices : structure of K in CSR format, columns sorted; None where K is never formed.
-    near_null_space : gives the (n, r) rigid motions, restricted to the unknowns, of the body as it is when it is called; AMG needs it.
+    near_null_space : gives the (n, r) rigid motions, restricted to the unknowns, of the body as it is when it is called; AMG needs
+        it.
     """
 
     vertex: NDArray[np.integer[Any]]
@@ -124,7 +125,10 @@ class EdgeBlocks(NamedTuple):
 
 
 class Operator(Protocol):
-    """K as a matrix-free solver needs it. One with `by_edges() -> EdgeBlocks | None` is solved with by a compiled loop, if that is not None."""
+    """K as a matrix-free solver needs it.
+
+    One with `by_edges() -> EdgeBlocks | None` is solved with by a compiled loop, if that is not None.
+    """
 
     def matvec(self, v: Vector) -> Vector:
         """`K v` (n,) over the free degrees of freedom."""

@@ -68,8 +68,8 @@ class SuperLUFactors:
     def negative_pivots(self) -> int | None:
         """From the diagonal of U, where no rows were exchanged: then `U = D L'`. Reading it copies L and U.
 
-        Where some were, another factorisation takes diagonal pivots only; if one of those is zero, K is indefinite or singular, and 1 stands
-        for at least one eigenvalue that is not positive.
+        Where some were, another factorisation takes diagonal pivots only; if one of those is zero, K is indefinite or singular, and
+        1 stands for at least one eigenvalue that is not positive.
         """
         if self._kind == Kind.GENERAL:
             return None
@@ -78,7 +78,9 @@ class SuperLUFactors:
 
     @property
     def negative_determinant(self) -> bool | None:
-        """Whether the determinant is negative, by the diagonal of U and the exchanges of rows and columns; None of singular matrices."""
+        """Whether the determinant is negative, by the diagonal of U and the exchanges of rows and columns; None of singular
+        matrices.
+        """
         lu = self._lu
         if lu is None:
             return None

@@ -108,7 +108,8 @@ def warn_of_cells(raw: meshio.Mesh, k: int) -> None:
     higher = [block for block in carriers if simplex_dimension(block.type) == k and block.data.shape[1] > k + 1]
     if higher:
         warn(
-            f"{count_cells(higher)} are of higher order: their corner vertices are used and their curved edges are taken as straight."
+            f"{count_cells(higher)} are of higher order: their corner vertices are used and their curved edges are taken as "
+            "straight."
         )
 
 

@@ -54,8 +54,8 @@ def check_mesh(mesh: SimplexMesh) -> None:
     if len(same):
         bad = np.sort(order[same + 1])
         raise MeshError(
-            f"{name_ids(bad, 'element')}: the same vertices as an earlier element, so the stiffness would count twice. Two overlapping "
-            "physical groups, or a part exported twice? Remove the copies."
+            f"{name_ids(bad, 'element')}: the same vertices as an earlier element, so the stiffness would count twice. Two "
+            "overlapping physical groups, or a part exported twice? Remove the copies."
         )
     unused = unused_vertices(mesh)
     if len(unused):
@@ -92,8 +92,9 @@ def check_range(mesh: SimplexMesh) -> None:
     low, high = (float(np.log10(length) + np.log10(scale)) for length in (longest.min(), longest.max()))
     if low < -LARGEST_EXPONENT or high > LARGEST_EXPONENT:
         raise MeshError(
-            f"The elements are from 1e{low:.0f} to 1e{high:.0f} long, so energies and stiffnesses, which are made of squares of volumes, are beyond "
-            f"the range of double precision; expected lengths from 1e-{LARGEST_EXPONENT} to 1e{LARGEST_EXPONENT}. Choose another unit of length."
+            f"The elements are from 1e{low:.0f} to 1e{high:.0f} long, so energies and stiffnesses, which are made of squares of "
+            f"volumes, are beyond the range of double precision; expected lengths from 1e-{LARGEST_EXPONENT} to "
+            f"1e{LARGEST_EXPONENT}. Choose another unit of length."
         )
 
 
@@ -104,8 +105,8 @@ def warn_of_flat_elements(mesh: SimplexMesh) -> None:
     flat = np.flatnonzero(aspect > 50)
     if mesh.k > 1 and len(flat):
         warn(
-            f"{name_ids(flat, 'element')}: flatter than 1:50, the flattest 1:{aspect.max():.0f}. In float32, forces across them are off by "
-            f"as much as {min(1.0, 6e-8 * float(aspect.max()) ** 2):.0e} of the largest. Use float64, or remesh."
+            f"{name_ids(flat, 'element')}: flatter than 1:50, the flattest 1:{aspect.max():.0f}. In float32, forces across them "
+            f"are off by as much as {min(1.0, 6e-8 * float(aspect.max()) ** 2):.0e} of the largest. Use float64, or remesh."
         )
 
 
@@ -118,7 +119,8 @@ def warn_of_coincident_vertices(mesh: SimplexMesh) -> None:
     """Warn of vertices closer than 1e-6 of the elements' longest edge, in the median: seams that do not hold together."""
     near = 1e-6 * float(np.median(measures(mesh.p, mesh.t)[1]))
     size = np.ptp(mesh.p, axis=1).max()
-    # far from zero: where a library has made the process flush denormal numbers, scipy's tree never ends on coordinates that are zero
+    # far from zero: where a library has made the process flush denormal numbers, scipy's tree never ends on coordinates that are
+    # zero
     away = 1 + (mesh.p - mesh.p.min(axis=1, keepdims=True)) / size
     pairs = cKDTree(away.T).query_pairs(near / size, output_type="ndarray")
     if len(pairs):
@@ -139,6 +141,6 @@ def warn_of_parts(mesh: SimplexMesh) -> None:
     if len(sizes) > 1:
         shown = ", ".join(str(size) for size in sizes[:5]) + (", ..." if len(sizes) > 5 else "")
         warn(
-            f"The mesh is in {len(sizes)} parts that are not connected ({shown} vertices): each needs its own supports. If they should hold "
-            "together, merge the vertices of their common faces."
+            f"The mesh is in {len(sizes)} parts that are not connected ({shown} vertices): each needs its own supports. If they "
+            "should hold together, merge the vertices of their common faces."
         )

@@ -1,4 +1,6 @@
-"""The facets of simplices: which of them are shared, where given ones stand among them, their names, and which side of a surface is which."""
+"""The facets of simplices: which of them are shared, where given ones stand among them, their names, and which side of a surface
+is which.
+"""
 
 from __future__ import annotations
 

@@ -66,7 +66,8 @@ def vertices_at(mesh: Marked, where: Where, what: str = "The place") -> NDArray[
         unique, counts = np.unique(ids, return_counts=True)
         if len(unique) < len(ids):
             raise RegionError(
-                f"{what}: the vertices name {name_ids(unique[counts > 1], 'vertex')} more than once. Name each once; values follow their order."
+                f"{what}: the vertices name {name_ids(unique[counts > 1], 'vertex')} more than once. Name each once; values follow "
+                "their order."
             )
     if not len(ids):
         raise RegionError(f"{what}: no vertex there. {describe(where)} is empty.")
@@ -95,8 +96,8 @@ def facets_at(mesh: Marked, where: Where, what: str = "The place") -> NDArray[np
     facets = mesh.surface[:, there[mesh.surface].all(axis=0)]
     if not facets.shape[1]:
         raise RegionError(
-            f"{what}: {describe(where)} has {name_ids(ids, 'vertex')}, but none of the {mesh.surface.shape[1]} boundary facets has all "
-            "its vertices there. Widen it; for forces on vertices there is NodalLoad."
+            f"{what}: {describe(where)} has {name_ids(ids, 'vertex')}, but none of the {mesh.surface.shape[1]} boundary facets has "
+            "all its vertices there. Widen it; for forces on vertices there is NodalLoad."
         )
     return facets
 
@@ -134,8 +135,8 @@ def _named(mesh: Marked, name: str, what: str) -> NDArray[np.int64]:
         return in_set if on_boundary is None else on_boundary  # type: ignore[return-value]
     if not np.array_equal(on_boundary, in_set):
         raise RegionError(
-            f"{what}: {name!r} is the name of a boundary with {len(on_boundary)} vertices and of a node set with {len(in_set)} others. "
-            f"Say which: mesh.node_sets[{name!r}], or np.unique(mesh.boundaries[{name!r}])."
+            f"{what}: {name!r} is the name of a boundary with {len(on_boundary)} vertices and of a node set with {len(in_set)} "
+            f"others. Say which: mesh.node_sets[{name!r}], or np.unique(mesh.boundaries[{name!r}])."
         )
     return in_set
 
@@ -152,7 +153,8 @@ def _boundary(mesh: Marked, name: str) -> NDArray[np.int32]:
     facets = np.asarray(mesh.boundaries[name])
     if facets.ndim != 2 or len(facets) != mesh.k or not facets.size or facets.dtype.kind not in "iu":
         raise RegionError(
-            f"Boundary {name!r} has shape {facets.shape} and dtype {facets.dtype}; expected ({mesh.k}, n), n > 0: the vertices of facets."
+            f"Boundary {name!r} has shape {facets.shape} and dtype {facets.dtype}; expected ({mesh.k}, n), n > 0: the vertices of "
+            "facets."
         )
     bad = np.flatnonzero(((facets < 0) | (facets >= mesh.nv)).any(axis=0))
     if len(bad):
@@ -165,21 +167,21 @@ def _satisfying(mesh: Marked, predicate: Callable[[Any], Any], what: str) -> NDA
         mask = np.asarray(predicate(mesh.p.copy()))
     except Exception as error:
         raise RegionError(
-            f"{what}: {describe(predicate)} failed with {type(error).__name__}: {error}. It gets coordinates x of shape {mesh.p.shape}: "
-            f"x[0] ... x[{mesh.d - 1}]."
+            f"{what}: {describe(predicate)} failed with {type(error).__name__}: {error}. It gets coordinates x of shape "
+            f"{mesh.p.shape}: x[0] ... x[{mesh.d - 1}]."
         ) from error
     if mask.dtype != bool or mask.shape != (mesh.nv,):
         raise RegionError(
-            f"{what}: {describe(predicate)} returned shape {mask.shape} and dtype {mask.dtype}; expected a mask ({mesh.nv},), True for the "
-            f"vertices that are meant, such as lambda x: x[0] == 0."
+            f"{what}: {describe(predicate)} returned shape {mask.shape} and dtype {mask.dtype}; expected a mask ({mesh.nv},), True "
+            f"for the vertices that are meant, such as lambda x: x[0] == 0."
         )
     if not mask.any():
         box = ", ".join(
             f"x[{i}] from {low:.9g} to {high:.9g}" for i, (low, high) in enumerate(np.stack([mesh.p.min(1), mesh.p.max(1)], 1))
         )
         raise RegionError(
-            f"{what}: none of the {mesh.nv} vertices satisfies {describe(predicate)}. The mesh has {box}. Coordinates that are compared "
-            "need a tolerance: np.isclose(x[0], 1)."
+            f"{what}: none of the {mesh.nv} vertices satisfies {describe(predicate)}. The mesh has {box}. Coordinates that are "
+            "compared need a tolerance: np.isclose(x[0], 1)."
         )
     return np.flatnonzero(mask)
 
@@ -189,8 +191,8 @@ def _listed(mesh: Marked, given: Any, what: str) -> NDArray[np.int64]:
     ids = _array(given)
     if ids is None or ids.ndim != 1:
         raise RegionError(
-            f"{what} are {shown(given)}; expected the name of a boundary or of a node set, a list of vertex ids, a mask, a predicate such "
-            "as lambda x: x[0] == 0, or what scikit-fem's basis.get_dofs(...) returned."
+            f"{what} are {shown(given)}; expected the name of a boundary or of a node set, a list of vertex ids, a mask, a "
+            "predicate such as lambda x: x[0] == 0, or what scikit-fem's basis.get_dofs(...) returned."
         )
     if ids.dtype == bool:
         if ids.shape != (mesh.nv,):
@@ -250,8 +252,8 @@ def refuse_foreign(mesh: Simplices, view: DofsView, what: str) -> None:
     others = dofs.facet_dofs.size + dofs.edge_dofs.size + dofs.interior_dofs.size
     if others or not np.array_equal(dofs.nodal_dofs, numbers):
         raise RegionError(
-            f"{what}: scikit-fem's degrees of freedom are of {_in_words(dofs.element)}; expected those of linear vectors with {mesh.d} "
-            "components, such as ElementVector(ElementTetP1()). Vertices alone can be given by their ids: view.nodal_ix."
+            f"{what}: scikit-fem's degrees of freedom are of {_in_words(dofs.element)}; expected those of linear vectors with "
+            f"{mesh.d} components, such as ElementVector(ElementTetP1()). Vertices alone can be given by their ids: view.nodal_ix."
         )
 
 

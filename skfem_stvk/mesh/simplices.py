@@ -74,7 +74,8 @@ class SimplexMesh:
         bad = np.flatnonzero(((t < 0) | (t >= p.shape[1])).any(axis=0))
         if len(bad):
             raise MeshError(
-                f"{name_ids(bad, 'element')}: vertex ids outside 0 ... {p.shape[1] - 1}. Are the ids counted from 1? Subtract 1 then."
+                f"{name_ids(bad, 'element')}: vertex ids outside 0 ... {p.shape[1] - 1}. Are the ids counted from 1? Subtract 1 "
+                "then."
             )
         object.__setattr__(self, "p", p)
         object.__setattr__(self, "t", np.array(t, dtype=np.int32, order="C"))
@@ -88,28 +89,29 @@ class SimplexMesh:
     def of(cls, mesh: MeshLike) -> SimplexMesh:
         """The simplices of a scikit-fem mesh, of arrays `(p, t)`, of a `meshio.Mesh`, or of a `SimplexMesh` (handed back as it is).
 
-        What `read_mesh` takes of a file is taken of a `meshio.Mesh`. Second-order scikit-fem meshes are reduced to their corner vertices, with a warning. Subdomains and boundaries come along;
-        the facets of these are found when they are first looked at, which costs more than an assembly.
+        What `read_mesh` takes of a file is taken of a `meshio.Mesh`. Second-order scikit-fem meshes are reduced to their corner
+        vertices, with a warning. Subdomains and boundaries come along; the facets of these are found when they are first looked at,
+        which costs more than an assembly.
         """
         if isinstance(mesh, cls):
             return mesh
         if isinstance(mesh, skfem.Mesh):
             if isinstance(mesh, MeshDG):
                 raise MeshError(
-                    f"{type(mesh).__name__} is periodic or discontinuous: its elements have coordinates of their own for each vertex. Use the "
-                    "mesh that it was made of, and constrain its displacements."
+                    f"{type(mesh).__name__} is periodic or discontinuous: its elements have coordinates of their own for each "
+                    "vertex. Use the mesh that it was made of, and constrain its displacements."
                 )
             if not isinstance(mesh, skfem.MeshTet1 | skfem.MeshTri1 | skfem.MeshLine1):
                 raise MeshError(
-                    f"{type(mesh).__name__} is not a mesh of simplices; expected MeshTet1, MeshTri1 or MeshLine1. Quadrilaterals and "
-                    "hexahedra can be split: mesh.to_meshtri(), mesh.to_meshtet()."
+                    f"{type(mesh).__name__} is not a mesh of simplices; expected MeshTet1, MeshTri1 or MeshLine1. Quadrilaterals "
+                    "and hexahedra can be split: mesh.to_meshtri(), mesh.to_meshtet()."
                 )
             p, t = mesh.doflocs, mesh.t
             if isinstance(mesh, skfem.MeshTet2 | skfem.MeshTri2):
                 p = p[:, : mesh.nvertices]
                 warn(
-                    f"{type(mesh).__name__} is of second order: its {mesh.nvertices} corner vertices are used and its curved edges are "
-                    "taken as straight. Displacements have one entry a corner and component."
+                    f"{type(mesh).__name__} is of second order: its {mesh.nvertices} corner vertices are used and its curved edges "
+                    "are taken as straight. Displacements have one entry a corner and component."
                 )
             return cls(p, t, mesh.subdomains or {}, NamedFacets(t, p.shape[1], mesh.boundaries or {}))
         if isinstance(mesh, tuple | list) and len(mesh) == 2:
@@ -162,7 +164,8 @@ class SimplexMesh:
         return facets
 
     def with_boundaries(self, boundaries: Mapping[str, Any]) -> SimplexMesh:
-        """The same mesh with more boundaries, as in scikit-fem: each a place (`mesh.places.Where`), such as a predicate of the coordinates.
+        """The same mesh with more boundaries, as in scikit-fem: each a place (`mesh.places.Where`), such as a predicate of the
+        coordinates.
 
         Raises
         ------
@@ -198,7 +201,8 @@ class SimplexMesh:
         else:
             if isinstance(region, DofsView):
                 raise RegionError(
-                    "The region is what scikit-fem's get_dofs returned, degrees of freedom; expected a name in subdomains, element ids or a mask."
+                    "The region is what scikit-fem's get_dofs returned, degrees of freedom; expected a name in subdomains, element "
+                    "ids or a mask."
                 )
             what, given = "The region", region
         ids = whole_array(given)

@@ -7,9 +7,9 @@ A plane wave `a cos(N . X - w t)` of small amplitude in a homogeneous body has `
 the last of `VolumePenalty`; `a . Q(N) a` is also the second derivative of the energy density along `F + s a (x) N`. Where it is not
 positive for all unit `a` and `N`, strong ellipticity is lost: what comes then depends on the mesh, however fine that is.
 
-It is a form `sum M_ik,JL a_i a_k N_J N_L`, of second degree in each. Directions `N` in the simplex and motions `a` of it have its own
-dimensions: in plane strain and plane stress both are in the plane, for that is how the triangles can move. Membranes and cables in space
-are left out: under any compression they move across themselves, which is wrinkling, and at rest they are just about to.
+It is a form `sum M_ik,JL a_i a_k N_J N_L`, of second degree in each. Directions `N` in the simplex and motions `a` of it have its
+own dimensions: in plane strain and plane stress both are in the plane, for that is how the triangles can move. Membranes and cables
+in space are left out: under any compression they move across themselves, which is wrinkling, and at rest they are just about to.
 """
 
 from __future__ import annotations
@@ -36,10 +36,11 @@ MOST_STEPS, LONGEST, ENOUGH = 30, 0.3, 1e-13
 
 
 def smallest_acoustic_eigenvalue(state: Response) -> Masked:
-    """The smallest eigenvalue of the acoustic tensors `Q(N)` of all unit `N` (nt,) [Pa]: strong ellipticity is lost where it is not positive.
+    """The smallest eigenvalue of the acoustic tensors `Q(N)` of all unit `N` (nt,) [Pa]: strong ellipticity is lost where it is not
+    positive.
 
-    Directions are sampled, and the best of them, and the best away from it, improved by Newton's method. An isotropic solid at rest has
-    `mu`. Elements in no term are masked, and all membranes and cables in space.
+    Directions are sampled, and the best of them, and the best away from it, improved by Newton's method. An isotropic solid at rest
+    has `mu`. Elements in no term are masked, and all membranes and cables in space.
     """
     mesh, lowest = state.fields.mesh, np.zeros(state.fields.mesh.nt)
     missing = state.fields.without_term | (mesh.k < mesh.d)
@@ -54,8 +55,9 @@ def without_ellipticity(state: Response) -> tuple[Ids, Array]:
 
     That is worked out only where it may be lost, which takes a fraction of the time unless the body is compressed all over.
 
-    It is not lost where `S_min + c/2 s_min^2 > 0`: the smallest principal stress and stretch, and the smallest eigenvalue `c` of the
-    elasticity tensor. For `a . Q(N) a >= N . S N + B : C : B` with `B` the symmetric part of `F'a (x) N`, and `|B|^2 >= |F'a|^2/2`.
+    It is not lost where `S_min + c/2 s_min^2 > 0`: the smallest principal stress and stretch, and the smallest eigenvalue `c` of
+    the elasticity tensor. For `a . Q(N) a >= N . S N + B : C : B` with `B` the symmetric part of `F'a (x) N`, and `|B|^2 >=
+    |F'a|^2/2`.
     """
     mesh = state.fields.mesh
     if mesh.k < mesh.d:
@@ -107,7 +109,9 @@ def _smallest_of(ids: Ids, F: Array, S: Array, C: Array, curvature: Array) -> Ar
 
 
 def acoustic_form(F: Array, S: Array, C: Array, curvature: Array) -> Array:
-    """(n, k, k, k, k) the form `M_ik,JL`, symmetric in `ik` and in `JL`, of `F`, `S` (n, k, k), `C_MJ,NL` (n, m, m) and `psi''` (n,)."""
+    """(n, k, k, k, k) the form `M_ik,JL`, symmetric in `ik` and in `JL`, of `F`, `S` (n, k, k), `C_MJ,NL` (n, m, m) and `psi''`
+    (n,).
+    """
     n, k, _ = F.shape
     place = _places(k)
     tensor = C[:, place[:, :, None, None], place].reshape(n, k, -1)  # M JNL
@@ -157,7 +161,9 @@ def directions(k: int) -> Array:
 
 
 def _lowest_eigenvalue(Q: Array) -> Array:
-    """(n, s) smallest eigenvalue of symmetric matrices, components (n, m, s) in Voigt order: to half of the digits, where they repeat."""
+    """(n, s) smallest eigenvalue of symmetric matrices, components (n, m, s) in Voigt order: to half of the digits, where they
+    repeat.
+    """
     if Q.shape[1] == 3:
         a, b, c = Q[:, 0], Q[:, 1], Q[:, 2]
         return (a + b) / 2 - np.sqrt(((a - b) / 2) ** 2 + c**2)
@@ -172,7 +178,8 @@ def _lowest_eigenvalue(Q: Array) -> Array:
 
 
 def _improved(form: Array, N: Array) -> Array:
-    """(n,) local minima of the smallest eigenvalue of `Q(N)`, from `N` (n, k): Newton's method, downhill where the curvature is negative too.
+    """(n,) local minima of the smallest eigenvalue of `Q(N)`, from `N` (n, k): Newton's method, downhill where the curvature is
+    negative too.
 
     With the unit eigenvector `a` of the smallest eigenvalue `q`, the others `b` of `q_b`, and `N` moved to `N + T d` across itself:
 

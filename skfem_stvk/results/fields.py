@@ -24,9 +24,9 @@ class Fields(ElasticBody):
     mesh : as `System` takes it.
     terms : a term, or several; loads among them carry no stress and are passed over.
 
-    Where several terms share an element, their forces add up: stress is that of all of them per `section`, the largest of theirs (the
-    same for all in solids), and a strain across that differs between them is averaged, weighted by their sections. The stress of one
-    of them is that of `Fields(mesh, [term])`.
+    Where several terms share an element, their forces add up: stress is that of all of them per `section`, the largest of theirs
+    (the same for all in solids), and a strain across that differs between them is averaged, weighted by their sections. The stress
+    of one of them is that of `Fields(mesh, [term])`.
 
     Attributes
     ----------
@@ -67,7 +67,8 @@ class Fields(ElasticBody):
 
 
 class State(Response):
-    """Fields at displacements `u` (nv, d) [m]: `state[name]` by element, `state.at_nodes(name)` by node, each worked out when first asked for.
+    """Fields at displacements `u` (nv, d) [m]: `state[name]` by element, `state.at_nodes(name)` by node, each worked out when first
+    asked for.
 
     Elements and nodes that have no value are masked (a `numpy.ma.MaskedArray`): elements in no term have no stress and, below three
     dimensions, no strain across. Where nothing is missing, a plain array comes.
@@ -115,8 +116,8 @@ class State(Response):
 class NodalAverage:
     """At each node the mean over the elements around it, weighted by their rest volumes; the operator is built once.
 
-    It smooths what is constant in each element, across the boundary of two materials too, where stresses jump: average over one region at
-    a time there, by leaving the others out.
+    It smooths what is constant in each element, across the boundary of two materials too, where stresses jump: average over one
+    region at a time there, by leaving the others out.
 
     Parameters
     ----------

@@ -54,8 +54,8 @@ def output_path(path: str | os.PathLike[str], *suffixes: str) -> Path:
 def replacing(path: Path) -> Iterator[Path]:
     """A path beside `path` to write to; renamed into place at the end, removed on an error.
 
-    Whoever reads `path` finds the old file or the new one, never a part of it, whenever the program is killed; what is left beside it
-    then, `.NAME.part`, is overwritten by the next one.
+    Whoever reads `path` finds the old file or the new one, never a part of it, whenever the program is killed; what is left beside
+    it then, `.NAME.part`, is overwritten by the next one.
 
     Raises
     ------

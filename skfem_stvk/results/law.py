@@ -1,7 +1,9 @@
-"""The law of a material on simplices: frames, the full strain and stress from the strain within them; and that of an energy of their volume.
+"""The law of a material on simplices: frames, the full strain and stress from the strain within them; and that of an energy of
+their volume.
 
 A frame has the axes of the simplex's own line or plane, then the normals: three columns in any space.
-Across a simplex either the strain vanishes (plane strain), or the stress does (plane stress, segments), and the strain follows from it.
+Across a simplex either the strain vanishes (plane strain), or the stress does (plane stress, segments), and the strain follows from
+it.
 """
 
 from __future__ import annotations
@@ -104,7 +106,9 @@ def _framed(C: Array, strain: Array, turn: Array) -> tuple[Array, Array]:
 
 
 def _condensed(C: Array, strain: Array, turn: Array) -> tuple[Array, Array]:
-    """The stress `s` that there is, from `(N' C^-1 N) s = e`, and the full strain `C^-1 N s`; `N` the dyads of the simplices' axes."""
+    """The stress `s` that there is, from `(N' C^-1 N) s = e`, and the full strain `C^-1 N s`; `N` the dyads of the simplices'
+    axes.
+    """
     k, compliance = strain.shape[1], np.linalg.inv(C)
     i, j = np.array(VOIGT[k]).T
     dyads = turn[:, :, i, None].swapaxes(1, 2) * turn[:, :, j, None].transpose(0, 2, 3, 1)
@@ -155,9 +159,9 @@ def rest_frames(axes: Array) -> Array:
 def current_normals(frames: Array, tangents: Array, d: int) -> Array:
     """(n, 3, 3 - k) unit normals of the simplices as they are now, from their rest frames and current tangents (n, 3, k).
 
-    Those of a membrane in space follow its tangents. Those of a segment are turned with it by the smallest rotation that takes its old
-    direction to the new one: a segment does not tell how far it turns about itself. In a space that the simplices fill, and where
-    one has shrunk to a point or a line, the normals stay as they were.
+    Those of a membrane in space follow its tangents. Those of a segment are turned with it by the smallest rotation that takes its
+    old direction to the new one: a segment does not tell how far it turns about itself. In a space that the simplices fill, and
+    where one has shrunk to a point or a line, the normals stay as they were.
     """
     k = tangents.shape[2]
     if k == d:
@@ -174,7 +178,9 @@ def current_normals(frames: Array, tangents: Array, d: int) -> Array:
 
 
 def _turned(normal: Array, old: Array, new: Array) -> Array:
-    """`R n = n - (t . n)/(1 + t0 . t) (t0 + t)`, the smallest rotation from `t0` to `t`; half a turn in the plane of `t0` and `n` if opposite."""
+    """`R n = n - (t . n)/(1 + t0 . t) (t0 + t)`, the smallest rotation from `t0` to `t`; half a turn in the plane of `t0` and `n`
+    if opposite.
+    """
     bisector = old + new
     squared = (bisector**2).sum(axis=1, keepdims=True)  # 2 (1 + t0 . t)
     opposite = squared < 1e-12

@@ -133,7 +133,9 @@ class Film:
     unit: str
 
     def developed(self) -> tuple[View, Iterator[tuple[str, Picture]]]:
-        """What all pictures have in common, and each with its time: on as many axes as the motion takes, in a unit that suits all values."""
+        """What all pictures have in common, and each with its time: on as many axes as the motion takes, in a unit that suits all
+        values.
+        """
         raw = View.of(map(self.picture, range(len(self.times))))
         low, high = raw.limits
         factor, unit = prefixed(max(abs(low), abs(high)), self.unit)
@@ -176,7 +178,8 @@ def corner_values(state: State, field: str | ArrayLike) -> tuple[Array, str, str
     if found.shape:
         scalars = ", ".join([*state.vectors, *(other.name for other in FIELDS if not other.shape)])
         raise StvkError(
-            f"{found.name} has {'3 x 3' if len(found.shape) == 2 else 3} components; a picture shows one number. Take one of {scalars}, or hand "
+            f"{found.name} has {'3 x 3' if len(found.shape) == 2 else 3} components; a picture shows one number. Take one of "
+            f"{scalars}, or hand "
             f'in a component and its label: field=state["{field}"][:, 0{", 0" if len(found.shape) == 2 else ""}], label="...".'
         )
     return _by_material(state, *state.raw(found.name)), found.words, found.unit.replace("-", "")
@@ -223,7 +226,8 @@ def visible_cells(mesh: SimplexMesh) -> tuple[Ids, Ids]:
 
 
 def outline(points: Array, cells: NDArray[np.integer]) -> NDArray[np.integer]:
-    """(2, n) edges of triangles (3, nt) that one triangle or more than two have, or two that meet at more than 30 degrees; segments as they are.
+    """(2, n) edges of triangles (3, nt) that one triangle or more than two have, or two that meet at more than 30 degrees; segments
+    as they are.
 
     `points` are (nv, 3).
     """

@@ -41,16 +41,18 @@ def plot(
 
     Parameters
     ----------
-    field : name of a field with one number per element, or "displacement" or "velocity" for its length; or the numbers themselves, one per
-        element or one per vertex. Numbers by element are averaged to the nodes, within each material. Grey: no value there.
+    field : name of a field with one number per element, or "displacement" or "velocity" for its length; or the numbers themselves,
+        one per element or one per vertex. Numbers by element are averaged to the nodes, within each material. Grey: no value there.
     scale : factor for the displacements, 1 for the true shape.
     label : of the colour bar; by default the field's name and unit.
     path : of a .png, .pdf or .svg file to write.
-    backend : "matplotlib", or "pyvista" for a scene that the mouse turns and that PyVista exports (`pip install 'skfem-stvk[plot]'`).
+    backend : "matplotlib", or "pyvista" for a scene that the mouse turns and that PyVista exports (`pip install
+        'skfem-stvk[plot]'`).
 
     Returns
     -------
-    matplotlib's `Figure`, which `pyplot.show()` shows; or PyVista's `Plotter`, which `.show()` shows and `.export_gltf(...)` exports.
+    matplotlib's `Figure`, which `pyplot.show()` shows; or PyVista's `Plotter`, which `.show()` shows and `.export_gltf(...)`
+    exports.
 
     Raises
     ------
@@ -88,8 +90,8 @@ def animate(
     ----------
     series : a .pvd file with the .vtu files it lists, as `Series` writes them; or pairs of times and states.
     path : of a .gif file, or of an .mp4 file, for which ffmpeg has to be installed.
-    field : name of a field with one number an element, or "displacement" or "velocity" for its length. From a .pvd, one that its files hold, averaged
-        to the nodes there.
+    field : name of a field with one number an element, or "displacement" or "velocity" for its length. From a .pvd, one that its
+        files hold, averaged to the nodes there.
     scale : factor for the displacements, 1 for the true shape.
     label : of the colour bar; by default the field's name and unit.
     fps : frames a second. A .gif counts in hundredths of a second.
@@ -97,14 +99,16 @@ def animate(
     Raises
     ------
     StvkError
-        for a series that cannot be read or has no states, an unknown field, a path that cannot be written, or without ffmpeg: before any work.
+        for a series that cannot be read or has no states, an unknown field, a path that cannot be written, or without ffmpeg:
+        before any work.
     """
     path = output_path(path, ".gif", ".mp4")
     scale, label = checked_scale(scale), checked_label(label)
     fps = arguments.number("fps", fps, "frames a second, up to 100", 0.0, np.nextafter(100.0, 101.0))
     if path.suffix.lower() == ".mp4" and not _ffmpeg():
         raise StvkError(
-            "ffmpeg, which writes .mp4 files, is not installed: apt install ffmpeg, brew install ffmpeg or conda install ffmpeg. Or name a .gif file."
+            "ffmpeg, which writes .mp4 files, is not installed: apt install ffmpeg, brew install ffmpeg or conda install ffmpeg. "
+            "Or name a .gif file."
         )
     if isinstance(series, str | os.PathLike):
         film = _of_files(series, field, scale, label)

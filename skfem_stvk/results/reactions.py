@@ -42,7 +42,8 @@ class Reaction:
 
     @classmethod
     def of(cls, mesh: SimplexMesh, u: ArrayLike, forces: ArrayLike, vertices: Where) -> Reaction:
-        """Those of the nodal forces (nv, d) [N], flat or not, that act on the vertices at a place at displacements `u` (ndofs,) [m].
+        """Those of the nodal forces (nv, d) [N], flat or not, that act on the vertices at a place at displacements `u` (ndofs,)
+        [m].
 
         Raises
         ------
@@ -114,8 +115,8 @@ def held_vertices(system: System, where: Where | None, what: str = "reaction") -
     vertices = np.intersect1d(vertices, vertices_at(system.mesh, where, what))
     if not len(vertices):
         raise SupportError(
-            f"{what}: nothing is held at {describe(where)}, so there is no reaction: no support and no foundation is there. Is it held "
-            "somewhere else?"
+            f"{what}: nothing is held at {describe(where)}, so there is no reaction: no support and no foundation is there. Is it "
+            "held somewhere else?"
         )
     return vertices
 

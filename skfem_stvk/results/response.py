@@ -106,7 +106,8 @@ class ElasticBody:
 
 
 class Response:
-    """Strain and stress of a body at displacements `u` (nv, d) [m], in the frames of its elements; each worked out when first asked for.
+    """Strain and stress of a body at displacements `u` (nv, d) [m], in the frames of its elements; each worked out when first asked
+    for.
 
     Attributes
     ----------
@@ -119,7 +120,9 @@ class Response:
         self._known: dict[Any, Masked] = {}
 
     def value(self, function: Callable[[Response], Masked]) -> Masked:
-        """What a function of this response gives, worked out once: values by element, finite everywhere, and which of them mean nothing."""
+        """What a function of this response gives, worked out once: values by element, finite everywhere, and which of them mean
+        nothing.
+        """
         if function not in self._known:
             self._known[function] = function(self)
         return self._known[function]
@@ -152,7 +155,9 @@ class Response:
 
     @property
     def shrunk(self) -> NDArray[np.bool_]:
-        """(nt,) whether the second Piola-Kirchhoff stress is infinite: that of a `VolumePenalty` on an element without volume, `J = 0`."""
+        """(nt,) whether the second Piola-Kirchhoff stress is infinite: that of a `VolumePenalty` on an element without volume, `J
+        = 0`.
+        """
         return self._response[3]
 
     @cached_property
@@ -209,7 +214,9 @@ def displacement_gradient(u: Array, t: NDArray[np.int32], gradients: Array) -> A
 
 
 def strain_within(gradient: Array, axes: Array) -> Array:
-    """(nt, k, k) Green-Lagrange strain `(A'H + H'A + H'H)/2` in the simplices' axes `A`, from displacements `H`: nothing cancels."""
+    """(nt, k, k) Green-Lagrange strain `(A'H + H'A + H'H)/2` in the simplices' axes `A`, from displacements `H`: nothing
+    cancels.
+    """
     linear = np.swapaxes(axes, 1, 2) @ gradient
     strain: Array = (linear + np.swapaxes(linear, 1, 2) + np.swapaxes(gradient, 1, 2) @ gradient) / 2
     return strain

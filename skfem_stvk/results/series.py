@@ -30,25 +30,26 @@ PROBLEM = "skfem_stvk_problem"
 class Series:
     """Results of one run: `NAME_0000.vtu`, `NAME_0001.vtu`, ... beside `NAME.pvd`, which after each step lists all of them.
 
-    A run that is killed leaves a series that opens, with all steps but the one it was writing. In a `with` block nobody else can write it,
-    otherwise while a step is added.
+    A run that is killed leaves a series that opens, with all steps but the one it was writing. In a `with` block nobody else can
+    write it, otherwise while a step is added.
 
     Parameters
     ----------
     path : of the .pvd file, in a folder that exists.
     fields : names of what each step holds, see `write_vtu`.
     resume : go on with the series that is there, if any: its steps before the first one that is added are kept. By default the
-        first step replaces an older series. The .vtu files of steps that are not kept are removed, if the older .pvd lists them under
-        this series' name; other files stay.
+        first step replaces an older series. The .vtu files of steps that are not kept are removed, if the older .pvd lists them
+        under this series' name; other files stay.
     until : of a series that is resumed, steps after this one are not kept either.
-    problem : whose states they are. The .pvd holds its signature, and the series of another problem is neither resumed nor replaced.
+    problem : whose states they are. The .pvd holds its signature, and the series of another problem is neither resumed nor
+        replaced.
     overwrite : replace the series of another problem all the same.
 
     Raises
     ------
     StvkError
-        for an unknown field, a path that cannot be written, or a series to resume that cannot be read, before any work; where another
-        writer is at it, or it is another problem's.
+        for an unknown field, a path that cannot be written, or a series to resume that cannot be read, before any work; where
+        another writer is at it, or it is another problem's.
     """
 
     def __init__(
@@ -120,7 +121,9 @@ class Series:
             self._keep(self.steps, [step for step in self.steps if step[0] < t])
 
     def _begin(self, t: float) -> None:
-        """Leave out what an older run wrote, from `t` on or altogether: first in the list, so that it never names what is not there."""
+        """Leave out what an older run wrote, from `t` on or altogether: first in the list, so that it never names what is not
+        there.
+        """
         kept = [step for step in self._kept() if step[0] < t] if self.resume else []
         self._keep(self._former(), kept)
         self._begun = True
@@ -143,7 +146,8 @@ class Series:
         if len(there) < len(listed):
             gone = next(file.name for _, file in listed if not file.is_file())
             warn(
-                f"{self.path} lists {len(listed) - len(there)} files that are not there, the first of them {gone}. They are left out."
+                f"{self.path} lists {len(listed) - len(there)} files that are not there, the first of them {gone}. They are left "
+                "out."
             )
         return there
 
@@ -177,8 +181,8 @@ class Series:
             then = read_problem(self.path)
         except (ET.ParseError, ValidationError, ValueError, OSError) as error:
             raise StvkError(
-                f"{self.path} is there already, and does not say of which problem it is: another program or release wrote it, or result.save(...). Name "
-                "another series, or replace it with overwrite=True."
+                f"{self.path} is there already, and does not say of which problem it is: another program or release wrote it, or "
+                "result.save(...). Name another series, or replace it with overwrite=True."
             ) from error
         differences = self._problem.differences(then)
         if differences:
@@ -200,7 +204,8 @@ class Series:
 
 
 def save_series(path: str | os.PathLike[str], fields: Sequence[str], states: Iterable[tuple[float, State]]) -> Path:
-    """Write states and the times by which ParaView orders them as a series, all or none: an older one is replaced when all are written.
+    """Write states and the times by which ParaView orders them as a series, all or none: an older one is replaced when all are
+    written.
 
     Raises
     ------

@@ -37,8 +37,9 @@ def green_strain(state: Response) -> Masked:
 def deformation_gradient(state: Response) -> Masked:
     """Deformation gradient `F` (nt, 3, 3), from rest to current axes: `I + grad u` within, and the stretches across the simplex.
 
-    In plane strain `F_33 = 1`. Where the stress across vanishes, the columns across follow from `F'F = I + 2 E` and the current normals:
-    `F_33 = sqrt(1 + 2 E_33)` if nothing shears across. There is no such `F` where `1 + 2 E_33 <= 0`: the law leaves no thickness.
+    In plane strain `F_33 = 1`. Where the stress across vanishes, the columns across follow from `F'F = I + 2 E` and the current
+    normals: `F_33 = sqrt(1 + 2 E_33)` if nothing shears across. There is no such `F` where `1 + 2 E_33 <= 0`: the law leaves no
+    thickness.
 
     Warns
     -----
@@ -59,7 +60,9 @@ def deformation_gradient(state: Response) -> Masked:
 
 
 def _across(tangents: Array, state: Response) -> tuple[Array, NDArray[np.bool_]]:
-    """(nt, 3, 3 - k) images `f B + n U` of the normals, `B = (f'f)^-1 2 E_f3`, `U^2 = 1 + 2 E_33 - 2 E_3f B`, and where `U` exists."""
+    """(nt, 3, 3 - k) images `f B + n U` of the normals, `B = (f'f)^-1 2 E_f3`, `U^2 = 1 + 2 E_33 - 2 E_3f B`, and where `U`
+    exists.
+    """
     k = tangents.shape[2]
     C = np.eye(3) + 2 * state.strain
     B, solved = _solve(np.swapaxes(tangents, 1, 2) @ tangents, C[:, :k, k:])
@@ -94,8 +97,9 @@ def principal_stretches(state: Response) -> Masked:
 
 def _describe_thin(ids: NDArray[np.int64]) -> str:
     return (
-        f"{name_ids(ids, 'element')}: stretched so far that zero stress across leaves no thickness (1 + 2 E <= 0 there). F, J, principal "
-        "stretches and Cauchy stress are masked; pk2_stress, pk1_stress and green_strain are not. Were loads or moduli meant in other units?"
+        f"{name_ids(ids, 'element')}: stretched so far that zero stress across leaves no thickness (1 + 2 E <= 0 there). F, J, "
+        "principal stretches and Cauchy stress are masked; pk2_stress, pk1_stress and green_strain are not. Were loads or moduli "
+        "meant in other units?"
     )
 
 
@@ -168,7 +172,9 @@ def strain_energy_density(state: Response) -> Masked:
 
 @dataclass(frozen=True)
 class Field:
-    """What a field is: its name and unit, the shape of one element's value, whether that is a symmetric tensor, and its function."""
+    """What a field is: its name and unit, the shape of one element's value, whether that is a symmetric tensor, and its
+    function.
+    """
 
     name: str
     unit: str

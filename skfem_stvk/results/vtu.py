@@ -94,7 +94,8 @@ def _regions(mesh: SimplexMesh) -> Arrays:
 
 
 def as_attribute(name: str) -> str:
-    r"""A name as an attribute of XML has it, which meshio writes as it is given; control characters, which XML does not allow, as escapes.
+    r"""A name as an attribute of XML has it, which meshio writes as it is given; control characters, which XML does not allow, as
+    escapes.
 
     >>> print(as_attribute('left "<half>" \x1b'))
     left &quot;&lt;half&gt;&quot; \x1b

@@ -13,7 +13,7 @@ from scipy.sparse.csgraph import connected_components
 
 from ..arguments import Array
 from ..errors import SupportError, name_ids
-from ..kernels.pieces import pieces_of_simplices
+from ..kernels.topology import pieces_of_simplices
 from ..mesh import SimplexMesh
 from ..terms import BoundTerm
 from .constraints import Block, compressed, free_motions

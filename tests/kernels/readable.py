@@ -9,6 +9,8 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.sparse import csr_matrix
+from scipy.sparse.csgraph import connected_components
 
 from skfem_stvk.kernels.cg import BETA, MORE, NEGATIVE, NORM, NOT_FINITE, PART, RHO, SEEN, SMALL, P, S, T, U, X
 from skfem_stvk.kernels.compiled import Ids, Reals
@@ -478,6 +480,14 @@ def first_places(begin: Ids, columns: Ids, d: int, a: Ids, b: Ids) -> Ids:
     first = d * d * begin[row] + d * (np.arange(len(columns)) - begin[row])
     known = dict(zip(zip(row.tolist(), columns.tolist(), strict=True), first.tolist(), strict=True))
     return np.array([known.get(pair, -1) for pair in zip(a.tolist(), b.tolist(), strict=True)], dtype=np.int64)
+
+
+def pieces_of_simplices(t: Ids, n: int) -> Ids:
+    m, nt = t.shape
+    facets = np.concatenate([np.sort(np.delete(t, i, axis=0), axis=0) for i in range(m)], axis=1)
+    ids = np.unique(facets, axis=1, return_inverse=True)[1].reshape(m, nt) + nt
+    links = csr_matrix((np.ones(m * nt), (np.tile(np.arange(nt), m), ids.ravel())), shape=(ids.max() + 1,) * 2)
+    return connected_components(links, directed=False)[1][:nt]
 
 
 def measures(p: Reals, t: Ids) -> Reals:

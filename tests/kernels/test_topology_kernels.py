@@ -42,6 +42,8 @@ def compare(t, n, d):
     assert_same((begin, others, entries), readable.stars(edges, n))
     assert_same(topology.expand(begin, others, d), readable.expand(begin, others, d))
     assert_same(topology.numbers_by_first_use(t2e.T, edges.shape[1]), readable.numbers_by_first_use(t2e.T, edges.shape[1]))
+    if len(t) > 2:
+        assert_same([topology.pieces_of_simplices(t, n)], [readable.pieces_of_simplices(t, n)])
     rng = np.random.default_rng(0)
     a, b = np.concatenate([edges, edges[::-1], rng.integers(0, n, (2, 50))], axis=1)
     places = topology.first_places(begin, others, d, a, b)

@@ -1,4 +1,5 @@
-"""Formats in sections that declare their entries, which meshio reads: Medit's (.mesh, .meshb), and Fluent's .msh files as meshio writes them.
+"""Formats in sections that declare their entries, which meshio reads: Medit's (.mesh, .meshb), and Fluent's .msh files as meshio
+writes them.
 
 Each function gives the number of nodes and of elements that are declared, if the file holds as many.
 """
@@ -41,8 +42,8 @@ MEDIT_VERTICES, MEDIT_END = 4, 54
 
 #: Nodes of the cells by their types.
 FLUENT_CELLS = {1: 3, 2: 4, 3: 4, 4: 8, 5: 5, 6: 6}
-#: A section: 10 for points, 12 for cells, after 20 or 30 if its numbers are binary in 32 or 64 bits; its zone, first and last number in
-#: hexadecimals, type of the zone, and dimension or type of the cells.
+#: A section: 10 for points, 12 for cells, after 20 or 30 if its numbers are binary in 32 or 64 bits; its zone, first and last
+#: number in hexadecimals, type of the zone, and dimension or type of the cells.
 FLUENT_SECTION = re.compile(r"\((20|30|)(10|12) \((\w+) (\w+) (\w+) (\w+)(?: (\w+))?\)(\()?\)?\)?")
 
 

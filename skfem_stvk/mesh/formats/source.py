@@ -1,4 +1,6 @@
-"""The content of a mesh file in order, where nothing is taken for granted that the file declares; and types of cells by their names."""
+"""The content of a mesh file in order, where nothing is taken for granted that the file declares; and types of cells by their
+names.
+"""
 
 from __future__ import annotations
 

@@ -13,7 +13,8 @@ import numpy as np
 
 from .source import Counts, Damaged, Source, check_consecutive, check_known, check_last_line, check_unique, count_of
 
-#: meshio makes arrays as long as the largest id of an element of FLAC3D's. Larger ones than this and the size of the file are refused.
+#: meshio makes arrays as long as the largest id of an element of FLAC3D's. Larger ones than this and the size of the file are
+#: refused.
 LARGEST_ID = 10_000_000
 #: Nodes of FLAC3D's elements.
 FLAC3D = {"T3": 3, "Q4": 4, "T4": 4, "P5": 5, "W6": 6, "B7": 7, "B8": 8}
@@ -52,7 +53,8 @@ def nastran(path: Path) -> Counts:
     lost = [card for card in cards if card.startswith(ELEMENTS) and card not in known]
     if lost:
         raise Damaged(
-            f"{len(lost)} elements {', '.join(sorted(set(lost)))[:60]} are not known here (written in the small field format they are)"
+            f"{len(lost)} elements {', '.join(sorted(set(lost)))[:60]} are not known here (written in the small field format they "
+            "are)"
         )
     if any(card.startswith("CORD") for card in cards):
         raise Damaged("it has coordinate systems of its own (CORD...); write all coordinates in the basic one")

@@ -1,4 +1,6 @@
-"""VTK's legacy files (.vtk), of versions up to 5.1, as text or binary; and the cells of VTK's files, every one of them accounted for."""
+"""VTK's legacy files (.vtk), of versions up to 5.1, as text or binary; and the cells of VTK's files, every one of them accounted
+for.
+"""
 
 from __future__ import annotations
 
@@ -207,8 +209,8 @@ def mesh_of(points: Array, connectivity: Array, ends: Array, types: Array, cell_
     Raises
     ------
     Damaged
-        if cells are of types that are not known, or have not as many nodes as their type, if nodes belong to no cell, or an array has
-        not one value for each cell.
+        if cells are of types that are not known, or have not as many nodes as their type, if nodes belong to no cell, or an array
+        has not one value for each cell.
     """
     sizes = sizes_of(connectivity, ends, types)
     for name, values in cell_data.items():

@@ -1,6 +1,7 @@
 """Formats in XML: VTK's unstructured grids (.vtu), read here, and DOLFIN's (.xml) and XDMF's (.xdmf), which meshio reads.
 
-Arrays of VTK's stand as text, in base64 or raw, compressed or not, in one piece or several; those of XDMF in the files that it names.
+Arrays of VTK's stand as text, in base64 or raw, compressed or not, in one piece or several; those of XDMF in the files that it
+names.
 """
 
 from __future__ import annotations
@@ -68,7 +69,8 @@ class Document:
             raise Damaged(f"its XML ends or breaks at {error}") from error
         if self.root.tag != "VTKFile" or self.root.get("type") != "UnstructuredGrid":
             raise Damaged(
-                f"it is a {self.root.tag[:40]} of type {self.root.get('type', 'none')[:40]}; expected a VTKFile of an UnstructuredGrid"
+                f"it is a {self.root.tag[:40]} of type {self.root.get('type', 'none')[:40]}; expected a VTKFile of an "
+                "UnstructuredGrid"
             )
         self.packed = self.root.get("compressor", "")
         if self.packed and self.packed not in UNPACK:
@@ -144,7 +146,9 @@ class Document:
             raise Damaged(f"its array {name!r} is not complete ({error})") from error
 
     def unpacked(self, data: bytes, coded: bool) -> bytes:
-        """What follows the header: of packed data the number of blocks, their size, that of the last, and the packed sizes of all."""
+        """What follows the header: of packed data the number of blocks, their size, that of the last, and the packed sizes of
+        all.
+        """
         width = self.header.itemsize
         first = int(np.frombuffer(decoded(data, 0, width, coded)[0], self.header)[0])
         if not self.packed:
