@@ -32,7 +32,7 @@ PARTS = {
 
 
 def main() -> int:
-    """Run one study; the exit code is 0 if it came out as it must."""
+    """Run one study; the exit code is 0 if it ended as it must."""
     parser = argparse.ArgumentParser(prog="python -m validation", description=__doc__)
     commands = parser.add_subparsers(dest="study", required=True, metavar="STUDY")
     for name, (study, options) in STUDIES.items():

@@ -2,8 +2,9 @@
 
     python validation/as_fast.py OTHER_CHECKOUT [--rounds 9]         in a checkout
 
-Each round runs both versions in processes of their own, one after the other, and takes the best of several repetitions of each call; the
-table has the medians over the rounds, their ratio and how far the ratios of single rounds spread (quartiles). One thread.
+Each round runs both versions in processes of their own, one after the other, and takes the best of several repetitions of each
+call; the table has the medians over the rounds, their ratio and how far the ratios of single rounds spread (quartiles). One
+thread.
 """
 
 from __future__ import annotations

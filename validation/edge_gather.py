@@ -1,7 +1,8 @@
 """K edge by edge: each edge sums the blocks of its tetrahedra, so that nothing is added to twice and threads need no care.
 
-A candidate for the package's kernels, kept for the comparison of `python -m validation kernels`. For each tetrahedron it needs first, of the vertices
-`a`, `y_a = sqrt(V mu) F g_a`, the tensions `S_ab` and `B = sum_a x_a y_a'`; then `K_ab = 2 r y_a y_b' + y_b y_a' + g_ab B + S_ab I`.
+A candidate for the package's kernels, kept for the comparison of `python -m validation kernels`. For each tetrahedron it needs
+first, of the vertices `a`, `y_a = sqrt(V mu) F g_a`, the tensions `S_ab` and `B = sum_a x_a y_a'`; then `K_ab = 2 r y_a y_b' + y_b
+y_a' + g_ab B + S_ab I`.
 """
 
 from __future__ import annotations

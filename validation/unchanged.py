@@ -3,8 +3,9 @@
     python validation/unchanged.py --record before.json              in a checkout of the version before
     python validation/unchanged.py --against before.json             in the other one, on the same machine
 
-The first command writes a digest of the bytes of each result, with counts of iterations and the status; the second one compares. Both run
-the package of the current folder, through public names alone. What `same bytes` cannot be asked of, solvers that are not reproducible, is left out.
+The first command writes a digest of the bytes of each result, with counts of iterations and the status; the second one compares.
+Both run the package of the current folder, through public names alone. What `same bytes` cannot be asked of, solvers that are not
+reproducible, is left out.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """Explicit motions with found steps that blow up: how many go on, from their last good state with shorter steps, to the end.
 
-A bar of 768 tetrahedra is let go from a fraction or a multiple of its length, torn apart, pushed together, or shaken at random, at up to the
-speed of sound.
+A bar of 768 tetrahedra is let go from a fraction or a multiple of its length, torn apart, pushed together, or shaken at random, at
+up to the speed of sound.
 """
 
 from __future__ import annotations
@@ -56,7 +56,8 @@ def blow_ups(quick: bool = False, folder: Path | None = None) -> Sequence[Study]
             tuple(rows),
             tuple(failures),
             (
-                f"a free bar of {mesh.nt} tetrahedra, E = {YOUNG:g} Pa, velocity Verlet with dt=None, {UNTIL:g} s; the stiffness of the barrier has no limit",
+                f"a free bar of {mesh.nt} tetrahedra, E = {YOUNG:g} Pa, velocity Verlet with dt=None, {UNTIL:g} s; "
+                "the stiffness of the barrier has no limit",
             ),
         ),
     )

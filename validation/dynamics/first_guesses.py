@@ -1,4 +1,4 @@
-"""What it saves to start the solve of a step of eq. 9 from where the last velocity and acceleration lead, in place of the velocity alone."""
+"""What a better first guess saves in a step of eq. 9: the last velocity and acceleration, in place of the velocity alone."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
 """A soft block that spins and vibrates in free flight: what each integrator makes of its energy and its momenta.
 
-The block of unstructured tetrahedra spins at about 10 rad/s about an axis that is none of its own, and vibrates with about a tenth of its energy. Its
-centre of mass is at rest at the origin; once it flies through the room, too.
+The block of unstructured tetrahedra spins at about 10 rad/s about an axis that is none of its own, and vibrates with about a tenth
+of its energy. Its centre of mass is at rest at the origin; once it flies through the room, too.
 """
 
 from __future__ import annotations
@@ -37,9 +37,11 @@ QUANTITIES = (ENERGY, LINEAR_MOMENTUM, ANGULAR_MOMENTUM)
 DT, UNTIL, QUICK_UNTIL = 1e-3, 2.0, 0.2
 #: Every solve leaves up to this part of the forces; what an integrator declares to keep, it keeps to `KEPT` over all steps.
 RTOL, KEPT = 1e-12, 1e-10
-#: Energy and momentum over many steps, solved to round-off: `EXACT`; where the body flies through the room, its angular momentum about the origin to `FAR`.
+#: Energy and momentum over many steps, solved to round-off: `EXACT`; where the body flies through the room, its angular momentum
+#: about the origin to `FAR`.
 STEPS, QUICK_STEPS = 100_000, 1000
-#: Beside the six tetrahedra of those runs, at a seventh of the critical step, a body of 6 n^3 with steps of so many critical ones, and their number.
+#: Beside the six tetrahedra of those runs, at a seventh of the critical step, a body of 6 n^3 with steps of so many critical ones,
+#: and their number.
 REAL, TIMES, REAL_STEPS, QUICK_REAL_STEPS = 6, 10.0, 2500, 20
 ROUND_OFF, EXACT, FAR = 3e-16, 1e-12, 1e-10
 SPIN, THROUGH = (1.0, 2.0, 10.0), (3.0, 1.5, -1.0)  # [rad/s], [m/s]
@@ -56,7 +58,10 @@ INTEGRATORS: tuple[Integrator, ...] = (
 
 
 class Flight(NamedTuple):
-    """A motion with its largest drifts: of energy and angular momentum as parts of what they were, of linear momentum as a part of that of the same energy."""
+    """A motion with its largest drifts.
+
+    Those of energy and angular momentum are relative to what they were, that of linear momentum to `sqrt(2 m E)`.
+    """
 
     integrator: Integrator
     ledger: Ledger
@@ -65,7 +70,7 @@ class Flight(NamedTuple):
 
 
 def flight(quick: bool = False, folder: Path | None = None) -> Sequence[Study]:
-    """a spinning soft body keeps what its integrator declares; with energy-momentum energy and both momenta to 1e-12 over very many steps"""
+    """a spinning soft body keeps what its integrator declares, with energy-momentum energy and both momenta to 1e-12"""
     return _all(quick, folder), _long(QUICK_STEPS if quick else STEPS, QUICK_REAL_STEPS if quick else REAL_STEPS)
 
 
@@ -78,7 +83,8 @@ def _all(quick: bool, folder: Path | None) -> Study:
         tuple(map(_row, flights)),
         tuple(failure for one in flights for failure in _failures(one, KEPT)),
         (
-            f"largest drift over {flights[0].ledger['time'][-1]:g} s; energy and angular momentum of what they were, linear momentum of sqrt(2 m E)",
+            f"largest drift over {flights[0].ledger['time'][-1]:g} s; "
+            "energy and angular momentum of what they were, linear momentum of sqrt(2 m E)",
         ),
         () if folder is None else (_picture(flights, folder),),
     )

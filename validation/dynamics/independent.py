@@ -1,7 +1,8 @@
-"""Short motions by scikit-fem's assembly and SciPy's DOP853, with tight tolerances: they share nothing with edges, masses and integrators.
+"""Short motions by scikit-fem's assembly and SciPy's DOP853, with tight tolerances: they share nothing with edges, masses and
+integrators.
 
-Unstructured bodies, held at one side, are let go under gravity with an initial spin; lumped and consistent masses. Integrators are extrapolated from two steps
-by their declared order, so that what is left is of a higher one.
+Unstructured bodies, held at one side, are let go under gravity with an initial spin; lumped and consistent masses. Integrators are
+extrapolated from two steps by their declared order, so that what is left is of a higher one.
 """
 
 from __future__ import annotations
@@ -75,7 +76,8 @@ def independent(quick: bool = False, folder: Path | None = None) -> Sequence[Stu
             tuple(rows),
             tuple(failures),
             (
-                f"DOP853 with rtol = {TIGHT:g}; integrators extrapolated from {steps} and {2 * steps} steps; the larger of both errors, in Euclidean norms",
+                f"DOP853 with rtol = {TIGHT:g}; integrators extrapolated from {steps} and {2 * steps} steps; "
+                "the larger of both errors, in Euclidean norms",
             ),
         ),
     )

@@ -1,6 +1,7 @@
 """Linearised backward Euler (eq. 9) with steps far beyond the explicit limit, and what becomes of it with each tangent.
 
-A soft cantilever of tetrahedra is let go and swings down under its weight, by half of its length. The truth is velocity Verlet below its critical step.
+A soft cantilever of tetrahedra is let go and swings down under its weight, by half of its length. The truth is velocity Verlet
+below its critical step.
 """
 
 from __future__ import annotations
@@ -24,7 +25,8 @@ TIMES, QUICK_TIMES, LEAST = (1, 3, 10, 30, 100, 300, 1000), (1, 30, 1000), 20
 UNTIL = 0.3
 #: The steps of the short table.
 GLANCE = 1, 10, 100, 1000
-#: Tangents that are claimed to get through all steps; the others are shown. A body is out of bounds with so many times the work of its weight.
+#: Tangents that are claimed to get through all steps; the others are shown. A body is out of bounds with so many times the work of
+#: its weight.
 ROBUST, TOO_MUCH = ("exact", "clamped", "gauss-newton"), 3.0
 #: Errors at the critical step, and of the last state where steps are larger than `LARGE`: they go to the equilibrium.
 ACCURATE, SETTLED, LARGE = 0.1, 0.01, 100
@@ -84,15 +86,17 @@ def large_steps(quick: bool = False, folder: Path | None = None) -> Sequence[Stu
                 "error",
                 "from equilibrium",
                 "energy lost",
-                "how it came out",
+                "how it ended",
             ),
             tuple(map(_row, trials)),
             tuple(failure for trial in trials for failure in _failures(trial)),
             (
                 f"{system!r}, critical step {1e3 * critical:.3f} ms; at least {LEAST} steps, at least {UNTIL:g} s",
-                f"error of the tip's displacement at {UNTIL:g} s, against velocity Verlet with a quarter of the critical step, where a step ends by then; the last "
+                f"error of the tip's displacement at {UNTIL:g} s, against velocity Verlet with a quarter of the critical step, "
+                "where a step ends by then; the last "
                 "state's distance from equilibrium",
-                "energy lost as a part of the work that the weight had done; a negative one was gained; where a motion blew up, all is as of its last good state",
+                "energy lost as a part of the work that the weight had done; a negative one was gained; "
+                "where a motion blew up, all is as of its last good state",
             ),
         ),
         _at_a_glance(trials),
@@ -100,7 +104,7 @@ def large_steps(quick: bool = False, folder: Path | None = None) -> Sequence[Stu
 
 
 def _at_a_glance(trials: Sequence[Trial]) -> Study:
-    """Each tangent with some of the steps: its error, or how it came out."""
+    """Each tangent with some of the steps: its error, or how it ended."""
     times = [times for times in GLANCE if any(trial.times == times for trial in trials)]
     rows = []
     for one in StepTangent:

@@ -1,8 +1,9 @@
 """The stability limit of explicit integrators: where motions begin to grow, found by bisection, against `critical_step`.
 
-A body in equilibrium is disturbed by random velocities, so small that it stays linear. Above the limit the disturbance grows by a factor each step,
-`1 + sqrt(8 e)` at `1 + e` times the limit, and with damping `1 + c e` alone; below it never does. So many steps are made that the growth at the upper
-end of the bracket shows, by what the energy does in the end: fewer would find limits that are too large.
+A body in equilibrium is disturbed by random velocities, so small that it stays linear. Above the limit the disturbance grows by a
+factor each step, `1 + sqrt(8 e)` at `1 + e` times the limit, and with damping `1 + c e` alone; below it never does. So many steps
+are made that the growth at the upper end of the bracket shows, by what the energy does in the end: fewer would find limits that
+are too large.
 """
 
 from __future__ import annotations
@@ -23,7 +24,8 @@ from .scenes import Array, block, expected
 
 #: Steps of a trial; and the width of the bracket, as a part of the limit.
 STEPS, PRECISION = 2000, 1e-3
-#: A disturbance grows that has so many times more kinetic energy, on average, in the last quarter of the steps than in the third one; or so many times
+#: A disturbance grows that has so many times more kinetic energy, on average, in the last quarter of the steps than in the third
+#: one; or so many times
 #: its first energy at any time, after which it is no more small, and may grow no further.
 GROWING, GROWN = 1.5, 1e6
 LIMIT = 0.002
@@ -68,7 +70,9 @@ def limit(quick: bool = False, folder: Path | None = None) -> Sequence[Study]:
             tuple(rows),
             tuple(failure for one, dt in zip(found, observed, strict=True) for failure in _failures(*one, dt)),
             (
-                f"by bisection to {PRECISION:.1%}: whether a disturbance of {DISTURBANCE:g} m/s has more energy in the last quarter of {STEPS} steps than in the third",
+                f"by bisection to {PRECISION:.1%}: "
+                f"whether a disturbance of {DISTURBANCE:g} m/s has more energy in the last quarter of {STEPS} steps "
+                "than in the third",
             ),
         ),
     )

@@ -27,7 +27,7 @@ SOFT = StVK(young=1e5, poisson=0.3, density=1000.0)
 
 
 def block(n: int, sides: tuple[float, ...] = (0.4, 0.1, 0.15), material: StVK = SOFT, **supports: Any) -> System:
-    """A block of these sides [m] in `n` cells along each, inner vertices moved, half of the simplices turned round; its centre of mass is the origin."""
+    """A block of these sides [m] about the origin, `n` cells along each, inner vertices moved, half of all turned round."""
     unit = moved_box(len(sides), n)
     mesh = SimplexMesh(unit.p * np.array(sides)[:, None], unit.t)
     mass = System(mesh, material).mass().vertex
@@ -44,7 +44,7 @@ def reached(system: System, integrator: Integrator, **options: Any) -> Run:
 
 
 def begun(system: System, integrator: Implicit, v: Array) -> tuple[ImplicitStepper, MotionState]:
-    """A stepper and its first state, undeformed with velocities `v` (ndofs,) [m/s]: for steps that are made one by one, without a ledger."""
+    """A stepper and its first state, undeformed with velocities `v` (ndofs,) [m/s], for steps one by one, without a ledger."""
     motion = Motion(system, "lumped", None)
     stepper, state = integrator.stepper(motion), MotionState.at(0.0, np.zeros_like(v), v)
     state.v[motion.free.fixed] = 0.0

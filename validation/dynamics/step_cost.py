@@ -21,7 +21,8 @@ from .swing import clock
 
 #: Cells of cubes, 6 n^3 tetrahedra; the claim is for the last ones.
 SIZES, QUICK_SIZES, CLAIMED = (5, 12, 19, 35), (12,), 10_000
-#: Steps and forces in turn; a round is as long as it is from one look at a bound that does not move to the next; rounds that are timed.
+#: Steps and forces in turn; a round is as long as it is from one look at a bound that does not move to the next; rounds that are
+#: timed.
 BLOCK, ROUND, ROUNDS, QUICK_ROUNDS = MOST // 4, MOST, 9, 2
 #: A step in internal forces at most.
 FORCES = 1.5
@@ -29,7 +30,7 @@ DT = 1e-6
 
 
 class Interleaved(System):
-    """Evaluates a block of forces after every block of steps of an explicit motion, so that what else the machine does slows down both.
+    """Evaluate a block of forces after every block of steps, so that whatever else the machine does slows down both.
 
     Attributes
     ----------
@@ -88,14 +89,15 @@ def explicit_cost(quick: bool) -> Study:
         tuple(rows),
         tuple(failures),
         (
-            f"one thread; ledger, guard against blow-up and watch over the critical step included; {BLOCK} steps and {BLOCK} forces in turn, medians of rounds of "
+            "one thread; ledger, guard against blow-up and watch over the critical step included; "
+            f"{BLOCK} steps and {BLOCK} forces in turn, medians of rounds of "
             f"{ROUND} each",
         ),
     )
 
 
 def _rounds(system: Interleaved, integrator: VelocityVerlet | ForwardEuler, count: int) -> tuple[float, Array]:
-    """What the start and the first steps cost in internal forces; (count, 2) mean times of a step and of an internal force after those [s]."""
+    """The cost of the start and the first steps in internal forces; (count, 2) mean times of a step and a force after those [s]."""
     simulate(system, integrator, until=10 * DT, quiet=True)  # what is made at its first use is there then
     system.begin()
     simulate(system, integrator, until=(ROUND * (count + 2) + 1) * DT, quiet=True)
@@ -129,7 +131,8 @@ def split(system: System, integrator: LinearBackwardEuler, v: Array) -> Study:
         (*rows, ("all", f"{1e3 * total / steps:.3f}", "100%")),
         () if min(parts.values()) > 0 else ("a part takes no time",),
         (
-            f"{system.mesh.nt} tetrahedra, {run.iterations / steps:.0f} iterations of conjugate gradients a step of {1e3 * integrator.dt:.3g} ms",
+            f"{system.mesh.nt} tetrahedra, "
+            f"{run.iterations / steps:.0f} iterations of conjugate gradients a step of {1e3 * integrator.dt:.3g} ms",
         ),
     )
 

@@ -1,6 +1,7 @@
 """Linear solvers in time steps: what a step takes with each of them, on the bar of soft tissue, on plates and in the plane.
 
-Times are CPU times of one thread. The first step, in which matrices are analysed and kernels compiled, is not timed, nor is the ledger.
+Times are CPU times of one thread. The first step, in which matrices are analysed and kernels compiled, is not timed, nor is the
+ledger.
 """
 
 from __future__ import annotations
@@ -26,7 +27,8 @@ from .scenes import Array, begun, expected
 from .swing import DENSITY, GRAVITY, LENGTH, POISSON, SIDE, YOUNG, bar, clock, eq9, on_threads, push
 
 FRAME = 1 / 60
-#: Steps of eq. 9: cells across the bar, steps/s, stiffness [Pa] and tolerance; the end of the motion [s], and how often it is repeated.
+#: Steps of eq. 9: cells across the bar, steps/s, stiffness [Pa] and tolerance; the end of the motion [s], and how often it is
+#: repeated.
 EQ9 = (
     *((8, 60, 3e4, rtol) for rtol in (1e-2, 1e-3, 1e-4)),
     (8, 60, 1e5, 1e-3),
@@ -43,12 +45,13 @@ SOLVERS = ("superlu", "pardiso", "amg-cg", "ssor-cg")
 TOO_LONG = {(12, EnergyMomentum, "superlu")}
 #: How far motions with different solvers may be from each other, as a part of the largest displacement.
 ALIKE = 1e-6
-#: Relaxation of SSOR: stiffnesses [Pa], cells across the bar, and across the cube of statics; the package's own takes at most so many times the fewest iterations.
+#: Relaxation of SSOR: stiffnesses [Pa], cells across the bar, and across the cube of statics; the package's own takes at most so
+#: many times the fewest iterations.
 OMEGAS, YOUNGS, ACROSS, CUBE, QUICK_ACROSS, NEAR = (1.0, 1.2, 1.4, 1.6, 1.8), (3e4, 1e5), 12, 25, 3, 1.1
 
 
 class Steps(NamedTuple):
-    """Steps that were made one by one: CPU time per step without the first [s], iterations of all, and where they led (ndofs,) [m]."""
+    """Steps one by one: CPU time per step without the first [s], iterations of all, and the last displacements (ndofs,) [m]."""
 
     seconds: float
     iterations: int
@@ -111,7 +114,8 @@ def _of_eq9(quick: bool) -> Study:
         tuple(rows),
         tuple(failures),
         (
-            f"per step, in the first {QUICK_UNTIL if quick else UNTIL:g} s of the bar of soft tissue; the best of {1 if quick else REPEATS} runs",
+            f"per step, in the first {QUICK_UNTIL if quick else UNTIL:g} s of the bar of soft tissue; "
+            f"the best of {1 if quick else REPEATS} runs",
         ),
     )
 
@@ -130,7 +134,8 @@ def _converged(quick: bool) -> Study:
             failures += _unlike(f"{system.mesh.nt} tetrahedra, {kind.__name__}", found)
     return Study(
         "Converged steps of 1/60 s",
-        f"with each solver Newton's method takes as many iterations, and leads to the same motion within {ALIKE:g} of its largest displacement",
+        "with each solver Newton's method takes as many iterations, "
+        f"and leads to the same motion within {ALIKE:g} of its largest displacement",
         ("tetrahedra", "integrator", *(f"{name}, ms" for name in SOLVERS), "Newton iterations"),
         tuple(rows),
         tuple(failures),
@@ -221,6 +226,7 @@ def _relaxation(quick: bool) -> Study:
         tuple((f"{omega:g}", *(f"{count:.3g}" for count in row)) for omega, row in counts.items()),
         () if quick or most <= NEAR else (f"{most:.2f} times as many iterations",),
         (
-            f"iterations per step of eq. 9, {12 * n**3} tetrahedra, 60 steps/s, rtol = {eq9(60).rtol:g}; of a cube at rest, {unknowns.n} unknowns, to {RTOL:g}",
+            f"iterations per step of eq. 9, {12 * n**3} tetrahedra, 60 steps/s, rtol = {eq9(60).rtol:g}; "
+            f"of a cube at rest, {unknowns.n} unknowns, to {RTOL:g}",
         ),
     )

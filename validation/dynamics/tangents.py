@@ -1,12 +1,13 @@
 """The tangent of energy and momentum: the exact one, which is not symmetric, against the symmetric one that the package takes.
 
-With `t = L (zeta_0 + zeta_1)/2` and G(u) (ne, ndofs) the matrix of `p_i(u) . (v_a - v_b)`, the force of the step is `f = G(u_mid)' t`, so that
+With `t = L (zeta_0 + zeta_1)/2` and G(u) (ne, ndofs) the matrix of `p_i(u) . (v_a - v_b)`, the force of the step is
+`f = G(u_mid)' t`, so that
 
     df/du_1 = G(u_mid)' L G(u_1) + 1/2 sum t_i (e_a - e_b)(e_a - e_b)'
     symmetric = G(u_mid)' L G(u_mid) + 1/2 sum t_i(u_0) (e_a - e_b)(e_a - e_b)'
 
-The exact one is made here, of sparse matrices, to count iterations; nothing of it is in the package, which leaves out the tensions where an iteration
-does not halve the residual.
+The exact one is made here, of sparse matrices, to count iterations; nothing of it is in the package, which leaves out the tensions
+where an iteration does not halve the residual.
 """
 
 from __future__ import annotations
@@ -99,7 +100,10 @@ class Exact:
 
 
 class Finding(NamedTuple):
-    """A step in critical ones [s]; iterations a step with the exact and the symmetric tangent, and of the package; its times by solver [ms a step]."""
+    """A step in critical ones, and what it takes with each tangent.
+
+    Iterations per step with the exact and the symmetric tangent, and of the package; its times by solver [ms per step].
+    """
 
     times: float
     dt: float
@@ -161,7 +165,8 @@ def tangents(quick: bool = False, folder: Path | None = None) -> Sequence[Study]
             tuple(failures),
             (
                 f"{system!r}, let go under its weight, {STEPS} steps, rtol = {RTOL:g}",
-                "the exact one's time: its iterations at the package's time for one with LU, as if its unsymmetric matrix cost no more; CG cannot solve with it",
+                "the exact one's time: its iterations at the package's time for one with LU, "
+                "as if its unsymmetric matrix cost no more; CG cannot solve with it",
             ),
         ),
     )

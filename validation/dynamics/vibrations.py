@@ -1,6 +1,7 @@
 """Small vibrations in one mode: frequency and decay of each integrator against what its formula gives for a linear oscillator.
 
-With `W = omega T` the displacement at the steps is `r^n cos(n theta + c)`; `theta/T` is the circular frequency that comes out, `r` the decay in a step:
+With `W = omega T` the displacement at the steps is `r^n cos(n theta + c)`; `theta/T` is the circular frequency that comes out, `r`
+the decay in a step:
 
     forward Euler (eq. 4), velocity Verlet              theta = 2 asin(W/2)     r = 1
     backward Euler, converged or linearised (eq. 9)     theta = atan(W)         r = 1/sqrt(1 + W^2)
@@ -38,7 +39,8 @@ from .scenes import Array, block
 SMALL = 1e-10
 #: Of implicit integrators, steps in a period of the mode; of explicit ones, of the critical step.
 PARTS, OF_CRITICAL = 20, 0.9
-#: Values that the wave is fitted to, about so far apart [rad]; the first ones are left out, in which generalised alpha forgets its start.
+#: Values that the wave is fitted to, about so far apart [rad]; the first ones are left out, in which generalised alpha forgets its
+#: start.
 VALUES, APART, LEFT_OUT = 60, 0.5, 20
 RTOL, LIMIT = 1e-12, 1e-6
 IMPLICIT = (LinearBackwardEuler, BackwardEuler, Newmark, GeneralizedAlpha, EnergyMomentum)
@@ -52,7 +54,7 @@ class Wave(NamedTuple):
 
 
 class Finding(NamedTuple):
-    """Of a mode of this circular frequency [1/s]: what was predicted and what came out."""
+    """Predicted and measured frequency and decay of a mode of this circular frequency [1/s]."""
 
     integrator: Integrator
     omega: float
@@ -112,7 +114,10 @@ def predicted(integrator: Integrator, omega: float) -> Wave:
 
 
 def generalized_alpha(rho: float, W: float) -> Wave:
-    """By the amplification matrix of Chung and Hulbert (1993) for `x = (u, T v, T^2 a)`: `A x1 = B x`, whose oscillating eigenvalues are `r e^(i theta)`."""
+    """Frequency and decay by the amplification matrix of Chung and Hulbert (1993).
+
+    `A x1 = B x` for `x = (u, T v, T^2 a)`, whose oscillating eigenvalues are `r e^(i theta)`.
+    """
     m, f = (2 * rho - 1) / (rho + 1), rho / (rho + 1)
     gamma, beta = 0.5 - m + f, (1 - m + f) ** 2 / 4
     A = np.array([[1, 0, -beta], [0, 1, -gamma], [(1 - f) * W**2, 0, 1 - m]])
@@ -122,7 +127,10 @@ def generalized_alpha(rho: float, W: float) -> Wave:
 
 
 def measured(system: System, integrator: Integrator, omega: float, shape: Array) -> Wave:
-    """From the motion of the vertex that moves most: `x(n+1) = 2 r cos(theta) x(n) - r^2 x(n-1)` by least squares, over every so many steps."""
+    """Frequency and decay from the motion of the vertex that moves most.
+
+    `x(n+1) = 2 r cos(theta) x(n) - r^2 x(n-1)` is fitted by least squares, over every so many steps.
+    """
     place = int(np.argmax(np.abs(shape)))
     every = max(1, round(APART / (omega * float(integrator.dt or 0))))
     until = float(integrator.dt or 0) * every * (VALUES + LEFT_OUT)

@@ -1,7 +1,8 @@
 """Error against wall time of all integrators, and of all tangents of the implicit ones, on two scenes.
 
-A stiff, slender beam swings in space, by about a third of its length; a soft block, bent as in its first mode, spins in free flight. The truth of both is velocity Verlet, extrapolated
-from an eighth and a sixteenth of the critical step; errors are those of the displacements at the end.
+A stiff, slender beam swings in space, by about a third of its length; a soft block, bent as in its first mode, spins in free
+flight. The truth of both is velocity Verlet, extrapolated from an eighth and a sixteenth of the critical step; errors are those of
+the displacements at the end.
 """
 
 from __future__ import annotations
@@ -164,7 +165,10 @@ def _seconds_for_errors(found: dict[str, dict[tuple[str, str], list[Point]]]) ->
         (one.__name__, *(_in_time(goal, points[one.__name__, tangent]) for points in found.values() for goal in GOALS))
         for one, tangent in (*((one, "") for one in EXPLICIT), *((one, StepTangent.EXACT.value) for one in IMPLICIT))
     ]
-    note = "seconds, between the runs that were made; or those of the cheapest run, if all are better, and its error; or the best error, if none is as good"
+    note = (
+        "seconds, between the runs that were made; or those of the cheapest run, if all are better, and its error; "
+        "or the best error, if none is as good"
+    )
     return Study("Seconds for an error", "", ("integrator", *heads), tuple(rows), notes=(note,))
 
 
@@ -194,7 +198,8 @@ def _study(scene: Scene, found: dict[tuple[str, str], list[Point]], pictures: tu
         tuple(rows),
         tuple(failures),
         (
-            f"{scene.system!r}, {scene.until:g} s; from the largest step to the smallest; implicit ones with rtol = 1e-6, eq. 9 with CG and rtol = 1e-4",
+            f"{scene.system!r}, {scene.until:g} s; from the largest step to the smallest; "
+            "implicit ones with rtol = 1e-6, eq. 9 with CG and rtol = 1e-4",
         ),
         pictures,
     )

@@ -8,7 +8,7 @@ NAMES = ("deformed", "crushed", "elements", "starts", "unstable", "slender", "sc
 
 
 def main(quick: bool = False, only: Sequence[str] = (), out: str | None = None) -> int:
-    """hard cases at rest (plain Newton, clamped, default, with the volume term) and in motion (all integrators), and who was right"""
+    """hard cases at rest (plain Newton, clamped, default, with the volume term) and in motion (all integrators): who was right"""
     from .study import run
 
     return run(only or NAMES, quick, out)

@@ -49,8 +49,8 @@ class Truth:
     Parameters
     ----------
     source : in words, for the table.
-    error : how far displacements of a system are from the right ones, relative; None where there is no right state, and a solver has to
-        say so.
+    error : how far displacements of a system are from the right ones, relative; None where there is no right state, and a solver
+        has to say so.
     limit : of the error, and of the step that Newton's method would take next, which rounding bounds from below.
     says : patterns (regular expressions) of which the message or a warning of `solve_static` must have all.
     refused : whether `solve_static` may end without the right state, as long as it `says` why: where a start is out of its reach.

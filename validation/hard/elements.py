@@ -1,4 +1,4 @@
-"""Materials and elements that are hard on the numbers: nearly incompressible, 1e8 times as stiff, slivers, flat and graded meshes."""
+"""Materials and elements that cost digits: nearly incompressible, 1e8 times as stiff, slivers, flat and graded meshes."""
 
 from __future__ import annotations
 

@@ -55,7 +55,7 @@ def judged(system: System, u: Array, claims_success: bool, message: str, truth: 
 
 
 def faults_of(system: System, u: Array, limit: float) -> list[str]:
-    """What speaks against a state at t = 1: elements inside out or flat, instability, imbalance: Newton's next step is above the limit."""
+    """What speaks against a state at t = 1: elements inside out or flat, instability, or a next Newton step above the limit."""
     if not np.isfinite(u).all():
         return ["not finite"]
     faults, J = [], volume_ratios(system, u)

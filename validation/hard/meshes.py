@@ -1,4 +1,4 @@
-"""Meshes of the hard cases: boxes with inner vertices moved at random and elements of both orientations, and what is bad about some."""
+"""Meshes of the hard cases: boxes with inner vertices moved at random, elements of both orientations, and planted flaws."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from .case import Array
 
 
 def box(lines: Sequence[Array], amount: float = 0.2, seed: int = 1) -> SimplexMesh:
-    """Cells between these coordinates, inner vertices moved by up to `amount` of the cells around, half of the tetrahedra turned round."""
+    """Cells between these coordinates, inner vertices moved by up to `amount` of a cell, half of the tetrahedra turned round."""
     mesh, rng = skfem.MeshTet.init_tensor(*lines), np.random.default_rng(seed)
     p = mesh.p.copy()
     for x, line in zip(p, lines, strict=True):

@@ -17,7 +17,7 @@ RTOL, MOST, SHORTEST = 1e-8, 60, 1 / 1024
 
 
 class Outcome(NamedTuple):
-    """Where it ended: displacements, whether the residual converged at the full load, load steps and iterations, and the reason if not."""
+    """Last displacements, whether the residual converged at the full load, load steps and iterations, and the reason if not."""
 
     u: NDArray[np.float64]
     converged: bool

@@ -40,7 +40,7 @@ def scales() -> list[Case]:
 
 
 def _bent(unit: float, away: float, load: float = 0.03) -> Body:
-    """A short cantilever whose traction is `load` times its Young's modulus, in units of 1/unit m; vertices lie on a binary grid."""
+    """A short cantilever with a traction of `load` times its Young's modulus, in units of 1/unit m, on a binary grid."""
     mesh = meshes.bar(LENGTH, 3)
     p = np.round(mesh.p * 2**16) / 2**16
     end = unit * p[0].max() + away * FAR[0, 0]

@@ -47,7 +47,7 @@ class Row:
 
 
 def printed(rows: Sequence[Row], title: str = "Hard cases", reasons: bool = True) -> Table:
-    """The table for a rich console: a block of lines a case, its name, size and truth beside the methods; `reasons`: with why not."""
+    """The table for a rich console: lines per case, with name, size and truth beside the methods; `reasons` adds why not."""
     shown = len(SHORT) if reasons else len(SHORT) - 1
     table = grid(title, "case, size, truth", *SHORT[:shown], right=SHORT[1:4])
     for row in rows:

@@ -93,7 +93,7 @@ def _joined(offset: tuple[float, float, float]) -> SimplexMesh:
 
 
 def _sheet(squeeze: float, bed: float = 0.0, push: float = 0.0) -> Body:
-    """A sheet of 1 x 0.2, its short sides clamped and moved towards each other; on a bed [N/m^3], pushed a little out of its plane [Pa]."""
+    """A sheet of 1 x 0.2 on a bed [N/m^3], its short sides moved towards each other, pushed a little out of its plane [Pa]."""
     lines: list[Array] = [np.linspace(0, 1, 41), np.linspace(0, 0.2, 4), np.linspace(0, THICKNESS, 2)]
     loads: tuple[Any, ...] = ()
     if bed:

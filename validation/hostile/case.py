@@ -12,7 +12,7 @@ from skfem_stvk.errors import StvkError
 
 
 class Verdict(Enum):
-    """What came of a case: an error in words, a right result, or what must never be."""
+    """How a case ended: with an error in words, a right result, or what must never be."""
 
     REFUSED = "refused"
     RIGHT = "right"
@@ -59,10 +59,12 @@ class Case:
     Attributes
     ----------
     name : unique in its family, such as "msh: cut at 40 %".
-    attempt : called in a child process with the path of an empty folder, which is the working folder too. What it raises is judged by
-        `refused`, what it returns by `judge`. `Wrong` and `NotRun` are verdicts of its own.
-    judge : called with what `attempt` returned; raises `Wrong` if that is not right. By default nothing is: the input has to be refused.
-    refused : whether an exception is a refusal in words; any other is a raw traceback. One that stems from a `MemoryError` is neither.
+    attempt : called in a child process with the path of an empty folder, which is the working folder too. What it raises is judged
+        by `refused`, what it returns by `judge`. `Wrong` and `NotRun` are verdicts of its own.
+    judge : called with what `attempt` returned; raises `Wrong` if that is not right. By default nothing is: the input has to be
+        refused.
+    refused : whether an exception is a refusal in words; any other is a raw traceback. One that stems from a `MemoryError` is
+        neither.
     seconds : limit of time.
     gigabytes : limit of address space above what the child process has before the case.
     quick : whether it belongs to the quick version, which the tests run.

@@ -1,4 +1,4 @@
-"""The command `skfem-stvk` with wrong arguments, hostile names of files, in hostile surroundings, and interrupted: no traceback, ever."""
+"""The command `skfem-stvk` with wrong arguments, hostile file names and surroundings, and interrupted: never a traceback."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Runs that are killed, interrupted, out of disk, or two at once: what is resumed is the run that nothing interrupts, to the last bit."""
+"""Runs that are killed, interrupted, out of disk, or two at once: resumed, they are the undisturbed run to the last bit."""
 
 from __future__ import annotations
 
@@ -166,7 +166,7 @@ def two(name: str, other: bool, seed: int, folder: Path) -> Path | None:
     second = Forked(partial(kind.run, folder, system, often=True))
     codes, said = zip(first.ended(), second.ended(), strict=True)
     if FINISHED not in codes:
-        raise Wrong(Verdict.LOSS, f"neither of the two runs came to its end: {said}")
+        raise Wrong(Verdict.LOSS, f"neither of the two runs reached its end: {said}")
     if not other or codes[1] != FINISHED:
         return folder
     if codes[0] == FINISHED:

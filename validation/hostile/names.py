@@ -1,4 +1,4 @@
-"""Names of regions, places and probes that mean something to HTML, CSV, terminals, formulas or paths: they stay names wherever they appear."""
+"""Names of regions, places and probes that mean something to HTML, CSV, terminals, formulas or paths stay names everywhere."""
 
 from __future__ import annotations
 
@@ -121,7 +121,7 @@ class Tags(HTMLParser):
 
 
 def in_report(name: str, folder: Path) -> None:
-    """In the report of `verify`: its page has the same tags as with a plain name, its JSON the name, the terminal no control characters."""
+    """The report of `verify`: its page has the tags of a plain name, its JSON the name, the terminal no control characters."""
     report = verify(body(name), terms(name), quiet=True)
     report.save(folder / "report")
     page = (folder / "report" / "report.html").read_text(encoding="utf-8")

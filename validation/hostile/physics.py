@@ -1,4 +1,4 @@
-"""Random legal systems at extreme scales: a success is judged in extended precision, by other code; anything else says why in words."""
+"""Random legal systems at extreme scales: a success is judged in extended precision by other code, all else says why."""
 
 from __future__ import annotations
 
@@ -167,8 +167,8 @@ def _wiggled(u: Array) -> Array:
 
 
 def _error_of_forces(exact: Spokes) -> float:
-    """Part of the forces of elements that the edge form may lose: eps, times the square of the flattest one's aspect ratio, and times
-    the ratio of the extreme moduli, which grows without bound as Poisson's ratio nears its limits."""
+    """Part of the forces of elements that the edge form may lose: eps, times the square of the flattest one's aspect ratio, and
+    times the ratio of the extreme moduli, which grows without bound as Poisson's ratio nears its limits."""
     flat = np.abs(exact.G).max(axis=(1, 2)) * np.abs(exact.P @ np.swapaxes(exact.P, 1, 2)).max(axis=(1, 2))
     bulk = (exact.mesh.k * exact.lam + 2 * exact.mu) / (2 * exact.mu)
     return float(2.2e-15 * max(1.0, flat.max()) * max(bulk, 1 / bulk))

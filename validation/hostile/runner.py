@@ -30,7 +30,7 @@ ENVIRONMENT = {"NUMBA_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "OMP_NUM_T
 
 
 class Outcome(NamedTuple):
-    """What came of a case."""
+    """How a case ended."""
 
     family: str
     case: str

@@ -5,7 +5,8 @@ With spokes `P` (d, k) from the first vertex to the others, their displacements 
     E = 1/2 (P'U + U'P + U'U)        S = lam tr(G E) G + 2 mu G E G,  G = (P'P)^-1        V = sqrt(det P'P) / k!
     W = sum of V/2 S : E             f_i = V sum_j S_ij p_j on vertex i, minus their sum on the first one
 
-in covariant components, so that it holds for k < d too. Numbers of 80 bits neither overflow at scales of 1e150 nor lose what is judged.
+in covariant components, so that it holds for k < d too. Numbers of 80 bits neither overflow at scales of 1e150 nor lose what is
+judged.
 """
 
 from __future__ import annotations

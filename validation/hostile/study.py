@@ -23,7 +23,7 @@ SHORT, LONG = 300, 20_000
 
 
 def run(families: Sequence[str], names: Sequence[str], quick: bool) -> int:
-    """Run these families, or just the cases of these names, and print what came of them; the exit code is 1 if any is wrong."""
+    """Run these families, or just the cases of these names, and print how they ended; the exit code is 1 if any is wrong."""
     console, begin = Console(width=WIDTH, highlight=False), perf_counter()
     todo = jobs({family: FAMILIES[family] for family in families}, quick and not names)
     if names:
@@ -50,7 +50,7 @@ def table(done: Sequence[Outcome]) -> Table:
     """Counts by family."""
     shown = [verdict for verdict in Verdict if verdict is not Verdict.NOT_RUN or any(o.verdict is verdict for o in done)]
     heads = ("cases", *(verdict.value for verdict in shown), "slowest [s]")
-    counts = grid("What came of hostile inputs", "family", *heads, right=heads)
+    counts = grid("How hostile inputs ended", "family", *heads, right=heads)
     counts.columns[0].no_wrap = True
     for family in dict.fromkeys(outcome.family for outcome in done):
         _row(counts, family, [outcome for outcome in done if outcome.family == family], shown)

@@ -21,18 +21,24 @@ INP = """*NODE
 *ELEMENT, TYPE=C3D4
 1, 1, 2, 3, 4
 """
-MSH = "$MeshFormat\n2.2 0 8\n$EndMeshFormat\n$Nodes\n4\n1 0 0 0\n2 1 0 0\n3 0 1 0\n{last} 0 0 1\n$EndNodes\n$Elements\n1\n1 4 2 1 1 1 2 3 {last}\n$EndElements\n"
+MSH = (
+    "$MeshFormat\n2.2 0 8\n$EndMeshFormat\n$Nodes\n4\n1 0 0 0\n2 1 0 0\n3 0 1 0\n{last} 0 0 1\n$EndNodes\n"
+    "$Elements\n1\n1 4 2 1 1 1 2 3 {last}\n$EndElements\n"
+)
 MSH4 = (
     "$MeshFormat\n4.1 0 8\n$EndMeshFormat\n$Nodes\n1 4 1 {last}\n3 1 0 4\n1\n2\n3\n{last}\n0 0 0\n1 0 0\n0 1 0\n0 0 1\n$EndNodes\n"
     "$Elements\n1 1 1 1\n3 1 4 1\n1 1 2 3 {last}\n$EndElements\n"
 )
 XDMF = """<Xdmf Version="3.0"><Domain><Grid Name="Grid">
-<Geometry GeometryType="XYZ"><DataItem DataType="Float" Dimensions="{points} 3" Format="{form}" Precision="8">{name}</DataItem></Geometry>
-<Topology TopologyType="Tetrahedron" NumberOfElements="1"><DataItem DataType="Int" Dimensions="1 4" Format="XML" Precision="8">0 1 2 3</DataItem></Topology>
+<Geometry GeometryType="XYZ">
+<DataItem DataType="Float" Dimensions="{points} 3" Format="{form}" Precision="8">{name}</DataItem></Geometry>
+<Topology TopologyType="Tetrahedron" NumberOfElements="1">
+<DataItem DataType="Int" Dimensions="1 4" Format="XML" Precision="8">0 1 2 3</DataItem></Topology>
 </Grid></Domain></Xdmf>"""
 VTU = """<VTKFile type="UnstructuredGrid" version="0.1"><UnstructuredGrid><Piece NumberOfPoints="{points}" NumberOfCells="1">
 <Points><DataArray type="Float64" NumberOfComponents="3" format="ascii">0 0 0 1 0 0 0 1 0 0 0 1</DataArray></Points>
-<Cells><DataArray type="Int64" Name="connectivity" format="ascii">0 1 2 3</DataArray><DataArray type="Int64" Name="offsets" format="ascii">4</DataArray>
+<Cells><DataArray type="Int64" Name="connectivity" format="ascii">0 1 2 3</DataArray>
+<DataArray type="Int64" Name="offsets" format="ascii">4</DataArray>
 <DataArray type="Int64" Name="types" format="ascii">10</DataArray></Cells></Piece></UnstructuredGrid></VTKFile>"""
 
 #: Files of text by name: the file that is read, its content, and the contents of those beside it.

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 
 def main(quick: bool = False) -> int:
-    """operations of F and K by edges, by elements (Total Lagrangian, O'Brien-Hodgins) and by Picinbono's polynomial, and their times"""
+    """operations and times of F and K by edges, by elements (Total Lagrangian, O'Brien-Hodgins) and by Picinbono's polynomial"""
     from .table import show  # which compiles, where Numba is there
 
     return show(quick)

@@ -7,7 +7,8 @@ from typing import Any, TypeVar
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 
-#: Sums may be reordered and multiplications fused with additions, as C compilers do with -ffast-math; NaN and infinity keep their meaning.
+#: Sums may be reordered and multiplications fused with additions, as C compilers do with -ffast-math; NaN and infinity keep their
+#: meaning.
 FASTMATH = {"reassoc", "contract", "nsz", "arcp"}
 
 

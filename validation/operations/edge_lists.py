@@ -20,8 +20,8 @@ EDGES = LOCAL_EDGES[3]
 class Rest(NamedTuple):
     """Constants of the rest state, and room for what is computed on edges.
 
-    `start`, `other`, `pair_L`: the TSEPs `i < j` by rows `i`. `h_start`, `h_edge`, `h_L`: the terms of the vectors `h`, first one an
-    edge, then two a face. `pair_edges` (n, 2), `targets` (n, 4), `flips` (n, 4), `double_L`: the TSEPs that meet, then the
+    `start`, `other`, `pair_L`: the TSEPs `i < j` by rows `i`. `h_start`, `h_edge`, `h_L`: the terms of the vectors `h`, first one
+    an edge, then two a face. `pair_edges` (n, 2), `targets` (n, 4), `flips` (n, 4), `double_L`: the TSEPs that meet, then the
     opposite ones, with the blocks that each goes to, as it is or transposed.
     """
 

@@ -5,8 +5,8 @@
     K_ab = -t_ab I + sum over edges j at b of  +-h_aj (x) p_j,        h_aj = dt_j/du_a = sum over edges i at a of  +-2 L_ij p_i
 
 The tangent stiffness sums the vectors `h` before it forms matrices: `K_ab` and `K_ac` of a face `a < b < c` take the same product
-`h (x) p` with `h = h_a,bc`, and `K_bc` takes `h_b,ac`. So a face needs two of them, an edge one, and a TSEP never forms a
-matrix. `tangent_by_pairs` does, and is what one writes first: `2 L_ij p_i (x) p_j` goes to three blocks if the edges meet, to four if not.
+`h (x) p` with `h = h_a,bc`, and `K_bc` takes `h_b,ac`. So a face needs two of them, an edge one, and a TSEP never forms a matrix.
+`tangent_by_pairs` does, and is what one writes first: `2 L_ij p_i (x) p_j` goes to three blocks if the edges meet, to four if not.
 """
 
 from __future__ import annotations

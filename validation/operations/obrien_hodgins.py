@@ -1,4 +1,5 @@
-"""The element of O'Brien and Hodgins (1999): Green's strain from the matrix `beta` of barycentric coordinates, and the force by a double loop.
+"""The element of O'Brien and Hodgins (1999): Green's strain from the matrix `beta` of barycentric coordinates, and the force by a
+double loop.
 
     dx/dX = P beta        eps = (dx/dX)' (dx/dX) - I        sigma = lam tr(eps) I + 2 mu eps
     f_i = c vol sum_j p_j sum_k sum_l beta_jl beta_ik sigma_kl,        P = (p_0 ... p_3)

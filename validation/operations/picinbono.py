@@ -6,8 +6,8 @@ With `s_kl = U_k . U_l` for the pairs `q = kl` of vertices of a tetrahedron, equ
     F_p = sum_k B_pk U_k + sum_q c_pq s_q + sum_q n_q ds_q/dU_p,        n_q = sum_j c_jq . U_j + sum_r A_qr s_r
 
 `B` are matrices on vertices and edges, `c` vectors on vertices, edges and faces, `A` numbers on vertices, edges, faces and
-tetrahedra, each summed over the elements once. The order of summation is the cheapest found, not theirs, which was not found: the products
-`s` and their conjugates `n` are formed once and not in each term. They step explicitly and give no tangent stiffness.
+tetrahedra, each summed over the elements once. The order of summation is the cheapest found, not theirs, which was not found: the
+products `s` and their conjugates `n` are formed once and not in each term. They step explicitly and give no tangent stiffness.
 """
 
 from __future__ import annotations

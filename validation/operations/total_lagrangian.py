@@ -41,7 +41,7 @@ from .vectors import (
 
 
 class Rest(NamedTuple):
-    """Constants: `g` (nt, 3, 3) gradients of vertices 1 to 3, `half_lam` and `mu` (nt,) times V, `mu_gram` (nt, 6) `V mu G_ab` of edges."""
+    """Constants: `g` (nt, 3, 3) gradients of vertices 1 to 3, `half_lam`, `mu` (nt,) times V, `mu_gram` (nt, 6) `V mu G_ab`."""
 
     ends: NDArray[np.int32]
     t: NDArray[np.int32]

@@ -1,13 +1,15 @@
-"""A shallow clamped arch through its limit point: linear triangles against quadratic ones, and these against the theory of shallow arches.
+"""A shallow clamped arch through its limit point: linear triangles against quadratic ones, and these against the theory of shallow
+arches.
 
     middle line  y = e (1 - cos(2 pi x/L))/2         load per length  p = -q cos(2 pi x/L), downwards
 
-In the theory of shallow arches (strains of the axis from slopes, plane sections) it stays of this shape with another rise b, since bending
-and axial force answer with the load's shape, too. With E' = E/(1 - nu^2) in plane strain, I = h^3/12, A = h and r^2 = I/A:
+In the theory of shallow arches (strains of the axis from slopes, plane sections) it stays of this shape with another rise b, since
+bending and axial force answer with the load's shape, too. With E' = E/(1 - nu^2) in plane strain, I = h^3/12, A = h and r^2 = I/A:
 
     q = 8 pi^4 E'I/L^4 (e - b) + pi^4 E'A/(2 L^4) b (e^2 - b^2)           limit point at b^2 = (e^2 - 16 r^2)/3
 
-for 4 r < e; above e = 6.4 r the arch would leave this path before, to one side. A body differs from it by shear and slopes, of order (h/L)^2.
+for 4 r < e; above e = 6.4 r the arch would leave this path before, to one side. A body differs from it by shear and slopes, of
+order (h/L)^2.
 """
 
 from __future__ import annotations
@@ -33,7 +35,8 @@ STIFFNESS = YOUNG / (1 - POISSON**2)
 MESHES = ((100, 2), (200, 4), (400, 8), (800, 16))
 #: Elements along quadratic arches of these slendernesses; two through the thickness.
 SLENDER = ((50, 100), (100, 100))
-#: Extrapolated linear triangles against quadratic ones, which are good to 1e-4 themselves; quadratic ones, extrapolated, against the theory.
+#: Extrapolated linear triangles against quadratic ones, which are good to 1e-4 themselves; quadratic ones, extrapolated, against
+#: the theory.
 LIMIT, THEORY_LIMIT = 1e-3, 1e-3
 ORDER = 2.0, 0.15
 
@@ -83,7 +86,7 @@ class Arch(NamedTuple):
 
 
 def arch(quick: bool = False) -> Drawn:
-    """the limit load of a shallow arch converges with order 2 to that of quadratic elements, and these to the theory of shallow arches"""
+    """the limit load of a shallow arch converges with order 2 to that of quadratic elements, and these to the theory"""
     body, meshes = Arch(), MESHES[:3] if quick else MESHES
     slender = {s: quadratic(Arch(s), n).t for s, n in SLENDER}
     turns = 1 if quick else 2
@@ -107,7 +110,8 @@ def arch(quick: bool = False) -> Drawn:
         tuple(rows),
         tuple(failures),
         (
-            "limit loads in those of the theory; P2: scikit-fem's quadratic triangles, the same law, displacement control at the apex",
+            "limit loads in those of the theory; "
+            "P2: scikit-fem's quadratic triangles, the same law, displacement control at the apex",
         ),
         panel=partial(_panel, body, results[-1]),
     )

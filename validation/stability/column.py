@@ -2,8 +2,8 @@
 
     P_E = pi^2 E I/(4 L^2)        v(x) = 1 - cos(pi x/(2 L))
 
-A body of height h differs from it by what its compression and its shear do, of order (h/L)^2; nu = 0, and no imperfection: the straight path
-is an exact solution, from which the other one branches off.
+A body of height h differs from it by what its compression and its shear do, of order (h/L)^2; nu = 0, and no imperfection: the
+straight path is an exact solution, from which the other one branches off.
 """
 
 from __future__ import annotations
@@ -89,7 +89,8 @@ def column(quick: bool = False) -> Study:
         failures.append(f"thin columns tend to {thin:.5f} of Euler's load")
     return Study(
         "Euler's column",
-        f"extrapolated within {LIMIT:.0%} of Euler's load from L/h = {MEANT} on, within {THIN_LIMIT:.2%} for thin ones; the mode within {MODE_LIMIT:g}",
+        f"extrapolated within {LIMIT:.0%} of Euler's load from L/h = {MEANT} on, within {THIN_LIMIT:.2%} for thin ones; "
+        f"the mode within {MODE_LIMIT:g}",
         ("load / Euler's", *(f"{n} through h" for n in fine), "extrapolated", "mode off by"),
         tuple(rows),
         tuple(failures),

@@ -1,4 +1,5 @@
-"""A shallow dome through its limit point: tetrahedra against the same by displacement control, and against quadratic axisymmetric elements.
+"""A shallow dome through its limit point: tetrahedra against the same by displacement control, and against quadratic axisymmetric
+elements.
 
     a quarter of  z = H (1 - r^2/R^2), thickness h upright, clamped at r = R, body force downwards; R = 1, H = 0.3, h = 0.12 m
 
@@ -48,7 +49,7 @@ def mesh_of(n: int, m: int) -> SimplexMesh:
 
 
 def dome(quick: bool = False) -> Drawn:
-    """the limit load of a shallow dome is that of displacement control on the same mesh, and converges to that of quadratic elements"""
+    """the limit load of a shallow dome is that of displacement control, and converges to that of quadratic elements"""
     meshes = MESHES[:2] if quick else MESHES
     turns = 1 if quick else 2
     results = [followed(*mesh, turns=turns) for mesh in meshes]
@@ -65,13 +66,15 @@ def dome(quick: bool = False) -> Drawn:
         failures.append(f"limit load {linear.values[0]:.9f} by arc length, {twin:.9f} by displacement control")
     return Drawn(
         "Shallow dome",
-        f"limit load that of displacement control to {SAME:g}; extrapolated within {LIMIT:.0%} of quadratic elements, order {ORDER[0]:g} +- "
+        f"limit load that of displacement control to {SAME:g}; "
+        f"extrapolated within {LIMIT:.0%} of quadratic elements, order {ORDER[0]:g} +- "
         f"{ORDER[1]:g}",
         ("clamped dome, H/h = 2.5", "limit load", "off"),
         tuple(rows),
         tuple(failures),
         (
-            f"load in {FORCE:g} N/m3; displacement control at the apex, by scikit-fem: the same tetrahedra, and quadratic triangles of the section",
+            f"load in {FORCE:g} N/m3; "
+            "displacement control at the apex, by scikit-fem: the same tetrahedra, and quadratic triangles of the section",
         ),
         panel=partial(_panel, results[-1]),
     )

@@ -1,4 +1,4 @@
-"""Limit loads by displacement control on StVK bodies of scikit-fem's elements: nothing is shared with edges or with the arc length."""
+"""Limit loads by displacement control on scikit-fem's elements, which share nothing with edges or with the arc length."""
 
 from __future__ import annotations
 

@@ -2,8 +2,9 @@
 
     nominal stress  P = M/2 s (s^2 - 1),  least at s = 1/sqrt(3):  P = -M/(3 sqrt 3)
 
-with M = lam + 2 mu in uniaxial strain, E in uniaxial stress and E/(1 - nu^2) in plane strain free to one side. One simplex each, because many of
-them would give way one by one: a base at x = 0 and an apex that is pressed towards it. And a chain of unequal segments: the weakest decides.
+with M = lam + 2 mu in uniaxial strain, E in uniaxial stress and E/(1 - nu^2) in plane strain free to one side. One simplex each,
+because many of them would give way one by one: a base at x = 0 and an apex that is pressed towards it. And a chain of unequal
+segments: the weakest decides.
 """
 
 from __future__ import annotations

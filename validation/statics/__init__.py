@@ -10,7 +10,7 @@ ON_DEMAND = ("large",)
 
 
 def main(quick: bool = False, only: Sequence[str] = (), out: str | None = None) -> int:
-    """static solves against closed forms and published benchmarks, work-precision, and speed; `--only large` for a million unknowns"""
+    """static solves against closed forms and benchmarks, work-precision, and speed; `--only large` for a million unknowns"""
     from .studies import run
 
     return run(only or NAMES, quick, out)

@@ -1,4 +1,4 @@
-"""The cantilever of the studies of speed: 5 x 1 x 1 m, clamped at x = 0, pulled down at its end until it bends by half of its length."""
+"""The cantilever of the studies of speed: 5 x 1 x 1 m, clamped at x = 0, bent at its end by half of its length."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ def timed(seconds: dict[str, float], part: str) -> Iterator[None]:
 
 
 def cantilever(n: int) -> skfem.MeshTet:
-    """5 n x n x n cells of six tetrahedra, with the boundaries "wall" and "tip"; `n` is even where the end's centre is to be a vertex."""
+    """5 n x n x n cells of six tetrahedra, with the boundaries "wall" and "tip"; the end's centre is a vertex if `n` is even."""
     across = np.linspace(0, 1, n + 1)
     mesh = skfem.MeshTet.init_tensor(np.linspace(0, LENGTH, 5 * n + 1), across, across)
     return mesh.with_boundaries({"wall": lambda x: x[0] == 0, "tip": lambda x: x[0] == LENGTH})

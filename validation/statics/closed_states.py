@@ -1,7 +1,7 @@
 """Homogeneous states at finite strain, whose displacements, stresses and reactions have closed forms that every mesh meets.
 
-With `e = (s^2 - 1)/2`, Lame constants `lam`, `mu` and `E`, `nu` of the simplex's own dimensions, `F` the deformation gradient and `P`
-the nominal (first Piola-Kirchhoff) stress:
+With `e = (s^2 - 1)/2`, Lame constants `lam`, `mu` and `E`, `nu` of the simplex's own dimensions, `F` the deformation gradient and
+`P` the nominal (first Piola-Kirchhoff) stress:
 
     uniaxial strain   F = diag(s, 1, 1)        P_11 = (lam + 2 mu) s e,  P_22 = P_33 = lam e
     uniaxial stress   F = diag(s, r, r)        P_11 = E s e,  r^2 = 1 - 2 nu e

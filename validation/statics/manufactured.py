@@ -4,7 +4,8 @@
     b_i = -P_iJ,J,   P_iJ,J = F_iM,J S_MJ + F_iM S_MJ,J
     S_MJ,J = lam E_NN,M + 2 mu E_MJ,J,     E_MJ,K = (F_iM,K F_iJ + F_iM F_iJ,K)/2
 
-with F_iJ = delta_iJ + u_i,J and F_iJ,K = u_i,JK. The displacement is prescribed on all faces but x = 1, where the traction P e_1 acts.
+with F_iJ = delta_iJ + u_i,J and F_iJ,K = u_i,JK. The displacement is prescribed on all faces but x = 1, where the traction P e_1
+acts.
 """
 
 from __future__ import annotations

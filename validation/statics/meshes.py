@@ -12,7 +12,7 @@ from skfem_stvk.arguments import Array
 
 
 def moved_box(d: int, n: int, amount: float = 0.2, seed: int = 1) -> SimplexMesh:
-    """The unit cube, square or line in `n^d` cells, inner vertices moved by up to `amount` of a cell, half of the simplices turned round."""
+    """The unit cube, square or line in `n^d` cells, inner vertices moved by up to `amount` of a cell, half of all turned round."""
     lines, rng = [np.linspace(0, 1, n + 1)] * d, np.random.default_rng(seed)
     mesh = skfem.MeshLine(lines[0]) if d == 1 else {2: skfem.MeshTri, 3: skfem.MeshTet}[d].init_tensor(*lines)
     inner = ((mesh.p > 0) & (mesh.p < 1)).all(axis=0)

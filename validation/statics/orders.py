@@ -16,7 +16,8 @@ def fitted_order(sizes: ArrayLike, errors: ArrayLike) -> float:
 
 
 def extrapolated(values: ArrayLike) -> float:
-    """Richardson's limit of values on meshes that are halved each time, repeated: errors in `h^2, h^4, ...` are taken out one by one.
+    """Richardson's limit of values on meshes that are halved each time, repeated: errors in `h^2, h^4, ...` are taken out one by
+    one.
 
     >>> extrapolated([5 + 3, 5 + 3 / 4, 5 + 3 / 16])
     5.0

@@ -53,13 +53,16 @@ def speed(quick: bool = False) -> Study:
     meshes = [list(entries_on(n)) for n in (QUICK_SIZES if quick else SIZES)]
     return Study(
         "Speed, cantilever in large bending",
-        f"one answer; from {LEAST // 1000} k unknowns on both others take {FASTER:g} x as long with their default solver, and longer with PARDISO on "
+        "one answer; "
+        f"from {LEAST // 1000} k unknowns on both others take {FASTER:g} x as long with their default solver, "
+        "and longer with PARDISO on "
         "both sides",
         ("program", "solver", "unknowns", "iterations", "assemble", "factor", "solve", "other", "total [s]", "x auto", "tip [m]"),
         tuple(_row(entry, entries[0]) for entries in meshes for entry in entries),
         tuple(failure for entries in meshes for failure in _failures(entries)),
         (
-            f"assembly, of which {ASSEMBLY:.0%} was the target: {', '.join(share for entries in meshes for share in _shares(entries))}",
+            f"assembly, of which {ASSEMBLY:.0%} was the target: "
+            f"{', '.join(share for entries in meshes for share in _shares(entries))}",
             "same mesh, load steps and stop (residual 1e-8 of loads and reactions); FElupe's own time is all in 'other'",
             f"~ where all would take more than {PATIENCE:g} s, two iterations were timed and as many counted as ours needs; "
             f"SuperLU is left out beyond {MOST_FOR_SUPERLU} unknowns",
@@ -111,7 +114,8 @@ def _shares(entries: list[Entry]) -> Iterator[str]:
     """Assembly's share of the time of each of our runs."""
     for entry in entries:
         if entry.ours:
-            yield f"{entry.run.seconds['assemble'] / entry.run.total:.1%} ({entry.solver.removeprefix('auto: ')}, {entry.run.ndofs})"
+            share = entry.run.seconds["assemble"] / entry.run.total
+            yield f"{share:.1%} ({entry.solver.removeprefix('auto: ')}, {entry.run.ndofs})"
 
 
 def _failures(entries: list[Entry]) -> Iterator[str]:

@@ -1,6 +1,7 @@
 """The elastic flag of Turek and Hron (2006) under gravity, CSM1 and CSM2, in plane strain.
 
-The clamp is the arc of the cylinder, centre (0.2, 0.2), radius 0.05: the flag's corners there are at x = 0.2489898. A is (0.6, 0.2).
+The clamp is the arc of the cylinder, centre (0.2, 0.2), radius 0.05: the flag's corners there are at x = 0.2489898. A is (0.6,
+0.2).
 """
 
 from __future__ import annotations
@@ -23,7 +24,7 @@ LIMIT, ORDER, ORDER_LIMIT = 1e-3, 2.0, 0.2
 
 
 class Case(NamedTuple):
-    """A case and its reference: displacements of A on the finest tabulated level (392 196 unknowns) of FeatFlow's benchmark page."""
+    """A case and its reference: displacements of A on the finest level (392 196 unknowns) of FeatFlow's benchmark page."""
 
     name: str
     young: float
@@ -67,7 +68,8 @@ def turek_hron(quick: bool = False) -> Study:
         tuple(map(_row, findings)),
         tuple(failure for finding in findings for failure in _failures(finding)),
         (
-            "the order is fitted to the distances from the reference on the three finest meshes; extrapolation by Richardson, repeated; the flag's clamp is the arc of the cylinder",
+            "the order is fitted to the distances from the reference on the three finest meshes; "
+            "extrapolation by Richardson, repeated; the flag's clamp is the arc of the cylinder",
         ),
     )
 

@@ -26,9 +26,11 @@ class Fault(NamedTuple):
 
 
 def judged(system: System, u: Array, v: Array, claims_success: bool, said: str, ending: Ending) -> Judgement:
-    """The verdict on the last state (ndofs,) of a method that reached the end, or did not; `said` is its message: a warning is gone by then.
+    """The verdict on the last state (ndofs,) of a method that reached the end, or did not; `said` is its message: a warning is
+    gone by then.
 
-    A fault that it has said itself is none of being wrong, but for elements that are inside out in the end: no words make that a success.
+    A fault that it has said itself is none of being wrong, but for elements that are inside out in the end: no words make that a
+    success.
     """
     if not claims_success:
         return Judgement(Verdict.SAID_SO, said)

@@ -17,7 +17,8 @@ from skfem_stvk.dynamics.record import MotionState
 
 from .. import meshes
 
-#: Part of the steps after which memory is looked at first; what Python may hold in the end that it did not then, besides the ledger [bytes].
+#: Part of the steps after which memory is looked at first; what Python may hold in the end that it did not then, besides the ledger
+#: [bytes].
 WARM, MOST = 0.2, 1e5
 #: Of the energy that there is: what may have gone or come from nowhere; linearised backward Euler loses it by its nature.
 ENERGY, DISSIPATES = 0.05, ("LinearBackwardEuler",)
@@ -35,8 +36,8 @@ class Growth(NamedTuple):
 
     Attributes
     ----------
-    ledger, other, process : memory that the ledger's rows take, what Python holds besides that it did not after `WARM` of the steps, and
-        by how much the process grew since then, with all that allocators keep [bytes].
+    ledger, other, process : memory that the ledger's rows take, what Python holds besides that it did not after `WARM` of the
+        steps, and by how much the process grew since then, with all that allocators keep [bytes].
     energy : closure error in the end, as a part of the largest strain energy.
     """
 

@@ -20,7 +20,7 @@ from .scene import Scene
 
 
 class Answer(NamedTuple):
-    """What a method says: displacements and velocities in the end, whether it claims to be there, counts, its status and its message."""
+    """What a method says: its last displacements and velocities, whether it claims to be at the end, counts, status and message."""
 
     u: Array
     v: Array
@@ -37,7 +37,7 @@ def _plain(scene: Scene) -> Answer:
 
 
 class Method(NamedTuple):
-    """An integrator for steps of this length [s], None for the method without checks; and whether the volume term is in the system."""
+    """An integrator for steps of this length [s], None for the method without checks; whether the system has the volume term."""
 
     integrator: Callable[[float], Integrator] | None
     volume: bool = False

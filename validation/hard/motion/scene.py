@@ -17,7 +17,8 @@ class Ending(Truth):
 
     Parameters
     ----------
-    energy : how far the energy of displacements and velocities is off, as a part of the largest there was; None where none is asked for.
+    energy : how far the energy of displacements and velocities is off, as a part of the largest there was; None where none is
+        asked for.
     """
 
     energy: Callable[[System, Array, Array], float] | None = None

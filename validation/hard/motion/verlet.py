@@ -1,4 +1,4 @@
-"""Motions by an independent solve: velocity Verlet in tiny steps, with scikit-fem's forces, or the system's own where it has a volume term."""
+"""Motions by an independent solve: velocity Verlet in tiny steps, with scikit-fem's forces; the system's for a volume term."""
 
 from __future__ import annotations
 
