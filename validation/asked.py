@@ -16,7 +16,7 @@ from skfem_stvk.system import Pattern
 
 
 def costs(meshes: Mapping[str, SimplexMesh], term: StVK, seconds: float) -> Table:
-    """ns a tetrahedron of each call, and how many times that of W and F."""
+    """ns per tetrahedron of each call, and how many times that of W and F."""
     table = Table(box=None, header_style="bold")
     table.add_column("asked")
     for name, mesh in meshes.items():

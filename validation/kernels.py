@@ -43,7 +43,7 @@ LISTS = (
 
 
 def main(quick: bool = False) -> int:
-    """What was tried for the kernels: ns a tetrahedron and CSR products, on boxes and on a mesh of Gmsh."""
+    """What was tried for the kernels: ns per tetrahedron and CSR products, on boxes and on a mesh of Gmsh."""
     numba.set_num_threads(1)
     meshes = {"box": box(5)} if quick else {"box": box(19), "bracket": bracket(2.2e-3), "large box": box(35)}
     table = Table(box=None, header_style="bold")
@@ -64,7 +64,7 @@ def main(quick: bool = False) -> int:
 
 
 def measured(mesh: SimplexMesh, seconds: float) -> dict[tuple[str, str], tuple[float, float]]:
-    """ns a tetrahedron and CSR products of each candidate."""
+    """ns per tetrahedron and CSR products of each candidate."""
     body = Body(mesh, LAM, MU)
     u = state(body)
     calls = dict(candidates(mesh, body, u))

@@ -196,13 +196,13 @@ def chebyshev(self: multigrid.Level, b: NDArray[Any]) -> NDArray[Any]:
 
 
 def chebyshev_forward(self: multigrid.Level, b: NDArray[Any]) -> NDArray[Any]:
-    """In place of a sweep."""
+    """A Chebyshev polynomial in place of a forward sweep."""
     self.x[:] = chebyshev(self, b)
     return np.asarray(b - self.A.product(self.single, self.x, self._left))
 
 
 def chebyshev_backward(self: multigrid.Level, b: NDArray[Any]) -> NDArray[Any]:
-    """In place of a sweep."""
+    """A Chebyshev polynomial in place of a backward sweep."""
     self.x += chebyshev(self, b - self.A.product(self.single, self.x, self._left))
     return self.x
 
@@ -219,7 +219,7 @@ VARIANTS: dict[str, list[tuple[Any, str, Any]]] = {
 
 
 def bodies(part: float) -> dict[str, Callable[[], tuple[Any, Unknowns]]]:
-    """Of about 50 000 unknowns, or less."""
+    """Bodies of about 50 000 unknowns for `part` = 1, fewer for less, and their unknowns."""
 
     def halves() -> tuple[Any, Unknowns]:
         mesh = box("cube", round(25 * part))
@@ -258,7 +258,7 @@ def variants(part: float) -> Table:
 
 
 def cell(row: dict[str, Any]) -> str:
-    """Of the table."""
+    """A cell of the table."""
     return f"{row['iterations']} {row['again']:6.2f} {row['solve']:6.2f}"
 
 

@@ -33,7 +33,7 @@ THREADS = (1, 2)
 
 
 def digest(*arrays: Any) -> str:
-    """Of the bytes of the arrays, in double or single precision, whichever they have."""
+    """A digest of the bytes of the arrays, in double or single precision, whichever they have."""
     found = hashlib.sha256()
     for array in arrays:
         found.update(np.ascontiguousarray(array).tobytes())

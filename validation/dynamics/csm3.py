@@ -52,7 +52,7 @@ class Motion(NamedTuple):
     seconds: float
 
     def oscillations(self) -> list[Oscillation]:
-        """Of both components, averaged over all periods."""
+        """The oscillations of both components, averaged over all periods."""
         return [Oscillation.averaged(self.t, component) for component in self.a.T]
 
 
@@ -70,7 +70,7 @@ def csm3(quick: bool = False, folder: Path | None = None) -> Sequence[Study]:
 
 
 def motion(nx: int, ny: int, integrator: Integrator, until: float, rise: float = 0.0) -> Motion:
-    """Of the flag's end A; gravity acts at once, or grows smoothly over a time `rise` [s]."""
+    """The motion of the flag's end A; gravity acts at once, or grows smoothly over a time `rise` [s]."""
     mesh = strip(nx, ny, flag)
     gravity = Gravity(lambda t: (0.0, -GRAVITY * np.sin(np.pi / 2 * min(t / rise, 1.0)) ** 2) if rise else (0.0, -GRAVITY))
     terms: list[StVK | Gravity] = [StVK(young=YOUNG, poisson=POISSON, density=DENSITY), gravity]
@@ -162,7 +162,7 @@ class Compared(NamedTuple):
         return cls(truth, motions, points)
 
     def order(self, kind: Kind) -> float:
-        """Of the two smallest steps."""
+        """The order of the two smallest steps."""
         return fitted_order(*zip(*((point.dt, point.error) for point in self.points[kind][-2:]), strict=True))
 
     def rows(self, gravity: str) -> list[tuple[str, ...]]:

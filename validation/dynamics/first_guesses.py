@@ -41,7 +41,7 @@ def first_guesses(quick: bool) -> Study:
 
 
 def _iterations(system: System, integrator: LinearBackwardEuler, v: np.ndarray, steps: int, whole: bool) -> int:
-    """Of so many steps from rest; without the acceleration unless `whole`."""
+    """Iterations of so many steps from rest; the guess has no acceleration unless `whole`."""
     stepper, state = begun(system, integrator, v)
     for k in range(steps):
         stepper.step(state, (k + 1) * integrator.dt)

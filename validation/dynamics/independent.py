@@ -119,7 +119,7 @@ def _mass(body: ReferenceStVK, kind: str) -> csr_matrix:
 def _error(
     case: Case, kind: type[VelocityVerlet | Newmark | GeneralizedAlpha | EnergyMomentum], steps: int, truth: tuple[Array, Array]
 ) -> float:
-    """Of displacements and velocities, the larger one."""
+    """The larger of the errors of displacements and velocities."""
     integrators = [kind(dt=UNTIL / n) for n in (steps, 2 * steps)]
     (coarse, fine), power = (_end(case, one) for one in integrators), 2 ** integrators[0].order
     found = [(power * b - a) / (power - 1) for a, b in zip(coarse, fine, strict=True)]

@@ -50,7 +50,7 @@ class Trial(NamedTuple):
 
     @property
     def iterations(self) -> float:
-        """Of conjugate gradients a step."""
+        """Iterations of conjugate gradients per step."""
         return self.run.iterations / (self.run.ledger.steps - 1)
 
     @property
@@ -82,7 +82,7 @@ def large_steps(quick: bool = False, folder: Path | None = None) -> Sequence[Stu
                 "dt/critical",
                 "dt in ms",
                 "steps",
-                "CG iterations a step",
+                "CG iterations per step",
                 "error",
                 "from equilibrium",
                 "energy lost",
@@ -114,7 +114,7 @@ def _at_a_glance(trials: Sequence[Trial]) -> Study:
     return Study(
         "Large steps, at a glance",
         "",
-        ("tangent", *(f"{t} critical steps" for t in times), "CG iterations a step"),
+        ("tangent", *(f"{t} critical steps" for t in times), "CG iterations per step"),
         tuple(rows),
         notes=("error of the tip, or where the last state is, where no step ends by then",),
     )
@@ -129,7 +129,7 @@ def _in_a_word(trial: Trial) -> str:
 
 
 def _trial(tangent: str, times: float, critical: float, truth: Array, rest: Array) -> Trial:
-    """From rest."""
+    """A motion from rest with one tangent and one length of step."""
     system, dt = cantilever(2), times * critical
     until = max(UNTIL, LEAST * dt)
     with expected():

@@ -107,7 +107,7 @@ def _head(x: Array) -> Array:
 
 
 def predicted(case: Case, integrator: type[ForwardEuler | VelocityVerlet]) -> CriticalStep:
-    """With the damping as it counts in the integrator."""
+    """The critical step with the damping as it counts in the integrator."""
     factors = {one.name: integrator.damping_weight * getattr(case.damping, one.name) for one in fields(case.damping)}
     return critical_step(case.system, case.u, damping=type(case.damping)(**factors))
 

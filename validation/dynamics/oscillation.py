@@ -24,7 +24,7 @@ class Oscillation(NamedTuple):
 
     @classmethod
     def by_period(cls, t: Array, x: Array) -> list[Oscillation]:
-        """Of each whole period: from one rise through the middle of all values to the next."""
+        """The oscillation of each whole period: from one rise through the middle of all values to the next."""
         rises = _rises(t, x - (_extreme(x, 1) + _extreme(x, -1)) / 2)
         periods = []
         for begin, end in pairwise(rises):
@@ -35,7 +35,7 @@ class Oscillation(NamedTuple):
 
     @classmethod
     def last(cls, t: Array, x: Array) -> Oscillation:
-        """Of the last whole period."""
+        """The oscillation of the last whole period."""
         return cls.by_period(t, x)[-1]
 
     @classmethod

@@ -53,7 +53,7 @@ class Pace(NamedTuple):
     target: int = 0
 
     def row(self, threads: int, n: int) -> tuple[tuple[str, ...], list[str]]:
-        """Of the table, and what contradicts the claim."""
+        """A row of the table, and what contradicts the claim."""
         count = 12 * n**3
         failures = [f"{self.name}: {count} tetrahedra, expected {self.target}"] if threads == 1 and count < self.target else []
         if n == 0:
@@ -154,7 +154,7 @@ def _stiffer(quick: bool) -> Study:
 
 
 def _iterations(quick: bool) -> Study:
-    """By stiffness and tolerance, and what they do to the motion, at the paces that are claimed."""
+    """Iterations by stiffness and tolerance, and what they do to the motion, at the paces that are claimed."""
     n, rows, failures = QUICK if quick else ACROSS, [], []
     for rate, young in [*((60, young) for young in (STIFFNESSES[:2] if quick else STIFFNESSES)), (1000, YOUNG)]:
         system, v = bar(n, young), push(n)

@@ -85,7 +85,7 @@ def explicit_cost(quick: bool) -> Study:
     return Study(
         "Explicit steps",
         "" if quick else f"from {CLAIMED} tetrahedra on a step takes at most {FORCES:g} times as long as an internal force",
-        ("integrator", "tetrahedra", "F, ns a tet", "step, ns a tet", "beyond F, us", "x", "of rounds", f"first {ROUND}, x"),
+        ("integrator", "tetrahedra", "F, ns per tet", "step, ns per tet", "beyond F, us", "x", "of rounds", f"first {ROUND}, x"),
         tuple(rows),
         tuple(failures),
         (
@@ -108,7 +108,7 @@ def _rounds(system: Interleaved, integrator: VelocityVerlet | ForwardEuler, coun
 
 
 def split(system: System, integrator: LinearBackwardEuler, v: Array) -> Study:
-    """Where the time of a step of eq. 9 goes."""
+    """The parts of the time of a step of eq. 9."""
     reached(system, integrator, until=3 * integrator.dt, v0=v)
     runs = [reached(system, integrator, until=1.0, v0=v) for _ in range(3)]
     run = min(runs, key=lambda run: sum(run.seconds.values()))

@@ -169,7 +169,7 @@ def _unlike(what: str, found: dict[str, Steps]) -> Iterator[str]:
 
 
 def _nearly_static(quick: bool) -> Study:
-    """Where inertia is small beside stiffness, and where factors are small."""
+    """Solvers where inertia is small beside stiffness, and where factors are small."""
     rows: list[tuple[str, ...]] = []
     failures: list[str] = []
     for name, system, steps in _bodies(quick):

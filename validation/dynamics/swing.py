@@ -30,12 +30,12 @@ class Timed(NamedTuple):
 
     @property
     def steps(self) -> int:
-        """That were made."""
+        """Number of steps that were made."""
         return self.run.ledger.steps - 1
 
     @property
     def iterations(self) -> float:
-        """Of the linear solver a step."""
+        """Iterations of the linear solver per step."""
         return self.run.iterations / self.steps
 
 

@@ -143,7 +143,7 @@ def tangents(quick: bool = False, folder: Path | None = None) -> Sequence[Study]
         if not one.package <= MORE * one.exact
     ]
     failures += [
-        f"{one.times:g} times the critical step: {one.milliseconds[SOLVERS[1]]:.1f} ms a step, exact {one.with_exact:.1f} ms"
+        f"{one.times:g} times the critical step: {one.milliseconds[SOLVERS[1]]:.1f} ms per step, exact {one.with_exact:.1f} ms"
         for one in found
         if not quick and one.times <= USUAL and not one.milliseconds[SOLVERS[1]] <= one.with_exact
     ]
@@ -157,7 +157,7 @@ def tangents(quick: bool = False, folder: Path | None = None) -> Sequence[Study]
                 "iterations: exact",
                 "symmetric",
                 "package",
-                "ms a step: exact, LU",
+                "ms per step: exact, LU",
                 "package, LU",
                 "package, CG",
             ),
@@ -185,7 +185,7 @@ def _finding(system: System, times: float, dt: float) -> Finding:
 
 
 def _iterations(system: System, dt: float, symmetric: bool) -> float:
-    """Newton's iterations a step; NaN if it fails, which the package would help by a line search or a smaller step."""
+    """Newton's iterations per step; NaN if it fails, which the package would help by a line search or a smaller step."""
     exact, u, v = Exact(system, symmetric), np.zeros(system.ndofs), np.zeros(system.ndofs)
     try:
         for _ in range(STEPS):

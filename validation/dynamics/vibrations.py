@@ -93,7 +93,7 @@ def vibrations(quick: bool = False, folder: Path | None = None) -> Sequence[Stud
 
 
 def _findings(system: System, number: int, n: int) -> Iterator[Finding]:
-    """Of all integrators in the mode of this number."""
+    """Findings on all integrators in the mode of this number."""
     found = modes(system, n)
     omega, shape = float(np.sqrt(found.eigenvalues[number])), found.shapes[number]
     stable, dt = OF_CRITICAL * critical_step(system).step, 2 * np.pi / (PARTS * omega)
@@ -102,7 +102,7 @@ def _findings(system: System, number: int, n: int) -> Iterator[Finding]:
 
 
 def predicted(integrator: Integrator, omega: float) -> Wave:
-    """For a linear oscillator."""
+    """Frequency and decay of a linear oscillator."""
     W = omega * float(integrator.dt or 0)
     if integrator.explicit:
         return Wave(2 * np.arcsin(W / 2), 1.0)

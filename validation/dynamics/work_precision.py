@@ -105,7 +105,7 @@ def _scenes(quick: bool) -> list[Scene]:
 
 
 def _points(scene: Scene, quick: bool) -> dict[tuple[str, str], list[Point]]:
-    """By integrator and tangent, which is empty for explicit ones."""
+    """Points by integrator and tangent, which is empty for explicit integrators."""
     critical = critical_step(scene.system).step
     truth = _truth(scene, critical)
     found = {(one.__name__, ""): [_point(scene, one(dt=part * critical), truth) for part in PARTS] for one in EXPLICIT}
@@ -159,7 +159,7 @@ def seconds_to_reach(goal: float, points: Sequence[Point]) -> float:
 
 
 def _seconds_for_errors(found: dict[str, dict[tuple[str, str], list[Point]]]) -> Study:
-    """Of explicit integrators, and of implicit ones with the exact tangent."""
+    """Times of explicit integrators, and of implicit ones with the exact tangent, for given errors."""
     heads = [f"{scene}: {goal:.0%}" for scene in found for goal in GOALS]
     rows = [
         (one.__name__, *(_in_time(goal, points[one.__name__, tangent]) for points in found.values() for goal in GOALS))

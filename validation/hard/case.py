@@ -17,11 +17,11 @@ class Body:
     Parameters
     ----------
     mesh, fixed, prescribed : as of `System`.
-    young, poisson : a number, or one an element [Pa].
+    young, poisson : a number, or one per element [Pa].
     loads : what acts on it.
     u0 : (ndofs,) displacements to start from [m]; None for the body at rest.
     penalty : the volume term.
-    density : of those that move [kg/m^3], a number, or one an element.
+    density : of those that move [kg/m^3], a number, or one per element.
     v0 : (ndofs,) velocities to start from [m/s]; None for none.
     """
 
@@ -88,5 +88,5 @@ class Case:
     solver: str = "auto"
 
     def truth_of(self, volume: bool) -> Truth:
-        """Of the system with the volume term or without it."""
+        """The truth of the system with the volume term or without it."""
         return self.with_volume if volume else self.truth

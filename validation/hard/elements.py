@@ -50,7 +50,7 @@ def _narrowing(stretch: float) -> float:
 
 
 def _pulled(mesh: truths.MakeMesh, length: float) -> Body:
-    """By tractions, between rollers."""
+    """A body that tractions pull between rollers."""
     nominal = YOUNG * STRETCH * (STRETCH**2 - 1) / 2
     planes = {lambda x: x[0] == 0: "x", lambda x: x[1] == 0: "y", lambda x: x[2] == 0: "z"}
     return Body(mesh(), YOUNG, POISSON, (Traction(lambda x: x[0] == length, (nominal, 0, 0)),), planes)

@@ -105,7 +105,7 @@ def real_not_positive(K: Array) -> int:
 
 
 def _pivots(factors: object) -> NDArray[np.float64]:
-    """Of an elimination that exchanged no rows."""
+    """The pivots of an elimination that exchanged no rows."""
     if not np.array_equal(factors.perm_r, factors.perm_c):  # type: ignore[attr-defined]
         raise RuntimeError("SuperLU exchanged rows, so its pivots do not have the signs of the eigenvalues.")
     return np.asarray(factors.U.diagonal())  # type: ignore[attr-defined]

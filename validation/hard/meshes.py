@@ -64,7 +64,7 @@ def with_slivers(mesh: SimplexMesh, degrees: float, share: float = 0.3, seed: in
 
 
 def _pushed(p: Array, around: NDArray[np.int32], vertex: int, direction: Array, degrees: float) -> Array:
-    """Where the vertex comes to lie, by bisection: further on an element would be flat."""
+    """The last position of the vertex, by bisection, at which no element is flat."""
     start, low, high = p[:, vertex].copy(), 0.0, 2 * float(np.ptp(p[:, around], axis=1).max())
     signs = np.sign(_volumes(p, around))
     for _ in range(60):

@@ -62,7 +62,7 @@ def at_rest(console: Console, names: Sequence[str], quick: bool, out: Path | Non
 
 
 def cases(names: Sequence[str], quick: bool) -> list[Case]:
-    """Of these groups; `quick`: without those that take long."""
+    """The cases of these groups; `quick` leaves out those that take long."""
     return [case for name in names if name in GROUPS for case in GROUPS[name]() if case.quick or not quick]
 
 

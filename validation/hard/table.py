@@ -41,7 +41,7 @@ class Row:
 
     @property
     def truth(self) -> str:
-        """Where the right outcome comes from, without and with the volume term."""
+        """The source of the right outcome, without and with the volume term."""
         without, with_volume = self.case.truth.source, self.case.with_volume.source
         return without if without == with_volume else f"{without}; with the volume term: {with_volume}"
 
@@ -80,7 +80,7 @@ def tally(rows: Sequence[Row], methods: Iterable[str] = METHODS) -> Iterator[str
 
 
 def save(rows: Sequence[Row], folder: Path, name: str = "hard-cases", methods: Iterable[str] = METHODS) -> tuple[Path, Path]:
-    """Write NAME.md, a line a case, and NAME.csv, a line a run with its message in full."""
+    """Write NAME.md, one line per case, and NAME.csv, one line per run with its message in full."""
     folder.mkdir(parents=True, exist_ok=True)
     head = ("case", "size", "truth")
     lines = [(row, run) for row in rows for run in row.runs]

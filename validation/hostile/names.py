@@ -138,7 +138,7 @@ def in_report(name: str, folder: Path) -> None:
 
 @lru_cache
 def plain_tags(folder: Path) -> list[Any]:
-    """Of the page with a plain name."""
+    """The tags of the page with a plain name."""
     verify(body("plain"), terms("plain"), quiet=True).save(folder / "plain")
     return Tags((folder / "plain" / "report.html").read_text(encoding="utf-8")).found
 
@@ -151,7 +151,7 @@ def shown_safely(text: str) -> None:
 
 
 def in_vtu(name: str, folder: Path) -> None:
-    """In a VTU file: XML, from which the region is read again."""
+    """The name in a VTU file: XML, from which the region is read again."""
     mesh = body(name)
     system = System(mesh, [*terms(name), NodalLoad([7], (0.0, 0.0, 1e-3))], fixed=[(np.array([0, 1, 2, 3]), "xyz")])
     path = solve_static(system, steps=1, quiet=True).save(folder / "body.vtu")
@@ -171,7 +171,7 @@ def run(name: str, **options: Any) -> Any:
 
 
 def in_ledger(name: str, folder: Path) -> None:
-    """In a ledger: a table with as many cells in each line, and the name at its head."""
+    """The name in a ledger: a table with as many cells in each line, and the name at its head."""
     done = run(name)
     path = done.ledger.save(folder / "ledger.csv")
     with path.open(encoding="utf-8", newline="") as file:
@@ -184,13 +184,13 @@ def in_ledger(name: str, folder: Path) -> None:
 
 
 def in_picture(name: str, folder: Path) -> None:
-    """As the label of a ledger's picture."""
+    """The name as the label of a ledger's picture."""
     run(name).ledger.plot(folder / "ledger.png")
     picture(folder / "ledger.png")
 
 
 def in_field(name: str, folder: Path) -> None:
-    """As the label of a body's picture."""
+    """The name as the label of a body's picture."""
     state = run("plain").state
     from skfem_stvk.results import plot
 
@@ -208,14 +208,14 @@ def picture(path: Path) -> None:
 
 
 def in_message(name: str, folder: Path) -> None:
-    """As a place that the mesh does not have: the message stays one that can be printed."""
+    """The name as a place that the mesh does not have: the message stays one that can be printed."""
     System(body("plain"), terms("plain"), fixed={name: "xyz"})
     if name != "plain":
         raise Wrong(Verdict.SILENT, "accepted")
 
 
 def in_mesh_file(name: str, folder: Path) -> None:
-    """As a group of a Gmsh file: what is read has it, or the file is refused."""
+    """The name as a group of a Gmsh file: what is read has it, or the file is refused."""
     (folder / "body.msh").write_text(MSH.format(name=name), encoding="utf-8", errors="surrogatepass", newline="")
     mesh = read_mesh(folder / "body.msh")
     if next(iter(mesh.subdomains)) not in (name, name.strip(), name.replace('"', "")):  # quotes end a name there
@@ -244,7 +244,7 @@ $EndElements
 
 
 def in_path(name: str, folder: Path) -> None:
-    """As the name of a series: it lists its files, which are there, and nothing else is."""
+    """The name as that of a series: it lists its files, which are there, and nothing else is."""
     inner = folder / "inner"
     inner.mkdir()
     run("plain", save=inner / f"{name}.pvd", every=1)

@@ -44,7 +44,7 @@ def call(
 
 
 def costly(*given: Any, **good: Any) -> Call:
-    """As `call`, of what takes time."""
+    """The same as `call`, for what takes time."""
     return replace(call(*given, **good), costly=True)
 
 

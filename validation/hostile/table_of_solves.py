@@ -52,20 +52,20 @@ def matrix() -> csr_matrix:
 
 @cache
 def unknowns() -> Unknowns:
-    """Of the chain."""
+    """The unknowns of the chain."""
     K = matrix()
     return Unknowns(np.arange(4), np.zeros(4, dtype=int), K.indptr, K.indices, near_null_space=lambda: np.ones((4, 1)))
 
 
 def analysis(solver: Any) -> Analysis:
-    """Of the chain."""
+    """The analysis of the chain."""
     found: Analysis = solver.analyse(unknowns())
     return found
 
 
 @cache
 def factors(solver: Any) -> Factors:
-    """Of the chain."""
+    """The factors of the chain."""
     return analysis(solver).factorise(Springs() if solver.matrix_free else matrix(), Kind.POSITIVE_DEFINITE)
 
 
@@ -230,7 +230,7 @@ def calls() -> list[Call]:
 
 
 def _path(stop: Stop) -> Any:
-    """Where a path ends."""
+    """Load factor and displacements at the end of a path."""
     result = solve_static(truss(), steps=4, method="arc-length", stop=stop, quiet=True, raise_on_failure=False)
     return result.t, result.u
 

@@ -85,7 +85,7 @@ def _is_array(good: Any) -> bool:
 
 
 def _of_array(change: Callable[[Any], Any]) -> Callable[[Any], Any]:
-    """Of arrays of numbers, as a new array."""
+    """A change of arrays of numbers, as a new array."""
     return lambda good: change(np.array(good)) if _is_array(good) else NOTHING
 
 
@@ -94,12 +94,12 @@ def _of_floats(change: Callable[[Any], Any]) -> Callable[[Any], Any]:
 
 
 def _of_number(change: Callable[[Any], Any]) -> Callable[[Any], Any]:
-    """Of plain numbers."""
+    """A change of plain numbers."""
     return lambda good: change(good) if type(good) in (int, float) else NOTHING
 
 
 def _with(entry: Any) -> Callable[[Any], Any]:
-    """With this first entry."""
+    """A change of the first entry to this one."""
 
     def change(array: Any) -> Any:
         array.flat[0] = entry

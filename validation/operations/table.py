@@ -61,7 +61,7 @@ def _entities(found: Costs, seconds: dict[tuple[str, str], float], body: Body) -
     title = "Operations (additions and multiplications) for each entity" + (
         f", and time compiled, {body.nt} tetrahedra, one thread" if seconds else ""
     )
-    numbers = ["vertex", "edge", "face", "tetrahedron"] + (["all, a tet", "ns a tet"] if seconds else [])
+    numbers = ["vertex", "edge", "face", "tetrahedron"] + (["all, per tet", "ns per tet"] if seconds else [])
     table = grid(title, "of", "algorithm", *numbers, right=tuple(numbers))
     for (quantity, name), cost in found.items():
         row = [str(c) if c else "" for c in cost]

@@ -42,7 +42,7 @@ ORDER = 2.0, 0.15
 
 
 class Arch(NamedTuple):
-    """Of span 1 and thickness `1/slenderness` [m]; its rise `e` is 5.5 radii of gyration."""
+    """An arch of span 1 and thickness `1/slenderness` [m]; its rise `e` is 5.5 radii of gyration."""
 
     slenderness: int = 50
 

@@ -34,7 +34,7 @@ LAST = 1.8
 
 
 class Column(NamedTuple):
-    """Of length 1 and height `1/slenderness` [m], of a unit of depth; `fine` elements through the height."""
+    """A column of length 1 and height `1/slenderness` [m], of a unit of depth; `fine` elements through the height."""
 
     slenderness: int
     fine: int

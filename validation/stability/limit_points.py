@@ -55,12 +55,12 @@ class Convergence(NamedTuple):
 
     @property
     def limit(self) -> float:
-        """By Richardson, repeated."""
+        """The limit load by Richardson's extrapolation, repeated."""
         return extrapolated(self.values)
 
     @property
     def order(self) -> float:
-        """Of the distance from the truth, on the last three meshes."""
+        """The order of the distance from the truth, on the last three meshes."""
         errors = np.abs(np.asarray(self.values) - self.truth)[-3:]
         return fitted_order(0.5 ** np.arange(len(errors)), errors)
 

@@ -37,7 +37,7 @@ LANDED = 1e-9  # how well the shortening is met, by length
 
 
 class Head(NamedTuple):
-    """Of the elastica: load in Euler's, shortening and deflection of the head by length."""
+    """A point of the elastica: load in Euler's, shortening and deflection of the head by length."""
 
     load: float
     shortening: float
@@ -97,7 +97,7 @@ def _row(name: str, what: str, values: Sequence[str], limit: float, truth: float
 
 
 def _failures(what: str, found: Convergence, thin: float) -> Iterator[str]:
-    """Of the more slender column, and of thin ones."""
+    """What contradicts the claims on the more slender column and on thin ones."""
     if not abs(found.limit / found.truth - 1) <= LIMIT:
         yield f"{what} {found.limit:.5f}, elastica {found.truth:.5f}"
     if not abs(thin / found.truth - 1) <= THIN_LIMIT:
@@ -121,7 +121,7 @@ def branch(body: Column) -> list[StaticResult]:
 
 
 def head(body: Column, u: Array, t: float) -> Head:
-    """Where the head's middle is."""
+    """The middle of the head."""
     x, y = u.reshape(-1, 2)[body.middle()[-1]] / LENGTH
     return Head(t, float(-x), float(y))
 

@@ -92,7 +92,7 @@ def paths(bar: Bar) -> tuple[StaticResult, StaticResult]:
 
 
 def distance(bar: Bar, result: StaticResult) -> float:
-    """Of the states from the closed path, in limit loads."""
+    """The distance of the states from the closed path, in limit loads."""
     return float(np.abs(bar.force(-result.history.u[:, 3]) / bar.limit_load - result.history.t).max())
 
 

@@ -41,7 +41,7 @@ def _places() -> list[tuple[str, str]]:
 
 
 def _errors_of(kind: str, state: str, n: int) -> list[float]:
-    """Of displacement, stress and reactions: by prescribed boundaries, then by tractions."""
+    """Errors of displacement, stress and reactions: by prescribed boundaries, then by tractions."""
     return [error for study in (by_boundary, by_tractions) for error in study(KINDS[kind], STATES[state][0], n)]
 
 
@@ -68,7 +68,7 @@ def by_tractions(kind: Kind, form: ClosedForm, n: int) -> tuple[float, float, fl
 
 
 def _errors(kind: Kind, result: StaticResult, path: Path) -> tuple[float, float]:
-    """Of displacement and stress."""
+    """Errors of displacement and stress."""
     (F, P), x = path(1.0), result.system.mesh.p
     u = np.zeros_like(x)
     u[: kind.k] = (F - np.eye(kind.k)) @ x[: kind.k]

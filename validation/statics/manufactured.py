@@ -100,5 +100,5 @@ def _errors(mesh: SimplexMesh) -> tuple[float, float]:
 
 
 def _but_one_face(x: Array) -> Any:
-    """On all faces of the cube but x = 1; its edges belong to the others."""
+    """Whether points lie on a face of the cube other than x = 1; its edges belong to the others."""
     return ((x == 0) | (x == 1))[1:].any(axis=0) | (x[0] == 0)

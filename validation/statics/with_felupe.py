@@ -40,7 +40,7 @@ def _body(mesh: skfem.MeshTet) -> tuple[Any, Any]:
 
 
 class _EnoughError(Exception):
-    """As many iterations as were asked for."""
+    """As many iterations were made as were asked for."""
 
 
 class _Counted:

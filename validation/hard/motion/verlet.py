@@ -48,7 +48,7 @@ class Elasticity(NamedTuple):
 
 
 def elasticity(body: Body, volume: bool) -> Elasticity:
-    """By scikit-fem; by the system itself where there is a volume term."""
+    """The elasticity of scikit-fem, or of the system itself where there is a volume term."""
     if volume:
         system = body.system(volume)
         return Elasticity(system.energy, system.internal_force)
