@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 from ..errors import StvkError, StvkWarning
 from ..mesh import SimplexMesh
 from ..mesh.geometry import vertex_sizes
-from ..peers import load, module_of
-from ..peers.peer import PACKAGES, lame
+from ..peers import PEERS, load
+from ..peers.peer import lame
 from ..referee.checks.precision import Textbook, patch, relative_error
 from ..referee.exact import ExactStVK
 from ..referee.players import METHODS
@@ -117,7 +117,7 @@ def peer_on(name: str, mesh: SimplexMesh) -> Any:
 def leave_out(results: Benchmark, names: list[str]) -> None:
     """Say which peers the plan does not time, and how those that are missing are installed."""
     for name in names:
-        package = PACKAGES[module_of(name)]
+        package = PEERS[name]
         if package.version() is None:
             results.not_measured[name] = f"not installed: {package.install}"
         elif name not in results.plan.peers:

@@ -7,6 +7,7 @@ from dataclasses import asdict, dataclass, field
 from typing import Any, NamedTuple, TypeVar
 
 from ..errors import StvkError
+from ..peers import PEERS
 from ..referee.case import OURS, REFERENCE
 from .meshes import Specimen
 
@@ -58,12 +59,7 @@ FULL = Plan(
     parts=(5_000, 40_000, 250_000),
     judged=(40_000, 250_000),
     referenced=(5_000, 40_000, 250_000),
-    peers={
-        "MuJoCo": MESHES[:4],  # it takes 10 minutes and more to set up 250 k tetrahedra
-        "FElupe": MESHES,
-        "NGSolve": MESHES,
-        "DOLFINx": MESHES,
-    },
+    peers=dict.fromkeys(PEERS, MESHES) | {"MuJoCo": MESHES[:4]},  # which takes 10 minutes and more to set up 250 k tetrahedra
     first_use=True,
 )
 

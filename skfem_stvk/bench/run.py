@@ -9,7 +9,6 @@ from time import perf_counter
 from ..arguments import flag, shown
 from ..errors import StvkError
 from ..peers import PEERS
-from ..peers.peer import PACKAGES
 from ..referee.header import PACKAGES as OWN
 from ..referee.header import circumstances
 from ..referee.terminal import CountedProgress
@@ -40,7 +39,7 @@ def bench(plan: Plan = FULL, quiet: bool = False) -> Benchmark:
     if not isinstance(plan, Plan):
         raise StvkError(f"plan = {shown(plan)}; expected FULL, QUICK or a Plan(...).")
     quiet = flag("quiet", quiet)
-    results = Benchmark(plan, circumstances((*OWN[:4], "numba", *(package.distribution for package in PACKAGES.values()))))
+    results = Benchmark(plan, circumstances((*OWN[:4], "numba", *(package.distribution for package in PEERS.values()))))
     specimens = [Specimen(kind, size) for kind, sizes in (("box", plan.boxes), ("part", plan.parts)) for size in sizes]
     begin = perf_counter()
     leave_out(results, list(PEERS))

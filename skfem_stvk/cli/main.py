@@ -8,6 +8,7 @@ import os
 import sys
 import warnings
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -56,28 +57,32 @@ def _show(console: Console, otherwise: Callable[..., None], message: Warning | s
         otherwise(message, *details, **more)
 
 
+@dataclass(frozen=True)
+class Command:
+    """What `skfem-stvk NAME` runs, which gives the exit code; the line of the help; and what adds its arguments."""
+
+    run: Callable[[argparse.Namespace], int]
+    help: str
+    add_arguments: Callable[[argparse.ArgumentParser], None] | None = None
+
+
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog="skfem-stvk", description="St. Venant-Kirchhoff elasticity from edges, and its referee.")
     commands = parser.add_subparsers(required=True, metavar="COMMAND")
-
-    check = commands.add_parser("verify", help="hold W, F and K against scikit-fem's on a mesh", description=_verify.__doc__)
-    check.add_argument("mesh", nargs="?", help="mesh file that meshio reads; by default an embedded bracket of two materials")
-    check.add_argument("--young", type=float, help="Young's modulus [Pa]")
-    check.add_argument("--poisson", type=float, help="Poisson's ratio")
-    check.add_argument("--out", metavar="FOLDER", help="write report.json and report.html there")
-    check.add_argument("--seed", type=int, default=0, help="of the random states, 0 by default")
-    check.set_defaults(run=_verify)
-
-    times = commands.add_parser("bench", help="time and memory of W, F, K and K v, against targets", description=_bench.__doc__)
-    times.add_argument("--quick", action="store_true", help="under two minutes; the full run takes about a quarter of an hour")
-    times.add_argument("--out", metavar="FOLDER", help="write benchmark.md, its pictures and benchmark.json there")
-    times.set_defaults(run=_bench)
-
-    info = commands.add_parser(
-        "info", help="versions, machine, optional packages: the head of a bug report", description=_info.__doc__
-    )
-    info.set_defaults(run=_info)
+    for name, command in COMMANDS.items():
+        one = commands.add_parser(name, help=command.help, description=command.run.__doc__)
+        if command.add_arguments is not None:
+            command.add_arguments(one)
+        one.set_defaults(run=command.run)
     return parser
+
+
+def _verify_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("mesh", nargs="?", help="mesh file that meshio reads; by default an embedded bracket of two materials")
+    parser.add_argument("--young", type=float, help="Young's modulus [Pa]")
+    parser.add_argument("--poisson", type=float, help="Poisson's ratio")
+    parser.add_argument("--out", metavar="FOLDER", help="write report.json and report.html there")
+    parser.add_argument("--seed", type=int, default=0, help="of the random states, 0 by default")
 
 
 def _verify(options: argparse.Namespace) -> int:
@@ -95,6 +100,11 @@ def _verify(options: argparse.Namespace) -> int:
     if options.out is not None:
         console.print(f"report.json and report.html are in {printable(options.out)}", soft_wrap=True)
     return 0 if report.passed else 1
+
+
+def _bench_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--quick", action="store_true", help="under two minutes; the full run takes about a quarter of an hour")
+    parser.add_argument("--out", metavar="FOLDER", help="write benchmark.md, its pictures and benchmark.json there")
 
 
 def _bench(options: argparse.Namespace) -> int:
@@ -155,6 +165,14 @@ def _info(options: argparse.Namespace) -> int:
     for name, value in facts.items():
         console.print(f"{name:>16}  {printable(str(value))}", soft_wrap=True)
     return 0
+
+
+#: All commands, by their names.
+COMMANDS = {
+    "verify": Command(_verify, "hold W, F and K against scikit-fem's on a mesh", _verify_arguments),
+    "bench": Command(_bench, "time and memory of W, F, K and K v, against targets", _bench_arguments),
+    "info": Command(_info, "versions, machine, optional packages: the head of a bug report"),
+}
 
 
 if __name__ == "__main__":

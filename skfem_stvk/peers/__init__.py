@@ -9,9 +9,7 @@ from importlib import import_module
 
 from ..arguments import shown
 from ..errors import StvkError
-from .peer import PACKAGES, Peer
-
-PEERS = {"MuJoCo": "mujoco.MuJoCo", "FElupe": "felupe.FElupe", "NGSolve": "ngsolve.NGSolve", "DOLFINx": "dolfinx.DOLFINx"}
+from .peer import PEERS, Peer
 
 __all__ = ["PEERS", "Peer", "available", "load"]
 
@@ -22,8 +20,7 @@ def available() -> dict[str, str]:
     >>> list(available())
     ['MuJoCo', 'FElupe', 'NGSolve', 'DOLFINx']
     """
-    packages = {name: PACKAGES[module_of(name)] for name in PEERS}
-    return {name: package.version() or package.install for name, package in packages.items()}
+    return {name: package.version() or package.install for name, package in PEERS.items()}
 
 
 def load(name: str) -> type[Peer]:
@@ -36,9 +33,5 @@ def load(name: str) -> type[Peer]:
     """
     if not isinstance(name, str) or name not in PEERS:
         raise StvkError(f"There is no peer {shown(name)}; there are {', '.join(PEERS)}.")
-    peer: type[Peer] = getattr(import_module(f".{module_of(name)}", __name__), PEERS[name].split(".")[1])
+    peer: type[Peer] = getattr(import_module(f".{PEERS[name].module}", __name__), name)
     return peer
-
-
-def module_of(name: str) -> str:
-    return PEERS[name].split(".")[0]

@@ -25,7 +25,7 @@ class DOLFINx:
     name = "DOLFINx"
 
     def __init__(self, p: Array, t: NDArray[np.int32], young: float, poisson: float) -> None:
-        dolfinx = require("dolfinx")
+        dolfinx = require("DOLFINx")
         try:
             mpi, ufl, basix = (import_module(module) for module in ("mpi4py.MPI", "ufl", "basix.ufl"))
             fem, la, meshes = (import_module(f"dolfinx.{module}") for module in ("fem", "la", "mesh"))

@@ -23,7 +23,7 @@ class FElupe:
     name = "FElupe"
 
     def __init__(self, p: Array, t: NDArray[np.int32], young: float, poisson: float) -> None:
-        felupe = require("felupe")
+        felupe = require("FElupe")
         self.version: str = felupe.__version__
         edges = p[:, t[1:]] - p[:, t[:1]]
         cells = t.T.copy()

@@ -24,7 +24,7 @@ class MuJoCo:
     name = "MuJoCo"
 
     def __init__(self, p: Array, t: NDArray[np.int32], young: float, poisson: float) -> None:
-        self._engine = mujoco = require("mujoco")
+        self._engine = mujoco = require("MuJoCo")
         self.version: str = mujoco.__version__
         self._rest = np.ascontiguousarray(p.T, dtype=float)
         self._model = _model(mujoco, self._rest, t, young, poisson)
@@ -70,7 +70,7 @@ class MuJoCoMotion:
     """A flex in motion, whose held vertices have no joints; parameters and errors as in `MuJoCo`."""
 
     def __init__(self, p: Array, t: NDArray[np.int32], young: float, poisson: float, moving: Moving) -> None:
-        self._engine = mujoco = require("mujoco")
+        self._engine = mujoco = require("MuJoCo")
         self.version: str = mujoco.__version__
         rest = np.ascontiguousarray(p.T, dtype=float)
         self._model = _model(mujoco, rest, t, young, poisson, moving)

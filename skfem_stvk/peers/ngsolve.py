@@ -32,7 +32,7 @@ class NGSolve:
     name = "NGSolve"
 
     def __init__(self, p: Array, t: NDArray[np.int32], young: float, poisson: float) -> None:
-        ngsolve = require("ngsolve")
+        ngsolve = require("NGSolve")
         self.version: str = ngsolve.__version__
         space = ngsolve.VectorH1(_mesh(ngsolve, p, t), order=1)
         F = ngsolve.Id(3) + ngsolve.Grad(space.TrialFunction())

@@ -80,7 +80,7 @@ class Reordering:
 class Package:
     """An optional package: the name it is imported by, its name where it is installed from, and the line that installs it.
 
-    `least` is the first major version that computes this model, `why` the reason.
+    The file in this folder that wraps it is named like the module. `least` is the first major version that computes this model, `why` the reason.
     """
 
     module: str
@@ -101,26 +101,25 @@ class Package:
         return int(version.split(".")[0]) >= self.least
 
 
-PACKAGES = {
-    package.module: package
-    for package in (
-        Package("mujoco", "mujoco", 'pip install "mujoco>=4"', least=4, why="Releases before 4.0 take lambda twice."),
-        Package("felupe", "felupe", "pip install felupe"),
-        Package("ngsolve", "ngsolve", "pip install ngsolve"),
-        Package("dolfinx", "fenics-dolfinx", "conda install -c conda-forge fenics-dolfinx"),
-    )
+#: The package of each peer, by the name of its class.
+PEERS = {
+    "MuJoCo": Package("mujoco", "mujoco", 'pip install "mujoco>=4"', least=4, why="Releases before 4.0 take lambda twice."),
+    "FElupe": Package("felupe", "felupe", "pip install felupe"),
+    "NGSolve": Package("ngsolve", "ngsolve", "pip install ngsolve"),
+    "DOLFINx": Package("dolfinx", "fenics-dolfinx", "conda install -c conda-forge fenics-dolfinx"),
 }
 
 
-def require(module: str) -> Any:
-    """The imported package.
+def require(name: str) -> Any:
+    """The imported package of a peer.
 
     Raises
     ------
     StvkError
         if it is missing, cannot be imported or is too old, with the line that installs it.
     """
-    package = PACKAGES[module]
+    package = PEERS[name]
+    module = package.module
     try:
         imported = import_module(module)
     except ImportError as error:

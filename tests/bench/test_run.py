@@ -19,7 +19,7 @@ from skfem_stvk.bench.page import page, rendered, save
 from skfem_stvk.bench.results import CONTROL, CSR, OURS, QUANTITIES, REFERENCE, TEXTBOOK
 from skfem_stvk.bench.tables import tables
 from skfem_stvk.peers import PEERS
-from skfem_stvk.peers.peer import PACKAGES, Package
+from skfem_stvk.peers.peer import Package
 from skfem_stvk.referee.terminal import as_text
 
 PLAN = Plan("quick", boxes=(50, 400), parts=(), judged=(400,), referenced=(400,), seconds=0.0)
@@ -113,8 +113,8 @@ def test_the_number_of_threads_is_put_back():
 
 
 def test_peers_that_are_missing_are_listed_with_the_line_that_installs_them(monkeypatch):
-    for module, package in PACKAGES.items():
-        monkeypatch.setitem(PACKAGES, module, Package(module, "no-such-distribution", package.install))
+    for name, package in PEERS.items():
+        monkeypatch.setitem(PEERS, name, Package(package.module, "no-such-distribution", package.install))
     found = bench(replace(PLAN, boxes=(50,), peers={"FElupe": ("box 50",)}), quiet=True)
     assert not found.failures
     assert all(re.search("not installed: (pip|conda) install", found.not_measured[name]) for name in PEERS)

@@ -14,7 +14,17 @@ from skfem_stvk.dynamics import EnergyMomentum, VelocityVerlet, checkpoint
 from skfem_stvk.results.series import read_list
 
 #: Of this package, what writes while a run goes.
-WRITERS = ("outputs.py", "series.py", "files.py", "ledger.py", "checkpoint.py", "archive.py", "vtu.py", "one_writer.py", "outlets.py")
+WRITERS = (
+    "outputs.py",
+    "series.py",
+    "files.py",
+    "ledger.py",
+    "checkpoint.py",
+    "archive.py",
+    "vtu.py",
+    "one_writer.py",
+    "outlets.py",
+)
 STEPS, EVERY = 2, 2
 
 

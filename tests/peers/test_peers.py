@@ -10,11 +10,10 @@ from skfem import MeshTet
 from skfem_stvk import Gravity, StVK, StvkError, System, simulate
 from skfem_stvk.dynamics import ForwardEuler, LinearBackwardEuler
 from skfem_stvk.peers import PEERS, available, load
-from skfem_stvk.peers.peer import PACKAGES, Package, require
+from skfem_stvk.peers.peer import Package, require
 
 YOUNG, POISSON = 2.0, 0.3
 LIMIT = 1e-12
-MODULES = {name: PEERS[name].split(".")[0] for name in PEERS}
 
 
 def part():
@@ -30,7 +29,7 @@ def part():
 @pytest.fixture(scope="module", params=PEERS)
 def peer(request):
     name = request.param
-    if PACKAGES[MODULES[name]].version() is None:
+    if PEERS[name].version() is None:
         pytest.skip(f"{name} is not installed: {available()[name]}")
     return load(name)(*part(), YOUNG, POISSON)
 
@@ -87,8 +86,8 @@ def test_a_later_call_leaves_earlier_results_alone(peer):
 
 @pytest.mark.parametrize("name", PEERS)
 def test_a_missing_package_is_named_with_the_line_that_installs_it(name, monkeypatch):
-    monkeypatch.setitem(sys.modules, MODULES[name], None)
-    with pytest.raises(StvkError, match=PACKAGES[MODULES[name]].install):
+    monkeypatch.setitem(sys.modules, PEERS[name].module, None)
+    with pytest.raises(StvkError, match=PEERS[name].install):
         load(name)(*part(), YOUNG, POISSON)
 
 
@@ -96,8 +95,8 @@ def test_the_package_imports_without_its_peers(monkeypatch):
     for module in list(sys.modules):
         if module.startswith("skfem_stvk.peers"):
             monkeypatch.delitem(sys.modules, module)
-    for module in MODULES.values():
-        monkeypatch.setitem(sys.modules, module, None)
+    for package in PEERS.values():
+        monkeypatch.setitem(sys.modules, package.module, None)
     from skfem_stvk import peers
 
     for name in peers.PEERS:
@@ -105,7 +104,7 @@ def test_the_package_imports_without_its_peers(monkeypatch):
 
 
 def test_what_is_not_installed_is_listed_with_the_line_that_installs_it(monkeypatch):
-    monkeypatch.setitem(PACKAGES, "felupe", Package("felupe", "no-such-distribution", "pip install felupe"))
+    monkeypatch.setitem(PEERS, "FElupe", Package("felupe", "no-such-distribution", "pip install felupe"))
     assert available()["FElupe"] == "pip install felupe"
 
 
@@ -114,7 +113,7 @@ def test_a_mujoco_that_takes_lambda_twice_is_refused(monkeypatch):
     old.__version__ = "3.17.0"
     monkeypatch.setitem(sys.modules, "mujoco", old)
     with pytest.raises(StvkError, match=r"Expected mujoco 4\.0 or later, got 3\.17\.0\. .* twice"):
-        require("mujoco")
+        require("MuJoCo")
 
 
 def test_an_unknown_peer_is_refused_with_the_names_there_are():

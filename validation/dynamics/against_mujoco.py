@@ -8,8 +8,8 @@ import numpy as np
 
 from skfem_stvk import System
 from skfem_stvk.dynamics import ForwardEuler
+from skfem_stvk.peers import PEERS
 from skfem_stvk.peers.mujoco import Moving, MuJoCoMotion
-from skfem_stvk.peers.peer import PACKAGES
 
 from ..statics.study import Study
 from .scenes import Array
@@ -21,7 +21,7 @@ COMPARED, QUICK_COMPARED, AGREE = (8, 12), (4,), 1e-2
 
 def against_mujoco(quick: bool) -> Iterator[Study]:
     """The same bar in MuJoCo, if that is installed."""
-    if PACKAGES["mujoco"].version() is None:
+    if PEERS["MuJoCo"].version() is None:
         return
     rows, failures = [], []
     for n in QUICK_COMPARED if quick else COMPARED:

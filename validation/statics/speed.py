@@ -10,7 +10,7 @@ import numpy as np
 
 from skfem_stvk.linear import AmgCg, Pardiso
 from skfem_stvk.linear.pardiso import pardiso_is_installed
-from skfem_stvk.peers.peer import PACKAGES
+from skfem_stvk.peers import PEERS
 
 from . import with_edges, with_felupe, with_scikit_fem
 from .cantilever import Array, Run, cantilever
@@ -74,7 +74,7 @@ def speed(quick: bool = False) -> Study:
 def missing() -> dict[str, str]:
     """Programs and solvers that are not installed, and the line that installs each."""
     lines = {} if pardiso_is_installed() else {PARDISO: "pip install 'skfem-stvk[pardiso]'"}
-    felupe = PACKAGES["felupe"]
+    felupe = PEERS["FElupe"]
     return lines if felupe.version() else lines | {FELUPE: felupe.install}
 
 
