@@ -43,7 +43,7 @@ class Balance(NamedTuple):
     def of(
         cls, kinetic: float, strain: float, potential: float, external: float, dissipated: float, first: float | None
     ) -> Balance:
-        """The balance of energies now and works since the first step, and the total energy `first` at that step: None if it is this one."""
+        """The balance of energies now and works since the first step; `first`: the total energy then, None if that is now."""
         total = kinetic + strain + potential
         return cls(total, 0.0 if first is None else total - first - external + dissipated)
 
@@ -217,6 +217,7 @@ def _named(name: str, given: Any, example: str) -> Mapping[str, Where]:
     hidden = [one for one in given if not one.isprintable()]
     if hidden:
         raise StvkError(
-            f"{name}: the name {ascii(hidden[0])[:80]} has characters that cannot be printed. It stands in tables and pictures: rename it."
+            f"{name}: the name {ascii(hidden[0])[:80]} has characters that cannot be printed. It stands in tables and pictures: "
+            "rename it."
         )
     return given

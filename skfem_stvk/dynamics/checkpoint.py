@@ -155,7 +155,8 @@ class MotionCheckpoint(Checkpoint[MotionHeader]):
         if self._is_file or named == "resume":
             folder = str(place.with_suffix("") if self._is_file else place)
             warn(
-                f"{named} = {str(place)!r} is taken until 1.0. Name a folder: checkpoint={folder!r}{', resume=True' * (named == 'resume')}; "
+                f"{named} = {str(place)!r} is taken until 1.0. Name a folder: "
+                f"checkpoint={folder!r}{', resume=True' * (named == 'resume')}; "
                 f"what it holds is {NAME}."
             )
 
@@ -199,12 +200,14 @@ class Saved(NamedTuple):
     ledger: Ledger
 
     def record(self) -> RunRecord:
-        """Where the run was."""
+        """The record of the run."""
         now, good = self.header.now, self.header.good
         then = self._snapshot(now, "")
         kept = None if good is None else self._snapshot(good, "good ")
-        counts, seconds = Counts(**self.header.counts.model_dump()), dict(self.header.seconds)
-        return RunRecord(then.state, then.clock, self.ledger, then.reviews, then.steps, then.cuts, kept, counts, seconds)
+        record = RunRecord(then.state, then.clock, self.ledger, then.reviews, then.steps, then.cuts, kept)
+        record.counts.add(Counts(**self.header.counts.model_dump()))
+        record.watch.add(self.header.seconds)
+        return record
 
     def _snapshot(self, moment: MomentRecord, prefix: str) -> Snapshot:
         state = MotionState(moment.t, *(self.arrays[prefix + name] for name in ARRAYS))
@@ -241,7 +244,8 @@ def load(file: Path) -> Saved:
     Raises
     ------
     StvkError
-        if there is no such file, it is incomplete or was not written here, or by another version, or was changed, or does not hold what it should.
+        if there is no such file, it is incomplete or was not written here, or by another version, or was changed, or does not hold
+        what it should.
     """
     if not file.exists():
         raise StvkError(f"There is no checkpoint {file}. Is the path relative to another folder? To begin anew, leave out resume.")
@@ -259,7 +263,7 @@ def load(file: Path) -> Saved:
 
 
 def refuse_inconsistent(saved: Saved, motion: Motion, integrator: Integrator) -> LedgerPlaces:
-    """Refuse a checkpoint that contradicts itself or the system: lengths, times, rows and energies. Returns the places that it follows.
+    """Refuse a checkpoint that contradicts itself or the system; the places that it follows.
 
     Raises
     ------
@@ -298,13 +302,14 @@ def _vertices(saved: Saved, kind: str, names: list[str]) -> dict[str, Array]:
 
 
 def _check_moment(saved: Saved, moment: MomentRecord, prefix: str, motion: Motion, integrator: Integrator) -> None:
-    """Refuse a moment whose steps, rows, clock, arrays and energies do not belong together; raises ValueError or KeyError in words."""
+    """Refuse a moment whose parts do not belong together; raises ValueError or KeyError in words."""
     clock, looks, times = moment.clock, moment.looks, saved.ledger["time"][: moment.rows]
     if moment.rows != moment.steps + 1 or moment.cuts > moment.steps or clock.count > moment.steps:
         raise ValueError(f"{moment.steps} steps, {moment.cuts} of them cut and {clock.count} of one length, for {moment.rows} rows")
     if moment.t != clock.start + clock.count * clock.dt or moment.t != times[-1]:
         raise ValueError(
-            f"t = {moment.t!r}, but its clock has {clock.count} steps of {clock.dt!r} from {clock.start!r}, its ledger ends at {float(times[-1])!r}"
+            f"t = {moment.t!r}, but its clock has {clock.count} steps of {clock.dt!r} from {clock.start!r}, its ledger ends at "
+            f"{float(times[-1])!r}"
         )
     if not np.array_equal(times[moment.steps - clock.count :], clock.start + np.arange(clock.count + 1) * clock.dt):
         raise ValueError("the times of its ledger are not those of its clock")

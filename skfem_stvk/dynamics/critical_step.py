@@ -1,4 +1,4 @@
-"""The largest step that explicit integrators can take, by the largest eigenvalue of (K, M): found by conjugate gradients, and bounded by norms."""
+"""The largest stable step of explicit integrators: from the largest eigenvalue of (K, M), and from a bound on it."""
 
 from __future__ import annotations
 
@@ -36,8 +36,8 @@ class CriticalStep:
     ----------
     step : from the largest eigenvalue of `M^-1 K` [s].
     bound : a smaller one that is safe [s], from the norms of the blocks of K alone.
-    omega, omega_bound : circular frequencies [1/s] without damping, the largest one and what it does not exceed; without damping the steps
-        are 2 over them.
+    omega, omega_bound : the largest circular frequency without damping, and a bound on it [1/s]; without damping the steps are 2
+        over them.
     products : of K with a vector, that `step` took.
     """
 
@@ -52,7 +52,7 @@ class CriticalStep:
 
 
 class LargestFrequency:
-    """Critical steps of a system, again and again as it deforms; nothing but room is kept from one state to the next.
+    """Critical steps of a system as it deforms; only arrays to work in are kept from one state to the next.
 
     With lagged velocities in the damping forces, `M a_n + D v_{n-1/2} + F(u_n) = h`, a step `T` is stable as long as
 
@@ -62,8 +62,8 @@ class LargestFrequency:
     The stiffness of loads that have a potential and are not dead counts by a bound on its own largest eigenvalue.
     `ForwardEuler` is that scheme. `VelocityVerlet` takes damping at a predicted velocity, and has the step of twice the damping.
 
-    Eigenvalues are looked for from a random motion on, always the same: that of the state before would save a fifth of the products, and miss
-    what has become the largest one elsewhere.
+    The search for an eigenvalue begins with a random motion, always the same: the mode of the state before would save a fifth of
+    the products, and miss an eigenvalue that has become the largest one elsewhere.
 
     Parameters
     ----------
@@ -82,7 +82,7 @@ class LargestFrequency:
         self._products = 0
 
     def at(self, u: ArrayLike, t: float = 0.0) -> CriticalStep:
-        """At displacements `u` (ndofs,) [m]; loads that depend on where the body goes are those at time `t`.
+        """The critical step at displacements `u` (ndofs,) [m], with the follower loads at time `t`.
 
         Raises
         ------
@@ -96,14 +96,14 @@ class LargestFrequency:
         return CriticalStep(max(step, bound), bound, min(float(np.sqrt(square)), omega_bound), omega_bound, self._products)
 
     def bound(self, u: ArrayLike, t: float = 0.0) -> float:
-        """The safe bound alone [s], for the time of a few products. Errors as of `at`."""
+        """The safe bound alone [s], for the time of a few products. Raises as in `at`."""
         return self._solve(u, t, self._bound)[1]
 
     def _solve(self, u: ArrayLike, t: float, elastic: Callable[[TangentOperator], float]) -> tuple[float, float]:
         """The largest `omega^2` without damping, and the step.
 
-        It is where `T^2 lam + 2 T alpha = 4`, with the largest eigenvalue `lam` of `K + 2/T (beta K0 + tau K_GN)`, a convex function of 1/T:
-        found by chords from 1/T = 0 on, and in the end shortened by what those have left.
+        It is where `T^2 lam + 2 T alpha = 4`, with the largest eigenvalue `lam` of `K + 2/T (beta K0 + tau K_GN)`, a convex
+        function of 1/T: found by chords from 1/T = 0 on, and in the end shortened by what those have left.
         """
         alpha, beta, tau = self._damping
         loads = self._of_loads(u, t)
@@ -138,7 +138,7 @@ class LargestFrequency:
         return self._operator
 
     def _of_loads(self, u: ArrayLike, t: float) -> float:
-        """What the stiffness of loads adds to the largest eigenvalue at most [1/s^2], by Gershgorin's circles; 0 if they have none."""
+        """A bound on what the stiffness of loads adds to the largest eigenvalue [1/s^2], by Gershgorin's circles."""
         K = self._system.load_stiffness(u, Moment(t, 1.0))
         if K is None:
             return 0.0
@@ -150,7 +150,7 @@ class LargestFrequency:
         return bound_on_eigenvalues(K, self._vertex)
 
     def _largest(self, K: TangentOperator) -> float:
-        """Not above the bound, and not below the largest one unless that is farther away than the residual."""
+        """The largest eigenvalue from above: its estimate plus the residual, but not above the bound."""
         bound = self._bound(K)
         if bound == 0:
             return 0.0
@@ -210,10 +210,11 @@ class Largest(NamedTuple):
 
 
 def largest_eigenvalue(product: Callable[[Array], Array], mass: Mass, x: Array) -> Largest:
-    """The largest eigenvalue, from `x` (ndofs,) on, by conjugate gradients that are optimal in three directions (LOBPCG, Knyazev 2001).
+    """The largest eigenvalue, from `x` (ndofs,) on, by locally optimal conjugate gradients (LOBPCG, Knyazev 2001).
 
-    Lanczos' method needs as many products and all vectors so far; this one the last three. scipy's `lobpcg` finds the same on slender, mixed and
-    compact bodies, membranes and single tetrahedra, always, with one or two products more (14 for 13, 26 for 24), in 1.4 to 2.1 times the time.
+    Lanczos' method needs as many products and all vectors so far; this one the last three. scipy's `lobpcg` finds the same on
+    slender, mixed and compact bodies, membranes and single tetrahedra, always, with one or two products more (14 for 13, 26 for
+    24), in 1.4 to 2.1 times the time.
     """
     x = _unit(x, mass)
     Kx, products, size = product(x), 1, 0.0
@@ -246,9 +247,9 @@ def bound_on_eigenvalues(K: TangentOperator, vertex: Array) -> float:
 
         value <= max_a (k_a s_a + sum_b |K_ab| s_b) / (m_a s_a)        for any s > 0
 
-    with the largest eigenvalue `k_a` of the diagonal block and the norms of the others: Gershgorin's circles of blocks, scaled. From
-    `s = m^-1/2` on, each quotient is the next `s` times what is under it, so that the bound falls (Collatz, Wielandt). Vertices without
-    mass are those that are held.
+    with the largest eigenvalue `k_a` of the diagonal block and the norms of the others: Gershgorin's circles of blocks, scaled.
+    From `s = m^-1/2` on, each quotient is the next `s` times what is under it, so that the bound falls (Collatz, Wielandt).
+    Vertices without mass are those that are held.
     """
     own = _largest_of_blocks(K.diagonal_blocks().astype(np.float64))
     inverse = np.divide(1.0, vertex, out=np.zeros(len(vertex)), where=vertex > 0)
@@ -263,7 +264,7 @@ def bound_on_eigenvalues(K: TangentOperator, vertex: Array) -> float:
 
 
 def _largest_of_blocks(blocks: Array) -> Array:
-    """(nv,) upper bounds on the eigenvalues of symmetric blocks (nv, d, d), by their traces (Wolkowicz, Styan 1980); exact for d < 3; not negative."""
+    """(nv,) upper bounds on the eigenvalues of symmetric blocks (nv, d, d), by traces (Wolkowicz, Styan 1980); exact for d < 3."""
     d = blocks.shape[1]
     mean = np.einsum("vcc->v", blocks) / d
     spread = np.einsum("vij,vij->v", blocks, blocks) - d * mean**2

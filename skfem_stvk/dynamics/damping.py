@@ -1,4 +1,4 @@
-"""Damping: forces against velocities, linear in them."""
+"""Damping: forces that are linear in the velocities, and oppose them."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ from ..errors import StvkError
 class Rayleigh:
     """Damping by mass and by the stiffness at rest: the force `-D v` with `D = alpha M + beta K0`, constant.
 
-    A mode of circular frequency `omega` at rest gets the damping ratio `(alpha/omega + beta omega)/2`. `alpha` damps all motion, that of the
-    whole body, too; `beta` does not know that a body has turned, and damps rotations that have become large.
+    A mode of circular frequency `omega` at rest gets the damping ratio `(alpha/omega + beta omega)/2`. `alpha` damps all motion,
+    that of the whole body, too; `beta` damps large rotations as well, for K0 does not turn with the body.
 
     Parameters
     ----------
@@ -43,8 +43,9 @@ class EdgeDamping:
         dzeta_i/dt = 2 p_i . (v_a - v_b)        force = -tau sum_i (L dzeta/dt)_i p_i = -tau K_GN(u) v
         power lost = tau/2 (dzeta/dt)' L (dzeta/dt)
 
-    over edges `i = ab` with edge vectors `p_i` at `u`; `K_GN`, the Gauss-Newton part of K, is K without tensions. No rigid motion is ever
-    damped, however far the body has turned. A mode of circular frequency `omega` at rest gets the damping ratio `tau omega/2`.
+    over edges `i = ab` with edge vectors `p_i` at `u`; `K_GN`, the Gauss-Newton part of K, is K without tensions. No rigid motion
+    is ever damped, however far the body has turned. A mode of circular frequency `omega` at rest gets the damping ratio `tau
+    omega/2`.
 
     Parameters
     ----------
@@ -75,12 +76,12 @@ class DampingFactors(NamedTuple):
 
 
 def damping_factors(damping: Damping | None) -> DampingFactors:
-    """The sums of the factors of all kinds of damping that came; zeros of none.
+    """The sums of the factors of all kinds of damping; zeros for None.
 
     Raises
     ------
     StvkError
-        if something else came.
+        if something else is given.
 
     >>> damping_factors([Rayleigh(alpha=0.5), EdgeDamping(1e-3), EdgeDamping(2e-3)])
     DampingFactors(alpha=0.5, beta=0.0, tau=0.003)

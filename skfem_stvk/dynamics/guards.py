@@ -23,8 +23,9 @@ GOOD, QUICKLY, EVERY = 1.0, 0.1, 20
 COLUMNS = "kinetic_energy", "strain_energy", "potential_energy", "external_work", "closure_error"
 #: Elements are counted after so many steps of explicit integrators, for a count costs half a force; of implicit ones after each.
 EXPLICIT, IMPLICIT = 20, 1
-#: A step over which a support moves so many times faster than ever before is searched: it is halved so often, and then it is a jump if such a part
-#: of what it moved is still left. What is smooth, or has a kink, leaves next to nothing; a motion within a thousandth of a step counts as a jump.
+#: A step over which a support moves so many times faster than ever before is searched: it is halved so often, and then it is a jump
+#: if such a part of the motion is still left. Smooth motions and kinks leave next to nothing; a motion within a thousandth of a
+#: step is a jump.
 FASTER, HALVINGS, LEFT = 2.0, 10, 0.25
 #: Smaller jumps, as a part of the body's size, do no harm.
 SMALL = 1e-9
@@ -50,7 +51,7 @@ class Guard:
         return not isfinite(kinetic + strain + excess) or excess > TOO_MUCH * self._most > 0
 
     def trusts(self) -> bool:
-        """Whether the state of the last row, for which `blown_up` was asked, is to be kept: it is good, and the one that is kept is old."""
+        """Whether to keep the state of the last row, after `blown_up` was asked: it is good, and the one that is kept is old."""
         good = self._record.good
         assert good is not None
         since = (self._record.steps - good.steps) / EVERY
@@ -74,7 +75,8 @@ def energy_given(ledger: Ledger) -> float:
 class Inversions:
     """Count the elements that are inside out, and warn of the first ones.
 
-    Rows between two counts have the number of the count before, so that a run which is resumed has the same ledger as one that never stopped.
+    Rows between two counts have the number of the count before, so that a run which is resumed has the same ledger as one that
+    never stopped.
     """
 
     def __init__(self, motion: Motion, explicit: bool) -> None:
@@ -167,7 +169,8 @@ class Jumps:
         jumping = sizes > 0
         vertices = np.unique(self._motion.free.fixed[fast[jumping]] // self._motion.system.mesh.d)
         warn(
-            f"t = {t:.6g} s: the supports of {name_ids(vertices, 'vertex')} jump by up to {sizes.max():.3g} m. What energy that puts in depends on dt: "
+            f"t = {t:.6g} s: the supports of {name_ids(vertices, 'vertex')} jump by up to {sizes.max():.3g} m. What energy that "
+            "puts in depends on dt: "
             f"let them get there by a ramp, over {STEPS} steps or more. To begin elsewhere, hand in u0=solve_static(...).u."
         )
 

@@ -237,7 +237,7 @@ def _draw(ledger: Mapping[str, Array], path: Path | None) -> Any:
 
 
 def _panels(ledger: Mapping[str, Array]) -> list[_Panel]:
-    """What there is to draw: energies that are not zero throughout, the closure error, momenta, displacements of probes, and reactions."""
+    """Panels of energies that are not zero throughout, the closure error, momenta, displacements of probes, and reactions."""
     energies = [
         (name, name.replace("_", " "), colour) for name, colour in ENERGIES.items() if name in ledger and ledger[name].any()
     ]

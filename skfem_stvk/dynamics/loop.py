@@ -13,7 +13,7 @@ from .books import Books
 from .guards import Guard, Inversions, Jumps, from_nowhere, inside_out_on_the_way
 from .integrators import StepFailed, Stepper
 from .options import Setup
-from .outputs import MotionFiles, Outputs
+from .outputs import Outputs
 from .record import MotionState, RunRecord
 from .run import Run, SimulationError
 from .stable_step import StableStep, halved_on_the_way
@@ -27,21 +27,22 @@ MANY = 10
 
 
 class Loop:
-    """The steps of one run until its end: the only writer of its record. What it asks on the way answers, and writes its own only.
+    """The steps of one run until its end: the only writer of its record. Its helpers read that and answer.
 
     Parameters
     ----------
     setup : what the run is.
-    record : where it begins, with what a run that is resumed had counted before.
-    files : what it writes.
+    record : where it begins.
+    outputs : what it writes.
     """
 
-    def __init__(self, setup: Setup, record: RunRecord, files: MotionFiles, quiet: bool) -> None:
-        self.setup, self.record, self._quiet = setup, record, quiet
+    def __init__(self, setup: Setup, record: RunRecord, outputs: Outputs, quiet: bool) -> None:
+        self.setup, self.record, self._outputs, self._quiet = setup, record, outputs, quiet
         motion, new = setup.motion, not record.ledger.steps
         self._stepper = setup.integrator.stepper(motion)
         self._stepper.counts.add(record.counts)
-        self._stepper.watch.add(record.seconds)
+        self._stepper.watch.add(record.watch.parts())
+        record.counts, record.watch = self._stepper.counts, self._stepper.watch
         self._limit = StableStep(motion, setup.integrator)
         if new:
             record.clock.dt, record.reviews = self._limit.first(record.state)
@@ -50,7 +51,6 @@ class Loop:
         self._inversions = Inversions(motion, setup.integrator.explicit)
         self._books.count_inside_out(self._inversions.at_first(record))
         self._monitors = Monitors(motion.system, ellipticity=False)
-        self._outputs = Outputs(files, setup, record, self._stepper)
         self._cutting = Cutting(self._stepper, self._books.work)
         self._jumps = Jumps(motion, record.state)
         self._stepping = False
@@ -149,14 +149,14 @@ class Loop:
         return halved is not None
 
     def _rescue(self, error: BaseException) -> str:
-        """End an interrupted run at the last whole step, or at the last good state if it was in between; what to do next, in words."""
+        """End an interrupted run at the last whole step, or at the last good state; what to do next, in words."""
         record = self.record
         if self._stepping and (self.setup.integrator.explicit or record.state.t != record.ledger["time"][-1]):
             record.back()  # implicit steps change the state in the end only
         return self._outputs.how_to_go_on(error)
 
     def _result(self, status: Status, detail: str, cause: BaseException | None) -> Run:
-        setup, record, stepper = self.setup, self.record, self._stepper
+        setup, record = self.setup, self.record
         findings = self._monitors.at(record.state.u)
         if status is Status.FINISHED and any(finding.name == "inside out" for finding in findings):
             status = Status.ENDED_INVERTED
@@ -172,9 +172,9 @@ class Loop:
             message=message,
             findings=findings,
             ledger=record.ledger,
-            iterations=stepper.counts.iterations,
+            iterations=record.counts.iterations,
             cuts=record.cuts,
-            seconds=stepper.watch.parts(),
+            seconds=record.watch.parts(),
             series=self._outputs.path,
         )
 
@@ -188,13 +188,15 @@ class Loop:
             return f"blew up soon after t = {t:.6g} s, the last good state: {detail}.{there} {self._limit.advice(self.record)}"
         if status is Status.NOT_CONVERGED:
             return (
-                f"the step from t = {t:.6g} s did not converge, not even in 64 parts: {detail}.{there} Try a smaller dt or another tangent"
+                f"the step from t = {t:.6g} s did not converge, not even in 64 parts: {detail}.{there} Try a smaller dt or "
+                "another tangent"
                 f"{'' if self._inversions.resisted else ', or VolumePenalty() among the terms if elements turn inside out'}."
             )
         if isinstance(cause, WriteError):
             return f"interrupted at t = {t:.6g} s: {cause}{detail}"
         if isinstance(cause, OSError):
-            return f"interrupted at t = {t:.6g} s: results could not be written ({cause}). Make room, or choose another folder.{detail}{there}"
+            remedy = "Make room, or choose another folder."
+            return f"interrupted at t = {t:.6g} s: results could not be written ({cause}). {remedy}{detail}{there}"
         by = f" by {type(cause).__name__}: {str(cause).rstrip('.')}" if str(cause) else ""
         return f"interrupted at t = {t:.6g} s{by}.{detail}{there}"
 

@@ -1,4 +1,4 @@
-"""The equation of motion of a system: masses, damping and loads as integrators ask for them."""
+"""The equation of motion of a system: masses, damping, loads and reactions."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from ..terms.load import Moment
 from .damping import Damping, damping_factors
 from .forces import add_damping_force, add_secant_damping, constant_loads
 
-#: A step that is shorter than this part of the one before is no step to difference over.
+#: A step that is shorter than this part of the one before is too short for differences.
 SHORT = 0.3
 #: Part of a time step over which prescribed displacements are differenced to begin with.
 DIFFERENCE = 1e-3
@@ -49,11 +49,11 @@ class Motion:
         return bool(self.alpha or self.beta or self.tau)
 
     def held(self, t: float) -> Array:
-        """Where the held degrees of freedom are [m]."""
+        """Displacements of the held degrees of freedom [m]."""
         return self.system.supports.values(Moment(t, 1.0))
 
     def held_velocities(self, t: float, dt: float) -> Array:
-        """How fast they move [m/s], from what they do next."""
+        """Velocities of the held degrees of freedom [m/s], by forward differences."""
         if not self.moving:
             return np.zeros(len(self.free.fixed))
         h = DIFFERENCE * dt
@@ -89,7 +89,7 @@ class Motion:
             out += self.beta * self.at_rest.matvec(v)
 
     def force(self, u: Array, v: Array, t: float) -> Array:
-        """(ndofs,) `h - D v - F` [N], what moves the body."""
+        """(ndofs,) `h - D v - F` [N], the force that moves the body."""
         force = self.loads(u, t) - self.system.internal_force(u)
         damping = np.zeros_like(force)
         self.add_damping(u, v, damping)
@@ -100,7 +100,7 @@ class Motion:
         return self.mass.solve(self.force(u, v, t))
 
     def dissipated(self, u0: Array, u1: Array, dt: float) -> float:
-        """What damping takes from the body on the way from `u0` to `u1` [J]: `dt v' D v` at the mean velocity."""
+        """Energy that damping takes from the body between `u0` and `u1` [J]: `dt v' D v` at the mean velocity."""
         if not self.damped:
             return 0.0
         v = (u1 - u0) / dt
@@ -134,9 +134,9 @@ def ground_forces(motion: Motion, u: Array, v: Array, t: float, since: float) ->
 
 
 def last_step(times: Sequence[float], dt: float) -> float:
-    """When the last step began [s], of those that led to `times`; at first, when the next one of the length `dt` will end.
+    """When the last of the steps that led to `times` began [s]; before the first step, when one of the length `dt` will end.
 
-    Of one that the end of the run cut short, rounding would be all that differences see: there it is the beginning of the step before.
+    Differences over a step that the end of the run cut short would see rounding only: there it is the beginning of the step before.
     """
     if len(times) == 1:
         return times[0] + dt
@@ -145,9 +145,9 @@ def last_step(times: Sequence[float], dt: float) -> float:
 
 
 def held_accelerations(motion: Motion, t: float, since: float) -> Array:
-    """How fast the held degrees of freedom gain speed at `t` [m/s^2], by differences of second order over the step that began at `since` [s].
+    """Accelerations of the held degrees of freedom at `t` [m/s^2], by differences over the step that began at `since` [s].
 
-    So the functions of the supports are asked for within the run only.
+    The functions of the supports are evaluated within the run only.
     """
     h = (t - since) / 3
     here, one, two, three = (motion.held(t - i * h) for i in range(4))

@@ -1,4 +1,4 @@
-"""What a simulation is asked for, and what it is."""
+"""Options of a simulation, and the setup of a run: what it is from its beginning to its end."""
 
 from __future__ import annotations
 
@@ -86,7 +86,7 @@ class Setup:
     until: float
 
     def problem(self, t0: float, start: Mapping[str, list[float]]) -> Problem:
-        """What is simulated from `t0` on, for files to be known by; `start`: numbers of the first state that are not zero."""
+        """The problem from `t0` on, as its files name it; `start`: numbers of the first state that are not zero."""
         moments = [t0 + fraction * (self.until - t0) for fraction in FRACTIONS]
         at_rest = {"t0": [t0], "u0": [0.0, 0.0], "v0": [0.0, 0.0]}
         return Problem("motion", self.motion.system, described(self.motion, self.integrator), moments, at_rest | dict(start))
@@ -117,7 +117,8 @@ def resumed_integrator(kept: IntegratorRecord, file: Path) -> Integrator:
     if kept.objects:
         solver = ", ".join(f"{name}={value!r}" for name, value in kept.objects.items())
         raise StvkError(
-            f"{file} is a motion with {kept.name}({solver}, ...), whose solver was an object: its options are not in the file. Give the same "
+            f"{file} is a motion with {kept.name}({solver}, ...), whose solver was an object: its options are not in the file. "
+            "Give the same "
             "integrator again."
         )
     options: dict[str, Any] = dict(kept.options)

@@ -1,4 +1,4 @@
-"""What a simulation writes while it runs: the series of states with the ledger beside it, and the checkpoint."""
+"""What a simulation writes while it runs: a series of states with the ledger beside it, and a checkpoint."""
 
 from __future__ import annotations
 
@@ -6,13 +6,11 @@ import os
 import time
 from contextlib import ExitStack, suppress
 from pathlib import Path
-from typing import NamedTuple
 
 from ..errors import StvkError, warn
 from ..results import Fields, Series
 from ..system.signature import Problem
-from .checkpoint import MotionCheckpoint, MotionHeader, Saved, packed
-from .integrators import Stepper
+from .checkpoint import MotionCheckpoint, MotionHeader, packed
 from .ledger import LedgerFile
 from .options import Options, Setup
 from .record import RunRecord
@@ -21,87 +19,17 @@ from .record import RunRecord
 EVERY = 10
 
 
-class MotionFiles(NamedTuple):
-    """The files of a run, opened.
-
-    Attributes
-    ----------
-    series, checkpoint : None where none was asked for.
-    every : steps from one saved state to the next.
-    """
-
-    series: Series | None = None
-    every: int = EVERY
-    checkpoint: MotionCheckpoint | None = None
-
-    @classmethod
-    def opened(cls, stack: ExitStack, options: Options, problem: Problem | None) -> MotionFiles:
-        """Those of a run that begins; files of another problem are refused."""
-        series = None
-        if options.checkpoint is not None and problem is not None:
-            options.checkpoint.belongs_to(problem, options.outlets.overwrite)
-        if options.outlets.save is not None:
-            series = stack.enter_context(Series(options.outlets.save, problem=problem, overwrite=options.outlets.overwrite))
-        return cls(series, options.every or EVERY, options.checkpoint)
-
-    @classmethod
-    def resumed(cls, stack: ExitStack, options: Options, problem: Problem, saved: Saved) -> MotionFiles:
-        """Those of a run that goes on: the series is where the caller says, or beside the checkpoint.
-
-        Raises
-        ------
-        StvkError
-            if the run had a series that is not there.
-
-        Warns
-        -----
-        StvkWarning
-            where states are missing from the series, or a new one begins.
-        """
-        then, checkpoint = saved.header, options.checkpoint
-        every, steps = options.every or then.every, then.now.steps
-        assert checkpoint is not None
-        checkpoint.belongs_to(problem, overwrite=options.outlets.overwrite or options.source != checkpoint.file)
-        save = _beside(then, checkpoint.folder) if options.outlets.save is None else options.outlets.save
-        if save is None:
-            return cls(None, every, checkpoint)
-        if then.save is not None and not save.exists():
-            warn(
-                f"{save} is not there, and begins at t = {then.now.t:g} s: the states before are in the series that was {then.save!r} when the "
-                "checkpoint was written."
-            )
-        last = float(saved.ledger["time"][steps - steps % every])
-        series = stack.enter_context(Series(save, resume=True, until=last, problem=problem))
-        if series.steps and series.steps[-1][0] < last < then.now.t and every == then.every:
-            warn(
-                f"{series.path} ends at t = {series.steps[-1][0]:g} s: its state at {last:g} s is missing, and cannot be had any more."
-            )
-        return cls(series, every, checkpoint)
-
-
-def _beside(then: MotionHeader, place: Path) -> Path | None:
-    """The series of a run, by its name beside the checkpoint."""
-    if then.save is None:
-        return None
-    save = Path(os.path.abspath(place)).parent / Path(then.save).name
-    if not save.is_file() or save.suffix.lower() != ".pvd":
-        raise StvkError(
-            f"The checkpoint {place} is of a run that saved the series {then.save!r}: that is the checkpoint's path, and {save.name} is not beside it "
-            f"in {save.parent}. Say where it is now, or where the states from t = {then.now.t:g} s on shall go: save=...; or move it there."
-        )
-    return save
-
-
 class Outputs:
-    """Write the states, the ledger and the checkpoint of a run, each where it was asked for.
+    """The files of a run: the states, the ledger and the checkpoint, each where it was asked for.
 
-    A checkpoint is written after the state that is to be saved at its step, never before: what a later run goes on from has all states saved
-    that lie behind it, whatever interrupts this one.
+    A checkpoint is written after the state that is to be saved at its step, never before: what a later run goes on from has all
+    states saved that lie behind it, whatever interrupts this one.
 
     Parameters
     ----------
-    record : of the run; it is read, never written.
-    stepper : its stopwatch counts what is done here as "write".
+    record : of the run. It is read, never written; its stopwatch counts what is done here as "write".
+    series, checkpoint : None where none was asked for.
+    every : steps from one saved state to the next.
 
     Attributes
     ----------
@@ -113,14 +41,70 @@ class Outputs:
         if a file cannot be written, before any work.
     """
 
-    def __init__(self, files: MotionFiles, setup: Setup, record: RunRecord, stepper: Stepper) -> None:
-        self._series, self._every, self._checkpoint = files
-        self._setup, self._record, self._stepper, self._watch = setup, record, stepper, stepper.watch
+    def __init__(
+        self,
+        setup: Setup,
+        record: RunRecord,
+        series: Series | None = None,
+        every: int = EVERY,
+        checkpoint: MotionCheckpoint | None = None,
+    ) -> None:
+        self._setup, self._record = setup, record
+        self._series, self._every, self._checkpoint = series, every, checkpoint
         self.written = -1
-        if self._series is not None:
+        if series is not None:
             system = setup.motion.system
             self._fields = Fields(system.mesh, system.elastic_terms)
-            self._table = LedgerFile(self._series.path.with_suffix(".csv"), record.ledger)
+            self._table = LedgerFile(series.path.with_suffix(".csv"), record.ledger)
+
+    @classmethod
+    def opened(cls, setup: Setup, record: RunRecord, options: Options, stack: ExitStack) -> Outputs:
+        """Open the files of a run that begins; those of another problem are refused."""
+        series, save, overwrite = None, options.outlets.save, options.outlets.overwrite
+        if save is not None or options.checkpoint is not None:
+            problem = setup.problem(record.state.t, options.start(setup.motion.system))
+        if options.checkpoint is not None:
+            options.checkpoint.belongs_to(problem, overwrite)
+        if save is not None:
+            series = stack.enter_context(Series(save, problem=problem, overwrite=overwrite))
+        return cls(setup, record, series, options.every or EVERY, options.checkpoint)
+
+    @classmethod
+    def resumed(
+        cls, setup: Setup, record: RunRecord, options: Options, stack: ExitStack, problem: Problem, then: MotionHeader
+    ) -> Outputs:
+        """Open the files of a run that goes on: the series is where the caller says, or beside the checkpoint.
+
+        Raises
+        ------
+        StvkError
+            if the run had a series that is not there.
+
+        Warns
+        -----
+        StvkWarning
+            where states are missing from the series, or a new one begins.
+        """
+        checkpoint, every, t = options.checkpoint, options.every or then.every, record.state.t
+        assert checkpoint is not None
+        checkpoint.belongs_to(problem, overwrite=options.outlets.overwrite or options.source != checkpoint.file)
+        save = options.outlets.save or _beside(then, checkpoint.folder)
+        if save is None:
+            return cls(setup, record, None, every, checkpoint)
+        if then.save is not None and not save.exists():
+            warn(
+                f"{save} is not there, and begins at t = {t:g} s: the states before are in the series that was {then.save!r} when "
+                "the "
+                "checkpoint was written."
+            )
+        last = float(record.ledger["time"][record.steps - record.steps % every])
+        series = stack.enter_context(Series(save, resume=True, until=last, problem=problem))
+        if series.steps and series.steps[-1][0] < last < t and every == then.every:
+            warn(
+                f"{series.path} ends at t = {series.steps[-1][0]:g} s: its state at {last:g} s is missing, and cannot be had any "
+                "more."
+            )
+        return cls(setup, record, series, every, checkpoint)
 
     @property
     def path(self) -> Path | None:
@@ -132,7 +116,7 @@ class Outputs:
         series, state = self._series, self._record.state
         if series is None:
             return
-        with self._watch("write"):
+        with self._record.watch("write"):
             if not series.steps or series.steps[-1][0] < state.t:
                 series.add(self._fields.at(state.u, state.v), state.t)
             self._table.write()
@@ -153,31 +137,31 @@ class Outputs:
         if self._checkpoint is None:
             return
         self.frame_in_turn()
-        record, setup, seconds = self._record, self._setup, self._watch.parts()
-        with self._watch("write"):
+        record, setup, seconds = self._record, self._setup, self._record.watch.parts()
+        with self._record.watch("write"):
             about, arrays = packed(record, setup.places, found=setup.integrator.dt is None)
-            about |= {"counts": vars(self._stepper.counts), "seconds": seconds, "every": self._every}
+            about |= {"counts": vars(record.counts), "seconds": seconds, "every": self._every}
             about["save"] = None if self._series is None else str(self._series.path)
             self._checkpoint.write(about, arrays, record.ledger)
         self.written = record.steps
 
     def back(self) -> None:
-        """Remove from the files what came after the state, which is an earlier one again."""
+        """Cut the files after the state, which is an earlier one again."""
         if self._series is not None:
-            with self._watch("write"):
+            with self._record.watch("write"):
                 self._series.cut(self._record.state.t)
                 self._table.write()
         self.frame_in_turn()
         self.checkpoint()
 
     def close(self) -> None:
-        """Write the last state, and the checkpoint unless the last step was shorter than the others: a later run goes on from before that."""
+        """Write the last state, and the checkpoint unless the last step was a short one: a later run goes on from before that."""
         self.frame()
         if self._record.at_a_step:
             self.checkpoint()
 
     def how_to_go_on(self, error: BaseException) -> str:
-        """Write a checkpoint after an error, unless there is a later one or results cannot be written any more; how to go on from it, in words."""
+        """Write a checkpoint after an error, unless there is a later one or the disk is full; how to go on from it, in words."""
         if self._checkpoint is None:
             return ""
         record, full = self._record, isinstance(error, OSError)  # then a state may be missing from the series
@@ -188,3 +172,18 @@ class Outputs:
             return ""
         there = "there" if self.written == record.steps else "the last checkpoint"
         return f" checkpoint={str(self._checkpoint.folder)!r}, resume=True goes on from {there}."
+
+
+def _beside(then: MotionHeader, place: Path) -> Path | None:
+    """The series of a run, by its name beside the checkpoint."""
+    if then.save is None:
+        return None
+    save = Path(os.path.abspath(place)).parent / Path(then.save).name
+    if not save.is_file() or save.suffix.lower() != ".pvd":
+        raise StvkError(
+            f"The checkpoint {place} is of a run that saved the series {then.save!r}: that is the checkpoint's path, and "
+            f"{save.name} is not beside it "
+            f"in {save.parent}. Say where it is now, or where the states from t = {then.now.t:g} s on shall go: save=...; or move "
+            "it there."
+        )
+    return save

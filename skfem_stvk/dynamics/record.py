@@ -1,4 +1,4 @@
-"""Where a run is: the record that changes as a motion goes on. The loop alone writes it."""
+"""The record of a run: its state, clock, counts and ledger as it goes on. The loop alone writes it."""
 
 from __future__ import annotations
 
@@ -8,13 +8,14 @@ from math import ceil, isfinite, nan, ulp
 import numpy as np
 
 from ..arguments import Array
+from ..nonlinear.stopwatch import Stopwatch
 from .ledger import Ledger
 
 #: Part of a step by which the end may be missed and still be met.
 SLACK = 1e-6
 #: Part of a step that rounding of the time may add or take away.
 ROUNDED = 1e-6
-#: The safe bound may move by this part from one review to the next, between which there are so many steps at first, at least and at most.
+#: The safe bound may move by this part between two reviews; steps between two reviews at first, at least and at most.
 MOVES, FIRST, FEWEST, MOST = 0.01, 10, 5, 200
 #: Steps that were found are halved so often at most.
 HALVINGS = 4
@@ -27,9 +28,10 @@ class MotionState:
     Attributes
     ----------
     t : time [s].
-    u, v, a : (ndofs,) displacements [m], velocities [m/s], and accelerations [m/s^2] where the integrator keeps them, otherwise zero.
-    reaction : (ndofs,) mean forces of the supports over the last step [N], at the degrees of freedom that are held; where none of them moves,
-        and their work is zero, explicit integrators leave it zero.
+    u, v, a : (ndofs,) displacements [m], velocities [m/s], and accelerations [m/s^2] where the integrator keeps them, otherwise
+        zero.
+    reaction : (ndofs,) mean forces of the supports over the last step [N], at held degrees of freedom. Explicit integrators leave
+        it zero where none of them moves, and their work is zero.
     """
 
     t: float
@@ -171,7 +173,7 @@ class Snapshot:
 
 @dataclass
 class RunRecord:
-    """Where a run is.
+    """The state of a run, with all that a run that goes on from here needs.
 
     Attributes
     ----------
@@ -180,7 +182,7 @@ class RunRecord:
     ledger : one row for each step, and one for the beginning.
     steps, cuts : how many steps were made, and how many of them in parts.
     good : the last good state, to which a run that blows up goes back.
-    counts, seconds : what the steps took before this run, of a motion that is resumed, and how long by part [s].
+    counts, watch : what the steps took, and how long by part; of a motion that is resumed, in all.
     """
 
     state: MotionState
@@ -191,7 +193,7 @@ class RunRecord:
     cuts: int = 0
     good: Snapshot | None = None
     counts: Counts = field(default_factory=Counts)
-    seconds: dict[str, float] = field(default_factory=dict)
+    watch: Stopwatch = field(default_factory=lambda: Stopwatch("write"))
 
     @property
     def at_a_step(self) -> bool:

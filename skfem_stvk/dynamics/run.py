@@ -1,4 +1,4 @@
-"""What a simulation leaves."""
+"""The result of a simulation."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from .motion import Motion, ground_forces, last_step
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Run:
-    """A motion: its last state, its books, and how it came out.
+    """A motion: its last state, its ledger, and how it came out.
 
     Attributes
     ----------
@@ -35,11 +35,11 @@ class Run:
     t : its time [s].
     dt : length of the last whole step [s].
     status, message : how it came out, in a word and in full.
-    findings : doubts about elements in the last state, as `step.findings` of statics has them: inside out, or compressed beyond where the material
-        softens.
-    ledger : one array a name, one value a step: `run.ledger["total_energy"]`.
-    iterations : of Newton's method, or of the linear solver where a step is one linear solve; like `cuts` and `seconds` of the whole motion, also
-        where it was resumed.
+    findings : doubts about elements in the last state, as in `step.findings` of statics: inside out, or compressed beyond where the
+        material softens.
+    ledger : one array per name, one value per step: `run.ledger["total_energy"]`.
+    iterations : of Newton's method, or of the linear solver where a step is one linear solve. Like `cuts` and `seconds` they are of
+        the whole motion, also where it was resumed.
     cuts : steps that were made in parts, because no state was found at their end at once.
     seconds : by part: assemble, factor, solve, write (results and checkpoints), other.
     series : the .pvd file, if there is one.
@@ -62,7 +62,7 @@ class Run:
 
     @property
     def system(self) -> System:
-        """What moved."""
+        """The system that moved."""
         return self.motion.system
 
     @property
@@ -76,11 +76,12 @@ class Run:
         return Fields(self.system.mesh, self.system.elastic_terms).at(self.u, self.v)
 
     def reaction(self, where: Where | None = None) -> Reaction:
-        """Force of the ground on the body at a place at the end, through supports and foundations: `.resultant` [N], `.moment(about)` [N m], `.by_node`.
+        """Force of supports and foundations on the body at a place: `.resultant` [N], `.moment(about)` [N m], `.by_node`.
 
-        That of supports is `M a + D v + F(u) - h(u, t)`: what carries the loads, and the inertia and damping of what is held, where it
-        moves. That of foundations is `-K_f (u + beta v)`, with the factor beta of `Rayleigh` damping. Together with the loads they are the rate of
-        the body's linear momentum. `where` is a boundary, a node set, vertex ids or a predicate; None for all of them.
+        That of supports is `M a + D v + F(u) - h(u, t)`: it carries the loads, and the inertia and damping of held degrees of
+        freedom that move. That of foundations is `-K_f (u + beta v)`, with the factor beta of `Rayleigh` damping. Together with the
+        loads they are the rate of the body's linear momentum. `where` is a boundary, a node set, vertex ids or a predicate; None
+        for all of them.
 
         Raises
         ------
@@ -94,15 +95,15 @@ class Run:
         return Reaction.of(self.system.mesh, self.u, ground_forces(self.motion, self.u, self.v, self.t, since), vertices)
 
     def plot(self, field: str | ArrayLike = "von_mises_stress", **options: Any) -> Any:
-        """Draw the last state, coloured by a field; options as of `results.plot`."""
+        """Draw the last state, coloured by a field; options as in `results.plot`."""
         return plot(self.state, field, **options)
 
     def save(self, path: str | os.PathLike[str], fields: Any = DEFAULT) -> Path:
-        """Write the last state to a .vtu file; errors as of `results.write_vtu`."""
+        """Write the last state to a .vtu file; errors as in `results.write_vtu`."""
         return write_vtu(path, self.state, fields)
 
     def animate(self, path: str | os.PathLike[str], field: str = "displacement", **options: Any) -> Path:
-        """A .gif or .mp4 of what was saved, coloured by a field; options as of `results.animate`.
+        """Write a .gif or .mp4 of the states that were saved, coloured by a field; options as in `results.animate`.
 
         Raises
         ------

@@ -1,4 +1,4 @@
-"""Simulations: from a first state or a checkpoint, through the loop over the steps, to what came out."""
+"""Simulations: from a first state or a checkpoint, through the loop over the steps, to the result."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from .ledger import Ledger
 from .loop import Loop
 from .motion import Motion
 from .options import Options, Setup, checked_integrator, described, resumed_integrator
-from .outputs import MotionFiles
+from .outputs import Outputs
 from .record import SLACK, Clock, MotionState, RunRecord
 from .run import Run
 
@@ -54,48 +54,53 @@ def simulate(
 ) -> Run:
     """Motion `M v' + D v + F(u) = h(u, t)` from `t0` until a time.
 
-    Loads and prescribed displacements that are given by constants are what they are from the beginning, they do not ramp; functions are
-    functions of the time.
+    Loads and prescribed displacements that are given by constants are what they are from the beginning, they do not ramp; functions
+    are functions of the time.
 
     Parameters
     ----------
     system : a body whose materials have densities. It may be free to move.
-    integrator : `ForwardEuler`, `VelocityVerlet`, `LinearBackwardEuler`, `BackwardEuler`, `Newmark`, `GeneralizedAlpha`, `EnergyMomentum`.
+    integrator : `ForwardEuler`, `VelocityVerlet`, `LinearBackwardEuler`, `BackwardEuler`, `Newmark`, `GeneralizedAlpha`,
+        `EnergyMomentum`.
     until : the end [s]; if it is not a whole number of steps away, the last step is shorter.
     u0, v0 : (ndofs,) displacements [m] and velocities [m/s] to start from, by default none. What is held moves as the supports say.
     t0 : time to start from [s].
     mass : "lumped", the default, or "consistent".
     damping : `Rayleigh(alpha, beta)`, `EdgeDamping(tau)` or a list of them.
     probes : places by name, whose mean displacements stand in the ledger: `{"A": [17]}` gives the columns "A x", "A y".
-    reactions : places with supports or foundations by name, whose forces stand in the ledger, for the price of one force per step: `{"B": "left"}` gives "reaction B x",
-        "reaction B y". Of the last state alone there is `run.reaction("left")`.
-    save : a .pvd file, with a .vtu file for each state that is saved, displacements, velocities, stresses and strains, and the ledger as .csv beside it.
+    reactions : places with supports or foundations by name, whose forces stand in the ledger, for the price of one force per step:
+        `{"B": "left"}` gives "reaction B x", "reaction B y". Of the last state alone there is `run.reaction("left")`.
+    save : a .pvd file, with a .vtu file for each state that is saved, displacements, velocities, stresses and strains, and the
+        ledger as .csv beside it.
     every : steps from one saved state to the next, by default 10.
     checkpoint : a folder whose one file, `motion.npz`, is replaced every few seconds, and at the end.
-    resume : go on with the motion that `checkpoint` holds, if any, bit for bit as if it had never stopped; one that is at its end is returned. What a run begins with (`integrator`,
-        `u0`, `v0`, `t0`, `mass`, `damping`, `probes`, `reactions`) may be given again, and has to be the same, or is taken from there. So are
-        `every`, and the name of the series: it goes on where `save` says, or beside the checkpoint.
-    overwrite : let `save` and `checkpoint` replace what belongs to another problem, with another mesh, other terms, supports, options or beginnings.
+    resume : go on with the motion that `checkpoint` holds, if any, bit for bit as if it had never stopped; one that is at its end
+        is returned. What a run begins with (`integrator`, `u0`, `v0`, `t0`, `mass`, `damping`, `probes`, `reactions`) may be given
+        again, and has to be the same, or is taken from there. So are `every`, and the name of the series: it goes on where `save`
+        says, or beside the checkpoint.
+    overwrite : let `save` and `checkpoint` replace what belongs to another problem, with another mesh, other terms, supports,
+        options or beginnings.
     quiet : print nothing.
-    raise_on_failure : raise where the end is not reached, or elements are inside out there; otherwise look at `run.status`. What interrupts a run, such as Ctrl-C or a full
-        disk, is raised in any case.
+    raise_on_failure : raise where the end is not reached, or elements are inside out there; otherwise look at `run.status`. What
+        interrupts a run, such as Ctrl-C or a full disk, is raised in any case.
 
     Raises
     ------
     MaterialError, LoadError, SupportError, StateError
         if a density is missing, nothing acts on the body, or the first state is not one.
     SimulationError
-        if the motion blew up, a step found no state, elements are inside out in the end, or something failed on the way, such as a load's
-        function or the disk. It carries the run so far, with the last good state; what is inside out in the end is saved like any other.
+        if the motion blew up, a step found no state, elements are inside out in the end, or something failed on the way, such as a
+        load's function or the disk. It carries the run so far, with the last good state; what is inside out in the end is saved
+        like any other.
     StvkError
-        for other parameters that are not as they should be; where `save` or `checkpoint` belong to another problem, or are being written by
-        another run; where a checkpoint or the series of a run that is resumed is damaged or missing.
+        for other parameters that are not as they should be; where `save` or `checkpoint` belong to another problem, or are being
+        written by another run; where a checkpoint or the series of a run that is resumed is damaged or missing.
 
     Warns
     -----
     StvkWarning
-        if the step of an explicit integrator is above the critical one, or elements lock; where elements turn inside out; where a prescribed
-        displacement jumps.
+        if the step of an explicit integrator is above the critical one, or elements lock; where elements turn inside out; where a
+        prescribed displacement jumps.
 
     >>> import skfem
     >>> from skfem_stvk import EnergyMomentum, Gravity, StVK, System, simulate
@@ -143,7 +148,7 @@ def simulate(
         return Loop(*start, quiet).run(raise_on_failure)
 
 
-def _begun(system: System, options: Options, stack: ExitStack) -> tuple[Setup, RunRecord, MotionFiles]:
+def _begun(system: System, options: Options, stack: ExitStack) -> tuple[Setup, RunRecord, Outputs]:
     """A run from a first state."""
     integrator = checked_integrator(options.integrator)
     places = LedgerPlaces.checked(system, options.probes, options.reactions)
@@ -153,12 +158,10 @@ def _begun(system: System, options: Options, stack: ExitStack) -> tuple[Setup, R
         raise _too_early(options.until, state.t)
     setup = Setup(motion, integrator, places, options.until)
     record = RunRecord(state, Clock(state.t, integrator.dt or 0.0), Ledger(column_names(system, *places)))
-    writes = options.outlets.save is not None or options.checkpoint is not None
-    problem = setup.problem(state.t, options.start(system)) if writes else None
-    return setup, record, MotionFiles.opened(stack, options, problem)
+    return setup, record, Outputs.opened(setup, record, options, stack)
 
 
-def _resumed(system: System, options: Options, stack: ExitStack, file: Path) -> tuple[Setup, RunRecord, MotionFiles]:
+def _resumed(system: System, options: Options, stack: ExitStack, file: Path) -> tuple[Setup, RunRecord, Outputs]:
     """A run from a checkpoint, for the problem that it holds: what is given of the beginning has to be what it was.
 
     Raises
@@ -178,7 +181,8 @@ def _resumed(system: System, options: Options, stack: ExitStack, file: Path) -> 
     differences = problem.differences(header.problem)
     if differences:
         raise StvkError(
-            f"{file} is of another problem: {differences}. Give the same again, or leave it out, to resume it. To start anew: overwrite=True, "
+            f"{file} is of another problem: {differences}. Give the same again, or leave it out, to resume it. To start anew: "
+            "overwrite=True, "
             "without resume."
         )
     try:
@@ -190,7 +194,7 @@ def _resumed(system: System, options: Options, stack: ExitStack, file: Path) -> 
     if options.until < record.state.t - SLACK * record.clock.dt:
         raise _too_early(options.until, record.state.t)
     setup = Setup(motion, integrator, places, options.until)
-    return setup, record, MotionFiles.resumed(stack, options, problem, saved)
+    return setup, record, Outputs.resumed(setup, record, options, stack, problem, header)
 
 
 def _too_early(until: float, t: float) -> StvkError:
@@ -198,7 +202,7 @@ def _too_early(until: float, t: float) -> StvkError:
 
 
 def _first_state(motion: Motion, options: Options, dt: float) -> MotionState:
-    """The state that is asked for, with what is held where the supports have it; its velocities are differenced over a part of `dt`."""
+    """The first state, with held degrees of freedom as prescribed; their velocities are differences over a part of `dt`."""
     system, t0 = motion.system, options.t0
     u, v = (_vector(name, x, system) for name, x in (("u0", options.u0), ("v0", options.v0)))
     state = MotionState.at(t0, u, v)
@@ -207,8 +211,10 @@ def _first_state(motion: Motion, options: Options, dt: float) -> MotionState:
     far = fixed[gap > 1e-9 * (1e-3 * np.ptp(system.mesh.p, axis=1).max() + np.abs(held).max(initial=0.0))]
     if len(far):
         raise SupportError(
-            f"{name_ids(np.unique(far // system.mesh.d), 'vertex')}: at t0 = {t0:g} s the supports hold them up to {gap.max():.3g} m from where u0 has "
-            "them. In dynamics constants do not ramp: prescribe a function of t that begins at u0, or begin in an equilibrium: u0=solve_static(...).u."
+            f"{name_ids(np.unique(far // system.mesh.d), 'vertex')}: at t0 = {t0:g} s the supports hold them up to "
+            f"{gap.max():.3g} m from where u0 has "
+            "them. In dynamics constants do not ramp: prescribe a function of t that begins at u0, or begin in an equilibrium: "
+            "u0=solve_static(...).u."
         )
     state.u[fixed] = held
     state.v[fixed] = motion.held_velocities(t0, dt)

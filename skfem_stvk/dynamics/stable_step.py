@@ -16,8 +16,8 @@ from .record import HALVINGS, Clock, MotionState, Reviews, RunRecord, Snapshot
 
 #: Part of the critical step that is taken by default; between the other two it is kept as the body deforms.
 SAFETY, LEAST, MOST = 0.85, 0.7, 0.88
-#: While the bound, for the price of five to seven forces, is within this part of what it was, the critical step moves with it; else it is computed,
-#: for that of sixty or more: never for a given step that is below the bound.
+#: While the bound, at the price of five to seven forces, is within this part of what it was, the critical step is taken to move
+#: with it; else it is computed, at the price of sixty or more, unless a given step is below the bound.
 MOVED = 0.04
 
 
@@ -50,14 +50,15 @@ class StableStep:
         dt, reviews = self._first(state)
         if not Clock(state.t, dt).resolves(dt):
             raise StvkError(
-                f"t0 = {state.t:g} s is too late for steps of dt = {dt:.4g} s: the numbers for times there are {ulp(state.t):.2g} s apart. "
+                f"t0 = {state.t:g} s is too late for steps of dt = {dt:.4g} s: the numbers for times there are {ulp(state.t):.2g} "
+                "s apart. "
                 "Count the time from 0: leave out t0, and let what is a function of t be one of t0 + t."
             )
         return dt, reviews
 
     @np.errstate(over="ignore", invalid="ignore")  # where a body is about to blow up
     def review(self, record: RunRecord) -> tuple[float, Reviews]:
-        """The step with which the motion goes on [s], and the reviews after this one; the critical step is looked at if it is time.
+        """The step with which the motion goes on [s], and the reviews after this one; computes the critical step if it is time.
 
         Raises
         ------
@@ -84,7 +85,7 @@ class StableStep:
         return clock.dt, reviews
 
     def halved(self, good: Snapshot) -> Snapshot | None:
-        """The last good state with steps half as long, from which a motion that blew up goes on; None if the step was given, or halved too often."""
+        """The last good state with steps half as long; None if the step was given or was halved too often."""
         if self._given is not None or good.reviews.halvings == HALVINGS:
             return None
         reviews = replace(good.reviews, halvings=good.reviews.halvings + 1)
@@ -95,11 +96,13 @@ class StableStep:
         dt, reviews = record.clock.dt, record.reviews
         if self._largest is None:
             chosen = getattr(self._integrator, "tangent", "exact")
-            return f"Try a smaller step than dt = {dt:.4g} s, or another tangent than {chosen!r}: 'clamped' takes larger ones where bodies are pressed."
+            larger = "'clamped' takes larger ones where bodies are pressed"
+            return f"Try a smaller step than dt = {dt:.4g} s, or another tangent than {chosen!r}: {larger}."
         known = self._last or self._largest.at(record.state.u, record.state.t)
         found = "" if self._given is None else ", dt=None to have it found"
         halved = f", halved {_times(reviews.halvings)} from {reviews.largest:.4g} s at most" if reviews.halvings else ""
-        return f"The step was {dt:.4g} s{halved} ({known} when it was looked at last): try a smaller one{found}, or an implicit integrator."
+        was = f"The step was {dt:.4g} s{halved} ({known} when it was looked at last)"
+        return f"{was}: try a smaller one{found}, or an implicit integrator."
 
     def _first(self, state: MotionState) -> tuple[float, Reviews]:
         dt, reviews = self._given, Reviews()

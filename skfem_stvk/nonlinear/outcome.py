@@ -1,4 +1,4 @@
-"""How an analysis came out."""
+"""Outcomes of analyses."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ class Status(Enum):
 
     @property
     def success(self) -> bool:
-        """Whether the full load or the end was reached, in a state that is stable, as far as was seen, and has no element inside out."""
+        """Whether the end was reached in a state that is stable, as far as was seen, and has no element inside out."""
         return self in (Status.CONVERGED, Status.AT_ROUND_OFF, Status.FINISHED)
 
     def __str__(self) -> str:

@@ -1,4 +1,4 @@
-"""Arrays with a header, in one .npz file: whole or not there, and believed only as far as a schema goes; and checkpoints made of such files."""
+"""Archives: arrays with a header in one .npz file, whole or not there, checked by a schema; and checkpoints made of them."""
 
 from __future__ import annotations
 
@@ -178,7 +178,8 @@ def _read(
         raise NotOurs(f"{path} {error} {remedy}") from None
     except (OSError, EOFError, ValueError, KeyError, TypeError, MemoryError, RuntimeError, BadZipFile) as error:
         raise NotOurs(
-            f"{path} cannot be read as a {known[0]}: it is incomplete, or was not written here ({type(error).__name__}: {error}). {remedy}"
+            f"{path} cannot be read as a {known[0]}: it is incomplete, or was not written here ({type(error).__name__}: {error}). "
+            f"{remedy}"
         ) from error
     try:
         return schema.model_validate(header), arrays
@@ -226,7 +227,8 @@ def _check_known(header: Any, known: tuple[str, int]) -> None:
         raise ValueError(f"the format is {header.get('format')!r}" if isinstance(header, dict) else "it has no header")
     if header.get("version") != version:
         raise NotOurs(
-            f"is of version {header.get('version')!r} of the format '{kind}'; this release reads version {version}: resume it with the release "
+            f"is of version {header.get('version')!r} of the format '{kind}'; this release reads version {version}: resume it "
+            "with the release "
             "that wrote it."
         )
 

@@ -24,8 +24,8 @@ NO_LOCKS = (errno.ENOLCK, errno.ENOSYS, errno.EOPNOTSUPP, errno.ENOTSUP)
 class OneWriter:
     """The right to write a folder, or a file and what belongs to it, while a `with` block lasts.
 
-    It is a lock on `.lock` in the folder, or on `.NAME.lock` beside the file, by the real path of the folder. It ends with the process that
-    holds it, however that ends; forked children do not hold it. Who holds it is said in `.writer` or `.NAME.writer`.
+    It is a lock on `.lock` in the folder, or on `.NAME.lock` beside the file, by the real path of the folder. It ends with the
+    process that holds it, however that ends; forked children do not hold it. Who holds it is said in `.writer` or `.NAME.writer`.
 
     Parameters
     ----------

@@ -25,7 +25,8 @@ from .load_steps import LARGEST, LoadSteps
 
 #: How a state of a path may come out.
 EQUILIBRIA = Status.CONVERGED, Status.AT_ROUND_OFF, Status.UNSTABLE, Status.INVERTED
-#: The strain energy of a state is what the system says now, but for this part of it; its residual is at most so many times what it was.
+#: The strain energy of a state is what the system says now, but for this part of it; its residual is at most so many times what it
+#: was.
 ENERGY, LOOSER = 1e-6, 10.0
 
 Count = Annotated[int, Field(ge=0)]
@@ -33,7 +34,7 @@ Measured = Annotated[float, AllowInfNan(True)]
 
 
 class IterationsRecord(Record):
-    """`Iterations`."""
+    """`Iterations` of Newton's method."""
 
     residuals: Annotated[list[Measured], Field(min_length=1)]
     lengths: list[Measured]
@@ -61,7 +62,7 @@ class CriticalRecord(Record):
 
 
 class WalkRecord(Record):
-    """What a walk goes on with, see `Walk.saved`; the rest is that of one method."""
+    """State with which a walk goes on, see `Walk.saved`; entries that may be None belong to one method."""
 
     size: Annotated[float, Field(ge=0)]
     first: Annotated[float, Field(ge=0)]
@@ -101,13 +102,13 @@ class StateHeader(CheckpointHeader):
 
 
 class PathCheckpoint(Checkpoint[StateHeader]):
-    """A folder with a file for each state of a path, written beside and renamed into place: a run that is killed keeps all that it found.
+    """A folder with a file for each state of a path: a run that is killed keeps all that it found.
 
     Parameters
     ----------
     system, problem : whose path it is; each state carries the signature of the problem.
-    outlets : the folder, and whether to go on with the states that are there, if any; otherwise the first state replaces them, those of another
-        problem only if they are to be overwritten.
+    outlets : the folder, and whether to go on with the states that are there, if any; otherwise the first state replaces them,
+        those of another problem only if they are to be overwritten.
 
     Attributes
     ----------
@@ -116,8 +117,8 @@ class PathCheckpoint(Checkpoint[StateHeader]):
     Raises
     ------
     StvkError
-        by `with`, if the folder cannot be written or has another writer, or if its states are those of another problem; if one that is
-        to be resumed is missing or damaged.
+        by `with`, if the folder cannot be written or has another writer, or if its states are those of another problem; if one that
+        is to be resumed is missing or damaged.
     """
 
     known = "path of skfem-stvk", 2
@@ -156,7 +157,8 @@ class PathCheckpoint(Checkpoint[StateHeader]):
         for number, file in enumerate(files):
             if file.name != _name(number):
                 raise StvkError(
-                    f"{self.folder} has {file.name}, but no {_name(number)} before it. Remove {file.name} and those after it, and resume from the "
+                    f"{self.folder} has {file.name}, but no {_name(number)} before it. Remove {file.name} and those after it, and "
+                    "resume from the "
                     "one before."
                 )
             header, arrays = self.read_file(file)
@@ -180,7 +182,7 @@ def _name(number: int) -> str:
 
 
 def _packed(step: Step, saved: dict[str, Any]) -> tuple[dict[str, Any], dict[str, Array]]:
-    """What JSON can write, and arrays."""
+    """The part of the header that JSON can write, and the arrays."""
     plain = {field.name: getattr(step, field.name) for field in fields(step) if field.name not in ("u", "findings", "critical")}
     plain |= {"status": step.status.name, "end": step.end.name, "iterations": asdict(step.iterations)}
     plain["findings"] = [{"name": one.name, "extreme": one.extreme, "text": one.text} for one in step.findings]
@@ -253,5 +255,6 @@ def _check_equilibrium(system: System, step: Step, header: StateHeader) -> None:
     small = LOOSER * max(rtol, step.iterations.residuals[-1])
     if np.linalg.norm(forces) > small * max(scale, NOTHING * header.walk.largest):
         raise ValueError(
-            f"its forces are not in equilibrium at t = {step.t:g}, by {np.linalg.norm(forces) / scale:.3g} of the loads and reactions"
+            f"its forces are not in equilibrium at t = {step.t:g}, by {np.linalg.norm(forces) / scale:.3g} of the loads and "
+            "reactions"
         )

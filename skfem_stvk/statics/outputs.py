@@ -30,7 +30,7 @@ MOMENTS = 0.5, 1.0
 def opened(
     outlets: Outlets, system: System, options: dict[str, Any], start: Array
 ) -> Iterator[tuple[Write, PathCheckpoint | None]]:
-    """A function that writes a state to the series of files, and the checkpoint, where they were asked for; nobody else can write them."""
+    """A function that writes a state to the series, and the checkpoint, where they were asked for; nobody else can write them."""
     with ExitStack() as stack:
         write, kept = _nothing, None
         if outlets.save is not None or outlets.checkpoint is not None:

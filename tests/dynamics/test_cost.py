@@ -14,7 +14,7 @@ from skfem_stvk import Gravity, StVK, StvkWarning, System
 from skfem_stvk.dynamics import ForwardEuler, LinearBackwardEuler, Status, VelocityVerlet, simulate
 from skfem_stvk.dynamics.critical_step import LargestFrequency, critical_step
 from skfem_stvk.dynamics.loop import Loop
-from skfem_stvk.dynamics.outputs import MotionFiles
+from skfem_stvk.dynamics.outputs import Outputs
 from skfem_stvk.dynamics.record import FEWEST, MOST, Reviews
 from skfem_stvk.dynamics.stable_step import StableStep
 
@@ -37,7 +37,7 @@ def pushed(system):
 def test_nothing_as_long_as_a_vector_is_allocated_in_the_time_loop(integrator):
     system = hanging(6)
     setup, record = begun(system, integrator, pushed(system))
-    loop = Loop(setup, record, MotionFiles(), True)
+    loop = Loop(setup, record, Outputs(setup, record), True)
 
     def steps():
         for _ in range(3):

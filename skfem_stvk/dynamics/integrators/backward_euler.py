@@ -23,7 +23,7 @@ from .integrator import ANGULAR_MOMENTUM, LINEAR_MOMENTUM, StepFailed
 
 @dataclass(frozen=True)
 class BackwardEuler(Implicit):
-    """Backward Euler, converged: the displacements `w` over a step are the minimum of what the step costs.
+    """Backward Euler, converged: the displacements `w` over a step minimise
 
         W(u + w) + potential of the loads + 1/(2 T^2) (w - T v)' M (w - T v) + 1/(2 T) w' D w        v <- w / T
 
@@ -48,9 +48,9 @@ class LinearBackwardEuler(BackwardEuler):
 
         v <- 1/T (M/T^2 + D/T + K)^-1 (h - F(p) + M v/T)        p <- p + T v
 
-    By default conjugate gradients, preconditioned by SSOR and started from where the last velocity and acceleration lead, solve it; beside
-    follower loads, which make K unsymmetric, a direct solver does. Where K is indefinite, conjugate gradients may find the matrix not positive
-    definite: the step is taken with the clamped tangent then.
+    By default conjugate gradients, preconditioned by SSOR and started from where the last velocity and acceleration lead, solve it;
+    beside follower loads, which make K unsymmetric, a direct solver does. Where K is indefinite, conjugate gradients may find the
+    matrix not positive definite: the step is taken with the clamped tangent then.
 
     Parameters
     ----------
@@ -75,23 +75,26 @@ class LinearBackwardEuler(BackwardEuler):
         return LinearStepper(motion, self)
 
     def _refuse_what_a_solve_would_miss(self, motion: Motion) -> None:
-        """Refuse a tangent without a part of M or D: unlike without a part of K, not even the smallest steps would lead to the motion."""
+        """Refuse tangents without a part of M or D, unlike of K: not even the smallest steps would lead to the motion."""
         diagonal, rest = self.tangent == StepTangent.DIAGONAL.value, self.tangent == StepTangent.REST.value
         if diagonal and motion.mass.kind == "consistent":
             raise StvkError("LinearBackwardEuler: tangent='diagonal' would leave out masses between vertices. Take mass='lumped'.")
         if diagonal and (motion.beta or motion.tau):
             raise StvkError(
-                "LinearBackwardEuler: tangent='diagonal' would leave out damping between vertices. Take Rayleigh(alpha) or another tangent."
+                "LinearBackwardEuler: tangent='diagonal' would leave out damping between vertices. Take Rayleigh(alpha) or "
+                "another tangent."
             )
         system = motion.system
         if motion.tau and not (system.dead and damping_is_of_edges(system)):
             raise StvkError(
-                "LinearBackwardEuler: with EdgeDamping it would damp loads that depend on where the body goes, foundations and volume penalties as well. Take Rayleigh(beta=tau), or "
+                "LinearBackwardEuler: with EdgeDamping it would damp loads that depend on where the body goes, foundations and "
+                "volume penalties as well. Take Rayleigh(beta=tau), or "
                 "BackwardEuler."
             )
         if rest and motion.tau:
             raise StvkError(
-                "LinearBackwardEuler: tangent='rest' would damp as if the body had not turned. Take Rayleigh(beta=tau), or another tangent."
+                "LinearBackwardEuler: tangent='rest' would damp as if the body had not turned. Take Rayleigh(beta=tau), or "
+                "another tangent."
             )
 
 

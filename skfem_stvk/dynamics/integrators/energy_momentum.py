@@ -22,15 +22,17 @@ class EnergyMomentum(Implicit):
 
         M (v1 - v)/T + sum_i (t_i + t1_i)/2 p_i(1/2) + D (v1 + v)/2 = (h + h1)/2        (u1 - u)/T = (v1 + v)/2
 
-    The work of this force over the step is `W1 - W` to round-off, and it has no torque about the middle: a free body keeps its energy and both
-    momenta as well as the equation is solved. A `VolumePenalty` acts with its force at the middle: momenta are kept, its energy to O(T^2).
+    The work of this force over the step is `W1 - W` to round-off, and it has no torque about the middle: a free body keeps its
+    energy and both momenta as well as the equation is solved. A `VolumePenalty` acts with its force at the middle: momenta are
+    kept, its energy to O(T^2).
 
-    The tangent of the force is not symmetric; half of `2 J'LJ` at the middle and of the tensions at the beginning takes its place, which is.
+    The tangent of the force is not symmetric; half of `2 J'LJ` at the middle and of the tensions at the beginning takes its place,
+    which is.
 
     Parameters
     ----------
-    rtol : of the residual; what is left of it is what the energy is off by. By default next to round-off, 3e-16 takes it there; 1e-8 saves an
-        iteration or two a step.
+    rtol : of the residual; what is left of it is what the energy is off by. By default next to round-off, 3e-16 takes it there;
+        1e-8 saves one or two iterations per step.
     """
 
     order: ClassVar[int] = 2
@@ -53,6 +55,6 @@ class EnergyMomentum(Implicit):
 
 @lru_cache(maxsize=256)
 def _rate(h: float) -> float:
-    """`2/h` to about 1e-14, with a square that is hardly rounded: rounding it would feed or drain up to 1e-16 of the energy, in each step alike."""
+    """`2/h` to about 1e-14, with a square that is hardly rounded: else each step would feed or drain up to 1e-16 of the energy."""
     rates = [2 / h * (1 + k * float(np.finfo(float).eps)) for k in range(-32, 33)]
     return min(rates, key=lambda rate: abs(Fraction(rate) ** 2 - Fraction(rate * rate)))

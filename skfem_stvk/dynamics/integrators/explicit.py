@@ -22,7 +22,8 @@ class Explicit(Integrator):
 
     Parameters
     ----------
-    dt : time step [s]; by default 0.85 of the critical one, found again as the body deforms, and shorter after a motion has blown up.
+    dt : time step [s]; by default 0.85 of the critical one, found again as the body deforms, and shorter after a motion has blown
+        up.
     """
 
     explicit: ClassVar[bool] = True
@@ -88,7 +89,8 @@ class ForwardEuler(Explicit):
 
         v <- v + T M^-1 (h - D v - F(p))        p <- p + T v
 
-    Elsewhere it is called semi-implicit or symplectic Euler: its energy is off by O(T), but does not drift. Stable below `T = 2 / omega_max`.
+    Elsewhere it is called semi-implicit or symplectic Euler: its energy is off by O(T), but does not drift. Stable below `T = 2 /
+    omega_max`.
 
     >>> ForwardEuler(dt=1e-4).order, sorted(ForwardEuler.conserves)
     (1, ['angular momentum', 'linear momentum'])
@@ -128,8 +130,8 @@ class VelocityVerlet(Explicit):
 
         v(1/2) = v + T/2 a        u <- u + T v(1/2)        a <- M^-1 (h - D (v + T a) - F(u))        v <- v(1/2) + T/2 a
 
-    One force per step, symplectic, reversible without damping. Stable below `T = 2 / omega_max`; with damping, which is taken at a predicted
-    velocity, below `2/omega (sqrt(1 + 4 xi^2) - 2 xi)`: it counts twice.
+    One force per step, symplectic, reversible without damping. Stable below `T = 2 / omega_max`; with damping, which is taken at a
+    predicted velocity, below `2/omega (sqrt(1 + 4 xi^2) - 2 xi)`: it counts twice.
 
     >>> VelocityVerlet().order, VelocityVerlet.reversible
     (2, True)

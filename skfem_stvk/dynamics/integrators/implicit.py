@@ -1,4 +1,4 @@
-"""What implicit integrators have in common: one equation a step, solved by Newton's method."""
+"""What implicit integrators share: one equation per step, solved by Newton's method."""
 
 from __future__ import annotations
 
@@ -30,7 +30,8 @@ class Implicit(Integrator):
     ----------
     dt : time step [s].
     tangent : "exact", "clamped", "gauss-newton", "diagonal" or "rest": what its solves are made with, see `StepTangent`.
-    solver : of linear systems, as of `solve_static`; by default "ssor-cg" for tetrahedra, if forces have a potential, and by size otherwise.
+    solver : of linear systems, as in `solve_static`; by default "ssor-cg" for tetrahedra if forces have a potential, otherwise by
+        size.
     rtol : the residual is small enough below this part of the forces, those of inertia among them.
     """
 
@@ -47,7 +48,7 @@ class Implicit(Integrator):
         object.__setattr__(self, "rtol", number("rtol", self.rtol, "a number between 0 and 1, such as 1e-8", 0.0, 1.0))
 
     def linear_solver(self, motion: Motion) -> LinearSolver:
-        """What solves its linear systems; with a matrix where a mass between vertices needs one, or SSOR, for the blocks of several terms."""
+        """The linear solver; with a matrix where masses between vertices need one, or SSOR with several terms."""
         kind = kind_of_step(motion.system, StepTangent(self.tangent))
         solver = choose(self._named(motion.system, kind), len(motion.free.free), kind)
         if StepTangent(self.tangent) not in (StepTangent.DIAGONAL, StepTangent.REST):
@@ -59,7 +60,7 @@ class Implicit(Integrator):
         return replace(own, assembled=True) if several or motion.mass.kind == "consistent" else solver
 
     def _named(self, system: System, kind: Kind) -> str | LinearSolver:
-        """Conjugate gradients for the diagonal blocks, which need nothing else, and by default where they are fast and take the matrix."""
+        """The solver that is meant: conjugate gradients for diagonal blocks, and by default where they are fast."""
         if StepTangent(self.tangent) is StepTangent.DIAGONAL:
             return "block-jacobi-cg"
         return "ssor-cg" if is_auto(self.solver) and kind is Kind.SYMMETRIC and self.iterates(system) else self.solver
@@ -70,11 +71,11 @@ class Implicit(Integrator):
 
     @abstractmethod
     def coefficients(self, state: MotionState, h: float, stepper: ImplicitStepper) -> Coefficients:
-        """Of the equation of a step of length `h`."""
+        """Coefficients of the equation of a step of length `h`."""
 
     @abstractmethod
     def update(self, state: MotionState, w: Array, h: float) -> None:
-        """Velocities and accelerations after the step, from the displacements `w` over it and those before; `state.u` is still the old one."""
+        """Set velocities and accelerations after the step, from the displacements `w` over it; `state.u` is still the old one."""
 
     #: The reactions of the equation of motion, as a part of those of the equation that is solved, where these are taken.
     weight: ClassVar[float] = 1.0
@@ -87,7 +88,7 @@ class Implicit(Integrator):
 
 
 class ImplicitStepper:
-    """Newton's method of part 3 on one equation after the other.
+    """Make steps by Newton's method, one equation per step.
 
     Attributes
     ----------
@@ -107,11 +108,11 @@ class ImplicitStepper:
 
     @property
     def remark(self) -> str:
-        """Nothing."""
+        """Empty: Newton's method is worth no remark."""
         return ""
 
     def start(self, state: MotionState) -> None:
-        """The strain energy, and the acceleration if the integrator needs it."""
+        """Evaluate the strain energy, and the acceleration if the integrator needs it."""
         self.energy = self.motion.system.energy(state.u)
         if self.integrator.needs_acceleration and not state.a.any():
             state.a[:] = self.motion.accelerations(state.u, state.v, state.t)
@@ -127,18 +128,18 @@ class ImplicitStepper:
         self.accept(state, w, h, moment)
 
     def length(self, state: MotionState, t: float) -> float:
-        """Of the step to `t` [s]: that of a whole step is `dt` to the last bit, so that factors are kept from one to the next."""
+        """Length of the step to `t` [s]: that of a whole step is `dt` to the last bit, so that factors can be kept."""
         h, dt = t - state.t, self.integrator.dt
         return dt if abs(h - dt) < SLACK * dt else h
 
     def solve(self, w: Array, moment: Moment, inside_out: int) -> tuple[Array, str, Iterations]:
-        """The displacements over the step, and why not, if they were not found."""
+        """The displacements over the step, and in words why they were not found, if they were not."""
         rtol = self.integrator.rtol
         w, end, record = newton(self.problem, w, moment, NewtonOptions(rtol, inside_out))
         return w, "" if end.converged else f"{end.value}{': ' * bool(record.detail)}{record.detail}", record
 
     def predicted(self, state: MotionState, t: float) -> Array:
-        """Where the solve begins: on at the same velocity, the held ones to where they are at `t`."""
+        """The first guess of the displacements: at the same velocity, and for what is held as prescribed at `t`."""
         w = (t - state.t) * state.v
         fixed = self.motion.free.fixed
         w[fixed] = self.motion.held(t) - state.u[fixed]
@@ -159,5 +160,5 @@ class ImplicitStepper:
         self.energy = self.strain_energy(state)
 
     def strain_energy(self, state: MotionState) -> float:
-        """Of a state that a step has led to."""
+        """The strain energy of a state to which a step has led [J]."""
         return self.motion.system.energy(state.u)

@@ -1,4 +1,4 @@
-"""What an integrator is: its options, what it promises, and the steps it makes."""
+"""Integrators: their options, their promises, and the steps that they make."""
 
 from __future__ import annotations
 
@@ -27,15 +27,15 @@ class Stepper(Protocol):
 
     @property
     def counts(self) -> Counts:
-        """What its steps took so far."""
+        """Iterations that its steps took so far."""
 
     @property
     def remark(self) -> str:
-        """What a user should know of the steps so far, for the message of the run; empty if nothing."""
+        """A remark on the steps so far, for the message of the run; may be empty."""
 
     @property
     def watch(self) -> Stopwatch:
-        """Where the time goes."""
+        """The stopwatch of its steps."""
 
     def start(self, state: MotionState) -> None:
         """Prepare for the first step from a state: what is not in it is computed."""
@@ -60,8 +60,9 @@ class Integrator(ABC):
     ----------
     dt : time step [s].
     order : of the error in `dt`, of displacements and velocities.
-    conserves : of "linear momentum", "angular momentum" and "energy" what a free body keeps to round-off (or to the tolerance of the solves).
-    reversible : whether a step with the velocities turned round leads back.
+    conserves : those of "linear momentum", "angular momentum" and "energy" that a free body keeps to round-off or to the tolerance
+        of the solves.
+    reversible : whether a step with opposite velocities leads back.
     explicit : whether it needs forces only, at steps below a limit.
     """
 
@@ -74,12 +75,12 @@ class Integrator(ABC):
 
     @property
     def name(self) -> str:
-        """Of its class."""
+        """The name of its class."""
         return type(self).__name__
 
     @abstractmethod
     def stepper(self, motion: Motion) -> Stepper:
-        """What makes the steps of this motion."""
+        """An object that makes the steps of this motion."""
 
 
 def checked_step(dt: float | None, optional: bool = False) -> float | None:

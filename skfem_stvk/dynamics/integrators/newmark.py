@@ -21,8 +21,8 @@ class Newmark(Implicit):
 
         u1 = u + T v + T^2 ((1/2 - beta) a + beta a1)        v1 = v + T ((1 - gamma) a + gamma a1)
 
-    By default the average acceleration (trapezoidal rule), beta = 1/4, gamma = 1/2. Stable for linear bodies at any step; large rotations
-    can make it gain energy.
+    By default the average acceleration (trapezoidal rule), beta = 1/4, gamma = 1/2. Stable for linear bodies at any step; large
+    rotations can make it gain energy.
 
     Parameters
     ----------
@@ -61,7 +61,8 @@ class GeneralizedAlpha(Implicit):
     """Generalised alpha (Chung, Hulbert 1993): inertia, damping and forces each at a moment within the step.
 
         M a(1 - alpha_m) + D v(1 - alpha_f) + (F - h)(1 - alpha_f) = 0,    x(1 - alpha) = (1 - alpha) x1 + alpha x0
-        alpha_m = (2 rho - 1)/(rho + 1),  alpha_f = rho/(rho + 1),  gamma = 1/2 - alpha_m + alpha_f,  beta = (1 - alpha_m + alpha_f)^2/4
+        alpha_m = (2 rho - 1)/(rho + 1),  alpha_f = rho/(rho + 1),  gamma = 1/2 - alpha_m + alpha_f,  beta = (1 - alpha_m +
+        alpha_f)^2/4
 
     with Newmark's `u1`, `v1`. Forces are those at both ends, in these parts.
 
@@ -117,7 +118,8 @@ def check_newmark(beta: float, gamma: float) -> None:
     """Refuse what is not stable for linear bodies at any step."""
     if not (gamma >= 0.5 and beta >= gamma / 2):
         raise StvkError(
-            f"beta = {beta!r}, gamma = {gamma!r}; expected gamma >= 1/2 and beta >= gamma/2, which any step is stable with for linear bodies. "
+            f"beta = {beta!r}, gamma = {gamma!r}; expected gamma >= 1/2 and beta >= gamma/2, which any step is stable with for "
+            "linear bodies. "
             "For beta = 0 there is VelocityVerlet."
         )
 
