@@ -23,7 +23,7 @@ from .integrator import ANGULAR_MOMENTUM, LINEAR_MOMENTUM, StepFailed
 
 @dataclass(frozen=True)
 class BackwardEuler(Implicit):
-    """Backward Euler, converged: the displacements `w` over a step minimise
+    """Backward Euler, converged: the displacements `w` over a step minimise the energy below.
 
         W(u + w) + potential of the loads + 1/(2 T^2) (w - T v)' M (w - T v) + 1/(2 T) w' D w        v <- w / T
 

@@ -89,8 +89,8 @@ class ForwardEuler(Explicit):
 
         v <- v + T M^-1 (h - D v - F(p))        p <- p + T v
 
-    Elsewhere it is called semi-implicit or symplectic Euler: its energy is off by O(T), but does not drift. Stable below `T = 2 /
-    omega_max`.
+    Elsewhere it is called semi-implicit or symplectic Euler: its energy is off by O(T), but does not drift. Stable below
+    `T = 2 / omega_max`.
 
     >>> ForwardEuler(dt=1e-4).order, sorted(ForwardEuler.conserves)
     (1, ['angular momentum', 'linear momentum'])

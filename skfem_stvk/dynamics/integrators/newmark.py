@@ -61,8 +61,8 @@ class GeneralizedAlpha(Implicit):
     """Generalised alpha (Chung, Hulbert 1993): inertia, damping and forces each at a moment within the step.
 
         M a(1 - alpha_m) + D v(1 - alpha_f) + (F - h)(1 - alpha_f) = 0,    x(1 - alpha) = (1 - alpha) x1 + alpha x0
-        alpha_m = (2 rho - 1)/(rho + 1),  alpha_f = rho/(rho + 1),  gamma = 1/2 - alpha_m + alpha_f,  beta = (1 - alpha_m +
-        alpha_f)^2/4
+        alpha_m = (2 rho - 1)/(rho + 1),  alpha_f = rho/(rho + 1)
+        gamma = 1/2 - alpha_m + alpha_f,  beta = (1 - alpha_m + alpha_f)^2/4
 
     with Newmark's `u1`, `v1`. Forces are those at both ends, in these parts.
 
