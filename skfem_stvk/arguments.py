@@ -51,6 +51,7 @@ def number(
     expected: str = "a number",
     low: float = -inf,
     high: float = inf,
+    *,
     error: type[StvkError] = StvkError,
     closed: bool = False,
 ) -> float:

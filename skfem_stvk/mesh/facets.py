@@ -21,7 +21,7 @@ from ..kernels.topology import lexicographic_order
 Ids = NDArray[np.int32]
 
 
-class Simplices(Protocol):
+class MeshArrays(Protocol):
     """Simplices of dimension `k` in a space of dimension `d`, as bare arrays."""
 
     @property
@@ -75,12 +75,12 @@ def facets_of(t: Ids, nv: int) -> tuple[Ids, Ids]:
     return facets[:, order[new]], t2f
 
 
-def facet_ids(mesh: Simplices) -> Ids:
+def facet_ids(mesh: MeshArrays) -> Ids:
     """(k + 1, nt) number of the facet opposite to each vertex of each simplex; simplices that share a facet share the number."""
     return facets_of(mesh.t, mesh.nv)[1]
 
 
-def boundary_facets(mesh: Simplices) -> Ids:
+def boundary_facets(mesh: MeshArrays) -> Ids:
     """(k, n) vertices of the facets that belong to one simplex only, turned outwards where the simplices fill the space.
 
     Those of tetrahedra are counterclockwise when seen from outside; those of triangles in the plane have the body on their left.

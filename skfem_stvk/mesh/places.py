@@ -11,7 +11,7 @@ from skfem.assembly.dofs import DofsView
 
 from ..arguments import shown, whole_array
 from ..errors import RegionError, name_ids, name_known
-from .facets import Simplices, find_facets
+from .facets import MeshArrays, find_facets
 
 #: The name of a boundary or of a node set; vertex ids, or a mask; a predicate of coordinates `x` (d, n), as in scikit-fem:
 #: `lambda x: x[0] == 0`; or what scikit-fem's `basis.get_dofs(...)` returned, which stands for its vertices.
@@ -22,7 +22,7 @@ Where: TypeAlias = str | ArrayLike | Callable[[NDArray[np.float64]], ArrayLike] 
 SAME_PLACE = 1e-6
 
 
-class Marked(Simplices, Protocol):
+class Marked(MeshArrays, Protocol):
     """Simplices with a boundary, and with names for some of their facets, vertices and elements."""
 
     @property
@@ -214,7 +214,7 @@ def vertices_of(view: DofsView) -> NDArray[Any]:
     return np.arange(view.obj.topo.nvertices)[view.nodal_ix]
 
 
-def dofs_of(mesh: Simplices, view: DofsView, what: str) -> NDArray[np.int64]:
+def dofs_of(mesh: MeshArrays, view: DofsView, what: str) -> NDArray[np.int64]:
     """Degrees of freedom of the view on this mesh, ascending; components that were dropped from it are not among them.
 
     Raises
@@ -233,7 +233,7 @@ def dofs_of(mesh: Simplices, view: DofsView, what: str) -> NDArray[np.int64]:
     return np.unique(view.obj.nodal_dofs[view.nodal_rows][:, view.nodal_ix]).astype(np.int64)
 
 
-def refuse_foreign(mesh: Simplices, view: DofsView, what: str) -> None:
+def refuse_foreign(mesh: MeshArrays, view: DofsView, what: str) -> None:
     """Refuse degrees of freedom that are not those of the displacements of this mesh.
 
     Raises
