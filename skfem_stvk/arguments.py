@@ -1,4 +1,4 @@
-"""What a user hands over, turned into numbers, arrays, names and paths; or refused with the argument's name.
+"""Arguments of users, turned into numbers, arrays, names and paths; or refused with the argument's name.
 
 Every function takes the argument's name first, as it stands in messages, then what was given, and the class of the error to raise.
 """
@@ -200,11 +200,11 @@ def array(
 
 
 def vector(name: str, given: Any, n: int, each: str = "degree of freedom", *, kinds: str = "fiu") -> Array:
-    """(n,) numbers, one for each of what `each` names, in the precision in which they are given: single or double. They need not be
-    finite.
+    """A vector (n,) of numbers, one for each of what `each` names, in single or double precision as given.
 
-    They are not copied if they are floating-point numbers and contiguous. `kinds` are NumPy's letters of the types that are taken,
-    "fiuc" with complex numbers. `mesh.displacements.finite_vector` refuses NaN and infinity, too.
+    The numbers need not be finite, and are not copied if they are floating-point numbers and contiguous. `kinds` are NumPy's
+    letters of the types that are taken, "fiuc" with complex numbers. `mesh.displacements.finite_vector` refuses NaN and infinity,
+    too.
 
     Raises
     ------
@@ -255,7 +255,7 @@ def whole_array(given: Any) -> NDArray[Any] | None:
 
 
 def plain_array(given: Any) -> NDArray[Any] | None:
-    """What NumPy makes of it; None for masked entries, ragged lists, and objects whose own conversion fails.
+    """An array as NumPy makes it; None for masked entries, ragged lists, and objects whose own conversion fails.
 
     >>> plain_array([[1], [2, 3]]), plain_array("a")
     (None, array('a', dtype='<U1'))
@@ -303,7 +303,7 @@ def frozen(given: Any, depth: int = 8) -> Any:
 
 
 def _real(given: Any) -> float | None:
-    """The number, None for what is none."""
+    """The argument as a float; None if it is no number."""
     if isinstance(given, np.ndarray) and given.ndim == 0:
         given = given[()]
     if isinstance(given, bool | np.bool_) or not isinstance(given, Real):

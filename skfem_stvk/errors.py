@@ -1,6 +1,6 @@
 """The errors and warnings of the package, and how ids are named in them.
 
-Every message says what came, what was expected, the ids, the likely cause and the next step.
+Every message says what it got, what was expected, the ids, the likely cause and the next step.
 """
 
 from __future__ import annotations
@@ -48,8 +48,7 @@ class StvkWarning(UserWarning):
     """The input can be used, but is probably not what was meant."""
 
 
-#: Where this package's own files are, and what Python calls the machinery of imports: warnings point at the first line that is not
-#: there.
+#: The folder of this package and Python's name for the machinery of imports: warnings point at the first line outside of both.
 _PACKAGE = str(Path(__file__).parent) + os.sep, "<frozen importlib"
 
 

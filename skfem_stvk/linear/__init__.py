@@ -1,4 +1,4 @@
-"""Linear solvers behind one joint: they know matrices, not meshes."""
+"""Linear solvers behind one interface: they know matrices, not meshes."""
 
 from .amg import AmgCg
 from .block_cg import BlockJacobiCg, SsorCg

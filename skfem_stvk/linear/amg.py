@@ -25,7 +25,7 @@ GROWTH = 1.5
 
 @dataclass(frozen=True)
 class AmgCg:
-    """Memory and time grow with the number of unknowns, hardly faster; an indefinite matrix is noticed.
+    """Multigrid: memory and time grow hardly faster than the number of unknowns; an indefinite matrix is noticed.
 
     Aggregates of strongly coupled vertices, the rigid motions as near-null space, Gauss-Seidel by vertex. The cycle works in single
     precision, conjugate gradients in double. From one matrix to the next the aggregates and R, P are kept, until iterations grow.
@@ -46,7 +46,7 @@ class AmgCg:
     iterative: ClassVar[bool] = True
 
     def analyse(self, unknowns: Unknowns) -> AmgAnalysis:
-        """Vertices, their order, and room for the values.
+        """Work out the block rows and their order, and make room for the values.
 
         Raises
         ------
@@ -57,7 +57,7 @@ class AmgCg:
 
 
 class AmgAnalysis:
-    """What is kept between Newton steps: room for K in blocks, and the hierarchy."""
+    """Room for K in blocks, and the hierarchy, which are kept between Newton steps."""
 
     def __init__(self, solver: AmgCg, unknowns: Unknowns) -> None:
         self._solver, self._unknowns, self._newest = solver, unknowns, Newest()
@@ -73,7 +73,7 @@ class AmgAnalysis:
         self._pace = _Pace()
 
     def factorise(self, K: Any, kind: Kind) -> AmgFactors:
-        """The values of all levels; a hierarchy if there is none, or the last one has become slow."""
+        """Fill all levels; build a hierarchy if there is none, or if the last one has become slow."""
         check_kind(self._solver, kind)
         values = checked_values(K, self._unknowns)
         number = self._newest.next()
@@ -89,7 +89,7 @@ class AmgAnalysis:
 
 
 class AmgFactors:
-    """The hierarchy, filled."""
+    """The hierarchy with the values of one matrix."""
 
     negative_pivots: ClassVar[None] = None
 
@@ -99,7 +99,7 @@ class AmgFactors:
         self._product = np.empty(len(self._single))
 
     def solve(self, b: Vector, rtol: float = 1e-10, x0: Vector | None = None, out: Vector | None = None) -> Solution:
-        """Conjugate gradients, each iteration with a product in double precision and a cycle in single."""
+        """Solve by conjugate gradients, with a product in double precision and a cycle in single per iteration."""
         self._newest.check(self._number)
         rows = self._analysis.rows
         b, rtol, x0 = checked_right(b, rows.n, rtol, x0, out)
@@ -115,7 +115,7 @@ class AmgFactors:
         return self._product
 
     def _precondition(self, r: Vector) -> Vector:
-        """A cycle for r of size one, so that single precision cannot underflow."""
+        """Run a cycle for `r` scaled to size one, so that single precision cannot underflow."""
         size = float(np.sqrt(dot(self._analysis.parts, r, r)))
         np.multiply(r, 1 / size, out=self._single, casting="same_kind")
         assert self._analysis.hierarchy is not None
@@ -123,14 +123,14 @@ class AmgFactors:
 
 
 class _Pace:
-    """Iterations a decade, of the first solve with a hierarchy and of the last."""
+    """Iterations per decade of the residual, in the first solve with a hierarchy and in the last."""
 
     def __init__(self) -> None:
         self._first: float | None = None
         self.is_slow = False
 
     def note(self, found: Solution) -> None:
-        """A solve of few iterations says nothing."""
+        """Take note of the pace of a solve; one of few iterations says nothing."""
         if found.iterations < 5 or not 0 < found.residual < 0.1 * found.start:
             return
         pace = found.iterations / np.log10(found.start / found.residual)

@@ -1,6 +1,4 @@
-"""Conjugate gradients on blocks of vertices, with their diagonal or sweeps over them (SSOR) as preconditioner, without a matrix
-or with one.
-"""
+"""Conjugate gradients on blocks of vertices, preconditioned by their diagonal or by sweeps over them (SSOR)."""
 
 from __future__ import annotations
 
@@ -24,7 +22,7 @@ from .solver import EdgeBlocks, Kind, LinearSolver, Operator, Solution, Unknowns
 
 @dataclass(frozen=True)
 class BlockJacobiCg:
-    """The least memory: neither K nor its pattern is ever formed. Iterations grow with refinement.
+    """Conjugate gradients with the least memory: neither K nor its pattern is ever formed. Iterations grow with refinement.
 
     Of a body of one term the whole loop is compiled, on one thread: faster than with products on any number of threads and Python
     between them.
@@ -62,7 +60,7 @@ class BlockJacobiCg:
         return not self.assembled
 
     def analyse(self, unknowns: Unknowns) -> BlockJacobiAnalysis | AssembledAnalysis:
-        """Which components of which vertices are unknown.
+        """Work out which components of which vertices are unknown.
 
         Raises
         ------
@@ -74,7 +72,7 @@ class BlockJacobiCg:
 
 
 class BlockJacobiAnalysis:
-    """Places of the unknowns in the diagonal blocks."""
+    """Where the unknowns stand in the diagonal blocks."""
 
     def __init__(self, solver: BlockJacobiCg, unknowns: Unknowns) -> None:
         self._solver, self._unknowns, self.n, self._newest = solver, unknowns, unknowns.n, Newest()
@@ -85,7 +83,7 @@ class BlockJacobiAnalysis:
         self._search: EdgeCg | None = None
 
     def factorise(self, K: Operator, kind: Kind) -> BlockJacobiFactors | EdgeFactors:
-        """The inverses of the diagonal blocks. K itself is not copied: it must stay as it is while the factors are used."""
+        """Invert the diagonal blocks. K itself is not copied: it must stay as it is while the factors are used."""
         check_kind(self._solver, kind)
         if not hasattr(K, "matvec") or not hasattr(K, "diagonal_blocks"):
             raise StvkError(f"K = {shown(K)}; '{self._solver.name}' expects an operator with matvec(v) and diagonal_blocks().")
@@ -98,7 +96,7 @@ class BlockJacobiAnalysis:
         return BlockJacobiFactors(self, K, inverse, self._newest)
 
     def _search_on(self, K: EdgeBlocks) -> EdgeCg | None:
-        """The compiled loop on these edges, kept; None if there are unknowns of vertices that have none."""
+        """The compiled loop on these edges, which is kept; None if a vertex with unknowns has no edge."""
         if self._edges is not K.edges:
             number = np.full(max(K.vertices.max(), self._vertices[-1]) + 1, -1)
             number[K.vertices] = np.arange(len(K.vertices))
@@ -125,7 +123,7 @@ class BlockJacobiAnalysis:
 
 
 class BlockJacobiFactors:
-    """The operator, and the inverses of its diagonal blocks."""
+    """An operator, and the inverses of its diagonal blocks."""
 
     negative_pivots: ClassVar[None] = None
 
@@ -136,7 +134,7 @@ class BlockJacobiFactors:
         self._parts: NDArray[np.int64] = parts_of(len(inverse) // 9, 1, threads())
 
     def solve(self, b: Vector, rtol: float = 1e-10, x0: Vector | None = None, out: Vector | None = None) -> Solution:
-        """Conjugate gradients, each iteration with a product."""
+        """Solve by conjugate gradients, with one product per iteration."""
         self._newest.check(self._number)
         n = self._analysis.n
         b, rtol, x0 = checked_right(b, n, rtol, x0, out)
@@ -164,7 +162,7 @@ class AssembledAnalysis:
         self._search = EdgeCg(edges, self._rows.vertices, self._rows.places, assembled=True, omega=omega)
 
     def factorise(self, K: Any, kind: Kind) -> EdgeFactors:
-        """The values, and the inverses of the diagonal blocks."""
+        """Copy the values, and invert the diagonal blocks."""
         check_kind(self._solver, kind)
         values, rows, search = checked_values(K, self._unknowns), self._rows, self._search
         unknowns = rows.first, rows.row, rows.component, K.indptr, K.indices, values
@@ -175,8 +173,9 @@ class AssembledAnalysis:
 
 @dataclass(frozen=True)
 class SsorCg(BlockJacobiCg):
-    """As `BlockJacobiCg`, with a third of its iterations, each half as long again: a sweep over the vertices back and one forth
-    stand for the product.
+    """Conjugate gradients with SSOR: a third of the iterations of `BlockJacobiCg`, each of which takes half as long again.
+
+    A sweep over the vertices back and one forth stand for the product.
 
     The sweeps are those of the compiled loop: they need the blocks of the edges of one term, which are copied, or with `assembled`
     those of a matrix. A body of several terms that is not assembled is solved with diagonal blocks, as by `BlockJacobiCg`.

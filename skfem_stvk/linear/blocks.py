@@ -1,4 +1,4 @@
-"""Matrices of 3 x 3 blocks: their structure, what is done with their values, and the unknowns as their rows, one per vertex."""
+"""Matrices of 3 x 3 blocks: their structure, operations on their values, and the unknowns as block rows, one per vertex."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ BLOCKS = 4
 
 @dataclass(frozen=True)
 class BlockStructure:
-    """Which blocks there are, in the CSR format.
+    """The sparsity pattern of a matrix of blocks, in the CSR format.
 
     Attributes
     ----------
@@ -54,11 +54,11 @@ class BlockStructure:
 
     @property
     def n(self) -> int:
-        """Block rows."""
+        """Number of block rows."""
         return len(self.rows) - 1
 
     def room(self, dtype: Any = np.float64) -> Reals:
-        """Room for the values."""
+        """An empty array for the values."""
         return np.empty(9 * len(self.columns), dtype)
 
     def row_of_each(self) -> Ids:
@@ -76,18 +76,18 @@ class BlockStructure:
         return _structure(at.indptr, at.indices, self.n), at.data
 
     def product(self, blocks: Reals, x: Reals, out: Reals, add: bool = False) -> Reals:
-        """`A x`, written to `out` or added to it."""
+        """Write `A x` to `out`, or add it."""
         run(kernels.product, self.parts, self.rows, self.columns, blocks, x, add, out)
         return out
 
     def multiply(self, blocks: Reals, other: BlockStructure, others: Reals, structure: BlockStructure, out: Reals) -> Reals:
-        """The values of the product of two matrices to `out`, of a structure that holds it."""
+        """Write the values of the product of two matrices to `out`, whose structure holds it."""
         arguments = self.rows, self.columns, blocks, other.rows, other.columns, others, structure.rows, structure.columns
         run(kernels.multiply_blocks, self.parts, *arguments, structure.width, out)
         return out
 
     def dense(self, blocks: Reals) -> NDArray[np.float64]:
-        """(3 n, 3 width) all entries."""
+        """The matrix as an array (3 n, 3 width)."""
         matrix = np.zeros((self.n, self.width, 3, 3))
         matrix[self.row_of_each(), self.columns] = blocks.reshape(-1, 3, 3)
         return matrix.transpose(0, 2, 1, 3).reshape(3 * self.n, 3 * self.width)
@@ -100,8 +100,9 @@ def _structure(rows: Ids, columns: Ids, width: int) -> BlockStructure:
 
 
 class VertexRows:
-    """K in blocks of vertices: three components always, those that are held padded with a diagonal, in the order of Cuthill and
-    McKee.
+    """K in blocks of vertices, three components always, in the order of Cuthill and McKee.
+
+    Components that are held are padded with a diagonal.
 
     Attributes
     ----------
@@ -136,18 +137,18 @@ class VertexRows:
         self._indptr, self._indices = unknowns.indptr, unknowns.indices
 
     def fill(self, values: Reals, scale: float, blocks: Reals, single: Reals) -> None:
-        """The CSR values of K as blocks, and `scale` times them."""
+        """Write the CSR values of K as blocks, and `scale` times them in single precision."""
         own = self.structure.rows, self.structure.columns, self.diagonal, self.first, self.row, self.component
         run(kernels.fill_blocks, self.structure.parts, *own, self._indptr, self._indices, values, scale, blocks, single)
 
     def padded(self, x: Vector) -> Vector:
-        """(3 rows, ...) values of the unknowns (n, ...) in block rows."""
+        """Values of the unknowns (n, ...) in block rows (3 rows, ...)."""
         out = np.zeros((3 * self.structure.n, *x.shape[1:]))
         out[self.places] = x
         return out
 
     def taken(self, x: Vector) -> Vector:
-        """(n,) back from block rows."""
+        """Values of block rows (3 rows,) back as those of the unknowns (n,)."""
         return x[self.places]
 
 

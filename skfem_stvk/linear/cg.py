@@ -33,7 +33,7 @@ OUTCOMES = {
 
 
 class Search(Protocol):
-    """Where an iteration is.
+    """The state of an iteration.
 
     Attributes
     ----------
@@ -50,15 +50,16 @@ class Search(Protocol):
         """Iterate until the residual is small enough, or something else happens."""
 
     def true_residual(self) -> float:
-        """`|b - K x|` from x, and from here on that is the residual; the next direction is the first again."""
+        """Compute `|b - K x|` anew and go on with that residual; the next direction is the first again."""
 
     def x(self) -> Vector:
-        """(n,) where it is."""
+        """The current iterate (n,)."""
 
 
 def solve_by(search: Search, b: Vector, rtol: float, most: int) -> Solution:
-    """`x` with `|b - K x| <= rtol |b|`, or what there is when `p'Kp <= 0`, after `most` iterations, or when something is not
-    finite.
+    """`x` with `|b - K x| <= rtol |b|`, or the last one where the iteration ends before.
+
+    It ends when `p'Kp <= 0`, after `most` iterations, or when something is not finite.
 
     The residual that the loop keeps is compared with that of x at the end, and where it was too small the loop starts again from x,
     once.
@@ -83,12 +84,12 @@ def solve_by(search: Search, b: Vector, rtol: float, most: int) -> Solution:
 
 
 def conjugate_gradients(product: Map, precondition: Map, b: Vector, rtol: float, most: int, x0: Vector | None = None) -> Solution:
-    """As `solve_by`, from `x0` or from zero, with functions for `K v` and for what is about `K^-1 r`."""
+    """Solve as in `solve_by`, from `x0` or zero, with functions for `K v` and for an approximate `K^-1 r`."""
     return solve_by(_Search(product, precondition, b, x0), b, rtol, most)
 
 
 class _Search:
-    """`x`, the residual `r`, the direction `p`."""
+    """The iterates `x`, residuals `r` and directions `p` of conjugate gradients with functions."""
 
     def __init__(self, product: Map, precondition: Map, b: Vector, x0: Vector | None) -> None:
         self._product, self._precondition, self._b = product, precondition, b
@@ -111,17 +112,17 @@ class _Search:
         return Outcome.SOLVED
 
     def true_residual(self) -> float:
-        """`|b - K x|` from x, and from here on that is the residual; the next direction is the first again."""
+        """Compute `|b - K x|` anew and go on with that residual; the next direction is the first again."""
         self._r = self._b - self._product(self._x)
         self._rho, self.norm = 0.0, float(np.sqrt(self._dot(self._r, self._r)))
         return self.norm
 
     def x(self) -> Vector:
-        """Where it is."""
+        """The current iterate (n,)."""
         return self._x
 
     def _iterate(self) -> Outcome | None:
-        """One step.
+        """Make one iteration; the outcome if it is the last.
 
         The preconditioner may be rounded, not quite symmetric: `beta = z'(r - r_before) / (z'r)_before` (Polak, Ribiere).
         """
@@ -146,7 +147,7 @@ class _Search:
 
 
 def dot(parts: NDArray[np.int64], x: Vector, y: Vector) -> float:
-    """`x'y` by kernels: BLAS wakes threads that wait awake, in the way of ours."""
+    """`x'y` by kernels: BLAS wakes threads that wait awake and slow down the kernels' own."""
     return float(sum(run(products.dot, parts, x, y)))
 
 
@@ -163,8 +164,8 @@ class EdgeCg:
 
     Attributes
     ----------
-    diagonal : as of `kernels.cg`.
-    iterations, size, norm : as of `cg.Search`.
+    diagonal : as in `kernels.cg`.
+    iterations, size, norm : as in `Search`.
     """
 
     def __init__(self, edges: Ids, vertices: Ids, places: NDArray[np.int64], assembled: bool, omega: float) -> None:
@@ -184,7 +185,7 @@ class EdgeCg:
         self.iterations, self.size, self.norm = 0, 0.0, 0.0
 
     def shift(self, blocks: NDArray[np.floating[Any]], shift: NDArray[np.floating[Any]] | None) -> None:
-        """The matrix of these blocks, without those of the diagonal, and with a stiffness of each unknown against the ground."""
+        """Take these blocks as those of the edges, and a stiffness of each unknown against the ground."""
         added = self._none[:0] if shift is None else shift
         if shift is None:
             self.diagonal[:] = 0
@@ -197,7 +198,7 @@ class EdgeCg:
         self._invert(blocks, total)
 
     def fill(self, blocks: NDArray[np.floating[Any]]) -> None:
-        """The matrix of these blocks and of those that were written to `diagonal`."""
+        """Take these blocks as those above the diagonal, which stands in `diagonal`."""
         np.copyto(self.inverse, self.diagonal)
         self._invert(blocks, float(self.inverse.sum()))
 
@@ -212,7 +213,7 @@ class EdgeCg:
         self._blocks, self._indefinite = blocks, self._omega > 0 and negative > 0
 
     def _sorted(self, blocks: NDArray[np.floating[Any]]) -> NDArray[np.floating[Any]]:
-        """In the order of the edges."""
+        """The blocks in the order of the sorted edges."""
         if self._order is None:
             return blocks
         if self._blocks.dtype != blocks.dtype or self._blocks.shape != blocks.shape:
@@ -221,7 +222,7 @@ class EdgeCg:
         return self._blocks
 
     def solve(self, b: Vector, rtol: float, most: int, x0: Vector | None, out: Vector | None) -> Solution:
-        """From `x0` or from zero; x is written to `out`."""
+        """Solve from `x0` or from zero; x is written to `out`."""
         self._b, self._out = b, np.empty(len(b)) if out is None else out
         x = self._work[kernels.X]
         if x0 is None:
@@ -233,7 +234,7 @@ class EdgeCg:
         return solve_by(self, b, rtol, most)
 
     def precondition(self, r: Vector) -> Vector:
-        """(n,) `M^-1 r`."""
+        """The preconditioned residual `M^-1 r` (n,)."""
         s = self._work[kernels.S]
         s[:] = 0
         s[self._places] = r
@@ -241,7 +242,7 @@ class EdgeCg:
         return np.asarray(self._work[kernels.T, self._places])
 
     def true_residual(self) -> float:
-        """`|b - K x|` from x, and from here on that is the residual; the next direction is the first again."""
+        """Compute `|b - K x|` anew and go on with that residual; the next direction is the first again."""
         own = self.edges, self._blocks, self.diagonal, self._held
         kernels.residual(*own, self._places, self._b, self._state, self._work)
         self.norm = float(self._state[kernels.NORM])
@@ -265,18 +266,18 @@ class EdgeCg:
         return OUTCOMES[ended]
 
     def x(self) -> Vector:
-        """Where it is."""
+        """The current iterate (n,)."""
         return np.take(self._work[kernels.X], self._places, out=self._out, mode="clip")
 
 
 def _sorting(edges: Ids) -> Ids | None:
-    """What sorts them; None if they are sorted."""
+    """The order that sorts the edges; None if they are sorted."""
     order = np.lexsort((edges[:, 1], edges[:, 0]))
     return order if (np.diff(order) != 1).any() else None
 
 
 class EdgeFactors:
-    """The preconditioner, in the place that its analysis has for it."""
+    """The preconditioner of one matrix, in the arrays of its analysis."""
 
     negative_pivots: ClassVar[None] = None
 
@@ -285,11 +286,11 @@ class EdgeFactors:
         self._newest, self._number = newest, newest.next()
 
     def solve(self, b: Vector, rtol: float = 1e-10, x0: Vector | None = None, out: Vector | None = None) -> Solution:
-        """Conjugate gradients, all compiled."""
+        """Solve by conjugate gradients, all compiled."""
         self._newest.check(self._number)
         b, rtol, x0 = checked_right(b, self._n, rtol, x0, out)
         return handed_out(self._search.solve(b, rtol, MOST, x0, out), out)
 
     def precondition(self, r: Vector) -> Vector:
-        """(n,) `M^-1 r`; of `omega = 0` the inverses of the diagonal blocks times `r`."""
+        """The preconditioned residual `M^-1 r` (n,); with `omega = 0` the inverse diagonal blocks times `r`."""
         return self._search.precondition(r)

@@ -16,7 +16,7 @@ from .solver import Kind, LinearSolver, Outcome, Solution, Unknowns, Vector
 
 
 class Newest:
-    """Which factors an analysis made last: only those may solve."""
+    """The number of the factors that an analysis made last: only those may solve."""
 
     def __init__(self) -> None:
         self._number = 0
@@ -42,7 +42,7 @@ def checked_kind(kind: Any) -> None:
 
 
 def check_kind(solver: LinearSolver, kind: Kind) -> None:
-    """Refuse what the solver cannot take, and name those that can."""
+    """Refuse a kind of matrix that the solver cannot take."""
     checked_kind(kind)
     if kind > solver.takes:
         raise StvkError(
@@ -52,7 +52,7 @@ def check_kind(solver: LinearSolver, kind: Kind) -> None:
 
 
 def checked_values(K: Any, unknowns: Unknowns) -> NDArray[np.float64]:
-    """(nnz,) the values of K in double precision, not copied if they are; refuse another structure, and NaN."""
+    """The values (nnz,) of K in double precision, not copied if they are; another structure and NaN are refused."""
     if unknowns.indptr is None or unknowns.indices is None:
         raise StvkError("The unknowns have no indptr and indices; expected the structure of K over the free degrees of freedom.")
     n = unknowns.n
@@ -70,7 +70,7 @@ def checked_values(K: Any, unknowns: Unknowns) -> NDArray[np.float64]:
 
 
 def checked_right(b: Any, n: int, rtol: Any, x0: Any, out: Any) -> tuple[Vector, float, Vector | None]:
-    """What a solve is asked for, in double precision; refuse other shapes, and an `out` that cannot be written to."""
+    """Right side, tolerance and start of a solve; other shapes, and an `out` that cannot be written to, are refused."""
     if out is not None:
         own = isinstance(out, np.ndarray) and out.dtype == np.float64 and out.shape == (n,) and out.flags.writeable
         if not own or isinstance(out, np.ma.MaskedArray):
@@ -80,19 +80,19 @@ def checked_right(b: Any, n: int, rtol: Any, x0: Any, out: Any) -> tuple[Vector,
 
 
 def _right(name: str, given: Any, n: int) -> Vector:
-    """(n,) numbers in double precision, which need not be finite: the outcome of the solve says so."""
+    """A vector (n,) in double precision, which need not be finite: the outcome of the solve says so."""
     return vector(name, given, n, "free degree of freedom").astype(np.float64, copy=False)
 
 
 def checked_unknowns(unknowns: Any) -> Unknowns:
-    """Refuse what is none."""
+    """Refuse what is not an `Unknowns`."""
     if not isinstance(unknowns, Unknowns):
         raise StvkError(f"unknowns = {shown(unknowns)}; expected Unknowns(vertex, component, indptr, indices).")
     return unknowns
 
 
 def handed_out(found: Solution, out: Vector | None) -> Solution:
-    """What was found, with x in `out` if there is one."""
+    """The solution, with x in `out` if that is given."""
     if out is None or found.x is out:
         return found
     np.copyto(out, found.x)
@@ -104,8 +104,9 @@ def _same(a: Any, b: Any) -> bool:
 
 
 def solve_checked(product: Callable[[Vector], Vector], inverse: Callable[[Vector], Vector], b: Vector, rtol: float) -> Solution:
-    """`x = inverse(b)`, refined once (`x += inverse(b - K x)`) where the residual is above `rtol |b|`, and kept if that made it
-    smaller.
+    """`x = inverse(b)`, refined once where the residual is above `rtol |b|`, and kept if that made it smaller.
+
+    A refinement is `x += inverse(b - K x)`.
     """
     size = float(np.linalg.norm(b))
     if not np.isfinite(size):

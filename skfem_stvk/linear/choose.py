@@ -1,4 +1,4 @@
-"""Which solver: by name, by object, or "auto"."""
+"""The choice of a solver: by name, by object, or "auto"."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def choose(solver: str | LinearSolver, n: int, kind: Kind, indefinite: bool = Fa
     if indefinite and solver.iterative:
         able = names([other for other in SOLVERS if not other.iterative])
         raise StvkError(
-            f"solver '{solver.name}' came; expected a direct one, {able}, or 'auto': behind a limit point K is indefinite, and "
+            f"Expected a direct solver, {able}, or 'auto', got '{solver.name}': behind a limit point K is indefinite, and "
             "conjugate gradients cannot solve with it."
         )
     return solver
@@ -57,8 +57,9 @@ def is_auto(solver: object) -> bool:
 
 
 def automatic(n: int, kind: Kind) -> LinearSolver:
-    """By the table of `docs/solvers.md`: multigrid where it is faster than the direct solvers even on slender bodies, SuperLU where
-    nothing gains.
+    """The solver that the table of `docs/solvers.md` recommends for so many unknowns.
+
+    That is multigrid where it is faster than direct solvers even on slender bodies, and SuperLU where nothing gains.
 
     Below, direct solvers tell how many eigenvalues are negative and take what is indefinite, for little more time.
     """
@@ -68,5 +69,5 @@ def automatic(n: int, kind: Kind) -> LinearSolver:
 
 
 def direct(n: int) -> LinearSolver:
-    """The fastest direct solver: PARDISO if it is installed and gains."""
+    """The fastest direct solver: PARDISO if it is installed and gains, else SuperLU."""
     return Pardiso() if n >= FEW and pardiso_is_installed() else SuperLU()

@@ -1,4 +1,4 @@
-"""How many eigenvalues of a symmetric matrix are negative, by factorisation, and how many have no sign but that of rounding."""
+"""How many eigenvalues of a symmetric matrix are negative, by factorisation, and how many have the sign of rounding only."""
 
 from __future__ import annotations
 
@@ -83,6 +83,6 @@ def _diagonal(K: csr_matrix) -> NDArray[np.int64]:
 
 
 def _solvers(unknowns: Unknowns) -> list[LinearSolver]:
-    """The direct solver for so many unknowns, and SuperLU: PARDISO may replace pivots, whose signs say nothing then."""
+    """The direct solver for so many unknowns, then SuperLU: PARDISO may replace pivots, whose signs say nothing."""
     first = direct(unknowns.n)
     return [first] if first.name == SuperLU.name else [first, SuperLU()]

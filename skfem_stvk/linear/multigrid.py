@@ -1,6 +1,4 @@
-"""Smoothed aggregation: levels and their Gauss-Seidel sweeps, which vertices share a coarse one, and the hierarchy with its
-cycle.
-"""
+"""Smoothed aggregation: levels with Gauss-Seidel sweeps, aggregates of vertices, and the hierarchy with its cycle."""
 
 from __future__ import annotations
 
@@ -28,7 +26,7 @@ COARSEST = 50
 
 
 class Level:
-    """A matrix in blocks, in double precision, and `scale` times it in single, which is enough to smooth with.
+    """A matrix in blocks in double precision, and `scale` times it in single, which is enough to smooth with.
 
     Attributes
     ----------
@@ -44,7 +42,7 @@ class Level:
         self.x, self._left = np.empty(3 * n, SINGLE), np.empty(3 * n, SINGLE)
 
     def scale(self, scale: float) -> None:
-        """Copy to single precision; an unknown that no mode of the level above reaches gets a diagonal."""
+        """Copy the values to single precision; an unknown that no mode of the level above reaches gets a diagonal."""
         entries = self.blocks.reshape(-1, 9)
         for component in (0, 4, 8):
             dead = self._diagonal[entries[self._diagonal, component] == 0]
@@ -52,14 +50,14 @@ class Level:
         np.multiply(self.blocks, scale, out=self.single, casting="same_kind")
 
     def invert(self) -> None:
-        """The diagonal blocks, for sweeps that go on in parts at the same time."""
+        """Invert the diagonal blocks, for sweeps that run in parts at the same time."""
         A = self.A
         if len(A.parts) > 2:
             run(kernels.outside, A.parts, A.rows, A.columns, self.single, self._extra)
         run(kernels.invert_diagonal, A.parts, self._diagonal, self.single, self._extra, self._inverse)
 
     def forward(self, b: Reals) -> Reals:
-        """`x` from zero by a forward sweep; the residual."""
+        """Sweep forward from zero to `x`; the residual."""
         A = self.A
         run(kernels.sweep_forward, A.parts, A.rows, A.columns, self._diagonal, self.single, self._inverse, b, self.x)
         own = A.rows, A.columns, self._diagonal, self.single, self._extra, self.x, self._left
@@ -67,7 +65,7 @@ class Level:
         return self._left
 
     def backward(self, b: Reals) -> Reals:
-        """`x` improved by a backward sweep: the adjoint of the forward one."""
+        """Improve `x` by a backward sweep, the adjoint of the forward one."""
         A, before = self.A, self.x
         if len(A.parts) > 2:
             before = self._left
@@ -76,14 +74,14 @@ class Level:
         return self.x
 
     def smoothed(self, structure: BlockStructure, places: Ids, products: Reals, tentative: Reals, scale: float, out: Reals) -> None:
-        """`P = T - 4/3 / rho D^-1 A T` from `products`, A T in the structure of P; `places` of T in it."""
+        """Write `P = T - 4/3 / rho D^-1 A T`; `products` are A T in the structure of P, where T stands at `places`."""
         count = len(tentative) // (9 * self.A.n)
         omega = 4 / 3 / self._spectral_radius() * scale
         own = structure.rows, places, count, self._inverse, omega, products, tentative
         run(kernels.smooth_prolongator, self.A.parts, *own, out)
 
     def _spectral_radius(self) -> float:
-        """Of `D^-1 A`, by some turns of the power method, which stay below it."""
+        """An estimate of the spectral radius of `D^-1 A` by the power method, which stays below it."""
         x = np.random.default_rng(0).standard_normal(3 * self.A.n).astype(SINGLE)
         for _ in range(TURNS):
             x /= self._size(x)
@@ -96,7 +94,7 @@ class Level:
 
 
 class Coarsening:
-    """From a level to the next: `R = P'`, `A_next = R A P`, P of smoothed aggregation.
+    """The transfer from a level to the next: `R = P'`, `A_next = R A P`, with P of smoothed aggregation.
 
     Attributes
     ----------
@@ -122,7 +120,7 @@ class Coarsening:
         self._places = np.flatnonzero(self._P.columns == count * rows[self._P.row_of_each()])
 
     def prolong(self, level: Level, modes: Reals, scale: float) -> Reals:
-        """P anew, such that it holds `modes` (blocks of T's structure); the modes of the next level."""
+        """Compute P such that its range holds `modes` (blocks of T's structure); the modes of the next level."""
         n = len(self._starts) - 1
         coarse = np.empty(9 * self._count**2 * n)
         parts = parts_of(n, 40, threads())
@@ -133,16 +131,16 @@ class Coarsening:
         return coarse
 
     def galerkin(self, level: Level, out: Reals) -> None:
-        """`R A P` to the values of the next level."""
+        """Write `R A P` to the values of the next level."""
         level.A.multiply(level.blocks, self._P, self._p, self._AP, self._ap)
         self._R.multiply(self._r, self._AP, self._ap, self.structure, out)
 
     def restrict(self, residual: Reals, out: Reals) -> Reals:
-        """`R r`."""
+        """The restricted residual `R r`."""
         return self._R.product(self._r, residual, out)
 
     def correct(self, error: Reals, x: Reals) -> None:
-        """`x += P e`."""
+        """Add the correction: `x += P e`."""
         self._P.product(self._p, error, x, add=True)
 
 
@@ -152,9 +150,9 @@ def _sorted(graph: csr_matrix) -> csr_matrix:
 
 
 def aggregates(graph: csr_matrix, structure: BlockStructure, blocks: Reals) -> NDArray[np.int32]:
-    """(nodes,) number of the aggregate of each node, by pyamg's standard aggregation of strongly coupled nodes.
+    """The number (nodes,) of each node's aggregate, by pyamg's standard aggregation of strongly coupled nodes.
 
-    `structure`, `blocks` are a matrix with as many block rows a node as there are to each of the graph.
+    `structure` and `blocks` are a matrix with the same number of block rows for each node of the graph.
     """
     norms, diagonal = _norms(graph, structure, blocks)
     row = np.repeat(np.arange(graph.shape[0]), np.diff(graph.indptr))
@@ -181,7 +179,7 @@ def _norms(graph: csr_matrix, structure: BlockStructure, blocks: Reals) -> tuple
 
 
 def _aggregates(graph: csr_matrix, row: Ids, kept: NDArray[np.bool_]) -> NDArray[np.int32]:
-    """Of the graph's entries that are kept; a node without neighbours is an aggregate of its own."""
+    """Aggregates by the graph's entries that are kept; a node without neighbours is an aggregate of its own."""
     rows = np.concatenate([[0], np.cumsum(kept)])[graph.indptr].astype(np.int32)
     strong = csr_matrix((np.ones(rows[-1]), graph.indices[kept], rows), shape=graph.shape)
     found, _ = _standard_aggregation()(strong)
@@ -191,7 +189,7 @@ def _aggregates(graph: csr_matrix, row: Ids, kept: NDArray[np.bool_]) -> NDArray
 
 
 def _standard_aggregation() -> Callable[[csr_matrix], tuple[csr_matrix, Ids]]:
-    """pyamg's, imported when it is needed: `python -OO` takes the docstrings away that pyamg adds to."""
+    """pyamg's function, imported when it is needed: `python -OO` removes docstrings that pyamg adds to."""
     try:
         from pyamg.aggregation.aggregate import standard_aggregation
     except TypeError as error:
@@ -233,14 +231,14 @@ class Hierarchy:
         self._sums = [np.empty_like(level.x) for level in self._levels]
 
     def refresh(self, scale: float) -> None:
-        """All levels anew from the values of the finest; R and P stay."""
+        """Fill all levels anew from the values of the finest; R and P stay."""
         for number in range(1, len(self._levels)):
             self._levels[number - 1].invert()
             self._fill(number, scale)
         self._solve_coarsest(scale)
 
     def __call__(self, b: Reals) -> Reals:
-        """One cycle, for `b` in single precision; the result is overwritten by the next."""
+        """Run one cycle for `b` in single precision; the next one overwrites the result."""
         return self._cycle(0, b)
 
     def _fill(self, number: int, scale: float) -> None:
@@ -249,7 +247,7 @@ class Hierarchy:
         level.scale(scale)
 
     def _solve_coarsest(self, scale: float) -> None:
-        """The inverse, as a matrix of blocks; of an indefinite matrix that of its absolute value."""
+        """Invert the coarsest matrix, as a matrix of blocks; an indefinite one is replaced by its absolute value."""
         level = self._levels[-1]
         n, dense = level.A.n, scale * level.A.dense(level.blocks)
         inverse = dense.copy()
@@ -271,7 +269,7 @@ class Hierarchy:
         return level.backward(b)
 
     def _twice(self, number: int, b: Reals) -> Reals:
-        """Two cycles (W): coarse levels cost little, and inexact ones cost the finest iterations."""
+        """Run two cycles (W): coarse levels cost little, and inexact ones cost iterations on the finest."""
         level, total = self._levels[number], self._sums[number]
         x = self._cycle(number, b)
         if number == len(self._ways):
@@ -284,7 +282,7 @@ class Hierarchy:
 
 
 def _in_blocks(modes: Reals, count: int) -> Reals:
-    """(9 count n,) modes as `count` blocks a block row, padded with zeros."""
+    """The modes (9 count n,) as `count` blocks per block row, padded with zeros."""
     padded = np.zeros((len(modes), 3 * count))
     padded[:, : modes.shape[1]] = modes
     return np.ascontiguousarray(padded.reshape(-1, 3, count, 3).transpose(0, 2, 1, 3)).ravel()

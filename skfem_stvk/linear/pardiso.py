@@ -45,7 +45,7 @@ def pardiso_is_installed() -> bool:
 
 @dataclass(frozen=True)
 class Pardiso:
-    """Its three phases kept apart: the order of elimination is worked out once a mesh.
+    """PARDISO with its three phases kept apart: the order of elimination is worked out once per pattern.
 
     >>> import numpy as np
     >>> from scipy.sparse import csr_matrix
@@ -62,7 +62,7 @@ class Pardiso:
     iterative: ClassVar[bool] = False
 
     def analyse(self, unknowns: Unknowns) -> PardisoAnalysis:
-        """The order of elimination of symmetric matrices of this structure.
+        """Work out the order of elimination of symmetric matrices of this structure.
 
         Raises
         ------
@@ -73,7 +73,7 @@ class Pardiso:
 
 
 class PardisoAnalysis:
-    """One set of PARDISO's internal memory, of symmetric or of general matrices: the last that were asked for."""
+    """One set of PARDISO's internal memory, for symmetric or general matrices, whichever were asked for last."""
 
     def __init__(self, solver: Pardiso, unknowns: Unknowns) -> None:
         self._solver, self._unknowns, self._newest = solver, unknowns, Newest()
@@ -81,8 +81,9 @@ class PardisoAnalysis:
         self._memory.call(ANALYSE)
 
     def factorise(self, K: Any, kind: Kind) -> PardisoFactors:
-        """Numbers into the order of elimination that there is; a general matrix after symmetric ones, or the reverse, needs a new
-        one.
+        """Factorise in the order of elimination that there is.
+
+        A general matrix after symmetric ones, or the reverse, needs a new order.
         """
         check_kind(self._solver, kind)
         values = checked_values(K, self._unknowns)
@@ -98,7 +99,7 @@ class PardisoAnalysis:
 
 
 class PardisoFactors:
-    """`L D L'` or `L U`, in the memory of the analysis.
+    """The factors `L D L'` or `L U`, in the memory of the analysis.
 
     Attributes
     ----------
@@ -114,11 +115,11 @@ class PardisoFactors:
 
     @property
     def negative_pivots(self) -> int | None:
-        """The inertia; None where pivots were perturbed, for their signs say nothing."""
+        """The number of negative eigenvalues; None where pivots were perturbed, for their signs say nothing."""
         return self._negative
 
     def solve(self, b: Vector, rtol: float = 1e-10, x0: Vector | None = None, out: Vector | None = None) -> Solution:
-        """Two triangular solves, and as many products and solves more as the residual asks for, wherever `x0` is."""
+        """Solve with the factors, and refine as often as the residual asks for; `x0` is not needed."""
         self._newest.check(self._number)
         b, rtol, _ = checked_right(b, self._memory.n, rtol, x0, out)
         if not self._exact:
@@ -138,20 +139,20 @@ class _Memory:
         self.release = weakref.finalize(self, _release, self._pardiso)
 
     def fill(self, values: NDArray[np.float64]) -> None:
-        """The values that the next phases work with."""
+        """Set the values that the next phases work with."""
         self._matrix.data[:] = values if self._kept is None else values[self._kept]
 
     def call(self, phase: int) -> bool:
-        """A phase without a right-hand side; False if the matrix is singular."""
+        """Run a phase without a right-hand side; False if the matrix is singular."""
         return self._run(phase, np.zeros(self.n)) is not None
 
     def solve(self, b: Vector) -> Vector:
-        """`x` by the factors that there are; NaN if the matrix is singular, which MKL up to 2023 says here only."""
+        """The solution with the current factors; NaN if the matrix is singular, which MKL up to 2023 says only here."""
         x = self._run(SOLVE, b)
         return np.full(self.n, np.nan) if x is None else x
 
     def _run(self, phase: int, b: Vector) -> Vector | None:
-        """What a phase makes of `b`; nothing if the matrix is singular."""
+        """The result of a phase for `b`; None if the matrix is singular."""
         self._pardiso.set_phase(phase)
         try:
             return np.asarray(self._pardiso._call_pardiso(self._matrix, b))
@@ -164,19 +165,19 @@ class _Memory:
             ) from error
 
     def product(self, x: Vector) -> Vector:
-        """`K x`, from the triangle that there is."""
+        """The product `K x`, from the triangle that is stored."""
         K = self._matrix
         if self._diagonal is None:
             return np.asarray(K @ x)
         return np.asarray(K @ x + K.T @ x - K.data[self._diagonal] * x)
 
     def iparm(self, number: int) -> int:
-        """What PARDISO reports under this number, counted from 1."""
+        """The number that PARDISO reports in this entry of iparm, counted from 1."""
         return int(self._pardiso.get_iparm(number))
 
 
 def _structure(unknowns: Unknowns, mtype: int) -> tuple[Any, Any, Any]:
-    """Rows, columns, and which values are kept: the upper triangle of symmetric matrices."""
+    """Rows, columns, and which values are kept: for symmetric matrices those of the upper triangle."""
     indptr, indices = unknowns.indptr, unknowns.indices
     if indptr is None or indices is None:
         raise StvkError("The unknowns have no indptr and indices; expected the structure of K over the free degrees of freedom.")

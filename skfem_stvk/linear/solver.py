@@ -1,7 +1,7 @@
-"""The joint of linear solvers: what they are told, and what they answer.
+"""The interface of linear solvers.
 
-    analysis = solver.analyse(unknowns)            once a mesh and its supports
-    factors = analysis.factorise(K, kind)          once a Newton step
+    analysis = solver.analyse(unknowns)            once per mesh and its supports
+    factors = analysis.factorise(K, kind)          once per Newton step
     solution = factors.solve(b, rtol, x0)          as often as needed
 
 A solver holds options only and never changes. What is kept between Newton steps is in the analysis, which owns one set of factors:
@@ -48,15 +48,15 @@ class Outcome(Enum):
 
 @dataclass(frozen=True)
 class Solution:
-    """What a solve found. Always finite.
+    """The result of a solve, which is always finite.
 
     Attributes
     ----------
-    x : (n,) the solution; of an outcome other than SOLVED the best there is, zero if there is none.
-    iterations : of CG; 0 of a direct solver, or how often it refined.
+    x : (n,) the solution; with an outcome other than SOLVED the best one found, zero if there is none.
+    iterations : number of CG iterations, or how often a direct solver refined.
     residual : `|b - K x| / |b|`, computed from x, 1 if there is none.
-    outcome : how it ended.
-    start : what the residual was before the first iteration.
+    outcome : how the solve ended.
+    start : the residual before the first iteration.
     """
 
     x: Vector
@@ -103,7 +103,7 @@ class Unknowns:
 
     @property
     def n(self) -> int:
-        """How many."""
+        """Number of unknowns."""
         return len(self.vertex)
 
 
@@ -131,14 +131,14 @@ class Operator(Protocol):
     """
 
     def matvec(self, v: Vector) -> Vector:
-        """`K v` (n,) over the free degrees of freedom."""
+        """The product `K v` (n,) over the free degrees of freedom."""
 
     def diagonal_blocks(self) -> Vector:
         """(nv, d, d) blocks `K_aa` of the vertices that `Unknowns.vertex` counts; held components are not looked at."""
 
 
 class Factors(Protocol):
-    """A matrix made ready to solve with."""
+    """A matrix that is ready to solve with."""
 
     @property
     def negative_pivots(self) -> int | None:
@@ -152,22 +152,22 @@ class Factors(Protocol):
 
 
 class Analysis(Protocol):
-    """All that depends on the structure of K alone."""
+    """What depends on the structure of K alone."""
 
     def factorise(self, K: Any, kind: Kind) -> Factors:
         """Factors of a matrix of this structure (an `Operator` where the solver is matrix-free); values are copied."""
 
 
 class LinearSolver(Protocol):
-    """Options of a solver, frozen."""
+    """The options of a solver, which are frozen."""
 
     @property
     def name(self) -> str:
-        """As `solver="..."` has it."""
+        """The name that `solver="..."` takes."""
 
     @property
     def takes(self) -> Kind:
-        """The most general kind of matrix."""
+        """The most general kind of matrix that the solver takes."""
 
     @property
     def matrix_free(self) -> bool:
@@ -175,12 +175,12 @@ class LinearSolver(Protocol):
 
     @property
     def iterative(self) -> bool:
-        """Whether a larger rtol makes it faster."""
+        """Whether a larger rtol makes the solver faster."""
 
     def analyse(self, unknowns: Unknowns) -> Analysis:
-        """What can be done before the values are known."""
+        """Prepare what does not depend on values."""
 
 
 def names(solvers: Sequence[LinearSolver]) -> str:
-    """Their names in a message."""
+    """The solvers' names, as a message lists them."""
     return ", ".join(f"'{solver.name}'" for solver in solvers)

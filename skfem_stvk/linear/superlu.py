@@ -38,7 +38,7 @@ class SuperLU:
     iterative: ClassVar[bool] = False
 
     def analyse(self, unknowns: Unknowns) -> SuperLUAnalysis:
-        """SuperLU offers no analysis of its own: this holds the structure."""
+        """Hold the structure: SuperLU offers no analysis of its own."""
         return SuperLUAnalysis(self, checked_unknowns(unknowns))
 
 
@@ -49,7 +49,7 @@ class SuperLUAnalysis:
         self._solver, self._unknowns, self._newest = solver, unknowns, Newest()
 
     def factorise(self, K: Any, kind: Kind) -> SuperLUFactors:
-        """`K = L U`; a zero pivot shows in the outcome of solves."""
+        """Factorise `K = L U`; a zero pivot shows in the outcome of solves."""
         check_kind(self._solver, kind)
         values = checked_values(K, self._unknowns).copy()
         matrix = csc_matrix((values, K.indices, K.indptr), shape=K.shape)  # of K', whose structure is that of K
@@ -57,7 +57,7 @@ class SuperLUAnalysis:
 
 
 class SuperLUFactors:
-    """`L U` of the transpose: rows in CSR format are columns in SuperLU's."""
+    """The factors `L U` of the transpose: rows in CSR format are columns in SuperLU's."""
 
     def __init__(self, transpose: csc_matrix, kind: Kind, newest: Newest) -> None:
         self._transpose, self._kind = transpose, kind
@@ -66,9 +66,11 @@ class SuperLUFactors:
 
     @cached_property
     def negative_pivots(self) -> int | None:
-        """From the diagonal of U, where no rows were exchanged: then `U = D L'`. Reading it copies L and U.
+        """The number of negative pivots on the diagonal of U, where no rows were exchanged: then `U = D L'`.
 
-        Where some were, another factorisation takes diagonal pivots only; if one of those is zero, K is indefinite or singular, and
+        Reading it copies L and U.
+
+        Where rows were exchanged, another factorisation takes diagonal pivots only; if one of those is zero, K is indefinite or singular, and
         1 stands for at least one eigenvalue that is not positive.
         """
         if self._kind == Kind.GENERAL:
@@ -78,9 +80,7 @@ class SuperLUFactors:
 
     @property
     def negative_determinant(self) -> bool | None:
-        """Whether the determinant is negative, by the diagonal of U and the exchanges of rows and columns; None of singular
-        matrices.
-        """
+        """Whether the determinant is negative, by the diagonal of U and the exchanges; None if the matrix is singular."""
         lu = self._lu
         if lu is None:
             return None
@@ -88,7 +88,7 @@ class SuperLUFactors:
         return bool((int((lu.U.diagonal() < 0).sum()) + exchanges) % 2)
 
     def solve(self, b: Vector, rtol: float = 1e-10, x0: Vector | None = None, out: Vector | None = None) -> Solution:
-        """Two triangular solves, and as many products and solves more as the residual asks for, wherever `x0` is."""
+        """Solve with the factors, and refine as often as the residual asks for; `x0` is not needed."""
         self._newest.check(self._number)
         b, rtol, _ = checked_right(b, self._transpose.shape[0], rtol, x0, out)
         if self._lu is None:
@@ -103,7 +103,7 @@ def _exchanged(lu: Any) -> bool:
 
 
 def _cycles(order: Any) -> int:
-    """How many cycles a permutation is made of."""
+    """The number of cycles of a permutation."""
     n = len(order)
     graph = csr_matrix((np.ones(n), (np.arange(n), order)), shape=(n, n))
     return int(connected_components(graph, directed=False)[0])

@@ -1,4 +1,4 @@
-"""What a mesh of meshio's holds as simplices: of which dimension, their groups, and warnings of what is left out."""
+"""The simplices that a mesh of meshio's holds: their dimension, their groups, and warnings of what is left out."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ def content_of(raw: meshio.Mesh, name: str) -> Content:
 
 
 def check_cells(mesh: meshio.Mesh) -> None:
-    """Refuse cells that do not have the nodes of their type, or name nodes that are not there; and ids that stand twice.
+    """Refuse cells that do not have the nodes of their type or name nodes that are not there, and ids that stand twice.
 
     Raises
     ------
@@ -124,7 +124,7 @@ def warn_of_vertices(count: int, k: int, used: NDArray[Any], inner: NDArray[Any]
 
 
 def merge_copies(t: NDArray[Any], subdomains: dict[str, NDArray[Any]]) -> tuple[NDArray[Any], dict[str, NDArray[Any]]]:
-    """Take once the elements that stand in the file once for each of their groups, as Gmsh 2.2 writes them.
+    """Merge copies of elements that stand in the file once for each of their groups, as Gmsh 2.2 writes them.
 
     Copies within one group are left for `check_mesh` to name.
     """
@@ -165,7 +165,7 @@ def nodes_on(used: NDArray[Any], inner: NDArray[Any], sets: dict[str, NDArray[An
 
 
 def flatten(p: NDArray[np.float64], k: int) -> NDArray[np.float64]:
-    """Without the last coordinates that are the same everywhere, as far as the simplices allow.
+    """The coordinates without the last ones that are the same everywhere, as far as the simplices allow.
 
     >>> flatten(np.array([[0.0, 1, 0], [0, 0, 1], [5, 5, 5]]), k=2)
     array([[0., 1., 0.],

@@ -1,4 +1,4 @@
-"""What is wrong with a mesh, said before any work is done on it."""
+"""Checks of a mesh, made before any work is done on it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Displacements of the vertices of a mesh: flat for users, by vertex within."""
+"""Displacements of the vertices of a mesh: checked vectors, one per degree of freedom, and the same by vertex."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def by_vertex(mesh: SimplexMesh, u: ArrayLike, name: str = "u") -> Array:
 
 
 def finite_vector(name: str, given: Any, n: int, each: str = "degree of freedom", *, kinds: str = "fiu") -> Array:
-    """As `arguments.vector`, of finite numbers.
+    """A vector as in `arguments.vector`, of finite numbers.
 
     Raises
     ------
@@ -50,7 +50,9 @@ def finite_vector(name: str, given: Any, n: int, each: str = "degree of freedom"
 
 
 def all_finite(values: Array) -> bool:
-    """Whether no entry is infinite or NaN: then their sum is finite, and only where that overflows every entry is looked at.
+    """Whether no entry is infinite or NaN.
+
+    Then their sum is finite; only where it is not, which may be overflow, every entry is looked at.
 
     >>> all_finite(np.array([1e308, 1e308])), all_finite(np.array([np.inf, -np.inf]))
     (True, False)

@@ -1,6 +1,4 @@
-"""The facets of simplices: which of them are shared, where given ones stand among them, their names, and which side of a surface
-is which.
-"""
+"""The facets of simplices: which are shared, where given ones stand among them, and which side of a surface is which."""
 
 from __future__ import annotations
 
@@ -76,7 +74,7 @@ def facets_of(t: Ids, nv: int) -> tuple[Ids, Ids]:
 
 
 def facet_ids(mesh: MeshArrays) -> Ids:
-    """(k + 1, nt) number of the facet opposite to each vertex of each simplex; simplices that share a facet share the number."""
+    """The number (k + 1, nt) of the facet opposite to each vertex of each simplex; simplices that share a facet share it."""
     return facets_of(mesh.t, mesh.nv)[1]
 
 
@@ -132,7 +130,7 @@ def _opposite(ordered: NDArray[Any]) -> Ids:
 
 
 def _grouped(facets: Ids, nv: int) -> tuple[Ids, NDArray[np.bool_]]:
-    """Lexicographic order of facets, in which equal ones keep theirs; and whether each differs from the one before it there."""
+    """The lexicographic order of facets, stable, and whether each differs from the one before it in that order."""
     order = lexicographic_order(facets, nv)
     facets = facets[:, order]
     new = np.ones(len(order), dtype=bool)
@@ -141,7 +139,7 @@ def _grouped(facets: Ids, nv: int) -> tuple[Ids, NDArray[np.bool_]]:
 
 
 class NamedFacets(Mapping[str, NDArray[np.int32]]):
-    """Facets (k, n) by name, from their numbers in scikit-fem's order. Looking at one finds all facets of the mesh, once.
+    """Facets (k, n) by name, from their numbers in scikit-fem's order; the first look at one finds all facets of the mesh.
 
     Parameters
     ----------

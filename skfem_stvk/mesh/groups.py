@@ -27,7 +27,7 @@ def cell_groups(raw: meshio.Mesh, k: int) -> Sets:
 
 
 def pick(sets: Sets, raw: meshio.Mesh, k: int) -> dict[str, NDArray[np.int32]]:
-    """Of each group its simplices of dimension `k`, counted through their blocks; groups without any are left out."""
+    """The simplices of dimension `k` of each group, counted through their blocks; groups without any are left out."""
     picked = {}
     for name, ids_of_block in sets.items():
         start, ids = 0, [np.empty(0, dtype=np.int64)]
@@ -153,7 +153,7 @@ def corners(cells: Iterable[Any], k: int) -> NDArray[Any]:
 
 
 def is_simplex(block: Any, k: int) -> bool:
-    """Does the block hold simplices of dimension `k`?"""
+    """Whether the block holds simplices of dimension `k`."""
     return len(block) > 0 and simplex_dimension(block.type) == k
 
 
@@ -164,7 +164,7 @@ def inner_nodes(cells: Iterable[Any]) -> NDArray[np.int64]:
 
 
 def count_cells(cells: Iterable[Any]) -> str:
-    """How many cells of each type.
+    """The number of cells of each type, in words.
 
     >>> from meshio import CellBlock
     >>> count_cells([CellBlock("wedge", [[0] * 6]), CellBlock("quad", [[0] * 4] * 2), CellBlock("wedge", [[0] * 6])])

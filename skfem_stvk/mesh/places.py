@@ -75,7 +75,7 @@ def vertices_at(mesh: Marked, where: Where, what: str = "The place") -> NDArray[
 
 
 def facets_at(mesh: Marked, where: Where, what: str = "The place") -> NDArray[np.int32]:
-    """(k, n) vertices of the facets there, each once: those of a named boundary, or the boundary facets with all vertices there.
+    """The facets (k, n) at a place, each once: those of a named boundary, or boundary facets with all vertices there.
 
     Raises
     ------
@@ -205,12 +205,12 @@ def _listed(mesh: Marked, given: Any, what: str) -> NDArray[np.int64]:
 
 
 def _array(given: Any) -> NDArray[Any] | None:
-    """Ids or a mask; None for what is neither."""
+    """Ids or a mask as an array; None for what is neither."""
     return vertices_of(given) if isinstance(given, DofsView) else whole_array(given)
 
 
 def vertices_of(view: DofsView) -> NDArray[Any]:
-    """Vertices of the view, in its own order; whether they are of a certain mesh is not looked at."""
+    """Vertices of the view, in its own order; it may be of another mesh."""
     return np.arange(view.obj.topo.nvertices)[view.nodal_ix]
 
 
@@ -220,7 +220,7 @@ def dofs_of(mesh: MeshArrays, view: DofsView, what: str) -> NDArray[np.int64]:
     Raises
     ------
     RegionError
-        as `refuse_foreign`.
+        as in `refuse_foreign`.
 
     >>> import skfem
     >>> from skfem_stvk import SimplexMesh

@@ -89,7 +89,7 @@ def load(path: Path) -> meshio.Mesh:
 
 
 def checked(path: Path) -> meshio.Mesh:
-    """The content of a file that was looked through before and after it was read."""
+    """The content of a file that was checked before and after it was read."""
     ending = path.suffix.lower()
     if ending in READERS:
         mesh = READERS[ending](path)
@@ -102,7 +102,7 @@ def checked(path: Path) -> meshio.Mesh:
 
 
 def quietly(path: Path) -> meshio.Mesh:
-    """What meshio reads, with what it prints in its errors."""
+    """The content as meshio reads it; what it prints becomes part of the error."""
     printed = StringIO()
     try:
         with redirect_stdout(printed), redirect_stderr(StringIO()), np.errstate(over="ignore"):

@@ -89,7 +89,7 @@ class SimplexMesh:
     def of(cls, mesh: MeshLike) -> SimplexMesh:
         """The simplices of a scikit-fem mesh, of arrays `(p, t)`, of a `meshio.Mesh`, or of a `SimplexMesh` (handed back as it is).
 
-        What `read_mesh` takes of a file is taken of a `meshio.Mesh`. Second-order scikit-fem meshes are reduced to their corner
+        From a `meshio.Mesh` is taken what `read_mesh` takes from a file. Second-order scikit-fem meshes are reduced to their corner
         vertices, with a warning. Subdomains and boundaries come along; the facets of these are found when they are first looked at,
         which costs more than an assembly.
         """
@@ -111,7 +111,7 @@ class SimplexMesh:
                 p = p[:, : mesh.nvertices]
                 warn(
                     f"{type(mesh).__name__} is of second order: its {mesh.nvertices} corner vertices are used and its curved edges "
-                    "are taken as straight. Displacements have one entry a corner and component."
+                    "are taken as straight. Displacements have one entry per corner and component."
                 )
             return cls(p, t, mesh.subdomains or {}, NamedFacets(t, p.shape[1], mesh.boundaries or {}))
         if isinstance(mesh, tuple | list) and len(mesh) == 2:
@@ -164,8 +164,7 @@ class SimplexMesh:
         return facets
 
     def with_boundaries(self, boundaries: Mapping[str, Any]) -> SimplexMesh:
-        """The same mesh with more boundaries, as in scikit-fem: each a place (`mesh.places.Where`), such as a predicate of the
-        coordinates.
+        """The same mesh with more boundaries, each a place (`mesh.places.Where`) such as a predicate, as in scikit-fem.
 
         Raises
         ------

@@ -36,8 +36,9 @@ MOST_STEPS, LONGEST, ENOUGH = 30, 0.3, 1e-13
 
 
 def smallest_acoustic_eigenvalue(state: Response) -> Masked:
-    """The smallest eigenvalue of the acoustic tensors `Q(N)` of all unit `N` (nt,) [Pa]: strong ellipticity is lost where it is not
-    positive.
+    """The smallest eigenvalue (nt,) [Pa] of the acoustic tensors `Q(N)` of all unit `N`.
+
+    Strong ellipticity is lost where it is not positive.
 
     Directions are sampled, and the best of them, and the best away from it, improved by Newton's method. An isotropic solid at rest
     has `mu`. Elements in no term are masked, and all membranes and cables in space.
@@ -109,8 +110,9 @@ def _smallest_of(ids: Ids, F: Array, S: Array, C: Array, curvature: Array) -> Ar
 
 
 def acoustic_form(F: Array, S: Array, C: Array, curvature: Array) -> Array:
-    """(n, k, k, k, k) the form `M_ik,JL`, symmetric in `ik` and in `JL`, of `F`, `S` (n, k, k), `C_MJ,NL` (n, m, m) and `psi''`
-    (n,).
+    """The form `M_ik,JL` (n, k, k, k, k), symmetric in `ik` and in `JL`.
+
+    It is made of `F`, `S` (n, k, k), `C_MJ,NL` (n, m, m) and `psi''` (n,).
     """
     n, k, _ = F.shape
     place = _places(k)
@@ -161,9 +163,7 @@ def directions(k: int) -> Array:
 
 
 def _lowest_eigenvalue(Q: Array) -> Array:
-    """(n, s) smallest eigenvalue of symmetric matrices, components (n, m, s) in Voigt order: to half of the digits, where they
-    repeat.
-    """
+    """The smallest eigenvalue (n, s) of symmetric matrices (n, m, s) in Voigt order, to half of the digits where it repeats."""
     if Q.shape[1] == 3:
         a, b, c = Q[:, 0], Q[:, 1], Q[:, 2]
         return (a + b) / 2 - np.sqrt(((a - b) / 2) ** 2 + c**2)
@@ -178,8 +178,7 @@ def _lowest_eigenvalue(Q: Array) -> Array:
 
 
 def _improved(form: Array, N: Array) -> Array:
-    """(n,) local minima of the smallest eigenvalue of `Q(N)`, from `N` (n, k): Newton's method, downhill where the curvature is
-    negative too.
+    """Local minima (n,) of the smallest eigenvalue of `Q(N)`, from `N` (n, k), by Newton's method that always goes downhill.
 
     With the unit eigenvector `a` of the smallest eigenvalue `q`, the others `b` of `q_b`, and `N` moved to `N + T d` across itself:
 
@@ -218,7 +217,7 @@ def _improved(form: Array, N: Array) -> Array:
 
 
 def _acoustic_tensor(form: Array, N: Array) -> Array:
-    """(n, k, k)"""
+    """The acoustic tensors `Q(N)` (n, k, k) of forms, each for one `N`."""
     Q: Array = ((form @ N[:, None, None, :, None])[..., 0] @ N[:, None, :, None])[..., 0]
     return Q
 

@@ -67,11 +67,12 @@ class Fields(ElasticBody):
 
 
 class State(Response):
-    """Fields at displacements `u` (nv, d) [m]: `state[name]` by element, `state.at_nodes(name)` by node, each worked out when first
-    asked for.
+    """Fields at displacements `u` (nv, d) [m], each worked out when first asked for.
+
+    `state[name]` has values by element, `state.at_nodes(name)` by node.
 
     Elements and nodes that have no value are masked (a `numpy.ma.MaskedArray`): elements in no term have no stress and, below three
-    dimensions, no strain across. Where nothing is missing, a plain array comes.
+    dimensions, no strain across. Where nothing is missing, the array is a plain one.
 
     Attributes
     ----------
@@ -114,7 +115,7 @@ class State(Response):
 
 
 class NodalAverage:
-    """At each node the mean over the elements around it, weighted by their rest volumes; the operator is built once.
+    """Averages at nodes over the elements around them, weighted by rest volume; the operator is built once.
 
     It smooths what is constant in each element, across the boundary of two materials too, where stresses jump: average over one
     region at a time there, by leaving the others out.
@@ -143,7 +144,7 @@ class NodalAverage:
 
 
 def split_nodes(t: NDArray[np.integer], part: NDArray[np.integer]) -> tuple[NDArray[np.int64], int]:
-    """(k + 1, nt) numbers of the nodes, and how many, after each has been split in one for every part that meets there.
+    """Numbers (k + 1, nt) of the nodes, and how many, after each is split into one for every part that meets there.
 
     >>> split_nodes(np.array([[0, 1], [1, 2]]), np.array([0, 1]))
     (array([[0, 2],
@@ -155,7 +156,7 @@ def split_nodes(t: NDArray[np.integer], part: NDArray[np.integer]) -> tuple[NDAr
 
 
 def checked_state(state: Any) -> State:
-    """Refuses what is no state."""
+    """Refuse what is not a state."""
     if not isinstance(state, State):
         raise StvkError(f"state = {shown(state)}; expected a state, such as result.state or Fields(mesh, terms).at(u).")
     return state

@@ -25,7 +25,8 @@ def output_path(path: str | os.PathLike[str], *suffixes: str) -> Path:
 
     >>> output_path("missing/bracket.vtu", ".vtu")
     Traceback (most recent call last):
-    skfem_stvk.errors.StvkError: The folder missing of bracket.vtu does not exist. Make it first, or is the path relative to another one?
+    skfem_stvk.errors.StvkError: The folder missing of bracket.vtu does not exist. Make it first, or is the path relative to
+    another one?
     """
     path = arguments.path("path", path, f"the path of a file that ends in {' or '.join(suffixes)}")
     if path.suffix.lower() not in suffixes:

@@ -1,5 +1,4 @@
-"""The law of a material on simplices: frames, the full strain and stress from the strain within them; and that of an energy of
-their volume.
+"""The law of a material on simplices: frames, full strain and stress from the strain within, and an energy of the volume.
 
 A frame has the axes of the simplex's own line or plane, then the normals: three columns in any space.
 Across a simplex either the strain vanishes (plane strain), or the stress does (plane stress, segments), and the strain follows from
@@ -106,8 +105,9 @@ def _framed(C: Array, strain: Array, turn: Array) -> tuple[Array, Array]:
 
 
 def _condensed(C: Array, strain: Array, turn: Array) -> tuple[Array, Array]:
-    """The stress `s` that there is, from `(N' C^-1 N) s = e`, and the full strain `C^-1 N s`; `N` the dyads of the simplices'
-    axes.
+    """The stress `s` that there is, from `(N' C^-1 N) s = e`, and the full strain `C^-1 N s`.
+
+    `N` are the dyads of the simplices' axes.
     """
     k, compliance = strain.shape[1], np.linalg.inv(C)
     i, j = np.array(VOIGT[k]).T
@@ -178,8 +178,9 @@ def current_normals(frames: Array, tangents: Array, d: int) -> Array:
 
 
 def _turned(normal: Array, old: Array, new: Array) -> Array:
-    """`R n = n - (t . n)/(1 + t0 . t) (t0 + t)`, the smallest rotation from `t0` to `t`; half a turn in the plane of `t0` and `n`
-    if opposite.
+    """The normal turned by the smallest rotation from `t0` to `t`: `R n = n - (t . n)/(1 + t0 . t) (t0 + t)`.
+
+    Opposite directions are half a turn in the plane of `t0` and `n`.
     """
     bisector = old + new
     squared = (bisector**2).sum(axis=1, keepdims=True)  # 2 (1 + t0 . t)

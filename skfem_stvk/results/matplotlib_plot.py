@@ -32,7 +32,7 @@ SIZE, DPI = (7.0, 4.5), 120
 
 
 def draw(picture: Picture, path: Path | None) -> Figure:
-    """The figure; written to `path` if there is one, else known to pyplot, which can show it."""
+    """The figure; it is written to `path` if there is one, else pyplot can show it."""
     figure = new_figure(SIZE, interactive=path is None)
     Stage(figure, picture, View.of([picture])).show(picture)
     if path is not None:
@@ -50,7 +50,7 @@ def new_figure(size: tuple[float, float], interactive: bool) -> Figure:
 
 
 class Stage:
-    """Axes and a colour bar that stay as they are, for pictures of one body, one at a time.
+    """Axes and a colour bar that stay as they are while one picture of a body after the other is shown.
 
     Parameters
     ----------
@@ -70,7 +70,7 @@ class Stage:
             figure.text(0.01, 0.01, f"displacements × {picture.scale:g}", fontsize=8, color=REST)
 
     def show(self, picture: Picture) -> None:
-        """This one instead of the one before."""
+        """Show this picture instead of the one before."""
         for artist in self._shown:
             artist.remove()
         self._shown = self._draw(self._axes, picture, self._colours)
@@ -92,7 +92,7 @@ def _axes_in_plane(figure: Figure, box: Array, picture: Picture) -> Any:
 
 
 def _draw_in_plane(axes: Any, picture: Picture, colours: ScalarMappable) -> list[Any]:
-    """What was added."""
+    """Draw a picture in the plane; the artists that were added."""
     rest, moved = picture.rest[:, :2].copy(), picture.moved[:, :2]
     points: Any  # an array, which it takes and is faster with than with the list that its types ask for
     points, values = _pieces(moved[picture.cells], picture.values)
@@ -125,7 +125,7 @@ def _axes_in_space(figure: Figure, box: Array, picture: Picture) -> Any:
 
 
 def _draw_in_space(axes: Any, picture: Picture, colours: ScalarMappable) -> list[Any]:
-    """What was added."""
+    """Draw a picture in space; the artists that were added."""
     art: Any = import_module("mpl_toolkits.mplot3d.art3d")
     points, values = _pieces(picture.moved[picture.cells], picture.values)
     rgba = colours.to_rgba(values)
@@ -207,7 +207,7 @@ def write_film(film: Film, path: Path, suffix: str, fps: float) -> None:
 
 
 def _shown(figure: Figure, film: Film) -> Iterator[Picture]:
-    """One picture after the other, on a figure that stays as it is laid out for the first."""
+    """Show one picture after the other, on a figure with the layout of the first."""
     view, pictures = film.developed()
     title = figure.suptitle(" ", fontsize=11, color=EDGE)
     stage = None

@@ -54,7 +54,7 @@ class Picture:
         return float(np.abs(np.ma.compressed(self.values)).max(initial=0.0))
 
     def in_unit(self, factor: float, unit: str) -> Picture:
-        """With values times the factor, and their unit in the label."""
+        """The picture with values times the factor, and their unit in the label."""
         return replace(self, values=self.values * factor, label=f"{self.label} [{unit}]" if unit else self.label)
 
     @property
@@ -77,7 +77,7 @@ class View(NamedTuple):
 
     @classmethod
     def of(cls, pictures: Iterable[Picture]) -> View:
-        """Of at least one."""
+        """The view of these pictures, of which there is at least one."""
         low, high, corners = np.inf, -np.inf, np.empty((0, 3))
         for picture in pictures:
             known = np.ma.compressed(picture.values)
@@ -108,12 +108,12 @@ def picture_of(state: State, field: str | ArrayLike, scale: float, label: str | 
 
 
 def checked_scale(scale: Any) -> float:
-    """Refuses what is no factor of displacements."""
+    """Refuse what is no factor of displacements."""
     return number("scale", scale, "a finite factor for the displacements, such as 1")
 
 
 def checked_label(label: Any) -> str | None:
-    """Refuses what is no label of a colour bar."""
+    """Refuse what is no label of a colour bar."""
     return None if label is None else text("label", label)
 
 
@@ -123,9 +123,9 @@ class Film:
 
     Attributes
     ----------
-    times : of them.
-    picture : of a number, with values in their unit.
-    unit : of the values; nothing if they stay as they are.
+    times : of the pictures [s].
+    picture : a function that gives the picture of a number, with values in their unit.
+    unit : of the values; empty if they stay as they are.
     """
 
     times: list[float]
@@ -133,8 +133,9 @@ class Film:
     unit: str
 
     def developed(self) -> tuple[View, Iterator[tuple[str, Picture]]]:
-        """What all pictures have in common, and each with its time: on as many axes as the motion takes, in a unit that suits all
-        values.
+        """The view that all pictures share, and each picture with its time in words.
+
+        Pictures have as many axes as the motion takes, in a unit that suits all values.
         """
         raw = View.of(map(self.picture, range(len(self.times))))
         low, high = raw.limits
@@ -146,14 +147,14 @@ class Film:
 
 
 def _in_words(times: list[float]) -> list[str]:
-    """With as many digits as tell them apart."""
+    """The times in words, with as many digits as tell them apart."""
     gaps = np.diff(np.unique(times))
     digits = int(np.clip(1 - np.floor(np.log10(gaps.min())), 0, 9)) if len(gaps) else 3
     return [f"t = {t:.{digits}f}" for t in times]
 
 
 class Sight:
-    """What is seen of a mesh, for pictures of it at any displacements."""
+    """The visible part of a mesh, for pictures of it at any displacements."""
 
     def __init__(self, mesh: SimplexMesh) -> None:
         self._d, self._seen = mesh.d, visible_cells(mesh)
@@ -162,7 +163,7 @@ class Sight:
         self._lines = outline(self._rest, self._cells)
 
     def picture(self, u: Array, values: Array, label: str, scale: float) -> Picture:
-        """At displacements `u` (nv, d), coloured by values (k + 1, nt) at the corners of all elements."""
+        """The picture at displacements `u` (nv, d), coloured by values (k + 1, nt) at the corners of all elements."""
         moved = self._rest + scale * in_space(u[..., None])[..., 0]
         return Picture(self._d, self._rest, moved, self._cells, values[self._seen], self._lines, label, scale)
 
@@ -226,8 +227,7 @@ def visible_cells(mesh: SimplexMesh) -> tuple[Ids, Ids]:
 
 
 def outline(points: Array, cells: NDArray[np.integer]) -> NDArray[np.integer]:
-    """(2, n) edges of triangles (3, nt) that one triangle or more than two have, or two that meet at more than 30 degrees; segments
-    as they are.
+    """Edges (2, n) of triangles (3, nt) where the surface ends, branches or bends by more than 30 degrees; segments as they are.
 
     `points` are (nv, 3).
     """

@@ -90,11 +90,11 @@ def animate(
     ----------
     series : a .pvd file with the .vtu files it lists, as `Series` writes them; or pairs of times and states.
     path : of a .gif file, or of an .mp4 file, for which ffmpeg has to be installed.
-    field : name of a field with one number an element, or "displacement" or "velocity" for its length. From a .pvd, one that its
+    field : name of a field with one number per element, or "displacement" or "velocity" for its length. From a .pvd, one that its
         files hold, averaged to the nodes there.
     scale : factor for the displacements, 1 for the true shape.
     label : of the colour bar; by default the field's name and unit.
-    fps : frames a second. A .gif counts in hundredths of a second.
+    fps : frames per second. A .gif counts in hundredths of a second.
 
     Raises
     ------
@@ -104,7 +104,7 @@ def animate(
     """
     path = output_path(path, ".gif", ".mp4")
     scale, label = checked_scale(scale), checked_label(label)
-    fps = arguments.number("fps", fps, "frames a second, up to 100", 0.0, np.nextafter(100.0, 101.0))
+    fps = arguments.number("fps", fps, "frames per second, up to 100", 0.0, np.nextafter(100.0, 101.0))
     if path.suffix.lower() == ".mp4" and not _ffmpeg():
         raise StvkError(
             "ffmpeg, which writes .mp4 files, is not installed: apt install ffmpeg, brew install ffmpeg or conda install ffmpeg. "

@@ -42,8 +42,7 @@ class Reaction:
 
     @classmethod
     def of(cls, mesh: SimplexMesh, u: ArrayLike, forces: ArrayLike, vertices: Where) -> Reaction:
-        """Those of the nodal forces (nv, d) [N], flat or not, that act on the vertices at a place at displacements `u` (ndofs,)
-        [m].
+        """The nodal forces (nv, d) [N], flat or not, that act on the vertices at a place at displacements `u` (ndofs,) [m].
 
         Raises
         ------
@@ -122,13 +121,13 @@ def held_vertices(system: System, where: Where | None, what: str = "reaction") -
 
 
 def _centred(x: Array) -> Array:
-    """The rows without their mean; the first is taken off before, or far from the origin the mean would round off what u has."""
+    """The rows without their mean; the first row is subtracted before, or far from the origin the mean would round `u` off."""
     x = x - x[0]
     return x - x.mean(axis=0)
 
 
 def _nodal(values: ArrayLike, name: str, mesh: SimplexMesh) -> Array:
-    """(nv, d) finite numbers, of which there may be as many in one row."""
+    """Finite numbers (nv, d), given so or as (nv d,)."""
     given = arguments.real_array(values)
     flat = values if given is None or given.shape != (mesh.nv, mesh.d) else given.ravel()
     return by_vertex(mesh, flat, name).astype(np.float64, copy=False)

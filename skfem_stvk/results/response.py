@@ -74,7 +74,7 @@ class ElasticBody:
         return ElasticPart(elements, term.material, hypothesis, section)
 
     def _volume_part(self, term: HasPressure, body: Body) -> VolumePart:
-        """What no other term is on is in plane strain."""
+        """A penalty on its elements; those that no other term is on are in plane strain."""
         held = (self.total_section == 0) & (self.mesh.k > 1)
         for part in self.parts:
             held[part.elements] |= not part.hypothesis.condensed
@@ -106,8 +106,7 @@ class ElasticBody:
 
 
 class Response:
-    """Strain and stress of a body at displacements `u` (nv, d) [m], in the frames of its elements; each worked out when first asked
-    for.
+    """Strain and stress of a body at displacements `u` (nv, d) [m] in the frames of its elements, each worked out when first used.
 
     Attributes
     ----------
@@ -120,9 +119,7 @@ class Response:
         self._known: dict[Any, Masked] = {}
 
     def value(self, function: Callable[[Response], Masked]) -> Masked:
-        """What a function of this response gives, worked out once: values by element, finite everywhere, and which of them mean
-        nothing.
-        """
+        """The values by element that a function of this response gives, finite everywhere, and which mean nothing; worked out once."""
         if function not in self._known:
             self._known[function] = function(self)
         return self._known[function]
@@ -155,9 +152,7 @@ class Response:
 
     @property
     def shrunk(self) -> NDArray[np.bool_]:
-        """(nt,) whether the second Piola-Kirchhoff stress is infinite: that of a `VolumePenalty` on an element without volume, `J
-        = 0`.
-        """
+        """Whether (nt,) the second Piola-Kirchhoff stress is infinite: that of a `VolumePenalty` where `J = 0`."""
         return self._response[3]
 
     @cached_property
@@ -214,9 +209,7 @@ def displacement_gradient(u: Array, t: NDArray[np.int32], gradients: Array) -> A
 
 
 def strain_within(gradient: Array, axes: Array) -> Array:
-    """(nt, k, k) Green-Lagrange strain `(A'H + H'A + H'H)/2` in the simplices' axes `A`, from displacements `H`: nothing
-    cancels.
-    """
+    """Green-Lagrange strain `(A'H + H'A + H'H)/2` (nt, k, k) in the simplices' axes `A`, without cancellation."""
     linear = np.swapaxes(axes, 1, 2) @ gradient
     strain: Array = (linear + np.swapaxes(linear, 1, 2) + np.swapaxes(gradient, 1, 2) @ gradient) / 2
     return strain

@@ -1,4 +1,4 @@
-"""A series of results in time: one VTU a step, and a PVD that ParaView opens."""
+"""A series of results in time: one VTU per step, and a PVD that ParaView opens."""
 
 from __future__ import annotations
 
@@ -114,22 +114,20 @@ class Series:
         return file
 
     def cut(self, t: float) -> None:
-        """Remove the steps from `t` on; of a series that is resumed, once one was added."""
+        """Remove the steps from `t` on; from a series that is resumed, once a step was added."""
         if not isinstance(t, float) or np.isnan(t):
             t = number("t", t, "a time")
         if self._begun:
             self._keep(self.steps, [step for step in self.steps if step[0] < t])
 
     def _begin(self, t: float) -> None:
-        """Leave out what an older run wrote, from `t` on or altogether: first in the list, so that it never names what is not
-        there.
-        """
+        """Leave out what an older run wrote, from `t` on or altogether: first in the list, so that it never names a missing file."""
         kept = [step for step in self._kept() if step[0] < t] if self.resume else []
         self._keep(self._former(), kept)
         self._begun = True
 
     def _former(self) -> list[tuple[float, Path]]:
-        """What an older run wrote; if it is to be replaced and cannot be read, nothing."""
+        """The steps that an older run wrote; none if they are to be replaced and cannot be read."""
         if self.resume:
             return self._read()
         try:
@@ -152,7 +150,7 @@ class Series:
         return there
 
     def _keep(self, former: list[tuple[float, Path]], kept: list[tuple[float, Path]]) -> None:
-        """Those of the ones that there were."""
+        """Keep these steps of the former ones, and remove the others."""
         if kept:
             self._write(kept)
         else:
@@ -204,13 +202,12 @@ class Series:
 
 
 def save_series(path: str | os.PathLike[str], fields: Sequence[str], states: Iterable[tuple[float, State]]) -> Path:
-    """Write states and the times by which ParaView orders them as a series, all or none: an older one is replaced when all are
-    written.
+    """Write states as a series, with the times by which ParaView orders them; an older one stays until all are written.
 
     Raises
     ------
     StvkError
-        as `Series`.
+        as in `Series`.
     WriteError
         if they cannot be written, because the disk is full for example; an older series is still there.
     """
@@ -241,7 +238,7 @@ def read_list(path: Path) -> list[tuple[float, str]]:
 
 
 def read_problem(path: Path) -> Signature:
-    """Of which problem the states are that a .pvd lists; raises ParseError or ValueError if it does not say that."""
+    """The signature of the problem whose states a .pvd lists; raises ParseError or ValueError if it has none."""
     collection = ET.parse(path).find("Collection")
     written = None if collection is None else collection.get(PROBLEM)
     if written is None:

@@ -1,6 +1,6 @@
-"""The fields that a result has, by name. A new field is one function, which takes a `Response`, and one row of `FIELDS`.
+"""The fields that a result has, by name.
 
-Each function gives the values and where there are none.
+A new field is one function, which takes a `Response` and gives values and where there are none, and one row of `FIELDS`.
 """
 
 from __future__ import annotations
@@ -60,8 +60,9 @@ def deformation_gradient(state: Response) -> Masked:
 
 
 def _across(tangents: Array, state: Response) -> tuple[Array, NDArray[np.bool_]]:
-    """(nt, 3, 3 - k) images `f B + n U` of the normals, `B = (f'f)^-1 2 E_f3`, `U^2 = 1 + 2 E_33 - 2 E_3f B`, and where `U`
-    exists.
+    """Images `f B + n U` (nt, 3, 3 - k) of the normals, and where `U` exists.
+
+    Here `B = (f'f)^-1 2 E_f3` and `U^2 = 1 + 2 E_33 - 2 E_3f B`.
     """
     k = tangents.shape[2]
     C = np.eye(3) + 2 * state.strain
@@ -82,8 +83,10 @@ def _solve(M: Array, right: Array) -> tuple[Array, NDArray[np.bool_]]:
 
 
 def volume_ratio(state: Response) -> Masked:
-    """`J = det F` (nt,): volume over rest volume, negative where an element is turned inside out; which way round its vertices are
-    listed does not matter. Membranes and cables in space have no inside: theirs is positive."""
+    """Volume ratio `J = det F` (nt,), negative where an element is inside out; the order of its vertices does not matter.
+
+    Membranes and cables in space have no inside: theirs is positive.
+    """
     F, missing = state.value(deformation_gradient)
     return np.linalg.det(F), missing
 
@@ -172,9 +175,7 @@ def strain_energy_density(state: Response) -> Masked:
 
 @dataclass(frozen=True)
 class Field:
-    """What a field is: its name and unit, the shape of one element's value, whether that is a symmetric tensor, and its
-    function.
-    """
+    """A field: its name and unit, the shape of one element's value, whether that is a symmetric tensor, and its function."""
 
     name: str
     unit: str
@@ -216,7 +217,7 @@ def names() -> tuple[str, ...]:
 
 
 def find(name: str, others: Iterable[str] = ()) -> Field:
-    """The field of this name; those of stresses may leave `_stress` out. Messages name `others` too, which would have done.
+    """The field of this name; names of stresses may leave `_stress` out. Messages also name the `others` that would have done.
 
     Raises
     ------

@@ -94,8 +94,7 @@ def _regions(mesh: SimplexMesh) -> Arrays:
 
 
 def as_attribute(name: str) -> str:
-    r"""A name as an attribute of XML has it, which meshio writes as it is given; control characters, which XML does not allow, as
-    escapes.
+    r"""A name as an attribute of XML, which meshio writes as it is given; characters that XML does not allow are escaped.
 
     >>> print(as_attribute('left "<half>" \x1b'))
     left &quot;&lt;half&gt;&quot; \x1b
@@ -105,7 +104,7 @@ def as_attribute(name: str) -> str:
 
 
 def _padded(vectors: Array) -> Array:
-    """(n, 3) from (n, d)."""
+    """Vectors (n, 3) from (n, d), padded with zeros."""
     solid = np.zeros((len(vectors), 3))
     solid[:, : vectors.shape[1]] = vectors
     return solid
