@@ -15,7 +15,7 @@ from ..kernels import motion as kernels
 from ..mesh.places import Where, vertices_at
 from ..nonlinear.problem import dot
 from ..results.reactions import held_vertices
-from ..system import System
+from ..system.protocol import SystemLike
 from .forces import driven, driving_force, steady_potential
 from .ledger import Ledger
 from .motion import Motion, ground_forces, last_step
@@ -48,7 +48,7 @@ class Balance(NamedTuple):
         return cls(total, 0.0 if first is None else total - first - external + dissipated)
 
 
-def column_names(system: System, probes: Iterable[str] = (), reactions: Iterable[str] = ()) -> tuple[str, ...]:
+def column_names(system: SystemLike, probes: Iterable[str] = (), reactions: Iterable[str] = ()) -> tuple[str, ...]:
     """The columns of a motion's ledger, in their order.
 
     ===================================  ====================================================================================
@@ -101,7 +101,7 @@ class LedgerPlaces(NamedTuple):
     reactions: Vertices = NOWHERE
 
     @classmethod
-    def checked(cls, system: System, probes: Mapping[str, Where] | None, reactions: Mapping[str, Where] | None) -> LedgerPlaces:
+    def checked(cls, system: SystemLike, probes: Mapping[str, Where] | None, reactions: Mapping[str, Where] | None) -> LedgerPlaces:
         """Vertices of the places that were asked for.
 
         Raises

@@ -8,7 +8,8 @@ from scipy.sparse import csr_matrix
 from ..arguments import Array
 from ..edges import NONE, Tensions
 from ..mesh.displacements import by_vertex
-from ..system import System, TangentOperator
+from ..system import TangentOperator
+from ..system.protocol import SystemLike
 from ..system.system import array_to_fill, refuse_overflow
 from ..terms import BoundLoad, HasDampingForce, HasMeanForce
 from ..terms.load import Moment, Time
@@ -18,7 +19,7 @@ FULL = Moment(1.0, 1.0)
 
 
 def add_mean_force(
-    system: System, u0: Array, u1: Array, out: Array, *, weights: tuple[float, float] = (0.5, 0.5), theta: float = 0.5
+    system: SystemLike, u0: Array, u1: Array, out: Array, *, weights: tuple[float, float] = (0.5, 0.5), theta: float = 0.5
 ) -> float:
     """Add to `out` (ndofs,) [N] what mean tensions of two states pull along the edges as they are in between.
 
@@ -70,7 +71,7 @@ def add_mean_force(
     return R
 
 
-def add_damping_force(system: System, u: Array, v: Array, out: Array) -> float:
+def add_damping_force(system: SystemLike, u: Array, v: Array, out: Array) -> float:
     """Add to `out` (ndofs,) the resistance of the edges to the rate of their squared elongations at velocities `v` (ndofs,) [m/s].
 
         f_a = sum_b t_ab (p_a - p_b)        t = L dzeta/dt,  dzeta_ab/dt = 2 (p_a - p_b) . (v_a - v_b)
@@ -96,7 +97,7 @@ def add_damping_force(system: System, u: Array, v: Array, out: Array) -> float:
     return R
 
 
-def add_secant_damping(system: System, u0: Array, u1: Array, theta: float, out: Array) -> float:
+def add_secant_damping(system: SystemLike, u0: Array, u1: Array, theta: float, out: Array) -> float:
     """Add the resistance of the edges to the whole change from `u0` to `u1`, which stands in the place of the rate of `add_damping_force`.
 
         f_a = sum_b t_ab (p_a - p_b)        t = L (zeta(u1) - zeta(u0)),  p = X + (1 - theta) u0 + theta u1
@@ -122,22 +123,22 @@ def add_secant_damping(system: System, u0: Array, u1: Array, theta: float, out: 
     return R
 
 
-def damping_is_of_edges(system: System) -> bool:
+def damping_is_of_edges(system: SystemLike) -> bool:
     """Whether the Gauss-Newton tangent is that of the edges alone, so that `tau K_GN` damps nothing else."""
     return system.dead and all(isinstance(term, HasDampingForce) for term in system.bound_terms)
 
 
-def driven(system: System) -> bool:
+def driven(system: SystemLike) -> bool:
     """Whether a load changes with time, or has no potential: whether the energy of the moving body would not be kept."""
     return not all(map(_keeps_energy, system.bound_loads))
 
 
-def constant_loads(system: System) -> bool:
+def constant_loads(system: SystemLike) -> bool:
     """Whether the loads are the same at any time, wherever the body is."""
     return all(load.steady and load.dead for load in system.bound_loads)
 
 
-def driving_force(system: System, u: Array, t: float) -> Array:
+def driving_force(system: SystemLike, u: Array, t: float) -> Array:
     """(ndofs,) force [N] of the loads that change with time or have no potential, at time `t` [s].
 
     Raises
@@ -152,7 +153,7 @@ def driving_force(system: System, u: Array, t: float) -> Array:
     return force.ravel()
 
 
-def steady_potential(system: System, u: Array) -> float:
+def steady_potential(system: SystemLike, u: Array) -> float:
     """Potential of the loads that are given by constants and have one, at their full size [J]."""
     x = by_vertex(system.mesh, u)
     return sum(load.potential(x, FULL) for load in system.bound_loads if _keeps_energy(load))
@@ -168,7 +169,7 @@ class StartTensions:
     It is computed when it is first asked for in a step, on arrays that are kept.
     """
 
-    def __init__(self, system: System) -> None:
+    def __init__(self, system: SystemLike) -> None:
         self._system, self._u0 = system, np.zeros(system.ndofs)
         self._matrices: list[csr_matrix | None] = [None, None]
         self._operators: list[TangentOperator] = []

@@ -9,7 +9,8 @@ import numpy as np
 
 from ..arguments import Array
 from ..nonlinear.problem import dot
-from ..system import System, TangentOperator
+from ..system import TangentOperator
+from ..system.protocol import SystemLike
 from ..terms.load import Moment
 from .damping import Damping, damping_factors
 from .forces import add_damping_force, add_secant_damping, constant_loads
@@ -31,7 +32,7 @@ class Motion:
     moving : whether any of the held ones move.
     """
 
-    def __init__(self, system: System, mass: str, damping: Damping | None) -> None:
+    def __init__(self, system: SystemLike, mass: str, damping: Damping | None) -> None:
         self.system, self.mass = system, system.mass(mass)
         self.alpha, self.beta, self.tau = damping_factors(damping)
         self.free = system.free_dofs(system.supports.held)

@@ -18,7 +18,7 @@ from ..results import Fields, Reaction, State, animate, plot, write_vtu
 from ..results.monitors import Finding
 from ..results.reactions import held_vertices
 from ..results.vtu import DEFAULT
-from ..system import System
+from ..system.protocol import SystemLike
 from .integrators import Integrator
 from .ledger import Ledger
 from .motion import Motion, ground_forces, last_step
@@ -61,7 +61,7 @@ class Run:
     series: Path | None
 
     @property
-    def system(self) -> System:
+    def system(self) -> SystemLike:
         """The system that moved."""
         return self.motion.system
 

@@ -13,9 +13,10 @@ from ..arguments import Array
 from ..errors import StvkError
 from ..linear import Factors, Kind, LinearSolver, Outcome
 from ..nonlinear.newton import usable
-from ..system import FreeOperator, System
+from ..system import FreeOperator
 from ..system.free_tangent import FreeTangent
 from ..system.mass import Mass
+from ..system.protocol import SystemLike
 from ..terms.load import Time
 from .critical_step import bound_on_eigenvalues
 
@@ -48,7 +49,7 @@ class ShiftedProblem:
     t : when those loads act.
     """
 
-    def __init__(self, system: System, solver: LinearSolver, mass: Mass, kind: Kind, u: Array, t: Time) -> None:
+    def __init__(self, system: SystemLike, solver: LinearSolver, mass: Mass, kind: Kind, u: Array, t: Time) -> None:
         if solver.matrix_free and mass.kind != "lumped":
             raise StvkError(
                 f"mass = {mass.kind!r} came with solver '{solver.name}', which forms no matrix; expected 'lumped', or another solver."

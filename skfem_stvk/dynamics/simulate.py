@@ -16,9 +16,8 @@ from ..mesh.displacements import by_vertex
 from ..mesh.places import Where
 from ..results.archive import NotOurs
 from ..results.outlets import Outlets
-from ..system import System
+from ..system.protocol import SystemLike, checked_system
 from ..system.signature import Problem
-from ..system.system import checked_system
 from .books import LedgerPlaces, column_names
 from .checkpoint import ANEW, MotionCheckpoint, load, refuse_inconsistent
 from .damping import Damping, EdgeDamping, Rayleigh
@@ -33,7 +32,7 @@ from .run import Run
 
 
 def simulate(
-    system: System,
+    system: SystemLike,
     integrator: Integrator | None = None,
     *,
     until: float,
@@ -148,7 +147,7 @@ def simulate(
         return Loop(*start, quiet).run(raise_on_failure)
 
 
-def _begun(system: System, options: Options, stack: ExitStack) -> tuple[Setup, RunRecord, Outputs]:
+def _begun(system: SystemLike, options: Options, stack: ExitStack) -> tuple[Setup, RunRecord, Outputs]:
     """A run from a first state."""
     integrator = checked_integrator(options.integrator)
     places = LedgerPlaces.checked(system, options.probes, options.reactions)
@@ -161,7 +160,7 @@ def _begun(system: System, options: Options, stack: ExitStack) -> tuple[Setup, R
     return setup, record, Outputs.opened(setup, record, options, stack)
 
 
-def _resumed(system: System, options: Options, stack: ExitStack, file: Path) -> tuple[Setup, RunRecord, Outputs]:
+def _resumed(system: SystemLike, options: Options, stack: ExitStack, file: Path) -> tuple[Setup, RunRecord, Outputs]:
     """A run from a checkpoint, for the problem that it holds: what is given of the beginning has to be what it was.
 
     Raises
@@ -223,6 +222,6 @@ def _first_state(motion: Motion, options: Options, dt: float) -> MotionState:
     return state
 
 
-def _vector(name: str, given: ArrayLike | None, system: System) -> Array:
+def _vector(name: str, given: ArrayLike | None, system: SystemLike) -> Array:
     """(ndofs,) zeros, or what was given."""
     return np.zeros(system.ndofs) if given is None else by_vertex(system.mesh, given, name).astype(np.float64).ravel()

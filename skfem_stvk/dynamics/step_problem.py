@@ -18,8 +18,9 @@ from ..linear.cg import EdgeFactors
 from ..nonlinear.problem import Residual, Tangent, dot, norm
 from ..nonlinear.stopwatch import Stopwatch
 from ..results.monitors import named_elements
-from ..system import FreeOperator, System, TangentOperator
+from ..system import FreeOperator, TangentOperator
 from ..system.free_tangent import FreeTangent, kind_of
+from ..system.protocol import SystemLike
 from ..terms.load import Moment, Time
 from .forces import StartTensions, add_damping_force, add_mean_force, add_secant_damping
 from .motion import Motion
@@ -74,7 +75,7 @@ class Coefficients(NamedTuple):
     rest: Array | float = 0.0
 
 
-def kind_of_step(system: System, tangent: StepTangent) -> Kind:
+def kind_of_step(system: SystemLike, tangent: StepTangent) -> Kind:
     """What the tangent of a step is: diagonal blocks and K(0) are symmetric, for they have nothing of loads that follow the body."""
     return Kind.SYMMETRIC if tangent in (StepTangent.DIAGONAL, StepTangent.REST) else kind_of(system)
 

@@ -167,6 +167,12 @@ class PathProblem(EigenProblem, Protocol):
     def accept(self, u: Array, t: Time) -> None:
         """Note that `u` is a state of the path: its forces are something that others are small against."""
 
+    def commit(self, u: Array) -> None:
+        """Tell what has a memory, such as friction, that `u` is the next state of the path."""
+
+    def restore(self) -> None:
+        """Tell what has a memory that the path goes on from the state that was committed last."""
+
     def energies(self, u: Array, t: Time) -> tuple[float, float]:
         """Strain energy and potential [J]; that is NaN if a load has none."""
 

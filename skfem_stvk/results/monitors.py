@@ -12,7 +12,7 @@ from ..arguments import Array
 from ..errors import name_ids
 from ..materials import FramedMaterial, Isotropic, Material
 from ..mesh import SimplexMesh
-from ..system import System
+from ..system.protocol import SystemLike
 from ..terms import HasStress
 from .ellipticity import without_ellipticity
 from .fields import Fields
@@ -60,7 +60,7 @@ class Monitors:
     [('compressed', 0.5)]
     """
 
-    def __init__(self, system: System, ellipticity: bool) -> None:
+    def __init__(self, system: SystemLike, ellipticity: bool) -> None:
         self._system = system
         self._fields = Fields(system.mesh, system.elastic_terms) if ellipticity else None
 

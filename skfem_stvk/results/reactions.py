@@ -13,7 +13,7 @@ from ..errors import SupportError
 from ..mesh import SimplexMesh
 from ..mesh.displacements import by_vertex
 from ..mesh.places import Where, describe, vertices_at
-from ..system import System
+from ..system.protocol import SystemLike
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,7 +93,7 @@ class Reaction:
         return f"Reaction at {count}: resultant {_digits(self.resultant)} N{moment}"
 
 
-def held_vertices(system: System, where: Where | None, what: str = "reaction") -> NDArray[np.int64]:
+def held_vertices(system: SystemLike, where: Where | None, what: str = "reaction") -> NDArray[np.int64]:
     """Ids of the vertices at a place, everywhere if it is None, that supports hold or foundations tie to the ground; ascending.
 
     Messages begin with `what` they are asked for.

@@ -16,7 +16,7 @@ from ..nonlinear.outcome import Status
 from ..results.archive import Checkpoint, CheckpointHeader, NotOurs, finite
 from ..results.monitors import Finding
 from ..results.outlets import Outlets
-from ..system import System
+from ..system.protocol import SystemLike
 from ..system.signature import Problem, Record
 from .critical import BIFURCATION, LIMIT_POINT, CriticalPoint
 from .equilibrium import NOTHING
@@ -125,7 +125,7 @@ class PathCheckpoint(Checkpoint[StateHeader]):
     schema = StateHeader
     remedy = "Remove it and those after it, and resume from the one before; or start anew with overwrite=True and without resume."
 
-    def __init__(self, folder: Path, system: System, problem: Problem, outlets: Outlets) -> None:
+    def __init__(self, folder: Path, system: SystemLike, problem: Problem, outlets: Outlets) -> None:
         super().__init__(folder)
         self.problem, self._system, self._outlets = problem, system, outlets
         self._count = 0
@@ -192,7 +192,7 @@ def _packed(step: Step, saved: dict[str, Any]) -> tuple[dict[str, Any], dict[str
     return {"step": plain, "walk": saved}, arrays
 
 
-def _unpacked(record: StepRecord, arrays: dict[str, Array], system: System) -> Step:
+def _unpacked(record: StepRecord, arrays: dict[str, Array], system: SystemLike) -> Step:
     """The state; raises ValueError or KeyError in words if it is none of the system."""
     n = system.ndofs
     plain = record.model_dump()
@@ -211,7 +211,7 @@ def _unpacked(record: StepRecord, arrays: dict[str, Array], system: System) -> S
     return Step(u=u, **(plain | {"critical": tuple(critical)}))
 
 
-def _elements(arrays: dict[str, Array], name: str, system: System) -> Array:
+def _elements(arrays: dict[str, Array], name: str, system: SystemLike) -> Array:
     elements = arrays.get(name, np.empty(0))
     if elements.ndim != 1 or elements.dtype.kind not in "iu" or not ((elements >= 0) & (elements < system.mesh.nt)).all():
         raise ValueError(f"the array '{name}' holds no ids of elements")
@@ -240,7 +240,7 @@ def _check_order(steps: list[Step], header: StateHeader, number: int) -> None:
         raise ValueError(f"the next step is {walk.size:g} of the load, the first was {walk.first:g}")
 
 
-def _check_equilibrium(system: System, step: Step, header: StateHeader) -> None:
+def _check_equilibrium(system: SystemLike, step: Step, header: StateHeader) -> None:
     """Refuse displacements and a load factor that are no equilibrium of the system; raises ValueError in words."""
     held, places = system.supports.held, system.supports.values(step.t)
     gap = np.abs(step.u[held] - places).max(initial=0.0)

@@ -17,8 +17,9 @@ from ..linear.inertia import COUNTED, inertia
 from ..nonlinear.problem import Residual, Tangent, dot, norm
 from ..nonlinear.stopwatch import Stopwatch
 from ..results.monitors import named_elements
-from ..system import FreeOperator, System
+from ..system import FreeOperator
 from ..system.free_tangent import FreeTangent, kind_of
+from ..system.protocol import SystemLike
 from ..terms.load import Time
 
 #: Loads and reactions below this part of the largest on the path count as this part: where they go back to zero, nothing else is left to
@@ -40,7 +41,7 @@ class Equilibrium:
     largest : of the forces on the path so far [N].
     """
 
-    def __init__(self, system: System, solver: LinearSolver, watch: Stopwatch) -> None:
+    def __init__(self, system: SystemLike, solver: LinearSolver, watch: Stopwatch) -> None:
         self.system, self._watch, self._u = system, watch, np.zeros(system.ndofs)
         self.largest, self._doubts = 0.0, MOST_DOUBTS
         with watch("factor"):
@@ -203,6 +204,12 @@ class Equilibrium:
     def accept(self, u: Array, t: Time) -> None:
         residual = self.residual(u, t)
         self.largest = max(self.largest, residual.scale, residual.size)
+
+    def commit(self, u: Array) -> None:
+        self.system.commit(u)
+
+    def restore(self) -> None:
+        self.system.restore()
 
     def energies(self, u: Array, t: Time) -> tuple[float, float]:
         with self._watch("assemble"):

@@ -13,7 +13,7 @@ from ..nonlinear.newton import End
 from ..nonlinear.outcome import Status
 from ..nonlinear.stability import Verdict
 from ..results.monitors import point_of
-from ..system import System
+from ..system.protocol import SystemLike
 from .arc_length import ArcLength
 from .equilibrium import Equilibrium
 from .history import History
@@ -61,7 +61,7 @@ class Ending:
     cause : what interrupted it.
     """
 
-    system: System
+    system: SystemLike
     status: Status
     method: str
     history: History

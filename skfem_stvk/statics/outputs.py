@@ -15,7 +15,7 @@ from ..nonlinear.newton import Iterations
 from ..nonlinear.progress import Progress
 from ..results import Fields, Series
 from ..results.outlets import Outlets
-from ..system import System
+from ..system.protocol import SystemLike
 from ..system.signature import Problem, sums
 from .checkpoint import PathCheckpoint
 from .history import Attempt, Step
@@ -28,7 +28,7 @@ MOMENTS = 0.5, 1.0
 
 @contextmanager
 def opened(
-    outlets: Outlets, system: System, options: dict[str, Any], start: Array
+    outlets: Outlets, system: SystemLike, options: dict[str, Any], start: Array
 ) -> Iterator[tuple[Write, PathCheckpoint | None]]:
     """A function that writes a state to the series, and the checkpoint, where they were asked for; nobody else can write them."""
     with ExitStack() as stack:

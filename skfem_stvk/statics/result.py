@@ -21,7 +21,7 @@ from ..results import Fields, Reaction, State, plot, write_vtu
 from ..results.reactions import held_vertices
 from ..results.series import save_series
 from ..results.vtu import DEFAULT
-from ..system import System
+from ..system.protocol import SystemLike
 from .critical import CriticalPoint
 from .history import History
 
@@ -40,7 +40,7 @@ class StaticResult:
     seconds : by part: assemble, factor, solve, other.
     """
 
-    system: System
+    system: SystemLike
     u: Array
     t: float
     status: Status

@@ -19,9 +19,8 @@ from ..nonlinear.stability import Verdict, judged
 from ..nonlinear.stopwatch import Stopwatch
 from ..results.monitors import Monitors
 from ..results.outlets import Outlets
-from ..system import System
 from ..system.free_tangent import kind_of, with_loads
-from ..system.system import checked_system
+from ..system.protocol import SystemLike, checked_system
 from .arc_length import ArcLength
 from .checkpoint import PathCheckpoint
 from .equilibrium import Equilibrium
@@ -37,7 +36,7 @@ METHODS = (LoadSteps.name, ArcLength.name)
 
 
 def solve_static(
-    system: System,
+    system: SystemLike,
     steps: int = 10,
     *,
     method: str = LoadSteps.name,
@@ -173,7 +172,7 @@ class StaticOptions:
         }
 
 
-def _start(system: System, u0: ArrayLike | None) -> Array:
+def _start(system: SystemLike, u0: ArrayLike | None) -> Array:
     """The displacements to start from; refuses a system on which nothing acts, or that moves without strain."""
     if checked_system(system).dtype != np.float64:
         raise StvkError(
@@ -192,7 +191,7 @@ def _start(system: System, u0: ArrayLike | None) -> Array:
 class _Solve:
     """One solve: the walk along the path, what is written on the way, and what is said of it in the end."""
 
-    def __init__(self, system: System, start: Array, options: StaticOptions) -> None:
+    def __init__(self, system: SystemLike, start: Array, options: StaticOptions) -> None:
         self._system, self._start, self._options = system, start, options
         self._free = system.ndofs - len(system.supports.held)
         chosen = choose(options.solver, self._free, kind_of(system), indefinite=options.arc_length)

@@ -13,7 +13,7 @@ from ..arguments import Array, number, own, shown, whole
 from ..errors import StvkError, name_ids
 from ..mesh.places import Where, describe, vertices_at
 from ..nonlinear.problem import dot
-from ..system import System
+from ..system.protocol import SystemLike
 from .continuation import Plane
 from .history import Step
 
@@ -63,7 +63,7 @@ class Stop:
 class Goal:
     """A `Stop` on a mesh: levels of load or displacement, and numbers of turns and states."""
 
-    def __init__(self, stop: Stop, system: System) -> None:
+    def __init__(self, stop: Stop, system: SystemLike) -> None:
         self._stop, mesh = stop, system.mesh
         self._levels: list[tuple[Array, float, float]] = []
         if stop.load is not None:
@@ -126,7 +126,7 @@ class Goal:
         return self._stop.states is None and states >= MOST_STATES
 
 
-def _mean_displacement(given: Any, system: System) -> tuple[Array, float, float]:
+def _mean_displacement(given: Any, system: SystemLike) -> tuple[Array, float, float]:
     """The mean over the vertices of a place as a level."""
     mesh = system.mesh
     if not isinstance(given, tuple | list) or len(given) != 3:

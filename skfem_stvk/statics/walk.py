@@ -84,6 +84,8 @@ class Walk(ABC):
             outcome = self._advance()
             if outcome is None:
                 return
+            if isinstance(outcome, Attempt):
+                self.problem.restore()
             yield outcome
 
     def _begin(self) -> Step | Attempt | None:
@@ -146,6 +148,7 @@ class Walk(ABC):
         """A state of the path, with what there is to say of it; `critical`: the points before it, if they have been looked for."""
         problem, before = self.problem, self._point
         problem.accept(u, t)
+        problem.commit(u)
         inverted = problem.inside_out(u)
         if critical is None and not problem.iterative and not (before and record.negative_pivots == before.negative):
             problem.factorise(u, t)  # the last tangent of Newton's method, if there was one, was a little before the state

@@ -17,8 +17,8 @@ from ..linear import BlockJacobiCg, Factors, Kind, LinearSolver, Unknowns
 from ..linear.inertia import transposition
 from ..terms.load import Time
 from .operator import FreeOperator, TangentOperator
+from .protocol import SystemLike
 from .rigid import rigid_modes
-from .system import System
 
 #: What is added to a tangent without any stiffness in some direction, as a part of the largest diagonal entry of each vertex.
 SHIFT = 1e-4
@@ -44,21 +44,21 @@ class FreeTangent:
     exact : the factors of the last Jacobian that nothing stood in for; None if there are none.
     """
 
-    def __init__(self, system: System, solver: LinearSolver, kind: Kind, displacements: Callable[[], Array]) -> None:
+    def __init__(self, system: SystemLike, solver: LinearSolver, kind: Kind, displacements: Callable[[], Array]) -> None:
         self.system, self.kind, self._displacements = system, kind, displacements
         self.free = system.free_dofs(system.supports.held)
         self.symmetric = kind is not Kind.GENERAL
-        self._turned: NDArray[np.int64] | None = None
         self._operator: TangentOperator | None = None
-        self._K: csr_matrix | None = None
-        self._Kff: csr_matrix | None = None
         self.take(solver)
 
     def take(self, solver: LinearSolver) -> None:
         """Solve with this solver from here on."""
         self.solver = solver
         self.exact: Factors | None = None
-        self._analysis = solver.analyse(self.unknowns())
+        self._turned: NDArray[np.int64] | None = None
+        self._K: csr_matrix | None = None
+        self._Kff: csr_matrix | None = None
+        self._version, self._analysis = self.system.pattern_version, solver.analyse(self.unknowns())
 
     def unknowns(self) -> Unknowns:
         """The unknowns; with the structure of K unless it is never formed."""
@@ -74,7 +74,12 @@ class FreeTangent:
         return rigid_modes(mesh.p.T + self._displacements().reshape(-1, mesh.d))[self.free.free]
 
     def matrix(self, u: Array, t: Time | None, kept: Tensions = ALL) -> csr_matrix:
-        """The Jacobian at `u` (ndofs,) of all degrees of freedom, in the place of the one before; without a time, K of the elastic terms alone."""
+        """The Jacobian at `u` (ndofs,) of all degrees of freedom, in the place of the one before; without a time, K of the elastic terms alone.
+
+        Where a term has changed which vertices it couples, K has another structure, which is analysed anew.
+        """
+        if self.system.pattern_version != self._version:
+            self.take(self.solver)
         if t is None:
             self._K = self.system.tangent(u, out=self._K)
         else:
@@ -140,12 +145,12 @@ class FreeTangent:
         return Kind.SYMMETRIC if self.symmetric else Kind.GENERAL
 
 
-def kind_of(system: System) -> Kind:
+def kind_of(system: SystemLike) -> Kind:
     """What the Jacobian of a system is."""
     return Kind.SYMMETRIC if system.conservative else Kind.GENERAL
 
 
-def with_loads(solver: LinearSolver, system: System) -> LinearSolver:
+def with_loads(solver: LinearSolver, system: SystemLike) -> LinearSolver:
     """The solver, which takes a matrix where loads have a stiffness: operators have that of elastic terms alone.
 
     Raises

@@ -11,7 +11,7 @@ from pydantic import BaseModel, ConfigDict, Field, JsonValue, ValidationError
 
 from ..arguments import Array
 from ..terms.load import Moment, Time
-from .system import System
+from .protocol import SystemLike
 
 #: Two systems are the same if their numbers are, but for rounding.
 SAME = 1e-9
@@ -55,7 +55,12 @@ class Problem:
     """
 
     def __init__(
-        self, kind: Kind, system: System, method: Mapping[str, Any], moments: Sequence[float], start: Mapping[str, Sequence[float]]
+        self,
+        kind: Kind,
+        system: SystemLike,
+        method: Mapping[str, Any],
+        moments: Sequence[float],
+        start: Mapping[str, Sequence[float]],
     ) -> None:
         self._system, self._method, self._kind = system, dict(method), kind
         self._start = {name: [float(value) for value in values] for name, values in start.items()}

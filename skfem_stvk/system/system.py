@@ -485,13 +485,6 @@ class _Places(NamedTuple):
     loads: list[Rows]
 
 
-def checked_system(system: Any) -> System:
-    """Refuses what is no system."""
-    if not isinstance(system, System):
-        raise StvkError(f"system = {shown(system)}; expected a System: System(mesh, terms, fixed=..., prescribed=...).")
-    return system
-
-
 def _float_type(dtype: Any) -> np.dtype[Any]:
     """Double or single precision."""
     try:
