@@ -46,7 +46,7 @@ def test_plain_newton_is_wrong_in_some_cases_and_the_table_says_so(tmp_path):
 
 
 def a_case(beginning):
-    return next(case for cases in study.GROUPS.values() for case in cases() if case.name.startswith(beginning))
+    return next(case for case in study.cases(hard.NAMES, quick=False) if case.name.startswith(beginning))
 
 
 @pytest.mark.parametrize("name", ["compress a held block by 20 % in one step", "press with 1e9"])

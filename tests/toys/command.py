@@ -1,0 +1,13 @@
+"""A toy command: how many elements a mesh file has."""
+
+from skfem_stvk import read_mesh
+
+
+def arguments(parser):
+    parser.add_argument("mesh", help="mesh file")
+
+
+def run(options):
+    """Print the number of elements; exit code 0."""
+    print(f"{read_mesh(options.mesh).nt} elements")
+    return 0
