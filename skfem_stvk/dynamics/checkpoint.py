@@ -14,7 +14,7 @@ from ..arguments import Array
 from ..errors import StvkError, warn
 from ..results.archive import Checkpoint, CheckpointHeader, NotOurs, finite
 from ..results.files import output_path
-from ..system.signature import Problem, Record, in_words
+from ..system.signature import Fingerprint, Record, in_words
 from . import record as records
 from .books import LedgerPlaces, column_names
 from .integrators import Integrator
@@ -163,7 +163,7 @@ class MotionCheckpoint(Checkpoint[MotionHeader]):
     def writable(self) -> Path:
         return self.file if self._is_file else super().writable()
 
-    def belongs_to(self, problem: Problem, overwrite: bool) -> None:
+    def belongs_to(self, problem: Fingerprint, overwrite: bool) -> None:
         """Write the signature of this problem from here on; refuse to replace a file of another one."""
         self.problem = problem
         if self.file.exists() and not overwrite:

@@ -18,7 +18,7 @@ from ..mesh.places import Where
 from ..results.archive import NotOurs
 from ..results.outlets import Outlets
 from ..system.protocol import SystemLike
-from ..system.signature import Problem, sums
+from ..system.signature import Fingerprint, sums
 from .books import LedgerPlaces
 from .checkpoint import ANEW, FRACTIONS, IntegratorRecord, MotionCheckpoint
 from .damping import Damping
@@ -85,11 +85,11 @@ class Setup:
     places: LedgerPlaces
     until: float
 
-    def problem(self, t0: float, start: Mapping[str, list[float]]) -> Problem:
+    def problem(self, t0: float, start: Mapping[str, list[float]]) -> Fingerprint:
         """The problem from `t0` on, as its files name it; `start`: numbers of the first state that are not zero."""
         moments = [t0 + fraction * (self.until - t0) for fraction in FRACTIONS]
         at_rest = {"t0": [t0], "u0": [0.0, 0.0], "v0": [0.0, 0.0]}
-        return Problem("motion", self.motion.system, described(self.motion, self.integrator), moments, at_rest | dict(start))
+        return Fingerprint("motion", self.motion.system, described(self.motion, self.integrator), moments, at_rest | dict(start))
 
 
 def described(motion: Motion, integrator: Integrator) -> dict[str, Any]:

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from ..errors import StvkError, warn
 from ..results import Fields, Series
-from ..system.signature import Problem
+from ..system.signature import Fingerprint
 from .checkpoint import MotionCheckpoint, MotionHeader, packed
 from .ledger import LedgerFile
 from .options import Options, Setup
@@ -71,7 +71,7 @@ class Outputs:
 
     @classmethod
     def resumed(
-        cls, setup: Setup, record: RunRecord, options: Options, stack: ExitStack, problem: Problem, then: MotionHeader
+        cls, setup: Setup, record: RunRecord, options: Options, stack: ExitStack, problem: Fingerprint, then: MotionHeader
     ) -> Outputs:
         """Open the files of a run that goes on: the series is where the caller says, or beside the checkpoint.
 

@@ -17,7 +17,7 @@ from ..mesh.places import Where
 from ..results.archive import NotOurs
 from ..results.outlets import Outlets
 from ..system.protocol import SystemLike, checked_system
-from ..system.signature import Problem
+from ..system.signature import Fingerprint
 from .books import LedgerPlaces, column_names
 from .checkpoint import ANEW, MotionCheckpoint, load, refuse_inconsistent
 from .damping import Damping, EdgeDamping, Rayleigh
@@ -176,7 +176,7 @@ def _resumed(system: SystemLike, options: Options, stack: ExitStack, file: Path)
     damping = kept if options.damping is None else options.damping
     motion = Motion(system, method.mass if options.mass is None else options.mass, damping)
     start = {name: header.problem.numbers.get(name, []) for name in ("t0", "u0", "v0")} | options.start(system)
-    problem = Problem("motion", system, described(motion, integrator), header.problem.moments, start)
+    problem = Fingerprint("motion", system, described(motion, integrator), header.problem.moments, start)
     differences = problem.differences(header.problem)
     if differences:
         raise StvkError(

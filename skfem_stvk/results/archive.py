@@ -16,7 +16,7 @@ from pydantic import ValidationError
 
 from ..arguments import Array
 from ..errors import StvkError
-from ..system.signature import Problem, Record, Signature, in_words
+from ..system.signature import Fingerprint, Record, Signature, in_words
 from .files import output_folder, replacing
 from .one_writer import OneWriter
 
@@ -114,7 +114,7 @@ class Checkpoint(Generic[ProblemHeader]):
     known: ClassVar[tuple[str, int]]
     remedy: ClassVar[str]
     schema: type[ProblemHeader]
-    problem: Problem | None = None
+    problem: Fingerprint | None = None
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder

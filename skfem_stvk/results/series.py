@@ -16,7 +16,7 @@ from pydantic import ValidationError
 
 from ..arguments import flag, number
 from ..errors import StvkError, warn
-from ..system.signature import Problem, Signature
+from ..system.signature import Fingerprint, Signature
 from .fields import State
 from .files import cannot_write, output_path, replacing
 from .one_writer import OneWriter
@@ -59,7 +59,7 @@ class Series:
         resume: bool = False,
         until: float = np.inf,
         *,
-        problem: Problem | None = None,
+        problem: Fingerprint | None = None,
         overwrite: bool = False,
     ) -> None:
         self.fields = tuple(field.name for field in find_all(fields))

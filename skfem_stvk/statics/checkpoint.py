@@ -17,7 +17,7 @@ from ..results.archive import Checkpoint, CheckpointHeader, NotOurs, finite
 from ..results.monitors import Finding
 from ..results.outlets import Outlets
 from ..system.protocol import SystemLike
-from ..system.signature import Problem, Record
+from ..system.signature import Fingerprint, Record
 from .critical import BIFURCATION, LIMIT_POINT, CriticalPoint
 from .equilibrium import NOTHING
 from .history import Step
@@ -125,7 +125,7 @@ class PathCheckpoint(Checkpoint[StateHeader]):
     schema = StateHeader
     remedy = "Remove it and those after it, and resume from the one before; or start anew with overwrite=True and without resume."
 
-    def __init__(self, folder: Path, system: SystemLike, problem: Problem, outlets: Outlets) -> None:
+    def __init__(self, folder: Path, system: SystemLike, problem: Fingerprint, outlets: Outlets) -> None:
         super().__init__(folder)
         self.problem, self._system, self._outlets = problem, system, outlets
         self._count = 0

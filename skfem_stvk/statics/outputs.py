@@ -16,7 +16,7 @@ from ..nonlinear.progress import Progress
 from ..results import Fields, Series
 from ..results.outlets import Outlets
 from ..system.protocol import SystemLike
-from ..system.signature import Problem, sums
+from ..system.signature import Fingerprint, sums
 from .checkpoint import PathCheckpoint
 from .history import Attempt, Step
 
@@ -34,7 +34,7 @@ def opened(
     with ExitStack() as stack:
         write, kept = _nothing, None
         if outlets.save is not None or outlets.checkpoint is not None:
-            problem = Problem("path of equilibria", system, options, MOMENTS, {"u0": sums(start)})
+            problem = Fingerprint("path of equilibria", system, options, MOMENTS, {"u0": sums(start)})
         if outlets.checkpoint is not None:
             kept = stack.enter_context(PathCheckpoint(outlets.checkpoint, system, problem, outlets))
         if outlets.save is not None:

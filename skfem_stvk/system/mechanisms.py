@@ -86,7 +86,7 @@ def check_held(mesh: SimplexMesh, terms: Sequence[BoundTerm], held: NDArray[Any]
         )
     if mesh.k == mesh.d > 1 and solid.any():
         rigid = {each.part: each.count for each in left}
-        loose = mechanisms(mesh.p, mesh.t, np.flatnonzero(solid), part, held, rigid, edges)
+        loose = mechanisms(mesh.p, mesh.t, np.flatnonzero(solid), part, held, rigid=rigid, edges=edges)
         if loose:
             facet = ("an edge", "edges") if mesh.d == 2 else ("a face", "faces")
             said.append(
@@ -110,7 +110,7 @@ def _listed(items: Sequence[Any], what: str) -> str:
 
 
 def mechanisms(
-    p: Array, t: Ids, solid: Ids, part: Ids, held: Ids, rigid: Mapping[int, int], edges: Sequence[Ids] = ()
+    p: Array, t: Ids, solid: Ids, part: Ids, held: Ids, *, rigid: Mapping[int, int], edges: Sequence[Ids] = ()
 ) -> list[Mechanism]:
     """Motions of pieces of a part against each other without strain, to first order.
 

@@ -45,8 +45,8 @@ class Signature(Record):
     numbers: dict[str, Annotated[list[float], Field(max_length=9)]]
 
 
-class Problem:
-    """A problem that knows whether a file is one of its own.
+class Fingerprint:
+    """What a problem is known by: it tells whether a file is one of its own.
 
     Parameters
     ----------

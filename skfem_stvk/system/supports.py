@@ -20,7 +20,7 @@ Dofs = NDArray[np.int64]
 Displacements: TypeAlias = Mapping[Any, Any] | Iterable[tuple[Where, Any]]
 
 
-class Motion(NamedTuple):
+class Prescribed(NamedTuple):
     """A prescribed displacement: its degrees of freedom, and its values by component and vertex."""
 
     dofs: Dofs
@@ -93,20 +93,20 @@ class Supports:
                 self._refuse_different(place, values[place], value.at(moment), moment)
         return values
 
-    def _move(self, where: Where, given: Any) -> list[Motion]:
+    def _move(self, where: Where, given: Any) -> list[Prescribed]:
         what = f"prescribed on {describe(where)}"
         vertices, d = vertices_at(self._mesh, where, what), self._mesh.d
         x = self._mesh.p[:, vertices]
         if callable(given):
             whole = Value(given, (d,), x, what, SupportError)
-            return [Motion(_dofs(vertices, range(d), d).reshape(-1, d).T, whole)]
+            return [Prescribed(_dofs(vertices, range(d), d).reshape(-1, d).T, whole)]
         if not isinstance(given, Mapping) or not given:
             raise SupportError(
                 f"{what}: {shown(given)} came; expected displacements by component, such as {{'x': 0.01}}, or a function of (x, t) that returns "
                 f"all {d} components."
             )
         return [
-            Motion(_dofs(vertices, [component], d), Value(value, (), x, f"{what}, component {letter}", SupportError))
+            Prescribed(_dofs(vertices, [component], d), Value(value, (), x, f"{what}, component {letter}", SupportError))
             for letter, value in given.items()
             for component in _components(self._mesh, letter, what)
         ]

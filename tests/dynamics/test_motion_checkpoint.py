@@ -18,7 +18,7 @@ from skfem_stvk.dynamics.checkpoint import MotionCheckpoint, load
 from skfem_stvk.dynamics.ledger import Ledger
 from skfem_stvk.dynamics.record import Reviews
 from skfem_stvk.results.files import WriteError
-from skfem_stvk.system.signature import Problem
+from skfem_stvk.system.signature import Fingerprint
 
 MESH = skfem.MeshTri().refined(2).with_boundaries({"wall": lambda x: x[0] == 0, "tip": lambda x: x[0] == 1})
 SOFT = StVK(young=1e4, poisson=0.3, density=3.0)
@@ -47,7 +47,7 @@ def written(path, steps=3):
     method["damping"] = {"alpha": 0.0, "beta": 0.0, "tau": 0.0}
     checkpoint = MotionCheckpoint(Path(path))
     with checkpoint:
-        checkpoint.belongs_to(Problem("motion", body(), method, [0.0, 2.0], {}), overwrite=True)
+        checkpoint.belongs_to(Fingerprint("motion", body(), method, [0.0, 2.0], {}), overwrite=True)
         checkpoint.write(about, arrays, ledger)
     return checkpoint, about, arrays, ledger
 
@@ -128,10 +128,10 @@ def test_constant_loads_do_not_ramp_and_times_are_those_of_the_run(tmp_path):
 
     system = body(loads=[Traction("tip", pull)])
     asked.clear()
-    problem = Problem("motion", system, {}, [3.0 + fraction * 2.0 for fraction in module.FRACTIONS], {})
+    problem = Fingerprint("motion", system, {}, [3.0 + fraction * 2.0 for fraction in module.FRACTIONS], {})
     assert problem.signature.kind == "motion" and (min(asked), max(asked)) == (3.0, 5.0) and len(asked) == 4
     constant, ramping = Traction("tip", (0, 1.0)), Traction("tip", lambda t: (0, t))
-    one, other = (Problem("motion", body(loads=[load]), {}, [0.0, 0.62], {}) for load in (constant, ramping))
+    one, other = (Fingerprint("motion", body(loads=[load]), {}, [0.0, 0.62], {}) for load in (constant, ramping))
     assert other.differences(one.signature) == "the loads at t = 0 s, the loads at t = 0.62 s changed"
     assert not one.differences(one.signature)
 
@@ -211,7 +211,7 @@ def test_writing_takes_no_more_than_its_share_of_the_time(tmp_path, monkeypatch)
         monkeypatch.setattr(module.np, "savez", lambda file, now=now, cost=cost, **_: now.__setitem__(0, now[0] + cost))
         checkpoint, writes, begin = MotionCheckpoint(tmp_path / "flag"), [], now[0]
         checkpoint.folder.mkdir(exist_ok=True)
-        checkpoint.belongs_to(Problem("motion", body(), {}, [0.0], {}), overwrite=True)
+        checkpoint.belongs_to(Fingerprint("motion", body(), {}, [0.0], {}), overwrite=True)
         while now[0] < begin + 600:
             if checkpoint.due(now[0]):
                 checkpoint.write({}, {}, Ledger(["time"]))

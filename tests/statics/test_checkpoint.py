@@ -24,7 +24,7 @@ from skfem_stvk.statics.equilibrium import Equilibrium
 from skfem_stvk.statics.load_steps import LoadSteps
 from skfem_stvk.statics.stop import Goal
 from skfem_stvk.statics.walk import Course
-from skfem_stvk.system.signature import Problem
+from skfem_stvk.system.signature import Fingerprint
 
 CRITICAL = np.pi**2 * (1e4 / (1 - 0.3**2)) / 12 / (4 * 20**2)
 OPTIONS = {"quiet": True, "raise_on_failure": False, "solver": "superlu"}
@@ -413,7 +413,7 @@ WALKS = {
 def test_after_each_state_another_walk_can_stand_where_this_one_stands(tmp_path, scene, method):
     system, options = WALKS[scene]()
     walk, found = walk_of(system, method, 5, **options), 0
-    problem = Problem("path of equilibria", system, {"method": method, "steps": 5, "rtol": 1e-8}, (0.5, 1.0), {})
+    problem = Fingerprint("path of equilibria", system, {"method": method, "steps": 5, "rtol": 1e-8}, (0.5, 1.0), {})
     keep = checkpoint.PathCheckpoint(tmp_path / "path", system, problem, Outlets(None, None, False, False)).__enter__()
     for outcome in walk.states(resumed=False):
         if not isinstance(outcome, Step):

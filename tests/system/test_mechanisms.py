@@ -79,7 +79,7 @@ def motions_left(mesh, held):
     edges = edge_topology(mesh.t)[0]
     part = parts_of([edges], mesh.nv)
     rigid = {left.part: left.count for left in rigid_modes_left(mesh.p, part, held)}
-    found = mechanisms(mesh.p, mesh.t, np.arange(mesh.nt), part, held, rigid, [edges])
+    found = mechanisms(mesh.p, mesh.t, np.arange(mesh.nt), part, held, rigid=rigid, edges=[edges])
     return sum(rigid.values()), sum(mechanism.count for mechanism in found)
 
 
