@@ -129,8 +129,8 @@ def damping_is_of_edges(system: SystemLike) -> bool:
 
 
 def driven(system: SystemLike) -> bool:
-    """Whether a load changes with time, or has no potential: whether the energy of the moving body would not be kept."""
-    return not all(map(_keeps_energy, system.bound_loads))
+    """Whether a load changes with time, or has no potential, or a term has no energy: whether the energy of the moving body would not be kept."""
+    return not (all(map(_keeps_energy, system.bound_loads)) and all(term.has_energy for term in system.bound_terms))
 
 
 def constant_loads(system: SystemLike) -> bool:
@@ -139,7 +139,7 @@ def constant_loads(system: SystemLike) -> bool:
 
 
 def driving_force(system: SystemLike, u: Array, t: float) -> Array:
-    """(ndofs,) force [N] of the loads that change with time or have no potential, at time `t` [s].
+    """(ndofs,) force [N] on the body of the loads that change with time or have no potential, and of terms without energy, at time `t` [s].
 
     Raises
     ------
@@ -150,6 +150,11 @@ def driving_force(system: SystemLike, u: Array, t: float) -> Array:
     for load in system.bound_loads:
         if not _keeps_energy(load):
             load.add_force(x, Moment(t, 1.0), force)
+    for term in system.bound_terms:
+        if not term.has_energy:
+            internal = np.zeros_like(force)
+            term.energy_and_force(x, internal)
+            force -= internal
     return force.ravel()
 
 

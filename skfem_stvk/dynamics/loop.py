@@ -51,7 +51,7 @@ class Loop:
         self._inversions = Inversions(motion, setup.integrator.explicit)
         self._books.count_inside_out(self._inversions.at_first(record))
         self._monitors = Monitors(motion.system, ellipticity=False)
-        self._cutting = Cutting(self._stepper, self._books.work)
+        self._cutting = Cutting(self._stepper, self._arrived, motion.system.restore)
         self._jumps = Jumps(motion, record.state)
         self._stepping = False
 
@@ -136,6 +136,10 @@ class Loop:
             return Status.BLEW_UP, str(error).rstrip(".")
         self._stepping = False
         return Status.FINISHED, ""
+
+    def _arrived(self, state: MotionState) -> None:
+        self._books.work(state)
+        self.setup.motion.system.commit(state.u)
 
     def _goes_on(self) -> bool:
         """Return to the last good state after a motion has blown up; whether it can go on from there, with shorter steps."""
@@ -222,10 +226,11 @@ class Cutting:
     Parameters
     ----------
     arrived : is called with the state after each part.
+    failed : is called after each part at whose end there is no state.
     """
 
-    def __init__(self, stepper: Stepper, arrived: Callable[[MotionState], object]) -> None:
-        self._stepper, self._arrived, self._in_a_row = stepper, arrived, 0
+    def __init__(self, stepper: Stepper, arrived: Callable[[MotionState], object], failed: Callable[[], object]) -> None:
+        self._stepper, self._arrived, self._failed, self._in_a_row = stepper, arrived, failed, 0
 
     def advance(self, state: MotionState, t: float) -> bool:
         """Go on to time `t`; whether that took parts.
@@ -238,6 +243,7 @@ class Cutting:
         try:
             self._stepper.step(state, t)
         except StepFailed:
+            self._failed()
             before = state.copy()
             try:
                 self._halves(state, t, 1)
@@ -257,6 +263,7 @@ class Cutting:
             try:
                 self._stepper.step(state, end)
             except StepFailed:
+                self._failed()
                 if depth == DEEPEST:
                     raise
                 self._halves(state, end, depth + 1)

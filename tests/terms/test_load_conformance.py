@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from bodies import MESHES, state
 from springs import PointSpring
+from terms.toys import Vortex
 
 from skfem_stvk import BodyForce, Gravity, LoadError, NodalLoad, Pressure, SimplexMesh, StVK, System, Traction
 from skfem_stvk.dynamics.forces import constant_loads, driven, steady_potential
@@ -47,6 +48,7 @@ def cases():
             found[f"Pressure, {name}"] = Case(mesh, Pressure(everywhere, 1.5), has_potential=False, dead=False)
             of_time = Pressure(everywhere, lambda x, t: t * (1 + x[0]))
             found[f"Pressure of place, {name}"] = Case(mesh, of_time, has_potential=False, dead=False, steady=False)
+    found["Vortex"] = Case(MESHES["tetrahedra"], Vortex([1, 4, 6], 2.0), has_potential=False, dead=False)
     return found
 
 

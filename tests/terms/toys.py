@@ -1,0 +1,255 @@
+"""Laws and loads that the package does not know, each as narrow as the joint allows: numpy alone, no edges, no element.
+
+`Springs`           nonlinear springs between any vertices: energy, symmetric, balanced; with mass, so that it moves
+`Areas`             an energy of the areas that three vertices span in space: blocks of both orders of its pairs come from one Hessian
+`Anchors`           nonlinear springs to the ground: not balanced, blocks of vertices alone
+`Wind`              a force that turns with pairs of vertices: without energy, neither symmetric nor balanced
+`Friction`          springs to where the body was when a state was accepted last: a memory
+`Vortex`            a load that turns about an axis, without potential
+"""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from skfem_stvk.edges import ALL
+from skfem_stvk.terms import Load
+
+
+class Narrow:
+    """What toys share: a specification that binds by handing the mesh to its `Bound` class."""
+
+    region = None
+
+    def bind(self, body, dtype=np.float64):
+        return self.Bound(self, getattr(body, "mesh", body))
+
+
+def outer(a, b):
+    return a[:, :, None] * b[:, None, :]
+
+
+@dataclass(frozen=True, eq=False)
+class Springs(Narrow):
+    """`W = sum 1/4 k (|p|^2 - |P|^2)^2 / |P|^2` over pairs of vertices: quartic, and stiff against pull and push."""
+
+    pairs: Any
+    stiffness: float = 1.0
+    mass_of_all: float = 1.0
+
+    def mass(self, mesh, sizes):
+        return self.mass_of_all * sizes / sizes.sum()
+
+    class Bound:
+        symmetric = balanced = has_energy = True
+
+        def __init__(self, spec, mesh):
+            self.nodes_paired = np.asarray(spec.pairs, dtype=np.int32)
+            a, b = self.nodes_paired
+            self._P = mesh.p.T[b] - mesh.p.T[a]
+            self._k = spec.stiffness / (self._P**2).sum(axis=1)
+
+        def _now(self, u):
+            a, b = self.nodes_paired
+            U = u[b] - u[a]
+            return self._P + U, ((2 * self._P + U) * U).sum(axis=1)
+
+        def energy_and_force(self, u, force=None):
+            p, zeta = self._now(u)
+            if force is not None:
+                pull = (self._k * zeta)[:, None] * p
+                np.add.at(force, self.nodes_paired[1], pull)
+                np.subtract.at(force, self.nodes_paired[0], pull)
+            return float((self._k * zeta**2).sum() / 4)
+
+        def add_blocks(self, u, blocks, kept=ALL):
+            p, zeta = self._now(u)
+            t = self._k * zeta * np.where(zeta > 0, kept.positive, kept.negative)
+            blocks.pairs -= 2 * self._k[:, None, None] * outer(p, p) + t[:, None, None] * np.eye(u.shape[1])
+
+
+@dataclass(frozen=True, eq=False)
+class Areas(Narrow):
+    """`W = sum 1/2 k |A|^2`, `A = 1/2 (x_1 - x_0) x (x_2 - x_0)`, over triples of vertices in space."""
+
+    triples: Any
+    stiffness: float = 1.0
+
+    class Bound:
+        symmetric = balanced = has_energy = True
+
+        def __init__(self, spec, mesh):
+            self._t, self._k, self._X = np.asarray(spec.triples), spec.stiffness, mesh.p.T
+            ends = np.sort(np.stack([self._t[[0, 1, 0]], self._t[[1, 2, 2]]]).reshape(2, -1), axis=0)
+            self.nodes_paired, self._of = (
+                np.ascontiguousarray(x, dtype=np.int32) for x in np.unique(ends, axis=1, return_inverse=True)
+            )
+            self._of = self._of.reshape(3, -1)
+
+        def _slopes(self, u):
+            """Area vectors, and (3, n, 3, 3) their derivatives by the vertices: cross products with half the opposite edges."""
+            x = self._X[self._t] + u[self._t]
+            edges = np.stack([x[1] - x[2], x[2] - x[0], x[0] - x[1]]) / 2
+            turned = np.zeros((*edges.shape, 3))
+            for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
+                turned[..., i, j], turned[..., j, i] = edges[..., k], -edges[..., k]
+            return np.cross(x[1] - x[0], x[2] - x[0]) / 2, turned
+
+        def energy_and_force(self, u, force=None):
+            A, slopes = self._slopes(u)
+            if force is not None:
+                for vertices, slope in zip(self._t, slopes, strict=True):
+                    np.add.at(force, vertices, self._k * np.einsum("nij,ni->nj", slope, A))
+            return float(self._k * (A**2).sum() / 2)
+
+        def add_blocks(self, u, blocks, kept=ALL):
+            A, S = self._slopes(u)
+            cross = np.zeros((len(A), 3, 3))
+            for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
+                cross[:, i, j], cross[:, j, i] = A[:, k] / 2, -A[:, k] / 2
+            for of, (i, j), sign in zip(self._of, ((0, 1), (1, 2), (0, 2)), (1, 1, -1), strict=True):
+                own = self._k * (np.einsum("nki,nkj->nij", S[i], S[j]) + kept.negative * sign * cross)
+                turned = self._t[i] > self._t[j]
+                np.add.at(blocks.pairs, of, np.where(turned[:, None, None], own.transpose(0, 2, 1), own))
+
+
+@dataclass(frozen=True, eq=False)
+class Anchors(Narrow):
+    """`W = sum 1/2 k |u|^2 + 1/4 k |u|^4` of some vertices, tied to the ground."""
+
+    vertices: Any
+    stiffness: float = 1.0
+
+    class Bound:
+        symmetric = has_energy = True
+        balanced = False
+        nodes_paired = np.empty((2, 0), dtype=np.int32)
+
+        def __init__(self, spec, mesh):
+            self.nodes, self._k = np.unique(spec.vertices), spec.stiffness
+
+        @property
+        def grounded(self):
+            return (3 * self.nodes[:, None] + np.arange(3)).ravel()
+
+        def energy_and_force(self, u, force=None):
+            own = u[self.nodes]
+            size = (own**2).sum(axis=1)
+            if force is not None:
+                force[self.nodes] += self._k * (1 + size)[:, None] * own
+            return float(self._k * (size / 2 + size**2 / 4).sum())
+
+        def add_blocks(self, u, blocks, kept=ALL):
+            own = u[self.nodes]
+            blocks.own += self._k * ((1 + (own**2).sum(axis=1))[:, None, None] * np.eye(u.shape[1]) + 2 * outer(own, own))
+
+
+@dataclass(frozen=True, eq=False)
+class Wind(Narrow):
+    """`F_a = c (x_b - x_a) x e_z + h u_a`: it pushes `a` aside as `b` moves, not the other way round, and has no energy."""
+
+    pairs: Any
+    strength: float = 0.1
+
+    class Bound:
+        symmetric = balanced = has_energy = False
+
+        def __init__(self, spec, mesh):
+            self.nodes_paired = np.asarray(spec.pairs, dtype=np.int32)
+            self.nodes = np.unique(self.nodes_paired[0])
+            self._turn = spec.strength * np.array([[0.0, 1, 0], [-1, 0, 0], [0, 0, 0]])
+            self._drag = 2 * spec.strength
+
+        def energy_and_force(self, u, force=None):
+            if force is not None:
+                a, b = self.nodes_paired
+                np.add.at(force, a, (u[b] - u[a]) @ self._turn.T + self._drag * u[a])
+            return 0.0
+
+        def add_blocks(self, u, blocks, kept=ALL):
+            blocks.pairs += self._turn
+            at = np.searchsorted(self.nodes, self.nodes_paired[0])
+            np.add.at(blocks.own, at, np.broadcast_to(self._drag * np.eye(3) - self._turn, (len(at), 3, 3)))
+
+
+@dataclass(frozen=True, eq=False)
+class Friction(Narrow):
+    """`F_a = k (u_a - u_a(accepted))`: the ground sticks, and lets go whenever a state is accepted."""
+
+    vertices: Any
+    stiffness: float = 1.0
+
+    class Bound(Anchors.Bound):
+        def __init__(self, spec, mesh):
+            super().__init__(spec, mesh)
+            self.kept, self.commits, self.restores = np.zeros(mesh.p.T.shape), [], 0
+
+        def commit(self, u):
+            self.kept = u.copy()
+            self.commits.append(u.copy())
+
+        def restore(self):
+            self.restores += 1
+
+        def energy_and_force(self, u, force=None):
+            slip = (u - self.kept)[self.nodes]
+            if force is not None:
+                force[self.nodes] += self._k * slip
+            return float(self._k * (slip**2).sum() / 2)
+
+        def add_blocks(self, u, blocks, kept=ALL):
+            blocks.own += self._k * np.eye(u.shape[1])
+
+
+@dataclass(frozen=True, eq=False)
+class Contacts(Narrow):
+    """Springs between other pairs whenever it is told so: `pattern_version` counts how often."""
+
+    pairs: Any
+
+    class Bound(Springs.Bound):
+        pattern_version = 0
+
+        def __init__(self, spec, mesh):
+            self._mesh = mesh
+            super().__init__(Springs(spec.pairs), mesh)
+
+        def take(self, pairs):
+            self.pattern_version += 1
+            super().__init__(Springs(pairs), self._mesh)
+
+
+@dataclass(frozen=True, eq=False)
+class Vortex(Load):
+    """`f_a = t c e_z x (x_a + u_a)` on some vertices: a load without potential, of vertices alone."""
+
+    vertices: Any
+    strength: float = 0.1
+
+    def bind(self, body):
+        return self.Bound(self, body.mesh)
+
+    class Bound:
+        has_potential = dead = symmetric = balanced = False
+        steady = True
+        nodes_paired = np.empty((2, 0), dtype=np.int32)
+
+        def __init__(self, spec, mesh):
+            self.nodes, self._x = np.asarray(spec.vertices), mesh.p.T
+            self._turn = spec.strength * np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 0]])
+
+        def add_force(self, u, t, out):
+            factor = t if isinstance(t, float) else t.factor
+            out[self.nodes] += factor * (self._x + u)[self.nodes] @ self._turn.T
+
+        def add_blocks(self, u, t, blocks):
+            blocks.own -= (t if isinstance(t, float) else t.factor) * self._turn
+
+        def memory(self):
+            return {"loads": self.nodes.nbytes}
+
+        def potential(self, u, t):
+            from skfem_stvk import LoadError
+
+            raise LoadError("A vortex has no potential.")
