@@ -164,12 +164,6 @@ class PathProblem(EigenProblem, Protocol):
     def force_of(self, w: Array) -> Array:
         """(n,) what a motion `w` of what is held does to the unknowns [N], by the tangent that was made last."""
 
-    def commit(self, u: Array) -> None:
-        """Tell what has a memory, such as lagging friction, that `u` is a state of the path."""
-
-    def restore(self) -> None:
-        """Tell what has a memory that no state was found: it stands as at the last one."""
-
     def accept(self, u: Array, t: Time) -> None:
         """Note that `u` is a state of the path: its forces are something that others are small against."""
 

@@ -134,10 +134,7 @@ class Walk(ABC):
             return Attempt(t, End.INSIDE_OUT, Iterations(detail=self.problem.named(turned)))
         watch = partial(self._course.iterating, t)
         u, end, record = newton(self.problem, start, t, NewtonOptions(self._rtol, self._allowed, full_first, watch))
-        if end.converged:
-            return u, end, record
-        self.problem.restore()
-        return Attempt(t, end, record)
+        return (u, end, record) if end.converged else Attempt(t, end, record)
 
     def _accept(
         self,
