@@ -190,7 +190,7 @@ class StepProblem:
         return self.free.vector(x)
 
     def slope(self, residual: Residual, v: Array) -> float:
-        return float(residual.free @ v[self.free.free])
+        return float(residual.vector @ v[self.free.free])
 
     def factorise(self, w: Array, t: Time, tangent: Tangent = Tangent.EXACT) -> Factors:
         """The tangent that was chosen; those that Newton's method falls back on are as in statics, but for K(0), which is what it is."""

@@ -161,9 +161,9 @@ class _Descent:
         problem, t, record = self._problem, self._t, self._record
         for tangent in Tangent if self._search else (Tangent.EXACT,):
             factors = problem.factorise(u, t, tangent)
-            solution = problem.solve(factors, -residual.free, rtol)
+            solution = problem.solve(factors, -residual.vector, rtol)
             if not usable(solution) and tangent is Tangent.EXACT and problem.take_over(u, t):
-                solution = problem.solve(problem.factorise(u, t), -residual.free, rtol)
+                solution = problem.solve(problem.factorise(u, t), -residual.vector, rtol)
             if not usable(solution):
                 record.detail = solution.outcome.value
                 continue

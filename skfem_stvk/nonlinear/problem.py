@@ -45,12 +45,12 @@ class Residual:
 
     Attributes
     ----------
-    free : (n,) residual `F - f_ext` of the unknowns [N].
+    vector : (n,) residual `F - f_ext`, one entry per unknown [N].
     size : its norm.
     scale : norm of the loads plus that of the reactions, what `size` is small against.
     """
 
-    free: Array
+    vector: Array
     size: float
     scale: float
 

@@ -102,7 +102,7 @@ def correct(
                 return u, t, End.OUT_OF_ITERATIONS, record
             factors = problem.factorise(u, t)
             forces, moves = problem.rate(u, t)
-            a, b = (problem.solve(factors, right, 1e-8) for right in (-residual.free, forces))
+            a, b = (problem.solve(factors, right, 1e-8) for right in (-residual.vector, forces))
             if not (usable(a, singular=True) and usable(b, singular=True)):
                 record.detail = (b if usable(a, singular=True) else a).outcome.value
                 return u, t, End.NO_DESCENT, record

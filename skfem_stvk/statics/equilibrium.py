@@ -87,7 +87,7 @@ class Equilibrium:
         return free
 
     def slope(self, residual: Residual, v: Array) -> float:
-        return float(residual.free @ v[self.free.free])
+        return float(residual.vector @ v[self.free.free])
 
     def residual(self, u: Array, t: Time) -> Residual:
         with self._watch("assemble"):

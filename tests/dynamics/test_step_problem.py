@@ -50,7 +50,7 @@ def test_the_slope_of_what_a_step_costs_is_the_residual(d, integrator, damping, 
     assert problem.quartic
     cost = np.polynomial.Polynomial(problem.energy_along(w, p, AT_END))
     for s in (-0.7, 0.0, 0.4, 1.0):
-        slope = problem.residual(w + s * p, AT_END).free @ p[problem.free.free]
+        slope = problem.residual(w + s * p, AT_END).vector @ p[problem.free.free]
         assert cost.deriv()(s) == pytest.approx(slope, rel=1e-9)
 
 

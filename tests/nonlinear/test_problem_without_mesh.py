@@ -1,0 +1,243 @@
+"""Newton's method and the eigenvalue tools on twenty unknowns that belong to no mesh, no system and no degrees of freedom."""
+
+import ast
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.optimize import minimize
+from scipy.sparse import csr_matrix
+
+import skfem_stvk
+from skfem_stvk import StateError
+from skfem_stvk.linear import Kind, SuperLU, Unknowns
+from skfem_stvk.nonlinear.eigen import lowest_mode, nearest_mode
+from skfem_stvk.nonlinear.newton import End, NewtonOptions, newton
+from skfem_stvk.nonlinear.problem import Residual, Tangent, dot, norm
+from skfem_stvk.nonlinear.stability import judged
+
+N, GHOSTS = 20, 3
+RTOL = 1e-10
+
+
+class Wells:
+    """`V(x) = 1/2 x'Ax + 1/4 sum c_i x_i^4 - t b.x`: a chain of masses, each in a double well if `A` is not positive definite.
+
+    A state has the unknowns in reverse order and the first three of them twice, as a piece of a body on one rank of several has ghosts:
+    only this class knows which entries count.
+    """
+
+    iterative, quartic, symmetric, n = False, True, True, N
+
+    def __init__(self, spring=1.0, well=0.5):
+        rng = np.random.default_rng(0)
+        chain = 2 * np.eye(N) - np.eye(N, k=1) - np.eye(N, k=-1)
+        self.A, self.c, self.b = spring * chain + well * np.eye(N), 1 + rng.random(N), rng.normal(size=N)
+        self.factorised, self.exact = [], None
+
+    def state(self, x):
+        return np.concatenate([x[::-1], x[:GHOSTS]])
+
+    def unknowns_of(self, v):
+        return v[:N][::-1]
+
+    def direction(self, x):
+        return self.state(x)
+
+    def gradient(self, x, t):
+        return self.A @ x + self.c * x**3 - t * self.b
+
+    def hessian(self, x):
+        return self.A + 3 * np.diag(self.c * x**2)
+
+    def residual(self, u, t):
+        x = self.unknowns_of(u)
+        r = self.gradient(x, t)
+        if not np.isfinite(r).all() or np.abs(x).max() > 1e50:
+            raise StateError("too large")
+        return Residual(r, norm(r), norm(t * self.b) + norm(self.A @ x))
+
+    def slope(self, residual, v):
+        return dot(residual.vector, self.unknowns_of(v))
+
+    def dot(self, x, y):
+        return dot(x, y) if len(x) == N else dot(self.unknowns_of(x), self.unknowns_of(y))
+
+    def norm(self, x):
+        return float(np.sqrt(self.dot(x, x)))
+
+    def round_off(self, u, t):
+        x = np.abs(self.unknowns_of(u))
+        return np.finfo(float).eps * norm(np.abs(self.A) @ x + self.c * x**3 + np.abs(t * self.b))
+
+    def matrix(self, u, t):
+        K = csr_matrix(np.ones((N, N)))
+        K.data[:] = self.hessian(self.unknowns_of(u)).ravel()
+        return K, Unknowns(np.arange(N), np.zeros(N, dtype=int), K.indptr, K.indices)
+
+    def operator(self, u, t):
+        return self.matrix(u, t)[0]
+
+    def stiffness_norm(self, u, t):
+        return float(np.abs(self.hessian(self.unknowns_of(u))).sum(axis=1).max())
+
+    def factorise(self, u, t, tangent=Tangent.EXACT):
+        K, unknowns = self.matrix(u, t)
+        if tangent is not Tangent.EXACT:
+            values, vectors = np.linalg.eigh(K.toarray())
+            K.data[:] = (vectors @ np.diag(np.maximum(values, 0.1)) @ vectors.T).ravel()
+        factors = SuperLU().analyse(unknowns).factorise(K, Kind.SYMMETRIC)
+        self.factorised.append(tangent)
+        if tangent is Tangent.EXACT:
+            self.exact = factors
+        return factors
+
+    def solve(self, factors, b, rtol):
+        return factors.solve(b, rtol)
+
+    def take_over(self, u, t):
+        return False
+
+    def negative_pivots(self):
+        return None if self.exact is None else self.exact.negative_pivots
+
+    def energy_along(self, u, v, t):
+        s = np.arange(5.0)
+        x, y = self.unknowns_of(u), self.unknowns_of(v)
+        values = [0.5 * z @ self.A @ z + 0.25 * (self.c * z**4).sum() - t * self.b @ z for z in (x + one * y for one in s)]
+        c = np.polynomial.Polynomial.fit(s, values, 4).convert().coef
+        return np.append(c, np.zeros(5 - len(c)))
+
+    def step_limit(self, u, v):
+        return np.inf
+
+    def on_this_side(self, u, found):
+        return True
+
+    def inside_out(self, u):
+        return ()
+
+    def named(self, inside_out):
+        return ", ".join(inside_out)
+
+
+def solved(problem, x=None, t=1.0, **options):
+    u, end, record = newton(problem, problem.state(np.zeros(N) if x is None else x), t, NewtonOptions(RTOL, **options))
+    return problem.unknowns_of(u), end, record
+
+
+@pytest.mark.parametrize("full_first", [True, False], ids=["full steps first", "line search"])
+def test_newton_finds_the_minimum_quadratically_with_the_exact_tangent(full_first):
+    problem = Wells()
+    x, end, record = solved(problem, full_first=full_first)
+    assert end.converged and np.abs(problem.gradient(x, 1.0)).max() < 1e-9
+    truth = minimize(lambda x: 0.5 * x @ problem.A @ x + 0.25 * (problem.c * x**4).sum() - problem.b @ x, np.zeros(N)).x
+    np.testing.assert_allclose(x, truth, atol=1e-5)
+    assert set(record.tangents) == {"exact"} and record.negative_pivots == 0
+    assert record.residuals[-1] < 30 * record.residuals[-2] ** 2 or record.residuals[-1] < 1e-14
+
+
+def test_from_an_indefinite_state_the_search_goes_down_and_ends_in_a_well():
+    problem = Wells(spring=0.3, well=-2.0)
+    start = 0.05 * np.cos(np.arange(N))
+    assert np.linalg.eigvalsh(problem.hessian(start))[0] < 0
+    x, end, record = solved(problem, start, t=0.1, full_first=False)
+    assert end.converged and "clamped" in record.tangents and np.linalg.eigvalsh(problem.hessian(x))[0] > 0
+
+
+def test_without_a_potential_the_slope_along_the_line_is_what_counts():
+    found = []
+    for quartic in (True, False):
+        problem = Wells(spring=0.3, well=-2.0)
+        problem.quartic = quartic
+        if not quartic:
+            problem.energy_along = None
+        x, end, _ = solved(problem, 1.5 * np.ones(N), t=0.1, full_first=False)
+        assert end.converged
+        found.append(x)
+    np.testing.assert_allclose(*found, atol=1e-7)
+
+
+def test_a_state_with_ghosts_is_measured_by_its_problem():
+    """Counted twice, ghosts would make another slope: the fault is planted, and the search notices that energy and slope disagree."""
+    problem, counted = Wells(), Wells()
+    counted.slope = lambda residual, v: float(counted.state(residual.vector) @ v)
+    u, v = problem.state(np.zeros(N)), problem.state(np.ones(N))
+    residual = problem.residual(u, 1.0)
+    assert problem.slope(residual, v) == pytest.approx(problem.energy_along(u, v, 1.0)[1], abs=1e-9)
+    assert abs(counted.slope(residual, v) - problem.slope(residual, v)) > 0.1
+    assert problem.dot(u + v, v) == N and problem.norm(v) == np.sqrt(N)
+
+
+def faulty(**changes):
+    problem = Wells()
+    for name, value in changes.items():
+        setattr(problem, name, value)
+    return problem
+
+
+FAULTS = {
+    "a direction of the wrong sign is none of descent": (
+        lambda: faulty(direction=lambda x: -Wells().state(x)),
+        {},
+        End.NO_DESCENT,
+    ),
+    "numbers overflow": (lambda: faulty(direction=lambda x: np.full(N + GHOSTS, -1e60) * np.sign(x[0])), {}, None),
+    "a step of a tenth is all that is left": (
+        lambda: faulty(step_limit=lambda u, v: 1e-4, named=lambda found: "this one"),
+        {"full_first": False},
+        End.INSIDE_OUT,
+    ),
+    "the state that is found is inside out": (
+        lambda: faulty(inside_out=lambda u: ["corner"] * int(np.abs(u).max() > 0.1)),
+        {},
+        End.INSIDE_OUT,
+    ),
+    "a tangent that is a hundred times too stiff": (lambda: faulty(hessian=lambda x: 100 * Wells().hessian(x)), {}, None),
+}
+
+
+@pytest.mark.parametrize("fault", FAULTS)
+def test_a_planted_fault_ends_in_words_and_not_in_a_state(fault):
+    make, options, expected = FAULTS[fault]
+    x, end, record = solved(make(), **options)
+    if expected is None:
+        assert not end.converged or np.abs(Wells().gradient(x, 1.0)).max() < 1e-8, "what is called converged is a solution"
+    else:
+        assert end is expected and (record.detail or end is not End.INSIDE_OUT)
+
+
+def test_what_is_allowed_to_be_inside_out_may_be():
+    tangled = faulty(inside_out=lambda u: ["corner"])
+    assert solved(tangled)[1] is End.INSIDE_OUT
+    assert solved(tangled, most_inside_out=1)[1].converged
+
+
+def test_full_steps_that_arrive_on_the_other_side_are_taken_back():
+    problem = faulty(on_this_side=lambda u, found: False)
+    _, end, record = solved(problem)
+    assert end.converged and 0 < record.restarted < len(record)
+
+
+@pytest.mark.parametrize("well", [0.5, -0.5, -2.0])
+def test_eigenvalues_of_the_tangent_are_those_of_the_matrix(well):
+    problem = Wells(well=well)
+    u = problem.state(0.3 * np.sin(np.arange(N)))
+    values, vectors = np.linalg.eigh(problem.hessian(problem.unknowns_of(u)))
+    nearest = np.argmin(np.abs(values))
+    mode, lowest = nearest_mode(problem, u, 0.0), lowest_mode(problem, u, 0.0)
+    assert mode.value == pytest.approx(values[nearest], rel=1e-5)
+    assert abs(problem.unknowns_of(mode.vector) @ vectors[:, nearest]) == pytest.approx(1, abs=1e-4)
+    assert lowest.value == pytest.approx(values[0], rel=1e-4)
+    verdict = judged(problem, u, 0.0)
+    assert verdict.stable is bool(values[0] > 0) and verdict.negative == (values < 0).sum()
+
+
+def test_the_house_of_nonlinear_solves_names_no_mesh_and_no_free_degrees_of_freedom():
+    folder = Path(skfem_stvk.__file__).parent / "nonlinear"
+    for file in folder.glob("*.py"):
+        tree = ast.parse(file.read_text())
+        named = {node.attr for node in ast.walk(tree) if isinstance(node, ast.Attribute)}
+        modules = {node.module or "" for node in ast.walk(tree) if isinstance(node, ast.ImportFrom)}
+        assert not named & {"free", "free_dofs", "system", "mesh", "supports", "fixed", "held", "ndofs"}, file.name
+        assert not {"mesh", "system", "edges", "kernels"} & {part for module in modules for part in module.split(".")}, file.name
