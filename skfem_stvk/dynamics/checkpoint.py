@@ -156,8 +156,7 @@ class MotionCheckpoint(Checkpoint[MotionHeader]):
             folder = str(place.with_suffix("") if self._is_file else place)
             warn(
                 f"{named} = {str(place)!r} is taken until 1.0. Name a folder: "
-                f"checkpoint={folder!r}{', resume=True' * (named == 'resume')}; "
-                f"what it holds is {NAME}."
+                f"checkpoint={folder!r}{', resume=True' * (named == 'resume')}; what it holds is {NAME}."
             )
 
     def writable(self) -> Path:

@@ -170,8 +170,8 @@ class Jumps:
         vertices = np.unique(self._motion.free.fixed[fast[jumping]] // self._motion.system.mesh.d)
         warn(
             f"t = {t:.6g} s: the supports of {name_ids(vertices, 'vertex')} jump by up to {sizes.max():.3g} m. What energy that "
-            "puts in depends on dt: "
-            f"let them get there by a ramp, over {STEPS} steps or more. To begin elsewhere, hand in u0=solve_static(...).u."
+            f"puts in depends on dt: let them get there by a ramp, over {STEPS} steps or more. To begin elsewhere, hand in "
+            "u0=solve_static(...).u."
         )
 
     def _first_jump(

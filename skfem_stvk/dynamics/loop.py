@@ -193,8 +193,8 @@ class Loop:
         if status is Status.NOT_CONVERGED:
             return (
                 f"the step from t = {t:.6g} s did not converge, not even in 64 parts: {detail}.{there} Try a smaller dt or "
-                "another tangent"
-                f"{'' if self._inversions.resisted else ', or VolumePenalty() among the terms if elements turn inside out'}."
+                "another "
+                f"tangent{'' if self._inversions.resisted else ', or VolumePenalty() among the terms if elements turn inside out'}."
             )
         if isinstance(cause, WriteError):
             return f"interrupted at t = {t:.6g} s: {cause}{detail}"

@@ -118,8 +118,7 @@ def resumed_integrator(kept: IntegratorRecord, file: Path) -> Integrator:
         solver = ", ".join(f"{name}={value!r}" for name, value in kept.objects.items())
         raise StvkError(
             f"{file} is a motion with {kept.name}({solver}, ...), whose solver was an object: its options are not in the file. "
-            "Give the same "
-            "integrator again."
+            "Give the same integrator again."
         )
     options: dict[str, Any] = dict(kept.options)
     solvers = ["auto", *(one.name for one in SOLVERS)]

@@ -94,8 +94,7 @@ class Outputs:
         if then.save is not None and not save.exists():
             warn(
                 f"{save} is not there, and begins at t = {t:g} s: the states before are in the series that was {then.save!r} when "
-                "the "
-                "checkpoint was written."
+                "the checkpoint was written."
             )
         last = float(record.ledger["time"][record.steps - record.steps % every])
         series = stack.enter_context(Series(save, resume=True, until=last, problem=problem))
@@ -182,8 +181,7 @@ def _beside(then: MotionHeader, place: Path) -> Path | None:
     if not save.is_file() or save.suffix.lower() != ".pvd":
         raise StvkError(
             f"The checkpoint {place} is of a run that saved the series {then.save!r}: that is the checkpoint's path, and "
-            f"{save.name} is not beside it "
-            f"in {save.parent}. Say where it is now, or where the states from t = {then.now.t:g} s on shall go: save=...; or move "
-            "it there."
+            f"{save.name} is not beside it in {save.parent}. Say where it is now, or where the states from t = {then.now.t:g} s "
+            "on shall go: save=...; or move it there."
         )
     return save

@@ -177,13 +177,8 @@ def _resumed(system: SystemLike, options: Options, stack: ExitStack, file: Path)
     motion = Motion(system, method.mass if options.mass is None else options.mass, damping)
     start = {name: header.problem.numbers.get(name, []) for name in ("t0", "u0", "v0")} | options.start(system)
     problem = Fingerprint("motion", system, described(motion, integrator), header.problem.moments, start)
-    differences = problem.differences(header.problem)
-    if differences:
-        raise StvkError(
-            f"{file} is of another problem: {differences}. Give the same again, or leave it out, to resume it. To start anew: "
-            "overwrite=True, "
-            "without resume."
-        )
+    again = "Give the same again, or leave it out, to resume it. To start anew: overwrite=True, without resume."
+    problem.refuse_other(header.problem, file, again)
     try:
         places = refuse_inconsistent(saved, motion, integrator)
     except (ValueError, KeyError) as error:
@@ -211,9 +206,8 @@ def _first_state(motion: Motion, options: Options, dt: float) -> MotionState:
     if len(far):
         raise SupportError(
             f"{name_ids(np.unique(far // system.mesh.d), 'vertex')}: at t0 = {t0:g} s the supports hold them up to "
-            f"{gap.max():.3g} m from where u0 has "
-            "them. In dynamics constants do not ramp: prescribe a function of t that begins at u0, or begin in an equilibrium: "
-            "u0=solve_static(...).u."
+            f"{gap.max():.3g} m from where u0 has them. In dynamics constants do not ramp: prescribe a function of t that begins "
+            "at u0, or begin in an equilibrium: u0=solve_static(...).u."
         )
     state.u[fixed] = held
     state.v[fixed] = motion.held_velocities(t0, dt)

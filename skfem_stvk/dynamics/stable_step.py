@@ -51,8 +51,7 @@ class StableStep:
         if not Clock(state.t, dt).resolves(dt):
             raise StvkError(
                 f"t0 = {state.t:g} s is too late for steps of dt = {dt:.4g} s: the numbers for times there are {ulp(state.t):.2g} "
-                "s apart. "
-                "Count the time from 0: leave out t0, and let what is a function of t be one of t0 + t."
+                "s apart. Count the time from 0: leave out t0, and let what is a function of t be one of t0 + t."
             )
         return dt, reviews
 

@@ -70,28 +70,6 @@ def write_archive(path: Path, header: Mapping[str, Any], arrays: Mapping[str, Ar
         np.savez(file, **packed)  # type: ignore[arg-type]
 
 
-def read_header(path: Path, schema: type[Header], known: tuple[str, int], remedy: str) -> Header:
-    """The header, without the arrays; parameters and errors as in `read_archive`."""
-    return _read(path, schema, known, remedy, only_header=True)[0]
-
-
-def read_archive(path: Path, schema: type[Header], known: tuple[str, int], remedy: str) -> tuple[Header, dict[str, Array]]:
-    """Header and arrays.
-
-    Parameters
-    ----------
-    schema : of the header.
-    known : the format and the version that it has to be of.
-    remedy : what to do if it is not, for the message.
-
-    Raises
-    ------
-    NotOurs
-        with the file, what is wrong and the remedy, if it is incomplete, was not written here or says what cannot be.
-    """
-    return _read(path, schema, known, remedy, only_header=False)
-
-
 class Checkpoint(Generic[ProblemHeader]):
     """Archives in a folder, from which a later run goes on. It is used in a `with` block, during which nobody else can write them.
 
@@ -114,7 +92,7 @@ class Checkpoint(Generic[ProblemHeader]):
     known: ClassVar[tuple[str, int]]
     remedy: ClassVar[str]
     schema: type[ProblemHeader]
-    problem: Fingerprint | None = None
+    problem: Fingerprint
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
@@ -143,7 +121,6 @@ class Checkpoint(Generic[ProblemHeader]):
 
     def write_file(self, file: Path, about: Mapping[str, Any], arrays: Mapping[str, Array]) -> None:
         """Replace a file; `about` is what its header has beside the format and the problem. Raises as `write_archive`."""
-        assert self.problem is not None
         header = {"format": self.known[0], "version": self.known[1], **about, "problem": self.problem.signature.model_dump()}
         write_archive(file, header, arrays)
 
@@ -154,20 +131,27 @@ class Checkpoint(Generic[ProblemHeader]):
 
     def refuse_to_replace(self, file: Path) -> None:
         """Refuse to replace a file that is of another problem, or none of ours."""
-        header = read_header(file, self.schema, self.known, "Name another folder, or replace what is there with overwrite=True.")
-        self.refuse_other(file, header, "Name another folder, or replace it with overwrite=True.")
-
-    def refuse_other(self, file: Path, header: ProblemHeader, remedy: str) -> None:
-        """Refuse a file of another problem."""
-        assert self.problem is not None
-        differences = self.problem.differences(header.problem)
-        if differences:
-            raise StvkError(f"{file} is of another problem: {differences}. {remedy}")
+        remedy = "Name another folder, or replace it with overwrite=True."
+        header, _ = read_archive(file, self.schema, self.known, remedy, only_header=True)
+        self.problem.refuse_other(header.problem, file, remedy)
 
 
-def _read(
-    path: Path, schema: type[Header], known: tuple[str, int], remedy: str, only_header: bool
+def read_archive(
+    path: Path, schema: type[Header], known: tuple[str, int], remedy: str, only_header: bool = False
 ) -> tuple[Header, dict[str, Array]]:
+    """Header and arrays; without arrays if `only_header`.
+
+    Parameters
+    ----------
+    schema : of the header.
+    known : the format and the version that it has to be of.
+    remedy : what to do if it is not, for the message.
+
+    Raises
+    ------
+    NotOurs
+        with the file, what is wrong and the remedy, if it is incomplete, was not written here or says what cannot be.
+    """
     try:
         text, digest, arrays = _unpacked(path, only_header)
         header = json.loads(text)
@@ -228,8 +212,7 @@ def _check_known(header: Any, known: tuple[str, int]) -> None:
     if header.get("version") != version:
         raise NotOurs(
             f"is of version {header.get('version')!r} of the format '{kind}'; this release reads version {version}: resume it "
-            "with the release "
-            "that wrote it."
+            "with the release that wrote it."
         )
 
 

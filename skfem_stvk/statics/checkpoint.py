@@ -158,13 +158,12 @@ class PathCheckpoint(Checkpoint[StateHeader]):
             if file.name != _name(number):
                 raise StvkError(
                     f"{self.folder} has {file.name}, but no {_name(number)} before it. Remove {file.name} and those after it, and "
-                    "resume from the "
-                    "one before."
+                    "resume from the one before."
                 )
             header, arrays = self.read_file(file)
-            self.refuse_other(
+            self.problem.refuse_other(
+                header.problem,
                 file,
-                header,
                 "Give the same again to resume it, or name another folder; overwrite=True without resume replaces what is there.",
             )
             try:

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from functools import cached_property
+from pathlib import Path
 from typing import Annotated, Any, Literal, TypeAlias
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, JsonValue, ValidationError
 
 from ..arguments import Array
+from ..errors import StvkError
 from ..terms.load import Moment, Time
 from .protocol import SystemLike
 
@@ -88,6 +90,12 @@ class Fingerprint:
             return "; ".join([*was, f"the loads of now cannot be had at the moments of then ({error})"])
         changed = [name for name in now if not _alike(then.numbers.get(name, []), now[name])]
         return "; ".join([*was, *([f"{', '.join(changed)} changed"] if changed else [])])
+
+    def refuse_other(self, then: Signature, file: Path, remedy: str) -> None:
+        """Refuse a file of another problem."""
+        differences = self.differences(then)
+        if differences:
+            raise StvkError(f"{file} is of another problem: {differences}. {remedy}")
 
     def _numbers(self, moments: Sequence[float]) -> dict[str, list[float]]:
         """What is worked out for these moments, once: a path has a file for each state."""

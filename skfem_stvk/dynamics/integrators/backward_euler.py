@@ -88,8 +88,7 @@ class LinearBackwardEuler(BackwardEuler):
         if motion.tau and not (system.dead and damping_is_of_edges(system)):
             raise StvkError(
                 "LinearBackwardEuler: with EdgeDamping it would damp loads that depend on where the body goes, foundations and "
-                "volume penalties as well. Take Rayleigh(beta=tau), or "
-                "BackwardEuler."
+                "volume penalties as well. Take Rayleigh(beta=tau), or BackwardEuler."
             )
         if rest and motion.tau:
             raise StvkError(

@@ -119,8 +119,7 @@ def check_newmark(beta: float, gamma: float) -> None:
     if not (gamma >= 0.5 and beta >= gamma / 2):
         raise StvkError(
             f"beta = {beta!r}, gamma = {gamma!r}; expected gamma >= 1/2 and beta >= gamma/2, which any step is stable with for "
-            "linear bodies. "
-            "For beta = 0 there is VelocityVerlet."
+            "linear bodies. For beta = 0 there is VelocityVerlet."
         )
 
 
