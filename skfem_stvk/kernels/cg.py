@@ -93,7 +93,7 @@ def _add_values(edges, blocks, v, out):
 
 @inlined
 def _multiply_diagonal(blocks, v, out):
-    """Block by block."""
+    """Multiply by a block diagonal matrix."""
     for i in range(len(v) // 3):
         a = I(3 * i)
         out[a], out[a + I(1)], out[a + I(2)] = _times(blocks, I(9 * i), v[a], v[a + I(1)], v[a + I(2)])
@@ -101,7 +101,7 @@ def _multiply_diagonal(blocks, v, out):
 
 @inlined
 def _multiply(edges, blocks, diagonal, held, v, out):
-    """`A v`, nothing at held components."""
+    """Write `A v`, zero at held components."""
     if len(diagonal) == len(v):
         for i in range(len(v)):
             out[I(i)] = diagonal[I(i)] * v[I(i)]
@@ -217,8 +217,7 @@ def _norm(edges, blocks, inverse, held, omega, s, r):
 
 @kernel
 def residual(edges: Ids, blocks: Reals, diagonal: Reals, held: Ids, places: Ids, b: Reals, state: Reals, work: Reals) -> None:
-    """`r = b - A x` in the place of s, and `|r|`; the next iteration is the first again. `places` (n,) has the entries of b in the
-    vectors.
+    """Write `r = b - A x` in the place of s, and `|r|`; the next iteration is the first again. b has its entries at `places`.
 
     Where x is zero, there is no product.
     """
@@ -262,7 +261,7 @@ def iterate(
     state: Reals,
     work: Reals,
 ) -> tuple[int, int]:
-    """At most so many iterations, until `|r| <= enough` or something else happens: how it ended, and how many there were.
+    """Iterate at most so many times, until `|r| <= enough` or something else happens; how it ended, and how many there were.
 
     Of SSOR `|r|` costs half a product: it is computed when it should be small enough by `r'M^-1 r`, or have come down to `PART`.
     """
@@ -295,8 +294,7 @@ def iterate(
 
 @kernel
 def shifted_diagonal(edges: Ids, blocks: Reals, held: Ids, places: Ids, shift: Reals, diagonal: Reals, out: Reals) -> float:
-    """`shift` (n,) of the unknowns at their `places` in `diagonal` (3 n,); `A_aa = S_a - sum_b A_ab` to `out` (9 n,), zero in held
-    rows and columns.
+    """Set `diagonal` (3 n,) to `shift` at the unknowns' `places`, and `out` (9 n,) to `A_aa = S_a - sum_b A_ab`, held zero.
 
     An empty `shift` is none. Returns a sum that is not finite if any entry is not.
     """
@@ -338,7 +336,7 @@ def fill_edges(
     blocks: Reals,
     diagonal: Reals,
 ) -> None:
-    """A symmetric CSR matrix as `blocks` above the diagonal and `diagonal` blocks (9 n,).
+    """Write a symmetric CSR matrix as `blocks` above the diagonal and `diagonal` blocks (9 n,).
 
     `rows`, `columns` are the structure above the diagonal. Unknown `w` is `component[w]` of block row `block[w]`; those of block
     row `i` are `first[i]` and the next ones.

@@ -1,4 +1,7 @@
-"""How kernels are compiled: by numba, once a machine."""
+"""How kernels are compiled by numba, once per machine, and how their machine code is kept on disk.
+
+Code that is damaged on disk is deleted and compiled anew; what cannot be kept is compiled in every process. Both are said.
+"""
 
 from __future__ import annotations
 
@@ -31,7 +34,7 @@ _said: set[str] = set()
 
 
 class _Announcement(Listener):
-    """Says once a process why a first call takes long."""
+    """A message, once per process, why a first call takes long."""
 
     kept = "for their first use; they are kept on disk"
 
@@ -68,7 +71,7 @@ def kernel(function: Function, **more: Any) -> Function:
 
 
 def inlined(function: Function) -> Function:
-    """A piece of a kernel's innermost loop: a loop with a call in it is not vectorised."""
+    """Compile a piece of a kernel's innermost loop: a loop with a call in it is not vectorised."""
     return kernel(function, forceinline=True)
 
 
@@ -80,9 +83,7 @@ class AlteredCode(Exception):
 
 
 class CheckedFile(IndexDataCacheFile):
-    """Numba's files of one function, each with its digest at the end: machine code that was altered on disk would crash the
-    process.
-    """
+    """Numba's files of one function, each with its digest at the end: altered machine code would crash the process."""
 
     def _dump(self, value: Any) -> bytes:
         data: bytes = super()._dump(value)
@@ -137,7 +138,7 @@ def keep_with_care(dispatcher: Any) -> None:
 
 
 def _say(kind: str, text: str) -> None:
-    """Once a process, as there may be a hundred such files."""
+    """Print a message of a kind once per process, as there may be a hundred such files."""
     if kind not in _said:
         _said.add(kind)
         Console(stderr=True, highlight=False).print(f"skfem_stvk: {text}.", style="dim", markup=False, soft_wrap=True)

@@ -35,9 +35,7 @@ def _norm(a):
 
 @kernel
 def measures(p: Reals, t: Ids) -> Reals:
-    """(3, nt) `k!` times the volume, the longest edge, and the `(k - 1)!`-fold measure of the largest facet (its longest edge,
-    1).
-    """
+    """`k!` times the volume, the longest edge, and `(k - 1)!` times the largest facet (of a segment 1), as (3, nt)."""
     k, nt = len(t) - 1, t.shape[1]
     out = np.empty((3, nt))
     for e in range(nt):
@@ -61,9 +59,7 @@ def measures(p: Reals, t: Ids) -> Reals:
 
 @kernel
 def scaled_gram(p: Reals, t: Ids, mu: Reals) -> Reals:
-    """(6, nt) `sqrt(V mu) g_i . g_j` of the gradients of vertices 1, 2, 3 in the order 11, 22, 33, 12, 13, 23, zero where there
-    is none.
-    """
+    """`sqrt(V mu) g_i . g_j` (6, nt) of the gradients of vertices 1, 2, 3 in the order 11, 22, 33, 12, 13, 23, else zero."""
     k, nt = len(t) - 1, t.shape[1]
     out = np.zeros((6, nt))
     for e in range(nt):

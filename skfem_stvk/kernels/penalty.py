@@ -72,9 +72,7 @@ def _put(a, out, at):
 
 @kernel
 def _gather_spokes(t, block, X, u, k, P, U):
-    """Spokes of a block at rest and their displacements, differences taken in double; constant spokes where simplices have less
-    than three.
-    """
+    """Spokes of a block at rest and their displacements, differences taken in double; missing spokes are constant."""
     first = I(block * 4 * LANES)
     for lane in range(LANES):
         at = first + I(lane)
@@ -236,9 +234,7 @@ def penalty_linearize(
     f: Reals,
     blocks: Reals,
 ) -> tuple[float, float]:
-    """As `penalty_energy_and_force`; adds `K_ab` of the edges, `psi'` times `kept` in it, to their slots in `blocks` as
-    `simplices.linearize` does.
-    """
+    """As in `penalty_energy_and_force`; adds `K_ab`, `psi'` times `kept` in it, to the edges' slots in `blocks`."""
     P, U, forces = np.empty(9 * LANES, D.dtype), np.empty(9 * LANES, D.dtype), np.empty(9 * LANES, D.dtype)
     e, J = np.empty(LANES, D.dtype), np.empty(LANES, D.dtype)
     psi, slope, curvature = np.empty(LANES, D.dtype), np.empty(LANES, D.dtype), np.empty(LANES, D.dtype)
@@ -281,7 +277,7 @@ def penalty_linearize(
 
 @inlined
 def _permanent(a, b):
-    """The cross product with plus for minus."""
+    """The cross product with plus in place of minus."""
     return a[1] * b[2] + a[2] * b[1], a[2] * b[0] + a[0] * b[2], a[0] * b[1] + a[1] * b[0]
 
 
@@ -320,8 +316,9 @@ def _scatter_sizes(slots, block, forces, f):
 
 @kernel
 def penalty_round_off(begin: int, end: int, t: Ids, slots: Ids, D: Reals, X: Reals, u: Reals, k: int, kind: int, f: Reals) -> float:
-    """Add to the slots `f` the forces of absolute values: `|V0/C0| (psi'' |e| + |psi'|) |n_i|`, with `|u_i| + |u_0|` for the `U` of
-    `|e|`.
+    """Add the forces of absolute values to the slots `f`: `|V0/C0| (psi'' |e| + |psi'|) |n_i|`.
+
+    The `U` of `|e|` have `|u_i| + |u_0|`.
 
     The smallest `J` as of `penalty_energy_and_force`.
     """

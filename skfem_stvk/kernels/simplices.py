@@ -250,7 +250,7 @@ def _put_block(a, x, b, y, g, B, S, out, at):
 
 @inlined
 def _put_isotropic_blocks(g, S, p1, p2, p3, out, lane):
-    """Edges 01, 12, 02, 03, 13, 23."""
+    """Write the blocks of the edges 01, 12, 02, 03, 13, 23."""
     g11, g22, g33, g12, g13, g23, r = g
     y1, y2, y3 = (
         _combination(g11, p1, g12, p2, g13, p3),
@@ -369,8 +369,7 @@ def linearize(
     f: Reals,
     blocks: Reals,
 ) -> float:
-    """The energy; adds the forces to the slots `f`, unless that is empty, and `K_ab` of the edges, `S` times `kept` in it, to their
-    slots in `blocks`.
+    """The energy; adds forces to the slots `f`, unless that is empty, and `K_ab`, `S` times `kept` in it, to slots in `blocks`.
 
     `marks[i]` to `marks[i + 1]` are the edges that block `i` is the first to have: they are set to zero just before. To do so for
     all edges beforehand takes 1.5 x the time on 250 000 tetrahedra.
@@ -518,9 +517,7 @@ def mean_force(
 
 @kernel
 def damping_force(begin: int, end: int, t: Ids, slots: Ids, D: Reals, X: Reals, u: Reals, v: Reals, f: Reals) -> float:
-    """Add to the slots `f` what the rates of the tensions at velocities `v` pull along the edges at `u`; `R` of the blocks
-    `begin` to `end`.
-    """
+    """Add the pull of the tensions' rates at velocities `v` along the edges at `u` to the slots `f`; `R` of the blocks."""
     P, U, V, forces = (
         np.empty(9 * LANES, D.dtype),
         np.empty(9 * LANES, D.dtype),
@@ -564,7 +561,7 @@ def _gather_sizes(t, block, X, u, P, B, p):
 
 @kernel
 def _absolute(D, block):
-    """Absolute values of the stiffness of a block, as of a first block."""
+    """Absolute values of the stiffness of a block."""
     if D.ndim == 1:
         return np.abs(D[block * 7 * LANES : (block + 1) * 7 * LANES])
     else:

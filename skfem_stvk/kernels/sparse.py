@@ -99,9 +99,7 @@ def product(begin: int, end: int, rows: Ids, columns: Ids, blocks: Reals, x: Rea
 def sweep_forward(
     begin: int, end: int, rows: Ids, columns: Ids, diagonal: Ids, blocks: Reals, inverse: Reals, b: Reals, x: Reals
 ) -> None:
-    """Gauss-Seidel from `x = 0`, rows ascending: `x_i = D_i^-1 (b_i - sum_{begin <= j < i} A_ij x_j)`; `inverse` (9 n,) has
-    `D_i^-1`.
-    """
+    """Gauss-Seidel from `x = 0`, rows ascending: `x_i = D_i^-1 (b_i - sum_{begin <= j < i} A_ij x_j)`; `inverse` has `D_i^-1`."""
     for i in range(begin, end):
         inner = rows[I(i)]
         while columns[I(inner)] < begin:
@@ -152,9 +150,7 @@ def sweep_backward(
 
 @kernel
 def outside(begin: int, end: int, rows: Ids, columns: Ids, blocks: Reals, extra: Reals) -> None:
-    """Half the sum of the norms of the blocks of a row outside of the part: with it on the diagonal Gauss-Seidel in parts
-    converges.
-    """
+    """Half the sum of norms of a row's blocks outside of the part, which on the diagonal makes Gauss-Seidel in parts converge."""
     for i in range(begin, end):
         total = 0.0
         for j in range(rows[I(i)], rows[I(i + 1)]):
@@ -249,9 +245,7 @@ def smooth_prolongator(
     tentative: Reals,
     out: Reals,
 ) -> None:
-    """`T - omega D^-1 (A T)` in the structure of `A T`; row `i` of T has `count` blocks, from the place `own[i]` of that
-    structure on.
-    """
+    """Write `T - omega D^-1 (A T)` in the structure of `A T`; row `i` of T has `count` blocks from its place `own[i]` on."""
     for i in range(begin, end):
         at = I(9) * I(i)
         for k in range(rows[I(i)], rows[I(i + 1)]):
@@ -277,8 +271,7 @@ def transpose_blocks(begin: int, end: int, places: Ids, blocks: Reals, out: Real
 
 @kernel
 def orthonormalise(begin: int, end: int, starts: Ids, members: Ids, count: int, modes: Reals, coarse: Reals) -> None:
-    """Modes `B = Q R` aggregate by aggregate: Q in place of `modes`, R to `coarse`; a mode that depends on those before becomes
-    zero.
+    """Factorise modes `B = Q R` by aggregate: Q in place of `modes`, R to `coarse`; a dependent mode becomes zero.
 
     Aggregate `a` is the block rows `members[starts[a]]` ... of `starts[a + 1]`; `modes` has `count` blocks a row, `coarse`
     `count^2` an aggregate.
@@ -318,9 +311,7 @@ def orthonormalise(begin: int, end: int, starts: Ids, members: Ids, count: int, 
 
 @kernel
 def invert_dense(a: Reals) -> bool:
-    """The inverse of a symmetric matrix (n, n) in its place, by Gauss and Jordan; False, and nothing of use, unless it is
-    positive definite.
-    """
+    """Invert a symmetric matrix (n, n) in place, by Gauss and Jordan; False, and rubbish, unless it is positive definite."""
     n, least = len(a), 0.0
     for k in range(n):
         least = max(least, 1e-14 * a[k, k])
@@ -342,7 +333,7 @@ def invert_dense(a: Reals) -> bool:
 
 @kernel
 def dot(begin: int, end: int, x: Reals, y: Reals) -> float:
-    """The part of `x'y`."""
+    """The part's share of `x'y`."""
     total = 0.0
     for i in range(begin, end):
         total += x[I(i)] * y[I(i)]
@@ -351,7 +342,7 @@ def dot(begin: int, end: int, x: Reals, y: Reals) -> float:
 
 @kernel
 def step(begin: int, end: int, alpha: float, p: Reals, q: Reals, x: Reals, r: Reals) -> float:
-    """`x += alpha p`, `r -= alpha q`; the part of `r'r`."""
+    """`x += alpha p`, `r -= alpha q`; the part's share of `r'r`."""
     total = 0.0
     for i in range(begin, end):
         x[I(i)] += alpha * p[I(i)]

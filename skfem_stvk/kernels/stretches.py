@@ -58,9 +58,7 @@ def _strain(q1, h1, q2, h2):
 
 @kernel
 def _gather(t, block, X, u, P, U):
-    """Spokes of a block at rest and their displacements: stored apart, for the compiler may turn `(X_b - X_a) + (u_b - u_a)`
-    round.
-    """
+    """Spokes of a block at rest and their displacements, stored apart: `(X_b - X_a) + (u_b - u_a)` might be regrouped."""
     first = I(block * 4 * LANES)
     for lane in range(LANES):
         at = first + I(lane)
@@ -112,7 +110,7 @@ def _of_tetrahedron(P1, P2, P3, U1, U2, U3):
 
 @inlined
 def _smallest_eigenvalue(a, b, c, d, e, f):
-    """Of the matrix with the diagonal `a, b, c` that adds up to zero, and `d, e, f` at 12, 13, 23."""
+    """The smallest eigenvalue of a traceless matrix with the diagonal `a, b, c`, and `d, e, f` at 12, 13, 23."""
     p = np.sqrt((a * a + b * b + c * c + 2 * (d * d + e * e + f * f)) / 6)
     scale = 1 / (p + 1e-150)  # where there is no deviator, B = 0
     a, b, c, d, e, f = a * scale, b * scale, c * scale, d * scale, e * scale, f * scale

@@ -26,7 +26,7 @@ SMALLEST_PART = 4096
 
 
 def threads() -> int:
-    """How many threads kernels run on: what `numba.set_num_threads` says in this Python thread, by default one a core."""
+    """The number of threads that kernels run on: what `numba.set_num_threads` says in this Python thread, else one per core."""
     try:
         count: int = numba.get_num_threads()
     except ValueError:  # numba misses the library that NUMBA_THREADING_LAYER asks for, which is not needed here
@@ -35,7 +35,7 @@ def threads() -> int:
 
 
 class Turn:
-    """A lock: arrays that calls work in are for one Python thread at a time. A copy, or one in another process, has its own."""
+    """A lock for arrays that calls work in, one Python thread at a time. A copy, or one in another process, has its own."""
 
     def __init__(self) -> None:
         self._lock = RLock()

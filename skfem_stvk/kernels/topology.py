@@ -62,9 +62,7 @@ def edges_of_simplices(t: Ids, local: Ids, n: int) -> tuple[Ids, Ids]:
 
 @kernel
 def numbers_by_first_use(blocks: Ids, count: int) -> tuple[Ids, Ids]:
-    """(count,) new numbers of the ids in `blocks` (n, m), in the order of their first use, and (n + 1,) how many blocks 0 ... i -
-    1 use.
-    """
+    """New numbers (count,) of the ids in `blocks` (n, m) by first use, and how many (n + 1,) blocks 0 ... i - 1 use."""
     number, marks = np.full(count, -1, np.int32), np.zeros(len(blocks) + 1, np.int64)
     used = 0
     for block in range(len(blocks)):
@@ -78,8 +76,7 @@ def numbers_by_first_use(blocks: Ids, count: int) -> tuple[Ids, Ids]:
 
 @kernel
 def stars(edges: Ids, n: int) -> tuple[Ids, Ids, Ids]:
-    """The star of each vertex in compressed rows: `begin` (n + 1,), `others` neighbours and the vertex itself, ascending, `entries`
-    edges.
+    """The star of each vertex in compressed rows: `begin` (n + 1,), `others` (neighbours and itself, ascending), `entries` edges.
 
     `edges` (2, ne) are `a < b` in lexicographic order: then a vertex meets its lower neighbours in ascending order, after them
     itself and its upper ones. An entry is the place of the edge to an upper neighbour, -1 - place to a lower one, OWN for the
@@ -146,8 +143,8 @@ def first_places(begin: Ids, columns: Ids, d: int, a: Ids, b: Ids) -> Ids:
     return places
 
 
-# Pieces by the kernel take 70 to 370 ns per simplex; by scipy's connected_components on the graph of simplices and their facets, which is
-# sorted for it, 1700 to 2800 ns: forty assemblies of K, before each solve of a body that may be a mechanism.
+# Pieces take 70 to 370 ns per simplex here; scipy's connected_components, on the graph of simplices and facets that it needs, takes
+# 1700 to 2800 ns: as long as forty assemblies of K, before each solve.
 @inlined
 def _root(above, e):
     """The first simplex of the piece that `e` is known to belong to."""
@@ -165,8 +162,7 @@ def _join(above, e, f):
 
 @kernel
 def pieces_of_simplices(t: Ids, n: int) -> Ids:
-    """(nt,) number of the piece of each of the triangles or tetrahedra `t` (k + 1, nt), in the order of the pieces' first
-    simplices.
+    """The number (nt,) of the piece of each triangle or tetrahedron `t` (k + 1, nt), in the order of first simplices.
 
     Simplices that share a facet are of one piece. `n` is larger than every vertex.
 

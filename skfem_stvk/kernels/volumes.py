@@ -41,9 +41,7 @@ def _dot(a, b):
 
 @kernel
 def _gather(t, block, X, u, P, U):
-    """Spokes of a block at rest and their displacements: stored apart, for the compiler may turn `(X_b - X_a) + (u_b - u_a)`
-    round.
-    """
+    """Spokes of a block at rest and their displacements, stored apart: `(X_b - X_a) + (u_b - u_a)` might be regrouped."""
     first = I(block * 4 * LANES)
     for lane in range(LANES):
         at = first + I(lane)
@@ -120,9 +118,7 @@ def _value(c0, c1, c2, c3, s):
 
 @kernel
 def _crossing(c0, c1, c2, c3, a, b):
-    """The zero of a cubic that falls from above zero at `a` to zero or below at `b`: Newton's method, within what bisection
-    leaves.
-    """
+    """The zero of a cubic that falls from above zero at `a` to zero or below at `b`, by Newton's method within a bisection."""
     s = (a + b) / 2
     for _ in range(200):
         value, slope = _value(c0, c1, c2, c3, s), c1 + s * (2 * c2 + 3 * s * c3)
@@ -206,8 +202,7 @@ def _limit(p1, p2, p3, V1, V2, V3, B1, B2, B3, sign, end):
 
 @kernel
 def step_limit(begin: int, end: int, t: Ids, X: Reals, u: Reals, v: Reals, k: int) -> float:
-    """The smallest `s > 0` at which a simplex of the blocks `begin` to `end` with `J > 0` at `u` has `J = 0` at `u + s v`; or
-    infinity.
+    """The smallest `s > 0` at which a simplex of the blocks with `J > 0` at `u` has `J = 0` at `u + s v`; or infinity.
 
     No zero is looked for where `C(s) >= c0 - |c1| s - |c2| s^2 - |c3| s^3 > 0` up to the smallest `s` so far, or where no
     coefficient is negative.

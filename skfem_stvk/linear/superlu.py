@@ -70,8 +70,8 @@ class SuperLUFactors:
 
         Reading it copies L and U.
 
-        Where rows were exchanged, another factorisation takes diagonal pivots only; if one of those is zero, K is indefinite or singular, and
-        1 stands for at least one eigenvalue that is not positive.
+        Where rows were exchanged, another factorisation takes diagonal pivots only; if one of those is zero, K is indefinite or
+        singular, and 1 stands for at least one eigenvalue that is not positive.
         """
         if self._kind == Kind.GENERAL:
             return None

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from functools import cached_property
 from math import factorial
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,32 +19,44 @@ from ..kernels.topology import lexicographic_order
 Ids = NDArray[np.int32]
 
 
-class MeshArrays(Protocol):
-    """Simplices of dimension `k` in a space of dimension `d`, as bare arrays."""
+class MeshArrays:
+    """Simplices of dimension `k` in a space of dimension `d`, as bare arrays.
 
-    @property
-    def p(self) -> NDArray[np.float64]:
-        """(d, nv) coordinates of the vertices [m]."""
+    Attributes
+    ----------
+    p : (d, nv) coordinates of the vertices [m].
+    t : (k + 1, nt) vertices of the simplices.
+    """
 
-    @property
-    def t(self) -> Ids:
-        """(k + 1, nt) vertices of the simplices."""
+    p: NDArray[np.float64]
+    t: Ids
 
     @property
     def k(self) -> int:
         """Dimension of the simplices."""
+        return self.t.shape[0] - 1
 
     @property
     def d(self) -> int:
         """Dimension of the space."""
+        return self.p.shape[0]
 
     @property
     def nv(self) -> int:
         """Number of vertices."""
+        return self.p.shape[1]
 
     @property
     def nt(self) -> int:
         """Number of simplices."""
+        return self.t.shape[1]
+
+    @cached_property
+    def surface(self) -> Ids:
+        """(k, n) vertices of the boundary facets, turned outwards (`facets.boundary_facets`); found when first asked for."""
+        facets = boundary_facets(self)
+        facets.flags.writeable = False
+        return facets
 
 
 def facets_of(t: Ids, nv: int) -> tuple[Ids, Ids]:

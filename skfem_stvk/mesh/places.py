@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from typing import Any, Protocol, TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -22,24 +22,12 @@ Where: TypeAlias = str | ArrayLike | Callable[[NDArray[np.float64]], ArrayLike] 
 SAME_PLACE = 1e-6
 
 
-class Marked(MeshArrays, Protocol):
-    """Simplices with a boundary, and with names for some of their facets, vertices and elements."""
+class Marked(MeshArrays):
+    """Simplices with names for some of their facets (k, n), vertices and elements."""
 
-    @property
-    def surface(self) -> NDArray[np.int32]:
-        """(k, n) vertices of the boundary facets."""
-
-    @property
-    def boundaries(self) -> Mapping[str, NDArray[np.int32]]:
-        """Facets (k, n) by name."""
-
-    @property
-    def node_sets(self) -> Mapping[str, NDArray[np.int32]]:
-        """Vertex ids by name."""
-
-    @property
-    def subdomains(self) -> Mapping[str, NDArray[np.int32]]:
-        """Element ids by name."""
+    boundaries: Mapping[str, NDArray[np.int32]]
+    node_sets: Mapping[str, NDArray[np.int32]]
+    subdomains: Mapping[str, NDArray[np.int32]]
 
 
 def vertices_at(mesh: Marked, where: Where, what: str = "The place") -> NDArray[np.int64]:

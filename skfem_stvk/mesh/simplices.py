@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from functools import cached_property
 from typing import Any, TypeAlias
 
 import meshio
@@ -17,9 +16,9 @@ from skfem.mesh.mesh_dg import MeshDG
 from ..arguments import frozen, real_array, shown, whole_array
 from ..errors import MeshError, RegionError, name_ids, name_known, warn
 from .content import Content, content_in_memory
-from .facets import NamedFacets, boundary_facets
+from .facets import NamedFacets
 from .groups import KINDS
-from .places import facets_at
+from .places import Marked, facets_at
 
 #: What `System` and `verify` take for a mesh: a scikit-fem mesh of segments, triangles or tetrahedra, arrays
 #: `(p, t)`, a `meshio.Mesh`, or a `SimplexMesh`.
@@ -29,7 +28,7 @@ LARGEST_INDEX = np.iinfo(np.int32).max
 
 
 @dataclass(frozen=True, eq=False)
-class SimplexMesh:
+class SimplexMesh(Marked):
     """Simplices of dimension `k` in a space of dimension `d >= k`.
 
     Parameters
@@ -132,36 +131,9 @@ class SimplexMesh:
             raise MeshError(f"{name}: {error}") from error
 
     @property
-    def k(self) -> int:
-        """Dimension of the simplices."""
-        return self.t.shape[0] - 1
-
-    @property
-    def d(self) -> int:
-        """Dimension of the space."""
-        return self.p.shape[0]
-
-    @property
-    def nv(self) -> int:
-        """Number of vertices."""
-        return self.p.shape[1]
-
-    @property
-    def nt(self) -> int:
-        """Number of simplices."""
-        return self.t.shape[1]
-
-    @property
     def kind(self) -> str:
         """The simplices in words, such as 'tetrahedra in 3D'."""
         return f"{KINDS[self.k]} in {self.d}D"
-
-    @cached_property
-    def surface(self) -> NDArray[np.int32]:
-        """(k, n) vertices of the boundary facets, turned outwards (`facets.boundary_facets`); found when first asked for."""
-        facets = boundary_facets(self)
-        facets.flags.writeable = False
-        return facets
 
     def with_boundaries(self, boundaries: Mapping[str, Any]) -> SimplexMesh:
         """The same mesh with more boundaries, each a place (`mesh.places.Where`) such as a predicate, as in scikit-fem.

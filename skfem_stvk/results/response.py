@@ -119,7 +119,7 @@ class Response:
         self._known: dict[Any, Masked] = {}
 
     def value(self, function: Callable[[Response], Masked]) -> Masked:
-        """The values by element that a function of this response gives, finite everywhere, and which mean nothing; worked out once."""
+        """The values by element that a function of this response gives, finite, and which mean nothing; worked out once."""
         if function not in self._known:
             self._known[function] = function(self)
         return self._known[function]

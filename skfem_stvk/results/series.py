@@ -121,7 +121,7 @@ class Series:
             self._keep(self.steps, [step for step in self.steps if step[0] < t])
 
     def _begin(self, t: float) -> None:
-        """Leave out what an older run wrote, from `t` on or altogether: first in the list, so that it never names a missing file."""
+        """Leave out what an older run wrote, from `t` on or altogether: first in the list, which never names a missing file."""
         kept = [step for step in self._kept() if step[0] < t] if self.resume else []
         self._keep(self._former(), kept)
         self._begun = True

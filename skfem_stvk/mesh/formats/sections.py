@@ -1,5 +1,4 @@
-"""Formats in sections that declare their entries, which meshio reads: Medit's (.mesh, .meshb), and Fluent's .msh files as meshio
-writes them.
+"""Formats in sections that declare their entries, which meshio reads: Medit's, and Fluent's as meshio writes them.
 
 Each function gives the number of nodes and of elements that are declared, if the file holds as many.
 """

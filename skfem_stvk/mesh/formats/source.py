@@ -1,6 +1,4 @@
-"""The content of a mesh file in order, where nothing is taken for granted that the file declares; and types of cells by their
-names.
-"""
+"""The content of a mesh file in order, where nothing is taken for granted that the file declares; types of cells."""
 
 from __future__ import annotations
 

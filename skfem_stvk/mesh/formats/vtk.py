@@ -1,6 +1,4 @@
-"""VTK's legacy files (.vtk), of versions up to 5.1, as text or binary; and the cells of VTK's files, every one of them accounted
-for.
-"""
+"""VTK's legacy files (.vtk) up to version 5.1, as text or binary; and the cells of VTK's files, all accounted for."""
 
 from __future__ import annotations
 

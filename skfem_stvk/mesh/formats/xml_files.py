@@ -146,9 +146,7 @@ class Document:
             raise Damaged(f"its array {name!r} is not complete ({error})") from error
 
     def unpacked(self, data: bytes, coded: bool) -> bytes:
-        """What follows the header: of packed data the number of blocks, their size, that of the last, and the packed sizes of
-        all.
-        """
+        """What follows the header, which for packed data counts the blocks and gives all their sizes."""
         width = self.header.itemsize
         first = int(np.frombuffer(decoded(data, 0, width, coded)[0], self.header)[0])
         if not self.packed:
