@@ -1,4 +1,6 @@
-"""What a new integrator, linear solver, peer, command or hard case takes: a file, such as those in `tests/toys`, and a row of a table."""
+"""What a new integrator, linear solver, peer, command or hard case takes: a file, such as those in `tests/toys`, and a row of a
+table.
+"""
 
 import sys
 

@@ -1,7 +1,7 @@
 """A bracket that carries its weight and a load, while its bore is pushed by 10 mm: a quasi-static solve from end to end.
 
-Loads and supports go by the names of boundaries; here they are given to the mesh first. The path has ten steps to begin with and grows them
-as Newton's method allows.
+Loads and supports go by the names of boundaries; here they are given to the mesh first. The path has ten steps to begin with and
+grows them as Newton's method allows.
 """
 
 from pathlib import Path

@@ -1,7 +1,7 @@
 """A shallow arch that snaps through: its whole path of equilibria, past both limit points, and how it gives way at the first.
 
-Under a growing load the arch would jump from the first limit point to the far branch. Arc length follows the states in between, which no real arch
-shows, and counts the negative eigenvalues of K on the way.
+Under a growing load the arch would jump from the first limit point to the far branch. Arc length follows the states in between,
+which no real arch shows, and counts the negative eigenvalues of K on the way.
 """
 
 from pathlib import Path

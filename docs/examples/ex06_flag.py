@@ -1,7 +1,8 @@
-"""A flag that swings under its weight: Turek and Hron's CSM3 on a coarse mesh, with the integrator that keeps energy and with backward Euler.
+"""A flag that swings under its weight: Turek and Hron's CSM3 on a coarse mesh, with the integrator that keeps energy and with
+backward Euler.
 
-The flag starts at rest, undeformed, and nothing damps it. With energy and momentum its books close to round-off for as long as it swings; backward
-Euler takes energy out at each step, until the flag hangs still.
+The flag starts at rest, undeformed, and nothing damps it. With energy and momentum its books close to round-off for as long as it
+swings; backward Euler takes energy out at each step, until the flag hangs still.
 """
 
 from pathlib import Path

@@ -1,8 +1,8 @@
 """A ring under pressure: a fluid, whose pressure follows the ring as it turns, buckles it at 3/4 of the dead load that does.
 
-A thin ring of radius R turns into an oval at 3 EI/R^3 under a fluid and at 4 EI/R^3 under forces that keep their direction. Beyond that the round
-ring is still in equilibrium, but a solve that ends there is no success. The thickness of this one is R/25,
-not quite thin, and the ratio is 0.78. A quarter of the ring is enough.
+A thin ring of radius R turns into an oval at 3 EI/R^3 under a fluid and at 4 EI/R^3 under forces that keep their direction. Beyond
+that the round ring is still in equilibrium, but a solve that ends there is no success. The thickness of this one is R/25, not quite
+thin, and the ratio is 0.78. A quarter of the ring is enough.
 """
 
 from pathlib import Path
@@ -75,7 +75,6 @@ def picture():
 
 if __name__ == "__main__":
     print(perfect["fluid"])
-    print(
-        f"A fluid buckles the ring at {critical['fluid']:.3f} EI/R^3, a dead load at {critical['dead']:.3f} EI/R^3: ratio {ratio:.4f}."
-    )
+    fluid, dead = (f"{critical[name]:.3f} EI/R^3" for name in ("fluid", "dead"))
+    print(f"A fluid buckles the ring at {fluid}, a dead load at {dead}: ratio {ratio:.4f}.")
     picture().savefig(Path(__file__).with_suffix(".png"), dpi=110)

@@ -1,10 +1,14 @@
-"""Motions once more, in dense numpy from Green's strain on, for whom everything is a formula: nothing of the package is in here but the mesh."""
+"""Motions once more, in dense numpy from Green's strain on, for whom everything is a formula: nothing of the package is in here but
+the mesh.
+"""
 
 import numpy as np
 
 
 class Dense:
-    """A bar of `motions`: F, K, D and M of its displacements, real or complex; derivatives are by complex steps, exact to round-off."""
+    """A bar of `motions`: F, K, D and M of its displacements, real or complex; derivatives are by complex steps, exact to
+    round-off.
+    """
 
     def __init__(self, mesh, young, density, damping=(0.0, 0.0, 0.0), consistent=False):
         self.mesh, self.alpha, self.beta, self.tau = mesh, *damping

@@ -153,7 +153,9 @@ def force(system, alpha=0.0, beta=0.0, tau=0.0):
 @pytest.mark.parametrize("damping", [None, *DAMPINGS])
 @pytest.mark.parametrize("name", ["tetrahedra, held", "triangles, free", "cable, free"])
 def test_instability_is_observed_within_two_percent(name, damping):
-    """2 % above the step a perturbation of 1e-9 grows by six orders; 2 % below it does not. Damping takes the velocity of the step before."""
+    """2 % above the step a perturbation of 1e-9 grows by six orders; 2 % below it does not. Damping takes the velocity of the step
+    before.
+    """
     system, (given, factors) = SYSTEMS[name], DAMPINGS.get(damping, (None, (0, 0, 0)))
     step = critical_step(system, damping=given).step
     assert not grows(system, 0.98 * step, force(system, *factors))
@@ -161,7 +163,9 @@ def test_instability_is_observed_within_two_percent(name, damping):
 
 
 def test_the_largest_frequency_is_found_where_it_moved():
-    """One vertex near its neighbours in a mesh that else does not change: an estimate that only went on from the mode before would miss it."""
+    """One vertex near its neighbours in a mesh that else does not change: an estimate that only went on from the mode before would
+    miss it.
+    """
     mesh = box(6)
     system = System(mesh, StVK(young=2.0, poisson=0.3, density=1.0))
     frequency = LargestFrequency(system)

@@ -37,7 +37,9 @@ def test_energy_does_not_drift_with_rounding():
 
 @pytest.mark.parametrize("solver", ["superlu", "block-jacobi-cg"])
 def test_stiff_bodies_turn_by_a_third_of_a_radian_a_step(solver):
-    """At the middle of such a step a body has shrunk by 1.4 %: with its tensions there in the tangent, or all of it taken at the end, each is cut."""
+    """At the middle of such a step a body has shrunk by 1.4 %: with its tensions there in the tangent, or all of it taken at the
+    end, each is cut.
+    """
     bar = skfem.MeshTet.init_tensor(np.linspace(-0.2, 0.2, 7), np.linspace(-0.05, 0.05, 3), np.linspace(-0.06, 0.06, 3))
     p = bar.p + 0.006 * np.random.default_rng(0).standard_normal(bar.p.shape)
     system = System((p, bar.t), StVK(young=1e9, poisson=0.3, density=1000.0))

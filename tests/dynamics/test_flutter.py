@@ -76,8 +76,9 @@ def critical(load, mesh, low, high):
 
 
 def test_becks_column_flutters_at_eight_times_eulers_load():
-    """Follower force on a cantilever: 20.05 E I/L^2 (Beck 1952) against pi^2/4 of a dead one. Both on the same mesh, whose triangles lock; how
-    thick it is changes the ratio by (thickness/length)^2, which goes in the extrapolation."""
+    """Follower force on a cantilever: 20.05 E I/L^2 (Beck 1952) against pi^2/4 of a dead one. Both on the same mesh, whose
+    triangles lock; how thick it is changes the ratio by (thickness/length)^2, which goes in the extrapolation.
+    """
     ratios = []
     for length, cells in ((20.0, 40), (40.0, 80)):
         mesh = column(cells, length)
@@ -117,7 +118,9 @@ def test_none_of_two_equal_pairs_is_missed_and_equal_modes_do_not_flutter():
 
 
 def test_a_jacobian_that_comes_out_symmetric_is_taken_for_what_it_is():
-    """The head slides along x only: pressure on it has a potential there, and the column buckles. Without the load's part in K it is off by 9 %."""
+    """The head slides along x only: pressure on it has a potential there, and the column buckles. Without the load's part in K it
+    is off by 9 %.
+    """
     by = 2.4 * 20.19
     system = pressed(column(), Pressure, by, head="y")
     u = straight(system)

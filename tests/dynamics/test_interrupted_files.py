@@ -1,4 +1,6 @@
-"""Ctrl-C at lines all over what writes files (a stride of 1 takes each that is run): nothing is lost, and no state is ever missing from a series."""
+"""Ctrl-C at lines all over what writes files (a stride of 1 takes each that is run): nothing is lost, and no state is ever missing
+from a series.
+"""
 
 import gc
 import shutil

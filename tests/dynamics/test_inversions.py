@@ -71,7 +71,8 @@ def test_what_was_inside_out_on_the_way_alone_is_a_success_that_says_so(integrat
     first = len(system.inside_out(u0))
     assert first > 0 and run.ledger["inside_out"][0] == first and run.ledger["inside_out"][-1] == 0
     assert run.status is Status.FINISHED and run.success and not any(one.name == "inside out" for one in run.findings)
-    said = rf"elements were inside out on the way, up to {run.ledger['inside_out'].max():.0f} at once, between t = 0 s and t = 0\.\d+ s"
+    most = f"{run.ledger['inside_out'].max():.0f}"
+    said = rf"elements were inside out on the way, up to {most} at once, between t = 0 s and t = 0\.\d+ s"
     assert re.search(said, run.message)
     more = simulate(system, checkpoint=tmp_path / "run", resume=True, until=1.5, quiet=True)
     assert "inside out on the way" in more.message and more.success

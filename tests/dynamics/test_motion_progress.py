@@ -43,11 +43,13 @@ def test_elsewhere_than_on_a_terminal_a_line_every_few_seconds_and_one_at_the_en
     assert lines == [
         "a body of 8 elements",
         *(
-            f"step {number}/1536   128 steps/s   {left} left   t {0.01 * number:.4g} s   kinetic 2 J   strain 0.5 J   total 2.5 J   "
+            f"step {number}/1536   128 steps/s   {left} left   t {0.01 * number:.4g} s   "
+            "kinetic 2 J   strain 0.5 J   total 2.5 J   "
             "closure error -1.5e-13 J"
             for number, left in ((640, "7 s"), (1280, "2 s"))
         ),
-        "step 1536/1536   128 steps/s   took 12 s   t 15.36 s   kinetic 2 J   strain 0.5 J   total 2.5 J   closure error -1.5e-13 J",
+        "step 1536/1536   128 steps/s   took 12 s   t 15.36 s   "
+        "kinetic 2 J   strain 0.5 J   total 2.5 J   closure error -1.5e-13 J",
     ]
 
 

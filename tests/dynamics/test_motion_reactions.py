@@ -86,7 +86,9 @@ def test_loads_and_reactions_are_the_rate_of_momentum_to_round_off(integrator, m
     ("integrator", "mass", "start"), [(VelocityVerlet(0.01), "lumped", 0.5), (BackwardEuler(0.02, rtol=1e-13), "consistent", 0.0)]
 )
 def test_with_foundations_too_loads_and_reactions_are_the_rate_of_momentum(integrator, mass, start, damping):
-    """The springs of a foundation, and their share of the damping by stiffness, are forces from outside; a clamp shares a vertex with them."""
+    """The springs of a foundation, and their share of the damping by stiffness, are forces from outside; a clamp shares a vertex
+    with them.
+    """
     mesh = MESHES[2]
     bed = ElasticFoundation(lambda x: x[1] < 0.1, (0.5, 0.9))
     system = System(mesh, [material(mesh), bed, Gravity((0.3, -1.0))], fixed=[([0], "xy")])

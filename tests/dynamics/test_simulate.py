@@ -104,7 +104,9 @@ def test_a_step_below_the_critical_one_is_taken_without_a_word_and_none_is_chose
 
 
 def guarded(rows):
-    """Which rows of energies (kinetic, strain, potential, external, dissipated, closure error) count as a blow-up, and the good ones."""
+    """Which rows of energies (kinetic, strain, potential, external, dissipated, closure error) count as a blow-up, and the good
+    ones.
+    """
     names = "time", "kinetic_energy", "strain_energy", "potential_energy", "external_work", "dissipated_work", "closure_error"
     ledger, found, good = Ledger(names), [], []
     record = RunRecord(MotionState.at(0.0, np.zeros(2), np.zeros(2)), Clock(0.0, 0.1), ledger)
@@ -602,7 +604,8 @@ MISTAKES = {
     "nothing acts": (LoadError, "Nothing moves the body: .* Add Gravity", {"v0": None}),
     "a jump": (
         SupportError,
-        r"3 vertices \(0, 1, 2\): at t0 = 0 s the supports hold them up to 0\.1 m from where u0 has.* begins at u0, or begin in an equilibrium",
+        r"3 vertices \(0, 1, 2\): at t0 = 0 s the supports hold them up to 0\.1 m from where u0 has.* begins at u0, "
+        r"or begin in an equilibrium",
         {"system": strip(prescribed={"left": {"x": 0.1}})},
     ),
     "a jump of a function": (SupportError, "at t0 = 0 s", {"system": strip(prescribed={"left": {"x": lambda t: 0.01 + t}})}),

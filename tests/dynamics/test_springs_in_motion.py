@@ -1,4 +1,6 @@
-"""Loads that have a potential and are not dead, in motion: their energy is the ledger's, their stiffness that of tangents, modes and critical steps."""
+"""Loads that have a potential and are not dead, in motion: their energy is the ledger's, their stiffness that of tangents, modes
+and critical steps.
+"""
 
 import numpy as np
 import pytest

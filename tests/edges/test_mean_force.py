@@ -168,7 +168,9 @@ def test_of_one_state_twice_it_is_the_force_there(name):
 @pytest.mark.parametrize("offset", [0.0, 2.0**20])
 @pytest.mark.parametrize("name", ["tetrahedra", "triangles", "membrane", "cable"])
 def test_small_changes_have_all_their_digits(name, offset, of_u, of_v):
-    """Small strains, small changes of large ones, and far from the origin: `zeta(u1) - zeta(u0)`, taken as it stands there, has none left."""
+    """Small strains, small changes of large ones, and far from the origin: `zeta(u1) - zeta(u0)`, taken as it stands there, has
+    none left.
+    """
     mesh = MESHES[name]
     mesh = SimplexMesh(mesh.p + offset, mesh.t)
     u0 = state(mesh, of_u).reshape(-1, mesh.d)

@@ -1,7 +1,7 @@
 """The kernels once more, slow and to be read: twins of the same signatures in plain NumPy.
 
-Tests hold the kernels against them; nothing else calls them. They take another way where there is one: all edges instead of spokes, the
-whole tensor D instead of the numbers that are stored, sums over lists of places instead of loops. What is said of the arrays in
+Tests hold the kernels against them; nothing else calls them. They take another way where there is one: all edges instead of spokes,
+the whole tensor D instead of the numbers that are stored, sums over lists of places instead of loops. What is said of the arrays in
 `skfem_stvk.kernels.simplices` and `skfem_stvk.kernels.blocks` holds here.
 """
 
@@ -162,7 +162,9 @@ def along(begin: int, end: int, t: Ids, D: Reals, X: Reals, u: Reals, v: Reals) 
 def mean_force(
     begin: int, end: int, t: Ids, slots: Ids, D: Reals, X: Reals, u: Reals, v: Reals, w0: float, w1: float, theta: float, f: Reals
 ) -> float:
-    """`w0 t_ab(u) + w1 t_ab(u + v)` pulls along `p_ab + theta V_ab`; `1/4 sum dt_ab dzeta_ab` with `dzeta_ab = (2 p_ab + V_ab) . V_ab`."""
+    """`w0 t_ab(u) + w1 t_ab(u + v)` pulls along `p_ab + theta V_ab`; `1/4 sum dt_ab dzeta_ab` with `dzeta_ab = (2 p_ab + V_ab) .
+    V_ab`.
+    """
     part = slice(begin, end)
     x, _, tensions, _ = edges_and_tensions(part, t, D, X, u)
     y = corners(v, part, t, D)
@@ -184,7 +186,9 @@ def damping_force(begin: int, end: int, t: Ids, slots: Ids, D: Reals, X: Reals, 
 
 
 def round_off(begin: int, end: int, t: Ids, slots: Ids, D: Reals, X: Reals, u: Reals, f: Reals) -> None:
-    """`f_i = sum_j S_ij |p_j|`, `f_0 = sum_i f_i` with `S = |D| : M`, `M_ij = |p_i| . B_j + B_i . |P_j|` for `i <= j`, `B_i = |u_i| + |u_0|`."""
+    """`f_i = sum_j S_ij |p_j|`, `f_0 = sum_i f_i` with `S = |D| : M`, `M_ij = |p_i| . B_j + B_i . |P_j|` for `i <= j`, `B_i = |u_i|
+    + |u_0|`.
+    """
     part = slice(begin, end)
     P, U, ends = corners(X, part, t, D)[:, 1:], corners(u, part, t, D)[:, 1:], np.abs(u).reshape(-1, 3)[out_of_lanes(t, 4, part)]
     B, p = (ends[:, 1:] + ends[:, :1]).astype(D.dtype), np.abs(P + U)
@@ -197,7 +201,9 @@ def round_off(begin: int, end: int, t: Ids, slots: Ids, D: Reals, X: Reals, u: R
 
 
 def volume_ratios(begin: int, end: int, t: Ids, X: Reals, u: Reals, k: int, d: int, out: Reals) -> float:
-    """`det(p_1 ... p_k) / det(P_1 ... P_k)`; where the spokes have more than `k` components, the root of the ratio of Gram determinants."""
+    """`det(p_1 ... p_k) / det(P_1 ... P_k)`; where the spokes have more than `k` components, the root of the ratio of Gram
+    determinants.
+    """
     P, U = (corners(x, slice(begin, end), t, X)[:, 1 : k + 1, :d] for x in (X, u))
     if k == d:
         ratios = np.linalg.det(P + U) / np.linalg.det(P)
@@ -251,7 +257,8 @@ def volume_energies(kind: int, J: Reals) -> tuple[Reals, Reals, Reals]:
 def volumes_of(
     part: slice, t: Ids, D: Reals, X: Reals, u: Reals, k: int, kind: int
 ) -> tuple[Reals, Reals, Reals, tuple[Reals, Reals, Reals], float]:
-    """Of each simplex: `p` (n, k, k) its spokes now, `dJ/dp_i` (n, k, k), `k V0`, the energies, and the smallest `J` of the barrier.
+    """Of each simplex: `p` (n, k, k) its spokes now, `dJ/dp_i` (n, k, k), `k V0`, the energies, and the smallest `J` of the
+    barrier.
 
     dJ/dp = J p^-T = cof(p)/C0
     """
@@ -299,7 +306,8 @@ def penalty_linearize(
 ) -> tuple[float, float]:
     """`K_ij = k V0 (psi'' dJ/dp_i dJ/dp_j' + kept psi' d2J/dp_i dp_j)` of the spokes, `K_0j = -sum_i K_ij`.
 
-    d2J/dp_ix dp_jy = sum_mz eps_ijm eps_xyz p_mz / C0; in one and two dimensions with the axes across for the spokes that are missing
+    d2J/dp_ix dp_jy = sum_mz eps_ijm eps_xyz p_mz / C0; in one and two dimensions with the axes across for the spokes that are
+    missing
     """
     part = slice(begin, end)
     p, n, stiffness, (_, slope, curvature), least = volumes_of(part, t, D, X, u, k, kind)
@@ -344,7 +352,9 @@ def _permanent(rows: list[Reals]) -> Reals | float:
     """(n,) the determinant of matrices, given by their rows (n, k), with plus for minus."""
     if not rows:
         return 1.0
-    total: Reals = sum(rows[0][:, x] * _permanent([np.delete(row, x, axis=1) for row in rows[1:]]) for x in range(len(rows)))  # type: ignore[assignment]
+    total: Reals = np.zeros(len(rows[0]))
+    for x in range(len(rows)):
+        total = total + rows[0][:, x] * _permanent([np.delete(row, x, axis=1) for row in rows[1:]])
     return total
 
 
@@ -448,7 +458,9 @@ def edges_of_simplices(t: Ids, local: Ids, n: int) -> tuple[Ids, Ids]:
 
 
 def numbers_by_first_use(blocks: Ids, count: int) -> tuple[Ids, Ids]:
-    """(count,) new numbers of the ids in `blocks` (n, m), in the order of their first use, and (n + 1,) how many blocks 0 ... i - 1 use."""
+    """(count,) new numbers of the ids in `blocks` (n, m), in the order of their first use, and (n + 1,) how many blocks 0 ... i - 1
+    use.
+    """
     ids, first = np.unique(blocks.ravel(), return_index=True)
     number = np.full(count, -1)
     number[ids[np.argsort(first)]] = np.arange(len(ids))
@@ -527,7 +539,9 @@ def _dense(rows: Ids, columns: Ids, blocks: Reals, width: int) -> NDArray[np.flo
 
 
 def _of_part(begin: int, end: int, rows: Ids, columns: Ids, blocks: Reals, keep: str) -> NDArray[np.float64]:
-    """(3 (end - begin), 3 n) rows of the part; kept of them: all, or the blocks "before" the diagonal or "after" it within the part."""
+    """(3 (end - begin), 3 n) rows of the part; kept of them: all, or the blocks "before" the diagonal or "after" it within the
+    part.
+    """
     n = len(rows) - 1
     i, j = np.indices((n, n))
     kept = {"all": i == i, "before": (begin <= j) & (j < i), "after": (i < j) & (j < end)}[keep]
@@ -617,7 +631,9 @@ def outside(begin: int, end: int, rows: Ids, columns: Ids, blocks: Reals, extra:
 
 
 def invert_diagonal(begin: int, end: int, diagonal: Ids, blocks: Reals, extra: Reals, out: Reals) -> int:
-    """`L^-T |P|^-1 L^-1` of `D = L P L'`; pivots that are as good as zero are replaced by the size of the block. How many are negative."""
+    """`L^-T |P|^-1 L^-1` of `D = L P L'`; pivots that are as good as zero are replaced by the size of the block. How many are
+    negative.
+    """
     negative = 0
     for i in range(begin, end):
         L, S = np.eye(3), blocks.reshape(-1, 3, 3)[diagonal[i]].astype(np.float64) + extra[i] * np.eye(3)

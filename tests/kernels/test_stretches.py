@@ -59,7 +59,9 @@ def test_a_body_turned_and_made_smaller_has_one_stretch_everywhere(name):
 
 
 def of_two_tetrahedra(values, seed, mesh=BAD):
-    """Stretches of tetrahedra of both orientations, of F = Q diag(values) R' with rotations Q and R, and a mirror if a value is negative."""
+    """Stretches of tetrahedra of both orientations, of F = Q diag(values) R' with rotations Q and R, and a mirror if a value is
+    negative.
+    """
     Q, R = np.linalg.qr(np.random.default_rng(seed).standard_normal((2, 3, 3)))[0]
     F = Q @ np.diag(values) @ R.T
     return F, TERM.bind(mesh).smallest_stretches(mesh.p.T @ (F - np.eye(3)).T)

@@ -1,4 +1,6 @@
-"""The compiled loop where a body offers its edges: the same answers as with products, of the newest matrix, in arrays that are made once."""
+"""The compiled loop where a body offers its edges: the same answers as with products, of the newest matrix, in arrays that are made
+once.
+"""
 
 import tracemalloc
 

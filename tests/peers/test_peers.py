@@ -140,7 +140,9 @@ def test_ngsolve_without_a_compiler_interprets_and_says_so(body, monkeypatch):
     ("integrator", "dt", "ours", "limit"), [("discrete", 5e-3, LinearBackwardEuler, 1e-3), ("Euler", 2e-4, ForwardEuler, 1e-9)]
 )
 def test_mujoco_moves_as_we_do(integrator, dt, ours, limit):
-    """Its implicit integrator is the linearised backward Euler with a clamped tangent, clamped element by element; its explicit one the symplectic Euler."""
+    """Its implicit integrator is the linearised backward Euler with a clamped tangent, clamped element by element; its explicit one
+    the symplectic Euler.
+    """
     pytest.importorskip("mujoco")
     from skfem_stvk.peers.mujoco import Moving, MuJoCoMotion
 

@@ -1,4 +1,6 @@
-"""Strong ellipticity: where it is lost in closed form, the second derivative of the energy density, and the full tensor in all directions."""
+"""Strong ellipticity: where it is lost in closed form, the second derivative of the energy density, and the full tensor in all
+directions.
+"""
 
 import numpy as np
 import pytest
@@ -52,9 +54,11 @@ def test_equibiaxial_plane_stress_loses_it_where_its_condensed_moduli_do(nu):
 
 
 def uniaxial_strain(nu):
-    """With `N = (c, n)`, `y = s^2`, `x = c^2`: `det Q` is a quadratic in `x`, and lost is it where that touches zero for an `x` in (0, 1).
+    """With `N = (c, n)`, `y = s^2`, `x = c^2`: `det Q` is a quadratic in `x`, and lost is it where that touches zero for an `x` in
+    (0, 1).
 
-        Q_11 = T + mu y + (lam + mu) y x    Q_22 = T + mu + (lam + mu)(1 - x)    Q_12^2 = (lam + mu)^2 y x (1 - x)    T = (y - 1)(lam/2 + mu x)
+        Q_11 = T + mu y + (lam + mu) y x    Q_22 = T + mu + (lam + mu)(1 - x)
+        Q_12^2 = (lam + mu)^2 y x (1 - x)    T = (y - 1)(lam/2 + mu x)
 
     or where `Q_33 = T + mu` is zero at x = 1.
     """

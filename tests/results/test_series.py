@@ -101,7 +101,8 @@ def test_files_that_a_list_names_elsewhere_are_never_removed(tmp_path):
     precious.write_text("data")
     path = tmp_path / "flag.pvd"
     path.write_text(
-        '<VTKFile><Collection><DataSet timestep="0" file="precious.vtu"/><DataSet timestep="0" file="../x.vtu"/></Collection></VTKFile>'
+        '<VTKFile><Collection><DataSet timestep="0" file="precious.vtu"/>'
+        '<DataSet timestep="0" file="../x.vtu"/></Collection></VTKFile>'
     )
     run(path, (0.1,))
     assert precious.read_text() == "data" and listed(path) == expected((0.1,))

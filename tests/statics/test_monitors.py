@@ -135,7 +135,9 @@ def test_poissons_ratio_of_an_isotropic_material_in_any_guise_is_its_own(nu):
 
 
 def test_poissons_ratio_of_other_materials_is_that_of_the_reuss_averages():
-    """`K` from the change of volume under pressure, `G` from the mean over all directions of shear: by quadrature over random rotations."""
+    """`K` from the change of volume under pressure, `G` from the mean over all directions of shear: by quadrature over random
+    rotations.
+    """
     rng = np.random.default_rng(0)
     material = Orthotropic(young=(9.0, 1.5, 0.5), poisson=(0.3, 0.25, 0.2), shear=(0.2, 0.5, 0.7))
     compliance = np.linalg.inv(material.stiffness())

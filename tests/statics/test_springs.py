@@ -1,4 +1,6 @@
-"""Loads that have a potential and are not dead, on paths of equilibria: their stiffness counts in every tangent, and nothing takes it for zero."""
+"""Loads that have a potential and are not dead, on paths of equilibria: their stiffness counts in every tangent, and nothing takes
+it for zero.
+"""
 
 import numpy as np
 import pytest
@@ -87,7 +89,9 @@ def shallow(spring):
 
 
 def vertical(u, k):
-    """The load that holds the head at `u`, by hand: of the bar by its energy `E A/(8 L^3) (l^2 - L^2)^2`, and of a spring that grows with the load."""
+    """The load that holds the head at `u`, by hand: of the bar by its energy `E A/(8 L^3) (l^2 - L^2)^2`, and of a spring that
+    grows with the load.
+    """
     L2, h = 1.09, 0.3
     bar = 1e5 * 1e-2 / (2 * L2**1.5) * ((h + u) ** 2 + 1 - L2) * (h + u)
     return -bar / (6.0 + k * (h + u - 0.6))

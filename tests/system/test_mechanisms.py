@@ -179,7 +179,8 @@ def test_a_hinge_is_named():
     assert (ONE_EDGE.p[:, [a, b]].T == [[1, 1, 0], [1, 1, 1]]).all()
     text = message(ONE_EDGE, {lambda x: x[0] == 2: "xyz"})
     assert text == (
-        f"Not held: the body of 14 vertices has 1 mechanism: 5 elements (0, 1, 2, 3, 4) can turn about the line through 2 vertices ({a}, {b}) "
+        "Not held: the body of 14 vertices has 1 mechanism: 5 elements (0, 1, 2, 3, 4) can turn about "
+        f"the line through 2 vertices ({a}, {b}) "
         "from (1, 1, 0) to (1, 1, 1)." + ADVICE
     )
     assert "1 element (5) can turn about the line through 2 vertices" in message(TWO_NODES, WALL)
@@ -238,8 +239,10 @@ TRIANGLES = put_together(
 def test_triangles_in_the_plane_turn_about_a_vertex():
     first, second = (int(np.flatnonzero(at(*point)(TRIANGLES.p))[0]) for point in ((1, 1), (2, 1.2)))
     assert message(TRIANGLES, LEFT) == (
-        f"Not held: the body of 8 vertices has 2 mechanisms: 1 element (2) can turn about 1 vertex ({first}) at (1, 1), 1 element (3) can turn "
-        f"about 1 vertex ({second}) at (2, 1.2). Less than an edge joins these elements to the others: hold them as well, join them by edges, "
+        "Not held: the body of 8 vertices has 2 mechanisms: 1 element (2) can turn about "
+        f"1 vertex ({first}) at (1, 1), 1 element (3) can turn "
+        f"about 1 vertex ({second}) at (2, 1.2). Less than an edge joins these elements to the others: "
+        "hold them as well, join them by edges, "
         "or mesh anew."
     )
     System(TRIANGLES, MATERIAL, fixed={**LEFT, at(3, 1): "xy"}).check_held()  # a linkage of two bars, held at both ends
@@ -386,7 +389,9 @@ def test_free_motions_are_the_null_space_of_the_constraints(seed, bodies, blocks
 
 
 def welded(n):
-    """Pieces of two tetrahedra, each on three corners of the one before that are not a face; how many vertices are of the first face."""
+    """Pieces of two tetrahedra, each on three corners of the one before that are not a face; how many vertices are of the first
+    face.
+    """
     rng = np.random.default_rng(6)
     p, t, corners = [np.zeros(3), np.array([0.0, 1, 0]), np.array([0.0, 0, 1])], [], (0, 1, 2)
     for _ in range(n):

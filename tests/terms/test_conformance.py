@@ -310,7 +310,9 @@ def test_it_says_what_it_can_do(name):
 
 @pytest.mark.parametrize("name", [name for name in OURS if name not in PENALTIES])
 def test_the_work_of_the_mean_force_is_the_difference_of_the_energies(name):
-    """More by `(w1 - w0) R` with weights that are not alike, for that is what is lost; and with weights that are it does not matter how large they are."""
+    """More by `(w1 - w0) R` with weights that are not alike, for that is what is lost; and with weights that are it does not matter
+    how large they are.
+    """
     case = CASES[name]
     term, v = bound(case), state(case.mesh, seed=9).reshape(-1, case.mesh.d)
     for _, u in states(case):

@@ -70,7 +70,8 @@ def test_constants_are_copied():
     [
         (
             (1, 2, 3),
-            r"^It: the value has shape \(3,\); expected 2 components \(x, y\), or \(2, 3\), one column for each of the 3 vertices there\.$",
+            r"^It: the value has shape \(3,\); expected 2 components \(x, y\), or \(2, 3\), "
+            r"one column for each of the 3 vertices there\.$",
         ),
         (np.ones((3, 2)), r"shape \(3, 2\); expected 2 components"),
         ((1, np.inf), r"the value is not finite\.$"),
