@@ -1,5 +1,6 @@
-"""What a new integrator, linear solver, peer, command or hard case takes: a file, such as those in `tests/toys`, and a row of a
-table.
+"""What a new integrator, linear solver, peer, command or hard case takes: a file, such as those in `extensions`, and a row.
+
+Toy laws and loads are in `terms/toys.py`; `terms/test_toys.py` takes them through whole analyses.
 """
 
 import sys
@@ -7,7 +8,7 @@ import sys
 import numpy as np
 import pytest
 from bodies import box
-from toys import command, hard_case, integrator, peer, solver
+from extensions import command, hard_case, integrator, peer, solver
 
 from skfem_stvk import Gravity, StVK, System, Traction, VelocityVerlet, modes, simulate, solve_static
 from skfem_stvk.bench import Plan, bench
