@@ -114,10 +114,9 @@ def peer_on(name: str, mesh: SimplexMesh) -> Any:
     return load(name)(mesh.p, mesh.t, YOUNG, POISSON)
 
 
-def leave_out(results: Benchmark, names: list[str]) -> None:
+def leave_out(results: Benchmark) -> None:
     """Say which peers the plan does not time, and how those that are missing are installed."""
-    for name in names:
-        package = PEERS[name]
+    for name, package in PEERS.items():
         if package.version() is None:
             results.not_measured[name] = f"not installed: {package.install}"
         elif name not in results.plan.peers:

@@ -9,8 +9,7 @@ from time import perf_counter
 from ..arguments import flag, shown
 from ..errors import StvkError
 from ..peers import PEERS
-from ..referee.header import PACKAGES as OWN
-from ..referee.header import circumstances
+from ..referee.header import PACKAGES, circumstances
 from ..referee.terminal import CountedProgress
 from .contenders import compare_errors, leave_out, time_contenders, time_peers, time_reference
 from .costs import copy_bandwidth, first_use, time_setup, weigh
@@ -39,10 +38,10 @@ def bench(plan: Plan = FULL, quiet: bool = False) -> Benchmark:
     if not isinstance(plan, Plan):
         raise StvkError(f"plan = {shown(plan)}; expected FULL, QUICK or a Plan(...).")
     quiet = flag("quiet", quiet)
-    results = Benchmark(plan, circumstances((*OWN[:4], "numba", *(package.distribution for package in PEERS.values()))))
+    results = Benchmark(plan, circumstances((*PACKAGES[:5], *(package.distribution for package in PEERS.values()))))
     specimens = [Specimen(kind, size) for kind, sizes in (("box", plan.boxes), ("part", plan.parts)) for size in sizes]
     begin = perf_counter()
-    leave_out(results, list(PEERS))
+    leave_out(results)
     try:
         with CountedProgress("bench", 3 + len(specimens) * (1 + len(STEPS)) + plan.first_use, quiet) as progress:
             _run(results, specimens, progress)

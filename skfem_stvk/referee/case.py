@@ -13,6 +13,7 @@ from scipy.spatial.transform import Rotation
 from ..arguments import Array
 from ..mesh import SimplexMesh
 from ..mesh.geometry import edge_differences, edge_lengths, vertex_sizes
+from .bodies import Homogeneous
 from .judgement import RoundOff, largest_component, largest_rows
 from .players import Player
 from .results import NotApplicable
@@ -38,7 +39,9 @@ class Case:
     states : displacements (ndofs,) [m] by name.
     seed : of all random numbers.
     modulus : (nt,) largest entry of the elasticity tensor of each element, times its section.
+    homogeneous : the body, or a homogeneous isotropic copy, for checks that have a closed form.
     bare : number of elements that belong to no term.
+    precision : rows of error against strain, which the check of precision fills.
     """
 
     mesh: SimplexMesh
@@ -50,7 +53,9 @@ class Case:
     states: dict[str, Array]
     seed: int
     modulus: Array
+    homogeneous: Homogeneous
     bare: int = 0
+    precision: list[dict[str, Any]] = field(default_factory=list)
     _state: str = field(default="", init=False)
     _values: dict[tuple[str, str], Any] = field(default_factory=dict, init=False)
     _stiffness: dict[str, Array] = field(default_factory=dict, init=False)

@@ -17,6 +17,7 @@ import numpy as np
 from ..materials import FramedMaterial, Isotropic
 from ..mesh import SimplexMesh
 from ..mesh.geometry import aspect_ratios, edge_lengths
+from ..peers import PEERS
 from ..terms import StVK
 from .bodies import volumes
 
@@ -39,10 +40,7 @@ OPTIONAL = {
     "pypardiso": "pip install 'skfem-stvk[pardiso]'",
     "pyvista": "pip install 'skfem-stvk[plot]'",
     "gmsh": "pip install 'skfem-stvk[gmsh]'",
-    "mujoco": "pip install 'skfem-stvk[peers]'",
-    "felupe": "pip install 'skfem-stvk[peers]'",
-    "ngsolve": "pip install 'skfem-stvk[peers]'",
-    "fenics-dolfinx": "conda install -c conda-forge fenics-dolfinx",
+    **{package.distribution: package.install for package in PEERS.values()},
     "h5py": "pip install h5py (meshes in .h5, .xdmf, .med)",
     "netCDF4": "pip install netCDF4 (meshes in .exo, .e)",
 }

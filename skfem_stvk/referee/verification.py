@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -16,7 +16,7 @@ from ..mesh import MeshLike, SimplexMesh
 from ..reference import ReferenceStVK
 from ..system import System
 from ..terms import StVK
-from .bodies import Homogeneous, elasticity, homogeneous_copy
+from .bodies import elasticity, homogeneous_copy
 from .case import CANDIDATE, OURS, REFERENCE, STRETCH, Case, named_states
 from .checks.agreement import agreement, derivatives
 from .checks.homogeneous import homogeneous_states
@@ -26,8 +26,19 @@ from .exact import Truth
 from .header import header
 from .players import METHODS, Player
 from .report import Report
-from .results import CheckOutcome, Result
+from .results import CheckOutcome, Result, Task
 from .terminal import CountedProgress
+
+#: The checks, in the order of the report: each takes a case and gives its tasks.
+CHECKS: tuple[Callable[[Case], Iterator[Task]], ...] = (
+    agreement,
+    derivatives,
+    invariance,
+    balance,
+    zero_modes,
+    homogeneous_states,
+    precision,
+)
 
 
 def verify(
@@ -81,24 +92,15 @@ def verify(
     case = _case(system, terms, candidate, candidate_is_stvk, seed)
     if case.candidate is not None and not any(case.candidate.has(quantity) for quantity in METHODS):
         raise StvkError(f"candidate, of type {type(candidate).__name__}, has none of {', '.join(METHODS.values())}.")
-    homogeneous = homogeneous_copy(body, terms)
-    report = Report(header(body, terms, type(mesh).__name__, seed) | {"reference": case.reference.model.described()})
-    tasks = [
-        *agreement(case),
-        *derivatives(case),
-        *invariance(case),
-        *balance(case),
-        *zero_modes(case),
-        *homogeneous_states(case, homogeneous),
-        *precision(case, homogeneous, report.precision),
-    ]
+    head = header(body, terms, type(mesh).__name__, seed) | {"reference": case.reference.model.described()}
+    report, tasks = Report(head, precision=case.precision), [task for check in CHECKS for task in check(case)]
     with CountedProgress("verify", len(tasks) + 1, quiet) as progress:
         try:
             for task in tasks:
                 progress.step(f"{task.check}: {task.player.name}, {task.quantity}, {task.state}")
                 report.results.append(task.run())
             progress.step("speed")
-            _measure_speed(report, case, homogeneous)
+            _measure_speed(report, case)
         except KeyboardInterrupt:  # what is there is kept, what is not says so
             report.interrupted = True
             report.results += [task.missed("interrupted") for task in tasks[len(report.results) :]]
@@ -106,10 +108,10 @@ def verify(
     return report
 
 
-def _measure_speed(report: Report, case: Case, homogeneous: Homogeneous) -> None:
+def _measure_speed(report: Report, case: Case) -> None:
     try:
         report.speed += list(speed_table(case))
-        report.errors |= error_table(case, homogeneous)
+        report.errors |= error_table(case)
     except Exception as error:  # nothing that was found before is lost
         reason = f"{type(error).__name__}: {error}"
         report.results.append(Result("speed", OURS, "W, F, K", STRETCH, CheckOutcome.COULD_NOT_RUN, reason=reason))
@@ -150,6 +152,7 @@ def _case(system: System, terms: Sequence[StVK], candidate: Any, candidate_is_st
         states={},
         seed=seed,
         modulus=np.broadcast_to(np.abs(tensor).reshape(len(tensor), -1).max(axis=1), mesh.nt),
+        homogeneous=homogeneous_copy(mesh, terms),
         bare=mesh.nt - len(np.unique(np.concatenate([mesh.elements(term.region) for term in terms]))),
     )
     case.states.update(named_states(case.centred, case.node_size, case.random("states")))

@@ -17,7 +17,7 @@ from .with_scikit_fem import LinearSolver
 
 def solve(mesh: skfem.MeshTet, linear: LinearSolver, factors: Array = TENTHS, most: int = 1000) -> Run:
     """FElupe's Newton, on the same law as the peer of the benchmark; `most` iterations, where only their time is asked for."""
-    felupe = require("felupe")
+    felupe = require("FElupe")
     seconds: dict[str, float] = {}
     with timed(seconds, "other"):
         solid, field = _body(mesh)

@@ -26,7 +26,7 @@ from ...arguments import Array
 from ...errors import StvkWarning
 from ...reference import ReferenceStVK
 from ...system import System
-from ..bodies import Homogeneous, volumes
+from ..bodies import volumes
 from ..case import REFERENCE, Case
 from ..judgement import as_a_whole, by_vertex
 from ..players import Player
@@ -101,19 +101,20 @@ def _young_and_poisson(k: int, lam: float, mu: float) -> tuple[float, float]:
     return 2 * mu * (1 + nu), nu
 
 
-def homogeneous_states(case: Case, body: Homogeneous) -> Iterator[Task]:
+def homogeneous_states(case: Case) -> Iterator[Task]:
     """Closed forms and the patch test on the homogeneous copy; of the candidate's W and F if the body is its own copy."""
-    copy = _case_of(case, body)
+    copy = _of_the_copy(case)
     for player in copy.players:
         for name in CLOSED_FORMS:
             for quantity, needs in (("W", "W"), ("P", "F")):
-                measure = partial(_closed_form, copy, player, quantity, name, body)
+                measure = partial(_closed_form, copy, player, quantity, name)
                 yield Task("closed forms", player, quantity, name, needs, measure)
-        yield Task("patch test", player, "F", "affine", "F", partial(_patch_test, copy, player, body))
+        yield Task("patch test", player, "F", "affine", "F", partial(_patch_test, copy, player))
 
 
-def _case_of(case: Case, body: Homogeneous) -> Case:
+def _of_the_copy(case: Case) -> Case:
     """The case of the homogeneous copy: the given one if the body is its own copy."""
+    body = case.homogeneous
     if body.same:
         return case
     mesh, ndofs = case.mesh, case.ours.ndofs
@@ -124,22 +125,22 @@ def _case_of(case: Case, body: Homogeneous) -> Case:
     return replace(case, ours=ours, reference=reference, modulus=np.full(mesh.nt, np.abs(body.tensor).max()))
 
 
-def _refuse(case: Case, player: Player, body: Homogeneous) -> None:
+def _refuse(case: Case, player: Player) -> None:
     if case.mesh.k < case.mesh.d:
         raise NotApplicable("on membranes and cables in space an affine motion is no homogeneous state")
     if not case.is_stvk(player):
         raise NotApplicable("the candidate does not claim to be St. Venant-Kirchhoff")
-    if player is case.candidate and not body.same:
+    if player is case.candidate and not case.homogeneous.same:
         raise NotApplicable("closed forms are for homogeneous isotropic bodies; the candidate's is not")
 
 
-def _closed_form(case: Case, player: Player, quantity: str, name: str, body: Homogeneous) -> dict[str, Any]:
-    _refuse(case, player, body)
+def _closed_form(case: Case, player: Player, quantity: str, name: str) -> dict[str, Any]:
+    _refuse(case, player)
     form, dimensions = CLOSED_FORMS[name]
     k = case.mesh.k
     if k not in dimensions:
         raise NotApplicable(f"in {k}D this is no state of its own")
-    F, P, density = form(k, *body.lame)
+    F, P, density = form(k, *case.homogeneous.lame)
     X = case.centred
     u = (X @ (F - np.eye(k)).T).ravel()
     volume = float(volumes(case.mesh).sum())
@@ -152,8 +153,8 @@ def _closed_form(case: Case, player: Player, quantity: str, name: str, body: Hom
     return as_a_whole(float(np.abs(mean - P).max()), float(np.abs(P).max()), lost, "largest entry of the nominal stress", reason)
 
 
-def _patch_test(case: Case, player: Player, body: Homogeneous) -> dict[str, Any]:
-    _refuse(case, player, body)
+def _patch_test(case: Case, player: Player) -> dict[str, Any]:
+    _refuse(case, player)
     k = case.mesh.k
     inner = np.setdiff1d(np.arange(case.mesh.nv), case.mesh.surface)
     if not len(inner):
@@ -163,7 +164,7 @@ def _patch_test(case: Case, player: Player, body: Homogeneous) -> dict[str, Any]
     error = np.zeros_like(case.centred)
     error[inner] = np.abs(player.F(u).reshape(-1, k)[inner])
     reason = "1e-12 is for round-off: under constant stress no force is left on inner vertices"
-    (lam, mu), E = body.lame, (F.T @ F - np.eye(k)) / 2
+    (lam, mu), E = case.homogeneous.lame, (F.T @ F - np.eye(k)) / 2
     stress = F @ (lam * np.trace(E) * np.eye(k) + 2 * mu * E)
     facets = np.tile(volumes(case.mesh) * case.round_off.steepest, k + 1)  # the largest of each element
     scale = np.abs(stress).max() * np.bincount(case.mesh.t.ravel(), weights=facets, minlength=case.mesh.nv)

@@ -39,18 +39,18 @@ LIMIT, LIMIT_ROTATED = 1e-13, 50 * EPS
 REPETITIONS, SECONDS = 5, 1.0
 
 
-def precision(case: Case, body: Homogeneous, table: list[dict[str, Any]]) -> Iterator[Task]:
+def precision(case: Case) -> Iterator[Task]:
     """Errors of our form without and with a rotation; the table is filled when the first is measured."""
     for degrees, state in ((0, "no rotation"), (170, "rotated by 170 deg")):
-        yield Task("precision", case.ours, "F", state, "F", partial(_worst, case, body, table, degrees), against="50 digits")
+        yield Task("precision", case.ours, "F", state, "F", partial(_worst, case, degrees), against="50 digits")
 
 
-def _worst(case: Case, body: Homogeneous, table: list[dict[str, Any]], degrees: int) -> dict[str, Any]:
+def _worst(case: Case, degrees: int) -> dict[str, Any]:
     if degrees and case.mesh.d == 1:
         raise NotApplicable("a line cannot turn")
-    if not table:
-        table += list(precision_table(case.mesh, body, case.random("precision")))  # all of it or nothing
-    rows = [row for row in table if row["form"] == OURS and row["rotation_deg"] == degrees]
+    if not case.precision:
+        case.precision += list(precision_table(case.mesh, case.homogeneous, case.random("precision")))  # all of it or nothing
+    rows = [row for row in case.precision if row["form"] == OURS and row["rotation_deg"] == degrees]
     flatness = float(aspect_ratios(patch(case.mesh)).max()) ** 2
     errors = np.array([row["error"] * (row["strain"] if degrees else 1.0) for row in rows])
     worst = rows[int(np.argmax(errors))]  # not a number counts as the largest
@@ -198,9 +198,9 @@ def _peak(call: Callable[[], Any]) -> int:
         tracemalloc.stop()
 
 
-def error_table(case: Case, body: Homogeneous) -> dict[str, dict[str, float]]:
+def error_table(case: Case) -> dict[str, dict[str, float]]:
     """Errors of W, F and K v against 50 digits on a patch of the body, strained by 0.1 %: what the speed is shown against."""
-    piece = patch(case.mesh)
+    piece, body = patch(case.mesh), case.homogeneous
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", StvkWarning)  # the patch may be in pieces
         ours = System(piece, body.term)
