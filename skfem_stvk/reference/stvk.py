@@ -40,7 +40,7 @@ class ReferenceStVK:
         make = {1: skfem.MeshLine1, 2: skfem.MeshTri1, 3: skfem.MeshTet1}[k]
         if k == d:
             vertices, own = np.unique(t, return_inverse=True)
-            points, own = p[:, vertices], own.reshape(t.shape).astype(t.dtype)
+            points, own = np.ascontiguousarray(p[:, vertices]), own.reshape(t.shape).astype(t.dtype)
         else:
             vertices, own = t.T.ravel(), np.arange(t.size).reshape(-1, k + 1).T.copy()
             points = _laid_flat(p, t, self.axes)
