@@ -1,11 +1,15 @@
 """The house stands: lint, format, types and layers, as claims like any other."""
 
 import ast
+import re
 import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
+from scipy.sparse import csr_matrix
+from scipy.sparse.csgraph import connected_components
 
 ROOT = Path(__file__).parent.parent
 
@@ -96,3 +100,113 @@ def own_nodes(function):
 def test_ci_runs_the_readmes_test_command():
     (command,) = [line.strip() for line in (ROOT / "README.md").read_text().splitlines() if "python -m pytest" in line]
     assert command in (ROOT / ".ci" / "run").read_text().splitlines()
+
+
+# the house of files
+
+PACKAGE = {
+    ".".join(path.relative_to(ROOT).with_suffix("").parts).removesuffix(".__init__"): tree
+    for path, tree in ((path, ast.parse(path.read_text(encoding="utf-8"))) for path in sorted((ROOT / "skfem_stvk").rglob("*.py")))
+}
+FOLDERS = {".".join(path.parent.relative_to(ROOT).parts) for path in (ROOT / "skfem_stvk").rglob("__init__.py")}
+
+
+def imported(module):
+    """The modules of the package that a module imports, wherever and for whatever reason it does."""
+    for node in ast.walk(PACKAGE[module]):
+        if isinstance(node, ast.Import):
+            yield from (alias.name for alias in node.names if alias.name in PACKAGE)
+        elif isinstance(node, ast.ImportFrom):
+            parts = module.split(".") if module in FOLDERS else module.split(".")[:-1]
+            base = (
+                ".".join([*parts[: len(parts) + 1 - node.level], *([node.module] if node.module else [])])
+                if node.level
+                else node.module
+            )
+            for alias in node.names:
+                yield f"{base}.{alias.name}" if f"{base}.{alias.name}" in PACKAGE else base
+
+
+def test_no_two_files_import_each_other():
+    """Nor do more in a circle, for types alone or within functions either."""
+    numbers = {module: number for number, module in enumerate(PACKAGE)}
+    arrows = [(numbers[a], numbers[b]) for a in PACKAGE for b in imported(a) if b in PACKAGE and a != b]
+    graph = csr_matrix((np.ones(len(arrows)), np.transpose(arrows)), shape=(len(PACKAGE),) * 2)
+    _, label = connected_components(graph, directed=True, connection="strong")
+    assert len(arrows) > 500
+    assert [[module for module in PACKAGE if label[numbers[module]] == one] for one in np.flatnonzero(np.bincount(label) > 1)] == []
+
+
+def test_a_class_name_has_one_meaning():
+    names = [(node.name, module) for module, tree in PACKAGE.items() for node in ast.walk(tree) if isinstance(node, ast.ClassDef)]
+    meanings = {name: [module for other, module in names if other == name] for name, _ in names if name[0] != "_"}
+    assert {name: modules for name, modules in meanings.items() if len(modules) > 1} == {}
+
+
+def test_functions_have_at_most_six_positional_parameters():
+    """But for kernels, which see bare arrays; more say that an options object is missing."""
+    many = {}
+    for module, tree in PACKAGE.items():
+        for node in ast.walk(tree):
+            if isinstance(node, ast.FunctionDef) and not module.startswith("skfem_stvk.kernels"):
+                names = [argument.arg for argument in (*node.args.posonlyargs, *node.args.args)]
+                if len(names) - (names[:1] in (["self"], ["cls"])) > 6:
+                    many[f"{module}.{node.name}"] = names
+    assert many == {}
+
+
+def test_the_package_has_few_files():
+    """What only ever changes together stands in one."""
+    assert 100 < len(PACKAGE) <= 190
+
+
+#: Of tables that are wider: of hard cases, where a column is a method.
+WIDE = ("| case |", "| --- |")
+
+
+@pytest.mark.parametrize("folder", ["tests", "validation", "docs"])
+def test_lines_are_at_most_132_characters_long(folder):
+    """But for what a program printed, and wide tables."""
+    long, files = (
+        [],
+        [*(ROOT / folder).rglob("*.py"), *(ROOT / folder).glob("*.md"), *(ROOT.glob("*.md") if folder == "docs" else ())],
+    )
+    for path in files:
+        table = False
+        for number, line in enumerate(path.read_text(encoding="utf-8").splitlines(), 1):
+            table = line.startswith("|") and (table or line.startswith(WIDE))
+            printed = path.suffix == ".md" and line.startswith("    ")
+            if len(line) > 132 and not table and not printed:
+                long.append(f"{path.relative_to(ROOT)}:{number}")
+    assert len(files) > 5 and long == []
+
+
+def strings(tree):
+    """All strings that are no docstrings, those within f-strings too."""
+    documented = (ast.Module, ast.ClassDef, ast.FunctionDef)
+    docs = {
+        id(node.body[0].value) for node in ast.walk(tree) if isinstance(node, documented) and isinstance(node.body[0], ast.Expr)
+    }
+    return [n for n in ast.walk(tree) if isinstance(n, ast.Constant) and isinstance(n.value, str) and id(n) not in docs]
+
+
+def test_messages_say_what_they_got():
+    came = [f"{module}:{s.lineno}" for module, tree in PACKAGE.items() for s in strings(tree) if re.search(r"\bcame\b", s.value)]
+    assert came == []
+
+
+LAWS = {"StVK", "VolumePenalty", "ElasticFoundation", "Gravity", "BodyForce", "NodalLoad", "Traction", "Pressure"}
+
+
+def test_laws_and_loads_are_asked_for_what_they_can_do_and_not_for_their_type():
+    """But in their own room, and where the referee claims something of St. Venant-Kirchhoff's law."""
+    asked = [
+        f"{module}:{node.lineno}: {ast.unparse(node)}"
+        for module, tree in PACKAGE.items()
+        if module.split(".")[1:2] not in (["terms"], ["referee"])
+        for node in ast.walk(tree)
+        if isinstance(node, ast.Call)
+        and ast.unparse(node.func) == "isinstance"
+        and LAWS & set(re.findall(r"\w+", ast.unparse(node.args[1])))
+    ]
+    assert asked == []

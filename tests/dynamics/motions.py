@@ -1,4 +1,6 @@
-"""Motions that the tests of dynamics share: small, unstructured, of both orientations, nu != 0, materials that differ by element."""
+"""Motions that the tests of dynamics share: small, unstructured, of both orientations, nu != 0, materials that differ by
+element.
+"""
 
 from typing import Any, NamedTuple
 

@@ -1,4 +1,6 @@
-"""The tangent by which tensions of edges stay in it: `2 J' L J + sum g t Lap (x) I`; without negative ones positive semi-definite."""
+"""The tangent by which tensions of edges stay in it: `2 J' L J + sum g t Lap (x) I`; without negative ones positive
+semi-definite.
+"""
 
 import numpy as np
 import pytest

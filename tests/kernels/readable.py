@@ -147,7 +147,9 @@ def tensions(begin: int, end: int, t: Ids, edge_slots: Ids, marks: Ids, D: Reals
 
 
 def along(begin: int, end: int, t: Ids, D: Reals, X: Reals, u: Reals, v: Reals) -> tuple[float, float, float, float, float]:
-    """`W(s) = 1/4 sum t_ab(s) zeta_ab(s)` with `zeta_ab(s) = zeta_ab + 2 s p_ab . V_ab + s^2 V_ab . V_ab`, and tensions likewise."""
+    """`W(s) = 1/4 sum t_ab(s) zeta_ab(s)` with `zeta_ab(s) = zeta_ab + 2 s p_ab . V_ab + s^2 V_ab . V_ab`, and tensions
+    likewise.
+    """
     part = slice(begin, end)
     x, zeta, _, _ = edges_and_tensions(part, t, D, X, u)
     p, V = along_edges(x), along_edges(corners(v, part, t, D))
@@ -330,7 +332,9 @@ def penalty_linearize(
 
 
 def penalty_round_off(begin: int, end: int, t: Ids, slots: Ids, D: Reals, X: Reals, u: Reals, k: int, kind: int, f: Reals) -> float:
-    """`f_i = k V0 (psi'' |e| + |psi'|) |dJ/dp_i|`, with permanents for determinants, and in `|e|` `B_i = |u_i| + |u_0|` for `U_i`."""
+    """`f_i = k V0 (psi'' |e| + |psi'|) |dJ/dp_i|`, with permanents for determinants, and in `|e|` `B_i = |u_i| + |u_0|` for
+    `U_i`.
+    """
     part = slice(begin, end)
     _, _, stiffness, (_, slope, curvature), least = volumes_of(part, t, D, X, u, k, kind)
     P, U, ends = corners(X, part, t, X), corners(u, part, t, X), np.abs(u).reshape(-1, 3)[out_of_lanes(t, 4, part)]

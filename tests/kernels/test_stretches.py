@@ -98,7 +98,9 @@ def test_a_simplex_that_is_flat_or_gone_has_stretch_zero():
 
 
 def test_slivers_far_away_keep_their_digits():
-    """Flatter than 1 : 1e6, turned and moved far: squares of stretches against the characteristic polynomial in exact arithmetic."""
+    """Flatter than 1 : 1e6, turned and moved far: squares of stretches against the characteristic polynomial in exact
+    arithmetic.
+    """
     rng = np.random.default_rng(8)
     p = rng.random((3, 80))
     p[2] *= 1e-6

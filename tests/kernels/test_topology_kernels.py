@@ -16,7 +16,9 @@ HUB = 10_000
 
 
 def random_simplices(seed, k, n, nt):
-    """(k + 1, nt) distinct vertices out of `n`, in any order; most vertices may be on no simplex, and simplices may repeat edges."""
+    """(k + 1, nt) distinct vertices out of `n`, in any order; most vertices may be on no simplex, and simplices may repeat
+    edges.
+    """
     rng = np.random.default_rng(seed)
     return np.stack([rng.choice(n, k + 1, replace=False) for _ in range(nt)], axis=1).astype(np.int32)
 

@@ -1,4 +1,6 @@
-"""Multigrid: iterations that hardly grow, a hierarchy that is kept and built anew, and the same answers on any number of threads."""
+"""Multigrid: iterations that hardly grow, a hierarchy that is kept and built anew, and the same answers on any number of
+threads.
+"""
 
 import numpy as np
 import pytest

@@ -23,8 +23,8 @@ RTOL = 1e-10
 class Wells:
     """`V(x) = 1/2 x'Ax + 1/4 sum c_i x_i^4 - t b.x`: a chain of masses, each in a double well if `A` is not positive definite.
 
-    A state has the unknowns in reverse order and the first three of them twice, as a piece of a body on one rank of several has ghosts:
-    only this class knows which entries count.
+    A state has the unknowns in reverse order and the first three of them twice, as a piece of a body on one rank of several has
+    ghosts: only this class knows which entries count.
     """
 
     iterative, quartic, symmetric, n = False, True, True, N
@@ -159,7 +159,9 @@ def test_without_a_potential_the_slope_along_the_line_is_what_counts():
 
 
 def test_a_state_with_ghosts_is_measured_by_its_problem():
-    """Counted twice, ghosts would make another slope: the fault is planted, and the search notices that energy and slope disagree."""
+    """Counted twice, ghosts would make another slope: the fault is planted, and the search notices that energy and slope
+    disagree.
+    """
     problem, counted = Wells(), Wells()
     counted.slope = lambda residual, v: float(counted.state(residual.vector) @ v)
     u, v = problem.state(np.zeros(N)), problem.state(np.ones(N))

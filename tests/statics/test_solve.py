@@ -67,7 +67,9 @@ def test_a_traction_ramps_linearly(reference):
 
 @pytest.mark.parametrize("steps", [1, 10])
 def test_a_compressed_block_is_neither_mirrored_nor_inverted(steps):
-    """The known state of this cube; without the guard, applying all at once to the boundary ends at W = 1108.6 with 216 inverted."""
+    """The known state of this cube; without the guard, applying all at once to the boundary ends at W = 1108.6 with 216
+    inverted.
+    """
     result = solve_static(block(0.2), steps=steps, rtol=1e-10, quiet=True)
     assert result.system.energy(result.u) == pytest.approx(1726.8, abs=0.1)
     assert result.history[-1].smallest_volume_ratio == pytest.approx(0.78, abs=0.005)

@@ -125,7 +125,9 @@ def test_a_state_that_diverges_under_a_load_whose_tangent_is_not_symmetric_is_un
 
 
 def skewed(below, n=60, seed=3):
-    """A matrix that is not symmetric, with so many negative real eigenvalues, also complex ones; its symmetric part is indefinite."""
+    """A matrix that is not symmetric, with so many negative real eigenvalues, also complex ones; its symmetric part is
+    indefinite.
+    """
     rng = np.random.default_rng(seed)
     D = np.diag(np.concatenate([-np.arange(1.0, below + 1), np.arange(2.0, n - below + 2)]))
     D[-2:, -2:] = [[1.0, 5.0], [-5.0, 1.0]]

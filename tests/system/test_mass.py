@@ -148,7 +148,9 @@ def test_regions_have_their_own_density():
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("name", MESHES)
 def test_what_is_held_does_not_accelerate(name, kind):
-    """The inverse of M over the free degrees of freedom, which is another one than that of M: components may be held differently."""
+    """The inverse of M over the free degrees of freedom, which is another one than that of M: components may be held
+    differently.
+    """
     mesh = MESHES[name]
     letters = "xyz"[: mesh.d]
     fixed = {(0,): letters, (mesh.nv - 1,): letters[-1]}

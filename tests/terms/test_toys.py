@@ -171,7 +171,9 @@ def test_blocks_that_are_not_those_of_the_force_are_seen(name):
     "name, fault", [("wind", {"symmetric": True}), ("anchors", {"balanced": True}), ("wind", {"balanced": True})]
 )
 def test_a_false_declaration_is_seen(name, fault):
-    """A term that says that it is symmetric or balanced, and is not, is handed no arrays for the rest of its blocks, or has another K."""
+    """A term that says that it is symmetric or balanced, and is not, is handed no arrays for the rest of its blocks, or has
+    another K.
+    """
     case = CASES[name]
     term = case.term.bind(case.mesh)
     u = 0.3 * np.random.default_rng(2).standard_normal(case.mesh.p.T.shape)

@@ -1,7 +1,7 @@
 """Laws and loads that the package does not know, each as narrow as the joint allows: numpy alone, no edges, no element.
 
 `Springs`           nonlinear springs between any vertices: energy, symmetric, balanced; with mass, so that it moves
-`Areas`             an energy of the areas that three vertices span in space: blocks of both orders of its pairs come from one Hessian
+`Areas`             an energy of the areas that three vertices span in space: one Hessian gives both orders of its pairs
 `Anchors`           nonlinear springs to the ground: not balanced, blocks of vertices alone
 `Wind`              a force that turns with pairs of vertices: without energy, neither symmetric nor balanced
 `Friction`          springs to where the body was when a state was accepted last: a memory
