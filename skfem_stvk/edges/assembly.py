@@ -15,7 +15,7 @@ from ..kernels import blocks as block_kernels
 from ..kernels import simplices as simplex_kernels
 from ..kernels import stretches as stretch_kernels
 from ..kernels import volumes as volume_kernels
-from ..kernels.simplices import LANES
+from ..kernels.lanes import LANES
 from ..kernels.threads import in_turn, run
 from .form import EdgeForm
 from .pairs import ALL, PairBlocks, PairTerm, Tensions

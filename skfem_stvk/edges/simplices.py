@@ -11,7 +11,7 @@ from numpy.typing import DTypeLike, NDArray
 
 from ..arguments import Array
 from ..kernels import blocks as block_kernels
-from ..kernels.simplices import LANES
+from ..kernels.lanes import LANES
 from ..kernels.threads import Turn, threads
 from ..kernels.topology import lexicographic_order
 from .topology import OwnEdges, OwnOrder, Shares, in_lanes, out_of_lanes, own_edges, shares_of

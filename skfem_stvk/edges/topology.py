@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_matrix
 from scipy.sparse.csgraph import reverse_cuthill_mckee
 
-from ..kernels.simplices import LANES
+from ..kernels.lanes import LANES
 from ..kernels.threads import parts_of
 from ..kernels.topology import edges_of_simplices, lexicographic_order, numbers_by_first_use, stars
 

@@ -30,6 +30,8 @@ FASTMATH = {"reassoc", "contract", "nsz", "arcp"}
 
 
 LENGTH = sha256().digest_size
+#: By which numba knows whether code on disk is that of the source: of all kernels, where its own is of the caller's file alone.
+SOURCES = sha256(b"".join(file.read_bytes() for file in sorted(Path(__file__).parent.glob("*.py")))).hexdigest()
 _said: set[str] = set()
 
 
@@ -55,8 +57,8 @@ class _Announcement(Listener):
 def kernel(function: Function, **more: Any) -> Function:
     """Compile at the first call with arguments of a type, keep the machine code on disk, and let go of the GIL.
 
-    The code on disk is keyed by the file of the function alone: callees stand in the caller's file. Where no folder can be written
-    to, every process compiles anew.
+    The code on disk is keyed by all files of this folder, for a function holds the code of those that it calls. Where no folder can
+    be written to, every process compiles anew.
     """
     options: dict[str, Any] = {"fastmath": FASTMATH, "nogil": True, "error_model": "numpy", **more}
     try:
@@ -110,7 +112,7 @@ class CheckedFile(IndexDataCacheFile):
 def keep_with_care(dispatcher: Any) -> None:
     """Have a compiled function's cache survive files that are damaged, and disks that are full."""
     cache = dispatcher._cache
-    cache._cache_file.__class__ = CheckedFile
+    cache._cache_file.__class__, cache._cache_file._source_stamp = CheckedFile, SOURCES
     load, save = cache.load_overload, cache.save_overload
 
     def loaded(signature: Any, target: Any) -> Any:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from .compiled import Ids, Reals, inlined, kernel
+from .lanes import cross, dot
 
 
 @inlined
@@ -19,18 +20,8 @@ def _difference(a, b):
 
 
 @inlined
-def _cross(a, b):
-    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
-
-
-@inlined
-def _dot(a, b):
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
-
-
-@inlined
 def _norm(a):
-    return np.sqrt(_dot(a, a))
+    return np.sqrt(dot(a, a))
 
 
 @kernel
@@ -44,16 +35,16 @@ def measures(p: Reals, t: Ids) -> Reals:
             out[0, e], out[1, e], out[2, e] = _norm(a), _norm(a), 1.0
             continue
         b = _spoke(p, t[0, e], t[2, e])
-        n, ab = _cross(a, b), _difference(b, a)
+        n, ab = cross(a, b), _difference(b, a)
         longest = max(_norm(a), _norm(b), _norm(ab))
         if k == 2:
             out[0, e], out[1, e], out[2, e] = _norm(n), longest, longest
             continue
         c = _spoke(p, t[0, e], t[3, e])
         ac = _difference(c, a)
-        out[0, e] = abs(_dot(n, c))
+        out[0, e] = abs(dot(n, c))
         out[1, e] = max(longest, _norm(c), _norm(ac), _norm(_difference(c, b)))
-        out[2, e] = max(_norm(n), _norm(_cross(b, c)), _norm(_cross(c, a)), _norm(_cross(ab, ac)))
+        out[2, e] = max(_norm(n), _norm(cross(b, c)), _norm(cross(c, a)), _norm(cross(ab, ac)))
     return out
 
 
@@ -69,16 +60,16 @@ def scaled_gram(p: Reals, t: Ids, mu: Reals) -> Reals:
             out[0, e] = np.sqrt(length * mu[e]) / (length * length)
             continue
         b = _spoke(p, t[0, e], t[2, e])
-        n = _cross(a, b)
+        n = cross(a, b)
         if k == 2:
             area = _norm(n)
             scale = np.sqrt(area / 2 * mu[e]) / (area * area)
-            out[0, e], out[1, e], out[3, e] = scale * _dot(b, b), scale * _dot(a, a), -scale * _dot(a, b)
+            out[0, e], out[1, e], out[3, e] = scale * dot(b, b), scale * dot(a, a), -scale * dot(a, b)
             continue
         c = _spoke(p, t[0, e], t[3, e])
-        x, y = _cross(b, c), _cross(c, a)  # g_1, g_2, g_3 = x, y, n over the determinant
-        determinant = abs(_dot(n, c))
+        x, y = cross(b, c), cross(c, a)  # g_1, g_2, g_3 = x, y, n over the determinant
+        determinant = abs(dot(n, c))
         scale = np.sqrt(determinant / 6 * mu[e]) / (determinant * determinant)
-        out[0, e], out[1, e], out[2, e] = scale * _dot(x, x), scale * _dot(y, y), scale * _dot(n, n)
-        out[3, e], out[4, e], out[5, e] = scale * _dot(x, y), scale * _dot(x, n), scale * _dot(y, n)
+        out[0, e], out[1, e], out[2, e] = scale * dot(x, x), scale * dot(y, y), scale * dot(n, n)
+        out[3, e], out[4, e], out[5, e] = scale * dot(x, y), scale * dot(x, n), scale * dot(y, n)
     return out

@@ -26,22 +26,26 @@ from __future__ import annotations
 import numpy as np
 
 from .compiled import Ids, Reals, inlined, kernel
-from .simplices import LANES
-
-I = np.uint64
+from .lanes import (
+    LANES,
+    I,
+    add,
+    complete_spokes,
+    cross,
+    dot,
+    gather_sizes,
+    gather_spokes,
+    put,
+    scatter_blocks,
+    scatter_forces,
+    scatter_sizes,
+    times,
+    vector,
+    vectors,
+)
 
 #: The kinds of energy, as kernels know them.
 QUADRATIC, COMPRESSION, BARRIER = 0, 1, 2
-
-
-@inlined
-def _vector(a, at):
-    return a[at], a[at + I(LANES)], a[at + I(2 * LANES)]
-
-
-@inlined
-def _sum(a, b):
-    return a[0] + b[0], a[1] + b[1], a[2] + b[2]
 
 
 @inlined
@@ -49,57 +53,17 @@ def _minus(a, b):
     return a[0] - b[0], a[1] - b[1], a[2] - b[2]
 
 
-@inlined
-def _scaled(s, a):
-    return s * a[0], s * a[1], s * a[2]
-
-
-@inlined
-def _dot(a, b):
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
-
-
-@inlined
-def _cross(a, b):
-    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
-
-
-@inlined
-def _put(a, out, at):
-    for i in range(len(a)):
-        out[at + I(i * LANES)] = a[i]
-
-
-@kernel
-def _gather_spokes(t, block, X, u, k, P, U):
-    """Spokes of a block at rest and their displacements, differences taken in double; missing spokes are constant."""
-    first = I(block * 4 * LANES)
-    for lane in range(LANES):
-        at = first + I(lane)
-        a, b = I(3) * I(t[at]), I(3) * I(t[at + I(LANES)])
-        c, d = I(3) * I(t[at + I(2 * LANES)]), I(3) * I(t[at + I(3 * LANES)])
-        for i in range(3):
-            x, y, to = X[a + I(i)], u[a + I(i)], I(i * LANES + lane)
-            P[to], U[to] = X[b + I(i)] - x, u[b + I(i)] - y
-            P[to + I(3 * LANES)], U[to + I(3 * LANES)] = X[c + I(i)] - x, u[c + I(i)] - y
-            P[to + I(6 * LANES)], U[to + I(6 * LANES)] = X[d + I(i)] - x, u[d + I(i)] - y
-    if k < 3:
-        P[8 * LANES : 9 * LANES] = 1
-    if k < 2:
-        P[4 * LANES : 5 * LANES] = 1
-
-
 @kernel
 def _find_ratios(P, U, D, block, e, J):
     """`e` and `J` of a block: each without cancellation where the other has it, at rest and where no volume is left."""
     for i in range(LANES):
         lane = I(i)
-        P1, P2, P3 = _vector(P, lane), _vector(P, lane + I(3 * LANES)), _vector(P, lane + I(6 * LANES))
-        U1, U2, U3 = _vector(U, lane), _vector(U, lane + I(3 * LANES)), _vector(U, lane + I(6 * LANES))
-        p1, p2, p3 = _sum(P1, U1), _sum(P2, U2), _sum(P3, U3)
-        n1, over_C0 = _cross(p2, p3), D[block, lane + I(LANES)]
-        e[lane] = over_C0 * (_dot(U1, n1) + _dot(P1, _sum(_cross(U2, p3), _cross(P2, U3))))
-        J[lane] = over_C0 * _dot(p1, n1)
+        P1, P2, P3 = vectors(P, lane)
+        U1, U2, U3 = vectors(U, lane)
+        p1, p2, p3 = add(P1, U1), add(P2, U2), add(P3, U3)
+        n1, over_C0 = cross(p2, p3), D[block, lane + I(LANES)]
+        e[lane] = over_C0 * (dot(U1, n1) + dot(P1, add(cross(U2, p3), cross(P2, U3))))
+        J[lane] = over_C0 * dot(p1, n1)
 
 
 @kernel
@@ -136,27 +100,10 @@ def _find_energies(kind, D, block, e, J, psi, slope, curvature):
 @inlined
 def _normals(P, U, lane, more, most):
     """The spokes now, and `dC/dp_i`; those of constant spokes, for which `more` or `most` is zero, are zero."""
-    p1 = _sum(_vector(P, lane), _vector(U, lane))
-    p2 = _sum(_vector(P, lane + I(3 * LANES)), _vector(U, lane + I(3 * LANES)))
-    p3 = _sum(_vector(P, lane + I(6 * LANES)), _vector(U, lane + I(6 * LANES)))
-    return p1, p2, p3, _cross(p2, p3), _scaled(more, _cross(p3, p1)), _scaled(most, _cross(p1, p2))
-
-
-@kernel
-def _scatter_forces(slots, block, forces, f):
-    """Add the forces of a block: those of vertices 1, 2, 3 as they are, minus their sum to vertex 0."""
-    first = I(block * 4 * LANES)
-    for lane in range(LANES):
-        at = first + I(lane)
-        a, b = I(3) * I(slots[at]), I(3) * I(slots[at + I(LANES)])
-        c, d = I(3) * I(slots[at + I(2 * LANES)]), I(3) * I(slots[at + I(3 * LANES)])
-        for i in range(3):
-            of = I(i * LANES + lane)
-            f1, f2, f3 = forces[of], forces[of + I(3 * LANES)], forces[of + I(6 * LANES)]
-            f[a + I(i)] -= f1 + f2 + f3
-            f[b + I(i)] += f1
-            f[c + I(i)] += f2
-            f[d + I(i)] += f3
+    p1 = add(vector(P, lane), vector(U, lane))
+    p2 = add(vector(P, lane + I(3 * LANES)), vector(U, lane + I(3 * LANES)))
+    p3 = add(vector(P, lane + I(6 * LANES)), vector(U, lane + I(6 * LANES)))
+    return p1, p2, p3, cross(p2, p3), times(more, cross(p3, p1)), times(most, cross(p1, p2))
 
 
 @kernel
@@ -173,7 +120,8 @@ def penalty_energy_and_force(
     more, most = D.dtype.type(k > 1), D.dtype.type(k > 2)
     W, least = 0.0, 1.0
     for block in range(begin, end):
-        _gather_spokes(t, block, X, u, k, P, U)
+        gather_spokes(t, block, X, u, P, U)
+        complete_spokes(k, P)
         _find_ratios(P, U, D, block, e, J)
         least = min(_find_energies(kind, D, block, e, J, psi, slope, curvature), least)
         w = D.dtype.type(0)
@@ -183,12 +131,12 @@ def penalty_energy_and_force(
             w += stiffness * psi[lane]
             factor = stiffness * D[block, lane + I(LANES)] * slope[lane]
             _, _, _, n1, n2, n3 = _normals(P, U, lane, more, most)
-            _put(_scaled(factor, n1), forces, lane)
-            _put(_scaled(factor, n2), forces, lane + I(3 * LANES))
-            _put(_scaled(factor, n3), forces, lane + I(6 * LANES))
+            put(times(factor, n1), forces, lane)
+            put(times(factor, n2), forces, lane + I(3 * LANES))
+            put(times(factor, n3), forces, lane + I(6 * LANES))
         W += w
         if len(f) > 0:
-            _scatter_forces(slots, block, forces, f)
+            scatter_forces(slots, block, forces, f)
     return W, least
 
 
@@ -204,17 +152,6 @@ def _put_block(a, b, q, out, at):
     out[at + I(6 * LANES)] = a[2] * b[0] - q[1]
     out[at + I(7 * LANES)] = a[2] * b[1] + q[0]
     out[at + I(8 * LANES)] = a[2] * b[2]
-
-
-@kernel
-def _scatter_blocks(edge_slots, block, values, blocks):
-    edges = edge_slots.shape[1] // LANES
-    for lane in range(LANES):
-        for edge in range(edges):
-            to = I(9) * I(edge_slots[block, I(edge * LANES + lane)])
-            at = I(edge * 9 * LANES + lane)
-            for i in range(9):
-                blocks[to + I(i)] += values[at + I(i * LANES)]
 
 
 @kernel
@@ -242,7 +179,8 @@ def penalty_linearize(
     more, most = D.dtype.type(k > 1), D.dtype.type(k > 2)
     W, least = 0.0, 1.0
     for block in range(begin, end):
-        _gather_spokes(t, block, X, u, k, P, U)
+        gather_spokes(t, block, X, u, P, U)
+        complete_spokes(k, P)
         _find_ratios(P, U, D, block, e, J)
         least = min(_find_energies(kind, D, block, e, J, psi, slope, curvature), least)
         w = D.dtype.type(0)
@@ -252,26 +190,26 @@ def penalty_linearize(
             w += stiffness * psi[lane]
             factor, bend = stiffness * over_C0 * slope[lane], stiffness * curvature[lane]
             p1, p2, p3, n1, n2, n3 = _normals(P, U, lane, more, most)
-            _put(_scaled(factor, n1), forces, lane)
-            _put(_scaled(factor, n2), forces, lane + I(3 * LANES))
-            _put(_scaled(factor, n3), forces, lane + I(6 * LANES))
+            put(times(factor, n1), forces, lane)
+            put(times(factor, n2), forces, lane + I(3 * LANES))
+            put(times(factor, n3), forces, lane + I(6 * LANES))
             # n/C0, the gradient of J, keeps its size where C0 and n are tiny
-            y1, y2, y3 = _scaled(over_C0, n1), _scaled(over_C0, n2), _scaled(over_C0, n3)
+            y1, y2, y3 = times(over_C0, n1), times(over_C0, n2), times(over_C0, n3)
             y0 = (-(y1[0] + y2[0] + y3[0]), -(y1[1] + y2[1] + y3[1]), -(y1[2] + y2[2] + y3[2]))
-            z0, z1, z2 = _scaled(bend, y0), _scaled(bend, y1), _scaled(bend, y2)
+            z0, z1, z2 = times(bend, y0), times(bend, y1), times(bend, y2)
             h = D.dtype.type(kept) * factor
-            q12, q13, q23 = _scaled(-h * more, p3), _scaled(h * most, p2), _scaled(-h * most, p1)
-            _put_block(z0, y1, _sum(q12, q13), values, lane)
+            q12, q13, q23 = times(-h * more, p3), times(h * most, p2), times(-h * most, p1)
+            _put_block(z0, y1, add(q12, q13), values, lane)
             _put_block(z1, y2, q12, values, lane + I(9 * LANES))
             _put_block(z0, y2, _minus(q23, q12), values, lane + I(18 * LANES))
-            _put_block(z0, y3, _scaled(D.dtype.type(-1), _sum(q13, q23)), values, lane + I(27 * LANES))
+            _put_block(z0, y3, times(D.dtype.type(-1), add(q13, q23)), values, lane + I(27 * LANES))
             _put_block(z1, y3, q13, values, lane + I(36 * LANES))
             _put_block(z2, y3, q23, values, lane + I(45 * LANES))
         W += w
         blocks[9 * marks[block] : 9 * marks[block + 1]] = 0
-        _scatter_blocks(edge_slots, block, values, blocks)
+        scatter_blocks(edge_slots, block, values, blocks)
         if len(f) > 0:
-            _scatter_forces(slots, block, forces, f)
+            scatter_forces(slots, block, forces, f)
     return W, least
 
 
@@ -279,39 +217,6 @@ def penalty_linearize(
 def _permanent(a, b):
     """The cross product with plus in place of minus."""
     return a[1] * b[2] + a[2] * b[1], a[2] * b[0] + a[0] * b[2], a[0] * b[1] + a[1] * b[0]
-
-
-@kernel
-def _gather_sizes(t, block, X, u, k, P, B, p):
-    """Absolute values of the spokes of a block: at rest, of both displacements together, and now."""
-    first = I(block * 4 * LANES)
-    for lane in range(LANES):
-        at = first + I(lane)
-        a = I(3) * I(t[at])
-        for spoke in range(3):
-            b = I(3) * I(t[at + I((spoke + 1) * LANES)])
-            for i in range(3):
-                to = I((3 * spoke + i) * LANES + lane)
-                rest, x, y = X[b + I(i)] - X[a + I(i)], u[a + I(i)], u[b + I(i)]
-                P[to], B[to], p[to] = abs(rest), abs(x) + abs(y), abs(rest + (y - x))
-                if spoke >= k:
-                    B[to] = 0
-                    P[to] = p[to] = spoke == i
-
-
-@kernel
-def _scatter_sizes(slots, block, forces, f):
-    """Add the sizes of the forces of a block: those of vertices 1, 2, 3 as they are, and their sum to vertex 0."""
-    first = I(block * 4 * LANES)
-    for lane in range(LANES):
-        at = first + I(lane)
-        a = I(3) * I(slots[at])
-        for vertex in range(3):
-            b = I(3) * I(slots[at + I((vertex + 1) * LANES)])
-            for i in range(3):
-                size = forces[I((3 * vertex + i) * LANES + lane)]
-                f[a + I(i)] += size
-                f[b + I(i)] += size
 
 
 @kernel
@@ -333,21 +238,25 @@ def penalty_round_off(begin: int, end: int, t: Ids, slots: Ids, D: Reals, X: Rea
     more, most = D.dtype.type(k > 1), D.dtype.type(k > 2)
     least = 1.0
     for block in range(begin, end):
-        _gather_spokes(t, block, X, u, k, P, U)
+        gather_spokes(t, block, X, u, P, U)
+        complete_spokes(k, P)
         _find_ratios(P, U, D, block, e, J)
         least = min(_find_energies(kind, D, block, e, J, psi, slope, curvature), least)
-        _gather_sizes(t, block, X, u, k, P, B, p)
+        gather_sizes(t, block, X, u, P, B, p)
+        complete_spokes(k, P)
+        complete_spokes(k, p)
+        B[3 * k * LANES :] = 0
         for i in range(LANES):
             lane = I(i)
             over_C0 = abs(D[block, lane + I(LANES)])
-            P1, P2 = _vector(P, lane), _vector(P, lane + I(3 * LANES))
-            B1, B2, B3 = _vector(B, lane), _vector(B, lane + I(3 * LANES)), _vector(B, lane + I(6 * LANES))
-            p1, p2, p3 = _vector(p, lane), _vector(p, lane + I(3 * LANES)), _vector(p, lane + I(6 * LANES))
-            n1, n2, n3 = _permanent(p2, p3), _scaled(more, _permanent(p3, p1)), _scaled(most, _permanent(p1, p2))
-            size = over_C0 * (_dot(B1, n1) + _dot(P1, _sum(_permanent(B2, p3), _permanent(P2, B3))))
+            P1, P2 = vector(P, lane), vector(P, lane + I(3 * LANES))
+            B1, B2, B3 = vectors(B, lane)
+            p1, p2, p3 = vectors(p, lane)
+            n1, n2, n3 = _permanent(p2, p3), times(more, _permanent(p3, p1)), times(most, _permanent(p1, p2))
+            size = over_C0 * (dot(B1, n1) + dot(P1, add(_permanent(B2, p3), _permanent(P2, B3))))
             factor = D[block, lane] * over_C0 * (curvature[lane] * size + abs(slope[lane]))
-            _put(_scaled(factor, n1), forces, lane)
-            _put(_scaled(factor, n2), forces, lane + I(3 * LANES))
-            _put(_scaled(factor, n3), forces, lane + I(6 * LANES))
-        _scatter_sizes(slots, block, forces, f)
+            put(times(factor, n1), forces, lane)
+            put(times(factor, n2), forces, lane + I(3 * LANES))
+            put(times(factor, n3), forces, lane + I(6 * LANES))
+        scatter_sizes(slots, block, forces, f)
     return least

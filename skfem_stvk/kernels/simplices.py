@@ -24,13 +24,9 @@ now `p_i = P_i + U_i`. The squared elongations of all of its edges, in the basis
 `M` has no cancellation at small strain. All simplices are tetrahedra in space here: what a triangle or a segment lacks of spokes
 and components is zero. That makes one specialisation for each precision and law instead of six.
 
-Simplices stand in blocks of LANES, the last axis of every array, so that the arithmetic runs on vector registers; one dimension and
-offsets known at compile time are what lets LLVM see that. W and F take 15 ns a tetrahedron, one at a time 20 to 28
-(`python -m validation kernels`).
-
-Arrays: `t` vertices (blocks 4 LANES), `slots` where forces go, `edge_slots` (blocks, edges LANES) where edge blocks go; `D`
-one-dimensional (blocks 7 LANES) if isotropic, two-dimensional (blocks, 21 LANES) if general; `X`, `u`, `v` (3 nv,) in double, `f`
-(3 slots,), `blocks` (9 slots,). Threads take runs of blocks, and no two of them share a slot.
+Blocks of lanes and the arrays that all kernels share: `lanes`. W and F take 15 ns per tetrahedron, one at a time 20 to 28 (`python -m
+validation kernels`). `D` is one-dimensional (blocks 7 LANES) if isotropic, two-dimensional (blocks, 21 LANES) if general. Threads take
+runs of blocks, and no two of them share a slot.
 """
 
 from __future__ import annotations
@@ -38,28 +34,20 @@ from __future__ import annotations
 import numpy as np
 
 from .compiled import Ids, Reals, inlined, kernel
-
-#: Simplices in a block. 16 measures best: 8 are unrolled before they are vectorised (2 x slower), 32 spill from the registers'
-#: cache.
-LANES = 16
-
-#: Unsigned indices: numba tests signed ones for wrap-around.
-I = np.uint64
-
-
-@inlined
-def _vector(a, at):
-    return a[at], a[at + I(LANES)], a[at + I(2 * LANES)]
-
-
-@inlined
-def _sum(a, b):
-    return a[0] + b[0], a[1] + b[1], a[2] + b[2]
-
-
-@inlined
-def _dot(a, b):
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+from .lanes import (
+    LANES,
+    I,
+    add,
+    dot,
+    gather_differences,
+    gather_sizes,
+    gather_spokes,
+    put,
+    scatter_blocks,
+    scatter_forces,
+    scatter_sizes,
+    vectors,
+)
 
 
 @inlined
@@ -73,53 +61,15 @@ def _scaled(s, S):
 
 
 @inlined
-def _put(a, out, at):
-    for i in range(len(a)):
-        out[at + I(i * LANES)] = a[i]
-
-
-@kernel
-def _gather_spokes(t, block, X, u, P, U):
-    """Spokes of a block at rest and their displacements, differences taken in double."""
-    first = I(block * 4 * LANES)
-    for lane in range(LANES):
-        at = first + I(lane)
-        a, b = I(3) * I(t[at]), I(3) * I(t[at + I(LANES)])
-        c, d = I(3) * I(t[at + I(2 * LANES)]), I(3) * I(t[at + I(3 * LANES)])
-        for i in range(3):
-            x, y, to = X[a + I(i)], u[a + I(i)], I(i * LANES + lane)
-            P[to], U[to] = X[b + I(i)] - x, u[b + I(i)] - y
-            P[to + I(3 * LANES)], U[to + I(3 * LANES)] = X[c + I(i)] - x, u[c + I(i)] - y
-            P[to + I(6 * LANES)], U[to + I(6 * LANES)] = X[d + I(i)] - x, u[d + I(i)] - y
-
-
-@kernel
-def _scatter_forces(slots, block, forces, f):
-    """Add the forces of a block: those of vertices 1, 2, 3 as they are, minus their sum to vertex 0."""
-    first = I(block * 4 * LANES)
-    for lane in range(LANES):
-        at = first + I(lane)
-        a, b = I(3) * I(slots[at]), I(3) * I(slots[at + I(LANES)])
-        c, d = I(3) * I(slots[at + I(2 * LANES)]), I(3) * I(slots[at + I(3 * LANES)])
-        for i in range(3):
-            of = I(i * LANES + lane)
-            f1, f2, f3 = forces[of], forces[of + I(3 * LANES)], forces[of + I(6 * LANES)]
-            f[a + I(i)] -= f1 + f2 + f3
-            f[b + I(i)] += f1
-            f[c + I(i)] += f2
-            f[d + I(i)] += f3
-
-
-@inlined
 def _strain(P1, P2, P3, U1, U2, U3, p1, p2, p3):
     """`M` in the order 11, 22, 33, 12, 13, 23."""
     return (
-        _dot(_sum(P1, p1), U1),
-        _dot(_sum(P2, p2), U2),
-        _dot(_sum(P3, p3), U3),
-        _dot(p1, U2) + _dot(U1, P2),
-        _dot(p1, U3) + _dot(U1, P3),
-        _dot(p2, U3) + _dot(U2, P3),
+        dot(add(P1, p1), U1),
+        dot(add(P2, p2), U2),
+        dot(add(P3, p3), U3),
+        dot(p1, U2) + dot(U1, P2),
+        dot(p1, U3) + dot(U1, P3),
+        dot(p2, U3) + dot(U2, P3),
     )
 
 
@@ -200,9 +150,9 @@ def _four_energies(S, M):
 def _state(P, U, D, block, i):
     """Of simplex `i` of a block: the spokes now, the tensions `S`, and four times the energy."""
     lane = I(i)
-    P1, P2, P3 = _vector(P, lane), _vector(P, lane + I(3 * LANES)), _vector(P, lane + I(6 * LANES))
-    U1, U2, U3 = _vector(U, lane), _vector(U, lane + I(3 * LANES)), _vector(U, lane + I(6 * LANES))
-    p1, p2, p3 = _sum(P1, U1), _sum(P2, U2), _sum(P3, U3)
+    P1, P2, P3 = vectors(P, lane)
+    U1, U2, U3 = vectors(U, lane)
+    p1, p2, p3 = add(P1, U1), add(P2, U2), add(P3, U3)
     M = _strain(P1, P2, P3, U1, U2, U3, p1, p2, p3)
     S = _stress(D, block, i, M)
     return p1, p2, p3, S, _four_energies(S, M)
@@ -210,9 +160,9 @@ def _state(P, U, D, block, i):
 
 @inlined
 def _put_forces(S, p1, p2, p3, forces, lane):
-    _put(_combination(S[0], p1, S[3], p2, S[4], p3), forces, lane)
-    _put(_combination(S[3], p1, S[1], p2, S[5], p3), forces, lane + I(3 * LANES))
-    _put(_combination(S[4], p1, S[5], p2, S[2], p3), forces, lane + I(6 * LANES))
+    put(_combination(S[0], p1, S[3], p2, S[4], p3), forces, lane)
+    put(_combination(S[3], p1, S[1], p2, S[5], p3), forces, lane + I(3 * LANES))
+    put(_combination(S[4], p1, S[5], p2, S[2], p3), forces, lane + I(6 * LANES))
 
 
 @kernel
@@ -221,7 +171,7 @@ def energy_and_force(begin: int, end: int, t: Ids, slots: Ids, D: Reals, X: Real
     P, U, forces = np.empty(9 * LANES, D.dtype), np.empty(9 * LANES, D.dtype), np.empty(9 * LANES, D.dtype)
     W = 0.0
     for block in range(begin, end):
-        _gather_spokes(t, block, X, u, P, U)
+        gather_spokes(t, block, X, u, P, U)
         w = D.dtype.type(0)
         for i in range(LANES):
             lane = I(i)
@@ -230,7 +180,7 @@ def energy_and_force(begin: int, end: int, t: Ids, slots: Ids, D: Reals, X: Real
             _put_forces(S, p1, p2, p3, forces, lane)
         W += w
         if len(f) > 0:
-            _scatter_forces(slots, block, forces, f)
+            scatter_forces(slots, block, forces, f)
     return W / 4
 
 
@@ -336,22 +286,11 @@ def _put_general_blocks(D, block, lane, S, p1, p2, p3, out):
     K33 = _general_block(c13, c23, c33, p1, p2, p3, S[2])
     at = I(lane)
     _put_minus_sum(K11, _transposed(K12), _transposed(K13), out, at)
-    _put(K12, out, at + I(9 * LANES))
+    put(K12, out, at + I(9 * LANES))
     _put_minus_sum(K12, K22, _transposed(K23), out, at + I(18 * LANES))
     _put_minus_sum(K13, K23, K33, out, at + I(27 * LANES))
-    _put(K13, out, at + I(36 * LANES))
-    _put(K23, out, at + I(45 * LANES))
-
-
-@kernel
-def _scatter_blocks(edge_slots, block, values, blocks):
-    edges = edge_slots.shape[1] // LANES
-    for lane in range(LANES):
-        for edge in range(edges):
-            to = I(9) * I(edge_slots[block, I(edge * LANES + lane)])
-            at = I(edge * 9 * LANES + lane)
-            for i in range(9):
-                blocks[to + I(i)] += values[at + I(i * LANES)]
+    put(K13, out, at + I(36 * LANES))
+    put(K23, out, at + I(45 * LANES))
 
 
 @kernel
@@ -378,7 +317,7 @@ def linearize(
     forces, g = values[54 * LANES :], D.dtype.type(kept)
     W = 0.0
     for block in range(begin, end):
-        _gather_spokes(t, block, X, u, P, U)
+        gather_spokes(t, block, X, u, P, U)
         w = D.dtype.type(0)
         for i in range(LANES):
             lane = I(i)
@@ -392,9 +331,9 @@ def linearize(
                 _put_general_blocks(D, block, i, S, p1, p2, p3, values)
         W += w
         if len(f) > 0:
-            _scatter_forces(slots, block, forces, f)
+            scatter_forces(slots, block, forces, f)
         blocks[9 * marks[block] : 9 * marks[block + 1]] = 0  # while it is in the cache
-        _scatter_blocks(edge_slots, block, values, blocks)
+        scatter_blocks(edge_slots, block, values, blocks)
     return W / 4
 
 
@@ -412,27 +351,12 @@ def tensions(begin: int, end: int, t: Ids, edge_slots: Ids, marks: Ids, D: Reals
     """Add the tensions of the edges to their slots in `out`, which are set to zero as those of `linearize` are."""
     P, U, values = np.empty(9 * LANES, D.dtype), np.empty(9 * LANES, D.dtype), np.empty(6 * LANES, D.dtype)
     for block in range(begin, end):
-        _gather_spokes(t, block, X, u, P, U)
+        gather_spokes(t, block, X, u, P, U)
         for i in range(LANES):
             _, _, _, S, _ = _state(P, U, D, block, i)
-            _put((S[0] + S[3] + S[4], -S[3], S[3] + S[1] + S[5], S[4] + S[5] + S[2], -S[4], -S[5]), values, I(i))
+            put((S[0] + S[3] + S[4], -S[3], S[3] + S[1] + S[5], S[4] + S[5] + S[2], -S[4], -S[5]), values, I(i))
         out[marks[block] : marks[block + 1]] = 0
         _scatter_tensions(edge_slots, block, values, out)
-
-
-@kernel
-def _gather_differences(t, block, v, V):
-    """What `v` is at the ends of the spokes of a block more than at their beginning, in double."""
-    first = I(block * 4 * LANES)
-    for lane in range(LANES):
-        at = first + I(lane)
-        a, b = I(3) * I(t[at]), I(3) * I(t[at + I(LANES)])
-        c, d = I(3) * I(t[at + I(2 * LANES)]), I(3) * I(t[at + I(3 * LANES)])
-        for i in range(3):
-            x, to = v[a + I(i)], I(i * LANES + lane)
-            V[to] = v[b + I(i)] - x
-            V[to + I(3 * LANES)] = v[c + I(i)] - x
-            V[to + I(6 * LANES)] = v[d + I(i)] - x
 
 
 @kernel
@@ -442,15 +366,15 @@ def along(begin: int, end: int, t: Ids, D: Reals, X: Reals, u: Reals, v: Reals) 
     c0, c1, c2, c3, c4 = 0.0, 0.0, 0.0, 0.0, 0.0
     zero = D.dtype.type(0)
     for block in range(begin, end):
-        _gather_spokes(t, block, X, u, P, U)
-        _gather_differences(t, block, v, V)
+        gather_spokes(t, block, X, u, P, U)
+        gather_differences(t, block, v, V)
         w0, w1, w2, w3, w4 = zero, zero, zero, zero, zero
         for i in range(LANES):
             lane = I(i)
-            P1, P2, P3 = _vector(P, lane), _vector(P, lane + I(3 * LANES)), _vector(P, lane + I(6 * LANES))
-            U1, U2, U3 = _vector(U, lane), _vector(U, lane + I(3 * LANES)), _vector(U, lane + I(6 * LANES))
-            V1, V2, V3 = _vector(V, lane), _vector(V, lane + I(3 * LANES)), _vector(V, lane + I(6 * LANES))
-            p1, p2, p3 = _sum(P1, U1), _sum(P2, U2), _sum(P3, U3)
+            P1, P2, P3 = vectors(P, lane)
+            U1, U2, U3 = vectors(U, lane)
+            V1, V2, V3 = vectors(V, lane)
+            p1, p2, p3 = add(P1, U1), add(P2, U2), add(P3, U3)
             M = _strain(P1, P2, P3, U1, U2, U3, p1, p2, p3)
             N = _strain(p1, p2, p3, V1, V2, V3, p1, p2, p3)  # M', and with V in the place of p twice V_i . V_j: M''
             O = _strain(V1, V2, V3, V1, V2, V3, V1, V2, V3)
@@ -498,20 +422,20 @@ def mean_force(
     both, later, part = D.dtype.type(w0 + w1), D.dtype.type(w1), D.dtype.type(theta)
     R = 0.0
     for block in range(begin, end):
-        _gather_spokes(t, block, X, u, P, U)
-        _gather_differences(t, block, v, V)
+        gather_spokes(t, block, X, u, P, U)
+        gather_differences(t, block, v, V)
         r = D.dtype.type(0)
         for i in range(LANES):
             lane = I(i)
-            V1, V2, V3 = _vector(V, lane), _vector(V, lane + I(3 * LANES)), _vector(V, lane + I(6 * LANES))
+            V1, V2, V3 = vectors(V, lane)
             p1, p2, p3, S, _ = _state(P, U, D, block, i)
-            N = _strain(p1, p2, p3, V1, V2, V3, _sum(p1, V1), _sum(p2, V2), _sum(p3, V3))
+            N = _strain(p1, p2, p3, V1, V2, V3, add(p1, V1), add(p2, V2), add(p3, V3))
             T = _stress(D, block, i, N)
             r += _four_energies(T, N)
             q1, q2, q3 = _moved(p1, part, V1), _moved(p2, part, V2), _moved(p3, part, V3)
             _put_forces(_between(both, S, later, T), q1, q2, q3, forces, lane)
         R += r
-        _scatter_forces(slots, block, forces, f)
+        scatter_forces(slots, block, forces, f)
     return R / 4
 
 
@@ -526,37 +450,22 @@ def damping_force(begin: int, end: int, t: Ids, slots: Ids, D: Reals, X: Reals, 
     )
     R = 0.0
     for block in range(begin, end):
-        _gather_spokes(t, block, X, u, P, U)
-        _gather_differences(t, block, v, V)
+        gather_spokes(t, block, X, u, P, U)
+        gather_differences(t, block, v, V)
         r = D.dtype.type(0)
         for i in range(LANES):
             lane = I(i)
-            P1, P2, P3 = _vector(P, lane), _vector(P, lane + I(3 * LANES)), _vector(P, lane + I(6 * LANES))
-            U1, U2, U3 = _vector(U, lane), _vector(U, lane + I(3 * LANES)), _vector(U, lane + I(6 * LANES))
-            V1, V2, V3 = _vector(V, lane), _vector(V, lane + I(3 * LANES)), _vector(V, lane + I(6 * LANES))
-            p1, p2, p3 = _sum(P1, U1), _sum(P2, U2), _sum(P3, U3)
+            P1, P2, P3 = vectors(P, lane)
+            U1, U2, U3 = vectors(U, lane)
+            V1, V2, V3 = vectors(V, lane)
+            p1, p2, p3 = add(P1, U1), add(P2, U2), add(P3, U3)
             N = _strain(p1, p2, p3, V1, V2, V3, p1, p2, p3)
             T = _stress(D, block, i, N)
             r += _four_energies(T, N)
             _put_forces(T, p1, p2, p3, forces, lane)
         R += r
-        _scatter_forces(slots, block, forces, f)
+        scatter_forces(slots, block, forces, f)
     return R / 4
-
-
-@kernel
-def _gather_sizes(t, block, X, u, P, B, p):
-    """Absolute values of the spokes of a block: at rest, of both displacements together, and now."""
-    first = I(block * 4 * LANES)
-    for lane in range(LANES):
-        at = first + I(lane)
-        a = I(3) * I(t[at])
-        for spoke in range(3):
-            b = I(3) * I(t[at + I((spoke + 1) * LANES)])
-            for i in range(3):
-                to = I((3 * spoke + i) * LANES + lane)
-                rest, x, y = X[b + I(i)] - X[a + I(i)], u[a + I(i)], u[b + I(i)]
-                P[to], B[to], p[to] = abs(rest), abs(x) + abs(y), abs(rest + (y - x))
 
 
 @kernel
@@ -569,21 +478,6 @@ def _absolute(D, block):
 
 
 @kernel
-def _scatter_sizes(slots, block, forces, f):
-    """Add the sizes of the forces of a block: those of vertices 1, 2, 3 as they are, and their sum to vertex 0."""
-    first = I(block * 4 * LANES)
-    for lane in range(LANES):
-        at = first + I(lane)
-        a = I(3) * I(slots[at])
-        for vertex in range(3):
-            b = I(3) * I(slots[at + I((vertex + 1) * LANES)])
-            for i in range(3):
-                size = forces[I((3 * vertex + i) * LANES + lane)]
-                f[a + I(i)] += size
-                f[b + I(i)] += size
-
-
-@kernel
 def round_off(begin: int, end: int, t: Ids, slots: Ids, D: Reals, X: Reals, u: Reals, f: Reals) -> None:
     """Add to the slots `f` the forces of absolute values: of D, P and p, and `|u_i| + |u_0|` for U, for `u` is rounded itself."""
     P, B, p, forces = (
@@ -593,13 +487,13 @@ def round_off(begin: int, end: int, t: Ids, slots: Ids, D: Reals, X: Reals, u: R
         np.empty(9 * LANES, D.dtype),
     )
     for block in range(begin, end):
-        _gather_sizes(t, block, X, u, P, B, p)
+        gather_sizes(t, block, X, u, P, B, p)
         A = _absolute(D, block)
         for i in range(LANES):
             lane = I(i)
-            P1, P2, P3 = _vector(P, lane), _vector(P, lane + I(3 * LANES)), _vector(P, lane + I(6 * LANES))
-            B1, B2, B3 = _vector(B, lane), _vector(B, lane + I(3 * LANES)), _vector(B, lane + I(6 * LANES))
-            p1, p2, p3 = _vector(p, lane), _vector(p, lane + I(3 * LANES)), _vector(p, lane + I(6 * LANES))
+            P1, P2, P3 = vectors(P, lane)
+            B1, B2, B3 = vectors(B, lane)
+            p1, p2, p3 = vectors(p, lane)
             S = _stress(A, 0, i, _strain(P1, P2, P3, B1, B2, B3, p1, p2, p3))
             _put_forces(S, p1, p2, p3, forces, lane)
-        _scatter_sizes(slots, block, forces, f)
+        scatter_sizes(slots, block, forces, f)

@@ -20,29 +20,7 @@ from __future__ import annotations
 import numpy as np
 
 from .compiled import Ids, Reals, inlined, kernel
-from .simplices import LANES
-
-I = np.uint64
-
-
-@inlined
-def _spoke(a, at):
-    return a[at], a[at + I(LANES)], a[at + I(2 * LANES)]
-
-
-@inlined
-def _cross(a, b):
-    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
-
-
-@inlined
-def _dot(a, b):
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
-
-
-@inlined
-def _times(s, a):
-    return s * a[0], s * a[1], s * a[2]
+from .lanes import LANES, I, cross, dot, gather_spokes, times, vectors
 
 
 @inlined
@@ -53,37 +31,22 @@ def _minus(a, s, b):
 @inlined
 def _strain(q1, h1, q2, h2):
     """`q1 . h2 + h1 . q2 + h1 . h2`"""
-    return _dot((q1[0] + h1[0], q1[1] + h1[1], q1[2] + h1[2]), h2) + _dot(h1, q2)
-
-
-@kernel
-def _gather(t, block, X, u, P, U):
-    """Spokes of a block at rest and their displacements, stored apart: `(X_b - X_a) + (u_b - u_a)` might be regrouped."""
-    first = I(block * 4 * LANES)
-    for lane in range(LANES):
-        at = first + I(lane)
-        a, b = I(3) * I(t[at]), I(3) * I(t[at + I(LANES)])
-        c, d = I(3) * I(t[at + I(2 * LANES)]), I(3) * I(t[at + I(3 * LANES)])
-        for i in range(3):
-            x, y, to = X[a + I(i)], u[a + I(i)], I(i * LANES + lane)
-            P[to], U[to] = X[b + I(i)] - x, u[b + I(i)] - y
-            P[to + I(3 * LANES)], U[to + I(3 * LANES)] = X[c + I(i)] - x, u[c + I(i)] - y
-            P[to + I(6 * LANES)], U[to + I(6 * LANES)] = X[d + I(i)] - x, u[d + I(i)] - y
+    return dot((q1[0] + h1[0], q1[1] + h1[1], q1[2] + h1[2]), h2) + dot(h1, q2)
 
 
 @inlined
 def _of_segment(P1, U1):
-    size = 1 / np.sqrt(_dot(P1, P1))
-    q1, h1 = _times(size, P1), _times(size, U1)
+    size = 1 / np.sqrt(dot(P1, P1))
+    q1, h1 = times(size, P1), times(size, U1)
     return 1 + _strain(q1, h1, q1, h1)
 
 
 @inlined
 def _of_triangle(P1, P2, U1, U2):
-    size, normal = 1 / np.sqrt(_dot(P1, P1)), _cross(P1, P2)
-    q1, h1 = _times(size, P1), _times(size, U1)
-    q2 = _cross(_times(1 / np.sqrt(_dot(normal, normal)), normal), q1)
-    h2 = _times(1 / _dot(q2, P2), _minus(U2, _dot(q1, P2), h1))
+    size, normal = 1 / np.sqrt(dot(P1, P1)), cross(P1, P2)
+    q1, h1 = times(size, P1), times(size, U1)
+    q2 = cross(times(1 / np.sqrt(dot(normal, normal)), normal), q1)
+    h2 = times(1 / dot(q2, P2), _minus(U2, dot(q1, P2), h1))
     e11, e22, e12 = _strain(q1, h1, q1, h1), _strain(q2, h2, q2, h2), _strain(q1, h1, q2, h2)
     half = (e11 - e22) / 2
     return 1 + (e11 + e22) / 2 - np.sqrt(half * half + e12 * e12)
@@ -91,12 +54,12 @@ def _of_triangle(P1, P2, U1, U2):
 
 @inlined
 def _of_tetrahedron(P1, P2, P3, U1, U2, U3):
-    size, normal = 1 / np.sqrt(_dot(P1, P1)), _cross(P1, P2)
-    q1, h1 = _times(size, P1), _times(size, U1)
-    q3 = _times(1 / np.sqrt(_dot(normal, normal)), normal)
-    q2 = _cross(q3, q1)
-    h2 = _times(1 / _dot(q2, P2), _minus(U2, _dot(q1, P2), h1))
-    h3 = _times(1 / _dot(q3, P3), _minus(_minus(U3, _dot(q1, P3), h1), _dot(q2, P3), h2))
+    size, normal = 1 / np.sqrt(dot(P1, P1)), cross(P1, P2)
+    q1, h1 = times(size, P1), times(size, U1)
+    q3 = times(1 / np.sqrt(dot(normal, normal)), normal)
+    q2 = cross(q3, q1)
+    h2 = times(1 / dot(q2, P2), _minus(U2, dot(q1, P2), h1))
+    h3 = times(1 / dot(q3, P3), _minus(_minus(U3, dot(q1, P3), h1), dot(q2, P3), h2))
     e11, e22, e33 = _strain(q1, h1, q1, h1), _strain(q2, h2, q2, h2), _strain(q3, h3, q3, h3)
     mean = (e11 + e22 + e33) / 3
     return (
@@ -130,11 +93,11 @@ def smallest_stretches(begin: int, end: int, t: Ids, X: Reals, u: Reals, k: int,
     """The smallest principal stretch of the blocks `begin` to `end`; of each simplex in `out`, unless that is empty."""
     P, U, s, least = np.empty(9 * LANES), np.empty(9 * LANES), np.empty(LANES), np.full(LANES, np.inf)
     for block in range(begin, end):
-        _gather(t, block, X, u, P, U)
+        gather_spokes(t, block, X, u, P, U)
         for i in range(LANES):
             lane = I(i)
-            P1, P2, P3 = _spoke(P, lane), _spoke(P, lane + I(3 * LANES)), _spoke(P, lane + I(6 * LANES))
-            U1, U2, U3 = _spoke(U, lane), _spoke(U, lane + I(3 * LANES)), _spoke(U, lane + I(6 * LANES))
+            P1, P2, P3 = vectors(P, lane)
+            U1, U2, U3 = vectors(U, lane)
             if k == 3:
                 square = _of_tetrahedron(P1, P2, P3, U1, U2, U3)
             elif k == 2:

@@ -13,56 +13,20 @@ from __future__ import annotations
 import numpy as np
 
 from .compiled import Ids, Reals, inlined, kernel
-from .simplices import LANES
+from .lanes import LANES, I, add, complete_spokes, cross, dot, gather_differences, gather_spokes, vectors
 
-I = np.uint64
 EPS = 2.0**-52
-
-
-@inlined
-def _spoke(a, at):
-    return a[at], a[at + I(LANES)], a[at + I(2 * LANES)]
-
-
-@inlined
-def _sum(a, b):
-    return a[0] + b[0], a[1] + b[1], a[2] + b[2]
-
-
-@inlined
-def _cross(a, b):
-    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
-
-
-@inlined
-def _dot(a, b):
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
-
-
-@kernel
-def _gather(t, block, X, u, P, U):
-    """Spokes of a block at rest and their displacements, stored apart: `(X_b - X_a) + (u_b - u_a)` might be regrouped."""
-    first = I(block * 4 * LANES)
-    for lane in range(LANES):
-        at = first + I(lane)
-        a, b = I(3) * I(t[at]), I(3) * I(t[at + I(LANES)])
-        c, d = I(3) * I(t[at + I(2 * LANES)]), I(3) * I(t[at + I(3 * LANES)])
-        for i in range(3):
-            x, y, to = X[a + I(i)], u[a + I(i)], I(i * LANES + lane)
-            P[to], U[to] = X[b + I(i)] - x, u[b + I(i)] - y
-            P[to + I(3 * LANES)], U[to + I(3 * LANES)] = X[c + I(i)] - x, u[c + I(i)] - y
-            P[to + I(6 * LANES)], U[to + I(6 * LANES)] = X[d + I(i)] - x, u[d + I(i)] - y
 
 
 @inlined
 def _measure(a, b, c, k, d):
     """`k!` times the volume, area or length, signed where there are as many spokes as components."""
-    n = _cross(a, b)
+    n = cross(a, b)
     if k == 3:
-        return _dot(n, c)
+        return dot(n, c)
     if k == 2:
-        return n[2] if d == 2 else np.sqrt(_dot(n, n))
-    return a[0] if d == 1 else np.sqrt(_dot(a, a))
+        return n[2] if d == 2 else np.sqrt(dot(n, n))
+    return a[0] if d == 1 else np.sqrt(dot(a, a))
 
 
 @kernel
@@ -70,12 +34,12 @@ def volume_ratios(begin: int, end: int, t: Ids, X: Reals, u: Reals, k: int, d: i
     """The smallest ratio of volumes, now to at rest, of the blocks `begin` to `end`; all of them in `out`, unless that is empty."""
     P, U, J, least = np.empty(9 * LANES), np.empty(9 * LANES), np.empty(LANES), np.full(LANES, np.inf)
     for block in range(begin, end):
-        _gather(t, block, X, u, P, U)
+        gather_spokes(t, block, X, u, P, U)
         for i in range(LANES):
             lane = I(i)
-            P1, P2, P3 = _spoke(P, lane), _spoke(P, lane + I(3 * LANES)), _spoke(P, lane + I(6 * LANES))
-            U1, U2, U3 = _spoke(U, lane), _spoke(U, lane + I(3 * LANES)), _spoke(U, lane + I(6 * LANES))
-            now = _measure(_sum(P1, U1), _sum(P2, U2), _sum(P3, U3), k, d)
+            P1, P2, P3 = vectors(P, lane)
+            U1, U2, U3 = vectors(U, lane)
+            now = _measure(add(P1, U1), add(P2, U2), add(P3, U3), k, d)
             J[lane] = now / _measure(P1, P2, P3, k, d)
             least[lane] = min(J[lane], least[lane])
         if len(out) > 0:
@@ -83,22 +47,10 @@ def volume_ratios(begin: int, end: int, t: Ids, X: Reals, u: Reals, k: int, d: i
     return least.min()
 
 
-@kernel
-def _gather_direction(t, block, v, V):
-    first = I(block * 4 * LANES)
-    for lane in range(LANES):
-        at = first + I(lane)
-        a = I(3) * I(t[at])
-        for spoke in range(3):
-            b = I(3) * I(t[at + I((spoke + 1) * LANES)])
-            for i in range(3):
-                V[I((3 * spoke + i) * LANES + lane)] = v[b + I(i)] - v[a + I(i)]
-
-
 @inlined
 def _triple(a, b, c):
     """`a . (b x c)`."""
-    return _dot(a, _cross(b, c))
+    return dot(a, cross(b, c))
 
 
 @inlined
@@ -210,37 +162,34 @@ def step_limit(begin: int, end: int, t: Ids, X: Reals, u: Reals, v: Reals, k: in
     P, U, V = np.empty(9 * LANES), np.empty(9 * LANES), np.empty(9 * LANES)
     least, looked_at = np.inf, np.empty(LANES, dtype=np.bool_)
     for block in range(begin, end):
-        _gather(t, block, X, u, P, U)
-        _gather_direction(t, block, v, V)
-        if k < 3:
-            P[8 * LANES :] = 1
-        if k < 2:
-            P[4 * LANES : 5 * LANES] = 1
+        gather_spokes(t, block, X, u, P, U)
+        gather_differences(t, block, v, V)
+        complete_spokes(k, P)
         s = min(least, 1e100)  # infinity times zero is not zero
         for i in range(LANES):
             lane = I(i)
-            P1, P2, P3 = _spoke(P, lane), _spoke(P, lane + I(3 * LANES)), _spoke(P, lane + I(6 * LANES))
-            U1, U2, U3 = _spoke(U, lane), _spoke(U, lane + I(3 * LANES)), _spoke(U, lane + I(6 * LANES))
-            V1, V2, V3 = _spoke(V, lane), _spoke(V, lane + I(3 * LANES)), _spoke(V, lane + I(6 * LANES))
-            p1, p2, p3 = _sum(P1, U1), _sum(P2, U2), _sum(P3, U3)
-            n1, n2, n3, m1, m2, m3 = _cross(p2, p3), _cross(p3, p1), _cross(p1, p2), _cross(V2, V3), _cross(V3, V1), _cross(V1, V2)
+            P1, P2, P3 = vectors(P, lane)
+            U1, U2, U3 = vectors(U, lane)
+            V1, V2, V3 = vectors(V, lane)
+            p1, p2, p3 = add(P1, U1), add(P2, U2), add(P3, U3)
+            n1, n2, n3, m1, m2, m3 = cross(p2, p3), cross(p3, p1), cross(p1, p2), cross(V2, V3), cross(V3, V1), cross(V1, V2)
             rest = _triple(P1, P2, P3)
-            c0 = rest * _dot(p1, n1)  # the signs of J and of its slopes
-            c1 = rest * (_dot(V1, n1) + _dot(V2, n2) + _dot(V3, n3))
-            c2 = rest * (_dot(p1, m1) + _dot(p2, m2) + _dot(p3, m3))
-            c3 = rest * _dot(V1, m1)
+            c0 = rest * dot(p1, n1)  # the signs of J and of its slopes
+            c1 = rest * (dot(V1, n1) + dot(V2, n2) + dot(V3, n3))
+            c2 = rest * (dot(p1, m1) + dot(p2, m2) + dot(p3, m3))
+            c3 = rest * dot(V1, m1)
             bound = c0 - s * (abs(c1) + s * (abs(c2) + s * abs(c3)))
             looked_at[lane] = (c0 > 0) & ~(bound > 0) & (min(c1, c2, c3) < 0)
         for i in range(LANES):
             lane = I(i)
             if looked_at[lane]:
-                P1, P2, P3 = _spoke(P, lane), _spoke(P, lane + I(3 * LANES)), _spoke(P, lane + I(6 * LANES))
-                U1, U2, U3 = _spoke(U, lane), _spoke(U, lane + I(3 * LANES)), _spoke(U, lane + I(6 * LANES))
-                V1, V2, V3 = _spoke(V, lane), _spoke(V, lane + I(3 * LANES)), _spoke(V, lane + I(6 * LANES))
+                P1, P2, P3 = vectors(P, lane)
+                U1, U2, U3 = vectors(U, lane)
+                V1, V2, V3 = vectors(V, lane)
                 sign = np.copysign(1.0, _triple(P1, P2, P3))
                 at = I(block * 4 * LANES) + lane
                 a, b = I(3) * I(t[at]), I(3) * I(t[at + I(LANES)])
                 c, d = I(3) * I(t[at + I(2 * LANES)]), I(3) * I(t[at + I(3 * LANES)])
                 B1, B2, B3 = _ends(v, a, b), _ends(v, a, c), _ends(v, a, d)
-                least = _limit(_sum(P1, U1), _sum(P2, U2), _sum(P3, U3), V1, V2, V3, B1, B2, B3, sign, least)
+                least = _limit(add(P1, U1), add(P2, U2), add(P3, U3), V1, V2, V3, B1, B2, B3, sign, least)
     return least

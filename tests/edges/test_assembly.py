@@ -9,7 +9,7 @@ from skfem_stvk import SimplexMesh, StVK, System
 from skfem_stvk.edges import TENSILE
 from skfem_stvk.edges.topology import LOCAL_EDGES, edge_topology, in_lanes, out_of_lanes, own_order
 from skfem_stvk.errors import MaterialError
-from skfem_stvk.kernels.simplices import LANES
+from skfem_stvk.kernels.lanes import LANES
 from skfem_stvk.system import Pattern
 
 TERM = StVK(young=2.0, poisson=0.3)

@@ -8,7 +8,7 @@ from bodies import BODIES, MESHES, box, state
 from kernels.parts import in_parts
 
 from skfem_stvk import SimplexMesh, StVK
-from skfem_stvk.kernels.simplices import LANES
+from skfem_stvk.kernels.lanes import LANES
 
 TERM = StVK(young=2.0, poisson=0.3)
 

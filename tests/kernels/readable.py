@@ -14,8 +14,8 @@ from scipy.sparse.csgraph import connected_components
 
 from skfem_stvk.kernels.cg import BETA, MORE, NEGATIVE, NORM, NOT_FINITE, PART, RHO, SEEN, SMALL, P, S, T, U, X
 from skfem_stvk.kernels.compiled import Ids, Reals
+from skfem_stvk.kernels.lanes import LANES
 from skfem_stvk.kernels.penalty import BARRIER, COMPRESSION, QUADRATIC
-from skfem_stvk.kernels.simplices import LANES
 from skfem_stvk.kernels.topology import OWN
 
 #: Edges of a tetrahedron as pairs of its vertices: the order of `edge_slots`.

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from kernels.parts import in_parts
 
 from skfem_stvk import ElasticFoundation, SimplexMesh, StVK, System
-from skfem_stvk.kernels.simplices import LANES
+from skfem_stvk.kernels.lanes import LANES
 from skfem_stvk.mesh.geometry import Geometry
 
 TERM = StVK(young=2.0, poisson=0.3)

@@ -10,7 +10,7 @@ from numba.core.dispatcher import Dispatcher
 from skfem_stvk import Anisotropic, StVK, System, VolumePenalty
 from skfem_stvk.edges import Tensions
 from skfem_stvk.kernels import blocks, cg, geometry, motion, penalty, simplices, stretches, topology, volumes
-from skfem_stvk.kernels.simplices import LANES
+from skfem_stvk.kernels.lanes import LANES
 
 
 def results(mesh, terms, dtype=np.float64, amount=0.3):
