@@ -50,7 +50,7 @@ def add_mean_force(
         as in `System.energy_and_force`; for elements inside out as there, at `p`.
 
     >>> import skfem
-    >>> from skfem_stvk import StVK
+    >>> from skfem_stvk import StVK, System
     >>> body = System(skfem.MeshTet().refined(2), StVK(young=1e5, poisson=0.3))
     >>> rng, force = np.random.default_rng(0), np.zeros(body.ndofs)
     >>> u0, u1 = rng.normal(size=(2, body.ndofs))

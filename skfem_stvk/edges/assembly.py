@@ -27,15 +27,16 @@ from .topology import OwnOrder, Shares, in_lanes, own_order
 class SimplexTerm(PairTerm):
     """The calls of the kernels on simplices, and how the volumes of those change.
 
-    Ratios of volumes are below zero where a simplex is inside out, whichever way round its vertices are numbered. Of triangles in space, and of
-    segments in more than one dimension, they are ratios of areas and lengths, which have no sign.
+    Ratios of volumes are below zero where a simplex is inside out, whichever way round its vertices are numbered. Of triangles in
+    space, and of segments in more than one dimension, they are ratios of areas and lengths, which have no sign.
 
     Parameters
     ----------
     p : (d, nv) rest coordinates of all vertices of the mesh [m].
     t : (k + 1, nt) vertices of the simplices.
     edges : (2, ne) their edges, `a < b` in lexicographic order.
-    stored : what the kernels store of the simplices in their own order, (m, nt) from its vertices of the mesh (k + 1, nt) and the order.
+    stored : what the kernels store of the simplices in their own order, (m, nt) from its vertices of the mesh (k + 1, nt) and the
+        order.
     dtype : of results and of what is stored, which is computed in double and rounded then.
     """
 
@@ -129,7 +130,8 @@ class SimplexTerm(PairTerm):
 
     @in_turn
     def step_limit(self, u: Array, v: Array) -> float:
-        """The smallest `s > 0` at which a simplex that is right side out at `u` has no volume left at `u + s v`, both (nv, d); or infinity."""
+        """The smallest `s > 0` at which a simplex that is right side out at `u` has no volume left at `u + s v`, both (nv, d); or
+        infinity."""
         simplices = self.simplices
         if simplices.k < simplices.d:
             return np.inf
@@ -193,7 +195,8 @@ class Assembly(SimplexTerm):
 
     @in_turn
     def along(self, u: Array, v: Array) -> NDArray[np.float64]:
-        """(5,) coefficients `c` [J] of the energy along `u + s v`, both (nv, d): exactly `c_0 + c_1 s + ... + c_4 s^4`, at any `s`."""
+        """(5,) coefficients `c` [J] of the energy along `u + s v`, both (nv, d): exactly `c_0 + c_1 s + ... + c_4 s^4`, at any
+        `s`."""
         simplices = self.simplices
         simplices.gather(u)
         V = simplices.own.gathered("direction", v, np.float64)
@@ -203,12 +206,14 @@ class Assembly(SimplexTerm):
 
     @in_turn
     def mean_force(self, u0: Array, u1: Array, weights: tuple[float, float], theta: float, force: Array) -> float:
-        """Add to `force` (nv, d) [N] what mean tensions of two states `u0`, `u1` (nv, d) pull along the edges as they are in between.
+        """Add to `force` (nv, d) [N] what mean tensions of two states `u0`, `u1` (nv, d) pull along the edges as they are in
+        between.
 
             f_a = sum_b t_ab (p_a - p_b)        t = L (w0 zeta(u0) + w1 zeta(u1)),  p at (1 - theta) u0 + theta u1
 
-        Forces and torques about `p` balance. The work over `u1 - u0` is `W(u1) - W(u0)` for `w0 = w1 = theta = 1/2`, and with other weights of
-        sum 1 more by `(w1 - w0)` times `1/4 dzeta' L dzeta` [J], which is returned: zero for a rigid motion, and never negative.
+        Forces and torques about `p` balance. The work over `u1 - u0` is `W(u1) - W(u0)` for `w0 = w1 = theta = 1/2`, and with other
+        weights of sum 1 more by `(w1 - w0)` times `1/4 dzeta' L dzeta` [J], which is returned: zero for a rigid motion, and never
+        negative.
         """
         simplices = self.simplices
         shares = simplices.forces
@@ -228,8 +233,8 @@ class Assembly(SimplexTerm):
 
             f_a = sum_b t_ab (p_a - p_b)        t = L dzeta/dt,  dzeta_ab/dt = 2 (p_a - p_b) . (v_a - v_b)
 
-        It is `2 J' L J v`, the product with the Gauss-Newton tangent, and the derivative by `v` of `R = 1/4 dzeta/dt' L dzeta/dt` [W], which
-        is returned: the power that it takes is `2 R`. Rigid motions, turning ones too, meet no resistance.
+        It is `2 J' L J v`, the product with the Gauss-Newton tangent, and the derivative by `v` of `R = 1/4 dzeta/dt' L dzeta/dt`
+        [W], which is returned: the power that it takes is `2 R`. Rigid motions, turning ones too, meet no resistance.
         """
         simplices = self.simplices
         shares = simplices.forces
@@ -274,7 +279,8 @@ class Assembly(SimplexTerm):
         return sum(run(simplex_kernels.linearize, shares.parts, *arrays, kept.positive, f, blocks))
 
     def smallest_stretches(self, u: Array) -> NDArray[np.float64]:
-        """(nt,) smallest principal stretch at `u` (nv, d) within their own dimensions, of the simplices in the order in which they were given."""
+        """(nt,) smallest principal stretch at `u` (nv, d) within their own dimensions, of the simplices in the order in which they
+        were given."""
         own = np.empty(len(self.simplices.t) * LANES)
         self._smallest_stretch(u, own)
         return self.simplices.in_their_order(own)

@@ -105,7 +105,8 @@ class NodeBlocks:
 
 
 class PairBlocks:
-    """Symmetric and balanced blocks: `K_ba = K_ab'` and `K_aa = -sum_b K_ab`. All methods are linear in the `blocks` (9 n,) of the pairs.
+    """Symmetric and balanced blocks: `K_ba = K_ab'` and `K_aa = -sum_b K_ab`. All methods are linear in the `blocks` (9 n,) of the
+    pairs.
 
     Parameters
     ----------
@@ -124,7 +125,8 @@ class PairBlocks:
 
     @property
     def edges(self) -> NDArray[np.int32] | None:
-        """(n, 2) pairs of numbers of `own.vertices` in the order of the blocks, of which there is nothing else to know; else None."""
+        """(n, 2) pairs of numbers of `own.vertices` in the order of the blocks, of which there is nothing else to know; else
+        None."""
         return self._edges.edges
 
     def given(self, blocks: Array) -> NodeBlocks:
@@ -177,7 +179,8 @@ class PairBlocks:
 
 
 class GivenBlocks(PairBlocks):
-    """Blocks that are not symmetric, or not balanced: `K_ab` of the pairs, `K_ba`, and `K_aa` of `nodes` or of all vertices of pairs.
+    """Blocks that are not symmetric, or not balanced: `K_ab` of the pairs, `K_ba`, and `K_aa` of `nodes` or of all vertices of
+    pairs.
 
     Parameters
     ----------
@@ -329,7 +332,8 @@ class NarrowTerm(BoundTerm, Protocol):
 
 
 class PairTerm(ABC):
-    """A term whose stiffness is blocks of node pairs, as systems assemble it. Python threads take turns: arrays are in use during a call."""
+    """A term whose stiffness is blocks of node pairs, as systems assemble it. Python threads take turns: arrays are in use during a
+    call."""
 
     def __init__(self, turn: Turn) -> None:
         self._turn = turn
@@ -361,7 +365,8 @@ class PairTerm(ABC):
         return Linearized(W, self.pairs.fill(rows, self._filled, add, data))
 
     def add_sizes(self, u: Array, out: Array) -> None:
-        """Add `|F|` and `sum_b |K_ab| |u_b|` at `u` (nv, d) to `out` (nv, d) [N]: no less than all that adds up to F, if that is smooth."""
+        """Add `|F|` and `sum_b |K_ab| |u_b|` at `u` (nv, d) to `out` (nv, d) [N]: no less than all that adds up to F, if that is
+        smooth."""
         force, sizes, diagonal = np.zeros(u.shape), np.zeros(len(u)), np.zeros((*u.shape, u.shape[1]))
         _, blocks = self.blocks(u, force)
         lengths = np.linalg.norm(u, axis=1)
@@ -430,7 +435,8 @@ def with_blocks(term: BoundTerm, nv: int, d: int, dtype: DTypeLike) -> PairTerm:
         return term
     if not isinstance(term, NarrowTerm):
         raise StvkError(
-            f"{type(term).__name__} is no elastic term: expected symmetric, balanced, has_energy, nodes_paired, energy_and_force(u, force) and "
+            f"{type(term).__name__} is no elastic term: expected symmetric, balanced, has_energy, nodes_paired, "
+            f"energy_and_force(u, force) and "
             "add_blocks(u, blocks, kept), as in skfem_stvk.edges.pairs.NarrowTerm. What acts from outside is a Load."
         )
     return Narrow(term, nv, d, dtype)

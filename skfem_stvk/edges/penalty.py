@@ -79,7 +79,8 @@ class PenaltyAssembly(SimplexTerm):
 
 
 def refuse_inside_out(ratios: NDArray[np.float64], ids: NDArray[Any]) -> None:
-    """Refuse a state of simplices with these `ids` and ratios `J`, of which one at least is not positive, or is that but for rounding.
+    """Refuse a state of simplices with these `ids` and ratios `J`, of which one at least is not positive, or is that but for
+    rounding.
 
     Raises
     ------

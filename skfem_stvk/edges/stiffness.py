@@ -85,7 +85,8 @@ class GeneralStiffness:
 
 
 def in_range(stored: Array, elements: NDArray[np.int32], dtype: DTypeLike) -> Array:
-    """What the kernels store, if its squares, and a little more, are numbers: else W, F and K would be zero, or overflow, without a word.
+    """What the kernels store, if its squares, and a little more, are numbers: else W, F and K would be zero, or overflow, without a
+    word.
 
     Raises
     ------
@@ -98,7 +99,8 @@ def in_range(stored: Array, elements: NDArray[np.int32], dtype: DTypeLike) -> Ar
     bad = np.sort(elements[~((largest > low) & (largest < high))])
     if len(bad):
         raise MaterialError(
-            f"{name_ids(bad, 'element')} of the region: sizes and moduli so small or large that the stiffness leaves the range of {limits.dtype}. Are "
+            f"{name_ids(bad, 'element')} of the region: sizes and moduli so small or large that the stiffness leaves the range of "
+            f"{limits.dtype}. Are "
             "units mixed up? Choose others, such as mm and MPa."
         )
     return stored

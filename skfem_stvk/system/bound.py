@@ -68,7 +68,8 @@ class BoundTerms:
 
     @property
     def dead(self) -> bool:
-        """Whether all loads keep their size and direction wherever the body goes: then the Jacobian is the tangent, that of an energy."""
+        """Whether all loads keep their size and direction wherever the body goes: then the Jacobian is the tangent, that of an
+        energy."""
         return self._elastic and all(load.dead for load in self.bound_loads)
 
     @property
@@ -81,7 +82,7 @@ class BoundTerms:
             term.commit(self._state(u))
 
     def restore(self) -> None:
-        """Tell terms with a memory that what came after the last accepted state was not accepted."""
+        """Tell terms with a memory that states after the last accepted one were not accepted."""
         for term in self._remembering:
             term.restore()
 
@@ -98,9 +99,11 @@ class BoundTerms:
         return min((term.smallest_volume_ratio(x) for _, term in self._with_volume), default=np.inf)
 
     def step_limit(self, u: ArrayLike, v: ArrayLike) -> float:
-        """The smallest `s > 0` at which an element that is right side out at `u` (`J > 0`) has no volume left at `u + s v`; or infinity.
+        """The smallest `s > 0` at which an element that is right side out at `u` (`J > 0`) has no volume left at `u + s v`; or
+        infinity.
 
-        Exact: `J` is a cubic in `s`. Triangles in space and segments in more than one dimension have no inside, so that nothing limits them.
+        Exact: `J` is a cubic in `s`. Triangles in space and segments in more than one dimension have no inside, so that nothing
+        limits them.
 
         Raises
         ------
@@ -127,7 +130,8 @@ class BoundTerms:
         return np.unique(np.concatenate(turned))
 
     def smallest_stretch(self, u: ArrayLike) -> float:
-        """The smallest principal stretch of all elements at `u`, within their own dimensions: 1 at rest, 0 flat. Errors as in `energy`.
+        """The smallest principal stretch of all elements at `u`, within their own dimensions: 1 at rest, 0 flat. Errors as in
+        `energy`.
 
         Below 1/sqrt(3) = 0.577 a St. Venant-Kirchhoff body gives way: under uniaxial compression more shortening takes less force.
         """

@@ -33,7 +33,8 @@ class Block(NamedTuple):
 
 
 class _Eliminated(NamedTuple):
-    """A body's unknowns from those of its neighbours, and from the free ones among its own: `R q[order] + others @ q(neighbours) = 0`."""
+    """A body's unknowns from those of its neighbours, and from the free ones among its own:
+    `R q[order] + others @ q(neighbours) = 0`."""
 
     body: int
     neighbours: tuple[int, ...]
@@ -45,11 +46,11 @@ class _Eliminated(NamedTuple):
 def free_motions(blocks: Sequence[Block], count: int, r: int) -> tuple[NDArray[np.int64], Array, NDArray[np.bool_]]:
     """How much constraints leave free, and what.
 
-    A sparse QR factorisation whose fronts are bodies, those with the fewest neighbours first. An unknown without a pivot is free; which
-    body it is counted for depends on the order, the sum over bodies that hang together does not. Rows are orthogonally transformed and
-    never scaled, so rounding stays as small as it was. Where bodies hang together like trees, time and memory are proportional to them.
-    Where thousands fill the plane or space, what is left when each has more than 24 neighbours is taken to be at rest: all that is found
-    is free then, but not all that is free is found.
+    A sparse QR factorisation whose fronts are bodies, those with the fewest neighbours first. An unknown without a pivot is free;
+    which body it is counted for depends on the order, the sum over bodies that hang together does not. Rows are orthogonally
+    transformed and never scaled, so rounding stays as small as it was. Where bodies hang together like trees, time and memory are
+    proportional to them. Where thousands fill the plane or space, what is left when each has more than 24 neighbours is taken to be
+    at rest: all that is found is free then, but not all that is free is found.
 
     Parameters
     ----------
@@ -149,7 +150,8 @@ def _triangle(rows: Array) -> Array:
 
 
 def _pivots(body: int, around: tuple[int, ...], own: Array, rest: Array) -> tuple[_Eliminated, Array]:
-    """The body's unknowns from the rows that have pivots, and the rows without them, in which it is no more: Householder reflections."""
+    """The body's unknowns from the rows that have pivots, and the rows without them, in which it is no more: Householder
+    reflections."""
     r = own.shape[1]
     order, rank = np.arange(r), 0
     while rank < min(own.shape):

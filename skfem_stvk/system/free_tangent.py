@@ -27,9 +27,11 @@ SYMMETRIC = 1e-12
 
 
 class FreeTangent:
-    """What problems on one system share: which degrees of freedom are free, the analysis of K, and K itself, in the same place each time.
+    """What problems on one system share: which degrees of freedom are free, the analysis of K, and K itself, in the same place each
+    time.
 
-    A problem makes K by `matrix` or, if its solver takes no matrix, by `operator`, adds its own parts (masses, damping), and has it factorised.
+    A problem makes K by `matrix` or, if its solver takes no matrix, by `operator`, adds its own parts (masses, damping), and has it
+    factorised.
 
     Parameters
     ----------
@@ -74,7 +76,8 @@ class FreeTangent:
         return rigid_modes(mesh.p.T + self._displacements().reshape(-1, mesh.d))[self.free.free]
 
     def matrix(self, u: Array, t: Time | None, kept: Tensions = ALL) -> csr_matrix:
-        """The Jacobian at `u` (ndofs,) of all degrees of freedom, in the place of the one before; without a time, K of the elastic terms alone.
+        """The Jacobian at `u` (ndofs,) of all degrees of freedom, in the place of the one before; without a time, K of the elastic
+        terms alone.
 
         Where a term has changed which vertices it couples, K has another structure, which is analysed anew.
         """
@@ -162,7 +165,8 @@ def with_loads(solver: LinearSolver, system: SystemLike) -> LinearSolver:
         return solver
     if not isinstance(solver, BlockJacobiCg):
         raise StvkError(
-            f"solver = '{solver.name}', which forms no matrix; expected one that does, such as 'amg-cg' or 'superlu': a load depends on "
+            f"solver = '{solver.name}', which forms no matrix; expected one that does, such as 'amg-cg' or 'superlu': a load "
+            f"depends on "
             "where the body goes, and its stiffness is added to a matrix."
         )
     return replace(solver, assembled=True)

@@ -23,7 +23,8 @@ class Mass(ABC):
         lumped        M_aa = sum over elements of m_e / (k + 1)
         consistent    M_ab = sum over elements of m_e / ((k + 1) (k + 2)) (1 + delta_ab)
 
-    the same for each component. Both have the mass and the centre of mass of the body; the consistent one has its moments of inertia, too.
+    the same for each component. Both have the mass and the centre of mass of the body; the consistent one has its moments of
+    inertia, too.
 
     Attributes
     ----------
@@ -58,7 +59,7 @@ class Mass(ABC):
 
     @property
     def total(self) -> float:
-        """Of the body [kg]."""
+        """Mass of the body [kg]."""
         return float(self.vertex.sum())
 
     @property
@@ -129,7 +130,8 @@ class Mass(ABC):
         bare = np.flatnonzero((self.vertex <= 0) & self._free.any(axis=1))
         if len(bare):
             raise MaterialError(
-                f"{name_ids(bare, 'vertex')} of {len(self.vertex)}: can move, but without mass, because in no element with a StVK(..., density=...). "
+                f"{name_ids(bare, 'vertex')} of {len(self.vertex)}: can move, but without mass, because in no element with a "
+                f"StVK(..., density=...). "
                 "Give their elements one, fix all their components, or leave them out of the mesh."
             )
 
@@ -169,7 +171,8 @@ class LumpedMass(Mass):
 class ConsistentMass(Mass):
     """A number for each pair of vertices; solved with by a fixed number of steps of Chebyshev's iteration (Wathen, Rees 2009).
 
-    Scaled by its diagonal, every eigenvalue of an element's M is 1/2 or (k + 2)/2, so those of the whole, held or not, are between them.
+    Scaled by its diagonal, every eigenvalue of an element's M is 1/2 or (k + 2)/2, so those of the whole, held or not, are between
+    them.
     """
 
     kind = "consistent"

@@ -1,4 +1,5 @@
-"""Whether a body is held: no rigid motion of a part is left, and no mechanism: pieces that turn against each other, joined by less than a facet."""
+"""Whether a body is held: no rigid motion of a part is left, and no mechanism: pieces that turn against each other, joined by less
+than a facet."""
 
 from __future__ import annotations
 
@@ -60,8 +61,8 @@ class Corners(NamedTuple):
 def check_held(mesh: SimplexMesh, terms: Sequence[BoundTerm], held: NDArray[Any], solid: NDArray[np.bool_]) -> None:
     """Refuse a body that can move without strain.
 
-    Mechanisms are looked for where elements are rigid as long as they are not strained: tetrahedra, and triangles in the plane. What holds
-    cables, trusses and membranes in space is their tension, which is not known here.
+    Mechanisms are looked for where elements are rigid as long as they are not strained: tetrahedra, and triangles in the plane.
+    What holds cables, trusses and membranes in space is their tension, which is not known here.
 
     Parameters
     ----------
@@ -90,7 +91,8 @@ def check_held(mesh: SimplexMesh, terms: Sequence[BoundTerm], held: NDArray[Any]
         if loose:
             facet = ("an edge", "edges") if mesh.d == 2 else ("a face", "faces")
             said.append(
-                f"{_listed(loose, 'parts')}. Less than {facet[0]} joins these elements to the others: hold them as well, join them by "
+                f"{_listed(loose, 'parts')}. Less than {facet[0]} joins these elements to the others: hold them as well, join them "
+                f"by "
                 f"{facet[1]}, or mesh anew."
             )
     if said:
@@ -114,8 +116,8 @@ def mechanisms(
 ) -> list[Mechanism]:
     """Motions of pieces of a part against each other without strain, to first order.
 
-    A piece is what facets join: tetrahedra by triangles, triangles in the plane by edges; unstrained it is rigid. Pieces move alike at
-    the vertices that they share: one is a ball joint, in the plane a hinge; several on a line are a hinge; others hold.
+    A piece is what facets join: tetrahedra by triangles, triangles in the plane by edges; unstrained it is rigid. Pieces move alike
+    at the vertices that they share: one is a ball joint, in the plane a hinge; several on a line are a hinge; others hold.
 
     Parameters
     ----------
@@ -223,8 +225,8 @@ def _grouped(keys: Ids) -> list[Ids]:
 def _clusters(corners: Corners, turns: Array, size: Array) -> Ids:
     """Number of the cluster of each piece: pieces that share vertices and never turn against each other.
 
-    `turns` (n, 1 or 3, m) are the rotations of pieces in random motions, in units of 1/size. At a vertex, pieces that turn alike follow
-    each other in the order of one component of them, along a random axis.
+    `turns` (n, 1 or 3, m) are the rotations of pieces in random motions, in units of 1/size. At a vertex, pieces that turn alike
+    follow each other in the order of one component of them, along a random axis.
     """
     turns = turns / size[:, None, None]
     axis = np.random.default_rng(1).standard_normal(turns.shape[1])
@@ -239,7 +241,8 @@ def _clusters(corners: Corners, turns: Array, size: Array) -> Ids:
 
 
 def _turning(corners: Corners, cluster: Ids, moves: NDArray[np.bool_], elements: Ids) -> list[tuple[int, Ids]]:
-    """Clusters that turn and the vertices about which they do, against one that is at rest if there is one, otherwise the largest there."""
+    """Clusters that turn and the vertices about which they do, against one that is at rest if there is one, otherwise the largest
+    there."""
     rank = np.empty(len(moves), dtype=np.int64)
     rank[np.lexsort((-elements, moves))] = np.arange(len(moves))
     vertex, ranked = _corners(corners.vertex[None], rank[cluster][corners.piece])

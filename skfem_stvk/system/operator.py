@@ -23,8 +23,8 @@ from .pattern import FreeDofs
 class TangentOperator(LinearOperator):
     """`v -> K(u) v` for scipy's iterative solvers, prepared once at `u` and applied often.
 
-    Prepared are the blocks of the edges, 1.2 x 9 numbers a tetrahedron; their transposes, the diagonal and the pattern are never made:
-    `(K v)_a = sum_b K_ab (v_b - v_a)`. `System.linear_operator` makes it.
+    Prepared are the blocks of the edges, 1.2 x 9 numbers per tetrahedron; their transposes, the diagonal and the pattern are never
+    made: `(K v)_a = sum_b K_ab (v_b - v_a)`. `System.linear_operator` makes it.
 
     Attributes
     ----------
@@ -80,7 +80,7 @@ class TangentOperator(LinearOperator):
         for operator in (self, *(other for _, other in others)):
             operator._refuse_unprepared()
             if any(a is not b for a, b in zip_longest(self._terms, operator._terms)):
-                raise StvkError("An operator of other terms came; expected those of linear_operator() of one and the same system.")
+                raise StvkError("Got an operator of other terms; expected those of linear_operator() of one and the same system.")
         self._at = None  # a sum is the tangent nowhere
         for i, blocks in enumerate(self._blocks):
             blocks *= factor
@@ -169,15 +169,15 @@ class TangentOperator(LinearOperator):
 class FreeOperator(LinearOperator):
     """The tangent restricted to the degrees of freedom that are free, for solvers that need no matrix.
 
-    It is always that of `tangent`: when that is prepared anew, so is this. The vectors that it works in are made once: it is for one Python
-    thread at a time.
+    It is always that of `tangent`: when that is prepared anew, so is this. The vectors that it works in are made once: it is for
+    one Python thread at a time.
 
     Parameters
     ----------
     tangent : the operator of all degrees of freedom.
     held : which of them are free.
-    shift : (n,) stiffness against the ground that is added to the free ones [N/m]; none by default. It is not copied: written to in place,
-        it counts from the next product on.
+    shift : (n,) stiffness against the ground that is added to the free ones [N/m]; none by default. It is not copied: written to in
+        place, it counts from the next product on.
 
     >>> import numpy as np, skfem
     >>> from skfem_stvk import StVK, System
@@ -213,7 +213,7 @@ class FreeOperator(LinearOperator):
         return blocks
 
     def by_edges(self) -> EdgeBlocks | None:
-        """As of the tangent, with the shift."""
+        """The blocks as in the tangent, with the shift."""
         return self.tangent.by_edges(self.shift)
 
     def _matvec(self, v: Array) -> Array:

@@ -44,8 +44,8 @@ class Structure:
     def fits(self, matrix: Any, dtype: DTypeLike) -> bool:
         """Whether this is a CSR matrix of this type that still has this structure, and room for its values.
 
-        The matrix that was found to fit last is not looked through again as long as it holds the same index arrays: edit those in place and
-        this goes unnoticed.
+        The matrix that was found to fit last is not looked through again as long as it holds the same index arrays: edit those in
+        place and this goes unnoticed.
         """
         if not isinstance(matrix, csr_matrix) or matrix.dtype != dtype or matrix.shape != self.shape or matrix.nnz != self.nnz:
             return False
@@ -137,7 +137,8 @@ def _numbers(name: str, given: Any, n: int) -> Array:
 
 
 class FreeDofs:
-    """The degrees of freedom that are not held, and K restricted to them by a gather that is computed once, when it is first needed.
+    """The degrees of freedom that are not held, and K restricted to them by a gather that is computed once, when it is first
+    needed.
 
     Parameters
     ----------
@@ -193,7 +194,8 @@ class FreeDofs:
         return self._restriction()[0]
 
     def _restriction(self) -> tuple[Structure, NDArray[np.int32]]:
-        """The structure of K over the free degrees of freedom, and where its values stand in those of K: worked out once for each version."""
+        """The structure of K over the free degrees of freedom, and where its values stand in those of K: worked out once for each
+        version."""
         pattern = self._system.pattern
         if self._known is None or self._known[0] != pattern.version:
             self._known = pattern.version, *self._restricted(pattern)

@@ -26,7 +26,8 @@ class SystemLike(Protocol):
     """The system that `solve_static`, `simulate`, `modes` and `critical_step` take; each member is explained at `System`.
 
     unknowns    ndofs, mesh, dtype, supports, free_dofs
-    forces      energy, internal_force, energy_and_force, external_force, residual, potential, energies, elastic_energies, foundation_force
+    forces      energy, internal_force, energy_and_force, external_force, residual, potential, energies, elastic_energies,
+    foundation_force
     tangents    tangent, jacobian, load_stiffness, linear_operator, pattern_version
     masses      mass
     limits      inside_out, step_limit, smallest_volume_ratio, smallest_stretch, compressed, round_off, check_held, parts, grounded

@@ -19,7 +19,8 @@ NOTHING = 1e-13
 
 
 def rigid_modes(x: Array) -> Array:
-    """(ndofs, r) displacements of unit translations and of rotations about the centre of the vertices `x` (nv, d), of unit size at most.
+    """(ndofs, r) displacements of unit translations and of rotations about the centre of the vertices `x` (nv, d), of unit size at
+    most.
 
     `r` is 1, 3, 6 for d = 1, 2, 3; fewer of them are independent where all vertices are on a line.
 
@@ -171,7 +172,8 @@ def _rotation(turning: Array, axis: Array, translations: Array, centre: Array, s
 
 
 def _axes(basis: Array) -> list[Array]:
-    """Directions that span the same space as the orthonormal columns of `basis` (d, m): coordinate axes as far as they are in it."""
+    """Directions that span the same space as the orthonormal columns of `basis` (d, m): coordinate axes as far as they are in
+    it."""
     axes = [e for e in np.eye(len(basis)) if np.linalg.norm(basis.T @ e) > 1 - 1e-9]
     rest = basis - sum((np.outer(e, e @ basis) for e in axes), np.zeros_like(basis))
     left, values, _ = np.linalg.svd(rest, full_matrices=False)

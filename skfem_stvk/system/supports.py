@@ -33,11 +33,11 @@ class Supports:
     Parameters
     ----------
     mesh : of the body.
-    fixed : components that do not move, by place: `{"wall": "xyz", "symmetry": "y"}`; bare integers at a place are vertices. Or what scikit-fem's
-        `basis.get_dofs(...)` returned, one or several by name: exactly those degrees of freedom.
-    prescribed : displacements [m], by place and component: `{"handle": {"x": 0.01}}`; a number, (n,) values for the vertices there, in the order of
-        ids as given, otherwise ascending, or a function of t or of (x, t). Or one function of (x, t) for all components of a place, which returns
-        (d, n). What is given by constants ramps with the load factor.
+    fixed : components that do not move, by place: `{"wall": "xyz", "symmetry": "y"}`; bare integers at a place are vertices. Or
+        what scikit-fem's `basis.get_dofs(...)` returned, one or several by name: exactly those degrees of freedom.
+    prescribed : displacements [m], by place and component: `{"handle": {"x": 0.01}}`; a number, (n,) values for the vertices there,
+        in the order of ids as given, otherwise ascending, or a function of t or of (x, t). Or one function of (x, t) for all
+        components of a place, which returns (d, n). What is given by constants ramps with the load factor.
 
     Attributes
     ----------
@@ -48,8 +48,8 @@ class Supports:
     RegionError
         if there is nothing at a place.
     SupportError
-        if a component is not of the mesh; a value has the wrong shape or is not finite; a degree of freedom is both fixed and prescribed,
-        or prescribed twice with different values; or none is free.
+        if a component is not of the mesh; a value has the wrong shape or is not finite; a degree of freedom is both fixed and
+        prescribed, or prescribed twice with different values; or none is free.
 
     >>> mesh = SimplexMesh(p=[[0, 1, 0], [0, 0, 1]], t=[[0], [1], [2]])
     >>> supports = Supports(mesh, {(0,): "xy"}, {(1,): {"y": 0.1}})
@@ -102,7 +102,8 @@ class Supports:
             return [Prescribed(_dofs(vertices, range(d), d).reshape(-1, d).T, whole)]
         if not isinstance(given, Mapping) or not given:
             raise SupportError(
-                f"{what}: {shown(given)} came; expected displacements by component, such as {{'x': 0.01}}, or a function of (x, t) that returns "
+                f"{what}: got {shown(given)}; expected displacements by component, such as {{'x': 0.01}}, or a function of (x, t) "
+                f"that returns "
                 f"all {d} components."
             )
         return [
@@ -115,7 +116,8 @@ class Supports:
         both = np.intersect1d(self.fixed, self.prescribed)
         if len(both):
             raise SupportError(
-                f"Both fixed and prescribed: {self._name(both)}. Places that share an edge or a corner? Leave the component out of one of "
+                f"Both fixed and prescribed: {self._name(both)}. Places that share an edge or a corner? Leave the component out of "
+                f"one of "
                 "them, or take the vertices out with a predicate."
             )
 
@@ -124,7 +126,8 @@ class Supports:
         bad = np.unique(place[np.broadcast_to(differ, place.shape)])
         if len(bad):
             raise SupportError(
-                f"Prescribed twice, with different displacements at t = {moment.time:.3g}: {self._name(self.held[bad])}. Places that share an edge or a "
+                f"Prescribed twice, with different displacements at t = {moment.time:.3g}: {self._name(self.held[bad])}. Places "
+                f"that share an edge or a "
                 "corner? Leave the component out of one of them."
             )
 
@@ -140,7 +143,7 @@ def fixed_dofs(mesh: SimplexMesh, fixed: Displacements | DofsView | None) -> Dof
     Raises
     ------
     RegionError, SupportError
-        as by `Supports`.
+        as in `Supports`.
 
     >>> mesh = SimplexMesh(p=[[0, 1, 0], [0, 0, 1]], t=[[0], [1], [2]])
     >>> fixed_dofs(mesh, [([2, 0], "y")])
@@ -152,12 +155,13 @@ def fixed_dofs(mesh: SimplexMesh, fixed: Displacements | DofsView | None) -> Dof
 
 
 def dofs_at(mesh: SimplexMesh, given: Any) -> Any:
-    """Degrees of freedom of all that `fixed_dofs` takes, and of all components at a name or predicate; other things are handed back as they are.
+    """Degrees of freedom of all that `fixed_dofs` takes, and of all components at a name or predicate; other things are handed back
+    as they are.
 
     Raises
     ------
     RegionError, SupportError
-        as by `Supports`.
+        as in `Supports`.
     """
     if isinstance(given, str) or callable(given):
         return _dofs(vertices_at(mesh, given, "fixed"), range(mesh.d), mesh.d)
@@ -178,7 +182,7 @@ def _components(mesh: SimplexMesh, letters: Any, what: str) -> list[int]:
     own = "xyz"[: mesh.d]
     if not isinstance(letters, str) or not letters or not set(letters) <= set(own) or len(set(letters)) < len(letters):
         raise SupportError(
-            f"{what}: {shown(letters)} came; expected components of this mesh of {mesh.kind}, from {own!r}, each once."
+            f"{what}: got {shown(letters)}; expected components of this mesh of {mesh.kind}, from {own!r}, each once."
         )
     return [own.index(letter) for letter in letters]
 
@@ -190,7 +194,8 @@ def _pairs(given: Any, name: str, example: str) -> list[tuple[Any, Any]]:
         bare = ""
         if name == "fixed" and whole_array(given) is not None:
             bare = (
-                " Bare integers do not say which components: vertices are fixed=[(ids, 'xyz')]; degrees of freedom are what scikit-fem's "
+                " Bare integers do not say which components: vertices are fixed=[(ids, 'xyz')]; degrees of freedom are what "
+                "scikit-fem's "
                 "basis.get_dofs(...) returned, not its .all(), such as fixed=basis.get_dofs('wall').keep('u^1')."
             )
         raise SupportError(f"{name} = {shown(given)}; expected a dict such as {example}, or a list of such pairs.{bare}")

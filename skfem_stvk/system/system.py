@@ -39,19 +39,21 @@ class System(BoundTerms):
     over edges and tetrahedron-sharing edge pairs, `zeta` the squared elongations of the edges. Displacements `u` are flat vectors
     with the degree of freedom `d * vertex + component`, scikit-fem's for `ElementVector(ElementTetP1())`.
 
-    `energy`, `internal_force`, `tangent` and `product` are elastic; `potential`, `residual` and `jacobian` are those of all terms, at the
-    load factor `t`. Supports change none of them: they say which degrees of freedom a solver keeps.
+    `energy`, `internal_force`, `tangent` and `product` are elastic; `potential`, `residual` and `jacobian` are those of all terms,
+    at the load factor `t`. Supports change none of them: they say which degrees of freedom a solver keeps.
 
     Parameters
     ----------
     mesh : scikit-fem mesh of simplices, arrays `(p, t)`, or `SimplexMesh`.
-    terms : a term, or several that add up: `StVK`, `VolumePenalty`, `ElasticFoundation`; the loads `Gravity`, `BodyForce`, `NodalLoad`, `Traction`, `Pressure`.
-    fixed : components that do not move, by place: `{"wall": "xyz", "symmetry": "y"}`. A place is the name of a boundary or of a node
-        set, vertex ids, a predicate of the coordinates, as in scikit-fem, or what its `basis.get_dofs(...)` returned, which stands for its
-        vertices. As a whole, `fixed=basis.get_dofs(...)`, it is its own degrees of freedom; bare integers are always vertices.
+    terms : a term, or several that add up: `StVK`, `VolumePenalty`, `ElasticFoundation`; the loads `Gravity`, `BodyForce`,
+        `NodalLoad`, `Traction`, `Pressure`.
+    fixed : components that do not move, by place: `{"wall": "xyz", "symmetry": "y"}`. A place is the name of a boundary or of a
+        node set, vertex ids, a predicate of the coordinates, as in scikit-fem, or what its `basis.get_dofs(...)` returned, which
+        stands for its vertices. As a whole, `fixed=basis.get_dofs(...)`, it is its own degrees of freedom; bare integers are always
+        vertices.
     prescribed : displacements by place and component: `{"handle": {"x": 0.01}}` [m], reached at t = 1; or functions of (x, t).
-    dtype : float64, or float32: half the memory, faster on large meshes, with errors of 1e-6 instead of 1e-15 (of the largest entry, and
-        on elements that are not flat).
+    dtype : float64, or float32: half the memory, faster on large meshes, with errors of 1e-6 instead of 1e-15 (of the largest
+        entry, and on elements that are not flat).
 
     Raises
     ------
@@ -189,7 +191,8 @@ class System(BoundTerms):
         return self._elastic_tangent(u, out)
 
     def linearize(self, u: ArrayLike, out: csr_matrix | None = None) -> tuple[float, Array, csr_matrix]:
-        """`W(u)`, `F(u)` and `K(u)` in one pass over the simplices, for little more than K; parameters and errors as of `tangent`."""
+        """`W(u)`, `F(u)` and `K(u)` in one pass over the simplices, for little more than K; parameters and errors as in
+        `tangent`."""
         x = self._state(u)
         K, force = self._matrix(out), np.zeros(x.shape, dtype=self.dtype)
         energy = self._fill(x, K, force)
@@ -200,7 +203,8 @@ class System(BoundTerms):
     def product(self, u: ArrayLike, v: ArrayLike) -> Array:
         """`K(u) v` (ndofs,) [N], without forming K.
 
-        The first product at a `u` prepares what the next ones at the same `u` use again; they take less time than one with an assembled K.
+        The first product at a `u` prepares what the next ones at the same `u` use again; they take less time than one with an
+        assembled K.
 
         Raises
         ------
@@ -218,7 +222,7 @@ class System(BoundTerms):
         return product
 
     def linear_operator(self, u: ArrayLike, *, kept: Tensions = ALL) -> TangentOperator:
-        """`v -> K(u) v` as an operator of its own for `scipy.sparse.linalg`; `kept` as of `jacobian`.
+        """`v -> K(u) v` as an operator of its own for `scipy.sparse.linalg`; `kept` as in `jacobian`.
 
         >>> import numpy as np, skfem
         >>> from skfem_stvk import StVK
@@ -260,15 +264,16 @@ class System(BoundTerms):
         return self.energy(u) + self._potential(self._state(u), moment)
 
     def residual(self, u: ArrayLike, t: Time = 1.0) -> Array:
-        """`F(u) - f_ext(u, t)` (ndofs,) [N]; at rest it vanishes but for the reactions at the supports. Errors as of `energy`."""
+        """`F(u) - f_ext(u, t)` (ndofs,) [N]; at rest it vanishes but for the reactions at the supports. Errors as in `energy`."""
         loads = self.external_force(u, t)
         return self.internal_force(u) - loads
 
     def jacobian(self, u: ArrayLike, t: Time = 1.0, out: csr_matrix | None = None, *, kept: Tensions = ALL) -> csr_matrix:
-        """Derivative of the residual: `K(u)` minus the loads' `df_ext/du` (ndofs, ndofs) [N/m]; parameters and errors as of `tangent`.
+        """Derivative of the residual: `K(u)` minus the loads' `df_ext/du` (ndofs, ndofs) [N/m]; parameters and errors as in
+        `tangent`.
 
-        `kept` are the tensions of edges that stay in it: `TENSILE` and `NONE` of `skfem_stvk.edges` leave out all that can make K indefinite,
-        what the pressure of a `VolumePenalty` adds as well. It is positive semi-definite then, but for the loads.
+        `kept` are the tensions of edges that stay in it: `TENSILE` and `NONE` of `skfem_stvk.edges` leave out all that can make K
+        indefinite, what the pressure of a `VolumePenalty` adds as well. It is positive semi-definite then, but for the loads.
         """
         moment = Moment.checked(t)
         K = self._elastic_tangent(u, out, _factors(kept))
@@ -277,7 +282,8 @@ class System(BoundTerms):
         return K
 
     def load_stiffness(self, u: ArrayLike, t: Time = 1.0) -> csr_matrix | None:
-        """`-df_ext/du` (ndofs, ndofs) [N/m] of the loads that have a potential and are not dead; None if there are none. Errors as in `jacobian`."""
+        """`-df_ext/du` (ndofs, ndofs) [N/m] of the loads that have a potential and are not dead; None if there are none. Errors as
+        in `jacobian`."""
         x, moment = self._state(u), Moment.checked(t)
         turning = [of for load, of in self._turning if load.symmetric]
         if not turning:
@@ -302,7 +308,8 @@ class System(BoundTerms):
         return [term.energy_and_force(x) for term in self.bound_terms]
 
     def mass(self, kind: str = "lumped") -> Mass:
-        """The mass of the body, from the density of its materials: "lumped" at the vertices, or "consistent" with linear displacements.
+        """The mass of the body, from the density of its materials: "lumped" at the vertices, or "consistent" with linear
+        displacements.
 
         Raises
         ------
@@ -322,7 +329,8 @@ class System(BoundTerms):
         return grounded_dofs(self.bound_terms)
 
     def foundation_force(self, u: ArrayLike) -> Array:
-        """Force of the foundations on the body (ndofs,) [N], which is minus their part of the internal force; errors as in `internal_force`."""
+        """Force of the foundations on the body (ndofs,) [N], which is minus their part of the internal force; errors as in
+        `internal_force`."""
         x, force = self._state(u), np.zeros(self.mesh.p.T.shape)
         for term in self.bound_terms:
             if isinstance(term, Grounded):
@@ -348,7 +356,8 @@ class System(BoundTerms):
         quartics = [term for term in self.bound_terms if isinstance(term, Quartic)]
         if len(quartics) < len(self.bound_terms):
             raise StvkError(
-                "The strain energy along a line is no quartic with a VolumePenalty among the terms. Ask for energy_and_force(u + s v) instead."
+                "The strain energy along a line is no quartic with a VolumePenalty among the terms. Ask for energy_and_force(u + "
+                "s v) instead."
             )
         x, y = self._state(u), self._state(v, "v")
         coefficients = sum((term.along(x, y) for term in quartics), np.zeros(5))
@@ -358,7 +367,7 @@ class System(BoundTerms):
     def round_off(self, u: ArrayLike) -> Array:
         """(ndofs,) sums of the absolute values of all that adds up to `F(u)` [N]: times eps, the size of its rounding error.
 
-        Displacements count as rounded, too: no `u` can do better. Errors as of `internal_force`.
+        Displacements count as rounded, too: no `u` can do better. Errors as in `internal_force`.
         """
         x = self._state(u)
         sums = np.zeros(x.shape, dtype=self.dtype)
@@ -375,8 +384,8 @@ class System(BoundTerms):
         Raises
         ------
         SupportError
-            with the rigid modes that are left to each part, and the pieces that can turn about the vertices or edges that join them,
-            counted and named.
+            with the rigid modes that are left to each part, and the pieces that can turn about the vertices or edges that join
+            them, counted and named.
         """
         solid = np.zeros(self.mesh.nt, dtype=bool)
         for term in self.elastic_terms:
@@ -393,9 +402,9 @@ class System(BoundTerms):
 
         Parameters
         ----------
-        fixed : what scikit-fem's `basis.get_dofs(...)` returned; the name of a boundary or node set or a predicate, for all components there;
-            components by place as in `System(fixed=...)`; or bare integers, which are degrees of freedom `d * vertex + component` here, and
-            vertices at the places of `System(fixed=...)`.
+        fixed : what scikit-fem's `basis.get_dofs(...)` returned; the name of a boundary or node set or a predicate, for all
+            components there; components by place as in `System(fixed=...)`; or bare integers, which are degrees of freedom `d *
+            vertex + component` here, and vertices at the places of `System(fixed=...)`.
 
         Raises
         ------

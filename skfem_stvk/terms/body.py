@@ -48,6 +48,7 @@ class Body:
     """A mesh and its elastic terms. Everything is worked out when it is first asked for.
 
     >>> import skfem
+    >>> from skfem_stvk import StVK
     >>> body = Body(SimplexMesh.of(skfem.MeshTri()), [StVK(young=1.0, poisson=0.3, density=2.0, thickness=0.1)])
     >>> body.volumes, body.mass
     (array([0.05, 0.05]), array([0.1, 0.1]))
@@ -80,15 +81,18 @@ class Body:
             bad = ids[~np.isnan(section[ids]) & (section[ids] != own)]
             if len(bad):
                 raise LoadError(
-                    f"{name_ids(bad, 'element')}: terms of different {'thickness' if self.mesh.k == 2 else 'area'} on the same elements, so "
-                    "forces per volume or per area have no meaning there. Give all of them the same; for forces on vertices there is NodalLoad."
+                    f"{name_ids(bad, 'element')}: terms of different {'thickness' if self.mesh.k == 2 else 'area'} on the same "
+                    f"elements, so "
+                    "forces per volume or per area have no meaning there. Give all of them the same; for forces on vertices there "
+                    "is NodalLoad."
                 )
             section[ids] = own
         return np.nan_to_num(section, nan=1.0)
 
     @cached_property
     def confined_modulus(self) -> Array:
-        """(nt,) `lam + 2 mu` [Pa] of all terms on each element: the stiffness where nothing can give way sideways; 0 where there is none."""
+        """(nt,) `lam + 2 mu` [Pa] of all terms on each element: the stiffness where nothing can give way sideways; 0 where there is
+        none."""
         modulus = np.zeros(self.mesh.nt)
         for term in self._materials:
             ids = self.mesh.elements(term.region)

@@ -32,7 +32,7 @@ class Gravity(Load):
     MaterialError
         when it is bound, if a material has no density.
     LoadError
-        when it is bound, if `g` does not have one finite value a component.
+        when it is bound, if `g` does not have one finite value per component.
 
     >>> import numpy as np, skfem
     >>> from skfem_stvk import StVK, System
@@ -54,8 +54,8 @@ class BodyForce(Load):
 
     Parameters
     ----------
-    force : `b` per volume at rest [N/m^3]: components, which ramp with the load factor; or a function of t or of (x, t), taken as it is
-        and interpolated linearly between vertices.
+    force : `b` per volume at rest [N/m^3]: components, which ramp with the load factor; or a function of t or of (x, t), taken as
+        it is and interpolated linearly between vertices.
     region : name of a subdomain, element ids, or None for all elements.
 
     Raises
@@ -63,7 +63,7 @@ class BodyForce(Load):
     RegionError
         when it is bound, if the region is not in the mesh.
     LoadError
-        when it is bound, if `force` does not have one finite value a component.
+        when it is bound, if `force` does not have one finite value per component.
 
     >>> import numpy as np, skfem
     >>> from skfem_stvk import StVK, System
@@ -88,15 +88,15 @@ class NodalLoad(Load):
     Parameters
     ----------
     where : name of a boundary or of a node set, vertex ids or a mask, predicate of x (d, n), or scikit-fem's get_dofs(...).
-    force : on *each* vertex [N]: components, or (d, n) with one column for each vertex, in the order of ids as given, otherwise ascending; these
-        ramp with the load factor. Or a function of t or of (x, t), taken as it is.
+    force : on *each* vertex [N]: components, or (d, n) with one column for each vertex, in the order of ids as given, otherwise
+        ascending; these ramp with the load factor. Or a function of t or of (x, t), taken as it is.
 
     Raises
     ------
     RegionError
         when it is bound, if there is no vertex.
     LoadError
-        when it is bound, if `force` does not have one finite value a component.
+        when it is bound, if `force` does not have one finite value per component.
 
     >>> import numpy as np, skfem
     >>> from skfem_stvk import StVK, System
@@ -122,17 +122,18 @@ class Traction(Load):
 
     Parameters
     ----------
-    where : name of a boundary; or another place (name of a node set, vertex ids or a mask, predicate of x (d, n), scikit-fem's get_dofs(...)):
-        all boundary facets whose vertices are all there.
-    traction : `T` per area at rest [N/m^2]: components, or (d, n) with one column for each vertex of the facets, in the order of ids as given,
-        otherwise ascending; these ramp with the load factor. Or a function of t or of (x, t), taken as it is. Interpolated linearly between vertices.
+    where : name of a boundary; or another place (name of a node set, vertex ids or a mask, predicate of x (d, n), scikit-fem's
+        get_dofs(...)): all boundary facets whose vertices are all there.
+    traction : `T` per area at rest [N/m^2]: components, or (d, n) with one column for each vertex of the facets, in the order of
+        ids as given, otherwise ascending; these ramp with the load factor. Or a function of t or of (x, t), taken as it is.
+        Interpolated linearly between vertices.
 
     Raises
     ------
     RegionError
         when it is bound, if there is no facet.
     LoadError
-        when it is bound, if `traction` does not have one finite value a component.
+        when it is bound, if `traction` does not have one finite value per component.
 
     >>> import numpy as np, skfem
     >>> from skfem_stvk import StVK, System

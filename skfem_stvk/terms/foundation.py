@@ -22,7 +22,8 @@ from .spread import Spread
 class ElasticFoundation:
     """Elastic bedding: `W = 1/2 integral of k_x u_x^2 + k_y u_y^2 + k_z u_z^2 dA` over facets of the body at rest.
 
-    It pulls and pushes along the coordinate axes. The area of edges is length times thickness, that of ends of segments the segment's area.
+    It pulls and pushes along the coordinate axes. The area of edges is length times thickness, that of ends of segments the
+    segment's area.
 
     Parameters
     ----------
@@ -32,7 +33,7 @@ class ElasticFoundation:
     Raises
     ------
     LoadError
-        if the stiffness is negative, not finite or zero altogether; when it is bound, if it does not have one value a component.
+        if the stiffness is negative, not finite or zero altogether; when it is bound, if it does not have one value per component.
     RegionError
         when it is bound, if there is no facet.
 
@@ -50,7 +51,7 @@ class ElasticFoundation:
         given = real_array(self.stiffness)
         if given is None or given.ndim > 1:
             raise LoadError(
-                f"ElasticFoundation: stiffness is {shown(self.stiffness)}; expected a number, or one a component [N/m^3]."
+                f"ElasticFoundation: stiffness is {shown(self.stiffness)}; expected a number, or one per component [N/m^3]."
             )
         k = given
         if not np.isfinite(k).all() or (k < 0).any() or not k.any():
@@ -116,7 +117,8 @@ class Bedding:
         return np.array([np.vdot(U, self._pull(U)) / 2, np.vdot(U, pull), np.vdot(V, pull) / 2, 0.0, 0.0])
 
     def mean_force(self, u0: Array, u1: Array, weights: tuple[float, float], theta: float, force: Array) -> float:
-        """Add `(w0 + w1) K ((1 - theta) u0 + theta u1)` to `force` (nv, d); its springs lose nothing by weights that are not alike: always 0."""
+        """Add `(w0 + w1) K ((1 - theta) u0 + theta u1)` to `force` (nv, d); its springs lose nothing by weights that are not alike:
+        always 0."""
         own, after = u0[self.nodes], u1[self.nodes]
         force[self.nodes] += sum(weights) * self._pull((1 - theta) * own + theta * after)
         return 0.0
@@ -138,7 +140,8 @@ class Bedding:
 
 
 def _masses(spread: Spread, facets: NDArray[np.int32], dtype: DTypeLike) -> tuple[NDArray[np.int32], Array, Array]:
-    """Edges (2, ne) of the facets (m, n) between the vertices of the spread, and `M_ab = sum of (1 + delta_ab) area/(m (m + 1))` of both kinds."""
+    """Edges (2, ne) of the facets (m, n) between the vertices of the spread, and `M_ab = sum of (1 + delta_ab) area/(m (m + 1))` of
+    both kinds."""
     m = len(facets)
     share = spread.sizes / (m * (m + 1))
     own = 2 * spread.add(np.broadcast_to(share, spread.corners.shape))

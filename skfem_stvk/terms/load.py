@@ -59,8 +59,8 @@ class Value:
 
     Parameters
     ----------
-    given : a number or (d,) components; (n,) or (d, n) for one value at each of the n points, in their order; a tuple or list of d components,
-        each a number or (n,); or a function that returns one of these.
+    given : a number or (d,) components; (n,) or (d, n) for one value at each of the n points, in their order; a tuple or list of d
+        components, each a number or (n,); or a function that returns one of these.
     shape : () for a number, (d,) for components.
     x : (d, n) points where it is needed.
     what : the beginning of messages.
@@ -74,8 +74,8 @@ class Value:
     Raises
     ------
     LoadError or `error`
-        if it has another shape, is not finite at t = 0 or 1, or is an array (d, d) for d points, of which rows and columns cannot be told; what
-        functions of x return is laid out like x.
+        if it has another shape, is not finite at t = 0 or 1, or is an array (d, d) for d points, of which rows and columns cannot
+        be told; what functions of x return is laid out like x.
 
     >>> x = np.array([[0.0, 1.0], [0.0, 0.0]])
     >>> Value((0, -2), (2,), x, "Traction").at(0.5)
@@ -98,7 +98,8 @@ class Value:
             self.at(t)
 
     def at(self, t: Time) -> Array:
-        """Values at `t`: a number a point (1,) or (n,), components (d, 1) or (d, n); the last axis is 1 where all points have the same.
+        """Values at `t`: a number a point (1,) or (n,), components (d, 1) or (d, n); the last axis is 1 where all points have the
+        same.
 
         Raises
         ------
@@ -142,7 +143,8 @@ class Value:
         if isinstance(given, tuple | list) or self._arguments == 2 or not 1 < d == self._x.shape[1] or shape != (d, d):
             return
         raise self._error(
-            f"{self._what}: {source} has shape {shape}, and there are {d} components and {d} vertices: rows may be either. Give a tuple of {d} "
+            f"{self._what}: {source} has shape {shape}, and there are {d} components and {d} vertices: rows may be either. Give a "
+            f"tuple of {d} "
             "components: tuple(values) if a row is a component, tuple(values.T) if a row is a vertex."
         )
 
@@ -164,11 +166,13 @@ class Value:
         positional = [p for p in parameters if p.kind in (p.POSITIONAL_ONLY, p.POSITIONAL_OR_KEYWORD) and p.default is p.empty]
         if len(positional) not in (1, 2):
             raise self._error(
-                f"{self._what}: {self._called} has {len(positional)} arguments; expected one of t, or one of x and t: lambda x, t: ..."
+                f"{self._what}: {self._called} has {len(positional)} arguments; expected one of t, or one of x and t: lambda x, t: "
+                f"..."
             )
         if len(positional) == 1 and positional[0].name == "x":
             raise self._error(
-                f"{self._what}: a function of one argument is a function of t, but this one calls it x. For a function of place write "
+                f"{self._what}: a function of one argument is a function of t, but this one calls it x. For a function of place "
+                f"write "
                 "lambda x, t: ...; to ramp it, multiply by t."
             )
         return len(positional)

@@ -28,24 +28,24 @@ AXIAL = {2: ((1, 0),), 3: ((2, 1), (0, 2), (1, 0))}
 class Pressure(Load):
     """Follower pressure: `f_a = - integral of N_a p n da` over the deformed surface, `n` its outward normal. It has no potential.
 
-    On tetrahedra it acts on boundary facets; on triangles in the plane on boundary edges, times thickness. Triangles in space are the
-    surface themselves: it pushes against their normal by the right-hand rule round their vertices; neighbours that are turned the other way
-    count as turned like the first triangle of their connected piece.
+    On tetrahedra it acts on boundary facets; on triangles in the plane on boundary edges, times thickness. Triangles in space are
+    the surface themselves: it pushes against their normal by the right-hand rule round their vertices; neighbours that are turned
+    the other way count as turned like the first triangle of their connected piece.
 
     Parameters
     ----------
     where : as in `Traction`; for triangles in space the name of a subdomain, element ids or a mask, or None for all.
-    pressure : `p` per deformed area [N/m^2], positive pushes inwards: a number, or (n,) values at the vertices, in the order of vertex ids as
-        given, otherwise ascending; these ramp with the load factor. Or a function of t or of (x, t), taken as it is, `x` reference coordinates.
-        Interpolated linearly between vertices.
+    pressure : `p` per deformed area [N/m^2], positive pushes inwards: a number, or (n,) values at the vertices, in the order of
+        vertex ids as given, otherwise ascending; these ramp with the load factor. Or a function of t or of (x, t), taken as it is,
+        `x` reference coordinates. Interpolated linearly between vertices.
 
     Raises
     ------
     RegionError
         when it is bound, if there is no facet or element.
     LoadError
-        when it is bound: if `pressure` is not finite or no number; for segments, which have no surface; if facets are not on the boundary,
-        so that both sides are inside; if triangles in space have no two sides, as on a Moebius strip.
+        when it is bound: if `pressure` is not finite or no number; for segments, which have no surface; if facets are not on the
+        boundary, so that both sides are inside; if triangles in space have no two sides, as on a Moebius strip.
 
     >>> import numpy as np, skfem
     >>> from skfem_stvk import StVK, System
@@ -81,13 +81,13 @@ class FollowerPressure:
         A = 1/2 (x_1 - x_0) x (x_2 - x_0)                      triangles in space
         A = h (y_1 - y_0, x_0 - x_1)                           edges in the plane, of thickness h at rest
 
-    In space the force is quadratic in the displacements, in the plane linear. Its stiffness `-df_a/dx_b = w_a dA/dx_b` is a cross product
-    with half the edge opposite to `b`: not symmetric, unless the surface is closed.
+    In space the force is quadratic in the displacements, in the plane linear. Its stiffness `-df_a/dx_b = w_a dA/dx_b` is a cross
+    product with half the edge opposite to `b`: not symmetric, unless the surface is closed.
 
     Parameters
     ----------
-    surface : (m, n) vertices of the facets, counterclockwise when seen from the side of the pressure; with the body on their left in the
-        plane.
+    surface : (m, n) vertices of the facets, counterclockwise when seen from the side of the pressure; with the body on their left
+        in the plane.
     spread : the same, with thickness as their sizes.
     value : the pressure.
     """
@@ -156,7 +156,8 @@ def _outwards(mesh: SimplexMesh, where: Any, what: str) -> NDArray[np.int32]:
     bad = np.flatnonzero(found < 0)
     if len(bad):
         raise LoadError(
-            f"{what}: {name_ids(bad, 'facet')} of {len(found)} are not on the boundary, so it is ambiguous which side it pushes on. Name "
+            f"{what}: {name_ids(bad, 'facet')} of {len(found)} are not on the boundary, so it is ambiguous which side it pushes "
+            f"on. Name "
             "facets of the outer surface only; dead forces on inner facets are a Traction."
         )
     return mesh.surface[:, found]
@@ -166,14 +167,16 @@ def _membrane(mesh: SimplexMesh, where: Any, what: str) -> NDArray[np.int32]:
     """(3, n) triangles in space, all turned alike."""
     if callable(where):
         raise LoadError(
-            f"{what}: triangles in space are the surface themselves; expected the name of a subdomain, element ids or a mask, or None."
+            f"{what}: triangles in space are the surface themselves; expected the name of a subdomain, element ids or a mask, or "
+            f"None."
         )
     ids = mesh.elements(where)
     t = mesh.t[:, ids]
     turned, two_sided = turned_alike(t, mesh.nv)
     if not two_sided.all():
         raise LoadError(
-            f"{what}: {name_ids(ids[~two_sided], 'element')} are a surface without two sides, like a Moebius strip, so pressure has no "
+            f"{what}: {name_ids(ids[~two_sided], 'element')} are a surface without two sides, like a Moebius strip, so pressure "
+            f"has no "
             "direction there. Leave some of them out."
         )
     t[:2, turned] = t[1::-1, turned]

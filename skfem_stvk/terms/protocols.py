@@ -42,7 +42,8 @@ def is_load(term: Any) -> TypeGuard[Load]:
 
 
 class BoundLoad(Protocol):
-    """What acts on a body from outside, at displacements `u` (nv, d) and load factor or moment `t`. If it is not `dead` it is a `TurningLoad`."""
+    """What acts on a body from outside, at displacements `u` (nv, d) and load factor or moment `t`. If it is not `dead` it is a
+    `TurningLoad`."""
 
     @property
     def has_potential(self) -> bool:
@@ -97,7 +98,8 @@ class HasRoundOff(Protocol):
     """A term that knows the rounding error of its force better than its blocks say it."""
 
     def add_round_off(self, u: Array, out: Array) -> None:
-        """Add to `out` (nv, d) the absolute values of all that adds up to the force [N]: times eps, the size of its rounding error."""
+        """Add to `out` (nv, d) the absolute values of all that adds up to the force [N]: times eps, the size of its rounding
+        error."""
 
 
 @runtime_checkable
@@ -108,7 +110,7 @@ class HasState(Protocol):
         """Keep what belongs to displacements `u` (nv, d), which an analysis has accepted."""
 
     def restore(self) -> None:
-        """Go back to what was kept last, since what came after was not accepted."""
+        """Go back to what was kept last, since later states were not accepted."""
 
 
 @runtime_checkable
@@ -124,9 +126,11 @@ class HasMeanForce(Protocol):
     """A term with a force between two states whose work is the difference of their energies."""
 
     def mean_force(self, u0: Array, u1: Array, weights: tuple[float, float], theta: float, force: Array) -> float:
-        """Add to `force` (nv, d) the force [N] of weighted tensions at `u0` and `u1`, along the edges at `(1 - theta) u0 + theta u1`.
+        """Add to `force` (nv, d) the force [N] of weighted tensions at `u0` and `u1`, along the edges at
+        `(1 - theta) u0 + theta u1`.
 
-        For `theta = 1/2` and weights of sum 1 its work over `u1 - u0` is `W(u1) - W(u0) + (w1 - w0) R` with the `R >= 0` [J] that is returned.
+        For `theta = 1/2` and weights of sum 1 its work over `u1 - u0` is `W(u1) - W(u0) + (w1 - w0) R` with the `R >= 0` [J] that
+        is returned.
         """
 
 
@@ -135,7 +139,8 @@ class HasDampingForce(Protocol):
     """A term that can resist the rate of its strain."""
 
     def damping_force(self, u: Array, v: Array, force: Array) -> float:
-        """Add to `force` (nv, d) the product of its Gauss-Newton tangent at `u` with velocities `v`; half the power that it takes [W]."""
+        """Add to `force` (nv, d) the product of its Gauss-Newton tangent at `u` with velocities `v`; half the power that it takes
+        [W]."""
 
 
 @runtime_checkable

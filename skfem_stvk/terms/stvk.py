@@ -32,8 +32,8 @@ class StVK:
     region : name of a subdomain of the mesh, element ids, or None for all elements. Arrays of material constants follow the
         order of the region's elements.
     plane : "strain" or "stress" for triangles in the plane, by default "strain". Triangles in space are in plane stress.
-    thickness : of triangles [m], by default 1; a number or one value an element.
-    area : cross-section of segments [m^2], by default 1; a number or one value an element.
+    thickness : of triangles [m], by default 1; a number or one value per element.
+    area : cross-section of segments [m^2], by default 1; a number or one value per element.
     young, poisson, density : shorthand for `material=Isotropic(young, poisson, density=density)`.
 
     Raises
@@ -64,7 +64,7 @@ class StVK:
         elif not isinstance(self.material, Material):
             raise MaterialError(f"material is of type {type(self.material).__name__}; expected Isotropic, Orthotropic, ...")
         elif any(value is not None for value in (young, poisson, density)):
-            raise MaterialError("young, poisson and density are shorthand for an Isotropic material; a material came as well.")
+            raise MaterialError("young, poisson and density are shorthand for an Isotropic material; got a material as well.")
         if self.plane is not None:
             choice("plane", self.plane, ("strain", "stress"), MaterialError)
         for name in ("thickness", "area"):
@@ -135,7 +135,8 @@ class StVK:
         return sizes * self.section(mesh, len(sizes)) * np.asarray(self.material.density)
 
     def confined_modulus(self, mesh: SimplexMesh, n: int) -> NDArray[np.float64]:
-        """`lam + 2 mu` [Pa] within the simplices' own dimensions; if not isotropic the largest of `C_1111, C_2222, C_3333` in material axes."""
+        """`lam + 2 mu` [Pa] within the simplices' own dimensions; if not isotropic the largest of `C_1111, C_2222, C_3333` in
+        material axes."""
         assert self.material is not None
         hypothesis = self.hypothesis(mesh)
         self.material.check(n, hypothesis)

@@ -13,23 +13,25 @@ from ..kernels.penalty import BARRIER, COMPRESSION, QUADRATIC
 
 @dataclass(frozen=True)
 class VolumeEnergy:
-    """An energy density of the volume ratio for a stiffness of 1, as a function of `e = J - 1`, which is known to more digits than `J`.
+    """An energy density of the volume ratio for a stiffness of 1, as a function of `e = J - 1`, which is known to more digits than
+    `J`.
 
     Attributes
     ----------
     number : the kernels' of it.
     density, slope, curvature : `psi`, `psi'` and `psi''`.
     least : the stiffness over `lam + 2 mu` from which on confined compression has no limit point.
-    usual : the one that is taken where none is given. With the least a cube with both ends held still buckles in crushing; with this it is stable
-        to 60 % (but with "quadratic" at nu = 0; `docs/volume-penalty.md`).
+    usual : the one that is taken where none is given. With the least a cube with both ends held still buckles in crushing; with
+        this it is stable to 60 % (but with "quadratic" at nu = 0; `docs/volume-penalty.md`).
 
-    In uniaxial strain `s` the nominal stress of a St. Venant-Kirchhoff material is `H/2 (s^3 - s)` with `H = lam + 2 mu`, and `J = s`: with
-    the penalty it is `H/2 (s^3 - s) + k psi'(s)`, which rises with `s` for all `0 < s < 1` if
+    In uniaxial strain `s` the nominal stress of a St. Venant-Kirchhoff material is `H/2 (s^3 - s)` with `H = lam + 2 mu`, and
+    `J = s`: with the penalty it is `H/2 (s^3 - s) + k psi'(s)`, which rises with `s` for all `0 < s < 1` if
 
         k/H >= least = max over s of (1 - 3 s^2) / (2 psi''(s))
 
         quadratic      psi'' = 1             1/2, at s = 0
-        compression    psi'' = 2 (1 - s)     c = (3 - sqrt(6))/2 = 0.27526, at s = 2 c/3: there the parabola in s touches zero, 4 c^2 - 12 c + 3 = 0
+        compression    psi'' = 2 (1 - s)     c = (3 - sqrt(6))/2 = 0.27526, at s = 2 c/3: there the parabola in s touches zero, 4
+        c^2 - 12 c + 3 = 0
         barrier        psi'' = -2 ln s + 4 (1 - s)/s + (1 - s)^2/s^2
                                              0.025802..., at s = 0.40536...: the maximum has no closed form
     """

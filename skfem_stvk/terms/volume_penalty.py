@@ -22,32 +22,34 @@ from .volume_energies import ENERGIES
 class VolumePenalty:
     """Resistance to the loss of volume: `W = integral of psi(J) dV` over elements at rest, `J` the ratio of their signed volumes.
 
-    A St. Venant-Kirchhoff material gives way in compression, and an element that is inside out has no more energy than its mirror image.
-    With this term it resists. `J` has the sign that it has at rest: 1 there, for both orientations, below zero inside out.
+    A St. Venant-Kirchhoff material gives way in compression, and an element that is inside out has no more energy than its mirror
+    image. With this term it resists. `J` has the sign that it has at rest: 1 there, for both orientations, below zero inside out.
 
         "barrier"        psi = -k (J - 1)^2 ln J for J < 1, otherwise 0    unbounded as J falls to 0; there is no state with J <= 0
         "compression"    psi = k/3 (1 - J)^3 for J < 1, otherwise 0        of J <= 0 too
         "quadratic"      psi = k/2 (J - 1)^2                               of J <= 0 too; against expansion as well
 
-    All have two continuous derivatives. At rest "compression" and "barrier" change no stiffness, "quadratic" adds `k` to `lam`. The stress
-    of it is a pressure: Cauchy's is `psi'(J) I` within the elements' dimensions.
+    All have two continuous derivatives. At rest "compression" and "barrier" change no stiffness, "quadratic" adds `k` to `lam`. The
+    stress of it is a pressure: Cauchy's is `psi'(J) I` within the elements' dimensions.
 
-    What the usual stiffness adds to the stress in confined compression by 5, 10, 20 and 30 %: 2.5, 5.6, 14.5 and 29 % ("barrier"), 4.3, 9.4, 22 and
-    40 % ("compression"), 108, 117, 139 and 168 % ("quadratic").
+    What the usual stiffness adds to the stress in confined compression by 5, 10, 20 and 30 %: 2.5, 5.6, 14.5 and 29 % ("barrier"),
+    4.3, 9.4, 22 and 40 % ("compression"), 108, 117, 139 and 168 % ("quadratic").
 
     Parameters
     ----------
-    stiffness : `k` [Pa], a number or one value an element of the region. By default the usual `c (lam + 2 mu)` of the `StVK` on each element:
-        c = 0.15 ("barrier"), 0.8 ("compression"), 1 ("quadratic"). The least for which confined compression has no limit point is 0.025802,
-        0.27526 and 1/2. Of materials that are not isotropic `lam + 2 mu` is the largest of `C_1111, C_2222, C_3333` in material axes.
-    kind : of the energy. "barrier" keeps elements from turning inside out, whatever the load; "compression" also turns those back that are.
-    region : as of `StVK`.
+    stiffness : `k` [Pa], a number or one value per element of the region. By default the usual `c (lam + 2 mu)` of the `StVK` on
+        each element: c = 0.15 ("barrier"), 0.8 ("compression"), 1 ("quadratic"). The least for which confined compression has no
+        limit point is 0.025802, 0.27526 and 1/2. Of materials that are not isotropic `lam + 2 mu` is the largest of `C_1111,
+        C_2222, C_3333` in material axes.
+    kind : of the energy. "barrier" keeps elements from turning inside out, whatever the load; "compression" also turns those back
+        that are.
+    region : as in `StVK`.
 
     Raises
     ------
     MaterialError
-        if the stiffness is not positive or the kind unknown; when it is bound, for membranes and cables in space, which have no inside, for
-        elements without an `StVK` to take the stiffness from, and for another number of values than elements.
+        if the stiffness is not positive or the kind unknown; when it is bound, for membranes and cables in space, which have no
+        inside, for elements without an `StVK` to take the stiffness from, and for another number of values than elements.
     RegionError
         when it is bound, if the region is not in the mesh.
     StateError
@@ -104,7 +106,8 @@ class VolumePenalty:
         bare = elements[modulus == 0]
         if len(bare):
             raise MaterialError(
-                f"VolumePenalty: {name_ids(bare, 'element')} in no StVK, from which the stiffness is taken by default. Give stiffness= [Pa], or "
+                f"VolumePenalty: {name_ids(bare, 'element')} in no StVK, from which the stiffness is taken by default. Give "
+                f"stiffness= [Pa], or "
                 "a region that has a material."
             )
         return ENERGIES[self.kind].usual * modulus
@@ -115,7 +118,7 @@ class VolumePenalty:
         Raises
         ------
         StateError
-            as by what is asked of a system.
+            for elements inside out or flat, where the barrier is infinite.
         """
         energy = ENERGIES[self.kind]
         if self.kind == "barrier" and e.min() <= -1:

@@ -132,7 +132,7 @@ def test_with_nothing_fixed_the_matrix_is_K():
         (np.ma.masked_equal([1, 2], 2), "expected a list"),
         ("wall", "fixed: the mesh has no boundary or node set 'wall'"),
         ({"wall": "x"}, "fixed on 'wall': the mesh has no boundary"),
-        ([([1], "w")], "fixed on 1 vertex .*: 'w' came; expected components"),
+        ([([1], "w")], "fixed on 1 vertex .*: got 'w'; expected components"),
         (lambda x: x[0] > 9, "none of the 64 vertices satisfies"),
     ],
 )

@@ -87,20 +87,20 @@ def test_nothing_need_be_held():
             {"wall": "q"},
             None,
             SupportError,
-            r"fixed on 'wall': 'q' came; expected components of this mesh of tetrahedra in 3D, from 'xyz'",
+            r"fixed on 'wall': got 'q'; expected components of this mesh of tetrahedra in 3D, from 'xyz'",
         ),
-        ({"wall": ""}, None, SupportError, "fixed on 'wall': '' came"),
-        ({"wall": 0}, None, SupportError, "fixed on 'wall': 0 came"),
+        ({"wall": ""}, None, SupportError, "fixed on 'wall': got ''"),
+        ({"wall": 0}, None, SupportError, "fixed on 'wall': got 0"),
         ("wall", None, SupportError, r"fixed = 'wall'; expected a dict such as \{\"wall\": \"xyz\"\}, or a list of such pairs"),
         (None, ["tip"], SupportError, r"prescribed = \['tip'\]; expected a dict"),
         (
             None,
             {"tip": 0.01},
             SupportError,
-            r"prescribed on 'tip': 0\.01 came; expected displacements by component, such as \{'x': 0\.01\}",
+            r"prescribed on 'tip': got 0\.01; expected displacements by component, such as \{'x': 0\.01\}",
         ),
         (None, {"tip": {}}, SupportError, "expected displacements by component"),
-        (None, {"tip": {"w": 1}}, SupportError, "prescribed on 'tip': 'w' came; expected components"),
+        (None, {"tip": {"w": 1}}, SupportError, "prescribed on 'tip': got 'w'; expected components"),
         (None, {"tip": {"x": np.nan}}, SupportError, r"prescribed on 'tip', component x: the value is not finite"),
         (
             None,
@@ -138,7 +138,7 @@ def test_supports_that_contradict_themselves_are_refused(fixed, prescribed, erro
 
 
 def test_a_component_that_the_mesh_does_not_have_is_refused():
-    with pytest.raises(SupportError, match=r"'z' came; expected components of this mesh of triangles in 2D, from 'xy'"):
+    with pytest.raises(SupportError, match=r"got 'z'; expected components of this mesh of triangles in 2D, from 'xy'"):
         Supports(sheet(), {(0,): "z"})
 
 

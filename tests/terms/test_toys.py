@@ -181,10 +181,10 @@ def test_a_false_declaration_is_seen(name, fault):
     for key, value in fault.items():
         setattr(term, key, value)
     try:
-        wrong = dense(case, term, u)[0]
+        error = np.abs(dense(case, term, u)[0] - right).max()
     except TypeError:
-        return
-    assert np.abs(wrong - right).max() > 1e-3 * np.abs(right).max()
+        error = np.inf
+    assert error > 1e-3 * np.abs(right).max()
 
 
 @pytest.mark.parametrize(
