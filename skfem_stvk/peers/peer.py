@@ -80,7 +80,8 @@ class Reordering:
 class Package:
     """An optional package: the name it is imported by, its name where it is installed from, and the line that installs it.
 
-    The file in this folder that wraps it is named like the module. `least` is the first major version that computes this model, `why` the reason.
+    The file in this folder that wraps it is named like the module. `least` is the first major version that computes this model,
+    and `why` says what is wrong with those before.
     """
 
     module: str
