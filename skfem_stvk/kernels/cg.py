@@ -12,11 +12,11 @@ SSOR needs no product with A (Eisenstat 1981): r being the residual and t the di
 
     s = E (E + L)^-1 r      p = (E + L') t      u = E (E + L)^-1 A t = h + E w      h = E t      w = (E + L)^-1 (p - (2 - omega) h)
 
-so that a sweep back, for t, and one forth, for u, are an iteration, each over all blocks; `t'A t = p'(t + w)`, `r'M^-1 r = s'E^-1
-s`.
+so that a sweep back, for t, and one forth, for u, are an iteration, each over all blocks; `t'A t = p'(t + w)` and
+`r'M^-1 r = s'E^-1 s`.
 
 Arrays: `edges` (ne, 2) block rows, their `blocks` (9 ne,), row by row; for SSOR sorted, and a < b in each. `diagonal` is S (3 n,)
-or `A_aa` (9 n,), and its length says which; `inverse` (9 n,) of the blocks of E. Vectors have three components a block row. Those
+or `A_aa` (9 n,), and its length says which; `inverse` (9 n,) of the blocks of E. Vectors have three components per block row. Those
 `held` are no unknowns: rows and columns of `inverse` are zero there, and x, s, p, t and u stay zero, which is the same as to gather
 those that are not (Baraff and Witkin's filter). `work` (6, 3 n) is x, s, p, t, h and u, where h is used as room, too; `state` is
 `|r|` when it was last computed, `r'M^-1 r` then and now, and beta.

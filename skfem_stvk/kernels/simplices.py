@@ -16,8 +16,7 @@ now `p_i = P_i + U_i`. The squared elongations of all of its edges, in the basis
     their work over v is W(u + v) - W(u) + (w1 - w0)/4 dS:dM for theta = 1/2, w0 + w1 = 1. At velocities v the S' pull along p_i:
     they are the derivative of R = 1/4 S':M' by V_i, and take the power 2 R.
 
-    isotropic, 7 numbers    S = r (g : M) g + g M g        g_ij = sqrt(V mu) G_ij,  r = lam / (2 mu),  G_ij = g_i . g_j the Gram
-    matrix
+    isotropic, 7 numbers    S = r (g : M) g + g M g        g_ij = sqrt(V mu) G_ij,  r = lam / (2 mu),  G_ij = g_i . g_j (Gram)
                             K_ij = 2 r y_i y_j' + y_j y_i' + g_ij B + S_ij I        y_i = sum_j g_ij p_j,  B = sum_i p_i y_i'
     general, 21 numbers     D in the order 11, 22, 33, 12, 13, 23
 
