@@ -227,7 +227,8 @@ def vector(name: str, given: Any, n: int, each: str = "degree of freedom", *, ki
         flat = f"Flatten it: {name}.ravel(), if its rows are vertices."
         hint = flat if values.ndim > 1 and values.size == n else "Is it of another mesh or of second order?"
         raise StateError(f"{name} has shape {values.shape}; expected ({n},), one number for each {each}. {hint}")
-    return np.ascontiguousarray(values, None if values.dtype.char in "fdFD" else np.float64)  # single and double, real and complex
+    precision = values.dtype.newbyteorder("=") if values.dtype.char in "fdFD" else np.float64  # single and double, real and complex
+    return np.ascontiguousarray(values, precision)
 
 
 def real_array(given: Any) -> NDArray[np.float64] | None:
