@@ -40,15 +40,16 @@ MANY = 200_000
 class Modes:
     """Natural modes: `K x = omega^2 M x` over the free degrees of freedom, ascending by (the real part of) omega^2.
 
-    Where a load follows the body K need not be symmetric. Then two modes can join in a complex pair, with which the body flutters: it takes
-    energy from the load, and oscillates more and more. Eigenvalues and shapes are complex arrays if there is such a pair among them.
+    Where a load follows the body K need not be symmetric. Then two modes can join in a complex pair, with which the body flutters:
+    it takes energy from the load, and oscillates more and more. Eigenvalues and shapes are complex arrays if there is such a pair
+    among them.
 
     Attributes
     ----------
     frequencies : (n,) `Re(omega)/(2 pi)` [Hz]; 0 of rigid modes, NaN of those that grow without oscillating.
     eigenvalues : (n,) `omega^2` [1/s^2].
-    shapes : (n, ndofs) `x`, 0 where the body is held [kg^-1/2], with `x_i' M x_j = delta_ij`; of a K that is not symmetric `x_i^H M x_i = 1`
-        alone, and the motion is the real part of `x exp(i omega t)`.
+    shapes : (n, ndofs) `x`, 0 where the body is held [kg^-1/2], with `x_i' M x_j = delta_ij`; of a K that is not symmetric `x_i^H M
+        x_i = 1` alone, and the motion is the real part of `x exp(i omega t)`.
     rigid : (n,) whether the mode moves the body, or parts of it, as a whole, without stiffness.
     unstable : (n,) whether the mode grows: `omega^2` is negative (divergence: without oscillating), or complex (flutter).
     flutter : (n,) whether `omega^2` is complex.
@@ -77,7 +78,10 @@ class Modes:
         return not self.unstable.any()
 
     def state(self, number: int, scale: float | None = None) -> State:
-        """The body displaced by `u` and by `scale` times the (real part of the) mode of this number, counted from 0; by default a tenth of its size."""
+        """The body displaced by `u` and `scale` times the (real part of the) mode of this number, counted from 0.
+
+        By default the largest displacement is a tenth of its size.
+        """
         number = arguments.whole("number", number, f"a mode from 0 to {len(self) - 1}", -len(self), len(self) - 1)
         mesh, shape = self.system.mesh, self.shapes[number].real.reshape(-1, self.system.mesh.d)
         if scale is None:
@@ -86,13 +90,13 @@ class Modes:
         return Fields(mesh, self.system.elastic_terms).at(self.u + factor * shape.ravel())
 
     def plot(self, number: int, scale: float | None = None, **options: Any) -> Any:
-        """Draw a mode, by default coloured by the length of displacements; options as of `results.plot`, `scale` as of `state`."""
+        """Draw a mode, by default coloured by the length of displacements; options as in `results.plot`, `scale` as in `state`."""
         return plot(
             self.state(number, scale), **{"field": "displacement", "label": f"mode {number}: {self._named(number)}", **options}
         )
 
     def save(self, path: str | os.PathLike[str], scale: float | None = None) -> Path:
-        """Write all modes as a series for ParaView, whose time is the number of the mode, or none: errors as in `results.write_vtu`."""
+        """Write all modes as a series for ParaView, whose time is the number of the mode; raises as in `results.write_vtu`."""
         return save_series(path, ["von_mises_stress"], ((number, self.state(number, scale)) for number in range(len(self))))
 
     def _named(self, number: int) -> str:
@@ -123,12 +127,12 @@ def modes(
     Parameters
     ----------
     n : how many, rigid ones included.
-    u : displacements (ndofs,) [m] of the equilibrium about which it vibrates, such as `solve_static(system).u`; by default none. K is that of the
-        stressed body there, and has what loads that depend on where the body goes add to it: where that makes it unsymmetric the modes nearest to
-        zero are found, which tell of flutter.
+    u : displacements (ndofs,) [m] of the equilibrium about which it vibrates, such as `solve_static(system).u`; by default none. K
+        is that of the stressed body there, and has what loads that depend on where the body goes add to it: where that makes it
+        unsymmetric the modes nearest to zero are found, which tell of flutter.
     t : load factor of that equilibrium, for these loads: `step.t` of a state on a path.
     mass : "lumped", or "consistent".
-    solver : as of `solve_static`; by default a direct one, and multigrid for more than 200 000 unknowns.
+    solver : as in `solve_static`; by default a direct one, and multigrid for more than 200 000 unknowns.
 
     Raises
     ------
@@ -159,7 +163,7 @@ def modes(
 
 
 def _kind(system: SystemLike, u: Array, t: float, free: Array) -> Kind:
-    """What K is; of follower loads by its entries over the free degrees of freedom."""
+    """The kind of K; with follower loads by its entries over the free degrees of freedom."""
     if system.conservative:
         return Kind.SYMMETRIC
     K = system.jacobian(u, t)[free][:, free]
@@ -189,9 +193,10 @@ def _ritz(problem: ShiftedProblem, vectors: Array, n: int) -> Modes:
 
 
 def _unsymmetric(K: Array, M: Array, rounding: float) -> tuple[Array, Array]:
-    """Eigenvalues, ascending by their real parts, and vectors (columns) of small matrices, K not symmetric; real, unless there are complex pairs.
+    """Eigenvalues, ascending by their real parts, and vectors (columns) of small matrices; real, unless there are complex pairs.
 
-    Of a pair whose imaginary part is rounding, which is what becomes of two equal eigenvalues, the real and the imaginary part of the vectors are taken.
+    Of a pair whose imaginary part is rounding, which is what becomes of two equal eigenvalues, the real and the imaginary part of
+    the vectors are taken.
     """
     values, c = eig(np.linalg.solve(M, K))  # of one real matrix, so that pairs are conjugate to the last bit
     order = np.lexsort((values.imag, values.real))

@@ -1,4 +1,4 @@
-"""Eigenpairs of (K, M) next to zero: by Lanczos' method on the inverse of K shifted below all of them, or by Arnoldi's if K is not symmetric."""
+"""Eigenpairs of (K, M) next to zero: Lanczos' method on the inverse of a shifted K, or Arnoldi's if K is not symmetric."""
 
 from __future__ import annotations
 
@@ -24,8 +24,8 @@ from .critical_step import bound_on_eigenvalues
 SHIFT = 1e-2
 #: It grows by this factor until nothing is below it, so many times at most.
 GROWTH, MOST = 10.0, 12
-#: Modes more than asked for, so that the last ones of a multiple eigenvalue are not missed; of fewer unknowns than so many times the modes,
-#: the matrices are dense.
+#: Modes more than asked for, so that the last ones of a multiple eigenvalue are not missed; of fewer unknowns than so many times
+#: the modes, the matrices are dense.
 MORE, FEW = 4, 4
 #: Eigenvalues, counted from the shift, that are this close together are one.
 SAME = 1e-6
@@ -36,7 +36,7 @@ PRECISION = 1e-10
 
 
 class Indefinite(Exception):
-    """There are eigenvalues below the shift."""
+    """K has eigenvalues below the shift."""
 
 
 class ShiftedProblem:
@@ -52,7 +52,7 @@ class ShiftedProblem:
     def __init__(self, system: SystemLike, solver: LinearSolver, mass: Mass, kind: Kind, u: Array, t: Time) -> None:
         if solver.matrix_free and mass.kind != "lumped":
             raise StvkError(
-                f"mass = {mass.kind!r} came with solver '{solver.name}', which forms no matrix; expected 'lumped', or another solver."
+                f"Got mass = {mass.kind!r} with solver '{solver.name}', which forms no matrix; expected 'lumped' or another solver."
             )
         self.system, self.mass, self.kind, self.u, self.shift, self._t = system, mass, kind, u, 0.0, t
         self._tangent = FreeTangent(system, solver, kind, lambda: u)
@@ -132,8 +132,8 @@ def first_shift(problem: ShiftedProblem) -> float:
 def _all_lowest(problem: ShiftedProblem, inverse: LinearOperator, n: int) -> Array:
     """Vectors that span the n lowest modes and some more.
 
-    From one vector Lanczos' method sees one direction of the space of a multiple eigenvalue, and the others by what rounding leaves of them. So it is
-    asked again for what is across all that it has found, until nothing there belongs to the n lowest.
+    From one vector Lanczos' method sees one direction of the space of a multiple eigenvalue, and the others by what rounding leaves
+    of them. So it is asked again for what is across all that it has found, until nothing there belongs to the n lowest.
     """
     values, vectors = krylov(problem, inverse, n + MORE, np.empty((inverse.shape[0], 0)))
     while True:
@@ -156,7 +156,7 @@ def nearest_vectors(problem: ShiftedProblem, n: int) -> Array:
 
 
 def _all_nearest(problem: ShiftedProblem, inverse: LinearOperator, n: int) -> Array:
-    """As `nearest_vectors`; searched again across all that was found until nothing there is nearer, as where K is symmetric.
+    """Vectors as in `nearest_vectors`; searched again across all that was found until nothing there is nearer, as where K is symmetric.
 
     What is found spans an invariant subspace, so that the eigenvalues which are left are those of the operator across it in M.
     """
@@ -181,9 +181,9 @@ def _real_basis(problem: ShiftedProblem, vectors: Array) -> Array:
 
 
 def krylov(problem: ShiftedProblem, inverse: LinearOperator, n: int, known: Array) -> tuple[Array, Array]:
-    """Eigenvalues and vectors (n_free, n) nearest to the shift, M-orthogonal to those that are known, from always the same start on.
+    """Eigenvalues and vectors (n_free, n) nearest to the shift, M-orthogonal to those that are known.
 
-    By Lanczos' method, or Arnoldi's where K is not symmetric; values and vectors may be complex then.
+    By Lanczos' method, or Arnoldi's where K is not symmetric; values and vectors may be complex then. The start is always the same.
     """
     momenta = np.array([problem.momentum(vector) for vector in known.T]).reshape(known.T.shape)
 

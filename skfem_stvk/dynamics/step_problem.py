@@ -26,9 +26,10 @@ from .forces import StartTensions, add_damping_force, add_mean_force, add_secant
 from .motion import Motion
 from .record import MotionState
 
-#: Linear solves of Newton's method are as precise as this at least, so that it converges as with a direct solver, for a sixth more time than with
-#: 1e-5: with that, and where `rtol` allows much, small steps of Newmark's method were off by 1e-5 in place of 3e-9. With those of an inexact Newton
-#: method, from 0.1 on, every step of energy and momentum of a stiff body that turns by 0.3 rad was cut.
+#: Linear solves of Newton's method are as precise as this at least, so that it converges as with a direct solver, for a sixth more
+#: time than with 1e-5: with that, and where `rtol` allows much, small steps of Newmark's method were off by 1e-5 in place of 3e-9.
+#: With those of an inexact Newton method, from 0.1 on, every step of energy and momentum of a stiff body that turns by 0.3 rad was
+#: cut.
 PRECISE = 1e-8
 #: A residual that falls by less than this factor in an iteration falls slowly.
 SLOW = 0.5
@@ -40,7 +41,7 @@ class StepTangent(Enum):
     exact           K
     clamped         without negative tensions of edges: positive semi-definite
     gauss-newton    without any tension: 2 J'LJ
-    diagonal        the diagonal blocks alone (Debunne 2001, Mueller 2001): no solve, but forces reach no further than one vertex per step
+    diagonal        the diagonal blocks alone (Debunne 2001, Mueller 2001): no solve, but forces reach one vertex per step
     rest            K(0), made and factorised once: wrong under rotation
     """
 
@@ -76,12 +77,12 @@ class Coefficients(NamedTuple):
 
 
 def kind_of_step(system: SystemLike, tangent: StepTangent) -> Kind:
-    """What the tangent of a step is: diagonal blocks and K(0) are symmetric, for they have nothing of loads that follow the body."""
+    """The kind of the tangent of a step: diagonal blocks and K(0) are symmetric, without loads that follow the body."""
     return Kind.SYMMETRIC if tangent in (StepTangent.DIAGONAL, StepTangent.REST) else kind_of(system)
 
 
 class _Parts(NamedTuple):
-    """What a tangent is made of: `factor K`, with the tensions `within` in K, and with those of the beginning, as far as they are `kept`, beside it."""
+    """The parts of a tangent: `factor K` with the tensions `within`, and those of the beginning as far as they are `kept`."""
 
     factor: float
     within: Tensions
@@ -95,11 +96,12 @@ class StepProblem:
 
     Parameters
     ----------
-    mean : whether the internal force is twice that of energy and momentum, `sum (t_0 + t_1)/2 p_1/2`; otherwise `F(u_1)`. Its tangent is not
-        symmetric; `2 J'LJ` at the middle and the tensions of the beginning stand in for it, these for as long as that converges fast: in stiff
-        bodies that vibrate faster than the steps they say nothing. K at the middle, where a body that turns has shrunk, does not do: a
-        spinning block of 1e9 Pa took 20 times the iterations.
-    secant : whether edge damping takes the rate of the squared elongations from their difference over the step; otherwise from velocities.
+    mean : whether the internal force is twice that of energy and momentum, `sum (t_0 + t_1)/2 p_1/2`; otherwise `F(u_1)`. Its
+        tangent is not symmetric; `2 J'LJ` at the middle and the tensions of the beginning stand in for it, these for as long as
+        that converges fast: in stiff bodies that vibrate faster than the steps they say nothing. K at the middle, where a body that
+        turns has shrunk, does not do: a spinning block of 1e9 Pa took 20 times the iterations.
+    secant : whether edge damping takes the rate of the squared elongations from their difference over the step; otherwise from
+        velocities.
 
     Attributes
     ----------
@@ -157,7 +159,7 @@ class StepProblem:
             return energy
 
     def before_step(self, t: float) -> Array:
-        """(ndofs,) what is not in balance for `w = 0`, where nothing has to be computed anew; for equations at the end of the step, without a rate `d`."""
+        """(ndofs,) the residual for `w = 0`, from forces that are known; for equations at the end of a step, without a rate."""
         with self._watch("assemble"):
             np.subtract(self._arrived, self._offset, out=self.full)
             self.full -= self.motion.loads(self._u0, t)
@@ -193,7 +195,7 @@ class StepProblem:
         return float(residual.vector @ v[self.free.free])
 
     def factorise(self, w: Array, t: Time, tangent: Tangent = Tangent.EXACT) -> Factors:
-        """The tangent that was chosen; those that Newton's method falls back on are as in statics, but for K(0), which is what it is."""
+        """The tangent that was chosen, or one that Newton's method falls back on, as in statics; K(0) stays what it is."""
         if self._chosen is not StepTangent.REST:
             return self._factorise(w, t, tangent)
         key = self._c, self._g
@@ -247,7 +249,7 @@ class StepProblem:
             return self.system.step_limit(self._u0 + w, v)
 
     def on_this_side(self, w: Array, found: Array) -> bool:
-        """As a `Problem` says it; nothing is said of states with elements inside out, which have to turn."""
+        """As in `Problem`; always true of states with elements inside out, which have to turn."""
         return len(self.inside_out(w)) > 0 or self.step_limit(w, found - w) > 1
 
     def inside_out(self, w: Array) -> NDArray[np.int64]:
@@ -258,12 +260,12 @@ class StepProblem:
         return named_elements(self.system.mesh, inside_out)
 
     def force_of(self, w: Array) -> Array:
-        """(n,) what displacements `w` (ndofs,) of held degrees of freedom do to the free ones, by the tangent that was made last."""
+        """(n,) force on the free degrees of freedom where held ones move by `w` (ndofs,), by the tangent that was made last."""
         with self._watch("assemble"):
             return self.tangent.force_of(w)
 
     def _linear(self, w: Array) -> Array:
-        """Forces of inertia and of linear damping that `w` causes."""
+        """Forces of inertia and of linear damping for displacements `w`."""
         force = self._inertia_factor * self.motion.mass.multiply(w)
         if self.motion.beta:
             force += self.motion.beta * self._g * self.motion.at_rest.matvec(w)
@@ -298,14 +300,14 @@ class StepProblem:
         return force
 
     def _parts(self, kept: Tensions) -> _Parts:
-        """With edge damping, which is a part of `2 J'LJ`, as the factor: `factor (2 J'LJ + tensions / factor)`."""
+        """Parts of the tangent; edge damping, a part of `2 J'LJ`, is the factor: `factor (2 J'LJ + tensions / factor)`."""
         factor = 1 + self._stiffening
         if self._tensions is not None:
             return _Parts(factor, NONE, kept if self._with_tensions else NONE)
         return _Parts(factor, Tensions(kept.positive / factor, kept.negative / factor), NONE)
 
     def _where(self, w: Array) -> Array:
-        """Where the tangent is taken."""
+        """(ndofs,) displacements at which the tangent is taken [m]."""
         if self._chosen is StepTangent.REST:
             return np.zeros_like(w)
         return np.add(self._u0, w / 2 if self._mean else w, out=self._at)

@@ -34,7 +34,7 @@ class Mode:
 
 
 def nearest_mode(problem: EigenProblem, u: Array, t: float, without: Sequence[Array] = ()) -> Mode | None:
-    """The eigenvalue nearest to zero, by inverse iteration with a direct solver; None if K is exactly singular.
+    """The mode whose eigenvalue is nearest to zero, by inverse iteration with a direct solver; None if K is exactly singular.
 
     `without` are modes (ndofs,) at right angles to which it is looked for.
     """
@@ -59,8 +59,8 @@ def nearest_mode(problem: EigenProblem, u: Array, t: float, without: Sequence[Ar
 def lowest_mode(problem: EigenProblem, u: Array, t: float) -> Mode:
     """The lowest eigenvalue by LOBPCG (Knyazev 2001), preconditioned by loose solves with the tangent without negative tensions.
 
-    Where that does not converge, as in slender bodies, up to `COUNTED` unknowns by factorisations. A value within rounding is 0: it has no
-    sign.
+    Where that does not converge, as in slender bodies, up to `COUNTED` unknowns by factorisations. A value within rounding is 0: it
+    has no sign.
     """
     mode, floor = _by_lobpcg(problem, u, t), rounding(problem, u, t)
     if mode.error > GOOD * abs(mode.value) and problem.n <= COUNTED:
@@ -88,7 +88,7 @@ def _by_lobpcg(problem: EigenProblem, u: Array, t: float) -> Mode:
 
 
 def _by_factorisation(problem: EigenProblem, u: Array, t: float, above: float, floor: float) -> Mode:
-    """By inverse iteration from a shift below all eigenvalues, which their numbers below it tell; `above` is not below the lowest."""
+    """The lowest mode by inverse iteration from a shift below all eigenvalues; `above` is not below the lowest one."""
     K, unknowns = problem.matrix(u, t)
     shift = -max(2 * abs(min(above, 0.0)), 4 * floor)
     while eigenvalues_below(K, shift, unknowns):

@@ -51,8 +51,8 @@ def quartic_minimum(c: Array) -> float:
 def root_of_slope(slope: Callable[[float], float], at_zero: float, longest: float = np.inf, most: int = 12) -> float | None:
     """A length `s` with `|slope(s)| <= 0.1 |slope(0)|`, by doubling and safeguarded secants; None if it is not found.
 
-    `slope(s)` is the residual times the direction, negative at zero; it is not asked for beyond `longest`, which is the answer if the slope
-    is negative there still.
+    `slope(s)` is the residual times the direction, negative at zero; it is not asked for beyond `longest`, which is the answer if
+    the slope is negative there still.
 
     >>> round(root_of_slope(lambda s: s**3 - 8, -8.0), 1)
     2.0

@@ -20,7 +20,8 @@ from .problem import Problem, Residual, Tangent
 MOST_ITERATIONS, MOST_TANGLED, MOST_FULL = 40, 120, 20
 #: The loosest linear solve of an iterative solver (Eisenstat and Walker 1996, choice 2).
 LOOSEST = 0.1
-#: The line search stops at this part of the length at which the first element would be flat, and where that is shorter than this, it is over.
+#: The line search stops at this part of the length at which the first element would be flat, and where that is shorter than this,
+#: it is over.
 BEFORE_THE_LIMIT, SHORTEST = 0.8, 1e-3
 
 
@@ -99,11 +100,11 @@ class NewtonOptions:
 def newton(problem: Problem, u: Array, t: Time, wanted: NewtonOptions) -> tuple[Array, End, Iterations]:
     """Equilibrium at load factor `t` from the state `u`, in which what is held is where it belongs.
 
-    With `full_first`, full steps of the exact tangent are tried: slender bodies bend that way in a third of the iterations, for a full step
-    stretches them first and a line search does not let it. Unless they arrive, at a stable state, with no more than `most_inside_out` elements
-    inside out and none that would be flat on the straight way there, it begins anew with the line search, which is exact where W is a quartic
-    along any line and loads are dead, a tangent that is positive definite where the exact one gives no descent, and steps that end
-    before elements turn inside out, unless some are already.
+    With `full_first`, full steps of the exact tangent are tried: slender bodies bend that way in a third of the iterations, for a
+    full step stretches them first and a line search does not let it. Unless they arrive, at a stable state, with no more than
+    `most_inside_out` elements inside out and none that would be flat on the straight way there, it begins anew with the line
+    search, which is exact where W is a quartic along any line and loads are dead, a tangent that is positive definite where the
+    exact one gives no descent, and steps that end before elements turn inside out, unless some are already.
     """
     record = Iterations()
     if wanted.full_first:
@@ -179,7 +180,8 @@ class _Descent:
     def _moved(self, u: Array, v: Array, residual: Residual, tangled: bool) -> Array | End:
         """`u + s v`, with the length `s` of the line search, which ends before elements turn inside out; or the full step.
 
-        A state that is `tangled`, with elements inside out, is not limited: on the way back some elements turn and take others through zero volume.
+        A state that is `tangled`, with elements inside out, is not limited: on the way back some elements turn and take others
+        through zero volume.
         """
         if not self._search:
             self._record.lengths.append(1.0)
@@ -212,10 +214,10 @@ def _forcing(last: float, now: Residual, before: Residual) -> float:
 
 
 def usable(solution: Solution, singular: bool = False) -> bool:
-    """Whether Newton's method can go on with it: with less precision than asked for, too, as long as most of the residual is answered.
+    """Whether Newton's method can go on with a solution: also a less precise one, if it answers most of the residual.
 
-    Where K is expected to be as good as `singular`, all that is missing lies along the mode in which the body gives way, and any answer of a
-    direct solver will do.
+    Where K is expected to be as good as `singular`, all that is missing lies along the mode in which the body gives way, and any
+    answer of a direct solver will do.
     """
     imprecise = solution.outcome in (Outcome.INACCURATE, Outcome.OUT_OF_ITERATIONS)
     enough = solution.residual <= LOOSEST or (singular and solution.outcome is Outcome.INACCURATE)

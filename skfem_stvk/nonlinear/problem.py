@@ -1,10 +1,12 @@
 """The joint of nonlinear solves: what Newton's method asks of a problem, and what the walk along a path asks in addition.
 
-A static state, a time step, a model of twenty unknowns or one that is spread over ranks are siblings here: each knows its own unknowns and how
-vectors of them are multiplied. Two kinds of vectors are told apart, and only the problem knows how they belong together:
+A static state, a time step, a model of twenty unknowns or one that is spread over ranks are siblings here: each knows its own
+unknowns and how vectors of them are multiplied. Two kinds of vectors are told apart, and only the problem knows how they belong
+together:
 
     u, v    states and directions; Newton's method adds `u + s v` and does nothing else with them
-    x, b    the unknowns of a linear solve; `direction(x)` is the direction that belongs to them, `unknowns_of(v)` goes the other way
+    x, b    the unknowns of a linear solve; `direction(x)` is the direction that belongs to them, `unknowns_of(v)` goes the other
+    way
 """
 
 from __future__ import annotations
@@ -102,7 +104,7 @@ class Problem(Protocol):
         """How far along `u + s v` no more elements turn inside out; infinite where nothing limits a step."""
 
     def on_this_side(self, u: Array, found: Array) -> bool:
-        """Whether no element would be flat on the straight way from `u` to `found`: turned by less than 180 degrees, not through itself."""
+        """Whether no element would be flat on the straight way from `u` to `found`: none is turned through itself."""
 
     def inside_out(self, u: Array) -> Sized:
         """What is inside out at `u`; as many as it has entries, named by `named`."""
@@ -158,8 +160,10 @@ class PathProblem(EigenProblem, Protocol):
         """(n,) `-dr/dt` and how what is held moves, a direction; by the tangent that was made last."""
 
     def change(self, u: Array, t: float, later: float) -> tuple[Array, Array]:
-        """(n,) how much more loads and held displacements at `later` push the unknowns than those at `t` [N], and how what is held moves, a
-        direction; by the tangent that was made last."""
+        """The change from `t` to `later`: (n,) forces on the unknowns [N], and the direction in which what is held moves.
+
+        Forces of what is held are those of the tangent that was made last.
+        """
 
     def force_of(self, w: Array) -> Array:
         """(n,) what a motion `w` of what is held does to the unknowns [N], by the tangent that was made last."""
@@ -184,12 +188,12 @@ class PathProblem(EigenProblem, Protocol):
 
 
 def dot(x: Array, y: Array) -> float:
-    """`x . y` without BLAS, whose threads wait for ours: 0.05 ms instead of 5 for 50 000 entries where something else is running."""
+    """`x . y` without BLAS, whose threads wait for ours: 0.05 ms instead of 5 for 50 000 entries on a busy machine."""
     return float(np.einsum("i,i", x, y))
 
 
 def norm(x: Array) -> float:
-    """`|x|` without BLAS, also of entries whose squares are too small or too large for a number: forces of 1e-200 N are not nothing."""
+    """`|x|` without BLAS, also where squares are too small or too large for a number: forces of 1e-200 N count."""
     with np.errstate(over="ignore", under="ignore"):
         square = dot(x, x)
     if SQUARES[0] < square < SQUARES[1] or not len(x):

@@ -18,8 +18,8 @@ from .problem import EigenProblem
 NO_FLUTTER = "K is not symmetric there: no real eigenvalue of it is negative, so the state does not diverge; flutter not looked at."
 NO_SIGN = "Whether the state is stable is not known: the eigenvalue of K nearest to zero is within rounding."
 NOT_FOUND = (
-    "Whether the state is stable is not known: conjugate gradients did not get through, and the lowest eigenvalue of K was not found "
-    "to a digit. Try solver='superlu' or 'pardiso', which count the negative ones."
+    "Whether the state is stable is not known: conjugate gradients did not converge, and the lowest eigenvalue of K was not "
+    "found to a digit. Try solver='superlu' or 'pardiso', which count the negative ones."
 )
 NOT_COUNTED = "Whether the state is stable is not known: pivots of K were too small to have a sign."
 
@@ -47,9 +47,9 @@ class Verdict(NamedTuple):
 def judged(problem: EigenProblem, u: Array, t: float) -> Verdict:
     """What the tangent says of the state `u` (ndofs,) at `t`.
 
-    The pivots of a direct solver count negative eigenvalues. CG does not count; it solves for a random force, in which every mode of buckling
-    takes part, and meets negative curvature if there is any, or its own round-off. So what CG says against a state, or does not know, is
-    confirmed before it counts, and so are pivots: by eigenvalues that are negative beyond rounding.
+    The pivots of a direct solver count negative eigenvalues. CG does not count; it solves for a random force, in which every mode
+    of buckling takes part, and meets negative curvature if there is any, or its own round-off. So what CG says against a state, or
+    does not know, is confirmed before it counts, and so are pivots: by eigenvalues that are negative beyond rounding.
     """
     factors = problem.factorise(u, t)
     if not problem.symmetric:
@@ -65,7 +65,7 @@ def judged(problem: EigenProblem, u: Array, t: float) -> Verdict:
 
 
 def _confirmed(problem: EigenProblem, u: Array, t: float) -> Verdict:
-    """By factorisation, up to `COUNTED` unknowns and where that is how the problem is solved; otherwise by the lowest eigenvalue."""
+    """The verdict by factorisation, up to `COUNTED` unknowns and with a direct solver; otherwise by the lowest eigenvalue."""
     if not problem.iterative or problem.n <= COUNTED:
         counts = inertia(*problem.matrix(u, t))
         if counts is None:
@@ -78,7 +78,7 @@ def _confirmed(problem: EigenProblem, u: Array, t: float) -> Verdict:
 
 
 def _divergence(problem: EigenProblem, u: Array, t: float) -> Verdict:
-    """Of a tangent that is not symmetric: whether a real eigenvalue is negative."""
+    """The verdict on a tangent that is not symmetric: whether a real eigenvalue is negative."""
     found = real_eigenvalues(*problem.matrix(u, t))
     if found.negative:
         return Verdict(False, found.negative)
@@ -108,11 +108,12 @@ class RealEigenvalues(NamedTuple):
 
 
 def real_eigenvalues(K: csr_matrix, unknowns: Unknowns) -> RealEigenvalues:
-    """Of `K`, whose pattern is symmetric and whose values are not.
+    """Numbers of real eigenvalues of `K`, whose pattern is symmetric and whose values are not.
 
-    Every real eigenvalue lies above the lowest one of the symmetric part `S = (K + K')/2`: where that is positive definite, none is negative.
-    Otherwise the determinant, the product of all, is negative where their number is odd; and those nearest to zero are found by ARPACK, by
-    inverse iteration (shift and invert at 0). They are all within a circle; no others are negative if S has no eigenvalue beyond it.
+    Every real eigenvalue lies above the lowest one of the symmetric part `S = (K + K')/2`: where that is positive definite, none is
+    negative. Otherwise the determinant, the product of all, is negative where their number is odd; and those nearest to zero are
+    found by ARPACK, by inverse iteration (shift and invert at 0). They are all within a circle; no others are negative if S has no
+    eigenvalue beyond it.
     """
     n = unknowns.n
     S = csr_matrix(((K.data + K.data[transposition(K)]) / 2, K.indices, K.indptr), shape=K.shape)
@@ -150,7 +151,7 @@ def _counted(values: Array, floor: float, all_of_them: bool) -> RealEigenvalues:
 
 
 def _nearest(K: csr_matrix, inverse: LinearOperator, number: int) -> Array:
-    """So many eigenvalues nearest to zero, or those of them that were found."""
+    """The eigenvalues nearest to zero, `number` of them or as many as were found."""
     start = np.random.default_rng(0).standard_normal(K.shape[0])
     try:
         values = eigs(K, number, sigma=0.0, OPinv=inverse, v0=start, tol=1e-8, return_eigenvectors=False)

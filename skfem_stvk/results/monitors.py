@@ -1,4 +1,4 @@
-"""Where the model is not to be trusted, however well the equations are solved: what a static solve watches."""
+"""Elements in which the model is not to be trusted, however well the equations are solved."""
 
 from __future__ import annotations
 
@@ -29,8 +29,8 @@ class Finding:
     ----------
     name : "locking", "inside out", "compressed" or "not elliptic".
     elements : (n,) their ids in the mesh, ascending.
-    extreme : of them, in the same order: the largest Poisson's ratio, the smallest `J`, the smallest principal stretch, the smallest
-        eigenvalue of the acoustic tensor [Pa].
+    extreme : of them, in the same order: the largest Poisson's ratio, the smallest `J`, the smallest principal stretch, the
+        smallest eigenvalue of the acoustic tensor [Pa].
     text : what, how many, where, what that means, and what to do.
     """
 
@@ -44,16 +44,16 @@ class Finding:
 
 
 class Monitors:
-    """Looks for elements where the model is at its end. Without `ellipticity` the price of about two forces at each state.
+    """Search for elements where the model is at its end; without `ellipticity` it costs about two forces per state.
 
-        locking         Poisson's ratio above 0.45 in solids and plane strain, where linear simplices are far too stiff. Of materials that
-                        are not isotropic that of the Reuss averages, `(3 K - 2 G)/(6 K + 2 G)`: the same stress in all directions
+        locking         Poisson's ratio above 0.45 in solids and plane strain, where linear simplices are far too stiff; for those
+                        that are not isotropic that of the Reuss averages, `(3 K - 2 G)/(6 K + 2 G)`: one stress in all directions
         inside out      J <= 1e-9, of elements that fill their space: inside out or flat, as in `System.inside_out`
         compressed      smallest principal stretch below 1/sqrt(3), where uniaxial compression has its limit point
         not elliptic    strong ellipticity lost, if asked for: see `results.ellipticity`
 
     >>> import skfem
-    >>> from skfem_stvk import StVK
+    >>> from skfem_stvk import StVK, System
     >>> mesh = skfem.MeshTet()
     >>> monitors = Monitors(System(mesh, StVK(young=1.0, poisson=0.3)), ellipticity=False)
     >>> [(finding.name, round(finding.extreme, 9)) for finding in monitors.at(-0.5 * mesh.p.ravel("F"))]
@@ -68,7 +68,7 @@ class Monitors:
         """What the elements and their materials say without a state.
 
         >>> import skfem
-        >>> from skfem_stvk import StVK
+        >>> from skfem_stvk import StVK, System
         >>> print(Monitors(System(skfem.MeshTet(), StVK(young=1.0, poisson=0.49)), ellipticity=False).before()[0].text)
         5 elements (0, 1, 2, 3, 4), the first at (0.25, 0.25, 0.25) at rest: Poisson's ratio above 0.45 (up to 0.49), ...
         """
@@ -81,9 +81,9 @@ class Monitors:
         if largest <= LOCKING:
             return ()
         what = (
-            f"Poisson's ratio above {LOCKING} (up to {largest:.4g}), so that these linear elements lock: bodies come out too stiff, and "
-            "pressures jump from element to element. Compare with a finer mesh; otherwise take a smaller Poisson's ratio, or elements of "
-            "second order, which are not in this package."
+            f"Poisson's ratio above {LOCKING} (up to {largest:.4g}), so that these linear elements lock: bodies come out too "
+            "stiff, and pressures jump from element to element. Compare with a finer mesh; otherwise take a smaller Poisson's ratio, "
+            "or elements of second order, which are not in this package."
         )
         return (self._finding("locking", np.flatnonzero(ratio > LOCKING), largest, what),)
 
@@ -98,17 +98,17 @@ class Monitors:
             yield self._finding("inside out", turned, J, f"inside out or flat (J down to {J:.3g}). {self._if_inside_out()}")
         if (stretch := system.smallest_stretch(u)) < SOFTENING:
             what = (
-                f"compressed to a principal stretch below 1/sqrt(3) = 0.577 (down to {stretch:.3g}), where a St. Venant-Kirchhoff body "
-                f"softens. {self._if_compressed()}"
+                f"compressed to a principal stretch below 1/sqrt(3) = 0.577 (down to {stretch:.3g}), where a St. Venant-Kirchhoff "
+                f"body softens. {self._if_compressed()}"
             )
             yield self._finding("compressed", system.compressed(u, SOFTENING), stretch, what)
         if self._fields is not None:
             ids, lowest = without_ellipticity(self._fields.at(u))
             if len(ids):
                 what = (
-                    f"strong ellipticity lost (smallest eigenvalue of the acoustic tensor down to {lowest.min():.3g} Pa): the material gives "
-                    "way in bands as narrow as an element, so that what follows depends on the mesh. Compare with a finer one; a material "
-                    "that is made for such compression is not in this package."
+                    f"strong ellipticity lost (smallest eigenvalue of the acoustic tensor down to {lowest.min():.3g} Pa): the "
+                    "material gives way in bands as narrow as an element, so that what follows depends on the mesh. Compare with a "
+                    "finer one; a material that is made for such compression is not in this package."
                 )
                 yield self._finding("not elliptic", ids, float(lowest.min()), what)
 
@@ -120,7 +120,7 @@ class Monitors:
         if self._system.mesh.k < self._system.mesh.d:
             return "Membranes and cables wrinkle and go slack long before: is it pushed where it should be pulled?"
         if self._system.resists_inversion:
-            return "The VolumePenalty carries it: what is computed there is a body with that penalty more than a St. Venant-Kirchhoff one."
+            return "The VolumePenalty carries it: what is computed there is a body with that penalty more than a StVK one."
         local = "At a corner or under a load on few vertices refine the mesh or spread the load"
         return f"More compression takes less force. {local}; elsewhere add a VolumePenalty, or take less load."
 

@@ -17,9 +17,11 @@ from .walk import SMALLEST, Course, Walk
 
 #: Iterations that a step of the right length takes, and how much longer the next may be.
 ITERATIONS, GROWTH = 4, 1.5
-#: A step is not longer than so many times the first one, or so many parts of the displacements so far, of which there are as many as steps in the load.
+#: A step is not longer than so many times the first one, or so many parts of the displacements so far, of which there are as many
+#: as steps in the load.
 LARGEST, PARTS = 4.0, 2.0
-#: Smallest cosine of the angle by which the path may turn in a step; a step that turned by more than the other lets the next one shrink.
+#: Smallest cosine of the angle by which the path may turn in a step; a step that turned by more than the other lets the next one
+#: shrink.
 SHARPEST, SHARP = 0.5, 0.9
 #: Steps are shortened down to this part of the first one where it is not sure that they stay on the path.
 SURE = 0.02
@@ -30,9 +32,10 @@ BESIDE = 1e-6
 class ArcLength(Walk):
     """States along the path, whose length `s` is that of the displacements; t is unknown like them.
 
-    A step goes along the tangent of the path, `K du = -dr/dt dt`, and from there, by Newton's method, to the equilibrium in the plane across it
-    (Riks 1979, in the space of displacements). It is halved where that fails, elements would turn inside out or the path turns sharply. Which
-    of the two ways the tangent points is told by the last one: it passes bifurcations on the path that it is on.
+    A step goes along the tangent of the path, `K du = -dr/dt dt`, and from there, by Newton's method, to the equilibrium in the
+    plane across it (Riks 1979, in the space of displacements). It is halved where that fails, elements would turn inside out or the
+    path turns sharply. Which of the two ways the tangent points is told by the last one: it passes bifurcations on the path that it
+    is on.
     """
 
     name: ClassVar[str] = "arc-length"
@@ -133,7 +136,7 @@ class ArcLength(Walk):
         return (len(critical) - abs(after.negative - self._point.negative)) % 2 == 1
 
     def _landed(self, u: Array, t: float, turned: bool) -> tuple[Array, float, End, Iterations] | Attempt | None:
-        """The first state on the step to `(u, t)` that is on a level; None if there is none. Up to the limit point, if the load turned, then on."""
+        """The first state on the step to `(u, t)` that is on a level, before or behind a limit point; None if there is none."""
         ends, begin = [(u, t)], (self.u, self.t)
         if turned and self._goal.has_levels:
             top = turning_point(self.problem, Point(*begin, None, None), Point(u, t, None, None), self._rtol)
@@ -167,7 +170,7 @@ class ArcLength(Walk):
         return u, t, end, record
 
     def _place(self, way: Heading, length: float) -> float:
-        """Where the plane across the path is, along it."""
+        """Position of the plane across the path, along it."""
         return self.problem.dot(way.direction, self.u) + length
 
     def _adapt(self, iterations: int, cosine: float) -> None:

@@ -1,4 +1,4 @@
-"""Continuation of a path: which way it goes on, and the equilibrium in a plane across it, by displacements and load factor together."""
+"""Continuation of a path: its tangent, and the equilibrium in a plane across it, in displacements and load factor."""
 
 from __future__ import annotations
 
@@ -34,16 +34,16 @@ class Heading:
     negative: int | None
 
     def reversed(self) -> Heading:
-        """The other way."""
+        """The heading that goes the other way."""
         return Heading(-self.direction, -self.rate, self.negative)
 
     def along(self, v: Array, problem: PathProblem) -> Heading:
-        """This way or the other, whichever does not point against `v` (ndofs,)."""
+        """This heading or the reversed one, whichever does not point against `v` (ndofs,)."""
         return self if problem.dot(self.direction, v) >= 0 else self.reversed()
 
 
 def heading(problem: PathProblem, u: Array, t: float, singular: bool = False) -> Heading | str:
-    """Towards growing t at an equilibrium: `K du = -dr/dt dt`; or why there is none. `singular`: as of `usable`."""
+    """Towards growing t at an equilibrium: `K du = -dr/dt dt`; or why there is none. `singular` as in `usable`."""
     factors = problem.factorise(u, t)
     forces, held = problem.rate(u, t)
     solution = problem.solve(factors, forces, 1e-10)
@@ -60,8 +60,8 @@ def heading(problem: PathProblem, u: Array, t: float, singular: bool = False) ->
 class Plane:
     """The states with `normal . u + weight t = value`.
 
-    Across the path it is that of Riks (1979), `weight` 0: it goes through limit points, where t turns back and displacements do not. With
-    `normal` 0 it holds the load, with `weight` 0 and a mean of displacements as `normal` it holds those.
+    Across the path it is that of Riks (1979), `weight` 0: it goes through limit points, where t turns back and displacements do
+    not. With `normal` 0 it holds the load, with `weight` 0 and a mean of displacements as `normal` it holds those.
 
     Attributes
     ----------
@@ -83,8 +83,8 @@ def correct(
 ) -> tuple[Array, float, End, Iterations]:
     """The equilibrium in the plane, from `u` (ndofs,) and `t` near it, by full steps of the exact tangent.
 
-    Each solves `K a = -r` and `K b = -dr/dt` with one factorisation, `du = a + dt b`, and `dt` from the plane: K alone may be as good as
-    singular, at a limit point, where `a` and `b` are large and their sum is not.
+    Each solves `K a = -r` and `K b = -dr/dt` with one factorisation, `du = a + dt b`, and `dt` from the plane: K alone may be as
+    good as singular, at a limit point, where `a` and `b` are large and their sum is not.
     """
     record, before = Iterations(), None
     try:

@@ -40,17 +40,17 @@ class Point:
 
 @dataclass(frozen=True, eq=False)
 class CriticalPoint:
-    """Where the tangent is singular, so that the body begins or ceases to give way.
+    """A state at which the tangent is singular, so that the body begins or ceases to give way.
 
     Attributes
     ----------
-    kind : "limit point": the load factor turns back, and under more load the body snaps. "bifurcation": another path crosses this one, and
-        the body buckles into it.
+    kind : "limit point": the load factor turns back, and under more load the body snaps. "bifurcation": another path crosses this
+        one, and the body buckles into it.
     t, u : load factor and displacements (ndofs,) [m].
-    mode : (ndofs,) how the body gives way: the eigenvector of K for the eigenvalue zero, its largest entry 1. A small part of it, added to the
-        mesh, is the imperfection that leads to the other path.
-    resolved : whether it was found, to 1e-8 of the step on which it lies. If not, `t` and `u` lie on the straight line between two states of the
-        path: where the lowest eigenvalue would vanish there, as far as it is known.
+    mode : (ndofs,) how the body gives way: the eigenvector of K for the eigenvalue zero, its largest entry 1. A small part of it,
+        added to the mesh, is the imperfection that leads to the other path.
+    resolved : whether it was found, to 1e-8 of the step on which it lies. If not, `t` and `u` lie on the straight line between two
+        states of the path: where the lowest eigenvalue would vanish there, as far as it is known.
     """
 
     kind: str
@@ -196,7 +196,7 @@ class _Chord:
         return 0.0 if isinstance(found, str) else found.along(self.direction, self._problem).rate
 
     def eigenvalue(self, passed: int, f: float) -> float:
-        """The eigenvalue nearest to zero, negative where more than `passed` have changed their sign; zero where a pivot is too small to tell."""
+        """The eigenvalue nearest to zero, negative where more than `passed` have changed sign; zero if a pivot is too small."""
         mode = nearest_mode(self._problem, *self.at(f))
         negative = self._problem.negative_pivots()
         if mode is None or negative is None:

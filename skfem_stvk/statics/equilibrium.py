@@ -22,8 +22,8 @@ from ..system.free_tangent import FreeTangent, kind_of
 from ..system.protocol import SystemLike
 from ..terms.load import Time
 
-#: Loads and reactions below this part of the largest on the path count as this part: where they go back to zero, nothing else is left to
-#: be small against.
+#: Loads and reactions below this part of the largest on the path count as this part: where they go back to zero, nothing else is
+#: left to be small against.
 NOTHING = 1e-6
 #: How often on a path it is asked whether CG met negative curvature or its own round-off.
 MOST_DOUBTS = 3
@@ -32,7 +32,7 @@ DIFFERENCE = 1e-6
 
 
 class Equilibrium:
-    """`F(u) = f_ext(u, t)` over the free degrees of freedom: a `PathProblem`, whose states and directions are displacements (ndofs,).
+    """`F(u) = f_ext(u, t)` over the free degrees of freedom, a `PathProblem` whose states are displacements (ndofs,).
 
     Attributes
     ----------
@@ -128,8 +128,8 @@ class Equilibrium:
     def take_over(self, u: Array, t: Time) -> bool:
         """Whether a direct solver takes over, here and on the rest of the path, where CG did not solve with the Jacobian at `u`.
 
-        It does if CG met its round-off, as in slender bodies: if a factorisation finds no negative eigenvalue. It is asked for up to `COUNTED`
-        unknowns, and a few times on a path.
+        It does if CG met its round-off, as in slender bodies: if a factorisation finds no negative eigenvalue. It is asked for up
+        to `COUNTED` unknowns, and a few times on a path.
         """
         if not self.iterative or self.n > COUNTED or not self._doubts:
             return False
@@ -171,7 +171,7 @@ class Equilibrium:
             return self.system.step_limit(u, v)
 
     def on_this_side(self, u: Array, found: Array) -> bool:
-        """As a `Problem` says it; nothing is said of states with elements inside out, which have to turn."""
+        """As in `Problem`; always true of states with elements inside out, which have to turn."""
         return len(self.inside_out(u)) > 0 or self.step_limit(u, found - u) > 1
 
     def inside_out(self, u: Array) -> NDArray[np.int64]:

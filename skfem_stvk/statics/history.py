@@ -14,7 +14,8 @@ from ..nonlinear.outcome import Status
 from ..results.monitors import Finding
 from .critical import CriticalPoint
 
-#: From here on a state is further from where the path pointed than bending, twisting or tightening bodies get (1.2 at most on the hard cases).
+#: From here on a state is further from where the path pointed than bending, twisting or tightening bodies get (1.2 at most on the
+#: hard cases).
 JUMPED = 5.0
 
 
@@ -28,13 +29,15 @@ class Step:
     u : (ndofs,) displacements [m].
     status : of this state; unstable and inside-out states are equilibria too.
     end : how Newton's method ended.
-    iterations : residuals (relative to loads and reactions), line-search factors, tangents and linear iterations of Newton's method.
+    iterations : residuals (relative to loads and reactions), line-search factors, tangents and linear iterations of Newton's
+        method.
     strain_energy : [J].
     potential : strain energy less the work of the loads [J]; NaN if a load has none.
     smallest_volume_ratio : the smallest J of an element; below 0 it is inside out.
     lowest : the lowest eigenvalue of K [N/m], with an iterative solver and `stability=True`; otherwise None.
-    jump : how far the state is from where the two before it pointed to, as a multiple of the way there. Above 5 the body has snapped or
-        buckled: then it is that of the part of the step where it did, from where the tangent there points to. None if nothing pointed there.
+    jump : how far the state is from where the two before it pointed to, as a multiple of the way there. Above 5 the body has
+        snapped or buckled: then it is that of the part of the step where it did, from where the tangent there points to. None if
+        nothing pointed there.
     findings : where the model is not to be trusted, with element ids.
     critical : limit points and bifurcations between the state before and this one.
     seconds : that the step took, failed attempts included.
@@ -56,8 +59,8 @@ class Step:
 
     @property
     def negative(self) -> int | None:
-        """How many eigenvalues of K are negative, by the tangent of the state itself, or where nothing changed in load steps by the last one of
-        Newton's method; None if the solver does not count them."""
+        """How many eigenvalues of K are negative, by the tangent of the state, or by the last one of Newton's
+        method where load steps changed nothing; None if the solver does not count them."""
         return self.iterations.negative_pivots
 
     @property

@@ -16,9 +16,11 @@ from .walk import SMALLEST, Course, Walk
 
 #: A step that took no more iterations lets the next one grow, by this factor, up to this many times the first one.
 FEW, GROWTH, LARGEST = 5, 1.5, 4.0
-#: From here on a state is so far from where the path pointed that it is looked at what happened in between, with residuals below `LOOSE`.
+#: From here on a state is so far from where the path pointed that it is looked at what happened in between, with residuals below
+#: `LOOSE`.
 FAR, LOOSE = 2.0, 1e-6
-#: A force along the straight way to the next state that is off a straight line by less than this part of its growth tells of no snap.
+#: A force along the straight way to the next state that is off a straight line by less than this part of its growth tells of no
+#: snap.
 STRAIGHT = 0.1
 #: States this near to where the tangents at both of them point, as a part of the way, lie on one path.
 NEAR = 0.5
@@ -29,8 +31,8 @@ HALVED, MOST = 6, 16
 class LoadSteps(Walk):
     """States under loads that grow up to t = 1, the first step `first`.
 
-    A step starts where the two states before it point to, or, after one that failed, from the last state, with the tangent's answer to the
-    prescribed displacements. It is halved when Newton's method fails or would turn elements inside out.
+    A step starts where the two states before it point to, or, after one that failed, from the last state, with the tangent's answer
+    to the prescribed displacements. It is halved when Newton's method fails or would turn elements inside out.
     """
 
     name: ClassVar[str] = "load-steps"
@@ -82,7 +84,7 @@ class LoadSteps(Walk):
         return u if end.converged else None
 
     def _pointed(self, t: float) -> Array | None:
-        """Where the last two states point to, if they are not the same."""
+        """Displacements to which the last two states point; None if they are the same."""
         if self._before is None or np.array_equal(self.u, self._before[1]):
             return None
         t_before, u_before = self._before
@@ -123,15 +125,16 @@ Solve = Callable[[OnPath, Array, float], "Array | None"]
 class Between:
     """The way between two states that a step of the load led from and to.
 
-    A body that follows its path is where the tangents at both ends say, once the step is small enough. One that snapped is not, however
-    small it is. So a step that is not is halved: the equilibrium in the middle is found, and both halves are looked at, those before first.
+    A body that follows its path is where the tangents at both ends say, once the step is small enough. One that snapped is not,
+    however small it is. So a step that is not is halved: the equilibrium in the middle is found, and both halves are looked at,
+    those before first.
     """
 
     def __init__(self, problem: PathProblem, solve: Solve) -> None:
         self._problem, self._solve, self._left = problem, solve, MOST
 
     def jump(self, before: OnPath, after: OnPath) -> float | None:
-        """How far the state that the body jumped to is from where the path pointed, as `Step.jump` has it; None where no jump is found."""
+        """How far the body jumped from where the path pointed, as in `Step.jump`; None where no jump is found."""
         if self._is_straight(before, after):
             return None
         try:

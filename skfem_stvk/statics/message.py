@@ -25,8 +25,8 @@ RESIST = {
 }
 #: What to try; of what is crushed by whether there is a penalty already.
 TRY = {
-    End.NO_DESCENT: "Is it a mechanism: a part that only one vertex or edge holds, a flat membrane or a cable without tension? Hold it, "
-    "stretch it first, or put it on an ElasticFoundation. If the body buckles there, give it a small imperfection.",
+    End.NO_DESCENT: "Is it a mechanism: a part that only one vertex or edge holds, a flat membrane or a cable without tension? "
+    "Hold it, stretch it first, or put it on an ElasticFoundation. If the body buckles there, give it a small imperfection.",
     End.NO_LENGTH: "Does the load push the body away without end, or depend on its shape? Try more steps, or a smaller load.",
     End.OVERFLOW: "Are units mixed up, or is the load far too large for the stiffness?",
     End.TOO_SHARP: "Try more steps.",
@@ -40,7 +40,7 @@ MOST_NAMED = 5
 
 
 def what_to_try(end: End, penalty: bool) -> str:
-    """After a step that failed; `penalty`: whether a VolumePenalty is among the terms."""
+    """Advice after a step that failed; `penalty`: whether a VolumePenalty is among the terms."""
     if end is End.OUT_OF_ITERATIONS:
         return f"Try more steps, or look at the last state: result.plot(). {GIVES_WAY} Try {RESIST[penalty]}"
     return f"{GIVES_WAY} Try {RESIST[penalty]}" if end is End.INSIDE_OUT else TRY[end]
@@ -78,17 +78,18 @@ def reason(ending: Ending) -> str:
     status, history, t, verdict = ending.status, ending.history, ending.t, ending.verdict
     if status is Status.UNSTABLE:
         count = f"K has {verdict.negative} negative eigenvalue(s)" if verdict.negative else "K is not positive definite"
-        mode = "a small part of result.critical_points[0].mode" if history.critical_points else "a small imperfection"
+        known = "a small part of result.critical_points[0].mode as an imperfection"
+        mode = known if history.critical_points else "a small imperfection"
         otherwise = ", or prescribe displacements instead of loads" if ending.system.loads else ""
         return (
-            f"At t = {t:.4g} the body is in equilibrium, but unstable: {count}, and a real one would leave this state.{_critical(history)} Look for "
-            f"the stable one beside it: give the mesh {mode}{' as an imperfection' * bool(history.critical_points)}{otherwise}."
+            f"At t = {t:.4g} the body is in equilibrium, but unstable: {count}, and a real one would leave this state."
+            f"{_critical(history)} Look for the stable one beside it: give the mesh {mode}{otherwise}."
         )
     if status is Status.INVERTED:
         return (
-            f"At t = {t:.4g} the body is in equilibrium, but turned inside out or flat in {ending.inverted}. The energy does not change when an "
-            "element is mirrored, so this is a solution of the equations, not one of the body. Start from a state that is not inside out, or add "
-            "a term that turns elements back: VolumePenalty(kind='compression')."
+            f"At t = {t:.4g} the body is in equilibrium, but turned inside out or flat in {ending.inverted}. The energy does not "
+            "change when an element is mirrored, so this is a solution of the equations, not one of the body. Start from a state that "
+            "is not inside out, or add a term that turns elements back: VolumePenalty(kind='compression')."
         )
     if status is Status.INTERRUPTED:
         by = "" if isinstance(ending.cause, KeyboardInterrupt) else f" by {type(ending.cause).__name__}: {ending.cause}"
@@ -103,7 +104,8 @@ def reason(ending: Ending) -> str:
     end = f"the path is followed to its end at t = {t:.6g}" if ending.method == ArcLength.name else "the full load is reached"
     doubt = f" {verdict.doubt}" if verdict.doubt else ""
     rounding = "" if status is Status.CONVERGED else " as far as rounding allows"
-    return f"Converged: {end}{rounding}, residual {residual:.1e} of loads and reactions.{doubt}{_jumped(history)}{_critical(history)}{_found(history)}"
+    seen = f"{doubt}{_jumped(history)}{_critical(history)}{_found(history)}"
+    return f"Converged: {end}{rounding}, residual {residual:.1e} of loads and reactions.{seen}"
 
 
 def _why(ending: Ending) -> str:
@@ -124,11 +126,12 @@ def _why(ending: Ending) -> str:
     if not ending.branch:
         return f": {failed} {what_to_try(last.end, penalty)}"
     beyond = "To follow the path beyond it, where it is unstable, there is method='arc-length'."
-    return f": {ending.branch} Beyond it, {failed} {beyond} Where it is the material that gives way in compression, try {RESIST[penalty]}"
+    material = f"Where it is the material that gives way in compression, try {RESIST[penalty]}"
+    return f": {ending.branch} Beyond it, {failed} {beyond} {material}"
 
 
 def _jumped(history: History) -> str:
-    """Where load steps landed far from where the path pointed."""
+    """Sentence about load steps that landed far from where the path pointed; empty if there are none."""
     befores = [None, *history[:-1]]
     jumps = [(before, step) for before, step in zip(befores, history, strict=True) if step.jumped]
     if not jumps:
@@ -155,7 +158,7 @@ def _found(history: History) -> str:
 
 
 def branch_end(problem: Equilibrium, start: Array, t0: float, u: Array, t: float) -> str:
-    """What there is to say of the last state `u` (ndofs,) of a path that began at `start`; nothing if its tangent is as stiff as ever.
+    """Words on the last state `u` (ndofs,) of a path that began at `start`; empty if its tangent is as stiff as ever.
 
     Nothing is said of a K that is not symmetric either, as loads that follow the body make it.
     """
@@ -186,4 +189,5 @@ def _where(problem: Equilibrium, u: Array, mode: Array) -> str:
     moves = v[mesh.t] - v[mesh.t].mean(axis=0)
     most = np.argsort(-(moves**2).sum(axis=(0, 2)))[:MOST_NAMED]
     pressed = problem.system.smallest_stretch(u)
-    return f"{name_ids(np.sort(most), 'element')}, near x = {point_of(mesh, most[0])}; the smallest principal stretch of all is {pressed:.2g}"
+    named = f"{name_ids(np.sort(most), 'element')}, near x = {point_of(mesh, most[0])}"
+    return f"{named}; the smallest principal stretch of all is {pressed:.2g}"

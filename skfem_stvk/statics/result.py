@@ -35,7 +35,8 @@ class StaticResult:
     u : (ndofs,) displacements of the last state of equilibrium that was found [m].
     t : its load factor; 1 where load steps reached the full load.
     status, message : how it came out, in a word and in full.
-    history : the states on the way, with iterations, residuals, line-search factors and tangents; `history.attempts` are those that failed.
+    history : the states on the way, with iterations, residuals, line-search factors and tangents; `history.attempts` are those that
+        failed.
     solver : name of the linear solver.
     seconds : by part: assemble, factor, solve, other.
     """
@@ -60,10 +61,10 @@ class StaticResult:
         return self.history.critical_points
 
     def reaction(self, where: Where | None = None) -> Reaction:
-        """Force of the ground on the body at a place, through supports and foundations: `.resultant` [N], `.moment(about)` [N m], `.by_node`.
+        """Force of the ground on the body at a place: `.resultant` [N], `.moment(about)` [N m], `.by_node`.
 
-        The reactions of all supports and foundations and the loads add up to zero. `where` is a boundary, a node set, vertex ids or a
-        predicate; None for all of them.
+        Supports and foundations make it; all of them and the loads add up to zero. `where` is a boundary, a node set, vertex ids or
+        a predicate; None for all of them.
 
         Raises
         ------
@@ -79,11 +80,13 @@ class StaticResult:
 
     @cached_property
     def state(self) -> State:
-        """All fields: `result.state["green_strain"]` by element, `result.state.at_nodes("volume_ratio")`; see `skfem_stvk.results.names()`."""
+        """All fields, see `skfem_stvk.results.names()`: `state["green_strain"]` by element, `state.at_nodes("volume_ratio")`."""
         return Fields(self.system.mesh, self.system.elastic_terms).at(self.u)
 
     def stress(self, measure: str = "cauchy", at: str = "elements") -> Array:
-        """Stress [Pa] by its measure: "cauchy", "pk1", "pk2" (nt, 3, 3) or "von_mises" (nt,); `at="nodes"` averages over the elements around.
+        """Stress [Pa] by its measure: "cauchy", "pk1", "pk2" (nt, 3, 3) or "von_mises" (nt,).
+
+        With `at="nodes"` it is averaged over the elements around each node.
 
         Raises
         ------
@@ -99,9 +102,10 @@ class StaticResult:
         return self.system.energies(self.u, self.t)
 
     def save(self, path: str | os.PathLike[str], fields: Sequence[str] = DEFAULT) -> Path:
-        """Write displacements and fields: of the last good state to a .vtu file, of the whole path to a .pvd file with one .vtu a step.
+        """Write displacements and fields: of the last good state to a .vtu file, or of the whole path to a .pvd file.
 
-        All files are written beside and renamed into place, or none. Errors as in `results.write_vtu`.
+        A .pvd file has one .vtu file per state. All files are written beside and renamed into place, or none; raises as in
+        `results.write_vtu`.
         """
         if arguments.path("path", path, "the path of a .vtu or of a .pvd file").suffix != ".pvd":
             return write_vtu(path, self.state, fields)
@@ -113,7 +117,7 @@ class StaticResult:
         return save_series(path, fields, ((float(t), at(step.u)) for t, step in zip(times, self.history, strict=True)))
 
     def plot(self, field: str | ArrayLike = "von_mises_stress", **options: Any) -> Any:
-        """Draw the deformed body, coloured by a field; options as of `results.plot`."""
+        """Draw the deformed body, coloured by a field; options as in `results.plot`."""
         return plot(self.state, field, **options)
 
     def __repr__(self) -> str:

@@ -56,30 +56,33 @@ def solve_static(
 ) -> StaticResult:
     """Equilibrium `F(u) = f_ext(u, t)` on the path from t = 0, along which loads and prescribed displacements grow.
 
-    Newton's method with the exact tangent where its step is one of descent and the tangent without negative tensions where it is not, the
-    line search exact where W is a quartic along lines; steps grow and are cut back as they succeed and fail. A step in which elements would
-    turn inside out is cut back too.
+    Newton's method with the exact tangent where its step is one of descent and the tangent without negative tensions where it is
+    not, the line search exact where W is a quartic along lines; steps grow and are cut back as they succeed and fail. A step in
+    which elements would turn inside out is cut back too.
 
     Parameters
     ----------
     system : with `fixed` and `prescribed` supports that leave no rigid motion.
     steps : the first step is 1/steps of the load.
-    method : "load-steps" to t = 1; or "arc-length", which follows the path by its length through limit points, where the load turns back and
-        the body would snap, and through bifurcations, as far as `stop` says. Unstable states on it are what is asked for: they do not raise.
+    method : "load-steps" to t = 1; or "arc-length", which follows the path by its length through limit points, where the load turns
+        back and the body would snap, and through bifurcations, as far as `stop` says. Unstable states on it are what is asked for:
+        they do not raise.
     stop : of arc length, by default `Stop(load=1.0)`.
-    solver : "auto", "superlu", "pardiso", "amg-cg", "block-jacobi-cg", "ssor-cg", or an object of `skfem_stvk.linear`; see "how to choose a solver".
-        Arc length takes direct ones.
+    solver : "auto", "superlu", "pardiso", "amg-cg", "block-jacobi-cg", "ssor-cg", or an object of `skfem_stvk.linear`; see "how to
+        choose a solver". Arc length takes direct ones.
     rtol : the residual's 2-norm is small enough below `rtol` times that of the loads plus that of the reactions.
     u0, t0 : (ndofs,) displacements to start from [m] and their load factor, by default none at 0.
-    stability : find the lowest eigenvalue of K at each state where the solver does not count negative ones, as direct ones do anyway.
+    stability : find the lowest eigenvalue of K at each state where the solver does not count negative ones, as direct ones do
+        anyway.
     ellipticity : look at each state for elements that have lost strong ellipticity.
     save : a .pvd file that is written as the states are found, with one .vtu each.
     checkpoint : a folder that keeps each state as it is found.
     resume : go on with the states that `checkpoint` holds, if any; another `stop` may be given. Otherwise they are replaced.
-    overwrite : let `save` and `checkpoint` replace what belongs to another problem, with another mesh, other terms, supports or options.
+    overwrite : let `save` and `checkpoint` replace what belongs to another problem, with another mesh, other terms, supports or
+        options.
     quiet : print nothing.
-    raise_on_failure : raise where the result is no success; otherwise look at `result.status`. What interrupts the path, such as Ctrl-C or
-        a full disk, is raised in any case.
+    raise_on_failure : raise where the result is no success; otherwise look at `result.status`. What interrupts the path, such as
+        Ctrl-C or a full disk, is raised in any case.
 
     Raises
     ------
@@ -89,13 +92,14 @@ def solve_static(
         if no stable state at the end was found, or something failed on the way, such as a load's function or the disk; it says why
         and what to try, and carries the result so far.
     StvkError
-        for other parameters that are not as they should be; where `save` or `checkpoint` belong to another problem, or are being written by
-        another run.
+        for other parameters that are not as they should be; where `save` or `checkpoint` belong to another problem, or are being
+        written by another run.
 
     Warns
     -----
     StvkWarning
-        where the model is not to be trusted: elements that lock, or are pressed beyond where the material softens; see `step.findings`.
+        where the model is not to be trusted: elements that lock, or are pressed beyond where the material softens; see
+        `step.findings`.
 
     >>> import skfem
     >>> from skfem_stvk import StVK, System, Traction, solve_static

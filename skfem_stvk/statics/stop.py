@@ -1,4 +1,4 @@
-"""Where a path that is followed by its length ends."""
+"""The end of a path that is followed by its length: a `Stop`, and levels on a mesh."""
 
 from __future__ import annotations
 
@@ -25,13 +25,13 @@ STANDS = 1e-9
 
 @dataclass(frozen=True, repr=False)
 class Stop:
-    """Where to stop on a path of equilibria; whichever comes first.
+    """The end of a path of equilibria; whichever of these is reached first.
 
     Parameters
     ----------
     load : a load factor, reached exactly. Below the one at the start it makes the path begin backwards, with falling load.
-    displacement : a place, a component and a value such as `("apex", "z", -0.2)` [m]: when the mean of this displacement over the vertices there
-        reaches it, exactly. Without a load, the path begins in its direction.
+    displacement : a place, a component and a value such as `("apex", "z", -0.2)` [m]: when the mean of this displacement over the
+        vertices there reaches it, exactly. Without a load, the path begins in its direction.
     turns : so many limit points have been passed.
     states : so many states have been found. A path that has reached nothing else after 1000 states has stopped before its end.
 
@@ -51,7 +51,7 @@ class Stop:
     def __post_init__(self) -> None:
         own(self)
         if self.load is None and self.displacement is None and self.turns is None and self.states is None:
-            raise StvkError("Stop() came; expected a load, a displacement, a number of turns or of states: Stop(load=1.0).")
+            raise StvkError("Got Stop(); expected a load, a displacement, a number of turns or of states: Stop(load=1.0).")
         for name in ("turns", "states"):
             if getattr(self, name) is not None:
                 count = whole(f"Stop: {name}", getattr(self, name), "a whole number of at least 1", 1)
@@ -106,8 +106,9 @@ class Goal:
             if self.crossed(*one, *other) is not None:
                 before = f"state {place - 1}" if place else "the start"
                 raise StvkError(
-                    f"The states that are kept have passed what {self._stop} asks for, between {before} (t = {one[1]:.4g}) and state {place} "
-                    f"(t = {other[1]:.4g}). Give a stop that lies ahead, or begin anew from {before}, with its u as u0 and t0={one[1]:.6g}."
+                    f"The states that are kept have passed what {self._stop} asks for, between {before} (t = {one[1]:.4g}) and "
+                    f"state {place} (t = {other[1]:.4g}). Give a stop that lies ahead, or begin anew from {before}, with its u as u0 "
+                    f"and t0={one[1]:.6g}."
                 )
 
     def saved(self) -> list[list[float]]:
@@ -135,7 +136,7 @@ def _mean_displacement(given: Any, system: SystemLike) -> tuple[Array, float, fl
     what = f"Stop: displacement at {describe(where)}"
     letters = "xyz"[: mesh.d]
     if not isinstance(component, str) or len(component) != 1 or component not in letters:
-        raise StvkError(f"{what}: component {shown(component)} came; expected one of {', '.join(map(repr, letters))}.")
+        raise StvkError(f"{what}: got component {shown(component)}; expected one of {', '.join(map(repr, letters))}.")
     value = number(f"{what}: value", value, "a finite displacement [m]")
     vertices = vertices_at(mesh, where, what)
     dofs = mesh.d * vertices + letters.index(component)

@@ -107,7 +107,7 @@ class Walk(ABC):
 
     @abstractmethod
     def _start(self, t: float) -> Array:
-        """Where Newton's method starts; its held degrees of freedom are where they belong at `t`."""
+        """The state from which Newton's method starts; what is held is where it belongs at `t`."""
 
     @abstractmethod
     def _advance(self) -> Step | Attempt | None:
