@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from ..arguments import Array
 from ..errors import name_ids, warn
-from ..terms import VolumePenalty
 from .books import INSIDE_OUT
 from .ledger import Ledger
 from .motion import Motion
@@ -106,7 +105,7 @@ class Inversions:
     @property
     def resisted(self) -> bool:
         """Whether a term resists that elements turn inside out."""
-        return any(isinstance(term, VolumePenalty) for term in self._motion.system.elastic_terms)
+        return self._motion.system.resists_inversion
 
     def _elements(self, state: MotionState) -> NDArray[np.int64]:
         return self._motion.system.inside_out(state.u)
