@@ -441,8 +441,9 @@ class System(BoundTerms):
 
     def _potential(self, x: Array, moment: Moment) -> float:
         if not self.conservative:
-            pairs = zip(self.loads, self.bound_loads, strict=True)
-            without = [type(term).__name__ for term, load in pairs if not load.has_potential]
+            elastic, loads = zip(self.elastic_terms, self.bound_terms, strict=True), zip(self.loads, self.bound_loads, strict=True)
+            without = [type(term).__name__ for term, bound in elastic if not bound.has_energy]
+            without += [type(load).__name__ for load, bound in loads if not bound.has_potential]
             raise LoadError(f"{', '.join(without)} has no potential: its work depends on the path. Ask for residual(u, t) instead.")
         return sum(load.potential(x, moment) for load in self.bound_loads)
 
