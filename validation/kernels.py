@@ -56,8 +56,8 @@ def main(quick: bool = False) -> int:
     console = Console(highlight=False, width=132)
     console.print(table)
     console.print(
-        "x: of one CSR product with K. Candidates for K leave blocks, "
-        "the package a CSR matrix. F of all but the C loop agrees to 1e-11."
+        "x: of one CSR product with K. Candidates for K leave blocks, the package a CSR matrix. F of all but the C loop agrees to "
+        "1e-11."
     )
     console.print(costs(meshes, TERM, seconds))
     return 0

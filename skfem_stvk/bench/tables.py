@@ -86,8 +86,8 @@ def ours(results: Benchmark) -> Table:
     note = (
         "One thread, double precision. W+F stands against scikit-fem's W and F, and against the C loop's F. K v is applied to a "
         "vector; preparing it at new displacements stands in a row of its own. The memory limit is the time to read and write "
-        "what must be, once, at the speed of a copy between arrays too large for any cache: smaller meshes stay in a large "
-        "cache and can beat it."
+        "what must be, once, at the speed of a copy between arrays too large for any cache: smaller meshes stay in a large cache "
+        "and can beat it."
     )
     return Table("This package", note, columns, rows, words=2)
 

@@ -25,12 +25,12 @@ def add_mean_force(
 
         f_a = sum_b t_ab (p_a - p_b)        t = L (w0 zeta(u0) + w1 zeta(u1)),  p = X + (1 - theta) u0 + theta u1
 
-    With `w0 = w1 = theta = 1/2` its work over `u1 - u0` is `W(u1) - W(u0)` to round-off, whatever the states are, and forces and torques
-    balance about `p`: what conserves energy and momenta. With other weights of sum 1 the work is larger by `(w1 - w0) R`,
-    `R = 1/4 dzeta' L dzeta >= 0` with `dzeta = zeta(u1) - zeta(u0)`, which is zero for rigid motions.
+    With `w0 = w1 = theta = 1/2` its work over `u1 - u0` is `W(u1) - W(u0)` to round-off, whatever the states are, and forces
+    and torques balance about `p`: what conserves energy and momenta. With other weights of sum 1 the work is larger by `(w1 -
+    w0) R`, `R = 1/4 dzeta' L dzeta >= 0` with `dzeta = zeta(u1) - zeta(u0)`, which is zero for rigid motions.
 
-    A foundation adds `(w0 + w1) K (p - X)` and nothing to R. A term without a mean force, such as a `VolumePenalty`, adds `(w0 + w1)` times its
-    force at `p`, the work of which is the difference of its energies to second order only.
+    A foundation adds `(w0 + w1) K (p - X)` and nothing to R. A term without a mean force, such as a `VolumePenalty`, adds `(w0
+    + w1)` times its force at `p`, the work of which is the difference of its energies to second order only.
 
     Parameters
     ----------
@@ -77,8 +77,8 @@ def add_damping_force(system: SystemLike, u: Array, v: Array, out: Array) -> flo
         f_a = sum_b t_ab (p_a - p_b)        t = L dzeta/dt,  dzeta_ab/dt = 2 (p_a - p_b) . (v_a - v_b)
 
     Times a relaxation time tau [s] it is a force: `tau K_GN(u) v`, `K_GN = 2 J' L J` the Gauss-Newton tangent. It takes the power
-    `2 tau R`, `R = 1/4 dzeta/dt' L dzeta/dt >= 0`, Rayleigh's function, whose derivative by `v` it is. Rigid motions meet no resistance, turning
-    ones at finite rotations included. Terms without edges, foundations and volume penalties, add nothing.
+    `2 tau R`, `R = 1/4 dzeta/dt' L dzeta/dt >= 0`, Rayleigh's function, whose derivative by `v` it is. Rigid motions meet no
+    resistance, turning ones at finite rotations included. Terms without edges, foundations and volume penalties, add nothing.
 
     Returns
     -------
@@ -98,12 +98,13 @@ def add_damping_force(system: SystemLike, u: Array, v: Array, out: Array) -> flo
 
 
 def add_secant_damping(system: SystemLike, u0: Array, u1: Array, theta: float, out: Array) -> float:
-    """Add the resistance of the edges to the whole change from `u0` to `u1`, which stands in the place of the rate of `add_damping_force`.
+    """Add the resistance of the edges to the whole change from `u0` to `u1`, which stands in the place of the rate of
+    `add_damping_force`.
 
         f_a = sum_b t_ab (p_a - p_b)        t = L (zeta(u1) - zeta(u0)),  p = X + (1 - theta) u0 + theta u1
 
-    Times `tau/dt` it is a force. For `theta = 1/2` its work over `u1 - u0` is exactly `2 R`, `R = 1/4 dzeta' L dzeta >= 0`: zero for rigid motions
-    however large, turned ones included.
+    Times `tau/dt` it is a force. For `theta = 1/2` its work over `u1 - u0` is exactly `2 R`, `R = 1/4 dzeta' L dzeta >= 0`:
+    zero for rigid motions however large, turned ones included.
 
     Returns
     -------
@@ -129,7 +130,9 @@ def damping_is_of_edges(system: SystemLike) -> bool:
 
 
 def driven(system: SystemLike) -> bool:
-    """Whether a load changes with time, or has no potential, or a term has no energy: whether the energy of the moving body would not be kept."""
+    """Whether a load changes with time, or has no potential, or a term has no energy: whether the energy of the moving body
+    would not be kept.
+    """
     return not (all(map(_keeps_energy, system.bound_loads)) and all(term.has_energy for term in system.bound_terms))
 
 
@@ -139,7 +142,8 @@ def constant_loads(system: SystemLike) -> bool:
 
 
 def driving_force(system: SystemLike, u: Array, t: float) -> Array:
-    """(ndofs,) force [N] on the body of the loads that change with time or have no potential, and of terms without energy, at time `t` [s].
+    """(ndofs,) force [N] on the body of the loads that change with time or have no potential, and of terms without energy, at
+    time `t` [s].
 
     Raises
     ------
@@ -169,7 +173,8 @@ def _keeps_energy(load: BoundLoad) -> bool:
 
 
 class StartTensions:
-    """The part of the tangent due to the tensions at the beginning of a step: `sum t_i(u_0) Lap_i`, the difference of two tangents at `u_0`: one with the tensions that are kept, one without any.
+    """The part of the tangent due to the tensions at the beginning of a step: `sum t_i(u_0) Lap_i`, the difference of two
+    tangents at `u_0`: one with the tensions that are kept, one without any.
 
     It is computed when it is first asked for in a step, on arrays that are kept.
     """

@@ -156,7 +156,8 @@ def nearest_vectors(problem: ShiftedProblem, n: int) -> Array:
 
 
 def _all_nearest(problem: ShiftedProblem, inverse: LinearOperator, n: int) -> Array:
-    """Vectors as in `nearest_vectors`; searched again across all that was found until nothing there is nearer, as where K is symmetric.
+    """Vectors as in `nearest_vectors`; searched again across all that was found until nothing there is nearer, as where K is
+    symmetric.
 
     What is found spans an invariant subspace, so that the eigenvalues which are left are those of the operator across it in M.
     """

@@ -436,8 +436,8 @@ def with_blocks(term: BoundTerm, nv: int, d: int, dtype: DTypeLike) -> PairTerm:
     if not isinstance(term, NarrowTerm):
         raise StvkError(
             f"{type(term).__name__} is no elastic term: expected symmetric, balanced, has_energy, nodes_paired, "
-            f"energy_and_force(u, force) and "
-            "add_blocks(u, blocks, kept), as in skfem_stvk.edges.pairs.NarrowTerm. What acts from outside is a Load."
+            "energy_and_force(u, force) and add_blocks(u, blocks, kept), as in skfem_stvk.edges.pairs.NarrowTerm. What acts from "
+            "outside is a Load."
         )
     return Narrow(term, nv, d, dtype)
 

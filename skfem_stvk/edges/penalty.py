@@ -88,8 +88,8 @@ def refuse_inside_out(ratios: NDArray[np.float64], ids: NDArray[Any]) -> None:
     """
     least = ratios.min()
     raise StateError(
-        f"{name_ids(ids[ratios <= max(least, 0.0)], 'element')} inside out or flat (J down to {least:.2g}), where the barrier of a "
-        "VolumePenalty is infinite. Start from a state that is not inside out, and keep steps below step_limit(u, v); or take "
+        f"{name_ids(ids[ratios <= max(least, 0.0)], 'element')} inside out or flat (J down to {least:.2g}), where the barrier of "
+        "a VolumePenalty is infinite. Start from a state that is not inside out, and keep steps below step_limit(u, v); or take "
         'kind="compression" or "quadratic", which push such elements back.'
     )
 

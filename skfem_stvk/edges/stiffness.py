@@ -100,8 +100,7 @@ def in_range(stored: Array, elements: NDArray[np.int32], dtype: DTypeLike) -> Ar
     if len(bad):
         raise MaterialError(
             f"{name_ids(bad, 'element')} of the region: sizes and moduli so small or large that the stiffness leaves the range of "
-            f"{limits.dtype}. Are "
-            "units mixed up? Choose others, such as mm and MPa."
+            f"{limits.dtype}. Are units mixed up? Choose others, such as mm and MPa."
         )
     return stored
 

@@ -132,8 +132,8 @@ def keep_with_care(dispatcher: Any) -> None:
         except OSError as error:
             _say(
                 "full",
-                f"compiled kernels cannot be kept in {cache.cache_path} ({_reason(error)}): every process compiles. "
-                "Make room, or set NUMBA_CACHE_DIR to another folder",
+                f"compiled kernels cannot be kept in {cache.cache_path} ({_reason(error)}): every process compiles. Make room, or "
+                "set NUMBA_CACHE_DIR to another folder",
             )
 
     cache.load_overload, cache.save_overload = loaded, saved

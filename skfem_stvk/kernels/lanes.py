@@ -3,8 +3,8 @@
 Simplices stand in blocks of LANES, the last axis of every array, so that the arithmetic runs on vector registers; one dimension and
 offsets known at compile time are what lets LLVM see that.
 
-Arrays: `t` vertices (blocks 4 LANES), `slots` where forces go, `edge_slots` (blocks, edges LANES) where edge blocks go; `X`, `u`, `v`
-(3 nv,) in double, `f` (3 slots,), `blocks` (9 slots,). Spokes `P`, `U`, `V` and forces of a block are (9 LANES,).
+Arrays: `t` vertices (blocks 4 LANES), `slots` where forces go, `edge_slots` (blocks, edges LANES) where edge blocks go; `X`,
+`u`, `v` (3 nv,) in double, `f` (3 slots,), `blocks` (9 slots,). Spokes `P`, `U`, `V` and forces of a block are (9 LANES,).
 """
 
 from __future__ import annotations

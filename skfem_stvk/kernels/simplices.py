@@ -23,9 +23,9 @@ now `p_i = P_i + U_i`. The squared elongations of all of its edges, in the basis
 `M` has no cancellation at small strain. All simplices are tetrahedra in space here: what a triangle or a segment lacks of spokes
 and components is zero. That makes one specialisation for each precision and law instead of six.
 
-Blocks of lanes and the arrays that all kernels share: `lanes`. W and F take 15 ns per tetrahedron, one at a time 20 to 28 (`python -m
-validation kernels`). `D` is one-dimensional (blocks 7 LANES) if isotropic, two-dimensional (blocks, 21 LANES) if general. Threads take
-runs of blocks, and no two of them share a slot.
+Blocks of lanes and the arrays that all kernels share: `lanes`. W and F take 15 ns per tetrahedron, one at a time 20 to 28
+(`python -m validation kernels`). `D` is one-dimensional (blocks 7 LANES) if isotropic, two-dimensional (blocks, 21 LANES) if
+general. Threads take runs of blocks, and no two of them share a slot.
 """
 
 from __future__ import annotations

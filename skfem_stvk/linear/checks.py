@@ -30,8 +30,8 @@ class Newest:
         """Refuse factors that are not the newest."""
         if number != self._number:
             raise StvkError(
-                "These factors are stale: their analysis has factorised another matrix since. Solve with what factorise() returned "
-                "last, or analyse once more for a second set of factors."
+                "These factors are stale: their analysis has factorised another matrix since. Solve with what factorise() "
+                "returned last, or analyse once more for a second set of factors."
             )
 
 

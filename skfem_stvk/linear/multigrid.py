@@ -194,8 +194,8 @@ def _standard_aggregation() -> Callable[[csr_matrix], tuple[csr_matrix, Ids]]:
         from pyamg.aggregation.aggregate import standard_aggregation
     except TypeError as error:
         raise StvkError(
-            f"pyamg, whose aggregation solver='amg-cg' takes, cannot be imported: {error}. It needs docstrings: "
-            "run Python without -OO, or choose solver='superlu', 'pardiso' or 'ssor-cg'."
+            f"pyamg, whose aggregation solver='amg-cg' takes, cannot be imported: {error}. It needs docstrings: run Python "
+            "without -OO, or choose solver='superlu', 'pardiso' or 'ssor-cg'."
         ) from error
     aggregation: Callable[[csr_matrix], tuple[csr_matrix, Ids]] = standard_aggregation
     return aggregation

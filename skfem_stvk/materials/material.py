@@ -151,6 +151,6 @@ def check_length(array: Array, n: int, name: str, shape: tuple[int, ...] = ()) -
     """
     if array.ndim > len(shape) and len(array) != n:
         raise MaterialError(
-            f"{name} has {len(array)} values; expected a single one, or one for each of the {n} elements of its region, "
-            "in their order."
+            f"{name} has {len(array)} values; expected a single one, or one for each of the {n} elements of its region, in their "
+            "order."
         )

@@ -45,8 +45,8 @@ def check_mesh(mesh: SimplexMesh) -> None:
     bad = flat_elements(mesh)
     if len(bad):
         raise MeshError(
-            f"{name_ids(bad, 'element')}: no volume, all vertices lie in one "
-            f"{('point', 'line', 'plane')[mesh.k - 1]} to within rounding. Remesh or remove these slivers."
+            f"{name_ids(bad, 'element')}: no volume, all vertices lie in one {('point', 'line', 'plane')[mesh.k - 1]} to within "
+            "rounding. Remesh or remove these slivers."
         )
     check_range(mesh)
     order = lexicographic_order(ordered, mesh.nv)

@@ -54,8 +54,8 @@ def vertices_at(mesh: Marked, where: Where, what: str = "The place") -> NDArray[
         unique, counts = np.unique(ids, return_counts=True)
         if len(unique) < len(ids):
             raise RegionError(
-                f"{what}: the vertices name {name_ids(unique[counts > 1], 'vertex')} more than once. Name each once; values follow "
-                "their order."
+                f"{what}: the vertices name {name_ids(unique[counts > 1], 'vertex')} more than once. Name each once; values "
+                "follow their order."
             )
     if not len(ids):
         raise RegionError(f"{what}: no vertex there. {describe(where)} is empty.")
@@ -84,8 +84,8 @@ def facets_at(mesh: Marked, where: Where, what: str = "The place") -> NDArray[np
     facets = mesh.surface[:, there[mesh.surface].all(axis=0)]
     if not facets.shape[1]:
         raise RegionError(
-            f"{what}: {describe(where)} has {name_ids(ids, 'vertex')}, but none of the {mesh.surface.shape[1]} boundary facets has "
-            "all its vertices there. Widen it; for forces on vertices there is NodalLoad."
+            f"{what}: {describe(where)} has {name_ids(ids, 'vertex')}, but none of the {mesh.surface.shape[1]} boundary facets "
+            "has all its vertices there. Widen it; for forces on vertices there is NodalLoad."
         )
     return facets
 
@@ -160,8 +160,8 @@ def _satisfying(mesh: Marked, predicate: Callable[[Any], Any], what: str) -> NDA
         ) from error
     if mask.dtype != bool or mask.shape != (mesh.nv,):
         raise RegionError(
-            f"{what}: {describe(predicate)} returned shape {mask.shape} and dtype {mask.dtype}; expected a mask ({mesh.nv},), True "
-            f"for the vertices that are meant, such as lambda x: x[0] == 0."
+            f"{what}: {describe(predicate)} returned shape {mask.shape} and dtype {mask.dtype}; expected a mask ({mesh.nv},), "
+            "True for the vertices that are meant, such as lambda x: x[0] == 0."
         )
     if not mask.any():
         box = ", ".join(

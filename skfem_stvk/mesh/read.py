@@ -144,8 +144,8 @@ def check_file(path: Path) -> None:
     endings = {ending.lower() for ending in (path.suffix, "".join(path.suffixes[-2:]))}
     if not endings & set(meshio.extension_to_filetypes):
         raise MeshError(
-            f"{path} has the unknown extension {path.suffix!r}; known: {', '.join(sorted(meshio.extension_to_filetypes))}. "
-            "Rename the file if it is of one of these formats, or convert it."
+            f"{path} has the unknown extension {path.suffix!r}; known: {', '.join(sorted(meshio.extension_to_filetypes))}. Rename "
+            "the file if it is of one of these formats, or convert it."
         )
     if path.stat().st_size == 0:
         raise MeshError(f"{path} is empty. Did the program that writes it fail, or is it still writing?")

@@ -109,8 +109,8 @@ class SimplexMesh(Marked):
             if isinstance(mesh, skfem.MeshTet2 | skfem.MeshTri2):
                 p = p[:, : mesh.nvertices]
                 warn(
-                    f"{type(mesh).__name__} is of second order: its {mesh.nvertices} corner vertices are used and its curved edges "
-                    "are taken as straight. Displacements have one entry per corner and component."
+                    f"{type(mesh).__name__} is of second order: its {mesh.nvertices} corner vertices are used and its curved "
+                    "edges are taken as straight. Displacements have one entry per corner and component."
                 )
             return cls(p, t, mesh.subdomains or {}, NamedFacets(t, p.shape[1], mesh.boundaries or {}))
         if isinstance(mesh, tuple | list) and len(mesh) == 2:
@@ -118,8 +118,8 @@ class SimplexMesh(Marked):
         if isinstance(mesh, meshio.Mesh):
             return cls.made_of(content_in_memory(mesh, "The meshio.Mesh"), "The meshio.Mesh")
         raise MeshError(
-            f"Expected a scikit-fem mesh, arrays (p, t), a meshio.Mesh or a SimplexMesh; got {shown(mesh)}. "
-            "Files are read by read_mesh(path) or by scikit-fem."
+            f"Expected a scikit-fem mesh, arrays (p, t), a meshio.Mesh or a SimplexMesh; got {shown(mesh)}. Files are read by "
+            "read_mesh(path) or by scikit-fem."
         )
 
     @classmethod
@@ -172,8 +172,8 @@ class SimplexMesh(Marked):
         else:
             if isinstance(region, DofsView):
                 raise RegionError(
-                    "The region is what scikit-fem's get_dofs returned, degrees of freedom; expected a name in subdomains, element "
-                    "ids or a mask."
+                    "The region is what scikit-fem's get_dofs returned, degrees of freedom; expected a name in subdomains, "
+                    "element ids or a mask."
                 )
             what, given = "The region", region
         ids = whole_array(given)

@@ -18,8 +18,8 @@ from .problem import EigenProblem
 NO_FLUTTER = "K is not symmetric there: no real eigenvalue of it is negative, so the state does not diverge; flutter not looked at."
 NO_SIGN = "Whether the state is stable is not known: the eigenvalue of K nearest to zero is within rounding."
 NOT_FOUND = (
-    "Whether the state is stable is not known: conjugate gradients did not converge, and the lowest eigenvalue of K was not "
-    "found to a digit. Try solver='superlu' or 'pardiso', which count the negative ones."
+    "Whether the state is stable is not known: conjugate gradients did not converge, and the lowest eigenvalue of K was not found "
+    "to a digit. Try solver='superlu' or 'pardiso', which count the negative ones."
 )
 NOT_COUNTED = "Whether the state is stable is not known: pivots of K were too small to have a sign."
 

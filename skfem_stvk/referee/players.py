@@ -79,8 +79,8 @@ class Player:
         kind, shape = type(returned).__name__, getattr(returned, "shape", None)
         if shape != (self.ndofs, self.ndofs):
             raise Foul(
-                f"{self.name}.tangent(u) returned {kind} of shape {shown(shape)}; "
-                f"expected a dense or sparse matrix or a LinearOperator of shape {(self.ndofs, self.ndofs)}."
+                f"{self.name}.tangent(u) returned {kind} of shape {shown(shape)}; expected a dense or sparse matrix or a "
+                f"LinearOperator of shape {(self.ndofs, self.ndofs)}."
             )
         if np.dtype(getattr(returned, "dtype", float) or float).kind not in "fiu":
             raise Foul(f"{self.name}.tangent(u) returned a matrix of {returned.dtype}; expected real numbers.")

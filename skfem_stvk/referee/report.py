@@ -43,8 +43,8 @@ class Report(Findings):
             from .plots import page  # matplotlib is imported only when a page is made
         except (ImportError, ValueError) as error:
             raise StvkError(
-                f"report.html needs matplotlib, which cannot be imported: {error}. "
-                f"MPLBACKEND = {os.environ.get('MPLBACKEND', '')!r}; 'agg' always works. report.json is written."
+                f"report.html needs matplotlib, which cannot be imported: {error}. MPLBACKEND = "
+                f"{os.environ.get('MPLBACKEND', '')!r}; 'agg' always works. report.json is written."
             ) from error
         return page(self)
 

@@ -52,8 +52,8 @@ def rendered(report: Findings, width: int = WIDTH) -> RenderableType:
 def _head(report: Findings) -> RenderableType:
     mesh, machine, versions = report.header["mesh"], report.header["machine"], report.header["versions"]
     lines = [
-        f"{mesh['source']}: {mesh['simplices']}, {mesh['vertices']} vertices, {mesh['dofs']} dofs, "
-        f"edges {mesh['edges']['shortest']:.3g} ... {mesh['edges']['longest']:.3g}, sha256 {mesh['sha256']}",
+        f"{mesh['source']}: {mesh['simplices']}, {mesh['vertices']} vertices, {mesh['dofs']} dofs, edges "
+        f"{mesh['edges']['shortest']:.3g} ... {mesh['edges']['longest']:.3g}, sha256 {mesh['sha256']}",
         *report.header["material"],
         f"held against {report.header['reference']}",
         f"{machine['processor']}, {machine['cores']} cores; "

@@ -82,8 +82,8 @@ class Monitors:
             return ()
         what = (
             f"Poisson's ratio above {LOCKING} (up to {largest:.4g}), so that these linear elements lock: bodies come out too "
-            "stiff, and pressures jump from element to element. Compare with a finer mesh; otherwise take a smaller Poisson's ratio, "
-            "or elements of second order, which are not in this package."
+            "stiff, and pressures jump from element to element. Compare with a finer mesh; otherwise take a smaller Poisson's "
+            "ratio, or elements of second order, which are not in this package."
         )
         return (self._finding("locking", np.flatnonzero(ratio > LOCKING), largest, what),)
 
@@ -107,8 +107,8 @@ class Monitors:
             if len(ids):
                 what = (
                     f"strong ellipticity lost (smallest eigenvalue of the acoustic tensor down to {lowest.min():.3g} Pa): the "
-                    "material gives way in bands as narrow as an element, so that what follows depends on the mesh. Compare with a "
-                    "finer one; a material that is made for such compression is not in this package."
+                    "material gives way in bands as narrow as an element, so that what follows depends on the mesh. Compare with "
+                    "a finer one; a material that is made for such compression is not in this package."
                 )
                 yield self._finding("not elliptic", ids, float(lowest.min()), what)
 

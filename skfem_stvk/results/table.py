@@ -156,8 +156,8 @@ def cauchy_stress(state: Response) -> Masked:
 
 def _warn_of_shrunk(ids: NDArray[np.int64], what: str) -> None:
     warn(
-        f"{name_ids(ids, 'element')}: shrunk to nothing (J = 0), so that {what}; it is masked there. "
-        "Did the solve converge, and do prescribed displacements put vertices in one place?"
+        f"{name_ids(ids, 'element')}: shrunk to nothing (J = 0), so that {what}; it is masked there. Did the solve converge, and "
+        "do prescribed displacements put vertices in one place?"
     )
 
 

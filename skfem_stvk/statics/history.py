@@ -71,8 +71,8 @@ class Step:
     def __str__(self) -> str:
         largest = float(np.abs(self.u).max())
         return (
-            f"t {self.t:<9.4g} {len(self.iterations):>3} iterations   residual {self.iterations.residuals[-1]:.1e}   "
-            f"largest |u| {largest:.4g}   {self.seconds:.2g} s"
+            f"t {self.t:<9.4g} {len(self.iterations):>3} iterations   residual {self.iterations.residuals[-1]:.1e}   largest |u| "
+            f"{largest:.4g}   {self.seconds:.2g} s"
             + (f"   {self.status}" if not self.status.success else "")
             + ("   jumped" if self.jumped else "")
         )

@@ -82,14 +82,14 @@ def reason(ending: Ending) -> str:
         mode = known if history.critical_points else "a small imperfection"
         otherwise = ", or prescribe displacements instead of loads" if ending.system.loads else ""
         return (
-            f"At t = {t:.4g} the body is in equilibrium, but unstable: {count}, and a real one would leave this state."
-            f"{_critical(history)} Look for the stable one beside it: give the mesh {mode}{otherwise}."
+            f"At t = {t:.4g} the body is in equilibrium, but unstable: {count}, and a real one would leave this "
+            f"state.{_critical(history)} Look for the stable one beside it: give the mesh {mode}{otherwise}."
         )
     if status is Status.INVERTED:
         return (
             f"At t = {t:.4g} the body is in equilibrium, but turned inside out or flat in {ending.inverted}. The energy does not "
-            "change when an element is mirrored, so this is a solution of the equations, not one of the body. Start from a state that "
-            "is not inside out, or add a term that turns elements back: VolumePenalty(kind='compression')."
+            "change when an element is mirrored, so this is a solution of the equations, not one of the body. Start from a state "
+            "that is not inside out, or add a term that turns elements back: VolumePenalty(kind='compression')."
         )
     if status is Status.INTERRUPTED:
         by = "" if isinstance(ending.cause, KeyboardInterrupt) else f" by {type(ending.cause).__name__}: {ending.cause}"

@@ -123,8 +123,8 @@ class StaticResult:
     def __repr__(self) -> str:
         parts = ", ".join(f"{name} {seconds:.2g} s" for name, seconds in self.seconds.items())
         return (
-            f"StaticResult: {self.message}\n{len(self.history)} states, {self.history.iterations} Newton iterations, "
-            f"solver '{self.solver}'; {parts}"
+            f"StaticResult: {self.message}\n{len(self.history)} states, {self.history.iterations} Newton iterations, solver "
+            f"'{self.solver}'; {parts}"
         )
 
 

@@ -149,8 +149,8 @@ class StaticOptions:
         choice("method", self.method, METHODS)
         if self.stop is not None and not (self.arc_length and isinstance(self.stop, Stop)):
             raise StvkError(
-                f"stop = {shown(self.stop)} with method {self.method!r}; expected a Stop(...), with method='arc-length'. "
-                "Load steps end at t = 1."
+                f"stop = {shown(self.stop)} with method {self.method!r}; expected a Stop(...), with method='arc-length'. Load "
+                "steps end at t = 1."
             )
         number("rtol", self.rtol, "a number between 0 and 1, such as 1e-8", 0.0, 1.0)
         whole("steps", self.steps, "a whole number of at least 1: the first step is 1/steps of the load", 1)

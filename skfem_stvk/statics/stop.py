@@ -107,8 +107,8 @@ class Goal:
                 before = f"state {place - 1}" if place else "the start"
                 raise StvkError(
                     f"The states that are kept have passed what {self._stop} asks for, between {before} (t = {one[1]:.4g}) and "
-                    f"state {place} (t = {other[1]:.4g}). Give a stop that lies ahead, or begin anew from {before}, with its u as u0 "
-                    f"and t0={one[1]:.6g}."
+                    f"state {place} (t = {other[1]:.4g}). Give a stop that lies ahead, or begin anew from {before}, with its u as "
+                    f"u0 and t0={one[1]:.6g}."
                 )
 
     def saved(self) -> list[list[float]]:

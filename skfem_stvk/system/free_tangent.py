@@ -166,7 +166,6 @@ def with_loads(solver: LinearSolver, system: SystemLike) -> LinearSolver:
     if not isinstance(solver, BlockJacobiCg):
         raise StvkError(
             f"solver = '{solver.name}', which forms no matrix; expected one that does, such as 'amg-cg' or 'superlu': a load "
-            f"depends on "
-            "where the body goes, and its stiffness is added to a matrix."
+            "depends on where the body goes, and its stiffness is added to a matrix."
         )
     return replace(solver, assembled=True)

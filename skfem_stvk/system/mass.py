@@ -108,8 +108,8 @@ class Mass(ABC):
         pattern = self._system.pattern
         if not isinstance(K, csr_matrix) or not pattern.fits(K, K.dtype):
             raise StvkError(
-                f"K = {shown(K)} does not have the pattern of this system's K ({pattern.shape}, "
-                f"{pattern.nnz} values). Hand in what tangent() returned, zeros kept."
+                f"K = {shown(K)} does not have the pattern of this system's K ({pattern.shape}, {pattern.nnz} values). Hand in "
+                "what tangent() returned, zeros kept."
             )
         places, values = self._values()
         K.data[places] += number("factor", factor, "a finite number") * values
@@ -131,8 +131,7 @@ class Mass(ABC):
         if len(bare):
             raise MaterialError(
                 f"{name_ids(bare, 'vertex')} of {len(self.vertex)}: can move, but without mass, because in no element with a "
-                f"StVK(..., density=...). "
-                "Give their elements one, fix all their components, or leave them out of the mesh."
+                "StVK(..., density=...). Give their elements one, fix all their components, or leave them out of the mesh."
             )
 
     def __repr__(self) -> str:

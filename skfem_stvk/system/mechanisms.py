@@ -91,9 +91,8 @@ def check_held(mesh: SimplexMesh, terms: Sequence[BoundTerm], held: NDArray[Any]
         if loose:
             facet = ("an edge", "edges") if mesh.d == 2 else ("a face", "faces")
             said.append(
-                f"{_listed(loose, 'parts')}. Less than {facet[0]} joins these elements to the others: hold them as well, join them "
-                f"by "
-                f"{facet[1]}, or mesh anew."
+                f"{_listed(loose, 'parts')}. Less than {facet[0]} joins these elements to the others: hold them as well, join "
+                f"them by {facet[1]}, or mesh anew."
             )
     if said:
         raise SupportError(f"Not held: {' Besides, '.join(said)}")

@@ -106,8 +106,8 @@ class Pattern(Structure):
         if len(missing):
             pairs = [(int(a[i]), int(b[i])) for i in missing[:5]]
             raise StvkError(
-                f"{name_ids(missing, 'block')}: not in the pattern of K, vertices {pairs}: no term pairs them. The pattern is made "
-                "from the nodes_paired of the terms; a term must name all the pairs it writes to."
+                f"{name_ids(missing, 'block')}: not in the pattern of K, vertices {pairs}: no term pairs them. The pattern is "
+                "made from the nodes_paired of the terms; a term must name all the pairs it writes to."
             )
         return places.astype(np.int32)
 
@@ -172,8 +172,8 @@ class FreeDofs:
         ids = whole_array(fixed)
         if ids is None or ids.ndim != 1 or ids.dtype.kind == "b":
             raise StvkError(
-                f"fixed = {shown(fixed)}; expected a list of degrees of freedom, d * vertex + component: bare "
-                "integers are those here, and vertices in System(fixed=...). Of a mask take np.flatnonzero(mask)."
+                f"fixed = {shown(fixed)}; expected a list of degrees of freedom, d * vertex + component: bare integers are those "
+                "here, and vertices in System(fixed=...). Of a mask take np.flatnonzero(mask)."
             )
         bad = ids[(ids < 0) | (ids >= ndofs)]
         if len(bad):
@@ -224,16 +224,16 @@ class FreeDofs:
         pattern = self._system.pattern
         if not isinstance(K, csr_matrix) or not pattern.fits(K, K.dtype):
             raise StvkError(
-                f"K = {shown(K)} does not have the pattern of this system's K ({pattern.shape}, "
-                f"{pattern.nnz} values). Hand in what tangent() returned, zeros kept."
+                f"K = {shown(K)} does not have the pattern of this system's K ({pattern.shape}, {pattern.nnz} values). Hand in "
+                "what tangent() returned, zeros kept."
             )
         structure, places = self._restriction()
         if out is None:
             out = structure.matrix(np.empty(structure.nnz, dtype=K.dtype))
         elif not structure.fits(out, K.dtype):
             raise StvkError(
-                f"out = {shown(out)} does not have the pattern and type of the restricted K "
-                f"({structure.shape}, {structure.nnz} values of {K.dtype}); expected a matrix that matrix() returned before."
+                f"out = {shown(out)} does not have the pattern and type of the restricted K ({structure.shape}, {structure.nnz} "
+                f"values of {K.dtype}); expected a matrix that matrix() returned before."
             )
         run(block_kernels.pick, parts_of(len(places), 0.02, threads()), places, K.data, out.data)
         return out

@@ -103,8 +103,7 @@ class Supports:
         if not isinstance(given, Mapping) or not given:
             raise SupportError(
                 f"{what}: got {shown(given)}; expected displacements by component, such as {{'x': 0.01}}, or a function of (x, t) "
-                f"that returns "
-                f"all {d} components."
+                f"that returns all {d} components."
             )
         return [
             Prescribed(_dofs(vertices, [component], d), Value(value, (), x, f"{what}, component {letter}", SupportError))
@@ -116,9 +115,8 @@ class Supports:
         both = np.intersect1d(self.fixed, self.prescribed)
         if len(both):
             raise SupportError(
-                f"Both fixed and prescribed: {self._name(both)}. Places that share an edge or a corner? Leave the component out of "
-                f"one of "
-                "them, or take the vertices out with a predicate."
+                f"Both fixed and prescribed: {self._name(both)}. Places that share an edge or a corner? Leave the component out "
+                "of one of them, or take the vertices out with a predicate."
             )
 
     def _refuse_different(self, place: Dofs, one: NDArray[np.float64], other: NDArray[np.float64], moment: Moment) -> None:
@@ -127,8 +125,7 @@ class Supports:
         if len(bad):
             raise SupportError(
                 f"Prescribed twice, with different displacements at t = {moment.time:.3g}: {self._name(self.held[bad])}. Places "
-                f"that share an edge or a "
-                "corner? Leave the component out of one of them."
+                "that share an edge or a corner? Leave the component out of one of them."
             )
 
     def _name(self, dofs: Dofs) -> str:
@@ -195,8 +192,7 @@ def _pairs(given: Any, name: str, example: str) -> list[tuple[Any, Any]]:
         if name == "fixed" and whole_array(given) is not None:
             bare = (
                 " Bare integers do not say which components: vertices are fixed=[(ids, 'xyz')]; degrees of freedom are what "
-                "scikit-fem's "
-                "basis.get_dofs(...) returned, not its .all(), such as fixed=basis.get_dofs('wall').keep('u^1')."
+                "scikit-fem's basis.get_dofs(...) returned, not its .all(), such as fixed=basis.get_dofs('wall').keep('u^1')."
             )
         raise SupportError(f"{name} = {shown(given)}; expected a dict such as {example}, or a list of such pairs.{bare}")
     return list(pairs)

@@ -463,9 +463,9 @@ class System(BoundTerms):
             return self.pattern.matrix(np.empty(self.pattern.nnz, dtype=self.dtype))
         if not self.pattern.fits(out, self.dtype):
             raise StvkError(
-                f"out = {shown(out)} does not have the pattern and type of this system's K "
-                f"({self.pattern.shape}, {self.pattern.nnz} values of {self.dtype}). Hand in a matrix that tangent() returned, "
-                "unchanged by eliminate_zeros() and the like."
+                f"out = {shown(out)} does not have the pattern and type of this system's K ({self.pattern.shape}, "
+                f"{self.pattern.nnz} values of {self.dtype}). Hand in a matrix that tangent() returned, unchanged by "
+                "eliminate_zeros() and the like."
             )
         return out
 

@@ -82,9 +82,8 @@ class Body:
             if len(bad):
                 raise LoadError(
                     f"{name_ids(bad, 'element')}: terms of different {'thickness' if self.mesh.k == 2 else 'area'} on the same "
-                    f"elements, so "
-                    "forces per volume or per area have no meaning there. Give all of them the same; for forces on vertices there "
-                    "is NodalLoad."
+                    "elements, so forces per volume or per area have no meaning there. Give all of them the same; for forces on "
+                    "vertices there is NodalLoad."
                 )
             section[ids] = own
         return np.nan_to_num(section, nan=1.0)

@@ -144,8 +144,7 @@ class Value:
             return
         raise self._error(
             f"{self._what}: {source} has shape {shape}, and there are {d} components and {d} vertices: rows may be either. Give a "
-            f"tuple of {d} "
-            "components: tuple(values) if a row is a component, tuple(values.T) if a row is a vertex."
+            f"tuple of {d} components: tuple(values) if a row is a component, tuple(values.T) if a row is a vertex."
         )
 
     @property
@@ -166,14 +165,13 @@ class Value:
         positional = [p for p in parameters if p.kind in (p.POSITIONAL_ONLY, p.POSITIONAL_OR_KEYWORD) and p.default is p.empty]
         if len(positional) not in (1, 2):
             raise self._error(
-                f"{self._what}: {self._called} has {len(positional)} arguments; expected one of t, or one of x and t: lambda x, t: "
-                f"..."
+                f"{self._what}: {self._called} has {len(positional)} arguments; expected one of t, or one of x and t: lambda x, "
+                "t: ..."
             )
         if len(positional) == 1 and positional[0].name == "x":
             raise self._error(
                 f"{self._what}: a function of one argument is a function of t, but this one calls it x. For a function of place "
-                f"write "
-                "lambda x, t: ...; to ramp it, multiply by t."
+                "write lambda x, t: ...; to ramp it, multiply by t."
             )
         return len(positional)
 

@@ -157,8 +157,7 @@ def _outwards(mesh: SimplexMesh, where: Any, what: str) -> NDArray[np.int32]:
     if len(bad):
         raise LoadError(
             f"{what}: {name_ids(bad, 'facet')} of {len(found)} are not on the boundary, so it is ambiguous which side it pushes "
-            f"on. Name "
-            "facets of the outer surface only; dead forces on inner facets are a Traction."
+            "on. Name facets of the outer surface only; dead forces on inner facets are a Traction."
         )
     return mesh.surface[:, found]
 
@@ -168,7 +167,7 @@ def _membrane(mesh: SimplexMesh, where: Any, what: str) -> NDArray[np.int32]:
     if callable(where):
         raise LoadError(
             f"{what}: triangles in space are the surface themselves; expected the name of a subdomain, element ids or a mask, or "
-            f"None."
+            "None."
         )
     ids = mesh.elements(where)
     t = mesh.t[:, ids]
@@ -176,8 +175,7 @@ def _membrane(mesh: SimplexMesh, where: Any, what: str) -> NDArray[np.int32]:
     if not two_sided.all():
         raise LoadError(
             f"{what}: {name_ids(ids[~two_sided], 'element')} are a surface without two sides, like a Moebius strip, so pressure "
-            f"has no "
-            "direction there. Leave some of them out."
+            "has no direction there. Leave some of them out."
         )
     t[:2, turned] = t[1::-1, turned]
     return t

@@ -95,8 +95,8 @@ class VolumePenalty:
         mesh = body.mesh
         if mesh.k < mesh.d:
             raise MaterialError(
-                f"VolumePenalty: the mesh has {mesh.kind}, which have no inside and no outside. It is for "
-                "tetrahedra, triangles in the plane and segments on a line."
+                f"VolumePenalty: the mesh has {mesh.kind}, which have no inside and no outside. It is for tetrahedra, triangles "
+                "in the plane and segments on a line."
             )
         elements = mesh.elements(self.region)
         if self.stiffness is not None:
@@ -107,8 +107,7 @@ class VolumePenalty:
         if len(bare):
             raise MaterialError(
                 f"VolumePenalty: {name_ids(bare, 'element')} in no StVK, from which the stiffness is taken by default. Give "
-                f"stiffness= [Pa], or "
-                "a region that has a material."
+                "stiffness= [Pa], or a region that has a material."
             )
         return ENERGIES[self.kind].usual * modulus
 

@@ -54,9 +54,8 @@ def against_mujoco(quick: bool) -> Iterator[Study]:
         tuple(rows),
         tuple(failures),
         (
-            "a step on one thread; 'discrete' is MuJoCo's implicit integrator for flexes, "
-            f"which is eq. 9 with K clamped element by element, rtol = {RTOL:g} on both sides; "
-            "'implicit' and 'implicitfast' refuse flexes since 4.0",
+            "a step on one thread; 'discrete' is MuJoCo's implicit integrator for flexes, which is eq. 9 with K clamped element "
+            f"by element, rtol = {RTOL:g} on both sides; 'implicit' and 'implicitfast' refuse flexes since 4.0",
         ),
     )
 

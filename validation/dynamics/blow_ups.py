@@ -56,8 +56,8 @@ def blow_ups(quick: bool = False, folder: Path | None = None) -> Sequence[Study]
             tuple(rows),
             tuple(failures),
             (
-                f"a free bar of {mesh.nt} tetrahedra, E = {YOUNG:g} Pa, velocity Verlet with dt=None, {UNTIL:g} s; "
-                "the stiffness of the barrier has no limit",
+                f"a free bar of {mesh.nt} tetrahedra, E = {YOUNG:g} Pa, velocity Verlet with dt=None, {UNTIL:g} s; the stiffness "
+                "of the barrier has no limit",
             ),
         ),
     )

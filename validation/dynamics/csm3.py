@@ -103,8 +103,8 @@ def _meshes(quick: bool) -> Study:
         tuple(rows),
         tuple(failures),
         (
-            f"energy-momentum, dt = {dt:g} s, means over the whole periods of {until:g} s; "
-            f"wall time {', '.join(f'{m.seconds:.1f} s' for m in motions)}",
+            f"energy-momentum, dt = {dt:g} s, means over the whole periods of {until:g} s; wall time "
+            f"{', '.join(f'{m.seconds:.1f} s' for m in motions)}",
         ),
     )
 
@@ -125,13 +125,13 @@ def _integrators(quick: bool, folder: Path | None) -> Study:
         tuple(row for name, one in compared.items() for row in one.rows(name)),
         tuple(failures),
         (
-            f"error of A's motion by dt, mesh {COMPARED[0]}x{COMPARED[1]}x2, {until:g} s; "
-            "root mean square of A's distance from the truth over that of its displacement; the truth: energy-momentum, "
-            "extrapolated from dt/2 and dt/4 of the smallest; orders of the two smallest steps",
-            "gravity that acts at once excites all modes, and the steps here do not resolve the highest: "
-            "less than the full order is seen",
-            "at equal cost: at the wall time of energy-momentum with the second step, "
-            "on the straight line through error over wall time on logarithmic scales",
+            f"error of A's motion by dt, mesh {COMPARED[0]}x{COMPARED[1]}x2, {until:g} s; root mean square of A's distance from "
+            "the truth over that of its displacement; the truth: energy-momentum, extrapolated from dt/2 and dt/4 of the "
+            "smallest; orders of the two smallest steps",
+            "gravity that acts at once excites all modes, and the steps here do not resolve the highest: less than the full order "
+            "is seen",
+            "at equal cost: at the wall time of energy-momentum with the second step, on the straight line through error over "
+            "wall time on logarithmic scales",
         ),
         () if folder is None else (_picture(compared[SUDDEN], folder),),
     )

@@ -36,8 +36,8 @@ def fast_swings(quick: bool = False, folder: Path | None = None) -> Sequence[Stu
         inside_out = sum(bool(run.ledger["inside_out"].any()) for run in runs)
         rows.append((tangent, "yes" if volume else "no", str(len(runs)), str(blown[volume, tangent]), str(inside_out)))
     failures = [
-        f"clamped, {'with' if volume else 'without'} the volume term: "
-        f"{blown[volume, 'clamped']} blew up, of the exact ones {blown[volume, 'exact']}"
+        f"clamped, {'with' if volume else 'without'} the volume term: {blown[volume, 'clamped']} blew up, of the exact ones "
+        f"{blown[volume, 'exact']}"
         for volume in (True, False)
         if blown[volume, "clamped"] > blown[volume, "exact"]
     ]
@@ -49,8 +49,8 @@ def fast_swings(quick: bool = False, folder: Path | None = None) -> Sequence[Stu
             tuple(rows),
             tuple(failures),
             (
-                f"{bar(CELLS)!r}; E = {', '.join(f'{young:g}' for young in YOUNGS)} Pa, "
-                f"pushed by {', '.join(f'{speed:g}' for speed in SPEEDS)} m/s, steps of 1/60 s",
+                f"{bar(CELLS)!r}; E = {', '.join(f'{young:g}' for young in YOUNGS)} Pa, pushed by "
+                f"{', '.join(f'{speed:g}' for speed in SPEEDS)} m/s, steps of 1/60 s",
             ),
         ),
     )

@@ -83,8 +83,8 @@ def _all(quick: bool, folder: Path | None) -> Study:
         tuple(map(_row, flights)),
         tuple(failure for one in flights for failure in _failures(one, KEPT)),
         (
-            f"largest drift over {flights[0].ledger['time'][-1]:g} s; "
-            "energy and angular momentum of what they were, linear momentum of sqrt(2 m E)",
+            f"largest drift over {flights[0].ledger['time'][-1]:g} s; energy and angular momentum of what they were, linear "
+            "momentum of sqrt(2 m E)",
         ),
         () if folder is None else (_picture(flights, folder),),
     )

@@ -76,8 +76,8 @@ def independent(quick: bool = False, folder: Path | None = None) -> Sequence[Stu
             tuple(rows),
             tuple(failures),
             (
-                f"DOP853 with rtol = {TIGHT:g}; integrators extrapolated from {steps} and {2 * steps} steps; "
-                "the larger of both errors, in Euclidean norms",
+                f"DOP853 with rtol = {TIGHT:g}; integrators extrapolated from {steps} and {2 * steps} steps; the larger of both "
+                "errors, in Euclidean norms",
             ),
         ),
     )

@@ -93,10 +93,9 @@ def large_steps(quick: bool = False, folder: Path | None = None) -> Sequence[Stu
             (
                 f"{system!r}, critical step {1e3 * critical:.3f} ms; at least {LEAST} steps, at least {UNTIL:g} s",
                 f"error of the tip's displacement at {UNTIL:g} s, against velocity Verlet with a quarter of the critical step, "
-                "where a step ends by then; the last "
-                "state's distance from equilibrium",
-                "energy lost as a part of the work that the weight had done; a negative one was gained; "
-                "where a motion blew up, all is as of its last good state",
+                "where a step ends by then; the last state's distance from equilibrium",
+                "energy lost as a part of the work that the weight had done; a negative one was gained; where a motion blew up, "
+                "all is as of its last good state",
             ),
         ),
         _at_a_glance(trials),

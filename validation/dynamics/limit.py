@@ -70,9 +70,8 @@ def limit(quick: bool = False, folder: Path | None = None) -> Sequence[Study]:
             tuple(rows),
             tuple(failure for one, dt in zip(found, observed, strict=True) for failure in _failures(*one, dt)),
             (
-                f"by bisection to {PRECISION:.1%}: "
-                f"whether a disturbance of {DISTURBANCE:g} m/s has more energy in the last quarter of {STEPS} steps "
-                "than in the third",
+                f"by bisection to {PRECISION:.1%}: whether a disturbance of {DISTURBANCE:g} m/s has more energy in the last "
+                f"quarter of {STEPS} steps than in the third",
             ),
         ),
     )

@@ -126,12 +126,12 @@ def _real_time(quick: bool) -> Study:
         tuple(rows),
         tuple(failures),
         (
-            f"soft tissue, E = {YOUNG:g} Pa, nu = {POISSON:g}, "
-            f"{1e2 * LENGTH:g} x {1e2 * SIDE:g} x {1e2 * SIDE:g} cm, hanging, pushed by {PUSH:g} m/s",
-            f"eq. 9: LinearBackwardEuler(tangent='{TANGENT}', rtol={RTOL:g}), "
-            "its default, conjugate gradients on one thread in any case",
-            "with steps of 1 ms and less, which lose little energy, a few elements at the held corners turn inside out; "
-            "that is let pass",
+            f"soft tissue, E = {YOUNG:g} Pa, nu = {POISSON:g}, {1e2 * LENGTH:g} x {1e2 * SIDE:g} x {1e2 * SIDE:g} cm, hanging, "
+            f"pushed by {PUSH:g} m/s",
+            f"eq. 9: LinearBackwardEuler(tangent='{TANGENT}', rtol={RTOL:g}), its default, conjugate gradients on one thread in "
+            "any case",
+            "with steps of 1 ms and less, which lose little energy, a few elements at the held corners turn inside out; that is "
+            "let pass",
             "ms: a step, or a frame of 1/60 s of Verlet's own steps, of 12 n^3 tetrahedra with whole n",
         ),
     )
@@ -175,7 +175,7 @@ def _iterations(quick: bool) -> Study:
         tuple(rows),
         tuple(failures),
         (
-            f"of conjugate gradients a step, {12 * n**3} tetrahedra, 1 s; "
-            "'off': largest distance of the bar's end from the motion with rtol = 1e-10, over its swing",
+            f"of conjugate gradients a step, {12 * n**3} tetrahedra, 1 s; 'off': largest distance of the bar's end from the "
+            "motion with rtol = 1e-10, over its swing",
         ),
     )

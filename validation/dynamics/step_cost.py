@@ -89,9 +89,8 @@ def explicit_cost(quick: bool) -> Study:
         tuple(rows),
         tuple(failures),
         (
-            "one thread; ledger, guard against blow-up and watch over the critical step included; "
-            f"{BLOCK} steps and {BLOCK} forces in turn, medians of rounds of "
-            f"{ROUND} each",
+            f"one thread; ledger, guard against blow-up and watch over the critical step included; {BLOCK} steps and {BLOCK} "
+            f"forces in turn, medians of rounds of {ROUND} each",
         ),
     )
 
@@ -131,8 +130,8 @@ def split(system: System, integrator: LinearBackwardEuler, v: Array) -> Study:
         (*rows, ("all", f"{1e3 * total / steps:.3f}", "100%")),
         () if min(parts.values()) > 0 else ("a part takes no time",),
         (
-            f"{system.mesh.nt} tetrahedra, "
-            f"{run.iterations / steps:.0f} iterations of conjugate gradients a step of {1e3 * integrator.dt:.3g} ms",
+            f"{system.mesh.nt} tetrahedra, {run.iterations / steps:.0f} iterations of conjugate gradients a step of "
+            f"{1e3 * integrator.dt:.3g} ms",
         ),
     )
 

@@ -114,8 +114,8 @@ def _of_eq9(quick: bool) -> Study:
         tuple(rows),
         tuple(failures),
         (
-            f"per step, in the first {QUICK_UNTIL if quick else UNTIL:g} s of the bar of soft tissue; "
-            f"the best of {1 if quick else REPEATS} runs",
+            f"per step, in the first {QUICK_UNTIL if quick else UNTIL:g} s of the bar of soft tissue; the best of "
+            f"{1 if quick else REPEATS} runs",
         ),
     )
 
@@ -134,8 +134,8 @@ def _converged(quick: bool) -> Study:
             failures += _unlike(f"{system.mesh.nt} tetrahedra, {kind.__name__}", found)
     return Study(
         "Converged steps of 1/60 s",
-        "with each solver Newton's method takes as many iterations, "
-        f"and leads to the same motion within {ALIKE:g} of its largest displacement",
+        f"with each solver Newton's method takes as many iterations, and leads to the same motion within {ALIKE:g} of its largest "
+        "displacement",
         ("tetrahedra", "integrator", *(f"{name}, ms" for name in SOLVERS), "Newton iterations"),
         tuple(rows),
         tuple(failures),
@@ -226,7 +226,7 @@ def _relaxation(quick: bool) -> Study:
         tuple((f"{omega:g}", *(f"{count:.3g}" for count in row)) for omega, row in counts.items()),
         () if quick or most <= NEAR else (f"{most:.2f} times as many iterations",),
         (
-            f"iterations per step of eq. 9, {12 * n**3} tetrahedra, 60 steps/s, rtol = {eq9(60).rtol:g}; "
-            f"of a cube at rest, {unknowns.n} unknowns, to {RTOL:g}",
+            f"iterations per step of eq. 9, {12 * n**3} tetrahedra, 60 steps/s, rtol = {eq9(60).rtol:g}; of a cube at rest, "
+            f"{unknowns.n} unknowns, to {RTOL:g}",
         ),
     )

@@ -165,8 +165,8 @@ def tangents(quick: bool = False, folder: Path | None = None) -> Sequence[Study]
             tuple(failures),
             (
                 f"{system!r}, let go under its weight, {STEPS} steps, rtol = {RTOL:g}",
-                "the exact one's time: its iterations at the package's time for one with LU, "
-                "as if its unsymmetric matrix cost no more; CG cannot solve with it",
+                "the exact one's time: its iterations at the package's time for one with LU, as if its unsymmetric matrix cost no "
+                "more; CG cannot solve with it",
             ),
         ),
     )

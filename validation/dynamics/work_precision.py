@@ -166,8 +166,8 @@ def _seconds_for_errors(found: dict[str, dict[tuple[str, str], list[Point]]]) ->
         for one, tangent in (*((one, "") for one in EXPLICIT), *((one, StepTangent.EXACT.value) for one in IMPLICIT))
     ]
     note = (
-        "seconds, between the runs that were made; or those of the cheapest run, if all are better, and its error; "
-        "or the best error, if none is as good"
+        "seconds, between the runs that were made; or those of the cheapest run, if all are better, and its error; or the best "
+        "error, if none is as good"
     )
     return Study("Seconds for an error", "", ("integrator", *heads), tuple(rows), notes=(note,))
 
@@ -198,8 +198,8 @@ def _study(scene: Scene, found: dict[tuple[str, str], list[Point]], pictures: tu
         tuple(rows),
         tuple(failures),
         (
-            f"{scene.system!r}, {scene.until:g} s; from the largest step to the smallest; "
-            "implicit ones with rtol = 1e-6, eq. 9 with CG and rtol = 1e-4",
+            f"{scene.system!r}, {scene.until:g} s; from the largest step to the smallest; implicit ones with rtol = 1e-6, eq. 9 "
+            "with CG and rtol = 1e-4",
         ),
         pictures,
     )

@@ -22,12 +22,12 @@ INP = """*NODE
 1, 1, 2, 3, 4
 """
 MSH = (
-    "$MeshFormat\n2.2 0 8\n$EndMeshFormat\n$Nodes\n4\n1 0 0 0\n2 1 0 0\n3 0 1 0\n{last} 0 0 1\n$EndNodes\n"
-    "$Elements\n1\n1 4 2 1 1 1 2 3 {last}\n$EndElements\n"
+    "$MeshFormat\n2.2 0 8\n$EndMeshFormat\n$Nodes\n4\n1 0 0 0\n2 1 0 0\n3 0 1 0\n{last} 0 0 1\n$EndNodes\n$Elements\n1\n1 4 2 1 1 "
+    "1 2 3 {last}\n$EndElements\n"
 )
 MSH4 = (
-    "$MeshFormat\n4.1 0 8\n$EndMeshFormat\n$Nodes\n1 4 1 {last}\n3 1 0 4\n1\n2\n3\n{last}\n0 0 0\n1 0 0\n0 1 0\n0 0 1\n$EndNodes\n"
-    "$Elements\n1 1 1 1\n3 1 4 1\n1 1 2 3 {last}\n$EndElements\n"
+    "$MeshFormat\n4.1 0 8\n$EndMeshFormat\n$Nodes\n1 4 1 {last}\n3 1 0 4\n1\n2\n3\n{last}\n0 0 0\n1 0 0\n0 1 0\n0 0 "
+    "1\n$EndNodes\n$Elements\n1 1 1 1\n3 1 4 1\n1 1 2 3 {last}\n$EndElements\n"
 )
 XDMF = """<Xdmf Version="3.0"><Domain><Grid Name="Grid">
 <Geometry GeometryType="XYZ">

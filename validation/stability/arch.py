@@ -110,8 +110,8 @@ def arch(quick: bool = False) -> Drawn:
         tuple(rows),
         tuple(failures),
         (
-            "limit loads in those of the theory; "
-            "P2: scikit-fem's quadratic triangles, the same law, displacement control at the apex",
+            "limit loads in those of the theory; P2: scikit-fem's quadratic triangles, the same law, displacement control at the "
+            "apex",
         ),
         panel=partial(_panel, body, results[-1]),
     )

@@ -89,8 +89,8 @@ def column(quick: bool = False) -> Study:
         failures.append(f"thin columns tend to {thin:.5f} of Euler's load")
     return Study(
         "Euler's column",
-        f"extrapolated within {LIMIT:.0%} of Euler's load from L/h = {MEANT} on, within {THIN_LIMIT:.2%} for thin ones; "
-        f"the mode within {MODE_LIMIT:g}",
+        f"extrapolated within {LIMIT:.0%} of Euler's load from L/h = {MEANT} on, within {THIN_LIMIT:.2%} for thin ones; the mode "
+        f"within {MODE_LIMIT:g}",
         ("load / Euler's", *(f"{n} through h" for n in fine), "extrapolated", "mode off by"),
         tuple(rows),
         tuple(failures),

@@ -66,15 +66,14 @@ def dome(quick: bool = False) -> Drawn:
         failures.append(f"limit load {linear.values[0]:.9f} by arc length, {twin:.9f} by displacement control")
     return Drawn(
         "Shallow dome",
-        f"limit load that of displacement control to {SAME:g}; "
-        f"extrapolated within {LIMIT:.0%} of quadratic elements, order {ORDER[0]:g} +- "
-        f"{ORDER[1]:g}",
+        f"limit load that of displacement control to {SAME:g}; extrapolated within {LIMIT:.0%} of quadratic elements, order "
+        f"{ORDER[0]:g} +- {ORDER[1]:g}",
         ("clamped dome, H/h = 2.5", "limit load", "off"),
         tuple(rows),
         tuple(failures),
         (
-            f"load in {FORCE:g} N/m3; "
-            "displacement control at the apex, by scikit-fem: the same tetrahedra, and quadratic triangles of the section",
+            f"load in {FORCE:g} N/m3; displacement control at the apex, by scikit-fem: the same tetrahedra, and quadratic "
+            "triangles of the section",
         ),
         panel=partial(_panel, results[-1]),
     )

@@ -79,14 +79,14 @@ def post_buckling(quick: bool = False) -> Drawn:
             failures += [f"{angle} degrees: {problem}" for problem in _failures(what, found[-1], thin)]
     return Drawn(
         "Post-buckled column",
-        f"extrapolated within {LIMIT:.0%} of the elastica at L/h = {SLENDER[-1]}, within {THIN_LIMIT:.1%} for thin ones; "
-        "finer meshes are closer",
+        f"extrapolated within {LIMIT:.0%} of the elastica at L/h = {SLENDER[-1]}, within {THIN_LIMIT:.1%} for thin ones; finer "
+        "meshes are closer",
         ("head's angle", "of head", *(f"{body.fine} through h" for body in bodies[0]), "extrapolated", "elastica", "off"),
         tuple(rows),
         tuple(failures),
         (
-            "load in Euler's, deflection by length, at the elastica's shortening; "
-            "imperfection: 1e-4 of the length in the mode's shape",
+            "load in Euler's, deflection by length, at the elastica's shortening; imperfection: 1e-4 of the length in the mode's "
+            "shape",
         ),
         panel=partial(_panel, bodies[-1][-1], paths[-1][-1]),
     )

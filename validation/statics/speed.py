@@ -53,10 +53,8 @@ def speed(quick: bool = False) -> Study:
     meshes = [list(entries_on(n)) for n in (QUICK_SIZES if quick else SIZES)]
     return Study(
         "Speed, cantilever in large bending",
-        "one answer; "
-        f"from {LEAST // 1000} k unknowns on both others take {FASTER:g} x as long with their default solver, "
-        "and longer with PARDISO on "
-        "both sides",
+        f"one answer; from {LEAST // 1000} k unknowns on both others take {FASTER:g} x as long with their default solver, and "
+        "longer with PARDISO on both sides",
         ("program", "solver", "unknowns", "iterations", "assemble", "factor", "solve", "other", "total [s]", "x auto", "tip [m]"),
         tuple(_row(entry, entries[0]) for entries in meshes for entry in entries),
         tuple(failure for entries in meshes for failure in _failures(entries)),

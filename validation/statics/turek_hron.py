@@ -68,8 +68,8 @@ def turek_hron(quick: bool = False) -> Study:
         tuple(map(_row, findings)),
         tuple(failure for finding in findings for failure in _failures(finding)),
         (
-            "the order is fitted to the distances from the reference on the three finest meshes; "
-            "extrapolation by Richardson, repeated; the flag's clamp is the arc of the cylinder",
+            "the order is fitted to the distances from the reference on the three finest meshes; extrapolation by Richardson, "
+            "repeated; the flag's clamp is the arc of the cylinder",
         ),
     )
 

@@ -38,8 +38,8 @@ def work_precision(quick: bool = False, folder: Path | None = None) -> Study:
     truth = _truth(QUICK_FINEST if quick else FINEST)
     points = {name: [_point(name, n, truth, factors) for n in several] for name, several in sizes.items()}
     notes = [
-        f"truth: scikit-fem P2, {QUICK_FINEST if quick else FINEST} cells across, tip {truth[2]:.5f} m; "
-        "scikit-fem: PARDISO, load steps as by edges"
+        f"truth: scikit-fem P2, {QUICK_FINEST if quick else FINEST} cells across, tip {truth[2]:.5f} m; scikit-fem: PARDISO, load "
+        "steps as by edges"
     ]
     notes += [_to_reach(goal, points) for goal in GOALS]
     return Study(

@@ -50,8 +50,8 @@ def nodes_of(parts: list[Section]) -> tuple[Ids, NDArray[np.float64]]:
     tables = [lines for keyword, _, lines in parts if keyword == "NODE"]
     if len(tables) != 1:
         raise Damaged(
-            f"it has {len(tables)} *NODE sections; expected one. An assembly of several parts? Export one part, or merge the parts "
-            "into one"
+            f"it has {len(tables)} *NODE sections; expected one. An assembly of several parts? Export one part, or merge the "
+            "parts into one"
         )
     rows = [line[:-1] if line[-1] == "" else line for line in tables[0]]
     if len({len(row) for row in rows}) > 1:
