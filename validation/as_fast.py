@@ -111,12 +111,14 @@ def main() -> int:
         return 0
     folders = Path(given.other).resolve(), Path.cwd()
     rounds: list[list[dict[str, float]]] = [[one_round(folder) for folder in folders] for _ in range(given.rounds)]
-    print(f"{'':36}{'before [ms]':>12}{'now [ms]':>12}{'now/before':>12}   quartiles of single rounds")
+    print(f"{'':36}{'before [ms]':>12}{'now [ms]':>12}{'now/before':>12}   quartiles of rounds   of the best")
     for name in rounds[0][0]:
         before, now = (np.array([pair[i][name] for pair in rounds]) for i in (0, 1))
         low, high = np.quantile(now / before, (0.25, 0.75))
         ratio = np.median(now) / np.median(before)
-        print(f"{name:36}{1e3 * np.median(before):12.4g}{1e3 * np.median(now):12.4g}{ratio:12.3f}   {low:.3f} - {high:.3f}")
+        print(
+            f"{name:36}{1e3 * np.median(before):12.4g}{1e3 * np.median(now):12.4g}{ratio:12.3f}   {low:.3f} - {high:.3f}{now.min() / before.min():16.3f}"
+        )
     return 0
 
 

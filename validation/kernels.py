@@ -85,7 +85,7 @@ def candidates(mesh: SimplexMesh, body: Body, u: Any) -> Iterator[tuple[tuple[st
     ours = System(mesh, TERM)
     K = ours.tangent(x)
     yield ("", "CSR product"), lambda: K @ x
-    with patch("skfem_stvk.edges.arrays.own_order", order_of_the_mesh):
+    with patch("skfem_stvk.edges.assembly.own_order", order_of_the_mesh):
         unsorted = System(mesh, TERM)
     with patch.object(StVK, "stiffness", lambda self, mesh: GeneralStiffness(partial(self.coefficients, mesh))):
         general = System(mesh, TERM)

@@ -202,7 +202,7 @@ def test_parameters_that_do_not_go_together_are_refused():
         solve_static(bar(), method="riks")
     with pytest.raises(StvkError, match="with method='arc-length'"):
         solve_static(bar(), stop=Stop(load=1.0))
-    with pytest.raises(StvkError, match=r"direct one, 'superlu', 'pardiso'"):
+    with pytest.raises(StvkError, match=r"direct solver, 'superlu', 'pardiso'"):
         solve_static(bar(), solver="amg-cg", **OPTIONS)
     with pytest.raises(StvkError, match="t0 = 1"):
         solve_static(bar(), t0=1.0)
