@@ -116,9 +116,8 @@ def main() -> int:
         before, now = (np.array([pair[i][name] for pair in rounds]) for i in (0, 1))
         low, high = np.quantile(now / before, (0.25, 0.75))
         ratio = np.median(now) / np.median(before)
-        print(
-            f"{name:36}{1e3 * np.median(before):12.4g}{1e3 * np.median(now):12.4g}{ratio:12.3f}   {low:.3f} - {high:.3f}{now.min() / before.min():16.3f}"
-        )
+        medians = f"{1e3 * np.median(before):12.4g}{1e3 * np.median(now):12.4g}{ratio:12.3f}"
+        print(f"{name:36}{medians}   {low:.3f} - {high:.3f}{now.min() / before.min():16.3f}")
     return 0
 
 
