@@ -225,7 +225,7 @@ def penalty_round_off(begin: int, end: int, t: Ids, slots: Ids, D: Reals, X: Rea
 
     The `U` of `|e|` have `|u_i| + |u_0|`.
 
-    The smallest `J` as of `penalty_energy_and_force`.
+    The smallest `J` as in `penalty_energy_and_force`.
     """
     P, U, B, p = (
         np.empty(9 * LANES, D.dtype),
