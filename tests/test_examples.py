@@ -59,6 +59,13 @@ def test_ex07_ring():
     assert example.ratio == pytest.approx(0.7809, rel=1e-3) and example.ratio == pytest.approx(3 / 4, rel=0.05)
 
 
+def test_ex08_own_law():
+    example = run("ex08_own_law")
+    assert example.error < 1e-8 and min(map(abs, example.forces.values())) > 100
+    up, down = example.sags.values()
+    assert up == pytest.approx(52.80e-3, rel=1e-3) and down == pytest.approx(-31.63e-3, rel=1e-3)
+
+
 def test_no_example_is_forgotten():
     tested = {name.removeprefix("test_") for name in globals() if name.startswith("test_ex")}
     assert tested == {path.stem for path in EXAMPLES.glob("ex*.py")}
