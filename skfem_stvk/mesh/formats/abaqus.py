@@ -23,11 +23,6 @@ def read(path: Path) -> meshio.Mesh:
     """Nodes, elements, and their sets as `point_sets` and `cell_sets`.
 
     Sets may be named by `*NODE, NSET=`, `*ELEMENT, ELSET=`, `*NSET` and `*ELSET`: of ids, ranges (`GENERATE`) or other sets.
-
-    Raises
-    ------
-    Damaged
-        if ids stand twice or are not defined, an element has not as many nodes as its type, or a last line is not complete.
     """
     parts = list(Files(path).sections())
     nodes, points = nodes_of(parts)
@@ -71,8 +66,7 @@ def elements_of(parts: list[Section], nodes: Ids) -> tuple[list[tuple[str, Ids]]
         if kind is None or kind not in NODES:
             raise Damaged(f"Element type not available: {options.get('TYPE', 'none')[:40]}")
         rows = [whole(record) for record in records(lines)]
-        bad = [row[0] for row in rows if len(row) != 1 + NODES[kind]]
-        if bad:
+        if bad := [row[0] for row in rows if len(row) != 1 + NODES[kind]]:
             raise Damaged(f"{name_ids(bad, 'element')}: not the {NODES[kind]} nodes of the type {options['TYPE'][:40]}")
         table = np.array(rows, dtype=np.int64).reshape(-1, 1 + NODES[kind])
         check_known(table[:, 1:], nodes, "node", "its elements")

@@ -15,9 +15,10 @@ from .source import Counts, Damaged, Source, check_consecutive, check_known, che
 SU2 = {3: 2, 5: 3, 9: 4, 10: 4, 12: 8, 13: 6, 14: 5}
 #: Nodes of the elements of AVS's files.
 AVS = {"pt": 1, "line": 2, "tri": 3, "quad": 4, "tet": 4, "pyr": 5, "prism": 6, "hex": 8}
-
-
+#: NumPy's types of those of polygon files.
 PLY = {"char": "i1", "uchar": "u1", "short": "i2", "ushort": "u2", "int": "i4", "uint": "u4", "float": "f4", "double": "f8"}
+for word, letter in (("int", "i"), ("uint", "u"), ("float", "f")):
+    PLY |= {f"{word}{8 * size}": f"{letter}{size}" for size in (1, 2, 4, 8)}
 
 
 def off(path: Path) -> Counts:
@@ -158,14 +159,9 @@ def ugrid(path: Path) -> Counts:
         for _ in range(2 * records):
             source.numbers("lengths of records", 1, 1, whole)
         source.numbers("nodes", nodes, 3, real)
-        faces = [("triangles", triangles, 3), ("quadrilaterals", quads, 4), ("tags of faces", triangles + quads, 1)]
-        for what, count, columns in [
-            *faces,
-            ("tetrahedra", tets, 4),
-            ("pyramids", pyramids, 5),
-            ("wedges", wedges, 6),
-            ("hexahedra", hexes, 8),
-        ]:
+        parts = [("triangles", triangles, 3), ("quadrilaterals", quads, 4), ("tags of faces", triangles + quads, 1)]
+        parts += [("tetrahedra", tets, 4), ("pyramids", pyramids, 5), ("wedges", wedges, 6), ("hexahedra", hexes, 8)]
+        for what, count, columns in parts:
             table = source.numbers(what, count, columns, whole)
             if columns > 1 and count and not 1 <= table.min() <= table.max() <= nodes:
                 raise Damaged(f"its {what} name nodes from {table.min()} to {table.max()}, outside 1 ... {nodes}")
@@ -176,11 +172,6 @@ def ugrid(path: Path) -> Counts:
         if not binary:
             source.expect_end("what it declares")
     return nodes, triangles + quads + tets + pyramids + wedges + hexes
-
-
-PLY |= {
-    f"{name}{8 * size}": f"{kind}{size}" for name, kind in (("int", "i"), ("uint", "u"), ("float", "f")) for size in (1, 2, 4, 8)
-}
 
 
 def ply(path: Path) -> tuple[int, int]:
@@ -221,11 +212,9 @@ def ply(path: Path) -> tuple[int, int]:
 def ply_text(source: Source, counts: dict[str, int], of_vertex: int, of_face: int, place: int) -> None:
     """A row for each vertex and for each face, whose list begins with its length."""
     bad = [row for row in source.rows("vertices", counts["vertex"]) if len(row) != of_vertex]
-    bad += [
-        row
-        for row in source.rows("faces", counts["face"])
-        if len(row) != of_face + count_of((*row, *" " * of_face)[place], "vertices")
-    ]
+    for row in source.rows("faces", counts["face"]):
+        if len(row) != of_face + count_of((*row, *" " * of_face)[place], "vertices"):
+            bad.append(row)
     if bad:
         raise Damaged(f"the row {' '.join(bad[0])[:60]!r} has not as many numbers as its header says")
     source.expect("", f"its {counts['face']} faces")

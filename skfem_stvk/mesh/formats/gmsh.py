@@ -16,25 +16,13 @@ LARGEST_TAG = 10_000_000
 
 
 def check(path: Path) -> tuple[int, int]:
-    """Number of nodes and of elements, each of which is there once and names nodes that are there.
-
-    Raises
-    ------
-    Damaged
-        if the file does not hold what it declares.
-    """
+    """Number of nodes and of elements, each of which is there once and names nodes that are there."""
     with Source(path) as source:
         return Sections(source).check()
 
 
 class Sections:
-    """The sections of a file, each looked at in its order.
-
-    Attributes
-    ----------
-    version : such as 4.1.
-    size : bytes of the file's counters.
-    """
+    """The sections of a file, each looked at in its order."""
 
     def __init__(self, source: Source) -> None:
         self.source = source
@@ -47,7 +35,7 @@ class Sections:
         words = source.line().split()
         if line != "$MeshFormat" or len(words) != 3 or words[1] not in ("0", "1") or words[2] not in ("4", "8"):
             raise Damaged("it does not begin with $MeshFormat and a version")
-        # some files say 2 for 2.2, and 4 for 4.1
+        # `size` of the file's counters in bytes; some files say 2 for 2.2, and 4 for 4.1
         self.version, self.size = {"2": "2.2", "4": "4.1"}.get(words[0], words[0]), int(words[2])
         if self.version not in ("2.2", "4.0", "4.1"):
             raise Damaged(f"it is of version {words[0][:20]}; versions 2.2, 4.0 and 4.1 are read")
@@ -89,8 +77,7 @@ class Sections:
 
     def physical_names(self) -> None:
         count = count_of(self.source.line(), "physical names")
-        bad = [row for row in self.source.rows("physical names", count) if len(row) < 3]
-        if bad:
+        if bad := [row for row in self.source.rows("physical names", count) if len(row) < 3]:
             raise Damaged(f"{' '.join(bad[0])[:60]} stands for a dimension, a tag and a name of a physical group")
 
     def counters(self, what: str, count: int) -> list[int]:
@@ -113,11 +100,7 @@ class Sections:
 
     def nodes_22(self) -> None:
         count = count_of(self.source.line(), "nodes")
-        if self.source.binary:
-            ids = self.source.numbers("nodes", count, 1, [("id", "i4"), ("x", "f8", 3)])["id"].ravel()
-        else:
-            ids = self.source.numbers("nodes", count, 4)[:, 0]
-        self.set_nodes(ids)
+        self.set_nodes(self.node_ids(count), count)
 
     def nodes_4(self) -> None:
         blocks, count = self.counters("blocks of nodes", 4 if self.version == "4.1" else 2)[:2]
@@ -129,29 +112,31 @@ class Sections:
             if self.version == "4.1":
                 parts.append(self.source.numbers("nodes", of_block, 1, f"u{self.size}" if self.source.binary else np.int64).ravel())
                 self.source.numbers("nodes", of_block, 3)
-            elif self.source.binary:
-                parts.append(self.source.numbers("nodes", of_block, 1, [("id", "i4"), ("x", "f8", 3)])["id"].ravel())
             else:
-                parts.append(self.source.numbers("nodes", of_block, 4)[:, 0])
-        self.set_nodes(np.concatenate(parts))
-        if self.nodes is None or len(self.nodes) != count:
-            raise Damaged(f"{count} nodes are declared, {sum(map(len, parts))} are there")
+                parts.append(self.node_ids(of_block))
+        self.set_nodes(np.concatenate(parts), count)
 
-    def set_nodes(self, ids: NDArray[Any]) -> None:
+    def node_ids(self, count: int) -> NDArray[Any]:
+        """Ids of the next nodes, each of which stands before its coordinates."""
+        if self.source.binary:
+            return self.source.numbers("nodes", count, 1, [("id", "i4"), ("x", "f8", 3)])["id"].ravel()
+        return self.source.numbers("nodes", count, 4)[:, 0]
+
+    def set_nodes(self, ids: NDArray[Any], count: int) -> None:
         if len(ids) and (ids.min() < 1 or ids.max() > LARGEST_TAG + self.source.size or (ids != np.floor(ids)).any()):
             raise Damaged(
                 f"its nodes have tags from {ids.min():g} to {ids.max():g}; expected whole numbers from 1 (not 0) to at most "
                 f"{LARGEST_TAG + self.source.size}, as Gmsh writes them"
             )
         check_unique(ids, "node")
+        if len(ids) != count:
+            raise Damaged(f"{count} nodes are declared, {len(ids)} are there")
         self.nodes = ids.astype(np.int64)
 
     def elements_22(self) -> None:
         count = count_of(self.source.line(), "elements")
         blocks = self.blocks_22(count) if self.source.binary else by_type(self.source.rows("elements", count))
-        self.set_elements([(ids, nodes) for ids, nodes in blocks])
-        if self.elements is None or len(self.elements) != count:
-            raise Damaged(f"{count} elements are declared, {0 if self.elements is None else len(self.elements)} are there")
+        self.set_elements(blocks, count)
 
     def blocks_22(self, count: int) -> list[tuple[Ids, Ids]]:
         blocks, found = [], 0
@@ -176,17 +161,17 @@ class Sections:
                 dtype = f"u{self.size}" if self.version == "4.1" else np.int32
             table = self.source.numbers("elements", many, 1 + nodes_of(kind), dtype).astype(np.int64)
             blocks.append((table[:, 0], table[:, 1:]))
-        self.set_elements(blocks)
-        if self.elements is None or len(self.elements) != count:
-            raise Damaged(f"{count} elements are declared, {0 if self.elements is None else len(self.elements)} are there")
+        self.set_elements(blocks, count)
 
-    def set_elements(self, blocks: list[tuple[Ids, Ids]]) -> None:
+    def set_elements(self, blocks: list[tuple[Ids, Ids]], count: int) -> None:
         if self.nodes is None:
             raise Damaged("its $Elements stand before its $Nodes")
         for _, nodes in blocks:
             check_known(nodes, self.nodes, "node", "its elements")
         self.elements = np.concatenate([np.empty(0, dtype=np.int64), *(ids for ids, _ in blocks)])
         check_unique(self.elements, "element")
+        if len(self.elements) != count:
+            raise Damaged(f"{count} elements are declared, {len(self.elements)} are there")
 
 
 def nodes_of(kind: int) -> int:
@@ -205,8 +190,7 @@ def by_type(rows: list[list[str]]) -> list[tuple[Ids, Ids]]:
     kinds, tags = (numbers[starts + place] for place in (1, 2)) if not len(short) else (widths, widths)
     known, found = np.unique(kinds, return_inverse=True)
     nodes = np.array([0 if len(short) else nodes_of(int(kind)) for kind in known], dtype=np.int64)[found]
-    bad = np.append(short, np.flatnonzero((widths != 3 + tags + nodes) | (tags < 0)))
-    if len(bad):
+    if len(bad := np.append(short, np.flatnonzero((widths != 3 + tags + nodes) | (tags < 0)))):
         raise Damaged(f"the element {' '.join(rows[bad[0]])[:60]!r} has not as many nodes as its type")
     blocks = []
     for kind in range(len(known)):

@@ -11,34 +11,17 @@ from pathlib import Path
 from .source import Damaged, Source, count_of
 
 #: Numbers of an entry of each section, its tag included; of those that depend on the dimension, without it.
-MEDIT_CELLS = {
-    "Edges": 3,
-    "Triangles": 4,
-    "Quadrilaterals": 5,
-    "Tetrahedra": 5,
-    "Prisms": 7,
-    "Pyramids": 6,
-    "Hexahedra": 9,
-    "Hexaedra": 9,
-}
+MEDIT_CELLS = {"Edges": 3, "Triangles": 4, "Quadrilaterals": 5, "Tetrahedra": 5, "Pyramids": 6, "Prisms": 7}
+MEDIT_CELLS |= {"Hexahedra": 9, "Hexaedra": 9}
 MEDIT_OTHERS = {
-    "Corners": 1,
-    "RequiredVertices": 1,
-    "Ridges": 1,
-    "RequiredEdges": 1,
-    "NormalAtVertices": 2,
-    "TangentAtVertices": 2,
-    "SubDomainFromMesh": 4,
-    "VertexOnGeometricVertex": 2,
-    "VertexOnGeometricEdge": 3,
-    "EdgeOnGeometricEdge": 2,
+    **dict.fromkeys(("Corners", "RequiredVertices", "Ridges", "RequiredEdges"), 1),
+    **dict.fromkeys(("NormalAtVertices", "TangentAtVertices", "VertexOnGeometricVertex", "EdgeOnGeometricEdge"), 2),
+    **{"VertexOnGeometricEdge": 3, "SubDomainFromMesh": 4},
 }
 MEDIT_BY_DIMENSION = {"Vertices": 1, "Normals": 0, "Tangents": 0}
 #: The same by the keywords of binary files, which begin with Vertices.
 MEDIT_CODES = {5: 3, 6: 4, 7: 5, 8: 5, 9: 7, 10: 9, 49: 6}
 MEDIT_VERTICES, MEDIT_END = 4, 54
-
-
 #: Nodes of the cells by their types.
 FLUENT_CELLS = {1: 3, 2: 4, 3: 4, 4: 8, 5: 5, 6: 6}
 #: A section: 10 for points, 12 for cells, after 20 or 30 if its numbers are binary in 32 or 64 bits; its zone, first and last
@@ -66,9 +49,8 @@ def medit(path: Path) -> tuple[int, int]:
             if name == "Dimension":
                 dim = count_of(words[0] if words else source.line(), "dimensions")
                 continue
-            columns = MEDIT_CELLS.get(
-                name, MEDIT_OTHERS.get(name, MEDIT_BY_DIMENSION.get(name, -1) + dim if name in MEDIT_BY_DIMENSION else 0)
-            )
+            known = MEDIT_CELLS | MEDIT_OTHERS | {of: more + dim for of, more in MEDIT_BY_DIMENSION.items()}
+            columns = known.get(name, 0)
             if columns < 1 or words:
                 raise Damaged(f"{line[:60]!r} stands where a section should begin")
             count = count_of(source.line(), name)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import warnings
 from pathlib import Path
-from types import TracebackType
 from typing import Any
 
 import numpy as np
@@ -20,8 +19,6 @@ from ...errors import name_ids
 
 #: Numbers of nodes and of elements that a file declares; None for what it does not.
 Counts = tuple[int | None, int | None]
-
-
 #: Number of nodes of a cell by meshio's name of its type; types that are not in it have cells of several sizes.
 NODES: dict[str, int] = num_nodes_per_cell
 #: meshio's names by the numbers or names of the formats.
@@ -39,11 +36,7 @@ class Damaged(Exception):
 class Source:
     """A file of text or of numbers in binary, read from its beginning to its end.
 
-    Parameters
-    ----------
-    path : of the file.
-    binary : whether `numbers` are binary; the lines between them are text in any case.
-    comments : beginnings of lines that are left out.
+    The lines between binary `numbers` are text in any case; those that begin with one of the `comments` are left out.
     """
 
     def __init__(self, path: Path, binary: bool = False, comments: tuple[str, ...] = ()) -> None:
@@ -55,7 +48,7 @@ class Source:
     def __enter__(self) -> Source:
         return self
 
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+    def __exit__(self, *error: object) -> None:
         self.file.close()
 
     @property
@@ -72,13 +65,7 @@ class Source:
         return ""
 
     def numbers(self, what: str, rows: int, columns: int = 1, dtype: Any = np.float64) -> NDArray[Any]:
-        """(rows, columns) numbers.
-
-        Raises
-        ------
-        Damaged
-            if there are fewer, or the file is too short for as many.
-        """
+        """(rows, columns) numbers; `Damaged` if there are fewer, or the file is too short for as many."""
         dtype = np.dtype(dtype)
         self.fits(what, rows, columns * (dtype.itemsize if self.binary else 2))
         with warnings.catch_warnings():
@@ -137,11 +124,7 @@ def check_last_line(file: Any) -> None:
 
 
 def count_of(text: str, what: str) -> int:
-    """A number of things that a file declares.
-
-    >>> count_of("12", "nodes")
-    12
-    """
+    """A number of things that a file declares."""
     if not text.isascii() or not text.isdigit() or len(text) > 18:
         raise Damaged(f"{text[:40]!r} stands for the number of {what}")
     return int(text)
@@ -156,8 +139,7 @@ def check_unique(ids: NDArray[Any], what: str) -> None:
 
 def check_known(ids: NDArray[Any], known: NDArray[Any], what: str, of: str) -> None:
     """Refuse ids that are not among the known ones."""
-    missing = np.setdiff1d(ids, known)
-    if len(missing):
+    if len(missing := np.setdiff1d(ids, known)):
         raise Damaged(f"{of}: {name_ids(_plain(missing), what)} not defined")
 
 
@@ -169,6 +151,5 @@ def _plain(ids: NDArray[Any]) -> NDArray[Any]:
 def check_consecutive(ids: NDArray[Any], first: int, what: str) -> None:
     """Refuse ids other than `first`, `first` + 1, ..."""
     ids = ids.ravel()
-    bad = np.flatnonzero(ids != first + np.arange(len(ids)))
-    if len(bad):
+    if len(bad := np.flatnonzero(ids != first + np.arange(len(ids)))):
         raise Damaged(f"the ids of its {what} are not {first}, {first + 1}, ...: {ids[bad[0]]:g} stands for {first + bad[0]}")

@@ -13,8 +13,7 @@ import numpy as np
 
 from .source import Counts, Damaged, Source, check_consecutive, check_known, check_last_line, check_unique, count_of
 
-#: meshio makes arrays as long as the largest id of an element of FLAC3D's. Larger ones than this and the size of the file are
-#: refused.
+#: meshio makes arrays as long as the largest id of an element of FLAC3D's: refused above this plus the size of the file.
 LARGEST_ID = 10_000_000
 #: Nodes of FLAC3D's elements.
 FLAC3D = {"T3": 3, "Q4": 4, "T4": 4, "P5": 5, "W6": 6, "B7": 7, "B8": 8}
@@ -41,20 +40,17 @@ def lines_of(path: Path, *comments: str) -> list[str]:
 def nastran(path: Path) -> Counts:
     """Bulk data of Nastran's, from BEGIN BULK to ENDDATA. Points in coordinate systems of their own are refused."""
     lines_of(path)  # the last one is complete
-    lines = [
-        line for line in path.read_text(errors="replace").splitlines() if line.strip() and not line.startswith(("$", "//", "#"))
-    ]
+    every = path.read_text(errors="replace").splitlines()
+    lines = [line for line in every if line.strip() and not line.startswith(("$", "//", "#"))]
     starts = [number for number, line in enumerate(lines) if line.startswith("BEGIN BULK")]
     ends = [number for number, line in enumerate(lines) if line.startswith("ENDDATA")]
     if not starts or not ends or ends[0] < starts[0]:
         raise Damaged("BEGIN BULK or ENDDATA is missing")
     cards = [re.split("[ ,\t]", line[:8], maxsplit=1)[0] for line in lines[starts[0] + 1 : ends[0]] if line[0] not in "+* "]
     known = set(NASTRAN.split())
-    bad = [card for card in cards if not re.fullmatch(r"[A-Z][A-Z0-9]*\*?", card)]
-    if bad:
+    if bad := [card for card in cards if not re.fullmatch(r"[A-Z][A-Z0-9]*\*?", card)]:
         raise Damaged(f"{', '.join(bad[:3])[:60]!r} stand where names of cards in capital letters should")
-    lost = [card for card in cards if card.startswith(ELEMENTS) and card not in known]
-    if lost:
+    if lost := [card for card in cards if card.startswith(ELEMENTS) and card not in known]:
         raise Damaged(
             f"{len(lost)} elements {', '.join(sorted(set(lost)))[:60]} are not known here (written in the small field format they "
             "are)"
@@ -78,9 +74,8 @@ def stl(path: Path) -> Counts:
     words = [line.split() for line in lines_of(path)]
     shape = ["facet", "outer", "vertex", "vertex", "vertex", "endloop", "endfacet"]
     faces = (len(words) - 2) // 7
-    if [row[0] for row in words] != ["solid", *faces * shape, "endsolid"] or any(
-        len(row) != 4 for row in words if row[0] == "vertex"
-    ):
+    odd = any(len(row) != 4 for row in words if row[0] == "vertex")
+    if odd or [row[0] for row in words] != ["solid", *faces * shape, "endsolid"]:
         raise Damaged("its lines are not facets of three vertices each between one solid and one endsolid")
     return None, faces
 
@@ -91,9 +86,8 @@ def obj(path: Path) -> Counts:
     vertices, faces = ([row for row in rows if row[0] == kind] for kind in "vf")
     if len({len(row) for row in vertices}) > 1:
         raise Damaged("its vertices have not all as many numbers")
-    bad = [
-        row for row in faces if len(row) < 4 or any(count_of(word.split("/")[0], "vertices") > len(vertices) for word in row[1:])
-    ]
+    most = len(vertices)
+    bad = [row for row in faces if len(row) < 4 or any(count_of(word.split("/")[0], "vertices") > most for word in row[1:])]
     if bad:
         raise Damaged(f"the face {' '.join(bad[0])[:60]!r} has less than three vertices, or names one that is not there")
     return len(vertices), len(faces)
@@ -111,11 +105,8 @@ def wkt(path: Path) -> Counts:
     number = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)")
     for text in found:
         points = [point.split() for point in text.split(",")]
-        if (
-            len(points) != 4
-            or points[0] != points[3]
-            or not all(len(point) == 3 and all(map(number.fullmatch, point)) for point in points)
-        ):
+        numeric = all(len(point) == 3 and all(map(number.fullmatch, point)) for point in points)
+        if not numeric or len(points) != 4 or points[0] != points[3]:
             raise Damaged(f"{text[:60]!r} are not three points without exponents and the first one again")
     return None, len(found)
 
@@ -126,11 +117,10 @@ def flac3d(path: Path) -> Counts:
         entries = flac3d_binary(path) if b"\0" in file.read(8) else [line.split() for line in lines_of(path, "*")]
     points = np.array([count_of(row[1], "point") for row in entries if row[0] == "G"], dtype=np.int64)
     check_unique(points, "point")
-    count, ids, kind = 0, np.empty(0, dtype=np.int64), ""
+    count = 0
     for flag in "ZF":
         rows = [row for row in entries if row[0] == flag]
-        bad = [row for row in rows if len(row) < 3 or row[1] not in FLAC3D or len(row) != 3 + FLAC3D[row[1]]]
-        if bad:
+        if bad := [row for row in rows if len(row) < 3 or row[1] not in FLAC3D or len(row) != 3 + FLAC3D[row[1]]]:
             raise Damaged(f"the element {' '.join(bad[0])[:60]!r} has not as many nodes as its type")
         ids = np.array([count_of(row[2], "element") for row in rows], dtype=np.int64)
         check_unique(ids, "element")
@@ -176,9 +166,8 @@ def flac3d_binary(path: Path) -> list[list[str]]:
 
 def permas(path: Path) -> Counts:
     """Permas' data: one section of coordinates, and elements by lines, which go on where they end with an exclamation mark."""
-    rows, kind, nodes, elements = lines_of(path), "", [], 0
-    sections = 0
-    going_on = False
+    rows, kind, nodes = lines_of(path), "", list[int]()
+    elements, sections, going_on = 0, 0, False
     for line in rows:
         if line.startswith("!"):
             continue
@@ -272,9 +261,8 @@ def tecplot(path: Path) -> Counts:
     if len(last) != int(elements[0]) or len({len(row.split()) for row in last}) > 1 or any("." in row for row in last):
         raise Damaged(f"{elements[0]} elements are declared, which its last {len(last)} lines are not")
     names = re.findall(r'"[^"]*"|[^\s,"=]+', text.partition("VARIABLES")[2].partition("ZONE")[0])
-    of_elements = sum(
-        int(end or start) - int(start) + 1 for start, end in re.findall(r"\[(\d+)(?:-(\d+))?\]\s*=\s*CELLCENTERED", text)
-    )
+    ranges = re.findall(r"\[(\d+)(?:-(\d+))?\]\s*=\s*CELLCENTERED", text)
+    of_elements = sum(int(end or start) - int(start) + 1 for start, end in ranges)
     declared = (len(names) - of_elements) * count_of(nodes[0], "nodes") + of_elements * int(elements[0])
     before = sum(len(row.split()) for row in rows[: len(rows) - len(last)])
     if before != declared:

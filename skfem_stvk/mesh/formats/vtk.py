@@ -14,33 +14,16 @@ from ...errors import name_ids
 from .source import NODES, VTK, Damaged, Source, check_last_line, count_of
 
 #: NumPy's types of VTK's. vtkIdType is written with 32 bits.
-TYPES = {
-    "bit": "u1",
-    "unsigned_char": "u1",
-    "char": "i1",
-    "unsigned_short": "u2",
-    "short": "i2",
-    "unsigned_int": "u4",
-    "int": "i4",
-    "unsigned_long": "u8",
-    "long": "i8",
-    "vtkidtype": "i4",
-    "float": "f4",
-    "double": "f8",
-    **{f"vtktype{sign}int{8 * size}": f"{sign[:1] or 'i'}{size}" for sign in ("", "u") for size in (1, 2, 4, 8)},
-}
+TYPES = {"bit": "u1", "vtkidtype": "i4", "float": "f4", "double": "f8"}
+for word, size in (("char", 1), ("short", 2), ("int", 4), ("long", 8)):
+    TYPES |= {word: f"i{size}", f"unsigned_{word}": f"u{size}"}
+    TYPES |= {f"vtktypeint{8 * size}": f"i{size}", f"vtktypeuint{8 * size}": f"u{size}"}
 #: Numbers for each point or cell of the attributes that say so by their name.
 ATTRIBUTES = {"VECTORS": 3, "NORMALS": 3, "TENSORS": 9, "TENSORS6": 6, "GLOBAL_IDS": 1, "PEDIGREE_IDS": 1, "EDGE_FLAGS": 1}
 
 
 def read(path: Path) -> meshio.Mesh:
-    """The mesh of an unstructured grid with its cell data of numbers.
-
-    Raises
-    ------
-    Damaged
-        if the file does not hold what it declares, or is no unstructured grid.
-    """
+    """The mesh of an unstructured grid with its cell data of numbers."""
     with Source(path) as source:
         if not source.line().startswith("# vtk DataFile Version"):
             raise Damaged("it does not begin with '# vtk DataFile Version'")
@@ -116,8 +99,7 @@ class Grid:
         if not self.source.binary:
             wide = {"f": np.float64, "i": np.int64, "u": np.int64}[dtype.kind]
             return self.source.numbers(what, rows, columns, wide)
-        values = self.source.numbers(what, rows, columns, dtype.newbyteorder(">"))
-        return values.astype(dtype)
+        return self.source.numbers(what, rows, columns, dtype.newbyteorder(">")).astype(dtype)
 
     def cells(self, count: int, numbers: int) -> None:
         """Version 5.1 has one offset more than cells, and two arrays; before it, each cell is its number of nodes and these."""
@@ -192,24 +174,15 @@ class Grid:
             if not self.source.binary:
                 self.source.file.readline()
                 continue
-            head = self.source.file.read(1)
-            more = 3 - (head[0] >> 6) if head else 0
-            length = (
-                int.from_bytes(bytes([head[0] & 63]) + self.source.file.read({3: 7, 2: 3, 1: 1, 0: 0}[more]), "big") if head else 0
-            )
+            head = self.source.file.read(1) or b"\xc0"  # nothing at the end of the file, which is a length of 0
+            more = 2 ** (3 - (head[0] >> 6)) - 1
+            length = int.from_bytes(bytes([head[0] & 63]) + self.source.file.read(more), "big")
             self.source.fits("bytes of text", length, 1)
             self.source.file.read(length)
 
 
 def mesh_of(points: Array, connectivity: Array, ends: Array, types: Array, cell_data: dict[str, Array]) -> meshio.Mesh:
-    """The mesh whose cell `i` has the type `types[i]` and the nodes from `ends[i - 1]` to `ends[i]` of the connectivity.
-
-    Raises
-    ------
-    Damaged
-        if cells are of types that are not known, or have not as many nodes as their type, if nodes belong to no cell, or an array
-        has not one value for each cell.
-    """
+    """The mesh whose cell `i` has the type `types[i]` and the nodes from `ends[i - 1]` to `ends[i]` of the connectivity."""
     sizes = sizes_of(connectivity, ends, types)
     for name, values in cell_data.items():
         if len(values) != len(types):
@@ -233,12 +206,11 @@ def sizes_of(connectivity: Array, ends: Array, types: Array) -> NDArray[np.int64
         kinds = ", ".join(map(str, np.unique(types[unknown])[:5]))
         raise Damaged(f"{unknown.sum()} cells are of VTK's types {kinds}, which are not known here: convert them first")
     expected = np.array([NODES.get(VTK.get(kind, ""), -1) for kind in range(max(VTK) + 1)])[types]
-    bad = np.flatnonzero((expected >= 0) & (expected != sizes))
-    if len(bad):
+    if len(bad := np.flatnonzero((expected >= 0) & (expected != sizes))):
         raise Damaged(f"{name_ids(bad, 'cell')}: not as many nodes as the type has")
     return sizes
 
 
 def order(kind: int, size: int) -> Array:
-    """Of a cell's nodes in meshio, where wedges are turned round."""
+    """The order of a cell's nodes in meshio, where wedges are turned round."""
     return np.array([0, 2, 1, 3, 5, 4]) if VTK[kind] == "wedge" else np.arange(size)

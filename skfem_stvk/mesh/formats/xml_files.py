@@ -1,7 +1,6 @@
 """Formats in XML: VTK's unstructured grids (.vtu), read here, and DOLFIN's (.xml) and XDMF's (.xdmf), which meshio reads.
 
-Arrays of VTK's stand as text, in base64 or raw, compressed or not, in one piece or several; those of XDMF in the files that it
-names.
+Arrays of VTK's stand as text, in base64 or raw, compressed or not, in one piece or several; those of XDMF in files that it names.
 """
 
 from __future__ import annotations
@@ -34,25 +33,12 @@ MOST = 100
 
 
 def read(path: Path) -> meshio.Mesh:
-    """The mesh of all pieces with its cell data of numbers.
-
-    Raises
-    ------
-    Damaged
-        if the file does not hold what it declares.
-    """
+    """The mesh of all pieces with its cell data of numbers."""
     return Document(path.read_bytes()).mesh()
 
 
 class Document:
-    """A file's XML, and the bytes that are appended to it.
-
-    Attributes
-    ----------
-    root : `<VTKFile>`.
-    appended : what stands after the underscore, raw or in base64.
-    raw : which of both.
-    """
+    """A file's XML, and the bytes that are appended to it after an underscore, raw or in base64."""
 
     def __init__(self, content: bytes) -> None:
         self.size = len(content)
@@ -86,8 +72,7 @@ class Document:
         points = np.concatenate([points for points, *_ in pieces])
         connectivity, ends, used = [], [], 0
         for start, (points_of_piece, nodes, ends_of_piece, _, _) in zip(starts, pieces, strict=False):
-            bad = np.flatnonzero((nodes < 0) | (nodes >= len(points_of_piece)))
-            if len(bad):
+            if len(bad := np.flatnonzero((nodes < 0) | (nodes >= len(points_of_piece)))):
                 cells = np.unique(np.searchsorted(ends_of_piece, bad, side="right"))
                 raise Damaged(f"it has {name_ids(cells, 'cell')} with vertex ids outside 0 ... {len(points_of_piece) - 1}")
             connectivity.append(nodes + start)
@@ -95,14 +80,12 @@ class Document:
             used += len(nodes)
         names = set.intersection(*(set(data) for *_, data in pieces))
         cell_data = {name: np.concatenate([data[name] for *_, data in pieces]) for name in pieces[0][4] if name in names}
-        types = np.concatenate([types for _, _, _, types, _ in pieces])
+        types = np.concatenate([types for *_, types, _ in pieces])
         return mesh_of(points, np.concatenate(connectivity), np.concatenate(ends), types, cell_data)
 
     def piece(self, piece: ET.Element) -> tuple[Array, Array, Array, Array, dict[str, Array]]:
         """Points, nodes of the cells, where those of each cell end, types, and arrays of numbers by name."""
-        nv, nt = (
-            count_of(piece.get(name, "").strip(), what) for name, what in (("NumberOfPoints", "points"), ("NumberOfCells", "cells"))
-        )
+        nv, nt = (count_of(piece.get(f"NumberOf{what.title()}", "").strip(), what) for what in ("points", "cells"))
         points = [self.array(item, nv) for item in piece.iterfind("Points/DataArray")]
         cells = {item.get("Name"): self.array(item)[:, 0].astype(np.int64) for item in piece.iterfind("Cells/DataArray")}
         if len(points) != 1 or not {"connectivity", "offsets", "types"} <= set(cells):
@@ -216,9 +199,8 @@ def dolfin(path: Path) -> Counts:
         if re.match(rf"{re.escape(path.stem)}_([^.]+)\.xml", beside.name):
             regular(beside)
             for item in root_of(beside):
-                check_consecutive(
-                    np.sort([count_of(one.get("index", ""), "values") for one in item]), 0, f"values in {beside.name}"
-                )
+                ids = np.sort([count_of(one.get("index", ""), "values") for one in item])
+                check_consecutive(ids, 0, f"values in {beside.name}")
                 if len(item) != count_of(item.get("size", ""), "values"):
                     raise Damaged(f"{item.get('size')} values are declared in {beside.name}, {len(item)} are there")
     return sizes[0], sizes[1]
