@@ -1,6 +1,7 @@
 """Arguments of users, turned into numbers, arrays, names and paths; or refused with the argument's name.
 
-Every function takes the argument's name first, as it stands in messages, then what was given, and the class of the error to raise.
+Every function takes the argument's name first, as it stands in messages, then what was given, and the class of the `error` that it
+raises for anything but what it is named for.
 """
 
 from __future__ import annotations
@@ -55,12 +56,7 @@ def number(
     error: type[StvkError] = StvkError,
     closed: bool = False,
 ) -> float:
-    """A finite number strictly between `low` and `high`; `closed`: or one of them.
-
-    Raises
-    ------
-    StvkError, or `error`
-        for anything else: a bool, text, a complex number, an array of several, NaN.
+    """A finite number strictly between `low` and `high`; `closed`: or one of them. Bools and complex numbers are none.
 
     >>> number("rtol", np.float32(0.5), low=0, high=1)
     0.5
@@ -80,12 +76,7 @@ def number(
 def whole(
     name: str, given: Any, expected: str = "a whole number", least: int = 0, most: int = MOST, error: type[StvkError] = StvkError
 ) -> int:
-    """A whole number from `least` to `most`.
-
-    Raises
-    ------
-    StvkError, or `error`
-        for anything else, such as a bool or 2.5.
+    """A whole number from `least` to `most`; neither a bool nor 2.5 is one.
 
     >>> whole("steps", np.int32(4), least=1)
     4
@@ -100,10 +91,6 @@ def whole(
 def flag(name: str, given: Any, error: type[StvkError] = StvkError) -> bool:
     """True or False, and nothing else that Python would take for one of them.
 
-    Raises
-    ------
-    StvkError, or `error`
-
     >>> flag("quiet", "yes")
     Traceback (most recent call last):
     skfem_stvk.errors.StvkError: quiet = 'yes'; expected True or False.
@@ -114,12 +101,7 @@ def flag(name: str, given: Any, error: type[StvkError] = StvkError) -> bool:
 
 
 def choice(name: str, given: Any, known: Iterable[str], error: type[StvkError] = StvkError) -> str:
-    """One of the known names.
-
-    Raises
-    ------
-    StvkError, or `error`
-        with the known names, and the one that was probably meant.
+    """One of the known names, which an error names, with the one that was probably meant.
 
     >>> choice("kind", "barier", ["barrier", "quadratic"])
     Traceback (most recent call last):
@@ -134,10 +116,6 @@ def choice(name: str, given: Any, known: Iterable[str], error: type[StvkError] =
 def text(name: str, given: Any, expected: str = "a text", most: int = 1000, error: type[StvkError] = StvkError) -> str:
     """Text that can be shown: at most so many characters, none of them for control.
 
-    Raises
-    ------
-    StvkError, or `error`
-
     >>> text("label", "stress" + chr(0))
     Traceback (most recent call last):
     skfem_stvk.errors.StvkError: label = 'stress\\x00'; expected a text of at most 1000 characters that can be printed.
@@ -150,10 +128,6 @@ def text(name: str, given: Any, expected: str = "a text", most: int = 1000, erro
 def path(name: str, given: Any, expected: str = "a path", error: type[StvkError] = StvkError) -> Path:
     """A path that the system's functions take: not empty, and without NUL.
 
-    Raises
-    ------
-    StvkError, or `error`
-
     >>> path("save", 3, "the path of a .pvd file")
     Traceback (most recent call last):
     skfem_stvk.errors.StvkError: save = 3; expected the path of a .pvd file.
@@ -165,20 +139,12 @@ def path(name: str, given: Any, expected: str = "a path", error: type[StvkError]
 
 
 def array(
-    name: str,
-    given: Any,
-    shape: tuple[int | None, ...],
-    expected: str,
-    error: type[StvkError] = StvkError,
-    what: str = "entry",
+    name: str, given: Any, shape: tuple[int | None, ...], expected: str, error: type[StvkError] = StvkError, what: str = "entry"
 ) -> NDArray[np.float64]:
     """Finite numbers in double precision, as an array of this shape; None stands for any length. It may be the given array itself.
 
-    Raises
-    ------
-    StvkError, or `error`
-        for another shape, for what holds no real numbers (text, bools, complex numbers, objects, ragged lists), for masked
-        entries, and for numbers that are not finite, which are named by their place along the last axis as `what`.
+    Text, bools, complex numbers, objects, ragged lists and masked entries are refused, and numbers that are not finite, which are
+    named by their place along the last axis as `what`.
 
     >>> array("force", [[1, 2], [3]], (2, None), "(2, n) numbers")
     Traceback (most recent call last):
@@ -203,13 +169,7 @@ def vector(name: str, given: Any, n: int, each: str = "degree of freedom", *, ki
     """A vector (n,) of numbers, one for each of what `each` names, in single or double precision as given.
 
     The numbers need not be finite, and are not copied if they are floating-point numbers and contiguous. `kinds` are NumPy's
-    letters of the types that are taken, "fiuc" with complex numbers. `mesh.displacements.finite_vector` refuses NaN and infinity,
-    too.
-
-    Raises
-    ------
-    StateError
-        for another shape, and for what holds no such numbers, or masked ones.
+    letters of the types that are taken, "fiuc" with complex numbers. All else raises StateError, masked entries too.
 
     >>> vector("u", [1, 2], 2)
     array([1., 2.])

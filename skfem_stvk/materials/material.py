@@ -81,8 +81,7 @@ def _orthonormal(frame: ArrayLike) -> Array:
     size = 2 if given is not None and given.shape[-2:] == (2, 2) else 3
     array = constant(frame, "frame", shape=(size, size))
     error = np.abs(np.swapaxes(array, -1, -2) @ array - np.eye(size)).max(axis=(-1, -2))
-    bad = np.flatnonzero(np.atleast_1d(error) > 1e-8)
-    if len(bad):
+    if len(bad := np.flatnonzero(np.atleast_1d(error) > 1e-8)):
         where = f" in {name_ids(bad, 'element')}" if array.ndim == 3 else ""
         raise MaterialError(
             f"The columns of frame are not orthonormal{where}: frame' frame differs from the identity by {error.max():.1e}. "
@@ -114,10 +113,7 @@ def _refuse_indefinite(stiffness: Array) -> None:
 def constant(value: ArrayLike, name: str, low: float = -np.inf, high: float = np.inf, shape: tuple[int, ...] = ()) -> Array:
     """The constant as an array of the given shape, or with one more axis in front for one value per element.
 
-    Raises
-    ------
-    MaterialError
-        if it has another shape, is not finite, or not strictly between `low` and `high`; with the ids.
+    It is refused, with the ids, where it is not finite, or not strictly between `low` and `high`.
     """
     given = real_array(value)
     if given is None:
@@ -143,14 +139,7 @@ def _refuse(array: Array, bad: NDArray[np.bool_], name: str, what: str, shape: t
 
 
 def check_length(array: Array, n: int, name: str, shape: tuple[int, ...] = ()) -> None:
-    """Refuse an array with one value per element if there are not `n` elements.
-
-    Raises
-    ------
-    MaterialError
-    """
+    """Refuse an array with one value per element if there are not `n` elements."""
     if array.ndim > len(shape) and len(array) != n:
-        raise MaterialError(
-            f"{name} has {len(array)} values; expected a single one, or one for each of the {n} elements of its region, in their "
-            "order."
-        )
+        expected = f"a single one, or one for each of the {n} elements of its region, in their order"
+        raise MaterialError(f"{name} has {len(array)} values; expected {expected}.")

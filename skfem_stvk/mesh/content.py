@@ -58,17 +58,11 @@ def content_of(raw: meshio.Mesh, name: str) -> Content:
 
 
 def check_cells(mesh: meshio.Mesh) -> None:
-    """Refuse cells that do not have the nodes of their type or name nodes that are not there, and ids that stand twice.
-
-    Raises
-    ------
-    Damaged
-    """
+    """Refuse cells that do not have the nodes of their type or name nodes that are not there, and ids that stand twice."""
     points = real_array(mesh.points)
     if points is None or points.ndim != 2:
         raise Damaged("its points are not rows of real numbers")
-    bad = np.flatnonzero(~np.isfinite(points).all(axis=1))
-    if len(bad):
+    if len(bad := np.flatnonzero(~np.isfinite(points).all(axis=1))):
         raise Damaged(f"it has {name_ids(bad, 'vertex')} with coordinates that are not finite")
     for block in mesh.cells:
         if not isinstance(block.data, np.ndarray) or not len(block):
@@ -77,8 +71,7 @@ def check_cells(mesh: meshio.Mesh) -> None:
             raise Damaged(f"its {block.type} cells are not rows of vertex ids")
         if block.type in NODES and block.data.shape[1:] != (NODES[block.type],):
             raise Damaged(f"its {block.type} cells have {block.data.shape[1]} nodes")
-        bad = np.flatnonzero(((block.data < 0) | (block.data >= len(mesh.points))).any(axis=1))
-        if len(bad):
+        if len(bad := np.flatnonzero(((block.data < 0) | (block.data >= len(mesh.points))).any(axis=1))):
             raise Damaged(f"it has {name_ids(bad, f'{block.type} cell')} with vertex ids outside 0 ... {len(mesh.points) - 1}")
     for what, ids in (("node", getattr(mesh, "points_id", [])), ("element", np.concatenate([[], *getattr(mesh, "cells_id", [])]))):
         if len(np.unique(ids)) < len(ids):
@@ -102,21 +95,17 @@ def dimension(raw: meshio.Mesh, name: str) -> int:
 def warn_of_cells(raw: meshio.Mesh, k: int) -> None:
     """Warn of cells that carry volume but are no simplices, and of simplices with more than their corners."""
     carriers = [block for block in raw.cells if len(block) and block.dim == k]
-    others = [block for block in carriers if simplex_dimension(block.type) != k]
-    if others:
+    if others := [block for block in carriers if simplex_dimension(block.type) != k]:
         warn(f"{count_cells(others)} are left out: only {KINDS[k]} are used. Split them if the body goes on there.")
     higher = [block for block in carriers if simplex_dimension(block.type) == k and block.data.shape[1] > k + 1]
     if higher:
-        warn(
-            f"{count_cells(higher)} are of higher order: their corner vertices are used and their curved edges are taken as "
-            "straight."
-        )
+        cells = count_cells(higher)
+        warn(f"{cells} are of higher order: their corner vertices are used and their curved edges are taken as straight.")
 
 
 def warn_of_vertices(count: int, k: int, used: NDArray[Any], inner: NDArray[Any]) -> None:
     """Warn of vertices, of which there are `count`, that no element and no element of higher order has."""
-    unused = np.setdiff1d(np.arange(count), np.union1d(used, inner))
-    if len(unused):
+    if len(unused := np.setdiff1d(np.arange(count), np.union1d(used, inner))):
         warn(
             f"{name_ids(unused, 'vertex')}: on none of the {KINDS[k]}, so dropped; the later ones move up. Centres of arcs, or "
             "cells that are left out?"
@@ -124,10 +113,7 @@ def warn_of_vertices(count: int, k: int, used: NDArray[Any], inner: NDArray[Any]
 
 
 def merge_copies(t: NDArray[Any], subdomains: dict[str, NDArray[Any]]) -> tuple[NDArray[Any], dict[str, NDArray[Any]]]:
-    """Merge copies of elements that stand in the file once for each of their groups, as Gmsh 2.2 writes them.
-
-    Copies within one group are left for `check_mesh` to name.
-    """
+    """Merge elements that Gmsh 2.2 writes once for each of their groups; copies within one are left for `check_mesh` to name."""
     order = np.lexsort(t)
     starts = np.append(True, (t[:, order[1:]] != t[:, order[:-1]]).any(axis=0))
     first = np.empty_like(order)
@@ -145,8 +131,7 @@ def facets_on(used: NDArray[Any], boundaries: dict[str, NDArray[Any]]) -> dict[s
     kept = {}
     for name, facets in boundaries.items():
         good = np.isin(facets, used).all(axis=0)
-        bad = np.flatnonzero(~good)
-        if len(bad):
+        if len(bad := np.flatnonzero(~good)):
             warn(f"Boundary {name!r}: {name_ids(bad, 'facet')} of {facets.shape[1]} are left out: they have dropped vertices.")
         if good.any():
             kept[name] = facets[:, good]
@@ -158,8 +143,7 @@ def nodes_on(used: NDArray[Any], inner: NDArray[Any], sets: dict[str, NDArray[An
     kept = {}
     for name, nodes in sets.items():
         kept[name] = np.intersect1d(nodes, used)
-        lost = np.setdiff1d(nodes, np.union1d(used, inner))
-        if len(lost):
+        if len(lost := np.setdiff1d(nodes, np.union1d(used, inner))):
             warn(f"Node set {name!r}: {name_ids(lost, 'vertex')} of {len(nodes)} are left out: dropped, since on no element.")
     return {name: nodes for name, nodes in kept.items() if len(nodes)}
 

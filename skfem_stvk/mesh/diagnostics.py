@@ -33,32 +33,27 @@ def check_mesh(mesh: SimplexMesh) -> None:
     StvkWarning
         of vertices in the same place, and of parts that are not connected.
     """
-    bad = np.flatnonzero(~np.isfinite(mesh.p).all(axis=0))
-    if len(bad):
+    if len(bad := np.flatnonzero(~np.isfinite(mesh.p).all(axis=0))):
         raise MeshError(f"{name_ids(bad, 'vertex')}: coordinates that are not finite. Was the mesh exported or scaled wrongly?")
     ordered = np.sort(mesh.t, axis=0)
-    bad = np.flatnonzero((ordered[1:] == ordered[:-1]).any(axis=0))
-    if len(bad):
+    if len(bad := np.flatnonzero((ordered[1:] == ordered[:-1]).any(axis=0))):
         raise MeshError(
             f"{name_ids(bad, 'element')}: the same vertex twice, so no volume. Collapsed cells of a converter? Remove them."
         )
-    bad = flat_elements(mesh)
-    if len(bad):
+    if len(bad := flat_elements(mesh)):
         raise MeshError(
             f"{name_ids(bad, 'element')}: no volume, all vertices lie in one {('point', 'line', 'plane')[mesh.k - 1]} to within "
             "rounding. Remesh or remove these slivers."
         )
     check_range(mesh)
     order = lexicographic_order(ordered, mesh.nv)
-    same = np.flatnonzero((ordered[:, order[1:]] == ordered[:, order[:-1]]).all(axis=0))
-    if len(same):
+    if len(same := np.flatnonzero((ordered[:, order[1:]] == ordered[:, order[:-1]]).all(axis=0))):
         bad = np.sort(order[same + 1])
         raise MeshError(
             f"{name_ids(bad, 'element')}: the same vertices as an earlier element, so the stiffness would count twice. Two "
             "overlapping physical groups, or a part exported twice? Remove the copies."
         )
-    unused = unused_vertices(mesh)
-    if len(unused):
+    if len(unused := np.flatnonzero(np.bincount(mesh.t.ravel(), minlength=mesh.nv) == 0)):
         raise MeshError(
             f"{name_ids(unused, 'vertex')}: on no element, so K would have zero rows. Remove them: mesh.remove_unused_nodes() in "
             "scikit-fem; `skfem-stvk verify FILE` and `read_mesh` drop them."
@@ -110,20 +105,13 @@ def warn_of_flat_elements(mesh: SimplexMesh) -> None:
         )
 
 
-def unused_vertices(mesh: SimplexMesh) -> NDArray[np.int64]:
-    """Vertices on no element."""
-    return np.flatnonzero(np.bincount(mesh.t.ravel(), minlength=mesh.nv) == 0)
-
-
 def warn_of_coincident_vertices(mesh: SimplexMesh) -> None:
     """Warn of vertices closer than 1e-6 of the elements' longest edge, in the median: seams that do not hold together."""
     near = 1e-6 * float(np.median(measures(mesh.p, mesh.t)[1]))
     size = np.ptp(mesh.p, axis=1).max()
-    # far from zero: where a library has made the process flush denormal numbers, scipy's tree never ends on coordinates that are
-    # zero
+    # far from zero, on which scipy's tree never ends where a library has made the process flush denormal numbers
     away = 1 + (mesh.p - mesh.p.min(axis=1, keepdims=True)) / size
-    pairs = cKDTree(away.T).query_pairs(near / size, output_type="ndarray")
-    if len(pairs):
+    if len(pairs := cKDTree(away.T).query_pairs(near / size, output_type="ndarray")):
         warn(
             f"{name_ids(np.unique(pairs[:, 1]), 'vertex')}: in the same place as another one, so parts that touch there are not "
             "connected. Merge them if they should be, e.g. mesh.remove_duplicate_nodes() in scikit-fem."

@@ -15,12 +15,7 @@ from .simplices import SimplexMesh
 
 
 def by_vertex(mesh: SimplexMesh, u: ArrayLike, name: str = "u") -> Array:
-    """`u` (ndofs,) as (nv, d), not copied if it is in double or single precision and contiguous.
-
-    Raises
-    ------
-    StateError
-        if it does not have one finite entry for each degree of freedom; messages call it by `name`.
+    """`u` (ndofs,) as (nv, d), not copied if it is in double or single precision and contiguous; otherwise as in `finite_vector`.
 
     >>> by_vertex(SimplexMesh(p=[[0, 1], [0, 0]], t=[[0], [1]]), [1, 2, 3, 4])
     array([[1., 2.],
@@ -30,12 +25,7 @@ def by_vertex(mesh: SimplexMesh, u: ArrayLike, name: str = "u") -> Array:
 
 
 def finite_vector(name: str, given: Any, n: int, each: str = "degree of freedom", *, kinds: str = "fiu") -> Array:
-    """A vector as in `arguments.vector`, of finite numbers.
-
-    Raises
-    ------
-    StateError
-        as in `arguments.vector`, and for entries that are not finite.
+    """A vector as in `arguments.vector`, of finite numbers; anything else raises StateError.
 
     >>> finite_vector("v", [0.0, np.nan, 1.0], 3)
     Traceback (most recent call last):

@@ -20,16 +20,10 @@ Ids = NDArray[np.int32]
 
 
 class MeshArrays:
-    """Simplices of dimension `k` in a space of dimension `d`, as bare arrays.
+    """Simplices of dimension `k` in a space of dimension `d`, as bare arrays."""
 
-    Attributes
-    ----------
-    p : (d, nv) coordinates of the vertices [m].
-    t : (k + 1, nt) vertices of the simplices.
-    """
-
-    p: NDArray[np.float64]
-    t: Ids
+    p: NDArray[np.float64]  # (d, nv) coordinates of the vertices [m]
+    t: Ids  # (k + 1, nt) vertices of the simplices
 
     @property
     def k(self) -> int:
@@ -60,16 +54,9 @@ class MeshArrays:
 
 
 def facets_of(t: Ids, nv: int) -> tuple[Ids, Ids]:
-    """Facets of simplices, each once, and the facets of each simplex.
+    """Facets (k, nf) of simplices `t`, scikit-fem's `mesh.facets`, and the facet (k + 1, nt) opposite to each of their vertices.
 
-    Parameters
-    ----------
-    t : (k + 1, nt) vertices of the simplices, smaller than `nv`.
-
-    Returns
-    -------
-    facets : (k, nf) vertices, ascending, in lexicographic order: scikit-fem's `mesh.facets`.
-    t2f : (k + 1, nt) facet opposite to each vertex of each simplex.
+    Each facet stands once, its vertices ascending, all in lexicographic order.
 
     >>> facets_of(np.array([[0, 1], [1, 2]]), 3)
     (array([[0, 1, 2]], dtype=int32), array([[1, 2],
@@ -132,8 +119,7 @@ def facet_sizes(p: NDArray[np.float64], facets: Ids) -> NDArray[np.float64]:
     k = len(facets)
     if k == 1:
         return np.ones(facets.shape[1])
-    sizes: NDArray[np.float64] = measures(p, np.ascontiguousarray(facets))[0] / factorial(k - 1)
-    return sizes
+    return measures(p, np.ascontiguousarray(facets))[0] / factorial(k - 1)
 
 
 def _opposite(ordered: NDArray[Any]) -> Ids:
@@ -151,14 +137,7 @@ def _grouped(facets: Ids, nv: int) -> tuple[Ids, NDArray[np.bool_]]:
 
 
 class NamedFacets(Mapping[str, NDArray[np.int32]]):
-    """Facets (k, n) by name, from their numbers in scikit-fem's order; the first look at one finds all facets of the mesh.
-
-    Parameters
-    ----------
-    t : (k + 1, nt) vertices of the simplices.
-    nv : number of vertices.
-    ids : numbers of facets by name.
-    """
+    """Facets (k, n) by name, from their numbers in scikit-fem's order; the first look at one finds all facets of the mesh."""
 
     def __init__(self, t: NDArray[np.int32], nv: int, ids: Mapping[str, Any]) -> None:
         self._t, self._nv, self._ids = t, nv, frozen(ids)
@@ -187,15 +166,7 @@ def turned_alike(t: NDArray[np.int32], nv: int) -> tuple[NDArray[np.bool_], NDAr
     """Which triangles to turn so that all neighbours look to the same side, that of the first one of their connected piece.
 
     Neighbours are two triangles at an edge of no other: they look to the same side if they go along it in opposite directions.
-
-    Parameters
-    ----------
-    t : (3, n) triangles of vertices smaller than `nv`.
-
-    Returns
-    -------
-    turned : (n,) whether to turn it.
-    two_sided : (n,) whether its piece has two sides, unlike a Moebius strip.
+    The second array says whether the piece of each has two sides, unlike a Moebius strip.
 
     >>> turned_alike(np.array([[0, 1], [1, 2], [2, 3]]), 4)
     (array([False,  True]), array([ True,  True]))

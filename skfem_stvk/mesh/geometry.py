@@ -14,8 +14,8 @@ from .simplices import SimplexMesh
 class Geometry:
     """Rest geometry of `nt` simplices of dimension `k` in a space of dimension `d`.
 
-    The gradients are held in an orthonormal basis of each simplex's own plane or line, where they have `k`
-    components; for `k = d` that basis is the global one.
+    The gradients are held in an orthonormal basis of each simplex's own plane or line, where they have `k` components; for `k = d`
+    that basis is the global one.
 
     Attributes
     ----------
@@ -51,8 +51,7 @@ def edge_differences(mesh: SimplexMesh, x: NDArray[np.float64]) -> NDArray[np.fl
 
 def edge_lengths(mesh: SimplexMesh) -> NDArray[np.float64]:
     """(m, nt) lengths of the edges of the simplices [m]."""
-    lengths: NDArray[np.float64] = np.linalg.norm(edge_differences(mesh, mesh.p), axis=0)
-    return lengths
+    return np.linalg.norm(edge_differences(mesh, mesh.p), axis=0)
 
 
 def vertex_sizes(mesh: SimplexMesh) -> NDArray[np.float64]:
@@ -66,5 +65,4 @@ def aspect_ratios(mesh: SimplexMesh) -> NDArray[np.float64]:
     """(nt,) longest edge over smallest height of the simplices; 1.22 for a regular tetrahedron, 1 for a segment."""
     longest = edge_lengths(mesh).max(axis=0)
     steepest = np.linalg.norm(Geometry(mesh.p, mesh.t).gradients, axis=2).max(axis=1)
-    ratios: NDArray[np.float64] = longest * steepest
-    return ratios
+    return longest * steepest

@@ -63,8 +63,7 @@ def marks(name: str, values: NDArray[Any], most: int, expected: str) -> NDArray[
     """Whole numbers, one for each cell, from 0 to `most`."""
     if values.ndim != 1 or values.dtype.kind not in "fiub":
         raise MeshError(f"The array {name!r} has the shape {values.shape}; expected {expected} for each element.")
-    bad = np.flatnonzero(~((values >= 0) & (values <= most) & (values == np.floor(values))))
-    if len(bad):
+    if len(bad := np.flatnonzero(~((values >= 0) & (values <= most) & (values == np.floor(values))))):
         raise MeshError(f"The array {name!r} holds something else for {name_ids(bad, 'element')}; expected {expected}.")
     return values.astype(np.int64)
 
@@ -126,15 +125,8 @@ def node_groups(raw: meshio.Mesh, sets: Sets, k: int) -> dict[str, NDArray[np.in
 #: Simplices in words, by their dimension.
 KINDS = {1: "segments", 2: "triangles", 3: "tetrahedra"}
 #: Dimension of each family of simplices; a number after the name, as in tetra10, tells the order.
-FAMILIES = {
-    "vertex": 0,
-    "line": 1,
-    "triangle": 2,
-    "tetra": 3,
-    "VTK_LAGRANGE_CURVE": 1,
-    "VTK_LAGRANGE_TRIANGLE": 2,
-    "VTK_LAGRANGE_TETRAHEDRON": 3,
-}
+FAMILIES = {"vertex": 0, "line": 1, "triangle": 2, "tetra": 3}
+FAMILIES |= {"VTK_LAGRANGE_CURVE": 1, "VTK_LAGRANGE_TRIANGLE": 2, "VTK_LAGRANGE_TETRAHEDRON": 3}
 
 
 def simplex_dimension(cell_type: str) -> int:

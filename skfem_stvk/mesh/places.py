@@ -16,8 +16,6 @@ from .facets import MeshArrays, find_facets
 #: The name of a boundary or of a node set; vertex ids, or a mask; a predicate of coordinates `x` (d, n), as in scikit-fem:
 #: `lambda x: x[0] == 0`; or what scikit-fem's `basis.get_dofs(...)` returned, which stands for its vertices.
 Where: TypeAlias = str | ArrayLike | Callable[[NDArray[np.float64]], ArrayLike] | DofsView
-
-
 #: Vertices count as the same within this part of the size of the mesh: files keep fewer digits than arrays.
 SAME_PLACE = 1e-6
 
@@ -31,12 +29,9 @@ class Marked(MeshArrays):
 
 
 def vertices_at(mesh: Marked, where: Where, what: str = "The place") -> NDArray[np.int64]:
-    """Ids of the vertices there: listed ids in the order in which they are given, all others ascending.
+    """Ids of the vertices there, at least one: listed ids, each once, in the order in which they are given, others ascending.
 
-    Raises
-    ------
-    RegionError
-        if there are none, the name is unknown, or ids are listed twice; the message begins with `what` asks for them.
+    Messages of the RegionError begin with `what` asks for them.
 
     >>> from skfem_stvk import SimplexMesh
     >>> mesh = SimplexMesh(p=[[0, 1, 0, 1], [0, 0, 1, 1]], t=[[0, 1], [1, 2], [2, 3]], node_sets={"corner": [3]})
@@ -64,11 +59,6 @@ def vertices_at(mesh: Marked, where: Where, what: str = "The place") -> NDArray[
 
 def facets_at(mesh: Marked, where: Where, what: str = "The place") -> NDArray[np.int32]:
     """The facets (k, n) at a place, each once: those of a named boundary, or boundary facets with all vertices there.
-
-    Raises
-    ------
-    RegionError
-        if there are none, or the name is unknown.
 
     >>> from skfem_stvk import SimplexMesh
     >>> mesh = SimplexMesh(p=[[0, 1, 0, 1], [0, 0, 1, 1]], t=[[0, 1], [1, 2], [2, 3]])
@@ -144,8 +134,7 @@ def _boundary(mesh: Marked, name: str) -> NDArray[np.int32]:
             f"Boundary {name!r} has shape {facets.shape} and dtype {facets.dtype}; expected ({mesh.k}, n), n > 0: the vertices of "
             "facets."
         )
-    bad = np.flatnonzero(((facets < 0) | (facets >= mesh.nv)).any(axis=0))
-    if len(bad):
+    if len(bad := np.flatnonzero(((facets < 0) | (facets >= mesh.nv)).any(axis=0))):
         raise RegionError(f"Boundary {name!r}: {name_ids(bad, 'facet')} with vertex ids outside 0 ... {mesh.nv - 1}.")
     return facets[:, np.unique(find_facets(facets, facets, mesh.nv))].astype(np.int32)
 
@@ -186,8 +175,7 @@ def _listed(mesh: Marked, given: Any, what: str) -> NDArray[np.int64]:
         if ids.shape != (mesh.nv,):
             raise RegionError(f"{what} are a mask of shape {ids.shape}; expected one value for each of the {mesh.nv} vertices.")
         return np.flatnonzero(ids)
-    bad = ids[(ids < 0) | (ids >= mesh.nv)] if ids.size else ids
-    if len(bad):
+    if len(bad := ids[(ids < 0) | (ids >= mesh.nv)] if ids.size else ids):
         raise RegionError(f"{what} name {name_ids(bad, 'vertex')} outside 0 ... {mesh.nv - 1}.")
     return ids.astype(np.int64)
 
@@ -205,11 +193,6 @@ def vertices_of(view: DofsView) -> NDArray[Any]:
 def dofs_of(mesh: MeshArrays, view: DofsView, what: str) -> NDArray[np.int64]:
     """Degrees of freedom of the view on this mesh, ascending; components that were dropped from it are not among them.
 
-    Raises
-    ------
-    RegionError
-        as in `refuse_foreign`.
-
     >>> import skfem
     >>> from skfem_stvk import SimplexMesh
     >>> square = skfem.MeshTri()
@@ -222,13 +205,7 @@ def dofs_of(mesh: MeshArrays, view: DofsView, what: str) -> NDArray[np.int64]:
 
 
 def refuse_foreign(mesh: MeshArrays, view: DofsView, what: str) -> None:
-    """Refuse degrees of freedom that are not those of the displacements of this mesh.
-
-    Raises
-    ------
-    RegionError
-        if the view is of a basis on another mesh, or of another element than vectors that are linear on each simplex.
-    """
+    """Refuse degrees of freedom of a basis on another mesh, or of other elements than vectors that are linear on each simplex."""
     dofs, numbers = view.obj, np.arange(mesh.p.size).reshape(mesh.nv, mesh.d).T
     p = dofs.topo.doflocs[:, : dofs.topo.nvertices]
     if p.shape != mesh.p.shape or np.abs(p - mesh.p).max() > SAME_PLACE * np.ptp(mesh.p, axis=1).max():

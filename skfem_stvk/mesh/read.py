@@ -62,18 +62,10 @@ def embedded_mesh() -> SimplexMesh:
 
 
 def load(path: Path) -> meshio.Mesh:
-    """Points, cells, groups and data of the file.
-
-    Raises
-    ------
-    MeshError
-        if the file is missing, empty, no regular file, of an unknown format or damaged, or needs a package that is not installed.
-    """
+    """Points, cells, groups and data of the file."""
     check_file(path)
     try:
-        if path.suffix.lower() == ".gz":
-            return unpacked(path)
-        return checked(path)
+        return (unpacked if path.suffix.lower() == ".gz" else checked)(path)
     except Damaged as error:
         raise damaged(path, str(error)) from error
     except PermissionError as error:

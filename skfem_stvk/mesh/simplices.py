@@ -56,7 +56,10 @@ class SimplexMesh(Marked):
     node_sets: Mapping[str, NDArray[np.int32]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        p, t = coordinates(self.p), vertex_ids(self.t)
+        p = real_array(self.p)
+        if p is None:
+            raise MeshError(f"p = {shown(self.p)}; expected (d, nv) real numbers, the coordinates of the vertices.")
+        p, t = np.array(p, order="C"), vertex_ids(self.t)
         if p.ndim != 2 or p.shape[0] not in (1, 2, 3):
             raise MeshError(f"p has shape {p.shape}; expected (d, nv) with d = 1, 2 or 3. Transpose arrays of shape (nv, d).")
         if t.ndim != 2 or not 2 <= t.shape[0] <= p.shape[0] + 1:
@@ -70,8 +73,7 @@ class SimplexMesh(Marked):
             raise MeshError(f"t has dtype {t.dtype}; expected integers (vertex ids from 0).")
         check_index_range(p.shape[1], "vertices")
         check_index_range(t.shape[1], "elements")
-        bad = np.flatnonzero(((t < 0) | (t >= p.shape[1])).any(axis=0))
-        if len(bad):
+        if len(bad := np.flatnonzero(((t < 0) | (t >= p.shape[1])).any(axis=0))):
             raise MeshError(
                 f"{name_ids(bad, 'element')}: vertex ids outside 0 ... {p.shape[1] - 1}. Are the ids counted from 1? Subtract 1 "
                 "then."
@@ -149,9 +151,8 @@ class SimplexMesh(Marked):
                [0]], dtype=int32)
         """
         if not isinstance(boundaries, Mapping):
-            raise RegionError(
-                f"boundaries = {shown(boundaries)}; expected places by name, such as {{'left': lambda x: x[0] == 0}}."
-            )
+            expected = "places by name, such as {'left': lambda x: x[0] == 0}"
+            raise RegionError(f"boundaries = {shown(boundaries)}; expected {expected}.")
         added = {name: facets_at(self, where, f"boundary {name!r}") for name, where in boundaries.items()}
         return replace(self, boundaries={**self.boundaries, **added})
 
@@ -185,8 +186,7 @@ class SimplexMesh(Marked):
             ids = np.flatnonzero(ids)
         if not ids.size:
             raise RegionError(f"{what} is a mask without a True; expected at least one element.")
-        bad = ids[(ids < 0) | (ids >= self.nt)]
-        if len(bad):
+        if len(bad := ids[(ids < 0) | (ids >= self.nt)]):
             raise RegionError(f"{what} names {name_ids(bad, 'element')} outside 0 ... {self.nt - 1}.")
         unique, counts = np.unique(ids, return_counts=True)
         if len(unique) < len(ids):
@@ -195,14 +195,6 @@ class SimplexMesh(Marked):
 
     def __repr__(self) -> str:
         return f"SimplexMesh: {self.nt} {self.kind}, {self.nv} vertices"
-
-
-def coordinates(given: Any) -> NDArray[np.float64]:
-    """A copy of the coordinates in double precision."""
-    values = real_array(given)
-    if values is None:
-        raise MeshError(f"p = {shown(given)}; expected (d, nv) real numbers, the coordinates of the vertices.")
-    return np.array(values, order="C")
 
 
 def vertex_ids(given: Any) -> NDArray[Any]:

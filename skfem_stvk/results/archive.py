@@ -7,7 +7,6 @@ import json
 from collections.abc import Mapping
 from math import prod
 from pathlib import Path
-from types import TracebackType
 from typing import IO, Any, ClassVar, Generic, TypeVar
 from zipfile import BadZipFile, ZipFile, is_zipfile
 
@@ -29,24 +28,14 @@ ARRAY = "array "
 
 
 class ArchiveHeader(Record):
-    """Entries of each header.
-
-    Attributes
-    ----------
-    format, version : by which a file is known as one of ours.
-    """
+    """Entries of each header, by which a file is known as one of ours."""
 
     format: str
     version: int
 
 
 class CheckpointHeader(ArchiveHeader):
-    """Entries of the header of each file of a checkpoint.
-
-    Attributes
-    ----------
-    problem : whose file it is.
-    """
+    """Entries of the header of each file of a checkpoint: also of which problem it is."""
 
     problem: Signature
 
@@ -56,13 +45,7 @@ class NotOurs(StvkError):
 
 
 def write_archive(path: Path, header: Mapping[str, Any], arrays: Mapping[str, Array]) -> None:
-    """Replace the file.
-
-    Raises
-    ------
-    WriteError
-        if the disk is full, for example; the file that was there is still there.
-    """
+    """Replace the file, as `replacing` does."""
     text = json.dumps(header)
     packed = {"header": np.array(text), "digest": np.array(_digest(text, arrays))}
     packed |= {ARRAY + name: array for name, array in arrays.items()}
@@ -73,24 +56,11 @@ def write_archive(path: Path, header: Mapping[str, Any], arrays: Mapping[str, Ar
 class Checkpoint(Generic[ProblemHeader]):
     """Archives in a folder, from which a later run goes on. It is used in a `with` block, during which nobody else can write them.
 
-    Parameters
-    ----------
-    folder : is made if it is not there; its parent must be.
-
-    Attributes
-    ----------
-    known, schema : format and version, and the header, of a file.
-    remedy : what to do with a file that cannot be read.
-    problem : whose files are written; each of them carries its signature.
-
-    Raises
-    ------
-    StvkError
-        by `with`, if the folder cannot be written or has another writer.
+    The folder is made if it is not there; its parent must be. Each file carries the signature of its problem.
     """
 
-    known: ClassVar[tuple[str, int]]
-    remedy: ClassVar[str]
+    known: ClassVar[tuple[str, int]]  # format and version
+    remedy: ClassVar[str]  # what to do with a file that cannot be read
     schema: type[ProblemHeader]
     problem: Fingerprint
 
@@ -112,21 +82,21 @@ class Checkpoint(Generic[ProblemHeader]):
             self.__exit__(None, None, None)
             raise
 
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+    def __exit__(self, *error: object) -> None:
         if self._writer is not None:
-            self._writer.__exit__(kind, error, trace)
+            self._writer.__exit__(*error)
 
     def opened(self) -> None:
         """Look at the files that are there: a subclass may."""
 
     def write_file(self, file: Path, about: Mapping[str, Any], arrays: Mapping[str, Array]) -> None:
-        """Replace a file; `about` is what its header has beside the format and the problem. Raises as `write_archive`."""
+        """Replace a file; `about` is what its header has beside the format and the problem."""
         header = {"format": self.known[0], "version": self.known[1], **about, "problem": self.problem.signature.model_dump()}
         write_archive(file, header, arrays)
 
     @classmethod
     def read_file(cls, file: Path) -> tuple[ProblemHeader, dict[str, Array]]:
-        """Header and arrays of a file. Raises as `read_archive`."""
+        """Header and arrays of a file."""
         return read_archive(file, cls.schema, cls.known, cls.remedy)
 
     def refuse_to_replace(self, file: Path) -> None:
@@ -139,18 +109,9 @@ class Checkpoint(Generic[ProblemHeader]):
 def read_archive(
     path: Path, schema: type[Header], known: tuple[str, int], remedy: str, only_header: bool = False
 ) -> tuple[Header, dict[str, Array]]:
-    """Header and arrays; without arrays if `only_header`.
+    """Header and arrays of a file of the `known` format and version; without arrays if `only_header`.
 
-    Parameters
-    ----------
-    schema : of the header.
-    known : the format and the version that it has to be of.
-    remedy : what to do if it is not, for the message.
-
-    Raises
-    ------
-    NotOurs
-        with the file, what is wrong and the remedy, if it is incomplete, was not written here or says what cannot be.
+    NotOurs, with the remedy, is raised if it is incomplete, was not written here or says what cannot be.
     """
     try:
         text, digest, arrays = _unpacked(path, only_header)
@@ -161,10 +122,8 @@ def read_archive(
     except NotOurs as error:
         raise NotOurs(f"{path} {error} {remedy}") from None
     except (OSError, EOFError, ValueError, KeyError, TypeError, MemoryError, RuntimeError, BadZipFile) as error:
-        raise NotOurs(
-            f"{path} cannot be read as a {known[0]}: it is incomplete, or was not written here ({type(error).__name__}: {error}). "
-            f"{remedy}"
-        ) from error
+        why = f"it is incomplete, or was not written here ({type(error).__name__}: {error})"
+        raise NotOurs(f"{path} cannot be read as a {known[0]}: {why}. {remedy}") from error
     try:
         return schema.model_validate(header), arrays
     except ValidationError as error:
@@ -189,9 +148,8 @@ def _unpacked(path: Path, only_header: bool) -> tuple[str, str, dict[str, Array]
 
 def _declared(content: IO[bytes]) -> int:
     """Bytes of the array that begins here in NumPy's format, as far as its header says."""
-    numpy_format = np.lib.format
-    read = numpy_format.read_array_header_1_0 if numpy_format.read_magic(content) == (1, 0) else numpy_format.read_array_header_2_0
-    shape, _, dtype = read(content)
+    old = np.lib.format.read_magic(content) == (1, 0)
+    shape, _, dtype = (np.lib.format.read_array_header_1_0 if old else np.lib.format.read_array_header_2_0)(content)
     return prod(shape) * int(dtype.itemsize)
 
 

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from ..arguments import Array
 from ..edges.stiffness import VOIGT
 from ..terms.volume_energies import ENERGIES
-from .law import dilation, strain_and_stress
+from .law import adjugate, dilation, strain_and_stress
 from .response import Masked, Response
 
 Ids = NDArray[np.int64]
@@ -45,8 +45,7 @@ def smallest_acoustic_eigenvalue(state: Response) -> Masked:
     """
     mesh, lowest = state.fields.mesh, np.zeros(state.fields.mesh.nt)
     missing = state.fields.without_term | (mesh.k < mesh.d)
-    ids = np.flatnonzero(~missing)
-    if len(ids):
+    if len(ids := np.flatnonzero(~missing)):
         lowest[ids] = _smallest_of(ids, *_response(state))
     return lowest, missing
 
@@ -57,8 +56,7 @@ def without_ellipticity(state: Response) -> tuple[Ids, Array]:
     That is worked out only where it may be lost, which takes a fraction of the time unless the body is compressed all over.
 
     It is not lost where `S_min + c/2 s_min^2 > 0`: the smallest principal stress and stretch, and the smallest eigenvalue `c` of
-    the elasticity tensor. For `a . Q(N) a >= N . S N + B : C : B` with `B` the symmetric part of `F'a (x) N`, and `|B|^2 >=
-    |F'a|^2/2`.
+    the elasticity tensor. For `a . Q(N) a >= N . S N + B : C : B`, `B` the symmetric part of `F'a (x) N`: `|B|^2 >= |F'a|^2/2`.
     """
     mesh = state.fields.mesh
     if mesh.k < mesh.d:
@@ -110,30 +108,19 @@ def _smallest_of(ids: Ids, F: Array, S: Array, C: Array, curvature: Array) -> Ar
 
 
 def acoustic_form(F: Array, S: Array, C: Array, curvature: Array) -> Array:
-    """The form `M_ik,JL` (n, k, k, k, k), symmetric in `ik` and in `JL`.
-
-    It is made of `F`, `S` (n, k, k), `C_MJ,NL` (n, m, m) and `psi''` (n,).
-    """
+    """The form `M_ik,JL` (n, k, k, k, k), symmetric in `ik` and `JL`, of `F`, `S` (n, k, k), `C_MJ,NL` (n, m, m), `psi''` (n,)."""
     n, k, _ = F.shape
     place = _places(k)
     tensor = C[:, place[:, :, None, None], place].reshape(n, k, -1)  # M JNL
     half = (F @ tensor).reshape(n, k, k, k, k)  # i J N L
     M = np.moveaxis(F[:, None, None] @ half, 3, 2)  # i k J L
     if curvature.any():
-        cofactors = _cofactors(F)
+        solid = np.broadcast_to(np.eye(3), (n, 3, 3)).copy()
+        solid[:, :k, :k] = F
+        cofactors = np.swapaxes(adjugate(solid), 1, 2)[:, :k, :k]  # derivatives of det F
         M = M + np.einsum("n,niJ,nkL->nikJL", curvature, cofactors, cofactors)
     M = (M + np.swapaxes(M, 3, 4)) / 2
     return M + np.eye(k)[:, :, None, None] * S[:, None, None]
-
-
-def _cofactors(F: Array) -> Array:
-    """(n, k, k) derivatives of `det F`."""
-    k = F.shape[1]
-    solid = np.broadcast_to(np.eye(3), (len(F), 3, 3)).copy()
-    solid[:, :k, :k] = F
-    x, y, z = (solid[:, :, i] for i in range(3))
-    cofactors: Array = np.stack([np.cross(y, z), np.cross(z, x), np.cross(x, y)], axis=2)[:, :k, :k]
-    return cofactors
 
 
 def smallest(form: Array) -> Array:
@@ -218,8 +205,7 @@ def _improved(form: Array, N: Array) -> Array:
 
 def _acoustic_tensor(form: Array, N: Array) -> Array:
     """The acoustic tensors `Q(N)` (n, k, k) of forms, each for one `N`."""
-    Q: Array = ((form @ N[:, None, None, :, None])[..., 0] @ N[:, None, :, None])[..., 0]
-    return Q
+    return ((form @ N[:, None, None, :, None])[..., 0] @ N[:, None, :, None])[..., 0]
 
 
 def _across(N: Array) -> Array:

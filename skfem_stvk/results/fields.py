@@ -120,12 +120,6 @@ class NodalAverage:
     It smooths what is constant in each element, across the boundary of two materials too, where stresses jump: average over one
     region at a time there, by leaving the others out.
 
-    Parameters
-    ----------
-    t : (k + 1, nt) nodes of the elements.
-    volume : (nt,) rest volumes.
-    nodes : how many there are.
-
     >>> average = NodalAverage(np.array([[0, 1], [1, 2]]), np.array([1.0, 3.0]), 4)
     >>> average(np.array([10.0, 20.0]), np.array([False, False]))
     (array([10. , 17.5, 20. ,  0. ]), array([False, False, False,  True]))
@@ -167,5 +161,4 @@ def masked(values: Array, missing: NDArray[np.bool_]) -> Array:
     if not missing.any():
         return values
     mask = np.broadcast_to(missing.reshape(-1, *(1,) * (values.ndim - 1)), values.shape)
-    result: Array = np.ma.MaskedArray(values, mask)
-    return result
+    return np.ma.MaskedArray(values, mask)

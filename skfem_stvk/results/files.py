@@ -16,12 +16,7 @@ class WriteError(StvkError, OSError):
 
 
 def output_path(path: str | os.PathLike[str], *suffixes: str) -> Path:
-    """The path as one that can be written: call it before expensive work.
-
-    Raises
-    ------
-    StvkError
-        if it ends in none of the suffixes, its name cannot be printed, or its folder is missing or cannot be written to.
+    """The path as one that can be written, with one of the suffixes: call it before expensive work.
 
     >>> output_path("missing/bracket.vtu", ".vtu")
     Traceback (most recent call last):
@@ -56,14 +51,9 @@ def replacing(path: Path) -> Iterator[Path]:
     """A path beside `path` to write to; renamed into place at the end, removed on an error.
 
     Whoever reads `path` finds the old file or the new one, never a part of it, whenever the program is killed; what is left beside
-    it then, `.NAME.part`, is overwritten by the next one.
-
-    Raises
-    ------
-    WriteError
-        with the path and what to do, if it cannot be written.
+    it then, `.NAME.part`, is overwritten by the next one. If it cannot be written, a WriteError says what to do.
     """
-    part = _beside(path)
+    part = path.with_name(f".{path.name}.part")
     try:
         yield part
         with part.open("rb") as file:
@@ -96,10 +86,6 @@ def _try_to_write(probe: Path) -> None:
     probe.unlink(missing_ok=True)
 
 
-def _beside(path: Path) -> Path:
-    return path.with_name(f".{path.name}.part")
-
-
 def _sync_folder(folder: Path) -> None:
     """Force the new name to the disk too, where folders can be (not on Windows)."""
     with suppress(OSError):
@@ -111,13 +97,7 @@ def _sync_folder(folder: Path) -> None:
 
 
 def output_folder(path: Path) -> Path:
-    """The path as a folder that can be written to, made if it is not there: call it before expensive work.
-
-    Raises
-    ------
-    StvkError
-        if its parent does not exist, it is no folder, or it cannot be written to.
-    """
+    """The path as a folder that can be written to, made if it is not there: call it before expensive work."""
     try:
         path.mkdir(exist_ok=True)
         _try_to_write(path / f".{os.getpid()}")

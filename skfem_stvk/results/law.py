@@ -1,8 +1,7 @@
 """The law of a material on simplices: frames, full strain and stress from the strain within, and an energy of the volume.
 
 A frame has the axes of the simplex's own line or plane, then the normals: three columns in any space.
-Across a simplex either the strain vanishes (plane strain), or the stress does (plane stress, segments), and the strain follows from
-it.
+Across a simplex either the strain vanishes (plane strain), or the stress does (plane stress, segments), which gives the strain.
 """
 
 from __future__ import annotations
@@ -21,17 +20,7 @@ SHEAR = np.array([1.0, 1.0, 1.0, 2.0, 2.0, 2.0])
 
 
 def strain_and_stress(material: Material, hypothesis: Hypothesis, strain: Array, frames: Array) -> tuple[Array, Array]:
-    """`E` and `S` (n, 3, 3) [1], [Pa] in the simplices' frames, from the Green-Lagrange strain (n, k, k) in their own axes.
-
-    Parameters
-    ----------
-    material : of these simplices, checked for their number.
-    frames : (n, 3, 3) the simplices' axes and normals as columns (`rest_frames`).
-
-    Raises
-    ------
-    MaterialError
-        for a material that is neither `Isotropic` nor a `FramedMaterial`.
+    """`E` and `S` (n, 3, 3) [1], [Pa] in the simplices' `rest_frames`, from the Green-Lagrange strain (n, k, k) in their own axes.
 
     >>> E, S = strain_and_stress(Isotropic(1.0, 0.25), Hypothesis.PLANE_STRESS, np.array([[[0.1, 0], [0, 0]]]), np.eye(3)[None])
     >>> np.round(np.diagonal(E[0]), 4), np.round(np.diagonal(S[0]), 4)
@@ -40,9 +29,8 @@ def strain_and_stress(material: Material, hypothesis: Hypothesis, strain: Array,
     if isinstance(material, Isotropic):
         return _isotropic(material, hypothesis, strain)
     if not isinstance(material, FramedMaterial):
-        raise MaterialError(
-            f"{type(material).__name__} is neither Isotropic nor a FramedMaterial, which has a stiffness() in its frame."
-        )
+        name = type(material).__name__
+        raise MaterialError(f"{name} is neither Isotropic nor a FramedMaterial, which has a stiffness() in its frame.")
     turn = frames if material.frame is None else np.swapaxes(np.asarray(material.frame), -1, -2) @ frames
     return (_condensed if hypothesis.condensed else _framed)(material.stiffness(), strain, turn)
 
@@ -61,24 +49,24 @@ def dilation(gradient: Array) -> Array:
 def volume_stress(slope: Array, gradient: Array, held_across: NDArray[np.bool_]) -> tuple[Array, NDArray[np.bool_]]:
     """`S = psi' J C^-1 = psi' A A'/J` (n, 3, 3) with the adjugate `A` of `I + H`, and where it is infinite; 0 there.
 
-    Cauchy's stress is `psi' I` within the simplices, and across those that are held there (plane strain).
-
-    Parameters
-    ----------
-    slope : (n,) `psi'(J)` [Pa].
-    gradient : (n, k, k) displacement gradients `H` of simplices that fill their space.
+    It is that of the slope `psi'(J)` [Pa] and the displacement gradients `H` (n, k, k) of simplices that fill their space. Cauchy's
+    stress is `psi' I` within the simplices, and across those that are held there (plane strain).
     """
     k = gradient.shape[1]
     F = np.broadcast_to(np.eye(3), (len(gradient), 3, 3)).copy()
     F[:, :k, :k] += gradient
-    columns = F[:, :, 0], F[:, :, 1], F[:, :, 2]
-    A = np.stack([np.cross(columns[1], columns[2]), np.cross(columns[2], columns[0]), np.cross(columns[0], columns[1])], axis=1)
-    J = (A[:, 0] * columns[0]).sum(axis=1)
+    A = adjugate(F)
+    J = (A[:, 0] * F[:, :, 0]).sum(axis=1)
     lost = (J == 0) & (slope != 0)
     S: Array = (slope / np.where(J == 0, 1.0, J))[:, None, None] * (A @ np.swapaxes(A, 1, 2))
     S[:, range(k, 3), range(k, 3)] *= held_across[:, None]
     S[lost] = 0
     return S, lost
+
+
+def adjugate(F: Array) -> Array:
+    """(n, 3, 3) adjugates `det(F) F^-1` of matrices (n, 3, 3)."""
+    return np.stack([np.cross(F[:, :, i - 2], F[:, :, i - 1]) for i in range(3)], axis=1)
 
 
 def _isotropic(material: Isotropic, hypothesis: Hypothesis, strain: Array) -> tuple[Array, Array]:
@@ -105,10 +93,7 @@ def _framed(C: Array, strain: Array, turn: Array) -> tuple[Array, Array]:
 
 
 def _condensed(C: Array, strain: Array, turn: Array) -> tuple[Array, Array]:
-    """The stress `s` that there is, from `(N' C^-1 N) s = e`, and the full strain `C^-1 N s`.
-
-    `N` are the dyads of the simplices' axes.
-    """
+    """The stress `s` that there is, from `(N' C^-1 N) s = e` with the dyads `N` of the axes, and the full strain `C^-1 N s`."""
     k, compliance = strain.shape[1], np.linalg.inv(C)
     i, j = np.array(VOIGT[k]).T
     dyads = turn[:, :, i, None].swapaxes(1, 2) * turn[:, :, j, None].transpose(0, 2, 3, 1)
@@ -130,14 +115,14 @@ def _embedded(tensor: Array) -> Array:
     return solid
 
 
-def in_space(columns: Array) -> Array:
-    """Vectors (n, d, k) as columns of a space of three dimensions (n, 3, k).
+def in_space(vectors: Array) -> Array:
+    """Vectors (n, d), or (n, d, k) as columns, in a space of three dimensions, padded with zeros.
 
-    >>> in_space(np.array([[[2.0]]]))[0].T
+    >>> in_space(np.array([[2.0]]))
     array([[2., 0., 0.]])
     """
-    solid = np.zeros((columns.shape[0], 3, columns.shape[2]))
-    solid[:, : columns.shape[1]] = columns
+    solid = np.zeros((len(vectors), 3, *vectors.shape[2:]))
+    solid[:, : vectors.shape[1]] = vectors
     return solid
 
 
@@ -173,7 +158,8 @@ def current_normals(frames: Array, tangents: Array, d: int) -> Array:
     length = np.linalg.norm(tangents[..., 0], axis=1, keepdims=True)
     old, first = frames[..., 0], frames[..., 1]
     new = np.where(length > 0, tangents[..., 0] / np.where(length > 0, length, 1.0), old)
-    first = _unit(_without(_turned(first, old, new), new))
+    turned = _turned(first, old, new)
+    first = _unit(turned - (turned * new).sum(axis=1, keepdims=True) * new)
     return np.stack([first, np.cross(new, first)], axis=2)
 
 
@@ -189,10 +175,5 @@ def _turned(normal: Array, old: Array, new: Array) -> Array:
     return np.where(opposite, -normal, normal - factor * bisector)
 
 
-def _without(vector: Array, unit: Array) -> Array:
-    return vector - (vector * unit).sum(axis=1, keepdims=True) * unit
-
-
 def _unit(vector: Array) -> Array:
-    unit: Array = vector / np.linalg.norm(vector, axis=1, keepdims=True)
-    return unit
+    return vector / np.linalg.norm(vector, axis=1, keepdims=True)

@@ -50,14 +50,7 @@ def new_figure(size: tuple[float, float], interactive: bool) -> Figure:
 
 
 class Stage:
-    """Axes and a colour bar that stay as they are while one picture of a body after the other is shown.
-
-    Parameters
-    ----------
-    figure : an empty one.
-    picture : any of the pictures.
-    view : of all of them.
-    """
+    """Axes and a colour bar on an empty figure, for the view of all pictures of a body, shown one after the other."""
 
     def __init__(self, figure: Figure, picture: Picture, view: View) -> None:
         self._colours = ScalarMappable(Normalize(*view.limits), COLOURS)

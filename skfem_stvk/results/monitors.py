@@ -155,5 +155,4 @@ def poisson_of(material: Material) -> Array:
     trace, total = np.trace(normal, axis1=-2, axis2=-1), normal.sum(axis=(-2, -1))
     shear = np.trace(compliance[..., 3:, 3:], axis1=-2, axis2=-1)
     K, G = 1 / total, 15 / (6 * trace - 2 * total + 3 * shear)
-    ratio: Array = (3 * K - 2 * G) / (6 * K + 2 * G)
-    return ratio
+    return (3 * K - 2 * G) / (6 * K + 2 * G)

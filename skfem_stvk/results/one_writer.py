@@ -10,7 +10,6 @@ import time
 import warnings
 from contextlib import suppress
 from pathlib import Path
-from types import TracebackType
 from weakref import WeakSet
 
 from filelock import FileLock, SoftFileLock, Timeout
@@ -26,20 +25,7 @@ class OneWriter:
 
     It is a lock on `.lock` in the folder, or on `.NAME.lock` beside the file, by the real path of the folder. It ends with the
     process that holds it, however that ends; forked children do not hold it. Who holds it is said in `.writer` or `.NAME.writer`.
-
-    Parameters
-    ----------
-    path : of a folder that exists, or of a file in one.
-
-    Raises
-    ------
-    StvkError
-        by `with`, if there is another writer, with its host, process and the time since when, or if the lock cannot be made.
-
-    Warns
-    -----
-    StvkWarning
-        by `with`, where the disk has no locks: two writers are not noticed there.
+    Another writer is refused by `with`. Where the disk has no locks, which is warned of, two writers are not noticed.
     """
 
     def __init__(self, path: Path) -> None:
@@ -69,7 +55,7 @@ class OneWriter:
             self.__exit__(None, None, None)
             raise
 
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+    def __exit__(self, *error: object) -> None:
         try:
             self._release()
         finally:
@@ -91,16 +77,14 @@ class OneWriter:
                 lock.acquire(blocking=False)
         except Timeout:
             if _can_lock(self._lock_path.with_name(f"{self._lock_path.name}.{os.getpid()}")):
-                raise StvkError(
-                    f"{self.path} is being written by {self._named()}. Wait until that has ended, or name another."
-                ) from None
+                remedy = "Wait until that has ended, or name another."
+                raise StvkError(f"{self.path} is being written by {self._named()}. {remedy}") from None
         except NotImplementedError:
             pass
         except OSError as error:
             if error.errno not in NO_LOCKS:
-                raise StvkError(
-                    f"{self.path} cannot be locked: {error.strerror}. Choose another folder, or change its permissions."
-                ) from error
+                remedy = "Choose another folder, or change its permissions."
+                raise StvkError(f"{self.path} cannot be locked: {error.strerror}. {remedy}") from error
         else:
             if not isinstance(lock, SoftFileLock):
                 return True

@@ -13,30 +13,16 @@ from .files import output_path
 
 @dataclass(frozen=True)
 class Outlets:
-    """Files of an analysis, as `solve_static` and `simulate` are asked for them.
+    """Files of an analysis, as `solve_static` and `simulate` are asked for them."""
 
-    Attributes
-    ----------
-    save : the .pvd file of a series of states, or None.
-    checkpoint : the folder of a checkpoint, or None.
-    resume : whether to go on with what the checkpoint holds.
-    overwrite : whether to replace what belongs to another problem.
-    """
-
-    save: Path | None
-    checkpoint: Path | None
-    resume: bool
-    overwrite: bool
+    save: Path | None  # the .pvd file of a series of states
+    checkpoint: Path | None  # its folder
+    resume: bool  # whether to go on with what the checkpoint holds
+    overwrite: bool  # whether to replace what belongs to another problem
 
     @classmethod
     def checked(cls, save: Any, checkpoint: Any, resume: Any, overwrite: Any) -> Outlets:
-        """Those that were asked for.
-
-        Raises
-        ------
-        StvkError
-            if one is no path that can be written, or there is no checkpoint to resume.
-        """
+        """Those that were asked for: paths that can be written, and a checkpoint if it is to be resumed."""
         if save is not None:
             save = output_path(path("save", save, "the path of a file such as 'flag.pvd'"), ".pvd")
         if checkpoint is not None:

@@ -18,34 +18,21 @@ from .law import in_space
 from .table import FIELDS, VECTORS, find
 
 PREFIXES = {-9: "n", -6: "µ", -3: "m", 0: "", 3: "k", 6: "M", 9: "G", 12: "T"}
-
-
 Ids = NDArray[np.int64]
 SHARP = np.cos(np.radians(30))
 
 
 @dataclass(frozen=True, eq=False)
 class Picture:
-    """Triangles or segments with a colour value at each corner.
+    """Triangles (m = 3) or segments (m = 2) with a colour value at each corner."""
 
-    Attributes
-    ----------
-    d : dimension of the space.
-    rest, moved : (nv, 3) vertices at rest and with `scale` times their displacements [m].
-    cells : (m, n) vertices of the n triangles (m = 3) or segments (m = 2).
-    values : (m, n) at their corners, masked where there are none.
-    lines : (2, ne) edges that outline the body.
-    label : what the colours mean, with the unit.
-    scale : of the displacements.
-    """
-
-    d: int
-    rest: Array
-    moved: Array
-    cells: NDArray[np.integer]
-    values: Array
-    lines: NDArray[np.integer]
-    label: str
+    d: int  # dimension of the space
+    rest: Array  # (nv, 3) vertices at rest [m]
+    moved: Array  # (nv, 3) the same with `scale` times their displacements [m]
+    cells: NDArray[np.integer]  # (m, n) vertices
+    values: Array  # (m, n) at the corners, masked where there are none
+    lines: NDArray[np.integer]  # (2, ne) edges that outline the body
+    label: str  # what the colours mean, with the unit
     scale: float
 
     @property
@@ -64,16 +51,10 @@ class Picture:
 
 
 class View(NamedTuple):
-    """What pictures of a body have in common.
+    """What pictures of a body have in common."""
 
-    Attributes
-    ----------
-    box : (2, 3) the least and the largest coordinates of the body in all of them, and at rest [m].
-    limits : least and largest colour value, a little apart.
-    """
-
-    box: Array
-    limits: tuple[float, float]
+    box: Array  # (2, 3) the least and the largest coordinates of the body in all of them, and at rest [m]
+    limits: tuple[float, float]  # least and largest colour value, a little apart
 
     @classmethod
     def of(cls, pictures: Iterable[Picture]) -> View:
@@ -92,14 +73,9 @@ class View(NamedTuple):
 
 
 def picture_of(state: State, field: str | ArrayLike, scale: float, label: str | None) -> Picture:
-    """The body at this state, coloured by a field.
+    """The body at this state, coloured by a field with one component.
 
     Values by element are averaged to the nodes within each material, so that stress still jumps from one to the next.
-
-    Raises
-    ------
-    StvkError
-        for a field that is unknown or has several components, for values of another length, or a scale that is not finite.
     """
     scale, label = checked_scale(scale), checked_label(label)
     values, named, unit = corner_values(checked_state(state), field)
@@ -119,18 +95,11 @@ def checked_label(label: Any) -> str | None:
 
 @dataclass(frozen=True, eq=False)
 class Film:
-    """Pictures of a body in time, each made when it is asked for.
+    """Pictures of a body in time, each made when it is asked for."""
 
-    Attributes
-    ----------
-    times : of the pictures [s].
-    picture : a function that gives the picture of a number, with values in their unit.
-    unit : of the values; empty if they stay as they are.
-    """
-
-    times: list[float]
-    picture: Callable[[int], Picture]
-    unit: str
+    times: list[float]  # [s]
+    picture: Callable[[int], Picture]  # by its number, with values in their unit
+    unit: str  # of the values; empty if they stay as they are
 
     def developed(self) -> tuple[View, Iterator[tuple[str, Picture]]]:
         """The view that all pictures share, and each picture with its time in words.
@@ -159,12 +128,12 @@ class Sight:
     def __init__(self, mesh: SimplexMesh) -> None:
         self._d, self._seen = mesh.d, visible_cells(mesh)
         self._cells = mesh.t[self._seen]
-        self._rest = in_space(mesh.p.T[..., None])[..., 0]
+        self._rest = in_space(mesh.p.T)
         self._lines = outline(self._rest, self._cells)
 
     def picture(self, u: Array, values: Array, label: str, scale: float) -> Picture:
         """The picture at displacements `u` (nv, d), coloured by values (k + 1, nt) at the corners of all elements."""
-        moved = self._rest + scale * in_space(u[..., None])[..., 0]
+        moved = self._rest + scale * in_space(u)
         return Picture(self._d, self._rest, moved, self._cells, values[self._seen], self._lines, label, scale)
 
 
@@ -227,10 +196,7 @@ def visible_cells(mesh: SimplexMesh) -> tuple[Ids, Ids]:
 
 
 def outline(points: Array, cells: NDArray[np.integer]) -> NDArray[np.integer]:
-    """Edges (2, n) of triangles (3, nt) where the surface ends, branches or bends by more than 30 degrees; segments as they are.
-
-    `points` are (nv, 3).
-    """
+    """Edges (2, n) where triangles of `points` (nv, 3) end, branch or bend by more than 30 degrees; segments as they are."""
     if len(cells) == 2:
         return cells
     a, b, c = points[cells]
@@ -241,5 +207,4 @@ def outline(points: Array, cells: NDArray[np.integer]) -> NDArray[np.integer]:
     by_edge = np.argsort(place.reshape(-1), kind="stable") % cells.shape[1]  # the triangles of each edge in turn
     start = np.cumsum(count) - count
     flat = np.abs((normals[by_edge[start]] * normals[by_edge[start + (count == 2)]]).sum(axis=1)) > SHARP
-    drawn: NDArray[np.integer] = unique[:, (count != 2) | ~flat]
-    return drawn
+    return unique[:, (count != 2) | ~flat]

@@ -212,17 +212,13 @@ def _scene(picture: Picture) -> Any:
         plotter.add_mesh(pyvista.PolyData(picture.moved, lines=lines), color=EDGE, line_width=1.5)
     if picture.scale != 1:
         plotter.add_text(f"displacements × {picture.scale:g}", position="lower_left", font_size=10, color=REST)
-    _look(plotter, picture)
-    return plotter
-
-
-def _look(plotter: Any, picture: Picture) -> None:
     if picture.d == 3:
         plotter.view_vector((0.6, -0.7, 0.42), viewup=(0, 0, 1))
         plotter.enable_anti_aliasing("ssaa")
     else:
         plotter.view_xy()
     plotter.enable_parallel_projection()
+    return plotter
 
 
 def _no_display() -> bool:

@@ -58,14 +58,12 @@ class Reaction:
     @property
     def resultant(self) -> Array:
         """(d,) sum of the forces [N]."""
-        total: Array = self.by_node.sum(axis=0)
-        return total
+        return self.by_node.sum(axis=0)
 
     @property
     def centroid(self) -> Array:
         """(d,) mean place of the vertices as they are now [m]."""
-        place: Array = self.rest.mean(axis=0) + self.u.mean(axis=0)
-        return place
+        return self.rest.mean(axis=0) + self.u.mean(axis=0)
 
     def moment(self, about: ArrayLike | None = None) -> Array | float:
         """Moment `sum (x - about) x f` [N m] with lever arms as they are now: (3,) in space, a number in the plane, 0 on a line.
@@ -77,15 +75,14 @@ class Reaction:
         StvkError
             if `about` is no point of this space.
         """
-        levers = _centred(self.rest) + _centred(self.u) if about is None else self.rest - self._point(about) + self.u
+        if about is None:
+            levers = _centred(self.rest) + _centred(self.u)
+        else:
+            d = self.rest.shape[1]
+            levers = self.rest - arguments.array("about", about, (d,), f"a point with {d} coordinates [m]") + self.u
         if levers.shape[1] == 3:
-            total: Array = np.cross(levers, self.by_node).sum(axis=0)
-            return total
+            return np.cross(levers, self.by_node).sum(axis=0)
         return float((levers[:, 0] * self.by_node[:, -1] - levers[:, -1] * self.by_node[:, 0]).sum())
-
-    def _point(self, about: ArrayLike) -> Array:
-        d = self.rest.shape[1]
-        return arguments.array("about", about, (d,), f"a point with {d} coordinates [m]")
 
     def __repr__(self) -> str:
         count = f"{len(self.vertices)} {'vertex' if len(self.vertices) == 1 else 'vertices'}"
@@ -96,14 +93,7 @@ class Reaction:
 def held_vertices(system: SystemLike, where: Where | None, what: str = "reaction") -> NDArray[np.int64]:
     """Ids of the vertices at a place, everywhere if it is None, that supports hold or foundations tie to the ground; ascending.
 
-    Messages begin with `what` they are asked for.
-
-    Raises
-    ------
-    RegionError
-        if there is no such place.
-    SupportError
-        if no support and no foundation is there.
+    There is at least one, or else a SupportError. Messages begin with `what` they are asked for.
     """
     held = np.union1d(system.supports.held, system.grounded)
     vertices = np.unique(held // system.mesh.d).astype(np.int64)

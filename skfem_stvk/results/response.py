@@ -92,8 +92,7 @@ class ElasticBody:
 
     @cached_property
     def volume(self) -> Array:
-        volume: Array = self.geometry.volume * self.section
-        return volume
+        return self.geometry.volume * self.section
 
     @cached_property
     def material_of(self) -> NDArray[np.int64]:
@@ -108,10 +107,7 @@ class ElasticBody:
 class Response:
     """Strain and stress of a body at displacements `u` (nv, d) [m] in the frames of its elements, each worked out when first used.
 
-    Attributes
-    ----------
-    fields : the body.
-    v : (nv, d) velocities [m/s] of a body in motion, otherwise None.
+    A body in motion has velocities `v` (nv, d) [m/s].
     """
 
     def __init__(self, fields: ElasticBody, u: Array, v: Array | None = None) -> None:
@@ -157,19 +153,12 @@ class Response:
 
     @cached_property
     def _response(self) -> tuple[Array, Array, Array, NDArray[np.bool_]]:
-        """Strain, stress and energy density, the terms' added up by their sections; and where stress is infinite, 0 there.
-
-        Raises
-        ------
-        StateError
-            if they overflow.
-        """
+        """Strain, stress and energy density, the terms' added up by their sections; and where stress is infinite, 0 there."""
         with np.errstate(over="ignore", invalid="ignore"):
             strain, stress, density, shrunk = self._added_up()
         if not np.isfinite(stress).all() or not np.isfinite(density).all():
-            raise StateError(
-                f"Stresses overflow at displacements of up to {np.abs(self.u).max():.1e}: did the step before diverge?"
-            )
+            largest = np.abs(self.u).max()
+            raise StateError(f"Stresses overflow at displacements of up to {largest:.1e}: did the step before diverge?")
         return strain, stress, density, shrunk
 
     def _added_up(self) -> tuple[Array, Array, Array, NDArray[np.bool_]]:
@@ -204,12 +193,10 @@ class Response:
 def displacement_gradient(u: Array, t: NDArray[np.int32], gradients: Array) -> Array:
     """(nt, d, k) derivatives of the displacement (nv, d) along the simplices' own axes: `sum_a (u_a - u_0) (x) g_a`."""
     corners = u[t.T]
-    gradient: Array = np.swapaxes(corners[:, 1:] - corners[:, :1], 1, 2) @ gradients[:, 1:]
-    return gradient
+    return np.swapaxes(corners[:, 1:] - corners[:, :1], 1, 2) @ gradients[:, 1:]
 
 
 def strain_within(gradient: Array, axes: Array) -> Array:
     """Green-Lagrange strain `(A'H + H'A + H'H)/2` (nt, k, k) in the simplices' axes `A`, without cancellation."""
     linear = np.swapaxes(axes, 1, 2) @ gradient
-    strain: Array = (linear + np.swapaxes(linear, 1, 2) + np.swapaxes(gradient, 1, 2) @ gradient) / 2
-    return strain
+    return (linear + np.swapaxes(linear, 1, 2) + np.swapaxes(gradient, 1, 2) @ gradient) / 2

@@ -9,7 +9,6 @@ import xml.etree.ElementTree as ET
 from collections.abc import Iterable, Sequence
 from contextlib import nullcontext, suppress
 from pathlib import Path
-from types import TracebackType
 
 import numpy as np
 from pydantic import ValidationError
@@ -83,8 +82,8 @@ class Series:
             self.__exit__(None, None, None)
             raise
 
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
-        self._writer.__exit__(kind, error, trace)
+    def __exit__(self, *error: object) -> None:
+        self._writer.__exit__(*error)
 
     def add(self, state: State, t: float) -> Path:
         """Write the next step, at the load factor or time `t` (by which ParaView orders them), and list it.
@@ -128,11 +127,11 @@ class Series:
 
     def _former(self) -> list[tuple[float, Path]]:
         """The steps that an older run wrote; none if they are to be replaced and cannot be read."""
-        if self.resume:
-            return self._read()
         try:
             return self._read()
         except StvkError:
+            if self.resume:
+                raise
             return []
 
     def _kept(self) -> list[tuple[float, Path]]:
@@ -182,8 +181,7 @@ class Series:
                 f"{self.path} is there already, and does not say of which problem it is: another program or release wrote it, or "
                 "result.save(...). Name another series, or replace it with overwrite=True."
             ) from error
-        differences = self._problem.differences(then)
-        if differences:
+        if differences := self._problem.differences(then):
             raise StvkError(
                 f"{self.path} is the series of another problem: {differences}. Name another one, or replace it with overwrite=True."
             )
@@ -202,15 +200,7 @@ class Series:
 
 
 def save_series(path: str | os.PathLike[str], fields: Sequence[str], states: Iterable[tuple[float, State]]) -> Path:
-    """Write states as a series, with the times by which ParaView orders them; an older one stays until all are written.
-
-    Raises
-    ------
-    StvkError
-        as in `Series`.
-    WriteError
-        if they cannot be written, because the disk is full for example; an older series is still there.
-    """
+    """Write states as a series, with the times by which ParaView orders them; an older one stays until all are written."""
     with Series(path, fields) as series:
         aside = series.path.with_name(f".{series.path.stem}.part")
         try:

@@ -39,12 +39,7 @@ def deformation_gradient(state: Response) -> Masked:
 
     In plane strain `F_33 = 1`. Where the stress across vanishes, the columns across follow from `F'F = I + 2 E` and the current
     normals: `F_33 = sqrt(1 + 2 E_33)` if nothing shears across. There is no such `F` where `1 + 2 E_33 <= 0`: the law leaves no
-    thickness.
-
-    Warns
-    -----
-    StvkWarning
-        with the ids of the elements without thickness; they are masked.
+    thickness; such elements are masked, with a warning.
     """
     frames, k = state.fields.frames, state.fields.mesh.k
     gradient = in_space(state.gradient)
@@ -52,9 +47,12 @@ def deformation_gradient(state: Response) -> Masked:
         return gradient + np.eye(3), state.without_strain
     tangents = frames[..., :k] + gradient
     across, solid = _across(tangents, state)
-    thin = np.flatnonzero(~solid & ~state.without_strain)
-    if len(thin):
-        warn(_describe_thin(thin))
+    if len(thin := np.flatnonzero(~solid & ~state.without_strain)):
+        warn(
+            f"{name_ids(thin, 'element')}: stretched so far that zero stress across leaves no thickness (1 + 2 E <= 0 there). F, "
+            "J, principal stretches and Cauchy stress are masked; pk2_stress, pk1_stress and green_strain are not. Were loads or "
+            "moduli meant in other units?"
+        )
     F = tangents @ np.swapaxes(frames[..., :k], 1, 2) + across @ np.swapaxes(frames[..., k:], 1, 2)
     return F, state.without_strain | ~solid
 
@@ -98,24 +96,12 @@ def principal_stretches(state: Response) -> Masked:
     return np.sqrt(np.maximum(1 + 2 * strains, 0.0)), missing
 
 
-def _describe_thin(ids: NDArray[np.int64]) -> str:
-    return (
-        f"{name_ids(ids, 'element')}: stretched so far that zero stress across leaves no thickness (1 + 2 E <= 0 there). F, J, "
-        "principal stretches and Cauchy stress are masked; pk2_stress, pk1_stress and green_strain are not. Were loads or moduli "
-        "meant in other units?"
-    )
-
-
 def pk2_stress(state: Response) -> Masked:
     """Second Piola-Kirchhoff stress (nt, 3, 3) [Pa], on rest axes: `S = C : E`, and `psi'(J) J (F'F)^-1` of a `VolumePenalty`.
 
-    Warns
-    -----
-    StvkWarning
-        with the ids of the elements of a `VolumePenalty` that have shrunk to nothing (`J = 0`); they are masked.
+    Elements of a `VolumePenalty` that have shrunk to nothing (`J = 0`) are masked, with a warning.
     """
-    lost = np.flatnonzero(state.shrunk)
-    if len(lost):
+    if len(lost := np.flatnonzero(state.shrunk)):
         _warn_of_shrunk(lost, "stress is infinite")
     return state.globally(state.stress), state.fields.without_term | state.shrunk
 
@@ -133,12 +119,7 @@ def pk1_stress(state: Response) -> Masked:
 def cauchy_stress(state: Response) -> Masked:
     """Cauchy (true) stress `F S F'/|J|` (nt, 3, 3) [Pa], force per current area, on current axes.
 
-    `|J|`, so that tension stays tension in elements that are turned inside out.
-
-    Warns
-    -----
-    StvkWarning
-        with the ids of the elements that have shrunk to nothing (`J = 0`); they are masked.
+    `|J|`, so that tension stays tension in elements that are inside out. Where `J = 0` they are masked, with a warning.
     """
     F, _ = state.value(deformation_gradient)
     J, missing = state.value(volume_ratio)
@@ -147,8 +128,7 @@ def cauchy_stress(state: Response) -> Masked:
     with np.errstate(divide="ignore", over="ignore", invalid="ignore"):
         stress = F @ S @ np.swapaxes(F, 1, 2) / np.abs(J)[:, None, None]
     infinite = ~np.isfinite(stress).all(axis=(1, 2))
-    lost = np.flatnonzero(infinite & ~missing)
-    if len(lost):
+    if len(lost := np.flatnonzero(infinite & ~missing)):
         _warn_of_shrunk(lost, "the Cauchy stress is infinite")
     stress[infinite] = 0.0
     return stress, missing | infinite
@@ -219,11 +199,6 @@ def names() -> tuple[str, ...]:
 def find(name: str, others: Iterable[str] = ()) -> Field:
     """The field of this name; names of stresses may leave `_stress` out. Messages also name the `others` that would have done.
 
-    Raises
-    ------
-    StvkError
-        if there is none, naming those that there are.
-
     >>> find("cauchy").name
     'cauchy_stress'
     >>> find("von_mieses")
@@ -238,13 +213,7 @@ def find(name: str, others: Iterable[str] = ()) -> Field:
 
 
 def find_all(given: Sequence[str]) -> list[Field]:
-    """The fields of these names.
-
-    Raises
-    ------
-    StvkError
-        if it is no list of names, or one of them is unknown.
-    """
+    """The fields of these names."""
     if not isinstance(given, list | tuple):
         raise StvkError(f"fields = {shown(given)}; expected a list of names of fields.")
     return [find(name) for name in given]

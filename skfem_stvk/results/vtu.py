@@ -17,6 +17,7 @@ from ..arguments import Array
 from ..mesh import SimplexMesh
 from .fields import State, checked_state
 from .files import output_path, replacing
+from .law import in_space
 from .table import Field, find_all
 
 Arrays = dict[str, NDArray[Any]]
@@ -56,12 +57,12 @@ def write_vtu(path: str | os.PathLike[str], state: State, fields: Sequence[str] 
 
 def _with_fields(state: State, fields: Sequence[Field]) -> meshio.Mesh:
     mesh = state.fields.mesh
-    points: Arrays = {name: _padded(vectors) for name, vectors in state.vectors.items()}
+    points: Arrays = {name: in_space(vectors) for name, vectors in state.vectors.items()}
     cells = _regions(mesh)
     for field in fields:
         points |= _arrays(field, state.at_nodes(field.name))
         cells |= _arrays(field, state[field.name])
-    return meshio.Mesh(_padded(mesh.p.T), [(CELLS[mesh.k], mesh.t.T)], points, {name: [values] for name, values in cells.items()})
+    return meshio.Mesh(in_space(mesh.p.T), [(CELLS[mesh.k], mesh.t.T)], points, {name: [values] for name, values in cells.items()})
 
 
 def _arrays(field: Field, values: Array) -> Arrays:
@@ -77,8 +78,7 @@ def _components(values: Array, symmetric: bool) -> Array:
     if not symmetric:
         return values.reshape(len(values), -1) if values.ndim > 1 else values
     i, j = np.array(VTK).T
-    components: Array = values[:, i, j]
-    return components
+    return values[:, i, j]
 
 
 def _regions(mesh: SimplexMesh) -> Arrays:
@@ -101,10 +101,3 @@ def as_attribute(name: str) -> str:
     """
     legal = "".join(repr(letter)[1:-1] if category(letter) in ("Cc", "Cs", "Cn") else letter for letter in name)
     return escape(legal, {'"': "&quot;"}).encode("ascii", "xmlcharrefreplace").decode()
-
-
-def _padded(vectors: Array) -> Array:
-    """Vectors (n, 3) from (n, d), padded with zeros."""
-    solid = np.zeros((len(vectors), 3))
-    solid[:, : vectors.shape[1]] = vectors
-    return solid
