@@ -13,7 +13,7 @@ from .blocks import VertexRows
 from .cg import conjugate_gradients, dot
 from .checks import Newest, check_kind, checked_right, checked_unknowns, checked_values, handed_out
 from .multigrid import SINGLE, Hierarchy, Level
-from .solver import Kind, Solution, Unknowns, Vector
+from .solver import Kind, Solution, Unknowns, Vector, structure_of
 
 #: Iterations at most.
 MOST = 1000
@@ -64,8 +64,8 @@ class AmgAnalysis:
         if unknowns.near_null_space is None:
             raise StvkError("The unknowns have no near_null_space; multigrid expects a function that gives the rigid motions.")
         self.rows = VertexRows(unknowns)
-        assert unknowns.indptr is not None
-        self._diagonal = np.flatnonzero(np.repeat(np.arange(unknowns.n), np.diff(unknowns.indptr)) == unknowns.indices)
+        indptr, indices = structure_of(unknowns)
+        self._diagonal = np.flatnonzero(np.repeat(np.arange(unknowns.n), np.diff(indptr)) == indices)
         structure = self.rows.structure
         self.finest = Level(self.rows.graph, structure, self.rows.diagonal, structure.room(), structure.room(SINGLE))
         self.parts = parts_of(len(self.finest.x), 0.1, threads())

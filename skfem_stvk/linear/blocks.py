@@ -14,7 +14,7 @@ from ..errors import StvkError, name_ids
 from ..kernels import sparse as kernels
 from ..kernels.compiled import Ids, Reals
 from ..kernels.threads import parts_of, run, threads
-from .solver import Unknowns, Vector
+from .solver import Unknowns, Vector, structure_of
 
 #: Of a product, so many blocks are as much work as a simplex.
 BLOCKS = 4
@@ -22,13 +22,9 @@ BLOCKS = 4
 
 @dataclass(frozen=True)
 class BlockStructure:
-    """The sparsity pattern of a matrix of blocks, in the CSR format.
+    """The sparsity pattern of a matrix in the CSR format, counted in blocks, columns sorted.
 
-    Attributes
-    ----------
-    rows, columns : int32 arrays, counted in blocks; columns sorted.
-    width : number of block columns.
-    parts : the block rows of each thread.
+    It has `width` block columns; `parts` are the block rows of each thread.
     """
 
     rows: Ids
@@ -102,21 +98,9 @@ def _structure(rows: Ids, columns: Ids, width: int) -> BlockStructure:
 class VertexRows:
     """K in blocks of vertices, three components always, in the order of Cuthill and McKee.
 
-    Components that are held are padded with a diagonal.
-
-    Attributes
-    ----------
-    graph : of the block rows, with the diagonal, columns sorted.
-    structure, diagonal : of K in blocks.
-    vertices : (rows,) vertex of each block row.
-    first, row, component : first unknown of each block row; block row and component of each unknown.
-    places : (n,) `3 row + component`.
-    n : number of unknowns.
-
-    Raises
-    ------
-    StvkError
-        if not every pair of vertices that K couples has a full block.
+    Components that are held are padded with a diagonal. The block rows have the `graph`, with the diagonal and columns sorted;
+    `vertices` and `first` are the vertex and the first unknown of each. Unknowns are a `component` of a block `row`, at `places` 3
+    row + component. A K without a full block for each pair of vertices that it couples is refused.
     """
 
     def __init__(self, unknowns: Unknowns) -> None:
@@ -154,9 +138,7 @@ class VertexRows:
 
 def _graph(unknowns: Unknowns, starts: Ids, node: Ids) -> csr_matrix:
     """Vertices that K couples, from the first row of each."""
-    indptr, indices = unknowns.indptr, unknowns.indices
-    if indptr is None or indices is None:
-        raise StvkError("The unknowns have no indptr and indices; expected the structure of K over the free degrees of freedom.")
+    indptr, indices = structure_of(unknowns)
     counts = np.diff(indptr)
     uneven = np.flatnonzero(counts != counts[starts][node])
     if len(uneven):

@@ -1,7 +1,6 @@
 """Conjugate gradients, preconditioned: when they end, and two loops.
 
-One is for functions that multiply and precondition on several threads, the other is compiled as a whole, for blocks of edges on one
-thread.
+One is for functions that multiply and precondition on several threads, the other compiled as a whole, for edges on one thread.
 """
 
 from __future__ import annotations
@@ -25,22 +24,11 @@ Map = Callable[[Vector], Vector]
 MOST = 50_000
 #: Edges that one call takes, iteration after iteration: 50 ms, after which Python looks whether Ctrl-C was pressed.
 STRETCH = 10_000_000
-OUTCOMES = {
-    kernels.SMALL: Outcome.SOLVED,
-    kernels.NEGATIVE: Outcome.NEGATIVE_CURVATURE,
-    kernels.NOT_FINITE: Outcome.NOT_FINITE,
-}
+OUTCOMES = {kernels.SMALL: Outcome.SOLVED, kernels.NEGATIVE: Outcome.NEGATIVE_CURVATURE, kernels.NOT_FINITE: Outcome.NOT_FINITE}
 
 
 class Search(Protocol):
-    """The state of an iteration.
-
-    Attributes
-    ----------
-    size : `|b|`.
-    norm : `|b - K x|` as the loop has it.
-    iterations : so far.
-    """
+    """The state of an iteration: `size` is `|b|`, `norm` is `|b - K x|` as the loop has it."""
 
     size: float
     norm: float
@@ -57,12 +45,9 @@ class Search(Protocol):
 
 
 def solve_by(search: Search, b: Vector, rtol: float, most: int) -> Solution:
-    """`x` with `|b - K x| <= rtol |b|`, or the last one where the iteration ends before.
+    """`x` with `|b - K x| <= rtol |b|`, or the last one where `p'Kp <= 0`, after `most` iterations, or at what is not finite.
 
-    It ends when `p'Kp <= 0`, after `most` iterations, or when something is not finite.
-
-    The residual that the loop keeps is compared with that of x at the end, and where it was too small the loop starts again from x,
-    once.
+    The residual that the loop keeps is compared with that of x at the end; if it was too small the loop starts again, once.
     """
     size, first = search.size, search.norm
     if not np.isfinite(first + size):
@@ -95,14 +80,13 @@ class _Search:
         self._product, self._precondition, self._b = product, precondition, b
         self._parts = parts_of(len(b), 0.1, threads())
         self._x, self._r, self._p, self._before = np.zeros_like(b), b.copy(), np.zeros_like(b), np.empty_like(b)
-        self.size = self.norm = float(np.sqrt(self._dot(b, b)))
+        self.size = self.norm = float(np.sqrt(dot(self._parts, b, b)))
         self._rho, self.iterations = 0.0, 0
         if x0 is not None:
             np.copyto(self._x, x0)
             self.true_residual()
 
     def run(self, enough: float, most: int) -> Outcome:
-        """Iterate until the residual is small enough, or something else happens."""
         while self.norm > enough:
             if self.iterations >= most:
                 return Outcome.OUT_OF_ITERATIONS
@@ -112,13 +96,11 @@ class _Search:
         return Outcome.SOLVED
 
     def true_residual(self) -> float:
-        """Compute `|b - K x|` anew and go on with that residual; the next direction is the first again."""
         self._r = self._b - self._product(self._x)
-        self._rho, self.norm = 0.0, float(np.sqrt(self._dot(self._r, self._r)))
+        self._rho, self.norm = 0.0, float(np.sqrt(dot(self._parts, self._r, self._r)))
         return self.norm
 
     def x(self) -> Vector:
-        """The current iterate (n,)."""
         return self._x
 
     def _iterate(self) -> Outcome | None:
@@ -127,13 +109,13 @@ class _Search:
         The preconditioner may be rounded, not quite symmetric: `beta = z'(r - r_before) / (z'r)_before` (Polak, Ribiere).
         """
         z = self._precondition(self._r)
-        rho, before = self._dot(z, self._r), self._rho
+        rho, before = dot(self._parts, z, self._r), self._rho
         if not rho > 0:
             return Outcome.NEGATIVE_CURVATURE if np.isfinite(rho) else Outcome.NOT_FINITE
-        beta = max((rho - self._dot(z, self._before)) / before, 0.0) if before else 0.0
+        beta = max((rho - dot(self._parts, z, self._before)) / before, 0.0) if before else 0.0
         run(products.turn, self._parts, beta, z, self._p)
         q = self._product(self._p)
-        curvature = self._dot(self._p, q)
+        curvature = dot(self._parts, self._p, q)
         if not curvature > 0:
             return Outcome.NEGATIVE_CURVATURE if np.isfinite(curvature) else Outcome.NOT_FINITE
         np.copyto(self._before, self._r)
@@ -142,9 +124,6 @@ class _Search:
         self.iterations += 1
         return None if np.isfinite(square) else Outcome.NOT_FINITE
 
-    def _dot(self, x: Vector, y: Vector) -> float:
-        return dot(self._parts, x, y)
-
 
 def dot(parts: NDArray[np.int64], x: Vector, y: Vector) -> float:
     """`x'y` by kernels: BLAS wakes threads that wait awake and slow down the kernels' own."""
@@ -152,20 +131,11 @@ def dot(parts: NDArray[np.int64], x: Vector, y: Vector) -> float:
 
 
 class EdgeCg:
-    """Conjugate gradients on blocks of edges, on one thread.
+    """Conjugate gradients on blocks of edges (ne, 2), pairs of block rows `a < b`, on one thread.
 
-    Parameters
-    ----------
-    edges : (ne, 2) block rows `a < b`.
-    vertices : (rows,) what messages call the block rows.
-    places : (n,) of the unknowns, `3 row + component`.
-    assembled : whether the diagonal is given, block by block; otherwise it is a shift minus the blocks of edges.
-    omega : of SSOR; of edges that are not sorted it needs a copy of the blocks. 0 stands for the diagonal blocks alone.
-
-    Attributes
-    ----------
-    diagonal : as in `kernels.cg`.
-    iterations, size, norm : as in `Search`.
+    Messages call the block rows `vertices` (rows,); `places` (n,) of the unknowns are `3 row + component`. If it is `assembled` the
+    diagonal is given, block by block; otherwise it is a shift minus the blocks of edges. `omega` is that of SSOR, for which edges
+    that are not sorted need a copy of the blocks; 0 stands for the diagonal blocks alone.
     """
 
     def __init__(self, edges: Ids, vertices: Ids, places: NDArray[np.int64], assembled: bool, omega: float) -> None:
@@ -190,9 +160,8 @@ class EdgeCg:
         if shift is None:
             self.diagonal[:] = 0
         elif shift.shape != self._places.shape:
-            raise StvkError(
-                f"The shift has shape {shift.shape}; expected {self._places.shape}, a value for each free degree of freedom."
-            )
+            expected = f"{self._places.shape}, a value for each free degree of freedom"
+            raise StvkError(f"The shift has shape {shift.shape}; expected {expected}.")
         blocks = self._sorted(blocks)
         total = kernels.shifted_diagonal(self.edges, blocks, self._held, self._places, added, self.diagonal, self.inverse)
         self._invert(blocks, total)
@@ -242,17 +211,13 @@ class EdgeCg:
         return np.asarray(self._work[kernels.T, self._places])
 
     def true_residual(self) -> float:
-        """Compute `|b - K x|` anew and go on with that residual; the next direction is the first again."""
         own = self.edges, self._blocks, self.diagonal, self._held
         kernels.residual(*own, self._places, self._b, self._state, self._work)
         self.norm = float(self._state[kernels.NORM])
         return self.norm
 
     def run(self, enough: float, most: int) -> Outcome:
-        """Iterate until the residual is small enough, or something else happens.
-
-        A diagonal block that is indefinite has a direction of negative curvature; SSOR, made of one that is not, would not see it.
-        """
+        """As in `Search`. An indefinite diagonal block has a direction of negative curvature, which SSOR would not see."""
         if self._indefinite:
             return Outcome.NEGATIVE_CURVATURE
         own = self.edges, self._blocks, self.diagonal, self.inverse, self._held, self._omega
@@ -266,7 +231,6 @@ class EdgeCg:
         return OUTCOMES[ended]
 
     def x(self) -> Vector:
-        """The current iterate (n,)."""
         return np.take(self._work[kernels.X], self._places, out=self._out, mode="clip")
 
 

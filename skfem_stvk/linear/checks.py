@@ -12,7 +12,7 @@ from scipy.sparse import csr_matrix
 
 from ..arguments import number, shown, vector
 from ..errors import StateError, StvkError, name_ids
-from .solver import Kind, LinearSolver, Outcome, Solution, Unknowns, Vector
+from .solver import Kind, LinearSolver, Outcome, Solution, Unknowns, Vector, structure_of
 
 
 class Newest:
@@ -53,16 +53,13 @@ def check_kind(solver: LinearSolver, kind: Kind) -> None:
 
 def checked_values(K: Any, unknowns: Unknowns) -> NDArray[np.float64]:
     """The values (nnz,) of K in double precision, not copied if they are; another structure and NaN are refused."""
-    if unknowns.indptr is None or unknowns.indices is None:
-        raise StvkError("The unknowns have no indptr and indices; expected the structure of K over the free degrees of freedom.")
+    indptr, indices = structure_of(unknowns)
     n = unknowns.n
     if not isinstance(K, csr_matrix) or K.shape != (n, n):
         raise StvkError(f"K = {shown(K)}; expected a csr_matrix of shape {(n, n)}.")
-    if not _same(K.indptr, unknowns.indptr) or not _same(K.indices, unknowns.indices):
-        raise StvkError(
-            f"K has {K.nnz} values in another structure than was analysed, of {len(unknowns.indices)} values. Keep its zeros, or "
-            "analyse anew."
-        )
+    if not all(own is given or np.array_equal(own, given) for own, given in ((K.indptr, indptr), (K.indices, indices))):
+        other = f"another structure than was analysed, of {len(indices)} values"
+        raise StvkError(f"K has {K.nnz} values in {other}. Keep its zeros, or analyse anew.")
     values = np.ascontiguousarray(K.data, dtype=np.float64)
     if not np.isfinite(values.sum()) and len(bad := np.flatnonzero(~np.isfinite(values))):
         raise StateError(f"K is not finite in {name_ids(bad, 'value')}: did the step before diverge?")
@@ -99,15 +96,8 @@ def handed_out(found: Solution, out: Vector | None) -> Solution:
     return replace(found, x=out)
 
 
-def _same(a: Any, b: Any) -> bool:
-    return a is b or np.array_equal(a, b)
-
-
 def solve_checked(product: Callable[[Vector], Vector], inverse: Callable[[Vector], Vector], b: Vector, rtol: float) -> Solution:
-    """`x = inverse(b)`, refined once where the residual is above `rtol |b|`, and kept if that made it smaller.
-
-    A refinement is `x += inverse(b - K x)`.
-    """
+    """`x = inverse(b)`, refined once where `|b - K x| > rtol |b|` to `x += inverse(b - K x)`, if that is better."""
     size = float(np.linalg.norm(b))
     if not np.isfinite(size):
         return Solution.none(b, Outcome.NOT_FINITE)

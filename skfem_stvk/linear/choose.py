@@ -31,15 +31,16 @@ def choose(solver: str | LinearSolver, n: int, kind: Kind, indefinite: bool = Fa
     n, indefinite = whole("n", n, "the number of unknowns"), flag("indefinite", indefinite)
     if is_auto(solver):
         checked_kind(kind)
-        return direct(n) if indefinite else automatic(n, kind)
+        # multigrid only where it gains even on slender bodies: direct solvers count negative eigenvalues, take what is indefinite
+        many = MANY if pardiso_is_installed() else MANY_WITHOUT_PARDISO
+        return direct(n) if indefinite or kind == Kind.GENERAL or n < many else AmgCg()
     if isinstance(solver, str):
         known = {one.name: one for one in SOLVERS}
         if solver not in known:
             raise StvkError(f"solver = {shown(solver)}; expected 'auto', {names(SOLVERS)}, or an object such as SuperLU().")
         solver = known[solver]
-    if isinstance(solver, type) or not all(
-        hasattr(solver, name) for name in ("analyse", "name", "takes", "matrix_free", "iterative")
-    ):
+    asked = "analyse", "name", "takes", "matrix_free", "iterative"
+    if isinstance(solver, type) or not all(hasattr(solver, name) for name in asked):
         raise StvkError(f"solver is a {type(solver).__name__}; expected 'auto', {names(SOLVERS)}, or an object such as SuperLU().")
     check_kind(solver, kind)
     if indefinite and solver.iterative:
@@ -54,18 +55,6 @@ def choose(solver: str | LinearSolver, n: int, kind: Kind, indefinite: bool = Fa
 def is_auto(solver: object) -> bool:
     """Whether the choice is left to `choose`."""
     return isinstance(solver, str) and solver == "auto"
-
-
-def automatic(n: int, kind: Kind) -> LinearSolver:
-    """The solver that the table of `docs/solvers.md` recommends for so many unknowns.
-
-    That is multigrid where it is faster than direct solvers even on slender bodies, and SuperLU where nothing gains.
-
-    Below, direct solvers tell how many eigenvalues are negative and take what is indefinite, for little more time.
-    """
-    if kind == Kind.GENERAL or n < (MANY if pardiso_is_installed() else MANY_WITHOUT_PARDISO):
-        return direct(n)
-    return AmgCg()
 
 
 def direct(n: int) -> LinearSolver:

@@ -19,13 +19,7 @@ ROUNDING = 8 * float(np.finfo(float).eps)
 
 
 class Inertia(NamedTuple):
-    """Numbers of eigenvalues of a symmetric matrix.
-
-    Attributes
-    ----------
-    negative : below `-8 eps |K|`.
-    unsigned : between `-8 eps |K|` and `8 eps |K|`, where rounding decides the sign.
-    """
+    """Numbers of eigenvalues of a symmetric matrix below `-8 eps |K|`, and of those up to `8 eps |K|`: rounding has their sign."""
 
     negative: int
     unsigned: int
@@ -61,7 +55,7 @@ def eigenvalues_below(K: csr_matrix, shift: float, unknowns: Unknowns) -> int | 
 def shifted(K: csr_matrix, shift: float) -> csr_matrix:
     """`K - shift I`, of the same pattern."""
     values = K.data.copy()
-    values[_diagonal(K)] -= shift
+    values[np.repeat(np.arange(K.shape[0]), np.diff(K.indptr)) == K.indices] -= shift
     return csr_matrix((values, K.indices, K.indptr), shape=K.shape)
 
 
@@ -76,10 +70,6 @@ def _scaled(K: csr_matrix) -> csr_matrix:
     size, row = np.abs(K.diagonal()), np.repeat(np.arange(K.shape[0]), np.diff(K.indptr))
     scale = 1 / np.sqrt(np.where(size > 0, size, size.max() if size.max() > 0 else 1.0))
     return csr_matrix((K.data * scale[row] * scale[K.indices], K.indices, K.indptr), shape=K.shape)
-
-
-def _diagonal(K: csr_matrix) -> NDArray[np.int64]:
-    return np.flatnonzero(np.repeat(np.arange(K.shape[0]), np.diff(K.indptr)) == K.indices)
 
 
 def _solvers(unknowns: Unknowns) -> list[LinearSolver]:

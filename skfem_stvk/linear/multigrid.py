@@ -26,13 +26,9 @@ COARSEST = 50
 
 
 class Level:
-    """A matrix in blocks in double precision, and `scale` times it in single, which is enough to smooth with.
+    """A matrix `A` in `blocks` in double precision, and `scale` times it in `single`, which is enough to smooth with.
 
-    Attributes
-    ----------
-    graph : of its nodes, with the diagonal, columns sorted.
-    A, blocks, single : structure and values.
-    x : (3 n,) the result of the last sweep.
+    Its nodes have the `graph`, with the diagonal, columns sorted; `x` (3 n,) is the result of the last sweep.
     """
 
     def __init__(self, graph: csr_matrix, structure: BlockStructure, diagonal: Ids, blocks: Reals, single: Reals) -> None:
@@ -94,12 +90,7 @@ class Level:
 
 
 class Coarsening:
-    """The transfer from a level to the next: `R = P'`, `A_next = R A P`, with P of smoothed aggregation.
-
-    Attributes
-    ----------
-    structure, graph : of the next level.
-    """
+    """The transfer to the next level: `R = P'`, `A_next = R A P` of `structure` and `graph`, P by smoothed aggregation."""
 
     def __init__(self, level: Level, count: int) -> None:
         numbers = aggregates(level.graph, level.A, level.single)
@@ -150,9 +141,9 @@ def _sorted(graph: csr_matrix) -> csr_matrix:
 
 
 def aggregates(graph: csr_matrix, structure: BlockStructure, blocks: Reals) -> NDArray[np.int32]:
-    """The number (nodes,) of each node's aggregate, by pyamg's standard aggregation of strongly coupled nodes.
+    """The number (nodes,) of each node's aggregate, by pyamg's standard aggregation of strongly coupled nodes of the graph.
 
-    `structure` and `blocks` are a matrix with the same number of block rows for each node of the graph.
+    The matrix has the same number of block rows for each node.
     """
     norms, diagonal = _norms(graph, structure, blocks)
     row = np.repeat(np.arange(graph.shape[0]), np.diff(graph.indptr))
@@ -204,11 +195,7 @@ def _standard_aggregation() -> Callable[[csr_matrix], tuple[csr_matrix, Ids]]:
 class Hierarchy:
     """Levels of a matrix, from fine to coarse: an approximate inverse, symmetric and positive definite.
 
-    Parameters
-    ----------
-    finest : the matrix.
-    modes : (3 n, r) displacements of little energy, in the block rows of the matrix.
-    scale : of the values in single precision.
+    The `modes` (3 n, r) are displacements of little energy, in the block rows of the matrix; single precision is `scale`d.
     """
 
     def __init__(self, finest: Level, modes: Reals, scale: float) -> None:

@@ -107,6 +107,13 @@ class Unknowns:
         return len(self.vertex)
 
 
+def structure_of(unknowns: Unknowns) -> tuple[NDArray[np.integer[Any]], NDArray[np.integer[Any]]]:
+    """Rows and columns of K in CSR format; unknowns that do not know them are refused."""
+    if unknowns.indptr is None or unknowns.indices is None:
+        raise StvkError("The unknowns have no indptr and indices; expected the structure of K over the free degrees of freedom.")
+    return unknowns.indptr, unknowns.indices
+
+
 class EdgeBlocks(NamedTuple):
     """K over the unknowns as blocks of edges: `(K v)_a = S_a v_a + sum_b K_ab (v_b - v_a)`, `v = 0` at what is held.
 

@@ -66,9 +66,7 @@ class SuperLUFactors:
 
     @cached_property
     def negative_pivots(self) -> int | None:
-        """The number of negative pivots on the diagonal of U, where no rows were exchanged: then `U = D L'`.
-
-        Reading it copies L and U.
+        """Negative pivots on the diagonal of U, where no rows were exchanged: then `U = D L'`. Reading it copies L and U.
 
         Where rows were exchanged, another factorisation takes diagonal pivots only; if one of those is zero, K is indefinite or
         singular, and 1 stands for at least one eigenvalue that is not positive.
@@ -111,12 +109,7 @@ def _cycles(order: Any) -> int:
 
 def _factors(transpose: csc_matrix, kind: Kind) -> Any:
     try:
-        return splu(
-            transpose,
-            permc_spec="MMD_AT_PLUS_A",
-            diag_pivot_thresh=PIVOT[kind],
-            options={"SymmetricMode": True},
-        )
+        return splu(transpose, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=PIVOT[kind], options={"SymmetricMode": True})
     except RuntimeError as error:
         if "singular" in str(error):
             return None
