@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from functools import cached_property
 from typing import Any
 
@@ -30,14 +31,9 @@ class SimplexTerm(PairTerm):
     Ratios of volumes are below zero where a simplex is inside out, whichever way round its vertices are numbered. Of triangles in
     space, and of segments in more than one dimension, they are ratios of areas and lengths, which have no sign.
 
-    Parameters
-    ----------
-    p : (d, nv) rest coordinates of all vertices of the mesh [m].
-    t : (k + 1, nt) vertices of the simplices.
-    edges : (2, ne) their edges, `a < b` in lexicographic order.
-    stored : what the kernels store of the simplices in their own order, (m, nt) from its vertices of the mesh (k + 1, nt) and the
-        order.
-    dtype : of results and of what is stored, which is computed in double and rounded then.
+    Simplices `t` (k + 1, nt) with `edges` (2, ne), `a < b` in lexicographic order, have rest coordinates `p` (d, nv) [m]. `stored`
+    gives what the kernels store of them in their own order, (m, nt) from its vertices of the mesh (k + 1, nt) and the order:
+    computed in double, then rounded.
     """
 
     symmetric = balanced = has_energy = True
@@ -63,17 +59,21 @@ class SimplexTerm(PairTerm):
         """What is made of the blocks."""
         return PairBlocks(self.simplices.own, self.simplices.edges, self.simplices.d)
 
+    @contextmanager
+    def _adding(self, u: Array, force: Array | None) -> Iterator[tuple[Shares, Array]]:
+        """Shares, and slots at displacements `u` (nv, d) that are added to `force` (nv, d) in the end: none without a force."""
+        own, shares = self.simplices.own, self.simplices.forces
+        f = np.empty(0, dtype=self.dtype) if force is None else own.slots("F", shares)
+        self.simplices.gather(u)
+        yield shares, f
+        if force is not None:
+            own.add(f, shares, force)
+
     @in_turn
     def energy_and_force(self, u: Array, force: Array | None = None) -> float:
         """Strain energy [J] at displacements `u` (nv, d) [m]; adds the internal force `dW/du` [N] to `force` (nv, d)."""
-        simplices = self.simplices
-        shares = simplices.forces
-        f = simplices.own.slots("F", shares) if force is not None else np.empty(0, dtype=self.dtype)
-        simplices.gather(u)
-        W = self._energy(shares, f)
-        if force is not None:
-            simplices.own.add(f, shares, force)
-        return W
+        with self._adding(u, force) as (shares, f):
+            return self._energy(shares, f)
 
     @abstractmethod
     def _energy(self, shares: Shares, f: Array) -> float:
@@ -83,16 +83,13 @@ class SimplexTerm(PairTerm):
     def blocks(self, u: Array, force: Array | None = None, out: Array | None = None, kept: Tensions = ALL) -> tuple[float, Array]:
         """As in `PairTerm`: the blocks `K_ab` (9 ne,) of the edges, with room for what threads add to them."""
         simplices = self.simplices
-        shares, to, total = simplices.forces, simplices.blocks, simplices.edges.total
+        to, total = simplices.blocks, simplices.edges.total
         size = 9 * (total + len(to.extra))
         blocks = np.empty(size, dtype=self.dtype) if out is None or len(out) != size else out
-        f = simplices.own.slots("F", shares) if force is not None else np.empty(0, dtype=self.dtype)
-        simplices.gather(u)
         blocks[9 * total :] = 0
-        W = self._linearize(shares, to.slots.reshape(len(simplices.t), -1), f, blocks, kept)
+        with self._adding(u, force) as (shares, f):
+            W = self._linearize(shares, to.slots.reshape(len(simplices.t), -1), f, blocks, kept)
         block_kernels.fold(blocks, total, to.extra, 9)
-        if force is not None:
-            simplices.own.add(f, shares, force)
         return W, blocks
 
     @abstractmethod
@@ -105,12 +102,8 @@ class SimplexTerm(PairTerm):
 
         Times eps it is the size of the force's rounding error, of which that of `u` itself is a part.
         """
-        simplices = self.simplices
-        shares = simplices.forces
-        f = simplices.own.slots("F", shares)
-        simplices.gather(u)
-        self._round_off(shares, f)
-        simplices.own.add(f, shares, out)
+        with self._adding(u, out) as (shares, f):
+            self._round_off(shares, f)
 
     @abstractmethod
     def _round_off(self, shares: Shares, f: Array) -> None:
@@ -130,8 +123,7 @@ class SimplexTerm(PairTerm):
 
     @in_turn
     def step_limit(self, u: Array, v: Array) -> float:
-        """The smallest `s > 0` at which a simplex that is right side out at `u` has no volume left at `u + s v`, both (nv, d); or
-        infinity."""
+        """The smallest `s > 0` at which a simplex right side out at `u` has no volume left at `u + s v` (nv, d); or infinity."""
         simplices = self.simplices
         if simplices.k < simplices.d:
             return np.inf
@@ -153,13 +145,9 @@ class SimplexTerm(PairTerm):
 
     def memory(self) -> dict[str, int]:
         """Bytes of its arrays, by part."""
-        parts = self.simplices.memory()
+        parts = {"edges of the mesh": self.nodes_paired.nbytes} | self.simplices.memory()
         parts["simplices"] += self._D.nbytes
-        return (
-            {"edges of the mesh": self.nodes_paired.nbytes}
-            | parts
-            | {"blocks of edges": nbytes([] if self._filled is None else self._filled)}
-        )
+        return parts | {"blocks of edges": nbytes([] if self._filled is None else self._filled)}
 
 
 class Assembly(SimplexTerm):
@@ -173,13 +161,11 @@ class Assembly(SimplexTerm):
 
     def __init__(self, form: EdgeForm, dtype: DTypeLike = np.float64) -> None:
         self.form = form
-        super().__init__(
-            form.p,
-            form.t,
-            form.edges,
-            lambda t, own: in_range(form.stiffness.stored(form.p, t, own.elements, own.local), own.elements, dtype),
-            dtype,
-        )
+
+        def stored(t: NDArray[np.int32], own: OwnOrder) -> Array:
+            return in_range(form.stiffness.stored(form.p, t, own.elements, own.local), own.elements, dtype)
+
+        super().__init__(form.p, form.t, form.edges, stored, dtype)
         if self._D.shape[1] == 7 * LANES:
             self._D = self._D.ravel()
 
@@ -201,8 +187,7 @@ class Assembly(SimplexTerm):
         simplices.gather(u)
         V = simplices.own.gathered("direction", v, np.float64)
         arrays = simplices.t.ravel(), self._D, simplices.X, simplices.u, V
-        total: NDArray[np.float64] = np.sum(run(simplex_kernels.along, simplices.forces.parts, *arrays), axis=0)
-        return total
+        return np.asarray(np.sum(run(simplex_kernels.along, simplices.forces.parts, *arrays), axis=0))
 
     @in_turn
     def mean_force(self, u0: Array, u1: Array, weights: tuple[float, float], theta: float, force: Array) -> float:
@@ -215,17 +200,11 @@ class Assembly(SimplexTerm):
         weights of sum 1 more by `(w1 - w0)` times `1/4 dzeta' L dzeta` [J], which is returned: zero for a rigid motion, and never
         negative.
         """
-        simplices = self.simplices
-        shares = simplices.forces
-        f = simplices.own.slots("F", shares)
-        simplices.gather(u0)
-        change = simplices.own.gathered("direction", u1, np.float64)
-        change -= simplices.u
-        w0, w1 = weights
-        states = change, float(w0), float(w1), float(theta)
-        parts = run(simplex_kernels.mean_force, shares.parts, *self._simplices(shares), *states, f)
-        simplices.own.add(f, shares, force)
-        return sum(parts)
+        with self._adding(u0, force) as (shares, f):
+            change = self.simplices.own.gathered("direction", u1, np.float64)
+            change -= self.simplices.u
+            states = change, *map(float, weights), float(theta)
+            return sum(run(simplex_kernels.mean_force, shares.parts, *self._simplices(shares), *states, f))
 
     @in_turn
     def damping_force(self, u: Array, v: Array, force: Array) -> float:
@@ -236,21 +215,15 @@ class Assembly(SimplexTerm):
         It is `2 J' L J v`, the product with the Gauss-Newton tangent, and the derivative by `v` of `R = 1/4 dzeta/dt' L dzeta/dt`
         [W], which is returned: the power that it takes is `2 R`. Rigid motions, turning ones too, meet no resistance.
         """
-        simplices = self.simplices
-        shares = simplices.forces
-        f = simplices.own.slots("F", shares)
-        simplices.gather(u)
-        V = simplices.own.gathered("direction", v, np.float64)
-        parts = run(simplex_kernels.damping_force, shares.parts, *self._simplices(shares), V, f)
-        simplices.own.add(f, shares, force)
-        return sum(parts)
+        with self._adding(u, force) as (shares, f):
+            V = self.simplices.own.gathered("direction", v, np.float64)
+            return sum(run(simplex_kernels.damping_force, shares.parts, *self._simplices(shares), V, f))
 
     @in_turn
     def tensions(self, u: Array) -> Array:
         """(ne,) tensions `t = L zeta` [N/m] at `u` (nv, d) of the edges in lexicographic order: `form.tensions` without L."""
         self.simplices.gather(u)
-        tensions: Array = self._tensions()[self.simplices.lexicographic]
-        return tensions
+        return np.asarray(self._tensions()[self.simplices.lexicographic])
 
     def _tensions(self) -> Array:
         """Tensions of the edges in their own order, at the displacements that were gathered last."""

@@ -75,10 +75,8 @@ class EdgeForm:
     def squared_elongations(self, u: Array) -> Array:
         """(ne,) `zeta = (P + p) . U` [m^2] at displacements `u` (nv, d): `|p|^2 - |P|^2` without its cancellation."""
         U = self.differences(u)
-        zeta: Array = ((self.P + (self.P + U)) * U).sum(axis=1)
-        return zeta
+        return np.asarray(((self.P + (self.P + U)) * U).sum(axis=1))
 
     def tensions(self, u: Array) -> Array:
         """(ne,) `t = L zeta` [N/m]."""
-        t: Array = self.L @ self.squared_elongations(u)
-        return t
+        return np.asarray(self.L @ self.squared_elongations(u))

@@ -105,14 +105,9 @@ class NodeBlocks:
 
 
 class PairBlocks:
-    """Symmetric and balanced blocks: `K_ba = K_ab'` and `K_aa = -sum_b K_ab`. All methods are linear in the `blocks` (9 n,) of the
-    pairs.
+    """Symmetric and balanced blocks: `K_ba = K_ab'` and `K_aa = -sum_b K_ab`.
 
-    Parameters
-    ----------
-    own : the vertices, with vectors to work in.
-    edges : pairs of them, in the order of their blocks.
-    d : components.
+    All methods are linear in the `blocks` (9 n,) of the pairs `edges` of vertices `own`, in their order, with `d` components.
     """
 
     def __init__(self, own: OwnVertices, edges: OwnEdges, d: int) -> None:
@@ -125,8 +120,7 @@ class PairBlocks:
 
     @property
     def edges(self) -> NDArray[np.int32] | None:
-        """(n, 2) pairs of numbers of `own.vertices` in the order of the blocks, of which there is nothing else to know; else
-        None."""
+        """(n, 2) pairs of numbers of `own.vertices` in the order of the blocks, if there are no other blocks; else None."""
         return self._edges.edges
 
     def given(self, blocks: Array) -> NodeBlocks:
@@ -179,13 +173,9 @@ class PairBlocks:
 
 
 class GivenBlocks(PairBlocks):
-    """Blocks that are not symmetric, or not balanced: `K_ab` of the pairs, `K_ba`, and `K_aa` of `nodes` or of all vertices of
-    pairs.
+    """Blocks that are not symmetric, or not balanced: `K_ab` of the pairs, `K_ba`, and `K_aa`.
 
-    Parameters
-    ----------
-    nodes : (m,) vertices of the mesh whose `K_aa` are given; None if they are `-sum_b K_ab`.
-    symmetric : whether `K_ba = K_ab'`.
+    Given are the `K_aa` of vertices `nodes` (m,) of the mesh; without `nodes` they are `-sum_b K_ab` of all vertices of pairs.
     """
 
     def __init__(self, own: OwnVertices, edges: OwnEdges, d: int, nodes: NDArray[np.int32] | None, symmetric: bool) -> None:
@@ -197,22 +187,18 @@ class GivenBlocks(PairBlocks):
 
     @property
     def size(self) -> int:
-        """Numbers in the blocks."""
         return self.d**2 * len(self._row)
 
     @property
     def edges(self) -> None:
-        """None: there are more blocks than those of pairs."""
         return None
 
     def given(self, blocks: Array) -> NodeBlocks:
-        """Zeros among the `blocks`, for a term to add to."""
         blocks[:] = 0
         pairs, reverse, own = self._views(blocks)
         return NodeBlocks(pairs, None if self._symmetric else reverse, None if self._balanced else own)
 
     def complete(self, blocks: Array) -> None:
-        """Write what follows from the blocks that a term gave."""
         pairs, reverse, own = self._views(blocks)
         if self._symmetric:
             reverse[:] = pairs.transpose(0, 2, 1)
@@ -221,35 +207,26 @@ class GivenBlocks(PairBlocks):
             own[:] = -(self._to_rows[:, : len(both)] @ both).reshape(own.shape)
 
     def rows(self, pattern: BlockPattern) -> Rows:
-        """Where the blocks stand in the values of a matrix of this pattern."""
         vertices = self.own.vertices
         row, column = vertices[self._row], vertices[self._column]
         every = np.arange(len(row), dtype=np.int32)
         return Rows(np.empty(0, dtype=np.int64), every, pattern.places(row, column), pattern.strides[row])
 
     def fill(self, rows: Rows, blocks: Array, add: bool, data: Array) -> float:
-        """Write K [N/m] to the CSR values `data`, or add it to them; a sum that is not finite if any value is not."""
         every = blocks.reshape(-1, self.d, self.d)
-        for r in range(self.d):
-            for c in range(self.d):
-                places = rows.places + r * rows.strides + c
-                if add:
-                    data[places] += every[:, r, c]
-                else:
-                    data[places] = every[:, r, c]
+        for r, c in np.ndindex(self.d, self.d):
+            places = rows.places + r * rows.strides + c
+            data[places] = data[places] + every[:, r, c] if add else every[:, r, c]
         return float(blocks.sum())
 
     def add_product(self, blocks: Array, v: Array, out: Array) -> None:
-        """Add `K v` to `out` (nv, d), for `v` (nv, d)."""
         x = v[self.own.vertices[self._column]]
         out[self.own.vertices] += self._to_rows @ np.einsum("nij,nj->ni", blocks.reshape(-1, self.d, self.d), x)
 
     def add_diagonal(self, blocks: Array, out: Array) -> None:
-        """Add the diagonal blocks `K_aa` to `out` (nv, d, d)."""
         out[self.own.vertices[self._nodes]] += self._views(blocks)[2]
 
     def add_norms(self, blocks: Array, x: Array, out: Array) -> None:
-        """Add `sum_b |K_ab| x_b` over the other vertices `b` to `out` (nv,), for `x` (nv,), with Frobenius norms."""
         others = 2 * self._edges.total
         norms = np.linalg.norm(blocks.reshape(-1, self.d**2)[:others], axis=1)
         out[self.own.vertices] += self._to_rows[:, :others] @ (norms * x[self.own.vertices[self._column[:others]]])
@@ -265,18 +242,11 @@ class GivenBlocks(PairBlocks):
         return every[:n], every[n : 2 * n], every[2 * n :]
 
     def memory(self) -> int:
-        """Bytes of its arrays, without those of `own`."""
         return super().memory() + nbytes([self._row, self._column, self._nodes])
 
 
 def blocks_between(term: Any, nv: int, d: int, dtype: DTypeLike) -> PairBlocks:
-    """Blocks of the `nodes_paired` (2, n) of a term, in its own order, and of its `nodes` unless it is `balanced`.
-
-    Raises
-    ------
-    StvkError
-        if a pair is not of two vertices `a < b` of the mesh, or is named twice.
-    """
+    """Blocks of the `nodes_paired` (2, n) of a term in its own order, each once, and of its `nodes` unless it is `balanced`."""
     pairs = np.ascontiguousarray(term.nodes_paired, dtype=np.int32)
     if pairs.ndim != 2 or len(pairs) != 2:
         raise StvkError(f"{type(term).__name__}: nodes_paired has shape {pairs.shape}; expected (2, n) pairs of vertices.")
@@ -332,8 +302,7 @@ class NarrowTerm(BoundTerm, Protocol):
 
 
 class PairTerm(ABC):
-    """A term whose stiffness is blocks of node pairs, as systems assemble it. Python threads take turns: arrays are in use during a
-    call."""
+    """A term whose stiffness is blocks of node pairs. Python threads take turns: arrays are in use during a call."""
 
     def __init__(self, turn: Turn) -> None:
         self._turn = turn
@@ -357,16 +326,12 @@ class PairTerm(ABC):
 
     @in_turn
     def fill(self, u: Array, rows: Rows, data: Array, add: bool, force: Array | None = None, kept: Tensions = ALL) -> Linearized:
-        """Write the tangent stiffness [N/m] to the CSR values `data`, or add it to them; adds the force to `force` (nv, d).
-
-        `kept`: as in `blocks`.
-        """
+        """Write the tangent stiffness [N/m] to the CSR values `data`, or add it to them; the others as in `blocks`."""
         W, self._filled = self.blocks(u, force, self._filled, kept)
         return Linearized(W, self.pairs.fill(rows, self._filled, add, data))
 
     def add_sizes(self, u: Array, out: Array) -> None:
-        """Add `|F|` and `sum_b |K_ab| |u_b|` at `u` (nv, d) to `out` (nv, d) [N]: no less than all that adds up to F, if that is
-        smooth."""
+        """Add `|F|` and `sum_b |K_ab| |u_b|` at `u` to `out`, both (nv, d) [N]: no less than all that adds up to a smooth F."""
         force, sizes, diagonal = np.zeros(u.shape), np.zeros(len(u)), np.zeros((*u.shape, u.shape[1]))
         _, blocks = self.blocks(u, force)
         lengths = np.linalg.norm(u, axis=1)
@@ -411,11 +376,9 @@ class Narrow(Coupled, PairTerm):
         PairTerm.__init__(self, Turn())
 
     def energy_and_force(self, u: Array, force: Array | None = None) -> float:
-        """As in the term."""
         return self.term.energy_and_force(u, force)
 
     def blocks(self, u: Array, force: Array | None = None, out: Array | None = None, kept: Tensions = ALL) -> tuple[float, Array]:
-        """As in `PairTerm`."""
         pairs = self.pairs
         blocks = np.empty(pairs.size, dtype=pairs.own.dtype) if out is None or len(out) != pairs.size else out
         self.term.add_blocks(u, pairs.given(blocks), kept)
@@ -424,13 +387,7 @@ class Narrow(Coupled, PairTerm):
 
 
 def with_blocks(term: BoundTerm, nv: int, d: int, dtype: DTypeLike) -> PairTerm:
-    """A term with what is made of its blocks, on a mesh of `nv` vertices in `d` dimensions.
-
-    Raises
-    ------
-    StvkError
-        if it gives no blocks, or pairs that there are not.
-    """
+    """A term with what is made of its blocks, on a mesh of `nv` vertices in `d` dimensions; one that gives none is refused."""
     if isinstance(term, PairTerm):
         return term
     if not isinstance(term, NarrowTerm):

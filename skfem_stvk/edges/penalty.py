@@ -66,26 +66,14 @@ class PenaltyAssembly(SimplexTerm):
         return Linearized(W, total + W)
 
     def _checked(self, found: list[tuple[float, float]]) -> float:
-        """The energy of all parts.
-
-        Raises
-        ------
-        StateError
-            if that is infinite because simplices have no volume left.
-        """
+        """The energy of all parts, unless that is infinite because simplices have no volume left."""
         if min(least for _, least in found) <= 0:
             refuse_inside_out(self._volume_ratios(), self._ids)
         return sum(W for W, _ in found)
 
 
 def refuse_inside_out(ratios: NDArray[np.float64], ids: NDArray[Any]) -> None:
-    """Refuse a state of simplices with these `ids` and ratios `J`, of which one at least is not positive, or is that but for
-    rounding.
-
-    Raises
-    ------
-    StateError
-    """
+    """Refuse a state of simplices with these `ids` and ratios `J`, of which one at least is not positive, but for rounding."""
     least = ratios.min()
     raise StateError(
         f"{name_ids(ids[ratios <= max(least, 0.0)], 'element')} inside out or flat (J down to {least:.2g}), where the barrier of "

@@ -18,16 +18,9 @@ from .topology import OwnEdges, OwnOrder, Shares, in_lanes, out_of_lanes, own_ed
 
 
 class OwnVertices:
-    """Vertices in the kernels' order: vectors of three components for each to work in, and how threads share what they add to them.
+    """Vertices (n,) in the kernels' order: vectors of three components for each, and how threads share what they add to them.
 
-    Parameters
-    ----------
-    vertices : (n,) their numbers in the mesh, in the kernels' order.
-    dtype : of results.
-
-    Attributes
-    ----------
-    turn : of Python threads, since the vectors are in use during a call.
+    Python threads take `turn`s, since the vectors are in use during a call.
     """
 
     def __init__(self, vertices: NDArray[np.int32], dtype: DTypeLike) -> None:
@@ -78,19 +71,8 @@ class OwnVertices:
 class Simplices:
     """Simplices in blocks of lanes. What only K needs is made at the first K, and vectors when they are first used.
 
-    Parameters
-    ----------
-    p : (d, nv) rest coordinates of all vertices of the mesh [m].
-    order : of the simplices.
-    dtype : of results.
-
-    Attributes
-    ----------
-    k, d : dimension of the simplices, and of the space.
-    own : their vertices.
-    elements : (nt,) position of each simplex in the order in which they were given.
-    t : (blocks, 4 LANES) vertices of the simplices.
-    X, u : (3 n,) rest coordinates, and the displacements that were gathered last.
+    They have `k` dimensions in a space of `d` and the vertices `own`; `elements` (nt,) are their positions in the order as given,
+    `t` (blocks, 4 LANES) their vertices; `X`, `u` (3 n,) are rest coordinates and the displacements that were gathered last.
     """
 
     def __init__(self, p: NDArray[np.float64], order: OwnOrder, dtype: DTypeLike) -> None:

@@ -11,7 +11,7 @@ Source: Kikuuwe, Tabuchi, Yamamoto (2009) (isotropic tetrahedra); Delingette (20
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, Protocol
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
@@ -24,11 +24,7 @@ from ..mesh.geometry import Geometry
 from .topology import LOCAL_EDGES
 
 #: Components of a symmetric tensor in one, two and three dimensions: the Voigt order of the package.
-VOIGT = {
-    1: ((0, 0),),
-    2: ((0, 0), (1, 1), (0, 1)),
-    3: ((0, 0), (1, 1), (2, 2), (1, 2), (0, 2), (0, 1)),
-}
+VOIGT = {1: ((0, 0),), 2: ((0, 0), (1, 1), (0, 1)), 3: ((0, 0), (1, 1), (2, 2), (1, 2), (0, 2), (0, 1))}
 #: Pairs of spokes: the order of the strains `M_ij` and tensions `S_ij` of the kernels.
 PAIRS = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
 
@@ -80,19 +76,11 @@ class GeneralStiffness:
         Q = elongations_of_pairs(k)
         D = np.swapaxes(Q, 0, 1) @ L @ Q
         rows, columns = np.triu_indices(6)
-        stored: Array = np.ascontiguousarray(D[:, rows, columns].T)
-        return stored
+        return np.ascontiguousarray(D[:, rows, columns].T)
 
 
 def in_range(stored: Array, elements: NDArray[np.int32], dtype: DTypeLike) -> Array:
-    """What the kernels store, if its squares, and a little more, are numbers: else W, F and K would be zero, or overflow, without a
-    word.
-
-    Raises
-    ------
-    MaterialError
-        with the ids of the elements in their region.
-    """
+    """What the kernels store, if its squares, and a little more, are numbers: else W, F and K would be zero, or overflow."""
     limits = np.finfo(dtype)
     low, high = 1e4 * float(np.sqrt(limits.tiny)), 1e-4 * float(np.sqrt(limits.max))
     largest = np.abs(stored).max(axis=0)
@@ -121,9 +109,8 @@ def simplex_coefficients(geometry: Geometry, material: Material, hypothesis: Hyp
     if isinstance(material, Isotropic):
         return isotropic_coefficients(geometry, *material.lame(hypothesis))
     if not isinstance(material, FramedMaterial):
-        raise MaterialError(
-            f"{type(material).__name__} is neither Isotropic nor a FramedMaterial, which has a stiffness() in its frame."
-        )
+        name = type(material).__name__
+        raise MaterialError(f"{name} is neither Isotropic nor a FramedMaterial, which has a stiffness() in its frame.")
     return general_coefficients(geometry, material, hypothesis)
 
 
@@ -169,8 +156,7 @@ def _condensed(C: Array, axes: Array) -> Array:
     dyads = first[..., :, None] * second[..., None, :]
     off_diagonal = (pairs[0] != pairs[1])[:, None, None]
     N = _voigt(dyads + off_diagonal * np.swapaxes(dyads, -1, -2), shear=1.0)  # (nt, s, 6)
-    own: NDArray[Any] = np.linalg.inv(N @ np.linalg.inv(C) @ np.swapaxes(N, 1, 2))
-    return own
+    return np.asarray(np.linalg.inv(N @ np.linalg.inv(C) @ np.swapaxes(N, 1, 2)))
 
 
 def _voigt(tensor: Array, shear: float) -> Array:

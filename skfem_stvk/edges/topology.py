@@ -16,24 +16,14 @@ from ..kernels.topology import edges_of_simplices, lexicographic_order, numbers_
 Ids = NDArray[np.int32]
 
 #: Local edges of a segment, triangle and tetrahedron, as pairs of local vertices: those of a tetrahedron begin with a triangle's.
-LOCAL_EDGES = {
-    1: ((0, 1),),
-    2: ((0, 1), (1, 2), (0, 2)),
-    3: ((0, 1), (1, 2), (0, 2), (0, 3), (1, 3), (2, 3)),
-}
+LOCAL_EDGES = {1: ((0, 1),), 2: ((0, 1), (1, 2), (0, 2)), 3: ((0, 1), (1, 2), (0, 2), (0, 3), (1, 3), (2, 3))}
 
 
 def edge_topology(t: NDArray[np.int32]) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
-    """Edges and the edges of each simplex.
+    """Edges (2, ne) of simplices `t` (k + 1, nt), and the edges (m, nt) of each simplex.
 
-    Parameters
-    ----------
-    t : (k + 1, nt) vertices of the simplices.
-
-    Returns
-    -------
-    edges : (2, ne) end vertices `a < b`, in lexicographic order: scikit-fem's `mesh.edges` (`mesh.facets` for triangles).
-    t2e : (m, nt) edges of each simplex, `m = k (k + 1)/2` in the order of `LOCAL_EDGES`: its `mesh.t2e` (`mesh.t2f`).
+    Edges are end vertices `a < b` in lexicographic order, scikit-fem's `mesh.edges` (`mesh.facets` for triangles); those of a
+    simplex are `m = k (k + 1)/2` in the order of `LOCAL_EDGES`, its `mesh.t2e` (`mesh.t2f`).
 
     >>> edge_topology(np.array([[0, 1], [1, 2], [2, 3]]))
     (array([[0, 0, 1, 1, 2],
@@ -50,15 +40,11 @@ class OwnOrder(NamedTuple):
     """Simplices in an order that the caches like; users never see it.
 
     Vertices in reverse Cuthill-McKee order (only those that the simplices have), ascending in each simplex, simplices sorted by
-    them. On 38 000 tetrahedra of Gmsh, K takes 61 ns per tetrahedron instead of 107 in the mesh's own order
-    (`python -m validation kernels`).
+    them. On 38 000 tetrahedra of Gmsh, K takes 61 ns per tetrahedron instead of 107 in the mesh's own order (`python -m validation
+    kernels`).
 
-    Attributes
-    ----------
-    vertices : (nv,) vertex of the mesh.
-    elements : (nt,) position of each simplex in the order in which they were given.
-    t : (k + 1, nt) vertices of the simplices, in this order.
-    local : (k + 1, nt) which vertex of the simplex each of them was.
+    `vertices` (nv,) are those of the mesh, `elements` (nt,) the positions of the simplices in the order in which they were given,
+    `t` (k + 1, nt) their vertices in this order, and `local` (k + 1, nt) which vertex of the simplex each of them was.
     """
 
     vertices: Ids
@@ -86,14 +72,10 @@ def own_order(t: Ids, edges: Ids) -> OwnOrder:
 
 
 class OwnEdges(NamedTuple):
-    """Edges in the order in which the simplices first use them.
+    """Edges (ne, 2) with vertices `a < b` in the order in which the simplices first use them.
 
-    Attributes
-    ----------
-    edges : (ne, 2) vertices `a < b`.
-    number : (ne,) place in this order of the edges in lexicographic order.
-    t2e : (blocks, m LANES) edges of the simplices.
-    marks : (blocks + 1,) edges that the blocks before use.
+    `number` (ne,) are the places in this order of the edges in lexicographic order, `t2e` (blocks, m LANES) the edges of the
+    simplices, and `marks` (blocks + 1,) how many the blocks before use.
     """
 
     edges: Ids
@@ -132,16 +114,10 @@ def out_of_lanes(blocks: NDArray[Any], n: int) -> NDArray[Any]:
 
 
 class Shares(NamedTuple):
-    """Parts, and where each adds what it computes.
+    """Rows of targets where `parts` (n + 1,) begin and end, and `slots` where each adds what it computes, in place of the targets.
 
-    A target belongs to the first part that has it. Other parts add to slots of their own behind the targets, and those are folded
-    back in a fixed order: no races, and results do not depend on which thread is faster.
-
-    Attributes
-    ----------
-    parts : (n + 1,) rows of the targets where the parts begin, and the end.
-    slots : in the place of the targets, flat.
-    extra : targets of the slots behind.
+    A target belongs to the first part that has it. Other parts add to slots of their own behind the targets, those of `extra`, and
+    those are folded back in a fixed order: no races, and results do not depend on which thread is faster.
     """
 
     parts: NDArray[np.int64]
