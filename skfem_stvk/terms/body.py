@@ -90,8 +90,7 @@ class Body:
 
     @cached_property
     def confined_modulus(self) -> Array:
-        """(nt,) `lam + 2 mu` [Pa] of all terms on each element: the stiffness where nothing can give way sideways; 0 where there is
-        none."""
+        """(nt,) `lam + 2 mu` [Pa] of all terms on each element: the stiffness where nothing gives way sideways; 0 if none."""
         modulus = np.zeros(self.mesh.nt)
         for term in self._materials:
             ids = self.mesh.elements(term.region)

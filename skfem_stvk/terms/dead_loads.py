@@ -164,16 +164,12 @@ class Nodes:
 
 
 class DeadLoad:
-    """Values `f(t)` with the potential `-f . u`. Those of constants are computed once, others once for each new `t`.
+    """Values `f(t)` at the vertices of the `spread`, with the potential `-f . u`.
 
-    Parameters
-    ----------
-    spread : vertices, and how values go to them.
-    value : what acts there, (d,) components at each of them.
+    Those of constants are computed once, others once for each new `t`.
     """
 
-    has_potential = True
-    dead = True
+    has_potential = dead = True
 
     def __init__(self, mesh: SimplexMesh, spread: Spread | Nodes, value: Value) -> None:
         self._at: Any = slice(None) if np.array_equal(spread.vertices, np.arange(mesh.nv)) else spread.vertices
@@ -189,11 +185,10 @@ class DeadLoad:
     def forces(self, t: Time) -> Values:
         """(n, d) forces on its vertices [N]."""
         moment = Moment.of(t)
-        known, forces = self._known
+        known = self._known[0]
         if moment != known and not (self.steady and moment.factor == known.factor):
-            forces = self._compute(moment)
-            self._known = moment, forces
-        return forces
+            self._known = moment, self._compute(moment)
+        return self._known[1]
 
     def _compute(self, moment: Moment) -> Values:
         return self._spread.integrate(self._value.at(moment)) if self._unit is None else moment.factor * self._unit

@@ -48,12 +48,11 @@ class ElasticFoundation:
     stiffness: ArrayLike
 
     def __post_init__(self) -> None:
-        given = real_array(self.stiffness)
-        if given is None or given.ndim > 1:
+        k = real_array(self.stiffness)
+        if k is None or k.ndim > 1:
             raise LoadError(
                 f"ElasticFoundation: stiffness is {shown(self.stiffness)}; expected a number, or one per component [N/m^3]."
             )
-        k = given
         if not np.isfinite(k).all() or (k < 0).any() or not k.any():
             raise LoadError(
                 f"ElasticFoundation: stiffness is {self.stiffness!r}; expected finite values, none negative and not all zero."
@@ -77,11 +76,7 @@ class ElasticFoundation:
 class Bedding:
     """A foundation on a mesh: `K = k (x) M` with the mass matrix `M` of its facets, constant.
 
-    Attributes
-    ----------
-    nodes_paired : (2, ne) edges of the facets.
-    nodes : (n,) their vertices.
-    grounded : degrees of freedom that it ties to the ground.
+    It pairs the edges of the facets, and ties the degrees of freedom `grounded` of their vertices `nodes` (n,) to the ground.
     """
 
     symmetric = has_energy = True
@@ -117,8 +112,7 @@ class Bedding:
         return np.array([np.vdot(U, self._pull(U)) / 2, np.vdot(U, pull), np.vdot(V, pull) / 2, 0.0, 0.0])
 
     def mean_force(self, u0: Array, u1: Array, weights: tuple[float, float], theta: float, force: Array) -> float:
-        """Add `(w0 + w1) K ((1 - theta) u0 + theta u1)` to `force` (nv, d); its springs lose nothing by weights that are not alike:
-        always 0."""
+        """Add `(w0 + w1) K ((1 - theta) u0 + theta u1)` to `force` (nv, d); unlike weights lose nothing in springs: always 0."""
         own, after = u0[self.nodes], u1[self.nodes]
         force[self.nodes] += sum(weights) * self._pull((1 - theta) * own + theta * after)
         return 0.0
@@ -135,13 +129,11 @@ class Bedding:
 
     def _pull(self, own: Array) -> Array:
         """(n, d) `K u` from the displacements of its own vertices."""
-        pull: Array = self._M @ own * self._k.astype(self._M.dtype)
-        return pull
+        return np.asarray(self._M @ own * self._k.astype(self._M.dtype))
 
 
 def _masses(spread: Spread, facets: NDArray[np.int32], dtype: DTypeLike) -> tuple[NDArray[np.int32], Array, Array]:
-    """Edges (2, ne) of the facets (m, n) between the vertices of the spread, and `M_ab = sum of (1 + delta_ab) area/(m (m + 1))` of
-    both kinds."""
+    """Edges (2, ne) of facets (m, n) between vertices of the spread; of both `M_ab = sum of (1 + delta_ab) area/(m (m + 1))`."""
     m = len(facets)
     share = spread.sizes / (m * (m + 1))
     own = 2 * spread.add(np.broadcast_to(share, spread.corners.shape))

@@ -32,13 +32,7 @@ class Moment(NamedTuple):
 
     @classmethod
     def checked(cls, t: Time) -> Moment:
-        """As `of`, in finite numbers.
-
-        Raises
-        ------
-        StateError
-            for anything else.
-        """
+        """As `of`, in finite numbers; anything else is a StateError."""
         if type(t) is float and isfinite(t):
             return cls(t, t)  # most often
         time, factor = t if isinstance(t, Moment) else (t, t)
@@ -67,15 +61,8 @@ class Value:
     error : the class of errors.
     name : of what is given, in messages.
 
-    Attributes
-    ----------
-    constant : the values that ramp, None for functions.
-
-    Raises
-    ------
-    LoadError or `error`
-        if it has another shape, is not finite at t = 0 or 1, or is an array (d, d) for d points, of which rows and columns cannot
-        be told; what functions of x return is laid out like x.
+    Errors are another shape, values that are not finite at t = 0 or 1, and an array (d, d) for d points, of which rows and columns
+    cannot be told; what functions of x return is laid out like x. `constant` are the values that ramp, None for functions.
 
     >>> x = np.array([[0.0, 1.0], [0.0, 0.0]])
     >>> Value((0, -2), (2,), x, "Traction").at(0.5)
@@ -98,21 +85,13 @@ class Value:
             self.at(t)
 
     def at(self, t: Time) -> Array:
-        """Values at `t`: a number a point (1,) or (n,), components (d, 1) or (d, n); the last axis is 1 where all points have the
-        same.
-
-        Raises
-        ------
-        LoadError or `error`
-            if the function fails, or returns something of another shape or that is not finite.
-        """
+        """Values at `t`: a number per point, (1,) or (n,), or components (d, 1) or (d, n); the 1 is for the same at all points."""
         moment = Moment.of(t)
         if self.constant is not None:
             return moment.factor * self.constant
         time = moment.time
-        arguments = (time,) if self._arguments == 1 else (self._x.copy(), time)
         try:
-            result = self._function(*arguments)
+            result = self._function(time) if self._arguments == 1 else self._function(self._x.copy(), time)
         except Exception as error:
             meaning = "t, a number" if self._arguments == 1 else f"x, of shape {self._x.shape}, and t"
             raise self._error(

@@ -84,12 +84,8 @@ class FollowerPressure:
     In space the force is quadratic in the displacements, in the plane linear. Its stiffness `-df_a/dx_b = w_a dA/dx_b` is a cross
     product with half the edge opposite to `b`: not symmetric, unless the surface is closed.
 
-    Parameters
-    ----------
-    surface : (m, n) vertices of the facets, counterclockwise when seen from the side of the pressure; with the body on their left
-        in the plane.
-    spread : the same, with thickness as their sizes.
-    value : the pressure.
+    Vertices of the facets `surface` (m, n) are counterclockwise when seen from the side of the pressure, in the plane with the body
+    on their left; the `spread` has the same, with thickness as their sizes.
     """
 
     has_potential = dead = symmetric = balanced = False
@@ -112,18 +108,12 @@ class FollowerPressure:
         return self._value.constant is not None
 
     def potential(self, u: Array, t: Time) -> float:
-        """It has none.
-
-        Raises
-        ------
-        LoadError
-        """
+        """It has none."""
         raise LoadError("Follower pressure has no potential: its work depends on the path.")
 
     def add_force(self, u: Array, t: Time, out: Array) -> None:
         """Add the force [N] to `out` (nv, d)."""
-        areas = _areas(self._rest + _spokes(u, self._surface))
-        weights = self._weights(t)
+        areas, weights = _areas(self._rest + _spokes(u, self._surface)), self._weights(t)
         out[self._spread.vertices] -= np.stack([self._spread.add(weights * area) for area in areas], axis=1)
 
     def add_blocks(self, u: Array, t: Time, blocks: NodeBlocks) -> None:
@@ -192,8 +182,7 @@ def _areas(spokes: Array) -> Array:
     if len(spokes) == 2:
         (x,), (y,) = spokes
         return np.stack([y, -x])
-    areas: Array = np.cross(spokes[:, 0], spokes[:, 1], axis=0) / 2
-    return areas
+    return np.asarray(np.cross(spokes[:, 0], spokes[:, 1], axis=0) / 2)
 
 
 def _slopes(spokes: Array) -> Array:

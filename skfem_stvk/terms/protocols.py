@@ -98,8 +98,7 @@ class HasRoundOff(Protocol):
     """A term that knows the rounding error of its force better than its blocks say it."""
 
     def add_round_off(self, u: Array, out: Array) -> None:
-        """Add to `out` (nv, d) the absolute values of all that adds up to the force [N]: times eps, the size of its rounding
-        error."""
+        """Add to `out` (nv, d) the absolute values of all that adds up to the force [N]: times eps, its rounding error."""
 
 
 @runtime_checkable
@@ -139,8 +138,7 @@ class HasDampingForce(Protocol):
     """A term that can resist the rate of its strain."""
 
     def damping_force(self, u: Array, v: Array, force: Array) -> float:
-        """Add to `force` (nv, d) the product of its Gauss-Newton tangent at `u` with velocities `v`; half the power that it takes
-        [W]."""
+        """Add to `force` (nv, d) its Gauss-Newton tangent at `u` times velocities `v`; half the power that it takes [W]."""
 
 
 @runtime_checkable

@@ -19,17 +19,8 @@ class Spread:
         integral of N_a f = size/(m (m + 1)) (f_a + sum_b f_b)        f linear on a simplex of m vertices
                           = size/m f                                  f constant
 
-    Parameters
-    ----------
-    mesh : whose vertices they have.
-    simplices : (m, n) elements or facets.
-    sizes : (n,) what a unit of `f` acts on: volumes, masses, areas.
-    vertices : (nv,) ids of the same vertices in the order of values; by default ascending.
-
-    Attributes
-    ----------
-    vertices : (nv,) ids of their vertices.
-    x : (d, nv) their coordinates [m].
+    The simplices (m, n) are elements or facets, their sizes (n,) what a unit of `f` acts on: volumes, masses, areas. Their vertices
+    (nv,), at `x` (d, nv) [m], are in the order of values; by default ascending.
     """
 
     def __init__(
@@ -42,8 +33,7 @@ class Spread:
         number = np.empty(mesh.nv, dtype=np.int64)
         number[vertices] = np.arange(len(vertices))
         self.vertices, self.x = vertices, mesh.p[:, vertices]
-        self.corners = number[simplices]
-        self.sizes = sizes
+        self.corners, self.sizes = number[simplices], sizes
 
     @cached_property
     def total(self) -> Values:
@@ -56,8 +46,7 @@ class Spread:
         if values.shape[1] == 1:
             return np.broadcast_to((values * self.sizes / m)[:, None], (len(values), *self.corners.shape))
         f = values[:, self.corners]
-        shares: Values = (f + f.sum(axis=1, keepdims=True)) * self.sizes / (m * (m + 1))
-        return shares
+        return np.asarray((f + f.sum(axis=1, keepdims=True)) * self.sizes / (m * (m + 1)))
 
     def integrate(self, values: Values) -> Values:
         """(nv, c) integral of `N_a f` over all of them, from `values` (c, nv) or (c, 1)."""

@@ -82,9 +82,8 @@ class StVK:
         """
         for name, k in (("plane", 2), ("thickness", 2), ("area", 1)):
             if getattr(self, name) is not None and mesh.k != k:
-                raise MaterialError(
-                    f"{name} is for {'triangles' if k == 2 else 'segments'}; the mesh has {mesh.kind}. Leave it out."
-                )
+                simplices = "triangles" if k == 2 else "segments"
+                raise MaterialError(f"{name} is for {simplices}; the mesh has {mesh.kind}. Leave it out.")
         if mesh.k == 3:
             return Hypothesis.SOLID
         if mesh.k == 1:
@@ -97,8 +96,7 @@ class StVK:
         """The assembly of this material on a body's mesh; its `form` is the edge form."""
         mesh = body if isinstance(body, SimplexMesh) else body.mesh
         t = mesh.t if self.region is None else mesh.t[:, mesh.elements(self.region)]
-        form = EdgeForm(mesh.p, t, self.stiffness(mesh))
-        return Assembly(form, dtype)
+        return Assembly(EdgeForm(mesh.p, t, self.stiffness(mesh)), dtype)
 
     def stiffness(self, mesh: SimplexMesh) -> Stiffness:
         """The stiffness of each simplex of the region, in the form that stores least."""
@@ -144,8 +142,7 @@ class StVK:
             lam, mu = self.material.lame(hypothesis)
             return lam + 2 * mu
         assert isinstance(self.material, FramedMaterial)
-        modulus: NDArray[np.float64] = np.diagonal(self.material.stiffness(), axis1=-2, axis2=-1)[..., :3].max(axis=-1)
-        return modulus
+        return np.asarray(np.diagonal(self.material.stiffness(), axis1=-2, axis2=-1)[..., :3].max(axis=-1))
 
     def section(self, mesh: SimplexMesh, n: int) -> NDArray[np.float64]:
         """What turns the measure of a simplex into a volume: thickness, area, or 1; a number or (n,)."""

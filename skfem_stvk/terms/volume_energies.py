@@ -13,8 +13,7 @@ from ..kernels.penalty import BARRIER, COMPRESSION, QUADRATIC
 
 @dataclass(frozen=True)
 class VolumeEnergy:
-    """An energy density of the volume ratio for a stiffness of 1, as a function of `e = J - 1`, which is known to more digits than
-    `J`.
+    """An energy density of the volume ratio for a stiffness of 1, by `e = J - 1`, which is known to more digits than `J`.
 
     Attributes
     ----------
@@ -30,8 +29,7 @@ class VolumeEnergy:
         k/H >= least = max over s of (1 - 3 s^2) / (2 psi''(s))
 
         quadratic      psi'' = 1             1/2, at s = 0
-        compression    psi'' = 2 (1 - s)     c = (3 - sqrt(6))/2 = 0.27526, at s = 2 c/3: there the parabola in s touches zero, 4
-        c^2 - 12 c + 3 = 0
+        compression    psi'' = 2 (1 - s)     c = (3 - sqrt(6))/2 = 0.27526, at s = 2 c/3, a double root: 4 c^2 - 12 c + 3 = 0
         barrier        psi'' = -2 ln s + 4 (1 - s)/s + (1 - s)^2/s^2
                                              0.025802..., at s = 0.40536...: the maximum has no closed form
     """

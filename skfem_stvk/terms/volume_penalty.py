@@ -85,13 +85,7 @@ class VolumePenalty:
         return PenaltyAssembly(mesh.p, mesh.t[:, elements], stiffness, ENERGIES[self.kind].number, elements, dtype)
 
     def moduli(self, body: Body) -> Array:
-        """(n,) stiffness of the elements of the region [Pa].
-
-        Raises
-        ------
-        MaterialError, RegionError
-            as when it is bound.
-        """
+        """(n,) stiffness of the elements of the region [Pa]. Errors as when it is bound."""
         mesh = body.mesh
         if mesh.k < mesh.d:
             raise MaterialError(
@@ -114,10 +108,7 @@ class VolumePenalty:
     def density_and_slope(self, e: Array, elements: NDArray[Any]) -> tuple[Array, Array]:
         """`psi` and `psi'` (n,) for a stiffness of 1 at `e = J - 1` of these elements.
 
-        Raises
-        ------
-        StateError
-            for elements inside out or flat, where the barrier is infinite.
+        StateError for elements inside out or flat, where the barrier is infinite.
         """
         energy = ENERGIES[self.kind]
         if self.kind == "barrier" and e.min() <= -1:
