@@ -9,8 +9,9 @@ from ..arguments import Array
 from ..edges import NONE, Tensions
 from ..mesh.displacements import by_vertex
 from ..system import TangentOperator
+from ..system.operator import refuse_overflow
 from ..system.protocol import SystemLike
-from ..system.system import array_to_fill, refuse_overflow
+from ..system.system import array_to_fill
 from ..terms import BoundLoad, HasDampingForce, HasMeanForce
 from ..terms.load import Moment, Time
 

@@ -21,15 +21,10 @@ FLAT = 1e-9
 
 
 class BoundTerms:
-    """Terms and loads on one mesh.
+    """Terms and loads on one mesh, with results of a `dtype`.
 
-    Attributes
-    ----------
-    mesh : the mesh.
-    dtype : of results.
-    terms, elastic_terms, loads : the specifications: all, and those that act within and from outside.
-    bound_terms, bound_loads : what `elastic_terms` and `loads` are on this mesh.
-    pair_terms : `bound_terms` with what is made of their blocks.
+    Of the specifications `terms`, the `elastic_terms` act within and the `loads` from outside; `bound_terms` and `bound_loads` are
+    what those are on this mesh, `pair_terms` the elastic ones with what is made of their blocks.
     """
 
     def __init__(self, mesh: SimplexMesh, terms: Term | Load | Sequence[Term | Load], dtype: DTypeLike) -> None:
@@ -49,7 +44,12 @@ class BoundTerms:
         self.bound_terms: tuple[BoundTerm, ...] = tuple(term.bind(self._body, self.dtype) for term in self.elastic_terms)
         self.bound_loads: tuple[BoundLoad, ...] = tuple(load.bind(self._body) for load in self.loads)
         self.pair_terms = tuple(with_blocks(term, mesh.nv, mesh.d, self.dtype) for term in self.bound_terms)
-        self._warn_of_bare_vertices()
+        used = np.zeros(mesh.nv, dtype=bool)
+        for bound in self.bound_terms:
+            used[bound.nodes_paired.ravel()] = True
+        bare = np.flatnonzero(~used)
+        if len(bare):
+            warn(f"{name_ids(bare, 'vertex')}: in no term, so their rows of K are zero. Is a region missing from the terms?")
 
     @property
     def elastic_names(self) -> list[str]:
@@ -68,8 +68,7 @@ class BoundTerms:
 
     @property
     def dead(self) -> bool:
-        """Whether all loads keep their size and direction wherever the body goes: then the Jacobian is the tangent, that of an
-        energy."""
+        """Whether all loads keep size and direction wherever the body goes: then the Jacobian is the tangent of an energy."""
         return self._elastic and all(load.dead for load in self.bound_loads)
 
     @property
@@ -99,16 +98,10 @@ class BoundTerms:
         return min((term.smallest_volume_ratio(x) for _, term in self._with_volume), default=np.inf)
 
     def step_limit(self, u: ArrayLike, v: ArrayLike) -> float:
-        """The smallest `s > 0` at which an element that is right side out at `u` (`J > 0`) has no volume left at `u + s v`; or
-        infinity.
+        """The smallest `s > 0` at which an element right side out at `u` (`J > 0`) has no volume left at `u + s v`; or infinity.
 
-        Exact: `J` is a cubic in `s`. Triangles in space and segments in more than one dimension have no inside, so that nothing
-        limits them.
-
-        Raises
-        ------
-        StateError
-            if `u` or `v` does not have one finite entry for each degree of freedom.
+        Exact: `J` is a cubic in `s`. Triangles in space and segments in more than one dimension have no inside: nothing limits
+        them. Errors as in `energy`, for `v` too.
 
         >>> import skfem
         >>> from skfem_stvk import StVK, System
@@ -167,11 +160,3 @@ class BoundTerms:
     def _state(self, u: ArrayLike, name: str = "u") -> Array:
         """Displacements as (nv, d)."""
         return by_vertex(self.mesh, u, name)
-
-    def _warn_of_bare_vertices(self) -> None:
-        used = np.zeros(self.mesh.nv, dtype=bool)
-        for term in self.bound_terms:
-            used[term.nodes_paired.ravel()] = True
-        bare = np.flatnonzero(~used)
-        if len(bare):
-            warn(f"{name_ids(bare, 'vertex')}: in no term, so their rows of K are zero. Is a region missing from the terms?")

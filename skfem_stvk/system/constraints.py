@@ -20,21 +20,14 @@ MOST_NEIGHBOURS = 24
 
 
 class Block(NamedTuple):
-    """Constraints `rows @ concatenate(q of the bodies) = 0`.
-
-    Attributes
-    ----------
-    bodies : the m bodies in them.
-    rows : (n, m r) coefficients of the r unknowns of each.
-    """
+    """Constraints `rows @ concatenate(q of the bodies) = 0`, with (n, m r) coefficients of the r unknowns of each of m bodies."""
 
     bodies: tuple[int, ...]
     rows: Array
 
 
 class _Eliminated(NamedTuple):
-    """A body's unknowns from those of its neighbours, and from the free ones among its own:
-    `R q[order] + others @ q(neighbours) = 0`."""
+    """A body's unknowns by its neighbours' and the free ones of its own: `R q[order] + others @ q(neighbours) = 0`."""
 
     body: int
     neighbours: tuple[int, ...]
@@ -44,7 +37,7 @@ class _Eliminated(NamedTuple):
 
 
 def free_motions(blocks: Sequence[Block], count: int, r: int) -> tuple[NDArray[np.int64], Array, NDArray[np.bool_]]:
-    """How much constraints leave free, and what.
+    """How much constraints leave free of `count` bodies with `r` unknowns each, and what.
 
     A sparse QR factorisation whose fronts are bodies, those with the fewest neighbours first. An unknown without a pivot is free;
     which body it is counted for depends on the order, the sum over bodies that hang together does not. Rows are orthogonally
@@ -52,17 +45,8 @@ def free_motions(blocks: Sequence[Block], count: int, r: int) -> tuple[NDArray[n
     proportional to them. Where thousands fill the plane or space, what is left when each has more than 24 neighbours is taken to be
     at rest: all that is found is free then, but not all that is free is found.
 
-    Parameters
-    ----------
-    blocks : constraints, of unit size: of every row the entries, and of every block the norm should be about 1.
-    count : bodies.
-    r : unknowns of each.
-
-    Returns
-    -------
-    free : (count,) free unknowns; their sum is the dimension of the null space.
-    samples : (count, r, 8) random vectors of the null space.
-    at_rest : (count,) whether a body is taken to be at rest.
+    Entries of every row and the norm of every block should be about 1. Returned are (count,) free unknowns, whose sum is the
+    dimension of the null space, (count, r, 8) random vectors of it, and (count,) whether a body is taken to be at rest.
 
     >>> equal = Block((0, 1), np.array([[1.0, -1.0]]))
     >>> free, samples, _ = free_motions([equal], count=2, r=1)
@@ -145,13 +129,11 @@ def _front(blocks: dict[int, Block], bodies: tuple[int, ...], r: int) -> tuple[A
 
 def _triangle(rows: Array) -> Array:
     """(m, m) R of the QR factorisation of `rows` (n, m), n >= m: constraints that say the same."""
-    R: Array = np.asarray(np.linalg.qr(rows, mode="r"))
-    return R
+    return np.asarray(np.linalg.qr(rows, mode="r"))
 
 
 def _pivots(body: int, around: tuple[int, ...], own: Array, rest: Array) -> tuple[_Eliminated, Array]:
-    """The body's unknowns from the rows that have pivots, and the rows without them, in which it is no more: Householder
-    reflections."""
+    """The body's unknowns from the rows with pivots, and the other rows, in which it is no more: Householder reflections."""
     r = own.shape[1]
     order, rank = np.arange(r), 0
     while rank < min(own.shape):

@@ -27,23 +27,12 @@ SYMMETRIC = 1e-12
 
 
 class FreeTangent:
-    """What problems on one system share: which degrees of freedom are free, the analysis of K, and K itself, in the same place each
-    time.
+    """What problems on one system share: the free degrees of freedom, the analysis of K, and K itself, always in the same place.
 
     A problem makes K by `matrix` or, if its solver takes no matrix, by `operator`, adds its own parts (masses, damping), and has it
-    factorised.
-
-    Parameters
-    ----------
-    solver : what factorises; see `with_loads` for loads that have a stiffness.
-    kind : what K is at most: where it need not be symmetric, the values of each matrix tell whether it is.
-    displacements : gives (ndofs,) where the body is now [m], for solvers that ask for its rigid motions.
-
-    Attributes
-    ----------
-    free : the free and held degrees of freedom.
-    symmetric : whether the matrix that was factorised last is symmetric.
-    exact : the factors of the last Jacobian that nothing stood in for; None if there are none.
+    factorised. Where `kind` says that K need not be symmetric, the values of each matrix tell whether it is: `symmetric` is that of
+    the last one. `displacements` gives (ndofs,) where the body is now [m], for solvers that ask for its rigid motions. `exact` are
+    the factors of the last Jacobian that nothing stood in for.
     """
 
     def __init__(self, system: SystemLike, solver: LinearSolver, kind: Kind, displacements: Callable[[], Array]) -> None:
@@ -64,11 +53,10 @@ class FreeTangent:
 
     def unknowns(self) -> Unknowns:
         """The unknowns; with the structure of K unless it is never formed."""
-        free, d = self.free.free, self.system.mesh.d
+        places = np.divmod(self.free.free, self.system.mesh.d)
         if self.solver.matrix_free:
-            return Unknowns(free // d, free % d)
-        structure = self.free.structure
-        return Unknowns(free // d, free % d, structure.indptr, structure.indices, self.rigid_modes)
+            return Unknowns(*places)
+        return Unknowns(*places, self.free.structure.indptr, self.free.structure.indices, self.rigid_modes)
 
     def rigid_modes(self) -> Array:
         """(n, r) rigid motions of the body as it is deformed now."""
@@ -76,11 +64,8 @@ class FreeTangent:
         return rigid_modes(mesh.p.T + self._displacements().reshape(-1, mesh.d))[self.free.free]
 
     def matrix(self, u: Array, t: Time | None, kept: Tensions = ALL) -> csr_matrix:
-        """The Jacobian at `u` (ndofs,) of all degrees of freedom, in the place of the one before; without a time, K of the elastic
-        terms alone.
-
-        Where a term has changed which vertices it couples, K has another structure, which is analysed anew.
-        """
+        """The Jacobian at `u` (ndofs,) of all degrees of freedom, in the place of the one before; without a time, the elastic K.
+        Where a term has changed which vertices it couples, K has another structure, which is analysed anew."""
         if self.system.pattern_version != self._version:
             self.take(self.solver)
         if t is None:
@@ -111,8 +96,7 @@ class FreeTangent:
 
     def diagonal_of(self, operator: TangentOperator) -> Array:
         """(n,) diagonal of K over the free degrees of freedom."""
-        diagonal: Array = np.einsum("vcc->vc", operator.diagonal_blocks()).ravel()[self.free.free]
-        return diagonal
+        return np.asarray(np.einsum("vcc->vc", operator.diagonal_blocks()).ravel()[self.free.free])
 
     def factorise(self, K: Any, exact: bool = True) -> Factors:
         """Factors of `K` over the free degrees of freedom, a matrix or an operator; `exact`: nothing stands in for it."""
@@ -125,13 +109,12 @@ class FreeTangent:
         """(n,) `K w` for displacements `w` (ndofs,), by the K of all degrees of freedom that was made last."""
         K = self._operator if self.solver.matrix_free else self._K
         assert K is not None
-        force: Array = (K @ w)[self.free.free]
-        return force
+        return np.asarray((K @ w)[self.free.free])
 
     def beside(self, u: Array, t: Time) -> tuple[csr_matrix, Unknowns]:
         """The Jacobian at `u` over the free degrees of freedom as a matrix of its own, and its unknowns."""
-        K, d = self.free.matrix(self.system.jacobian(u, t)), self.system.mesh.d
-        return K, Unknowns(self.free.free // d, self.free.free % d, K.indptr, K.indices)
+        K = self.free.matrix(self.system.jacobian(u, t))
+        return K, Unknowns(*np.divmod(self.free.free, self.system.mesh.d), K.indptr, K.indices)
 
     def operator_beside(self, u: Array, t: Time) -> FreeOperator | csr_matrix:
         """The Jacobian at `u` over the free degrees of freedom for products, of its own; a matrix where loads have a stiffness."""
@@ -154,13 +137,7 @@ def kind_of(system: SystemLike) -> Kind:
 
 
 def with_loads(solver: LinearSolver, system: SystemLike) -> LinearSolver:
-    """The solver, which takes a matrix where loads have a stiffness: operators have that of elastic terms alone.
-
-    Raises
-    ------
-    StvkError
-        if it takes none.
-    """
+    """The solver, with a matrix where loads have a stiffness, since operators have that of elastic terms alone; or an error."""
     if system.dead or not solver.matrix_free:
         return solver
     if not isinstance(solver, BlockJacobiCg):

@@ -10,8 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_matrix, diags
 
-from ..arguments import Array, choice, number, shown
-from ..errors import MaterialError, StvkError, name_ids
+from ..arguments import Array, number
+from ..edges.simplices import nbytes
+from ..errors import MaterialError, name_ids
 from ..mesh import SimplexMesh
 from ..mesh.displacements import finite_vector
 from .pattern import Patterned
@@ -81,21 +82,16 @@ class Mass(ABC):
     def solve(self, f: Array) -> Array:
         """The accelerations `M^-1 f` (ndofs,) [m/s^2] that forces `f` (ndofs,) [N] cause while what is held does not move.
 
-        That is M over the free degrees of freedom, inverted; 0 at those that are held, whatever acts on them.
-
-        Raises
-        ------
-        StateError
-            if `f` does not have one finite entry for each degree of freedom.
+        It is 0 at what is held, whatever acts there: M over the free degrees of freedom is inverted. Errors as in `multiply`.
         """
 
     @abstractmethod
     def _values(self) -> tuple[NDArray[np.intp], Array]:
         """(n, d) places in the values of a K, and (n, 1) or (n, d) what is added there."""
 
-    @abstractmethod
     def memory(self) -> int:
         """Bytes of its arrays."""
+        return sum(value.nbytes for value in vars(self).values() if isinstance(value, np.ndarray))
 
     def add_to(self, K: csr_matrix, factor: float) -> None:
         """Add `factor` M to a K of the system, in place.
@@ -105,12 +101,7 @@ class Mass(ABC):
         StvkError
             if K has another pattern.
         """
-        pattern = self._system.pattern
-        if not isinstance(K, csr_matrix) or not pattern.fits(K, K.dtype):
-            raise StvkError(
-                f"K = {shown(K)} does not have the pattern of this system's K ({pattern.shape}, {pattern.nnz} values). Hand in "
-                "what tangent() returned, zeros kept."
-            )
+        self._system.pattern.refuse_other(K)
         places, values = self._values()
         K.data[places] += number("factor", factor, "a finite number") * values
 
@@ -162,10 +153,6 @@ class LumpedMass(Mass):
         every = np.arange(len(self.vertex), dtype=np.int32)
         return self._diagonals(every, every), self.vertex[:, None]
 
-    def memory(self) -> int:
-        own = (self.vertex, self._free, self._dofs, self._inverse, self._places)
-        return sum(array.nbytes for array in own if array is not None)
-
 
 class ConsistentMass(Mass):
     """A number for each pair of vertices; solved with by a fixed number of steps of Chebyshev's iteration (Wathen, Rees 2009).
@@ -214,23 +201,11 @@ class ConsistentMass(Mass):
         return self._diagonals(row, scalar.indices), scalar.data[:, None]
 
     def memory(self) -> int:
-        own = (self.vertex, self._free, self._inverse, self._scalar.data, self._scalar.indices, self._scalar.indptr, self._places)
-        return sum(array.nbytes for array in own if array is not None)
+        return super().memory() + nbytes([self._scalar.data, self._scalar.indices, self._scalar.indptr])
 
 
 #: By name, in the order in which messages name them.
 KINDS: dict[str, type[Mass]] = {"lumped": LumpedMass, "consistent": ConsistentMass}
-
-
-def kind_of_mass(kind: str) -> type[Mass]:
-    """The class of masses of this name.
-
-    Raises
-    ------
-    StvkError
-        if there is none.
-    """
-    return KINDS[choice("mass", kind, KINDS)]
 
 
 def _scalar_matrix(mesh: SimplexMesh, elements: Array) -> csr_matrix:

@@ -1,5 +1,4 @@
-"""Whether a body is held: no rigid motion of a part is left, and no mechanism: pieces that turn against each other, joined by less
-than a facet."""
+"""Whether a body is held: no rigid motion of a part is left, nor a mechanism of pieces that less than a facet joins."""
 
 from __future__ import annotations
 
@@ -29,16 +28,7 @@ MOST = 5
 
 @dataclass(frozen=True)
 class Mechanism:
-    """What a part can do besides moving as a whole.
-
-    Attributes
-    ----------
-    part : its number.
-    who : its vertices in words.
-    count : independent motions.
-    shown : which elements can turn about which vertices, in words: the first few.
-    joints : how many there are.
-    """
+    """What a part can do besides moving as a whole: how many motions, and the first few of its joints in words."""
 
     part: int
     who: str
@@ -59,21 +49,10 @@ class Corners(NamedTuple):
 
 
 def check_held(mesh: SimplexMesh, terms: Sequence[BoundTerm], held: NDArray[Any], solid: NDArray[np.bool_]) -> None:
-    """Refuse a body that can move without strain.
+    """Refuse a body that can move without strain: whose `terms` hold it together and to the ground, with supports at `held`.
 
-    Mechanisms are looked for where elements are rigid as long as they are not strained: tetrahedra, and triangles in the plane.
-    What holds cables, trusses and membranes in space is their tension, which is not known here.
-
-    Parameters
-    ----------
-    terms : whose pairs of vertices hold it together; those that also tie it to the ground have `grounded` degrees of freedom.
-    held : degrees of freedom of the supports.
-    solid : (nt,) whether an element has an elastic material.
-
-    Raises
-    ------
-    SupportError
-        with the rigid modes that are left, by part; and with the pieces that turn, and the joints about which.
+    Mechanisms are looked for where elements are rigid as long as they are not strained: tetrahedra, and triangles in the plane,
+    that are `solid` (nt,), of an elastic material. Cables, trusses and membranes in space are held by tension, not known here.
     """
     edges = [term.nodes_paired for term in terms]
     held = np.union1d(held, grounded_dofs(terms)).astype(np.int64)
@@ -118,15 +97,9 @@ def mechanisms(
     A piece is what facets join: tetrahedra by triangles, triangles in the plane by edges; unstrained it is rigid. Pieces move alike
     at the vertices that they share: one is a ball joint, in the plane a hinge; several on a line are a hinge; others hold.
 
-    Parameters
-    ----------
-    p : (d, nv) coordinates [m].
-    t : (d + 1, nt) simplices.
-    solid : ids of those that are rigid while they are not strained.
-    part : (nv,) number of the part of each vertex.
-    held : degrees of freedom of supports and foundations, each once.
-    rigid : how many rigid modes are left to a part as a whole, by its number, if any.
-    edges : (2, ne) what terms couple. A part where they join what is of no common piece counts as held together by them.
+    Of the simplices `t` (d + 1, nt), those with ids `solid` are rigid. `part` (nv,) are the numbers of the parts, of which `rigid`
+    says how many rigid modes are left to them as a whole. A part where `edges` (2, ne) of terms join what is of no common piece
+    counts as held together.
 
     >>> p = np.array([[0.0, 1, 0, 1, 2], [0, 0, 1, 2, 1]])   # two triangles that share vertex 1
     >>> t = np.array([[0, 1], [1, 3], [2, 4]])
@@ -198,9 +171,8 @@ def _joints(corners: Corners, modes: Array) -> Iterator[Block]:
     one, other = one[joint], other[joint]
     for own in _grouped(corners.piece[one] * (corners.piece.max() + 1) + corners.piece[other]):
         rows = np.concatenate([modes[one[own]], -modes[other[own]]], axis=2)
-        yield Block(
-            (int(corners.piece[one[own[0]]]), int(corners.piece[other[own[0]]])), compressed(rows.reshape(-1, rows.shape[2]))
-        )
+        pieces = int(corners.piece[one[own[0]]]), int(corners.piece[other[own[0]]])
+        yield Block(pieces, compressed(rows.reshape(-1, rows.shape[2])))
 
 
 def _supports(corners: Corners, modes: Array, held: Ids) -> Iterator[Block]:
@@ -235,13 +207,11 @@ def _clusters(corners: Corners, turns: Array, size: Array) -> Ids:
     turning = np.abs(turns[one] - turns[other]).max(axis=(1, 2), initial=0) * np.minimum(size[one], size[other])
     alike = turning <= ALIKE
     links = coo_matrix((np.ones(alike.sum(), dtype=np.int8), (one[alike], other[alike])), shape=(len(size), len(size)))
-    clusters: Ids = connected_components(links, directed=False)[1]
-    return clusters
+    return np.asarray(connected_components(links, directed=False)[1])
 
 
 def _turning(corners: Corners, cluster: Ids, moves: NDArray[np.bool_], elements: Ids) -> list[tuple[int, Ids]]:
-    """Clusters that turn and the vertices about which they do, against one that is at rest if there is one, otherwise the largest
-    there."""
+    """Clusters that turn and the vertices about which they do, against one there that is at rest, otherwise the largest."""
     rank = np.empty(len(moves), dtype=np.int64)
     rank[np.lexsort((-elements, moves))] = np.arange(len(moves))
     vertex, ranked = _corners(corners.vertex[None], rank[cluster][corners.piece])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from itertools import zip_longest
+from math import isfinite
 from typing import Any
 
 import numpy as np
@@ -17,6 +18,7 @@ from ..errors import StateError, StvkError
 from ..kernels import blocks as block_kernels
 from ..kernels.threads import parts_of, run, threads
 from ..linear import EdgeBlocks
+from ..mesh.displacements import all_finite
 from .pattern import FreeDofs
 
 
@@ -57,10 +59,7 @@ class TangentOperator(LinearOperator):
         for i, term in enumerate(self._terms):
             part, self._blocks[i] = term.blocks(x, force, self._blocks[i], kept)
             energy += part
-        if not all(_is_finite(blocks) for blocks in self._blocks):
-            raise StateError(
-                f"K overflows at displacements of up to {np.abs(x).max():.1e}: did the step before diverge, or are units mixed up?"
-            )
+            refuse_overflow(self._blocks[i], "K", x)
         np.copyto(self._u, x)
         self._at, self._ready = kept, True
         return energy
@@ -110,23 +109,14 @@ class TangentOperator(LinearOperator):
     def add_norms(self, x: Array, out: Array) -> None:
         """Add `sum_b |K_ab| x_b` over the other vertices `b` to `out`, both (nv,), with norms of blocks that may be too large.
 
-        Raises
-        ------
-        StateError
-            if the last `prepare` did not end well.
+        Errors as in `diagonal_blocks`.
         """
         self._refuse_unprepared()
         for term, blocks in zip(self._terms, self._blocks, strict=True):
             term.pairs.add_norms(blocks, x, out)
 
     def add_product(self, x: Array, out: Array) -> None:
-        """Add `K x` to `out`, both (nv, d).
-
-        Raises
-        ------
-        StateError
-            if the last `prepare` did not end well.
-        """
+        """Add `K x` to `out`, both (nv, d). Errors as in `diagonal_blocks`."""
         self._refuse_unprepared()
         for term, blocks in zip(self._terms, self._blocks, strict=True):
             term.pairs.add_product(blocks, x, out)
@@ -134,10 +124,7 @@ class TangentOperator(LinearOperator):
     def by_edges(self, shift: Array | None = None) -> EdgeBlocks | None:
         """The blocks, not copied, for solvers that multiply by themselves; None unless it is made of one term, on simplices.
 
-        Raises
-        ------
-        StateError
-            if the last `prepare` did not end well.
+        Errors as in `diagonal_blocks`.
         """
         self._refuse_unprepared()
         term, *others = self._terms
@@ -198,10 +185,7 @@ class FreeOperator(LinearOperator):
     def diagonal_blocks(self) -> Array:
         """(nv, d, d) the blocks `K_aa` [N/m], with rows and columns of the identity for degrees of freedom that are held.
 
-        Raises
-        ------
-        StateError
-            if the last `prepare` of the tangent did not end well.
+        Errors as in those of the tangent.
         """
         blocks = self.tangent.diagonal_blocks()
         vertex, component = np.divmod(self.held.fixed, blocks.shape[1])
@@ -229,7 +213,9 @@ class FreeOperator(LinearOperator):
         return self
 
 
-def _is_finite(blocks: Array) -> bool:
-    """Whether all of them are; a sum that is not may be of numbers that are."""
-    with np.errstate(over="ignore", invalid="ignore"):
-        return bool(np.isfinite(blocks.sum()) or np.isfinite(blocks).all())
+def refuse_overflow(values: ArrayLike, name: str, u: Array) -> None:
+    """Refuse results, called `name`, that are not finite at displacements `u`."""
+    if not (isfinite(values) if isinstance(values, float | int) else all_finite(np.asarray(values))):
+        raise StateError(
+            f"{name} overflows at displacements of up to {np.abs(u).max():.1e}: did the step before diverge, or are units mixed up?"
+        )

@@ -20,19 +20,12 @@ from ..mesh.simplices import check_index_range
 
 
 class Structure:
-    """Rows and columns of a CSR matrix.
-
-    Attributes
-    ----------
-    indptr, indices : int32 arrays of scipy's CSR format, columns sorted; read only.
-    shape : (rows, columns).
-    nnz : number of values.
-    """
+    """Rows and columns of a CSR matrix of `nnz` values: int32 arrays `indptr` and `indices`, columns sorted; read only."""
 
     def __init__(self, indptr: NDArray[np.int32], indices: NDArray[np.int32], shape: tuple[int, int]) -> None:
         self.indptr, self.indices, self.shape, self.nnz = indptr, indices, shape, len(indices)
         self.indptr.flags.writeable = self.indices.flags.writeable = False
-        self._known: tuple[Any, Any, Any] = _nothing, None, None
+        self._known: tuple[Any, ...] = ()
 
     def matrix(self, data: NDArray[Any]) -> csr_matrix:
         """A CSR matrix around the values `data` (nnz,), which it does not copy.
@@ -44,14 +37,13 @@ class Structure:
     def fits(self, matrix: Any, dtype: DTypeLike) -> bool:
         """Whether this is a CSR matrix of this type that still has this structure, and room for its values.
 
-        The matrix that was found to fit last is not looked through again as long as it holds the same index arrays: edit those in
-        place and this goes unnoticed.
+        What was found to fit last is not looked through again while it holds the same index arrays: edits of those go unnoticed.
         """
         if not isinstance(matrix, csr_matrix) or matrix.dtype != dtype or matrix.shape != self.shape or matrix.nnz != self.nnz:
             return False
         if matrix.data.shape != (self.nnz,) or not matrix.data.flags.c_contiguous or not matrix.data.flags.writeable:
             return False
-        if self._known[0]() is matrix and self._known[1] is matrix.indices and self._known[2] is matrix.indptr:
+        if self._known and self._known[0]() is matrix and self._known[1] is matrix.indices and self._known[2] is matrix.indptr:
             return True
         fits: bool = np.array_equal(matrix.indptr, self.indptr) and np.array_equal(matrix.indices, self.indices)
         if fits:
@@ -59,7 +51,7 @@ class Structure:
         return fits
 
     def __getstate__(self) -> dict[str, Any]:
-        return self.__dict__ | {"_known": (_nothing, None, None)}
+        return self.__dict__ | {"_known": ()}
 
 
 class Pattern(Structure):
@@ -110,6 +102,14 @@ class Pattern(Structure):
                 "made from the nodes_paired of the terms; a term must name all the pairs it writes to."
             )
         return places.astype(np.int32)
+
+    def refuse_other(self, K: Any) -> None:
+        """Refuse what is no matrix of this pattern."""
+        if not isinstance(K, csr_matrix) or not self.fits(K, K.dtype):
+            raise StvkError(
+                f"K = {shown(K)} does not have the pattern of this system's K ({self.shape}, {self.nnz} values). Hand in what "
+                "tangent() returned, zeros kept."
+            )
 
     def memory(self) -> int:
         """Bytes of its arrays."""
@@ -194,8 +194,7 @@ class FreeDofs:
         return self._restriction()[0]
 
     def _restriction(self) -> tuple[Structure, NDArray[np.int32]]:
-        """The structure of K over the free degrees of freedom, and where its values stand in those of K: worked out once for each
-        version."""
+        """Structure of K over the free degrees of freedom, and where its values stand in those of K: once for each version."""
         pattern = self._system.pattern
         if self._known is None or self._known[0] != pattern.version:
             self._known = pattern.version, *self._restricted(pattern)
@@ -221,12 +220,7 @@ class FreeDofs:
         StvkError
             if `K` or `out` has another pattern.
         """
-        pattern = self._system.pattern
-        if not isinstance(K, csr_matrix) or not pattern.fits(K, K.dtype):
-            raise StvkError(
-                f"K = {shown(K)} does not have the pattern of this system's K ({pattern.shape}, {pattern.nnz} values). Hand in "
-                "what tangent() returned, zeros kept."
-            )
+        self._system.pattern.refuse_other(K)
         structure, places = self._restriction()
         if out is None:
             out = structure.matrix(np.empty(structure.nnz, dtype=K.dtype))
@@ -254,10 +248,6 @@ class FreeDofs:
 
     def __repr__(self) -> str:
         return f"FreeDofs: {len(self.free)} free, {len(self.fixed)} fixed"
-
-
-def _nothing() -> None:
-    """A reference to nothing."""
 
 
 def _union(pairs: Sequence[NDArray[np.int32]], nv: int) -> NDArray[np.int32]:

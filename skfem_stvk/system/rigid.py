@@ -19,8 +19,7 @@ NOTHING = 1e-13
 
 
 def rigid_modes(x: Array) -> Array:
-    """(ndofs, r) displacements of unit translations and of rotations about the centre of the vertices `x` (nv, d), of unit size at
-    most.
+    """(ndofs, r) unit translations, and rotations of unit size at most about the centre of the vertices `x` (nv, d).
 
     `r` is 1, 3, 6 for d = 1, 2, 3; fewer of them are independent where all vertices are on a line.
 
@@ -49,12 +48,7 @@ class Left:
 
 
 def rigid_modes_left(p: Array, part: NDArray[Any], held: NDArray[Any]) -> list[Left]:
-    """What each part of a body can still do as a whole when degrees of freedom are `held`, in words.
-
-    Parameters
-    ----------
-    p : (d, nv) coordinates [m].
-    part : (nv,) number of the part of each vertex.
+    """What each part of a body can still do as a whole when degrees of freedom are `held`; `part` (nv,) are numbers of parts.
 
     >>> square, one = np.array([[0.0, 1, 0, 1], [0, 0, 1, 1]]), np.zeros(4, dtype=int)
     >>> str(rigid_modes_left(square, one, held=np.array([0, 4]))[0])
@@ -80,8 +74,7 @@ def parts_of(edges: Sequence[NDArray[np.int32]], nv: int) -> NDArray[np.int32]:
     """(nv,) number of the part of each vertex: parts are what `edges` (2, ne) connect."""
     a, b = np.concatenate([np.empty((2, 0), dtype=np.int32), *edges], axis=1)
     links = coo_matrix((np.ones(len(a), dtype=np.int8), (a, b)), shape=(nv, nv))
-    parts: NDArray[np.int32] = connected_components(links, directed=False)[1]
-    return parts
+    return np.asarray(connected_components(links, directed=False)[1])
 
 
 def name_part(part: NDArray[Any], i: int) -> str:
@@ -130,16 +123,11 @@ def _free(resisted: Array, moved: Array) -> Array:
     values, vectors = np.linalg.eigh(resisted)
     free = vectors[:, values <= NOTHING * np.trace(resisted)]
     values, vectors = np.linalg.eigh(free.T @ moved @ free)
-    found: Array = free @ vectors[:, values > NOTHING * np.trace(moved)]
-    return found
+    return np.asarray(free @ vectors[:, values > NOTHING * np.trace(moved)])
 
 
 def names(free: Array, d: int, centre: Array, size: float) -> list[str]:
-    """Motions in words.
-
-    Parameters
-    ----------
-    free : (r, m) orthonormal: translations, and rotations about the `centre`, in units of the `size`.
+    """Motions in words: `free` (r, m) are orthonormal translations, and rotations about the `centre` in units of the `size`.
 
     >>> names(np.eye(3)[:, [1, 2]], 2, np.zeros(2), 1.0)
     ['translation along y', 'rotation in the plane']
@@ -172,8 +160,7 @@ def _rotation(turning: Array, axis: Array, translations: Array, centre: Array, s
 
 
 def _axes(basis: Array) -> list[Array]:
-    """Directions that span the same space as the orthonormal columns of `basis` (d, m): coordinate axes as far as they are in
-    it."""
+    """Directions that span what the orthonormal columns of `basis` (d, m) do: coordinate axes as far as they are in it."""
     axes = [e for e in np.eye(len(basis)) if np.linalg.norm(basis.T @ e) > 1 - 1e-9]
     rest = basis - sum((np.outer(e, e @ basis) for e in axes), np.zeros_like(basis))
     left, values, _ = np.linalg.svd(rest, full_matrices=False)

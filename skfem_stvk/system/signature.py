@@ -33,12 +33,8 @@ class Record(BaseModel):
 class Signature(Record):
     """The signature of a problem, as it stands in each file of a run.
 
-    Attributes
-    ----------
-    kind : what is solved.
-    method : how, with all options on which the states depend.
-    moments : load factors or times [s] at which loads and prescribed displacements were looked at.
-    numbers : of the system and of where it starts, by name.
+    The `method` has all options on which the states depend, `numbers` are of the system and of where it starts, by name, with loads
+    and prescribed displacements looked at in `moments`: load factors or times [s].
     """
 
     kind: Kind
@@ -50,10 +46,7 @@ class Signature(Record):
 class Fingerprint:
     """What a problem is known by: it tells whether a file is one of its own.
 
-    Parameters
-    ----------
-    kind, method, moments : as in `Signature`.
-    start : what else the states depend on, such as `u0`: by name a few numbers, see `sums`.
+    `start` has what else the states depend on, such as `u0`: by name a few numbers, see `sums`. The others are as in `Signature`.
     """
 
     def __init__(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from typing import Any, NamedTuple, TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,13 +18,6 @@ Dofs = NDArray[np.int64]
 
 #: By place: `{"wall": "xyz"}`; or pairs of a place and what is said about it, for places that cannot be keys, such as arrays.
 Displacements: TypeAlias = Mapping[Any, Any] | Iterable[tuple[Where, Any]]
-
-
-class Prescribed(NamedTuple):
-    """A prescribed displacement: its degrees of freedom, and its values by component and vertex."""
-
-    dofs: Dofs
-    value: Value
 
 
 class Supports:
@@ -64,12 +57,12 @@ class Supports:
         self.fixed = fixed_dofs(mesh, fixed)
         entries = _pairs(prescribed, "prescribed", '{"handle": {"x": 0.01}}')
         motions = [motion for where, given in entries for motion in self._move(where, given)]
-        self.prescribed = _union([motion.dofs for motion in motions])
+        self.prescribed = _union([dofs for dofs, _ in motions])
         self.held = np.union1d(self.fixed, self.prescribed)
         self._refuse_both()
         if len(self.held) == mesh.p.size:
             raise SupportError(f"All {mesh.p.size} degrees of freedom are fixed or prescribed: there is nothing to solve for.")
-        self._motions = [(np.searchsorted(self.held, motion.dofs), motion.value) for motion in motions]
+        self._motions = [(np.searchsorted(self.held, dofs), value) for dofs, value in motions]
         places = np.concatenate([np.empty(0, dtype=np.int64), *(place.ravel() for place, _ in self._motions)])
         self._twice = len(places) > len(self.prescribed)
         for t in (0.0, 1 / 3, 1.0):
@@ -93,20 +86,20 @@ class Supports:
                 self._refuse_different(place, values[place], value.at(moment), moment)
         return values
 
-    def _move(self, where: Where, given: Any) -> list[Prescribed]:
+    def _move(self, where: Where, given: Any) -> list[tuple[Dofs, Value]]:
+        """Degrees of freedom whose displacements are prescribed there, and the values by component and vertex."""
         what = f"prescribed on {describe(where)}"
         vertices, d = vertices_at(self._mesh, where, what), self._mesh.d
         x = self._mesh.p[:, vertices]
         if callable(given):
-            whole = Value(given, (d,), x, what, SupportError)
-            return [Prescribed(_dofs(vertices, range(d), d).reshape(-1, d).T, whole)]
+            return [(_dofs(vertices, range(d), d).reshape(-1, d).T, Value(given, (d,), x, what, SupportError))]
         if not isinstance(given, Mapping) or not given:
             raise SupportError(
                 f"{what}: got {shown(given)}; expected displacements by component, such as {{'x': 0.01}}, or a function of (x, t) "
                 f"that returns all {d} components."
             )
         return [
-            Prescribed(_dofs(vertices, [component], d), Value(value, (), x, f"{what}, component {letter}", SupportError))
+            (_dofs(vertices, [component], d), Value(value, (), x, f"{what}, component {letter}", SupportError))
             for letter, value in given.items()
             for component in _components(self._mesh, letter, what)
         ]
@@ -135,12 +128,7 @@ class Supports:
 
 
 def fixed_dofs(mesh: SimplexMesh, fixed: Displacements | DofsView | None) -> Dofs:
-    """Degrees of freedom that components at places are, or that scikit-fem found; ascending.
-
-    Raises
-    ------
-    RegionError, SupportError
-        as in `Supports`.
+    """Degrees of freedom that components at places are, or that scikit-fem found; ascending. Errors as in `Supports`.
 
     >>> mesh = SimplexMesh(p=[[0, 1, 0], [0, 0, 1]], t=[[0], [1], [2]])
     >>> fixed_dofs(mesh, [([2, 0], "y")])
@@ -152,14 +140,7 @@ def fixed_dofs(mesh: SimplexMesh, fixed: Displacements | DofsView | None) -> Dof
 
 
 def dofs_at(mesh: SimplexMesh, given: Any) -> Any:
-    """Degrees of freedom of all that `fixed_dofs` takes, and of all components at a name or predicate; other things are handed back
-    as they are.
-
-    Raises
-    ------
-    RegionError, SupportError
-        as in `Supports`.
-    """
+    """Degrees of freedom of all that `fixed_dofs` takes, and of all components at a name or predicate; others as they are given."""
     if isinstance(given, str) or callable(given):
         return _dofs(vertices_at(mesh, given, "fixed"), range(mesh.d), mesh.d)
     pairs = isinstance(given, list | tuple) and any(
@@ -169,9 +150,9 @@ def dofs_at(mesh: SimplexMesh, given: Any) -> Any:
 
 
 def _fixed_at(mesh: SimplexMesh, where: Where, letters: Any) -> Dofs:
-    if isinstance(letters, DofsView):  # one of those by name that get_dofs({...}) returned
-        return dofs_of(mesh, letters, f"fixed on {describe(where)}")
     what = f"fixed on {describe(where)}"
+    if isinstance(letters, DofsView):  # one of those by name that get_dofs({...}) returned
+        return dofs_of(mesh, letters, what)
     return _dofs(vertices_at(mesh, where, what), _components(mesh, letters, what), mesh.d)
 
 

@@ -4,28 +4,27 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import cached_property
-from math import isfinite
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, DTypeLike, NDArray
 from scipy.sparse import csr_matrix
 
-from ..arguments import Array, number, shown
+from ..arguments import Array, choice, number, shown
 from ..edges import ALL, Rows, Tensions
 from ..edges.pairs import Coupled, version_of
-from ..errors import LoadError, StateError, StvkError
+from ..edges.simplices import nbytes
+from ..errors import LoadError, StvkError
 from ..kernels.threads import Turn
 from ..mesh import MeshLike, SimplexMesh
 from ..mesh.diagnostics import check_mesh, warn_of_flat_elements
-from ..mesh.displacements import all_finite
 from ..mesh.places import DofsView
 from ..terms import Grounded, HasMemory, HasRoundOff, HasStress, Load, Quartic, Term, TurningLoad, is_load
 from ..terms.load import Moment, Time
 from .bound import BoundTerms
-from .mass import Mass, kind_of_mass
+from .mass import KINDS, Mass
 from .mechanisms import check_held, grounded_dofs
-from .operator import TangentOperator
+from .operator import TangentOperator, refuse_overflow
 from .pattern import FreeDofs, Pattern
 from .rigid import parts_of
 from .supports import Displacements, Supports, dofs_at
@@ -89,11 +88,11 @@ class System(BoundTerms):
             warn_of_flat_elements(mesh)
         self.supports = Supports(mesh, fixed, prescribed)
         super().__init__(mesh, terms, np.float64 if double else np.float32)
-        spaces = mesh.nv, mesh.d, np.float64
-        self._turning = [(load, Coupled(load, *spaces)) for load in self.bound_loads if isinstance(load, TurningLoad)]
+        turning = [load for load in self.bound_loads if isinstance(load, TurningLoad)]
+        self._turning = [(load, Coupled(load, mesh.nv, mesh.d, np.float64)) for load in turning]
         self._changing = [term for term in (*self.bound_terms, *self.bound_loads) if hasattr(term, "pattern_version")]
         self._pattern: Pattern | None = None
-        self._places: _Places | None = None
+        self._places: tuple[int, list[Rows], list[Rows]] | None = None
         self._masses: dict[str, Mass] = {}
         self._operator: TangentOperator | None = None
         self._turn = Turn()
@@ -118,13 +117,13 @@ class System(BoundTerms):
             self._pattern = Pattern(self.mesh.nv, self.mesh.d, pairs, version)
         return self._pattern
 
-    def _rows(self) -> _Places:
-        """Where blocks stand in the values of K, worked out once for each version of the pattern."""
+    def _rows(self) -> tuple[list[Rows], list[Rows]]:
+        """Where blocks of terms and of loads stand in the values of K, worked out once for each version of the pattern."""
         pattern = self.pattern
-        if self._places is None or self._places.version != pattern.version:
+        if self._places is None or self._places[0] != pattern.version:
             terms = [term.pairs.rows(pattern) for term in self.pair_terms]
-            self._places = _Places(pattern.version, terms, [of.pairs.rows(pattern) for _, of in self._turning])
-        return self._places
+            self._places = pattern.version, terms, [of.pairs.rows(pattern) for _, of in self._turning]
+        return self._places[1:]
 
     def energy(self, u: ArrayLike) -> float:
         """Strain energy `W(u)` [J].
@@ -140,13 +139,7 @@ class System(BoundTerms):
         return energy
 
     def internal_force(self, u: ArrayLike) -> Array:
-        """Internal force `F = dW/du` (ndofs,) [N]; the residual of statics is `F - f_ext`.
-
-        Raises
-        ------
-        StateError
-            if `u` does not have one finite entry for each degree of freedom, or is so large that the result overflows.
-        """
+        """Internal force `F = dW/du` (ndofs,) [N]; the residual of statics is `F - f_ext`. Errors as in `energy`."""
         x = self._state(u)
         _, force = self._energy_and_force(x)
         refuse_overflow(force, "F", x)
@@ -155,17 +148,8 @@ class System(BoundTerms):
     def energy_and_force(self, u: ArrayLike, out: Array | None = None) -> tuple[float, Array]:
         """`W(u)` [J] and `F(u)` (ndofs,) [N], for the price of one of them.
 
-        Parameters
-        ----------
-        u : displacements (ndofs,) [m].
-        out : where F is written; by default a new array.
-
-        Raises
-        ------
-        StateError
-            if `u` does not have one finite entry for each degree of freedom, or is so large that a result overflows.
-        StvkError
-            if `out` is no array of floats of that shape, in one piece.
+        F is written to `out`, by default a new array. Errors as in `energy`, and StvkError if `out` is no array of floats of that
+        shape, in one piece.
         """
         x = self._state(u)
         energy, force = self._energy_and_force(x, None if out is None else array_to_fill(self.mesh, out))
@@ -176,23 +160,16 @@ class System(BoundTerms):
     def tangent(self, u: ArrayLike, out: csr_matrix | None = None) -> csr_matrix:
         """Tangent stiffness `K = d2W/du2` (ndofs, ndofs) [N/m], always of the same pattern, zeros kept.
 
-        Parameters
-        ----------
-        u : displacements (ndofs,) [m].
-        out : a matrix that this method returned before, to be filled anew; by default a new one.
-
-        Raises
-        ------
-        StateError
-            if `u` does not have one finite entry for each degree of freedom, or is so large that the result overflows.
-        StvkError
-            if `out` has another pattern.
+        `out` is a matrix that this method returned before, to be filled anew; by default a new one. Errors as in `energy`, and
+        StvkError if `out` has another pattern.
         """
-        return self._elastic_tangent(u, out)
+        x = self._state(u)
+        K = self._matrix(out)
+        self._fill(x, K, None)
+        return K
 
     def linearize(self, u: ArrayLike, out: csr_matrix | None = None) -> tuple[float, Array, csr_matrix]:
-        """`W(u)`, `F(u)` and `K(u)` in one pass over the simplices, for little more than K; parameters and errors as in
-        `tangent`."""
+        """`W(u)`, `F(u)` and `K(u)` in one pass over the simplices, for little more than K; `out` and errors as in `tangent`."""
         x = self._state(u)
         K, force = self._matrix(out), np.zeros(x.shape, dtype=self.dtype)
         energy = self._fill(x, K, force)
@@ -201,15 +178,9 @@ class System(BoundTerms):
         return energy, force.ravel(), K
 
     def product(self, u: ArrayLike, v: ArrayLike) -> Array:
-        """`K(u) v` (ndofs,) [N], without forming K.
+        """`K(u) v` (ndofs,) [N], without forming K. Errors as in `energy`, for `v` too.
 
-        The first product at a `u` prepares what the next ones at the same `u` use again; they take less time than one with an
-        assembled K.
-
-        Raises
-        ------
-        StateError
-            if `u` or `v` does not have one finite entry for each degree of freedom, or the result overflows.
+        The first product at a `u` prepares what the next ones there use again; they take less time than one with an assembled K.
         """
         x, y = self._state(u), self._state(v, "v").ravel()
         with self._turn:
@@ -237,12 +208,7 @@ class System(BoundTerms):
     def external_force(self, u: ArrayLike, t: Time = 1.0) -> Array:
         """Sum of the loads (ndofs,) [N] at displacements `u` and load factor `t`.
 
-        Raises
-        ------
-        StateError
-            if `u` does not have one finite entry for each degree of freedom, or `t` is not finite.
-        LoadError
-            if a load that is given as a function does not return finite values.
+        Errors as in `energy`, for `t` too, and LoadError if a load that is given as a function does not return finite values.
         """
         x, force, moment = self._state(u), np.zeros(self.mesh.p.T.shape), Moment.checked(t)
         for load in self.bound_loads:
@@ -253,15 +219,16 @@ class System(BoundTerms):
     def potential(self, u: ArrayLike, t: Time = 1.0) -> float:
         """Total potential energy `W(u) + sum of the loads' potentials` [J]; its gradient is the residual.
 
-        Raises
-        ------
-        StateError
-            as `energy`.
-        LoadError
-            if a load has no potential, such as follower pressure.
+        Errors as in `external_force`, and LoadError if a load has no potential, such as follower pressure.
         """
-        moment = Moment.checked(t)
-        return self.energy(u) + self._potential(self._state(u), moment)
+        moment, energy = Moment.checked(t), self.energy(u)
+        if not self.conservative:
+            elastic, loads = zip(self.elastic_terms, self.bound_terms, strict=True), zip(self.loads, self.bound_loads, strict=True)
+            without = [type(term).__name__ for term, bound in elastic if not bound.has_energy]
+            without += [type(load).__name__ for load, bound in loads if not bound.has_potential]
+            raise LoadError(f"{', '.join(without)} has no potential: its work depends on the path. Ask for residual(u, t) instead.")
+        x = self._state(u)
+        return energy + sum(load.potential(x, moment) for load in self.bound_loads)
 
     def residual(self, u: ArrayLike, t: Time = 1.0) -> Array:
         """`F(u) - f_ext(u, t)` (ndofs,) [N]; at rest it vanishes but for the reactions at the supports. Errors as in `energy`."""
@@ -269,21 +236,20 @@ class System(BoundTerms):
         return self.internal_force(u) - loads
 
     def jacobian(self, u: ArrayLike, t: Time = 1.0, out: csr_matrix | None = None, *, kept: Tensions = ALL) -> csr_matrix:
-        """Derivative of the residual: `K(u)` minus the loads' `df_ext/du` (ndofs, ndofs) [N/m]; parameters and errors as in
-        `tangent`.
+        """Derivative of the residual: `K(u)` minus the loads' `df_ext/du` (ndofs, ndofs) [N/m]; `out` and errors as in `tangent`.
 
         `kept` are the tensions of edges that stay in it: `TENSILE` and `NONE` of `skfem_stvk.edges` leave out all that can make K
         indefinite, what the pressure of a `VolumePenalty` adds as well. It is positive semi-definite then, but for the loads.
         """
-        moment = Moment.checked(t)
-        K = self._elastic_tangent(u, out, _factors(kept))
-        for (_, of), rows in zip(self._turning, self._rows().loads, strict=True):
-            of.add_stiffness(self._state(u), moment, rows, K.data)
+        moment, factors, x = Moment.checked(t), _factors(kept), self._state(u)
+        K = self._matrix(out)
+        self._fill(x, K, None, factors)
+        for (_, of), rows in zip(self._turning, self._rows()[1], strict=True):
+            of.add_stiffness(x, moment, rows, K.data)
         return K
 
     def load_stiffness(self, u: ArrayLike, t: Time = 1.0) -> csr_matrix | None:
-        """`-df_ext/du` (ndofs, ndofs) [N/m] of the loads that have a potential and are not dead; None if there are none. Errors as
-        in `jacobian`."""
+        """`-df_ext/du` (ndofs, ndofs) [N/m] of loads with a potential that are not dead; else None. Errors as in `jacobian`."""
         x, moment = self._state(u), Moment.checked(t)
         turning = [of for load, of in self._turning if load.symmetric]
         if not turning:
@@ -308,19 +274,12 @@ class System(BoundTerms):
         return [term.energy_and_force(x) for term in self.bound_terms]
 
     def mass(self, kind: str = "lumped") -> Mass:
-        """The mass of the body, from the density of its materials: "lumped" at the vertices, or "consistent" with linear
-        displacements.
+        """The mass of the body by the density of its materials: "lumped" at vertices, or "consistent" with linear displacements.
 
-        Raises
-        ------
-        MaterialError
-            if a material has no density, or a vertex that can move has no mass.
-        StvkError
-            if `kind` is unknown.
+        MaterialError if a material has no density, or a vertex that can move has no mass; StvkError if `kind` is unknown.
         """
-        made = kind_of_mass(kind)
-        if kind not in self._masses:
-            self._masses[kind] = made(self, self.mesh, self._body.mass, self.supports.held)
+        if choice("mass", kind, KINDS) not in self._masses:
+            self._masses[kind] = KINDS[kind](self, self.mesh, self._body.mass, self.supports.held)
         return self._masses[kind]
 
     @cached_property
@@ -329,8 +288,7 @@ class System(BoundTerms):
         return grounded_dofs(self.bound_terms)
 
     def foundation_force(self, u: ArrayLike) -> Array:
-        """Force of the foundations on the body (ndofs,) [N], which is minus their part of the internal force; errors as in
-        `internal_force`."""
+        """Force of the foundations on the body (ndofs,) [N]: minus their part of the internal force. Errors as in `energy`."""
         x, force = self._state(u), np.zeros(self.mesh.p.T.shape)
         for term in self.bound_terms:
             if isinstance(term, Grounded):
@@ -346,19 +304,12 @@ class System(BoundTerms):
     def energy_along(self, u: ArrayLike, v: ArrayLike) -> NDArray[np.float64]:
         """(5,) coefficients of the strain energy along `u + s v` [J]: `W(u + s v) = c0 + c1 s + c2 s^2 + c3 s^3 + c4 s^4`, exactly.
 
-        Raises
-        ------
-        StateError
-            if `u` or `v` does not have one finite entry for each degree of freedom, or the result overflows.
-        StvkError
-            if the energy is no quartic: ask `quartic`.
+        Errors as in `energy`, for `v` too, and StvkError if the energy is no quartic: ask `quartic`.
         """
         quartics = [term for term in self.bound_terms if isinstance(term, Quartic)]
         if len(quartics) < len(self.bound_terms):
-            raise StvkError(
-                "The strain energy along a line is no quartic with a VolumePenalty among the terms. Ask for energy_and_force(u + "
-                "s v) instead."
-            )
+            hint = "Ask for energy_and_force(u + s v) instead."
+            raise StvkError(f"The strain energy along a line is no quartic with a VolumePenalty among the terms. {hint}")
         x, y = self._state(u), self._state(v, "v")
         coefficients = sum((term.along(x, y) for term in quartics), np.zeros(5))
         refuse_overflow(coefficients, "W along a line", x)
@@ -369,8 +320,7 @@ class System(BoundTerms):
 
         Displacements count as rounded, too: no `u` can do better. Errors as in `internal_force`.
         """
-        x = self._state(u)
-        sums = np.zeros(x.shape, dtype=self.dtype)
+        x, sums = self._state(u), np.zeros(self.mesh.p.T.shape, dtype=self.dtype)
         for term, pairs in zip(self.bound_terms, self.pair_terms, strict=True):
             if isinstance(term, HasRoundOff):
                 term.add_round_off(x, sums)
@@ -381,11 +331,8 @@ class System(BoundTerms):
     def check_held(self) -> None:
         """Refuse a body that can move without strain, by its supports and foundations.
 
-        Raises
-        ------
-        SupportError
-            with the rigid modes that are left to each part, and the pieces that can turn about the vertices or edges that join
-            them, counted and named.
+        The SupportError counts and names the rigid modes that are left to each part, and the pieces that can turn about the
+        vertices or edges that join them.
         """
         solid = np.zeros(self.mesh.nt, dtype=bool)
         for term in self.elastic_terms:
@@ -406,12 +353,8 @@ class System(BoundTerms):
             components there; components by place as in `System(fixed=...)`; or bare integers, which are degrees of freedom `d *
             vertex + component` here, and vertices at the places of `System(fixed=...)`.
 
-        Raises
-        ------
-        RegionError, SupportError
-            if there is nothing at a place, or a component is not of the mesh.
-        StvkError
-            if a degree of freedom is out of range, or none is free.
+        RegionError or SupportError if there is nothing at a place, or a component is not of the mesh; StvkError if a degree of
+        freedom is out of range, or none is free.
         """
         return FreeDofs(self, dofs_at(self.mesh, fixed))
 
@@ -432,26 +375,11 @@ class System(BoundTerms):
         for narrow in (*self.pair_terms, *(of for _, of in self._turning)):
             if isinstance(narrow, Coupled):
                 parts["blocks of pairs"] = parts.get("blocks of pairs", 0) + narrow.own_memory()
-        rows = [] if self._places is None else [*self._places.terms, *self._places.loads]
-        parts["rows of K"] = sum(array.nbytes for row in rows for array in row)
+        parts["rows of K"] = 0 if self._places is None else nbytes(self._places[1:])
         parts["pattern of K"] = 0 if self._pattern is None else self._pattern.memory()
         parts["product"] = self._operator.memory() if self._operator is not None else 0
         parts["mass"] = sum(mass.memory() for mass in self._masses.values())
         return parts
-
-    def _potential(self, x: Array, moment: Moment) -> float:
-        if not self.conservative:
-            elastic, loads = zip(self.elastic_terms, self.bound_terms, strict=True), zip(self.loads, self.bound_loads, strict=True)
-            without = [type(term).__name__ for term, bound in elastic if not bound.has_energy]
-            without += [type(load).__name__ for load, bound in loads if not bound.has_potential]
-            raise LoadError(f"{', '.join(without)} has no potential: its work depends on the path. Ask for residual(u, t) instead.")
-        return sum(load.potential(x, moment) for load in self.bound_loads)
-
-    def _elastic_tangent(self, u: ArrayLike, out: csr_matrix | None, kept: Tensions = ALL) -> csr_matrix:
-        x = self._state(u)
-        K = self._matrix(out)
-        self._fill(x, K, None, kept)
-        return K
 
     def _energy_and_force(self, x: Array, out: Array | None = None) -> tuple[float, Array]:
         force = np.zeros(x.shape, dtype=self.dtype) if out is None else out
@@ -471,7 +399,7 @@ class System(BoundTerms):
 
     def _fill(self, x: Array, K: csr_matrix, force: Array | None, kept: Tensions = ALL) -> float:
         """Fill the values of K; adds the force; the energy."""
-        every = self._rows().terms
+        every, _ = self._rows()
         add = self.mesh.d**2 * len(every[0].entries) < self.pattern.nnz  # otherwise the first term writes to all of K
         if add:
             K.data[:] = 0
@@ -487,14 +415,6 @@ class System(BoundTerms):
         return f"System: {self.mesh.nt} {self.mesh.kind}, {self.ndofs} degrees of freedom, {len(self.terms)} term(s)"
 
 
-class _Places(NamedTuple):
-    """Rows of terms and of loads in a version of the pattern."""
-
-    version: int
-    terms: list[Rows]
-    loads: list[Rows]
-
-
 def _float_type(dtype: Any) -> np.dtype[Any]:
     """Double or single precision."""
     try:
@@ -507,13 +427,7 @@ def _float_type(dtype: Any) -> np.dtype[Any]:
 
 
 def array_to_fill(mesh: SimplexMesh, out: Array) -> Array:
-    """An array (ndofs,) to write to, as (nv, d).
-
-    Raises
-    ------
-    StvkError
-        if it is no array of floats of that shape, in one piece.
-    """
+    """An array of floats (ndofs,) in one piece to write to, as (nv, d); anything else is refused."""
     own = isinstance(out, np.ndarray) and not isinstance(out, np.ma.MaskedArray) and out.dtype.char in "df"
     if not own or out.shape != (mesh.p.size,) or not (out.flags.carray and out.dtype.isnative):
         raise StvkError(
@@ -530,16 +444,3 @@ def _factors(kept: Tensions) -> Tensions:
             f"kept = {shown(kept)}; expected ALL, TENSILE or NONE of skfem_stvk.edges, or Tensions(positive, negative)."
         )
     return Tensions(number("kept: positive", kept.positive), number("kept: negative", kept.negative))
-
-
-def refuse_overflow(values: ArrayLike, name: str, u: Array) -> None:
-    """Refuse results, called `name`, that are not finite at displacements `u`.
-
-    Raises
-    ------
-    StateError
-    """
-    if not (isfinite(values) if isinstance(values, float | int) else all_finite(np.asarray(values))):
-        raise StateError(
-            f"{name} overflows at displacements of up to {np.abs(u).max():.1e}: did the step before diverge, or are units mixed up?"
-        )
