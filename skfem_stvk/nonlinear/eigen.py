@@ -34,10 +34,7 @@ class Mode:
 
 
 def nearest_mode(problem: EigenProblem, u: Array, t: float, without: Sequence[Array] = ()) -> Mode | None:
-    """The mode whose eigenvalue is nearest to zero, by inverse iteration with a direct solver; None if K is exactly singular.
-
-    `without` are modes (ndofs,) at right angles to which it is looked for.
-    """
+    """The mode nearest to zero, at right angles to those `without`, by inverse iteration; None if K is exactly singular."""
     factors = problem.factorise(u, t)
     others = [_unit(problem, problem.unknowns_of(mode)) for mode in without]
     x = _unit(problem, np.random.default_rng(0).standard_normal(problem.n))

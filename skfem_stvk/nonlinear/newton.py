@@ -20,8 +20,7 @@ from .problem import Problem, Residual, Tangent
 MOST_ITERATIONS, MOST_TANGLED, MOST_FULL = 40, 120, 20
 #: The loosest linear solve of an iterative solver (Eisenstat and Walker 1996, choice 2).
 LOOSEST = 0.1
-#: The line search stops at this part of the length at which the first element would be flat, and where that is shorter than this,
-#: it is over.
+#: The line search stops at this part of the length at which the first element would be flat; below the other one it is over.
 BEFORE_THE_LIMIT, SHORTEST = 0.8, 1e-3
 
 
@@ -75,26 +74,14 @@ class Iterations:
         return len(self.lengths)
 
 
-def _nobody(record: Iterations) -> None:
-    """Watch nothing."""
-
-
 @dataclass(frozen=True)
 class NewtonOptions:
-    """What is looked for, and how.
+    """What is looked for, and how."""
 
-    Attributes
-    ----------
-    rtol : the residual is small enough below this part of its scale.
-    most_inside_out : so many elements may be inside out in the state that is found.
-    full_first : try full steps first.
-    watch : is told of each iteration as it begins.
-    """
-
-    rtol: float
-    most_inside_out: int = 0
-    full_first: bool = True
-    watch: Callable[[Iterations], None] = _nobody
+    rtol: float  # the residual is small enough below this part of its scale
+    most_inside_out: int = 0  # so many elements may be inside out in the state that is found
+    full_first: bool = True  # try full steps first
+    watch: Callable[[Iterations], None] = lambda record: None  # is told of each iteration as it begins
 
 
 def newton(problem: Problem, u: Array, t: Time, wanted: NewtonOptions) -> tuple[Array, End, Iterations]:
@@ -178,11 +165,7 @@ class _Descent:
         return None
 
     def _moved(self, u: Array, v: Array, residual: Residual, tangled: bool) -> Array | End:
-        """`u + s v`, with the length `s` of the line search, which ends before elements turn inside out; or the full step.
-
-        A state that is `tangled`, with elements inside out, is not limited: on the way back some elements turn and take others
-        through zero volume.
-        """
+        """`u + s v`: a full step, or one that ends before elements turn inside out; `tangled` ones pass through zero volume."""
         if not self._search:
             self._record.lengths.append(1.0)
             return u + v

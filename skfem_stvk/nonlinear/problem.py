@@ -5,8 +5,7 @@ unknowns and how vectors of them are multiplied. Two kinds of vectors are told a
 together:
 
     u, v    states and directions; Newton's method adds `u + s v` and does nothing else with them
-    x, b    the unknowns of a linear solve; `direction(x)` is the direction that belongs to them, `unknowns_of(v)` goes the other
-    way
+    x, b    the unknowns of a linear solve; `direction(x)` is the direction that belongs to them, `unknowns_of(v)` leads back
 """
 
 from __future__ import annotations
@@ -43,18 +42,11 @@ class Tangent(Enum):
 
 @dataclass(frozen=True)
 class Residual:
-    """Forces that are not in equilibrium.
+    """Forces that are not in equilibrium."""
 
-    Attributes
-    ----------
-    vector : (n,) residual `F - f_ext`, one entry per unknown [N].
-    size : its norm.
-    scale : norm of the loads plus that of the reactions, what `size` is small against.
-    """
-
-    vector: Array
-    size: float
-    scale: float
+    vector: Array  # (n,) residual `F - f_ext`, one entry per unknown [N]
+    size: float  # its norm
+    scale: float  # norm of the loads plus that of the reactions, what `size` is small against
 
     @property
     def relative(self) -> float:
@@ -160,10 +152,7 @@ class PathProblem(EigenProblem, Protocol):
         """(n,) `-dr/dt` and how what is held moves, a direction; by the tangent that was made last."""
 
     def change(self, u: Array, t: float, later: float) -> tuple[Array, Array]:
-        """The change from `t` to `later`: (n,) forces on the unknowns [N], and the direction in which what is held moves.
-
-        Forces of what is held are those of the tangent that was made last.
-        """
+        """The change to `later`: (n,) forces [N], by the tangent that was made last, and how what is held moves, a direction."""
 
     def force_of(self, w: Array) -> Array:
         """(n,) what a motion `w` of what is held does to the unknowns [N], by the tangent that was made last."""

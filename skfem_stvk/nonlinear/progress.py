@@ -5,7 +5,6 @@ from __future__ import annotations
 import time
 from collections import deque
 from collections.abc import Mapping
-from types import TracebackType
 from typing import Any, TypeVar
 
 from rich.console import Console
@@ -22,12 +21,7 @@ Entered = TypeVar("Entered", bound="Progress")
 class Progress:
     """Lines on standard output, and on a terminal a bar on standard error that goes away when the work is done; nothing if quiet.
 
-    Parameters
-    ----------
-    name : text before the bar.
-    quiet : print nothing.
-    columns : of the bar, as rich takes them, between its name and the description.
-    options : of rich's `Progress`.
+    The bar has its name, rich's `columns` and a description; `options` are those of rich's `Progress`.
     """
 
     def __init__(self, name: str, quiet: bool, columns: tuple[ProgressColumn, ...], **options: Any) -> None:
@@ -44,7 +38,7 @@ class Progress:
             self._bar.start()
         return self
 
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+    def __exit__(self, *error: object) -> None:
         if self._bar is not None:
             self._bar.stop()
 
@@ -62,10 +56,7 @@ class Progress:
 class MotionProgress(Progress):
     """On a terminal a bar that is drawn four times a second, elsewhere a line every few seconds; one at the end.
 
-    Parameters
-    ----------
-    ledger : of the motion; its last row is what is printed.
-    done : steps that were made before, by the run that is resumed.
+    The last row of the ledger is what is printed; `done` steps were made before, by the run that is resumed.
     """
 
     def __init__(self, header: str, ledger: Mapping[str, Any], done: int, quiet: bool) -> None:
@@ -82,8 +73,8 @@ class MotionProgress(Progress):
             self._next = self._begin + self._every
         return super().__enter__()
 
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
-        super().__exit__(kind, error, trace)
+    def __exit__(self, *error: object) -> None:
+        super().__exit__(*error)
         if self._number > self._done and not self._quiet:
             taken = time.perf_counter() - self._begin
             self.print(self._line((self._number - self._done) / taken, f"took {duration(taken)}"))

@@ -30,18 +30,11 @@ REAL = float(np.sqrt(np.finfo(float).eps))
 
 
 class Verdict(NamedTuple):
-    """What is known of the stability of a state.
+    """What is known of the stability of a state."""
 
-    Attributes
-    ----------
-    stable : False where an eigenvalue of K was found to be negative. True also where nothing is known; `doubt` says so then.
-    negative : how many eigenvalues are negative, of a K that is not symmetric how many real ones; None if they were not counted.
-    doubt : what was not looked at or is not known, in a sentence; empty if there is nothing to say.
-    """
-
-    stable: bool
-    negative: int | None
-    doubt: str = ""
+    stable: bool  # False where an eigenvalue of K was found to be negative; True also where nothing is known, as `doubt` says then
+    negative: int | None  # how many eigenvalues are, of a K that is not symmetric how many real ones; None if not counted
+    doubt: str = ""  # what was not looked at or is not known, in a sentence; empty if there is nothing to say
 
 
 def judged(problem: EigenProblem, u: Array, t: float) -> Verdict:
@@ -91,20 +84,12 @@ def _divergence(problem: EigenProblem, u: Array, t: float) -> Verdict:
 
 
 class RealEigenvalues(NamedTuple):
-    """Numbers of real eigenvalues.
+    """Numbers of real eigenvalues."""
 
-    Attributes
-    ----------
-    negative : below `-8 eps |K|`, those that were found; at least 1 where the determinant is negative.
-    unsigned : between `-8 eps |K|` and `8 eps |K|`.
-    all_of_them : whether no others can be negative.
-    looked_at : how many eigenvalues, those nearest to zero.
-    """
-
-    negative: int
-    unsigned: int
-    all_of_them: bool
-    looked_at: int
+    negative: int  # below `-8 eps |K|`, those that were found; at least 1 where the determinant is negative
+    unsigned: int  # between `-8 eps |K|` and `8 eps |K|`
+    all_of_them: bool  # whether no others can be negative
+    looked_at: int  # how many eigenvalues, those nearest to zero
 
 
 def real_eigenvalues(K: csr_matrix, unknowns: Unknowns) -> RealEigenvalues:

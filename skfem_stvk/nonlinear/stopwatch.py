@@ -7,12 +7,7 @@ from time import perf_counter
 
 
 class Lap:
-    """Seconds within `with`: a generator would take 1.2 us instead of 0.3, again and again in steps of 50.
-
-    Attributes
-    ----------
-    seconds : so far.
-    """
+    """Seconds within `with`: a generator would take 1.2 us instead of 0.3, again and again in steps of 50."""
 
     def __init__(self) -> None:
         self.seconds, self._begin = 0.0, 0.0
@@ -25,11 +20,7 @@ class Lap:
 
 
 class Stopwatch:
-    """Seconds by part; what is in no part is "other".
-
-    Parameters
-    ----------
-    more : parts beside "assemble", "factor" and "solve".
+    """Seconds by part, `more` parts beside "assemble", "factor" and "solve"; what is in no part is "other".
 
     >>> watch = Stopwatch()
     >>> with watch("assemble"):

@@ -17,11 +17,9 @@ from .walk import SMALLEST, Course, Walk
 
 #: Iterations that a step of the right length takes, and how much longer the next may be.
 ITERATIONS, GROWTH = 4, 1.5
-#: A step is not longer than so many times the first one, or so many parts of the displacements so far, of which there are as many
-#: as steps in the load.
+#: A step is not longer than so many times the first one, or so many of the parts of the displacements so far, one per step in load.
 LARGEST, PARTS = 4.0, 2.0
-#: Smallest cosine of the angle by which the path may turn in a step; a step that turned by more than the other lets the next one
-#: shrink.
+#: Smallest cosine of the angle by which the path may turn in a step; below the other one the next step shrinks.
 SHARPEST, SHARP = 0.5, 0.9
 #: Steps are shortened down to this part of the first one where it is not sure that they stay on the path.
 SURE = 0.02
@@ -95,7 +93,8 @@ class ArcLength(Walk):
         problem, way, length = self.problem, self._heading, self._size
         assert way is not None
         u = self.u + length * way.direction
-        found = self._correct(u, self.t + length * way.rate, Plane(way.direction, 0.0, self._place(way, length), length))
+        place = problem.dot(way.direction, self.u) + length  # of the plane across the path, along it
+        found = self._correct(u, self.t + length * way.rate, Plane(way.direction, 0.0, place, length))
         if isinstance(found, Attempt):
             return found
         u, t, end, record = found
@@ -168,10 +167,6 @@ class ArcLength(Walk):
             record.detail = self.problem.named(turned)
             return Attempt(t, End.INSIDE_OUT, record)
         return u, t, end, record
-
-    def _place(self, way: Heading, length: float) -> float:
-        """Position of the plane across the path, along it."""
-        return self.problem.dot(way.direction, self.u) + length
 
     def _adapt(self, iterations: int, cosine: float) -> None:
         factor = float(np.clip(np.sqrt(ITERATIONS / max(iterations, 1)), 1 / GROWTH, GROWTH))

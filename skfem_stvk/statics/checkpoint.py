@@ -25,9 +25,10 @@ from .load_steps import LARGEST, LoadSteps
 
 #: How a state of a path may come out.
 EQUILIBRIA = Status.CONVERGED, Status.AT_ROUND_OFF, Status.UNSTABLE, Status.INVERTED
-#: The strain energy of a state is what the system says now, but for this part of it; its residual is at most so many times what it
-#: was.
+#: The strain energy of a state is what the system says now, but for this part of it; its residual at most so many times the former.
 ENERGY, LOOSER = 1e-6, 10.0
+#: What to do about states of another problem.
+AGAIN = "Give the same again to resume it, or name another folder; overwrite=True without resume replaces what is there."
 
 Count = Annotated[int, Field(ge=0)]
 Measured = Annotated[float, AllowInfNan(True)]
@@ -104,21 +105,8 @@ class StateHeader(CheckpointHeader):
 class PathCheckpoint(Checkpoint[StateHeader]):
     """A folder with a file for each state of a path: a run that is killed keeps all that it found.
 
-    Parameters
-    ----------
-    system, problem : whose path it is; each state carries the signature of the problem.
-    outlets : the folder, and whether to go on with the states that are there, if any; otherwise the first state replaces them,
-        those of another problem only if they are to be overwritten.
-
-    Attributes
-    ----------
-    steps, saved : the states that are there to go on with, and what the walk was about to do after the last one.
-
-    Raises
-    ------
-    StvkError
-        by `with`, if the folder cannot be written or has another writer, or if its states are those of another problem; if one that
-        is to be resumed is missing or damaged.
+    A run that goes on finds its states in `steps`, and in `saved` what the walk was about to do after the last one. Otherwise the
+    first state replaces what is there, states of another problem only if they are to be overwritten.
     """
 
     known = "path of skfem-stvk", 2
@@ -161,11 +149,7 @@ class PathCheckpoint(Checkpoint[StateHeader]):
                     "resume from the one before."
                 )
             header, arrays = self.read_file(file)
-            self.problem.refuse_other(
-                header.problem,
-                file,
-                "Give the same again to resume it, or name another folder; overwrite=True without resume replaces what is there.",
-            )
+            self.problem.refuse_other(header.problem, file, AGAIN)
             try:
                 self.steps.append(_unpacked(header.step, arrays, self._system))
                 _check_order(self.steps, header, number)
@@ -225,10 +209,8 @@ def _check_order(steps: list[Step], header: StateHeader, number: int) -> None:
         raise ValueError(f"it is state {header.number} of its path, not {number}")
     load_steps = options["method"] == LoadSteps.name
     needed = ("straight", "full_first") if load_steps else ("turns", "states", "rate", "goal")
-    counted = needed[:2]  # what a method counts or knows from the beginning
-    if walk.model_fields_set != {"size", "first", "reached", "largest", *needed} or any(
-        getattr(walk, name) is None for name in counted
-    ):
+    counted = [getattr(walk, name) for name in needed[:2]]  # what a method counts or knows from the beginning
+    if walk.model_fields_set != {"size", "first", "reached", "largest", *needed} or None in counted:
         raise ValueError("what the walk does next is not what its method needs")
     if not load_steps:
         return
@@ -251,9 +233,6 @@ def _check_equilibrium(system: SystemLike, step: Step, header: StateHeader) -> N
     forces[held] = 0
     scale = np.linalg.norm(loads) + np.linalg.norm(reactions)
     rtol: Any = header.problem.method["rtol"]
-    small = LOOSER * max(rtol, step.iterations.residuals[-1])
-    if np.linalg.norm(forces) > small * max(scale, NOTHING * header.walk.largest):
-        raise ValueError(
-            f"its forces are not in equilibrium at t = {step.t:g}, by {np.linalg.norm(forces) / scale:.3g} of the loads and "
-            "reactions"
-        )
+    small, size = LOOSER * max(rtol, step.iterations.residuals[-1]), np.linalg.norm(forces)
+    if size > small * max(scale, NOTHING * header.walk.largest):
+        raise ValueError(f"its forces are not in equilibrium at t = {step.t:g}, by {size / scale:.3g} of the loads and reactions")

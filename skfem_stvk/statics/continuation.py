@@ -20,18 +20,11 @@ IN_PLANE = 1e-10
 
 @dataclass(frozen=True)
 class Heading:
-    """The tangent of the path at a state, `du/ds` and `dt/ds`, `s` the length of the path in displacements.
+    """The tangent of the path at a state, `du/ds` and `dt/ds`, `s` the length of the path in displacements."""
 
-    Attributes
-    ----------
-    direction : (ndofs,) `du/ds`, of length one.
-    rate : `dt/ds` [1/m]; it changes its sign at limit points.
-    negative : how many eigenvalues of K are negative; None if K is not symmetric or a pivot says nothing.
-    """
-
-    direction: Array
-    rate: float
-    negative: int | None
+    direction: Array  # (ndofs,) `du/ds`, of length one
+    rate: float  # `dt/ds` [1/m]; it changes its sign at limit points
+    negative: int | None  # how many eigenvalues of K are negative; None if K is not symmetric or a pivot says nothing
 
     def reversed(self) -> Heading:
         """The heading that goes the other way."""
@@ -62,16 +55,12 @@ class Plane:
 
     Across the path it is that of Riks (1979), `weight` 0: it goes through limit points, where t turns back and displacements do
     not. With `normal` 0 it holds the load, with `weight` 0 and a mean of displacements as `normal` it holds those.
-
-    Attributes
-    ----------
-    reach : how far it is from the state before, in the units of `value`.
     """
 
     normal: Array
     weight: float
     value: float
-    reach: float
+    reach: float  # how far it is from the state before, in the units of `value`
 
     def miss(self, u: Array, t: float, problem: PathProblem) -> float:
         """How far the state is from it."""

@@ -32,14 +32,7 @@ DIFFERENCE = 1e-6
 
 
 class Equilibrium:
-    """`F(u) = f_ext(u, t)` over the free degrees of freedom, a `PathProblem` whose states are displacements (ndofs,).
-
-    Attributes
-    ----------
-    tangent : K over the free degrees of freedom, and what solves with it; a direct solver where it had to take over.
-    free : the free and held degrees of freedom.
-    largest : of the forces on the path so far [N].
-    """
+    """`F(u) = f_ext(u, t)` over the free degrees of freedom, a `PathProblem` whose states are displacements (ndofs,)."""
 
     def __init__(self, system: SystemLike, solver: LinearSolver, watch: Stopwatch) -> None:
         self.system, self._watch, self._u = system, watch, np.zeros(system.ndofs)
@@ -126,11 +119,7 @@ class Equilibrium:
             return factors.solve(b, rtol)
 
     def take_over(self, u: Array, t: Time) -> bool:
-        """Whether a direct solver takes over, here and on the rest of the path, where CG did not solve with the Jacobian at `u`.
-
-        It does if CG met its round-off, as in slender bodies: if a factorisation finds no negative eigenvalue. It is asked for up
-        to `COUNTED` unknowns, and a few times on a path.
-        """
+        """As in `Problem`: if a factorisation, up to `COUNTED` unknowns and a few times on a path, finds no negative eigenvalue."""
         if not self.iterative or self.n > COUNTED or not self._doubts:
             return False
         self._doubts -= 1

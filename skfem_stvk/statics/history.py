@@ -14,8 +14,7 @@ from ..nonlinear.outcome import Status
 from ..results.monitors import Finding
 from .critical import CriticalPoint
 
-#: From here on a state is further from where the path pointed than bending, twisting or tightening bodies get (1.2 at most on the
-#: hard cases).
+#: From here on a state is further from where the path pointed than bending or twisting bodies get (1.2 at most on the hard cases).
 JUMPED = 5.0
 
 

@@ -16,11 +16,9 @@ from .walk import SMALLEST, Course, Walk
 
 #: A step that took no more iterations lets the next one grow, by this factor, up to this many times the first one.
 FEW, GROWTH, LARGEST = 5, 1.5, 4.0
-#: From here on a state is so far from where the path pointed that it is looked at what happened in between, with residuals below
-#: `LOOSE`.
+#: From here on a state is so far from where the path pointed that states in between are looked at, with residuals below `LOOSE`.
 FAR, LOOSE = 2.0, 1e-6
-#: A force along the straight way to the next state that is off a straight line by less than this part of its growth tells of no
-#: snap.
+#: A force along the straight way to the next state that is off a straight line by less than this part of its growth is no snap.
 STRAIGHT = 0.1
 #: States this near to where the tangents at both of them point, as a part of the way, lie on one path.
 NEAR = 0.5
@@ -170,8 +168,7 @@ class Between:
     def _middle(self, before: OnPath, after: OnPath, forward: Array) -> OnPath | None:
         self._left -= 1
         t = (before.t + after.t) / 2
-        start = self._problem.place(before.u + forward / 2, t)
-        u = self._solve(before, start, t)
+        u = self._solve(before, self._problem.place(before.u + forward / 2, t), t)
         return None if u is None else OnPath(t, u)
 
     def _answer(self, state: OnPath, t: float) -> Array | None:

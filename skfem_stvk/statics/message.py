@@ -31,8 +31,6 @@ TRY = {
     End.OVERFLOW: "Are units mixed up, or is the load far too large for the stiffness?",
     End.TOO_SHARP: "Try more steps.",
 }
-
-
 #: A branch ends where the lowest eigenvalue of K has fallen below this part of what it was at the start.
 GIVEN_WAY = 0.1
 #: So many elements take part most are named.
@@ -48,29 +46,18 @@ def what_to_try(end: End, penalty: bool) -> str:
 
 @dataclass(frozen=True)
 class Ending:
-    """What is known of a solve when it ends, of which its message is made.
-
-    Attributes
-    ----------
-    method : name of the walk.
-    t : load factor of the last state.
-    verdict : of the last state, if the path arrived.
-    inverted : names elements inside out or flat.
-    branch : says whether a branch ends where it stopped.
-    started : whether the path began at displacements that were given.
-    cause : what interrupted it.
-    """
+    """What is known of a solve when it ends, of which its message is made."""
 
     system: SystemLike
     status: Status
-    method: str
+    method: str  # name of the walk
     history: History
-    t: float
-    verdict: Verdict
-    inverted: str
-    branch: str
-    started: bool
-    cause: BaseException | None
+    t: float  # load factor of the last state
+    verdict: Verdict  # of the last state, if the path arrived
+    inverted: str  # names elements inside out or flat
+    branch: str  # says whether a branch ends where it stopped
+    started: bool  # whether the path began at displacements that were given
+    cause: BaseException | None  # what interrupted it
 
 
 def reason(ending: Ending) -> str:
@@ -117,9 +104,7 @@ def _why(ending: Ending) -> str:
     if last.t == t:
         start = "Let what is there from the start grow with t."
         if ending.started:
-            turn_back = (
-                "" if penalty else ", or add VolumePenalty(kind='compression'), which turns elements back that are inside out"
-            )
+            turn_back = ", or add VolumePenalty(kind='compression'), which turns elements back that are inside out" * (not penalty)
             start = f"Give another u0, for from this one no equilibrium was found{turn_back}."
         return f": {last.end.value}{detail}, before the first step. {start} {what_to_try(last.end, penalty)}"
     failed = f"{last.end.value}{detail}, in a step of {abs(last.t - t):.1e} too."
@@ -158,10 +143,7 @@ def _found(history: History) -> str:
 
 
 def branch_end(problem: Equilibrium, start: Array, t0: float, u: Array, t: float) -> str:
-    """Words on the last state `u` (ndofs,) of a path that began at `start`; empty if its tangent is as stiff as ever.
-
-    Nothing is said of a K that is not symmetric either, as loads that follow the body make it.
-    """
+    """Words on the last state `u` of a path that began at `start`; empty if K is as stiff as ever, or not symmetric."""
     try:
         before = _lowest(problem, start, t0)
         now = None if before is None else _lowest(problem, u, t)

@@ -214,9 +214,8 @@ class _Solve:
             for finding in monitors.before():
                 warn(finding.text)
             problem = Equilibrium(self._system, self._asked, self._watch)
-            walk = self._walk(
-                problem, Course(1 / int(options.steps), float(options.rtol), monitors, options.stability, report.iterating)
-            )
+            course = Course(1 / int(options.steps), float(options.rtol), monitors, options.stability, report.iterating)
+            walk = self._walk(problem, course)
             if kept is not None and kept.steps:
                 walk.resume(kept.steps, kept.saved)
             try:

@@ -94,13 +94,7 @@ class Goal:
         return min(found, key=lambda one: one[0], default=None)
 
     def refuse_passed(self, u0: Array, t0: float, steps: Sequence[Step]) -> None:
-        """Refuse states from `(u0, t0)` on of which some have passed a level already.
-
-        Raises
-        ------
-        StvkError
-            with the states between which they did.
-        """
+        """Refuse states from `(u0, t0)` on of which some have passed a level already; names those between which they did."""
         states = [(u0, t0), *((step.u, step.t) for step in steps)]
         for place, (one, other) in enumerate(pairwise(states)):
             if self.crossed(*one, *other) is not None:
@@ -118,9 +112,8 @@ class Goal:
 
     def counted(self, turns: int, states: int) -> bool:
         """Whether there have been enough."""
-        return any(
-            asked is not None and found >= asked for found, asked in ((turns, self._stop.turns), (states, self._stop.states))
-        )
+        both = (turns, self._stop.turns), (states, self._stop.states)
+        return any(asked is not None and found >= asked for found, asked in both)
 
     def exhausted(self, states: int) -> bool:
         """Whether there have been more than anybody expects."""

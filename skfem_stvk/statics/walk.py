@@ -25,33 +25,17 @@ SMALLEST = 1 / 1024
 
 @dataclass(frozen=True)
 class Course:
-    """How a path is walked, whatever the method.
+    """How a path is walked, whatever the method."""
 
-    Attributes
-    ----------
-    first : the first step, as a part of the load.
-    rtol : the residual is small enough below this part of loads and reactions.
-    monitors : looks at each state.
-    stability : find the lowest eigenvalue at each state where the solver does not count negative ones.
-    iterating : is told of each iteration as it begins.
-    """
-
-    first: float
-    rtol: float
-    monitors: Monitors
-    stability: bool
-    iterating: Callable[[float, Iterations], None]
+    first: float  # the first step, as a part of the load
+    rtol: float  # the residual is small enough below this part of loads and reactions
+    monitors: Monitors  # looks at each state
+    stability: bool  # find the lowest eigenvalue at each state where the solver does not count negative ones
+    iterating: Callable[[float, Iterations], None]  # is told of each iteration as it begins
 
 
 class Walk(ABC):
-    """A walk from `u0` (ndofs,) at `t0` on.
-
-    Attributes
-    ----------
-    problem : whose equilibria they are.
-    t, u : load factor and displacements of the last state.
-    reached : whether the end that was asked for is reached.
-    """
+    """A walk from `u0` (ndofs,) at `t0` on; `t`, `u`: the last state, `reached`: whether the end that was asked for is."""
 
     name: ClassVar[str]
 
