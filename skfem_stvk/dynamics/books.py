@@ -89,28 +89,14 @@ def column_names(system: SystemLike, probes: Iterable[str] = (), reactions: Iter
 
 
 class LedgerPlaces(NamedTuple):
-    """Vertices by name, whose motion and forces stand in a ledger.
+    """Vertices by name, whose motion and forces stand in a ledger."""
 
-    Attributes
-    ----------
-    probes : vertices whose mean displacements are entered.
-    reactions : vertices at which the forces of supports and foundations are entered.
-    """
-
-    probes: Vertices = NOWHERE
-    reactions: Vertices = NOWHERE
+    probes: Vertices = NOWHERE  # whose mean displacements are entered
+    reactions: Vertices = NOWHERE  # at which the forces of supports and foundations are entered
 
     @classmethod
     def checked(cls, system: SystemLike, probes: Mapping[str, Where] | None, reactions: Mapping[str, Where] | None) -> LedgerPlaces:
-        """Vertices of the places that were asked for.
-
-        Raises
-        ------
-        RegionError, SupportError
-            if there is no vertex at a place, or neither a support nor a foundation at one for reactions.
-        StvkError
-            if they do not come by name, or two columns would have the same name.
-        """
+        """Vertices of the places that were asked for; refuses places without any, and reactions where nothing holds the body."""
         places, supports = _named("probes", probes, "'tip': [17]"), _named("reactions", reactions, "'clamp': 'left'")
         moving = {name: vertices_at(system.mesh, where, f"probe {name!r}") for name, where in places.items()}
         held_up = {name: held_vertices(system, where, f"reaction {name!r}") for name, where in supports.items()}
@@ -124,11 +110,7 @@ class LedgerPlaces(NamedTuple):
 class Books:
     """Enter energies, works and momenta of the states of a motion in its ledger.
 
-    Parameters
-    ----------
-    places : where the motion and the forces are followed.
-    ledger : without rows, or that of a motion that is resumed, whose last row is that of the first state.
-    dt : length of the first step, or about that [s].
+    Of a motion that is resumed the ledger has rows, the last of which is that of the first state; `dt` is about the first step [s].
     """
 
     def __init__(self, motion: Motion, places: LedgerPlaces, ledger: Ledger, dt: float) -> None:

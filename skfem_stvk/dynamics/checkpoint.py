@@ -107,38 +107,23 @@ class MethodRecord(Record):
 
 
 class MotionHeader(CheckpointHeader):
-    """The header of the file: where the run is, its last good state, the places that it follows, and what it saved.
-
-    Attributes
-    ----------
-    counts, seconds : iterations and seconds that the steps took so far; "other" may be below zero by rounding.
-    save : the name of its series, as the run was given it, or None. Nothing is written there: a checkpoint does not say where.
-    every : steps from one saved state to the next.
-    """
+    """The header of the file: where the run is, its last good state, the places that it follows, and what it saved."""
 
     now: MomentRecord
     good: MomentRecord | None
-    counts: StepperRecord
-    seconds: dict[str, Annotated[float, Field(ge=-1)]]
+    counts: StepperRecord  # iterations that the steps took so far
+    seconds: dict[str, Annotated[float, Field(ge=-1)]]  # that they took, by part; "other" may be below zero by rounding
     probes: list[str]
     reactions: list[str]
     columns: list[str]
-    save: str | None
-    every: Annotated[int, Field(ge=1)]
+    save: str | None  # the name of its series, as the run was given it; nothing is written there: a checkpoint does not say where
+    every: Annotated[int, Field(ge=1)]  # steps from one saved state to the next
 
 
 class MotionCheckpoint(Checkpoint[MotionHeader]):
     """The file `motion.npz` in a folder, which is replaced as a motion goes on: a run that is killed finds the last one whole.
 
-    Parameters
-    ----------
-    place : the folder, which is made if it is not there; until 1.0 also a .npz file in a folder that exists.
-    named : the argument that gave it; until 1.0 also "resume".
-
-    Raises
-    ------
-    StvkError
-        if the file cannot be written, before any work; by `with`, if it has another writer.
+    Until 1.0 `place` may be a .npz file in a folder that exists, and the argument that gave it, `named`, "resume".
     """
 
     known = "motion of skfem-stvk", 4
@@ -173,17 +158,7 @@ class MotionCheckpoint(Checkpoint[MotionHeader]):
         return now >= self._next
 
     def write(self, about: Mapping[str, Any], arrays: Mapping[str, Array], ledger: Ledger) -> None:
-        """Replace the file.
-
-        Parameters
-        ----------
-        about : what `MotionHeader` has beside the format, the problem and the columns.
-
-        Raises
-        ------
-        WriteError
-            if the disk is full, for example; the file that was there is still there.
-        """
+        """Replace the file; `about` is what `MotionHeader` has beside the format, the problem and the columns."""
         begin = time.perf_counter()
         self.write_file(self.file, {"columns": ledger.names, **about}, {**arrays, "ledger": ledger.rows()})
         end = time.perf_counter()
@@ -215,10 +190,7 @@ class Saved(NamedTuple):
 
 
 def packed(record: RunRecord, places: LedgerPlaces, found: bool) -> tuple[dict[str, Any], dict[str, Array]]:
-    """The part of the header that JSON can write, and the arrays of a checkpoint.
-
-    `found`: whether steps are found, and not given: only then a run goes back to its last good state.
-    """
+    """The part of the header that JSON can write, and the arrays; with the last good state, if steps are `found` and not given."""
     about: dict[str, Any] = {"now": _moment(record, record.ledger.steps), "good": None}
     arrays = {name: getattr(record.state, name) for name in ARRAYS}
     good = record.good
@@ -238,14 +210,7 @@ def _moment(then: RunRecord | Snapshot, rows: int) -> dict[str, Any]:
 
 
 def load(file: Path) -> Saved:
-    """The content of the file, as far as it can be believed without the system.
-
-    Raises
-    ------
-    StvkError
-        if there is no such file, it is incomplete or was not written here, or by another version, or was changed, or does not hold
-        what it should.
-    """
+    """The content of the file, as far as it can be believed without the system; refuses one that is not whole or not ours."""
     if not file.exists():
         raise StvkError(f"There is no checkpoint {file}. Is the path relative to another folder? To begin anew, leave out resume.")
     header, arrays = MotionCheckpoint.read_file(file)
@@ -262,17 +227,10 @@ def load(file: Path) -> Saved:
 
 
 def refuse_inconsistent(saved: Saved, motion: Motion, integrator: Integrator) -> LedgerPlaces:
-    """Refuse a checkpoint that contradicts itself or the system; the places that it follows.
-
-    Raises
-    ------
-    ValueError, KeyError
-        with what is wrong in words.
-    """
+    """The places that a checkpoint follows; raises ValueError or KeyError in words if it contradicts itself or the system."""
     header, ledger, system = saved.header, saved.ledger, motion.system
-    places = LedgerPlaces.checked(
-        system, _vertices(saved, "probes", header.probes), _vertices(saved, "reactions", header.reactions)
-    )
+    probes, reactions = _vertices(saved, "probes", header.probes), _vertices(saved, "reactions", header.reactions)
+    places = LedgerPlaces.checked(system, probes, reactions)
     if ledger.names != column_names(system, *places):
         raise ValueError(f"its ledger has the columns {', '.join(ledger.names)}")
     if ledger.steps != header.now.rows:
@@ -294,9 +252,8 @@ def _vertices(saved: Saved, kind: str, names: list[str]) -> dict[str, Array]:
     found = {name: saved.arrays.get(f"{kind} {name}", np.empty(0)) for name in names}
     wrong = [name for name, ids in found.items() if ids.ndim != 1 or ids.dtype.kind != "i"]
     if wrong or len(found) < len(names):
-        raise ValueError(
-            f"the vertices of its {kind} {', '.join(map(repr, wrong or names))} are missing, or are none, or come twice"
-        )
+        listed = ", ".join(map(repr, wrong or names))
+        raise ValueError(f"the vertices of its {kind} {listed} are missing, or are none, or come twice")
     return found
 
 

@@ -193,20 +193,12 @@ def _root(k: float, c: float) -> float:
 
 
 class Largest(NamedTuple):
-    """An eigenpair of `K x = value M x`.
+    """An eigenpair of `K x = value M x`."""
 
-    Attributes
-    ----------
-    value : the Rayleigh quotient of x [1/s^2]: not above the largest eigenvalue.
-    residual : of `M^-1/2 K M^-1/2` [1/s^2]: there is an eigenvalue within it.
-    vector : x (ndofs,), of length one in M.
-    products : with K, that it took.
-    """
-
-    value: float
-    residual: float
-    vector: Array
-    products: int
+    value: float  # the Rayleigh quotient of x [1/s^2]: not above the largest eigenvalue
+    residual: float  # of `M^-1/2 K M^-1/2` [1/s^2]: there is an eigenvalue within it
+    vector: Array  # x (ndofs,), of length one in M
+    products: int  # with K, that it took
 
 
 def largest_eigenvalue(product: Callable[[Array], Array], mass: Mass, x: Array) -> Largest:

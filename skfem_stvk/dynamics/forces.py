@@ -31,24 +31,7 @@ def add_mean_force(
     w0) R`, `R = 1/4 dzeta' L dzeta >= 0` with `dzeta = zeta(u1) - zeta(u0)`, which is zero for rigid motions.
 
     A foundation adds `(w0 + w1) K (p - X)` and nothing to R. A term without a mean force, such as a `VolumePenalty`, adds `(w0
-    + w1)` times its force at `p`, the work of which is the difference of its energies to second order only.
-
-    Parameters
-    ----------
-    u0, u1 : displacements (ndofs,) [m].
-    out : what the force is added to.
-    weights : `w0, w1`.
-    theta : place between `u0` and `u1`.
-
-    Returns
-    -------
-    float
-        R [J].
-
-    Raises
-    ------
-    StateError, StvkError
-        as in `System.energy_and_force`; for elements inside out as there, at `p`.
+    + w1)` times its force at `p`, the work of which is the difference of its energies to second order only. Returns R [J].
 
     >>> import skfem
     >>> from skfem_stvk import StVK, System
@@ -80,16 +63,7 @@ def add_damping_force(system: SystemLike, u: Array, v: Array, out: Array) -> flo
     Times a relaxation time tau [s] it is a force: `tau K_GN(u) v`, `K_GN = 2 J' L J` the Gauss-Newton tangent. It takes the power
     `2 tau R`, `R = 1/4 dzeta/dt' L dzeta/dt >= 0`, Rayleigh's function, whose derivative by `v` it is. Rigid motions meet no
     resistance, turning ones at finite rotations included. Terms without edges, foundations and volume penalties, add nothing.
-
-    Returns
-    -------
-    float
-        R [J/s^2].
-
-    Raises
-    ------
-    StateError, StvkError
-        as in `System.energy_and_force`.
+    Returns R [J/s^2].
     """
     x, y, force = by_vertex(system.mesh, u), by_vertex(system.mesh, v, "v"), array_to_fill(system.mesh, out)
     R = sum(term.damping_force(x, y, force) for term in system.bound_terms if isinstance(term, HasDampingForce))
@@ -99,23 +73,12 @@ def add_damping_force(system: SystemLike, u: Array, v: Array, out: Array) -> flo
 
 
 def add_secant_damping(system: SystemLike, u0: Array, u1: Array, theta: float, out: Array) -> float:
-    """Add the resistance of the edges to the whole change from `u0` to `u1`, which stands in the place of the rate of
-    `add_damping_force`.
+    """Add the resistance of the edges to the whole change from `u0` to `u1`, in place of the rate of `add_damping_force`.
 
         f_a = sum_b t_ab (p_a - p_b)        t = L (zeta(u1) - zeta(u0)),  p = X + (1 - theta) u0 + theta u1
 
     Times `tau/dt` it is a force. For `theta = 1/2` its work over `u1 - u0` is exactly `2 R`, `R = 1/4 dzeta' L dzeta >= 0`:
-    zero for rigid motions however large, turned ones included.
-
-    Returns
-    -------
-    float
-        R [J].
-
-    Raises
-    ------
-    StateError, StvkError
-        as in `System.energy_and_force`.
+    zero for rigid motions however large, turned ones included. Returns R [J].
     """
     x, y, force = by_vertex(system.mesh, u0, "u0"), by_vertex(system.mesh, u1, "u1"), array_to_fill(system.mesh, out)
     edges = [term for term in system.bound_terms if isinstance(term, HasMeanForce) and isinstance(term, HasDampingForce)]
@@ -131,9 +94,7 @@ def damping_is_of_edges(system: SystemLike) -> bool:
 
 
 def driven(system: SystemLike) -> bool:
-    """Whether a load changes with time, or has no potential, or a term has no energy: whether the energy of the moving body
-    would not be kept.
-    """
+    """Whether the energy of the moving body is not kept: a load changes with time, or has no potential, or a term no energy."""
     return not (all(map(_keeps_energy, system.bound_loads)) and all(term.has_energy for term in system.bound_terms))
 
 
@@ -143,14 +104,7 @@ def constant_loads(system: SystemLike) -> bool:
 
 
 def driving_force(system: SystemLike, u: Array, t: float) -> Array:
-    """(ndofs,) force [N] on the body of the loads that change with time or have no potential, and of terms without energy, at
-    time `t` [s].
-
-    Raises
-    ------
-    StateError, LoadError
-        as in `System.external_force`.
-    """
+    """(ndofs,) force [N] at time `t` of loads that change with time or have no potential, and of terms without energy."""
     x, force = by_vertex(system.mesh, u), np.zeros(system.mesh.p.T.shape)
     for load in system.bound_loads:
         if not _keeps_energy(load):
@@ -174,10 +128,9 @@ def _keeps_energy(load: BoundLoad) -> bool:
 
 
 class StartTensions:
-    """The part of the tangent due to the tensions at the beginning of a step: `sum t_i(u_0) Lap_i`, the difference of two
-    tangents at `u_0`: one with the tensions that are kept, one without any.
+    """The part of the tangent due to the tensions at the beginning of a step, `sum t_i(u_0) Lap_i`, when it is first asked for.
 
-    It is computed when it is first asked for in a step, on arrays that are kept.
+    It is the difference of two tangents at `u_0`: one with the tensions that are kept, one without any.
     """
 
     def __init__(self, system: SystemLike) -> None:

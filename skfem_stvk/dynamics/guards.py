@@ -87,13 +87,7 @@ class Inversions:
         return float(record.ledger[INSIDE_OUT][-2]) if out_of_turn else len(self._elements(record.state))
 
     def count(self, record: RunRecord, last: bool) -> int | None:
-        """How many there are, None if it is not time to count them; in the `last` state it is.
-
-        Warns
-        -----
-        StvkWarning
-            where there are any for the first time.
-        """
+        """How many there are, None if it is not time to count them; in the `last` state it is."""
         if record.steps % self._every and not last:
             return None
         turned = self._elements(record.state)
@@ -141,13 +135,7 @@ class Jumps:
         self._looking = motion.moving
 
     def look(self, t: float, held: Array | None = None) -> None:
-        """Compare with the step before: at `t` the supports are at `held`, by default where their functions say.
-
-        Warns
-        -----
-        StvkWarning
-            if they have jumped, once.
-        """
+        """Compare with the step before: at `t` the supports are at `held`, by default where their functions say."""
         if not self._looking or t == self._t:
             return
         held = self._motion.held(t) if held is None else held

@@ -163,15 +163,6 @@ class LedgerFile:
     """A ledger's table on disk, a .csv file that grows with it, by whole lines.
 
     The first `write` replaces what is there, also that of a run which is resumed: its ledger knows all rows that count.
-
-    Parameters
-    ----------
-    path : of the .csv file, in a folder that exists.
-
-    Raises
-    ------
-    StvkError
-        if it cannot be written, before any work.
     """
 
     def __init__(self, path: str | os.PathLike[str], ledger: Ledger) -> None:
@@ -179,13 +170,7 @@ class LedgerFile:
         self._written = -1, -1  # rows and bytes, both at once: whatever interrupts it, they are of the same file
 
     def write(self) -> None:
-        """Add the rows that are new.
-
-        Raises
-        ------
-        OSError
-            if the disk is full, for example; the lines that were there are still there, and no part of a line.
-        """
+        """Add the rows that are new: all of them, or where that fails, none and no part of one."""
         rows, size = self._written
         as_it_was = self.path.is_file() and self.path.stat().st_size == size
         if as_it_was and rows <= self.ledger.steps:

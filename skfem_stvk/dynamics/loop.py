@@ -27,14 +27,7 @@ MANY = 10
 
 
 class Loop:
-    """The steps of one run until its end: the only writer of its record. Its helpers read that and answer.
-
-    Parameters
-    ----------
-    setup : what the run is.
-    record : where it begins.
-    outputs : what it writes.
-    """
+    """The steps of one run until its end: the only writer of its record. Its helpers read that and answer."""
 
     def __init__(self, setup: Setup, record: RunRecord, outputs: Outputs, quiet: bool) -> None:
         self.setup, self.record, self._outputs, self._quiet = setup, record, outputs, quiet
@@ -191,11 +184,9 @@ class Loop:
         if status is Status.BLEW_UP:
             return f"blew up soon after t = {t:.6g} s, the last good state: {detail}.{there} {self._limit.advice(self.record)}"
         if status is Status.NOT_CONVERGED:
-            return (
-                f"the step from t = {t:.6g} s did not converge, not even in 64 parts: {detail}.{there} Try a smaller dt or "
-                "another "
-                f"tangent{'' if self._inversions.resisted else ', or VolumePenalty() among the terms if elements turn inside out'}."
-            )
+            penalty = ", or VolumePenalty() among the terms if elements turn inside out" * (not self._inversions.resisted)
+            parts = f"the step from t = {t:.6g} s did not converge, not even in 64 parts: {detail}.{there}"
+            return f"{parts} Try a smaller dt or another tangent{penalty}."
         if isinstance(cause, WriteError):
             return f"interrupted at t = {t:.6g} s: {cause}{detail}"
         if isinstance(cause, OSError):
@@ -223,23 +214,14 @@ def _gained(part: float) -> str:
 class Cutting:
     """Make the steps of an integrator; where there is no state at the end of one, it is made in two halves, and so on.
 
-    Parameters
-    ----------
-    arrived : is called with the state after each part.
-    failed : is called after each part at whose end there is no state.
+    After each part `arrived` is called with the state, or `failed` where there is none.
     """
 
     def __init__(self, stepper: Stepper, arrived: Callable[[MotionState], object], failed: Callable[[], object]) -> None:
         self._stepper, self._arrived, self._failed, self._in_a_row = stepper, arrived, failed, 0
 
     def advance(self, state: MotionState, t: float) -> bool:
-        """Go on to time `t`; whether that took parts.
-
-        Raises
-        ------
-        StepFailed
-            if parts of 1/64 fail too; the state is as it was then.
-        """
+        """Go on to time `t`; whether that took parts. If parts of 1/64 fail too, that raises and the state is as it was."""
         try:
             self._stepper.step(state, t)
         except StepFailed:

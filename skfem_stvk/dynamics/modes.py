@@ -91,9 +91,8 @@ class Modes:
 
     def plot(self, number: int, scale: float | None = None, **options: Any) -> Any:
         """Draw a mode, by default coloured by the length of displacements; options as in `results.plot`, `scale` as in `state`."""
-        return plot(
-            self.state(number, scale), **{"field": "displacement", "label": f"mode {number}: {self._named(number)}", **options}
-        )
+        shown: dict[str, Any] = {"field": "displacement", "label": f"mode {number}: {self._named(number)}"}
+        return plot(self.state(number, scale), **shown | options)
 
     def save(self, path: str | os.PathLike[str], scale: float | None = None) -> Path:
         """Write all modes as a series for ParaView, whose time is the number of the mode; raises as in `results.write_vtu`."""
@@ -234,7 +233,7 @@ def _rigid_part(system: SystemLike, mass: Mass, u: Array, shapes: Array) -> Arra
     part = system.parts()
     is_held = np.zeros(system.ndofs, dtype=bool)
     is_held[system.supports.held] = True
-    found, all_of_it = np.zeros(len(shapes)), _products(mass, shapes, shapes)
+    found, all_of_it = np.zeros(len(shapes)), np.array([x @ mass.multiply(x) for x in shapes])
     for own in np.split(np.argsort(part, kind="stable"), np.cumsum(np.bincount(part))[:-1]):
         rigid = _allowed(where[own], is_held.reshape(-1, mesh.d)[own])
         padded = np.zeros((rigid.shape[1], mesh.nv, mesh.d))
@@ -265,7 +264,3 @@ def _orthonormal(mass: Mass, vectors: Array) -> Array:
     kept = values > ZERO * values.max()
     basis: Array = (c[:, kept] / np.sqrt(values[kept])).T @ vectors
     return basis
-
-
-def _products(mass: Mass, a: Array, b: Array) -> Array:
-    return np.array([x @ mass.multiply(y) for x, y in zip(a, b, strict=True)])

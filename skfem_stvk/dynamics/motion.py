@@ -24,12 +24,7 @@ DIFFERENCE = 1e-3
 class Motion:
     """`M v' + D v + F(u) = h(u, t)` over the free degrees of freedom, `D = alpha M + beta K(0) + tau K_GN(u)`.
 
-    Attributes
-    ----------
-    mass : lumped or consistent.
-    alpha, beta, tau : of the damping, zero without; `K_GN = 2 J'LJ` is K without tensions.
-    free : free and held degrees of freedom.
-    moving : whether any of the held ones move.
+    `K_GN = 2 J'LJ` is K without tensions; `moving`: whether any of the held degrees of freedom move.
     """
 
     def __init__(self, system: SystemLike, mass: str, damping: Damping | None) -> None:

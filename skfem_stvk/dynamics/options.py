@@ -28,13 +28,7 @@ from .motion import Motion
 
 @dataclass(frozen=True)
 class Options:
-    """The arguments of `simulate`, but for the system. What a run begins with may be given again where it is resumed.
-
-    Attributes
-    ----------
-    checkpoint : what is written.
-    source : the file to go on from, None to begin anew.
-    """
+    """The arguments of `simulate`, but for the system. What a run begins with may be given again where it is resumed."""
 
     until: float
     integrator: Integrator | None
@@ -47,8 +41,8 @@ class Options:
     reactions: Mapping[str, Where] | None
     outlets: Outlets
     every: int | None
-    checkpoint: MotionCheckpoint | None
-    source: Path | None
+    checkpoint: MotionCheckpoint | None  # what is written
+    source: Path | None  # the file to go on from, None to begin anew
     quiet: bool
     raise_on_failure: bool
 
@@ -72,18 +66,12 @@ class Options:
 
 @dataclass(frozen=True)
 class Setup:
-    """What a run is, from its beginning to its end.
-
-    Attributes
-    ----------
-    places : what the ledger follows.
-    until : the end [s].
-    """
+    """What a run is, from its beginning to its end."""
 
     motion: Motion
     integrator: Integrator
-    places: LedgerPlaces
-    until: float
+    places: LedgerPlaces  # what the ledger follows
+    until: float  # the end [s]
 
     def problem(self, t0: float, start: Mapping[str, list[float]]) -> Fingerprint:
         """The problem from `t0` on, as its files name it; `start`: numbers of the first state that are not zero."""

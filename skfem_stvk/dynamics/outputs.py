@@ -23,22 +23,8 @@ class Outputs:
     """The files of a run: the states, the ledger and the checkpoint, each where it was asked for.
 
     A checkpoint is written after the state that is to be saved at its step, never before: what a later run goes on from has all
-    states saved that lie behind it, whatever interrupts this one.
-
-    Parameters
-    ----------
-    record : of the run. It is read, never written; its stopwatch counts what is done here as "write".
-    series, checkpoint : None where none was asked for.
-    every : steps from one saved state to the next.
-
-    Attributes
-    ----------
-    written : how many steps there were at the last checkpoint; below zero if there is none yet.
-
-    Raises
-    ------
-    StvkError
-        if a file cannot be written, before any work.
+    states saved that lie behind it, whatever interrupts this one. The record of the run is read, never written; its stopwatch
+    counts what is done here as "write".
     """
 
     def __init__(
@@ -51,7 +37,7 @@ class Outputs:
     ) -> None:
         self._setup, self._record = setup, record
         self._series, self._every, self._checkpoint = series, every, checkpoint
-        self.written = -1
+        self.written = -1  # steps at the last checkpoint; below zero if there is none yet
         if series is not None:
             system = setup.motion.system
             self._fields = Fields(system.mesh, system.elastic_terms)
@@ -73,18 +59,7 @@ class Outputs:
     def resumed(
         cls, setup: Setup, record: RunRecord, options: Options, stack: ExitStack, problem: Fingerprint, then: MotionHeader
     ) -> Outputs:
-        """Open the files of a run that goes on: the series is where the caller says, or beside the checkpoint.
-
-        Raises
-        ------
-        StvkError
-            if the run had a series that is not there.
-
-        Warns
-        -----
-        StvkWarning
-            where states are missing from the series, or a new one begins.
-        """
+        """Open the files of a run that goes on: the series is where the caller says, or beside the checkpoint."""
         checkpoint, every, t = options.checkpoint, options.every or then.every, record.state.t
         assert checkpoint is not None
         checkpoint.belongs_to(problem, overwrite=options.outlets.overwrite or options.source != checkpoint.file)

@@ -23,21 +23,13 @@ HALVINGS = 4
 
 @dataclass
 class MotionState:
-    """Displacements, velocities and accelerations at one time. Integrators change them in place, once a step has succeeded.
+    """A motion at one time, with vectors (ndofs,). Integrators change them in place, once a step has succeeded."""
 
-    Attributes
-    ----------
-    t : time [s].
-    u, v, a : (ndofs,) displacements [m], velocities [m/s], and accelerations [m/s^2] where the integrator keeps them, otherwise
-        zero.
-    reaction : (ndofs,) mean forces of the supports over the last step [N], at held degrees of freedom. Explicit integrators leave
-        it zero where none of them moves, and their work is zero.
-    """
-
-    t: float
-    u: Array
-    v: Array
-    a: Array
+    t: float  # time [s]
+    u: Array  # displacements [m]
+    v: Array  # velocities [m/s]
+    a: Array  # accelerations [m/s^2] where the integrator keeps them, otherwise zero
+    #: Mean forces of the supports over the last step [N]; explicit integrators leave them zero where none moves, and their work is.
     reaction: Array
 
     @classmethod
@@ -60,10 +52,6 @@ class MotionState:
 class Clock:
     """Steps of one length from one time on; times are counted, not added up, so that they do not drift.
 
-    Attributes
-    ----------
-    start, dt, count : time [s] at which steps of the length `dt` began, 0 until one is found, and how many there were since.
-
     >>> clock = Clock(0.0, 0.1)
     >>> for _ in range(3):
     ...     clock.tick()
@@ -71,9 +59,9 @@ class Clock:
     (True, 7, 7)
     """
 
-    start: float
-    dt: float
-    count: int = 0
+    start: float  # time at which steps of the length `dt` began [s]
+    dt: float  # 0 until one is found [s]
+    count: int = 0  # how many there were since
 
     @property
     def t(self) -> float:
@@ -91,9 +79,7 @@ class Clock:
     def next(self, until: float) -> tuple[float, bool]:
         """When the next step ends, and whether that is a whole step."""
         t = self.start + (self.count + 1) * self.dt
-        if t <= until + SLACK * self.dt:
-            return t, True
-        return until, False
+        return (t, True) if t <= until + SLACK * self.dt else (until, False)
 
     def resolves(self, dt: float) -> bool:
         """Whether steps of this length from now on have it within `ROUNDED`, although times are rounded."""
@@ -106,24 +92,15 @@ class Clock:
 
 @dataclass(frozen=True)
 class Reviews:
-    """When an explicit run reviews its critical step, often while that moves and seldom while it does not, and what it found last.
+    """When an explicit run reviews its critical step, seldom while that does not move, and what it found last."""
 
-    Attributes
-    ----------
-    next, interval : number of the step after which the next review is, and number of steps between two reviews.
-    seen : the bound at the last review [s].
-    step, bound : the critical step when it was computed last, and its bound [s].
-    largest : steps that are found are not larger than this [s].
-    halvings : how often the motion has blown up; steps that are found were halved each time.
-    """
-
-    next: int = FIRST
-    interval: int = FIRST
-    seen: float = 0.0
-    step: float = 0.0
-    bound: float = 0.0
-    largest: float = 0.0
-    halvings: int = 0
+    next: int = FIRST  # number of the step after which the next review is
+    interval: int = FIRST  # number of steps between two reviews
+    seen: float = 0.0  # the bound at the last review [s]
+    step: float = 0.0  # the critical step when it was computed last [s]
+    bound: float = 0.0  # its bound then [s]
+    largest: float = 0.0  # steps that are found are not larger than this [s]
+    halvings: int = 0  # how often the motion has blown up; steps that are found were halved each time
 
     def estimate(self, bound: float, steps: int) -> tuple[float, Reviews]:
         """The critical step if it has moved with its bound [s], or NaN; and the reviews after this one, after so many steps."""
@@ -137,16 +114,10 @@ class Reviews:
 
 @dataclass
 class Counts:
-    """Counted by a stepper, over the whole motion: those before it was resumed are added.
+    """Counted by a stepper, over the whole motion: those before it was resumed are added."""
 
-    Attributes
-    ----------
-    iterations : of Newton's method, or of the linear solver where a step is one linear solve; 0 where there are none.
-    clamped : steps of one linear solve that were made with the clamped tangent, because K was not positive definite.
-    """
-
-    iterations: int = 0
-    clamped: int = 0
+    iterations: int = 0  # of Newton's method, or of the linear solver where a step is one linear solve; 0 where there are none
+    clamped: int = 0  # steps of one linear solve that were made with the clamped tangent, because K was not positive definite
 
     def add(self, before: Counts) -> None:
         """Count what was counted before as well."""
@@ -156,57 +127,38 @@ class Counts:
 
 @dataclass(frozen=True)
 class Snapshot:
-    """A copy of the record after a whole step.
-
-    Attributes
-    ----------
-    rows : how many rows the ledger had.
-    """
+    """A copy of the record after a whole step."""
 
     state: MotionState
     clock: Clock
     reviews: Reviews
     steps: int
     cuts: int
-    rows: int
+    rows: int  # how many the ledger had
 
 
 @dataclass
 class RunRecord:
-    """The state of a run, with all that a run that goes on from here needs.
-
-    Attributes
-    ----------
-    clock : its step is 0 until one is found.
-    reviews : of the critical step.
-    ledger : one row for each step, and one for the beginning.
-    steps, cuts : how many steps were made, and how many of them in parts.
-    good : the last good state, to which a run that blows up goes back.
-    counts, watch : what the steps took, and how long by part; of a motion that is resumed, in all.
-    """
+    """The state of a run, with all that a run that goes on from here needs; what steps took is in all where it is resumed."""
 
     state: MotionState
     clock: Clock
-    ledger: Ledger
-    reviews: Reviews = field(default_factory=Reviews)
-    steps: int = 0
-    cuts: int = 0
-    good: Snapshot | None = None
-    counts: Counts = field(default_factory=Counts)
-    watch: Stopwatch = field(default_factory=lambda: Stopwatch("write"))
+    ledger: Ledger  # one row for each step, and one for the beginning
+    reviews: Reviews = field(default_factory=Reviews)  # of the critical step
+    steps: int = 0  # how many were made
+    cuts: int = 0  # how many of them in parts
+    good: Snapshot | None = None  # the last good state, to which a run that blows up goes back
+    counts: Counts = field(default_factory=Counts)  # what the steps took
+    watch: Stopwatch = field(default_factory=lambda: Stopwatch("write"))  # how long they took, by part
 
     @property
     def at_a_step(self) -> bool:
         """Whether a whole step has led here: a run goes on from there only."""
         return self.state.t == self.clock.t
 
-    def snapshot(self) -> Snapshot:
-        """An independent copy of what is now."""
-        return Snapshot(self.state.copy(), replace(self.clock), self.reviews, self.steps, self.cuts, self.ledger.steps)
-
     def keep(self) -> None:
         """Take what is now for the last good state."""
-        self.good = self.snapshot()
+        self.good = Snapshot(self.state.copy(), replace(self.clock), self.reviews, self.steps, self.cuts, self.ledger.steps)
 
     def back(self) -> None:
         """Return to the last good state."""

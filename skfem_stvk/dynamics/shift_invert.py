@@ -40,14 +40,7 @@ class Indefinite(Exception):
 
 
 class ShiftedProblem:
-    """`K + shift M` over the free degrees of freedom, with the part in K of loads that depend on the displacements.
-
-    Parameters
-    ----------
-    kind : what K is; "symmetric" also where loads follow the body, if it comes out so.
-    u : (ndofs,) where [m].
-    t : when those loads act.
-    """
+    """`K + shift M` over the free degrees of freedom at `u` (ndofs,), with loads at `t` that depend on it; `kind` is that of K."""
 
     def __init__(self, system: SystemLike, solver: LinearSolver, mass: Mass, kind: Kind, u: Array, t: Time) -> None:
         if solver.matrix_free and mass.kind != "lumped":
@@ -156,8 +149,7 @@ def nearest_vectors(problem: ShiftedProblem, n: int) -> Array:
 
 
 def _all_nearest(problem: ShiftedProblem, inverse: LinearOperator, n: int) -> Array:
-    """Vectors as in `nearest_vectors`; searched again across all that was found until nothing there is nearer, as where K is
-    symmetric.
+    """Vectors as in `nearest_vectors`; searched again across all that was found until nothing there is nearer.
 
     What is found spans an invariant subspace, so that the eigenvalues which are left are those of the operator across it in M.
     """

@@ -161,13 +161,7 @@ def _begun(system: SystemLike, options: Options, stack: ExitStack) -> tuple[Setu
 
 
 def _resumed(system: SystemLike, options: Options, stack: ExitStack, file: Path) -> tuple[Setup, RunRecord, Outputs]:
-    """A run from a checkpoint, for the problem that it holds: what is given of the beginning has to be what it was.
-
-    Raises
-    ------
-    StvkError
-        if the file cannot be read, is of another problem, or says what cannot be.
-    """
+    """A run from a checkpoint, for the problem that it holds: what is given of the beginning has to be what it was."""
     saved = load(file)
     header, method = saved.header, saved.method
     given = options.integrator

@@ -22,13 +22,7 @@ MOVED = 0.04
 
 
 class StableStep:
-    """The steps of an integrator on a motion: the one that was given, or a stable one.
-
-    Warns
-    -----
-    StvkWarning
-        if a step was given that is above the critical one, from the beginning or as the body deforms; once.
-    """
+    """The steps of an integrator on a motion: a stable one, or that which was given, and warns once if it is above the critical."""
 
     def __init__(self, motion: Motion, integrator: Integrator) -> None:
         self._given, self._integrator, self._warned = integrator.dt, integrator, False
@@ -40,13 +34,7 @@ class StableStep:
             self._largest = LargestFrequency(motion.system, damping)
 
     def first(self, state: MotionState) -> tuple[float, Reviews]:
-        """The step with which a motion begins [s], and when it is reviewed.
-
-        Raises
-        ------
-        StvkError
-            if no step was given and none is too large, or the clock cannot tell the end of a step from its beginning.
-        """
+        """The step with which a motion begins [s], and when it is reviewed; refuses one that is lost in the rounding of time."""
         dt, reviews = self._first(state)
         if not Clock(state.t, dt).resolves(dt):
             raise StvkError(
@@ -57,13 +45,7 @@ class StableStep:
 
     @np.errstate(over="ignore", invalid="ignore")  # where a body is about to blow up
     def review(self, record: RunRecord) -> tuple[float, Reviews]:
-        """The step with which the motion goes on [s], and the reviews after this one; computes the critical step if it is time.
-
-        Raises
-        ------
-        StateError
-            if K overflows, or the step that is found is too short for the clock.
-        """
+        """The step with which the motion goes on [s], and the reviews after this one; computes the critical step if it is time."""
         state, clock, reviews = record.state, record.clock, record.reviews
         if self._largest is None or self._warned or record.steps < reviews.next:
             return clock.dt, reviews

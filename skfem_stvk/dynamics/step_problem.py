@@ -58,22 +58,13 @@ class StepTangent(Enum):
 
 
 class Coefficients(NamedTuple):
-    """What an integrator makes of the equation of motion, for the unknown `w = u_1 - u_0`.
+    """The equation of motion as an integrator has it, `M (c w - m) + D (g w - d) + F - h + rest = 0`, for `w = u_1 - u_0`."""
 
-        M (c w - m) + D (g w - d) + F - h + rest = 0
-
-    Attributes
-    ----------
-    c, m : of the acceleration, `m` (ndofs,).
-    g, d : of the velocity, `d` (ndofs,) or 0.
-    rest : (ndofs,) forces that do not depend on `w`, or 0.
-    """
-
-    c: float
+    c: float  # of the acceleration, as is m (ndofs,)
     m: Array
-    g: float
+    g: float  # of the velocity, as is d (ndofs,) or 0
     d: Array | float
-    rest: Array | float = 0.0
+    rest: Array | float = 0.0  # (ndofs,) forces that do not depend on `w`
 
 
 def kind_of_step(system: SystemLike, tangent: StepTangent) -> Kind:
@@ -81,18 +72,11 @@ def kind_of_step(system: SystemLike, tangent: StepTangent) -> Kind:
     return Kind.SYMMETRIC if tangent in (StepTangent.DIAGONAL, StepTangent.REST) else kind_of(system)
 
 
-class _Parts(NamedTuple):
-    """The parts of a tangent: `factor K` with the tensions `within`, and those of the beginning as far as they are `kept`."""
-
-    factor: float
-    within: Tensions
-    kept: Tensions
-
-
 class StepProblem:
     """One step from `u_0` as a `Problem`, whose state is the displacement `w` (ndofs,) over the step.
 
-    Of `u_1` itself, rounding would leave `eps |u| / |w|` of the velocities.
+    Of `u_1` itself, rounding would leave `eps |u| / |w|` of the velocities. The last residual (ndofs,) is `full`, at held degrees
+    of freedom the reaction [N].
 
     Parameters
     ----------
@@ -102,12 +86,6 @@ class StepProblem:
         turns has shrunk, does not do: a spinning block of 1e9 Pa took 20 times the iterations.
     secant : whether edge damping takes the rate of the squared elongations from their difference over the step; otherwise from
         velocities.
-
-    Attributes
-    ----------
-    tangent : K with masses and damping over the free degrees of freedom, and what solves with it.
-    free : the free and held degrees of freedom.
-    full : (ndofs,) the last residual, at held degrees of freedom the reaction [N].
     """
 
     def __init__(
@@ -124,11 +102,8 @@ class StepProblem:
         with watch("factor"):
             self.tangent = FreeTangent(motion.system, solver, kind_of_step(motion.system, chosen), lambda: self._u0 + self._w)
         self.free = self.tangent.free
-        self._diagonal = (
-            BlockJacobiAnalysis(BlockJacobiCg(), _by_vertex(self.free.free, motion.system.mesh.d))
-            if chosen is StepTangent.DIAGONAL
-            else None
-        )
+        blocks = Unknowns(*np.divmod(self.free.free, motion.system.mesh.d))
+        self._diagonal = BlockJacobiAnalysis(BlockJacobiCg(), blocks) if chosen is StepTangent.DIAGONAL else None
 
     @property
     def iterative(self) -> bool:
@@ -275,11 +250,6 @@ class StepProblem:
     def _inertia_factor(self) -> float:
         return self._c + self.motion.alpha * self._g
 
-    @property
-    def _stiffening(self) -> float:
-        """How much edge damping adds to `2 J'LJ`, as a part of it."""
-        return self.motion.tau * self._g
-
     def _internal_force(self, w: Array) -> Array:
         """The elastic force and that of edge damping."""
         u0, u1, force = self._u0, self._u0 + w, self._force
@@ -299,12 +269,15 @@ class StepProblem:
             force += self.motion.tau * damping
         return force
 
-    def _parts(self, kept: Tensions) -> _Parts:
-        """Parts of the tangent; edge damping, a part of `2 J'LJ`, is the factor: `factor (2 J'LJ + tensions / factor)`."""
-        factor = 1 + self._stiffening
+    def _parts(self, kept: Tensions) -> tuple[float, Tensions, Tensions]:
+        """The factor of K and the tensions within, and tensions of the beginning beside it, as far as they are `kept`.
+
+        Edge damping, a part of `2 J'LJ`, is the factor: `factor (2 J'LJ + tensions / factor)`.
+        """
+        factor = 1 + self.motion.tau * self._g
         if self._tensions is not None:
-            return _Parts(factor, NONE, kept if self._with_tensions else NONE)
-        return _Parts(factor, Tensions(kept.positive / factor, kept.negative / factor), NONE)
+            return factor, NONE, kept if self._with_tensions else NONE
+        return factor, Tensions(kept.positive / factor, kept.negative / factor), NONE
 
     def _where(self, w: Array) -> Array:
         """(ndofs,) displacements at which the tangent is taken [m]."""
@@ -349,19 +322,13 @@ class StepProblem:
 
 
 class _Diagonal:
-    """Inverted diagonal blocks."""
+    """Inverted diagonal blocks; nobody counts their negative eigenvalues."""
+
+    negative_pivots = None
 
     def __init__(self, factors: BlockJacobiFactors | EdgeFactors) -> None:
         self._factors = factors
 
-    @property
-    def negative_pivots(self) -> None:
-        """Nobody counts them."""
-
     def solve(self, b: Array, rtol: float = 1e-10, x0: Array | None = None, out: Array | None = None) -> Solution:
         """Exact, of the diagonal blocks."""
         return Solution(self._factors.precondition(b), 0, 0.0, Outcome.SOLVED)
-
-
-def _by_vertex(free: Array, d: int) -> Unknowns:
-    return Unknowns(free // d, free % d)

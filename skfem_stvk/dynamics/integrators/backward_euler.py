@@ -84,8 +84,7 @@ class LinearBackwardEuler(BackwardEuler):
                 "LinearBackwardEuler: tangent='diagonal' would leave out damping between vertices. Take Rayleigh(alpha) or "
                 "another tangent."
             )
-        system = motion.system
-        if motion.tau and not (system.dead and damping_is_of_edges(system)):
+        if motion.tau and not damping_is_of_edges(motion.system):
             raise StvkError(
                 "LinearBackwardEuler: with EdgeDamping it would damp loads that depend on where the body goes, foundations and "
                 "volume penalties as well. Take Rayleigh(beta=tau), or BackwardEuler."
@@ -98,12 +97,7 @@ class LinearBackwardEuler(BackwardEuler):
 
 
 class LinearStepper(ImplicitStepper):
-    """Make steps of one iteration of Newton's method, from where the body is.
-
-    Attributes
-    ----------
-    counts : the iterations of the linear solver, and how often the clamped tangent was taken.
-    """
+    """Make steps of one iteration of Newton's method, from where the body is."""
 
     def __init__(self, motion: Motion, integrator: LinearBackwardEuler) -> None:
         super().__init__(motion, integrator)

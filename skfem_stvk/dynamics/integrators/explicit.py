@@ -37,12 +37,7 @@ class Explicit(Integrator):
 
 
 class ExplicitStepper:
-    """Evaluate the forces on the body, `h - D v` and `F`, on arrays that are made once.
-
-    Attributes
-    ----------
-    internal, energy : internal force (ndofs,) [N] where it was evaluated last, and the strain energy there [J].
-    """
+    """Evaluate the forces on the body, `h - D v` and `F`, on arrays that are made once."""
 
     def __init__(self, motion: Motion, name: str) -> None:
         if motion.mass.kind != "lumped":
@@ -117,10 +112,8 @@ class ForwardEulerStepper(ExplicitStepper):
         self.arrive(state, t)
         if self.motion.moving:
             state.v[held] = (state.u[held] - before) / h
-            inertia = (
-                self.motion.mass.multiply(state.v)[held] - self.motion.mass.vertex[held // self.motion.system.mesh.d] * velocities
-            )
-            state.reaction[held] = inertia / h - force
+            m = self.motion.mass.vertex[held // self.motion.system.mesh.d]
+            state.reaction[held] = (self.motion.mass.multiply(state.v)[held] - m * velocities) / h - force
         self.evaluate(state)
 
 

@@ -88,21 +88,12 @@ class Implicit(Integrator):
 
 
 class ImplicitStepper:
-    """Make steps by Newton's method, one equation per step.
-
-    Attributes
-    ----------
-    energy : strain energy after the last step [J].
-    counts : the iterations of Newton's method.
-    room : (ndofs,) to work in.
-    """
+    """Make steps by Newton's method, one equation per step; `room` (ndofs,) is to work in."""
 
     def __init__(self, motion: Motion, integrator: Implicit) -> None:
         self.motion, self.integrator, self.watch = motion, integrator, Stopwatch("write")
-        tangent = StepTangent(integrator.tangent)
-        self.problem = StepProblem(
-            motion, integrator.linear_solver(motion), tangent, self.watch, integrator.mean, integrator.secant
-        )
+        solver, tangent = integrator.linear_solver(motion), StepTangent(integrator.tangent)
+        self.problem = StepProblem(motion, solver, tangent, self.watch, integrator.mean, integrator.secant)
         self.energy, self.counts = 0.0, Counts()
         self.room = np.zeros(motion.system.ndofs)
 

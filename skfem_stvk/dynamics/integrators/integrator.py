@@ -41,15 +41,7 @@ class Stepper(Protocol):
         """Prepare for the first step from a state: what is not in it is computed."""
 
     def step(self, state: MotionState, t: float) -> None:
-        """Go on to time `t`, in place.
-
-        Raises
-        ------
-        StepFailed
-            if there is no state at `t`; the one before is left as it was.
-        StateError
-            if numbers overflow.
-        """
+        """Go on to time `t`, in place; raises StepFailed if there is no state then, or StateError where numbers overflow."""
 
 
 @dataclass(frozen=True)
