@@ -117,7 +117,7 @@ def acoustic_form(F: Array, S: Array, C: Array, curvature: Array) -> Array:
     if curvature.any():
         solid = np.broadcast_to(np.eye(3), (n, 3, 3)).copy()
         solid[:, :k, :k] = F
-        cofactors = np.swapaxes(adjugate(solid), 1, 2)[:, :k, :k]  # derivatives of det F
+        cofactors = np.ascontiguousarray(np.swapaxes(adjugate(solid), 1, 2))[:, :k, :k]  # derivatives of det F
         M = M + np.einsum("n,niJ,nkL->nikJL", curvature, cofactors, cofactors)
     M = (M + np.swapaxes(M, 3, 4)) / 2
     return M + np.eye(k)[:, :, None, None] * S[:, None, None]
