@@ -144,7 +144,7 @@ def test_mujoco_moves_as_we_do(integrator, dt, ours, limit):
     the symplectic Euler.
     """
     pytest.importorskip("mujoco")
-    from skfem_stvk.peers.mujoco import Moving, MuJoCoMotion
+    from validation.dynamics.against_mujoco import Moving, MuJoCoMotion
 
     p, t = part()
     wall, gravity = np.flatnonzero(p[0] < 1e-9), (0.5, 0.0, -2.0)
@@ -162,7 +162,7 @@ def test_mujoco_moves_as_we_do(integrator, dt, ours, limit):
 
 def test_mujoco_tells_of_a_solve_that_ran_out_of_iterations(tmp_path, monkeypatch):
     pytest.importorskip("mujoco")
-    from skfem_stvk.peers.mujoco import Moving, MuJoCoMotion
+    from validation.dynamics.against_mujoco import Moving, MuJoCoMotion
 
     monkeypatch.chdir(tmp_path)  # where MuJoCo writes its log
     p, t = part()

@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from skfem_stvk import System
 from skfem_stvk.dynamics import ForwardEuler
 from skfem_stvk.peers import PEERS
-from skfem_stvk.peers.mujoco import Moving, MuJoCoMotion
+from skfem_stvk.peers.mujoco import compiled, flex
+from skfem_stvk.peers.peer import require
 
 from ..statics.study import Study
 from .scenes import Array
@@ -17,6 +21,65 @@ from .swing import GRAVITY, POISSON, REPEATS, RTOL, YOUNG, bar, clock, eq9, push
 
 #: Cells across the bar, and by how much motions may differ.
 COMPARED, QUICK_COMPARED, AGREE = (8, 12), (4,), 1e-2
+
+
+@dataclass(frozen=True)
+class Moving:
+    """How a flex moves.
+
+    Parameters
+    ----------
+    masses : (nv,) of its vertices [kg].
+    held : ids of vertices that do not move.
+    gravity : (3,) [m/s^2].
+    dt : time step [s].
+    integrator : "discrete", MuJoCo's implicit one for flexes: one linear solve per step with `M + dt^2 K`, where K has tensile
+        tensions alone; or "Euler", which is explicit.
+    rtol, iterations : of the linear solve.
+    """
+
+    masses: Array
+    held: NDArray[Any]
+    gravity: tuple[float, float, float]
+    dt: float
+    integrator: str = "discrete"
+    rtol: float = 1e-8
+    iterations: int = 1000
+
+
+class MuJoCoMotion:
+    """A flex in motion, whose held vertices have no joints; parameters and errors as in `peers.mujoco.MuJoCo`."""
+
+    def __init__(self, p: Array, t: NDArray[np.int32], young: float, poisson: float, moving: Moving) -> None:
+        self._engine = mujoco = require("MuJoCo")
+        rest = np.ascontiguousarray(p.T, dtype=float)
+        spec = flex(mujoco, rest, t, young, poisson, masses=moving.masses, held=moving.held)
+        spec.memory = 2**24 + 2**11 * rest.size
+        spec.option.timestep, spec.option.gravity = moving.dt, moving.gravity
+        spec.option.integrator = getattr(mujoco.mjtIntegrator, f"mjINT_{moving.integrator.upper()}")
+        spec.option.tolerance, spec.option.iterations = moving.rtol, moving.iterations
+        self._model = compiled(mujoco, spec)
+        self._data = mujoco.MjData(self._model)
+        self._free = np.setdiff1d(np.arange(len(rest)), moving.held)
+
+    def begin(self, u: Array, v: Array) -> None:
+        """Start from displacements [m] and velocities [m/s] (3 nv,); those of held vertices are left out."""
+        self._data.qpos[:] = u.reshape(-1, 3)[self._free].ravel()
+        self._data.qvel[:] = v.reshape(-1, 3)[self._free].ravel()
+
+    def step(self) -> None:
+        """Advance by one time step."""
+        self._engine.mj_step(self._model, self._data)
+
+    def displacements(self) -> Array:
+        """Displacements (3 nv,) of the current state [m]."""
+        u = np.zeros((self._model.nbody - 1, 3))
+        u[self._free] = self._data.qpos.reshape(-1, 3)
+        return u.ravel()
+
+    def solved(self) -> bool:
+        """Whether MuJoCo has not warned, as it does of a solve that ran out of iterations and of a state that is not finite."""
+        return not any(warning.number for warning in self._data.warning)
 
 
 def against_mujoco(quick: bool) -> Iterator[Study]:
