@@ -4,6 +4,8 @@ import numpy as np
 import skfem
 
 from skfem_stvk import Anisotropic, Isotropic, Orthotropic, SimplexMesh, StVK, TransverselyIsotropic
+from skfem_stvk.referee.bodies import elasticity
+from skfem_stvk.reference import ReferenceStVK
 
 
 def distorted(p, rng, amount=0.15):
@@ -101,6 +103,11 @@ def bodies():
 
 
 BODIES = bodies()
+
+
+def reference_of(mesh, terms):
+    """scikit-fem's assembly of these terms."""
+    return ReferenceStVK(mesh.p, mesh.t, elasticity(mesh, terms))
 
 
 def state(mesh, amount=0.3, seed=4):

@@ -29,16 +29,8 @@ def compiler() -> str | None:
 class Control:
     """`W`, `F` and `K` of St. Venant-Kirchhoff's law, Total Lagrangian, element by element on one thread.
 
-    Parameters
-    ----------
-    p : (3, nv) coordinates [m].
-    t : (4, nt) vertices of the tetrahedra, of either orientation.
-    lam, mu : Lame's constants [Pa]; numbers or (nt,).
-
-    Raises
-    ------
-    StvkError
-        if there is no C compiler, or it fails.
+    The tetrahedra `t` (4, nt) may be of either orientation, Lame's constants [Pa] numbers or (nt,). Without a C compiler, or if it
+    fails, a StvkError says so.
     """
 
     def __init__(self, p: ArrayLike, t: ArrayLike, lam: ArrayLike, mu: ArrayLike) -> None:

@@ -48,13 +48,7 @@ class Specimen:
 
     @cached_property
     def mesh(self) -> SimplexMesh:
-        """The mesh, which is made when it is first asked for.
-
-        Raises
-        ------
-        StvkError
-            if it is of a part, and Gmsh is not installed or no part of that size is known.
-        """
+        """The mesh, which is made when it is first asked for; a StvkError if it is of a part, and Gmsh or its size is missing."""
         return box(self.size) if self.kind == "box" else part(self.size)
 
     @cached_property
@@ -100,11 +94,6 @@ def bracket(size: float) -> SimplexMesh:
 
     Subdomains 'bracket' and 'bushing' share their vertices; boundaries are 'bolt' and 'bore'. Gmsh makes positive elements only:
     half of them, picked at random but always the same, are turned round.
-
-    Raises
-    ------
-    StvkError
-        if Gmsh is not installed or lacks a library, with the line that installs it.
     """
     with gmsh_session() as gmsh, TemporaryDirectory() as folder:
         draw(gmsh)
@@ -133,9 +122,8 @@ def gmsh_session() -> Iterator[Any]:
     except ImportError as error:
         raise StvkError("This mesh is made by Gmsh, which is not installed: pip install gmsh") from error
     except OSError as error:
-        raise StvkError(
-            f"Gmsh lacks a library: {error}. On Debian: apt install libglu1-mesa libxft2 libxcursor1 libxinerama1"
-        ) from error
+        missing = "apt install libglu1-mesa libxft2 libxcursor1 libxinerama1"
+        raise StvkError(f"Gmsh lacks a library: {error}. On Debian: {missing}") from error
     gmsh.initialize(interruptible=False)
     try:
         for option, value in {"General.Terminal": 0, "General.NumThreads": 1, "Mesh.MshFileVersion": 2.2, "Mesh.Binary": 1}.items():
@@ -171,9 +159,8 @@ def profile(occ: Any) -> int:
     outline = [(0, 0), (LENGTH, 0), (LENGTH, a), (b, a), (a, b), (a, HEIGHT), (0, HEIGHT)]
     points = [occ.addPoint(x, 0, z) for x, z in outline]
     centre = occ.addPoint(b, 0, b)
-    curves = []
-    for start, end in zip(points, points[1:] + points[:1], strict=True):
-        curves.append(occ.addCircleArc(start, centre, end) if start == points[3] else occ.addLine(start, end))
+    sides = zip(points, points[1:] + points[:1], strict=True)
+    curves = [occ.addCircleArc(start, centre, end) if start == points[3] else occ.addLine(start, end) for start, end in sides]
     return occ.addPlaneSurface([occ.addCurveLoop(curves)])
 
 

@@ -77,13 +77,7 @@ def _last_line(results: Benchmark) -> Text:
 
 
 def save(results: Benchmark, folder: str | Path) -> None:
-    """Write benchmark.json, benchmark.md and its pictures.
-
-    Raises
-    ------
-    OSError
-        if the folder cannot be written to.
-    """
+    """Write benchmark.json, benchmark.md and its pictures."""
     from .plots import speed_against_error, time_against_size
 
     folder = Path(folder)

@@ -75,12 +75,11 @@ class TargetVerdict:
 
 def verdicts(results: Benchmark) -> list[TargetVerdict]:
     """Each target against what was measured so far."""
-    return [
-        TargetVerdict(
-            target, {mesh: value for mesh in _meshes(results, target) if (value := target.measure(results, mesh)) is not None}
-        )
-        for target in TARGETS
-    ]
+    found = []
+    for target in TARGETS:
+        measured = {mesh: target.measure(results, mesh) for mesh in _meshes(results, target)}
+        found.append(TargetVerdict(target, {mesh: value for mesh, value in measured.items() if value is not None}))
+    return found
 
 
 def judged(results: Benchmark) -> list[str]:

@@ -13,7 +13,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from rich.console import Console
+from rich.console import Console, RenderableType
 
 from ..bench import FULL, QUICK, bench, page
 from ..errors import StvkError, StvkWarning
@@ -92,13 +92,7 @@ def _verify(options: argparse.Namespace) -> int:
     mesh, terms = _body(options)
     report = verify(mesh, terms, seed=options.seed)
     report.header["mesh"]["source"] = "embedded bracket" if options.mesh is None else options.mesh
-    failure = _saved(report.save, options.out)  # before anything is printed: a closed pipe ends the program
-    console = _console(WIDTH)
-    console.print(rendered(report, console.width))
-    if failure is not None:
-        raise failure
-    if options.out is not None:
-        console.print(f"report.json and report.html are in {printable(options.out)}", soft_wrap=True)
+    _give(partial(rendered, report), WIDTH, report.save, options.out, "report.json and report.html")
     return 0 if report.passed else 1
 
 
@@ -112,20 +106,32 @@ def _bench(options: argparse.Namespace) -> int:
     if options.out is not None:
         _refuse_unwritable(options.out)
     results = bench(QUICK if options.quick else FULL)
-    failure = _saved(partial(page.save, results), options.out)
-    console = _console(page.WIDTH)
-    console.print(page.rendered(results))
-    if failure is not None:
-        raise failure
-    if options.out is not None:
-        console.print(f"benchmark.md, its pictures and benchmark.json are in {printable(options.out)}", soft_wrap=True)
+    files = "benchmark.md, its pictures and benchmark.json"
+    _give(lambda width: page.rendered(results), page.WIDTH, partial(page.save, results), options.out, files)
     return 130 if results.interrupted else 1 if results.failures else 0
 
 
-def _console(width: int) -> Console:
-    """Standard output: as wide as the terminal, or `width` if it is none."""
+Rendering = Callable[[int], RenderableType]
+
+
+def _give(rendering: Rendering, width: int, save: Callable[[str], object], folder: str | None, files: str) -> None:
+    """Write results before anything is printed, as a closed pipe ends the program; what goes wrong waits until they are printed.
+
+    Standard output is as wide as the terminal, or `width` if it is none.
+    """
+    failure = None
+    try:
+        if folder is not None:
+            save(folder)
+    except (StvkError, OSError) as error:
+        failure = error
     console = Console(highlight=False)
-    return console if console.is_terminal else Console(highlight=False, width=width)
+    console = console if console.is_terminal else Console(highlight=False, width=width)
+    console.print(rendering(console.width))
+    if failure is not None:
+        raise failure
+    if folder is not None:
+        console.print(f"{files} are in {printable(folder)}", soft_wrap=True)
 
 
 def _body(options: argparse.Namespace) -> tuple[SimplexMesh, list[StVK]]:
@@ -146,16 +152,6 @@ def _refuse_unwritable(name: str) -> None:
         raise StvkError(f"--out {folder}: {nearest} is a file; expected a folder, which is made if it is missing.")
     if not os.access(nearest, os.W_OK | os.X_OK):
         raise StvkError(f"--out {folder}: {nearest} cannot be written to. Choose another folder, or change its permissions.")
-
-
-def _saved(save: Callable[[str], object], folder: str | None) -> StvkError | OSError | None:
-    """Write the results; what went wrong waits until they have been printed."""
-    try:
-        if folder is not None:
-            save(folder)
-    except (StvkError, OSError) as error:
-        return error
-    return None
 
 
 def _info(options: argparse.Namespace) -> int:

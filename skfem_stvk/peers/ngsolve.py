@@ -22,11 +22,7 @@ class NGSolve:
     """`Variation` of the energy with one quadrature point, outside of a task manager, so on one thread; see `Peer`.
 
     NGSolve translates the energy and its derivatives to C++ and compiles them, if there is a compiler, which takes seconds; if not,
-    it interprets them, at two to four times the cost. Its degrees of freedom come component by component and are reordered.
-
-    Attributes
-    ----------
-    compiled : whether the energy was translated and compiled.
+    it interprets them, at two to four times the cost: `compiled` says which. Degrees of freedom by component are reordered.
     """
 
     name = "NGSolve"

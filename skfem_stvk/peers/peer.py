@@ -55,11 +55,7 @@ def lame(young: float, poisson: float) -> tuple[float, float]:
 class Reordering:
     """Matrices of one pattern, brought to another order of the degrees of freedom for the price of one indexing.
 
-    Parameters
-    ----------
-    numbered : a sparse matrix of the pattern, with the values 1, 2, 3, ... as they lie in memory.
-    dofs : the new degree of freedom of each row and column.
-    ndofs : the number of new degrees of freedom.
+    `numbered` has the values 1, 2, 3, ... as they lie in memory; `dofs` are the new numbers of its rows and columns, of `ndofs`.
 
     >>> two = csr_matrix(([1.0, 2.0, 3.0], [0, 0, 1], [0, 1, 3]))
     >>> two.toarray().tolist(), Reordering(two, np.array([1, 0]), 2)(np.array([7.0, 8.0, 9.0])).toarray().tolist()
@@ -112,13 +108,7 @@ PEERS = {
 
 
 def require(name: str) -> Any:
-    """The imported package of a peer.
-
-    Raises
-    ------
-    StvkError
-        if it is missing, cannot be imported or is too old, with the line that installs it.
-    """
+    """The imported package of a peer; if it is missing or too old, a StvkError with the line that installs it."""
     package = PEERS[name]
     module = package.module
     try:

@@ -16,7 +16,7 @@ from ..arguments import Array
 from ..errors import MaterialError
 from ..materials import Anisotropic, FramedMaterial, Isotropic, Material, Orthotropic, TransverselyIsotropic
 from ..mesh import SimplexMesh
-from ..reference import ReferenceStVK, anisotropic_tensor, engineering_matrix, isotropic_tensor, simplex_axes
+from ..reference import anisotropic_tensor, engineering_matrix, isotropic_tensor, simplex_axes
 from ..terms import StVK
 
 
@@ -34,10 +34,7 @@ def is_condensed(mesh: SimplexMesh, term: StVK) -> bool:
 
 
 def elasticity(mesh: SimplexMesh, terms: Sequence[StVK]) -> Array:
-    """(nt, k, k, k, k) or (1, k, k, k, k) elasticity tensors of these terms in the simplices' own axes, times their section.
-
-    One tensor per element, the sum over the terms that cover it.
-    """
+    """(nt or 1, k, k, k, k) sums of the elasticity tensors of each element's terms in its own axes, times its section."""
     axes = simplex_axes(mesh.p, mesh.t)
     if len(terms) == 1 and terms[0].region is None:
         return _tensor(mesh, terms[0], axes)
@@ -46,11 +43,6 @@ def elasticity(mesh: SimplexMesh, terms: Sequence[StVK]) -> Array:
         elements = mesh.elements(term.region)
         total[elements] += _tensor(mesh, term, axes[elements])
     return total
-
-
-def reference_of(mesh: SimplexMesh, terms: Sequence[StVK]) -> ReferenceStVK:
-    """scikit-fem's assembly of these terms."""
-    return ReferenceStVK(mesh.p, mesh.t, elasticity(mesh, terms))
 
 
 def _tensor(mesh: SimplexMesh, term: StVK, axes: Array) -> Array:
@@ -85,29 +77,15 @@ def _section(mesh: SimplexMesh, term: StVK) -> Array | None:
 
 @dataclass(frozen=True)
 class Homogeneous:
-    """A homogeneous isotropic copy of a body, for checks that have a closed form.
+    """A homogeneous isotropic copy of a body, or the body itself (`same`), for checks that have a closed form.
 
-    Attributes
-    ----------
-    term : the copy's only term.
-    lame : its Lame pair within the simplices' dimensions, times the section (thickness or area).
-    tensor : (1, k, k, k, k) its elasticity tensor for the reference, times the section.
-    same : whether the body itself is this one.
+    Its Lame pair within the simplices' dimensions and its elasticity tensor (1, k, k, k, k) are times the section.
     """
 
     term: StVK
     lame: tuple[float, float]
     tensor: Array
     same: bool
-
-    @property
-    def condition(self) -> float:
-        """Ratio of the extreme moduli: grows without bound as Poisson's ratio nears its limits, and digits go with it."""
-        lam, mu = self.lame
-        if not mu:
-            return 1.0
-        bulk = self.tensor.shape[1] * lam + 2 * mu
-        return max(bulk / (2 * mu), 2 * mu / bulk)
 
 
 def homogeneous_copy(mesh: SimplexMesh, terms: Sequence[StVK]) -> Homogeneous:

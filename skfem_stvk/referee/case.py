@@ -29,19 +29,9 @@ INVERTED = ("large random", "reflected random")
 class Case:
     """Everything that a check needs.
 
-    Attributes
-    ----------
-    mesh : the body's simplices.
-    ours, reference : the edge form, and what it is held against (`truth`).
-    scikit_fem : scikit-fem's standard assembly of all elements, whose speed is measured.
-    candidate : somebody else's model, if there is one.
-    candidate_is_stvk : whether the candidate claims to be this model.
-    states : displacements (ndofs,) [m] by name.
-    seed : of all random numbers.
-    modulus : (nt,) largest entry of the elasticity tensor of each element, times its section.
-    homogeneous : the body, or a homogeneous isotropic copy, for checks that have a closed form.
-    bare : number of elements that belong to no term.
-    precision : rows of error against strain, which the check of precision fills.
+    The edge form and somebody's candidate are held against the reference (`Truth`); scikit-fem's assembly of all elements is there
+    for its speed. States are displacements (ndofs,) [m], `modulus` (nt,) is the largest entry of each element's elasticity tensor,
+    times its section, `bare` counts the elements of no term, and the check of precision fills the rows of error against strain.
     """
 
     mesh: SimplexMesh
@@ -168,15 +158,11 @@ class Case:
         lost = float(self.round_off.lost(u).energy.sum())
         return lost if self.is_stvk(player) else lost * self.energy_floor(player) / self.energy_floor(self.reference)
 
-    def strain(self, u: Array) -> float:
-        """Largest relative change of a squared edge length, |zeta|/|P|^2."""
-        U = edge_differences(self.mesh, u.reshape(-1, self.mesh.d).T)
-        change = ((2 * self.edges + U) * U).sum(axis=0)
-        return float(np.abs(change / (self.edges**2).sum(axis=0)).max())
-
     def direction(self, u: Array, rng: np.random.Generator) -> Array:
         """A random direction (ndofs,) scaled to the state: near rest a unit direction would drown it."""
-        strain = self.strain(u)
+        U = edge_differences(self.mesh, u.reshape(-1, self.mesh.d).T)
+        change = ((2 * self.edges + U) * U).sum(axis=0)
+        strain = float(np.abs(change / (self.edges**2).sum(axis=0)).max())
         amplitude = 0.1 if strain < 1e-9 else min(strain, 0.3)
         return (amplitude * self.node_size[:, None] * rng.standard_normal((self.mesh.nv, self.mesh.d))).ravel()
 
@@ -193,14 +179,7 @@ def random_rotation(d: int, rng: np.random.Generator, degrees: float = 170.0) ->
 
 
 def named_states(X: Array, node_size: Array, rng: np.random.Generator) -> dict[str, Array]:
-    """Displacements (ndofs,) [m] by name.
-
-    Parameters
-    ----------
-    X : (nv, d) coordinates from the centre of the body [m].
-    node_size : (nv,) size of the elements around each vertex [m], the unit of the random displacements.
-    rng : random numbers.
-    """
+    """Displacements (ndofs,) [m] by name, for `X` (nv, d) from the centre; random ones in units of `node_size` (nv,)."""
     d = X.shape[1]
     turn = random_rotation(d, rng)
     shift = np.ptp(X, axis=0).max() * rng.standard_normal(d)

@@ -61,19 +61,15 @@ def versions(packages: Sequence[str] = PACKAGES) -> dict[str, str]:
 
 def optional() -> dict[str, str]:
     """Versions of the optional packages, or the line that installs them."""
-    return {
-        package: f"not installed: {line}" if found == "not installed" else found
-        for package, line in OPTIONAL.items()
-        for found in [versions([package])[package]]
-    }
+    found = versions(list(OPTIONAL))
+    return {name: f"not installed: {line}" if found[name] == "not installed" else found[name] for name, line in OPTIONAL.items()}
 
 
 def caches() -> dict[str, str]:
     """The folder of compiled kernels, and whether it can be written to."""
     from ..kernels.topology import expand
 
-    cache = getattr(expand, "_cache", None)
-    folder = getattr(cache, "cache_path", None)
+    folder = getattr(getattr(expand, "_cache", None), "cache_path", None)
     if folder is None:
         return {"kernels kept in": "no folder: every process compiles. Set NUMBA_CACHE_DIR to one that can be written to"}
     nearest = next(parent for parent in (Path(folder), *Path(folder).parents) if parent.exists())
@@ -134,10 +130,8 @@ def material_facts(mesh: SimplexMesh, term: StVK) -> str:
         words = f"{type(material).__name__}, diagonal of the elasticity matrix {_range(stiffness)}{frames}"
     else:
         words = type(material).__name__
-    extras = [f"plane {term.plane}"] if term.plane else []
-    extras += [
-        f"{name} {_range(value)}" for name, value in (("thickness", term.thickness), ("area", term.area)) if value is not None
-    ]
+    extras, sections = [f"plane {term.plane}"] if term.plane else [], {"thickness": term.thickness, "area": term.area}
+    extras += [f"{name} {_range(value)}" for name, value in sections.items() if value is not None]
     return _region(mesh, term) + ", ".join([words, *extras])
 
 

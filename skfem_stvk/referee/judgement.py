@@ -6,7 +6,7 @@ than `HIGHEST` of its scale.
 
 from __future__ import annotations
 
-from functools import cached_property
+from functools import cached_property, lru_cache
 from itertools import product
 from typing import Any, NamedTuple
 
@@ -51,8 +51,7 @@ def by_vertex(mesh: SimplexMesh, error: Array, scale: Array, lost: Array, words:
 def by_entry(mesh: SimplexMesh, difference: spmatrix, rows: Array, lost: csr_matrix, words: str, reason: str) -> Measurement:
     """A measurement of the entries of a difference of matrices.
 
-    An entry is relative to the geometric mean of `rows` (nv,) of its two vertices; `lost` (nv, nv) is the round-off that a right
-    form may have.
+    An entry is relative to the geometric mean of `rows` (nv,) of its vertices; `lost` (nv, nv) is what a right form may lose.
     """
     entries = abs(difference).tocoo()
     if not entries.nnz or not rows.any():
@@ -78,13 +77,13 @@ def by_entry(mesh: SimplexMesh, difference: spmatrix, rows: Array, lost: csr_mat
 def as_a_whole(error: float, scale: float, lost: float, words: str, reason: str) -> Measurement:
     """A measurement of one number of the whole body."""
     limit = float(limits(np.array([scale]), np.array([lost]))[0])
+    if limit != LIMIT:
+        reason += f"; above {LIMIT:.0e} for what round-off may cost in its flat or small elements"
     return {
         "measured": error / scale if scale else np.inf,  # a body that does not resist is none
         "limit": limit,
         "scale": f"{scale:.3e} ({words})",
-        "reason": reason
-        if limit == LIMIT
-        else f"{reason}; above {LIMIT:.0e} for what round-off may cost in its flat or small elements",
+        "reason": reason,
         "worst": {},
     }
 
@@ -135,12 +134,7 @@ def worst_places(mesh: SimplexMesh, error: NDArray[np.float64], limit: float) ->
     dof = int(np.argmax(error))
     node = dof // mesh.d
     around = np.flatnonzero((mesh.t == node).any(axis=0))
-    places: dict[str, Any] = {
-        "dof": dof,
-        "vertex": node,
-        "component": "xyz"[dof % mesh.d],
-        "elements": around[:MOST].tolist(),
-    }
+    places: dict[str, Any] = {"dof": dof, "vertex": node, "component": "xyz"[dof % mesh.d], "elements": around[:MOST].tolist()}
     off: NDArray[np.bool_] = np.any((error > limit).reshape(-1, mesh.d), axis=1)
     if off.any():
         suspects = np.flatnonzero(off[mesh.t].all(axis=0))
@@ -167,14 +161,7 @@ def in_words(places: dict[str, Any]) -> str:
 
 
 class Lost(NamedTuple):
-    """Round-off of the elements in a state, each (nt,), times its margin.
-
-    Attributes
-    ----------
-    energy : of W [J].
-    force : of F, over V C g^2 [m].
-    stiffness : of K, over V C g^2.
-    """
+    """Round-off of the elements in a state, each (nt,), times its margin: of W [J], of F over V C g^2 [m], of K over V C g^2."""
 
     energy: Array
     force: Array
@@ -199,11 +186,6 @@ class RoundOff:
     what they lose adds up to five times the sum, for which the margin of flat elements is eight times that of ordinary ones. On
     ordinary elements it is far below the limit of 1e-12, on flat ones in small strain it grows with (l g)^2; where an element is
     strained by more than its flatness, what is lost is small beside the forces themselves.
-
-    Parameters
-    ----------
-    mesh : of the body.
-    modulus : (nt,) largest entry of the elasticity tensor of each element, times its section [Pa m^(d-k)].
     """
 
     def __init__(self, mesh: SimplexMesh, modulus: Array) -> None:
@@ -212,31 +194,22 @@ class RoundOff:
         self.steepest = np.linalg.norm(geometry.gradients, axis=2).max(axis=1)
         self._edges, self._longest = edge_differences(mesh, mesh.p), _longest(mesh, mesh.p)
         self._weight = geometry.volume * modulus
-        self._kept: dict[bytes, Lost] = {}
-
-    @property
-    def aspect(self) -> Array:
-        """(nt,) longest edge over smallest height."""
-        return self._longest * self.steepest
+        self._in_state = lru_cache(KEPT)(self._lost)
 
     def lost(self, u: Array) -> Lost:
         """Round-off of each element at `u` (ndofs,); that of the latest states is kept, as several checks ask for it."""
-        key = u.tobytes()
-        if key not in self._kept:
-            while len(self._kept) >= KEPT:
-                del self._kept[next(iter(self._kept))]
-            self._kept[key] = self._lost(u)
-        return self._kept[key]
+        return self._in_state(u.tobytes())
 
-    def _lost(self, u: Array) -> Lost:
+    def _lost(self, state: bytes) -> Lost:
         mesh, g, l = self.mesh, self.steepest, self._longest
-        displacement = u.reshape(-1, mesh.d).T
+        displacement = np.frombuffer(state).reshape(-1, mesh.d).T
         x = mesh.p + displacement
         A = np.einsum("ina,naj->nij", x[:, mesh.t.T], self._gradients)
         strain = np.linalg.norm(np.swapaxes(A, 1, 2) @ A - np.eye(mesh.k), axis=(1, 2)) / 2
         stretch, m = np.linalg.norm(A, axis=(1, 2)), _longest(mesh, x)
         moved = np.linalg.norm(displacement, axis=0)[mesh.t].max(axis=0)
-        eps = np.clip(MARGIN_BY_ASPECT * self.aspect, MARGIN, LARGEST_MARGIN) * np.finfo(float).eps
+        aspect = l * g  # longest edge over smallest height
+        eps = np.clip(MARGIN_BY_ASPECT * aspect, MARGIN, LARGEST_MARGIN) * np.finfo(float).eps
         squared = g**2 * (l**2 + m**2)
         U = edge_differences(mesh, displacement)
         z = np.abs(((2 * self._edges + U) * U).sum(axis=0)).max(axis=0)

@@ -43,14 +43,7 @@ def _words(error: BaseException) -> str:
 
 
 class Player:
-    """`W(u)`, `F(u)`, `K(u)` of a candidate that has any of `energy`, `internal_force`, `tangent`.
-
-    Parameters
-    ----------
-    name : how reports call it.
-    model : the candidate.
-    ndofs : length of `u`.
-    """
+    """`W(u)`, `F(u)`, `K(u)` of a candidate that has any of `energy`, `internal_force`, `tangent`, for `u` (ndofs,)."""
 
     def __init__(self, name: str, model: Any, ndofs: int) -> None:
         self.name, self.model, self.ndofs = name, model, ndofs

@@ -46,10 +46,8 @@ def speed_against_error(report: Findings) -> Figure:
         error = report.errors.get(row["player"], {}).get(row["quantity"])
         if error is None:
             continue
-        marker, colour = MARKERS[row["quantity"]], COLOURS[row["player"]]
-        axes.loglog(
-            row["ns_per_element"], max(error, 1e-17), marker, color=colour, label=f"{row['quantity']}, {row['player']}", ms=8
-        )
+        style = {"marker": MARKERS[row["quantity"]], "color": COLOURS[row["player"]], "ms": 8, "linestyle": ""}
+        axes.loglog(row["ns_per_element"], max(error, 1e-17), label=f"{row['quantity']}, {row['player']}", **style)
     axes.set(xlabel="time [ns per element]", ylabel="error at 0.1 % strain, relative to 50 digits")
     axes.grid(alpha=0.3)
     axes.margins(0.2)

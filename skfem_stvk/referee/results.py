@@ -98,23 +98,19 @@ class Task:
         same = {name: getattr(self, name) for name in ("check", "quantity", "state", "against")}
         return same | {"subject": self.player.name}
 
-    def missed(self, reason: str) -> Result:
-        """The result of a task that could not run."""
-        return Result(outcome=CheckOutcome.COULD_NOT_RUN, reason=reason, **self._who)
-
-    def pointless(self, reason: str) -> Result:
-        """The result of a task that has no meaning here."""
-        return Result(outcome=CheckOutcome.NOT_APPLICABLE, reason=reason, **self._who)
+    def missed(self, reason: str, outcome: CheckOutcome = CheckOutcome.COULD_NOT_RUN) -> Result:
+        """The result of a task that could not run, or has no meaning here."""
+        return Result(outcome=outcome, reason=reason, **self._who)
 
     def run(self) -> Result:
         """The result of the measurement, whatever it raises."""
         lacking = [f"{METHODS[quantity]}(u)" for quantity in self.needs if not self.player.has(quantity)]
         if lacking:
-            return self.pointless(f"{self.player.name} has no {' and no '.join(lacking)}")
+            return self.missed(f"{self.player.name} has no {' and no '.join(lacking)}", CheckOutcome.NOT_APPLICABLE)
         try:
             return judged(**self._who, **self.measure())
         except NotApplicable as why:
-            return self.pointless(str(why))
+            return self.missed(str(why), CheckOutcome.NOT_APPLICABLE)
         except (Foul, CannotTell) as why:
             return self.missed(str(why))
         except Exception as error:
@@ -148,9 +144,8 @@ class Findings:
     def passed(self) -> bool:
         """Whether it ran to the end, something was measured, and everything passed or is not applicable by nature."""
         counts = self.counts
-        return counts[CheckOutcome.PASSED] > 0 and not (
-            counts[CheckOutcome.FAILED] or counts[CheckOutcome.COULD_NOT_RUN] or self.interrupted
-        )
+        stopped = counts[CheckOutcome.COULD_NOT_RUN] or self.interrupted
+        return counts[CheckOutcome.PASSED] > 0 and not (counts[CheckOutcome.FAILED] or stopped)
 
     @property
     def counts(self) -> Counter[CheckOutcome]:

@@ -31,9 +31,8 @@ def printable(text: str) -> str:
     >>> printable("[bold]bracket\\x1b[2J.msh")
     '\\\\[bold]bracket\\\\x1b[2J.msh'
     """
-    return escape(
-        "".join(c if c.isprintable() or c == "\n" else c.encode("unicode_escape", "surrogatepass").decode() for c in text)
-    )
+    harmless = (c if c.isprintable() or c == "\n" else c.encode("unicode_escape", "surrogatepass").decode() for c in text)
+    return escape("".join(harmless))
 
 
 def as_text(renderable: RenderableType, width: int = WIDTH) -> str:
@@ -112,13 +111,9 @@ def _size(result: Result) -> float:
 def _tally(results: list[Result], outcome: CheckOutcome) -> str:
     passed = sum(r.outcome is CheckOutcome.PASSED for r in results)
     asked = sum(r.outcome is not CheckOutcome.NOT_APPLICABLE for r in results)
-    return (
-        f"{passed}/{asked}"
-        if outcome is CheckOutcome.PASSED
-        else outcome.value
-        if not passed
-        else f"{passed}/{asked} {outcome.value}"
-    )
+    if not passed:
+        return outcome.value
+    return f"{passed}/{asked}" if outcome is CheckOutcome.PASSED else f"{passed}/{asked} {outcome.value}"
 
 
 def _number(value: float | None) -> str:
@@ -154,14 +149,9 @@ def _story(result: Result) -> str:
 def _precision(report: Findings, width: int) -> Table:
     strains = sorted({row["strain"] for row in report.precision}, reverse=True)
     shown = strains[:: 2 if width >= 90 else 4]
-    table = grid(
-        "Precision: error of F against 50 digits, by strain, on a homogeneous patch of the mesh",
-        "form",
-        "rotation",
-        "offset [m]",
-        *(f"{s:.0e}" for s in shown),
-        right=tuple(f"{s:.0e}" for s in shown),
-    )
+    title = "Precision: error of F against 50 digits, by strain, on a homogeneous patch of the mesh"
+    numbers = tuple(f"{s:.0e}" for s in shown)
+    table = grid(title, "form", "rotation", "offset [m]", *numbers, right=numbers)
     errors = {(r["rotation_deg"], r["offset_m"], r["form"], r["strain"]): r["error"] for r in report.precision}
     for degrees, offset, form in dict.fromkeys(key[:3] for key in errors):
         table.add_row(form, f"{degrees} deg", f"{offset:g}", *(f"{errors[degrees, offset, form, s]:.0e}" for s in shown))

@@ -126,14 +126,13 @@ def _terms(material: Material | StVK | Sequence[StVK] | None, young: ArrayLike |
         )
     if isinstance(material, Material):
         return [StVK(material)]
+    expected = "expected a material, StVK, or a list of StVK."
     if not isinstance(material, StVK | list | tuple):
-        raise MaterialError(f"material = {shown(material)}; expected a material, StVK, or a list of StVK.")
+        raise MaterialError(f"material = {shown(material)}; {expected}")
     terms = [material] if isinstance(material, StVK) else list(material)
     for term in terms:
         if not isinstance(term, StVK):
-            raise MaterialError(
-                f"material holds an object of type {type(term).__name__}; expected a material, StVK, or a list of StVK."
-            )
+            raise MaterialError(f"material holds an object of type {type(term).__name__}; {expected}")
     if not terms:
         raise MaterialError("material is an empty list; expected at least one StVK term.")
     return terms

@@ -3,11 +3,10 @@ import pickle
 import hypothesis.strategies as st
 import numpy as np
 import pytest
-from bodies import BODIES, MESHES, state
+from bodies import BODIES, MESHES, reference_of, state
 from hypothesis import given, settings
 
 from skfem_stvk import MeshError, SimplexMesh, StateError, StVK, StvkError, StvkWarning, System
-from skfem_stvk.referee.bodies import reference_of
 
 TERM = StVK(young=2.0, poisson=0.3)
 SOLID = System(MESHES["tetrahedra"], TERM)

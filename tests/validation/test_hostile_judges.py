@@ -4,10 +4,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from bodies import MESHES, state
+from bodies import MESHES, reference_of, state
 
 from skfem_stvk import EnergyMomentum, StVK, VelocityVerlet
-from skfem_stvk.referee.bodies import reference_of
 from validation.hostile import physics
 from validation.hostile.case import Verdict, Wrong
 from validation.hostile.spokes import Spokes

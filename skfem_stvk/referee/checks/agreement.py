@@ -52,10 +52,8 @@ def _difference(case: Case, player: Player, reference: Player, quantity: str, st
         words = "W_ref" if truth >= floor else "K at rest x edge squared, median"
         return as_a_whole(abs(value - truth), max(truth, floor), case.lost_energy(reference, u), words, AGREEMENT)
     if quantity == "F":
-        words = "largest |F_ref| around, or K at rest x edge"
-        return by_vertex(
-            case.mesh, value - truth, case.force_scale(reference, truth), case.lost_force(reference, u), words, AGREEMENT
-        )
+        words, scale = "largest |F_ref| around, or K at rest x edge", case.force_scale(reference, truth)
+        return by_vertex(case.mesh, value - truth, scale, case.lost_force(reference, u), words, AGREEMENT)
     return _matrix_difference(case, value, truth, case.lost_stiffness(reference, u))
 
 
@@ -91,20 +89,14 @@ class Line(NamedTuple):
 def _lines(case: Case, player: Player, quantity: str, state: str) -> Iterator[Line]:
     """W or F along random lines scaled to the state."""
     u, rng = case.states[state], case.random(f"derivatives {state}")
+    primitive, derivative = (player.W, player.F) if quantity == "F" else (player.F, player.K)
     for _ in range(DIRECTIONS):
         v = case.direction(u, rng)
-        if quantity == "F":
-            yield Line(u, v, partial(_energy, player, u, v), np.array([player.F(u) @ v]))
-        else:
-            yield Line(u, v, partial(_force, player, u, v), np.asarray(player.K(u) @ v))
+        yield Line(u, v, partial(_at, primitive, u, v), np.atleast_1d(derivative(u) @ v))
 
 
-def _energy(player: Player, u: Array, v: Array, s: float) -> Array:
-    return np.array([player.W(u + s * v)])
-
-
-def _force(player: Player, u: Array, v: Array, s: float) -> Array:
-    return player.F(u + s * v)
+def _at(function: Callable[[Array], Any], u: Array, v: Array, s: float) -> Array:
+    return np.atleast_1d(function(u + s * v))
 
 
 def _stencil(case: Case, player: Player, quantity: str, state: str) -> dict[str, Any]:

@@ -116,13 +116,7 @@ def edge_force(assembly: Assembly, u: Array) -> Array:
 
 
 class Textbook:
-    """F of the edge form with `zeta = |x_a - x_b|^2 - |X_a - X_b|^2` from positions, as textbooks write it.
-
-    Parameters
-    ----------
-    form : edges, coefficients and coordinates.
-    dtype : precision of all that it holds and computes.
-    """
+    """F of the edge form with `zeta = |x_a - x_b|^2 - |X_a - X_b|^2` from positions, as textbooks write it, all in one `dtype`."""
 
     def __init__(self, form: EdgeForm, dtype: DTypeLike = np.float64) -> None:
         ne, nv = form.edges.shape[1], form.p.shape[1]

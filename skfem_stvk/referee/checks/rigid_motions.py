@@ -130,9 +130,7 @@ def _symmetry(case: Case, player: Player, state: str) -> dict[str, Any]:
 def rigid_motions(X: Array) -> Array:
     """(ndofs, d (d + 1)/2) translations and infinitesimal rotations about the origin of `X` (nv, d), largest entry 1."""
     d = X.shape[1]
-    modes = []
-    for i in range(d):
-        modes.append(np.tile(np.eye(d)[i], (len(X), 1)))
+    modes = [np.tile(axis, (len(X), 1)) for axis in np.eye(d)]
     for i, j in combinations(range(d), 2):
         spin = np.zeros_like(X)
         spin[:, i], spin[:, j] = -X[:, j], X[:, i]
@@ -209,9 +207,8 @@ def _pivots(K: csc_matrix) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     diagonal = np.abs(K.diagonal())
     shift = np.where(diagonal > 0, 0.01 * ZERO * diagonal, 1e-3 * ZERO * diagonal.max())
     try:
-        lu = splu(
-            K + diags(shift, format="csc"), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True}
-        )
+        shifted, symmetric = K + diags(shift, format="csc"), {"SymmetricMode": True}
+        lu = splu(shifted, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options=symmetric)
     except RuntimeError as error:
         raise CannotTell(f"the factorisation of K at rest stopped: {error}") from error
     if not np.array_equal(lu.perm_r, lu.perm_c):
