@@ -5,11 +5,11 @@ import re
 import numpy as np
 import pytest
 from bodies import MESHES, box
-from faults import FAULTS
 from scipy.sparse import csr_array, csr_matrix
 from scipy.sparse.linalg import LinearOperator
 
 from skfem_stvk import StVK, StvkError, System, verify
+from skfem_stvk.referee.faults import FAULTS
 from skfem_stvk.referee.judgement import worst_places
 from skfem_stvk.referee.results import CheckOutcome
 

@@ -5,9 +5,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 from bodies import MESHES, box
-from faults import FAULTS
 
 from skfem_stvk import SimplexMesh, StVK, StvkError, System, embedded_mesh, verify
+from skfem_stvk.referee.faults import FAULTS
 from skfem_stvk.referee.results import CheckOutcome
 
 MESH = box(4)

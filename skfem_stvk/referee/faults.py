@@ -15,15 +15,15 @@ import numpy as np
 from numpy.typing import DTypeLike
 from scipy.sparse import coo_matrix, csr_matrix, identity, kron
 
-from skfem_stvk.arguments import Array
-from skfem_stvk.edges import Assembly, EdgeForm
-from skfem_stvk.edges.stiffness import GeneralStiffness
-from skfem_stvk.edges.topology import LOCAL_EDGES
-from skfem_stvk.errors import StvkError
-from skfem_stvk.materials import Hypothesis, Isotropic
-from skfem_stvk.mesh import SimplexMesh
-from skfem_stvk.system import System
-from skfem_stvk.terms import Body, StVK
+from ..arguments import Array
+from ..edges import Assembly, EdgeForm
+from ..edges.stiffness import GeneralStiffness
+from ..edges.topology import LOCAL_EDGES
+from ..errors import StvkError
+from ..materials import Hypothesis, Isotropic
+from ..mesh import SimplexMesh
+from ..system import System
+from ..terms import Body, StVK
 
 
 @dataclass(frozen=True)
