@@ -91,8 +91,8 @@ class Modes:
 
     def plot(self, number: int, scale: float | None = None, **options: Any) -> Any:
         """Draw a mode, by default coloured by the length of displacements; options as in `results.plot`, `scale` as in `state`."""
-        shown: dict[str, Any] = {"field": "displacement", "label": f"mode {number}: {self._named(number)}"}
-        return plot(self.state(number, scale), **shown | options)
+        state = self.state(number, scale)  # refuses what is no number of a mode
+        return plot(state, **{"field": "displacement", "label": f"mode {number}: {self._named(number)}"} | options)
 
     def save(self, path: str | os.PathLike[str], scale: float | None = None) -> Path:
         """Write all modes as a series for ParaView, whose time is the number of the mode; raises as in `results.write_vtu`."""

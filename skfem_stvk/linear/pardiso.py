@@ -18,7 +18,7 @@ from scipy.sparse import csr_matrix
 
 from ..errors import StvkError, name_ids
 from .checks import Newest, check_kind, checked_right, checked_unknowns, checked_values, handed_out, solve_checked
-from .solver import Kind, Outcome, Solution, Unknowns, Vector, structure_of
+from .solver import Kind, Outcome, Solution, Unknowns, Vector
 
 SYMMETRIC, GENERAL = -2, 11  # mtype
 ANALYSE, FACTORISE, SOLVE = 11, 22, 33  # phase
@@ -81,7 +81,10 @@ class PardisoAnalysis:
         self._memory.call(ANALYSE)
 
     def factorise(self, K: Any, kind: Kind) -> PardisoFactors:
-        """Factorise in the order of elimination that there is; other symmetry than that of the last matrix needs a new one."""
+        """Factorise in the order of elimination that there is.
+
+        A general matrix after symmetric ones, or the reverse, needs a new order.
+        """
         check_kind(self._solver, kind)
         values = checked_values(K, self._unknowns)
         mtype = GENERAL if kind == Kind.GENERAL else SYMMETRIC
@@ -98,8 +101,9 @@ class PardisoAnalysis:
 class PardisoFactors:
     """The factors `L D L'` or `L U`, in the memory of the analysis.
 
-    `negative_pivots` is the number of negative eigenvalues; None with `perturbed_pivots`, too small to divide by, which PARDISO
-    replaced: there the matrix is nearly singular, and their signs say nothing.
+    Attributes
+    ----------
+    perturbed_pivots : pivots too small to divide by, which PARDISO replaced; there the matrix is nearly singular.
     """
 
     def __init__(self, memory: _Memory, newest: Newest, number: int) -> None:
@@ -107,7 +111,12 @@ class PardisoFactors:
         self._exact = memory.call(FACTORISE)
         self.perturbed_pivots = memory.iparm(PERTURBED)
         certain = self._exact and memory.mtype == SYMMETRIC and not self.perturbed_pivots
-        self.negative_pivots = memory.iparm(NEGATIVE) if certain else None
+        self._negative = memory.iparm(NEGATIVE) if certain else None
+
+    @property
+    def negative_pivots(self) -> int | None:
+        """The number of negative eigenvalues; None where pivots were perturbed, for their signs say nothing."""
+        return self._negative
 
     def solve(self, b: Vector, rtol: float = 1e-10, x0: Vector | None = None, out: Vector | None = None) -> Solution:
         """Solve with the factors, and refine as often as the residual asks for; `x0` is not needed."""
@@ -127,7 +136,7 @@ class _Memory:
         indptr, indices, self._kept = _structure(unknowns, mtype)
         self._matrix = csr_matrix((np.zeros(len(indices)), indices, indptr), shape=(self.n, self.n))
         self._diagonal = indptr[:-1] if mtype == SYMMETRIC else None
-        self.release = weakref.finalize(self, self._pardiso.free_memory, everything=True)
+        self.release = weakref.finalize(self, _release, self._pardiso)
 
     def fill(self, values: NDArray[np.float64]) -> None:
         """Set the values that the next phases work with."""
@@ -169,7 +178,9 @@ class _Memory:
 
 def _structure(unknowns: Unknowns, mtype: int) -> tuple[Any, Any, Any]:
     """Rows, columns, and which values are kept: for symmetric matrices those of the upper triangle."""
-    indptr, indices = structure_of(unknowns)
+    indptr, indices = unknowns.indptr, unknowns.indices
+    if indptr is None or indices is None:
+        raise StvkError("The unknowns have no indptr and indices; expected the structure of K over the free degrees of freedom.")
     row = np.repeat(np.arange(unknowns.n, dtype=np.int32), np.diff(indptr))
     bare = np.setdiff1d(np.arange(unknowns.n), row[row == indices])
     if len(bare):
@@ -186,11 +197,16 @@ def _package(mtype: int) -> tuple[type[Any], Any]:
     try:
         package = importlib.import_module("pypardiso.pardiso_wrapper")
     except ImportError as error:
-        install = "pip install 'skfem-stvk[pardiso]'"
-        raise ImportError(f"solver='pardiso' needs the package pypardiso and Intel's MKL ({error}): {install}") from error
+        raise ImportError(
+            f"solver='pardiso' needs the package pypardiso and Intel's MKL ({error}): pip install 'skfem-stvk[pardiso]'"
+        ) from error
     if not hasattr(package.PyPardisoSolver, "_call_pardiso"):
         raise ImportError("This pypardiso is not one of those that skfem-stvk was made for: pip install 'skfem-stvk[pardiso]'")
     pardiso = package.PyPardisoSolver(mtype=mtype)
     for number, value in OPTIONS[mtype].items():
         pardiso.set_iparm(number, value)
     return package.PyPardisoError, pardiso
+
+
+def _release(pardiso: Any) -> None:
+    pardiso.free_memory(everything=True)

@@ -36,9 +36,14 @@ MOST = 200
 
 
 class ExactStVK:
-    """W, F and K of simplices in 50 decimal digits, each rounded to double once; coordinates are taken as exact.
+    """W, F and K of simplices in 50 decimal digits, each rounded to double once.
 
-    The elasticity tensors are those that `ReferenceStVK` takes, or the Lame pair within the simplices' dimensions.
+    Parameters
+    ----------
+    p : (d, nv) coordinates, taken as exact.
+    t : (k + 1, nt) vertices.
+    tensor : (nt, k, k, k, k) or (1, k, k, k, k) elasticity tensors in the simplices' own axes times their section, as `reference`
+        takes them; or the Lame pair within the simplices' dimensions.
     """
 
     def __init__(self, p: Array, t: NDArray[np.int32], tensor: Array | tuple[float, float]) -> None:
@@ -54,8 +59,7 @@ class ExactStVK:
         """W and F (ndofs,) at `u` (ndofs,), whose entries are taken as exact."""
         with localcontext(CONTEXT):
             d, e, s = self._state(u)
-            W = (self._volume * (s * e).sum(axis=(0, 1))).sum() / 2
-            return float(W), self._to_vertices(self._volume * np.einsum("ijn,jxn->ixn", s, d))
+            return float(self._energy(e, s)), self._to_vertices(self._volume * np.einsum("ijn,jxn->ixn", s, d))
 
     def energy(self, u: Array) -> float:
         """Strain energy [J]."""
@@ -96,6 +100,9 @@ class ExactStVK:
         e = (np.einsum("ixn,jxn->ijn", d, d) - self._metric) / 2
         return d, e, np.einsum("ijmpn,mpn->ijn", self._moduli, e)
 
+    def _energy(self, e: Exact, s: Exact) -> Any:
+        return (self._volume * (s * e).sum(axis=(0, 1))).sum() / 2
+
     def _spokes(self, x: Exact) -> Exact:
         """(k, d, nt) differences of a field (d, nv) to the first vertex."""
         return np.stack([x[:, ends] - x[:, self.t[0]] for ends in self.t[1:]])
@@ -109,7 +116,12 @@ class ExactStVK:
 
 
 class Truth:
-    """W, F and K of a body, in 50 digits for the flattest `MOST` of the elements with an aspect ratio beyond `FLAT`."""
+    """W, F and K of a body with elasticity tensors as `ReferenceStVK` takes them.
+
+    Attributes
+    ----------
+    exact : elements that are computed in 50 digits: the flattest `MOST` of those with an aspect ratio beyond `FLAT`.
+    """
 
     def __init__(self, mesh: SimplexMesh, tensor: Array) -> None:
         aspect = aspect_ratios(mesh)
