@@ -54,7 +54,7 @@ class Control:
         self._material = [_at(array) for array in self._lame]
 
     def energy(self, u: Array) -> float:
-        """Strain energy [J]."""
+        """Return the strain energy `W(u)` [J]."""
         self._move(u)
         return float(self._library.energy(ctypes.c_long(self.nt), *self._mesh, *self._material))
 

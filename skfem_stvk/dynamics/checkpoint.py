@@ -45,7 +45,7 @@ Bound = Annotated[float, Field(ge=0), AllowInfNan(True)]
 
 
 class ClockRecord(Record):
-    """`Clock`."""
+    """A `Clock` as checkpoints hold it."""
 
     start: float
     dt: Annotated[float, Field(gt=0)]
@@ -53,7 +53,7 @@ class ClockRecord(Record):
 
 
 class ReviewsRecord(Record):
-    """`Reviews`."""
+    """The `Reviews` of a critical step as checkpoints hold them."""
 
     next: Count
     interval: Annotated[int, Field(ge=records.FEWEST, le=records.MOST)]
@@ -76,7 +76,7 @@ class MomentRecord(Record):
 
 
 class StepperRecord(Record):
-    """`Counts`."""
+    """The `Counts` of a run as checkpoints hold them."""
 
     iterations: Count
     clamped: Count
@@ -91,7 +91,7 @@ class IntegratorRecord(Record):
 
 
 class DampingRecord(Record):
-    """`DampingFactors`."""
+    """Factors of the damping as checkpoints hold them."""
 
     alpha: NotNegative
     beta: NotNegative
@@ -174,7 +174,7 @@ class Saved(NamedTuple):
     ledger: Ledger
 
     def record(self) -> RunRecord:
-        """The record of the run."""
+        """Return the record of the run that the file holds."""
         now, good = self.header.now, self.header.good
         then = self._snapshot(now, "")
         kept = None if good is None else self._snapshot(good, "good ")

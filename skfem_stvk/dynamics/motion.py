@@ -36,7 +36,7 @@ class Motion:
 
     @cached_property
     def at_rest(self) -> TangentOperator:
-        """K(0)."""
+        """Tangent stiffness K(0) of the body at rest, as an operator."""
         return self.system.linear_operator(np.zeros(self.system.ndofs))
 
     @property

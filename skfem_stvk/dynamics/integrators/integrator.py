@@ -67,7 +67,7 @@ class Integrator(ABC):
 
     @property
     def name(self) -> str:
-        """The name of its class."""
+        """Name of the integrator: that of its class."""
         return type(self).__name__
 
     @abstractmethod
