@@ -18,7 +18,7 @@ from .dynamics import (
 )
 from .errors import LoadError, MaterialError, MeshError, RegionError, StateError, StvkError, StvkWarning, SupportError
 from .materials import Anisotropic, Isotropic, Orthotropic, TransverselyIsotropic
-from .mesh import SimplexMesh, embedded_mesh, read_mesh
+from .mesh import ElementMesh, embedded_mesh, read_mesh
 from .nonlinear.outcome import Interrupted
 from .referee import Report, verify
 from .statics import SolveError, StaticResult, Stop, solve_static
@@ -32,6 +32,7 @@ __all__ = [
     "BodyForce",
     "EdgeDamping",
     "ElasticFoundation",
+    "ElementMesh",
     "EnergyMomentum",
     "ForwardEuler",
     "GeneralizedAlpha",
@@ -50,7 +51,6 @@ __all__ = [
     "RegionError",
     "Report",
     "Run",
-    "SimplexMesh",
     "SimulationError",
     "SolveError",
     "StVK",

@@ -3,7 +3,7 @@
 import numpy as np
 import skfem
 
-from skfem_stvk import Anisotropic, Isotropic, Orthotropic, SimplexMesh, StVK, TransverselyIsotropic
+from skfem_stvk import Anisotropic, ElementMesh, Isotropic, Orthotropic, StVK, TransverselyIsotropic
 from skfem_stvk.referee.bodies import elasticity
 from skfem_stvk.reference import ReferenceStVK
 
@@ -24,25 +24,25 @@ def turned_round(t, rng):
 def box(n=3):
     rng = np.random.default_rng(1)
     mesh = skfem.MeshTet.init_tensor(*[np.linspace(0, 1, n + 1)] * 3)
-    return SimplexMesh(distorted(mesh.p, rng), turned_round(mesh.t, rng))
+    return ElementMesh(distorted(mesh.p, rng), turned_round(mesh.t, rng))
 
 
 def sheet(n=4):
     rng = np.random.default_rng(2)
     mesh = skfem.MeshTri.init_tensor(*[np.linspace(0, 1, n + 1)] * 2)
-    return SimplexMesh(distorted(mesh.p, rng), turned_round(mesh.t, rng))
+    return ElementMesh(distorted(mesh.p, rng), turned_round(mesh.t, rng))
 
 
 def membrane(n=4):
     flat = sheet(n)
     x, y = flat.p
-    return SimplexMesh(np.stack([x, y, 0.3 * np.sin(3 * x) + 0.2 * y**2]), flat.t)
+    return ElementMesh(np.stack([x, y, 0.3 * np.sin(3 * x) + 0.2 * y**2]), flat.t)
 
 
 def bar(n=6, d=1):
     s = np.linspace(0, 1, n + 1) ** 1.3
     p = np.stack([s, 0.3 * s**2, np.cos(s)])[:d]
-    return SimplexMesh(p, np.stack([np.arange(n), np.arange(1, n + 1)])[[1, 0]])
+    return ElementMesh(p, np.stack([np.arange(n), np.arange(1, n + 1)])[[1, 0]])
 
 
 def random_frames(n, rng):

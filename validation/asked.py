@@ -9,13 +9,13 @@ from typing import Any
 import numpy as np
 from rich.table import Table
 
-from skfem_stvk import SimplexMesh, StVK
+from skfem_stvk import ElementMesh, StVK
 from skfem_stvk.bench.costs import best_and_median
 from skfem_stvk.edges import TENSILE
 from skfem_stvk.system import Pattern
 
 
-def costs(meshes: Mapping[str, SimplexMesh], term: StVK, seconds: float) -> Table:
+def costs(meshes: Mapping[str, ElementMesh], term: StVK, seconds: float) -> Table:
     """ns per tetrahedron of each call, and how many times that of W and F."""
     table = Table(box=None, header_style="bold")
     table.add_column("asked")
@@ -30,7 +30,7 @@ def costs(meshes: Mapping[str, SimplexMesh], term: StVK, seconds: float) -> Tabl
     return table
 
 
-def calls(mesh: SimplexMesh, term: StVK) -> dict[str, Callable[[], Any]]:
+def calls(mesh: ElementMesh, term: StVK) -> dict[str, Callable[[], Any]]:
     """Calls by what is asked, in a state with edges in tension and in compression."""
     assembly, rng = term.bind(mesh), np.random.default_rng(0)
     u, v = (amount * rng.standard_normal((mesh.nv, 3)) for amount in (0.1 * np.cbrt(np.ptp(mesh.p) ** 3 / mesh.nv), 1.0))

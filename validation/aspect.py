@@ -8,7 +8,7 @@ import numpy as np
 import skfem
 from rich.console import Console
 
-from skfem_stvk import SimplexMesh, StVK, System
+from skfem_stvk import ElementMesh, StVK, System
 from skfem_stvk.mesh.geometry import aspect_ratios
 from skfem_stvk.referee.exact import ExactStVK
 from skfem_stvk.referee.terminal import grid
@@ -29,7 +29,7 @@ def measure() -> Iterator[tuple[float, float, float, float]]:
     noise = np.random.default_rng(0).uniform(-0.1, 0.1, cube.p.shape)
     for squeeze in SQUEEZES:
         p = (cube.p + noise) * np.array([[1.0], [1.0], [squeeze]])
-        mesh = SimplexMesh(p, cube.t)
+        mesh = ElementMesh(p, cube.t)
         body = System(mesh, StVK(young=YOUNG, poisson=POISSON))
         reference = ReferenceStVK(p, mesh.t, isotropic_tensor(YOUNG, POISSON, 3, condensed=False))
         for strain in STRAINS:

@@ -12,7 +12,7 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from skfem_stvk import SimplexMesh, StVK, System
+from skfem_stvk import ElementMesh, StVK, System
 from skfem_stvk.bench.control import Control, compiler
 from skfem_stvk.bench.costs import best_and_median
 from skfem_stvk.bench.meshes import bracket
@@ -63,7 +63,7 @@ def main(quick: bool = False) -> int:
     return 0
 
 
-def measured(mesh: SimplexMesh, seconds: float) -> dict[tuple[str, str], tuple[float, float]]:
+def measured(mesh: ElementMesh, seconds: float) -> dict[tuple[str, str], tuple[float, float]]:
     """ns per tetrahedron and CSR products of each candidate."""
     body = Body(mesh, LAM, MU)
     u = state(body)
@@ -79,7 +79,7 @@ def measured(mesh: SimplexMesh, seconds: float) -> dict[tuple[str, str], tuple[f
     return {key: (1e9 * value / mesh.nt, value / product) for key, value in best.items()}
 
 
-def candidates(mesh: SimplexMesh, body: Body, u: Any) -> Iterator[tuple[tuple[str, str], Callable[[], Any]]]:
+def candidates(mesh: ElementMesh, body: Body, u: Any) -> Iterator[tuple[tuple[str, str], Callable[[], Any]]]:
     """Calls by quantity and name; F of all but the C loop is checked."""
     x = u.ravel()
     ours = System(mesh, TERM)

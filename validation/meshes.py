@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import skfem_stvk.mesh
-from skfem_stvk import SimplexMesh
+from skfem_stvk import ElementMesh
 from skfem_stvk.bench.meshes import bracket
 from skfem_stvk.mesh import read_mesh
 from skfem_stvk.mesh.geometry import Geometry
@@ -19,7 +19,7 @@ EMBEDDED_SIZE = 8e-3  # [m]
 FINE_SIZE = 2.5e-3  # [m]; 26 000 tetrahedra
 
 
-def save(mesh: SimplexMesh, file: Path) -> None:
+def save(mesh: ElementMesh, file: Path) -> None:
     """Write the groups of tetrahedra and of facets as physical groups of a binary Gmsh 2.2 file."""
     cells, tags, names = [], [], {}
     groups = [(3, "tetra", name, mesh.t[:, ids]) for name, ids in mesh.subdomains.items()]
@@ -32,13 +32,13 @@ def save(mesh: SimplexMesh, file: Path) -> None:
     meshio.write(file, meshio.Mesh(mesh.p.T, cells, cell_data=data, field_data=names), file_format="gmsh22", binary=True)
 
 
-def signed_volumes(mesh: SimplexMesh) -> NDArray[np.float64]:
+def signed_volumes(mesh: ElementMesh) -> NDArray[np.float64]:
     """(nt,) volumes [m^3], negative where an element is turned round."""
     x = mesh.p.T[mesh.t.T]
     return np.asarray(np.linalg.det(x[:, 1:] - x[:, :1]) / 6)
 
 
-def dihedral_angles(mesh: SimplexMesh) -> NDArray[np.float64]:
+def dihedral_angles(mesh: ElementMesh) -> NDArray[np.float64]:
     """(6, nt) angles between the faces of each tetrahedron [degrees]."""
     g = Geometry(mesh.p, mesh.t).gradients
     g = g / np.linalg.norm(g, axis=2, keepdims=True)
@@ -46,7 +46,7 @@ def dihedral_angles(mesh: SimplexMesh) -> NDArray[np.float64]:
     return np.degrees([np.arccos(-(g[:, a] * g[:, b]).sum(axis=1)) for a, b in pairs])
 
 
-def describe(mesh: SimplexMesh) -> str:
+def describe(mesh: ElementMesh) -> str:
     """Counts, groups and quality in words."""
     groups = [f"{name} {len(ids)} elements" for name, ids in mesh.subdomains.items()]
     groups += [f"{name} {facets.shape[1]} facets" for name, facets in mesh.boundaries.items()]

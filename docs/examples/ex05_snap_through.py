@@ -10,13 +10,13 @@ import matplotlib.pyplot as plt
 import numpy as np
 import skfem
 
-from skfem_stvk import SimplexMesh, Stop, StVK, System, Traction, solve_static
+from skfem_stvk import ElementMesh, Stop, StVK, System, Traction, solve_static
 
 SPAN, RISE, THICKNESS = 1.0, 0.03, 0.01
 
 strip = skfem.MeshQuad.init_tensor(np.linspace(-SPAN / 2, SPAN / 2, 61), np.linspace(-THICKNESS / 2, THICKNESS / 2, 5)).to_meshtri()
 x, y = strip.p
-arch = SimplexMesh(
+arch = ElementMesh(
     np.stack([x, y + RISE * np.cos(np.pi * x / SPAN) ** 2]),
     strip.t,
     boundaries={

@@ -11,7 +11,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 import skfem
 
-from skfem_stvk import Pressure, SimplexMesh, Stop, StVK, System, Traction, solve_static
+from skfem_stvk import ElementMesh, Pressure, Stop, StVK, System, Traction, solve_static
 
 RADIUS, THICKNESS, YOUNG, POISSON = 1.0, 0.04, 1e9, 0.3
 outer = RADIUS + THICKNESS / 2
@@ -35,7 +35,7 @@ round_ring = np.stack([radius * np.sin(angle), radius * np.cos(angle)])
 def squeezed(load, imperfection=0.0, stop=None):
     """The path of a ring, made oval by a fraction of its thickness, under a load that grows to `full`."""
     p = round_ring * (1 + imperfection * THICKNESS * np.cos(2 * angle))
-    mesh = SimplexMesh(p, strip.t, boundaries=boundaries)
+    mesh = ElementMesh(p, strip.t, boundaries=boundaries)
     system = System(mesh, [StVK(young=YOUNG, poisson=POISSON), load], fixed={"top": "x", "side": "y"})
     stop = stop or Stop(load=0.9)
     return solve_static(system, steps=5, method="arc-length", stop=stop, quiet=True, raise_on_failure=False)

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import StvkError, StvkWarning
-from ..mesh import SimplexMesh
+from ..mesh import ElementMesh
 from ..mesh.geometry import vertex_sizes
 from ..peers import PEERS, load
 from ..peers.peer import lame
@@ -79,7 +79,7 @@ def _control_calls(specimen: Specimen) -> Calls:
     return {(CONTROL, quantity): partial(getattr(loop, method), specimen.u) for quantity, method in METHODS.items()}
 
 
-def reference_on(mesh: SimplexMesh) -> ReferenceStVK:
+def reference_on(mesh: ElementMesh) -> ReferenceStVK:
     """scikit-fem's standard assembly of the benchmark's material."""
     return ReferenceStVK(mesh.p, mesh.t, isotropic_tensor(YOUNG, POISSON, 3, False))
 
@@ -109,7 +109,7 @@ def _time_peer(results: Benchmark, specimen: Specimen, name: str) -> None:
         _time(results, specimen, name, model)
 
 
-def peer_on(name: str, mesh: SimplexMesh) -> Any:
+def peer_on(name: str, mesh: ElementMesh) -> Any:
     """A peer of the benchmark's material; a StvkError if it is not installed."""
     return load(name)(mesh.p, mesh.t, YOUNG, POISSON)
 
@@ -150,7 +150,7 @@ def compare_errors(results: Benchmark, specimen: Specimen) -> None:
                 results.errors.append(ErrorOf(player, dtype, "K", strain, relative_error(product, Kv)))
 
 
-def _models(results: Benchmark, specimen: Specimen, piece: SimplexMesh) -> dict[tuple[str, str], Any]:
+def _models(results: Benchmark, specimen: Specimen, piece: ElementMesh) -> dict[tuple[str, str], Any]:
     """Every player that was timed, by name and precision."""
     models: dict[tuple[str, str], Any] = {(REFERENCE, "float64"): reference_on(piece)}
     with warnings.catch_warnings():

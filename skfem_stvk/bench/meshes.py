@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from ..arguments import Array
 from ..errors import StvkError
-from ..mesh import SimplexMesh, read_mesh
+from ..mesh import ElementMesh, read_mesh
 from ..terms import StVK
 
 YOUNG, POISSON = 1e5, 0.3  # [Pa, -]; lambda = 1.5 mu
@@ -47,7 +47,7 @@ class Specimen:
         return f"{self.kind} {self.size}"
 
     @cached_property
-    def mesh(self) -> SimplexMesh:
+    def mesh(self) -> ElementMesh:
         """The mesh, which is made when it is first asked for; a StvkError if it is of a part, and Gmsh or its size is missing."""
         return box(self.size) if self.kind == "box" else part(self.size)
 
@@ -70,7 +70,7 @@ class Specimen:
         return StVK(young=YOUNG, poisson=POISSON)
 
 
-def box(size: int) -> SimplexMesh:
+def box(size: int) -> ElementMesh:
     """A grid of boxes of six tetrahedra each, in scikit-fem's own order, with about `size` tetrahedra.
 
     >>> [box(size).nt for size in (5_000, 40_000)]
@@ -79,17 +79,17 @@ def box(size: int) -> SimplexMesh:
     n = max(round((size / 6) ** (1 / 3)), 1)
     sides = n, n, max(round(size / (6 * n * n)), 1)
     mesh = skfem.MeshTet.init_tensor(*(np.linspace(0, side / n, side + 1) for side in sides))
-    return SimplexMesh(mesh.p, _half_turned_round(mesh.t.astype(np.int32)))
+    return ElementMesh(mesh.p, _half_turned_round(mesh.t.astype(np.int32)))
 
 
-def part(size: int) -> SimplexMesh:
+def part(size: int) -> ElementMesh:
     """An angle bracket that Gmsh meshes, with about `size` tetrahedra."""
     if size not in EDGE_OF_PART:
         raise StvkError(f"A part of {size} tetrahedra was asked for; there are {', '.join(map(str, EDGE_OF_PART))}.")
     return bracket(EDGE_OF_PART[size])
 
 
-def bracket(size: float) -> SimplexMesh:
+def bracket(size: float) -> ElementMesh:
     """An angle bracket with a fillet, a bolt hole and a bushing, in tetrahedra of edges of about `size` [m].
 
     Subdomains 'bracket' and 'bushing' share their vertices; boundaries are 'bolt' and 'bore'. Gmsh makes positive elements only:
@@ -104,7 +104,7 @@ def bracket(size: float) -> SimplexMesh:
         file = Path(folder) / "bracket.msh"
         gmsh.write(str(file))
         mesh = read_mesh(file)
-    return SimplexMesh(mesh.p, _half_turned_round(mesh.t.copy()), mesh.subdomains, mesh.boundaries)
+    return ElementMesh(mesh.p, _half_turned_round(mesh.t.copy()), mesh.subdomains, mesh.boundaries)
 
 
 def _half_turned_round(t: NDArray[np.int32]) -> NDArray[np.int32]:

@@ -18,7 +18,7 @@ from rich.console import Console, RenderableType
 from ..bench import FULL, QUICK, bench, page
 from ..errors import StvkError, StvkWarning
 from ..kernels.threads import threads
-from ..mesh import SimplexMesh, embedded_mesh, read_mesh
+from ..mesh import ElementMesh, embedded_mesh, read_mesh
 from ..referee.header import caches, machine, optional, versions
 from ..referee.terminal import WIDTH, printable, rendered
 from ..referee.verification import verify
@@ -134,7 +134,7 @@ def _give(rendering: Rendering, width: int, save: Callable[[str], object], folde
         console.print(f"{files} are in {printable(folder)}", soft_wrap=True)
 
 
-def _body(options: argparse.Namespace) -> tuple[SimplexMesh, list[StVK]]:
+def _body(options: argparse.Namespace) -> tuple[ElementMesh, list[StVK]]:
     given = options.young is not None or options.poisson is not None
     if options.mesh is not None and not given:
         raise StvkError("A mesh needs a material: add --young (Pa) and --poisson, e.g. --young 70e9 --poisson 0.33.")

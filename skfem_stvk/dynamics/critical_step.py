@@ -176,8 +176,8 @@ def critical_step(system: SystemLike, u: ArrayLike | None = None, *, damping: Da
         if `damping` is no damping.
 
     >>> import numpy as np
-    >>> from skfem_stvk import SimplexMesh, StVK, System
-    >>> line = SimplexMesh(np.linspace(0, 1, 11)[None], np.stack([np.arange(10), np.arange(1, 11)]))
+    >>> from skfem_stvk import ElementMesh, StVK, System
+    >>> line = ElementMesh(np.linspace(0, 1, 11)[None], np.stack([np.arange(10), np.arange(1, 11)]))
     >>> bar = System(line, StVK(young=4.0, poisson=0.3, density=1.0))
     >>> critical = critical_step(bar)             # the time that a wave of speed 2 m/s takes through an element of 0.1 m
     >>> round(critical.step, 4), round(critical.bound, 3)

@@ -9,14 +9,12 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_matrix
 from scipy.sparse.csgraph import reverse_cuthill_mckee
 
+from ..elements.element import LOCAL_EDGES
 from ..kernels.lanes import LANES
 from ..kernels.threads import parts_of
 from ..kernels.topology import edges_of_simplices, lexicographic_order, numbers_by_first_use, stars
 
 Ids = NDArray[np.int32]
-
-#: Local edges of a segment, triangle and tetrahedron, as pairs of local vertices: those of a tetrahedron begin with a triangle's.
-LOCAL_EDGES = {1: ((0, 1),), 2: ((0, 1), (1, 2), (0, 2)), 3: ((0, 1), (1, 2), (0, 2), (0, 3), (1, 3), (2, 3))}
 
 
 def edge_topology(t: NDArray[np.int32]) -> tuple[NDArray[np.int32], NDArray[np.int32]]:

@@ -16,7 +16,7 @@ from .groups import KINDS, cell_groups, corners, count_cells, facet_groups, inne
 
 
 class Content(NamedTuple):
-    """What `SimplexMesh` is made of."""
+    """What `ElementMesh` is made of."""
 
     p: NDArray[np.float64]
     t: NDArray[Any]

@@ -11,13 +11,13 @@ from scipy.spatial import cKDTree
 from ..errors import MeshError, name_ids, warn
 from ..kernels.geometry import measures
 from ..kernels.topology import lexicographic_order
-from .simplices import SimplexMesh
+from .mesh import ElementMesh
 
 #: Of edges in powers of ten: squares of volumes are numbers in double precision then.
 LARGEST_EXPONENT = 50
 
 
-def check_mesh(mesh: SimplexMesh) -> None:
+def check_mesh(mesh: ElementMesh) -> None:
     """Refuse a mesh that cannot carry an elastic body, and warn of one that is probably not what was meant.
 
     Negative orientation is normal (half of the elements of `MeshTet.init_tensor`) and accepted.
@@ -62,7 +62,7 @@ def check_mesh(mesh: SimplexMesh) -> None:
     warn_of_parts(mesh)
 
 
-def flat_elements(mesh: SimplexMesh) -> NDArray[np.int64]:
+def flat_elements(mesh: ElementMesh) -> NDArray[np.int64]:
     """Elements whose smallest height is zero to within rounding: of the coordinates, and 1e-12 of the longest edge."""
     p = mesh.p / scale_of(mesh.p)  # so that volumes neither overflow nor vanish
     parallelepiped, longest, largest_facet = measures(p, mesh.t)
@@ -80,7 +80,7 @@ def scale_of(p: NDArray[np.float64]) -> float:
     return 2.0 ** np.clip(np.floor(np.log2(largest)), -1021, 1022) if largest > 0 else 1.0
 
 
-def check_range(mesh: SimplexMesh) -> None:
+def check_range(mesh: ElementMesh) -> None:
     """Refuse lengths that energies and stiffnesses, made of squares of volumes, cannot be computed from in double precision."""
     scale = scale_of(mesh.p)
     longest = measures(mesh.p / scale, mesh.t)[1]
@@ -93,7 +93,7 @@ def check_range(mesh: SimplexMesh) -> None:
         )
 
 
-def warn_of_flat_elements(mesh: SimplexMesh) -> None:
+def warn_of_flat_elements(mesh: ElementMesh) -> None:
     """Warn of elements that are too flat for single precision, where errors are 1e-7 x (longest edge/smallest height)^2."""
     parallelepiped, longest, largest_facet = measures(mesh.p, mesh.t)
     aspect = longest * largest_facet / parallelepiped
@@ -105,7 +105,7 @@ def warn_of_flat_elements(mesh: SimplexMesh) -> None:
         )
 
 
-def warn_of_coincident_vertices(mesh: SimplexMesh) -> None:
+def warn_of_coincident_vertices(mesh: ElementMesh) -> None:
     """Warn of vertices closer than 1e-6 of the elements' longest edge, in the median: seams that do not hold together."""
     near = 1e-6 * float(np.median(measures(mesh.p, mesh.t)[1]))
     size = np.ptp(mesh.p, axis=1).max()
@@ -118,13 +118,13 @@ def warn_of_coincident_vertices(mesh: SimplexMesh) -> None:
         )
 
 
-def parts(mesh: SimplexMesh) -> NDArray[np.int32]:
+def parts(mesh: ElementMesh) -> NDArray[np.int32]:
     """(nv,) number of the connected part that each vertex belongs to; parts that share one vertex are connected."""
     links = coo_matrix((np.ones(mesh.t[1:].size), (np.tile(mesh.t[0], mesh.k), mesh.t[1:].ravel())), shape=(mesh.nv, mesh.nv))
     return connected_components(links, directed=False)[1]
 
 
-def warn_of_parts(mesh: SimplexMesh) -> None:
+def warn_of_parts(mesh: ElementMesh) -> None:
     sizes = np.sort(np.bincount(parts(mesh)))[::-1]
     if len(sizes) > 1:
         shown = ", ".join(str(size) for size in sizes[:5]) + (", ..." if len(sizes) > 5 else "")

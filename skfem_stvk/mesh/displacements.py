@@ -11,13 +11,13 @@ from numpy.typing import ArrayLike
 from ..arguments import Array, vector
 from ..errors import StateError, name_ids
 from ..kernels import blocks as block_kernels
-from .simplices import SimplexMesh
+from .mesh import ElementMesh
 
 
-def by_vertex(mesh: SimplexMesh, u: ArrayLike, name: str = "u") -> Array:
+def by_vertex(mesh: ElementMesh, u: ArrayLike, name: str = "u") -> Array:
     """`u` (ndofs,) as (nv, d), not copied if it is in double or single precision and contiguous; otherwise as in `finite_vector`.
 
-    >>> by_vertex(SimplexMesh(p=[[0, 1], [0, 0]], t=[[0], [1]]), [1, 2, 3, 4])
+    >>> by_vertex(ElementMesh(p=[[0, 1], [0, 0]], t=[[0], [1]]), [1, 2, 3, 4])
     array([[1., 2.],
            [3., 4.]])
     """

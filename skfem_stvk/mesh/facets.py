@@ -13,6 +13,7 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
 from ..arguments import frozen
+from ..elements import Element
 from ..kernels.geometry import measures
 from ..kernels.topology import lexicographic_order
 
@@ -20,15 +21,21 @@ Ids = NDArray[np.int32]
 
 
 class MeshArrays:
-    """Simplices of dimension `k` in a space of dimension `d`, as bare arrays."""
+    """Elements of dimension `k` in a space of dimension `d`, as bare arrays."""
 
-    p: NDArray[np.float64]  # (d, nv) coordinates of the vertices [m]
-    t: Ids  # (k + 1, nt) vertices of the simplices
+    p: NDArray[np.float64]  # (d, nv) coordinates of the nodes [m]
+    t: Ids  # (n, nt) nodes of the elements
+    element: Element
 
     @property
     def k(self) -> int:
-        """Dimension of the simplices."""
-        return self.t.shape[0] - 1
+        """Dimension of the elements."""
+        return self.element.k
+
+    @property
+    def corners(self) -> Ids:
+        """(m, nt) corners of the elements: of quadratic ones without the middles of edges."""
+        return self.t[: self.element.corners]
 
     @property
     def d(self) -> int:
@@ -37,12 +44,12 @@ class MeshArrays:
 
     @property
     def nv(self) -> int:
-        """Number of vertices."""
+        """Number of nodes: of vertices, and of middles of edges that quadratic elements have."""
         return self.p.shape[1]
 
     @property
     def nt(self) -> int:
-        """Number of simplices."""
+        """Number of elements."""
         return self.t.shape[1]
 
     @cached_property
@@ -83,8 +90,8 @@ def boundary_facets(mesh: MeshArrays) -> Ids:
     Those of tetrahedra are counterclockwise when seen from outside; those of triangles in the plane have the body on their left.
     `mesh.surface` keeps them.
 
-    >>> from skfem_stvk import SimplexMesh
-    >>> boundary_facets(SimplexMesh(p=[[0, 1, 0], [0, 0, 1]], t=[[0], [2], [1]]))
+    >>> from skfem_stvk import ElementMesh
+    >>> boundary_facets(ElementMesh(p=[[0, 1, 0], [0, 0, 1]], t=[[0], [2], [1]]))
     array([[0, 2, 1],
            [1, 0, 2]], dtype=int32)
     """

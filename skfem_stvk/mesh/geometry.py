@@ -8,7 +8,7 @@ from math import factorial
 import numpy as np
 from numpy.typing import NDArray
 
-from .simplices import SimplexMesh
+from .mesh import ElementMesh
 
 
 class Geometry:
@@ -42,26 +42,26 @@ class Geometry:
         return self.gradients @ np.swapaxes(self.gradients, 1, 2)
 
 
-def edge_differences(mesh: SimplexMesh, x: NDArray[np.float64]) -> NDArray[np.float64]:
+def edge_differences(mesh: ElementMesh, x: NDArray[np.float64]) -> NDArray[np.float64]:
     """(d, m, nt) differences of a field `x` (d, nv) along the edges of the simplices."""
     a, b = np.array(list(combinations(range(mesh.k + 1), 2))).T
     corners = x[:, mesh.t]
     return corners[:, a] - corners[:, b]
 
 
-def edge_lengths(mesh: SimplexMesh) -> NDArray[np.float64]:
+def edge_lengths(mesh: ElementMesh) -> NDArray[np.float64]:
     """(m, nt) lengths of the edges of the simplices [m]."""
     return np.linalg.norm(edge_differences(mesh, mesh.p), axis=0)
 
 
-def vertex_sizes(mesh: SimplexMesh) -> NDArray[np.float64]:
+def vertex_sizes(mesh: ElementMesh) -> NDArray[np.float64]:
     """(nv,) shortest edge of the simplices around each vertex [m]."""
     size = np.full(mesh.nv, np.inf)
     np.minimum.at(size, mesh.t.ravel(), np.tile(edge_lengths(mesh).min(axis=0), mesh.k + 1))
     return size
 
 
-def aspect_ratios(mesh: SimplexMesh) -> NDArray[np.float64]:
+def aspect_ratios(mesh: ElementMesh) -> NDArray[np.float64]:
     """(nt,) longest edge over smallest height of the simplices; 1.22 for a regular tetrahedron, 1 for a segment."""
     longest = edge_lengths(mesh).max(axis=0)
     steepest = np.linalg.norm(Geometry(mesh.p, mesh.t).gradients, axis=2).max(axis=1)

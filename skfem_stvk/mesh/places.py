@@ -33,8 +33,8 @@ def vertices_at(mesh: Marked, where: Where, what: str = "The place") -> NDArray[
 
     Messages of the RegionError begin with `what` asks for them.
 
-    >>> from skfem_stvk import SimplexMesh
-    >>> mesh = SimplexMesh(p=[[0, 1, 0, 1], [0, 0, 1, 1]], t=[[0, 1], [1, 2], [2, 3]], node_sets={"corner": [3]})
+    >>> from skfem_stvk import ElementMesh
+    >>> mesh = ElementMesh(p=[[0, 1, 0, 1], [0, 0, 1, 1]], t=[[0, 1], [1, 2], [2, 3]], node_sets={"corner": [3]})
     >>> vertices_at(mesh, "corner"), vertices_at(mesh, lambda x: x[0] == 0), vertices_at(mesh, [2, 0])
     (array([3]), array([0, 2]), array([2, 0]))
     """
@@ -60,8 +60,8 @@ def vertices_at(mesh: Marked, where: Where, what: str = "The place") -> NDArray[
 def facets_at(mesh: Marked, where: Where, what: str = "The place") -> NDArray[np.int32]:
     """The facets (k, n) at a place, each once: those of a named boundary, or boundary facets with all vertices there.
 
-    >>> from skfem_stvk import SimplexMesh
-    >>> mesh = SimplexMesh(p=[[0, 1, 0, 1], [0, 0, 1, 1]], t=[[0, 1], [1, 2], [2, 3]])
+    >>> from skfem_stvk import ElementMesh
+    >>> mesh = ElementMesh(p=[[0, 1, 0, 1], [0, 0, 1, 1]], t=[[0, 1], [1, 2], [2, 3]])
     >>> facets_at(mesh, lambda x: x[0] == 0)
     array([[2],
            [0]], dtype=int32)
@@ -194,10 +194,10 @@ def dofs_of(mesh: MeshArrays, view: DofsView, what: str) -> NDArray[np.int64]:
     """Degrees of freedom of the view on this mesh, ascending; components that were dropped from it are not among them.
 
     >>> import skfem
-    >>> from skfem_stvk import SimplexMesh
+    >>> from skfem_stvk import ElementMesh
     >>> square = skfem.MeshTri()
     >>> view = skfem.Basis(square, skfem.ElementVector(skfem.ElementTriP1())).get_dofs(lambda x: x[0] == 0)
-    >>> vertices_of(view), dofs_of(SimplexMesh.of(square), view.keep("u^2"), "fixed")
+    >>> vertices_of(view), dofs_of(ElementMesh.of(square), view.keep("u^2"), "fixed")
     (array([0, 2]), array([1, 5]))
     """
     refuse_foreign(mesh, view, what)

@@ -15,13 +15,13 @@ import numpy as np
 from ..errors import MeshError
 from .content import check_cells, content_of
 from .formats import CHECKS, READERS, Counts, Damaged
-from .simplices import SimplexMesh
+from .mesh import ElementMesh
 
 #: A packed file is unpacked to at most as many times its size; text of meshes packs to a third or a tenth.
 MOST_UNPACKED = 50
 
 
-def read_mesh(path: str | Path) -> SimplexMesh:
+def read_mesh(path: str | Path) -> ElementMesh:
     """The simplices of a mesh file: Gmsh, VTK, VTU, Abaqus and whatever else meshio reads.
 
     Taken are the simplices of the highest dimension in the file, by their corners, with the vertices in the order of the
@@ -48,10 +48,10 @@ def read_mesh(path: str | Path) -> SimplexMesh:
     ['bracket', 'bushing']
     """
     path = Path(path)
-    return SimplexMesh.made_of(content_of(load(path), str(path)), str(path))
+    return ElementMesh.made_of(content_of(load(path), str(path)), str(path))
 
 
-def embedded_mesh() -> SimplexMesh:
+def embedded_mesh() -> ElementMesh:
     """An angle bracket [m] with a fillet, a bolt hole and a bushing of its own subdomain, meshed by Gmsh.
 
     Subdomains 'bracket' and 'bushing'; boundaries 'bolt' (the wall of the hole in the base) and 'bore' (inside the

@@ -15,12 +15,12 @@ import numpy as np
 from ..arguments import Array
 from ..errors import MaterialError
 from ..materials import Anisotropic, FramedMaterial, Isotropic, Material, Orthotropic, TransverselyIsotropic
-from ..mesh import SimplexMesh
+from ..mesh import ElementMesh
 from ..reference import anisotropic_tensor, engineering_matrix, isotropic_tensor, simplex_axes
 from ..terms import StVK
 
 
-def volumes(mesh: SimplexMesh) -> Array:
+def volumes(mesh: ElementMesh) -> Array:
     """(nt,) lengths, areas or volumes, from the Gram determinant [m^k]."""
     x = mesh.p.T[mesh.t.T]
     spokes = x[:, 1:] - x[:, :1]
@@ -28,12 +28,12 @@ def volumes(mesh: SimplexMesh) -> Array:
     return np.sqrt(np.abs(squared)) / factorial(mesh.k)
 
 
-def is_condensed(mesh: SimplexMesh, term: StVK) -> bool:
+def is_condensed(mesh: ElementMesh, term: StVK) -> bool:
     """Whether there is no stress across the simplices: segments, membranes in space, plane stress on request."""
     return mesh.k == 1 or (mesh.k == 2 and (mesh.d == 3 or term.plane == "stress"))
 
 
-def elasticity(mesh: SimplexMesh, terms: Sequence[StVK]) -> Array:
+def elasticity(mesh: ElementMesh, terms: Sequence[StVK]) -> Array:
     """(nt or 1, k, k, k, k) sums of the elasticity tensors of each element's terms in its own axes, times its section."""
     axes = simplex_axes(mesh.p, mesh.t)
     if len(terms) == 1 and terms[0].region is None:
@@ -45,7 +45,7 @@ def elasticity(mesh: SimplexMesh, terms: Sequence[StVK]) -> Array:
     return total
 
 
-def _tensor(mesh: SimplexMesh, term: StVK, axes: Array) -> Array:
+def _tensor(mesh: ElementMesh, term: StVK, axes: Array) -> Array:
     condensed, material = is_condensed(mesh, term), term.material
     if isinstance(material, Isotropic):
         tensor = isotropic_tensor(material.young, np.nan if material.poisson is None else material.poisson, mesh.k, condensed)
@@ -70,7 +70,7 @@ def _voigt_matrix(material: Material | None) -> Array:
     raise MaterialError(f"The referee has no reference for a {type(material).__name__}; add its matrix to referee/bodies.py.")
 
 
-def _section(mesh: SimplexMesh, term: StVK) -> Array | None:
+def _section(mesh: ElementMesh, term: StVK) -> Array | None:
     value = {1: term.area, 2: term.thickness}.get(mesh.k)
     return None if value is None else np.asarray(value)
 
@@ -88,7 +88,7 @@ class Homogeneous:
     same: bool
 
 
-def homogeneous_copy(mesh: SimplexMesh, terms: Sequence[StVK]) -> Homogeneous:
+def homogeneous_copy(mesh: ElementMesh, terms: Sequence[StVK]) -> Homogeneous:
     """The body itself if it is homogeneous and isotropic, else one with the mean of its isotropic constants over its volume."""
     first = terms[0]
     if len(terms) == 1 and first.region is None and _is_uniform(mesh, first):
@@ -105,7 +105,7 @@ def homogeneous_copy(mesh: SimplexMesh, terms: Sequence[StVK]) -> Homogeneous:
     return Homogeneous(copy, (float(lam), float(mu)), tensor, same=copy is first)
 
 
-def _is_uniform(mesh: SimplexMesh, term: StVK) -> bool:
+def _is_uniform(mesh: ElementMesh, term: StVK) -> bool:
     """Isotropic, with one value of every constant."""
     if not isinstance(term.material, Isotropic):
         return False

@@ -11,7 +11,7 @@ from scipy.sparse import csr_matrix, diags, issparse
 from scipy.spatial.transform import Rotation
 
 from ..arguments import Array
-from ..mesh import SimplexMesh
+from ..mesh import ElementMesh
 from ..mesh.geometry import edge_differences, edge_lengths, vertex_sizes
 from .bodies import Homogeneous
 from .judgement import RoundOff, largest_component, largest_rows
@@ -34,7 +34,7 @@ class Case:
     times its section, `bare` counts the elements of no term, and the check of precision fills the rows of error against strain.
     """
 
-    mesh: SimplexMesh
+    mesh: ElementMesh
     ours: Player
     reference: Player
     scikit_fem: Player

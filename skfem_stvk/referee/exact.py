@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from scipy.sparse import coo_matrix, csr_matrix
 
 from ..arguments import Array
-from ..mesh import SimplexMesh
+from ..mesh import ElementMesh
 from ..mesh.geometry import aspect_ratios
 from ..reference import ReferenceStVK
 
@@ -123,7 +123,7 @@ class Truth:
     exact : elements that are computed in 50 digits: the flattest `MOST` of those with an aspect ratio beyond `FLAT`.
     """
 
-    def __init__(self, mesh: SimplexMesh, tensor: Array) -> None:
+    def __init__(self, mesh: ElementMesh, tensor: Array) -> None:
         aspect = aspect_ratios(mesh)
         flattest = np.argsort(-aspect, kind="stable")[:MOST]
         self.exact = flattest[aspect[flattest] > FLAT]

@@ -21,7 +21,7 @@ from ..edges.stiffness import GeneralStiffness
 from ..edges.topology import LOCAL_EDGES
 from ..errors import StvkError
 from ..materials import Hypothesis, Isotropic
-from ..mesh import SimplexMesh
+from ..mesh import ElementMesh
 from ..system import System
 from ..terms import Body, StVK
 
@@ -38,7 +38,7 @@ class Fault:
     """
 
     description: str
-    make: Callable[[SimplexMesh, StVK], Any]
+    make: Callable[[ElementMesh, StVK], Any]
     caught_by: frozenset[tuple[str, str]]
 
 
@@ -78,33 +78,33 @@ def _disturbed(
     )
 
 
-def _linear(mesh: SimplexMesh, term: StVK) -> _Model:
+def _linear(mesh: ElementMesh, term: StVK) -> _Model:
     """Small-strain elasticity: `W = 1/2 u' K0 u`."""
     body = System(mesh, term)
     K0 = body.tangent(np.zeros(body.ndofs))
     return _Model(lambda u: float(u @ (K0 @ u)) / 2, lambda u: np.asarray(K0 @ u), lambda u: K0)
 
 
-def _transposed(mesh: SimplexMesh, term: StVK) -> _Model:
+def _transposed(mesh: ElementMesh, term: StVK) -> _Model:
     """Components one after another instead of vertex by vertex."""
     body = System(mesh, term)
     order = np.arange(body.ndofs).reshape(-1, mesh.d).T.ravel()
     return _Model(body.energy, lambda u: body.internal_force(u)[order], lambda u: csr_matrix(body.tangent(u)[order][:, order]))
 
 
-def _with_lame(lam_factor: float, mu_factor: float, mesh: SimplexMesh, term: StVK) -> System:
+def _with_lame(lam_factor: float, mu_factor: float, mesh: ElementMesh, term: StVK) -> System:
     _refuse_other_bodies(mesh, term)
     assert isinstance(term.material, Isotropic)
     lam, mu = term.material.lame(Hypothesis.SOLID)
     return System(mesh, StVK(Isotropic.from_lame(lam_factor * lam, mu_factor * mu), term.region))
 
 
-def _altered(change: Callable[[Array], None], mesh: SimplexMesh, term: StVK) -> System:
+def _altered(change: Callable[[Array], None], mesh: ElementMesh, term: StVK) -> System:
     _refuse_other_bodies(mesh, term)
     return System(mesh, _Altered(term, change))
 
 
-def _refuse_other_bodies(mesh: SimplexMesh, term: StVK) -> None:
+def _refuse_other_bodies(mesh: ElementMesh, term: StVK) -> None:
     if mesh.k != 3 or not isinstance(term.material, Isotropic):
         raise StvkError(f"This fault is for isotropic tetrahedra; got {mesh.kind} of {type(term.material).__name__}.")
 
@@ -130,7 +130,7 @@ def _opposite(m: int) -> tuple[list[int], list[int]]:
     return [i for i, _ in pairs], [j for _, j in pairs]
 
 
-def _no_geometric_term(mesh: SimplexMesh, term: StVK) -> _Model:
+def _no_geometric_term(mesh: ElementMesh, term: StVK) -> _Model:
     form = term.bind(mesh).form
 
     def geometric(u: Array) -> csr_matrix:
@@ -142,37 +142,37 @@ def _no_geometric_term(mesh: SimplexMesh, term: StVK) -> _Model:
     return _disturbed(System(mesh, term), tangent=lambda u: -geometric(u))
 
 
-def _wrong_sign_of_K(mesh: SimplexMesh, term: StVK) -> _Model:
+def _wrong_sign_of_K(mesh: ElementMesh, term: StVK) -> _Model:
     body = System(mesh, term)
     return _disturbed(body, tangent=lambda u: -2 * body.tangent(u))
 
 
-def _units(mesh: SimplexMesh, term: StVK) -> tuple[System, float, float]:
+def _units(mesh: ElementMesh, term: StVK) -> tuple[System, float, float]:
     """The body, a force and a stiffness that are small on it, but far beyond round-off."""
     body = System(mesh, term)
     stiffness = 1e-6 * float(abs(body.tangent(np.zeros(body.ndofs))).max())
     return body, stiffness * float(np.ptp(mesh.p)) / mesh.nv, stiffness
 
 
-def _lone_force(mesh: SimplexMesh, term: StVK) -> _Model:
+def _lone_force(mesh: ElementMesh, term: StVK) -> _Model:
     body, force, _ = _units(mesh, term)
     return _disturbed(body, force=lambda u: force * _unit(mesh, 0, 0))
 
 
-def _couple(mesh: SimplexMesh, term: StVK) -> _Model:
+def _couple(mesh: ElementMesh, term: StVK) -> _Model:
     """Opposite forces along x at the lowest and the highest vertex: no sum, but a torque, and a mean stress P_13."""
     body, force, _ = _units(mesh, term)
     low, high = int(np.argmin(mesh.p[2])), int(np.argmax(mesh.p[2]))
     return _disturbed(body, force=lambda u: force * (_unit(mesh, high, 0) - _unit(mesh, low, 0)))
 
 
-def _skew_tangent(mesh: SimplexMesh, term: StVK) -> _Model:
+def _skew_tangent(mesh: ElementMesh, term: StVK) -> _Model:
     body, _, stiffness = _units(mesh, term)
     skew = coo_matrix(([stiffness, -stiffness], ([0, 1], [1, 0])), shape=(body.ndofs,) * 2)
     return _disturbed(body, tangent=lambda u: skew)
 
 
-def _anchored(mesh: SimplexMesh, term: StVK) -> _Model:
+def _anchored(mesh: ElementMesh, term: StVK) -> _Model:
     body, _, stiffness = _units(mesh, term)
     return _disturbed(
         body,
@@ -182,12 +182,12 @@ def _anchored(mesh: SimplexMesh, term: StVK) -> _Model:
     )
 
 
-def _energy_of_a_place(mesh: SimplexMesh, term: StVK) -> _Model:
+def _energy_of_a_place(mesh: ElementMesh, term: StVK) -> _Model:
     body, _, stiffness = _units(mesh, term)
     return _disturbed(body, energy=lambda u: stiffness / 2 * float(u[0]) ** 2)
 
 
-def _unit(mesh: SimplexMesh, vertex: int, component: int) -> Array:
+def _unit(mesh: ElementMesh, vertex: int, component: int) -> Array:
     unit = np.zeros(mesh.p.size)
     unit[mesh.d * vertex + component] = 1.0
     return unit

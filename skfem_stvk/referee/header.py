@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from ..materials import FramedMaterial, Isotropic
-from ..mesh import SimplexMesh
+from ..mesh import ElementMesh
 from ..mesh.geometry import aspect_ratios, edge_lengths
 from ..peers import PEERS
 from ..terms import StVK
@@ -97,7 +97,7 @@ def _processor() -> str:
         return platform.processor() or platform.machine()
 
 
-def mesh_facts(mesh: SimplexMesh) -> dict[str, Any]:
+def mesh_facts(mesh: ElementMesh) -> dict[str, Any]:
     """Hash, counts and shape of a mesh; the hash covers coordinates and elements."""
     lengths, aspect = edge_lengths(mesh), aspect_ratios(mesh)
     facts: dict[str, Any] = {
@@ -119,7 +119,7 @@ def mesh_facts(mesh: SimplexMesh) -> dict[str, Any]:
     return facts
 
 
-def material_facts(mesh: SimplexMesh, term: StVK) -> str:
+def material_facts(mesh: ElementMesh, term: StVK) -> str:
     """A term in one line."""
     material = term.material
     if isinstance(material, Isotropic):
@@ -135,7 +135,7 @@ def material_facts(mesh: SimplexMesh, term: StVK) -> str:
     return _region(mesh, term) + ", ".join([words, *extras])
 
 
-def _region(mesh: SimplexMesh, term: StVK) -> str:
+def _region(mesh: ElementMesh, term: StVK) -> str:
     if term.region is None:
         return ""
     return f"{term.region!r}: " if isinstance(term.region, str) else f"{len(mesh.elements(term.region))} elements: "
@@ -156,7 +156,7 @@ def circumstances(packages: Sequence[str]) -> dict[str, Any]:
     }
 
 
-def header(mesh: SimplexMesh, terms: Sequence[StVK], source: str, seed: int) -> dict[str, Any]:
+def header(mesh: ElementMesh, terms: Sequence[StVK], source: str, seed: int) -> dict[str, Any]:
     """The head of a report on this body; `source` says where the mesh is from."""
     facts = {
         "mesh": {"source": source} | mesh_facts(mesh),

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_matrix, spmatrix
 
 from ..arguments import Array
-from ..mesh import SimplexMesh
+from ..mesh import ElementMesh
 from ..mesh.geometry import Geometry, edge_differences
 
 Measurement = dict[str, Any]
@@ -31,7 +31,7 @@ MARGIN_BY_ASPECT = 0.2
 KEPT = 9
 
 
-def by_vertex(mesh: SimplexMesh, error: Array, scale: Array, lost: Array, words: str, reason: str) -> Measurement:
+def by_vertex(mesh: ElementMesh, error: Array, scale: Array, lost: Array, words: str, reason: str) -> Measurement:
     """A measurement of the errors (ndofs,), at the vertex where they are largest for their limit.
 
     `scale` (nv,) is what they are relative to, in `words`, and `lost` (nv,) the round-off that a right form may have.
@@ -48,7 +48,7 @@ def by_vertex(mesh: SimplexMesh, error: Array, scale: Array, lost: Array, words:
     }
 
 
-def by_entry(mesh: SimplexMesh, difference: spmatrix, rows: Array, lost: csr_matrix, words: str, reason: str) -> Measurement:
+def by_entry(mesh: ElementMesh, difference: spmatrix, rows: Array, lost: csr_matrix, words: str, reason: str) -> Measurement:
     """A measurement of the entries of a difference of matrices.
 
     An entry is relative to the geometric mean of `rows` (nv,) of its vertices; `lost` (nv, nv) is what a right form may lose.
@@ -123,7 +123,7 @@ def _why(reason: str, limit: Array) -> str:
     return f"{reason}; up to {limit.max():.0e} {where}, for what round-off may cost in their flat or small elements"
 
 
-def worst_places(mesh: SimplexMesh, error: NDArray[np.float64], limit: float) -> dict[str, Any]:
+def worst_places(mesh: ElementMesh, error: NDArray[np.float64], limit: float) -> dict[str, Any]:
     """The worst place of an error (ndofs,), and the vertices and elements that are beyond the limit.
 
     `suspects` are the elements all of whose vertices are beyond the limit: a fault in single elements leaves just those.
@@ -188,7 +188,7 @@ class RoundOff:
     strained by more than its flatness, what is lost is small beside the forces themselves.
     """
 
-    def __init__(self, mesh: SimplexMesh, modulus: Array) -> None:
+    def __init__(self, mesh: ElementMesh, modulus: Array) -> None:
         geometry = Geometry(mesh.p, mesh.t)
         self.mesh, self._gradients = mesh, geometry.gradients
         self.steepest = np.linalg.norm(geometry.gradients, axis=2).max(axis=1)
@@ -245,6 +245,6 @@ class RoundOff:
         return self.by_vertex(values[self.mesh.t].max(axis=0))
 
 
-def _longest(mesh: SimplexMesh, x: Array) -> Array:
+def _longest(mesh: ElementMesh, x: Array) -> Array:
     longest: Array = np.linalg.norm(edge_differences(mesh, x), axis=0).max(axis=0)
     return longest

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from ..arguments import flag, shown, whole
 from ..errors import MaterialError, StvkError
 from ..materials import Material
-from ..mesh import MeshLike, SimplexMesh
+from ..mesh import ElementMesh, MeshLike
 from ..reference import ReferenceStVK
 from ..system import System
 from ..terms import StVK
@@ -56,7 +56,7 @@ def verify(
 
     Parameters
     ----------
-    mesh : scikit-fem mesh of simplices, arrays `(p, t)`, or `SimplexMesh`.
+    mesh : scikit-fem mesh of simplices, arrays `(p, t)`, or `ElementMesh`.
     material : a material, an `StVK` term, or several terms for several regions; or instead
     young, poisson : of an isotropic one.
     candidate : any object with any of `energy(u)`, `internal_force(u)`, `tangent(u)` (dense, sparse or a `LinearOperator`), for the
@@ -86,7 +86,7 @@ def verify(
     started = time.perf_counter()
     seed, quiet = whole("seed", seed, "a whole number from 0"), flag("quiet", quiet)
     candidate_is_stvk = flag("candidate_is_stvk", candidate_is_stvk)
-    body = SimplexMesh.of(mesh)
+    body = ElementMesh.of(mesh)
     terms = _terms(material, young, poisson)
     system = System(body, terms)
     case = _case(system, terms, candidate, candidate_is_stvk, seed)

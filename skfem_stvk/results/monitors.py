@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from ..arguments import Array
 from ..errors import name_ids
 from ..materials import FramedMaterial, Isotropic, Material
-from ..mesh import SimplexMesh
+from ..mesh import ElementMesh
 from ..system.protocol import SystemLike
 from ..terms import HasStress
 from .ellipticity import without_ellipticity
@@ -129,12 +129,12 @@ class Monitors:
         return Finding(name, ids, extreme, f"{name_ids(ids, 'element')}, the first at {where} at rest: {what}")
 
 
-def named_elements(mesh: SimplexMesh, ids: NDArray[np.int64]) -> str:
+def named_elements(mesh: ElementMesh, ids: NDArray[np.int64]) -> str:
     """The first few elements, and where the first one is at rest; empty if there are none."""
     return f"{name_ids(ids, 'element')}, the first one near x = {point_of(mesh, ids[0])}" if len(ids) else ""
 
 
-def point_of(mesh: SimplexMesh, element: int) -> str:
+def point_of(mesh: ElementMesh, element: int) -> str:
     """The centre of an element at rest."""
     return f"({', '.join(f'{x:.4g}' for x in mesh.p[:, mesh.t[:, element]].mean(axis=1))})"
 

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..arguments import Array, number, real_array, shown, text
 from ..errors import StvkError
-from ..mesh import SimplexMesh
+from ..mesh import ElementMesh
 from ..mesh.facets import facet_ids
 from .fields import NodalAverage, State, checked_state, masked, split_nodes
 from .law import in_space
@@ -125,7 +125,7 @@ def _in_words(times: list[float]) -> list[str]:
 class Sight:
     """The visible part of a mesh, for pictures of it at any displacements."""
 
-    def __init__(self, mesh: SimplexMesh) -> None:
+    def __init__(self, mesh: ElementMesh) -> None:
         self._d, self._seen = mesh.d, visible_cells(mesh)
         self._cells = mesh.t[self._seen]
         self._rest = in_space(mesh.p.T)
@@ -179,7 +179,7 @@ def prefixed(largest: float, unit: str) -> tuple[float, str]:
     return 10.0**-power, PREFIXES[power] + unit.replace("^3", "³")
 
 
-def visible_cells(mesh: SimplexMesh) -> tuple[Ids, Ids]:
+def visible_cells(mesh: ElementMesh) -> tuple[Ids, Ids]:
     """(m, n) corners and (n,) elements of what is drawn: the boundary facets of tetrahedra, other simplices as they are.
 
     `mesh.t[corners, elements]` are the vertices; facets are counterclockwise when seen from outside.

@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike
 from .. import arguments
 from ..arguments import choice
 from ..errors import StvkError, name_known
-from ..mesh import SimplexMesh
+from ..mesh import ElementMesh
 from .fields import State, checked_state, masked
 from .files import output_path, replacing
 from .picture import Film, Picture, Sight, checked_label, checked_scale, corner_values, picture_of
@@ -155,7 +155,7 @@ def _of_files(series: str | os.PathLike[str], field: str, scale: float, label: s
     files = [file for _, file in listed]
     first = _read(files[0])
     p, cells = first.points.T, first.cells[0]
-    sight = Sight(SimplexMesh(p, cells.data.T))
+    sight = Sight(ElementMesh(p, cells.data.T))
     name, named, unit = _described(first, field, files[0])
 
     def picture(number: int) -> Picture:

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from .. import arguments
 from ..arguments import Array
 from ..errors import SupportError
-from ..mesh import SimplexMesh
+from ..mesh import ElementMesh
 from ..mesh.displacements import by_vertex
 from ..mesh.places import Where, describe, vertices_at
 from ..system.protocol import SystemLike
@@ -26,7 +26,7 @@ class Reaction:
     by_node : (n, d) force on each [N].
     rest, u : (n, d) where they were, and by how much they have moved [m].
 
-    >>> mesh = SimplexMesh(p=[[0, 2, 2, 0], [0, 0, 1, 1]], t=[[0, 0], [1, 2], [2, 3]])
+    >>> mesh = ElementMesh(p=[[0, 2, 2, 0], [0, 0, 1, 1]], t=[[0, 0], [1, 2], [2, 3]])
     >>> force = np.array([[0, 0], [3.0, 1], [-3, 1], [0, 0]])
     >>> right = Reaction.of(mesh, np.zeros(8), force, [1, 2])
     >>> right
@@ -41,7 +41,7 @@ class Reaction:
     u: Array
 
     @classmethod
-    def of(cls, mesh: SimplexMesh, u: ArrayLike, forces: ArrayLike, vertices: Where) -> Reaction:
+    def of(cls, mesh: ElementMesh, u: ArrayLike, forces: ArrayLike, vertices: Where) -> Reaction:
         """The nodal forces (nv, d) [N], flat or not, that act on the vertices at a place at displacements `u` (ndofs,) [m].
 
         Raises
@@ -51,7 +51,7 @@ class Reaction:
         RegionError
             if there are no vertices, or not these.
         """
-        mesh = SimplexMesh.of(mesh)
+        mesh = ElementMesh.of(mesh)
         ids = np.sort(vertices_at(mesh, vertices, "Reaction at vertices"))
         return cls(ids, _nodal(forces, "forces", mesh)[ids], mesh.p.T[ids], _nodal(u, "u", mesh)[ids])
 
@@ -116,7 +116,7 @@ def _centred(x: Array) -> Array:
     return x - x.mean(axis=0)
 
 
-def _nodal(values: ArrayLike, name: str, mesh: SimplexMesh) -> Array:
+def _nodal(values: ArrayLike, name: str, mesh: ElementMesh) -> Array:
     """Finite numbers (nv, d), given so or as (nv d,)."""
     given = arguments.real_array(values)
     flat = values if given is None or given.shape != (mesh.nv, mesh.d) else given.ravel()

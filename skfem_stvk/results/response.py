@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from ..arguments import Array
 from ..errors import StateError, StvkError
 from ..materials import Hypothesis, Material
-from ..mesh import MeshLike, SimplexMesh
+from ..mesh import ElementMesh, MeshLike
 from ..mesh.geometry import Geometry
 from ..terms import Body, HasPressure, HasStress
 from .law import dilation, rest_frames, strain_and_stress, volume_stress
@@ -49,7 +49,7 @@ class ElasticBody:
     """
 
     def __init__(self, mesh: MeshLike, terms: Any) -> None:
-        self.mesh = SimplexMesh.of(mesh)
+        self.mesh = ElementMesh.of(mesh)
         every = list(terms) if isinstance(terms, Iterable) and not isinstance(terms, np.ndarray) else [terms]
         carrying = [term for term in every if isinstance(term, HasStress)]
         penalties = [term for term in every if isinstance(term, HasPressure)]

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..arguments import Array
-from ..mesh import SimplexMesh
+from ..mesh import ElementMesh
 from .fields import State, checked_state
 from .files import output_path, replacing
 from .law import in_space
@@ -81,7 +81,7 @@ def _components(values: Array, symmetric: bool) -> Array:
     return values[:, i, j]
 
 
-def _regions(mesh: SimplexMesh) -> Arrays:
+def _regions(mesh: ElementMesh) -> Arrays:
     arrays: Arrays = {}
     if mesh.subdomains:
         region = np.zeros(mesh.nt, dtype=np.int32)

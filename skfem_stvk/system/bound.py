@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, DTypeLike, NDArray
 from ..arguments import Array, number
 from ..edges.pairs import with_blocks
 from ..errors import StvkError, name_ids, warn
-from ..mesh import SimplexMesh
+from ..mesh import ElementMesh
 from ..mesh.displacements import by_vertex
 from ..terms import Body, BoundLoad, BoundTerm, HasState, HasStretch, HasVolume, Load, Term, is_load
 
@@ -27,7 +27,7 @@ class BoundTerms:
     what those are on this mesh, `pair_terms` the elastic ones with what is made of their blocks.
     """
 
-    def __init__(self, mesh: SimplexMesh, terms: Term | Load | Sequence[Term | Load], dtype: DTypeLike) -> None:
+    def __init__(self, mesh: ElementMesh, terms: Term | Load | Sequence[Term | Load], dtype: DTypeLike) -> None:
         self.mesh, self.dtype = mesh, np.dtype(dtype)
         self.terms = tuple(terms) if isinstance(terms, Sequence) else (terms,)
         if not self.terms:

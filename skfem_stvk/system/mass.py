@@ -13,7 +13,7 @@ from scipy.sparse import csr_matrix, diags
 from ..arguments import Array, number
 from ..edges.simplices import nbytes
 from ..errors import MaterialError, name_ids
-from ..mesh import SimplexMesh
+from ..mesh import ElementMesh
 from ..mesh.displacements import finite_vector
 from .pattern import Patterned
 
@@ -47,7 +47,7 @@ class Mass(ABC):
 
     kind: ClassVar[str]
 
-    def __init__(self, system: Patterned, mesh: SimplexMesh, elements: Array, held: NDArray[Any]) -> None:
+    def __init__(self, system: Patterned, mesh: ElementMesh, elements: Array, held: NDArray[Any]) -> None:
         self._d, self._system = mesh.d, system
         shares = np.tile(elements / (mesh.k + 1), mesh.k + 1)
         self.vertex: Array = np.bincount(mesh.t.ravel(), weights=shares, minlength=mesh.nv).astype(np.float64)
@@ -134,7 +134,7 @@ class LumpedMass(Mass):
 
     kind = "lumped"
 
-    def __init__(self, system: Patterned, mesh: SimplexMesh, elements: Array, held: NDArray[Any]) -> None:
+    def __init__(self, system: Patterned, mesh: ElementMesh, elements: Array, held: NDArray[Any]) -> None:
         super().__init__(system, mesh, elements, held)
         self._dofs = np.repeat(self.vertex, mesh.d)
         self._inverse = _inverse(self.vertex, self._free).ravel()
@@ -163,7 +163,7 @@ class ConsistentMass(Mass):
 
     kind = "consistent"
 
-    def __init__(self, system: Patterned, mesh: SimplexMesh, elements: Array, held: NDArray[Any]) -> None:
+    def __init__(self, system: Patterned, mesh: ElementMesh, elements: Array, held: NDArray[Any]) -> None:
         super().__init__(system, mesh, elements, held)
         self._scalar = _scalar_matrix(mesh, elements)
         self._inverse = _inverse(self._scalar.diagonal(), self._free)
@@ -208,7 +208,7 @@ class ConsistentMass(Mass):
 KINDS: dict[str, type[Mass]] = {"lumped": LumpedMass, "consistent": ConsistentMass}
 
 
-def _scalar_matrix(mesh: SimplexMesh, elements: Array) -> csr_matrix:
+def _scalar_matrix(mesh: ElementMesh, elements: Array) -> csr_matrix:
     """(nv, nv) consistent masses of one component; only elements that have mass couple their vertices."""
     heavy = np.flatnonzero(elements > 0)
     t, corners = mesh.t[:, heavy], mesh.k + 1

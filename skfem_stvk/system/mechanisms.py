@@ -14,7 +14,7 @@ from scipy.sparse.csgraph import connected_components
 from ..arguments import Array
 from ..errors import SupportError, name_ids
 from ..kernels.topology import pieces_of_simplices
-from ..mesh import SimplexMesh
+from ..mesh import ElementMesh
 from ..terms import BoundTerm
 from .constraints import Block, compressed, free_motions
 from .rigid import centred, motions, name_part, parts_of, rigid_modes_left
@@ -48,7 +48,7 @@ class Corners(NamedTuple):
     piece: Ids
 
 
-def check_held(mesh: SimplexMesh, terms: Sequence[BoundTerm], held: NDArray[Any], solid: NDArray[np.bool_]) -> None:
+def check_held(mesh: ElementMesh, terms: Sequence[BoundTerm], held: NDArray[Any], solid: NDArray[np.bool_]) -> None:
     """Refuse a body that can move without strain: whose `terms` hold it together and to the ground, with supports at `held`.
 
     Mechanisms are looked for where elements are rigid as long as they are not strained: tetrahedra, and triangles in the plane,

@@ -16,7 +16,7 @@ from ..kernels import blocks as block_kernels
 from ..kernels.threads import parts_of, run, threads
 from ..kernels.topology import expand, first_places, lexicographic_order, stars
 from ..mesh.displacements import finite_vector
-from ..mesh.simplices import check_index_range
+from ..mesh.mesh import check_index_range
 
 
 class Structure:

@@ -12,7 +12,7 @@ from scipy.sparse import csr_matrix
 from ..arguments import Array, shown
 from ..edges import ALL, Tensions
 from ..errors import StvkError
-from ..mesh import SimplexMesh
+from ..mesh import ElementMesh
 from ..terms import BoundLoad, BoundTerm, Load
 from ..terms.load import Time
 from .mass import Mass
@@ -37,7 +37,7 @@ class SystemLike(Protocol):
     """
 
     @property
-    def mesh(self) -> SimplexMesh: ...
+    def mesh(self) -> ElementMesh: ...
     @property
     def dtype(self) -> np.dtype[Any]: ...
     @property

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from ..arguments import shown, whole_array
 from ..errors import SupportError, name_ids
-from ..mesh import SimplexMesh
+from ..mesh import ElementMesh
 from ..mesh.places import DofsView, Where, describe, dofs_of, vertices_at
 from ..terms.load import Moment, Time, Value
 
@@ -44,16 +44,16 @@ class Supports:
         if a component is not of the mesh; a value has the wrong shape or is not finite; a degree of freedom is both fixed and
         prescribed, or prescribed twice with different values; or none is free.
 
-    >>> mesh = SimplexMesh(p=[[0, 1, 0], [0, 0, 1]], t=[[0], [1], [2]])
+    >>> mesh = ElementMesh(p=[[0, 1, 0], [0, 0, 1]], t=[[0], [1], [2]])
     >>> supports = Supports(mesh, {(0,): "xy"}, {(1,): {"y": 0.1}})
     >>> supports.fixed, supports.prescribed, supports.values(0.5)
     (array([0, 1]), array([3]), array([0.  , 0.  , 0.05]))
     """
 
     def __init__(
-        self, mesh: SimplexMesh, fixed: Displacements | DofsView | None = None, prescribed: Displacements | None = None
+        self, mesh: ElementMesh, fixed: Displacements | DofsView | None = None, prescribed: Displacements | None = None
     ) -> None:
-        self._mesh = mesh = SimplexMesh.of(mesh)
+        self._mesh = mesh = ElementMesh.of(mesh)
         self.fixed = fixed_dofs(mesh, fixed)
         entries = _pairs(prescribed, "prescribed", '{"handle": {"x": 0.01}}')
         motions = [motion for where, given in entries for motion in self._move(where, given)]
@@ -127,10 +127,10 @@ class Supports:
         return "; ".join(f"{'xyz'[c]} of {name_ids(vertices[components == c], 'vertex')}" for c in np.unique(components))
 
 
-def fixed_dofs(mesh: SimplexMesh, fixed: Displacements | DofsView | None) -> Dofs:
+def fixed_dofs(mesh: ElementMesh, fixed: Displacements | DofsView | None) -> Dofs:
     """Degrees of freedom that components at places are, or that scikit-fem found; ascending. Errors as in `Supports`.
 
-    >>> mesh = SimplexMesh(p=[[0, 1, 0], [0, 0, 1]], t=[[0], [1], [2]])
+    >>> mesh = ElementMesh(p=[[0, 1, 0], [0, 0, 1]], t=[[0], [1], [2]])
     >>> fixed_dofs(mesh, [([2, 0], "y")])
     array([1, 5])
     """
@@ -139,7 +139,7 @@ def fixed_dofs(mesh: SimplexMesh, fixed: Displacements | DofsView | None) -> Dof
     return _union([_fixed_at(mesh, where, letters) for where, letters in _pairs(fixed, "fixed", '{"wall": "xyz"}')])
 
 
-def dofs_at(mesh: SimplexMesh, given: Any) -> Any:
+def dofs_at(mesh: ElementMesh, given: Any) -> Any:
     """Degrees of freedom of all that `fixed_dofs` takes, and of all components at a name or predicate; others as they are given."""
     if isinstance(given, str) or callable(given):
         return _dofs(vertices_at(mesh, given, "fixed"), range(mesh.d), mesh.d)
@@ -149,14 +149,14 @@ def dofs_at(mesh: SimplexMesh, given: Any) -> Any:
     return fixed_dofs(mesh, given) if pairs or isinstance(given, Mapping | DofsView) else given
 
 
-def _fixed_at(mesh: SimplexMesh, where: Where, letters: Any) -> Dofs:
+def _fixed_at(mesh: ElementMesh, where: Where, letters: Any) -> Dofs:
     what = f"fixed on {describe(where)}"
     if isinstance(letters, DofsView):  # one of those by name that get_dofs({...}) returned
         return dofs_of(mesh, letters, what)
     return _dofs(vertices_at(mesh, where, what), _components(mesh, letters, what), mesh.d)
 
 
-def _components(mesh: SimplexMesh, letters: Any, what: str) -> list[int]:
+def _components(mesh: ElementMesh, letters: Any, what: str) -> list[int]:
     own = "xyz"[: mesh.d]
     if not isinstance(letters, str) or not letters or not set(letters) <= set(own) or len(set(letters)) < len(letters):
         raise SupportError(

@@ -16,7 +16,7 @@ from ..edges.pairs import Coupled, version_of
 from ..edges.simplices import nbytes
 from ..errors import LoadError, StvkError
 from ..kernels.threads import Turn
-from ..mesh import MeshLike, SimplexMesh
+from ..mesh import ElementMesh, MeshLike
 from ..mesh.diagnostics import check_mesh, warn_of_flat_elements
 from ..mesh.places import DofsView
 from ..terms import Grounded, HasMemory, HasRoundOff, HasStress, Load, Quartic, Term, TurningLoad, is_load
@@ -43,7 +43,7 @@ class System(BoundTerms):
 
     Parameters
     ----------
-    mesh : scikit-fem mesh of simplices, arrays `(p, t)`, or `SimplexMesh`.
+    mesh : scikit-fem mesh of simplices, arrays `(p, t)`, or `ElementMesh`.
     terms : a term, or several that add up: `StVK`, `VolumePenalty`, `ElasticFoundation`; the loads `Gravity`, `BodyForce`,
         `NodalLoad`, `Traction`, `Pressure`.
     fixed : components that do not move, by place: `{"wall": "xyz", "symmetry": "y"}`. A place is the name of a boundary or of a
@@ -82,7 +82,7 @@ class System(BoundTerms):
         *,
         dtype: DTypeLike = np.float64,
     ) -> None:
-        mesh, double = SimplexMesh.of(mesh), _float_type(dtype) == np.float64
+        mesh, double = ElementMesh.of(mesh), _float_type(dtype) == np.float64
         check_mesh(mesh)
         if not double:
             warn_of_flat_elements(mesh)
@@ -426,7 +426,7 @@ def _float_type(dtype: Any) -> np.dtype[Any]:
     return found
 
 
-def array_to_fill(mesh: SimplexMesh, out: Array) -> Array:
+def array_to_fill(mesh: ElementMesh, out: Array) -> Array:
     """An array of floats (ndofs,) in one piece to write to, as (nv, d); anything else is refused."""
     own = isinstance(out, np.ndarray) and not isinstance(out, np.ma.MaskedArray) and out.dtype.char in "df"
     if not own or out.shape != (mesh.p.size,) or not (out.flags.carray and out.dtype.isnative):

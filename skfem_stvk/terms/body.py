@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from ..arguments import Array
 from ..errors import LoadError, MaterialError, name_ids
 from ..kernels.geometry import measures
-from ..mesh import SimplexMesh
+from ..mesh import ElementMesh
 from ..mesh.facets import facet_sizes, facets_of, find_facets
 
 
@@ -25,7 +25,7 @@ class HasMass(Protocol):
     def region(self) -> Any:
         """Name of a subdomain, element ids, or None for all elements."""
 
-    def mass(self, mesh: SimplexMesh, sizes: Array) -> Array:
+    def mass(self, mesh: ElementMesh, sizes: Array) -> Array:
         """(n,) masses [kg] of the elements of the region, from their lengths, areas or volumes `sizes` (n,)."""
 
 
@@ -37,10 +37,10 @@ class HasSection(Protocol):
     def region(self) -> Any:
         """Name of a subdomain, element ids, or None for all elements."""
 
-    def section(self, mesh: SimplexMesh, n: int) -> Array:
+    def section(self, mesh: ElementMesh, n: int) -> Array:
         """What turns the measure of an element into a volume, a number or (n,)."""
 
-    def confined_modulus(self, mesh: SimplexMesh, n: int) -> Array:
+    def confined_modulus(self, mesh: ElementMesh, n: int) -> Array:
         """`lam + 2 mu` [Pa], a number or (n,)."""
 
 
@@ -49,12 +49,12 @@ class Body:
 
     >>> import skfem
     >>> from skfem_stvk import StVK
-    >>> body = Body(SimplexMesh.of(skfem.MeshTri()), [StVK(young=1.0, poisson=0.3, density=2.0, thickness=0.1)])
+    >>> body = Body(ElementMesh.of(skfem.MeshTri()), [StVK(young=1.0, poisson=0.3, density=2.0, thickness=0.1)])
     >>> body.volumes, body.mass
     (array([0.05, 0.05]), array([0.1, 0.1]))
     """
 
-    def __init__(self, mesh: SimplexMesh, terms: Sequence[Any]) -> None:
+    def __init__(self, mesh: ElementMesh, terms: Sequence[Any]) -> None:
         self.mesh = mesh
         self._terms = terms
         self._materials = [term for term in terms if isinstance(term, HasSection)]

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..arguments import Array
-from ..mesh import SimplexMesh
+from ..mesh import ElementMesh
 from ..mesh.places import Where, describe, facets_at, in_order, vertices_at
 from .body import Body
 from .load import Moment, Time, Value
@@ -155,7 +155,7 @@ class Traction(Load):
 class Nodes:
     """Vertices that take the values as they are: what `Spread` is for forces on vertices."""
 
-    def __init__(self, mesh: SimplexMesh, vertices: NDArray[np.int64]) -> None:
+    def __init__(self, mesh: ElementMesh, vertices: NDArray[np.int64]) -> None:
         self.vertices, self.x = vertices, mesh.p[:, vertices]
 
     def integrate(self, values: Values) -> Values:
@@ -171,7 +171,7 @@ class DeadLoad:
 
     has_potential = dead = True
 
-    def __init__(self, mesh: SimplexMesh, spread: Spread | Nodes, value: Value) -> None:
+    def __init__(self, mesh: ElementMesh, spread: Spread | Nodes, value: Value) -> None:
         self._at: Any = slice(None) if np.array_equal(spread.vertices, np.arange(mesh.nv)) else spread.vertices
         self._spread, self._value = spread, value
         self._unit = None if value.constant is None else spread.integrate(value.constant)

@@ -12,7 +12,7 @@ from ..arguments import Array, own, real_array, shown
 from ..edges import ALL, NodeBlocks, Tensions
 from ..edges.topology import edge_topology
 from ..errors import LoadError
-from ..mesh import SimplexMesh
+from ..mesh import ElementMesh
 from ..mesh.places import Where, describe, facets_at
 from .body import Body
 from .spread import Spread
@@ -60,7 +60,7 @@ class ElasticFoundation:
         object.__setattr__(self, "stiffness", k)
         own(self)
 
-    def bind(self, body: Body | SimplexMesh, dtype: DTypeLike = np.float64) -> Bedding:
+    def bind(self, body: Body | ElementMesh, dtype: DTypeLike = np.float64) -> Bedding:
         """The bedding of a body; of a mesh alone, with thickness or area 1."""
         body = body if isinstance(body, Body) else Body(body, [])
         what, d = f"ElasticFoundation on {describe(self.where)}", body.mesh.d

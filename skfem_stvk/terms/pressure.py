@@ -12,7 +12,7 @@ from ..arguments import Array
 from ..edges import NodeBlocks
 from ..edges.topology import LOCAL_EDGES, edge_topology
 from ..errors import LoadError, name_ids
-from ..mesh import SimplexMesh
+from ..mesh import ElementMesh
 from ..mesh.facets import find_facets, turned_alike
 from ..mesh.places import Where, describe, facets_at, in_order
 from .body import Body
@@ -90,7 +90,7 @@ class FollowerPressure:
 
     has_potential = dead = symmetric = balanced = False
 
-    def __init__(self, mesh: SimplexMesh, surface: NDArray[np.int32], spread: Spread, value: Value) -> None:
+    def __init__(self, mesh: ElementMesh, surface: NDArray[np.int32], spread: Spread, value: Value) -> None:
         self._surface, self._spread, self._value = surface, spread, value
         self._rest = _spokes(mesh.p.T, surface)
         self.nodes_paired, sides = edge_topology(surface)
@@ -140,7 +140,7 @@ class FollowerPressure:
         return self._spread.shares(self._value.at(t)[None])[0]
 
 
-def _outwards(mesh: SimplexMesh, where: Any, what: str) -> NDArray[np.int32]:
+def _outwards(mesh: ElementMesh, where: Any, what: str) -> NDArray[np.int32]:
     """(k, n) the boundary facets there, turned outwards."""
     found = find_facets(facets_at(mesh, where, what), mesh.surface, mesh.nv)
     bad = np.flatnonzero(found < 0)
@@ -152,7 +152,7 @@ def _outwards(mesh: SimplexMesh, where: Any, what: str) -> NDArray[np.int32]:
     return mesh.surface[:, found]
 
 
-def _membrane(mesh: SimplexMesh, where: Any, what: str) -> NDArray[np.int32]:
+def _membrane(mesh: ElementMesh, where: Any, what: str) -> NDArray[np.int32]:
     """(3, n) triangles in space, all turned alike."""
     if callable(where):
         raise LoadError(

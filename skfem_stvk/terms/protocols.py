@@ -11,7 +11,7 @@ from numpy.typing import DTypeLike, NDArray
 from ..arguments import Array, own
 from ..edges.pairs import BoundTerm, NodeBlocks
 from ..materials import Hypothesis
-from ..mesh import SimplexMesh
+from ..mesh import ElementMesh
 from .body import Body
 from .load import Time
 
@@ -190,10 +190,10 @@ class HasStress(Protocol):
     def material(self) -> Any:
         """The material, with `check` and its moduli."""
 
-    def hypothesis(self, mesh: SimplexMesh) -> Hypothesis:
+    def hypothesis(self, mesh: ElementMesh) -> Hypothesis:
         """Which components of strain or stress vanish across the simplices of this mesh."""
 
-    def section(self, mesh: SimplexMesh, n: int) -> NDArray[np.float64]:
+    def section(self, mesh: ElementMesh, n: int) -> NDArray[np.float64]:
         """What turns the measure of a simplex into a volume, a number or (n,)."""
 
 

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..mesh import SimplexMesh
+from ..mesh import ElementMesh
 
 Values = NDArray[np.float64]
 
@@ -24,7 +24,7 @@ class Spread:
     """
 
     def __init__(
-        self, mesh: SimplexMesh, simplices: NDArray[np.int32], sizes: Values, vertices: NDArray[np.int64] | None = None
+        self, mesh: ElementMesh, simplices: NDArray[np.int32], sizes: Values, vertices: NDArray[np.int64] | None = None
     ) -> None:
         if vertices is None:
             there = np.zeros(mesh.nv, dtype=bool)

@@ -15,7 +15,7 @@ from ..edges.stiffness import GeneralStiffness, IsotropicStiffness, Stiffness, s
 from ..errors import MaterialError
 from ..materials import FramedMaterial, Hypothesis, Isotropic, Material
 from ..materials.material import check_length, constant
-from ..mesh import SimplexMesh
+from ..mesh import ElementMesh
 from ..mesh.geometry import Geometry
 from .body import Body
 
@@ -72,7 +72,7 @@ class StVK:
                 object.__setattr__(self, name, constant(getattr(self, name), name, low=0.0))
         own(self)
 
-    def hypothesis(self, mesh: SimplexMesh) -> Hypothesis:
+    def hypothesis(self, mesh: ElementMesh) -> Hypothesis:
         """Which components of strain or stress vanish across the simplices of this mesh.
 
         Raises
@@ -92,13 +92,13 @@ class StVK:
             raise MaterialError("Triangles in space are membranes, always in plane stress; leave plane out.")
         return Hypothesis.PLANE_STRESS if mesh.d == 3 or self.plane == "stress" else Hypothesis.PLANE_STRAIN
 
-    def bind(self, body: Body | SimplexMesh, dtype: DTypeLike = np.float64) -> Assembly:
+    def bind(self, body: Body | ElementMesh, dtype: DTypeLike = np.float64) -> Assembly:
         """The assembly of this material on a body's mesh; its `form` is the edge form."""
-        mesh = body if isinstance(body, SimplexMesh) else body.mesh
+        mesh = body if isinstance(body, ElementMesh) else body.mesh
         t = mesh.t if self.region is None else mesh.t[:, mesh.elements(self.region)]
         return Assembly(EdgeForm(mesh.p, t, self.stiffness(mesh)), dtype)
 
-    def stiffness(self, mesh: SimplexMesh) -> Stiffness:
+    def stiffness(self, mesh: ElementMesh) -> Stiffness:
         """The stiffness of each simplex of the region, in the form that stores least."""
         assert self.material is not None
         if not isinstance(self.material, Isotropic):
@@ -109,7 +109,7 @@ class StVK:
         lam, mu = (np.broadcast_to(value * section, n) for value in self.material.lame(hypothesis))
         return IsotropicStiffness(lam, mu)
 
-    def coefficients(self, mesh: SimplexMesh) -> NDArray[np.float64]:
+    def coefficients(self, mesh: ElementMesh) -> NDArray[np.float64]:
         """(n, m, m) coefficients `L` of each simplex of the region, for the pairs of its edges [J/m^4]."""
         assert self.material is not None
         elements, hypothesis = mesh.elements(self.region), self.hypothesis(mesh)
@@ -118,7 +118,7 @@ class StVK:
         geometry = Geometry(mesh.p, mesh.t[:, elements])
         return simplex_coefficients(geometry, self.material, hypothesis) * section[..., None, None]
 
-    def mass(self, mesh: SimplexMesh, sizes: NDArray[np.float64]) -> NDArray[np.float64]:
+    def mass(self, mesh: ElementMesh, sizes: NDArray[np.float64]) -> NDArray[np.float64]:
         """(n,) masses [kg] of the elements of the region, from their lengths, areas or volumes `sizes` (n,).
 
         Raises
@@ -132,7 +132,7 @@ class StVK:
             raise MaterialError(f"The material{region} has no density. Give it one: StVK(..., density=...) [kg/m^3].")
         return sizes * self.section(mesh, len(sizes)) * np.asarray(self.material.density)
 
-    def confined_modulus(self, mesh: SimplexMesh, n: int) -> NDArray[np.float64]:
+    def confined_modulus(self, mesh: ElementMesh, n: int) -> NDArray[np.float64]:
         """`lam + 2 mu` [Pa] within the simplices' own dimensions; if not isotropic the largest of `C_1111, C_2222, C_3333` in
         material axes."""
         assert self.material is not None
@@ -144,7 +144,7 @@ class StVK:
         assert isinstance(self.material, FramedMaterial)
         return np.asarray(np.diagonal(self.material.stiffness(), axis1=-2, axis2=-1)[..., :3].max(axis=-1))
 
-    def section(self, mesh: SimplexMesh, n: int) -> NDArray[np.float64]:
+    def section(self, mesh: ElementMesh, n: int) -> NDArray[np.float64]:
         """What turns the measure of a simplex into a volume: thickness, area, or 1; a number or (n,)."""
         name, value = {1: ("area", self.area), 2: ("thickness", self.thickness)}.get(mesh.k, ("", None))
         section = np.asarray(1.0 if value is None else value)

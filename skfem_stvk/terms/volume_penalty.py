@@ -13,7 +13,7 @@ from ..edges import PenaltyAssembly
 from ..edges.penalty import refuse_inside_out
 from ..errors import MaterialError, name_ids
 from ..materials.material import check_length, constant
-from ..mesh import SimplexMesh
+from ..mesh import ElementMesh
 from .body import Body
 from .volume_energies import ENERGIES
 
@@ -76,7 +76,7 @@ class VolumePenalty:
             object.__setattr__(self, "stiffness", constant(self.stiffness, "VolumePenalty: stiffness", low=0.0))
         own(self)
 
-    def bind(self, body: Body | SimplexMesh, dtype: DTypeLike = np.float64) -> PenaltyAssembly:
+    def bind(self, body: Body | ElementMesh, dtype: DTypeLike = np.float64) -> PenaltyAssembly:
         """The penalty of a body; of a mesh alone with thickness or area 1, and only with a stiffness."""
         body = body if isinstance(body, Body) else Body(body, [])
         mesh = body.mesh

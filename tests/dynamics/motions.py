@@ -8,7 +8,7 @@ import numpy as np
 import skfem
 from bodies import turned_round
 
-from skfem_stvk import Gravity, NodalLoad, SimplexMesh, StVK, System, Traction, simulate
+from skfem_stvk import ElementMesh, Gravity, NodalLoad, StVK, System, Traction, simulate
 from skfem_stvk.dynamics import EdgeDamping, Rayleigh, Status
 from skfem_stvk.dynamics.books import LedgerPlaces, column_names
 from skfem_stvk.dynamics.ledger import Ledger
@@ -30,7 +30,7 @@ def bar(d):
 def ended(mesh, moves=0.0, t=None):
     """With names for its ends."""
     ends = {name: mesh.facets[:, mesh.facets_satisfying(lambda x, at=at: x[0] == at)] for name, at in (("left", 0), ("right", 1))}
-    return SimplexMesh(mesh.p + moves, mesh.t if t is None else t, boundaries=ends)
+    return ElementMesh(mesh.p + moves, mesh.t if t is None else t, boundaries=ends)
 
 
 MESHES = {d: bar(d) for d in (2, 3)}

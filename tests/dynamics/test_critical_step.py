@@ -9,8 +9,8 @@ from scipy.spatial import Delaunay
 from skfem_stvk import (
     Anisotropic,
     ElasticFoundation,
+    ElementMesh,
     MaterialError,
-    SimplexMesh,
     StateError,
     StVK,
     StvkError,
@@ -28,11 +28,11 @@ BELOW, ABOVE = 1e-3, 1e-4
 def unstructured(n=200):
     """Tetrahedra between random points, with slivers."""
     p = np.random.default_rng(0).random((3, n)) * [[2.0], [1.0], [1.0]]
-    mesh = SimplexMesh(p, Delaunay(p.T).simplices.T)
+    mesh = ElementMesh(p, Delaunay(p.T).simplices.T)
     spokes = mesh.p[:, mesh.t[1:]] - mesh.p[:, mesh.t[:1]]
     volume = np.abs(np.linalg.det(spokes.transpose(2, 0, 1)))
     used, t = np.unique(mesh.t[:, volume > 1e-2 * volume.mean()], return_inverse=True)
-    return SimplexMesh(p[:, used], t.reshape(4, -1))
+    return ElementMesh(p[:, used], t.reshape(4, -1))
 
 
 def systems():
@@ -49,7 +49,7 @@ def systems():
     young = np.where(np.arange(mesh.nt) % 7 == 3, 1e9, 1e2)
     found["stiff and soft"] = System(mesh, StVK(young=young, poisson=0.3, density=1e3))
     found["penalty"] = System(mesh, [StVK(young=2.0, poisson=0.3, density=1.0), VolumePenalty(5.0, kind="quadratic")])
-    floor = SimplexMesh.of(skfem.MeshTet(mesh.p, mesh.t).with_boundaries({"floor": lambda x: x[2] < 0.1}))
+    floor = ElementMesh.of(skfem.MeshTet(mesh.p, mesh.t).with_boundaries({"floor": lambda x: x[2] < 0.1}))
     found["foundation"] = System(
         floor, [StVK(young=2.0, poisson=0.3, density=1.0), ElasticFoundation("floor", stiffness=(0.5, 30.0, 90.0))]
     )
@@ -211,13 +211,13 @@ def test_single_precision_will_do():
 def test_units_do_not_matter(factor):
     mesh = MESHES["tetrahedra"]
     one = critical_step(System(mesh, StVK(young=2.0, poisson=0.3, density=1.0)))
-    other = critical_step(System(SimplexMesh(factor * mesh.p, mesh.t), StVK(young=2e9, poisson=0.3, density=1e3)))
+    other = critical_step(System(ElementMesh(factor * mesh.p, mesh.t), StVK(young=2e9, poisson=0.3, density=1e3)))
     assert other.step == pytest.approx(factor * 1e-3 * one.step, rel=1e-9) and other.products == one.products
 
 
 def test_a_single_degree_of_freedom():
     """A mass of 1/2 kg on a spring of 4 N/m: omega^2 = 8."""
-    line = SimplexMesh([[0.0, 1.0]], [[0], [1]])
+    line = ElementMesh([[0.0, 1.0]], [[0], [1]])
     system = System(line, StVK(young=4.0, poisson=0.3, density=1.0), fixed={(0,): "x"})
     found = critical_step(system)
     assert found.step == pytest.approx(2 / np.sqrt(8)) and found.bound == pytest.approx(found.step)
@@ -227,7 +227,7 @@ def test_a_single_degree_of_freedom():
 
 def test_what_no_element_stiffens_has_no_critical_step():
     """A bar pressed beyond 1/sqrt(3) of its length pushes the other way."""
-    line = SimplexMesh([[0.0, 1.0]], [[0], [1]])
+    line = ElementMesh([[0.0, 1.0]], [[0], [1]])
     system = System(line, StVK(young=4.0, poisson=0.3, density=1.0), fixed={(0,): "x"})
     found = critical_step(system, [0.0, -0.7])
     assert (found.step, found.bound, found.omega, found.omega_bound) == (np.inf, np.inf, 0.0, 0.0)

@@ -5,7 +5,7 @@ import pytest
 import skfem
 from scipy.linalg import eig, eigh
 
-from skfem_stvk import Pressure, SimplexMesh, StVK, StvkError, System, Traction, solve_static
+from skfem_stvk import ElementMesh, Pressure, StVK, StvkError, System, Traction, solve_static
 from skfem_stvk.dynamics import Newmark, modes, simulate
 
 YOUNG, WIDTH = 1e6, 1.0
@@ -17,7 +17,7 @@ def column(cells=40, length=20.0, copies=1):
     p = np.hstack([one.p + np.array([[0.0], [3.0 * number]]) for number in range(copies)])
     t = np.hstack([one.t + number * one.nvertices for number in range(copies)])
     ends = {"base": lambda x: np.isclose(x[0], 0), "head": lambda x: np.isclose(x[0], length)}
-    return SimplexMesh.of(skfem.MeshTri(p, t).with_boundaries(ends))
+    return ElementMesh.of(skfem.MeshTri(p, t).with_boundaries(ends))
 
 
 def pressed(mesh, load, by, **fixed):

@@ -7,7 +7,7 @@ import pytest
 import skfem
 from motions import MESHES, material, reached
 
-from skfem_stvk import Gravity, SimplexMesh, StVK, StvkWarning, System, VolumePenalty, simulate
+from skfem_stvk import ElementMesh, Gravity, StVK, StvkWarning, System, VolumePenalty, simulate
 from skfem_stvk.dynamics import (
     EnergyMomentum,
     ForwardEuler,
@@ -117,7 +117,7 @@ def test_a_run_that_stops_inside_out_says_so():
 
 
 def test_bodies_that_lock_are_told_of_and_what_is_pressed_too_far_in_the_end_is_in_the_message():
-    mesh = SimplexMesh.of(skfem.MeshTet.init_tensor(*[np.linspace(0, 1, 3)] * 3))
+    mesh = ElementMesh.of(skfem.MeshTet.init_tensor(*[np.linspace(0, 1, 3)] * 3))
     system = System(mesh, StVK(young=1.0, poisson=0.46, density=1.0))
     u0 = mesh.p.T * [0.0, 0.0, -0.5]
     with pytest.warns(StvkWarning, match=r"Poisson's ratio above 0.45"):

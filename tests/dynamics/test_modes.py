@@ -11,8 +11,8 @@ from skfem_stvk import (
     Anisotropic,
     BodyForce,
     ElasticFoundation,
+    ElementMesh,
     MaterialError,
-    SimplexMesh,
     StateError,
     StVK,
     StvkError,
@@ -148,7 +148,7 @@ def test_a_cantilever_vibrates_as_euler_and_bernoulli_say():
 @pytest.mark.parametrize("solver", NAMES)
 def test_a_stretched_string_sounds_higher(solver):
     """Modes about a loaded equilibrium are those of its Jacobian, which has the stress in it."""
-    mesh = SimplexMesh.of(
+    mesh = ElementMesh.of(
         skfem.MeshTri(sheet(6).p * [[3.0], [0.5]], sheet(6).t).with_boundaries(
             {"left": lambda x: x[0] < 0.2, "right": lambda x: x[0] > 2.8}
         )
@@ -223,7 +223,7 @@ def test_each_part_has_its_own_rigid_modes():
     """Two separate bodies, one of them on a hinge."""
     one = sheet(3)
     p, t = np.hstack([one.p, one.p + np.array([[3.0], [1.0]])]), np.hstack([one.t, one.t + one.nv])
-    mesh = SimplexMesh(p, t)
+    mesh = ElementMesh(p, t)
     assert modes(System(mesh, term(mesh)), 8).rigid.sum() == 6
     assert modes(System(mesh, term(mesh), fixed={(2,): "xy"}), 8).rigid.sum() == 4
     assert modes(System(mesh, term(mesh), fixed={(2,): "y", (one.nv,): "x"}), 8).rigid.sum() == 4
@@ -233,7 +233,7 @@ def test_each_part_has_its_own_rigid_modes():
 @pytest.mark.parametrize("name", ["membrane", "cable"])
 def test_what_has_no_stiffness_across_is_not_rigid(name):
     """Flat in space at rest, a membrane moves without stiffness in ways that are not rigid."""
-    flat = SimplexMesh(np.append(sheet().p, np.zeros((1, 25)), axis=0), sheet().t) if name == "membrane" else MESHES["cable"]
+    flat = ElementMesh(np.append(sheet().p, np.zeros((1, 25)), axis=0), sheet().t) if name == "membrane" else MESHES["cable"]
     system = System(flat, term(flat))
     found = modes(system, 9)
     assert np.abs(found.eigenvalues[:9]).max() < 1e-9
@@ -250,7 +250,7 @@ def test_a_straight_cable_does_not_turn_about_itself():
 
 def test_a_body_without_any_stiffness_has_modes_without_any():
     """A flat membrane that can only move across."""
-    flat = SimplexMesh(np.append(sheet(6).p, np.zeros((1, 49)), axis=0), sheet(6).t)
+    flat = ElementMesh(np.append(sheet(6).p, np.zeros((1, 49)), axis=0), sheet(6).t)
     found = modes(System(flat, term(flat), fixed={lambda x: x[0] > -9.0: "xy"}), 3)
     assert not found.eigenvalues.any() and not found.frequencies.any() and not found.unstable.any()
 
@@ -263,7 +263,7 @@ def test_none_of_many_equal_modes_is_missed():
     """Lanczos' method alone found 18 of the 20 with this solver."""
     one, copies = skfem.MeshTet.init_tensor(*[np.linspace(0, 1, 3)] * 3), 20
     p = np.hstack([one.p + 3.0 * number * np.eye(3)[:, :1] for number in range(copies)])
-    mesh = SimplexMesh(p, np.hstack([one.t + number * one.nvertices for number in range(copies)]))
+    mesh = ElementMesh(p, np.hstack([one.t + number * one.nvertices for number in range(copies)]))
     (first,) = modes(System(one, TISSUE, fixed=BELOW), 1).eigenvalues
     found = modes(System(mesh, TISSUE, fixed=BELOW), copies + 1, solver="block-jacobi-cg")
     np.testing.assert_allclose(found.eigenvalues[:copies], first, rtol=1e-8)
@@ -306,7 +306,7 @@ def test_what_is_no_number_of_modes_is_refused(n):
 
 
 def test_what_cannot_be_done_is_refused():
-    mesh = SimplexMesh.of(skfem.MeshTri().refined(2))
+    mesh = ElementMesh.of(skfem.MeshTri().refined(2))
     solid = StVK(young=2.0, poisson=0.3, density=1.0)
     with pytest.raises(MaterialError, match="density"):
         modes(System(mesh, StVK(young=2.0, poisson=0.3)))

@@ -15,6 +15,7 @@ from motions import BOTH, MESHES, SCENES, begun, clamped, driven, loaded, materi
 from skfem_stvk import (
     BodyForce,
     ElasticFoundation,
+    ElementMesh,
     Gravity,
     Interrupted,
     LoadError,
@@ -22,7 +23,6 @@ from skfem_stvk import (
     NodalLoad,
     Pressure,
     RegionError,
-    SimplexMesh,
     StateError,
     StVK,
     StvkError,
@@ -171,7 +171,7 @@ class FussyStepper(ImplicitStepper):
 
 def test_a_bar_that_is_pressed_until_nothing_has_stiffness_goes_on():
     """Its critical step is infinite for a while."""
-    bar = SimplexMesh(np.array([[0.0, 1.0], [0.0, 0.0]]), np.array([[0], [1]]))
+    bar = ElementMesh(np.array([[0.0, 1.0], [0.0, 0.0]]), np.array([[0], [1]]))
     system = System(bar, [StVK(young=1e5, poisson=0.0, area=1e-2, density=1000.0)], fixed=[([0], "xy"), ([1], "y")])
     for integrator in (VelocityVerlet(1e-3), ForwardEuler(1e-3), VelocityVerlet()):
         run = simulate(system, integrator, until=1.0, u0=[0, 0, 0.4, 0], quiet=True)
@@ -534,7 +534,7 @@ def test_rayleighs_alpha_slows_a_free_body_down_exponentially():
 
 def test_a_stiff_bar_swings_at_its_frequency():
     nodes, young = 9, 100.0
-    mesh = SimplexMesh(np.linspace(0, 1, nodes)[None], np.stack([np.arange(nodes - 1), np.arange(1, nodes)]))
+    mesh = ElementMesh(np.linspace(0, 1, nodes)[None], np.stack([np.arange(nodes - 1), np.arange(1, nodes)]))
     system = System(mesh, StVK(young=young, area=1.0, density=1.0), fixed={(0,): "x"})
     k = np.pi / 2
     v0 = 1e-4 * np.sin(k * mesh.p[0])
@@ -551,7 +551,7 @@ def strip(density=1.0, **options):
 
 N = SYSTEM.ndofs
 MISTAKES = {
-    "no system": (StvkError, "system = SimplexMesh: .*; expected a System", {"system": MESHES[2]}),
+    "no system": (StvkError, "system = ElementMesh: .*; expected a System", {"system": MESHES[2]}),
     "single precision": (StvkError, "in float32; expected float64: System", {"system": strip(dtype=np.float32)}),
     "a class": (
         StvkError,

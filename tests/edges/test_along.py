@@ -8,7 +8,7 @@ import pytest
 from bodies import BODIES, MESHES, state
 from kernels.parts import in_parts
 
-from skfem_stvk import SimplexMesh, StVK, System
+from skfem_stvk import ElementMesh, StVK, System
 from skfem_stvk.referee import exact
 
 TERM = StVK(young=2.0, poisson=0.3)
@@ -73,7 +73,7 @@ def inverse_of_vandermonde():
 def test_every_coefficient_has_all_its_digits(name, offset, of_u, of_v):
     """At small strains and far from the origin too: `|p|^2 - |P|^2` would have lost them."""
     mesh = MESHES[name]
-    mesh = SimplexMesh(mesh.p + offset, mesh.t)
+    mesh = ElementMesh(mesh.p + offset, mesh.t)
     rng = np.random.default_rng(7)
     # towards larger bodies, so that no coefficient is a difference of large numbers
     u, v = (amount * (mesh.p.T - offset + 0.3 * rng.random(mesh.p.T.shape)).ravel() for amount in (of_u, of_v))

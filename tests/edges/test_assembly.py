@@ -5,7 +5,7 @@ import pytest
 from bodies import BODIES, MESHES, box, state
 from kernels.parts import in_parts
 
-from skfem_stvk import SimplexMesh, StVK, System
+from skfem_stvk import ElementMesh, StVK, System
 from skfem_stvk.edges import TENSILE
 from skfem_stvk.edges.topology import LOCAL_EDGES, edge_topology, in_lanes, out_of_lanes, own_order
 from skfem_stvk.errors import MaterialError
@@ -116,7 +116,7 @@ def test_simplices_that_only_fill_a_block_have_no_energy():
     mesh = box(3)
     p, t = mesh.p, mesh.t[:, : LANES + 1]
     used, t = np.unique(t, return_inverse=True)
-    part = SimplexMesh(p[:, used], t.reshape(4, -1))
+    part = ElementMesh(p[:, used], t.reshape(4, -1))
     u = state(part)
     alone = []
     for e in range(part.nt):
@@ -167,4 +167,4 @@ def test_a_stiffness_that_numbers_do_not_hold_is_refused(exponent, dtype):
     mesh = MESHES["cable"]
     size, young = (10.0 ** (45 * exponent), 10.0 ** (-250 * exponent)) if dtype == np.float64 else (10.0 ** (15 * exponent), 2.0)
     with pytest.raises(MaterialError, match=r"6 elements \(0, 1, 2, 3, 4, \.\.\.\) of the region: .* range of float.*units"):
-        System(SimplexMesh(size * mesh.p, mesh.t), StVK(young=young, poisson=0.3), dtype=dtype)
+        System(ElementMesh(size * mesh.p, mesh.t), StVK(young=young, poisson=0.3), dtype=dtype)

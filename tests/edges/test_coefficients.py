@@ -2,11 +2,11 @@ import numpy as np
 import pytest
 from bodies import BODIES, MESHES, random_frames, some_voigt
 
-from skfem_stvk import Anisotropic, Isotropic, SimplexMesh, StVK
+from skfem_stvk import Anisotropic, ElementMesh, Isotropic, StVK
 from skfem_stvk.edges.topology import LOCAL_EDGES
 from skfem_stvk.materials import Hypothesis
 
-REGULAR = SimplexMesh(
+REGULAR = ElementMesh(
     p=np.array([[0, 0, 0], [1, 0, 0], [0.5, np.sqrt(3) / 2, 0], [0.5, np.sqrt(3) / 6, np.sqrt(2 / 3)]]).T, t=[[0], [1], [2], [3]]
 )
 
@@ -58,7 +58,7 @@ def test_triangles_have_delingettes_cotangent_coefficients(name, plane):
 
 
 def test_equilateral_triangles_at_one_third_in_plane_stress_are_a_spring_network():
-    triangle = SimplexMesh(p=[[0, 1, 0.5], [0, 0, np.sqrt(3) / 2]], t=[[0], [1], [2]])
+    triangle = ElementMesh(p=[[0, 1, 0.5], [0, 0, np.sqrt(3) / 2]], t=[[0], [1], [2]])
     L = StVK(young=1.0, poisson=1 / 3, plane="stress").coefficients(triangle)[0]
     assert np.abs(L - np.diag(np.diag(L))).max() < 1e-15 * L.max()
 
@@ -93,9 +93,9 @@ def test_turning_body_and_frame_together_changes_nothing():
     mesh, rng = MESHES["tetrahedra"], np.random.default_rng(0)
     C, (Q, frame) = some_voigt(rng), random_frames(2, rng)
     before = StVK(Anisotropic(C, frame=frame)).coefficients(mesh)
-    after = StVK(Anisotropic(C, frame=Q @ frame)).coefficients(SimplexMesh(Q @ mesh.p, mesh.t))
+    after = StVK(Anisotropic(C, frame=Q @ frame)).coefficients(ElementMesh(Q @ mesh.p, mesh.t))
     assert np.abs(before - after).max() < 1e-12 * np.abs(before).max()
-    other = StVK(Anisotropic(C, frame=frame)).coefficients(SimplexMesh(Q @ mesh.p, mesh.t))
+    other = StVK(Anisotropic(C, frame=frame)).coefficients(ElementMesh(Q @ mesh.p, mesh.t))
     assert np.abs(before - other).max() > 1e-3 * np.abs(before).max()
 
 
@@ -112,6 +112,6 @@ def test_coefficients_are_symmetric_and_positive_semi_definite(name):
 def test_orientation_and_order_of_vertices_do_not_matter():
     mesh = MESHES["tetrahedra"]
     term = StVK(young=1.0, poisson=0.3)
-    shuffled = SimplexMesh(mesh.p, np.random.default_rng(0).permuted(mesh.t, axis=0))
+    shuffled = ElementMesh(mesh.p, np.random.default_rng(0).permuted(mesh.t, axis=0))
     difference = abs(term.bind(mesh).form.L - term.bind(shuffled).form.L)
     assert difference.max() < 1e-13 * abs(term.bind(mesh).form.L).max()

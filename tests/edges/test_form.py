@@ -33,11 +33,11 @@ def test_L_is_symmetric_to_the_last_digit(name):
 @pytest.mark.parametrize("name", MESHES)
 def test_tension_is_the_projection_of_the_second_piola_kirchhoff_stress(name):
     """`t_ab = -sum V g_a . S g_b`, here for one simplex."""
-    from skfem_stvk import SimplexMesh
+    from skfem_stvk import ElementMesh
     from skfem_stvk.mesh.geometry import Geometry
 
     mesh = MESHES[name]
-    one = SimplexMesh(mesh.p[:, mesh.t[:, 3]], np.arange(mesh.k + 1)[:, None])
+    one = ElementMesh(mesh.p[:, mesh.t[:, 3]], np.arange(mesh.k + 1)[:, None])
     geometry = Geometry(one.p, one.t)
     lam, mu = TERM.material.lame(TERM.hypothesis(one))
     u = state(one, 0.2).reshape(-1, one.d)

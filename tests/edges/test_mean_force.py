@@ -7,7 +7,7 @@ from bodies import BODIES, MESHES, state
 from hypothesis import given, settings
 from kernels.parts import in_parts
 
-from skfem_stvk import SimplexMesh, StVK
+from skfem_stvk import ElementMesh, StVK
 
 TERM = StVK(young=2.0, poisson=0.3)
 HALVES = (0.5, 0.5)
@@ -172,7 +172,7 @@ def test_small_changes_have_all_their_digits(name, offset, of_u, of_v):
     none left.
     """
     mesh = MESHES[name]
-    mesh = SimplexMesh(mesh.p + offset, mesh.t)
+    mesh = ElementMesh(mesh.p + offset, mesh.t)
     u0 = state(mesh, of_u).reshape(-1, mesh.d)
     assembly, u1 = TERM.bind(mesh), u0 + state(mesh, of_v, 9).reshape(-1, mesh.d)
     for weights in (HALVES, (-1.0, 1.0)):

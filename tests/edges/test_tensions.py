@@ -8,7 +8,7 @@ from bodies import BODIES, MESHES, state
 from kernels.parts import in_parts
 from scipy.spatial import Delaunay
 
-from skfem_stvk import Anisotropic, SimplexMesh, StVK, System
+from skfem_stvk import Anisotropic, ElementMesh, StVK, System
 from skfem_stvk.edges import ALL, NONE, TENSILE, Tensions
 from skfem_stvk.system import Pattern, TangentOperator
 
@@ -25,7 +25,7 @@ def unstructured(k, d, n=40):
         t = t[:, volume > 0.02 * volume.mean()]
     used, t = np.unique(t, return_inverse=True)
     p = p[:, used]
-    return SimplexMesh(np.stack([*p, *(np.sin(3 * p[0] + i) for i in range(d - k))]), t.reshape(k + 1, -1))
+    return ElementMesh(np.stack([*p, *(np.sin(3 * p[0] + i) for i in range(d - k))]), t.reshape(k + 1, -1))
 
 
 def compressed(mesh):
@@ -75,8 +75,8 @@ def test_tensions_are_L_times_squared_elongations(name, parts, monkeypatch):
 def test_tensions_of_small_strains_keep_all_digits_far_from_the_origin():
     near = MESHES["tetrahedra"]
     u = state(near, 1e-10).reshape(-1, 3)
-    far = SimplexMesh(near.p + 2.0**20, near.t)
-    same = SimplexMesh(far.p - 2.0**20, near.t)  # what is left of the coordinates there
+    far = ElementMesh(near.p + 2.0**20, near.t)
+    same = ElementMesh(far.p - 2.0**20, near.t)  # what is left of the coordinates there
     term = StVK(young=2.0, poisson=0.3)
     here, there = term.bind(same).tensions(u), term.bind(far).tensions(u)
     assert np.abs(here - there).max() < 1e-14 * np.abs(here).max() > 0
@@ -130,13 +130,13 @@ def test_the_clamped_and_the_gauss_newton_tangent_are_positive_semi_definite_whe
 def regular(k):
     """Two equilateral triangles, regular tetrahedra or equal segments with common vertices: no angle is obtuse."""
     if k == 1:
-        return SimplexMesh(np.array([[0.0, 1.0, 2.0]]), np.array([[0, 1], [1, 2]]))
+        return ElementMesh(np.array([[0.0, 1.0, 2.0]]), np.array([[0, 1], [1, 2]]))
     if k == 2:
         p = np.array([[0, 1, 0.5, 1.5], [0, 0, np.sqrt(0.75), np.sqrt(0.75)]])
-        return SimplexMesh(p, np.array([[0, 1, 2], [1, 3, 2]]).T)
+        return ElementMesh(p, np.array([[0, 1, 2], [1, 3, 2]]).T)
     p = np.array([[1.0, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1]])
     other = p[1:].sum(axis=0) * 2 / 3 - p[0]
-    return SimplexMesh(np.concatenate([p, [other]]).T, np.array([[0, 1, 2, 3], [4, 1, 2, 3]]).T)
+    return ElementMesh(np.concatenate([p, [other]]).T, np.array([[0, 1, 2, 3], [4, 1, 2, 3]]).T)
 
 
 @pytest.mark.parametrize("k", [1, 2, 3])

@@ -3,7 +3,7 @@ import pytest
 import skfem
 from bodies import MESHES
 
-from skfem_stvk import SimplexMesh
+from skfem_stvk import ElementMesh
 from skfem_stvk.edges.topology import LOCAL_EDGES, edge_topology
 from skfem_stvk.terms import StVK
 
@@ -34,7 +34,7 @@ def test_the_edges_of_a_simplex_join_its_own_vertices(name):
 
 @pytest.mark.parametrize("mesh", [skfem.MeshTet().refined(2), skfem.MeshTet.init_ball(2)])
 def test_tseps_are_three_a_facet_and_three_a_tetrahedron(mesh):
-    form = StVK(young=1.0, poisson=0.3).bind(SimplexMesh.of(mesh)).form
+    form = StVK(young=1.0, poisson=0.3).bind(ElementMesh.of(mesh)).form
     assert form.pairs.shape[1] == 3 * mesh.nfacets + 3 * mesh.nelements
     assert (~form.adjacent).sum() == 3 * mesh.nelements
     assert form.L.nnz <= form.edges.shape[1] + 2 * form.pairs.shape[1]  # exact zeros are left out

@@ -7,7 +7,7 @@ import pytest
 from bodies import BODIES, MESHES, box, state
 from kernels.parts import in_parts
 
-from skfem_stvk import SimplexMesh, StVK
+from skfem_stvk import ElementMesh, StVK
 from skfem_stvk.kernels.lanes import LANES
 
 TERM = StVK(young=2.0, poisson=0.3)
@@ -60,7 +60,7 @@ def test_a_term_of_a_region_has_the_elements_of_that_region_in_its_order():
 def test_the_one_element_that_is_inside_out_is_found_wherever_it_stands(count):
     whole = box(2)
     used, t = np.unique(whole.t[:, :count], return_inverse=True)
-    mesh = SimplexMesh(whole.p[:, used], t.reshape(4, -1))
+    mesh = ElementMesh(whole.p[:, used], t.reshape(4, -1))
     assembly = TERM.bind(mesh)
     for e in range(count):
         top, base = mesh.t[0, e], mesh.t[1:, e]
@@ -75,7 +75,7 @@ def test_the_sign_is_right_for_slivers():
     rng = np.random.default_rng(8)
     p = rng.random((3, 400))
     p[2] *= 1e-10
-    mesh = SimplexMesh(p, np.arange(400).reshape(4, 100))
+    mesh = ElementMesh(p, np.arange(400).reshape(4, 100))
     turn = np.linalg.qr(rng.standard_normal((3, 3)))[0]
     u = mesh.p.T @ (turn.T - np.eye(3)) + 2.0**20 + 2e-11 * rng.standard_normal((400, 3)) * [[0, 0, 1]] @ turn.T
     found = TERM.bind(mesh).volume_ratios(u)

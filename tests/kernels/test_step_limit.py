@@ -7,7 +7,7 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 from kernels.parts import in_parts, on_twins
 
-from skfem_stvk import SimplexMesh, StVK, System
+from skfem_stvk import ElementMesh, StVK, System
 from skfem_stvk.kernels.volumes import _first_zero
 
 SOLID = ("tetrahedra", "triangles", "segments")
@@ -16,7 +16,7 @@ TERM = StVK(young=2.0, poisson=0.3)
 
 def single(rest, u, v):
     """The limit of one tetrahedron with vertices `rest` (4, 3), `u` and `v` alike."""
-    body = System(SimplexMesh(np.transpose(rest), np.arange(4)[:, None]), TERM)
+    body = System(ElementMesh(np.transpose(rest), np.arange(4)[:, None]), TERM)
     return body.step_limit(np.ravel(u), np.ravel(v))
 
 
@@ -175,7 +175,7 @@ def test_the_first_zero_of_any_product_of_factors(roots, height, scale):
 def test_of_any_tetrahedron(seed, size, speed):
     rng = np.random.default_rng(seed)
     rest, u, v = size * rng.standard_normal((4, 3)), 0.3 * size * rng.standard_normal((4, 3)), speed * rng.standard_normal((4, 3))
-    mesh = SimplexMesh(rest.T, np.arange(4)[:, None])
+    mesh = ElementMesh(rest.T, np.arange(4)[:, None])
     assume(np.abs(determinants(mesh, rest))[0] >= 1e-3 * size**3)
     limit = single(rest, u, v)
 
@@ -204,10 +204,10 @@ def test_far_from_the_origin_and_in_other_units_it_is_the_same():
     mesh = MESHES["tetrahedra"]
     u, v = 0.5 * state(mesh), state(mesh, seed=3)
     limit = System(mesh, TERM).step_limit(u, v)
-    far = SimplexMesh(mesh.p + 2.0**20, mesh.t)
-    same = SimplexMesh(far.p - 2.0**20, mesh.t)
+    far = ElementMesh(mesh.p + 2.0**20, mesh.t)
+    same = ElementMesh(far.p - 2.0**20, mesh.t)
     assert System(far, TERM).step_limit(u, v) == System(same, TERM).step_limit(u, v) == pytest.approx(limit, rel=1e-6)
     for size in (1e-9, 1e9):
-        scaled = SimplexMesh(size * mesh.p, mesh.t)
+        scaled = ElementMesh(size * mesh.p, mesh.t)
         assert System(scaled, TERM).step_limit(size * u, size * v) == pytest.approx(limit, rel=1e-12)
     assert System(mesh, TERM, dtype=np.float32).step_limit(u, v) == limit

@@ -9,13 +9,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from kernels.parts import in_parts
 
-from skfem_stvk import ElasticFoundation, SimplexMesh, StVK, System
+from skfem_stvk import ElasticFoundation, ElementMesh, StVK, System
 from skfem_stvk.kernels.lanes import LANES
 from skfem_stvk.mesh.geometry import Geometry
 
 TERM = StVK(young=2.0, poisson=0.3)
 EPS = np.finfo(float).eps
-BAD = SimplexMesh(
+BAD = ElementMesh(
     np.array([[0.0, 1, 0.3, 0.2], [0, 0.1, 0.7, 0.3], [0, 0.2, -0.1, 1.9]]), np.array([[1, 0], [0, 1], [2, 2], [3, 3]])
 )
 
@@ -104,7 +104,7 @@ def test_slivers_far_away_keep_their_digits():
     rng = np.random.default_rng(8)
     p = rng.random((3, 80))
     p[2] *= 1e-6
-    mesh = SimplexMesh(p, np.arange(80).reshape(4, 20))
+    mesh = ElementMesh(p, np.arange(80).reshape(4, 20))
     turn, F = np.linalg.qr(rng.standard_normal((3, 3)))[0], np.diag([1.1, 0.9, 0.7])
     u = mesh.p.T @ (turn @ F - np.eye(3)).T + 2.0**10
     found = TERM.bind(mesh).smallest_stretches(u)
@@ -142,7 +142,7 @@ def smallest_root(now, rest):
 def test_the_one_element_that_is_crushed_is_found_wherever_it_stands(count):
     whole = box(2)
     used, t = np.unique(whole.t[:, :count], return_inverse=True)
-    mesh = SimplexMesh(whole.p[:, used], t.reshape(4, -1))
+    mesh = ElementMesh(whole.p[:, used], t.reshape(4, -1))
     assembly = TERM.bind(mesh)
     for e in range(count):
         top, base = mesh.t[0, e], mesh.t[1:, e]

@@ -4,7 +4,7 @@ import numpy as np
 import skfem
 from bodies import distorted, turned_round
 
-from skfem_stvk import SimplexMesh, StVK, System
+from skfem_stvk import ElementMesh, StVK, System
 from skfem_stvk.linear import Unknowns
 
 
@@ -14,13 +14,13 @@ def body(name):
     lines = [np.linspace(0, 2, 9), np.linspace(0, 1, 5), np.linspace(0, 1, 4)]
     if name == "cable":
         s = np.linspace(0, 1, 120) ** 1.2
-        return System(SimplexMesh(s[None], np.stack([np.arange(119), np.arange(1, 120)])), StVK(young=2.0, poisson=0.3))
+        return System(ElementMesh(s[None], np.stack([np.arange(119), np.arange(1, 120)])), StVK(young=2.0, poisson=0.3))
     mesh = skfem.MeshTri.init_tensor(*lines[:2]) if name in ("sheet", "membrane") else skfem.MeshTet.init_tensor(*lines)
     p = distorted(mesh.p, rng, 0.1)
     if name == "membrane":
         p = np.stack([*p, 0.3 * np.sin(p[0]) + 0.2 * p[1] ** 2])
     young = np.where(p[0][mesh.t].mean(axis=0) > 1, 1e4, 1.0) if name == "soft and stiff" else 2.0
-    return System(SimplexMesh(p, turned_round(mesh.t, rng)), StVK(young=young, poisson=0.45 if name == "box" else 0.3))
+    return System(ElementMesh(p, turned_round(mesh.t, rng)), StVK(young=young, poisson=0.45 if name == "box" else 0.3))
 
 
 NAMES = ("box", "soft and stiff", "sheet", "membrane", "cable")

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import skfem
 
-from skfem_stvk import MeshError, SimplexMesh, StVK, StvkWarning, System
+from skfem_stvk import ElementMesh, MeshError, StVK, StvkWarning, System
 from skfem_stvk.mesh.diagnostics import check_mesh, flat_elements, parts
 
 CUBE = skfem.MeshTet().refined(2)
@@ -20,11 +20,11 @@ def with_points(mesh, changed):
     p = mesh.p.copy()
     for vertex, x in changed.items():
         p[:, vertex] = x
-    return SimplexMesh(p, mesh.t)
+    return ElementMesh(p, mesh.t)
 
 
 def with_elements(mesh, *more):
-    return SimplexMesh(mesh.p, np.column_stack([mesh.t, *more]))
+    return ElementMesh(mesh.p, np.column_stack([mesh.t, *more]))
 
 
 BROKEN = {
@@ -40,14 +40,14 @@ BROKEN = {
         with_elements(SQUARE, [3, 3, 5], [0, 1, 1]),
         r"2 elements \(32, 33\): the same vertex",
     ),
-    "a segment from a vertex to itself": (SimplexMesh([[0, 1]], [[0, 1], [1, 1]]), r"1 element \(1\): the same vertex"),
+    "a segment from a vertex to itself": (ElementMesh([[0, 1]], [[0, 1], [1, 1]]), r"1 element \(1\): the same vertex"),
     "a copy of an element": (with_elements(CUBE, CUBE.t[:, 11]), r"1 element \(320\): the same vertices as an earlier element"),
     "copies in another vertex order": (
         with_elements(CUBE, CUBE.t[[1, 0, 2, 3], 11], CUBE.t[::-1, 4], CUBE.t[[2, 0, 1, 3], 11]),
         r"3 elements \(320, 321, 322\): the same vertices.*count twice.*Remove the copies",
     ),
     "vertices on no element": (
-        SimplexMesh(np.column_stack([[[5.0]] * 3, CUBE.p, [[6.0]] * 3]), CUBE.t + 1),
+        ElementMesh(np.column_stack([[[5.0]] * 3, CUBE.p, [[6.0]] * 3]), CUBE.t + 1),
         rf"2 vertices \(0, {CUBE.nvertices + 1}\): on no element, so K would have zero rows.*remove_unused_nodes",
     ),
 }
@@ -82,7 +82,7 @@ def test_an_element_without_volume_is_refused_at_any_size_and_place(what, scale,
     p, where = FLAT[what]
     p = scale * (turned(np.array(p, dtype=float)) + offset)
     good = np.vstack([np.eye(len(p)), np.zeros(len(p))]).T[:, : p.shape[1]] * scale
-    mesh = SimplexMesh(np.hstack([good, p]), np.arange(2 * p.shape[1]).reshape(2, -1).T)
+    mesh = ElementMesh(np.hstack([good, p]), np.arange(2 * p.shape[1]).reshape(2, -1).T)
     with pytest.raises(MeshError, match=rf"1 element \(1\): no volume, all vertices lie in one {where} to within rounding"):
         check_mesh(mesh)
 
@@ -90,27 +90,27 @@ def test_an_element_without_volume_is_refused_at_any_size_and_place(what, scale,
 def tent(degrees):
     """Two faces that meet at the given angle along an edge: a sliver with one dihedral angle near 0."""
     height = np.tan(np.radians(degrees))
-    return SimplexMesh([[0, 1, 0.5, 0.5], [0, 0, 1, 1], [0, 0, 0, height]], [[0], [1], [2], [3]])
+    return ElementMesh([[0, 1, 0.5, 0.5], [0, 0, 1, 1], [0, 0, 0, height]], [[0], [1], [2], [3]])
 
 
 def cube(stretch=(1, 1, 1), offset=0.0, scale=1.0):
-    return SimplexMesh(turned(CUBE.p * np.reshape(stretch, (3, 1)) + offset) * scale, CUBE.t)
+    return ElementMesh(turned(CUBE.p * np.reshape(stretch, (3, 1)) + offset) * scale, CUBE.t)
 
 
 GOOD = {
-    "half of the elements are negative": SimplexMesh.of(skfem.MeshTet.init_tensor(*[np.linspace(0, 1, 4)] * 3)),
-    "all elements are negative": SimplexMesh(UNIT_TET, [[1], [0], [2], [3]]),
+    "half of the elements are negative": ElementMesh.of(skfem.MeshTet.init_tensor(*[np.linspace(0, 1, 4)] * 3)),
+    "all elements are negative": ElementMesh(UNIT_TET, [[1], [0], [2], [3]]),
     "a sliver has an angle of 1 degree": tent(1),
-    "a needle has an angle of 1 degree": SimplexMesh([[0, 1, 1], [0, 0, np.tan(np.radians(1))]], [[0], [1], [2]]),
+    "a needle has an angle of 1 degree": ElementMesh([[0, 1, 1], [0, 0, np.tan(np.radians(1))]], [[0], [1], [2]]),
     "the elements are 1000 times longer than thick": cube(stretch=(1000, 1, 1)),
     "the elements are 1000 times flatter than wide": cube(stretch=(1000, 1000, 1)),
     "the mesh is 1e6 times its size away": cube(offset=1e6),
     "the mesh is tiny": cube(scale=1e-9),
     "the mesh is tiny and far away": cube(scale=1e-9, offset=1e6),
     "the mesh is huge": cube(scale=1e9, offset=1e6),
-    "triangles stand in space": SimplexMesh(turned(np.vstack([SQUARE.p, 0 * SQUARE.p[:1]])), SQUARE.t),
-    "a cable hangs in space": SimplexMesh([[0, 1, 2], [0, 0, 1], [0, 0, 1]], [[0, 1], [1, 2]]),
-    "parts touch in one vertex": SimplexMesh([[0, 1, 0, -1, 0], [0, 0, 1, 0, -1]], [[0, 0], [1, 3], [2, 4]]),
+    "triangles stand in space": ElementMesh(turned(np.vstack([SQUARE.p, 0 * SQUARE.p[:1]])), SQUARE.t),
+    "a cable hangs in space": ElementMesh([[0, 1, 2], [0, 0, 1], [0, 0, 1]], [[0, 1], [1, 2]]),
+    "parts touch in one vertex": ElementMesh([[0, 1, 0, -1, 0], [0, 0, 1, 0, -1]], [[0, 0], [1, 3], [2, 4]]),
 }
 
 
@@ -126,13 +126,13 @@ def test_vertices_in_the_same_place_are_named_in_a_warning():
         pytest.warns(StvkWarning, match="in 2 parts that are not connected"),
         pytest.warns(StvkWarning, match=r"3 vertices \(\d+, \d+, \d+\): in the same place as another one.*not connected"),
     ):
-        check_mesh(SimplexMesh(p, np.hstack([mesh.t, mesh.t + mesh.nvertices])))
+        check_mesh(ElementMesh(p, np.hstack([mesh.t, mesh.t + mesh.nvertices])))
 
 
 def test_parts_that_are_not_connected_are_counted_with_their_sizes():
     p = np.hstack([*(np.array(UNIT_TET) + np.array([[3.0 * i], [0], [0]]) for i in range(7)), [[0], [0], [-1]]])
     t = np.column_stack([np.arange(28).reshape(7, 4).T, [0, 1, 2, 28]])
-    mesh = SimplexMesh(p, t)
+    mesh = ElementMesh(p, t)
     with pytest.warns(
         StvkWarning, match=r"in 7 parts that are not connected \(5, 4, 4, 4, 4, \.\.\. vertices\): each needs its own"
     ):
@@ -143,7 +143,7 @@ def test_parts_that_are_not_connected_are_counted_with_their_sizes():
 def test_straight_needles_are_not_flat():
     """Graded to 1e-6 of the edge: well-shaped across, long along."""
     p = np.array([[0, 0, 0], [1, 0, 0], [0, 1e-6, 0], [0, 0, 1e-6]]).T
-    assert len(flat_elements(SimplexMesh(p, np.arange(4)[:, None]))) == 0
+    assert len(flat_elements(ElementMesh(p, np.arange(4)[:, None]))) == 0
 
 
 CORNER = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0.2, 0.3, 1.0]])
@@ -154,13 +154,13 @@ CORNER = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0.2, 0.3, 1.0]])
 def test_flat_is_a_height_of_1e_12_of_the_longest_edge(order, height, flat):
     """Whichever vertex is near the plane of the others."""
     p = CORNER * [1, 1, height]
-    assert len(flat_elements(SimplexMesh(p[order].T, np.arange(4)[:, None]))) == flat
+    assert len(flat_elements(ElementMesh(p[order].T, np.arange(4)[:, None]))) == flat
 
 
 def test_a_tetrahedron_far_away_does_not_make_the_others_flat():
     """Rounding is that of an element's own coordinates."""
     p = np.concatenate([1e-9 * CORNER, 1e9 + CORNER * 1e3])
-    assert len(flat_elements(SimplexMesh(p.T, np.arange(8).reshape(2, 4).T))) == 0
+    assert len(flat_elements(ElementMesh(p.T, np.arange(8).reshape(2, 4).T))) == 0
 
 
 FLUSHED = """
@@ -204,11 +204,11 @@ def test_bodies_of_any_unit_of_length_are_sound_and_have_the_same_energy_for_the
 @pytest.mark.parametrize("mesh", [CUBE, SQUARE, skfem.MeshLine().refined(2)], ids=["tetrahedra", "triangles", "segments"])
 def test_bodies_beyond_the_range_of_numbers_are_told_so_and_not_that_they_have_no_volume(mesh, exponent):
     with pytest.raises(MeshError, match=rf"The elements are from 1e-?\d+ to 1e{exponent - 1}|1e{exponent}") as told:
-        check_mesh(SimplexMesh(10.0**exponent * mesh.p, mesh.t))
+        check_mesh(ElementMesh(10.0**exponent * mesh.p, mesh.t))
     assert "no volume" not in str(told.value) and "Choose another unit of length" in str(told.value)
 
 
 @pytest.mark.parametrize("size", [1e40, 1e-40, 1e150, 1e-150])
 def test_flat_elements_are_found_in_any_unit_of_length(size):
-    flat = SimplexMesh(size * np.array([[0, 1, 0, 1, 0], [0, 0, 1, 1, 0], [0, 0, 0, 0, 1.0]]), [[0, 0], [1, 1], [2, 2], [3, 4]])
+    flat = ElementMesh(size * np.array([[0, 1, 0, 1, 0], [0, 0, 1, 1, 0], [0, 0, 0, 0, 1.0]]), [[0, 0], [1, 1], [2, 2], [3, 4]])
     assert flat_elements(flat).tolist() == [0]

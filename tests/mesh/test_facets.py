@@ -3,13 +3,13 @@ import pytest
 import skfem
 from bodies import box
 
-from skfem_stvk import SimplexMesh
+from skfem_stvk import ElementMesh
 from skfem_stvk.mesh.facets import boundary_facets, facet_ids
 
 
 @pytest.mark.parametrize("mesh", [skfem.MeshTet().refined(2), skfem.MeshTri.init_circle(2), skfem.MeshLine().refined(3)])
 def test_facets_and_boundary_are_scikit_fems(mesh):
-    simplices = SimplexMesh.of(mesh)
+    simplices = ElementMesh.of(mesh)
     assert facet_ids(simplices).max() + 1 == mesh.nfacets
     assert boundary_facets(simplices).shape[1] == len(mesh.boundary_facets())
     assert np.array_equal(np.unique(simplices.surface), np.sort(mesh.boundary_nodes()))

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from skfem_stvk import SimplexMesh
+from skfem_stvk import ElementMesh
 from skfem_stvk.mesh.geometry import Geometry, aspect_ratios, vertex_sizes
 
 KINDS = [(1, 1), (1, 2), (1, 3), (2, 2), (2, 3), (3, 3)]
@@ -84,16 +84,16 @@ def test_volume_and_gradients_scale_with_the_size(k, d):
 
 @pytest.mark.parametrize(("k", "ratio"), [(1, 1.0), (2, 2 / np.sqrt(3)), (3, np.sqrt(3 / 2))])
 def test_the_aspect_ratio_of_a_regular_simplex(k, ratio):
-    assert aspect_ratios(SimplexMesh(*regular_simplex(k, 3)))[0] == pytest.approx(ratio, rel=1e-12)
+    assert aspect_ratios(ElementMesh(*regular_simplex(k, 3)))[0] == pytest.approx(ratio, rel=1e-12)
 
 
 def test_the_aspect_ratio_is_the_longest_edge_over_the_smallest_height():
     """Three edges at right angles: longest sqrt(1 + 4), smallest height that over the slanted face."""
-    corner = SimplexMesh(p=[[0, 1, 0, 0], [0, 0, 2, 0], [0, 0, 0, 1.0]], t=[[0], [1], [2], [3]])
+    corner = ElementMesh(p=[[0, 1, 0, 0], [0, 0, 2, 0], [0, 0, 0, 1.0]], t=[[0], [1], [2], [3]])
     height = 1 / np.sqrt(1 + 1 / 4 + 1)
     assert aspect_ratios(corner)[0] == pytest.approx(np.sqrt(5) / height, rel=1e-12)
 
 
 def test_the_size_at_a_vertex_is_the_shortest_edge_of_its_elements():
-    chain = SimplexMesh(p=[[0, 1, 1.5, 4]], t=[[0, 1, 2], [1, 2, 3]])
+    chain = ElementMesh(p=[[0, 1, 1.5, 4]], t=[[0, 1, 2], [1, 2, 3]])
     assert vertex_sizes(chain).tolist() == [1.0, 0.5, 0.5, 2.5]

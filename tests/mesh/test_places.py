@@ -7,7 +7,7 @@ from bodies import MESHES, box, sheet
 from hypothesis import given
 from hypothesis import strategies as st
 
-from skfem_stvk import MeshError, RegionError, SimplexMesh
+from skfem_stvk import ElementMesh, MeshError, RegionError
 from skfem_stvk.mesh.facets import boundary_facets, facets_of, find_facets
 from skfem_stvk.mesh.places import describe, facets_at, vertices_at
 
@@ -24,7 +24,7 @@ def test_a_predicate_ids_a_mask_and_a_node_set_mean_the_same(name):
     mesh = MESHES[name]
     mask = mesh.p[0] < 0.6
     ids = np.flatnonzero(mask)
-    mesh = SimplexMesh(mesh.p, mesh.t, node_sets={"left": ids[::-1]})
+    mesh = ElementMesh(mesh.p, mesh.t, node_sets={"left": ids[::-1]})
     for where in (lambda x: x[0] < 0.6, ids, ids[::-1].tolist(), tuple(ids), mask, "left"):
         found = vertices_at(mesh, where)
         assert np.array_equal(found, ids[::-1] if isinstance(where, list) else ids)  # listed ids as they are given
@@ -34,12 +34,12 @@ def test_a_predicate_ids_a_mask_and_a_node_set_mean_the_same(name):
 def test_facets_of_a_predicate_are_those_that_scikit_fem_finds_with_all_vertices():
     mesh = skfem.MeshTet().refined(2)
     expected = mesh.facets_satisfying(lambda x: x[0] == 0, boundaries_only=True)
-    assert as_sets(facets_at(SimplexMesh.of(mesh), lambda x: x[0] == 0)) == as_sets(mesh.facets[:, expected])
+    assert as_sets(facets_at(ElementMesh.of(mesh), lambda x: x[0] == 0)) == as_sets(mesh.facets[:, expected])
 
 
 def test_a_boundary_gives_its_facets_once_and_their_vertices():
     facets = MESH.surface[:, [4, 2, 4]]
-    mesh = SimplexMesh(MESH.p, MESH.t, boundaries={"some": np.concatenate([facets, facets[::-1]], axis=1)})
+    mesh = ElementMesh(MESH.p, MESH.t, boundaries={"some": np.concatenate([facets, facets[::-1]], axis=1)})
     assert facets_at(mesh, "some").shape == (3, 2)
     assert as_sets(facets_at(mesh, "some")) == as_sets(facets)
     assert np.array_equal(vertices_at(mesh, "some"), np.unique(facets))
@@ -47,9 +47,9 @@ def test_a_boundary_gives_its_facets_once_and_their_vertices():
 
 def test_a_name_of_a_boundary_and_of_a_node_set_must_mean_the_same_vertices():
     facets = MESH.surface[:, :2]
-    same = SimplexMesh(MESH.p, MESH.t, boundaries={"a": facets}, node_sets={"a": np.unique(facets)})
+    same = ElementMesh(MESH.p, MESH.t, boundaries={"a": facets}, node_sets={"a": np.unique(facets)})
     assert np.array_equal(vertices_at(same, "a"), np.unique(facets))
-    other = SimplexMesh(MESH.p, MESH.t, boundaries={"a": facets}, node_sets={"a": [1, 2]})
+    other = ElementMesh(MESH.p, MESH.t, boundaries={"a": facets}, node_sets={"a": [1, 2]})
     with pytest.raises(
         RegionError, match=r"fixed: 'a' is the name of a boundary with \d vertices and of a node set with 2 others.*Say which"
     ):
@@ -87,15 +87,15 @@ def test_a_name_of_a_boundary_and_of_a_node_set_must_mean_the_same_vertices():
     ],
 )
 def test_a_place_where_nothing_is_says_what_was_looked_for(where, message):
-    mesh = SimplexMesh(MESH.p, MESH.t, {"steel": [0]}, {"wall": np.array([[0], [1]])}, {"tip": [5]})
+    mesh = ElementMesh(MESH.p, MESH.t, {"steel": [0]}, {"wall": np.array([[0], [1]])}, {"tip": [5]})
     if isinstance(where, str) and where == "empty":
-        mesh = SimplexMesh(MESH.p, MESH.t, node_sets={"empty": []})
+        mesh = ElementMesh(MESH.p, MESH.t, node_sets={"empty": []})
     with pytest.raises(RegionError, match=message):
         vertices_at(mesh, where, "It")
 
 
 def test_facets_of_a_boundary_outside_the_mesh_are_refused():
-    mesh = SimplexMesh(MESH.p, MESH.t, boundaries={"wall": np.array([[0, 1], [1, 2], [2, 64]])})
+    mesh = ElementMesh(MESH.p, MESH.t, boundaries={"wall": np.array([[0, 1], [1, 2], [2, 64]])})
     with pytest.raises(RegionError, match=r"Boundary 'wall': 1 facet \(1\) with vertex ids outside 0 \.\.\. 63"):
         facets_at(mesh, "wall")
 
@@ -165,7 +165,7 @@ def test_the_surface_is_found_once_and_cannot_be_written_to():
 @pytest.mark.filterwarnings("ignore::skfem_stvk.StvkWarning")
 def test_boundaries_of_a_scikit_fem_mesh_come_along(mesh):
     named = mesh.with_boundaries({"wall": lambda x: x[0] < 0.2, "inner": np.array([4, 2])})
-    simplices = SimplexMesh.of(named)
+    simplices = ElementMesh.of(named)
     assert set(simplices.boundaries) == {"wall", "inner"} and len(simplices.boundaries) == 2
     for name, facets in simplices.boundaries.items():
         assert np.array_equal(facets, named.facets[:, np.asarray(named.boundaries[name])])
@@ -178,11 +178,11 @@ def test_the_facets_of_a_scikit_fem_mesh_are_not_looked_for_before_a_boundary_is
 
     mesh = skfem.MeshTet().refined(1).with_boundaries({"wall": lambda x: x[0] == 0})
     monkeypatch.setattr(facets, "facets_of", lambda *a: pytest.fail("looked for facets"))
-    simplices = SimplexMesh.of(mesh)
+    simplices = ElementMesh.of(mesh)
     assert "wall" in simplices.boundaries and list(simplices.boundaries) == ["wall"] and "wall" in repr(simplices.boundaries)
-    assert SimplexMesh.of(skfem.MeshTet()).boundaries == {}
+    assert ElementMesh.of(skfem.MeshTet()).boundaries == {}
 
 
 def test_named_parts_of_a_mesh_may_be_left_out():
-    assert SimplexMesh(MESH.p, MESH.t, None, None, None).node_sets == {}
+    assert ElementMesh(MESH.p, MESH.t, None, None, None).node_sets == {}
     assert issubclass(MeshError, ValueError)

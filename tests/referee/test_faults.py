@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from bodies import MESHES, box
 
-from skfem_stvk import SimplexMesh, StVK, StvkError, System, embedded_mesh, verify
+from skfem_stvk import ElementMesh, StVK, StvkError, System, embedded_mesh, verify
 from skfem_stvk.referee.faults import FAULTS
 from skfem_stvk.referee.results import CheckOutcome
 
@@ -46,7 +46,7 @@ def test_a_single_wrong_sign_in_one_tetrahedron_is_found_in_that_tetrahedron():
 
 
 def test_a_single_wrong_sign_is_caught_on_the_embedded_mesh():
-    mesh = SimplexMesh(embedded_mesh().p, embedded_mesh().t)
+    mesh = ElementMesh(embedded_mesh().p, embedded_mesh().t)
     report = checked(FAULTS["one wrong sign"].make(mesh, TERM), mesh)
     assert {r.worst["suspects"][0] for r in report.failures("candidate") if r.check == "agreement" and r.quantity == "K"} == {
         mesh.nt // 2

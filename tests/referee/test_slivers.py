@@ -5,7 +5,7 @@ import pytest
 import skfem
 from bodies import box
 
-from skfem_stvk import Isotropic, SimplexMesh, StVK, System, verify
+from skfem_stvk import ElementMesh, Isotropic, StVK, System, verify
 from skfem_stvk.mesh.geometry import aspect_ratios
 from skfem_stvk.referee.bodies import elasticity
 from skfem_stvk.referee.exact import MOST, Truth
@@ -26,7 +26,7 @@ def with_sliver(aspect):
     vertex = (a + b + c) / 3 + normal * np.linalg.norm(b - a) / aspect
     pieces = np.repeat(t[:, [middle]], 4, axis=1)
     pieces[range(4), range(4)] = mesh.nv
-    return SimplexMesh(np.column_stack([p, vertex]), np.column_stack([np.delete(t, middle, axis=1), pieces]))
+    return ElementMesh(np.column_stack([p, vertex]), np.column_stack([np.delete(t, middle, axis=1), pieces]))
 
 
 MESH = with_sliver(1e4)
@@ -107,7 +107,7 @@ def test_a_fault_in_a_part_that_is_1e14_times_softer_shows():
 
 @pytest.mark.parametrize("squeeze", [1.0, 1e-3])
 def test_the_truth_is_that_of_all_elements_whichever_are_computed_in_50_digits(squeeze):
-    mesh = MESH if squeeze == 1.0 else SimplexMesh(box(4).p * np.array([[1.0], [squeeze], [1.0]]), box(4).t)
+    mesh = MESH if squeeze == 1.0 else ElementMesh(box(4).p * np.array([[1.0], [squeeze], [1.0]]), box(4).t)
     truth, whole = Truth(mesh, elasticity(mesh, [TERM])), scikit_fem(mesh, TERM)
     assert truth.exact.tolist() == [SLIVER] if squeeze == 1.0 else len(truth.exact) == MOST < mesh.nt
     u = 0.01 * np.random.default_rng(3).standard_normal(mesh.p.size)
@@ -120,7 +120,7 @@ def test_vertices_of_flat_elements_alone_belong_to_the_truth():
     """The last vertices have no element but flat ones: scikit-fem's part does without them."""
     mesh = box(1)
     p = np.column_stack([mesh.p, mesh.p[:, mesh.t[:3, 0]].mean(axis=1) + 1e-4])
-    body = SimplexMesh(p, np.column_stack([mesh.t, np.append(mesh.t[:3, 0], mesh.nv)]))
+    body = ElementMesh(p, np.column_stack([mesh.t, np.append(mesh.t[:3, 0], mesh.nv)]))
     truth, u = Truth(body, elasticity(body, [TERM])), 0.01 * np.random.default_rng(3).standard_normal(p.size)
     assert truth.exact.tolist() == [mesh.nt]
     assert (
@@ -136,7 +136,7 @@ def test_slivers_around_a_vertex_almost_in_the_plane_of_its_neighbours_pass(elem
     a, b, c, apex = (p[:, vertex] for vertex in mesh.t[list(vertices), element])
     normal = np.cross(b - a, c - a) / np.linalg.norm(np.cross(b - a, c - a))
     p[:, mesh.t[vertices[3], element]] -= normal * ((apex - a) @ normal) * (1 - off)
-    mesh = SimplexMesh(p, mesh.t)
+    mesh = ElementMesh(p, mesh.t)
     assert (aspect_ratios(mesh) > 500).sum() > 1
     report = verify(mesh, StVK(young=1e5, poisson=0.0), quiet=True)
     assert not report.failures()

@@ -4,11 +4,11 @@ import skfem
 from bodies import BODIES, MESHES, box
 
 from skfem_stvk import (
+    ElementMesh,
     Isotropic,
     MaterialError,
     MeshError,
     Orthotropic,
-    SimplexMesh,
     StVK,
     StvkError,
     StvkWarning,
@@ -117,7 +117,7 @@ def test_disconnected_parts_are_verified_with_a_warning():
     mesh = box(2)
     p = np.concatenate([mesh.p, mesh.p + 5], axis=1)
     with pytest.warns(StvkWarning, match="2 parts that are not connected"):
-        report = verify(SimplexMesh(p, np.concatenate([mesh.t, mesh.t + mesh.nv], axis=1)), TERM, **QUIET)
+        report = verify(ElementMesh(p, np.concatenate([mesh.t, mesh.t + mesh.nv], axis=1)), TERM, **QUIET)
     assert report.passed
 
 
@@ -126,7 +126,7 @@ def test_states_are_what_they_say():
     from skfem_stvk.mesh.geometry import vertex_sizes
     from skfem_stvk.referee.case import named_states
 
-    cable = SimplexMesh(
+    cable = ElementMesh(
         np.stack([0 * np.arange(9.0), 0.1 * np.sin(np.arange(9.0)), np.arange(9.0)]), [np.arange(8), np.arange(1, 9)]
     )
     for mesh in (box(3), cable, MESHES["membrane"], MESHES["segments"]):

@@ -10,7 +10,7 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from scipy.optimize import brentq, minimize
 
-from skfem_stvk import SimplexMesh, StVK, System, VolumePenalty
+from skfem_stvk import ElementMesh, StVK, System, VolumePenalty
 from skfem_stvk.results import Fields, ellipticity
 from skfem_stvk.results.ellipticity import directions, without_ellipticity
 from skfem_stvk.terms.volume_energies import ENERGIES
@@ -21,7 +21,7 @@ FILLING = [name for name in BODIES if name.startswith(("tetrahedra", "triangles"
 TWO_SHEETS = [StVK(young=E, poisson=nu, plane="stress", thickness=h) for E, nu, h in ((2.0, 0.3, 0.5), (9.0, 0.1, 0.2))]
 POISSONS = (-0.4, 0.0, 0.2, 0.3, 0.45, 0.49)
 ONE = {"tetrahedra": MESHES["tetrahedra"], "triangles": MESHES["triangles"]}
-ONE = {name: SimplexMesh(mesh.p[:, mesh.t[:, 0]], np.arange(len(mesh.t))[:, None]) for name, mesh in ONE.items()}
+ONE = {name: ElementMesh(mesh.p[:, mesh.t[:, 0]], np.arange(len(mesh.t))[:, None]) for name, mesh in ONE.items()}
 
 
 def of_one(name, F, terms):

@@ -7,7 +7,7 @@ from homogeneous import affine, homogeneous, turned
 from hypothesis import given
 from hypothesis import strategies as st
 
-from skfem_stvk import SimplexMesh, StateError, StVK, StvkError
+from skfem_stvk import ElementMesh, StateError, StVK, StvkError
 from skfem_stvk.mesh.geometry import Geometry
 from skfem_stvk.results import Fields, names
 from skfem_stvk.results.law import current_normals, rest_frames
@@ -53,9 +53,9 @@ def test_the_volume_ratio_has_the_sign_that_orientation_had_at_rest(name):
 @pytest.mark.parametrize("name", MESHES)
 def test_strain_does_not_cancel_at_small_displacements_far_from_the_origin(name):
     mesh = MESHES[name]
-    far = SimplexMesh(mesh.p + 1024.0, mesh.t)  # exact steps, so that only the strain could lose digits
-    far = SimplexMesh(np.round(far.p * 2**30) / 2**30, mesh.t)
-    near = SimplexMesh(far.p - 1024.0, mesh.t)
+    far = ElementMesh(mesh.p + 1024.0, mesh.t)  # exact steps, so that only the strain could lose digits
+    far = ElementMesh(np.round(far.p * 2**30) / 2**30, mesh.t)
+    near = ElementMesh(far.p - 1024.0, mesh.t)
     u = 1e-11 * state(mesh)
     term = StVK(young=2.0, poisson=0.3)
     here, there = (Fields(m, term).at(u)["green_strain"] for m in (near, far))

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from bodies import MESHES, state
 
-from skfem_stvk import RegionError, SimplexMesh, StVK
+from skfem_stvk import ElementMesh, RegionError, StVK
 from skfem_stvk.results import Fields
 from skfem_stvk.results.fields import NodalAverage, split_nodes
 
@@ -31,7 +31,7 @@ def test_elements_without_a_value_do_not_count():
     mesh = MESHES["triangles"]
     region = np.flatnonzero(mesh.p[0, mesh.t].mean(axis=0) < 0.5)
     now = Fields(mesh, StVK(young=2.0, poisson=0.3, region=region)).at(state(mesh, 0.03))
-    alone = Fields(SimplexMesh(mesh.p, mesh.t[:, region]), StVK(young=2.0, poisson=0.3)).at(state(mesh, 0.03))
+    alone = Fields(ElementMesh(mesh.p, mesh.t[:, region]), StVK(young=2.0, poisson=0.3)).at(state(mesh, 0.03))
     smooth = now.at_nodes("von_mises")
     inside = np.isin(np.arange(mesh.nv), mesh.t[:, region])
     assert inside.any() and not inside.all()
@@ -42,7 +42,7 @@ def test_elements_without_a_value_do_not_count():
 def test_over_one_region_nothing_of_the_others_is_seen():
     mesh = MESHES["tetrahedra"]
     left = mesh.p[0, mesh.t].mean(axis=0) < 0.5
-    named = SimplexMesh(mesh.p, mesh.t, {"soft": np.flatnonzero(left)})
+    named = ElementMesh(mesh.p, mesh.t, {"soft": np.flatnonzero(left)})
     terms = [StVK(young=1.0, poisson=0.3, region=left), StVK(young=1000.0, poisson=0.3, region=~left)]
     u = state(mesh, 0.05)
     soft = Fields(named, terms).at(u).at_nodes("von_mises", region="soft")

@@ -8,7 +8,7 @@ import pytest
 import skfem
 from bodies import MESHES, state
 
-from skfem_stvk import SimplexMesh, StVK, StvkError, embedded_mesh
+from skfem_stvk import ElementMesh, StVK, StvkError, embedded_mesh
 from skfem_stvk.results import Fields, plot, plotting
 from skfem_stvk.results.picture import outline, picture_of, visible_cells
 
@@ -151,7 +151,7 @@ def test_the_surface_is_closed_and_seen_from_outside():
 
 def test_the_outline_of_a_cube_is_its_twelve_edges():
     mesh = skfem.MeshTet.init_tensor(*[np.linspace(0, 1, 4)] * 3)
-    corners, elements = visible_cells(SimplexMesh(mesh.p, mesh.t))
+    corners, elements = visible_cells(ElementMesh(mesh.p, mesh.t))
     lines = outline(mesh.p.T, mesh.t[corners, elements])
     assert lines.shape == (2, 36)
     on_sides = np.isin(np.round(mesh.p[:, lines], 12), (0, 1)).sum(axis=0)

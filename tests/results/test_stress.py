@@ -7,7 +7,7 @@ from homogeneous import LAM, MU, POISSON, YOUNG, affine, homogeneous, turned
 from hypothesis import given
 from hypothesis import strategies as st
 
-from skfem_stvk import Isotropic, SimplexMesh, StateError, StVK, StvkWarning, System
+from skfem_stvk import ElementMesh, Isotropic, StateError, StVK, StvkWarning, System
 from skfem_stvk.mesh.geometry import Geometry
 from skfem_stvk.referee.bodies import _voigt_matrix, is_condensed
 from skfem_stvk.reference import anisotropic_tensor, engineering_matrix
@@ -206,7 +206,7 @@ def test_tension_stays_tension_in_an_element_that_is_inside_out():
 
 
 def test_an_element_that_has_shrunk_to_nothing_is_named_and_masked():
-    mesh = SimplexMesh([[0, 1, 0, 0, 1], [0, 0, 1, 0, 1], [0, 0, 0, 1, 1.0]], [[0, 1], [1, 2], [2, 3], [3, 4]])
+    mesh = ElementMesh([[0, 1, 0, 0, 1], [0, 0, 1, 0, 1], [0, 0, 0, 1, 1.0]], [[0, 1], [1, 2], [2, 3], [3, 4]])
     u = np.zeros((5, 3))
     u[0] = [1.0, 0, 0]  # onto vertex 1: exactly flat
     now = Fields(mesh, StVK(young=1.0, poisson=0.3)).at(u.ravel())

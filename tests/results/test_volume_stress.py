@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from bodies import BODIES, MESHES, state
 
-from skfem_stvk import SimplexMesh, StateError, StVK, StvkWarning, System, VolumePenalty
+from skfem_stvk import ElementMesh, StateError, StVK, StvkWarning, System, VolumePenalty
 from skfem_stvk.mesh.geometry import Geometry
 from skfem_stvk.results import Fields
 from skfem_stvk.results.law import dilation
@@ -108,7 +108,7 @@ def test_inside_out_the_stress_follows_the_convention_and_the_barrier_has_none()
 
 
 def test_an_element_that_has_shrunk_to_nothing_is_named_once_and_masked():
-    mesh = SimplexMesh([[0, 1, 0, 0, 1], [0, 0, 1, 0, 1], [0, 0, 0, 1, 1.0]], [[0, 1], [1, 2], [2, 3], [3, 4]])
+    mesh = ElementMesh([[0, 1, 0, 0, 1], [0, 0, 1, 0, 1], [0, 0, 0, 1, 1.0]], [[0, 1], [1, 2], [2, 3], [3, 4]])
     u = np.zeros((5, 3))
     u[0] = [1.0, 0, 0]  # onto vertex 1: exactly flat
     now = Fields(mesh, [StVK(young=1.0, poisson=0.3), VolumePenalty(kind="compression")]).at(u.ravel())

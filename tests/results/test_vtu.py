@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from bodies import MESHES, state
 
-from skfem_stvk import SimplexMesh, StateError, StVK, StvkError, embedded_mesh, read_mesh
+from skfem_stvk import ElementMesh, StateError, StVK, StvkError, embedded_mesh, read_mesh
 from skfem_stvk.results import Fields, names, write_vtu
 from skfem_stvk.results.files import output_folder, output_path, replacing
 
@@ -138,7 +138,7 @@ def test_a_file_is_replaced_whole_or_not_at_all(tmp_path):
 
 def test_overlapping_subdomains_are_all_there(tmp_path):
     mesh = MESHES["triangles"]
-    named = SimplexMesh(mesh.p, mesh.t, {"all": np.arange(mesh.nt), "first": np.arange(4)})
+    named = ElementMesh(mesh.p, mesh.t, {"all": np.arange(mesh.nt), "first": np.arange(4)})
     again = read_mesh(write_vtu(tmp_path / "body.vtu", at(named), []))
     assert len(again.subdomains["all"]) == mesh.nt and len(again.subdomains["first"]) == 4
 
@@ -146,7 +146,7 @@ def test_overlapping_subdomains_are_all_there(tmp_path):
 def test_names_of_subdomains_come_back_whatever_letters_they_have(tmp_path):
     plain = ['left "half"', "a<b>&c;", "glühend 橡胶", "it's"]
     ids = [np.array([number]) for number in range(6)]
-    mesh = SimplexMesh(
+    mesh = ElementMesh(
         MESHES["tetrahedra"].p, MESHES["tetrahedra"].t, dict(zip([*plain, "\x1b[31mred\x1b[0m", "two\nlines\0"], ids, strict=True))
     )
     back = read_mesh(write_vtu(tmp_path / "body.vtu", at(mesh), []))

@@ -4,7 +4,7 @@ import numpy as np
 import skfem
 from bodies import turned_round
 
-from skfem_stvk import Gravity, SimplexMesh, StVK, System, Traction
+from skfem_stvk import ElementMesh, Gravity, StVK, System, Traction
 
 LOAD = np.array([30.0, -20.0, -60.0])
 
@@ -19,7 +19,7 @@ def beam(n=2, length=5.0, seed=7):
     p[:, inner] += 0.2 / n * rng.uniform(-1, 1, (3, len(inner)))
     ends = {"wall": mesh.facets[:, mesh.facets_satisfying(lambda x: x[0] == 0)]}
     ends["tip"] = mesh.facets[:, mesh.facets_satisfying(lambda x: x[0] == length)]
-    return SimplexMesh(p, turned_round(mesh.t, rng), boundaries=ends)
+    return ElementMesh(p, turned_round(mesh.t, rng), boundaries=ends)
 
 
 def bent(load=LOAD, n=2, **options):

@@ -5,7 +5,7 @@ import pytest
 import skfem
 from scenes import beam, bent, block, column
 
-from skfem_stvk import NodalLoad, Pressure, SimplexMesh, Stop, StVK, System, Traction, solve_static
+from skfem_stvk import ElementMesh, NodalLoad, Pressure, Stop, StVK, System, Traction, solve_static
 from skfem_stvk.errors import StateError, StvkError
 from skfem_stvk.linear import SuperLU
 from skfem_stvk.nonlinear.stopwatch import Stopwatch
@@ -135,7 +135,7 @@ def arch(n=40):
     x, y = mesh.p
     p = np.stack([x, y + 0.12 * (1 - x**2)])
     top = mesh.facets[:, mesh.facets_satisfying(lambda x: x[1] == 0.01)]
-    return SimplexMesh(p, mesh.t, boundaries={"top": top})
+    return ElementMesh(p, mesh.t, boundaries={"top": top})
 
 
 def test_under_follower_pressure_between_clamps_an_arch_snaps_and_eigenvalues_are_counted():

@@ -8,9 +8,9 @@ from statics.scenes import block
 from skfem_stvk import (
     Anisotropic,
     ElasticFoundation,
+    ElementMesh,
     Isotropic,
     Orthotropic,
-    SimplexMesh,
     StVK,
     System,
     TransverselyIsotropic,
@@ -220,6 +220,6 @@ def test_a_solve_says_from_where_on_the_model_is_not_to_be_trusted():
 
 
 def test_a_mesh_of_one_element_has_a_place():
-    mesh = SimplexMesh(np.array([[0.0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 2]]), np.array([[0], [1], [2], [3]]))
+    mesh = ElementMesh(np.array([[0.0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 2]]), np.array([[0], [1], [2], [3]]))
     (finding,) = Monitors(System(mesh, StVK(young=1.0, poisson=0.3)), ellipticity=False).at(-0.5 * mesh.p.ravel("F"))
     assert finding.text.startswith("1 element (0), the first at (0.25, 0.25, 0.5) at rest: compressed")

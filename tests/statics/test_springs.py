@@ -7,7 +7,7 @@ import pytest
 from scenes import beam
 from springs import PointSpring
 
-from skfem_stvk import NodalLoad, SimplexMesh, Stop, StVK, StvkError, System, Traction, solve_static
+from skfem_stvk import ElementMesh, NodalLoad, Stop, StVK, StvkError, System, Traction, solve_static
 from skfem_stvk.linear import Kind, SuperLU
 from skfem_stvk.nonlinear.line_search import length as length_along
 from skfem_stvk.nonlinear.problem import Tangent
@@ -83,7 +83,7 @@ def test_the_line_search_finds_its_way_from_far_off(pulled):
 
 def shallow(spring):
     """A bar that leans, pushed down at its head; a vertical spring beside it holds the head up, or none."""
-    mesh = SimplexMesh(np.array([[-1.0, 0.0], [0.0, 0.3]]), np.array([[0], [1]]))
+    mesh = ElementMesh(np.array([[-1.0, 0.0], [0.0, 0.3]]), np.array([[0], [1]]))
     terms = [StVK(young=1e5, poisson=0.3, area=1e-2), NodalLoad([1], (0.0, -6.0))]
     return System(mesh, [*terms, *spring], fixed=[([0], "xy"), ([1], "x")])
 
@@ -114,7 +114,7 @@ def test_arc_length_follows_them_through_limit_points():
 
 def test_a_body_that_a_load_makes_unstable_at_rest_is_known_to_be():
     """Springs that push away from where the body is: at rest K is indefinite already, and no path leads through a bifurcation."""
-    mesh = SimplexMesh(np.array([[0.0, 1.0], [0.0, 0.0]]), np.array([[0], [1]]))
+    mesh = ElementMesh(np.array([[0.0, 1.0], [0.0, 0.0]]), np.array([[0], [1]]))
     away = PointSpring([1], (1.0, 0.0), lambda t: -150.0)
     terms = [StVK(young=1e4, poisson=0.3, area=1e-2), away, NodalLoad([1], (1.0, 0.0))]
     system = System(mesh, terms, fixed=[([0], "xy"), ([1], "y")])
@@ -153,7 +153,7 @@ def test_a_tangent_that_springs_can_make_indefinite_is_not_called_positive_defin
 
 @pytest.mark.parametrize(("k", "negative"), [(-150.0, 1), (-50.0, 0)])
 def test_a_path_begins_with_the_negative_eigenvalues_that_springs_make(k, negative):
-    mesh = SimplexMesh(np.array([[0.0, 1.0], [0.0, 0.0]]), np.array([[0], [1]]))
+    mesh = ElementMesh(np.array([[0.0, 1.0], [0.0, 0.0]]), np.array([[0], [1]]))
     away = PointSpring([1], (1.0, 0.0), lambda t: k)
     system = System(mesh, [StVK(young=1e4, poisson=0.3, area=1e-2), away], fixed=[([0], "xy"), ([1], "y")])
     walk = LoadSteps(

@@ -9,7 +9,7 @@ from scenes import column
 from scipy.sparse import block_diag, csc_matrix, csr_matrix
 from scipy.sparse.linalg import eigsh
 
-from skfem_stvk import Pressure, SimplexMesh, Stop, StVK, System, Traction, solve_static
+from skfem_stvk import ElementMesh, Pressure, Stop, StVK, System, Traction, solve_static
 from skfem_stvk.linear import AmgCg, Outcome, Pardiso, SuperLU, Unknowns
 from skfem_stvk.linear.inertia import Inertia, inertia, shifted
 from skfem_stvk.linear.pardiso import PardisoFactors
@@ -41,7 +41,7 @@ def arch():
     angle, radius = (mesh.p[0] - 0.5) * 2 * np.radians(107.5), 1 + 0.02 * mesh.p[1]
     outside = mesh.facets[:, mesh.facets_satisfying(lambda x: np.isclose(x[1], 0.5))]
     ends = mesh.facets[:, mesh.facets_satisfying(lambda x: np.isclose(x[0] * (1 - x[0]), 0))]
-    bent = SimplexMesh(radius * [np.sin(angle), np.cos(angle)], mesh.t, boundaries={"outside": outside, "ends": ends})
+    bent = ElementMesh(radius * [np.sin(angle), np.cos(angle)], mesh.t, boundaries={"outside": outside, "ends": ends})
     return System(bent, [StVK(young=1e7, poisson=0.0), Pressure("outside", 480.0)], fixed={"ends": "xy"})
 
 
@@ -51,7 +51,7 @@ def shallow_arch(load):
     top = mesh.facets[:, mesh.facets_satisfying(lambda x: (x[1] == 0.01) & (np.abs(x[0]) < 0.5))]
     p = mesh.p + [[0], [0.12]] * (1 - mesh.p[:1] ** 2)
     terms = [StVK(young=1e4, poisson=0.3), Pressure("top", load)]
-    return System(SimplexMesh(p, mesh.t, boundaries={"top": top}), terms, fixed={lambda x: np.abs(x[0]) == 1: "xy"})
+    return System(ElementMesh(p, mesh.t, boundaries={"top": top}), terms, fixed={lambda x: np.abs(x[0]) == 1: "xy"})
 
 
 def tangent(result):

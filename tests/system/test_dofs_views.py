@@ -6,11 +6,11 @@ import skfem
 
 from skfem_stvk import (
     ElasticFoundation,
+    ElementMesh,
     Gravity,
     NodalLoad,
     Pressure,
     RegionError,
-    SimplexMesh,
     Stop,
     StVK,
     SupportError,
@@ -64,7 +64,7 @@ def test_as_a_place_of_loads_it_is_its_vertices(term):
 
 
 def test_everywhere_else_where_a_place_is_asked_for_it_is_its_vertices():
-    mesh = SimplexMesh.of(MESH)
+    mesh = ElementMesh.of(MESH)
     assert np.array_equal(vertices_at(mesh, BOT), IDS) and describe(BOT) == describe(IDS)
     assert as_sets(facets_at(mesh, BOT)) == as_sets(mesh.boundaries["bot"])
     assert as_sets(mesh.with_boundaries({"floor": BOT}).boundaries["floor"]) == as_sets(mesh.boundaries["bot"])

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from bodies import BODIES, MESHES, box, state
 
-from skfem_stvk import Isotropic, SimplexMesh, StVK, StvkError, StvkWarning, System
+from skfem_stvk import ElementMesh, Isotropic, StVK, StvkError, StvkWarning, System
 from skfem_stvk.mesh.geometry import aspect_ratios
 from skfem_stvk.referee.exact import ExactStVK
 
@@ -83,7 +83,7 @@ def test_the_textbook_form_loses_the_digits_that_this_one_keeps():
 def test_far_from_the_origin_nothing_is_lost(offset):
     """Rest edges and displacements are differences in double."""
     mesh = box(3)
-    there = SimplexMesh(mesh.p + offset, mesh.t)
+    there = ElementMesh(mesh.p + offset, mesh.t)
     for strain in (1e-1, 1e-5):
         assert max(errors(there, TERM, stretched(there, strain))) < LIMIT
     moved = stretched(there, 1e-3) + offset
@@ -102,13 +102,13 @@ def test_graded_materials(strain):
 @pytest.mark.parametrize("height", [1.0, 0.3, 0.1, 0.03])
 def test_flat_elements_cost_their_aspect_ratio_squared(height):
     mesh = box(2)
-    flat = SimplexMesh(mesh.p * np.array([[height], [1], [1]]), mesh.t)
+    flat = ElementMesh(mesh.p * np.array([[height], [1], [1]]), mesh.t)
     aspect = aspect_ratios(flat).max()
     assert max(errors(flat, TERM, stretched(flat, 1e-3))) < 5 * np.finfo(np.float32).eps * aspect**2
 
 
 def test_elements_too_flat_for_single_precision_are_warned_of():
-    flat = SimplexMesh(box(2).p * np.array([[0.03], [1], [1]]), box(2).t)
+    flat = ElementMesh(box(2).p * np.array([[0.03], [1], [1]]), box(2).t)
     with pytest.warns(StvkWarning, match=r"\d+ elements \(.*\): flatter than 1:50, the flattest 1:74. In float32"):
         System(flat, TERM, dtype=np.float32)
     System(flat, TERM)  # not in double
@@ -117,7 +117,7 @@ def test_elements_too_flat_for_single_precision_are_warned_of():
 def test_units_do_not_matter():
     """Steel in pascal and millimetres in metres: squares and products stay in the range of single precision."""
     mesh = box(2)
-    small = SimplexMesh(1e-3 * mesh.p, mesh.t)
+    small = ElementMesh(1e-3 * mesh.p, mesh.t)
     assert max(errors(small, StVK(young=210e9, poisson=0.3), stretched(small, 1e-3))) < LIMIT
 
 

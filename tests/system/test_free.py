@@ -7,7 +7,7 @@ import skfem
 from bodies import BODIES, MESHES, state
 from hypothesis import given, settings
 
-from skfem_stvk import SimplexMesh, StVK, StvkError, System
+from skfem_stvk import ElementMesh, StVK, StvkError, System
 
 SOLID = System(MESHES["tetrahedra"], StVK(young=2.0, poisson=0.3))
 N = SOLID.ndofs
@@ -102,7 +102,7 @@ def test_duplicates_order_and_type_do_not_matter(fixed, same):
 
 
 def test_names_predicates_and_components_by_place_are_taken_too():
-    mesh = SimplexMesh(SOLID.mesh.p, SOLID.mesh.t, node_sets={"left": np.flatnonzero(SOLID.mesh.p[0] < 0.2)})
+    mesh = ElementMesh(SOLID.mesh.p, SOLID.mesh.t, node_sets={"left": np.flatnonzero(SOLID.mesh.p[0] < 0.2)})
     body, left = System(mesh, StVK(young=2.0, poisson=0.3)), mesh.node_sets["left"]
     every = (3 * left[:, None] + np.arange(3)).ravel()
     for same in ("left", lambda x: x[0] < 0.2, {"left": "xyz"}, [("left", "x"), (left[::-1], "zy")]):

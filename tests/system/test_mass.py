@@ -8,7 +8,7 @@ import skfem
 from bodies import BODIES, MESHES, box, sheet
 from skfem.helpers import dot
 
-from skfem_stvk import ElasticFoundation, MaterialError, SimplexMesh, StVK, StvkError, System, VolumePenalty
+from skfem_stvk import ElasticFoundation, ElementMesh, MaterialError, StVK, StvkError, System, VolumePenalty
 from skfem_stvk.system.mass import KINDS
 
 RNG = np.random.default_rng(0)
@@ -110,7 +110,7 @@ def test_rotation_has_the_energy_of_the_rigid_body(d):
         inner = (unit.p > 0) & (unit.p < 1)
         flat = (skfem.MeshTet if d == 3 else skfem.MeshTri).init_tensor(*[np.linspace(0, 1, n + 1)] * d).p
         p = np.where((flat > 0) & (flat < 1) & inner, unit.p, flat) * sides[:, None]  # unequal inside, a brick outside
-        system = System(SimplexMesh(p, unit.t), StVK(young=2.0, poisson=0.3, density=rho))
+        system = System(ElementMesh(p, unit.t), StVK(young=2.0, poisson=0.3, density=rho))
         arm = np.zeros((3, p.shape[1]))
         arm[:d] = p - sides[:, None] / 2
         velocity = np.cross(w, arm.T)[:, :d].ravel()
@@ -220,7 +220,7 @@ def test_vertices_without_mass_are_named_unless_they_are_held(kind):
 
 
 def test_a_foundation_has_no_mass():
-    mesh = SimplexMesh.of(skfem.MeshTri().refined(2).with_boundaries({"floor": lambda x: x[1] == 0}))
+    mesh = ElementMesh.of(skfem.MeshTri().refined(2).with_boundaries({"floor": lambda x: x[1] == 0}))
     term = StVK(young=2.0, poisson=0.3, density=3.0)
     on_springs = System(mesh, [term, ElasticFoundation("floor", stiffness=5.0)])
     assert np.array_equal(on_springs.mass().vertex, System(mesh, term).mass().vertex)

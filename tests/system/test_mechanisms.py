@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
-from skfem_stvk import ElasticFoundation, SimplexMesh, StVK, System
+from skfem_stvk import ElasticFoundation, ElementMesh, StVK, System
 from skfem_stvk.edges.topology import edge_topology
 from skfem_stvk.errors import SupportError
 from skfem_stvk.kernels.topology import pieces_of_simplices
@@ -40,7 +40,7 @@ def put_together(*bodies):
     first = np.cumsum([0, *[p.shape[1] for p, _ in bodies]])
     t = np.concatenate([t + n for (_, t), n in zip(bodies, first, strict=False)], axis=1)
     p, inverse = np.unique(np.round(p, 12), axis=1, return_inverse=True)
-    return SimplexMesh(p, inverse.ravel()[t])
+    return ElementMesh(p, inverse.ravel()[t])
 
 
 def shuffled(mesh, seed):
@@ -48,7 +48,7 @@ def shuffled(mesh, seed):
     rng = np.random.default_rng(seed)
     new, p = rng.permutation(mesh.nv), np.empty_like(mesh.p)
     p[:, new] = mesh.p
-    return SimplexMesh(p, turned_round(new[mesh.t[:, rng.permutation(mesh.nt)]], rng))
+    return ElementMesh(p, turned_round(new[mesh.t[:, rng.permutation(mesh.nt)]], rng))
 
 
 def at(*point):
@@ -118,7 +118,7 @@ def test_mechanisms_are_counted_whatever_the_size_place_and_order(name, scale, o
     for seed in range(3):
         unit = shuffled(mesh, seed)
         assert pieces in (None, pieces_of_simplices(unit.t, unit.nv).max() + 1)
-        body = SimplexMesh(scale * unit.p + offset, unit.t)
+        body = ElementMesh(scale * unit.p + offset, unit.t)
         held = (3 * np.flatnonzero(unit.p[0] == 0)[:, None] + np.arange(3)).ravel()
         assert motions_left(body, held) == (0, count)
         assert motions_left(body, held[:0]) == (6, count)
@@ -139,7 +139,7 @@ def crumbs(d, seed, share, regular):
         t = mesh.t[:, :1]
     used, t = np.unique(t, return_inverse=True)
     p = mesh.p if regular else distorted(mesh.p, rng)
-    return SimplexMesh(p[:, used], turned_round(t.reshape(d + 1, -1), rng)), rng
+    return ElementMesh(p[:, used], turned_round(t.reshape(d + 1, -1), rng)), rng
 
 
 @settings(max_examples=60)
@@ -160,7 +160,7 @@ def test_crumbs_have_as_many_motions_left_as_the_stiffness_has_zero_eigenvalues(
     K = system.tangent(np.zeros(system.ndofs)).toarray()
     free = np.setdiff1d(np.arange(system.ndofs), dofs)
     zeros = int((np.linalg.eigvalsh(K[np.ix_(free, free)]) < 1e-12 * np.abs(K).max()).sum()) if len(free) else 0
-    assert sum(motions_left(SimplexMesh(mesh.p + offset, mesh.t), dofs)) == zeros
+    assert sum(motions_left(ElementMesh(mesh.p + offset, mesh.t), dofs)) == zeros
 
 
 ADVICE = " Less than a face joins these elements to the others: hold them as well, join them by faces, or mesh anew."
@@ -338,9 +338,9 @@ def test_what_another_term_ties_together_counts_as_held():
 
 
 def test_cables_trusses_and_membranes_in_space_are_left_to_their_tension():
-    chain = SimplexMesh([[0, 1, 2.0, 3], [0, 1, 0, 0], [0, 0, 1, 0]], [[0, 1, 2], [1, 2, 3]])
+    chain = ElementMesh([[0, 1, 2.0, 3], [0, 1, 0, 0], [0, 0, 1, 0]], [[0, 1, 2], [1, 2, 3]])
     System(chain, StVK(young=1.0, poisson=0.3), fixed={(0, 2, 3): "xyz"}).check_held()
-    sails = SimplexMesh([[0, 0, 1, 2.0, 2], [0, 1, 0, 0, 1], [0, 0, 0, 0, 1]], [[0, 2], [1, 3], [2, 4]])
+    sails = ElementMesh([[0, 0, 1, 2.0, 2], [0, 1, 0, 0, 1], [0, 0, 0, 0, 1]], [[0, 2], [1, 3], [2, 4]])
     System(sails, StVK(young=1.0, poisson=0.3), fixed={(0, 1, 2): "xyz"}).check_held()
 
 
@@ -359,7 +359,7 @@ def test_pieces_are_what_facets_connect(d, seed, nt, nv):
     """In any heap of simplices, also where three share a facet."""
     rng = np.random.default_rng(seed)
     t = np.stack([rng.permutation(nv)[: d + 1] for _ in range(nt)], axis=1)
-    mesh = SimplexMesh(rng.random((d, nv)), t)
+    mesh = ElementMesh(rng.random((d, nv)), t)
     piece, expected = pieces_of_simplices(mesh.t, nv), facet_pieces(mesh)
     assert len(set(zip(piece, expected, strict=True))) == len(set(piece)) == len(set(expected))
     assert list(np.unique(piece, return_index=True)[1]) == sorted(np.unique(piece, return_index=True)[1])
@@ -400,7 +400,7 @@ def welded(n):
         p += [centre + a + 0.2 * rng.random(3) for a in ((1, 0.2, -0.1), (0.8, -0.5, 0.6))]
         t += [(*corners, tip) for tip in tips]
         corners = (*tips, corners[1 + rng.integers(2)])
-    return SimplexMesh(np.array(p).T, np.array(t).T)
+    return ElementMesh(np.array(p).T, np.array(t).T)
 
 
 def test_long_chains_are_held_by_their_end():

@@ -12,7 +12,7 @@ from bodies import box, random_frames, some_voigt, state
 from kernels.parts import on_twins
 from scipy.spatial import Delaunay
 
-from skfem_stvk import Anisotropic, SimplexMesh, StVK, System
+from skfem_stvk import Anisotropic, ElementMesh, StVK, System
 
 TERM = StVK(young=2.0, poisson=0.3)
 RNG = np.random.default_rng(0)
@@ -23,12 +23,12 @@ MORE = {"own edges", "blocks of edges", "rows of K", "pattern of K", "product"}
 def unstructured(n=900):
     """Tetrahedra between random points, without slivers."""
     p = np.random.default_rng(0).random((3, n))
-    mesh = SimplexMesh(p, Delaunay(p.T).simplices.T)
+    mesh = ElementMesh(p, Delaunay(p.T).simplices.T)
     spokes = mesh.p[:, mesh.t[1:]] - mesh.p[:, mesh.t[:1]]
     volume = np.abs(np.linalg.det(spokes.transpose(2, 0, 1)))
     t = mesh.t[:, volume > 1e-2 * volume.mean()]
     used, t = np.unique(t, return_inverse=True)
-    return SimplexMesh(p[:, used], t.reshape(4, -1))
+    return ElementMesh(p[:, used], t.reshape(4, -1))
 
 
 @pytest.fixture(autouse=True)

@@ -9,15 +9,15 @@ from bodies import MESHES, box, sheet
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from skfem_stvk import SimplexMesh, StVK, System
+from skfem_stvk import ElementMesh, StVK, System
 from skfem_stvk.edges.topology import edge_topology
 from skfem_stvk.errors import SupportError
 from skfem_stvk.system.mechanisms import check_held
 from skfem_stvk.system.rigid import parts_of, rigid_modes, rigid_modes_left
 from skfem_stvk.system.supports import Supports
 
-CUBE = SimplexMesh.of(skfem.MeshTet().refined(2))
-SQUARE = SimplexMesh.of(skfem.MeshTri().refined(2))
+CUBE = ElementMesh.of(skfem.MeshTet().refined(2))
+SQUARE = ElementMesh.of(skfem.MeshTri().refined(2))
 
 
 def left(mesh, supports=(), move=lambda p: p):
@@ -91,7 +91,7 @@ def test_nothing_is_left_of_a_body_that_is_held(supports, offset):
 
 def test_directions_that_are_no_axes_are_given_by_components():
     turn = np.array([[0.8, -0.6, 0], [0.6, 0.8, 0], [0, 0, 1]])
-    mesh = SimplexMesh(turn @ CUBE.p, CUBE.t)
+    mesh = ElementMesh(turn @ CUBE.p, CUBE.t)
     line = np.flatnonzero((CUBE.p[1] == 0) & (CUBE.p[2] == 0))
     assert left(mesh, [(line, "xyz")]) == [
         f"{THE_CUBE}1 rigid mode left, rotation about the line along (0.8, 0.6, 0) through (0.4, 0.3, 0)"
@@ -127,21 +127,21 @@ def test_the_plane_has_three_modes_and_turns_about_a_pin():
 
 
 def test_a_straight_cable_does_not_turn_about_itself():
-    mesh = SimplexMesh([[0, 1, 2.0], [0, 2, 4.0], [0, 0, 0]], [[0, 1], [1, 2]])
+    mesh = ElementMesh([[0, 1, 2.0], [0, 2, 4.0], [0, 0, 0]], [[0, 1], [1, 2]])
     assert "5 rigid modes left" in left(mesh)[0]
     assert "2 rigid modes left" in left(mesh, [((0,), "xyz")])[0]
     assert left(mesh, [((0, 1), "xyz")]) == []
 
 
 def test_a_bar_on_a_line_slides():
-    mesh = SimplexMesh([[0, 1, 2.0]], [[0, 1], [1, 2]])
+    mesh = ElementMesh([[0, 1, 2.0]], [[0, 1], [1, 2]])
     assert left(mesh) == ["the body of 3 vertices has 1 rigid mode left, translation along x"]
     assert left(mesh, [((2,), "x")]) == []
 
 
 def test_each_part_needs_supports_of_its_own():
     n = CUBE.nv
-    two = SimplexMesh(np.concatenate([CUBE.p, CUBE.p + 3], axis=1), np.concatenate([CUBE.t, CUBE.t + n], axis=1))
+    two = ElementMesh(np.concatenate([CUBE.p, CUBE.p + 3], axis=1), np.concatenate([CUBE.t, CUBE.t + n], axis=1))
     held = at(two, lambda p: p[0] == 0)
     (text,) = left(two, [(held, "xyz")])
     assert text.startswith(f"the part of {n} vertices ({n}, {n + 1}, {n + 2}, {n + 3}, {n + 4}, ...) has 6 rigid modes left")
@@ -162,7 +162,7 @@ def test_a_body_that_is_not_held_is_refused_and_a_foundation_holds_it():
 def test_many_parts_are_counted():
     n, copies = CUBE.nv, 9
     p = np.concatenate([CUBE.p + 3 * i for i in range(copies)], axis=1)
-    mesh = SimplexMesh(p, np.concatenate([CUBE.t + n * i for i in range(copies)], axis=1))
+    mesh = ElementMesh(p, np.concatenate([CUBE.t + n * i for i in range(copies)], axis=1))
     with pytest.raises(SupportError, match=r"; and 4 more parts\. Fix .* common faces\.$") as error:
         check_held(
             mesh, [SimpleNamespace(nodes_paired=edge_topology(mesh.t)[0])], np.array([], dtype=int), np.ones(mesh.nt, dtype=bool)
@@ -171,7 +171,7 @@ def test_many_parts_are_counted():
 
 
 def test_supports_on_a_small_patch_hold_a_large_body():
-    mesh = SimplexMesh(CUBE.p * np.array([[1e4], [1], [1]]), CUBE.t)
+    mesh = ElementMesh(CUBE.p * np.array([[1e4], [1], [1]]), CUBE.t)
     patch = np.flatnonzero(np.linalg.norm(CUBE.p, axis=0) <= 0.5)
     assert left(mesh, [(patch, "xyz")]) == []
     far = lambda p: p * 1e-3 + 1e3  # noqa: E731

@@ -6,13 +6,13 @@ from bodies import MESHES, box, sheet
 from hypothesis import given
 from hypothesis import strategies as st
 
-from skfem_stvk import RegionError, SimplexMesh
+from skfem_stvk import ElementMesh, RegionError
 from skfem_stvk.errors import SupportError
 from skfem_stvk.system.supports import Supports
 
 MESH = box()
 WALL, TIP = np.flatnonzero(MESH.p[0] < 0.2), np.flatnonzero(MESH.p[0] > 0.8)
-NAMED = SimplexMesh(MESH.p, MESH.t, node_sets={"wall": WALL, "tip": TIP})
+NAMED = ElementMesh(MESH.p, MESH.t, node_sets={"wall": WALL, "tip": TIP})
 
 
 @pytest.mark.parametrize("name", MESHES)

@@ -6,7 +6,7 @@ import pytest
 from bodies import BODIES, MESHES, reference_of, state
 from hypothesis import given, settings
 
-from skfem_stvk import MeshError, SimplexMesh, StateError, StVK, StvkError, StvkWarning, System
+from skfem_stvk import ElementMesh, MeshError, StateError, StVK, StvkError, StvkWarning, System
 
 TERM = StVK(young=2.0, poisson=0.3)
 SOLID = System(MESHES["tetrahedra"], TERM)
@@ -55,7 +55,7 @@ def test_numbering_and_order_of_vertices_do_not_matter(seed):
     order = rng.permutation(mesh.nv)  # vertex i becomes order[i]
     p = np.empty_like(mesh.p)
     p[:, order] = mesh.p
-    other = System(SimplexMesh(p, rng.permuted(order[mesh.t], axis=0)[:, rng.permutation(mesh.nt)]), TERM)
+    other = System(ElementMesh(p, rng.permuted(order[mesh.t], axis=0)[:, rng.permutation(mesh.nt)]), TERM)
     u = state(mesh)
     moved = np.empty((mesh.nv, 3))
     moved[order] = u.reshape(-1, 3)
@@ -67,7 +67,7 @@ def test_numbering_and_order_of_vertices_do_not_matter(seed):
 @pytest.mark.parametrize("name", MESHES)
 def test_energy_scales_with_young_and_with_the_size(name):
     mesh, u = MESHES[name], state(MESHES[name])
-    body, larger = System(mesh, TERM), System(SimplexMesh(10 * mesh.p, mesh.t), StVK(young=6.0, poisson=0.3))
+    body, larger = System(mesh, TERM), System(ElementMesh(10 * mesh.p, mesh.t), StVK(young=6.0, poisson=0.3))
     assert larger.energy(10 * u) == pytest.approx(3 * 10**mesh.k * body.energy(u), rel=1e-12)
     F = body.internal_force(u)
     assert np.allclose(

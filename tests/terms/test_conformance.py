@@ -8,7 +8,7 @@ from bodies import MESHES, random_frames, some_voigt, state, turned_round
 from kernels.parts import in_parts
 from terms.toys import Anchors, Areas, Springs, Wind
 
-from skfem_stvk import Anisotropic, ElasticFoundation, SimplexMesh, StVK, System, VolumePenalty
+from skfem_stvk import Anisotropic, ElasticFoundation, ElementMesh, StVK, System, VolumePenalty
 from skfem_stvk.edges import ALL, NONE, TENSILE, Tensions
 from skfem_stvk.edges.pairs import with_blocks
 from skfem_stvk.system import Pattern
@@ -30,7 +30,7 @@ class Case(NamedTuple):
     toy : whether it is as narrow as can be, and stands in `toys.py`.
     """
 
-    mesh: SimplexMesh
+    mesh: ElementMesh
     term: Any
     limit: float = 1e-11
     step: float = 0.1
@@ -243,7 +243,7 @@ def test_numbers_of_vertices_and_elements_and_orientations_do_not_matter(name):
     to, order = rng.permutation(mesh.nv), rng.permutation(mesh.nt)
     p = np.empty_like(mesh.p)
     p[:, to] = mesh.p
-    other = SimplexMesh(p, turned_round(to[mesh.t[:, order]], rng))
+    other = ElementMesh(p, turned_round(to[mesh.t[:, order]], rng))
     if isinstance(case.term, StVK):
         m = case.term.material
         term = StVK(young=m.young[order], poisson=m.poisson[order])

@@ -7,7 +7,7 @@ from forces import force, integral, moment
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from skfem_stvk import MaterialError, RegionError, SimplexMesh, StVK
+from skfem_stvk import ElementMesh, MaterialError, RegionError, StVK
 from skfem_stvk.errors import LoadError
 from skfem_stvk.mesh.facets import facet_sizes
 from skfem_stvk.mesh.geometry import Geometry
@@ -57,7 +57,7 @@ def test_weight_is_mass_times_g_and_acts_in_the_centre_of_mass(name):
 @pytest.mark.parametrize("region", [None, "half"])
 def test_a_linear_body_force_is_integrated_exactly(name, region):
     mesh = MESHES[name]
-    mesh = SimplexMesh(mesh.p, mesh.t, subdomains={"half": np.arange(mesh.nt // 2)})
+    mesh = ElementMesh(mesh.p, mesh.t, subdomains={"half": np.arange(mesh.nt // 2)})
     ids = mesh.elements(region)
     body, b, t = body_of(mesh), linear(mesh.d), 0.7
     f = force(BodyForce(b, region).bind(body), mesh, t=t)
@@ -99,7 +99,7 @@ def test_traction_resultant_is_area_times_thickness_times_traction():
     boundary = mesh.surface[:, 3:5]
     lengths = np.linalg.norm(np.diff(mesh.p[:, boundary], axis=1)[:, 0], axis=0)
     owner = [next(e for e in range(mesh.nt) if set(facet) <= set(mesh.t[:, e])) for facet in boundary.T.tolist()]
-    named = SimplexMesh(mesh.p, mesh.t, boundaries={"some": boundary[::-1]})
+    named = ElementMesh(mesh.p, mesh.t, boundaries={"some": boundary[::-1]})
     body = Body(named, [StVK(young=1.0, poisson=0.3, thickness=thickness)])
     f = force(Traction("some", (2.0, -1.0)).bind(body), mesh)
     assert f.sum(axis=1) == pytest.approx((lengths @ thickness[owner]) * np.array([2.0, -1.0]), rel=1e-13)
@@ -108,7 +108,7 @@ def test_traction_resultant_is_area_times_thickness_times_traction():
 def test_a_traction_may_act_on_inner_facets_of_a_named_boundary():
     mesh = MESHES["tetrahedra"]
     inner = np.array([[a, b, c] for a, b, c in mesh.t[:3].T if not {a, b, c} <= set(mesh.surface.ravel())])[:1].T
-    named = SimplexMesh(mesh.p, mesh.t, boundaries={"inner": np.concatenate([inner, inner[::-1]], axis=1)})
+    named = ElementMesh(mesh.p, mesh.t, boundaries={"inner": np.concatenate([inner, inner[::-1]], axis=1)})
     f = force(Traction("inner", (0, 0, 2.0)).bind(body_of(named)), mesh)
     assert f.sum(axis=1) == pytest.approx([0, 0, 2 * facet_sizes(mesh.p, inner)[0]])  # the same facet twice counts once
 
@@ -237,7 +237,7 @@ LOADS = [
 @pytest.mark.parametrize(("load", "error", "message"), LOADS, ids=[message[:50] for _, _, message in LOADS])
 def test_a_load_that_has_no_meaning_is_refused_with_what_to_do(load, error, message):
     mesh = MESHES["tetrahedra"]
-    named = SimplexMesh(mesh.p, mesh.t, boundaries={"tip": mesh.surface[:, :4]})
+    named = ElementMesh(mesh.p, mesh.t, boundaries={"tip": mesh.surface[:, :4]})
     with pytest.raises(error, match=message):
         load.bind(body_of(named))
 

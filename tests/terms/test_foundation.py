@@ -5,7 +5,7 @@ import pytest
 from bodies import MESHES, sheet, state
 from forces import integral
 
-from skfem_stvk import RegionError, SimplexMesh, StVK
+from skfem_stvk import ElementMesh, RegionError, StVK
 from skfem_stvk.edges import TENSILE
 from skfem_stvk.edges.pairs import with_blocks
 from skfem_stvk.errors import LoadError
@@ -137,4 +137,4 @@ def test_a_stiffness_of_other_components_and_a_place_without_facets_are_refused(
     with pytest.raises(
         RegionError, match="ElasticFoundation on 'floor': the mesh has no boundary or node set 'floor'; known: none"
     ):
-        ElasticFoundation("floor", 1.0).bind(SimplexMesh(mesh.p, mesh.t))
+        ElasticFoundation("floor", 1.0).bind(ElementMesh(mesh.p, mesh.t))

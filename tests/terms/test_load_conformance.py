@@ -8,7 +8,7 @@ from bodies import MESHES, state
 from springs import PointSpring
 from terms.toys import Vortex
 
-from skfem_stvk import BodyForce, Gravity, LoadError, NodalLoad, Pressure, SimplexMesh, StVK, System, Traction
+from skfem_stvk import BodyForce, ElementMesh, Gravity, LoadError, NodalLoad, Pressure, StVK, System, Traction
 from skfem_stvk.dynamics.forces import constant_loads, driven, steady_potential
 from skfem_stvk.edges.pairs import Coupled
 from skfem_stvk.system import Pattern
@@ -21,7 +21,7 @@ T = Moment(0.6, 0.8)
 class Case(NamedTuple):
     """A load on a mesh, and what it has to say of itself."""
 
-    mesh: SimplexMesh
+    mesh: ElementMesh
     load: Any
     has_potential: bool = True
     dead: bool = True

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from bodies import MESHES, box, sheet, state
 
-from skfem_stvk import LoadError, NodalLoad, Pressure, RegionError, SimplexMesh, StVK, System, Traction
+from skfem_stvk import ElementMesh, LoadError, NodalLoad, Pressure, RegionError, StVK, System, Traction
 from skfem_stvk.errors import SupportError
 from skfem_stvk.system.supports import Supports
 from skfem_stvk.terms.load import Value
@@ -46,14 +46,14 @@ def test_forces_on_all_vertices_follow_the_ids_as_given():
 
 def test_names_masks_and_predicates_are_ascending():
     ids = np.sort(FEW)
-    mesh, mask = SimplexMesh(MESH.p, MESH.t, node_sets={"few": FEW}), np.zeros(MESH.nv, dtype=bool)
+    mesh, mask = ElementMesh(MESH.p, MESH.t, node_sets={"few": FEW}), np.zeros(MESH.nv, dtype=bool)
     mask[FEW] = True
     for where in ("few", mask, lambda x: mask):
         assert np.array_equal(external(mesh, NodalLoad(where, VALUES))[ids], VALUES.T)
 
 
 def test_prescribed_values_follow_the_ids_as_given():
-    mesh = SimplexMesh(MESH.p, MESH.t)
+    mesh = ElementMesh(MESH.p, MESH.t)
     for given in ({"x": VALUES[0], "z": lambda x, t: 10 * t * x[2]}, lambda x, t: t * np.stack([VALUES[0], 0 * x[1], 10 * x[2]])):
         supports = Supports(mesh, None, [(FEW, given)])
         u = np.full((mesh.nv, 3), np.nan)

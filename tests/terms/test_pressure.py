@@ -7,7 +7,7 @@ from forces import force, moment, quadrature, stiffness
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from skfem_stvk import RegionError, SimplexMesh, StVK
+from skfem_stvk import ElementMesh, RegionError, StVK
 from skfem_stvk.errors import LoadError
 from skfem_stvk.terms import Body, Pressure
 
@@ -20,7 +20,7 @@ def bubble():
     """The surface of a box of tetrahedra, as a closed membrane with its normals outwards."""
     solid = box()
     vertices, t = np.unique(solid.surface, return_inverse=True)
-    return SimplexMesh(solid.p[:, vertices], t.reshape(solid.surface.shape))
+    return ElementMesh(solid.p[:, vertices], t.reshape(solid.surface.shape))
 
 
 CLOSED = {"tetrahedra": box(), "triangles": sheet(), "bubble": bubble()}
@@ -133,7 +133,7 @@ def test_pressure_on_an_edge_counts_the_thickness_behind_it():
 
 
 def test_a_triangle_in_space_is_pushed_against_its_right_hand_normal():
-    mesh = SimplexMesh([[0, 2, 0], [0, 0, 1], [0, 0, 0]], [[0], [1], [2]])
+    mesh = ElementMesh([[0, 2, 0], [0, 0, 1], [0, 0, 0]], [[0], [1], [2]])
     assert force(bound(mesh, 3.0, thickness=9.0), mesh).sum(axis=1) == pytest.approx([0, 0, -3.0])
 
 
@@ -142,7 +142,7 @@ def test_the_facets_of_a_named_boundary_may_be_turned_any_way():
     u = state(mesh).reshape(-1, 3)
     facets = mesh.surface[:, 5:12]
     for order in ([0, 1, 2], [1, 0, 2], [2, 0, 1]):
-        named = SimplexMesh(mesh.p, mesh.t, boundaries={"some": facets[order]})
+        named = ElementMesh(mesh.p, mesh.t, boundaries={"some": facets[order]})
         f = force(bound(named, 1.0, "some"), mesh, u)
         a, b, c = (mesh.p + u.T)[:, facets].transpose(1, 0, 2)
         assert f.sum(axis=1) == pytest.approx(-np.cross(b - a, c - a, axis=0).sum(axis=1) / 2)
@@ -150,8 +150,8 @@ def test_the_facets_of_a_named_boundary_may_be_turned_any_way():
 
 def test_pressure_far_from_the_origin_is_as_exact_as_the_coordinates():
     mesh = box()
-    far = SimplexMesh(np.round(mesh.p * 2**20) / 2**20 + 2.0**20, mesh.t)
-    near = SimplexMesh(far.p - 2.0**20, mesh.t)
+    far = ElementMesh(np.round(mesh.p * 2**20) / 2**20 + 2.0**20, mesh.t)
+    near = ElementMesh(far.p - 2.0**20, mesh.t)
     u = state(mesh).reshape(-1, 3)
     assert np.array_equal(force(bound(far, 1.0), far, u), force(bound(near, 1.0), near, u))
 
@@ -165,7 +165,7 @@ def inner_facet(mesh):
 def test_pressure_on_inner_facets_is_refused():
     for mesh in (box(), sheet()):
         some = np.concatenate([mesh.surface[:, :3], np.array(inner_facet(mesh))[:, None]], axis=1)
-        named = SimplexMesh(mesh.p, mesh.t, boundaries={"some": some})
+        named = ElementMesh(mesh.p, mesh.t, boundaries={"some": some})
         with pytest.raises(LoadError, match=r"Pressure on 'some': 1 facet \(\d\) of 4 are not on the boundary.*Traction"):
             bound(named, 1.0, "some")
 
@@ -184,14 +184,14 @@ def test_triangles_that_are_turned_round_count_as_turned_like_the_first(seed):
     turned = turned_round(mesh.t, np.random.default_rng(seed))
     sign = 1 if np.array_equal(turned[:, 0], mesh.t[:, 0]) else -1
     expected = sign * force(bound(mesh, 1.0), mesh)
-    assert force(bound(SimplexMesh(mesh.p, turned), 1.0), mesh) == pytest.approx(expected, abs=1e-15)
+    assert force(bound(ElementMesh(mesh.p, turned), 1.0), mesh) == pytest.approx(expected, abs=1e-15)
 
 
 def test_each_connected_piece_has_a_first_triangle_of_its_own():
     mesh = bubble()
     n = mesh.nv
     outwards, inwards = mesh.t, mesh.t[[1, 0, 2]] + n
-    two = SimplexMesh(np.concatenate([mesh.p, mesh.p], axis=1), np.concatenate([outwards, inwards], axis=1))
+    two = ElementMesh(np.concatenate([mesh.p, mesh.p], axis=1), np.concatenate([outwards, inwards], axis=1))
     f = force(bound(two, 1.0), two)
     assert np.abs(f).max() > 0 and f[:, :n] == pytest.approx(-f[:, n:], abs=1e-15)
 
@@ -202,14 +202,14 @@ def test_a_surface_without_two_sides_is_refused():
         [[(2 + s * np.cos(b / 2)) * np.cos(b), (2 + s * np.cos(b / 2)) * np.sin(b), s * np.sin(b / 2)] for b in a for s in (-1, 1)]
     )
     strip = np.array([[i, i + 1, i + 2] for i in range(8)] + [[8, 9, 1], [9, 1, 0]]).T
-    moebius = SimplexMesh(x.reshape(-1, 3).T, strip)
+    moebius = ElementMesh(x.reshape(-1, 3).T, strip)
     with pytest.raises(LoadError, match=r"Pressure: 10 elements \(0, 1, .*\) are a surface without two sides"):
         bound(moebius, 1.0)
     assert np.abs(force(bound(moebius, 1.0, np.arange(9)), moebius)).max() > 0.1
 
 
 def test_where_three_triangles_meet_each_is_turned_as_it_is():
-    fan = SimplexMesh([[0, 0, 1, -1, 0], [0, 0, 0, 0, 1], [0, 1, 0, 0, 0]], [[0, 0, 0], [1, 1, 1], [2, 3, 4]])
+    fan = ElementMesh([[0, 0, 1, -1, 0], [0, 0, 0, 0, 1], [0, 1, 0, 0, 0]], [[0, 0, 0], [1, 1, 1], [2, 3, 4]])
     alone = sum(force(bound(fan, 1.0, [e]), fan) for e in range(3))
     assert np.abs(alone).max() > 0 and force(bound(fan, 1.0), fan) == pytest.approx(alone, abs=1e-15)
 

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from bodies import MESHES
 
-from skfem_stvk import Isotropic, MaterialError, RegionError, SimplexMesh, StVK, System
+from skfem_stvk import ElementMesh, Isotropic, MaterialError, RegionError, StVK, System
 
 
 @pytest.mark.parametrize(
@@ -59,7 +59,7 @@ def test_arrays_follow_the_order_of_the_region():
 def test_a_named_region_is_the_elements_of_the_subdomain():
     mesh = MESHES["tetrahedra"]
     ids = np.arange(40)
-    named = SimplexMesh(mesh.p, mesh.t, {"left": ids, "right": np.arange(40, mesh.nt)})
+    named = ElementMesh(mesh.p, mesh.t, {"left": ids, "right": np.arange(40, mesh.nt)})
     terms = [StVK(young=1.0, poisson=0.3, region="left"), StVK(young=1.0, poisson=0.3, region="right")]
     u = np.random.default_rng(2).standard_normal(mesh.p.size) / 10
     assert System(named, terms).energy(u) == pytest.approx(System(mesh, StVK(young=1.0, poisson=0.3)).energy(u), rel=1e-13)

@@ -10,7 +10,7 @@ from terms.toys import Anchors, Areas, Contacts, Friction, Springs, Vortex, Wind
 
 from skfem_stvk import Gravity, NodalLoad, StVK, StvkError, System, solve_static
 from skfem_stvk.dynamics import BackwardEuler, EnergyMomentum, Newmark, VelocityVerlet, simulate
-from skfem_stvk.mesh import SimplexMesh
+from skfem_stvk.mesh import ElementMesh
 
 MESH = MESHES["tetrahedra"]
 SOLID = StVK(young=50.0, poisson=0.3, density=1.0)
@@ -113,7 +113,7 @@ def test_other_pairs_make_another_pattern_and_all_that_was_worked_out_for_the_ol
     K, operator = system.tangent(u), system.linear_operator(u)
     Kff = held.matrix(K)
     mass.add_to(K, 1.0)
-    coupled = set(zip(*SOLID.bind(SimplexMesh.of(MESH)).nodes_paired.tolist(), strict=True))
+    coupled = set(zip(*SOLID.bind(ElementMesh.of(MESH)).nodes_paired.tolist(), strict=True))
     apart = np.array([pair for pair in zip(*np.triu_indices(MESH.nv, 1), strict=True) if pair not in coupled]).T
     contacts.take(apart)
     assert system.pattern_version == 1

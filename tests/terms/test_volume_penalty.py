@@ -13,9 +13,9 @@ from kernels.readable import volume_energies
 from skfem_stvk import (
     Anisotropic,
     ElasticFoundation,
+    ElementMesh,
     MaterialError,
     RegionError,
-    SimplexMesh,
     StateError,
     StVK,
     StvkError,
@@ -160,7 +160,7 @@ def test_small_strains_keep_their_digits_far_from_the_origin_too(kind, strain, o
     """Against fractions; `det(P + U)/det(P) - 1` has lost all of them at 1e-8 there."""
     near = box(2)
     far = near.p + offset
-    mesh = SimplexMesh(far, near.t)
+    mesh = ElementMesh(far, near.t)
     rng = np.random.default_rng(5)
     u = -strain * (near.p.T + 0.3 * rng.random(near.p.T.shape))
     found = np.zeros_like(u)
@@ -295,7 +295,7 @@ def test_what_overflows_is_an_error_and_no_nan(kind, size):
 def test_a_tangent_whose_diagonal_alone_is_finite_is_refused():
     """`psi'` overflows, `psi''` does not: what the pressure adds to K is in no diagonal entry."""
     near = MESHES["tetrahedra"]
-    body, u = System(SimplexMesh(1e49 * near.p, near.t), VolumePenalty(1e-240, "quadratic")), 1e148 * state(near)
+    body, u = System(ElementMesh(1e49 * near.p, near.t), VolumePenalty(1e-240, "quadratic")), 1e148 * state(near)
     (term,) = body.bound_terms
     data = np.zeros(body.pattern.nnz)
     term.fill(u.reshape(-1, 3), term.pairs.rows(body.pattern), data, False)

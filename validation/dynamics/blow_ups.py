@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 import skfem
 
-from skfem_stvk import SimplexMesh, StVK, System, VolumePenalty
+from skfem_stvk import ElementMesh, StVK, System, VolumePenalty
 from skfem_stvk.dynamics import Run, Status, VelocityVerlet, simulate
 
 from ..statics.study import Study
@@ -63,13 +63,13 @@ def blow_ups(quick: bool = False, folder: Path | None = None) -> Sequence[Study]
     )
 
 
-def _bar() -> SimplexMesh:
+def _bar() -> ElementMesh:
     """Twice as long as it is wide and thick."""
     lines = np.linspace(0, LENGTH, 9), *2 * [np.linspace(0, LENGTH / 2, 5)]
-    return SimplexMesh.of(skfem.MeshTet.init_tensor(*lines))
+    return ElementMesh.of(skfem.MeshTet.init_tensor(*lines))
 
 
-def starts(mesh: SimplexMesh, count: int) -> list[Start]:
+def starts(mesh: ElementMesh, count: int) -> list[Start]:
     """`count` of each kind."""
     x = mesh.p.T - mesh.p.mean(axis=1)
     sound, none = np.sqrt(YOUNG / DENSITY), np.zeros_like(x)

@@ -18,7 +18,7 @@ from scipy.sparse import csr_matrix, diags
 from scipy.sparse.linalg import splu
 from skfem.helpers import dot
 
-from skfem_stvk import Gravity, SimplexMesh, StVK, System
+from skfem_stvk import ElementMesh, Gravity, StVK, System
 from skfem_stvk.dynamics import EnergyMomentum, GeneralizedAlpha, Integrator, Newmark, VelocityVerlet, simulate
 from skfem_stvk.reference import ReferenceStVK, isotropic_tensor
 
@@ -40,16 +40,16 @@ class Case(NamedTuple):
     mass: str
 
     @property
-    def mesh(self) -> SimplexMesh:
+    def mesh(self) -> ElementMesh:
         """A block, inner vertices moved, half of the simplices turned round."""
         unit = moved_box(self.d, self.n)
-        return SimplexMesh(unit.p * np.array(SIDES[: self.d])[:, None], unit.t)
+        return ElementMesh(unit.p * np.array(SIDES[: self.d])[:, None], unit.t)
 
     @property
     def gravity(self) -> Array:
         return np.array([0.0, -2.0, 5.0][: self.d])
 
-    def first_velocities(self, mesh: SimplexMesh) -> Array:
+    def first_velocities(self, mesh: ElementMesh) -> Array:
         """(nv, d), zero where it is held."""
         x = mesh.p[0] / SIDES[0]
         return (x * np.array([0.3, 1.0, -0.7][: self.d])[:, None]).T

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import skfem
 
-from skfem_stvk import Gravity, SimplexMesh, StVK, StvkWarning, System
+from skfem_stvk import ElementMesh, Gravity, StVK, StvkWarning, System
 from skfem_stvk.arguments import Array
 from skfem_stvk.dynamics import Integrator, Run, SimulationError, Status, simulate
 from skfem_stvk.dynamics.integrators.implicit import Implicit, ImplicitStepper
@@ -29,9 +29,9 @@ SOFT = StVK(young=1e5, poisson=0.3, density=1000.0)
 def block(n: int, sides: tuple[float, ...] = (0.4, 0.1, 0.15), material: StVK = SOFT, **supports: Any) -> System:
     """A block of these sides [m] about the origin, `n` cells along each, inner vertices moved, half of all turned round."""
     unit = moved_box(len(sides), n)
-    mesh = SimplexMesh(unit.p * np.array(sides)[:, None], unit.t)
+    mesh = ElementMesh(unit.p * np.array(sides)[:, None], unit.t)
     mass = System(mesh, material).mass().vertex
-    centred = SimplexMesh(mesh.p - (mesh.p @ mass / mass.sum())[:, None], mesh.t)
+    centred = ElementMesh(mesh.p - (mesh.p @ mass / mass.sum())[:, None], mesh.t)
     return System(centred, material, **supports)
 
 

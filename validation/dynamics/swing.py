@@ -11,7 +11,7 @@ import numba
 import numpy as np
 import skfem
 
-from skfem_stvk import Gravity, SimplexMesh, StVK, System
+from skfem_stvk import ElementMesh, Gravity, StVK, System
 from skfem_stvk.dynamics import Integrator, LinearBackwardEuler, Run
 
 from .scenes import Array, reached
@@ -42,7 +42,7 @@ class Timed(NamedTuple):
 def bar(n: int, young: float = YOUNG) -> System:
     """`n` cells across and `2 n` along, each of 6 tetrahedra."""
     across, along = np.linspace(0, SIDE, n + 1), np.linspace(-LENGTH, 0, 2 * n + 1)
-    mesh = SimplexMesh.of(skfem.MeshTet.init_tensor(across, across, along))
+    mesh = ElementMesh.of(skfem.MeshTet.init_tensor(across, across, along))
     material = StVK(young=young, poisson=POISSON, density=DENSITY)
     return System(mesh, [material, Gravity(GRAVITY)], fixed={lambda x: x[2] == 0: "xyz"})
 

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
-from skfem_stvk import SimplexMesh, StVK, System, VolumePenalty
+from skfem_stvk import ElementMesh, StVK, System, VolumePenalty
 from skfem_stvk.arguments import Array
 
 
@@ -25,7 +25,7 @@ class Body:
     v0 : (ndofs,) velocities to start from [m/s]; None for none.
     """
 
-    mesh: SimplexMesh
+    mesh: ElementMesh
     young: float | Array
     poisson: float
     loads: tuple[Any, ...] = ()

@@ -8,7 +8,7 @@ from functools import partial
 import numpy as np
 from scipy.optimize import brentq
 
-from skfem_stvk import SimplexMesh, System, Traction
+from skfem_stvk import ElementMesh, System, Traction
 
 from . import meshes, truths
 from .case import Array, Body, Case
@@ -92,6 +92,6 @@ def _graded() -> Body:
     return _sheared(meshes.graded(), YOUNG)
 
 
-def _sheared(mesh: SimplexMesh, young: float | Array) -> Body:
+def _sheared(mesh: ElementMesh, young: float | Array) -> Body:
     plate = {"x": 0.5, "y": 0.0, "z": 0.0}
     return Body(mesh, young, POISSON, fixed={lambda x: x[1] == 0: "xyz"}, prescribed={lambda x: x[1] == 1: plate})

@@ -8,13 +8,13 @@ import numpy as np
 import skfem
 from numpy.typing import NDArray
 
-from skfem_stvk import SimplexMesh
+from skfem_stvk import ElementMesh
 
 from ..meshes import dihedral_angles
 from .case import Array
 
 
-def box(lines: Sequence[Array], amount: float = 0.2, seed: int = 1) -> SimplexMesh:
+def box(lines: Sequence[Array], amount: float = 0.2, seed: int = 1) -> ElementMesh:
     """Cells between these coordinates, inner vertices moved by up to `amount` of a cell, half of the tetrahedra turned round."""
     mesh, rng = skfem.MeshTet.init_tensor(*lines), np.random.default_rng(seed)
     p = mesh.p.copy()
@@ -24,30 +24,30 @@ def box(lines: Sequence[Array], amount: float = 0.2, seed: int = 1) -> SimplexMe
         x += amount * cell * inner * rng.uniform(-1, 1, len(x))
     on_face = np.array([(mesh.p[i] == line[j]) for i, line in enumerate(lines) for j in (0, -1)]).any(axis=0)
     p[:, on_face] = mesh.p[:, on_face]
-    return turned_round(SimplexMesh(p, mesh.t))
+    return turned_round(ElementMesh(p, mesh.t))
 
 
-def bar(length: float = 3.0, n: int = 3, **options: float) -> SimplexMesh:
+def bar(length: float = 3.0, n: int = 3, **options: float) -> ElementMesh:
     """A bar along x of section 1 x 1 in cells of 1/n."""
     across = np.linspace(0, 1, n + 1)
     return box([np.linspace(0, length, round(length * n) + 1), across, across], **options)  # type: ignore[arg-type]
 
 
-def cube(n: int = 6) -> SimplexMesh:
+def cube(n: int = 6) -> ElementMesh:
     """The unit cube of (n + 1)^3 nodes as scikit-fem makes it."""
     mesh = skfem.MeshTet.init_tensor(*[np.linspace(0, 1, n + 1)] * 3)
-    return SimplexMesh(mesh.p, mesh.t)
+    return ElementMesh(mesh.p, mesh.t)
 
 
-def turned_round(mesh: SimplexMesh, seed: int = 0) -> SimplexMesh:
+def turned_round(mesh: ElementMesh, seed: int = 0) -> ElementMesh:
     """The mesh with two vertices exchanged in half of its elements."""
     t = mesh.t.copy()
     half = np.random.default_rng(seed).random(mesh.nt) < 0.5
     t[:2, half] = t[1::-1, half]
-    return SimplexMesh(mesh.p, t)
+    return ElementMesh(mesh.p, t)
 
 
-def with_slivers(mesh: SimplexMesh, degrees: float, share: float = 0.3, seed: int = 2) -> SimplexMesh:
+def with_slivers(mesh: ElementMesh, degrees: float, share: float = 0.3, seed: int = 2) -> ElementMesh:
     """The mesh with inner vertices, far from each other, moved until an element at each has a dihedral angle of so many degrees."""
     rng, p = np.random.default_rng(seed), mesh.p.copy()
     low, high = p.min(axis=1, keepdims=True), p.max(axis=1, keepdims=True)
@@ -60,7 +60,7 @@ def with_slivers(mesh: SimplexMesh, degrees: float, share: float = 0.3, seed: in
             taken[around] = True
             direction = rng.standard_normal(3)
             p[:, vertex] = _pushed(p, around, vertex, direction / np.linalg.norm(direction), degrees)
-    return SimplexMesh(p, mesh.t)
+    return ElementMesh(p, mesh.t)
 
 
 def _pushed(p: Array, around: NDArray[np.int32], vertex: int, direction: Array, degrees: float) -> Array:
@@ -84,18 +84,18 @@ def _volumes(p: Array, t: NDArray[np.int32]) -> Array:
 def _smallest_angle(p: Array, t: NDArray[np.int32]) -> float:
     """Smallest dihedral angle [degrees]."""
     used, local = np.unique(t, return_inverse=True)
-    return float(dihedral_angles(SimplexMesh(p[:, used], local.reshape(t.shape).astype(np.int32))).min())
+    return float(dihedral_angles(ElementMesh(p[:, used], local.reshape(t.shape).astype(np.int32))).min())
 
 
-def graded(layers: int = 5, factor: float = 11.0) -> SimplexMesh:
+def graded(layers: int = 5, factor: float = 11.0) -> ElementMesh:
     """The unit cube in layers around one corner, each `factor` times as thick as the one within."""
     mesh = skfem.MeshTet.init_tensor(*[np.arange(layers + 1.0)] * 3)
     layer = mesh.p.max(axis=0)
     size = np.where(layer > 0, factor ** (layer - layers), 0)
-    return turned_round(SimplexMesh(mesh.p * size / np.maximum(layer, 1), mesh.t))
+    return turned_round(ElementMesh(mesh.p * size / np.maximum(layer, 1), mesh.t))
 
 
-def longest_edges(mesh: SimplexMesh) -> Array:
+def longest_edges(mesh: ElementMesh) -> Array:
     """(nt,) longest edge of each element [m]."""
     x = mesh.p.T[mesh.t.T]
     return np.linalg.norm(x[:, :, None] - x[:, None], axis=3).max(axis=(1, 2))

@@ -6,7 +6,7 @@ from functools import partial
 
 import numpy as np
 
-from skfem_stvk import SimplexMesh, System, Traction
+from skfem_stvk import ElementMesh, System, Traction
 from skfem_stvk.reference import ReferenceStVK, isotropic_tensor
 
 from . import meshes, truths
@@ -47,7 +47,7 @@ def _bent(unit: float, away: float, load: float = 0.03) -> Body:
     young = YOUNG / unit**2
     start = away * FAR[0, 0]
     return Body(
-        SimplexMesh(unit * p + away * FAR, mesh.t),
+        ElementMesh(unit * p + away * FAR, mesh.t),
         young,
         POISSON,
         (Traction(lambda x: x[0] == end, (0, 0, -load * young)),),

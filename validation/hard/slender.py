@@ -9,7 +9,7 @@ from functools import partial
 import numpy as np
 import skfem
 
-from skfem_stvk import SimplexMesh, Traction
+from skfem_stvk import ElementMesh, Traction
 from skfem_stvk.linear import SOLVERS
 from skfem_stvk.linear.pardiso import pardiso_is_installed
 
@@ -50,7 +50,7 @@ def _case(make: truths.Make, what: str, solver: str = "auto") -> Case:
 def _strip(ratio: int, cells: int, across: int, load: float = LOAD, poisson: float = 0.3) -> Body:
     """A strip of triangles in plane strain."""
     mesh = skfem.MeshTri.init_tensor(np.linspace(0, ratio * THICKNESS, cells + 1), np.linspace(0, THICKNESS, across + 1))
-    return _bent(SimplexMesh(mesh.p, mesh.t), ratio, load, poisson, 0.0)
+    return _bent(ElementMesh(mesh.p, mesh.t), ratio, load, poisson, 0.0)
 
 
 def _bar(ratio: int, cells: int) -> Body:
@@ -59,7 +59,7 @@ def _bar(ratio: int, cells: int) -> Body:
     return _bent(meshes.box(lines), ratio, LOAD, 0.3, 0.0, 0.0)
 
 
-def _bent(mesh: SimplexMesh, ratio: int, load: float, poisson: float, *others: float) -> Body:
+def _bent(mesh: ElementMesh, ratio: int, load: float, poisson: float, *others: float) -> Body:
     """Held at one end; the traction at the other is `load E I/(A L^2)`."""
     traction = load * YOUNG / (12 * ratio**2)
     pulled = Traction(lambda x: x[0] == mesh.p[0].max(), (*others, -traction))

@@ -7,7 +7,7 @@ from functools import partial
 
 import numpy as np
 
-from skfem_stvk import SimplexMesh, Traction, VolumePenalty
+from skfem_stvk import ElementMesh, Traction, VolumePenalty
 
 from . import meshes, truths
 from .case import Array, Body, Case
@@ -42,18 +42,18 @@ def _from(u0: truths.Start) -> Body:
     return replace(body, u0=u0(body.mesh))
 
 
-def random_positions(mesh: SimplexMesh) -> Array:
+def random_positions(mesh: ElementMesh) -> Array:
     """Every vertex anywhere in the body's box."""
     low, high = mesh.p.min(axis=1), mesh.p.max(axis=1)
     return (np.random.default_rng(5).uniform(low, high, (mesh.nv, 3)) - mesh.p.T).ravel()
 
 
-def _flattened(mesh: SimplexMesh) -> Array:
+def _flattened(mesh: ElementMesh) -> Array:
     """All vertices at z = 0."""
     return (mesh.p * [[0], [0], [-1]]).ravel("F")
 
 
-def some_inside_out(mesh: SimplexMesh) -> Array:
+def some_inside_out(mesh: ElementMesh) -> Array:
     """Every fifth inner vertex moved by the size of an element or more."""
     low, high = mesh.p.min(axis=1, keepdims=True), mesh.p.max(axis=1, keepdims=True)
     inner = np.flatnonzero(((mesh.p > low) & (mesh.p < high)).all(axis=0))[::5]

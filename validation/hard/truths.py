@@ -7,15 +7,15 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from skfem_stvk import SimplexMesh, System
+from skfem_stvk import ElementMesh, System
 
 from .case import Array, Body, Truth
 from .tiny_steps import followed
 
 Make = Callable[[], Body]
-MakeMesh = Callable[[], SimplexMesh]
+MakeMesh = Callable[[], ElementMesh]
 Where = Callable[[Array], NDArray[np.bool_]]
-Start = Callable[[SimplexMesh], Array]
+Start = Callable[[ElementMesh], Array]
 
 #: Of states that tiny steps lead to: both sides converge to 1e-8 or better in the residual, relative.
 LIMIT = 1e-6

@@ -10,7 +10,7 @@ import numpy as np
 import skfem
 from numpy.typing import NDArray
 
-from skfem_stvk import ElasticFoundation, Pressure, SimplexMesh, System, Traction
+from skfem_stvk import ElasticFoundation, ElementMesh, Pressure, System, Traction
 
 from . import meshes, truths
 from .case import Array, Body, Case, Truth
@@ -45,7 +45,7 @@ def _column(held_head: bool) -> Body:
     """
     mesh = skfem.MeshQuad.init_tensor(np.linspace(0, 20, 41), np.linspace(-0.5, 0.5, 3)).to_meshtri(style="x")
     fixed = {lambda x: x[0] < 0.01: "xy"} | ({_head: "y"} if held_head else {})
-    return Body(SimplexMesh(mesh.p, mesh.t), 1e4, POISSON, (Pressure(_head, 117.0),), fixed)
+    return Body(ElementMesh(mesh.p, mesh.t), 1e4, POISSON, (Pressure(_head, 117.0),), fixed)
 
 
 def _head(x: Array) -> NDArray[np.bool_]:
@@ -66,7 +66,7 @@ def _arch() -> Body:
     ends = mesh.facets[:, mesh.facets_satisfying(lambda x: np.isclose(x[0] * (1 - x[0]), 0))]
     p = radius * np.stack([np.sin(angle), np.cos(angle)])
     return Body(
-        SimplexMesh(p, mesh.t, boundaries={"outside": outside, "ends": ends}),
+        ElementMesh(p, mesh.t, boundaries={"outside": outside, "ends": ends}),
         1e7,
         0.0,
         (Pressure("outside", 480.0),),
@@ -74,22 +74,22 @@ def _arch() -> Body:
     )
 
 
-def _loose(name: str, mesh: SimplexMesh, fixed: truths.Where, *says: str) -> Case:
+def _loose(name: str, mesh: ElementMesh, fixed: truths.Where, *says: str) -> Case:
     truth = truths.none("a part can move without strain", *says)
     return Case(name, partial(_pushed, mesh, fixed), 4, truth, truth)
 
 
-def _pushed(mesh: SimplexMesh, fixed: truths.Where) -> Body:
+def _pushed(mesh: ElementMesh, fixed: truths.Where) -> Body:
     end = mesh.p[0].max()
     return Body(mesh, YOUNG, POISSON, (Traction(lambda x: x[0] == end, (1e2, 0, -1e3)),), {fixed: "xyz"})
 
 
-def _joined(offset: tuple[float, float, float]) -> SimplexMesh:
+def _joined(offset: tuple[float, float, float]) -> ElementMesh:
     """A block and its copy, moved by `offset`, that share the vertices where they touch."""
     one = meshes.cube(2)
     p = np.hstack([one.p, one.p + np.array(offset)[:, None]])
     p, number = np.unique(p.round(9), axis=1, return_inverse=True)
-    return SimplexMesh(p, number.ravel()[np.hstack([one.t, one.t + one.nv])].astype(np.int32))
+    return ElementMesh(p, number.ravel()[np.hstack([one.t, one.t + one.nv])].astype(np.int32))
 
 
 def _sheet(squeeze: float, bed: float = 0.0, push: float = 0.0) -> Body:

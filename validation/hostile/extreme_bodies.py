@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import skfem
 
-from skfem_stvk import SimplexMesh, StVK
+from skfem_stvk import ElementMesh, StVK
 from skfem_stvk.arguments import Array
 
 from .spokes import Spokes
@@ -44,7 +44,7 @@ class Body:
     notes : what is special about it.
     """
 
-    mesh: SimplexMesh
+    mesh: ElementMesh
     term: StVK
     exact: Spokes
     unit: float
@@ -78,7 +78,7 @@ def body(rng: np.random.Generator) -> Body:
     width = int(rng.choice(WIDTHS, p=(0.5, 0.25, 0.25)))
     unit, young, section, density = (float(2.0 ** round(3.32 * rng.uniform(-width, width))) for _ in range(4))
     poisson = float(rng.choice(POISSON, p=[0.4, *[0.6 / (len(POISSON) - 1)] * (len(POISSON) - 1)]))
-    mesh = SimplexMesh(p * unit, t)
+    mesh = ElementMesh(p * unit, t)
     condensed = bool(mesh.k == mesh.d == 2 and rng.random() < 0.5)
     options: dict[str, Any] = {1: {"area": section}, 2: {"thickness": section}}.get(mesh.k, {})
     section = section if options else 1.0

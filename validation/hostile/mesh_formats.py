@@ -16,7 +16,7 @@ import meshio
 import numpy as np
 import skfem
 
-from skfem_stvk import SimplexMesh
+from skfem_stvk import ElementMesh
 from skfem_stvk.mesh import read_mesh
 
 #: A number with an exponent or a point, as coordinates are written.
@@ -275,7 +275,7 @@ class Written(NamedTuple):
     suffix: str
     content: bytes
     beside: dict[str, bytes]
-    mesh: SimplexMesh
+    mesh: ElementMesh
 
 
 @lru_cache

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from skfem_stvk import SimplexMesh, StVK, System
+from skfem_stvk import ElementMesh, StVK, System
 from skfem_stvk.mesh import read_mesh
 
 from . import tiny_files
@@ -133,7 +133,7 @@ def flipped(content: bytes, seed: int) -> bytes:
 def mutated(name: str, file: str, change: Change, quick: bool = False) -> Case:
     """A changed file of a format: refused, or read as the mesh that it held before the change."""
 
-    def attempt(folder: Path) -> SimplexMesh:
+    def attempt(folder: Path) -> ElementMesh:
         whole = written(file)
         path = folder / f"body{whole.suffix}"
         for suffix, content in whole.beside.items():
@@ -147,7 +147,7 @@ def mutated(name: str, file: str, change: Change, quick: bool = False) -> Case:
     return Case(name, attempt, partial(same_mesh, file=file), quick=quick)
 
 
-def same_mesh(mesh: SimplexMesh, file: str) -> None:
+def same_mesh(mesh: ElementMesh, file: str) -> None:
     """The judge: vertices, elements and names are those that were written."""
     whole = written(file).mesh
     if not (mesh.nt == whole.nt and np.array_equal(mesh.t, whole.t) and np.array_equal(mesh.p, whole.p)):
@@ -162,5 +162,5 @@ def same_mesh(mesh: SimplexMesh, file: str) -> None:
 
 def a_mesh(mesh: Any) -> None:
     """The judge of files that may hold another mesh: it is one."""
-    if not isinstance(mesh, SimplexMesh) or not np.isfinite(mesh.p).all():
+    if not isinstance(mesh, ElementMesh) or not np.isfinite(mesh.p).all():
         raise Wrong(Verdict.SILENT, f"read {mesh!r:.200}")

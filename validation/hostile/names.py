@@ -16,7 +16,7 @@ import numpy as np
 import skfem
 from rich.console import Console
 
-from skfem_stvk import NodalLoad, SimplexMesh, StVK, System, VelocityVerlet, simulate, solve_static, verify
+from skfem_stvk import ElementMesh, NodalLoad, StVK, System, VelocityVerlet, simulate, solve_static, verify
 from skfem_stvk.mesh import read_mesh
 from skfem_stvk.referee.terminal import rendered
 from skfem_stvk.results.series import read_list
@@ -96,10 +96,10 @@ def said(error: BaseException) -> bool:
     return in_words(error) and not CONTROL & set(str(error)) and len(str(error)) < 5_000
 
 
-def body(name: str) -> SimplexMesh:
+def body(name: str) -> ElementMesh:
     """Four tetrahedra in two regions, one of this name."""
     mesh = skfem.MeshTet().refined(0)
-    return SimplexMesh(mesh.p, mesh.t, {name: np.array([0, 1]), "rest": np.arange(2, mesh.nelements)}, {}, {name: np.array([0, 1])})
+    return ElementMesh(mesh.p, mesh.t, {name: np.array([0, 1]), "rest": np.arange(2, mesh.nelements)}, {}, {name: np.array([0, 1])})
 
 
 def terms(name: str) -> list[StVK]:

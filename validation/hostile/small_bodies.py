@@ -11,7 +11,7 @@ from unittest.mock import patch
 
 import numpy as np
 
-from skfem_stvk import Gravity, SimplexMesh, StVK, System, Traction
+from skfem_stvk import ElementMesh, Gravity, StVK, System, Traction
 from skfem_stvk.results import Fields, State
 
 from .call import Call
@@ -49,11 +49,11 @@ def costly(*given: Any, **good: Any) -> Call:
 
 
 @cache
-def mesh() -> SimplexMesh:
+def mesh() -> ElementMesh:
     """Four triangles in the plane, with names."""
     p = np.array([[0.0, 1.0, 2.0, 0.0, 1.0, 2.0], [0.0, 0.0, 0.0, 1.0, 1.0, 1.0]])
     t = np.array([[0, 1, 1, 2], [1, 4, 2, 5], [3, 3, 4, 4]])
-    return SimplexMesh(
+    return ElementMesh(
         p,
         t,
         subdomains={"half": np.array([0, 1], dtype=np.int32)},
@@ -63,10 +63,10 @@ def mesh() -> SimplexMesh:
 
 
 @cache
-def tetrahedra() -> SimplexMesh:
+def tetrahedra() -> ElementMesh:
     """Two tetrahedra."""
     p = np.array([[0.0, 1.0, 0.0, 0.0, 1.0], [0.0, 0.0, 1.0, 0.0, 1.0], [0.0, 0.0, 0.0, 1.0, 1.0]])
-    return SimplexMesh(
+    return ElementMesh(
         p, np.array([[0, 1], [1, 2], [2, 3], [3, 4]]), boundaries={"base": np.array([[0], [1], [2]], dtype=np.int32)}
     )
 

@@ -16,7 +16,7 @@ from math import factorial
 import numpy as np
 from numpy.typing import ArrayLike
 
-from skfem_stvk import SimplexMesh
+from skfem_stvk import ElementMesh
 from skfem_stvk.arguments import Array
 
 
@@ -30,7 +30,7 @@ class Spokes:
     """
 
     def __init__(
-        self, mesh: SimplexMesh, young: float, poisson: float, section: float = 1.0, density: float = 1.0, condensed: bool = False
+        self, mesh: ElementMesh, young: float, poisson: float, section: float = 1.0, density: float = 1.0, condensed: bool = False
     ) -> None:
         self.mesh, x = mesh, long(mesh.p.T)[mesh.t.T]
         self.P = x[:, 1:] - x[:, :1]

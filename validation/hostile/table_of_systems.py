@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from skfem_stvk import SimplexMesh
+from skfem_stvk import ElementMesh
 from skfem_stvk.edges import TENSILE
 from skfem_stvk.system import Supports
 from skfem_stvk.terms.load import Moment
@@ -97,7 +97,7 @@ def calls() -> list[Call]:
     ]
 
 
-def _supports(mesh: SimplexMesh, fixed: Any, prescribed: Any) -> Any:
+def _supports(mesh: ElementMesh, fixed: Any, prescribed: Any) -> Any:
     supports = Supports(mesh, fixed, prescribed)
     return supports.held, supports.values(0.5)
 

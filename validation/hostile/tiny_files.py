@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator
 from functools import partial
 from pathlib import Path
 
-from skfem_stvk import SimplexMesh
+from skfem_stvk import ElementMesh
 from skfem_stvk.mesh import read_mesh
 
 from .case import Case
@@ -125,20 +125,20 @@ def cases() -> Iterator[Case]:
         )
 
 
-def read(folder: Path, file: str, content: str, beside: dict[str, str]) -> SimplexMesh:
+def read(folder: Path, file: str, content: str, beside: dict[str, str]) -> ElementMesh:
     """Read a file with others beside it."""
     for name, text in (beside | {file: content}).items():
         (folder / name).write_text(text)
     return read_mesh(folder / file)
 
 
-def read_special(folder: Path, make: Callable[[Path], None], suffix: str) -> SimplexMesh:
+def read_special(folder: Path, make: Callable[[Path], None], suffix: str) -> ElementMesh:
     """Read what is no regular file."""
     make(folder / f"body{suffix}")
     return read_mesh(folder / f"body{suffix}")
 
 
-def read_beside_fifo(folder: Path, content: str, suffix: str) -> SimplexMesh:
+def read_beside_fifo(folder: Path, content: str, suffix: str) -> ElementMesh:
     """Read a file that needs another one, which is a pipe that nobody writes to."""
     os.mkfifo(folder / ("body.node" if suffix == ".ele" else "pipe"))
     (folder / f"body{suffix}").write_text(content)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from skfem_stvk import SimplexMesh
+from skfem_stvk import ElementMesh
 from skfem_stvk.edges.stiffness import isotropic_coefficients
 from skfem_stvk.edges.topology import edge_topology
 from skfem_stvk.mesh.geometry import Geometry
@@ -25,7 +25,7 @@ class Body:
     coefficients : (nt, 6, 6) `L` of the edges of each tetrahedron.
     """
 
-    def __init__(self, mesh: SimplexMesh, lam: float, mu: float) -> None:
+    def __init__(self, mesh: ElementMesh, lam: float, mu: float) -> None:
         self.p, self.t, self.lam, self.mu = mesh.p, np.sort(mesh.t, axis=0), lam, mu
         self.edges, self.t2e = edge_topology(self.t)
         corners = self.t[np.array(LOCAL_FACES).T].reshape(3, -1)

@@ -7,29 +7,29 @@ from collections.abc import Iterator
 import numpy as np
 import skfem
 
-from skfem_stvk import SimplexMesh
+from skfem_stvk import ElementMesh
 from skfem_stvk.mesh import embedded_mesh
 
 CORNERS = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1], [1, 1, 0], [1, 0, 1], [0, 1, 1], [1, 1, 1]], dtype=float).T
 
 
-def several(*tetrahedra: tuple[int, int, int, int]) -> SimplexMesh:
+def several(*tetrahedra: tuple[int, int, int, int]) -> ElementMesh:
     """A mesh of tetrahedra between corners of a cube."""
     used, t = np.unique(np.array(tetrahedra).T, return_inverse=True)
-    return SimplexMesh(CORNERS[:, used], t.reshape(4, -1).astype(np.int32))
+    return ElementMesh(CORNERS[:, used], t.reshape(4, -1).astype(np.int32))
 
 
-def cube_of_five() -> SimplexMesh:
+def cube_of_five() -> ElementMesh:
     """One tetrahedron in the middle of a cube, four in its corners."""
     return several((0, 4, 5, 6), (1, 0, 4, 5), (2, 0, 4, 6), (3, 0, 5, 6), (7, 4, 5, 6))
 
 
-def box(cubes: int) -> SimplexMesh:
+def box(cubes: int) -> ElementMesh:
     """`cubes` along each side, six tetrahedra in each."""
-    return SimplexMesh.of(skfem.MeshTet.init_tensor(*[np.linspace(0, 1, cubes + 1)] * 3))
+    return ElementMesh.of(skfem.MeshTet.init_tensor(*[np.linspace(0, 1, cubes + 1)] * 3))
 
 
-def pieces() -> Iterator[SimplexMesh]:
+def pieces() -> Iterator[ElementMesh]:
     """Small meshes with unlike numbers of vertices, edges, faces and tetrahedra: enough to tell what each of them costs."""
     yield several((0, 1, 2, 3))
     yield several((0, 1, 2, 3), (4, 1, 2, 3))
@@ -39,7 +39,7 @@ def pieces() -> Iterator[SimplexMesh]:
     yield box(1)
 
 
-def meshes(quick: bool) -> dict[str, SimplexMesh]:
+def meshes(quick: bool) -> dict[str, ElementMesh]:
     """The meshes of the table: boxes of cubes of six tetrahedra each, and the unstructured bracket."""
     small = {"tetrahedron": several((0, 1, 2, 3)), "cube of 5": cube_of_five(), "box 2^3": box(2)}
     large = {} if quick else {"box 10^3": box(10), "box 19^3": box(19)}

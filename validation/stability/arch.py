@@ -20,7 +20,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import skfem
 
-from skfem_stvk import BodyForce, SimplexMesh, StVK, System
+from skfem_stvk import BodyForce, ElementMesh, StVK, System
 from skfem_stvk.statics import StaticResult, Stop
 
 from ..statics.meshes import Array, strip
@@ -76,7 +76,7 @@ class Arch(NamedTuple):
         length = np.hypot(1, slope)
         return a - across * slope / length, self.rise * (1 - np.cos(2 * np.pi * a)) / 2 + across / length
 
-    def mesh(self, nx: int, ny: int) -> SimplexMesh:
+    def mesh(self, nx: int, ny: int) -> ElementMesh:
         """Strip of triangles."""
         return strip(nx, ny, self.place)
 

@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from skfem_stvk import SimplexMesh, StVK, System, Traction
+from skfem_stvk import ElementMesh, StVK, System, Traction
 from skfem_stvk.statics import CriticalPoint, Stop
 
 from ..statics.meshes import strip
@@ -48,11 +48,11 @@ class Column(NamedTuple):
         """`P_E` [N]"""
         return float(np.pi**2 * YOUNG * self.height**3 / 12 / (4 * LENGTH**2))
 
-    def mesh(self) -> SimplexMesh:
+    def mesh(self) -> ElementMesh:
         """Strip of triangles, its middle on the x-axis."""
         return strip(self.slenderness * self.fine, self.fine, lambda a, b: (LENGTH * a, self.height * (b - 0.5)))
 
-    def system(self, mesh: SimplexMesh) -> System:
+    def system(self, mesh: ElementMesh) -> System:
         """Clamped at x = 0, pressed by Euler's load at x = L; `mesh` may be its own, with an imperfection."""
         head = self.mesh().p[0] == LENGTH
         press = Traction(head, (-self.euler_load / self.height, 0))

@@ -13,7 +13,7 @@ from functools import partial
 import numpy as np
 import skfem
 
-from skfem_stvk import BodyForce, SimplexMesh, StVK, System
+from skfem_stvk import BodyForce, ElementMesh, StVK, System
 from skfem_stvk.statics import StaticResult, Stop
 
 from ..statics.meshes import Array
@@ -35,7 +35,7 @@ SAME, LIMIT = 1e-6, 1e-2
 ORDER = 2.0, 0.2
 
 
-def mesh_of(n: int, m: int) -> SimplexMesh:
+def mesh_of(n: int, m: int) -> ElementMesh:
     """`n x n x m` cells of six tetrahedra on a quarter of the dome, squares mapped to arcs of circles."""
     lines = np.linspace(0, 1, n + 1)
     cells = skfem.MeshTet.init_tensor(lines, lines, np.linspace(0, 1, m + 1))
@@ -45,7 +45,7 @@ def mesh_of(n: int, m: int) -> SimplexMesh:
     angle = np.where(a >= b, angle, np.pi / 2 - angle)
     x, y = r * np.cos(angle), r * np.sin(angle)
     x[a == 0], y[b == 0] = 0, 0
-    return SimplexMesh(np.stack([RADIUS * x, RADIUS * y, RISE * (1 - r**2) + THICKNESS * (c - 0.5)]), cells.t)
+    return ElementMesh(np.stack([RADIUS * x, RADIUS * y, RISE * (1 - r**2) + THICKNESS * (c - 0.5)]), cells.t)
 
 
 def dome(quick: bool = False) -> Drawn:

@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from skfem_stvk import NodalLoad, SimplexMesh, StVK, System
+from skfem_stvk import ElementMesh, NodalLoad, StVK, System
 from skfem_stvk.statics import CriticalPoint, Stop
 
 from ..statics.study import Study
@@ -50,7 +50,7 @@ class Case(NamedTuple):
     def limit_point(self, nu: float) -> tuple[float, float]:
         """The stretch, and the load over `M/(3 sqrt 3)`."""
         k = len(self.vertices[0])
-        mesh = SimplexMesh(np.array(self.vertices).T, np.arange(k + 1, dtype=np.int32)[:, None])
+        mesh = ElementMesh(np.array(self.vertices).T, np.arange(k + 1, dtype=np.int32)[:, None])
         force = YOUNG * self.modulus(nu) / (3 * np.sqrt(3)) * self.section
         load = NodalLoad([k], (-force, *[0.0] * (k - 1)))
         fixed = [([vertex], held) for vertex, held in enumerate(self.held) if held]
@@ -93,7 +93,7 @@ def _right(s: float, t: float) -> bool:
 def chain() -> tuple[float, float]:
     """The weakest segment's stretch at the limit point, and the load over `E/(3 sqrt 3)` by its area."""
     n, weakest = len(AREAS), int(np.argmin(AREAS))
-    mesh = SimplexMesh(JOINTS[None], np.stack([np.arange(n), np.arange(1, n + 1)]).astype(np.int32))
+    mesh = ElementMesh(JOINTS[None], np.stack([np.arange(n), np.arange(1, n + 1)]).astype(np.int32))
     load = NodalLoad([n], [-YOUNG / (3 * np.sqrt(3)) * AREAS[weakest]])
     point = turning(System(mesh, [StVK(young=YOUNG, poisson=0.3, area=AREAS), load], fixed=[([0], "x")]))
     return float(1 + np.diff(point.u)[weakest] / np.diff(JOINTS)[weakest]), point.t

@@ -17,7 +17,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.special import ellipe, ellipk
 
-from skfem_stvk import SimplexMesh
+from skfem_stvk import ElementMesh
 from skfem_stvk.statics import StaticResult, Stop
 
 from ..statics.meshes import Array
@@ -110,7 +110,7 @@ def _failures(what: str, found: Convergence, thin: float) -> Iterator[str]:
 def branch(body: Column) -> list[StaticResult]:
     """The paths to each of the shortenings, one after the other, and before them to a slightly bent column."""
     mesh, critical = body.mesh(), body.buckled()
-    bent = SimplexMesh(mesh.p + IMPERFECTION * critical.mode.reshape(-1, 2).T, mesh.t)
+    bent = ElementMesh(mesh.p + IMPERFECTION * critical.mode.reshape(-1, 2).T, mesh.t)
     system, end = body.system(bent), [int(body.middle()[-1])]
     parts: list[StaticResult] = []
     for angle in ANGLES:

@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from skfem_stvk import NodalLoad, SimplexMesh, StVK, System
+from skfem_stvk import ElementMesh, NodalLoad, StVK, System
 from skfem_stvk.arguments import Array
 from skfem_stvk.statics import StaticResult, Stop
 
@@ -51,7 +51,7 @@ class Bar(NamedTuple):
 
     def system(self) -> System:
         """Under its limit load."""
-        mesh = SimplexMesh(np.array([[0, self.span], [0, self.rise]]), np.array([[0], [1]], dtype=np.int32))
+        mesh = ElementMesh(np.array([[0, self.span], [0, self.rise]]), np.array([[0], [1]], dtype=np.int32))
         bar = StVK(young=self.young, poisson=0.3, area=self.area)
         return System(mesh, [bar, NodalLoad([1], (0, -self.limit_load))], fixed=[([0], "xy"), ([1], "x")])
 

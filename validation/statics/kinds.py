@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from skfem_stvk import SimplexMesh, StVK
+from skfem_stvk import ElementMesh, StVK
 
 from .meshes import Array, moved_box
 
@@ -23,10 +23,10 @@ class Kind(NamedTuple):
     d: int
     options: dict[str, Any]
 
-    def mesh(self, n: int) -> SimplexMesh:
+    def mesh(self, n: int) -> ElementMesh:
         """The unit cube, square or line in `n^k` cells."""
         flat = moved_box(self.k, n)
-        return SimplexMesh(np.pad(flat.p, ((0, self.d - self.k), (0, 0))), flat.t)
+        return ElementMesh(np.pad(flat.p, ((0, self.d - self.k), (0, 0))), flat.t)
 
     def term(self) -> StVK:
         return StVK(young=YOUNG, poisson=POISSON, **self.options)

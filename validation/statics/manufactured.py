@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 import skfem
 
-from skfem_stvk import BodyForce, SimplexMesh, StVK, System, Traction, solve_static
+from skfem_stvk import BodyForce, ElementMesh, StVK, System, Traction, solve_static
 
 from .meshes import Array, moved_box
 from .orders import fitted_order
@@ -84,7 +84,7 @@ def _stress(F: Array) -> Array:
     return LAM * np.einsum("MMn->n", E) * np.eye(3)[:, :, None] + 2 * MU * E
 
 
-def _errors(mesh: SimplexMesh) -> tuple[float, float]:
+def _errors(mesh: ElementMesh) -> tuple[float, float]:
     """Relative errors in L2 and in the H1 seminorm."""
     pull = Traction(lambda x: x[0] == 1, lambda x, t: nominal_stress(x, t)[:, 0])
     terms = (StVK(young=YOUNG, poisson=POISSON), BodyForce(body_force), pull)

@@ -20,7 +20,7 @@ from scipy.sparse import csr_matrix
 from ...arguments import Array
 from ...edges import Assembly, EdgeForm
 from ...errors import StvkWarning
-from ...mesh import SimplexMesh
+from ...mesh import ElementMesh
 from ...mesh.geometry import aspect_ratios, vertex_sizes
 from ...reference import ReferenceStVK
 from ...system import System
@@ -68,7 +68,7 @@ def _worst(case: Case, degrees: int) -> dict[str, Any]:
     }
 
 
-def precision_table(mesh: SimplexMesh, body: Homogeneous, rng: np.random.Generator) -> Iterator[dict[str, Any]]:
+def precision_table(mesh: ElementMesh, body: Homogeneous, rng: np.random.Generator) -> Iterator[dict[str, Any]]:
     """Rows form, rotation_deg, offset_m, strain, error: max |F - F_exact| / max |F_exact| on a patch of the mesh."""
     piece = patch(mesh)
     sizes = vertex_sizes(piece)
@@ -77,7 +77,7 @@ def precision_table(mesh: SimplexMesh, body: Homogeneous, rng: np.random.Generat
     noise = sizes * rng.standard_normal(piece.p.shape)
     for offset in (offset for offset in OFFSETS if EPS * offset < 1e-4 * lowest):  # beyond, the offset itself flattens elements
         p = piece.p + offset
-        forms, exact = forms_on(SimplexMesh(p, piece.t), body), ExactStVK(p, piece.t, body.lame)
+        forms, exact = forms_on(ElementMesh(p, piece.t), body), ExactStVK(p, piece.t, body.lame)
         for degrees, Q in ((0, np.eye(mesh.d)), (170, turn)):
             if degrees and mesh.d == 1:
                 continue
@@ -89,16 +89,16 @@ def precision_table(mesh: SimplexMesh, body: Homogeneous, rng: np.random.Generat
                     yield {"form": form, "rotation_deg": degrees, "offset_m": offset, "strain": strain, "error": error}
 
 
-def patch(mesh: SimplexMesh) -> SimplexMesh:
+def patch(mesh: ElementMesh) -> ElementMesh:
     """The elements nearest to the middle of the body, as a mesh about the origin."""
     centres = mesh.p[:, mesh.t].mean(axis=1)
     near = np.argsort(((centres.T - mesh.p.mean(axis=1)) ** 2).sum(axis=1), kind="stable")[:ELEMENTS]
     used, t = np.unique(mesh.t[:, near], return_inverse=True)
     p = mesh.p[:, used]
-    return SimplexMesh(p - p.mean(axis=1, keepdims=True), t.reshape(len(mesh.t), -1).astype(np.int32))
+    return ElementMesh(p - p.mean(axis=1, keepdims=True), t.reshape(len(mesh.t), -1).astype(np.int32))
 
 
-def forms_on(mesh: SimplexMesh, body: Homogeneous) -> dict[str, Callable[[Array], Array]]:
+def forms_on(mesh: ElementMesh, body: Homogeneous) -> dict[str, Callable[[Array], Array]]:
     """F(u) by name: our form, the textbook form and scikit-fem's."""
     assembly = body.term.bind(mesh)
     return {

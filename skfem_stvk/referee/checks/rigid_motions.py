@@ -19,7 +19,7 @@ from scipy.sparse.csgraph import connected_components
 from scipy.sparse.linalg import splu
 
 from ...arguments import Array
-from ...mesh import SimplexMesh
+from ...mesh import ElementMesh
 from ...mesh.facets import facet_ids
 from ..case import STRETCH, Case, random_rotation
 from ..judgement import as_a_whole, by_entry, by_vertex, largest_component, largest_rows
@@ -216,7 +216,7 @@ def _pivots(K: csc_matrix) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     return lu.U.diagonal()[lu.perm_c], np.maximum(diagonal, shift / (0.1 * ZERO))
 
 
-def facet_connected_parts(mesh: SimplexMesh) -> int:
+def facet_connected_parts(mesh: ElementMesh) -> int:
     """Number of parts of the mesh whose simplices are connected by whole facets."""
     ids = facet_ids(mesh)
     incidence = csr_matrix((np.ones(ids.size), (ids.ravel(), np.tile(np.arange(mesh.nt), mesh.k + 1))))

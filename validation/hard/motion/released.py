@@ -7,7 +7,7 @@ from functools import partial
 
 import numpy as np
 
-from skfem_stvk import Gravity, SimplexMesh
+from skfem_stvk import ElementMesh, Gravity
 
 from .. import meshes
 from ..case import Array, Body
@@ -56,7 +56,7 @@ def _whip() -> Body:
     straight = meshes.box([np.linspace(0, 1, 21), across, across])
     p = straight.p.copy()
     p[1:] *= 0.08 * (1 - 0.75 * p[0])
-    return Body(SimplexMesh(p, straight.t), LASH, POISSON, prescribed={lambda x: x[0] < 0.051: _swung}, density=DENSITY)
+    return Body(ElementMesh(p, straight.t), LASH, POISSON, prescribed={lambda x: x[0] < 0.051: _swung}, density=DENSITY)
 
 
 def _swung(x: Array, t: float) -> Array:

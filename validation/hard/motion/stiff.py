@@ -8,7 +8,7 @@ from functools import partial
 import numpy as np
 from scipy.integrate import solve_ivp
 
-from skfem_stvk import SimplexMesh, System
+from skfem_stvk import ElementMesh, System
 
 from .. import meshes
 from ..case import Array, Body
@@ -58,7 +58,7 @@ def _spun() -> Body:
     """A block with three different moments of inertia, about its centre of mass."""
     mesh = meshes.box([np.linspace(-0.5, 0.5, 5), np.linspace(-0.25, 0.25, 3), np.linspace(-0.1, 0.1, 2)])
     mass = masses(Body(mesh, STIFF, 0.3, density=1e3))[::3]
-    centred = SimplexMesh(mesh.p - (mesh.p @ mass / mass.sum())[:, None], mesh.t)
+    centred = ElementMesh(mesh.p - (mesh.p @ mass / mass.sum())[:, None], mesh.t)
     return Body(centred, STIFF, 0.3, density=1e3, v0=np.cross(SPIN, centred.p.T).ravel())
 
 

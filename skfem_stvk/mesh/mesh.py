@@ -1,10 +1,10 @@
-"""A mesh of simplices as bare arrays: what every part of the package computes on."""
+"""A mesh of elements of one kind as bare arrays: what every part of the package computes on."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from typing import Any, TypeAlias
+from typing import Any, TypeAlias, cast
 
 import meshio
 import numpy as np
@@ -14,39 +14,43 @@ from skfem.assembly.dofs import DofsView
 from skfem.mesh.mesh_dg import MeshDG
 
 from ..arguments import frozen, real_array, shown, whole_array
+from ..elements import Element, linear_simplex, second_order
 from ..errors import MeshError, RegionError, name_ids, name_known, warn
+from ..kernels.topology import edges_of_simplices
 from .content import Content, content_in_memory
 from .facets import NamedFacets
-from .groups import KINDS
 from .places import Marked, facets_at
 
-#: What `System` and `verify` take for a mesh: a scikit-fem mesh of segments, triangles or tetrahedra, arrays
-#: `(p, t)`, a `meshio.Mesh`, or a `SimplexMesh`.
+#: What `System` and `verify` take for a mesh: a scikit-fem mesh, arrays `(p, t)`, a `meshio.Mesh`, or an `ElementMesh`.
 MeshLike: TypeAlias = Any
 
 LARGEST_INDEX = np.iinfo(np.int32).max
 
 
 @dataclass(frozen=True, eq=False)
-class SimplexMesh(Marked):
-    """Simplices of dimension `k` in a space of dimension `d >= k`.
+class ElementMesh(Marked):
+    """Elements of dimension `k` in a space of dimension `d >= k`, all of one kind.
+
+    Nodes are the vertices, then, of quadratic elements, the middles of their edges, numbered as scikit-fem numbers the degrees of
+    freedom of the same element: tetrahedra have one on each of `mesh.edges`, triangles on each of `mesh.facets`, segments one each.
 
     Parameters
     ----------
-    p : (d, nv) coordinates of the vertices [m], as in scikit-fem.
-    t : (k + 1, nt) vertices of the simplices, as in scikit-fem; both orientations are fine.
+    p : (d, nv) coordinates of the nodes [m], as in scikit-fem.
+    t : (n, nt) nodes of the elements, in scikit-fem's local order; both orientations are fine.
     subdomains : element ids by name.
-    boundaries : facets by name, each as a (k, n) array of vertices.
-    node_sets : vertex ids by name.
+    boundaries : facets by name, each as an (m, n) array of the nodes of a facet: its corners, then middles.
+    node_sets : node ids by name.
+    element : the kind of elements, by default the linear simplices with as many vertices.
 
     Raises
     ------
     MeshError
         if the arrays do not have these shapes, or an index is out of range.
 
-    >>> cable = SimplexMesh(p=[[0, 1, 2], [0, 0, 1], [0, 0, 1]], t=[[0, 1], [1, 2]])
+    >>> cable = ElementMesh(p=[[0, 1, 2], [0, 0, 1], [0, 0, 1]], t=[[0, 1], [1, 2]])
     >>> cable
-    SimplexMesh: 2 segments in 3D, 3 vertices
+    ElementMesh: 2 segments in 3D, 3 vertices
     """
 
     p: NDArray[np.float64]
@@ -54,6 +58,7 @@ class SimplexMesh(Marked):
     subdomains: Mapping[str, NDArray[np.int32]] = field(default_factory=dict)
     boundaries: Mapping[str, NDArray[np.int32]] = field(default_factory=dict)
     node_sets: Mapping[str, NDArray[np.int32]] = field(default_factory=dict)
+    element: Element = field(default_factory=lambda: cast(Element, None))  # by default what follows from t
 
     def __post_init__(self) -> None:
         p = real_array(self.p)
@@ -62,7 +67,13 @@ class SimplexMesh(Marked):
         p, t = np.array(p, order="C"), vertex_ids(self.t)
         if p.ndim != 2 or p.shape[0] not in (1, 2, 3):
             raise MeshError(f"p has shape {p.shape}; expected (d, nv) with d = 1, 2 or 3. Transpose arrays of shape (nv, d).")
-        if t.ndim != 2 or not 2 <= t.shape[0] <= p.shape[0] + 1:
+        if self.element is not None:
+            if t.ndim != 2 or len(t) != self.element.n or self.element.k > len(p):
+                raise MeshError(
+                    f"t has shape {t.shape} in a space of {p.shape[0]} dimensions; expected ({self.element.n}, nt), the nodes of "
+                    f"{self.element.name}. Transpose arrays of shape (nt, {self.element.n})."
+                )
+        elif t.ndim != 2 or not 2 <= t.shape[0] <= p.shape[0] + 1:
             raise MeshError(
                 f"t has shape {t.shape} in a space of {p.shape[0]} dimensions; expected (k + 1, nt) with 1 <= k <= {p.shape[0]}: "
                 "segments, triangles or tetrahedra. Transpose arrays of shape (nt, k + 1)."
@@ -78,6 +89,8 @@ class SimplexMesh(Marked):
                 f"{name_ids(bad, 'element')}: vertex ids outside 0 ... {p.shape[1] - 1}. Are the ids counted from 1? Subtract 1 "
                 "then."
             )
+        if self.element is None:
+            object.__setattr__(self, "element", linear_simplex(len(t) - 1))
         object.__setattr__(self, "p", p)
         object.__setattr__(self, "t", np.array(t, dtype=np.int32, order="C"))
         for name in ("subdomains", "boundaries", "node_sets"):
@@ -87,8 +100,8 @@ class SimplexMesh(Marked):
             object.__setattr__(self, name, named if isinstance(named, NamedFacets) else frozen(named or {}))
 
     @classmethod
-    def of(cls, mesh: MeshLike) -> SimplexMesh:
-        """The simplices of a scikit-fem mesh, of arrays `(p, t)`, of a `meshio.Mesh`, or of a `SimplexMesh` (handed back as it is).
+    def of(cls, mesh: MeshLike) -> ElementMesh:
+        """The simplices of a scikit-fem mesh, of arrays `(p, t)`, of a `meshio.Mesh`, or of a `ElementMesh` (handed back as it is).
 
         From a `meshio.Mesh` is taken what `read_mesh` takes from a file. Second-order scikit-fem meshes are reduced to their corner
         vertices, with a warning. Subdomains and boundaries come along; the facets of these are found when they are first looked at,
@@ -120,12 +133,12 @@ class SimplexMesh(Marked):
         if isinstance(mesh, meshio.Mesh):
             return cls.made_of(content_in_memory(mesh, "The meshio.Mesh"), "The meshio.Mesh")
         raise MeshError(
-            f"Expected a scikit-fem mesh, arrays (p, t), a meshio.Mesh or a SimplexMesh; got {shown(mesh)}. Files are read by "
+            f"Expected a scikit-fem mesh, arrays (p, t), a meshio.Mesh or a ElementMesh; got {shown(mesh)}. Files are read by "
             "read_mesh(path) or by scikit-fem."
         )
 
     @classmethod
-    def made_of(cls, content: Content, name: str) -> SimplexMesh:
+    def made_of(cls, content: Content, name: str) -> ElementMesh:
         """The mesh of what a file or a `meshio.Mesh` holds; messages begin with its `name`."""
         try:
             return cls(*content)
@@ -134,10 +147,10 @@ class SimplexMesh(Marked):
 
     @property
     def kind(self) -> str:
-        """The simplices in words, such as 'tetrahedra in 3D'."""
-        return f"{KINDS[self.k]} in {self.d}D"
+        """The elements in words, such as 'tetrahedra in 3D'."""
+        return f"{self.element.name} in {self.d}D"
 
-    def with_boundaries(self, boundaries: Mapping[str, Any]) -> SimplexMesh:
+    def with_boundaries(self, boundaries: Mapping[str, Any]) -> ElementMesh:
         """The same mesh with more boundaries, each a place (`mesh.places.Where`) such as a predicate, as in scikit-fem.
 
         Raises
@@ -145,7 +158,7 @@ class SimplexMesh(Marked):
         RegionError
             if there is no facet at a place.
 
-        >>> mesh = SimplexMesh(p=[[0, 1, 0, 1], [0, 0, 1, 1]], t=[[0, 1], [1, 2], [2, 3]])
+        >>> mesh = ElementMesh(p=[[0, 1, 0, 1], [0, 0, 1, 1]], t=[[0, 1], [1, 2], [2, 3]])
         >>> mesh.with_boundaries({"left": lambda x: x[0] == 0}).boundaries["left"]
         array([[2],
                [0]], dtype=int32)
@@ -155,6 +168,22 @@ class SimplexMesh(Marked):
             raise RegionError(f"boundaries = {shown(boundaries)}; expected {expected}.")
         added = {name: facets_at(self, where, f"boundary {name!r}") for name, where in boundaries.items()}
         return replace(self, boundaries={**self.boundaries, **added})
+
+    def with_degree(self, degree: int) -> ElementMesh:
+        """The same body with shape functions of degree 1 or 2: quadratic simplices have straight edges, linear ones the corners.
+
+        >>> ElementMesh(p=[[0, 1, 0], [0, 0, 1]], t=[[0], [1], [2]]).with_degree(2)
+        ElementMesh: 1 quadratic triangles in 2D, 6 nodes
+        """
+        if degree == self.element.degree:
+            return self
+        t = self.t
+        if self.k == 1:
+            edges, t2e = t, np.arange(self.nt, dtype=np.int32)[None]
+        else:
+            edges, t2e = edges_of_simplices(t, np.array(self.element.edges), self.nv)
+        p = np.concatenate([self.p, self.p[:, edges].mean(axis=1)], axis=1)
+        return replace(self, p=p, t=np.concatenate([t, self.nv + t2e]), element=second_order(self.element))
 
     def elements(self, region: str | NDArray[Any] | None) -> NDArray[np.int64]:
         """Ids of the elements of a region: a name in `subdomains`, element ids, a mask, or None for all.
@@ -194,7 +223,8 @@ class SimplexMesh(Marked):
         return ids.astype(np.int64)
 
     def __repr__(self) -> str:
-        return f"SimplexMesh: {self.nt} {self.kind}, {self.nv} vertices"
+        what = "vertices" if self.element.degree == 1 else "nodes"
+        return f"ElementMesh: {self.nt} {self.kind}, {self.nv} {what}"
 
 
 def vertex_ids(given: Any) -> NDArray[Any]:

@@ -1,4 +1,4 @@
-"""SimplexMesh takes what carries simplices and says what is wrong with the rest."""
+"""ElementMesh takes what carries simplices and says what is wrong with the rest."""
 
 import meshio
 import numpy as np
@@ -6,8 +6,8 @@ import pytest
 import skfem
 from meshfiles import CUBE, FIVE_TETS
 
-from skfem_stvk import MeshError, RegionError, SimplexMesh, StvkWarning
-from skfem_stvk.mesh.simplices import check_index_range
+from skfem_stvk import ElementMesh, MeshError, RegionError, StvkWarning
+from skfem_stvk.mesh.mesh import check_index_range
 
 TRIANGLES = skfem.MeshTri().refined(2).with_subdomains({"left": lambda x: x[0] < 0.5})
 
@@ -29,7 +29,7 @@ TRIANGLES = skfem.MeshTri().refined(2).with_subdomains({"left": lambda x: x[0] <
 )
 def test_arrays_that_are_no_mesh_are_refused_with_what_was_expected(p, t, message):
     with pytest.raises(MeshError, match=message):
-        SimplexMesh(p, t)
+        ElementMesh(p, t)
 
 
 def test_more_than_32_bit_indices_can_count_is_refused():
@@ -41,7 +41,7 @@ def test_more_than_32_bit_indices_can_count_is_refused():
 @pytest.mark.parametrize(("cls", "k"), [(skfem.MeshLine, 1), (skfem.MeshTri, 2), (skfem.MeshTet, 3)])
 def test_a_scikit_fem_mesh_keeps_its_vertices_elements_and_subdomains(cls, k):
     given = cls().refined(2).with_subdomains({"left": lambda x: x[0] < 0.5})
-    mesh = SimplexMesh.of(given)
+    mesh = ElementMesh.of(given)
     assert (mesh.k, mesh.d, mesh.nv, mesh.nt) == (k, k, given.nvertices, given.nelements)
     assert np.array_equal(mesh.p, given.p) and np.array_equal(mesh.t, given.t)
     assert np.array_equal(mesh.elements("left"), given.subdomains["left"])
@@ -51,37 +51,37 @@ def test_a_scikit_fem_mesh_keeps_its_vertices_elements_and_subdomains(cls, k):
 def test_a_mesh_of_second_order_is_reduced_to_its_corners_with_a_warning(cls, corner_cls):
     straight = corner_cls().refined(1)
     with pytest.warns(StvkWarning, match=f"{cls.__name__} is of second order: its {straight.nvertices} corner vertices are used"):
-        mesh = SimplexMesh.of(cls.from_mesh(straight))
+        mesh = ElementMesh.of(cls.from_mesh(straight))
     assert np.array_equal(mesh.p, straight.p) and np.array_equal(mesh.t, straight.t)
 
 
 @pytest.mark.parametrize("cls", [skfem.MeshQuad, skfem.MeshHex])
 def test_other_cells_are_refused_with_how_to_split_them(cls):
     with pytest.raises(MeshError, match=rf"{cls.__name__} is not a mesh of simplices.*mesh.to_meshtri\(\), mesh.to_meshtet\(\)"):
-        SimplexMesh.of(cls())
+        ElementMesh.of(cls())
 
 
 def test_a_pair_of_arrays_is_a_mesh_and_a_mesh_is_handed_back_as_it_is():
-    mesh = SimplexMesh.of(([[0, 1, 2], [0, 0, 1], [0, 0, 1]], [[0, 1], [1, 2]]))
-    assert repr(mesh) == "SimplexMesh: 2 segments in 3D, 3 vertices"
-    assert SimplexMesh.of(mesh) is mesh
+    mesh = ElementMesh.of(([[0, 1, 2], [0, 0, 1], [0, 0, 1]], [[0, 1], [1, 2]]))
+    assert repr(mesh) == "ElementMesh: 2 segments in 3D, 3 vertices"
+    assert ElementMesh.of(mesh) is mesh
 
 
 @pytest.mark.parametrize("given", ["mesh.msh", 3, (1, 2, 3), None])
 def test_what_is_no_mesh_at_all_is_refused(given):
     with pytest.raises(MeshError, match=r"Expected a scikit-fem mesh.*; got .*Files are read by read_mesh"):
-        SimplexMesh.of(given)
+        ElementMesh.of(given)
 
 
 def test_the_arrays_of_the_caller_are_copied():
     p, t = np.array([[0.0, 1.0]]), np.array([[0], [1]], dtype=np.int32)
-    mesh = SimplexMesh(p, t)
+    mesh = ElementMesh(p, t)
     p[:], t[:] = 7, 0
     assert mesh.p.tolist() == [[0, 1]] and mesh.t.tolist() == [[0], [1]]
 
 
 def test_a_region_is_a_name_ids_a_mask_or_everything():
-    mesh = SimplexMesh.of(TRIANGLES)
+    mesh = ElementMesh.of(TRIANGLES)
     left = TRIANGLES.subdomains["left"]
     mask = np.isin(np.arange(mesh.nt), left)
     for region in ("left", left, left.tolist(), mask):
@@ -107,11 +107,11 @@ def test_a_region_is_a_name_ids_a_mask_or_everything():
 )
 def test_a_region_that_is_none_is_refused_with_its_ids(region, message):
     with pytest.raises(RegionError, match=message):
-        SimplexMesh.of(TRIANGLES).elements(region)
+        ElementMesh.of(TRIANGLES).elements(region)
 
 
 def test_a_subdomain_that_is_out_of_range_is_refused_by_its_name():
-    mesh = SimplexMesh([[0, 1]], [[0], [1]], {"rod": [0, 1], "hole": []})
+    mesh = ElementMesh([[0, 1]], [[0], [1]], {"rod": [0, 1], "hole": []})
     with pytest.raises(RegionError, match=r"Subdomain 'rod' names 1 element \(1\) outside 0 \.\.\. 0"):
         mesh.elements("rod")
     with pytest.raises(RegionError, match=r"Subdomain 'hole' is \[\]; expected"):
@@ -120,7 +120,7 @@ def test_a_subdomain_that_is_out_of_range_is_refused_by_its_name():
 
 def test_an_unknown_name_on_a_mesh_without_subdomains_says_that_there_are_none():
     with pytest.raises(RegionError, match="no subdomain 'rod'; known: none"):
-        SimplexMesh([[0, 1]], [[0], [1]]).elements("rod")
+        ElementMesh([[0, 1]], [[0], [1]]).elements("rod")
 
 
 @pytest.mark.parametrize(
@@ -138,18 +138,18 @@ def test_an_unknown_name_on_a_mesh_without_subdomains_says_that_there_are_none()
 )
 def test_coordinates_and_ids_that_are_no_numbers_are_refused(p, t, message):
     with pytest.raises(MeshError, match=message):
-        SimplexMesh(p, t)
+        ElementMesh(p, t)
 
 
 def test_arrays_may_come_as_a_list():
-    mesh = SimplexMesh.of([TRIANGLES.p, TRIANGLES.t])
+    mesh = ElementMesh.of([TRIANGLES.p, TRIANGLES.t])
     assert np.array_equal(mesh.p, TRIANGLES.p) and np.array_equal(mesh.t, TRIANGLES.t)
 
 
 def test_a_mesh_of_meshio_is_taken_as_its_file_would_be():
     tags = [np.array([7, 7, 7, 9, 9]), np.array([4])]
     given = meshio.Mesh(np.array(CUBE, dtype=float), [("tetra", FIVE_TETS), ("triangle", [[0, 1, 3]])], cell_data={"part": tags})
-    mesh = SimplexMesh.of(given)
+    mesh = ElementMesh.of(given)
     assert mesh.t.T.tolist() == FIVE_TETS and mesh.p.T.tolist() == CUBE
     assert mesh.elements("part:9").tolist() == [3, 4] and mesh.boundaries["part:4"].T.tolist() == [[0, 1, 3]]
 
@@ -166,10 +166,10 @@ def test_a_mesh_of_meshio_is_taken_as_its_file_would_be():
 )
 def test_a_mesh_of_meshio_that_does_not_hold_together_is_refused(points, tets, message):
     with pytest.raises(MeshError, match=f"^The meshio.Mesh is no whole mesh: .*{message}"):
-        SimplexMesh.of(meshio.Mesh(np.array(points), [("tetra", np.array(tets))]))
+        ElementMesh.of(meshio.Mesh(np.array(points), [("tetra", np.array(tets))]))
 
 
 def test_periodic_meshes_are_refused_with_the_way_out():
     periodic = skfem.MeshTri1DG.periodic(skfem.MeshTri().refined(1), [0], [1])
     with pytest.raises(MeshError, match=r"MeshTri1DG is periodic or discontinuous.*Use the mesh that it was made of"):
-        SimplexMesh.of(periodic)
+        ElementMesh.of(periodic)

@@ -1,0 +1,70 @@
+"""Tables of elements against scikit-fem's own."""
+
+import numpy as np
+import pytest
+import skfem
+
+from skfem_stvk.elements import ELEMENTS, rule_of
+from skfem_stvk.elements.rules import KINDS
+from skfem_stvk.errors import StvkError
+
+SKFEM = {
+    "segments": skfem.ElementLineP1(),
+    "triangles": skfem.ElementTriP1(),
+    "tetrahedra": skfem.ElementTetP1(),
+    "quadratic segments": skfem.ElementLineP2(),
+    "quadratic triangles": skfem.ElementTriP2(),
+    "quadratic tetrahedra": skfem.ElementTetP2(),
+    "quadrilaterals": skfem.ElementQuad1(),
+    "hexahedra": skfem.ElementHex1(),
+}
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("name", ELEMENTS)
+def test_shape_functions_are_those_of_scikit_fem(name, kind):
+    element, rule = ELEMENTS[name], rule_of(ELEMENTS[name], kind)
+    N, dN = element.values(rule.points), element.derivatives(rule.points)
+    for a in range(element.n):
+        value, gradient = SKFEM[name].lbasis(rule.points.T, a)
+        np.testing.assert_allclose(N[:, a], value, atol=2e-15)
+        np.testing.assert_allclose(dN[:, a].T, gradient, atol=2e-15)
+    np.testing.assert_allclose(element.values(element.nodes), np.eye(element.n), atol=1e-15)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("name", ELEMENTS)
+def test_no_weight_is_negative(name, kind):
+    rule = rule_of(ELEMENTS[name], kind)
+    assert (rule.weights > 0).all()
+    size = {1: 1, 2: 1 / 2, 3: 1 / 6}[ELEMENTS[name].k]
+    assert rule.weights.sum() == pytest.approx(1 if ELEMENTS[name].is_box else size, rel=1e-14)
+
+
+@pytest.mark.parametrize(("kind", "degree"), [("usual", 2), ("exact", 4), ("mass", 4)])
+@pytest.mark.parametrize("name", [name for name, element in ELEMENTS.items() if not element.is_linear_simplex])
+def test_rules_are_exact_for_their_polynomials(name, kind, degree):
+    element, rule = ELEMENTS[name], rule_of(ELEMENTS[name], kind)
+    fine = skfem.quadrature.get_quadrature(SKFEM[name].refdom, 8)
+    powers = np.random.default_rng(0).integers(0, degree + 1, (40, element.k))
+    for power in powers[powers.sum(axis=1) <= degree]:
+        value = (rule.points**power).prod(axis=1) @ rule.weights
+        assert value == pytest.approx((fine[0].T ** power).prod(axis=1) @ fine[1], rel=1e-13)
+
+
+@pytest.mark.parametrize("name", [name for name, element in ELEMENTS.items() if element.k > 1])
+def test_facets_have_the_nodes_of_their_element(name):
+    element = ELEMENTS[name]
+    facet = ELEMENTS[element.facet]
+    xi = np.random.default_rng(0).random((5, facet.k)) / (facet.k + 1)
+    for nodes in element.facets:
+        assert len(nodes) == facet.n
+        x = facet.values(xi) @ element.nodes[list(nodes)]
+        others = np.delete(element.values(x), nodes, axis=1)  # those that are not on the facet vanish there
+        np.testing.assert_allclose(others, 0, atol=1e-15)
+        np.testing.assert_allclose(element.values(x)[:, nodes], facet.values(xi), atol=1e-15)
+
+
+def test_an_unknown_rule_is_refused():
+    with pytest.raises(StvkError, match="usual, exact"):
+        rule_of(ELEMENTS["triangles"], "best")
