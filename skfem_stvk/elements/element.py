@@ -36,7 +36,7 @@ class Element:
     nodes : (n, k) reference coordinates.
     edges : local corners `(a, b)` of its edges, in the order of the middle nodes of quadratic simplices.
     facets : local nodes of its facets, each as the element `facet` has them; scikit-fem's order of facets.
-    facet : name of the kind of its facets; "points" have none.
+    facet : name of the kind of its facets; that of segments is "points", which have none.
 
     >>> tet = ELEMENTS["quadratic tetrahedra"]
     >>> tet.n, tet.corners, tet.facets[0], tet.facet
@@ -76,8 +76,11 @@ class Element:
         """(nq, n) shape functions at reference points `xi` (nq, k)."""
         if self.is_box:
             return np.asarray(np.prod(self._factors(xi), axis=2))
-        l, (a, b) = _barycentric(xi), np.transpose(self.edges)
-        return l if self.degree == 1 else np.concatenate([l * (2 * l - 1), 4 * l[:, a] * l[:, b]], axis=1)
+        l = _barycentric(xi)
+        if self.degree == 1:
+            return l
+        a, b = np.transpose(self.edges)
+        return np.concatenate([l * (2 * l - 1), 4 * l[:, a] * l[:, b]], axis=1)
 
     def derivatives(self, xi: Array) -> Array:
         """(nq, n, k) derivatives `dN_a/dxi_i` at reference points `xi` (nq, k); their sum over the nodes is 0."""
@@ -85,9 +88,10 @@ class Element:
             factors, signs = self._factors(xi), 2 * self.nodes - 1
             others = [np.prod(np.delete(factors, i, axis=2), axis=2) for i in range(self.k)]
             return np.stack(others, axis=2) * signs
-        l, dl, (a, b) = _barycentric(xi)[:, :, None], np.vstack([-np.ones(self.k), np.eye(self.k)]), np.transpose(self.edges)
+        l, dl = _barycentric(xi)[:, :, None], np.vstack([-np.ones(self.k), np.eye(self.k)])
         if self.degree == 1:
             return np.broadcast_to(dl, (len(l), *dl.shape))
+        a, b = np.transpose(self.edges)
         return np.concatenate([(4 * l - 1) * dl, 4 * (l[:, a] * dl[b] + l[:, b] * dl[a])], axis=1)
 
     def _factors(self, xi: Array) -> Array:
@@ -139,9 +143,13 @@ ELEMENTS: dict[str, Element] = {
 }
 
 
+#: What the ends of segments are: no extension, one node.
+POINT = Element("points", 0, 1, False, np.zeros((1, 0)), (), (), "")
+
+
 def named(name: str) -> Element:
     """The element of this name."""
-    return ELEMENTS[name]
+    return POINT if name == "points" else ELEMENTS[name]
 
 
 def linear_simplex(k: int) -> Element:

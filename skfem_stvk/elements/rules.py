@@ -68,6 +68,8 @@ def rule_of(element: Element, kind: str = "usual") -> Rule:
     """
     if kind not in KINDS:
         raise StvkError(f"Rule {kind!r} is unknown; expected one of {', '.join(KINDS)}.")
+    if element.k == 0:
+        return Rule(np.zeros((1, 0)), np.ones(1))
     reference, k = REFERENCE[element.k, element.is_box], element.k
     if kind == "one-point" or (element.is_linear_simplex and kind != "mass"):
         points = np.full((1, k), 0.5 if element.is_box else 1 / (k + 1))
