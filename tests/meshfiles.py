@@ -23,3 +23,12 @@ def same_facets(mesh, boundary, given, name):
     """Do the facets join the same vertices, whatever their order?"""
     one, other = np.sort(mesh.boundaries[boundary], axis=0), np.sort(given.facets[:, given.boundaries[name]], axis=0)
     return sorted(one.T.tolist()) == sorted(other.T.tolist())
+
+
+def curved(cls, seed=0, amount=0.02):
+    """A mesh of scikit-fem's all of whose nodes are moved, so that edges of second-order meshes are curved; a group of facets."""
+    base = {skfem.MeshTet2: skfem.MeshTet, skfem.MeshTri2: skfem.MeshTri}.get(cls, cls)
+    mesh = base.init_tensor(*[np.linspace(0, 1, 3)] * base().dim())
+    mesh = mesh if cls is base else cls.from_mesh(mesh)
+    moved = mesh.doflocs + amount * np.random.default_rng(seed).uniform(-1, 1, mesh.doflocs.shape)
+    return cls(moved, mesh.t).with_boundaries({"wall": lambda x: x[0] < 0.1}).with_subdomains(LEFT)

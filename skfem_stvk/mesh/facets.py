@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from functools import cached_property
 from math import factorial
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,9 +13,10 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
 from ..arguments import frozen
-from ..elements import Element
+from ..elements import ELEMENTS, Element, linear_simplex, rule_of
 from ..kernels.geometry import measures
 from ..kernels.topology import lexicographic_order
+from .points import determinants, measures_of, normals_of, spokes_at
 
 Ids = NDArray[np.int32]
 
@@ -38,6 +39,11 @@ class MeshArrays:
         return self.t[: self.element.corners]
 
     @property
+    def facet(self) -> Element | None:
+        """The kind of facets: (m, n) arrays of facets have its nodes; None for points."""
+        return ELEMENTS.get(self.element.facet)
+
+    @property
     def d(self) -> int:
         """Dimension of the space."""
         return self.p.shape[0]
@@ -54,62 +60,82 @@ class MeshArrays:
 
     @cached_property
     def surface(self) -> Ids:
-        """(k, n) vertices of the boundary facets, turned outwards (`facets.boundary_facets`); found when first asked for."""
+        """(m, n) nodes of the boundary facets, turned outwards (`facets.boundary_facets`); found when first asked for."""
         facets = boundary_facets(self)
         facets.flags.writeable = False
         return facets
 
 
-def facets_of(t: Ids, nv: int) -> tuple[Ids, Ids]:
-    """Facets (k, nf) of simplices `t`, scikit-fem's `mesh.facets`, and the facet (k + 1, nt) opposite to each of their vertices.
+def facets_of(t: Ids, nv: int, element: Element | None = None) -> tuple[Ids, Ids]:
+    """All facets (m, nf) of elements `t` in scikit-fem's order, and those of each element (f, nt).
 
-    Each facet stands once, its vertices ascending, all in lexicographic order.
+    Each stands once, with all its nodes as `ELEMENTS[element.facet]` has them. Corners of simplices and of edges of quadrilaterals
+    ascend, those of hexahedra go round the facet. The second array is the facet opposite to each vertex of simplices, and each of
+    `element.facets` of boxes. By default the elements are linear simplices.
 
     >>> facets_of(np.array([[0, 1], [1, 2]]), 3)
     (array([[0, 1, 2]], dtype=int32), array([[1, 2],
            [0, 1]], dtype=int32))
     """
-    corner = np.argsort(t, axis=0)
-    facets = _opposite(np.take_along_axis(t, corner, axis=0))
-    order, new = _grouped(facets, nv)
-    ids = np.empty(len(order), dtype=np.int32)
-    ids[order] = np.cumsum(new) - 1
-    t2f = np.empty(t.shape, dtype=np.int32)
-    np.put_along_axis(t2f, corner, ids.reshape(t.shape), axis=0)
-    return facets[:, order[new]], t2f
+    element = element or linear_simplex(len(t) - 1)
+    if element.is_box:
+        every, place, first = _numbered(_of_box(t, element), nv)
+        facets = every[:, first]
+        return facets if element.k == 3 else np.sort(facets, axis=0), place.reshape(len(element.facets), -1)
+    corners = t[: element.corners]
+    corner = np.argsort(corners, axis=0)
+    every, place, first = _numbered(_opposite(np.take_along_axis(corners, corner, axis=0)), nv)
+    t2f = np.empty(corners.shape, dtype=np.int32)
+    np.put_along_axis(t2f, corner, place.reshape(corners.shape), axis=0)
+    return np.concatenate([every[:, first], _middles(t, element, first)]), t2f
 
 
 def facet_ids(mesh: MeshArrays) -> Ids:
-    """The number (k + 1, nt) of the facet opposite to each vertex of each simplex; simplices that share a facet share it."""
-    return facets_of(mesh.t, mesh.nv)[1]
+    """The number (f, nt) of each facet of each element, as in `facets_of`; elements that share a facet share it."""
+    return facets_of(mesh.t, mesh.nv, mesh.element)[1]
 
 
 def boundary_facets(mesh: MeshArrays) -> Ids:
-    """(k, n) vertices of the facets that belong to one simplex only, turned outwards where the simplices fill the space.
+    """(m, n) nodes of the facets that belong to one element only, turned outwards where the elements fill the space.
 
-    Those of tetrahedra are counterclockwise when seen from outside; those of triangles in the plane have the body on their left.
-    `mesh.surface` keeps them.
+    Those of tetrahedra and hexahedra are counterclockwise when seen from outside; those of triangles and quadrilaterals in the
+    plane have the body on their left. Middles follow the corners. `mesh.surface` keeps them.
 
     >>> from skfem_stvk import ElementMesh
     >>> boundary_facets(ElementMesh(p=[[0, 1, 0], [0, 0, 1]], t=[[0], [2], [1]]))
     array([[0, 2, 1],
            [1, 0, 2]], dtype=int32)
     """
-    ordered = np.sort(mesh.t, axis=0)
+    if mesh.element.is_box:
+        every = _of_box(mesh.t, mesh.element)
+        alone = _alone(every, mesh.nv)
+        facets = every[:, alone]
+        if mesh.k == mesh.d:
+            local, element = np.divmod(alone, mesh.nt)
+            _turn(facets, ~((_turned(mesh)[element] > 0) == _outwards(mesh.element)[local]), mesh)
+        return facets
+    ordered = np.sort(mesh.corners, axis=0)
     every = _opposite(ordered)
-    order, new = _grouped(every, mesh.nv)
-    alone = order[new & np.append(new[1:], True)]
+    alone = _alone(every, mesh.nv)
     facets = every[:, alone]
+    corner, element = np.divmod(alone, mesh.nt)
+    if mesh.element.is_linear_simplex:
+        if mesh.k == mesh.d > 1:
+            x = mesh.p[:, [*facets, ordered[corner, element]]]
+            inside = np.linalg.det((x[:, 1:] - x[:, :1]).transpose(2, 0, 1)) * (-1) ** mesh.k > 0
+            facets[:2, ~inside] = facets[1::-1, ~inside]
+        return facets
+    facets = np.concatenate([facets, _middles(mesh.t, mesh.element, alone)])
     if mesh.k == mesh.d > 1:
-        corner, element = np.divmod(alone, mesh.nt)
-        x = mesh.p[:, [*facets, ordered[corner, element]]]
-        inside = np.linalg.det((x[:, 1:] - x[:, :1]).transpose(2, 0, 1)) * (-1) ** mesh.k > 0
-        facets[:2, ~inside] = facets[1::-1, ~inside]
+        # outwards is (1, 2, 3) of a positive tetrahedron, (1, 2) of a triangle: facet, then the vertex opposite to it
+        locals_ = np.argsort(mesh.corners[:, element], axis=0)
+        odd = sum(locals_[i] > locals_[j] for j in range(len(locals_)) for i in range(j)) % 2 == 1
+        _turn(facets, (_turned(mesh)[element] > 0) == (odd ^ (corner % 2 == 1)), mesh)
     return facets
 
 
 def find_facets(wanted: Ids, facets: Ids, nv: int) -> NDArray[np.int64]:
-    """(n,) where the `wanted` facets (k, n) stand among `facets`, whatever the order of their vertices; -1 if they do not.
+    """(n,) where the `wanted` facets (m, n) stand among `facets`, whatever the order of their nodes; -1 if they do not.
 
     >>> find_facets(np.array([[2, 1], [0, 3]]), np.array([[0, 0], [1, 2]]), 4)
     array([ 1, -1])
@@ -121,12 +147,138 @@ def find_facets(wanted: Ids, facets: Ids, nv: int) -> NDArray[np.int64]:
     return np.where(first[count:] < count, first[count:], -1)
 
 
-def facet_sizes(p: NDArray[np.float64], facets: Ids) -> NDArray[np.float64]:
-    """(n,) areas or lengths of facets (k, n) [m^(k-1)]; 1 for points."""
-    k = len(facets)
-    if k == 1:
+def facet_sizes(p: NDArray[np.float64], facets: Ids, element: Element | None = None) -> NDArray[np.float64]:
+    """(n,) areas or lengths of facets (m, n) [m^(k-1)], 1 for points.
+
+    `element` is the kind of facets, `mesh.facet`; by default linear simplices. Those that may be curved are measured by quadrature,
+    which is exact for flat ones.
+    """
+    if len(facets) == 1:
         return np.ones(facets.shape[1])
-    return measures(p, np.ascontiguousarray(facets))[0] / factorial(k - 1)
+    if element is None or element.is_linear_simplex:
+        return measures(p, np.ascontiguousarray(facets))[0] / factorial(len(facets) - 1)
+    points, weights = rule_of(element, "mass")
+    return measures_of(spokes_at(p, facets, element, points)) @ weights
+
+
+class FacetPoints(NamedTuple):
+    """Facets at the points of a rule: what integrals over them take.
+
+        int g N_a dA = sum_q areas_q g_q values_qa,        int p N_a n dA = sum_q p_q values_qa normals_q
+
+    Attributes
+    ----------
+    values : (nq, m) shape functions of the facet's nodes.
+    areas : (n, nq) weight times area, or length, at each point; their sum is the size of the facet [m^(k-1)].
+    normals : (n, nq, d) weight times area normal, outwards for facets of `mesh.surface`; None where facets have no one normal.
+    """
+
+    values: NDArray[np.float64]
+    areas: NDArray[np.float64]
+    normals: NDArray[np.float64] | None
+
+
+def facet_points(mesh: MeshArrays, facets: Ids, kind: str = "mass", x: NDArray[np.float64] | None = None) -> FacetPoints:
+    """Facets (m, n) of a mesh at the points of the rule of a kind (`elements.rule_of`); `x` (d, nv) are other coordinates.
+
+    >>> from skfem_stvk import ElementMesh
+    >>> triangle = ElementMesh(p=[[0, 1, 0], [0, 0, 1]], t=[[0], [1], [2]]).with_degree(2)
+    >>> points = facet_points(triangle, triangle.surface)
+    >>> points.areas.sum(axis=1).round(6), points.normals.sum(axis=(0, 1)).round(12) + 0.0
+    (array([1.      , 1.      , 1.414214]), array([0., 0.]))
+    """
+    if mesh.facet is None:
+        return FacetPoints(np.ones((1, 1)), np.ones((facets.shape[1], 1)), None)
+    points, weights = rule_of(mesh.facet, kind)
+    spokes = spokes_at(mesh.p if x is None else x, facets, mesh.facet, points)
+    normals = normals_of(spokes) * weights[:, None] if mesh.k == mesh.d else None
+    return FacetPoints(mesh.facet.values(points), measures_of(spokes) * weights, normals)
+
+
+def with_middles(mesh: MeshArrays, facets: Ids) -> Ids:
+    """(m, n) facets of a mesh of quadratic simplices with their middles, from their corners, whose order stays.
+
+    >>> from skfem_stvk import ElementMesh
+    >>> triangle = ElementMesh(p=[[0, 1, 0], [0, 0, 1]], t=[[0], [1], [2]]).with_degree(2)
+    >>> with_middles(triangle, np.array([[2, 1], [1, 0]]))
+    array([[2, 1],
+           [1, 0],
+           [5, 3]], dtype=int32)
+    """
+    if mesh.facet is None:
+        return facets
+    middles = [middles_of(mesh, facets[[a, b]]) for a, b in mesh.facet.edges]
+    return np.concatenate([facets, middles]).astype(np.int32)
+
+
+def middles_of(mesh: MeshArrays, ends: Ids) -> NDArray[np.int64]:
+    """(n,) nodes in the middle of the edges of quadratic simplices between vertices `ends` (2, n); -1 where there is no edge."""
+    a, b = np.transpose(mesh.element.edges)
+    known = _keys(mesh.t[a], mesh.t[b], mesh.nv)
+    middles = mesh.t[mesh.element.corners :].ravel()
+    keys, first = np.unique(known, return_index=True)
+    wanted = _keys(ends[0], ends[1], mesh.nv)
+    place = np.minimum(np.searchsorted(keys, wanted), len(keys) - 1)
+    return np.where(keys[place] == wanted, middles[first[place]], -1).astype(np.int64)
+
+
+def _keys(a: Ids, b: Ids, nv: int) -> NDArray[np.int64]:
+    """One number for each pair of vertices, whatever their order."""
+    return (np.minimum(a, b).astype(np.int64) * nv + np.maximum(a, b)).ravel()
+
+
+def _middles(t: Ids, element: Element, which: NDArray[Any]) -> Ids:
+    """Middles of facets of simplices, as the kind of facets has them; `which` counts as `_opposite` does."""
+    facet = ELEMENTS.get(element.facet)
+    if facet is None or element.degree == 1:
+        return np.empty((0, len(which)), dtype=np.int32)
+    corner, ids = np.divmod(which, t.shape[1])
+    nodes, n = t[:, ids], element.corners
+    kept = np.array([np.delete(np.arange(n), i) for i in range(n)])[corner].T
+    local = np.take_along_axis(np.argsort(nodes[:n], axis=0), kept, axis=0)  # local corners of each facet, ascending in the mesh
+    table = np.zeros((n, n), dtype=np.int64)
+    for i, (a, b) in enumerate(element.edges):
+        table[a, b] = table[b, a] = n + i
+    return np.take_along_axis(nodes, np.array([table[local[a], local[b]] for a, b in facet.edges]), axis=0)
+
+
+def _of_box(t: Ids, element: Element) -> Ids:
+    """(m, f nt) the first, second, ... facets of quadrilaterals or hexahedra."""
+    return np.concatenate([t[list(facet)] for facet in element.facets], axis=1)
+
+
+def _numbered(every: Ids, nv: int) -> tuple[Ids, Ids, NDArray[Any]]:
+    """The facets as they are given, the number of each in lexicographic order, and where each number first stands."""
+    order, new = _grouped(np.sort(every, axis=0), nv)
+    place = np.empty(len(order), dtype=np.int32)
+    place[order] = np.cumsum(new) - 1
+    return every, place, order[new]
+
+
+def _alone(every: Ids, nv: int) -> NDArray[Any]:
+    """Where the facets stand that stand once."""
+    order, new = _grouped(np.sort(every, axis=0), nv)
+    return order[new & np.append(new[1:], True)]
+
+
+def _turned(mesh: MeshArrays) -> NDArray[np.float64]:
+    """(nt,) the determinant of the spokes at the centre, whose sign is the orientation."""
+    return determinants(spokes_at(mesh.p, mesh.t, mesh.element, rule_of(mesh.element, "one-point").points))[:, 0]
+
+
+def _outwards(element: Element) -> NDArray[np.bool_]:
+    """Whether each facet of a box looks outwards on the reference element, in the order of `element.facets`."""
+    x, centre = element.nodes, np.full(element.k, 0.5)
+    facets = [x[list(facet)] for facet in element.facets]
+    spokes = [f[[1, -1]] - f[0] if element.k == 3 else f[1:] - f[0] for f in facets]
+    return np.array([normals_of(p) @ (f.mean(axis=0) - centre) > 0 for p, f in zip(spokes, facets, strict=True)])
+
+
+def _turn(facets: Ids, which: NDArray[np.bool_], mesh: MeshArrays) -> None:
+    """Turn some of the facets round in place: the first two corners change places, or go round the other way."""
+    turned = {"segments": [1, 0], "quadratic segments": [1, 0, 2], "quadratic triangles": [1, 0, 2, 3, 5, 4]}
+    rows = turned.get(mesh.element.facet, [1, 0, 3, 2])
+    facets[:, which] = facets[rows][:, which]
 
 
 def _opposite(ordered: NDArray[Any]) -> Ids:
@@ -144,10 +296,10 @@ def _grouped(facets: Ids, nv: int) -> tuple[Ids, NDArray[np.bool_]]:
 
 
 class NamedFacets(Mapping[str, NDArray[np.int32]]):
-    """Facets (k, n) by name, from their numbers in scikit-fem's order; the first look at one finds all facets of the mesh."""
+    """Facets (m, n) by name, from their numbers in scikit-fem's order; the first look at one finds all facets of the mesh."""
 
-    def __init__(self, t: NDArray[np.int32], nv: int, ids: Mapping[str, Any]) -> None:
-        self._t, self._nv, self._ids = t, nv, frozen(ids)
+    def __init__(self, t: Ids, nv: int, element: Element, ids: Mapping[str, Any]) -> None:
+        self._t, self._nv, self._element, self._ids = t, nv, element, frozen(ids)
 
     def __getitem__(self, name: str) -> NDArray[np.int32]:
         return self._facets[:, np.asarray(self._ids[name])]
@@ -161,18 +313,22 @@ class NamedFacets(Mapping[str, NDArray[np.int32]]):
     def __contains__(self, name: object) -> bool:
         return name in self._ids
 
+    def on(self, t: Ids, nv: int, element: Element) -> NamedFacets:
+        """The same facets where the elements are of another degree."""
+        return NamedFacets(t, nv, element, self._ids)
+
     @cached_property
     def _facets(self) -> NDArray[np.int32]:
-        return facets_of(self._t, self._nv)[0]
+        return facets_of(self._t, self._nv, self._element)[0]
 
     def __repr__(self) -> str:
         return f"NamedFacets: {', '.join(self._ids)}"
 
 
 def turned_alike(t: NDArray[np.int32], nv: int) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-    """Which triangles to turn so that all neighbours look to the same side, that of the first one of their connected piece.
+    """Which triangles or quadrilaterals to turn so that all neighbours look to the same side, that of the first of their piece.
 
-    Neighbours are two triangles at an edge of no other: they look to the same side if they go along it in opposite directions.
+    `t` (m, n) are their corners. Neighbours are two at an edge of no other, a piece is connected by those: they look to the same side if they go along it in opposite directions.
     The second array says whether the piece of each has two sides, unlike a Moebius strip.
 
     >>> turned_alike(np.array([[0, 1], [1, 2], [2, 3]]), 4)
@@ -190,8 +346,8 @@ def turned_alike(t: NDArray[np.int32], nv: int) -> tuple[NDArray[np.bool_], NDAr
 
 
 def _neighbours(t: NDArray[np.int32], nv: int) -> tuple[NDArray[Any], NDArray[Any], NDArray[np.bool_]]:
-    """Pairs of triangles at edges that only they have, and whether they go along it in opposite directions."""
-    ends = np.concatenate([t[[0, 1]], t[[1, 2]], t[[2, 0]]], axis=1).astype(np.int32)
+    """Pairs of triangles or quadrilaterals at edges that only they have, and whether they go along it in opposite directions."""
+    ends = np.concatenate([t[[i, (i + 1) % len(t)]] for i in range(len(t))], axis=1).astype(np.int32)
     both = np.sort(ends, axis=0)
     order = lexicographic_order(both, nv)
     same = (both[:, order[1:]] == both[:, order[:-1]]).all(axis=0)

@@ -1,4 +1,4 @@
-"""Volumes and shape-function gradients of simplices."""
+"""Volumes and shape-function gradients of simplices; spokes, sizes and shapes of all elements."""
 
 from __future__ import annotations
 
@@ -8,6 +8,9 @@ from math import factorial
 import numpy as np
 from numpy.typing import NDArray
 
+from ..elements import rule_of
+from ..kernels.geometry import measures
+from . import points
 from .mesh import ElementMesh
 
 
@@ -42,27 +45,88 @@ class Geometry:
         return self.gradients @ np.swapaxes(self.gradients, 1, 2)
 
 
+def spokes_at(mesh: ElementMesh, xi: NDArray[np.float64], x: NDArray[np.float64] | None = None) -> NDArray[np.float64]:
+    """(nt, nq, k, d) spokes of the elements at reference points `xi` (nq, k), or of a field `x` (d, nv) (`points.spokes_at`)."""
+    return points.spokes_at(mesh.p if x is None else x, mesh.t, mesh.element, xi)
+
+
+def element_sizes(mesh: ElementMesh, kind: str = "exact") -> NDArray[np.float64]:
+    """(nt,) lengths, areas or volumes [m^k] by the rule of a kind (`elements.rule_of`); "exact" is, but for curved membranes.
+
+    >>> import skfem
+    >>> element_sizes(ElementMesh.of(skfem.MeshTri()).with_degree(2))
+    array([0.5, 0.5])
+    """
+    if mesh.element.is_linear_simplex:
+        return measures(mesh.p, mesh.t)[0] / factorial(mesh.k)
+    xi, weights = rule_of(mesh.element, kind)
+    return np.asarray(points.measures_of(spokes_at(mesh, xi)) @ weights)
+
+
+def jacobians(mesh: ElementMesh, xi: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(nt, nq) determinants of the spokes at reference points, negative where an element is turned round.
+
+    Where the elements do not fill the space, the sign is that of the orientation in comparison with the centre of the element.
+    """
+    spokes = spokes_at(mesh, xi)
+    if mesh.k == mesh.d:
+        return points.determinants(spokes)
+    centre = spokes_at(mesh, rule_of(mesh.element, "one-point").points)
+    return points.measures_of(spokes) * np.sign(points.determinants(np.einsum("tqid,tqjd->tqij", spokes, centre)))
+
+
 def edge_differences(mesh: ElementMesh, x: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(d, m, nt) differences of a field `x` (d, nv) along the edges of the simplices."""
-    a, b = np.array(list(combinations(range(mesh.k + 1), 2))).T
-    corners = x[:, mesh.t]
+    """(d, m, nt) differences of a field `x` (d, nv) between the ends of the edges of the elements, in the order of their nodes.
+
+    Of simplices all pairs of corners; of hexahedra and quadrilaterals `element.edges`.
+    """
+    a, b = np.transpose(mesh.element.edges if mesh.element.is_box else list(combinations(range(mesh.k + 1), 2)))
+    corners = x[:, mesh.corners]
     return corners[:, a] - corners[:, b]
 
 
 def edge_lengths(mesh: ElementMesh) -> NDArray[np.float64]:
-    """(m, nt) lengths of the edges of the simplices [m]."""
+    """(m, nt) lengths of the edges of the elements, from end to end [m]."""
     return np.linalg.norm(edge_differences(mesh, mesh.p), axis=0)
 
 
 def vertex_sizes(mesh: ElementMesh) -> NDArray[np.float64]:
-    """(nv,) shortest edge of the simplices around each vertex [m]."""
+    """(nv,) shortest edge of the elements around each node [m]; of quadratic elements the shortest half of an edge."""
+    shortest = edge_lengths(mesh).min(axis=0)
+    if mesh.element.degree == 2:
+        (a, b), middles = np.transpose(mesh.element.edges), mesh.p[:, mesh.t[mesh.element.corners :]]
+        shortest = np.minimum(*(np.linalg.norm(mesh.p[:, mesh.t[end]] - middles, axis=0).min(axis=0) for end in (a, b)))
     size = np.full(mesh.nv, np.inf)
-    np.minimum.at(size, mesh.t.ravel(), np.tile(edge_lengths(mesh).min(axis=0), mesh.k + 1))
+    np.minimum.at(size, mesh.t.ravel(), np.tile(shortest, len(mesh.t)))
     return size
 
 
 def aspect_ratios(mesh: ElementMesh) -> NDArray[np.float64]:
-    """(nt,) longest edge over smallest height of the simplices; 1.22 for a regular tetrahedron, 1 for a segment."""
-    longest = edge_lengths(mesh).max(axis=0)
-    steepest = np.linalg.norm(Geometry(mesh.p, mesh.t).gradients, axis=2).max(axis=1)
-    return longest * steepest
+    """(nt,) longest edge over smallest height; 1.22 for a regular tetrahedron, 1 for a segment, a square or a cube.
+
+    Elements with several points count as flat as they are at the worst of their usual points: there they are the simplex, or the
+    box, of their spokes.
+    """
+    if mesh.element.is_linear_simplex:
+        longest = edge_lengths(mesh).max(axis=0)
+        steepest = np.linalg.norm(Geometry(mesh.p, mesh.t).gradients, axis=2).max(axis=1)
+        return longest * steepest
+    spokes = spokes_at(mesh, rule_of(mesh.element, "usual").points)
+    longest, steepest = points.extremes(spokes, mesh.element.is_box)
+    return np.asarray((longest * steepest).max(axis=1))
+
+
+def straight_elements(mesh: ElementMesh) -> NDArray[np.bool_]:
+    """(nt,) whether the spokes of an element are the same everywhere, to within 1e-14 of the coordinates: one frame is enough.
+
+    Simplices are straight if each middle is, quadrilaterals and hexahedra if they are parallelograms and parallelepipeds.
+    """
+    if mesh.element.is_linear_simplex:
+        return np.ones(mesh.nt, dtype=bool)
+    element, k = mesh.element, mesh.k
+    xi = element.nodes
+    origin = np.flatnonzero((xi == 0).all(axis=1))[0]
+    ends = [np.flatnonzero((xi == row).all(axis=1))[0] for row in np.eye(k)]
+    x = mesh.p[:, mesh.t]
+    affine = x[:, origin][:, None] + np.einsum("ai,dit->dat", xi, x[:, ends] - x[:, [origin]])
+    return np.asarray((np.abs(x - affine) <= 1e-14 * np.abs(x).max(axis=(0, 1))).all(axis=(0, 1)))

@@ -14,8 +14,8 @@ from skfem.assembly.dofs import DofsView
 from skfem.mesh.mesh_dg import MeshDG
 
 from ..arguments import frozen, real_array, shown, whole_array
-from ..elements import Element, linear_simplex, second_order
-from ..errors import MeshError, RegionError, name_ids, name_known, warn
+from ..elements import ELEMENTS, Element, linear_simplex, second_order
+from ..errors import MeshError, RegionError, name_ids, name_known
 from ..kernels.topology import edges_of_simplices
 from .content import Content, content_in_memory
 from .facets import NamedFacets
@@ -101,33 +101,21 @@ class ElementMesh(Marked):
 
     @classmethod
     def of(cls, mesh: MeshLike) -> ElementMesh:
-        """The simplices of a scikit-fem mesh, of arrays `(p, t)`, of a `meshio.Mesh`, or of a `ElementMesh` (handed back as it is).
+        """The elements of a scikit-fem mesh, of arrays `(p, t)`, of a `meshio.Mesh`, or of an `ElementMesh` (handed back as it is).
 
-        From a `meshio.Mesh` is taken what `read_mesh` takes from a file. Second-order scikit-fem meshes are reduced to their corner
-        vertices, with a warning. Subdomains and boundaries come along; the facets of these are found when they are first looked at,
-        which costs more than an assembly.
+        MeshTet2 and MeshTri2 are quadratic simplices, with their curved edges, MeshHex1 and MeshQuad1 hexahedra and quadrilaterals;
+        their nodes are scikit-fem's degrees of freedom of the same element. Arrays are linear simplices. From a `meshio.Mesh` is
+        taken what `read_mesh` takes from a file. Subdomains and boundaries come along; the facets of these are found when they are
+        first looked at, which costs more than an assembly.
         """
         if isinstance(mesh, cls):
             return mesh
         if isinstance(mesh, skfem.Mesh):
-            if isinstance(mesh, MeshDG):
-                raise MeshError(
-                    f"{type(mesh).__name__} is periodic or discontinuous: its elements have coordinates of their own for each "
-                    "vertex. Use the mesh that it was made of, and constrain its displacements."
-                )
-            if not isinstance(mesh, skfem.MeshTet1 | skfem.MeshTri1 | skfem.MeshLine1):
-                raise MeshError(
-                    f"{type(mesh).__name__} is not a mesh of simplices; expected MeshTet1, MeshTri1 or MeshLine1. Quadrilaterals "
-                    "and hexahedra can be split: mesh.to_meshtri(), mesh.to_meshtet()."
-                )
+            element = _element_of(mesh)
             p, t = mesh.doflocs, mesh.t
-            if isinstance(mesh, skfem.MeshTet2 | skfem.MeshTri2):
-                p = p[:, : mesh.nvertices]
-                warn(
-                    f"{type(mesh).__name__} is of second order: its {mesh.nvertices} corner vertices are used and its curved "
-                    "edges are taken as straight. Displacements have one entry per corner and component."
-                )
-            return cls(p, t, mesh.subdomains or {}, NamedFacets(t, p.shape[1], mesh.boundaries or {}))
+            if element.degree == 2:
+                t = mesh.dofs.element_dofs
+            return cls(p, t, mesh.subdomains or {}, NamedFacets(t, p.shape[1], element, mesh.boundaries or {}), element=element)
         if isinstance(mesh, tuple | list) and len(mesh) == 2:
             return cls(*mesh)
         if isinstance(mesh, meshio.Mesh):
@@ -225,6 +213,41 @@ class ElementMesh(Marked):
     def __repr__(self) -> str:
         what = "vertices" if self.element.degree == 1 else "nodes"
         return f"ElementMesh: {self.nt} {self.kind}, {self.nv} {what}"
+
+
+#: scikit-fem's meshes of each element.
+OF_SCIKIT_FEM: dict[type, str] = {
+    skfem.MeshTet2: "quadratic tetrahedra",
+    skfem.MeshTri2: "quadratic triangles",
+    skfem.MeshHex1: "hexahedra",
+    skfem.MeshQuad1: "quadrilaterals",
+    skfem.MeshTet1: "tetrahedra",
+    skfem.MeshTri1: "triangles",
+    skfem.MeshLine1: "segments",
+}
+
+
+def _element_of(mesh: skfem.Mesh) -> Element:
+    """The element of a scikit-fem mesh, which others are refused for."""
+    name = type(mesh).__name__
+    if isinstance(mesh, MeshDG):
+        raise MeshError(
+            f"{name} is periodic or discontinuous: its elements have coordinates of their own for each vertex. Use the mesh that it "
+            "was made of, and constrain its displacements."
+        )
+    if isinstance(mesh, skfem.MeshHex2 | skfem.MeshQuad2):
+        linear = "MeshHex1" if mesh.dim() == 3 else "MeshQuad1"
+        raise MeshError(
+            f"{name} is of second order; hexahedra and quadrilaterals are linear along each axis here. Take {linear}(mesh.p[:, "
+            f":mesh.nvertices], mesh.t), which takes curved edges as straight; curved quadratic elements are MeshTet2 and MeshTri2."
+        )
+    for kind, element in OF_SCIKIT_FEM.items():
+        if isinstance(mesh, kind):
+            return ELEMENTS[element]
+    raise MeshError(
+        f"{name} is not a mesh of tetrahedra, hexahedra, triangles, quadrilaterals or segments; expected MeshTet1, MeshTet2, "
+        "MeshHex1, MeshTri1, MeshTri2, MeshQuad1 or MeshLine1. Wedges can be split: mesh.to_meshtet()."
+    )
 
 
 def vertex_ids(given: Any) -> NDArray[Any]:

@@ -2,9 +2,15 @@ import numpy as np
 import pytest
 import skfem
 from bodies import box
+from meshfiles import curved
 
 from skfem_stvk import ElementMesh
-from skfem_stvk.mesh.facets import boundary_facets, facet_ids
+from skfem_stvk.elements import rule_of
+from skfem_stvk.mesh.facets import boundary_facets, facet_ids, facet_points, facet_sizes, facets_of, find_facets, with_middles
+from skfem_stvk.mesh.geometry import element_sizes
+from skfem_stvk.mesh.points import values_at
+
+KINDS = [skfem.MeshTet2, skfem.MeshTri2, skfem.MeshHex, skfem.MeshQuad]
 
 
 @pytest.mark.parametrize("mesh", [skfem.MeshTet().refined(2), skfem.MeshTri.init_circle(2), skfem.MeshLine().refined(3)])
@@ -23,3 +29,40 @@ def test_boundary_facets_of_tetrahedra_look_outwards():
     x = mesh.p.T[mesh.t.T]
     volume = np.abs(np.linalg.det(x[:, 1:] - x[:, :1])).sum() / 6
     assert flux == pytest.approx(3 * volume, rel=1e-12)
+
+
+@pytest.mark.parametrize("cls", KINDS)
+def test_facets_of_all_elements_are_scikit_fems_with_their_middles(cls):
+    given = curved(cls)
+    mesh = ElementMesh.of(given)
+    facets, t2f = facets_of(mesh.t, mesh.nv, mesh.element)
+    corners = len(given.facets)
+    assert np.array_equal(facets[:corners], given.facets) and np.array_equal(facet_ids(mesh), t2f)
+    assert np.array_equal(np.sort(t2f, axis=0), np.sort(given.t2f, axis=0))
+    assert len(facets) == mesh.facet.n and np.array_equal(mesh.boundaries["wall"], facets[:, given.boundaries["wall"]])
+    found = find_facets(mesh.surface, facets, mesh.nv)
+    assert np.array_equal(np.sort(found), given.boundary_facets())
+    if mesh.element.degree == 2:
+        assert np.array_equal(with_middles(mesh, facets[:corners]), facets)
+        ends = [facets[[a, b]] for a, b in mesh.facet.edges]
+        on = np.abs(mesh.p[:, facets[corners:]] - np.stack([mesh.p[:, e].mean(axis=1) for e in ends], axis=1))
+        assert on.max() < 0.05  # a middle is near the middle of its own edge
+
+
+@pytest.mark.parametrize("cls", KINDS)
+@pytest.mark.parametrize("turned", [False, True])
+def test_the_flux_of_x_through_the_surface_is_the_volume(cls, turned):
+    """Whichever way the elements are turned, on curved facets too: scikit-fem measures the same volume."""
+    given = curved(cls)
+    mesh = ElementMesh.of(given)
+    if turned:  # the mirror image of the body
+        mesh = ElementMesh(mesh.p * np.array([[-1.0], *[[1.0]] * (mesh.d - 1)]), mesh.t, element=mesh.element)
+    points = facet_points(mesh, mesh.surface)
+    x = values_at(mesh.p, mesh.surface, mesh.facet, rule_of(mesh.facet, "mass").points)
+    volume = skfem.Basis(given, given.elem(), intorder=6).dx.sum()
+    assert (x * points.normals).sum() == pytest.approx(mesh.d * volume, rel=1e-12)
+    assert element_sizes(mesh).sum() == pytest.approx(volume, rel=1e-12)
+    assert np.abs(points.normals.sum(axis=(0, 1))).max() < 1e-14
+    area = skfem.FacetBasis(given, given.elem(), intorder=4).dx.sum()
+    assert points.areas.sum() == pytest.approx(area, rel=1e-3)
+    assert facet_sizes(mesh.p, mesh.surface, mesh.facet).sum() == pytest.approx(points.areas.sum(), rel=1e-14)

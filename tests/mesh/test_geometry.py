@@ -4,7 +4,16 @@ import numpy as np
 import pytest
 
 from skfem_stvk import ElementMesh
-from skfem_stvk.mesh.geometry import Geometry, aspect_ratios, vertex_sizes
+from skfem_stvk.elements import ELEMENTS
+from skfem_stvk.mesh.geometry import (
+    Geometry,
+    aspect_ratios,
+    edge_lengths,
+    element_sizes,
+    jacobians,
+    straight_elements,
+    vertex_sizes,
+)
 
 KINDS = [(1, 1), (1, 2), (1, 3), (2, 2), (2, 3), (3, 3)]
 EDGE = 0.3
@@ -97,3 +106,37 @@ def test_the_aspect_ratio_is_the_longest_edge_over_the_smallest_height():
 def test_the_size_at_a_vertex_is_the_shortest_edge_of_its_elements():
     chain = ElementMesh(p=[[0, 1, 1.5, 4]], t=[[0, 1, 2], [1, 2, 3]])
     assert vertex_sizes(chain).tolist() == [1.0, 0.5, 0.5, 2.5]
+
+
+@pytest.mark.parametrize(("k", "d"), KINDS)
+def test_straight_quadratic_simplices_have_the_sizes_and_shapes_of_their_corners(k, d):
+    linear = ElementMesh(*random_simplices(k, d))
+    quadratic = linear.with_degree(2)
+    assert straight_elements(quadratic).all()
+    assert np.allclose(aspect_ratios(quadratic), aspect_ratios(linear), rtol=1e-8)
+    assert np.array_equal(edge_lengths(quadratic), edge_lengths(linear))
+    assert np.allclose(vertex_sizes(quadratic)[: linear.nv], vertex_sizes(linear) / 2)
+    for kind in ("usual", "exact", "mass"):
+        assert np.allclose(element_sizes(quadratic, kind), Geometry(linear.p, linear.t).volume, rtol=1e-9)
+
+
+@pytest.mark.parametrize("name", ["quadrilaterals", "hexahedra"])
+def test_sizes_and_shapes_of_boxes_in_closed_form(name):
+    element = ELEMENTS[name]
+    sides = np.array([1.0, 2.0, 5.0])[: element.k]
+    mesh = ElementMesh((element.nodes * sides).T, np.arange(element.n)[:, None], element=element)
+    assert element_sizes(mesh)[0] == pytest.approx(sides.prod()) and straight_elements(mesh).all()
+    assert aspect_ratios(mesh)[0] == pytest.approx(sides[-1] / sides[0])
+    assert vertex_sizes(mesh).tolist() == [1.0] * element.n
+    tapered = ElementMesh(mesh.p * (1 - 0.5 * (mesh.p[0] > 0)), mesh.t, element=element)
+    assert not straight_elements(tapered).any()
+
+
+@pytest.mark.parametrize("sign", [1, -1])
+def test_jacobians_are_signed_and_those_of_membranes_by_their_centre(sign):
+    triangle = ElementMesh(p=[[0, 1, 0], [0, 0, sign]], t=[[0], [1], [2]]).with_degree(2)
+    assert np.allclose(jacobians(triangle, triangle.element.nodes), sign)
+    p = np.vstack([triangle.p, 0 * triangle.p[:1]])
+    p[2, 4] = 0.1
+    membrane = ElementMesh(p, triangle.t, element=triangle.element)
+    assert (jacobians(membrane, triangle.element.nodes) > 0).all() and not straight_elements(membrane).any()

@@ -4,9 +4,9 @@ import meshio
 import numpy as np
 import pytest
 import skfem
-from meshfiles import CUBE, FIVE_TETS
+from meshfiles import CUBE, FIVE_TETS, curved
 
-from skfem_stvk import ElementMesh, MeshError, RegionError, StvkWarning
+from skfem_stvk import ElementMesh, MeshError, RegionError
 from skfem_stvk.mesh.mesh import check_index_range
 
 TRIANGLES = skfem.MeshTri().refined(2).with_subdomains({"left": lambda x: x[0] < 0.5})
@@ -47,17 +47,27 @@ def test_a_scikit_fem_mesh_keeps_its_vertices_elements_and_subdomains(cls, k):
     assert np.array_equal(mesh.elements("left"), given.subdomains["left"])
 
 
-@pytest.mark.parametrize(("cls", "corner_cls"), [(skfem.MeshTet2, skfem.MeshTet), (skfem.MeshTri2, skfem.MeshTri)])
-def test_a_mesh_of_second_order_is_reduced_to_its_corners_with_a_warning(cls, corner_cls):
-    straight = corner_cls().refined(1)
-    with pytest.warns(StvkWarning, match=f"{cls.__name__} is of second order: its {straight.nvertices} corner vertices are used"):
-        mesh = ElementMesh.of(cls.from_mesh(straight))
-    assert np.array_equal(mesh.p, straight.p) and np.array_equal(mesh.t, straight.t)
+@pytest.mark.parametrize("cls", [skfem.MeshTet2, skfem.MeshTri2, skfem.MeshHex, skfem.MeshQuad])
+def test_nodes_are_the_degrees_of_freedom_of_scikit_fems_element_and_curved_edges_are_kept(cls):
+    given = curved(cls)
+    mesh = ElementMesh.of(given)
+    assert np.array_equal(mesh.p, given.doflocs) and np.array_equal(mesh.t, given.dofs.element_dofs)
+    assert mesh.element.name.split()[-1] in {"tetrahedra", "triangles", "hexahedra", "quadrilaterals"}
+    assert np.array_equal(mesh.corners, given.t)
 
 
-@pytest.mark.parametrize("cls", [skfem.MeshQuad, skfem.MeshHex])
-def test_other_cells_are_refused_with_how_to_split_them(cls):
-    with pytest.raises(MeshError, match=rf"{cls.__name__} is not a mesh of simplices.*mesh.to_meshtri\(\), mesh.to_meshtet\(\)"):
+@pytest.mark.parametrize("k", [1, 2, 3])
+def test_straight_quadratic_simplices_are_numbered_as_scikit_fems_element_is(k):
+    straight = [skfem.MeshLine, skfem.MeshTri, skfem.MeshTet][k - 1]().refined(2)
+    element = [skfem.ElementLineP2(), skfem.ElementTriP2(), skfem.ElementTetP2()][k - 1]
+    basis = skfem.Basis(straight, element)
+    mesh = ElementMesh.of(straight).with_degree(2)
+    assert np.array_equal(mesh.t, basis.dofs.element_dofs) and np.allclose(mesh.p, basis.doflocs, atol=1e-15)
+
+
+@pytest.mark.parametrize("cls", [skfem.MeshQuad2, skfem.MeshHex2, skfem.MeshWedge1])
+def test_other_cells_are_refused_by_name_with_what_to_take(cls):
+    with pytest.raises(MeshError, match=rf"^{cls.__name__} is .*(MeshHex1|MeshQuad1)\(mesh|to_meshtet\(\)"):
         ElementMesh.of(cls())
 
 

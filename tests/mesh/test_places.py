@@ -162,13 +162,12 @@ def test_the_surface_is_found_once_and_cannot_be_written_to():
 @pytest.mark.parametrize(
     "mesh", [skfem.MeshTet().refined(2), skfem.MeshTri.init_circle(2), skfem.MeshLine().refined(3), skfem.MeshTet2().refined(1)]
 )
-@pytest.mark.filterwarnings("ignore::skfem_stvk.StvkWarning")
 def test_boundaries_of_a_scikit_fem_mesh_come_along(mesh):
     named = mesh.with_boundaries({"wall": lambda x: x[0] < 0.2, "inner": np.array([4, 2])})
     simplices = ElementMesh.of(named)
     assert set(simplices.boundaries) == {"wall", "inner"} and len(simplices.boundaries) == 2
     for name, facets in simplices.boundaries.items():
-        assert np.array_equal(facets, named.facets[:, np.asarray(named.boundaries[name])])
+        assert np.array_equal(facets[: simplices.k], named.facets[:, np.asarray(named.boundaries[name])])
     with pytest.raises(KeyError):
         simplices.boundaries["tip"]
 

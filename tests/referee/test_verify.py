@@ -230,7 +230,7 @@ def test_the_same_seed_gives_the_same_numbers():
         (lambda: verify(box(2), []), MaterialError, "empty list"),
         (lambda: verify(box(2), TERM, seed=-1), StvkError, "seed = -1; expected a whole number from 0"),
         (lambda: verify(box(2), TERM, seed=1.5), StvkError, "seed = 1.5; expected a whole number from 0"),
-        (lambda: verify(skfem.MeshHex(), TERM), MeshError, "MeshHex1 is not a mesh of simplices"),
+        (lambda: verify(skfem.MeshWedge1(), TERM), MeshError, "MeshWedge1 is not a mesh of tetrahedra, hexahedra"),
     ],
 )
 def test_bad_input_is_an_error_before_any_work(call, error, message):

@@ -215,10 +215,10 @@ def test_a_bad_state_is_refused(call, u, message):
 
 
 def test_too_large_a_matrix_is_refused_before_it_is_made(monkeypatch):
-    from skfem_stvk.mesh import simplices
+    from skfem_stvk.mesh import mesh as meshes
 
     body = System(MESHES["tetrahedra"], TERM)
-    monkeypatch.setattr(simplices, "LARGEST_INDEX", 1000)
+    monkeypatch.setattr(meshes, "LARGEST_INDEX", 1000)
     with pytest.raises(MeshError, match="values of K are more than 32-bit indices can count"):
         body.tangent(np.zeros(body.ndofs))
 

@@ -1,0 +1,109 @@
+"""Elements and facets at points of the reference element: where these are, the spokes there, and what they span.
+
+At a reference point `xi` an element has the spokes `P_i = sum_a dN_a/dxi_i X_a`, the columns of the Jacobian matrix: those of a
+linear simplex are `X_i - X_0` everywhere.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from ..arguments import Array
+from ..elements import Element
+
+
+def values_at(x: Array, t: Any, element: Element, xi: Array) -> Array:
+    """(nt, nq, d) values `sum_a N_a x_a` at reference points `xi` (nq, k) of elements `t` (n, nt), of a field `x` (d, nv)."""
+    return (element.values(xi) @ _by_node(x, t)).reshape(len(xi), len(x), t.shape[1]).transpose(2, 0, 1)
+
+
+def spokes_at(x: Array, t: Any, element: Element, xi: Array) -> Array:
+    """(nt, nq, k, d) spokes `sum_a dN_a/dxi_i x_a` at reference points `xi` (nq, k) of elements `t` (n, nt).
+
+    `x` (d, nv) are coordinates, or displacements, whose differences along the spokes these are then. The result is a view in which
+    elements are next to each other: what is done to one component of all is fast.
+
+    >>> from skfem_stvk.elements import ELEMENTS
+    >>> spokes_at(np.array([[0.0, 2, 0], [0, 0, 3]]), np.array([[0], [1], [2]]), ELEMENTS["triangles"], np.array([[0.2, 0.2]]))[0, 0]
+    array([[2., 0.],
+           [0., 3.]])
+    """
+    nt, d, nq = t.shape[1], len(x), len(xi)
+    derivatives = element.derivatives(xi).transpose(0, 2, 1).reshape(nq * element.k, element.n)
+    return (derivatives @ _by_node(x, t)).reshape(nq, element.k, d, nt).transpose(3, 0, 1, 2)
+
+
+def _by_node(x: Array, t: Any) -> Array:
+    """(n, d nt)"""
+    return x[:, t].transpose(1, 0, 2).reshape(len(t), -1)
+
+
+def determinants(spokes: Array) -> Array:
+    """(...,) determinants of spokes (..., d, d), which are negative for elements that are turned round."""
+    p = np.moveaxis(spokes, (-2, -1), (0, 1))
+    if len(p) == 1:
+        return np.asarray(p[0, 0])
+    if len(p) == 2:
+        return np.asarray(p[0, 0] * p[1, 1] - p[0, 1] * p[1, 0])
+    return np.asarray(_dot(_cross(p[0], p[1]), p[2]))
+
+
+def measures_of(spokes: Array) -> Array:
+    """(...,) length, area or volume of the parallelepiped that spokes (..., k, d) span; 1 for k = 0.
+
+    >>> float(measures_of(np.array([[3.0, 0, 4]]))), float(measures_of(np.array([[2.0, 0, 0], [1, 0, 3]])))
+    (5.0, 6.0)
+    """
+    k, d = spokes.shape[-2:]
+    if k == 0:
+        return np.ones(spokes.shape[:-2])
+    if k == d:
+        return np.abs(determinants(spokes))
+    p = np.moveaxis(spokes, (-2, -1), (0, 1))
+    return np.sqrt(_squared(p[0] if k == 1 else _cross(p[0], p[1])))
+
+
+def normals_of(spokes: Array) -> Array:
+    """(..., d) normals (..., d) of facets from their spokes (..., d - 1, d), as long as the parallelogram is large.
+
+    They look outwards for facets in the order of `mesh.surface`.
+
+    >>> normals_of(np.array([[0.0, 2.0]])), normals_of(np.array([[1.0, 0, 0], [0, 2, 0]]))
+    (array([ 2., -0.]), array([0., 0., 2.]))
+    """
+    p = np.moveaxis(spokes, (-2, -1), (0, 1))
+    if spokes.shape[-1] == 2:
+        return np.stack([p[0, 1], -p[0, 0]], axis=-1)
+    return np.stack(_cross(p[0], p[1]), axis=-1)
+
+
+def extremes(spokes: Array, box: bool = False) -> tuple[Array, Array]:
+    """Longest edge and inverse of the smallest height (...,) of the simplex, or of the parallelepiped, of spokes (..., k, d)."""
+    p = np.moveaxis(spokes, (-2, -1), (0, 1))
+    k = len(p)
+    edges = [*p] if box else [*p, *(p[i] - p[j] for i in range(k) for j in range(i))]
+    longest = np.sqrt(np.max([_squared(edge) for edge in edges], axis=0))
+    if k == 1:
+        return longest, 1 / longest
+    pad = p if p.shape[1] == 3 else np.concatenate([p, np.zeros((k, 1, *p.shape[2:]))], axis=1)
+    if k == 2:
+        facets, size = [_squared(edge) for edge in edges], np.sqrt(_squared(_cross(pad[0], pad[1])))
+    else:
+        sides = [(pad[0], pad[1]), (pad[1], pad[2]), (pad[2], pad[0])] + ([] if box else [(edges[3], edges[4])])
+        facets, size = [_squared(_cross(a, b)) for a, b in sides], np.abs(_dot(_cross(pad[0], pad[1]), pad[2]))
+    with np.errstate(divide="ignore"):
+        return longest, np.sqrt(np.max(facets, axis=0)) / size
+
+
+def _cross(a: Any, b: Any) -> tuple[Array, Array, Array]:
+    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
+
+
+def _dot(a: Any, b: Any) -> Any:
+    return sum(x * y for x, y in zip(a, b, strict=True))
+
+
+def _squared(a: Any) -> Any:
+    return _dot(a, a)
