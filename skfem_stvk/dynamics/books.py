@@ -136,7 +136,7 @@ class Books:
         if self._watched:
             self._t = state.t
             np.copyto(self._u, state.u)
-            self._driving = driving_force(self.motion.system, state.u, state.t)
+            self._driving = driving_force(self.motion.system, state.u, self.motion.moment(state.t))
 
     def work(self, state: MotionState) -> None:
         """Count the work of driving forces, and what damping took, since the state before."""
@@ -188,7 +188,7 @@ class Books:
         u, v, Mv = (x.reshape(mesh.nv, mesh.d) for x in (state.u, state.v, self._Mv))
         motion.mass.multiply(state.v, out=self._Mv)
         kernels.momenta(mesh.p, u, v, Mv, sums)
-        return steady_potential(motion.system, state.u)
+        return steady_potential(motion.system, state.u, motion.moment(state.t))
 
 
 def _named(name: str, given: Any, example: str) -> Mapping[str, Where]:

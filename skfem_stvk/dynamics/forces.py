@@ -15,9 +15,6 @@ from ..system.system import array_to_fill
 from ..terms import BoundLoad, HasDampingForce, HasMeanForce
 from ..terms.load import Moment, Time
 
-#: Loads that are given by constants, at their full size.
-FULL = Moment(1.0, 1.0)
-
 
 def add_mean_force(
     system: SystemLike, u0: Array, u1: Array, out: Array, *, weights: tuple[float, float] = (0.5, 0.5), theta: float = 0.5
@@ -103,12 +100,12 @@ def constant_loads(system: SystemLike) -> bool:
     return all(load.steady and load.dead for load in system.bound_loads)
 
 
-def driving_force(system: SystemLike, u: Array, t: float) -> Array:
-    """(ndofs,) force [N] at time `t` of loads that change with time or have no potential, and of terms without energy."""
+def driving_force(system: SystemLike, u: Array, moment: Moment) -> Array:
+    """(ndofs,) force [N] at a moment of loads that change with time or have no potential, and of terms without energy."""
     x, force = by_vertex(system.mesh, u), np.zeros(system.mesh.p.T.shape)
     for load in system.bound_loads:
         if not _keeps_energy(load):
-            load.add_force(x, Moment(t, 1.0), force)
+            load.add_force(x, moment, force)
     for term in system.bound_terms:
         if not term.has_energy:
             internal = np.zeros_like(force)
@@ -117,10 +114,10 @@ def driving_force(system: SystemLike, u: Array, t: float) -> Array:
     return force.ravel()
 
 
-def steady_potential(system: SystemLike, u: Array) -> float:
-    """Potential of the loads that are given by constants and have one, at their full size [J]."""
+def steady_potential(system: SystemLike, u: Array, moment: Moment) -> float:
+    """Potential of the loads that are given by constants and have one, at a moment of a motion [J]."""
     x = by_vertex(system.mesh, u)
-    return sum(load.potential(x, FULL) for load in system.bound_loads if _keeps_energy(load))
+    return sum(load.potential(x, moment) for load in system.bound_loads if _keeps_energy(load))
 
 
 def _keeps_energy(load: BoundLoad) -> bool:

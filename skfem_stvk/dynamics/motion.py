@@ -44,6 +44,10 @@ class Motion:
         """Whether there is any damping."""
         return bool(self.alpha or self.beta or self.tau)
 
+    def moment(self, t: float) -> Moment:
+        """The time `t` [s], when loads have their full size, and gravity pulls at the masses of this motion."""
+        return Moment(t, 1.0, self.mass.kind)
+
     def held(self, t: float) -> Array:
         """Displacements of the held degrees of freedom [m]."""
         return self.system.supports.values(Moment(t, 1.0))
@@ -61,13 +65,13 @@ class Motion:
         """(ndofs,) the loads, if they are the same at any time and place [N]."""
         if not constant_loads(self.system):
             return None
-        loads = self.system.external_force(np.zeros(self.system.ndofs), Moment(0.0, 1.0))
+        loads = self.system.external_force(np.zeros(self.system.ndofs), self.moment(0.0))
         loads.flags.writeable = False
         return loads
 
     def loads(self, u: Array, t: float) -> Array:
         """(ndofs,) external forces [N]; the same array every time if they are constant."""
-        return self.system.external_force(u, Moment(t, 1.0)) if self.constant_loads is None else self.constant_loads
+        return self.system.external_force(u, self.moment(t)) if self.constant_loads is None else self.constant_loads
 
     def add_damping(self, u: Array, v: Array, out: Array) -> None:
         """Add `D v` [N] at displacements `u` to `out`, all (ndofs,)."""

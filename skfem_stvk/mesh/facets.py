@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from functools import cached_property
-from math import factorial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -14,9 +13,8 @@ from scipy.sparse.csgraph import connected_components
 
 from ..arguments import frozen
 from ..elements import ELEMENTS, Element, linear_simplex, rule_of
-from ..kernels.geometry import measures
 from ..kernels.topology import lexicographic_order
-from .points import determinants, measures_of, normals_of, spokes_at
+from .points import determinants, measures_of, normals_of, sizes_of, spokes_at
 
 Ids = NDArray[np.int32]
 
@@ -155,10 +153,7 @@ def facet_sizes(p: NDArray[np.float64], facets: Ids, element: Element | None = N
     """
     if len(facets) == 1:
         return np.ones(facets.shape[1])
-    if element is None or element.is_linear_simplex:
-        return measures(p, np.ascontiguousarray(facets))[0] / factorial(len(facets) - 1)
-    points, weights = rule_of(element, "mass")
-    return measures_of(spokes_at(p, facets, element, points)) @ weights
+    return sizes_of(p, facets, element or linear_simplex(len(facets) - 1))
 
 
 class FacetPoints(NamedTuple):

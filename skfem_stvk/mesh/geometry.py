@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..elements import rule_of
-from ..kernels.geometry import measures
 from . import points
 from .mesh import ElementMesh
 
@@ -57,10 +56,7 @@ def element_sizes(mesh: ElementMesh, kind: str = "exact") -> NDArray[np.float64]
     >>> element_sizes(ElementMesh.of(skfem.MeshTri()).with_degree(2))
     array([0.5, 0.5])
     """
-    if mesh.element.is_linear_simplex:
-        return measures(mesh.p, mesh.t)[0] / factorial(mesh.k)
-    xi, weights = rule_of(mesh.element, kind)
-    return np.asarray(points.measures_of(spokes_at(mesh, xi)) @ weights)
+    return points.sizes_of(mesh.p, mesh.t, mesh.element, kind)
 
 
 def jacobians(mesh: ElementMesh, xi: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -6,12 +6,14 @@ linear simplex are `X_i - X_0` everywhere.
 
 from __future__ import annotations
 
+from math import factorial
 from typing import Any
 
 import numpy as np
 
 from ..arguments import Array
-from ..elements import Element
+from ..elements import Element, rule_of
+from ..kernels.geometry import measures
 
 
 def values_at(x: Array, t: Any, element: Element, xi: Array) -> Array:
@@ -38,6 +40,27 @@ def spokes_at(x: Array, t: Any, element: Element, xi: Array) -> Array:
 def _by_node(x: Array, t: Any) -> Array:
     """(n, d nt)"""
     return x[:, t].transpose(1, 0, 2).reshape(len(t), -1)
+
+
+def sizes_at_points(p: Array, t: Any, element: Element, kind: str = "mass") -> Array:
+    """(nq, n) weight times length, area or volume at each point of the rule of a kind, of elements or facets `t` (m, n) [m^k].
+
+    Their sums are the sizes: exact for all but curved lines and surfaces in a space of more dimensions.
+    """
+    points, weights = rule_of(element, kind)
+    sizes = np.empty((len(weights), t.shape[1]))
+    for row, xi, w in zip(sizes, points, weights, strict=True):  # one by one: spokes are nine numbers for each
+        row[:] = w * measures_of(spokes_at(p, t, element, xi[None]))[:, 0]
+    return sizes
+
+
+def sizes_of(p: Array, t: Any, element: Element, kind: str = "mass") -> Array:
+    """(n,) lengths, areas or volumes of elements or facets `t` (m, n) by the rule of a kind [m^k]; 1 for points."""
+    if element.k == 0:
+        return np.ones(t.shape[1])
+    if element.is_linear_simplex:
+        return np.asarray(measures(p, np.ascontiguousarray(t))[0] / factorial(element.k))
+    return np.asarray(sizes_at_points(p, t, element, kind).sum(axis=0))
 
 
 def determinants(spokes: Array) -> Array:

@@ -1,4 +1,4 @@
-"""The mass of a body, lumped at its vertices or consistent with linear displacements."""
+"""The mass of a body, lumped at its nodes or consistent with its shape functions."""
 
 from __future__ import annotations
 
@@ -12,25 +12,35 @@ from scipy.sparse import csr_matrix, diags
 
 from ..arguments import Array, number
 from ..edges.simplices import nbytes
+from ..elements import Element, rule_of
 from ..errors import MaterialError, name_ids
-from ..mesh import ElementMesh
 from ..mesh.displacements import finite_vector
+from ..mesh.points import sizes_at_points
+from ..terms import Body
+from ..terms.spread import Spread
 from .pattern import Patterned
+
+#: Elements whose Jacobians differ by less than this factor count as straight for bounds on eigenvalues of their masses.
+STRAIGHT = 1.02
+#: Elements of which eigenvalues are computed at once; beyond them by this much is rounding.
+AT_ONCE, ROUNDING = 4096, 1e-10
 
 
 class Mass(ABC):
     """The mass matrix M of a body; `System.mass(kind)` makes it.
 
-        lumped        M_aa = sum over elements of m_e / (k + 1)
-        consistent    M_ab = sum over elements of m_e / ((k + 1) (k + 2)) (1 + delta_ab)
+        lumped        M_aa = sum over elements of s_ea m_e, positive shares s_ea of sum 1: `terms.spread.lumped_shares`
+        consistent    M_ab = sum over elements of the integral of rho N_a N_b
 
-    the same for each component. Both have the mass and the centre of mass of the body; the consistent one has its moments of
-    inertia, too.
+        linear simplices    s_ea = 1/(k + 1)        integral = m_e / ((k + 1) (k + 2)) (1 + delta_ab)
+
+    the same for each component. Both have the mass of the body, the consistent one its centre of mass and its moments of inertia,
+    too. The lumped one has its centre of mass unless quadratic elements are curved.
 
     Attributes
     ----------
     kind : "lumped" or "consistent".
-    vertex : (nv,) lumped masses [kg], the row sums of either.
+    vertex : (nv,) lumped masses of the nodes [kg]; unless elements are quadratic the row sums of either.
 
     >>> import skfem
     >>> from skfem_stvk import StVK, System
@@ -47,10 +57,10 @@ class Mass(ABC):
 
     kind: ClassVar[str]
 
-    def __init__(self, system: Patterned, mesh: ElementMesh, elements: Array, held: NDArray[Any]) -> None:
-        self._d, self._system = mesh.d, system
-        shares = np.tile(elements / (mesh.k + 1), mesh.k + 1)
-        self.vertex: Array = np.bincount(mesh.t.ravel(), weights=shares, minlength=mesh.nv).astype(np.float64)
+    def __init__(self, system: Patterned, body: Body, held: NDArray[Any]) -> None:
+        mesh = body.mesh
+        self._d, self._system, self._middles = mesh.d, system, mesh.element.degree > 1
+        self.vertex: Array = body.lumped_mass
         is_free = np.ones(mesh.p.size, dtype=bool)
         is_free[held] = False
         self._free = is_free.reshape(-1, mesh.d)
@@ -121,22 +131,22 @@ class Mass(ABC):
         bare = np.flatnonzero((self.vertex <= 0) & self._free.any(axis=1))
         if len(bare):
             raise MaterialError(
-                f"{name_ids(bare, 'vertex')} of {len(self.vertex)}: can move, but without mass, because in no element with a "
+                f"{name_ids(bare, 'node' if self._middles else 'vertex')} of {len(self.vertex)}: can move, but without mass, because in no element with a "
                 "StVK(..., density=...). Give their elements one, fix all their components, or leave them out of the mesh."
             )
 
     def __repr__(self) -> str:
-        return f"Mass: {self.total:g} kg at {len(self.vertex)} vertices, {self.kind}"
+        return f"Mass: {self.total:g} kg at {len(self.vertex)} {'nodes' if self._middles else 'vertices'}, {self.kind}"
 
 
 class LumpedMass(Mass):
-    """A number for each vertex."""
+    """A number for each node."""
 
     kind = "lumped"
 
-    def __init__(self, system: Patterned, mesh: ElementMesh, elements: Array, held: NDArray[Any]) -> None:
-        super().__init__(system, mesh, elements, held)
-        self._dofs = np.repeat(self.vertex, mesh.d)
+    def __init__(self, system: Patterned, body: Body, held: NDArray[Any]) -> None:
+        super().__init__(system, body, held)
+        self._dofs = np.repeat(self.vertex, self._d)
         self._inverse = _inverse(self.vertex, self._free).ravel()
 
     @property
@@ -155,19 +165,21 @@ class LumpedMass(Mass):
 
 
 class ConsistentMass(Mass):
-    """A number for each pair of vertices; solved with by a fixed number of steps of Chebyshev's iteration (Wathen, Rees 2009).
+    """A number for each pair of nodes; solved with by a fixed number of steps of Chebyshev's iteration (Wathen, Rees 2009).
 
-    Scaled by its diagonal, every eigenvalue of an element's M is 1/2 or (k + 2)/2, so those of the whole, held or not, are between
-    them.
+    Scaled by their diagonals, the eigenvalues of the whole M, held or not, are between the least and the largest of the elements':
+    see `bounds_of_elements`.
     """
 
     kind = "consistent"
 
-    def __init__(self, system: Patterned, mesh: ElementMesh, elements: Array, held: NDArray[Any]) -> None:
-        super().__init__(system, mesh, elements, held)
-        self._scalar = _scalar_matrix(mesh, elements)
+    def __init__(self, system: Patterned, body: Body, held: NDArray[Any]) -> None:
+        super().__init__(system, body, held)
+        mesh, heavy = body.mesh, np.flatnonzero(body.mass > 0)  # only elements that have mass couple their nodes
+        t = mesh.t[:, heavy]
+        self._scalar = _scalar_matrix(t, Spread(mesh, mesh.element, t, body.mass[heavy]).matrices(), mesh.nv)
         self._inverse = _inverse(self._scalar.diagonal(), self._free)
-        self._bounds = 0.5, (mesh.k + 2) / 2
+        self._bounds = bounds_of_elements(mesh.p, t, mesh.element)
 
     @property
     def matrix(self) -> csr_matrix:
@@ -208,16 +220,44 @@ class ConsistentMass(Mass):
 KINDS: dict[str, type[Mass]] = {"lumped": LumpedMass, "consistent": ConsistentMass}
 
 
-def _scalar_matrix(mesh: ElementMesh, elements: Array) -> csr_matrix:
-    """(nv, nv) consistent masses of one component; only elements that have mass couple their vertices."""
-    heavy = np.flatnonzero(elements > 0)
-    t, corners = mesh.t[:, heavy], mesh.k + 1
-    values = (1 + np.eye(corners))[:, :, None] * (elements[heavy] / (corners * (corners + 1)))
+def _scalar_matrix(t: NDArray[np.int32], values: Array, nv: int) -> csr_matrix:
+    """(nv, nv) consistent masses of one component, from those of the elements `t` (n, nt): `values` (n, n, nt)."""
     row, column = (np.broadcast_to(ids, values.shape).ravel() for ids in (t[:, None], t[None]))
-    matrix = csr_matrix((values.ravel() / 2, (row, column)), shape=(mesh.nv, mesh.nv))
+    matrix = csr_matrix((values.ravel() / 2, (row, column)), shape=(nv, nv))
     matrix = csr_matrix(matrix + matrix.T)  # to the last bit as symmetric as no order of summation is
     matrix.sort_indices()
     return matrix
+
+
+def bounds_of_elements(p: Array, t: NDArray[np.int32], element: Element) -> tuple[float, float]:
+    """Numbers that no eigenvalue of `D^-1 M` of elements `t` (n, nt) with diagonals D is below, and none above.
+
+    Of straight elements they are those of the reference element, 1/2 and (k + 2)/2 of a linear simplex. If the Jacobian of another
+    one is between j and r j at the points, those of the reference element between them over and times r bound its own; elements
+    are taken from the largest r on, and their own eigenvalues, until that of the others lies between what is known.
+    """
+    if element.is_linear_simplex:
+        return 0.5, (element.k + 2) / 2
+    points, weights = rule_of(element, "mass")
+    products = np.einsum("qa,qb->qab", *[element.values(points)] * 2)
+    low, high = _extreme(np.einsum("q,qab->ab", weights, products)[None])
+    jacobians = sizes_at_points(p, t, element) / weights[:, None]
+    ratios = jacobians.max(axis=0) / jacobians.min(axis=0)
+    order, least, largest = np.argsort(-ratios), low, high
+    for some in np.split(order, range(AT_ONCE, len(order), AT_ONCE)):
+        r = float(ratios[some[0]])
+        if r < STRAIGHT or (low / r >= least and high * r <= largest):
+            return min(least, low / r), max(largest, high * r)
+        one, other = _extreme(np.einsum("qn,qab->nab", jacobians[:, some] * weights[:, None], products, optimize=True))
+        least, largest = min(least, one), max(largest, other)
+    return least, largest
+
+
+def _extreme(matrices: Array) -> tuple[float, float]:
+    """The least and the largest eigenvalue of matrices (n, m, m), scaled by their diagonals; a little beyond, for rounding."""
+    scale = 1 / np.sqrt(np.einsum("naa->na", matrices))
+    values = np.linalg.eigvalsh(matrices * scale[:, :, None] * scale[:, None])
+    return float(values[:, 0].min()) * (1 - ROUNDING), float(values[:, -1].max()) * (1 + ROUNDING)
 
 
 def _inverse(diagonal: Array, is_free: NDArray[np.bool_]) -> Array:

@@ -274,12 +274,12 @@ class System(BoundTerms):
         return [term.energy_and_force(x) for term in self.bound_terms]
 
     def mass(self, kind: str = "lumped") -> Mass:
-        """The mass of the body by the density of its materials: "lumped" at vertices, or "consistent" with linear displacements.
+        """The mass of the body by the density of its materials: "lumped" at its nodes, or "consistent" with its shape functions.
 
-        MaterialError if a material has no density, or a vertex that can move has no mass; StvkError if `kind` is unknown.
+        MaterialError if a material has no density, or a node that can move has no mass; StvkError if `kind` is unknown.
         """
         if choice("mass", kind, KINDS) not in self._masses:
-            self._masses[kind] = KINDS[kind](self, self.mesh, self._body.mass, self.supports.held)
+            self._masses[kind] = KINDS[kind](self, self._body, self.supports.held)
         return self._masses[kind]
 
     @cached_property

@@ -4,17 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import cached_property
-from math import factorial
 from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..arguments import Array
+from ..elements import Element
+from ..elements.element import named
 from ..errors import LoadError, MaterialError, name_ids
-from ..kernels.geometry import measures
 from ..mesh import ElementMesh
-from ..mesh.facets import facet_sizes, facets_of, find_facets
+from ..mesh.facets import facets_of, find_facets
+from ..mesh.points import sizes_of
+from .spread import lumped_shares
 
 
 @runtime_checkable
@@ -61,13 +63,12 @@ class Body:
 
     @cached_property
     def sizes(self) -> Array:
-        """(nt,) lengths, areas or volumes of the simplices at rest [m^k]."""
-        sizes: Array = measures(self.mesh.p, self.mesh.t)[0] / factorial(self.mesh.k)
-        return sizes
+        """(nt,) lengths, areas or volumes of the elements at rest [m^k]."""
+        return sizes_of(self.mesh.p, self.mesh.t, self.mesh.element)
 
     @cached_property
     def section(self) -> Array:
-        """(nt,) what turns a size into a volume: thickness of triangles [m], area of segments [m^2], 1 for tetrahedra.
+        """(nt,) what turns a size into a volume: thickness of surfaces [m], area of segments [m^2], 1 for solids.
 
         Raises
         ------
@@ -83,7 +84,7 @@ class Body:
                 raise LoadError(
                     f"{name_ids(bad, 'element')}: terms of different {'thickness' if self.mesh.k == 2 else 'area'} on the same "
                     "elements, so forces per volume or per area have no meaning there. Give all of them the same; for forces on "
-                    "vertices there is NodalLoad."
+                    "nodes there is NodalLoad."
                 )
             section[ids] = own
         return np.nan_to_num(section, nan=1.0)
@@ -120,12 +121,27 @@ class Body:
             mass[ids] += term.mass(self.mesh, self.sizes[ids])
         return mass
 
+    @cached_property
+    def lumped_mass(self) -> Array:
+        """(nv,) masses of the elements, lumped at their nodes [kg]: see `spread.lumped_shares`. Raises as `mass` does."""
+        mesh = self.mesh
+        if mesh.element.is_linear_simplex:
+            shares = np.tile(self.mass / (mesh.k + 1), mesh.k + 1)
+        else:
+            shares = (lumped_shares(mesh.p, mesh.t, mesh.element) * self.mass).ravel()
+        return np.bincount(mesh.t.ravel(), weights=shares, minlength=mesh.nv).astype(np.float64)
+
+    @property
+    def facet(self) -> Element:
+        """The kind of the facets."""
+        return named(self.mesh.element.facet)
+
     def facet_areas(self, facets: NDArray[np.int32]) -> Array:
-        """(n,) areas of facets (k, n) at rest [m^2]: their sizes times section."""
-        return facet_sizes(self.mesh.p, facets) * self.facet_sections(facets)
+        """(n,) areas of facets (m, n) at rest [m^2]: their sizes times section."""
+        return sizes_of(self.mesh.p, facets, self.facet) * self.facet_sections(facets)
 
     def facet_sections(self, facets: NDArray[np.int32]) -> Array:
-        """(n,) the section of the simplex that each facet (k, n) belongs to; the mean of both between two of them.
+        """(n,) the section of the element that each facet (m, n) belongs to; the mean of both between two of them.
 
         Raises
         ------
@@ -134,7 +150,7 @@ class Body:
         """
         if (self.section == self.section[0]).all():
             return np.full(facets.shape[1], self.section[0])
-        every, t2f = facets_of(self.mesh.t, self.mesh.nv)
+        every, t2f = facets_of(self.mesh.t, self.mesh.nv, self.mesh.element)
         owners = t2f.ravel()
         means = np.bincount(owners, weights=np.tile(self.section, len(t2f))) / np.bincount(owners)
         found = find_facets(facets, every, self.mesh.nv)

@@ -1,4 +1,4 @@
-"""Dead loads: forces on the vertices, the volume or the surface of a body that do not depend on where it goes."""
+"""Dead loads: forces on the nodes, the volume or the surface of a body that do not depend on where it goes."""
 
 from __future__ import annotations
 
@@ -23,6 +23,9 @@ Values = NDArray[np.float64]
 class Gravity(Load):
     """Weight: `f_a = integral of rho N_a g dV`, with the densities of the materials.
 
+    It is `M g` with the consistent masses. In motion it is `M g` with the masses in use, lumped ones too, so that a free body falls
+    without strain.
+
     Parameters
     ----------
     g : acceleration [m/s^2]: components, which ramp with the load factor; or a function of t or of (x, t), taken as it is.
@@ -43,9 +46,10 @@ class Gravity(Load):
 
     g: Any
 
-    def bind(self, body: Body) -> DeadLoad:
-        spread = Spread(body.mesh, body.mesh.t, body.mass)
-        return DeadLoad(body.mesh, spread, Value(self.g, (body.mesh.d,), spread.x, "Gravity", name="g"))
+    def bind(self, body: Body) -> Weight:
+        spread = Spread(body.mesh, body.mesh.element, body.mesh.t, body.mass)
+        lumped = Nodes(body.mesh, spread.vertices, body.lumped_mass[spread.vertices])
+        return Weight(body.mesh, spread, lumped, Value(self.g, (body.mesh.d,), spread.x, "Gravity", name="g"))
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,7 +59,7 @@ class BodyForce(Load):
     Parameters
     ----------
     force : `b` per volume at rest [N/m^3]: components, which ramp with the load factor; or a function of t or of (x, t), taken as
-        it is and interpolated linearly between vertices.
+        it is and interpolated between nodes by their shape functions.
     region : name of a subdomain, element ids, or None for all elements.
 
     Raises
@@ -77,24 +81,24 @@ class BodyForce(Load):
 
     def bind(self, body: Body) -> DeadLoad:
         ids = body.mesh.elements(self.region)
-        spread = Spread(body.mesh, body.mesh.t[:, ids], body.volumes[ids])
+        spread = Spread(body.mesh, body.mesh.element, body.mesh.t[:, ids], body.volumes[ids])
         return DeadLoad(body.mesh, spread, Value(self.force, (body.mesh.d,), spread.x, "BodyForce", name="force"))
 
 
 @dataclass(frozen=True, eq=False)
 class NodalLoad(Load):
-    """Dead force on each vertex at a place.
+    """Dead force on each node at a place: vertices, and the middles of edges that quadratic elements have.
 
     Parameters
     ----------
-    where : name of a boundary or of a node set, vertex ids or a mask, predicate of x (d, n), or scikit-fem's get_dofs(...).
-    force : on *each* vertex [N]: components, or (d, n) with one column for each vertex, in the order of ids as given, otherwise
+    where : name of a boundary or of a node set, node ids or a mask, predicate of x (d, n), or scikit-fem's get_dofs(...).
+    force : on *each* node [N]: components, or (d, n) with one column for each node, in the order of ids as given, otherwise
         ascending; these ramp with the load factor. Or a function of t or of (x, t), taken as it is.
 
     Raises
     ------
     RegionError
-        when it is bound, if there is no vertex.
+        when it is bound, if there is no node.
     LoadError
         when it is bound, if `force` does not have one finite value per component.
 
@@ -118,15 +122,15 @@ class NodalLoad(Load):
 class Traction(Load):
     """Dead traction: `f_a = integral of N_a T dA` over facets of the body at rest.
 
-    The facets of triangles are edges, whose area is length times thickness; those of segments are ends, with the segment's area.
+    The facets of surfaces are edges, whose area is length times thickness; those of segments are ends, with the segment's area.
 
     Parameters
     ----------
-    where : name of a boundary; or another place (name of a node set, vertex ids or a mask, predicate of x (d, n), scikit-fem's
-        get_dofs(...)): all boundary facets whose vertices are all there.
-    traction : `T` per area at rest [N/m^2]: components, or (d, n) with one column for each vertex of the facets, in the order of
-        ids as given, otherwise ascending; these ramp with the load factor. Or a function of t or of (x, t), taken as it is.
-        Interpolated linearly between vertices.
+    where : name of a boundary; or another place (name of a node set, node ids or a mask, predicate of x (d, n), scikit-fem's
+        get_dofs(...)): all boundary facets whose nodes are all there.
+    traction : `T` per area at rest [N/m^2]: components, or (d, n) with one column for each node of the facets, in the order of ids
+        as given, otherwise ascending; these ramp with the load factor. Or a function of t or of (x, t), taken as it is.
+        Interpolated between nodes by their shape functions.
 
     Raises
     ------
@@ -148,23 +152,24 @@ class Traction(Load):
     def bind(self, body: Body) -> DeadLoad:
         what = f"Traction on {describe(self.where)}"
         facets = facets_at(body.mesh, self.where, what)
-        spread = Spread(body.mesh, facets, body.facet_areas(facets), in_order(body.mesh, self.where, facets))
+        spread = Spread(body.mesh, body.facet, facets, body.facet_areas(facets), in_order(body.mesh, self.where, facets))
         return DeadLoad(body.mesh, spread, Value(self.traction, (body.mesh.d,), spread.x, what, name="traction"))
 
 
 class Nodes:
-    """Vertices that take the values as they are: what `Spread` is for forces on vertices."""
+    """Nodes that take the values as they are, or times a weight (n,): what `Spread` is for forces on nodes."""
 
-    def __init__(self, mesh: ElementMesh, vertices: NDArray[np.int64]) -> None:
-        self.vertices, self.x = vertices, mesh.p[:, vertices]
+    def __init__(self, mesh: ElementMesh, vertices: NDArray[np.int64], weights: Values | None = None) -> None:
+        self.vertices, self.x, self._weights = vertices, mesh.p[:, vertices], weights
 
     def integrate(self, values: Values) -> Values:
         """(nv, d) the `values` (d, nv) or (d, 1)."""
-        return np.broadcast_to(values.T, self.x.T.shape)
+        each = np.broadcast_to(values.T, self.x.T.shape)
+        return each if self._weights is None else self._weights[:, None] * each
 
 
 class DeadLoad:
-    """Values `f(t)` at the vertices of the `spread`, with the potential `-f . u`.
+    """Values `f(t)` at the nodes of the `spread`, with the potential `-f . u`.
 
     Those of constants are computed once, others once for each new `t`.
     """
@@ -183,10 +188,10 @@ class DeadLoad:
         return self._unit is not None
 
     def forces(self, t: Time) -> Values:
-        """(n, d) forces on its vertices [N]."""
+        """(n, d) forces on its nodes [N]."""
         moment = Moment.of(t)
         known = self._known[0]
-        if moment != known and not (self.steady and moment.factor == known.factor):
+        if moment != known and not (self.steady and moment[1:] == known[1:]):
             self._known = moment, self._compute(moment)
         return self._known[1]
 
@@ -204,3 +209,14 @@ class DeadLoad:
     def memory(self) -> dict[str, int]:
         """Bytes of its arrays, by part."""
         return {"loads": self._known[1].nbytes}
+
+
+class Weight(DeadLoad):
+    """The weight of consistent masses, spread over elements; at moments with lumped ones, of those."""
+
+    def __init__(self, mesh: ElementMesh, spread: Spread, lumped: Nodes, value: Value) -> None:
+        self._lumped = lumped
+        super().__init__(mesh, spread, value)
+
+    def _compute(self, moment: Moment) -> Values:
+        return self._lumped.integrate(self._value.at(moment)) if moment.mass == "lumped" else super()._compute(moment)

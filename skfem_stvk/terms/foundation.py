@@ -10,8 +10,8 @@ from scipy.sparse import csr_matrix
 
 from ..arguments import Array, own, real_array, shown
 from ..edges import ALL, NodeBlocks, Tensions
-from ..edges.topology import edge_topology
 from ..errors import LoadError
+from ..kernels.topology import edges_of_simplices
 from ..mesh import ElementMesh
 from ..mesh.places import Where, describe, facets_at
 from .body import Body
@@ -22,7 +22,7 @@ from .spread import Spread
 class ElasticFoundation:
     """Elastic bedding: `W = 1/2 integral of k_x u_x^2 + k_y u_y^2 + k_z u_z^2 dA` over facets of the body at rest.
 
-    It pulls and pushes along the coordinate axes. The area of edges is length times thickness, that of ends of segments the
+    It pulls and pushes along the coordinate axes, over curved facets too. The area of edges is length times thickness, that of ends of segments the
     segment's area.
 
     Parameters
@@ -70,23 +70,24 @@ class ElasticFoundation:
                 f"{what}: stiffness has shape {k.shape}; expected a number, or {d} components ({', '.join('xyz'[:d])})."
             )
         facets = facets_at(body.mesh, self.where, what)
-        return Bedding(Spread(body.mesh, facets, body.facet_areas(facets)), facets, np.broadcast_to(k, d), dtype)
+        return Bedding(Spread(body.mesh, body.facet, facets, body.facet_areas(facets)), np.broadcast_to(k, d), dtype)
 
 
 class Bedding:
     """A foundation on a mesh: `K = k (x) M` with the mass matrix `M` of its facets, constant.
 
-    It pairs the edges of the facets, and ties the degrees of freedom `grounded` of their vertices `nodes` (n,) to the ground.
+    It pairs the nodes of each facet, and ties the degrees of freedom `grounded` of its `nodes` (n,) to the ground.
     """
 
     symmetric = has_energy = True
     balanced = False
 
-    def __init__(self, spread: Spread, facets: NDArray[np.int32], stiffness: NDArray[np.float64], dtype: DTypeLike) -> None:
+    def __init__(self, spread: Spread, stiffness: NDArray[np.float64], dtype: DTypeLike) -> None:
         self.nodes, self._k = spread.vertices, stiffness
-        local, self._between, self._own = _masses(spread, facets, dtype)
+        local, self._between, self._own = _masses(spread, dtype)
         self.nodes_paired = spread.vertices[local].astype(np.int32)
         self._M = _matrix(local, self._between, self._own)
+        self._sizes = abs(self._M)
         d = len(stiffness)
         self.grounded = (d * self.nodes[:, None] + np.flatnonzero(stiffness)).ravel()
 
@@ -118,8 +119,8 @@ class Bedding:
         return 0.0
 
     def add_round_off(self, u: Array, out: Array) -> None:
-        """Add `K |u|`, all that adds up to the force [N], to `out` (nv, d); all entries of K are positive."""
-        out[self.nodes] += self._pull(np.abs(u[self.nodes]))
+        """Add `|K| |u|`, all that adds up to the force [N], to `out` (nv, d)."""
+        out[self.nodes] += self._sizes @ np.abs(u[self.nodes]) * self._k.astype(self._M.dtype)
 
     def memory(self) -> dict[str, int]:
         """Bytes of its arrays, by part."""
@@ -128,24 +129,23 @@ class Bedding:
         return {"foundations": sum(array.nbytes for array in arrays)}
 
     def _pull(self, own: Array) -> Array:
-        """(n, d) `K u` from the displacements of its own vertices."""
+        """(n, d) `K u` from the displacements of its own nodes."""
         return np.asarray(self._M @ own * self._k.astype(self._M.dtype))
 
 
-def _masses(spread: Spread, facets: NDArray[np.int32], dtype: DTypeLike) -> tuple[NDArray[np.int32], Array, Array]:
-    """Edges (2, ne) of facets (m, n) between vertices of the spread; of both `M_ab = sum of (1 + delta_ab) area/(m (m + 1))`."""
-    m = len(facets)
-    share = spread.sizes / (m * (m + 1))
-    own = 2 * spread.add(np.broadcast_to(share, spread.corners.shape))
-    if m == 1:
+def _masses(spread: Spread, dtype: DTypeLike) -> tuple[NDArray[np.int32], Array, Array]:
+    """Pairs (2, n) of nodes of facets, counted within the spread; of both `M_ab = integral of N_a N_b`, and those of single nodes."""
+    each, pairs = spread.matrices(), np.array(spread.element.pairs, dtype=np.int64).reshape(-1, 2)
+    own = spread.add(each[range(len(each)), range(len(each))])
+    if not len(pairs):
         return np.empty((2, 0), dtype=np.int32), np.empty(0, dtype=dtype), own.astype(dtype)
-    local, sides = edge_topology(spread.corners.astype(np.int32))
-    between = np.bincount(sides.ravel(), weights=np.tile(share, len(sides)), minlength=local.shape[1])
+    local, sides = edges_of_simplices(np.ascontiguousarray(spread.nodes, dtype=np.int32), pairs, len(own))
+    between = np.bincount(sides.ravel(), weights=each[pairs[:, 0], pairs[:, 1]].ravel(), minlength=local.shape[1])
     return local, between.astype(dtype), own.astype(dtype)
 
 
 def _matrix(local: NDArray[np.int32], between: Array, own: Array) -> csr_matrix:
-    """The symmetric matrix with these entries between vertices, and of vertices themselves."""
+    """The symmetric matrix with these entries between nodes, and of nodes themselves."""
     every = np.arange(len(own), dtype=np.int32)
     row, column = np.concatenate([local[0], local[1], every]), np.concatenate([local[1], local[0], every])
     M = csr_matrix((np.concatenate([between, between, own]), (row, column)), shape=(len(own),) * 2)

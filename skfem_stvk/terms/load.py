@@ -9,7 +9,7 @@ from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 
-from ..arguments import Array, number, real_array, shown
+from ..arguments import Array, choice, number, real_array, shown
 from ..errors import LoadError, StateError, StvkError, name_ids
 
 
@@ -17,13 +17,15 @@ class Moment(NamedTuple):
     """When: what functions of time are asked for, and the factor of everything that is given by constants.
 
     Those ramp in statics, where `t` is the load factor, and are what they are in dynamics, where it is time: `Moment(t, 1.0)`.
+    There `mass` is that of the motion, "lumped" or "consistent": gravity pulls at the masses that it moves.
 
-    >>> Moment.of(0.5), Moment.of(Moment(0.5, 1.0))
-    (Moment(time=0.5, factor=0.5), Moment(time=0.5, factor=1.0))
+    >>> Moment.of(0.5), Moment.of(Moment(0.5, 1.0, "lumped"))
+    (Moment(time=0.5, factor=0.5, mass='consistent'), Moment(time=0.5, factor=1.0, mass='lumped'))
     """
 
     time: float
     factor: float
+    mass: str = "consistent"
 
     @classmethod
     def of(cls, t: Time) -> Moment:
@@ -35,9 +37,9 @@ class Moment(NamedTuple):
         """As `of`, in finite numbers; anything else is a StateError."""
         if type(t) is float and isfinite(t):
             return cls(t, t)  # most often
-        time, factor = t if isinstance(t, Moment) else (t, t)
-        expected = "a finite load factor (in statics from 0 to 1) or time"
-        return cls(number("t", time, expected, error=StateError), number("t", factor, expected, error=StateError))
+        moment, expected = cls.of(t), "a finite load factor (in statics from 0 to 1) or time"
+        time, factor = (number("t", one, expected, error=StateError) for one in moment[:2])
+        return cls(time, factor, choice("The masses of a Moment", moment.mass, ("consistent", "lumped"), StateError))
 
 
 #: A load factor, or a moment.
@@ -56,7 +58,7 @@ class Value:
     given : a number or (d,) components; (n,) or (d, n) for one value at each of the n points, in their order; a tuple or list of d
         components, each a number or (n,); or a function that returns one of these.
     shape : () for a number, (d,) for components.
-    x : (d, n) points where it is needed.
+    x : (d, n) points where it is needed, such as nodes.
     what : the beginning of messages.
     error : the class of errors.
     name : of what is given, in messages.

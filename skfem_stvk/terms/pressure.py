@@ -10,8 +10,9 @@ from numpy.typing import NDArray
 
 from ..arguments import Array
 from ..edges import NodeBlocks
-from ..edges.topology import LOCAL_EDGES, edge_topology
+from ..elements import Element, rule_of
 from ..errors import LoadError, name_ids
+from ..kernels.topology import edges_of_simplices
 from ..mesh import ElementMesh
 from ..mesh.facets import find_facets, turned_alike
 from ..mesh.places import Where, describe, facets_at, in_order
@@ -28,16 +29,16 @@ AXIAL = {2: ((1, 0),), 3: ((2, 1), (0, 2), (1, 0))}
 class Pressure(Load):
     """Follower pressure: `f_a = - integral of N_a p n da` over the deformed surface, `n` its outward normal. It has no potential.
 
-    On tetrahedra it acts on boundary facets; on triangles in the plane on boundary edges, times thickness. Triangles in space are
-    the surface themselves: it pushes against their normal by the right-hand rule round their vertices; neighbours that are turned
-    the other way count as turned like the first triangle of their connected piece.
+    On solids it acts on boundary facets; on triangles and quadrilaterals in the plane on boundary edges, times thickness. In space
+    these are the surface themselves: it pushes against their normal by the right-hand rule round their corners; neighbours that are
+    turned the other way count as turned like the first element of their connected piece.
 
     Parameters
     ----------
-    where : as in `Traction`; for triangles in space the name of a subdomain, element ids or a mask, or None for all.
-    pressure : `p` per deformed area [N/m^2], positive pushes inwards: a number, or (n,) values at the vertices, in the order of
-        vertex ids as given, otherwise ascending; these ramp with the load factor. Or a function of t or of (x, t), taken as it is,
-        `x` reference coordinates. Interpolated linearly between vertices.
+    where : as in `Traction`; for surfaces in space the name of a subdomain, element ids or a mask, or None for all.
+    pressure : `p` per deformed area [N/m^2], positive pushes inwards: a number, or (n,) values at the nodes, in the order of node
+        ids as given, otherwise ascending; these ramp with the load factor. Or a function of t or of (x, t), taken as it is, `x`
+        reference coordinates. Interpolated between nodes by their shape functions.
 
     Raises
     ------
@@ -45,7 +46,7 @@ class Pressure(Load):
         when it is bound, if there is no facet or element.
     LoadError
         when it is bound: if `pressure` is not finite or no number; for segments, which have no surface; if facets are not on the
-        boundary, so that both sides are inside; if triangles in space have no two sides, as on a Moebius strip.
+        boundary, so that both sides are inside; if surfaces in space have no two sides, as a Moebius strip.
 
     >>> import numpy as np, skfem
     >>> from skfem_stvk import StVK, System
@@ -64,41 +65,46 @@ class Pressure(Load):
             raise LoadError(f"Pressure: the mesh has {mesh.kind}, which have no surface. Use Traction or NodalLoad.")
         if mesh.k < mesh.d:
             what = "Pressure" if self.where is None else f"Pressure on {describe(self.where)}"
-            surface, vertices = _membrane(mesh, self.where, what), None
+            surface, vertices, element = _membrane(mesh, self.where, what), None, mesh.element
         else:
             what = f"Pressure on {describe(self.where)}"
-            surface = _outwards(mesh, self.where, what)
+            surface, element = _outwards(mesh, self.where, what), body.facet
             vertices = in_order(mesh, self.where, surface)
         thickness = body.facet_sections(surface) if mesh.d == 2 else np.ones(surface.shape[1])
-        spread = Spread(mesh, surface, thickness, vertices)
+        spread = Spread(mesh, element, surface, thickness, vertices)
         return FollowerPressure(mesh, surface, spread, Value(self.pressure, (), spread.x, what, name="pressure"))
 
 
 class FollowerPressure:
-    """Pressure on flat facets that move with their vertices.
+    """Pressure on facets that move with their nodes, at the points of a rule, with the spokes `x_i = sum_a dN_a/dxi_i x_a` there.
 
-        f_a = - w_a A(x),      w_a = integral of N_a p over a facet of unit size
-        A = 1/2 (x_1 - x_0) x (x_2 - x_0)                      triangles in space
-        A = h (y_1 - y_0, x_0 - x_1)                           edges in the plane, of thickness h at rest
+        f_a = - sum_q w_aq A_q(x),     w_aq = weight_q N_a(q) p(q)
+        A = x_1 x x_2                              surfaces in space
+        A = h (y_1, -x_1)                          edges in the plane, of thickness h at rest
 
-    In space the force is quadratic in the displacements, in the plane linear. Its stiffness `-df_a/dx_b = w_a dA/dx_b` is a cross
-    product with half the edge opposite to `b`: not symmetric, unless the surface is closed.
+    In space the force is quadratic in the displacements, in the plane linear. Its stiffness `-df_a/du_b = sum_q w_aq dA_q/du_b` is a
+    cross product with `dN_b/dxi_1 x_2 - dN_b/dxi_2 x_1`: not symmetric, unless the surface is closed. With a constant pressure the
+    rules are exact, curved facets or not. Linear simplices need one point.
 
-    Vertices of the facets `surface` (m, n) are counterclockwise when seen from the side of the pressure, in the plane with the body
-    on their left; the `spread` has the same, with thickness as their sizes.
+    Nodes of the facets `surface` (m, n) go round it counterclockwise when seen from the side that the pressure is not on, in the plane
+    with the body on their left; the `spread` has the same, with thickness as their sizes.
     """
 
     has_potential = dead = symmetric = balanced = False
 
     def __init__(self, mesh: ElementMesh, surface: NDArray[np.int32], spread: Spread, value: Value) -> None:
+        element = spread.element
         self._surface, self._spread, self._value = surface, spread, value
-        self._rest = _spokes(mesh.p.T, surface)
-        self.nodes_paired, sides = edge_topology(surface)
+        self._rule = rule_of(element, "usual" if element.is_linear_simplex else "mass")
+        self._slopes = element.derivatives(self._rule.points)
+        self._rest = self._spokes(mesh.p.T)
+        pairs = np.array(element.pairs)
+        self.nodes_paired, sides = edges_of_simplices(np.ascontiguousarray(surface), pairs, mesh.nv)
         self.nodes = spread.vertices
         m, ne = len(surface), self.nodes_paired.shape[1]
         self._block = np.empty((m, m, surface.shape[1]), dtype=np.int64)
-        self._block[range(m), range(m)] = 2 * ne + spread.corners
-        for side, (i, j) in zip(sides, LOCAL_EDGES[m - 1], strict=True):
+        self._block[range(m), range(m)] = 2 * ne + spread.nodes
+        for side, (i, j) in zip(sides, pairs, strict=True):
             turned = surface[i] > surface[j]
             self._block[i, j], self._block[j, i] = side + ne * turned, side + ne * ~turned
 
@@ -113,17 +119,17 @@ class FollowerPressure:
 
     def add_force(self, u: Array, t: Time, out: Array) -> None:
         """Add the force [N] to `out` (nv, d)."""
-        areas, weights = _areas(self._rest + _spokes(u, self._surface)), self._weights(t)
-        out[self._spread.vertices] -= np.stack([self._spread.add(weights * area) for area in areas], axis=1)
+        areas, weights = _areas(self._rest + self._spokes(u)), self._weights(t)
+        sums = [self._spread.add(np.einsum("aqn,qn->an", weights, area)) for area in areas]
+        out[self._spread.vertices] -= np.stack(sums, axis=1)
 
     def add_blocks(self, u: Array, t: Time, blocks: NodeBlocks) -> None:
         """Add the blocks of `-df/du` [N/m] at `u` (nv, d)."""
         assert blocks.reverse is not None and blocks.own is not None
         weights, every = self._weights(t), (blocks.pairs, blocks.reverse, blocks.own)
-        slopes = _slopes(self._rest + _spokes(u, self._surface))
-        counts = [len(part) for part in every]
-        for (row, column), slope in zip(AXIAL[u.shape[1]], slopes, strict=True):
-            values = weights[:, None] * slope
+        spokes, counts = self._rest + self._spokes(u), [len(part) for part in every]
+        for axis, (row, column) in enumerate(AXIAL[u.shape[1]]):
+            values = np.einsum("aqn,qbn->abn", weights, _axial(self._slopes, spokes, axis))
             sums = np.bincount(self._block.ravel(), weights=values.ravel(), minlength=sum(counts))
             for part, own in zip(every, np.split(sums, np.cumsum(counts[:-1])), strict=True):
                 part[:, row, column] += own
@@ -131,13 +137,21 @@ class FollowerPressure:
 
     def memory(self) -> dict[str, int]:
         """Bytes of its arrays, by part."""
-        spread = self._spread
-        arrays = self._surface, self._rest, self.nodes_paired, self._block, spread.vertices, spread.x, spread.corners, spread.sizes
-        return {"loads": sum(array.nbytes for array in arrays)}
+        arrays = self._surface, self._rest, self.nodes_paired, self._block
+        return {"loads": sum(array.nbytes for array in arrays) + self._spread.memory()}
 
     def _weights(self, t: Time) -> NDArray[np.float64]:
-        """(m, n) integral of `N_a p` over each facet of unit size, times thickness."""
-        return self._spread.shares(self._value.at(t)[None])[0]
+        """(m, nq, n) weight times `N_a p` at each point, times thickness."""
+        spread, values, weights = self._spread, self._value.at(t)[None], self._rule.weights
+        if spread.element.is_linear_simplex:
+            return np.asarray(spread.shares(values)[0][:, None] * weights)
+        N = spread.element.values(self._rule.points)
+        return np.einsum("q,qa,qn->aqn", weights, N, spread.interpolated(values)[0] * spread.sizes)
+
+    def _spokes(self, x: Array) -> Array:
+        """(d, k, nq, n) spokes of the facets at the points, from `x` (nv, d)."""
+        nodes = x.T[:, self._surface]
+        return np.einsum("qak,dan->dkqn", self._slopes[:, 1:], nodes[:, 1:] - nodes[:, :1])
 
 
 def _outwards(mesh: ElementMesh, where: Any, what: str) -> NDArray[np.int32]:
@@ -153,41 +167,42 @@ def _outwards(mesh: ElementMesh, where: Any, what: str) -> NDArray[np.int32]:
 
 
 def _membrane(mesh: ElementMesh, where: Any, what: str) -> NDArray[np.int32]:
-    """(3, n) triangles in space, all turned alike."""
+    """(m, n) surface elements in space, all turned alike."""
     if callable(where):
         raise LoadError(
-            f"{what}: triangles in space are the surface themselves; expected the name of a subdomain, element ids or a mask, or "
-            "None."
+            f"{what}: {mesh.element.name} in space are the surface themselves; expected the name of a subdomain, element ids or a "
+            "mask, or None."
         )
     ids = mesh.elements(where)
     t = mesh.t[:, ids]
-    turned, two_sided = turned_alike(t, mesh.nv)
+    turned, two_sided = turned_alike(mesh.corners[:, ids], mesh.nv)
     if not two_sided.all():
         raise LoadError(
             f"{what}: {name_ids(ids[~two_sided], 'element')} are a surface without two sides, like a Moebius strip, so pressure "
             "has no direction there. Leave some of them out."
         )
-    t[:2, turned] = t[1::-1, turned]
+    t[:, turned] = t[_turned(mesh.element)][:, turned]
     return t
 
 
-def _spokes(x: Array, surface: NDArray[np.int32]) -> Array:
-    """(d, m - 1, n) `x_a - x_0` of the facets' vertices, from `x` (nv, d)."""
-    corners = x.T[:, surface]
-    return corners[:, 1:] - corners[:, :1]
+def _turned(element: Element) -> list[int]:
+    """The nodes of an element of a surface, the other way round."""
+    if element.is_box:
+        return [1, 0, 3, 2]
+    return [1, 0, 2, 3, 5, 4][: element.n]  # edges are 01, 12, 02
 
 
 def _areas(spokes: Array) -> Array:
-    """(d, n) area vectors [m^2], of edges per thickness [m], from spokes (d, m - 1, n)."""
+    """(d, nq, n) area vectors, of edges per thickness, from spokes (d, k, nq, n)."""
     if len(spokes) == 2:
         (x,), (y,) = spokes
         return np.stack([y, -x])
-    return np.asarray(np.cross(spokes[:, 0], spokes[:, 1], axis=0) / 2)
+    return np.asarray(np.cross(spokes[:, 0], spokes[:, 1], axis=0))
 
 
-def _slopes(spokes: Array) -> Array:
-    """(axes, m, n) axial vectors of the derivatives `dA/dx_b` of the area vectors."""
+def _axial(slopes: Array, spokes: Array, axis: int) -> Array:
+    """(nq, m, n) component of the axial vectors `-dA/dx_b` of the area vectors, from `dN_b/dxi` (nq, m, k) and spokes."""
     if len(spokes) == 2:
-        return np.broadcast_to(np.array([1.0, -1.0])[None, :, None], (1, 2, spokes.shape[2]))
-    p, q = spokes[:, 0], spokes[:, 1]
-    return np.stack([q - p, -q, p], axis=1) / 2
+        return np.broadcast_to(-slopes, (*slopes.shape[:2], spokes.shape[3]))
+    x, y = spokes[axis]
+    return np.asarray(slopes[:, :, 1:] * x[:, None] - slopes[:, :, :1] * y[:, None])

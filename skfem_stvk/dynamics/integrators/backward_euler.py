@@ -116,7 +116,7 @@ class LinearStepper(ImplicitStepper):
         self.energy = self.problem.arrive(state.u)
 
     def step(self, state: MotionState, t: float) -> None:
-        h, problem, moment = self.length(state, t), self.problem, Moment(t, 1.0)
+        h, problem, moment = self.length(state, t), self.problem, self.motion.moment(t)
         free, fixed, w = self.motion.free.free, self.motion.free.fixed, self._w
         problem.begin(state, self.integrator.coefficients(state, h, self))
         predicted = self.predicted(state, t)

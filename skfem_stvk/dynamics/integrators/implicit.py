@@ -109,7 +109,7 @@ class ImplicitStepper:
             state.a[:] = self.motion.accelerations(state.u, state.v, state.t)
 
     def step(self, state: MotionState, t: float) -> None:
-        h, problem, moment = self.length(state, t), self.problem, Moment(t, 1.0)
+        h, problem, moment = self.length(state, t), self.problem, self.motion.moment(t)
         problem.begin(state, self.integrator.coefficients(state, h, self))
         w = self.predicted(state, t)
         w, found, record = self.solve(w, moment, len(problem.inside_out(np.zeros_like(w))))
