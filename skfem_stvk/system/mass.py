@@ -131,8 +131,9 @@ class Mass(ABC):
         bare = np.flatnonzero((self.vertex <= 0) & self._free.any(axis=1))
         if len(bare):
             raise MaterialError(
-                f"{name_ids(bare, 'node' if self._middles else 'vertex')} of {len(self.vertex)}: can move, but without mass, because in no element with a "
-                "StVK(..., density=...). Give their elements one, fix all their components, or leave them out of the mesh."
+                f"{name_ids(bare, 'node' if self._middles else 'vertex')} of {len(self.vertex)}: can move, but without mass, because "
+                "in no element with a StVK(..., density=...). Give their elements one, fix all their components, or leave them out of "
+                "the mesh."
             )
 
     def __repr__(self) -> str:

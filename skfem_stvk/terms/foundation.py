@@ -22,8 +22,8 @@ from .spread import Spread
 class ElasticFoundation:
     """Elastic bedding: `W = 1/2 integral of k_x u_x^2 + k_y u_y^2 + k_z u_z^2 dA` over facets of the body at rest.
 
-    It pulls and pushes along the coordinate axes, over curved facets too. The area of edges is length times thickness, that of ends of segments the
-    segment's area.
+    It pulls and pushes along the coordinate axes, over curved facets too. The area of edges is length times thickness, that of ends
+    of segments the segment's area.
 
     Parameters
     ----------
@@ -134,7 +134,7 @@ class Bedding:
 
 
 def _masses(spread: Spread, dtype: DTypeLike) -> tuple[NDArray[np.int32], Array, Array]:
-    """Pairs (2, n) of nodes of facets, counted within the spread; of both `M_ab = integral of N_a N_b`, and those of single nodes."""
+    """Pairs (2, n) of nodes of facets, counted within the spread; `M_ab = integral of N_a N_b` of both, and of single nodes."""
     each, pairs = spread.matrices(), np.array(spread.element.pairs, dtype=np.int64).reshape(-1, 2)
     own = spread.add(each[range(len(each)), range(len(each))])
     if not len(pairs):

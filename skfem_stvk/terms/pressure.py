@@ -82,12 +82,12 @@ class FollowerPressure:
         A = x_1 x x_2                              surfaces in space
         A = h (y_1, -x_1)                          edges in the plane, of thickness h at rest
 
-    In space the force is quadratic in the displacements, in the plane linear. Its stiffness `-df_a/du_b = sum_q w_aq dA_q/du_b` is a
-    cross product with `dN_b/dxi_1 x_2 - dN_b/dxi_2 x_1`: not symmetric, unless the surface is closed. With a constant pressure the
-    rules are exact, curved facets or not. Linear simplices need one point.
+    In space the force is quadratic in the displacements, in the plane linear. Its stiffness `-df_a/du_b = sum_q w_aq dA_q/du_b` is
+    a cross product with `dN_b/dxi_1 x_2 - dN_b/dxi_2 x_1`: not symmetric, unless the surface is closed. With a constant pressure
+    the rules are exact, curved facets or not. Linear simplices need one point.
 
-    Nodes of the facets `surface` (m, n) go round it counterclockwise when seen from the side that the pressure is not on, in the plane
-    with the body on their left; the `spread` has the same, with thickness as their sizes.
+    Nodes of the facets `surface` (m, n) are counterclockwise when seen from the side of the pressure, in the plane with the body on
+    their left; the `spread` has the same, with thickness as their sizes.
     """
 
     has_potential = dead = symmetric = balanced = False

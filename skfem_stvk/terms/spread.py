@@ -46,8 +46,8 @@ class Spread:
         integral of N_a f = size/(m (m + 1)) (f_a + sum_b f_b)       of a linear simplex of m vertices
                           = size/m f                                 of one where f is constant
 
-    The sizes (n,) of the `cells` (m, n) are what a unit of `f` acts on: volumes, masses, areas; within a cell they are spread as its
-    size is. Their nodes `vertices` (nv,), at `x` (d, nv) [m], are in the order of values; by default ascending. `nodes` (m, n) are
+    The sizes (n,) of the `cells` (m, n) are what a unit of `f` acts on: volumes, masses, areas; within a cell they are spread as
+    its size is. Their nodes `vertices` (nv,), at `x` (d, nv) [m], are in the order of values; by default ascending. `nodes` (m, n) are
     those of the cells, counted within `vertices`.
     """
 
