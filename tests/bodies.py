@@ -4,6 +4,7 @@ import numpy as np
 import skfem
 
 from skfem_stvk import Anisotropic, ElementMesh, Isotropic, Orthotropic, StVK, TransverselyIsotropic
+from skfem_stvk.elements import ELEMENTS
 from skfem_stvk.referee.bodies import elasticity
 from skfem_stvk.reference import ReferenceStVK
 
@@ -113,3 +114,63 @@ def reference_of(mesh, terms):
 def state(mesh, amount=0.3, seed=4):
     """A displacement that is not small, of every vertex its own."""
     return amount * np.random.default_rng(seed).standard_normal(mesh.p.size) / mesh.nv ** (1 / mesh.k)
+
+
+def curved(mesh, amount=0.03, seed=5):
+    """The quadratic simplices on linear ones, with all middles of edges moved: edges are curved, both orientations stay."""
+    quadratic, rng = mesh.with_degree(2), np.random.default_rng(seed)
+    p = quadratic.p.copy()
+    p[:, mesh.nv :] += amount * rng.uniform(-1, 1, (mesh.d, quadratic.nv - mesh.nv))
+    return ElementMesh(p, quadratic.t, element=quadratic.element)
+
+
+def boxes(k, d=None, n=2):
+    """Hexahedra or quadrilaterals no two of which are alike, of both orientations; quadrilaterals in space as a membrane."""
+    rng, element = np.random.default_rng(6), ELEMENTS["hexahedra" if k == 3 else "quadrilaterals"]
+    mesh = (skfem.MeshHex if k == 3 else skfem.MeshQuad).init_tensor(*[np.linspace(0, 1, n + 1)] * k)
+    mirrored = [int(np.flatnonzero((element.nodes == row).all(axis=1))[0]) for row in np.abs(element.nodes - np.eye(k)[0])]
+    p, t = distorted(mesh.p, rng), mesh.t.copy()
+    half = rng.random(t.shape[1]) < 0.5
+    t[:, half] = t[mirrored][:, half]
+    if d == 3 > k:
+        p = np.vstack([p, 0.3 * np.sin(3 * p[0]) + 0.2 * p[1] ** 2])
+    return ElementMesh(p, t, element=element)
+
+
+#: Elements with several points: curved quadratic simplices, boxes that are no parallelepipeds.
+CURVED = {
+    "quadratic tetrahedra": curved(box(2)),
+    "quadratic triangles": curved(sheet(3)),
+    "quadratic membrane": curved(membrane(3)),
+    "quadratic segments": curved(bar(4), 0.02),
+    "quadratic cable": curved(bar(4, d=3), 0.02),
+    "quadrilaterals": boxes(2, n=3),
+    "quadrilateral membrane": boxes(2, 3, n=3),
+    "hexahedra": boxes(3),
+}
+#: Elements with several points whose Jacobian is the same at all of them.
+STRAIGHT = {
+    "quadratic tetrahedra": box(2).with_degree(2),
+    "quadratic triangles": sheet(3).with_degree(2),
+    "quadratic segments": bar(4).with_degree(2),
+    "quadrilaterals": ElementMesh.of(skfem.MeshQuad.init_tensor(np.linspace(0, 1, 4) ** 1.3, np.linspace(0, 2, 3))),
+    "hexahedra": ElementMesh.of(skfem.MeshHex.init_tensor(np.linspace(0, 1, 3) ** 1.3, np.linspace(0, 2, 3), [0, 0.3, 1])),
+}
+EVERY_MESH = MESHES | CURVED
+
+
+def scikit_fem_of(mesh):
+    """A basis of scikit-fem on the same nodes, with its vector element and a rule of high order; None where it has no such mesh."""
+    known = {
+        "tetrahedra": (skfem.MeshTet, skfem.ElementTetP1),
+        "triangles": (skfem.MeshTri, skfem.ElementTriP1),
+        "segments": (skfem.MeshLine, skfem.ElementLineP1),
+        "quadratic tetrahedra": (skfem.MeshTet2, skfem.ElementTetP2),
+        "quadratic triangles": (skfem.MeshTri2, skfem.ElementTriP2),
+        "quadrilaterals": (skfem.MeshQuad, skfem.ElementQuad1),
+        "hexahedra": (skfem.MeshHex, skfem.ElementHex1),
+    }
+    if mesh.k < mesh.d or mesh.element.name not in known:
+        return None
+    of_mesh, of_element = known[mesh.element.name]
+    return skfem.Basis(of_mesh(mesh.p, mesh.corners, sort_t=False), skfem.ElementVector(of_element()), intorder=7)

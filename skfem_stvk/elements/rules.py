@@ -1,7 +1,8 @@
 """Where integrals over elements are taken: points on the reference element, and their weights, none of which is negative.
 
 A negative weight would turn what resists into what gains: a barrier, or any law that is not a polynomial. scikit-fem's rules of
-order 4 and 6 for tetrahedra have one; what is used here is of order 2 and 5.
+order 3 and 4 for tetrahedra have one. What is used here are those of order 2, 5 (14 points, exact to degree 4) and 6 (15 points,
+exact to degree 5).
 """
 
 from __future__ import annotations
@@ -27,7 +28,7 @@ REFERENCE: dict[tuple[int, bool], Any] = {
 #: scikit-fem's order of the usual rule, that of the exact one, and that of masses, by (is_box, degree) and dimension.
 ORDERS = {
     (False, 1): {1: (1, 1, 2), 2: (1, 1, 2), 3: (1, 1, 2)},
-    (False, 2): {1: (3, 4, 4), 2: (2, 4, 4), 3: (2, 5, 5)},
+    (False, 2): {1: (3, 4, 4), 2: (2, 4, 4), 3: (2, 5, 6)},
     (True, 1): {2: (3, 5, 5), 3: (3, 5, 5)},
 }
 KINDS = ("usual", "exact", "mass", "one-point")
@@ -52,7 +53,7 @@ def rule_of(element: Element, kind: str = "usual") -> Rule:
 
         usual        1 point of linear simplices; 2, 3, 4 of quadratic segments, triangles, tetrahedra; 2^k of boxes
         exact        integrates W, a quartic in the gradient, exactly on elements with straight edges: 1; 3, 6, 14; 3^k points
-        mass         integrates N_a N_b exactly on such elements
+        mass         integrates N_a N_b exactly on such elements; of curved ones the volume and the centre of mass
         one-point    the centre
 
     Source: `skfem.quadrature`.

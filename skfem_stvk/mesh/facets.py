@@ -56,6 +56,16 @@ class MeshArrays:
         """Number of elements."""
         return self.t.shape[1]
 
+    @property
+    def word(self) -> str:
+        """What messages call a node: a vertex, if there are no others."""
+        return "vertex" if self.element.degree == 1 else "node"
+
+    @property
+    def words(self) -> str:
+        """What messages call nodes."""
+        return "vertices" if self.element.degree == 1 else "nodes"
+
     @cached_property
     def surface(self) -> Ids:
         """(m, n) nodes of the boundary facets, turned outwards (`facets.boundary_facets`); found when first asked for."""

@@ -1,4 +1,4 @@
-"""Places on a mesh, where it is held or loaded: by name, by vertex ids, by a predicate of the coordinates."""
+"""Places on a mesh, where it is held or loaded: by name, by node ids, by a predicate of the coordinates."""
 
 from __future__ import annotations
 
@@ -10,18 +10,31 @@ from numpy.typing import ArrayLike, NDArray
 from skfem.assembly.dofs import DofsView
 
 from ..arguments import shown, whole_array
+from ..elements.element import named
 from ..errors import RegionError, name_ids, name_known
 from .facets import MeshArrays, find_facets
 
-#: The name of a boundary or of a node set; vertex ids, or a mask; a predicate of coordinates `x` (d, n), as in scikit-fem:
-#: `lambda x: x[0] == 0`; or what scikit-fem's `basis.get_dofs(...)` returned, which stands for its vertices.
+#: The name of a boundary or of a node set; node ids, or a mask; a predicate of coordinates `x` (d, n), as in scikit-fem:
+#: `lambda x: x[0] == 0`; or what scikit-fem's `basis.get_dofs(...)` returned, which stands for its nodes. Nodes are vertices and,
+#: of quadratic elements, middles of edges.
 Where: TypeAlias = str | ArrayLike | Callable[[NDArray[np.float64]], ArrayLike] | DofsView
+#: scikit-fem's elements with the same nodes.
+OF_ELEMENTS = {
+    "segments": "ElementLineP1",
+    "triangles": "ElementTriP1",
+    "tetrahedra": "ElementTetP1",
+    "quadratic segments": "ElementLineP2",
+    "quadratic triangles": "ElementTriP2",
+    "quadratic tetrahedra": "ElementTetP2",
+    "quadrilaterals": "ElementQuad1",
+    "hexahedra": "ElementHex1",
+}
 #: Vertices count as the same within this part of the size of the mesh: files keep fewer digits than arrays.
 SAME_PLACE = 1e-6
 
 
 class Marked(MeshArrays):
-    """Simplices with names for some of their facets (k, n), vertices and elements."""
+    """Elements with names for some of their facets (m, n), nodes and elements."""
 
     boundaries: Mapping[str, NDArray[np.int32]]
     node_sets: Mapping[str, NDArray[np.int32]]
@@ -29,7 +42,7 @@ class Marked(MeshArrays):
 
 
 def vertices_at(mesh: Marked, where: Where, what: str = "The place") -> NDArray[np.int64]:
-    """Ids of the vertices there, at least one: listed ids, each once, in the order in which they are given, others ascending.
+    """Ids of the nodes there, at least one: listed ids, each once, in the order in which they are given, others ascending.
 
     Messages of the RegionError begin with `what` asks for them.
 
@@ -58,7 +71,7 @@ def vertices_at(mesh: Marked, where: Where, what: str = "The place") -> NDArray[
 
 
 def facets_at(mesh: Marked, where: Where, what: str = "The place") -> NDArray[np.int32]:
-    """The facets (k, n) at a place, each once: those of a named boundary, or boundary facets with all vertices there.
+    """The facets (m, n) at a place, each once: those of a named boundary, or boundary facets with all nodes there.
 
     >>> from skfem_stvk import ElementMesh
     >>> mesh = ElementMesh(p=[[0, 1, 0, 1], [0, 0, 1, 1]], t=[[0, 1], [1, 2], [2, 3]])
@@ -74,14 +87,14 @@ def facets_at(mesh: Marked, where: Where, what: str = "The place") -> NDArray[np
     facets = mesh.surface[:, there[mesh.surface].all(axis=0)]
     if not facets.shape[1]:
         raise RegionError(
-            f"{what}: {describe(where)} has {name_ids(ids, 'vertex')}, but none of the {mesh.surface.shape[1]} boundary facets "
-            "has all its vertices there. Widen it; for forces on vertices there is NodalLoad."
+            f"{what}: {describe(where)} has {name_ids(ids, mesh.word)}, but none of the {mesh.surface.shape[1]} boundary facets "
+            f"has all its {mesh.words} there. Widen it; for forces on {mesh.words} there is NodalLoad."
         )
     return facets
 
 
 def in_order(mesh: Marked, where: Where, facets: NDArray[np.int32]) -> NDArray[np.int64]:
-    """(n,) vertices of the facets at a place, in the order in which values are given for them: that of `vertices_at`."""
+    """(n,) nodes of the facets at a place, in the order in which values are given for them: that of `vertices_at`."""
     ids = np.unique(facets).astype(np.int64)
     if isinstance(where, str) or callable(where):
         return ids
@@ -113,7 +126,7 @@ def _named(mesh: Marked, name: str, what: str) -> NDArray[np.int64]:
         return in_set if on_boundary is None else on_boundary  # type: ignore[return-value]
     if not np.array_equal(on_boundary, in_set):
         raise RegionError(
-            f"{what}: {name!r} is the name of a boundary with {len(on_boundary)} vertices and of a node set with {len(in_set)} "
+            f"{what}: {name!r} is the name of a boundary with {len(on_boundary)} {mesh.words} and of a node set with {len(in_set)} "
             f"others. Say which: mesh.node_sets[{name!r}], or np.unique(mesh.boundaries[{name!r}])."
         )
     return in_set
@@ -127,12 +140,11 @@ def _refuse_unknown(mesh: Marked, name: str, what: str) -> None:
 
 
 def _boundary(mesh: Marked, name: str) -> NDArray[np.int32]:
-    """(k, n) facets of a named boundary, each once."""
-    facets = np.asarray(mesh.boundaries[name])
-    if facets.ndim != 2 or len(facets) != mesh.k or not facets.size or facets.dtype.kind not in "iu":
+    """(m, n) facets of a named boundary, each once."""
+    facets, m = np.asarray(mesh.boundaries[name]), named(mesh.element.facet).n
+    if facets.ndim != 2 or len(facets) != m or not facets.size or facets.dtype.kind not in "iu":
         raise RegionError(
-            f"Boundary {name!r} has shape {facets.shape} and dtype {facets.dtype}; expected ({mesh.k}, n), n > 0: the vertices of "
-            "facets."
+            f"Boundary {name!r} has shape {facets.shape} and dtype {facets.dtype}; expected ({m}, n), n > 0: the nodes of facets."
         )
     if len(bad := np.flatnonzero(((facets < 0) | (facets >= mesh.nv)).any(axis=0))):
         raise RegionError(f"Boundary {name!r}: {name_ids(bad, 'facet')} with vertex ids outside 0 ... {mesh.nv - 1}.")
@@ -157,7 +169,7 @@ def _satisfying(mesh: Marked, predicate: Callable[[Any], Any], what: str) -> NDA
             f"x[{i}] from {low:.9g} to {high:.9g}" for i, (low, high) in enumerate(np.stack([mesh.p.min(1), mesh.p.max(1)], 1))
         )
         raise RegionError(
-            f"{what}: none of the {mesh.nv} vertices satisfies {describe(predicate)}. The mesh has {box}. Coordinates that are "
+            f"{what}: none of the {mesh.nv} {mesh.words} satisfies {describe(predicate)}. The mesh has {box}. Coordinates that are "
             "compared need a tolerance: np.isclose(x[0], 1)."
         )
     return np.flatnonzero(mask)
@@ -173,21 +185,23 @@ def _listed(mesh: Marked, given: Any, what: str) -> NDArray[np.int64]:
         )
     if ids.dtype == bool:
         if ids.shape != (mesh.nv,):
-            raise RegionError(f"{what} are a mask of shape {ids.shape}; expected one value for each of the {mesh.nv} vertices.")
+            raise RegionError(f"{what} are a mask of shape {ids.shape}; expected one value for each of the {mesh.nv} {mesh.words}.")
         return np.flatnonzero(ids)
     if len(bad := ids[(ids < 0) | (ids >= mesh.nv)] if ids.size else ids):
-        raise RegionError(f"{what} name {name_ids(bad, 'vertex')} outside 0 ... {mesh.nv - 1}.")
+        raise RegionError(f"{what} name {name_ids(bad, mesh.word)} outside 0 ... {mesh.nv - 1}.")
     return ids.astype(np.int64)
 
 
 def _array(given: Any) -> NDArray[Any] | None:
     """Ids or a mask as an array; None for what is neither."""
-    return vertices_of(given) if isinstance(given, DofsView) else whole_array(given)
+    return nodes_of(given) if isinstance(given, DofsView) else whole_array(given)
 
 
-def vertices_of(view: DofsView) -> NDArray[Any]:
-    """Vertices of the view, in its own order; it may be of another mesh."""
-    return np.arange(view.obj.topo.nvertices)[view.nodal_ix]
+def nodes_of(view: DofsView) -> NDArray[Any]:
+    """Nodes of the view, which may be of another mesh: its vertices in its own order, then the middles of edges that it has."""
+    dofs, d = view.obj, len(view.obj.nodal_dofs)
+    others = [every[0, ix] // d for every, ix in _beside_vertices(view)] if d else []
+    return np.concatenate([np.arange(dofs.topo.nvertices)[view.nodal_ix], *others]).astype(np.int64)
 
 
 def dofs_of(mesh: MeshArrays, view: DofsView, what: str) -> NDArray[np.int64]:
@@ -197,29 +211,41 @@ def dofs_of(mesh: MeshArrays, view: DofsView, what: str) -> NDArray[np.int64]:
     >>> from skfem_stvk import ElementMesh
     >>> square = skfem.MeshTri()
     >>> view = skfem.Basis(square, skfem.ElementVector(skfem.ElementTriP1())).get_dofs(lambda x: x[0] == 0)
-    >>> vertices_of(view), dofs_of(ElementMesh.of(square), view.keep("u^2"), "fixed")
+    >>> nodes_of(view), dofs_of(ElementMesh.of(square), view.keep("u^2"), "fixed")
     (array([0, 2]), array([1, 5]))
     """
     refuse_foreign(mesh, view, what)
-    return np.unique(view.obj.nodal_dofs[view.nodal_rows][:, view.nodal_ix]).astype(np.int64)
+    return np.unique(view.flatten()).astype(np.int64)
 
 
 def refuse_foreign(mesh: MeshArrays, view: DofsView, what: str) -> None:
-    """Refuse degrees of freedom of a basis on another mesh, or of other elements than vectors that are linear on each simplex."""
+    """Refuse degrees of freedom of a basis on another mesh, or of other elements than vectors with the nodes of this mesh."""
     dofs, numbers = view.obj, np.arange(mesh.p.size).reshape(mesh.nv, mesh.d).T
-    p = dofs.topo.doflocs[:, : dofs.topo.nvertices]
-    if p.shape != mesh.p.shape or np.abs(p - mesh.p).max() > SAME_PLACE * np.ptp(mesh.p, axis=1).max():
-        difference = f"{p.shape[1]} vertices in {p.shape[0]}D" if p.shape != mesh.p.shape else "as many vertices elsewhere"
+    count, theirs = int(mesh.corners.max()) + 1 if mesh.element.degree > 1 else mesh.nv, dofs.topo.nvertices
+    p, own = dofs.topo.doflocs[:, :theirs], mesh.p[:, :count]
+    if p.shape != own.shape or np.abs(p - own).max() > SAME_PLACE * np.ptp(own, axis=1).max():
+        difference = f"{theirs} vertices in {len(p)}D" if p.shape != own.shape else "as many vertices elsewhere"
         raise RegionError(
-            f"{what}: scikit-fem's degrees of freedom are of another mesh, with {difference}; this one has {mesh.nv} vertices in "
+            f"{what}: scikit-fem's degrees of freedom are of another mesh, with {difference}; this one has {count} vertices in "
             f"{mesh.d}D. Take them from a basis on the mesh of the system."
         )
-    others = dofs.facet_dofs.size + dofs.edge_dofs.size + dofs.interior_dofs.size
-    if others or not np.array_equal(dofs.nodal_dofs, numbers):
+    others = [every for every, _ in _beside_vertices(view)]
+    same = (
+        np.array_equal(dofs.nodal_dofs, numbers[:, :count]) and sum(every.size for every in others) == mesh.p.size - mesh.d * count
+    )
+    if not same or any(not np.array_equal(every, numbers[:, count:]) for every in others):
+        expected = f"{'linear' if mesh.element.degree == 1 else 'quadratic'} vectors with {mesh.d} components"
         raise RegionError(
-            f"{what}: scikit-fem's degrees of freedom are of {_in_words(dofs.element)}; expected those of linear vectors with "
-            f"{mesh.d} components, such as ElementVector(ElementTetP1()). Vertices alone can be given by their ids: view.nodal_ix."
+            f"{what}: scikit-fem's degrees of freedom are of {_in_words(dofs.element)}; expected those of {expected}, such as "
+            f"ElementVector({OF_ELEMENTS[mesh.element.name]}()). Vertices alone can be given by their ids: view.nodal_ix."
         )
+
+
+def _beside_vertices(view: DofsView) -> list[tuple[NDArray[Any], Any]]:
+    """Degrees of freedom (d, n) of edges, facets and the interior of elements, where there are any, and which of them it has."""
+    dofs = view.obj
+    every = (dofs.edge_dofs, view.edge_ix), (dofs.facet_dofs, view.facet_ix), (dofs.interior_dofs, view.interior_ix)
+    return [(of, ix) for of, ix in every if of.size]
 
 
 def _in_words(element: Any) -> str:

@@ -59,7 +59,7 @@ class Mass(ABC):
 
     def __init__(self, system: Patterned, body: Body, held: NDArray[Any]) -> None:
         mesh = body.mesh
-        self._d, self._system, self._middles = mesh.d, system, mesh.element.degree > 1
+        self._d, self._system, self._word = mesh.d, system, mesh.word
         self.vertex: Array = body.lumped_mass
         is_free = np.ones(mesh.p.size, dtype=bool)
         is_free[held] = False
@@ -131,13 +131,12 @@ class Mass(ABC):
         bare = np.flatnonzero((self.vertex <= 0) & self._free.any(axis=1))
         if len(bare):
             raise MaterialError(
-                f"{name_ids(bare, 'node' if self._middles else 'vertex')} of {len(self.vertex)}: can move, but without mass, because "
-                "in no element with a StVK(..., density=...). Give their elements one, fix all their components, or leave them out of "
-                "the mesh."
+                f"{name_ids(bare, self._word)} of {len(self.vertex)}: can move, but without mass, because in no element with a "
+                "StVK(..., density=...). Give their elements one, fix all their components, or leave them out of the mesh."
             )
 
     def __repr__(self) -> str:
-        return f"Mass: {self.total:g} kg at {len(self.vertex)} {'nodes' if self._middles else 'vertices'}, {self.kind}"
+        return f"Mass: {self.total:g} kg at {len(self.vertex)} {'vertices' if self._word == 'vertex' else 'nodes'}, {self.kind}"
 
 
 class LumpedMass(Mass):

@@ -47,8 +47,8 @@ class Spread:
                           = size/m f                                 of one where f is constant
 
     The sizes (n,) of the `cells` (m, n) are what a unit of `f` acts on: volumes, masses, areas; within a cell they are spread as
-    its size is. Their nodes `vertices` (nv,), at `x` (d, nv) [m], are in the order of values; by default ascending. `nodes` (m, n) are
-    those of the cells, counted within `vertices`.
+    its size is. Their nodes `vertices` (nv,), at `x` (d, nv) [m], are in the order of values; by default ascending. `nodes` (m, n)
+    are those of the cells, counted within `vertices`.
     """
 
     def __init__(
@@ -103,7 +103,7 @@ class Spread:
         m = len(self.nodes)
         if self.element.is_linear_simplex:
             return (1 + np.eye(m))[:, :, None] * (self.sizes / (m * (m + 1)))
-        return np.einsum("qa,qb,qn->abn", self._N, self._N, self._at_points(), optimize=[(0, 1), (0, 1)])
+        return np.asarray(np.einsum("qa,qb->abq", self._N, self._N) @ self._at_points())
 
     @cached_property
     def at_points(self) -> Values:
