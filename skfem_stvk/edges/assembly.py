@@ -12,28 +12,28 @@ import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
 from ..arguments import Array
+from ..errors import StvkError
 from ..kernels import blocks as block_kernels
 from ..kernels import simplices as simplex_kernels
 from ..kernels import stretches as stretch_kernels
 from ..kernels import volumes as volume_kernels
 from ..kernels.lanes import LANES
 from ..kernels.threads import in_turn, run
+from .elements import OwnElements, Quadrature, frames_at, nbytes, simplex_quadrature
 from .form import EdgeForm
 from .pairs import ALL, PairBlocks, PairTerm, Tensions
-from .simplices import Simplices, nbytes
-from .stiffness import in_range
-from .topology import OwnOrder, Shares, in_lanes, own_order
+from .stiffness import Stiffness, in_range
+from .topology import OwnOrder, Shares, own_order, pairs_of
 
 
-class SimplexTerm(PairTerm):
-    """The calls of the kernels on simplices, and how the volumes of those change.
+class ElementTerm(PairTerm):
+    """The calls of the kernels on elements, and how the volumes of those change.
 
-    Ratios of volumes are below zero where a simplex is inside out, whichever way round its vertices are numbered. Of triangles in
+    Ratios of volumes are below zero where an element is inside out, whichever way round its nodes are numbered. Of triangles in
     space, and of segments in more than one dimension, they are ratios of areas and lengths, which have no sign.
 
-    Simplices `t` (k + 1, nt) with `edges` (2, ne), `a < b` in lexicographic order, have rest coordinates `p` (d, nv) [m]. `stored`
-    gives what the kernels store of them in their own order, (m, nt) from its vertices of the mesh (k + 1, nt) and the order:
-    computed in double, then rounded.
+    Elements `t` (n, nt) have rest coordinates `p` (d, nv) [m]. `stored` gives what the kernels store of them at each point, (m, nq, nt)
+    from their nodes in the mesh (n, nt), the order, and the `quadrature`: computed in double, then rounded.
     """
 
     symmetric = balanced = has_energy = True
@@ -42,17 +42,20 @@ class SimplexTerm(PairTerm):
         self,
         p: NDArray[np.float64],
         t: NDArray[np.int32],
-        edges: NDArray[np.int32],
+        quadrature: Quadrature,
         stored: Callable[[NDArray[np.int32], OwnOrder], NDArray[np.float64]],
         dtype: DTypeLike = np.float64,
     ) -> None:
-        order = own_order(t, edges)
-        self.nodes_paired, self.dtype, self.simplices = edges, np.dtype(dtype), Simplices(p, order, dtype)
+        self.nodes_paired = pairs_of(t, quadrature.element)
+        self.quadrature, self.dtype = quadrature, np.dtype(dtype)
+        order = own_order(t, self.nodes_paired, quadrature.element.is_linear_simplex)
+        self.simplices = OwnElements(p, order, quadrature, dtype)
         super().__init__(self.simplices.own.turn)
         n = len(order.elements)
-        D = in_lanes(stored(order.vertices[order.t], order).astype(self.dtype))
-        D.reshape(len(D), -1, LANES)[-1, :, n - (len(D) - 1) * LANES :] = 0  # what only fills the last block has no stiffness
-        self._D = D
+        numbers = stored(order.vertices[order.t], order).astype(self.dtype)
+        self.points, self._D = self.simplices.in_points(numbers)
+        last = self._D[-len(numbers) * LANES :] if self.points is None else self._D[self.points.starts[-2] :]
+        last.reshape(-1, LANES)[:, n - (len(self.simplices.t) - 1) * LANES :] = 0  # what only fills it has no stiffness
 
     @cached_property
     def pairs(self) -> PairBlocks:
@@ -150,24 +153,50 @@ class SimplexTerm(PairTerm):
         return parts | {"blocks of edges": nbytes([] if self._filled is None else self._filled)}
 
 
-class Assembly(SimplexTerm):
-    """The kernels on the simplices of an edge form.
+class Assembly(ElementTerm):
+    """The kernels on the elements of a material.
 
     Parameters
     ----------
-    form : the edge form.
-    dtype : of results and of coefficients, which are computed in double and rounded then.
+    p, t : rest coordinates (d, nv) [m], and nodes (n, nt) of the elements.
+    stiffness : of each element.
+    quadrature : the kind of elements and the rule, by default linear simplices.
+    dtype : of results and of what is stored, which is computed in double and rounded then.
     """
 
-    def __init__(self, form: EdgeForm, dtype: DTypeLike = np.float64) -> None:
-        self.form = form
+    def __init__(
+        self,
+        p: Array,
+        t: NDArray[np.int32],
+        stiffness: Stiffness,
+        quadrature: Quadrature | None = None,
+        dtype: DTypeLike = np.float64,
+    ) -> None:
+        quadrature = quadrature or simplex_quadrature(len(t) - 1)
+        self._mesh = p, t, stiffness
 
-        def stored(t: NDArray[np.int32], own: OwnOrder) -> Array:
-            return in_range(form.stiffness.stored(form.p, t, own.elements, own.local), own.elements, dtype)
+        def stored(nodes: NDArray[np.int32], own: OwnOrder) -> Array:
+            at = [
+                np.concatenate([frames.Ri, in_range(stiffness.stored(frames, own.elements), own.elements, dtype)])
+                for frames in frames_at(p, nodes, quadrature, own)
+            ]
+            return np.stack(at, axis=1)
 
-        super().__init__(form.p, form.t, form.edges, stored, dtype)
-        if self._D.shape[1] == 7 * LANES:
-            self._D = self._D.ravel()
+        super().__init__(p, t, quadrature, stored, dtype)
+        self.law = stiffness.law(self._D)
+
+    @cached_property
+    def form(self) -> EdgeForm:
+        """The edge form of linear simplices.
+
+        StvkError for other elements, whose strain is not the same everywhere.
+        """
+        if self.points is not None:
+            raise StvkError(
+                f"{self.quadrature.element.name} have no edge form: their strain is not the same everywhere, so the lengths of their "
+                "edges do not say it. Take degree=1 to look at edges and their pairs."
+            )
+        return EdgeForm(*self._mesh)
 
     def _energy(self, shares: Shares, f: Array) -> float:
         return sum(run(simplex_kernels.energy_and_force, shares.parts, *self._simplices(shares), f))
@@ -175,9 +204,9 @@ class Assembly(SimplexTerm):
     def _round_off(self, shares: Shares, f: Array) -> None:
         run(simplex_kernels.round_off, shares.parts, *self._simplices(shares), f)
 
-    def _simplices(self, shares: Shares) -> tuple[NDArray[Any], ...]:
+    def _simplices(self, shares: Shares) -> tuple[Any, ...]:
         """What kernels that add to vertices read."""
-        return self.simplices.t.ravel(), shares.slots, self._D, self.simplices.X, self.simplices.u
+        return self.simplices.t.ravel(), shares.slots, self.points, self.law, self.simplices.X, self.simplices.u
 
     @in_turn
     def along(self, u: Array, v: Array) -> NDArray[np.float64]:
@@ -186,7 +215,7 @@ class Assembly(SimplexTerm):
         simplices = self.simplices
         simplices.gather(u)
         V = simplices.own.gathered("direction", v, np.float64)
-        arrays = simplices.t.ravel(), self._D, simplices.X, simplices.u, V
+        arrays = simplices.t.ravel(), self.points, self.law, simplices.X, simplices.u, V
         return np.asarray(np.sum(run(simplex_kernels.along, simplices.forces.parts, *arrays), axis=0))
 
     @in_turn
@@ -232,24 +261,33 @@ class Assembly(SimplexTerm):
         t = simplices.own.room("t", total + len(to.extra), self.dtype)
         t[total:] = 0
         slots = to.slots.reshape(len(simplices.t), -1)
-        arrays = simplices.t.ravel(), slots, simplices.edges.marks, self._D, simplices.X, simplices.u
+        arrays = simplices.t.ravel(), slots, simplices.edges.marks, self.law, simplices.X, simplices.u
         run(simplex_kernels.tensions, simplices.forces.parts, *arrays, t)
         block_kernels.fold(t, total, to.extra, 1)
         return t[:total]
 
     @in_turn
     def blocks(self, u: Array, force: Array | None = None, out: Array | None = None, kept: Tensions = ALL) -> tuple[float, Array]:
-        """As in `SimplexTerm`: `K = 2 J' L J + sum g t Lap (x) I` with the factors `g` of the tensions `t` that are kept."""
+        """As in `ElementTerm`: `K = 2 J' L J + sum g t Lap (x) I` with the factors `g` of the tensions `t` that are kept."""
         W, blocks = super().blocks(u, force, out, kept)
-        if kept.negative != kept.positive:
+        if kept.negative != kept.positive and self.points is None:
             less = kept.positive - kept.negative
             run(block_kernels.weigh_negative, self.pairs.products.parts, self._tensions(), less, blocks)
         return W, blocks
 
     def _linearize(self, shares: Shares, edge_slots: NDArray[Any], f: Array, blocks: Array, kept: Tensions) -> float:
         simplices = self.simplices
-        arrays = simplices.t.ravel(), shares.slots, edge_slots, simplices.edges.marks, self._D, simplices.X, simplices.u
-        return sum(run(simplex_kernels.linearize, shares.parts, *arrays, kept.positive, f, blocks))
+        arrays = (
+            simplices.t.ravel(),
+            shares.slots,
+            edge_slots,
+            simplices.edges.marks,
+            self.points,
+            self.law,
+            simplices.X,
+            simplices.u,
+        )
+        return sum(run(simplex_kernels.linearize, shares.parts, *arrays, kept.positive, kept.negative, f, blocks))
 
     def smallest_stretches(self, u: Array) -> NDArray[np.float64]:
         """(nt,) smallest principal stretch at `u` (nv, d) within their own dimensions, of the simplices in the order in which they

@@ -16,7 +16,7 @@ from ..errors import StvkError, name_ids
 from ..kernels import blocks as block_kernels
 from ..kernels.threads import Turn, in_turn, parts_of, run, threads
 from ..kernels.topology import OWN, lexicographic_order, stars
-from .simplices import OwnVertices, nbytes
+from .elements import OwnVertices, nbytes
 from .topology import OwnEdges, Shares, shares_of
 
 AXES = {1: (0,), 2: (0, 1), 3: (0, 1, 2)}

@@ -12,13 +12,15 @@ from numpy.typing import DTypeLike, NDArray
 from ..arguments import Array
 from ..errors import StateError, name_ids
 from ..kernels import penalty as penalty_kernels
+from ..kernels.lanes import LANES
 from ..kernels.threads import run
-from .assembly import SimplexTerm
+from .assembly import ElementTerm
+from .elements import simplex_quadrature
 from .pairs import ALL, Linearized, Rows, Tensions
-from .topology import OwnOrder, Shares, edge_topology
+from .topology import OwnOrder, Shares
 
 
-class PenaltyAssembly(SimplexTerm):
+class PenaltyAssembly(ElementTerm):
     """`W = sum of k V0 psi(J)`, `J` the ratio of a simplex's signed volume to that at rest.
 
     Parameters
@@ -40,7 +42,8 @@ class PenaltyAssembly(SimplexTerm):
         elements: NDArray[Any],
         dtype: DTypeLike = np.float64,
     ) -> None:
-        super().__init__(p, t, edge_topology(t)[0], partial(_stored, p, stiffness), dtype)
+        super().__init__(p, t, simplex_quadrature(len(t) - 1), partial(_stored, p, stiffness), dtype)
+        self._D = self._D.reshape(-1, 2 * LANES)
         self._kind, self._ids = kind, elements
 
     def _energy(self, shares: Shares, f: Array) -> float:
@@ -86,4 +89,4 @@ def _stored(p: NDArray[np.float64], stiffness: NDArray[np.float64], t: NDArray[n
     """(2, nt) `k V0` and `1/C0`, with the sign that `C0` has in the simplices' own order of vertices."""
     corners = p[:, t]
     C0 = np.linalg.det((corners[:, 1:] - corners[:, :1]).transpose(2, 1, 0))
-    return np.stack([stiffness[own.elements] * np.abs(C0) / factorial(len(p)), 1 / C0])
+    return np.stack([stiffness[own.elements] * np.abs(C0) / factorial(len(p)), 1 / C0])[:, None]

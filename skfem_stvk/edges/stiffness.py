@@ -1,4 +1,4 @@
-"""The stiffness of simplices, as the coefficients L of their edges and as the kernels store it, by their spokes.
+"""The stiffness of elements: the coefficients L of the edges of linear simplices, and what the laws of the kernels store.
 
 For edges `(a, b)` and `(c, d)` of a simplex of volume `V` with gradients `g_a` of its barycentric coordinates:
 
@@ -11,7 +11,7 @@ Source: Kikuuwe, Tabuchi, Yamamoto (2009) (isotropic tetrahedra); Delingette (20
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Protocol
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
@@ -19,28 +19,66 @@ from numpy.typing import DTypeLike, NDArray
 from ..arguments import Array
 from ..elements.element import LOCAL_EDGES
 from ..errors import MaterialError, name_ids
-from ..kernels.geometry import scaled_gram
-from ..materials import FramedMaterial, Hypothesis, Isotropic, Material
+from ..kernels.laws import GeneralLaw, IsotropicLaw
+from ..materials import FramedMaterial, Hypothesis
 from ..mesh.geometry import Geometry
 
 #: Components of a symmetric tensor in one, two and three dimensions: the Voigt order of the package.
 VOIGT = {1: ((0, 0),), 2: ((0, 0), (1, 1), (0, 1)), 3: ((0, 0), (1, 1), (2, 2), (1, 2), (0, 2), (0, 1))}
-#: Pairs of spokes: the order of the strains `M_ij` and tensions `S_ij` of the kernels.
+#: The order of the strains `M_ij` and stresses `S_ij` of the kernels.
 PAIRS = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
 
 
 class Stiffness(Protocol):
-    """The stiffness of simplices with vertices `t` (k + 1, n)."""
+    """The stiffness of elements."""
+
+    @property
+    def law(self) -> type[IsotropicLaw] | type[GeneralLaw]:
+        """How the kernels know it."""
 
     def coefficients(self, p: Array, t: NDArray[np.int32]) -> Array:
-        """(n, m, m) `L` of each simplex, for the pairs of its edges [J/m^4]."""
+        """(n, m, m) `L` of linear simplices with vertices `t` (k + 1, n), for the pairs of their edges [J/m^4]."""
 
-    def stored(self, p: Array, t: NDArray[np.int32], elements: NDArray[np.int32], local: NDArray[np.int64]) -> Array:
-        """(7 or 21, n) what the kernels store of these `elements` with vertices `t` (k + 1, n), which were their `local` ones."""
+    def stored(self, at: Frames, elements: NDArray[np.int32]) -> Array:
+        """(2 or 21, n) what the law stores beside `Ri` of these `elements`, in their frames, per unit of the points' weights."""
+
+
+class Frames(NamedTuple):
+    """Frames at points of elements, one for each of n.
+
+    Attributes
+    ----------
+    k : dimension of the elements.
+    spokes : (n, k, d) at rest [m].
+    Ri : (6, n) in the order 11, 12, 13, 22, 23, 33 [1/m].
+    size : (n,) determinant of R [m^k].
+    local : (k + 1, n) which vertices of the simplices as given the vertices are that the spokes go to; for linear simplices.
+    """
+
+    k: int
+    spokes: Array
+    Ri: Array
+    size: Array
+    local: NDArray[np.int64] | None
+
+    @property
+    def axes(self) -> Array:
+        """(n, d, k) the frame as columns `Q_j = sum_i Ri_ij P_i`."""
+        return np.einsum("nid,nij->ndj", self.spokes, self.upper(self.Ri)[:, : self.k, : self.k])
+
+    @staticmethod
+    def upper(six: Array) -> Array:
+        """(n, 3, 3) upper triangles of the numbers 11, 12, 13, 22, 23, 33 (6, n)."""
+        out = np.zeros((six.shape[1], 3, 3))
+        rows, columns = np.triu_indices(3)
+        out[:, rows, columns] = six.T
+        return out
 
 
 class IsotropicStiffness:
-    """Lame constants times section, (n,) each: those that act within the simplices' own dimensions."""
+    """Lame constants times section, (n,) each: those that act within the elements' own dimensions."""
+
+    law = IsotropicLaw
 
     def __init__(self, lam: Array, mu: Array) -> None:
         self.lam, self.mu = lam, mu
@@ -48,16 +86,46 @@ class IsotropicStiffness:
     def coefficients(self, p: Array, t: NDArray[np.int32]) -> Array:
         return isotropic_coefficients(Geometry(p, t), self.lam, self.mu)
 
-    def stored(self, p: Array, t: NDArray[np.int32], elements: NDArray[np.int32], local: NDArray[np.int64]) -> Array:
-        """`g_ij = sqrt(V mu) G_ij` of the spokes and `r = lam / (2 mu)`; zero for the spokes that a triangle or segment lacks."""
+    def stored(self, at: Frames, elements: NDArray[np.int32]) -> Array:
+        """`lam/2` and `mu` times the size."""
         lam, mu = self.lam[elements], self.mu[elements]
-        if len(t) == 2:  # one strain: lam + 2 mu is all there is, and mu may be zero
+        if at.k == 1:  # one strain: lam + 2 mu is all there is, and mu may be zero
             lam, mu = 0 * lam, mu + lam / 2
-        return np.concatenate([scaled_gram(p, t, mu), [lam / (2 * mu)]])
+        return np.stack([at.size * lam / 2, at.size * mu])
+
+
+class AnisotropicStiffness:
+    """A material with a stiffness in its own axes, times section (n,)."""
+
+    law = GeneralLaw
+
+    def __init__(self, material: FramedMaterial, hypothesis: Hypothesis, section: Array) -> None:
+        self.material, self.hypothesis, self.section = material, hypothesis, section
+
+    def coefficients(self, p: Array, t: NDArray[np.int32]) -> Array:
+        L = general_coefficients(Geometry(p, t), self.material, self.hypothesis)
+        return np.asarray(L * self.section[:, None, None])
+
+    def stored(self, at: Frames, elements: NDArray[np.int32]) -> Array:
+        """`C/2` times the size, in the frames."""
+        axes = _in_material_axes(at.axes, self.material, elements)
+        C = self.material.stiffness()
+        C = C[elements] if C.ndim == 3 else C
+        if self.hypothesis.condensed:
+            inner = _condensed(C, axes)
+        else:
+            pairs = np.array(VOIGT[at.k]).T
+            first, second = np.swapaxes(axes[:, :, pairs[0]], 1, 2), np.swapaxes(axes[:, :, pairs[1]], 1, 2)
+            dyads = first[..., :, None] * second[..., None, :]
+            strain = _voigt((dyads + np.swapaxes(dyads, -1, -2)) / 2, shear=2.0)
+            inner = strain @ C @ np.swapaxes(strain, 1, 2)
+        return _upper_half(inner, at.k, at.size * self.section[elements] / 2)
 
 
 class GeneralStiffness:
-    """Any coefficients `L` (n, m, m) of the edges of each simplex, symmetric; computed when they are needed, for they are large."""
+    """Any coefficients `L` (n, m, m) of the edges of each linear simplex, symmetric; computed when they are needed."""
+
+    law = GeneralLaw
 
     def __init__(self, compute: Callable[[], Array]) -> None:
         self._compute = compute
@@ -65,18 +133,30 @@ class GeneralStiffness:
     def coefficients(self, p: Array, t: NDArray[np.int32]) -> Array:
         return self._compute()
 
-    def stored(self, p: Array, t: NDArray[np.int32], elements: NDArray[np.int32], local: NDArray[np.int64]) -> Array:
-        """The upper half of `D`: with `zeta = Q M`, `W = 1/4 zeta' L zeta` is `1/4 M' (Q' L Q) M`."""
-        k = len(t) - 1
-        edges = np.array(LOCAL_EDGES[k])
-        number = np.zeros((k + 1, k + 1), dtype=np.int64)
+    def stored(self, at: Frames, elements: NDArray[np.int32]) -> Array:
+        """With `zeta = Q M`, `M` of the frames, `W = 1/4 zeta' L zeta` is `1/4 M' (Q' L Q) M`."""
+        assert at.local is not None
+        edges = np.array(LOCAL_EDGES[at.k])
+        number = np.zeros((at.k + 1, at.k + 1), dtype=np.int64)
         number[edges[:, 0], edges[:, 1]] = number[edges[:, 1], edges[:, 0]] = np.arange(len(edges))
-        own = number[local[edges[:, 0]], local[edges[:, 1]]].T  # (n, m) the edges in their old order
+        own = number[at.local[edges[:, 0]], at.local[edges[:, 1]]].T  # (n, m) the edges in their old order
         L = self._compute()[elements[:, None, None], own[:, :, None], own[:, None, :]]
-        Q = elongations_of_pairs(k)
-        D = np.swapaxes(Q, 0, 1) @ L @ Q
-        rows, columns = np.triu_indices(6)
-        return np.ascontiguousarray(D[:, rows, columns].T)
+        R = np.zeros((len(elements), 3, 3))
+        R[:, : at.k, : at.k] = np.linalg.inv(Frames.upper(at.Ri)[:, : at.k, : at.k])
+        pairs = np.array(VOIGT[at.k]).T
+        ends = np.concatenate([np.zeros((len(elements), 3, 1)), R], axis=2)[:, :, : at.k + 1]  # corners in the frame, (n, 3, k + 1)
+        e = ends[:, :, edges[:, 1]] - ends[:, :, edges[:, 0]]  # zeta = e' M e
+        Q = e[:, pairs[0]] * e[:, pairs[1]]  # (n, s, m): off the diagonal M_ij and M_ji stand apart
+        return _upper_half(Q @ L @ np.swapaxes(Q, 1, 2), at.k, np.ones(len(elements)))
+
+
+def _upper_half(C: Array, k: int, scale: Array) -> Array:
+    """(21, n) the upper half of `C` (n, s, s), in the Voigt order, in that of the kernels; zero for what is lacking in three dimensions."""
+    places = [PAIRS.index((min(pair), max(pair))) for pair in VOIGT[k]]
+    full = np.zeros((len(C), 6, 6))
+    full[:, np.array(places)[:, None], places] = C * scale[:, None, None]
+    rows, columns = np.triu_indices(6)
+    return np.ascontiguousarray(full[:, rows, columns].T)
 
 
 def in_range(stored: Array, elements: NDArray[np.int32], dtype: DTypeLike) -> Array:
@@ -91,27 +171,6 @@ def in_range(stored: Array, elements: NDArray[np.int32], dtype: DTypeLike) -> Ar
             f"{limits.dtype}. Are units mixed up? Choose others, such as mm and MPa."
         )
     return stored
-
-
-def elongations_of_pairs(k: int) -> Array:
-    """(m, 6) `Q` with `zeta = Q M`, `M` in both orders of each pair: `zeta_0i = M_ii`, `zeta_ij = M_ii + M_jj - M_ij - M_ji`."""
-    Q = np.zeros((len(LOCAL_EDGES[k]), len(PAIRS)))
-    for edge, (a, b) in enumerate(LOCAL_EDGES[k]):
-        for column, (i, j) in enumerate(PAIRS):
-            # M_ij belongs to the vertices i + 1 and j + 1; each off-diagonal one counts half for ij and half for ji
-            ends = [int(v == i + 1) for v in (a, b)], [int(v == j + 1) for v in (a, b)]
-            Q[edge, column] = (ends[0][1] - ends[0][0]) * (ends[1][1] - ends[1][0])
-    return Q
-
-
-def simplex_coefficients(geometry: Geometry, material: Material, hypothesis: Hypothesis) -> Array:
-    """(nt, m, m) coefficients per unit of section [Pa m^(k-4)], symmetric and positive semi-definite."""
-    if isinstance(material, Isotropic):
-        return isotropic_coefficients(geometry, *material.lame(hypothesis))
-    if not isinstance(material, FramedMaterial):
-        name = type(material).__name__
-        raise MaterialError(f"{name} is neither Isotropic nor a FramedMaterial, which has a stiffness() in its frame.")
-    return general_coefficients(geometry, material, hypothesis)
 
 
 def isotropic_coefficients(geometry: Geometry, lam: Array, mu: Array) -> Array:
@@ -139,11 +198,14 @@ def general_coefficients(geometry: Geometry, material: FramedMaterial, hypothesi
     return 2 * geometry.volume[:, None, None] * (strain @ C @ np.swapaxes(strain, 1, 2))
 
 
-def _in_material_axes(axes: Array, material: FramedMaterial) -> Array:
-    """The simplices' own axes (nt, d, k) as columns (nt, 3, k) in material axes."""
+def _in_material_axes(axes: Array, material: FramedMaterial, elements: NDArray[Any] | slice = slice(None)) -> Array:
+    """The own axes (n, d, k) of these `elements` as columns (n, 3, k) in material axes."""
     solid = np.zeros((axes.shape[0], 3, axes.shape[2]))
     solid[:, : axes.shape[1]] = axes
-    return solid if material.frame is None else np.swapaxes(np.asarray(material.frame), -1, -2) @ solid
+    if material.frame is None:
+        return solid
+    frame = np.asarray(material.frame)
+    return np.swapaxes(frame if frame.ndim == 2 else frame[elements], -1, -2) @ solid
 
 
 def _condensed(C: Array, axes: Array) -> Array:

@@ -16,6 +16,7 @@ import numba
 import numpy as np
 from numba.core.caching import IndexDataCacheFile
 from numba.core.event import Listener, register
+from numba.extending import overload
 from numpy.typing import NDArray
 from rich.console import Console
 
@@ -54,13 +55,16 @@ class _Announcement(Listener):
         pass
 
 
+options_of_kernels: dict[str, Any] = {"fastmath": FASTMATH, "nogil": True, "error_model": "numpy"}
+
+
 def kernel(function: Function, **more: Any) -> Function:
     """Compile at the first call with arguments of a type, keep the machine code on disk, and let go of the GIL.
 
     The code on disk is keyed by all files of this folder, for a function holds the code of those that it calls. Where no folder can
     be written to, every process compiles anew.
     """
-    options: dict[str, Any] = {"fastmath": FASTMATH, "nogil": True, "error_model": "numpy", **more}
+    options = options_of_kernels | more
     try:
         compiled: Function = numba.njit(cache=True, **options)(function)
     except RuntimeError:  # no folder for the cache
@@ -75,6 +79,25 @@ def kernel(function: Function, **more: Any) -> Function:
 def inlined(function: Function) -> Function:
     """Compile a piece of a kernel's innermost loop: a loop with a call in it is not vectorised."""
     return kernel(function, forceinline=True)
+
+
+def by_law(stub: Callable[..., Any], law: type, formulas: dict[tuple[str, type], Any]) -> Callable[[Function], Function]:
+    """The formula of a `law` for what a function stands for: kernels find it by the type of the law, Python in `formulas`.
+
+    Within kernels `stub(law, ...)` is compiled as the formula that was given for the type of its first argument.
+    """
+
+    def given(formula: Function) -> Function:
+        formulas[stub.__name__, law] = formula
+
+        def chosen(first: Any, *others: Any) -> Any:
+            return formula if getattr(first, "instance_class", None) is law else None
+
+        options: Any = options_of_kernels | {"forceinline": True}
+        overload(stub, jit_options=options, strict=False)(chosen)
+        return formula
+
+    return given
 
 
 register("numba:compile", _Announcement())

@@ -48,28 +48,48 @@ def measures(p: Reals, t: Ids) -> Reals:
     return out
 
 
+@inlined
+def _put_frame(a, b, c, k, e, out):
+    """Write `Ri` and the determinant of `R` for the spokes `a, b, c` of an element of dimension `k`."""
+    r11 = _norm(a)
+    out[0, e] = 1 / r11
+    out[6, e] = r11
+    if k > 1:
+        n = cross(a, b)
+        area = _norm(n)
+        r12, r22 = dot(a, b) / r11, area / r11
+        out[1, e], out[3, e] = -r12 / area, 1 / r22
+        out[6, e] = area
+        if k > 2:
+            # q_2 = n x a over its length; the third axis of a frame points to where the third spoke does
+            height = dot(n, c) / area
+            along, across = dot(a, c) / r11, dot(cross(n, a), c) / (area * r11)
+            r33 = abs(height)
+            out[2, e], out[4, e], out[5, e] = (r12 / r22 * across - along) / (r11 * r33), -across / (r22 * r33), 1 / r33
+            out[6, e] = area * r33
+
+
 @kernel
-def scaled_gram(p: Reals, t: Ids, mu: Reals) -> Reals:
-    """`sqrt(V mu) g_i . g_j` (6, nt) of the gradients of vertices 1, 2, 3 in the order 11, 22, 33, 12, 13, 23, else zero."""
+def frames(p: Reals, t: Ids) -> Reals:
+    """Of linear simplices: `Ri` in the order 11, 12, 13, 22, 23, 33, zero where there is no spoke, and `k!` times the size, (7, nt)."""
     k, nt = len(t) - 1, t.shape[1]
-    out = np.zeros((6, nt))
+    out = np.zeros((7, nt))
     for e in range(nt):
         a = _spoke(p, t[0, e], t[1, e])
-        if k == 1:
-            length = _norm(a)
-            out[0, e] = np.sqrt(length * mu[e]) / (length * length)
-            continue
-        b = _spoke(p, t[0, e], t[2, e])
-        n = cross(a, b)
-        if k == 2:
-            area = _norm(n)
-            scale = np.sqrt(area / 2 * mu[e]) / (area * area)
-            out[0, e], out[1, e], out[3, e] = scale * dot(b, b), scale * dot(a, a), -scale * dot(a, b)
-            continue
-        c = _spoke(p, t[0, e], t[3, e])
-        x, y = cross(b, c), cross(c, a)  # g_1, g_2, g_3 = x, y, n over the determinant
-        determinant = abs(dot(n, c))
-        scale = np.sqrt(determinant / 6 * mu[e]) / (determinant * determinant)
-        out[0, e], out[1, e], out[2, e] = scale * dot(x, x), scale * dot(y, y), scale * dot(n, n)
-        out[3, e], out[4, e], out[5, e] = scale * dot(x, y), scale * dot(x, n), scale * dot(y, n)
+        b = _spoke(p, t[0, e], t[2, e]) if k > 1 else a
+        c = _spoke(p, t[0, e], t[3, e]) if k > 2 else a
+        _put_frame(a, b, c, k, e, out)
+    return out
+
+
+@kernel
+def frames_of_spokes(P: Reals) -> Reals:
+    """Of spokes `P` (n, k, 3), at points of any elements: as `frames`, (7, n), with the determinant of `R` for the last."""
+    n, k = P.shape[0], P.shape[1]
+    out = np.zeros((7, n))
+    for e in range(n):
+        a = (P[e, 0, 0], P[e, 0, 1], P[e, 0, 2])
+        b = (P[e, 1, 0], P[e, 1, 1], P[e, 1, 2]) if k > 1 else a
+        c = (P[e, 2, 0], P[e, 2, 1], P[e, 2, 2]) if k > 2 else a
+        _put_frame(a, b, c, k, e, out)
     return out

@@ -9,13 +9,18 @@ Arrays: `t` vertices (blocks 4 LANES), `slots` where forces go, `edge_slots` (bl
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
-from .compiled import inlined, kernel
+from .compiled import Ids, Reals, inlined, kernel
 
 #: Simplices in a block. 16 measures best: 8 are unrolled before they are vectorised (2 x slower), 32 spill from the registers'
 #: cache.
 LANES = 16
+
+#: The highest bit of a slot, which says that a block is added transposed.
+TRANSPOSED = np.uint32(1 << 31)
 
 #: Unsigned indices: numba tests signed ones for wrap-around.
 I = np.uint64
@@ -81,6 +86,162 @@ def gather_spokes(t, block, X, u, P, U):
             P[to + I(6 * LANES)], U[to + I(6 * LANES)] = X[d + I(i)] - x, u[d + I(i)] - y
 
 
+class Points(NamedTuple):
+    """What integrals over elements other than linear simplices are taken with, for which it is None: a table for all of them.
+
+    Attributes
+    ----------
+    B : (nq, m, 3) derivatives `dN_a/dxi_i` of the nodes 1, 2, ... at the points; rows and columns that are lacking are zero, m is a
+        multiple of three.
+    weights : (nq,) of the points.
+    starts : (blocks + 1,) where the numbers of the law begin for each block of lanes: one set for all points if its elements are
+        straight, else one for each.
+    """
+
+    B: Reals
+    weights: Reals
+    starts: Ids
+
+
+@inlined
+def absolute(points):
+    """The absolute values of the derivatives."""
+    if points is None:
+        return None
+    else:
+        return Points(np.abs(points.B), points.weights, points.starts)
+
+
+@inlined
+def at_point(points, x):
+    """Room for vectors of the spokes at a point (9 LANES,): of linear simplices, the vectors `x` of the nodes themselves."""
+    if points is None:
+        return x
+    else:
+        return np.zeros(9 * LANES, x.dtype)
+
+
+@inlined
+def points_of(points):
+    """Number of points of an element."""
+    if points is None:
+        return 1
+    else:
+        return len(points.weights)
+
+
+@inlined
+def room(points, dtype):
+    """A vector for each node of a block of elements but the first, (3 m LANES,)."""
+    if points is None:
+        return np.zeros(9 * LANES, dtype)
+    else:
+        return np.zeros(3 * points.B.shape[1] * LANES, dtype)
+
+
+@inlined
+def numbers_of(points, block, point, count):
+    """Where the `count` numbers of a law begin for a block at a point, and whether they are the same at the point before."""
+    if points is None:
+        return block * count * LANES, False
+    else:
+        begin = points.starts[block]
+        if points.starts[block + 1] - begin == count * LANES:
+            return begin, point > 0
+        return begin + point * count * LANES, False
+
+
+@inlined
+def weight_of(points, point, D):
+    """The weight of a point, in the precision of `D`."""
+    if points is None:
+        return D.dtype.type(1)
+    else:
+        return D.dtype.type(points.weights[point])
+
+
+@kernel
+def gather(points, t, block, x, out):
+    """How a field `x` differs at the nodes 1, 2, ... of the elements of a block from its value at node 0, in double."""
+    if points is None:
+        gather_differences(t, block, x, out)
+    else:
+        nodes = (len(t) // LANES) // (len(points.starts) - 1)
+        first = I(block * nodes * LANES)
+        for lane in range(LANES):
+            a = I(3) * I(t[first + I(lane)])
+            x0, x1, x2 = x[a], x[a + I(1)], x[a + I(2)]
+            for node in range(1, nodes):
+                b, to = I(3) * I(t[first + I(node * LANES + lane)]), I((node - 1) * 3 * LANES + lane)
+                out[to] = x[b] - x0
+                out[to + I(LANES)] = x[b + I(1)] - x1
+                out[to + I(2 * LANES)] = x[b + I(2)] - x2
+
+
+@kernel
+def spokes(points, point, x, out):
+    """`sum_a dN_a/dxi_i x_a` (9 LANES,) at a point, for what `gather` found."""
+    if points is not None:
+        B = points.B
+        out[:] = 0
+        for group in range(B.shape[1] // 3):
+            a = 3 * group
+            b11, b12, b13 = B[point, a, 0], B[point, a, 1], B[point, a, 2]
+            b21, b22, b23 = B[point, a + 1, 0], B[point, a + 1, 1], B[point, a + 1, 2]
+            b31, b32, b33 = B[point, a + 2, 0], B[point, a + 2, 1], B[point, a + 2, 2]
+            for c in range(3):
+                first, to = I((3 * a + c) * LANES), I(c * LANES)
+                for lane in range(LANES):
+                    at, i = first + I(lane), to + I(lane)
+                    x1, x2, x3 = x[at], x[at + I(3 * LANES)], x[at + I(6 * LANES)]
+                    out[i] += b11 * x1 + b21 * x2 + b31 * x3
+                    out[i + I(3 * LANES)] += b12 * x1 + b22 * x2 + b32 * x3
+                    out[i + I(6 * LANES)] += b13 * x1 + b23 * x2 + b33 * x3
+
+
+@kernel
+def spread(points, point, forces, out):
+    """Add `sum_i dN_a/dxi_i f_i` of the forces (9 LANES,) on the spokes at a point to those on the nodes."""
+    if points is not None:
+        B = points.B
+        for group in range(B.shape[1] // 3):
+            a = 3 * group
+            b11, b12, b13 = B[point, a, 0], B[point, a, 1], B[point, a, 2]
+            b21, b22, b23 = B[point, a + 1, 0], B[point, a + 1, 1], B[point, a + 1, 2]
+            b31, b32, b33 = B[point, a + 2, 0], B[point, a + 2, 1], B[point, a + 2, 2]
+            for c in range(3):
+                first, of = I((3 * a + c) * LANES), I(c * LANES)
+                for lane in range(LANES):
+                    to, i = first + I(lane), of + I(lane)
+                    f1, f2, f3 = forces[i], forces[i + I(3 * LANES)], forces[i + I(6 * LANES)]
+                    out[to] += b11 * f1 + b12 * f2 + b13 * f3
+                    out[to + I(3 * LANES)] += b21 * f1 + b22 * f2 + b23 * f3
+                    out[to + I(6 * LANES)] += b31 * f1 + b32 * f2 + b33 * f3
+
+
+@kernel
+def scatter(points, slots, block, forces, f):
+    """Add the forces of a block to the slots of its nodes: those of nodes 1, 2, ... as they are, minus their sum to node 0."""
+    if points is None:
+        scatter_forces(slots, block, forces, f)
+    else:
+        nodes = (len(slots) // LANES) // (len(points.starts) - 1)
+        first = I(block * nodes * LANES)
+        for lane in range(LANES):
+            a = I(3) * I(slots[first + I(lane)])
+            s0, s1, s2 = f.dtype.type(0), f.dtype.type(0), f.dtype.type(0)
+            for node in range(1, nodes):
+                b, of = I(3) * I(slots[first + I(node * LANES + lane)]), I((node - 1) * 3 * LANES + lane)
+                f0, f1, f2 = forces[of], forces[of + I(LANES)], forces[of + I(2 * LANES)]
+                f[b] += f0
+                f[b + I(1)] += f1
+                f[b + I(2)] += f2
+                s0, s1, s2 = s0 + f0, s1 + f1, s2 + f2
+            f[a] -= s0
+            f[a + I(1)] -= s1
+            f[a + I(2)] -= s2
+
+
 @inlined
 def complete_spokes(k, P):
     """The constant spokes of simplices that have less than three: (0, 0, 1) for the third, (0, 1, 0) for the second."""
@@ -106,18 +267,16 @@ def gather_differences(t, block, v, V):
 
 
 @kernel
-def gather_sizes(t, block, X, u, P, B, p):
-    """Absolute values of the spokes of a block: at rest, of both displacements together, and now."""
-    first = I(block * 4 * LANES)
+def gather_sizes(points, t, block, v, out):
+    """`|v_a| + |v_0|` of the nodes a = 1, 2, ... of a block, by component."""
+    nodes = 4 if points is None else (len(t) // LANES) // (len(points.starts) - 1)
+    first = I(block * nodes * LANES)
     for lane in range(LANES):
-        at = first + I(lane)
-        a = I(3) * I(t[at])
-        for spoke in range(3):
-            b = I(3) * I(t[at + I((spoke + 1) * LANES)])
+        a = I(3) * I(t[first + I(lane)])
+        for node in range(1, nodes):
+            b = I(3) * I(t[first + I(node * LANES + lane)])
             for i in range(3):
-                to = I((3 * spoke + i) * LANES + lane)
-                rest, x, y = X[b + I(i)] - X[a + I(i)], u[a + I(i)], u[b + I(i)]
-                P[to], B[to], p[to] = abs(rest), abs(x) + abs(y), abs(rest + (y - x))
+                out[I((3 * (node - 1) + i) * LANES + lane)] = abs(v[a + I(i)]) + abs(v[b + I(i)])
 
 
 @kernel
@@ -138,27 +297,38 @@ def scatter_forces(slots, block, forces, f):
 
 
 @kernel
-def scatter_sizes(slots, block, forces, f):
-    """Add the sizes of the forces of a block: those of vertices 1, 2, 3 as they are, and their sum to vertex 0."""
-    first = I(block * 4 * LANES)
+def scatter_sizes(points, slots, block, forces, f):
+    """Add the sizes of the forces of a block: those of nodes 1, 2, ... as they are, and their sum to node 0."""
+    nodes = 4 if points is None else (len(slots) // LANES) // (len(points.starts) - 1)
+    first = I(block * nodes * LANES)
     for lane in range(LANES):
-        at = first + I(lane)
-        a = I(3) * I(slots[at])
-        for vertex in range(3):
-            b = I(3) * I(slots[at + I((vertex + 1) * LANES)])
+        a = I(3) * I(slots[first + I(lane)])
+        for node in range(1, nodes):
+            b = I(3) * I(slots[first + I(node * LANES + lane)])
             for i in range(3):
-                size = forces[I((3 * vertex + i) * LANES + lane)]
+                size = forces[I((3 * (node - 1) + i) * LANES + lane)]
                 f[a + I(i)] += size
                 f[b + I(i)] += size
 
 
 @kernel
-def scatter_blocks(edge_slots, block, values, blocks):
-    """Add the blocks of the edges of a block of simplices to their slots."""
+def scatter_blocks(points, edge_slots, block, values, blocks):
+    """Add the blocks of the node pairs of a block of elements to their slots.
+
+    Of elements with a table of points the highest bit of a slot says that the block is added transposed, as its first node has the
+    higher number.
+    """
     edges = edge_slots.shape[1] // LANES
     for lane in range(LANES):
         for edge in range(edges):
-            to = I(9) * I(edge_slots[block, I(edge * LANES + lane)])
+            slot = edge_slots[block, I(edge * LANES + lane)]
             at = I(edge * 9 * LANES + lane)
-            for i in range(9):
-                blocks[to + I(i)] += values[at + I(i * LANES)]
+            if points is None or slot < TRANSPOSED:
+                to = I(9) * I(slot)
+                for i in range(9):
+                    blocks[to + I(i)] += values[at + I(i * LANES)]
+            else:
+                to = I(9) * I(slot - TRANSPOSED)
+                for i in range(3):
+                    for j in range(3):
+                        blocks[to + I(3 * i + j)] += values[at + I((3 * j + i) * LANES)]

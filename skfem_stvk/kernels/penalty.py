@@ -207,7 +207,7 @@ def penalty_linearize(
             _put_block(z2, y3, q23, values, lane + I(45 * LANES))
         W += w
         blocks[9 * marks[block] : 9 * marks[block + 1]] = 0
-        scatter_blocks(edge_slots, block, values, blocks)
+        scatter_blocks(None, edge_slots, block, values, blocks)
         if len(f) > 0:
             scatter_forces(slots, block, forces, f)
     return W, least
@@ -242,9 +242,9 @@ def penalty_round_off(begin: int, end: int, t: Ids, slots: Ids, D: Reals, X: Rea
         complete_spokes(k, P)
         _find_ratios(P, U, D, block, e, J)
         least = min(_find_energies(kind, D, block, e, J, psi, slope, curvature), least)
-        gather_sizes(t, block, X, u, P, B, p)
-        complete_spokes(k, P)
-        complete_spokes(k, p)
+        gather_sizes(None, t, block, u, B)
+        for i in range(9 * LANES):
+            P[I(i)], p[I(i)] = abs(P[I(i)]), abs(P[I(i)] + U[I(i)])
         B[3 * k * LANES :] = 0
         for i in range(LANES):
             lane = I(i)
@@ -258,5 +258,5 @@ def penalty_round_off(begin: int, end: int, t: Ids, slots: Ids, D: Reals, X: Rea
             put(times(factor, n1), forces, lane)
             put(times(factor, n2), forces, lane + I(3 * LANES))
             put(times(factor, n3), forces, lane + I(6 * LANES))
-        scatter_sizes(slots, block, forces, f)
+        scatter_sizes(None, slots, block, forces, f)
     return least

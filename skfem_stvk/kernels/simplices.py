@@ -1,34 +1,29 @@
-"""W, F and the edge blocks of K, simplex by simplex: what all assembly is made of.
+"""W, F and the blocks of node pairs of K, element by element: what all assembly is made of.
 
-A simplex has its vertex 0 and `k` spokes from there to the others: at rest `P_i = X_i - X_0`, of displacements `U_i = u_i - u_0`,
-now `p_i = P_i + U_i`. The squared elongations of all of its edges, in the basis of its spokes, and the tensions that answer them:
+For a block of elements at a time: gather what its nodes have, and at each point spokes, frame, law (`laws`), and back: the forces on
+spokes, spread over the nodes, and scattered. With `K_ij` the stiffness of the spokes:
 
-    M_ij = p_i . p_j - P_i . P_j = p_i . U_j + U_i . P_j         zeta_0i = M_ii        zeta_ij = M_ii + M_jj - 2 M_ij
-    S_ij = sum_kl D_ijkl M_kl                                    t_ij = -S_ij         t_0i = sum_j S_ij
-    W    = 1/4 sum_ij S_ij M_ij        f_i = sum_j S_ij p_j    f_0 = -sum_i f_i
-    K_ij = 2 sum_kl D_ikjl p_k p_l' + S_ij I                     K_0j = -sum_i K_ij
+    W = sum of 1/4 S : M        F_a = sum of dN_a/dxi_i f_i        K_ab = sum of dN_a/dxi_i dN_b/dxi_j K_ij        over points and i, j
 
-    zeta(u + s v) is quadratic in s, so W is a quartic: with M' = dM/ds and M'' = d2M/ds2, both at s = 0, S' and S'' likewise,
-    M'_ij = p_i . V_j + V_i . p_j        M''_ij = 2 V_i . V_j
+Shape functions add up to 1, so only differences to node 0 are read, the force on node 0 is minus the sum of the others, and its rows of
+K likewise. A linear simplex has one point and its nodes at the ends of the spokes: `points` is None then, and there is nothing to do
+between nodes and spokes.
+
+    zeta(u + s v) is quadratic in s, so W is a quartic: with M' = dM/ds and M'' = d2M/ds2, both at s = 0, S' and S'' likewise, and H_j
+    the v in the frame,
+    M'_ij = q_i . H_j + H_i . q_j        M''_ij = 2 H_i . H_j
     W(s)  = S:M/4 + S:M'/2 s + (S:M'' + S':M')/4 s^2 + S':M''/4 s^3 + S'':M''/16 s^4
 
-    From u to u + v M changes by dM_ij = (p_i + V_i) . V_j + V_i . p_j. The tensions w0 S + w1 (S + dS) pull along p_i + theta V_i;
-    their work over v is W(u + v) - W(u) + (w1 - w0)/4 dS:dM for theta = 1/2, w0 + w1 = 1. At velocities v the S' pull along p_i:
-    they are the derivative of R = 1/4 S':M' by V_i, and take the power 2 R.
+    From u to u + v M changes by dM_ij = (q_i + H_i) . H_j + H_i . q_j. The stresses w0 S + w1 (S + dS) pull along q_i + theta H_i;
+    their work over v is W(u + v) - W(u) + (w1 - w0)/4 dS:dM for theta = 1/2, w0 + w1 = 1. At velocities v the S' pull along q_i:
+    they are the derivative of R = 1/4 S':M' by H_i, and take the power 2 R.
 
-    isotropic, 7 numbers    S = r (g : M) g + g M g        g_ij = sqrt(V mu) G_ij,  r = lam / (2 mu),  G_ij = g_i . g_j (Gram)
-                            K_ij = 2 r y_i y_j' + y_j y_i' + g_ij B + S_ij I        y_i = sum_j g_ij p_j,  B = sum_i p_i y_i'
-    general, 21 numbers     D in the order 11, 22, 33, 12, 13, 23
-
-`M` has no cancellation at small strain. All simplices are tetrahedra in space here: what a triangle or a segment lacks of spokes
-and components is zero. That makes one specialisation for each precision and law instead of six.
-
-Blocks of lanes and the arrays that all kernels share: `lanes`. W and F take 15 ns per tetrahedron, one at a time 20 to 28
-(`python -m validation kernels`). `D` is one-dimensional (blocks 7 LANES) if isotropic, two-dimensional (blocks, 21 LANES) if
-general. Threads take runs of blocks, and no two of them share a slot.
+Blocks of lanes and the arrays that all kernels share: `lanes`. Threads take runs of blocks, and no two of them share a slot.
 """
 
 from __future__ import annotations
+
+from typing import Any
 
 import numpy as np
 
@@ -36,217 +31,95 @@ from .compiled import Ids, Reals, inlined, kernel
 from .lanes import (
     LANES,
     I,
+    Points,
+    absolute,
     add,
-    dot,
-    gather_differences,
+    at_point,
+    gather,
     gather_sizes,
     gather_spokes,
+    numbers_of,
+    points_of,
     put,
+    room,
+    scatter,
     scatter_blocks,
-    scatter_forces,
     scatter_sizes,
+    spokes,
+    spread,
+    times,
     vectors,
+    weight_of,
+)
+from .laws import (
+    conjugated,
+    contracted,
+    frame,
+    in_frame,
+    numbers_in,
+    on_spokes,
+    pulled,
+    sizes_of_stress,
+    spoke_stiffness,
+    strain,
+    stress,
+    weigh_eigenvalues,
 )
 
 
 @inlined
-def _combination(x, a, y, b, z, c):
-    return x * a[0] + y * b[0] + z * c[0], x * a[1] + y * b[1] + z * c[1], x * a[2] + y * b[2] + z * c[2]
-
-
-@inlined
-def _scaled(s, S):
-    return s * S[0], s * S[1], s * S[2], s * S[3], s * S[4], s * S[5]
-
-
-@inlined
-def _strain(P1, P2, P3, U1, U2, U3, p1, p2, p3):
-    """`M` in the order 11, 22, 33, 12, 13, 23."""
-    return (
-        dot(add(P1, p1), U1),
-        dot(add(P2, p2), U2),
-        dot(add(P3, p3), U3),
-        dot(p1, U2) + dot(U1, P2),
-        dot(p1, U3) + dot(U1, P3),
-        dot(p2, U3) + dot(U2, P3),
-    )
-
-
-@inlined
-def _gram(D, block, lane):
-    at = I(block * 7 * LANES + lane)
-    return (
-        D[at],
-        D[at + I(LANES)],
-        D[at + I(2 * LANES)],
-        D[at + I(3 * LANES)],
-        D[at + I(4 * LANES)],
-        D[at + I(5 * LANES)],
-        D[at + I(6 * LANES)],
-    )
-
-
-@inlined
-def _isotropic_stress(g, M):
-    g11, g22, g33, g12, g13, g23, r = g
-    M11, M22, M33, M12, M13, M23 = M
-    a11, a12, a13 = g11 * M11 + g12 * M12 + g13 * M13, g11 * M12 + g12 * M22 + g13 * M23, g11 * M13 + g12 * M23 + g13 * M33
-    a21, a22, a23 = g12 * M11 + g22 * M12 + g23 * M13, g12 * M12 + g22 * M22 + g23 * M23, g12 * M13 + g22 * M23 + g23 * M33
-    a31, a32, a33 = g13 * M11 + g23 * M12 + g33 * M13, g13 * M12 + g23 * M22 + g33 * M23, g13 * M13 + g23 * M23 + g33 * M33
-    trace = r * (a11 + a22 + a33)
-    return (
-        trace * g11 + a11 * g11 + a12 * g12 + a13 * g13,
-        trace * g22 + a21 * g12 + a22 * g22 + a23 * g23,
-        trace * g33 + a31 * g13 + a32 * g23 + a33 * g33,
-        trace * g12 + a11 * g12 + a12 * g22 + a13 * g23,
-        trace * g13 + a11 * g13 + a12 * g23 + a13 * g33,
-        trace * g23 + a21 * g13 + a22 * g23 + a23 * g33,
-    )
-
-
-@inlined
-def _general_row(D, block, lane, x, a, b, c, d, e, f):
-    at = I(lane)
-    return (
-        D[block, at + I(a * LANES)] * x[0]
-        + D[block, at + I(b * LANES)] * x[1]
-        + D[block, at + I(c * LANES)] * x[2]
-        + D[block, at + I(d * LANES)] * x[3]
-        + D[block, at + I(e * LANES)] * x[4]
-        + D[block, at + I(f * LANES)] * x[5]
-    )
-
-
-@inlined
-def _general_stress(D, block, lane, M):
-    """The upper half of D, row by row: 0 ... 5, 6 ... 10, 11 ... 14, 15 ... 17, 18 ... 19, 20."""
-    x = (M[0], M[1], M[2], M[3] + M[3], M[4] + M[4], M[5] + M[5])
-    return (
-        _general_row(D, block, lane, x, 0, 1, 2, 3, 4, 5),
-        _general_row(D, block, lane, x, 1, 6, 7, 8, 9, 10),
-        _general_row(D, block, lane, x, 2, 7, 11, 12, 13, 14),
-        _general_row(D, block, lane, x, 3, 8, 12, 15, 16, 17),
-        _general_row(D, block, lane, x, 4, 9, 13, 16, 18, 19),
-        _general_row(D, block, lane, x, 5, 10, 14, 17, 19, 20),
-    )
-
-
-@inlined
-def _stress(D, block, lane, M):
-    if D.ndim == 1:
-        return _isotropic_stress(_gram(D, block, lane), M)
-    else:
-        return _general_stress(D, block, lane, M)
-
-
-@inlined
-def _four_energies(S, M):
-    shear = S[3] * M[3] + S[4] * M[4] + S[5] * M[5]
-    return S[0] * M[0] + S[1] * M[1] + S[2] * M[2] + shear + shear
-
-
-@inlined
-def _state(P, U, D, block, i):
-    """Of simplex `i` of a block: the spokes now, the tensions `S`, and four times the energy."""
-    lane = I(i)
+def _deformed(R, P, U, lane):
+    """The frame at rest `Q`, its displacements `h` and where it is now, `q`, of a lane with spokes `P` and `U`."""
     P1, P2, P3 = vectors(P, lane)
     U1, U2, U3 = vectors(U, lane)
-    p1, p2, p3 = add(P1, U1), add(P2, U2), add(P3, U3)
-    M = _strain(P1, P2, P3, U1, U2, U3, p1, p2, p3)
-    S = _stress(D, block, i, M)
-    return p1, p2, p3, S, _four_energies(S, M)
+    Q, h = in_frame(R, P1, P2, P3), in_frame(R, U1, U2, U3)
+    return Q, h, (add(Q[0], h[0]), add(Q[1], h[1]), add(Q[2], h[2]))
 
 
 @inlined
-def _put_forces(S, p1, p2, p3, forces, lane):
-    put(_combination(S[0], p1, S[3], p2, S[4], p3), forces, lane)
-    put(_combination(S[3], p1, S[1], p2, S[5], p3), forces, lane + I(3 * LANES))
-    put(_combination(S[4], p1, S[5], p2, S[2], p3), forces, lane + I(6 * LANES))
+def _put_forces(R, S, q1, q2, q3, forces, lane):
+    """Write what the stresses `S` pull on the spokes."""
+    s1, s2, s3 = pulled(S, q1, q2, q3)
+    f1, f2, f3 = on_spokes(R, s1, s2, s3)
+    put(f1, forces, lane)
+    put(f2, forces, lane + I(3 * LANES))
+    put(f3, forces, lane + I(6 * LANES))
 
 
 @kernel
-def energy_and_force(begin: int, end: int, t: Ids, slots: Ids, D: Reals, X: Reals, u: Reals, f: Reals) -> float:
+def energy_and_force(
+    begin: int, end: int, t: Ids, slots: Ids, points: Points | None, law: Any, X: Reals, u: Reals, f: Reals
+) -> float:
     """The energy of the blocks `begin` to `end`; adds their forces to the slots `f`, unless that is empty."""
-    P, U, forces = np.empty(9 * LANES, D.dtype), np.empty(9 * LANES, D.dtype), np.empty(9 * LANES, D.dtype)
+    D, count = law.D, numbers_in(law)
+    x, y, total = room(points, D.dtype), room(points, D.dtype), room(points, D.dtype)
+    P, U, forces = at_point(points, x), at_point(points, y), at_point(points, total)
     W = 0.0
     for block in range(begin, end):
-        gather_spokes(t, block, X, u, P, U)
+        gather(points, t, block, X, x)
+        gather(points, t, block, u, y)
         w = D.dtype.type(0)
-        for i in range(LANES):
-            lane = I(i)
-            p1, p2, p3, S, four_energies = _state(P, U, D, block, i)
-            w += four_energies
-            _put_forces(S, p1, p2, p3, forces, lane)
+        if points is not None:
+            total[:] = 0
+        for point in range(points_of(points)):
+            first, same = numbers_of(points, block, point, count)
+            weight = weight_of(points, point, D)
+            if not same:
+                spokes(points, point, x, P)
+            spokes(points, point, y, U)
+            for i in range(LANES):
+                lane, at = I(i), I(first + i)
+                R = frame(D, at)
+                (Q1, Q2, Q3), (h1, h2, h3), (q1, q2, q3) = _deformed(R, P, U, lane)
+                M = strain(h1, h2, h3, Q1, Q2, Q3, q1, q2, q3)
+                S = stress(law, at, weight, M)
+                w += contracted(S, M)
+                _put_forces(R, S, q1, q2, q3, forces, lane)
+            spread(points, point, forces, total)
         W += w
         if len(f) > 0:
-            scatter_forces(slots, block, forces, f)
+            scatter(points, slots, block, total, f)
     return W / 4
-
-
-@inlined
-def _put_block(a, x, b, y, g, B, S, out, at):
-    """`a x' + b y' + g B + S I`, row by row; `B` symmetric in the order 11, 22, 33, 12, 13, 23."""
-    out[at] = a[0] * x[0] + b[0] * y[0] + g * B[0] + S
-    out[at + I(LANES)] = a[0] * x[1] + b[0] * y[1] + g * B[3]
-    out[at + I(2 * LANES)] = a[0] * x[2] + b[0] * y[2] + g * B[4]
-    out[at + I(3 * LANES)] = a[1] * x[0] + b[1] * y[0] + g * B[3]
-    out[at + I(4 * LANES)] = a[1] * x[1] + b[1] * y[1] + g * B[1] + S
-    out[at + I(5 * LANES)] = a[1] * x[2] + b[1] * y[2] + g * B[5]
-    out[at + I(6 * LANES)] = a[2] * x[0] + b[2] * y[0] + g * B[4]
-    out[at + I(7 * LANES)] = a[2] * x[1] + b[2] * y[1] + g * B[5]
-    out[at + I(8 * LANES)] = a[2] * x[2] + b[2] * y[2] + g * B[2] + S
-
-
-@inlined
-def _put_isotropic_blocks(g, S, p1, p2, p3, out, lane):
-    """Write the blocks of the edges 01, 12, 02, 03, 13, 23."""
-    g11, g22, g33, g12, g13, g23, r = g
-    y1, y2, y3 = (
-        _combination(g11, p1, g12, p2, g13, p3),
-        _combination(g12, p1, g22, p2, g23, p3),
-        _combination(g13, p1, g23, p2, g33, p3),
-    )
-    B = (
-        p1[0] * y1[0] + p2[0] * y2[0] + p3[0] * y3[0],
-        p1[1] * y1[1] + p2[1] * y2[1] + p3[1] * y3[1],
-        p1[2] * y1[2] + p2[2] * y2[2] + p3[2] * y3[2],
-        p1[0] * y1[1] + p2[0] * y2[1] + p3[0] * y3[1],
-        p1[0] * y1[2] + p2[0] * y2[2] + p3[0] * y3[2],
-        p1[1] * y1[2] + p2[1] * y2[2] + p3[1] * y3[2],
-    )
-    y0 = (-(y1[0] + y2[0] + y3[0]), -(y1[1] + y2[1] + y3[1]), -(y1[2] + y2[2] + y3[2]))
-    s = r + r
-    z0, z1, z2 = (s * y0[0], s * y0[1], s * y0[2]), (s * y1[0], s * y1[1], s * y1[2]), (s * y2[0], s * y2[1], s * y2[2])
-    _put_block(z0, y1, y1, y0, -(g11 + g12 + g13), B, -(S[0] + S[3] + S[4]), out, lane)
-    _put_block(z1, y2, y2, y1, g12, B, S[3], out, lane + I(9 * LANES))
-    _put_block(z0, y2, y2, y0, -(g12 + g22 + g23), B, -(S[3] + S[1] + S[5]), out, lane + I(18 * LANES))
-    _put_block(z0, y3, y3, y0, -(g13 + g23 + g33), B, -(S[4] + S[5] + S[2]), out, lane + I(27 * LANES))
-    _put_block(z1, y3, y3, y1, g13, B, S[4], out, lane + I(36 * LANES))
-    _put_block(z2, y3, y3, y2, g23, B, S[5], out, lane + I(45 * LANES))
-
-
-@inlined
-def _answer(D, block, lane, a, b, c, p1, p2, p3):
-    """`2 sum_k D_ikq p_k`, with the places a, b, c of `D_i1q, D_i2q, D_i3q`."""
-    at = I(lane)
-    x, y, z = D[block, at + I(a * LANES)], D[block, at + I(b * LANES)], D[block, at + I(c * LANES)]
-    return _combination(x + x, p1, y + y, p2, z + z, p3)
-
-
-@inlined
-def _general_block(a, b, c, p1, p2, p3, S):
-    """`a p_1' + b p_2' + c p_3' + S I`, row by row."""
-    return (
-        a[0] * p1[0] + b[0] * p2[0] + c[0] * p3[0] + S,
-        a[0] * p1[1] + b[0] * p2[1] + c[0] * p3[1],
-        a[0] * p1[2] + b[0] * p2[2] + c[0] * p3[2],
-        a[1] * p1[0] + b[1] * p2[0] + c[1] * p3[0],
-        a[1] * p1[1] + b[1] * p2[1] + c[1] * p3[1] + S,
-        a[1] * p1[2] + b[1] * p2[2] + c[1] * p3[2],
-        a[2] * p1[0] + b[2] * p2[0] + c[2] * p3[0],
-        a[2] * p1[1] + b[2] * p2[1] + c[2] * p3[1],
-        a[2] * p1[2] + b[2] * p2[2] + c[2] * p3[2] + S,
-    )
 
 
 @inlined
@@ -256,40 +129,87 @@ def _put_minus_sum(a, b, c, out, at):
 
 
 @inlined
+def _nine(a):
+    """A symmetric block in the order 11, 22, 33, 12, 13, 23, row by row."""
+    return a[0], a[3], a[4], a[3], a[1], a[5], a[4], a[5], a[2]
+
+
+@inlined
 def _transposed(K):
     return K[0], K[3], K[6], K[1], K[4], K[7], K[2], K[5], K[8]
 
 
 @inlined
-def _put_general_blocks(D, block, lane, S, p1, p2, p3, out):
-    """`K_ij = sum_l A_i,jl p_l' + S_ij I` of the spokes, `A_i,jl = 2 sum_k D_ikjl p_k`; those of vertex 0 from the row sums."""
-    a11 = _answer(D, block, lane, 0, 3, 4, p1, p2, p3)
-    a12 = _answer(D, block, lane, 3, 15, 16, p1, p2, p3)
-    a13 = _answer(D, block, lane, 4, 16, 18, p1, p2, p3)
-    a22 = _answer(D, block, lane, 1, 8, 9, p1, p2, p3)
-    a23 = _answer(D, block, lane, 5, 17, 19, p1, p2, p3)
-    a33 = _answer(D, block, lane, 2, 12, 13, p1, p2, p3)
-    K11 = _general_block(a11, a12, a13, p1, p2, p3, S[0])
-    K12 = _general_block(a12, a22, a23, p1, p2, p3, S[3])
-    K13 = _general_block(a13, a23, a33, p1, p2, p3, S[4])
-    b12 = _answer(D, block, lane, 15, 8, 17, p1, p2, p3)
-    b22 = _answer(D, block, lane, 8, 6, 10, p1, p2, p3)
-    b23 = _answer(D, block, lane, 17, 10, 20, p1, p2, p3)
-    b13 = _answer(D, block, lane, 16, 9, 19, p1, p2, p3)
-    b33 = _answer(D, block, lane, 12, 7, 14, p1, p2, p3)
-    K22 = _general_block(b12, b22, b23, p1, p2, p3, S[1])
-    K23 = _general_block(b13, b23, b33, p1, p2, p3, S[5])
-    c13 = _answer(D, block, lane, 18, 19, 13, p1, p2, p3)
-    c23 = _answer(D, block, lane, 19, 20, 14, p1, p2, p3)
-    c33 = _answer(D, block, lane, 13, 14, 11, p1, p2, p3)
-    K33 = _general_block(c13, c23, c33, p1, p2, p3, S[2])
-    at = I(lane)
-    _put_minus_sum(K11, _transposed(K12), _transposed(K13), out, at)
-    put(K12, out, at + I(9 * LANES))
-    _put_minus_sum(K12, K22, _transposed(K23), out, at + I(18 * LANES))
-    _put_minus_sum(K13, K23, K33, out, at + I(27 * LANES))
-    put(K13, out, at + I(36 * LANES))
-    put(K23, out, at + I(45 * LANES))
+def _put_edges(K, out, lane):
+    """Write the blocks of the edges 01, 12, 02, 03, 13, 23 of a linear simplex with the stiffness `K` of its spokes."""
+    K11, K22, K33, K12, K13, K23 = _nine(K[:6]), _nine(K[6:12]), _nine(K[12:18]), K[18:27], K[27:36], K[36:45]
+    _put_minus_sum(K11, _transposed(K12), _transposed(K13), out, lane)
+    put(K12, out, lane + I(9 * LANES))
+    _put_minus_sum(K12, K22, _transposed(K23), out, lane + I(18 * LANES))
+    _put_minus_sum(K13, K23, K33, out, lane + I(27 * LANES))
+    put(K13, out, lane + I(36 * LANES))
+    put(K23, out, lane + I(45 * LANES))
+
+
+#: Where the entries `(i, j, row, column)` of the stiffness of spokes stand among its 45 numbers.
+_SYMMETRIC = np.array([[0, 3, 4], [3, 1, 5], [4, 5, 2]])
+_PLACES = np.empty((3, 3, 9), dtype=np.int64)
+for _i, _j, _r, _c in np.ndindex(3, 3, 3, 3):
+    _block = {(0, 1): 18, (0, 2): 27, (1, 2): 36}.get((min(_i, _j), max(_i, _j)), 6 * _i)
+    _PLACES[_i, _j, 3 * _r + _c] = _block + (_SYMMETRIC[_r, _c] if _i == _j else 3 * _r + _c if _i < _j else 3 * _c + _r)
+
+
+@inlined
+def _row_of(points, point, a, K, T):
+    """`T_j = sum_i dN_a/dxi_i K_ij` (27 LANES,) of node `a` at a point, from the 45 numbers `K` of its spokes there."""
+    B, first = points.B, point * 45 * LANES
+    b1, b2, b3 = B[point, a, 0], B[point, a, 1], B[point, a, 2]
+    for j in range(3):
+        for e in range(9):
+            x, y, z = I(first + _PLACES[0, j, e] * LANES), I(first + _PLACES[1, j, e] * LANES), I(first + _PLACES[2, j, e] * LANES)
+            to = I((9 * j + e) * LANES)
+            for i in range(LANES):
+                lane = I(i)
+                T[to + lane] = b1 * K[x + lane] + b2 * K[y + lane] + b3 * K[z + lane]
+
+
+@inlined
+def _add_row(points, point, a, T, row):
+    """Add `sum_j dN_b/dxi_j T_j` to the blocks `(a, b)` of the `row` (9 m LANES,), for all nodes b >= a."""
+    B = points.B
+    for b in range(a, B.shape[1]):
+        b1, b2, b3 = B[point, b, 0], B[point, b, 1], B[point, b, 2]
+        for e in range(9):
+            to, of = I((9 * b + e) * LANES), I(e * LANES)
+            for i in range(LANES):
+                lane = I(i)
+                at = of + lane
+                row[to + lane] += b1 * T[at] + b2 * T[at + I(9 * LANES)] + b3 * T[at + I(18 * LANES)]
+
+
+@kernel
+def _put_pairs(points, nodes, K, T, row, out):
+    """Write the blocks of all pairs of nodes `(a, b)`, a < b, of a block of elements from the stiffness `K` of spokes at the points."""
+    out[: 9 * (nodes - 1) * LANES] = 0  # those of node 0: minus the sum of the columns of the others
+    pair = nodes - 1
+    for a in range(nodes - 1):
+        row[9 * a * LANES :] = 0
+        for point in range(len(points.weights)):
+            _row_of(points, point, a, K, T)
+            _add_row(points, point, a, T, row)
+        for b in range(a, nodes - 1):
+            of, to, into = I(9 * b * LANES), I(9 * b * LANES), I(9 * a * LANES)
+            for i in range(9 * LANES):
+                out[to + I(i)] -= row[of + I(i)]
+            if b > a:
+                for e in range(9):
+                    transposed = I((3 * (e % 3) + e // 3) * LANES)
+                    for i in range(LANES):
+                        out[into + I(e * LANES + i)] -= row[of + transposed + I(i)]
+                to = I(9 * pair * LANES)
+                for i in range(9 * LANES):
+                    out[to + I(i)] = row[of + I(i)]
+                pair += 1
 
 
 @kernel
@@ -300,39 +220,85 @@ def linearize(
     slots: Ids,
     edge_slots: Ids,
     marks: Ids,
-    D: Reals,
+    points: Points | None,
+    law: Any,
     X: Reals,
     u: Reals,
-    kept: float,
+    positive: float,
+    negative: float,
     f: Reals,
     blocks: Reals,
 ) -> float:
-    """The energy; adds forces to the slots `f`, unless that is empty, and `K_ab`, `S` times `kept` in it, to slots in `blocks`.
+    """The energy; adds forces to the slots `f`, unless that is empty, and `K_ab`, `S` times `positive` in it, to slots in `blocks`.
 
-    `marks[i]` to `marks[i + 1]` are the edges that block `i` is the first to have: they are set to zero just before. To do so for
-    all edges beforehand takes 1.5 x the time on 250 000 tetrahedra.
+    Of elements with a table of points the negative eigenvalues of `S` count by `negative`; of linear simplices as the others.
+    `marks[i]` to `marks[i + 1]` are the pairs that block `i` is the first to have: they are set to zero just before. To do so for
+    all pairs beforehand takes 1.5 x the time on 250 000 tetrahedra.
     """
-    P, U, values = np.empty(9 * LANES, D.dtype), np.empty(9 * LANES, D.dtype), np.empty(63 * LANES, D.dtype)
-    forces, g = values[54 * LANES :], D.dtype.type(kept)
+    D, count = law.D, numbers_in(law)
+    x, y, total = room(points, D.dtype), room(points, D.dtype), room(points, D.dtype)
+    P, U, forces = at_point(points, x), at_point(points, y), at_point(points, total)
+    q, S_kept, apart = np.empty(9 * LANES, D.dtype), np.empty(6 * LANES, D.dtype), points is not None and positive != negative
+    g = D.dtype.type(1) if apart else D.dtype.type(positive)
+    values = np.empty(max(9 * edge_slots.shape[1], 54 * LANES), D.dtype)
+    K, T, row = np.empty(45 * LANES * points_of(points), D.dtype), np.empty(27 * LANES, D.dtype), room(points, D.dtype)
+    if points is not None:
+        row = np.empty(9 * points.B.shape[1] * LANES, D.dtype)
+    nodes = (len(t) // LANES) // len(edge_slots)
     W = 0.0
     for block in range(begin, end):
-        gather_spokes(t, block, X, u, P, U)
+        gather(points, t, block, X, x)
+        gather(points, t, block, u, y)
         w = D.dtype.type(0)
-        for i in range(LANES):
-            lane = I(i)
-            p1, p2, p3, S, four_energies = _state(P, U, D, block, i)
-            w += four_energies
-            _put_forces(S, p1, p2, p3, values, lane + I(54 * LANES))
-            S = _scaled(g, S)
-            if D.ndim == 1:
-                _put_isotropic_blocks(_gram(D, block, i), S, p1, p2, p3, values, lane)
-            else:
-                _put_general_blocks(D, block, i, S, p1, p2, p3, values)
+        if points is not None:
+            total[:] = 0
+        for point in range(points_of(points)):
+            first, same = numbers_of(points, block, point, count)
+            weight = weight_of(points, point, D)
+            if not same:
+                spokes(points, point, x, P)
+            spokes(points, point, y, U)
+            for i in range(LANES):
+                lane, at = I(i), I(first + i)
+                R = frame(D, at)
+                (Q1, Q2, Q3), (h1, h2, h3), (q1, q2, q3) = _deformed(R, P, U, lane)
+                M = strain(h1, h2, h3, Q1, Q2, Q3, q1, q2, q3)
+                S = stress(law, at, weight, M)
+                w += contracted(S, M)
+                _put_forces(R, S, q1, q2, q3, forces, lane)
+                put(q1, q, lane)
+                put(q2, q, lane + I(3 * LANES))
+                put(q3, q, lane + I(6 * LANES))
+                put((g * S[0], g * S[1], g * S[2], g * S[3], g * S[4], g * S[5]), S_kept, lane)
+            if points is not None:
+                spread(points, point, forces, total)
+                if apart:
+                    for i in range(LANES):
+                        weigh_eigenvalues(S_kept, I(i), positive, negative)
+            for i in range(LANES):
+                lane, at = I(i), I(first + i)
+                R = frame(D, at)
+                q1, q2, q3 = vectors(q, lane)
+                S = (
+                    S_kept[lane],
+                    S_kept[lane + I(LANES)],
+                    S_kept[lane + I(2 * LANES)],
+                    S_kept[lane + I(3 * LANES)],
+                    S_kept[lane + I(4 * LANES)],
+                    S_kept[lane + I(5 * LANES)],
+                )
+                stiffness = spoke_stiffness(law, at, weight, R, q1, q2, q3, S)
+                if points is None:
+                    _put_edges(stiffness, values, lane)
+                else:
+                    put(stiffness, K, I(point * 45 * LANES) + lane)
+        if points is not None:
+            _put_pairs(points, nodes, K, T, row, values)
         W += w
         if len(f) > 0:
-            scatter_forces(slots, block, forces, f)
+            scatter(points, slots, block, total, f)
         blocks[9 * marks[block] : 9 * marks[block + 1]] = 0  # while it is in the cache
-        scatter_blocks(edge_slots, block, values, blocks)
+        scatter_blocks(points, edge_slots, block, values, blocks)
     return W / 4
 
 
@@ -346,43 +312,62 @@ def _scatter_tensions(edge_slots, block, values, out):
 
 
 @kernel
-def tensions(begin: int, end: int, t: Ids, edge_slots: Ids, marks: Ids, D: Reals, X: Reals, u: Reals, out: Reals) -> None:
-    """Add the tensions of the edges to their slots in `out`, which are set to zero as those of `linearize` are."""
+def tensions(begin: int, end: int, t: Ids, edge_slots: Ids, marks: Ids, law: Any, X: Reals, u: Reals, out: Reals) -> None:
+    """Add the tensions of the edges of linear simplices to their slots in `out`, which are set to zero as those of `linearize` are.
+
+    With `T = Ri S Ri'` they are `t_ij = -T_ij`, `t_0i = sum_j T_ij`.
+    """
+    D, count = law.D, numbers_in(law)
     P, U, values = np.empty(9 * LANES, D.dtype), np.empty(9 * LANES, D.dtype), np.empty(6 * LANES, D.dtype)
     for block in range(begin, end):
         gather_spokes(t, block, X, u, P, U)
         for i in range(LANES):
-            _, _, _, S, _ = _state(P, U, D, block, i)
-            put((S[0] + S[3] + S[4], -S[3], S[3] + S[1] + S[5], S[4] + S[5] + S[2], -S[4], -S[5]), values, I(i))
+            lane, at = I(i), I(block * count * LANES + i)
+            R = frame(D, at)
+            (Q1, Q2, Q3), (h1, h2, h3), (q1, q2, q3) = _deformed(R, P, U, lane)
+            T = conjugated(R, stress(law, at, D.dtype.type(1), strain(h1, h2, h3, Q1, Q2, Q3, q1, q2, q3)))
+            put((T[0] + T[3] + T[4], -T[3], T[3] + T[1] + T[5], T[4] + T[5] + T[2], -T[4], -T[5]), values, lane)
         out[marks[block] : marks[block + 1]] = 0
         _scatter_tensions(edge_slots, block, values, out)
 
 
 @kernel
-def along(begin: int, end: int, t: Ids, D: Reals, X: Reals, u: Reals, v: Reals) -> tuple[float, float, float, float, float]:
+def along(
+    begin: int, end: int, t: Ids, points: Points | None, law: Any, X: Reals, u: Reals, v: Reals
+) -> tuple[float, float, float, float, float]:
     """Coefficients of the energy of the blocks `begin` to `end` along `u + s v`, a quartic in `s`."""
-    P, U, V = np.empty(9 * LANES, D.dtype), np.empty(9 * LANES, D.dtype), np.empty(9 * LANES, D.dtype)
+    D, count = law.D, numbers_in(law)
+    x, y, z = room(points, D.dtype), room(points, D.dtype), room(points, D.dtype)
+    P, U, V = at_point(points, x), at_point(points, y), at_point(points, z)
     c0, c1, c2, c3, c4 = 0.0, 0.0, 0.0, 0.0, 0.0
     zero = D.dtype.type(0)
     for block in range(begin, end):
-        gather_spokes(t, block, X, u, P, U)
-        gather_differences(t, block, v, V)
+        gather(points, t, block, X, x)
+        gather(points, t, block, u, y)
+        gather(points, t, block, v, z)
         w0, w1, w2, w3, w4 = zero, zero, zero, zero, zero
-        for i in range(LANES):
-            lane = I(i)
-            P1, P2, P3 = vectors(P, lane)
-            U1, U2, U3 = vectors(U, lane)
-            V1, V2, V3 = vectors(V, lane)
-            p1, p2, p3 = add(P1, U1), add(P2, U2), add(P3, U3)
-            M = _strain(P1, P2, P3, U1, U2, U3, p1, p2, p3)
-            N = _strain(p1, p2, p3, V1, V2, V3, p1, p2, p3)  # M', and with V in the place of p twice V_i . V_j: M''
-            O = _strain(V1, V2, V3, V1, V2, V3, V1, V2, V3)
-            S, T = _stress(D, block, i, M), _stress(D, block, i, N)
-            w0 += _four_energies(S, M)
-            w1 += _four_energies(S, N)
-            w2 += _four_energies(S, O) + _four_energies(T, N)
-            w3 += _four_energies(T, O)
-            w4 += _four_energies(_stress(D, block, i, O), O)
+        for point in range(points_of(points)):
+            first, same = numbers_of(points, block, point, count)
+            weight = weight_of(points, point, D)
+            if not same:
+                spokes(points, point, x, P)
+            spokes(points, point, y, U)
+            spokes(points, point, z, V)
+            for i in range(LANES):
+                lane, at = I(i), I(first + i)
+                R = frame(D, at)
+                (Q1, Q2, Q3), (h1, h2, h3), (q1, q2, q3) = _deformed(R, P, U, lane)
+                V1, V2, V3 = vectors(V, lane)
+                H1, H2, H3 = in_frame(R, V1, V2, V3)
+                M = strain(h1, h2, h3, Q1, Q2, Q3, q1, q2, q3)
+                N = strain(H1, H2, H3, q1, q2, q3, q1, q2, q3)  # M', and with H in the place of q twice H_i . H_j: M''
+                O = strain(H1, H2, H3, H1, H2, H3, H1, H2, H3)
+                S, T = stress(law, at, weight, M), stress(law, at, weight, N)
+                w0 += contracted(S, M)
+                w1 += contracted(S, N)
+                w2 += contracted(S, O) + contracted(T, N)
+                w3 += contracted(T, O)
+                w4 += contracted(stress(law, at, weight, O), O)
         c0, c1, c2, c3, c4 = c0 + w0, c1 + w1, c2 + w2, c3 + w3, c4 + w4
     return c0 / 4, c1 / 2, c2 / 4, c3 / 4, c4 / 16
 
@@ -399,100 +384,161 @@ def _between(w, S, w1, T):
     )
 
 
-@inlined
-def _moved(p, s, V):
-    return p[0] + s * V[0], p[1] + s * V[1], p[2] + s * V[2]
-
-
 @kernel
 def mean_force(
-    begin: int, end: int, t: Ids, slots: Ids, D: Reals, X: Reals, u: Reals, v: Reals, w0: float, w1: float, theta: float, f: Reals
+    begin: int,
+    end: int,
+    t: Ids,
+    slots: Ids,
+    points: Points | None,
+    law: Any,
+    X: Reals,
+    u: Reals,
+    v: Reals,
+    w0: float,
+    w1: float,
+    theta: float,
+    f: Reals,
 ) -> float:
-    """Add to the slots `f` what the tensions `w0` at `u` and `w1` at `u + v` pull along the edges at `u + theta v`.
+    """Add to the slots `f` what the stresses `w0` at `u` and `w1` at `u + v` pull along the frames at `u + theta v`.
 
     Returns `1/4 dS:dM` of the blocks `begin` to `end`, the energy of the change of all squared elongations.
     """
-    P, U, V, forces = (
-        np.empty(9 * LANES, D.dtype),
-        np.empty(9 * LANES, D.dtype),
-        np.empty(9 * LANES, D.dtype),
-        np.empty(9 * LANES, D.dtype),
-    )
+    D, count = law.D, numbers_in(law)
+    x, y, z, total = room(points, D.dtype), room(points, D.dtype), room(points, D.dtype), room(points, D.dtype)
+    P, U, V, forces = at_point(points, x), at_point(points, y), at_point(points, z), at_point(points, total)
     both, later, part = D.dtype.type(w0 + w1), D.dtype.type(w1), D.dtype.type(theta)
-    R = 0.0
+    dR = 0.0
     for block in range(begin, end):
-        gather_spokes(t, block, X, u, P, U)
-        gather_differences(t, block, v, V)
+        gather(points, t, block, X, x)
+        gather(points, t, block, u, y)
+        gather(points, t, block, v, z)
         r = D.dtype.type(0)
-        for i in range(LANES):
-            lane = I(i)
-            V1, V2, V3 = vectors(V, lane)
-            p1, p2, p3, S, _ = _state(P, U, D, block, i)
-            N = _strain(p1, p2, p3, V1, V2, V3, add(p1, V1), add(p2, V2), add(p3, V3))
-            T = _stress(D, block, i, N)
-            r += _four_energies(T, N)
-            q1, q2, q3 = _moved(p1, part, V1), _moved(p2, part, V2), _moved(p3, part, V3)
-            _put_forces(_between(both, S, later, T), q1, q2, q3, forces, lane)
-        R += r
-        scatter_forces(slots, block, forces, f)
-    return R / 4
+        if points is not None:
+            total[:] = 0
+        for point in range(points_of(points)):
+            first, same = numbers_of(points, block, point, count)
+            weight = weight_of(points, point, D)
+            if not same:
+                spokes(points, point, x, P)
+            spokes(points, point, y, U)
+            spokes(points, point, z, V)
+            for i in range(LANES):
+                lane, at = I(i), I(first + i)
+                R = frame(D, at)
+                (Q1, Q2, Q3), (h1, h2, h3), (q1, q2, q3) = _deformed(R, P, U, lane)
+                V1, V2, V3 = vectors(V, lane)
+                H1, H2, H3 = in_frame(R, V1, V2, V3)
+                S = stress(law, at, weight, strain(h1, h2, h3, Q1, Q2, Q3, q1, q2, q3))
+                N = strain(H1, H2, H3, q1, q2, q3, add(q1, H1), add(q2, H2), add(q3, H3))
+                T = stress(law, at, weight, N)
+                r += contracted(T, N)
+                q1, q2, q3 = add(q1, times(part, H1)), add(q2, times(part, H2)), add(q3, times(part, H3))
+                _put_forces(R, _between(both, S, later, T), q1, q2, q3, forces, lane)
+            spread(points, point, forces, total)
+        dR += r
+        scatter(points, slots, block, total, f)
+    return dR / 4
 
 
 @kernel
-def damping_force(begin: int, end: int, t: Ids, slots: Ids, D: Reals, X: Reals, u: Reals, v: Reals, f: Reals) -> float:
-    """Add the pull of the tensions' rates at velocities `v` along the edges at `u` to the slots `f`; `R` of the blocks."""
-    P, U, V, forces = (
-        np.empty(9 * LANES, D.dtype),
-        np.empty(9 * LANES, D.dtype),
-        np.empty(9 * LANES, D.dtype),
-        np.empty(9 * LANES, D.dtype),
-    )
-    R = 0.0
+def damping_force(
+    begin: int, end: int, t: Ids, slots: Ids, points: Points | None, law: Any, X: Reals, u: Reals, v: Reals, f: Reals
+) -> float:
+    """Add the pull of the stresses' rates at velocities `v` along the frames at `u` to the slots `f`; `R` of the blocks."""
+    D, count = law.D, numbers_in(law)
+    x, y, z, total = room(points, D.dtype), room(points, D.dtype), room(points, D.dtype), room(points, D.dtype)
+    P, U, V, forces = at_point(points, x), at_point(points, y), at_point(points, z), at_point(points, total)
+    power = 0.0
     for block in range(begin, end):
-        gather_spokes(t, block, X, u, P, U)
-        gather_differences(t, block, v, V)
+        gather(points, t, block, X, x)
+        gather(points, t, block, u, y)
+        gather(points, t, block, v, z)
         r = D.dtype.type(0)
-        for i in range(LANES):
-            lane = I(i)
-            P1, P2, P3 = vectors(P, lane)
-            U1, U2, U3 = vectors(U, lane)
-            V1, V2, V3 = vectors(V, lane)
-            p1, p2, p3 = add(P1, U1), add(P2, U2), add(P3, U3)
-            N = _strain(p1, p2, p3, V1, V2, V3, p1, p2, p3)
-            T = _stress(D, block, i, N)
-            r += _four_energies(T, N)
-            _put_forces(T, p1, p2, p3, forces, lane)
-        R += r
-        scatter_forces(slots, block, forces, f)
-    return R / 4
+        if points is not None:
+            total[:] = 0
+        for point in range(points_of(points)):
+            first, same = numbers_of(points, block, point, count)
+            weight = weight_of(points, point, D)
+            if not same:
+                spokes(points, point, x, P)
+            spokes(points, point, y, U)
+            spokes(points, point, z, V)
+            for i in range(LANES):
+                lane, at = I(i), I(first + i)
+                R = frame(D, at)
+                _, _, (q1, q2, q3) = _deformed(R, P, U, lane)
+                V1, V2, V3 = vectors(V, lane)
+                H1, H2, H3 = in_frame(R, V1, V2, V3)
+                N = strain(H1, H2, H3, q1, q2, q3, q1, q2, q3)
+                T = stress(law, at, weight, N)
+                r += contracted(T, N)
+                _put_forces(R, T, q1, q2, q3, forces, lane)
+            spread(points, point, forces, total)
+        power += r
+        scatter(points, slots, block, total, f)
+    return power / 4
+
+
+@inlined
+def _absolute(a):
+    return abs(a[0]), abs(a[1]), abs(a[2])
+
+
+@inlined
+def _sizes_of_strain(h, Q, q, eh, eQ, eq):
+    """What the parts of `q_i . h_j + h_i . Q_j` add up to, and what errors `eh, eQ, eq` of them change it by."""
+    d = (_absolute(h[0]), _absolute(h[1]), _absolute(h[2]))
+    D = (_absolute(Q[0]), _absolute(Q[1]), _absolute(Q[2]))
+    p = (_absolute(q[0]), _absolute(q[1]), _absolute(q[2]))
+    a = strain(eh[0], eh[1], eh[2], D[0], D[1], D[2], p[0], p[1], p[2])
+    b = strain(d[0], d[1], d[2], eQ[0], eQ[1], eQ[2], eq[0], eq[1], eq[2])
+    return a[0] + b[0], a[1] + b[1], a[2] + b[2], a[3] + b[3], a[4] + b[4], a[5] + b[5]
 
 
 @kernel
-def _absolute(D, block):
-    """Absolute values of the stiffness of a block."""
-    if D.ndim == 1:
-        return np.abs(D[block * 7 * LANES : (block + 1) * 7 * LANES])
-    else:
-        return np.abs(D[block : block + 1])
+def round_off(begin: int, end: int, t: Ids, slots: Ids, points: Points | None, law: Any, X: Reals, u: Reals, f: Reals) -> None:
+    """Add to the slots `f` the sizes of all that adds up to the forces: eps times them is what rounding changes the forces by.
 
-
-@kernel
-def round_off(begin: int, end: int, t: Ids, slots: Ids, D: Reals, X: Reals, u: Reals, f: Reals) -> None:
-    """Add to the slots `f` the forces of absolute values: of D, P and p, and `|u_i| + |u_0|` for U, for `u` is rounded itself."""
-    P, B, p, forces = (
-        np.empty(9 * LANES, D.dtype),
-        np.empty(9 * LANES, D.dtype),
-        np.empty(9 * LANES, D.dtype),
-        np.empty(9 * LANES, D.dtype),
-    )
+    The ends of a spoke have `|u_a| + |u_0|` for its displacement, for `u` is rounded itself; a spoke in its frame has
+    `sum_i |Ri_ij| |P_i|`, which of a flat element is much more than `|Q_j|`.
+    """
+    D, count = law.D, numbers_in(law)
+    x, y, z, total = room(points, D.dtype), room(points, D.dtype), room(points, D.dtype), room(points, D.dtype)
+    P, U = at_point(points, x), at_point(points, y)
+    X_size, U_size, forces = np.empty(9 * LANES, D.dtype), np.empty(9 * LANES, D.dtype), at_point(points, total)
+    sizes = absolute(points)
     for block in range(begin, end):
-        gather_sizes(t, block, X, u, P, B, p)
-        A = _absolute(D, block)
-        for i in range(LANES):
-            lane = I(i)
-            P1, P2, P3 = vectors(P, lane)
-            B1, B2, B3 = vectors(B, lane)
-            p1, p2, p3 = vectors(p, lane)
-            S = _stress(A, 0, i, _strain(P1, P2, P3, B1, B2, B3, p1, p2, p3))
-            _put_forces(S, p1, p2, p3, forces, lane)
-        scatter_sizes(slots, block, forces, f)
+        gather(points, t, block, X, x)
+        gather(points, t, block, u, y)
+        if points is not None:
+            total[:] = 0
+        for point in range(points_of(points)):
+            first, _ = numbers_of(points, block, point, count)
+            weight = weight_of(points, point, D)
+            spokes(points, point, x, P)
+            spokes(points, point, y, U)
+            gather_sizes(points, t, block, u, z)
+            if points is None:
+                X_size[:], U_size[:] = np.abs(x), z
+            else:
+                spokes(sizes, point, z, U_size)
+                spokes(sizes, point, np.abs(x), X_size)
+            for i in range(LANES):
+                lane, at = I(i), I(first + i)
+                R = frame(D, at)
+                Q, h, q = _deformed(R, P, U, lane)
+                R = (abs(R[0]), abs(R[1]), abs(R[2]), abs(R[3]), abs(R[4]), abs(R[5]))
+                P1, P2, P3 = vectors(X_size, lane)
+                U1, U2, U3 = vectors(U_size, lane)
+                eQ, eh = in_frame(R, P1, P2, P3), in_frame(R, U1, U2, U3)
+                eq = (add(eQ[0], eh[0]), add(eQ[1], eh[1]), add(eQ[2], eh[2]))
+                M = _sizes_of_strain(h, Q, q, eh, eQ, eq)
+                S = sizes_of_stress(law, at, weight, M)
+                s1, s2, s3 = pulled(S, add(_absolute(q[0]), eq[0]), add(_absolute(q[1]), eq[1]), add(_absolute(q[2]), eq[2]))
+                f1, f2, f3 = on_spokes(R, s1, s2, s3)
+                put(f1, forces, lane)
+                put(f2, forces, lane + I(3 * LANES))
+                put(f3, forces, lane + I(6 * LANES))
+            spread(sizes, point, forces, total)
+        scatter_sizes(points, slots, block, total, f)

@@ -119,10 +119,4 @@ def straight_elements(mesh: ElementMesh) -> NDArray[np.bool_]:
     """
     if mesh.element.is_linear_simplex:
         return np.ones(mesh.nt, dtype=bool)
-    element, k = mesh.element, mesh.k
-    xi = element.nodes
-    origin = np.flatnonzero((xi == 0).all(axis=1))[0]
-    ends = [np.flatnonzero((xi == row).all(axis=1))[0] for row in np.eye(k)]
-    x = mesh.p[:, mesh.t]
-    affine = x[:, origin][:, None] + np.einsum("ai,dit->dat", xi, x[:, ends] - x[:, [origin]])
-    return np.asarray((np.abs(x - affine) <= 1e-14 * np.abs(x).max(axis=(0, 1))).all(axis=(0, 1)))
+    return points.are_straight(mesh.p, mesh.t, mesh.element)

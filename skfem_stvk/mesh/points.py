@@ -37,6 +37,16 @@ def spokes_at(x: Array, t: Any, element: Element, xi: Array) -> Array:
     return (derivatives @ _by_node(x, t)).reshape(nq, element.k, d, nt).transpose(3, 0, 1, 2)
 
 
+def are_straight(p: Array, t: Any, element: Element) -> Any:
+    """(nt,) whether the spokes of an element are the same everywhere, as in `geometry.straight_elements`."""
+    xi = element.nodes
+    origin = np.flatnonzero((xi == 0).all(axis=1))[0]
+    ends = [np.flatnonzero((xi == row).all(axis=1))[0] for row in np.eye(element.k)]
+    x = p[:, t]
+    affine = x[:, origin][:, None] + np.einsum("ai,dit->dat", xi, x[:, ends] - x[:, [origin]])
+    return (np.abs(x - affine) <= 1e-14 * np.abs(x).max(axis=(0, 1))).all(axis=(0, 1))
+
+
 def _by_node(x: Array, t: Any) -> Array:
     """(n, d nt)"""
     return x[:, t].transpose(1, 0, 2).reshape(len(t), -1)

@@ -16,7 +16,7 @@ from numpy.typing import DTypeLike
 from scipy.sparse import coo_matrix, csr_matrix, identity, kron
 
 from ..arguments import Array
-from ..edges import Assembly, EdgeForm
+from ..edges import Assembly
 from ..edges.stiffness import GeneralStiffness
 from ..edges.topology import LOCAL_EDGES
 from ..errors import StvkError
@@ -52,7 +52,7 @@ class _Altered:
     def bind(self, body: Body, dtype: DTypeLike = np.float64) -> Assembly:
         mesh, coefficients = body.mesh, self.term.coefficients(body.mesh).copy()
         self.change(coefficients)
-        return Assembly(EdgeForm(mesh.p, mesh.t[:, mesh.elements(self.term.region)], GeneralStiffness(lambda: coefficients)), dtype)
+        return Assembly(mesh.p, mesh.t[:, mesh.elements(self.term.region)], GeneralStiffness(lambda: coefficients), None, dtype)
 
 
 @dataclass(frozen=True)

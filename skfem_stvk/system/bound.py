@@ -27,7 +27,9 @@ class BoundTerms:
     what those are on this mesh, `pair_terms` the elastic ones with what is made of their blocks.
     """
 
-    def __init__(self, mesh: ElementMesh, terms: Term | Load | Sequence[Term | Load], dtype: DTypeLike) -> None:
+    def __init__(
+        self, mesh: ElementMesh, terms: Term | Load | Sequence[Term | Load], dtype: DTypeLike, quadrature: str = "usual"
+    ) -> None:
         self.mesh, self.dtype = mesh, np.dtype(dtype)
         self.terms = tuple(terms) if isinstance(terms, Sequence) else (terms,)
         if not self.terms:
@@ -40,7 +42,7 @@ class BoundTerms:
         self.elastic_terms: tuple[Any, ...] = tuple(term for term in self.terms if not is_load(term))
         if not self.elastic_terms:
             raise StvkError("Got only loads; expected at least one elastic term, such as StVK(young=..., poisson=...).")
-        self._body = Body(mesh, self.elastic_terms)
+        self._body = Body(mesh, self.elastic_terms, quadrature)
         self.bound_terms: tuple[BoundTerm, ...] = tuple(term.bind(self._body, self.dtype) for term in self.elastic_terms)
         self.bound_loads: tuple[BoundLoad, ...] = tuple(load.bind(self._body) for load in self.loads)
         self.pair_terms = tuple(with_blocks(term, mesh.nv, mesh.d, self.dtype) for term in self.bound_terms)

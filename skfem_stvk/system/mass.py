@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_matrix, diags
 
 from ..arguments import Array, number
-from ..edges.simplices import nbytes
+from ..edges.elements import nbytes
 from ..elements import Element, rule_of
 from ..errors import MaterialError, name_ids
 from ..mesh.displacements import finite_vector

@@ -12,9 +12,9 @@ from scipy.sparse import csr_matrix
 
 from ..arguments import Array, choice, number, shown
 from ..edges import ALL, Rows, Tensions
+from ..edges.elements import nbytes
 from ..edges.pairs import Coupled, version_of
-from ..edges.simplices import nbytes
-from ..errors import LoadError, StvkError
+from ..errors import LoadError, MeshError, StvkError
 from ..kernels.threads import Turn
 from ..mesh import ElementMesh, MeshLike
 from ..mesh.diagnostics import check_mesh, warn_of_flat_elements
@@ -43,7 +43,7 @@ class System(BoundTerms):
 
     Parameters
     ----------
-    mesh : scikit-fem mesh of simplices, arrays `(p, t)`, or `ElementMesh`.
+    mesh : scikit-fem mesh, arrays `(p, t)` of linear simplices, or `ElementMesh`.
     terms : a term, or several that add up: `StVK`, `VolumePenalty`, `ElasticFoundation`; the loads `Gravity`, `BodyForce`,
         `NodalLoad`, `Traction`, `Pressure`.
     fixed : components that do not move, by place: `{"wall": "xyz", "symmetry": "y"}`. A place is the name of a boundary or of a
@@ -51,6 +51,10 @@ class System(BoundTerms):
         stands for its vertices. As a whole, `fixed=basis.get_dofs(...)`, it is its own degrees of freedom; bare integers are always
         vertices.
     prescribed : displacements by place and component: `{"handle": {"x": 0.01}}` [m], reached at t = 1; or functions of (x, t).
+    degree : of the shape functions of simplices: 2 makes linear ones quadratic, with straight edges, 1 quadratic ones linear; by
+        default they are as in the mesh.
+    quadrature : "exact" integrates W exactly on elements with straight edges; by default quadratic segments, triangles and
+        tetrahedra have 2, 3 and 4 points, quadrilaterals and hexahedra 4 and 8 (`skfem_stvk.elements.rule_of`).
     dtype : float64, or float32: half the memory, faster on large meshes, with errors of 1e-6 instead of 1e-15 (of the largest
         entry, and on elements that are not flat).
 
@@ -80,14 +84,17 @@ class System(BoundTerms):
         fixed: Displacements | DofsView | None = None,
         prescribed: Displacements | None = None,
         *,
+        degree: int | None = None,
+        quadrature: str | None = None,
         dtype: DTypeLike = np.float64,
     ) -> None:
-        mesh, double = ElementMesh.of(mesh), _float_type(dtype) == np.float64
+        mesh, double = _of_degree(ElementMesh.of(mesh), degree), _float_type(dtype) == np.float64
+        rule = _checked_rule(mesh, quadrature)
         check_mesh(mesh)
         if not double:
             warn_of_flat_elements(mesh)
         self.supports = Supports(mesh, fixed, prescribed)
-        super().__init__(mesh, terms, np.float64 if double else np.float32)
+        super().__init__(mesh, terms, np.float64 if double else np.float32, rule)
         turning = [load for load in self.bound_loads if isinstance(load, TurningLoad)]
         self._turning = [(load, Coupled(load, mesh.nv, mesh.d, np.float64)) for load in turning]
         self._changing = [term for term in (*self.bound_terms, *self.bound_loads) if hasattr(term, "pattern_version")]
@@ -413,6 +420,21 @@ class System(BoundTerms):
 
     def __repr__(self) -> str:
         return f"System: {self.mesh.nt} {self.mesh.kind}, {self.ndofs} degrees of freedom, {len(self.terms)} term(s)"
+
+
+def _of_degree(mesh: ElementMesh, degree: int | None) -> ElementMesh:
+    if degree is None:
+        return mesh
+    if degree not in (1, 2) or isinstance(degree, bool):
+        raise MeshError(
+            f"degree = {shown(degree)}; expected 1 for linear, 2 for quadratic simplices, or None for those of the mesh."
+        )
+    return mesh.with_degree(int(degree))
+
+
+def _checked_rule(mesh: ElementMesh, quadrature: str | None) -> str:
+    """The kind of rule (`elements.rule_of`) that `quadrature` names."""
+    return "usual" if quadrature is None else choice("quadrature", quadrature, ("exact",))
 
 
 def _float_type(dtype: Any) -> np.dtype[Any]:

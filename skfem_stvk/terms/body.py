@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..arguments import Array
-from ..elements import Element
+from ..edges.elements import Quadrature
+from ..elements import Element, rule_of
 from ..elements.element import named
 from ..errors import LoadError, MaterialError, name_ids
 from ..mesh import ElementMesh
@@ -56,8 +57,9 @@ class Body:
     (array([0.05, 0.05]), array([0.1, 0.1]))
     """
 
-    def __init__(self, mesh: ElementMesh, terms: Sequence[Any]) -> None:
+    def __init__(self, mesh: ElementMesh, terms: Sequence[Any], quadrature: str = "usual") -> None:
         self.mesh = mesh
+        self.quadrature = Quadrature(mesh.element, rule_of(mesh.element, quadrature))
         self._terms = terms
         self._materials = [term for term in terms if isinstance(term, HasSection)]
 

@@ -3,20 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import InitVar, dataclass
-from functools import partial
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, DTypeLike, NDArray
 
 from ..arguments import choice, own
-from ..edges import Assembly, EdgeForm
-from ..edges.stiffness import GeneralStiffness, IsotropicStiffness, Stiffness, simplex_coefficients
+from ..edges import Assembly
+from ..edges.stiffness import AnisotropicStiffness, IsotropicStiffness, Stiffness
 from ..errors import MaterialError
 from ..materials import FramedMaterial, Hypothesis, Isotropic, Material
 from ..materials.material import check_length, constant
 from ..mesh import ElementMesh
-from ..mesh.geometry import Geometry
 from .body import Body
 
 
@@ -94,29 +92,28 @@ class StVK:
 
     def bind(self, body: Body | ElementMesh, dtype: DTypeLike = np.float64) -> Assembly:
         """The assembly of this material on a body's mesh; its `form` is the edge form."""
-        mesh = body if isinstance(body, ElementMesh) else body.mesh
+        body = body if isinstance(body, Body) else Body(body, [])
+        mesh = body.mesh
         t = mesh.t if self.region is None else mesh.t[:, mesh.elements(self.region)]
-        return Assembly(EdgeForm(mesh.p, t, self.stiffness(mesh)), dtype)
+        return Assembly(mesh.p, t, self.stiffness(mesh), body.quadrature, dtype)
 
     def stiffness(self, mesh: ElementMesh) -> Stiffness:
         """The stiffness of each simplex of the region, in the form that stores least."""
         assert self.material is not None
-        if not isinstance(self.material, Isotropic):
-            return GeneralStiffness(partial(self.coefficients, mesh))
         n, hypothesis = len(mesh.elements(self.region)), self.hypothesis(mesh)
         self.material.check(n, hypothesis)
         section = self.section(mesh, n)
-        lam, mu = (np.broadcast_to(value * section, n) for value in self.material.lame(hypothesis))
-        return IsotropicStiffness(lam, mu)
+        if isinstance(self.material, Isotropic):
+            lam, mu = (np.broadcast_to(value * section, n) for value in self.material.lame(hypothesis))
+            return IsotropicStiffness(lam, mu)
+        if isinstance(self.material, FramedMaterial):
+            return AnisotropicStiffness(self.material, hypothesis, np.broadcast_to(section, n))
+        name = type(self.material).__name__
+        raise MaterialError(f"{name} is neither Isotropic nor a FramedMaterial, which has a stiffness() in its frame.")
 
     def coefficients(self, mesh: ElementMesh) -> NDArray[np.float64]:
-        """(n, m, m) coefficients `L` of each simplex of the region, for the pairs of its edges [J/m^4]."""
-        assert self.material is not None
-        elements, hypothesis = mesh.elements(self.region), self.hypothesis(mesh)
-        self.material.check(len(elements), hypothesis)
-        section = self.section(mesh, len(elements))
-        geometry = Geometry(mesh.p, mesh.t[:, elements])
-        return simplex_coefficients(geometry, self.material, hypothesis) * section[..., None, None]
+        """(n, m, m) coefficients `L` of each linear simplex of the region, for the pairs of its edges [J/m^4]."""
+        return self.stiffness(mesh).coefficients(mesh.p, mesh.t[:, mesh.elements(self.region)])
 
     def mass(self, mesh: ElementMesh, sizes: NDArray[np.float64]) -> NDArray[np.float64]:
         """(n,) masses [kg] of the elements of the region, from their lengths, areas or volumes `sizes` (n,).

@@ -3,16 +3,15 @@
 import numba
 from kernels import readable
 
-from skfem_stvk.edges import assembly, pairs, penalty, simplices, stiffness, topology
+from skfem_stvk.edges import assembly, elements, pairs, penalty, topology
 from skfem_stvk.kernels import threads
 from skfem_stvk.mesh import displacements
 from skfem_stvk.system import pattern
 
 #: Modules and the kernels that they import by name.
 BY_NAME = {
-    simplices: ("lexicographic_order",),
+    elements: ("lexicographic_order", "frames", "frames_of_spokes"),
     pairs: ("lexicographic_order", "stars"),
-    stiffness: ("scaled_gram",),
     topology: ("edges_of_simplices", "lexicographic_order", "numbers_by_first_use", "stars"),
     pattern: ("expand", "first_places", "lexicographic_order", "stars"),
 }
@@ -29,7 +28,7 @@ def on_twins(monkeypatch):
     for name in ("simplex_kernels", "volume_kernels", "stretch_kernels"):
         monkeypatch.setattr(assembly, name, readable)
     monkeypatch.setattr(penalty, "penalty_kernels", readable)
-    for module in (assembly, displacements, pairs, pattern, simplices):
+    for module in (assembly, displacements, elements, pairs, pattern):
         monkeypatch.setattr(module, "block_kernels", readable)
     for module, names in BY_NAME.items():
         for name in names:

@@ -1,0 +1,193 @@
+"""Elements as the kernels read them: in blocks of lanes and in an order of their own, with vectors to work in."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from functools import cached_property
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import DTypeLike, NDArray
+
+from ..arguments import Array
+from ..elements import Element, Rule, linear_simplex, rule_of
+from ..kernels import blocks as block_kernels
+from ..kernels.geometry import frames, frames_of_spokes
+from ..kernels.lanes import LANES, Points
+from ..kernels.threads import Turn, threads
+from ..kernels.topology import lexicographic_order
+from ..mesh.points import are_straight, spokes_at
+from .stiffness import Frames
+from .topology import OwnEdges, OwnOrder, Shares, in_lanes, out_of_lanes, own_edges, shares_of
+
+
+class OwnVertices:
+    """Vertices (n,) in the kernels' order: vectors of three components for each, and how threads share what they add to them.
+
+    Python threads take `turn`s, since the vectors are in use during a call.
+    """
+
+    def __init__(self, vertices: NDArray[np.int32], dtype: DTypeLike) -> None:
+        self.vertices, self.dtype, self.turn = vertices, np.dtype(dtype), Turn()
+        self._threads = 0
+        self._shared: dict[str, Shares] = {}
+        self._kept: dict[str, Array] = {}
+
+    def share(self, name: str, make: Callable[[int], Shares]) -> Shares:
+        """Shares for numba's number of threads, made once; those for another number are thrown away."""
+        if threads() != self._threads:
+            self._threads, self._shared = threads(), {}
+        if name not in self._shared:
+            self._shared[name] = make(self._threads)
+        return self._shared[name]
+
+    def room(self, name: str, size: int, dtype: DTypeLike) -> Array:
+        """A vector to work in, kept from call to call; a new one is zero."""
+        if name not in self._kept or len(self._kept[name]) != size:
+            self._kept[name] = np.zeros(size, dtype=dtype)
+        return self._kept[name]
+
+    def gathered(self, name: str, x: Array, dtype: DTypeLike) -> Array:
+        """A field `x` (nv, d) of the mesh in the kernels' order, (3 n,)."""
+        own = self.room(name, 3 * len(self.vertices), dtype)
+        block_kernels.gather(x, self.vertices, own)
+        return own
+
+    def slots(self, name: str, shares: Shares) -> Array:
+        """Zeros for what the shares add to vertices."""
+        slots = self.room(name, 3 * (len(self.vertices) + len(shares.extra)), self.dtype)
+        slots[:] = 0
+        return slots
+
+    def add(self, f: Array, shares: Shares, out: Array) -> None:
+        """Add what stands in the slots to `out` (nv, d) of the mesh."""
+        block_kernels.fold(f, len(self.vertices), shares.extra, 3)
+        block_kernels.add_scattered(f, self.vertices, out)
+
+    def memory(self) -> dict[str, int]:
+        """Bytes of its arrays, by part."""
+        return {
+            "shares of threads": nbytes([value for value in self._shared.values() if len(value.parts) > 2]),
+            "vectors": nbytes(list(self._kept.values())),
+        }
+
+
+class Quadrature(NamedTuple):
+    """A kind of element, and where integrals over it are taken.
+
+    Attributes
+    ----------
+    element : the kind.
+    rule : its points and weights.
+    """
+
+    element: Element
+    rule: Rule
+
+
+def simplex_quadrature(k: int) -> Quadrature:
+    """Linear simplices of dimension `k`, with their one point."""
+    return Quadrature(linear_simplex(k), rule_of(linear_simplex(k)))
+
+
+def frames_at(p: NDArray[np.float64], t: NDArray[np.int32], quadrature: Quadrature, order: OwnOrder) -> Iterator[Frames]:
+    """The frames at each point of elements with nodes `t` (n, nt) of the mesh; their size times the weight is that of a linear simplex."""
+    element, rule = quadrature.element, quadrature.rule
+    if element.is_linear_simplex:
+        found = frames(p, t)
+        spokes = p.T[t[1:].T] - p.T[t[:1].T]
+        yield Frames(element.k, spokes, found[:6], found[6] * rule.weights[0], order.local)
+        return
+    for xi in rule.points:
+        spokes = spokes_at(p, t, element, xi[None])[:, 0]
+        found = frames_of_spokes(np.concatenate([spokes, np.zeros((*spokes.shape[:2], 3 - len(p)))], axis=2))
+        yield Frames(element.k, spokes, found[:6], found[6], None)
+
+
+class OwnElements:
+    """Elements in blocks of lanes. What only K needs is made at the first K, and vectors when they are first used.
+
+    They have `k` dimensions in a space of `d` and the nodes `own`; `elements` (nt,) are their positions in the order as given,
+    `t` (blocks, n LANES) their nodes, those of linear simplices filled up to four; `X`, `u` (3 n,) are rest coordinates and the
+    displacements that were gathered last. `points` is the table of the kernels, None for linear simplices.
+    """
+
+    def __init__(self, p: NDArray[np.float64], order: OwnOrder, quadrature: Quadrature, dtype: DTypeLike) -> None:
+        element = quadrature.element
+        self.element, self.k, self.d = element, element.k, len(p)
+        self.own, self.elements = OwnVertices(order.vertices, dtype), order.elements
+        t = order.t[[*range(self.k + 1), *[0] * (3 - self.k)]] if element.is_linear_simplex else order.t
+        self.t = in_lanes(t.astype(np.uint32))
+        self.X, self.u = np.zeros(3 * len(order.vertices)), np.zeros(3 * len(order.vertices))
+        block_kernels.gather(np.ascontiguousarray(p.T), order.vertices, self.X)
+        self.points: Points | None = None
+        if not element.is_linear_simplex:
+            nodes = order.vertices[order.t]
+            straight = are_straight(p, nodes, element)
+            lanes = in_lanes(straight[None]).all(axis=1)
+            derivatives, weights = element.derivatives(quadrature.rule.points), quadrature.rule.weights
+            B = np.zeros((len(weights), -(-(element.n - 1) // 3) * 3, 3))
+            B[:, : element.n - 1, : element.k] = derivatives[:, 1:]
+            counts = np.where(lanes, 1, len(weights))
+            self.points = Points(B.astype(dtype), weights.astype(dtype), np.concatenate([[0], np.cumsum(counts)]))
+
+    def in_points(self, numbers: NDArray[Any]) -> tuple[Points | None, NDArray[Any]]:
+        """Numbers (m, nq, nt) of a law at points, its elements in their own order, as kernels read them, and the table for them."""
+        m, nq, _ = numbers.shape
+        lanes = in_lanes(numbers.reshape(m * nq, -1)).reshape(-1, m, nq, LANES).transpose(0, 2, 1, 3)
+        if self.points is None:
+            return None, np.ascontiguousarray(lanes).ravel()
+        needed = np.arange(nq) < np.diff(self.points.starts)[:, None]
+        return self.points._replace(starts=self.points.starts * m * LANES), np.ascontiguousarray(lanes[needed]).ravel()
+
+    @cached_property
+    def edges(self) -> OwnEdges:
+        """Their pairs of nodes in the kernels' order."""
+        return own_edges(out_of_lanes(self.t, len(self.elements))[: self.element.n].astype(np.int32), self.element)
+
+    @cached_property
+    def lexicographic(self) -> NDArray[np.int32]:
+        """(ne,) places in the kernels' order of the edges in the mesh's lexicographic order."""
+        ends = np.sort(self.own.vertices[self.edges.edges].T, axis=0)
+        return lexicographic_order(ends, int(ends.max()) + 1)
+
+    @property
+    def forces(self) -> Shares:
+        """How threads share what elements add to nodes."""
+        return self.own.share("F", lambda n: shares_of(self.t, len(self.own.vertices), self._work, n))
+
+    @property
+    def blocks(self) -> Shares:
+        """How threads share what elements add to pairs of nodes."""
+
+        def shares(n: int) -> Shares:
+            made = shares_of(self.edges.t2e, self.edges.total, self._work, n)
+            return made._replace(slots=made.slots | self.edges.turned.ravel()) if self.edges.turned.size else made
+
+        return self.own.share("K", shares)
+
+    @property
+    def _work(self) -> float:
+        """A block of elements is as much work as so many linear simplices."""
+        return LANES * (1.0 if self.points is None else len(self.points.weights) * self.element.n / 4)
+
+    def gather(self, u: Array) -> None:
+        """Take displacements `u` (nv, d) of the mesh."""
+        block_kernels.gather(u, self.own.vertices, self.u)
+
+    def in_their_order(self, own: Array) -> Array:
+        """(nt,) values of the elements in the order in which they were given."""
+        values = np.empty(len(self.elements))
+        values[self.elements] = own[: len(values)]
+        return values
+
+    def memory(self) -> dict[str, int]:
+        """Bytes of its arrays, by part."""
+        made = [self.__dict__.get(name, ()) for name in ("edges", "lexicographic")]
+        own = self.t, self.own.vertices, self.elements, self.X, self.u
+        return {"simplices": nbytes(own), "own edges": nbytes(made)} | self.own.memory()
+
+
+def nbytes(arrays: Any) -> int:
+    """Bytes of an array, or of a tree of arrays."""
+    return arrays.nbytes if isinstance(arrays, np.ndarray) else sum(map(nbytes, arrays))
