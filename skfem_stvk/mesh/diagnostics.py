@@ -8,13 +8,19 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
+from ..elements import rule_of
+from ..elements.rules import REFERENCE
 from ..errors import MeshError, name_ids, warn
 from ..kernels.geometry import measures
 from ..kernels.topology import lexicographic_order
+from .geometry import aspect_ratios, edge_differences
 from .mesh import ElementMesh
+from .points import extremes, signed, spokes_at
 
 #: Of edges in powers of ten: squares of volumes are numbers in double precision then.
 LARGEST_EXPONENT = 50
+#: Elements that are looked at together, at all of their points: some 40 of 9 numbers each, which stay in cache.
+CHUNK = 512
 
 
 def check_mesh(mesh: ElementMesh) -> None:
@@ -25,8 +31,8 @@ def check_mesh(mesh: ElementMesh) -> None:
     Raises
     ------
     MeshError
-        with the ids of: vertices that are not finite; elements that repeat a vertex, have no volume or stand twice; vertices
-        on no element.
+        with the ids of: vertices that are not finite; elements that repeat a vertex, have no volume, stand twice, or, if they are
+        curved or boxes, fold over themselves; vertices on no element.
 
     Warns
     -----
@@ -34,18 +40,15 @@ def check_mesh(mesh: ElementMesh) -> None:
         of vertices in the same place, and of parts that are not connected.
     """
     if len(bad := np.flatnonzero(~np.isfinite(mesh.p).all(axis=0))):
-        raise MeshError(f"{name_ids(bad, 'vertex')}: coordinates that are not finite. Was the mesh exported or scaled wrongly?")
+        raise MeshError(f"{name_ids(bad, mesh.word)}: coordinates that are not finite. Was the mesh exported or scaled wrongly?")
     ordered = np.sort(mesh.t, axis=0)
     if len(bad := np.flatnonzero((ordered[1:] == ordered[:-1]).any(axis=0))):
         raise MeshError(
-            f"{name_ids(bad, 'element')}: the same vertex twice, so no volume. Collapsed cells of a converter? Remove them."
+            f"{name_ids(bad, 'element')}: the same {mesh.word} twice, so no volume. Collapsed cells of a converter? Remove them."
         )
-    if len(bad := flat_elements(mesh)):
-        raise MeshError(
-            f"{name_ids(bad, 'element')}: no volume, all vertices lie in one {('point', 'line', 'plane')[mesh.k - 1]} to within "
-            "rounding. Remesh or remove these slivers."
-        )
+    check_shapes(mesh)
     check_range(mesh)
+    ordered = ordered if mesh.element.degree == 1 else np.sort(mesh.corners, axis=0)
     order = lexicographic_order(ordered, mesh.nv)
     if len(same := np.flatnonzero((ordered[:, order[1:]] == ordered[:, order[:-1]]).all(axis=0))):
         bad = np.sort(order[same + 1])
@@ -55,15 +58,43 @@ def check_mesh(mesh: ElementMesh) -> None:
         )
     if len(unused := np.flatnonzero(np.bincount(mesh.t.ravel(), minlength=mesh.nv) == 0)):
         raise MeshError(
-            f"{name_ids(unused, 'vertex')}: on no element, so K would have zero rows. Remove them: mesh.remove_unused_nodes() in "
+            f"{name_ids(unused, mesh.word)}: on no element, so K would have zero rows. Remove them: mesh.remove_unused_nodes() in "
             "scikit-fem; `skfem-stvk verify FILE` and `read_mesh` drop them."
         )
     warn_of_coincident_vertices(mesh)
     warn_of_parts(mesh)
 
 
+def check_shapes(mesh: ElementMesh) -> None:
+    """Refuse simplices without volume, and elements whose Jacobian vanishes or changes its sign."""
+    if mesh.element.is_linear_simplex:
+        if len(bad := flat_elements(mesh)):
+            raise MeshError(
+                f"{name_ids(bad, 'element')}: no volume, all vertices lie in one {('point', 'line', 'plane')[mesh.k - 1]} to "
+                "within rounding. Remesh or remove these slivers."
+            )
+    elif len(bad := folded_elements(mesh)):
+        quadratic = mesh.element.degree == 2
+        order = "middles of edges" if quadratic else "vertices"
+        otherwise = "an edge that is curved too far" if quadratic else "a corner that is pushed in or flat"
+        advice = "take edges as straight (degree=1, or mesh.with_degree(1))" if quadratic else "remesh"
+        raise MeshError(
+            f"{name_ids(bad, 'element')}: the Jacobian vanishes or changes its sign among their points and nodes, so they fold over "
+            f"themselves. Are their {order} in another order ({element_order(mesh)} is expected), or is there {otherwise}? Look at "
+            f"them, or {advice}."
+        )
+
+
+def element_order(mesh: ElementMesh) -> str:
+    """The local order of nodes in words."""
+    edges = ", ".join(f"{a}{b}" for a, b in mesh.element.edges)
+    if mesh.element.is_box:
+        return f"scikit-fem's {type(REFERENCE[mesh.k, True]()).__name__}, with edges {edges},"
+    return f"corners, then the middles of {edges},"
+
+
 def flat_elements(mesh: ElementMesh) -> NDArray[np.int64]:
-    """Elements whose smallest height is zero to within rounding: of the coordinates, and 1e-12 of the longest edge."""
+    """Linear simplices whose smallest height is zero to within rounding: of the coordinates, and 1e-12 of the longest edge."""
     p = mesh.p / scale_of(mesh.p)  # so that volumes neither overflow nor vanish
     parallelepiped, longest, largest_facet = measures(p, mesh.t)
     rounding = np.finfo(float).eps * np.abs(p).max(axis=0)[mesh.t].max(axis=0)
@@ -72,6 +103,31 @@ def flat_elements(mesh: ElementMesh) -> NDArray[np.int64]:
     if mesh.k == 3:
         flat |= largest_facet <= nothing * longest  # all vertices in a line: the volume is noise of noise
     return np.flatnonzero(flat)
+
+
+def folded_elements(mesh: ElementMesh) -> NDArray[np.int64]:
+    """Elements whose Jacobian is zero to within rounding, or of both signs, at the points of the usual and exact rules and nodes.
+
+    In a space of more dimensions the sign is that of the turn from the spokes at the centre: no more than a right angle. Zero is a
+    height as in `flat_elements`, which is at least `|J| / |P|^(k - 1)`: only where this is small heights are worked out.
+    """
+    p, element = mesh.p / scale_of(mesh.p), mesh.element
+    rules = [rule_of(element, kind).points for kind in ("one-point", "usual", "exact")]
+    xi = np.concatenate([*rules, element.nodes])
+    bad = []
+    for begin in range(0, mesh.nt, CHUNK):
+        t = mesh.t[:, begin : begin + CHUNK]
+        rounding = np.finfo(float).eps * np.abs(p[:, t]).max(axis=(0, 1))[:, None]
+        spokes = spokes_at(p, t, element, xi)
+        jacobian = signed(spokes, spokes[:, :1])
+        size = np.sqrt((spokes * spokes).sum(axis=(2, 3)))
+        doubtful = ~(np.abs(jacobian) > (1e-12 * 2 * size + 4 * rounding) * size ** (mesh.k - 1)).all(axis=1)
+        folded = jacobian.min(axis=1) * jacobian.max(axis=1) <= 0
+        if doubtful.any():
+            longest, steepest = extremes(spokes[doubtful], element.is_box)
+            folded[doubtful] |= ~(steepest * (1e-12 * longest + 4 * rounding[doubtful]) < 1).all(axis=1)
+        bad.append(begin + np.flatnonzero(folded))
+    return np.concatenate(bad)
 
 
 def scale_of(p: NDArray[np.float64]) -> float:
@@ -83,7 +139,7 @@ def scale_of(p: NDArray[np.float64]) -> float:
 def check_range(mesh: ElementMesh) -> None:
     """Refuse lengths that energies and stiffnesses, made of squares of volumes, cannot be computed from in double precision."""
     scale = scale_of(mesh.p)
-    longest = measures(mesh.p / scale, mesh.t)[1]
+    longest = longest_edges(mesh, mesh.p / scale)
     low, high = (float(np.log10(length) + np.log10(scale)) for length in (longest.min(), longest.max()))
     if low < -LARGEST_EXPONENT or high > LARGEST_EXPONENT:
         raise MeshError(
@@ -93,10 +149,20 @@ def check_range(mesh: ElementMesh) -> None:
         )
 
 
+def longest_edges(mesh: ElementMesh, p: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(nt,) the longest edge of each element, from corner to corner."""
+    if mesh.element.is_box:
+        return np.asarray(np.linalg.norm(edge_differences(mesh, p), axis=0).max(axis=0))
+    return measures(p, mesh.corners)[1]
+
+
 def warn_of_flat_elements(mesh: ElementMesh) -> None:
     """Warn of elements that are too flat for single precision, where errors are 1e-7 x (longest edge/smallest height)^2."""
-    parallelepiped, longest, largest_facet = measures(mesh.p, mesh.t)
-    aspect = longest * largest_facet / parallelepiped
+    if mesh.element.is_linear_simplex:
+        parallelepiped, longest, largest_facet = measures(mesh.p, mesh.t)
+        aspect = longest * largest_facet / parallelepiped
+    else:
+        aspect = aspect_ratios(mesh)
     flat = np.flatnonzero(aspect > 50)
     if mesh.k > 1 and len(flat):
         warn(
@@ -106,21 +172,23 @@ def warn_of_flat_elements(mesh: ElementMesh) -> None:
 
 
 def warn_of_coincident_vertices(mesh: ElementMesh) -> None:
-    """Warn of vertices closer than 1e-6 of the elements' longest edge, in the median: seams that do not hold together."""
-    near = 1e-6 * float(np.median(measures(mesh.p, mesh.t)[1]))
+    """Warn of nodes closer than 1e-6 of the elements' longest edge, in the median: seams that do not hold together."""
+    near = 1e-6 * float(np.median(longest_edges(mesh, mesh.p)))
     size = np.ptp(mesh.p, axis=1).max()
     # far from zero, on which scipy's tree never ends where a library has made the process flush denormal numbers
     away = 1 + (mesh.p - mesh.p.min(axis=1, keepdims=True)) / size
     if len(pairs := cKDTree(away.T).query_pairs(near / size, output_type="ndarray")):
         warn(
-            f"{name_ids(np.unique(pairs[:, 1]), 'vertex')}: in the same place as another one, so parts that touch there are not "
+            f"{name_ids(np.unique(pairs[:, 1]), mesh.word)}: in the same place as another one, so parts that touch there are not "
             "connected. Merge them if they should be, e.g. mesh.remove_duplicate_nodes() in scikit-fem."
         )
 
 
 def parts(mesh: ElementMesh) -> NDArray[np.int32]:
-    """(nv,) number of the connected part that each vertex belongs to; parts that share one vertex are connected."""
-    links = coo_matrix((np.ones(mesh.t[1:].size), (np.tile(mesh.t[0], mesh.k), mesh.t[1:].ravel())), shape=(mesh.nv, mesh.nv))
+    """(nv,) number of the connected part that each node belongs to; parts that share one node are connected."""
+    links = coo_matrix(
+        (np.ones(mesh.t[1:].size), (np.tile(mesh.t[0], len(mesh.t) - 1), mesh.t[1:].ravel())), shape=(mesh.nv, mesh.nv)
+    )
     return connected_components(links, directed=False)[1]
 
 
@@ -129,6 +197,6 @@ def warn_of_parts(mesh: ElementMesh) -> None:
     if len(sizes) > 1:
         shown = ", ".join(str(size) for size in sizes[:5]) + (", ..." if len(sizes) > 5 else "")
         warn(
-            f"The mesh is in {len(sizes)} parts that are not connected ({shown} vertices): each needs its own supports. If they "
+            f"The mesh is in {len(sizes)} parts that are not connected ({shown} {mesh.words}): each needs its own supports. If they "
             "should hold together, merge the vertices of their common faces."
         )

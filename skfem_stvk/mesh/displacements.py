@@ -1,4 +1,4 @@
-"""Displacements of the vertices of a mesh: checked vectors, one per degree of freedom, and the same by vertex."""
+"""Displacements of the vertices or nodes of a mesh: checked vectors, one per degree of freedom, and the same by vertex."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ from .mesh import ElementMesh
 
 
 def by_vertex(mesh: ElementMesh, u: ArrayLike, name: str = "u") -> Array:
-    """`u` (ndofs,) as (nv, d), not copied if it is in double or single precision and contiguous; otherwise as in `finite_vector`.
+    """`u` (ndofs,) by vertex or node as (nv, d), not copied if it is in double or single precision and contiguous; otherwise as in `finite_vector`.
 
     >>> by_vertex(ElementMesh(p=[[0, 1], [0, 0]], t=[[0], [1]]), [1, 2, 3, 4])
     array([[1., 2.],
            [3., 4.]])
     """
-    return finite_vector(name, u, mesh.p.size, "degree of freedom d * vertex + component").reshape(-1, mesh.d)
+    return finite_vector(name, u, mesh.p.size, f"degree of freedom d * {mesh.word} + component").reshape(-1, mesh.d)
 
 
 def finite_vector(name: str, given: Any, n: int, each: str = "degree of freedom", *, kinds: str = "fiu") -> Array:

@@ -12,8 +12,8 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
 from ..arguments import frozen
-from ..elements import ELEMENTS, Element, linear_simplex, rule_of
-from ..kernels.topology import lexicographic_order
+from ..elements import Element, linear_simplex, named, rule_of
+from ..kernels.topology import edges_of_simplices, lexicographic_order
 from .points import determinants, measures_of, normals_of, sizes_of, spokes_at
 
 Ids = NDArray[np.int32]
@@ -37,9 +37,9 @@ class MeshArrays:
         return self.t[: self.element.corners]
 
     @property
-    def facet(self) -> Element | None:
-        """The kind of facets: (m, n) arrays of facets have its nodes; None for points."""
-        return ELEMENTS.get(self.element.facet)
+    def facet(self) -> Element:
+        """The kind of facets: (m, n) arrays of facets have its nodes."""
+        return named(self.element.facet)
 
     @property
     def d(self) -> int:
@@ -50,6 +50,11 @@ class MeshArrays:
     def nv(self) -> int:
         """Number of nodes: of vertices, and of middles of edges that quadratic elements have."""
         return self.p.shape[1]
+
+    @property
+    def nvertices(self) -> int:
+        """Number of vertices, which are the first nodes."""
+        return self.nv if self.element.degree == 1 else int(self.t[self.element.corners :].min())
 
     @property
     def nt(self) -> int:
@@ -77,7 +82,7 @@ class MeshArrays:
 def facets_of(t: Ids, nv: int, element: Element | None = None) -> tuple[Ids, Ids]:
     """All facets (m, nf) of elements `t` in scikit-fem's order, and those of each element (f, nt).
 
-    Each stands once, with all its nodes as `ELEMENTS[element.facet]` has them. Corners of simplices and of edges of quadrilaterals
+    Each stands once, with all its nodes as `named(element.facet)` has them. Corners of simplices and of edges of quadrilaterals
     ascend, those of hexahedra go round the facet. The second array is the facet opposite to each vertex of simplices, and each of
     `element.facets` of boxes. By default the elements are linear simplices.
 
@@ -192,50 +197,50 @@ def facet_points(mesh: MeshArrays, facets: Ids, kind: str = "mass", x: NDArray[n
     >>> points.areas.sum(axis=1).round(6), points.normals.sum(axis=(0, 1)).round(12) + 0.0
     (array([1.      , 1.      , 1.414214]), array([0., 0.]))
     """
-    if mesh.facet is None:
-        return FacetPoints(np.ones((1, 1)), np.ones((facets.shape[1], 1)), None)
     points, weights = rule_of(mesh.facet, kind)
     spokes = spokes_at(mesh.p if x is None else x, facets, mesh.facet, points)
-    normals = normals_of(spokes) * weights[:, None] if mesh.k == mesh.d else None
+    normals = normals_of(spokes) * weights[:, None] if mesh.k == mesh.d > 1 else None
     return FacetPoints(mesh.facet.values(points), measures_of(spokes) * weights, normals)
 
 
-def with_middles(mesh: MeshArrays, facets: Ids) -> Ids:
-    """(m, n) facets of a mesh of quadratic simplices with their middles, from their corners, whose order stays.
+def edges_of(corners: Ids, element: Element, nv: int) -> tuple[Ids, Ids]:
+    """Edges (2, ne) of simplices `corners` (k + 1, nt) in scikit-fem's order, and (m, nt) those of each.
 
-    >>> from skfem_stvk import ElementMesh
-    >>> triangle = ElementMesh(p=[[0, 1, 0], [0, 0, 1]], t=[[0], [1], [2]]).with_degree(2)
-    >>> with_middles(triangle, np.array([[2, 1], [1, 0]]))
+    Ends of edges of triangles and tetrahedra ascend, all in lexicographic order; segments are their own edges.
+    """
+    if element.k == 1:
+        return corners, np.arange(corners.shape[1], dtype=np.int32)[None]
+    return edges_of_simplices(corners, np.array(element.edges), nv)
+
+
+def with_middles(facets: Ids, facet: Element, edges: Ids, nv: int) -> Ids:
+    """(m, n) quadratic facets from their corners among `nv` vertices, whose order stays; -1 for middles of what is no edge.
+
+    The middles of `edges` (2, ne) are the nodes from `nv` on.
+
+    >>> with_middles(np.array([[2, 1], [1, 0]]), named("quadratic segments"), np.array([[0, 0, 1], [1, 2, 2]]), 3)
     array([[2, 1],
            [1, 0],
            [5, 3]], dtype=int32)
     """
-    if mesh.facet is None:
+    if facet.k == 0:
         return facets
-    middles = [middles_of(mesh, facets[[a, b]]) for a, b in mesh.facet.edges]
+    keys = _keys(edges[0], edges[1], nv)
+    wanted = [_keys(facets[a], facets[b], nv) for a, b in facet.edges]
+    places = [np.minimum(np.searchsorted(keys, of_pair), len(keys) - 1) for of_pair in wanted]
+    middles = [np.where(keys[place] == of_pair, nv + place, -1) for place, of_pair in zip(places, wanted, strict=True)]
     return np.concatenate([facets, middles]).astype(np.int32)
 
 
-def middles_of(mesh: MeshArrays, ends: Ids) -> NDArray[np.int64]:
-    """(n,) nodes in the middle of the edges of quadratic simplices between vertices `ends` (2, n); -1 where there is no edge."""
-    a, b = np.transpose(mesh.element.edges)
-    known = _keys(mesh.t[a], mesh.t[b], mesh.nv)
-    middles = mesh.t[mesh.element.corners :].ravel()
-    keys, first = np.unique(known, return_index=True)
-    wanted = _keys(ends[0], ends[1], mesh.nv)
-    place = np.minimum(np.searchsorted(keys, wanted), len(keys) - 1)
-    return np.where(keys[place] == wanted, middles[first[place]], -1).astype(np.int64)
-
-
 def _keys(a: Ids, b: Ids, nv: int) -> NDArray[np.int64]:
-    """One number for each pair of vertices, whatever their order."""
-    return (np.minimum(a, b).astype(np.int64) * nv + np.maximum(a, b)).ravel()
+    """One number for each pair of vertices, whatever their order; ascending if the pairs do."""
+    return np.minimum(a, b).astype(np.int64) * nv + np.maximum(a, b)
 
 
 def _middles(t: Ids, element: Element, which: NDArray[Any]) -> Ids:
     """Middles of facets of simplices, as the kind of facets has them; `which` counts as `_opposite` does."""
-    facet = ELEMENTS.get(element.facet)
-    if facet is None or element.degree == 1:
+    facet = named(element.facet)
+    if facet.k == 0 or element.degree == 1:
         return np.empty((0, len(which)), dtype=np.int32)
     corner, ids = np.divmod(which, t.shape[1])
     nodes, n = t[:, ids], element.corners

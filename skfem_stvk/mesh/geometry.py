@@ -62,13 +62,9 @@ def element_sizes(mesh: ElementMesh, kind: str = "exact") -> NDArray[np.float64]
 def jacobians(mesh: ElementMesh, xi: NDArray[np.float64]) -> NDArray[np.float64]:
     """(nt, nq) determinants of the spokes at reference points, negative where an element is turned round.
 
-    Where the elements do not fill the space, the sign is that of the orientation in comparison with the centre of the element.
+    Where the elements do not fill the space, it is that of the turn from the centre of the element (`points.signed`).
     """
-    spokes = spokes_at(mesh, xi)
-    if mesh.k == mesh.d:
-        return points.determinants(spokes)
-    centre = spokes_at(mesh, rule_of(mesh.element, "one-point").points)
-    return points.measures_of(spokes) * np.sign(points.determinants(np.einsum("tqid,tqjd->tqij", spokes, centre)))
+    return points.signed(spokes_at(mesh, xi), spokes_at(mesh, rule_of(mesh.element, "one-point").points))
 
 
 def edge_differences(mesh: ElementMesh, x: NDArray[np.float64]) -> NDArray[np.float64]:

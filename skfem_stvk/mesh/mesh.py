@@ -14,12 +14,11 @@ from skfem.assembly.dofs import DofsView
 from skfem.mesh.mesh_dg import MeshDG
 
 from ..arguments import frozen, real_array, shown, whole_array
-from ..elements import ELEMENTS, Element, linear_simplex, second_order
-from ..errors import MeshError, RegionError, name_ids, name_known
-from ..kernels.topology import edges_of_simplices
+from ..elements import ELEMENTS, Element, linear_simplex, named, second_order
+from ..errors import MeshError, RegionError, name_ids, name_known, warn
 from .content import Content, content_in_memory
-from .facets import NamedFacets
-from .places import Marked, facets_at
+from .facets import NamedFacets, edges_of, with_middles
+from .places import Marked, checked_facets, facets_at, vertices_at
 
 #: What `System` and `verify` take for a mesh: a scikit-fem mesh, arrays `(p, t)`, a `meshio.Mesh`, or an `ElementMesh`.
 MeshLike: TypeAlias = Any
@@ -93,6 +92,8 @@ class ElementMesh(Marked):
             object.__setattr__(self, "element", linear_simplex(len(t) - 1))
         object.__setattr__(self, "p", p)
         object.__setattr__(self, "t", np.array(t, dtype=np.int32, order="C"))
+        if self.element.degree == 2:
+            check_numbers(self.t, self.element)
         for name in ("subdomains", "boundaries", "node_sets"):
             named = getattr(self, name)
             if named is not None and not isinstance(named, Mapping):
@@ -160,18 +161,70 @@ class ElementMesh(Marked):
     def with_degree(self, degree: int) -> ElementMesh:
         """The same body with shape functions of degree 1 or 2: quadratic simplices have straight edges, linear ones the corners.
 
+        Boundaries and node sets come along. Of degree 2 a boundary has the middles of its edges too, and a node set those of edges
+        both ends of which are in it, so that a set of the vertices of a face holds the whole face; of degree 1 both are without.
+
+        Raises
+        ------
+        MeshError
+            for another degree, and for degree 2 of quadrilaterals and hexahedra.
+
+        Warns
+        -----
+        StvkWarning
+            where quadratic elements are reduced, with the number of edges that are curved.
+
         >>> ElementMesh(p=[[0, 1, 0], [0, 0, 1]], t=[[0], [1], [2]]).with_degree(2)
         ElementMesh: 1 quadratic triangles in 2D, 6 nodes
         """
+        if isinstance(degree, bool) or not isinstance(degree, int | np.integer) or degree not in (1, 2):
+            raise MeshError(f"degree = {shown(degree)}; expected 1 or 2, the degree of the shape functions of simplices.")
         if degree == self.element.degree:
             return self
-        t = self.t
-        if self.k == 1:
-            edges, t2e = t, np.arange(self.nt, dtype=np.int32)[None]
+        if self.element.is_box:
+            raise MeshError(
+                f"degree = 2, but the elements are {self.element.name}, which are linear along each axis here. Leave the degree out, "
+                "or split them: mesh.to_meshtet() or mesh.to_meshtri() in scikit-fem, then degree=2."
+            )
+        return self._reduced() if degree == 1 else self._raised()
+
+    def _reduced(self) -> ElementMesh:
+        element, n = linear_simplex(self.k), self.nvertices
+        edges, t2e = edges_of(self.corners, element, n)
+        middles = self.p[:, n:]
+        off = np.abs(middles - self.p[:, edges].mean(axis=1)).max(axis=0)
+        curved = np.count_nonzero(off > 1e-9 * np.ptp(self.p, axis=1).max())
+        warn(
+            f"The {self.nt} {self.element.name} are reduced to their corners, {n} vertices: {curved} of their {t2e.max() + 1} edges "
+            "are curved and taken as straight."
+        )
+        if isinstance(self.boundaries, NamedFacets):
+            boundaries: Mapping[str, Any] = self.boundaries.on(self.corners, n, element)
         else:
-            edges, t2e = edges_of_simplices(t, np.array(self.element.edges), self.nv)
-        p = np.concatenate([self.p, self.p[:, edges].mean(axis=1)], axis=1)
-        return replace(self, p=p, t=np.concatenate([t, self.nv + t2e]), element=second_order(self.element))
+            corners = self.facet.corners
+            boundaries = {name: ids[:corners] if np.ndim(ids) == 2 else ids for name, ids in self.boundaries.items()}
+        sets = {name: ids[ids < n] for name, ids in self._node_ids().items()}
+        return replace(self, p=self.p[:, :n], t=self.corners, boundaries=boundaries, node_sets=sets, element=element)
+
+    def _raised(self) -> ElementMesh:
+        element, n = second_order(self.element), self.nv
+        edges, t2e = edges_of(self.t, self.element, n)
+        p, t = np.concatenate([self.p, self.p[:, edges].mean(axis=1)], axis=1), np.concatenate([self.t, n + t2e])
+        if isinstance(self.boundaries, NamedFacets):
+            boundaries: Mapping[str, Any] = self.boundaries.on(t, p.shape[1], element)
+        else:
+            facet = named(element.facet)
+            boundaries = {name: with_middles(checked_facets(self, name), facet, edges, n) for name in self.boundaries}
+        sets: dict[str, NDArray[Any]] = {}
+        for name, ids in self._node_ids().items():
+            there = np.zeros(n, dtype=bool)
+            there[ids] = True
+            sets[name] = np.concatenate([ids, n + np.flatnonzero(there[edges].all(axis=0))])
+        return replace(self, p=p, t=t, boundaries=boundaries, node_sets=sets, element=element)
+
+    def _node_ids(self) -> dict[str, NDArray[Any]]:
+        """Node sets as ids, from ids or masks."""
+        return {name: vertices_at(self, np.asarray(ids), f"Node set {name!r}") for name, ids in self.node_sets.items() if len(ids)}
 
     def elements(self, region: str | NDArray[Any] | None) -> NDArray[np.int64]:
         """Ids of the elements of a region: a name in `subdomains`, element ids, a mask, or None for all.
@@ -248,6 +301,20 @@ def _element_of(mesh: skfem.Mesh) -> Element:
         f"{name} is not a mesh of tetrahedra, hexahedra, triangles, quadrilaterals or segments; expected MeshTet1, MeshTet2, "
         "MeshHex1, MeshTri1, MeshTri2, MeshQuad1 or MeshLine1. Wedges can be split: mesh.to_meshtet()."
     )
+
+
+def check_numbers(t: NDArray[np.int32], element: Element) -> None:
+    """Refuse quadratic simplices whose nodes are not the vertices and then the middles of the edges, in scikit-fem's order."""
+    corners, middles = t[: element.corners], t[element.corners :]
+    first = int(middles.min())
+    expected = first + edges_of(corners, element, int(t.max()) + 1)[1]
+    if len(bad := np.flatnonzero((corners >= first).any(axis=0) | (middles != expected).any(axis=0))):
+        order = {1: "the segments", 2: "mesh.facets", 3: "mesh.edges"}[element.k]
+        raise MeshError(
+            f"{name_ids(bad, 'element')}: nodes are not numbered as scikit-fem numbers the degrees of freedom of these elements. "
+            f"Expected vertices first, then the middles of edges in the order of {order}. A meshio.Mesh, which may have any numbers, "
+            "is numbered so by ElementMesh.of."
+        )
 
 
 def vertex_ids(given: Any) -> NDArray[Any]:

@@ -58,15 +58,15 @@ def vertices_at(mesh: Marked, where: Where, what: str = "The place") -> NDArray[
     else:
         if isinstance(where, DofsView):
             refuse_foreign(mesh, where, what)
-        ids = _listed(mesh, where, f"{what}: the vertices")
+        ids = _listed(mesh, where, f"{what}: the {mesh.words}")
         unique, counts = np.unique(ids, return_counts=True)
         if len(unique) < len(ids):
             raise RegionError(
-                f"{what}: the vertices name {name_ids(unique[counts > 1], 'vertex')} more than once. Name each once; values "
+                f"{what}: the {mesh.words} name {name_ids(unique[counts > 1], mesh.word)} more than once. Name each once; values "
                 "follow their order."
             )
     if not len(ids):
-        raise RegionError(f"{what}: no vertex there. {describe(where)} is empty.")
+        raise RegionError(f"{what}: no {mesh.word} there. {describe(where)} is empty.")
     return ids
 
 
@@ -80,7 +80,7 @@ def facets_at(mesh: Marked, where: Where, what: str = "The place") -> NDArray[np
            [0]], dtype=int32)
     """
     if isinstance(where, str) and where in mesh.boundaries:
-        return _boundary(mesh, where)
+        return checked_facets(mesh, where)
     ids = vertices_at(mesh, where, what)
     there = np.zeros(mesh.nv, dtype=bool)
     there[ids] = True
@@ -120,7 +120,7 @@ def describe(where: Any) -> str:
 
 def _named(mesh: Marked, name: str, what: str) -> NDArray[np.int64]:
     _refuse_unknown(mesh, name, what)
-    on_boundary = np.unique(_boundary(mesh, name)).astype(np.int64) if name in mesh.boundaries else None
+    on_boundary = np.unique(checked_facets(mesh, name)).astype(np.int64) if name in mesh.boundaries else None
     in_set = np.unique(_listed(mesh, mesh.node_sets[name], f"Node set {name!r}")) if name in mesh.node_sets else None
     if on_boundary is None or in_set is None:
         return in_set if on_boundary is None else on_boundary  # type: ignore[return-value]
@@ -135,11 +135,15 @@ def _named(mesh: Marked, name: str, what: str) -> NDArray[np.int64]:
 def _refuse_unknown(mesh: Marked, name: str, what: str) -> None:
     known = {*mesh.boundaries, *mesh.node_sets}
     if name not in known:
-        hint = " It is a subdomain: for its vertices, np.unique(mesh.t[:, mesh.elements(name)])." if name in mesh.subdomains else ""
+        hint = (
+            f" It is a subdomain: for its {mesh.words}, np.unique(mesh.t[:, mesh.elements(name)])."
+            if name in mesh.subdomains
+            else ""
+        )
         raise RegionError(f"{what}: the mesh has no boundary or node set {shown(name)}; {name_known(name, known)}{hint}")
 
 
-def _boundary(mesh: Marked, name: str) -> NDArray[np.int32]:
+def checked_facets(mesh: Marked, name: str) -> NDArray[np.int32]:
     """(m, n) facets of a named boundary, each once."""
     facets, m = np.asarray(mesh.boundaries[name]), named(mesh.element.facet).n
     if facets.ndim != 2 or len(facets) != m or not facets.size or facets.dtype.kind not in "iu":
@@ -147,7 +151,7 @@ def _boundary(mesh: Marked, name: str) -> NDArray[np.int32]:
             f"Boundary {name!r} has shape {facets.shape} and dtype {facets.dtype}; expected ({m}, n), n > 0: the nodes of facets."
         )
     if len(bad := np.flatnonzero(((facets < 0) | (facets >= mesh.nv)).any(axis=0))):
-        raise RegionError(f"Boundary {name!r}: {name_ids(bad, 'facet')} with vertex ids outside 0 ... {mesh.nv - 1}.")
+        raise RegionError(f"Boundary {name!r}: {name_ids(bad, 'facet')} with {mesh.word} ids outside 0 ... {mesh.nv - 1}.")
     return facets[:, np.unique(find_facets(facets, facets, mesh.nv))].astype(np.int32)
 
 
@@ -162,7 +166,7 @@ def _satisfying(mesh: Marked, predicate: Callable[[Any], Any], what: str) -> NDA
     if mask.dtype != bool or mask.shape != (mesh.nv,):
         raise RegionError(
             f"{what}: {describe(predicate)} returned shape {mask.shape} and dtype {mask.dtype}; expected a mask ({mesh.nv},), "
-            "True for the vertices that are meant, such as lambda x: x[0] == 0."
+            f"True for the {mesh.words} that are meant, such as lambda x: x[0] == 0."
         )
     if not mask.any():
         box = ", ".join(
@@ -180,7 +184,7 @@ def _listed(mesh: Marked, given: Any, what: str) -> NDArray[np.int64]:
     ids = _array(given)
     if ids is None or ids.ndim != 1:
         raise RegionError(
-            f"{what} are {shown(given)}; expected the name of a boundary or of a node set, a list of vertex ids, a mask, a "
+            f"{what} are {shown(given)}; expected the name of a boundary or of a node set, a list of {mesh.word} ids, a mask, a "
             "predicate such as lambda x: x[0] == 0, or what scikit-fem's basis.get_dofs(...) returned."
         )
     if ids.dtype == bool:

@@ -33,7 +33,7 @@ def spokes_at(x: Array, t: Any, element: Element, xi: Array) -> Array:
            [0., 3.]])
     """
     nt, d, nq = t.shape[1], len(x), len(xi)
-    derivatives = element.derivatives(xi).transpose(0, 2, 1).reshape(nq * element.k, element.n)
+    derivatives = element.derivatives(xi).transpose(0, 2, 1)  # one product for each point: none so large that BLAS starts threads
     return (derivatives @ _by_node(x, t)).reshape(nq, element.k, d, nt).transpose(3, 0, 1, 2)
 
 
@@ -83,6 +83,17 @@ def determinants(spokes: Array) -> Array:
     return np.asarray(_dot(_cross(p[0], p[1]), p[2]))
 
 
+def signed(spokes: Array, centre: Array) -> Array:
+    """(nt, nq) determinants of spokes (nt, nq, k, d); for k < d sizes, negative where they are turned over from those at `centre`.
+
+    Turned over means by more than a right angle: `det P P_c'` of the spokes P and those at the centre P_c (nt, 1, k, d) is negative.
+    """
+    if spokes.shape[-2] == spokes.shape[-1]:
+        return determinants(spokes)
+    turn = determinants(np.einsum("tqid,tqjd->tqij", spokes, np.broadcast_to(centre, spokes.shape)))
+    return measures_of(spokes) * np.sign(turn)
+
+
 def measures_of(spokes: Array) -> Array:
     """(...,) length, area or volume of the parallelepiped that spokes (..., k, d) span; 1 for k = 0.
 
@@ -119,14 +130,15 @@ def extremes(spokes: Array, box: bool = False) -> tuple[Array, Array]:
     edges = [*p] if box else [*p, *(p[i] - p[j] for i in range(k) for j in range(i))]
     longest = np.sqrt(np.max([_squared(edge) for edge in edges], axis=0))
     if k == 1:
-        return longest, 1 / longest
+        with np.errstate(divide="ignore"):
+            return longest, 1 / longest
     pad = p if p.shape[1] == 3 else np.concatenate([p, np.zeros((k, 1, *p.shape[2:]))], axis=1)
     if k == 2:
         facets, size = [_squared(edge) for edge in edges], np.sqrt(_squared(_cross(pad[0], pad[1])))
     else:
         sides = [(pad[0], pad[1]), (pad[1], pad[2]), (pad[2], pad[0])] + ([] if box else [(edges[3], edges[4])])
         facets, size = [_squared(_cross(a, b)) for a, b in sides], np.abs(_dot(_cross(pad[0], pad[1]), pad[2]))
-    with np.errstate(divide="ignore"):
+    with np.errstate(divide="ignore", invalid="ignore"):
         return longest, np.sqrt(np.max(facets, axis=0)) / size
 
 

@@ -7,9 +7,12 @@ import sys
 import numpy as np
 import pytest
 import skfem
+from meshfiles import curved
 
 from skfem_stvk import ElementMesh, MeshError, StVK, StvkWarning, System
-from skfem_stvk.mesh.diagnostics import check_mesh, flat_elements, parts
+from skfem_stvk.elements import ELEMENTS, rule_of
+from skfem_stvk.mesh.diagnostics import check_mesh, flat_elements, folded_elements, parts
+from skfem_stvk.mesh.geometry import jacobians
 
 CUBE = skfem.MeshTet().refined(2)
 SQUARE = skfem.MeshTri().refined(2)
@@ -212,3 +215,69 @@ def test_bodies_beyond_the_range_of_numbers_are_told_so_and_not_that_they_have_n
 def test_flat_elements_are_found_in_any_unit_of_length(size):
     flat = ElementMesh(size * np.array([[0, 1, 0, 1, 0], [0, 0, 1, 1, 0], [0, 0, 0, 0, 1.0]]), [[0, 0], [1, 1], [2, 2], [3, 4]])
     assert flat_elements(flat).tolist() == [0]
+
+
+CURVED = {cls: ElementMesh.of(curved(cls)) for cls in (skfem.MeshTet2, skfem.MeshTri2, skfem.MeshHex, skfem.MeshQuad)}
+LIFTED = {  # membranes in space and a cable
+    "membrane": (CURVED[skfem.MeshTri2], lambda x: [*x, 0.2 * x[0] ** 2]),
+    "shell": (CURVED[skfem.MeshQuad], lambda x: [*x, 0.2 * x[0] * x[1]]),
+    "cable": (ElementMesh([[0, 1, 2]], [[0, 1], [1, 2]]).with_degree(2), lambda x: [x[0], 0.1 * x[0] ** 2, 0.2 * x[0]]),
+}
+ALL = [*CURVED.values(), *(ElementMesh(f(mesh.p), mesh.t, element=mesh.element) for mesh, f in LIFTED.values())]
+
+
+@pytest.mark.parametrize("mesh", ALL, ids=lambda mesh: mesh.kind)
+@pytest.mark.parametrize("scale", [1e-9, 1, 1e9])
+def test_curved_elements_and_boxes_are_sound_at_any_size_and_turned_round(mesh, scale):
+    for mirror in (1, -1):
+        p = mesh.p * scale * np.array([[mirror], *[[1]] * (mesh.d - 1)])
+        check_mesh(ElementMesh(p, mesh.t, element=mesh.element))
+        check_mesh(ElementMesh(turned(p) + 1e3 * scale, mesh.t, element=mesh.element))
+
+
+@pytest.mark.parametrize("mesh", ALL, ids=lambda mesh: mesh.kind)
+def test_elements_that_fold_over_themselves_are_refused_with_their_ids(mesh):
+    """A node of the last element is moved through the element beyond the far side: the neighbours at it may fold too."""
+    node = mesh.t[-1, -1]
+    p = mesh.p.copy()
+    if mesh.k == 1:
+        p[:, node] = p[:, mesh.t[0, -1]] - 0.1
+    p[:, node] += 2.5 * (mesh.p[:, mesh.t[:, -1]].mean(axis=1) - p[:, node])
+    with pytest.raises(MeshError, match=r"Jacobian vanishes or changes its sign.*in another order") as told:
+        check_mesh(ElementMesh(p, mesh.t, element=mesh.element))
+    assert str(mesh.nt - 1) in str(told.value) or "..." in str(told.value)
+    folded = folded_elements(ElementMesh(p, mesh.t, element=mesh.element))
+    assert mesh.nt - 1 in folded and np.isin(folded, np.flatnonzero((mesh.t == node).any(axis=0))).all()
+
+
+@pytest.mark.parametrize("name", ["quadratic triangles", "quadratic tetrahedra"])
+@pytest.mark.parametrize(("past", "sound"), [(-1e-4, True), (0, False), (1e-4, False)])
+def test_an_edge_may_be_curved_until_the_jacobian_vanishes_at_a_node(name, past, sound):
+    """A middle moved along its straight edge to a quarter of it makes the Jacobian zero at the end, and at no inner point yet."""
+    element = ELEMENTS[name]
+    straight = ElementMesh(element.nodes[: element.corners].T, np.arange(element.corners)[:, None]).with_degree(2)
+    p = straight.p.copy()
+    p[0, straight.t[element.corners]] = 0.25 - past
+    mesh = ElementMesh(p, straight.t, element=element)
+    points = np.concatenate([rule_of(element, kind).points for kind in ("usual", "exact")])
+    assert jacobians(mesh, points).min() > 0
+    assert len(folded_elements(mesh)) == (not sound)
+
+
+def test_a_hexahedron_in_meshios_order_is_refused():
+    element = ELEMENTS["hexahedra"]
+    mesh = ElementMesh(element.nodes[[0, 4, 3, 1, 7, 5, 2, 6]].T, np.arange(8)[:, None], element=element)
+    with pytest.raises(MeshError, match=r"1 element \(0\): the Jacobian.*their vertices in another order \(scikit-fem's RefHex"):
+        check_mesh(mesh)
+
+
+@pytest.mark.parametrize("mesh", [skfem.MeshTet2, skfem.MeshHex])
+def test_nodes_of_other_elements_that_are_broken_are_named(mesh):
+    good = CURVED[mesh]
+    p = good.p.copy()
+    p[0, [3, 9]] = np.nan
+    words = good.words
+    with pytest.raises(MeshError, match=rf"2 {words} \(3, 9\): coordinates that are not finite"):
+        check_mesh(ElementMesh(p, good.t, element=good.element))
+    with pytest.raises(MeshError, match=r"1 element \(\d+\): the same vertices as an earlier element"):
+        check_mesh(ElementMesh(good.p, np.column_stack([good.t, good.t[:, 5]]), element=good.element))

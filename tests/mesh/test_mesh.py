@@ -6,7 +6,8 @@ import pytest
 import skfem
 from meshfiles import CUBE, FIVE_TETS, curved
 
-from skfem_stvk import ElementMesh, MeshError, RegionError
+from skfem_stvk import ElementMesh, MeshError, RegionError, StvkWarning
+from skfem_stvk.elements import ELEMENTS
 from skfem_stvk.mesh.mesh import check_index_range
 
 TRIANGLES = skfem.MeshTri().refined(2).with_subdomains({"left": lambda x: x[0] < 0.5})
@@ -183,3 +184,67 @@ def test_periodic_meshes_are_refused_with_the_way_out():
     periodic = skfem.MeshTri1DG.periodic(skfem.MeshTri().refined(1), [0], [1])
     with pytest.raises(MeshError, match=r"MeshTri1DG is periodic or discontinuous.*Use the mesh that it was made of"):
         ElementMesh.of(periodic)
+
+
+@pytest.mark.parametrize("cls", [skfem.MeshTet2, skfem.MeshTri2])
+def test_of_degree_one_a_curved_mesh_is_its_corners_with_a_line_that_says_so(cls):
+    curved_mesh = ElementMesh.of(curved(cls))
+    sets = {"some": np.array([0, curved_mesh.nv - 1])}
+    curved_mesh = ElementMesh(
+        curved_mesh.p, curved_mesh.t, curved_mesh.subdomains, curved_mesh.boundaries, sets, curved_mesh.element
+    )
+    n, ne = curved_mesh.nvertices, curved_mesh.nv - curved_mesh.nvertices
+    with pytest.warns(StvkWarning, match=rf"reduced to their corners, {n} vertices: {ne} of their {ne} edges are curved and taken"):
+        mesh = curved_mesh.with_degree(1)
+    assert np.array_equal(mesh.p, curved_mesh.p[:, :n]) and np.array_equal(mesh.t, curved_mesh.corners)
+    assert np.array_equal(mesh.boundaries["wall"], curved_mesh.boundaries["wall"][: mesh.k]) and mesh.boundaries["wall"].size
+    assert mesh.node_sets["some"].tolist() == [0] and np.array_equal(mesh.elements("left_half"), curved_mesh.elements("left_half"))
+    again = mesh.with_degree(2)
+    assert np.array_equal(again.t, curved_mesh.t) and again.with_degree(2) is again
+    with pytest.warns(StvkWarning, match=": 0 of their"):
+        again.with_degree(1)
+
+
+@pytest.mark.parametrize("lazy", [True, False])
+@pytest.mark.parametrize(("cls", "k"), [(skfem.MeshLine, 1), (skfem.MeshTri, 2), (skfem.MeshTet, 3)])
+def test_of_degree_two_boundaries_and_node_sets_have_the_middles_of_edges(cls, k, lazy):
+    mesh = ElementMesh.of(cls().refined(2).with_boundaries({"wall": lambda x: x[0] == 0}))
+    wall = np.flatnonzero(mesh.p[0] == 0)
+    boundaries = mesh.boundaries if lazy else {"wall": mesh.boundaries["wall"][::-1]}
+    mesh = ElementMesh(mesh.p, mesh.t, {}, boundaries, {"face": wall, "mask": mesh.p[0] == 0, "one": wall[:1], "none": []})
+    quadratic = mesh.with_degree(2)
+    at_wall = np.flatnonzero(quadratic.p[0] == 0)
+    facets = quadratic.boundaries["wall"]
+    assert len(facets) == quadratic.facet.n and np.array_equal(np.unique(facets), at_wall)
+    for i, (a, b) in enumerate(quadratic.facet.edges if k > 1 else ()):
+        assert np.array_equal(quadratic.p[:, facets[k + i]], quadratic.p[:, facets[[a, b]]].mean(axis=1))
+    assert quadratic.node_sets["face"].tolist() == quadratic.node_sets["mask"].tolist() == at_wall.tolist()
+    assert quadratic.node_sets["one"].tolist() == wall[:1].tolist() and set(quadratic.node_sets) == {"face", "mask", "one"}
+
+
+@pytest.mark.parametrize("degree", [0, 3, 1.0, True, None, "2"])
+def test_another_degree_is_refused(degree):
+    with pytest.raises(MeshError, match=r"degree = .*; expected 1 or 2"):
+        ElementMesh.of(TRIANGLES).with_degree(degree)
+
+
+def test_boxes_are_of_no_second_degree():
+    boxes = ElementMesh.of(skfem.MeshHex())
+    assert boxes.with_degree(1) is boxes
+    with pytest.raises(MeshError, match=r"degree = 2, but the elements are hexahedra.*Leave the degree out, or split them"):
+        boxes.with_degree(2)
+
+
+@pytest.mark.parametrize("numbers", [[1, 0, 2, 3, 4, 5], [3, 4, 5, 0, 1, 2], [0, 1, 2, 4, 3, 5]])
+def test_quadratic_simplices_with_other_numbers_are_refused_with_those_expected(numbers):
+    mesh = ElementMesh([[0, 1, 0], [0, 0, 1]], [[0], [1], [2]]).with_degree(2)
+    rows = np.array([0, 1, 2, *mesh.t[3:, 0]])[numbers]
+    with pytest.raises(MeshError, match=r"1 element \(0\): nodes are not numbered as scikit-fem.*order of mesh.facets"):
+        ElementMesh(mesh.p, rows[:, None], element=mesh.element)
+
+
+def test_nodes_that_do_not_fit_the_element_are_refused():
+    with pytest.raises(
+        MeshError, match=r"t has shape \(3, 1\) in a space of 2 dimensions; expected \(6, nt\), the nodes of quadratic"
+    ):
+        ElementMesh([[0, 1, 0], [0, 0, 1]], [[0], [1], [2]], element=ELEMENTS["quadratic triangles"])
