@@ -12,9 +12,11 @@ from scipy.sparse import coo_matrix, csr_matrix
 from scipy.sparse.csgraph import connected_components
 
 from ..arguments import Array
+from ..elements import Element, linear_simplex
 from ..errors import SupportError, name_ids
 from ..kernels.topology import pieces_of_simplices
 from ..mesh import ElementMesh
+from ..mesh.facets import facets_of
 from ..terms import BoundTerm
 from .constraints import Block, compressed, free_motions
 from .rigid import centred, motions, name_part, parts_of, rigid_modes_left
@@ -42,7 +44,7 @@ class Mechanism:
 
 
 class Corners(NamedTuple):
-    """(n,) the vertices of each piece, each once: `vertex`, ascending, and `piece`."""
+    """(n,) the nodes of each piece, each once: `vertex`, ascending, and `piece`."""
 
     vertex: Ids
     piece: Ids
@@ -51,13 +53,13 @@ class Corners(NamedTuple):
 def check_held(mesh: ElementMesh, terms: Sequence[BoundTerm], held: NDArray[Any], solid: NDArray[np.bool_]) -> None:
     """Refuse a body that can move without strain: whose `terms` hold it together and to the ground, with supports at `held`.
 
-    Mechanisms are looked for where elements are rigid as long as they are not strained: tetrahedra, and triangles in the plane,
-    that are `solid` (nt,), of an elastic material. Cables, trusses and membranes in space are held by tension, not known here.
+    Mechanisms are looked for where elements are rigid as long as they are not strained: those that fill their space, the plane too,
+    and are `solid` (nt,), of an elastic material. Cables, trusses and membranes in space are held by tension, not known here.
     """
     edges = [term.nodes_paired for term in terms]
     held = np.union1d(held, grounded_dofs(terms)).astype(np.int64)
     part = parts_of(edges, mesh.nv)
-    left = rigid_modes_left(mesh.p, part, held)
+    left = rigid_modes_left(mesh.p, part, held, mesh.word)
     said = []
     if left:
         said.append(
@@ -66,7 +68,8 @@ def check_held(mesh: ElementMesh, terms: Sequence[BoundTerm], held: NDArray[Any]
         )
     if mesh.k == mesh.d > 1 and solid.any():
         rigid = {each.part: each.count for each in left}
-        loose = mechanisms(mesh.p, mesh.t, np.flatnonzero(solid), part, held, rigid=rigid, edges=edges)
+        ids = np.flatnonzero(solid)
+        loose = mechanisms(mesh.p, mesh.t, ids, part, held, rigid=rigid, edges=edges, element=mesh.element, word=mesh.word)
         if loose:
             facet = ("an edge", "edges") if mesh.d == 2 else ("a face", "faces")
             said.append(
@@ -90,16 +93,25 @@ def _listed(items: Sequence[Any], what: str) -> str:
 
 
 def mechanisms(
-    p: Array, t: Ids, solid: Ids, part: Ids, held: Ids, *, rigid: Mapping[int, int], edges: Sequence[Ids] = ()
+    p: Array,
+    t: Ids,
+    solid: Ids,
+    part: Ids,
+    held: Ids,
+    *,
+    rigid: Mapping[int, int],
+    edges: Sequence[Ids] = (),
+    element: Element | None = None,
+    word: str = "vertex",
 ) -> list[Mechanism]:
     """Motions of pieces of a part against each other without strain, to first order.
 
     A piece is what facets join: tetrahedra by triangles, triangles in the plane by edges; unstrained it is rigid. Pieces move alike
-    at the vertices that they share: one is a ball joint, in the plane a hinge; several on a line are a hinge; others hold.
+    at the nodes that they share: one is a ball joint, in the plane a hinge; several on a line are a hinge; others hold.
 
-    Of the simplices `t` (d + 1, nt), those with ids `solid` are rigid. `part` (nv,) are the numbers of the parts, of which `rigid`
-    says how many rigid modes are left to them as a whole. A part where `edges` (2, ne) of terms join what is of no common piece
-    counts as held together.
+    Of the elements `t` (n, nt), by default linear simplices, those with ids `solid` are rigid. `part` (nv,) are the numbers of the
+    parts, of which `rigid` says how many rigid modes are left to them as a whole. A part where `edges` (2, ne) of terms join what
+    is of no common piece counts as held together. A `word` is what nodes are called.
 
     >>> p = np.array([[0.0, 1, 0, 1, 2], [0, 0, 1, 2, 1]])   # two triangles that share vertex 1
     >>> t = np.array([[0, 1], [1, 3], [2, 4]])
@@ -108,7 +120,7 @@ def mechanisms(
     """
     nv = p.shape[1]
     own = np.ascontiguousarray(t if len(solid) == t.shape[1] else t[:, solid], dtype=np.int32)
-    piece = pieces_of_simplices(own, nv)
+    piece = pieces(own, nv, element or linear_simplex(len(t) - 1))
     of_part = part[own[0, np.unique(piece, return_index=True)[1]]]
     several = np.bincount(of_part, minlength=part.max() + 1) > 1
     if not several.any():
@@ -138,11 +150,26 @@ def mechanisms(
     for own in _grouped(np.array([part[vertices[0]] for _, vertices in turning])):
         i = int(part[turning[own[0]][1][0]])
         joints = [
-            f"{name_ids(solid[of_element == one], 'element')} can turn about {_place(p, vertices)}"
+            f"{name_ids(solid[of_element == one], 'element')} can turn about {_place(p, vertices, word)}"
             for one, vertices in (turning[joint] for joint in own[:MOST])
         ]
-        found.append(Mechanism(i, name_part(part, i), int(count[i]) - (rigid.get(i, 0) if whole[i] else 0), joints, len(own)))
+        found.append(Mechanism(i, name_part(part, i, word), int(count[i]) - (rigid.get(i, 0) if whole[i] else 0), joints, len(own)))
     return [mechanism for mechanism in found if mechanism.count > 0]
+
+
+def pieces(t: Ids, nv: int, element: Element) -> Ids:
+    """The number (nt,) of the piece of each element `t` (n, nt): elements that share a facet are of one piece.
+
+    >>> from skfem_stvk.elements import ELEMENTS
+    >>> pieces(np.array([[0, 2, 6], [1, 4, 7], [3, 5, 8], [2, 3, 5]]), 9, ELEMENTS["quadrilaterals"])
+    array([0, 0, 1], dtype=int32)
+    """
+    if not element.is_box:
+        return pieces_of_simplices(np.ascontiguousarray(t[: element.corners]), nv)
+    t2f = facets_of(t, nv, element)[1]
+    elements, facets = np.tile(np.arange(t.shape[1]), len(t2f)), t2f.ravel() + t.shape[1]
+    graph = coo_matrix((np.ones(t2f.size, dtype=np.int8), (elements, facets)), shape=(int(facets.max()) + 1,) * 2)
+    return np.asarray(connected_components(graph, directed=False)[1][: t.shape[1]])
 
 
 def _corners(t: Ids, piece: Ids) -> Corners:
@@ -224,10 +251,10 @@ def _turning(corners: Corners, cluster: Ids, moves: NDArray[np.bool_], elements:
     return [(int(back[one]), np.intersect1d(own[one], own[other])) for one, other in pairs]
 
 
-def _place(p: Array, vertices: Ids) -> str:
-    """Vertices on a line, with their coordinates."""
+def _place(p: Array, vertices: Ids, word: str) -> str:
+    """Nodes on a line, with their coordinates."""
     ends = vertices[np.lexsort(p[:, vertices][::-1])[[0, -1]]]
     points = [f"({', '.join(f'{c:.9g}' for c in p[:, v])})" for v in ends]
     if len(vertices) == 1:
-        return f"{name_ids(vertices, 'vertex')} at {points[0]}"
-    return f"the line through {name_ids(vertices, 'vertex')} from {points[0]} to {points[1]}"
+        return f"{name_ids(vertices, word)} at {points[0]}"
+    return f"the line through {name_ids(vertices, word)} from {points[0]} to {points[1]}"

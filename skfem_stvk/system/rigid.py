@@ -19,9 +19,9 @@ NOTHING = 1e-13
 
 
 def rigid_modes(x: Array) -> Array:
-    """(ndofs, r) unit translations, and rotations of unit size at most about the centre of the vertices `x` (nv, d).
+    """(ndofs, r) unit translations, and rotations of unit size at most about the centre of the nodes `x` (nv, d).
 
-    `r` is 1, 3, 6 for d = 1, 2, 3; fewer of them are independent where all vertices are on a line.
+    `r` is 1, 3, 6 for d = 1, 2, 3; fewer of them are independent where all nodes are on a line.
 
     >>> rigid_modes(np.array([[0.0, 0.0], [2.0, 0.0]]))
     array([[ 1.,  0., -0.],
@@ -36,7 +36,7 @@ def rigid_modes(x: Array) -> Array:
 
 @dataclass(frozen=True)
 class Left:
-    """What a part of a body can do: its number, its vertices in words, how many rigid modes it has, and which."""
+    """What a part of a body can do: its number, its nodes in words, how many rigid modes it has, and which."""
 
     part: int
     who: str
@@ -47,8 +47,10 @@ class Left:
         return f"{self.who} has {self.count} rigid mode{'s' * (self.count > 1)} left, {', '.join(self.names)}"
 
 
-def rigid_modes_left(p: Array, part: NDArray[Any], held: NDArray[Any]) -> list[Left]:
+def rigid_modes_left(p: Array, part: NDArray[Any], held: NDArray[Any], word: str = "vertex") -> list[Left]:
     """What each part of a body can still do as a whole when degrees of freedom are `held`; `part` (nv,) are numbers of parts.
+
+    `word` is what a node is called.
 
     >>> square, one = np.array([[0.0, 1, 0, 1], [0, 0, 1, 1]]), np.zeros(4, dtype=int)
     >>> str(rigid_modes_left(square, one, held=np.array([0, 4]))[0])
@@ -67,20 +69,22 @@ def rigid_modes_left(p: Array, part: NDArray[Any], held: NDArray[Any]) -> list[L
         return []
     moved = _gram(modes, part, len(size))
     free = {int(i): _free(resisted[i], moved[i]) for i in loose}
-    return [Left(i, name_part(part, i), f.shape[1], names(f, d, centre[i], size[i])) for i, f in free.items() if f.size]
+    return [Left(i, name_part(part, i, word), f.shape[1], names(f, d, centre[i], size[i])) for i, f in free.items() if f.size]
 
 
 def parts_of(edges: Sequence[NDArray[np.int32]], nv: int) -> NDArray[np.int32]:
-    """(nv,) number of the part of each vertex: parts are what `edges` (2, ne) connect."""
+    """(nv,) number of the part of each node: parts are what `edges` (2, ne) connect."""
     a, b = np.concatenate([np.empty((2, 0), dtype=np.int32), *edges], axis=1)
     links = coo_matrix((np.ones(len(a), dtype=np.int8), (a, b)), shape=(nv, nv))
     return np.asarray(connected_components(links, directed=False)[1])
 
 
-def name_part(part: NDArray[Any], i: int) -> str:
-    """A part by its vertices."""
+def name_part(part: NDArray[Any], i: int, word: str = "vertex") -> str:
+    """A part by its nodes, which are called by a word."""
     own = np.flatnonzero(part == i)
-    return f"the part of {name_ids(own, 'vertex')}" if len(own) < len(part) else f"the body of {len(part)} vertices"
+    if len(own) < len(part):
+        return f"the part of {name_ids(own, word)}"
+    return f"the body of {len(part)} {'vertices' if word == 'vertex' else word + 's'}"
 
 
 def centred(p: Array, part: NDArray[Any]) -> tuple[Array, Array, Array]:

@@ -34,13 +34,13 @@ def simplex(*corners):
     return np.array(corners, dtype=float).T, np.arange(len(corners))[:, None]
 
 
-def put_together(*bodies):
+def put_together(*bodies, element=None):
     """Meshes (p, t) as one: vertices in the same place are one vertex."""
     p = np.concatenate([p for p, _ in bodies], axis=1)
     first = np.cumsum([0, *[p.shape[1] for p, _ in bodies]])
     t = np.concatenate([t + n for (_, t), n in zip(bodies, first, strict=False)], axis=1)
     p, inverse = np.unique(np.round(p, 12), axis=1, return_inverse=True)
-    return ElementMesh(p, inverse.ravel()[t])
+    return ElementMesh(p, inverse.ravel()[t], element=element)
 
 
 def shuffled(mesh, seed):

@@ -1,4 +1,4 @@
-"""Loads on all elements, curved ones too: scikit-fem's forms, closed forms, balance, and derivatives of what they are derivatives of."""
+"""Loads on all elements, curved ones too: scikit-fem's forms, closed forms, balance, and energies whose derivatives they are."""
 
 import numpy as np
 import pytest
