@@ -179,13 +179,30 @@ def _isotropic_sizes(law, at, weight, M):
     return trace + mu * M[0], trace + mu * M[1], trace + mu * M[2], mu * M[3], mu * M[4], mu * M[5]
 
 
+@inlined
+def _sizes_of_row(D, at, x, a, b, c, d, e, f):
+    return (
+        abs(D[at + I((6 + a) * LANES)]) * x[0]
+        + abs(D[at + I((6 + b) * LANES)]) * x[1]
+        + abs(D[at + I((6 + c) * LANES)]) * x[2]
+        + abs(D[at + I((6 + d) * LANES)]) * x[3]
+        + abs(D[at + I((6 + e) * LANES)]) * x[4]
+        + abs(D[at + I((6 + f) * LANES)]) * x[5]
+    )
+
+
 @by_law(sizes_of_stress, GeneralLaw, FORMULAS)
 def _general_sizes(law, at, weight, M):
-    largest = law.D[at] - law.D[at]
-    for i in range(6, 27):
-        largest = max(largest, abs(law.D[at + I(i * LANES)]))
-    both = weight * largest * (M[0] + M[1] + M[2] + M[3] + M[4] + M[5] + M[3] + M[4] + M[5])
-    return both, both, both, both, both, both
+    D, twice = law.D, weight + weight
+    x = (weight * M[0], weight * M[1], weight * M[2], twice * M[3], twice * M[4], twice * M[5])
+    return (
+        _sizes_of_row(D, at, x, 0, 1, 2, 3, 4, 5),
+        _sizes_of_row(D, at, x, 1, 6, 7, 8, 9, 10),
+        _sizes_of_row(D, at, x, 2, 7, 11, 12, 13, 14),
+        _sizes_of_row(D, at, x, 3, 8, 12, 15, 16, 17),
+        _sizes_of_row(D, at, x, 4, 9, 13, 16, 18, 19),
+        _sizes_of_row(D, at, x, 5, 10, 14, 17, 19, 20),
+    )
 
 
 @kernel

@@ -151,65 +151,132 @@ def _put_edges(K, out, lane):
     put(K23, out, lane + I(45 * LANES))
 
 
-#: Where the entries `(i, j, row, column)` of the stiffness of spokes stand among its 45 numbers.
-_SYMMETRIC = np.array([[0, 3, 4], [3, 1, 5], [4, 5, 2]])
-_PLACES = np.empty((3, 3, 9), dtype=np.int64)
-for _i, _j, _r, _c in np.ndindex(3, 3, 3, 3):
-    _block = {(0, 1): 18, (0, 2): 27, (1, 2): 36}.get((min(_i, _j), max(_i, _j)), 6 * _i)
-    _PLACES[_i, _j, 3 * _r + _c] = _block + (_SYMMETRIC[_r, _c] if _i == _j else 3 * _r + _c if _i < _j else 3 * _c + _r)
+@inlined
+def _put_spokes(K, out, lane):
+    """Write the stiffness of spokes as nine blocks of nine numbers, `K_ij` row by row."""
+    K12, K13, K23 = K[18:27], K[27:36], K[36:45]
+    put(_nine(K[:6]), out, lane)
+    put(_nine(K[6:12]), out, lane + I(36 * LANES))
+    put(_nine(K[12:18]), out, lane + I(72 * LANES))
+    put(K12, out, lane + I(9 * LANES))
+    put(K13, out, lane + I(18 * LANES))
+    put(_transposed(K12), out, lane + I(27 * LANES))
+    put(K23, out, lane + I(45 * LANES))
+    put(_transposed(K13), out, lane + I(54 * LANES))
+    put(_transposed(K23), out, lane + I(63 * LANES))
+
+
+#: Numbers of a 3 x 3 block of a block of lanes.
+NINE = 9 * LANES
 
 
 @inlined
-def _row_of(points, point, a, K, T):
-    """`T_j = sum_i dN_a/dxi_i K_ij` (27 LANES,) of node `a` at a point, from the 45 numbers `K` of its spokes there."""
-    B, first = points.B, point * 45 * LANES
-    b1, b2, b3 = B[point, a, 0], B[point, a, 1], B[point, a, 2]
+def _by_nodes(B, point, a, K, T):
+    """`T_aj = sum_i dN_a/dxi_i K_ij` of three nodes from `a` on at a point."""
+    b11, b12, b13 = B[point, a, 0], B[point, a, 1], B[point, a, 2]
+    b21, b22, b23 = B[point, a + 1, 0], B[point, a + 1, 1], B[point, a + 1, 2]
+    b31, b32, b33 = B[point, a + 2, 0], B[point, a + 2, 1], B[point, a + 2, 2]
     for j in range(3):
-        for e in range(9):
-            x, y, z = I(first + _PLACES[0, j, e] * LANES), I(first + _PLACES[1, j, e] * LANES), I(first + _PLACES[2, j, e] * LANES)
-            to = I((9 * j + e) * LANES)
-            for i in range(LANES):
-                lane = I(i)
-                T[to + lane] = b1 * K[x + lane] + b2 * K[y + lane] + b3 * K[z + lane]
+        of, to = I((9 * point + j) * NINE), I((9 * point + j) * NINE)
+        for i in range(NINE):
+            at, into = of + I(i), to + I(i)
+            k1, k2, k3 = K[at], K[at + I(3 * NINE)], K[at + I(6 * NINE)]
+            T[into] = b11 * k1 + b12 * k2 + b13 * k3
+            T[into + I(3 * NINE)] = b21 * k1 + b22 * k2 + b23 * k3
+            T[into + I(6 * NINE)] = b31 * k1 + b32 * k2 + b33 * k3
 
 
 @inlined
-def _add_row(points, point, a, T, row):
-    """Add `sum_j dN_b/dxi_j T_j` to the blocks `(a, b)` of the `row` (9 m LANES,), for all nodes b >= a."""
-    B = points.B
-    for b in range(a, B.shape[1]):
-        b1, b2, b3 = B[point, b, 0], B[point, b, 1], B[point, b, 2]
-        for e in range(9):
-            to, of = I((9 * b + e) * LANES), I(e * LANES)
-            for i in range(LANES):
-                lane = I(i)
-                at = of + lane
-                row[to + lane] += b1 * T[at] + b2 * T[at + I(9 * LANES)] + b3 * T[at + I(18 * LANES)]
+def _add_pairs(B, point, b, T, of, out):
+    """Add `sum_j dN_b/dxi_j T_j` of three nodes from `b` on at a point to their blocks (3 NINE,)."""
+    b11, b12, b13 = B[point, b, 0], B[point, b, 1], B[point, b, 2]
+    b21, b22, b23 = B[point, b + 1, 0], B[point, b + 1, 1], B[point, b + 1, 2]
+    b31, b32, b33 = B[point, b + 2, 0], B[point, b + 2, 1], B[point, b + 2, 2]
+    for i in range(NINE):
+        at, to = of + I(i), I(i)
+        t1, t2, t3 = T[at], T[at + I(NINE)], T[at + I(2 * NINE)]
+        out[to] += b11 * t1 + b12 * t2 + b13 * t3
+        out[to + I(NINE)] += b21 * t1 + b22 * t2 + b23 * t3
+        out[to + I(2 * NINE)] += b31 * t1 + b32 * t2 + b33 * t3
+
+
+@inlined
+def _add_two(B, point, b, T, of, out):
+    """As `_add_pairs`, of a point and the next: the blocks are read and written once for both."""
+    b11, b12, b13 = B[point, b, 0], B[point, b, 1], B[point, b, 2]
+    b21, b22, b23 = B[point, b + 1, 0], B[point, b + 1, 1], B[point, b + 1, 2]
+    b31, b32, b33 = B[point, b + 2, 0], B[point, b + 2, 1], B[point, b + 2, 2]
+    c11, c12, c13 = B[point + 1, b, 0], B[point + 1, b, 1], B[point + 1, b, 2]
+    c21, c22, c23 = B[point + 1, b + 1, 0], B[point + 1, b + 1, 1], B[point + 1, b + 1, 2]
+    c31, c32, c33 = B[point + 1, b + 2, 0], B[point + 1, b + 2, 1], B[point + 1, b + 2, 2]
+    for i in range(NINE):
+        at, to = of + I(i), I(i)
+        t1, t2, t3 = T[at], T[at + I(NINE)], T[at + I(2 * NINE)]
+        s1, s2, s3 = T[at + I(9 * NINE)], T[at + I(10 * NINE)], T[at + I(11 * NINE)]
+        out[to] += b11 * t1 + b12 * t2 + b13 * t3 + c11 * s1 + c12 * s2 + c13 * s3
+        out[to + I(NINE)] += b21 * t1 + b22 * t2 + b23 * t3 + c21 * s1 + c22 * s2 + c23 * s3
+        out[to + I(2 * NINE)] += b31 * t1 + b32 * t2 + b33 * t3 + c31 * s1 + c32 * s2 + c33 * s3
+
+
+@inlined
+def _add_diagonal(B, point, b, T, of, out):
+    """As `_add_pairs`, where each of the nodes has but one derivative, as the corners 1, 2, 3 of a quadratic simplex."""
+    b1, b2, b3 = B[point, b, 0], B[point, b + 1, 1], B[point, b + 2, 2]
+    for i in range(NINE):
+        at, to = of + I(i), I(i)
+        out[to] += b1 * T[at]
+        out[to + I(NINE)] += b2 * T[at + I(NINE)]
+        out[to + I(2 * NINE)] += b3 * T[at + I(2 * NINE)]
+
+
+@inlined
+def _are_diagonal(B):
+    """Whether the nodes 1, 2, 3 have but one derivative each at all points."""
+    for point in range(len(B)):
+        for a in range(3):
+            for i in range(3):
+                if i != a and B[point, a, i] != 0:
+                    return False
+    return True
 
 
 @kernel
-def _put_pairs(points, nodes, K, T, row, out):
-    """Write the blocks of all pairs of nodes `(a, b)`, a < b, of a block of elements from the stiffness `K` of spokes at the points."""
-    out[: 9 * (nodes - 1) * LANES] = 0  # those of node 0: minus the sum of the columns of the others
-    pair = nodes - 1
-    for a in range(nodes - 1):
-        row[9 * a * LANES :] = 0
-        for point in range(len(points.weights)):
-            _row_of(points, point, a, K, T)
-            _add_row(points, point, a, T, row)
-        for b in range(a, nodes - 1):
-            of, to, into = I(9 * b * LANES), I(9 * b * LANES), I(9 * a * LANES)
-            for i in range(9 * LANES):
-                out[to + I(i)] -= row[of + I(i)]
-            if b > a:
-                for e in range(9):
-                    transposed = I((3 * (e % 3) + e // 3) * LANES)
-                    for i in range(LANES):
-                        out[into + I(e * LANES + i)] -= row[of + transposed + I(i)]
-                to = I(9 * pair * LANES)
-                for i in range(9 * LANES):
-                    out[to + I(i)] = row[of + I(i)]
-                pair += 1
+def _put_pairs(B, nodes, K, T, row, out):
+    """Write the blocks of all pairs of nodes `(a, b)`, a < b, of a block of elements from the stiffness `K` of spokes at the points.
+
+    Nodes are taken three at a time, and of those two groups each pair once: loops of 144 are vectorised well, and what is read for
+    one node serves three. Blocks of node 0 are minus the sums of the columns of the others.
+    """
+    nq, diagonal = len(B), _are_diagonal(B)
+    out[: (nodes - 1) * NINE] = 0
+    for group in range(B.shape[1] // 3):
+        for point in range(nq):
+            _by_nodes(B, point, 3 * group, K, T)
+        for a in range(3 * group, min(3 * group + 3, nodes - 1)):
+            of = 3 * (a - 3 * group) * NINE
+            for other in range(group + 1):
+                row[: 3 * NINE] = 0
+                if other == 0 and diagonal:
+                    for point in range(nq):
+                        _add_diagonal(B, point, 0, T, I(of + 9 * point * NINE), row)
+                else:
+                    for two in range(nq // 2):
+                        _add_two(B, 2 * two, 3 * other, T, I(of + 18 * two * NINE), row)
+                    if nq % 2 == 1:
+                        _add_pairs(B, nq - 1, 3 * other, T, I(of + 9 * (nq - 1) * NINE), row)
+                for b in range(3 * other, min(3 * other + 3, a + 1)):  # the block (a, b), b <= a
+                    of_b, to_a, to_b = I((b - 3 * other) * NINE), I(a * NINE), I(b * NINE)
+                    for i in range(NINE):
+                        out[to_b + I(i)] -= row[of_b + I(i)]
+                    if b < a:
+                        # pairs (0, .), then (1, .) ...: b + 1 and a + 1 are the nodes
+                        pair = I(((b + 1) * (nodes - 1) - (b + 1) * b // 2 + a - b - 1) * NINE)
+                        for e in range(9):
+                            at, turned = I(e * LANES), I((3 * (e % 3) + e // 3) * LANES)
+                            for i in range(LANES):
+                                value = row[of_b + turned + I(i)]
+                                out[pair + at + I(i)] = value
+                                out[to_a + at + I(i)] -= value
 
 
 @kernel
@@ -241,9 +308,8 @@ def linearize(
     q, S_kept, apart = np.empty(9 * LANES, D.dtype), np.empty(6 * LANES, D.dtype), points is not None and positive != negative
     g = D.dtype.type(1) if apart else D.dtype.type(positive)
     values = np.empty(max(9 * edge_slots.shape[1], 54 * LANES), D.dtype)
-    K, T, row = np.empty(45 * LANES * points_of(points), D.dtype), np.empty(27 * LANES, D.dtype), room(points, D.dtype)
-    if points is not None:
-        row = np.empty(9 * points.B.shape[1] * LANES, D.dtype)
+    size = 0 if points is None else 9 * NINE * points_of(points)
+    K, T, row = np.empty(size, D.dtype), np.empty(size, D.dtype), np.empty(3 * NINE, D.dtype)
     nodes = (len(t) // LANES) // len(edge_slots)
     W = 0.0
     for block in range(begin, end):
@@ -291,9 +357,9 @@ def linearize(
                 if points is None:
                     _put_edges(stiffness, values, lane)
                 else:
-                    put(stiffness, K, I(point * 45 * LANES) + lane)
+                    _put_spokes(stiffness, K, I(9 * point * NINE) + lane)
         if points is not None:
-            _put_pairs(points, nodes, K, T, row, values)
+            _put_pairs(points.B, nodes, K, T, row, values)
         W += w
         if len(f) > 0:
             scatter(points, slots, block, total, f)
@@ -533,9 +599,12 @@ def round_off(begin: int, end: int, t: Ids, slots: Ids, points: Points | None, l
                 U1, U2, U3 = vectors(U_size, lane)
                 eQ, eh = in_frame(R, P1, P2, P3), in_frame(R, U1, U2, U3)
                 eq = (add(eQ[0], eh[0]), add(eQ[1], eh[1]), add(eQ[2], eh[2]))
-                M = _sizes_of_strain(h, Q, q, eh, eQ, eq)
-                S = sizes_of_stress(law, at, weight, M)
-                s1, s2, s3 = pulled(S, add(_absolute(q[0]), eq[0]), add(_absolute(q[1]), eq[1]), add(_absolute(q[2]), eq[2]))
+                M = strain(h[0], h[1], h[2], Q[0], Q[1], Q[2], q[0], q[1], q[2])
+                M = (abs(M[0]), abs(M[1]), abs(M[2]), abs(M[3]), abs(M[4]), abs(M[5]))
+                S, dS = sizes_of_stress(law, at, weight, M), sizes_of_stress(law, at, weight, _sizes_of_strain(h, Q, q, eh, eQ, eq))
+                a1, a2, a3 = pulled(S, add(_absolute(q[0]), eq[0]), add(_absolute(q[1]), eq[1]), add(_absolute(q[2]), eq[2]))
+                b1, b2, b3 = pulled(dS, _absolute(q[0]), _absolute(q[1]), _absolute(q[2]))
+                s1, s2, s3 = add(a1, b1), add(a2, b2), add(a3, b3)
                 f1, f2, f3 = on_spokes(R, s1, s2, s3)
                 put(f1, forces, lane)
                 put(f2, forces, lane + I(3 * LANES))
