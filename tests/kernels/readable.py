@@ -1,11 +1,16 @@
 """The kernels once more, slow and to be read: twins of the same signatures in plain NumPy.
 
-Tests hold the kernels against them; nothing else calls them. They take another way where there is one: all edges instead of spokes,
-the whole tensor D instead of the numbers that are stored, sums over lists of places instead of loops. What is said of the arrays in
-`skfem_stvk.kernels.simplices` and `skfem_stvk.kernels.blocks` holds here.
+Tests hold the kernels against them; nothing else calls them. They take another way where there is one: gradients of shape functions
+in the frame instead of spokes, the whole tensor C instead of the numbers that are stored, sums over lists of places instead of loops.
+Elements differ by their table of points alone, and laws by one function of `LAWS`, which gives C. What is said of the arrays in
+`skfem_stvk.kernels.simplices`, `laws` and `blocks` holds here.
 """
 
 from __future__ import annotations
+
+from collections.abc import Callable
+from itertools import combinations
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,14 +19,15 @@ from scipy.sparse.csgraph import connected_components
 
 from skfem_stvk.kernels.cg import BETA, MORE, NEGATIVE, NORM, NOT_FINITE, PART, RHO, SEEN, SMALL, P, S, T, U, X
 from skfem_stvk.kernels.compiled import Ids, Reals
-from skfem_stvk.kernels.lanes import LANES
+from skfem_stvk.kernels.lanes import LANES, TRANSPOSED, Points
+from skfem_stvk.kernels.laws import GeneralLaw, IsotropicLaw
 from skfem_stvk.kernels.penalty import BARRIER, COMPRESSION, QUADRATIC
 from skfem_stvk.kernels.topology import OWN
 
 #: Edges of a tetrahedron as pairs of its vertices: the order of `edge_slots`.
 EDGES = ((0, 1), (1, 2), (0, 2), (0, 3), (1, 3), (2, 3))
 
-#: Pairs of spokes: the order in which components are stored.
+#: The order in which the components of symmetric tensors are stored.
 PAIRS = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
 
 
@@ -31,80 +37,151 @@ def out_of_lanes(a: NDArray, width: int, part: slice) -> NDArray:
     return np.moveaxis(blocks, 2, 1).reshape(-1, width)
 
 
-def stiffness(D: Reals, part: slice) -> Reals:
-    """(n, 3, 3, 3, 3) the tensor `D_ijkl` of each simplex.
-
-    isotropic    D_ijkl = r g_ij g_kl + 1/2 (g_ik g_jl + g_il g_jk)
-    """
-    pairs = range(len(PAIRS))
-    if D.ndim == 1:
-        stored = out_of_lanes(D, 7, part)
-        g, r = np.empty((len(stored), 3, 3), D.dtype), stored[:, 6]
-        for c, (i, j) in enumerate(PAIRS):
-            g[:, i, j] = g[:, j, i] = stored[:, c]
-        shear = np.einsum("nik,njl->nijkl", g, g) + np.einsum("nil,njk->nijkl", g, g)
-        return np.einsum("n,nij,nkl->nijkl", r, g, g) + shear / 2
-    stored = out_of_lanes(D, 21, part)
-    tensor = np.empty((len(stored), 3, 3, 3, 3), D.dtype)
-    for value, (c, d) in zip(stored.T, ((c, d) for c in pairs for d in pairs if c <= d), strict=True):
-        (i, j), (k, l) = PAIRS[c], PAIRS[d]
-        for a, b in ((i, j), (j, i)):
-            for e, f in ((k, l), (l, k)):
-                tensor[:, a, b, e, f] = tensor[:, e, f, a, b] = value
-    return tensor
-
-
 def corners(x: Reals, part: slice, t: Ids, D: Reals) -> Reals:
     """(n, 4, 3) what `x` is at the vertices of each simplex more than at vertex 0, the difference taken in double."""
     corners = x.reshape(-1, 3)[out_of_lanes(t, 4, part)]
     return (corners - corners[:, :1]).astype(D.dtype)
 
 
-def along_edges(x: Reals) -> Reals:
-    """(n, 6, 3) differences `x_a - x_b` of `x` (n, 4, 3)."""
-    a, b = np.array(EDGES).T
-    return x[:, a] - x[:, b]
+# Of elements with any table of points, and of any law. Einsum's indices: n elements, q points, a and b nodes; i, j, k, l axes of the
+# frame; x and y components.
 
 
-def tensions_of(zeta: Reals, part: slice, D: Reals) -> tuple[Reals, Reals]:
-    """Tensions (n, 6) of the edges of each simplex at squared elongations `zeta` (n, 6), and `S` (n, 3, 3).
+def isotropic(numbers: Reals) -> Reals:
+    """(..., 3, 3, 3, 3) `C_ijkl = lam/2 d_ij d_kl + mu/2 (d_ik d_jl + d_il d_jk)` for the numbers `w lam/2`, `w mu`: `S = C : M`."""
+    I = np.eye(3)
+    volume, shear = np.einsum("ij,kl->ijkl", I, I), np.einsum("ik,jl->ijkl", I, I) + np.einsum("il,jk->ijkl", I, I)
+    lam, mu = np.moveaxis(numbers, -1, 0)[..., None, None, None, None]
+    return lam * volume.astype(numbers.dtype) + mu * (shear / 2).astype(numbers.dtype)
 
-    M_ii = zeta_0i    M_ij = 1/2 (zeta_0i + zeta_0j - zeta_ij)    S_ij = sum_kl D_ijkl M_kl    t_ij = -S_ij    t_0i = sum_j S_ij
+
+def general(numbers: Reals) -> Reals:
+    """(..., 3, 3, 3, 3) `C_ijkl` for the 21 numbers of its upper half in the order of `PAIRS`, row by row."""
+    C = np.empty((*numbers.shape[:-1], 3, 3, 3, 3), numbers.dtype)
+    upper = ((c, d) for c in range(6) for d in range(c, 6))
+    for value, (c, d) in zip(np.moveaxis(numbers, -1, 0), upper, strict=True):
+        (i, j), (k, l) = PAIRS[c], PAIRS[d]
+        for a, b in ((i, j), (j, i)):
+            for e, f in ((k, l), (l, k)):
+                C[..., a, b, e, f] = C[..., e, f, a, b] = value
+    return C
+
+
+#: How many numbers a law has beside `Ri`, and its C.
+LAWS: dict[type, tuple[int, Callable[[Reals], Reals]]] = {IsotropicLaw: (2, isotropic), GeneralLaw: (21, general)}
+#: The same for the sizes of stresses: of a general law all components are as large as its largest number lets them be.
+SIZES: dict[type, Callable[[Reals], Reals]] = {
+    IsotropicLaw: isotropic,
+    GeneralLaw: lambda numbers: general(np.broadcast_to(numbers.max(axis=-1, keepdims=True), numbers.shape)),
+}
+
+
+class Elements(NamedTuple):
+    """What the kernels read of the elements of some blocks.
+
+    `t` (n, a) their nodes, `Ri` (n, q, 3, 3), `numbers` (n, q, m) of the law and `C` (n, q, 3, 3, 3, 3), all times the weights of the
+    points; `g` (n, q, a, 3) derivatives of the shape functions by the axes of the frame, which add up to zero.
     """
-    a, b = np.array(EDGES).T
-    square = np.zeros((len(zeta), 4, 4), D.dtype)  # zeta_ab, zeta_aa = 0
-    square[:, a, b] = square[:, b, a] = zeta
-    M = (square[:, 1:, :1] + square[:, :1, 1:] - square[:, 1:, 1:]) / 2
-    S = np.einsum("nijkl,nkl->nij", stiffness(D, part), M)
-    return np.stack([S[:, b - 1].sum(axis=1) if a == 0 else -S[:, a - 1, b - 1] for a, b in EDGES], axis=1), S
+
+    t: Ids
+    B: Reals
+    Ri: Reals
+    numbers: Reals
+    C: Reals
+    g: Reals
+
+    def differences(self, x: Reals) -> Reals:
+        """(n, a, 3) what `x` is at the nodes more than at node 0, the difference taken in double."""
+        values = x.reshape(-1, 3)[self.t]
+        return (values - values[:, :1]).astype(self.C.dtype)
+
+    def in_frame(self, x: Reals) -> Reals:
+        """(n, q, 3, 3) derivatives `x_j = sum_a g_aj x_a` of a field by the axes j of the frame."""
+        return np.einsum("nqaj,nax->nqjx", self.g, self.differences(x))
+
+    def stress(self, M: Reals) -> Reals:
+        """(n, q, 3, 3) `S = C : M`."""
+        return np.einsum("nqijkl,nqkl->nqij", self.C, M)
+
+    def pull(self, S: Reals, q: Reals) -> Reals:
+        """(n, a, 3) forces `sum_q sum_jk g_aj S_jk q_k` on the nodes."""
+        return np.einsum("nqaj,nqjk,nqkx->nax", self.g, S, q, optimize=True)
 
 
-def edges_and_tensions(part: slice, t: Ids, D: Reals, X: Reals, u: Reals) -> tuple[Reals, Reals, Reals, Reals]:
-    """Of each simplex: `x` (n, 4, 3) its vertices, seen from vertex 0; squared elongations and tensions (n, 6) of its edges; `S`.
+def elements_of(part: slice, t: Ids, points: Points | None, law: Any) -> Elements:
+    """The elements of a part of the blocks.
 
-    zeta_ab = (P_ab + p_ab) . U_ab
+    Linear simplices have one point, and the derivatives of the barycentric coordinates. Elements of a block that are all straight
+    have numbers for one point, which stand for all.
     """
-    P, U = corners(X, part, t, D), corners(u, part, t, D)
-    P_ab, U_ab = along_edges(P), along_edges(U)
-    zeta = ((P_ab + P_ab + U_ab) * U_ab).sum(axis=2)
-    return P + U, zeta, *tensions_of(zeta, part, D)
+    count, tensor = LAWS[type(law)]
+    D, size = law.D, (6 + count) * LANES
+    if points is None:
+        B, weights, blocks = np.eye(3)[None], np.ones(1), len(t) // (4 * LANES)
+        starts = size * np.arange(blocks + 1)
+    else:
+        B, weights, starts = points.B, points.weights, points.starts
+        blocks = len(starts) - 1
+    nodes = len(t) // (LANES * blocks)
+    own = np.diff(starts) > size  # whether each point has numbers of its own
+    first = starts[:-1, None] + np.where(own[:, None], size * np.arange(len(weights)), 0)
+    stored = D[first[part, :, None] + np.arange(size)].reshape(-1, len(weights), 6 + count, LANES)
+    stored = np.moveaxis(stored, 3, 1).reshape(-1, len(weights), 6 + count)
+    Ri = np.zeros((*stored.shape[:2], 3, 3), D.dtype)
+    Ri[..., [0, 0, 0, 1, 1, 2], [0, 1, 2, 1, 2, 2]] = stored[..., :6]
+    numbers = stored[..., 6:] * weights.astype(D.dtype)[:, None]
+    B = np.concatenate([-B.sum(axis=1, keepdims=True), B[:, : nodes - 1]], axis=1).astype(D.dtype)
+    g = np.einsum("qai,nqij->nqaj", B, Ri)
+    return Elements(out_of_lanes(t, nodes, part), B, Ri, numbers, tensor(numbers), g)
 
 
-def pull_along_edges(tensions: Reals, x: Reals, slots: Ids, f: Reals) -> None:
-    """An edge of tension `t_ab` (n, 6) between vertices `x` (n, 4, 3) adds `t_ab (x_a - x_b)` to the slots (n, 4) of its ends."""
-    for e, (a, b) in enumerate(EDGES):
-        pull = tensions[:, e, None] * (x[:, a] - x[:, b])
-        np.add.at(f.reshape(-1, 3), slots[:, a], pull)
-        np.subtract.at(f.reshape(-1, 3), slots[:, b], pull)
+def products(x: Reals, y: Reals) -> Reals:
+    """(n, q, 3, 3) `x_i . y_j`."""
+    return np.einsum("nqix,nqjx->nqij", x, y)
 
 
-def energy_and_force(begin: int, end: int, t: Ids, slots: Ids, D: Reals, X: Reals, u: Reals, f: Reals) -> float:
-    """`W = 1/4 sum t_ab zeta_ab`; an edge pulls its ends with `t_ab p_ab`."""
+def symmetric(x: Reals, y: Reals) -> Reals:
+    """(n, q, 3, 3) `x_i . y_j + y_i . x_j`."""
+    return products(x, y) + products(y, x)
+
+
+def deformed(elements: Elements, X: Reals, u: Reals) -> tuple[Reals, Reals, Reals]:
+    """The frame now, `q = F Q`, the strains `M = 2 E` and the stresses `S`, of each point (n, q, 3, 3).
+
+    M_ij = Q_i . h_j + h_i . Q_j + h_i . h_j
+    """
+    Q, h = elements.in_frame(X), elements.in_frame(u)
+    M = symmetric(Q, h) + products(h, h)
+    return Q + h, M, elements.stress(M)
+
+
+def contracted(S: Reals, M: Reals) -> float:
+    """`sum S : M`."""
+    return float((S * M).sum())
+
+
+def add_to_slots(values: Reals, slots: Ids, part: slice, f: Reals) -> None:
+    """Add values (n, a, 3) at the nodes to their slots."""
+    np.add.at(f.reshape(-1, 3), out_of_lanes(slots, values.shape[1], part), values)
+
+
+def energy_and_force(
+    begin: int, end: int, t: Ids, slots: Ids, points: Points | None, law: Any, X: Reals, u: Reals, f: Reals
+) -> float:
+    """`W = 1/4 sum S : M`, `F_a = sum_jk g_aj S_jk q_k`."""
     part = slice(begin, end)
-    x, zeta, tensions, _ = edges_and_tensions(part, t, D, X, u)
+    elements = elements_of(part, t, points, law)
+    q, M, S = deformed(elements, X, u)
     if len(f):
-        pull_along_edges(tensions, x, out_of_lanes(slots, 4, part), f)
-    return float((tensions * zeta).sum() / 4)
+        add_to_slots(elements.pull(S, q), slots, part, f)
+    return contracted(S, M) / 4
+
+
+def weighed(S: Reals, positive: float, negative: float) -> Reals:
+    """`S` with its eigenvalues times a factor for their sign."""
+    values, axes = np.linalg.eigh(S)
+    values = values * np.where(values > 0, positive, negative).astype(S.dtype)
+    return np.einsum("nqie,nqe,nqje->nqij", axes, values, axes)
 
 
 def linearize(
@@ -114,92 +191,119 @@ def linearize(
     slots: Ids,
     edge_slots: Ids,
     marks: Ids,
-    D: Reals,
+    points: Points | None,
+    law: Any,
     X: Reals,
     u: Reals,
-    kept: float,
+    positive: float,
+    negative: float,
     f: Reals,
     blocks: Reals,
 ) -> float:
-    """`K_ij = 2 sum_kl D_ikjl p_k p_l' + kept S_ij I` of the spokes, `K_0j = -sum_i K_ij`, and of them the blocks of the edges."""
-    part = slice(begin, end)
-    p, _, _, S = edges_and_tensions(part, t, D, X, u)
-    p = p[:, 1:]
-    K = np.empty((len(p), 4, 4, 3, 3), D.dtype)
-    spokes = 2 * np.einsum("nikjl,nkx,nly->nijxy", stiffness(D, part), p, p)
-    K[:, 1:, 1:] = spokes + kept * np.einsum("nij,xy->nijxy", S, np.eye(3))
-    K[:, 0, 1:] = -K[:, 1:, 1:].sum(axis=1)
-    blocks[9 * marks[begin] : 9 * marks[end]] = 0
-    edges = edge_slots.shape[1] // LANES
-    slots_of_edges = out_of_lanes(edge_slots, edges, part)
-    for e, (a, b) in enumerate(EDGES[:edges]):
-        np.add.at(blocks.reshape(-1, 3, 3), slots_of_edges[:, e], K[:, a, b])
-    return energy_and_force(begin, end, t, slots, D, X, u, f)
+    """`K_ab = sum_ij g_ai g_bj A_ij` over points, `A_ij = 2 sum_kl C_ikjl q_k q_l' + S_ij I`, of the pairs of nodes `a < b`.
 
-
-def tensions(begin: int, end: int, t: Ids, edge_slots: Ids, marks: Ids, D: Reals, X: Reals, u: Reals, out: Reals) -> None:
-    """`t_ij = -S_ij`, `t_0i = sum_j S_ij` of each simplex, each to the slot of its edge."""
-    part = slice(begin, end)
-    found = edges_and_tensions(part, t, D, X, u)[2]
-    out[marks[begin] : marks[end]] = 0
-    edges = edge_slots.shape[1] // LANES
-    np.add.at(out, out_of_lanes(edge_slots, edges, part), found[:, :edges])
-
-
-def along(begin: int, end: int, t: Ids, D: Reals, X: Reals, u: Reals, v: Reals) -> tuple[float, float, float, float, float]:
-    """`W(s) = 1/4 sum t_ab(s) zeta_ab(s)` with `zeta_ab(s) = zeta_ab + 2 s p_ab . V_ab + s^2 V_ab . V_ab`, and tensions
-    likewise.
+    Of `S` the positive and the negative eigenvalues count by factors; of linear simplices all by the first.
     """
     part = slice(begin, end)
-    x, zeta, _, _ = edges_and_tensions(part, t, D, X, u)
-    p, V = along_edges(x), along_edges(corners(v, part, t, D))
-    zetas = zeta, 2 * (p * V).sum(axis=2), (V * V).sum(axis=2)
+    elements = elements_of(part, t, points, law)
+    q, _, S = deformed(elements, X, u)
+    S = positive * S if points is None else weighed(S, positive, negative)
+    A = 2 * np.einsum("nqikjl,nqkx,nqly->nqijxy", elements.C, q, q, optimize=True)
+    A += np.einsum("nqij,xy->nqijxy", S, np.eye(3, dtype=S.dtype))
+    K = np.einsum("nqai,nqbj,nqijxy->nabxy", elements.g, elements.g, A, optimize=True)
+    pairs = EDGES if points is None else tuple(combinations(range(K.shape[1]), 2))
+    to = out_of_lanes(edge_slots, edge_slots.shape[1] // LANES, part)
+    blocks[9 * marks[begin] : 9 * marks[end]] = 0
+    for (a, b), slot in zip(pairs, to.T, strict=False):  # of segments and triangles the first edges of a tetrahedron
+        turned = (slot & TRANSPOSED) > 0
+        of = np.where(turned[:, None, None], K[:, a, b].swapaxes(1, 2), K[:, a, b])
+        np.add.at(blocks.reshape(-1, 3, 3), slot & ~TRANSPOSED, of)
+    return energy_and_force(begin, end, t, slots, points, law, X, u, f)
+
+
+def tensions(begin: int, end: int, t: Ids, edge_slots: Ids, marks: Ids, law: Any, X: Reals, u: Reals, out: Reals) -> None:
+    """`t_ab = -sum_ij g_ai S_ij g_bj` of each linear simplex, to the slot of its edge."""
+    part = slice(begin, end)
+    elements = elements_of(part, t, None, law)
+    S = deformed(elements, X, u)[2]
+    found = -np.einsum("nqai,nqij,nqbj->nab", elements.g, S, elements.g)
+    out[marks[begin] : marks[end]] = 0
+    slots = out_of_lanes(edge_slots, edge_slots.shape[1] // LANES, part)
+    for (a, b), slot in zip(EDGES, slots.T, strict=False):
+        np.add.at(out, slot, found[:, a, b])
+
+
+def along(
+    begin: int, end: int, t: Ids, points: Points | None, law: Any, X: Reals, u: Reals, v: Reals
+) -> tuple[float, float, float, float, float]:
+    """`W(s) = 1/4 S(s) : M(s)` with `M_ij(s) = M_ij + s (q_i . H_j + H_i . q_j) + s^2 H_i . H_j`, and stresses likewise."""
+    elements = elements_of(slice(begin, end), t, points, law)
+    (q, M, _), H = deformed(elements, X, u), elements.in_frame(v)
+    strains = M, symmetric(q, H), products(H, H)
     c = [0.0] * 5
-    for m, tensions in enumerate(tensions_of(zeta, part, D)[0] for zeta in zetas):
-        for n, elongations in enumerate(zetas):
-            c[m + n] += float((tensions * elongations).sum()) / 4
+    for m, stresses in enumerate(map(elements.stress, strains)):
+        for n, strain in enumerate(strains):
+            c[m + n] += contracted(stresses, strain) / 4
     return c[0], c[1], c[2], c[3], c[4]
 
 
 def mean_force(
-    begin: int, end: int, t: Ids, slots: Ids, D: Reals, X: Reals, u: Reals, v: Reals, w0: float, w1: float, theta: float, f: Reals
+    begin: int,
+    end: int,
+    t: Ids,
+    slots: Ids,
+    points: Points | None,
+    law: Any,
+    X: Reals,
+    u: Reals,
+    v: Reals,
+    w0: float,
+    w1: float,
+    theta: float,
+    f: Reals,
 ) -> float:
-    """`w0 t_ab(u) + w1 t_ab(u + v)` pulls along `p_ab + theta V_ab`; `1/4 sum dt_ab dzeta_ab` with `dzeta_ab = (2 p_ab + V_ab) .
-    V_ab`.
+    """`w0 S(u) + w1 S(u + v)` pull along `q_i + theta H_i`; `1/4 dS : dM` with `dM_ij = q_i . H_j + H_i . q_j + H_i . H_j`."""
+    part = slice(begin, end)
+    elements = elements_of(part, t, points, law)
+    (q, _, S), H = deformed(elements, X, u), elements.in_frame(v)
+    dM = symmetric(q, H) + products(H, H)
+    dS = elements.stress(dM)
+    add_to_slots(elements.pull((w0 + w1) * S + w1 * dS, q + theta * H), slots, part, f)
+    return contracted(dS, dM) / 4
+
+
+def damping_force(
+    begin: int, end: int, t: Ids, slots: Ids, points: Points | None, law: Any, X: Reals, u: Reals, v: Reals, f: Reals
+) -> float:
+    """`S' = C : M'` at `M'_ij = q_i . H_j + H_i . q_j` pull along `q_i`; `1/4 S' : M'`."""
+    part = slice(begin, end)
+    elements = elements_of(part, t, points, law)
+    q, H = deformed(elements, X, u)[0], elements.in_frame(v)
+    rates = symmetric(q, H)
+    stresses = elements.stress(rates)
+    add_to_slots(elements.pull(stresses, q), slots, part, f)
+    return contracted(stresses, rates) / 4
+
+
+def round_off(begin: int, end: int, t: Ids, slots: Ids, points: Points | None, law: Any, X: Reals, u: Reals, f: Reals) -> None:
+    """`f_a = sum_jk |g_aj| S_jk (|q_k| + e_k)`, `f_0 = sum_a f_a`, with the sizes `e = E + d` of what adds up to `q`.
+
+    |g_aj| = sum_i |dN_a/dxi_i| |Ri_ij|        E_j = sum_a |g_aj| |X_a - X_0|        d_j = sum_a |g_aj| (|u_a| + |u_0|)
+    M_ij = |q_i| . d_j + d_i . |Q_j| + e_i . |h_j| + |h_i| . E_j for i <= j        S as of M with the sizes of the law's numbers
     """
     part = slice(begin, end)
-    x, _, tensions, _ = edges_and_tensions(part, t, D, X, u)
-    y = corners(v, part, t, D)
-    p, V = along_edges(x), along_edges(y)
-    dzeta = ((p + p + V) * V).sum(axis=2)
-    more = tensions_of(dzeta, part, D)[0]
-    pull_along_edges((w0 + w1) * tensions + w1 * more, x + theta * y, out_of_lanes(slots, 4, part), f)
-    return float((more * dzeta).sum() / 4)
-
-
-def damping_force(begin: int, end: int, t: Ids, slots: Ids, D: Reals, X: Reals, u: Reals, v: Reals, f: Reals) -> float:
-    """`t_ab` at `zeta'_ab = 2 p_ab . V_ab` pulls along `p_ab`; `1/4 sum t_ab zeta'_ab`."""
-    part = slice(begin, end)
-    x = edges_and_tensions(part, t, D, X, u)[0]
-    rates = 2 * (along_edges(x) * along_edges(corners(v, part, t, D))).sum(axis=2)
-    tensions = tensions_of(rates, part, D)[0]
-    pull_along_edges(tensions, x, out_of_lanes(slots, 4, part), f)
-    return float((tensions * rates).sum() / 4)
-
-
-def round_off(begin: int, end: int, t: Ids, slots: Ids, D: Reals, X: Reals, u: Reals, f: Reals) -> None:
-    """`f_i = sum_j S_ij |p_j|`, `f_0 = sum_i f_i` with `S = |D| : M`, `M_ij = |p_i| . B_j + B_i . |P_j|` for `i <= j`, `B_i = |u_i|
-    + |u_0|`.
-    """
-    part = slice(begin, end)
-    P, U, ends = corners(X, part, t, D)[:, 1:], corners(u, part, t, D)[:, 1:], np.abs(u).reshape(-1, 3)[out_of_lanes(t, 4, part)]
-    B, p = (ends[:, 1:] + ends[:, :1]).astype(D.dtype), np.abs(P + U)
-    M = np.einsum("nix,njx->nij", p, B) + np.einsum("nix,njx->nij", B, np.abs(P))
-    M = np.triu(M) + np.swapaxes(np.triu(M, 1), 1, 2)
-    forces = np.einsum("nijkl,nkl,njx->nix", stiffness(np.abs(D), part), M, p)
-    to, slots = f.reshape(-1, 3), out_of_lanes(slots, 4, part)
-    np.add.at(to, slots[:, 1:], forces)
-    np.add.at(to, slots[:, 0], forces.sum(axis=1))
+    elements = elements_of(part, t, points, law)
+    (q, _, _), Q, h = deformed(elements, X, u), elements.in_frame(X), elements.in_frame(u)
+    q, Q, h = np.abs(q), np.abs(Q), np.abs(h)
+    g = np.einsum("qai,nqij->nqaj", np.abs(elements.B[:, 1:]), np.abs(elements.Ri))
+    ends = np.abs(u).reshape(-1, 3)[elements.t].astype(g.dtype)
+    E = np.einsum("nqaj,nax->nqjx", g, np.abs(elements.differences(X))[:, 1:])
+    d = np.einsum("nqaj,nax->nqjx", g, ends[:, 1:] + ends[:, :1])
+    M = products(q, d) + products(d, Q) + products(E + d, h) + products(h, E)
+    M = np.triu(M) + np.triu(M, 1).swapaxes(2, 3)
+    S = np.einsum("nqijkl,nqkl->nqij", SIZES[type(law)](np.abs(elements.numbers)), M)
+    forces = np.einsum("nqaj,nqjk,nqkx->nax", g, S, q + E + d, optimize=True)
+    add_to_slots(np.concatenate([forces.sum(axis=1, keepdims=True), forces], axis=1), slots, part, f)
 
 
 def volume_ratios(begin: int, end: int, t: Ids, X: Reals, u: Reals, k: int, d: int, out: Reals) -> float:
@@ -514,14 +618,20 @@ def measures(p: Reals, t: Ids) -> Reals:
     return np.stack([_measure(p, t), np.max(edges, axis=0), np.max(facets, axis=0)])
 
 
-def scaled_gram(p: Reals, t: Ids, mu: Reals) -> Reals:
-    """(6, nt) `sqrt(V mu) G_ij`: the Gram matrix of the gradients is the inverse of that of the spokes."""
-    k = len(t) - 1
-    volume = _measure(p, t) / (1, 1, 2, 6)[k]
-    G = np.zeros((t.shape[1], 3, 3))
-    G[:, :k, :k] = np.linalg.inv(_metric(p, t))
-    i, j = np.array(PAIRS).T
-    return np.sqrt(volume * mu) * G[:, i, j].T
+def frames(p: Reals, t: Ids) -> Reals:
+    """(7, nt) `Ri` and `k!` times the size, by Householder's QR of the spokes."""
+    x = np.concatenate([p, np.zeros((3 - len(p), p.shape[1]))]).T[t.T]
+    return frames_of_spokes(x[:, 1:] - x[:, :1])
+
+
+def frames_of_spokes(P: Reals) -> Reals:
+    """(7, n) `Ri = R^-1` with a positive diagonal in the order 11, 12, 13, 22, 23, 33, and the determinant of `R`."""
+    n, k, _ = P.shape
+    R = np.linalg.qr(P.swapaxes(1, 2))[1]
+    R *= np.sign(np.diagonal(R, axis1=1, axis2=2))[:, :, None]
+    Ri = np.zeros((n, 3, 3))
+    Ri[:, :k, :k] = np.linalg.inv(R)
+    return np.concatenate([Ri[:, [0, 0, 0, 1, 1, 2], [0, 1, 2, 1, 2, 2]].T, np.linalg.det(R)[None]])
 
 
 def _metric(p: Reals, t: Ids) -> Reals:

@@ -106,11 +106,24 @@ def test_edges_are_scikit_fems(mesh, edges, t2e):
 
 
 @pytest.mark.parametrize("name", MESHES)
-def test_measures_and_gram_matrices_are_their_twins(name):
+def test_measures_and_frames_are_their_twins(name):
     mesh = MESHES[name]
-    mu = np.random.default_rng(0).uniform(1, 5, mesh.nt)
     for kernel, twin in (
         (geometry.measures(mesh.p, mesh.t), readable.measures(mesh.p, mesh.t)),
-        (geometry.scaled_gram(mesh.p, mesh.t, mu), readable.scaled_gram(mesh.p, mesh.t, mu)),
+        (geometry.frames(mesh.p, mesh.t), readable.frames(mesh.p, mesh.t)),
     ):
         assert np.abs(kernel - twin).max() < 1e-13 * np.abs(twin).max()
+
+
+@pytest.mark.parametrize("k", [1, 2, 3])
+def test_frames_of_spokes_are_their_twins_and_orthonormal(k):
+    """Of both orientations: the diagonal of `Ri` is positive in either."""
+    P = np.random.default_rng(0).standard_normal((50, k, 3))
+    kernel, twin = geometry.frames_of_spokes(P), readable.frames_of_spokes(P)
+    assert (np.abs(kernel - twin).max(axis=0) < 1e-13 * np.abs(twin).max(axis=0) ** 2).all()
+    Ri = np.zeros((50, 3, 3))
+    Ri[:, [0, 0, 0, 1, 1, 2], [0, 1, 2, 1, 2, 2]] = kernel[:6].T
+    Q = np.einsum("nij,nix->njx", Ri[:, :k], P)[:, :k]
+    assert np.abs(Q @ np.swapaxes(Q, 1, 2) - np.eye(k)).max() < 1e-12 and (np.diagonal(Ri[:, :k, :k], axis1=1, axis2=2) > 0).all()
+    if k == 3:
+        assert 0 < (np.linalg.det(P) < 0).sum() < 50 and np.allclose(kernel[6], np.abs(np.linalg.det(P)), rtol=1e-12)

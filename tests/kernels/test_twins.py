@@ -2,23 +2,26 @@
 
 import numpy as np
 import pytest
-from bodies import BODIES, MESHES, box, state
+from bodies import BODIES, CURVED, MESHES, box, state
 from kernels import readable
 from kernels.parts import in_parts, on_twins
+from kernels.test_readable import LAWS
+from kernels.test_readable import MESHES as EVERY_MESH
 from numba.core.dispatcher import Dispatcher
 
 from skfem_stvk import Anisotropic, StVK, System, VolumePenalty
 from skfem_stvk.edges import Tensions
 from skfem_stvk.kernels import blocks, cg, geometry, motion, penalty, simplices, stretches, topology, volumes
 from skfem_stvk.kernels.lanes import LANES
+from skfem_stvk.terms.body import Body
 
 
-def results(mesh, terms, dtype=np.float64, amount=0.3):
+def results(mesh, terms, dtype=np.float64, amount=0.3, quadrature=None):
     """All that the kernels compute, by name."""
-    body, u, v = System(mesh, terms, dtype=dtype), state(mesh, amount), state(mesh, seed=9)
+    body, u, v = System(mesh, terms, quadrature=quadrature, dtype=dtype), state(mesh, amount), state(mesh, seed=9)
     W, F = body.energy_and_force(u)
     again, too, K = body.linearize(u)
-    return of_terms(mesh, terms, dtype, amount) | {
+    return of_terms(mesh, terms, dtype, amount, quadrature or "usual") | {
         "W": W,
         "F": F,
         "W of linearize": again,
@@ -32,11 +35,11 @@ def results(mesh, terms, dtype=np.float64, amount=0.3):
     }
 
 
-def of_terms(mesh, terms, dtype, amount):
+def of_terms(mesh, terms, dtype, amount, kind):
     """What the terms know and systems do not ask for one by one; pushed together, so that there are negative tensions."""
     found = {}
     for i, term in enumerate(terms if isinstance(terms, list) else [terms]):
-        assembly, v = term.bind(mesh, dtype), state(mesh, seed=9).reshape(-1, mesh.d)
+        assembly, v = term.bind(Body(mesh, [], kind), dtype), state(mesh, seed=9).reshape(-1, mesh.d)
         u = state(mesh, amount).reshape(-1, mesh.d) - 0.3 * mesh.p.T
         sizes, diagonal, product = np.zeros_like(u), np.zeros((*u.shape, mesh.d)), np.zeros_like(u)
         assembly.add_round_off(u, sizes)
@@ -51,8 +54,11 @@ def of_terms(mesh, terms, dtype, amount):
                 f"mean force of {i}": mean,
                 f"half the power of the damping of {i}": assembly.damping_force(u, v, damping),
                 f"damping of {i}": damping,
-                f"tensions of {i}": assembly.tensions(u),
                 f"energy of {i} along a line": assembly.along(u, v),
+            }
+        if isinstance(term, StVK) and mesh.element.is_linear_simplex:
+            found |= {
+                f"tensions of {i}": assembly.tensions(u),
                 f"stretches of {i}": assembly.smallest_stretches(0.1 * u),
                 f"smallest stretch of {i}": assembly.smallest_stretch(0.1 * u),
             }
@@ -61,9 +67,12 @@ def of_terms(mesh, terms, dtype, amount):
             f"weighed diagonal of {i}": diagonal,
             f"weighed product of {i}": product,
             f"clamped norms of {i}": norms,
-            f"ratios of volumes of {i}": assembly.volume_ratios(u),
-            f"smallest ratio of {i}": assembly.smallest_volume_ratio(u),
         }
+        if mesh.element.is_linear_simplex:
+            found |= {
+                f"ratios of volumes of {i}": assembly.volume_ratios(u),
+                f"smallest ratio of {i}": assembly.smallest_volume_ratio(u),
+            }
     return found
 
 
@@ -81,6 +90,25 @@ def test_compiled_and_readable_kernels_agree(name, parts, monkeypatch):
     compiled = results(*BODIES[name])
     on_twins(monkeypatch)
     assert_same(results(*BODIES[name]), compiled, 1e-14)
+
+
+#: Each element with the isotropic law, and three pairs more.
+PAIRS = [(name, "isotropic") for name in (*CURVED, "partly curved tetrahedra", "straight hexahedra")] + [
+    ("quadratic tetrahedra", "general"),
+    ("hexahedra", "general"),
+    ("quadratic membrane", "general"),
+]
+
+
+@pytest.mark.parametrize("parts", [1, 3])
+@pytest.mark.parametrize(("name", "law"), PAIRS)
+def test_compiled_and_readable_kernels_agree_on_elements_with_several_points(name, law, parts, monkeypatch):
+    in_parts(monkeypatch, parts)
+    bodies = [((EVERY_MESH[name], LAWS[law]), {"quadrature": rule}) for rule in (None, "exact")[:parts]]
+    compiled = [results(*body, **options) for body, options in bodies]
+    on_twins(monkeypatch)
+    for (body, options), found in zip(bodies, compiled, strict=True):
+        assert_same(results(*body, **options), found, 1e-14)
 
 
 def penalties(kind):
@@ -120,12 +148,16 @@ def test_one_pass_gives_what_three_calls_give(name):
         assert np.abs(found[what] - found[f"{what} of linearize"]).max() <= 1e-14 * np.abs(found[what]).max(), what
 
 
-@pytest.mark.parametrize("name", ["tetrahedra, two regions", "membrane, anisotropic", "cable, area"])
+SINGLE = {name: BODIES[name] for name in ("tetrahedra, two regions", "membrane, anisotropic", "cable, area")}
+SINGLE["quadratic tetrahedra"] = CURVED["quadratic tetrahedra"], [LAWS["isotropic"]]
+
+
+@pytest.mark.parametrize("name", SINGLE)
 def test_kernels_in_single_precision_agree_with_the_readable_ones_in_double(name, monkeypatch):
     in_parts(monkeypatch, 2)
-    compiled = results(*BODIES[name], dtype=np.float32)
+    compiled = results(*SINGLE[name], dtype=np.float32)
     on_twins(monkeypatch)
-    assert_same(results(*BODIES[name]), compiled, 2e-6)
+    assert_same(results(*SINGLE[name]), compiled, 2e-6)
 
 
 @pytest.mark.parametrize("count", [1, LANES - 1, LANES, LANES + 1])
@@ -169,13 +201,13 @@ def test_every_kernel_that_python_calls_has_a_twin_with_its_signature(module):
         assert getattr(readable, name).__annotations__ == function.__annotations__, name
 
 
-def test_the_readable_tensor_of_general_stiffness_is_that_of_the_isotropic_one():
-    """Two ways to store one material are one tensor D."""
+def test_the_readable_tensor_of_the_general_law_is_that_of_the_isotropic_one():
+    """Two ways to store one material are one tensor C."""
     mesh = MESHES["tetrahedra"]
     young, poisson = 2.0, 0.3
     mu, lam = young / (2 * (1 + poisson)), young * poisson / ((1 + poisson) * (1 - 2 * poisson))
     C = np.diag([2 * mu] * 3 + [mu] * 3)
     C[:3, :3] += lam
     one, other = StVK(young=young, poisson=poisson).bind(mesh), StVK(Anisotropic(C)).bind(mesh)
-    D, E = readable.stiffness(one._D, slice(None)), readable.stiffness(other._D, slice(None))
+    D, E = (readable.elements_of(slice(None), a.simplices.t.ravel(), None, a.law).C for a in (one, other))
     assert np.abs(D).max() > 1e-3 and np.abs(D - E).max() < 1e-13 * np.abs(D).max()

@@ -1,0 +1,135 @@
+"""The readable twins of all laws on all elements, against the formulas of the continuum: what the compiled kernels are held against."""
+
+import numpy as np
+import pytest
+from bodies import CURVED, EVERY_MESH, STRAIGHT, box, some_voigt, state
+from kernels.parts import on_twins
+
+from skfem_stvk import Anisotropic, ElementMesh, StVK, System
+from skfem_stvk.edges import Tensions
+from skfem_stvk.elements import rule_of
+from skfem_stvk.reference import anisotropic_tensor, isotropic_tensor
+from skfem_stvk.terms.body import Body
+
+VOIGT = some_voigt(np.random.default_rng(3))
+FRAME = np.linalg.qr(np.random.default_rng(4).standard_normal((3, 3)))[0]
+LAWS = {"isotropic": StVK(young=2.0, poisson=0.3), "general": StVK(Anisotropic(VOIGT, frame=FRAME))}
+
+
+def partly_curved():
+    """Quadratic tetrahedra of which some blocks of lanes have straight ones alone."""
+    straight = box(3).with_degree(2)
+    p, rng = straight.p.copy(), np.random.default_rng(5)
+    middle = np.flatnonzero((np.arange(straight.nv) >= box(3).nv) & (p[0] > 0.8))
+    p[:, middle] += 0.02 * rng.uniform(-1, 1, (3, len(middle)))
+    return ElementMesh(p, straight.t, element=straight.element)
+
+
+PARTLY = {"partly curved tetrahedra": partly_curved()}
+MESHES = EVERY_MESH | {f"straight {name}": mesh for name, mesh in STRAIGHT.items()} | PARTLY
+
+
+def tensor_of(law, mesh, axes):
+    """(n, k, k, k, k) in axes (n, d, k)."""
+    condensed = mesh.k == 1 or mesh.k < mesh.d
+    if law == "isotropic":
+        return isotropic_tensor(2.0, 0.3, mesh.k, condensed)
+    return anisotropic_tensor(VOIGT, FRAME, axes, condensed)
+
+
+def continuum(mesh, law, kind, u):
+    """W, F and K by `E = 1/2 (F'F - I)`, `F = A + sum_a u_a (x) g_a`, with axes `A` of each point: the global ones of solids."""
+    rule, x = rule_of(mesh.element, kind), u.reshape(-1, mesh.d)
+    W, F, K = 0.0, np.zeros_like(x), np.zeros((mesh.nv, mesh.d, mesh.nv, mesh.d))
+    for dN, weight in zip(mesh.element.derivatives(rule.points), rule.weights, strict=True):
+        spokes = np.einsum("ai,dan->ndi", dN, mesh.p[:, mesh.t])
+        axes = np.linalg.qr(spokes)[0] if mesh.k < mesh.d else np.broadcast_to(np.eye(mesh.d), spokes.shape)
+        jacobian = np.swapaxes(axes, 1, 2) @ spokes
+        g = dN @ np.linalg.inv(jacobian)  # (n, a, k)
+        now = axes + np.einsum("nad,nak->ndk", x[mesh.t.T], g)
+        E = (np.swapaxes(now, 1, 2) @ now - np.eye(mesh.k)) / 2
+        C = tensor_of(law, mesh, axes) * (weight * np.abs(np.linalg.det(jacobian)))[:, None, None, None, None]
+        S = np.einsum("nijkl,nkl->nij", C, E)
+        W += (S * E).sum() / 2
+        np.add.at(F, mesh.t.T, np.einsum("ndi,nij,naj->nad", now, S, g))
+        of = np.einsum("ndi,nijkl,nek,naj,nbl->nadbe", now, C, now, g, g, optimize=True)
+        of += np.einsum("nai,nij,nbj,de->nadbe", g, S, g, np.eye(mesh.d), optimize=True)
+        a, b = mesh.t.T[:, :, None], mesh.t.T[:, None, :]
+        np.add.at(K.transpose(0, 2, 1, 3), (a, b), of.transpose(0, 1, 3, 2, 4))
+    return W, F.ravel(), K.reshape(u.size, u.size)
+
+
+def assert_near(found, wanted, limit=1e-12):
+    assert np.abs(wanted).max() > 1e-4 and np.abs(found - wanted).max() <= limit * np.abs(wanted).max()
+
+
+def rules(mesh):
+    """Of linear simplices all rules are one."""
+    return ("usual",) if mesh.element.is_linear_simplex else ("usual", "exact")
+
+
+CASES = [(name, law, kind) for name, mesh in MESHES.items() for law in LAWS for kind in rules(mesh)]
+
+
+@pytest.mark.parametrize(("name", "law", "kind"), CASES)
+def test_all_laws_on_all_elements_are_those_of_the_continuum(name, law, kind, monkeypatch):
+    mesh = MESHES[name]
+    on_twins(monkeypatch)
+    u = state(mesh)
+    body = System(mesh, LAWS[law], quadrature=None if kind == "usual" else kind)
+    W, F, K = continuum(mesh, law, kind, u)
+    found, force = body.energy_and_force(u)
+    assert found == pytest.approx(W, rel=1e-12)
+    assert_near(force, F)
+    assert_near(body.tangent(u).toarray(), K)
+
+
+def test_partly_curved_meshes_store_one_frame_or_one_for_each_point():
+    assembly = LAWS["isotropic"].bind(PARTLY["partly curved tetrahedra"])
+    assert len(set(np.diff(assembly.points.starts))) == 2
+    for name, mesh in CURVED.items():
+        assert len(set(np.diff(LAWS["isotropic"].bind(mesh).points.starts))) == 1, name
+    straight, curved = (LAWS["isotropic"].bind(meshes["quadratic tetrahedra"]) for meshes in (STRAIGHT, CURVED))
+    assert 4 * straight._D.size == curved._D.size
+
+
+@pytest.mark.parametrize(("name", "law", "kind"), CASES)
+def test_what_steps_and_line_searches_ask_belongs_to_the_energy(name, law, kind, monkeypatch):
+    """The quartic, the work of mean forces, damping as `K v` without stress, and a stiffness that is clamped or not."""
+    mesh = MESHES[name]
+    on_twins(monkeypatch)
+    assembly = LAWS[law].bind(Body(mesh, [], kind))
+    u, v = (state(mesh, seed=seed).reshape(-1, mesh.d) for seed in (4, 9))
+    c = assembly.along(u, v)
+    for s in (-1.0, 0.5, 2.0):
+        assert np.polyval(c[::-1], s) == pytest.approx(assembly.energy_and_force(u + s * v), rel=1e-11)
+    mean, weights = np.zeros_like(u), (0.2, 0.8)
+    change = assembly.mean_force(u, u + v, weights, 0.5, mean)
+    work = assembly.energy_and_force(u + v) - assembly.energy_and_force(u) + (weights[1] - weights[0]) * change
+    assert (mean * v).sum() == pytest.approx(work, rel=1e-11) and change > 0
+    damping, product = np.zeros_like(u), np.zeros_like(u)
+    half = assembly.damping_force(u, v, damping)
+    _, blocks = assembly.blocks(u, kept=Tensions(0.0, 0.0))
+    assembly.pairs.add_product(blocks, v, product)
+    assert_near(damping, product)
+    assert 2 * half == pytest.approx((damping * v).sum(), rel=1e-12)
+
+
+@pytest.mark.parametrize("name", [name for name, mesh in MESHES.items() if not mesh.element.is_linear_simplex])
+def test_the_clamp_takes_the_eigenvalues_of_the_stress(name, monkeypatch):
+    """What stays is between nothing and all, positive semi-definite without the negative ones, and all of it in pure tension."""
+    mesh = MESHES[name]
+    on_twins(monkeypatch)
+    assembly = LAWS["isotropic"].bind(mesh)
+    v = state(mesh, seed=9).reshape(-1, mesh.d)
+
+    def curvature(u, kept):
+        product = np.zeros_like(u)
+        assembly.pairs.add_product(assembly.blocks(u, kept=kept)[1], v, product)
+        return (v * product).sum()
+
+    u = state(mesh).reshape(-1, mesh.d) - 0.2 * mesh.p.T
+    none, tensile, pressed, every = (curvature(u, Tensions(*kept)) for kept in ((0.0, 0.0), (1.0, 0.0), (0.0, 1.0), (1.0, 1.0)))
+    assert tensile + pressed - none == pytest.approx(every, rel=1e-11) and pressed < none < tensile
+    stretched = 0.3 * mesh.p.T
+    assert curvature(stretched, Tensions(1.0, 0.0)) == pytest.approx(curvature(stretched, Tensions(1.0, 1.0)), rel=1e-12)
