@@ -16,6 +16,7 @@ import numba
 import numpy as np
 from numba.core.caching import IndexDataCacheFile
 from numba.core.event import Listener, register
+from numba.core.types import NoneType
 from numba.extending import overload
 from numpy.typing import NDArray
 from rich.console import Console
@@ -81,17 +82,18 @@ def inlined(function: Function) -> Function:
     return kernel(function, forceinline=True)
 
 
-def by_law(stub: Callable[..., Any], law: type, formulas: dict[tuple[str, type], Any]) -> Callable[[Function], Function]:
-    """The formula of a `law` for what a function stands for: kernels find it by the type of the law, Python in `formulas`.
+def by_type(stub: Callable[..., Any], kind: type, formulas: dict[tuple[str, type], Any]) -> Callable[[Function], Function]:
+    """What a function is for a first argument of a `kind`, a NamedTuple or None: kernels find it by its type, Python in `formulas`.
 
-    Within kernels `stub(law, ...)` is compiled as the formula that was given for the type of its first argument.
+    Within kernels `stub(first, ...)` is compiled as what was given for the type of `first`.
     """
 
     def given(formula: Function) -> Function:
-        formulas[stub.__name__, law] = formula
+        formulas[stub.__name__, kind] = formula
 
         def chosen(first: Any, *others: Any) -> Any:
-            return formula if getattr(first, "instance_class", None) is law else None
+            found = type(None) if isinstance(first, NoneType) else getattr(first, "instance_class", None)
+            return formula if found is kind else None
 
         options: Any = options_of_kernels | {"forceinline": True}
         overload(stub, jit_options=options, strict=False)(chosen)

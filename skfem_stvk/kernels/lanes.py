@@ -9,11 +9,11 @@ Arrays: `t` vertices (blocks 4 LANES), `slots` where forces go, `edge_slots` (bl
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from .compiled import Ids, Reals, inlined, kernel
+from .compiled import Ids, Reals, by_type, inlined, kernel
 
 #: Simplices in a block. 16 measures best: 8 are unrolled before they are vectorised (2 x slower), 32 spill from the registers'
 #: cache.
@@ -103,13 +103,58 @@ class Points(NamedTuple):
     starts: Ids
 
 
-@inlined
-def absolute(points):
+class MeanPoints(NamedTuple):
+    """One point for each box, with mean gradients, and what resists the hourglass modes that it does not see.
+
+    Attributes
+    ----------
+    B : (blocks, m, 3, LANES) mean gradients `g_a = int dN_a/dX dV / V` of the nodes 1, 2, ..., as in `Points`, in the axes of space:
+        at rest the spokes are those, and `Ri = I`. With the gradients at the centre a patch test fails.
+    weights : (1,) which is 1.
+    starts : (blocks + 1,) as in `Points`.
+    modes : (nh, m) hourglass modes `h_ka = +-1` of those nodes: products of the signs of two or three reference coordinates.
+    resistance : (blocks, LANES) `c = hourglass/16 (lam + 2 mu) V sum_a |g_a|^2`.
+    """
+
+    B: Reals
+    weights: Reals
+    starts: Ids
+    modes: Reals
+    resistance: Reals
+
+
+def absolute(points: Any) -> Any:
     """The absolute values of the derivatives."""
-    if points is None:
-        return None
-    else:
-        return Points(np.abs(points.B), points.weights, points.starts)
+    return ELEMENT["absolute", type(points)](points)
+
+
+def spokes(points: Any, block: Any, point: Any, x: Any, out: Any) -> None:
+    """`sum_a dN_a/dxi_i x_a` (9 LANES,) at a point of a block, for what `gather` found."""
+    ELEMENT["spokes", type(points)](points, block, point, x, out)
+
+
+def spread(points: Any, block: Any, point: Any, forces: Any, out: Any) -> None:
+    """Add `sum_i dN_a/dxi_i f_i` of the forces (9 LANES,) on the spokes at a point of a block to those on the nodes."""
+    ELEMENT["spread", type(points)](points, block, point, forces, out)
+
+
+#: By name and by what an element has: nothing, a table of points, or one point with mean gradients.
+ELEMENT: dict[tuple[str, type], Any] = {}
+
+
+@by_type(absolute, type(None), ELEMENT)
+def _nothing_absolute(points):
+    return None
+
+
+@by_type(absolute, Points, ELEMENT)
+def _table_absolute(points):
+    return Points(np.abs(points.B), points.weights, points.starts)
+
+
+@by_type(absolute, MeanPoints, ELEMENT)
+def _means_absolute(points):
+    return MeanPoints(np.abs(points.B), points.weights, points.starts, points.modes, points.resistance)
 
 
 @inlined
@@ -178,45 +223,74 @@ def gather(points, t, block, x, out):
                 out[to + I(2 * LANES)] = x[b + I(2)] - x2
 
 
-@kernel
-def spokes(points, point, x, out):
-    """`sum_a dN_a/dxi_i x_a` (9 LANES,) at a point, for what `gather` found."""
-    if points is not None:
-        B = points.B
-        out[:] = 0
-        for group in range(B.shape[1] // 3):
-            a = 3 * group
-            b11, b12, b13 = B[point, a, 0], B[point, a, 1], B[point, a, 2]
-            b21, b22, b23 = B[point, a + 1, 0], B[point, a + 1, 1], B[point, a + 1, 2]
-            b31, b32, b33 = B[point, a + 2, 0], B[point, a + 2, 1], B[point, a + 2, 2]
-            for c in range(3):
-                first, to = I((3 * a + c) * LANES), I(c * LANES)
-                for lane in range(LANES):
-                    at, i = first + I(lane), to + I(lane)
-                    x1, x2, x3 = x[at], x[at + I(3 * LANES)], x[at + I(6 * LANES)]
-                    out[i] += b11 * x1 + b21 * x2 + b31 * x3
-                    out[i + I(3 * LANES)] += b12 * x1 + b22 * x2 + b32 * x3
-                    out[i + I(6 * LANES)] += b13 * x1 + b23 * x2 + b33 * x3
+@by_type(spokes, type(None), ELEMENT)
+def _spokes_are_there(points, block, point, x, out):
+    pass
 
 
-@kernel
-def spread(points, point, forces, out):
-    """Add `sum_i dN_a/dxi_i f_i` of the forces (9 LANES,) on the spokes at a point to those on the nodes."""
-    if points is not None:
-        B = points.B
-        for group in range(B.shape[1] // 3):
-            a = 3 * group
-            b11, b12, b13 = B[point, a, 0], B[point, a, 1], B[point, a, 2]
-            b21, b22, b23 = B[point, a + 1, 0], B[point, a + 1, 1], B[point, a + 1, 2]
-            b31, b32, b33 = B[point, a + 2, 0], B[point, a + 2, 1], B[point, a + 2, 2]
+@by_type(spread, type(None), ELEMENT)
+def _spread_is_done(points, block, point, forces, out):
+    pass
+
+
+@by_type(spokes, Points, ELEMENT)
+def _spokes_of_table(points, block, point, x, out):
+    B = points.B
+    out[:] = 0
+    for group in range(B.shape[1] // 3):
+        a = 3 * group
+        b11, b12, b13 = B[point, a, 0], B[point, a, 1], B[point, a, 2]
+        b21, b22, b23 = B[point, a + 1, 0], B[point, a + 1, 1], B[point, a + 1, 2]
+        b31, b32, b33 = B[point, a + 2, 0], B[point, a + 2, 1], B[point, a + 2, 2]
+        for c in range(3):
+            first, to = I((3 * a + c) * LANES), I(c * LANES)
+            for lane in range(LANES):
+                at, i = first + I(lane), to + I(lane)
+                x1, x2, x3 = x[at], x[at + I(3 * LANES)], x[at + I(6 * LANES)]
+                out[i] += b11 * x1 + b21 * x2 + b31 * x3
+                out[i + I(3 * LANES)] += b12 * x1 + b22 * x2 + b32 * x3
+                out[i + I(6 * LANES)] += b13 * x1 + b23 * x2 + b33 * x3
+
+
+@by_type(spread, Points, ELEMENT)
+def _spread_by_table(points, block, point, forces, out):
+    B = points.B
+    for group in range(B.shape[1] // 3):
+        a = 3 * group
+        b11, b12, b13 = B[point, a, 0], B[point, a, 1], B[point, a, 2]
+        b21, b22, b23 = B[point, a + 1, 0], B[point, a + 1, 1], B[point, a + 1, 2]
+        b31, b32, b33 = B[point, a + 2, 0], B[point, a + 2, 1], B[point, a + 2, 2]
+        for c in range(3):
+            first, of = I((3 * a + c) * LANES), I(c * LANES)
+            for lane in range(LANES):
+                to, i = first + I(lane), of + I(lane)
+                f1, f2, f3 = forces[i], forces[i + I(3 * LANES)], forces[i + I(6 * LANES)]
+                out[to] += b11 * f1 + b12 * f2 + b13 * f3
+                out[to + I(3 * LANES)] += b21 * f1 + b22 * f2 + b23 * f3
+                out[to + I(6 * LANES)] += b31 * f1 + b32 * f2 + b33 * f3
+
+
+@by_type(spokes, MeanPoints, ELEMENT)
+def _spokes_of_means(points, block, point, x, out):
+    B = points.B
+    out[:] = 0
+    for a in range(B.shape[1]):
+        for i in range(3):
             for c in range(3):
-                first, of = I((3 * a + c) * LANES), I(c * LANES)
+                of, to = I((3 * a + c) * LANES), I((3 * i + c) * LANES)
                 for lane in range(LANES):
-                    to, i = first + I(lane), of + I(lane)
-                    f1, f2, f3 = forces[i], forces[i + I(3 * LANES)], forces[i + I(6 * LANES)]
-                    out[to] += b11 * f1 + b12 * f2 + b13 * f3
-                    out[to + I(3 * LANES)] += b21 * f1 + b22 * f2 + b23 * f3
-                    out[to + I(6 * LANES)] += b31 * f1 + b32 * f2 + b33 * f3
+                    out[to + I(lane)] += B[block, a, i, lane] * x[of + I(lane)]
+
+
+@by_type(spread, MeanPoints, ELEMENT)
+def _spread_by_means(points, block, point, forces, out):
+    B = points.B
+    for a in range(B.shape[1]):
+        for i in range(3):
+            for c in range(3):
+                of, to = I((3 * i + c) * LANES), I((3 * a + c) * LANES)
+                for lane in range(LANES):
+                    out[to + I(lane)] += B[block, a, i, lane] * forces[of + I(lane)]
 
 
 @kernel

@@ -16,7 +16,7 @@ written in the frame of `P = Q R`, `Q` orthonormal and `R` upper triangular, `Ri
 
 All elements have three spokes in space here: those that a triangle or a segment lacks are zero, and so are their columns of Ri.
 
-A law is a `NamedTuple` of its arrays, and its formulas are chosen by that type (`by_law`): a kernel that is handed a function as an
+A law is a `NamedTuple` of its arrays, and its formulas are chosen by that type (`by_type`): a kernel that is handed a function as an
 argument, or closes over one, does not find its code on disk in another process. `D` begins with the six numbers 11, 12, 13, 22, 23, 33 of
 Ri, which stand in blocks of lanes as everything.
 """
@@ -27,7 +27,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from .compiled import Reals, by_law, inlined, kernel
+from .compiled import Reals, by_type, inlined, kernel
 from .lanes import LANES, I, dot
 
 
@@ -128,17 +128,17 @@ def numbers_in(law: Any) -> int:
 FORMULAS: dict[tuple[str, type], Any] = {}
 
 
-@by_law(numbers_in, IsotropicLaw, FORMULAS)
+@by_type(numbers_in, IsotropicLaw, FORMULAS)
 def _isotropic_numbers(law):
     return 8
 
 
-@by_law(numbers_in, GeneralLaw, FORMULAS)
+@by_type(numbers_in, GeneralLaw, FORMULAS)
 def _general_numbers(law):
     return 27
 
 
-@by_law(stress, IsotropicLaw, FORMULAS)
+@by_type(stress, IsotropicLaw, FORMULAS)
 def _isotropic_stress(law, at, weight, M):
     lam, mu = weight * law.D[at + I(6 * LANES)], weight * law.D[at + I(7 * LANES)]
     trace = lam * (M[0] + M[1] + M[2])
@@ -157,7 +157,7 @@ def _general_row(D, at, x, a, b, c, d, e, f):
     )
 
 
-@by_law(stress, GeneralLaw, FORMULAS)
+@by_type(stress, GeneralLaw, FORMULAS)
 def _general_stress(law, at, weight, M):
     """The upper half, row by row: 0 ... 5, 6 ... 10, 11 ... 14, 15 ... 17, 18 ... 19, 20."""
     D, twice = law.D, weight + weight
@@ -172,7 +172,7 @@ def _general_stress(law, at, weight, M):
     )
 
 
-@by_law(sizes_of_stress, IsotropicLaw, FORMULAS)
+@by_type(sizes_of_stress, IsotropicLaw, FORMULAS)
 def _isotropic_sizes(law, at, weight, M):
     lam, mu = weight * abs(law.D[at + I(6 * LANES)]), weight * abs(law.D[at + I(7 * LANES)])
     trace = lam * (M[0] + M[1] + M[2])
@@ -191,7 +191,7 @@ def _sizes_of_row(D, at, x, a, b, c, d, e, f):
     )
 
 
-@by_law(sizes_of_stress, GeneralLaw, FORMULAS)
+@by_type(sizes_of_stress, GeneralLaw, FORMULAS)
 def _general_sizes(law, at, weight, M):
     D, twice = law.D, weight + weight
     x = (weight * M[0], weight * M[1], weight * M[2], twice * M[3], twice * M[4], twice * M[5])
@@ -286,7 +286,7 @@ def conjugated(R, S):
     return a1 * R[0] + a2 * R[1] + a3 * R[2], b2 * R[3] + b3 * R[4], c3 * R[5], a2 * R[3] + a3 * R[4], a3 * R[5], b3 * R[5]
 
 
-@by_law(spoke_stiffness, IsotropicLaw, FORMULAS)
+@by_type(spoke_stiffness, IsotropicLaw, FORMULAS)
 def _isotropic_stiffness(law, at, weight, R, q1, q2, q3, S):
     lam, mu = weight * law.D[at + I(6 * LANES)], weight * law.D[at + I(7 * LANES)]
     lam, both = lam + lam, lam + lam + mu
@@ -400,7 +400,7 @@ def to_spokes(R, A11, A22, A33, A12, A13, A23):
     return (*_six(K11), *_six(K22), *_six(K33), *K12, *K13, *K23)
 
 
-@by_law(spoke_stiffness, GeneralLaw, FORMULAS)
+@by_type(spoke_stiffness, GeneralLaw, FORMULAS)
 def _general_stiffness(law, at, weight, R, q1, q2, q3, S):
     """`A_mn = sum_l a_mn,l q_l' + S_mn I`, `a_mn,l = w sum_k C_mknl q_k`."""
     D, twice = law.D, weight + weight

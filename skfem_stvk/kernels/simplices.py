@@ -27,10 +27,13 @@ from typing import Any
 
 import numpy as np
 
-from .compiled import Ids, Reals, inlined, kernel
+from .compiled import Ids, Reals, by_type, inlined, kernel
+from .hourglass import add_sizes_of_resistance, put_pairs_of_means, resist, resistance_along
 from .lanes import (
+    ELEMENT,
     LANES,
     I,
+    MeanPoints,
     Points,
     absolute,
     add,
@@ -105,8 +108,8 @@ def energy_and_force(
             first, same = numbers_of(points, block, point, count)
             weight = weight_of(points, point, D)
             if not same:
-                spokes(points, point, x, P)
-            spokes(points, point, y, U)
+                spokes(points, block, point, x, P)
+            spokes(points, block, point, y, U)
             for i in range(LANES):
                 lane, at = I(i), I(first + i)
                 R = frame(D, at)
@@ -115,7 +118,8 @@ def energy_and_force(
                 S = stress(law, at, weight, M)
                 w += contracted(S, M)
                 _put_forces(R, S, q1, q2, q3, forces, lane)
-            spread(points, point, forces, total)
+            w += resist(points, block, x, y, U, 1, forces, total)
+            spread(points, block, point, forces, total)
         W += w
         if len(f) > 0:
             scatter(points, slots, block, total, f)
@@ -240,9 +244,32 @@ def _are_diagonal(B):
     return True
 
 
+def put_pairs(points: Any, block: Any, nodes: Any, K: Any, x: Any, T: Any, row: Any, out: Any) -> None:
+    """Write the blocks of all pairs of nodes `(a, b)`, a < b, of a block of elements from the stiffness `K` of spokes at the points.
+
+    `x` is what `gather` found at rest; `T` and `row` are room to work in.
+    """
+    ELEMENT["put_pairs", type(points)](points, block, nodes, K, x, T, row, out)
+
+
+@by_type(put_pairs, type(None), ELEMENT)
+def _no_pairs(points, block, nodes, K, x, T, row, out):
+    pass
+
+
+@by_type(put_pairs, MeanPoints, ELEMENT)
+def _pairs_of_means(points, block, nodes, K, x, T, row, out):
+    put_pairs_of_means(points, block, nodes, K, x, T, out)
+
+
+@by_type(put_pairs, Points, ELEMENT)
+def _pairs_of_tables(points, block, nodes, K, x, T, row, out):
+    _put_pairs(points.B, nodes, K, T, row, out)
+
+
 @kernel
 def _put_pairs(B, nodes, K, T, row, out):
-    """Write the blocks of all pairs of nodes `(a, b)`, a < b, of a block of elements from the stiffness `K` of spokes at the points.
+    """`put_pairs` by a table.
 
     Nodes are taken three at a time, and of those two groups each pair once: loops of 144 are vectorised well, and what is read for
     one node serves three. Blocks of node 0 are minus the sums of the columns of the others.
@@ -322,8 +349,8 @@ def linearize(
             first, same = numbers_of(points, block, point, count)
             weight = weight_of(points, point, D)
             if not same:
-                spokes(points, point, x, P)
-            spokes(points, point, y, U)
+                spokes(points, block, point, x, P)
+            spokes(points, block, point, y, U)
             for i in range(LANES):
                 lane, at = I(i), I(first + i)
                 R = frame(D, at)
@@ -336,11 +363,11 @@ def linearize(
                 put(q2, q, lane + I(3 * LANES))
                 put(q3, q, lane + I(6 * LANES))
                 put((g * S[0], g * S[1], g * S[2], g * S[3], g * S[4], g * S[5]), S_kept, lane)
-            if points is not None:
-                spread(points, point, forces, total)
-                if apart:
-                    for i in range(LANES):
-                        weigh_eigenvalues(S_kept, I(i), positive, negative)
+            w += resist(points, block, x, y, U, 1, forces, total)
+            spread(points, block, point, forces, total)
+            if apart:
+                for i in range(LANES):
+                    weigh_eigenvalues(S_kept, I(i), positive, negative)
             for i in range(LANES):
                 lane, at = I(i), I(first + i)
                 R = frame(D, at)
@@ -358,8 +385,7 @@ def linearize(
                     _put_edges(stiffness, values, lane)
                 else:
                     _put_spokes(stiffness, K, I(9 * point * NINE) + lane)
-        if points is not None:
-            _put_pairs(points.B, nodes, K, T, row, values)
+        put_pairs(points, block, nodes, K, x, T, row, values)
         W += w
         if len(f) > 0:
             scatter(points, slots, block, total, f)
@@ -416,9 +442,9 @@ def along(
             first, same = numbers_of(points, block, point, count)
             weight = weight_of(points, point, D)
             if not same:
-                spokes(points, point, x, P)
-            spokes(points, point, y, U)
-            spokes(points, point, z, V)
+                spokes(points, block, point, x, P)
+            spokes(points, block, point, y, U)
+            spokes(points, block, point, z, V)
             for i in range(LANES):
                 lane, at = I(i), I(first + i)
                 R = frame(D, at)
@@ -434,6 +460,8 @@ def along(
                 w2 += contracted(S, O) + contracted(T, N)
                 w3 += contracted(T, O)
                 w4 += contracted(stress(law, at, weight, O), O)
+            rr, rs, ss = resistance_along(points, block, x, y, U, z, V)
+            w0, w1, w2 = w0 + rr, w1 + rs, w2 + ss
         c0, c1, c2, c3, c4 = c0 + w0, c1 + w1, c2 + w2, c3 + w3, c4 + w4
     return c0 / 4, c1 / 2, c2 / 4, c3 / 4, c4 / 16
 
@@ -486,9 +514,9 @@ def mean_force(
             first, same = numbers_of(points, block, point, count)
             weight = weight_of(points, point, D)
             if not same:
-                spokes(points, point, x, P)
-            spokes(points, point, y, U)
-            spokes(points, point, z, V)
+                spokes(points, block, point, x, P)
+            spokes(points, block, point, y, U)
+            spokes(points, block, point, z, V)
             for i in range(LANES):
                 lane, at = I(i), I(first + i)
                 R = frame(D, at)
@@ -501,7 +529,9 @@ def mean_force(
                 r += contracted(T, N)
                 q1, q2, q3 = add(q1, times(part, H1)), add(q2, times(part, H2)), add(q3, times(part, H3))
                 _put_forces(R, _between(both, S, later, T), q1, q2, q3, forces, lane)
-            spread(points, point, forces, total)
+            resist(points, block, x, y, U, both, forces, total)
+            r += resist(points, block, x, z, V, later, forces, total)
+            spread(points, block, point, forces, total)
         dR += r
         scatter(points, slots, block, total, f)
     return dR / 4
@@ -527,9 +557,9 @@ def damping_force(
             first, same = numbers_of(points, block, point, count)
             weight = weight_of(points, point, D)
             if not same:
-                spokes(points, point, x, P)
-            spokes(points, point, y, U)
-            spokes(points, point, z, V)
+                spokes(points, block, point, x, P)
+            spokes(points, block, point, y, U)
+            spokes(points, block, point, z, V)
             for i in range(LANES):
                 lane, at = I(i), I(first + i)
                 R = frame(D, at)
@@ -540,7 +570,8 @@ def damping_force(
                 T = stress(law, at, weight, N)
                 r += contracted(T, N)
                 _put_forces(R, T, q1, q2, q3, forces, lane)
-            spread(points, point, forces, total)
+            r += resist(points, block, x, z, V, 1, forces, total)
+            spread(points, block, point, forces, total)
         power += r
         scatter(points, slots, block, total, f)
     return power / 4
@@ -582,14 +613,14 @@ def round_off(begin: int, end: int, t: Ids, slots: Ids, points: Points | None, l
         for point in range(points_of(points)):
             first, _ = numbers_of(points, block, point, count)
             weight = weight_of(points, point, D)
-            spokes(points, point, x, P)
-            spokes(points, point, y, U)
+            spokes(points, block, point, x, P)
+            spokes(points, block, point, y, U)
             gather_sizes(points, t, block, u, z)
             if points is None:
                 X_size[:], U_size[:] = np.abs(x), z
             else:
-                spokes(sizes, point, z, U_size)
-                spokes(sizes, point, np.abs(x), X_size)
+                spokes(sizes, block, point, z, U_size)
+                spokes(sizes, block, point, np.abs(x), X_size)
             for i in range(LANES):
                 lane, at = I(i), I(first + i)
                 R = frame(D, at)
@@ -609,5 +640,6 @@ def round_off(begin: int, end: int, t: Ids, slots: Ids, points: Points | None, l
                 put(f1, forces, lane)
                 put(f2, forces, lane + I(3 * LANES))
                 put(f3, forces, lane + I(6 * LANES))
-            spread(sizes, point, forces, total)
+            add_sizes_of_resistance(points, block, x, z, U_size, forces, total)
+            spread(sizes, block, point, forces, total)
         scatter_sizes(points, slots, block, total, f)

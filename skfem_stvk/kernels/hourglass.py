@@ -1,0 +1,227 @@
+"""Boxes with one point: what resists the displacements that the mean gradient does not see.
+
+With the signs `h_ka` of an hourglass mode at the nodes, products of two or three of the reference coordinates' signs, and n nodes:
+
+    gamma_ka = (h_ka - sum_i (sum_b h_kb X_b)_i g_ai) / n        gamma_k' X = 0: r_k = gamma_k' u is zero for what is affine
+    W_h = c sum_k |r_k|^2        F_a = 2 c sum_k gamma_ka r_k        K_ab = 2 c sum_k gamma_ka gamma_kb I
+
+It is quadratic, and invariant: the modes are those of the rest shape. Without a table of its own a mode is `r_k = (h_k' u - (h_k' X)_i
+U_i)/n`, `U_i` the displacements of the spokes, so that its force pulls on nodes and on spokes.
+
+Source: Flanagan, Belytschko (1981); Joldes, Wittek, Miller (2008), in total Lagrangian form.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from .compiled import by_type, kernel
+from .lanes import ELEMENT, LANES, I, MeanPoints, Points
+
+
+def resist(points: Any, block: Any, x: Any, y: Any, U: Any, factor: Any, forces: Any, total: Any) -> Any:
+    """Add `factor` times the force of hourglass modes of displacements `y`, to spokes and to nodes; four times their energy.
+
+    `x`, `y` are what `gather` found at rest and of displacements, `U` the spokes of `y`.
+    """
+    return ELEMENT["resist", type(points)](points, block, x, y, U, factor, forces, total)
+
+
+def resistance_along(points: Any, block: Any, x: Any, y: Any, U: Any, z: Any, V: Any) -> Any:
+    """`4 c sum r_k . r_k`, `4 c sum r_k . s_k` and `4 c sum s_k . s_k` of a block for the modes `r` of `y` and `s` of `z`."""
+    return ELEMENT["resistance_along", type(points)](points, block, x, y, U, z, V)
+
+
+def add_sizes_of_resistance(points: Any, block: Any, x: Any, z: Any, U: Any, forces: Any, total: Any) -> None:
+    """Add the sizes of what adds up to the forces of hourglass modes, for sizes `z` of displacements and `U` of spokes."""
+    ELEMENT["add_sizes_of_resistance", type(points)](points, block, x, z, U, forces, total)
+
+
+@by_type(resist, type(None), ELEMENT)
+def _simplices_resist(points, block, x, y, U, factor, forces, total):
+    return 0
+
+
+@by_type(resist, Points, ELEMENT)
+def _tables_resist(points, block, x, y, U, factor, forces, total):
+    return 0
+
+
+@by_type(resistance_along, type(None), ELEMENT)
+def _simplices_along(points, block, x, y, U, z, V):
+    return 0, 0, 0
+
+
+@by_type(resistance_along, Points, ELEMENT)
+def _tables_along(points, block, x, y, U, z, V):
+    return 0, 0, 0
+
+
+@by_type(add_sizes_of_resistance, type(None), ELEMENT)
+def _simplices_sizes(points, block, x, z, U, forces, total):
+    pass
+
+
+@by_type(add_sizes_of_resistance, Points, ELEMENT)
+def _tables_sizes(points, block, x, z, U, forces, total):
+    pass
+
+
+@kernel
+def _nodes(points):
+    """Number of nodes: 8 with four modes, 4 with one."""
+    return 8 if len(points.modes) == 4 else 4
+
+
+@kernel
+def _sums(modes, k, x, out):
+    """`sum_a h_ka x_a` (3 LANES,) of a mode."""
+    out[:] = 0
+    for a in range(modes.shape[1]):
+        h = modes[k, a]
+        for i in range(3 * LANES):
+            out[I(i)] += h * x[I(3 * a * LANES + i)]
+
+
+@kernel
+def _amplitude(points, k, x, y, U, shape, r):
+    """`h_k' X` (3 LANES,) of a mode, and its `r_k`."""
+    _sums(points.modes, k, x, shape)
+    _sums(points.modes, k, y, r)
+    over = r.dtype.type(1) / r.dtype.type(_nodes(points))
+    for c in range(3):
+        for i in range(LANES):
+            lane = I(i)
+            at = I(c * LANES) + lane
+            along = (
+                shape[lane] * U[at]
+                + shape[lane + I(LANES)] * U[at + I(3 * LANES)]
+                + shape[lane + I(2 * LANES)] * U[at + I(6 * LANES)]
+            )
+            r[at] = over * (r[at] - along)
+
+
+@by_type(resist, MeanPoints, ELEMENT)
+def _means_resist(points, block, x, y, U, factor, forces, total):
+    shape, r = np.empty(3 * LANES, x.dtype), np.empty(3 * LANES, x.dtype)
+    four = x.dtype.type(0)
+    both = x.dtype.type(2 * factor) / x.dtype.type(_nodes(points))
+    for k in range(len(points.modes)):
+        _amplitude(points, k, x, y, U, shape, r)
+        for c in range(3):
+            for i in range(LANES):
+                at = I(c * LANES + i)
+                resistance = points.resistance[block, I(i)]
+                four += 4 * resistance * r[at] * r[at]
+                r[at] *= both * resistance
+        for a in range(points.modes.shape[1]):
+            h = points.modes[k, a]
+            for i in range(3 * LANES):
+                total[I(3 * a * LANES + i)] += h * r[I(i)]
+        for j in range(3):
+            for c in range(3):
+                for i in range(LANES):
+                    forces[I((3 * j + c) * LANES + i)] -= shape[I(j * LANES + i)] * r[I(c * LANES + i)]
+    return four
+
+
+@by_type(resistance_along, MeanPoints, ELEMENT)
+def _means_along(points, block, x, y, U, z, V):
+    shape, r, s = np.empty(3 * LANES, x.dtype), np.empty(3 * LANES, x.dtype), np.empty(3 * LANES, x.dtype)
+    zero = x.dtype.type(0)
+    rr, rs, ss = zero, zero, zero
+    for k in range(len(points.modes)):
+        _amplitude(points, k, x, y, U, shape, r)
+        _amplitude(points, k, x, z, V, shape, s)
+        for c in range(3):
+            for i in range(LANES):
+                at = I(c * LANES + i)
+                resistance = 4 * points.resistance[block, I(i)]
+                rr += resistance * r[at] * r[at]
+                rs += resistance * r[at] * s[at]
+                ss += resistance * s[at] * s[at]
+    return rr, rs, ss
+
+
+@by_type(add_sizes_of_resistance, MeanPoints, ELEMENT)
+def _means_sizes(points, block, x, z, U, forces, total):
+    shape, r = np.empty(3 * LANES, x.dtype), np.empty(3 * LANES, x.dtype)
+    over = x.dtype.type(1) / x.dtype.type(_nodes(points))
+    for k in range(len(points.modes)):
+        _sums(points.modes, k, x, shape)
+        _sums(np.abs(points.modes), k, z, r)
+        for c in range(3):
+            for i in range(LANES):
+                lane = I(i)
+                at = I(c * LANES) + lane
+                along = (
+                    abs(shape[lane]) * U[at]
+                    + abs(shape[lane + I(LANES)]) * U[at + I(3 * LANES)]
+                    + abs(shape[lane + I(2 * LANES)]) * U[at + I(6 * LANES)]
+                )
+                r[at] = 2 * over * over * points.resistance[block, lane] * (r[at] + along)
+        for a in range(points.modes.shape[1]):
+            h = abs(points.modes[k, a])
+            for i in range(3 * LANES):
+                total[I(3 * a * LANES + i)] += h * r[I(i)]
+        for j in range(3):
+            for c in range(3):
+                for i in range(LANES):
+                    forces[I((3 * j + c) * LANES + i)] += abs(shape[I(j * LANES + i)]) * r[I(c * LANES + i)]
+
+
+@kernel
+def put_pairs_of_means(points, block, nodes, K, x, T, out):
+    """Write the blocks of all pairs of nodes `(a, b)`, a < b, of a block of boxes: `K` is the stiffness of spokes, `x` what they are."""
+    B, modes, n = points.B, points.modes, nodes - 1
+    NINE = 9 * LANES
+    out[: n * NINE] = 0
+    gamma, shape = np.empty((len(modes), n, LANES), x.dtype), np.empty(3 * LANES, x.dtype)
+    over = x.dtype.type(1) / x.dtype.type(nodes)
+    for k in range(len(modes)):
+        _sums(modes, k, x, shape)
+        for a in range(n):
+            for i in range(LANES):
+                along = (
+                    shape[i] * B[block, a, 0, i] + shape[i + LANES] * B[block, a, 1, i] + shape[i + 2 * LANES] * B[block, a, 2, i]
+                )
+                gamma[k, a, i] = over * (modes[k, a] - along)
+    row = np.empty(NINE, x.dtype)
+    pair = n
+    for a in range(n):
+        for j in range(3):
+            for e in range(9):
+                of = I((9 * j + e) * LANES)
+                for i in range(LANES):
+                    at = of + I(i)
+                    T[at] = (
+                        B[block, a, 0, i] * K[at]
+                        + B[block, a, 1, i] * K[at + I(3 * NINE)]
+                        + B[block, a, 2, i] * K[at + I(6 * NINE)]
+                    )
+        for b in range(a, n):
+            for e in range(9):
+                of = I(e * LANES)
+                for i in range(LANES):
+                    at = of + I(i)
+                    row[at] = (
+                        B[block, b, 0, i] * T[at] + B[block, b, 1, i] * T[at + I(NINE)] + B[block, b, 2, i] * T[at + I(2 * NINE)]
+                    )
+            for k in range(len(modes)):
+                for i in range(LANES):
+                    value = 2 * points.resistance[block, i] * gamma[k, a, i] * gamma[k, b, i]
+                    row[I(i)] += value
+                    row[I(4 * LANES + i)] += value
+                    row[I(8 * LANES + i)] += value
+            for i in range(NINE):
+                out[I(b * NINE + i)] -= row[I(i)]
+            if b > a:
+                for i in range(NINE):
+                    out[I(pair * NINE + i)] = row[I(i)]
+                for e in range(9):
+                    turned = 3 * (e % 3) + e // 3
+                    for i in range(LANES):
+                        out[I(a * NINE + e * LANES + i)] -= row[I(turned * LANES + i)]
+                pair += 1
