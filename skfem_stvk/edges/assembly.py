@@ -45,11 +45,12 @@ class ElementTerm(PairTerm):
         quadrature: Quadrature,
         stored: Callable[[NDArray[np.int32], OwnOrder], NDArray[np.float64]],
         dtype: DTypeLike = np.float64,
+        resistance: Array | None = None,
     ) -> None:
         self.nodes_paired = pairs_of(t, quadrature.element)
         self.quadrature, self.dtype = quadrature, np.dtype(dtype)
         order = own_order(t, self.nodes_paired, quadrature.element.is_linear_simplex)
-        self.simplices = OwnElements(p, order, quadrature, dtype)
+        self.simplices = OwnElements(p, order, quadrature, resistance, dtype)
         super().__init__(self.simplices.own.turn)
         n = len(order.elements)
         numbers = stored(order.vertices[order.t], order).astype(self.dtype)
@@ -162,6 +163,7 @@ class Assembly(ElementTerm):
     stiffness : of each element.
     quadrature : the kind of elements and the rule, by default linear simplices.
     dtype : of results and of what is stored, which is computed in double and rounded then.
+    resistance : (nt,) `hourglass/16 (lam + 2 mu)` times section, of boxes with one point.
     """
 
     def __init__(
@@ -171,6 +173,7 @@ class Assembly(ElementTerm):
         stiffness: Stiffness,
         quadrature: Quadrature | None = None,
         dtype: DTypeLike = np.float64,
+        resistance: Array | None = None,
     ) -> None:
         quadrature = quadrature or simplex_quadrature(len(t) - 1)
         self._mesh = p, t, stiffness
@@ -182,7 +185,7 @@ class Assembly(ElementTerm):
             ]
             return np.stack(at, axis=1)
 
-        super().__init__(p, t, quadrature, stored, dtype)
+        super().__init__(p, t, quadrature, stored, dtype, resistance)
         self.law = stiffness.law(self._D)
 
     @cached_property

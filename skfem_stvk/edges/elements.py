@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from functools import cached_property
+from itertools import combinations
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -13,7 +14,7 @@ from ..arguments import Array
 from ..elements import Element, Rule, linear_simplex, rule_of
 from ..kernels import blocks as block_kernels
 from ..kernels.geometry import frames, frames_of_spokes
-from ..kernels.lanes import LANES, Points
+from ..kernels.lanes import LANES, MeanPoints, Points
 from ..kernels.threads import Turn, threads
 from ..kernels.topology import lexicographic_order
 from ..mesh.points import are_straight, spokes_at
@@ -79,15 +80,22 @@ class Quadrature(NamedTuple):
     ----------
     element : the kind.
     rule : its points and weights.
+    hourglass : of boxes with one point and mean gradients, how much the modes that these do not see are resisted; else None.
     """
 
     element: Element
     rule: Rule
+    hourglass: float | None = None
+
+    @classmethod
+    def of(cls, element: Element, kind: str = "usual", hourglass: float | None = None) -> Quadrature:
+        """By the kind of rule (`elements.rule_of`)."""
+        return cls(element, rule_of(element, kind), hourglass)
 
 
 def simplex_quadrature(k: int) -> Quadrature:
     """Linear simplices of dimension `k`, with their one point."""
-    return Quadrature(linear_simplex(k), rule_of(linear_simplex(k)))
+    return Quadrature.of(linear_simplex(k))
 
 
 def frames_at(p: NDArray[np.float64], t: NDArray[np.int32], quadrature: Quadrature, order: OwnOrder) -> Iterator[Frames]:
@@ -98,10 +106,47 @@ def frames_at(p: NDArray[np.float64], t: NDArray[np.int32], quadrature: Quadratu
         spokes = p.T[t[1:].T] - p.T[t[:1].T]
         yield Frames(element.k, spokes, found[:6], found[6] * rule.weights[0], order.local)
         return
+    if quadrature.hourglass is not None:
+        yield Frames(element.k, np.broadcast_to(np.eye(len(p)), (t.shape[1], len(p), len(p))), *mean_frames(p, t, element), None)
+        return
     for xi in rule.points:
         spokes = spokes_at(p, t, element, xi[None])[:, 0]
         found = frames_of_spokes(np.concatenate([spokes, np.zeros((*spokes.shape[:2], 3 - len(p)))], axis=2))
         yield Frames(element.k, spokes, found[:6], found[6], None)
+
+
+def mean_gradients(p: Array, t: NDArray[np.int32], element: Element) -> tuple[Array, Array]:
+    """(nt, n, d) means `int dN_a/dX dV / V` over boxes that fill the space, and (nt,) volumes `V`."""
+    rule = rule_of(element)
+    spokes = np.ascontiguousarray(spokes_at(p, t, element, rule.points))
+    volumes = np.abs(np.linalg.det(spokes)) * rule.weights
+    gradients = np.einsum("qai,tqdi,tq->tad", element.derivatives(rule.points), np.linalg.inv(spokes), volumes, optimize=True)
+    return gradients / volumes.sum(axis=1)[:, None, None], volumes.sum(axis=1)
+
+
+def mean_frames(p: Array, t: NDArray[np.int32], element: Element) -> tuple[Array, Array]:
+    """`Ri = I` (6, nt) and the volumes (nt,): mean gradients are those along the axes of space."""
+    unit = np.array([1.0, 0, 0, float(len(p) > 1), 0, float(len(p) > 2)])
+    return np.repeat(unit[:, None], t.shape[1], axis=1), mean_gradients(p, t, element)[1]
+
+
+def mean_points(p: Array, order: OwnOrder, quadrature: Quadrature, resistance: Array, dtype: DTypeLike) -> MeanPoints:
+    """The table of boxes with one point; `resistance` (nt,) is `hourglass/16 (lam + 2 mu)` times section."""
+    element = quadrature.element
+    t = order.vertices[order.t]
+    gradients, volumes = mean_gradients(p, t, element)
+    n, blocks = element.n, -(-t.shape[1] // LANES)
+    B = np.zeros((-(-(n - 1) // 3) * 3, 3, t.shape[1]))
+    B[: n - 1, : element.k] = gradients[:, 1:].transpose(1, 2, 0)
+    c = resistance[order.elements] * volumes * (gradients**2).sum(axis=(1, 2))
+    c = in_lanes(c[None])
+    c.ravel()[t.shape[1] :] = 0  # what only fills the last block
+    signs = 2 * element.nodes - 1
+    modes = [signs[:, list(axes)].prod(axis=1) for size in range(2, element.k + 1) for axes in combinations(range(element.k), size)]
+    H = np.zeros((len(modes), len(B)))
+    H[:, : n - 1] = np.array(modes)[:, 1:]
+    lanes = in_lanes(B.reshape(-1, t.shape[1])).reshape(blocks, *B.shape[:2], LANES)
+    return MeanPoints(lanes.astype(dtype), np.ones(1, dtype), np.arange(blocks + 1), H.astype(dtype), c.astype(dtype))
 
 
 class OwnElements:
@@ -112,7 +157,9 @@ class OwnElements:
     displacements that were gathered last. `points` is the table of the kernels, None for linear simplices.
     """
 
-    def __init__(self, p: NDArray[np.float64], order: OwnOrder, quadrature: Quadrature, dtype: DTypeLike) -> None:
+    def __init__(
+        self, p: NDArray[np.float64], order: OwnOrder, quadrature: Quadrature, resistance: Array | None, dtype: DTypeLike
+    ) -> None:
         element = quadrature.element
         self.element, self.k, self.d = element, element.k, len(p)
         self.own, self.elements = OwnVertices(order.vertices, dtype), order.elements
@@ -120,8 +167,11 @@ class OwnElements:
         self.t = in_lanes(t.astype(np.uint32))
         self.X, self.u = np.zeros(3 * len(order.vertices)), np.zeros(3 * len(order.vertices))
         block_kernels.gather(np.ascontiguousarray(p.T), order.vertices, self.X)
-        self.points: Points | None = None
-        if not element.is_linear_simplex:
+        self.points: Points | MeanPoints | None = None
+        if quadrature.hourglass is not None:
+            resistance = np.zeros(len(order.elements)) if resistance is None else resistance
+            self.points = mean_points(p, order, quadrature, resistance, dtype)
+        elif not element.is_linear_simplex:
             nodes = order.vertices[order.t]
             straight = are_straight(p, nodes, element)
             lanes = in_lanes(straight[None]).all(axis=1)
@@ -131,7 +181,7 @@ class OwnElements:
             counts = np.where(lanes, 1, len(weights))
             self.points = Points(B.astype(dtype), weights.astype(dtype), np.concatenate([[0], np.cumsum(counts)]))
 
-    def in_points(self, numbers: NDArray[Any]) -> tuple[Points | None, NDArray[Any]]:
+    def in_points(self, numbers: NDArray[Any]) -> tuple[Points | MeanPoints | None, NDArray[Any]]:
         """Numbers (m, nq, nt) of a law at points, its elements in their own order, as kernels read them, and the table for them."""
         m, nq, _ = numbers.shape
         lanes = in_lanes(numbers.reshape(m * nq, -1)).reshape(-1, m, nq, LANES).transpose(0, 2, 1, 3)

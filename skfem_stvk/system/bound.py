@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, DTypeLike, NDArray
 
 from ..arguments import Array, number
+from ..edges.elements import Quadrature
 from ..edges.pairs import with_blocks
 from ..errors import StvkError, name_ids, warn
 from ..mesh import ElementMesh
@@ -28,7 +29,7 @@ class BoundTerms:
     """
 
     def __init__(
-        self, mesh: ElementMesh, terms: Term | Load | Sequence[Term | Load], dtype: DTypeLike, quadrature: str = "usual"
+        self, mesh: ElementMesh, terms: Term | Load | Sequence[Term | Load], dtype: DTypeLike, quadrature: Quadrature | None = None
     ) -> None:
         self.mesh, self.dtype = mesh, np.dtype(dtype)
         self.terms = tuple(terms) if isinstance(terms, Sequence) else (terms,)

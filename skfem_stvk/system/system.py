@@ -12,7 +12,7 @@ from scipy.sparse import csr_matrix
 
 from ..arguments import Array, choice, number, shown
 from ..edges import ALL, Rows, Tensions
-from ..edges.elements import nbytes
+from ..edges.elements import Quadrature, nbytes
 from ..edges.pairs import Coupled, version_of
 from ..errors import LoadError, MeshError, StvkError
 from ..kernels.threads import Turn
@@ -54,7 +54,9 @@ class System(BoundTerms):
     degree : of the shape functions of simplices: 2 makes linear ones quadratic, with straight edges, 1 quadratic ones linear; by
         default they are as in the mesh.
     quadrature : "exact" integrates W exactly on elements with straight edges; by default quadratic segments, triangles and
-        tetrahedra have 2, 3 and 4 points, quadrilaterals and hexahedra 4 and 8 (`skfem_stvk.elements.rule_of`).
+        tetrahedra have 2, 3 and 4 points, quadrilaterals and hexahedra 4 and 8 (`skfem_stvk.elements.rule_of`). "one-point" is for
+        these: mean gradients, and a control of hourglass modes, which they do not see.
+    hourglass : of "one-point", by default 0.05: the energy `hourglass/16 (lam + 2 mu) V sum_a |g_a|^2 sum_k |gamma_k' u|^2` is added.
     dtype : float64, or float32: half the memory, faster on large meshes, with errors of 1e-6 instead of 1e-15 (of the largest
         entry, and on elements that are not flat).
 
@@ -86,10 +88,11 @@ class System(BoundTerms):
         *,
         degree: int | None = None,
         quadrature: str | None = None,
+        hourglass: float | None = None,
         dtype: DTypeLike = np.float64,
     ) -> None:
         mesh, double = _of_degree(ElementMesh.of(mesh), degree), _float_type(dtype) == np.float64
-        rule = _checked_rule(mesh, quadrature)
+        rule = _checked_rule(mesh, quadrature, hourglass)
         check_mesh(mesh)
         if not double:
             warn_of_flat_elements(mesh)
@@ -432,9 +435,21 @@ def _of_degree(mesh: ElementMesh, degree: int | None) -> ElementMesh:
     return mesh.with_degree(int(degree))
 
 
-def _checked_rule(mesh: ElementMesh, quadrature: str | None) -> str:
-    """The kind of rule (`elements.rule_of`) that `quadrature` names."""
-    return "usual" if quadrature is None else choice("quadrature", quadrature, ("exact",))
+def _checked_rule(mesh: ElementMesh, quadrature: str | None, hourglass: float | None) -> Quadrature:
+    """The points of elements that `quadrature` names."""
+    kind = "usual" if quadrature is None else choice("quadrature", quadrature, ("exact", "one-point"))
+    if kind != "one-point":
+        if hourglass is not None:
+            raise StvkError(f'hourglass = {shown(hourglass)} is for hexahedra and quadrilaterals with quadrature="one-point".')
+        return Quadrature.of(mesh.element, kind)
+    if not mesh.element.is_box or mesh.k < mesh.d:
+        raise StvkError(
+            f'quadrature = "one-point" is for hexahedra, and quadrilaterals in the plane; the mesh has {mesh.kind}. Leave it out.'
+        )
+    given = 0.05 if hourglass is None else number("hourglass", hourglass, "a number, zero or more")
+    if given < 0:
+        raise StvkError(f"hourglass = {shown(hourglass)}; expected a number, zero or more, such as 0.05.")
+    return Quadrature.of(mesh.element, kind, given)
 
 
 def _float_type(dtype: Any) -> np.dtype[Any]:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from ..arguments import Array
 from ..edges.elements import Quadrature
-from ..elements import Element, rule_of
+from ..elements import Element
 from ..elements.element import named
 from ..errors import LoadError, MaterialError, name_ids
 from ..mesh import ElementMesh
@@ -57,9 +57,9 @@ class Body:
     (array([0.05, 0.05]), array([0.1, 0.1]))
     """
 
-    def __init__(self, mesh: ElementMesh, terms: Sequence[Any], quadrature: str = "usual") -> None:
+    def __init__(self, mesh: ElementMesh, terms: Sequence[Any], quadrature: Quadrature | None = None) -> None:
         self.mesh = mesh
-        self.quadrature = Quadrature(mesh.element, rule_of(mesh.element, quadrature))
+        self.quadrature = quadrature or Quadrature.of(mesh.element)
         self._terms = terms
         self._materials = [term for term in terms if isinstance(term, HasSection)]
 
