@@ -180,7 +180,7 @@ class Assembly(ElementTerm):
 
         def stored(nodes: NDArray[np.int32], own: OwnOrder) -> Array:
             at = [
-                np.concatenate([frames.Ri, in_range(stiffness.stored(frames, own.elements), own.elements, dtype)])
+                np.concatenate([frames.Ri, in_range(stiffness.stored(frames, own.elements), frames, own.elements, dtype)])
                 for frames in frames_at(p, nodes, quadrature, own)
             ]
             return np.stack(at, axis=1)

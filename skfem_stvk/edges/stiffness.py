@@ -159,12 +159,16 @@ def _upper_half(C: Array, k: int, scale: Array) -> Array:
     return np.ascontiguousarray(full[:, rows, columns].T)
 
 
-def in_range(stored: Array, elements: NDArray[np.int32], dtype: DTypeLike) -> Array:
-    """What the kernels store, if its squares, and a little more, are numbers: else W, F and K would be zero, or overflow."""
+def in_range(stored: Array, at: Frames, elements: NDArray[np.int32], dtype: DTypeLike) -> Array:
+    """What a law stores beside `Ri`, of the size `w`: if W, F and K of the sizes `w`, `w Ri` and `w Ri Ri` are numbers.
+
+    So are the squares of F and K, which solvers add up, and a little more. Else they would be zero without a word, or overflow.
+    """
     limits = np.finfo(dtype)
     low, high = 1e4 * float(np.sqrt(limits.tiny)), 1e-4 * float(np.sqrt(limits.max))
-    largest = np.abs(stored).max(axis=0)
-    bad = np.sort(elements[~((largest > low) & (largest < high))])
+    w, Ri = np.abs(stored).max(axis=0), np.abs(at.Ri).max(axis=0)
+    held = (low**2 < w) & (w < high**2) & (low < w * Ri) & (w * Ri < high) & (low < w * Ri**2) & (w * Ri**2 < high)
+    bad = np.sort(elements[~held])
     if len(bad):
         raise MaterialError(
             f"{name_ids(bad, 'element')} of the region: sizes and moduli so small or large that the stiffness leaves the range of "

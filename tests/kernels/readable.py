@@ -69,11 +69,6 @@ def general(numbers: Reals) -> Reals:
 
 #: How many numbers a law has beside `Ri`, and its C.
 LAWS: dict[type, tuple[int, Callable[[Reals], Reals]]] = {IsotropicLaw: (2, isotropic), GeneralLaw: (21, general)}
-#: The same for the sizes of stresses: of a general law all components are as large as its largest number lets them be.
-SIZES: dict[type, Callable[[Reals], Reals]] = {
-    IsotropicLaw: isotropic,
-    GeneralLaw: lambda numbers: general(np.broadcast_to(numbers.max(axis=-1, keepdims=True), numbers.shape)),
-}
 
 
 class Elements(NamedTuple):
@@ -286,23 +281,25 @@ def damping_force(
 
 
 def round_off(begin: int, end: int, t: Ids, slots: Ids, points: Points | None, law: Any, X: Reals, u: Reals, f: Reals) -> None:
-    """`f_a = sum_jk |g_aj| S_jk (|q_k| + e_k)`, `f_0 = sum_a f_a`, with the sizes `e = E + d` of what adds up to `q`.
+    """`f_a = sum_jk |g_aj| (S_jk (|q_k| + e_k) + dS_jk |q_k|)`, `f_0 = sum_a f_a`, with the sizes `e = E + d` of what adds up to `q`.
 
     |g_aj| = sum_i |dN_a/dxi_i| |Ri_ij|        E_j = sum_a |g_aj| |X_a - X_0|        d_j = sum_a |g_aj| (|u_a| + |u_0|)
-    M_ij = |q_i| . d_j + d_i . |Q_j| + e_i . |h_j| + |h_i| . E_j for i <= j        S as of M with the sizes of the law's numbers
+    dM_ij = |q_i| . d_j + d_i . |Q_j| + e_i . |h_j| + |h_i| . E_j for i <= j        S = |C| : |M|, dS = |C| : dM
     """
     part = slice(begin, end)
     elements = elements_of(part, t, points, law)
-    (q, _, _), Q, h = deformed(elements, X, u), elements.in_frame(X), elements.in_frame(u)
+    (q, M, _), Q, h = deformed(elements, X, u), elements.in_frame(X), elements.in_frame(u)
     q, Q, h = np.abs(q), np.abs(Q), np.abs(h)
     g = np.einsum("qai,nqij->nqaj", np.abs(elements.B[:, 1:]), np.abs(elements.Ri))
     ends = np.abs(u).reshape(-1, 3)[elements.t].astype(g.dtype)
     E = np.einsum("nqaj,nax->nqjx", g, np.abs(elements.differences(X))[:, 1:])
     d = np.einsum("nqaj,nax->nqjx", g, ends[:, 1:] + ends[:, :1])
-    M = products(q, d) + products(d, Q) + products(E + d, h) + products(h, E)
-    M = np.triu(M) + np.triu(M, 1).swapaxes(2, 3)
-    S = np.einsum("nqijkl,nqkl->nqij", SIZES[type(law)](np.abs(elements.numbers)), M)
-    forces = np.einsum("nqaj,nqjk,nqkx->nax", g, S, q + E + d, optimize=True)
+    dM = products(q, d) + products(d, Q) + products(E + d, h) + products(h, E)
+    dM = np.triu(dM) + np.triu(dM, 1).swapaxes(2, 3)
+    C = LAWS[type(law)][1](np.abs(elements.numbers))
+    S, dS = (np.einsum("nqijkl,nqkl->nqij", C, x) for x in (np.abs(M), dM))
+    pulled = np.einsum("nqjk,nqkx->nqjx", S, q + E + d) + np.einsum("nqjk,nqkx->nqjx", dS, q)
+    forces = np.einsum("nqaj,nqjx->nax", g, pulled)
     add_to_slots(np.concatenate([forces.sum(axis=1, keepdims=True), forces], axis=1), slots, part, f)
 
 
