@@ -27,7 +27,8 @@ GROWTH = 1.5
 class AmgCg:
     """Multigrid: memory and time grow hardly faster than the number of unknowns; an indefinite matrix is noticed.
 
-    Aggregates of strongly coupled vertices, the rigid motions as near-null space, Gauss-Seidel by vertex. The cycle works in single
+    Aggregates of strongly coupled vertices, the rigid motions as near-null space, Gauss-Seidel by vertex; of quadratic elements the
+    second level is that of linear elements on their corners, which are aggregated from there on. The cycle works in single
     precision, conjugate gradients in double. From one matrix to the next the aggregates and R, P are kept, until iterations grow.
 
     >>> import numpy as np
@@ -82,7 +83,7 @@ class AmgAnalysis:
         self.rows.fill(values, scale, self.finest.blocks, self.finest.single)
         if self.hierarchy is None or self._pace.is_slow:
             modes = self.rows.padded(_modes(self._unknowns))
-            self.hierarchy, self._pace = Hierarchy(self.finest, modes, scale), _Pace()
+            self.hierarchy, self._pace = Hierarchy(self.finest, modes, scale, self.rows.middles()), _Pace()
         else:
             self.hierarchy.refresh(scale)
         return AmgFactors(self, self._newest, number, self._pace)

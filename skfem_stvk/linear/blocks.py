@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -95,6 +95,19 @@ def _structure(rows: Ids, columns: Ids, width: int) -> BlockStructure:
     return BlockStructure(rows.astype(np.int32), columns.astype(np.int32), width, parts)
 
 
+class Middles(NamedTuple):
+    """Block rows that are in the middle of an edge.
+
+    Attributes
+    ----------
+    ends : (n, 2) the block rows of both ends, of a corner itself twice, -1 where all of an end is held.
+    known : (n, 3) which components are unknowns.
+    """
+
+    ends: Ids
+    known: NDArray[np.bool_]
+
+
 class VertexRows:
     """K in blocks of vertices, three components always, in the order of Cuthill and McKee.
 
@@ -117,13 +130,23 @@ class VertexRows:
         self.vertices = unknowns.vertex[starts[order]]
         self.first, self.row, self.component = starts[order], number[node], unknowns.component.astype(np.int32)
         self.places = 3 * self.row.astype(np.int64) + self.component
-        self.n = unknowns.n
+        self.n, self._ends = unknowns.n, unknowns.ends
         self._indptr, self._indices = unknowns.indptr, unknowns.indices
 
     def fill(self, values: Reals, scale: float, blocks: Reals, single: Reals) -> None:
         """Write the CSR values of K as blocks, and `scale` times them in single precision."""
         own = self.structure.rows, self.structure.columns, self.diagonal, self.first, self.row, self.component
         run(kernels.fill_blocks, self.structure.parts, *own, self._indptr, self._indices, values, scale, blocks, single)
+
+    def middles(self) -> Middles | None:
+        """Which block rows are in the middle of which; None where no vertex is."""
+        if self._ends is None:
+            return None
+        row_of = np.full(len(self._ends), -1, dtype=np.int32)
+        row_of[self.vertices] = np.arange(len(self.vertices), dtype=np.int32)
+        known = np.zeros((len(self.vertices), 3), dtype=bool)
+        known.ravel()[self.places] = True
+        return Middles(row_of[self._ends[self.vertices]], known)
 
     def padded(self, x: Vector) -> Vector:
         """Values of the unknowns (n, ...) in block rows (3 rows, ...)."""

@@ -13,7 +13,7 @@ from ..errors import StvkError
 from ..kernels import sparse as kernels
 from ..kernels.compiled import Ids, Reals
 from ..kernels.threads import parts_of, run, threads
-from .blocks import BlockStructure
+from .blocks import BlockStructure, Middles
 
 SINGLE: Any = np.float32
 TURNS = 8
@@ -89,37 +89,25 @@ class Level:
         return float(np.sqrt(sum(run(kernels.dot, 3 * self.A.parts, x, x))))
 
 
-class Coarsening:
-    """The transfer to the next level: `R = P'`, `A_next = R A P` of `structure` and `graph`, P by smoothed aggregation."""
+class Transfer:
+    """A way to the next level: `R = P'`, and `A_next = R A P` of `structure` and `graph`."""
 
-    def __init__(self, level: Level, count: int) -> None:
-        numbers = aggregates(level.graph, level.A, level.single)
-        each, n = level.A.n // level.graph.shape[0], numbers.max() + 1
-        tentative = csr_matrix((np.ones(len(numbers), np.float32), numbers, np.arange(len(numbers) + 1)), shape=(len(numbers), n))
-        graph = level.graph.astype(np.float32)
-        P = _sorted(graph @ tentative)
+    graph: csr_matrix
+    structure: BlockStructure
+
+    def __init__(self, graph: csr_matrix, P: csr_matrix, row: int, column: int) -> None:
+        """By the structure of P between the nodes of a graph, for `row` and `column` blocks of each node above and below."""
+        P, graph = _sorted(P), graph.astype(np.float32)
         AP = _sorted(graph @ P)
         self.graph = _sorted(P.T.tocsr() @ AP)
-        self.structure = BlockStructure.of(self.graph, count, count)
-        self._T = BlockStructure.of(tentative, each, count)
-        self._P, self._AP = BlockStructure.of(P, each, count), BlockStructure.of(AP, each, count)
+        self.structure = BlockStructure.of(self.graph, column, column)
+        self._P, self._AP = BlockStructure.of(P, row, column), BlockStructure.of(AP, row, column)
         self._R, self._transposition = self._P.transposed()
         self._p, self._r, self._ap = self._P.room(SINGLE), self._R.room(SINGLE), self._AP.room()
-        self._count, rows = count, np.repeat(numbers, each)
-        self._members = np.argsort(rows, kind="stable").astype(np.int32)
-        self._starts = np.concatenate([[0], np.cumsum(np.bincount(rows, minlength=n))]).astype(np.int32)
-        self._places = np.flatnonzero(self._P.columns == count * rows[self._P.row_of_each()])
 
     def prolong(self, level: Level, modes: Reals, scale: float) -> Reals:
-        """Compute P such that its range holds `modes` (blocks of T's structure); the modes of the next level."""
-        n = len(self._starts) - 1
-        coarse = np.empty(9 * self._count**2 * n)
-        parts = parts_of(n, 40, threads())
-        run(kernels.orthonormalise, parts, self._starts, self._members, self._count, modes, coarse)
-        products = level.A.multiply(level.blocks, self._T, modes, self._P, self._P.room())
-        level.smoothed(self._P, self._places, products, modes, scale, self._p)
-        run(kernels.transpose_blocks, parts_of(len(self._transposition), 0.3, threads()), self._transposition, self._p, self._r)
-        return coarse
+        """Compute P by the `modes` of a level; those of the next level."""
+        raise NotImplementedError
 
     def galerkin(self, level: Level, out: Reals) -> None:
         """Write `R A P` to the values of the next level."""
@@ -133,6 +121,61 @@ class Coarsening:
     def correct(self, error: Reals, x: Reals) -> None:
         """Add the correction: `x += P e`."""
         self._P.product(self._p, error, x, add=True)
+
+    def _transpose(self) -> None:
+        """Write R from P."""
+        run(kernels.transpose_blocks, parts_of(len(self._transposition), 0.3, threads()), self._transposition, self._p, self._r)
+
+
+class Coarsening(Transfer):
+    """The transfer to aggregates of nodes, P by smoothed aggregation."""
+
+    def __init__(self, level: Level, count: int) -> None:
+        numbers = aggregates(level.graph, level.A, level.single)
+        each, n = level.A.n // level.graph.shape[0], numbers.max() + 1
+        tentative = csr_matrix((np.ones(len(numbers), np.float32), numbers, np.arange(len(numbers) + 1)), shape=(len(numbers), n))
+        super().__init__(level.graph, level.graph.astype(np.float32) @ tentative, each, count)
+        self._T = BlockStructure.of(tentative, each, count)
+        self._count, rows = count, np.repeat(numbers, each)
+        self._members = np.argsort(rows, kind="stable").astype(np.int32)
+        self._starts = np.concatenate([[0], np.cumsum(np.bincount(rows, minlength=n))]).astype(np.int32)
+        self._places = np.flatnonzero(self._P.columns == count * rows[self._P.row_of_each()])
+
+    def prolong(self, level: Level, modes: Reals, scale: float) -> Reals:
+        """Compute P such that its range holds `modes` (blocks of T's structure); the modes of the next level."""
+        n = len(self._starts) - 1
+        coarse = np.empty(9 * self._count**2 * n)
+        parts = parts_of(n, 40, threads())
+        run(kernels.orthonormalise, parts, self._starts, self._members, self._count, modes, coarse)
+        products = level.A.multiply(level.blocks, self._T, modes, self._P, self._P.room())
+        level.smoothed(self._P, self._places, products, modes, scale, self._p)
+        self._transpose()
+        return coarse
+
+
+class ToCorners(Transfer):
+    """The transfer from quadratic elements to linear ones on their corners: P takes the mean of both ends at the middle of an edge.
+
+    On straight edges `R A P` is the matrix of the linear elements, exactly, but for components that are held.
+    """
+
+    def __init__(self, level: Level, middles: Middles) -> None:
+        ends, known = middles
+        n = len(ends)
+        self._corners = np.flatnonzero(ends[:, 0] == np.arange(n))
+        number = np.full(n + 1, -1)
+        number[self._corners] = np.arange(len(self._corners))
+        row, column = np.repeat(np.arange(n), 2), number[ends].ravel()
+        at = column >= 0
+        P = csr_matrix((np.full(at.sum(), 0.5, np.float32), (row[at], column[at])), shape=(n, len(self._corners)))
+        super().__init__(level.graph, P, 1, 1)
+        both = known[self._P.row_of_each()] & known[self._corners[self._P.columns]]
+        self._p[:] = ((P.data[:, None] * both)[:, :, None] * np.eye(3)).ravel()
+        self._transpose()
+
+    def prolong(self, level: Level, modes: Reals, scale: float) -> Reals:
+        """The modes at the corners; P does not depend on them."""
+        return np.ascontiguousarray(modes.reshape(level.A.n, -1)[self._corners]).ravel()
 
 
 def _sorted(graph: csr_matrix) -> csr_matrix:
@@ -195,17 +238,18 @@ def _standard_aggregation() -> Callable[[csr_matrix], tuple[csr_matrix, Ids]]:
 class Hierarchy:
     """Levels of a matrix, from fine to coarse: an approximate inverse, symmetric and positive definite.
 
-    The `modes` (3 n, r) are displacements of little energy, in the block rows of the matrix; single precision is `scale`d.
+    The `modes` (3 n, r) are displacements of little energy, in the block rows of the matrix; single precision is `scale`d. Where
+    some rows are `middles` of edges, as of quadratic elements, the second level is that of the corners.
     """
 
-    def __init__(self, finest: Level, modes: Reals, scale: float) -> None:
+    def __init__(self, finest: Level, modes: Reals, scale: float, middles: Middles | None = None) -> None:
         count = -(-modes.shape[1] // 3)
         self._levels: list[Level] = [finest]
-        self._ways: list[Coarsening] = []
+        self._ways: list[Transfer] = []
         blocks = _in_blocks(modes, count)
         while (level := self._levels[-1]).graph.shape[0] > COARSEST:
             level.invert()
-            way = Coarsening(level, count)
+            way: Transfer = ToCorners(level, middles) if middles and not self._ways else Coarsening(level, count)
             if way.graph.shape[0] == level.graph.shape[0]:
                 break
             blocks = way.prolong(level, blocks, scale)

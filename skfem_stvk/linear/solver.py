@@ -81,6 +81,8 @@ class Unknowns:
     indptr, indices : structure of K in CSR format, columns sorted; None where K is never formed.
     near_null_space : gives the (n, r) rigid motions, restricted to the unknowns, of the body as it is when it is called; AMG needs
         it.
+    ends : (nv, 2) vertices between which each lies in the middle of an edge of a quadratic element, itself twice of a corner; None
+        where there is none.
     """
 
     vertex: NDArray[np.integer[Any]]
@@ -88,6 +90,7 @@ class Unknowns:
     indptr: NDArray[np.integer[Any]] | None = None
     indices: NDArray[np.integer[Any]] | None = None
     near_null_space: Callable[[], Vector] | None = None
+    ends: NDArray[np.integer[Any]] | None = None
 
     def __post_init__(self) -> None:
         for name in ("vertex", "component", "indptr", "indices"):
@@ -96,6 +99,11 @@ class Unknowns:
             if (given is not None or name in ("vertex", "component")) and (ids is None or ids.ndim != 1 or ids.dtype.kind == "b"):
                 raise StvkError(f"{name} = {shown(given)}; expected a list of whole numbers.")
             object.__setattr__(self, name, ids if given is not None else None)
+        if self.ends is not None:
+            ends, least = whole_array(self.ends), int(np.max(self.vertex, initial=-1)) + 1
+            if ends is None or ends.dtype.kind == "b" or ends.ndim != 2 or ends.shape[1] != 2 or len(ends) < least:
+                raise StvkError(f"ends = {shown(self.ends)}; expected (nv, 2) vertices, for each of at least {least} vertices.")
+            object.__setattr__(self, "ends", ends)
         if len(self.component) != len(self.vertex):
             raise StvkError(f"component has {len(self.component)} values; expected {len(self.vertex)}, one for each of vertex.")
         if self.near_null_space is not None and not callable(self.near_null_space):

@@ -222,6 +222,21 @@ class ElementMesh(Marked):
             sets[name] = np.concatenate([ids, n + np.flatnonzero(there[edges].all(axis=0))])
         return replace(self, p=p, t=t, boundaries=boundaries, node_sets=sets, element=element)
 
+    def ends(self) -> NDArray[np.int32] | None:
+        """(nv, 2) nodes between which each lies in the middle of an edge, itself twice of a vertex; None of linear elements.
+
+        >>> ElementMesh(p=[[0.0, 2.0]], t=[[0], [1]]).with_degree(2).ends()
+        array([[0, 0],
+               [1, 1],
+               [0, 1]], dtype=int32)
+        """
+        if self.element.degree == 1:
+            return None
+        ends = np.repeat(np.arange(self.nv, dtype=np.int32)[:, None], 2, axis=1)
+        for i, (a, b) in enumerate(self.element.edges):
+            ends[self.t[self.element.corners + i]] = self.t[[a, b]].T
+        return ends
+
     def _node_ids(self) -> dict[str, NDArray[Any]]:
         """Node sets as ids, from ids or masks."""
         return {name: vertices_at(self, np.asarray(ids), f"Node set {name!r}") for name, ids in self.node_sets.items() if len(ids)}

@@ -56,7 +56,8 @@ class FreeTangent:
         places = np.divmod(self.free.free, self.system.mesh.d)
         if self.solver.matrix_free:
             return Unknowns(*places)
-        return Unknowns(*places, self.free.structure.indptr, self.free.structure.indices, self.rigid_modes)
+        ends = self.system.mesh.ends()
+        return Unknowns(*places, self.free.structure.indptr, self.free.structure.indices, self.rigid_modes, ends)
 
     def rigid_modes(self) -> Array:
         """(n, r) rigid motions of the body as it is deformed now."""

@@ -2,17 +2,19 @@
 threads.
 """
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import skfem
 from kernels.parts import in_parts
 from linear.problems import problem, rigid_motions
 
-from skfem_stvk import StVK, System
+from skfem_stvk import ElementMesh, StVK, System
 from skfem_stvk.errors import StvkError
 from skfem_stvk.linear import AmgCg, Kind, Outcome, Unknowns, amg
 from skfem_stvk.linear.blocks import VertexRows
-from skfem_stvk.linear.multigrid import FEWEST, aggregates
+from skfem_stvk.linear.multigrid import FEWEST, ToCorners, aggregates
 
 
 def beam(size, young=1.0, flat=1.0):
@@ -28,7 +30,7 @@ def beam(size, young=1.0, flat=1.0):
 
 
 def across(unknowns):
-    return np.where(unknowns.component == 2, -1.0, 0.0)
+    return np.where(unknowns.component == unknowns.component.max(), -1.0, 0.0)
 
 
 def solved(K, unknowns, rtol=1e-8):
@@ -175,3 +177,57 @@ def test_vertices_without_full_blocks_are_refused():
     K.eliminate_zeros()
     with pytest.raises(StvkError, match="no full block"):
         AmgCg().analyse(Unknowns(unknowns.vertex, unknowns.component, K.indptr, K.indices, unknowns.near_null_space))
+
+
+def quadratic(size, k=3, bend=0.0, slides=False):
+    """K of a beam of quadratic elements, curved by `bend`, held at one end, where it may slide along it; its unknowns."""
+    lines = np.linspace(0, 5, 5 * size + 1), np.linspace(0, 1, size + 1), np.linspace(0, 1, size + 1)
+    mesh = {2: skfem.MeshTri, 3: skfem.MeshTet}[k].init_tensor(*lines[:k])
+    straight = ElementMesh(mesh.p, mesh.t).with_degree(2)
+    p = straight.p.copy()
+    p[1] += bend * np.sin(p[0])
+    system = System(ElementMesh(p, straight.t, element=straight.element), StVK(young=1.0, poisson=0.3))
+    wall = np.flatnonzero(p[0] == 0)
+    held = [k * v + c for v in wall for c in range(k) if c == 0 or not slides or v == wall[0]]
+    held += [k * wall[-1] + c for c in range(k)] if slides else []
+    free = system.free_dofs(np.unique(held))
+    K, modes = free.matrix(system.tangent(np.zeros(system.ndofs))), rigid_motions(p)[free.free]
+    return K, Unknowns(*np.divmod(free.free, k), K.indptr, K.indices, lambda: modes, system.mesh.ends())
+
+
+@pytest.mark.parametrize("of", [{}, {"bend": 0.3}, {"slides": True}, {"k": 2, "bend": 0.3}], ids=str)
+def test_the_corners_are_the_better_second_level_of_quadratic_elements(of):
+    K, unknowns = quadratic(2 if of.get("k") != 2 else 6, **of)
+    corners, aggregates = solved(K, unknowns), solved(K, replace(unknowns, ends=None))
+    assert np.abs(corners.x - aggregates.x).max() < 1e-6 * np.abs(corners.x).max()
+    assert corners.iterations < aggregates.iterations
+
+
+def test_iterations_of_quadratic_elements_hardly_grow():
+    small, large = solved(*quadratic(1, bend=0.3)), solved(*quadratic(3, bend=0.3))
+    assert len(large.x) > 12 * len(small.x)
+    assert large.iterations <= small.iterations + 6
+
+
+def test_the_second_level_of_straight_quadratic_elements_is_that_of_linear_ones():
+    mesh = ElementMesh.of(skfem.MeshTet().refined(1))
+    fine, coarse = (System(mesh, StVK(young=1.0, poisson=0.3), degree=degree) for degree in (2, 1))
+    v = 0.2 * np.random.default_rng(0).standard_normal((coarse.mesh.nv, 3))
+    A, B = fine.tangent(v[fine.mesh.ends()].mean(axis=1).ravel()), coarse.tangent(v.ravel())
+    unknowns = Unknowns(*np.divmod(np.arange(fine.ndofs), 3), A.indptr, A.indices, lambda: np.eye(fine.ndofs, 6), fine.mesh.ends())
+    analysis = AmgCg().analyse(unknowns)
+    analysis.rows.fill(A.data, 1.0, analysis.finest.blocks, analysis.finest.single)
+    way = ToCorners(analysis.finest, analysis.rows.middles())
+    level = way.structure.room()
+    way.galerkin(analysis.finest, level)
+    order = analysis.rows.vertices[way._corners]
+    assert sorted(order) == list(range(coarse.mesh.nv))
+    dofs = (3 * order[:, None] + np.arange(3)).ravel()
+    expected = B.toarray()[np.ix_(dofs, dofs)]
+    assert np.abs(way.structure.dense(level) - expected).max() < 1e-13 * np.abs(expected).max()
+
+
+@pytest.mark.parametrize("ends", [[[0, 1]], "corner", [0, 1], [[0.5, 1.0]] * 9])
+def test_ends_are_pairs_of_vertices(ends):
+    with pytest.raises(StvkError, match=r"ends = .*; expected \(nv, 2\) vertices"):
+        Unknowns(np.arange(3), np.zeros(3, dtype=int), ends=ends)
