@@ -34,7 +34,8 @@ def spokes_at(x: Array, t: Any, element: Element, xi: Array) -> Array:
     """
     nt, d, nq = t.shape[1], len(x), len(xi)
     derivatives = element.derivatives(xi).transpose(0, 2, 1)  # one product for each point: none so large that BLAS starts threads
-    return (derivatives @ _by_node(x, t)).reshape(nq, element.k, d, nt).transpose(3, 0, 1, 2)
+    differences = _by_node(x, t[1:]) - _by_node(x, t[:1])  # far from the origin no digits are lost
+    return (derivatives[:, :, 1:] @ differences).reshape(nq, element.k, d, nt).transpose(3, 0, 1, 2)
 
 
 def are_straight(p: Array, t: Any, element: Element) -> Any:
