@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from itertools import combinations
 from math import factorial
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -42,6 +43,37 @@ class Geometry:
     def gram(self) -> NDArray[np.float64]:
         """(nt, k + 1, k + 1) Gram matrix `G_ab = g_a . g_b` [1/m^2]."""
         return self.gradients @ np.swapaxes(self.gradients, 1, 2)
+
+
+class PointGeometry(NamedTuple):
+    """Rest geometry of `nt` elements at one point of a rule; `Geometry` is that of linear simplices.
+
+    Attributes
+    ----------
+    volume : (nt,) weight times length, area or volume there [m^k].
+    gradients : (nt, n, k) gradients of the shape functions in the axes there [1/m].
+    axes : (nt, d, k) an orthonormal basis of the element's own plane or line there, as columns.
+    """
+
+    volume: NDArray[np.float64]
+    gradients: NDArray[np.float64]
+    axes: NDArray[np.float64]
+
+
+def geometries(mesh: ElementMesh, kind: str = "usual") -> list[Geometry | PointGeometry]:
+    """Rest geometry of the elements at each point of the rule of a kind."""
+    if mesh.element.is_linear_simplex:
+        return [Geometry(mesh.p, mesh.t)]
+    found: list[Geometry | PointGeometry] = []
+    for xi, weight in zip(*rule_of(mesh.element, kind), strict=True):
+        spokes = np.swapaxes(np.ascontiguousarray(spokes_at(mesh, xi[None])[:, 0]), 1, 2)  # (nt, d, k) as columns
+        if mesh.k == mesh.d:
+            axes, within = np.broadcast_to(np.eye(mesh.d), spokes.shape), spokes
+        else:
+            axes, within = np.linalg.qr(spokes)
+        gradients = mesh.element.derivatives(xi[None])[0] @ np.linalg.inv(within)
+        found.append(PointGeometry(weight * np.abs(np.linalg.det(within)), gradients, axes))
+    return found
 
 
 def spokes_at(mesh: ElementMesh, xi: NDArray[np.float64], x: NDArray[np.float64] | None = None) -> NDArray[np.float64]:

@@ -14,6 +14,9 @@ in space are left out: under any compression they move across themselves, which 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from typing import Protocol
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -50,14 +53,32 @@ def smallest_acoustic_eigenvalue(state: Response) -> Masked:
     return lowest, missing
 
 
-def without_ellipticity(state: Response) -> tuple[Ids, Array]:
+class AtPoints(Protocol):
+    """A state of elements with one or several points."""
+
+    @property
+    def responses(self) -> Sequence[Response]:
+        """What is at each point of the elements."""
+
+
+def without_ellipticity(state: AtPoints) -> tuple[Ids, Array]:
     """Ids (n,) of the elements where strong ellipticity is lost, ascending, and their `smallest_acoustic_eigenvalue` (n,) [Pa].
 
-    That is worked out only where it may be lost, which takes a fraction of the time unless the body is compressed all over.
+    Of elements with several points it is lost where it is at one of them, and the smallest counts. That is worked out only where it may be lost, which takes a fraction of the time unless the body is compressed all over.
 
     It is not lost where `S_min + c/2 s_min^2 > 0`: the smallest principal stress and stretch, and the smallest eigenvalue `c` of
     the elasticity tensor. For `a . Q(N) a >= N . S N + B : C : B`, `B` the symmetric part of `F'a (x) N`: `|B|^2 >= |F'a|^2/2`.
     """
+    found = [_lost(response) for response in state.responses]
+    every, lowest = (np.concatenate(arrays) for arrays in zip(*found, strict=True))
+    ids, place = np.unique(every, return_inverse=True)
+    least = np.full(len(ids), np.inf)
+    np.minimum.at(least, place, lowest)
+    return ids, least
+
+
+def _lost(state: Response) -> tuple[Ids, Array]:
+    """As above, at one point of the elements."""
     mesh = state.fields.mesh
     if mesh.k < mesh.d:
         return np.empty(0, dtype=np.int64), np.empty(0)
@@ -84,10 +105,12 @@ def _response(state: Response) -> tuple[Array, Array, Array, Array]:
         for column in range(len(i)):
             unit = np.zeros((len(ids), k, k))
             unit[:, i[column], j[column]] = unit[:, j[column], i[column]] = 1.0 if i[column] == j[column] else 0.5
-            C[ids, :, column] += share * strain_and_stress(part.material, part.hypothesis, unit, fields.frames[ids])[1][:, i, j]
+            C[ids, :, column] += (
+                share * strain_and_stress(part.material, part.hypothesis, unit, state.place.frames[ids])[1][:, i, j]
+            )
     E = state.strain[:, i, j] * _multiplicity(k)
     S = (C @ E[..., None])[..., 0]
-    return fields.geometry.axes + state.gradient, S[:, _places(k)], C, _curvature(state)
+    return state.place.geometry.axes + state.gradient, S[:, _places(k)], C, _curvature(state)
 
 
 def _curvature(state: Response) -> Array:

@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.sparse import csr_matrix
 
 from ..arguments import Array, shown
+from ..elements import linear_simplex, rule_of
 from ..errors import StvkError
 from ..mesh.displacements import by_vertex
 from .response import ElasticBody, Masked, Response
@@ -54,6 +55,17 @@ class Fields(ElasticBody):
     def average(self) -> NodalAverage:
         return NodalAverage(self.mesh.t, self.volume, self.mesh.nv)
 
+    @cached_property
+    def to_nodes(self) -> Array:
+        """(n, nq) what the nodes of an element have of what is at its points: linear, in boxes along each axis, through them.
+
+        Where there are more points than corners, it is the one with the least squares.
+        """
+        element = self.mesh.element
+        corners = element if element.degree == 1 else linear_simplex(element.k)
+        inner = corners.values(rule_of(element).points)
+        return np.asarray(corners.values(element.nodes) @ np.linalg.pinv(inner))
+
     def at(self, u: ArrayLike, v: ArrayLike | None = None) -> State:
         """The state at displacements `u` (ndofs,) [m], of a body in motion with velocities `v` (ndofs,) [m/s].
 
@@ -66,10 +78,11 @@ class Fields(ElasticBody):
         return State(self, by_vertex(self.mesh, u).astype(np.float64), moving)
 
 
-class State(Response):
+class State:
     """Fields at displacements `u` (nv, d) [m], each worked out when first asked for.
 
-    `state[name]` has values by element, `state.at_nodes(name)` by node.
+    `state[name]` has values by element, of elements with several points the means over their volume; `state.at_points(name)` has
+    them at the points, `state.at_nodes(name)` by node.
 
     Elements and nodes that have no value are masked (a `numpy.ma.MaskedArray`): elements in no term have no stress and, below three
     dimensions, no strain across. Where nothing is missing, the array is a plain one.
@@ -79,7 +92,13 @@ class State(Response):
     v : (nv, d) velocities [m/s] of a body in motion, otherwise None.
     """
 
-    fields: Fields
+    def __init__(self, fields: Fields, u: Array, v: Array | None = None) -> None:
+        self.fields, self.u, self.v = fields, u, v
+
+    @cached_property
+    def responses(self) -> list[Response]:
+        """What is at each point of the elements."""
+        return [Response(self.fields, self.u, place) for place in self.fields.points]
 
     def __getitem__(self, name: str) -> Array:
         """(nt, ...) values by element of the field of this name, `results.names()` lists them.
@@ -94,19 +113,44 @@ class State(Response):
     def at_nodes(self, name: str, region: str | NDArray[Any] | None = None) -> Array:
         """(nv, ...) averages over the elements around each node, weighted by rest volume; with a `region`, over its elements only.
 
+        What is at several points of an element is extrapolated to its nodes first.
+
         Raises
         ------
         StvkError
             if there is no such field or region.
         """
-        values, missing = self.raw(name)
-        outside = np.ones(self.fields.mesh.nt, dtype=bool)
-        outside[self.fields.mesh.elements(region)] = False
-        return masked(*self.fields.average(values, missing | outside))
+        fields, outside = self.fields, np.ones(self.fields.mesh.nt, dtype=bool)
+        outside[fields.mesh.elements(region)] = False
+        if len(fields.points) == 1:
+            values, missing = self.raw(name)
+            return masked(*fields.average(values, missing | outside))
+        values, missing = self._at_points(name)
+        nodal = np.tensordot(fields.to_nodes, values, axes=1)  # (n, nt, ...)
+        return masked(*fields.average.of_corners(nodal, missing | outside))
+
+    def at_points(self, name: str) -> Array:
+        """(nt, nq, ...) values at the points of the elements of the field of this name, those of `elements.rule_of(mesh.element)`.
+
+        Raises
+        ------
+        StvkError
+            if there is no such field.
+        """
+        values, missing = self._at_points(name)
+        return masked(np.moveaxis(values, 0, 1), missing)
 
     def raw(self, name: str) -> Masked:
         """Values by element, finite everywhere, and which of them mean nothing."""
-        return self.value(find(name).of)
+        if len(self.fields.points) == 1:
+            return self.responses[0].value(find(name).of)
+        values, missing = self._at_points(name)
+        return np.einsum("qn,qn...->n...", self.fields.weights, values), missing
+
+    def _at_points(self, name: str) -> Masked:
+        """(nq, nt, ...) values at the points, and the elements (nt,) that have none at one of them."""
+        values, missing = zip(*[response.value(find(name).of) for response in self.responses], strict=True)
+        return np.array(values), np.any(missing, axis=0)
 
     @property
     def vectors(self) -> dict[str, Array]:
@@ -127,6 +171,7 @@ class NodalAverage:
 
     def __init__(self, t: NDArray[np.integer], volume: Array, nodes: int) -> None:
         size, nt = t.shape
+        self._t, self._volume = t, volume
         self._sum = csr_matrix((np.tile(volume, size), (t.ravel(), np.tile(np.arange(nt), size))), shape=(nodes, nt))
 
     def __call__(self, values: Array, missing: NDArray[np.bool_]) -> tuple[Array, NDArray[np.bool_]]:
@@ -135,6 +180,15 @@ class NodalAverage:
         flat = np.where(missing[:, None], 0.0, values.reshape(len(values), -1))
         average = (self._sum @ flat) / np.where(weight > 0, weight, 1.0)[:, None]
         return average.reshape(-1, *values.shape[1:]), weight == 0
+
+    def of_corners(self, values: Array, missing: NDArray[np.bool_]) -> tuple[Array, NDArray[np.bool_]]:
+        """As above of values (n, nt, ...), each element with one at each of its nodes."""
+        weight = self._sum @ np.where(missing, 0.0, 1.0)
+        shares = np.where(missing, 0.0, self._volume)
+        flat = shares[:, None] * values.reshape(*self._t.shape, -1)
+        sums = np.stack([np.bincount(self._t.ravel(), column.ravel(), len(weight)) for column in np.moveaxis(flat, 2, 0)], axis=1)
+        average = sums / np.where(weight > 0, weight, 1.0)[:, None]
+        return average.reshape(-1, *values.shape[2:]), weight == 0
 
 
 def split_nodes(t: NDArray[np.integer], part: NDArray[np.integer]) -> tuple[NDArray[np.int64], int]:

@@ -1,11 +1,11 @@
-"""How a body responds to displacements: strain, stress and energy density of its elements, from its mesh and its terms."""
+"""How a body responds to displacements: strain, stress and energy density at the points of its elements, from its terms."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, TypeAlias
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,11 +14,12 @@ from ..arguments import Array
 from ..errors import StateError, StvkError
 from ..materials import Hypothesis, Material
 from ..mesh import ElementMesh, MeshLike
-from ..mesh.geometry import Geometry
+from ..mesh.geometry import Geometry, PointGeometry, geometries
+from ..mesh.points import sizes_of
 from ..terms import Body, HasPressure, HasStress
 from .law import dilation, rest_frames, strain_and_stress, volume_stress
 
-#: One value per element, and a mask of the elements that have none.
+#: One value per element, or one at a point of each, and a mask of the elements that have none.
 Masked: TypeAlias = tuple[Array, NDArray[np.bool_]]
 
 
@@ -40,6 +41,13 @@ class VolumePart:
     term: HasPressure
     stiffness: Array
     held_across: NDArray[np.bool_]
+
+
+class Place(NamedTuple):
+    """A point of all elements: their rest geometry there, and (nt, 3, 3) their axes and normals at rest."""
+
+    geometry: Geometry | PointGeometry
+    frames: Array
 
 
 class ElasticBody:
@@ -82,17 +90,21 @@ class ElasticBody:
         return VolumePart(elements, term, term.moduli(body), held[elements])
 
     @cached_property
-    def geometry(self) -> Geometry:
-        return Geometry(self.mesh.p, self.mesh.t)
-
-    @cached_property
-    def frames(self) -> Array:
-        """(nt, 3, 3) axes and normals of the simplices at rest."""
-        return rest_frames(self.geometry.axes)
+    def points(self) -> list[Place]:
+        """The points of the elements by the rule that K has by default: one of linear simplices."""
+        return [Place(geometry, rest_frames(geometry.axes)) for geometry in geometries(self.mesh)]
 
     @cached_property
     def volume(self) -> Array:
-        return self.geometry.volume * self.section
+        if self.mesh.element.is_linear_simplex:
+            return self.points[0].geometry.volume * self.section
+        return sizes_of(self.mesh.p, self.mesh.t, self.mesh.element) * self.section
+
+    @cached_property
+    def weights(self) -> Array:
+        """(nq, nt) part of each point in the volume of an element, with the sum 1."""
+        volumes = np.array([place.geometry.volume for place in self.points])
+        return np.asarray(volumes / volumes.sum(axis=0))
 
     @cached_property
     def material_of(self) -> NDArray[np.int64]:
@@ -105,13 +117,13 @@ class ElasticBody:
 
 
 class Response:
-    """Strain and stress of a body at displacements `u` (nv, d) [m] in the frames of its elements, each worked out when first used.
+    """Strain and stress of a body at displacements `u` (nv, d) [m] at one point of each element, in its frame there.
 
-    A body in motion has velocities `v` (nv, d) [m/s].
+    Each is worked out when it is first used. `place` is the point, by default the first, of linear simplices all there is.
     """
 
-    def __init__(self, fields: ElasticBody, u: Array, v: Array | None = None) -> None:
-        self.fields, self.u, self.v = fields, u, v
+    def __init__(self, fields: ElasticBody, u: Array, place: Place | None = None) -> None:
+        self.fields, self.u, self.place = fields, u, place or fields.points[0]
         self._known: dict[Any, Masked] = {}
 
     def value(self, function: Callable[[Response], Masked]) -> Masked:
@@ -128,17 +140,17 @@ class Response:
 
     @cached_property
     def gradient(self) -> Array:
-        """(nt, d, k) derivatives of the displacement along the simplices' axes."""
-        return displacement_gradient(self.u, self.fields.mesh.t, self.fields.geometry.gradients)
+        """(nt, d, k) derivatives of the displacement along the elements' axes."""
+        return displacement_gradient(self.u, self.fields.mesh.t, self.place.geometry.gradients)
 
     @property
     def strain(self) -> Array:
-        """(nt, 3, 3) Green-Lagrange strain in the simplices' frames."""
+        """(nt, 3, 3) Green-Lagrange strain in the elements' frames."""
         return self._response[0]
 
     @property
     def stress(self) -> Array:
-        """(nt, 3, 3) second Piola-Kirchhoff stress in the simplices' frames [Pa]."""
+        """(nt, 3, 3) second Piola-Kirchhoff stress in the elements' frames [Pa]."""
         return self._response[1]
 
     @property
@@ -163,11 +175,11 @@ class Response:
 
     def _added_up(self) -> tuple[Array, Array, Array, NDArray[np.bool_]]:
         fields, k = self.fields, self.fields.mesh.k
-        within = strain_within(self.gradient, fields.geometry.axes)
+        within, frames = strain_within(self.gradient, self.place.geometry.axes), self.place.frames
         strain, stress, density = np.zeros((len(within), 3, 3)), np.zeros((len(within), 3, 3)), np.zeros(len(within))
         for part in fields.parts:
             ids = part.elements
-            E, S = strain_and_stress(part.material, part.hypothesis, within[ids], fields.frames[ids])
+            E, S = strain_and_stress(part.material, part.hypothesis, within[ids], frames[ids])
             share = part.section / fields.section[ids]
             strain[ids] += (part.section / fields.total_section[ids])[:, None, None] * E
             stress[ids] += share[:, None, None] * S
@@ -185,18 +197,18 @@ class Response:
         return strain, stress, density, shrunk
 
     def globally(self, tensor: Array) -> Array:
-        """A tensor (nt, 3, 3) of the simplices' frames in global axes."""
-        frames, mesh = self.fields.frames, self.fields.mesh
+        """A tensor (nt, 3, 3) of the elements' frames in global axes."""
+        frames, mesh = self.place.frames, self.fields.mesh
         return tensor if mesh.k == mesh.d else frames @ tensor @ np.swapaxes(frames, 1, 2)
 
 
 def displacement_gradient(u: Array, t: NDArray[np.int32], gradients: Array) -> Array:
-    """(nt, d, k) derivatives of the displacement (nv, d) along the simplices' own axes: `sum_a (u_a - u_0) (x) g_a`."""
+    """(nt, d, k) derivatives of the displacement (nv, d) along the elements' own axes: `sum_a (u_a - u_0) (x) g_a`."""
     corners = u[t.T]
     return np.swapaxes(corners[:, 1:] - corners[:, :1], 1, 2) @ gradients[:, 1:]
 
 
 def strain_within(gradient: Array, axes: Array) -> Array:
-    """Green-Lagrange strain `(A'H + H'A + H'H)/2` (nt, k, k) in the simplices' axes `A`, without cancellation."""
+    """Green-Lagrange strain `(A'H + H'A + H'H)/2` (nt, k, k) in the elements' axes `A`, without cancellation."""
     linear = np.swapaxes(axes, 1, 2) @ gradient
     return (linear + np.swapaxes(linear, 1, 2) + np.swapaxes(gradient, 1, 2) @ gradient) / 2

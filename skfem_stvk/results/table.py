@@ -41,7 +41,7 @@ def deformation_gradient(state: Response) -> Masked:
     normals: `F_33 = sqrt(1 + 2 E_33)` if nothing shears across. There is no such `F` where `1 + 2 E_33 <= 0`: the law leaves no
     thickness; such elements are masked, with a warning.
     """
-    frames, k = state.fields.frames, state.fields.mesh.k
+    frames, k = state.place.frames, state.fields.mesh.k
     gradient = in_space(state.gradient)
     if k == 3:
         return gradient + np.eye(3), state.without_strain
@@ -67,7 +67,7 @@ def _across(tangents: Array, state: Response) -> tuple[Array, NDArray[np.bool_]]
     B, solved = _solve(np.swapaxes(tangents, 1, 2) @ tangents, C[:, :k, k:])
     squares, directions = np.linalg.eigh(C[:, k:, k:] - C[:, k:, :k] @ B)
     U = (directions * np.sqrt(np.maximum(squares, 0.0))[:, None]) @ np.swapaxes(directions, 1, 2)
-    normals = current_normals(state.fields.frames, tangents, state.fields.mesh.d)
+    normals = current_normals(state.place.frames, tangents, state.fields.mesh.d)
     return tangents @ B + normals @ U, solved & (squares.min(axis=1) > 0)
 
 

@@ -30,6 +30,7 @@ def calls() -> list[Call]:
         call("Fields", Fields, {}, {"terms": "terms"}, mesh=mesh(), terms=list(system().elastic_terms)),
         call("Fields.at", _stresses(fields), {"v": OPTIONAL}, u=u, v=u),
         call("State by name", lambda name: state()[name], {}, {"name": "field"}, name="cauchy"),
+        call("State.at_points", lambda name: state().at_points(name), {}, {"name": "field"}, name="cauchy"),
         call(
             "State.at_nodes",
             state().at_nodes,
