@@ -64,7 +64,8 @@ class AtPoints(Protocol):
 def without_ellipticity(state: AtPoints) -> tuple[Ids, Array]:
     """Ids (n,) of the elements where strong ellipticity is lost, ascending, and their `smallest_acoustic_eigenvalue` (n,) [Pa].
 
-    Of elements with several points it is lost where it is at one of them, and the smallest counts. That is worked out only where it may be lost, which takes a fraction of the time unless the body is compressed all over.
+    Of elements with several points it is lost where it is at one of them, and the smallest counts. That is worked out only where it
+    may be lost, which takes a fraction of the time unless the body is compressed all over.
 
     It is not lost where `S_min + c/2 s_min^2 > 0`: the smallest principal stress and stretch, and the smallest eigenvalue `c` of
     the elasticity tensor. For `a . Q(N) a >= N . S N + B : C : B`, `B` the symmetric part of `F'a (x) N`: `|B|^2 >= |F'a|^2/2`.
