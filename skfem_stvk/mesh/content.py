@@ -1,4 +1,4 @@
-"""The simplices that a mesh of meshio's holds: their dimension, their groups, and warnings of what is left out."""
+"""The elements that a mesh of meshio's holds: their kind, their nodes and groups, and warnings of what is left out."""
 
 from __future__ import annotations
 
@@ -9,10 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..arguments import real_array
+from ..elements import Element, named, second_order
 from ..errors import MeshError, name_ids, warn
+from .facets import edges_of, with_middles
 from .formats import Damaged
 from .formats.source import NODES
-from .groups import KINDS, cell_groups, corners, count_cells, facet_groups, inner_nodes, node_groups, pick, simplex_dimension
+from .groups import cell_groups, count_cells, facet_groups, inner_nodes, is_of, linear_kind, node_groups, nodes, pick
 
 
 class Content(NamedTuple):
@@ -23,10 +25,11 @@ class Content(NamedTuple):
     subdomains: dict[str, NDArray[Any]]
     boundaries: dict[str, NDArray[Any]]
     node_sets: dict[str, NDArray[Any]]
+    element: Element
 
 
 def content_in_memory(raw: meshio.Mesh, name: str) -> Content:
-    """The simplices of a mesh of meshio's, as `read_mesh` takes them from a file; `name` stands for it in messages."""
+    """The elements of a mesh of meshio's, as `read_mesh` takes them from a file; `name` stands for it in messages."""
     try:
         check_cells(raw)
     except Damaged as error:
@@ -34,27 +37,33 @@ def content_in_memory(raw: meshio.Mesh, name: str) -> Content:
     return content_of(raw, name)
 
 
-def content_of(raw: meshio.Mesh, name: str) -> Content:
-    """The simplices of what was read, whose cells have been checked; `name` stands for it in messages."""
-    k = dimension(raw, name)
-    warn_of_cells(raw, k)
+def content_of(raw: meshio.Mesh, name: str, degree: int | None = None) -> Content:
+    """The elements of what was read, whose cells have been checked; `name` stands for it in messages.
+
+    Quadratic simplices are taken as they are, but for `degree` 1 by their corners.
+    """
+    base = base_of(raw, name)
+    element = element_of(raw, base, degree)
+    warn_of_cells(raw, element, degree)
     try:
-        sets = cell_groups(raw, k)
-        t, subdomains = corners(raw.cells, k), pick(sets, raw, k)
+        sets = cell_groups(raw, base)
+        t, subdomains = nodes(raw.cells, base, element), pick(sets, raw, base)
         if "gmsh:physical" in raw.cell_data:
             t, subdomains = merge_copies(t, subdomains)
-        facets = facet_groups(raw, sets, k)
+        facets = facet_groups(raw, sets, base)
+        numbers = numbers_of(t, base, element, len(raw.points))
     except MeshError as error:
         raise MeshError(f"{name}: {error}") from error
-    used, count = np.unique(t), len(raw.points)
     inner = inner_nodes(raw.cells)
-    warn_of_vertices(count, k, used, inner)
-    number = np.full(count, -1, dtype=np.int32)
-    number[used] = np.arange(len(used))
-    boundaries = {key: number[ids] for key, ids in facets_on(used, facets).items()}
-    node_sets = {key: number[ids] for key, ids in nodes_on(used, inner, node_groups(raw, sets, k)).items()}
-    p = np.asarray(raw.points, dtype=np.float64).T[:, used]
-    return Content(flatten(p, k), number[t], subdomains, boundaries, node_sets)
+    warn_of_vertices(len(raw.points), base, numbers.order, inner)
+    boundaries = {key: numbers.number[ids] for key, ids in facets_on(numbers.order, facets).items()}
+    if element.degree == 2:
+        boundaries = completed(boundaries, element, numbers)
+    node_sets = {
+        key: np.sort(numbers.number[ids]) for key, ids in nodes_on(numbers.order, inner, node_groups(raw, sets, base)).items()
+    }
+    p = np.asarray(raw.points, dtype=np.float64).T[:, numbers.order]
+    return Content(flatten(p, base.k), numbers.number[t], subdomains, boundaries, node_sets, element)
 
 
 def check_cells(mesh: meshio.Mesh) -> None:
@@ -78,36 +87,118 @@ def check_cells(mesh: meshio.Mesh) -> None:
             raise Damaged(f"ids of {what}s stand more than once")
 
 
-def dimension(raw: meshio.Mesh, name: str) -> int:
-    """The highest dimension of the cells, if there are simplices among those."""
+def base_of(raw: meshio.Mesh, name: str) -> Element:
+    """The linear element that has the corners of the cells of the highest dimension."""
     filled = [block for block in raw.cells if len(block)]
     if not filled:
         raise MeshError(f"{name} holds no cells. Is it cut off, or a cloud of points?")
     k = max(block.dim for block in filled)
-    if k > 0 and any(simplex_dimension(block.type) == k for block in filled):
-        return k
+    kinds = {linear_kind(block.type) for block in filled if block.dim == k} - {""} if k > 0 else set()
+    if len(kinds) == 1:
+        return named(kinds.pop())
+    if kinds:
+        carriers = [block for block in filled if block.dim == k and linear_kind(block.type)]
+        split = "mesh.to_meshtet()" if k == 3 else "mesh.to_meshtri()"
+        reason = "faces of hexahedra and of tetrahedra do not match" if k == 3 else "all have the same nodes and rule"
+        raise MeshError(
+            f"{name} holds {count_cells(carriers)}; expected one kind of element in a body: {reason}. Split the "
+            f"{'hexahedra' if k == 3 else 'quadrilaterals'} ({split} in scikit-fem), or write each kind to a file of its own."
+        )
+    expected = {1: "segments", 2: "triangles or quadrilaterals", 3: "tetrahedra or hexahedra"}.get(k, "elements")
     raise MeshError(
-        f"{name} holds no {KINDS.get(k, 'simplices')}; expected tetrahedra, triangles or segments, got {count_cells(filled)}. "
-        "Hexahedra and quadrilaterals can be split: mesh.to_meshtet(), mesh.to_meshtri() in scikit-fem."
+        f"{name} holds no {expected}; expected tetrahedra, hexahedra, triangles, quadrilaterals or segments, got "
+        f"{count_cells(filled)}. Wedges and pyramids can be split into tetrahedra: MeshWedge1(p, t).to_meshtet() in scikit-fem."
     )
 
 
-def warn_of_cells(raw: meshio.Mesh, k: int) -> None:
-    """Warn of cells that carry volume but are no simplices, and of simplices with more than their corners."""
-    carriers = [block for block in raw.cells if len(block) and block.dim == k]
-    if others := [block for block in carriers if simplex_dimension(block.type) != k]:
-        warn(f"{count_cells(others)} are left out: only {KINDS[k]} are used. Split them if the body goes on there.")
-    higher = [block for block in carriers if simplex_dimension(block.type) == k and block.data.shape[1] > k + 1]
+def element_of(raw: meshio.Mesh, base: Element, degree: int | None) -> Element:
+    """Quadratic simplices if all cells are of second order and not asked for by their corners, otherwise linear elements."""
+    if base.is_box or degree == 1:
+        return base
+    quadratic = second_order(base)
+    sizes = {block.data.shape[1] for block in raw.cells if is_of(block, base)}
+    return quadratic if sizes == {quadratic.n} else base
+
+
+def warn_of_cells(raw: meshio.Mesh, element: Element, degree: int | None) -> None:
+    """Warn of cells that carry volume but are not of the kind, and of elements that are taken by their corners."""
+    carriers = [block for block in raw.cells if len(block) and block.dim == element.k]
+    base = named(element.name.removeprefix("quadratic "))
+    if others := [block for block in carriers if not is_of(block, base)]:
+        warn(f"{count_cells(others)} are left out: only {base.name} are used. Split them if the body goes on there.")
+    higher = [block for block in carriers if is_of(block, base) and block.data.shape[1] > element.n]
     if higher:
+        more = ""
+        if not base.is_box and degree != 1:
+            more = f" {second_order(base).name.capitalize()} are kept, if all are: write the mesh in order 2."
         cells = count_cells(higher)
-        warn(f"{cells} are of higher order: their corner vertices are used and their curved edges are taken as straight.")
+        warn(f"{cells} are of higher order: their corner vertices are used and their curved edges are taken as straight.{more}")
 
 
-def warn_of_vertices(count: int, k: int, used: NDArray[Any], inner: NDArray[Any]) -> None:
+class Numbers(NamedTuple):
+    """How the nodes of a file are numbered anew.
+
+    Attributes
+    ----------
+    order : (nv,) nodes of the file in their new order: vertices, then middles of edges.
+    number : new number of each node of the file, -1 for those that are dropped.
+    edges : (2, ne) edges of quadratic elements, by new numbers.
+    """
+
+    order: NDArray[Any]
+    number: NDArray[np.int32]
+    edges: NDArray[np.int32]
+
+
+def numbers_of(t: NDArray[Any], base: Element, element: Element, count: int) -> Numbers:
+    """Numbers of the nodes of elements `t` (n, nt) among `count` in a file: vertices keep their order, middles get scikit-fem's."""
+    used = np.unique(t[: base.n])
+    number = np.full(count, -1, dtype=np.int32)
+    number[used] = np.arange(len(used))
+    if element.degree == 1:
+        return Numbers(used, number, np.empty((2, 0), dtype=np.int32))
+    given = t[base.n :]
+    if len(both := np.intersect1d(used, given)):
+        raise MeshError(
+            f"{name_ids(both, 'node')} of the file are corners of elements and middles of edges, so faces do not match. Is the order "
+            "of nodes within the elements another one, or are small elements tied to large ones? Remesh, or read it with degree=1."
+        )
+    edges, t2e = edges_of(number[t[: base.n]], base, len(used))
+    middles = np.empty(int(t2e.max()) + 1, dtype=np.int64)
+    middles[t2e] = given
+    if len(bad := np.flatnonzero((middles[t2e] != given).any(axis=0))):
+        raise MeshError(
+            f"{name_ids(bad, 'element')}: an edge has another node in its middle than in a neighbour. Is the order of nodes within "
+            "the elements another one, or is the part cut there but for its corners? Merge the nodes, or read it with degree=1."
+        )
+    unique, counts = np.unique(middles, return_counts=True)
+    if len(unique) < len(middles):
+        raise MeshError(
+            f"{name_ids(unique[counts > 1], 'node')} of the file are in the middle of several edges. Is the order of nodes within the "
+            "elements another one? Write the file anew, or read it with degree=1."
+        )
+    number[middles] = len(used) + np.arange(len(middles))
+    return Numbers(np.concatenate([used, middles]), number, edges)
+
+
+def completed(boundaries: dict[str, NDArray[Any]], element: Element, numbers: Numbers) -> dict[str, NDArray[Any]]:
+    """Facets of quadratic elements with the middles of their edges, with a warning of those that are on no element."""
+    kept, n = {}, len(numbers.order) - numbers.edges.shape[1]
+    for name, facets in boundaries.items():
+        whole = with_middles(facets, named(element.facet), numbers.edges, n)
+        good: NDArray[np.bool_] = np.all(whole >= 0, axis=0)
+        if len(bad := np.flatnonzero(~good)):
+            warn(f"Boundary {name!r}: {name_ids(bad, 'facet')} of {len(good)} are left out: their edges are on no element.")
+        if good.any():
+            kept[name] = whole[:, good]
+    return kept
+
+
+def warn_of_vertices(count: int, base: Element, used: NDArray[Any], inner: NDArray[Any]) -> None:
     """Warn of vertices, of which there are `count`, that no element and no element of higher order has."""
     if len(unused := np.setdiff1d(np.arange(count), np.union1d(used, inner))):
         warn(
-            f"{name_ids(unused, 'vertex')}: on none of the {KINDS[k]}, so dropped; the later ones move up. Centres of arcs, or "
+            f"{name_ids(unused, 'vertex')}: on none of the {base.name}, so dropped; the later ones move up. Centres of arcs, or "
             "cells that are left out?"
         )
 
@@ -141,11 +232,11 @@ def facets_on(used: NDArray[Any], boundaries: dict[str, NDArray[Any]]) -> dict[s
 def nodes_on(used: NDArray[Any], inner: NDArray[Any], sets: dict[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
     """The nodes that are used, with a warning of others that are not inside elements of higher order; no empty sets."""
     kept = {}
-    for name, nodes in sets.items():
-        kept[name] = np.intersect1d(nodes, used)
-        if len(lost := np.setdiff1d(nodes, np.union1d(used, inner))):
-            warn(f"Node set {name!r}: {name_ids(lost, 'vertex')} of {len(nodes)} are left out: dropped, since on no element.")
-    return {name: nodes for name, nodes in kept.items() if len(nodes)}
+    for name, members in sets.items():
+        kept[name] = np.intersect1d(members, used)
+        if len(lost := np.setdiff1d(members, np.union1d(used, inner))):
+            warn(f"Node set {name!r}: {name_ids(lost, 'vertex')} of {len(members)} are left out: dropped, since on no element.")
+    return {name: members for name, members in kept.items() if len(members)}
 
 
 def flatten(p: NDArray[np.float64], k: int) -> NDArray[np.float64]:

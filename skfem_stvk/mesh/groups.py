@@ -1,4 +1,4 @@
-"""Simplices among the cells of a file, and their named groups: physical groups, sets, indicator arrays, material numbers."""
+"""Elements among the cells of a file, and their named groups: physical groups, sets, indicator arrays, material numbers."""
 
 from __future__ import annotations
 
@@ -8,31 +8,30 @@ from typing import Any
 
 import meshio
 import numpy as np
-import skfem.refdom
 from numpy.typing import NDArray
 
+from ..elements import Element, linear_simplex, named
 from ..errors import MeshError, name_ids
 
 #: Ids within each cell block of the file, by name.
 Sets = dict[str, list[NDArray[np.int64]]]
 MOST_VALUES = 64
-REFERENCE = {1: skfem.refdom.RefLine, 2: skfem.refdom.RefTri, 3: skfem.refdom.RefTet}
 
 
-def cell_groups(raw: meshio.Mesh, k: int) -> Sets:
-    """Named groups, or where simplices of dimension `k` are in none, one for each value of the arrays of integers."""
+def cell_groups(raw: meshio.Mesh, base: Element) -> Sets:
+    """Named groups, or where elements with the corners of `base` are in none, one for each value of the arrays of integers."""
     sets = listed_sets(raw) | indicator_sets(raw)
     sets |= {name: ids for name, ids in physical_sets(raw).items() if name not in sets}
-    return sets if pick(sets, raw, k) else sets | value_sets(raw, k)
+    return sets if pick(sets, raw, base) else sets | value_sets(raw, base)
 
 
-def pick(sets: Sets, raw: meshio.Mesh, k: int) -> dict[str, NDArray[np.int32]]:
-    """The simplices of dimension `k` of each group, counted through their blocks; groups without any are left out."""
+def pick(sets: Sets, raw: meshio.Mesh, base: Element) -> dict[str, NDArray[np.int32]]:
+    """The elements with the corners of `base` of each group, counted through their blocks; groups without any are left out."""
     picked = {}
     for name, ids_of_block in sets.items():
         start, ids = 0, [np.empty(0, dtype=np.int64)]
         for block, members in zip(raw.cells, ids_of_block, strict=False):
-            if is_simplex(block, k):
+            if is_of(block, base):
                 ids.append(np.asarray(members, dtype=np.int64) + start)
                 start += len(block)
         picked[name] = np.unique(np.concatenate(ids)).astype(np.int32)
@@ -79,80 +78,95 @@ def physical_sets(raw: meshio.Mesh) -> Sets:
     return sets
 
 
-def value_sets(raw: meshio.Mesh, k: int) -> Sets:
-    """A group 'NAME:VALUE' for each value of an array of integers that has few values on simplices of dimension `k`."""
+def value_sets(raw: meshio.Mesh, base: Element) -> Sets:
+    """A group 'NAME:VALUE' for each value of an array of integers that has few values on elements with the corners of `base`."""
     sets: Sets = {}
     for name, arrays in raw.cell_data.items():
         if name.startswith(("gmsh:", "skfem:", "vtk", "cell_ids")) or any(
             values.ndim != 1 or values.dtype.kind not in "iu" for values in arrays
         ):
             continue
-        found = np.unique(np.concatenate([values for values, block in zip(arrays, raw.cells, strict=True) if is_simplex(block, k)]))
+        found = np.unique(np.concatenate([values for values, block in zip(arrays, raw.cells, strict=True) if is_of(block, base)]))
         if len(found) <= MOST_VALUES:
             present = np.unique(np.concatenate(arrays)).tolist()
             sets |= {f"{name}:{value}": [np.flatnonzero(values == value) for values in arrays] for value in present}
     return sets
 
 
-def facet_groups(raw: meshio.Mesh, sets: Sets, k: int) -> dict[str, NDArray[np.int64]]:
-    """(k, n) vertices of the facets of each group: cells one dimension lower, and scikit-fem's arrays 'skfem:b:NAME'.
+def facet_groups(raw: meshio.Mesh, sets: Sets, base: Element) -> dict[str, NDArray[np.int64]]:
+    """(m, n) corners of the facets of each group: cells one dimension lower, and scikit-fem's arrays 'skfem:b:NAME'.
 
     Bit `j` of such an array says that facet `j` of the cell, in scikit-fem's order, is in the boundary.
     """
-    facets, t = corners(raw.cells, k - 1), corners(raw.cells, k)
-    boundaries = {name: facets[:, ids] for name, ids in pick(sets, raw, k - 1).items()}
+    facet = named(base.facet)
+    facets, t = corners(raw.cells, facet), corners(raw.cells, base)
+    boundaries = {name: facets[:, ids] for name, ids in pick(sets, raw, facet).items()}
     prefix = "skfem:b:"
     for name, arrays in raw.cell_data.items():
         if name.startswith(prefix):
-            most = 2 ** (k + 1) - 1
-            of_block = [values for values, block in zip(arrays, raw.cells, strict=True) if is_simplex(block, k)]
+            most = 2 ** len(base.facets) - 1
+            of_block = [values for values, block in zip(arrays, raw.cells, strict=True) if is_of(block, base)]
             bits = marks(name, np.concatenate(of_block), most, f"whole numbers from 0 to {most}")
-            found = [t[local][:, bits >> j & 1 == 1] for j, local in enumerate(REFERENCE[k].facets)]
+            found = [t[list(local)][:, bits >> j & 1 == 1] for j, local in enumerate(base.facets)]
             boundaries[name.removeprefix(prefix)] = np.concatenate(found, axis=1)
     return boundaries
 
 
-def node_groups(raw: meshio.Mesh, sets: Sets, k: int) -> dict[str, NDArray[np.int64]]:
-    """Vertices of each group, ascending: node sets, and groups of points, or curves where facets are surfaces, such as Gmsh's."""
+def node_groups(raw: meshio.Mesh, sets: Sets, base: Element) -> dict[str, NDArray[np.int64]]:
+    """Nodes of each group, ascending: node sets, and groups of points, or curves where facets are surfaces, such as Gmsh's."""
     groups: dict[str, NDArray[np.int64]] = {}
-    for j in range(max(k - 1, 1)):
-        cells = corners(raw.cells, j)
-        for name, ids in pick(sets, raw, j).items():
-            groups[name] = np.union1d(groups.get(name, []), cells[:, ids]).astype(np.int64)
+    for kind in (named("points"), linear_simplex(1))[: max(base.k - 1, 1)]:
+        blocks = [np.asarray(block.data, dtype=np.int64) for block in raw.cells if is_of(block, kind)]
+        for name, ids in pick(sets, raw, kind).items():
+            ends = np.cumsum([len(block) for block in blocks])
+            inside = [
+                block[ids[(ids >= end - len(block)) & (ids < end)] - end + len(block)]
+                for block, end in zip(blocks, ends, strict=True)
+            ]
+            groups[name] = np.union1d(groups.get(name, []), np.concatenate([rows.ravel() for rows in inside])).astype(np.int64)
     return groups | {name: np.union1d(groups.get(name, []), ids).astype(np.int64) for name, ids in raw.point_sets.items()}
 
 
-#: Simplices in words, by their dimension.
-KINDS = {1: "segments", 2: "triangles", 3: "tetrahedra"}
-#: Dimension of each family of simplices; a number after the name, as in tetra10, tells the order.
-FAMILIES = {"vertex": 0, "line": 1, "triangle": 2, "tetra": 3}
-FAMILIES |= {"VTK_LAGRANGE_CURVE": 1, "VTK_LAGRANGE_TRIANGLE": 2, "VTK_LAGRANGE_TETRAHEDRON": 3}
+#: The linear element of each family of cells; a number after the name, as in tetra10, tells how many nodes they have.
+FAMILIES = {"vertex": "points", "line": "segments", "triangle": "triangles", "tetra": "tetrahedra", "quad": "quadrilaterals"}
+FAMILIES |= {"hexahedron": "hexahedra", "VTK_LAGRANGE_CURVE": "segments", "VTK_LAGRANGE_TRIANGLE": "triangles"}
+FAMILIES |= {"VTK_LAGRANGE_TETRAHEDRON": "tetrahedra", "VTK_LAGRANGE_QUADRILATERAL": "quadrilaterals"}
+FAMILIES |= {"VTK_LAGRANGE_HEXAHEDRON": "hexahedra"}
+#: Where scikit-fem's local nodes stand in cells of meshio's, whose order is VTK's; the others are in the same order.
+IN_CELLS = {"hexahedra": [0, 4, 3, 1, 7, 5, 2, 6]}
 
 
-def simplex_dimension(cell_type: str) -> int:
-    """Dimension of a type of simplex in meshio's words, -1 for other cells.
+def linear_kind(cell_type: str) -> str:
+    """Name of the linear element with the corners of a type of cell in meshio's words; empty for other cells.
 
-    >>> simplex_dimension("tetra10"), simplex_dimension("hexahedron")
-    (3, -1)
+    >>> linear_kind("tetra10"), linear_kind("hexahedron"), linear_kind("wedge")
+    ('tetrahedra', 'hexahedra', '')
     """
-    return FAMILIES.get(cell_type.rstrip("0123456789"), -1)
+    return FAMILIES.get(cell_type.rstrip("0123456789"), "")
 
 
-def corners(cells: Iterable[Any], k: int) -> NDArray[Any]:
-    """(k + 1, n) corner vertices of the simplices of dimension `k`, block after block."""
-    blocks = [np.asarray(block.data, dtype=np.int64)[:, : k + 1] for block in cells if is_simplex(block, k)]
-    return np.concatenate([np.empty((0, k + 1), dtype=np.int64), *blocks]).T
+def is_of(block: Any, base: Element) -> bool:
+    """Whether the cells have the corners of a linear element, and there are any."""
+    return len(block) > 0 and linear_kind(block.type) == base.name
 
 
-def is_simplex(block: Any, k: int) -> bool:
-    """Whether the block holds simplices of dimension `k`."""
-    return len(block) > 0 and simplex_dimension(block.type) == k
+def corners(cells: Iterable[Any], base: Element) -> NDArray[Any]:
+    """(m, n) corners of the cells that are of the kind of `base`, in scikit-fem's local order, block after block."""
+    return nodes(cells, base, base)
+
+
+def nodes(cells: Iterable[Any], base: Element, element: Element) -> NDArray[Any]:
+    """(m, n) nodes of those cells as `element` has them, which is `base` or has middles of edges after its corners."""
+    blocks = [np.asarray(block.data, dtype=np.int64)[:, : element.n] for block in cells if is_of(block, base)]
+    every = np.concatenate([np.empty((0, element.n), dtype=np.int64), *blocks]).T
+    return every[IN_CELLS[element.name]] if element.name in IN_CELLS else every
 
 
 def inner_nodes(cells: Iterable[Any]) -> NDArray[np.int64]:
-    """Nodes of simplices of higher order that are not corners: on edges, faces or inside."""
-    blocks = [np.ravel(block.data[:, block.dim + 1 :]) for block in cells if len(block) and simplex_dimension(block.type) > 0]
-    return np.unique(np.concatenate([np.empty(0, dtype=np.int64), *blocks]))
+    """Nodes of elements of higher order that are not corners: on edges, faces or inside."""
+    kinds = [(block, linear_kind(block.type)) for block in cells if len(block)]
+    blocks = [np.ravel(block.data[:, named(kind).n :]) for block, kind in kinds if kind]
+    return np.unique(np.concatenate([np.empty(0, dtype=np.int64), *blocks])).astype(np.int64)
 
 
 def count_cells(cells: Iterable[Any]) -> str:

@@ -177,8 +177,7 @@ class ElementMesh(Marked):
         >>> ElementMesh(p=[[0, 1, 0], [0, 0, 1]], t=[[0], [1], [2]]).with_degree(2)
         ElementMesh: 1 quadratic triangles in 2D, 6 nodes
         """
-        if isinstance(degree, bool) or not isinstance(degree, int | np.integer) or degree not in (1, 2):
-            raise MeshError(f"degree = {shown(degree)}; expected 1 or 2, the degree of the shape functions of simplices.")
+        check_degree(degree)
         if degree == self.element.degree:
             return self
         if self.element.is_box:
@@ -316,6 +315,12 @@ def _element_of(mesh: skfem.Mesh) -> Element:
         f"{name} is not a mesh of tetrahedra, hexahedra, triangles, quadrilaterals or segments; expected MeshTet1, MeshTet2, "
         "MeshHex1, MeshTri1, MeshTri2, MeshQuad1 or MeshLine1. Wedges can be split: mesh.to_meshtet()."
     )
+
+
+def check_degree(degree: Any) -> None:
+    """Refuse what is neither 1 nor 2."""
+    if isinstance(degree, bool) or not isinstance(degree, int | np.integer) or degree not in (1, 2):
+        raise MeshError(f"degree = {shown(degree)}; expected 1 or 2, the degree of the shape functions of simplices.")
 
 
 def check_numbers(t: NDArray[np.int32], element: Element) -> None:

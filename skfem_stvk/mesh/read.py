@@ -15,40 +15,50 @@ import numpy as np
 from ..errors import MeshError
 from .content import check_cells, content_of
 from .formats import CHECKS, READERS, Counts, Damaged
-from .mesh import ElementMesh
+from .mesh import ElementMesh, check_degree
 
 #: A packed file is unpacked to at most as many times its size; text of meshes packs to a third or a tenth.
 MOST_UNPACKED = 50
 
 
-def read_mesh(path: str | Path) -> ElementMesh:
-    """The simplices of a mesh file: Gmsh, VTK, VTU, Abaqus and whatever else meshio reads.
+def read_mesh(path: str | Path, degree: int | None = None) -> ElementMesh:
+    """The elements of a mesh file: Gmsh, VTK, VTU, Abaqus and whatever else meshio reads.
 
-    Taken are the simplices of the highest dimension in the file, by their corners, with the vertices in the order of the
-    file. Triangles are in 2D if all their z are equal, otherwise membranes in 3D; segments likewise in 1D, 2D or 3D.
+    Taken are the elements of the highest dimension in the file: tetrahedra, triangles and segments, of second order too, with their
+    curved edges, or hexahedra or quadrilaterals. Vertices are in the order of the file; the middles of edges follow in scikit-fem's
+    order. Triangles and quadrilaterals are in 2D if all their z are equal, otherwise membranes in 3D; segments likewise in 1D, 2D
+    or 3D. Elements of third order and higher, and hexahedra and quadrilaterals of second order, are taken by their corners.
 
     Physical groups, element sets and the subdomains of scikit-fem's `mesh.save` become `subdomains`, or `boundaries`
-    where they hold facets. Node sets and physical points (and curves between tetrahedra) become
-    `node_sets`. If the simplices are in no such group, arrays of integers with at most 64 values become
+    where they hold facets. Node sets and physical points (and curves between solids) become
+    `node_sets`. If the elements are in no such group, arrays of integers with at most 64 values become
     subdomains 'NAME:VALUE'. Elements that Gmsh writes once for each of several groups are taken once.
+
+    Parameters
+    ----------
+    degree : 1 takes elements of second order by their corners, with a warning that says so; 2 makes straight quadratic simplices
+        of linear ones. By default each file is what it is.
 
     Raises
     ------
     MeshError
-        if the file is missing, empty, of an unknown format or damaged, needs a package that is not installed, or has no
-        simplices of the dimension of its cells.
+        if the file is missing, empty, of an unknown format or damaged, needs a package that is not installed, has no such elements
+        of the dimension of its cells, or both simplices and hexahedra or quadrilaterals.
 
     Warns
     -----
     StvkWarning
-        of cells and vertices that are left out, and of elements of higher order.
+        of cells and vertices that are left out, and of elements of higher order that are taken by their corners.
 
     >>> from importlib.resources import files
     >>> sorted(read_mesh(str(files("skfem_stvk.mesh") / "data" / "bracket.msh")).subdomains)
     ['bracket', 'bushing']
     """
     path = Path(path)
-    return ElementMesh.made_of(content_of(load(path), str(path)), str(path))
+    if degree is not None:
+        check_degree(degree)
+    mesh = ElementMesh.made_of(content_of(load(path), str(path), degree), str(path))
+    return mesh if degree is None else mesh.with_degree(degree)
 
 
 def embedded_mesh() -> ElementMesh:

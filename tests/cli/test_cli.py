@@ -85,7 +85,10 @@ DOUBLE = np.concatenate([BOX.t, BOX.t[[2, 0, 1, 3], 4:6]], axis=1)
         (lambda f: [saved(f / "m.vtu", BOX.p, BOX.t), "--young", "-1", "--poisson", "0.3"], "young = -1. is outside"),
         (lambda f: [str(f / "nothing.msh"), *MATERIAL], "nothing.msh is no file"),
         (lambda f: ["", *MATERIAL], "is no regular file"),
-        (lambda f: [saved(f / "m.vtu", box(2).p, box(2).t[[0, 1, 2, 3, 0, 1, 2, 3]], "hexahedron"), *MATERIAL], "hexahedr"),
+        (
+            lambda f: [saved(f / "m.vtu", box(2).p, box(2).t[[0, 1, 2, 3, 0, 1, 2, 3]], "hexahedron"), *MATERIAL],
+            "the same vertex twice",
+        ),
     ],
 )
 def test_broken_input_is_an_error_and_nothing_is_written(arguments, message, tmp_path, capsys):

@@ -31,6 +31,7 @@ def read(path: Path) -> meshio.Mesh:
     check_unique(every, "element")
     place = np.argsort(nodes)
     data = [(kind, place[np.searchsorted(nodes, table, sorter=place)]) for kind, table in cells]
+    data = [(kind, middle_last(table, points) if kind == "line3" else table) for kind, table in data]
     named = sets_of(parts, "ELSET", every)
     return meshio.Mesh(
         points,
@@ -73,6 +74,17 @@ def elements_of(parts: list[Section], nodes: Ids) -> tuple[list[tuple[str, Ids]]
         cells.append((kind, table[:, 1:]))
         ids.append(table[:, 0])
     return cells, ids
+
+
+def middle_last(t: Ids, points: NDArray[np.float64]) -> Ids:
+    """Nodes (n, 3) of segments of second order with the middle as the last one: some programs write it between the ends.
+
+    The middle is the node that is nearest to the midpoint of the other two.
+    """
+    x = points[t]
+    off = np.stack([np.linalg.norm(x[:, i] - (x[:, i - 1] + x[:, i - 2]) / 2, axis=1) for i in range(3)])
+    orders = np.array([[1, 2, 0], [0, 2, 1], [0, 1, 2]])
+    return np.take_along_axis(t, orders[off.argmin(axis=0)], axis=1)
 
 
 def records(lines: list[list[str]]) -> Iterator[list[str]]:

@@ -25,7 +25,15 @@ NODES: dict[str, int] = num_nodes_per_cell
 VTK: dict[int, str] = {
     kind: name for kind, name in vtk_to_meshio_type.items() if name in topological_dimension and name != "polyhedron"
 }
-ABAQUS: dict[str, str] = {**abaqus_to_meshio_type, "C3D4H": "tetra", "CPE3": "triangle", "CPS6": "triangle6"}
+ABAQUS: dict[str, str] = {
+    **abaqus_to_meshio_type,
+    **dict.fromkeys(("C3D4H",), "tetra"),
+    **dict.fromkeys(("C3D10HS", "C3D10MT", "C3D10T"), "tetra10"),
+    **dict.fromkeys(("CPE3", "CPE3H", "CPS3", "M3D3"), "triangle"),
+    **dict.fromkeys(("CPS6", "CPS6M", "CPE6H", "CPE6M", "CPE6MH", "M3D6", "S6"), "triangle6"),
+    **dict.fromkeys(("CPE4", "CPE4H", "CPE4I", "CPE4IH", "CPE4R", "CPE4RH", "CPS4I", "M3D4", "M3D4R"), "quad"),
+    **dict.fromkeys(("CPE8", "CPE8H", "CPE8R", "CPE8RH", "CPS8", "CPS8R", "M3D8", "M3D8R"), "quad8"),
+}
 GMSH: dict[int, str] = _gmsh_to_meshio_type
 
 
