@@ -19,7 +19,7 @@ from scipy.sparse.csgraph import connected_components
 
 from skfem_stvk.kernels.cg import BETA, MORE, NEGATIVE, NORM, NOT_FINITE, PART, RHO, SEEN, SMALL, P, S, T, U, X
 from skfem_stvk.kernels.compiled import Ids, Reals
-from skfem_stvk.kernels.lanes import LANES, TRANSPOSED, Points
+from skfem_stvk.kernels.lanes import LANES, TRANSPOSED, MeanPoints, Points
 from skfem_stvk.kernels.laws import GeneralLaw, IsotropicLaw
 from skfem_stvk.kernels.penalty import BARRIER, COMPRESSION, QUADRATIC
 from skfem_stvk.kernels.topology import OWN
@@ -74,8 +74,9 @@ LAWS: dict[type, tuple[int, Callable[[Reals], Reals]]] = {IsotropicLaw: (2, isot
 class Elements(NamedTuple):
     """What the kernels read of the elements of some blocks.
 
-    `t` (n, a) their nodes, `Ri` (n, q, 3, 3), `numbers` (n, q, m) of the law and `C` (n, q, 3, 3, 3, 3), all times the weights of the
-    points; `g` (n, q, a, 3) derivatives of the shape functions by the axes of the frame, which add up to zero.
+    `t` (n, a) their nodes, `B` (n, q, a, 3) derivatives of the shape functions by the axes of the table, which add up to zero, `Ri` (n,
+    q, 3, 3), `numbers` (n, q, m) of the law and `C` (n, q, 3, 3, 3, 3), both times the weights of the points; `g` (n, q, a, 3)
+    derivatives by the axes of the frame; `modes` (k, a) of boxes with one point, and how much they are resisted, `c` (n,).
     """
 
     t: Ids
@@ -84,6 +85,8 @@ class Elements(NamedTuple):
     numbers: Reals
     C: Reals
     g: Reals
+    modes: Reals
+    c: Reals
 
     def differences(self, x: Reals) -> Reals:
         """(n, a, 3) what `x` is at the nodes more than at node 0, the difference taken in double."""
@@ -94,6 +97,15 @@ class Elements(NamedTuple):
         """(n, q, 3, 3) derivatives `x_j = sum_a g_aj x_a` of a field by the axes j of the frame."""
         return np.einsum("nqaj,nax->nqjx", self.g, self.differences(x))
 
+    def resistance(self, X: Reals) -> Reals:
+        """(n, a, b) `H_ab = 2 c sum_k gamma_ka gamma_kb`, the stiffness of hourglass modes: `W_h = 1/2 sum_ab H_ab u_a . u_b`.
+
+        gamma_ka = (h_ka - sum_j (sum_b h_kb X_b)_j g_aj) / n
+        """
+        shape = np.einsum("kb,nbx->nkx", self.modes, self.differences(X))
+        gamma = (self.modes - np.einsum("nkx,nax->nka", shape, self.g[:, 0])) / self.modes.shape[1]
+        return 2 * np.einsum("n,nka,nkb->nab", self.c, gamma, gamma)
+
     def stress(self, M: Reals) -> Reals:
         """(n, q, 3, 3) `S = C : M`."""
         return np.einsum("nqijkl,nqkl->nqij", self.C, M)
@@ -103,31 +115,40 @@ class Elements(NamedTuple):
         return np.einsum("nqaj,nqjk,nqkx->nax", self.g, S, q, optimize=True)
 
 
-def elements_of(part: slice, t: Ids, points: Points | None, law: Any) -> Elements:
+def elements_of(part: slice, t: Ids, points: Any, law: Any) -> Elements:
     """The elements of a part of the blocks.
 
-    Linear simplices have one point, and the derivatives of the barycentric coordinates. Elements of a block that are all straight
-    have numbers for one point, which stand for all.
+    Linear simplices have one point, and the derivatives of the barycentric coordinates; boxes with mean gradients have derivatives of
+    their own. Elements of a block that are all straight have numbers for one point, which stand for all.
     """
     count, tensor = LAWS[type(law)]
     D, size = law.D, (6 + count) * LANES
     if points is None:
-        B, weights, blocks = np.eye(3)[None], np.ones(1), len(t) // (4 * LANES)
-        starts = size * np.arange(blocks + 1)
-    else:
-        B, weights, starts = points.B, points.weights, points.starts
-        blocks = len(starts) - 1
-    nodes = len(t) // (LANES * blocks)
+        starts = size * np.arange(len(t) // (4 * LANES) + 1)
+        points = Points(np.eye(3)[None], np.ones(1), starts)
+    starts, nq = points.starts, len(points.weights)
+    nodes = len(t) // (LANES * (len(starts) - 1))
+    nodes_of = out_of_lanes(t, nodes, part)
     own = np.diff(starts) > size  # whether each point has numbers of its own
-    first = starts[:-1, None] + np.where(own[:, None], size * np.arange(len(weights)), 0)
-    stored = D[first[part, :, None] + np.arange(size)].reshape(-1, len(weights), 6 + count, LANES)
-    stored = np.moveaxis(stored, 3, 1).reshape(-1, len(weights), 6 + count)
+    first = starts[:-1, None] + np.where(own[:, None], size * np.arange(nq), 0)
+    stored = D[first[part, :, None] + np.arange(size)].reshape(-1, nq, 6 + count, LANES)
+    stored = np.moveaxis(stored, 3, 1).reshape(-1, nq, 6 + count)
     Ri = np.zeros((*stored.shape[:2], 3, 3), D.dtype)
     Ri[..., [0, 0, 0, 1, 1, 2], [0, 1, 2, 1, 2, 2]] = stored[..., :6]
-    numbers = stored[..., 6:] * weights.astype(D.dtype)[:, None]
-    B = np.concatenate([-B.sum(axis=1, keepdims=True), B[:, : nodes - 1]], axis=1).astype(D.dtype)
-    g = np.einsum("qai,nqij->nqaj", B, Ri)
-    return Elements(out_of_lanes(t, nodes, part), B, Ri, numbers, tensor(numbers), g)
+    numbers = stored[..., 6:] * points.weights.astype(D.dtype)[:, None]
+    modes, c = np.zeros((0, nodes), D.dtype), np.zeros(len(nodes_of), D.dtype)
+    if isinstance(points, MeanPoints):
+        others = np.moveaxis(points.B[part], 3, 1).reshape(-1, 1, *points.B.shape[1:3])
+        modes, c = with_first(points.modes[:, : nodes - 1], 1), points.resistance[part].ravel()
+    else:
+        others = np.broadcast_to(points.B, (len(nodes_of), *points.B.shape))
+    B = with_first(others[:, :, : nodes - 1].astype(D.dtype), 2)
+    return Elements(nodes_of, B, Ri, numbers, tensor(numbers), np.einsum("nqai,nqij->nqaj", B, Ri), modes, c)
+
+
+def with_first(x: Reals, axis: int) -> Reals:
+    """Values of all nodes, which add up to zero, from those of the nodes 1, 2, ..."""
+    return np.concatenate([-x.sum(axis=axis, keepdims=True), x], axis=axis)
 
 
 def products(x: Reals, y: Reals) -> Reals:
@@ -163,13 +184,20 @@ def add_to_slots(values: Reals, slots: Ids, part: slice, f: Reals) -> None:
 def energy_and_force(
     begin: int, end: int, t: Ids, slots: Ids, points: Points | None, law: Any, X: Reals, u: Reals, f: Reals
 ) -> float:
-    """`W = 1/4 sum S : M`, `F_a = sum_jk g_aj S_jk q_k`."""
+    """`W = 1/4 sum S : M`, `F_a = sum_jk g_aj S_jk q_k`, and what hourglass modes add."""
     part = slice(begin, end)
     elements = elements_of(part, t, points, law)
     q, M, S = deformed(elements, X, u)
+    W_h, F_h = resisted(elements, X, elements.differences(u))
     if len(f):
-        add_to_slots(elements.pull(S, q), slots, part, f)
-    return contracted(S, M) / 4
+        add_to_slots(elements.pull(S, q) + F_h, slots, part, f)
+    return contracted(S, M) / 4 + W_h
+
+
+def resisted(elements: Elements, X: Reals, u: Reals) -> tuple[float, Reals]:
+    """Energy of hourglass modes of `u` (n, a, 3), and their forces."""
+    forces = np.einsum("nab,nbx->nax", elements.resistance(X), u)
+    return float((u * forces).sum() / 2), forces
 
 
 def weighed(S: Reals, positive: float, negative: float) -> Reals:
@@ -195,7 +223,7 @@ def linearize(
     f: Reals,
     blocks: Reals,
 ) -> float:
-    """`K_ab = sum_ij g_ai g_bj A_ij` over points, `A_ij = 2 sum_kl C_ikjl q_k q_l' + S_ij I`, of the pairs of nodes `a < b`.
+    """`K_ab = sum_ij g_ai g_bj A_ij + H_ab I` over points, `A_ij = 2 sum_kl C_ikjl q_k q_l' + S_ij I`, of the pairs of nodes `a < b`.
 
     Of `S` the positive and the negative eigenvalues count by factors; of linear simplices all by the first.
     """
@@ -206,6 +234,7 @@ def linearize(
     A = 2 * np.einsum("nqikjl,nqkx,nqly->nqijxy", elements.C, q, q, optimize=True)
     A += np.einsum("nqij,xy->nqijxy", S, np.eye(3, dtype=S.dtype))
     K = np.einsum("nqai,nqbj,nqijxy->nabxy", elements.g, elements.g, A, optimize=True)
+    K += np.einsum("nab,xy->nabxy", elements.resistance(X), np.eye(3, dtype=S.dtype))
     pairs = EDGES if points is None else tuple(combinations(range(K.shape[1]), 2))
     to = out_of_lanes(edge_slots, edge_slots.shape[1] // LANES, part)
     blocks[9 * marks[begin] : 9 * marks[end]] = 0
@@ -239,6 +268,9 @@ def along(
     for m, stresses in enumerate(map(elements.stress, strains)):
         for n, strain in enumerate(strains):
             c[m + n] += contracted(stresses, strain) / 4
+    x, y = elements.differences(u), elements.differences(v)
+    for place, (one, other) in enumerate(((x, x), (2 * x, y), (y, y))):
+        c[place] += float((one * resisted(elements, X, other)[1]).sum() / 2)
     return c[0], c[1], c[2], c[3], c[4]
 
 
@@ -262,9 +294,10 @@ def mean_force(
     elements = elements_of(part, t, points, law)
     (q, _, S), H = deformed(elements, X, u), elements.in_frame(v)
     dM = symmetric(q, H) + products(H, H)
-    dS = elements.stress(dM)
-    add_to_slots(elements.pull((w0 + w1) * S + w1 * dS, q + theta * H), slots, part, f)
-    return contracted(dS, dM) / 4
+    dS, x, y = elements.stress(dM), elements.differences(u), elements.differences(v)
+    forces = elements.pull((w0 + w1) * S + w1 * dS, q + theta * H)
+    add_to_slots(forces + resisted(elements, X, (w0 + w1) * x + w1 * y)[1], slots, part, f)
+    return contracted(dS, dM) / 4 + resisted(elements, X, y)[0]
 
 
 def damping_force(
@@ -276,8 +309,9 @@ def damping_force(
     q, H = deformed(elements, X, u)[0], elements.in_frame(v)
     rates = symmetric(q, H)
     stresses = elements.stress(rates)
-    add_to_slots(elements.pull(stresses, q), slots, part, f)
-    return contracted(stresses, rates) / 4
+    half, forces = resisted(elements, X, elements.differences(v))
+    add_to_slots(elements.pull(stresses, q) + forces, slots, part, f)
+    return contracted(stresses, rates) / 4 + half
 
 
 def round_off(begin: int, end: int, t: Ids, slots: Ids, points: Points | None, law: Any, X: Reals, u: Reals, f: Reals) -> None:
@@ -285,12 +319,15 @@ def round_off(begin: int, end: int, t: Ids, slots: Ids, points: Points | None, l
 
     |g_aj| = sum_i |dN_a/dxi_i| |Ri_ij|        E_j = sum_a |g_aj| |X_a - X_0|        d_j = sum_a |g_aj| (|u_a| + |u_0|)
     dM_ij = |q_i| . d_j + d_i . |Q_j| + e_i . |h_j| + |h_i| . E_j for i <= j        S = |C| : |M|, dS = |C| : dM
+
+    Hourglass modes with `s_k = 2 c/n^2 (sum_b |h_kb| (|u_b| + |u_0|) + sum_j |(h_k'X)_j| d_j)` add `(|h_ka| + sum_j |g_aj|
+    |(h_k'X)_j|) s_k`.
     """
     part = slice(begin, end)
     elements = elements_of(part, t, points, law)
     (q, M, _), Q, h = deformed(elements, X, u), elements.in_frame(X), elements.in_frame(u)
     q, Q, h = np.abs(q), np.abs(Q), np.abs(h)
-    g = np.einsum("qai,nqij->nqaj", np.abs(elements.B[:, 1:]), np.abs(elements.Ri))
+    g = np.einsum("nqai,nqij->nqaj", np.abs(elements.B[:, :, 1:]), np.abs(elements.Ri))
     ends = np.abs(u).reshape(-1, 3)[elements.t].astype(g.dtype)
     E = np.einsum("nqaj,nax->nqjx", g, np.abs(elements.differences(X))[:, 1:])
     d = np.einsum("nqaj,nax->nqjx", g, ends[:, 1:] + ends[:, :1])
@@ -300,6 +337,10 @@ def round_off(begin: int, end: int, t: Ids, slots: Ids, points: Points | None, l
     S, dS = (np.einsum("nqijkl,nqkl->nqij", C, x) for x in (np.abs(M), dM))
     pulled = np.einsum("nqjk,nqkx->nqjx", S, q + E + d) + np.einsum("nqjk,nqkx->nqjx", dS, q)
     forces = np.einsum("nqaj,nqjx->nax", g, pulled)
+    modes, shape = np.abs(elements.modes)[:, 1:], np.abs(np.einsum("kb,nbj->nkj", elements.modes, elements.differences(X)))
+    s = np.einsum("kb,nbx->nkx", modes, ends[:, 1:] + ends[:, :1]) + np.einsum("nkj,njx->nkx", shape, d[:, 0])
+    s *= (2 * elements.c / ends.shape[1] ** 2)[:, None, None]
+    forces += np.einsum("ka,nkx->nax", modes, s) + np.einsum("naj,nkj,nkx->nax", g[:, 0], shape, s)
     add_to_slots(np.concatenate([forces.sum(axis=1, keepdims=True), forces], axis=1), slots, part, f)
 
 
