@@ -48,6 +48,57 @@ def measures(p: Reals, t: Ids) -> Reals:
     return out
 
 
+# Sums and products with their rounding errors (Dekker 1971): without them the height of a flat element, a small difference of large
+# products, would have twice the error that its spokes in the frame have anyway. What is reassociated would lose them again.
+
+
+def _to_the_letter(function):
+    return kernel(function, forceinline=True, fastmath=False)
+
+
+@_to_the_letter
+def _product(a, b):
+    """`a b`, and its rounding error."""
+    p, x, y = a * b, 134217729.0 * a, 134217729.0 * b
+    a1, b1 = x - (x - a), y - (y - b)
+    a2, b2 = a - a1, b - b1
+    return p, ((a1 * b1 - p) + a1 * b2 + a2 * b1) + a2 * b2
+
+
+@_to_the_letter
+def _sum(a, b):
+    """`a + b`, and its rounding error."""
+    s = a + b
+    t = s - a
+    return s, (a - (s - t)) + (b - t)
+
+
+@_to_the_letter
+def _products_apart(a, b, c, d):
+    """`a b - c d` in two parts."""
+    (p, e), (q, g) = _product(a, b), _product(c, d)
+    s, h = _sum(p, -q)
+    return _sum(s, h + (e - g))
+
+
+@_to_the_letter
+def _cross_in_parts(a, b):
+    """`a x b`, and its rounding error."""
+    x, u = _products_apart(a[1], b[2], a[2], b[1])
+    y, v = _products_apart(a[2], b[0], a[0], b[2])
+    z, w = _products_apart(a[0], b[1], a[1], b[0])
+    return (x, y, z), (u, v, w)
+
+
+@_to_the_letter
+def _dot_in_parts(a, rest, b):
+    """`(a + rest) . b`, correct but for one rounding."""
+    (x, u), (y, v), (z, w) = _product(a[0], b[0]), _product(a[1], b[1]), _product(a[2], b[2])
+    s, g = _sum(x, y)
+    s, h = _sum(s, z)
+    return s + (((u + v) + w) + (g + h) + (rest[0] * b[0] + rest[1] * b[1] + rest[2] * b[2]))
+
+
 @inlined
 def _put_frame(a, b, c, k, e, out):
     """Write `Ri` and the determinant of `R` for the spokes `a, b, c` of an element of dimension `k`."""
@@ -55,14 +106,14 @@ def _put_frame(a, b, c, k, e, out):
     out[0, e] = 1 / r11
     out[6, e] = r11
     if k > 1:
-        n = cross(a, b)
+        n, rest = _cross_in_parts(a, b)
         area = _norm(n)
         r12, r22 = dot(a, b) / r11, area / r11
         out[1, e], out[3, e] = -r12 / area, 1 / r22
         out[6, e] = area
         if k > 2:
             # q_2 = n x a over its length; the third axis of a frame points to where the third spoke does
-            height = dot(n, c) / area
+            height = _dot_in_parts(n, rest, c) / area
             along, across = dot(a, c) / r11, dot(cross(n, a), c) / (area * r11)
             r33 = abs(height)
             out[2, e], out[4, e], out[5, e] = (r12 / r22 * across - along) / (r11 * r33), -across / (r22 * r33), 1 / r33
