@@ -22,11 +22,12 @@ def test_a_fine_part_is_a_sound_mesh_on_which_all_agree_to_1e_13_in_every_state(
     assert f"{fine.nt} tetrahedra" in out
 
 
-def test_flat_elements_cost_the_edge_form_digits():
-    rows = {(round(ratio, -1), strain): (ours, theirs) for ratio, strain, ours, theirs in aspect.measure()}
-    (plump, *_, flat) = sorted({ratio for ratio, _ in rows})
-    assert rows[plump, 1e-6][0] < 1e-13 < rows[plump, 1e-6][1]  # small strains on plump elements: ours is better
-    assert rows[flat, 1e-1][0] > 1e-10 > rows[flat, 1e-1][1]  # large strains on flat elements: scikit-fem's is
+def test_flat_elements_cost_eps_times_their_aspect():
+    """In either precision; at small strain scikit-fem, which forms the deformation gradient, loses more up to aspects of 500."""
+    for box, strain, errors in aspect.measure(200):
+        assert 0.1 < errors.double < 20 and 0.1 < errors.single < 20, (box, strain, errors)
+        if strain == 1e-6 and box <= 500:
+            assert errors.ours < errors.theirs / 5, (box, errors)
 
 
 def test_all_that_was_tried_for_the_kernels_agrees(capsys):
