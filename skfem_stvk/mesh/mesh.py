@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from skfem.assembly.dofs import DofsView
 from skfem.mesh.mesh_dg import MeshDG
 
-from ..arguments import frozen, real_array, shown, whole_array
+from ..arguments import frozen, real_array, shown, whole, whole_array
 from ..elements import ELEMENTS, Element, linear_simplex, named, second_order
 from ..errors import MeshError, RegionError, name_ids, name_known, warn
 from .content import Content, content_in_memory
@@ -23,6 +23,7 @@ from .places import Marked, checked_facets, facets_at, vertices_at
 #: What `System` and `verify` take for a mesh: a scikit-fem mesh, arrays `(p, t)`, a `meshio.Mesh`, or an `ElementMesh`.
 MeshLike: TypeAlias = Any
 
+FIRST = "ELEMENTS['hexahedra']"
 LARGEST_INDEX = np.iinfo(np.int32).max
 
 
@@ -66,6 +67,8 @@ class ElementMesh(Marked):
         p, t = np.array(p, order="C"), vertex_ids(self.t)
         if p.ndim != 2 or p.shape[0] not in (1, 2, 3):
             raise MeshError(f"p has shape {p.shape}; expected (d, nv) with d = 1, 2 or 3. Transpose arrays of shape (nv, d).")
+        if self.element is not None and not isinstance(self.element, Element):
+            raise MeshError(f"element = {shown(self.element)}; expected one of skfem_stvk.elements.ELEMENTS, such as {FIRST}.")
         if self.element is not None:
             if t.ndim != 2 or len(t) != self.element.n or self.element.k > len(p):
                 raise MeshError(
@@ -177,7 +180,7 @@ class ElementMesh(Marked):
         >>> ElementMesh(p=[[0, 1, 0], [0, 0, 1]], t=[[0], [1], [2]]).with_degree(2)
         ElementMesh: 1 quadratic triangles in 2D, 6 nodes
         """
-        check_degree(degree)
+        degree = checked_degree(degree)
         if degree == self.element.degree:
             return self
         if self.element.is_box:
@@ -317,10 +320,9 @@ def _element_of(mesh: skfem.Mesh) -> Element:
     )
 
 
-def check_degree(degree: Any) -> None:
-    """Refuse what is neither 1 nor 2."""
-    if isinstance(degree, bool) or not isinstance(degree, int | np.integer) or degree not in (1, 2):
-        raise MeshError(f"degree = {shown(degree)}; expected 1 or 2, the degree of the shape functions of simplices.")
+def checked_degree(degree: Any) -> int:
+    """1 or 2; anything else is refused."""
+    return whole("degree", degree, "1 or 2, the degree of the shape functions of simplices", 1, 2, MeshError)
 
 
 def check_numbers(t: NDArray[np.int32], element: Element) -> None:

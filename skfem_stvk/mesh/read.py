@@ -15,7 +15,7 @@ import numpy as np
 from ..errors import MeshError
 from .content import check_cells, content_of
 from .formats import CHECKS, READERS, Counts, Damaged
-from .mesh import ElementMesh, check_degree
+from .mesh import ElementMesh, checked_degree
 
 #: A packed file is unpacked to at most as many times its size; text of meshes packs to a third or a tenth.
 MOST_UNPACKED = 50
@@ -54,9 +54,7 @@ def read_mesh(path: str | Path, degree: int | None = None) -> ElementMesh:
     >>> sorted(read_mesh(str(files("skfem_stvk.mesh") / "data" / "bracket.msh")).subdomains)
     ['bracket', 'bushing']
     """
-    path = Path(path)
-    if degree is not None:
-        check_degree(degree)
+    path, degree = Path(path), None if degree is None else checked_degree(degree)
     mesh = ElementMesh.made_of(content_of(load(path), str(path), degree), str(path))
     return mesh if degree is None else mesh.with_degree(degree)
 

@@ -108,8 +108,8 @@ def test_flat_elements_cost_their_aspect_ratio_squared(height):
 
 
 def test_elements_too_flat_for_single_precision_are_warned_of():
-    flat = ElementMesh(box(2).p * np.array([[0.03], [1], [1]]), box(2).t)
-    with pytest.warns(StvkWarning, match=r"\d+ elements \(.*\): flatter than 1:50, the flattest 1:74. In float32"):
+    flat = ElementMesh(box(2).p * np.array([[0.002], [1], [1]]), box(2).t)
+    with pytest.warns(StvkWarning, match=r"\d+ elements \(.*\): flatter than 1:1000, the flattest 1:11\d\d. In float32"):
         System(flat, TERM, dtype=np.float32)
     System(flat, TERM)  # not in double
 

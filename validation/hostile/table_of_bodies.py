@@ -22,9 +22,10 @@ from skfem_stvk import (
     TransverselyIsotropic,
     VolumePenalty,
 )
+from skfem_stvk.elements import ELEMENTS
 
 from .call import Call
-from .small_bodies import NOT_NEGATIVE, NOTHING_LISTED, NUMBER, OPTIONAL, PLACE, POSITIVE, call, mesh
+from .small_bodies import NOT_NEGATIVE, NOTHING_LISTED, NUMBER, OPTIONAL, PLACE, POSITIVE, call, mesh, tetrahedra
 
 FRAME = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
 VOIGT = np.diag([4.0, 5.0, 6.0, 1.0, 2.0, 3.0])
@@ -185,7 +186,14 @@ def calls() -> list[Call]:
             boundaries={"b": [[0], [3]]},
             node_sets={"c": [5]},
         ),
+        call(
+            "ElementMesh of an element",
+            lambda **given: ElementMesh(mesh().p, mesh().t, **given),
+            {"element": OPTIONAL},
+            element=ELEMENTS["triangles"],
+        ),
         call("ElementMesh.of", ElementMesh.of, {}, {}, mesh=(mesh().p, mesh().t)),
+        call("ElementMesh.with_degree", tetrahedra().with_degree, degree=2),
         call("ElementMesh.elements", mesh().elements, {"region": OPTIONAL}, {"region": PLACE}, region=[0, 2]),
         call(
             "ElementMesh.with_boundaries",
