@@ -79,8 +79,8 @@ def check_shapes(mesh: ElementMesh) -> None:
         otherwise = "an edge that is curved too far" if quadratic else "a corner that is pushed in or flat"
         advice = "take edges as straight (degree=1, or mesh.with_degree(1))" if quadratic else "remesh"
         raise MeshError(
-            f"{name_ids(bad, 'element')}: the Jacobian vanishes or changes its sign among their points and nodes, so they fold over "
-            f"themselves. Are their {order} in another order ({element_order(mesh)} is expected), or is there {otherwise}? Look at "
+            f"{name_ids(bad, 'element')}: the Jacobian vanishes or changes its sign among their points and nodes, so they fold "
+            f"over themselves. Are their {order} in another order ({element_order(mesh)} is expected), or is there {otherwise}? Look at "
             f"them, or {advice}."
         )
 
@@ -197,6 +197,6 @@ def warn_of_parts(mesh: ElementMesh) -> None:
     if len(sizes) > 1:
         shown = ", ".join(str(size) for size in sizes[:5]) + (", ..." if len(sizes) > 5 else "")
         warn(
-            f"The mesh is in {len(sizes)} parts that are not connected ({shown} {mesh.words}): each needs its own supports. If they "
-            "should hold together, merge the vertices of their common faces."
+            f"The mesh is in {len(sizes)} parts that are not connected ({shown} {mesh.words}): each needs its own supports. If "
+            "they should hold together, merge the vertices of their common faces."
         )

@@ -15,7 +15,9 @@ from .mesh import ElementMesh
 
 
 def by_vertex(mesh: ElementMesh, u: ArrayLike, name: str = "u") -> Array:
-    """`u` (ndofs,) by vertex or node as (nv, d), not copied if it is in double or single precision and contiguous; otherwise as in `finite_vector`.
+    """`u` (ndofs,) by vertex or node as (nv, d).
+
+    It is not copied if it is in double or single precision and contiguous; otherwise it is as in `finite_vector`.
 
     >>> by_vertex(ElementMesh(p=[[0, 1], [0, 0]], t=[[0], [1]]), [1, 2, 3, 4])
     array([[1., 2.],

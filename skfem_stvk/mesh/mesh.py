@@ -185,8 +185,8 @@ class ElementMesh(Marked):
             return self
         if self.element.is_box:
             raise MeshError(
-                f"degree = 2, but the elements are {self.element.name}, which are linear along each axis here. Leave the degree out, "
-                "or split them: mesh.to_meshtet() or mesh.to_meshtri() in scikit-fem, then degree=2."
+                f"degree = 2, but the elements are {self.element.name}, which are linear along each axis here. Leave the degree "
+                "out, or split them: mesh.to_meshtet() or mesh.to_meshtri() in scikit-fem, then degree=2."
             )
         return self._reduced() if degree == 1 else self._raised()
 
@@ -197,8 +197,8 @@ class ElementMesh(Marked):
         off = np.abs(middles - self.p[:, edges].mean(axis=1)).max(axis=0)
         curved = np.count_nonzero(off > 1e-9 * np.ptp(self.p, axis=1).max())
         warn(
-            f"The {self.nt} {self.element.name} are reduced to their corners, {n} vertices: {curved} of their {t2e.max() + 1} edges "
-            "are curved and taken as straight."
+            f"The {self.nt} {self.element.name} are reduced to their corners, {n} vertices: {curved} of their {t2e.max() + 1} "
+            "edges are curved and taken as straight."
         )
         if isinstance(self.boundaries, NamedFacets):
             boundaries: Mapping[str, Any] = self.boundaries.on(self.corners, n, element)
@@ -302,8 +302,8 @@ def _element_of(mesh: skfem.Mesh) -> Element:
     name = type(mesh).__name__
     if isinstance(mesh, MeshDG):
         raise MeshError(
-            f"{name} is periodic or discontinuous: its elements have coordinates of their own for each vertex. Use the mesh that it "
-            "was made of, and constrain its displacements."
+            f"{name} is periodic or discontinuous: its elements have coordinates of their own for each vertex. Use the mesh that "
+            "it was made of, and constrain its displacements."
         )
     if isinstance(mesh, skfem.MeshHex2 | skfem.MeshQuad2):
         linear = "MeshHex1" if mesh.dim() == 3 else "MeshQuad1"
@@ -334,8 +334,8 @@ def check_numbers(t: NDArray[np.int32], element: Element) -> None:
         order = {1: "the segments", 2: "mesh.facets", 3: "mesh.edges"}[element.k]
         raise MeshError(
             f"{name_ids(bad, 'element')}: nodes are not numbered as scikit-fem numbers the degrees of freedom of these elements. "
-            f"Expected vertices first, then the middles of edges in the order of {order}. A meshio.Mesh, which may have any numbers, "
-            "is numbered so by ElementMesh.of."
+            f"Expected vertices first, then the middles of edges in the order of {order}. A meshio.Mesh, which may have any "
+            "numbers, is numbered so by ElementMesh.of."
         )
 
 

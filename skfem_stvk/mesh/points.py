@@ -28,7 +28,8 @@ def spokes_at(x: Array, t: Any, element: Element, xi: Array) -> Array:
     elements are next to each other: what is done to one component of all is fast.
 
     >>> from skfem_stvk.elements import ELEMENTS
-    >>> spokes_at(np.array([[0.0, 2, 0], [0, 0, 3]]), np.array([[0], [1], [2]]), ELEMENTS["triangles"], np.array([[0.2, 0.2]]))[0, 0]
+    >>> x, t = np.array([[0.0, 2, 0], [0, 0, 3]]), np.array([[0], [1], [2]])
+    >>> spokes_at(x, t, ELEMENTS["triangles"], np.array([[0.2, 0.2]]))[0, 0]
     array([[2., 0.],
            [0., 3.]])
     """
@@ -87,7 +88,7 @@ def determinants(spokes: Array) -> Array:
 def signed(spokes: Array, centre: Array) -> Array:
     """(nt, nq) determinants of spokes (nt, nq, k, d); for k < d sizes, negative where they are turned over from those at `centre`.
 
-    Turned over means by more than a right angle: `det P P_c'` of the spokes P and those at the centre P_c (nt, 1, k, d) is negative.
+    Turned over means by more than a right angle: `det P P_c'` of the spokes P and those at the `centre` P_c is negative.
     """
     if spokes.shape[-2] == spokes.shape[-1]:
         return determinants(spokes)

@@ -1,4 +1,4 @@
-"""Elements of second order, hexahedra and quadrilaterals come in as they are: node orders of each format, groups, and what is refused."""
+"""Elements of second order, hexahedra and quadrilaterals come in as they are: node orders, groups, and what is refused."""
 
 import meshio
 import numpy as np
