@@ -16,12 +16,13 @@ from numpy.typing import NDArray
 
 from ..errors import StvkError, StvkWarning
 from ..mesh import ElementMesh
-from ..mesh.geometry import vertex_sizes
 from ..peers import PEERS, load
 from ..peers.peer import lame
 from ..referee.checks.precision import Textbook, patch, relative_error
+from ..referee.discretisation import Discretisation
 from ..referee.exact import ExactStVK
 from ..referee.players import METHODS
+from ..referee.shape import Shape
 from ..reference import ReferenceStVK, isotropic_tensor
 from ..system import System
 from .control import Control
@@ -135,8 +136,9 @@ def compare_errors(results: Benchmark, specimen: Specimen) -> None:
 
     Single precision holds the displacements exactly, so that the computation alone is measured.
     """
-    piece = patch(specimen.mesh)
-    noise = vertex_sizes(piece)[:, None] * np.random.default_rng(2).standard_normal((2, piece.nv, 3))
+    shape = patch(Shape(specimen.mesh, Discretisation(specimen.mesh.element.name)))
+    piece = shape.mesh
+    noise = shape.node_size[:, None] * np.random.default_rng(2).standard_normal((2, piece.nv, 3))
     exact = ExactStVK(piece.p, piece.t, lame(YOUNG, POISSON))
     models = _models(results, specimen, piece)
     for strain in STRAINS:

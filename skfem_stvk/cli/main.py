@@ -81,6 +81,9 @@ def _verify_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("mesh", nargs="?", help="mesh file that meshio reads; by default an embedded bracket of two materials")
     parser.add_argument("--young", type=float, help="Young's modulus [Pa]")
     parser.add_argument("--poisson", type=float, help="Poisson's ratio")
+    parser.add_argument("--degree", type=int, help="1 or 2: of the shape functions of simplices, by default the mesh's")
+    parser.add_argument("--quadrature", help="exact, or one-point for quadrilaterals and hexahedra; by default the usual rule")
+    parser.add_argument("--hourglass", type=float, help="coefficient of the hourglass control of one-point elements")
     parser.add_argument("--out", metavar="FOLDER", help="write report.json and report.html there")
     parser.add_argument("--seed", type=int, default=0, help="of the random states, 0 by default")
 
@@ -90,7 +93,8 @@ def _verify(options: argparse.Namespace) -> int:
     if options.out is not None:
         _refuse_unwritable(options.out)
     mesh, terms = _body(options)
-    report = verify(mesh, terms, seed=options.seed)
+    how = {name: getattr(options, name) for name in ("degree", "quadrature", "hourglass")}
+    report = verify(mesh, terms, **how, seed=options.seed)
     report.header["mesh"]["source"] = "embedded bracket" if options.mesh is None else options.mesh
     _give(partial(rendered, report), WIDTH, report.save, options.out, "report.json and report.html")
     return 0 if report.passed else 1

@@ -8,52 +8,82 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from math import factorial
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..arguments import Array
 from ..errors import MaterialError
 from ..materials import Anisotropic, FramedMaterial, Isotropic, Material, Orthotropic, TransverselyIsotropic
 from ..mesh import ElementMesh
-from ..reference import anisotropic_tensor, engineering_matrix, isotropic_tensor, simplex_axes
+from ..reference import (
+    ReferenceOnePoint,
+    ReferenceStVK,
+    anisotropic_tensor,
+    element_axes,
+    engineering_matrix,
+    isotropic_tensor,
+)
 from ..terms import StVK
-
-
-def volumes(mesh: ElementMesh) -> Array:
-    """(nt,) lengths, areas or volumes, from the Gram determinant [m^k]."""
-    x = mesh.p.T[mesh.t.T]
-    spokes = x[:, 1:] - x[:, :1]
-    squared: Array = np.linalg.det(spokes @ np.swapaxes(spokes, 1, 2))
-    return np.sqrt(np.abs(squared)) / factorial(mesh.k)
+from .discretisation import Discretisation
+from .shape import Shape
 
 
 def is_condensed(mesh: ElementMesh, term: StVK) -> bool:
-    """Whether there is no stress across the simplices: segments, membranes in space, plane stress on request."""
+    """Whether there is no stress across the elements: segments, membranes in space, plane stress on request."""
     return mesh.k == 1 or (mesh.k == 2 and (mesh.d == 3 or term.plane == "stress"))
 
 
-def elasticity(mesh: ElementMesh, terms: Sequence[StVK]) -> Array:
-    """(nt or 1, k, k, k, k) sums of the elasticity tensors of each element's terms in its own axes, times its section."""
-    axes = simplex_axes(mesh.p, mesh.t)
+def elasticity(mesh: ElementMesh, terms: Sequence[StVK], how: Discretisation | None = None) -> Array:
+    """(nt or 1, k, k, k, k) sums of the elasticity tensors of each element's terms in its own axes, times its section.
+
+    On surfaces and lines in space whose axes change within an element, (nt, nq, k, k, k, k) at each point.
+    """
+    how = Discretisation(mesh.element.name) if how is None else how
+    axes = element_axes(mesh.p, mesh.t, how.kind, how.points)
     if len(terms) == 1 and terms[0].region is None:
         return _tensor(mesh, terms[0], axes)
-    total = np.zeros((mesh.nt, *4 * (mesh.k,)))
+    total = np.zeros((*axes.shape[:-2], *4 * (mesh.k,)))
     for term in terms:
         elements = mesh.elements(term.region)
         total[elements] += _tensor(mesh, term, axes[elements])
     return total
 
 
+def hourglass_control(mesh: ElementMesh, terms: Sequence[StVK], how: Discretisation) -> Array:
+    """(nt,) coefficient of the hourglass control times `lam + 2 mu` within the elements' dimensions, times section, of all terms.
+
+    For a material that is not isotropic, the largest of `C_1111, C_2222, C_3333` in material axes stands for `lam + 2 mu`.
+    """
+    total = np.zeros(mesh.nt)
+    for term in terms:
+        if isinstance(term.material, Isotropic):
+            modulus = _tensor(mesh, term, np.eye(mesh.d)[None, :, : mesh.k])[:, 0, 0, 0, 0]
+        else:
+            section = _section(mesh, term)
+            modulus = np.einsum("nii->ni", _voigt_matrix(term.material))[:, :3].max(axis=1) * (1.0 if section is None else section)
+        total[mesh.elements(term.region)] += how.hourglass * modulus
+    return total
+
+
 def _tensor(mesh: ElementMesh, term: StVK, axes: Array) -> Array:
-    condensed, material = is_condensed(mesh, term), term.material
+    condensed, material, section = is_condensed(mesh, term), term.material, _section(mesh, term)
     if isinstance(material, Isotropic):
         tensor = isotropic_tensor(material.young, np.nan if material.poisson is None else material.poisson, mesh.k, condensed)
+        tensor = tensor[:, None] if axes.ndim == 4 else tensor
     else:
-        frame = material.frame if isinstance(material, FramedMaterial) else None
-        tensor = anisotropic_tensor(_voigt_matrix(material), frame, axes, condensed)
-    section = _section(mesh, term)
-    return tensor if section is None else tensor * section.reshape(-1, 1, 1, 1, 1)
+        given = material.frame if isinstance(material, FramedMaterial) else None
+        points = axes.shape[1] if axes.ndim == 4 else 1
+        voigt, frame = _at_points(_voigt_matrix(material), points), None if given is None else _at_points(np.asarray(given), points)
+        tensor = anisotropic_tensor(voigt, frame, axes.reshape(-1, *axes.shape[-2:]), condensed)
+        tensor = tensor.reshape(*axes.shape[:-2], *4 * (mesh.k,))
+    return tensor if section is None else tensor * section.reshape(-1, *[1] * (tensor.ndim - 1))
+
+
+def _at_points(matrices: Array, points: int) -> Array:
+    """(1 or n points, m, m): a matrix of each element at each of its points; one matrix stays one."""
+    each = matrices.reshape(-1, *matrices.shape[-2:])
+    return each if len(each) == 1 else np.repeat(each, points, axis=0)
 
 
 def _voigt_matrix(material: Material | None) -> Array:
@@ -75,11 +105,21 @@ def _section(mesh: ElementMesh, term: StVK) -> Array | None:
     return None if value is None else np.asarray(value)
 
 
+def reference_on(
+    p: Array, t: NDArray[np.int32], tensor: Array, how: Discretisation, control: Array | None = None
+) -> ReferenceStVK | ReferenceOnePoint:
+    """The reference of elements with these elasticity tensors; `control` is `hourglass_control` of mean gradients."""
+    if how.is_one_point:
+        assert control is not None
+        return ReferenceOnePoint(p, t, tensor, control)
+    return ReferenceStVK(p, t, tensor, how.kind, how.points)
+
+
 @dataclass(frozen=True)
 class Homogeneous:
     """A homogeneous isotropic copy of a body, or the body itself (`same`), for checks that have a closed form.
 
-    Its Lame pair within the simplices' dimensions and its elasticity tensor (1, k, k, k, k) are times the section.
+    Its Lame pair within the elements' dimensions and its elasticity tensor (1, k, k, k, k) are times the section.
     """
 
     term: StVK
@@ -87,20 +127,25 @@ class Homogeneous:
     tensor: Array
     same: bool
 
+    def control(self, how: Discretisation) -> Array:
+        """(1,) what `hourglass_control` is of this body."""
+        lam, mu = self.lame
+        return np.array([how.hourglass * (lam + 2 * mu)])
 
-def homogeneous_copy(mesh: ElementMesh, terms: Sequence[StVK]) -> Homogeneous:
+
+def homogeneous_copy(mesh: ElementMesh, terms: Sequence[StVK], shape: Shape) -> Homogeneous:
     """The body itself if it is homogeneous and isotropic, else one with the mean of its isotropic constants over its volume."""
     first = terms[0]
     if len(terms) == 1 and first.region is None and _is_uniform(mesh, first):
         copy = first
     else:
-        volume = volumes(mesh)
+        volume = shape.volume
         parts = [(volume[mesh.elements(term.region)], *_isotropic_constants(term)) for term in terms]
         total = sum(float(v.sum()) for v, _, _ in parts)
         young = sum(float((E * v).sum()) for v, E, _ in parts) / total
         poisson = sum(float((nu * v).sum()) for v, _, nu in parts) / total
         copy = StVK(Isotropic(young, min(poisson, 0.49)), plane=first.plane)
-    tensor = _tensor(mesh, copy, simplex_axes(mesh.p, mesh.t[:, :1]))
+    tensor = _tensor(mesh, copy, np.eye(mesh.d)[None, :, : mesh.k])
     lam, mu = (tensor[0, 0, 0, 1, 1], tensor[0, 0, 1, 0, 1]) if mesh.k > 1 else (tensor[0, 0, 0, 0, 0], 0.0)
     return Homogeneous(copy, (float(lam), float(mu)), tensor, same=copy is first)
 

@@ -12,11 +12,12 @@ from scipy.spatial.transform import Rotation
 
 from ..arguments import Array
 from ..mesh import ElementMesh
-from ..mesh.geometry import edge_differences, edge_lengths, vertex_sizes
 from .bodies import Homogeneous
+from .discretisation import Discretisation
 from .judgement import RoundOff, largest_component, largest_rows
 from .players import Player
 from .results import NotApplicable
+from .shape import Shape
 
 EPS = float(np.finfo(float).eps)
 OURS, REFERENCE, CANDIDATE = "skfem-stvk", "scikit-fem", "candidate"
@@ -29,12 +30,12 @@ INVERTED = ("large random", "reflected random")
 class Case:
     """Everything that a check needs.
 
-    The edge form and somebody's candidate are held against the reference (`Truth`); scikit-fem's assembly of all elements is there
+    This package and somebody's candidate are held against the reference (`Truth`); scikit-fem's assembly of all elements is there
     for its speed. States are displacements (ndofs,) [m], `modulus` (nt,) is the largest entry of each element's elasticity tensor,
     times its section, `bare` counts the elements of no term, and the check of precision fills the rows of error against strain.
     """
 
-    mesh: ElementMesh
+    shape: Shape
     ours: Player
     reference: Player
     scikit_fem: Player
@@ -49,6 +50,16 @@ class Case:
     _state: str = field(default="", init=False)
     _values: dict[tuple[str, str], Any] = field(default_factory=dict, init=False)
     _stiffness: dict[str, Array] = field(default_factory=dict, init=False)
+
+    @property
+    def mesh(self) -> ElementMesh:
+        """The mesh at rest."""
+        return self.shape.mesh
+
+    @property
+    def how(self) -> Discretisation:
+        """The kind of element and the rule."""
+        return self.shape.how
 
     @property
     def players(self) -> list[Player]:
@@ -80,18 +91,18 @@ class Case:
 
     @cached_property
     def edges(self) -> Array:
-        """(d, m, nt) rest edges of the simplices [m]."""
-        return edge_differences(self.mesh, self.mesh.p)
+        """(d, m, nt) differences of the rest positions of the nodes of each pair in an element [m]."""
+        return self.shape.differences(self.mesh.p)
 
     @cached_property
     def median_edge(self) -> float:
-        """Median edge of the simplices [m]."""
-        return float(np.median(edge_lengths(self.mesh)))
+        """Median distance of two nodes of an element [m]."""
+        return float(np.median(np.linalg.norm(self.edges, axis=0)))
 
     @cached_property
     def node_size(self) -> Array:
-        """(nv,) shortest edge of the simplices around each vertex [m]."""
-        return vertex_sizes(self.mesh)
+        """(nv,) shortest distance between two nodes in the elements around each node [m]."""
+        return self.shape.node_size
 
     @cached_property
     def centred(self) -> Array:
@@ -99,9 +110,9 @@ class Case:
         return (self.mesh.p - self.mesh.p.mean(axis=1, keepdims=True)).T
 
     def stiffness(self, player: Player) -> Array:
-        """(nv,) largest entry of K at rest in the rows of each vertex [N/m].
+        """(nv,) largest entry of K at rest in the rows of each node [N/m].
 
-        K is the reference's, or for another law the player's own; without a matrix one value for all vertices is estimated.
+        K is the reference's, or for another law the player's own; without a matrix one value for all nodes is estimated.
         """
         judge = self.reference if self.is_stvk(player) else player
         if judge.name not in self._stiffness:
@@ -122,30 +133,30 @@ class Case:
         return np.full(self.mesh.nv, estimate)
 
     def force_floor(self, player: Player) -> Array:
-        """(nv,) stiffness at rest x shortest edge of each vertex [N]: the scale of forces there where F = 0."""
+        """(nv,) stiffness at rest x shortest edge of each node [N]: the scale of forces there where F = 0."""
         return self.stiffness(player) * self.node_size
 
     def force_scale(self, player: Player, *forces: Array) -> Array:
-        """(nv,) largest of these forces (ndofs,) at a vertex and those around it, and at least the floor [N]."""
+        """(nv,) largest of these forces (ndofs,) at a node and those around it, and at least the floor [N]."""
         largest = np.max([largest_component(force, self.mesh.d) for force in forces], axis=0)
         return np.maximum(self.round_off.around(largest), self.force_floor(player))
 
     def energy_floor(self, player: Player) -> float:
-        """Median of stiffness at rest x shortest edge squared of the vertices [J]: the scale of energy where W = 0."""
+        """Median of stiffness at rest x shortest edge squared of the nodes [J]: the scale of energy where W = 0."""
         floor = self.force_floor(player) * self.node_size
         return float(np.median(floor[floor > 0])) if (floor > 0).any() else 0.0
 
     @cached_property
     def round_off(self) -> RoundOff:
         """The model of what round-off may cost in each state."""
-        return RoundOff(self.mesh, self.modulus)
+        return RoundOff(self.shape, self.modulus)
 
     def lost_force(self, player: Player, u: Array) -> Array:
         """(nv,) round-off that a right F may have at `u` [N]."""
-        return self.round_off.by_vertex(self.round_off.lost(u).force) * self.stiffness(player)
+        return self.round_off.by_node(self.round_off.lost(u).force) * self.stiffness(player)
 
     def lost_stiffness(self, player: Player, u: Array) -> csr_matrix:
-        """(nv, nv) round-off that the entries of a right K may have at `u`, by pair of vertices [N/m]."""
+        """(nv, nv) round-off that the entries of a right K may have at `u`, by pair of nodes [N/m]."""
         root = diags(np.sqrt(self.stiffness(player)))
         return csr_matrix(root @ self.round_off.by_pair(self.round_off.lost(u).stiffness) @ root)
 
@@ -160,7 +171,7 @@ class Case:
 
     def direction(self, u: Array, rng: np.random.Generator) -> Array:
         """A random direction (ndofs,) scaled to the state: near rest a unit direction would drown it."""
-        U = edge_differences(self.mesh, u.reshape(-1, self.mesh.d).T)
+        U = self.shape.differences(u.reshape(-1, self.mesh.d).T)
         change = ((2 * self.edges + U) * U).sum(axis=0)
         strain = float(np.abs(change / (self.edges**2).sum(axis=0)).max())
         amplitude = 0.1 if strain < 1e-9 else min(strain, 0.3)

@@ -1,12 +1,14 @@
 """What W, F and K are held against: 50 decimal digits, and scikit-fem's assembly where it loses none.
 
-In the simplex's own oblique axes `D_i = X_i - X_0` (current: `d_i`), with the dual vectors `g_i . D_j = delta_ij`:
+At each quadrature point the spokes `D_i = sum_a dN_a/dxi_i X_a` (current: `d_i`; of a linear simplex `X_i - X_0`) are oblique axes,
+with the dual vectors `g_i . D_j = delta_ij`:
 
-    e_ij = 1/2 (d_i . d_j - D_i . D_j),  c_ijmn = C : g_i (x) g_j (x) g_m (x) g_n,  s_ij = c_ijmn e_mn,  V = sqrt(det D_i . D_j)/k!
-    W = sum V/2 s : e,   F_i = V sum_j s_ij d_j,   K_ij = V (s_ij I + sum_mn c_imjn d_m (x) d_n),   and minus the sums for vertex 0
+    e_ij = 1/2 (d_i . d_j - D_i . D_j),  c_ijmn = C : g_i (x) g_j (x) g_m (x) g_n,  s_ij = c_ijmn e_mn,  V = weight sqrt(det D_i . D_j)
+    W = sum V/2 s : e,   F_i = V sum_j s_ij d_j,   K_ij = V (s_ij I + sum_mn c_imjn d_m (x) d_n)
+    F_a = sum_i dN_a/dxi_i F_i,   K_ab = sum_ij dN_a/dxi_i dN_b/dxi_j K_ij
 
 Isotropic materials have `c_ijmn = lam G_ij G_mn + mu (G_im G_jn + G_in G_jm)` with `G` the inverse of `D_i . D_j`. `K v` is the
-derivative of F along v.
+derivative of F along v. Points and weights are the reference's doubles, taken as exact.
 
 Python's decimal numbers are exact on every platform (a `longdouble` is a mere double on some), and fast enough for a patch.
 """
@@ -14,7 +16,6 @@ Python's decimal numbers are exact on every platform (a `longdouble` is a mere d
 from __future__ import annotations
 
 from decimal import Context, Decimal, localcontext
-from math import factorial
 from typing import Any
 
 import numpy as np
@@ -22,44 +23,81 @@ from numpy.typing import NDArray
 from scipy.sparse import coo_matrix, csr_matrix
 
 from ..arguments import Array
-from ..mesh import ElementMesh
-from ..mesh.geometry import aspect_ratios
-from ..reference import ReferenceStVK
+from ..reference import KINDS
+from ..reference.one_point import hourglass_shapes
+from .bodies import reference_on
+from .discretisation import Discretisation, Exact, derivatives
+from .shape import Shape
 
-Exact = NDArray[Any]
 DIGITS = 50
 CONTEXT = Context(prec=DIGITS)
 #: Longest edge over smallest height beyond which round-off may cost more than 1e-12.
 FLAT = 20.0
-#: Largest number of such elements that are computed in 50 digits.
+#: Largest number of points of such elements that are computed in 50 digits.
 MOST = 200
 
 
 class ExactStVK:
-    """W, F and K of simplices in 50 decimal digits, each rounded to double once.
+    """W, F and K of elements in 50 decimal digits, each rounded to double once.
 
     Parameters
     ----------
     p : (d, nv) coordinates, taken as exact.
-    t : (k + 1, nt) vertices.
-    tensor : (nt, k, k, k, k) or (1, k, k, k, k) elasticity tensors in the simplices' own axes times their section, as `reference`
-        takes them; or the Lame pair within the simplices' dimensions.
+    t : (n, nt) nodes of the elements.
+    tensor : (nt, k, k, k, k) or (1, k, k, k, k) elasticity tensors in the elements' own axes times their section, or
+        (nt, nq, k, k, k, k) at each point, as `reference` takes them; or the Lame pair within the elements' dimensions.
+    how : kind of element and rule; by default linear simplices with as many nodes.
+    control : of mean gradients, `bodies.hourglass_control`.
     """
 
-    def __init__(self, p: Array, t: NDArray[np.int32], tensor: Array | tuple[float, float]) -> None:
+    def __init__(
+        self,
+        p: Array,
+        t: NDArray[np.int32],
+        tensor: Array | tuple[float, float],
+        how: Discretisation | None = None,
+        control: Array | None = None,
+    ) -> None:
         self.d, self.t, self.ndofs = len(p), t, p.size
+        how = Discretisation.of_simplices(len(t)) if how is None else how
+        xi, weights = how.points
         with localcontext(CONTEXT):
-            self._rest = self._spokes(_decimal(p))
-            metric = np.einsum("ixn,jxn->ijn", self._rest, self._rest)
+            self._tables, X = derivatives(how.kind, xi), _decimal(p)[:, t]
+            self._rest = self._spokes(X)
+            metric = np.einsum("ix...,jx...->ij...", self._rest, self._rest)
             inverse, determinant = _inverse(metric)
-            self._metric, self._volume = metric, _root(determinant) / factorial(len(metric))
+            self._metric, self._volume = metric, _root(determinant) * _decimal(weights)[:, None]
+            self._control: tuple[Exact, Exact] | None = None
+            if how.is_one_point:
+                assert control is not None
+                self._take_means(X, KINDS[how.kind].nodes, _decimal(control))
+                inverse = np.broadcast_to(self._metric, (self.d, self.d, 1, t.shape[1]))
             self._moduli = _isotropic(inverse, *tensor) if isinstance(tensor, tuple) else _general(self._rest, tensor)
+
+    def _take_means(self, X: Exact, nodes: Array, control: Exact) -> None:
+        """Go on with mean gradients, of nodes `X` (d, n, nt), in the global axes, and find gamma and its stiffness."""
+        dual, _ = _inverse(self._rest)  # (component, spoke, nq, nt)
+        volume = self._volume.sum(axis=0)
+        mean = self._to_nodes(np.swapaxes(dual * self._volume, 0, 1)) / volume  # (n, d, nt)
+        shapes = hourglass_shapes(nodes).astype(int)
+        along = np.einsum("ka,xan->kxn", shapes, X - X[:, :1])
+        gamma = (shapes[:, :, None] - np.einsum("kxn,axn->kan", along, mean)) / 2**self.d
+        self._control = gamma, control / 8 * volume * (mean * mean).sum(axis=(0, 1))
+        self._tables, self._volume = mean[None], volume[None]
+        identity = np.array([[Decimal(int(i == j)) for i in range(self.d)] for j in range(self.d)], dtype=object)
+        self._rest = self._metric = np.repeat(identity[:, :, None, None], len(volume), axis=3)
 
     def energy_and_force(self, u: Array) -> tuple[float, Array]:
         """W and F (ndofs,) at `u` (ndofs,), whose entries are taken as exact."""
         with localcontext(CONTEXT):
-            d, e, s = self._state(u)
-            return float(self._energy(e, s)), self._to_vertices(self._volume * np.einsum("ijn,jxn->ixn", s, d))
+            x = self._at_nodes(u)
+            d, e, s = self._state(x)
+            energy = (self._volume * (s * e).sum(axis=(0, 1))).sum() / 2
+            F = self._to_nodes(self._volume * np.einsum("ij...,jx...->ix...", s, d))
+            if self._control is not None:
+                held = self._held(x)
+                energy, F = energy + (np.swapaxes(x, 0, 1) * held).sum() / 2, F + held
+            return float(energy), self._summed(F)
 
     def energy(self, u: Array) -> float:
         """Strain energy [J]."""
@@ -72,68 +110,85 @@ class ExactStVK:
     def tangent(self, u: Array) -> csr_matrix:
         """Tangent stiffness [N/m]."""
         with localcontext(CONTEXT):
-            d, _, s = self._state(u)
-            k, _, n = d.shape
-            half = np.einsum("imjpn,mxn->ixjpn", self._moduli, d)
-            K = np.zeros((k + 1, self.d, k + 1, self.d, n), dtype=object)
-            K[1:, :, 1:] = np.einsum("ixjpn,pyn->ixjyn", half, d)
+            d, _, s = self._state(self._at_nodes(u))
+            K = np.einsum("ixjp...,py...->ixjy...", np.einsum("imjp...,mx...->ixjp...", self._moduli, d), d)
             for x in range(self.d):
-                K[1:, x, 1:, x] += s
-            K[0] = -K[1:].sum(axis=0)
-            K[:, :, 0] = -K[:, :, 1:].sum(axis=2)
-            values = (self._volume * K).astype(float)
-        dofs = self.d * self.t[:, None] + np.arange(self.d)[:, None]  # (k + 1, d, nt)
-        rows, columns = np.broadcast_to(dofs[:, :, None, None], values.shape), np.broadcast_to(dofs, values.shape)
-        return csr_matrix(coo_matrix((values.ravel(), (rows.ravel(), columns.ravel())), shape=(self.ndofs,) * 2))
+                K[:, x, :, x] += s
+            K = np.moveaxis(self._volume * K, 2, 0)  # (spoke, spoke, component, component, nq, nt)
+            columns = (_times(self._tables[:, b], K) for b in range(len(self.t)))
+            values = np.stack([self._to_nodes(column) for column in columns], axis=2)  # (n, d, n, d, nt)
+            if self._control is not None:
+                gamma, stiffness = self._control
+                for x in range(self.d):
+                    values[:, x, :, x] += np.einsum("n,kan,kbn->abn", stiffness, gamma, gamma)
+        dofs = self.d * self.t[:, None] + np.arange(self.d)[:, None]  # (n, d, nt)
+        places = (np.broadcast_to(of, values.shape).ravel() for of in (dofs[:, :, None, None], dofs))
+        return csr_matrix(coo_matrix((values.astype(float).ravel(), tuple(places)), shape=(self.ndofs,) * 2))
 
     def product(self, u: Array, v: Array) -> Array:
         """`K(u) v` (ndofs,) [N]."""
         with localcontext(CONTEXT):
-            d, _, s = self._state(u)
-            dd = self._spokes(_decimal(v.reshape(-1, self.d).T))
-            ds = np.einsum("ijmpn,mxn,pxn->ijn", self._moduli, d, dd)
-            return self._to_vertices(self._volume * (np.einsum("ijn,jxn->ixn", ds, d) + np.einsum("ijn,jxn->ixn", s, dd)))
+            y = self._at_nodes(v)
+            (d, _, s), dd = self._state(self._at_nodes(u)), self._spokes(y)
+            ds = np.einsum("ijmp...,mx...,px...->ij...", self._moduli, d, dd)
+            f = self._to_nodes(self._volume * (np.einsum("ij...,jx...->ix...", ds, d) + np.einsum("ij...,jx...->ix...", s, dd)))
+            return self._summed(f if self._control is None else f + self._held(y))
 
-    def _state(self, u: Array) -> tuple[Exact, Exact, Exact]:
-        """Current spokes (k, d, nt), strains and stresses (k, k, nt) in the oblique axes."""
-        d = self._rest + self._spokes(_decimal(u.reshape(-1, self.d).T))
-        e = (np.einsum("ixn,jxn->ijn", d, d) - self._metric) / 2
-        return d, e, np.einsum("ijmpn,mpn->ijn", self._moduli, e)
+    def _at_nodes(self, u: Array) -> Exact:
+        """(d, n, nt) values of a vector (ndofs,) at the nodes of the elements."""
+        return _decimal(u.reshape(-1, self.d).T)[:, self.t]
 
-    def _energy(self, e: Exact, s: Exact) -> Any:
-        return (self._volume * (s * e).sum(axis=(0, 1))).sum() / 2
+    def _state(self, x: Exact) -> tuple[Exact, Exact, Exact]:
+        """Current spokes (k, d, nq, nt), strains and stresses (k, k, nq, nt) in the oblique axes, at displacements (d, n, nt)."""
+        d = self._rest + self._spokes(x)
+        e = (np.einsum("ix...,jx...->ij...", d, d) - self._metric) / 2
+        return d, e, np.einsum("ijmp...,mp...->ij...", self._moduli, e)
+
+    def _held(self, x: Exact) -> Exact:
+        """(n, d, nt) forces of the hourglass control at displacements (d, n, nt)."""
+        assert self._control is not None
+        gamma, stiffness = self._control
+        return np.asarray(stiffness * np.einsum("kan,kxn->axn", gamma, np.einsum("kan,xan->kxn", gamma, x)))
 
     def _spokes(self, x: Exact) -> Exact:
-        """(k, d, nt) differences of a field (d, nv) to the first vertex."""
-        return np.stack([x[:, ends] - x[:, self.t[0]] for ends in self.t[1:]])
+        """(k, d, nq, nt) derivatives along the reference coordinates of a field at the nodes (d, n, nt)."""
+        return np.stack([_times(table, np.swapaxes(x, 0, 1)[:, :, None]) for table in np.moveaxis(self._tables, 2, 0)])
 
-    def _to_vertices(self, f: Exact) -> Array:
-        """(ndofs,) sum of forces (k, d, nt) on all vertices but the first, and of their opposites on the first."""
+    def _to_nodes(self, f: Exact) -> Exact:
+        """(n, ..., nt) what forces on the spokes (k, ..., nq, nt) are on the nodes."""
+        return np.stack([_times(table, f).sum(axis=-2) for table in np.moveaxis(self._tables, 1, 0)])
+
+    def _summed(self, f: Exact) -> Array:
+        """(ndofs,) sums of forces on the nodes of the elements (n, d, nt)."""
         F = np.full((self.ndofs // self.d, self.d), Decimal(0), dtype=object)
-        for ends, force in zip(self.t, [-f.sum(axis=0), *f], strict=True):
-            np.add.at(F, ends, force.T)
+        np.add.at(F, self.t, np.swapaxes(f, 1, 2))
         return F.astype(float).ravel()
 
 
+def _times(table: Exact, values: Exact) -> Exact:
+    """The sum over `a` of `table[:, a]` (nq,) or (nq, nt) times `values[a]` (..., nq, nt); most entries of a table may be zero."""
+    columns = [column if column.ndim == 2 else column[:, None] for column in np.moveaxis(table, 1, 0)]
+    return np.asarray(sum(column * values[a] for a, column in enumerate(columns) if column.any()))
+
+
 class Truth:
-    """W, F and K of a body with elasticity tensors as `ReferenceStVK` takes them.
+    """W, F and K of a body with elasticity tensors as the reference takes them.
 
     Attributes
     ----------
-    exact : elements that are computed in 50 digits: the flattest `MOST` of those with an aspect ratio beyond `FLAT`.
+    exact : elements that are computed in 50 digits: the flattest of those with an aspect ratio beyond `FLAT`, with `MOST` points.
     """
 
-    def __init__(self, mesh: ElementMesh, tensor: Array) -> None:
-        aspect = aspect_ratios(mesh)
-        flattest = np.argsort(-aspect, kind="stable")[:MOST]
-        self.exact = flattest[aspect[flattest] > FLAT]
+    def __init__(self, shape: Shape, tensor: Array, control: Array | None = None) -> None:
+        mesh, how = shape.mesh, shape.how
+        flattest = np.argsort(-shape.aspect, kind="stable")[: MOST // shape.measure.shape[1]]
+        self.exact = flattest[shape.aspect[flattest] > FLAT]
         others = np.setdiff1d(np.arange(mesh.nt), self.exact)
-        each = np.broadcast_to(tensor, (mesh.nt, *tensor.shape[1:]))
-        self._models: list[ReferenceStVK | ExactStVK] = []
-        if len(others):
-            self._models.append(ReferenceStVK(mesh.p, mesh.t[:, others], tensor if len(tensor) == 1 else each[others]))
-        if len(self.exact):
-            self._models.append(ExactStVK(mesh.p, mesh.t[:, self.exact], each[self.exact]))
+        self._models: list[Any] = []
+        for make, elements in ((_reference, others), (ExactStVK, self.exact)):
+            if len(elements):
+                own = tensor if len(tensor) == 1 else tensor[elements]
+                self._models.append(make(mesh.p, mesh.t[:, elements], own, how, None if control is None else control[elements]))
 
     def described(self) -> str:
         """How it is computed, for the head of a report."""
@@ -155,39 +210,44 @@ class Truth:
         return csr_matrix(sum(more, K))
 
 
+def _reference(p: Array, t: NDArray[np.int32], tensor: Array, how: Discretisation, control: Array | None) -> Any:
+    return reference_on(p, t, tensor, how, control)
+
+
 def _decimal(array: Array) -> Exact:
     return np.array([Decimal(value) for value in array.ravel().tolist()], dtype=object).reshape(array.shape)
 
 
 def _isotropic(inverse: Exact, lam: float, mu: float) -> Exact:
-    """(k, k, k, k, nt) from the inverse metric."""
-    mixed = np.einsum("imn,jpn->ijmpn", inverse, inverse)
-    return Decimal(lam) * np.einsum("ijn,mpn->ijmpn", inverse, inverse) + Decimal(mu) * (mixed + np.swapaxes(mixed, 2, 3))
+    """(k, k, k, k, nq, nt) from the inverse metric."""
+    mixed = np.einsum("im...,jp...->ijmp...", inverse, inverse)
+    return Decimal(lam) * np.einsum("ij...,mp...->ijmp...", inverse, inverse) + Decimal(mu) * (mixed + np.swapaxes(mixed, 2, 3))
 
 
 def _general(rest: Exact, tensor: Array) -> Exact:
-    """(k, k, k, k, nt) from the tensors (n, k, k, k, k) in the simplices' own orthonormal axes."""
+    """(k, k, k, k, nq, nt) from the tensors (n, k, k, k, k) or (n, nq, k, k, k, k) in the elements' own orthonormal axes."""
     own = rest if rest.shape[0] == rest.shape[1] else _in_own_axes(rest)
-    dual, _ = _inverse(own)  # (component, spoke, nt)
-    c = np.broadcast_to(np.moveaxis(_decimal(tensor), 0, -1), (*4 * (len(own),), own.shape[-1]))
+    dual, _ = _inverse(own)  # (component, spoke, nq, nt)
+    each = tensor if tensor.ndim == 6 else tensor[:, None]
+    c = np.broadcast_to(np.moveaxis(_decimal(each), (0, 1), (-1, -2)), (*4 * (len(own),), *own.shape[2:]))
     for _ in range(4):  # one axis after the other goes to the end of the four
-        c = np.einsum("ajmpn,ain->jmpin", c, dual)
+        c = np.einsum("ajmp...,ai...->jmpi...", c, dual)
     return c
 
 
 def _in_own_axes(rest: Exact) -> Exact:
-    """(k, k, nt) components of the spokes (k, d, nt) in axes by Gram-Schmidt, as `reference.simplex_axes`."""
+    """(k, k, nq, nt) components of the spokes (k, d, nq, nt) in axes by Gram-Schmidt, as `reference.element_axes`."""
     axes: list[Exact] = []
     for spoke in rest:
         vector = spoke
         for axis in axes:
             vector = vector - (vector * axis).sum(axis=0) * axis
         axes.append(vector / _root((vector * vector).sum(axis=0)))
-    return np.einsum("ixn,jxn->ijn", rest, np.stack(axes))
+    return np.einsum("ix...,jx...->ij...", rest, np.stack(axes))
 
 
 def _root(values: Exact) -> Exact:
-    return np.array([value.sqrt() for value in values], dtype=object)
+    return np.array([value.sqrt() for value in values.ravel()], dtype=object).reshape(values.shape)
 
 
 def _inverse(M: Exact) -> tuple[Exact, Exact]:

@@ -16,10 +16,9 @@ import numpy as np
 
 from ..materials import FramedMaterial, Isotropic
 from ..mesh import ElementMesh
-from ..mesh.geometry import aspect_ratios, edge_lengths
 from ..peers import PEERS
 from ..terms import StVK
-from .bodies import volumes
+from .shape import Shape
 
 PACKAGES = (
     "skfem-stvk",
@@ -97,25 +96,28 @@ def _processor() -> str:
         return platform.processor() or platform.machine()
 
 
-def mesh_facts(mesh: ElementMesh) -> dict[str, Any]:
-    """Hash, counts and shape of a mesh; the hash covers coordinates and elements."""
-    lengths, aspect = edge_lengths(mesh), aspect_ratios(mesh)
+def mesh_facts(shape: Shape) -> dict[str, Any]:
+    """Hash, counts and shape of a mesh, and the rule that it is integrated by; the hash covers coordinates and elements."""
+    mesh, aspect = shape.mesh, shape.aspect
+    a, b = np.array(mesh.element.edges).T
+    lengths = np.linalg.norm(mesh.p[:, mesh.t[a]] - mesh.p[:, mesh.t[b]], axis=0)
     facts: dict[str, Any] = {
         "sha256": hashlib.sha256(mesh.p.tobytes() + mesh.t.tobytes()).hexdigest()[:16],
-        "simplices": f"{mesh.nt} {mesh.kind}",
-        "vertices": mesh.nv,
+        "elements": f"{mesh.nt} {mesh.kind}",
+        "curved elements": int(shape.curved.sum()),
+        "rule": shape.how.described(),
+        "nodes": mesh.nv,
         "dofs": mesh.p.size,
         "size": [float(extent) for extent in np.ptp(mesh.p, axis=1)],
         "edges": {"shortest": float(lengths.min()), "median": float(np.median(lengths)), "longest": float(lengths.max())},
         "aspect ratio": f"{np.median(aspect):.3g} median, {aspect.max():.3g} in element {aspect.argmax()} "
         "(longest edge/smallest height)",
-        "measure": float(volumes(mesh).sum()),
+        "measure": float(shape.volume.sum()),
         "subdomains": {name: len(ids) for name, ids in mesh.subdomains.items()},
         "boundaries": {name: facets.shape[1] for name, facets in mesh.boundaries.items()},
     }
     if mesh.k == mesh.d:
-        x = mesh.p.T[mesh.t.T]
-        facts["negative elements"] = int((np.linalg.det(x[:, 1:] - x[:, :1]) < 0).sum())
+        facts["negative elements"] = int((shape.orientation < 0).sum())
     return facts
 
 
@@ -156,11 +158,11 @@ def circumstances(packages: Sequence[str]) -> dict[str, Any]:
     }
 
 
-def header(mesh: ElementMesh, terms: Sequence[StVK], source: str, seed: int) -> dict[str, Any]:
+def header(shape: Shape, terms: Sequence[StVK], source: str, seed: int) -> dict[str, Any]:
     """The head of a report on this body; `source` says where the mesh is from."""
     facts = {
-        "mesh": {"source": source} | mesh_facts(mesh),
-        "material": [material_facts(mesh, term) for term in terms],
+        "mesh": {"source": source} | mesh_facts(shape),
+        "material": [material_facts(shape.mesh, term) for term in terms],
         "seed": seed,
     }
     return circumstances(PACKAGES) | facts

@@ -1,6 +1,6 @@
-"""From errors to what `judged` takes: each vertex, or entry of K, has its own scale and its own limit, and the worst place is told.
+"""From errors to what `judged` takes: each node, or entry of K, has its own scale and its own limit, and the worst place is told.
 
-The limit of a vertex is `LIMIT` of its scale, or what round-off may cost a right form in its elements (`RoundOff`), and never more
+The limit of a node is `LIMIT` of its scale, or what round-off may cost a right form in its elements (`RoundOff`), and never more
 than `HIGHEST` of its scale.
 """
 
@@ -16,7 +16,7 @@ from scipy.sparse import csr_matrix, spmatrix
 
 from ..arguments import Array
 from ..mesh import ElementMesh
-from ..mesh.geometry import Geometry, edge_differences
+from .shape import Shape
 
 Measurement = dict[str, Any]
 
@@ -31,18 +31,18 @@ MARGIN_BY_ASPECT = 0.2
 KEPT = 9
 
 
-def by_vertex(mesh: ElementMesh, error: Array, scale: Array, lost: Array, words: str, reason: str) -> Measurement:
-    """A measurement of the errors (ndofs,), at the vertex where they are largest for their limit.
+def by_node(mesh: ElementMesh, error: Array, scale: Array, lost: Array, words: str, reason: str) -> Measurement:
+    """A measurement of the errors (ndofs,), at the node where they are largest for their limit.
 
     `scale` (nv,) is what they are relative to, in `words`, and `lost` (nv,) the round-off that a right form may have.
     """
     limit = limits(scale, lost)
     relative = _over(largest_component(error, mesh.d), scale)
-    vertex = int(np.argmax(relative / limit))
+    node = int(np.argmax(relative / limit))
     return {
-        "measured": float(relative[vertex]) if scale.any() else np.inf,  # a body that does not resist is none
-        "limit": float(limit[vertex]),
-        "scale": f"{scale[vertex]:.3e} ({words})",
+        "measured": float(relative[node]) if scale.any() else np.inf,  # a body that does not resist is none
+        "limit": float(limit[node]),
+        "scale": f"{scale[node]:.3e} ({words})",
         "reason": _why(reason, limit),
         "worst": worst_places(mesh, _over(np.abs(error), np.repeat(limit * scale, mesh.d)), 1.0),
     }
@@ -51,7 +51,7 @@ def by_vertex(mesh: ElementMesh, error: Array, scale: Array, lost: Array, words:
 def by_entry(mesh: ElementMesh, difference: spmatrix, rows: Array, lost: csr_matrix, words: str, reason: str) -> Measurement:
     """A measurement of the entries of a difference of matrices.
 
-    An entry is relative to the geometric mean of `rows` (nv,) of its vertices; `lost` (nv, nv) is what a right form may lose.
+    An entry is relative to the geometric mean of `rows` (nv,) of its nodes; `lost` (nv, nv) is what a right form may lose.
     """
     entries = abs(difference).tocoo()
     if not entries.nnz or not rows.any():
@@ -98,13 +98,13 @@ def limits(scale: Array, lost: Array) -> Array:
 
 
 def largest_rows(K: spmatrix, d: int) -> Array:
-    """(nv,) largest entry of a matrix in the rows of each vertex."""
+    """(nv,) largest entry of a matrix in the rows of each node."""
     largest: Array = abs(K).max(axis=1).toarray().reshape(-1, d).max(axis=1)
     return largest
 
 
 def largest_component(values: Array, d: int) -> Array:
-    """(nv,) largest component of a vector (ndofs,) at each vertex; what is not a number is infinite."""
+    """(nv,) largest component of a vector (ndofs,) at each node; what is not a number is infinite."""
     size = np.abs(values).reshape(-1, d)
     return np.asarray(np.where(np.isfinite(size), size, np.inf).max(axis=1))
 
@@ -124,9 +124,9 @@ def _why(reason: str, limit: Array) -> str:
 
 
 def worst_places(mesh: ElementMesh, error: NDArray[np.float64], limit: float) -> dict[str, Any]:
-    """The worst place of an error (ndofs,), and the vertices and elements that are beyond the limit.
+    """The worst place of an error (ndofs,), and the nodes and elements that are beyond the limit.
 
-    `suspects` are the elements all of whose vertices are beyond the limit: a fault in single elements leaves just those.
+    `suspects` are the elements all of whose nodes are beyond the limit: a fault in single elements leaves just those.
     """
     if not error.size:
         return {}
@@ -134,29 +134,29 @@ def worst_places(mesh: ElementMesh, error: NDArray[np.float64], limit: float) ->
     dof = int(np.argmax(error))
     node = dof // mesh.d
     around = np.flatnonzero((mesh.t == node).any(axis=0))
-    places: dict[str, Any] = {"dof": dof, "vertex": node, "component": "xyz"[dof % mesh.d], "elements": around[:MOST].tolist()}
+    places: dict[str, Any] = {"dof": dof, "node": node, "component": "xyz"[dof % mesh.d], "elements": around[:MOST].tolist()}
     off: NDArray[np.bool_] = np.any((error > limit).reshape(-1, mesh.d), axis=1)
     if off.any():
         suspects = np.flatnonzero(off[mesh.t].all(axis=0))
-        places |= {"vertices_off": int(off.sum()), "elements_off": len(suspects), "suspects": suspects[:MOST].tolist()}
+        places |= {"nodes_off": int(off.sum()), "elements_off": len(suspects), "suspects": suspects[:MOST].tolist()}
     return places
 
 
 def in_words(places: dict[str, Any]) -> str:
     """The worst places in one line of words.
 
-    >>> in_words({"dof": 7, "vertex": 2, "component": "y", "elements": [1], "vertices_off": 4, "elements_off": 1, "suspects": [1]})
-    'worst at dof 7 (vertex 2, y); 4 vertices off, all vertices of 1 element: 1'
+    >>> in_words({"dof": 7, "node": 2, "component": "y", "elements": [1], "nodes_off": 4, "elements_off": 1, "suspects": [1]})
+    'worst at dof 7 (node 2, y); 4 nodes off, all nodes of 1 element: 1'
     """
     if "dof" not in places:
         return "; ".join(f"{name} {value}" for name, value in places.items())
-    words = f"worst at dof {places['dof']} (vertex {places['vertex']}, {places['component']})"
+    words = f"worst at dof {places['dof']} (node {places['node']}, {places['component']})"
     if places.get("elements_off"):
         count = places["elements_off"]
         ids = ", ".join(map(str, places["suspects"])) + (", ..." if count > len(places["suspects"]) else "")
-        words += f"; {places['vertices_off']} vertices off, all vertices of {count} element{'s' if count > 1 else ''}: {ids}"
-    elif "vertices_off" in places:
-        words += f"; {places['vertices_off']} vertices off"
+        words += f"; {places['nodes_off']} nodes off, all nodes of {count} element{'s' if count > 1 else ''}: {ids}"
+    elif "nodes_off" in places:
+        words += f"; {places['nodes_off']} nodes off"
     return words
 
 
@@ -171,29 +171,22 @@ class Lost(NamedTuple):
 class RoundOff:
     """What round-off may cost a right W, F and K in a given state: the model behind the limits of the checks.
 
-    Of an element with the steepest gradient `g` of its shape functions (1/smallest height), longest edges `l` at rest and `m`
-    deformed, deformation gradient `A` and displacements up to `|u|`, with `V C` its volume times the largest entry of its
-    elasticity tensor, what is lost, over eps, is
+    Of an element with the steepest gradient `g` of its reference coordinates (1/smallest height), longest edge `l`, deformation
+    gradient `A` and displacements up to `|u|`, with `V C` its volume times the largest entry of its elasticity tensor, what is
+    lost, over eps, is
 
         form                          what is lost                  of W              of F                   of K
-        squared lengths (l^2 + m^2)   strain g^2 (l^2 + m^2)        V C |E| x strain  V C g^2 x strain x m   V C g^2 x strain
-        edges, their change z         strain g^2 z, relative        V C (g^2 z)^2
         gradient of the displacement  gradient g |u| (strain: |A|)  V C |E| x strain  V C g^2 (1+A^2) |u|    V C g^2 (1+|A|) g |u|
         gradients of shape functions  g l, relative                 W g l             V C g^2 (1+A^2) l |A|  V C g^2 (1+A^2) g l
 
-    Right forms keep to the sum: the edge form to less than half of it on needles, random clouds and single slivers, scikit-fem's to
-    a tenth. Slivers stand in groups where one vertex lies almost in the plane of its neighbours, up to six of them around an edge;
-    what they lose adds up to five times the sum, for which the margin of flat elements is eight times that of ordinary ones. On
-    ordinary elements it is far below the limit of 1e-12, on flat ones in small strain it grows with (l g)^2; where an element is
-    strained by more than its flatness, what is lost is small beside the forces themselves.
+    at the worst of its points. Nothing in it grows with the square of the aspect ratio `g l`: forms in an orthonormal rest frame
+    and scikit-fem's keep to it. Slivers stand in groups where one vertex lies almost in the plane of its neighbours, up to six of
+    them around an edge, and what they lose adds up, for which the margin of flat elements is larger than that of ordinary ones.
     """
 
-    def __init__(self, mesh: ElementMesh, modulus: Array) -> None:
-        geometry = Geometry(mesh.p, mesh.t)
-        self.mesh, self._gradients = mesh, geometry.gradients
-        self.steepest = np.linalg.norm(geometry.gradients, axis=2).max(axis=1)
-        self._edges, self._longest = edge_differences(mesh, mesh.p), _longest(mesh, mesh.p)
-        self._weight = geometry.volume * modulus
+    def __init__(self, shape: Shape, modulus: Array) -> None:
+        self.shape, self.mesh = shape, shape.mesh
+        self._weight = shape.volume * modulus
         self._in_state = lru_cache(KEPT)(self._lost)
 
     def lost(self, u: Array) -> Lost:
@@ -201,50 +194,40 @@ class RoundOff:
         return self._in_state(u.tobytes())
 
     def _lost(self, state: bytes) -> Lost:
-        mesh, g, l = self.mesh, self.steepest, self._longest
+        mesh, g, l = self.mesh, self.shape.steepest, self.shape.longest
         displacement = np.frombuffer(state).reshape(-1, mesh.d).T
-        x = mesh.p + displacement
-        A = np.einsum("ina,naj->nij", x[:, mesh.t.T], self._gradients)
-        strain = np.linalg.norm(np.swapaxes(A, 1, 2) @ A - np.eye(mesh.k), axis=(1, 2)) / 2
-        stretch, m = np.linalg.norm(A, axis=(1, 2)), _longest(mesh, x)
+        A = self.shape.deformation(displacement)
+        strain = (np.linalg.norm(np.swapaxes(A, 2, 3) @ A - np.eye(mesh.k), axis=(2, 3)) / 2).max(axis=1)
+        stretch = np.linalg.norm(A, axis=(2, 3)).max(axis=1)
         moved = np.linalg.norm(displacement, axis=0)[mesh.t].max(axis=0)
-        aspect = l * g  # longest edge over smallest height
-        eps = np.clip(MARGIN_BY_ASPECT * aspect, MARGIN, LARGEST_MARGIN) * np.finfo(float).eps
-        squared = g**2 * (l**2 + m**2)
-        U = edge_differences(mesh, displacement)
-        z = np.abs(((2 * self._edges + U) * U).sum(axis=0)).max(axis=0)
+        eps = np.clip(MARGIN_BY_ASPECT * self.shape.aspect, MARGIN, LARGEST_MARGIN) * np.finfo(float).eps
         return Lost(
-            eps * self._weight * (strain * (squared + stretch * g * moved + strain * g * l) + (g**2 * z) ** 2),
-            eps * (squared * m + (1 + stretch**2) * (moved + l * stretch)),
-            eps * (squared + (1 + stretch) * g * moved + (1 + stretch**2) * g * l),
+            eps * self._weight * strain * (stretch * g * moved + strain * g * l),
+            eps * (1 + stretch**2) * (moved + l * stretch),
+            eps * ((1 + stretch) * g * moved + (1 + stretch**2) * g * l),
         )
 
-    def by_vertex(self, values: Array) -> Array:
-        """(nv,) the largest value (nt,) of the elements of each vertex."""
+    def by_node(self, values: Array) -> Array:
+        """(nv,) the largest value (nt,) of the elements of each node."""
         largest = np.zeros(self.mesh.nv)
-        np.maximum.at(largest, self.mesh.t.ravel(), np.tile(values, self.mesh.k + 1))
+        np.maximum.at(largest, self.mesh.t.ravel(), np.tile(values, len(self.mesh.t)))
         return largest
 
     def by_pair(self, values: Array) -> csr_matrix:
-        """(nv, nv) the largest value (nt,) of the elements of each pair of vertices."""
+        """(nv, nv) the largest value (nt,) of the elements of each pair of nodes."""
         order, first, rows, columns = self._pairs
         largest = np.maximum.reduceat(values[order], first)
         return csr_matrix((largest, (rows, columns)), shape=(self.mesh.nv,) * 2)
 
     @cached_property
     def _pairs(self) -> tuple[NDArray[np.int64], ...]:
-        """Elements in the order of their pairs of vertices, the first element of each pair, and its two vertices."""
-        local = np.array(list(product(range(self.mesh.k + 1), repeat=2)))
+        """Elements in the order of their pairs of nodes, the first element of each pair, and its two nodes."""
+        local = np.array(list(product(range(len(self.mesh.t)), repeat=2)))
         a, b = self.mesh.t[local[:, 0]].ravel(), self.mesh.t[local[:, 1]].ravel()
         order = np.lexsort((b, a))
         first = np.flatnonzero(np.diff(a[order], prepend=-1) | np.diff(b[order], prepend=-1))
         return order % self.mesh.nt, first, a[order][first], b[order][first]
 
     def around(self, values: Array) -> Array:
-        """(nv,) the largest value (nv,) among the vertices of the elements of each vertex."""
-        return self.by_vertex(values[self.mesh.t].max(axis=0))
-
-
-def _longest(mesh: ElementMesh, x: Array) -> Array:
-    longest: Array = np.linalg.norm(edge_differences(mesh, x), axis=0).max(axis=0)
-    return longest
+        """(nv,) the largest value (nv,) among the nodes of the elements of each node."""
+        return self.by_node(values[self.mesh.t].max(axis=0))

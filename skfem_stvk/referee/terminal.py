@@ -50,9 +50,11 @@ def rendered(report: Findings, width: int = WIDTH) -> RenderableType:
 
 def _head(report: Findings) -> RenderableType:
     mesh, machine, versions = report.header["mesh"], report.header["machine"], report.header["versions"]
+    curved = f", {mesh['curved elements']} of them curved" if mesh["curved elements"] else ""
     lines = [
-        f"{mesh['source']}: {mesh['simplices']}, {mesh['vertices']} vertices, {mesh['dofs']} dofs, edges "
+        f"{mesh['source']}: {mesh['elements']}{curved}, {mesh['nodes']} nodes, {mesh['dofs']} dofs, edges "
         f"{mesh['edges']['shortest']:.3g} ... {mesh['edges']['longest']:.3g}, sha256 {mesh['sha256']}",
+        f"integrated by {mesh['rule']}",
         *report.header["material"],
         f"held against {report.header['reference']}",
         f"{machine['processor']}, {machine['cores']} cores; "

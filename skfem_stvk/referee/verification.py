@@ -13,20 +13,21 @@ from ..arguments import flag, shown, whole
 from ..errors import MaterialError, StvkError
 from ..materials import Material
 from ..mesh import ElementMesh, MeshLike
-from ..reference import ReferenceStVK
 from ..system import System
 from ..terms import StVK
-from .bodies import elasticity, homogeneous_copy
+from .bodies import elasticity, homogeneous_copy, hourglass_control, reference_on
 from .case import CANDIDATE, OURS, REFERENCE, STRETCH, Case, named_states
 from .checks.agreement import agreement, derivatives
 from .checks.homogeneous import homogeneous_states
 from .checks.precision import error_table, precision, speed_table
 from .checks.rigid_motions import balance, invariance, zero_modes
+from .discretisation import Discretisation
 from .exact import Truth
 from .header import header
 from .players import METHODS, Player
 from .report import Report
 from .results import CheckOutcome, Result, Task
+from .shape import Shape
 from .terminal import CountedProgress
 
 #: The checks, in the order of the report: each takes a case and gives its tasks.
@@ -47,6 +48,9 @@ def verify(
     *,
     young: ArrayLike | None = None,
     poisson: ArrayLike | None = None,
+    degree: int | None = None,
+    quadrature: str | None = None,
+    hourglass: float | None = None,
     candidate: Any = None,
     candidate_is_stvk: bool = True,
     seed: int = 0,
@@ -56,11 +60,12 @@ def verify(
 
     Parameters
     ----------
-    mesh : scikit-fem mesh of simplices, arrays `(p, t)`, or `ElementMesh`.
+    mesh : scikit-fem mesh, arrays `(p, t)` of linear simplices, or `ElementMesh`.
     material : a material, an `StVK` term, or several terms for several regions; or instead
     young, poisson : of an isotropic one.
+    degree, quadrature, hourglass : of the elements and where they are integrated, as `System` takes them.
     candidate : any object with any of `energy(u)`, `internal_force(u)`, `tangent(u)` (dense, sparse or a `LinearOperator`), for the
-        same mesh, with scikit-fem's order of degrees of freedom.
+        same mesh and rule, with scikit-fem's order of degrees of freedom.
     candidate_is_stvk : whether the candidate claims to be St. Venant-Kirchhoff. If not, it is not compared with it, and its
         derivatives get a Taylor test instead of the exact stencil.
     seed : of the random numbers.
@@ -86,13 +91,14 @@ def verify(
     started = time.perf_counter()
     seed, quiet = whole("seed", seed, "a whole number from 0"), flag("quiet", quiet)
     candidate_is_stvk = flag("candidate_is_stvk", candidate_is_stvk)
-    body = ElementMesh.of(mesh)
+    given: dict[str, Any] = {"degree": degree, "quadrature": quadrature, "hourglass": hourglass}
     terms = _terms(material, young, poisson)
-    system = System(body, terms)
-    case = _case(system, terms, candidate, candidate_is_stvk, seed)
+    system = System(ElementMesh.of(mesh), terms, **{name: value for name, value in given.items() if value is not None})
+    shape = Shape(system.mesh, Discretisation(system.mesh.element.name, quadrature, 0.0 if hourglass is None else hourglass))
+    case = _case(system, shape, terms, candidate, candidate_is_stvk, seed)
     if case.candidate is not None and not any(case.candidate.has(quantity) for quantity in METHODS):
         raise StvkError(f"candidate, of type {type(candidate).__name__}, has none of {', '.join(METHODS.values())}.")
-    head = header(body, terms, type(mesh).__name__, seed) | {"reference": case.reference.model.described()}
+    head = header(shape, terms, type(mesh).__name__, seed) | {"reference": case.reference.model.described()}
     report, tasks = Report(head, precision=case.precision), [task for check in CHECKS for task in check(case)]
     with CountedProgress("verify", len(tasks) + 1, quiet) as progress:
         try:
@@ -138,20 +144,20 @@ def _terms(material: Material | StVK | Sequence[StVK] | None, young: ArrayLike |
     return terms
 
 
-def _case(system: System, terms: Sequence[StVK], candidate: Any, candidate_is_stvk: bool, seed: int) -> Case:
-    mesh, ndofs = system.mesh, system.ndofs
-    tensor = elasticity(mesh, terms)
+def _case(system: System, shape: Shape, terms: Sequence[StVK], candidate: Any, candidate_is_stvk: bool, seed: int) -> Case:
+    mesh, how, ndofs = shape.mesh, shape.how, system.ndofs
+    tensor, control = elasticity(mesh, terms, how), hourglass_control(mesh, terms, how) if how.is_one_point else None
     case = Case(
-        mesh=mesh,
+        shape=shape,
         ours=Player(OURS, system, ndofs),
-        reference=Player(REFERENCE, Truth(mesh, tensor), ndofs),
-        scikit_fem=Player(REFERENCE, ReferenceStVK(mesh.p, mesh.t, tensor), ndofs),
+        reference=Player(REFERENCE, Truth(shape, tensor, control), ndofs),
+        scikit_fem=Player(REFERENCE, reference_on(mesh.p, mesh.t, tensor, how, control), ndofs),
         candidate=None if candidate is None else Player(CANDIDATE, candidate, ndofs),
         candidate_is_stvk=candidate_is_stvk,
         states={},
         seed=seed,
         modulus=np.broadcast_to(np.abs(tensor).reshape(len(tensor), -1).max(axis=1), mesh.nt),
-        homogeneous=homogeneous_copy(mesh, terms),
+        homogeneous=homogeneous_copy(mesh, terms, shape),
         bare=mesh.nt - len(np.unique(np.concatenate([mesh.elements(term.region) for term in terms]))),
     )
     case.states.update(named_states(case.centred, case.node_size, case.random("states")))

@@ -1,6 +1,19 @@
-"""scikit-fem's standard assembly of St. Venant-Kirchhoff elasticity; it shares nothing with the edge path."""
+"""scikit-fem's standard assembly of St. Venant-Kirchhoff elasticity; it shares nothing with what it judges."""
 
-from .stvk import ReferenceStVK, simplex_axes
+from .kinds import KINDS, curved_elements, points_of
+from .one_point import ReferenceOnePoint
+from .stvk import ReferenceStVK, element_axes, simplex_axes
 from .tensors import anisotropic_tensor, engineering_matrix, isotropic_tensor
 
-__all__ = ["ReferenceStVK", "anisotropic_tensor", "engineering_matrix", "isotropic_tensor", "simplex_axes"]
+__all__ = [
+    "KINDS",
+    "ReferenceOnePoint",
+    "ReferenceStVK",
+    "anisotropic_tensor",
+    "curved_elements",
+    "element_axes",
+    "engineering_matrix",
+    "isotropic_tensor",
+    "points_of",
+    "simplex_axes",
+]

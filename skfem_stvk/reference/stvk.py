@@ -1,13 +1,12 @@
-"""scikit-fem's standard assembly of the same model: what the edge form is held against.
+"""scikit-fem's standard assembly of the same model: what the package is held against.
 
-It shares no code with the edge path, and is written as well as scikit-fem allows, so that a comparison of speed is fair: all that
+It shares no code with what it judges, and is written as well as scikit-fem allows, so that a comparison of speed is fair: all that
 does not depend on the test and trial function is computed once outside of the forms, the fourth-order tangent included, and one
-quadrature point is enough for P1.
+quadrature point is enough for linear simplices.
 """
 
 from __future__ import annotations
 
-from math import factorial
 from typing import Any
 
 import numpy as np
@@ -17,76 +16,108 @@ from scipy.sparse import csr_matrix
 from skfem.helpers import ddot
 
 from ..arguments import Array
+from .kinds import KINDS, LINEAR, RuleLike, curved_elements, derivatives, numbered, points_of
 
 
 class ReferenceStVK:
-    """`W = sum of V/2 E : C : E` with `E = 1/2 (F'F - I)`, `F = I + grad u`, assembled by scikit-fem.
+    """`W = integral of 1/2 E : C : E` with `E = 1/2 (F'F - I)`, `F = I + grad u`, assembled by scikit-fem.
 
-    Simplices of lower dimension than the space, for which scikit-fem has no mesh, are laid flat one by one; the displacement keeps
-    all its components, `F` (d, k) starts from the simplices' own axes, and the result is summed to the shared vertices. Vertices
-    that belong to no simplex get no force.
+    Elements that fill the space are scikit-fem's own: `ElementTetP1`, `ElementTetP2`, `ElementTriP2`, `ElementHex1`, ..., with its
+    mapping of straight or curved ones. Elements of lower dimension than the space, for which scikit-fem has no mesh, are laid flat
+    one by one, and curved ones are integrated over reference elements: the displacement keeps all its components, `F` (d, k)
+    starts from each element's own axes, and the result is summed to the shared nodes. Nodes of no element get no force.
 
     Parameters
     ----------
-    p : (d, nv) coordinates [m].
-    t : (k + 1, nt) vertices of the simplices.
-    tensor : (nt, k, k, k, k) or (1, k, k, k, k) elasticity tensor in the simplices' own axes times their section (`tensors`).
+    p : (d, nv) coordinates of the nodes [m].
+    t : (n, nt) nodes of the elements, in scikit-fem's local order.
+    tensor : (nt, k, k, k, k) or (1, k, k, k, k) elasticity tensor in the elements' own axes times their section (`tensors`), or
+        (nt, nq, k, k, k, k) at each point.
+    kind : the elements, one of `KINDS`; by default the linear simplices with as many nodes.
+    rule : where it is integrated: "usual", "exact", or points (k, nq) and weights (nq,).
+
+    Attributes
+    ----------
+    axes : (nt, d, k) or (nt, nq, d, k) the elements' own axes.
+    measure : (nt, nq) length, area or volume that each point stands for [m^k].
     """
 
-    def __init__(self, p: Array, t: NDArray[np.int32], tensor: Array) -> None:
-        k, d = t.shape[0] - 1, p.shape[0]
-        self.axes = simplex_axes(p, t)
-        element = {1: skfem.ElementLineP1, 2: skfem.ElementTriP1, 3: skfem.ElementTetP1}[k]()
-        make = {1: skfem.MeshLine1, 2: skfem.MeshTri1, 3: skfem.MeshTet1}[k]
-        if k == d:
-            vertices, own = np.unique(t, return_inverse=True)
-            points, own = np.ascontiguousarray(p[:, vertices]), own.reshape(t.shape).astype(t.dtype)
+    def __init__(self, p: Array, t: NDArray[np.int32], tensor: Array, kind: str | None = None, rule: RuleLike = "usual") -> None:
+        kind = LINEAR[len(t) - 1] if kind is None else kind
+        of, d, points = KINDS[kind], len(p), points_of(kind, rule)
+        lies = of.k < d or (of.k == 1 and curved_elements(p, t, kind).any())
+        self._rest: Array | None = None  # rest gradients of elements that are integrated over reference elements
+        if of.k == d and not lies:
+            mesh, nodes = _mesh(p, t, kind)
+        elif of.is_linear_simplex:
+            mesh, nodes = _disjoint(of, _laid_flat(p, t, simplex_axes(p, t)), t)
         else:
-            vertices, own = t.T.ravel(), np.arange(t.size).reshape(-1, k + 1).T.copy()
-            points = _laid_flat(p, t, self.axes)
-        mesh = make(points, own, validate=False)
-        dofs = (d * vertices[:, None] + np.arange(d)).ravel()
+            corners = np.tile(of.nodes[: of.corners].T, t.shape[1])  # element by element
+            mesh, nodes = _disjoint(of, corners, t)
+        dofs = (d * nodes[:, None] + np.arange(d)).ravel()
         self._gather = None
         if not np.array_equal(dofs, np.arange(p.size)):
             self._gather = csr_matrix((np.ones(len(dofs)), (np.arange(len(dofs)), dofs)), shape=(len(dofs), p.size))
-        centre = np.full((k, 1), 1 / (k + 1)), np.array([1 / factorial(k)])  # intorder=1 takes three points of a triangle
-        self.basis = skfem.Basis(mesh, skfem.ElementVector(element, dim=d), quadrature=centre)
-        self._tangent_axes = np.moveaxis(self.axes, 0, 2)[..., None]  # (d, k, nt, 1): the gradient of the rest position
-        self._tensor = tensor
+        self.basis = skfem.Basis(mesh, skfem.ElementVector(of.element(), dim=d), quadrature=points)
+        self._tensor = tensor if tensor.ndim == 6 else tensor[:, None]
+        self.axes, self.measure = element_axes(p, t, kind, points), self.basis.dx
+        if of.k < d and of.is_linear_simplex:
+            self.axes = self.axes[:, 0]
+        elif lies:
+            axes, R = _frames(p, t, kind, points)
+            self._rest = np.moveaxis(axes, (0, 1), (2, 3))
+            self._inverse = np.moveaxis(np.linalg.inv(R), (0, 1), (2, 3))
+            self._stretch = np.prod(np.einsum("tqii->tqi", R), axis=2)
+            self.measure = self.basis.dx * self._stretch
+        self._start = np.moveaxis(self.axes, 0, 2)[..., None] if self._rest is None else self._rest
 
     def energy(self, u: Array) -> float:
         """Strain energy [J]."""
         _, E, S = self._state(u)
-        return float(_energy.assemble(self.basis, E=E, S=S))
+        return float(_energy.assemble(self.basis, E=E, S=S if self._rest is None else S * self._stretch))
 
     def internal_force(self, u: Array) -> Array:
         """Internal force [N]."""
         F, _, S = self._state(u)
-        force: Array = _force.assemble(self.basis, P=np.einsum("iM...,MJ...->iJ...", F, S))
+        P = np.einsum("iM...,MJ...->iJ...", F, S)
+        if self._rest is not None:
+            P = self._stretch * np.einsum("iM...,JM...->iJ...", P, self._inverse)
+        force: Array = _force.assemble(self.basis, P=P)
         return force if self._gather is None else self._gather.T @ force
 
     def tangent(self, u: Array) -> csr_matrix:
         """Tangent stiffness [N/m]; its pattern depends on the state, for scikit-fem drops zeros."""
         F, _, S = self._state(u)
-        K = _tangent.assemble(self.basis, A=self._moduli(F, S))
+        A = self._moduli(F, S)
+        if self._rest is not None:
+            A = self._stretch * np.einsum("iMkN...,JM...,LN...->iJkL...", A, self._inverse, self._inverse, optimize=True)
+        K = _tangent.assemble(self.basis, A=A)
         return csr_matrix(K if self._gather is None else self._gather.T @ K @ self._gather)
 
-    def _state(self, u: Array) -> tuple[Array, Array, Array]:
-        """`F` (d, k, nt, 1), Green-Lagrange strain `E` and second Piola-Kirchhoff stress `S` (k, k, nt, 1)."""
+    def _gradient(self, u: Array) -> Array:
+        """(d, k, nt, nq) gradient that scikit-fem interpolates, with respect to its own coordinates."""
         gradient = self.basis.interpolate(u if self._gather is None else self._gather @ u).grad
-        F = self._tangent_axes + np.asarray(gradient).reshape(self._tangent_axes.shape)
+        n, nq = self.basis.dx.shape
+        return np.asarray(gradient).reshape(-1, self._tensor.shape[-1], n, nq)
+
+    def _state(self, u: Array) -> tuple[Array, Array, Array]:
+        """`F` (d, k, nt, nq), Green-Lagrange strain `E` and second Piola-Kirchhoff stress `S` (k, k, nt, nq)."""
+        gradient = self._gradient(u)
+        if self._rest is not None:
+            gradient = np.einsum("iJ...,JM...->iM...", gradient, self._inverse)
+        F = self._start + gradient
         k = F.shape[1]
         E = 0.5 * (np.einsum("mI...,mJ...->IJ...", F, F) - np.eye(k)[..., None, None])
-        C = np.moveaxis(self._tensor, 0, -1)[..., None]
+        C = np.moveaxis(self._tensor, (0, 1), (-2, -1))
         return F, E, np.einsum("IJKL...,KL...->IJ...", C, E)
 
     def _moduli(self, F: Array, S: Array) -> Array:
-        """`A_iJkL = dP_iJ/dF_kL = F_iM C_MJNL F_kN + delta_ik S_JL` (d, k, d, k, nt, 1)."""
-        d, k, n, _ = F.shape
-        f = np.ascontiguousarray(np.moveaxis(F[..., 0], 2, 0))
-        left = (f @ self._tensor.reshape(-1, k, k**3)).reshape(n, d, k, k, k)  # iJNL
-        both = np.swapaxes(left, 3, 4).reshape(n, -1, k) @ np.swapaxes(f, 1, 2)  # iJLk
-        A = np.ascontiguousarray(both.reshape(n, d, k, k, d).transpose(1, 2, 4, 3, 0))[..., None]
+        """`A_iJkL = dP_iJ/dF_kL = F_iM C_MJNL F_kN + delta_ik S_JL` (d, k, d, k, nt, nq)."""
+        d, k, n, nq = F.shape
+        f = np.ascontiguousarray(F.transpose(2, 3, 0, 1))
+        left = (f @ self._tensor.reshape(*self._tensor.shape[:2], k, k**3)).reshape(n, nq, d, k, k, k)  # iJNL
+        both = np.swapaxes(left, 4, 5).reshape(n, nq, -1, k) @ np.swapaxes(f, 2, 3)  # iJLk
+        A = np.ascontiguousarray(both.reshape(n, nq, d, k, k, d).transpose(2, 3, 5, 4, 0, 1))
         A[range(d), :, range(d)] += S
         return A
 
@@ -108,23 +139,66 @@ def _tangent(u: Any, v: Any, w: Any) -> Array:
 
 
 def _gradient(v: Any, like: Array) -> Array:
-    """The gradient (d, k, nt, 1), also of a one-dimensional field, for which scikit-fem leaves an axis out."""
+    """The gradient (d, k, nt, nq), also of a one-dimensional field, for which scikit-fem leaves an axis out."""
     gradient = np.asarray(v.grad)
     return gradient.reshape(*like.shape[:2], *like.shape[-2:])
 
 
+def _mesh(p: Array, t: NDArray[np.int32], kind: str) -> tuple[Any, NDArray[np.int64]]:
+    """scikit-fem's mesh of elements that fill the space, and the node (N,) of each of its degrees of freedom."""
+    of = KINDS[kind]
+    vertices, own = np.unique(t[: of.corners].astype(np.int64), return_inverse=True)
+    own = own.reshape(of.corners, -1).astype(t.dtype)
+    mesh = of.mesh(np.ascontiguousarray(p[:, vertices]), own, sort_t=False, validate=False)
+    if of.is_linear_simplex:
+        return mesh, vertices
+    nodes = numbered(mesh, of.element(), t)
+    if of.is_box or curved_elements(p, t, kind).any():
+        points = np.ascontiguousarray(p[:, nodes] - p[:, nodes[:1]])  # near zero, where mappings lose no digits
+        mesh = of.curved(points, own, sort_t=False, validate=False)
+    return mesh, nodes
+
+
+def _disjoint(of: Any, corners: Array, t: NDArray[np.int32]) -> tuple[Any, NDArray[np.int64]]:
+    """A mesh of elements that share nothing, of corners (k, nt times their number), and the node of each degree of freedom."""
+    own = np.arange(corners.shape[1], dtype=np.int32).reshape(-1, of.corners).T.copy()
+    mesh = of.mesh(np.ascontiguousarray(corners), own, sort_t=False, validate=False)
+    dofs = skfem.Dofs(mesh, of.element())
+    nodes = np.empty(dofs.N, dtype=np.int64)
+    nodes[dofs.element_dofs] = t
+    return mesh, nodes
+
+
+def element_axes(p: Array, t: NDArray[np.int32], kind: str, rule: RuleLike = "usual") -> Array:
+    """Orthonormal axes of the elements' own lines or surfaces: (nt, nq, d, k) at each point, or (nt, d, d), the global ones, where
+    they fill the space. The first is along the first reference coordinate (Gram-Schmidt)."""
+    if KINDS[kind].k == len(p):
+        return np.broadcast_to(np.eye(len(p)), (t.shape[1], len(p), len(p)))
+    return _frames(p, t, kind, rule)[0]
+
+
 def simplex_axes(p: Array, t: NDArray[np.int32]) -> Array:
-    """(nt, d, k) orthonormal axes of the simplices' own line or plane (Gram-Schmidt), the global ones for `k = d`."""
-    k, d = t.shape[0] - 1, p.shape[0]
-    if k == d:
-        return np.broadcast_to(np.eye(d), (t.shape[1], d, d))
-    axes = np.empty((t.shape[1], d, k))
+    """(nt, d, k) the same of linear simplices, which have one point."""
+    axes = element_axes(p, t, LINEAR[len(t) - 1])
+    return axes if axes.ndim == 3 else axes[:, 0]
+
+
+def _frames(p: Array, t: NDArray[np.int32], kind: str, rule: RuleLike) -> tuple[Array, Array]:
+    """Axes (nt, nq, d, k) and upper triangles R (nt, nq, k, k) with `dX/dxi = axes R` and a positive diagonal (Gram-Schmidt)."""
+    x = p.T[t]
+    spokes = np.einsum("qai,atc->tqci", derivatives(kind, rule), x - x[:1])
+    k = spokes.shape[3]
+    axes, R = np.empty_like(spokes), np.zeros((*spokes.shape[:2], k, k))
     for i in range(k):
-        vector = (p[:, t[i + 1]] - p[:, t[0]]).T
-        for j in range(i):
-            vector = vector - (vector * axes[:, :, j]).sum(axis=1, keepdims=True) * axes[:, :, j]
-        axes[:, :, i] = vector / np.linalg.norm(vector, axis=1, keepdims=True)
-    return axes
+        vector = spokes[..., i]
+        for _ in range(2):  # once more, for the digits
+            for j in range(i):
+                along = (vector * axes[..., j]).sum(axis=2)
+                R[..., j, i] += along
+                vector = vector - along[..., None] * axes[..., j]
+        R[..., i, i] = np.linalg.norm(vector, axis=2)
+        axes[..., i] = vector / R[..., i, i, None]
+    return axes, R
 
 
 def _laid_flat(p: Array, t: NDArray[np.int32], axes: Array) -> Array:

@@ -13,9 +13,10 @@ KNOWN = {}
 def frugal(monkeypatch):
     made, computed = ExactStVK.__init__, ExactStVK.energy_and_force
 
-    def make(self, p, t, tensor):
-        self.what = p.shape, p.tobytes(), t.tobytes(), tensor if isinstance(tensor, tuple) else tensor.tobytes()
-        made(self, p, t, tensor)
+    def make(self, p, t, tensor, how=None, control=None):
+        arrays = [array if array is None or isinstance(array, tuple) else array.tobytes() for array in (tensor, control)]
+        self.what = p.shape, p.tobytes(), t.tobytes(), how, *arrays
+        made(self, p, t, tensor, how, control)
 
     def energy_and_force(self, u):
         key = self.what, u.tobytes()

@@ -257,5 +257,5 @@ def test_the_worst_place_is_where_the_error_is_largest():
     error = np.zeros(MESH.p.size)
     error[17], error[3] = 1.0, 0.5
     place = worst_places(MESH, error, 0.7)
-    assert (place["dof"], place["vertex"], place["component"], place["vertices_off"]) == (17, 5, "z", 1)
+    assert (place["dof"], place["node"], place["component"], place["nodes_off"]) == (17, 5, "z", 1)
     assert all(5 in MESH.t[:, element] for element in place["elements"]) and place["elements_off"] == 0

@@ -33,7 +33,7 @@ def test_the_report_names_check_quantity_state_and_place(name):
     text = str(report)
     assert "NOT PASSED" in text and "failed agreement, K of candidate against scikit-fem" in text.replace("\n", " ")
     failures = [r for r in report.failures("candidate") if r.check == "agreement" and r.quantity == "K"]
-    assert failures and all("vertex" in r.worst and r.state and r.scale and r.reason for r in failures)
+    assert failures and all("node" in r.worst and r.state and r.scale and r.reason for r in failures)
 
 
 def test_a_single_wrong_sign_in_one_tetrahedron_is_found_in_that_tetrahedron():
@@ -41,8 +41,8 @@ def test_a_single_wrong_sign_in_one_tetrahedron_is_found_in_that_tetrahedron():
     places = [r.worst for r in report.failures("candidate") if r.check == "agreement" and r.quantity in "FK"]
     assert places
     for place in places:
-        assert place["elements_off"] == 1 and place["suspects"] == [MESH.nt // 2] and place["vertices_off"] == 4
-    assert f"all vertices of 1 element: {MESH.nt // 2}" in " ".join(str(report).split())
+        assert place["elements_off"] == 1 and place["suspects"] == [MESH.nt // 2] and place["nodes_off"] == 4
+    assert f"all nodes of 1 element: {MESH.nt // 2}" in " ".join(str(report).split())
 
 
 def test_a_single_wrong_sign_is_caught_on_the_embedded_mesh():
@@ -140,7 +140,7 @@ def test_the_worst_entry_of_K_is_named():
             return K.tocsr()
 
     worst = [r.worst for r in checked(OneEntry()).failures("candidate") if r.check == "agreement"]
-    assert worst and all(place["entry"] == [30, 33] and place["dof"] == 30 and place["vertex"] == 10 for place in worst)
+    assert worst and all(place["entry"] == [30, 33] and place["dof"] == 30 and place["node"] == 10 for place in worst)
 
 
 def test_a_table_row_says_how_many_of_its_checks_failed():

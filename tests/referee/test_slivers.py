@@ -8,8 +8,10 @@ from bodies import box
 from skfem_stvk import ElementMesh, Isotropic, StVK, System, verify
 from skfem_stvk.mesh.geometry import aspect_ratios
 from skfem_stvk.referee.bodies import elasticity
+from skfem_stvk.referee.discretisation import Discretisation
 from skfem_stvk.referee.exact import MOST, Truth
 from skfem_stvk.referee.results import CheckOutcome
+from skfem_stvk.referee.shape import Shape
 from skfem_stvk.reference import ReferenceStVK
 
 TERM = StVK(young=2.0, poisson=0.3)
@@ -43,6 +45,10 @@ def edges(mesh, term):
 
 def scikit_fem(mesh, term):
     return ReferenceStVK(mesh.p, mesh.t, elasticity(mesh, [term]))
+
+
+def truth_of(mesh):
+    return Truth(Shape(mesh, Discretisation(mesh.element.name)), elasticity(mesh, [TERM]))
 
 
 def failures(candidate, mesh=MESH):
@@ -108,7 +114,7 @@ def test_a_fault_in_a_part_that_is_1e14_times_softer_shows():
 @pytest.mark.parametrize("squeeze", [1.0, 1e-3])
 def test_the_truth_is_that_of_all_elements_whichever_are_computed_in_50_digits(squeeze):
     mesh = MESH if squeeze == 1.0 else ElementMesh(box(4).p * np.array([[1.0], [squeeze], [1.0]]), box(4).t)
-    truth, whole = Truth(mesh, elasticity(mesh, [TERM])), scikit_fem(mesh, TERM)
+    truth, whole = truth_of(mesh), scikit_fem(mesh, TERM)
     assert truth.exact.tolist() == [SLIVER] if squeeze == 1.0 else len(truth.exact) == MOST < mesh.nt
     u = 0.01 * np.random.default_rng(3).standard_normal(mesh.p.size)
     assert truth.energy(u) == pytest.approx(whole.energy(u), rel=1e-11)
@@ -121,7 +127,7 @@ def test_vertices_of_flat_elements_alone_belong_to_the_truth():
     mesh = box(1)
     p = np.column_stack([mesh.p, mesh.p[:, mesh.t[:3, 0]].mean(axis=1) + 1e-4])
     body = ElementMesh(p, np.column_stack([mesh.t, np.append(mesh.t[:3, 0], mesh.nv)]))
-    truth, u = Truth(body, elasticity(body, [TERM])), 0.01 * np.random.default_rng(3).standard_normal(p.size)
+    truth, u = truth_of(body), 0.01 * np.random.default_rng(3).standard_normal(p.size)
     assert truth.exact.tolist() == [mesh.nt]
     assert (
         np.abs(truth.internal_force(u) - System(body, TERM).internal_force(u)).max() < 1e-9 * np.abs(truth.internal_force(u)).max()

@@ -20,7 +20,7 @@ from scipy.sparse import csr_matrix, issparse
 
 from ...arguments import Array
 from ..case import EPS, Case
-from ..judgement import as_a_whole, by_entry, by_vertex, largest_component, largest_rows
+from ..judgement import as_a_whole, by_entry, by_node, largest_component, largest_rows
 from ..players import Player
 from ..results import CannotTell, NotApplicable, Task
 
@@ -53,7 +53,7 @@ def _difference(case: Case, player: Player, reference: Player, quantity: str, st
         return as_a_whole(abs(value - truth), max(truth, floor), case.lost_energy(reference, u), words, AGREEMENT)
     if quantity == "F":
         words, scale = "largest |F_ref| around, or K at rest x edge", case.force_scale(reference, truth)
-        return by_vertex(case.mesh, value - truth, scale, case.lost_force(reference, u), words, AGREEMENT)
+        return by_node(case.mesh, value - truth, scale, case.lost_force(reference, u), words, AGREEMENT)
     return _matrix_difference(case, value, truth, case.lost_stiffness(reference, u))
 
 
@@ -65,7 +65,7 @@ def _matrix_difference(case: Case, K: Any, truth: csr_matrix, lost: csr_matrix) 
     error = np.max([np.abs(K @ v - truth @ v) for v in signs.T], axis=0)
     sums = largest_component(np.asarray(abs(truth).sum(axis=1)).ravel(), case.mesh.d)
     loss = case.mesh.d * np.asarray(lost.sum(axis=1)).ravel()
-    return by_vertex(case.mesh, error, sums, loss, "products with random signs over the row sum of |K_ref|", AGREEMENT)
+    return by_node(case.mesh, error, sums, loss, "products with random signs over the row sum of |K_ref|", AGREEMENT)
 
 
 def derivatives(case: Case) -> Iterator[Task]:
@@ -114,7 +114,7 @@ def _along(case: Case, player: Player, quantity: str, line: Line) -> dict[str, A
         return as_a_whole(float(error[0]), float(np.abs(terms).max()), lost, words, DERIVATIVES)
     loss = np.max([abs(weight) * case.lost_force(player, u + s * v) for s, weight in STENCIL], axis=0)
     scale = case.round_off.around(largest_component(np.abs(terms).max(axis=0), d))
-    return by_vertex(case.mesh, error, scale, loss + case.lost_product(player, u, v), f"{words} around", DERIVATIVES)
+    return by_node(case.mesh, error, scale, loss + case.lost_product(player, u, v), f"{words} around", DERIVATIVES)
 
 
 def _taylor(case: Case, player: Player, quantity: str, state: str) -> dict[str, Any]:

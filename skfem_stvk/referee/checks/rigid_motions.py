@@ -20,11 +20,11 @@ from scipy.sparse.linalg import splu
 
 from ...arguments import Array
 from ...mesh import ElementMesh
-from ...mesh.facets import facet_ids
 from ..case import STRETCH, Case, random_rotation
-from ..judgement import as_a_whole, by_entry, by_vertex, largest_component, largest_rows
+from ..judgement import as_a_whole, by_entry, by_node, largest_component, largest_rows
 from ..players import Player
 from ..results import CannotTell, NotApplicable, Task
+from ..shape import facet_ids
 
 REASON = "1e-12 is for round-off of moving the body by about its own size: 1e-14 on a hundred elements in a row"
 #: A larger body is checked on a piece of this size, all else held: a factorisation of 60 000 unknowns takes 15 s. Of an operator,
@@ -68,12 +68,12 @@ def _change(case: Case, player: Player, quantity: str, motion: str, Q: Array, c:
     if quantity == "F":
         F, after = turned(player.F(u)), player.F(moved)
         words = "largest |F| around before, or K at rest x edge"
-        return by_vertex(case.mesh, after - F, case.force_scale(player, F), case.lost_force(player, moved), words, REASON)
+        return by_node(case.mesh, after - F, case.force_scale(player, F), case.lost_force(player, moved), words, REASON)
     v = case.direction(u, case.random("invariance K"))
     Kv, after = turned(np.asarray(player.K(u) @ v)), np.asarray(player.K(moved) @ turned(v))
     scale = np.maximum(case.round_off.around(largest_component(Kv, d)), case.stiffness(player) * largest_component(v, d))
     words = "largest |K v| around before, or K at rest x |v|"
-    return by_vertex(case.mesh, after - Kv, scale, case.lost_product(player, moved, turned(v)), words, REASON)
+    return by_node(case.mesh, after - Kv, scale, case.lost_product(player, moved, turned(v)), words, REASON)
 
 
 def balance(case: Case) -> Iterator[Task]:
@@ -108,7 +108,7 @@ def _torques(case: Case, player: Player, state: str) -> dict[str, Any]:
 def _resultant(case: Case, player: Player, state: str, total: Array, reach: float, words: str) -> dict[str, Any]:
     scale = max(float(np.abs(case.value(player, "F", state)).sum()), float(case.force_floor(player).max())) * reach
     lost = float(case.lost_force(player, case.states[state]).max()) * reach
-    reason = "1e-12 is for round-off: forces between the vertices of an element cancel"
+    reason = "1e-12 is for round-off: forces between the nodes of an element cancel"
     return as_a_whole(float(np.abs(total).max()), scale, lost, words, reason)
 
 
@@ -144,7 +144,7 @@ def _rigid_modes(case: Case, player: Player) -> dict[str, Any]:
     error = np.max([np.abs(K @ mode) for mode in rigid_motions(case.centred).T], axis=0)
     lost = case.lost_product(player, u, np.ones(case.mesh.p.size))
     reason = "1e-12 is for round-off: translations and rotations strain nothing to first order"
-    return by_vertex(case.mesh, error, case.stiffness(player), lost, "largest |K| of the row, modes of size 1", reason)
+    return by_node(case.mesh, error, case.stiffness(player), lost, "largest |K| of the row, modes of size 1", reason)
 
 
 def zero_modes(case: Case) -> Iterator[Task]:
@@ -167,7 +167,7 @@ def _count(case: Case, player: Player) -> dict[str, Any]:
     relative = pivots / np.maximum(diagonal, np.finfo(float).tiny)
     bad = np.flatnonzero(~(relative > ZERO))
     dofs = free[bad]
-    worst = {"dof": int(dofs[0]), "vertex": int(dofs[0]) // mesh.d, "component": "xyz"[dofs[0] % mesh.d]} if len(bad) else {}
+    worst = {"dof": int(dofs[0]), "node": int(dofs[0]) // mesh.d, "component": "xyz"[dofs[0] % mesh.d]} if len(bad) else {}
     return {
         "measured": float(len(bad)),
         "limit": 0.0,
@@ -183,7 +183,7 @@ def _supported(case: Case, largest: int) -> tuple[NDArray[np.int64], str]:
     if ndofs > largest:
         centre = case.centred[case.random("zero modes").integers(case.mesh.nv)]
         near = np.argsort(((case.centred - centre) ** 2).sum(axis=1))[: largest // (2 * d)]
-        return np.sort((d * near[:, None] + np.arange(d)).ravel()), f"{len(near)} vertices around one, all others held"
+        return np.sort((d * near[:, None] + np.arange(d)).ravel()), f"{len(near)} nodes around one, all others held"
     motions = rigid_motions(case.centred)
     grounded = qr(motions.T, mode="r", pivoting=True)[1][: motions.shape[1]]
     return np.setdiff1d(np.arange(ndofs), grounded), f"dofs {', '.join(map(str, sorted(grounded.tolist())))} grounded"
@@ -217,7 +217,7 @@ def _pivots(K: csc_matrix) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
 
 
 def facet_connected_parts(mesh: ElementMesh) -> int:
-    """Number of parts of the mesh whose simplices are connected by whole facets."""
+    """Number of parts of the mesh whose elements are connected by whole facets."""
     ids = facet_ids(mesh)
-    incidence = csr_matrix((np.ones(ids.size), (ids.ravel(), np.tile(np.arange(mesh.nt), mesh.k + 1))))
+    incidence = csr_matrix((np.ones(ids.size), (ids.ravel(), np.tile(np.arange(mesh.nt), len(ids)))))
     return int(connected_components(incidence.T @ incidence, directed=False)[0])

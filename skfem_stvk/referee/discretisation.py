@@ -1,0 +1,103 @@
+"""What integrals are taken over: the kind of element, its points and weights, and the derivatives of its shape functions.
+
+Points and weights are scikit-fem's, by the reference's own choice of order; the derivatives are written anew, in decimal numbers.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from decimal import Decimal
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..arguments import Array
+from ..reference import KINDS, points_of
+from ..reference.kinds import LINEAR, Points
+
+Exact = NDArray[Any]
+
+
+@dataclass(frozen=True)
+class Discretisation:
+    """Kind of element and rule, as `System` takes them.
+
+    Attributes
+    ----------
+    kind : one of `reference.KINDS`.
+    quadrature : None for the usual rule, "exact" or "one-point".
+    hourglass : coefficient of the hourglass control of "one-point".
+    """
+
+    kind: str
+    quadrature: str | None = None
+    hourglass: float = 0.0
+
+    @classmethod
+    def of_simplices(cls, n: int) -> Discretisation:
+        """Linear simplices with `n` vertices."""
+        return cls(LINEAR[n - 1])
+
+    @property
+    def is_one_point(self) -> bool:
+        """Whether it has mean gradients and hourglass control."""
+        return self.quadrature == "one-point"
+
+    @property
+    def points(self) -> Points:
+        """Points (k, nq) and weights (nq,); of mean gradients those that they are integrated by."""
+        return points_of(self.kind, "exact" if self.quadrature == "exact" else "usual")
+
+    @property
+    def options(self) -> dict[str, Any]:
+        """What `System` is to be given besides mesh and terms."""
+        return (
+            {"quadrature": self.quadrature, "hourglass": self.hourglass}
+            if self.is_one_point
+            else ({} if self.quadrature is None else {"quadrature": self.quadrature})
+        )
+
+    def described(self) -> str:
+        """The rule in words.
+
+        >>> Discretisation("quadratic tetrahedra").described()
+        '4 points of order 2'
+        """
+        if self.is_one_point:
+            return f"mean gradients, hourglass control {self.hourglass:g}"
+        count, order = len(self.points[1]), KINDS[self.kind].orders[self.quadrature == "exact"]
+        return f"{count} points of order {order}" if count > 1 else "1 point"
+
+
+def derivatives(kind: str, xi: Array) -> Exact:
+    """(nq, n, k) derivatives `dN_a/dxi_i` in decimal numbers at reference points `xi` (k, nq).
+
+    >>> derivatives("triangles", np.array([[0.25], [0.25]]))[0].astype(int).tolist()
+    [[-1, -1], [1, 0], [0, 1]]
+    """
+    of = KINDS[kind]
+    x = np.array([Decimal(value) for value in xi.T.ravel().tolist()], dtype=object).reshape(xi.T.shape)
+    return _of_box(of.nodes, x) if of.is_box else _of_simplex(of.nodes, x)
+
+
+def _of_box(nodes: Array, x: Exact) -> Exact:
+    """Of `N_a`, the product over the axes of `x_i` or `1 - x_i`, whichever is 1 at the node."""
+    factors = np.where(nodes == 1, x[:, None], 1 - x[:, None])
+    others = [np.prod(np.delete(factors, i, axis=2), axis=2) for i in range(nodes.shape[1])]
+    return np.stack(others, axis=2) * (2 * nodes - 1).astype(int)
+
+
+def _of_simplex(nodes: Array, x: Exact) -> Exact:
+    """Of `N_a = l_a`, or of `l_a (2 l_a - 1)` of corners and `4 l_a l_b` of the middles between them."""
+    k = nodes.shape[1]
+    l = np.concatenate([1 - x.sum(axis=1, keepdims=True), x], axis=1)
+    dl = np.vstack([-np.ones(k, dtype=int), np.eye(k, dtype=int)]).astype(object)
+    table = np.empty((len(x), len(nodes), k), dtype=object)
+    for a, node in enumerate(nodes):
+        if a > k:
+            b, c = np.flatnonzero(np.append(1 - node.sum(), node))
+            table[:, a] = 4 * (l[:, [b]] * dl[c] + l[:, [c]] * dl[b])
+        else:
+            table[:, a] = (l[:, [a]] * 0 + 1 if len(nodes) == k + 1 else 4 * l[:, [a]] - 1) * dl[a]
+    return table

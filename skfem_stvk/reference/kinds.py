@@ -1,0 +1,147 @@
+"""Kinds of elements as scikit-fem has them: meshes, shape functions, quadrature, and its numbers of nodes.
+
+Rules are chosen here anew, by scikit-fem's order, so that a wrong table of points or weights elsewhere shows.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, NamedTuple, TypeAlias
+
+import numpy as np
+import skfem
+from numpy.typing import NDArray
+from skfem.quadrature import get_quadrature
+
+from ..arguments import Array
+from ..errors import StvkError
+
+#: Points (k, nq) on the reference element and weights (nq,), as `skfem.Basis(quadrature=...)` takes them.
+Points: TypeAlias = tuple[Array, Array]
+#: What names a rule: "usual", "exact", or the points and weights themselves.
+RuleLike: TypeAlias = str | Points
+
+
+class Kind(NamedTuple):
+    """A kind of element.
+
+    Attributes
+    ----------
+    k : its dimension.
+    element : scikit-fem's scalar element.
+    mesh : scikit-fem's mesh of it, or of its corners.
+    curved : scikit-fem's mesh with curved edges, if it has one.
+    orders : of exactness of the usual rule and of the exact one; 1 is the centre.
+    """
+
+    k: int
+    element: Callable[[], Any]
+    mesh: Any
+    curved: Any
+    orders: tuple[int, int]
+
+    @property
+    def nodes(self) -> Array:
+        """(n, k) reference coordinates of the nodes, in scikit-fem's local order."""
+        return np.array(self.element().doflocs, dtype=float)
+
+    @property
+    def is_box(self) -> bool:
+        """Whether it is a quadrilateral or hexahedron."""
+        return self.mesh in (skfem.MeshQuad1, skfem.MeshHex1)
+
+    @property
+    def corners(self) -> int:
+        """Number of corners, the first nodes."""
+        return 2**self.k if self.is_box else self.k + 1
+
+    @property
+    def is_linear_simplex(self) -> bool:
+        """Whether gradients are the same everywhere in it."""
+        return not self.is_box and self.curved is None
+
+
+KINDS = {
+    "segments": Kind(1, skfem.ElementLineP1, skfem.MeshLine1, None, (1, 1)),
+    "triangles": Kind(2, skfem.ElementTriP1, skfem.MeshTri1, None, (1, 1)),
+    "tetrahedra": Kind(3, skfem.ElementTetP1, skfem.MeshTet1, None, (1, 1)),
+    "quadratic segments": Kind(1, skfem.ElementLineP2, skfem.MeshLine1, skfem.MeshLine1, (3, 4)),
+    "quadratic triangles": Kind(2, skfem.ElementTriP2, skfem.MeshTri1, skfem.MeshTri2, (2, 4)),
+    "quadratic tetrahedra": Kind(3, skfem.ElementTetP2, skfem.MeshTet1, skfem.MeshTet2, (2, 5)),
+    "quadrilaterals": Kind(2, skfem.ElementQuad1, skfem.MeshQuad1, skfem.MeshQuad1, (3, 5)),
+    "hexahedra": Kind(3, skfem.ElementHex1, skfem.MeshHex1, skfem.MeshHex1, (3, 5)),
+}
+#: The linear simplex of each dimension.
+LINEAR = {1: "segments", 2: "triangles", 3: "tetrahedra"}
+
+
+def points_of(kind: str, rule: RuleLike = "usual") -> Points:
+    """Points (k, nq) and weights (nq,) of a rule, from `skfem.quadrature`; linear simplices take the centre, with one point.
+
+    Raises
+    ------
+    StvkError
+        if the rule is unknown.
+
+    >>> [len(points_of(kind, "usual")[1]) for kind in ("tetrahedra", "quadratic tetrahedra", "hexahedra")]
+    [1, 4, 8]
+    """
+    if not isinstance(rule, str):
+        return rule
+    if rule not in ("usual", "exact"):
+        raise StvkError(f"rule = {rule!r}; expected 'usual' or 'exact', or points (k, nq) and weights (nq,).")
+    of = KINDS[kind]
+    order = of.orders[rule == "exact"]
+    points, weights = get_quadrature(of.element().refdom, order)
+    if order == 1:  # scikit-fem takes three points of a triangle
+        points, weights = points.mean(axis=1, keepdims=True), weights.sum(keepdims=True)
+    return np.asarray(points), np.asarray(weights)
+
+
+def derivatives(kind: str, rule: RuleLike = "usual") -> Array:
+    """(nq, n, k) derivatives of scikit-fem's shape functions at the points of a rule."""
+    element, (xi, _) = KINDS[kind].element(), points_of(kind, rule)
+    return np.stack([np.broadcast_to(element.lbasis(xi, a)[1], xi.shape).T for a in range(len(element.doflocs))], axis=1)
+
+
+def numbered(mesh: Any, element: Any, t: NDArray[np.int32]) -> NDArray[np.int64]:
+    """(N,) the node, of elements with nodes `t` (n, nt), of each degree of freedom of a scalar element on the mesh of their corners.
+
+    Raises
+    ------
+    StvkError
+        if two elements share an edge but not its middle, or a middle but not the edge.
+    """
+    dofs = skfem.Dofs(mesh, element)
+    own = np.asarray(dofs.element_dofs)
+    node = np.full(dofs.N, -1, dtype=np.int64)
+    node[own] = t
+    if (node[own] != t).any() or len(np.unique(node)) < len(node):
+        raise StvkError("Elements that share an edge do not share the node in its middle, or the other way round.")
+    return node
+
+
+def curved_elements(p: Array, t: NDArray[np.int32], kind: str) -> NDArray[np.bool_]:
+    """(nt,) which quadratic elements have an edge whose middle is not half-way between its ends, to within rounding.
+
+    >>> p = np.array([[0, 1, 0, 0.5, 0.5, 0], [0, 0, 1, 0, 0.6, 0.5]])
+    >>> curved_elements(p, np.arange(6)[:, None], "quadratic triangles")
+    array([ True])
+    """
+    of = KINDS[kind]
+    curved = np.zeros(t.shape[1], dtype=bool)
+    if of.is_box or of.is_linear_simplex:
+        return curved
+    rounding = 4 * np.finfo(float).eps * np.abs(p).max(axis=0)
+    corners = of.nodes[: of.corners]
+    for middle, at in enumerate(of.nodes[of.corners :], of.corners):
+        a, b = _ends(corners, at)
+        off = np.abs(p[:, t[middle]] - (p[:, t[a]] + p[:, t[b]]) / 2).max(axis=0)
+        curved |= off > np.maximum(rounding[t[a]], rounding[t[b]])
+    return curved
+
+
+def _ends(corners: Array, middle: Array) -> tuple[int, int]:
+    """The two corners that a middle is half-way between."""
+    (pair,) = [(a, b) for a in range(len(corners)) for b in range(a) if np.array_equal(corners[a] + corners[b], 2 * middle)]
+    return pair
