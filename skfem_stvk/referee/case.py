@@ -7,14 +7,14 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from scipy.sparse import csr_matrix, diags, issparse
+from scipy.sparse import issparse
 from scipy.spatial.transform import Rotation
 
 from ..arguments import Array
 from ..mesh import ElementMesh
 from .bodies import Homogeneous
 from .discretisation import Discretisation
-from .judgement import RoundOff, largest_component, largest_rows
+from .judgement import Limits, largest_component, largest_rows
 from .players import Player
 from .results import NotApplicable
 from .shape import Shape
@@ -31,8 +31,7 @@ class Case:
     """Everything that a check needs.
 
     This package and somebody's candidate are held against the reference (`Truth`); scikit-fem's assembly of all elements is there
-    for its speed. States are displacements (ndofs,) [m], `modulus` (nt,) is the largest entry of each element's elasticity tensor,
-    times its section, `bare` counts the elements of no term, and the check of precision fills the rows of error against strain.
+    for its speed. States are displacements (ndofs,) [m], `bare` counts the elements of no term, and the check of precision fills the rows of error against strain.
     """
 
     shape: Shape
@@ -43,7 +42,6 @@ class Case:
     candidate_is_stvk: bool
     states: dict[str, Array]
     seed: int
-    modulus: Array
     homogeneous: Homogeneous
     bare: int = 0
     precision: list[dict[str, Any]] = field(default_factory=list)
@@ -139,7 +137,7 @@ class Case:
     def force_scale(self, player: Player, *forces: Array) -> Array:
         """(nv,) largest of these forces (ndofs,) at a node and those around it, and at least the floor [N]."""
         largest = np.max([largest_component(force, self.mesh.d) for force in forces], axis=0)
-        return np.maximum(self.round_off.around(largest), self.force_floor(player))
+        return np.maximum(self.limits.around(largest), self.force_floor(player))
 
     def energy_floor(self, player: Player) -> float:
         """Median of stiffness at rest x shortest edge squared of the nodes [J]: the scale of energy where W = 0."""
@@ -147,35 +145,20 @@ class Case:
         return float(np.median(floor[floor > 0])) if (floor > 0).any() else 0.0
 
     @cached_property
-    def round_off(self) -> RoundOff:
-        """The model of what round-off may cost in each state."""
-        return RoundOff(self.shape, self.modulus)
+    def limits(self) -> Limits:
+        """How large relative errors may be in each state."""
+        return Limits(self.shape)
 
-    def lost_force(self, player: Player, u: Array) -> Array:
-        """(nv,) round-off that a right F may have at `u` [N]."""
-        return self.round_off.by_node(self.round_off.lost(u).force) * self.stiffness(player)
-
-    def lost_stiffness(self, player: Player, u: Array) -> csr_matrix:
-        """(nv, nv) round-off that the entries of a right K may have at `u`, by pair of nodes [N/m]."""
-        root = diags(np.sqrt(self.stiffness(player)))
-        return csr_matrix(root @ self.round_off.by_pair(self.round_off.lost(u).stiffness) @ root)
-
-    def lost_product(self, player: Player, u: Array, v: Array) -> Array:
-        """(nv,) round-off that a right product of K at `u` with `v` (ndofs,) may have [N]."""
-        return np.asarray(self.mesh.d * (self.lost_stiffness(player, u) @ largest_component(v, self.mesh.d)))
-
-    def lost_energy(self, player: Player, u: Array) -> float:
-        """Round-off that a right W may have at `u` [J], summed over elements; for another law in proportion to its stiffness."""
-        lost = float(self.round_off.lost(u).energy.sum())
-        return lost if self.is_stvk(player) else lost * self.energy_floor(player) / self.energy_floor(self.reference)
-
-    def direction(self, u: Array, rng: np.random.Generator) -> Array:
-        """A random direction (ndofs,) scaled to the state: near rest a unit direction would drown it."""
+    def amplitude(self, u: Array) -> float:
+        """The size of a direction, over that of an element, that is scaled to the strain of the state: a unit would drown it."""
         U = self.shape.differences(u.reshape(-1, self.mesh.d).T)
         change = ((2 * self.edges + U) * U).sum(axis=0)
         strain = float(np.abs(change / (self.edges**2).sum(axis=0)).max())
-        amplitude = 0.1 if strain < 1e-9 else min(strain, 0.3)
-        return (amplitude * self.node_size[:, None] * rng.standard_normal((self.mesh.nv, self.mesh.d))).ravel()
+        return 0.1 if strain < 1e-9 else min(strain, 0.3)
+
+    def direction(self, u: Array, rng: np.random.Generator) -> Array:
+        """A random direction (ndofs,) scaled to the state."""
+        return (self.amplitude(u) * self.node_size[:, None] * rng.standard_normal((self.mesh.nv, self.mesh.d))).ravel()
 
 
 def random_rotation(d: int, rng: np.random.Generator, degrees: float = 170.0) -> Array:

@@ -1,14 +1,13 @@
 """From errors to what `judged` takes: each node, or entry of K, has its own scale and its own limit, and the worst place is told.
 
-The limit of a node is `LIMIT` of its scale, or what round-off may cost a right form in its elements (`RoundOff`), and never more
-than `HIGHEST` of its scale.
+The limit of a node is that of its worst element (`Limits`): 1e-12, or 20 eps times its aspect ratio.
 """
 
 from __future__ import annotations
 
-from functools import cached_property, lru_cache
+from functools import cached_property
 from itertools import product
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,23 +19,17 @@ from .shape import Shape
 
 Measurement = dict[str, Any]
 
-LIMIT, HIGHEST = 1e-12, 1e-6
+LIMIT, LIMIT_BY_ASPECT, HIGHEST = 1e-12, 20 * float(np.finfo(float).eps), 1e-6
 #: Largest number of elements that a message names.
 MOST = 5
-#: Several elements meet at a vertex, and twice what was seen: the margin of ordinary elements, and of the flattest.
-MARGIN, LARGEST_MARGIN = 4.0, 32.0
-#: In between the margin is the aspect ratio times this.
-MARGIN_BY_ASPECT = 0.2
-#: Number of states whose round-off is kept: those of the stencils along two lines.
-KEPT = 9
+FLAT = "20 eps x (longest edge + displacement)/smallest height of the flattest or farthest moved element"
 
 
-def by_node(mesh: ElementMesh, error: Array, scale: Array, lost: Array, words: str, reason: str) -> Measurement:
+def by_node(mesh: ElementMesh, error: Array, scale: Array, limit: Array, words: str, reason: str) -> Measurement:
     """A measurement of the errors (ndofs,), at the node where they are largest for their limit.
 
-    `scale` (nv,) is what they are relative to, in `words`, and `lost` (nv,) the round-off that a right form may have.
+    `scale` (nv,) is what they are relative to, in `words`, and `limit` (nv,) how large they may be relative to it.
     """
-    limit = limits(scale, lost)
     relative = _over(largest_component(error, mesh.d), scale)
     node = int(np.argmax(relative / limit))
     return {
@@ -48,10 +41,10 @@ def by_node(mesh: ElementMesh, error: Array, scale: Array, lost: Array, words: s
     }
 
 
-def by_entry(mesh: ElementMesh, difference: spmatrix, rows: Array, lost: csr_matrix, words: str, reason: str) -> Measurement:
+def by_entry(mesh: ElementMesh, difference: spmatrix, rows: Array, limits: csr_matrix, words: str, reason: str) -> Measurement:
     """A measurement of the entries of a difference of matrices.
 
-    An entry is relative to the geometric mean of `rows` (nv,) of its nodes; `lost` (nv, nv) is what a right form may lose.
+    An entry is relative to the geometric mean of `rows` (nv,) of its nodes; `limits` (nv, nv) is how large it may be.
     """
     entries = abs(difference).tocoo()
     if not entries.nnz or not rows.any():
@@ -59,7 +52,7 @@ def by_entry(mesh: ElementMesh, difference: spmatrix, rows: Array, lost: csr_mat
         return none | {"reason": reason, "worst": {}}
     a, b = entries.row // mesh.d, entries.col // mesh.d
     scale = np.sqrt(rows[a] * rows[b])
-    limit = limits(scale, np.asarray(lost[a, b]).ravel())
+    limit = np.maximum(np.asarray(limits[a, b]).ravel(), LIMIT)  # also where the nodes share no element
     relative = _over(entries.data, scale)
     worst = int(np.argmax(relative / limit))
     by_row = np.zeros(mesh.p.size)
@@ -74,11 +67,10 @@ def by_entry(mesh: ElementMesh, difference: spmatrix, rows: Array, lost: csr_mat
     }
 
 
-def as_a_whole(error: float, scale: float, lost: float, words: str, reason: str) -> Measurement:
+def as_a_whole(error: float, scale: float, limit: float, words: str, reason: str) -> Measurement:
     """A measurement of one number of the whole body."""
-    limit = float(limits(np.array([scale]), np.array([lost]))[0])
-    if limit != LIMIT:
-        reason += f"; above {LIMIT:.0e} for what round-off may cost in its flat or small elements"
+    if limit > LIMIT:
+        reason += f"; up to {limit:.0e}, {FLAT}"
     return {
         "measured": error / scale if scale else np.inf,  # a body that does not resist is none
         "limit": limit,
@@ -86,15 +78,6 @@ def as_a_whole(error: float, scale: float, lost: float, words: str, reason: str)
         "reason": reason,
         "worst": {},
     }
-
-
-def limits(scale: Array, lost: Array) -> Array:
-    """Relative limits: what round-off costs over the scale, but at least `LIMIT` and at most `HIGHEST`.
-
-    A scale from a candidate's own forces or stiffness may be infinite; nothing is lost relative to it.
-    """
-    usable = (scale > 0) & np.isfinite(scale)
-    return np.clip(np.divide(lost, scale, out=np.zeros_like(scale), where=usable), LIMIT, HIGHEST)
 
 
 def largest_rows(K: spmatrix, d: int) -> Array:
@@ -120,7 +103,7 @@ def _why(reason: str, limit: Array) -> str:
     if not looser.any():
         return reason
     where = f"in {looser.sum()} of {len(limit)} places"
-    return f"{reason}; up to {limit.max():.0e} {where}, for what round-off may cost in their flat or small elements"
+    return f"{reason}; up to {limit.max():.0e} {where}, {FLAT}"
 
 
 def worst_places(mesh: ElementMesh, error: NDArray[np.float64], limit: float) -> dict[str, Any]:
@@ -160,52 +143,40 @@ def in_words(places: dict[str, Any]) -> str:
     return words
 
 
-class Lost(NamedTuple):
-    """Round-off of the elements in a state, each (nt,), times its margin: of W [J], of F over V C g^2 [m], of K over V C g^2."""
+class Limits:
+    """How large a relative error of a right W, F or K may be, from the shape of the elements and how far they have moved.
 
-    energy: Array
-    force: Array
-    stiffness: Array
+    Of an element with the longest edge `l` and the smallest height `h`, displaced by up to `|u|`:
 
+        max(1e-12, 20 eps c (l + |u|/s)/h), at most 1e-6
 
-class RoundOff:
-    """What round-off may cost a right W, F and K in a given state: the model behind the limits of the checks.
-
-    Of an element with the steepest gradient `g` of its reference coordinates (1/smallest height), longest edge `l`, deformation
-    gradient `A` and displacements up to `|u|`, with `V C` its volume times the largest entry of its elasticity tensor, what is
-    lost, over eps, is
-
-        form                          what is lost                  of W              of F                   of K
-        gradient of the displacement  gradient g |u| (strain: |A|)  V C |E| x strain  V C g^2 (1+A^2) |u|    V C g^2 (1+|A|) g |u|
-        gradients of shape functions  g l, relative                 W g l             V C g^2 (1+A^2) l |A|  V C g^2 (1+A^2) g l
-
-    at the worst of its points. Nothing in it grows with the square of the aspect ratio `g l`: forms in an orthonormal rest frame
-    and scikit-fem's keep to it. Slivers stand in groups where one vertex lies almost in the plane of its neighbours, up to six of
-    them around an edge, and what they lose adds up, for which the margin of flat elements is larger than that of ordinary ones.
+    where `c` is 1, or how much larger the parts of a sum are than itself, and `s` is 1, or the size of the change, over that of an
+    element, if what is judged is a difference of two states.
+    `h` and `l` are those at the worst of its points. A rest frame and a displacement hold their digits relative to `l` and `|u|`,
+    and strain divides what is lost by `h`. Right forms keep to a seventh of it, on needles, single slivers, random clouds and
+    boxes pressed flat.
     """
 
-    def __init__(self, shape: Shape, modulus: Array) -> None:
+    def __init__(self, shape: Shape) -> None:
         self.shape, self.mesh = shape, shape.mesh
-        self._weight = shape.volume * modulus
-        self._in_state = lru_cache(KEPT)(self._lost)
 
-    def lost(self, u: Array) -> Lost:
-        """Round-off of each element at `u` (ndofs,); that of the latest states is kept, as several checks ask for it."""
-        return self._in_state(u.tobytes())
+    def of_elements(self, u: Array, cancelled: float = 1.0, change: float = 1.0) -> Array:
+        """(nt,) limits at `u` (ndofs,), with `c = cancelled` and `s = change`."""
+        moved = np.linalg.norm(u.reshape(-1, self.mesh.d), axis=1)[self.mesh.t].max(axis=0)
+        limit = LIMIT_BY_ASPECT * cancelled * (self.shape.aspect + moved / change * self.shape.steepest)
+        return np.asarray(np.clip(limit, LIMIT, HIGHEST))
 
-    def _lost(self, state: bytes) -> Lost:
-        mesh, g, l = self.mesh, self.shape.steepest, self.shape.longest
-        displacement = np.frombuffer(state).reshape(-1, mesh.d).T
-        A = self.shape.deformation(displacement)
-        strain = (np.linalg.norm(np.swapaxes(A, 2, 3) @ A - np.eye(mesh.k), axis=(2, 3)) / 2).max(axis=1)
-        stretch = np.linalg.norm(A, axis=(2, 3)).max(axis=1)
-        moved = np.linalg.norm(displacement, axis=0)[mesh.t].max(axis=0)
-        eps = np.clip(MARGIN_BY_ASPECT * self.shape.aspect, MARGIN, LARGEST_MARGIN) * np.finfo(float).eps
-        return Lost(
-            eps * self._weight * strain * (stretch * g * moved + strain * g * l),
-            eps * (1 + stretch**2) * (moved + l * stretch),
-            eps * ((1 + stretch) * g * moved + (1 + stretch**2) * g * l),
-        )
+    def of_nodes(self, u: Array, change: float = 1.0) -> Array:
+        """(nv,) largest limits of the elements of each node at `u` (ndofs,)."""
+        return np.maximum(self.by_node(self.of_elements(u, change=change)), LIMIT)
+
+    def of_pairs(self, u: Array) -> csr_matrix:
+        """(nv, nv) largest limits of the elements of each pair of nodes at `u` (ndofs,)."""
+        return self.by_pair(self.of_elements(u))
+
+    def of_body(self, u: Array, cancelled: float = 1.0, change: float = 1.0) -> float:
+        """The largest limit of an element at `u` (ndofs,)."""
+        return float(self.of_elements(u, cancelled, change).max())
 
     def by_node(self, values: Array) -> Array:
         """(nv,) the largest value (nt,) of the elements of each node."""

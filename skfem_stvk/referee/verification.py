@@ -156,7 +156,6 @@ def _case(system: System, shape: Shape, terms: Sequence[StVK], candidate: Any, c
         candidate_is_stvk=candidate_is_stvk,
         states={},
         seed=seed,
-        modulus=np.broadcast_to(np.abs(tensor).reshape(len(tensor), -1).max(axis=1), mesh.nt),
         homogeneous=homogeneous_copy(mesh, terms, shape),
         bare=mesh.nt - len(np.unique(np.concatenate([mesh.elements(term.region) for term in terms]))),
     )

@@ -50,22 +50,24 @@ def _difference(case: Case, player: Player, reference: Player, quantity: str, st
     if quantity == "W":
         floor = case.energy_floor(reference)
         words = "W_ref" if truth >= floor else "K at rest x edge squared, median"
-        return as_a_whole(abs(value - truth), max(truth, floor), case.lost_energy(reference, u), words, AGREEMENT)
+        return as_a_whole(abs(value - truth), max(truth, floor), case.limits.of_body(u), words, AGREEMENT)
     if quantity == "F":
         words, scale = "largest |F_ref| around, or K at rest x edge", case.force_scale(reference, truth)
-        return by_node(case.mesh, value - truth, scale, case.lost_force(reference, u), words, AGREEMENT)
-    return _matrix_difference(case, value, truth, case.lost_stiffness(reference, u))
+        return by_node(case.mesh, value - truth, scale, case.limits.of_nodes(u), words, AGREEMENT)
+    return _matrix_difference(case, value, truth, u)
 
 
-def _matrix_difference(case: Case, K: Any, truth: csr_matrix, lost: csr_matrix) -> dict[str, Any]:
+def _matrix_difference(case: Case, K: Any, truth: csr_matrix, u: Array) -> dict[str, Any]:
     if issparse(K):
         rows = np.maximum(largest_rows(truth, case.mesh.d), case.stiffness(case.reference))
-        return by_entry(case.mesh, K - truth, rows, lost, "largest |K_ref| of the rows, now or at rest", AGREEMENT)
+        return by_entry(
+            case.mesh, K - truth, rows, case.limits.of_pairs(u), "largest |K_ref| of the rows, now or at rest", AGREEMENT
+        )
     signs = case.random("agreement").choice([-1.0, 1.0], size=(K.shape[1], 4))  # every entry of a row counts in its products
     error = np.max([np.abs(K @ v - truth @ v) for v in signs.T], axis=0)
     sums = largest_component(np.asarray(abs(truth).sum(axis=1)).ravel(), case.mesh.d)
-    loss = case.mesh.d * np.asarray(lost.sum(axis=1)).ravel()
-    return by_node(case.mesh, error, sums, loss, "products with random signs over the row sum of |K_ref|", AGREEMENT)
+    limit = case.limits.of_nodes(u)
+    return by_node(case.mesh, error, sums, limit, "products with random signs over the row sum of |K_ref|", AGREEMENT)
 
 
 def derivatives(case: Case) -> Iterator[Task]:
@@ -104,17 +106,14 @@ def _stencil(case: Case, player: Player, quantity: str, state: str) -> dict[str,
 
 
 def _along(case: Case, player: Player, quantity: str, line: Line) -> dict[str, Any]:
-    u, v = line.u, line.v
+    u, change = line.u, case.amplitude(line.u)
     terms = np.array([weight * line.function(s) for s, weight in STENCIL])
     error, words = np.abs(terms.sum(axis=0) - line.claimed), "largest term of the stencil"
     d = case.mesh.d
     if quantity == "F":
-        lost = max(abs(weight) * case.lost_energy(player, u + s * v) for s, weight in STENCIL)
-        lost += float(case.lost_force(player, u) @ largest_component(v, d))
-        return as_a_whole(float(error[0]), float(np.abs(terms).max()), lost, words, DERIVATIVES)
-    loss = np.max([abs(weight) * case.lost_force(player, u + s * v) for s, weight in STENCIL], axis=0)
-    scale = case.round_off.around(largest_component(np.abs(terms).max(axis=0), d))
-    return by_node(case.mesh, error, scale, loss + case.lost_product(player, u, v), f"{words} around", DERIVATIVES)
+        return as_a_whole(float(error[0]), float(np.abs(terms).max()), case.limits.of_body(u, change=change), words, DERIVATIVES)
+    scale = case.limits.around(largest_component(np.abs(terms).max(axis=0), d))
+    return by_node(case.mesh, error, scale, case.limits.of_nodes(u, change), f"{words} around", DERIVATIVES)
 
 
 def _taylor(case: Case, player: Player, quantity: str, state: str) -> dict[str, Any]:

@@ -64,16 +64,16 @@ def _change(case: Case, player: Player, quantity: str, motion: str, Q: Array, c:
     if quantity == "W":
         W, words = player.W(u), "W before, or K at rest x edge squared, median"
         scale = max(abs(W), case.energy_floor(player))
-        return as_a_whole(abs(player.W(moved) - W), scale, case.lost_energy(player, moved), words, REASON)
+        return as_a_whole(abs(player.W(moved) - W), scale, case.limits.of_body(moved), words, REASON)
     if quantity == "F":
         F, after = turned(player.F(u)), player.F(moved)
         words = "largest |F| around before, or K at rest x edge"
-        return by_node(case.mesh, after - F, case.force_scale(player, F), case.lost_force(player, moved), words, REASON)
+        return by_node(case.mesh, after - F, case.force_scale(player, F), case.limits.of_nodes(moved), words, REASON)
     v = case.direction(u, case.random("invariance K"))
     Kv, after = turned(np.asarray(player.K(u) @ v)), np.asarray(player.K(moved) @ turned(v))
-    scale = np.maximum(case.round_off.around(largest_component(Kv, d)), case.stiffness(player) * largest_component(v, d))
+    scale = np.maximum(case.limits.around(largest_component(Kv, d)), case.stiffness(player) * largest_component(v, d))
     words = "largest |K v| around before, or K at rest x |v|"
-    return by_node(case.mesh, after - Kv, scale, case.lost_product(player, moved, turned(v)), words, REASON)
+    return by_node(case.mesh, after - Kv, scale, case.limits.of_nodes(moved), words, REASON)
 
 
 def balance(case: Case) -> Iterator[Task]:
@@ -107,24 +107,23 @@ def _torques(case: Case, player: Player, state: str) -> dict[str, Any]:
 
 def _resultant(case: Case, player: Player, state: str, total: Array, reach: float, words: str) -> dict[str, Any]:
     scale = max(float(np.abs(case.value(player, "F", state)).sum()), float(case.force_floor(player).max())) * reach
-    lost = float(case.lost_force(player, case.states[state]).max()) * reach
+    limit = case.limits.of_body(case.states[state])
     reason = "1e-12 is for round-off: forces between the nodes of an element cancel"
-    return as_a_whole(float(np.abs(total).max()), scale, lost, words, reason)
+    return as_a_whole(float(np.abs(total).max()), scale, limit, words, reason)
 
 
 def _symmetry(case: Case, player: Player, state: str) -> dict[str, Any]:
     case.refuse_undefined(player, state)
-    K, lost = case.value(player, "K", state), case.lost_stiffness(player, case.states[state])
+    K, u = case.value(player, "K", state), case.states[state]
     reason = "1e-12 is for round-off of the diagonal blocks: second derivatives commute"
     if issparse(K):
         rows = np.maximum(largest_rows(K, case.mesh.d), case.stiffness(player))
-        return by_entry(case.mesh, K - K.T, rows, lost, "largest |K| of the rows, now or at rest", reason)
+        return by_entry(case.mesh, K - K.T, rows, case.limits.of_pairs(u), "largest |K| of the rows, now or at rest", reason)
     rng = case.random("symmetry")
     x, y = rng.standard_normal((2, K.shape[0]))
     Kx, Ky = K @ x, K @ y
-    largest = (largest_component(values, case.mesh.d) for values in (x, y))
-    loss = case.mesh.d**2 * float(next(largest) @ lost @ next(largest))
-    return as_a_whole(abs(float(y @ Kx - x @ Ky)), float(np.abs(y * Kx).sum()), loss, "sum of |y K x|, random x and y", reason)
+    scale, limit = float(np.abs(y * Kx).sum()), case.limits.of_body(u)
+    return as_a_whole(abs(float(y @ Kx - x @ Ky)), scale, limit, "sum of |y K x|, random x and y", reason)
 
 
 def rigid_motions(X: Array) -> Array:
@@ -142,9 +141,10 @@ def _rigid_modes(case: Case, player: Player) -> dict[str, Any]:
     u = np.zeros(case.mesh.p.size)
     K = player.K(u)
     error = np.max([np.abs(K @ mode) for mode in rigid_motions(case.centred).T], axis=0)
-    lost = case.lost_product(player, u, np.ones(case.mesh.p.size))
     reason = "1e-12 is for round-off: translations and rotations strain nothing to first order"
-    return by_node(case.mesh, error, case.stiffness(player), lost, "largest |K| of the row, modes of size 1", reason)
+    return by_node(
+        case.mesh, error, case.stiffness(player), case.limits.of_nodes(u), "largest |K| of the row, modes of size 1", reason
+    )
 
 
 def zero_modes(case: Case) -> Iterator[Task]:
