@@ -31,7 +31,8 @@ class Case:
     """Everything that a check needs.
 
     This package and somebody's candidate are held against the reference (`Truth`); scikit-fem's assembly of all elements is there
-    for its speed. States are displacements (ndofs,) [m], `bare` counts the elements of no term, and the check of precision fills the rows of error against strain.
+    for its speed. States are displacements (ndofs,) [m], `bare` counts the elements of no term, and the check of precision fills
+    the rows of error against strain.
     """
 
     shape: Shape

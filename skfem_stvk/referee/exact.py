@@ -3,7 +3,8 @@
 At each quadrature point the spokes `D_i = sum_a dN_a/dxi_i X_a` (current: `d_i`; of a linear simplex `X_i - X_0`) are oblique axes,
 with the dual vectors `g_i . D_j = delta_ij`:
 
-    e_ij = 1/2 (d_i . d_j - D_i . D_j),  c_ijmn = C : g_i (x) g_j (x) g_m (x) g_n,  s_ij = c_ijmn e_mn,  V = weight sqrt(det D_i . D_j)
+    e_ij = 1/2 (d_i . d_j - D_i . D_j),  c_ijmn = C : g_i (x) g_j (x) g_m (x) g_n,  s_ij = c_ijmn e_mn
+    V = weight sqrt(det D_i . D_j)
     W = sum V/2 s : e,   F_i = V sum_j s_ij d_j,   K_ij = V (s_ij I + sum_mn c_imjn d_m (x) d_n)
     F_a = sum_i dN_a/dxi_i F_i,   K_ab = sum_ij dN_a/dxi_i dN_b/dxi_j K_ij
 

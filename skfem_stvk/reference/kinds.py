@@ -22,7 +22,7 @@ Points: TypeAlias = tuple[Array, Array]
 RuleLike: TypeAlias = str | Points
 
 
-class Kind(NamedTuple):
+class ElementKind(NamedTuple):
     """A kind of element.
 
     Attributes
@@ -62,14 +62,14 @@ class Kind(NamedTuple):
 
 
 KINDS = {
-    "segments": Kind(1, skfem.ElementLineP1, skfem.MeshLine1, None, (1, 1)),
-    "triangles": Kind(2, skfem.ElementTriP1, skfem.MeshTri1, None, (1, 1)),
-    "tetrahedra": Kind(3, skfem.ElementTetP1, skfem.MeshTet1, None, (1, 1)),
-    "quadratic segments": Kind(1, skfem.ElementLineP2, skfem.MeshLine1, skfem.MeshLine1, (3, 4)),
-    "quadratic triangles": Kind(2, skfem.ElementTriP2, skfem.MeshTri1, skfem.MeshTri2, (2, 4)),
-    "quadratic tetrahedra": Kind(3, skfem.ElementTetP2, skfem.MeshTet1, skfem.MeshTet2, (2, 5)),
-    "quadrilaterals": Kind(2, skfem.ElementQuad1, skfem.MeshQuad1, skfem.MeshQuad1, (3, 5)),
-    "hexahedra": Kind(3, skfem.ElementHex1, skfem.MeshHex1, skfem.MeshHex1, (3, 5)),
+    "segments": ElementKind(1, skfem.ElementLineP1, skfem.MeshLine1, None, (1, 1)),
+    "triangles": ElementKind(2, skfem.ElementTriP1, skfem.MeshTri1, None, (1, 1)),
+    "tetrahedra": ElementKind(3, skfem.ElementTetP1, skfem.MeshTet1, None, (1, 1)),
+    "quadratic segments": ElementKind(1, skfem.ElementLineP2, skfem.MeshLine1, skfem.MeshLine1, (3, 4)),
+    "quadratic triangles": ElementKind(2, skfem.ElementTriP2, skfem.MeshTri1, skfem.MeshTri2, (2, 4)),
+    "quadratic tetrahedra": ElementKind(3, skfem.ElementTetP2, skfem.MeshTet1, skfem.MeshTet2, (2, 5)),
+    "quadrilaterals": ElementKind(2, skfem.ElementQuad1, skfem.MeshQuad1, skfem.MeshQuad1, (3, 5)),
+    "hexahedra": ElementKind(3, skfem.ElementHex1, skfem.MeshHex1, skfem.MeshHex1, (3, 5)),
 }
 #: The linear simplex of each dimension.
 LINEAR = {1: "segments", 2: "triangles", 3: "tetrahedra"}
@@ -105,7 +105,7 @@ def derivatives(kind: str, rule: RuleLike = "usual") -> Array:
 
 
 def numbered(mesh: Any, element: Any, t: NDArray[np.int32]) -> NDArray[np.int64]:
-    """(N,) the node, of elements with nodes `t` (n, nt), of each degree of freedom of a scalar element on the mesh of their corners.
+    """(N,) the node of each degree of freedom of a scalar element: of elements with nodes `t` (n, nt) on the mesh of their corners.
 
     Raises
     ------

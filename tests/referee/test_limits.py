@@ -22,13 +22,17 @@ def test_unit_and_place_do_not_matter(size, offset):
     assert report.passed, str(report)
 
 
+#: States that move the body by less than its elements' edges.
+STRAINED = ("rest", "small random strain", "affine", *CLOSED_FORMS)
+
+
 @pytest.mark.parametrize("squeeze", [1e-1, 1e-2, 2e-4])
 def test_flat_elements_pass_at_the_digits_that_they_cost(squeeze):
     mesh = box(3)
     report = verify((mesh.p * np.array([[1.0], [squeeze], [1.0]]), mesh.t), TERM, **QUIET)
     assert report.passed, str(report)
     aspect = aspect_ratios(ElementMesh(mesh.p * np.array([[1.0], [squeeze], [1.0]]), mesh.t)).max()
-    strained = [r for r in report.results if r.limit and r.state in ("rest", "small random strain", *CLOSED_FORMS)]
+    strained = [r for r in report.results if r.check in ("agreement", "closed forms", "patch test") and r.state in STRAINED]
     assert strained and max(r.limit for r in strained) <= 1.5 * max(1e-12, 20 * np.finfo(float).eps * aspect)
 
 
@@ -90,7 +94,7 @@ def test_limits_of_ordinary_meshes_are_1e_12():
 
 def test_limits_follow_the_aspect_ratio_and_never_leave_1e_6():
     limits = [max(r.limit for r in verify(sliver(h), TERM, **QUIET).results if r.limit is not None) for h in (1e-5, 1e-9)]
-    assert limits[0] < 2e-9 and limits[1] == 1e-6
+    assert limits[0] < 1e-8 and limits[1] == 1e-6
 
 
 @pytest.mark.parametrize("poisson", [-0.9999, -0.4, 0.0, 0.25, 0.45, 0.499, 0.49999])

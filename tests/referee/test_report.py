@@ -136,4 +136,6 @@ def test_the_terminal_says_why_limits_are_what_they_are_also_of_what_passed():
     text = " ".join(str(report).split())
     assert report.passed and "Why these limits agreement (W)" in text and "the flattest element in 50 digits" in text
     assert "1e-12 is for round-off of two orders of summation, 1e-15 is usual; up to" in text
-    assert "20 eps x (longest edge + displacement)/smallest height" in text and "1e-13 is for round-off, whatever the strain" in text
+    assert (
+        "20 eps x (longest edge + displacement)/smallest height" in text and "1e-13 is for round-off, whatever the strain" in text
+    )

@@ -147,7 +147,8 @@ def _closed_form(case: Case, player: Player, quantity: str, name: str) -> dict[s
     strain = float(np.abs(F.T @ F - np.eye(k)).max()) / 2
     reason = "1e-12 is for round-off of a sum over all nodes of a closed form, which every mesh meets"
     if quantity == "W":
-        return as_a_whole(abs(player.W(u) / volume - density), density, case.limits.of_body(u, max(1.0, (lam + 2 * mu) * strain**2 / density)), "energy density", reason)
+        limit = case.limits.of_body(u, max(1.0, (lam + 2 * mu) * strain**2 / density))
+        return as_a_whole(abs(player.W(u) / volume - density), density, limit, "energy density", reason)
     mean = player.F(u).reshape(-1, k).T @ X / volume  # first moment of the nodal forces: sum f_a (x) X_a = integral of P
     largest = float(np.abs(P).max())
     limit = case.limits.of_body(u, max(1.0, (lam + 2 * mu) * strain / largest))  # lam tr E and 2 mu E may all but cancel
