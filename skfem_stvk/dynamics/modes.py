@@ -87,7 +87,7 @@ class Modes:
         if scale is None:
             scale = SHOWN * float(np.linalg.norm(np.ptp(mesh.p, axis=1)) / np.linalg.norm(shape, axis=1).max())
         factor = arguments.number("scale", scale, "a finite factor, or None for a tenth of the body's size")
-        return Fields(mesh, self.system.elastic_terms).at(self.u + factor * shape.ravel())
+        return Fields.of(self.system).at(self.u + factor * shape.ravel())
 
     def plot(self, number: int, scale: float | None = None, **options: Any) -> Any:
         """Draw a mode, by default coloured by the length of displacements; options as in `results.plot`, `scale` as in `state`."""

@@ -40,7 +40,7 @@ class Outputs:
         self.written = -1  # steps at the last checkpoint; below zero if there is none yet
         if series is not None:
             system = setup.motion.system
-            self._fields = Fields(system.mesh, system.elastic_terms)
+            self._fields = Fields.of(system)
             self._table = LedgerFile(series.path.with_suffix(".csv"), record.ledger)
 
     @classmethod

@@ -73,7 +73,7 @@ class Run:
     @cached_property
     def state(self) -> State:
         """All fields of the last state: `run.state["von_mises_stress"]`; see `skfem_stvk.results.names()`."""
-        return Fields(self.system.mesh, self.system.elastic_terms).at(self.u, self.v)
+        return Fields.of(self.system).at(self.u, self.v)
 
     def reaction(self, where: Where | None = None) -> Reaction:
         """Force of supports and foundations on the body at a place: `.resultant` [N], `.moment(about)` [N m], `.by_node`.

@@ -61,9 +61,14 @@ class PointGeometry(NamedTuple):
 
 
 def geometries(mesh: ElementMesh, kind: str = "usual") -> list[Geometry | PointGeometry]:
-    """Rest geometry of the elements at each point of the rule of a kind."""
+    """Rest geometry of the elements at each point of the rule of a kind; of boxes with one point their mean gradients."""
     if mesh.element.is_linear_simplex:
         return [Geometry(mesh.p, mesh.t)]
+    if kind == "one-point" and mesh.element.is_box:
+        points = geometries(mesh)
+        volume = np.sum([point.volume for point in points], axis=0)
+        means = np.sum([point.volume[:, None, None] * point.gradients for point in points], axis=0) / volume[:, None, None]
+        return [PointGeometry(volume, means, points[0].axes)]
     found: list[Geometry | PointGeometry] = []
     for xi, weight in zip(*rule_of(mesh.element, kind), strict=True):
         spokes = np.swapaxes(np.ascontiguousarray(spokes_at(mesh, xi[None])[:, 0]), 1, 2)  # (nt, d, k) as columns

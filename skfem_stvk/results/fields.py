@@ -24,6 +24,7 @@ class Fields(ElasticBody):
     ----------
     mesh : as `System` takes it.
     terms : a term, or several; loads among them carry no stress and are passed over.
+    quadrature : as `System` takes it: where elements with several points have their fields.
 
     Where several terms share an element, their forces add up: stress is that of all of them per `section`, the largest of theirs
     (the same for all in solids), and a strain across that differs between them is averaged, weighted by their sections. The stress
@@ -51,6 +52,11 @@ class Fields(ElasticBody):
     (True, True)
     """
 
+    @classmethod
+    def of(cls, system: Any) -> Fields:
+        """Those of a system, where its elements have their points."""
+        return cls(system.mesh, system.elastic_terms, getattr(system, "quadrature", None))
+
     @cached_property
     def average(self) -> NodalAverage:
         return NodalAverage(self.mesh.t, self.volume, self.mesh.nv)
@@ -63,7 +69,7 @@ class Fields(ElasticBody):
         """
         element = self.mesh.element
         corners = element if element.degree == 1 else linear_simplex(element.k)
-        inner = corners.values(rule_of(element).points)
+        inner = corners.values(rule_of(element, self.kind).points)
         return np.asarray(corners.values(element.nodes) @ np.linalg.pinv(inner))
 
     def at(self, u: ArrayLike, v: ArrayLike | None = None) -> State:

@@ -62,7 +62,7 @@ class Monitors:
 
     def __init__(self, system: SystemLike, ellipticity: bool) -> None:
         self._system = system
-        self._fields = Fields(system.mesh, system.elastic_terms) if ellipticity else None
+        self._fields = Fields.of(system) if ellipticity else None
 
     def before(self) -> tuple[Finding, ...]:
         """What the elements and their materials say without a state.

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arguments import Array
+from ..arguments import Array, choice
 from ..errors import StateError, StvkError
 from ..materials import Hypothesis, Material
 from ..mesh import ElementMesh, MeshLike
@@ -56,8 +56,9 @@ class ElasticBody:
     Attributes, parameters and errors as in `fields.Fields`.
     """
 
-    def __init__(self, mesh: MeshLike, terms: Any) -> None:
+    def __init__(self, mesh: MeshLike, terms: Any, quadrature: str | None = None) -> None:
         self.mesh = ElementMesh.of(mesh)
+        self.kind = "usual" if quadrature is None else choice("quadrature", quadrature, ("exact", "one-point"))
         every = list(terms) if isinstance(terms, Iterable) and not isinstance(terms, np.ndarray) else [terms]
         carrying = [term for term in every if isinstance(term, HasStress)]
         penalties = [term for term in every if isinstance(term, HasPressure)]
@@ -91,8 +92,8 @@ class ElasticBody:
 
     @cached_property
     def points(self) -> list[Place]:
-        """The points of the elements by the rule that K has by default: one of linear simplices."""
-        return [Place(geometry, rest_frames(geometry.axes)) for geometry in geometries(self.mesh)]
+        """The points of the elements by the rule of this kind: one of linear simplices."""
+        return [Place(geometry, rest_frames(geometry.axes)) for geometry in geometries(self.mesh, self.kind)]
 
     @cached_property
     def volume(self) -> Array:

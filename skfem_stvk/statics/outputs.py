@@ -39,7 +39,7 @@ def opened(
             kept = stack.enter_context(PathCheckpoint(outlets.checkpoint, system, problem, outlets))
         if outlets.save is not None:
             series = stack.enter_context(Series(outlets.save, problem=problem, overwrite=outlets.overwrite))
-            write = partial(_add, series, Fields(system.mesh, system.elastic_terms))
+            write = partial(_add, series, Fields.of(system))
         yield write, kept
 
 

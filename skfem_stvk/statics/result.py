@@ -81,7 +81,7 @@ class StaticResult:
     @cached_property
     def state(self) -> State:
         """All fields, see `skfem_stvk.results.names()`: `state["green_strain"]` by element, `state.at_nodes("volume_ratio")`."""
-        return Fields(self.system.mesh, self.system.elastic_terms).at(self.u)
+        return Fields.of(self.system).at(self.u)
 
     def stress(self, measure: str = "cauchy", at: str = "elements") -> Array:
         """Stress [Pa] by its measure: "cauchy", "pk1", "pk2" (nt, 3, 3) or "von_mises" (nt,).

@@ -96,6 +96,7 @@ class System(BoundTerms):
         check_mesh(mesh)
         if not double:
             warn_of_flat_elements(mesh)
+        self.quadrature = quadrature  # as it was given
         self.supports = Supports(mesh, fixed, prescribed)
         super().__init__(mesh, terms, np.float64 if double else np.float32, rule)
         turning = [load for load in self.bound_loads if isinstance(load, TurningLoad)]

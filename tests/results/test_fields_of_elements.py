@@ -6,7 +6,7 @@ import skfem
 from bodies import CURVED, STRAIGHT, scikit_fem_of, some_voigt, state
 from skfem.helpers import grad, identity, mul, trace, transpose
 
-from skfem_stvk import Anisotropic, StVK, System
+from skfem_stvk import Anisotropic, StVK, StvkError, System
 from skfem_stvk.elements import rule_of
 from skfem_stvk.mesh.points import values_at
 from skfem_stvk.results import Fields, names
@@ -106,3 +106,21 @@ def test_elements_without_a_term_are_masked_at_points_and_nodes():
     there = np.zeros(mesh.nv, dtype=bool)
     there[mesh.t[:, :20]] = True
     assert np.array_equal(~np.ma.getmaskarray(now.at_nodes("cauchy")).reshape(mesh.nv, -1).any(axis=1), there)
+
+
+@pytest.mark.parametrize("name", ["quadrilaterals", "hexahedra"])
+def test_boxes_with_one_point_have_the_fields_of_their_mean_gradient(name):
+    mesh, u = CURVED[name], state(CURVED[name], 0.2)
+    system = System(mesh, material(mesh), quadrature="one-point", hourglass=0.0)
+    fields = Fields.of(system)
+    now, usual = fields.at(u), Fields(mesh, material(mesh)).at(u)
+    assert now.at_points("pk2_stress").shape == (mesh.nt, 1, 3, 3)
+    assert np.abs(now["deformation_gradient"] - usual["deformation_gradient"]).max() < 0.02
+    assert np.abs(now["green_strain"] - usual["green_strain"]).max() > 1e-4
+    assert now["strain_energy_density"] @ fields.volume == pytest.approx(system.energy(u), rel=1e-12)
+    assert now.at_nodes("cauchy").shape == (mesh.nv, 3, 3)
+
+
+def test_an_unknown_rule_of_fields_is_refused():
+    with pytest.raises(StvkError, match="quadrature = 'best'; known: 'exact', 'one-point'"):
+        Fields(CURVED["hexahedra"], StVK(young=1.0, poisson=0.3), quadrature="best")
