@@ -122,7 +122,7 @@ def folded_elements(mesh: ElementMesh) -> NDArray[np.int64]:
         jacobian = signed(spokes, spokes[:, :1])
         size = np.sqrt((spokes * spokes).sum(axis=(2, 3)))
         doubtful = ~(np.abs(jacobian) > (1e-12 * 2 * size + 4 * rounding) * size ** (mesh.k - 1)).all(axis=1)
-        folded = jacobian.min(axis=1) * jacobian.max(axis=1) <= 0
+        folded = np.sign(jacobian.min(axis=1)) * np.sign(jacobian.max(axis=1)) <= 0
         if doubtful.any():
             longest, steepest = extremes(spokes[doubtful], element.is_box)
             folded[doubtful] |= ~(steepest * (1e-12 * longest + 4 * rounding[doubtful]) < 1).all(axis=1)

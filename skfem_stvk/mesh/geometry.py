@@ -143,13 +143,3 @@ def aspect_ratios(mesh: ElementMesh) -> NDArray[np.float64]:
     spokes = spokes_at(mesh, rule_of(mesh.element, "usual").points)
     longest, steepest = points.extremes(spokes, mesh.element.is_box)
     return np.asarray((longest * steepest).max(axis=1))
-
-
-def straight_elements(mesh: ElementMesh) -> NDArray[np.bool_]:
-    """(nt,) whether the spokes of an element are the same everywhere, to within 1e-14 of the coordinates: one frame is enough.
-
-    Simplices are straight if each middle is, quadrilaterals and hexahedra if they are parallelograms and parallelepipeds.
-    """
-    if mesh.element.is_linear_simplex:
-        return np.ones(mesh.nt, dtype=bool)
-    return points.are_straight(mesh.p, mesh.t, mesh.element)

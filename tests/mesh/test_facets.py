@@ -14,6 +14,7 @@ from skfem_stvk.mesh.facets import (
     facet_sizes,
     facets_of,
     find_facets,
+    turned_alike,
     with_middles,
 )
 from skfem_stvk.mesh.geometry import element_sizes
@@ -76,3 +77,15 @@ def test_the_flux_of_x_through_the_surface_is_the_volume(cls, turned):
     area = skfem.FacetBasis(given, given.elem(), intorder=4).dx.sum()
     assert points.areas.sum() == pytest.approx(area, rel=1e-3)
     assert facet_sizes(mesh.p, mesh.surface, mesh.facet).sum() == pytest.approx(points.areas.sum(), rel=1e-14)
+
+
+def test_quadrilaterals_are_turned_alike_and_a_moebius_strip_of_them_has_no_sides():
+    n = 12
+    below, above = np.arange(n), np.arange(n, 2 * n)
+    ring = np.stack([below, np.roll(below, -1), np.roll(above, -1), above])
+    some = np.random.default_rng(0).random(n) < 0.5
+    mixed = np.where(some, ring[[1, 0, 3, 2]], ring)
+    turned, two_sided = turned_alike(mixed, 2 * n)
+    assert two_sided.all() and np.array_equal(turned, some ^ some[0])
+    ring[[1, 2], -1] = ring[[2, 1], -1]
+    assert not turned_alike(ring, 2 * n)[1].any()

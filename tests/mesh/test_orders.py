@@ -10,7 +10,8 @@ from skfem_stvk import ElementMesh, MeshError, StvkWarning
 from skfem_stvk.elements import ELEMENTS
 from skfem_stvk.mesh import read_mesh
 from skfem_stvk.mesh.diagnostics import check_mesh
-from skfem_stvk.mesh.geometry import element_sizes, straight_elements
+from skfem_stvk.mesh.geometry import element_sizes
+from skfem_stvk.mesh.points import are_straight
 
 #: Edges whose middles follow the corners, as the manuals of the programs draw them.
 EDGES = {
@@ -87,7 +88,7 @@ def test_corners_of_boxes_come_in_scikit_fems_local_order(kind, ending, tmp_path
     k = reference.shape[1]
     slanted = reference @ np.array([[2, 0.3, 0.1], [0.2, 1, -0.4], [0.5, 0.1, 1.5]])[:k, :k] + 0.25
     mesh = read_mesh(one_cell(tmp_path, ending, kind, slanted))
-    assert mesh.element is ELEMENTS[kind] and straight_elements(mesh).all() and mesh.d == k
+    assert mesh.element is ELEMENTS[kind] and are_straight(mesh.p, mesh.t, mesh.element).all() and mesh.d == k
     check_mesh(mesh)
 
 
@@ -283,7 +284,7 @@ def test_a_file_of_linear_elements_may_be_read_as_quadratic_ones(tmp_path):
     file = write(tmp_path / "mesh.vtu", CUBE, [("tetra", [[0, 1, 3, 4], [1, 2, 3, 6]])])
     with pytest.warns(StvkWarning, match="on none of the tetrahedra"):
         mesh = read_mesh(file, degree=2)
-    assert mesh.element.name == "quadratic tetrahedra" and straight_elements(mesh).all()
+    assert mesh.element.name == "quadratic tetrahedra" and are_straight(mesh.p, mesh.t, mesh.element).all()
     file = write(tmp_path / "boxes.vtu", CUBE, [("hexahedron", [list(range(8))])])
     assert read_mesh(file, degree=1).nt == 1
     with pytest.raises(MeshError, match="degree = 2, but the elements are hexahedra"):
