@@ -10,6 +10,7 @@ from skfem_stvk import ElementMesh, MeshError, StvkWarning
 from skfem_stvk.elements import ELEMENTS
 from skfem_stvk.mesh import read_mesh
 from skfem_stvk.mesh.diagnostics import check_mesh
+from skfem_stvk.mesh.facets import find_facets
 from skfem_stvk.mesh.geometry import element_sizes
 from skfem_stvk.mesh.points import are_straight
 
@@ -300,3 +301,32 @@ def test_facets_of_hexahedra_go_round(tmp_path):
     assert mesh.boundaries["a"].T.tolist() == [[0, 1, 2, 3]]
     assert same_facets(ElementMesh.of(given.with_boundaries({"x": lambda x: x[0] == 0})), "x",
                        given.with_boundaries({"x": lambda x: x[0] == 0}), "x")  # fmt: skip
+
+
+@pytest.mark.parametrize("ending", ["msh", "inp"])
+def test_hexahedra_of_gmshs_have_their_groups(ending, gmsh, tmp_path):
+    gmsh.initialize(interruptible=False)
+    model = gmsh.model
+    model.occ.addBox(0, 0, 0, 1, 2, 3)
+    model.occ.synchronize()
+    left = [tag for _, tag in model.getEntities(2) if abs(model.getBoundingBox(2, tag)[3]) < 1e-6]
+    model.addPhysicalGroup(3, [1], name="body")
+    model.addPhysicalGroup(2, left, name="left")
+    for dim, tag in model.getEntities():
+        if dim == 1:
+            model.mesh.setTransfiniteCurve(tag, 4)
+        if dim == 2:
+            model.mesh.setTransfiniteSurface(tag)
+            model.mesh.setRecombine(2, tag)
+    model.mesh.setTransfiniteVolume(1)
+    gmsh.option.setNumber("General.Terminal", 0)
+    gmsh.option.setNumber("Mesh.SaveGroupsOfElements", -1111)
+    model.mesh.generate(3)
+    gmsh.write(str(tmp_path / f"box.{ending}"))
+    gmsh.finalize()
+    mesh = read_mesh(tmp_path / f"box.{ending}")
+    check_mesh(mesh)
+    assert (mesh.kind, mesh.nt, mesh.nv) == ("hexahedra in 3D", 27, 64) and len(mesh.elements("body")) == 27
+    (walls,) = [facets for name, facets in mesh.boundaries.items() if name == "left"]
+    assert walls.shape == (4, 9) and np.abs(mesh.p[0, walls]).max() < 1e-12
+    assert element_sizes(mesh).sum() == pytest.approx(6) and (find_facets(walls, mesh.surface, mesh.nv) >= 0).all()
