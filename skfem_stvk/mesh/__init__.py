@@ -1,4 +1,4 @@
-"""Simplices, their geometry, what is wrong with them, and how they are read."""
+"""Meshes of elements, their geometry, what is wrong with them, and how they are read."""
 
 from .mesh import ElementMesh, MeshLike
 from .read import embedded_mesh, read_mesh

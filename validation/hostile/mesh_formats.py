@@ -32,6 +32,7 @@ class Format:
     suffix : of its files.
     options : of `meshio.write`.
     flat : whether it holds triangles only.
+    second : whether the elements are of second order.
     counts : expressions whose group is a number of entries, of files of text.
     ids : expressions whose group is the id of a node or an element, where it is defined.
     references : expressions whose group is the id of a node that an element names.
@@ -49,6 +50,7 @@ class Format:
     element: str = ""
     counted: bool = True
     edit: Callable[[bytes], bytes] = bytes
+    second: bool = False
 
 
 def without_types(content: bytes) -> bytes:
@@ -155,6 +157,20 @@ FORMATS: dict[str, Format] = {
         references=(r"\n3,(\d+),",),
         element=r"\n(?=3,\d+)[^\n]+",
         counted=False,
+    ),
+    "inp second order": Format(
+        ".inp",
+        ids=(rf"\n(3), {REAL}", r"\n(3),\d+,", r"TYPE=(C3D10\w*)"),
+        references=(r"\n3,(\d+),",),
+        element=r"\n(?=3,\d+)[^\n]+",
+        counted=False,
+        second=True,
+    ),
+    "vtk second order": Format(
+        ".vtk",
+        {"binary": False},
+        counts=(r"POINTS (\d+)", r"CELLS (\d+)", r"CELL_TYPES (\d+)"),
+        second=True,
     ),
     "medit": Format(
         ".mesh",
@@ -294,6 +310,9 @@ def written(name: str) -> Written:
 def _body(form: Format) -> meshio.Mesh:
     """Tetrahedra or triangles of two materials, as the format holds them."""
     mesh = skfem.MeshTri().refined(2) if form.flat else skfem.MeshTet().refined(1)
+    if form.second:
+        mesh = skfem.MeshTet2.from_mesh(mesh)
+        return meshio.Mesh(mesh.doflocs.T.copy(), [("tetra10", mesh.dofs.element_dofs.T)])
     points = np.vstack([mesh.p, 0 * mesh.p[:1]]).T if form.flat else mesh.p.T
     number = np.arange(mesh.nelements) % 2
     data = {"material": [number]}
