@@ -16,22 +16,28 @@ from skfem_stvk.kernels.topology import lexicographic_order
 assert lexicographic_order(np.array([[2, 0, 1]], dtype=np.int32), 3).tolist() == [1, 2, 0]
 """
 NO_ROOM = "import resource; resource.setrlimit(resource.RLIMIT_FSIZE, (0, 0))\n"
-#: One law stored in two ways, on linear simplices and with a table of points, in an order.
+#: One law stored in two ways, on linear simplices, with a table of points, and with mean gradients, in an order.
 LAWS = """
 import numpy as np
-from skfem_stvk.kernels.lanes import LANES, Points
+from skfem_stvk.kernels.lanes import LANES, MeanPoints, Points
 from skfem_stvk.kernels.laws import GeneralLaw, IsotropicLaw
 from skfem_stvk.kernels.simplices import energy_and_force
 NUMBERS = {{IsotropicLaw: [1, 2], GeneralLaw: [3, 1, 1, 0, 0, 0, 3, 1, 0, 0, 0, 3, 0, 0, 0, 2, 0, 0, 2, 0, 2]}}
 t, X = np.repeat(np.arange(4, dtype=np.uint32), LANES), np.array([0, 0, 0, 1, 0, 0, 0, 1, 0, 0, 0, 1.0])
+means = np.repeat(np.eye(3), LANES).reshape(1, 3, 3, LANES)
 for law, points in {kinds}:
     D = np.zeros((6 + len(NUMBERS[law]), LANES))
     D[[0, 3, 5], 0], D[6:, 0] = 1, NUMBERS[law]
-    table = Points(np.eye(3)[None], np.ones(1), np.array([0, D.size])) if points else None
+    starts = np.array([0, D.size])
+    table = None
+    if points is Points:
+        table = Points(np.eye(3)[None], np.ones(1), starts)
+    if points is MeanPoints:
+        table = MeanPoints(means, np.ones(1), starts, np.zeros((1, 3)), np.zeros((1, LANES)))
     W = energy_and_force(0, 1, t, t, table, law(D.ravel()), X, 0.1 * X, np.empty(0))
-    assert abs(W - 0.75 * 0.21 * 5 * 0.21) < 1e-15, (law, W)
+    assert abs(W - 0.75 * 0.21 * 5 * 0.21) < 1e-15, (law, points, W)
 """
-KINDS = "(GeneralLaw, True)", "(IsotropicLaw, False)", "(GeneralLaw, False)"
+KINDS = "(GeneralLaw, Points)", "(IsotropicLaw, None)", "(IsotropicLaw, MeanPoints)"
 
 
 def said(code, cache, **environment):
@@ -78,7 +84,7 @@ def test_a_whole_cache_is_used_in_silence(cache):
     assert said(KERNEL, cache) == ""
 
 
-def test_laws_find_their_code_in_another_process_whatever_their_order(tmp_path):
+def test_laws_and_elements_find_their_code_in_another_process_whatever_their_order(tmp_path):
     """Their formulas are chosen by type: the code of one is not that of another, and none is compiled again."""
     assert "compiling" in said(LAWS.format(kinds=f"[{', '.join(KINDS)}]"), tmp_path)
     assert said(LAWS.format(kinds=f"[{', '.join(KINDS[::-1])}]"), tmp_path) == ""
