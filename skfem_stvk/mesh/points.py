@@ -15,6 +15,9 @@ from ..arguments import Array
 from ..elements import Element, rule_of
 from ..kernels.geometry import measures
 
+#: Elements at a time whose spokes at all points stay in the cache: a tenth of the time.
+CHUNK = 2048
+
 
 def values_at(x: Array, t: Any, element: Element, xi: Array) -> Array:
     """(nt, nq, d) values `sum_a N_a x_a` at reference points `xi` (nq, k) of elements `t` (n, nt), of a field `x` (d, nv)."""
@@ -65,8 +68,10 @@ def sizes_at_points(p: Array, t: Any, element: Element, kind: str = "mass") -> A
     """
     points, weights = rule_of(element, kind)
     sizes = np.empty((len(weights), t.shape[1]))
-    for row, xi, w in zip(sizes, points, weights, strict=True):  # one by one: spokes are nine numbers for each
-        row[:] = w * measures_of(spokes_at(p, t, element, xi[None]))[:, 0]
+    for begin in range(0, t.shape[1], CHUNK):
+        some = slice(begin, begin + CHUNK)
+        sizes[:, some] = measures_of(spokes_at(p, t[:, some], element, points)).T
+    sizes *= weights[:, None]
     return sizes
 
 

@@ -222,7 +222,12 @@ KINDS: dict[str, type[Mass]] = {"lumped": LumpedMass, "consistent": ConsistentMa
 
 def _scalar_matrix(t: NDArray[np.int32], values: Array, nv: int) -> csr_matrix:
     """(nv, nv) consistent masses of one component, from those of the elements `t` (n, nt): `values` (n, n, nt)."""
-    row, column = (np.broadcast_to(ids, values.shape).ravel() for ids in (t[:, None], t[None]))
+    if len(t) > 4:  # more than a linear simplex has: half of the pairs
+        a, b = np.triu_indices(len(t))
+        values = values[a, b] * np.where(a == b, 1.0, 2.0)[:, None]
+        row, column = t[a].ravel(), t[b].ravel()
+    else:
+        row, column = (np.broadcast_to(ids, values.shape).ravel() for ids in (t[:, None], t[None]))
     matrix = csr_matrix((values.ravel() / 2, (row, column)), shape=(nv, nv))
     matrix = csr_matrix(matrix + matrix.T)  # to the last bit as symmetric as no order of summation is
     matrix.sort_indices()
