@@ -1,4 +1,4 @@
-"""W, F and K of energies that are a sum over simplices; those of an edge form, and what solvers ask of them."""
+"""W, F and K of energies that are a sum over elements; those of an edge form, and what solvers ask of them."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from ..kernels import blocks as block_kernels
 from ..kernels import simplices as simplex_kernels
 from ..kernels import stretches as stretch_kernels
 from ..kernels import volumes as volume_kernels
-from ..kernels.lanes import LANES
+from ..kernels.lanes import LANES, MeanPoints, Points
 from ..kernels.threads import in_turn, run
 from .elements import OwnElements, Quadrature, frames_at, nbytes, simplex_quadrature
 from .form import EdgeForm
@@ -29,8 +29,10 @@ from .topology import OwnOrder, Shares, own_order, pairs_of
 class ElementTerm(PairTerm):
     """The calls of the kernels on elements, and how the volumes of those change.
 
-    Ratios of volumes are below zero where an element is inside out, whichever way round its nodes are numbered. Of triangles in
-    space, and of segments in more than one dimension, they are ratios of areas and lengths, which have no sign.
+    Ratios of volumes are below zero where an element is inside out, whichever way round its nodes are numbered. Of surfaces in space,
+    and of segments in more than one dimension, they are ratios of areas and lengths, which have no sign. Elements that are no linear
+    simplices have a ratio at each point and at each node, and the smallest of these counts; their smallest stretch is that of their
+    points, where the law is asked.
 
     Elements `t` (n, nt) have rest coordinates `p` (d, nv) [m]. `stored` gives what the kernels store of them at each point, (m, nq, nt)
     from their nodes in the mesh (n, nt), the order, and the `quadrature`: computed in double, then rounded.
@@ -115,36 +117,43 @@ class ElementTerm(PairTerm):
 
     @in_turn
     def volume_ratios(self, u: Array) -> NDArray[np.float64]:
-        """(nt,) ratios at `u` (nv, d), of the simplices in the order in which they were given."""
+        """(nt,) ratios at `u` (nv, d), of the elements in the order in which they were given."""
         self.simplices.gather(u)
-        return self._volume_ratios()
+        return np.min([self._volume_ratios(points) for points in self._checked_at], axis=0)
 
     @in_turn
     def smallest_volume_ratio(self, u: Array) -> float:
-        """The smallest of `volume_ratios(u)`, for half the price of F."""
+        """The smallest of `volume_ratios(u)`, of linear simplices for half the price of F."""
         self.simplices.gather(u)
-        return self._smallest_volume_ratio(np.empty(0))
+        return min(self._smallest_volume_ratio(points, np.empty(0)) for points in self._checked_at)
 
     @in_turn
     def step_limit(self, u: Array, v: Array) -> float:
-        """The smallest `s > 0` at which a simplex right side out at `u` has no volume left at `u + s v` (nv, d); or infinity."""
+        """The smallest `s > 0` at which an element right side out at `u` has no volume left at `u + s v` (nv, d); or infinity."""
         simplices = self.simplices
         if simplices.k < simplices.d:
             return np.inf
         simplices.gather(u)
         V = simplices.own.gathered("direction", v, np.float64)
-        arrays = simplices.t.ravel(), simplices.X, simplices.u, V
-        return min(run(volume_kernels.step_limit, simplices.forces.parts, *arrays, simplices.k))
+        arrays, parts = (simplices.X, simplices.u, V, simplices.k), simplices.forces.parts
+        return min(min(run(volume_kernels.step_limit, parts, simplices.t.ravel(), points, *arrays)) for points in self._checked_at)
 
-    def _volume_ratios(self) -> NDArray[np.float64]:
-        """At the displacements that were gathered last."""
+    @property
+    def _checked_at(self) -> tuple[Points | MeanPoints | None, ...]:
+        """Where volumes are looked at."""
+        if self.points is None:
+            return (None,)
+        return self.simplices.at_points, self.simplices.at_nodes
+
+    def _volume_ratios(self, points: Points | MeanPoints | None) -> NDArray[np.float64]:
+        """The smallest ratio of each element among these points, at the displacements that were gathered last."""
         own = np.empty(len(self.simplices.t) * LANES)
-        self._smallest_volume_ratio(own)
+        self._smallest_volume_ratio(points, own)
         return self.simplices.in_their_order(own)
 
-    def _smallest_volume_ratio(self, out: Array) -> float:
+    def _smallest_volume_ratio(self, points: Points | MeanPoints | None, out: Array) -> float:
         simplices = self.simplices
-        arrays = simplices.t.ravel(), simplices.X, simplices.u
+        arrays = simplices.t.ravel(), points, simplices.X, simplices.u
         return min(run(volume_kernels.volume_ratios, simplices.forces.parts, *arrays, simplices.k, simplices.d, out))
 
     def memory(self) -> dict[str, int]:
@@ -293,19 +302,19 @@ class Assembly(ElementTerm):
         return sum(run(simplex_kernels.linearize, shares.parts, *arrays, kept.positive, kept.negative, f, blocks))
 
     def smallest_stretches(self, u: Array) -> NDArray[np.float64]:
-        """(nt,) smallest principal stretch at `u` (nv, d) within their own dimensions, of the simplices in the order in which they
+        """(nt,) smallest principal stretch at `u` (nv, d) within their own dimensions, of the elements in the order in which they
         were given."""
         own = np.empty(len(self.simplices.t) * LANES)
         self._smallest_stretch(u, own)
         return self.simplices.in_their_order(own)
 
     def smallest_stretch(self, u: Array) -> float:
-        """The smallest of `smallest_stretches(u)`, for one and a half times the price of F."""
+        """The smallest of `smallest_stretches(u)`, of linear simplices for one and a half times the price of F."""
         return self._smallest_stretch(u, np.empty(0))
 
     @in_turn
     def _smallest_stretch(self, u: Array, out: Array) -> float:
         simplices = self.simplices
         simplices.gather(u)
-        arrays = simplices.t.ravel(), simplices.X, simplices.u
+        arrays = simplices.t.ravel(), simplices.at_points, simplices.X, simplices.u
         return min(run(stretch_kernels.smallest_stretches, simplices.forces.parts, *arrays, simplices.k, out))

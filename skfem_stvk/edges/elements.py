@@ -167,19 +167,38 @@ class OwnElements:
         self.t = in_lanes(t.astype(np.uint32))
         self.X, self.u = np.zeros(3 * len(order.vertices)), np.zeros(3 * len(order.vertices))
         block_kernels.gather(np.ascontiguousarray(p.T), order.vertices, self.X)
+        self._rule, self._straight = quadrature.rule, np.zeros(len(self.t), dtype=np.bool_)
         self.points: Points | MeanPoints | None = None
         if quadrature.hourglass is not None:
             resistance = np.zeros(len(order.elements)) if resistance is None else resistance
             self.points = mean_points(p, order, quadrature, resistance, dtype)
         elif not element.is_linear_simplex:
-            nodes = order.vertices[order.t]
-            straight = are_straight(p, nodes, element)
-            lanes = in_lanes(straight[None]).all(axis=1)
-            derivatives, weights = element.derivatives(quadrature.rule.points), quadrature.rule.weights
-            B = np.zeros((len(weights), -(-(element.n - 1) // 3) * 3, 3))
-            B[:, : element.n - 1, : element.k] = derivatives[:, 1:]
-            counts = np.where(lanes, 1, len(weights))
-            self.points = Points(B.astype(dtype), weights.astype(dtype), np.concatenate([[0], np.cumsum(counts)]))
+            straight = in_lanes(are_straight(p, order.vertices[order.t], element)[None])
+            self._straight = np.logical_and.reduce(straight, axis=1)
+            self.points = self._table(*quadrature.rule, dtype)
+
+    def _table(self, xi: Array, weights: Array, dtype: DTypeLike) -> Points:
+        """The kernels' table of reference points `xi` (nq, k), for one lane of one number at each."""
+        element = self.element
+        B = np.zeros((len(xi), -(-(element.n - 1) // 3) * 3, 3))
+        B[:, : element.n - 1, : element.k] = element.derivatives(xi)[:, 1:]
+        counts = np.where(self._straight, 1, len(xi))
+        return Points(B.astype(dtype), weights.astype(dtype), np.concatenate([[0], np.cumsum(counts)]))
+
+    @cached_property
+    def at_points(self) -> Points | MeanPoints | None:
+        """The table in double, for what is asked of the shape of elements at the points: one number to a point."""
+        if isinstance(self.points, MeanPoints):
+            return _in_double(self.points)
+        return None if self.points is None else _one_number(self._table(*self._rule, np.float64))
+
+    @cached_property
+    def at_nodes(self) -> Points | None:
+        """The same of the nodes."""
+        if self.points is None:
+            return None
+        xi = self.element.nodes
+        return _one_number(self._table(xi, np.ones(len(xi)), np.float64))
 
     def in_points(self, numbers: NDArray[Any]) -> tuple[Points | MeanPoints | None, NDArray[Any]]:
         """Numbers (m, nq, nt) of a law at points, its elements in their own order, as kernels read them, and the table for them."""
@@ -236,6 +255,17 @@ class OwnElements:
         made = [self.__dict__.get(name, ()) for name in ("edges", "lexicographic")]
         own = self.t, self.own.vertices, self.elements, self.X, self.u
         return {"simplices": nbytes(own), "own edges": nbytes(made)} | self.own.memory()
+
+
+def _one_number(points: Points) -> Points:
+    """The table where an element has one number at each point."""
+    return points._replace(starts=points.starts * LANES)
+
+
+def _in_double(points: MeanPoints) -> MeanPoints:
+    """The table in double, where an element has one number at its point."""
+    reals = {name: getattr(points, name).astype(np.float64) for name in ("B", "weights", "modes", "resistance")}
+    return points._replace(starts=points.starts * LANES, **reals)
 
 
 def nbytes(arrays: Any) -> int:

@@ -1,8 +1,7 @@
-"""W, F and K of an energy of the volume ratios of simplices."""
+"""W, F and K of an energy of the volume ratios of elements."""
 
 from __future__ import annotations
 
-from functools import partial
 from math import factorial
 from typing import Any
 
@@ -12,25 +11,26 @@ from numpy.typing import DTypeLike, NDArray
 from ..arguments import Array
 from ..errors import StateError, name_ids
 from ..kernels import penalty as penalty_kernels
-from ..kernels.lanes import LANES
 from ..kernels.threads import run
+from ..mesh.points import determinants, spokes_at
 from .assembly import ElementTerm
-from .elements import simplex_quadrature
+from .elements import Quadrature, mean_frames, simplex_quadrature
 from .pairs import ALL, Linearized, Rows, Tensions
 from .topology import OwnOrder, Shares
 
 
 class PenaltyAssembly(ElementTerm):
-    """`W = sum of k V0 psi(J)`, `J` the ratio of a simplex's signed volume to that at rest.
+    """`W = sum of k V0 psi(J)` over the points of elements, `J` the ratio of the signed volume there to that at rest.
 
     Parameters
     ----------
     p : (d, nv) rest coordinates [m].
-    t : (d + 1, nt) vertices of the simplices.
+    t : (n, nt) nodes of the elements, which fill their space.
     stiffness : (nt,) `k` times section [Pa] times 1, thickness or area.
     kind : of `psi`, a number of `kernels.penalty`.
     elements : (nt,) their ids, for messages.
     dtype : of results and of what is stored, which is computed in double and rounded then.
+    quadrature : the kind of elements and the rule, by default linear simplices.
     """
 
     def __init__(
@@ -41,9 +41,15 @@ class PenaltyAssembly(ElementTerm):
         kind: int,
         elements: NDArray[Any],
         dtype: DTypeLike = np.float64,
+        *,
+        quadrature: Quadrature | None = None,
     ) -> None:
-        super().__init__(p, t, simplex_quadrature(len(t) - 1), partial(_stored, p, stiffness), dtype)
-        self._D = self._D.reshape(-1, 2 * LANES)
+        quadrature = quadrature or simplex_quadrature(len(t) - 1)
+
+        def stored(nodes: NDArray[np.int32], own: OwnOrder) -> Array:
+            return _stored(p, nodes, stiffness[own.elements], quadrature)
+
+        super().__init__(p, t, quadrature, stored, dtype)
         self._kind, self._ids = kind, elements
 
     def _energy(self, shares: Shares, f: Array) -> float:
@@ -61,7 +67,7 @@ class PenaltyAssembly(ElementTerm):
     def _simplices(self, shares: Shares) -> tuple[Any, ...]:
         """What the kernels read."""
         simplices = self.simplices
-        return simplices.t.ravel(), shares.slots, self._D, simplices.X, simplices.u, simplices.k, self._kind
+        return simplices.t.ravel(), shares.slots, self.points, self._D, simplices.X, simplices.u, simplices.k, self._kind
 
     def fill(self, u: Array, rows: Rows, data: Array, add: bool, force: Array | None = None, kept: Tensions = ALL) -> Linearized:
         """As in `PairTerm`. What `psi'` adds to K is skew and in no diagonal entry: if it overflows, so does the energy."""
@@ -69,14 +75,14 @@ class PenaltyAssembly(ElementTerm):
         return Linearized(W, total + W)
 
     def _checked(self, found: list[tuple[float, float]]) -> float:
-        """The energy of all parts, unless that is infinite because simplices have no volume left."""
+        """The energy of all parts, unless that is infinite because elements have no volume left at a point."""
         if min(least for _, least in found) <= 0:
-            refuse_inside_out(self._volume_ratios(), self._ids)
+            refuse_inside_out(self._volume_ratios(self.simplices.at_points), self._ids)
         return sum(W for W, _ in found)
 
 
 def refuse_inside_out(ratios: NDArray[np.float64], ids: NDArray[Any]) -> None:
-    """Refuse a state of simplices with these `ids` and ratios `J`, of which one at least is not positive, but for rounding."""
+    """Refuse a state of elements with these `ids` and ratios `J`, of which one at least is not positive, but for rounding."""
     least = ratios.min()
     raise StateError(
         f"{name_ids(ids[ratios <= max(least, 0.0)], 'element')} inside out or flat (J down to {least:.2g}), where the barrier of "
@@ -85,8 +91,15 @@ def refuse_inside_out(ratios: NDArray[np.float64], ids: NDArray[Any]) -> None:
     )
 
 
-def _stored(p: NDArray[np.float64], stiffness: NDArray[np.float64], t: NDArray[np.int32], own: OwnOrder) -> NDArray[np.float64]:
-    """(2, nt) `k V0` and `1/C0`, with the sign that `C0` has in the simplices' own order of vertices."""
-    corners = p[:, t]
-    C0 = np.linalg.det((corners[:, 1:] - corners[:, :1]).transpose(2, 1, 0))
-    return np.stack([stiffness[own.elements] * np.abs(C0) / factorial(len(p)), 1 / C0])[:, None]
+def _stored(p: Array, t: NDArray[np.int32], stiffness: Array, quadrature: Quadrature) -> Array:
+    """(2, nq, nt) `k V0` and `1/C0` at each point, with the sign that `C0` has; the weights of a table of points are not in `V0`."""
+    element = quadrature.element
+    if element.is_linear_simplex:
+        corners = p[:, t]
+        C0 = np.linalg.det((corners[:, 1:] - corners[:, :1]).transpose(2, 1, 0))[None]
+        return np.stack([stiffness * np.abs(C0) / factorial(len(p)), 1 / C0])
+    if quadrature.hourglass is not None:  # the frame is that of space
+        _, volumes = mean_frames(p, t, element)
+        return np.stack([stiffness * volumes, np.ones_like(volumes)])[:, None]
+    C0 = np.stack([determinants(spokes_at(p, t, element, xi[None]))[:, 0] for xi in quadrature.rule.points])
+    return np.stack([stiffness * np.abs(C0), 1 / C0])

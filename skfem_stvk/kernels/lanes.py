@@ -223,6 +223,16 @@ def gather(points, t, block, x, out):
                 out[to + I(2 * LANES)] = x[b + I(2)] - x2
 
 
+@kernel
+def gather_both(points, t, block, X, u, x, y):
+    """`gather` of rest coordinates and displacements."""
+    if points is None:
+        gather_spokes(t, block, X, u, x, y)
+    else:
+        gather(points, t, block, X, x)
+        gather(points, t, block, u, y)
+
+
 @by_type(spokes, type(None), ELEMENT)
 def _spokes_are_there(points, block, point, x, out):
     pass

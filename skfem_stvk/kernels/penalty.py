@@ -1,12 +1,15 @@
-"""W, F and the edge blocks of K of energies of the volume ratio J, simplex by simplex.
+"""W, F and the blocks of node pairs of K of energies of the volume ratio J, element by element.
 
-With the signed volume form `C = p_1 . (p_2 x p_3)` of the spokes `p_i = P_i + U_i`, `C0` that at rest and `V0` the volume at rest:
+At a point, with the signed volume form `C = p_1 . (p_2 x p_3)` of the spokes `p_i = P_i + U_i`, `C0` that at rest and `V0` the volume
+at rest, `|C0|` times the weight of the point:
 
     e = J - 1 = (C - C0)/C0        C - C0 = U_1 . (p_2 x p_3) + P_1 . (U_2 x p_3 + P_2 x U_3)        no cancellation at small strain
     W = V0 psi(J)        f_i = V0/C0 psi' n_i        n_i = dC/dp_i: n_1 = p_2 x p_3, and so on; n_0 = -(n_1 + n_2 + n_3)
     K_ab = V0/C0^2 psi'' n_a n_b' + V0/C0 psi' [q_ab]        [q] x = q x x        q_12 = -p_3, q_13 = p_2, q_23 = -p_1
 
-`q` of the edges of vertex 0 follows from the row sums: the edge opposite, as for the others. Per unit of stiffness:
+This is K of linear simplices, whose nodes stand at the ends of the spokes: `q` of the edges of vertex 0 follows from the row sums, the
+edge opposite, as for the others. Of other elements it is that of the spokes, and forces and K are spread from there over the nodes.
+Per unit of stiffness:
 
     quadratic      psi = e^2/2                                psi' = e                           psi'' = 1
     compression    psi = -e^3/3           for e < 0           psi' = -e^2                        psi'' = -2 e
@@ -17,8 +20,8 @@ No `psi''` is negative, and in no sum do terms of both signs meet. Without `psi'
 A triangle in the plane has (0, 0, 1) for its third spoke, a segment on the line (0, 1, 0) and (0, 0, 1): of what belongs to them
 nothing counts.
 
-Simplices stand in blocks of lanes, and arrays are those of `simplices`; `D` (blocks, 2 LANES) has the stiffness times `V0` and
-`1/C0`.
+Elements stand in blocks of lanes, and arrays are those of `simplices`; `D` has two numbers, the stiffness times `V0` (without the weight
+of a table of points) and `1/C0`.
 """
 
 from __future__ import annotations
@@ -29,20 +32,30 @@ from .compiled import Ids, Reals, inlined, kernel
 from .lanes import (
     LANES,
     I,
+    Points,
+    absolute,
     add,
+    at_point,
     complete_spokes,
     cross,
     dot,
+    gather_both,
     gather_sizes,
-    gather_spokes,
+    numbers_of,
+    points_of,
     put,
+    room,
+    scatter,
     scatter_blocks,
-    scatter_forces,
     scatter_sizes,
+    spokes,
+    spread,
     times,
     vector,
     vectors,
+    weight_of,
 )
+from .simplices import NINE, put_pairs, put_spokes
 
 #: The kinds of energy, as kernels know them.
 QUADRATIC, COMPRESSION, BARRIER = 0, 1, 2
@@ -54,21 +67,21 @@ def _minus(a, b):
 
 
 @kernel
-def _find_ratios(P, U, D, block, e, J):
-    """`e` and `J` of a block: each without cancellation where the other has it, at rest and where no volume is left."""
+def _find_ratios(P, U, D, first, e, J):
+    """`e` and `J` of a block at a point: each without cancellation where the other has it, at rest and where no volume is left."""
     for i in range(LANES):
         lane = I(i)
         P1, P2, P3 = vectors(P, lane)
         U1, U2, U3 = vectors(U, lane)
         p1, p2, p3 = add(P1, U1), add(P2, U2), add(P3, U3)
-        n1, over_C0 = cross(p2, p3), D[block, lane + I(LANES)]
+        n1, over_C0 = cross(p2, p3), D[I(first + i) + I(LANES)]
         e[lane] = over_C0 * (dot(U1, n1) + dot(P1, add(cross(U2, p3), cross(P2, U3))))
         J[lane] = over_C0 * dot(p1, n1)
 
 
 @kernel
-def _find_energies(kind, D, block, e, J, psi, slope, curvature):
-    """`psi, psi', psi''` of a block; the smallest `J` of it if that is where psi has no meaning, otherwise 1."""
+def _find_energies(kind, D, first, e, J, psi, slope, curvature):
+    """`psi, psi', psi''` of a block at a point; the smallest `J` of it if that is where psi has no meaning, otherwise 1."""
     zero, half, third = e.dtype.type(0), e.dtype.type(0.5), e.dtype.type(1 / 3)
     nothing, least = e.dtype.type(np.nan), e.dtype.type(1)
     if kind == QUADRATIC:
@@ -92,7 +105,7 @@ def _find_energies(kind, D, block, e, J, psi, slope, curvature):
                 curvature[lane] = y * y - (logarithm + logarithm) - (y + y + y + y)
             else:
                 psi[lane], slope[lane], curvature[lane] = nothing, nothing, nothing
-                if ratio <= 0 and D[block, lane] > 0:
+                if ratio <= 0 and D[I(first + i)] > 0:
                     least = min(ratio, least)
     return least
 
@@ -106,52 +119,74 @@ def _normals(P, U, lane, more, most):
     return p1, p2, p3, cross(p2, p3), times(more, cross(p3, p1)), times(most, cross(p1, p2))
 
 
+@inlined
+def _put_forces(factor, n1, n2, n3, forces, lane):
+    put(times(factor, n1), forces, lane)
+    put(times(factor, n2), forces, lane + I(3 * LANES))
+    put(times(factor, n3), forces, lane + I(6 * LANES))
+
+
 @kernel
 def penalty_energy_and_force(
-    begin: int, end: int, t: Ids, slots: Ids, D: Reals, X: Reals, u: Reals, k: int, kind: int, f: Reals
+    begin: int, end: int, t: Ids, slots: Ids, points: Points | None, D: Reals, X: Reals, u: Reals, k: int, kind: int, f: Reals
 ) -> tuple[float, float]:
     """The energy of the blocks `begin` to `end`; adds their forces to the slots `f`, unless that is empty.
 
     Also the smallest `J` of them if the barrier has no meaning there, `J <= 0`: energy and forces have none then.
     """
-    P, U, forces = np.empty(9 * LANES, D.dtype), np.empty(9 * LANES, D.dtype), np.empty(9 * LANES, D.dtype)
+    x, y, total = room(points, D.dtype), room(points, D.dtype), room(points, D.dtype)
+    P, U, forces = at_point(points, x), at_point(points, y), at_point(points, total)
     e, J = np.empty(LANES, D.dtype), np.empty(LANES, D.dtype)
     psi, slope, curvature = np.empty(LANES, D.dtype), np.empty(LANES, D.dtype), np.empty(LANES, D.dtype)
     more, most = D.dtype.type(k > 1), D.dtype.type(k > 2)
     W, least = 0.0, 1.0
     for block in range(begin, end):
-        gather_spokes(t, block, X, u, P, U)
-        complete_spokes(k, P)
-        _find_ratios(P, U, D, block, e, J)
-        least = min(_find_energies(kind, D, block, e, J, psi, slope, curvature), least)
+        gather_both(points, t, block, X, u, x, y)
         w = D.dtype.type(0)
-        for i in range(LANES):
-            lane = I(i)
-            stiffness = D[block, lane]
-            w += stiffness * psi[lane]
-            factor = stiffness * D[block, lane + I(LANES)] * slope[lane]
-            _, _, _, n1, n2, n3 = _normals(P, U, lane, more, most)
-            put(times(factor, n1), forces, lane)
-            put(times(factor, n2), forces, lane + I(3 * LANES))
-            put(times(factor, n3), forces, lane + I(6 * LANES))
+        if points is not None:
+            total[:] = 0
+        for point in range(points_of(points)):
+            first, same = numbers_of(points, block, point, 2)
+            weight = weight_of(points, point, D)
+            if not same:
+                spokes(points, block, point, x, P)
+                complete_spokes(k, P)
+            spokes(points, block, point, y, U)
+            _find_ratios(P, U, D, first, e, J)
+            least = min(_find_energies(kind, D, first, e, J, psi, slope, curvature), least)
+            for i in range(LANES):
+                lane, at = I(i), I(first + i)
+                stiffness = weight * D[at]
+                w += stiffness * psi[lane]
+                _, _, _, n1, n2, n3 = _normals(P, U, lane, more, most)
+                _put_forces(stiffness * D[at + I(LANES)] * slope[lane], n1, n2, n3, forces, lane)
+            spread(points, block, point, forces, total)
         W += w
         if len(f) > 0:
-            scatter_forces(slots, block, forces, f)
+            scatter(points, slots, block, total, f)
     return W, least
 
 
 @inlined
-def _put_block(a, b, q, out, at):
+def _symmetric(a, b):
+    """`a b'` of parallel vectors, in the order 11, 22, 33, 12, 13, 23."""
+    return a[0] * b[0], a[1] * b[1], a[2] * b[2], a[0] * b[1], a[0] * b[2], a[1] * b[2]
+
+
+@inlined
+def _block(a, b, q):
     """`a b' + [q]`, row by row."""
-    out[at] = a[0] * b[0]
-    out[at + I(LANES)] = a[0] * b[1] - q[2]
-    out[at + I(2 * LANES)] = a[0] * b[2] + q[1]
-    out[at + I(3 * LANES)] = a[1] * b[0] + q[2]
-    out[at + I(4 * LANES)] = a[1] * b[1]
-    out[at + I(5 * LANES)] = a[1] * b[2] - q[0]
-    out[at + I(6 * LANES)] = a[2] * b[0] - q[1]
-    out[at + I(7 * LANES)] = a[2] * b[1] + q[0]
-    out[at + I(8 * LANES)] = a[2] * b[2]
+    return (
+        a[0] * b[0],
+        a[0] * b[1] - q[2],
+        a[0] * b[2] + q[1],
+        a[1] * b[0] + q[2],
+        a[1] * b[1],
+        a[1] * b[2] - q[0],
+        a[2] * b[0] - q[1],
+        a[2] * b[1] + q[0],
+        a[2] * b[2],
+    )
 
 
 @kernel
@@ -162,6 +197,7 @@ def penalty_linearize(
     slots: Ids,
     edge_slots: Ids,
     marks: Ids,
+    points: Points | None,
     D: Reals,
     X: Reals,
     u: Reals,
@@ -171,45 +207,63 @@ def penalty_linearize(
     f: Reals,
     blocks: Reals,
 ) -> tuple[float, float]:
-    """As in `penalty_energy_and_force`; adds `K_ab`, `psi'` times `kept` in it, to the edges' slots in `blocks`."""
-    P, U, forces = np.empty(9 * LANES, D.dtype), np.empty(9 * LANES, D.dtype), np.empty(9 * LANES, D.dtype)
+    """As in `penalty_energy_and_force`; adds `K_ab`, `psi'` times `kept` in it, to the slots of node pairs in `blocks`."""
+    x, y, total = room(points, D.dtype), room(points, D.dtype), room(points, D.dtype)
+    P, U, forces = at_point(points, x), at_point(points, y), at_point(points, total)
     e, J = np.empty(LANES, D.dtype), np.empty(LANES, D.dtype)
     psi, slope, curvature = np.empty(LANES, D.dtype), np.empty(LANES, D.dtype), np.empty(LANES, D.dtype)
-    values = np.empty(54 * LANES, D.dtype)
+    values = np.empty(max(9 * edge_slots.shape[1], 54 * LANES), D.dtype)
+    size = 0 if points is None else 9 * NINE * points_of(points)
+    K, T, row = np.empty(size, D.dtype), np.empty(size, D.dtype), np.empty(3 * NINE, D.dtype)
+    nodes = (len(t) // LANES) // len(edge_slots)
     more, most = D.dtype.type(k > 1), D.dtype.type(k > 2)
     W, least = 0.0, 1.0
     for block in range(begin, end):
-        gather_spokes(t, block, X, u, P, U)
-        complete_spokes(k, P)
-        _find_ratios(P, U, D, block, e, J)
-        least = min(_find_energies(kind, D, block, e, J, psi, slope, curvature), least)
+        gather_both(points, t, block, X, u, x, y)
         w = D.dtype.type(0)
-        for i in range(LANES):
-            lane = I(i)
-            stiffness, over_C0 = D[block, lane], D[block, lane + I(LANES)]
-            w += stiffness * psi[lane]
-            factor, bend = stiffness * over_C0 * slope[lane], stiffness * curvature[lane]
-            p1, p2, p3, n1, n2, n3 = _normals(P, U, lane, more, most)
-            put(times(factor, n1), forces, lane)
-            put(times(factor, n2), forces, lane + I(3 * LANES))
-            put(times(factor, n3), forces, lane + I(6 * LANES))
-            # n/C0, the gradient of J, keeps its size where C0 and n are tiny
-            y1, y2, y3 = times(over_C0, n1), times(over_C0, n2), times(over_C0, n3)
-            y0 = (-(y1[0] + y2[0] + y3[0]), -(y1[1] + y2[1] + y3[1]), -(y1[2] + y2[2] + y3[2]))
-            z0, z1, z2 = times(bend, y0), times(bend, y1), times(bend, y2)
-            h = D.dtype.type(kept) * factor
-            q12, q13, q23 = times(-h * more, p3), times(h * most, p2), times(-h * most, p1)
-            _put_block(z0, y1, add(q12, q13), values, lane)
-            _put_block(z1, y2, q12, values, lane + I(9 * LANES))
-            _put_block(z0, y2, _minus(q23, q12), values, lane + I(18 * LANES))
-            _put_block(z0, y3, times(D.dtype.type(-1), add(q13, q23)), values, lane + I(27 * LANES))
-            _put_block(z1, y3, q13, values, lane + I(36 * LANES))
-            _put_block(z2, y3, q23, values, lane + I(45 * LANES))
+        if points is not None:
+            total[:] = 0
+        for point in range(points_of(points)):
+            first, same = numbers_of(points, block, point, 2)
+            weight = weight_of(points, point, D)
+            if not same:
+                spokes(points, block, point, x, P)
+                complete_spokes(k, P)
+            spokes(points, block, point, y, U)
+            _find_ratios(P, U, D, first, e, J)
+            least = min(_find_energies(kind, D, first, e, J, psi, slope, curvature), least)
+            for i in range(LANES):
+                lane, at = I(i), I(first + i)
+                stiffness, over_C0 = weight * D[at], D[at + I(LANES)]
+                w += stiffness * psi[lane]
+                factor, bend = stiffness * over_C0 * slope[lane], stiffness * curvature[lane]
+                p1, p2, p3, n1, n2, n3 = _normals(P, U, lane, more, most)
+                _put_forces(factor, n1, n2, n3, forces, lane)
+                # n/C0, the gradient of J, keeps its size where C0 and n are tiny
+                y1, y2, y3 = times(over_C0, n1), times(over_C0, n2), times(over_C0, n3)
+                z1, z2, z3 = times(bend, y1), times(bend, y2), times(bend, y3)
+                h = D.dtype.type(kept) * factor
+                q12, q13, q23 = times(-h * more, p3), times(h * most, p2), times(-h * most, p1)
+                if points is None:
+                    y0 = (-(y1[0] + y2[0] + y3[0]), -(y1[1] + y2[1] + y3[1]), -(y1[2] + y2[2] + y3[2]))
+                    z0 = times(bend, y0)
+                    put(_block(z0, y1, add(q12, q13)), values, lane)
+                    put(_block(z1, y2, q12), values, lane + I(9 * LANES))
+                    put(_block(z0, y2, _minus(q23, q12)), values, lane + I(18 * LANES))
+                    put(_block(z0, y3, times(D.dtype.type(-1), add(q13, q23))), values, lane + I(27 * LANES))
+                    put(_block(z1, y3, q13), values, lane + I(36 * LANES))
+                    put(_block(z2, y3, q23), values, lane + I(45 * LANES))
+                else:
+                    symmetric = *_symmetric(z1, y1), *_symmetric(z2, y2), *_symmetric(z3, y3)
+                    stiffnesses = *symmetric, *_block(z1, y2, q12), *_block(z1, y3, q13), *_block(z2, y3, q23)
+                    put_spokes(stiffnesses, K, I(9 * point * NINE) + lane)
+            spread(points, block, point, forces, total)
+        put_pairs(points, block, nodes, K, x, T, row, values)
         W += w
         blocks[9 * marks[block] : 9 * marks[block + 1]] = 0
-        scatter_blocks(None, edge_slots, block, values, blocks)
+        scatter_blocks(points, edge_slots, block, values, blocks)
         if len(f) > 0:
-            scatter_forces(slots, block, forces, f)
+            scatter(points, slots, block, total, f)
     return W, least
 
 
@@ -220,43 +274,64 @@ def _permanent(a, b):
 
 
 @kernel
-def penalty_round_off(begin: int, end: int, t: Ids, slots: Ids, D: Reals, X: Reals, u: Reals, k: int, kind: int, f: Reals) -> float:
+def penalty_round_off(
+    begin: int, end: int, t: Ids, slots: Ids, points: Points | None, D: Reals, X: Reals, u: Reals, k: int, kind: int, f: Reals
+) -> float:
     """Add the forces of absolute values to the slots `f`: `|V0/C0| (psi'' |e| + |psi'|) |n_i|`.
 
-    The `U` of `|e|` have `|u_i| + |u_0|`.
+    The `U` of `|e|` have `|u_a| + |u_0|`. Spokes at a point are sums, of which rounding is that of all that adds up to them: what
+    that changes `n_i` by stands in the place of `n_i` beside `psi'`.
 
     The smallest `J` as in `penalty_energy_and_force`.
     """
-    P, U, B, p = (
-        np.empty(9 * LANES, D.dtype),
-        np.empty(9 * LANES, D.dtype),
-        np.empty(9 * LANES, D.dtype),
-        np.empty(9 * LANES, D.dtype),
-    )
-    e, J, forces = np.empty(LANES, D.dtype), np.empty(LANES, D.dtype), np.empty(9 * LANES, D.dtype)
+    x, y, z, total = room(points, D.dtype), room(points, D.dtype), room(points, D.dtype), room(points, D.dtype)
+    P, U, B, forces = at_point(points, x), at_point(points, y), at_point(points, z), at_point(points, total)
+    rest, now, E = np.empty(9 * LANES, D.dtype), np.empty(9 * LANES, D.dtype), np.empty(9 * LANES, D.dtype)
+    sizes = absolute(points)
+    e, J = np.empty(LANES, D.dtype), np.empty(LANES, D.dtype)
     psi, slope, curvature = np.empty(LANES, D.dtype), np.empty(LANES, D.dtype), np.empty(LANES, D.dtype)
     more, most = D.dtype.type(k > 1), D.dtype.type(k > 2)
     least = 1.0
     for block in range(begin, end):
-        gather_spokes(t, block, X, u, P, U)
-        complete_spokes(k, P)
-        _find_ratios(P, U, D, block, e, J)
-        least = min(_find_energies(kind, D, block, e, J, psi, slope, curvature), least)
-        gather_sizes(None, t, block, u, B)
-        for i in range(9 * LANES):
-            P[I(i)], p[I(i)] = abs(P[I(i)]), abs(P[I(i)] + U[I(i)])
-        B[3 * k * LANES :] = 0
-        for i in range(LANES):
-            lane = I(i)
-            over_C0 = abs(D[block, lane + I(LANES)])
-            P1, P2 = vector(P, lane), vector(P, lane + I(3 * LANES))
-            B1, B2, B3 = vectors(B, lane)
-            p1, p2, p3 = vectors(p, lane)
-            n1, n2, n3 = _permanent(p2, p3), times(more, _permanent(p3, p1)), times(most, _permanent(p1, p2))
-            size = over_C0 * (dot(B1, n1) + dot(P1, add(_permanent(B2, p3), _permanent(P2, B3))))
-            factor = D[block, lane] * over_C0 * (curvature[lane] * size + abs(slope[lane]))
-            put(times(factor, n1), forces, lane)
-            put(times(factor, n2), forces, lane + I(3 * LANES))
-            put(times(factor, n3), forces, lane + I(6 * LANES))
-        scatter_sizes(None, slots, block, forces, f)
+        gather_both(points, t, block, X, u, x, y)
+        if points is not None:
+            total[:] = 0
+        for point in range(points_of(points)):
+            first, _ = numbers_of(points, block, point, 2)
+            weight = weight_of(points, point, D)
+            spokes(points, block, point, x, P)
+            complete_spokes(k, P)
+            spokes(points, block, point, y, U)
+            _find_ratios(P, U, D, first, e, J)
+            least = min(_find_energies(kind, D, first, e, J, psi, slope, curvature), least)
+            gather_sizes(points, t, block, u, z)
+            rest[:], now[:] = np.abs(P), np.abs(P + U)
+            if points is None:
+                B[3 * k * LANES :] = 0
+            else:
+                spokes(sizes, block, point, z, B)
+                spokes(sizes, block, point, np.abs(x), E)
+                E += B
+            for i in range(LANES):
+                lane, at = I(i), I(first + i)
+                over_C0 = abs(D[at + I(LANES)])
+                P1, P2 = vector(rest, lane), vector(rest, lane + I(3 * LANES))
+                B1, B2, B3 = vectors(B, lane)
+                p1, p2, p3 = vectors(now, lane)
+                n1, n2, n3 = _permanent(p2, p3), times(more, _permanent(p3, p1)), times(most, _permanent(p1, p2))
+                size = over_C0 * (dot(B1, n1) + dot(P1, add(_permanent(B2, p3), _permanent(P2, B3))))
+                factor = weight * D[at] * over_C0
+                bent, straight = factor * (curvature[lane] * size), factor * abs(slope[lane])
+                if points is None:
+                    _put_forces(bent + straight, n1, n2, n3, forces, lane)
+                else:
+                    E1, E2, E3 = vectors(E, lane)
+                    m1 = add(_permanent(E2, p3), _permanent(p2, E3))
+                    m2 = times(more, add(_permanent(E3, p1), _permanent(p3, E1)))
+                    m3 = times(most, add(_permanent(E1, p2), _permanent(p1, E2)))
+                    put(add(times(bent, n1), times(straight, m1)), forces, lane)
+                    put(add(times(bent, n2), times(straight, m2)), forces, lane + I(3 * LANES))
+                    put(add(times(bent, n3), times(straight, m3)), forces, lane + I(6 * LANES))
+            spread(sizes, block, point, forces, total)
+        scatter_sizes(points, slots, block, total, f)
     return least

@@ -156,7 +156,7 @@ def _put_edges(K, out, lane):
 
 
 @inlined
-def _put_spokes(K, out, lane):
+def put_spokes(K, out, lane):
     """Write the stiffness of spokes as nine blocks of nine numbers, `K_ij` row by row."""
     K12, K13, K23 = K[18:27], K[27:36], K[36:45]
     put(_nine(K[:6]), out, lane)
@@ -384,7 +384,7 @@ def linearize(
                 if points is None:
                     _put_edges(stiffness, values, lane)
                 else:
-                    _put_spokes(stiffness, K, I(9 * point * NINE) + lane)
+                    put_spokes(stiffness, K, I(9 * point * NINE) + lane)
         put_pairs(points, block, nodes, K, x, T, row, values)
         W += w
         if len(f) > 0:

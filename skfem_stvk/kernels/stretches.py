@@ -1,4 +1,4 @@
-"""How much simplices are compressed: their smallest principal stretch.
+"""How much elements are compressed: their smallest principal stretch, of those with several points the smallest at these.
 
 With the spokes at rest `P = Q R`, `Q` orthonormal and `R` upper triangular, and their displacements `U`:
 
@@ -20,7 +20,21 @@ from __future__ import annotations
 import numpy as np
 
 from .compiled import Ids, Reals, inlined, kernel
-from .lanes import LANES, I, cross, dot, gather_spokes, times, vectors
+from .lanes import (
+    LANES,
+    I,
+    Points,
+    at_point,
+    cross,
+    dot,
+    gather_both,
+    numbers_of,
+    points_of,
+    room,
+    spokes,
+    times,
+    vectors,
+)
 
 
 @inlined
@@ -89,23 +103,31 @@ def _smallest_eigenvalue(a, b, c, d, e, f):
 
 
 @kernel
-def smallest_stretches(begin: int, end: int, t: Ids, X: Reals, u: Reals, k: int, out: Reals) -> float:
-    """The smallest principal stretch of the blocks `begin` to `end`; of each simplex in `out`, unless that is empty."""
-    P, U, s, least = np.empty(9 * LANES), np.empty(9 * LANES), np.empty(LANES), np.full(LANES, np.inf)
+def smallest_stretches(begin: int, end: int, t: Ids, points: Points | None, X: Reals, u: Reals, k: int, out: Reals) -> float:
+    """The smallest principal stretch of the blocks `begin` to `end`; of each element in `out`, unless that is empty."""
+    x, y = room(points, X.dtype), room(points, X.dtype)
+    P, U = at_point(points, x), at_point(points, y)
+    s, least = np.empty(LANES), np.full(LANES, np.inf)
     for block in range(begin, end):
-        gather_spokes(t, block, X, u, P, U)
-        for i in range(LANES):
-            lane = I(i)
-            P1, P2, P3 = vectors(P, lane)
-            U1, U2, U3 = vectors(U, lane)
-            if k == 3:
-                square = _of_tetrahedron(P1, P2, P3, U1, U2, U3)
-            elif k == 2:
-                square = _of_triangle(P1, P2, U1, U2)
-            else:
-                square = _of_segment(P1, U1)
-            s[lane] = np.sqrt(square if square > 0 else 0.0)
-            least[lane] = min(s[lane], least[lane])
+        gather_both(points, t, block, X, u, x, y)
+        for point in range(points_of(points)):
+            _, same = numbers_of(points, block, point, 1)
+            if not same:
+                spokes(points, block, point, x, P)
+            spokes(points, block, point, y, U)
+            for i in range(LANES):
+                lane = I(i)
+                P1, P2, P3 = vectors(P, lane)
+                U1, U2, U3 = vectors(U, lane)
+                if k == 3:
+                    square = _of_tetrahedron(P1, P2, P3, U1, U2, U3)
+                elif k == 2:
+                    square = _of_triangle(P1, P2, U1, U2)
+                else:
+                    square = _of_segment(P1, U1)
+                stretch = np.sqrt(square if square > 0 else 0.0)
+                s[lane] = stretch if point == 0 else min(stretch, s[lane])
+                least[lane] = min(s[lane], least[lane])
         if len(out) > 0:
             out[block * LANES : (block + 1) * LANES] = s
     return least.min()

@@ -1,6 +1,7 @@
-"""How the volumes of simplices change, with their sign: whether one is turned inside out, and how far there is to go until one is.
+"""How the volumes of elements change, with their sign: whether one is turned inside out, and how far there is to go until one is.
 
-Along `u + s v` the signed volume form `C = p_1 . (p_2 x p_3)` is exactly a cubic in `s`: with `p_i + s V_i` for `p_i`
+Of linear simplices the volume has one ratio, now to at rest; of others there is one at each point of a table, and the smallest counts.
+Along `u + s v` the signed volume form `C = p_1 . (p_2 x p_3)` of the spokes is exactly a cubic in `s`: with `p_i + s V_i` for `p_i`
 
     C(s) = p_1 . p_2 x p_3    +    s (V_1 . p_2 x p_3 + p_1 . V_2 x p_3 + p_1 . p_2 x V_3)
          + s^2 (p_1 . V_2 x V_3 + V_1 . p_2 x V_3 + V_1 . V_2 x p_3)    +    s^3 V_1 . V_2 x V_3
@@ -13,7 +14,25 @@ from __future__ import annotations
 import numpy as np
 
 from .compiled import Ids, Reals, inlined, kernel
-from .lanes import LANES, I, add, complete_spokes, cross, dot, gather_differences, gather_spokes, vectors
+from .lanes import (
+    LANES,
+    I,
+    Points,
+    absolute,
+    add,
+    at_point,
+    complete_spokes,
+    cross,
+    dot,
+    gather,
+    gather_both,
+    gather_sizes,
+    numbers_of,
+    points_of,
+    room,
+    spokes,
+    vectors,
+)
 
 EPS = 2.0**-52
 
@@ -30,18 +49,27 @@ def _measure(a, b, c, k, d):
 
 
 @kernel
-def volume_ratios(begin: int, end: int, t: Ids, X: Reals, u: Reals, k: int, d: int, out: Reals) -> float:
-    """The smallest ratio of volumes, now to at rest, of the blocks `begin` to `end`; all of them in `out`, unless that is empty."""
-    P, U, J, least = np.empty(9 * LANES), np.empty(9 * LANES), np.empty(LANES), np.full(LANES, np.inf)
+def volume_ratios(begin: int, end: int, t: Ids, points: Points | None, X: Reals, u: Reals, k: int, d: int, out: Reals) -> float:
+    """The smallest ratio of volumes, now to at rest, of the blocks `begin` to `end`; of each element in `out`, unless that is
+    empty."""
+    x, y = room(points, X.dtype), room(points, X.dtype)
+    P, U = at_point(points, x), at_point(points, y)
+    J, least = np.empty(LANES), np.full(LANES, np.inf)
     for block in range(begin, end):
-        gather_spokes(t, block, X, u, P, U)
-        for i in range(LANES):
-            lane = I(i)
-            P1, P2, P3 = vectors(P, lane)
-            U1, U2, U3 = vectors(U, lane)
-            now = _measure(add(P1, U1), add(P2, U2), add(P3, U3), k, d)
-            J[lane] = now / _measure(P1, P2, P3, k, d)
-            least[lane] = min(J[lane], least[lane])
+        gather_both(points, t, block, X, u, x, y)
+        for point in range(points_of(points)):
+            _, same = numbers_of(points, block, point, 1)
+            if not same:
+                spokes(points, block, point, x, P)
+            spokes(points, block, point, y, U)
+            for i in range(LANES):
+                lane = I(i)
+                P1, P2, P3 = vectors(P, lane)
+                U1, U2, U3 = vectors(U, lane)
+                now = _measure(add(P1, U1), add(P2, U2), add(P3, U3), k, d)
+                ratio = now / _measure(P1, P2, P3, k, d)
+                J[lane] = ratio if point == 0 else min(ratio, J[lane])
+                least[lane] = min(J[lane], least[lane])
         if len(out) > 0:
             out[block * LANES : (block + 1) * LANES] = J
     return least.min()
@@ -132,15 +160,9 @@ def _significant(c, size):
     return c if abs(c) > 8 * EPS * size else 0.0
 
 
-@inlined
-def _ends(v, a, b):
-    """The sizes of both ends of a difference: what it is rounded by."""
-    return abs(v[a]) + abs(v[b]), abs(v[a + I(1)]) + abs(v[b + I(1)]), abs(v[a + I(2)]) + abs(v[b + I(2)])
-
-
 @kernel
 def _limit(p1, p2, p3, V1, V2, V3, B1, B2, B3, sign, end):
-    """The smallest `s` before `end` at which a simplex has no volume left; `end` if there is none.
+    """The smallest `s` before `end` at which the spokes span no volume; `end` if there is none.
 
     `B` are the sizes of what `V` came from.
     """
@@ -153,43 +175,51 @@ def _limit(p1, p2, p3, V1, V2, V3, B1, B2, B3, sign, end):
 
 
 @kernel
-def step_limit(begin: int, end: int, t: Ids, X: Reals, u: Reals, v: Reals, k: int) -> float:
-    """The smallest `s > 0` at which a simplex of the blocks with `J > 0` at `u` has `J = 0` at `u + s v`; or infinity.
+def step_limit(begin: int, end: int, t: Ids, points: Points | None, X: Reals, u: Reals, v: Reals, k: int) -> float:
+    """The smallest `s > 0` at which an element of the blocks has `J = 0` at `u + s v`, at a point with `J > 0` at `u`; or infinity.
 
     No zero is looked for where `C(s) >= c0 - |c1| s - |c2| s^2 - |c3| s^3 > 0` up to the smallest `s` so far, or where no
     coefficient is negative.
     """
-    P, U, V = np.empty(9 * LANES), np.empty(9 * LANES), np.empty(9 * LANES)
+    x, y, z, size = room(points, X.dtype), room(points, X.dtype), room(points, X.dtype), room(points, X.dtype)
+    P, U, V, B = at_point(points, x), at_point(points, y), at_point(points, z), at_point(points, size)
+    sizes = absolute(points)
     least, looked_at = np.inf, np.empty(LANES, dtype=np.bool_)
     for block in range(begin, end):
-        gather_spokes(t, block, X, u, P, U)
-        gather_differences(t, block, v, V)
-        complete_spokes(k, P)
-        s = min(least, 1e100)  # infinity times zero is not zero
-        for i in range(LANES):
-            lane = I(i)
-            P1, P2, P3 = vectors(P, lane)
-            U1, U2, U3 = vectors(U, lane)
-            V1, V2, V3 = vectors(V, lane)
-            p1, p2, p3 = add(P1, U1), add(P2, U2), add(P3, U3)
-            n1, n2, n3, m1, m2, m3 = cross(p2, p3), cross(p3, p1), cross(p1, p2), cross(V2, V3), cross(V3, V1), cross(V1, V2)
-            rest = _triple(P1, P2, P3)
-            c0 = rest * dot(p1, n1)  # the signs of J and of its slopes
-            c1 = rest * (dot(V1, n1) + dot(V2, n2) + dot(V3, n3))
-            c2 = rest * (dot(p1, m1) + dot(p2, m2) + dot(p3, m3))
-            c3 = rest * dot(V1, m1)
-            bound = c0 - s * (abs(c1) + s * (abs(c2) + s * abs(c3)))
-            looked_at[lane] = (c0 > 0) & ~(bound > 0) & (min(c1, c2, c3) < 0)
-        for i in range(LANES):
-            lane = I(i)
-            if looked_at[lane]:
+        gather_both(points, t, block, X, u, x, y)
+        gather(points, t, block, v, z)
+        for point in range(points_of(points)):
+            _, same = numbers_of(points, block, point, 1)
+            if not same:
+                spokes(points, block, point, x, P)
+                complete_spokes(k, P)
+            spokes(points, block, point, y, U)
+            spokes(points, block, point, z, V)
+            s = min(least, 1e100)  # infinity times zero is not zero
+            for i in range(LANES):
+                lane = I(i)
                 P1, P2, P3 = vectors(P, lane)
                 U1, U2, U3 = vectors(U, lane)
                 V1, V2, V3 = vectors(V, lane)
-                sign = np.copysign(1.0, _triple(P1, P2, P3))
-                at = I(block * 4 * LANES) + lane
-                a, b = I(3) * I(t[at]), I(3) * I(t[at + I(LANES)])
-                c, d = I(3) * I(t[at + I(2 * LANES)]), I(3) * I(t[at + I(3 * LANES)])
-                B1, B2, B3 = _ends(v, a, b), _ends(v, a, c), _ends(v, a, d)
-                least = _limit(add(P1, U1), add(P2, U2), add(P3, U3), V1, V2, V3, B1, B2, B3, sign, least)
+                p1, p2, p3 = add(P1, U1), add(P2, U2), add(P3, U3)
+                n1, n2, n3, m1, m2, m3 = cross(p2, p3), cross(p3, p1), cross(p1, p2), cross(V2, V3), cross(V3, V1), cross(V1, V2)
+                rest = _triple(P1, P2, P3)
+                c0 = rest * dot(p1, n1)  # the signs of J and of its slopes
+                c1 = rest * (dot(V1, n1) + dot(V2, n2) + dot(V3, n3))
+                c2 = rest * (dot(p1, m1) + dot(p2, m2) + dot(p3, m3))
+                c3 = rest * dot(V1, m1)
+                bound = c0 - s * (abs(c1) + s * (abs(c2) + s * abs(c3)))
+                looked_at[lane] = (c0 > 0) & ~(bound > 0) & (min(c1, c2, c3) < 0)
+            if looked_at.any():
+                gather_sizes(points, t, block, v, size)
+                spokes(sizes, block, point, size, B)
+            for i in range(LANES):
+                lane = I(i)
+                if looked_at[lane]:
+                    P1, P2, P3 = vectors(P, lane)
+                    U1, U2, U3 = vectors(U, lane)
+                    V1, V2, V3 = vectors(V, lane)
+                    B1, B2, B3 = vectors(B, lane)
+                    sign = np.copysign(1.0, _triple(P1, P2, P3))
+                    least = _limit(add(P1, U1), add(P2, U2), add(P3, U3), V1, V2, V3, B1, B2, B3, sign, least)
     return least

@@ -82,15 +82,16 @@ class VolumePenalty:
         mesh = body.mesh
         elements, k = mesh.elements(self.region), self.moduli(body)
         stiffness = k * body.section[elements]
-        return PenaltyAssembly(mesh.p, mesh.t[:, elements], stiffness, ENERGIES[self.kind].number, elements, dtype)
+        t, kind = mesh.t[:, elements], ENERGIES[self.kind].number
+        return PenaltyAssembly(mesh.p, t, stiffness, kind, elements, dtype, quadrature=body.quadrature)
 
     def moduli(self, body: Body) -> Array:
         """(n,) stiffness of the elements of the region [Pa]. Errors as when it is bound."""
         mesh = body.mesh
         if mesh.k < mesh.d:
             raise MaterialError(
-                f"VolumePenalty: the mesh has {mesh.kind}, which have no inside and no outside. It is for tetrahedra, triangles "
-                "in the plane and segments on a line."
+                f"VolumePenalty: the mesh has {mesh.kind}, which have no inside and no outside. It is for tetrahedra and hexahedra, "
+                "triangles and quadrilaterals in the plane and segments on a line."
             )
         elements = mesh.elements(self.region)
         if self.stiffness is not None:

@@ -344,34 +344,58 @@ def round_off(begin: int, end: int, t: Ids, slots: Ids, points: Points | None, l
     add_to_slots(np.concatenate([forces.sum(axis=1, keepdims=True), forces], axis=1), slots, part, f)
 
 
-def volume_ratios(begin: int, end: int, t: Ids, X: Reals, u: Reals, k: int, d: int, out: Reals) -> float:
-    """`det(p_1 ... p_k) / det(P_1 ... P_k)`; where the spokes have more than `k` components, the root of the ratio of Gram
-    determinants.
+def derivatives(t: Ids, points: Points | None) -> Reals:
+    """(nq, n - 1, 3) derivatives of the nodes 1, 2, ... of elements, which of linear simplices are the ends of the spokes."""
+    return np.eye(3)[None] if points is None else points.B[:, : len(t) // LANES // (len(points.starts) - 1) - 1]
+
+
+def spokes_at(x: Reals, part: slice, t: Ids, points: Points | None) -> Reals:
+    """(n, nq, 3, 3) the spokes of each element at each point, as rows."""
+    B = derivatives(t, points)
+    at = x.reshape(-1, 3)[out_of_lanes(t, B.shape[1] + 1, part)]
+    return np.einsum("qai,nax->nqix", B, at[:, 1:] - at[:, :1])
+
+
+def numbers(D: Reals, part: slice, points: Points | None, count: int) -> Reals:
+    """(n, nq, count) the numbers of each element at each point."""
+    if points is None:
+        return out_of_lanes(D, count, part)[:, None]
+    sets = [D[i:j].reshape(-1, count, LANES) for i, j in zip(points.starts[part], points.starts[1:][part], strict=False)]
+    everywhere = [np.broadcast_to(one, (len(points.weights), count, LANES)) for one in sets]
+    return np.moveaxis(np.array(everywhere).reshape(-1, len(points.weights), count, LANES), 3, 1).reshape(
+        -1, len(points.weights), count
+    )
+
+
+def volume_ratios(begin: int, end: int, t: Ids, points: Points | None, X: Reals, u: Reals, k: int, d: int, out: Reals) -> float:
+    """`det(p_1 ... p_k) / det(P_1 ... P_k)`, the smallest of the points; where the spokes have more than `k` components, the root of
+    the ratio of Gram determinants.
     """
-    P, U = (corners(x, slice(begin, end), t, X)[:, 1 : k + 1, :d] for x in (X, u))
+    P, U = (spokes_at(x, slice(begin, end), t, points)[:, :, :k, :d] for x in (X, u))
     if k == d:
         ratios = np.linalg.det(P + U) / np.linalg.det(P)
     else:
-        now, rest = (np.linalg.det(x @ np.swapaxes(x, 1, 2)) for x in (P + U, P))
+        now, rest = (np.linalg.det(x @ np.swapaxes(x, 2, 3)) for x in (P + U, P))
         ratios = np.sqrt(np.maximum(now, 0) / rest)
     if len(out):
-        out[begin * LANES : end * LANES] = ratios
+        out[begin * LANES : end * LANES] = ratios.min(axis=1)
     return float(ratios.min(initial=np.inf))
 
 
-def smallest_stretches(begin: int, end: int, t: Ids, X: Reals, u: Reals, k: int, out: Reals) -> float:
-    """The smallest singular value of `F Q = Q + U R^-1` with `P = Q R`, spokes as columns: within the simplex's own dimensions."""
-    P, U = (np.swapaxes(corners(x, slice(begin, end), t, X)[:, 1 : k + 1], 1, 2) for x in (X, u))
+def smallest_stretches(begin: int, end: int, t: Ids, points: Points | None, X: Reals, u: Reals, k: int, out: Reals) -> float:
+    """The smallest singular value of `F Q = Q + U R^-1` with `P = Q R`, spokes as columns: within the element's own dimensions, the
+    smallest of the points."""
+    P, U = (np.swapaxes(spokes_at(x, slice(begin, end), t, points)[:, :, :k], 2, 3) for x in (X, u))
     Q, R = np.linalg.qr(P)
-    stretches = np.linalg.svd(Q + U @ np.linalg.inv(R), compute_uv=False)[:, -1]
+    stretches = np.linalg.svd(Q + U @ np.linalg.inv(R), compute_uv=False)[..., -1]
     if len(out):
-        out[begin * LANES : end * LANES] = stretches
+        out[begin * LANES : end * LANES] = stretches.min(axis=1)
     return float(stretches.min(initial=np.inf))
 
 
-def step_limit(begin: int, end: int, t: Ids, X: Reals, u: Reals, v: Reals, k: int) -> float:
+def step_limit(begin: int, end: int, t: Ids, points: Points | None, X: Reals, u: Reals, v: Reals, k: int) -> float:
     """The smallest positive root of the cubics `det(p + s V)` of matrices of order `k`, found by their values at four places."""
-    P, U, V = (corners(x, slice(begin, end), t, X)[:, 1 : k + 1, :k] for x in (X, u, v))
+    P, U, V = (spokes_at(x, slice(begin, end), t, points)[:, :, :k, :k].reshape(-1, k, k) for x in (X, u, v))
     least, places = np.inf, np.array([0.0, 1.0, -1.0, 2.0])
     for rest, p, q in zip(P, P + U, V, strict=True):
         if not q.any() or np.linalg.det(p) * np.linalg.det(rest) <= 0:
@@ -399,35 +423,39 @@ def volume_energies(kind: int, J: Reals) -> tuple[Reals, Reals, Reals]:
 
 
 def volumes_of(
-    part: slice, t: Ids, D: Reals, X: Reals, u: Reals, k: int, kind: int
+    part: slice, t: Ids, points: Points | None, D: Reals, X: Reals, u: Reals, k: int, kind: int
 ) -> tuple[Reals, Reals, Reals, tuple[Reals, Reals, Reals], float]:
-    """Of each simplex: `p` (n, k, k) its spokes now, `dJ/dp_i` (n, k, k), `k V0`, the energies, and the smallest `J` of the
-    barrier.
+    """Of each element at each point: `p` (n, nq, k, k) its spokes now, `dJ/dp_i` (n, nq, k, k), `k V0`, the energies, and the smallest
+    `J` of the barrier.
 
     dJ/dp = J p^-T = cof(p)/C0
     """
-    stored = out_of_lanes(D, 2, part)
-    p = (corners(X, part, t, X) + corners(u, part, t, X))[:, 1 : k + 1, :k]
+    stored = numbers(D, part, points, 2)
+    weights = np.ones(1) if points is None else points.weights
+    p = (spokes_at(X, part, t, points) + spokes_at(u, part, t, points))[:, :, :k, :k]
     cofactors = np.empty_like(p)
     for i in range(k):
         for j in range(k):
-            minor = np.delete(np.delete(p, i, axis=1), j, axis=2)
-            cofactors[:, i, j] = (-1) ** (i + j) * np.linalg.det(minor)
-    J = np.linalg.det(p) * stored[:, 1]
-    real = stored[:, 0] > 0
+            minor = np.delete(np.delete(p, i, axis=2), j, axis=3)
+            cofactors[:, :, i, j] = (-1) ** (i + j) * np.linalg.det(minor)
+    J = np.linalg.det(p) * stored[:, :, 1]
+    real = stored[:, :, 0] > 0
     least = float(J[real].min(initial=1.0)) if kind == BARRIER else 1.0
-    return p, cofactors * stored[:, 1, None, None], stored[:, 0], volume_energies(kind, np.where(real, J, 1)), least
+    energies = volume_energies(kind, np.where(real, J, 1))
+    return p, cofactors * stored[:, :, 1, None, None], stored[:, :, 0] * weights, energies, least
 
 
 def penalty_energy_and_force(
-    begin: int, end: int, t: Ids, slots: Ids, D: Reals, X: Reals, u: Reals, k: int, kind: int, f: Reals
+    begin: int, end: int, t: Ids, slots: Ids, points: Points | None, D: Reals, X: Reals, u: Reals, k: int, kind: int, f: Reals
 ) -> tuple[float, float]:
-    """`W = k V0 psi(J)`, `f_i = k V0 psi' dJ/dp_i`, `f_0 = -sum_i f_i`."""
+    """`W = k V0 psi(J)`, `f_i = k V0 psi' dJ/dp_i`, `F_a = sum of dN_a/dxi_i f_i`, `F_0 = -sum_a F_a`."""
     part = slice(begin, end)
-    _, n, stiffness, (psi, slope, _), least = volumes_of(part, t, D, X, u, k, kind)
+    _, n, stiffness, (psi, slope, _), least = volumes_of(part, t, points, D, X, u, k, kind)
     if len(f):
-        forces, to = (stiffness * slope)[:, None, None] * n, out_of_lanes(slots, 4, part)
-        np.add.at(f.reshape(-1, 3)[:, :k], to[:, 1 : k + 1], forces)
+        B = derivatives(t, points)[:, :, :k]
+        forces = np.einsum("qai,nq,nqix->nax", B, stiffness * slope, n)
+        to = out_of_lanes(slots, B.shape[1] + 1, part)
+        np.add.at(f.reshape(-1, 3)[:, :k], to[:, 1:], forces)
         np.subtract.at(f.reshape(-1, 3)[:, :k], to[:, 0], forces.sum(axis=1))
     return float((stiffness * psi).sum()), least
 
@@ -439,6 +467,7 @@ def penalty_linearize(
     slots: Ids,
     edge_slots: Ids,
     marks: Ids,
+    points: Points | None,
     D: Reals,
     X: Reals,
     u: Reals,
@@ -448,49 +477,64 @@ def penalty_linearize(
     f: Reals,
     blocks: Reals,
 ) -> tuple[float, float]:
-    """`K_ij = k V0 (psi'' dJ/dp_i dJ/dp_j' + kept psi' d2J/dp_i dp_j)` of the spokes, `K_0j = -sum_i K_ij`.
+    """`K_ij = k V0 (psi'' dJ/dp_i dJ/dp_j' + kept psi' d2J/dp_i dp_j)` of the spokes, spread over the nodes, `K_0b = -sum_a K_ab`.
 
     d2J/dp_ix dp_jy = sum_mz eps_ijm eps_xyz p_mz / C0; in one and two dimensions with the axes across for the spokes that are
     missing
     """
     part = slice(begin, end)
-    p, n, stiffness, (_, slope, curvature), least = volumes_of(part, t, D, X, u, k, kind)
+    p, n, stiffness, (_, slope, curvature), least = volumes_of(part, t, points, D, X, u, k, kind)
     e = np.zeros((3, 3, 3))
     e[[0, 1, 2], [1, 2, 0], [2, 0, 1]], e[[0, 2, 1], [2, 1, 0], [1, 0, 2]] = 1, -1
-    q = np.broadcast_to(np.eye(3), (len(p), 3, 3)).copy()
-    q[:, :k, :k] = p
-    second = np.einsum("ijm,xyz,nmz->nijxy", e, e, q)[:, :k, :k, :k, :k] * out_of_lanes(D, 2, part)[:, 1, None, None, None, None]
-    spokes = np.einsum("n,nix,njy->nijxy", stiffness * curvature, n, n)
-    spokes += kept * np.einsum("n,nijxy->nijxy", stiffness * slope, second)
-    K = np.zeros((len(p), 4, 4, 3, 3))
-    K[:, 1 : k + 1, 1 : k + 1, :k, :k] = spokes
+    q = np.broadcast_to(np.eye(3), (*p.shape[:2], 3, 3)).copy()
+    q[:, :, :k, :k] = p
+    second = np.einsum("ijm,xyz,npmz->npijxy", e, e, q)[:, :, :k, :k, :k, :k]
+    second = second * numbers(D, part, points, 2)[:, :, 1, None, None, None, None]
+    spokes = np.einsum("np,npix,npjy->npijxy", stiffness * curvature, n, n)
+    spokes += kept * np.einsum("np,npijxy->npijxy", stiffness * slope, second)
+    B = derivatives(t, points)[:, :, :k]
+    K = np.zeros((len(p), B.shape[1] + 1, B.shape[1] + 1, 3, 3))
+    K[:, 1:, 1:, :k, :k] = np.einsum("pai,pbj,npijxy->nabxy", B, B, spokes)
     K[:, 0, 1:] = -K[:, 1:, 1:].sum(axis=1)
     blocks[9 * marks[begin] : 9 * marks[end]] = 0
     edges = edge_slots.shape[1] // LANES
     slots_of_edges = out_of_lanes(edge_slots, edges, part)
-    for i, (a, b) in enumerate(EDGES[:edges]):
-        np.add.at(blocks.reshape(-1, 3, 3), slots_of_edges[:, i], K[:, a, b])
-    return penalty_energy_and_force(begin, end, t, slots, D, X, u, k, kind, f)[0], least
+    for i, (a, b) in enumerate(EDGES[:edges] if points is None else combinations(range(K.shape[1]), 2)):
+        turned = (slots_of_edges[:, i] >= TRANSPOSED) & (points is not None)
+        block = np.where(turned[:, None, None], np.swapaxes(K[:, a, b], 1, 2), K[:, a, b])
+        np.add.at(blocks.reshape(-1, 3, 3), np.where(turned, slots_of_edges[:, i] - TRANSPOSED, slots_of_edges[:, i]), block)
+    return penalty_energy_and_force(begin, end, t, slots, points, D, X, u, k, kind, f)[0], least
 
 
-def penalty_round_off(begin: int, end: int, t: Ids, slots: Ids, D: Reals, X: Reals, u: Reals, k: int, kind: int, f: Reals) -> float:
+def penalty_round_off(
+    begin: int, end: int, t: Ids, slots: Ids, points: Points | None, D: Reals, X: Reals, u: Reals, k: int, kind: int, f: Reals
+) -> float:
     """`f_i = k V0 (psi'' |e| + |psi'|) |dJ/dp_i|`, with permanents for determinants, and in `|e|` `B_i = |u_i| + |u_0|` for
-    `U_i`.
+    `U_i`; at points, spokes are sums, and beside `psi'` stands what the rounding of these changes `dJ/dp_i` by.
     """
-    part = slice(begin, end)
-    _, _, stiffness, (_, slope, curvature), least = volumes_of(part, t, D, X, u, k, kind)
-    P, U, ends = corners(X, part, t, X), corners(u, part, t, X), np.abs(u).reshape(-1, 3)[out_of_lanes(t, 4, part)]
-    P, p, B = (x[:, 1 : k + 1, :k] for x in (np.abs(P), np.abs(P + U), ends + ends[:, :1]))
-    scale = np.abs(out_of_lanes(D, 2, part)[:, 1])
-    e = scale * sum(_permanent([P[:, j] if j < i else B[:, j] if j == i else p[:, j] for j in range(k)]) for i in range(k))
-    to, slots = f.reshape(-1, 3), out_of_lanes(slots, 4, part)
-    factor = stiffness * scale * (curvature * e + np.abs(slope))
+    part, B = slice(begin, end), np.abs(derivatives(t, points))
+    _, _, stiffness, (_, slope, curvature), least = volumes_of(part, t, points, D, X, u, k, kind)
+    rest, now = (x.reshape(-1, 3)[out_of_lanes(t, B.shape[1] + 1, part)] for x in (X, u))
+    ends, P, U = np.abs(now[:, 1:]) + np.abs(now[:, :1]), rest[:, 1:] - rest[:, :1], now[:, 1:] - now[:, :1]
+    rest, now = (np.einsum("qai,nax->nqix", derivatives(t, points), x)[:, :, :k, :k].reshape(-1, k, k) for x in (P, P + U))
+    of_x, E = (np.einsum("qai,nax->nqix", B, x)[:, :, :k, :k].reshape(-1, k, k) for x in (np.abs(P), ends))
+    P, p = np.abs(rest), np.abs(now)
+    scale = np.abs(numbers(D, part, points, 2)[:, :, 1])
+    e = sum(_permanent([P[:, j] if j < i else E[:, j] if j == i else p[:, j] for j in range(k)]) for i in range(k))
+    of_e, of_n = stiffness * scale**2 * curvature * np.reshape(e, scale.shape), stiffness * scale * np.abs(slope)
+    minors, changed = np.ones((2, len(p), k, k))
     for i in range(k):
+        others = [j for j in range(k) if j != i]
         for x in range(k):
-            minor = [np.delete(p[:, j], x, axis=1) for j in range(k) if j != i]
-            size = factor * _permanent(minor)
-            np.add.at(to[:, x], slots[:, i + 1], size)
-            np.add.at(to[:, x], slots[:, 0], size)
+            rows, errors = (np.delete(a, x, axis=2) for a in (p, of_x + E))
+            minors[:, i, x] = _permanent([rows[:, j] for j in others])
+            changed[:, i, x] = sum(_permanent([errors[:, j] if j == m else rows[:, j] for j in others]) for m in others)
+    changed = minors if points is None else changed
+    forces = sum(np.einsum("nq,nqix->nqix", a, b.reshape(*scale.shape, k, k)) for a, b in ((of_e, minors), (of_n, changed)))
+    forces = np.einsum("qai,nqix->nax", B[:, :, :k], forces)
+    to, at = f.reshape(-1, 3)[:, :k], out_of_lanes(slots, B.shape[1] + 1, part)
+    np.add.at(to, at[:, 1:], forces)
+    np.add.at(to, at[:, 0], forces.sum(axis=1))
     return least
 
 
