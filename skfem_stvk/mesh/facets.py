@@ -92,12 +92,14 @@ def facets_of(t: Ids, nv: int, element: Element | None = None) -> tuple[Ids, Ids
     """
     element = element or linear_simplex(len(t) - 1)
     if element.is_box:
-        every, place, first = _numbered(_of_box(t, element), nv)
+        every = _of_box(t, element)
+        place, first = _numbered(np.sort(every, axis=0), nv)
         facets = every[:, first]
         return facets if element.k == 3 else np.sort(facets, axis=0), place.reshape(len(element.facets), -1)
     corners = t[: element.corners]
     corner = np.argsort(corners, axis=0)
-    every, place, first = _numbered(_opposite(np.take_along_axis(corners, corner, axis=0)), nv)
+    every = _opposite(np.take_along_axis(corners, corner, axis=0))
+    place, first = _numbered(every, nv)
     t2f = np.empty(corners.shape, dtype=np.int32)
     np.put_along_axis(t2f, corner, place.reshape(corners.shape), axis=0)
     return np.concatenate([every[:, first], _middles(t, element, first)]), t2f
@@ -121,7 +123,7 @@ def boundary_facets(mesh: MeshArrays) -> Ids:
     """
     if mesh.element.is_box:
         every = _of_box(mesh.t, mesh.element)
-        alone = _alone(every, mesh.nv)
+        alone = _alone(np.sort(every, axis=0), mesh.nv)
         facets = every[:, alone]
         if mesh.k == mesh.d:
             local, element = np.divmod(alone, mesh.nt)
@@ -257,17 +259,17 @@ def _of_box(t: Ids, element: Element) -> Ids:
     return np.concatenate([t[list(facet)] for facet in element.facets], axis=1)
 
 
-def _numbered(every: Ids, nv: int) -> tuple[Ids, Ids, NDArray[Any]]:
-    """The facets as they are given, the number of each in lexicographic order, and where each number first stands."""
-    order, new = _grouped(np.sort(every, axis=0), nv)
+def _numbered(ordered: Ids, nv: int) -> tuple[Ids, NDArray[Any]]:
+    """The number of each facet, given with ascending vertices, in lexicographic order, and where each number first stands."""
+    order, new = _grouped(ordered, nv)
     place = np.empty(len(order), dtype=np.int32)
     place[order] = np.cumsum(new) - 1
-    return every, place, order[new]
+    return place, order[new]
 
 
-def _alone(every: Ids, nv: int) -> NDArray[Any]:
-    """Where the facets stand that stand once."""
-    order, new = _grouped(np.sort(every, axis=0), nv)
+def _alone(ordered: Ids, nv: int) -> NDArray[Any]:
+    """Where the facets, given with ascending vertices, stand that stand once."""
+    order, new = _grouped(ordered, nv)
     return order[new & np.append(new[1:], True)]
 
 
