@@ -24,7 +24,8 @@ from numpy.typing import NDArray
 from scipy.sparse import coo_matrix, csr_matrix
 
 from ..arguments import Array
-from ..reference import KINDS
+from ..reference import KINDS, curved_elements
+from ..reference.kinds import middles
 from ..reference.one_point import hourglass_shapes
 from .bodies import reference_on
 from .discretisation import Discretisation, Exact, derivatives
@@ -63,7 +64,7 @@ class ExactStVK:
         how = Discretisation.of_simplices(len(t)) if how is None else how
         xi, weights = how.points
         with localcontext(CONTEXT):
-            self._tables, X = derivatives(how.kind, xi), _decimal(p)[:, t]
+            self._tables, X = derivatives(how.kind, xi), _straightened(p, t, how.kind)
             self._rest = self._spokes(X)
             metric = np.einsum("ix...,jx...->ij...", self._rest, self._rest)
             inverse, determinant = _inverse(metric)
@@ -209,6 +210,15 @@ class Truth:
         """Tangent stiffness [N/m]."""
         K, *more = (model.tangent(u) for model in self._models)
         return csr_matrix(sum(more, K))
+
+
+def _straightened(p: Array, t: NDArray[np.int32], kind: str) -> Exact:
+    """(d, n, nt) coordinates of the nodes; middles that are half-way to within rounding are so exactly."""
+    X = _decimal(p)[:, t]
+    straight = ~curved_elements(p, t, kind)
+    for middle, (a, b) in middles(kind):
+        X[:, middle, straight] = (X[:, a, straight] + X[:, b, straight]) / 2
+    return X
 
 
 def _reference(p: Array, t: NDArray[np.int32], tensor: Array, how: Discretisation, control: Array | None) -> Any:

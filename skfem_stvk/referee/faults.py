@@ -193,13 +193,13 @@ def _unit(mesh: ElementMesh, vertex: int, component: int) -> Array:
     return unit
 
 
-def _checks(**quantities: str) -> frozenset[tuple[str, str]]:
-    """`_checks(agreement="W,F", closed_forms="P")`: pairs of a check and a quantity."""
+def checks(**quantities: str) -> frozenset[tuple[str, str]]:
+    """The pairs of `checks(agreement="W,F", closed_forms="P")`: pairs of a check and a quantity."""
     return frozenset((check.replace("_", " "), quantity) for check, text in quantities.items() for quantity in text.split(","))
 
 
-_LAW = _checks(agreement="W,F,K", closed_forms="W,P")
-_ELEMENT = _LAW | _checks(patch_test="F")
+_LAW = checks(agreement="W,F,K", closed_forms="W,P")
+_ELEMENT = _LAW | checks(patch_test="F")
 
 #: Names and faults; the name is what a table shows.
 FAULTS: dict[str, Fault] = {
@@ -211,42 +211,42 @@ FAULTS: dict[str, Fault] = {
     "no opposite pairs": Fault("pairs of edges that do not meet are forgotten", partial(_altered, _drop_opposite), _ELEMENT),
     "one wrong sign": Fault("one opposite pair of one tetrahedron", partial(_altered, _flip_one_opposite), _ELEMENT),
     "no geometric term": Fault(
-        "K without the edge tensions (initial stress)", _no_geometric_term, _checks(agreement="K", derivatives="K")
+        "K without the edge tensions (initial stress)", _no_geometric_term, checks(agreement="K", derivatives="K")
     ),
     "linear strain": Fault(
         "small-strain elasticity",
         _linear,
-        _LAW | _checks(invariance="W,F,K", balance="sum of torques"),
+        _LAW | checks(invariance="W,F,K", balance="sum of torques"),
     ),
     "wrong sign of K": Fault(
         "the derivative of the external instead of the internal force",
         _wrong_sign_of_K,
-        _checks(agreement="K", derivatives="K", no_further_zero_mode="K"),
+        checks(agreement="K", derivatives="K", no_further_zero_mode="K"),
     ),
     "components first": Fault(
         "degrees of freedom component by component",
         _transposed,
-        _checks(agreement="F,K", derivatives="F", rigid_modes="K", patch_test="F"),
+        checks(agreement="F,K", derivatives="F", rigid_modes="K", patch_test="F"),
     ),
     "lone force": Fault(
         "a constant force on one vertex: a boundary term left in",
         _lone_force,
-        _checks(agreement="F", derivatives="F", invariance="F", balance="sum of forces"),
+        checks(agreement="F", derivatives="F", invariance="F", balance="sum of forces"),
     ),
     "couple": Fault(
         "two opposite forces that do not pull along their line",
         _couple,
-        _checks(agreement="F", derivatives="F", invariance="F", balance="sum of torques", closed_forms="P"),
+        checks(agreement="F", derivatives="F", invariance="F", balance="sum of torques", closed_forms="P"),
     ),
     "skew K": Fault(
-        "one entry of K that its mirror does not have", _skew_tangent, _checks(agreement="K", symmetry="K", derivatives="K")
+        "one entry of K that its mirror does not have", _skew_tangent, checks(agreement="K", symmetry="K", derivatives="K")
     ),
     "anchored": Fault(
         "a weak spring from every vertex to its rest position; W, F and K fit each other",
         _anchored,
-        _checks(agreement="W,F,K", invariance="W,F", rigid_modes="K", balance="sum of forces,sum of torques"),
+        checks(agreement="W,F,K", invariance="W,F", rigid_modes="K", balance="sum of forces,sum of torques"),
     ),
     "energy of a place": Fault(
-        "an energy that knows where the body is", _energy_of_a_place, _checks(agreement="W", derivatives="F", invariance="W")
+        "an energy that knows where the body is", _energy_of_a_place, checks(agreement="W", derivatives="F", invariance="W")
     ),
 }

@@ -30,6 +30,8 @@ from .results import CheckOutcome, Result, Task
 from .shape import Shape
 from .terminal import CountedProgress
 
+#: Coefficient of the hourglass control of one-point elements, if none is given.
+HOURGLASS = 0.05
 #: The checks, in the order of the report: each takes a case and gives its tasks.
 CHECKS: tuple[Callable[[Case], Iterator[Task]], ...] = (
     agreement,
@@ -94,7 +96,8 @@ def verify(
     given: dict[str, Any] = {"degree": degree, "quadrature": quadrature, "hourglass": hourglass}
     terms = _terms(material, young, poisson)
     system = System(ElementMesh.of(mesh), terms, **{name: value for name, value in given.items() if value is not None})
-    shape = Shape(system.mesh, Discretisation(system.mesh.element.name, quadrature, 0.0 if hourglass is None else hourglass))
+    how = Discretisation(system.mesh.element.name, quadrature, HOURGLASS if hourglass is None else hourglass)
+    shape = Shape(system.mesh, how)
     case = _case(system, shape, terms, candidate, candidate_is_stvk, seed)
     if case.candidate is not None and not any(case.candidate.has(quantity) for quantity in METHODS):
         raise StvkError(f"candidate, of type {type(candidate).__name__}, has none of {', '.join(METHODS.values())}.")

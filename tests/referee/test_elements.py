@@ -1,0 +1,205 @@
+"""All elements are judged: ours pass, straight, curved, flat and far from the origin; faults in their tables are caught."""
+
+import numpy as np
+import pytest
+import skfem
+from bodies import box, distorted, membrane, sheet
+
+from skfem_stvk import Anisotropic, ElementMesh, StVK, System, verify
+from skfem_stvk.elements import ELEMENTS
+from skfem_stvk.referee.discretisation import Discretisation
+from skfem_stvk.referee.element_faults import ONE_POINT_FAULTS, QUADRATIC_FAULTS, TABLE_FAULTS, model_of
+from skfem_stvk.referee.exact import ExactStVK
+from skfem_stvk.referee.results import CheckOutcome
+from skfem_stvk.referee.shape import Shape, boundary_nodes, facet_ids
+
+TERM = StVK(young=2.0, poisson=0.3)
+QUIET = {"quiet": True}
+
+
+def curved(mesh, amount=0.05, which=slice(None)):
+    """The quadratic mesh with its middles moved: those of `which` of them."""
+    quadratic = mesh.with_degree(2)
+    p, ids = quadratic.p.copy(), np.arange(mesh.nv, quadratic.nv)[which]
+    p[:, ids] += amount / mesh.nt ** (1 / mesh.k) * np.random.default_rng(5).standard_normal((mesh.d, len(ids)))
+    return ElementMesh(p, quadratic.t, element=quadratic.element)
+
+
+def boxes(kind, n, shake=0.15):
+    make = {"hexahedra": skfem.MeshHex, "quadrilaterals": skfem.MeshQuad}[kind]
+    element = ELEMENTS[kind]
+    mesh = make.init_tensor(*[np.linspace(0, 1, n + 1)] * element.k)
+    return ElementMesh(distorted(mesh.p, np.random.default_rng(6), shake), mesh.t, element=element)
+
+
+def surface(flat):
+    x, y = flat.p
+    return ElementMesh(np.stack([x, y, 0.3 * np.sin(3 * x) + 0.2 * y**2]), flat.t, element=flat.element)
+
+
+BODIES = {
+    "quadratic tetrahedra": box(2).with_degree(2),
+    "curved tetrahedra": curved(box(2)),
+    "straight and curved tetrahedra": curved(box(2), which=slice(0, 20)),
+    "curved triangles": curved(sheet(3)),
+    "quadratic membrane": membrane(3).with_degree(2),
+    "curved membrane": curved(membrane(3)),
+    "curved segments": curved(ElementMesh([[0.0, 0.7, 1.0, 1.6]], [[1, 1, 2], [0, 2, 3]])),
+    "curved cable": curved(ElementMesh([[0, 0.7, 1.0], [0, 0.2, 0.3], [0, 0.1, 0.5]], [[1, 1], [0, 2]])),
+    "hexahedra": boxes("hexahedra", 2),
+    "quadrilaterals": boxes("quadrilaterals", 4),
+    "warped quadrilaterals": surface(boxes("quadrilaterals", 3)),
+}
+CURVED = BODIES["curved tetrahedra"]
+
+
+@pytest.mark.parametrize("name", BODIES)
+def test_every_element_passes(name):
+    report = verify(BODIES[name], TERM, **QUIET)
+    assert report.passed, str(report)
+    tested = {r.check for r in report.results if r.outcome is CheckOutcome.PASSED}
+    assert {"agreement", "derivatives", "invariance", "balance", "symmetry", "rigid modes", "precision"} <= tested
+
+
+@pytest.mark.parametrize("name", ["curved tetrahedra", "curved triangles"])
+def test_the_exact_rule_passes_the_patch_test_on_curved_elements(name):
+    report = verify(BODIES[name], TERM, quadrature="exact", **QUIET)
+    assert report.passed, str(report)
+    (patch,) = [r for r in report.results if r.check == "patch test"]
+    assert patch.outcome is CheckOutcome.PASSED and "order" in report.header["mesh"]["rule"]
+
+
+def test_four_points_on_curved_tetrahedra_have_no_patch_test_and_it_says_so():
+    (patch,) = [r for r in verify(CURVED, TERM, **QUIET).results if r.check == "patch test"]
+    assert patch.outcome is CheckOutcome.NOT_APPLICABLE and "quadrature='exact' does" in patch.reason
+
+
+@pytest.mark.parametrize("kind", ["hexahedra", "quadrilaterals"])
+@pytest.mark.parametrize("hourglass", [None, 0.2])
+def test_one_point_with_hourglass_control_passes(kind, hourglass):
+    mesh = boxes(kind, 2)
+    report = verify(mesh, TERM, quadrature="one-point", hourglass=hourglass, **QUIET)
+    assert report.passed, str(report)
+    assert "mean gradients, hourglass control" in str(report)
+
+
+def test_materials_of_all_kinds_pass_on_all_elements():
+    rng = np.random.default_rng(0)
+    a = rng.standard_normal((6, 6))
+    material = Anisotropic(a @ a.T + 3 * np.eye(6), frame=np.linalg.qr(rng.standard_normal((3, 3)))[0])
+    for name in ("curved tetrahedra", "curved membrane", "hexahedra"):
+        half = BODIES[name].nt // 2
+        terms = [StVK(material, region=np.arange(half)), StVK(young=3.0, poisson=0.4, region=np.arange(half, BODIES[name].nt))]
+        assert verify(BODIES[name], terms, **QUIET).passed, name
+
+
+@pytest.mark.parametrize(
+    "mesh", [box(1).with_degree(2), curved(box(1)), boxes("hexahedra", 1)], ids=["straight", "curved", "hexahedra"]
+)
+def test_flat_elements_pass(mesh):
+    flat = ElementMesh(mesh.p * np.array([[1.0], [1e-2], [1.0]]), mesh.t, element=mesh.element)
+    report = verify(flat, TERM, **QUIET)
+    assert report.passed, str(report)
+
+
+def test_degree_2_of_a_linear_mesh_and_meshes_of_scikit_fem_are_the_same_body():
+    mesh = skfem.MeshTet().refined(1)
+    one, two = verify(mesh, TERM, degree=2, **QUIET), verify(skfem.MeshTet2.from_mesh(mesh), TERM, **QUIET)
+    assert one.passed and two.passed
+    assert one.header["mesh"]["elements"] == two.header["mesh"]["elements"] == "40 quadratic tetrahedra in 3D"
+    assert one.header["mesh"]["nodes"] == two.header["mesh"]["nodes"]
+
+
+def test_the_head_says_which_element_which_rule_and_how_many_are_curved():
+    report = verify(BODIES["straight and curved tetrahedra"], TERM, **QUIET)
+    facts, text = report.header["mesh"], " ".join(str(report).split())
+    assert 0 < facts["curved elements"] < 48 and facts["rule"] == "4 points of order 2"
+    assert f"48 quadratic tetrahedra in 3D, {facts['curved elements']} of them curved" in text
+    assert "integrated by 4 points of order 2" in text
+
+
+def test_a_right_model_passes_and_single_precision_does_not():
+    candidate = model_of(CURVED, TERM)
+    assert verify(CURVED, TERM, candidate=candidate, **QUIET).passed
+    single = System(CURVED, TERM, dtype=np.float32)
+    failed = verify(CURVED, TERM, candidate=single, **QUIET).failures("candidate")
+    assert {r.quantity for r in failed if r.check == "agreement"} == {"W", "F", "K"}
+    assert max(r.measured for r in failed if r.check == "agreement" and r.state != "rigid rotation") < 1e-4
+
+
+@pytest.mark.parametrize(
+    ("name", "body"),
+    [(name, body) for name in TABLE_FAULTS for body in ("curved tetrahedra", "curved triangles", "hexahedra", "quadrilaterals")]
+    + [(name, body) for name in QUADRATIC_FAULTS for body in ("curved tetrahedra", "curved triangles")],
+)
+def test_a_fault_in_the_tables_is_caught_by_its_checks(name, body):
+    fault = (TABLE_FAULTS | QUADRATIC_FAULTS)[name]
+    assert fault.caught_by <= caught(fault, BODIES[body])
+
+
+@pytest.mark.parametrize(
+    ("name", "kind"),
+    [
+        ("no hourglass control", "hexahedra"),
+        ("no hourglass control", "quadrilaterals"),
+        ("gradients at the centre", "hexahedra"),  # of quadrilaterals those are the means
+    ],
+)
+def test_a_fault_of_one_point_is_caught_by_its_checks(name, kind):
+    assert ONE_POINT_FAULTS[name].caught_by <= caught(ONE_POINT_FAULTS[name], boxes(kind, 2), quadrature="one-point")
+
+
+def caught(fault, mesh, **options):
+    report = verify(mesh, TERM, candidate=fault.make(mesh, TERM), **options, **QUIET)
+    assert not [r for r in report.results if r.subject != "candidate" and r.outcome is CheckOutcome.FAILED]
+    return {(r.check, r.quantity) for r in report.failures("candidate")}
+
+
+def test_a_fault_in_one_curved_element_is_found_in_that_element():
+    right = model_of(CURVED, TERM)
+    X = right.X.copy()
+    X[4, 7] += 1e-4
+
+    class Misplaced:
+        def internal_force(self, u):
+            return type(right)(**(vars(right) | {"X": X})).internal_force(u)
+
+    failures = [r for r in verify(CURVED, TERM, candidate=Misplaced(), **QUIET).failures("candidate") if r.check == "agreement"]
+    assert (
+        failures
+        and {tuple(r.worst["suspects"]) for r in failures} <= {(7,), ()}
+        and (7,) in {tuple(r.worst["suspects"]) for r in failures}
+    )
+
+
+@pytest.mark.parametrize("name", BODIES)
+def test_fifty_digits_agree_with_ours(name):
+    mesh, rng = BODIES[name], np.random.default_rng(1)
+    how, (u, v) = Discretisation(mesh.element.name), 0.1 * rng.standard_normal((2, mesh.p.size)) / mesh.nt ** (1 / mesh.k)
+    lam, mu = (float(value) for value in TERM.material.lame(TERM.hypothesis(mesh)))
+    body, exact = System(mesh, TERM), ExactStVK(mesh.p, mesh.t, (lam, mu), how)
+    (W, F), K = exact.energy_and_force(u), exact.tangent(u)
+    assert body.energy(u) == pytest.approx(W, rel=1e-13)
+    assert np.abs(body.internal_force(u) - F).max() < 1e-13 * np.abs(F).max()
+    assert abs(body.tangent(u) - K).max() < 1e-13 * abs(K).max()
+    assert np.abs(K @ v - exact.product(u, v)).max() < 1e-13 * np.abs(K @ v).max()
+
+
+def test_shapes_of_simple_elements():
+    cube = ElementMesh(skfem.MeshHex().p, skfem.MeshHex().t, element=ELEMENTS["hexahedra"])
+    assert Shape(cube, Discretisation("hexahedra")).aspect == pytest.approx([1.0])
+    linear, quadratic = box(2), box(2).with_degree(2)
+    one, two = (Shape(mesh, Discretisation(mesh.element.name)) for mesh in (linear, quadratic))
+    assert two.aspect == pytest.approx(one.aspect) and two.volume == pytest.approx(one.volume)
+    assert not two.curved.any() and Shape(CURVED, Discretisation(CURVED.element.name)).curved.all()
+
+
+def test_facets_and_boundary_nodes_are_scikit_fems():
+    mesh = skfem.MeshHex.init_tensor(*[np.linspace(0, 1, 4)] * 3)
+    body = ElementMesh(mesh.p, mesh.t, element=ELEMENTS["hexahedra"])
+    assert facet_ids(body).max() + 1 == mesh.nfacets
+    assert np.array_equal(boundary_nodes(body), np.sort(mesh.boundary_nodes()))
+    tets = skfem.MeshTet().refined(1)
+    quadratic = ElementMesh.of(tets).with_degree(2)
+    basis = skfem.Basis(tets, skfem.ElementTetP2())
+    assert np.array_equal(boundary_nodes(quadratic), np.sort(basis.get_dofs().all()))
