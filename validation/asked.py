@@ -36,7 +36,7 @@ def calls(mesh: ElementMesh, term: StVK) -> dict[str, Callable[[], Any]]:
     u, v = (amount * rng.standard_normal((mesh.nv, 3)) for amount in (0.1 * np.cbrt(np.ptp(mesh.p) ** 3 / mesh.nv), 1.0))
     force, diagonal = np.zeros_like(u), np.zeros((mesh.nv, 3, 3))
     pattern = Pattern(mesh.nv, 3, [assembly.nodes_paired])
-    rows, data = assembly.pairs.rows(pattern), np.zeros(pattern.nnz)
+    rows, data = assembly.rows(pattern), np.zeros(pattern.nnz)
     (_, exact), (_, clamped) = assembly.blocks(u), assembly.blocks(u, kept=TENSILE)
     return {
         "W and F": partial(assembly.energy_and_force, u, force),

@@ -18,11 +18,13 @@ from ..kernels import simplices as simplex_kernels
 from ..kernels import stretches as stretch_kernels
 from ..kernels import volumes as volume_kernels
 from ..kernels.lanes import LANES, MeanPoints, Points
+from ..kernels.rows import PairSlots, RowSlots
 from ..kernels.threads import in_turn, run
 from .elements import OwnElements, Quadrature, frames_at, nbytes, simplex_quadrature
 from .form import EdgeForm
-from .pairs import ALL, PairBlocks, PairTerm, Tensions
+from .pairs import ALL, BlockPattern, Linearized, PairBlocks, PairTerm, Tensions
 from .stiffness import Stiffness, in_range
+from .streaming import ElementRows
 from .topology import OwnOrder, Shares, own_order, pairs_of
 
 
@@ -94,13 +96,32 @@ class ElementTerm(PairTerm):
         blocks = np.empty(size, dtype=self.dtype) if out is None or len(out) != size else out
         blocks[9 * total :] = 0
         with self._adding(u, force) as (shares, f):
-            W = self._linearize(shares, to.slots.reshape(len(simplices.t), -1), f, blocks, kept)
+            slots = PairSlots(to.slots.reshape(len(simplices.t), -1), simplices.edges.marks, blocks)
+            W, _ = self._total(self._linearize(shares, slots, f, kept))
         block_kernels.fold(blocks, total, to.extra, 9)
         return W, blocks
 
+    def rows(self, pattern: BlockPattern) -> ElementRows:
+        return ElementRows(self.simplices, self.pairs, pattern, self.dtype)
+
+    @in_turn
+    def fill(
+        self, u: Array, rows: ElementRows, data: Array, add: bool, force: Array | None = None, kept: Tensions = ALL
+    ) -> Linearized:
+        """As in `PairTerm`, without an array of all blocks."""
+        with self._adding(u, force) as (shares, f):
+            found, more = rows.fill(lambda to: self._linearize(shares, to, f, kept), data, add)
+        W, total = self._total(found)
+        return Linearized(W, total + more)
+
     @abstractmethod
-    def _linearize(self, shares: Shares, edge_slots: NDArray[Any], f: Array, blocks: Array, kept: Tensions) -> float:
-        """As `_energy`; writes the blocks of the edges to their slots in `blocks`."""
+    def _linearize(self, shares: Shares, to: PairSlots | RowSlots, f: Array, kept: Tensions) -> list[Any]:
+        """As `_energy`, and the blocks of the edges go to `to`: what the kernel returns for each part, for `_total`."""
+
+    def _total(self, found: list[Any]) -> tuple[float, float]:
+        """The energy and the trace of K from all parts."""
+        energies, traces = zip(*found, strict=True)
+        return sum(energies), sum(traces)
 
     @in_turn
     def add_round_off(self, u: Array, out: Array) -> None:
@@ -287,19 +308,21 @@ class Assembly(ElementTerm):
             run(block_kernels.weigh_negative, self.pairs.products.parts, self._tensions(), less, blocks)
         return W, blocks
 
-    def _linearize(self, shares: Shares, edge_slots: NDArray[Any], f: Array, blocks: Array, kept: Tensions) -> float:
+    @in_turn
+    def fill(
+        self, u: Array, rows: ElementRows, data: Array, add: bool, force: Array | None = None, kept: Tensions = ALL
+    ) -> Linearized:
+        """As in `ElementTerm`; tensions of linear simplices of both signs are known only when all elements have been added."""
+        if kept.negative == kept.positive or self.points is not None:
+            return super().fill(u, rows, data, add, force, kept)
+        W, blocks = self.blocks(u, force, self._filled, kept)
+        self._filled = blocks
+        return Linearized(W, self.pairs.fill(rows.of_all_pairs, blocks, add, data))
+
+    def _linearize(self, shares: Shares, to: PairSlots | RowSlots, f: Array, kept: Tensions) -> list[Any]:
         simplices = self.simplices
-        arrays = (
-            simplices.t.ravel(),
-            shares.slots,
-            edge_slots,
-            simplices.edges.marks,
-            self.points,
-            self.law,
-            simplices.X,
-            simplices.u,
-        )
-        return sum(run(simplex_kernels.linearize, shares.parts, *arrays, kept.positive, kept.negative, f, blocks))
+        arrays = simplices.t.ravel(), shares.slots, to, self.points, self.law, simplices.X, simplices.u
+        return run(simplex_kernels.linearize, shares.parts, *arrays, float(kept.positive), float(kept.negative), f)
 
     def smallest_stretches(self, u: Array) -> NDArray[np.float64]:
         """(nt,) smallest principal stretch at `u` (nv, d) within their own dimensions, of the elements in the order in which they

@@ -269,5 +269,5 @@ def _in_double(points: MeanPoints) -> MeanPoints:
 
 
 def nbytes(arrays: Any) -> int:
-    """Bytes of an array, or of a tree of arrays."""
-    return arrays.nbytes if isinstance(arrays, np.ndarray) else sum(map(nbytes, arrays))
+    """Bytes of an array, of what says its own, or of a tree of those."""
+    return int(arrays.nbytes) if hasattr(arrays, "nbytes") else sum(map(nbytes, arrays))

@@ -64,6 +64,8 @@ class Linearized(NamedTuple):
 class BlockPattern(Protocol):
     """A pattern of K, as blocks of node pairs see it."""
 
+    indptr: NDArray[np.int32]
+    """(rows + 1,) where the values of rows begin."""
     strides: NDArray[np.int32]
     """(nv,) values from a row of a vertex to its next."""
 
@@ -86,6 +88,11 @@ class Rows(NamedTuple):
     entries: NDArray[np.int32]
     places: NDArray[np.int32]
     strides: NDArray[np.int32]
+
+    @property
+    def size(self) -> int:
+        """Number of blocks."""
+        return len(self.entries)
 
 
 @dataclass
@@ -324,8 +331,12 @@ class PairTerm(ABC):
         `out` are blocks that this method returned before, to be filled anew. `kept`: which tensions of edges stay in K.
         """
 
+    def rows(self, pattern: BlockPattern) -> Any:
+        """Where the blocks stand in the values of a matrix of this pattern: what `fill` asks for; its `size` is their number."""
+        return self.pairs.rows(pattern)
+
     @in_turn
-    def fill(self, u: Array, rows: Rows, data: Array, add: bool, force: Array | None = None, kept: Tensions = ALL) -> Linearized:
+    def fill(self, u: Array, rows: Any, data: Array, add: bool, force: Array | None = None, kept: Tensions = ALL) -> Linearized:
         """Write the tangent stiffness [N/m] to the CSR values `data`, or add it to them; the others as in `blocks`."""
         W, self._filled = self.blocks(u, force, self._filled, kept)
         return Linearized(W, self.pairs.fill(rows, self._filled, add, data))

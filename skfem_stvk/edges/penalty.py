@@ -11,11 +11,13 @@ from numpy.typing import DTypeLike, NDArray
 from ..arguments import Array
 from ..errors import StateError, name_ids
 from ..kernels import penalty as penalty_kernels
+from ..kernels.rows import PairSlots, RowSlots
 from ..kernels.threads import run
 from ..mesh.points import determinants, spokes_at
 from .assembly import ElementTerm
 from .elements import Quadrature, mean_frames, simplex_quadrature
-from .pairs import ALL, Linearized, Rows, Tensions
+from .pairs import ALL, Linearized, Tensions
+from .streaming import ElementRows
 from .topology import OwnOrder, Shares
 
 
@@ -55,10 +57,12 @@ class PenaltyAssembly(ElementTerm):
     def _energy(self, shares: Shares, f: Array) -> float:
         return self._checked(run(penalty_kernels.penalty_energy_and_force, shares.parts, *self._simplices(shares), f))
 
-    def _linearize(self, shares: Shares, edge_slots: NDArray[Any], f: Array, blocks: Array, kept: Tensions) -> float:
+    def _linearize(self, shares: Shares, to: PairSlots | RowSlots, f: Array, kept: Tensions) -> list[Any]:
         t, slots, *others = self._simplices(shares)
-        arrays = t, slots, edge_slots, self.simplices.edges.marks, *others, kept.negative
-        return self._checked(run(penalty_kernels.penalty_linearize, shares.parts, *arrays, f, blocks))
+        return run(penalty_kernels.penalty_linearize, shares.parts, t, slots, to, *others, float(kept.negative), f)
+
+    def _total(self, found: list[Any]) -> tuple[float, float]:
+        return self._checked([(W, least) for W, least, _ in found]), sum(trace for _, _, trace in found)
 
     def _round_off(self, shares: Shares, f: Array) -> None:
         least = run(penalty_kernels.penalty_round_off, shares.parts, *self._simplices(shares), f)
@@ -69,7 +73,9 @@ class PenaltyAssembly(ElementTerm):
         simplices = self.simplices
         return simplices.t.ravel(), shares.slots, self.points, self._D, simplices.X, simplices.u, simplices.k, self._kind
 
-    def fill(self, u: Array, rows: Rows, data: Array, add: bool, force: Array | None = None, kept: Tensions = ALL) -> Linearized:
+    def fill(
+        self, u: Array, rows: ElementRows, data: Array, add: bool, force: Array | None = None, kept: Tensions = ALL
+    ) -> Linearized:
         """As in `PairTerm`. What `psi'` adds to K is skew and in no diagonal entry: if it overflows, so does the energy."""
         W, total = super().fill(u, rows, data, add, force, kept)
         return Linearized(W, total + W)

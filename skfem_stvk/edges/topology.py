@@ -40,11 +40,22 @@ def pairs_of(t: NDArray[np.int32], element: Element) -> NDArray[np.int32]:
     return edges_of_simplices(np.ascontiguousarray(t, dtype=np.int32), np.array(element.pairs), int(t.max()) + 1)[0]
 
 
+#: Bytes of blocks on a front from which on another order of nodes is looked for: they fit into a core's cache with all else.
+SMALL_FRONT = 2**17
+#: The mesh's own order is kept unless it has a front that is larger by this factor: rows of K are written one after the other then.
+GAIN = 1.5
+
+
+def front(pairs: Ids, n: int) -> int:
+    """How many of the `pairs` (2, m), `a < b` of `n` nodes, an order of nodes divides at most: `a` before it, `b` behind."""
+    return int(np.cumsum(np.bincount(pairs[0], minlength=n) - np.bincount(pairs[1], minlength=n)).max(initial=0))
+
+
 class OwnOrder(NamedTuple):
     """Elements in an order that the caches like; users never see it.
 
-    Nodes in reverse Cuthill-McKee order (only those that the elements have), ascending in each linear simplex, elements sorted by
-    them. On 38 000 tetrahedra of Gmsh, K takes 61 ns per tetrahedron instead of 107 in the mesh's own order (`python -m validation
+    Nodes (only those that the elements have) in the mesh's order if that is good, else in reverse Cuthill-McKee order, ascending in
+    each linear simplex, elements sorted by them. On 38 000 tetrahedra of Gmsh, K takes 61 ns per tetrahedron instead of 107 in the mesh's own order (`python -m validation
     kernels`).
 
     `vertices` (nv,) are nodes of the mesh, `elements` (nt,) the positions of the elements in the order in which they were given,
@@ -67,10 +78,16 @@ def own_order(t: Ids, edges: Ids, ascending: bool = True) -> OwnOrder:
     vertices = np.flatnonzero(used).astype(np.int32)
     number = np.empty(len(used), dtype=np.int32)
     number[vertices] = np.arange(len(vertices))
-    begin, others, _ = stars(number[edges], len(vertices))
-    graph = csr_matrix((np.ones(len(others), dtype=np.int8), others, begin.astype(np.int32)), shape=(len(vertices),) * 2)
-    vertices = vertices[reverse_cuthill_mckee(graph, symmetric_mode=True)]
-    number[vertices] = np.arange(len(vertices))
+    pairs = number[edges]
+    if 9 * 8 * front(pairs, len(vertices)) > SMALL_FRONT:
+        begin, others, _ = stars(pairs, len(vertices))
+        graph = csr_matrix((np.ones(len(others), dtype=np.int8), others, begin.astype(np.int32)), shape=(len(vertices),) * 2)
+        order = reverse_cuthill_mckee(graph, symmetric_mode=True)
+        place = np.empty_like(order)
+        place[order] = np.arange(len(order))
+        if front(pairs, len(order)) > GAIN * front(np.sort(place[pairs], axis=0), len(order)):
+            vertices = vertices[order]
+            number[vertices] = np.arange(len(vertices))
     corners = number[t.T]  # (nt, k + 1)
     local = np.argsort(corners, axis=1)
     sorted_corners = np.ascontiguousarray(np.take_along_axis(corners, local, axis=1).T)

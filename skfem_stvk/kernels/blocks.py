@@ -52,12 +52,14 @@ def _nine(a, at):
 
 
 @inlined
-def _transposed(b):
+def transposed(b):
+    """The transpose of a block, row by row."""
     return b[0], b[3], b[6], b[1], b[4], b[7], b[2], b[5], b[8]
 
 
 @inlined
 def _minus(a, b):
+
     return (
         a[0] - b[0],
         a[1] - b[1],
@@ -114,7 +116,7 @@ def fill_rows(
             if entry == OWN:
                 place = I(places[I(i)])
                 continue
-            block = _nine(blocks, I(9) * I(entry)) if entry >= 0 else _transposed(_nine(blocks, I(9) * I(-1 - entry)))
+            block = _nine(blocks, I(9) * I(entry)) if entry >= 0 else transposed(_nine(blocks, I(9) * I(-1 - entry)))
             _store(block, I(places[I(i)]), stride, axes, add, data)
             own = _minus(own, block)
         _store(own, place, stride, axes, add, data)

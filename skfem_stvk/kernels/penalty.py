@@ -26,6 +26,8 @@ of a table of points) and `1/C0`.
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from .compiled import Ids, Reals, inlined, kernel
@@ -46,7 +48,6 @@ from .lanes import (
     put,
     room,
     scatter,
-    scatter_blocks,
     scatter_sizes,
     spokes,
     spread,
@@ -55,6 +56,7 @@ from .lanes import (
     vectors,
     weight_of,
 )
+from .rows import add_blocks, close_rows, open_rows
 from .simplices import NINE, put_pairs, put_spokes
 
 #: The kinds of energy, as kernels know them.
@@ -195,8 +197,7 @@ def penalty_linearize(
     end: int,
     t: Ids,
     slots: Ids,
-    edge_slots: Ids,
-    marks: Ids,
+    to: Any,
     points: Points | None,
     D: Reals,
     X: Reals,
@@ -205,17 +206,20 @@ def penalty_linearize(
     kind: int,
     kept: float,
     f: Reals,
-    blocks: Reals,
-) -> tuple[float, float]:
-    """As in `penalty_energy_and_force`; adds `K_ab`, `psi'` times `kept` in it, to the slots of node pairs in `blocks`."""
+) -> tuple[float, float, float]:
+    """As in `penalty_energy_and_force`; adds `K_ab`, `psi'` times `kept` in it, to what `to` says.
+
+    The third number is the trace of the rows of K that were written (`rows`).
+    """
     x, y, total = room(points, D.dtype), room(points, D.dtype), room(points, D.dtype)
     P, U, forces = at_point(points, x), at_point(points, y), at_point(points, total)
     e, J = np.empty(LANES, D.dtype), np.empty(LANES, D.dtype)
     psi, slope, curvature = np.empty(LANES, D.dtype), np.empty(LANES, D.dtype), np.empty(LANES, D.dtype)
-    values = np.empty(max(9 * edge_slots.shape[1], 54 * LANES), D.dtype)
+    values = np.empty(max(9 * to.slots.shape[1], 54 * LANES), D.dtype)
     size = 0 if points is None else 9 * NINE * points_of(points)
     K, T, row = np.empty(size, D.dtype), np.empty(size, D.dtype), np.empty(3 * NINE, D.dtype)
-    nodes = (len(t) // LANES) // len(edge_slots)
+    nodes = (len(t) // LANES) // len(to.slots)
+    stage, place = open_rows(to)
     more, most = D.dtype.type(k > 1), D.dtype.type(k > 2)
     W, least = 0.0, 1.0
     for block in range(begin, end):
@@ -260,11 +264,10 @@ def penalty_linearize(
             spread(points, block, point, forces, total)
         put_pairs(points, block, nodes, K, x, T, row, values)
         W += w
-        blocks[9 * marks[block] : 9 * marks[block + 1]] = 0
-        scatter_blocks(points, edge_slots, block, values, blocks)
         if len(f) > 0:
             scatter(points, slots, block, total, f)
-    return W, least
+        place = add_blocks(to, points, stage, place, block, values)
+    return W, least, close_rows(to, stage, place)
 
 
 @inlined

@@ -109,6 +109,97 @@ def stars(edges: Ids, n: int) -> tuple[Ids, Ids, Ids]:
 
 
 @kernel
+def last_uses(t: Ids, parts: Ids, n: int) -> tuple[Ids, Ids]:
+    """The part that uses each of `n` nodes, the number of parts for those of several, and the last of the rows of `t` with each.
+
+    `t` (blocks, m) are nodes of blocks of elements, in `parts` as in `threads.parts_of`.
+    """
+    count = len(parts) - 1
+    part_of, last = np.full(n, -1, np.int32), np.zeros(n, np.int64)
+    for part in range(count):
+        for block in range(parts[part], parts[part + 1]):
+            for node in t[block]:
+                last[node] = block
+                if part_of[node] < 0:
+                    part_of[node] = part
+                elif part_of[node] != part:
+                    part_of[node] = count
+    return part_of, last
+
+
+@kernel
+def assign_slots(
+    t2e: Ids, pairs: Ids, parts: Ids, row_of: Ids, done: Ids, begin: Ids, pair_of: Ids
+) -> tuple[Ids, Ids, Ids, Ids, Ids, int]:
+    """Slots for the pairs of nodes of blocks of elements, that others have as soon as both rows of a pair are written.
+
+    `t2e` (blocks, m) are the pairs of blocks, in `parts` as in `threads.parts_of`; `pairs` (ne, 2) their nodes, with rows `row_of`
+    (n,). Before block `i` `done[i]` rows are complete; others are written in the end. The pairs of the row of a node, -1 for the
+    node itself, are `pair_of[begin[row]]` ...
+
+    Returned are `slots` (blocks, m), the slots in the order in which pairs begin to use them, `marks` (blocks + 1,) how many the
+    blocks before begin to use, the slot (ne,) of each pair, `targets` (extra,), and how many slots there are. The first ones are
+    those of pairs that are written in the end, as many as come before the extra ones; what other parts add to such a pair stands in
+    an extra slot, and belongs to its target.
+    """
+    blocks, m = t2e.shape
+    ne, count = len(pairs), len(parts) - 1
+    in_work = done[blocks]
+    row = np.empty(ne, np.int64)  # the later one of a pair
+    for e in range(ne):
+        row[e] = max(row_of[pairs[e, 0]], row_of[pairs[e, 1]])
+    slot, seen = np.full(ne, -1, np.int32), np.full(ne, -1, np.int32)
+    lasting, extra = 0, 0
+    if in_work < len(begin) - 1:
+        for part in range(count):
+            for block in range(parts[part], parts[part + 1]):
+                for e in t2e[block]:
+                    if row[e] >= in_work and seen[e] != part:
+                        if seen[e] < 0:
+                            slot[e] = lasting
+                            lasting += 1
+                        else:
+                            extra += 1
+                        seen[e] = part
+        seen[:] = -1
+    slots, marks = np.empty((blocks, m), np.uint32), np.zeros(blocks + 1, np.int64)
+    fresh, targets = np.empty(ne + extra, np.uint32), np.empty(extra, np.int64)
+    now, free = np.empty(ne, np.int32), np.empty(ne, np.int32)
+    size, used, extra = lasting + extra, 0, 0
+    for part in range(count):
+        left = 0
+        for block in range(parts[part], parts[part + 1]):
+            for i in range(m):
+                e = t2e[block, i]
+                if seen[e] != part:
+                    if row[e] < in_work:
+                        if left > 0:
+                            left -= 1
+                            slot[e] = free[left]
+                        else:
+                            slot[e] = size
+                            size += 1
+                        now[e] = slot[e]
+                    elif seen[e] < 0:
+                        now[e] = slot[e]
+                    else:
+                        now[e], targets[extra] = lasting + extra, slot[e]
+                        extra += 1
+                    seen[e] = part
+                    fresh[used] = now[e]
+                    used += 1
+                slots[block, i] = now[e]
+            marks[block + 1] = used
+            for complete in range(done[block], done[block + 1]):
+                for i in range(begin[complete], begin[complete + 1]):
+                    e = pair_of[i]
+                    if e >= 0 and row[e] == complete:
+                        free[left] = slot[e]
+                        left += 1
+    return slots, fresh, marks, slot, targets, size
+
+
+@kernel
 def expand(begin: Ids, columns: Ids, d: int) -> tuple[Ids, Ids]:
     """`indptr` and `indices` of scipy's CSR format for `d x d` blocks in compressed rows."""
     n = len(begin) - 1

@@ -132,7 +132,7 @@ class System(BoundTerms):
         """Where blocks of terms and of loads stand in the values of K, worked out once for each version of the pattern."""
         pattern = self.pattern
         if self._places is None or self._places[0] != pattern.version:
-            terms = [term.pairs.rows(pattern) for term in self.pair_terms]
+            terms = [term.rows(pattern) for term in self.pair_terms]
             self._places = pattern.version, terms, [of.pairs.rows(pattern) for _, of in self._turning]
         return self._places[1:]
 
@@ -411,7 +411,7 @@ class System(BoundTerms):
     def _fill(self, x: Array, K: csr_matrix, force: Array | None, kept: Tensions = ALL) -> float:
         """Fill the values of K; adds the force; the energy."""
         every, _ = self._rows()
-        add = self.mesh.d**2 * len(every[0].entries) < self.pattern.nnz  # otherwise the first term writes to all of K
+        add = self.mesh.d**2 * every[0].size < self.pattern.nnz  # otherwise the first term writes to all of K
         if add:
             K.data[:] = 0
         energy = 0.0

@@ -57,7 +57,7 @@ def test_force_is_added_and_K_is_written_or_added(name):
     mesh, terms = BODIES[name]
     assembly, u = terms[0].bind(mesh, np.float64), state(mesh).reshape(-1, mesh.d)
     pattern = Pattern(mesh.nv, mesh.d, [assembly.nodes_paired])
-    rows = assembly.pairs.rows(pattern)
+    rows = assembly.rows(pattern)
     before = np.random.default_rng(0).standard_normal(u.shape)
     F, sum_of_both, same = np.zeros_like(u), before.copy(), before.copy()
     W = assembly.energy_and_force(u, F)
@@ -93,7 +93,7 @@ def test_blocks_of_edges_are_those_of_K_and_their_total_is_its_trace(name):
     assert np.abs(np.sort(np.einsum("exx->e", found)) - wanted).max() < 1e-13 * np.abs(wanted).max()
     pattern = Pattern(mesh.nv, mesh.d, [assembly.nodes_paired])
     data = np.zeros(pattern.nnz)
-    total = assembly.fill(u, assembly.pairs.rows(pattern), data, False).total
+    total = assembly.fill(u, assembly.rows(pattern), data, False).total
     if mesh.d == 3:
         assert total == pytest.approx(np.einsum("aaxx->", K), rel=1e-13)
     assert total > 0
@@ -145,7 +145,7 @@ def test_vectors_to_work_in_are_kept_and_counted(monkeypatch):
     mesh = MESHES["tetrahedra"]
     assembly, u = TERM.bind(mesh), state(mesh).reshape(-1, 3)
     pattern = Pattern(mesh.nv, 3, [assembly.nodes_paired])
-    rows, data, force = assembly.pairs.rows(pattern), np.zeros(pattern.nnz), np.zeros_like(u)
+    rows, data, force = assembly.rows(pattern), np.zeros(pattern.nnz), np.zeros_like(u)
     kept = []
     for _ in range(3):
         assembly.energy_and_force(u, force)

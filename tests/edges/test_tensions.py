@@ -54,7 +54,7 @@ def dense(assembly, u, kept):
     """The same from the kernels, by way of CSR values."""
     pattern = Pattern(len(u), u.shape[1], [assembly.nodes_paired])
     data = np.zeros(pattern.nnz)
-    assembly.fill(u, assembly.pairs.rows(pattern), data, False, None, kept)
+    assembly.fill(u, assembly.rows(pattern), data, False, None, kept)
     return pattern.matrix(data).toarray()
 
 

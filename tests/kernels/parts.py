@@ -3,7 +3,7 @@
 import numba
 from kernels import readable
 
-from skfem_stvk.edges import assembly, elements, pairs, penalty, topology
+from skfem_stvk.edges import assembly, elements, pairs, penalty, streaming, topology
 from skfem_stvk.kernels import threads
 from skfem_stvk.mesh import displacements
 from skfem_stvk.system import pattern
@@ -12,6 +12,7 @@ from skfem_stvk.system import pattern
 BY_NAME = {
     elements: ("lexicographic_order", "frames", "frames_of_spokes"),
     pairs: ("lexicographic_order", "stars"),
+    streaming: ("assign_slots", "last_uses", "stars"),
     topology: ("edges_of_simplices", "lexicographic_order", "numbers_by_first_use", "stars"),
     pattern: ("expand", "first_places", "lexicographic_order", "stars"),
 }
@@ -30,6 +31,7 @@ def on_twins(monkeypatch):
     monkeypatch.setattr(penalty, "penalty_kernels", readable)
     for module in (assembly, displacements, elements, pairs, pattern):
         monkeypatch.setattr(module, "block_kernels", readable)
+    monkeypatch.setattr(streaming, "row_kernels", readable)
     for module, names in BY_NAME.items():
         for name in names:
             monkeypatch.setattr(module, name, getattr(readable, name))

@@ -22,6 +22,7 @@ from skfem_stvk.kernels.compiled import Ids, Reals
 from skfem_stvk.kernels.lanes import LANES, TRANSPOSED, MeanPoints, Points
 from skfem_stvk.kernels.laws import GeneralLaw, IsotropicLaw
 from skfem_stvk.kernels.penalty import BARRIER, COMPRESSION, QUADRATIC
+from skfem_stvk.kernels.rows import PairSlots, RowSlots
 from skfem_stvk.kernels.topology import OWN
 
 #: Edges of a tetrahedron as pairs of its vertices: the order of `edge_slots`.
@@ -212,8 +213,7 @@ def linearize(
     end: int,
     t: Ids,
     slots: Ids,
-    edge_slots: Ids,
-    marks: Ids,
+    to: Any,
     points: Points | None,
     law: Any,
     X: Reals,
@@ -221,9 +221,8 @@ def linearize(
     positive: float,
     negative: float,
     f: Reals,
-    blocks: Reals,
-) -> float:
-    """`K_ab = sum_ij g_ai g_bj A_ij + H_ab I` over points, `A_ij = 2 sum_kl C_ikjl q_k q_l' + S_ij I`, of the pairs of nodes `a < b`.
+) -> tuple[float, float]:
+    """`K_ab = sum_ij g_ai g_bj A_ij + H_ab I` over points, `A_ij = 2 sum_kl C_ikjl q_k q_l' + S_ij I`, of pairs of nodes `a < b`.
 
     Of `S` the positive and the negative eigenvalues count by factors; of linear simplices all by the first.
     """
@@ -236,13 +235,7 @@ def linearize(
     K = np.einsum("nqai,nqbj,nqijxy->nabxy", elements.g, elements.g, A, optimize=True)
     K += np.einsum("nab,xy->nabxy", elements.resistance(X), np.eye(3, dtype=S.dtype))
     pairs = EDGES if points is None else tuple(combinations(range(K.shape[1]), 2))
-    to = out_of_lanes(edge_slots, edge_slots.shape[1] // LANES, part)
-    blocks[9 * marks[begin] : 9 * marks[end]] = 0
-    for (a, b), slot in zip(pairs, to.T, strict=False):  # of segments and triangles the first edges of a tetrahedron
-        turned = (slot & TRANSPOSED) > 0
-        of = np.where(turned[:, None, None], K[:, a, b].swapaxes(1, 2), K[:, a, b])
-        np.add.at(blocks.reshape(-1, 3, 3), slot & ~TRANSPOSED, of)
-    return energy_and_force(begin, end, t, slots, points, law, X, u, f)
+    return energy_and_force(begin, end, t, slots, points, law, X, u, f), add_pairs(to, begin, end, [K[:, a, b] for a, b in pairs])
 
 
 def tensions(begin: int, end: int, t: Ids, edge_slots: Ids, marks: Ids, law: Any, X: Reals, u: Reals, out: Reals) -> None:
@@ -465,8 +458,7 @@ def penalty_linearize(
     end: int,
     t: Ids,
     slots: Ids,
-    edge_slots: Ids,
-    marks: Ids,
+    to: Any,
     points: Points | None,
     D: Reals,
     X: Reals,
@@ -475,8 +467,7 @@ def penalty_linearize(
     kind: int,
     kept: float,
     f: Reals,
-    blocks: Reals,
-) -> tuple[float, float]:
+) -> tuple[float, float, float]:
     """`K_ij = k V0 (psi'' dJ/dp_i dJ/dp_j' + kept psi' d2J/dp_i dp_j)` of the spokes, spread over the nodes, `K_0b = -sum_a K_ab`.
 
     d2J/dp_ix dp_jy = sum_mz eps_ijm eps_xyz p_mz / C0; in one and two dimensions with the axes across for the spokes that are
@@ -496,14 +487,9 @@ def penalty_linearize(
     K = np.zeros((len(p), B.shape[1] + 1, B.shape[1] + 1, 3, 3))
     K[:, 1:, 1:, :k, :k] = np.einsum("pai,pbj,npijxy->nabxy", B, B, spokes)
     K[:, 0, 1:] = -K[:, 1:, 1:].sum(axis=1)
-    blocks[9 * marks[begin] : 9 * marks[end]] = 0
-    edges = edge_slots.shape[1] // LANES
-    slots_of_edges = out_of_lanes(edge_slots, edges, part)
-    for i, (a, b) in enumerate(EDGES[:edges] if points is None else combinations(range(K.shape[1]), 2)):
-        turned = (slots_of_edges[:, i] >= TRANSPOSED) & (points is not None)
-        block = np.where(turned[:, None, None], np.swapaxes(K[:, a, b], 1, 2), K[:, a, b])
-        np.add.at(blocks.reshape(-1, 3, 3), np.where(turned, slots_of_edges[:, i] - TRANSPOSED, slots_of_edges[:, i]), block)
-    return penalty_energy_and_force(begin, end, t, slots, points, D, X, u, k, kind, f)[0], least
+    pairs = EDGES if points is None else tuple(combinations(range(K.shape[1]), 2))
+    W, _ = penalty_energy_and_force(begin, end, t, slots, points, D, X, u, k, kind, f)
+    return W, least, add_pairs(to, begin, end, [K[:, a, b] for a, b in pairs])
 
 
 def penalty_round_off(
@@ -546,6 +532,54 @@ def _permanent(rows: list[Reals]) -> Reals | float:
     for x in range(len(rows)):
         total = total + rows[0][:, x] * _permanent([np.delete(row, x, axis=1) for row in rows[1:]])
     return total
+
+
+def add_pairs(to: Any, begin: int, end: int, pairs: list[Reals]) -> float:
+    """Add the blocks (n, 3, 3) of each of the `pairs` of elements to the slots of all pairs; or, block of lanes by block of lanes,
+    to those of rows in work, and write the rows that are complete then, whose trace is returned. Of segments and triangles only the
+    first pairs of a tetrahedron have slots.
+    """
+    slots = out_of_lanes(to.slots, to.slots.shape[1] // LANES, slice(begin, end)).T
+    turned, slots = (slots & TRANSPOSED) > 0, slots & ~TRANSPOSED
+    values = np.stack([np.where(of[:, None, None], K.swapaxes(1, 2), K) for of, K in zip(turned, pairs, strict=False)])
+    if isinstance(to, PairSlots):
+        to.blocks[9 * to.marks[begin] : 9 * to.marks[end]] = 0
+        np.add.at(to.blocks.reshape(-1, 3, 3), slots, values)
+        return 0.0
+    trace = 0.0
+    for block in range(begin, end):
+        fresh = to.fresh[to.marks[block] : to.marks[block + 1]]
+        to.eights.reshape(-1, 8)[fresh], to.ninths[fresh] = 0, 0
+        lanes = slice((block - begin) * LANES, (block - begin + 1) * LANES)
+        nine = values[:, lanes].reshape(-1, LANES, 9)
+        np.add.at(to.eights.reshape(-1, 8), slots[:, lanes], nine[..., :8])
+        np.add.at(to.ninths, slots[:, lanes], nine[..., 8])
+        trace += finish_rows(int(to.done[block]), int(to.done[block + 1]), to)
+    return trace
+
+
+def finish_rows(begin: int, end: int, to: RowSlots) -> float:
+    """The transposes of lower neighbours, minus the sum of all, and upper neighbours, each to its columns; the trace."""
+    blocks = np.column_stack([to.eights.reshape(-1, 8), to.ninths]).reshape(-1, 3, 3)
+    trace = 0.0
+    for row in range(begin, end):
+        entries = range(int(to.begin[row]), int(to.begin[row + 1]))
+        K = {i: blocks[to.entries[i]].T if i < to.own[row] else blocks[to.entries[i]] for i in entries if i != to.own[row]}
+        K[int(to.own[row])] = -sum(K.values(), np.zeros((3, 3)))
+        trace += np.trace(K[int(to.own[row])])
+        for i, block in K.items():
+            for r in range(to.d):
+                place = to.first[row] + r * to.strides[row] + to.columns[i]
+                to.data[place : place + to.d] = block[r, : to.d] + (to.data[place : place + to.d] if to.add else 0)
+    return trace
+
+
+def fold_slots(begin: int, end: int, starts: Ids, sources: Ids, to: RowSlots) -> None:
+    """Each slot of other parts to the one that it belongs to."""
+    for slot in range(begin, end):
+        of = sources[starts[slot] : starts[slot + 1]]
+        to.eights.reshape(-1, 8)[slot] += to.eights.reshape(-1, 8)[of].sum(axis=0)
+        to.ninths[slot] += to.ninths[of].sum()
 
 
 def gather(x: Reals, order: Ids, out: Reals) -> None:
@@ -666,6 +700,36 @@ def stars(edges: Ids, n: int) -> tuple[Ids, Ids, Ids]:
     order = np.lexsort([others, row])
     begin = np.searchsorted(row[order], np.arange(n + 1))
     return begin.astype(np.int64), others[order].astype(np.int32), entries[order].astype(np.int32)
+
+
+def last_uses(t: Ids, parts: Ids, n: int) -> tuple[Ids, Ids]:
+    """By sets of the parts that have a node; the last row with it."""
+    part = np.repeat(np.arange(len(parts) - 1), np.diff(parts))
+    uses = [np.flatnonzero((t == node).any(axis=1)) for node in range(n)]
+    of = [set(part[rows].tolist()) for rows in uses]
+    return np.array([found.pop() if len(found) == 1 else len(parts) - 1 for found in of]), np.array([rows[-1] for rows in uses])
+
+
+def assign_slots(
+    t2e: Ids, pairs: Ids, parts: Ids, row_of: Ids, done: Ids, begin: Ids, pair_of: Ids
+) -> tuple[Ids, Ids, Ids, Ids, Ids, int]:
+    """A slot for each pair in each part that has it, which no other pair ever has."""
+    lasting = (row_of[pairs] >= done[-1]).any(axis=1)
+    number: dict[tuple[int, int], int] = {}  # (part, pair) in the order of first use
+    uses, marks = [], [0]
+    for part in range(len(parts) - 1):
+        for block in t2e[parts[part] : parts[part + 1]]:
+            uses.append([number.setdefault((part, int(e)), len(number)) for e in block])
+            marks.append(len(number))
+    of = np.array([e for _, e in number])
+    _, first = np.unique(of, return_index=True)
+    is_first = np.isin(np.arange(len(of)), first)
+    order = np.argsort(np.where(lasting[of], np.where(is_first, 0, 1), 2), kind="stable")
+    slot = np.empty(len(of), np.int64)
+    slot[order] = np.arange(len(of))
+    extra = order[np.count_nonzero(lasting[of] & is_first) : np.count_nonzero(lasting[of])]
+    slot_of = slot[first]
+    return slot[np.array(uses)].astype(np.uint32), slot, np.array(marks), slot_of, slot_of[of[extra]], len(of)
 
 
 def expand(begin: Ids, columns: Ids, d: int) -> tuple[Ids, Ids]:

@@ -102,7 +102,7 @@ def dense(case, term, u, kept=ALL):
     pattern, force = pattern_of(case, term), np.zeros(u.shape)
     data = np.full(pattern.nnz, np.nan)
     paired = with_its_blocks(case, term)
-    linearized = paired.fill(u, paired.pairs.rows(pattern), data, False, force, kept)
+    linearized = paired.fill(u, paired.rows(pattern), data, False, force, kept)
     return np.nan_to_num(pattern.matrix(data).toarray()), force, linearized  # vertices of other elements are left alone
 
 
@@ -215,7 +215,7 @@ def test_it_adds_to_what_others_left_on_a_larger_pattern(name):
         pattern = pattern_of(case, other, term)
         data, force = np.ones(pattern.nnz), np.ones(u.shape)
         paired = with_its_blocks(case, term)
-        paired.fill(u, paired.pairs.rows(pattern), data, True, force)
+        paired.fill(u, paired.rows(pattern), data, True, force)
         K, F, _ = dense(case, term, u)
         assert pattern.matrix(data - 1).toarray() == pytest.approx(K, abs=1e-13 * max(1, np.abs(K).max()))
         assert force - 1 == pytest.approx(F, abs=1e-13 * max(1, np.abs(F).max()))
@@ -270,7 +270,7 @@ def test_single_precision_has_errors_of_single_precision(name):
         assert blocks.dtype == np.float32
         pattern = pattern_of(case, single)
         data, force = np.zeros(pattern.nnz, np.float32), np.zeros(u.shape, np.float32)
-        linearized = paired.fill(u, paired.pairs.rows(pattern), data, False, force)
+        linearized = paired.fill(u, paired.rows(pattern), data, False, force)
         assert linearized.energy == pytest.approx(double.energy_and_force(u), rel=4e-6)
         assert 0 < np.abs(force - F).max() < 8e-6 * np.abs(F).max()
         assert np.abs(pattern.matrix(data.astype(float)).toarray() - K).max() < 8e-6 * np.abs(K).max()

@@ -33,7 +33,7 @@ def dense(term, mesh, u, add=False, others=()):
     K = pattern.matrix(np.full(pattern.nnz, 0.0 if add else np.nan))
     force = np.zeros(u.shape)
     paired = with_blocks(term, mesh.nv, mesh.d, np.float64)
-    linearized = paired.fill(u, paired.pairs.rows(pattern), K.data, add, force)
+    linearized = paired.fill(u, paired.rows(pattern), K.data, add, force)
     return np.nan_to_num(K.toarray()), force, linearized
 
 
@@ -94,7 +94,7 @@ def test_it_adds_to_what_others_left_on_a_larger_pattern(name):
     pattern = Pattern(mesh.nv, mesh.d, [term.nodes_paired, *others])
     data = np.ones(pattern.nnz)
     paired = with_blocks(term, mesh.nv, mesh.d, np.float64)
-    paired.fill(u, paired.pairs.rows(pattern), data, add=True)
+    paired.fill(u, paired.rows(pattern), data, add=True)
     assert pattern.matrix(data - 1).toarray() == pytest.approx(dense(term, mesh, u)[0], abs=1e-14)
 
 

@@ -298,7 +298,7 @@ def test_a_tangent_whose_diagonal_alone_is_finite_is_refused():
     body, u = System(ElementMesh(1e49 * near.p, near.t), VolumePenalty(1e-240, "quadratic")), 1e148 * state(near)
     (term,) = body.bound_terms
     data = np.zeros(body.pattern.nnz)
-    term.fill(u.reshape(-1, 3), term.pairs.rows(body.pattern), data, False)
+    term.fill(u.reshape(-1, 3), term.rows(body.pattern), data, False)
     K = body.pattern.matrix(data)
     assert np.isfinite(K.diagonal()).all() and not np.isfinite(data).all()
     with pytest.raises(StateError, match="K overflows"):

@@ -1,0 +1,160 @@
+"""The values of K row by row, each as soon as the last element of its node has been added: setup and calls of `kernels.rows`."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import cached_property
+from typing import Any, NamedTuple, TypeVar
+
+import numpy as np
+from numpy.typing import DTypeLike, NDArray
+
+from ..arguments import Array
+from ..kernels import rows as row_kernels
+from ..kernels.rows import RowSlots
+from ..kernels.threads import parts_of, run, threads
+from ..kernels.topology import OWN, assign_slots, last_uses, stars
+from ..kernels.wide import LINE
+from .elements import OwnElements, nbytes
+from .pairs import BlockPattern, PairBlocks, Rows
+from .topology import Shares
+
+Result = TypeVar("Result")
+
+#: Bytes of a matrix from which on it is written past the caches: a smaller one is read from them afterwards.
+PAST_CACHES = 2**21
+
+
+class RowPlan(NamedTuple):
+    """How threads write the rows of K.
+
+    Attributes
+    ----------
+    parts : of the blocks of lanes.
+    slots : for the kernels, but for the values of K.
+    in_work : rows that threads write by themselves; the others have elements of several threads, and are written afterwards.
+    starts, sources : the slots in which threads add to the slots of pairs of those others (`kernels.rows.fold_slots`).
+    """
+
+    parts: NDArray[np.int64]
+    slots: RowSlots
+    in_work: int
+    starts: NDArray[np.int64]
+    sources: NDArray[np.int64]
+
+
+class ElementRows:
+    """Where the blocks of elements stand in the values of a matrix.
+
+    Parameters
+    ----------
+    simplices : the elements.
+    pairs : what is made of their blocks.
+    pattern : of the matrix.
+    dtype : of its values.
+    """
+
+    def __init__(self, simplices: OwnElements, pairs: PairBlocks, pattern: BlockPattern, dtype: DTypeLike) -> None:
+        self._simplices, self._pairs, self._pattern, self._dtype = simplices, pairs, pattern, np.dtype(dtype)
+        self._plan: tuple[int, RowPlan] | None = None
+
+    @property
+    def size(self) -> int:
+        """Number of blocks."""
+        return len(self._simplices.own.vertices) + 2 * self._simplices.edges.total
+
+    @cached_property
+    def of_all_pairs(self) -> Rows:
+        """Where the blocks of all pairs go, for those that are made first."""
+        return self._pairs.rows(self._pattern)
+
+    def fill(self, linearize: Callable[[Any], list[Result]], data: Array, add: bool) -> tuple[list[Result], float]:
+        """Have the kernel `linearize` write the values of K, or add them, by slots that it is handed; what it returns for each
+        part, and the trace of rows that were written afterwards."""
+        plan = self.plan
+        # all of K is written, and no other term has a part in it
+        whole = not add and self._simplices.d**2 * self.size == len(data)
+        staged = whole and data.nbytes > PAST_CACHES and bool(data.flags.aligned)
+        slots = plan.slots._replace(data=data, add=bool(add), staged=staged)
+        found = linearize(slots)
+        more = 0.0
+        rows = len(slots.first)
+        if plan.in_work < rows:
+            run(row_kernels.fold_slots, parts_of(len(plan.starts) - 1, 0.1, threads()), plan.starts, plan.sources, slots)
+            more = sum(run(row_kernels.finish_rows, plan.in_work + parts_of(rows - plan.in_work, 1, threads()), slots))
+        return found, more
+
+    @property
+    def plan(self) -> RowPlan:
+        """For the number of threads that there are now; that for another number is thrown away."""
+        if self._plan is None or self._plan[0] != threads():
+            self._plan = threads(), self._made(self._simplices.forces)
+        return self._plan[1]
+
+    def _made(self, shares: Shares) -> RowPlan:
+        simplices, pairs, pattern, parts = self._simplices, self._simplices.edges, self._pattern, shares.parts
+        vertices = simplices.own.vertices
+        n, d = len(vertices), simplices.d
+        part_of, last = last_uses(simplices.t, parts, n)
+        nodes = np.argsort(part_of, kind="stable")  # of the rows
+        row_of = np.empty(n, dtype=np.int64)
+        row_of[nodes] = np.arange(n)
+        in_work = int(np.count_nonzero(part_of < len(parts) - 1))
+        complete = np.maximum.accumulate(last[nodes[:in_work]])  # one after the other, as they are written
+        done = np.searchsorted(complete, np.arange(len(simplices.t) + 1))
+
+        star, others, entries = stars(np.ascontiguousarray(pairs.edges[pairs.number].T), n)
+        others_too = entries != OWN
+        pair_of = np.where(others_too, pairs.number[np.where(entries >= 0, entries, -1 - entries) * others_too], -1)
+        counts = np.diff(star)[nodes]
+        begin = np.concatenate([[0], np.cumsum(counts)])
+        gathered = np.arange(begin[-1]) + np.repeat(star[nodes] - begin[:-1], counts)
+        others, pair_of = others[gathered], pair_of[gathered].astype(np.int32)
+        own = np.flatnonzero(pair_of < 0)
+        slots, fresh, marks, slot, targets, size = assign_slots(pairs.t2e, pairs.edges, parts, row_of, done, begin, pair_of)
+
+        mine = vertices[nodes]
+        first = pattern.indptr[d * mine.astype(np.int64)].astype(np.int64)
+        strides = pattern.strides[mine]
+        columns = pattern.places(np.repeat(mine, counts), vertices[others]) - np.repeat(first, counts)
+        sizes = d * strides
+        apart = np.count_nonzero(first[1:in_work] != (first + sizes)[: max(in_work - 1, 0)])
+        order = np.argsort(targets, kind="stable")
+        lasting = int(slot[(row_of[pairs.edges] >= in_work).any(axis=1)].max(initial=-1)) + 1
+        table = RowSlots(
+            slots=slots,
+            fresh=fresh,
+            marks=marks,
+            done=done,
+            begin=begin,
+            own=own,
+            entries=np.where(pair_of < 0, 0, slot[pair_of]).astype(np.uint32),
+            columns=columns.astype(np.uint32 if strides.max(initial=0) > np.iinfo(np.uint16).max else np.uint16),
+            first=first,
+            strides=strides,
+            eights=on_lines(8 * size, self._dtype),
+            ninths=np.zeros(size, dtype=self._dtype),
+            d=d,
+            data=np.empty(0, dtype=self._dtype),
+            add=False,
+            staged=False,
+            ahead=bool(apart > len(first) // 8),
+            widest=int(sizes.max(initial=0)),
+        )
+        if pairs.turned.size:
+            slots |= pairs.turned
+        starts = np.searchsorted(targets[order], np.arange(lasting + 1))
+        return RowPlan(parts, table, in_work, starts, lasting + order)
+
+    @property
+    def nbytes(self) -> int:
+        """Bytes of its arrays."""
+        plan = () if self._plan is None else [value for value in self._plan[1].slots if isinstance(value, np.ndarray)]
+        return nbytes(plan) + nbytes(self.__dict__.get("of_all_pairs", ()))
+
+
+def on_lines(size: int, dtype: np.dtype[Any]) -> Array:
+    """Zeros (size,) that begin where a line of the caches begins."""
+    zeros = np.zeros(size + LINE // dtype.itemsize, dtype=dtype)
+    skipped = -zeros.ctypes.data % LINE // dtype.itemsize
+    return zeros[skipped : skipped + size]

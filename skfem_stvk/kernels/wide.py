@@ -1,0 +1,210 @@
+"""What LLVM has and numba has no words for: eight lanes turned round at once, and lines of memory written past the caches.
+
+Each function has the body that it means, which runs where numba is switched off, and the instructions that it compiles to.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from llvmlite import ir  # type: ignore[import-untyped]
+from numba.core import types
+from numba.extending import intrinsic, overload
+
+from .compiled import Ids, Reals
+from .lanes import LANES, TRANSPOSED
+
+#: Bytes in a line of the caches, and of memory that is written at once.
+LINE = 64
+#: The first eight numbers of the transpose of a block; the ninth is the same.
+_TURNED = (0, 3, 6, 1, 4, 7, 2, 5)
+#: Lanes that are turned round at once.
+WIDE = 8
+
+INLINED: Any = {"forceinline": True}
+
+_WORD, _INDEX = ir.IntType(32), ir.IntType(64)
+
+
+def add_lanes(values: Reals, at: int, slots: Ids, first: int, eights: Reals, ninths: Reals) -> None:
+    """Add the blocks of WIDE lanes, whose nine numbers stand LANES apart from `values[at]` on, to their `slots[first]` ...
+
+    A slot `s` has the first eight numbers of a block in `eights[8 s]` ... and the ninth in `ninths[s]`: one line of the caches, and
+    a bit, where nine numbers in a row would be in two lines most often.
+    """
+    for lane in range(WIDE):
+        slot = int(slots[first + lane])
+        for i in range(8):
+            eights[8 * slot + i] += values[at + i * LANES + lane]
+        ninths[slot] += values[at + 8 * LANES + lane]
+
+
+def add_turned_lanes(values: Reals, at: int, slots: Ids, first: int, eights: Reals, ninths: Reals) -> None:
+    """As `add_lanes`, of slots that may have the bit TRANSPOSED: then the transpose of the block is added."""
+    for lane in range(WIDE):
+        slot, turned = int(slots[first + lane] & ~TRANSPOSED), slots[first + lane] >= TRANSPOSED
+        for i in range(8):
+            of = _TURNED[i] if turned else i
+            eights[8 * slot + i] += values[at + of * LANES + lane]
+        ninths[slot] += values[at + 8 * LANES + lane]
+
+
+def store_line(data: Reals, to: int, stage: Reals, at: int) -> None:
+    """Write a line's worth of numbers `stage[at]` ... to `data[to]` ..., which is where a line begins, past the caches.
+
+    Memory is not read before it is written to then, and what stands in the caches stays there.
+    """
+    width = LINE // data.itemsize
+    data[to : to + width] = stage[at : at + width]
+
+
+def prefetch(data: Reals, at: int) -> None:
+    """Have the line of `data[at]` brought into the cache, to be written to soon; `at` need not be an entry."""
+
+
+def fence() -> None:
+    """Wait until other threads see what `store_line` wrote."""
+
+
+def _instructions(function: Any) -> Any:
+    """An intrinsic: its first argument is given by numba."""
+    return intrinsic(function)
+
+
+def _pointer(context: Any, builder: Any, array_type: Any, array: Any, at: Any) -> Any:
+    """The address of an entry of an array."""
+    return builder.gep(context.make_array(array_type)(context, builder, array).data, [at])
+
+
+def _constant(value: int) -> Any:
+    return ir.Constant(_INDEX, value)
+
+
+def _turned_round(builder: Any, rows: list[Any]) -> list[Any]:
+    """The transpose of eight vectors of eight."""
+
+    def shuffled(a: Any, b: Any, order: tuple[int, ...]) -> Any:
+        return builder.shuffle_vector(a, b, ir.Constant(ir.VectorType(_WORD, WIDE), order))
+
+    pairs = []
+    for i in range(0, WIDE, 2):
+        pairs.append(shuffled(rows[i], rows[i + 1], (0, 8, 2, 10, 4, 12, 6, 14)))
+        pairs.append(shuffled(rows[i], rows[i + 1], (1, 9, 3, 11, 5, 13, 7, 15)))
+    columns: list[Any] = [None] * WIDE
+    for odd in (0, 1):
+        for later, order in enumerate(((0, 1, 8, 9, 4, 5, 12, 13), (2, 3, 10, 11, 6, 7, 14, 15))):
+            upper, lower = shuffled(pairs[odd], pairs[2 + odd], order), shuffled(pairs[4 + odd], pairs[6 + odd], order)
+            columns[2 * later + odd] = shuffled(upper, lower, (0, 1, 2, 3, 8, 9, 10, 11))
+            columns[2 * later + odd + 4] = shuffled(upper, lower, (4, 5, 6, 7, 12, 13, 14, 15))
+    return columns
+
+
+def _adding(kinds: Any, may_turn: bool) -> Any:
+    """What `add_lanes`, and `add_turned_lanes`, compile to."""
+
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        number, size = context.get_data_type(kinds[0].dtype), kinds[0].dtype.bitwidth // 8
+        vector = ir.VectorType(number, WIDE)
+
+        def pointer(i: int, place: Any) -> Any:
+            return _pointer(context, builder, kinds[i], arguments[i], place)
+
+        def eight(place: Any) -> Any:
+            return builder.bitcast(place, vector.as_pointer())
+
+        rows = []
+        for i in range(8):
+            row = builder.load(eight(pointer(0, builder.add(arguments[1], _constant(i * LANES)))))
+            row.align = size
+            rows.append(row)
+        order = ir.Constant(ir.VectorType(_WORD, WIDE), _TURNED)
+        for lane, block in enumerate(_turned_round(builder, rows)):
+            slot = builder.load(pointer(2, builder.add(arguments[3], _constant(lane))))
+            if may_turn:
+                bit = ir.Constant(_WORD, int(TRANSPOSED))
+                turned = builder.icmp_unsigned(">=", slot, bit)
+                slot = builder.and_(slot, builder.not_(bit))
+                block = builder.select(turned, builder.shuffle_vector(block, block, order), block)
+            slot = builder.zext(slot, _INDEX)
+            to = eight(pointer(4, builder.shl(slot, _constant(3))))
+            before = builder.load(to)
+            before.align = size
+            builder.store(builder.fadd(before, block), to).align = size
+            to = pointer(5, slot)
+            ninth = builder.load(pointer(0, builder.add(arguments[1], _constant(8 * LANES + lane))))
+            builder.store(builder.fadd(builder.load(to), ninth), to)
+        return context.get_dummy_value()
+
+    return types.void(*kinds), generate
+
+
+@_instructions
+def _add_lanes(typing: Any, values: Any, at: Any, slots: Any, first: Any, eights: Any, ninths: Any) -> Any:
+    return _adding((values, types.int64, slots, types.int64, eights, ninths), False)
+
+
+@_instructions
+def _add_turned_lanes(typing: Any, values: Any, at: Any, slots: Any, first: Any, eights: Any, ninths: Any) -> Any:
+    return _adding((values, types.int64, slots, types.int64, eights, ninths), True)
+
+
+@_instructions
+def _store_line(typing: Any, data: Any, to: Any, stage: Any, at: Any) -> Any:
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        size = signature.args[0].dtype.bitwidth // 8
+        vector = ir.VectorType(context.get_data_type(signature.args[0].dtype), LINE // size).as_pointer()
+        line = builder.load(builder.bitcast(_pointer(context, builder, signature.args[2], arguments[2], arguments[3]), vector))
+        line.align = size
+        stored = builder.store(line, builder.bitcast(_pointer(context, builder, signature.args[0], *arguments[:2]), vector))
+        stored.align = LINE
+        stored.set_metadata("nontemporal", builder.module.add_metadata([ir.Constant(_WORD, 1)]))
+        return context.get_dummy_value()
+
+    return types.void(data, types.int64, stage, types.int64), generate
+
+
+@_instructions
+def _prefetch(typing: Any, data: Any, at: Any) -> Any:
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        address = ir.IntType(8).as_pointer()
+        kind = ir.FunctionType(ir.VoidType(), [address, _WORD, _WORD, _WORD])
+        function = builder.module.declare_intrinsic("llvm.prefetch", [address], kind)
+        place = builder.bitcast(_pointer(context, builder, signature.args[0], *arguments), address)
+        builder.call(function, [place, *(ir.Constant(_WORD, i) for i in (1, 3, 1))])  # to write, in the first cache, data
+        return context.get_dummy_value()
+
+    return types.void(data, types.int64), generate
+
+
+@_instructions
+def _fence(typing: Any) -> Any:
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        builder.fence("seq_cst")
+        return context.get_dummy_value()
+
+    return types.void(), generate
+
+
+@overload(add_lanes, jit_options=INLINED, strict=False)
+def _of_add_lanes(values: Any, at: Any, slots: Any, first: Any, eights: Any, ninths: Any) -> Any:
+    return lambda values, at, slots, first, eights, ninths: _add_lanes(values, at, slots, first, eights, ninths)
+
+
+@overload(add_turned_lanes, jit_options=INLINED, strict=False)
+def _of_add_turned_lanes(values: Any, at: Any, slots: Any, first: Any, eights: Any, ninths: Any) -> Any:
+    return lambda values, at, slots, first, eights, ninths: _add_turned_lanes(values, at, slots, first, eights, ninths)
+
+
+@overload(store_line, jit_options=INLINED, strict=False)
+def _of_store_line(data: Any, to: Any, stage: Any, at: Any) -> Any:
+    return lambda data, to, stage, at: _store_line(data, to, stage, at)
+
+
+@overload(prefetch, jit_options=INLINED, strict=False)
+def _of_prefetch(data: Any, at: Any) -> Any:
+    return lambda data, at: _prefetch(data, at)
+
+
+@overload(fence, jit_options=INLINED, strict=False)
+def _of_fence() -> Any:
+    return lambda: _fence()
