@@ -45,6 +45,31 @@ def test_a_mesh_file_is_verified_and_reported(tmp_path, capsys):
     assert (tmp_path / "a" / "report" / "report.html").stat().st_size > 10_000
 
 
+def test_a_curved_c3d10_file_is_verified_as_what_it_is(tmp_path, capsys):
+    mesh = box(1).with_degree(2)
+    p = mesh.p.copy()
+    p[:, 8:] += 0.03 * np.random.default_rng(0).standard_normal(p[:, 8:].shape)
+    file = saved(tmp_path / "part.inp", p, mesh.t, "tetra10")
+    assert "C3D10" in (tmp_path / "part.inp").read_text().upper()
+    assert main(["verify", file, *MATERIAL]) == main(["verify", file, *MATERIAL, "--degree", "2", "--quadrature", "exact"]) == 0
+    first, second = (" ".join(part.split()) for part in capsys.readouterr().out.split("PASSED")[:2])
+    assert "6 quadratic tetrahedra in 3D, 6 of them curved, 27 nodes" in first and "integrated by 4 points of order 2" in first
+    assert "integrated by 14 points of order 5" in second
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (["--degree", "3"], "degree = 3; expected 1 for linear, 2 for quadratic"),
+        (["--quadrature", "nodes"], "quadrature = 'nodes'"),
+        (["--hourglass", "0.1"], "is for hexahedra and quadrilaterals"),
+    ],
+)
+def test_a_wrong_element_is_exit_code_two(options, words, tmp_path, capsys):
+    assert main(["verify", saved(tmp_path / "part.vtu", box(1).p, box(1).t), *MATERIAL, *options]) == 2
+    assert words in " ".join(capsys.readouterr().err.split())
+
+
 def test_nodes_on_no_element_are_dropped_with_a_line(tmp_path, capsys):
     mesh = box(2)
     p = np.concatenate([mesh.p, [[9.0], [9.0], [9.0]]], axis=1)
