@@ -7,6 +7,7 @@ import pytest
 from bodies import MESHES, box
 
 from skfem_stvk import ElementMesh, StVK, StvkError, System, embedded_mesh, verify
+from skfem_stvk.referee.element_faults import ONE_POINT_FAULTS, QUADRATIC_FAULTS, TABLE_FAULTS
 from skfem_stvk.referee.faults import FAULTS
 from skfem_stvk.referee.results import CheckOutcome
 
@@ -92,7 +93,7 @@ def test_W_alone_off_by_a_rounding_of_a_float32_is_caught():
 
 def test_the_docs_list_the_faults():
     text = " ".join((Path(__file__).parents[2] / "docs" / "referee.md").read_text().split())
-    for name, fault in FAULTS.items():
+    for name, fault in (FAULTS | TABLE_FAULTS | QUADRATIC_FAULTS | ONE_POINT_FAULTS).items():
         checks = ", ".join(sorted(f"{check} ({quantity})" for check, quantity in fault.caught_by))
         assert f"- **{name}**: {fault.description}. Caught at least by {checks}." in text
 
