@@ -136,6 +136,32 @@ FAMILIES |= {"VTK_LAGRANGE_HEXAHEDRON": "hexahedra"}
 IN_CELLS = {"hexahedra": [0, 4, 3, 1, 7, 5, 2, 6]}
 
 
+#: Types of cells that hold our elements, in meshio's words.
+CELLS = {"segments": "line", "triangles": "triangle", "tetrahedra": "tetra", "quadrilaterals": "quad", "hexahedra": "hexahedron"}
+CELLS |= {"quadratic segments": "line3", "quadratic triangles": "triangle6", "quadratic tetrahedra": "tetra10"}
+
+
+def as_cells(t: NDArray[Any], element: Element) -> tuple[str, NDArray[Any]]:
+    """Elements `t` (n, nt) as cells of meshio's: their type, and (nt, n) nodes in VTK's local order.
+
+    >>> as_cells(np.arange(8)[:, None], named("hexahedra"))
+    ('hexahedron', array([[0, 3, 6, 2, 1, 5, 7, 4]]))
+    """
+    local = IN_CELLS.get(element.name, range(element.n))
+    return CELLS[element.name], t[np.argsort(local)].T
+
+
+def from_cells(kind: str, cells: NDArray[Any]) -> tuple[NDArray[Any], Element]:
+    """Elements (n, nt) of cells (nt, n) of a type that `as_cells` gives, and which they are.
+
+    >>> t, element = from_cells("quad", np.array([[0, 1, 2, 3]]))
+    >>> element.name
+    'quadrilaterals'
+    """
+    element = named({of_meshio: name for name, of_meshio in CELLS.items()}[kind])
+    return cells.T[list(IN_CELLS.get(element.name, range(element.n)))], element
+
+
 def linear_kind(cell_type: str) -> str:
     """Name of the linear element with the corners of a type of cell in meshio's words; empty for other cells.
 

@@ -131,9 +131,13 @@ class State:
         if len(fields.points) == 1:
             values, missing = self.raw(name)
             return masked(*fields.average(values, missing | outside))
+        values, missing = self.extrapolated(name)
+        return masked(*fields.average.of_corners(values, missing | outside))
+
+    def extrapolated(self, name: str) -> Masked:
+        """(n, nt, ...) values at the nodes of each element from those at its points, and the elements (nt,) that have none."""
         values, missing = self._at_points(name)
-        nodal = np.tensordot(fields.to_nodes, values, axes=1)  # (n, nt, ...)
-        return masked(*fields.average.of_corners(nodal, missing | outside))
+        return np.tensordot(self.fields.to_nodes, values, axes=1), missing
 
     def at_points(self, name: str) -> Array:
         """(nt, nq, ...) values at the points of the elements of the field of this name, those of `elements.rule_of(mesh.element)`.

@@ -17,7 +17,7 @@ from ..terms import HasStress
 from .ellipticity import without_ellipticity
 from .fields import Fields
 
-#: Poisson's ratio above which linear simplices lock, and the stretch below which St. Venant-Kirchhoff bodies soften.
+#: Poisson's ratio above which linear elements lock, and the stretch below which St. Venant-Kirchhoff bodies soften.
 LOCKING, SOFTENING = 0.45, 3**-0.5
 
 
@@ -46,10 +46,11 @@ class Finding:
 class Monitors:
     """Search for elements where the model is at its end; without `ellipticity` it costs about two forces per state.
 
-        locking         Poisson's ratio above 0.45 in solids and plane strain, where linear simplices are far too stiff; for those
-                        that are not isotropic that of the Reuss averages, `(3 K - 2 G)/(6 K + 2 G)`: one stress in all directions
+        locking         Poisson's ratio above 0.45 in solids and plane strain, where linear simplices are far too stiff, and boxes with
+                        more points than one; for those that are not isotropic that of the Reuss averages, `(3 K - 2 G)/(6 K + 2 G)`:
+                        one stress in all directions
         inside out      J <= 1e-9, of elements that fill their space: inside out or flat, as in `System.inside_out`
-        compressed      smallest principal stretch below 1/sqrt(3), where uniaxial compression has its limit point
+        compressed      smallest principal stretch below 1/sqrt(3), where uniaxial compression has its limit point; at the points
         not elliptic    strong ellipticity lost, if asked for: see `results.ellipticity`
 
     >>> import skfem
@@ -72,6 +73,9 @@ class Monitors:
         >>> print(Monitors(System(skfem.MeshTet(), StVK(young=1.0, poisson=0.49)), ellipticity=False).before()[0].text)
         5 elements (0, 1, 2, 3, 4), the first at (0.25, 0.25, 0.25) at rest: Poisson's ratio above 0.45 (up to 0.49), ...
         """
+        element = self._system.mesh.element
+        if element.degree == 2 or getattr(self._system, "quadrature", None) == "one-point":
+            return ()
         ratio = np.full(self._system.mesh.nt, -1.0)
         for term in self._system.elastic_terms:
             if isinstance(term, HasStress) and not term.hypothesis(self._system.mesh).condensed:
@@ -80,10 +84,11 @@ class Monitors:
         largest = float(ratio.max())
         if largest <= LOCKING:
             return ()
+        remedy = 'one point to an element (quadrature="one-point")' if element.is_box else "quadratic elements (degree=2)"
         what = (
             f"Poisson's ratio above {LOCKING} (up to {largest:.4g}), so that these linear elements lock: bodies come out too "
-            "stiff, and pressures jump from element to element. Compare with a finer mesh; otherwise take a smaller Poisson's "
-            "ratio, or elements of second order, which are not in this package."
+            f"stiff, and pressures jump from element to element. Take {remedy}, or a smaller Poisson's ratio; otherwise compare "
+            "with a finer mesh."
         )
         return (self._finding("locking", np.flatnonzero(ratio > LOCKING), largest, what),)
 

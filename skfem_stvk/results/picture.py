@@ -10,6 +10,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..arguments import Array, number, real_array, shown, text
+from ..elements import Element
+from ..elements.element import named
 from ..errors import StvkError
 from ..mesh import ElementMesh
 from ..mesh.facets import facet_ids
@@ -20,6 +22,8 @@ from .table import FIELDS, VECTORS, find
 PREFIXES = {-9: "n", -6: "µ", -3: "m", 0: "", 3: "k", 6: "M", 9: "G", 12: "T"}
 Ids = NDArray[np.int64]
 SHARP = np.cos(np.radians(30))
+#: Into how many pieces edges are cut, by how many faces there are at most.
+CUTS = ((300, 6), (2000, 4), (np.inf, 2))
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,9 +31,9 @@ class Picture:
     """Triangles (m = 3) or segments (m = 2) with a colour value at each corner."""
 
     d: int  # dimension of the space
-    rest: Array  # (nv, 3) vertices at rest [m]
+    rest: Array  # (nv, 3) points at rest [m]: the vertices, of other elements than linear simplices a lattice on each face
     moved: Array  # (nv, 3) the same with `scale` times their displacements [m]
-    cells: NDArray[np.integer]  # (m, n) vertices
+    cells: NDArray[np.integer]  # (m, n) points
     values: Array  # (m, n) at the corners, masked where there are none
     lines: NDArray[np.integer]  # (2, ne) edges that outline the body
     label: str  # what the colours mean, with the unit
@@ -123,22 +127,97 @@ def _in_words(times: list[float]) -> list[str]:
 
 
 class Sight:
-    """The visible part of a mesh, for pictures of it at any displacements."""
+    """The visible part of a mesh, for pictures of it at any displacements.
+
+    Faces of quadratic elements and of boxes are cut by a lattice, so that curved ones are drawn curved.
+    """
 
     def __init__(self, mesh: ElementMesh) -> None:
-        self._d, self._seen = mesh.d, visible_cells(mesh)
-        self._cells = mesh.t[self._seen]
-        self._rest = in_space(mesh.p.T)
-        self._lines = outline(self._rest, self._cells)
+        self._d, x = mesh.d, in_space(mesh.p.T)
+        self._lattice: Lattice | None = None
+        if mesh.element.is_linear_simplex:
+            self._seen = visible_cells(mesh)
+            self._nodes = mesh.t[self._seen]
+            self._rest: Array = x
+            self._cells: NDArray[np.integer] = self._nodes
+            self._lines = outline(x, self._cells)
+            return
+        self._seen, face = visible_faces(mesh)
+        self._nodes = mesh.t[self._seen]  # (m, n)
+        self._lattice = Lattice(face, self._nodes.shape[1], mesh.d)
+        self._rest = self._lattice.points(x[self._nodes])
+        self._cells = self._lattice.cells
+        self._lines = self._cells if face.k == 1 else self._lattice.lines(x[self._nodes], self._nodes)
 
     def picture(self, u: Array, values: Array, label: str, scale: float) -> Picture:
-        """The picture at displacements `u` (nv, d), coloured by values (k + 1, nt) at the corners of all elements."""
-        moved = self._rest + scale * in_space(u)
-        return Picture(self._d, self._rest, moved, self._cells, values[self._seen], self._lines, label, scale)
+        """The picture at displacements `u` (nv, d), coloured by values (n, nt) at the nodes of all elements."""
+        shift, seen = scale * in_space(u), values[self._seen]
+        if self._lattice is None:
+            return Picture(self._d, self._rest, self._rest + shift, self._cells, seen, self._lines, label, scale)
+        moved = self._rest + self._lattice.points(shift[self._nodes])
+        seen = self._lattice.values(seen)
+        return Picture(self._d, self._rest, moved, self._cells, seen, self._lines, label, scale)
+
+
+class Lattice:
+    """Points on `n` faces of a kind, evenly spread on the reference element, and the triangles or segments between them."""
+
+    def __init__(self, face: Element, n: int, d: int) -> None:
+        cuts = 2 if d == 1 else next(cuts for most, cuts in CUTS if n <= most)
+        self._face, self._n, self._cuts = face, n, cuts
+        if face.k == 1:
+            grid = np.arange(cuts + 1)[:, None]
+            cells = np.array([np.arange(cuts), np.arange(1, cuts + 1)])
+        else:
+            grid = np.array([(i, j) for i in range(cuts + 1) for j in range(cuts + 1 if face.is_box else cuts + 1 - i)])
+            number = {(i, j): k for k, (i, j) in enumerate(grid.tolist())}
+            low = [
+                [number[i, j], number[i + 1, j], number[i, j + 1]]
+                for i, j in number
+                if (i + 1, j) in number and (i, j + 1) in number
+            ]
+            high = [[number[i + 1, j], number[i + 1, j + 1], number[i, j + 1]] for i, j in number if (i + 1, j + 1) in number]
+            cells = np.array(low + high).T
+        self._N = face.values(grid / cuts)  # (points, m)
+        self._local = cells
+        self.cells = (cells[:, :, None] + len(grid) * np.arange(n)).reshape(len(cells), -1)
+
+    def points(self, x: Array) -> Array:
+        """(points of all faces, 3) what is interpolated between nodes (m, n, 3), face by face."""
+        return np.einsum("pm,mnc->npc", self._N, x).reshape(-1, x.shape[2])
+
+    def values(self, values: Array) -> Array:
+        """At the corners of the cells, values (m, n) at the nodes; masked where a face has none."""
+        missing = np.asarray(np.ma.getmaskarray(values)).any(axis=0)
+        found = (self._N @ np.ma.filled(values, 0.0))[self._local]  # (corners, cells of a face, n)
+        return masked_columns(found.reshape(len(self._local), -1), np.tile(missing, self._local.shape[1]))
+
+    def lines(self, x: Array, nodes: NDArray[np.integer]) -> NDArray[np.integer]:
+        """Pieces (2, n) of the edges where faces with `nodes` (m, n) at `x` (m, n, 3) end, branch or bend by more than 30 degrees."""
+        face, count = self._face, len(self._N)
+        ends = np.array(face.edges)
+        middles = face.nodes[ends].mean(axis=1)
+        spokes = np.einsum("eai,anc->neic", face.derivatives(middles), x)  # (n, edges, 2, 3)
+        normals = np.cross(spokes[:, :, 0], spokes[:, :, 1]).reshape(-1, 3)
+        length = np.linalg.norm(normals, axis=1, keepdims=True)
+        normals /= np.where(length > 0, length, 1.0)
+        pairs = np.sort(nodes[ends.T].transpose(0, 2, 1).reshape(2, -1), axis=0)  # face by face
+        first = drawn(pairs, normals)
+        of_face, edge = np.divmod(first, len(ends))
+        s = np.linspace(0, 1, self._cuts + 1)[:, None]
+        grid = self._N @ face.nodes  # the points of the lattice again
+        along = [[np.abs(grid - ((1 - r) * face.nodes[a] + r * face.nodes[b])).sum(axis=1).argmin() for r in s] for a, b in ends]
+        chain = np.array(along)[edge] + count * of_face[:, None]  # (n, cuts + 1)
+        return np.stack([chain[:, :-1].ravel(), chain[:, 1:].ravel()])
+
+
+def masked_columns(values: Array, missing: NDArray[np.bool_]) -> Array:
+    """The values (m, n), masked in columns that are missing; as they are if none is."""
+    return np.ma.MaskedArray(values, np.broadcast_to(missing, values.shape)) if missing.any() else values
 
 
 def corner_values(state: State, field: str | ArrayLike) -> tuple[Array, str, str]:
-    """(k + 1, nt) values at the corners of all elements, their name, and their unit or nothing."""
+    """(n, nt) values at the nodes of all elements, their name, and their unit or nothing."""
     mesh = state.fields.mesh
     if not isinstance(field, str):
         return _given(state, field), "", ""
@@ -152,23 +231,26 @@ def corner_values(state: State, field: str | ArrayLike) -> tuple[Array, str, str
             f"{scalars}, or hand "
             f'in a component and its label: field=state["{field}"][:, 0{", 0" if len(found.shape) == 2 else ""}], label="...".'
         )
-    return _by_material(state, *state.raw(found.name)), found.words, found.unit.replace("-", "")
+    values = state.raw(found.name) if len(state.fields.points) == 1 else state.extrapolated(found.name)
+    return _by_material(state, *values), found.words, found.unit.replace("-", "")
 
 
 def _given(state: State, values: Any) -> Array:
     mesh, given = state.fields.mesh, real_array(np.ma.getdata(values) if isinstance(values, np.ma.MaskedArray) else values)
     if given is None or given.shape not in ((mesh.nt,), (mesh.nv,)):
         what = f"has shape {given.shape}" if given is not None else f"= {shown(values)}"
-        raise StvkError(f"field {what}; expected a name, or a number for each of the {mesh.nt} elements or {mesh.nv} vertices.")
+        raise StvkError(f"field {what}; expected a name, or a number for each of the {mesh.nt} elements or {mesh.nv} {mesh.words}.")
     missing = np.ma.getmaskarray(values) | ~np.isfinite(given)
     known = np.where(missing, 0.0, given)
     return masked(known, missing)[mesh.t] if len(known) == mesh.nv != mesh.nt else _by_material(state, known, missing)
 
 
 def _by_material(state: State, values: Array, missing: NDArray[np.bool_]) -> Array:
+    """(n, nt) averages at the nodes within each material, of values (nt,), or of (n, nt) at the nodes of each element."""
     fields = state.fields
     nodes, count = split_nodes(fields.mesh.t, fields.material_of)
-    return masked(*NodalAverage(nodes, fields.volume, count)(values, missing))[nodes]
+    average = NodalAverage(nodes, fields.volume, count)
+    return masked(*(average(values, missing) if values.ndim == 1 else average.of_corners(values, missing)))[nodes]
 
 
 def prefixed(largest: float, unit: str) -> tuple[float, str]:
@@ -193,6 +275,27 @@ def visible_cells(mesh: ElementMesh) -> tuple[Ids, Ids]:
     inwards = (np.cross(b - a, c - a) * (inside - a)).sum(axis=1) > 0
     corners[:2, inwards] = corners[1::-1, inwards]
     return corners, elements
+
+
+def visible_faces(mesh: ElementMesh) -> tuple[tuple[Ids, Ids], Element]:
+    """As `visible_cells`, with all nodes of the faces: of solids their boundary facets; and the faces' element."""
+    element = mesh.element
+    if mesh.k < 3:
+        return (np.repeat(np.arange(element.n)[:, None], mesh.nt, axis=1), np.arange(mesh.nt)), element
+    nodes = np.concatenate([np.sort(mesh.t[list(facet)], axis=0) for facet in element.facets], axis=1)
+    _, first, count = np.unique(nodes, axis=1, return_index=True, return_counts=True)
+    local, elements = np.divmod(np.sort(first[count == 1]), mesh.nt)
+    return (np.array(element.facets)[local].T, elements), named(element.facet)
+
+
+def drawn(pairs: NDArray[np.integer], normals: Array) -> Ids:
+    """One place (n,) of each edge among `pairs` (2, m), with unit `normals` (m, 3) of the faces there, that outlines a body."""
+    _, place, count = np.unique(pairs, axis=1, return_inverse=True, return_counts=True)
+    by_edge = np.argsort(place.reshape(-1), kind="stable")
+    start = np.cumsum(count) - count
+    one, other = by_edge[start], by_edge[start + (count == 2)]
+    flat = np.abs((normals[one] * normals[other]).sum(axis=1)) > SHARP
+    return one[(count != 2) | ~flat]
 
 
 def outline(points: Array, cells: NDArray[np.integer]) -> NDArray[np.integer]:

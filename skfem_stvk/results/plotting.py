@@ -20,6 +20,7 @@ from .. import arguments
 from ..arguments import choice
 from ..errors import StvkError, name_known
 from ..mesh import ElementMesh
+from ..mesh.groups import from_cells
 from .fields import State, checked_state, masked
 from .files import output_path, replacing
 from .picture import Film, Picture, Sight, checked_label, checked_scale, corner_values, picture_of
@@ -44,7 +45,7 @@ def plot(
     Parameters
     ----------
     field : name of a field with one number per element, or "displacement" or "velocity" for its length; or the numbers themselves,
-        one per element or one per vertex. Numbers by element are averaged to the nodes, within each material. Grey: no value there.
+        one per element or one per node. Numbers by element are averaged to the nodes, within each material. Grey: no value there.
     scale : factor for the displacements, 1 for the true shape.
     label : of the colour bar; by default the field's name and unit.
     path : of a .png, .pdf or .svg file to write.
@@ -154,15 +155,18 @@ def _of_files(series: str | os.PathLike[str], field: str, scale: float, label: s
         raise StvkError(f"{path} lists no states. Was the run stopped before its first one?")
     files = [file for _, file in listed]
     first = _read(files[0])
-    p, cells = first.points.T, first.cells[0]
-    sight = Sight(ElementMesh(p, cells.data.T))
+    try:
+        t, element = from_cells(first.cells[0].type, first.cells[0].data)
+        sight = Sight(ElementMesh(first.points.T, t, element=element))
+    except (KeyError, IndexError) as error:
+        raise StvkError(f"{files[0]} has no cells that are drawn here ({error}): is it where the .pvd file says?") from error
     name, named, unit = _described(first, field, files[0])
 
     def picture(number: int) -> Picture:
         data = _read(files[number]).point_data
         values = np.linalg.norm(data[name], axis=1) if name in VECTORS else data[name]
         missing = data.get(f"{name}_missing", np.zeros(len(values))).astype(bool)
-        return sight.picture(data["displacement"], masked(values, missing)[cells.data.T], label or named, scale)
+        return sight.picture(data["displacement"], masked(values, missing)[t], label or named, scale)
 
     return Film([t for t, _ in listed], picture, "" if label else unit)
 

@@ -15,13 +15,13 @@ from numpy.typing import NDArray
 
 from ..arguments import Array
 from ..mesh import ElementMesh
+from ..mesh.groups import as_cells
 from .fields import State, checked_state
 from .files import output_path, replacing
 from .law import in_space
 from .table import Field, find_all
 
 Arrays = dict[str, NDArray[Any]]
-CELLS = {1: "line", 2: "triangle", 3: "tetra"}
 #: VTK's order of the components of a symmetric tensor: XX, YY, ZZ, XY, YZ, XZ.
 VTK = ((0, 0), (1, 1), (2, 2), (0, 1), (1, 2), (0, 2))
 DEFAULT = ("cauchy_stress", "von_mises_stress", "green_strain", "volume_ratio")
@@ -41,7 +41,8 @@ def write_vtu(path: str | os.PathLike[str], state: State, fields: Sequence[str] 
                               in a name are escaped, such as \\x1b
     ========================  ==============================================================================================
 
-    The file is renamed into place when it is complete.
+    Quadratic simplices are VTK's quadratic cells, and hexahedra are in VTK's order of nodes. Fields by cell are the means of elements with
+    several points, those at nodes are extrapolated from there. The file is renamed into place when it is complete.
 
     Raises
     ------
@@ -62,7 +63,9 @@ def _with_fields(state: State, fields: Sequence[Field]) -> meshio.Mesh:
     for field in fields:
         points |= _arrays(field, state.at_nodes(field.name))
         cells |= _arrays(field, state[field.name])
-    return meshio.Mesh(in_space(mesh.p.T), [(CELLS[mesh.k], mesh.t.T)], points, {name: [values] for name, values in cells.items()})
+    return meshio.Mesh(
+        in_space(mesh.p.T), [as_cells(mesh.t, mesh.element)], points, {name: [values] for name, values in cells.items()}
+    )
 
 
 def _arrays(field: Field, values: Array) -> Arrays:

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from bodies import BODIES, MESHES, box, random_frames, state
+from bodies import BODIES, CURVED, MESHES, box, random_frames, state
 from statics.scenes import block
 
 from skfem_stvk import (
@@ -50,7 +50,7 @@ def test_elements_that_are_inside_out_or_compressed_are_named_in_all_regions(nam
     found, now = named(Monitors(system, ellipticity=False).at(u)), Fields(mesh, system.elastic_terms).at(u)
     J, stretches = np.asarray(now["volume_ratio"]), np.asarray(now["principal_stretches"])[:, : mesh.k].min(axis=1)
     if name == "triangles":  # within the plane; across, nothing is stretched
-        stretches = np.linalg.svd(now.gradient + np.eye(2), compute_uv=False)[:, -1]
+        stretches = np.linalg.svd(now.responses[0].gradient + np.eye(2), compute_uv=False)[:, -1]
     assert list(found) == ["inside out", "compressed"]
     for finding, wanted, extreme in (
         (found["inside out"], J <= 0, J.min()),
@@ -175,7 +175,7 @@ def test_texts_say_what_where_and_what_next():
     (locking,) = Monitors(system, ellipticity=False).before()
     centre = ", ".join(f"{x:.4g}" for x in mesh.p[:, mesh.t[:, 0]].mean(axis=1))
     assert f"6 elements (0, 1, 2, 3, 4, ...), the first at ({centre}) at rest" in locking.text
-    for word in ("0.47", "lock", "finer mesh", "smaller Poisson's ratio", "second order"):
+    for word in ("0.47", "lock", "finer mesh", "smaller Poisson's ratio", "degree=2"):
         assert word in locking.text
     found = named(Monitors(system, ellipticity=True).at(-1.3 * mesh.p.ravel("F")))
     assert set(found) == {"inside out", "compressed", "not elliptic"}
@@ -223,3 +223,18 @@ def test_a_mesh_of_one_element_has_a_place():
     mesh = ElementMesh(np.array([[0.0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 2]]), np.array([[0], [1], [2], [3]]))
     (finding,) = Monitors(System(mesh, StVK(young=1.0, poisson=0.3)), ellipticity=False).at(-0.5 * mesh.p.ravel("F"))
     assert finding.text.startswith("1 element (0), the first at (0.25, 0.25, 0.5) at rest: compressed")
+
+
+@pytest.mark.parametrize("name", CURVED)
+def test_elements_with_several_points_are_watched_at_these_and_volumes_at_nodes_too(name):
+    mesh = CURVED[name]
+    system = System(mesh, StVK(young=1.0, poisson=0.47))
+    locking = Monitors(system, ellipticity=True).before()
+    assert [finding.name for finding in locking] == (["locking"] if mesh.element.is_box and mesh.k == mesh.d else [])
+    assert not locking or "one-point" in locking[0].text
+    found = named(Monitors(system, ellipticity=True).at(-0.5 * mesh.p.ravel("F")))
+    assert "compressed" in found and found["compressed"].extreme == pytest.approx(0.5, rel=1e-9)
+    assert len(found["compressed"].elements) == mesh.nt and "inside out" not in found
+    if mesh.k == mesh.d:
+        turned = named(Monitors(system, ellipticity=False).at(-1.3 * mesh.p.ravel("F")))
+        assert ("inside out" in turned) == (mesh.d != 2) and "compressed" in turned
