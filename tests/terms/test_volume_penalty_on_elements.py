@@ -33,7 +33,7 @@ def bound(mesh, kind, rule="usual", dtype=np.float64):
 def tangent(term, mesh, u, kept=ALL):
     pattern = Pattern(mesh.nv, mesh.d, [term.nodes_paired])
     data = np.zeros(pattern.nnz)
-    term.fill(u, term.pairs.rows(pattern), data, False, kept=kept)
+    term.fill(u, term.rows(pattern), data, False, kept=kept)
     return pattern.matrix(data)
 
 
