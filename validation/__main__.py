@@ -5,12 +5,13 @@ from __future__ import annotations
 import argparse
 import sys
 
-from . import aspect, dynamics, hard, hostile, kernels, operations, part, solvers, stability, statics
+from . import aspect, clamp, dynamics, hard, hostile, kernels, operations, part, solvers, stability, statics
 
 #: Studies and the options that they take.
 STUDIES = {
     "part": (part.main, ()),
     "aspect": (aspect.main, ()),
+    "clamp": (clamp.main, ("quick",)),
     "kernels": (kernels.main, ("quick",)),
     "operations": (operations.main, ()),
     "solvers": (solvers.main, ("quick",)),

@@ -30,6 +30,15 @@ def test_flat_elements_cost_eps_times_their_aspect():
             assert errors.ours < errors.theirs / 5, (box, errors)
 
 
+def test_eigenvalues_at_points_clamp_better_than_tensions_of_pairs():
+    from validation import clamp
+
+    name, body, held, ends = next(clamp.cases(quick=True))
+    assert name == "cube, doubled" and 0.4 < clamp.negative_in_tension(body) < 0.55
+    at_points, of_pairs = (int(clamp.iterations(body, held, ends, pairs)) for pairs in (False, True))
+    assert at_points <= 6 and of_pairs > 2 * at_points
+
+
 def test_all_that_was_tried_for_the_kernels_agrees(capsys):
     from validation import kernels
 
