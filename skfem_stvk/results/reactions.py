@@ -1,4 +1,4 @@
-"""Forces that act on some vertices: their resultant, their moment, and each of them."""
+"""Forces that act on some nodes: their resultant, their moment, and each of them."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ from ..system.protocol import SystemLike
 
 @dataclass(frozen=True, eq=False)
 class Reaction:
-    """Forces on some vertices of a deformed body, such as those of a support.
+    """Forces on some nodes of a deformed body, such as those of a support: vertices, and middles of edges of quadratic elements.
 
     Attributes
     ----------
-    vertices : (n,) their ids, ascending.
+    vertices : (n,) ids of the nodes, ascending.
     by_node : (n, d) force on each [N].
     rest, u : (n, d) where they were, and by how much they have moved [m].
 

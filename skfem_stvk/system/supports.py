@@ -26,15 +26,15 @@ class Supports:
     Parameters
     ----------
     mesh : of the body.
-    fixed : components that do not move, by place: `{"wall": "xyz", "symmetry": "y"}`; bare integers at a place are vertices. Or
+    fixed : components that do not move, by place: `{"wall": "xyz", "symmetry": "y"}`; bare integers at a place are nodes. Or
         what scikit-fem's `basis.get_dofs(...)` returned, one or several by name: exactly those degrees of freedom.
-    prescribed : displacements [m], by place and component: `{"handle": {"x": 0.01}}`; a number, (n,) values for the vertices there,
+    prescribed : displacements [m], by place and component: `{"handle": {"x": 0.01}}`; a number, (n,) values for the nodes there,
         in the order of ids as given, otherwise ascending, or a function of t or of (x, t). Or one function of (x, t) for all
         components of a place, which returns (d, n). What is given by constants ramps with the load factor.
 
     Attributes
     ----------
-    fixed, prescribed, held : degrees of freedom `d * vertex + component`, ascending; `held` are both.
+    fixed, prescribed, held : degrees of freedom `d * node + component`, ascending; `held` are both.
 
     Raises
     ------
@@ -87,7 +87,7 @@ class Supports:
         return values
 
     def _move(self, where: Where, given: Any) -> list[tuple[Dofs, Value]]:
-        """Degrees of freedom whose displacements are prescribed there, and the values by component and vertex."""
+        """Degrees of freedom whose displacements are prescribed there, and the values by component and node."""
         what = f"prescribed on {describe(where)}"
         vertices, d = vertices_at(self._mesh, where, what), self._mesh.d
         x = self._mesh.p[:, vertices]
@@ -124,7 +124,7 @@ class Supports:
     def _name(self, dofs: Dofs) -> str:
         """Degrees of freedom in words, by component."""
         vertices, components = np.divmod(dofs, self._mesh.d)
-        return "; ".join(f"{'xyz'[c]} of {name_ids(vertices[components == c], 'vertex')}" for c in np.unique(components))
+        return "; ".join(f"{'xyz'[c]} of {name_ids(vertices[components == c], self._mesh.word)}" for c in np.unique(components))
 
 
 def fixed_dofs(mesh: ElementMesh, fixed: Displacements | DofsView | None) -> Dofs:
@@ -180,7 +180,7 @@ def _pairs(given: Any, name: str, example: str) -> list[tuple[Any, Any]]:
 
 
 def _dofs(vertices: NDArray[np.int64], components: Iterable[int], d: int) -> Dofs:
-    """(n c,) degrees of freedom of these components, vertex by vertex."""
+    """(n c,) degrees of freedom of these components, node by node."""
     return (d * vertices[:, None] + np.array(list(components))).ravel()
 
 
