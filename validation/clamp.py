@@ -1,4 +1,6 @@
-"""Two ways to leave compression out of the tangent of quadratic elements: the eigenvalues of S at points, or tensions of node pairs."""
+"""Two ways to leave compression out of the tangent of quadratic elements: the eigenvalues of S at points, or tensions of node
+pairs.
+"""
 
 from __future__ import annotations
 
@@ -73,7 +75,9 @@ def _held(mesh: skfem.MeshTet, axis: int, shift: Array, angle: float) -> tuple[S
 
 
 def iterations(body: System, held: Array, ends: Array, pairs: bool) -> str:
-    """Iterations with the clamped tangent and the exact line search, from the linear solution on, until the residual is 1e-8 of it."""
+    """Iterations with the clamped tangent and the exact line search, from the linear solution on, until the residual is 1e-8 of
+    it.
+    """
     free, (term,) = body.free_dofs(held), body.bound_terms
     assert isinstance(term, Assembly)
     u = ends.ravel().copy()

@@ -31,13 +31,13 @@ from .topology import OwnOrder, Shares, own_order, pairs_of
 class ElementTerm(PairTerm):
     """The calls of the kernels on elements, and how the volumes of those change.
 
-    Ratios of volumes are below zero where an element is inside out, whichever way round its nodes are numbered. Of surfaces in space,
-    and of segments in more than one dimension, they are ratios of areas and lengths, which have no sign. Elements that are no linear
-    simplices have a ratio at each point and at each node, and the smallest of these counts; their smallest stretch is that of their
-    points, where the law is asked.
+    Ratios of volumes are below zero where an element is inside out, whichever way round its nodes are numbered. Of surfaces in
+    space, and of segments in more than one dimension, they are ratios of areas and lengths, which have no sign. Elements that
+    are no linear simplices have a ratio at each point and at each node, and the smallest of these counts; their smallest
+    stretch is that of their points, where the law is asked.
 
-    Elements `t` (n, nt) have rest coordinates `p` (d, nv) [m]. `stored` gives what the kernels store of them at each point, (m, nq, nt)
-    from their nodes in the mesh (n, nt), the order, and the `quadrature`: computed in double, then rounded.
+    Elements `t` (n, nt) have rest coordinates `p` (d, nv) [m]. `stored` gives what the kernels store of them at each point, (m,
+    nq, nt) from their nodes in the mesh (n, nt), the order, and the `quadrature`: computed in double, then rounded.
     """
 
     symmetric = balanced = has_energy = True

@@ -99,7 +99,9 @@ def simplex_quadrature(k: int) -> Quadrature:
 
 
 def frames_at(p: NDArray[np.float64], t: NDArray[np.int32], quadrature: Quadrature, order: OwnOrder) -> Iterator[Frames]:
-    """The frames at each point of elements with nodes `t` (n, nt) of the mesh; their size times the weight is that of a linear simplex."""
+    """The frames at each point of elements with nodes `t` (n, nt) of the mesh; their size times the weight is that of a linear
+    simplex.
+    """
     element, rule = quadrature.element, quadrature.rule
     if element.is_linear_simplex:
         found = frames(p, t)

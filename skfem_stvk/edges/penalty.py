@@ -98,7 +98,9 @@ def refuse_inside_out(ratios: NDArray[np.float64], ids: NDArray[Any]) -> None:
 
 
 def _stored(p: Array, t: NDArray[np.int32], stiffness: Array, quadrature: Quadrature) -> Array:
-    """(2, nq, nt) `k V0` and `1/C0` at each point, with the sign that `C0` has; the weights of a table of points are not in `V0`."""
+    """(2, nq, nt) `k V0` and `1/C0` at each point, with the sign that `C0` has; the weights of a table of points are not in
+    `V0`.
+    """
     element = quadrature.element
     if element.is_linear_simplex:
         corners = p[:, t]

@@ -151,7 +151,9 @@ class GeneralStiffness:
 
 
 def _upper_half(C: Array, k: int, scale: Array) -> Array:
-    """(21, n) the upper half of `C` (n, s, s), in the Voigt order, in that of the kernels; zero for what is lacking in three dimensions."""
+    """(21, n) the upper half of `C` (n, s, s), in the Voigt order, in that of the kernels; zero for what is lacking in three
+    dimensions.
+    """
     places = [PAIRS.index((min(pair), max(pair))) for pair in VOIGT[k]]
     full = np.zeros((len(C), 6, 6))
     full[:, np.array(places)[:, None], places] = C * scale[:, None, None]

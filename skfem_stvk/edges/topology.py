@@ -55,8 +55,8 @@ class OwnOrder(NamedTuple):
     """Elements in an order that the caches like; users never see it.
 
     Nodes (only those that the elements have) in the mesh's order if that is good, else in reverse Cuthill-McKee order, ascending in
-    each linear simplex, elements sorted by them. On 38 000 tetrahedra of Gmsh, K takes 61 ns per tetrahedron instead of 107 in the mesh's own order (`python -m validation
-    kernels`).
+    each linear simplex, elements sorted by them. On 38 000 tetrahedra of Gmsh, K takes 61 ns per tetrahedron instead of 107 in
+    the mesh's own order (`python -m validation kernels`).
 
     `vertices` (nv,) are nodes of the mesh, `elements` (nt,) the positions of the elements in the order in which they were given,
     `t` (n, nt) their nodes in this order, and `local` (n, nt) which node of the element each of them was.
@@ -101,8 +101,8 @@ class OwnEdges(NamedTuple):
     """Pairs of nodes (ne, 2), `a < b`, of linear simplices their edges, in the order in which the elements first use them.
 
     `number` (ne,) are the places in this order of the pairs in lexicographic order, `t2e` (blocks, m LANES) the pairs of the
-    elements, `marks` (blocks + 1,) how many the blocks before use, and `turned` (blocks, m LANES) has the bit `TRANSPOSED` where the
-    first node of an element's pair has the higher number; it is empty if none has.
+    elements, `marks` (blocks + 1,) how many the blocks before use, and `turned` (blocks, m LANES) has the bit `TRANSPOSED`
+    where the first node of an element's pair has the higher number; it is empty if none has.
     """
 
     edges: Ids

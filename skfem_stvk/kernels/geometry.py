@@ -122,7 +122,9 @@ def _put_frame(a, b, c, k, e, out):
 
 @kernel
 def frames(p: Reals, t: Ids) -> Reals:
-    """Of linear simplices: `Ri` in the order 11, 12, 13, 22, 23, 33, zero where there is no spoke, and `k!` times the size, (7, nt)."""
+    """Of linear simplices: `Ri` in the order 11, 12, 13, 22, 23, 33, zero where there is no spoke, and `k!` times the size, (7,
+    nt).
+    """
     k, nt = len(t) - 1, t.shape[1]
     out = np.zeros((7, nt))
     for e in range(nt):

@@ -5,8 +5,8 @@ With the signs `h_ka` of an hourglass mode at the nodes, products of two or thre
     gamma_ka = (h_ka - sum_i (sum_b h_kb X_b)_i g_ai) / n        gamma_k' X = 0: r_k = gamma_k' u is zero for what is affine
     W_h = c sum_k |r_k|^2        F_a = 2 c sum_k gamma_ka r_k        K_ab = 2 c sum_k gamma_ka gamma_kb I
 
-It is quadratic, and invariant: the modes are those of the rest shape. Without a table of its own a mode is `r_k = (h_k' u - (h_k' X)_i
-U_i)/n`, `U_i` the displacements of the spokes, so that its force pulls on nodes and on spokes.
+It is quadratic, and invariant: the modes are those of the rest shape. Without a table of its own a mode is `r_k = (h_k' u -
+(h_k' X)_i U_i)/n`, `U_i` the displacements of the spokes, so that its force pulls on nodes and on spokes.
 
 Source: Flanagan, Belytschko (1981); Joldes, Wittek, Miller (2008), in total Lagrangian form.
 """
@@ -174,7 +174,9 @@ def _means_sizes(points, block, x, z, U, forces, total):
 
 @kernel
 def put_pairs_of_means(points, block, nodes, K, x, T, out):
-    """Write the blocks of all pairs of nodes `(a, b)`, a < b, of a block of boxes: `K` is the stiffness of spokes, `x` what they are."""
+    """Write the blocks of all pairs of nodes `(a, b)`, a < b, of a block of boxes: `K` is the stiffness of spokes, `x` what
+    they are.
+    """
     B, modes, n = points.B, points.modes, nodes - 1
     NINE = 9 * LANES
     out[: n * NINE] = 0

@@ -108,7 +108,8 @@ class MeanPoints(NamedTuple):
 
     Attributes
     ----------
-    B : (blocks, m, 3, LANES) mean gradients `g_a = int dN_a/dX dV / V` of the nodes 1, 2, ..., as in `Points`, in the axes of space:
+    B : (blocks, m, 3, LANES) mean gradients `g_a = int dN_a/dX dV / V` of the nodes 1, 2, ..., as in `Points`, in the axes of
+        space:
         at rest the spokes are those, and `Ri = I`. With the gradients at the centre a patch test fails.
     weights : (1,) which is 1.
     starts : (blocks + 1,) as in `Points`.

@@ -1,7 +1,7 @@
 """Laws at a point, in an orthonormal frame: strain, stress, and what the tangent stiffness needs.
 
-Spokes at a point, at rest `P_i = sum_a dN_a/dxi_i X_a` and their displacements `U_i` likewise (of a linear simplex `X_i - X_0`), are
-written in the frame of `P = Q R`, `Q` orthonormal and `R` upper triangular, `Ri = R^-1`:
+Spokes at a point, at rest `P_i = sum_a dN_a/dxi_i X_a` and their displacements `U_i` likewise (of a linear simplex `X_i -
+X_0`), are written in the frame of `P = Q R`, `Q` orthonormal and `R` upper triangular, `Ri = R^-1`:
 
     h_j = sum_i Ri_ij U_i        Q_j = sum_i Ri_ij P_i        q_j = Q_j + h_j = F e_j, F the deformation gradient
     M_ij = q_i . h_j + h_i . Q_j = 2 E_ij        without cancellation at small strain
@@ -16,9 +16,9 @@ written in the frame of `P = Q R`, `Q` orthonormal and `R` upper triangular, `Ri
 
 All elements have three spokes in space here: those that a triangle or a segment lacks are zero, and so are their columns of Ri.
 
-A law is a `NamedTuple` of its arrays, and its formulas are chosen by that type (`by_type`): a kernel that is handed a function as an
-argument, or closes over one, does not find its code on disk in another process. `D` begins with the six numbers 11, 12, 13, 22, 23, 33 of
-Ri, which stand in blocks of lanes as everything.
+A law is a `NamedTuple` of its arrays, and its formulas are chosen by that type (`by_type`): a kernel that is handed a function
+as an argument, or closes over one, does not find its code on disk in another process. `D` begins with the six numbers 11, 12,
+13, 22, 23, 33 of Ri, which stand in blocks of lanes as everything.
 """
 
 from __future__ import annotations
@@ -207,7 +207,9 @@ def _general_sizes(law, at, weight, M):
 
 @kernel
 def weigh_eigenvalues(S, lane, positive, negative):
-    """Multiply eigenvalues of a symmetric matrix in the order 11, 22, 33, 12, 13, 23 by a factor for their sign: Jacobi's method."""
+    """Multiply eigenvalues of a symmetric matrix in the order 11, 22, 33, 12, 13, 23 by a factor for their sign: Jacobi's
+    method.
+    """
     a, b, c = S[lane], S[lane + I(LANES)], S[lane + I(2 * LANES)]
     A = np.array(
         [

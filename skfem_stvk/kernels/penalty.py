@@ -1,15 +1,15 @@
 """W, F and the blocks of node pairs of K of energies of the volume ratio J, element by element.
 
-At a point, with the signed volume form `C = p_1 . (p_2 x p_3)` of the spokes `p_i = P_i + U_i`, `C0` that at rest and `V0` the volume
-at rest, `|C0|` times the weight of the point:
+At a point, with the signed volume form `C = p_1 . (p_2 x p_3)` of the spokes `p_i = P_i + U_i`, `C0` that at rest and `V0` the
+volume at rest, `|C0|` times the weight of the point:
 
     e = J - 1 = (C - C0)/C0        C - C0 = U_1 . (p_2 x p_3) + P_1 . (U_2 x p_3 + P_2 x U_3)        no cancellation at small strain
     W = V0 psi(J)        f_i = V0/C0 psi' n_i        n_i = dC/dp_i: n_1 = p_2 x p_3, and so on; n_0 = -(n_1 + n_2 + n_3)
     K_ab = V0/C0^2 psi'' n_a n_b' + V0/C0 psi' [q_ab]        [q] x = q x x        q_12 = -p_3, q_13 = p_2, q_23 = -p_1
 
-This is K of linear simplices, whose nodes stand at the ends of the spokes: `q` of the edges of vertex 0 follows from the row sums, the
-edge opposite, as for the others. Of other elements it is that of the spokes, and forces and K are spread from there over the nodes.
-Per unit of stiffness:
+This is K of linear simplices, whose nodes stand at the ends of the spokes: `q` of the edges of vertex 0 follows from the row
+sums, the edge opposite, as for the others. Of other elements it is that of the spokes, and forces and K are spread from there
+over the nodes. Per unit of stiffness:
 
     quadratic      psi = e^2/2                                psi' = e                           psi'' = 1
     compression    psi = -e^3/3           for e < 0           psi' = -e^2                        psi'' = -2 e
@@ -20,8 +20,8 @@ No `psi''` is negative, and in no sum do terms of both signs meet. Without `psi'
 A triangle in the plane has (0, 0, 1) for its third spoke, a segment on the line (0, 1, 0) and (0, 0, 1): of what belongs to them
 nothing counts.
 
-Elements stand in blocks of lanes, and arrays are those of `simplices`; `D` has two numbers, the stiffness times `V0` (without the weight
-of a table of points) and `1/C0`.
+Elements stand in blocks of lanes, and arrays are those of `simplices`; `D` has two numbers, the stiffness times `V0` (without
+the weight of a table of points) and `1/C0`.
 """
 
 from __future__ import annotations

@@ -1,16 +1,16 @@
 """W, F and the blocks of node pairs of K, element by element: what all assembly is made of.
 
-For a block of elements at a time: gather what its nodes have, and at each point spokes, frame, law (`laws`), and back: the forces on
-spokes, spread over the nodes, and scattered. With `K_ij` the stiffness of the spokes:
+For a block of elements at a time: gather what its nodes have, and at each point spokes, frame, law (`laws`), and back: the
+forces on spokes, spread over the nodes, and scattered. With `K_ij` the stiffness of the spokes:
 
     W = sum of 1/4 S : M        F_a = sum of dN_a/dxi_i f_i        K_ab = sum of dN_a/dxi_i dN_b/dxi_j K_ij        over points and i, j
 
-Shape functions add up to 1, so only differences to node 0 are read, the force on node 0 is minus the sum of the others, and its rows of
-K likewise. A linear simplex has one point and its nodes at the ends of the spokes: `points` is None then, and there is nothing to do
-between nodes and spokes.
+Shape functions add up to 1, so only differences to node 0 are read, the force on node 0 is minus the sum of the others, and its
+rows of K likewise. A linear simplex has one point and its nodes at the ends of the spokes: `points` is None then, and there is
+nothing to do between nodes and spokes.
 
-    zeta(u + s v) is quadratic in s, so W is a quartic: with M' = dM/ds and M'' = d2M/ds2, both at s = 0, S' and S'' likewise, and H_j
-    the v in the frame,
+    zeta(u + s v) is quadratic in s, so W is a quartic: with M' = dM/ds and M'' = d2M/ds2, both at s = 0, S' and S'' likewise,
+    and H_j the v in the frame,
     M'_ij = q_i . H_j + H_i . q_j        M''_ij = 2 H_i . H_j
     W(s)  = S:M/4 + S:M'/2 s + (S:M'' + S':M')/4 s^2 + S':M''/4 s^3 + S'':M''/16 s^4
 
@@ -245,7 +245,8 @@ def _are_diagonal(B):
 
 
 def put_pairs(points: Any, block: Any, nodes: Any, K: Any, x: Any, T: Any, row: Any, out: Any) -> None:
-    """Write the blocks of all pairs of nodes `(a, b)`, a < b, of a block of elements from the stiffness `K` of spokes at the points.
+    """Write the blocks of all pairs of nodes `(a, b)`, a < b, of a block of elements from the stiffness `K` of spokes at the
+    points.
 
     `x` is what `gather` found at rest; `T` and `row` are room to work in.
     """

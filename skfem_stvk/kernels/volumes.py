@@ -1,7 +1,8 @@
 """How the volumes of elements change, with their sign: whether one is turned inside out, and how far there is to go until one is.
 
-Of linear simplices the volume has one ratio, now to at rest; of others there is one at each point of a table, and the smallest counts.
-Along `u + s v` the signed volume form `C = p_1 . (p_2 x p_3)` of the spokes is exactly a cubic in `s`: with `p_i + s V_i` for `p_i`
+Of linear simplices the volume has one ratio, now to at rest; of others there is one at each point of a table, and the smallest
+counts. Along `u + s v` the signed volume form `C = p_1 . (p_2 x p_3)` of the spokes is exactly a cubic in `s`: with `p_i + s
+V_i` for `p_i`
 
     C(s) = p_1 . p_2 x p_3    +    s (V_1 . p_2 x p_3 + p_1 . V_2 x p_3 + p_1 . p_2 x V_3)
          + s^2 (p_1 . V_2 x V_3 + V_1 . p_2 x V_3 + V_1 . V_2 x p_3)    +    s^3 V_1 . V_2 x V_3

@@ -80,8 +80,8 @@ def check_shapes(mesh: ElementMesh) -> None:
         advice = "take edges as straight (degree=1, or mesh.with_degree(1))" if quadratic else "remesh"
         raise MeshError(
             f"{name_ids(bad, 'element')}: the Jacobian vanishes or changes its sign among their points and nodes, so they fold "
-            f"over themselves. Are their {order} in another order ({element_order(mesh)} is expected), or is there {otherwise}? Look at "
-            f"them, or {advice}."
+            f"over themselves. Are their {order} in another order ({element_order(mesh)} is expected), or is there {otherwise}? "
+            f"Look at them, or {advice}."
         )
 
 

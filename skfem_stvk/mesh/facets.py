@@ -341,7 +341,8 @@ def turned_alike(t: NDArray[np.int32], nv: int) -> tuple[NDArray[np.bool_], NDAr
     """Which triangles or quadrilaterals to turn so that all neighbours look to the same side, that of the first of their piece.
 
     `t` (m, n) are their corners. Neighbours are two at an edge of no other, a piece is connected by those: they look to the same
-    side if they go along it in opposite directions. The second array says whether the piece of each has two sides, unlike a Moebius strip.
+    side if they go along it in opposite directions. The second array says whether the piece of each has two sides, unlike a
+    Moebius strip.
 
     >>> turned_alike(np.array([[0, 1], [1, 2], [2, 3]]), 4)
     (array([False,  True]), array([ True,  True]))

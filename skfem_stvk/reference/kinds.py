@@ -123,7 +123,8 @@ def numbered(mesh: Any, element: Any, t: NDArray[np.int32]) -> NDArray[np.int64]
 
 
 def curved_elements(p: Array, t: NDArray[np.int32], kind: str) -> NDArray[np.bool_]:
-    """(nt,) which quadratic elements have an edge whose middle is not half-way between its ends, to within 1e-14 of the coordinates.
+    """(nt,) which quadratic elements have an edge whose middle is not half-way between its ends, to within 1e-14 of the
+    coordinates.
 
     >>> p = np.array([[0, 1, 0, 0.5, 0.5, 0], [0, 0, 1, 0, 0.6, 0.5]])
     >>> curved_elements(p, np.arange(6)[:, None], "quadratic triangles")

@@ -193,7 +193,9 @@ class Lattice:
         return masked_columns(found.reshape(len(self._local), -1), np.tile(missing, self._local.shape[1]))
 
     def lines(self, x: Array, nodes: NDArray[np.integer]) -> NDArray[np.integer]:
-        """Pieces (2, n) of the edges where faces with `nodes` (m, n) at `x` (m, n, 3) end, branch or bend by more than 30 degrees."""
+        """Pieces (2, n) of the edges where faces with `nodes` (m, n) at `x` (m, n, 3) end, branch or bend by more than 30
+        degrees.
+        """
         face, count = self._face, len(self._N)
         ends = np.array(face.edges)
         middles = face.nodes[ends].mean(axis=1)

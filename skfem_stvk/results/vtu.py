@@ -41,8 +41,9 @@ def write_vtu(path: str | os.PathLike[str], state: State, fields: Sequence[str] 
                               in a name are escaped, such as \\x1b
     ========================  ==============================================================================================
 
-    Quadratic simplices are VTK's quadratic cells, and hexahedra are in VTK's order of nodes. Fields by cell are the means of elements with
-    several points, those at nodes are extrapolated from there. The file is renamed into place when it is complete.
+    Quadratic simplices are VTK's quadratic cells, and hexahedra are in VTK's order of nodes. Fields by cell are the means of
+    elements with several points, those at nodes are extrapolated from there. The file is renamed into place when it is
+    complete.
 
     Raises
     ------

@@ -90,8 +90,8 @@ class VolumePenalty:
         mesh = body.mesh
         if mesh.k < mesh.d:
             raise MaterialError(
-                f"VolumePenalty: the mesh has {mesh.kind}, which have no inside and no outside. It is for tetrahedra and hexahedra, "
-                "triangles and quadrilaterals in the plane and segments on a line."
+                f"VolumePenalty: the mesh has {mesh.kind}, which have no inside and no outside. It is for tetrahedra and "
+                "hexahedra, triangles and quadrilaterals in the plane and segments on a line."
             )
         elements = mesh.elements(self.region)
         if self.stiffness is not None:

@@ -1,9 +1,9 @@
 """The kernels once more, slow and to be read: twins of the same signatures in plain NumPy.
 
 Tests hold the kernels against them; nothing else calls them. They take another way where there is one: gradients of shape functions
-in the frame instead of spokes, the whole tensor C instead of the numbers that are stored, sums over lists of places instead of loops.
-Elements differ by their table of points alone, and laws by one function of `LAWS`, which gives C. What is said of the arrays in
-`skfem_stvk.kernels.simplices`, `laws` and `blocks` holds here.
+in the frame instead of spokes, the whole tensor C instead of the numbers that are stored, sums over lists of places instead of
+loops. Elements differ by their table of points alone, and laws by one function of `LAWS`, which gives C. What is said of the
+arrays in `skfem_stvk.kernels.simplices`, `laws` and `blocks` holds here.
 """
 
 from __future__ import annotations
@@ -44,12 +44,14 @@ def corners(x: Reals, part: slice, t: Ids, D: Reals) -> Reals:
     return (corners - corners[:, :1]).astype(D.dtype)
 
 
-# Of elements with any table of points, and of any law. Einsum's indices: n elements, q points, a and b nodes; i, j, k, l axes of the
-# frame; x and y components.
+# Of elements with any table of points, and of any law. Einsum's indices: n elements, q points, a and b nodes; i, j, k, l axes of
+# the frame; x and y components.
 
 
 def isotropic(numbers: Reals) -> Reals:
-    """(..., 3, 3, 3, 3) `C_ijkl = lam/2 d_ij d_kl + mu/2 (d_ik d_jl + d_il d_jk)` for the numbers `w lam/2`, `w mu`: `S = C : M`."""
+    """(..., 3, 3, 3, 3) `C_ijkl = lam/2 d_ij d_kl + mu/2 (d_ik d_jl + d_il d_jk)` for the numbers `w lam/2`, `w mu`: `S = C :
+    M`.
+    """
     I = np.eye(3)
     volume, shear = np.einsum("ij,kl->ijkl", I, I), np.einsum("ik,jl->ijkl", I, I) + np.einsum("il,jk->ijkl", I, I)
     lam, mu = np.moveaxis(numbers, -1, 0)[..., None, None, None, None]
@@ -75,9 +77,10 @@ LAWS: dict[type, tuple[int, Callable[[Reals], Reals]]] = {IsotropicLaw: (2, isot
 class Elements(NamedTuple):
     """What the kernels read of the elements of some blocks.
 
-    `t` (n, a) their nodes, `B` (n, q, a, 3) derivatives of the shape functions by the axes of the table, which add up to zero, `Ri` (n,
-    q, 3, 3), `numbers` (n, q, m) of the law and `C` (n, q, 3, 3, 3, 3), both times the weights of the points; `g` (n, q, a, 3)
-    derivatives by the axes of the frame; `modes` (k, a) of boxes with one point, and how much they are resisted, `c` (n,).
+    `t` (n, a) their nodes, `B` (n, q, a, 3) derivatives of the shape functions by the axes of the table, which add up to zero,
+    `Ri` (n, q, 3, 3), `numbers` (n, q, m) of the law and `C` (n, q, 3, 3, 3, 3), both times the weights of the points; `g` (n,
+    q, a, 3) derivatives by the axes of the frame; `modes` (k, a) of boxes with one point, and how much they are resisted, `c`
+    (n,).
     """
 
     t: Ids
@@ -119,8 +122,8 @@ class Elements(NamedTuple):
 def elements_of(part: slice, t: Ids, points: Any, law: Any) -> Elements:
     """The elements of a part of the blocks.
 
-    Linear simplices have one point, and the derivatives of the barycentric coordinates; boxes with mean gradients have derivatives of
-    their own. Elements of a block that are all straight have numbers for one point, which stand for all.
+    Linear simplices have one point, and the derivatives of the barycentric coordinates; boxes with mean gradients have
+    derivatives of their own. Elements of a block that are all straight have numbers for one point, which stand for all.
     """
     count, tensor = LAWS[type(law)]
     D, size = law.D, (6 + count) * LANES
@@ -308,7 +311,8 @@ def damping_force(
 
 
 def round_off(begin: int, end: int, t: Ids, slots: Ids, points: Points | None, law: Any, X: Reals, u: Reals, f: Reals) -> None:
-    """`f_a = sum_jk |g_aj| (S_jk (|q_k| + e_k) + dS_jk |q_k|)`, `f_0 = sum_a f_a`, with the sizes `e = E + d` of what adds up to `q`.
+    """`f_a = sum_jk |g_aj| (S_jk (|q_k| + e_k) + dS_jk |q_k|)`, `f_0 = sum_a f_a`, with the sizes `e = E + d` of what adds up
+    to `q`.
 
     |g_aj| = sum_i |dN_a/dxi_i| |Ri_ij|        E_j = sum_a |g_aj| |X_a - X_0|        d_j = sum_a |g_aj| (|u_a| + |u_0|)
     dM_ij = |q_i| . d_j + d_i . |Q_j| + e_i . |h_j| + |h_i| . E_j for i <= j        S = |C| : |M|, dS = |C| : dM
@@ -361,8 +365,8 @@ def numbers(D: Reals, part: slice, points: Points | None, count: int) -> Reals:
 
 
 def volume_ratios(begin: int, end: int, t: Ids, points: Points | None, X: Reals, u: Reals, k: int, d: int, out: Reals) -> float:
-    """`det(p_1 ... p_k) / det(P_1 ... P_k)`, the smallest of the points; where the spokes have more than `k` components, the root of
-    the ratio of Gram determinants.
+    """`det(p_1 ... p_k) / det(P_1 ... P_k)`, the smallest of the points; where the spokes have more than `k` components, the
+    root of the ratio of Gram determinants.
     """
     P, U = (spokes_at(x, slice(begin, end), t, points)[:, :, :k, :d] for x in (X, u))
     if k == d:
@@ -418,8 +422,8 @@ def volume_energies(kind: int, J: Reals) -> tuple[Reals, Reals, Reals]:
 def volumes_of(
     part: slice, t: Ids, points: Points | None, D: Reals, X: Reals, u: Reals, k: int, kind: int
 ) -> tuple[Reals, Reals, Reals, tuple[Reals, Reals, Reals], float]:
-    """Of each element at each point: `p` (n, nq, k, k) its spokes now, `dJ/dp_i` (n, nq, k, k), `k V0`, the energies, and the smallest
-    `J` of the barrier.
+    """Of each element at each point: `p` (n, nq, k, k) its spokes now, `dJ/dp_i` (n, nq, k, k), `k V0`, the energies, and the
+    smallest `J` of the barrier.
 
     dJ/dp = J p^-T = cof(p)/C0
     """

@@ -1,4 +1,6 @@
-"""The readable twins of all laws on all elements, against the formulas of the continuum: what the compiled kernels are held against."""
+"""The readable twins of all laws on all elements, against the formulas of the continuum: what the compiled kernels are held
+against.
+"""
 
 import numpy as np
 import pytest
@@ -39,7 +41,9 @@ def tensor_of(law, mesh, axes):
 
 
 def points_of(mesh, kind):
-    """Of each point: axes `A` (n, d, k), the global ones of solids, gradients (n, a, k) along them, and what it has of sizes (n,)."""
+    """Of each point: axes `A` (n, d, k), the global ones of solids, gradients (n, a, k) along them, and what it has of sizes
+    (n,).
+    """
     rule = rule_of(mesh.element, "mass" if kind == "one-point" else kind)
     found = []
     for dN, weight in zip(mesh.element.derivatives(rule.points), rule.weights, strict=True):

@@ -46,8 +46,9 @@ def cofactor(F):
 
 
 def by_scikit_fem(mesh, kind, u, rule):
-    """W, F, K from densities of `psi(det F)` at the points of our rule, the second derivative of det F as a difference of cofactors:
-    exact, for they are quadratic."""
+    """W, F, K from densities of `psi(det F)` at the points of our rule, the second derivative of det F as a difference of
+    cofactors: exact, for they are quadratic.
+    """
     basis, (points, weights) = scikit_fem_of(mesh), rule_of(mesh.element, rule)
     basis = skfem.Basis(basis.mesh, basis.elem, quadrature=(points.T, weights))
     k = np.random.default_rng(3).uniform(1, 4, mesh.nt)[:, None] * (0.3 if mesh.k < 3 else 1.0)
