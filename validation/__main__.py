@@ -4,16 +4,18 @@ from __future__ import annotations
 
 import argparse
 import sys
+from collections.abc import Callable
 
-from . import aspect, clamp, dynamics, hard, hostile, kernels, operations, part, solvers, stability, statics
+from . import aspect, clamp, dynamics, hard, hostile, kernels, operations, part, rows, solvers, stability, statics
 
 #: Studies and the options that they take.
-STUDIES = {
+STUDIES: dict[str, tuple[Callable[..., int], tuple[str, ...]]] = {
     "part": (part.main, ()),
     "aspect": (aspect.main, ()),
     "clamp": (clamp.main, ("quick",)),
     "kernels": (kernels.main, ("quick",)),
     "operations": (operations.main, ()),
+    "rows": (rows.main, ("quick",)),
     "solvers": (solvers.main, ("quick",)),
     "statics": (statics.main, ("quick", "only", "out")),
     "hard": (hard.main, ("quick", "only", "out")),
