@@ -226,8 +226,8 @@ class Assembly(ElementTerm):
         """
         if self.points is not None:
             raise StvkError(
-                f"{self.quadrature.element.name} have no edge form: their strain is not the same everywhere, so the lengths of their "
-                "edges do not say it. Take degree=1 to look at edges and their pairs."
+                f"{self.quadrature.element.name} have no edge form: their strain is not the same everywhere, so the lengths of "
+                "their edges do not say it. Take degree=1 to look at edges and their pairs."
             )
         return EdgeForm(*self._mesh)
 

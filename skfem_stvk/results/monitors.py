@@ -47,8 +47,8 @@ class Monitors:
     """Search for elements where the model is at its end; without `ellipticity` it costs about two forces per state.
 
         locking         Poisson's ratio above 0.45 in solids and plane strain, where linear simplices are far too stiff, and boxes
-                        with more points than one; for those that are not isotropic that of the Reuss averages, `(3 K - 2 G)/(6 K + 2
-                        G)`: one stress in all directions
+                        with more points than one; for those that are not isotropic that of the Reuss averages,
+                        `(3 K - 2 G)/(6 K + 2 G)`: one stress in all directions
         inside out      J <= 1e-9, of elements that fill their space: inside out or flat, as in `System.inside_out`
         compressed      smallest principal stretch below 1/sqrt(3), where uniaxial compression has its limit point; at the points
         not elliptic    strong ellipticity lost, if asked for: see `results.ellipticity`
