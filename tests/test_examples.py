@@ -66,6 +66,13 @@ def test_ex08_own_law():
     assert up == pytest.approx(52.80e-3, rel=1e-3) and down == pytest.approx(-31.63e-3, rel=1e-3)
 
 
+def test_ex09_curved_bar():
+    example = run("ex09_curved_bar")
+    linear, _, _, quadratic = example.errors.values()
+    assert len({result.system.ndofs for result in example.results.values()}) == 3  # the first and the last have as many unknowns
+    assert linear == pytest.approx(0.5858, rel=1e-3) and quadratic == pytest.approx(5.0e-4, rel=0.2)
+
+
 def test_no_example_is_forgotten():
     tested = {name.removeprefix("test_") for name in globals() if name.startswith("test_ex")}
     assert tested == {path.stem for path in EXAMPLES.glob("ex*.py")}

@@ -6,7 +6,7 @@ import argparse
 import sys
 from collections.abc import Callable
 
-from . import aspect, clamp, dynamics, hard, hostile, kernels, operations, part, rows, solvers, stability, statics
+from . import aspect, clamp, dynamics, elements, hard, hostile, kernels, operations, part, rows, solvers, stability, statics
 
 #: Studies and the options that they take.
 STUDIES: dict[str, tuple[Callable[..., int], tuple[str, ...]]] = {
@@ -21,6 +21,7 @@ STUDIES: dict[str, tuple[Callable[..., int], tuple[str, ...]]] = {
     "hard": (hard.main, ("quick", "only", "out")),
     "stability": (stability.main, ("quick", "only", "out")),
     "dynamics": (dynamics.main, ("quick", "only", "out")),
+    "elements": (elements.main, ("quick", "only", "out")),
     "hostile": (hostile.main, ("quick", "only", "case")),
 }
 
@@ -30,6 +31,7 @@ PARTS = {
     "hard": hard.NAMES,
     "stability": stability.NAMES,
     "dynamics": dynamics.NAMES,
+    "elements": elements.NAMES,
     "hostile": hostile.NAMES,
 }
 

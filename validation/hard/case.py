@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 from skfem_stvk import ElementMesh, StVK, System, VolumePenalty
@@ -40,6 +40,19 @@ class Body:
         """The system, with the volume term or without it."""
         terms = [StVK(young=self.young, poisson=self.poisson, density=self.density), *[self.penalty] * volume, *self.loads]
         return System(self.mesh, terms, self.fixed, self.prescribed)
+
+    def quadratic(self) -> Body:
+        """The same body of quadratic elements with straight edges; it starts from the same displacements and velocities."""
+        mesh = self.mesh.with_degree(2)
+        ends = mesh.ends()
+        assert ends is not None
+        u0, v0 = (None if x is None else x.reshape(-1, mesh.d)[ends].mean(axis=1).ravel() for x in (self.u0, self.v0))
+        return replace(self, mesh=mesh, u0=u0, v0=v0)
+
+
+def made(make: Callable[[], Body], degree: int) -> Body:
+    """The body that is made, of elements of this degree."""
+    return make().quadratic() if degree == 2 else make()
 
 
 @dataclass(frozen=True)

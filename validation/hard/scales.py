@@ -7,11 +7,10 @@ from functools import partial
 import numpy as np
 
 from skfem_stvk import ElementMesh, System, Traction
-from skfem_stvk.reference import ReferenceStVK, isotropic_tensor
 
 from . import meshes, truths
-from .case import Array, Body, Case, Truth
-from .tiny_steps import followed
+from .case import Array, Body, Case, Truth, made
+from .tiny_steps import by_scikit_fem, followed
 
 YOUNG, POISSON = 1e5, 0.3
 LENGTH = 2.0
@@ -58,15 +57,15 @@ def _bent(unit: float, away: float, load: float = 0.03) -> Body:
 def _as(make: truths.Make, unit: float, volume: bool) -> Truth:
     """The answer at the origin, in m, by tiny steps."""
     source = "20 steps of Newton" + (", own assembly" if volume else ", scikit-fem") + ", at the origin in m"
-    return truths.state(source, lambda system: unit * followed(make, volume, 20))
+    return truths.state(source, lambda system: unit * followed(make, volume, 20, system.mesh.element.degree))
 
 
 def _linear(make: truths.Make) -> Truth:
     """Linear elasticity: the tangent at rest, of scikit-fem."""
 
     def expected(system: System) -> Array:
-        body, u = make(), np.zeros(system.ndofs)
-        K = ReferenceStVK(body.mesh.p, body.mesh.t, isotropic_tensor(body.young, body.poisson, 3, condensed=False)).tangent(u)
+        u = np.zeros(system.ndofs)
+        K = by_scikit_fem(made(make, system.mesh.element.degree))[1](u)
         free = np.setdiff1d(np.arange(system.ndofs), system.supports.held)
         u[free] = np.linalg.solve(K[free][:, free].toarray(), system.external_force(u)[free])
         return u

@@ -36,7 +36,8 @@ class Row:
 
     @property
     def size(self) -> str:
-        cells = "tets" if self.system.mesh.k == 3 else "triangles"
+        mesh = self.system.mesh
+        cells = "quadratic " * (mesh.element.degree == 2) + ("tets" if mesh.k == 3 else "triangles")
         return f"{self.system.mesh.nt} {cells}, {self.system.ndofs} dofs"
 
     @property

@@ -14,7 +14,10 @@ from scipy.sparse.linalg import splu
 from skfem_stvk import System
 from skfem_stvk.reference import ReferenceStVK, isotropic_tensor
 
-from .case import Array, Body
+from ..elements.families import of_scikit_fem
+from ..statics.with_scikit_fem import I3, internal_force, stress_and_moduli
+from ..statics.with_scikit_fem import tangent as tangent_form
+from .case import Array, Body, made
 from .judge import volume_ratios
 
 #: The last step of Newton's method, which converges quadratically, is no larger than this part of the displacements.
@@ -30,17 +33,20 @@ class NoPathError(RuntimeError):
 
 
 @lru_cache(maxsize=64)
-def followed(make: Callable[[], Body], volume: bool, steps: int) -> Array:
+def followed(make: Callable[[], Body], volume: bool, steps: int, degree: int = 1) -> Array:
     """(ndofs,) displacements at t = 1 on the path from rest, in steps of at most 1/steps; all elements stay right side out.
+
+    Elements are of this `degree`; quadratic ones in a plane are assembled by the system itself.
 
     Raises
     ------
     NoPathError
         where the path ends.
     """
-    body = make()
+    body = made(make, degree)
     system = body.system(volume)
-    force, tangent = _by_itself(system) if volume else _by_scikit_fem(body)
+    by_itself = volume or (degree == 2 and body.mesh.d < 3)
+    force, tangent = _by_itself(system) if by_itself else by_scikit_fem(body)
     held, u, t, size = system.supports.held, np.zeros(system.ndofs), 0.0, 1 / steps
     free = np.setdiff1d(np.arange(system.ndofs), held)
     while t < 1:
@@ -84,7 +90,20 @@ def _by_itself(system: System) -> tuple[Force, Tangent]:
     return system.internal_force, system.tangent
 
 
-def _by_scikit_fem(body: Body) -> tuple[Force, Tangent]:
+def by_scikit_fem(body: Body) -> tuple[Force, Tangent]:
+    """Internal force and tangent stiffness of a body by scikit-fem's assembly of its elements."""
+    if body.mesh.element.degree == 2:
+        return _quadratic_by_scikit_fem(body)
     tensor = isotropic_tensor(body.young, body.poisson, body.mesh.k, condensed=False)
     reference = ReferenceStVK(body.mesh.p, body.mesh.t, tensor)
     return reference.internal_force, reference.tangent
+
+
+def _quadratic_by_scikit_fem(body: Body) -> tuple[Force, Tangent]:
+    basis, E, nu = of_scikit_fem(body.mesh, 2), np.reshape(body.young, (-1, 1)), body.poisson
+    lame = E * nu / ((1 + nu) * (1 - 2 * nu)), E / (2 * (1 + nu))
+
+    def state(u: Array) -> tuple[Array, Array]:
+        return stress_and_moduli(basis.interpolate(u).grad + I3, *lame)
+
+    return lambda u: internal_force.assemble(basis, P=state(u)[0]), lambda u: tangent_form.assemble(basis, A=state(u)[1])

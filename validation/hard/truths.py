@@ -46,4 +46,4 @@ def homogeneous(F: Array, source: str, limit: float = LIMIT) -> Truth:
 def tiny_steps(make: Make, steps: int, volume: bool = False, limit: float = LIMIT, says: tuple[str, ...] = ()) -> Truth:
     """The path from rest in tiny steps of full Newton, by scikit-fem's assembly where there is no volume term."""
     source = f"{steps} steps of Newton" + (", own assembly" if volume else ", scikit-fem")
-    return state(source, lambda system: followed(make, volume, steps), limit, says)
+    return state(source, lambda system: followed(make, volume, steps, system.mesh.element.degree), limit, says)

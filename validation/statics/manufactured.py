@@ -1,11 +1,11 @@
-"""A manufactured solution in 3D: orders of convergence in L2 and H1 on unstructured meshes.
+"""A manufactured solution: orders of convergence in L2 and H1 on unstructured meshes, here in 3D.
 
     u_i = t A_i sin(k_i . X + c_i)         P = F S,  S = lam tr(E) I + 2 mu E,  E = (F'F - I)/2
     b_i = -P_iJ,J,   P_iJ,J = F_iM,J S_MJ + F_iM S_MJ,J
     S_MJ,J = lam E_NN,M + 2 mu E_MJ,J,     E_MJ,K = (F_iM,K F_iJ + F_iM F_iJ,K)/2
 
 with F_iJ = delta_iJ + u_i,J and F_iJ,K = u_i,JK. The displacement is prescribed on all faces but x = 1, where the traction P e_1
-acts.
+acts. In two dimensions, in plane strain, the first two components and coordinates are taken.
 """
 
 from __future__ import annotations
@@ -47,41 +47,50 @@ def manufactured(quick: bool = False) -> Study:
 
 
 def displacement(x: Array, t: float) -> Array:
-    """`u` (3, n) at `x` (3, n)."""
-    moved: Array = t * AMPLITUDE[:, None] * np.sin(_phase(x))
+    """`u` (d, n) at `x` (d, n)."""
+    moved: Array = _amplitude(x, t) * np.sin(_phase(x))
     return moved
 
 
 def gradient(x: Array, t: float) -> Array:
-    """`u_i,J` (3, 3, n)."""
-    return np.einsum("in,iJ->iJn", t * AMPLITUDE[:, None] * np.cos(_phase(x)), WAVES)
+    """`u_i,J` (d, d, n)."""
+    return np.einsum("in,iJ->iJn", _amplitude(x, t) * np.cos(_phase(x)), _waves(x))
 
 
 def nominal_stress(x: Array, t: float) -> Array:
-    """`P` (3, 3, n) [Pa]."""
-    F = gradient(x, t) + np.eye(3)[:, :, None]
+    """`P` (d, d, n) [Pa]."""
+    F = gradient(x, t) + np.eye(len(x))[:, :, None]
     return np.einsum("iMn,MJn->iJn", F, _stress(F))
 
 
 def body_force(x: Array, t: float) -> Array:
-    """`b = -Div P` (3, n) [N/m^3]."""
-    F = gradient(x, t) + np.eye(3)[:, :, None]
-    dF = np.einsum("in,iJ,iK->iJKn", -t * AMPLITUDE[:, None] * np.sin(_phase(x)), WAVES, WAVES)
+    """`b = -Div P` (d, n) [N/m^d]."""
+    F = gradient(x, t) + np.eye(len(x))[:, :, None]
+    dF = np.einsum("in,iJ,iK->iJKn", -_amplitude(x, t) * np.sin(_phase(x)), _waves(x), _waves(x))
     half = np.einsum("iMKn,iJn->MJKn", dF, F)
     dE = 0.5 * (half + half.swapaxes(0, 1))
     div_S = LAM * np.einsum("NNMn->Mn", dE) + 2 * MU * np.einsum("MJJn->Mn", dE)
     return -np.einsum("iMJn,MJn->in", dF, _stress(F)) - np.einsum("iMn,Mn->in", F, div_S)
 
 
+def _amplitude(x: Array, t: float) -> Array:
+    return t * AMPLITUDE[: len(x), None]
+
+
+def _waves(x: Array) -> Array:
+    return WAVES[: len(x), : len(x)]
+
+
 def _phase(x: Array) -> Array:
-    phase: Array = WAVES @ x + PHASES[:, None]
+    phase: Array = _waves(x) @ x + PHASES[: len(x), None]
     return phase
 
 
 def _stress(F: Array) -> Array:
-    """Second Piola-Kirchhoff stress (3, 3, n)."""
-    E = 0.5 * (np.einsum("iMn,iJn->MJn", F, F) - np.eye(3)[:, :, None])
-    return LAM * np.einsum("MMn->n", E) * np.eye(3)[:, :, None] + 2 * MU * E
+    """Second Piola-Kirchhoff stress (d, d, n)."""
+    I = np.eye(len(F))[:, :, None]
+    E = 0.5 * (np.einsum("iMn,iJn->MJn", F, F) - I)
+    return LAM * np.einsum("MMn->n", E) * I + 2 * MU * E
 
 
 def _errors(mesh: ElementMesh) -> tuple[float, float]:

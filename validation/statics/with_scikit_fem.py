@@ -32,12 +32,12 @@ def traction(v: Any, _: Any) -> Array:
     return np.einsum("i,i...->...", TRACTION, v)
 
 
-def stress_and_moduli(F: Array) -> tuple[Array, Array]:
-    """First Piola-Kirchhoff stress `P = F S` (3, 3, nt, nq) and `A = dP/dF` (3, 3, 3, 3, nt, nq)."""
+def stress_and_moduli(F: Array, lam: float | Array = LAM, mu: float | Array = MU) -> tuple[Array, Array]:
+    """First Piola-Kirchhoff stress `P = F S` (3, 3, nt, nq) and `A = dP/dF` (3, 3, 3, 3, nt, nq); `lam` may be (nt, 1)."""
     E = 0.5 * (np.einsum("kI...,kJ...->IJ...", F, F) - I3)
-    S = LAM * np.einsum("ii...->...", E) * I3 + 2 * MU * E
-    A = np.einsum("iJ...,kL...->iJkL...", LAM * F, F) + np.einsum("iL...,kJ...->iJkL...", MU * F, F)
-    b = MU * np.einsum("iM...,kM...->ik...", F, F)
+    S = lam * np.einsum("ii...->...", E) * I3 + 2 * mu * E
+    A = np.einsum("iJ...,kL...->iJkL...", lam * F, F) + np.einsum("iL...,kJ...->iJkL...", mu * F, F)
+    b = mu * np.einsum("iM...,kM...->ik...", F, F)
     for i in range(3):
         A[:, i, :, i] += b
         A[i, :, i] += S

@@ -8,7 +8,7 @@ import numpy as np
 
 from skfem_stvk import System
 
-from ..case import Array
+from ..case import Array, made
 from ..truths import Make
 from .scene import Ending
 from .verlet import followed, total_energy
@@ -26,12 +26,12 @@ def tiny_steps(make: Make, until: float, steps: int, volume: bool = False) -> En
     """Velocity Verlet in so many steps, by scikit-fem's forces where there is no volume term."""
 
     def error(system: System, u: Array) -> float:
-        right = followed(make, volume, until, steps)
+        right = followed(make, volume, until, steps, system.mesh.element.degree)
         return float(np.sqrt(((u - right.u) ** 2).mean())) / right.size
 
     def energy(system: System, u: Array, v: Array) -> float:
-        right = followed(make, volume, until, steps)
-        return (total_energy(make(), volume, u, v) - right.energy) / right.most
+        right = followed(make, volume, until, steps, system.mesh.element.degree)
+        return (total_energy(made(make, system.mesh.element.degree), volume, u, v) - right.energy) / right.most
 
     return Ending(f"{steps} steps of Verlet" + (", own forces" if volume else ", scikit-fem"), error, LIMIT, energy=energy)
 
@@ -47,6 +47,6 @@ def state(
 
     def excess(system: System, u: Array, v: Array) -> float:
         assert energy is not None
-        return (total_energy(make(), False, u, v) - energy) / energy
+        return (total_energy(made(make, system.mesh.element.degree), False, u, v) - energy) / energy
 
     return Ending(source, error, limit, energy=None if energy is None else excess)

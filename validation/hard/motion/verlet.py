@@ -12,7 +12,7 @@ from skfem_stvk import System
 from skfem_stvk.reference import ReferenceStVK, isotropic_tensor
 from skfem_stvk.terms.load import Moment
 
-from ..case import Array, Body
+from ..case import Array, Body, made
 from ..judge import volume_ratios
 
 #: Every so many steps is looked at volumes and energies.
@@ -48,8 +48,8 @@ class Elasticity(NamedTuple):
 
 
 def elasticity(body: Body, volume: bool) -> Elasticity:
-    """The elasticity of scikit-fem, or of the system itself where there is a volume term."""
-    if volume:
+    """The elasticity of scikit-fem, or of the system itself where there is a volume term, or elements are quadratic."""
+    if volume or body.mesh.element.degree == 2:
         system = body.system(volume)
         return Elasticity(system.energy, system.internal_force)
     tensor = isotropic_tensor(body.young, body.poisson, body.mesh.k, condensed=False)
@@ -58,7 +58,10 @@ def elasticity(body: Body, volume: bool) -> Elasticity:
 
 
 def masses(body: Body) -> Array:
-    """(ndofs,) lumped: a quarter of each tetrahedron to its vertices [kg]."""
+    """(ndofs,) lumped: a quarter of each tetrahedron to its vertices [kg]; of quadratic elements the system's own."""
+    if body.mesh.element.degree == 2:
+        system = body.system(volume=False)
+        return system.mass().multiply(np.ones(system.ndofs))
     x = body.mesh.p.T[body.mesh.t.T]
     volumes = np.abs(np.linalg.det(x[:, 1:] - x[:, :1])) / 6
     quarters = np.broadcast_to(body.density * volumes / 4, body.mesh.t.shape)
@@ -72,9 +75,9 @@ def total_energy(body: Body, volume: bool, u: Array, v: Array) -> float:
 
 
 @lru_cache(maxsize=32)
-def followed(make: Callable[[], Body], volume: bool, until: float, steps: int) -> Motion:
-    """The motion from the body's `u0` and `v0` until a time [s], in so many steps."""
-    body = make()
+def followed(make: Callable[[], Body], volume: bool, until: float, steps: int, degree: int = 1) -> Motion:
+    """The motion from the body's `u0` and `v0` until a time [s], in so many steps, of elements of this `degree`."""
+    body = made(make, degree)
     system, M, h = body.system(volume), masses(body), until / steps
     elastic, held = elasticity(body, volume), system.supports.held
     u, v = (np.zeros(system.ndofs) if given is None else given.copy() for given in (body.u0, body.v0))

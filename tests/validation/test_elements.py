@@ -1,0 +1,131 @@
+"""The studies of elements, in their quick versions; and that they see what is wrong."""
+
+import warnings
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from skfem_stvk import StvkWarning
+from validation import elements
+from validation.elements import costs, flag, hard, orders, programs, solvers, trials, work_precision
+from validation.elements.families import BOXES, ONE_POINT, P1, P2, onto, outwards, ring
+from validation.hard import study
+from validation.hard.case import Truth
+from validation.hard.judge import volume_ratios
+from validation.statics.manufactured import body_force, displacement, gradient, nominal_stress
+
+
+def test_in_a_plane_the_body_force_is_minus_the_divergence_of_the_nominal_stress():
+    x, h = np.random.default_rng(0).random((2, 50)), 1e-5
+    steps = h * np.eye(2)[:, :, None]
+    by_differences = -sum((nominal_stress(x + s, 0.7) - nominal_stress(x - s, 0.7))[:, J] / (2 * h) for J, s in enumerate(steps))
+    exact = body_force(x, 0.7)
+    assert np.abs(by_differences - exact).max() < 1e-8 * np.abs(exact).max()
+    for J, s in enumerate(steps):
+        by_differences = (displacement(x + s, 0.7) - displacement(x - s, 0.7)) / (2 * h)
+        np.testing.assert_allclose(by_differences, gradient(x, 0.7)[:, J], atol=1e-9)
+
+
+@pytest.mark.parametrize("d", [2, 3])
+def test_the_ring_has_its_sides_and_nodes_on_them(d):
+    mesh = P2.mesh(d, 3, bent=True)
+    inner, loaded = mesh.p[:, mesh.node_sets["inner"]], mesh.p[:, np.unique(mesh.boundaries["loaded"])]
+    np.testing.assert_allclose(np.hypot(*inner[:2]), 1, rtol=1e-14)
+    np.testing.assert_allclose(np.hypot(*loaded[:2]), 2, rtol=1e-14)
+    np.testing.assert_allclose(onto(2.0, 0.9 * loaded)[:2], loaded[:2], rtol=1e-14)
+    assert np.abs(outwards(loaded) - loaded / 2)[:2].max() < 1e-15 and mesh.nv > mesh.nvertices
+    straight = P2.mesh(d, 3, bent=True, straight=True)
+    assert np.hypot(*straight.p[:2, straight.node_sets["inner"]]).min() < 0.99
+    assert ring(np.array([[0.0], [1.0]])).ravel() == pytest.approx([1, 0])
+
+
+def test_elements_have_their_orders_on_squares_and_rings():
+    (found,) = orders.orders(quick=True)
+    assert found.passed, found.failures
+    assert len(found.rows) == 8
+
+
+def test_a_wrong_traction_is_seen(monkeypatch):
+    right = orders.nominal_stress
+    monkeypatch.setattr(orders, "nominal_stress", lambda x, t: 1.1 * right(x, t))
+    monkeypatch.setattr(orders, "ALL", [series for series in orders.ALL if series.name == "quadratic triangles, square"])
+    assert not orders.orders(quick=True)[0].passed
+
+
+def test_turek_and_hron_is_met_on_coarse_meshes():
+    at_rest, in_motion = flag.flag_of_quadratic_triangles(quick=True)
+    assert at_rest.passed and in_motion.passed, (at_rest.failures, in_motion.failures)
+
+
+def test_the_clamp_of_the_flag_is_curved():
+    mesh = flag.mesh_of_the_flag(8, 2)
+    np.testing.assert_allclose(np.hypot(*(mesh.p[:, mesh.node_sets["clamp"]] - 0.2)), 0.05, rtol=1e-14)
+    assert len(mesh.node_sets["clamp"]) == 5
+
+
+def test_work_and_precision_is_drawn(tmp_path):
+    pytest.importorskip("pypardiso")
+    (found,) = work_precision.work_precision(quick=True, folder=tmp_path)
+    assert found.passed, found.failures
+    assert {row[0] for row in found.rows} == {*programs.OURS, *programs.THEIRS}
+    assert found.pictures[0].stat().st_size > 10_000
+
+
+@pytest.mark.parametrize("trial", trials.TRIALS[1:], ids=lambda trial: trial.name)
+def test_both_programs_find_the_same_at_prescribed_ends(trial):
+    mine = programs.ours(trial, P2, 1)
+    others = programs.theirs(trial, "P2", 1, mine.factors)
+    np.testing.assert_allclose(mine.result, others.result, rtol=1e-6)
+    assert np.abs(mine.result).min() > 0
+
+
+def test_a_block_of_linear_elements_locks_and_one_of_one_point_boxes_does_not():
+    truth, locked, free = (programs.ours(trials.PULLED, family, n).result[0] for family, n in ((P2, 3), (P1, 3), (ONE_POINT, 3)))
+    assert locked > 1.5 * truth and abs(free / truth - 1) < 0.15 < programs.ours(trials.PULLED, BOXES, 3).result[0] / truth - 1
+
+
+def test_another_answer_is_no_speed():
+    def reached(w):
+        solved = programs.Solved(10, np.array([0.0, 0.0, w]), 5, 1.0, np.array([1.0]))
+        return [work_precision.Reached(2, solved, 0.1)]
+
+    found = {"P1": reached(-1.0), "P2": reached(-1.0), "scikit-fem P1": reached(-1.0), "scikit-fem P2": reached(-1.1)}
+    assert len(list(work_precision._failures(found))) == 1
+
+
+def test_costs_and_solvers_are_measured():
+    (cost,), (at_rest, in_motion) = costs.costs(quick=True), solvers.solvers(quick=True)
+    assert cost.passed and at_rest.passed and in_motion.passed
+    assert {row[0] for row in cost.rows} == {choice.name for choice in costs.CHOICES}
+
+
+def test_hard_cases_with_quadratic_elements_are_not_wrong_without_a_word():
+    at_rest, in_motion = hard.hard_cases(quick=True)
+    assert at_rest.passed and in_motion.passed, (at_rest.failures, in_motion.failures)
+    assert any(row[3].startswith("right") for row in at_rest.rows) and any(row[3].startswith("right") for row in in_motion.rows)
+
+
+def test_the_judge_sees_quadratic_elements_that_fold_over():
+    case = next(case for case in study.cases(("crushed",), quick=True) if "20 %" in case.name)
+    system = hard.quadratic(case).body().system(volume=False)
+    u = np.zeros((system.mesh.nv, 3))
+    assert volume_ratios(system, u.ravel()).min() == pytest.approx(1.0)
+    u[-1] = 0.4  # the middle of one edge, far from where it was: corners do not know
+    assert volume_ratios(system, u.ravel()).min() < 0
+
+
+def test_what_has_no_right_state_with_linear_elements_may_have_one_with_quadratic_ones():
+    case = next(case for case in study.cases(("deformed",), quick=True) if "360" in case.name)
+    assert case.truth.error is None and hard.quadratic(case).truth.error is not None
+    closed = replace(case, truth=Truth("none: closed form", None))
+    assert hard.quadratic(closed).truth.error is None
+
+
+def test_the_command_prints_what_is_asked_for(capsys, monkeypatch):
+    monkeypatch.setattr(orders, "ALL", orders.ALL[-6:-4])
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", StvkWarning)
+        assert elements.main(quick=True, only=["orders"]) == 0
+    out = capsys.readouterr().out
+    assert "Orders of elements" in out and "all 1 claims hold" in out

@@ -1,0 +1,93 @@
+"""The trials by this package with each family of elements, and by scikit-fem's assembly of linear and quadratic tetrahedra."""
+
+from __future__ import annotations
+
+import warnings
+from time import perf_counter
+from typing import Any, NamedTuple
+
+import numpy as np
+import skfem
+
+from skfem_stvk import StVK, System, Traction, solve_static
+from skfem_stvk.arguments import Array
+
+from ..statics.linear_solvers import direct, forget
+from ..statics.with_scikit_fem import ELEMENTS, I3, in_balance, internal_force, stress_and_moduli, tangent
+from .families import BOXES, ONE_POINT, P1, P2, Family
+from .trials import MODULUS, Trial
+
+RTOL = 1e-8
+STEPS = 10
+
+
+class Solved(NamedTuple):
+    """What a program measured on a mesh: unknowns, the result, Newton iterations, wall time [s], load factors."""
+
+    ndofs: int
+    result: Array
+    iterations: int
+    seconds: float
+    factors: Array
+
+
+OURS: dict[str, Family] = {"P1": P1, "P2": P2, "hexahedra": BOXES, "hexahedra, 1 point": ONE_POINT}
+THEIRS = {"scikit-fem P1": "P1", "scikit-fem P2": "P2"}
+
+
+def ours(trial: Trial, family: Family, n: int) -> Solved:
+    """The whole solve, from the mesh on, with the load steps and the solver that it chooses."""
+    mesh = trial.mesh(n, family.boxes)
+    begin = perf_counter()
+    loads = [] if trial.traction is None else [Traction("tip", trial.traction)]
+    prescribed = None if trial.moved is None else {"tip": trial.moved}
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # that linear elements lock, and what is compressed
+        material = StVK(young=MODULUS, poisson=trial.poisson)
+        degree = None if family.boxes else family.degree
+        system = System(mesh, [material, *loads], {"wall": "xyz"}, prescribed, degree=degree, **family.options)
+        result = solve_static(system, steps=STEPS, rtol=RTOL, quiet=True)
+    seconds = perf_counter() - begin
+    p = system.mesh.p.T
+    end = np.flatnonzero(p[:, 0] == trial.length)
+    u, F = (x.reshape(-1, 3)[end] for x in (result.u, system.internal_force(result.u)))
+    return Solved(system.ndofs, trial.measured(p[end], u, F), result.history.iterations, seconds, np.asarray(result.history.t))
+
+
+def theirs(trial: Trial, element: str, n: int, factors: Array) -> Solved:
+    """Newton's method as a competent user of scikit-fem writes it, in given load steps, with PARDISO."""
+    forget()
+    mesh, nu = trial.mesh(n), trial.poisson
+    begin = perf_counter()
+    lam, mu = MODULUS * nu / ((1 + nu) * (1 - 2 * nu)), MODULUS / (2 * (1 + nu))
+    elements = skfem.ElementVector(ELEMENTS[element]())
+    basis = skfem.Basis(mesh, elements, intorder={"P1": 1, "P2": 2}[element])
+    load, held, tip = basis.zeros(), basis.get_dofs("wall").all(), basis.get_dofs("tip").all()
+    if trial.traction is not None:
+        load = traction.assemble(skfem.FacetBasis(mesh, elements, facets="tip"), of=np.array(trial.traction)[:, None, None])
+    else:
+        held = np.union1d(held, tip)
+    u, iterations, p = basis.zeros(), 0, basis.doflocs[:, ::3]
+    end = np.unique(tip // 3)
+    for t in factors:
+        du = basis.zeros()
+        if trial.moved is not None:
+            du.reshape(-1, 3)[end] = trial.moved(p[:, end], t).T
+            du[tip] -= u[tip]
+        while True:
+            P, A = stress_and_moduli(basis.interpolate(u).grad + I3, lam, mu)
+            residual = internal_force.assemble(basis, P=P) - t * load
+            if not du.any() and in_balance(residual, held, t * load):
+                break
+            K = tangent.assemble(basis, A=A)
+            u = u + skfem.solve(*skfem.condense(K, -residual, x=du, D=held), solver=direct)
+            du[:] = 0
+            iterations += 1
+    F = internal_force.assemble(basis, P=P).reshape(-1, 3)[end]
+    seconds = perf_counter() - begin
+    return Solved(len(u), trial.measured(p[:, end].T, u.reshape(-1, 3)[end], F), iterations, seconds, factors)
+
+
+@skfem.LinearForm
+def traction(v: Any, w: Any) -> Array:
+    return np.einsum("i...,i...->...", w.of, v)
