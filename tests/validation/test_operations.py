@@ -104,9 +104,14 @@ def test_on_one_tetrahedron_the_edge_form_saves_nothing_of_the_tangent(found):
 
 
 def test_the_quick_study_prints_its_tables(capsys):
+    """The package's own kernels too, which check what they compute while they count."""
     assert operations.main(quick=True) == 0
     out = capsys.readouterr().out
     assert "Picinbono" in out and "bracket" in out and "the same numbers" in out
+    own = {words[0]: words[1:] for line in out.splitlines() if len(words := line.rsplit(maxsplit=2)) == 3}
+    F, K = map(int, own[" tetrahedra"])
+    assert 207 < F < 1.5 * 207 and 604 < K < 1.5 * 604  # of the best Total Lagrangian element, from positions and without W
+    assert int(own[" quadratic tetrahedra"][0]) < int(own[" quadratic tetrahedra, curved"][0]) < 14 * F
 
 
 def test_compiled_sources_compute_the_same(truth):

@@ -14,6 +14,7 @@ from .body import Body
 from .claims import verdicts
 from .costs import LAM, MU, costs, operations
 from .meshes import meshes
+from .production import production
 
 Costs = dict[tuple[str, str], NDArray[np.int64]]
 
@@ -41,6 +42,7 @@ def show(quick: bool) -> int:
     for quantity in "FK":
         console.print(_by_mesh(quantity, found, bodies))
     console.print(_claims(found, bodies))
+    console.print(_own())
     whole = "box 4^3" if quick else "bracket"
     same = all(operations(a, bodies[whole]) == found[a.quantity, a.name] @ bodies[whole].entities for a in ALGORITHMS)
     console.print(f"counted on the whole {whole}: {'the same numbers' if same else 'OTHER NUMBERS than by entities'}")
@@ -83,6 +85,14 @@ def _by_mesh(quantity: str, found: Costs, bodies: dict[str, Body]) -> Table:
         row = [str(n) for n in (body.edges.shape[1], body.pairs, body.nt)]
         row += [f"{each[name]:.0f}" for name in names] + [f"{each['edges'] / each[name]:.0%}" for name in others]
         table.add_row(mesh, *row)
+    return table
+
+
+def _own() -> Table:
+    title = "Operations of the package's own kernels for each element, W and gathering included; K with F on the way"
+    table = grid(title, "element", "F", "K", right=("F", "K"))
+    for name, F, K in production():
+        table.add_row(name, f"{F:.0f}", f"{K:.0f}")
     return table
 
 
