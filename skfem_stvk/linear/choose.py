@@ -11,17 +11,20 @@ from .pardiso import Pardiso, pardiso_is_installed
 from .solver import Kind, LinearSolver, names
 from .superlu import SuperLU
 
-#: From so many unknowns on PARDISO is faster than SuperLU; from so many on multigrid is faster than either.
+#: From so many unknowns on PARDISO is faster than SuperLU; from so many on multigrid is faster than either. They are those of linear
+#: tetrahedra, with so many entries of K in each row; where there are more, fewer unknowns are as much work.
 FEW, MANY_WITHOUT_PARDISO, MANY = 3_000, 6_000, 15_000
+ENTRIES = 45
 
 #: All there are, in the order in which messages name them.
 SOLVERS: tuple[LinearSolver, ...] = (SuperLU(), Pardiso(), AmgCg(), BlockJacobiCg(), SsorCg())
 
 
-def choose(solver: str | LinearSolver, n: int, kind: Kind, indefinite: bool = False) -> LinearSolver:
+def choose(solver: str | LinearSolver, n: int, kind: Kind, indefinite: bool = False, entries: int = 0) -> LinearSolver:
     """The solver of this name, the object itself, or for "auto" what `docs/solvers.md` measured to be fastest for `n` unknowns.
 
     `indefinite`: matrices will not be positive definite, and are to be solved with all the same; conjugate gradients notice only.
+    `entries`: about how many K has, if that is known; quadratic elements and hexahedra have twice as many in a row as linear ones.
 
     Raises
     ------
@@ -33,7 +36,8 @@ def choose(solver: str | LinearSolver, n: int, kind: Kind, indefinite: bool = Fa
         checked_kind(kind)
         # multigrid only where it gains even on slender bodies: direct solvers count negative eigenvalues, take what is indefinite
         many = MANY if pardiso_is_installed() else MANY_WITHOUT_PARDISO
-        return direct(n) if indefinite or kind == Kind.GENERAL or n < many else AmgCg()
+        size = max(n, whole("entries", entries, "the number of entries of K") // ENTRIES)
+        return direct(size) if indefinite or kind == Kind.GENERAL or size < many else AmgCg()
     if isinstance(solver, str):
         known = {one.name: one for one in SOLVERS}
         if solver not in known:

@@ -19,7 +19,7 @@ from ..nonlinear.stability import Verdict, judged
 from ..nonlinear.stopwatch import Stopwatch
 from ..results.monitors import Monitors
 from ..results.outlets import Outlets
-from ..system.free_tangent import kind_of, with_loads
+from ..system.free_tangent import entries_of, kind_of, with_loads
 from ..system.protocol import SystemLike, checked_system
 from .arc_length import ArcLength
 from .checkpoint import PathCheckpoint
@@ -198,7 +198,7 @@ class _Solve:
     def __init__(self, system: SystemLike, start: Array, options: StaticOptions) -> None:
         self._system, self._start, self._options = system, start, options
         self._free = system.ndofs - len(system.supports.held)
-        chosen = choose(options.solver, self._free, kind_of(system), indefinite=options.arc_length)
+        chosen = choose(options.solver, self._free, kind_of(system), options.arc_length, entries_of(system))
         self._asked = with_loads(chosen, system)
         self._watch, self._history = Stopwatch(), History()
         self._verdict, self._branch = Verdict(True, None), ""

@@ -132,6 +132,12 @@ class FreeTangent:
         return Kind.SYMMETRIC if self.symmetric else Kind.GENERAL
 
 
+def entries_of(system: SystemLike) -> int:
+    """About how many entries K has, from the term that couples the most pairs of nodes."""
+    pairs = max((term.nodes_paired.shape[1] for term in system.bound_terms), default=0)
+    return int(system.mesh.d**2 * (system.mesh.nv + 2 * pairs))
+
+
 def kind_of(system: SystemLike) -> Kind:
     """What the Jacobian of a system is."""
     return Kind.SYMMETRIC if system.conservative else Kind.GENERAL

@@ -4,11 +4,14 @@ import importlib
 import sys
 
 import pytest
+import skfem
 from linear.problems import problem
 
+from skfem_stvk import StVK, System
 from skfem_stvk.errors import StvkError
 from skfem_stvk.linear import SOLVERS, AmgCg, Kind, Pardiso, SuperLU, choose
 from skfem_stvk.linear import choose as function
+from skfem_stvk.system.free_tangent import entries_of
 
 module = importlib.import_module(function.__module__)
 
@@ -44,6 +47,19 @@ def test_automatic_choice_takes_the_matrix_and_needs_nothing_that_is_missing(ins
 def test_of_direct_solvers_only_pardiso_pays_with_10_000_unknowns(installed, solver, monkeypatch):
     monkeypatch.setattr(module, "pardiso_is_installed", lambda: installed)
     assert choose("auto", 10_000, Kind.SYMMETRIC) == solver
+
+
+@pytest.mark.parametrize(("row", "solver"), [(45, Pardiso()), (80, AmgCg())])
+def test_with_more_entries_in_a_row_of_K_multigrid_pays_with_fewer_unknowns(row, solver, monkeypatch):
+    monkeypatch.setattr(module, "pardiso_is_installed", lambda: True)
+    assert choose("auto", 10_000, Kind.SYMMETRIC, entries=row * 10_000) == solver
+    assert choose("auto", 10_000, Kind.GENERAL, entries=row * 10_000) == Pardiso()
+
+
+@pytest.mark.parametrize("degree", [1, 2])
+def test_entries_of_K_are_known_before_it_is_made(degree):
+    system = System(skfem.MeshTet().refined(1), StVK(young=1.0, poisson=0.3), degree=degree)
+    assert entries_of(system) == system.pattern.nnz
 
 
 def test_a_missing_pypardiso_names_the_line_that_installs_it(monkeypatch):

@@ -1,4 +1,4 @@
-"""Bodies on which precision and cost of elements are compared: bent, twisted, and pulled while nearly incompressible.
+"""Bodies on which precision and cost of elements are compared: bent, twisted, and sheared while nearly incompressible.
 
 All are bars along x of section 1 x 1 m, clamped at x = 0; what happens at the other end is a traction or a displacement.
 """
@@ -15,8 +15,8 @@ from skfem_stvk.arguments import Array
 
 from ..statics.cantilever import LENGTH, TRACTION, YOUNG
 
-#: Angle by which the end of the twisted bar is turned, and stretch of the pulled block.
-ANGLE, STRETCH = np.pi / 2, 1.2
+#: Angle by which the end of the twisted bar is turned, and how far that of the sheared block is moved across [m].
+ANGLE, ACROSS = np.pi / 2, 0.4
 
 Moved = Callable[[Array, float], Array]
 
@@ -61,9 +61,9 @@ def torque(p: Array, u: Array, F: Array) -> Array:
     return np.atleast_1d((y * F[:, 2] - z * F[:, 1]).sum())
 
 
-def pull(p: Array, u: Array, F: Array) -> Array:
-    """Along the bar."""
-    return F[:, :1].sum(axis=0)
+def push(p: Array, u: Array, F: Array) -> Array:
+    """Force across the bar."""
+    return F[:, 2:].sum(axis=0)
 
 
 def turned(x: Array, t: float) -> Array:
@@ -73,13 +73,13 @@ def turned(x: Array, t: float) -> Array:
     return np.stack([0 * y, (c - 1) * y - s * z, s * y + (c - 1) * z])
 
 
-def stretched(x: Array, t: float) -> Array:
-    """Displacements along the bar."""
-    return np.stack([(STRETCH - 1) * t + 0 * x[0], 0 * x[0], 0 * x[0]])
+def moved_across(x: Array, t: float) -> Array:
+    """Displacements across the bar."""
+    return np.stack([0 * x[0], 0 * x[0], -ACROSS * t + 0 * x[0]])
 
 
 BENT = Trial("bent cantilever, displacement of its end", LENGTH, 0.3, TRACTION, None, of_the_centre)
 TWISTED = Trial("bar twisted by 90°, torque", LENGTH, 0.3, None, turned, torque)
-PULLED = Trial("block between plates stretched by 20 %, nu = 0.499, force", 1.0, 0.499, None, stretched, pull)
-TRIALS = (BENT, TWISTED, PULLED)
+SHEARED = Trial("block sheared between plates, nu = 0.499, force", 2.0, 0.499, None, moved_across, push)
+TRIALS = (BENT, TWISTED, SHEARED)
 MODULUS = YOUNG

@@ -92,12 +92,13 @@ def calls() -> list[Call]:
         call(
             "choose",
             choose,
-            {"indefinite": FLAG, "n": frozenset({"0"})},
+            {"indefinite": FLAG, "n": frozenset({"0"}), "entries": frozenset({"0"})},
             {"kind": "kind"},
             solver="superlu",
             n=10,
             kind=Kind.SYMMETRIC,
             indefinite=False,
+            entries=0,
         ),
         *(call(f"{solver.name}: analyse", solver.analyse, {}, {"unknowns": "unknowns"}, unknowns=unknowns()) for solver in SOLVERS),
         *(

@@ -13,7 +13,7 @@ from ...linear import BlockJacobiCg, Kind, LinearSolver, SsorCg, choose
 from ...linear.choose import is_auto
 from ...nonlinear.newton import Iterations, NewtonOptions, newton
 from ...nonlinear.stopwatch import Stopwatch
-from ...system.free_tangent import with_loads
+from ...system.free_tangent import entries_of, with_loads
 from ...system.protocol import SystemLike
 from ...terms.load import Moment
 from ..motion import Motion
@@ -50,7 +50,7 @@ class Implicit(Integrator):
     def linear_solver(self, motion: Motion) -> LinearSolver:
         """The linear solver; with a matrix where masses between vertices need one, or SSOR with several terms."""
         kind = kind_of_step(motion.system, StepTangent(self.tangent))
-        solver = choose(self._named(motion.system, kind), len(motion.free.free), kind)
+        solver = choose(self._named(motion.system, kind), len(motion.free.free), kind, entries=entries_of(motion.system))
         if StepTangent(self.tangent) not in (StepTangent.DIAGONAL, StepTangent.REST):
             solver = with_loads(solver, motion.system)
         if not solver.matrix_free:
