@@ -77,8 +77,8 @@ def orders(quick: bool = False) -> Sequence[Study]:
     return [
         Study(
             "Orders of elements",
-            f"at least of order 2 in L2 and 1 in H1, quadratic elements of 3 and 2 (less {LIMIT:g}); with straight edges on curved "
-            "bodies at most of 2 and 1.5",
+            f"at least of order 2 in L2 and 1 in H1, quadratic elements of 3 and 2, one point of 1.75 and 0.75 (less {LIMIT:g}); with "
+            "straight edges on curved bodies at most of 2 and 1.5",
             ("elements, body", "cells", "error in L2", "in H1", "order in L2", "in H1 "),
             tuple(rows),
             tuple(failures),
