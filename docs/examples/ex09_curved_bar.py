@@ -1,7 +1,8 @@
 """A curved bar that a couple bends open: quadratic elements against linear ones and against the closed form.
 
-A quarter of a ring, clamped at one end; tractions at the other, which keep their direction, make a couple and no force. A thin bar stays
-an arc then: the couple `M cos(phi)`, where phi is the turn of the end, changes its curvature 1/R by `phi/L = M cos(phi)/EI` everywhere.
+A quarter of a ring, clamped at one end; tractions at the other, which keep their direction, make a couple and no force. A thin
+bar stays an arc then: the couple `M cos(phi)`, where phi is the turn of the end, changes its curvature 1/R by `phi/L = M
+cos(phi)/EI` everywhere.
 """
 
 from dataclasses import replace

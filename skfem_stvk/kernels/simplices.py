@@ -3,7 +3,7 @@
 For a block of elements at a time: gather what its nodes have, and at each point spokes, frame, law (`laws`), and back: the
 forces on spokes, spread over the nodes, and scattered. With `K_ij` the stiffness of the spokes:
 
-    W = sum of 1/4 S : M        F_a = sum of dN_a/dxi_i f_i        K_ab = sum of dN_a/dxi_i dN_b/dxi_j K_ij        over points and i, j
+    W = sum of 1/4 S : M        F_a = sum of dN_a/dxi_i f_i        K_ab = sum of dN_a/dxi_i dN_b/dxi_j K_ij     over points, i, j
 
 Shape functions add up to 1, so only differences to node 0 are read, the force on node 0 is minus the sum of the others, and its
 rows of K likewise. A linear simplex has one point and its nodes at the ends of the spokes: `points` is None then, and there is

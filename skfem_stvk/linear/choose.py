@@ -11,7 +11,8 @@ from .pardiso import Pardiso, pardiso_is_installed
 from .solver import Kind, LinearSolver, names
 from .superlu import SuperLU
 
-#: From so many unknowns on PARDISO is faster than SuperLU; from so many on multigrid is faster than either. They are those of linear
+#: From so many unknowns on PARDISO is faster than SuperLU; from so many on multigrid is faster than either. They are those of
+#: linear
 #: tetrahedra, with so many entries of K in each row; where there are more, fewer unknowns are as much work.
 FEW, MANY_WITHOUT_PARDISO, MANY = 3_000, 6_000, 15_000
 ENTRIES = 45

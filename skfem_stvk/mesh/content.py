@@ -161,7 +161,8 @@ def numbers_of(t: NDArray[Any], base: Element, element: Element, count: int) -> 
     if len(both := np.intersect1d(used, given)):
         raise MeshError(
             f"{name_ids(both, 'node')} of the file are corners of elements and middles of edges, so faces do not match. Is the "
-            "order of nodes within the elements another one, or are small elements tied to large ones? Remesh, or read it with degree=1."
+            "order of nodes within the elements another one, or are small elements tied to large ones? Remesh, or read it with "
+            "degree=1."
         )
     edges, t2e = edges_of(number[t[: base.n]], base, len(used))
     middles = np.empty(int(t2e.max()) + 1, dtype=np.int64)

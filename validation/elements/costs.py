@@ -35,7 +35,9 @@ class Choice(NamedTuple):
     options: dict[str, Any] = {}  # noqa: RUF012
 
     def mesh(self, n: int) -> ElementMesh:
-        """A square or cube of about `part` times `n` cells along each side, inner nodes moved, so that no two elements are alike."""
+        """A square or cube of about `part` times `n` cells along each side, inner nodes moved, so that no two elements are
+        alike.
+        """
         n = max(2, round(self.part * n))
         lines, rng = [np.linspace(0, 1, n + 1)] * self.d, np.random.default_rng(1)
         kinds = {2: (skfem.MeshTri, skfem.MeshQuad), 3: (skfem.MeshTet, skfem.MeshHex)}
@@ -93,7 +95,8 @@ def costs(quick: bool = False) -> Sequence[Study]:
             tuple(rows),
             tuple(failures),
             (
-                "for each element: bytes beside K and its pattern, entries of K, the time to make a system, and of F, K and K v at one "
+                "for each element: bytes beside K and its pattern, entries of K, the time to make a system, and of F, K and K v at "
+                "one "
                 f"state (best of {QUICK_REPEATED if quick else REPEATED}); the last three columns have F, K and K v in products of "
                 "SciPy's CSR matrix K with a vector (one thread) in the same run",
             ),

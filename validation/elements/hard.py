@@ -32,8 +32,8 @@ def hard_cases(quick: bool = False) -> Sequence[Study]:
 def quadratic(case: Case) -> Case:
     """The case with quadratic elements.
 
-    Where linear elements have no right state because their path ends, quadratic ones may have one: then any state will do that is in
-    balance, stable and right side out, and so will to say that there is none.
+    Where linear elements have no right state because their path ends, quadratic ones may have one: then any state will do that
+    is in balance, stable and right side out, and so will to say that there is none.
     """
     truth, with_volume = map(_of_any_elements, (case.truth, case.with_volume))
     return replace(case, body=partial(made, case.body, 2), truth=truth, with_volume=with_volume)

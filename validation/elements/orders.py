@@ -77,13 +77,15 @@ def orders(quick: bool = False) -> Sequence[Study]:
     return [
         Study(
             "Orders of elements",
-            f"at least of order 2 in L2 and 1 in H1, quadratic elements of 3 and 2, one point of 1.75 and 0.75 (less {LIMIT:g}); with "
+            f"at least of order 2 in L2 and 1 in H1, quadratic elements of 3 and 2, one point of 1.75 and 0.75 (less {LIMIT:g}); "
+            "with "
             "straight edges on curved bodies at most of 2 and 1.5",
             ("elements, body", "cells", "error in L2", "in H1", "order in L2", "in H1 "),
             tuple(rows),
             tuple(failures),
             (
-                "relative errors on the finest mesh, orders of the two finest; inner vertices are moved at random by up to a fifth of "
+                "relative errors on the finest mesh, orders of the two finest; inner vertices are moved at random by up to a fifth "
+                "of "
                 "a cell; displacement prescribed but on one side, which is the curved outer one of tubes and rings, where the "
                 "traction acts; what acts on curved sides is that of the true ones",
             ),

@@ -74,8 +74,9 @@ def faults_of(system: System, u: Array, limit: float) -> list[str]:
 
 
 def volume_ratios(system: System, u: Array) -> Array:
-    """(nt,) volume of each element at `u` over that at rest, by determinants; of quadratic ones the smallest ratio of all points and
-    nodes."""
+    """(nt,) volume of each element at `u` over that at rest, by determinants; of quadratic ones the smallest ratio of all
+    points and nodes.
+    """
     X, element = system.mesh.p.T, system.mesh.element
     if element.degree == 2:
         derivatives = element.derivatives(np.concatenate([rule_of(element).points, element.nodes]))

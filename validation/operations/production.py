@@ -1,6 +1,7 @@
 """Operations of the package's own kernels: they run uncompiled, in numbers that count.
 
-`python -m validation.operations.production`, with NUMBA_DISABLE_JIT=1 in the environment, prints them as JSON; `production()` runs that.
+`python -m validation.operations.production`, with NUMBA_DISABLE_JIT=1 in the environment, prints them as JSON; `production()`
+runs that.
 """
 
 from __future__ import annotations
