@@ -10,6 +10,8 @@ import meshio
 import numpy as np
 import skfem
 from numpy.typing import NDArray
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import reverse_cuthill_mckee
 from skfem.assembly.dofs import DofsView
 from skfem.mesh.mesh_dg import MeshDG
 
@@ -223,6 +225,35 @@ class ElementMesh(Marked):
             there[ids] = True
             sets[name] = np.concatenate([ids, n + np.flatnonzero(there[edges].all(axis=0))])
         return replace(self, p=p, t=t, boundaries=boundaries, node_sets=sets, element=element)
+
+    def renumbered(self) -> tuple[ElementMesh, NDArray[np.int32]]:
+        """The same body with its vertices in reverse Cuthill-McKee order, and which node of this mesh each of its nodes (nv,) is.
+
+        Rows of K of nodes that are near each other lie side by side then: K of a mesh that is numbered at random takes two thirds
+        of the time (`docs/speed.md`). Boundaries and node sets come along; elements keep their order. A field `x` (nv, d) of this
+        mesh is `x[nodes]` of the other.
+
+        >>> line = ElementMesh(p=[[0, 2, 1, 3]], t=[[0, 1, 2], [2, 3, 1]])
+        >>> mesh, nodes = line.renumbered()
+        >>> mesh.p, nodes
+        (array([[3., 2., 1., 0.]]), array([3, 1, 2, 0], dtype=int32))
+        """
+        n, element = self.nvertices, self.element
+        a, b = edges_of(self.corners, element, n)[0]
+        links = coo_matrix((np.ones(2 * len(a), dtype=np.int8), (np.append(a, b), np.append(b, a))), shape=(n, n)).tocsr()
+        nodes = reverse_cuthill_mckee(links, symmetric_mode=True).astype(np.int32)
+        number = np.empty(self.nv, dtype=np.int32)
+        number[nodes] = np.arange(n, dtype=np.int32)
+        if element.degree == 2:
+            t2e = edges_of(number[self.corners], element, n)[1]
+            middles = np.empty(self.nv - n, dtype=np.int32)
+            middles[t2e] = self.t[element.corners :]
+            number[middles] = np.arange(n, self.nv, dtype=np.int32)
+            nodes = np.append(nodes, middles)
+        boundaries = {name: number[np.asarray(facets)] for name, facets in self.boundaries.items()}
+        sets = {name: np.sort(number[ids]) for name, ids in self._node_ids().items()}
+        mesh = replace(self, p=self.p[:, nodes], t=number[self.t], boundaries=boundaries, node_sets=sets)
+        return mesh, nodes
 
     def ends(self) -> NDArray[np.int32] | None:
         """(nv, 2) nodes between which each lies in the middle of an edge, itself twice of a vertex; None of linear elements.

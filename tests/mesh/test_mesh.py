@@ -1,12 +1,14 @@
 """ElementMesh takes what carries simplices and says what is wrong with the rest."""
 
+from dataclasses import replace
+
 import meshio
 import numpy as np
 import pytest
 import skfem
 from meshfiles import CUBE, FIVE_TETS, curved
 
-from skfem_stvk import ElementMesh, MeshError, RegionError, StvkWarning
+from skfem_stvk import ElementMesh, MeshError, RegionError, StVK, StvkWarning, System
 from skfem_stvk.elements import ELEMENTS
 from skfem_stvk.mesh.mesh import check_index_range
 
@@ -248,3 +250,35 @@ def test_nodes_that_do_not_fit_the_element_are_refused():
         MeshError, match=r"t has shape \(3, 1\) in a space of 2 dimensions; expected \(6, nt\), the nodes of quadratic"
     ):
         ElementMesh([[0, 1, 0], [0, 0, 1]], [[0], [1], [2]], element=ELEMENTS["quadratic triangles"])
+
+
+@pytest.mark.parametrize("name", ["tetrahedra", "quadratic tetrahedra", "quadratic triangles", "quadratic segments", "hexahedra"])
+def test_a_renumbered_mesh_is_the_same_body(name):
+    """In scikit-fem's numbering still, with its names; rows of K that belong together lie closer than at random."""
+    rng, s = np.random.default_rng(0), np.linspace(0, 1, 5)
+    given = {
+        "tet": skfem.MeshTet.init_tensor(s, s, s),
+        "hex": skfem.MeshHex.init_tensor(s, s, s),
+        "tri": skfem.MeshTri().refined(3),
+    }
+    mesh = ElementMesh.of(given.get(name.split()[-1][:3], (s[None], [[0, 1, 2, 3], [1, 2, 3, 4]])))
+    mesh = replace(mesh.with_boundaries({"left": lambda x: x[0] == 0}), node_sets={"some": [1, 3]})
+    order = rng.permutation(mesh.nv).astype(np.int32)
+    number = np.argsort(order).astype(np.int32)
+    boundaries = {key: number[facets] for key, facets in mesh.boundaries.items()}
+    sets = {key: number[np.asarray(ids)] for key, ids in mesh.node_sets.items()}
+    shuffled = replace(mesh, p=mesh.p[:, order], t=number[mesh.t], boundaries=boundaries, node_sets=sets)
+    if name.startswith("quadratic"):
+        shuffled = shuffled.with_degree(2)
+    new, nodes = shuffled.renumbered()
+    np.testing.assert_array_equal(new.p, shuffled.p[:, nodes])
+    np.testing.assert_array_equal(nodes[new.t], shuffled.t)
+    for key in ("left",):
+        np.testing.assert_array_equal(nodes[new.boundaries[key]], shuffled.boundaries[key])
+    assert set(nodes[new.node_sets["some"]]) == set(shuffled.node_sets["some"])
+    width = [np.abs(np.diff(m.corners, axis=0)).max() for m in (new, shuffled)]
+    assert width[0] < width[1] or mesh.k == 1
+    terms = StVK(young=1.0, poisson=0.3)
+    u = 0.1 * rng.normal(size=shuffled.p.T.shape)
+    F = [System(m, terms).internal_force(x.ravel()).reshape(-1, mesh.d) for m, x in ((new, u[nodes]), (shuffled, u))]
+    np.testing.assert_allclose(F[0], F[1][nodes], atol=1e-14 * np.abs(F[1]).max())
