@@ -112,9 +112,9 @@ def test_short_steps_are_as_good_as_with_a_direct_solver(make):
 @pytest.mark.parametrize("rtol", [1e-2, 1e-4])
 @pytest.mark.parametrize("young", [3e4, 1e6])
 @pytest.mark.parametrize("terms", [1, 2])
-def test_a_step_takes_about_half_of_the_iterations_with_diagonal_blocks(terms, young, rtol):
+def test_a_step_takes_less_than_half_of_the_iterations_with_diagonal_blocks(terms, young, rtol):
     system, iterations = bar(3, terms, young), []
     for solver in ("ssor-cg", "block-jacobi-cg"):
         integrator = LinearBackwardEuler(1 / 60, tangent="clamped", rtol=rtol, solver=solver)
         iterations.append(simulate(system, integrator, until=0.25, quiet=True).iterations)
-    assert 15 < iterations[0] < 0.55 * iterations[1]
+    assert 15 < iterations[0] < iterations[1] / 2

@@ -4,10 +4,11 @@ import numpy as np
 import pytest
 from bodies import BODIES, MESHES, box, state
 from kernels.parts import in_parts
+from skfem import MeshTet
 
 from skfem_stvk import ElementMesh, StVK, System
 from skfem_stvk.edges import TENSILE
-from skfem_stvk.edges.topology import LOCAL_EDGES, edge_topology, in_lanes, out_of_lanes, own_order
+from skfem_stvk.edges.topology import LOCAL_EDGES, alone, edge_topology, in_lanes, out_of_lanes, own_order
 from skfem_stvk.errors import MaterialError
 from skfem_stvk.kernels.lanes import LANES
 from skfem_stvk.system import Pattern
@@ -44,6 +45,18 @@ def test_neighbours_in_the_own_order_are_near():
     t = number[mesh.t]
     order = own_order(t, edge_topology(t)[0])
     assert np.ptp(order.t, axis=0).max() < 0.4 * np.ptp(t, axis=0).max()
+
+
+def test_few_vertices_come_before_all_their_neighbours_though_the_mesh_was_refined():
+    """Sweeps begin anew at each of them; a refined mesh has the vertices of the coarse one first. A box keeps its order."""
+    for mesh in (MeshTet().refined(2), MeshTet().refined(3)):
+        t, edges = mesh.t.astype(np.int32), edge_topology(mesh.t)[0]
+        order = own_order(t, edges)
+        assert alone(edges, mesh.nvertices) > 0.15
+        assert alone(edge_topology(order.t)[0], mesh.nvertices) < 0.03
+    mesh = box(4)
+    order = own_order(mesh.t, edge_topology(mesh.t)[0])
+    assert np.array_equal(order.vertices, np.arange(mesh.nv))
 
 
 def test_vertices_of_other_terms_are_not_in_the_own_order():
