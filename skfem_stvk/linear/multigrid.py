@@ -156,11 +156,14 @@ class Coarsening(Transfer):
 class ToCorners(Transfer):
     """The transfer from quadratic elements to linear ones on their corners: P takes the mean of both ends at the middle of an edge.
 
-    On straight edges `R A P` is the matrix of the linear elements, exactly, but for components that are held.
+    On straight edges `R A P` is the matrix of the linear elements, exactly, but for components that are held. Linear elements
+    resist a support of a few nodes more stiffly than quadratic ones, and the body's motion on such a support would take iterations
+    of its own. So where one end is held, its middle does not take the mean, half of the other end, but what the forces on it ask
+    for when all that is free moves by one: half of it again next to a wall, up to all of it next to a single node.
     """
 
     def __init__(self, level: Level, middles: Middles) -> None:
-        ends, known = middles
+        ends, self._known = middles
         n = len(ends)
         self._corners = np.flatnonzero(ends[:, 0] == np.arange(n))
         number = np.full(n + 1, -1)
@@ -169,13 +172,33 @@ class ToCorners(Transfer):
         at = column >= 0
         P = csr_matrix((np.full(at.sum(), 0.5, np.float32), (row[at], column[at])), shape=(n, len(self._corners)))
         super().__init__(level.graph, P, 1, 1)
-        both = known[self._P.row_of_each()] & known[self._corners[self._P.columns]]
-        self._p[:] = ((P.data[:, None] * both)[:, :, None] * np.eye(3)).ravel()
-        self._transpose()
+        self._row, self._means = self._P.row_of_each(), P.data[:, None] * np.ones(3, SINGLE)
+        self._means *= self._known[self._row] & self._known[self._corners[self._P.columns]]
+        self._write(self._means)
 
     def prolong(self, level: Level, modes: Reals, scale: float) -> Reals:
-        """The modes at the corners; P does not depend on them."""
+        """Compute P by the values of a level; the modes at the corners."""
+        self._write(self._means * self._factors(level)[self._row])
         return np.ascontiguousarray(modes.reshape(level.A.n, -1)[self._corners]).ravel()
+
+    def _factors(self, level: Level) -> Reals:
+        """(n, 3) of the means: a Jacobi step of the components that have one end only, where the free corners move by one."""
+        sums = np.zeros((level.A.n, 3))
+        np.add.at(sums, self._row, self._means)
+        out = np.ones_like(sums)
+        diagonal = level.blocks.reshape(-1, 3, 3)[level.A.diagonal()]
+        for c in range(3):
+            moved = np.zeros_like(sums)
+            moved[:, c] = sums[:, c]
+            force = level.A.product(level.blocks, moved.ravel(), np.empty(3 * level.A.n)).reshape(-1, 3)[:, c]
+            half = sums[:, c] == 0.5
+            out[half, c] = np.clip(1 - 2 * force[half] / diagonal[half, c, c], 1, 2)
+        return out
+
+    def _write(self, values: Reals) -> None:
+        """Write P, and R, from the diagonals of its blocks (blocks, 3)."""
+        self._p[:] = (values[:, :, None] * np.eye(3)).ravel()
+        self._transpose()
 
 
 def _sorted(graph: csr_matrix) -> csr_matrix:

@@ -200,7 +200,22 @@ def test_the_corners_are_the_better_second_level_of_quadratic_elements(of):
     K, unknowns = quadratic(2 if of.get("k") != 2 else 6, **of)
     corners, aggregates = solved(K, unknowns), solved(K, replace(unknowns, ends=None))
     assert np.abs(corners.x - aggregates.x).max() < 1e-6 * np.abs(corners.x).max()
-    assert corners.iterations <= aggregates.iterations
+    assert corners.iterations < aggregates.iterations
+
+
+def test_supports_of_a_few_nodes_cost_no_iterations_of_their_own():
+    assert solved(*quadratic(3, slides=True)).iterations <= solved(*quadratic(3)).iterations
+
+
+def test_middles_next_to_walls_take_the_mean_and_next_to_single_held_nodes_more():
+    """A wall's middles are in balance when the free corners move by one: on a plane layer P is linear."""
+    for slides in (False, True):
+        K, unknowns = quadratic(2, slides=slides)
+        analysis = AmgCg().analyse(unknowns)
+        analysis.factorise(K, Kind.SYMMETRIC)
+        way = analysis.hierarchy._ways[0]
+        factors = way._factors(analysis.finest)
+        assert factors.min() >= 1 and (1.5 < factors.max() <= 2 if slides else factors.max() < 1 + 1e-9)
 
 
 def test_iterations_of_quadratic_elements_hardly_grow():
