@@ -1,14 +1,15 @@
 """Boxes with one point: what resists the displacements that the mean gradient does not see.
 
-With the signs `h_ka` of an hourglass mode at the nodes, products of two or three of the reference coordinates' signs, and n nodes:
+With the signs `h_ka = +-1` of an hourglass mode at the nodes, products of two or three of the reference coordinates' signs:
 
-    gamma_ka = (h_ka - sum_i (sum_b h_kb X_b)_i g_ai) / n        gamma_k' X = 0: r_k = gamma_k' u is zero for what is affine
+    gamma_ka = h_ka - sum_i (sum_b h_kb X_b)_i g_ai        gamma_k' X = 0: r_k = gamma_k' u is zero for what is affine
     W_h = c sum_k |r_k|^2        F_a = 2 c sum_k gamma_ka r_k        K_ab = 2 c sum_k gamma_ka gamma_kb I
 
-It is quadratic, and invariant: the modes are those of the rest shape. Without a table of its own a mode is `r_k = (h_k' u -
-(h_k' X)_i U_i)/n`, `U_i` the displacements of the spokes, so that its force pulls on nodes and on spokes.
+It is quadratic, and invariant: the modes are those of the rest shape. Without a table of its own a mode is `r_k = h_k' u -
+(h_k' X)_i U_i`, `U_i` the displacements of the spokes, so that its force pulls on nodes and on spokes.
 
-Source: Flanagan, Belytschko (1981); Joldes, Wittek, Miller (2008), in total Lagrangian form.
+Source: Flanagan, Belytschko (1981), whose signs are +-1, too; Joldes, Wittek, Miller (2008), in total Lagrangian form. NiftySim,
+a TLED program, has the same factor `c`.
 """
 
 from __future__ import annotations
@@ -70,12 +71,6 @@ def _tables_sizes(points, block, x, z, U, forces, total):
 
 
 @kernel
-def _nodes(points):
-    """Number of nodes: 8 with four modes, 4 with one."""
-    return 8 if len(points.modes) == 4 else 4
-
-
-@kernel
 def _sums(modes, k, x, out):
     """`sum_a h_ka x_a` (3 LANES,) of a mode."""
     out[:] = 0
@@ -90,7 +85,6 @@ def _amplitude(points, k, x, y, U, shape, r):
     """`h_k' X` (3 LANES,) of a mode, and its `r_k`."""
     _sums(points.modes, k, x, shape)
     _sums(points.modes, k, y, r)
-    over = r.dtype.type(1) / r.dtype.type(_nodes(points))
     for c in range(3):
         for i in range(LANES):
             lane = I(i)
@@ -100,14 +94,14 @@ def _amplitude(points, k, x, y, U, shape, r):
                 + shape[lane + I(LANES)] * U[at + I(3 * LANES)]
                 + shape[lane + I(2 * LANES)] * U[at + I(6 * LANES)]
             )
-            r[at] = over * (r[at] - along)
+            r[at] -= along
 
 
 @by_type(resist, MeanPoints, ELEMENT)
 def _means_resist(points, block, x, y, U, factor, forces, total):
     shape, r = np.empty(3 * LANES, x.dtype), np.empty(3 * LANES, x.dtype)
     four = x.dtype.type(0)
-    both = x.dtype.type(2 * factor) / x.dtype.type(_nodes(points))
+    both = x.dtype.type(2 * factor)
     for k in range(len(points.modes)):
         _amplitude(points, k, x, y, U, shape, r)
         for c in range(3):
@@ -148,7 +142,6 @@ def _means_along(points, block, x, y, U, z, V):
 @by_type(add_sizes_of_resistance, MeanPoints, ELEMENT)
 def _means_sizes(points, block, x, z, U, forces, total):
     shape, r = np.empty(3 * LANES, x.dtype), np.empty(3 * LANES, x.dtype)
-    over = x.dtype.type(1) / x.dtype.type(_nodes(points))
     for k in range(len(points.modes)):
         _sums(points.modes, k, x, shape)
         _sums(np.abs(points.modes), k, z, r)
@@ -161,7 +154,7 @@ def _means_sizes(points, block, x, z, U, forces, total):
                     + abs(shape[lane + I(LANES)]) * U[at + I(3 * LANES)]
                     + abs(shape[lane + I(2 * LANES)]) * U[at + I(6 * LANES)]
                 )
-                r[at] = 2 * over * over * points.resistance[block, lane] * (r[at] + along)
+                r[at] = 2 * points.resistance[block, lane] * (r[at] + along)
         for a in range(points.modes.shape[1]):
             h = abs(points.modes[k, a])
             for i in range(3 * LANES):
@@ -181,7 +174,6 @@ def put_pairs_of_means(points, block, nodes, K, x, T, out):
     NINE = 9 * LANES
     out[: n * NINE] = 0
     gamma, shape = np.empty((len(modes), n, LANES), x.dtype), np.empty(3 * LANES, x.dtype)
-    over = x.dtype.type(1) / x.dtype.type(nodes)
     for k in range(len(modes)):
         _sums(modes, k, x, shape)
         for a in range(n):
@@ -189,7 +181,7 @@ def put_pairs_of_means(points, block, nodes, K, x, T, out):
                 along = (
                     shape[i] * B[block, a, 0, i] + shape[i + LANES] * B[block, a, 1, i] + shape[i + 2 * LANES] * B[block, a, 2, i]
                 )
-                gamma[k, a, i] = over * (modes[k, a] - along)
+                gamma[k, a, i] = modes[k, a] - along
     row = np.empty(NINE, x.dtype)
     pair = n
     for a in range(n):

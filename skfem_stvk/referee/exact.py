@@ -83,7 +83,7 @@ class ExactStVK:
         mean = self._to_nodes(np.swapaxes(dual * self._volume, 0, 1)) / volume  # (n, d, nt)
         shapes = hourglass_shapes(nodes).astype(int)
         along = np.einsum("ka,xan->kxn", shapes, X - X[:, :1])
-        gamma = (shapes[:, :, None] - np.einsum("kxn,axn->kan", along, mean)) / 2**self.d
+        gamma = shapes[:, :, None] - np.einsum("kxn,axn->kan", along, mean)
         self._control = gamma, control / 8 * volume * (mean * mean).sum(axis=(0, 1))
         self._tables, self._volume = mean[None], volume[None]
         identity = np.array([[Decimal(int(i == j)) for i in range(self.d)] for j in range(self.d)], dtype=object)

@@ -17,7 +17,7 @@ from .kinds import KINDS, points_of
 class ReferenceOnePoint:
     """`W = sum of V/2 E : C : E + W_h` with `F = I + sum_a u_a g_a'` from the mean gradients `g_a = int dN_a/dX dV / V`.
 
-        W_h = control/16 V sum_a |g_a|^2 sum_k |gamma_k' u|^2        gamma_k = (h_k - sum_i (h_k' X_i) g_i) / 2^d
+        W_h = control/16 V sum_a |g_a|^2 sum_k |gamma_k' u|^2        gamma_k = h_k - sum_i (h_k' X_i) g_i
 
     with the hourglass shapes `h_k`, the products of two and of three reference coordinates in -1 ... 1: one of quadrilaterals, four
     of hexahedra. Source: Flanagan, Belytschko 1981; Joldes, Wittek, Miller 2008.
@@ -37,7 +37,7 @@ class ReferenceOnePoint:
         shapes = hourglass_shapes(KINDS[kind].nodes)
         X = p[:, t] - p[:, t[:1]]  # (d, n, nt)
         along = np.einsum("kn,int->kit", shapes, X)
-        self.gamma = (shapes[:, :, None] - np.einsum("kit,nit->knt", along, self.gradients)) / 2**self.d
+        self.gamma = shapes[:, :, None] - np.einsum("kit,nit->knt", along, self.gradients)
         self._stiffness = control / 8 * self.volume * (self.gradients**2).sum(axis=(0, 1))
 
     def energy(self, u: Array) -> float:

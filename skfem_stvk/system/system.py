@@ -57,7 +57,7 @@ class System(BoundTerms):
         tetrahedra have 2, 3 and 4 points, quadrilaterals and hexahedra 4 and 8 (`skfem_stvk.elements.rule_of`). "one-point" is for
         these: mean gradients, and a control of hourglass modes, which they do not see.
     hourglass : of "one-point", by default 0.05: the energy `hourglass/16 (lam + 2 mu) V sum_a |g_a|^2 sum_k |gamma_k' u|^2` is
-        added.
+        added, with `g_a` the mean gradients and `gamma_k` the mode's signs +-1 at the nodes less what is affine of them.
     dtype : float64, or float32: half the memory, faster on large meshes, with errors of 1e-6 instead of 1e-15 (of the largest
         entry, and on elements that are not flat).
 

@@ -104,10 +104,10 @@ class Elements(NamedTuple):
     def resistance(self, X: Reals) -> Reals:
         """(n, a, b) `H_ab = 2 c sum_k gamma_ka gamma_kb`, the stiffness of hourglass modes: `W_h = 1/2 sum_ab H_ab u_a . u_b`.
 
-        gamma_ka = (h_ka - sum_j (sum_b h_kb X_b)_j g_aj) / n
+        gamma_ka = h_ka - sum_j (sum_b h_kb X_b)_j g_aj
         """
         shape = np.einsum("kb,nbx->nkx", self.modes, self.differences(X))
-        gamma = (self.modes - np.einsum("nkx,nax->nka", shape, self.g[:, 0])) / self.modes.shape[1]
+        gamma = self.modes - np.einsum("nkx,nax->nka", shape, self.g[:, 0])
         return 2 * np.einsum("n,nka,nkb->nab", self.c, gamma, gamma)
 
     def stress(self, M: Reals) -> Reals:
@@ -317,7 +317,7 @@ def round_off(begin: int, end: int, t: Ids, slots: Ids, points: Points | None, l
     |g_aj| = sum_i |dN_a/dxi_i| |Ri_ij|        E_j = sum_a |g_aj| |X_a - X_0|        d_j = sum_a |g_aj| (|u_a| + |u_0|)
     dM_ij = |q_i| . d_j + d_i . |Q_j| + e_i . |h_j| + |h_i| . E_j for i <= j        S = |C| : |M|, dS = |C| : dM
 
-    Hourglass modes with `s_k = 2 c/n^2 (sum_b |h_kb| (|u_b| + |u_0|) + sum_j |(h_k'X)_j| d_j)` add `(|h_ka| + sum_j |g_aj|
+    Hourglass modes with `s_k = 2 c (sum_b |h_kb| (|u_b| + |u_0|) + sum_j |(h_k'X)_j| d_j)` add `(|h_ka| + sum_j |g_aj|
     |(h_k'X)_j|) s_k`.
     """
     part = slice(begin, end)
@@ -336,7 +336,7 @@ def round_off(begin: int, end: int, t: Ids, slots: Ids, points: Points | None, l
     forces = np.einsum("nqaj,nqjx->nax", g, pulled)
     modes, shape = np.abs(elements.modes)[:, 1:], np.abs(np.einsum("kb,nbj->nkj", elements.modes, elements.differences(X)))
     s = np.einsum("kb,nbx->nkx", modes, ends[:, 1:] + ends[:, :1]) + np.einsum("nkj,njx->nkx", shape, d[:, 0])
-    s *= (2 * elements.c / ends.shape[1] ** 2)[:, None, None]
+    s *= (2 * elements.c)[:, None, None]
     forces += np.einsum("ka,nkx->nax", modes, s) + np.einsum("naj,nkj,nkx->nax", g[:, 0], shape, s)
     add_to_slots(np.concatenate([forces.sum(axis=1, keepdims=True), forces], axis=1), slots, part, f)
 

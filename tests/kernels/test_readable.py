@@ -85,7 +85,7 @@ def hourglass(mesh, law, g, sizes):
     bits = [[i for i in range(mesh.k) if pattern >> i & 1] for pattern in range(2**mesh.k)]
     modes = np.array([signs[:, axes].prod(axis=1) for axes in bits if len(axes) > 1])
     X = mesh.p.T[mesh.t.T]
-    gamma = (modes - np.einsum("kb,nbd,nad->nka", modes, X, g)) / len(signs)
+    gamma = modes - np.einsum("kb,nbd,nad->nka", modes, X, g)
     assert np.abs(np.einsum("nka,nad->nkd", gamma, X)).max() < 1e-14
     modulus = 2.0 * 0.7 / (1.3 * 0.4) if law == "isotropic" else np.diag(VOIGT)[:3].max()
     c = 0.05 / 16 * modulus * sizes * (g**2).sum(axis=(1, 2))

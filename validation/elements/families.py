@@ -50,8 +50,7 @@ class Family(NamedTuple):
 P1, P2 = Family(1), Family(2, orders=(3.0, 2.0))
 EXACT = P2._replace(options={"quadrature": "exact"})
 BOXES = Family(1, boxes=True)
-#: On irregular meshes hourglass modes, which little resists, take a part of the order.
-ONE_POINT = BOXES._replace(options={"quadrature": "one-point", "hourglass": 0.05}, orders=(1.75, 0.75))
+ONE_POINT = BOXES._replace(options={"quadrature": "one-point", "hourglass": 0.05})
 
 
 def numbers_of(mask: NDArray[np.bool_]) -> NDArray[np.int32]:
