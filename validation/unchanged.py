@@ -11,6 +11,7 @@ reproducible, is left out.
 from __future__ import annotations
 
 import argparse
+import dataclasses
 import hashlib
 import json
 import os
@@ -64,7 +65,32 @@ def bodies() -> dict[str, stvk.System]:
     large = skfem.MeshTet.init_tensor(*(np.linspace(0, s, n) for s, n in ((2, 41), (1, 21), (0.9, 18))))  # enough for two threads
     large = large.with_boundaries({"left": lambda x: x[0] == 0, "right": lambda x: x[0] == 2})
     gravity = stvk.Gravity(g=(0, 0, -9.81))
+    line = np.linspace(0, 1, 6)
+    bricks = skfem.MeshHex.init_tensor(2 * line, line, 0.9 * line)
+    inner = (bricks.p > 0) & (bricks.p < [[2], [1], [0.9]])
+    bricks = skfem.MeshHex(bricks.p + 0.03 * np.random.default_rng(2).normal(size=bricks.p.shape) * inner, bricks.t)
+    bricks = bricks.with_boundaries({"left": lambda x: x[0] == 0, "right": lambda x: x[0] == 2})
+    curved = stvk.ElementMesh.of(skfem.MeshTet.init_tensor(2 * line, line, 0.9 * line)).with_degree(2)
+    bend = 0.02 * np.sin(3 * curved.p[[1, 2, 0]]) * (curved.p[0] > 1)
+    curved = dataclasses.replace(curved, p=curved.p + bend)
+    tiles = skfem.MeshQuad.init_tensor(2 * line, line).with_boundaries({"left": lambda x: x[0] == 0, "right": lambda x: x[0] == 2})
+    bent = stvk.ElementMesh.of(plate).with_degree(2)
     return {
+        "curved": stvk.System(curved, [one, gravity], fixed=[(np.flatnonzero(curved.p[0] == 0), "xyz")]),
+        "curved, single": stvk.System(curved, [one, gravity], fixed=[(np.flatnonzero(curved.p[0] == 0), "xyz")], dtype=np.float32),
+        "curved, wood": stvk.System(curved, [wood, stvk.VolumePenalty(), gravity], quadrature="exact"),
+        "quadratic plate": stvk.System(
+            bent, [stvk.StVK(young=1e6, poisson=0.4, density=1e3), stvk.BodyForce((0, -1e3))], fixed={"left": "xy"}
+        ),
+        "bricks": stvk.System(bricks, [one, gravity, stvk.Traction("right", (0, 0, -300.0))], fixed=held),
+        "bricks, penalty": stvk.System(bricks, [one, stvk.VolumePenalty(), gravity], fixed=held),
+        "bricks, one point": stvk.System(bricks, [one, gravity], fixed=held, quadrature="one-point", hourglass=0.05),
+        "bricks, one point, penalty": stvk.System(
+            bricks, [wood, stvk.VolumePenalty(), gravity], fixed=held, quadrature="one-point", hourglass=0.05
+        ),
+        "tiles, one point": stvk.System(
+            tiles, stvk.StVK(young=1e6, poisson=0.4, density=1e3), fixed={"left": "xy"}, quadrature="one-point", hourglass=0.05
+        ),
         "box": stvk.System(box, [one, gravity, stvk.Traction("right", (0, 0, -300.0))], fixed=held),
         "large": stvk.System(large, [one, gravity, stvk.Traction("right", (0, 0, -300.0))], fixed=held),
         "two materials": stvk.System(box, [soft, hard, gravity], fixed=held, prescribed={"right": {"x": 0.2}}),
@@ -189,6 +215,11 @@ def runs() -> dict[str, Callable[[dict[str, stvk.System], Path], list[Any]]]:
         "Newmark, superlu": motion("plate", stvk.Newmark(dt=0.01, solver="superlu"), 0.2),
         "Newmark, diagonal": motion("plate", stvk.Newmark(dt=1e-4, tangent="diagonal"), 0.001),
         "GeneralizedAlpha": motion("box", stvk.GeneralizedAlpha(dt=0.01, solver="block-jacobi-cg"), 0.05),
+        "EnergyMomentum, curved": motion("curved", stvk.EnergyMomentum(dt=0.01), 0.05, damping=stvk.EdgeDamping(1e-3)),
+        "VelocityVerlet, bricks, one point": motion("bricks, one point", stvk.VelocityVerlet(), 0.02),
+        "EnergyMomentum, bricks, one point": motion(
+            "bricks, one point", stvk.EnergyMomentum(dt=0.01), 0.03, damping=stvk.EdgeDamping(1e-3)
+        ),
         "EnergyMomentum": motion("box", stvk.EnergyMomentum(dt=0.01), 0.1),
         "EnergyMomentum, rest": motion(
             "plate", stvk.EnergyMomentum(dt=0.001, tangent="rest", solver="superlu"), 0.01, damping=stvk.Rayleigh(0.5, 1e-4)

@@ -133,11 +133,11 @@ def least_bytes(body: System, K: csr_matrix) -> dict[str, int]:
     """
     parts, vector, value = body.memory(), body.ndofs * K.data.itemsize, K.data.itemsize
     edges = (K.nnz // 9 - body.mesh.nv) // 2
-    blocks, prepare = 9 * value * edges, parts["simplices"] + parts["own edges"] + vector
+    blocks, prepare = 9 * value * edges, parts["elements"] + parts["own edges"] + vector
     return {
-        "W": parts["simplices"] + vector,
-        "F": parts["simplices"] + 2 * vector,
-        "W+F": parts["simplices"] + 2 * vector,
+        "W": parts["elements"] + vector,
+        "F": parts["elements"] + 2 * vector,
+        "W+F": parts["elements"] + 2 * vector,
         "K": prepare + 2 * blocks + parts["rows of K"] + K.data.nbytes,
         "W+F+K": prepare + vector + 2 * blocks + parts["rows of K"] + K.data.nbytes,
         "K v: prepare": prepare + blocks,

@@ -16,7 +16,7 @@ from ..linear.choose import SOLVERS
 from ..mesh.displacements import by_vertex
 from ..mesh.places import Where
 from ..results.archive import NotOurs
-from ..results.outlets import Outlets
+from ..results.files import Outlets
 from ..system.protocol import SystemLike
 from ..system.signature import Fingerprint, sums
 from .books import LedgerPlaces

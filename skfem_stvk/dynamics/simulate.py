@@ -15,7 +15,7 @@ from ..errors import LoadError, StvkError, SupportError, name_ids
 from ..mesh.displacements import by_vertex
 from ..mesh.places import Where
 from ..results.archive import NotOurs
-from ..results.outlets import Outlets
+from ..results.files import Outlets
 from ..system.protocol import SystemLike, checked_system
 from ..system.signature import Fingerprint
 from .books import LedgerPlaces, column_names

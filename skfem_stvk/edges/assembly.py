@@ -14,7 +14,7 @@ from numpy.typing import DTypeLike, NDArray
 from ..arguments import Array
 from ..errors import StvkError
 from ..kernels import blocks as block_kernels
-from ..kernels import simplices as simplex_kernels
+from ..kernels import elements as element_kernels
 from ..kernels import stretches as stretch_kernels
 from ..kernels import volumes as volume_kernels
 from ..kernels.lanes import LANES, MeanPoints, Points
@@ -54,25 +54,25 @@ class ElementTerm(PairTerm):
         self.nodes_paired = pairs_of(t, quadrature.element)
         self.quadrature, self.dtype = quadrature, np.dtype(dtype)
         order = own_order(t, self.nodes_paired, quadrature.element.is_linear_simplex)
-        self.simplices = OwnElements(p, order, quadrature, resistance, dtype)
-        super().__init__(self.simplices.own.turn)
+        self.elements = OwnElements(p, order, quadrature, resistance, dtype)
+        super().__init__(self.elements.own.turn)
         n = len(order.elements)
         numbers = stored(order.vertices[order.t], order).astype(self.dtype)
-        self.points, self._D = self.simplices.in_points(numbers)
+        self.points, self._D = self.elements.in_points(numbers)
         last = self._D[-len(numbers) * LANES :] if self.points is None else self._D[self.points.starts[-2] :]
-        last.reshape(-1, LANES)[:, n - (len(self.simplices.t) - 1) * LANES :] = 0  # what only fills it has no stiffness
+        last.reshape(-1, LANES)[:, n - (len(self.elements.t) - 1) * LANES :] = 0  # what only fills it has no stiffness
 
     @cached_property
     def pairs(self) -> PairBlocks:
         """What is made of the blocks."""
-        return PairBlocks(self.simplices.own, self.simplices.edges, self.simplices.d)
+        return PairBlocks(self.elements.own, self.elements.edges, self.elements.d)
 
     @contextmanager
     def _adding(self, u: Array, force: Array | None) -> Iterator[tuple[Shares, Array]]:
         """Shares, and slots at displacements `u` (nv, d) that are added to `force` (nv, d) in the end: none without a force."""
-        own, shares = self.simplices.own, self.simplices.forces
+        own, shares = self.elements.own, self.elements.forces
         f = np.empty(0, dtype=self.dtype) if force is None else own.slots("F", shares)
-        self.simplices.gather(u)
+        self.elements.gather(u)
         yield shares, f
         if force is not None:
             own.add(f, shares, force)
@@ -90,19 +90,19 @@ class ElementTerm(PairTerm):
     @in_turn
     def blocks(self, u: Array, force: Array | None = None, out: Array | None = None, kept: Tensions = ALL) -> tuple[float, Array]:
         """As in `PairTerm`: the blocks `K_ab` (9 ne,) of the edges, with room for what threads add to them."""
-        simplices = self.simplices
-        to, total = simplices.blocks, simplices.edges.total
+        elements = self.elements
+        to, total = elements.blocks, elements.edges.total
         size = 9 * (total + len(to.extra))
         blocks = np.empty(size, dtype=self.dtype) if out is None or len(out) != size else out
         blocks[9 * total :] = 0
         with self._adding(u, force) as (shares, f):
-            slots = PairSlots(to.slots.reshape(len(simplices.t), -1), simplices.edges.marks, blocks)
+            slots = PairSlots(to.slots.reshape(len(elements.t), -1), elements.edges.marks, blocks)
             W, _ = self._total(self._linearize(shares, slots, f, kept))
         block_kernels.fold(blocks, total, to.extra, 9)
         return W, blocks
 
     def rows(self, pattern: BlockPattern) -> ElementRows:
-        return ElementRows(self.simplices, self.pairs, pattern, self.dtype)
+        return ElementRows(self.elements, self.pairs, pattern, self.dtype)
 
     @in_turn
     def fill(
@@ -139,48 +139,48 @@ class ElementTerm(PairTerm):
     @in_turn
     def volume_ratios(self, u: Array) -> NDArray[np.float64]:
         """(nt,) ratios at `u` (nv, d), of the elements in the order in which they were given."""
-        self.simplices.gather(u)
+        self.elements.gather(u)
         return np.min([self._volume_ratios(points) for points in self._checked_at], axis=0)
 
     @in_turn
     def smallest_volume_ratio(self, u: Array) -> float:
         """The smallest of `volume_ratios(u)`, of linear simplices for half the price of F."""
-        self.simplices.gather(u)
+        self.elements.gather(u)
         return min(self._smallest_volume_ratio(points, np.empty(0)) for points in self._checked_at)
 
     @in_turn
     def step_limit(self, u: Array, v: Array) -> float:
         """The smallest `s > 0` at which an element right side out at `u` has no volume left at `u + s v` (nv, d); or infinity."""
-        simplices = self.simplices
-        if simplices.k < simplices.d:
+        elements = self.elements
+        if elements.k < elements.d:
             return np.inf
-        simplices.gather(u)
-        V = simplices.own.gathered("direction", v, np.float64)
-        arrays, parts = (simplices.X, simplices.u, V, simplices.k), simplices.forces.parts
-        return min(min(run(volume_kernels.step_limit, parts, simplices.t.ravel(), points, *arrays)) for points in self._checked_at)
+        elements.gather(u)
+        V = elements.own.gathered("direction", v, np.float64)
+        arrays, parts = (elements.X, elements.u, V, elements.k), elements.forces.parts
+        return min(min(run(volume_kernels.step_limit, parts, elements.t.ravel(), points, *arrays)) for points in self._checked_at)
 
     @property
     def _checked_at(self) -> tuple[Points | MeanPoints | None, ...]:
-        """Where volumes are looked at."""
+        """Tables of the places where volumes are looked at: linear simplices have one volume, others one at each point and node."""
         if self.points is None:
             return (None,)
-        return self.simplices.at_points, self.simplices.at_nodes
+        return self.elements.at_points, self.elements.at_nodes
 
     def _volume_ratios(self, points: Points | MeanPoints | None) -> NDArray[np.float64]:
         """The smallest ratio of each element among these points, at the displacements that were gathered last."""
-        own = np.empty(len(self.simplices.t) * LANES)
+        own = np.empty(len(self.elements.t) * LANES)
         self._smallest_volume_ratio(points, own)
-        return self.simplices.in_their_order(own)
+        return self.elements.in_their_order(own)
 
     def _smallest_volume_ratio(self, points: Points | MeanPoints | None, out: Array) -> float:
-        simplices = self.simplices
-        arrays = simplices.t.ravel(), points, simplices.X, simplices.u
-        return min(run(volume_kernels.volume_ratios, simplices.forces.parts, *arrays, simplices.k, simplices.d, out))
+        elements = self.elements
+        arrays = elements.t.ravel(), points, elements.X, elements.u
+        return min(run(volume_kernels.volume_ratios, elements.forces.parts, *arrays, elements.k, elements.d, out))
 
     def memory(self) -> dict[str, int]:
         """Bytes of its arrays, by part."""
-        parts = {"edges of the mesh": self.nodes_paired.nbytes} | self.simplices.memory()
-        parts["simplices"] += self._D.nbytes
+        parts = {"edges of the mesh": self.nodes_paired.nbytes} | self.elements.memory()
+        parts["elements"] += self._D.nbytes
         return parts | {"blocks of edges": nbytes([] if self._filled is None else self._filled)}
 
 
@@ -232,24 +232,24 @@ class Assembly(ElementTerm):
         return EdgeForm(*self._mesh)
 
     def _energy(self, shares: Shares, f: Array) -> float:
-        return sum(run(simplex_kernels.energy_and_force, shares.parts, *self._simplices(shares), f))
+        return sum(run(element_kernels.energy_and_force, shares.parts, *self._arrays(shares), f))
 
     def _round_off(self, shares: Shares, f: Array) -> None:
-        run(simplex_kernels.round_off, shares.parts, *self._simplices(shares), f)
+        run(element_kernels.round_off, shares.parts, *self._arrays(shares), f)
 
-    def _simplices(self, shares: Shares) -> tuple[Any, ...]:
-        """What kernels that add to vertices read."""
-        return self.simplices.t.ravel(), shares.slots, self.points, self.law, self.simplices.X, self.simplices.u
+    def _arrays(self, shares: Shares) -> tuple[Any, ...]:
+        """The arguments of kernels that add to nodes, behind the blocks that they go over."""
+        return self.elements.t.ravel(), shares.slots, self.points, self.law, self.elements.X, self.elements.u
 
     @in_turn
     def along(self, u: Array, v: Array) -> NDArray[np.float64]:
         """(5,) coefficients `c` [J] of the energy along `u + s v`, both (nv, d): exactly `c_0 + c_1 s + ... + c_4 s^4`, at any
         `s`."""
-        simplices = self.simplices
-        simplices.gather(u)
-        V = simplices.own.gathered("direction", v, np.float64)
-        arrays = simplices.t.ravel(), self.points, self.law, simplices.X, simplices.u, V
-        return np.asarray(np.sum(run(simplex_kernels.along, simplices.forces.parts, *arrays), axis=0))
+        elements = self.elements
+        elements.gather(u)
+        V = elements.own.gathered("direction", v, np.float64)
+        arrays = elements.t.ravel(), self.points, self.law, elements.X, elements.u, V
+        return np.asarray(np.sum(run(element_kernels.along, elements.forces.parts, *arrays), axis=0))
 
     @in_turn
     def mean_force(self, u0: Array, u1: Array, weights: tuple[float, float], theta: float, force: Array) -> float:
@@ -263,10 +263,10 @@ class Assembly(ElementTerm):
         negative.
         """
         with self._adding(u0, force) as (shares, f):
-            change = self.simplices.own.gathered("direction", u1, np.float64)
-            change -= self.simplices.u
+            change = self.elements.own.gathered("direction", u1, np.float64)
+            change -= self.elements.u
             states = change, *map(float, weights), float(theta)
-            return sum(run(simplex_kernels.mean_force, shares.parts, *self._simplices(shares), *states, f))
+            return sum(run(element_kernels.mean_force, shares.parts, *self._arrays(shares), *states, f))
 
     @in_turn
     def damping_force(self, u: Array, v: Array, force: Array) -> float:
@@ -278,24 +278,24 @@ class Assembly(ElementTerm):
         [W], which is returned: the power that it takes is `2 R`. Rigid motions, turning ones too, meet no resistance.
         """
         with self._adding(u, force) as (shares, f):
-            V = self.simplices.own.gathered("direction", v, np.float64)
-            return sum(run(simplex_kernels.damping_force, shares.parts, *self._simplices(shares), V, f))
+            V = self.elements.own.gathered("direction", v, np.float64)
+            return sum(run(element_kernels.damping_force, shares.parts, *self._arrays(shares), V, f))
 
     @in_turn
     def tensions(self, u: Array) -> Array:
         """(ne,) tensions `t = L zeta` [N/m] at `u` (nv, d) of the edges in lexicographic order: `form.tensions` without L."""
-        self.simplices.gather(u)
-        return np.asarray(self._tensions()[self.simplices.lexicographic])
+        self.elements.gather(u)
+        return np.asarray(self._tensions()[self.elements.lexicographic])
 
     def _tensions(self) -> Array:
         """Tensions of the edges in their own order, at the displacements that were gathered last."""
-        simplices = self.simplices
-        to, total = simplices.blocks, simplices.edges.total
-        t = simplices.own.room("t", total + len(to.extra), self.dtype)
+        elements = self.elements
+        to, total = elements.blocks, elements.edges.total
+        t = elements.own.room("t", total + len(to.extra), self.dtype)
         t[total:] = 0
-        slots = to.slots.reshape(len(simplices.t), -1)
-        arrays = simplices.t.ravel(), slots, simplices.edges.marks, self.law, simplices.X, simplices.u
-        run(simplex_kernels.tensions, simplices.forces.parts, *arrays, t)
+        slots = to.slots.reshape(len(elements.t), -1)
+        arrays = elements.t.ravel(), slots, elements.edges.marks, self.law, elements.X, elements.u
+        run(element_kernels.tensions, elements.forces.parts, *arrays, t)
         block_kernels.fold(t, total, to.extra, 1)
         return t[:total]
 
@@ -320,16 +320,16 @@ class Assembly(ElementTerm):
         return Linearized(W, self.pairs.fill(rows.of_all_pairs, blocks, add, data))
 
     def _linearize(self, shares: Shares, to: PairSlots | RowSlots, f: Array, kept: Tensions) -> list[Any]:
-        simplices = self.simplices
-        arrays = simplices.t.ravel(), shares.slots, to, self.points, self.law, simplices.X, simplices.u
-        return run(simplex_kernels.linearize, shares.parts, *arrays, float(kept.positive), float(kept.negative), f)
+        elements = self.elements
+        arrays = elements.t.ravel(), shares.slots, to, self.points, self.law, elements.X, elements.u
+        return run(element_kernels.linearize, shares.parts, *arrays, float(kept.positive), float(kept.negative), f)
 
     def smallest_stretches(self, u: Array) -> NDArray[np.float64]:
         """(nt,) smallest principal stretch at `u` (nv, d) within their own dimensions, of the elements in the order in which they
         were given."""
-        own = np.empty(len(self.simplices.t) * LANES)
+        own = np.empty(len(self.elements.t) * LANES)
         self._smallest_stretch(u, own)
-        return self.simplices.in_their_order(own)
+        return self.elements.in_their_order(own)
 
     def smallest_stretch(self, u: Array) -> float:
         """The smallest of `smallest_stretches(u)`, of linear simplices for one and a half times the price of F."""
@@ -337,7 +337,7 @@ class Assembly(ElementTerm):
 
     @in_turn
     def _smallest_stretch(self, u: Array, out: Array) -> float:
-        simplices = self.simplices
-        simplices.gather(u)
-        arrays = simplices.t.ravel(), simplices.at_points, simplices.X, simplices.u
-        return min(run(stretch_kernels.smallest_stretches, simplices.forces.parts, *arrays, simplices.k, out))
+        elements = self.elements
+        elements.gather(u)
+        arrays = elements.t.ravel(), elements.at_points, elements.X, elements.u
+        return min(run(stretch_kernels.smallest_stretches, elements.forces.parts, *arrays, elements.k, out))

@@ -89,7 +89,7 @@ class Quadrature(NamedTuple):
 
     @classmethod
     def of(cls, element: Element, kind: str = "usual", hourglass: float | None = None) -> Quadrature:
-        """By the kind of rule (`elements.rule_of`)."""
+        """The element with its rule of this kind, as `elements.rule_of` names them."""
         return cls(element, rule_of(element, kind), hourglass)
 
 
@@ -196,7 +196,7 @@ class OwnElements:
 
     @cached_property
     def at_nodes(self) -> Points | None:
-        """The same of the nodes."""
+        """The table at the nodes of the element, in double: the shape may turn inside out there first."""
         if self.points is None:
             return None
         xi = self.element.nodes
@@ -213,7 +213,7 @@ class OwnElements:
 
     @cached_property
     def edges(self) -> OwnEdges:
-        """Their pairs of nodes in the kernels' order."""
+        """The pairs of nodes of all elements, in the kernels' order."""
         return own_edges(out_of_lanes(self.t, len(self.elements))[: self.element.n].astype(np.int32), self.element)
 
     @cached_property
@@ -256,7 +256,7 @@ class OwnElements:
         """Bytes of its arrays, by part."""
         made = [self.__dict__.get(name, ()) for name in ("edges", "lexicographic")]
         own = self.t, self.own.vertices, self.elements, self.X, self.u
-        return {"simplices": nbytes(own), "own edges": nbytes(made)} | self.own.memory()
+        return {"elements": nbytes(own), "own edges": nbytes(made)} | self.own.memory()
 
 
 def _one_number(points: Points) -> Points:

@@ -55,23 +55,23 @@ class PenaltyAssembly(ElementTerm):
         self._kind, self._ids = kind, elements
 
     def _energy(self, shares: Shares, f: Array) -> float:
-        return self._checked(run(penalty_kernels.penalty_energy_and_force, shares.parts, *self._simplices(shares), f))
+        return self._checked(run(penalty_kernels.penalty_energy_and_force, shares.parts, *self._arrays(shares), f))
 
     def _linearize(self, shares: Shares, to: PairSlots | RowSlots, f: Array, kept: Tensions) -> list[Any]:
-        t, slots, *others = self._simplices(shares)
+        t, slots, *others = self._arrays(shares)
         return run(penalty_kernels.penalty_linearize, shares.parts, t, slots, to, *others, float(kept.negative), f)
 
     def _total(self, found: list[Any]) -> tuple[float, float]:
         return self._checked([(W, least) for W, least, _ in found]), sum(trace for _, _, trace in found)
 
     def _round_off(self, shares: Shares, f: Array) -> None:
-        least = run(penalty_kernels.penalty_round_off, shares.parts, *self._simplices(shares), f)
+        least = run(penalty_kernels.penalty_round_off, shares.parts, *self._arrays(shares), f)
         self._checked([(0.0, value) for value in least])
 
-    def _simplices(self, shares: Shares) -> tuple[Any, ...]:
-        """What the kernels read."""
-        simplices = self.simplices
-        return simplices.t.ravel(), shares.slots, self.points, self._D, simplices.X, simplices.u, simplices.k, self._kind
+    def _arrays(self, shares: Shares) -> tuple[Any, ...]:
+        """The arguments of the kernels, behind the blocks that they go over."""
+        elements = self.elements
+        return elements.t.ravel(), shares.slots, self.points, self._D, elements.X, elements.u, elements.k, self._kind
 
     def fill(
         self, u: Array, rows: ElementRows, data: Array, add: bool, force: Array | None = None, kept: Tensions = ALL
@@ -83,7 +83,7 @@ class PenaltyAssembly(ElementTerm):
     def _checked(self, found: list[tuple[float, float]]) -> float:
         """The energy of all parts, unless that is infinite because elements have no volume left at a point."""
         if min(least for _, least in found) <= 0:
-            refuse_inside_out(self._volume_ratios(self.simplices.at_points), self._ids)
+            refuse_inside_out(self._volume_ratios(self.elements.at_points), self._ids)
         return sum(W for W, _ in found)
 
 

@@ -1,6 +1,6 @@
-"""What the kernels on simplices share: vectors in blocks of lanes, what is gathered for a block and where its results are added.
+"""What the kernels on elements share: vectors in blocks of lanes, what is gathered for a block and where its results are added.
 
-Simplices stand in blocks of LANES, the last axis of every array, so that the arithmetic runs on vector registers; one dimension and
+Elements stand in blocks of LANES, the last axis of every array, so that the arithmetic runs on vector registers; one dimension and
 offsets known at compile time are what lets LLVM see that.
 
 Arrays: `t` vertices (blocks 4 LANES), `slots` where forces go, `edge_slots` (blocks, edges LANES) where edge blocks go; `X`,
@@ -15,7 +15,7 @@ import numpy as np
 
 from .compiled import Ids, Reals, by_type, inlined, kernel
 
-#: Simplices in a block. 16 measures best: 8 are unrolled before they are vectorised (2 x slower), 32 spill from the registers'
+#: Elements in a block. 16 measures best: 8 are unrolled before they are vectorised (2 x slower), 32 spill from the registers'
 #: cache.
 LANES = 16
 
@@ -33,8 +33,14 @@ def vector(a, at):
 
 
 @inlined
+def six(a, at):
+    """Six numbers that stand a block of lanes apart: those of `Ri`, or of a symmetric matrix."""
+    return a[at], a[at + I(LANES)], a[at + I(2 * LANES)], a[at + I(3 * LANES)], a[at + I(4 * LANES)], a[at + I(5 * LANES)]
+
+
+@inlined
 def vectors(a, lane):
-    """The three vectors of a simplex, such as its spokes."""
+    """The three vectors of an element at a point, such as its spokes."""
     return vector(a, lane), vector(a, lane + I(3 * LANES)), vector(a, lane + I(6 * LANES))
 
 
@@ -234,6 +240,30 @@ def gather_both(points, t, block, X, u, x, y):
         gather(points, t, block, u, y)
 
 
+@inlined
+def find_spokes(points, block, point, count, x, P, y, U):
+    """Write the spokes at a point, `P` at rest and their displacements `U`, for what `gather` found: `x` and `y`.
+
+    Returns where the `count` numbers of a law begin there. At rest the spokes of straight elements are those of the point before.
+    """
+    first, same = numbers_of(points, block, point, count)
+    if not same:
+        spokes(points, block, point, x, P)
+    spokes(points, block, point, y, U)
+    return first
+
+
+@inlined
+def derivatives(B, point, a):
+    """`dN/dxi_1, dN/dxi_2, dN/dxi_3` at a point, of each of three nodes from `a` on."""
+    return _of_node(B, point, a), _of_node(B, point, a + 1), _of_node(B, point, a + 2)
+
+
+@inlined
+def _of_node(B, point, a):
+    return B[point, a, 0], B[point, a, 1], B[point, a, 2]
+
+
 @by_type(spokes, type(None), ELEMENT)
 def _spokes_are_there(points, block, point, x, out):
     pass
@@ -250,9 +280,7 @@ def _spokes_of_table(points, block, point, x, out):
     out[:] = 0
     for group in range(B.shape[1] // 3):
         a = 3 * group
-        b11, b12, b13 = B[point, a, 0], B[point, a, 1], B[point, a, 2]
-        b21, b22, b23 = B[point, a + 1, 0], B[point, a + 1, 1], B[point, a + 1, 2]
-        b31, b32, b33 = B[point, a + 2, 0], B[point, a + 2, 1], B[point, a + 2, 2]
+        (b11, b12, b13), (b21, b22, b23), (b31, b32, b33) = derivatives(B, point, a)
         for c in range(3):
             first, to = I((3 * a + c) * LANES), I(c * LANES)
             for lane in range(LANES):
@@ -268,9 +296,7 @@ def _spread_by_table(points, block, point, forces, out):
     B = points.B
     for group in range(B.shape[1] // 3):
         a = 3 * group
-        b11, b12, b13 = B[point, a, 0], B[point, a, 1], B[point, a, 2]
-        b21, b22, b23 = B[point, a + 1, 0], B[point, a + 1, 1], B[point, a + 1, 2]
-        b31, b32, b33 = B[point, a + 2, 0], B[point, a + 2, 1], B[point, a + 2, 2]
+        (b11, b12, b13), (b21, b22, b23), (b31, b32, b33) = derivatives(B, point, a)
         for c in range(3):
             first, of = I((3 * a + c) * LANES), I(c * LANES)
             for lane in range(LANES):

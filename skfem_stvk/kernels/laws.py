@@ -50,12 +50,6 @@ def combination(x, a, y, b, z, c):
 
 
 @inlined
-def frame(D, at):
-    """The numbers 11, 12, 13, 22, 23, 33 of `Ri`."""
-    return D[at], D[at + I(LANES)], D[at + I(2 * LANES)], D[at + I(3 * LANES)], D[at + I(4 * LANES)], D[at + I(5 * LANES)]
-
-
-@inlined
 def in_frame(R, U1, U2, U3):
     """`sum_i Ri_ij U_i`, j = 1, 2, 3."""
     return (
@@ -138,71 +132,73 @@ def _general_numbers(law):
     return 27
 
 
-@by_type(stress, IsotropicLaw, FORMULAS)
-def _isotropic_stress(law, at, weight, M):
-    lam, mu = weight * law.D[at + I(6 * LANES)], weight * law.D[at + I(7 * LANES)]
+@inlined
+def sizes(a):
+    """Absolute values of six numbers."""
+    return abs(a[0]), abs(a[1]), abs(a[2]), abs(a[3]), abs(a[4]), abs(a[5])
+
+
+@inlined
+def _isotropic(lam, mu, M):
+    """`lam/2 tr M I + mu M` from `lam/2` and `mu`."""
     trace = lam * (M[0] + M[1] + M[2])
     return trace + mu * M[0], trace + mu * M[1], trace + mu * M[2], mu * M[3], mu * M[4], mu * M[5]
 
 
+@by_type(stress, IsotropicLaw, FORMULAS)
+def _isotropic_stress(law, at, weight, M):
+    return _isotropic(weight * law.D[at + I(6 * LANES)], weight * law.D[at + I(7 * LANES)], M)
+
+
+@by_type(sizes_of_stress, IsotropicLaw, FORMULAS)
+def _isotropic_sizes(law, at, weight, M):
+    return _isotropic(weight * abs(law.D[at + I(6 * LANES)]), weight * abs(law.D[at + I(7 * LANES)]), M)
+
+
 @inlined
-def _general_row(D, at, x, a, b, c, d, e, f):
+def _number(D, at, size):
+    """A number that is stored, or where `size` is not None its absolute value."""
+    if size is None:
+        return D[at]
+    else:
+        return abs(D[at])
+
+
+@inlined
+def _general_row(D, at, size, x, a, b, c, d, e, f):
     return (
-        D[at + I((6 + a) * LANES)] * x[0]
-        + D[at + I((6 + b) * LANES)] * x[1]
-        + D[at + I((6 + c) * LANES)] * x[2]
-        + D[at + I((6 + d) * LANES)] * x[3]
-        + D[at + I((6 + e) * LANES)] * x[4]
-        + D[at + I((6 + f) * LANES)] * x[5]
+        _number(D, at + I((6 + a) * LANES), size) * x[0]
+        + _number(D, at + I((6 + b) * LANES), size) * x[1]
+        + _number(D, at + I((6 + c) * LANES), size) * x[2]
+        + _number(D, at + I((6 + d) * LANES), size) * x[3]
+        + _number(D, at + I((6 + e) * LANES), size) * x[4]
+        + _number(D, at + I((6 + f) * LANES), size) * x[5]
+    )
+
+
+@inlined
+def _general(D, at, size, weight, M):
+    """`w C M / 2` from the upper half of `w C/2`, row by row: 0 ... 5, 6 ... 10, 11 ... 14, 15 ... 17, 18 ... 19, 20."""
+    twice = weight + weight
+    x = (weight * M[0], weight * M[1], weight * M[2], twice * M[3], twice * M[4], twice * M[5])
+    return (
+        _general_row(D, at, size, x, 0, 1, 2, 3, 4, 5),
+        _general_row(D, at, size, x, 1, 6, 7, 8, 9, 10),
+        _general_row(D, at, size, x, 2, 7, 11, 12, 13, 14),
+        _general_row(D, at, size, x, 3, 8, 12, 15, 16, 17),
+        _general_row(D, at, size, x, 4, 9, 13, 16, 18, 19),
+        _general_row(D, at, size, x, 5, 10, 14, 17, 19, 20),
     )
 
 
 @by_type(stress, GeneralLaw, FORMULAS)
 def _general_stress(law, at, weight, M):
-    """The upper half, row by row: 0 ... 5, 6 ... 10, 11 ... 14, 15 ... 17, 18 ... 19, 20."""
-    D, twice = law.D, weight + weight
-    x = (weight * M[0], weight * M[1], weight * M[2], twice * M[3], twice * M[4], twice * M[5])
-    return (
-        _general_row(D, at, x, 0, 1, 2, 3, 4, 5),
-        _general_row(D, at, x, 1, 6, 7, 8, 9, 10),
-        _general_row(D, at, x, 2, 7, 11, 12, 13, 14),
-        _general_row(D, at, x, 3, 8, 12, 15, 16, 17),
-        _general_row(D, at, x, 4, 9, 13, 16, 18, 19),
-        _general_row(D, at, x, 5, 10, 14, 17, 19, 20),
-    )
-
-
-@by_type(sizes_of_stress, IsotropicLaw, FORMULAS)
-def _isotropic_sizes(law, at, weight, M):
-    lam, mu = weight * abs(law.D[at + I(6 * LANES)]), weight * abs(law.D[at + I(7 * LANES)])
-    trace = lam * (M[0] + M[1] + M[2])
-    return trace + mu * M[0], trace + mu * M[1], trace + mu * M[2], mu * M[3], mu * M[4], mu * M[5]
-
-
-@inlined
-def _sizes_of_row(D, at, x, a, b, c, d, e, f):
-    return (
-        abs(D[at + I((6 + a) * LANES)]) * x[0]
-        + abs(D[at + I((6 + b) * LANES)]) * x[1]
-        + abs(D[at + I((6 + c) * LANES)]) * x[2]
-        + abs(D[at + I((6 + d) * LANES)]) * x[3]
-        + abs(D[at + I((6 + e) * LANES)]) * x[4]
-        + abs(D[at + I((6 + f) * LANES)]) * x[5]
-    )
+    return _general(law.D, at, None, weight, M)
 
 
 @by_type(sizes_of_stress, GeneralLaw, FORMULAS)
 def _general_sizes(law, at, weight, M):
-    D, twice = law.D, weight + weight
-    x = (weight * M[0], weight * M[1], weight * M[2], twice * M[3], twice * M[4], twice * M[5])
-    return (
-        _sizes_of_row(D, at, x, 0, 1, 2, 3, 4, 5),
-        _sizes_of_row(D, at, x, 1, 6, 7, 8, 9, 10),
-        _sizes_of_row(D, at, x, 2, 7, 11, 12, 13, 14),
-        _sizes_of_row(D, at, x, 3, 8, 12, 15, 16, 17),
-        _sizes_of_row(D, at, x, 4, 9, 13, 16, 18, 19),
-        _sizes_of_row(D, at, x, 5, 10, 14, 17, 19, 20),
-    )
+    return _general(law.D, at, True, weight, M)
 
 
 @kernel
@@ -378,7 +374,8 @@ def _three(x, a, y, b, z, c):
 
 
 @inlined
-def _transposed(K):
+def transposed(K):
+    """A block of nine numbers, row by row, column by column."""
     return K[0], K[3], K[6], K[1], K[4], K[7], K[2], K[5], K[8]
 
 
@@ -391,7 +388,7 @@ def _scaled(s, a):
 def to_spokes(R, A11, A22, A33, A12, A13, A23):
     """`K_ij = sum_mn Ri_im Ri_jn A_mn`: the 45 numbers of `spoke_stiffness` from blocks of the frame, row by row."""
     # rows first: B_in = sum_m Ri_im A_mn
-    A31, A32, A21 = _transposed(A13), _transposed(A23), _transposed(A12)
+    A31, A32, A21 = transposed(A13), transposed(A23), transposed(A12)
     B11 = _three(R[0], A11, R[1], A21, R[2], A31)
     B12 = _three(R[0], A12, R[1], A22, R[2], A32)
     B13 = _three(R[0], A13, R[1], A23, R[2], A33)

@@ -20,7 +20,7 @@ No `psi''` is negative, and in no sum do terms of both signs meet. Without `psi'
 A triangle in the plane has (0, 0, 1) for its third spoke, a segment on the line (0, 1, 0) and (0, 0, 1): of what belongs to them
 nothing counts.
 
-Elements stand in blocks of lanes, and arrays are those of `simplices`; `D` has two numbers, the stiffness times `V0` (without
+Elements stand in blocks of lanes, and arrays are those of `elements`; `D` has two numbers, the stiffness times `V0` (without
 the weight of a table of points) and `1/C0`.
 """
 
@@ -41,9 +41,9 @@ from .lanes import (
     complete_spokes,
     cross,
     dot,
+    find_spokes,
     gather_both,
     gather_sizes,
-    numbers_of,
     points_of,
     put,
     room,
@@ -56,8 +56,8 @@ from .lanes import (
     vectors,
     weight_of,
 )
+from .node_pairs import put_pairs, put_spokes, room_for_pairs
 from .rows import add_blocks, close_rows, open_rows
-from .simplices import NINE, put_pairs, put_spokes
 
 #: The kinds of energy, as kernels know them.
 QUADRATIC, COMPRESSION, BARRIER = 0, 1, 2
@@ -113,6 +113,14 @@ def _find_energies(kind, D, first, e, J, psi, slope, curvature):
 
 
 @inlined
+def _find(kind, P, U, D, first, found):
+    """Write `psi, psi', psi'', e, J` of a block at a point; returns as `_find_energies`."""
+    e, J = found[3], found[4]
+    _find_ratios(P, U, D, first, e, J)
+    return _find_energies(kind, D, first, e, J, found[0], found[1], found[2])
+
+
+@inlined
 def _normals(P, U, lane, more, most):
     """The spokes now, and `dC/dp_i`; those of constant spokes, for which `more` or `most` is zero, are zero."""
     p1 = add(vector(P, lane), vector(U, lane))
@@ -138,8 +146,8 @@ def penalty_energy_and_force(
     """
     x, y, total = room(points, D.dtype), room(points, D.dtype), room(points, D.dtype)
     P, U, forces = at_point(points, x), at_point(points, y), at_point(points, total)
-    e, J = np.empty(LANES, D.dtype), np.empty(LANES, D.dtype)
-    psi, slope, curvature = np.empty(LANES, D.dtype), np.empty(LANES, D.dtype), np.empty(LANES, D.dtype)
+    found = np.empty((5, LANES), D.dtype)
+    psi, slope = found[0], found[1]
     more, most = D.dtype.type(k > 1), D.dtype.type(k > 2)
     W, least = 0.0, 1.0
     for block in range(begin, end):
@@ -148,14 +156,9 @@ def penalty_energy_and_force(
         if points is not None:
             total[:] = 0
         for point in range(points_of(points)):
-            first, same = numbers_of(points, block, point, 2)
-            weight = weight_of(points, point, D)
-            if not same:
-                spokes(points, block, point, x, P)
-                complete_spokes(k, P)
-            spokes(points, block, point, y, U)
-            _find_ratios(P, U, D, first, e, J)
-            least = min(_find_energies(kind, D, first, e, J, psi, slope, curvature), least)
+            first, weight = find_spokes(points, block, point, 2, x, P, y, U), weight_of(points, point, D)
+            complete_spokes(k, P)
+            least = min(_find(kind, P, U, D, first, found), least)
             for i in range(LANES):
                 lane, at = I(i), I(first + i)
                 stiffness = weight * D[at]
@@ -213,11 +216,9 @@ def penalty_linearize(
     """
     x, y, total = room(points, D.dtype), room(points, D.dtype), room(points, D.dtype)
     P, U, forces = at_point(points, x), at_point(points, y), at_point(points, total)
-    e, J = np.empty(LANES, D.dtype), np.empty(LANES, D.dtype)
-    psi, slope, curvature = np.empty(LANES, D.dtype), np.empty(LANES, D.dtype), np.empty(LANES, D.dtype)
-    values = np.empty(max(9 * to.slots.shape[1], 54 * LANES), D.dtype)
-    size = 0 if points is None else 9 * NINE * points_of(points)
-    K, T, row = np.empty(size, D.dtype), np.empty(size, D.dtype), np.empty(3 * NINE, D.dtype)
+    found = np.empty((5, LANES), D.dtype)
+    psi, slope, curvature = found[0], found[1], found[2]
+    K, T, row, values = room_for_pairs(points, to.slots, D.dtype)
     nodes = (len(t) // LANES) // len(to.slots)
     stage, place = open_rows(to)
     more, most = D.dtype.type(k > 1), D.dtype.type(k > 2)
@@ -228,14 +229,9 @@ def penalty_linearize(
         if points is not None:
             total[:] = 0
         for point in range(points_of(points)):
-            first, same = numbers_of(points, block, point, 2)
-            weight = weight_of(points, point, D)
-            if not same:
-                spokes(points, block, point, x, P)
-                complete_spokes(k, P)
-            spokes(points, block, point, y, U)
-            _find_ratios(P, U, D, first, e, J)
-            least = min(_find_energies(kind, D, first, e, J, psi, slope, curvature), least)
+            first, weight = find_spokes(points, block, point, 2, x, P, y, U), weight_of(points, point, D)
+            complete_spokes(k, P)
+            least = min(_find(kind, P, U, D, first, found), least)
             for i in range(LANES):
                 lane, at = I(i), I(first + i)
                 stiffness, over_C0 = weight * D[at], D[at + I(LANES)]
@@ -260,7 +256,7 @@ def penalty_linearize(
                 else:
                     symmetric = *_symmetric(z1, y1), *_symmetric(z2, y2), *_symmetric(z3, y3)
                     stiffnesses = *symmetric, *_block(z1, y2, q12), *_block(z1, y3, q13), *_block(z2, y3, q23)
-                    put_spokes(stiffnesses, K, I(9 * point * NINE) + lane)
+                    put_spokes(stiffnesses, K, point, lane)
             spread(points, block, point, forces, total)
         put_pairs(points, block, nodes, K, x, T, row, values)
         W += w
@@ -290,9 +286,9 @@ def penalty_round_off(
     x, y, z, total = room(points, D.dtype), room(points, D.dtype), room(points, D.dtype), room(points, D.dtype)
     P, U, B, forces = at_point(points, x), at_point(points, y), at_point(points, z), at_point(points, total)
     rest, now, E = np.empty(9 * LANES, D.dtype), np.empty(9 * LANES, D.dtype), np.empty(9 * LANES, D.dtype)
-    sizes = absolute(points)
-    e, J = np.empty(LANES, D.dtype), np.empty(LANES, D.dtype)
-    psi, slope, curvature = np.empty(LANES, D.dtype), np.empty(LANES, D.dtype), np.empty(LANES, D.dtype)
+    table = absolute(points)
+    found = np.empty((5, LANES), D.dtype)
+    slope, curvature = found[1], found[2]
     more, most = D.dtype.type(k > 1), D.dtype.type(k > 2)
     least = 1.0
     for block in range(begin, end):
@@ -300,20 +296,16 @@ def penalty_round_off(
         if points is not None:
             total[:] = 0
         for point in range(points_of(points)):
-            first, _ = numbers_of(points, block, point, 2)
-            weight = weight_of(points, point, D)
-            spokes(points, block, point, x, P)
+            first, weight = find_spokes(points, block, point, 2, x, P, y, U), weight_of(points, point, D)
             complete_spokes(k, P)
-            spokes(points, block, point, y, U)
-            _find_ratios(P, U, D, first, e, J)
-            least = min(_find_energies(kind, D, first, e, J, psi, slope, curvature), least)
+            least = min(_find(kind, P, U, D, first, found), least)
             gather_sizes(points, t, block, u, z)
             rest[:], now[:] = np.abs(P), np.abs(P + U)
             if points is None:
                 B[3 * k * LANES :] = 0
             else:
-                spokes(sizes, block, point, z, B)
-                spokes(sizes, block, point, np.abs(x), E)
+                spokes(table, block, point, z, B)
+                spokes(table, block, point, np.abs(x), E)
                 E += B
             for i in range(LANES):
                 lane, at = I(i), I(first + i)
@@ -335,6 +327,6 @@ def penalty_round_off(
                     put(add(times(bent, n1), times(straight, m1)), forces, lane)
                     put(add(times(bent, n2), times(straight, m2)), forces, lane + I(3 * LANES))
                     put(add(times(bent, n3), times(straight, m3)), forces, lane + I(6 * LANES))
-            spread(sizes, block, point, forces, total)
+            spread(table, block, point, forces, total)
         scatter_sizes(points, slots, block, total, f)
     return least

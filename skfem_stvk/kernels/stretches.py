@@ -27,11 +27,10 @@ from .lanes import (
     at_point,
     cross,
     dot,
+    find_spokes,
     gather_both,
-    numbers_of,
     points_of,
     room,
-    spokes,
     times,
     vectors,
 )
@@ -111,10 +110,7 @@ def smallest_stretches(begin: int, end: int, t: Ids, points: Points | None, X: R
     for block in range(begin, end):
         gather_both(points, t, block, X, u, x, y)
         for point in range(points_of(points)):
-            _, same = numbers_of(points, block, point, 1)
-            if not same:
-                spokes(points, block, point, x, P)
-            spokes(points, block, point, y, U)
+            find_spokes(points, block, point, 1, x, P, y, U)
             for i in range(LANES):
                 lane = I(i)
                 P1, P2, P3 = vectors(P, lane)

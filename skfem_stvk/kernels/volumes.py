@@ -25,10 +25,10 @@ from .lanes import (
     complete_spokes,
     cross,
     dot,
+    find_spokes,
     gather,
     gather_both,
     gather_sizes,
-    numbers_of,
     points_of,
     room,
     spokes,
@@ -59,10 +59,7 @@ def volume_ratios(begin: int, end: int, t: Ids, points: Points | None, X: Reals,
     for block in range(begin, end):
         gather_both(points, t, block, X, u, x, y)
         for point in range(points_of(points)):
-            _, same = numbers_of(points, block, point, 1)
-            if not same:
-                spokes(points, block, point, x, P)
-            spokes(points, block, point, y, U)
+            find_spokes(points, block, point, 1, x, P, y, U)
             for i in range(LANES):
                 lane = I(i)
                 P1, P2, P3 = vectors(P, lane)
@@ -190,11 +187,8 @@ def step_limit(begin: int, end: int, t: Ids, points: Points | None, X: Reals, u:
         gather_both(points, t, block, X, u, x, y)
         gather(points, t, block, v, z)
         for point in range(points_of(points)):
-            _, same = numbers_of(points, block, point, 1)
-            if not same:
-                spokes(points, block, point, x, P)
-                complete_spokes(k, P)
-            spokes(points, block, point, y, U)
+            find_spokes(points, block, point, 1, x, P, y, U)
+            complete_spokes(k, P)
             spokes(points, block, point, z, V)
             s = min(least, 1e100)  # infinity times zero is not zero
             for i in range(LANES):

@@ -5,7 +5,9 @@ from __future__ import annotations
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from .. import arguments
 from ..errors import StvkError
@@ -106,3 +108,24 @@ def output_folder(path: Path) -> Path:
             f"The checkpoint {path} cannot be written: {error.strerror}. Does its parent exist, and is it a folder?"
         ) from error
     return path
+
+
+@dataclass(frozen=True)
+class Outlets:
+    """Files of an analysis, as `solve_static` and `simulate` are asked for them."""
+
+    save: Path | None  # the .pvd file of a series of states
+    checkpoint: Path | None  # its folder
+    resume: bool  # whether to go on with what the checkpoint holds
+    overwrite: bool  # whether to replace what belongs to another problem
+
+    @classmethod
+    def checked(cls, save: Any, checkpoint: Any, resume: Any, overwrite: Any) -> Outlets:
+        """Those that were asked for: paths that can be written, and a checkpoint if it is to be resumed."""
+        if save is not None:
+            save = output_path(arguments.path("save", save, "the path of a file such as 'flag.pvd'"), ".pvd")
+        if checkpoint is not None:
+            checkpoint = arguments.path("checkpoint", checkpoint, "the path of a folder such as 'flag'")
+        if arguments.flag("resume", resume) and checkpoint is None:
+            raise StvkError("resume=True without a checkpoint: from which folder? checkpoint='...'.")
+        return cls(save, checkpoint, bool(resume), arguments.flag("overwrite", overwrite))

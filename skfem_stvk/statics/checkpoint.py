@@ -14,8 +14,8 @@ from ..errors import StvkError
 from ..nonlinear.newton import End, Iterations
 from ..nonlinear.outcome import Status
 from ..results.archive import Checkpoint, CheckpointHeader, NotOurs, finite
+from ..results.files import Outlets
 from ..results.monitors import Finding
-from ..results.outlets import Outlets
 from ..system.protocol import SystemLike
 from ..system.signature import Fingerprint, Record
 from .critical import BIFURCATION, LIMIT_POINT, CriticalPoint

@@ -14,7 +14,7 @@ from ..arguments import Array
 from ..nonlinear.newton import Iterations
 from ..nonlinear.progress import Progress
 from ..results import Fields, Series
-from ..results.outlets import Outlets
+from ..results.files import Outlets
 from ..system.protocol import SystemLike
 from ..system.signature import Fingerprint, sums
 from .checkpoint import PathCheckpoint

@@ -17,8 +17,8 @@ from ..mesh.displacements import by_vertex
 from ..nonlinear.outcome import Interrupted, Status
 from ..nonlinear.stability import Verdict, judged
 from ..nonlinear.stopwatch import Stopwatch
+from ..results.files import Outlets
 from ..results.monitors import Monitors
-from ..results.outlets import Outlets
 from ..system.free_tangent import entries_of, kind_of, with_loads
 from ..system.protocol import SystemLike, checked_system
 from .arc_length import ArcLength

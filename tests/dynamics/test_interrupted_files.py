@@ -25,7 +25,6 @@ WRITERS = (
     "archive.py",
     "vtu.py",
     "one_writer.py",
-    "outlets.py",
 )
 STEPS, EVERY = 2, 2
 

@@ -166,7 +166,7 @@ def test_vectors_to_work_in_are_kept_and_counted(monkeypatch):
         assembly.along(u, u)
         assembly.add_round_off(u, force)
         assembly.pairs.add_product(assembly._filled, u, force)
-        vectors = assembly.simplices.own._kept | {"blocks": assembly._filled}
+        vectors = assembly.elements.own._kept | {"blocks": assembly._filled}
         kept.append({name: id(vector) for name, vector in vectors.items()})
     assert kept[0] == kept[1] == kept[2] and len(kept[0]) > 4
     memory = assembly.memory()

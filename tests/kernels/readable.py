@@ -3,7 +3,7 @@
 Tests hold the kernels against them; nothing else calls them. They take another way where there is one: gradients of shape functions
 in the frame instead of spokes, the whole tensor C instead of the numbers that are stored, sums over lists of places instead of
 loops. Elements differ by their table of points alone, and laws by one function of `LAWS`, which gives C. What is said of the
-arrays in `skfem_stvk.kernels.simplices`, `laws` and `blocks` holds here.
+arrays in `skfem_stvk.kernels.elements`, `laws` and `blocks` holds here.
 """
 
 from __future__ import annotations

@@ -21,7 +21,7 @@ LAWS = """
 import numpy as np
 from skfem_stvk.kernels.lanes import LANES, MeanPoints, Points
 from skfem_stvk.kernels.laws import GeneralLaw, IsotropicLaw
-from skfem_stvk.kernels.simplices import energy_and_force
+from skfem_stvk.kernels.elements import energy_and_force
 NUMBERS = {{IsotropicLaw: [1, 2], GeneralLaw: [3, 1, 1, 0, 0, 0, 3, 1, 0, 0, 0, 3, 0, 0, 0, 2, 0, 0, 2, 0, 2]}}
 t, X = np.repeat(np.arange(4, dtype=np.uint32), LANES), np.array([0, 0, 0, 1, 0, 0, 0, 1, 0, 0, 0, 1.0])
 means = np.repeat(np.eye(3), LANES).reshape(1, 3, 3, LANES)

@@ -11,7 +11,7 @@ from numba.core.dispatcher import Dispatcher
 
 from skfem_stvk import Anisotropic, StVK, System, VolumePenalty
 from skfem_stvk.edges import Tensions
-from skfem_stvk.kernels import blocks, cg, geometry, motion, penalty, rows, simplices, stretches, topology, volumes
+from skfem_stvk.kernels import blocks, cg, elements, geometry, motion, penalty, rows, stretches, topology, volumes
 from skfem_stvk.kernels.lanes import LANES
 from skfem_stvk.terms.body import Body
 
@@ -192,7 +192,7 @@ def test_on_twins_no_kernel_is_called(monkeypatch):
     results(mesh, terms)
 
 
-@pytest.mark.parametrize("module", [simplices, blocks, topology, geometry, volumes, stretches, penalty, rows, cg, motion])
+@pytest.mark.parametrize("module", [elements, blocks, topology, geometry, volumes, stretches, penalty, rows, cg, motion])
 def test_every_kernel_that_python_calls_has_a_twin_with_its_signature(module):
     """What is annotated is called from Python."""
     called = {name: value.py_func for name, value in vars(module).items() if hasattr(value, "py_func") and name[0] != "_"}
@@ -211,5 +211,5 @@ def test_the_readable_tensor_of_the_general_law_is_that_of_the_isotropic_one():
     C = np.diag([2 * mu] * 3 + [mu] * 3)
     C[:3, :3] += lam
     one, other = StVK(young=young, poisson=poisson).bind(mesh), StVK(Anisotropic(C)).bind(mesh)
-    D, E = (readable.elements_of(slice(None), a.simplices.t.ravel(), None, a.law).C for a in (one, other))
+    D, E = (readable.elements_of(slice(None), a.elements.t.ravel(), None, a.law).C for a in (one, other))
     assert np.abs(D).max() > 1e-3 and np.abs(D - E).max() < 1e-13 * np.abs(D).max()

@@ -16,8 +16,8 @@ from skfem_stvk import Gravity, NodalLoad, Stop, StVK, System, Traction, solve_s
 from skfem_stvk.errors import StvkError
 from skfem_stvk.linear import AmgCg, SuperLU
 from skfem_stvk.nonlinear.stopwatch import Stopwatch
+from skfem_stvk.results.files import Outlets
 from skfem_stvk.results.monitors import Monitors
-from skfem_stvk.results.outlets import Outlets
 from skfem_stvk.statics import Interrupted, SolveError, Step, checkpoint
 from skfem_stvk.statics.arc_length import ArcLength
 from skfem_stvk.statics.equilibrium import Equilibrium

@@ -20,7 +20,7 @@ import numpy as np
 import skfem
 
 from skfem_stvk import ElementMesh, StVK, System
-from skfem_stvk.kernels import simplices
+from skfem_stvk.kernels import elements
 from skfem_stvk.kernels.lanes import LANES
 
 from .counting import Tally, counted, plain
@@ -77,7 +77,7 @@ def _meshes() -> Iterator[tuple[str, ElementMesh, dict[str, Any]]]:
 
 def _counted_call(kernel: str, call: Callable[[], Any]) -> int:
     """Operations of a kernel within a call; it is run in plain numbers, too, which what it counts must agree with."""
-    right, tally = getattr(simplices, kernel), Tally()
+    right, tally = getattr(elements, kernel), Tally()
 
     def both(begin: int, end: int, *arguments: Any) -> Any:
         in_numbers = [_with(argument, lambda array: counted(array, tally)) for argument in arguments]
@@ -88,7 +88,7 @@ def _counted_call(kernel: str, call: Callable[[], Any]) -> int:
                 assert np.abs(plain(numbers) - given).max() <= AGREEMENT * max(1.0, np.abs(given).max())
         return result
 
-    with patch.object(simplices, kernel, both):
+    with patch.object(elements, kernel, both):
         call()
     assert tally.operations, kernel
     return tally.operations

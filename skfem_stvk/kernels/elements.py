@@ -27,26 +27,25 @@ from typing import Any
 
 import numpy as np
 
-from .compiled import Ids, Reals, by_type, inlined, kernel
-from .hourglass import add_sizes_of_resistance, put_pairs_of_means, resist, resistance_along
+from .compiled import Ids, Reals, inlined, kernel
+from .hourglass import add_sizes_of_resistance, resist, resistance_along
 from .lanes import (
-    ELEMENT,
     LANES,
     I,
-    MeanPoints,
     Points,
     absolute,
     add,
     at_point,
+    find_spokes,
     gather,
     gather_sizes,
     gather_spokes,
-    numbers_of,
     points_of,
     put,
     room,
     scatter,
     scatter_sizes,
+    six,
     spokes,
     spread,
     times,
@@ -56,17 +55,18 @@ from .lanes import (
 from .laws import (
     conjugated,
     contracted,
-    frame,
     in_frame,
     numbers_in,
     on_spokes,
     pulled,
+    sizes,
     sizes_of_stress,
     spoke_stiffness,
     strain,
     stress,
     weigh_eigenvalues,
 )
+from .node_pairs import put_edges, put_pairs, put_spokes, room_for_pairs
 from .rows import add_blocks, close_rows, open_rows
 
 
@@ -77,6 +77,13 @@ def _deformed(R, P, U, lane):
     U1, U2, U3 = vectors(U, lane)
     Q, h = in_frame(R, P1, P2, P3), in_frame(R, U1, U2, U3)
     return Q, h, (add(Q[0], h[0]), add(Q[1], h[1]), add(Q[2], h[2]))
+
+
+@inlined
+def _strained(R, P, U, lane):
+    """The frame of a lane as it is now, and `M`."""
+    (Q1, Q2, Q3), (h1, h2, h3), (q1, q2, q3) = _deformed(R, P, U, lane)
+    return (q1, q2, q3), strain(h1, h2, h3, Q1, Q2, Q3, q1, q2, q3)
 
 
 @inlined
@@ -105,16 +112,11 @@ def energy_and_force(
         if points is not None:
             total[:] = 0
         for point in range(points_of(points)):
-            first, same = numbers_of(points, block, point, count)
-            weight = weight_of(points, point, D)
-            if not same:
-                spokes(points, block, point, x, P)
-            spokes(points, block, point, y, U)
+            first, weight = find_spokes(points, block, point, count, x, P, y, U), weight_of(points, point, D)
             for i in range(LANES):
                 lane, at = I(i), I(first + i)
-                R = frame(D, at)
-                (Q1, Q2, Q3), (h1, h2, h3), (q1, q2, q3) = _deformed(R, P, U, lane)
-                M = strain(h1, h2, h3, Q1, Q2, Q3, q1, q2, q3)
+                R = six(D, at)
+                (q1, q2, q3), M = _strained(R, P, U, lane)
                 S = stress(law, at, weight, M)
                 w += contracted(S, M)
                 _put_forces(R, S, q1, q2, q3, forces, lane)
@@ -124,187 +126,6 @@ def energy_and_force(
         if len(f) > 0:
             scatter(points, slots, block, total, f)
     return W / 4
-
-
-@inlined
-def _put_minus_sum(a, b, c, out, at):
-    for i in range(9):
-        out[at + I(i * LANES)] = -(a[i] + b[i] + c[i])
-
-
-@inlined
-def _nine(a):
-    """A symmetric block in the order 11, 22, 33, 12, 13, 23, row by row."""
-    return a[0], a[3], a[4], a[3], a[1], a[5], a[4], a[5], a[2]
-
-
-@inlined
-def _transposed(K):
-    return K[0], K[3], K[6], K[1], K[4], K[7], K[2], K[5], K[8]
-
-
-@inlined
-def _put_edges(K, out, lane):
-    """Write the blocks of the edges 01, 12, 02, 03, 13, 23 of a linear simplex with the stiffness `K` of its spokes."""
-    K11, K22, K33, K12, K13, K23 = _nine(K[:6]), _nine(K[6:12]), _nine(K[12:18]), K[18:27], K[27:36], K[36:45]
-    _put_minus_sum(K11, _transposed(K12), _transposed(K13), out, lane)
-    put(K12, out, lane + I(9 * LANES))
-    _put_minus_sum(K12, K22, _transposed(K23), out, lane + I(18 * LANES))
-    _put_minus_sum(K13, K23, K33, out, lane + I(27 * LANES))
-    put(K13, out, lane + I(36 * LANES))
-    put(K23, out, lane + I(45 * LANES))
-
-
-@inlined
-def put_spokes(K, out, lane):
-    """Write the stiffness of spokes as nine blocks of nine numbers, `K_ij` row by row."""
-    K12, K13, K23 = K[18:27], K[27:36], K[36:45]
-    put(_nine(K[:6]), out, lane)
-    put(_nine(K[6:12]), out, lane + I(36 * LANES))
-    put(_nine(K[12:18]), out, lane + I(72 * LANES))
-    put(K12, out, lane + I(9 * LANES))
-    put(K13, out, lane + I(18 * LANES))
-    put(_transposed(K12), out, lane + I(27 * LANES))
-    put(K23, out, lane + I(45 * LANES))
-    put(_transposed(K13), out, lane + I(54 * LANES))
-    put(_transposed(K23), out, lane + I(63 * LANES))
-
-
-#: Numbers of a 3 x 3 block of a block of lanes.
-NINE = 9 * LANES
-
-
-@inlined
-def _by_nodes(B, point, a, K, T):
-    """`T_aj = sum_i dN_a/dxi_i K_ij` of three nodes from `a` on at a point."""
-    b11, b12, b13 = B[point, a, 0], B[point, a, 1], B[point, a, 2]
-    b21, b22, b23 = B[point, a + 1, 0], B[point, a + 1, 1], B[point, a + 1, 2]
-    b31, b32, b33 = B[point, a + 2, 0], B[point, a + 2, 1], B[point, a + 2, 2]
-    for j in range(3):
-        of, to = I((9 * point + j) * NINE), I((9 * point + j) * NINE)
-        for i in range(NINE):
-            at, into = of + I(i), to + I(i)
-            k1, k2, k3 = K[at], K[at + I(3 * NINE)], K[at + I(6 * NINE)]
-            T[into] = b11 * k1 + b12 * k2 + b13 * k3
-            T[into + I(3 * NINE)] = b21 * k1 + b22 * k2 + b23 * k3
-            T[into + I(6 * NINE)] = b31 * k1 + b32 * k2 + b33 * k3
-
-
-@inlined
-def _add_pairs(B, point, b, T, of, out):
-    """Add `sum_j dN_b/dxi_j T_j` of three nodes from `b` on at a point to their blocks (3 NINE,)."""
-    b11, b12, b13 = B[point, b, 0], B[point, b, 1], B[point, b, 2]
-    b21, b22, b23 = B[point, b + 1, 0], B[point, b + 1, 1], B[point, b + 1, 2]
-    b31, b32, b33 = B[point, b + 2, 0], B[point, b + 2, 1], B[point, b + 2, 2]
-    for i in range(NINE):
-        at, to = of + I(i), I(i)
-        t1, t2, t3 = T[at], T[at + I(NINE)], T[at + I(2 * NINE)]
-        out[to] += b11 * t1 + b12 * t2 + b13 * t3
-        out[to + I(NINE)] += b21 * t1 + b22 * t2 + b23 * t3
-        out[to + I(2 * NINE)] += b31 * t1 + b32 * t2 + b33 * t3
-
-
-@inlined
-def _add_two(B, point, b, T, of, out):
-    """As `_add_pairs`, of a point and the next: the blocks are read and written once for both."""
-    b11, b12, b13 = B[point, b, 0], B[point, b, 1], B[point, b, 2]
-    b21, b22, b23 = B[point, b + 1, 0], B[point, b + 1, 1], B[point, b + 1, 2]
-    b31, b32, b33 = B[point, b + 2, 0], B[point, b + 2, 1], B[point, b + 2, 2]
-    c11, c12, c13 = B[point + 1, b, 0], B[point + 1, b, 1], B[point + 1, b, 2]
-    c21, c22, c23 = B[point + 1, b + 1, 0], B[point + 1, b + 1, 1], B[point + 1, b + 1, 2]
-    c31, c32, c33 = B[point + 1, b + 2, 0], B[point + 1, b + 2, 1], B[point + 1, b + 2, 2]
-    for i in range(NINE):
-        at, to = of + I(i), I(i)
-        t1, t2, t3 = T[at], T[at + I(NINE)], T[at + I(2 * NINE)]
-        s1, s2, s3 = T[at + I(9 * NINE)], T[at + I(10 * NINE)], T[at + I(11 * NINE)]
-        out[to] += b11 * t1 + b12 * t2 + b13 * t3 + c11 * s1 + c12 * s2 + c13 * s3
-        out[to + I(NINE)] += b21 * t1 + b22 * t2 + b23 * t3 + c21 * s1 + c22 * s2 + c23 * s3
-        out[to + I(2 * NINE)] += b31 * t1 + b32 * t2 + b33 * t3 + c31 * s1 + c32 * s2 + c33 * s3
-
-
-@inlined
-def _add_diagonal(B, point, b, T, of, out):
-    """As `_add_pairs`, where each of the nodes has but one derivative, as the corners 1, 2, 3 of a quadratic simplex."""
-    b1, b2, b3 = B[point, b, 0], B[point, b + 1, 1], B[point, b + 2, 2]
-    for i in range(NINE):
-        at, to = of + I(i), I(i)
-        out[to] += b1 * T[at]
-        out[to + I(NINE)] += b2 * T[at + I(NINE)]
-        out[to + I(2 * NINE)] += b3 * T[at + I(2 * NINE)]
-
-
-@inlined
-def _are_diagonal(B):
-    """Whether the nodes 1, 2, 3 have but one derivative each at all points."""
-    for point in range(len(B)):
-        for a in range(3):
-            for i in range(3):
-                if i != a and B[point, a, i] != 0:
-                    return False
-    return True
-
-
-def put_pairs(points: Any, block: Any, nodes: Any, K: Any, x: Any, T: Any, row: Any, out: Any) -> None:
-    """Write the blocks of all pairs of nodes `(a, b)`, a < b, of a block of elements from the stiffness `K` of spokes at the
-    points.
-
-    `x` is what `gather` found at rest; `T` and `row` are room to work in.
-    """
-    ELEMENT["put_pairs", type(points)](points, block, nodes, K, x, T, row, out)
-
-
-@by_type(put_pairs, type(None), ELEMENT)
-def _no_pairs(points, block, nodes, K, x, T, row, out):
-    pass
-
-
-@by_type(put_pairs, MeanPoints, ELEMENT)
-def _pairs_of_means(points, block, nodes, K, x, T, row, out):
-    put_pairs_of_means(points, block, nodes, K, x, T, out)
-
-
-@by_type(put_pairs, Points, ELEMENT)
-def _pairs_of_tables(points, block, nodes, K, x, T, row, out):
-    _put_pairs(points.B, nodes, K, T, row, out)
-
-
-@kernel
-def _put_pairs(B, nodes, K, T, row, out):
-    """`put_pairs` by a table.
-
-    Nodes are taken three at a time, and of those two groups each pair once: loops of 144 are vectorised well, and what is read for
-    one node serves three. Blocks of node 0 are minus the sums of the columns of the others.
-    """
-    nq, diagonal = len(B), _are_diagonal(B)
-    out[: (nodes - 1) * NINE] = 0
-    for group in range(B.shape[1] // 3):
-        for point in range(nq):
-            _by_nodes(B, point, 3 * group, K, T)
-        for a in range(3 * group, min(3 * group + 3, nodes - 1)):
-            of = 3 * (a - 3 * group) * NINE
-            for other in range(group + 1):
-                row[: 3 * NINE] = 0
-                if other == 0 and diagonal:
-                    for point in range(nq):
-                        _add_diagonal(B, point, 0, T, I(of + 9 * point * NINE), row)
-                else:
-                    for two in range(nq // 2):
-                        _add_two(B, 2 * two, 3 * other, T, I(of + 18 * two * NINE), row)
-                    if nq % 2 == 1:
-                        _add_pairs(B, nq - 1, 3 * other, T, I(of + 9 * (nq - 1) * NINE), row)
-                for b in range(3 * other, min(3 * other + 3, a + 1)):  # the block (a, b), b <= a
-                    of_b, to_a, to_b = I((b - 3 * other) * NINE), I(a * NINE), I(b * NINE)
-                    for i in range(NINE):
-                        out[to_b + I(i)] -= row[of_b + I(i)]
-                    if b < a:
-                        # pairs (0, .), then (1, .) ...: b + 1 and a + 1 are the nodes
-                        pair = I(((b + 1) * (nodes - 1) - (b + 1) * b // 2 + a - b - 1) * NINE)
-                        for e in range(9):
-                            at, turned = I(e * LANES), I((3 * (e % 3) + e // 3) * LANES)
-                            for i in range(LANES):
-                                value = row[of_b + turned + I(i)]
-                                out[pair + at + I(i)] = value
-                                out[to_a + at + I(i)] -= value
 
 
 @kernel
@@ -332,9 +153,7 @@ def linearize(
     P, U, forces = at_point(points, x), at_point(points, y), at_point(points, total)
     q, S_kept, apart = np.empty(9 * LANES, D.dtype), np.empty(6 * LANES, D.dtype), points is not None and positive != negative
     g = D.dtype.type(1) if apart else D.dtype.type(positive)
-    values = np.empty(max(9 * to.slots.shape[1], 54 * LANES), D.dtype)
-    size = 0 if points is None else 9 * NINE * points_of(points)
-    K, T, row = np.empty(size, D.dtype), np.empty(size, D.dtype), np.empty(3 * NINE, D.dtype)
+    K, T, row, values = room_for_pairs(points, to.slots, D.dtype)
     nodes = (len(t) // LANES) // len(to.slots)
     stage, place = open_rows(to)
     W = 0.0
@@ -345,16 +164,11 @@ def linearize(
         if points is not None:
             total[:] = 0
         for point in range(points_of(points)):
-            first, same = numbers_of(points, block, point, count)
-            weight = weight_of(points, point, D)
-            if not same:
-                spokes(points, block, point, x, P)
-            spokes(points, block, point, y, U)
+            first, weight = find_spokes(points, block, point, count, x, P, y, U), weight_of(points, point, D)
             for i in range(LANES):
                 lane, at = I(i), I(first + i)
-                R = frame(D, at)
-                (Q1, Q2, Q3), (h1, h2, h3), (q1, q2, q3) = _deformed(R, P, U, lane)
-                M = strain(h1, h2, h3, Q1, Q2, Q3, q1, q2, q3)
+                R = six(D, at)
+                (q1, q2, q3), M = _strained(R, P, U, lane)
                 S = stress(law, at, weight, M)
                 w += contracted(S, M)
                 _put_forces(R, S, q1, q2, q3, forces, lane)
@@ -369,21 +183,13 @@ def linearize(
                     weigh_eigenvalues(S_kept, I(i), positive, negative)
             for i in range(LANES):
                 lane, at = I(i), I(first + i)
-                R = frame(D, at)
+                R = six(D, at)
                 q1, q2, q3 = vectors(q, lane)
-                S = (
-                    S_kept[lane],
-                    S_kept[lane + I(LANES)],
-                    S_kept[lane + I(2 * LANES)],
-                    S_kept[lane + I(3 * LANES)],
-                    S_kept[lane + I(4 * LANES)],
-                    S_kept[lane + I(5 * LANES)],
-                )
-                stiffness = spoke_stiffness(law, at, weight, R, q1, q2, q3, S)
+                stiffness = spoke_stiffness(law, at, weight, R, q1, q2, q3, six(S_kept, lane))
                 if points is None:
-                    _put_edges(stiffness, values, lane)
+                    put_edges(stiffness, values, lane)
                 else:
-                    put_spokes(stiffness, K, I(9 * point * NINE) + lane)
+                    put_spokes(stiffness, K, point, lane)
         put_pairs(points, block, nodes, K, x, T, row, values)
         W += w
         if len(f) > 0:
@@ -413,9 +219,9 @@ def tensions(begin: int, end: int, t: Ids, edge_slots: Ids, marks: Ids, law: Any
         gather_spokes(t, block, X, u, P, U)
         for i in range(LANES):
             lane, at = I(i), I(block * count * LANES + i)
-            R = frame(D, at)
-            (Q1, Q2, Q3), (h1, h2, h3), (q1, q2, q3) = _deformed(R, P, U, lane)
-            T = conjugated(R, stress(law, at, D.dtype.type(1), strain(h1, h2, h3, Q1, Q2, Q3, q1, q2, q3)))
+            R = six(D, at)
+            _, M = _strained(R, P, U, lane)
+            T = conjugated(R, stress(law, at, D.dtype.type(1), M))
             put((T[0] + T[3] + T[4], -T[3], T[3] + T[1] + T[5], T[4] + T[5] + T[2], -T[4], -T[5]), values, lane)
         out[marks[block] : marks[block + 1]] = 0
         _scatter_tensions(edge_slots, block, values, out)
@@ -437,22 +243,18 @@ def along(
         gather(points, t, block, v, z)
         w0, w1, w2, w3, w4 = zero, zero, zero, zero, zero
         for point in range(points_of(points)):
-            first, same = numbers_of(points, block, point, count)
-            weight = weight_of(points, point, D)
-            if not same:
-                spokes(points, block, point, x, P)
-            spokes(points, block, point, y, U)
+            first, weight = find_spokes(points, block, point, count, x, P, y, U), weight_of(points, point, D)
             spokes(points, block, point, z, V)
             for i in range(LANES):
                 lane, at = I(i), I(first + i)
-                R = frame(D, at)
-                (Q1, Q2, Q3), (h1, h2, h3), (q1, q2, q3) = _deformed(R, P, U, lane)
+                R = six(D, at)
+                (q1, q2, q3), M = _strained(R, P, U, lane)
+                S = stress(law, at, weight, M)
                 V1, V2, V3 = vectors(V, lane)
                 H1, H2, H3 = in_frame(R, V1, V2, V3)
-                M = strain(h1, h2, h3, Q1, Q2, Q3, q1, q2, q3)
                 N = strain(H1, H2, H3, q1, q2, q3, q1, q2, q3)  # M', and with H in the place of q twice H_i . H_j: M''
                 O = strain(H1, H2, H3, H1, H2, H3, H1, H2, H3)
-                S, T = stress(law, at, weight, M), stress(law, at, weight, N)
+                T = stress(law, at, weight, N)
                 w0 += contracted(S, M)
                 w1 += contracted(S, N)
                 w2 += contracted(S, O) + contracted(T, N)
@@ -509,19 +311,15 @@ def mean_force(
         if points is not None:
             total[:] = 0
         for point in range(points_of(points)):
-            first, same = numbers_of(points, block, point, count)
-            weight = weight_of(points, point, D)
-            if not same:
-                spokes(points, block, point, x, P)
-            spokes(points, block, point, y, U)
+            first, weight = find_spokes(points, block, point, count, x, P, y, U), weight_of(points, point, D)
             spokes(points, block, point, z, V)
             for i in range(LANES):
                 lane, at = I(i), I(first + i)
-                R = frame(D, at)
-                (Q1, Q2, Q3), (h1, h2, h3), (q1, q2, q3) = _deformed(R, P, U, lane)
+                R = six(D, at)
+                (q1, q2, q3), M = _strained(R, P, U, lane)
+                S = stress(law, at, weight, M)
                 V1, V2, V3 = vectors(V, lane)
                 H1, H2, H3 = in_frame(R, V1, V2, V3)
-                S = stress(law, at, weight, strain(h1, h2, h3, Q1, Q2, Q3, q1, q2, q3))
                 N = strain(H1, H2, H3, q1, q2, q3, add(q1, H1), add(q2, H2), add(q3, H3))
                 T = stress(law, at, weight, N)
                 r += contracted(T, N)
@@ -552,15 +350,11 @@ def damping_force(
         if points is not None:
             total[:] = 0
         for point in range(points_of(points)):
-            first, same = numbers_of(points, block, point, count)
-            weight = weight_of(points, point, D)
-            if not same:
-                spokes(points, block, point, x, P)
-            spokes(points, block, point, y, U)
+            first, weight = find_spokes(points, block, point, count, x, P, y, U), weight_of(points, point, D)
             spokes(points, block, point, z, V)
             for i in range(LANES):
                 lane, at = I(i), I(first + i)
-                R = frame(D, at)
+                R = six(D, at)
                 _, _, (q1, q2, q3) = _deformed(R, P, U, lane)
                 V1, V2, V3 = vectors(V, lane)
                 H1, H2, H3 = in_frame(R, V1, V2, V3)
@@ -602,35 +396,34 @@ def round_off(begin: int, end: int, t: Ids, slots: Ids, points: Points | None, l
     x, y, z, total = room(points, D.dtype), room(points, D.dtype), room(points, D.dtype), room(points, D.dtype)
     P, U = at_point(points, x), at_point(points, y)
     X_size, U_size, forces = np.empty(9 * LANES, D.dtype), np.empty(9 * LANES, D.dtype), at_point(points, total)
-    sizes = absolute(points)
+    table = absolute(points)
     for block in range(begin, end):
         gather(points, t, block, X, x)
         gather(points, t, block, u, y)
         if points is not None:
             total[:] = 0
         for point in range(points_of(points)):
-            first, _ = numbers_of(points, block, point, count)
-            weight = weight_of(points, point, D)
-            spokes(points, block, point, x, P)
-            spokes(points, block, point, y, U)
+            first, weight = find_spokes(points, block, point, count, x, P, y, U), weight_of(points, point, D)
             gather_sizes(points, t, block, u, z)
             if points is None:
                 X_size[:], U_size[:] = np.abs(x), z
             else:
-                spokes(sizes, block, point, z, U_size)
-                spokes(sizes, block, point, np.abs(x), X_size)
+                spokes(table, block, point, z, U_size)
+                spokes(table, block, point, np.abs(x), X_size)
             for i in range(LANES):
                 lane, at = I(i), I(first + i)
-                R = frame(D, at)
+                R = six(D, at)
                 Q, h, q = _deformed(R, P, U, lane)
-                R = (abs(R[0]), abs(R[1]), abs(R[2]), abs(R[3]), abs(R[4]), abs(R[5]))
+                R = sizes(R)
                 P1, P2, P3 = vectors(X_size, lane)
                 U1, U2, U3 = vectors(U_size, lane)
                 eQ, eh = in_frame(R, P1, P2, P3), in_frame(R, U1, U2, U3)
                 eq = (add(eQ[0], eh[0]), add(eQ[1], eh[1]), add(eQ[2], eh[2]))
                 M = strain(h[0], h[1], h[2], Q[0], Q[1], Q[2], q[0], q[1], q[2])
-                M = (abs(M[0]), abs(M[1]), abs(M[2]), abs(M[3]), abs(M[4]), abs(M[5]))
-                S, dS = sizes_of_stress(law, at, weight, M), sizes_of_stress(law, at, weight, _sizes_of_strain(h, Q, q, eh, eQ, eq))
+                S, dS = (
+                    sizes_of_stress(law, at, weight, sizes(M)),
+                    sizes_of_stress(law, at, weight, _sizes_of_strain(h, Q, q, eh, eQ, eq)),
+                )
                 a1, a2, a3 = pulled(S, add(_absolute(q[0]), eq[0]), add(_absolute(q[1]), eq[1]), add(_absolute(q[2]), eq[2]))
                 b1, b2, b3 = pulled(dS, _absolute(q[0]), _absolute(q[1]), _absolute(q[2]))
                 s1, s2, s3 = add(a1, b1), add(a2, b2), add(a3, b3)
@@ -639,5 +432,5 @@ def round_off(begin: int, end: int, t: Ids, slots: Ids, points: Points | None, l
                 put(f2, forces, lane + I(3 * LANES))
                 put(f3, forces, lane + I(6 * LANES))
             add_sizes_of_resistance(points, block, x, z, U_size, forces, total)
-            spread(sizes, block, point, forces, total)
+            spread(table, block, point, forces, total)
         scatter_sizes(points, slots, block, total, f)
