@@ -27,7 +27,7 @@ from ...errors import StvkWarning
 from ...system import System
 from ..bodies import reference_on
 from ..case import REFERENCE, Case
-from ..judgement import as_a_whole, by_node
+from ..judgement import LIMIT_BY_ASPECT, as_a_whole, by_node
 from ..players import Player
 from ..results import NotApplicable, Task
 from ..shape import boundary_nodes
@@ -144,10 +144,13 @@ def _closed_form(case: Case, player: Player, quantity: str, name: str) -> dict[s
     X = case.centred
     u = (X @ (F - np.eye(k)).T).ravel()
     volume, (lam, mu) = float(case.shape.volume.sum()), case.homogeneous.lame
-    strain = float(np.abs(F.T @ F - np.eye(k)).max()) / 2
+    E = (F.T @ F - np.eye(k)) / 2
+    strain = float(np.abs(E).max())
     reason = "1e-12 is for round-off of a sum over all nodes of a closed form, which every mesh meets"
     if quantity == "W":
-        limit = case.limits.of_body(u, max(1.0, (lam + 2 * mu) * strain**2 / density))
+        stress, parts = lam * np.trace(E) * np.eye(k) + 2 * mu * E, abs(lam) / 2 * np.trace(E) ** 2 + mu * (E * E).sum()
+        lost = float(np.linalg.norm(stress)) * strain / (2 * density)  # dW = S : dE, where W = S : E/2
+        limit = max(case.limits.of_body(u, max(1.0, lost)), LIMIT_BY_ASPECT * parts / density)  # of lambda < 0 parts cancel
         return as_a_whole(abs(player.W(u) / volume - density), density, limit, "energy density", reason)
     mean = player.F(u).reshape(-1, k).T @ X / volume  # first moment of the nodal forces: sum f_a (x) X_a = integral of P
     largest = float(np.abs(P).max())
