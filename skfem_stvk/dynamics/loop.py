@@ -196,7 +196,7 @@ class Loop:
         return f"interrupted at t = {t:.6g} s{by}.{detail}{there}"
 
     def _reached(self) -> str:
-        """That the end is reached, and what is worth mentioning of the way there."""
+        """Say that the end is reached, and what is worth mentioning of the way there."""
         record = self.record
         cuts = f", {record.cuts} of them cut into smaller ones" if record.cuts else ""
         gained = _gained(from_nowhere(record.ledger))

@@ -38,7 +38,7 @@ class MotionState:
         return cls(t, u.copy(), v.copy(), np.zeros_like(u), np.zeros_like(u))
 
     def copy(self) -> MotionState:
-        """An independent copy."""
+        """Return a state of its own, with the same numbers."""
         return MotionState(self.t, *(array.copy() for array in (self.u, self.v, self.a, self.reaction)))
 
     def become(self, other: MotionState) -> None:
@@ -65,7 +65,7 @@ class Clock:
 
     @property
     def t(self) -> float:
-        """The time now [s]."""
+        """Time at which the steps so far end [s]."""
         return self.start + self.count * self.dt
 
     def tick(self) -> None:

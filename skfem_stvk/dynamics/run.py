@@ -62,7 +62,7 @@ class Run:
 
     @property
     def system(self) -> SystemLike:
-        """The system that moved."""
+        """The system whose motion this is."""
         return self.motion.system
 
     @property

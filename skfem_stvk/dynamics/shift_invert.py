@@ -53,7 +53,7 @@ class ShiftedProblem:
 
     @property
     def n(self) -> int:
-        """Number of unknowns."""
+        """How many degrees of freedom are free: K and M are n x n."""
         return len(self.free.free)
 
     @property

@@ -120,7 +120,7 @@ class StableStep:
 
 
 def halved_on_the_way(reviews: Reviews) -> str:
-    """That steps were halved, for the message of the run; empty if they were not."""
+    """Say that steps were halved, for the message of the run; empty if they were not."""
     if not reviews.halvings:
         return ""
     return (

@@ -49,7 +49,7 @@ NONE = Tensions(0.0, 0.0)
 
 
 class Linearized(NamedTuple):
-    """What filling the values of K says besides.
+    """The energy, and a number that shows whether K overflowed, as filling the values of K finds them.
 
     Attributes
     ----------

@@ -32,6 +32,8 @@ ORDERS = {
     (True, 1): {2: (3, 5, 5), 3: (3, 5, 5)},
 }
 KINDS = ("usual", "exact", "mass", "one-point")
+#: How much boxes with one point resist their hourglass modes, if nothing else is said.
+HOURGLASS = 0.05
 
 
 class Rule(NamedTuple):

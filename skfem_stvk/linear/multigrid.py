@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable
 from typing import Any
 
@@ -89,7 +90,7 @@ class Level:
         return float(np.sqrt(sum(run(kernels.dot, 3 * self.A.parts, x, x))))
 
 
-class Transfer:
+class Transfer(ABC):
     """A way to the next level: `R = P'`, and `A_next = R A P` of `structure` and `graph`."""
 
     graph: csr_matrix
@@ -105,9 +106,9 @@ class Transfer:
         self._R, self._transposition = self._P.transposed()
         self._p, self._r, self._ap = self._P.room(SINGLE), self._R.room(SINGLE), self._AP.room()
 
+    @abstractmethod
     def prolong(self, level: Level, modes: Reals, scale: float) -> Reals:
         """Compute P by the `modes` of a level; those of the next level."""
-        raise NotImplementedError
 
     def galerkin(self, level: Level, out: Reals) -> None:
         """Write `R A P` to the values of the next level."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +14,7 @@ from scipy.sparse.csgraph import connected_components
 from ..arguments import frozen
 from ..elements import Element, linear_simplex, named, rule_of
 from ..kernels.topology import edges_of_simplices, lexicographic_order
-from .points import determinants, measures_of, normals_of, sizes_of, spokes_at
+from .points import determinants, normals_of, sizes_of, spokes_at
 
 Ids = NDArray[np.int32]
 
@@ -173,38 +173,6 @@ def facet_sizes(p: NDArray[np.float64], facets: Ids, element: Element | None = N
     return sizes_of(p, facets, element or linear_simplex(len(facets) - 1))
 
 
-class FacetPoints(NamedTuple):
-    """Facets at the points of a rule: what integrals over them take.
-
-        int g N_a dA = sum_q areas_q g_q values_qa,        int p N_a n dA = sum_q p_q values_qa normals_q
-
-    Attributes
-    ----------
-    values : (nq, m) shape functions of the facet's nodes.
-    areas : (n, nq) weight times area, or length, at each point; their sum is the size of the facet [m^(k-1)].
-    normals : (n, nq, d) weight times area normal, outwards for facets of `mesh.surface`; None where facets have no one normal.
-    """
-
-    values: NDArray[np.float64]
-    areas: NDArray[np.float64]
-    normals: NDArray[np.float64] | None
-
-
-def facet_points(mesh: MeshArrays, facets: Ids, kind: str = "mass", x: NDArray[np.float64] | None = None) -> FacetPoints:
-    """Facets (m, n) of a mesh at the points of the rule of a kind (`elements.rule_of`); `x` (d, nv) are other coordinates.
-
-    >>> from skfem_stvk import ElementMesh
-    >>> triangle = ElementMesh(p=[[0, 1, 0], [0, 0, 1]], t=[[0], [1], [2]]).with_degree(2)
-    >>> points = facet_points(triangle, triangle.surface)
-    >>> points.areas.sum(axis=1).round(6), points.normals.sum(axis=(0, 1)).round(12) + 0.0
-    (array([1.      , 1.      , 1.414214]), array([0., 0.]))
-    """
-    points, weights = rule_of(mesh.facet, kind)
-    spokes = spokes_at(mesh.p if x is None else x, facets, mesh.facet, points)
-    normals = normals_of(spokes) * weights[:, None] if mesh.k == mesh.d > 1 else None
-    return FacetPoints(mesh.facet.values(points), measures_of(spokes) * weights, normals)
-
-
 def edges_of(corners: Ids, element: Element, nv: int) -> tuple[Ids, Ids]:
     """Edges (2, ne) of simplices `corners` (k + 1, nt) in scikit-fem's order, and (m, nt) those of each.
 
@@ -268,7 +236,7 @@ def _numbered(ordered: Ids, nv: int) -> tuple[Ids, NDArray[Any]]:
 
 
 def _alone(ordered: Ids, nv: int) -> NDArray[Any]:
-    """Where the facets, given with ascending vertices, stand that stand once."""
+    """Columns of the facets that only one element has; each is given with ascending vertices."""
     order, new = _grouped(ordered, nv)
     return order[new & np.append(new[1:], True)]
 
@@ -326,7 +294,7 @@ class NamedFacets(Mapping[str, NDArray[np.int32]]):
         return name in self._ids
 
     def on(self, t: Ids, nv: int, element: Element) -> NamedFacets:
-        """The same facets where the elements are of another degree."""
+        """The facets of these names on the same elements with another degree."""
         return NamedFacets(t, nv, element, self._ids)
 
     @cached_property

@@ -17,6 +17,10 @@ from ..kernels.geometry import measures
 
 #: Elements at a time whose spokes at all points stay in the cache: a tenth of the time.
 CHUNK = 2048
+#: How far nodes of straight elements are from where they belong, relative to their largest coordinate: a middle is rounded once, and
+#: the sum of the corners that it is compared with three times, as the corners of a box that was turned. Where more is lost elements
+#: count as curved, which costs time and no digits; what counts as straight is moved by no more than its coordinates are rounded.
+ROUNDED = 8 * float(np.finfo(float).eps)
 
 
 def values_at(x: Array, t: Any, element: Element, xi: Array) -> Array:
@@ -43,7 +47,7 @@ def spokes_at(x: Array, t: Any, element: Element, xi: Array) -> Array:
 
 
 def are_straight(p: Array, t: Any, element: Element) -> Any:
-    """(nt,) whether the spokes of an element are the same everywhere, to within 2e-15 of its coordinates: one frame is enough.
+    """(nt,) whether the spokes of an element are the same everywhere, to within `ROUNDED` of its coordinates: one frame is enough.
 
     Simplices are straight if each middle is in the middle, quadrilaterals and hexahedra if they are parallelograms and
     parallelepipeds.
@@ -53,7 +57,7 @@ def are_straight(p: Array, t: Any, element: Element) -> Any:
     ends = [np.flatnonzero((xi == row).all(axis=1))[0] for row in np.eye(element.k)]
     x = p[:, t]
     affine = x[:, origin][:, None] + np.einsum("ai,dit->dat", xi, x[:, ends] - x[:, [origin]])
-    return (np.abs(x - affine) <= 2e-15 * np.abs(x).max(axis=(0, 1))).all(axis=(0, 1))
+    return (np.abs(x - affine) <= ROUNDED * np.abs(x).max(axis=(0, 1))).all(axis=(0, 1))
 
 
 def _by_node(x: Array, t: Any) -> Array:

@@ -82,14 +82,14 @@ def derivatives(kind: str, xi: Array) -> Exact:
 
 
 def _of_box(nodes: Array, x: Exact) -> Exact:
-    """Of `N_a`, the product over the axes of `x_i` or `1 - x_i`, whichever is 1 at the node."""
+    """`derivatives` of `N_a`, the product over the axes of `x_i` or `1 - x_i`, whichever is 1 at the node."""
     factors = np.where(nodes == 1, x[:, None], 1 - x[:, None])
     others = [np.prod(np.delete(factors, i, axis=2), axis=2) for i in range(nodes.shape[1])]
     return np.stack(others, axis=2) * (2 * nodes - 1).astype(int)
 
 
 def _of_simplex(nodes: Array, x: Exact) -> Exact:
-    """Of `N_a = l_a`, or of `l_a (2 l_a - 1)` of corners and `4 l_a l_b` of the middles between them."""
+    """`derivatives` of `N_a = l_a`, or of `l_a (2 l_a - 1)` of corners and `4 l_a l_b` of the middles between them."""
     k = nodes.shape[1]
     l = np.concatenate([1 - x.sum(axis=1, keepdims=True), x], axis=1)
     dl = np.vstack([-np.ones(k, dtype=int), np.eye(k, dtype=int)]).astype(object)

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..arguments import flag, shown, whole
+from ..elements import HOURGLASS
 from ..errors import MaterialError, StvkError
 from ..materials import Material
 from ..mesh import ElementMesh, MeshLike
@@ -30,8 +31,6 @@ from .results import CheckOutcome, Result, Task
 from .shape import Shape
 from .terminal import CountedProgress
 
-#: Coefficient of the hourglass control of one-point elements, if none is given.
-HOURGLASS = 0.05
 #: The checks, in the order of the report: each takes a case and gives its tasks.
 CHECKS: tuple[Callable[[Case], Iterator[Task]], ...] = (
     agreement,

@@ -154,7 +154,7 @@ def _declared(content: IO[bytes]) -> int:
 
 
 def _digest(header: str, arrays: Mapping[str, Array]) -> str:
-    """By which a change of header or arrays is noticed."""
+    """A digest of header and arrays, by which it is noticed that one of them has changed."""
     digest = hashlib.blake2b(header.encode(), digest_size=16)
     for name in sorted(arrays):
         array = np.ascontiguousarray(arrays[name])

@@ -58,7 +58,7 @@ class AtPoints(Protocol):
 
     @property
     def responses(self) -> Sequence[Response]:
-        """What is at each point of the elements."""
+        """Strains and stresses at each of their points."""
 
 
 def without_ellipticity(state: AtPoints) -> tuple[Ids, Array]:
@@ -79,7 +79,7 @@ def without_ellipticity(state: AtPoints) -> tuple[Ids, Array]:
 
 
 def _lost(state: Response) -> tuple[Ids, Array]:
-    """As above, at one point of the elements."""
+    """`without_ellipticity` at one point of the elements."""
     mesh = state.fields.mesh
     if mesh.k < mesh.d:
         return np.empty(0, dtype=np.int64), np.empty(0)

@@ -54,7 +54,7 @@ class Fields(ElasticBody):
 
     @classmethod
     def of(cls, system: Any) -> Fields:
-        """Those of a system, where its elements have their points."""
+        """The fields of a system, at the points where its elements are integrated."""
         return cls(system.mesh, system.elastic_terms, getattr(system, "quadrature", None))
 
     @cached_property
@@ -103,7 +103,7 @@ class State:
 
     @cached_property
     def responses(self) -> list[Response]:
-        """What is at each point of the elements."""
+        """Strains and stresses at each point of the elements."""
         return [Response(self.fields, self.u, place) for place in self.fields.points]
 
     def __getitem__(self, name: str) -> Array:
@@ -192,7 +192,7 @@ class NodalAverage:
         return average.reshape(-1, *values.shape[1:]), weight == 0
 
     def of_corners(self, values: Array, missing: NDArray[np.bool_]) -> tuple[Array, NDArray[np.bool_]]:
-        """As above of values (n, nt, ...), each element with one at each of its nodes."""
+        """Averages as by a call, of values (n, nt, ...) that each element has at each of its nodes."""
         weight = self._sum @ np.where(missing, 0.0, 1.0)
         shares = np.where(missing, 0.0, self._volume)
         flat = shares[:, None] * values.reshape(*self._t.shape, -1)

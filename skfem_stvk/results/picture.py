@@ -187,7 +187,7 @@ class Lattice:
         return np.einsum("pm,mnc->npc", self._N, x).reshape(-1, x.shape[2])
 
     def values(self, values: Array) -> Array:
-        """At the corners of the cells, values (m, n) at the nodes; masked where a face has none."""
+        """Values at the corners of the cells, from values (m, n) at the nodes; masked where a face has none."""
         missing = np.asarray(np.ma.getmaskarray(values)).any(axis=0)
         found = (self._N @ np.ma.filled(values, 0.0))[self._local]  # (corners, cells of a face, n)
         return masked_columns(found.reshape(len(self._local), -1), np.tile(missing, self._local.shape[1]))

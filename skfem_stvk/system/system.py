@@ -14,6 +14,7 @@ from ..arguments import Array, choice, number, shown
 from ..edges import ALL, Rows, Tensions
 from ..edges.elements import Quadrature, nbytes
 from ..edges.pairs import Coupled, version_of
+from ..elements import HOURGLASS
 from ..errors import LoadError, MeshError, StvkError
 from ..kernels.threads import Turn
 from ..mesh import ElementMesh, MeshLike
@@ -446,12 +447,24 @@ def _checked_rule(mesh: ElementMesh, quadrature: str | None, hourglass: float | 
         return Quadrature.of(mesh.element, kind)
     if not mesh.element.is_box or mesh.k < mesh.d:
         raise StvkError(
-            f'quadrature = "one-point" is for hexahedra, and quadrilaterals in the plane; the mesh has {mesh.kind}. Leave it out.'
+            f'quadrature = "one-point" is for hexahedra, and quadrilaterals in the plane; the mesh has {mesh.kind}: {_no_mean(mesh)}'
         )
-    given = 0.05 if hourglass is None else number("hourglass", hourglass, "a number, zero or more")
+    given = HOURGLASS if hourglass is None else number("hourglass", hourglass, "a number, zero or more")
     if given < 0:
-        raise StvkError(f"hourglass = {shown(hourglass)}; expected a number, zero or more, such as 0.05.")
+        raise StvkError(f"hourglass = {shown(hourglass)}; expected a number, zero or more, such as {HOURGLASS}.")
     return Quadrature.of(mesh.element, kind, given)
+
+
+def _no_mean(mesh: ElementMesh) -> str:
+    """Why elements have no mean gradients with hourglass control, and what to do."""
+    if mesh.element.is_box:
+        return (
+            "mean gradients are along the axes of space, and a surface in space has others from point to point. Leave it out, for "
+            "2 x 2 points."
+        )
+    if mesh.element.is_linear_simplex:
+        return "linear simplices have one point as it is. Leave it out."
+    return "with one point most motions of quadratic elements meet no resistance. Leave it out, or take degree=1."
 
 
 def _float_type(dtype: Any) -> np.dtype[Any]:

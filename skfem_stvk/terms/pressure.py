@@ -114,7 +114,7 @@ class FollowerPressure:
         return self._value.constant is not None
 
     def potential(self, u: Array, t: Time) -> float:
-        """It has none."""
+        """Refuse: follower pressure has no potential."""
         raise LoadError("Follower pressure has no potential: its work depends on the path.")
 
     def add_force(self, u: Array, t: Time, out: Array) -> None:

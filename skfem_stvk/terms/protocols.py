@@ -58,7 +58,7 @@ class BoundLoad(Protocol):
         """Whether it is given by constants, not by a function of time."""
 
     def potential(self, u: Array, t: Time) -> float:
-        """Its potential [J]; the force is `-d potential/du`."""
+        """The potential [J] of the load at `u` (nv, d); the force is `-d potential/du`."""
 
     def add_force(self, u: Array, t: Time, out: Array) -> None:
         """Add the external force [N] to `out` (nv, d)."""

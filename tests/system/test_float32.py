@@ -100,11 +100,11 @@ def test_graded_materials(strain):
 
 @pytest.mark.filterwarnings("ignore:.*flatter than 1")
 @pytest.mark.parametrize("height", [1.0, 0.3, 0.1, 0.03])
-def test_flat_elements_cost_their_aspect_ratio_squared(height):
+def test_flat_elements_cost_their_aspect_ratio(height):
     mesh = box(2)
     flat = ElementMesh(mesh.p * np.array([[height], [1], [1]]), mesh.t)
     aspect = aspect_ratios(flat).max()
-    assert max(errors(flat, TERM, stretched(flat, 1e-3))) < 5 * np.finfo(np.float32).eps * aspect**2
+    assert max(errors(flat, TERM, stretched(flat, 1e-3))) < 5 * np.finfo(np.float32).eps * aspect
 
 
 def test_elements_too_flat_for_single_precision_are_warned_of():
