@@ -42,17 +42,17 @@ def tiny_steps(make: Make, until: float, steps: int, volume: bool = False) -> En
     return Ending(f"{steps} steps of Verlet" + (", own forces" if volume else ", scikit-fem"), error, LIMIT, energy=energy)
 
 
-def state(
-    source: str, make: Make, expected: Callable[[System], Array], energy: float | None = None, limit: float = LIMIT
-) -> Ending:
-    """Displacements (ndofs,) that come from elsewhere; the energy in the end [J] if it is known."""
+def state(source: str, make: Make, expected: Callable[[System], Array], free: bool = False, limit: float = LIMIT) -> Ending:
+    """Displacements (ndofs,) that come from elsewhere; a body that starts `free` and at rest in shape keeps its energy [J]."""
 
     def error(system: System, u: Array) -> float:
         right = expected(system)
         return float(np.sqrt(((u - right) ** 2).mean() / (right**2).mean()))
 
     def excess(system: System, u: Array, v: Array) -> float:
-        assert energy is not None
-        return (total_energy(made(make, system.mesh.element.degree), False, u, v) - energy) / energy
+        body = made(make, system.mesh.element.degree)
+        assert body.v0 is not None
+        energy = total_energy(body, False, np.zeros_like(u), body.v0)
+        return (total_energy(body, False, u, v) - energy) / energy
 
-    return Ending(source, error, limit, energy=None if energy is None else excess)
+    return Ending(source, error, limit, energy=excess if free else None)

@@ -38,7 +38,7 @@ def _scene(name: str, u0: truths.Start, *right: str) -> Scene:
 
 def _at_rest(make: truths.Make, volume: bool) -> Ending:
     source = "at rest: 20 steps of Newton" + (", own assembly" if volume else ", scikit-fem")
-    return endings.state(source, make, lambda system: followed(starts.bent, volume, 20), limit=LIMIT)
+    return endings.state(source, make, lambda system: followed(starts.bent, volume, 20, system.mesh.element.degree), limit=LIMIT)
 
 
 def _from(u0: truths.Start) -> Body:
