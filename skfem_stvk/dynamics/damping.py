@@ -44,8 +44,8 @@ class EdgeDamping:
         power lost = tau/2 (dzeta/dt)' L (dzeta/dt)
 
     over edges `i = ab` with edge vectors `p_i` at `u`; `K_GN`, the Gauss-Newton part of K, is K without tensions. No rigid motion
-    is ever damped, however far the body has turned. A mode of circular frequency `omega` at rest gets the damping ratio
-    `tau omega/2`.
+    is ever damped, however far the body has turned. Nor is what resists the hourglass modes of boxes with one point, for its
+    tensions do not change; `Rayleigh` damps it. A mode of circular frequency `omega` at rest gets the damping ratio `tau omega/2`.
 
     Parameters
     ----------

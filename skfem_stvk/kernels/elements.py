@@ -145,8 +145,9 @@ def linearize(
 ) -> tuple[float, float]:
     """The energy; adds forces to the slots `f`, unless that is empty, and `K_ab`, `S` times `positive` in it, to what `to` says.
 
-    Of elements with a table of points the negative eigenvalues of `S` count by `negative`; of linear simplices as the others. The
-    second number is the trace of the rows of K that were written (`rows`).
+    Of elements with a table of points the negative eigenvalues of `S` count by `negative`; of linear simplices as the others. What
+    resists hourglass modes counts by `positive`, as the tensions that it is. The second number is the trace of the rows of K that
+    were written (`rows`).
     """
     D, count = law.D, numbers_in(law)
     x, y, total = room(points, D.dtype), room(points, D.dtype), room(points, D.dtype)
@@ -190,7 +191,7 @@ def linearize(
                     put_edges(stiffness, values, lane)
                 else:
                     put_spokes(stiffness, K, point, lane)
-        put_pairs(points, block, nodes, K, x, T, row, values)
+        put_pairs(points, block, nodes, K, x, D.dtype.type(positive), T, row, values)
         W += w
         if len(f) > 0:
             scatter(points, slots, block, total, f)
@@ -326,7 +327,7 @@ def mean_force(
                 q1, q2, q3 = add(q1, times(part, H1)), add(q2, times(part, H2)), add(q3, times(part, H3))
                 _put_forces(R, _between(both, S, later, T), q1, q2, q3, forces, lane)
             resist(points, block, x, y, U, both, forces, total)
-            r += resist(points, block, x, z, V, later, forces, total)
+            resist(points, block, x, z, V, both * part, forces, total)
             spread(points, block, point, forces, total)
         dR += r
         scatter(points, slots, block, total, f)
@@ -362,7 +363,6 @@ def damping_force(
                 T = stress(law, at, weight, N)
                 r += contracted(T, N)
                 _put_forces(R, T, q1, q2, q3, forces, lane)
-            r += resist(points, block, x, z, V, 1, forces, total)
             spread(points, block, point, forces, total)
         power += r
         scatter(points, slots, block, total, f)

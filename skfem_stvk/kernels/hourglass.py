@@ -8,6 +8,10 @@ With the signs `h_ka = +-1` of an hourglass mode at the nodes, products of two o
 It is quadratic, and invariant: the modes are those of the rest shape. Without a table of its own a mode is `r_k = h_k' u -
 (h_k' X)_i U_i`, `U_i` the displacements of the spokes, so that its force pulls on nodes and on spokes.
 
+A mode is a spring of no length at rest, `|r_k|^2` its squared elongation and `2 c` its tension, which never changes: mean tensions
+of two states pull along the `r_k` in between, so that their work is the difference of the energies and no torque is left; there is
+no rate of tension that would damp it; and K without tensions lacks it. A force along the change of `r_k` would turn the body.
+
 Source: Flanagan, Belytschko (1981), whose signs are +-1, too; Joldes, Wittek, Miller (2008), in total Lagrangian form. NiftySim,
 a TLED program, has the same factor `c`.
 """
@@ -166,9 +170,9 @@ def _means_sizes(points, block, x, z, U, forces, total):
 
 
 @kernel
-def put_pairs_of_means(points, block, nodes, K, x, T, out):
+def put_pairs_of_means(points, block, nodes, K, x, kept, T, out):
     """Write the blocks of all pairs of nodes `(a, b)`, a < b, of a block of boxes: `K` is the stiffness of spokes, `x` what
-    they are.
+    they are, and `kept` how much of what resists hourglass modes is added.
     """
     B, modes, n = points.B, points.modes, nodes - 1
     NINE = 9 * LANES
@@ -205,7 +209,7 @@ def put_pairs_of_means(points, block, nodes, K, x, T, out):
                     )
             for k in range(len(modes)):
                 for i in range(LANES):
-                    value = 2 * points.resistance[block, i] * gamma[k, a, i] * gamma[k, b, i]
+                    value = 2 * kept * points.resistance[block, i] * gamma[k, a, i] * gamma[k, b, i]
                     row[I(i)] += value
                     row[I(4 * LANES + i)] += value
                     row[I(8 * LANES + i)] += value

@@ -133,27 +133,28 @@ def room_for_pairs(points, edge_slots, dtype):
     return np.empty(size, dtype), np.empty(size, dtype), np.empty(3 * NINE, dtype), values
 
 
-def put_pairs(points: Any, block: Any, nodes: Any, K: Any, x: Any, T: Any, row: Any, out: Any) -> None:
+def put_pairs(points: Any, block: Any, nodes: Any, K: Any, x: Any, kept: Any, T: Any, row: Any, out: Any) -> None:
     """Write the blocks of all pairs of nodes `(a, b)`, a < b, of a block of elements from the stiffness `K` of spokes at the
     points.
 
-    `x` is what `gather` found at rest; `T` and `row` are room to work in.
+    `x` is what `gather` found at rest, and `kept` how much of what resists hourglass modes is added; `T` and `row` are room to work
+    in.
     """
-    ELEMENT["put_pairs", type(points)](points, block, nodes, K, x, T, row, out)
+    ELEMENT["put_pairs", type(points)](points, block, nodes, K, x, kept, T, row, out)
 
 
 @by_type(put_pairs, type(None), ELEMENT)
-def _no_pairs(points, block, nodes, K, x, T, row, out):
+def _no_pairs(points, block, nodes, K, x, kept, T, row, out):
     pass
 
 
 @by_type(put_pairs, MeanPoints, ELEMENT)
-def _pairs_of_means(points, block, nodes, K, x, T, row, out):
-    put_pairs_of_means(points, block, nodes, K, x, T, out)
+def _pairs_of_means(points, block, nodes, K, x, kept, T, row, out):
+    put_pairs_of_means(points, block, nodes, K, x, kept, T, out)
 
 
 @by_type(put_pairs, Points, ELEMENT)
-def _pairs_of_tables(points, block, nodes, K, x, T, row, out):
+def _pairs_of_tables(points, block, nodes, K, x, kept, T, row, out):
     _put_pairs(points.B, nodes, K, T, row, out)
 
 

@@ -258,7 +258,7 @@ def penalty_linearize(
                     stiffnesses = *symmetric, *_block(z1, y2, q12), *_block(z1, y3, q13), *_block(z2, y3, q23)
                     put_spokes(stiffnesses, K, point, lane)
             spread(points, block, point, forces, total)
-        put_pairs(points, block, nodes, K, x, T, row, values)
+        put_pairs(points, block, nodes, K, x, D.dtype.type(0), T, row, values)
         W += w
         if len(f) > 0:
             scatter(points, slots, block, total, f)

@@ -17,9 +17,9 @@ from ..kernels.geometry import measures
 
 #: Elements at a time whose spokes at all points stay in the cache: a tenth of the time.
 CHUNK = 2048
-#: How far nodes of straight elements are from where they belong, relative to their largest coordinate: a middle is rounded once, and
-#: the sum of the corners that it is compared with three times, as the corners of a box that was turned. Where more is lost elements
-#: count as curved, which costs time and no digits; what counts as straight is moved by no more than its coordinates are rounded.
+#: How far nodes of straight elements may be from where they belong, relative to the largest coordinate: a middle is rounded once,
+#: the sum of corners that it is compared with three times, and the corners of a box that was turned as often. Where more was lost
+#: elements count as curved, which costs time and no digits; what counts as straight moves by no more than coordinates are rounded.
 ROUNDED = 8 * float(np.finfo(float).eps)
 
 

@@ -447,7 +447,8 @@ def _checked_rule(mesh: ElementMesh, quadrature: str | None, hourglass: float | 
         return Quadrature.of(mesh.element, kind)
     if not mesh.element.is_box or mesh.k < mesh.d:
         raise StvkError(
-            f'quadrature = "one-point" is for hexahedra, and quadrilaterals in the plane; the mesh has {mesh.kind}: {_no_mean(mesh)}'
+            f'quadrature = "one-point" is for hexahedra, and quadrilaterals in the plane; the mesh has {mesh.kind}: '
+            f"{_no_mean(mesh)}"
         )
     given = HOURGLASS if hourglass is None else number("hourglass", hourglass, "a number, zero or more")
     if given < 0:

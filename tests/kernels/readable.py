@@ -236,7 +236,7 @@ def linearize(
     A = 2 * np.einsum("nqikjl,nqkx,nqly->nqijxy", elements.C, q, q, optimize=True)
     A += np.einsum("nqij,xy->nqijxy", S, np.eye(3, dtype=S.dtype))
     K = np.einsum("nqai,nqbj,nqijxy->nabxy", elements.g, elements.g, A, optimize=True)
-    K += np.einsum("nab,xy->nabxy", elements.resistance(X), np.eye(3, dtype=S.dtype))
+    K += np.einsum("nab,xy->nabxy", positive * elements.resistance(X), np.eye(3, dtype=S.dtype))
     pairs = EDGES if points is None else tuple(combinations(range(K.shape[1]), 2))
     return energy_and_force(begin, end, t, slots, points, law, X, u, f), add_pairs(to, begin, end, [K[:, a, b] for a, b in pairs])
 
@@ -292,8 +292,8 @@ def mean_force(
     dM = symmetric(q, H) + products(H, H)
     dS, x, y = elements.stress(dM), elements.differences(u), elements.differences(v)
     forces = elements.pull((w0 + w1) * S + w1 * dS, q + theta * H)
-    add_to_slots(forces + resisted(elements, X, (w0 + w1) * x + w1 * y)[1], slots, part, f)
-    return contracted(dS, dM) / 4 + resisted(elements, X, y)[0]
+    add_to_slots(forces + (w0 + w1) * resisted(elements, X, x + theta * y)[1], slots, part, f)
+    return contracted(dS, dM) / 4
 
 
 def damping_force(
@@ -305,9 +305,8 @@ def damping_force(
     q, H = deformed(elements, X, u)[0], elements.in_frame(v)
     rates = symmetric(q, H)
     stresses = elements.stress(rates)
-    half, forces = resisted(elements, X, elements.differences(v))
-    add_to_slots(elements.pull(stresses, q) + forces, slots, part, f)
-    return contracted(stresses, rates) / 4 + half
+    add_to_slots(elements.pull(stresses, q), slots, part, f)
+    return contracted(stresses, rates) / 4
 
 
 def round_off(begin: int, end: int, t: Ids, slots: Ids, points: Points | None, law: Any, X: Reals, u: Reals, f: Reals) -> None:
