@@ -15,7 +15,7 @@ from ..edges import ALL, Rows, Tensions
 from ..edges.elements import Quadrature, nbytes
 from ..edges.pairs import Coupled, version_of
 from ..elements import HOURGLASS
-from ..errors import LoadError, MeshError, StvkError
+from ..errors import LoadError, StvkError
 from ..kernels.threads import Turn
 from ..mesh import ElementMesh, MeshLike
 from ..mesh.diagnostics import check_mesh, warn_of_flat_elements
@@ -93,7 +93,8 @@ class System(BoundTerms):
         hourglass: float | None = None,
         dtype: DTypeLike = np.float64,
     ) -> None:
-        mesh, double = _of_degree(ElementMesh.of(mesh), degree), _float_type(dtype) == np.float64
+        mesh, double = ElementMesh.of(mesh), _float_type(dtype) == np.float64
+        mesh = mesh if degree is None else mesh.with_degree(degree)
         rule = _checked_rule(mesh, quadrature, hourglass)
         check_mesh(mesh)
         if not double:
@@ -426,16 +427,6 @@ class System(BoundTerms):
 
     def __repr__(self) -> str:
         return f"System: {self.mesh.nt} {self.mesh.kind}, {self.ndofs} degrees of freedom, {len(self.terms)} term(s)"
-
-
-def _of_degree(mesh: ElementMesh, degree: int | None) -> ElementMesh:
-    if degree is None:
-        return mesh
-    if degree not in (1, 2) or isinstance(degree, bool):
-        raise MeshError(
-            f"degree = {shown(degree)}; expected 1 for linear, 2 for quadratic simplices, or None for those of the mesh."
-        )
-    return mesh.with_degree(int(degree))
 
 
 def _checked_rule(mesh: ElementMesh, quadrature: str | None, hourglass: float | None) -> Quadrature:

@@ -60,7 +60,7 @@ def test_a_curved_c3d10_file_is_verified_as_what_it_is(tmp_path, capsys):
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        (["--degree", "3"], "degree = 3; expected 1 for linear, 2 for quadratic"),
+        (["--degree", "3"], "degree = 3; expected 1 or 2, the degree of the shape functions of simplices"),
         (["--quadrature", "nodes"], "quadrature = 'nodes'"),
         (["--hourglass", "0.1"], "is for hexahedra and quadrilaterals"),
     ],

@@ -12,6 +12,7 @@ from unittest.mock import patch
 import numpy as np
 
 from skfem_stvk import ElementMesh, Gravity, StVK, System, Traction
+from skfem_stvk.elements import ELEMENTS
 from skfem_stvk.results import Fields, State
 
 from .call import Call
@@ -69,6 +70,13 @@ def tetrahedra() -> ElementMesh:
     return ElementMesh(
         p, np.array([[0, 1], [1, 2], [2, 3], [3, 4]]), boundaries={"base": np.array([[0], [1], [2]], dtype=np.int32)}
     )
+
+
+@cache
+def square() -> ElementMesh:
+    """One quadrilateral."""
+    corners = np.array([[0.0, 1.0, 1.25, 0.0], [0.0, 0.0, 1.0, 1.0]])
+    return ElementMesh(corners, np.arange(4, dtype=np.int32)[:, None], element=ELEMENTS["quadrilaterals"])
 
 
 @cache

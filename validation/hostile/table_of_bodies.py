@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from importlib.resources import files
 from typing import Any
 
 import numpy as np
@@ -21,11 +22,12 @@ from skfem_stvk import (
     Traction,
     TransverselyIsotropic,
     VolumePenalty,
+    read_mesh,
 )
 from skfem_stvk.elements import ELEMENTS
 
 from .call import Call
-from .small_bodies import NOT_NEGATIVE, NOTHING_LISTED, NUMBER, OPTIONAL, PLACE, POSITIVE, call, mesh, tetrahedra
+from .small_bodies import NOT_NEGATIVE, NOTHING_LISTED, NUMBER, OPTIONAL, PLACE, POSITIVE, call, mesh, square, tetrahedra
 
 FRAME = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
 VOIGT = np.diag([4.0, 5.0, 6.0, 1.0, 2.0, 3.0])
@@ -164,6 +166,25 @@ def calls() -> list[Call]:
             fixed={"left": "xy"},
             prescribed={"right": {"x": 0.25}},
             dtype="float64",
+        ),
+        call(
+            "System of a degree", System, {"degree": OPTIONAL}, mesh=tetrahedra(), terms=[StVK(young=2.0, poisson=0.25)], degree=2
+        ),
+        call(
+            "System of boxes",
+            System,
+            {"hourglass": OPTIONAL | NOT_NEGATIVE},
+            {"terms": r"terms?\b"},
+            mesh=square(),
+            terms=[StVK(young=2.0, poisson=0.25)],
+            quadrature="one-point",
+            hourglass=0.125,
+        ),
+        call(
+            "read_mesh",
+            lambda degree: read_mesh(str(files("skfem_stvk.mesh") / "data" / "bracket.msh"), degree=degree),
+            {"degree": OPTIONAL},
+            degree=2,
         ),
         call(
             "System of a place that is fixed",

@@ -26,7 +26,7 @@ from skfem_stvk.linear import SOLVERS, BlockJacobiCg, Kind, SsorCg, Unknowns, ch
 from skfem_stvk.linear.solver import Analysis, Factors
 
 from .call import Call
-from .small_bodies import NOT_NEGATIVE, NUMBER, OPTIONAL, POSITIVE, call, costly, drawn, tetrahedra
+from .small_bodies import NOT_NEGATIVE, NUMBER, OPTIONAL, POSITIVE, call, costly, drawn, square, tetrahedra
 
 RIGHT = np.arange(1.0, 5.0)
 FLAG = frozenset({"True"})
@@ -219,6 +219,25 @@ def calls() -> list[Call]:
             mesh=tetrahedra(),
             young=2.0,
             poisson=0.25,
+        ),
+        costly(
+            "verify of a degree",
+            _verified,
+            {"young": POSITIVE, "poisson": NOT_NEGATIVE, "degree": OPTIONAL},
+            mesh=tetrahedra(),
+            young=2.0,
+            poisson=0.25,
+            degree=2,
+        ),
+        costly(
+            "verify of boxes",
+            _verified,
+            {"young": POSITIVE, "poisson": NOT_NEGATIVE, "hourglass": OPTIONAL | NOT_NEGATIVE},
+            mesh=square(),
+            young=2.0,
+            poisson=0.25,
+            quadrature="one-point",
+            hourglass=0.125,
         ),
         call("Report.failures", checked().failures, {"subject": OPTIONAL}, subject="skfem-stvk"),
         call(
