@@ -160,9 +160,9 @@ def numbers_of(t: NDArray[Any], base: Element, element: Element, count: int) -> 
     given = t[base.n :]
     if len(both := np.intersect1d(used, given)):
         raise MeshError(
-            f"{name_ids(both, 'node')} of the file are corners of elements and middles of edges, so faces do not match. Is the "
-            "order of nodes within the elements another one, or are small elements tied to large ones? Remesh, or read it with "
-            "degree=1."
+            f"Corners of elements are middles of edges, so faces do not match: {name_ids(both, 'node')} of the file, from 0. Is "
+            "the order of nodes within the elements another one, or are small elements tied to large ones? Remesh, or read it "
+            "with degree=1."
         )
     edges, t2e = edges_of(number[t[: base.n]], base, len(used))
     middles = np.empty(int(t2e.max()) + 1, dtype=np.int64)
@@ -175,8 +175,8 @@ def numbers_of(t: NDArray[Any], base: Element, element: Element, count: int) -> 
     unique, counts = np.unique(middles, return_counts=True)
     if len(unique) < len(middles):
         raise MeshError(
-            f"{name_ids(unique[counts > 1], 'node')} of the file are in the middle of several edges. Is the order of nodes within "
-            "the elements another one? Write the file anew, or read it with degree=1."
+            f"Several edges share a middle: {name_ids(unique[counts > 1], 'node')} of the file, from 0. Is the order of nodes "
+            "within the elements another one? Write the file anew, or read it with degree=1."
         )
     number[middles] = len(used) + np.arange(len(middles))
     return Numbers(np.concatenate([used, middles]), number, edges)

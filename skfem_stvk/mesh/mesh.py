@@ -80,7 +80,7 @@ class ElementMesh(Marked):
         elif t.ndim != 2 or not 2 <= t.shape[0] <= p.shape[0] + 1:
             raise MeshError(
                 f"t has shape {t.shape} in a space of {p.shape[0]} dimensions; expected (k + 1, nt) with 1 <= k <= {p.shape[0]}: "
-                "segments, triangles or tetrahedra. Transpose arrays of shape (nt, k + 1)."
+                f"segments, triangles or tetrahedra. {_other_arrays(t)}"
             )
         if t.shape[1] == 0:
             raise MeshError("The mesh has no elements.")
@@ -127,7 +127,7 @@ class ElementMesh(Marked):
         if isinstance(mesh, meshio.Mesh):
             return cls.made_of(content_in_memory(mesh, "The meshio.Mesh"), "The meshio.Mesh")
         raise MeshError(
-            f"Expected a scikit-fem mesh, arrays (p, t), a meshio.Mesh or a ElementMesh; got {shown(mesh)}. Files are read by "
+            f"Expected a scikit-fem mesh, arrays (p, t), a meshio.Mesh or an ElementMesh; got {shown(mesh)}. Files are read by "
             "read_mesh(path) or by scikit-fem."
         )
 
@@ -348,6 +348,18 @@ def _element_of(mesh: skfem.Mesh) -> Element:
     raise MeshError(
         f"{name} is not a mesh of tetrahedra, hexahedra, triangles, quadrilaterals or segments; expected MeshTet1, MeshTet2, "
         "MeshHex1, MeshTri1, MeshTri2, MeshQuad1 or MeshLine1. Wedges can be split: mesh.to_meshtet()."
+    )
+
+
+def _other_arrays(t: NDArray[Any]) -> str:
+    """What may be meant by an array of elements that are no linear simplices."""
+    meant = [name for name, element in ELEMENTS.items() if t.ndim == 2 and not element.is_linear_simplex and element.n == len(t)]
+    if not meant:
+        return "Transpose arrays of shape (nt, k + 1)."
+    given = "".join(f"{'' if name == meant[0] else ', or '}element=ELEMENTS['{name}']" for name in meant)
+    return (
+        f"Are they {' or '.join(meant)}? Give a scikit-fem mesh of these, or ElementMesh(p, t, {given}), from skfem_stvk.elements. "
+        "Otherwise transpose arrays of shape (nt, k + 1)."
     )
 
 

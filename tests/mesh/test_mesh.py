@@ -282,3 +282,18 @@ def test_a_renumbered_mesh_is_the_same_body(name):
     u = 0.1 * rng.normal(size=shuffled.p.T.shape)
     F = [System(m, terms).internal_force(x.ravel()).reshape(-1, mesh.d) for m, x in ((new, u[nodes]), (shuffled, u))]
     np.testing.assert_allclose(F[0], F[1][nodes], atol=1e-14 * np.abs(F[1]).max())
+
+
+@pytest.mark.parametrize(
+    ("d", "shape", "words"),
+    [
+        (2, (4, 1), r"Are they quadrilaterals\? .*element=ELEMENTS\['quadrilaterals'\]\)"),
+        (3, (8, 1), "Are they hexahedra"),
+        (2, (6, 1), "Are they quadratic triangles"),
+        (3, (10, 2), "Are they quadratic tetrahedra"),
+        (3, (5, 2), "tetrahedra. Transpose"),
+    ],
+)
+def test_arrays_of_other_elements_are_told_how_they_are_given(d, shape, words):
+    with pytest.raises(MeshError, match=words):
+        ElementMesh(np.random.default_rng(0).random((d, 12)), np.zeros(shape, dtype=int))

@@ -222,9 +222,9 @@ TEN = np.concatenate([np.eye(4, 3, -1), [(np.eye(4, 3, -1)[a] + np.eye(4, 3, -1)
         ([[0, 1, 2, 3, 4, 5, 6, 7, 8, 9], [1, 2, 3, 10, 5, 9, 11, 12, 13, 14]], r"1 element \([01]\): an edge has another node"),
         (
             [[0, 1, 2, 3, 4, 5, 6, 7, 8, 9], [1, 2, 3, 9, 5, 9, 8, 12, 13, 14]],
-            r"1 node \(9\) of the file are corners of elements and",
+            r"Corners of elements are middles of edges.*: 1 node \(9\) of the file",
         ),
-        ([[0, 1, 2, 3, 4, 5, 6, 7, 8, 8]], r"1 node \(8\) of the file are in the middle of several edges"),
+        ([[0, 1, 2, 3, 4, 5, 6, 7, 8, 8]], r"Several edges share a middle: 1 node \(8\) of the file"),
     ],
 )
 def test_nodes_that_do_not_fit_together_are_refused_with_their_ids(cells, message):
