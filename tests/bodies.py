@@ -6,6 +6,8 @@ import skfem
 from skfem_stvk import Anisotropic, ElementMesh, Isotropic, Orthotropic, StVK, TransverselyIsotropic
 from skfem_stvk.elements import ELEMENTS
 from skfem_stvk.referee.bodies import elasticity
+from skfem_stvk.referee.discretisation import Discretisation
+from skfem_stvk.referee.shape import Shape
 from skfem_stvk.reference import ReferenceStVK
 
 
@@ -174,3 +176,13 @@ def scikit_fem_of(mesh):
         return None
     of_mesh, of_element = known[mesh.element.name]
     return skfem.Basis(of_mesh(mesh.p, mesh.corners, sort_t=False), skfem.ElementVector(of_element()), intorder=7)
+
+
+def values_at(x, t, element, xi):
+    """(nt, nq, d) values `sum_a N_a x_a` at reference points `xi` (nq, k) of elements `t` (n, nt), of a field `x` (d, nv)."""
+    return np.einsum("qa,dat->tqd", element.values(xi), x[:, t])
+
+
+def node_sizes(mesh):
+    """(nv,) shortest distance between two nodes in the elements around each node, by the referee."""
+    return Shape(mesh, Discretisation(mesh.element.name)).node_size

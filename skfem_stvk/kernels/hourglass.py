@@ -78,10 +78,12 @@ def _tables_sizes(points, block, x, z, U, forces, total):
 def _sums(modes, k, x, out):
     """`sum_a h_ka x_a` (3 LANES,) of a mode."""
     out[:] = 0
-    for a in range(modes.shape[1]):
-        h = modes[k, a]
+    for group in range(modes.shape[1] // 3):
+        h1, h2, h3 = modes[k, 3 * group], modes[k, 3 * group + 1], modes[k, 3 * group + 2]
+        first = I(9 * group * LANES)
         for i in range(3 * LANES):
-            out[I(i)] += h * x[I(3 * a * LANES + i)]
+            at = first + I(i)
+            out[I(i)] += h1 * x[at] + h2 * x[at + I(3 * LANES)] + h3 * x[at + I(6 * LANES)]
 
 
 @kernel
@@ -114,10 +116,14 @@ def _means_resist(points, block, x, y, U, factor, forces, total):
                 resistance = points.resistance[block, I(i)]
                 four += 4 * resistance * r[at] * r[at]
                 r[at] *= both * resistance
-        for a in range(points.modes.shape[1]):
-            h = points.modes[k, a]
+        for group in range(points.modes.shape[1] // 3):
+            h1, h2, h3 = points.modes[k, 3 * group], points.modes[k, 3 * group + 1], points.modes[k, 3 * group + 2]
+            first = I(9 * group * LANES)
             for i in range(3 * LANES):
-                total[I(3 * a * LANES + i)] += h * r[I(i)]
+                at, ri = first + I(i), r[I(i)]
+                total[at] += h1 * ri
+                total[at + I(3 * LANES)] += h2 * ri
+                total[at + I(6 * LANES)] += h3 * ri
         for j in range(3):
             for c in range(3):
                 for i in range(LANES):

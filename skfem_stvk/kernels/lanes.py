@@ -309,25 +309,35 @@ def _spread_by_table(points, block, point, forces, out):
 
 @by_type(spokes, MeanPoints, ELEMENT)
 def _spokes_of_means(points, block, point, x, out):
-    B = points.B
+    B, nodes = points.B.reshape(-1), points.B.shape[1]
     out[:] = 0
-    for a in range(B.shape[1]):
-        for i in range(3):
-            for c in range(3):
-                of, to = I((3 * a + c) * LANES), I((3 * i + c) * LANES)
-                for lane in range(LANES):
-                    out[to + I(lane)] += B[block, a, i, lane] * x[of + I(lane)]
+    for group in range(nodes // 3):
+        of = I(3 * LANES * (block * nodes + 3 * group))
+        for c in range(3):
+            first, to = I((9 * group + c) * LANES), I(c * LANES)
+            for lane in range(LANES):
+                at, i, g = first + I(lane), to + I(lane), of + I(lane)
+                x1, x2, x3 = x[at], x[at + I(3 * LANES)], x[at + I(6 * LANES)]
+                (b11, b12, b13), (b21, b22, b23), (b31, b32, b33) = vectors(B, g)
+                out[i] += b11 * x1 + b21 * x2 + b31 * x3
+                out[i + I(3 * LANES)] += b12 * x1 + b22 * x2 + b32 * x3
+                out[i + I(6 * LANES)] += b13 * x1 + b23 * x2 + b33 * x3
 
 
 @by_type(spread, MeanPoints, ELEMENT)
 def _spread_by_means(points, block, point, forces, out):
-    B = points.B
-    for a in range(B.shape[1]):
-        for i in range(3):
-            for c in range(3):
-                of, to = I((3 * i + c) * LANES), I((3 * a + c) * LANES)
-                for lane in range(LANES):
-                    out[to + I(lane)] += B[block, a, i, lane] * forces[of + I(lane)]
+    B, nodes = points.B.reshape(-1), points.B.shape[1]
+    for group in range(nodes // 3):
+        of = I(3 * LANES * (block * nodes + 3 * group))
+        for c in range(3):
+            first, at = I((9 * group + c) * LANES), I(c * LANES)
+            for lane in range(LANES):
+                to, i, g = first + I(lane), at + I(lane), of + I(lane)
+                f1, f2, f3 = forces[i], forces[i + I(3 * LANES)], forces[i + I(6 * LANES)]
+                (b11, b12, b13), (b21, b22, b23), (b31, b32, b33) = vectors(B, g)
+                out[to] += b11 * f1 + b12 * f2 + b13 * f3
+                out[to + I(3 * LANES)] += b21 * f1 + b22 * f2 + b23 * f3
+                out[to + I(6 * LANES)] += b31 * f1 + b32 * f2 + b33 * f3
 
 
 @kernel

@@ -14,7 +14,7 @@ from scipy.sparse.csgraph import connected_components
 from ..arguments import frozen
 from ..elements import Element, linear_simplex, named, rule_of
 from ..kernels.topology import edges_of_simplices, lexicographic_order
-from .points import determinants, normals_of, sizes_of, spokes_at
+from .points import determinants, normals_of, spokes_at
 
 Ids = NDArray[np.int32]
 
@@ -160,17 +160,6 @@ def find_facets(wanted: Ids, facets: Ids, nv: int) -> NDArray[np.int64]:
     first = np.empty(len(order), dtype=np.int64)
     first[order] = order[new][np.cumsum(new) - 1]
     return np.where(first[count:] < count, first[count:], -1)
-
-
-def facet_sizes(p: NDArray[np.float64], facets: Ids, element: Element | None = None) -> NDArray[np.float64]:
-    """(n,) areas or lengths of facets (m, n) [m^(k-1)], 1 for points.
-
-    `element` is the kind of facets, `mesh.facet`; by default linear simplices. Those that may be curved are measured by quadrature,
-    which is exact for flat ones.
-    """
-    if len(facets) == 1:
-        return np.ones(facets.shape[1])
-    return sizes_of(p, facets, element or linear_simplex(len(facets) - 1))
 
 
 def edges_of(corners: Ids, element: Element, nv: int) -> tuple[Ids, Ids]:

@@ -119,17 +119,6 @@ def edge_lengths(mesh: ElementMesh) -> NDArray[np.float64]:
     return np.linalg.norm(edge_differences(mesh, mesh.p), axis=0)
 
 
-def vertex_sizes(mesh: ElementMesh) -> NDArray[np.float64]:
-    """(nv,) shortest edge of the elements around each node [m]; of quadratic elements the shortest half of an edge."""
-    shortest = edge_lengths(mesh).min(axis=0)
-    if mesh.element.degree == 2:
-        (a, b), middles = np.transpose(mesh.element.edges), mesh.p[:, mesh.t[mesh.element.corners :]]
-        shortest = np.minimum(*(np.linalg.norm(mesh.p[:, mesh.t[end]] - middles, axis=0).min(axis=0) for end in (a, b)))
-    size = np.full(mesh.nv, np.inf)
-    np.minimum.at(size, mesh.t.ravel(), np.tile(shortest, len(mesh.t)))
-    return size
-
-
 def aspect_ratios(mesh: ElementMesh) -> NDArray[np.float64]:
     """(nt,) longest edge over smallest height; 1.22 for a regular tetrahedron, 1 for a segment, a square or a cube.
 

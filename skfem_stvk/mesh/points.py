@@ -23,11 +23,6 @@ CHUNK = 2048
 ROUNDED = 8 * float(np.finfo(float).eps)
 
 
-def values_at(x: Array, t: Any, element: Element, xi: Array) -> Array:
-    """(nt, nq, d) values `sum_a N_a x_a` at reference points `xi` (nq, k) of elements `t` (n, nt), of a field `x` (d, nv)."""
-    return (element.values(xi) @ _by_node(x, t)).reshape(len(xi), len(x), t.shape[1]).transpose(2, 0, 1)
-
-
 def spokes_at(x: Array, t: Any, element: Element, xi: Array) -> Array:
     """(nt, nq, k, d) spokes `sum_a dN_a/dxi_i x_a` at reference points `xi` (nq, k) of elements `t` (n, nt).
 

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 import skfem
-from bodies import box
+from bodies import box, values_at
 from meshfiles import curved
 
 from skfem_stvk import ElementMesh
@@ -10,14 +10,13 @@ from skfem_stvk.mesh.facets import (
     boundary_facets,
     edges_of,
     facet_ids,
-    facet_sizes,
     facets_of,
     find_facets,
     turned_alike,
     with_middles,
 )
 from skfem_stvk.mesh.geometry import element_sizes
-from skfem_stvk.mesh.points import measures_of, normals_of, spokes_at, values_at
+from skfem_stvk.mesh.points import measures_of, normals_of, sizes_of, spokes_at
 
 KINDS = [skfem.MeshTet2, skfem.MeshTri2, skfem.MeshHex, skfem.MeshQuad]
 
@@ -76,7 +75,7 @@ def test_the_flux_of_x_through_the_surface_is_the_volume(cls, turned):
     assert np.abs(normals.sum(axis=(0, 1))).max() < 1e-14
     area = skfem.FacetBasis(given, given.elem(), intorder=4).dx.sum()
     assert areas.sum() == pytest.approx(area, rel=1e-3)
-    assert facet_sizes(mesh.p, mesh.surface, mesh.facet).sum() == pytest.approx(areas.sum(), rel=1e-14)
+    assert sizes_of(mesh.p, mesh.surface, mesh.facet).sum() == pytest.approx(areas.sum(), rel=1e-14)
 
 
 def test_quadrilaterals_are_turned_alike_and_a_moebius_strip_of_them_has_no_sides():

@@ -132,6 +132,23 @@ def test_numbers_of_nodes_in_a_file_do_not_matter(ending, kind, tmp_path):
     assert np.allclose(mesh.p[:, :n], points[np.sort(number[np.unique(t[: mesh.element.corners])])].T[: mesh.d], atol=1e-6)
 
 
+@pytest.mark.parametrize("kind", ["tetra10", "hexahedron"])
+@pytest.mark.parametrize(("ending", "package"), [("exo", "netCDF4"), ("med", "h5py")])
+def test_exodus_and_med_files_have_the_same_order(ending, package, kind, tmp_path):
+    """By meshio's own writer; Gmsh's MED file below is another's."""
+    pytest.importorskip(package)
+    shift = 0.1 * np.random.default_rng(0).random((10, 3))
+    points = TEN + shift if kind == "tetra10" else np.array(CUBE) + shift[:8]
+    mesh = read_mesh(write(tmp_path / f"mesh.{ending}", points, [(kind, np.arange(len(points))[None])]))
+    check_mesh(mesh)
+    if kind == "tetra10":
+        assert np.allclose(mesh.p[:, mesh.t[:, 0]].T, points, atol=1e-12)
+    else:
+        edges = {frozenset(map(tuple, mesh.p[:, mesh.t[list(edge), 0]].T.round(9))) for edge in mesh.element.edges}
+        around = [(0, 1), (1, 2), (2, 3), (3, 0), (4, 5), (5, 6), (6, 7), (7, 4), (0, 4), (1, 5), (2, 6), (3, 7)]
+        assert edges == {frozenset(map(tuple, points[list(edge)].round(9))) for edge in around}
+
+
 @pytest.fixture(scope="module")
 def ball(gmsh, tmp_path_factory):
     """Half a ball of radius 1 of second order, with groups of its body, its curved and its flat side, and the rim between them."""
@@ -180,6 +197,16 @@ def test_a_ball_of_gmshs_is_round_with_its_curved_facets_and_the_nodes_of_its_ri
     assert np.array_equal(reduced.p, straight.p) and np.array_equal(reduced.t, straight.t)
     assert np.array_equal(reduced.boundaries["dome"], straight.boundaries["dome"])
     assert np.array_equal(reduced.node_sets["rim"], straight.node_sets["rim"])
+
+
+def test_a_med_file_of_gmshs_is_round(ball):
+    pytest.importorskip("h5py")
+    mesh = read_mesh(ball("med"))
+    check_mesh(mesh)
+    radius = np.linalg.norm(mesh.p[:, mesh.surface], axis=0)
+    dome = (np.abs(mesh.p[2, mesh.surface]) > 1e-9).any(axis=0)
+    assert mesh.element.name == "quadratic tetrahedra" and np.abs(radius[:, dome] - 1).max() < 1e-6
+    assert element_sizes(mesh).sum() == pytest.approx(2 / 3 * np.pi, rel=1e-3)
 
 
 def test_a_c3d10_file_has_node_sets_with_middles_and_surfaces_of_six_nodes(ball):

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 import skfem
-from bodies import BODIES, MESHES, box
+from bodies import BODIES, MESHES, box, node_sizes
 
 from skfem_stvk import (
     ElementMesh,
@@ -123,7 +123,6 @@ def test_disconnected_parts_are_verified_with_a_warning():
 
 def test_states_are_what_they_say():
     """In the direction in which the body is longest, wherever that is."""
-    from skfem_stvk.mesh.geometry import vertex_sizes
     from skfem_stvk.referee.case import named_states
 
     cable = ElementMesh(
@@ -131,7 +130,7 @@ def test_states_are_what_they_say():
     )
     for mesh in (box(3), cable, MESHES["membrane"], MESHES["segments"]):
         X = (mesh.p - mesh.p.mean(axis=1, keepdims=True)).T
-        states = named_states(X, vertex_sizes(mesh), np.random.default_rng(0))
+        states = named_states(X, node_sizes(mesh), np.random.default_rng(0))
         along = np.linalg.svd(X, full_matrices=False)[2][0]
         moved = {name: u.reshape(X.shape) for name, u in states.items()}
         for name, factor in (("100 % stretch", 2.0), ("35 % compression", 0.65)):

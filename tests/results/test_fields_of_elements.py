@@ -3,12 +3,11 @@
 import numpy as np
 import pytest
 import skfem
-from bodies import CURVED, STRAIGHT, scikit_fem_of, some_voigt, state
+from bodies import CURVED, STRAIGHT, scikit_fem_of, some_voigt, state, values_at
 from skfem.helpers import grad, identity, mul, trace, transpose
 
 from skfem_stvk import Anisotropic, StVK, StvkError, System
 from skfem_stvk.elements import rule_of
-from skfem_stvk.mesh.points import values_at
 from skfem_stvk.results import Fields, names
 
 SOLID = [name for name in CURVED if scikit_fem_of(CURVED[name])]
@@ -96,6 +95,43 @@ def test_what_is_linear_along_each_axis_of_a_box_is_extrapolated_exactly(name):
     points = rule_of(mesh.element).points
     f = lambda x: 1 + np.prod(x + 0.3, axis=-1)  # noqa: E731
     np.testing.assert_allclose(fields.to_nodes @ f(points), f(mesh.element.nodes), rtol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("make", "options", "order"),
+    [
+        (skfem.MeshTet, {"degree": 2}, 1.8),
+        (skfem.MeshTri, {"degree": 2}, 1.8),
+        (skfem.MeshHex, {}, 0.9),
+        (skfem.MeshQuad, {}, 0.9),
+        (skfem.MeshHex, {"quadrature": "one-point"}, 0.9),
+        (skfem.MeshQuad, {"quadrature": "one-point"}, 0.9),
+    ],
+    ids=lambda given: given.__name__ if isinstance(given, type) else str(given),
+)
+def test_extrapolated_stresses_of_a_smooth_state_converge_at_all_nodes(make, options, order):
+    """Large strains, cells unlike. Gradients of quadratic elements are linear, which gives order 2; those of boxes are constant
+    along their own axis, which gives order 1 where no neighbour makes up for it.
+    """
+    d, errors = make().dim(), []
+
+    def moved(x):
+        return 0.1 * np.stack([np.sin(2 * x[(i + 1) % d]) + x[i] ** 2 for i in range(d)])
+
+    for n in (4, 8):
+        lines = [np.linspace(0, 1, n + 1) ** 1.2] * d
+        system = System(make.init_tensor(*lines), StVK(young=2.0, poisson=0.3), **options)
+        x = system.mesh.p
+        F = np.eye(d)[:, :, None] + np.zeros((d, d, x.shape[1]))
+        for i in range(d):
+            F[i, (i + 1) % d] += 0.2 * np.cos(2 * x[(i + 1) % d])
+            F[i, i] += 0.2 * x[i]
+        E = (np.einsum("kin,kjn->nij", F, F) - np.eye(d)) / 2
+        lam, mu = 2.0 * 0.3 / (1.3 * 0.4), 2.0 / 2.6
+        S = lam * np.trace(E, axis1=1, axis2=2)[:, None, None] * np.eye(d) + 2 * mu * E
+        found = Fields.of(system).at(moved(x).T.ravel()).at_nodes("pk2_stress")[:, :d, :d]
+        errors.append(np.abs(found - S).max() / np.abs(S).max())
+    assert errors[1] < 0.1 and np.log2(errors[0] / errors[1]) > order
 
 
 def test_elements_without_a_term_are_masked_at_points_and_nodes():

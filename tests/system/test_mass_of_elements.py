@@ -3,12 +3,11 @@
 import numpy as np
 import pytest
 import skfem
-from bodies import CURVED, STRAIGHT, scikit_fem_of
+from bodies import CURVED, STRAIGHT, scikit_fem_of, values_at
 from skfem.helpers import dot
 
 from skfem_stvk import ElementMesh, StVK
 from skfem_stvk.elements import ELEMENTS, rule_of
-from skfem_stvk.mesh.points import values_at
 from skfem_stvk.system.mass import KINDS, ConsistentMass, LumpedMass, bounds_of_elements
 from skfem_stvk.terms import Body
 from skfem_stvk.terms.spread import Spread, lumped_shares, sizes_at_points

@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 
 from skfem_stvk import ElementMesh, MaterialError, RegionError, StVK
 from skfem_stvk.errors import LoadError
-from skfem_stvk.mesh.facets import facet_sizes
 from skfem_stvk.mesh.geometry import Geometry
+from skfem_stvk.mesh.points import sizes_of
 from skfem_stvk.terms import Body, BodyForce, Gravity, NodalLoad, Traction
 
 NAMES = list(MESHES)
@@ -72,7 +72,7 @@ def test_a_linear_traction_is_integrated_exactly_over_the_whole_surface(name):
     mesh = MESHES[name]
     body, T, t = uniform_body(mesh), linear(mesh.d), 0.7
     f = force(Traction(lambda x: x[0] > -9, T).bind(body), mesh, t=t)
-    areas = facet_sizes(mesh.p, mesh.surface) * (0.3 if mesh.k < 3 else 1)
+    areas = sizes_of(mesh.p, mesh.surface, mesh.facet) * (0.3 if mesh.k < 3 else 1)
     assert f.sum(axis=1) == pytest.approx(integral(mesh.p, mesh.surface, areas, lambda x: T(x, t)), rel=1e-12)
     density = integral(mesh.p, mesh.surface, areas, lambda x: outer(x, T(x, t))).reshape(mesh.d, mesh.d)
     assert mesh.p @ f.T == pytest.approx(density, rel=1e-12, abs=1e-14)
@@ -110,7 +110,7 @@ def test_a_traction_may_act_on_inner_facets_of_a_named_boundary():
     inner = np.array([[a, b, c] for a, b, c in mesh.t[:3].T if not {a, b, c} <= set(mesh.surface.ravel())])[:1].T
     named = ElementMesh(mesh.p, mesh.t, boundaries={"inner": np.concatenate([inner, inner[::-1]], axis=1)})
     f = force(Traction("inner", (0, 0, 2.0)).bind(body_of(named)), mesh)
-    assert f.sum(axis=1) == pytest.approx([0, 0, 2 * facet_sizes(mesh.p, inner)[0]])  # the same facet twice counts once
+    assert f.sum(axis=1) == pytest.approx([0, 0, 2 * sizes_of(mesh.p, inner, mesh.facet)[0]])  # the same facet twice counts once
 
 
 def test_the_end_of_a_segment_has_its_area():

@@ -9,7 +9,7 @@ from skfem_stvk import ElementMesh, RegionError, StVK
 from skfem_stvk.edges import TENSILE
 from skfem_stvk.edges.pairs import with_blocks
 from skfem_stvk.errors import LoadError
-from skfem_stvk.mesh.facets import facet_sizes
+from skfem_stvk.mesh.points import sizes_of
 from skfem_stvk.system.pattern import Pattern
 from skfem_stvk.terms import Body, ElasticFoundation
 
@@ -42,7 +42,7 @@ def test_the_energy_of_a_linear_field_is_that_of_quadrature(case):
     mesh, part = CASES[case]
     A = np.random.default_rng(1).standard_normal((mesh.d, mesh.d))
     facets = mesh.surface[:, where(part)(mesh.p)[mesh.surface].all(axis=0)]
-    areas = facet_sizes(mesh.p, facets) * (0.3 if mesh.k < 3 else 1)
+    areas = sizes_of(mesh.p, facets, mesh.facet) * (0.3 if mesh.k < 3 else 1)
     k = [2.0] if mesh.d == 1 else K_XYZ[: mesh.d]
     expected = integral(mesh.p, facets, areas, lambda x: (np.array(k)[:, None] * (A @ x) ** 2).sum(axis=0)[None])[0] / 2
     assert bound(mesh, part).energy_and_force((A @ mesh.p).T) == pytest.approx(expected, rel=1e-12)

@@ -3,14 +3,14 @@
 import numpy as np
 import pytest
 import skfem
-from bodies import CURVED, STRAIGHT, scikit_fem_of, state
+from bodies import CURVED, STRAIGHT, scikit_fem_of, state, values_at
 from forces import force, moment, stiffness
 from skfem.helpers import dot
 
 from skfem_stvk import ElementMesh, StVK
 from skfem_stvk.edges.pairs import with_blocks
 from skfem_stvk.elements import rule_of
-from skfem_stvk.mesh.points import sizes_at_points, sizes_of, values_at
+from skfem_stvk.mesh.points import sizes_at_points, sizes_of
 from skfem_stvk.system.pattern import Pattern
 from skfem_stvk.terms import Body, BodyForce, ElasticFoundation, Gravity, NodalLoad, Pressure, Traction
 from skfem_stvk.terms.load import Moment
