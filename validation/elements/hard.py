@@ -24,9 +24,10 @@ MOVING = ("eq. 9", "backward Euler", "energy-momentum", "energy-momentum + volum
 FEW, FEW_SCENES = ("twist a bar of 10 x 1 x 1 by 90°", "compress a held block by 20 % in one step"), ("let a bar swing",)
 
 
-def hard_cases(quick: bool = False) -> Sequence[Study]:
+def hard_cases(quick: bool = False) -> Iterator[Study]:
     """hard cases at rest and in motion with quadratic elements"""
-    return _at_rest(quick), _in_motion(quick)
+    yield _at_rest(quick)
+    yield _in_motion(quick)
 
 
 def quadratic(case: Case) -> Case:

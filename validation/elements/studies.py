@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from time import perf_counter
 
@@ -18,7 +18,7 @@ from .orders import orders
 from .solvers import solvers
 from .work_precision import work_precision
 
-Several = Sequence[Study]
+Several = Iterable[Study]
 
 
 def run(names: Sequence[str], quick: bool, out: str | None) -> int:
