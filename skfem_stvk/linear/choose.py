@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 from ..arguments import flag, shown, whole
 from ..errors import StvkError
 from .amg import AmgCg
@@ -11,9 +13,26 @@ from .pardiso import Pardiso, pardiso_is_installed
 from .solver import Kind, LinearSolver, names
 from .superlu import SuperLU
 
-#: From so many unknowns on PARDISO is faster than SuperLU; from so many on multigrid is faster than either. They are those of
-#: linear tetrahedra, with so many entries of K in each row; where there are more, fewer unknowns are as much work.
-FEW, MANY_WITHOUT_PARDISO, MANY = 3_000, 6_000, 15_000
+#: From so many unknowns on PARDISO is faster than SuperLU.
+FEW = 3_000
+
+
+class Limit(NamedTuple):
+    """From how many unknowns on multigrid pays, where rows of K have fewer than so many `entries`: `alone`, and beside PARDISO."""
+
+    entries: float
+    alone: int
+    beside: int
+
+
+#: Direct solvers hardly fill in what lies in a plane; in space rows with many entries fill in at once.
+LIMITS = (
+    Limit(20, 10_000, 50_000),  # triangles, quadrilaterals: 14 - 18 in a plane
+    Limit(30, 20_000, 100_000),  # quadratic triangles: 23
+    Limit(50, 6_000, 15_000),  # tetrahedra: 35 - 45
+    Limit(float("inf"), 1_500, 1_500),  # quadratic tetrahedra, hexahedra: 55 - 80
+)
+#: Where it is not known, rows have as many entries as those of linear tetrahedra.
 ENTRIES = 45
 
 #: All there are, in the order in which messages name them.
@@ -24,7 +43,8 @@ def choose(solver: str | LinearSolver, n: int, kind: Kind, indefinite: bool = Fa
     """The solver of this name, the object itself, or for "auto" what `docs/solvers.md` measured to be fastest for `n` unknowns.
 
     `indefinite`: matrices will not be positive definite, and are to be solved with all the same; conjugate gradients notice only.
-    `entries`: about how many K has, if that is known; quadratic elements and hexahedra have twice as many in a row as linear ones.
+    `entries`: about how many K has, if that is known; quadratic tetrahedra and hexahedra have twice as many in a row as linear
+    ones, and what lies in a plane has half as many or less.
 
     Raises
     ------
@@ -36,9 +56,10 @@ def choose(solver: str | LinearSolver, n: int, kind: Kind, indefinite: bool = Fa
     if is_auto(solver):
         checked_kind(kind)
         # multigrid only where it gains even on slender bodies: direct solvers count negative eigenvalues, take what is indefinite
-        many = MANY if pardiso_is_installed() else MANY_WITHOUT_PARDISO
-        size = max(n, entries // ENTRIES)
-        return direct(size) if indefinite or kind == Kind.GENERAL or size < many else AmgCg()
+        in_a_row = entries / n if entries and n else ENTRIES
+        limit = next(limit for limit in LIMITS if in_a_row < limit.entries)
+        many = limit.beside if pardiso_is_installed() else limit.alone
+        return direct(n) if indefinite or kind == Kind.GENERAL or n < many else AmgCg()
     if isinstance(solver, str):
         known = {one.name: one for one in SOLVERS}
         if solver not in known:

@@ -56,6 +56,26 @@ def test_with_more_entries_in_a_row_of_K_multigrid_pays_with_fewer_unknowns(row,
     assert choose("auto", 10_000, Kind.GENERAL, entries=row * 10_000) == Pardiso()
 
 
+@pytest.mark.parametrize("installed", [True, False])
+@pytest.mark.parametrize(
+    ("make", "degree", "fewest"),
+    [
+        (skfem.MeshTri, 1, (50_000, 10_000)),
+        (skfem.MeshQuad, 1, (50_000, 10_000)),
+        (skfem.MeshTri, 2, (100_000, 20_000)),
+        (skfem.MeshTet, 1, (15_000, 6_000)),
+        (skfem.MeshTet, 2, (1_500, 1_500)),
+        (skfem.MeshHex, 1, (1_500, 1_500)),
+    ],
+)
+def test_from_how_many_unknowns_on_multigrid_pays_is_of_the_element(make, degree, fewest, installed, monkeypatch):
+    monkeypatch.setattr(module, "pardiso_is_installed", lambda: installed)
+    system = System(make().refined(4 if degree == 1 else 3), StVK(young=1.0, poisson=0.3), degree=degree if degree == 2 else None)
+    row, many = entries_of(system) / system.ndofs, fewest[0 if installed else 1]
+    assert choose("auto", many, Kind.SYMMETRIC, entries=round(row * many)) == AmgCg()
+    assert choose("auto", many - 1, Kind.SYMMETRIC, entries=round(row * (many - 1))) != AmgCg()
+
+
 @pytest.mark.parametrize("degree", [1, 2])
 def test_entries_of_K_are_known_before_it_is_made(degree):
     system = System(skfem.MeshTet().refined(1), StVK(young=1.0, poisson=0.3), degree=degree)

@@ -96,8 +96,8 @@ def test_another_answer_is_no_speed():
 
 
 def test_costs_and_solvers_are_measured():
-    (cost,), (at_rest, in_motion) = costs.costs(quick=True), solvers.solvers(quick=True)
-    assert cost.passed and at_rest.passed and in_motion.passed
+    (cost,), of_solvers = costs.costs(quick=True), list(solvers.solvers(quick=True))
+    assert cost.passed and len(of_solvers) == 3 and all(study.passed for study in of_solvers)
     assert {row[0] for row in cost.rows} == {choice.name for choice in costs.CHOICES}
 
 

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import skfem
 
-from skfem_stvk import StVK, System
+from skfem_stvk import StVK, System, Traction, solve_static
 from skfem_stvk.dynamics import BackwardEuler, simulate
 from skfem_stvk.linear import AmgCg, Kind, LinearSolver, Pardiso, SuperLU, Unknowns
 from skfem_stvk.linear.pardiso import pardiso_is_installed
@@ -25,14 +25,29 @@ SIZES: dict[str, dict[str, tuple[int, ...]]] = {
     "hexahedra": {"cube": (8, 11, 16, 25), "beam 5:1": (4, 6, 9, 15)},
 }
 QUICK: dict[str, dict[str, tuple[int, ...]]] = {name: {"cube": (3,)} for name in SIZES}
+#: Of whole solves: lengths over widths of bodies, the traction that bends them by a tenth of their length or less [Pa], and cells
+#: across by element.
+LENGTHS = {"cube": (1, 1, 1), "beam 5:1": (5, 1, 1), "beam 20:1": (20, 1, 1), "plate": (8, 8, 1)}
+PULLS = {"cube": 2e3, "beam 5:1": 100.0, "beam 20:1": 3.0, "plate": 40.0}
+WHOLE: dict[str, dict[str, int]] = {
+    "tetrahedra": {"cube": 10, "beam 5:1": 5, "beam 20:1": 3, "plate": 2},
+    "quadratic tetrahedra": {"cube": 4, "beam 5:1": 2, "beam 20:1": 2, "plate": 1},
+    "hexahedra": {"cube": 8, "beam 5:1": 4, "beam 20:1": 3, "plate": 2},
+    "triangles": {"cube": 70, "beam 20:1": 20},
+    "quadrilaterals": {"cube": 70, "beam 20:1": 20},
+    "quadratic triangles": {"cube": 40, "beam 20:1": 10},
+}
+QUICK_WHOLE: dict[str, dict[str, int]] = {"quadratic tetrahedra": {"beam 5:1": 1}, "quadratic triangles": {"cube": 4}}
 #: Direct solvers are not measured beyond.
 MOST_SUPERLU, MOST_PARDISO = 8_000, 30_000
 STEPS, CELLS, QUICK_STEPS, QUICK_CELLS = 5, (2, 4, 8), 2, (2,)
 
 
-def solvers(quick: bool = False) -> Sequence[Study]:
+def solvers(quick: bool = False) -> Iterator[Study]:
     """linear solvers by element: CPU times by number of unknowns and entries of K; and in time steps"""
-    return _at_rest(quick), _in_motion(quick)
+    yield _whole(quick)
+    yield _at_rest(quick)
+    yield _in_motion(quick)
 
 
 def _at_rest(quick: bool) -> Study:
@@ -84,13 +99,51 @@ def cpu_times(solver: LinearSolver, K: Any, unknowns: Unknowns) -> tuple[float, 
     return first, again, solve, found.iterations, found.residual
 
 
-def body_of(element: str, shape: str, n: int, density: float | None = None) -> System:
-    """A cube or a beam along x of cubic cells, at rest, held at x = 0."""
-    long, across = 1 if shape == "cube" else 5, np.linspace(0, 1, n + 1)
-    kind = skfem.MeshHex if element == "hexahedra" else skfem.MeshTet
-    mesh = kind.init_tensor(np.linspace(0, long, long * n + 1), across, across)
-    degree = 2 if element.startswith("quadratic") else None
-    return System(mesh, StVK(young=1e5, poisson=0.3, density=density), {lambda x: x[0] == 0: "xyz"}, degree=degree)
+def body_of(element: str, shape: str, n: int, density: float | None = None, pull: float | None = None) -> System:
+    """A body of cubic cells, at rest, held at x = 0, and pulled across at the other end [Pa]; of plane elements its side view."""
+    plane, boxes = element.endswith(("triangles", "laterals")), element.endswith(("hexahedra", "laterals"))
+    kinds = (skfem.MeshTri, skfem.MeshQuad) if plane else (skfem.MeshTet, skfem.MeshHex)
+    d, lengths = 2 if plane else 3, LENGTHS[shape]
+    mesh = kinds[boxes].init_tensor(*(np.linspace(0, length, length * n + 1) for length in lengths[:d]))
+    degree, down = 2 if element.startswith("quadratic") else None, np.eye(d)[-1]
+    loads = [] if pull is None else [Traction(lambda x: x[0] == lengths[0], tuple(-pull * down))]
+    material = StVK(young=1e5, poisson=0.3, density=density)
+    return System(mesh, [material, *loads], {lambda x: x[0] == 0: "xyz"[:d]}, degree=degree)
+
+
+def _whole(quick: bool) -> Study:
+    rows, failures = [], []
+    for element, shapes in (QUICK_WHOLE if quick else WHOLE).items():
+        for shape, n in shapes.items():
+            found = {}
+            for solver in (SuperLU(), Pardiso(), AmgCg())[:: 1 if pardiso_is_installed() else 2]:
+                times = []
+                for _ in range(1 if quick else 2):
+                    body = body_of(element, shape, n, pull=PULLS[shape])
+                    begin = time.process_time()
+                    result = solve_static(body, steps=5, quiet=True, solver=solver)
+                    times.append(time.process_time() - begin)
+                found[solver.name] = result.u
+                held = len(body.supports.held)
+                cells = str(body.ndofs - held), f"{body.pattern.nnz / body.ndofs:.0f}", solver.name
+                rows.append((element, shape, *cells, f"{min(times):.3f}", str(result.history.iterations)))
+            first = found["superlu"]
+            failures += [
+                f"{element}, {shape}, {name}: another state"
+                for name, u in found.items()
+                if not np.abs(u - first).max() <= 1e-5 * np.abs(first).max()
+            ]
+    return Study(
+        "Whole solves by element and linear solver",
+        "all find the same state (to 1e-5)",
+        ("element", "body", "unknowns", "entries a row", "solver", "CPU s", "Newton iterations"),
+        tuple(rows),
+        tuple(failures),
+        (
+            "bodies that are bent, five load steps, from the system on; CPU seconds of all threads together, the better of two "
+            "runs, by which `auto` chooses: linear solves of early Newton steps stop early",
+        ),
+    )
 
 
 def problem(element: str, shape: str, n: int) -> tuple[Any, Unknowns]:
