@@ -27,8 +27,8 @@ class Limit(NamedTuple):
 
 #: Direct solvers hardly fill in what lies in a plane; in space rows with many entries fill in at once.
 LIMITS = (
-    Limit(20, 10_000, 50_000),  # triangles, quadrilaterals: 14 - 18 in a plane
-    Limit(30, 20_000, 100_000),  # quadratic triangles: 23
+    Limit(20, 10_000, 15_000),  # triangles, quadrilaterals: 14 - 18 in a plane
+    Limit(30, 20_000, 30_000),  # quadratic triangles: 23
     Limit(50, 6_000, 15_000),  # tetrahedra: 35 - 45
     Limit(float("inf"), 1_500, 1_500),  # quadratic tetrahedra, hexahedra: 55 - 80
 )
