@@ -17,7 +17,7 @@ from ..kernels.geometry import frames, frames_of_spokes
 from ..kernels.lanes import LANES, MeanPoints, Points
 from ..kernels.threads import Turn, threads
 from ..kernels.topology import lexicographic_order
-from ..mesh.points import are_straight, spokes_at
+from ..mesh.points import are_straight, sizes_of, spokes_at
 from .stiffness import Frames
 from .topology import OwnEdges, OwnOrder, Shares, in_lanes, out_of_lanes, own_edges, shares_of
 
@@ -129,7 +129,7 @@ def mean_gradients(p: Array, t: NDArray[np.int32], element: Element) -> tuple[Ar
 def mean_frames(p: Array, t: NDArray[np.int32], element: Element) -> tuple[Array, Array]:
     """`Ri = I` (6, nt) and the volumes (nt,): mean gradients are those along the axes of space."""
     unit = np.array([1.0, 0, 0, float(len(p) > 1), 0, float(len(p) > 2)])
-    return np.repeat(unit[:, None], t.shape[1], axis=1), mean_gradients(p, t, element)[1]
+    return np.repeat(unit[:, None], t.shape[1], axis=1), sizes_of(p, t, element, "usual")
 
 
 def mean_points(p: Array, order: OwnOrder, quadrature: Quadrature, resistance: Array, dtype: DTypeLike) -> MeanPoints:

@@ -52,7 +52,7 @@ class BoundTerms:
             used[bound.nodes_paired.ravel()] = True
         bare = np.flatnonzero(~used)
         if len(bare):
-            warn(f"{name_ids(bare, 'vertex')}: in no term, so their rows of K are zero. Is a region missing from the terms?")
+            warn(f"{name_ids(bare, mesh.word)}: in no term, so their rows of K are zero. Is a region missing from the terms?")
 
     @property
     def elastic_names(self) -> list[str]:

@@ -36,8 +36,9 @@ class System(BoundTerms):
 
         W = 1/4 sum L_ij zeta_i zeta_j        F = dW/du        K = d2W/du2
 
-    over edges and tetrahedron-sharing edge pairs, `zeta` the squared elongations of the edges. Displacements `u` are flat vectors
-    with the degree of freedom `d * vertex + component`, scikit-fem's for `ElementVector(ElementTetP1())`.
+    over edges and tetrahedron-sharing edge pairs, `zeta` the squared elongations of the edges; of elements that are no linear
+    simplices it is the sum over the strains at their points. Displacements `u` are flat vectors with the degree of freedom `d *
+    node + component`, scikit-fem's for `ElementVector(ElementTetP1())`, `ElementTetP2()`, `ElementHex1()` and the like.
 
     `energy`, `internal_force`, `tangent` and `product` are elastic; `potential`, `residual` and `jacobian` are those of all terms,
     at the load factor `t`. Supports change none of them: they say which degrees of freedom a solver keeps.
@@ -48,9 +49,8 @@ class System(BoundTerms):
     terms : a term, or several that add up: `StVK`, `VolumePenalty`, `ElasticFoundation`; the loads `Gravity`, `BodyForce`,
         `NodalLoad`, `Traction`, `Pressure`.
     fixed : components that do not move, by place: `{"wall": "xyz", "symmetry": "y"}`. A place is the name of a boundary or of a
-        node set, vertex ids, a predicate of the coordinates, as in scikit-fem, or what its `basis.get_dofs(...)` returned, which
-        stands for its vertices. As a whole, `fixed=basis.get_dofs(...)`, it is its own degrees of freedom; bare integers are always
-        vertices.
+        node set, node ids, a predicate of the coordinates, as in scikit-fem, or what its `basis.get_dofs(...)` returned, which
+        stands for its nodes. As a whole, `fixed=basis.get_dofs(...)`, it is its own degrees of freedom; bare integers are always nodes.
     prescribed : displacements by place and component: `{"handle": {"x": 0.01}}` [m], reached at t = 1; or functions of (x, t).
     degree : of the shape functions of simplices: 2 makes linear ones quadratic, with straight edges, 1 quadratic ones linear; by
         default they are as in the mesh.
@@ -118,12 +118,12 @@ class System(BoundTerms):
 
     @property
     def pattern_version(self) -> int:
-        """How often terms have changed which vertices they couple; what is worked out for a pattern is good for one version."""
+        """How often terms have changed which nodes they couple; what is worked out for a pattern is good for one version."""
         return sum(map(version_of, self._changing))
 
     @property
     def pattern(self) -> Pattern:
-        """The pattern of all K of this system, unless a term changes which vertices it couples; made when it is first needed."""
+        """The pattern of all K of this system, unless a term changes which nodes it couples; made when it is first needed."""
         version = self.pattern_version
         if self._pattern is None or self._pattern.version != version:
             pairs = [term.nodes_paired for term in self.bound_terms]
@@ -346,7 +346,7 @@ class System(BoundTerms):
         """Refuse a body that can move without strain, by its supports and foundations.
 
         The SupportError counts and names the rigid modes that are left to each part, and the pieces that can turn about the
-        vertices or edges that join them.
+        nodes or edges that join them.
         """
         solid = np.zeros(self.mesh.nt, dtype=bool)
         for term in self.elastic_terms:
@@ -355,7 +355,7 @@ class System(BoundTerms):
         check_held(self.mesh, self.bound_terms, self.supports.held, solid)
 
     def parts(self) -> NDArray[np.int32]:
-        """(nv,) number of the part that each vertex is of: parts are what terms hold together."""
+        """(nv,) number of the part that each node is of: parts are what terms hold together."""
         return parts_of([term.nodes_paired for term in self.bound_terms], self.mesh.nv)
 
     def free_dofs(self, fixed: Any) -> FreeDofs:
@@ -365,7 +365,7 @@ class System(BoundTerms):
         ----------
         fixed : what scikit-fem's `basis.get_dofs(...)` returned; the name of a boundary or node set or a predicate, for all
             components there; components by place as in `System(fixed=...)`; or bare integers, which are degrees of freedom `d *
-            vertex + component` here, and vertices at the places of `System(fixed=...)`.
+            node + component` here, and nodes at the places of `System(fixed=...)`.
 
         RegionError or SupportError if there is nothing at a place, or a component is not of the mesh; StvkError if a degree of
         freedom is out of range, or none is free.
