@@ -50,7 +50,8 @@ class System(BoundTerms):
         `NodalLoad`, `Traction`, `Pressure`.
     fixed : components that do not move, by place: `{"wall": "xyz", "symmetry": "y"}`. A place is the name of a boundary or of a
         node set, node ids, a predicate of the coordinates, as in scikit-fem, or what its `basis.get_dofs(...)` returned, which
-        stands for its nodes. As a whole, `fixed=basis.get_dofs(...)`, it is its own degrees of freedom; bare integers are always nodes.
+        stands for its nodes. As a whole, `fixed=basis.get_dofs(...)`, it is its own degrees of freedom; bare integers are always
+        nodes.
     prescribed : displacements by place and component: `{"handle": {"x": 0.01}}` [m], reached at t = 1; or functions of (x, t).
     degree : of the shape functions of simplices: 2 makes linear ones quadratic, with straight edges, 1 quadratic ones linear; by
         default they are as in the mesh.
