@@ -62,7 +62,7 @@ class Isotropic(Material):
             constant(self.poisson, f"poisson ({hypothesis.value})", low=-1.0, high=0.5)
 
     def lame(self, hypothesis: Hypothesis) -> tuple[Array, Array]:
-        """The pair `(lam, mu)` [Pa] that acts within the simplex's own dimensions.
+        """The pair `(lam, mu)` [Pa] that acts within the element's own dimensions.
 
         `lam = E nu/((1 + nu)(1 - 2 nu))` in solids and plane strain, `E nu/(1 - nu^2)` in plane stress; `mu = E/(2 (1 + nu))`.
         Under uniaxial stress the one modulus is `lam + 2 mu = E`: the pair is `(E, 0)`.

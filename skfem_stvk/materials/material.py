@@ -14,7 +14,7 @@ from ..errors import MaterialError, name_ids
 
 
 class Hypothesis(Enum):
-    """Which components of strain or stress vanish across a simplex."""
+    """Which components of strain or stress vanish across an element."""
 
     SOLID = "three-dimensional"
     PLANE_STRAIN = "plane strain"
@@ -23,7 +23,7 @@ class Hypothesis(Enum):
 
     @property
     def condensed(self) -> bool:
-        """Whether the stress across the simplex vanishes, so that the strain across it is condensed out."""
+        """Whether the stress across the element vanishes, so that the strain across it is condensed out."""
         return self in (Hypothesis.PLANE_STRESS, Hypothesis.UNIAXIAL_STRESS)
 
 

@@ -7,7 +7,7 @@ A plane wave `a cos(N . X - w t)` of small amplitude in a homogeneous body has `
 the last of `VolumePenalty`; `a . Q(N) a` is also the second derivative of the energy density along `F + s a (x) N`. Where it is not
 positive for all unit `a` and `N`, strong ellipticity is lost: what comes then depends on the mesh, however fine that is.
 
-It is a form `sum M_ik,JL a_i a_k N_J N_L`, of second degree in each. Directions `N` in the simplex and motions `a` of it have its
+It is a form `sum M_ik,JL a_i a_k N_J N_L`, of second degree in each. Directions `N` in the element and motions `a` of it have its
 own dimensions: in plane strain and plane stress both are in the plane, for that is how the triangles can move. Membranes and cables
 in space are left out: under any compression they move across themselves, which is wrinkling, and at rest they are just about to.
 """

@@ -1,7 +1,7 @@
-"""The law of a material on simplices: frames, full strain and stress from the strain within, and an energy of the volume.
+"""The law of a material on elements: frames, full strain and stress from the strain within, and an energy of the volume.
 
-A frame has the axes of the simplex's own line or plane, then the normals: three columns in any space.
-Across a simplex either the strain vanishes (plane strain), or the stress does (plane stress, segments), which gives the strain.
+A frame has the axes of the element's own line or plane, then the normals: three columns in any space.
+Across an element either the strain vanishes (plane strain), or the stress does (plane stress, segments), which gives the strain.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ SHEAR = np.array([1.0, 1.0, 1.0, 2.0, 2.0, 2.0])
 
 
 def strain_and_stress(material: Material, hypothesis: Hypothesis, strain: Array, frames: Array) -> tuple[Array, Array]:
-    """`E` and `S` (n, 3, 3) [1], [Pa] in the simplices' `rest_frames`, from the Green-Lagrange strain (n, k, k) in their own axes.
+    """`E` and `S` (n, 3, 3) [1], [Pa] in the elements' `rest_frames`, from the Green-Lagrange strain (n, k, k) in their own axes.
 
     >>> E, S = strain_and_stress(Isotropic(1.0, 0.25), Hypothesis.PLANE_STRESS, np.array([[[0.1, 0], [0, 0]]]), np.eye(3)[None])
     >>> np.round(np.diagonal(E[0]), 4), np.round(np.diagonal(S[0]), 4)
@@ -49,8 +49,8 @@ def dilation(gradient: Array) -> Array:
 def volume_stress(slope: Array, gradient: Array, held_across: NDArray[np.bool_]) -> tuple[Array, NDArray[np.bool_]]:
     """`S = psi' J C^-1 = psi' A A'/J` (n, 3, 3) with the adjugate `A` of `I + H`, and where it is infinite; 0 there.
 
-    It is that of the slope `psi'(J)` [Pa] and the displacement gradients `H` (n, k, k) of simplices that fill their space. Cauchy's
-    stress is `psi' I` within the simplices, and across those that are held there (plane strain).
+    It is that of the slope `psi'(J)` [Pa] and the displacement gradients `H` (n, k, k) of elements that fill their space. Cauchy's
+    stress is `psi' I` within the elements, and across those that are held there (plane strain).
     """
     k = gradient.shape[1]
     F = np.broadcast_to(np.eye(3), (len(gradient), 3, 3)).copy()
@@ -127,7 +127,7 @@ def in_space(vectors: Array) -> Array:
 
 
 def rest_frames(axes: Array) -> Array:
-    """(n, 3, 3) right-handed frames that begin with the simplices' axes (n, d, k); the global ones for `k = d`."""
+    """(n, 3, 3) right-handed frames that begin with the elements' axes (n, d, k); the global ones for `k = d`."""
     n, d, k = axes.shape
     if k == d:
         return np.broadcast_to(np.eye(3), (n, 3, 3))
@@ -142,10 +142,10 @@ def rest_frames(axes: Array) -> Array:
 
 
 def current_normals(frames: Array, tangents: Array, d: int) -> Array:
-    """(n, 3, 3 - k) unit normals of the simplices as they are now, from their rest frames and current tangents (n, 3, k).
+    """(n, 3, 3 - k) unit normals of the elements as they are now, from their rest frames and current tangents (n, 3, k).
 
     Those of a membrane in space follow its tangents. Those of a segment are turned with it by the smallest rotation that takes its
-    old direction to the new one: a segment does not tell how far it turns about itself. In a space that the simplices fill, and
+    old direction to the new one: a segment does not tell how far it turns about itself. In a space that the elements fill, and
     where one has shrunk to a point or a line, the normals stay as they were.
     """
     k = tangents.shape[2]

@@ -264,7 +264,7 @@ def prefixed(largest: float, unit: str) -> tuple[float, str]:
 
 
 def visible_cells(mesh: ElementMesh) -> tuple[Ids, Ids]:
-    """(m, n) corners and (n,) elements of what is drawn: the boundary facets of tetrahedra, other simplices as they are.
+    """(m, n) corners and (n,) elements of what is drawn of linear simplices: the boundary facets of tetrahedra, others as they are.
 
     `mesh.t[corners, elements]` are the vertices; facets are counterclockwise when seen from outside.
     """

@@ -35,7 +35,7 @@ def green_strain(state: Response) -> Masked:
 
 
 def deformation_gradient(state: Response) -> Masked:
-    """Deformation gradient `F` (nt, 3, 3), from rest to current axes: `I + grad u` within, and the stretches across the simplex.
+    """Deformation gradient `F` (nt, 3, 3), from rest to current axes: `I + grad u` within, and the stretches across the element.
 
     In plane strain `F_33 = 1`. Where the stress across vanishes, the columns across follow from `F'F = I + 2 E` and the current
     normals: `F_33 = sqrt(1 + 2 E_33)` if nothing shears across. There is no such `F` where `1 + 2 E_33 <= 0`: the law leaves no

@@ -122,7 +122,7 @@ class TangentOperator(LinearOperator):
             term.pairs.add_product(blocks, x, out)
 
     def by_edges(self, shift: Array | None = None) -> EdgeBlocks | None:
-        """The blocks, not copied, for solvers that multiply by themselves; None unless it is made of one term, on simplices.
+        """The blocks, not copied, for solvers that multiply by themselves; None unless it is made of one term, on elements.
 
         Errors as in `diagonal_blocks`.
         """

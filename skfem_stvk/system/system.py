@@ -184,7 +184,7 @@ class System(BoundTerms):
         return K
 
     def linearize(self, u: ArrayLike, out: csr_matrix | None = None) -> tuple[float, Array, csr_matrix]:
-        """`W(u)`, `F(u)` and `K(u)` in one pass over the simplices, for little more than K; `out` and errors as in `tangent`."""
+        """`W(u)`, `F(u)` and `K(u)` in one pass over the elements, for little more than K; `out` and errors as in `tangent`."""
         x = self._state(u)
         K, force = self._matrix(out), np.zeros(x.shape, dtype=self.dtype)
         energy = self._fill(x, K, force)

@@ -155,24 +155,24 @@ class Grounded(Protocol):
 
 @runtime_checkable
 class HasVolume(Protocol):
-    """A term with simplices that can turn inside out; its specification has their `region`."""
+    """A term with elements that can turn inside out; its specification has their `region`."""
 
     def volume_ratios(self, u: Array) -> NDArray[np.float64]:
-        """(n,) volume at `u` (nv, d) over that at rest of the region's simplices, in their order."""
+        """(n,) volume at `u` (nv, d) over that at rest of the region's elements, in their order."""
 
     def smallest_volume_ratio(self, u: Array) -> float:
         """The smallest of them."""
 
     def step_limit(self, u: Array, v: Array) -> float:
-        """The smallest `s > 0` at which a simplex that is right side out at `u` has no volume left at `u + s v`; or infinity."""
+        """The smallest `s > 0` at which an element that is right side out at `u` has no volume left at `u + s v`; or infinity."""
 
 
 @runtime_checkable
 class HasStretch(Protocol):
-    """A term with simplices that can be compressed; its specification has their `region`."""
+    """A term with elements that can be compressed; its specification has their `region`."""
 
     def smallest_stretches(self, u: Array) -> NDArray[np.float64]:
-        """(n,) smallest principal stretch at `u` (nv, d) of the region's simplices, in their order, within their own dimensions."""
+        """(n,) smallest principal stretch at `u` (nv, d) of the region's elements, in their order, within their own dimensions."""
 
     def smallest_stretch(self, u: Array) -> float:
         """The smallest of them."""
@@ -191,10 +191,10 @@ class HasStress(Protocol):
         """The material, with `check` and its moduli."""
 
     def hypothesis(self, mesh: ElementMesh) -> Hypothesis:
-        """Which components of strain or stress vanish across the simplices of this mesh."""
+        """Which components of strain or stress vanish across the elements of this mesh."""
 
     def section(self, mesh: ElementMesh, n: int) -> NDArray[np.float64]:
-        """What turns the measure of a simplex into a volume, a number or (n,)."""
+        """What turns the measure of an element into a volume, a number or (n,)."""
 
 
 @runtime_checkable

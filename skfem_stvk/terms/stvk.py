@@ -71,7 +71,7 @@ class StVK:
         own(self)
 
     def hypothesis(self, mesh: ElementMesh) -> Hypothesis:
-        """Which components of strain or stress vanish across the simplices of this mesh.
+        """Which components of strain or stress vanish across the elements of this mesh.
 
         Raises
         ------
@@ -146,7 +146,7 @@ class StVK:
         return np.asarray(np.diagonal(self.material.stiffness(), axis1=-2, axis2=-1)[..., :3].max(axis=-1))
 
     def section(self, mesh: ElementMesh, n: int) -> NDArray[np.float64]:
-        """What turns the measure of a simplex into a volume: thickness, area, or 1; a number or (n,)."""
+        """What turns the measure of an element into a volume: thickness, area, or 1; a number or (n,)."""
         name, value = {1: ("area", self.area), 2: ("thickness", self.thickness)}.get(mesh.k, ("", None))
         section = np.asarray(1.0 if value is None else value)
         check_length(section, n, name)
