@@ -114,7 +114,7 @@ class StepProblem:
         return self.system.dead and self.system.quartic and not self._mean and not self.motion.tau
 
     def begin(self, state: MotionState, coefficients: Coefficients) -> None:
-        """A step from this state."""
+        """Begin a step from this state."""
         with self._watch("assemble"):
             c, m, g, d, rest = coefficients
             np.copyto(self._u0, state.u)

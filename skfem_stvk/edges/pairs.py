@@ -122,7 +122,7 @@ class PairBlocks:
 
     @property
     def size(self) -> int:
-        """Numbers in the blocks."""
+        """How many numbers there are in the blocks."""
         return 9 * self._edges.total
 
     @property

@@ -34,7 +34,7 @@ class Stiffness(Protocol):
 
     @property
     def law(self) -> type[IsotropicLaw] | type[GeneralLaw]:
-        """How the kernels know it."""
+        """The type by which kernels choose its formulas."""
 
     def coefficients(self, p: Array, t: NDArray[np.int32]) -> Array:
         """(n, m, m) `L` of linear simplices with vertices `t` (k + 1, n), for the pairs of their edges [J/m^4]."""

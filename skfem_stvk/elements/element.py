@@ -103,7 +103,7 @@ class Element:
 
 
 def _barycentric(xi: Array) -> Array:
-    """(nq, k + 1)"""
+    """(nq, k + 1) barycentric coordinates `l_a` of reference points `xi` (nq, k)."""
     return np.concatenate([1 - xi.sum(axis=1, keepdims=True), xi], axis=1)
 
 

@@ -56,7 +56,7 @@ def are_straight(p: Array, t: Any, element: Element) -> Any:
 
 
 def _by_node(x: Array, t: Any) -> Array:
-    """(n, d nt)"""
+    """(n, d nt) components of a field `x` (d, nv) at the nodes of elements `t` (n, nt), elements next to each other."""
     return x[:, t].transpose(1, 0, 2).reshape(len(t), -1)
 
 

@@ -140,7 +140,7 @@ class Mass(ABC):
 
 
 class LumpedMass(Mass):
-    """A number for each node."""
+    """Mass that is a number for each node."""
 
     kind = "lumped"
 

@@ -64,7 +64,7 @@ class Fingerprint:
 
     @cached_property
     def signature(self) -> Signature:
-        """What stands in its files."""
+        """What its files say of the problem."""
         return Signature(kind=self._kind, method=self._method, moments=self._moments, numbers=self._numbers(self._moments))
 
     def differences(self, then: Signature) -> str:

@@ -161,7 +161,7 @@ class HasVolume(Protocol):
         """(n,) volume at `u` (nv, d) over that at rest of the region's elements, in their order."""
 
     def smallest_volume_ratio(self, u: Array) -> float:
-        """The smallest of them."""
+        """The smallest of `volume_ratios(u)`."""
 
     def step_limit(self, u: Array, v: Array) -> float:
         """The smallest `s > 0` at which an element that is right side out at `u` has no volume left at `u + s v`; or infinity."""
@@ -175,7 +175,7 @@ class HasStretch(Protocol):
         """(n,) smallest principal stretch at `u` (nv, d) of the region's elements, in their order, within their own dimensions."""
 
     def smallest_stretch(self, u: Array) -> float:
-        """The smallest of them."""
+        """The smallest of `smallest_stretches(u)`."""
 
 
 @runtime_checkable
