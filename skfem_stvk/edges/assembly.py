@@ -104,6 +104,9 @@ class ElementTerm(PairTerm):
     def rows(self, pattern: BlockPattern) -> ElementRows:
         return ElementRows(self.elements, self.pairs, pattern, self.dtype)
 
+    def by_rows(self, kept: Tensions) -> bool:
+        return True
+
     @in_turn
     def fill(
         self, u: Array, rows: ElementRows, data: Array, add: bool, force: Array | None = None, kept: Tensions = ALL
@@ -308,12 +311,16 @@ class Assembly(ElementTerm):
             run(block_kernels.weigh_negative, self.pairs.products.parts, self._tensions(), less, blocks)
         return W, blocks
 
+    def by_rows(self, kept: Tensions) -> bool:
+        """As in `PairTerm`; tensions of linear simplices of both signs are known only when all elements have been added."""
+        return kept.negative == kept.positive or self.points is not None
+
     @in_turn
     def fill(
         self, u: Array, rows: ElementRows, data: Array, add: bool, force: Array | None = None, kept: Tensions = ALL
     ) -> Linearized:
-        """As in `ElementTerm`; tensions of linear simplices of both signs are known only when all elements have been added."""
-        if kept.negative == kept.positive or self.points is not None:
+        """As in `ElementTerm`; by the blocks of all pairs where not `by_rows`."""
+        if self.by_rows(kept):
             return super().fill(u, rows, data, add, force, kept)
         W, blocks = self.blocks(u, force, self._filled, kept)
         self._filled = blocks

@@ -341,6 +341,10 @@ class PairTerm(ABC):
         W, self._filled = self.blocks(u, force, self._filled, kept)
         return Linearized(W, self.pairs.fill(rows, self._filled, add, data))
 
+    def by_rows(self, kept: Tensions) -> bool:
+        """Whether `fill` makes K row by row: then it also writes a part of it, by `rows(pattern).part(places)`."""
+        return False
+
     def add_sizes(self, u: Array, out: Array) -> None:
         """Add `|F|` and `sum_b |K_ab| |u_b|` at `u` to `out`, both (nv, d) [N]: no less than all that adds up to a smooth F."""
         force, sizes, diagonal = np.zeros(u.shape), np.zeros(len(u)), np.zeros((*u.shape, u.shape[1]))

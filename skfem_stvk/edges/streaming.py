@@ -23,6 +23,8 @@ Result = TypeVar("Result")
 
 #: Bytes of a matrix from which on it is written past the caches: a smaller one is read from them afterwards.
 PAST_CACHES = 2**21
+#: Bytes of slots that a core's own cache holds.
+IN_CACHE = 2**20
 
 
 class RowPlan(NamedTuple):
@@ -48,20 +50,21 @@ class ElementRows:
 
     Parameters
     ----------
-    simplices : the elements.
+    elements : whose.
     pairs : what is made of their blocks.
     pattern : of the matrix.
     dtype : of its values.
     """
 
-    def __init__(self, simplices: OwnElements, pairs: PairBlocks, pattern: BlockPattern, dtype: DTypeLike) -> None:
-        self._simplices, self._pairs, self._pattern, self._dtype = simplices, pairs, pattern, np.dtype(dtype)
+    def __init__(self, elements: OwnElements, pairs: PairBlocks, pattern: BlockPattern, dtype: DTypeLike) -> None:
+        self._elements, self._pairs, self._pattern, self._dtype = elements, pairs, pattern, np.dtype(dtype)
         self._plan: tuple[int, RowPlan] | None = None
+        self._part: PartOfRows | None = None
 
     @property
     def size(self) -> int:
         """Number of blocks."""
-        return len(self._simplices.own.vertices) + 2 * self._simplices.edges.total
+        return len(self._elements.own.vertices) + 2 * self._elements.edges.total
 
     @cached_property
     def of_all_pairs(self) -> Rows:
@@ -73,7 +76,7 @@ class ElementRows:
         part, and the trace of rows that were written afterwards."""
         plan = self.plan
         # all of K is written, and no other term has a part in it
-        whole = not add and self._simplices.d**2 * self.size == len(data)
+        whole = not add and self._elements.d**2 * self.size == self._pattern.indptr[-1]
         staged = whole and data.nbytes > PAST_CACHES and bool(data.flags.aligned)
         slots = plan.slots._replace(data=data, add=bool(add), staged=staged)
         found = linearize(slots)
@@ -88,20 +91,26 @@ class ElementRows:
     def plan(self) -> RowPlan:
         """For the number of threads that there are now; that for another number is thrown away."""
         if self._plan is None or self._plan[0] != threads():
-            self._plan = threads(), self._made(self._simplices.forces)
+            self._plan = threads(), self._made(self._elements.forces)
         return self._plan[1]
 
+    def part(self, places: NDArray[np.int32]) -> PartOfRows:
+        """The same for a matrix of the values at these `places` (n,) alone, ascending; that for others is thrown away."""
+        if self._part is None or self._part.places is not places:
+            self._part = PartOfRows(self, places)
+        return self._part
+
     def _made(self, shares: Shares) -> RowPlan:
-        simplices, pairs, pattern, parts = self._simplices, self._simplices.edges, self._pattern, shares.parts
-        vertices = simplices.own.vertices
-        n, d = len(vertices), simplices.d
-        part_of, last = last_uses(simplices.t, parts, n)
+        elements, pairs, pattern, parts = self._elements, self._elements.edges, self._pattern, shares.parts
+        vertices = elements.own.vertices
+        n, d = len(vertices), elements.d
+        part_of, last = last_uses(elements.t, parts, n)
         nodes = np.argsort(part_of, kind="stable")  # of the rows
         row_of = np.empty(n, dtype=np.int64)
         row_of[nodes] = np.arange(n)
         in_work = int(np.count_nonzero(part_of < len(parts) - 1))
         complete = np.maximum.accumulate(last[nodes[:in_work]])  # one after the other, as they are written
-        done = np.searchsorted(complete, np.arange(len(simplices.t) + 1))
+        done = np.searchsorted(complete, np.arange(len(elements.t) + 1))
 
         star, others, entries = stars(np.ascontiguousarray(pairs.edges[pairs.number].T), n)
         others_too = entries != OWN
@@ -132,6 +141,9 @@ class ElementRows:
             columns=columns.astype(np.uint32 if strides.max(initial=0) > np.iinfo(np.uint16).max else np.uint16),
             first=first,
             strides=strides,
+            sizes=sizes.astype(np.int64),
+            picked=np.zeros(n + 1, dtype=np.int64),
+            picks=np.empty(0, dtype=np.uint32),
             eights=on_lines(8 * size, self._dtype),
             ninths=np.zeros(size, dtype=self._dtype),
             d=d,
@@ -139,6 +151,7 @@ class ElementRows:
             add=False,
             staged=False,
             ahead=bool(apart > len(first) // 8),
+            large=8 * size * self._dtype.itemsize > IN_CACHE,
             widest=int(sizes.max(initial=0)),
         )
         if pairs.turned.size:
@@ -151,6 +164,31 @@ class ElementRows:
         """Bytes of its arrays."""
         plan = () if self._plan is None else [value for value in self._plan[1].slots if isinstance(value, np.ndarray)]
         return nbytes(plan) + nbytes(self.__dict__.get("of_all_pairs", ()))
+
+
+class PartOfRows(ElementRows):
+    """Where the blocks of elements stand in a part of a matrix, such as that of free degrees of freedom.
+
+    Parameters
+    ----------
+    whole : where they stand in all of it.
+    places : of the values that the part has, ascending.
+    """
+
+    def __init__(self, whole: ElementRows, places: NDArray[np.int32]) -> None:
+        super().__init__(whole._elements, whole._pairs, whole._pattern, whole._dtype)
+        self._whole, self.places = whole, places
+
+    def _made(self, shares: Shares) -> RowPlan:
+        """As for all of the matrix, but for the rows that the part has not, or not all of."""
+        whole = self._whole.plan
+        slots, places = whole.slots, self.places
+        first, last = np.searchsorted(places, slots.first), np.searchsorted(places, slots.first + slots.sizes)
+        counts = np.where(last - first < slots.sizes, last - first, 0)
+        picked = np.concatenate([[0], np.cumsum(counts)])
+        of_row = np.arange(picked[-1]) - np.repeat(picked[:-1] - first, counts)
+        picks = (places[of_row] - np.repeat(slots.first, counts)).astype(np.uint32)
+        return whole._replace(slots=slots._replace(first=first, sizes=last - first, picked=picked, picks=picks))
 
 
 def on_lines(size: int, dtype: np.dtype[Any]) -> Array:

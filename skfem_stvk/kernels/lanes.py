@@ -166,7 +166,7 @@ def _means_absolute(points):
 
 @inlined
 def at_point(points, x):
-    """Room for vectors of the spokes at a point (9 LANES,): of linear simplices, the vectors `x` of the nodes themselves."""
+    """Room for three vectors at a point (9 LANES,): of linear simplices, in the place of `x`, such as those of its nodes."""
     if points is None:
         return x
     else:

@@ -129,8 +129,9 @@ def room_for_pairs(points, edge_slots, dtype):
     pairs of its nodes, whose slots are those.
     """
     size = 0 if points is None else 9 * NINE * points_of(points)
+    work = np.empty(0 if points is None else 2 * size + 3 * NINE, dtype)
     values = np.empty(max(9 * edge_slots.shape[1], 54 * LANES), dtype)
-    return np.empty(size, dtype), np.empty(size, dtype), np.empty(3 * NINE, dtype), values
+    return work[:size], work[size : 2 * size], work[2 * size :], values
 
 
 def put_pairs(points: Any, block: Any, nodes: Any, K: Any, x: Any, kept: Any, T: Any, row: Any, out: Any) -> None:

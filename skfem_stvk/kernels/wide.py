@@ -62,6 +62,10 @@ def prefetch(data: Reals, at: int) -> None:
     """Have the line of `data[at]` brought into the cache, to be written to soon; `at` need not be an entry."""
 
 
+def bring(data: Any, at: int, count: int) -> None:
+    """Have the lines of `count` numbers from `data[at]` on brought into the cache, to be read soon; they need not be entries."""
+
+
 def fence() -> None:
     """Wait until other threads see what `store_line` wrote."""
 
@@ -163,15 +167,27 @@ def _store_line(typing: Any, data: Any, to: Any, stage: Any, at: Any) -> Any:
     return types.void(data, types.int64, stage, types.int64), generate
 
 
+def _prefetching(context: Any, builder: Any, array_type: Any, arguments: Any, write: int) -> Any:
+    address = ir.IntType(8).as_pointer()
+    kind = ir.FunctionType(ir.VoidType(), [address, _WORD, _WORD, _WORD])
+    function = builder.module.declare_intrinsic("llvm.prefetch", [address], kind)
+    place = builder.bitcast(_pointer(context, builder, array_type, *arguments), address)
+    builder.call(function, [place, *(ir.Constant(_WORD, i) for i in (write, 3, 1))])  # in the first cache, data
+    return context.get_dummy_value()
+
+
 @_instructions
 def _prefetch(typing: Any, data: Any, at: Any) -> Any:
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        address = ir.IntType(8).as_pointer()
-        kind = ir.FunctionType(ir.VoidType(), [address, _WORD, _WORD, _WORD])
-        function = builder.module.declare_intrinsic("llvm.prefetch", [address], kind)
-        place = builder.bitcast(_pointer(context, builder, signature.args[0], *arguments), address)
-        builder.call(function, [place, *(ir.Constant(_WORD, i) for i in (1, 3, 1))])  # to write, in the first cache, data
-        return context.get_dummy_value()
+        return _prefetching(context, builder, signature.args[0], arguments, 1)
+
+    return types.void(data, types.int64), generate
+
+
+@_instructions
+def _prefetch_to_read(typing: Any, data: Any, at: Any) -> Any:
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        return _prefetching(context, builder, signature.args[0], arguments, 0)
 
     return types.void(data, types.int64), generate
 
@@ -198,6 +214,17 @@ def _of_add_turned_lanes(values: Any, at: Any, slots: Any, first: Any, eights: A
 @overload(store_line, jit_options=INLINED, strict=False)
 def _of_store_line(data: Any, to: Any, stage: Any, at: Any) -> Any:
     return lambda data, to, stage, at: _store_line(data, to, stage, at)
+
+
+@overload(bring, jit_options=INLINED, strict=False)
+def _of_bring(data: Any, at: Any, count: Any) -> Any:
+    width = LINE // (data.dtype.bitwidth // 8)
+
+    def lines(data: Any, at: Any, count: Any) -> None:
+        for i in range(0, count, width):
+            _prefetch_to_read(data, at + i)
+
+    return lines
 
 
 @overload(prefetch, jit_options=INLINED, strict=False)

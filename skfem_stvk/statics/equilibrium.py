@@ -108,7 +108,7 @@ class Equilibrium:
                 shift = self.tangent.shift(self.tangent.diagonal_of(operator)) if shifted else None
                 K = FreeOperator(operator, self.free, shift)
             else:
-                K = self.tangent.restricted(self.tangent.matrix(u, t, kept))
+                K = self.tangent.free_matrix(u, t, kept)
                 if shifted:
                     K.setdiag(K.diagonal() + self.tangent.shift(K.diagonal()))
         with self._watch("factor"):

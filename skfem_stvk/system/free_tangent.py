@@ -67,13 +67,21 @@ class FreeTangent:
     def matrix(self, u: Array, t: Time | None, kept: Tensions = ALL) -> csr_matrix:
         """The Jacobian at `u` (ndofs,) of all degrees of freedom, in the place of the one before; without a time, the elastic K.
         Where a term has changed which vertices it couples, K has another structure, which is analysed anew."""
-        if self.system.pattern_version != self._version:
-            self.take(self.solver)
+        self._follow_pattern()
         if t is None:
             self._K = self.system.tangent(u, out=self._K)
         else:
             self._K = self.system.jacobian(u, t, out=self._K, kept=kept)
         return self._K
+
+    def free_matrix(self, u: Array, t: Time, kept: Tensions = ALL) -> csr_matrix:
+        """The Jacobian at `u` (ndofs,) of the free degrees of freedom, in the place of the one before: without all of it where no
+        support moves, for nobody asks for a `force_of` then that is not zero."""
+        if self.system.supports.prescribed.size:
+            return self.restricted(self.matrix(u, t, kept))
+        self._follow_pattern()
+        self._Kff = self.system.jacobian(u, t, out=self._Kff, kept=kept, free=self.free)
+        return self._Kff
 
     def operator(self, u: Array, kept: Tensions = ALL) -> TangentOperator:
         """The tangent at `u` (ndofs,) as an operator on all degrees of freedom, in the place of the one before."""
@@ -82,6 +90,10 @@ class FreeTangent:
         else:
             self._operator.prepare(u, kept=kept)
         return self._operator
+
+    def _follow_pattern(self) -> None:
+        if self.system.pattern_version != self._version:
+            self.take(self.solver)
 
     def restricted(self, K: csr_matrix) -> csr_matrix:
         """`K` of the free degrees of freedom, in the place of the one before."""
@@ -107,14 +119,16 @@ class FreeTangent:
         return factors
 
     def force_of(self, w: Array) -> Array:
-        """(n,) `K w` for displacements `w` (ndofs,), by the K of all degrees of freedom that was made last."""
+        """(n,) `K w` for displacements `w` (ndofs,) of held degrees of freedom, by the K that was made last."""
+        if not w.any():
+            return np.zeros(len(self.free.free))
         K = self._operator if self.solver.matrix_free else self._K
         assert K is not None
         return np.asarray((K @ w)[self.free.free])
 
     def beside(self, u: Array, t: Time) -> tuple[csr_matrix, Unknowns]:
         """The Jacobian at `u` over the free degrees of freedom as a matrix of its own, and its unknowns."""
-        K = self.free.matrix(self.system.jacobian(u, t))
+        K = self.system.jacobian(u, t, free=self.free)
         return K, Unknowns(*np.divmod(self.free.free, self.system.mesh.d), K.indptr, K.indices)
 
     def operator_beside(self, u: Array, t: Time) -> FreeOperator | csr_matrix:

@@ -163,7 +163,7 @@ class FreeDofs:
     >>> Kff = held.matrix(K)
     >>> bool(abs(Kff - K[held.free][:, held.free]).max() == 0)
     True
-    >>> held.matrix(body.tangent(held.vector(np.full(len(held.free), 0.01)), out=K), out=Kff) is Kff    # each Newton step
+    >>> body.tangent(held.vector(np.full(len(held.free), 0.01)), out=Kff, free=held) is Kff    # each Newton step
     True
     """
 
@@ -192,6 +192,16 @@ class FreeDofs:
     def structure(self) -> Structure:
         """Structure of K over the free degrees of freedom."""
         return self._restriction()[0]
+
+    @property
+    def pattern(self) -> Pattern:
+        """The pattern of all of K."""
+        return self._system.pattern
+
+    @property
+    def places(self) -> NDArray[np.int32]:
+        """Where the values of K over the free degrees of freedom stand in those of K, ascending."""
+        return self._restriction()[1]
 
     def _restriction(self) -> tuple[Structure, NDArray[np.int32]]:
         """Structure of K over the free degrees of freedom, and where its values stand in those of K: once for each version."""
@@ -227,7 +237,7 @@ class FreeDofs:
         elif not structure.fits(out, K.dtype):
             raise StvkError(
                 f"out = {shown(out)} does not have the pattern and type of the restricted K ({structure.shape}, {structure.nnz} "
-                f"values of {K.dtype}); expected a matrix that matrix() returned before."
+                f"values of {K.dtype}); expected a matrix that matrix() or tangent(u, free=...) returned before."
             )
         run(block_kernels.pick, parts_of(len(places), 0.02, threads()), places, K.data, out.data)
         return out

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import cached_property
 from typing import Any
 
@@ -26,7 +26,7 @@ from .bound import BoundTerms
 from .mass import KINDS, Mass
 from .mechanisms import check_held, grounded_dofs
 from .operator import TangentOperator, refuse_overflow
-from .pattern import FreeDofs, Pattern
+from .pattern import FreeDofs, Pattern, Structure
 from .rigid import parts_of
 from .supports import Displacements, Supports, dofs_at
 
@@ -107,9 +107,10 @@ class System(BoundTerms):
         self._turning = [(load, Coupled(load, mesh.nv, mesh.d, np.float64)) for load in turning]
         self._changing = [term for term in (*self.bound_terms, *self.bound_loads) if hasattr(term, "pattern_version")]
         self._pattern: Pattern | None = None
-        self._places: tuple[int, list[Rows], list[Rows]] | None = None
+        self._places: tuple[int, list[Any], list[Rows]] | None = None
         self._masses: dict[str, Mass] = {}
         self._operator: TangentOperator | None = None
+        self._whole: csr_matrix | None = None  # K of which only a part was asked for
         self._turn = Turn()
 
     @property
@@ -132,7 +133,7 @@ class System(BoundTerms):
             self._pattern = Pattern(self.mesh.nv, self.mesh.d, pairs, version)
         return self._pattern
 
-    def _rows(self) -> tuple[list[Rows], list[Rows]]:
+    def _rows(self) -> tuple[list[Any], list[Rows]]:
         """Where blocks of terms and of loads stand in the values of K, worked out once for each version of the pattern."""
         pattern = self.pattern
         if self._places is None or self._places[0] != pattern.version:
@@ -172,22 +173,25 @@ class System(BoundTerms):
         refuse_overflow(force, "F", x)
         return energy, force.reshape(-1) if out is None else out
 
-    def tangent(self, u: ArrayLike, out: csr_matrix | None = None) -> csr_matrix:
+    def tangent(self, u: ArrayLike, out: csr_matrix | None = None, *, free: FreeDofs | None = None) -> csr_matrix:
         """Tangent stiffness `K = d2W/du2` (ndofs, ndofs) [N/m], always of the same pattern, zeros kept.
 
-        `out` is a matrix that this method returned before, to be filled anew; by default a new one. Errors as in `energy`, and
-        StvkError if `out` has another pattern.
+        `out` is a matrix that this method returned before, to be filled anew; by default a new one. With `free`, which `free_dofs`
+        returned, K has the rows and columns of the free degrees of freedom alone; where elements alone have a part in it, it is
+        written straight, without the others. Errors as in `energy`, and StvkError if `out` has another pattern.
         """
         x = self._state(u)
-        K = self._matrix(out)
-        self._fill(x, K, None)
+        if free is not None:
+            return self._part(x, free, out, ALL, lambda whole: self.tangent(u, whole))
+        K = self._matrix(out, self.pattern)
+        self._fill(x, K.data, self._rows()[0], None)
         return K
 
     def linearize(self, u: ArrayLike, out: csr_matrix | None = None) -> tuple[float, Array, csr_matrix]:
         """`W(u)`, `F(u)` and `K(u)` in one pass over the elements, for little more than K; `out` and errors as in `tangent`."""
         x = self._state(u)
-        K, force = self._matrix(out), np.zeros(x.shape, dtype=self.dtype)
-        energy = self._fill(x, K, force)
+        K, force = self._matrix(out, self.pattern), np.zeros(x.shape, dtype=self.dtype)
+        energy = self._fill(x, K.data, self._rows()[0], force)
         refuse_overflow(energy, "W", x)
         refuse_overflow(force, "F", x)
         return energy, force.ravel(), K
@@ -250,15 +254,20 @@ class System(BoundTerms):
         loads = self.external_force(u, t)
         return self.internal_force(u) - loads
 
-    def jacobian(self, u: ArrayLike, t: Time = 1.0, out: csr_matrix | None = None, *, kept: Tensions = ALL) -> csr_matrix:
-        """Derivative of the residual: `K(u)` minus the loads' `df_ext/du` (ndofs, ndofs) [N/m]; `out` and errors as in `tangent`.
+    def jacobian(
+        self, u: ArrayLike, t: Time = 1.0, out: csr_matrix | None = None, *, kept: Tensions = ALL, free: FreeDofs | None = None
+    ) -> csr_matrix:
+        """Derivative of the residual: `K(u)` minus the loads' `df_ext/du` (ndofs, ndofs) [N/m]; `out`, `free` and errors as in
+        `tangent`.
 
         `kept` are the tensions of edges that stay in it: `TENSILE` and `NONE` of `skfem_stvk.edges` leave out all that can make K
         indefinite, what the pressure of a `VolumePenalty` adds as well. It is positive semi-definite then, but for the loads.
         """
         moment, factors, x = Moment.checked(t), _factors(kept), self._state(u)
-        K = self._matrix(out)
-        self._fill(x, K, None, factors)
+        if free is not None:
+            return self._part(x, free, out, factors, lambda whole: self.jacobian(u, t, whole, kept=kept))
+        K = self._matrix(out, self.pattern)
+        self._fill(x, K.data, self._rows()[0], None, factors)
         for (_, of), rows in zip(self._turning, self._rows()[1], strict=True):
             of.add_stiffness(x, moment, rows, K.data)
         return K
@@ -401,30 +410,47 @@ class System(BoundTerms):
         force[:] = 0
         return sum(term.energy_and_force(x, force) for term in self.bound_terms), force
 
-    def _matrix(self, out: csr_matrix | None) -> csr_matrix:
+    def _matrix(self, out: csr_matrix | None, structure: Structure) -> csr_matrix:
         if out is None:
-            return self.pattern.matrix(np.empty(self.pattern.nnz, dtype=self.dtype))
-        if not self.pattern.fits(out, self.dtype):
+            return structure.matrix(np.empty(structure.nnz, dtype=self.dtype))
+        if not structure.fits(out, self.dtype):
             raise StvkError(
-                f"out = {shown(out)} does not have the pattern and type of this system's K ({self.pattern.shape}, "
-                f"{self.pattern.nnz} values of {self.dtype}). Hand in a matrix that tangent() returned, unchanged by "
+                f"out = {shown(out)} does not have the pattern and type of this system's K ({structure.shape}, "
+                f"{structure.nnz} values of {self.dtype}). Hand in a matrix that tangent() returned, unchanged by "
                 "eliminate_zeros() and the like."
             )
         return out
 
-    def _fill(self, x: Array, K: csr_matrix, force: Array | None, kept: Tensions = ALL) -> float:
-        """Fill the values of K; adds the force; the energy."""
-        every, _ = self._rows()
+    def _fill(self, x: Array, data: Array, every: Sequence[Any], force: Array | None, kept: Tensions = ALL) -> float:
+        """Fill the values of K, of which `every` term has these rows; adds the force; the energy."""
         add = self.mesh.d**2 * every[0].size < self.pattern.nnz  # otherwise the first term writes to all of K
         if add:
-            K.data[:] = 0
+            data[:] = 0
         energy = 0.0
         for term, rows in zip(self.pair_terms, every, strict=True):
-            linearized = term.fill(x, rows, K.data, add, force, kept)
+            linearized = term.fill(x, rows, data, add, force, kept)
             add = True
             refuse_overflow(linearized.total, "K", x)
             energy += linearized.energy
         return energy
+
+    def _part(
+        self, x: Array, free: FreeDofs, out: csr_matrix | None, kept: Tensions, make: Callable[[csr_matrix | None], csr_matrix]
+    ) -> csr_matrix:
+        """K over the free degrees of freedom: straight where all that has a part in it can, else of all K, which `make` gives."""
+        if not isinstance(free, FreeDofs) or free.pattern is not self.pattern:
+            raise StvkError(
+                f"free = {shown(free)}; expected what free_dofs() of this system returned: K over the degrees of freedom of another "
+                "has another pattern."
+            )
+        K, places = self._matrix(out, free.structure), free.places
+        if not self._turning and all(term.by_rows(kept) for term in self.pair_terms):
+            self._fill(x, K.data, [rows.part(places) for rows in self._rows()[0]], None, kept)
+            return K
+        with self._turn:
+            whole = self._whole if self._whole is not None and self.pattern.fits(self._whole, self.dtype) else None
+            self._whole = make(whole)
+            return free.matrix(self._whole, K)
 
     def __repr__(self) -> str:
         return f"System: {self.mesh.nt} {self.mesh.kind}, {self.ndofs} degrees of freedom, {len(self.terms)} term(s)"

@@ -1,6 +1,7 @@
 """What a time loop costs besides the arithmetic: memory, and looks at the critical step."""
 
 import re
+import sys
 import tracemalloc
 from contextlib import nullcontext
 from dataclasses import replace
@@ -31,11 +32,16 @@ def pushed(system):
     return v.ravel()
 
 
+def forget_names():
+    """Have Python let go of names of attributes: it keeps the last 4096 that C code has asked for, some 60 B each."""
+    getattr(sys, "_clear_internal_caches", sys._clear_type_cache)()
+
+
 @pytest.mark.parametrize(
     "integrator", [ForwardEuler(dt=1e-5), VelocityVerlet(dt=1e-5), LinearBackwardEuler(dt=1e-3)], ids=lambda one: one.name
 )
 def test_nothing_as_long_as_a_vector_is_allocated_in_the_time_loop(integrator):
-    system = hanging(8)
+    system = hanging(6)
     setup, record = begun(system, integrator, pushed(system))
     loop = Loop(setup, record, Outputs(setup, record), True)
 
@@ -49,13 +55,16 @@ def test_nothing_as_long_as_a_vector_is_allocated_in_the_time_loop(integrator):
     tracemalloc.start()
     try:
         steps()
+        forget_names()
         before, _ = tracemalloc.get_traced_memory()
         tracemalloc.reset_peak()
         steps()
-        after, peak = tracemalloc.get_traced_memory()
+        _, peak = tracemalloc.get_traced_memory()
+        forget_names()
+        after, _ = tracemalloc.get_traced_memory()
     finally:
         tracemalloc.stop()
-    assert peak - before < record.state.u.nbytes and after - before < 0.2 * record.state.u.nbytes
+    assert peak - before < record.state.u.nbytes and after - before < 1000
 
 
 def test_a_linear_step_starts_from_where_velocity_and_acceleration_lead():

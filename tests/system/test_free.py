@@ -1,13 +1,16 @@
 """Restriction to the free degrees of freedom is slicing, only cheaper."""
 
 import hypothesis.strategies as st
+import numba
 import numpy as np
 import pytest
 import skfem
 from bodies import BODIES, MESHES, state
 from hypothesis import given, settings
 
-from skfem_stvk import ElementMesh, StVK, StvkError, System
+from skfem_stvk import ElementMesh, Pressure, StVK, StvkError, System, VolumePenalty
+from skfem_stvk.edges import ALL, NONE, TENSILE
+from skfem_stvk.edges.streaming import PAST_CACHES
 
 SOLID = System(MESHES["tetrahedra"], StVK(young=2.0, poisson=0.3))
 N = SOLID.ndofs
@@ -30,6 +33,65 @@ def test_the_restricted_matrix_is_the_slice(name):
     K = body.tangent(state(mesh))
     assert is_slice(held.matrix(K), K, held.free)
     assert sorted([*held.free, *held.fixed]) == list(range(body.ndofs))
+
+
+@pytest.mark.parametrize("name", BODIES)
+@pytest.mark.parametrize("kept", [ALL, TENSILE, NONE], ids=["all", "tensile", "none"])
+def test_written_straight_it_is_the_slice(name, kept):
+    mesh, terms = BODIES[name]
+    body = System(mesh, terms)
+    K, rng = body.jacobian(state(mesh), kept=kept), np.random.default_rng(1)
+    some = rng.choice(body.ndofs, body.ndofs // 4, replace=False)
+    for fixed in (
+        some,
+        [0],
+        np.arange(body.ndofs // 3),
+        np.arange(0, body.ndofs, max(body.mesh.d, 2)),
+        np.delete(np.arange(body.ndofs), some),
+    ):
+        held = body.free_dofs(fixed)
+        straight = body.jacobian(state(mesh), kept=kept, free=held)
+        assert is_slice(straight, K, held.free)
+        assert body.jacobian(2 * state(mesh), kept=kept, free=held, out=straight) is straight
+        assert is_slice(straight, body.jacobian(2 * state(mesh), kept=kept), held.free)
+
+
+@pytest.mark.parametrize("count", [1, 2, 3])
+@pytest.mark.parametrize("terms", [[StVK(young=2.0, poisson=0.3)], [StVK(young=2.0, poisson=0.3), VolumePenalty(3.0)]])
+def test_large_matrices_are_written_straight_by_all_threads(count, terms):
+    """Past the caches where all of it is written, through rows of which parts are picked; and added to."""
+    mesh, rng = skfem.MeshTet.init_tensor(*[np.linspace(0, 1, 14)] * 3), np.random.default_rng(2)
+    body = System((mesh.p + 0.01 * rng.uniform(-1, 1, mesh.p.shape), mesh.t), terms)
+    u = 0.002 * rng.standard_normal(body.ndofs)
+    before = numba.get_num_threads()
+    numba.set_num_threads(min(count, before))
+    try:
+        K = body.tangent(u)
+        assert K.data.nbytes > PAST_CACHES
+        for fixed in (rng.choice(body.ndofs, 900, replace=False), np.flatnonzero(mesh.p.T.ravel() == 0)):
+            held = body.free_dofs(fixed)
+            assert is_slice(body.tangent(u, free=held), K, held.free)
+    finally:
+        numba.set_num_threads(before)
+
+
+def test_a_load_that_follows_the_body_has_its_part():
+    mesh = MESHES["tetrahedra"]
+    body = System(mesh, [StVK(young=2.0, poisson=0.3), Pressure(lambda x: x[0] > -1, 1.5)])
+    held = body.free_dofs(np.arange(0, body.ndofs, 7))
+    K = body.jacobian(state(mesh), 0.7)
+    assert is_slice(body.jacobian(state(mesh), 0.7, free=held), K, held.free)
+    assert abs(body.tangent(state(mesh), free=held) - body.jacobian(state(mesh), 0.7, free=held)).max() > 0
+
+
+def test_only_elements_write_straight():
+    """Nothing else is made: the matrix of all degrees of freedom neither."""
+    body = System(MESHES["tetrahedra"], StVK(young=2.0, poisson=0.3))
+    held = body.free_dofs([0, 5])
+    body.tangent(state(body.mesh), free=held)
+    assert body._whole is None
+    body.jacobian(state(body.mesh), kept=TENSILE, free=held)  # tensions of both signs are known when all elements are added
+    assert body._whole is not None
 
 
 @settings(max_examples=40)
@@ -208,3 +270,13 @@ def test_single_precision_stays_single():
 
 def test_it_says_how_many_are_free():
     assert repr(HELD) == f"FreeDofs: {len(HELD.free)} free, {len(HELD.fixed)} fixed"
+
+
+@pytest.mark.parametrize(
+    "free", [3, "xyz", np.arange(4), System(MESHES["tetrahedra"], StVK(young=2.0, poisson=0.3)).free_dofs([0])]
+)
+def test_only_the_free_degrees_of_freedom_of_the_system_are_taken(free):
+    with pytest.raises(StvkError, match=r"free = .*; expected what free_dofs\(\) of this system returned"):
+        SOLID.tangent(np.zeros(N), free=free)
+    with pytest.raises(StvkError, match="free = "):
+        SOLID.jacobian(np.zeros(N), free=free)

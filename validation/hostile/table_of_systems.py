@@ -64,6 +64,16 @@ def calls() -> list[Call]:
         _writing("energy_and_force", {"out": OPTIONAL | {"NaN in it", "inf in it"}}, u=u),
         Call("System.tangent into a matrix", lambda: (body.tangent, {"u": u, "out": K.copy()}), {"out": OPTIONAL}),
         Call(
+            "System.tangent of free degrees of freedom",
+            lambda: (body.tangent, {"u": u, "out": restricted.copy(), "free": held}),
+            {"out": OPTIONAL, "free": OPTIONAL},
+        ),
+        Call(
+            "System.jacobian of free degrees of freedom",
+            lambda: (body.jacobian, {"u": u, "t": 0.5, "free": held}),
+            time | {"free": OPTIONAL},
+        ),
+        Call(
             "System.jacobian into a matrix",
             lambda: (body.jacobian, {"u": u, "t": 0.5, "out": K.copy(), "kept": TENSILE}),
             time | {"out": OPTIONAL},
