@@ -13,7 +13,8 @@ from .peer import lame, require
 
 
 class FElupe:
-    """A `SolidBody` of `RegionTetra` with one quadrature point and one thread; see `Peer`.
+    """A `SolidBody` of `RegionTetra` with one quadrature point and one thread; see `Peer`. With ten nodes an element, of
+    `RegionQuadraticTetra` with four points.
 
     FElupe needs tetrahedra of positive orientation, so the others are handed over with two vertices exchanged. The law is written
     for it as its own compressible laws are, in closed form; its general route to the same law, `MaterialStrain`, takes about 1.5
@@ -25,11 +26,13 @@ class FElupe:
     def __init__(self, p: Array, t: NDArray[np.int32], young: float, poisson: float) -> None:
         felupe = require("FElupe")
         self.version: str = felupe.__version__
-        edges = p[:, t[1:]] - p[:, t[:1]]
-        cells = t.T.copy()
+        edges = p[:, t[1:4]] - p[:, t[:1]]
+        cells, quadratic = t.T.copy(), len(t) == 10
         turned = np.linalg.det(np.moveaxis(edges, 2, 0)) < 0
-        cells[turned, :2] = cells[turned, 1::-1]
-        region = felupe.RegionTetra(felupe.Mesh(np.ascontiguousarray(p.T, dtype=float), cells, "tetra"))
+        order = [1, 0, 2, 3, 4, 6, 5, 8, 7, 9] if quadratic else [1, 0, 2, 3]
+        cells[turned] = cells[turned][:, order]
+        kind, region_of = ("tetra10", felupe.RegionQuadraticTetra) if quadratic else ("tetra", felupe.RegionTetra)
+        region = region_of(felupe.Mesh(np.ascontiguousarray(p.T, dtype=float), cells, kind))
         self._field = felupe.FieldContainer([felupe.Field(region, dim=3)])
         self._umat = _law(felupe, *lame(young, poisson))
         self._solid = felupe.SolidBody(self._umat, self._field)

@@ -30,11 +30,11 @@ class NGSolve:
     def __init__(self, p: Array, t: NDArray[np.int32], young: float, poisson: float) -> None:
         ngsolve = require("NGSolve")
         self.version: str = ngsolve.__version__
-        space = ngsolve.VectorH1(_mesh(ngsolve, p, t), order=1)
+        space = ngsolve.VectorH1(mesh_of(ngsolve, p, t), order=1)
         F = ngsolve.Id(3) + ngsolve.Grad(space.TrialFunction())
         E = 0.5 * (F.trans * F - ngsolve.Id(3))
         lam, mu = lame(young, poisson)
-        density, self.compiled = _compiled(lam / 2 * ngsolve.Trace(E) ** 2 + mu * ngsolve.InnerProduct(E, E))
+        density, self.compiled = compiled(lam / 2 * ngsolve.Trace(E) ** 2 + mu * ngsolve.InnerProduct(E, E))
         self.name = "NGSolve" if self.compiled else "NGSolve (no compiler)"
         centre = ngsolve.IntegrationRule([(0.25, 0.25, 0.25)], [1 / 6])
         self._form = ngsolve.BilinearForm(space)
@@ -65,7 +65,7 @@ class NGSolve:
         return self._u
 
 
-def _mesh(ngsolve: Any, p: Array, t: NDArray[np.int32]) -> Any:
+def mesh_of(ngsolve: Any, p: Array, t: NDArray[np.int32]) -> Any:
     """Netgen takes the arrays as they are, with their order of vertices and either orientation."""
     mesh = import_module("netgen.meshing").Mesh(dim=3)
     mesh.AddPoints(np.ascontiguousarray(p.T, dtype=float))
@@ -73,7 +73,7 @@ def _mesh(ngsolve: Any, p: Array, t: NDArray[np.int32]) -> Any:
     return ngsolve.Mesh(mesh)
 
 
-def _compiled(density: Any) -> tuple[Any, bool]:
+def compiled(density: Any) -> tuple[Any, bool]:
     """The energy density, translated and compiled if possible, and whether it was."""
     with _scripts_on_path():
         if shutil.which("ngscxx") and shutil.which("c++"):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-NAMES = ("orders", "work-precision", "turek-hron", "costs", "solvers", "hard")
+NAMES = ("orders", "work-precision", "turek-hron", "costs", "solvers", "hard", "peers")
 
 
 def main(quick: bool = False, only: Sequence[str] = (), out: str | None = None) -> int:

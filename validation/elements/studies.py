@@ -15,6 +15,7 @@ from .costs import costs
 from .flag import flag_of_quadratic_triangles
 from .hard import hard_cases
 from .orders import orders
+from .peers import peers
 from .solvers import solvers
 from .work_precision import work_precision
 
@@ -30,6 +31,7 @@ def run(names: Sequence[str], quick: bool, out: str | None) -> int:
         "costs": costs,
         "solvers": solvers,
         "hard": hard_cases,
+        "peers": peers,
     }
     console, failed, claims = Console(width=WIDTH, highlight=False), [], 0
     for name in names:
