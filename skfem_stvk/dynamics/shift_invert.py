@@ -88,9 +88,9 @@ class ShiftedProblem:
         if self._tangent.solver.matrix_free:
             vertex = self.free.free // self.system.mesh.d
             return FreeOperator(self._tangent.operator(self.u), self.free, self.shift * self.mass.vertex[vertex])
-        K = self._tangent.matrix(self.u, self._t)
-        self.mass.add_to(K, self.shift)
-        return self._tangent.restricted(K)
+        K = self._tangent.free_matrix(self.u, self._t)
+        self.mass.add_to(K, self.shift, self.free)
+        return K
 
     def _answer(self, factors: Factors, r: Array) -> Array:
         solution = factors.solve(r, PRECISION)

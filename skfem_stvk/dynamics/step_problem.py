@@ -189,7 +189,7 @@ class StepProblem:
             if self.tangent.solver.matrix_free:
                 K = self._operator(w, kept)
             else:
-                K = self.tangent.restricted(self._matrix(w, t, kept))
+                K = self._matrix(w, t, kept)
                 if tangent is Tangent.SHIFTED:
                     K.setdiag(K.diagonal() + self.tangent.shift(K.diagonal()))
         with self._watch("factor"):
@@ -286,9 +286,17 @@ class StepProblem:
         return np.add(self._u0, w / 2 if self._mean else w, out=self._at)
 
     def _matrix(self, w: Array, t: Time, kept: Tensions) -> csr_matrix:
+        """The matrix of the step over the free degrees of freedom."""
         factor, within, kept = self._parts(kept)
         at_rest = self._chosen is StepTangent.REST  # loads follow the body, and change: they are not in K(0)
-        K = self.tangent.matrix(self._where(w), None if at_rest else t, within)
+        where, moment = self._where(w), None if at_rest else t
+        if self.tangent.straight and self._tensions is None and not self.motion.beta:
+            Kff = self.tangent.free_matrix(where, moment, within)
+            if factor != 1:
+                Kff.data *= factor
+            self.motion.mass.add_to(Kff, self._inertia_factor, self.free)
+            return Kff
+        K = self.tangent.matrix(where, moment, within)
         if factor != 1:
             K.data *= factor
         if self._tensions is not None and kept != NONE:
@@ -298,7 +306,7 @@ class StepProblem:
                 self._rest = self.system.tangent(np.zeros(self.system.ndofs))
             K.data += self.motion.beta * self._g * self._rest.data
         self.motion.mass.add_to(K, self._inertia_factor)
-        return K
+        return self.tangent.restricted(K)
 
     def _operator(self, w: Array, kept: Tensions) -> FreeOperator:
         """K for products; with the mass on its diagonal it needs no other shift."""

@@ -98,7 +98,7 @@ class Staged(NamedTuple):
     trace: float
 
 
-#: How many pairs of a block of lanes before they are added to: K of 2 000 000 tetrahedra took 119 ns each without it, and 99 with it.
+#: How many pairs of lanes before they are added to: K of 2 000 000 tetrahedra took 119 ns each without it, and 99 with it.
 SOON = 6
 
 NOWHERE = -(2**62)

@@ -74,13 +74,20 @@ class FreeTangent:
             self._K = self.system.jacobian(u, t, out=self._K, kept=kept)
         return self._K
 
-    def free_matrix(self, u: Array, t: Time, kept: Tensions = ALL) -> csr_matrix:
-        """The Jacobian at `u` (ndofs,) of the free degrees of freedom, in the place of the one before: without all of it where no
-        support moves, for nobody asks for a `force_of` then that is not zero."""
-        if self.system.supports.prescribed.size:
+    @property
+    def straight(self) -> bool:
+        """Whether K over the free degrees of freedom is enough: no support moves, so that all of `force_of` is zero."""
+        return not self.system.supports.prescribed.size
+
+    def free_matrix(self, u: Array, t: Time | None, kept: Tensions = ALL) -> csr_matrix:
+        """As `matrix`, of the free degrees of freedom; without all of it where that is enough."""
+        if not self.straight:
             return self.restricted(self.matrix(u, t, kept))
         self._follow_pattern()
-        self._Kff = self.system.jacobian(u, t, out=self._Kff, kept=kept, free=self.free)
+        if t is None:
+            self._Kff = self.system.tangent(u, out=self._Kff, free=self.free)
+        else:
+            self._Kff = self.system.jacobian(u, t, out=self._Kff, kept=kept, free=self.free)
         return self._Kff
 
     def operator(self, u: Array, kept: Tensions = ALL) -> TangentOperator:

@@ -18,7 +18,7 @@ from ..mesh.displacements import finite_vector
 from ..mesh.points import sizes_at_points
 from ..terms import Body
 from ..terms.spread import Spread
-from .pattern import Patterned
+from .pattern import FreeDofs, Patterned
 
 #: Elements whose Jacobians differ by less than this factor count as straight for bounds on eigenvalues of their masses.
 STRAIGHT = 1.02
@@ -65,6 +65,7 @@ class Mass(ABC):
         is_free[held] = False
         self._free = is_free.reshape(-1, mesh.d)
         self._places: NDArray[np.intp] | None = None
+        self._part: tuple[NDArray[np.int32], NDArray[np.intp], Array] | None = None
         self._version = 0
         self._refuse_bare()
 
@@ -103,16 +104,25 @@ class Mass(ABC):
         """Bytes of its arrays."""
         return sum(value.nbytes for value in vars(self).values() if isinstance(value, np.ndarray))
 
-    def add_to(self, K: csr_matrix, factor: float) -> None:
-        """Add `factor` M to a K of the system, in place.
+    def add_to(self, K: csr_matrix, factor: float, free: FreeDofs | None = None) -> None:
+        """Add `factor` M to a K of the system, in place, or to one over the `free` degrees of freedom.
 
         Raises
         ------
         StvkError
             if K has another pattern.
         """
-        self._system.pattern.refuse_other(K)
         places, values = self._values()
+        if free is None:
+            self._system.pattern.refuse_other(K)
+            K.data[places] += number("factor", factor, "a finite number") * values
+            return
+        free.structure.refuse_other(K)
+        if self._part is None or self._part[0] is not free.places:
+            at = np.minimum(np.searchsorted(free.places, places), len(free.places) - 1)
+            there = free.places[at] == places
+            self._part = free.places, at[there], np.broadcast_to(values, places.shape)[there]
+        _, places, values = self._part
         K.data[places] += number("factor", factor, "a finite number") * values
 
     def _diagonals(self, a: NDArray[np.int32], b: NDArray[np.int32]) -> NDArray[np.intp]:

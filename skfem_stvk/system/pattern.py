@@ -50,6 +50,14 @@ class Structure:
             self._known = weakref.ref(matrix), matrix.indices, matrix.indptr
         return fits
 
+    def refuse_other(self, K: Any) -> None:
+        """Refuse what is no matrix of this pattern."""
+        if not isinstance(K, csr_matrix) or not self.fits(K, K.dtype):
+            raise StvkError(
+                f"K = {shown(K)} does not have the pattern of this system's K ({self.shape}, {self.nnz} values). Hand in what "
+                "tangent() returned, zeros kept."
+            )
+
     def __getstate__(self) -> dict[str, Any]:
         return self.__dict__ | {"_known": ()}
 
@@ -102,14 +110,6 @@ class Pattern(Structure):
                 "made from the nodes_paired of the terms; a term must name all the pairs it writes to."
             )
         return places.astype(np.int32)
-
-    def refuse_other(self, K: Any) -> None:
-        """Refuse what is no matrix of this pattern."""
-        if not isinstance(K, csr_matrix) or not self.fits(K, K.dtype):
-            raise StvkError(
-                f"K = {shown(K)} does not have the pattern of this system's K ({self.shape}, {self.nnz} values). Hand in what "
-                "tangent() returned, zeros kept."
-            )
 
     def memory(self) -> int:
         """Bytes of its arrays."""

@@ -440,8 +440,8 @@ class System(BoundTerms):
         """K over the free degrees of freedom: straight where all that has a part in it can, else of all K, which `make` gives."""
         if not isinstance(free, FreeDofs) or free.pattern is not self.pattern:
             raise StvkError(
-                f"free = {shown(free)}; expected what free_dofs() of this system returned: K over the degrees of freedom of another "
-                "has another pattern."
+                f"free = {shown(free)}; expected what free_dofs() of this system returned: K over the degrees of freedom of "
+                "another has another pattern."
             )
         K, places = self._matrix(out, free.structure), free.places
         if not self._turning and all(term.by_rows(kept) for term in self.pair_terms):

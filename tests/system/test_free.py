@@ -280,3 +280,17 @@ def test_only_the_free_degrees_of_freedom_of_the_system_are_taken(free):
         SOLID.tangent(np.zeros(N), free=free)
     with pytest.raises(StvkError, match="free = "):
         SOLID.jacobian(np.zeros(N), free=free)
+
+
+@pytest.mark.parametrize("kind", ["lumped", "consistent"])
+def test_masses_are_added_to_what_is_written_straight(kind):
+    body = System(MESHES["tetrahedra"], StVK(young=2.0, poisson=0.3, density=3.0))
+    mass, u = body.mass(kind), state(body.mesh)
+    for fixed in ([0, 4, 5], np.arange(body.ndofs // 2)):
+        held = body.free_dofs(fixed)
+        K, Kff = body.tangent(u), body.tangent(u, free=held)
+        mass.add_to(K, 0.7)
+        mass.add_to(Kff, 0.7, held)
+        assert is_slice(Kff, K, held.free)
+        with pytest.raises(StvkError, match="does not have the pattern"):
+            mass.add_to(K, 0.7, held)
