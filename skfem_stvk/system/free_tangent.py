@@ -48,6 +48,8 @@ class FreeTangent:
         self.exact: Factors | None = None
         self._turned: NDArray[np.int64] | None = None
         self._K: csr_matrix | None = None
+        self._made_at: Array | None = None
+        self._lacking: tuple[Time | None, Tensions] | None = None  # of a K that was made without that of what is held
         self._Kff: csr_matrix | None = None
         self._version, self._analysis = self.system.pattern_version, solver.analyse(self.unknowns())
 
@@ -68,6 +70,7 @@ class FreeTangent:
         """The Jacobian at `u` (ndofs,) of all degrees of freedom, in the place of the one before; without a time, the elastic K.
         Where a term has changed which vertices it couples, K has another structure, which is analysed anew."""
         self._follow_pattern()
+        self._lacking = None
         if t is None:
             self._K = self.system.tangent(u, out=self._K)
         else:
@@ -76,7 +79,7 @@ class FreeTangent:
 
     @property
     def straight(self) -> bool:
-        """Whether K over the free degrees of freedom is enough: no support moves, so that all of `force_of` is zero."""
+        """Whether K over the free degrees of freedom is enough: no support moves, but for a start that is off them."""
         return not self.system.supports.prescribed.size
 
     def free_matrix(self, u: Array, t: Time | None, kept: Tensions = ALL) -> csr_matrix:
@@ -84,6 +87,10 @@ class FreeTangent:
         if not self.straight:
             return self.restricted(self.matrix(u, t, kept))
         self._follow_pattern()
+        if self._made_at is None:
+            self._made_at = np.empty(self.system.ndofs)
+        self._made_at[:] = u
+        self._lacking = t, kept
         if t is None:
             self._Kff = self.system.tangent(u, out=self._Kff, free=self.free)
         else:
@@ -129,6 +136,8 @@ class FreeTangent:
         """(n,) `K w` for displacements `w` (ndofs,) of held degrees of freedom, by the K that was made last."""
         if not w.any():
             return np.zeros(len(self.free.free))
+        if self._lacking is not None and self._made_at is not None:
+            self.matrix(self._made_at, *self._lacking)
         K = self._operator if self.solver.matrix_free else self._K
         assert K is not None
         return np.asarray((K @ w)[self.free.free])

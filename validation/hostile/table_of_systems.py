@@ -65,8 +65,8 @@ def calls() -> list[Call]:
         Call("System.tangent into a matrix", lambda: (body.tangent, {"u": u, "out": K.copy()}), {"out": OPTIONAL}),
         Call(
             "System.tangent of free degrees of freedom",
-            lambda: (body.tangent, {"u": u, "out": restricted.copy(), "free": held}),
-            {"out": OPTIONAL, "free": OPTIONAL},
+            lambda: (body.tangent, {"u": u, "free": held}),
+            {"free": OPTIONAL},
         ),
         Call(
             "System.jacobian of free degrees of freedom",
