@@ -50,7 +50,8 @@ def peers(quick: bool = False) -> Sequence[Study]:
     except StvkError:
         missing.append("FElupe")
     try:
-        ways["NGSolve"] = _by_ngsolve(linear, U, V)
+        name, ngsolve = _by_ngsolve(linear, U, V)
+        ways[name] = ngsolve
     except StvkError:
         missing.append("NGSolve")
     before = numba.get_num_threads()
@@ -77,14 +78,14 @@ def peers(quick: bool = False) -> Sequence[Study]:
     ]
 
 
-def _by_ngsolve(linear: ElementMesh, U: Array, V: Array) -> Callable[[], tuple[csr_matrix, Array]]:
-    """Its unknowns are values at vertices and, of edges, what is more than linear: none for `U X` and `V X`."""
+def _by_ngsolve(linear: ElementMesh, U: Array, V: Array) -> tuple[str, Callable[[], tuple[csr_matrix, Array]]]:
+    """Its name, and its K. Its unknowns are values at vertices and, of edges, what is more than linear: none for `U X` and `V X`."""
     ngsolve = require("NGSolve")
     space = ngsolve.VectorH1(mesh_of(ngsolve, linear.p, linear.t), order=2)
     F = ngsolve.Id(3) + ngsolve.Grad(space.TrialFunction())
     E = 0.5 * (F.trans * F - ngsolve.Id(3))
     lam, mu = lame(YOUNG, POISSON)
-    density, _ = compiled(lam / 2 * ngsolve.Trace(E) ** 2 + mu * ngsolve.InnerProduct(E, E))
+    density, with_compiler = compiled(lam / 2 * ngsolve.Trace(E) ** 2 + mu * ngsolve.InnerProduct(E, E))
     a, b = (5 - 5**0.5) / 20, (5 + 3 * 5**0.5) / 20
     four = ngsolve.IntegrationRule([(b, a, a), (a, b, a), (a, a, b), (a, a, a)], [1 / 24] * 4)
     form = ngsolve.BilinearForm(space)
@@ -102,4 +103,4 @@ def _by_ngsolve(linear: ElementMesh, U: Array, V: Array) -> Callable[[], tuple[c
         values, columns, begin = (vector.NumPy() for vector in form.mat.CSR())
         return csr_matrix((values, columns, begin), shape=(space.ndof,) * 2), fields[1]
 
-    return make
+    return "NGSolve" if with_compiler else "NGSolve (no compiler)", make
