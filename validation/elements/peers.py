@@ -79,7 +79,7 @@ def peers(quick: bool = False) -> Sequence[Study]:
 
 
 def _by_ngsolve(linear: ElementMesh, U: Array, V: Array) -> tuple[str, Callable[[], tuple[csr_matrix, Array]]]:
-    """Its name, and its K. Its unknowns are values at vertices and, of edges, what is more than linear: none for `U X` and `V X`."""
+    """Its name, and its K: its unknowns are values at vertices and, of edges, what is more than linear, none of `U X`, `V X`."""
     ngsolve = require("NGSolve")
     space = ngsolve.VectorH1(mesh_of(ngsolve, linear.p, linear.t), order=2)
     F = ngsolve.Id(3) + ngsolve.Grad(space.TrialFunction())
