@@ -6,8 +6,10 @@ Code that is damaged on disk is deleted and compiled anew; what cannot be kept i
 from __future__ import annotations
 
 import pickle
+import re
 from collections.abc import Callable
 from contextlib import suppress
+from functools import cache
 from hashlib import sha256
 from pathlib import Path
 from typing import Any, TypeAlias, TypeVar
@@ -32,8 +34,6 @@ FASTMATH = {"reassoc", "contract", "nsz", "arcp"}
 
 
 LENGTH = sha256().digest_size
-#: By which numba knows whether code on disk is that of the source: of all kernels, where its own is of the caller's file alone.
-SOURCES = sha256(b"".join(file.read_bytes() for file in sorted(Path(__file__).parent.glob("*.py")))).hexdigest()
 _said: set[str] = set()
 
 
@@ -62,8 +62,8 @@ options_of_kernels: dict[str, Any] = {"fastmath": FASTMATH, "nogil": True, "erro
 def kernel(function: Function, **more: Any) -> Function:
     """Compile at the first call with arguments of a type, keep the machine code on disk, and let go of the GIL.
 
-    The code on disk is keyed by all files of this folder, for a function holds the code of those that it calls. Where no folder can
-    be written to, every process compiles anew.
+    The code on disk is keyed by all files that its own imports, for a function holds the code of those that it calls. Where no
+    folder can be written to, every process compiles anew.
     """
     options = options_of_kernels | more
     try:
@@ -73,7 +73,7 @@ def kernel(function: Function, **more: Any) -> Function:
         _Announcement.kept = "in every process: no folder can be written to. Set NUMBA_CACHE_DIR to one that can"
     else:
         if compiled is not function:  # as it is where numba is switched off
-            keep_with_care(compiled)
+            keep_with_care(compiled, stamp_of(function.__module__.rpartition(".")[2]))
     return compiled
 
 
@@ -105,6 +105,21 @@ def by_type(stub: Callable[..., Any], kind: type, formulas: dict[tuple[str, type
 register("numba:compile", _Announcement())
 
 
+@cache
+def stamp_of(name: str) -> str:
+    """By which numba knows whether code on disk is that of the source: of a kernels' file and of all that it imports.
+
+    Numba's own is of the caller's file alone. Formulas that are chosen by a type (`by_type`) may stand in any file that has some.
+    """
+    texts = {file.stem: file.read_text(encoding="utf-8") for file in Path(__file__).parent.glob("*.py")}
+    found, new = set(), {name, "compiled", *(stem for stem, text in texts.items() if "@by_type(" in text)}
+    while new:
+        found |= new
+        imported = {other for stem in new for other in re.findall(r"^from \.(\w+) import", texts.get(stem, ""), re.MULTILINE)}
+        new = imported - found
+    return sha256("".join(texts.get(stem, "") for stem in sorted(found)).encode()).hexdigest()
+
+
 class AlteredCode(Exception):
     """A file of the cache does not hold what was written."""
 
@@ -134,10 +149,10 @@ class CheckedFile(IndexDataCacheFile):
                 file.unlink(missing_ok=True)
 
 
-def keep_with_care(dispatcher: Any) -> None:
+def keep_with_care(dispatcher: Any, stamp: str) -> None:
     """Have a compiled function's cache survive files that are damaged, and disks that are full."""
     cache = dispatcher._cache
-    cache._cache_file.__class__, cache._cache_file._source_stamp = CheckedFile, SOURCES
+    cache._cache_file.__class__, cache._cache_file._source_stamp = CheckedFile, stamp
     load, save = cache.load_overload, cache.save_overload
 
     def loaded(signature: Any, target: Any) -> Any:

@@ -2,24 +2,22 @@
 
 from __future__ import annotations
 
-from dataclasses import InitVar, dataclass
-from typing import Any
+from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, DTypeLike, NDArray
+from numpy.typing import DTypeLike, NDArray
 
-from ..arguments import choice, own
 from ..edges import Assembly
 from ..edges.stiffness import AnisotropicStiffness, IsotropicStiffness, Stiffness
 from ..errors import MaterialError
-from ..materials import FramedMaterial, Hypothesis, Isotropic, Material
-from ..materials.material import check_length, constant
+from ..materials import FramedMaterial, Isotropic
 from ..mesh import ElementMesh
 from .body import Body
+from .elastic_law import ElasticLaw
 
 
 @dataclass(frozen=True, eq=False)
-class StVK:
+class StVK(ElasticLaw):
     """Elastic body with strain energy `W = integral of 1/2 E : C : E`, `E` the Green-Lagrange strain.
 
     A specification without a mesh, good for many systems; `System` binds it.
@@ -44,51 +42,6 @@ class StVK:
     >>> StVK(young=1e5, poisson=0.3).material.poisson
     array(0.3)
     """
-
-    material: Material | None = None
-    region: str | NDArray[Any] | None = None
-    plane: str | None = None
-    thickness: ArrayLike | None = None
-    area: ArrayLike | None = None
-    young: InitVar[ArrayLike | None] = None
-    poisson: InitVar[ArrayLike | None] = None
-    density: InitVar[ArrayLike | None] = None
-
-    def __post_init__(self, young: ArrayLike | None, poisson: ArrayLike | None, density: ArrayLike | None) -> None:
-        if self.material is None:
-            if young is None:
-                raise MaterialError("A material is missing: give young= and poisson=, or a material such as Orthotropic(...).")
-            object.__setattr__(self, "material", Isotropic(young, poisson, density=density))
-        elif not isinstance(self.material, Material):
-            raise MaterialError(f"material is of type {type(self.material).__name__}; expected Isotropic, Orthotropic, ...")
-        elif any(value is not None for value in (young, poisson, density)):
-            raise MaterialError("young, poisson and density are shorthand for an Isotropic material; got a material as well.")
-        if self.plane is not None:
-            choice("plane", self.plane, ("strain", "stress"), MaterialError)
-        for name in ("thickness", "area"):
-            if getattr(self, name) is not None:
-                object.__setattr__(self, name, constant(getattr(self, name), name, low=0.0))
-        own(self)
-
-    def hypothesis(self, mesh: ElementMesh) -> Hypothesis:
-        """Which components of strain or stress vanish across the elements of this mesh.
-
-        Raises
-        ------
-        MaterialError
-            if `plane`, `thickness` or `area` is of no use for them.
-        """
-        for name, k in (("plane", 2), ("thickness", 2), ("area", 1)):
-            if getattr(self, name) is not None and mesh.k != k:
-                simplices = "triangles" if k == 2 else "segments"
-                raise MaterialError(f"{name} is for {simplices}; the mesh has {mesh.kind}. Leave it out.")
-        if mesh.k == 3:
-            return Hypothesis.SOLID
-        if mesh.k == 1:
-            return Hypothesis.UNIAXIAL_STRESS
-        if mesh.d == 3 and self.plane == "strain":
-            raise MaterialError("Triangles in space are membranes, always in plane stress; leave plane out.")
-        return Hypothesis.PLANE_STRESS if mesh.d == 3 or self.plane == "stress" else Hypothesis.PLANE_STRAIN
 
     def bind(self, body: Body | ElementMesh, dtype: DTypeLike = np.float64) -> Assembly:
         """The assembly of this material on a body's mesh; its `form` is the edge form."""
@@ -118,40 +71,3 @@ class StVK:
     def coefficients(self, mesh: ElementMesh) -> NDArray[np.float64]:
         """(n, m, m) coefficients `L` of each linear simplex of the region, for the pairs of its edges [J/m^4]."""
         return self.stiffness(mesh).coefficients(mesh.p, mesh.t[:, mesh.elements(self.region)])
-
-    def mass(self, mesh: ElementMesh, sizes: NDArray[np.float64]) -> NDArray[np.float64]:
-        """(n,) masses [kg] of the elements of the region, from their lengths, areas or volumes `sizes` (n,).
-
-        Raises
-        ------
-        MaterialError
-            if the material has no density.
-        """
-        assert self.material is not None
-        if self.material.density is None:
-            region = f" on {self.region!r}" if isinstance(self.region, str) else ""
-            raise MaterialError(f"The material{region} has no density. Give it one: StVK(..., density=...) [kg/m^3].")
-        return sizes * self.section(mesh, len(sizes)) * np.asarray(self.material.density)
-
-    def confined_modulus(self, mesh: ElementMesh, n: int) -> NDArray[np.float64]:
-        """`lam + 2 mu` [Pa] within the simplices' own dimensions; if not isotropic the largest of `C_1111, C_2222, C_3333` in
-        material axes."""
-        assert self.material is not None
-        hypothesis = self.hypothesis(mesh)
-        self.material.check(n, hypothesis)
-        if isinstance(self.material, Isotropic):
-            lam, mu = self.material.lame(hypothesis)
-            return lam + 2 * mu
-        assert isinstance(self.material, FramedMaterial)
-        return np.asarray(np.diagonal(self.material.stiffness(), axis1=-2, axis2=-1)[..., :3].max(axis=-1))
-
-    def section(self, mesh: ElementMesh, n: int) -> NDArray[np.float64]:
-        """What turns the measure of an element into a volume: thickness, area, or 1; a number or (n,)."""
-        name, value = {1: ("area", self.area), 2: ("thickness", self.thickness)}.get(mesh.k, ("", None))
-        section = np.asarray(1.0 if value is None else value)
-        check_length(section, n, name)
-        return section
-
-
-for _shorthand in ("young", "poisson", "density"):  # the defaults of the shorthand are not attributes: ask term.material
-    delattr(StVK, _shorthand)

@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 from skfem_stvk import StvkWarning
+from skfem_stvk.kernels import compiled
 
 ROOT = Path(__file__).parent.parent.parent
 KERNEL = """
@@ -109,3 +110,23 @@ def test_a_number_of_threads_that_is_none_is_ignored_with_a_note(given, monkeypa
 def test_the_package_is_imported_whatever_the_number_of_threads(tmp_path):
     assert "NUMBA_NUM_THREADS = '0' is ignored" in said("import skfem_stvk", tmp_path, NUMBA_NUM_THREADS="0")
     assert said("import skfem_stvk, numba; assert numba.config.NUMBA_NUM_THREADS == 1", tmp_path, NUMBA_NUM_THREADS="1") == ""
+
+
+@pytest.mark.parametrize(
+    ("name", "edited", "anew"),
+    [
+        ("motion", "motion", True),
+        ("motion", "cg", False),
+        ("elements", "lanes", True),
+        ("elements", "cg", False),
+        ("rows", "laws", True),
+    ],
+)
+def test_code_on_disk_is_keyed_by_the_files_that_it_is_made_of(name, edited, anew, tmp_path, monkeypatch):
+    """An edit of one file compiles anew what holds its code, and nothing else."""
+    for file in Path(compiled.__file__).parent.glob("*.py"):
+        (tmp_path / file.name).write_text(file.read_text())
+    monkeypatch.setattr(compiled, "__file__", str(tmp_path / "compiled.py"))
+    before = compiled.stamp_of.__wrapped__(name)
+    (tmp_path / f"{edited}.py").write_text((tmp_path / f"{edited}.py").read_text() + "# edited\n")
+    assert (compiled.stamp_of.__wrapped__(name) != before) is anew
