@@ -23,7 +23,7 @@ from .nonlinear.outcome import Interrupted
 from .referee import Report, verify
 from .statics import SolveError, StaticResult, Stop, solve_static
 from .system import System
-from .terms import BodyForce, ElasticFoundation, Gravity, NodalLoad, Pressure, StVK, Traction, VolumePenalty
+from .terms import BodyForce, EdgeNetwork, ElasticFoundation, Gravity, NodalLoad, Pressure, StVK, Traction, VolumePenalty
 
 __version__ = "0.1.0"
 __all__ = [
@@ -31,6 +31,7 @@ __all__ = [
     "BackwardEuler",
     "BodyForce",
     "EdgeDamping",
+    "EdgeNetwork",
     "ElasticFoundation",
     "ElementMesh",
     "EnergyMomentum",

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -65,8 +66,7 @@ class EdgeForm:
     @cached_property
     def adjacent(self) -> NDArray[np.bool_]:
         """(n,) for each TSEP whether its edges meet in a vertex ("angular"); the others are opposite ("volumetric")."""
-        (a, b), (c, d) = self.edges[:, self.pairs[0]], self.edges[:, self.pairs[1]]
-        return (a == c) | (a == d) | (b == c) | (b == d)
+        return meet(self.edges, self.pairs)
 
     def differences(self, x: Array) -> Array:
         """(ne, d) `x_a - x_b` along the edges, of a field `x` (nv, d)."""
@@ -80,3 +80,9 @@ class EdgeForm:
     def tensions(self, u: Array) -> Array:
         """(ne,) `t = L zeta` [N/m]."""
         return np.asarray(self.L @ self.squared_elongations(u))
+
+
+def meet(edges: NDArray[Any], pairs: NDArray[Any]) -> NDArray[np.bool_]:
+    """(n,) whether the `edges` (2, ne) of each of the `pairs` (2, n) meet in a vertex."""
+    (a, b), (c, d) = edges[:, pairs[0]], edges[:, pairs[1]]
+    return np.asarray((a == c) | (a == d) | (b == c) | (b == d))

@@ -81,15 +81,14 @@ class OwnOrder(NamedTuple):
     local: NDArray[np.int64]
 
 
-def own_order(t: Ids, edges: Ids, ascending: bool = True) -> OwnOrder:
-    """The order for elements `t` (n, nt) with these pairs of nodes `edges` (2, ne) in lexicographic order.
-
-    `ascending`: whether the nodes of each element are sorted, too.
+def vertex_order(edges: Ids, n: int) -> Ids:
+    """Those of `n` nodes that pairs `edges` (2, ne), `a < b`, have: in their own order if that is good, else in that of
+    `OwnOrder`.
     """
-    used = np.zeros(int(t.max()) + 1, dtype=bool)
-    used[t.ravel()] = True
+    used = np.zeros(n, dtype=bool)
+    used[edges.ravel()] = True
     vertices = np.flatnonzero(used).astype(np.int32)
-    number = np.empty(len(used), dtype=np.int32)
+    number = np.empty(n, dtype=np.int32)
     number[vertices] = np.arange(len(vertices))
     pairs = number[edges]
     if 9 * 8 * front(pairs, len(vertices)) > SMALL_FRONT or alone(pairs, len(vertices)) > ALONE:
@@ -100,7 +99,17 @@ def own_order(t: Ids, edges: Ids, ascending: bool = True) -> OwnOrder:
         place[order] = np.arange(len(order))
         if front(pairs, len(order)) > GAIN * front(np.sort(place[pairs], axis=0), len(order)):
             vertices = vertices[order]
-            number[vertices] = np.arange(len(vertices))
+    return vertices
+
+
+def own_order(t: Ids, edges: Ids, ascending: bool = True) -> OwnOrder:
+    """The order for elements `t` (n, nt) with these pairs of nodes `edges` (2, ne) in lexicographic order.
+
+    `ascending`: whether the nodes of each element are sorted, too.
+    """
+    vertices = vertex_order(edges, int(t.max()) + 1)
+    number = np.empty(int(t.max()) + 1, dtype=np.int32)
+    number[vertices] = np.arange(len(vertices))
     corners = number[t.T]  # (nt, k + 1)
     local = np.argsort(corners, axis=1)
     sorted_corners = np.ascontiguousarray(np.take_along_axis(corners, local, axis=1).T)

@@ -2,6 +2,7 @@
 
 from .body import Body
 from .dead_loads import BodyForce, Gravity, NodalLoad, Traction
+from .edge_network import EdgeNetwork
 from .foundation import ElasticFoundation
 from .pressure import Pressure
 from .protocols import (
@@ -31,6 +32,7 @@ __all__ = [
     "BodyForce",
     "BoundLoad",
     "BoundTerm",
+    "EdgeNetwork",
     "ElasticFoundation",
     "Gravity",
     "Grounded",

@@ -1,14 +1,16 @@
 """What every elastic term owes: one suite for all of them."""
 
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
 from bodies import MESHES, random_frames, some_voigt, state, turned_round
 from kernels.parts import in_parts
+from scipy.sparse import identity, random
 from terms.toys import Anchors, Areas, Springs, Wind
 
-from skfem_stvk import Anisotropic, ElasticFoundation, ElementMesh, StVK, System, VolumePenalty
+from skfem_stvk import Anisotropic, EdgeNetwork, ElasticFoundation, ElementMesh, StVK, System, VolumePenalty
 from skfem_stvk.edges import ALL, NONE, TENSILE, Tensions
 from skfem_stvk.edges.pairs import with_blocks
 from skfem_stvk.system import Pattern
@@ -28,6 +30,10 @@ class Case(NamedTuple):
     inverts : whether it has an energy where elements are inside out.
     grounded : whether rigid motions change the energy.
     toy : whether it is as narrow as can be, and stands in `toys.py`.
+    can : the protocols of what it can do beside what all terms owe.
+    definite : whether its clamped tangent is positive semi-definite.
+    renumbered : the term on the same mesh with its elements in another `order` and its vertices `to` other numbers; None if it has
+        no such twin.
     """
 
     mesh: ElementMesh
@@ -37,15 +43,48 @@ class Case(NamedTuple):
     inverts: bool = True
     grounded: bool = False
     toy: bool = False
+    can: tuple[Any, ...] = ()
+    definite: bool = True
+    renumbered: Any = None
+
+
+#: What edges can do, with or without elements around them.
+OF_EDGES = (Quartic, HasMeanForce, HasDampingForce)
+
+
+def reordered(law, order, **others):
+    """A law of constants by element on elements in another order."""
+    m = law.material
+    return type(law)(young=m.young[order], poisson=m.poisson[order], **others)
+
+
+def reordered_penalty(term, mesh, order):
+    region = np.arange(mesh.nt) if term.region is None else term.region
+    return VolumePenalty(term.stiffness, term.kind, np.argsort(order)[region])
 
 
 def cases():
     found = {}
     for name, mesh in MESHES.items():
         n = mesh.nt
-        found[f"StVK, {name}"] = Case(mesh, StVK(young=RNG.uniform(1, 9, n), poisson=RNG.uniform(-0.3, 0.45, n)))
-        found[f"StVK, {name}, anisotropic"] = Case(mesh, StVK(Anisotropic(some_voigt(RNG), frame=random_frames(1, RNG)[0])))
-        found[f"foundation, {name}"] = Case(mesh, ElasticFoundation(lambda x: x[0] > -9, 3.0), grounded=True)
+        law = StVK(young=RNG.uniform(1, 9, n), poisson=RNG.uniform(-0.3, 0.45, n))
+        can = *OF_EDGES, HasVolume
+        again = partial(lambda law, other, order: reordered(law, order), law)
+        found[f"StVK, {name}"] = Case(mesh, law, can=can, renumbered=again)
+        found[f"StVK, {name}, anisotropic"] = Case(
+            mesh, StVK(Anisotropic(some_voigt(RNG), frame=random_frames(1, RNG)[0])), can=can
+        )
+        found[f"foundation, {name}"] = Case(
+            mesh, ElasticFoundation(lambda x: x[0] > -9, 3.0), grounded=True, can=(Quartic, HasMeanForce)
+        )
+        network = EdgeNetwork.of(mesh, law)
+        again = partial(lambda law, other, order: EdgeNetwork.of(other, reordered(law, order)), law)
+        found[f"network, {name}"] = Case(mesh, network, can=OF_EDGES, renumbered=again)
+        found[f"network, {name}, springs alone"] = Case(mesh, network.diagonal(), can=OF_EDGES)
+    solid = MESHES["tetrahedra"]
+    network = EdgeNetwork.of(solid, StVK(young=9.0, poisson=0.4))
+    found["network without opposite pairs"] = Case(solid, network.without("opposite"), can=OF_EDGES, definite=False)
+    found["network of any edges"] = Case(solid, any_network(solid.nv), can=OF_EDGES)
     for name in SOLID:
         mesh = MESHES[name]
         half = RNG.permutation(mesh.nt)[: mesh.nt // 2 + 1]
@@ -53,9 +92,9 @@ def cases():
             # two continuous derivatives, and a third that jumps where J = 1: small steps
             rest = (1e-11, 0.1) if kind == "quadratic" else (1e-7, 1e-3)
             k = RNG.uniform(1, 9, mesh.nt)
-            found[f"{kind}, {name}"] = Case(mesh, VolumePenalty(k, kind), *rest, kind != "barrier")
-            found[f"{kind}, {name}, region"] = Case(mesh, VolumePenalty(k[half], kind, half), *rest, kind != "barrier")
-    solid = MESHES["tetrahedra"]
+            for suffix, term in (("", VolumePenalty(k, kind)), (", region", VolumePenalty(k[half], kind, half))):
+                again = partial(lambda term, mesh, other, order: reordered_penalty(term, mesh, order), term, mesh)
+                found[f"{kind}, {name}{suffix}"] = Case(mesh, term, *rest, kind != "barrier", can=(HasVolume,), renumbered=again)
     pairs = np.unique(np.sort(RNG.integers(0, solid.nv, (2, 40)), axis=0), axis=1)
     pairs = RNG.permutation(pairs[:, pairs[0] < pairs[1]], axis=1)
     found["springs between any vertices"] = Case(solid, Springs(pairs, 3.0), toy=True)
@@ -67,12 +106,20 @@ def cases():
     return found
 
 
+def any_network(nv):
+    """Edges between any vertices, and pairs of edges that need not meet, with a positive definite L."""
+    edges = np.unique(np.sort(RNG.integers(0, nv, (2, 50)), axis=0), axis=1)
+    edges = edges[:, edges[0] < edges[1]]
+    root = random(edges.shape[1], edges.shape[1], density=0.05, random_state=3)
+    return EdgeNetwork(RNG.permutation(edges, axis=1), root @ root.T + 0.1 * identity(edges.shape[1]))
+
+
 CASES = cases()
 WITH_ENERGY = [name for name, case in CASES.items() if name != "wind"]
+DEFINITE = [name for name in WITH_ENERGY if CASES[name].definite]
 OURS = [name for name, case in CASES.items() if not case.toy]
 INVERTING = [name for name, case in CASES.items() if case.inverts]
 FREE = [name for name, case in CASES.items() if not case.grounded]
-PENALTIES = [name for name in CASES if name.startswith(KINDS)]
 
 
 def bound(case, dtype=np.float64, mesh=None):
@@ -166,7 +213,7 @@ def test_products_diagonals_and_edge_blocks_are_those_of_the_tangent(name):
             assert norms == pytest.approx(others @ x, rel=1e-12, abs=1e-13 * np.abs(K).max() * x.sum())
 
 
-@pytest.mark.parametrize("name", WITH_ENERGY)
+@pytest.mark.parametrize("name", DEFINITE)
 def test_the_clamped_tangent_is_positive_semi_definite_and_what_it_leaves_out_is_not(name):
     case = CASES[name]
     term = bound(case)
@@ -236,7 +283,7 @@ def test_shared_by_threads_the_results_are_the_same(name, parts, monkeypatch):
         assert np.array_equal(found[0], again[0]) and np.array_equal(found[1], again[1])
 
 
-@pytest.mark.parametrize("name", [name for name in FREE if name in OURS and "anisotropic" not in name])
+@pytest.mark.parametrize("name", [name for name, case in CASES.items() if case.renumbered])
 def test_numbers_of_vertices_and_elements_and_orientations_do_not_matter(name):
     case = CASES[name]
     mesh, rng = case.mesh, np.random.default_rng(8)
@@ -244,12 +291,7 @@ def test_numbers_of_vertices_and_elements_and_orientations_do_not_matter(name):
     p = np.empty_like(mesh.p)
     p[:, to] = mesh.p
     other = ElementMesh(p, turned_round(to[mesh.t[:, order]], rng))
-    if isinstance(case.term, StVK):
-        m = case.term.material
-        term = StVK(young=m.young[order], poisson=m.poisson[order])
-    else:
-        region = np.arange(mesh.nt) if case.term.region is None else case.term.region
-        term = VolumePenalty(case.term.stiffness, case.term.kind, np.argsort(order)[region])
+    term = case.renumbered(other, order)
     one, two = bound(case), bound(case._replace(term=term), mesh=other)
     for _, u in states(case):
         v = np.empty_like(u)
@@ -295,20 +337,15 @@ def test_the_round_off_of_the_force_is_neither_below_its_error_nor_far_above(nam
 
 @pytest.mark.parametrize("name", OURS)
 def test_it_says_what_it_can_do(name):
-    """Volumes of all but foundations; the quartic, and a force between two states, of all but penalties; damping of edges alone."""
+    """Volumes, the quartic, a force between two states, damping: what the case says, and nothing else."""
     case = CASES[name]
     term = bound(case)
-    assert (
-        isinstance(term, Quartic) == (name not in PENALTIES) == System(case.mesh, [StVK(young=1.0, poisson=0.3), case.term]).quartic
-    )
-    assert isinstance(term, HasMeanForce) == (name not in PENALTIES) and isinstance(term, HasDampingForce) == name.startswith(
-        "StVK"
-    )
-    assert isinstance(term, HasVolume) != case.grounded
+    assert {ability for ability in (*OF_EDGES, HasVolume) if isinstance(term, ability)} == set(case.can)
+    assert System(case.mesh, [StVK(young=1.0, poisson=0.3), case.term]).quartic == (Quartic in case.can)
     assert sum(term.memory().values()) > 0
 
 
-@pytest.mark.parametrize("name", [name for name in OURS if name not in PENALTIES])
+@pytest.mark.parametrize("name", [name for name, case in CASES.items() if HasMeanForce in case.can])
 def test_the_work_of_the_mean_force_is_the_difference_of_the_energies(name):
     """More by `(w1 - w0) R` with weights that are not alike, for that is what is lost; and with weights that are it does not matter
     how large they are.
@@ -327,7 +364,7 @@ def test_the_work_of_the_mean_force_is_the_difference_of_the_energies(name):
         assert np.abs(force - 2 * moved).max() < 1e-13 * np.abs(moved).max()
 
 
-@pytest.mark.parametrize("name", [name for name in OURS if name not in PENALTIES])
+@pytest.mark.parametrize("name", [name for name, case in CASES.items() if Quartic in case.can])
 def test_the_quartic_is_the_energy_along_a_line(name):
     case = CASES[name]
     term, v = bound(case), state(case.mesh, seed=9).reshape(-1, case.mesh.d)

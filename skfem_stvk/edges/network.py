@@ -1,0 +1,241 @@
+"""W, F and K of networks: edges and pairs of edges with constant coefficients, whatever they come from."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import DTypeLike, NDArray
+
+from ..arguments import Array
+from ..kernels import blocks as block_kernels
+from ..kernels import networks as kernels
+from ..kernels.lanes import TRANSPOSED
+from ..kernels.threads import in_turn, parts_of, run, threads
+from ..kernels.topology import lexicographic_order
+from .elements import OwnVertices, nbytes
+from .pairs import ALL, PairBlocks, PairTerm, Tensions
+from .topology import Ids, OwnEdges, Shares, shares_of, vertex_order
+
+#: An edge, and a pair of edges, are as much work as so many linear simplices.
+EDGE, PAIR = 0.25, 0.1
+
+
+class Network(PairTerm):
+    """`W = 1/2 sum A_ij z_i z_j` over edges and pairs of edges, with an elongation `z` of each edge (`kernels.networks`).
+
+    Parameters
+    ----------
+    p : (d, nv) rest coordinates of all vertices of the mesh [m].
+    edges : (2, ne) vertices `a < b`, each edge once.
+    pairs : (2, n) edges `i < j`, each pair once.
+    own, between : (ne,) and (n,) coefficients `A_ii` of edges and `A_ij` of pairs.
+    dtype : of results and of what is stored.
+    """
+
+    symmetric: ClassVar[bool] = True
+    balanced: ClassVar[bool] = True
+    has_energy: ClassVar[bool] = True
+    by_length: ClassVar[bool]
+
+    def __init__(self, p: Array, edges: Ids, pairs: Ids, own: Array, between: Array, *, dtype: DTypeLike = np.float64) -> None:
+        self.d = len(p)
+        vertices = vertex_order(edges, p.shape[1])
+        self.own = OwnVertices(vertices, dtype)
+        super().__init__(self.own.turn)
+        number = np.empty(p.shape[1], dtype=np.int32)
+        number[vertices] = np.arange(len(vertices), dtype=np.int32)
+        ends = np.sort(number[edges], axis=0)
+        order = lexicographic_order(ends, len(vertices))
+        self.order, filling = order, -len(order) % kernels.EDGES
+        self.edges = np.pad(ends[:, order].T, ((0, filling), (0, 0)))
+        X = np.zeros((p.shape[1], 3))
+        X[:, : self.d] = p.T
+        a, b = vertices[self.edges].T
+        self._rest = (X[a] - X[b]).reshape(-1, kernels.EDGES, 3).transpose(0, 2, 1).ravel()
+        place = np.empty_like(order)
+        place[order] = np.arange(len(order), dtype=np.int32)
+        coupled = np.sort(place[pairs], axis=0)
+        sorting = lexicographic_order(coupled, max(len(order), 1)) if coupled.shape[1] else np.empty(0, dtype=np.int64)
+        self.coupled = np.ascontiguousarray(coupled[:, sorting].T)
+        self._own, self._between = np.pad(own[order], (0, filling)).astype(dtype), between[sorting].astype(dtype)
+        self._joined, self._to = self._find_blocks()
+        self._blocks = PairBlocks(self.own, self._joined, self.d)
+
+    @property
+    def nodes_paired(self) -> NDArray[np.int32]:
+        """(2, n) pairs of vertices `a < b` of the mesh that K couples."""
+        return np.sort(self.own.vertices[self._joined.edges].T, axis=0)
+
+    @property
+    def pairs(self) -> PairBlocks:
+        return self._blocks
+
+    def _find_blocks(self) -> tuple[OwnEdges, NDArray[np.uint32]]:
+        """The pairs of vertices that K couples, edges first, and (n, 4) where pairs of edges add to their blocks."""
+        ne, n = len(self.order), len(self.own.vertices)
+        edges = self.edges[:ne]
+        starts = np.searchsorted(edges[:, 0], np.arange(n + 1)).astype(np.int64)
+        to = np.empty((len(self.coupled), 4), dtype=np.uint32)
+        parts = parts_of(len(to), PAIR, 1)
+        missing = sum(run(kernels.find_blocks, parts, edges, starts, self.coupled, to)) if len(to) else 0
+        joined = edges
+        if missing:  # ends of edges that no edge joins
+            every = np.stack([edges[self.coupled[:, 0]][:, [0, 0, 1, 1]], edges[self.coupled[:, 1]][:, [0, 1, 0, 1]]])
+            lost = (to & ~TRANSPOSED) == ne + kernels.SPARE
+            ends = np.sort(every[:, lost], axis=0).astype(np.int64)
+            codes, found = np.unique(ends[0] * n + ends[1], return_inverse=True)
+            to[lost] = (to[lost] & TRANSPOSED) | (ne + found).astype(np.uint32)
+            to[every[0] == every[1]] += np.uint32(len(codes))  # the diagonals move behind the new blocks
+            joined = np.concatenate([edges, np.stack(np.divmod(codes, n), axis=1).astype(np.int32)])
+        number = lexicographic_order(np.ascontiguousarray(joined.T), max(n, 1))
+        return OwnEdges(joined, number, np.empty((0, 0), dtype=np.uint32), np.zeros(1, dtype=np.int64)), to
+
+    @property
+    def _forces(self) -> Shares:
+        """How threads share what blocks of edges add to vertices."""
+        blocks = self.edges.reshape(-1, 2 * kernels.EDGES)
+        return self.own.share("F of edges", lambda n: shares_of(blocks, len(self.own.vertices), EDGE * kernels.EDGES, n))
+
+    @property
+    def _coupling(self) -> Shares:
+        """How threads share what pairs add to edges."""
+        return self.own.share("pairs", lambda n: shares_of(self.coupled, len(self.edges), PAIR, n))
+
+    @property
+    def _stiffening(self) -> Shares:
+        """How threads share what pairs add to blocks."""
+
+        def shares(n: int) -> Shares:
+            made = shares_of((self._to & ~TRANSPOSED).astype(np.int64), self._joined.total + kernels.SPARE, PAIR, n)
+            return made._replace(slots=made.slots.astype(np.uint32) | (self._to & TRANSPOSED).ravel())
+
+        return self.own.share("K of pairs", shares)
+
+    def _elongate(self, u: Array, name: str = "") -> tuple[Array, Array, Array]:
+        """`z` (ne,), `g` (3 ne,) and `1/l` (ne,) at displacements `u` (nv, d), in arrays of this name."""
+        ne, dtype = len(self.edges), self.own.dtype
+        z, g, over = (self.own.room(f"{what}{name}", size, dtype) for what, size in (("z", ne), ("g", 3 * ne), ("1/l", ne)))
+        x = self.own.gathered("u of edges", u, np.float64)
+        run(kernels.elongate, self._forces.parts, self.by_length, self.edges, self._rest, x, z, g, over)
+        return z, g, over
+
+    def _tensions(self, z: Array, name: str = "s") -> Array:
+        """(ne,) `s = A z`."""
+        ne, shares = len(self.edges), self._coupling
+        s = self.own.room(name, ne + len(shares.extra), self.own.dtype)
+        np.multiply(self._own, z, out=s[:ne])
+        if len(self.coupled):
+            s[ne:] = 0
+            run(kernels.couple, shares.parts, self.coupled, shares.slots.reshape(-1, 2), self._between, z, s)
+            block_kernels.fold(s, ne, shares.extra, 1)
+        return s[:ne]
+
+    def _pull(self, z: Array, s: Array, g: Array, force: Array | None) -> float:
+        """`1/2 s . z`; adds `s g` to `force` (nv, d)."""
+        shares = self._forces
+        f = np.empty(0, dtype=self.own.dtype) if force is None else self.own.slots("F of edges", shares)
+        W = sum(run(kernels.pull, shares.parts, shares.slots.reshape(-1, 2), z, s, g, f))
+        if force is not None:
+            self.own.add(f, shares, force)
+        return W
+
+    @in_turn
+    def energy_and_force(self, u: Array, force: Array | None = None) -> float:
+        if len(self.coupled):
+            z, g, _ = self._elongate(u)
+            return self._pull(z, self._tensions(z), g, force)
+        shares = self._forces
+        f = np.empty(0, dtype=self.own.dtype) if force is None else self.own.slots("F of edges", shares)
+        x = self.own.gathered("u of edges", u, np.float64)
+        arrays = self.edges, shares.slots.reshape(-1, 2), self._rest, self._own, x
+        W = sum(run(kernels.springs, shares.parts, self.by_length, *arrays, f))
+        if force is not None:
+            self.own.add(f, shares, force)
+        return W
+
+    @in_turn
+    def blocks(self, u: Array, force: Array | None = None, out: Array | None = None, kept: Tensions = ALL) -> tuple[float, Array]:
+        z, g, over = self._elongate(u)
+        s, to, total = self._tensions(z), self._stiffening, self._joined.total
+        size = 9 * (total + kernels.SPARE + len(to.extra))
+        blocks = np.empty(size, dtype=self.own.dtype) if out is None or len(out) != size else out
+        blocks[9 * len(self.order) :] = 0
+        own = self.by_length, self._own, s, g, over, float(kept.positive), float(kept.negative)
+        run(kernels.put_blocks, parts_of(len(self.order), EDGE, threads()), *own, blocks)
+        if len(self.coupled):
+            run(kernels.couple_blocks, to.parts, self.coupled, to.slots.reshape(-1, 4), self._between, g, blocks)
+            block_kernels.fold(blocks, total + kernels.SPARE, to.extra, 9)
+        return self._pull(z, s, g, force), blocks
+
+    @in_turn
+    def mean_force(self, u0: Array, u1: Array, weights: tuple[float, float], theta: float, force: Array) -> float:
+        """Add to `force` (nv, d) [N] what mean tensions of two states pull along the edges in between: as in `HasMeanForce`.
+
+            s = A (w0 z(u0) + w1 z(u1))        along the mean slopes that take z(u0) to z(u1)
+
+        Returns `1/2 dz' A dz` [J], `dz = z(u1) - z(u0)`.
+        """
+        start, first = (x.copy() for x in self._elongate(u0)[::2])
+        end, _, last = (x.copy() for x in self._elongate(u1))
+        _, g, between = self._elongate(u0 + theta * (u1 - u0))
+        g = self._mean_slopes(g, first, last, between)
+        change = end - start
+        R = float(change @ self._tensions(change)) / 2
+        z = weights[0] * start + weights[1] * end
+        self._pull(z, self._tensions(z), g, force)
+        return R
+
+    @abstractmethod
+    def _mean_slopes(self, g: Array, first: Array, last: Array, between: Array) -> Array:
+        """Slopes (3 ne,) whose products with changes of edges are changes of `z`, from `g` in between and `1/l` of three states."""
+
+    @in_turn
+    def damping_force(self, u: Array, v: Array, force: Array) -> float:
+        """Add the Gauss-Newton tangent at `u` times `v` to `force` (nv, d), `s = A dz/dt`; half the power that it takes [W]."""
+        _, g, _ = self._elongate(u)
+        V = np.zeros((len(self.own.vertices), 3))
+        V[:, : self.d] = v[self.own.vertices]
+        a, b = self.edges.T
+        rate = np.einsum("nc,nc->n", g.reshape(-1, 3), V[a] - V[b]).astype(self.own.dtype)
+        return self._pull(rate, self._tensions(rate), g, force)
+
+    def memory(self) -> dict[str, int]:
+        """Bytes of its arrays, by part."""
+        arrays = self.edges, self.coupled, self.order, self._rest, self._own, self._between, self._to, self._joined
+        return {"edges and pairs": nbytes(arrays)} | self.own.memory()
+
+
+class QuarticNetwork(Network):
+    """A network with `z = |p|^2 - |P|^2` and `A = L/2`: `W = 1/4 sum L_ij z_i z_j`, a quartic along any line."""
+
+    by_length = False
+
+    def _mean_slopes(self, g: Array, first: Array, last: Array, between: Array) -> Array:
+        return g
+
+    @in_turn
+    def along(self, u: Array, v: Array) -> NDArray[np.float64]:
+        """(5,) coefficients of the energy along `u + s v`: `z + s z' + s^2 z''` with `z' = 2 p . V`, `z'' = |V|^2`."""
+        z, g, _ = self._elongate(u)
+        V = np.zeros((len(self.own.vertices), 3))
+        V[:, : self.d] = v[self.own.vertices]
+        a, b = self.edges.T
+        V = V[a] - V[b]
+        first, second = np.einsum("nc,nc->n", g.reshape(-1, 3), V), np.einsum("nc,nc->n", V, V)
+        s, t, w = (self._tensions(x.astype(self.own.dtype)).astype(np.float64) for x in (z.copy(), first, second))
+        return np.array([z @ s / 2, s @ first, s @ second + t @ first / 2, t @ second, w @ second / 2])
+
+
+class HookeanNetwork(Network):
+    """A network with `z = l - L` and `A = k`: springs that resist changes of length, `W = 1/2 sum k_ij z_i z_j`."""
+
+    by_length = True
+
+    def _mean_slopes(self, g: Array, first: Array, last: Array, between: Array) -> Array:
+        """`l1 - l0 = (p0 + p1) . (p1 - p0) / (l0 + l1)`: the edges in between, over the mean of both lengths."""
+        lengths = [np.divide(1, x, out=np.zeros_like(x), where=x > 0) for x in (first, last, between)]
+        mean = (lengths[0] + lengths[1]) / 2
+        scale = np.divide(lengths[2], mean, out=np.zeros_like(mean), where=mean > 0)
+        return (g.reshape(-1, 3) * scale[:, None]).ravel()

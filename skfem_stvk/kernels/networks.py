@@ -1,0 +1,256 @@
+"""W, F and the blocks of node pairs of K of edges and pairs of edges: finite elements as in eq. 14 of the overview, and springs.
+
+An elongation `z` of each edge, its slope `g = dz/dp` by the edge as it is now, `p = P + U`, and a constant `A_ij` for each edge and
+for each of some pairs of edges:
+
+    W = 1/2 sum_i A_ii z_i^2 + sum_{pairs i < j} A_ij z_i z_j        s_i = sum_j A_ij z_j        F = s_i g_i on a, -s_i g_i on b
+    K_ab = -(A_ii g_i g_i' + s_i H_i) of an edge itself        sigma A_ij g_i g_j' for each end of i and of j, sigma = 1 for both
+                                                               first or both second ends, else -1
+
+    squared      z = |p|^2 - |P|^2 = (2 P + U) . U        g = 2 p                H = 2 I                        A = L/2: quartic
+    by length    z = l - L = (2 P + U) . U / (l + L)      g = n = p/l            H = (I - n n')/l               A = k: Hookean
+
+No `z` has the cancellation of a difference of lengths. Rows of K sum to zero, so that `K_aa` follows from the others.
+
+Edges stand in blocks of lanes, filled up with ones from vertex 0 to itself that have no stiffness. Arrays: `edges` (ne, 2) vertices
+`a`, `b`, `slots` (ne, 2) where their forces go; `rest` (3 ne,) the `P = X_a - X_b`, differences taken in double, in blocks of lanes;
+`u` (3 nv,) in double; `pairs` (n, 2) edges; `own` (ne,) and `between` (n,) the `A_ii` and `A_ij`. Threads take runs of blocks of
+edges, or of pairs, and no two of them share a slot.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from .compiled import Ids, Reals, inlined, kernel
+from .lanes import TRANSPOSED, I, add, dot, times
+
+#: Blocks behind those of K, for what is on the diagonal.
+SPARE = 8
+#: Edges in a block: with 16, as of elements, what was stored one by one is waited for when it is read as a whole.
+EDGES = 64
+
+
+@inlined
+def _vector(a, at):
+    """Three components that stand a block of edges apart."""
+    return a[at], a[at + I(EDGES)], a[at + I(2 * EDGES)]
+
+
+@inlined
+def _put(a, out, at):
+    out[at], out[at + I(EDGES)], out[at + I(2 * EDGES)] = a
+
+
+@inlined
+def _find(by_length, block, edges, rest, u, U, z, g, over):
+    """Write `z`, `g` and the `1/l` of springs by length of a block of edges, `g` in blocks of lanes.
+
+    A spring of no length has no direction: its `g` is zero.
+    """
+    first = I(block * EDGES)
+    for lane in range(EDGES):
+        i, to = first + I(lane), I(lane)
+        a, b = I(3) * I(edges[i, I(0)]), I(3) * I(edges[i, I(1)])
+        U[to], U[to + I(EDGES)], U[to + I(2 * EDGES)] = u[a] - u[b], u[a + I(1)] - u[b + I(1)], u[a + I(2)] - u[b + I(2)]
+    for lane in range(EDGES):
+        i, at = I(lane), I(3) * first + I(lane)
+        P, V = _vector(rest, at), _vector(U, i)
+        p = add(P, V)
+        squared = dot(add(P, p), V)
+        if by_length:
+            length = np.sqrt(dot(p, p))
+            inverse = 1 / length if length > 0 else 0.0
+            sum_of_both = length + np.sqrt(dot(P, P))
+            z[i] = squared / sum_of_both if sum_of_both > 0 else 0.0
+            _put(times(inverse, p), g, i)
+            over[i] = inverse
+        else:
+            z[i] = squared
+            _put(add(p, p), g, i)
+
+
+@inlined
+def _add_vector(f, at, x, y, z):
+    f[at] += x
+    f[at + I(1)] += y
+    f[at + I(2)] += z
+
+
+@kernel
+def elongate(begin: int, end: int, by_length: bool, edges: Ids, rest: Reals, u: Reals, z: Reals, g: Reals, over: Reals) -> None:
+    """Write `z` (ne,), `g` (3 ne,) and the `1/l` (ne,) of springs by length of the edges in the blocks `begin` to `end`."""
+    U, G = np.empty(3 * EDGES), np.empty(3 * EDGES)
+    for block in range(begin, end):
+        at = block * EDGES
+        _find(by_length, block, edges, rest, u, U, z[at : at + EDGES], G, over[at : at + EDGES])
+        for lane in range(EDGES):
+            to = I(3 * (at + lane))
+            g[to], g[to + I(1)], g[to + I(2)] = _vector(G, I(lane))
+
+
+@kernel
+def springs(begin: int, end: int, by_length: bool, edges: Ids, slots: Ids, rest: Reals, own: Reals, u: Reals, f: Reals) -> float:
+    """The energy of the edges in the blocks `begin` to `end` where there are no pairs; adds their forces to the slots `f`, unless
+    that is empty.
+
+    One pass in place of `elongate` and `pull`. Edges stand in the order of their first vertices, whose forces are added up before
+    they are stored: adding each to what was just stored waits for it.
+    """
+    U, z, g, over = np.empty(3 * EDGES), np.empty(EDGES), np.empty(3 * EDGES), np.empty(EDGES)
+    forces = np.empty(3 * EDGES, f.dtype)
+    W, zero = 0.0, f.dtype.type(0)
+    x, y, w, last = zero, zero, zero, I(0)
+    for block in range(begin, end):
+        _find(by_length, block, edges, rest, u, U, z, g, over)
+        first = I(block * EDGES)
+        for lane in range(EDGES):
+            i = I(lane)
+            s = own[first + i] * z[i]
+            W += s * z[i]
+            _put(times(s, _vector(g, i)), forces, i)
+        if len(f) > 0:
+            for lane in range(EDGES):
+                i = first + I(lane)
+                a, b = I(3) * I(slots[i, I(0)]), I(3) * I(slots[i, I(1)])
+                if a != last:
+                    _add_vector(f, last, x, y, w)
+                    x, y, w, last = zero, zero, zero, a
+                p, q, r = _vector(forces, I(lane))
+                x, y, w = x + p, y + q, w + r
+                _add_vector(f, b, -p, -q, -r)
+    if len(f) > 0:
+        _add_vector(f, last, x, y, w)
+    return W / 2
+
+
+@kernel
+def couple(begin: int, end: int, pairs: Ids, slots: Ids, between: Reals, z: Reals, s: Reals) -> None:
+    """Add `A_ij z_j` to the slot of `s_i`, and `A_ij z_i` to that of `s_j`, of the pairs `begin` to `end`.
+
+    Pairs stand in the order of their first edges, for which the sum is stored once, as in `springs`.
+    """
+    last, total = I(0), s.dtype.type(0)
+    for n in range(begin, end):
+        i, A = I(n), between[I(n)]
+        first = I(slots[i, I(0)])
+        if first != last:
+            s[last] += total
+            last, total = first, s.dtype.type(0)
+        total += A * z[I(pairs[i, I(1)])]
+        s[I(slots[i, I(1)])] += A * z[I(pairs[i, I(0)])]
+    s[last] += total
+
+
+@kernel
+def pull(begin: int, end: int, slots: Ids, z: Reals, s: Reals, g: Reals, f: Reals) -> float:
+    """The energy `1/2 s . z` of the edges in the blocks `begin` to `end`; adds their forces to the slots `f`, unless it is empty."""
+    W, zero = 0.0, f.dtype.type(0)
+    x, y, w, last = zero, zero, zero, I(0)
+    for e in range(begin * EDGES, end * EDGES):
+        i = I(e)
+        W += float(s[i] * z[i])
+        if len(f) > 0:
+            at, a, b = I(3) * i, I(3) * I(slots[i, I(0)]), I(3) * I(slots[i, I(1)])
+            if a != last:
+                _add_vector(f, last, x, y, w)
+                x, y, w, last = zero, zero, zero, a
+            p, q, r = s[i] * g[at], s[i] * g[at + I(1)], s[i] * g[at + I(2)]
+            x, y, w = x + p, y + q, w + r
+            _add_vector(f, b, -p, -q, -r)
+    if len(f) > 0:
+        _add_vector(f, last, x, y, w)
+    return W / 2
+
+
+@kernel
+def put_blocks(
+    begin: int,
+    end: int,
+    by_length: bool,
+    own: Reals,
+    s: Reals,
+    g: Reals,
+    over: Reals,
+    positive: float,
+    negative: float,
+    blocks: Reals,
+) -> None:
+    """Write the `K_ab` of the edges `begin` to `end` themselves; `s` counts `positive` or `negative` times, by its sign."""
+    for e in range(begin, end):
+        i = I(e)
+        at, to = I(3) * i, I(9) * i
+        x, y, z = g[at], g[at + I(1)], g[at + I(2)]
+        bend = s[i] * s.dtype.type(positive if s[i] > 0 else negative)
+        if by_length:
+            bend *= over[i]
+            A = own[i] - bend
+        else:
+            bend += bend
+            A = own[i]
+        blocks[to] = -(A * x * x + bend)
+        blocks[to + I(1)] = blocks[to + I(3)] = -A * x * y
+        blocks[to + I(2)] = blocks[to + I(6)] = -A * x * z
+        blocks[to + I(4)] = -(A * y * y + bend)
+        blocks[to + I(5)] = blocks[to + I(7)] = -A * y * z
+        blocks[to + I(8)] = -(A * z * z + bend)
+
+
+@inlined
+def _add(slot, g, h, blocks):
+    """Add `g h'` to a block, or `h g'` where it is stored transposed."""
+    at = I(9) * I(slot & ~TRANSPOSED)
+    if slot & TRANSPOSED:
+        g, h = h, g
+    for r in range(3):
+        for c in range(3):
+            blocks[at + I(3 * r + c)] += g[r] * h[c]
+
+
+@kernel
+def couple_blocks(begin: int, end: int, pairs: Ids, to: Ids, between: Reals, g: Reals, blocks: Reals) -> None:
+    """Add `sigma A_ij g_i g_j'` of the pairs `begin` to `end` to blocks `to` (n, 4): of their first and first vertices, first and
+    second, second and first, second and second. Where edges meet, one of these is on the diagonal, and goes to one of `SPARE`
+    blocks of no use: one alone would be waited for.
+    """
+    for n in range(begin, end):
+        k, A = I(n), between[I(n)]
+        i, j = I(3) * I(pairs[k, I(0)]), I(3) * I(pairs[k, I(1)])
+        h = (g[j], g[j + I(1)], g[j + I(2)])
+        q = (A * g[i], A * g[i + I(1)], A * g[i + I(2)])
+        m = (-q[0], -q[1], -q[2])
+        _add(to[k, I(0)], q, h, blocks)
+        _add(to[k, I(1)], m, h, blocks)
+        _add(to[k, I(2)], m, h, blocks)
+        _add(to[k, I(3)], q, h, blocks)
+
+
+@kernel
+def find_blocks(begin: int, end: int, edges: Ids, starts: Ids, pairs: Ids, out: Ids) -> int:
+    """Write the blocks (n, 4) of the ends of the pairs `begin` to `end`, in the order of `couple_blocks`.
+
+    Blocks are those of `edges` (ne, 2) in lexicographic order, those from a vertex `a` at `starts[a]` to `starts[a + 1]`; transposed
+    ones have the bit `TRANSPOSED`, and ne ... ne + SPARE - 1 stand for the diagonal. Returns how many ends no edge joins; ne + 1 stands there.
+    """
+    missing, total = 0, len(edges)
+    for n in range(begin, end):
+        k = I(n)
+        for first in range(2):
+            for second in range(2):
+                r, s = edges[I(pairs[k, I(0)]), I(first)], edges[I(pairs[k, I(1)]), I(second)]
+                a, b = min(r, s), max(r, s)
+                low, high = starts[I(a)], starts[I(a + 1)]
+                while low < high:
+                    middle = (low + high) // 2
+                    if edges[I(middle), I(1)] < b:
+                        low = middle + 1
+                    else:
+                        high = middle
+                found = low < starts[I(a + 1)] and edges[I(low), I(1)] == b
+                at = np.uint32(low) if found else np.uint32(total + SPARE)
+                if r == s:
+                    at = np.uint32(total + n % SPARE)
+                elif not found:
+                    missing += 1
+                out[k, I(2 * first + second)] = at | TRANSPOSED if r > s else at
+    return missing

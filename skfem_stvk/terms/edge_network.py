@@ -1,0 +1,184 @@
+"""Edges, pairs of edges, and their coefficients: the sum of the paper itself as a term."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, DTypeLike, NDArray
+from scipy.sparse import csr_matrix, issparse, triu
+
+from ..arguments import choice, own, shown
+from ..edges.form import EdgeForm, meet
+from ..edges.network import QuarticNetwork
+from ..edges.topology import edge_topology
+from ..errors import MeshError, StvkError, name_ids
+from ..linear.inertia import COUNTED, inertia
+from ..linear.solver import Unknowns
+from ..mesh import ElementMesh, MeshLike
+from .body import Body
+from .stvk import StVK
+
+
+@dataclass(frozen=True, eq=False)
+class EdgeNetwork:
+    """`W = 1/4 sum_i L_ii zeta_i^2 + 1/2 sum_{pairs i < j} L_ij zeta_i zeta_j` over edges and pairs of edges, literally.
+
+    `zeta = |p|^2 - |P|^2` of each edge [m^2]. With the `L` of linear simplices (`EdgeNetwork.of`) it is the finite-element model, and
+    the pairs are those that share a simplex (TSEPs); its first sum alone (`diagonal`) is a network of quartic springs. Any other
+    symmetric `L` is good, one that is not positive semi-definite too (`definite`): then there are states with less energy than at
+    rest. It costs no simplices' data; a region whose volumes and stresses are wanted is a matter of `StVK`.
+
+    Parameters
+    ----------
+    edges : (2, ne) vertices of the edges, each edge once.
+    L : (ne, ne) sparse symmetric matrix [J/m^4], off the diagonal the pairs of edges, each twice.
+    laws : what gives the mass, if anything: the `StVK` that the coefficients are of.
+
+    Source: Kikuuwe, Tabuchi, Yamamoto (2009), equations 12 - 14 of Kikuuwe's overview.
+
+    Raises
+    ------
+    StvkError
+        if edges are given twice, or join a vertex with itself, or L has another shape, is not symmetric or not finite.
+    MeshError
+        when it is made of elements that have no edge form; when it is bound, if the mesh lacks vertices.
+
+    >>> import skfem
+    >>> from skfem_stvk import StVK, System
+    >>> mesh, law = skfem.MeshTet().refined(1), StVK(young=1e5, poisson=0.3)
+    >>> network = EdgeNetwork.of(mesh, law)
+    >>> u = 0.1 * (mesh.p**2).ravel("F")
+    >>> bool(abs(System(mesh, network).energy(u) / System(mesh, law).energy(u) - 1) < 1e-13)
+    True
+    >>> network, network.without("opposite")
+    (EdgeNetwork(98 edges, 276 adjacent and 144 opposite pairs), EdgeNetwork(98 edges, 276 adjacent and 0 opposite pairs))
+    """
+
+    edges: NDArray[Any]
+    L: csr_matrix = field(repr=False)
+    laws: tuple[StVK, ...] = ()
+
+    def __post_init__(self) -> None:
+        edges, L = _checked_edges(self.edges), _checked_coefficients(self.L)
+        if L.shape[0] != edges.shape[1]:
+            raise StvkError(f"EdgeNetwork: L has shape {L.shape}; expected {(edges.shape[1],) * 2} for {edges.shape[1]} edges.")
+        order = np.lexsort((edges[1], edges[0]))
+        object.__setattr__(self, "edges", np.ascontiguousarray(edges[:, order]))
+        object.__setattr__(self, "L", L if (np.diff(order) == 1).all() else L[order][:, order].tocsr())
+        own(self)
+
+    @classmethod
+    def of(cls, mesh: MeshLike, law: StVK | Sequence[StVK]) -> EdgeNetwork:
+        """The network of a St. Venant-Kirchhoff body of linear simplices, of one law or of several on their regions."""
+        body, laws = ElementMesh.of(mesh), (law,) if isinstance(law, StVK) else tuple(law)
+        if not laws or not all(isinstance(each, StVK) for each in laws):
+            raise StvkError(f"EdgeNetwork.of: law = {shown(law)}; expected StVK(...) or a list of them.")
+        if not body.element.is_linear_simplex:
+            raise MeshError(
+                f"EdgeNetwork.of: the mesh has {body.kind}, whose strain is not the same everywhere, so the lengths of their edges "
+                "do not say it. Take linear simplices (degree=1)."
+            )
+        forms = [EdgeForm(body.p, body.t[:, body.elements(each.region)], each.stiffness(body)) for each in laws]
+        if len(forms) == 1:
+            return cls(forms[0].edges, forms[0].L, laws)
+        edges, _ = edge_topology(np.concatenate([form.t for form in forms], axis=1))
+        codes, L = edges[0].astype(np.int64) * body.nv + edges[1], csr_matrix((edges.shape[1],) * 2)
+        for form in forms:
+            places = np.searchsorted(codes, form.edges[0].astype(np.int64) * body.nv + form.edges[1])
+            own = form.L.tocoo()
+            L = L + csr_matrix((own.data, (places[own.row], places[own.col])), shape=L.shape)
+        return cls(edges, L, laws)
+
+    @property
+    def pairs(self) -> NDArray[np.int64]:
+        """(2, n) edges `i < j` of the pairs, those with `L_ij = 0` too if they are stored."""
+        upper = triu(self.L, 1).tocoo()
+        return np.stack([upper.row, upper.col]).astype(np.int64)
+
+    @property
+    def adjacent(self) -> NDArray[np.bool_]:
+        """(n,) for each of the `pairs` whether its edges meet in a vertex ("angular"); the others are opposite ("volumetric")."""
+        return meet(self.edges, self.pairs)
+
+    def diagonal(self) -> EdgeNetwork:
+        """The edges alone: a network of springs with `W = 1/4 sum L_ii zeta_i^2`, the first sum of eq. 14."""
+        n = len(self.edges.T)
+        return replace(self, L=csr_matrix((self.L.diagonal(), (np.arange(n), np.arange(n))), shape=(n, n)))
+
+    def without(self, pairs: str) -> EdgeNetwork:
+        """The network without its "adjacent" or without its "opposite" pairs."""
+        choice("without: pairs", pairs, ("adjacent", "opposite"))
+        upper = triu(self.L, 1).tocoo()
+        kept = self.adjacent == (pairs == "opposite")
+        U = csr_matrix((upper.data[kept], (upper.row[kept], upper.col[kept])), shape=self.L.shape)
+        return replace(self, L=csr_matrix(self.diagonal().L + U + U.T))
+
+    def definite(self) -> bool:
+        """Whether no state has less energy than rest, by `L` alone: whether no eigenvalue of it is negative, but for rounding.
+
+        Raises StvkError for more than 20 000 edges, where factors of L take too long, and where no solver can tell.
+        """
+        n = self.L.shape[0]
+        if n > COUNTED:
+            raise StvkError(
+                f"EdgeNetwork.definite: {n} edges; expected at most {COUNTED}, whose L is factorised within seconds. Ask it of a "
+                "smaller body of the same shapes of elements."
+            )
+        L = csr_matrix(self.L + csr_matrix((np.zeros(n), (np.arange(n), np.arange(n))), shape=(n, n)))
+        L.sort_indices()
+        found = inertia(L, Unknowns(np.arange(n), np.zeros(n, dtype=int), L.indptr, L.indices))
+        if found is None:
+            raise StvkError("EdgeNetwork.definite: no direct solver can count the negative eigenvalues of this L.")
+        return found.negative == 0
+
+    def bind(self, body: Body | ElementMesh, dtype: DTypeLike = np.float64) -> QuarticNetwork:
+        """The network on the vertices of a body's mesh."""
+        mesh = body.mesh if isinstance(body, Body) else body
+        last = int(self.edges.max(initial=-1))
+        if last >= mesh.nv:
+            raise MeshError(f"EdgeNetwork: an edge has vertex {last}; the mesh has {mesh.nv}. Was it made of another mesh?")
+        i, j = self.pairs
+        between = np.asarray(triu(self.L, 1).tocoo().data) / 2
+        edges = self.edges.astype(np.int32)
+        pairs = np.stack([i, j]).astype(np.int32)
+        return QuarticNetwork(mesh.p, edges, pairs, self.L.diagonal() / 2, between, dtype=dtype)
+
+    def __repr__(self) -> str:
+        adjacent = int(np.count_nonzero(self.adjacent))
+        n = len(self.adjacent)
+        return f"EdgeNetwork({self.edges.shape[1]} edges, {adjacent} adjacent and {n - adjacent} opposite pairs)"
+
+
+def _checked_edges(given: ArrayLike) -> NDArray[np.int64]:
+    """(2, ne) edges `a < b`, each once."""
+    edges = np.asarray(given)
+    if edges.ndim != 2 or len(edges) != 2 or edges.dtype.kind not in "iu" or edges.shape[1] == 0:
+        raise StvkError(f"EdgeNetwork: edges of shape {edges.shape} and {edges.dtype}; expected whole numbers (2, ne), vertices.")
+    edges = np.sort(edges.astype(np.int64), axis=0)
+    bad = np.flatnonzero((edges[0] == edges[1]) | (edges[0] < 0))
+    if len(bad):
+        raise StvkError(f"EdgeNetwork: {name_ids(bad, 'edge')} with a vertex below zero or with the same vertex twice.")
+    _, first, count = np.unique(edges, axis=1, return_index=True, return_counts=True)
+    if (count > 1).any():
+        raise StvkError(f"EdgeNetwork: {name_ids(np.sort(first[count > 1]), 'edge')} given more than once; expected each once.")
+    return edges
+
+
+def _checked_coefficients(given: Any) -> csr_matrix:
+    """A copy of L, symmetric to the last digit."""
+    if not issparse(given):
+        raise StvkError(f"EdgeNetwork: L = {shown(given)}; expected a sparse matrix, such as scipy.sparse.csr_matrix(...).")
+    L = csr_matrix(given, dtype=np.float64, copy=True)
+    L.sum_duplicates()
+    if not np.isfinite(L.data).all():
+        raise StvkError("EdgeNetwork: L has entries that are not finite.")
+    if L.shape[0] != L.shape[1]:
+        raise StvkError(f"EdgeNetwork: L has shape {L.shape}; expected a square matrix, a row for each edge.")
+    difference = abs(L - L.T)
+    if difference.nnz and difference.max() > 1e-12 * abs(L).max():
+        rows = np.unique(difference.tocoo().row[difference.tocoo().data > 1e-12 * abs(L).max()])
+        raise StvkError(f"EdgeNetwork: L is not symmetric, in the rows of {name_ids(rows, 'edge')}; expected L_ij = L_ji.")
+    return L
