@@ -4,8 +4,8 @@ An elongation `z` of each edge, its slope `g = dz/dp` by the edge as it is now, 
 for each of some pairs of edges:
 
     W = 1/2 sum_i A_ii z_i^2 + sum_{pairs i < j} A_ij z_i z_j        s_i = sum_j A_ij z_j        F = s_i g_i on a, -s_i g_i on b
-    K_ab = -(A_ii g_i g_i' + s_i H_i) of an edge itself        sigma A_ij g_i g_j' for each end of i and of j, sigma = 1 for both
-                                                               first or both second ends, else -1
+    K_ab = -(A_ii g_i g_i' + s_i H_i) of an edge itself        sigma A_ij g_i g_j' for each end of i and of j, sigma = 1 for two
+                                                               first or two second ends, else -1
 
     squared      z = |p|^2 - |P|^2 = (2 P + U) . U        g = 2 p                H = 2 I                        A = L/2: quartic
     by length    z = l - L = (2 P + U) . U / (l + L)      g = n = p/l            H = (I - n n')/l               A = k: Hookean
@@ -144,7 +144,7 @@ def couple(begin: int, end: int, pairs: Ids, slots: Ids, between: Reals, z: Real
 
 @kernel
 def pull(begin: int, end: int, slots: Ids, z: Reals, s: Reals, g: Reals, f: Reals) -> float:
-    """The energy `1/2 s . z` of the edges in the blocks `begin` to `end`; adds their forces to the slots `f`, unless it is empty."""
+    """The energy `1/2 s . z` of the edges in the blocks `begin` to `end`; adds forces to the slots `f`, unless that is empty."""
     W, zero = 0.0, f.dtype.type(0)
     x, y, w, last = zero, zero, zero, I(0)
     for e in range(begin * EDGES, end * EDGES):
@@ -229,8 +229,9 @@ def couple_blocks(begin: int, end: int, pairs: Ids, to: Ids, between: Reals, g: 
 def find_blocks(begin: int, end: int, edges: Ids, starts: Ids, pairs: Ids, out: Ids) -> int:
     """Write the blocks (n, 4) of the ends of the pairs `begin` to `end`, in the order of `couple_blocks`.
 
-    Blocks are those of `edges` (ne, 2) in lexicographic order, those from a vertex `a` at `starts[a]` to `starts[a + 1]`; transposed
-    ones have the bit `TRANSPOSED`, and ne ... ne + SPARE - 1 stand for the diagonal. Returns how many ends no edge joins; ne + 1 stands there.
+    Blocks are those of `edges` (ne, 2) in lexicographic order; those from a vertex `a` stand at `starts[a]` to `starts[a + 1]`.
+    Transposed ones have the bit `TRANSPOSED`; ne ... ne + SPARE - 1 stand for the diagonal, and ne + SPARE for ends that no edge
+    joins. Returns how many of these there are.
     """
     missing, total = 0, len(edges)
     for n in range(begin, end):

@@ -26,10 +26,10 @@ from .stvk import StVK
 class EdgeNetwork:
     """`W = 1/4 sum_i L_ii zeta_i^2 + 1/2 sum_{pairs i < j} L_ij zeta_i zeta_j` over edges and pairs of edges, literally.
 
-    `zeta = |p|^2 - |P|^2` of each edge [m^2]. With the `L` of linear simplices (`EdgeNetwork.of`) it is the finite-element model, and
-    the pairs are those that share a simplex (TSEPs); its first sum alone (`diagonal`) is a network of quartic springs. Any other
-    symmetric `L` is good, one that is not positive semi-definite too (`definite`): then there are states with less energy than at
-    rest. It costs no simplices' data; a region whose volumes and stresses are wanted is a matter of `StVK`.
+    `zeta = |p|^2 - |P|^2` of each edge [m^2]. With the `L` of linear simplices (`EdgeNetwork.of`) it is the finite-element model,
+    and the pairs are those that share a simplex (TSEPs); its first sum alone (`diagonal`) is a network of quartic springs. Any
+    other symmetric `L` is good, one that is not positive semi-definite too (`definite`): then there are states with less energy
+    than at rest. A network knows edges and no elements: for volumes and stresses take `StVK`.
 
     Parameters
     ----------
