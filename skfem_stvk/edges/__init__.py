@@ -1,8 +1,20 @@
 """Edges, tetrahedron-sharing edge pairs (TSEPs), their coefficients L, and the assembly from them: the heart."""
 
-from .assembly import Assembly
+from .assembly import Assembly, LawAssembly
 from .form import EdgeForm
 from .pairs import ALL, NONE, TENSILE, Linearized, NodeBlocks, Rows, Tensions
 from .penalty import PenaltyAssembly
 
-__all__ = ["ALL", "NONE", "TENSILE", "Assembly", "EdgeForm", "Linearized", "NodeBlocks", "PenaltyAssembly", "Rows", "Tensions"]
+__all__ = [
+    "ALL",
+    "NONE",
+    "TENSILE",
+    "Assembly",
+    "EdgeForm",
+    "LawAssembly",
+    "Linearized",
+    "NodeBlocks",
+    "PenaltyAssembly",
+    "Rows",
+    "Tensions",
+]

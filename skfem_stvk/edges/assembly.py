@@ -1,4 +1,4 @@
-"""W, F and K of energies that are a sum over elements; those of an edge form, and what solvers ask of them."""
+"""W, F and K of energies that are a sum over elements: of a law at points, and of an edge form with what solvers ask of it."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
 from ..arguments import Array
-from ..errors import StvkError
+from ..errors import StateError, StvkError, name_ids
 from ..kernels import blocks as block_kernels
 from ..kernels import elements as element_kernels
 from ..kernels import stretches as stretch_kernels
@@ -23,7 +23,7 @@ from ..kernels.threads import in_turn, run
 from .elements import OwnElements, Quadrature, frames_at, nbytes, simplex_quadrature
 from .form import EdgeForm
 from .pairs import ALL, BlockPattern, Linearized, PairBlocks, PairTerm, Tensions
-from .stiffness import Stiffness, in_range
+from .stiffness import Stiffness, StoredLaw, check_range
 from .streaming import ElementRows
 from .topology import OwnOrder, Shares, own_order, pairs_of
 
@@ -127,19 +127,6 @@ class ElementTerm(PairTerm):
         return sum(energies), sum(traces)
 
     @in_turn
-    def add_round_off(self, u: Array, out: Array) -> None:
-        """Add the absolute values of all that adds up to the force at `u` (nv, d) to `out` (nv, d) [N].
-
-        Times eps it is the size of the force's rounding error, of which that of `u` itself is a part.
-        """
-        with self._adding(u, out) as (shares, f):
-            self._round_off(shares, f)
-
-    @abstractmethod
-    def _round_off(self, shares: Shares, f: Array) -> None:
-        """Add the sizes of the forces at the displacements that were gathered last to the slots `f`."""
-
-    @in_turn
     def volume_ratios(self, u: Array) -> NDArray[np.float64]:
         """(nt,) ratios at `u` (nv, d), of the elements in the order in which they were given."""
         self.elements.gather(u)
@@ -187,16 +174,91 @@ class ElementTerm(PairTerm):
         return parts | {"blocks of edges": nbytes([] if self._filled is None else self._filled)}
 
 
-class Assembly(ElementTerm):
-    """The kernels on the elements of a material.
+class LawAssembly(ElementTerm):
+    """A law at the points of elements, whatever it is: what its kernels need beside its numbers.
 
     Parameters
     ----------
     p, t : rest coordinates (d, nv) [m], and nodes (n, nt) of the elements.
-    stiffness : of each element.
+    law : the law, and what it stores of each element.
     quadrature : the kind of elements and the rule, by default linear simplices.
     dtype : of results and of what is stored, which is computed in double and rounded then.
     resistance : (nt,) `hourglass/16 (lam + 2 mu)` times section, of boxes with one point.
+    elements : (nt,) their ids, for messages; by default 0, 1, ...
+    """
+
+    def __init__(
+        self,
+        p: Array,
+        t: NDArray[np.int32],
+        law: StoredLaw,
+        quadrature: Quadrature | None = None,
+        dtype: DTypeLike = np.float64,
+        resistance: Array | None = None,
+        *,
+        elements: NDArray[Any] | None = None,
+    ) -> None:
+        quadrature = quadrature or simplex_quadrature(len(t) - 1)
+
+        def stored(nodes: NDArray[np.int32], own: OwnOrder) -> Array:
+            at = []
+            for frames in frames_at(p, nodes, quadrature, own):
+                numbers = law.stored(frames, own.elements)
+                check_range(numbers[: law.moduli], frames, own.elements, dtype)
+                at.append(np.concatenate([frames.Ri, numbers]))
+            return np.stack(at, axis=1)
+
+        super().__init__(p, t, quadrature, stored, dtype, resistance)
+        self.law, self._barrier = law.law(self._D), law.barrier
+        self._ids = np.arange(t.shape[1]) if elements is None else elements
+
+    def _energy(self, shares: Shares, f: Array) -> float:
+        return self._checked(sum(run(element_kernels.energy_and_force, shares.parts, *self._arrays(shares), f)))
+
+    def _linearize(self, shares: Shares, to: PairSlots | RowSlots, f: Array, kept: Tensions) -> list[Any]:
+        elements = self.elements
+        arrays = elements.t.ravel(), shares.slots, to, self.points, self.law, elements.X, elements.u
+        return run(element_kernels.linearize, shares.parts, *arrays, float(kept.positive), float(kept.negative), f)
+
+    def _total(self, found: list[Any]) -> tuple[float, float]:
+        W, total = super()._total(found)
+        return self._checked(W), total
+
+    def _arrays(self, shares: Shares) -> tuple[Any, ...]:
+        """The arguments of kernels that add to nodes, behind the blocks that they go over."""
+        return self.elements.t.ravel(), shares.slots, self.points, self.law, self.elements.X, self.elements.u
+
+    def _checked(self, W: float) -> float:
+        """The energy, unless that is not finite because elements have no volume left at a point."""
+        if self._barrier and not np.isfinite(W):
+            ratios = self._volume_ratios(self.elements.at_points)
+            if ratios.min() <= 0:
+                refuse_inside_out(ratios, self._ids, self._barrier)
+        return W
+
+    def smallest_stretches(self, u: Array) -> NDArray[np.float64]:
+        """(nt,) smallest principal stretch at `u` (nv, d) within their own dimensions, of the elements in the order in which they
+        were given."""
+        own = np.empty(len(self.elements.t) * LANES)
+        self._smallest_stretch(u, own)
+        return self.elements.in_their_order(own)
+
+    def smallest_stretch(self, u: Array) -> float:
+        """The smallest of `smallest_stretches(u)`, of linear simplices for one and a half times the price of F."""
+        return self._smallest_stretch(u, np.empty(0))
+
+    @in_turn
+    def _smallest_stretch(self, u: Array, out: Array) -> float:
+        elements = self.elements
+        elements.gather(u)
+        arrays = elements.t.ravel(), elements.at_points, elements.X, elements.u
+        return min(run(stretch_kernels.smallest_stretches, elements.forces.parts, *arrays, elements.k, out))
+
+
+class Assembly(LawAssembly):
+    """St. Venant-Kirchhoff: on linear simplices an edge form. Its strains are quadratic in displacements, so much is known exactly.
+
+    Parameters as in `LawAssembly`, with the stiffness of each element as its law.
     """
 
     def __init__(
@@ -207,19 +269,11 @@ class Assembly(ElementTerm):
         quadrature: Quadrature | None = None,
         dtype: DTypeLike = np.float64,
         resistance: Array | None = None,
+        *,
+        elements: NDArray[Any] | None = None,
     ) -> None:
-        quadrature = quadrature or simplex_quadrature(len(t) - 1)
+        super().__init__(p, t, stiffness, quadrature, dtype, resistance, elements=elements)
         self._mesh = p, t, stiffness
-
-        def stored(nodes: NDArray[np.int32], own: OwnOrder) -> Array:
-            at = [
-                np.concatenate([frames.Ri, in_range(stiffness.stored(frames, own.elements), frames, own.elements, dtype)])
-                for frames in frames_at(p, nodes, quadrature, own)
-            ]
-            return np.stack(at, axis=1)
-
-        super().__init__(p, t, quadrature, stored, dtype, resistance)
-        self.law = stiffness.law(self._D)
 
     @cached_property
     def form(self) -> EdgeForm:
@@ -234,15 +288,14 @@ class Assembly(ElementTerm):
             )
         return EdgeForm(*self._mesh)
 
-    def _energy(self, shares: Shares, f: Array) -> float:
-        return sum(run(element_kernels.energy_and_force, shares.parts, *self._arrays(shares), f))
+    @in_turn
+    def add_round_off(self, u: Array, out: Array) -> None:
+        """Add the absolute values of all that adds up to the force at `u` (nv, d) to `out` (nv, d) [N].
 
-    def _round_off(self, shares: Shares, f: Array) -> None:
-        run(element_kernels.round_off, shares.parts, *self._arrays(shares), f)
-
-    def _arrays(self, shares: Shares) -> tuple[Any, ...]:
-        """The arguments of kernels that add to nodes, behind the blocks that they go over."""
-        return self.elements.t.ravel(), shares.slots, self.points, self.law, self.elements.X, self.elements.u
+        Times eps it is the size of the force's rounding error, of which that of `u` itself is a part.
+        """
+        with self._adding(u, out) as (shares, f):
+            run(element_kernels.round_off, shares.parts, *self._arrays(shares), f)
 
     @in_turn
     def along(self, u: Array, v: Array) -> NDArray[np.float64]:
@@ -326,25 +379,13 @@ class Assembly(ElementTerm):
         self._filled = blocks
         return Linearized(W, self.pairs.fill(rows.of_all_pairs, blocks, add, data))
 
-    def _linearize(self, shares: Shares, to: PairSlots | RowSlots, f: Array, kept: Tensions) -> list[Any]:
-        elements = self.elements
-        arrays = elements.t.ravel(), shares.slots, to, self.points, self.law, elements.X, elements.u
-        return run(element_kernels.linearize, shares.parts, *arrays, float(kept.positive), float(kept.negative), f)
 
-    def smallest_stretches(self, u: Array) -> NDArray[np.float64]:
-        """(nt,) smallest principal stretch at `u` (nv, d) within their own dimensions, of the elements in the order in which they
-        were given."""
-        own = np.empty(len(self.elements.t) * LANES)
-        self._smallest_stretch(u, own)
-        return self.elements.in_their_order(own)
+def refuse_inside_out(ratios: NDArray[np.float64], ids: NDArray[Any], barrier: str) -> None:
+    """Refuse a state of elements with these `ids` and ratios `J`, of which one at least is not positive, but for rounding.
 
-    def smallest_stretch(self, u: Array) -> float:
-        """The smallest of `smallest_stretches(u)`, of linear simplices for one and a half times the price of F."""
-        return self._smallest_stretch(u, np.empty(0))
-
-    @in_turn
-    def _smallest_stretch(self, u: Array, out: Array) -> float:
-        elements = self.elements
-        elements.gather(u)
-        arrays = elements.t.ravel(), elements.at_points, elements.X, elements.u
-        return min(run(stretch_kernels.smallest_stretches, elements.forces.parts, *arrays, elements.k, out))
+    `barrier`: what is infinite there, and what to take instead.
+    """
+    least = ratios.min()
+    raise StateError(
+        f"{name_ids(ids[ratios <= max(least, 0.0)], 'element')} inside out or flat (J down to {least:.2g}), where {barrier}"
+    )

@@ -9,16 +9,21 @@ import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
 from ..arguments import Array
-from ..errors import StateError, name_ids
 from ..kernels import penalty as penalty_kernels
 from ..kernels.rows import PairSlots, RowSlots
-from ..kernels.threads import run
+from ..kernels.threads import in_turn, run
 from ..mesh.points import determinants, spokes_at
-from .assembly import ElementTerm
+from .assembly import ElementTerm, refuse_inside_out
 from .elements import Quadrature, mean_frames, simplex_quadrature
 from .pairs import ALL, Linearized, Tensions
 from .streaming import ElementRows
 from .topology import OwnOrder, Shares
+
+#: What messages say of elements with `J <= 0`.
+BARRIER_IS_INFINITE = (
+    "the barrier of a VolumePenalty is infinite. Start from a state that is not inside out, and keep steps below step_limit(u, v); "
+    'or take kind="compression" or "quadratic", which push such elements back.'
+)
 
 
 class PenaltyAssembly(ElementTerm):
@@ -64,9 +69,12 @@ class PenaltyAssembly(ElementTerm):
     def _total(self, found: list[Any]) -> tuple[float, float]:
         return self._checked([(W, least) for W, least, _ in found]), sum(trace for _, _, trace in found)
 
-    def _round_off(self, shares: Shares, f: Array) -> None:
-        least = run(penalty_kernels.penalty_round_off, shares.parts, *self._arrays(shares), f)
-        self._checked([(0.0, value) for value in least])
+    @in_turn
+    def add_round_off(self, u: Array, out: Array) -> None:
+        """Add the absolute values of all that adds up to the force at `u` (nv, d) to `out` (nv, d) [N]: times eps, its rounding."""
+        with self._adding(u, out) as (shares, f):
+            least = run(penalty_kernels.penalty_round_off, shares.parts, *self._arrays(shares), f)
+            self._checked([(0.0, value) for value in least])
 
     def _arrays(self, shares: Shares) -> tuple[Any, ...]:
         """The arguments of the kernels, behind the blocks that they go over."""
@@ -83,18 +91,8 @@ class PenaltyAssembly(ElementTerm):
     def _checked(self, found: list[tuple[float, float]]) -> float:
         """The energy of all parts, unless that is infinite because elements have no volume left at a point."""
         if min(least for _, least in found) <= 0:
-            refuse_inside_out(self._volume_ratios(self.elements.at_points), self._ids)
+            refuse_inside_out(self._volume_ratios(self.elements.at_points), self._ids, BARRIER_IS_INFINITE)
         return sum(W for W, _ in found)
-
-
-def refuse_inside_out(ratios: NDArray[np.float64], ids: NDArray[Any]) -> None:
-    """Refuse a state of elements with these `ids` and ratios `J`, of which one at least is not positive, but for rounding."""
-    least = ratios.min()
-    raise StateError(
-        f"{name_ids(ids[ratios <= max(least, 0.0)], 'element')} inside out or flat (J down to {least:.2g}), where the barrier of "
-        "a VolumePenalty is infinite. Start from a state that is not inside out, and keep steps below step_limit(u, v); or take "
-        'kind="compression" or "quadratic", which push such elements back.'
-    )
 
 
 def _stored(p: Array, t: NDArray[np.int32], stiffness: Array, quadrature: Quadrature) -> Array:

@@ -29,18 +29,30 @@ VOIGT = {1: ((0, 0),), 2: ((0, 0), (1, 1), (0, 1)), 3: ((0, 0), (1, 1), (2, 2), 
 PAIRS = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
 
 
-class Stiffness(Protocol):
-    """The stiffness of elements."""
+class StoredLaw(Protocol):
+    """A law on elements, as assembly sees it."""
 
     @property
-    def law(self) -> type[IsotropicLaw] | type[GeneralLaw]:
-        """The type by which kernels choose its formulas."""
+    def law(self) -> Callable[[Any], Any]:
+        """The law of the kernels, made of its numbers `D`: the type by which they choose its formulas."""
+
+    @property
+    def moduli(self) -> int:
+        """How many of the numbers that are stored, the first ones, are moduli times a size, which must not over- or underflow."""
+
+    @property
+    def barrier(self) -> str:
+        """What is infinite where elements are inside out or flat, and what to take instead, for messages; "" if nothing is."""
+
+    def stored(self, at: Frames, elements: NDArray[np.int32]) -> Array:
+        """(m, n) what the law stores beside `Ri` of these `elements`, in their frames, per unit of the points' weights."""
+
+
+class Stiffness(StoredLaw, Protocol):
+    """The stiffness of elements for St. Venant-Kirchhoff's law: on linear simplices, an edge form."""
 
     def coefficients(self, p: Array, t: NDArray[np.int32]) -> Array:
         """(n, m, m) `L` of linear simplices with vertices `t` (k + 1, n), for the pairs of their edges [J/m^4]."""
-
-    def stored(self, at: Frames, elements: NDArray[np.int32]) -> Array:
-        """(2 or 21, n) what the law stores beside `Ri` of these `elements`, in their frames, per unit of the points' weights."""
 
 
 class Frames(NamedTuple):
@@ -78,7 +90,7 @@ class Frames(NamedTuple):
 class IsotropicStiffness:
     """Lame constants times section, (n,) each: those that act within the elements' own dimensions."""
 
-    law = IsotropicLaw
+    law, moduli, barrier = IsotropicLaw, 2, ""
 
     def __init__(self, lam: Array, mu: Array) -> None:
         self.lam, self.mu = lam, mu
@@ -97,7 +109,7 @@ class IsotropicStiffness:
 class AnisotropicStiffness:
     """A material with a stiffness in its own axes, times section (n,)."""
 
-    law = GeneralLaw
+    law, moduli, barrier = GeneralLaw, 21, ""
 
     def __init__(self, material: FramedMaterial, hypothesis: Hypothesis, section: Array) -> None:
         self.material, self.hypothesis, self.section = material, hypothesis, section
@@ -125,7 +137,7 @@ class AnisotropicStiffness:
 class GeneralStiffness:
     """Any coefficients `L` (n, m, m) of the edges of each linear simplex, symmetric; computed when they are needed."""
 
-    law = GeneralLaw
+    law, moduli, barrier = GeneralLaw, 21, ""
 
     def __init__(self, compute: Callable[[], Array]) -> None:
         self._compute = compute
@@ -161,14 +173,14 @@ def _upper_half(C: Array, k: int, scale: Array) -> Array:
     return np.ascontiguousarray(full[:, rows, columns].T)
 
 
-def in_range(stored: Array, at: Frames, elements: NDArray[np.int32], dtype: DTypeLike) -> Array:
-    """What a law stores beside `Ri`, of the size `w`: if W, F and K of the sizes `w`, `w Ri` and `w Ri Ri` are numbers.
+def check_range(moduli: Array, at: Frames, elements: NDArray[np.int32], dtype: DTypeLike) -> None:
+    """Refuse moduli times size, of the size `w`, unless W, F and K of the sizes `w`, `w Ri` and `w Ri Ri` are numbers.
 
     So are the squares of F and K, which solvers add up, and a little more. Else they would be zero without a word, or overflow.
     """
     limits = np.finfo(dtype)
     low, high = 1e4 * float(np.sqrt(limits.tiny)), 1e-4 * float(np.sqrt(limits.max))
-    w, Ri = np.abs(stored).max(axis=0), np.abs(at.Ri).max(axis=0)
+    w, Ri = np.abs(moduli).max(axis=0), np.abs(at.Ri).max(axis=0)
     held = (low**2 < w) & (w < high**2) & (low < w * Ri) & (w * Ri < high) & (low < w * Ri**2) & (w * Ri**2 < high)
     bad = np.sort(elements[~held])
     if len(bad):
@@ -176,7 +188,6 @@ def in_range(stored: Array, at: Frames, elements: NDArray[np.int32], dtype: DTyp
             f"{name_ids(bad, 'element')} of the region: sizes and moduli so small or large that the stiffness leaves the range of "
             f"{limits.dtype}. Are units mixed up? Choose others, such as mm and MPa."
         )
-    return stored
 
 
 def isotropic_coefficients(geometry: Geometry, lam: Array, mu: Array) -> Array:

@@ -3,11 +3,13 @@
 For a block of elements at a time: gather what its nodes have, and at each point spokes, frame, law (`laws`), and back: the
 forces on spokes, spread over the nodes, and scattered. With `K_ij` the stiffness of the spokes:
 
-    W = sum of 1/4 S : M        F_a = sum of dN_a/dxi_i f_i        K_ab = sum of dN_a/dxi_i dN_b/dxi_j K_ij     over points, i, j
+    W = sum of w W        F_a = sum of dN_a/dxi_i f_i        K_ab = sum of dN_a/dxi_i dN_b/dxi_j K_ij     over points, i, j
 
 Shape functions add up to 1, so only differences to node 0 are read, the force on node 0 is minus the sum of the others, and its
 rows of K likewise. A linear simplex has one point and its nodes at the ends of the spokes: `points` is None then, and there is
 nothing to do between nodes and spokes.
+
+W, F and K are those of any law. The others are St. Venant-Kirchhoff's alone:
 
     zeta(u + s v) is quadratic in s, so W is a quartic: with M' = dM/ds and M'' = d2M/ds2, both at s = 0, S' and S'' likewise,
     and H_j the v in the frame,
@@ -58,14 +60,16 @@ from .laws import (
     contracted,
     in_frame,
     numbers_in,
+    numbers_kept,
     on_spokes,
     pulled,
+    respond,
     sizes,
     sizes_of_stress,
     spoke_stiffness,
     strain,
     stress,
-    weigh_eigenvalues,
+    weigh,
 )
 from .node_pairs import put_edges, put_pairs, put_spokes, room_for_pairs
 from .rows import add_blocks, close_rows, open_rows
@@ -89,9 +93,8 @@ def _strained(R, P, U, lane):
 
 
 @inlined
-def _put_forces(R, S, q1, q2, q3, forces, lane):
-    """Write what the stresses `S` pull on the spokes."""
-    s1, s2, s3 = pulled(S, q1, q2, q3)
+def _put_forces(R, s1, s2, s3, forces, lane):
+    """Write the forces on the spokes from what pulls on the axes of the frame."""
     f1, f2, f3 = on_spokes(R, s1, s2, s3)
     put(f1, forces, lane)
     put(f2, forces, lane + I(3 * LANES))
@@ -132,10 +135,10 @@ def energy_and_force(
             for i in range(LANES):
                 lane, at = I(i), I(first + i)
                 R = six(D, at)
-                (q1, q2, q3), M = _strained(R, P, U, lane)
-                S = stress(law, at, weight, M)
-                w += contracted(S, M)
-                _put_forces(R, S, q1, q2, q3, forces, lane)
+                Q, h, q = _deformed(R, P, U, lane)
+                energy, _, s1, s2, s3 = respond(law, at, weight, Q, h, q)
+                w += energy
+                _put_forces(R, s1, s2, s3, forces, lane)
             w += resist(points, block, x, y, U, 1, forces, total)
             spread(points, block, point, forces, total)
         W += w
@@ -159,18 +162,16 @@ def linearize(
     negative: float,
     f: Reals,
 ) -> tuple[float, float]:
-    """The energy; adds forces to the slots `f`, unless that is empty, and `K_ab`, `S` times `positive` in it, to what `to` says.
+    """The energy; adds forces to the slots `f`, unless that is empty, and `K_ab` to what `to` says.
 
-    Of elements with a table of points the negative eigenvalues of `S` count by `negative`; of linear simplices as the others. What
-    resists hourglass modes counts by `positive`, as the tensions that it is. The second number is the trace of the rows of K that
+    Tensions count by factors for their sign, as the law weighs them (`laws.weigh`). What resists hourglass modes counts by
+    `positive`, as the tensions that it is. The second number is the trace of the rows of K that
     were written (`rows`).
     """
     D, count = law.D, numbers_in(law)
     x, y, total = room(points, D.dtype), room(points, D.dtype), room(points, D.dtype)
     P, U, forces = at_point(points, x), at_point(points, y), at_point(points, total)
-    q, S_kept = at_point(points, U), at_point(points, P)  # of linear simplices in their place, which stays in the first cache
-    apart = points is not None and positive != negative
-    g = D.dtype.type(1) if apart else D.dtype.type(positive)
+    kept = np.empty(numbers_kept(law) * LANES, D.dtype)
     K, T, row, values = room_for_pairs(points, to.slots, D.dtype)
     nodes = (len(t) // LANES) // len(to.slots)
     stage, place = open_rows(to)
@@ -186,24 +187,19 @@ def linearize(
             for i in range(LANES):
                 lane, at = I(i), I(first + i)
                 R = six(D, at)
-                (q1, q2, q3), M = _strained(R, P, U, lane)
-                S = stress(law, at, weight, M)
-                w += contracted(S, M)
-                _put_forces(R, S, q1, q2, q3, forces, lane)
-                put(q1, q, lane)
-                put(q2, q, lane + I(3 * LANES))
-                put(q3, q, lane + I(6 * LANES))
-                put((g * S[0], g * S[1], g * S[2], g * S[3], g * S[4], g * S[5]), S_kept, lane)
+                Q, h, q = _deformed(R, P, U, lane)
+                energy, state, s1, s2, s3 = respond(law, at, weight, Q, h, q)
+                w += energy
+                _put_forces(R, s1, s2, s3, forces, lane)
+                put(state, kept, lane)
             w += resist(points, block, x, y, U, 1, forces, total)
             spread(points, block, point, forces, total)
-            if apart:
-                for i in range(LANES):
-                    weigh_eigenvalues(S_kept, I(i), positive, negative)
+            if positive != 1 or negative != 1:
+                weigh(law, points, kept, positive, negative)
             for i in range(LANES):
                 lane, at = I(i), I(first + i)
                 R = six(D, at)
-                q1, q2, q3 = vectors(q, lane)
-                stiffness = spoke_stiffness(law, at, weight, R, q1, q2, q3, six(S_kept, lane))
+                stiffness = spoke_stiffness(law, at, weight, R, kept, lane)
                 if points is None:
                     put_edges(stiffness, values, lane)
                 else:
@@ -342,7 +338,8 @@ def mean_force(
                 T = stress(law, at, weight, N)
                 r += contracted(T, N)
                 q1, q2, q3 = add(q1, times(part, H1)), add(q2, times(part, H2)), add(q3, times(part, H3))
-                _put_forces(R, _between(both, S, later, T), q1, q2, q3, forces, lane)
+                s1, s2, s3 = pulled(_between(both, S, later, T), q1, q2, q3)
+                _put_forces(R, s1, s2, s3, forces, lane)
             resist(points, block, x, y, U, both, forces, total)
             resist(points, block, x, z, V, both * part, forces, total)
             spread(points, block, point, forces, total)
@@ -379,7 +376,8 @@ def damping_force(
                 N = strain(H1, H2, H3, q1, q2, q3, q1, q2, q3)
                 T = stress(law, at, weight, N)
                 r += contracted(T, N)
-                _put_forces(R, T, q1, q2, q3, forces, lane)
+                s1, s2, s3 = pulled(T, q1, q2, q3)
+                _put_forces(R, s1, s2, s3, forces, lane)
             spread(points, block, point, forces, total)
         power += r
         scatter(points, slots, block, total, f)

@@ -1,14 +1,21 @@
-"""Laws at a point, in an orthonormal frame: strain, stress, and what the tangent stiffness needs.
+"""Laws at a point, in an orthonormal frame: what pulls on its axes, and what the tangent stiffness needs; those of StVK.
 
 Spokes at a point, at rest `P_i = sum_a dN_a/dxi_i X_a` and their displacements `U_i` likewise (of a linear simplex `X_i -
 X_0`), are written in the frame of `P = Q R`, `Q` orthonormal and `R` upper triangular, `Ri = R^-1`:
 
     h_j = sum_i Ri_ij U_i        Q_j = sum_i Ri_ij P_i        q_j = Q_j + h_j = F e_j, F the deformation gradient
-    M_ij = q_i . h_j + h_i . Q_j = 2 E_ij        without cancellation at small strain
-    S_ij = w C_ijkl M_kl / 2                     W = 1/4 S : M        w = weight of the point times |det R| times section
-    f_i = sum_j Ri_ij sum_k S_jk q_k             the forces on the spokes
+    f_i = sum_j Ri_ij s_j                        the forces on the spokes, s_j = w P e_j of the first Piola-Kirchhoff stress P
+    K_ij = sum_mn Ri_im Ri_jn A_mn               of the spokes, A_mn = ds_m/dq_n        w = weight of the point times |det R|
+                                                 times section
 
-    K_ij = sum_mn Ri_im Ri_jn A_mn               of the spokes        A_mn = w sum_kl C_mknl q_k q_l' + S_mn I
+A law has an energy `w W` and the `s_j` for `Q`, `h` and `q` (`respond`), and the stiffness of spokes from a state that it keeps
+(`spoke_stiffness`). `Q` is left-handed in elements of negative orientation.
+
+St. Venant-Kirchhoff:
+
+    M_ij = q_i . h_j + h_i . Q_j = 2 E_ij        without cancellation at small strain
+    S_ij = w C_ijkl M_kl / 2                     w W = 1/4 S : M        s_j = sum_k S_jk q_k
+    A_mn = w sum_kl C_mknl q_k q_l' + S_mn I
 
     isotropic, 2 numbers    S = w (lam/2 tr M I + mu M)        y_i = sum_j Ri_ij q_j = F g_i,  G = Ri Ri',  B = sum_i q_i q_i'
                             K_ij = w (lam y_i y_j' + mu y_j y_i' + mu G_ij B) + (Ri S Ri')_ij I
@@ -18,7 +25,8 @@ All elements have three spokes in space here: those that a triangle or a segment
 
 A law is a `NamedTuple` of its arrays, and its formulas are chosen by that type (`by_type`): a kernel that is handed a function
 as an argument, or closes over one, does not find its code on disk in another process. `D` begins with the six numbers 11, 12,
-13, 22, 23, 33 of Ri, which stand in blocks of lanes as everything.
+13, 22, 23, 33 of Ri, which stand in blocks of lanes as everything. Where the last block is not full its numbers are all zero, and
+so must be what the law makes of them.
 """
 
 from __future__ import annotations
@@ -28,7 +36,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from .compiled import Reals, by_type, inlined, kernel
-from .lanes import LANES, I, dot
+from .lanes import LANES, I, dot, six, vectors
 
 
 class IsotropicLaw(NamedTuple):
@@ -99,24 +107,46 @@ def pulled(S, q1, q2, q3):
     )
 
 
-def stress(law: Any, at: Any, weight: Any, M: Any) -> Any:
-    """`S` for the strains `M` by a law whose numbers begin at `at`, times a weight."""
-    return FORMULAS["stress", type(law)](law, at, weight, M)
+def numbers_in(law: Any) -> int:
+    """How many numbers a law has at a point, those of `Ri` included."""
+    return int(FORMULAS["numbers_in", type(law)](law))
 
 
-def spoke_stiffness(law: Any, at: Any, weight: Any, R: Any, q1: Any, q2: Any, q3: Any, S: Any) -> Any:
+def numbers_kept(law: Any) -> int:
+    """How many numbers of a state `spoke_stiffness` needs."""
+    return int(FORMULAS["numbers_kept", type(law)](law))
+
+
+def respond(law: Any, at: Any, weight: Any, Q: Any, h: Any, q: Any) -> Any:
+    """`4 w W`, the state, and `s_1, s_2, s_3`, for the frame at rest `Q`, its displacement `h` and `q = Q + h`.
+
+    The numbers of the law begin at `at`, the weight is that of the point. Where `W` has no meaning it is not finite.
+    """
+    return FORMULAS["respond", type(law)](law, at, weight, Q, h, q)
+
+
+def weigh(law: Any, points: Any, kept: Any, positive: Any, negative: Any) -> None:
+    """Change the states `kept` (numbers_kept LANES,) so that tensions count by factors for their sign, which are not both 1.
+
+    With (1, 0) and with (0, 0) what `spoke_stiffness` makes of them is positive semi-definite; but for St. Venant-Kirchhoff on
+    linear simplices, where only the sums of tensions have a sign.
+    """
+    FORMULAS["weigh", type(law)](law, points, kept, positive, negative)
+
+
+def spoke_stiffness(law: Any, at: Any, weight: Any, R: Any, kept: Any, lane: Any) -> Any:
     """45 numbers: `K_11, K_22, K_33` in the order 11, 22, 33, 12, 13, 23, then `K_12, K_13, K_23` row by row."""
-    return FORMULAS["spoke_stiffness", type(law)](law, at, weight, R, q1, q2, q3, S)
+    return FORMULAS["spoke_stiffness", type(law)](law, at, weight, R, kept, lane)
+
+
+def stress(law: Any, at: Any, weight: Any, M: Any) -> Any:
+    """St. Venant-Kirchhoff's `S` for the strains `M` by a law whose numbers begin at `at`, times a weight."""
+    return FORMULAS["stress", type(law)](law, at, weight, M)
 
 
 def sizes_of_stress(law: Any, at: Any, weight: Any, M: Any) -> Any:
     """As `stress`, with absolute values of the numbers of the law."""
     return FORMULAS["sizes_of_stress", type(law)](law, at, weight, M)
-
-
-def numbers_in(law: Any) -> int:
-    """How many numbers a law has at a point, those of `Ri` included."""
-    return int(FORMULAS["numbers_in", type(law)](law))
 
 
 FORMULAS: dict[tuple[str, type], Any] = {}
@@ -130,6 +160,21 @@ def _isotropic_numbers(law):
 @by_type(numbers_in, GeneralLaw, FORMULAS)
 def _general_numbers(law):
     return 27
+
+
+@by_type(numbers_kept, IsotropicLaw, FORMULAS)
+@by_type(numbers_kept, GeneralLaw, FORMULAS)
+def _numbers_of_a_frame_and_its_stress(law):
+    return 15
+
+
+@by_type(respond, IsotropicLaw, FORMULAS)
+@by_type(respond, GeneralLaw, FORMULAS)
+def _stress_pulls(law, at, weight, Q, h, q):
+    (q1, q2, q3), M = q, strain(h[0], h[1], h[2], Q[0], Q[1], Q[2], q[0], q[1], q[2])
+    S = stress(law, at, weight, M)
+    s1, s2, s3 = pulled(S, q1, q2, q3)
+    return contracted(S, M), (*q1, *q2, *q3, *S), s1, s2, s3
 
 
 @inlined
@@ -241,6 +286,18 @@ def weigh_eigenvalues(S, lane, positive, negative):
         S[lane + I(place * LANES)] = x * V[i, 0] * V[j, 0] + y * V[i, 1] * V[j, 1] + z * V[i, 2] * V[j, 2]
 
 
+@by_type(weigh, IsotropicLaw, FORMULAS)
+@by_type(weigh, GeneralLaw, FORMULAS)
+def _weigh_stress(law, points, kept, positive, negative):
+    """Eigenvalues of `S` by their signs; of linear simplices all by the first factor."""
+    S = kept[9 * LANES :]
+    if points is None or positive == negative:
+        S *= kept.dtype.type(positive)
+    else:
+        for i in range(LANES):
+            weigh_eigenvalues(S, I(i), positive, negative)
+
+
 @inlined
 def _symmetric(s, y, g, B, T):
     """`s y y' + g B + T I`, in the order 11, 22, 33, 12, 13, 23."""
@@ -285,7 +342,8 @@ def conjugated(R, S):
 
 
 @by_type(spoke_stiffness, IsotropicLaw, FORMULAS)
-def _isotropic_stiffness(law, at, weight, R, q1, q2, q3, S):
+def _isotropic_stiffness(law, at, weight, R, kept, lane):
+    (q1, q2, q3), S = vectors(kept, lane), six(kept, lane + I(9 * LANES))
     lam, mu = weight * law.D[at + I(6 * LANES)], weight * law.D[at + I(7 * LANES)]
     lam, both = lam + lam, lam + lam + mu
     y1, y2, y3 = on_spokes(R, q1, q2, q3)
@@ -400,8 +458,9 @@ def to_spokes(R, A11, A22, A33, A12, A13, A23):
 
 
 @by_type(spoke_stiffness, GeneralLaw, FORMULAS)
-def _general_stiffness(law, at, weight, R, q1, q2, q3, S):
+def _general_stiffness(law, at, weight, R, kept, lane):
     """`A_mn = sum_l a_mn,l q_l' + S_mn I`, `a_mn,l = w sum_k C_mknl q_k`."""
+    (q1, q2, q3), S = vectors(kept, lane), six(kept, lane + I(9 * LANES))
     D, twice = law.D, weight + weight
     a11 = _answer(D, at, twice, 0, 3, 4, q1, q2, q3)
     a12 = _answer(D, at, twice, 3, 15, 16, q1, q2, q3)

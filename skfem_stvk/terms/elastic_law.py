@@ -2,21 +2,28 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
+from collections.abc import Callable
 from dataclasses import InitVar, dataclass
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike, DTypeLike, NDArray
 
 from ..arguments import choice, own
+from ..edges import LawAssembly
+from ..edges.stiffness import StoredLaw
 from ..errors import MaterialError
 from ..materials import FramedMaterial, Hypothesis, Isotropic, Material
 from ..materials.material import check_length, constant
 from ..mesh import ElementMesh
+from .body import Body
+
+Bound = TypeVar("Bound", bound=LawAssembly)
 
 
 @dataclass(frozen=True, eq=False)
-class ElasticLaw:
+class ElasticLaw(ABC):
     """A law on the elements of a region, a specification without a mesh: `StVK` says what the parameters are.
 
     Raises
@@ -69,6 +76,24 @@ class ElasticLaw:
         if mesh.d == 3 and self.plane == "strain":
             raise MaterialError("Triangles in space are membranes, always in plane stress; leave plane out.")
         return Hypothesis.PLANE_STRESS if mesh.d == 3 or self.plane == "stress" else Hypothesis.PLANE_STRAIN
+
+    def bind(self, body: Body | ElementMesh, dtype: DTypeLike = np.float64) -> LawAssembly:
+        """The assembly of this law on a body's mesh."""
+        return self._bound(LawAssembly, body, dtype)
+
+    def _bound(self, kind: Callable[..., Bound], body: Body | ElementMesh, dtype: DTypeLike) -> Bound:
+        """An assembly of this kind, with what `stiffness(mesh)` says."""
+        body = body if isinstance(body, Body) else Body(body, [])
+        mesh, elements, hourglass = body.mesh, body.mesh.elements(self.region), body.quadrature.hourglass
+        t = mesh.t if self.region is None else mesh.t[:, elements]
+        n, resistance = t.shape[1], None
+        if hourglass is not None:
+            resistance = np.broadcast_to(hourglass / 16 * self.confined_modulus(mesh, n) * self.section(mesh, n), n)
+        return kind(mesh.p, t, self.stiffness(mesh), body.quadrature, dtype, resistance, elements=elements)
+
+    @abstractmethod
+    def stiffness(self, mesh: ElementMesh) -> StoredLaw:
+        """The law of the kernels, and what it stores of each element of the region."""
 
     def mass(self, mesh: ElementMesh, sizes: NDArray[np.float64]) -> NDArray[np.float64]:
         """(n,) masses [kg] of the elements of the region, from their lengths, areas or volumes `sizes` (n,).

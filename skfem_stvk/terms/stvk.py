@@ -45,14 +45,7 @@ class StVK(ElasticLaw):
 
     def bind(self, body: Body | ElementMesh, dtype: DTypeLike = np.float64) -> Assembly:
         """The assembly of this material on a body's mesh; its `form` is the edge form."""
-        body = body if isinstance(body, Body) else Body(body, [])
-        mesh = body.mesh
-        t = mesh.t if self.region is None else mesh.t[:, mesh.elements(self.region)]
-        n, hourglass = t.shape[1], body.quadrature.hourglass
-        resistance = None
-        if hourglass is not None:
-            resistance = np.broadcast_to(hourglass / 16 * self.confined_modulus(mesh, n) * self.section(mesh, n), n)
-        return Assembly(mesh.p, t, self.stiffness(mesh), body.quadrature, dtype, resistance)
+        return self._bound(Assembly, body, dtype)
 
     def stiffness(self, mesh: ElementMesh) -> Stiffness:
         """The stiffness of each simplex of the region, in the form that stores least."""

@@ -10,7 +10,8 @@ from numpy.typing import ArrayLike, DTypeLike, NDArray
 
 from ..arguments import Array, choice, own
 from ..edges import PenaltyAssembly
-from ..edges.penalty import refuse_inside_out
+from ..edges.assembly import refuse_inside_out
+from ..edges.penalty import BARRIER_IS_INFINITE
 from ..errors import MaterialError, name_ids
 from ..materials.material import check_length, constant
 from ..mesh import ElementMesh
@@ -113,5 +114,5 @@ class VolumePenalty:
         """
         energy = ENERGIES[self.kind]
         if self.kind == "barrier" and e.min() <= -1:
-            refuse_inside_out(1 + e, elements)
+            refuse_inside_out(1 + e, elements, BARRIER_IS_INFINITE)
         return energy.density(e), energy.slope(e)

@@ -2,7 +2,7 @@
 
 Tests hold the kernels against them; nothing else calls them. They take another way where there is one: gradients of shape functions
 in the frame instead of spokes, the whole tensor C instead of the numbers that are stored, sums over lists of places instead of
-loops. Elements differ by their table of points alone, and laws by one function of `LAWS`, which gives C. What is said of the
+loops. Elements differ by their table of points alone, and laws by what `LAWS` says of them. What is said of the
 arrays in `skfem_stvk.kernels.elements`, `laws` and `blocks` holds here.
 """
 
@@ -70,24 +70,69 @@ def general(numbers: Reals) -> Reals:
     return C
 
 
-#: How many numbers a law has beside `Ri`, and its C.
-LAWS: dict[type, tuple[int, Callable[[Reals], Reals]]] = {IsotropicLaw: (2, isotropic), GeneralLaw: (21, general)}
+class PointLaw(NamedTuple):
+    """A law at points (n, q), in frames whose axes are the rows of `Q` at rest, `h` their displacement, all (n, q, 3, 3).
+
+    Attributes
+    ----------
+    count : how many numbers it has beside `Ri`.
+    energy_and_pull : from `numbers` (n, q, count) times the weights, `Q` and `h`: the energies (n, q), and `s` (n, q, 3, 3), rows
+        `s_j = dW/dq_j`.
+    tangent : from those, two factors of tensions by their sign, and whether elements are linear simplices: `A` (n, q, 3, 3, 3, 3)
+        with `A_mnxy = ds_mx/dq_ny`.
+    """
+
+    count: int
+    energy_and_pull: Callable[[Reals, Reals, Reals], tuple[Reals, Reals]]
+    tangent: Callable[[Reals, Reals, Reals, float, float, bool], Reals]
+
+
+def strains(Q: Reals, h: Reals) -> Reals:
+    """`M_ij = Q_i . h_j + h_i . Q_j + h_i . h_j`."""
+    return symmetric(Q, h) + products(h, h)
+
+
+def stvk(count: int, tensor: Callable[[Reals], Reals]) -> PointLaw:
+    """`W = 1/4 S : M`, `s_j = sum_k S_jk q_k`, `A_mn = 2 sum_kl C_mknl q_k q_l' + S_mn I`, `S = C : M`.
+
+    Of `S` the positive and the negative eigenvalues count by factors; of linear simplices all by the first.
+    """
+
+    def stress(numbers: Reals, Q: Reals, h: Reals) -> Reals:
+        return np.einsum("nqijkl,nqkl->nqij", tensor(numbers), strains(Q, h))
+
+    def energy_and_pull(numbers: Reals, Q: Reals, h: Reals) -> tuple[Reals, Reals]:
+        S = stress(numbers, Q, h)
+        return (S * strains(Q, h)).sum(axis=(2, 3)) / 4, np.einsum("nqjk,nqkx->nqjx", S, Q + h)
+
+    def tangent(numbers: Reals, Q: Reals, h: Reals, positive: float, negative: float, simplices: bool) -> Reals:
+        q, S = Q + h, stress(numbers, Q, h)
+        S = positive * S if simplices else weighed(S, positive, negative)
+        A = 2 * np.einsum("nqikjl,nqkx,nqly->nqijxy", tensor(numbers), q, q, optimize=True)
+        return A + np.einsum("nqij,xy->nqijxy", S, np.eye(3, dtype=S.dtype))
+
+    return PointLaw(count, energy_and_pull, tangent)
+
+
+#: The tensor C of St. Venant-Kirchhoff's two laws.
+TENSORS: dict[type, Callable[[Reals], Reals]] = {IsotropicLaw: isotropic, GeneralLaw: general}
+#: Every law.
+LAWS: dict[type, PointLaw] = {IsotropicLaw: stvk(2, isotropic), GeneralLaw: stvk(21, general)}
 
 
 class Elements(NamedTuple):
     """What the kernels read of the elements of some blocks.
 
     `t` (n, a) their nodes, `B` (n, q, a, 3) derivatives of the shape functions by the axes of the table, which add up to zero,
-    `Ri` (n, q, 3, 3), `numbers` (n, q, m) of the law and `C` (n, q, 3, 3, 3, 3), both times the weights of the points; `g` (n,
-    q, a, 3) derivatives by the axes of the frame; `modes` (k, a) of boxes with one point, and how much they are resisted, `c`
-    (n,).
+    `Ri` (n, q, 3, 3), `law` its type and its `numbers` (n, q, m) times the weights of the points; `g` (n, q, a, 3) derivatives
+    by the axes of the frame; `modes` (k, a) of boxes with one point, and how much they are resisted, `c` (n,).
     """
 
     t: Ids
     B: Reals
     Ri: Reals
+    law: type
     numbers: Reals
-    C: Reals
     g: Reals
     modes: Reals
     c: Reals
@@ -95,7 +140,7 @@ class Elements(NamedTuple):
     def differences(self, x: Reals) -> Reals:
         """(n, a, 3) what `x` is at the nodes more than at node 0, the difference taken in double."""
         values = x.reshape(-1, 3)[self.t]
-        return (values - values[:, :1]).astype(self.C.dtype)
+        return (values - values[:, :1]).astype(self.numbers.dtype)
 
     def in_frame(self, x: Reals) -> Reals:
         """(n, q, 3, 3) derivatives `x_j = sum_a g_aj x_a` of a field by the axes j of the frame."""
@@ -110,13 +155,22 @@ class Elements(NamedTuple):
         gamma = self.modes - np.einsum("nkx,nax->nka", shape, self.g[:, 0])
         return 2 * np.einsum("n,nka,nkb->nab", self.c, gamma, gamma)
 
+    @property
+    def C(self) -> Reals:
+        """(n, q, 3, 3, 3, 3) St. Venant-Kirchhoff's C, times the weights of the points."""
+        return TENSORS[self.law](self.numbers)
+
     def stress(self, M: Reals) -> Reals:
-        """(n, q, 3, 3) `S = C : M`."""
+        """(n, q, 3, 3) St. Venant-Kirchhoff's `S = C : M`."""
         return np.einsum("nqijkl,nqkl->nqij", self.C, M)
 
     def pull(self, S: Reals, q: Reals) -> Reals:
-        """(n, a, 3) forces `sum_q sum_jk g_aj S_jk q_k` on the nodes."""
-        return np.einsum("nqaj,nqjk,nqkx->nax", self.g, S, q, optimize=True)
+        """(n, a, 3) forces `sum_q sum_j g_aj s_j` on the nodes, `s_j = sum_k S_jk q_k`."""
+        return self.spread(np.einsum("nqjk,nqkx->nqjx", S, q))
+
+    def spread(self, s: Reals) -> Reals:
+        """(n, a, 3) forces `sum_q sum_j g_aj s_j` on the nodes."""
+        return np.einsum("nqaj,nqjx->nax", self.g, s)
 
 
 def elements_of(part: slice, t: Ids, points: Any, law: Any) -> Elements:
@@ -125,7 +179,7 @@ def elements_of(part: slice, t: Ids, points: Any, law: Any) -> Elements:
     Linear simplices have one point, and the derivatives of the barycentric coordinates; boxes with mean gradients have
     derivatives of their own. Elements of a block that are all straight have numbers for one point, which stand for all.
     """
-    count, tensor = LAWS[type(law)]
+    count = LAWS[type(law)].count
     D, size = law.D, (6 + count) * LANES
     if points is None:
         starts = size * np.arange(len(t) // (4 * LANES) + 1)
@@ -147,7 +201,7 @@ def elements_of(part: slice, t: Ids, points: Any, law: Any) -> Elements:
     else:
         others = np.broadcast_to(points.B, (len(nodes_of), *points.B.shape))
     B = with_first(others[:, :, : nodes - 1].astype(D.dtype), 2)
-    return Elements(nodes_of, B, Ri, numbers, tensor(numbers), np.einsum("nqai,nqij->nqaj", B, Ri), modes, c)
+    return Elements(nodes_of, B, Ri, type(law), numbers, np.einsum("nqai,nqij->nqaj", B, Ri), modes, c)
 
 
 def with_first(x: Reals, axis: int) -> Reals:
@@ -168,10 +222,10 @@ def symmetric(x: Reals, y: Reals) -> Reals:
 def deformed(elements: Elements, X: Reals, u: Reals) -> tuple[Reals, Reals, Reals]:
     """The frame now, `q = F Q`, the strains `M = 2 E` and the stresses `S`, of each point (n, q, 3, 3).
 
-    M_ij = Q_i . h_j + h_i . Q_j + h_i . h_j
+    St. Venant-Kirchhoff's.
     """
     Q, h = elements.in_frame(X), elements.in_frame(u)
-    M = symmetric(Q, h) + products(h, h)
+    M = strains(Q, h)
     return Q + h, M, elements.stress(M)
 
 
@@ -188,14 +242,14 @@ def add_to_slots(values: Reals, slots: Ids, part: slice, f: Reals) -> None:
 def energy_and_force(
     begin: int, end: int, t: Ids, slots: Ids, points: Points | None, law: Any, X: Reals, u: Reals, f: Reals
 ) -> float:
-    """`W = 1/4 sum S : M`, `F_a = sum_jk g_aj S_jk q_k`, and what hourglass modes add."""
+    """`W` of all points, `F_a = sum_j g_aj s_j`, and what hourglass modes add."""
     part = slice(begin, end)
     elements = elements_of(part, t, points, law)
-    q, M, S = deformed(elements, X, u)
+    W, s = LAWS[type(law)].energy_and_pull(elements.numbers, elements.in_frame(X), elements.in_frame(u))
     W_h, F_h = resisted(elements, X, elements.differences(u))
     if len(f):
-        add_to_slots(elements.pull(S, q) + F_h, slots, part, f)
-    return contracted(S, M) / 4 + W_h
+        add_to_slots(elements.spread(s) + F_h, slots, part, f)
+    return float(W.sum()) + W_h
 
 
 def resisted(elements: Elements, X: Reals, u: Reals) -> tuple[float, Reals]:
@@ -225,18 +279,13 @@ def linearize(
     negative: float,
     f: Reals,
 ) -> tuple[float, float]:
-    """`K_ab = sum_ij g_ai g_bj A_ij + H_ab I` over points, `A_ij = 2 sum_kl C_ikjl q_k q_l' + S_ij I`, of pairs of nodes `a < b`.
-
-    Of `S` the positive and the negative eigenvalues count by factors; of linear simplices all by the first.
-    """
+    """`K_ab = sum_ij g_ai g_bj A_ij + H_ab I` over points, of pairs of nodes `a < b`."""
     part = slice(begin, end)
     elements = elements_of(part, t, points, law)
-    q, _, S = deformed(elements, X, u)
-    S = positive * S if points is None else weighed(S, positive, negative)
-    A = 2 * np.einsum("nqikjl,nqkx,nqly->nqijxy", elements.C, q, q, optimize=True)
-    A += np.einsum("nqij,xy->nqijxy", S, np.eye(3, dtype=S.dtype))
+    frames = elements.in_frame(X), elements.in_frame(u)
+    A = LAWS[type(law)].tangent(elements.numbers, *frames, positive, negative, points is None)
     K = np.einsum("nqai,nqbj,nqijxy->nabxy", elements.g, elements.g, A, optimize=True)
-    K += np.einsum("nab,xy->nabxy", positive * elements.resistance(X), np.eye(3, dtype=S.dtype))
+    K += np.einsum("nab,xy->nabxy", positive * elements.resistance(X), np.eye(3, dtype=A.dtype))
     pairs = EDGES if points is None else tuple(combinations(range(K.shape[1]), 2))
     return energy_and_force(begin, end, t, slots, points, law, X, u, f), add_pairs(to, begin, end, [K[:, a, b] for a, b in pairs])
 
@@ -329,7 +378,7 @@ def round_off(begin: int, end: int, t: Ids, slots: Ids, points: Points | None, l
     d = np.einsum("nqaj,nax->nqjx", g, ends[:, 1:] + ends[:, :1])
     dM = products(q, d) + products(d, Q) + products(E + d, h) + products(h, E)
     dM = np.triu(dM) + np.triu(dM, 1).swapaxes(2, 3)
-    C = LAWS[type(law)][1](np.abs(elements.numbers))
+    C = TENSORS[type(law)](np.abs(elements.numbers))
     S, dS = (np.einsum("nqijkl,nqkl->nqij", C, x) for x in (np.abs(M), dM))
     pulled = np.einsum("nqjk,nqkx->nqjx", S, q + E + d) + np.einsum("nqjk,nqkx->nqjx", dS, q)
     forces = np.einsum("nqaj,nqjx->nax", g, pulled)
