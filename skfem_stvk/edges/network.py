@@ -10,8 +10,9 @@ from numpy.typing import DTypeLike, NDArray
 
 from ..arguments import Array
 from ..kernels import blocks as block_kernels
-from ..kernels import networks as kernels
+from ..kernels import networks as network_kernels
 from ..kernels.lanes import TRANSPOSED
+from ..kernels.networks import EDGES, SPARE
 from ..kernels.threads import in_turn, parts_of, run, threads
 from ..kernels.topology import lexicographic_order
 from .elements import OwnVertices, nbytes
@@ -34,9 +35,7 @@ class Network(PairTerm):
     dtype : of results and of what is stored.
     """
 
-    symmetric: ClassVar[bool] = True
-    balanced: ClassVar[bool] = True
-    has_energy: ClassVar[bool] = True
+    symmetric = balanced = has_energy = True
     by_length: ClassVar[bool]
 
     def __init__(self, p: Array, edges: Ids, pairs: Ids, own: Array, between: Array, *, dtype: DTypeLike = np.float64) -> None:
@@ -48,12 +47,12 @@ class Network(PairTerm):
         number[vertices] = np.arange(len(vertices), dtype=np.int32)
         ends = np.sort(number[edges], axis=0)
         order = lexicographic_order(ends, len(vertices))
-        self.order, filling = order, -len(order) % kernels.EDGES
+        self.order, filling = order, -len(order) % EDGES
         self.edges = np.pad(ends[:, order].T, ((0, filling), (0, 0)))
         X = np.zeros((p.shape[1], 3))
         X[:, : self.d] = p.T
         a, b = vertices[self.edges].T
-        self._rest = (X[a] - X[b]).reshape(-1, kernels.EDGES, 3).transpose(0, 2, 1).ravel()
+        self._rest = (X[a] - X[b]).reshape(-1, EDGES, 3).transpose(0, 2, 1).ravel()
         place = np.empty_like(order)
         place[order] = np.arange(len(order), dtype=np.int32)
         coupled = np.sort(place[pairs], axis=0)
@@ -79,11 +78,11 @@ class Network(PairTerm):
         starts = np.searchsorted(edges[:, 0], np.arange(n + 1)).astype(np.int64)
         to = np.empty((len(self.coupled), 4), dtype=np.uint32)
         parts = parts_of(len(to), PAIR, 1)
-        missing = sum(run(kernels.find_blocks, parts, edges, starts, self.coupled, to)) if len(to) else 0
+        missing = sum(run(network_kernels.find_blocks, parts, edges, starts, self.coupled, to)) if len(to) else 0
         joined = edges
         if missing:  # ends of edges that no edge joins
             every = np.stack([edges[self.coupled[:, 0]][:, [0, 0, 1, 1]], edges[self.coupled[:, 1]][:, [0, 1, 0, 1]]])
-            lost = (to & ~TRANSPOSED) == ne + kernels.SPARE
+            lost = (to & ~TRANSPOSED) == ne + SPARE
             ends = np.sort(every[:, lost], axis=0).astype(np.int64)
             codes, found = np.unique(ends[0] * n + ends[1], return_inverse=True)
             to[lost] = (to[lost] & TRANSPOSED) | (ne + found).astype(np.uint32)
@@ -95,8 +94,8 @@ class Network(PairTerm):
     @property
     def _forces(self) -> Shares:
         """How threads share what blocks of edges add to vertices."""
-        blocks = self.edges.reshape(-1, 2 * kernels.EDGES)
-        return self.own.share("F of edges", lambda n: shares_of(blocks, len(self.own.vertices), EDGE * kernels.EDGES, n))
+        blocks = self.edges.reshape(-1, 2 * EDGES)
+        return self.own.share("F of edges", lambda n: shares_of(blocks, len(self.own.vertices), EDGE * EDGES, n))
 
     @property
     def _coupling(self) -> Shares:
@@ -108,7 +107,7 @@ class Network(PairTerm):
         """How threads share what pairs add to blocks."""
 
         def shares(n: int) -> Shares:
-            made = shares_of((self._to & ~TRANSPOSED).astype(np.int64), self._joined.total + kernels.SPARE, PAIR, n)
+            made = shares_of((self._to & ~TRANSPOSED).astype(np.int64), self._joined.total + SPARE, PAIR, n)
             return made._replace(slots=made.slots.astype(np.uint32) | (self._to & TRANSPOSED).ravel())
 
         return self.own.share("K of pairs", shares)
@@ -118,7 +117,7 @@ class Network(PairTerm):
         ne, dtype = len(self.edges), self.own.dtype
         z, g, over = (self.own.room(f"{what}{name}", size, dtype) for what, size in (("z", ne), ("g", 3 * ne), ("1/l", ne)))
         x = self.own.gathered("u of edges", u, np.float64)
-        run(kernels.elongate, self._forces.parts, self.by_length, self.edges, self._rest, x, z, g, over)
+        run(network_kernels.elongate, self._forces.parts, self.by_length, self.edges, self._rest, x, z, g, over)
         return z, g, over
 
     def _tensions(self, z: Array, name: str = "s") -> Array:
@@ -128,7 +127,7 @@ class Network(PairTerm):
         np.multiply(self._own, z, out=s[:ne])
         if len(self.coupled):
             s[ne:] = 0
-            run(kernels.couple, shares.parts, self.coupled, shares.slots.reshape(-1, 2), self._between, z, s)
+            run(network_kernels.couple, shares.parts, self.coupled, shares.slots.reshape(-1, 2), self._between, z, s)
             block_kernels.fold(s, ne, shares.extra, 1)
         return s[:ne]
 
@@ -136,7 +135,7 @@ class Network(PairTerm):
         """`1/2 s . z`; adds `s g` to `force` (nv, d)."""
         shares = self._forces
         f = np.empty(0, dtype=self.own.dtype) if force is None else self.own.slots("F of edges", shares)
-        W = sum(run(kernels.pull, shares.parts, shares.slots.reshape(-1, 2), z, s, g, f))
+        W = sum(run(network_kernels.pull, shares.parts, shares.slots.reshape(-1, 2), z, s, g, f))
         if force is not None:
             self.own.add(f, shares, force)
         return W
@@ -150,7 +149,7 @@ class Network(PairTerm):
         f = np.empty(0, dtype=self.own.dtype) if force is None else self.own.slots("F of edges", shares)
         x = self.own.gathered("u of edges", u, np.float64)
         arrays = self.edges, shares.slots.reshape(-1, 2), self._rest, self._own, x
-        W = sum(run(kernels.springs, shares.parts, self.by_length, *arrays, f))
+        W = sum(run(network_kernels.springs, shares.parts, self.by_length, *arrays, f))
         if force is not None:
             self.own.add(f, shares, force)
         return W
@@ -159,14 +158,14 @@ class Network(PairTerm):
     def blocks(self, u: Array, force: Array | None = None, out: Array | None = None, kept: Tensions = ALL) -> tuple[float, Array]:
         z, g, over = self._elongate(u)
         s, to, total = self._tensions(z), self._stiffening, self._joined.total
-        size = 9 * (total + kernels.SPARE + len(to.extra))
+        size = 9 * (total + SPARE + len(to.extra))
         blocks = np.empty(size, dtype=self.own.dtype) if out is None or len(out) != size else out
         blocks[9 * len(self.order) :] = 0
         own = self.by_length, self._own, s, g, over, float(kept.positive), float(kept.negative)
-        run(kernels.put_blocks, parts_of(len(self.order), EDGE, threads()), *own, blocks)
+        run(network_kernels.put_blocks, parts_of(len(self.order), EDGE, threads()), *own, blocks)
         if len(self.coupled):
-            run(kernels.couple_blocks, to.parts, self.coupled, to.slots.reshape(-1, 4), self._between, g, blocks)
-            block_kernels.fold(blocks, total + kernels.SPARE, to.extra, 9)
+            run(network_kernels.couple_blocks, to.parts, self.coupled, to.slots.reshape(-1, 4), self._between, g, blocks)
+            block_kernels.fold(blocks, total + SPARE, to.extra, 9)
         return self._pull(z, s, g, force), blocks
 
     @in_turn

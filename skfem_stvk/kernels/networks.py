@@ -4,18 +4,18 @@ An elongation `z` of each edge, its slope `g = dz/dp` by the edge as it is now, 
 for each of some pairs of edges:
 
     W = 1/2 sum_i A_ii z_i^2 + sum_{pairs i < j} A_ij z_i z_j        s_i = sum_j A_ij z_j        F = s_i g_i on a, -s_i g_i on b
-    K_ab = -(A_ii g_i g_i' + s_i H_i) of an edge itself        sigma A_ij g_i g_j' for each end of i and of j, sigma = 1 for two
-                                                               first or two second ends, else -1
+    K_ab = -(A_ii g_i g_i' + s_i H_i) of an edge itself        sigma A_ij g_i g_j' for each end of i and of j; sigma = 1 for both
+                                                               first or both second, else -1
 
     squared      z = |p|^2 - |P|^2 = (2 P + U) . U        g = 2 p                H = 2 I                        A = L/2: quartic
     by length    z = l - L = (2 P + U) . U / (l + L)      g = n = p/l            H = (I - n n')/l               A = k: Hookean
 
 No `z` has the cancellation of a difference of lengths. Rows of K sum to zero, so that `K_aa` follows from the others.
 
-Edges stand in blocks of lanes, filled up with ones from vertex 0 to itself that have no stiffness. Arrays: `edges` (ne, 2) vertices
-`a`, `b`, `slots` (ne, 2) where their forces go; `rest` (3 ne,) the `P = X_a - X_b`, differences taken in double, in blocks of lanes;
-`u` (3 nv,) in double; `pairs` (n, 2) edges; `own` (ne,) and `between` (n,) the `A_ii` and `A_ij`. Threads take runs of blocks of
-edges, or of pairs, and no two of them share a slot.
+Edges stand in blocks, filled up with ones from vertex 0 to itself that have no stiffness. Arrays: `edges` (ne, 2) vertices `a`,
+`b`, `slots` (ne, 2) where their forces go; `rest` (3 ne,) the `P = X_a - X_b`, differences taken in double, of a block first x,
+then y, then z; `u` (3 nv,) in double; `pairs` (n, 2) edges; `own` (ne,) and `between` (n,) the `A_ii` and `A_ij`. Threads take runs of
+blocks of edges, or of pairs, and no two of them share a slot.
 """
 
 from __future__ import annotations

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, DTypeLike, NDArray
+from numpy.typing import DTypeLike, NDArray
 from scipy.sparse import csr_matrix, issparse, triu
 
-from ..arguments import choice, own, shown
+from ..arguments import Array, choice, own, shown, whole_array
 from ..edges.form import EdgeForm, meet
 from ..edges.network import QuarticNetwork
 from ..edges.topology import edge_topology
@@ -35,7 +35,8 @@ class EdgeNetwork:
     ----------
     edges : (2, ne) vertices of the edges, each edge once.
     L : (ne, ne) sparse symmetric matrix [J/m^4], off the diagonal the pairs of edges, each twice.
-    laws : what gives the mass, if anything: the `StVK` that the coefficients are of.
+    laws : the `StVK` that the coefficients are of, which give mass, thickness and area to the elements of their regions; none if L
+        comes from elsewhere.
 
     Source: Kikuuwe, Tabuchi, Yamamoto (2009), equations 12 - 14 of Kikuuwe's overview.
 
@@ -73,7 +74,8 @@ class EdgeNetwork:
     @classmethod
     def of(cls, mesh: MeshLike, law: StVK | Sequence[StVK]) -> EdgeNetwork:
         """The network of a St. Venant-Kirchhoff body of linear simplices, of one law or of several on their regions."""
-        body, laws = ElementMesh.of(mesh), (law,) if isinstance(law, StVK) else tuple(law)
+        body = ElementMesh.of(mesh)
+        laws = tuple(law) if isinstance(law, list | tuple) else (law,)
         if not laws or not all(isinstance(each, StVK) for each in laws):
             raise StvkError(f"EdgeNetwork.of: law = {shown(law)}; expected StVK(...) or a list of them.")
         if not body.element.is_linear_simplex:
@@ -94,7 +96,7 @@ class EdgeNetwork:
 
     @property
     def pairs(self) -> NDArray[np.int64]:
-        """(2, n) edges `i < j` of the pairs, those with `L_ij = 0` too if they are stored."""
+        """(2, n) edges `i < j` of the pairs whose `L_ij` is not zero."""
         upper = triu(self.L, 1).tocoo()
         return np.stack([upper.row, upper.col]).astype(np.int64)
 
@@ -146,17 +148,49 @@ class EdgeNetwork:
         pairs = np.stack([i, j]).astype(np.int32)
         return QuarticNetwork(mesh.p, edges, pairs, self.L.diagonal() / 2, between, dtype=dtype)
 
+    @property
+    def region(self) -> NDArray[Any] | str | None:
+        """The elements of the laws: their region, or of several laws, whose regions a mesh has to tell, all elements."""
+        return self.laws[0].region if len(self.laws) == 1 else None
+
+    def mass(self, mesh: ElementMesh, sizes: Array) -> Array:
+        """(n,) masses [kg] of the elements of the region: those of the laws. MaterialError if one of them has no density."""
+
+        def masses(law: StVK, ids: NDArray[Any]) -> Array:
+            return law.mass(mesh, of[ids])
+
+        of = np.zeros(mesh.nt)
+        of[mesh.elements(self.region)] = sizes
+        return self._of_laws(mesh, masses)
+
+    def section(self, mesh: ElementMesh, n: int) -> Array:
+        """(n,) thickness, area or 1 of the elements of the region, as the laws say."""
+        found = self._of_laws(mesh, lambda law, ids: law.section(mesh, len(ids)))
+        return np.where(found == 0, 1.0, found)
+
+    def confined_modulus(self, mesh: ElementMesh, n: int) -> Array:
+        """(n,) `lam + 2 mu` [Pa] of the elements of the region, as the laws say; 0 where there is none."""
+        return self._of_laws(mesh, lambda law, ids: law.confined_modulus(mesh, len(ids)))
+
+    def _of_laws(self, mesh: ElementMesh, value: Callable[[StVK, NDArray[Any]], Array]) -> Array:
+        """(n,) values of the elements of the region from those of the laws."""
+        values = np.zeros(mesh.nt)
+        for law in self.laws:
+            ids = mesh.elements(law.region)
+            values[ids] = value(law, ids)
+        return values[mesh.elements(self.region)]
+
     def __repr__(self) -> str:
         adjacent = int(np.count_nonzero(self.adjacent))
         n = len(self.adjacent)
         return f"EdgeNetwork({self.edges.shape[1]} edges, {adjacent} adjacent and {n - adjacent} opposite pairs)"
 
 
-def _checked_edges(given: ArrayLike) -> NDArray[np.int64]:
+def _checked_edges(given: Any) -> NDArray[np.int64]:
     """(2, ne) edges `a < b`, each once."""
-    edges = np.asarray(given)
-    if edges.ndim != 2 or len(edges) != 2 or edges.dtype.kind not in "iu" or edges.shape[1] == 0:
-        raise StvkError(f"EdgeNetwork: edges of shape {edges.shape} and {edges.dtype}; expected whole numbers (2, ne), vertices.")
+    edges = whole_array(given)
+    if edges is None or edges.ndim != 2 or len(edges) != 2 or edges.dtype == bool or edges.shape[1] == 0:
+        raise StvkError(f"EdgeNetwork: edges = {shown(given)}; expected the vertices (2, ne) of at least one edge, whole numbers.")
     edges = np.sort(edges.astype(np.int64), axis=0)
     bad = np.flatnonzero((edges[0] == edges[1]) | (edges[0] < 0))
     if len(bad):

@@ -1,9 +1,9 @@
 """Small meshes in several parts, and systems on the readable twins of the kernels."""
 
 import numba
-from kernels import readable
+from kernels import readable, readable_networks
 
-from skfem_stvk.edges import assembly, elements, pairs, penalty, streaming, topology
+from skfem_stvk.edges import assembly, elements, network, pairs, penalty, streaming, topology
 from skfem_stvk.kernels import threads
 from skfem_stvk.mesh import displacements
 from skfem_stvk.system import pattern
@@ -11,6 +11,7 @@ from skfem_stvk.system import pattern
 #: Modules and the kernels that they import by name.
 BY_NAME = {
     elements: ("lexicographic_order", "frames", "frames_of_spokes"),
+    network: ("lexicographic_order",),
     pairs: ("lexicographic_order", "stars"),
     streaming: ("assign_slots", "last_uses", "stars"),
     topology: ("edges_of_simplices", "lexicographic_order", "numbers_by_first_use", "stars"),
@@ -29,7 +30,8 @@ def on_twins(monkeypatch):
     for name in ("element_kernels", "volume_kernels", "stretch_kernels"):
         monkeypatch.setattr(assembly, name, readable)
     monkeypatch.setattr(penalty, "penalty_kernels", readable)
-    for module in (assembly, displacements, elements, pairs, pattern):
+    monkeypatch.setattr(network, "network_kernels", readable_networks)
+    for module in (assembly, displacements, elements, network, pairs, pattern):
         monkeypatch.setattr(module, "block_kernels", readable)
     monkeypatch.setattr(streaming, "row_kernels", readable)
     for module, names in BY_NAME.items():

@@ -3,17 +3,17 @@
 import numpy as np
 import pytest
 from bodies import BODIES, CURVED, MESHES, box, state
-from kernels import readable
+from kernels import readable, readable_networks
 from kernels.parts import in_parts, on_twins
 from kernels.test_readable import LAWS, quadrature, rules
 from kernels.test_readable import MESHES as EVERY_MESH
 from numba.core.dispatcher import Dispatcher
 
-from skfem_stvk import Anisotropic, StVK, System, VolumePenalty
+from skfem_stvk import Anisotropic, EdgeNetwork, StVK, System, VolumePenalty
 from skfem_stvk.edges import Tensions
-from skfem_stvk.kernels import blocks, cg, elements, geometry, motion, penalty, rows, stretches, topology, volumes
+from skfem_stvk.kernels import blocks, cg, elements, geometry, motion, networks, penalty, rows, stretches, topology, volumes
 from skfem_stvk.kernels.lanes import LANES
-from skfem_stvk.terms.body import Body
+from skfem_stvk.terms import Body, HasDampingForce, HasRoundOff, HasVolume
 
 
 def results(mesh, terms, dtype=np.float64, amount=0.3, kind="usual"):
@@ -43,12 +43,15 @@ def of_terms(mesh, terms, dtype, amount, kind):
         assembly, v = term.bind(Body(mesh, [], quadrature(mesh, kind)), dtype), state(mesh, seed=9).reshape(-1, mesh.d)
         u = state(mesh, amount).reshape(-1, mesh.d) - 0.3 * mesh.p.T
         sizes, diagonal, product = np.zeros_like(u), np.zeros((*u.shape, mesh.d)), np.zeros_like(u)
-        assembly.add_round_off(u, sizes)
+        if isinstance(assembly, HasRoundOff):
+            assembly.add_round_off(u, sizes)
+        else:
+            assembly.add_sizes(u, sizes)
         _, blocks = assembly.blocks(u, kept=Tensions(0.9, 0.2))
         assembly.pairs.add_diagonal(blocks, diagonal)
         assembly.pairs.add_product(blocks, v, product)
         assembly.pairs.add_norms(blocks, np.arange(1.0, mesh.nv + 1), norms := np.zeros(mesh.nv))
-        if isinstance(term, StVK):
+        if isinstance(assembly, HasDampingForce):
             mean, damping = np.zeros_like(u), np.zeros_like(u)
             found |= {
                 f"energy of the change of {i}": assembly.mean_force(u, u + v, (0.2, 0.7), 0.3, mean),
@@ -69,7 +72,7 @@ def of_terms(mesh, terms, dtype, amount, kind):
             f"weighed product of {i}": product,
             f"clamped norms of {i}": norms,
         }
-        if mesh.element.is_linear_simplex:
+        if mesh.element.is_linear_simplex and isinstance(assembly, HasVolume):
             found |= {
                 f"ratios of volumes of {i}": assembly.volume_ratios(u),
                 f"smallest ratio of {i}": assembly.smallest_volume_ratio(u),
@@ -111,6 +114,19 @@ def test_compiled_and_readable_kernels_agree_on_elements_with_several_points(nam
     on_twins(monkeypatch)
     for kind in kinds:
         assert_same(results(mesh, term, kind=kind), compiled[kind], 1e-14)
+
+
+@pytest.mark.parametrize("parts", [1, 3])
+@pytest.mark.parametrize("name", ["tetrahedra", "membrane", "segments"])
+def test_those_of_networks_agree(name, parts, monkeypatch):
+    in_parts(monkeypatch, parts)
+    mesh = MESHES[name]
+    network = EdgeNetwork.of(mesh, StVK(young=2.0, poisson=0.3))
+    terms = [[network], [network.diagonal()]]
+    compiled = [results(mesh, each) for each in terms]
+    on_twins(monkeypatch)
+    for each, found in zip(terms, compiled, strict=True):
+        assert_same(results(mesh, each), found, 1e-14)
 
 
 def penalties(kind):
@@ -192,7 +208,7 @@ def test_on_twins_no_kernel_is_called(monkeypatch):
     results(mesh, terms)
 
 
-@pytest.mark.parametrize("module", [elements, blocks, topology, geometry, volumes, stretches, penalty, rows, cg, motion])
+@pytest.mark.parametrize("module", [elements, blocks, topology, geometry, volumes, stretches, penalty, rows, cg, motion, networks])
 def test_every_kernel_that_python_calls_has_a_twin_with_its_signature(module):
     """What is annotated is called from Python."""
     called = {name: value.py_func for name, value in vars(module).items() if hasattr(value, "py_func") and name[0] != "_"}
@@ -200,7 +216,8 @@ def test_every_kernel_that_python_calls_has_a_twin_with_its_signature(module):
     annotated = {name: function for name, function in called.items() if function.__annotations__}
     assert annotated
     for name, function in annotated.items():
-        assert getattr(readable, name).__annotations__ == function.__annotations__, name
+        twin = getattr(readable_networks if module is networks else readable, name)
+        assert twin.__annotations__ == function.__annotations__, name
 
 
 def test_the_readable_tensor_of_the_general_law_is_that_of_the_isotropic_one():

@@ -10,6 +10,7 @@ import numpy as np
 from skfem_stvk import (
     Anisotropic,
     BodyForce,
+    EdgeNetwork,
     ElasticFoundation,
     ElementMesh,
     Gravity,
@@ -31,6 +32,7 @@ from .small_bodies import NOT_NEGATIVE, NOTHING_LISTED, NUMBER, OPTIONAL, PLACE,
 
 FRAME = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
 VOIGT = np.diag([4.0, 5.0, 6.0, 1.0, 2.0, 3.0])
+NETWORK = EdgeNetwork.of(tetrahedra(), StVK(young=1.0, poisson=0.25))
 #: Coordinates that a mesh may have: a `System` refuses them by their vertices; and a third coordinate is a membrane's.
 NOT_FINITE = frozenset({"NaN in it", "inf in it"})
 #: Three constants with a value for each element, if there is just one element.
@@ -139,6 +141,14 @@ def calls() -> list[Call]:
             kind="quadratic",
             region="half",
         ),
+        call("EdgeNetwork", EdgeNetwork, edges=NETWORK.edges, L=NETWORK.L),
+        call(
+            "EdgeNetwork.of",
+            lambda **given: System(tetrahedra(), [EdgeNetwork.of(**given)]),
+            mesh=tetrahedra(),
+            law=StVK(young=1.0, poisson=0.25),
+        ),
+        call("EdgeNetwork.without", NETWORK.without, {}, {"pairs": "pairs"}, pairs="adjacent"),
         call(
             "ElasticFoundation",
             lambda **given: on_body(ElasticFoundation(**given)),
