@@ -21,9 +21,21 @@ from .materials import Anisotropic, Isotropic, Orthotropic, TransverselyIsotropi
 from .mesh import ElementMesh, embedded_mesh, read_mesh
 from .nonlinear.outcome import Interrupted
 from .referee import Report, verify
+from .results import compare_networks
 from .statics import SolveError, StaticResult, Stop, solve_static
 from .system import System
-from .terms import BodyForce, EdgeNetwork, ElasticFoundation, Gravity, NodalLoad, Pressure, StVK, Traction, VolumePenalty
+from .terms import (
+    BodyForce,
+    EdgeNetwork,
+    ElasticFoundation,
+    Gravity,
+    NodalLoad,
+    Pressure,
+    SpringNetwork,
+    StVK,
+    Traction,
+    VolumePenalty,
+)
 
 __version__ = "0.1.0"
 __all__ = [
@@ -54,6 +66,7 @@ __all__ = [
     "Run",
     "SimulationError",
     "SolveError",
+    "SpringNetwork",
     "StVK",
     "StateError",
     "StaticResult",
@@ -66,6 +79,7 @@ __all__ = [
     "TransverselyIsotropic",
     "VelocityVerlet",
     "VolumePenalty",
+    "compare_networks",
     "critical_step",
     "embedded_mesh",
     "modes",

@@ -14,8 +14,8 @@ No `z` has the cancellation of a difference of lengths. Rows of K sum to zero, s
 
 Edges stand in blocks, filled up with ones from vertex 0 to itself that have no stiffness. Arrays: `edges` (ne, 2) vertices `a`,
 `b`, `slots` (ne, 2) where their forces go; `rest` (3 ne,) the `P = X_a - X_b`, differences taken in double, of a block first x,
-then y, then z; `u` (3 nv,) in double; `pairs` (n, 2) edges; `own` (ne,) and `between` (n,) the `A_ii` and `A_ij`. Threads take runs of
-blocks of edges, or of pairs, and no two of them share a slot.
+then y, then z; `u` (3 nv,) in double; `pairs` (n, 2) edges; `own` (ne,) and `between` (n,) the `A_ii` and `A_ij`. Threads take runs
+of blocks of edges, or of pairs, and no two of them share a slot.
 """
 
 from __future__ import annotations

@@ -16,7 +16,7 @@ from ..materials import Hypothesis, Material
 from ..mesh import ElementMesh, MeshLike
 from ..mesh.geometry import Geometry, PointGeometry, geometries
 from ..mesh.points import sizes_of
-from ..terms import Body, HasPressure, HasStress
+from ..terms import Body, HasPressure, HasStress, is_load
 from .law import dilation, rest_frames, strain_and_stress, volume_stress
 
 #: One value per element, or one at a point of each, and a mask of the elements that have none.
@@ -62,7 +62,7 @@ class ElasticBody:
         every = list(terms) if isinstance(terms, Iterable) and not isinstance(terms, np.ndarray) else [terms]
         carrying = [term for term in every if isinstance(term, HasStress)]
         penalties = [term for term in every if isinstance(term, HasPressure)]
-        if not carrying and not penalties:
+        if all(is_load(term) or not hasattr(term, "bind") for term in every):
             raise StvkError("None of the terms carries stress; expected at least one StVK(...).")
         self.parts = [self._part(term) for term in carrying]
         self.section, self.total_section = np.zeros(self.mesh.nt), np.zeros(self.mesh.nt)
@@ -71,7 +71,7 @@ class ElasticBody:
             self.total_section[part.elements] += part.section
         self.without_term: NDArray[np.bool_] = self.total_section == 0
         self.section[self.without_term] = 1.0
-        body = Body(self.mesh, carrying)
+        body = Body(self.mesh, every)
         self.volume_parts = [self._volume_part(term, body) for term in penalties]
         for penalty in self.volume_parts:
             self.without_term[penalty.elements] = False

@@ -20,7 +20,7 @@ from ..kernels.threads import Turn
 from ..mesh import ElementMesh, MeshLike
 from ..mesh.diagnostics import check_mesh, warn_of_flat_elements
 from ..mesh.places import DofsView
-from ..terms import Grounded, HasMemory, HasRoundOff, HasStress, Load, Quartic, Term, TurningLoad, is_load
+from ..terms import Grounded, HasMemory, HasRoundOff, HasStress, HoldsShape, Load, Quartic, Term, TurningLoad, is_load
 from ..terms.load import Moment, Time
 from .bound import BoundTerms
 from .mass import KINDS, Mass
@@ -362,6 +362,8 @@ class System(BoundTerms):
         for term in self.elastic_terms:
             if isinstance(term, HasStress):
                 solid[self.mesh.elements(term.region)] = True
+            elif isinstance(term, HoldsShape):
+                solid[term.elements_held_in_shape(self.mesh)] = True
         check_held(self.mesh, self.bound_terms, self.supports.held, solid)
 
     def parts(self) -> NDArray[np.int32]:

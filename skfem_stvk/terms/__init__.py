@@ -18,12 +18,14 @@ from .protocols import (
     HasStress,
     HasStretch,
     HasVolume,
+    HoldsShape,
     Load,
     Quartic,
     Term,
     TurningLoad,
     is_load,
 )
+from .spring_network import SpringNetwork
 from .stvk import StVK
 from .volume_penalty import VolumePenalty
 
@@ -45,10 +47,12 @@ __all__ = [
     "HasStress",
     "HasStretch",
     "HasVolume",
+    "HoldsShape",
     "Load",
     "NodalLoad",
     "Pressure",
     "Quartic",
+    "SpringNetwork",
     "StVK",
     "Term",
     "Traction",

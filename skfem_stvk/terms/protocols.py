@@ -198,6 +198,14 @@ class HasStress(Protocol):
 
 
 @runtime_checkable
+class HoldsShape(Protocol):
+    """A specification without stress on elements that yet resists all strain of some, as springs along all their edges do."""
+
+    def elements_held_in_shape(self, mesh: ElementMesh) -> NDArray[np.int64]:
+        """(n,) ids of elements that are rigid as long as the term has no energy."""
+
+
+@runtime_checkable
 class HasPressure(Protocol):
     """A specification of an energy of the volume ratio `J`, whose stress is a pressure, on the elements of its `region`."""
 

@@ -10,7 +10,7 @@ from kernels.parts import in_parts
 from scipy.sparse import identity, random
 from terms.toys import Anchors, Areas, Springs, Wind
 
-from skfem_stvk import Anisotropic, EdgeNetwork, ElasticFoundation, ElementMesh, StVK, System, VolumePenalty
+from skfem_stvk import Anisotropic, EdgeNetwork, ElasticFoundation, ElementMesh, SpringNetwork, StVK, System, VolumePenalty
 from skfem_stvk.edges import ALL, NONE, TENSILE, Tensions
 from skfem_stvk.edges.pairs import with_blocks
 from skfem_stvk.system import Pattern
@@ -50,6 +50,9 @@ class Case(NamedTuple):
 
 #: What edges can do, with or without elements around them.
 OF_EDGES = (Quartic, HasMeanForce, HasDampingForce)
+OF_SPRINGS = OF_EDGES[1:]
+#: The limit and step where derivatives are no polynomials.
+SMOOTH = 1e-7, 1e-3
 
 
 def reordered(law, order, **others):
@@ -81,6 +84,13 @@ def cases():
         again = partial(lambda law, other, order: EdgeNetwork.of(other, reordered(law, order)), law)
         found[f"network, {name}"] = Case(mesh, network, can=OF_EDGES, renumbered=again)
         found[f"network, {name}, springs alone"] = Case(mesh, network.diagonal(), can=OF_EDGES)
+        springs = SpringNetwork(law.material)
+        again = partial(lambda law, other, order: SpringNetwork(reordered(law, order).material), law)
+        found[f"springs, {name}"] = Case(mesh, springs, *SMOOTH, can=OF_SPRINGS, renumbered=again)
+        if mesh.k == 2:
+            found[f"springs, {name}, triangular"] = Case(
+                mesh, SpringNetwork(young=3.0, poisson=0.2, rule="triangular"), *SMOOTH, can=OF_SPRINGS
+            )
     solid = MESHES["tetrahedra"]
     network = EdgeNetwork.of(solid, StVK(young=9.0, poisson=0.4))
     found["network without opposite pairs"] = Case(solid, network.without("opposite"), can=OF_EDGES, definite=False)

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from skfem_stvk import StaticResult, solve_static
+from skfem_stvk import StaticResult, StVK, compare_networks, solve_static
 from skfem_stvk.peers import load
 from skfem_stvk.results import Fields, Reaction, Series, animate, plot, write_vtu
 
@@ -16,6 +16,12 @@ from .call import Call
 from .small_bodies import NUMBER, OPTIONAL, PLACE, POSITIVE, TEXT, call, displacements, drawn, mesh, state, system
 
 FIELD = {"field": "field|numbers"}
+
+
+def _without_times(**given: Any) -> Any:
+    """What the comparison of networks found, but for what differs from call to call."""
+    found = compare_networks(**given)
+    return found.shares, [(row.name, row.force, row.energy, row.at_rest) for row in found.rows]
 
 
 def calls() -> list[Call]:
@@ -28,6 +34,9 @@ def calls() -> list[Call]:
     values = np.arange(4.0)
     return [
         call("Fields", Fields, {}, {"terms": "terms"}, mesh=mesh(), terms=list(system().elastic_terms)),
+        call(
+            "compare_networks", compare_networks, {}, {"law": "law|material"}, mesh=mesh(), law=StVK(young=2.0, poisson=0.25), u=u
+        ),
         call("Fields.at", _stresses(fields), {"v": OPTIONAL}, u=u, v=u),
         call("State by name", lambda name: state()[name], {}, {"name": "field"}, name="cauchy"),
         call("State.at_points", lambda name: state().at_points(name), {}, {"name": "field"}, name="cauchy"),
