@@ -23,9 +23,9 @@ from ..kernels.threads import in_turn, run
 from .elements import OwnElements, Quadrature, frames_at, nbytes, simplex_quadrature
 from .form import EdgeForm
 from .pairs import ALL, BlockPattern, Linearized, PairBlocks, PairTerm, Tensions
-from .stiffness import Stiffness, StoredLaw, check_range
+from .stiffness import GeneralStiffness, Stiffness, StoredLaw, check_range
 from .streaming import ElementRows
-from .topology import OwnOrder, Shares, own_order, pairs_of
+from .topology import OwnOrder, Shares, out_of_lanes, own_order, pairs_of
 
 
 class ElementTerm(PairTerm):
@@ -61,6 +61,38 @@ class ElementTerm(PairTerm):
         self.points, self._D = self.elements.in_points(numbers)
         last = self._D[-len(numbers) * LANES :] if self.points is None else self._D[self.points.starts[-2] :]
         last.reshape(-1, LANES)[:, n - (len(self.elements.t) - 1) * LANES :] = 0  # what only fills it has no stiffness
+        self.gone: NDArray[np.bool_] | None = None
+        self._t_of_volumes = self.elements.t
+
+    @in_turn
+    def remove(self, gone: NDArray[np.bool_]) -> None:
+        """Take elements out: `gone` (nt,) says which are, in the order in which they were given; what is out stays out.
+
+        Nothing is stored of them any more, as of the lanes that only fill the last block: they have neither energy nor stiffness,
+        and the pattern stays as it is. They have no volume that could be lost, and no stretch: both count as infinite.
+        """
+        elements = self.elements
+        self.gone = gone.copy() if self.gone is None else self.gone | gone
+        block, lane = np.divmod(np.flatnonzero(self.gone[elements.elements]), LANES)
+        blocks = len(elements.t)
+        starts = np.arange(blocks + 1) * (len(self._D) // blocks) if self.points is None else self.points.starts
+        first, count = starts[block] // LANES, np.diff(starts)[block] // LANES
+        rows = np.repeat(first - (np.cumsum(count) - count), count) + np.arange(count.sum())
+        self._D.reshape(-1, LANES)[rows, np.repeat(lane, count)] = 0
+        if isinstance(self.points, MeanPoints):
+            self.points.resistance[block, lane] = 0
+        self._t_of_volumes = elements.t.copy()
+        nodes = self._t_of_volumes.reshape(blocks, -1, LANES)
+        nodes[block, :, lane] = nodes[block, 0, lane][:, None]  # all in one place: no volume, now or later
+
+    @property
+    def nodes_joined(self) -> NDArray[np.int32]:
+        """(2, n) the pairs of nodes that elements hold together: `nodes_paired`, but for those of elements that were taken out."""
+        if self.gone is None:
+            return self.nodes_paired
+        elements = self.elements
+        own = out_of_lanes(elements.t, len(elements.elements))[: elements.element.n, ~self.gone[elements.elements]]
+        return pairs_of(elements.own.vertices[own.astype(np.int64)], elements.element)
 
     @cached_property
     def pairs(self) -> PairBlocks:
@@ -136,6 +168,8 @@ class ElementTerm(PairTerm):
     def smallest_volume_ratio(self, u: Array) -> float:
         """The smallest of `volume_ratios(u)`, of linear simplices for half the price of F."""
         self.elements.gather(u)
+        if self.gone is not None:
+            return min(float(self._volume_ratios(points).min()) for points in self._checked_at)
         return min(self._smallest_volume_ratio(points, np.empty(0)) for points in self._checked_at)
 
     @in_turn
@@ -147,7 +181,8 @@ class ElementTerm(PairTerm):
         elements.gather(u)
         V = elements.own.gathered("direction", v, np.float64)
         arrays, parts = (elements.X, elements.u, V, elements.k), elements.forces.parts
-        return min(min(run(volume_kernels.step_limit, parts, elements.t.ravel(), points, *arrays)) for points in self._checked_at)
+        t = self._t_of_volumes.ravel()
+        return min(min(run(volume_kernels.step_limit, parts, t, points, *arrays)) for points in self._checked_at)
 
     @property
     def _checked_at(self) -> tuple[Points | MeanPoints | None, ...]:
@@ -160,7 +195,12 @@ class ElementTerm(PairTerm):
         """The smallest ratio of each element among these points, at the displacements that were gathered last."""
         own = np.empty(len(self.elements.t) * LANES)
         self._smallest_volume_ratio(points, own)
-        return self.elements.in_their_order(own)
+        return self._infinite_if_gone(self.elements.in_their_order(own))
+
+    def _infinite_if_gone(self, values: Array) -> Array:
+        if self.gone is not None:
+            values[self.gone] = np.inf
+        return values
 
     def _smallest_volume_ratio(self, points: Points | MeanPoints | None, out: Array) -> float:
         elements = self.elements
@@ -241,11 +281,11 @@ class LawAssembly(ElementTerm):
         were given."""
         own = np.empty(len(self.elements.t) * LANES)
         self._smallest_stretch(u, own)
-        return self.elements.in_their_order(own)
+        return self._infinite_if_gone(self.elements.in_their_order(own))
 
     def smallest_stretch(self, u: Array) -> float:
         """The smallest of `smallest_stretches(u)`, of linear simplices for one and a half times the price of F."""
-        return self._smallest_stretch(u, np.empty(0))
+        return self._smallest_stretch(u, np.empty(0)) if self.gone is None else float(self.smallest_stretches(u).min())
 
     @in_turn
     def _smallest_stretch(self, u: Array, out: Array) -> float:
@@ -286,7 +326,15 @@ class Assembly(LawAssembly):
                 f"{self.quadrature.element.name} have no edge form: their strain is not the same everywhere, so the lengths of "
                 "their edges do not say it. Take degree=1 to look at edges and their pairs."
             )
-        return EdgeForm(*self._mesh)
+        p, t, stiffness = self._mesh
+        if self.gone is None:
+            return EdgeForm(p, t, stiffness)
+        kept = ~self.gone[:, None, None]
+        return EdgeForm(p, t, GeneralStiffness(lambda: kept * stiffness.coefficients(p, t)))
+
+    def remove(self, gone: NDArray[np.bool_]) -> None:
+        super().remove(gone)
+        self.__dict__.pop("form", None)
 
     @in_turn
     def add_round_off(self, u: Array, out: Array) -> None:

@@ -370,6 +370,11 @@ class Coupled:
             self._version, self._pairs = version_of(self.term), blocks_between(self.term, *self._space)
         return self._pairs
 
+    def takes(self, term: Any) -> Coupled:
+        """This, with another term or load in the place of its own, which couples the same pairs."""
+        self.term = term
+        return self
+
     def own_memory(self) -> int:
         """Bytes of its arrays, without those of the term."""
         return self.pairs.memory() + sum(self.pairs.own.memory().values()) + self.pairs.own.vertices.nbytes
@@ -412,6 +417,12 @@ def with_blocks(term: BoundTerm, nv: int, d: int, dtype: DTypeLike) -> PairTerm:
             "outside is a Load."
         )
     return Narrow(term, nv, d, dtype)
+
+
+def joined(term: Any) -> NDArray[np.int32]:
+    """(2, n) the pairs of vertices that a term holds together: `nodes_paired`, unless it was told to do without elements."""
+    pairs: NDArray[np.int32] = getattr(term, "nodes_joined", term.nodes_paired)
+    return pairs
 
 
 def version_of(term: Any) -> int:

@@ -4,18 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import cached_property
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, DTypeLike, NDArray
 
-from ..arguments import Array, number
+from ..arguments import Array, number, whole_array
 from ..edges.elements import Quadrature
-from ..edges.pairs import with_blocks
-from ..errors import StvkError, name_ids, warn
+from ..edges.pairs import joined, with_blocks
+from ..errors import RegionError, StvkError, name_ids, warn
 from ..mesh import ElementMesh
 from ..mesh.displacements import by_vertex
-from ..terms import Body, BoundLoad, BoundTerm, HasState, HasStretch, HasVolume, Load, Term, is_load
+from ..terms import Body, BoundLoad, BoundTerm, CanRemove, Grounded, HasState, HasStretch, HasVolume, Load, Term, is_load
 
 #: Elements of a smaller part of their volume are flat: what is left of it is rounding.
 FLAT = 1e-9
@@ -47,12 +47,76 @@ class BoundTerms:
         self.bound_terms: tuple[BoundTerm, ...] = tuple(term.bind(self._body, self.dtype) for term in self.elastic_terms)
         self.bound_loads: tuple[BoundLoad, ...] = tuple(load.bind(self._body) for load in self.loads)
         self.pair_terms = tuple(with_blocks(term, mesh.nv, mesh.d, self.dtype) for term in self.bound_terms)
-        used = np.zeros(mesh.nv, dtype=bool)
+        self._used = np.zeros(mesh.nv, dtype=bool)
         for bound in self.bound_terms:
-            used[bound.nodes_paired.ravel()] = True
-        bare = np.flatnonzero(~used)
+            self._used[bound.nodes_paired.ravel()] = True
+        bare = np.flatnonzero(~self._used)
         if len(bare):
             warn(f"{name_ids(bare, mesh.word)}: in no term, so their rows of K are zero. Is a region missing from the terms?")
+
+    @property
+    def removed(self) -> NDArray[np.int64]:
+        """Ids of the elements that were taken out, ascending: see `System.remove`."""
+        return np.flatnonzero(self._body.gone)
+
+    @property
+    def removals(self) -> int:
+        """How many elements were taken out: what is worked out for a body is good for one number."""
+        return int(np.count_nonzero(self._body.gone))
+
+    @property
+    def bare(self) -> NDArray[np.int64]:
+        """Nodes that nothing holds any more since their elements were taken out, ascending."""
+        return np.flatnonzero(self._body.bare)
+
+    def elements_to_remove(self, elements: Any) -> NDArray[np.int64]:
+        """Ids of the elements that are meant and are not taken out yet, ascending; errors as in `System.remove`."""
+        given = whole_array(elements)
+        none = given is not None and (given.shape == (0,) or (given.dtype == bool and given.shape == (self.mesh.nt,)))
+        none = none and not np.any(given)
+        ids = np.empty(0, dtype=np.int64) if none else self.mesh.elements(elements)
+        gone = self._body.gone.copy()
+        gone[ids] = True
+        if gone.all():
+            raise RegionError(
+                f"All {self.mesh.nt} elements would be taken out; expected that at least one stays. Is the limit or the mask meant "
+                "the other way round?"
+            )
+        return np.flatnonzero(gone & ~self._body.gone)
+
+    def _refuse_terms_that_keep_elements(self) -> None:
+        """Refuse to take elements out of terms that know nothing of it."""
+        keeping = [type(term).__name__ for term, bound in zip(self.elastic_terms, self.bound_terms, strict=True) if not _can(bound)]
+        keeping += [
+            type(load).__name__
+            for load, bound in zip(self.loads, self.bound_loads, strict=True)
+            if not _can(bound) and (isinstance(bound, HasState) or hasattr(bound, "pattern_version"))
+        ]
+        if keeping:
+            raise StvkError(
+                f"{', '.join(keeping)}: no elements can be taken out of it. Expected a method remove(gone), as in "
+                "skfem_stvk.terms.CanRemove; or build a System of the mesh without these elements."
+            )
+
+    def _remove(self, elements: NDArray[np.int64]) -> None:
+        """Take elements out of all terms and loads."""
+        body, gone = self._body, self._body.gone.copy()
+        gone[elements] = True
+        for specification, term in zip(self.elastic_terms, self.bound_terms, strict=True):
+            body.remove(gone, body.bare)
+            cast(CanRemove, term).remove(gone[self.mesh.elements(getattr(specification, "region", None))])
+        held = np.zeros(self.mesh.nv, dtype=bool)
+        for term in self.bound_terms:
+            held[joined(term).ravel()] = True
+            if isinstance(term, Grounded):
+                held[term.grounded // self.mesh.d] = True
+        body.remove(gone, self._used & ~held)
+        bound = []
+        for load, before in zip(self.loads, self.bound_loads, strict=True):
+            if isinstance(before, CanRemove):
+                before.remove(gone[self.mesh.elements(getattr(load, "region", None))])
+            bound.append(before if isinstance(before, CanRemove) else load.bind(body))
+        self.bound_loads = tuple(bound)
 
     @property
     def elastic_names(self) -> list[str]:
@@ -163,3 +227,8 @@ class BoundTerms:
     def _state(self, u: ArrayLike, name: str = "u") -> Array:
         """Displacements as (nv, d)."""
         return by_vertex(self.mesh, u, name)
+
+
+def _can(bound: Any) -> bool:
+    """Whether elements can be taken out of a term."""
+    return isinstance(bound, CanRemove)

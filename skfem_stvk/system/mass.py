@@ -60,13 +60,18 @@ class Mass(ABC):
     def __init__(self, system: Patterned, body: Body, held: NDArray[Any]) -> None:
         mesh = body.mesh
         self._d, self._system, self._word = mesh.d, system, mesh.word
-        self.vertex: Array = body.lumped_mass
-        is_free = np.ones(mesh.p.size, dtype=bool)
-        is_free[held] = False
-        self._free = is_free.reshape(-1, mesh.d)
+        self._body, self._held = body, held
+        self._version = 0
+        self.follow()
+
+    def follow(self) -> None:
+        """Take the masses that the elements of the body have now; nodes that have lost all of theirs count as held."""
+        self.vertex: Array = self._body.lumped_mass
+        is_free = np.ones(self.vertex.size * self._d, dtype=bool)
+        is_free[self._held] = False
+        self._free = is_free.reshape(-1, self._d) & ~self._body.bare[:, None]
         self._places: NDArray[np.intp] | None = None
         self._part: tuple[NDArray[np.int32], NDArray[np.intp], Array] | None = None
-        self._version = 0
         self._refuse_bare()
 
     @property
@@ -154,8 +159,8 @@ class LumpedMass(Mass):
 
     kind = "lumped"
 
-    def __init__(self, system: Patterned, body: Body, held: NDArray[Any]) -> None:
-        super().__init__(system, body, held)
+    def follow(self) -> None:
+        super().follow()
         self._dofs = np.repeat(self.vertex, self._d)
         self._inverse = _inverse(self.vertex, self._free).ravel()
 
@@ -184,12 +189,16 @@ class ConsistentMass(Mass):
     kind = "consistent"
 
     def __init__(self, system: Patterned, body: Body, held: NDArray[Any]) -> None:
+        self._heavy = np.flatnonzero(body.mass > 0)  # only elements that have mass couple their nodes
+        self._bounds = bounds_of_elements(body.mesh.p, body.mesh.t[:, self._heavy], body.mesh.element)
         super().__init__(system, body, held)
-        mesh, heavy = body.mesh, np.flatnonzero(body.mass > 0)  # only elements that have mass couple their nodes
+
+    def follow(self) -> None:
+        super().follow()
+        mesh, heavy = self._body.mesh, self._heavy
         t = mesh.t[:, heavy]
-        self._scalar = _scalar_matrix(t, Spread(mesh, mesh.element, t, body.mass[heavy]).matrices(), mesh.nv)
+        self._scalar = _scalar_matrix(t, Spread(mesh, mesh.element, t, self._body.mass[heavy]).matrices(), mesh.nv)
         self._inverse = _inverse(self._scalar.diagonal(), self._free)
-        self._bounds = bounds_of_elements(mesh.p, t, mesh.element)
 
     @property
     def matrix(self) -> csr_matrix:

@@ -12,6 +12,7 @@ from scipy.sparse import coo_matrix, csr_matrix
 from scipy.sparse.csgraph import connected_components
 
 from ..arguments import Array
+from ..edges.pairs import joined
 from ..elements import Element, linear_simplex
 from ..errors import SupportError, name_ids
 from ..kernels.topology import pieces_of_simplices
@@ -56,7 +57,7 @@ def check_held(mesh: ElementMesh, terms: Sequence[BoundTerm], held: NDArray[Any]
     Mechanisms are looked for where elements are rigid as long as they are not strained: those that fill their space, the plane too,
     and are `solid` (nt,), of an elastic material. Cables, trusses and membranes in space are held by tension, not known here.
     """
-    edges = [term.nodes_paired for term in terms]
+    edges = [joined(term) for term in terms]
     held = np.union1d(held, grounded_dofs(terms)).astype(np.int64)
     part = parts_of(edges, mesh.nv)
     left = rigid_modes_left(mesh.p, part, held, mesh.word)

@@ -13,9 +13,9 @@ from scipy.sparse import csr_matrix
 from ..arguments import Array, choice, number, shown
 from ..edges import ALL, Rows, Tensions
 from ..edges.elements import Quadrature, nbytes
-from ..edges.pairs import Coupled, version_of
+from ..edges.pairs import Coupled, joined, version_of
 from ..elements import HOURGLASS
-from ..errors import LoadError, StvkError
+from ..errors import LoadError, StvkError, warn
 from ..kernels.threads import Turn
 from ..mesh import ElementMesh, MeshLike
 from ..mesh.diagnostics import check_mesh, warn_of_flat_elements
@@ -27,6 +27,7 @@ from .mass import KINDS, Mass
 from .mechanisms import check_held, grounded_dofs
 from .operator import TangentOperator, refuse_overflow
 from .pattern import FreeDofs, Pattern, Structure
+from .removal import BareDiagonal, Pieces
 from .rigid import parts_of
 from .supports import Displacements, Supports, dofs_at
 
@@ -103,15 +104,71 @@ class System(BoundTerms):
         self.quadrature = quadrature  # as it was given
         self.supports = Supports(mesh, fixed, prescribed)
         super().__init__(mesh, terms, np.float64 if double else np.float32, rule)
-        turning = [load for load in self.bound_loads if isinstance(load, TurningLoad)]
-        self._turning = [(load, Coupled(load, mesh.nv, mesh.d, np.float64)) for load in turning]
+        self._turning = [(load, Coupled(load, mesh.nv, mesh.d, np.float64)) for load in self._turning_loads()]
         self._changing = [term for term in (*self.bound_terms, *self.bound_loads) if hasattr(term, "pattern_version")]
         self._pattern: Pattern | None = None
         self._places: tuple[int, list[Any], list[Rows]] | None = None
         self._masses: dict[str, Mass] = {}
         self._operator: TangentOperator | None = None
         self._whole: csr_matrix | None = None  # K of which only a part was asked for
+        self._bare: BareDiagonal | None = None
         self._turn = Turn()
+
+    def remove(self, elements: str | ArrayLike) -> None:
+        """Take elements out of the body, in place: what is left is the body that was built without them.
+
+        They leave all terms, the mass and the loads: facets of none but them carry no traction, pressure or foundation any more,
+        and the faces that they leave open carry none either. The pattern of K stays, and what linear solvers know of it; there are
+        zeros where they stood. Nodes that are left without elements stay where they are, without mass and force, with a diagonal in
+        K. Elements that are taken out already may be named again. There is no way back: build another `System`.
+
+        Parameters
+        ----------
+        elements : ids, a mask (nt,), or the name of a subdomain; none at all is no error.
+
+        Raises
+        ------
+        RegionError
+            if ids are out of range or repeated, a mask has another length, or no element would be left.
+        StvkError
+            if a term cannot do without elements, by its name.
+
+        Warns
+        -----
+        StvkWarning
+            if parts come loose, which no support and no foundation holds: statics refuses them, in motion they fly.
+
+        >>> import skfem
+        >>> from skfem_stvk import StVK
+        >>> bar = System(skfem.MeshLine(np.linspace(0, 1, 5)), StVK(young=2.0, poisson=0.3, density=1.0), fixed={(0, 4): "x"})
+        >>> stretched = 0.1 * bar.mesh.p.ravel("F")
+        >>> whole = bar.energy(stretched)
+        >>> bar.remove([1])
+        >>> bar.removed, round(bar.energy(stretched) / whole, 12), bar.mass().total
+        (array([1]), 0.75, 0.75)
+        """
+        ids = self.elements_to_remove(elements)
+        if not len(ids):
+            return
+        self._refuse_terms_that_keep_elements()
+        before = Pieces.of(self)
+        if self._bare is None:
+            self._bare = BareDiagonal(self.linear_operator(np.zeros(self.ndofs)))
+        self._remove(ids)
+        self._turning = [(load, of.takes(load)) for load, (_, of) in zip(self._turning_loads(), self._turning, strict=True)]
+        self._changing = [term for term in (*self.bound_terms, *self.bound_loads) if hasattr(term, "pattern_version")]
+        self.__dict__.pop("_remembering", None)
+        self.__dict__.pop("grounded", None)
+        self._bare.nodes = self.bare
+        self._operator = None
+        for mass in self._masses.values():
+            mass.follow()
+        loose = Pieces.of(self).come_loose(before)
+        if loose:
+            warn(f"{loose} In statics fix it or take it out, too; in motion it flies.")
+
+    def _turning_loads(self) -> list[TurningLoad]:
+        return [load for load in self.bound_loads if isinstance(load, TurningLoad)]
 
     @property
     def ndofs(self) -> int:
@@ -364,11 +421,12 @@ class System(BoundTerms):
                 solid[self.mesh.elements(term.region)] = True
             elif isinstance(term, HoldsShape):
                 solid[term.elements_held_in_shape(self.mesh)] = True
-        check_held(self.mesh, self.bound_terms, self.supports.held, solid)
+        stay = (self.mesh.d * self.bare[:, None] + np.arange(self.mesh.d)).ravel()
+        check_held(self.mesh, self.bound_terms, np.union1d(self.supports.held, stay), solid & ~self._body.gone)
 
     def parts(self) -> NDArray[np.int32]:
         """(nv,) number of the part that each node is of: parts are what terms hold together."""
-        return parts_of([term.nodes_paired for term in self.bound_terms], self.mesh.nv)
+        return parts_of([joined(term) for term in self.bound_terms], self.mesh.nv)
 
     def free_dofs(self, fixed: Any) -> FreeDofs:
         """The degrees of freedom that are not `fixed`, and K restricted to them without slicing.
@@ -423,8 +481,18 @@ class System(BoundTerms):
             )
         return out
 
-    def _fill(self, x: Array, data: Array, every: Sequence[Any], force: Array | None, kept: Tensions = ALL) -> float:
-        """Fill the values of K, of which `every` term has these rows; adds the force; the energy."""
+    def _fill(
+        self,
+        x: Array,
+        data: Array,
+        every: Sequence[Any],
+        force: Array | None,
+        kept: Tensions = ALL,
+        *,
+        free: FreeDofs | None = None,
+    ) -> float:
+        """Fill the values of K, or of K over the `free` degrees of freedom, of which `every` term has these rows; adds the force;
+        the energy."""
         add = self.mesh.d**2 * every[0].size < self.pattern.nnz  # otherwise the first term writes to all of K
         if add:
             data[:] = 0
@@ -434,6 +502,8 @@ class System(BoundTerms):
             add = True
             refuse_overflow(linearized.total, "K", x)
             energy += linearized.energy
+        if self._bare is not None:
+            self._bare.write(self.pattern, data, free)
         return energy
 
     def _part(
@@ -447,7 +517,7 @@ class System(BoundTerms):
             )
         K, places = self._matrix(out, free.structure), free.places
         if not self._turning and all(term.by_rows(kept) for term in self.pair_terms):
-            self._fill(x, K.data, [rows.part(places) for rows in self._rows()[0]], None, kept)
+            self._fill(x, K.data, [rows.part(places) for rows in self._rows()[0]], None, kept, free=free)
             return K
         with self._turn:
             whole = self._whole if self._whole is not None and self.pattern.fits(self._whole, self.dtype) else None

@@ -8,6 +8,7 @@ from .pressure import Pressure
 from .protocols import (
     BoundLoad,
     BoundTerm,
+    CanRemove,
     Grounded,
     HasDampingForce,
     HasMeanForce,
@@ -34,6 +35,7 @@ __all__ = [
     "BodyForce",
     "BoundLoad",
     "BoundTerm",
+    "CanRemove",
     "EdgeNetwork",
     "ElasticFoundation",
     "Gravity",

@@ -62,11 +62,19 @@ class Body:
         self.quadrature = quadrature or Quadrature.of(mesh.element)
         self._terms = terms
         self._materials = [term for term in terms if isinstance(term, HasSection)]
+        self.gone, self.bare = np.zeros(mesh.nt, dtype=bool), np.zeros(mesh.nv, dtype=bool)
+
+    def remove(self, gone: NDArray[np.bool_], bare: NDArray[np.bool_]) -> None:
+        """Do without the elements that are `gone` (nt,): they have no size, volume and mass, facets of theirs alone no area. The
+        nodes `bare` (nv,) are in nothing any more."""
+        self.gone, self.bare = gone.copy(), bare.copy()
+        for name in ("sizes", "mass", "lumped_mass"):
+            self.__dict__.pop(name, None)
 
     @cached_property
     def sizes(self) -> Array:
-        """(nt,) lengths, areas or volumes of the elements at rest [m^k]."""
-        return sizes_of(self.mesh.p, self.mesh.t, self.mesh.element)
+        """(nt,) lengths, areas or volumes of the elements at rest [m^k]; 0 of those that are gone."""
+        return np.where(self.gone, 0.0, sizes_of(self.mesh.p, self.mesh.t, self.mesh.element))
 
     @cached_property
     def section(self) -> Array:
@@ -139,24 +147,29 @@ class Body:
         return named(self.mesh.element.facet)
 
     def facet_areas(self, facets: NDArray[np.int32]) -> Array:
-        """(n,) areas of facets (m, n) at rest [m^2]: their sizes times section."""
+        """(n,) areas of facets (m, n) at rest [m^2]: their sizes times section; 0 where all elements are gone."""
         return sizes_of(self.mesh.p, facets, self.facet) * self.facet_sections(facets)
 
     def facet_sections(self, facets: NDArray[np.int32]) -> Array:
-        """(n,) the section of the element that each facet (m, n) belongs to; the mean of both between two of them.
+        """(n,) the section of the element that each facet (m, n) belongs to; the mean of both between two of them, 0 if they are
+        gone.
 
         Raises
         ------
         LoadError
             if it is of no simplex and the section is not the same everywhere.
         """
-        if (self.section == self.section[0]).all():
+        if not self.gone.any() and (self.section == self.section[0]).all():
             return np.full(facets.shape[1], self.section[0])
-        every, t2f = facets_of(self.mesh.t, self.mesh.nv, self.mesh.element)
-        owners = t2f.ravel()
-        means = np.bincount(owners, weights=np.tile(self.section, len(t2f))) / np.bincount(owners)
+        every, t2f = self._facets
+        owners, there = t2f.ravel(), np.tile(~self.gone, len(t2f))
+        means = np.bincount(owners, weights=there * np.tile(self.section, len(t2f))) / np.maximum(np.bincount(owners, there), 1)
         found = find_facets(facets, every, self.mesh.nv)
         bad = np.flatnonzero(found < 0)
         if len(bad):
             raise LoadError(f"{name_ids(bad, 'facet')} of {len(found)}: of no element, so without thickness or area.")
         return means[found]
+
+    @cached_property
+    def _facets(self) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
+        return facets_of(self.mesh.t, self.mesh.nv, self.mesh.element)

@@ -114,7 +114,8 @@ class NodalLoad(Load):
 
     def bind(self, body: Body) -> DeadLoad:
         what = f"NodalLoad on {describe(self.where)}"
-        nodes = Nodes(body.mesh, vertices_at(body.mesh, self.where, what))
+        vertices = vertices_at(body.mesh, self.where, what)
+        nodes = Nodes(body.mesh, vertices, np.where(body.bare[vertices], 0.0, 1.0) if body.bare.any() else None)
         return DeadLoad(body.mesh, nodes, Value(self.force, (body.mesh.d,), nodes.x, what, name="force"))
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -70,26 +71,37 @@ class ElasticFoundation:
                 f"{what}: stiffness has shape {k.shape}; expected a number, or {d} components ({', '.join('xyz'[:d])})."
             )
         facets = facets_at(body.mesh, self.where, what)
-        return Bedding(Spread(body.mesh, body.facet, facets, body.facet_areas(facets)), np.broadcast_to(k, d), dtype)
+        return Bedding(lambda: Spread(body.mesh, body.facet, facets, body.facet_areas(facets)), np.broadcast_to(k, d), dtype)
 
 
 class Bedding:
     """A foundation on a mesh: `K = k (x) M` with the mass matrix `M` of its facets, constant.
 
-    It pairs the nodes of each facet, and ties the degrees of freedom `grounded` of its `nodes` (n,) to the ground.
+    It pairs the nodes of each facet, and ties the degrees of freedom `grounded` of its `nodes` (n,) to the ground. `spread` gives
+    the facets as they are in the body now.
     """
 
     symmetric = has_energy = True
     balanced = False
 
-    def __init__(self, spread: Spread, stiffness: NDArray[np.float64], dtype: DTypeLike) -> None:
-        self.nodes, self._k = spread.vertices, stiffness
-        local, self._between, self._own = _masses(spread, dtype)
+    def __init__(self, spread: Callable[[], Spread], stiffness: NDArray[np.float64], dtype: DTypeLike) -> None:
+        self._k, self._spread, self._dtype = stiffness, spread, dtype
+        facets = spread()
+        self.nodes = facets.vertices
+        self._take(facets)
+
+    def _take(self, spread: Spread) -> None:
+        local, self._between, self._own = _masses(spread, self._dtype)
         self.nodes_paired = spread.vertices[local].astype(np.int32)
+        self.nodes_joined = self.nodes_paired[:, self._between > 0]
         self._M = _matrix(local, self._between, self._own)
         self._sizes = abs(self._M)
-        d = len(stiffness)
-        self.grounded = (d * self.nodes[:, None] + np.flatnonzero(stiffness)).ravel()
+        tied = self.nodes[self._own > 0]
+        self.grounded = (len(self._k) * tied[:, None] + np.flatnonzero(self._k)).ravel()
+
+    def remove(self, gone: NDArray[np.bool_]) -> None:
+        """Do without the facets whose elements the body has lost; the pairs stay, with zeros."""
+        self._take(self._spread())
 
     def energy_and_force(self, u: Array, force: Array | None = None) -> float:
         """Energy [J] at `u` (nv, d); adds the force on the springs [N] to `force` (nv, d)."""

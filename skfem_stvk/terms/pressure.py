@@ -65,13 +65,13 @@ class Pressure(Load):
             raise LoadError(f"Pressure: the mesh has {mesh.kind}, which have no surface. Use Traction or NodalLoad.")
         if mesh.k < mesh.d:
             what = "Pressure" if self.where is None else f"Pressure on {describe(self.where)}"
-            surface, vertices, element = _membrane(mesh, self.where, what), None, mesh.element
+            surface, ids = _membrane(mesh, self.where, what)
+            sizes, vertices, element = np.where(body.gone[ids], 0.0, 1.0), None, mesh.element
         else:
             what = f"Pressure on {describe(self.where)}"
             surface, element = _outwards(mesh, self.where, what), body.facet
-            vertices = in_order(mesh, self.where, surface)
-        thickness = body.facet_sections(surface) if mesh.d == 2 else np.ones(surface.shape[1])
-        spread = Spread(mesh, element, surface, thickness, vertices)
+            vertices, sizes = in_order(mesh, self.where, surface), body.facet_sections(surface)  # 1 of solids
+        spread = Spread(mesh, element, surface, sizes, vertices)
         return FollowerPressure(mesh, surface, spread, Value(self.pressure, (), spread.x, what, name="pressure"))
 
 
@@ -166,8 +166,8 @@ def _outwards(mesh: ElementMesh, where: Any, what: str) -> NDArray[np.int32]:
     return mesh.surface[:, found]
 
 
-def _membrane(mesh: ElementMesh, where: Any, what: str) -> NDArray[np.int32]:
-    """(m, n) surface elements in space, all turned alike."""
+def _membrane(mesh: ElementMesh, where: Any, what: str) -> tuple[NDArray[np.int32], NDArray[np.int64]]:
+    """(m, n) surface elements in space, all turned alike, and their ids."""
     if callable(where):
         raise LoadError(
             f"{what}: {mesh.element.name} in space are the surface themselves; expected the name of a subdomain, element ids or a "
@@ -182,7 +182,7 @@ def _membrane(mesh: ElementMesh, where: Any, what: str) -> NDArray[np.int32]:
             "has no direction there. Leave some of them out."
         )
     t[:, turned] = t[_turned(mesh.element)][:, turned]
-    return t
+    return t, ids
 
 
 def _turned(element: Element) -> list[int]:

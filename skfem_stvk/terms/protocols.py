@@ -179,6 +179,18 @@ class HasStretch(Protocol):
 
 
 @runtime_checkable
+class CanRemove(Protocol):
+    """A term that elements can be taken out of. Loads need none of it: they are bound anew, to what is left of the body."""
+
+    def remove(self, gone: NDArray[np.bool_]) -> None:
+        """Do without the elements that are `gone` (n,), of the region's in their order; of all, if its specification has no region.
+
+        Each time all that are gone are said. The pairs of nodes that it couples stay, with blocks of zeros; those that it still
+        holds together are its `nodes_joined` (2, m), if it says them.
+        """
+
+
+@runtime_checkable
 class HasStress(Protocol):
     """A specification of a material that carries stress on the elements of its `region`."""
 

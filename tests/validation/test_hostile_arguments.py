@@ -74,6 +74,7 @@ WITHOUT = {
         "HasState",
         "HasStress",
         "HasStretch",
+        "CanRemove",
         "HasVolume",
         "HoldsShape",
         "Integrator",

@@ -6,13 +6,13 @@ from typing import Any
 
 import numpy as np
 
-from skfem_stvk import ElementMesh
+from skfem_stvk import ElementMesh, StVK, System, Traction
 from skfem_stvk.edges import TENSILE
 from skfem_stvk.system import Supports
 from skfem_stvk.terms.load import Moment
 
 from .call import Call
-from .small_bodies import COMPLEX, NUMBER, OPTIONAL, call, displacements, system
+from .small_bodies import COMPLEX, NUMBER, OPTIONAL, call, displacements, mesh, system
 
 #: Functions of displacements alone, and of displacements and the load factor.
 OF_U = (
@@ -89,6 +89,20 @@ def calls() -> list[Call]:
             free=np.arange(10.0),
             fixed=[0.5, 0.25],
         ),
+        call(
+            "System.remove",
+            _left,
+            {"elements": frozenset({"empty list", "empty dict", "empty array", "one longer", "text"})},
+            {"elements": "region|elements|subdomain"},
+            elements=[0, 3],
+        ),
+        call(
+            "System.elements_to_remove",
+            body.elements_to_remove,
+            {"elements": frozenset({"empty list", "empty dict", "empty array", "one longer"})},
+            {"elements": "region|elements|subdomain"},
+            elements=[0, 3],
+        ),
         call("Mass.multiply", mass.multiply, v=u),
         call("Mass.solve", mass.solve, f=u),
         call("consistent Mass.multiply", body.mass("consistent").multiply, v=u),
@@ -110,6 +124,12 @@ def calls() -> list[Call]:
 def _supports(mesh: ElementMesh, fixed: Any, prescribed: Any) -> Any:
     supports = Supports(mesh, fixed, prescribed)
     return supports.held, supports.values(0.5)
+
+
+def _left(elements: Any) -> Any:
+    body = System(mesh(), [StVK(young=2.0, poisson=0.25), Traction("right", (0.25, 0.0))])
+    body.remove(elements)
+    return body.removed, body.residual(displacements())
 
 
 def _added(K: Any, factor: Any) -> Any:

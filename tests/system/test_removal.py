@@ -1,0 +1,422 @@
+"""Elements that are taken out of a body: what is left is the body that was built without them, in the pattern of the whole."""
+
+import warnings
+
+import numpy as np
+import pytest
+import skfem
+from bodies import EVERY_MESH, random_frames, some_voigt, state
+from terms.toys import Anchors, Friction, Springs, Vortex
+
+from skfem_stvk import (
+    Anisotropic,
+    BodyForce,
+    ElasticFoundation,
+    ElementMesh,
+    Gravity,
+    NodalLoad,
+    Pressure,
+    RegionError,
+    StVK,
+    StvkError,
+    StvkWarning,
+    SupportError,
+    System,
+    Traction,
+    VolumePenalty,
+    modes,
+    solve_static,
+)
+from skfem_stvk.dynamics.forces import add_damping_force, add_mean_force
+from skfem_stvk.edges import TENSILE
+from skfem_stvk.kernels.lanes import LANES
+from skfem_stvk.kernels.threads import threads
+from skfem_stvk.mesh.facets import facets_of, find_facets
+from skfem_stvk.terms.load import Moment
+
+RNG = np.random.default_rng(21)
+BOXES = [name for name, mesh in EVERY_MESH.items() if mesh.element.is_box and mesh.k == mesh.d]
+CASES = [(name, None) for name in EVERY_MESH] + [(name, "one-point") for name in BOXES]
+
+
+def quietly(what, *arguments, **options):
+    """Without the warnings of parts that come loose, and of what they hold."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", StvkWarning)
+        return what(*arguments, **options)
+
+
+class Pair:
+    """A body of which elements are taken out, and the one that is built of the others, with the same of everything."""
+
+    def __init__(self, name, quadrature=None, dtype=np.float64, loads=True):
+        mesh, rng = EVERY_MESH[name], np.random.default_rng(5)
+        self.out = rng.permutation(mesh.nt)[: mesh.nt // 3 + 1]
+        self.kept = np.setdiff1d(np.arange(mesh.nt), self.out)
+        self.used = np.unique(mesh.t[:, self.kept])
+        number = np.full(mesh.nv, -1)
+        number[self.used] = np.arange(len(self.used))
+        every, t2f = facets_of(mesh.t, mesh.nv, mesh.element)
+        facets = every[:, :: 2 if mesh.k > 1 else 1]
+        outer = mesh.surface
+        there = np.zeros(every.shape[1], dtype=bool)
+        there[t2f[:, self.kept]] = True
+        left, left_outer = (one[:, there[find_facets(one, every, mesh.nv)]] for one in (facets, outer))
+        self.mesh = ElementMesh(mesh.p, mesh.t, boundaries={"some": facets, "outer": outer}, element=mesh.element)
+        self.rest = ElementMesh(
+            mesh.p[:, self.used],
+            number[mesh.t[:, self.kept]],
+            boundaries={"some": number[left], "outer": number[left_outer]},
+            element=mesh.element,
+        )
+        self.dofs = (mesh.d * self.used[:, None] + np.arange(mesh.d)).ravel()
+        numbers = rng.uniform(1, 2, (4, mesh.nt)), random_frames(mesh.nt, rng), some_voigt(rng)
+        options = {"quadrature": quadrature, "dtype": dtype}
+        self.whole = quietly(System, self.mesh, self.terms(np.arange(mesh.nt), numbers, loads), **options)
+        self.part = quietly(System, self.rest, self.terms(self.kept, numbers, loads), **options)
+
+    def terms(self, ids, numbers, loads):
+        """Of some elements: a law on all, a general one on half, a penalty on two thirds, and all kinds of loads."""
+        mesh, ((young, density, k, section), frames, C) = self.mesh, numbers
+        size = {1: {"area": section[ids]}, 2: {"thickness": section[ids]}, 3: {}}[mesh.k]
+        half, some = (np.flatnonzero(ids % m < n) for m, n in ((2, 1), (3, 2)))
+        also = {name: value[half] for name, value in size.items()}
+        found = [
+            StVK(young=young[ids], poisson=0.3, density=density[ids], **size),
+            StVK(Anisotropic(C, frame=frames[ids[half]], density=2.0), region=half, **also),
+        ]
+        if mesh.k == mesh.d:
+            found.append(VolumePenalty(k[ids[some]], "quadratic", some))
+        if loads:
+            found += [
+                ElasticFoundation("some", np.arange(1.0, mesh.d + 1)),
+                Gravity(np.arange(1.0, mesh.d + 1)),
+                BodyForce(lambda x, t: [t + x[0] ** 2] * mesh.d, region=half),
+                Traction("some", lambda x, t: [t + x[0]] * mesh.d),
+            ]
+        if loads and mesh.k == mesh.d > 1:
+            found.append(Pressure("outer", lambda t: 2 * t))
+        return found
+
+    def remove(self):
+        quietly(self.whole.remove, self.out[: len(self.out) // 2])
+        quietly(self.whole.remove, self.out)
+        return self
+
+
+@pytest.fixture(scope="module")
+def pairs():
+    made = {}
+
+    def pair(name, quadrature=None):
+        if (name, quadrature) not in made:
+            made[name, quadrature] = Pair(name, quadrature).remove()
+        return made[name, quadrature]
+
+    return pair
+
+
+def alike(found, wanted, limit=1e-14):
+    return np.abs(found - wanted).max() <= limit * np.abs(wanted).max()
+
+
+@pytest.mark.parametrize(("name", "quadrature"), CASES)
+def test_energy_force_and_all_that_is_made_of_displacements_are_those_of_what_is_left(pairs, name, quadrature):
+    pair = pairs(name, quadrature)
+    whole, part, dofs = pair.whole, pair.part, pair.dofs
+    u, v = 0.7 * state(pair.mesh), state(pair.mesh, seed=8)
+    x, y = u[dofs], v[dofs]
+    assert whole.energies(u, 0.7).keys() == part.energies(x, 0.7).keys()
+    assert whole.energies(u, 0.7) == pytest.approx(part.energies(x, 0.7), rel=1e-13)
+    others = np.setdiff1d(np.arange(whole.ndofs), dofs)
+    for kind in ("internal_force", "round_off", "foundation_force"):
+        found, wanted = getattr(whole, kind)(u), getattr(part, kind)(x)
+        limit = 1.0 if kind == "round_off" else 1e-14  # sizes are those within frames
+        assert alike(found[dofs], wanted, limit) and not found[others].any(), kind
+    for moment in (0.3, Moment(2.0, 1.0, "lumped"), Moment(2.0, 1.0)):
+        found, wanted = whole.external_force(u, moment), part.external_force(x, moment)
+        assert alike(found[dofs], wanted) and not found[others].any()
+    for system, state_of, direction in ((whole, u, v), (part, x, y)):
+        assert not system.mesh.nt or np.isfinite(system.product(state_of, direction)).all()
+    assert alike(whole.product(u, v)[dofs], part.product(x, y)) and not whole.product(u, v)[others].any()
+    for add in (add_mean_force, add_damping_force):
+        found, wanted = np.zeros(whole.ndofs), np.zeros(part.ndofs)
+        assert add(whole, u, v, found) == pytest.approx(add(part, x, y, wanted), rel=1e-13)
+        assert alike(found[dofs], wanted, 1e-13) and not found[others].any()
+    if whole.quartic:
+        assert np.allclose(whole.energy_along(u, v), part.energy_along(x, y), rtol=1e-13)
+
+
+@pytest.mark.parametrize(("name", "quadrature"), CASES)
+def test_tangents_are_those_of_what_is_left_in_the_old_pattern_and_bare_nodes_have_a_diagonal(pairs, name, quadrature):
+    pair = pairs(name, quadrature)
+    whole, part, dofs = pair.whole, pair.part, pair.dofs
+    u = 0.7 * state(pair.mesh)
+    x, before = u[dofs], whole.pattern_version
+    held = whole.free_dofs(np.arange(pair.mesh.d))
+    for kept in ((), (TENSILE,)):
+        options = {"kept": kept[0]} if kept else {}
+        K, wanted = whole.jacobian(u, 0.7, **options), part.jacobian(x, 0.7, **options).toarray()
+        assert alike(K[dofs][:, dofs].toarray(), wanted, 3e-14)
+        others = np.setdiff1d(np.arange(whole.ndofs), dofs)
+        assert others.size == pair.mesh.d * len(whole.bare)
+        rest = K[others].toarray()
+        assert not np.delete(rest, others, axis=1).any()
+        if others.size:
+            stiffness = rest[:, others]
+            assert (stiffness == stiffness[0, 0] * np.eye(len(others))).all()
+            assert 0.05 < stiffness[0, 0] / np.abs(wanted.diagonal()).mean() < 20
+        assert (whole.jacobian(u, 0.7, free=held, **options).toarray() == held.matrix(K).toarray()).all()
+    assert (whole.tangent(u).indices == whole.pattern.indices).all() and whole.pattern_version == before
+    W, F, K = whole.linearize(u)
+    assert pytest.approx(part.energy(x), rel=1e-13) == W and alike(F[dofs], part.internal_force(x))
+    assert (K.data == whole.tangent(u).data).all()
+
+
+@pytest.mark.parametrize("name", EVERY_MESH)
+@pytest.mark.parametrize("kind", ["lumped", "consistent"])
+def test_masses_are_those_of_what_is_left_also_those_that_were_asked_for_before(name, kind):
+    pair = Pair(name)
+    early = pair.whole.mass(kind)
+    pair.remove()
+    part, dofs = pair.part.mass(kind), pair.dofs
+    others = np.setdiff1d(np.arange(pair.whole.ndofs), dofs)
+    v = RNG.standard_normal(pair.whole.ndofs)
+    fresh = Pair(name).remove().whole.mass(kind)
+    for mass in (early, fresh):
+        assert mass.total == pytest.approx(part.total, rel=1e-14)
+        assert alike(mass.matrix.toarray()[np.ix_(dofs, dofs)], part.matrix.toarray())
+        for found, wanted in ((mass.multiply(v), part.multiply(v[dofs])), (mass.solve(v), part.solve(v[dofs]))):
+            assert alike(found[dofs], wanted, 1e-12) and not found[others].any()
+    K = pair.whole.tangent(np.zeros(pair.whole.ndofs))
+    before = K.data.copy()
+    early.add_to(K, 2.0)
+    K.data -= before
+    assert alike(K.toarray(), 2 * early.matrix.toarray(), 1e-11)
+
+
+@pytest.mark.parametrize(("name", "quadrature"), CASES)
+def test_volumes_and_stretches_of_what_is_out_count_no_more(pairs, name, quadrature):
+    pair = pairs(name, quadrature)
+    whole, part, dofs, mesh = pair.whole, pair.part, pair.dofs, pair.mesh
+    u, v = 0.2 * state(mesh), state(mesh, seed=8)
+    assert whole.smallest_volume_ratio(u) == part.smallest_volume_ratio(u[dofs])
+    assert whole.smallest_stretch(u) == part.smallest_stretch(u[dofs])
+    assert whole.step_limit(u, v) == pytest.approx(part.step_limit(u[dofs], v[dofs]), rel=1e-12)
+    crushed = 1.5 * state(mesh)
+    assert (whole.inside_out(crushed) == pair.kept[part.inside_out(crushed[dofs])]).all()
+    below = np.nextafter(np.median(np.concatenate([[part.smallest_stretch(crushed[dofs])], [1.5]])), 9)
+    assert len(whole.compressed(crushed, below))
+    assert (whole.compressed(crushed, below) == pair.kept[part.compressed(crushed[dofs], below)]).all()
+
+
+def test_pressure_on_a_membrane_is_that_on_what_is_left_turned_as_it_was():
+    flat = skfem.MeshTri.init_tensor(np.linspace(0, 1, 5), np.linspace(0, 1, 3))
+    (a, b, c), t = flat.p.T[flat.t], flat.t.copy()
+    turned = np.linalg.det(np.stack([b - a, c - a], axis=1)) < 0
+    t[:2, turned] = t[1::-1, turned]  # all alike, for the pieces that are left may be apart
+    mesh = ElementMesh(np.vstack([flat.p, 0.2 * flat.p[0] ** 2]), t)
+    out, law, u = np.arange(0, mesh.nt, 3), StVK(young=1.0, poisson=0.3), 0.3 * state(mesh)
+    body = System(mesh, [law, Pressure(None, 2.0)])
+    quietly(body.remove, out)
+    left = quietly(System, mesh, [law, *(Pressure([one], 2.0) for one in np.setdiff1d(np.arange(mesh.nt), out))])
+    assert alike(body.external_force(u), left.external_force(u), 3e-15)
+    assert alike(body.jacobian(u).data - body.tangent(u).data, left.jacobian(u).data - left.tangent(u).data, 1e-13)
+
+
+def test_a_barrier_does_not_mind_what_is_out_and_inside_out():
+    mesh = EVERY_MESH["tetrahedra"]
+    body = System(mesh, [StVK(young=1.0, poisson=0.3), VolumePenalty()])
+    u = state(mesh, 0.5)
+    turned = body.inside_out(u)
+    assert 0 < len(turned) < mesh.nt
+    quietly(body.remove, turned)
+    assert np.isfinite(body.energy(u)) and np.isfinite(body.tangent(u).data).all()
+
+
+def test_single_precision_and_threads():
+    import numba
+
+    single, double = Pair("tetrahedra", dtype=np.float32).remove(), Pair("tetrahedra").remove()
+    u = 0.5 * state(double.mesh)
+    assert alike(single.whole.internal_force(u), double.whole.internal_force(u), 1e-5)
+    assert alike(single.whole.tangent(u).data, double.whole.tangent(u).data, 1e-5)
+    K, F, many = double.whole.tangent(u).data, double.whole.internal_force(u), threads()
+    try:
+        numba.set_num_threads(3 - many if many < 3 else 1)
+        assert alike(double.whole.internal_force(u), F) and alike(double.whole.tangent(u).data, K)
+    finally:
+        numba.set_num_threads(many)
+
+
+def test_the_edge_form_is_that_of_what_is_left(pairs):
+    pair = pairs("tetrahedra")
+    form, u = pair.whole.bound_terms[0].form, state(pair.mesh).reshape(-1, 3)
+    zeta = form.squared_elongations(u)
+    assert zeta @ form.L @ zeta / 4 == pytest.approx(pair.whole.bound_terms[0].energy_and_force(u), rel=1e-13)
+
+
+def strip(**options):
+    """A strip of 2 x 8 triangles on each of 4 columns, held at the left."""
+    mesh = skfem.MeshTri.init_tensor(np.linspace(0, 4, 9), np.linspace(0, 1, 3))
+    terms = [StVK(young=1e4, poisson=0.3, density=1.0), Gravity((0, -5.0)), NodalLoad(lambda x: x[0] > 3.9, (3.0, 0))]
+    return System(mesh, terms, fixed={lambda x: x[0] == 0: "xy"}, **options)
+
+
+def column(system, low, high):
+    """Elements with their centres between."""
+    x = system.mesh.p[0, system.mesh.t].mean(axis=0)
+    return np.flatnonzero((low < x) & (x < high))
+
+
+@pytest.mark.parametrize("solver", ["superlu", "ssor-cg", "block-jacobi-cg", "amg-cg"])
+def test_equilibria_of_what_is_left(solver):
+    body = strip()
+    kept = np.setdiff1d(np.arange(body.mesh.nt), column(body, 3.5, 9))
+    used = np.unique(body.mesh.t[:, kept])
+    number = np.full(body.mesh.nv, -1)
+    number[used] = np.arange(len(used))
+    other = System(
+        ElementMesh(body.mesh.p[:, used], number[body.mesh.t[:, kept]]), [*body.terms[:2]], fixed={lambda x: x[0] == 0: "xy"}
+    )
+    body.remove(column(body, 3.5, 9))
+    found, wanted = (solve_static(one, solver=solver, steps=2, quiet=True) for one in (body, other))
+    dofs = (2 * used[:, None] + np.arange(2)).ravel()
+    assert alike(found.u[dofs], wanted.u, 1e-6)
+    assert not np.delete(found.u, dofs).any()
+    assert found.reaction().resultant == pytest.approx(wanted.reaction().resultant, rel=1e-6, abs=1e-6)
+    np.testing.assert_allclose(found.stress()[kept], wanted.stress(), rtol=1e-5, atol=1e-5 * np.abs(wanted.stress()).max())
+    if solver == "superlu":
+        assert modes(body, 4).frequencies == pytest.approx(modes(other, 4).frequencies, rel=1e-9)
+
+
+def test_a_solver_analyses_nothing_again():
+    from skfem_stvk.linear.superlu import SuperLU
+    from skfem_stvk.system.free_tangent import FreeTangent
+
+    body = strip()
+    calls = []
+
+    class Counted(SuperLU):
+        def analyse(self, unknowns):
+            calls.append(1)
+            return super().analyse(unknowns)
+
+    from skfem_stvk.linear import Kind
+
+    tangent = FreeTangent(body, Counted(), Kind.SYMMETRIC, lambda: np.zeros(body.ndofs))
+    u = np.zeros(body.ndofs)
+    for gone in ([], [5], [6, 31]):
+        body.remove(gone)
+        tangent.factorise(tangent.free_matrix(u, 1.0)).solve(np.ones(len(tangent.free.free)))
+    assert calls == [1]
+
+
+def test_what_comes_loose_is_told_and_refused_in_statics():
+    body = strip()
+    with pytest.warns(StvkWarning, match=r"1 part comes loose: 16 elements \(8, .*\) with 15 vertices"):
+        body.remove(column(body, 1.5, 2))
+    assert len(np.unique(body.parts())) == 2
+    with pytest.raises(SupportError, match=r"the part of 15 vertices .* has 3 rigid modes left"):
+        solve_static(body, quiet=True)
+    quietly(body.remove, column(body, 2, 9))
+    assert solve_static(body, quiet=True).success
+    assert len(body.bare) == 15
+
+
+def test_a_free_body_falls_into_pieces_of_which_the_largest_is_the_body():
+    body = System(strip().mesh, StVK(young=1.0, poisson=0.3))
+    with pytest.warns(StvkWarning, match=r"1 part comes loose: 12 elements"):
+        body.remove(column(body, 1.5, 2))
+    body.remove(column(body, 3.5, 9))  # of what is loose already
+    with pytest.warns(StvkWarning, match=r"1 part comes loose"):
+        body.remove(column(body, 2.5, 3))
+
+
+def test_a_part_whose_support_goes_comes_loose():
+    body = strip()
+    with pytest.warns(StvkWarning, match=r"1 part comes loose: 28 elements"):
+        body.remove(column(body, 0, 0.5))
+
+
+def test_a_part_that_hangs_by_a_vertex_is_a_mechanism():
+    body = strip()
+    x = body.mesh.p[:, body.mesh.t].mean(axis=1)
+    body.remove(np.flatnonzero((x[0] > 1.5) & (x[0] < 2) & (x[1] > 0.5)))
+    solve_static(body, quiet=True)
+    lower = np.flatnonzero((x[0] > 1.5) & (x[0] < 2) & (x[1] < 0.5))
+    body.remove(lower[:1])
+    with pytest.raises(SupportError, match="mechanism"):
+        solve_static(body, quiet=True)
+
+
+def test_removed_twice_none_and_masks():
+    body = strip()
+    body.remove([])
+    body.remove(np.zeros(body.mesh.nt, dtype=bool))
+    assert body.removals == 0 and body.energy(state(body.mesh)) == strip().energy(state(body.mesh))
+    body.remove([4])
+    mask = np.zeros(body.mesh.nt, dtype=bool)
+    mask[[4, 9]] = True
+    body.remove(mask)
+    W = body.energy(state(body.mesh))
+    body.remove([9])
+    assert (body.removed == [4, 9]).all() and body.removals == 2 and body.energy(state(body.mesh)) == W
+
+
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        ([99], "outside 0"),
+        ([-1], "outside 0"),
+        ([1, 1], "more than once"),
+        (np.ones(3, dtype=bool), "mask of shape"),
+        ("nowhere", "no subdomain"),
+        ([0.5], "expected a list"),
+        (np.arange(32), "All 32 elements would be taken out"),
+        (None, "All 32 elements would be taken out"),
+    ],
+)
+def test_what_cannot_be_taken_out_is_refused_and_nothing_changes(given, message):
+    body = strip()
+    with pytest.raises(RegionError, match=message):
+        body.remove(given)
+    assert body.removals == 0
+
+
+@pytest.mark.parametrize(
+    ("term", "name"),
+    [(Springs(np.array([[0], [5]])), "Springs"), (Anchors([5, 2, 7], 3.0), "Anchors"), (Friction([1, 2], 3.0), "Friction")],
+    ids=lambda one: one if isinstance(one, str) else "",
+)
+def test_terms_that_know_no_elements_refuse_by_name(term, name):
+    mesh = EVERY_MESH["tetrahedra"]
+    body = System(mesh, [StVK(young=1.0, poisson=0.3), term])
+    W = body.energy(state(mesh))
+    with pytest.raises(StvkError, match=f"{name}: no elements can be taken out"):
+        body.remove([0])
+    assert body.energy(state(mesh)) == W and not body.removed.size
+
+
+def test_loads_that_know_no_elements_are_bound_anew():
+    mesh = EVERY_MESH["tetrahedra"]
+    body = System(mesh, [StVK(young=1.0, poisson=0.3), Vortex([1, 4, 9], 2.0)])
+    K = body.jacobian(state(mesh))
+    body.remove([0])
+    assert np.isfinite(body.jacobian(state(mesh), out=K).data).all()
+
+
+def test_a_stiffness_that_stays_behind_is_seen():
+    """The planted fault: one element of a block keeps its numbers."""
+    pair = Pair("tetrahedra", loads=False)
+    term = pair.whole.bound_terms[0]
+    kept = term._D.copy()
+    pair.remove()
+    u = state(pair.mesh)
+    wanted = pair.part.internal_force(u[pair.dofs])
+    assert alike(pair.whole.internal_force(u)[pair.dofs], wanted)
+    own = int(np.flatnonzero(term.elements.elements == pair.out[0])[0])
+    block, lane = divmod(own, LANES)
+    numbers = slice(block * (len(kept) // len(term.elements.t)) + lane, (block + 1) * (len(kept) // len(term.elements.t)), LANES)
+    term._D[numbers] = kept[numbers]
+    assert not alike(pair.whole.internal_force(u)[pair.dofs], wanted, 1e-3)
