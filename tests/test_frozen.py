@@ -11,6 +11,7 @@ import skfem_stvk
 from skfem_stvk import (
     Anisotropic,
     BodyForce,
+    EdgeNetwork,
     ElasticFoundation,
     ElementMesh,
     Gravity,
@@ -36,6 +37,7 @@ VOIGT = np.diag([3.0, 4.0, 5.0, 1.0, 1.5, 2.0])
 POISSON, SHEAR = (0.1, 0.2, 0.1), (1.0, 1.1, 1.2)
 BASIS = skfem.Basis(skfem.MeshTet(MESH.p, MESH.t), skfem.ElementVector(skfem.ElementTetP1()))
 HALF = np.arange(MESH.nt // 2)
+NETWORK = EdgeNetwork.of(MESH, StVK(young=2.0, poisson=0.3))
 STIFF = np.linspace(1, 2, MESH.nt)
 
 
@@ -66,6 +68,7 @@ ARRAYS = {
     "Pressure, where": (lambda ids: with_load(Pressure(ids, 2.0)), WALL),
     "ElasticFoundation": (lambda k: with_load(ElasticFoundation(WALL, k)), np.array([1.0, 2.0, 3.0])),
     "ElasticFoundation, where": (lambda ids: with_load(ElasticFoundation(ids, 3.0)), WALL),
+    "EdgeNetwork": (lambda edges: [EdgeNetwork(edges, NETWORK.L)], NETWORK.edges),
     "StVK": (lambda E: [StVK(young=E, poisson=0.3)], STIFF),
     "StVK, region": (lambda ids: with_region(StVK(young=5.0, poisson=0.2, region=ids)), HALF),
     "VolumePenalty": (lambda k: with_region(VolumePenalty(k, "compression")), STIFF),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
@@ -20,7 +20,7 @@ from .results import NotApplicable
 from .shape import Shape
 
 EPS = float(np.finfo(float).eps)
-OURS, REFERENCE, CANDIDATE = "skfem-stvk", "scikit-fem", "candidate"
+OURS, EDGES, REFERENCE, CANDIDATE = "skfem-stvk", "edges and TSEPs", "scikit-fem", "candidate"
 STRETCH = "100 % stretch"
 #: States in which elements may be inside out.
 INVERTED = ("large random", "reflected random")
@@ -33,6 +33,9 @@ class Case:
     This package and somebody's candidate are held against the reference (`Truth`); scikit-fem's assembly of all elements is there
     for its speed. States are displacements (ndofs,) [m], `bare` counts the elements of no term, and the check of precision fills
     the rows of error against strain.
+
+    `network` is the same body by the sum of eq. 14 over edges and pairs of edges; None for elements without an edge form. Of it
+    checks ask in a case of its own (`of_edges`), in which it is what this package has to say.
     """
 
     shape: Shape
@@ -45,6 +48,8 @@ class Case:
     seed: int
     homogeneous: Homogeneous
     bare: int = 0
+    network: Player | None = None
+    by_edges: bool = False
     precision: list[dict[str, Any]] = field(default_factory=list)
     _state: str = field(default="", init=False)
     _values: dict[tuple[str, str], Any] = field(default_factory=dict, init=False)
@@ -64,6 +69,10 @@ class Case:
     def players(self) -> list[Player]:
         """Those who are checked: the candidate too, if there is one."""
         return [self.ours] + ([self.candidate] if self.candidate else [])
+
+    def of_edges(self) -> Case | None:
+        """The case in which the network is held against the reference, with the limits that the edge form has; None without them."""
+        return None if self.network is None else replace(self, ours=self.network, candidate=None, by_edges=True)
 
     def is_stvk(self, player: Player) -> bool:
         """Whether the player claims to be St. Venant-Kirchhoff."""
@@ -147,8 +156,8 @@ class Case:
 
     @cached_property
     def limits(self) -> Limits:
-        """How large relative errors may be in each state."""
-        return Limits(self.shape)
+        """How large relative errors may be in each state: of the edge form, in whose sums more cancels, by as much more."""
+        return Limits(self.shape, self.shape.aspect if self.by_edges else np.ones(self.mesh.nt))
 
     def amplitude(self, u: Array) -> float:
         """The size of a direction, over that of an element, that is scaled to the strain of the state: a unit would drown it."""

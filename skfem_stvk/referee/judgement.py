@@ -151,19 +151,20 @@ class Limits:
         max(1e-12, 20 eps c (l + |u|/s)/h), at most 1e-6
 
     where `c` is 1, or how much larger the parts of a sum are than itself, and `s` is 1, or the size of the change, over that of an
-    element, if what is judged is a difference of two states.
+    element, if what is judged is a difference of two states. `cancelled` (nt,) is a `c` that all forms have there: the edge form's
+    is the aspect ratio itself (docs/precision.md).
     `h` and `l` are those at the worst of its points. A rest frame and a displacement hold their digits relative to `l` and `|u|`,
     and strain divides what is lost by `h`. Right forms keep to a seventh of it, on needles, single slivers, random clouds and
     boxes pressed flat.
     """
 
-    def __init__(self, shape: Shape) -> None:
-        self.shape, self.mesh = shape, shape.mesh
+    def __init__(self, shape: Shape, cancelled: Array) -> None:
+        self.shape, self.mesh, self._cancelled = shape, shape.mesh, cancelled
 
     def of_elements(self, u: Array, cancelled: float = 1.0, change: float = 1.0) -> Array:
         """(nt,) limits at `u` (ndofs,), with `c = cancelled` and `s = change`."""
         moved = np.linalg.norm(u.reshape(-1, self.mesh.d), axis=1)[self.mesh.t].max(axis=0)
-        limit = LIMIT_BY_ASPECT * cancelled * (self.shape.aspect + moved / change * self.shape.steepest)
+        limit = LIMIT_BY_ASPECT * cancelled * self._cancelled * (self.shape.aspect + moved / change * self.shape.steepest)
         return np.asarray(np.clip(limit, LIMIT, HIGHEST))
 
     def of_nodes(self, u: Array, change: float = 1.0) -> Array:

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import time
+import warnings
 from collections.abc import Callable, Iterator, Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -11,13 +13,13 @@ from numpy.typing import ArrayLike
 
 from ..arguments import flag, shown, whole
 from ..elements import HOURGLASS
-from ..errors import MaterialError, StvkError
+from ..errors import MaterialError, StvkError, StvkWarning
 from ..materials import Material
 from ..mesh import ElementMesh, MeshLike
 from ..system import System
-from ..terms import StVK
+from ..terms import EdgeNetwork, StVK
 from .bodies import elasticity, homogeneous_copy, hourglass_control, reference_on
-from .case import CANDIDATE, OURS, REFERENCE, STRETCH, Case, named_states
+from .case import CANDIDATE, EDGES, OURS, REFERENCE, STRETCH, Case, named_states
 from .checks.agreement import agreement, derivatives
 from .checks.homogeneous import homogeneous_states
 from .checks.precision import error_table, precision, speed_table
@@ -27,7 +29,7 @@ from .exact import Truth
 from .header import header
 from .players import METHODS, Player
 from .report import Report
-from .results import CheckOutcome, Result, Task
+from .results import CheckOutcome, NotApplicable, Result, Task
 from .shape import Shape
 from .terminal import CountedProgress
 
@@ -41,6 +43,8 @@ CHECKS: tuple[Callable[[Case], Iterator[Task]], ...] = (
     homogeneous_states,
     precision,
 )
+#: Those that the sum over edges and pairs of edges goes through as well.
+OF_EDGES = (agreement, derivatives, invariance, balance, zero_modes)
 
 
 def verify(
@@ -101,7 +105,7 @@ def verify(
     if case.candidate is not None and not any(case.candidate.has(quantity) for quantity in METHODS):
         raise StvkError(f"candidate, of type {type(candidate).__name__}, has none of {', '.join(METHODS.values())}.")
     head = header(shape, terms, type(mesh).__name__, seed) | {"reference": case.reference.model.described()}
-    report, tasks = Report(head, precision=case.precision), [task for check in CHECKS for task in check(case)]
+    report, tasks = Report(head, precision=case.precision), list(_tasks(case))
     with CountedProgress("verify", len(tasks) + 1, quiet) as progress:
         try:
             for task in tasks:
@@ -114,6 +118,21 @@ def verify(
             report.results += [task.missed("interrupted") for task in tasks[len(report.results) :]]
     report.seconds = time.perf_counter() - started
     return report
+
+
+def _tasks(case: Case) -> Iterator[Task]:
+    """The tasks of all checks, each first of the simplices and then of the edges."""
+    of_edges = case.of_edges()
+    for check in CHECKS:
+        yield from check(case)
+        if of_edges is not None and check in OF_EDGES:
+            yield from check(of_edges)
+    if of_edges is None:
+        yield Task("agreement", Player(EDGES, None, case.ours.ndofs), "W, F, K", "rest", "", partial(_no_edge_form, case))
+
+
+def _no_edge_form(case: Case) -> dict[str, Any]:
+    raise NotApplicable(f"{case.mesh.element.name}: their strain is not the same everywhere, so the lengths of edges do not say it")
 
 
 def _measure_speed(report: Report, case: Case) -> None:
@@ -159,7 +178,15 @@ def _case(system: System, shape: Shape, terms: Sequence[StVK], candidate: Any, c
         states={},
         seed=seed,
         homogeneous=homogeneous_copy(mesh, terms, shape),
+        network=Player(EDGES, _network(mesh, terms), ndofs) if mesh.element.is_linear_simplex else None,
         bare=mesh.nt - len(np.unique(np.concatenate([mesh.elements(term.region) for term in terms]))),
     )
     case.states.update(named_states(case.centred, case.node_size, case.random("states")))
     return case
+
+
+def _network(mesh: ElementMesh, terms: Sequence[StVK]) -> System:
+    """The body by the sum over edges and pairs of edges; what there is to warn of has been said by that of simplices."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", StvkWarning)
+        return System(mesh, EdgeNetwork.of(mesh, terms))

@@ -1,9 +1,10 @@
 import numpy as np
 import pytest
 import skfem
-from bodies import BODIES, MESHES, box, node_sizes
+from bodies import BODIES, CURVED, MESHES, box, node_sizes
 
 from skfem_stvk import (
+    EdgeNetwork,
     ElementMesh,
     Isotropic,
     MaterialError,
@@ -16,6 +17,7 @@ from skfem_stvk import (
     embedded_mesh,
     verify,
 )
+from skfem_stvk.referee.case import EDGES
 from skfem_stvk.referee.checks.homogeneous import CLOSED_FORMS
 from skfem_stvk.referee.results import CheckOutcome
 
@@ -44,7 +46,31 @@ def test_all_named_states_agree_to_1e_13():
         "large random",
         "reflected random",
     }
-    assert len(agreement) == 24 and max(r.measured for r in agreement) < 1e-13
+    assert len(agreement) == 48 and max(r.measured for r in agreement) < 1e-13
+
+
+def test_the_sum_over_edges_and_pairs_is_a_player_where_there_is_an_edge_form():
+    results = {r.quantity: r for r in verify(box(3), TERM, **QUIET).results if r.subject == EDGES and r.check == "agreement"}
+    assert set(results) == {"W", "F", "K"} and max(r.measured for r in results.values()) < 1e-13
+    (result,) = [r for r in verify(CURVED["quadratic tetrahedra"], TERM, **QUIET).results if r.subject == EDGES]
+    assert result.outcome is CheckOutcome.NOT_APPLICABLE and "strain is not the same everywhere" in result.reason
+
+
+def test_a_wrong_coefficient_of_one_pair_of_edges_is_found(monkeypatch):
+    """The formula of the paper itself is what is checked."""
+    right = EdgeNetwork.of
+
+    def wrong(mesh, terms):
+        network = right(mesh, terms)
+        i, j = network.pairs[:, 7]
+        L = network.L.tolil()
+        L[i, j] *= -1
+        L[j, i] *= -1
+        return EdgeNetwork(network.edges, L.tocsr(), network.laws)
+
+    monkeypatch.setattr(EdgeNetwork, "of", wrong)
+    failures = verify(box(3), TERM, **QUIET).failures()
+    assert {r.subject for r in failures} == {EDGES} and "agreement" in {r.check for r in failures}
 
 
 @pytest.mark.parametrize("name", ["tetrahedra", "triangles", "segments"])
@@ -57,7 +83,8 @@ def test_which_closed_forms_apply_depends_on_the_dimension(name):
 
 def test_membranes_have_more_zero_modes_and_it_says_so():
     report = verify(MESHES["membrane"], TERM, **QUIET)
-    (result,) = [r for r in report.results if r.check == "no further zero mode"]
+    result, of_edges = [r for r in report.results if r.check == "no further zero mode"]
+    assert of_edges.subject == "edges and TSEPs"
     assert result.outcome is CheckOutcome.NOT_APPLICABLE and "resist no bending" in result.reason
     assert "resist no bending" in str(report)
 
@@ -66,7 +93,7 @@ def test_a_hinge_of_two_bodies_is_not_blamed_for_its_mechanism():
     """Two tetrahedra that share one edge: K has a seventh zero mode, and the referee knows why."""
     p = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1.2], [0.3, -1, 0.2], [0.2, -0.3, -1]]).T
     report = verify((p, np.array([[0, 1, 2, 3], [0, 1, 4, 5]]).T), young=1.0, poisson=0.3, **QUIET)
-    (result,) = [r for r in report.results if r.check == "no further zero mode"]
+    result, _ = [r for r in report.results if r.check == "no further zero mode"]
     assert report.passed and "share no facet" in result.reason
 
 
@@ -101,7 +128,7 @@ def test_the_embedded_mesh_is_verified_with_two_materials():
     terms = [StVK(young=70e9, poisson=0.33, region="bracket"), StVK(young=5e6, poisson=0.45, region="bushing")]
     report = verify(embedded_mesh(), terms, **QUIET)
     assert report.passed
-    assert {r.subject for r in report.results} == {"skfem-stvk", "homogeneous copy"}
+    assert {r.subject for r in report.results} == {"skfem-stvk", "edges and TSEPs", "homogeneous copy"}
     facts = report.header["mesh"]
     assert 0.3 < facts["negative elements"] / embedded_mesh().nt < 0.7
     assert set(facts["subdomains"]) == {"bracket", "bushing"}
