@@ -54,8 +54,10 @@ class Fields(ElasticBody):
 
     @classmethod
     def of(cls, system: Any) -> Fields:
-        """The fields of a system, at the points where its elements are integrated."""
-        return cls(system.mesh, system.elastic_terms, getattr(system, "quadrature", None))
+        """The fields of a system, at the points where its elements are integrated, without those that were taken out until now."""
+        fields = cls(system.mesh, system.elastic_terms, getattr(system, "quadrature", None))
+        fields.leave_out(system.removed)
+        return fields
 
     @cached_property
     def average(self) -> NodalAverage:
@@ -91,7 +93,8 @@ class State:
     them at the points, `state.at_nodes(name)` by node.
 
     Elements and nodes that have no value are masked (a `numpy.ma.MaskedArray`): elements in no term have no stress and, below three
-    dimensions, no strain across. Where nothing is missing, the array is a plain one.
+    dimensions, no strain across; those that were taken out of the body have nothing. Where nothing is missing, the array is a plain
+    one.
 
     Attributes
     ----------

@@ -13,8 +13,7 @@ from ..arguments import Array, number, real_array, shown, text
 from ..elements import Element
 from ..elements.element import named
 from ..errors import StvkError
-from ..mesh import ElementMesh
-from ..mesh.facets import facet_ids
+from ..mesh.facets import MeshArrays, facet_ids
 from .fields import NodalAverage, State, checked_state, masked, split_nodes
 from .law import in_space
 from .table import FIELDS, VECTORS, find
@@ -83,7 +82,7 @@ def picture_of(state: State, field: str | ArrayLike, scale: float, label: str | 
     """
     scale, label = checked_scale(scale), checked_label(label)
     values, named, unit = corner_values(checked_state(state), field)
-    picture = Sight(state.fields.mesh).picture(state.u, values, named if label is None else label, scale)
+    picture = Sight(state.fields.mesh, state.fields.gone).picture(state.u, values, named if label is None else label, scale)
     return picture.in_unit(*prefixed(picture.largest, unit)) if label is None else picture
 
 
@@ -126,23 +125,36 @@ def _in_words(times: list[float]) -> list[str]:
     return [f"t = {t:.{digits}f}" for t in times]
 
 
+class Cells(MeshArrays):
+    """Elements that are drawn, which may leave nodes out."""
+
+    def __init__(self, p: Array, t: NDArray[np.int32], element: Element) -> None:
+        self.p, self.t, self.element = p, t, element
+
+
 class Sight:
     """The visible part of a mesh, for pictures of it at any displacements.
 
-    Faces of quadratic elements and of boxes are cut by a lattice, so that curved ones are drawn curved.
+    Faces of quadratic elements and of boxes are cut by a lattice, so that curved ones are drawn curved. Elements that are `gone`
+    (nt,) are not drawn.
     """
 
-    def __init__(self, mesh: ElementMesh) -> None:
+    def __init__(self, mesh: MeshArrays, gone: NDArray[np.bool_] | None = None) -> None:
         self._d, x = mesh.d, in_space(mesh.p.T)
         self._lattice: Lattice | None = None
+        left, kept = mesh, np.arange(mesh.nt)
+        if gone is not None and gone.any():
+            left, kept = Cells(mesh.p, mesh.t[:, ~gone], mesh.element), np.flatnonzero(~gone)
         if mesh.element.is_linear_simplex:
-            self._seen = visible_cells(mesh)
+            corners, elements = visible_cells(left)
+            self._seen = corners, kept[elements]
             self._nodes = mesh.t[self._seen]
             self._rest: Array = x
             self._cells: NDArray[np.integer] = self._nodes
             self._lines = outline(x, self._cells)
             return
-        self._seen, face = visible_faces(mesh)
+        (corners, elements), face = visible_faces(left)
+        self._seen = corners, kept[elements]
         self._nodes = mesh.t[self._seen]  # (m, n)
         self._lattice = Lattice(face, self._nodes.shape[1], mesh.d)
         self._rest = self._lattice.points(x[self._nodes])
@@ -263,7 +275,7 @@ def prefixed(largest: float, unit: str) -> tuple[float, str]:
     return 10.0**-power, PREFIXES[power] + unit.replace("^3", "³")
 
 
-def visible_cells(mesh: ElementMesh) -> tuple[Ids, Ids]:
+def visible_cells(mesh: MeshArrays) -> tuple[Ids, Ids]:
     """(m, n) corners and (n,) elements of what is drawn of linear simplices: the boundary facets of tetrahedra, others as they are.
 
     `mesh.t[corners, elements]` are the vertices; facets are counterclockwise when seen from outside.
@@ -279,7 +291,7 @@ def visible_cells(mesh: ElementMesh) -> tuple[Ids, Ids]:
     return corners, elements
 
 
-def visible_faces(mesh: ElementMesh) -> tuple[tuple[Ids, Ids], Element]:
+def visible_faces(mesh: MeshArrays) -> tuple[tuple[Ids, Ids], Element]:
     """As `visible_cells`, with all nodes of the faces: of solids their boundary facets; and the faces' element."""
     element = mesh.element
     if mesh.k < 3:

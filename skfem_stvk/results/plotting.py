@@ -14,16 +14,15 @@ from typing import Any
 
 import meshio
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from .. import arguments
 from ..arguments import choice
 from ..errors import StvkError, name_known
-from ..mesh import ElementMesh
 from ..mesh.groups import from_cells
 from .fields import State, checked_state, masked
 from .files import output_path, replacing
-from .picture import Film, Picture, Sight, checked_label, checked_scale, corner_values, picture_of
+from .picture import Cells, Film, Picture, Sight, checked_label, checked_scale, corner_values, picture_of
 from .series import read_list
 from .table import FIELDS, VECTORS
 
@@ -135,12 +134,15 @@ def _of_states(states: States, field: str, scale: float, label: str | None) -> F
     if not states:
         raise StvkError(f"The series has no states; expected {expected}.")
     pairs = [(arguments.number("series: a time", t), checked_state(state)) for t, state in states]
-    sight = Sight(pairs[0][1].fields.mesh)
+    sights: dict[int, Sight] = {}
     _, named, unit = corner_values(pairs[0][1], field)
 
     def picture(number: int) -> Picture:
         state = pairs[number][1]
-        return sight.picture(state.u, corner_values(state, field)[0], label or named, scale)
+        gone = state.fields.gone
+        if (removals := int(gone.sum())) not in sights:
+            sights[removals] = Sight(state.fields.mesh, gone)
+        return sights[removals].picture(state.u, corner_values(state, field)[0], label or named, scale)
 
     return Film([t for t, _ in pairs], picture, "" if label else unit)
 
@@ -154,16 +156,25 @@ def _of_files(series: str | os.PathLike[str], field: str, scale: float, label: s
     if not listed:
         raise StvkError(f"{path} lists no states. Was the run stopped before its first one?")
     files = [file for _, file in listed]
-    first = _read(files[0])
-    try:
-        t, element = from_cells(first.cells[0].type, first.cells[0].data)
-        sight = Sight(ElementMesh(first.points.T, t, element=element))
-    except (KeyError, IndexError) as error:
-        raise StvkError(f"{files[0]} has no cells that are drawn here ({error}): is it where the .pvd file says?") from error
+    first, seen = _read(files[0]), {}
+
+    def look(mesh: meshio.Mesh, file: Path) -> tuple[NDArray[Any], Sight]:
+        """Nodes of the elements that there are in a file, and what is seen of them: others, once elements were taken out."""
+        try:
+            t, element = from_cells(mesh.cells[0].type, mesh.cells[0].data)
+            if t.shape not in seen:
+                seen[t.shape] = t, Sight(Cells(np.ascontiguousarray(mesh.points.T), t, element))
+            return seen[t.shape]
+        except (KeyError, IndexError) as error:
+            raise StvkError(f"{file} has no cells that are drawn here ({error}): is it where the .pvd file says?") from error
+
+    look(first, files[0])
     name, named, unit = _described(first, field, files[0])
 
     def picture(number: int) -> Picture:
-        data = _read(files[number]).point_data
+        read = _read(files[number])
+        t, sight = look(read, files[number])
+        data = read.point_data
         values = np.linalg.norm(data[name], axis=1) if name in VECTORS else data[name]
         missing = data.get(f"{name}_missing", np.zeros(len(values))).astype(bool)
         return sight.picture(data["displacement"], masked(values, missing)[t], label or named, scale)

@@ -75,6 +75,12 @@ class ElasticBody:
         self.volume_parts = [self._volume_part(term, body) for term in penalties]
         for penalty in self.volume_parts:
             self.without_term[penalty.elements] = False
+        self.gone = np.zeros(self.mesh.nt, dtype=bool)
+
+    def leave_out(self, elements: NDArray[np.int64]) -> None:
+        """Do without elements that were taken out of the body: they have no fields, and are neither drawn nor written."""
+        self.gone[elements] = True
+        self.without_term = self.without_term | self.gone
 
     def _part(self, term: HasStress) -> ElasticPart:
         elements, hypothesis = self.mesh.elements(term.region), term.hypothesis(self.mesh)
@@ -136,13 +142,14 @@ class Response:
     @property
     def without_strain(self) -> NDArray[np.bool_]:
         """(nt,) whether an element has no strain: below three dimensions that across follows from the material."""
-        missing = self.fields.without_term
-        return missing if self.fields.mesh.k < 3 else np.zeros_like(missing)
+        return self.fields.without_term if self.fields.mesh.k < 3 else self.fields.gone
 
     @cached_property
     def gradient(self) -> Array:
-        """(nt, d, k) derivatives of the displacement along the elements' axes."""
-        return displacement_gradient(self.u, self.fields.mesh.t, self.place.geometry.gradients)
+        """(nt, d, k) derivatives of the displacement along the elements' axes; 0 where there are none any more, as at rest."""
+        found = displacement_gradient(self.u, self.fields.mesh.t, self.place.geometry.gradients)
+        found[self.fields.gone] = 0
+        return found
 
     @property
     def strain(self) -> Array:

@@ -42,8 +42,8 @@ def write_vtu(path: str | os.PathLike[str], state: State, fields: Sequence[str] 
     ========================  ==============================================================================================
 
     Quadratic simplices are VTK's quadratic cells, and hexahedra are in VTK's order of nodes. Fields by cell are the means of
-    elements with several points, those at nodes are extrapolated from there. The file is renamed into place when it is
-    complete.
+    elements with several points, those at nodes are extrapolated from there. Elements that were taken out of the body are left
+    out, their nodes stay. The file is renamed into place when it is complete.
 
     Raises
     ------
@@ -58,15 +58,14 @@ def write_vtu(path: str | os.PathLike[str], state: State, fields: Sequence[str] 
 
 
 def _with_fields(state: State, fields: Sequence[Field]) -> meshio.Mesh:
-    mesh = state.fields.mesh
+    mesh, there = state.fields.mesh, ~state.fields.gone
     points: Arrays = {name: in_space(vectors) for name, vectors in state.vectors.items()}
     cells = _regions(mesh)
     for field in fields:
         points |= _arrays(field, state.at_nodes(field.name))
         cells |= _arrays(field, state[field.name])
-    return meshio.Mesh(
-        in_space(mesh.p.T), [as_cells(mesh.t, mesh.element)], points, {name: [values] for name, values in cells.items()}
-    )
+    elements, by_cell = as_cells(mesh.t[:, there], mesh.element), {name: [values[there]] for name, values in cells.items()}
+    return meshio.Mesh(in_space(mesh.p.T), [elements], points, by_cell)
 
 
 def _arrays(field: Field, values: Array) -> Arrays:

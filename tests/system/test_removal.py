@@ -2,6 +2,7 @@
 
 import warnings
 
+import meshio
 import numpy as np
 import pytest
 import skfem
@@ -32,6 +33,9 @@ from skfem_stvk.edges import TENSILE
 from skfem_stvk.kernels.lanes import LANES
 from skfem_stvk.kernels.threads import threads
 from skfem_stvk.mesh.facets import facets_of, find_facets
+from skfem_stvk.results import Fields, animate, write_vtu
+from skfem_stvk.results.picture import picture_of
+from skfem_stvk.results.series import save_series
 from skfem_stvk.terms.load import Moment
 
 RNG = np.random.default_rng(21)
@@ -420,3 +424,39 @@ def test_a_stiffness_that_stays_behind_is_seen():
     numbers = slice(block * (len(kept) // len(term.elements.t)) + lane, (block + 1) * (len(kept) // len(term.elements.t)), LANES)
     term._D[numbers] = kept[numbers]
     assert not alike(pair.whole.internal_force(u)[pair.dofs], wanted, 1e-3)
+
+
+@pytest.mark.parametrize("name", EVERY_MESH)
+def test_fields_of_what_is_left_are_as_if_there_had_never_been_more(pairs, name):
+    pair = pairs(name)
+    u, v = 0.3 * state(pair.mesh), state(pair.mesh, seed=8)
+    found, wanted = Fields.of(pair.whole).at(u, v), Fields.of(pair.part).at(u[pair.dofs], v[pair.dofs])
+    for field in ("cauchy_stress", "green_strain", "volume_ratio", "strain_energy_density", "principal_stretches"):
+        assert np.ma.getmaskarray(found[field])[pair.out].all() and not np.ma.getmaskarray(found[field])[pair.kept].any()
+        assert alike(found[field][pair.kept], wanted[field], 1e-12)
+        assert alike(found.at_nodes(field)[pair.used], wanted.at_nodes(field), 1e-11)
+
+
+@pytest.mark.parametrize("name", ["tetrahedra", "triangles", "hexahedra", "quadratic triangles"])
+def test_files_and_pictures_leave_out_what_is_out(pairs, name, tmp_path):
+    pair = pairs(name)
+    u = 0.3 * state(pair.mesh)
+    file = write_vtu(tmp_path / "torn.vtu", Fields.of(pair.whole).at(u))
+    read = meshio.read(file)
+    assert len(read.points) == pair.mesh.nv and len(read.cells[0].data) == len(pair.kept)
+    assert all(len(values[0]) == len(pair.kept) for values in read.cell_data.values())
+    torn, whole = (
+        picture_of(one, "von_mises", 1.0, None) for one in (Fields.of(pair.whole).at(u), Fields.of(pair.part).at(u[pair.dofs]))
+    )
+    assert torn.cells.shape == whole.cells.shape
+    assert alike(np.sort(torn.moved[torn.cells].ravel()), np.sort(whole.moved[whole.cells].ravel()), 1e-12)
+
+
+def test_films_follow_what_is_taken_out(tmp_path):
+    body = strip()
+    before = Fields.of(body).at(0.1 * state(body.mesh))
+    quietly(body.remove, [4, 5])
+    after = Fields.of(body).at(0.1 * state(body.mesh))
+    series = save_series(tmp_path / "film.pvd", ["von_mises"], [(0.0, before), (1.0, after)])
+    for source in (series, [(0.0, before), (1.0, after)]):
+        assert animate(source, tmp_path / "film.gif", "von_mises").stat().st_size > 1000
