@@ -4,6 +4,7 @@ from .body import Body
 from .dead_loads import BodyForce, Gravity, NodalLoad, Traction
 from .edge_network import EdgeNetwork
 from .foundation import ElasticFoundation
+from .neo_hookean import NeoHookean
 from .pressure import Pressure
 from .protocols import (
     BoundLoad,
@@ -51,6 +52,7 @@ __all__ = [
     "HasVolume",
     "HoldsShape",
     "Load",
+    "NeoHookean",
     "NodalLoad",
     "Pressure",
     "Quartic",
