@@ -71,7 +71,7 @@ def _excess(x):
 @inlined
 def _shape_energy(x, J, invariants, trace):
     """`tr M - 2 ln J`; at small strain `(x - ln(1 + x)) - invariants` with `x = J^2 - 1` and all others of `M`."""
-    small = abs(x) < 0.25 and abs(invariants) < 0.25
+    small = J > 0 and abs(x) < 0.25 and abs(invariants) < 0.25
     logarithm = np.log(J)
     return _excess(x if small else 0.0) - invariants if small else trace - 2 * logarithm
 
@@ -216,11 +216,8 @@ def _weigh_sheets(law, points, kept, positive, negative):
         new = max(m, c * twist)
         least, across = (-(new / most + c) / 2, min(c, new / most)) if most > 0 else (a, c)
         share = 1 - negative
-        put(
-            (m + share * (new - m), a + share * (max(a, least) - a), c, c + share * (across - c)),
-            kept,
-            lane + I(9 * LANES),
-        )
+        put((m + share * (new - m), a + share * (max(a, least) - a)), kept, lane + I(9 * LANES))
+        kept[lane + I(12 * LANES)] = c + share * (across - c)
 
 
 @by_type(spoke_stiffness, NeoHookeanSheet, FORMULAS)

@@ -90,3 +90,35 @@ class NeoHookeanStiffness:
         axes = at.axes
         orientation = np.sign(np.linalg.det(axes)) if axes.shape[1] == axes.shape[2] else np.zeros(len(axes))
         return np.stack([at.size * self.mu[elements], at.size * self.lam[elements], orientation])
+
+
+def neo_hookean(lam: Array, mu: Array, M: Array, sign: Array | float = 1.0) -> tuple[Array, Array]:
+    """Second Piola-Kirchhoff stress (..., 3, 3) and energy density (...) for `M = F'F - 1` and the sign of `J`.
+
+        S = mu C^-1 M + lam (J - 1) J C^-1        W = mu/2 (tr M - 2 ln J) + lam/2 (J - 1)^2        C = 1 + M
+
+    Without cancellation at small strain; not a number where `J <= 0`.
+    """
+    I2, I3 = (np.trace(M, axis1=-2, axis2=-1) ** 2 - (M * M).sum(axis=(-2, -1))) / 2, np.linalg.det(M)
+    x = np.trace(M, axis1=-2, axis2=-1) + I2 + I3  # J^2 - 1
+    with np.errstate(invalid="ignore", divide="ignore"):
+        J = np.where(np.asarray(sign) < 0, np.nan, np.sqrt(np.where(x > -1, 1 + x, np.nan)))
+        small = (np.abs(x) < 0.25) & (np.abs(I2 + I3) < 0.25)
+        z = np.where(small, x / (2 + x), 0.0)
+        excess = x * z - 2 * sum(z ** (2 * n + 1) / (2 * n + 1) for n in range(1, 10))  # x - ln(1 + x)
+        shape = np.where(small, excess - I2 - I3, np.trace(M, axis1=-2, axis2=-1) - 2 * np.log(J))
+    inverse = np.linalg.inv(np.where(np.isnan(J)[..., None, None], np.eye(3), np.eye(3) + M))
+    e = x / (1 + J)
+    S = mu[..., None, None] * (inverse @ M) + (lam * e * J)[..., None, None] * inverse
+    return S, mu / 2 * shape + lam / 2 * e * e
+
+
+def thickening(lam: Array, mu: Array, j: Array, x: Array) -> Array:
+    """`l^2 - 1` of the stretch `l` across for which the stress there vanishes, for the ratio of areas `j` and `x = j^2 - 1`.
+
+    mu (l^2 - 1) + lam (j l - 1) j l = 0, whose positive root is `l = 1 + d`
+    """
+    both = mu + lam * j * j
+    root = np.sqrt((lam * j) ** 2 + 4 * mu * both)
+    d = -2 * lam * j * x / (1 + j) / (2 * both - lam * j + root)
+    return np.asarray(d * (2 + d))

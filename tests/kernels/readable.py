@@ -21,9 +21,11 @@ from skfem_stvk.kernels.cg import BETA, MORE, NEGATIVE, NORM, NOT_FINITE, PART, 
 from skfem_stvk.kernels.compiled import Ids, Reals
 from skfem_stvk.kernels.lanes import LANES, TRANSPOSED, MeanPoints, Points
 from skfem_stvk.kernels.laws import GeneralLaw, IsotropicLaw
+from skfem_stvk.kernels.neo_hookean import NeoHookeanLaw, NeoHookeanSheet
 from skfem_stvk.kernels.penalty import BARRIER, COMPRESSION, QUADRATIC
 from skfem_stvk.kernels.rows import PairSlots, RowSlots
 from skfem_stvk.kernels.topology import OWN
+from skfem_stvk.terms.neo_hookean import neo_hookean, thickening
 
 #: Edges of a tetrahedron as pairs of its vertices: the order of `edge_slots`.
 EDGES = ((0, 1), (1, 2), (0, 2), (0, 3), (1, 3), (2, 3))
@@ -114,10 +116,69 @@ def stvk(count: int, tensor: Callable[[Reals], Reals]) -> PointLaw:
     return PointLaw(count, energy_and_pull, tangent)
 
 
+def neo_hookean_law(sheet: bool) -> PointLaw:
+    """`s_j = sum_k S_jk q_k`, `A_mn = m d_mn I + a g_m g_n' + c g_n g_m'`, of sheets minus `across g_m . g_n N N'`."""
+
+    def now(numbers: Reals, Q: Reals, h: Reals) -> tuple[Reals, Reals, Reals, Reals, Reals]:
+        """`mu`, `lam`, `M`, the sign of `J`, and the frame, with what elements lack as their third axis: what stays, or a normal."""
+        (mu, lam, sign), M, q = np.moveaxis(numbers, -1, 0), strains(Q, h), Q + h
+        q = np.where((mu > 0)[..., None, None], q, np.eye(3, dtype=q.dtype))
+        normal = np.cross(q[..., 0, :], q[..., 1, :])
+        if sheet:
+            area, determinant = np.linalg.norm(normal, axis=-1), np.linalg.det(M[..., :2, :2])
+            q[..., 2, :] = normal / area[..., None]
+            M[..., 2, 2] = thickening(lam, np.where(mu > 0, mu, 1), area, M[..., 0, 0] + M[..., 1, 1] + determinant)
+            return mu, lam, M, sign * normal[..., 2], q
+        q[..., 2, 2] += (q[..., 2, :] == 0).all(axis=-1)
+        return mu, lam, M, sign * np.linalg.det(q), q
+
+    def energy_and_pull(numbers: Reals, Q: Reals, h: Reals) -> tuple[Reals, Reals]:
+        mu, lam, M, sign, q = now(numbers, Q, h)
+        S, W = neo_hookean(lam, mu, M, sign)
+        return W, np.einsum("nqjk,nqkx->nqjx", S, q)
+
+    def tangent(numbers: Reals, Q: Reals, h: Reals, positive: float, negative: float, simplices: bool) -> Reals:
+        mu, lam, M, _, q = now(numbers, Q, h)
+        g, N, k = np.swapaxes(np.linalg.inv(q), -1, -2), q[..., 2, :], 3
+        J = j = np.abs(np.linalg.det(q))
+        if sheet:
+            g[..., 2, :], k, J = 0, 2, j * np.sqrt(1 + M[..., 2, 2])
+            D = np.sqrt((lam * j) ** 2 + 4 * mu * (mu + lam * j * j))
+            c, a = mu * (1 + M[..., 2, 2]), 2 * mu * lam * (1 + M[..., 2, 2]) * j * (2 * J - 1) / np.where(mu > 0, D, 1)
+        else:
+            c, a = mu - lam * (J - 1) * J, lam * J * (2 * J - 1)
+        B, twists = products(g, g), np.cross(g[..., [1, 2, 0], :], g[..., [2, 0, 1], :])
+        most = np.linalg.eigvalsh(B)[..., -1] if sheet else bound(B)
+        twist = np.sqrt(np.linalg.eigvalsh(products(twists, twists))[..., -1] if sheet else bound(products(twists, twists)))
+        m = np.maximum(mu, np.where(c > 0, c * twist, -c * most))
+        values = np.maximum(a, -(m / most + c) / k), m, np.minimum(c, m / most)
+        a, m, across = (one + (1 - negative) * (other - one) for one, other in zip((a, mu, c), values, strict=True))
+        I, dyads = np.eye(3, dtype=g.dtype), np.einsum("nqix,nqjy->nqijxy", g, g)
+        A = np.einsum("nq,ij,xy->nqijxy", m, I, I) + a[..., None, None, None, None] * dyads
+        A += c[..., None, None, None, None] * np.swapaxes(dyads, -1, -2)
+        if sheet:
+            A -= np.einsum("nq,nqij,nqx,nqy->nqijxy", across, B, N, N)
+        return np.where((mu > 0)[..., None, None, None, None], A, 0)
+
+    return PointLaw(3, energy_and_pull, tangent)
+
+
+def bound(B: Reals) -> Reals:
+    """No less than the largest eigenvalue of matrices (..., 3, 3): `tr/3 + sqrt(2/3) |dev|`."""
+    mean = np.trace(B, axis1=-2, axis2=-1) / 3
+    deviators = B - mean[..., None, None] * np.eye(3)
+    return mean + np.sqrt(2 / 3 * (deviators**2).sum(axis=(-2, -1)))
+
+
 #: The tensor C of St. Venant-Kirchhoff's two laws.
 TENSORS: dict[type, Callable[[Reals], Reals]] = {IsotropicLaw: isotropic, GeneralLaw: general}
 #: Every law.
-LAWS: dict[type, PointLaw] = {IsotropicLaw: stvk(2, isotropic), GeneralLaw: stvk(21, general)}
+LAWS: dict[type, PointLaw] = {
+    IsotropicLaw: stvk(2, isotropic),
+    GeneralLaw: stvk(21, general),
+    NeoHookeanLaw: neo_hookean_law(sheet=False),
+    NeoHookeanSheet: neo_hookean_law(sheet=True),
+}
 
 
 class Elements(NamedTuple):

@@ -10,7 +10,17 @@ from kernels.parts import in_parts
 from scipy.sparse import identity, random
 from terms.toys import Anchors, Areas, Springs, Wind
 
-from skfem_stvk import Anisotropic, EdgeNetwork, ElasticFoundation, ElementMesh, SpringNetwork, StVK, System, VolumePenalty
+from skfem_stvk import (
+    Anisotropic,
+    EdgeNetwork,
+    ElasticFoundation,
+    ElementMesh,
+    NeoHookean,
+    SpringNetwork,
+    StVK,
+    System,
+    VolumePenalty,
+)
 from skfem_stvk.edges import ALL, NONE, TENSILE, Tensions
 from skfem_stvk.edges.pairs import with_blocks
 from skfem_stvk.system import Pattern
@@ -66,6 +76,17 @@ def reordered_penalty(term, mesh, order):
     return VolumePenalty(term.stiffness, term.kind, np.argsort(order)[region])
 
 
+def neo_hookean():
+    found, rng = {}, np.random.default_rng(15)
+    for name, more in (("tetrahedra", {}), ("triangles", {}), ("triangles", {"plane": "stress"}), ("membrane", {})):
+        mesh = MESHES[name]
+        law = NeoHookean(young=rng.uniform(1, 9, mesh.nt), poisson=rng.uniform(0, 0.45, mesh.nt), **more)
+        again = partial(lambda law, more, other, order: reordered(law, order, **more), law, more)
+        name = ", ".join(["NeoHookean", name, *map(" ".join, more.items())])
+        found[name] = Case(mesh, law, 1e-9, 1e-3, inverts=False, can=(HasVolume,), renumbered=again)
+    return found
+
+
 def cases():
     found = {}
     for name, mesh in MESHES.items():
@@ -91,6 +112,7 @@ def cases():
             found[f"springs, {name}, triangular"] = Case(
                 mesh, SpringNetwork(young=3.0, poisson=0.2, rule="triangular"), *SMOOTH, can=OF_SPRINGS
             )
+    found |= neo_hookean()
     solid = MESHES["tetrahedra"]
     network = EdgeNetwork.of(solid, StVK(young=9.0, poisson=0.4))
     found["network without opposite pairs"] = Case(solid, network.without("opposite"), can=OF_EDGES, definite=False)

@@ -1,0 +1,234 @@
+"""The neo-Hookean law: scikit-fem's form of the same energy, closed forms, its clamped tangent, and what it refuses."""
+
+import numpy as np
+import pytest
+import skfem
+from bodies import CURVED, MESHES, STRAIGHT, membrane, scikit_fem_of, sheet, state
+from kernels.parts import in_parts, on_twins
+from scipy.optimize import brentq
+from skfem.helpers import ddot, grad, inv, transpose
+
+from skfem_stvk import Isotropic, MaterialError, NeoHookean, Orthotropic, StateError, StVK, System, TransverselyIsotropic
+from skfem_stvk.edges import ALL, NONE, TENSILE, Tensions
+from skfem_stvk.edges.elements import Quadrature
+from skfem_stvk.elements import rule_of
+from skfem_stvk.mesh.points import sizes_of, spokes_at
+from skfem_stvk.terms import Body
+
+EVERY = (
+    {name: MESHES[name] for name in ("tetrahedra", "triangles", "membrane")}
+    | {f"{name}, curved": mesh for name, mesh in CURVED.items() if mesh.k > 1}
+    | {f"{name}, straight": mesh for name, mesh in STRAIGHT.items() if mesh.k > 1}
+)
+SOLID = [name for name, mesh in EVERY.items() if scikit_fem_of(mesh)]
+BOXES = [name for name, mesh in EVERY.items() if mesh.element.is_box and mesh.k == mesh.d]
+
+
+def law_on(mesh, plane=None):
+    rng = np.random.default_rng(3)
+    sheets = {"thickness": 0.3, "plane": plane} if mesh.k == 2 else {}
+    return NeoHookean(young=rng.uniform(1, 4, mesh.nt), poisson=rng.uniform(0, 0.45, mesh.nt), **sheets)
+
+
+def bound(mesh, rule="usual", plane=None, dtype=np.float64):
+    hourglass = 0.1 if rule == "one-point" else None
+    return law_on(mesh, plane).bind(Body(mesh, [], Quadrature.of(mesh.element, rule, hourglass)), dtype)
+
+
+def crushed(mesh, amount=0.4, noise=0.1):
+    """(nv, d) pushed together, with an element or two that are nearly flat, none inside out."""
+    return (noise * state(mesh) - amount * mesh.p.T.ravel()).reshape(-1, mesh.d)
+
+
+def system(mesh, rule="usual", plane=None):
+    more = {"hourglass": 0.1} if rule == "one-point" else {}
+    return System(mesh, law_on(mesh, plane), quadrature=None if rule == "usual" else rule, **more)
+
+
+def by_scikit_fem(mesh, u, rule):
+    """W, F, K of the energy as it is written, the strain across being none in the plane."""
+    basis, (points, weights) = scikit_fem_of(mesh), rule_of(mesh.element, rule)
+    basis = skfem.Basis(basis.mesh, basis.elem, quadrature=(points.T, weights))
+    lam, mu = (np.broadcast_to(value * (0.3 if mesh.k == 2 else 1.0), mesh.nt)[:, None] for value in lame(mesh))
+    F = grad(basis.interpolate(u.ravel())) + np.eye(mesh.d)[:, :, None, None]
+    J, back = np.linalg.det(np.moveaxis(F, (0, 1), (2, 3))), transpose(inv(F))
+    P = mu * (F - back) + lam * (J - 1) * J * back
+
+    def energy(w):
+        return mu / 2 * (ddot(F, F) - mesh.d - 2 * np.log(J)) + lam / 2 * (J - 1) ** 2
+
+    def tangent(v, w, _):
+        dF = grad(v)
+        turned = np.einsum("ij...,kj...,kl...->il...", back, dF, back)
+        dP = mu * (dF + turned) + lam * ((2 * J - 1) * J * ddot(back, dF) * back - (J - 1) * J * turned)
+        return ddot(dP, grad(w))
+
+    K = skfem.BilinearForm(tangent).assemble(basis)
+    return skfem.Functional(energy).assemble(basis), skfem.LinearForm(lambda v, _: ddot(P, grad(v))).assemble(basis), K
+
+
+def lame(mesh):
+    law = law_on(mesh)
+    young, nu = law.material.young, law.material.poisson
+    return young * nu / ((1 + nu) * (1 - 2 * nu)), young / (2 * (1 + nu))
+
+
+@pytest.mark.parametrize("rule", ["usual", "exact"])
+@pytest.mark.parametrize("name", SOLID)
+def test_it_is_what_scikit_fem_assembles(name, rule):
+    mesh = EVERY[name]
+    body = system(mesh, rule)
+    for u in (0.3 * crushed(mesh, 0).ravel(), crushed(mesh, noise=0.03).ravel()):
+        W, F, K = by_scikit_fem(mesh, u, rule)
+        assert body.energy(u) == pytest.approx(W, rel=1e-12)
+        assert np.abs(body.internal_force(u) - F).max() < 1e-12 * np.abs(F).max()
+        assert abs(body.tangent(u) - K).max() < 1e-12 * abs(K).max()
+
+
+@pytest.mark.parametrize("rule", ["usual", "one-point"])
+@pytest.mark.parametrize("name", EVERY)
+def test_compiled_and_readable_kernels_agree(name, rule, monkeypatch):
+    mesh = EVERY[name]
+    if rule == "one-point" and name not in BOXES:
+        pytest.skip("one point is for boxes")
+    planes = (None, "stress") if mesh.k == mesh.d == 2 else (None,)
+
+    def found(plane):
+        term = bound(mesh, rule, plane)
+        for u in (0.3 * crushed(mesh, 0), crushed(mesh, noise=0.03)):
+            for kept in (ALL, TENSILE, Tensions(0.9, 0.2)):
+                force = np.zeros_like(u)
+                W, blocks = term.blocks(u, force, kept=kept)
+                yield from (np.array(W), force, blocks[: term.pairs.size])
+
+    in_parts(monkeypatch, 2)
+    compiled = [list(found(plane)) for plane in planes]
+    on_twins(monkeypatch)
+    for plane, ours in zip(planes, compiled, strict=True):
+        for one, other in zip(found(plane), ours, strict=True):
+            assert np.abs(one).max() > 1e-5 and np.abs(one - other).max() < 1e-12 * np.abs(one).max()
+
+
+@pytest.mark.parametrize("name", EVERY)
+def test_the_clamped_tangent_is_positive_semi_definite_however_crushed(name):
+    mesh = EVERY[name]
+    for rule in ("usual", *(["one-point"] if name in BOXES else [])):
+        for plane in (None, "stress") if mesh.k == mesh.d == 2 else (None,):
+            body = System(mesh, law_on(mesh, plane), quadrature=None if rule == "usual" else rule)
+            for amount, noise in ((0.0, 0.1), (0.5, 0.03), (0.8, 0.01), (-2.0, 0.1)):
+                u = crushed(mesh, amount, noise).ravel()
+                exact = np.linalg.eigvalsh(body.tangent(u).toarray())
+                for kept in (TENSILE, NONE):
+                    values = np.linalg.eigvalsh(clamped(body, u, kept))
+                    assert values[0] > -1e-12 * values[-1]
+                    assert exact[0] > -1e-12 * exact[-1] or values[0] > exact[0] + 1e-3 * abs(exact[0])
+
+
+def clamped(body, u, kept):
+    x = u.reshape(-1, body.mesh.d)
+    (term,) = body.bound_terms
+    data = np.zeros(body.pattern.nnz)
+    term.fill(x, term.rows(body.pattern), data, False, kept=kept)
+    return body.pattern.matrix(data).toarray()
+
+
+def test_the_clamped_tangent_is_the_exact_one_where_nothing_gives_way():
+    """At rest, and blown up evenly, where all bounds are exact; crushed evenly it is another."""
+    for mesh in (MESHES["tetrahedra"], MESHES["triangles"], MESHES["membrane"]):
+        body = System(mesh, NeoHookean(young=2.0, poisson=0.2))
+        for amount, same in ((0.0, True), (-0.1, True), (0.3, mesh.k < mesh.d and False)):
+            u = -amount * mesh.p.T.ravel()
+            exact = body.tangent(u).toarray()
+            difference = np.abs(clamped(body, u, TENSILE) - exact).max() / np.abs(exact).max()
+            assert (difference < 1e-13) == same, (mesh.kind, amount)
+
+
+@pytest.mark.parametrize("plane", ["strain", "stress", "membrane"])
+def test_in_sheets_the_thickness_is_such_that_nothing_pulls_across(plane):
+    """W by the thickness stretch that a root finder gives for the slope of the energy in space."""
+    mesh = membrane(3) if plane == "membrane" else sheet(3)
+    law = law_on(mesh, None if plane == "membrane" else plane)
+    u = 0.15 * state(mesh) - 0.2 * mesh.p.T.ravel()
+    x = u.reshape(-1, mesh.d).T
+    total = 0.0
+    rest = spokes_at(mesh.p, mesh.t, mesh.element, np.full((1, 2), 1 / 3))[:, 0]
+    now = spokes_at(mesh.p + x, mesh.t, mesh.element, np.full((1, 2), 1 / 3))[:, 0]
+    for P, p, lam, mu in zip(rest, now, *lame(mesh), strict=True):
+        P, p = (a if a.shape[0] == 2 else a.T for a in (P, p))  # rows are spokes
+        C = np.linalg.inv(P @ P.T) @ (p @ p.T)
+        j, area = np.sqrt(np.linalg.det(C)), np.sqrt(np.linalg.det(P @ P.T)) / 2
+
+        def slope(a, j=j, lam=lam, mu=mu):
+            return mu * (a - 1 / a) + lam * (j * a - 1) * j
+
+        a = 1.0 if plane == "strain" else brentq(slope, 1e-3, 1e3, xtol=1e-15, rtol=1e-14)
+        total += 0.3 * area * (mu / 2 * (np.trace(C) + a * a - 3 - 2 * np.log(j * a)) + lam / 2 * (j * a - 1) ** 2)
+    assert System(mesh, law).energy(u) == pytest.approx(total, rel=1e-12)
+
+
+@pytest.mark.parametrize("name", EVERY)
+def test_small_strains_have_the_linear_response_of_the_same_constants(name):
+    """To the last digits of what is left: the energy of 1e-9 is of 1e-18."""
+    mesh = EVERY[name]
+    ours, linear = system(mesh), System(mesh, StVK(law_on(mesh).material, thickness=law_on(mesh).thickness))
+    K, v = linear.tangent(np.zeros(mesh.p.size)), state(mesh)
+    assert abs(ours.tangent(0 * v) - K).max() < 1e-13 * abs(K).max()
+    for size in (1e-6, 1e-9):
+        W, F, Kv = ours.energy(size * v), ours.internal_force(size * v), K @ v
+        assert pytest.approx(v @ Kv / 2, rel=10 * size + 1e-12) == W / size**2
+        assert np.abs(F / size - Kv).max() < (30 * size + 1e-11) * np.abs(Kv).max()
+
+
+@pytest.mark.parametrize("s", [0.02, 0.4, 0.8, 1.3, 5.0, 300.0])
+def test_a_block_between_walls_has_the_stress_of_the_closed_form(s):
+    """W and F of confined compression and stretch, `P = mu (s - 1/s) + lam (s - 1)`."""
+    mesh = MESHES["tetrahedra"]
+    u = ((s - 1) * mesh.p * [[0], [0], [1]]).T.ravel()
+    body, lam, mu = System(mesh, NeoHookean(Isotropic.from_lame(1.5, 0.7))), 1.5, 0.7
+    volume = sizes_of(mesh.p, mesh.t, mesh.element).sum()
+    assert body.energy(u) / volume == pytest.approx(mu / 2 * (s * s - 1 - 2 * np.log(s)) + lam / 2 * (s - 1) ** 2, rel=1e-12)
+    work = body.internal_force(u) @ (mesh.p * [[0], [0], [1]]).T.ravel()
+    assert work / volume == pytest.approx(mu * (s - 1 / s) + lam * (s - 1), rel=1e-12)
+
+
+def test_states_inside_out_are_refused_by_name_and_steps_can_be_kept_out_of_them():
+    mesh = MESHES["tetrahedra"]
+    region = np.arange(5, mesh.nt)
+    body = System(mesh, [StVK(young=1.0, poisson=0.3), NeoHookean(young=1.0, poisson=0.3, region=region)])
+    assert body.resists_inversion
+    u = np.zeros((mesh.nv, 3))
+    element = mesh.t[:, 40]
+    centre = mesh.p[:, element[1:]].mean(axis=1)
+    u[element[0]] = 1.05 * (centre - mesh.p[:, element[0]])
+    wrong = np.flatnonzero(body.bound_terms[0].volume_ratios(u) <= 0)
+    assert 40 in wrong
+    for call in (body.energy, body.internal_force, body.tangent, body.linearize):
+        with pytest.raises(StateError, match=r"element.*\b40\b.* inside out or flat .*NeoHookean is infinite.*step_limit"):
+            call(u.ravel())
+    limit = body.step_limit(0 * u.ravel(), u.ravel())
+    assert 0.5 < limit < 1 and np.isfinite(body.energy(0.999 * limit * u.ravel()))
+    flat = sheet(2)
+    turned = (flat.p * [[-2], [0]]).T.ravel()
+    for plane in ("strain", "stress"):
+        with pytest.raises(StateError, match="inside out or flat"):
+            System(flat, NeoHookean(young=1.0, poisson=0.3, plane=plane)).energy(turned)
+
+
+def test_other_materials_and_segments_are_refused_with_what_to_take_instead():
+    wood = Orthotropic(young=(9, 1, 1), poisson=(0.3, 0.3, 0.3), shear=(1, 1, 1))
+    fibres = TransverselyIsotropic(
+        young_axial=14.0, young_transverse=1.0, poisson_axial=0.3, poisson_transverse=0.4, shear_axial=0.6
+    )
+    for material in (wood, fibres):
+        with pytest.raises(MaterialError, match=rf"Isotropic.*{type(material).__name__}.*Take StVK"):
+            System(MESHES["tetrahedra"], NeoHookean(material))
+    for name in ("segments", "cable"):
+        with pytest.raises(MaterialError, match=r"segments\. Take StVK"):
+            System(MESHES[name], NeoHookean(young=1.0, poisson=0.3))
+    n = MESHES["triangles"].nt
+    poisson = np.full(n, 0.2)
+    poisson[7] = -0.1
+    with pytest.raises(MaterialError, match=r"element \(7\): .*below 0"):
+        System(MESHES["triangles"], NeoHookean(young=1.0, poisson=poisson))
+    with pytest.raises(MaterialError, match="poisson"):
+        System(MESHES["triangles"], NeoHookean(young=1.0, poisson=0.6, plane="stress"))
