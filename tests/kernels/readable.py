@@ -120,7 +120,7 @@ def neo_hookean_law(sheet: bool) -> PointLaw:
     """`s_j = sum_k S_jk q_k`, `A_mn = m d_mn I + a g_m g_n' + c g_n g_m'`, of sheets minus `across g_m . g_n N N'`."""
 
     def now(numbers: Reals, Q: Reals, h: Reals) -> tuple[Reals, Reals, Reals, Reals, Reals]:
-        """`mu`, `lam`, `M`, the sign of `J`, and the frame, with what elements lack as their third axis: what stays, or a normal."""
+        """`mu`, `lam`, `M`, the sign of `J`, and the frame, with what elements lack as third axis: what stays, or a normal."""
         (mu, lam, sign), M, q = np.moveaxis(numbers, -1, 0), strains(Q, h), Q + h
         q = np.where((mu > 0)[..., None, None], q, np.eye(3, dtype=q.dtype))
         normal = np.cross(q[..., 0, :], q[..., 1, :])
