@@ -6,7 +6,7 @@ import argparse
 import sys
 from collections.abc import Callable
 
-from . import aspect, clamp, dynamics, elements, hard, hostile, kernels, operations, part, rows, solvers, stability, statics
+from . import aspect, clamp, dynamics, elements, hard, hostile, kernels, models, operations, part, rows, solvers, stability, statics
 
 #: Studies and the options that they take.
 STUDIES: dict[str, tuple[Callable[..., int], tuple[str, ...]]] = {
@@ -22,6 +22,7 @@ STUDIES: dict[str, tuple[Callable[..., int], tuple[str, ...]]] = {
     "stability": (stability.main, ("quick", "only", "out")),
     "dynamics": (dynamics.main, ("quick", "only", "out")),
     "elements": (elements.main, ("quick", "only", "out")),
+    "models": (models.main, ("quick", "only", "out")),
     "hostile": (hostile.main, ("quick", "only", "case")),
 }
 
@@ -32,6 +33,7 @@ PARTS = {
     "stability": stability.NAMES,
     "dynamics": dynamics.NAMES,
     "elements": elements.NAMES,
+    "models": models.NAMES,
     "hostile": hostile.NAMES,
 }
 

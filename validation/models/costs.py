@@ -1,0 +1,75 @@
+"""What a model costs: W and F, K, a step of each kind, memory, and how long an explicit step may be; one run, one thread."""
+
+from __future__ import annotations
+
+import warnings
+from functools import partial
+from typing import Any, NamedTuple
+
+import numba
+import numpy as np
+
+from skfem_stvk import LinearBackwardEuler, StvkError, StvkWarning, System, VelocityVerlet, simulate
+from skfem_stvk.bench.costs import best_and_median
+
+from .models import Model, bar, system_of
+from .motions import stable_step
+
+#: Cells across: 31 104 tetrahedra; the quick run has six to a cell of one across.
+ACROSS, QUICK_ACROSS = 12, 1
+SECONDS, QUICK_SECONDS = 0.5, 0.01
+STEPS = 10
+
+
+class Cost(NamedTuple):
+    """Times [ns per tetrahedron] of W and F, of K, of an explicit and of an implicit step (eq. 9), memory [bytes per tetrahedron] and
+    critical step [s]; NaN for what a model does not have."""
+
+    force: float
+    tangent: float
+    explicit: float
+    implicit: float
+    memory: float
+    step: float
+
+
+def cost_of(model: Model, quick: bool) -> Cost:
+    """The costs of a model, in a state that is strained by some per cent."""
+    mesh, seconds = bar(QUICK_ACROSS if quick else ACROSS), QUICK_SECONDS if quick else SECONDS
+    threads = numba.get_num_threads()
+    numba.set_num_threads(1)
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", StvkWarning)
+            system = system_of(model, mesh, (), {"wall": "xyz"})
+            return _of_system(system, seconds)
+    finally:
+        numba.set_num_threads(threads)
+
+
+def _of_system(system: System, seconds: float) -> Cost:
+    rng, ns = np.random.default_rng(0), 1e9 / system.mesh.nt
+    u = 0.05 / np.cbrt(system.mesh.nt / 24) * rng.uniform(-1, 1, system.ndofs)
+    out, K = np.zeros(system.ndofs), system.tangent(u)
+    taken = best_and_median({"F": partial(system.energy_and_force, u, out=out), "K": partial(system.tangent, u, out=K)}, seconds)
+    step, memory = stable_step(system), sum(system.memory().values())
+    dt = 0.5 * step if step == step else 1e-3
+    motions = [_step(system, VelocityVerlet(dt)), _step(system, LinearBackwardEuler(20 * dt))]
+    return Cost(taken["F"].best * ns, taken["K"].best * ns, *(one * ns for one in motions), memory / system.mesh.nt, step)
+
+
+def _step(system: System, integrator: Any) -> float:
+    """Seconds of one step, from rest with a push: the difference of a long and a short run, so that what comes once is left out."""
+    v = np.zeros((system.mesh.nv, 3))
+    v[:, 2] = 0.1 * system.mesh.p[0]
+    try:
+        runs = [
+            simulate(system, integrator, until=n * integrator.dt, v0=v.ravel(), quiet=True, raise_on_failure=False)
+            for n in (STEPS, 3 * STEPS)
+        ]
+    except StvkError:
+        return np.nan
+    if not all(run.success for run in runs):
+        return np.nan
+    short, long = (sum(run.seconds.values()) for run in runs)
+    return max(long - short, 0.0) / (2 * STEPS)

@@ -1,0 +1,102 @@
+"""The models that are compared, each as the terms of a system, and the bar that all of them are tried on."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+import skfem
+
+from skfem_stvk import (
+    Corotated,
+    EdgeNetwork,
+    ElementMesh,
+    InvertibleStVK,
+    LinearElastic,
+    NeoHookean,
+    SpringNetwork,
+    StVK,
+    System,
+    VolumePenalty,
+)
+
+#: Of the bar [m, Pa, kg/m^3]: 4 x 1 x 1 m, soft enough to bend and twist by tens of degrees.
+LENGTH, YOUNG, POISSON, DENSITY = 4.0, 1e5, 0.3, 1000.0
+MATERIAL: dict[str, Any] = {"young": YOUNG, "poisson": POISSON, "density": DENSITY}
+RULES = ("van-gelder", "lloyd", "edge-diagonal", "least-squares")
+
+Terms = Callable[[ElementMesh], list[Any]]
+
+
+class Model(NamedTuple):
+    """A model by its name, its family (which has a colour), its terms on a mesh, and whether its torques balance."""
+
+    name: str
+    family: str
+    terms: Terms
+    keeps_spin: bool = True
+
+
+def bar(n: int) -> ElementMesh:
+    """The bar with `n x n` cells across, of six tetrahedra each, and the boundaries "wall" and "tip"."""
+    across = np.linspace(0, 1, n + 1)
+    mesh = skfem.MeshTet.init_tensor(np.linspace(0, LENGTH, round(LENGTH * n) + 1), across, across)
+    return ElementMesh.of(mesh.with_boundaries({"wall": lambda x: x[0] == 0, "tip": lambda x: x[0] == LENGTH}))
+
+
+def system_of(model: Model, mesh: ElementMesh, loads: Sequence[Any] = (), *supports: Any) -> System:
+    """The system of a model; that a rule of springs is for another Poisson's ratio is not said again."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        return System(mesh, [*model.terms(mesh), *loads], *supports)
+
+
+def _quartic(mesh: ElementMesh) -> EdgeNetwork:
+    return EdgeNetwork.of(mesh, StVK(**MATERIAL)).diagonal()
+
+
+def _springs() -> list[Model]:
+    found = [
+        Model("quartic springs", "springs", lambda mesh: [_quartic(mesh)]),
+        Model("quartic springs + volume", "springs + volume", lambda mesh: [_quartic(mesh), _volume()]),
+    ]
+    for rule in RULES:
+        found.append(Model(f"{rule} springs", "springs", lambda mesh, rule=rule: [SpringNetwork(rule=rule, **MATERIAL)]))
+        found.append(
+            Model(
+                f"{rule} springs + volume",
+                "springs + volume",
+                lambda mesh, rule=rule: [SpringNetwork(rule=rule, **MATERIAL), _volume()],
+            )
+        )
+    return found
+
+
+def _volume() -> VolumePenalty:
+    return VolumePenalty(kind="quadratic")
+
+
+TRUE = Model("StVK", "StVK", lambda mesh: [StVK(**MATERIAL)])
+NEO_HOOKEAN = Model("neo-Hookean", "neo-Hookean", lambda mesh: [NeoHookean(**MATERIAL)])
+MODELS: tuple[Model, ...] = (
+    Model("linear", "linear", lambda mesh: [LinearElastic(**MATERIAL)], keeps_spin=False),
+    *_springs(),
+    Model("corotated by element", "corotated", lambda mesh: [Corotated(**MATERIAL)]),
+    Model("corotated by vertex", "corotated", lambda mesh: [Corotated(rotation="vertex", **MATERIAL)], keeps_spin=False),
+    TRUE,
+    Model("StVK + volume", "StVK", lambda mesh: [StVK(**MATERIAL), VolumePenalty()]),
+    Model("invertible StVK", "invertible", lambda mesh: [InvertibleStVK(**MATERIAL)]),
+    NEO_HOOKEAN,
+)
+#: Okabe and Ito's colours, which colour-blind readers can tell apart.
+COLOURS = {
+    "linear": "#000000",
+    "springs": "#E69F00",
+    "springs + volume": "#D55E00",
+    "corotated": "#56B4E9",
+    "StVK": "#0072B2",
+    "invertible": "#CC79A7",
+    "neo-Hookean": "#009E73",
+}

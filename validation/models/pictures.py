@@ -1,0 +1,102 @@
+"""Pictures of models side by side: deformed bars, paths, and speed against error."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import skfem
+from matplotlib.collections import PolyCollection
+from matplotlib.figure import Figure
+
+from skfem_stvk.arguments import Array
+from skfem_stvk.mesh import ElementMesh
+
+from . import bars, motions
+from .costs import Cost
+from .models import COLOURS, MODELS, TRUE, Model
+
+#: Directions to the right and upwards on the page, as seen from the side and a little from above.
+ACROSS, UP = np.array([0.96, -0.28, 0.0]), np.array([-0.08, -0.28, 0.957])
+
+
+def side_by_side(mesh: ElementMesh, found: Mapping[Model, Array], folder: Path, name: str) -> Path:
+    """Each model's deformed bar, in front of the outline of StVK's."""
+    surface = skfem.MeshTet(mesh.p, mesh.t)
+    facets = surface.facets[:, surface.boundary_facets()]
+    columns = 5
+    rows = -(-len(found) // columns)
+    figure = Figure(figsize=(2.5 * columns, 1.9 * rows), layout="constrained")
+    panels = np.array(figure.subplots(rows, columns, sharex=True, sharey=True)).ravel()
+    behind = _projected(mesh.p.T + found[TRUE], facets)
+    every = np.concatenate([_projected(mesh.p.T + u, facets).reshape(-1, 2) for u in found.values() if np.isfinite(u).all()])
+    for axes, (model, u) in zip(panels, found.items(), strict=False):
+        axes.add_collection(PolyCollection(behind, facecolors="#dddddd", edgecolors="none"))
+        if np.isfinite(u).all():
+            x = mesh.p.T + u
+            shown = _projected(x, facets)
+            order = np.argsort(x[facets.T].mean(axis=1) @ np.cross(ACROSS, UP))
+            axes.add_collection(PolyCollection(shown[order], facecolors="white", edgecolors=COLOURS[model.family], linewidths=0.6))
+        axes.set_title(model.name, fontsize=8, color=COLOURS[model.family])
+        axes.set(xlim=(every[:, 0].min() - 0.2, every[:, 0].max() + 0.2), ylim=(every[:, 1].min() - 0.2, every[:, 1].max() + 0.2))
+        axes.set_aspect("equal")
+    for axes in panels:
+        axes.axis("off")
+    path = folder / f"models-{name}.png"
+    figure.savefig(path, dpi=100)
+    return path
+
+
+def _projected(x: Array, facets: Any) -> Array:
+    """(n, 3, 2) corners of the facets on the page."""
+    return np.stack([x @ ACROSS, x @ UP], axis=1)[facets.T]
+
+
+def paths(found: Mapping[str, motions.Path], folder: Path, name: str) -> Path:
+    """How the end moves up and down under each model."""
+    figure = Figure(figsize=(8, 4.5), layout="constrained")
+    axes = figure.subplots()
+    times = np.linspace(0, motions.UNTIL, motions.MOMENTS)
+    for model in MODELS:
+        bold = model is TRUE
+        axes.plot(
+            times,
+            found[model.name].tip[:, 2],
+            color=COLOURS[model.family],
+            lw=2.5 if bold else 1.0,
+            ls="--" if "volume" in model.name else "-",
+            zorder=3 if bold else 2,
+            label=model.name,
+        )
+    largest = np.abs(found[TRUE.name].tip[:, 2]).max()
+    axes.set(xlabel="time [s]", ylabel="height of the end [m]", ylim=(-2.5 * largest, 2.5 * largest), title=f"a bar that is {name}")
+    axes.grid(alpha=0.25)
+    figure.legend(loc="outside right upper", fontsize=7)
+    path = folder / f"models-{name}.png"
+    figure.savefig(path, dpi=100)
+    return path
+
+
+def speed_against_error(found: Mapping[str, Cost], folder: Path, quick: bool) -> Path:
+    """Error of the bent and of the twisted bar, against StVK on the same mesh, over the time of W and F."""
+    n = bars.QUICK_ACROSS if quick else bars.ACROSS
+    figure = Figure(figsize=(9, 4.5), layout="constrained")
+    for axes, trial in zip(figure.subplots(1, 2), (bars.BENT, bars.TWISTED), strict=True):
+        truth = bars.of_model(trial, TRUE, n).measured
+        for model in MODELS:
+            one = bars.of_model(trial, model, n).measured
+            error = bars.error(one, truth) if one.shape == truth.shape else np.nan
+            if not error < 10:
+                continue
+            axes.loglog(found[model.name].force, max(error, 1e-4), "o", color=COLOURS[model.family], ms=6)
+            axes.annotate(
+                model.name, (found[model.name].force, max(error, 1e-4)), fontsize=6, xytext=(4, 3), textcoords="offset points"
+            )
+        axes.set(xlabel="W and F [ns per tetrahedron]", title=f"a bar that is {trial.name}")
+        axes.grid(True, which="both", alpha=0.25)
+        axes.set_ylabel("error against StVK on the same mesh (at least 1e-4)")
+    path = folder / "models-speed-error.png"
+    figure.savefig(path, dpi=110)
+    return path

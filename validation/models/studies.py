@@ -1,0 +1,134 @@
+"""All comparisons of models, one after the other, with their tables and pictures."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+from time import perf_counter
+
+import numpy as np
+from rich.console import Console
+
+from skfem_stvk.referee.terminal import WIDTH
+
+from ..statics.study import Study
+from . import bars, motions, pictures
+from .costs import Cost, cost_of
+from .models import MODELS, NEO_HOOKEAN, TRUE
+
+#: What is known of the models, and has to come out: the largest error of a model against StVK on the same mesh.
+SAME = {"StVK": 1e-12}
+
+
+def run(names: Sequence[str], quick: bool, out: str | None) -> int:
+    """Run the studies of these names and print them; pictures go to the folder `out`. The exit code is 0 if all claims hold."""
+    folder = None if out is None else Path(out)
+    if folder is not None:
+        folder.mkdir(parents=True, exist_ok=True)
+    studies: dict[str, Callable[[], Study]] = {
+        "bent": lambda: at_rest(bars.BENT, quick, folder),
+        "twisted": lambda: at_rest(bars.TWISTED, quick, folder),
+        "released": lambda: in_motion("released", motions.released, quick, folder),
+        "thrown": lambda: in_motion("thrown", motions.thrown, quick, folder),
+        "costs": lambda: costs(quick, folder),
+    }
+    console, failed = Console(width=WIDTH, highlight=False), []
+    for name in names:
+        start = perf_counter()
+        study = studies[name]()
+        console.print(study.rendered())
+        failed += [] if study.passed else [study.name]
+        console.print(f"{name}: {perf_counter() - start:.1f} s\n")
+    console.print(f"DOES NOT HOLD: {', '.join(failed)}" if failed else "all claims hold")
+    return 1 if failed else 0
+
+
+def at_rest(trial: bars.Trial, quick: bool, folder: Path | None = None) -> Study:
+    """A bar at rest under every model, beside StVK on the same mesh and beside both truths."""
+    n, finest = (bars.QUICK_ACROSS, bars.QUICK_FINEST) if quick else (bars.ACROSS, bars.FINEST)
+    truths = bars.true_stvk(trial, finest).measured, bars.true_neo_hookean(trial.name, finest)
+    found = {model.name: bars.of_model(trial, model, n) for model in MODELS}
+    same = found[TRUE.name].measured
+    rows = []
+    for model in MODELS:
+        one = found[model.name]
+        errors = [
+            f"{bars.error(one.measured, truth):.1%}" if one.measured.shape == truth.shape else "-" for truth in (same, *truths)
+        ]
+        rows.append((model.name, *errors, str(one.iterations), f"{one.seconds:.2f}", one.said))
+    drawn = (
+        () if folder is None else (pictures.side_by_side(bars.bar(n), {m: found[m.name].u for m in MODELS}, folder, trial.name),)
+    )
+    return Study(
+        f"A bar that is {trial.name}",
+        "neo-Hookean by scikit-fem and StVK on fine meshes are near each other at these strains, and StVK finds itself",
+        ("model", "from StVK, same mesh", "from StVK, fine", "from neo-Hookean, fine", "iterations", "seconds", "said"),
+        tuple(rows),
+        tuple(_wrong(found, same, truths)),
+        (
+            f"linear tetrahedra with {n} cells across; the fine meshes are quadratic ones with {finest}, StVK by this package and "
+            f"neo-Hookean by scikit-fem, which are {bars.error(*truths):.1%} apart",
+        ),
+        drawn,
+    )
+
+
+def _wrong(found: dict[str, bars.Found], same: np.ndarray, truths: Sequence[np.ndarray]) -> Iterator[str]:
+    if not bars.error(*truths) < 0.2:
+        yield f"the truths are {bars.error(*truths):.0%} apart"
+    for name in (TRUE.name, NEO_HOOKEAN.name):
+        if not np.isfinite(found[name].measured).all():
+            yield f"{name}: {found[name].said}"
+
+
+def in_motion(name: str, motion: Callable[..., motions.Path], quick: bool, folder: Path | None = None) -> Study:
+    """The bar in motion under every model, beside StVK on the same mesh."""
+    found = {model.name: motion(model, quick) for model in MODELS}
+    truths = found[TRUE.name], found[NEO_HOOKEAN.name]
+    rows, wrong = [], []
+    for model in MODELS:
+        path = found[model.name]
+        apart = [f"{motions.off(path, truth):.1%}" for truth in truths]
+        drifts = [f"{x:.0e}" if x == x else "-" for x in (path.energy, path.spin)]
+        rows.append((model.name, *apart, *drifts, path.said))
+        if path.energy > 1e-2:
+            wrong.append(f"{model.name}: energy drifts by {path.energy:.0e} of the kinetic energy")
+        if path.spin > 1e-9 and model.keeps_spin:
+            wrong.append(f"{model.name}: angular momentum drifts by {path.spin:.0e}")
+    drawn = () if folder is None else (pictures.paths(found, folder, name),)
+    return Study(
+        f"A bar that is {name}",
+        "every model with an energy keeps it to a hundredth of the kinetic one, and every one whose forces balance its spin",
+        ("model", "from StVK", "from neo-Hookean", "energy", "spin", "said"),
+        tuple(rows),
+        tuple(wrong),
+        (f"the largest distance of the end's path over {motions.UNTIL:g} s, over the largest displacement; velocity Verlet",),
+        drawn,
+    )
+
+
+def costs(quick: bool, folder: Path | None = None) -> Study:
+    """Times, memory and stable steps of every model; with a folder, error of the bent bar against time."""
+    found: dict[str, Cost] = {model.name: cost_of(model, quick) for model in MODELS}
+    usual = found[TRUE.name]
+    rows = tuple(
+        (
+            name,
+            *(f"{value:.0f}" if value == value else "-" for value in one[:4]),
+            f"{one.force / usual.force:.2f}",
+            f"{one.tangent / usual.tangent:.2f}",
+            f"{one.memory:.0f}",
+            f"{one.step / usual.step:.2f}" if one.step == one.step else "-",
+        )
+        for name, one in found.items()
+    )
+    drawn = () if folder is None else (pictures.speed_against_error(found, folder, quick),)
+    return Study(
+        "What models cost",
+        "",
+        ("model", "W + F", "K", "explicit step", "eq. 9 step", "W + F / StVK", "K / StVK", "bytes", "stable step / StVK"),
+        rows,
+        (),
+        ("ns and bytes per tetrahedron, one thread; explicit steps are velocity Verlet's, with all of a ledger's row",),
+        drawn,
+    )
