@@ -97,7 +97,7 @@ class StepProblem:
         self._u0, self._offset, self._force, self._arrived, self._at, self._w, self.full = (np.zeros(n) for _ in range(7))
         self._rest: Any = None  # K(0)
         self._tensions = StartTensions(motion.system) if mean and chosen is not StepTangent.REST else None
-        self._rest_factors: tuple[Any, Factors] | None = None
+        self._lasting_factors: tuple[Any, Factors] | None = None
         self._free_operator: FreeOperator | None = None
         with watch("factor"):
             self.tangent = FreeTangent(motion.system, solver, kind_of_step(motion.system, chosen), lambda: self._u0 + self._w)
@@ -170,13 +170,15 @@ class StepProblem:
         return float(residual.vector @ v[self.free.free])
 
     def factorise(self, w: Array, t: Time, tangent: Tangent = Tangent.EXACT) -> Factors:
-        """The tangent that was chosen, or one that Newton's method falls back on, as in statics; K(0) stays what it is."""
-        if self._chosen is not StepTangent.REST:
+        """The tangent that was chosen, or one that Newton's method falls back on, as in statics; K(0) stays what it is, and so does
+        K of a body that is linear."""
+        linear = self.system.constant_tangent and tangent is Tangent.EXACT
+        if not linear and self._chosen is not StepTangent.REST:
             return self._factorise(w, t, tangent)
-        key = self._c, self._g
-        if self._rest_factors is None or self._rest_factors[0] != key:
-            self._rest_factors = key, self._factorise(w, t, Tangent.EXACT)
-        return self._rest_factors[1]
+        key = self._c, self._g, self.tangent.version
+        if self._lasting_factors is None or self._lasting_factors[0] != key:
+            self._lasting_factors = key, self._factorise(w, t, Tangent.EXACT)
+        return self._lasting_factors[1]
 
     def _factorise(self, w: Array, t: Time, tangent: Tangent) -> Factors:
         K: Any

@@ -283,6 +283,8 @@ class BoundTerm(Protocol):
     symmetric : whether `K_ba = K_ab'`; if not, it gives both.
     balanced : whether the rows of K sum to zero, so that `K_aa = -sum_b K_ab`; if not, it gives those of its `nodes` (m,).
     has_energy : whether the force is the gradient of an energy; if not, `energy_and_force` returns 0.
+
+    One with the attribute `constant_tangent`, which is True, has the same K at all displacements: it is factorised once.
     """
 
     symmetric: bool

@@ -27,6 +27,8 @@ from ..terms.load import Time
 NOTHING = 1e-6
 #: How often on a path it is asked whether CG met negative curvature or its own round-off.
 MOST_DOUBTS = 3
+#: Linear solves of a body that is linear are as precise as this at least: one of them is all there is.
+PRECISE = 1e-10
 #: Part of the load factor, or of 1, over which loads and prescribed displacements are differenced; exact for what grows linearly.
 DIFFERENCE = 1e-6
 
@@ -99,6 +101,8 @@ class Equilibrium:
             return float(np.finfo(float).eps) * norm(sums[self.free.free])
 
     def factorise(self, u: Array, t: Time, tangent: Tangent = Tangent.EXACT) -> Factors:
+        if tangent is Tangent.EXACT and self.tangent.lasting is not None:
+            return self.tangent.lasting
         K: Any
         kept, shifted = ALL if tangent is Tangent.EXACT else TENSILE, tangent is Tangent.SHIFTED
         self._u = u
@@ -116,7 +120,7 @@ class Equilibrium:
 
     def solve(self, factors: Factors, b: Array, rtol: float) -> Solution:
         with self._watch("solve"):
-            return factors.solve(b, rtol)
+            return factors.solve(b, min(rtol, PRECISE) if self.system.constant_tangent else rtol)
 
     def take_over(self, u: Array, t: Time) -> bool:
         """As in `Problem`: if a factorisation, up to `COUNTED` unknowns and a few times on a path, finds no negative eigenvalue."""

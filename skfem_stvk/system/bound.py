@@ -139,6 +139,11 @@ class BoundTerms:
         return self._elastic and all(load.dead for load in self.bound_loads)
 
     @property
+    def constant_tangent(self) -> bool:
+        """Whether the Jacobian is the same at all displacements and times: what is linear, under dead loads."""
+        return self.dead and all(getattr(term, "constant_tangent", False) for term in self.bound_terms)
+
+    @property
     def _elastic(self) -> bool:
         return all(term.has_energy and term.symmetric for term in self.bound_terms)
 

@@ -34,7 +34,7 @@ class SystemLike(Protocol):
     limits      inside_out, step_limit, smallest_volume_ratio, smallest_stretch, compressed, round_off, check_held, parts, grounded
     a line      quartic, energy_along
     fields      terms, elastic_terms, elastic_names, loads, bound_terms, bound_loads: what results and ledgers are made of
-    in short    conservative, dead, resists_inversion; commit, restore
+    in short    conservative, dead, constant_tangent, resists_inversion; commit, restore
     """
 
     @property
@@ -65,6 +65,8 @@ class SystemLike(Protocol):
     def conservative(self) -> bool: ...
     @property
     def dead(self) -> bool: ...
+    @property
+    def constant_tangent(self) -> bool: ...
     @property
     def quartic(self) -> bool: ...
     @property

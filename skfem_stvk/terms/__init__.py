@@ -5,6 +5,7 @@ from .dead_loads import BodyForce, Gravity, NodalLoad, Traction
 from .edge_network import EdgeNetwork
 from .foundation import ElasticFoundation
 from .neo_hookean import NeoHookean
+from .linear_elastic import LinearElastic
 from .pressure import Pressure
 from .protocols import (
     BoundLoad,
@@ -51,6 +52,7 @@ __all__ = [
     "HasStretch",
     "HasVolume",
     "HoldsShape",
+    "LinearElastic",
     "Load",
     "NeoHookean",
     "NodalLoad",

@@ -81,7 +81,7 @@ class Bedding:
     the facets as they are in the body now.
     """
 
-    symmetric = has_energy = True
+    symmetric = has_energy = constant_tangent = True
     balanced = False
 
     def __init__(self, spread: Callable[[], Spread], stiffness: NDArray[np.float64], dtype: DTypeLike) -> None:

@@ -16,6 +16,7 @@ from skfem_stvk import (
     ElasticFoundation,
     ElementMesh,
     NeoHookean,
+    LinearElastic,
     SpringNetwork,
     StVK,
     System,
@@ -98,6 +99,10 @@ def cases():
         found[f"StVK, {name}, anisotropic"] = Case(
             mesh, StVK(Anisotropic(some_voigt(RNG), frame=random_frames(1, RNG)[0])), can=can
         )
+        linear = LinearElastic(law.material)  # a rotation strains it
+        found[f"linear, {name}"] = Case(mesh, linear, grounded=True, can=can)
+        linear = LinearElastic(Anisotropic(some_voigt(np.random.default_rng(7))))
+        found[f"linear, {name}, anisotropic"] = Case(mesh, linear, grounded=True, can=can)
         found[f"foundation, {name}"] = Case(
             mesh, ElasticFoundation(lambda x: x[0] > -9, 3.0), grounded=True, can=(Quartic, HasMeanForce)
         )

@@ -67,8 +67,8 @@ class LinearBackwardEuler(BackwardEuler):
         return frozenset() if self.tangent == StepTangent.DIAGONAL.value else frozenset({LINEAR_MOMENTUM})
 
     def iterates(self, system: SystemLike) -> bool:
-        """Always: a step is one solve only, and starts near its solution."""
-        return True
+        """Unless factors are kept for the whole run: a step is one solve only, and starts near its solution."""
+        return not system.constant_tangent
 
     def stepper(self, motion: Motion) -> LinearStepper:
         self._refuse_what_a_solve_would_miss(motion)

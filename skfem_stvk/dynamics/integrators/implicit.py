@@ -67,7 +67,7 @@ class Implicit(Integrator):
 
     def iterates(self, system: SystemLike) -> bool:
         """Whether conjugate gradients are fast: for tetrahedra, whose factors are large, unless factors are kept."""
-        return system.mesh.k == 3 and StepTangent(self.tangent) is not StepTangent.REST
+        return system.mesh.k == 3 and StepTangent(self.tangent) is not StepTangent.REST and not system.constant_tangent
 
     @abstractmethod
     def coefficients(self, state: MotionState, h: float, stepper: ImplicitStepper) -> Coefficients:

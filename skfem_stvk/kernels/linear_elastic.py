@@ -1,0 +1,67 @@
+"""Linear elasticity at a point: the law of small strain, which a rotation strains.
+
+Notation of `laws`. Strain and pull are along the frame at rest:
+
+    M_ij = Q_i . h_j + h_i . Q_j = 2 eps_ij        S_ij = w C_ijkl M_kl / 2        w W = 1/4 S : M        s_j = sum_k S_jk Q_k
+    A_mn = w sum_kl C_mknl Q_k Q_l', the same at all displacements
+
+The numbers and formulas are those of St. Venant-Kirchhoff's law with `Q` in place of `q`, and without tensions.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+from .compiled import Reals, by_type
+from .laws import (
+    FORMULAS,
+    GeneralLaw,
+    IsotropicLaw,
+    contracted,
+    numbers_in,
+    numbers_kept,
+    pulled,
+    respond,
+    sizes_of_stress,
+    spoke_stiffness,
+    strain,
+    stress,
+    weigh,
+)
+
+
+class LinearIsotropicLaw(NamedTuple):
+    """As `IsotropicLaw`."""
+
+    D: Reals
+
+
+class LinearGeneralLaw(NamedTuple):
+    """As `GeneralLaw`."""
+
+    D: Reals
+
+
+#: The linear law with the numbers of one of St. Venant-Kirchhoff's.
+LINEAR: dict[Any, Any] = {IsotropicLaw: LinearIsotropicLaw, GeneralLaw: LinearGeneralLaw}
+
+for _law, _linear in LINEAR.items():
+    for _stub in (numbers_in, numbers_kept, stress, sizes_of_stress, spoke_stiffness):
+        by_type(_stub, _linear, FORMULAS)(FORMULAS[_stub.__name__, _law])
+
+
+@by_type(respond, LinearIsotropicLaw, FORMULAS)
+@by_type(respond, LinearGeneralLaw, FORMULAS)
+def _stress_pulls_along_the_frame_at_rest(law, at, weight, Q, h, q):
+    Q1, Q2, Q3 = Q
+    M = strain(h[0], h[1], h[2], Q1, Q2, Q3, Q1, Q2, Q3)
+    S = stress(law, at, weight, M)
+    s1, s2, s3 = pulled(S, Q1, Q2, Q3)
+    none = weight - weight
+    return contracted(S, M), (*Q1, *Q2, *Q3, none, none, none, none, none, none), s1, s2, s3
+
+
+@by_type(weigh, LinearIsotropicLaw, FORMULAS)
+@by_type(weigh, LinearGeneralLaw, FORMULAS)
+def _no_tensions(law, points, kept, positive, negative):
+    """There are no tensions to weigh."""

@@ -1,0 +1,92 @@
+"""Linear elasticity on a region of the mesh."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import DTypeLike, NDArray
+
+from ..arguments import Array
+from ..edges import LawAssembly
+from ..edges.stiffness import Frames, Stiffness
+from ..kernels.linear_elastic import LINEAR
+from ..mesh import ElementMesh
+from .body import Body
+from .elastic_law import ElasticLaw
+from .stvk import StVK
+
+
+@dataclass(frozen=True, eq=False)
+class LinearElastic(ElasticLaw):
+    """Elastic body of small strain: `W = integral of 1/2 eps : C : eps`, `eps = (H + H')/2` of the displacement gradient `H`.
+
+    Its stiffness K is the same at all displacements, that of `StVK` at rest: where all of a body is linear, and loads are dead, it is
+    factorised once, so that `solve_static` takes one iteration and steps of constant length take one factorisation for a whole run.
+    It is wrong under rotation: a body that only turns by `t` about z has the stress `s_xx = s_yy = 2 (mu + lam) (cos t - 1)`,
+    `s_zz = 2 lam (cos t - 1)`, as if it had shrunk.
+
+    Parameters
+    ----------
+    material, region, plane, thickness, area, young, poisson, density : as in `StVK`.
+
+    Raises
+    ------
+    MaterialError
+        as `StVK`.
+    RegionError
+        when it is bound, if the region is not in the mesh.
+
+    >>> import skfem
+    >>> from skfem_stvk import System
+    >>> mesh = skfem.MeshTet().refined(1)
+    >>> body = System(mesh, LinearElastic(young=1e5, poisson=0.3))
+    >>> u = 0.01 * mesh.p.ravel("F")                     # 1 % larger in all directions
+    >>> round(body.energy(u), 4), round(9 / 2 * 1e5 / 1.2 * 0.01**2, 4)
+    (37.5, 37.5)
+    >>> bool(abs(body.internal_force(3 * u) - 3 * body.internal_force(u)).max() < 1e-9)
+    True
+    """
+
+    def bind(self, body: Body | ElementMesh, dtype: DTypeLike = np.float64) -> LinearAssembly:
+        """The assembly of this material on a body's mesh."""
+        return self._bound(LinearAssembly, body, dtype)
+
+    def stiffness(self, mesh: ElementMesh) -> LinearStiffness:
+        """The stiffness of each element of the region, in the form that stores least."""
+        return LinearStiffness(StVK(self.material, self.region, self.plane, self.thickness, self.area).stiffness(mesh))
+
+
+class LinearStiffness:
+    """The numbers of St. Venant-Kirchhoff's law, for the linear one."""
+
+    barrier = ""
+
+    def __init__(self, of: Stiffness) -> None:
+        self._of, self.law, self.moduli = of, LINEAR[of.law], of.moduli
+
+    def stored(self, at: Frames, elements: NDArray[np.int32]) -> Array:
+        """(m, n) `lam/2` and `mu`, or `C/2`, times the size."""
+        return self._of.stored(at, elements)
+
+
+class LinearAssembly(LawAssembly):
+    """A law whose force is linear in displacements: all between two states is known from the force alone."""
+
+    #: K is the same at all displacements.
+    constant_tangent = True
+
+    def along(self, u: Array, v: Array) -> NDArray[np.float64]:
+        """(5,) coefficients of the energy along `u + s v`, both (nv, d): the last two are zero."""
+        force = np.zeros(u.shape, dtype=self.dtype)
+        W = self.energy_and_force(u, force)
+        return np.array([W, np.vdot(force, v), self.energy_and_force(v), 0.0, 0.0])
+
+    def mean_force(self, u0: Array, u1: Array, weights: tuple[float, float], theta: float, force: Array) -> float:
+        """Add `K (w0 u0 + w1 u1)` to `force` (nv, d); `R = W(u1 - u0)`, as in `HasMeanForce`."""
+        self.energy_and_force(weights[0] * u0 + weights[1] * u1, force)
+        return self.energy_and_force(u1 - u0)
+
+    def damping_force(self, u: Array, v: Array, force: Array) -> float:
+        """Add `K v` to `force` (nv, d), which resists turning, too; half the power that it takes [W]."""
+        return self.energy_and_force(v, force)

@@ -1,0 +1,196 @@
+"""Linear elasticity: the stiffness of St. Venant-Kirchhoff at rest, once and for all; what that saves, and where it is wrong."""
+
+import numpy as np
+import pytest
+from bodies import EVERY_MESH, box, boxes, random_frames, some_voigt, state
+from scipy.sparse.linalg import spsolve
+
+from skfem_stvk import (
+    Anisotropic,
+    BackwardEuler,
+    ElasticFoundation,
+    EnergyMomentum,
+    Gravity,
+    LinearBackwardEuler,
+    LinearElastic,
+    Newmark,
+    Pressure,
+    Rayleigh,
+    StVK,
+    System,
+    VolumePenalty,
+    modes,
+    simulate,
+    solve_static,
+)
+from skfem_stvk.system.free_tangent import FreeTangent
+
+
+def materials(mesh):
+    rng = np.random.default_rng(11)
+    isotropic = StVK(young=rng.uniform(1, 9, mesh.nt), poisson=rng.uniform(-0.3, 0.45, mesh.nt)).material
+    return isotropic, Anisotropic(some_voigt(rng), frame=random_frames(mesh.nt, rng))
+
+
+@pytest.mark.parametrize("name", EVERY_MESH)
+def test_its_stiffness_is_that_of_the_body_at_rest_everywhere(name):
+    mesh = EVERY_MESH[name]
+    for material in materials(mesh):
+        linear, law = System(mesh, LinearElastic(material)), System(mesh, StVK(material))
+        K, u = law.tangent(np.zeros(mesh.p.size)), 2 * state(mesh)
+        for at in (0 * u, u):
+            assert abs(linear.tangent(at) - K).max() <= 1e-14 * abs(K).max()
+        W, F = linear.energy_and_force(u)
+        assert np.abs(F - K @ u).max() < 1e-13 * np.abs(F).max() and pytest.approx(u @ (K @ u) / 2, rel=1e-12) == W
+        assert abs(law.internal_force(u) - F).max() > 0.01 * np.abs(F).max()
+        assert linear.constant_tangent and not law.constant_tangent
+
+
+@pytest.mark.parametrize("k", [2, 3])
+def test_so_is_that_of_boxes_with_one_point(k):
+    mesh = boxes(k)
+    linear, law = (System(mesh, kind(young=2.0, poisson=0.3), quadrature="one-point") for kind in (LinearElastic, StVK))
+    K, u = law.tangent(np.zeros(mesh.p.size)), state(mesh)
+    assert abs(linear.tangent(u) - K).max() <= 1e-14 * abs(K).max()
+    assert np.abs(linear.internal_force(u) - K @ u).max() < 1e-13 * np.abs(K @ u).max()
+
+
+@pytest.mark.parametrize("options", [{"plane": "stress", "thickness": 0.2}, {"plane": "strain"}])
+def test_plane_strain_and_plane_stress(options):
+    mesh = EVERY_MESH["triangles"]
+    linear, law = (System(mesh, kind(young=2.0, poisson=0.3, **options)) for kind in (LinearElastic, StVK))
+    assert abs(linear.tangent(state(mesh)) - law.tangent(np.zeros(mesh.p.size))).max() < 1e-14
+
+
+def test_it_is_the_first_order_of_st_venant_kirchhoff():
+    mesh = box(2)
+    linear, law = (System(mesh, kind(young=2.0, poisson=0.3)) for kind in (LinearElastic, StVK))
+    u = state(mesh)
+    errors = [np.abs(linear.internal_force(s * u) - law.internal_force(s * u)).max() for s in (1e-2, 1e-3)]
+    assert errors[0] > 1e-6 and errors[1] == pytest.approx(errors[0] / 100, rel=0.1)
+
+
+@pytest.fixture
+def made(monkeypatch):
+    """How many tangents were factorised."""
+    counts, factorise = [], FreeTangent.factorise
+
+    def counted(self, K, exact=True):
+        counts.append(exact)
+        return factorise(self, K, exact)
+
+    monkeypatch.setattr(FreeTangent, "factorise", counted)
+    return counts
+
+
+LINEAR = LinearElastic(young=100.0, poisson=0.3, density=1.0)
+
+
+SOFT = StVK(young=50.0, poisson=0.3, density=1.0, region=np.arange(20))
+STIFF = LinearElastic(young=500.0, poisson=0.1, density=1.0, region=np.arange(20, 48))
+
+
+def loaded(*terms, gravity=(0.2, 0, -1.0)):
+    mesh = box(2)
+    wall = tuple(np.flatnonzero(mesh.p[2] > 0.8))
+    return System(mesh, [*(terms or [LINEAR]), Gravity(gravity)], fixed={wall: "xyz"})
+
+
+@pytest.mark.parametrize("solver", ["superlu", "amg-cg", "ssor-cg", "block-jacobi-cg", "auto"])
+def test_statics_takes_one_factorisation_and_one_iteration(solver, made):
+    """Later steps begin where they end: the path is straight."""
+    system = loaded()
+    found = solve_static(system, steps=4, solver=solver, quiet=True)
+    assert found.success and made == [True] and sum(len(step.iterations) for step in found.history) == 1
+    free = np.setdiff1d(np.arange(system.ndofs), system.supports.held)
+    K = system.tangent(np.zeros(system.ndofs))[free][:, free]
+    exact = spsolve(K.tocsc(), system.external_force(np.zeros(system.ndofs))[free])
+    assert np.abs(found.u[free] - exact).max() < 1e-7 * np.abs(exact).max()
+
+
+def test_prescribed_displacements_take_one_factorisation_too(made):
+    mesh = box(2)
+    wall, tip = (tuple(np.flatnonzero(where)) for where in (mesh.p[2] > 0.8, mesh.p[2] < 0.2))
+    system = System(mesh, LINEAR, fixed={wall: "xyz"}, prescribed={tip: {"x": 0.1, "z": -0.05}})
+    found = solve_static(system, steps=3, solver="superlu", quiet=True)
+    assert found.success and made == [True]
+    assert found.u.reshape(-1, 3)[list(tip), 0] == pytest.approx(0.1)
+
+
+def test_mixed_regions_and_foundations_that_are_all_linear_take_one(made):
+    system = loaded(LinearElastic(SOFT.material, region=SOFT.region), STIFF, ElasticFoundation(lambda x: x[2] < 0.2, 5.0))
+    assert system.constant_tangent and solve_static(system, steps=3, quiet=True).success and made == [True]
+
+
+@pytest.mark.parametrize(
+    "terms",
+    [
+        [SOFT, STIFF],
+        [LINEAR, VolumePenalty()],
+        [LINEAR, Pressure(lambda x: x[2] < 0.2, 0.5)],
+    ],
+    ids=["StVK", "penalty", "follower"],
+)
+def test_where_something_is_not_linear_it_takes_more(terms, made):
+    system = loaded(*terms)
+    found = solve_static(system, steps=2, quiet=True)
+    assert not system.constant_tangent and found.success and len(made) > 2
+
+
+def test_a_stiff_linear_region_in_a_soft_body_hardly_deforms():
+    soft, stiff = np.arange(24), np.arange(24, 48)
+    mixed = loaded(
+        StVK(young=20.0, poisson=0.3, density=1.0, region=soft), LinearElastic(young=1e6, poisson=0.3, density=1.0, region=stiff)
+    )
+    energies = mixed.energies(solve_static(mixed, quiet=True).u)
+    assert energies["LinearElastic 1"] < 1e-3 * energies["StVK 0"]
+
+
+INTEGRATORS = [LinearBackwardEuler(0.02), BackwardEuler(0.02), Newmark(0.02), EnergyMomentum(0.02)]
+
+
+@pytest.mark.parametrize("integrator", INTEGRATORS, ids=lambda one: type(one).__name__)
+@pytest.mark.parametrize("damping", [None, Rayleigh(0.1, 0.01)], ids=["", "damped"])
+def test_a_run_with_a_constant_step_takes_one_factorisation(integrator, damping, made):
+    system = loaded()
+    run = simulate(system, integrator, until=0.4, damping=damping, quiet=True)
+    assert run.success and made == [True] and run.ledger.steps == 21
+    if isinstance(integrator, EnergyMomentum) and damping is None:
+        energy = run.ledger["total_energy"]
+        assert np.ptp(energy) < 1e-10 * np.ptp(run.ledger["kinetic_energy"]) > 0
+
+
+def test_eq_9_is_a_step_of_the_linear_equation():
+    """`(M/T^2 + K) T v1 = h - F + M v0/T`, step by step, by hand."""
+    system, T = loaded(), 0.02
+    free = np.setdiff1d(np.arange(system.ndofs), system.supports.held)
+    K = system.tangent(np.zeros(system.ndofs)).toarray()[np.ix_(free, free)]
+    M, h = system.mass().matrix.toarray()[np.ix_(free, free)], system.external_force(np.zeros(system.ndofs))[free]
+    u, v = np.zeros(len(free)), np.zeros(len(free))
+    for _ in range(20):
+        v = np.linalg.solve(M / T**2 + K, h - K @ u + M @ v / T) / T
+        u = u + T * v
+    run = simulate(system, LinearBackwardEuler(T), until=20 * T, quiet=True)
+    assert np.abs(run.u[free] - u).max() < 1e-8 * np.abs(u).max()
+
+
+def test_a_shorter_last_step_takes_another(made):
+    run = simulate(loaded(), LinearBackwardEuler(0.02), until=0.25, quiet=True)
+    assert run.success and made == [True, True]
+
+
+def test_its_modes_do_not_change_with_the_state():
+    system = loaded()
+    u = solve_static(system, quiet=True).u
+    at_rest = modes(loaded(StVK(LINEAR.material)), 4).eigenvalues
+    assert modes(system, 4, u=u).eigenvalues == pytest.approx(at_rest, rel=1e-6)
+
+
+def test_damping_of_it_is_that_of_the_stiffness_at_rest():
+    mesh = box(2)
+    term, v = LINEAR.bind(mesh), state(mesh).reshape(-1, 3)
+    force = np.zeros_like(v)
+    R = term.damping_force(2 * v, v, force)
+    K = System(mesh, LINEAR).tangent(np.zeros(mesh.p.size))
+    assert np.abs(force.ravel() - K @ v.ravel()).max() < 1e-13 * np.abs(force).max()
+    assert pytest.approx(np.vdot(force, v), rel=1e-12) == 2 * R
