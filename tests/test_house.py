@@ -201,7 +201,18 @@ def test_messages_say_what_they_got():
     assert came == []
 
 
-LAWS = {"StVK", "VolumePenalty", "ElasticFoundation", "Gravity", "BodyForce", "NodalLoad", "Traction", "Pressure"}
+LAWS = {
+    "StVK",
+    "LinearElastic",
+    "SpringNetwork",
+    "VolumePenalty",
+    "ElasticFoundation",
+    "Gravity",
+    "BodyForce",
+    "NodalLoad",
+    "Traction",
+    "Pressure",
+}
 
 
 def test_laws_and_loads_are_asked_for_what_they_can_do_and_not_for_their_type():

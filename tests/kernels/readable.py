@@ -22,6 +22,7 @@ from skfem_stvk.kernels.compiled import Ids, Reals
 from skfem_stvk.kernels.lanes import LANES, TRANSPOSED, MeanPoints, Points
 from skfem_stvk.kernels.laws import GeneralLaw, IsotropicLaw
 from skfem_stvk.kernels.neo_hookean import NeoHookeanLaw, NeoHookeanSheet
+from skfem_stvk.kernels.linear_elastic import LinearGeneralLaw, LinearIsotropicLaw
 from skfem_stvk.kernels.penalty import BARRIER, COMPRESSION, QUADRATIC
 from skfem_stvk.kernels.rows import PairSlots, RowSlots
 from skfem_stvk.kernels.topology import OWN
@@ -170,6 +171,20 @@ def bound(B: Reals) -> Reals:
     return mean + np.sqrt(2 / 3 * (deviators**2).sum(axis=(-2, -1)))
 
 
+def linear(count: int, tensor: Callable[[Reals], Reals]) -> PointLaw:
+    """`W = 1/4 S : M`, `M_ij = Q_i . h_j + h_i . Q_j`, `s_j = sum_k S_jk Q_k`, `A_mn = 2 sum_kl C_mknl Q_k Q_l'`: no tensions."""
+
+    def energy_and_pull(numbers: Reals, Q: Reals, h: Reals) -> tuple[Reals, Reals]:
+        M = symmetric(Q, h)
+        S = np.einsum("nqijkl,nqkl->nqij", tensor(numbers), M)
+        return (S * M).sum(axis=(2, 3)) / 4, np.einsum("nqjk,nqkx->nqjx", S, Q)
+
+    def tangent(numbers: Reals, Q: Reals, h: Reals, positive: float, negative: float, simplices: bool) -> Reals:
+        return np.asarray(2 * np.einsum("nqikjl,nqkx,nqly->nqijxy", tensor(numbers), Q, Q, optimize=True))
+
+    return PointLaw(count, energy_and_pull, tangent)
+
+
 #: The tensor C of St. Venant-Kirchhoff's two laws.
 TENSORS: dict[type, Callable[[Reals], Reals]] = {IsotropicLaw: isotropic, GeneralLaw: general}
 #: Every law.
@@ -178,6 +193,8 @@ LAWS: dict[type, PointLaw] = {
     GeneralLaw: stvk(21, general),
     NeoHookeanLaw: neo_hookean_law(sheet=False),
     NeoHookeanSheet: neo_hookean_law(sheet=True),
+    LinearIsotropicLaw: linear(2, isotropic),
+    LinearGeneralLaw: linear(21, general),
 }
 
 
