@@ -4,8 +4,8 @@ from .body import Body
 from .dead_loads import BodyForce, Gravity, NodalLoad, Traction
 from .edge_network import EdgeNetwork
 from .foundation import ElasticFoundation
-from .neo_hookean import NeoHookean
 from .linear_elastic import LinearElastic
+from .neo_hookean import NeoHookean
 from .pressure import Pressure
 from .protocols import (
     BoundLoad,
