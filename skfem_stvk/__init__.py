@@ -26,9 +26,11 @@ from .statics import SolveError, StaticResult, Stop, solve_static
 from .system import System
 from .terms import (
     BodyForce,
+    Corotated,
     EdgeNetwork,
     ElasticFoundation,
     Gravity,
+    InvertibleStVK,
     LinearElastic,
     NeoHookean,
     NodalLoad,
@@ -44,6 +46,7 @@ __all__ = [
     "Anisotropic",
     "BackwardEuler",
     "BodyForce",
+    "Corotated",
     "EdgeDamping",
     "EdgeNetwork",
     "ElasticFoundation",
@@ -53,6 +56,7 @@ __all__ = [
     "GeneralizedAlpha",
     "Gravity",
     "Interrupted",
+    "InvertibleStVK",
     "Isotropic",
     "LinearBackwardEuler",
     "LinearElastic",

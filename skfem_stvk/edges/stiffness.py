@@ -20,11 +20,15 @@ from ..arguments import Array
 from ..elements.element import LOCAL_EDGES
 from ..errors import MaterialError, name_ids
 from ..kernels.laws import GeneralLaw, IsotropicLaw
+from ..kernels.principal import CABLE, LINE, MEMBRANE, SHEET, Flat
 from ..materials import FramedMaterial, Hypothesis
+from ..mesh import ElementMesh
 from ..mesh.geometry import Geometry
 
 #: Components of a symmetric tensor in one, two and three dimensions: the Voigt order of the package.
 VOIGT = {1: ((0, 0),), 2: ((0, 0), (1, 1), (0, 1)), 3: ((0, 0), (1, 1), (2, 2), (1, 2), (0, 2), (0, 1))}
+#: Elements of fewer than three dimensions by their dimension and whether they lie in a space of more.
+FLAT = {(1, False): LINE, (1, True): CABLE, (2, False): SHEET, (2, True): MEMBRANE}
 #: The order of the strains `M_ij` and stresses `S_ij` of the kernels.
 PAIRS = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
 
@@ -90,9 +94,10 @@ class Frames(NamedTuple):
 class IsotropicStiffness:
     """Lame constants times section, (n,) each: those that act within the elements' own dimensions."""
 
-    law, moduli, barrier = IsotropicLaw, 2, ""
+    moduli, barrier = 2, ""
 
     def __init__(self, lam: Array, mu: Array) -> None:
+        self.law: Callable[[Any], Any] = IsotropicLaw
         self.lam, self.mu = lam, mu
 
     def coefficients(self, p: Array, t: NDArray[np.int32]) -> Array:
@@ -104,6 +109,18 @@ class IsotropicStiffness:
         if at.k == 1:  # one strain: lam + 2 mu is all there is, and mu may be zero
             lam, mu = 0 * lam, mu + lam / 2
         return np.stack([at.size * lam / 2, at.size * mu])
+
+
+class StretchesStiffness(IsotropicStiffness):
+    """Lame constants as in `IsotropicStiffness`, of an energy of principal stretches.
+
+    `kind` is its law in the kernels, made of what is stored, `None` for solids or the kind of flat elements, and of numbers `more`.
+    """
+
+    def __init__(self, lam: Array, mu: Array, kind: Callable[..., Any], mesh: ElementMesh, *more: float) -> None:
+        super().__init__(lam, mu)
+        flat = None if mesh.k == 3 else Flat(FLAT[mesh.k, mesh.k < mesh.d])
+        self.law = lambda D: kind(D, flat, *more)
 
 
 class AnisotropicStiffness:

@@ -12,8 +12,9 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 import numpy as np
+from numba.extending import overload
 
-from .compiled import Ids, Reals, by_type, inlined, kernel
+from .compiled import Ids, Reals, by_type, inlined, kernel, options_of_kernels
 
 #: Elements in a block. 16 measures best: 8 are unrolled before they are vectorised (2 x slower), 32 spill from the registers'
 #: cache.
@@ -68,11 +69,24 @@ def cross(a, b):
     return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
 
 
-@inlined
-def put(a, out, at):
+def put(a: Any, out: Any, at: Any) -> None:
     """Write numbers a block of lanes apart."""
     for i in range(len(a)):
         out[at + I(i * LANES)] = a[i]
+
+
+def _put_parts(a, out, at):
+    """Loops that are so short that the compiler unrolls them: a loop within that of the lanes is not vectorised."""
+    put(a[:15], out, at)
+    put(a[15:], out, at + I(15 * LANES))
+
+
+INLINED: Any = options_of_kernels | {"forceinline": True}
+
+
+@overload(put, jit_options=INLINED, strict=False)
+def _put_of_length(a, out, at):
+    return _put_parts if len(a) > 15 else put
 
 
 @kernel

@@ -1,9 +1,11 @@
 """What a body is made of and what acts on it: specifications without a mesh, one a file."""
 
 from .body import Body
+from .corotated import Corotated
 from .dead_loads import BodyForce, Gravity, NodalLoad, Traction
 from .edge_network import EdgeNetwork
 from .foundation import ElasticFoundation
+from .invertible import InvertibleStVK
 from .linear_elastic import LinearElastic
 from .neo_hookean import NeoHookean
 from .pressure import Pressure
@@ -38,6 +40,7 @@ __all__ = [
     "BoundLoad",
     "BoundTerm",
     "CanRemove",
+    "Corotated",
     "EdgeNetwork",
     "ElasticFoundation",
     "Gravity",
@@ -52,6 +55,7 @@ __all__ = [
     "HasStretch",
     "HasVolume",
     "HoldsShape",
+    "InvertibleStVK",
     "LinearElastic",
     "Load",
     "NeoHookean",

@@ -10,7 +10,7 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike, DTypeLike, NDArray
 
-from ..arguments import choice, own
+from ..arguments import Array, choice, own
 from ..edges import LawAssembly
 from ..edges.stiffness import StoredLaw
 from ..errors import MaterialError
@@ -94,6 +94,22 @@ class ElasticLaw(ABC):
     @abstractmethod
     def stiffness(self, mesh: ElementMesh) -> StoredLaw:
         """The law of the kernels, and what it stores of each element of the region."""
+
+    def lame(self, mesh: ElementMesh) -> tuple[Array, Array]:
+        """`lam` and `mu` (n,) times section, those that act within the elements' own dimensions.
+
+        MaterialError if the material is not isotropic, or does not fit the elements.
+        """
+        if not isinstance(self.material, Isotropic):
+            raise MaterialError(
+                f"{type(self).__name__} is for isotropic materials; got {type(self.material).__name__}. Give young= and "
+                "poisson=, or take StVK, which is for any."
+            )
+        n, hypothesis = len(mesh.elements(self.region)), self.hypothesis(mesh)
+        self.material.check(n, hypothesis)
+        section = self.section(mesh, n)
+        lam, mu = (np.broadcast_to(value * section, n) for value in self.material.lame(hypothesis))
+        return lam, mu
 
     def mass(self, mesh: ElementMesh, sizes: NDArray[np.float64]) -> NDArray[np.float64]:
         """(n,) masses [kg] of the elements of the region, from their lengths, areas or volumes `sizes` (n,).

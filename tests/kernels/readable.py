@@ -24,6 +24,7 @@ from skfem_stvk.kernels.laws import GeneralLaw, IsotropicLaw
 from skfem_stvk.kernels.linear_elastic import LinearGeneralLaw, LinearIsotropicLaw
 from skfem_stvk.kernels.neo_hookean import NeoHookeanLaw, NeoHookeanSheet
 from skfem_stvk.kernels.penalty import BARRIER, COMPRESSION, QUADRATIC
+from skfem_stvk.kernels.principal import LINE, SHEET, CorotatedLaw, InvertibleLaw
 from skfem_stvk.kernels.rows import PairSlots, RowSlots
 from skfem_stvk.kernels.topology import OWN
 from skfem_stvk.terms.neo_hookean import neo_hookean, thickening
@@ -185,6 +186,100 @@ def linear(count: int, tensor: Callable[[Reals], Reals]) -> PointLaw:
     return PointLaw(count, energy_and_pull, tangent)
 
 
+def rotations_and_stretches(law: Any, Q: Reals, h: Reals) -> tuple[Reals, Reals, Reals]:
+    """`U`, `V` and `s` (n, q, 3) of `F = U diag(s) V'` in the frame, by NumPy's singular values: the last one has the sign.
+
+    `V` is a rotation and `U` has the hand of `Q`, in the plane or on the line of flat elements without a third dimension.
+    """
+    kind = 3 if law.flat is None else (1, 1, 2, 2)[law.flat.kind]
+    signed = law.flat is None or law.flat.kind in (LINE, SHEET)
+    U, s, V = np.linalg.svd(np.swapaxes(Q + h, 2, 3))
+    V = np.swapaxes(V, 2, 3)
+    if signed:
+        turned = np.sign(np.linalg.det(V[..., :kind, :kind]))
+        V[..., kind - 1] *= turned[..., None]
+        U[..., kind - 1] *= turned[..., None]
+        hand = np.sign(np.linalg.det(U[..., :kind, :kind]) * np.linalg.det(Q[..., :kind, :kind]))
+        U[..., kind - 1] *= hand[..., None]
+        s[..., kind - 1] *= hand
+    return U, V, s
+
+
+def stretches_are_there(law: Any) -> NDArray:
+    """(3,) whether elements have a first, second and third stretch."""
+    return np.arange(3) < (3 if law.flat is None else (1, 1, 2, 2)[law.flat.kind])
+
+
+def corotated_energy(law: Any, numbers: Reals, s: Reals) -> tuple[Reals, Reals, Reals]:
+    """`w`, `p` (n, q, 3) and `H` (n, q, 3, 3) of `w = mu sum e_i^2 + lam/2 (sum e_i)^2`, `e = s - 1`."""
+    there, lam, mu = stretches_are_there(law), 2 * numbers[..., 0], numbers[..., 1]
+    e = (s - 1) * there
+    trace = e.sum(axis=-1)
+    p = (2 * mu[..., None] * e + (lam * trace)[..., None]) * there
+    H = 2 * mu[..., None, None] * np.diag(there) + lam[..., None, None] * np.outer(there, there)
+    return mu * (e**2).sum(axis=-1) + lam / 2 * trace**2, p, H
+
+
+def invertible_energy(law: Any, numbers: Reals, s: Reals) -> tuple[Reals, Reals, Reals]:
+    """`w` as it is defined, its derivatives by complex steps, and those of these."""
+    there, lam, mu = stretches_are_there(law), 2 * numbers[..., 0], numbers[..., 1]
+
+    def value_and_slopes(s: Reals) -> tuple[Reals, Reals]:
+        c = np.where(np.real(s) > law.threshold, s, law.threshold)
+        d = (s - c) * there
+        E = (c**2 - 1) / 2 * there
+        trace = E.sum(axis=-1)
+        w1 = c * ((lam * trace)[..., None] + 2 * mu[..., None] * E)
+        pairs = lam[..., None, None] * c[..., :, None] * c[..., None, :] * (1 - np.eye(3))
+        k = lam + 2 * mu
+        w = lam / 2 * trace**2 + mu * (E**2).sum(axis=-1) + (w1 * d).sum(axis=-1)
+        w = w + np.einsum("nqij,nqi,nqj->nq", pairs, d, d) / 2 + k / 2 * (d**2).sum(axis=-1)
+        above = np.real(s) > law.threshold  # where d is zero and c moves: sum_j w_ij d_j; below, c stands and d moves
+        p = w1 + np.einsum("nqij,nqj->nqi", pairs, d) + np.where(above, 0, k[..., None] * d)
+        return w, p * there
+
+    step, H, slopes = 1e-30, [], []
+    for i in range(3):
+        w, p = value_and_slopes(s + 1j * step * np.eye(3)[i])
+        slopes.append(w.imag / step * there[i])
+        H.append(p.imag / step * there[i])
+    return value_and_slopes(s)[0], np.stack(slopes, axis=-1), np.stack(H, axis=-1)
+
+
+def of_stretches(law: Any, energy: Callable[[Any, Reals, Reals], tuple[Reals, Reals, Reals]]) -> PointLaw:
+    """A law of an energy `w(s)` of principal stretches: `P = U diag(p) V'`.
+
+    dP = U T V', T_ii = sum_j H_ij D_jj, T_ij = f_ij (D_ij + D_ji)/2 + t_ij (D_ij - D_ji)/2, D = U' dF V
+    """
+    there = stretches_are_there(law)
+
+    def energy_and_pull(numbers: Reals, Q: Reals, h: Reals) -> tuple[Reals, Reals]:
+        U, V, s = rotations_and_stretches(law, Q, h)
+        w, p, _ = energy(law, numbers, s)
+        return w, np.einsum("nqxi,nqi,nqmi->nqmx", U, p, V)
+
+    def tangent(numbers: Reals, Q: Reals, h: Reals, positive: float, negative: float, simplices: bool) -> Reals:
+        U, V, s = rotations_and_stretches(law, Q, h)
+        _, p, H = energy(law, numbers, s)
+        i, j = np.triu_indices(3, 1)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            apart = s[..., i] - s[..., j]
+            f = np.where(there[j] & (apart != 0), (p[..., i] - p[..., j]) / apart, 0)  # zero apart are those that fill a block
+            t = (p[..., i] + p[..., j]) / np.maximum(s[..., i] + s[..., j], np.finfo(s.dtype).eps)
+        if (positive, negative) != (1, 1):
+            H, f = weighed(H, 1, negative), np.where(f > 0, f, negative * f)
+            t = np.where(t > 0, positive * t, negative * t)
+        f = np.where(there[j], f, t)
+        T = np.einsum("nqik,ij,kl->nqijkl", H, np.eye(3), np.eye(3))
+        for a, b, flip, twist in zip(i, j, np.moveaxis(f, -1, 0), np.moveaxis(t, -1, 0), strict=True):
+            for x, y in ((a, b), (b, a)):
+                T[..., x, y, x, y] += (flip + twist) / 2
+                T[..., x, y, y, x] += (flip - twist) / 2
+        return np.einsum("nqxi,nqmj,nqijkl,nqyk,nqol->nqmoxy", U, V, T, U, V, optimize=True)
+
+    return PointLaw(2, energy_and_pull, tangent)
+
+
 #: The tensor C of St. Venant-Kirchhoff's two laws.
 TENSORS: dict[type, Callable[[Reals], Reals]] = {IsotropicLaw: isotropic, GeneralLaw: general}
 #: Every law.
@@ -196,6 +291,16 @@ LAWS: dict[type, PointLaw] = {
     LinearIsotropicLaw: linear(2, isotropic),
     LinearGeneralLaw: linear(21, general),
 }
+
+
+#: Energies of principal stretches.
+ENERGIES: dict[type, Any] = {CorotatedLaw: corotated_energy, InvertibleLaw: invertible_energy}
+
+
+def point_law(law: Any) -> PointLaw:
+    """What a law of the kernels is at points."""
+    kind = type(law)
+    return of_stretches(law, ENERGIES[kind]) if kind in ENERGIES else LAWS[kind]
 
 
 class Elements(NamedTuple):
@@ -257,7 +362,7 @@ def elements_of(part: slice, t: Ids, points: Any, law: Any) -> Elements:
     Linear simplices have one point, and the derivatives of the barycentric coordinates; boxes with mean gradients have
     derivatives of their own. Elements of a block that are all straight have numbers for one point, which stand for all.
     """
-    count = LAWS[type(law)].count
+    count = point_law(law).count
     D, size = law.D, (6 + count) * LANES
     if points is None:
         starts = size * np.arange(len(t) // (4 * LANES) + 1)
@@ -323,7 +428,7 @@ def energy_and_force(
     """`W` of all points, `F_a = sum_j g_aj s_j`, and what hourglass modes add."""
     part = slice(begin, end)
     elements = elements_of(part, t, points, law)
-    W, s = LAWS[type(law)].energy_and_pull(elements.numbers, elements.in_frame(X), elements.in_frame(u))
+    W, s = point_law(law).energy_and_pull(elements.numbers, elements.in_frame(X), elements.in_frame(u))
     W_h, F_h = resisted(elements, X, elements.differences(u))
     if len(f):
         add_to_slots(elements.spread(s) + F_h, slots, part, f)
@@ -361,7 +466,7 @@ def linearize(
     part = slice(begin, end)
     elements = elements_of(part, t, points, law)
     frames = elements.in_frame(X), elements.in_frame(u)
-    A = LAWS[type(law)].tangent(elements.numbers, *frames, positive, negative, points is None)
+    A = point_law(law).tangent(elements.numbers, *frames, positive, negative, points is None)
     K = np.einsum("nqai,nqbj,nqijxy->nabxy", elements.g, elements.g, A, optimize=True)
     K += np.einsum("nab,xy->nabxy", positive * elements.resistance(X), np.eye(3, dtype=A.dtype))
     pairs = EDGES if points is None else tuple(combinations(range(K.shape[1]), 2))

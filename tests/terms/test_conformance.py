@@ -12,9 +12,11 @@ from terms.toys import Anchors, Areas, Springs, Wind
 
 from skfem_stvk import (
     Anisotropic,
+    Corotated,
     EdgeNetwork,
     ElasticFoundation,
     ElementMesh,
+    InvertibleStVK,
     LinearElastic,
     NeoHookean,
     SpringNetwork,
@@ -132,6 +134,7 @@ def cases():
             for suffix, term in (("", VolumePenalty(k, kind)), (", region", VolumePenalty(k[half], kind, half))):
                 again = partial(lambda term, mesh, other, order: reordered_penalty(term, mesh, order), term, mesh)
                 found[f"{kind}, {name}{suffix}"] = Case(mesh, term, *rest, kind != "barrier", can=(HasVolume,), renumbered=again)
+    found |= of_stretches()
     pairs = np.unique(np.sort(RNG.integers(0, solid.nv, (2, 40)), axis=0), axis=1)
     pairs = RNG.permutation(pairs[:, pairs[0] < pairs[1]], axis=1)
     found["springs between any vertices"] = Case(solid, Springs(pairs, 3.0), toy=True)
@@ -140,6 +143,17 @@ def cases():
     )
     found["anchors"] = Case(solid, Anchors([5, 2, 7], 3.0), grounded=True, toy=True)
     found["wind"] = Case(solid, Wind(pairs, 3.0), grounded=True, toy=True)
+    return found
+
+
+def of_stretches():
+    """Laws of principal stretches, whose energies are no polynomials: small steps. Their numbers have a generator of their own."""
+    found, rng = {}, np.random.default_rng(21)
+    for name, mesh in MESHES.items():
+        for kind in (Corotated, InvertibleStVK):
+            law = kind(young=rng.uniform(1, 9, mesh.nt), poisson=rng.uniform(-0.3, 0.45, mesh.nt))
+            again = partial(lambda law, other, order: reordered(law, order), law)
+            found[f"{kind.__name__}, {name}"] = Case(mesh, law, 1e-7, 1e-5, can=(HasVolume,), renumbered=again)
     return found
 
 

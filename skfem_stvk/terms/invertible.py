@@ -1,0 +1,70 @@
+"""St. Venant-Kirchhoff's energy continued to elements that are flat or inside out, so that these come back."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import ArrayLike, DTypeLike
+
+from ..arguments import number
+from ..edges import StretchesAssembly
+from ..edges.stiffness import StretchesStiffness
+from ..errors import MaterialError
+from ..kernels.principal import InvertibleLaw
+from ..mesh import ElementMesh
+from .body import Body
+from .elastic_law import ElasticLaw
+
+
+@dataclass(frozen=True, eq=False)
+class InvertibleStVK(ElasticLaw):
+    """St. Venant-Kirchhoff's law, whose energy goes on as a quadratic below a principal stretch `threshold`.
+
+    With the singular values `s_i` of `F`, of which the smallest has the sign of `det F`, `c_i = max(s_i, threshold)`, `d = s - c`
+    and `w` the energy of `StVK` of principal stretches,
+
+        W = w(c) + sum w_i(c) d_i + sum_{i<j} w_ij(c) d_i d_j + k/2 |d|^2        k = lam + 2 mu
+
+    Above the threshold it is `StVK`. Below, the stress goes on falling with slope k, so that an element that is flattened or
+    inside out is pushed back the harder the further it is: any state has finite forces, and bodies come back from all.
+
+    Parameters
+    ----------
+    threshold : a stretch above 1/sqrt(3) = 0.577, from where on the stress of `StVK` falls in compression and would pull a mirrored
+        element further in, and below 1.
+    material, region, plane, thickness, area, young, poisson, density : as in `StVK`, of an isotropic material.
+
+    Source: Stomakhin, Howes, Schroeder, Teran, "Energetically consistent invertible elasticity" (2012).
+
+    Raises
+    ------
+    MaterialError
+        as `StVK`, and if the material is not isotropic or the threshold out of range.
+
+    >>> import numpy as np, skfem
+    >>> from skfem_stvk import StVK, System
+    >>> mesh = skfem.MeshTet().refined(1)
+    >>> u = lambda part: -part * (mesh.p * [[0], [0], [1]]).ravel("F")
+    >>> bodies = System(mesh, StVK(young=1.0, poisson=0.3)), System(mesh, InvertibleStVK(young=1.0, poisson=0.3))
+    >>> [[round(body.energy(u(part)), 4) for part in (0.3, 1.0, 2.0)] for body in bodies]
+    """
+
+    resists_inversion: ClassVar[bool] = True
+
+    threshold: float = field(default=0.6, kw_only=True)
+
+    def __post_init__(self, young: ArrayLike | None, poisson: ArrayLike | None, density: ArrayLike | None) -> None:
+        super().__post_init__(young, poisson, density)
+        expected = "a stretch between 1/sqrt(3) = 0.577, below which the stress of StVK falls in compression, and 1"
+        threshold = number("InvertibleStVK: threshold", self.threshold, expected, 3**-0.5, 1.0, error=MaterialError)
+        object.__setattr__(self, "threshold", threshold)
+
+    def bind(self, body: Body | ElementMesh, dtype: DTypeLike = np.float64) -> StretchesAssembly:
+        """The assembly of this law on a body's mesh."""
+        return self._bound(StretchesAssembly, body, dtype)
+
+    def stiffness(self, mesh: ElementMesh) -> StretchesStiffness:
+        """The law of the kernels, and what it stores of each element of the region."""
+        return StretchesStiffness(*self.lame(mesh), InvertibleLaw, mesh, self.threshold)

@@ -1,0 +1,250 @@
+"""Laws of principal stretches: against twins and independent forms, where elements are flat, mirrored, or hardly strained."""
+
+import warnings
+
+import numpy as np
+import pytest
+import skfem
+from bodies import CURVED, MESHES, state
+from kernels.parts import in_parts, on_twins
+from scipy.optimize import minimize
+
+from skfem_stvk import (
+    Corotated,
+    ElementMesh,
+    InvertibleStVK,
+    Isotropic,
+    MaterialError,
+    NodalLoad,
+    Orthotropic,
+    Rayleigh,
+    StVK,
+    StvkWarning,
+    System,
+    VelocityVerlet,
+    simulate,
+    solve_static,
+)
+from skfem_stvk.edges import ALL, NONE, TENSILE, Tensions
+
+LAWS = {"corotated": Corotated, "invertible": InvertibleStVK}
+
+
+def results(mesh, law, shapes=("moderate", "pushed", "inside out")):
+    """W, F and K in all versions, not small and not right side out."""
+    body, noise = System(mesh, law), state(mesh)
+    x = mesh.p.ravel("F")
+    states = {
+        "moderate": 0.4 * noise,
+        "pushed": 0.25 * noise - 0.4 * x,
+        "inside out": noise - 1.6 * x * (np.arange(len(x)) % mesh.d == 0),
+    }
+    found = {}
+    for name in shapes:
+        found[name, "W"], found[name, "F"] = body.energy_and_force(states[name])
+        for kept in (ALL, TENSILE, NONE, Tensions(0.3, 0.8)):
+            found[name, kept] = body.jacobian(states[name], kept=kept).toarray()
+    return found
+
+
+@pytest.mark.parametrize("law", LAWS)
+@pytest.mark.parametrize("name", [*MESHES, "quadratic tetrahedra", "quadratic membrane", "quadrilaterals", "hexahedra"])
+def test_compiled_and_readable_kernels_agree(name, law, monkeypatch):
+    mesh, rng = (MESHES | CURVED)[name], np.random.default_rng(4)
+    term = LAWS[law](young=rng.uniform(1, 9, mesh.nt), poisson=rng.uniform(-0.3, 0.45, mesh.nt))
+    in_parts(monkeypatch, 2)
+    compiled = results(mesh, term)
+    on_twins(monkeypatch)
+    for what, wanted in results(mesh, term).items():
+        assert np.abs(wanted).max() > 1e-3
+        assert np.abs(compiled[what] - wanted).max() <= 1e-11 * np.abs(wanted).max(), what
+
+
+TET = np.array([[0.1, 0, 0], [1.3, 0.2, 0.1], [0.3, 0.9, -0.1], [0.2, 0.1, 1.1]])
+LAM, MU = 2.3, 1.1
+
+
+def one_tet(law, mirrored):
+    """One tetrahedron of either orientation; W, nodal forces and K of affine deformations."""
+    p, t = TET.T, np.array([[0], [2], [1], [3]] if mirrored else [[0], [1], [2], [3]])
+    material = Isotropic.from_lame(LAM, MU)
+    return System(ElementMesh(p, t), LAWS[law](material))
+
+
+def independent(law, F):
+    """`w` and P by NumPy's singular values, P as the derivative of `w` by complex steps."""
+    U, s, V = np.linalg.svd(F)
+    sign = np.sign(np.linalg.det(F)) or 1.0
+    U[:, 2] *= np.sign(np.linalg.det(U))
+    V[2] *= np.sign(np.linalg.det(V))
+    s[2] *= sign
+
+    def w(s):
+        if law == "corotated":
+            return MU * ((s - 1) ** 2).sum() + LAM / 2 * (s - 1).sum() ** 2
+        c = np.where(s.real > 0.6, s, 0.6)
+        d, E = s - c, (c**2 - 1) / 2
+        wi = c * (LAM * E.sum() + 2 * MU * E)
+        wij = LAM * np.outer(c, c) * (1 - np.eye(3))
+        return LAM / 2 * E.sum() ** 2 + MU * (E**2).sum() + wi @ d + d @ wij @ d / 2 + (LAM / 2 + MU) * (d**2).sum()
+
+    p = [w(s + 1e-30j * e).imag / 1e-30 for e in np.eye(3)]
+    return w(s), U @ np.diag(p) @ V
+
+
+def rotation(seed):
+    Q = np.linalg.qr(np.random.default_rng(seed).standard_normal((3, 3)))[0]
+    return Q * np.sign(np.linalg.det(Q))
+
+
+STRETCHES = {
+    "moderate": (1.3, 1.1, 0.8),
+    "equal": (1.4, 1.4, 1.4),
+    "two equal": (1.4, 0.7, 0.7),
+    "two equal below the threshold": (1.2, 0.3, 0.3),
+    "on the threshold": (1.2, 1.1, 0.6),
+    "nearly flat": (1.2, 0.9, 1e-9),
+    "flat": (1.2, 0.9, 0.0),
+    "mirrored": (1.2, 0.9, -0.7),
+    "nearly a line": (1.2, 1e-4, 1e-9),
+    "small": (1e-3, 2e-4, 1e-5),
+    "large": (1e3, 2e2, 1.0),
+}
+
+
+@pytest.mark.parametrize("mirrored", [False, True])
+@pytest.mark.parametrize("name", STRETCHES)
+@pytest.mark.parametrize("law", LAWS)
+def test_energy_and_force_are_those_of_singular_values(law, name, mirrored):
+    """Also the view of finite volumes (Teran et al. 2003): each node is pulled by P times a third of the area vectors around it."""
+    body = one_tet(law, mirrored)
+    F = rotation(1) @ np.diag(STRETCHES[name]) @ rotation(2)
+    W, force = body.energy_and_force((TET @ F.T - TET).ravel())
+    w, P = independent(law, F)
+    spokes = (TET[1:] - TET[0]).T
+    volume = abs(np.linalg.det(spokes)) / 6
+    assert pytest.approx(volume * w, rel=1e-12) == W
+    areas = -volume * np.linalg.inv(spokes)  # a third of the sum of the area vectors of the three facets at a node
+    wanted = -areas @ P.T
+    s = np.sort(STRETCHES[name])
+    known = 3e-13 + 1e-16 * s[2] / (s[0] + s[1])  # in which direction two small stretches are is known no better
+    assert force.reshape(4, 3)[1:] == pytest.approx(wanted, abs=known * np.abs(wanted).max())
+
+
+@pytest.mark.parametrize(
+    "name", [name for name in STRETCHES if name not in ("on the threshold", "nearly a line", "flat", "nearly flat")]
+)
+@pytest.mark.parametrize("law", LAWS)
+def test_the_tangent_is_the_derivative_of_the_force_where_stretches_are_alike_or_mirrored(law, name):
+    body, v = one_tet(law, False), np.random.default_rng(5).standard_normal(12)
+    s = np.array(STRETCHES[name])
+    u, h = (TET @ (rotation(1) @ np.diag(s) @ rotation(2)).T - TET).ravel(), 1e-4 * np.abs(s).min()
+    slope = sum(w * (body.internal_force(u + n * h * v) - body.internal_force(u - n * h * v)) for n, w in {1: 8, 2: -1}.items())
+    Kv = body.tangent(u) @ v
+    assert Kv == pytest.approx(slope / (12 * h), abs=2e-7 * np.abs(Kv).max())
+
+
+@pytest.mark.parametrize("law", LAWS)
+def test_a_flat_element_has_one_rotation_and_finite_forces(law):
+    """Also where nothing is left of it but a line, or a point: the rotation is one of many then."""
+    body = one_tet(law, False)
+    for rank in (2, 1, 0):
+        F = rotation(1) @ np.diag([1.2, 0.9, 0.7] * (np.arange(3) < rank)) @ rotation(2)
+        W, force = body.energy_and_force((TET @ F.T - TET).ravel())
+        w, _ = independent(law, F)
+        volume = abs(np.linalg.det(TET[1:] - TET[0])) / 6
+        assert pytest.approx(volume * w, rel=1e-12) == W and np.isfinite(force).all() and np.abs(force).max() > 0.1
+        lowest, highest = np.linalg.eigvalsh(body.jacobian((TET @ F.T - TET).ravel(), kept=TENSILE).toarray())[[0, -1]]
+        assert lowest > -1e-13 * highest
+
+
+@pytest.mark.parametrize("offset", [0.0, 2.0**20])
+@pytest.mark.parametrize("strain", [1e-3, 1e-12])
+@pytest.mark.parametrize("name", ["tetrahedra", "triangles", "membrane", "hexahedra"])
+@pytest.mark.parametrize("law", LAWS)
+def test_small_strains_have_the_forces_of_linear_elasticity(law, name, strain, offset):
+    """To all digits but for the part that is not linear; far from the origin as near it."""
+    mesh = (MESHES | CURVED)[name]
+    p = np.round(mesh.p * 2**20) / 2**20  # so that the offset rounds nothing
+    mesh = ElementMesh(p + offset, mesh.t, element=mesh.element)
+    body, rest = System(mesh, LAWS[law](young=3.0, poisson=0.3)), System(mesh, StVK(young=3.0, poisson=0.3))
+    u = strain * state(mesh)
+    linear = rest.tangent(np.zeros(body.ndofs)) @ u
+    assert body.internal_force(u) == pytest.approx(linear, abs=(1e-13 + 20 * strain) * np.abs(linear).max())
+    K, K0 = body.tangent(u), rest.tangent(np.zeros(body.ndofs))
+    assert abs(K - K0).max() < (1e-13 + 20 * strain) * abs(K0).max()
+
+
+def test_plane_stress_of_corotated_elements_is_exact():
+    """The stretch across them that takes all stress away there makes of `lam` 2 mu lam/(lam + 2 mu), at any strain."""
+    material = Isotropic.from_lame(LAM, MU)
+    body = System(
+        ElementMesh(np.array([[0.0, 1, 0.2], [0, 0.1, 0.9]]), np.array([[0], [1], [2]])), Corotated(material, plane="stress")
+    )
+    x = body.mesh.p.T
+    for s in ((1.7, 0.6), (0.4, 0.5), (1.0, -0.3)):
+        F = rotation(3)[:2, :2]
+        F = np.linalg.qr(F)[0]
+        F = F * [1, np.linalg.det(F)] @ np.diag(s)
+        least = minimize(
+            lambda z, s=s: MU * ((np.array([*s, z[0]]) - 1) ** 2).sum() + LAM / 2 * (sum(s) + z[0] - 3) ** 2, [1.0], tol=1e-14
+        )
+        area = np.linalg.det((x[1:] - x[0]).T) / 2
+        assert body.energy((x @ F.T - x).ravel()) == pytest.approx(area * least.fun, rel=1e-9)
+
+
+def block(n=2):
+    mesh = skfem.MeshTet.init_tensor(*[np.linspace(0, 1, n + 1)] * 3)
+    return mesh.with_boundaries({"left": lambda x: x[0] < 1e-9})
+
+
+def starts(mesh):
+    """All nodes anywhere in the block, and all in its middle plane; those that are held where they are."""
+    rng, x = np.random.default_rng(7), mesh.p.T
+    free = (x[:, 0] > 1e-9)[:, None]
+    yield "random", ((rng.uniform(0, 1, x.shape) - x) * free).ravel()
+    yield "flat", ((0.5 - x) * [0, 0, 1] * free).ravel()
+
+
+@pytest.mark.parametrize("law", [InvertibleStVK, Corotated])
+def test_bodies_come_back_from_any_start_in_motion(law):
+    mesh = block()
+    for name, u in starts(mesh):
+        body = System(mesh, law(young=1e3, poisson=0.3, density=1.0), fixed={"left": "xyz"})
+        assert len(body.inside_out(u)) > 5, name
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", StvkWarning)  # elements are inside out on the way
+            motion = simulate(body, VelocityVerlet(), until=3.0, u0=u, damping=Rayleigh(alpha=12.0), quiet=True)
+        assert np.abs(motion.u).max() < 1e-3, name
+
+
+@pytest.mark.parametrize("law", [InvertibleStVK, Corotated])
+def test_bodies_come_back_from_any_start_in_statics(law):
+    mesh = block()
+    for name, u in starts(mesh):
+        body = System(mesh, [law(young=1e3, poisson=0.3), NodalLoad([2], (0.0, 0.0, 0.0))], fixed={"left": "xyz"})
+        assert np.abs(solve_static(body, u0=u, quiet=True).u).max() < 1e-6, name
+
+
+@pytest.mark.parametrize("law", LAWS.values())
+def test_only_isotropic_materials(law):
+    material = Orthotropic(young=(9.0, 2.0, 1.0), poisson=(0.3, 0.2, 0.1), shear=(0.5, 0.6, 0.7))
+    with pytest.raises(MaterialError, match=f"{law.__name__} is for isotropic materials; got Orthotropic"):
+        System(MESHES["tetrahedra"], law(material))
+
+
+@pytest.mark.parametrize("threshold", [0.5, 3**-0.5, 1.0, 1.2, float("nan"), "high"])
+def test_thresholds_where_stress_falls_are_refused(threshold):
+    with pytest.raises(MaterialError, match=r"threshold .* 1/sqrt\(3\) = 0.577"):
+        InvertibleStVK(young=1.0, poisson=0.3, threshold=threshold)
+
+
+def test_above_the_threshold_it_is_st_venant_kirchhoff():
+    mesh = MESHES["tetrahedra"]
+    u = 0.1 * state(mesh)
+    bodies = [System(mesh, law(young=3.0, poisson=0.3)) for law in (StVK, InvertibleStVK)]
+    assert bodies[0].smallest_stretch(u) > 0.6
+    (W, F), (w, f) = (body.energy_and_force(u) for body in bodies)
+    assert w == pytest.approx(W, rel=1e-13) and f == pytest.approx(F, abs=1e-13 * np.abs(F).max())
+    K, k = (body.tangent(u) for body in bodies)
+    assert abs(K - k).max() < 1e-12 * abs(K).max()
