@@ -1,6 +1,6 @@
 """Edges, tetrahedron-sharing edge pairs (TSEPs), their coefficients L, and the assembly from them: the heart."""
 
-from .assembly import Assembly, LawAssembly, StretchesAssembly
+from .assembly import Assembly, LawAssembly
 from .form import EdgeForm
 from .pairs import ALL, NONE, TENSILE, Linearized, NodeBlocks, Rows, Tensions
 from .penalty import PenaltyAssembly
@@ -16,6 +16,5 @@ __all__ = [
     "NodeBlocks",
     "PenaltyAssembly",
     "Rows",
-    "StretchesAssembly",
     "Tensions",
 ]

@@ -8,7 +8,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import DTypeLike
 
-from ..edges import StretchesAssembly
+from ..edges.assembly import StretchesAssembly
 from ..edges.stiffness import StretchesStiffness
 from ..kernels.principal import CorotatedLaw
 from ..mesh import ElementMesh

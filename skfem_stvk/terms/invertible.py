@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, DTypeLike
 
 from ..arguments import number
-from ..edges import StretchesAssembly
+from ..edges.assembly import StretchesAssembly
 from ..edges.stiffness import StretchesStiffness
 from ..errors import MaterialError
 from ..kernels.principal import InvertibleLaw
