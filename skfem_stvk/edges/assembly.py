@@ -276,24 +276,6 @@ class LawAssembly(ElementTerm):
                 refuse_inside_out(ratios, self._ids, self._barrier)
         return W
 
-    def smallest_stretches(self, u: Array) -> NDArray[np.float64]:
-        """(nt,) smallest principal stretch at `u` (nv, d) within their own dimensions, of the elements in the order in which they
-        were given."""
-        own = np.empty(len(self.elements.t) * LANES)
-        self._smallest_stretch(u, own)
-        return self._infinite_if_gone(self.elements.in_their_order(own))
-
-    def smallest_stretch(self, u: Array) -> float:
-        """The smallest of `smallest_stretches(u)`, of linear simplices for one and a half times the price of F."""
-        return self._smallest_stretch(u, np.empty(0)) if self.gone is None else float(self.smallest_stretches(u).min())
-
-    @in_turn
-    def _smallest_stretch(self, u: Array, out: Array) -> float:
-        elements = self.elements
-        elements.gather(u)
-        arrays = elements.t.ravel(), elements.at_points, elements.X, elements.u
-        return min(run(stretch_kernels.smallest_stretches, elements.forces.parts, *arrays, elements.k, out))
-
 
 class StretchesAssembly(LawAssembly):
     """A law of principal stretches, whose decomposition rounds more than a sum does."""
@@ -324,6 +306,24 @@ class Assembly(LawAssembly):
     ) -> None:
         super().__init__(p, t, stiffness, quadrature, dtype, resistance, elements=elements)
         self._mesh = p, t, stiffness
+
+    def smallest_stretches(self, u: Array) -> NDArray[np.float64]:
+        """(nt,) smallest principal stretch at `u` (nv, d) within their own dimensions, of the elements in the order in which they
+        were given."""
+        own = np.empty(len(self.elements.t) * LANES)
+        self._smallest_stretch(u, own)
+        return self._infinite_if_gone(self.elements.in_their_order(own))
+
+    def smallest_stretch(self, u: Array) -> float:
+        """The smallest of `smallest_stretches(u)`, of linear simplices for one and a half times the price of F."""
+        return self._smallest_stretch(u, np.empty(0)) if self.gone is None else float(self.smallest_stretches(u).min())
+
+    @in_turn
+    def _smallest_stretch(self, u: Array, out: Array) -> float:
+        elements = self.elements
+        elements.gather(u)
+        arrays = elements.t.ravel(), elements.at_points, elements.X, elements.u
+        return min(run(stretch_kernels.smallest_stretches, elements.forces.parts, *arrays, elements.k, out))
 
     @cached_property
     def form(self) -> EdgeForm:

@@ -6,8 +6,8 @@ Notation of `laws`; `g_m . q_n = d_mn` (so `g_m = F^-T e_m`), `J` the ratio of v
     s_m = w (mu sum_k M_mk g_k + lam (J - 1) J g_m)     F - F^-T = F^-T M
     A_mn = w (mu d_mn I + a g_m g_n' + c g_n g_m')      a = lam J (2 J - 1), c = mu - lam (J - 1) J
 
-With `x = J^2 - 1 = tr M + I2(M) + det M` the first part is `I1 - 3 - 2 ln J = (x - ln(1 + x)) - I2(M) - det M` at small strain, a sum
-of terms of second order. A triangle in the plane has (0, 0, 1) for its third axis, which stays as it is.
+With `x = J^2 - 1 = tr M + I2(M) + det M` the first part is `I1 - 3 - 2 ln J = (x - ln(1 + x)) - I2(M) - det M` at small strain,
+a sum of terms of second order. A triangle in the plane has (0, 0, 1) for its third axis, which stays as it is.
 
 Of a sheet `j` is the ratio of areas, `N` the normal and `l` the stretch of the thickness, for which W is stationary: the positive
 root of `(mu + lam j^2) l^2 - lam j l - mu = 0`. With `y = l^2 - 1` and `D` the root of its discriminant, `J = j l`:
@@ -17,15 +17,15 @@ root of `(mu + lam j^2) l^2 - lam j l - mu = 0`. With `y = l^2 - 1` and `D` the 
 
 W has no meaning where `J <= 0`: it is not a number there.
 
-The tangent is positive semi-definite if `mu` is replaced by `m >= |c| k`, where `k` is no less than any `1/(s_i s_j)` of the principal
-stretches for `c > 0`, and no less than any `1/s_i^2` for `c < 0`; and `a` by no less than `-(m/l + c)/3`, `l` no less than any
-`1/s_i^2`. For in principal axes `F = U s V'` and `dF = U X V'` it is
+The tangent is positive semi-definite if `mu` is replaced by `m >= |c| k`, where `k` is no less than any `1/(s_i s_j)` of the
+principal stretches for `c > 0`, and no less than any `1/s_i^2` for `c < 0`; and `a` by no less than `-(m/l + c)/3`, `l` no less
+than any `1/s_i^2`. For in principal axes `F = U s V'` and `dF = U X V'` it is
 
     m sum_ij X_ij^2 + c sum_ij X_ij X_ji/(s_i s_j) + a (sum_i X_ii/s_i)^2
 
-where pairs `X_ij, X_ji` have the eigenvalues `m +- c/(s_i s_j)`. Bounds are those of a symmetric 3 x 3 matrix by its mean eigenvalue and
-the size of its deviator, `tr/3 + sqrt(2/3) |dev|`, which at rest are exact: nothing is changed there. In sheets a 2 x 2 matrix is
-diagonalised; across them `c` counts no more than `m` over the largest `1/s_i^2`.
+where pairs `X_ij, X_ji` have the eigenvalues `m +- c/(s_i s_j)`. Bounds are those of a symmetric 3 x 3 matrix by its mean
+eigenvalue and the size of its deviator, `tr/3 + sqrt(2/3) |dev|`, which at rest are exact: nothing is changed there. In sheets a
+2 x 2 matrix is diagonalised; across them `c` counts no more than `m` over the largest `1/s_i^2`.
 
 Sources: Simo, Pister (1984) for W; Smith, De Goes, Kim (2019) for the eigenvalues of such tangents; Samuelson (1968) for the bound.
 """
@@ -61,7 +61,7 @@ def _numbers(law):
 
 @inlined
 def _excess(x):
-    """`x - ln(1 + x)` for `|x| < 1/4`: with `z = x/(2 + x)`, `x z - 2 z^3 (1/3 + z^2/5 + ...)`, of which no term is of first order."""
+    """`x - ln(1 + x)` for `|x| < 1/4`: `x z - 2 z^3 (1/3 + z^2/5 + ...)` with `z = x/(2 + x)`, no term of it of first order."""
     z = x / (2 + x)
     y = z * z
     series = 1 / 3 + y * (1 / 5 + y * (1 / 7 + y * (1 / 9 + y * (1 / 11 + y * (1 / 13 + y * (1 / 15 + y * (1 / 17 + y / 19)))))))

@@ -22,9 +22,10 @@ from numpy.typing import NDArray
 
 from ..arguments import Array
 from ..edges.stiffness import VOIGT
+from ..errors import StvkError, name_ids
 from ..terms.volume_energies import ENERGIES
 from .law import adjugate, dilation, strain_and_stress
-from .response import Masked, Response
+from .response import ElasticBody, Masked, Response
 
 Ids = NDArray[np.int64]
 
@@ -51,6 +52,16 @@ def smallest_acoustic_eigenvalue(state: Response) -> Masked:
     if len(ids := np.flatnonzero(~missing)):
         lowest[ids] = _smallest_of(ids, *_response(state))
     return lowest, missing
+
+
+def refuse_other_laws(fields: ElasticBody) -> None:
+    """Refuse a body with a law that is not St. Venant-Kirchhoff's: the tensors here are those of that law."""
+    for part in fields.parts:
+        if part.law is not None:
+            raise StvkError(
+                f"{name_ids(part.elements, 'element')} in {type(part.law).__name__}: strong ellipticity is looked at for StVK "
+                "alone. Leave out ellipticity=True, or the field smallest_acoustic_eigenvalue."
+            )
 
 
 class AtPoints(Protocol):
@@ -98,6 +109,7 @@ def _response(state: Response) -> tuple[Array, Array, Array, Array]:
     `S` and `C` are those of the materials alone, by their law for one unit of each strain: what vanishes across is condensed out.
     """
     fields, k = state.fields, state.fields.mesh.k
+    refuse_other_laws(fields)
     i, j = np.array(VOIGT[k]).T
     C = np.zeros((fields.mesh.nt, len(i), len(i)))
     for part in fields.parts:

@@ -14,7 +14,7 @@ from ..materials import FramedMaterial, Isotropic, Material
 from ..mesh import ElementMesh
 from ..system.protocol import SystemLike
 from ..terms import HasStress
-from .ellipticity import without_ellipticity
+from .ellipticity import refuse_other_laws, without_ellipticity
 from .fields import Fields
 
 #: Poisson's ratio above which linear elements lock, and the stretch below which St. Venant-Kirchhoff bodies soften.
@@ -64,6 +64,8 @@ class Monitors:
     def __init__(self, system: SystemLike, ellipticity: bool) -> None:
         self._system = system
         self._fields = Fields.of(system) if ellipticity else None
+        if self._fields is not None:
+            refuse_other_laws(self._fields)
 
     def before(self) -> tuple[Finding, ...]:
         """What the elements and their materials say without a state.

@@ -16,7 +16,7 @@ from ..materials import Hypothesis, Material
 from ..mesh import ElementMesh, MeshLike
 from ..mesh.geometry import Geometry, PointGeometry, geometries
 from ..mesh.points import sizes_of
-from ..terms import Body, HasPressure, HasStress, is_load
+from ..terms import Body, Deformation, HasPressure, HasResponse, HasStress, is_load
 from .law import dilation, rest_frames, strain_and_stress, volume_stress
 
 #: One value per element, or one at a point of each, and a mask of the elements that have none.
@@ -25,12 +25,13 @@ Masked: TypeAlias = tuple[Array, NDArray[np.bool_]]
 
 @dataclass(frozen=True)
 class ElasticPart:
-    """The law of a term on its elements, with their sections (thickness, area or 1)."""
+    """The law of a term on its elements, with their sections (thickness, area or 1); `law` if it is not St. Venant-Kirchhoff's."""
 
     elements: NDArray[np.int64]
     material: Material
     hypothesis: Hypothesis
     section: Array
+    law: HasResponse | None
 
 
 @dataclass(frozen=True)
@@ -86,7 +87,7 @@ class ElasticBody:
         elements, hypothesis = self.mesh.elements(term.region), term.hypothesis(self.mesh)
         term.material.check(len(elements), hypothesis)
         section = np.broadcast_to(term.section(self.mesh, len(elements)), len(elements))
-        return ElasticPart(elements, term.material, hypothesis, section)
+        return ElasticPart(elements, term.material, hypothesis, section, term if isinstance(term, HasResponse) else None)
 
     def _volume_part(self, term: HasPressure, body: Body) -> VolumePart:
         """A penalty on its elements; those that no other term is on are in plane strain."""
@@ -168,7 +169,7 @@ class Response:
 
     @property
     def shrunk(self) -> NDArray[np.bool_]:
-        """Whether (nt,) the second Piola-Kirchhoff stress is infinite: that of a `VolumePenalty` where `J = 0`."""
+        """Whether (nt,) the second Piola-Kirchhoff stress is infinite: that of a `VolumePenalty`, or of a law, where `J = 0`."""
         return self._response[3]
 
     @cached_property
@@ -185,15 +186,22 @@ class Response:
         fields, k = self.fields, self.fields.mesh.k
         within, frames = strain_within(self.gradient, self.place.geometry.axes), self.place.frames
         strain, stress, density = np.zeros((len(within), 3, 3)), np.zeros((len(within), 3, 3)), np.zeros(len(within))
+        shrunk = np.zeros(len(within), dtype=bool)
         for part in fields.parts:
             ids = part.elements
-            E, S = strain_and_stress(part.material, part.hypothesis, within[ids], frames[ids])
+            if part.law is None:
+                E, S = strain_and_stress(part.material, part.hypothesis, within[ids], frames[ids])
+                W = (S * E).sum(axis=(1, 2)) / 2
+            else:
+                there = ~fields.gone[ids, None, None]  # what was taken out may be anywhere
+                deformed = self.place.geometry.axes[ids], there * self.gradient[ids], there * within[ids]
+                E, S, W, lost = part.law.response(Deformation(ids, part.hypothesis, *deformed))
+                shrunk[ids] |= lost
             share = part.section / fields.section[ids]
             strain[ids] += (part.section / fields.total_section[ids])[:, None, None] * E
             stress[ids] += share[:, None, None] * S
-            density[ids] += share * (S * E).sum(axis=(1, 2)) / 2
+            density[ids] += share * W
         strain[:, :k, :k] = within
-        shrunk = np.zeros(len(within), dtype=bool)
         for penalty in fields.volume_parts:
             ids, gradient = penalty.elements, self.gradient[penalty.elements]
             psi, slope = penalty.term.density_and_slope(dilation(gradient), ids)

@@ -9,17 +9,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..arguments import Array
+from ..edges.assembly import refuse_inside_out
 from ..edges.stiffness import Frames, StoredLaw
 from ..errors import MaterialError, name_ids
 from ..kernels.neo_hookean import NeoHookeanLaw, NeoHookeanSheet
 from ..materials import Hypothesis, Isotropic
 from ..mesh import ElementMesh
 from .elastic_law import ElasticLaw
+from .protocols import Deformation, PointResponse
 
 #: What messages say of elements with `J <= 0`.
 BARRIER = (
-    "the energy of NeoHookean is infinite. Start from a state that is not inside out, and keep steps below step_limit(u, v); or take "
-    "StVK with a VolumePenalty of another kind than barrier, which pushes such elements back."
+    "the energy of NeoHookean is infinite. Start from a state that is not inside out, and keep steps below step_limit(u, v); or "
+    "take StVK with a VolumePenalty of another kind than barrier, which pushes such elements back."
 )
 
 
@@ -62,7 +64,8 @@ class NeoHookean(ElasticLaw):
         hypothesis, n = self.hypothesis(mesh), len(elements)
         if not isinstance(material, Isotropic):
             raise MaterialError(
-                f"NeoHookean is for Isotropic materials; got {type(material).__name__}. Take StVK, whose stiffness may have directions."
+                f"NeoHookean is for Isotropic materials; got {type(material).__name__}. Take StVK, whose stiffness may have "
+                "directions."
             )
         if hypothesis is Hypothesis.UNIAXIAL_STRESS:
             raise MaterialError("NeoHookean is for solids and surfaces; the mesh has segments. Take StVK for cables and bars.")
@@ -75,6 +78,20 @@ class NeoHookean(ElasticLaw):
                 "elements grow. Take StVK."
             )
         return NeoHookeanStiffness(lam, mu, hypothesis.condensed)
+
+    def response(self, at: Deformation) -> PointResponse:
+        """As in `HasResponse`; StateError for elements inside out or flat."""
+        assert isinstance(self.material, Isotropic)
+        (n, d, k), (lam, mu) = at.gradient.shape, self.material.lame(Hypothesis.SOLID)
+        lam, mu, M = np.broadcast_to(lam, n), np.broadcast_to(mu, n), np.zeros((n, 3, 3))
+        M[:, :k, :k] = 2 * at.strain
+        x = M[:, 0, 0] + M[:, 1, 1] + np.linalg.det(M[:, :2, :2])
+        J = np.linalg.det(at.axes + at.gradient) / np.linalg.det(at.axes) if k == d else np.sqrt(np.maximum(1 + x, 0))
+        if (J <= 0).any():
+            refuse_inside_out(J, at.elements, BARRIER)
+        if at.hypothesis.condensed:
+            M[:, 2, 2] = thickening(lam, mu, np.sqrt(1 + x), x)
+        return PointResponse(M / 2, *neo_hookean(lam, mu, M), np.zeros(n, dtype=bool))
 
 
 class NeoHookeanStiffness:

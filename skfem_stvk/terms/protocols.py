@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from typing import Any, ClassVar, Protocol, TypeGuard, runtime_checkable
+from typing import Any, ClassVar, NamedTuple, Protocol, TypeGuard, runtime_checkable
 
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
@@ -169,7 +169,7 @@ class HasVolume(Protocol):
 
 @runtime_checkable
 class HasStretch(Protocol):
-    """A term with elements that can be compressed; its specification has their `region`."""
+    """A term with elements that soften when they are compressed; its specification has their `region`."""
 
     def smallest_stretches(self, u: Array) -> NDArray[np.float64]:
         """(n,) smallest principal stretch at `u` (nv, d) of the region's elements, in their order, within their own dimensions."""
@@ -215,6 +215,50 @@ class HoldsShape(Protocol):
 
     def elements_held_in_shape(self, mesh: ElementMesh) -> NDArray[np.int64]:
         """(n,) ids of elements that are rigid as long as the term has no energy."""
+
+
+class Deformation(NamedTuple):
+    """How elements are deformed at a point of each.
+
+    Attributes
+    ----------
+    elements : (n,) their ids, for messages.
+    hypothesis : which components of strain or stress vanish across them.
+    axes : (n, d, k) an orthonormal basis of their own line or plane at rest, as columns.
+    gradient : (n, d, k) derivatives of the displacement along those.
+    strain : (n, k, k) Green-Lagrange strain within, without cancellation.
+    """
+
+    elements: NDArray[Any]
+    hypothesis: Hypothesis
+    axes: Array
+    gradient: Array
+    strain: Array
+
+
+class PointResponse(NamedTuple):
+    """What a law says at a point of each of n elements, in a frame of their axes, then the normals.
+
+    Attributes
+    ----------
+    strain : (n, 3, 3) Green-Lagrange strain, that across them too.
+    stress : (n, 3, 3) second Piola-Kirchhoff stress [Pa]; 0 where it is infinite.
+    density : (n,) strain energy per rest volume [J/m^3].
+    infinite : (n,) whether the stress is infinite, as where elements have no volume left.
+    """
+
+    strain: Array
+    stress: Array
+    density: Array
+    infinite: NDArray[np.bool_]
+
+
+@runtime_checkable
+class HasResponse(Protocol):
+    """A specification that `HasStress` by a law of its own, other than St. Venant-Kirchhoff's `S = C : E`."""
+
+    def response(self, at: Deformation) -> PointResponse:
+        """Strain, stress and energy of the elements of its `region`, all of them, in their order."""
 
 
 @runtime_checkable

@@ -1,5 +1,7 @@
 """The neo-Hookean law: scikit-fem's form of the same energy, closed forms, its clamped tangent, and what it refuses."""
 
+import warnings
+
 import numpy as np
 import pytest
 import skfem
@@ -8,11 +10,30 @@ from kernels.parts import in_parts, on_twins
 from scipy.optimize import brentq
 from skfem.helpers import ddot, grad, inv, transpose
 
-from skfem_stvk import Isotropic, MaterialError, NeoHookean, Orthotropic, StateError, StVK, System, TransverselyIsotropic
+from skfem_stvk import (
+    BackwardEuler,
+    Isotropic,
+    MaterialError,
+    NeoHookean,
+    Newmark,
+    Orthotropic,
+    StateError,
+    StVK,
+    StvkError,
+    StvkWarning,
+    System,
+    TransverselyIsotropic,
+    VelocityVerlet,
+    modes,
+    simulate,
+    solve_static,
+)
 from skfem_stvk.edges import ALL, NONE, TENSILE, Tensions
 from skfem_stvk.edges.elements import Quadrature
 from skfem_stvk.elements import rule_of
 from skfem_stvk.mesh.points import sizes_of, spokes_at
+from skfem_stvk.results import Fields
+from skfem_stvk.results.monitors import Monitors
 from skfem_stvk.terms import Body
 
 EVERY = (
@@ -21,6 +42,7 @@ EVERY = (
     | {f"{name}, straight": mesh for name, mesh in STRAIGHT.items() if mesh.k > 1}
 )
 SOLID = [name for name, mesh in EVERY.items() if scikit_fem_of(mesh)]
+SECTION = {2: {"thickness": 0.3}, 3: {}}
 BOXES = [name for name, mesh in EVERY.items() if mesh.element.is_box and mesh.k == mesh.d]
 
 
@@ -232,3 +254,82 @@ def test_other_materials_and_segments_are_refused_with_what_to_take_instead():
         System(MESHES["triangles"], NeoHookean(young=1.0, poisson=poisson))
     with pytest.raises(MaterialError, match="poisson"):
         System(MESHES["triangles"], NeoHookean(young=1.0, poisson=0.6, plane="stress"))
+
+
+@pytest.mark.parametrize("name", EVERY)
+def test_stresses_and_energy_densities_are_those_of_the_forces(name):
+    """The first Piola-Kirchhoff stress pulls the forces, and the densities add up to the energy; other laws may share elements."""
+    mesh = EVERY[name]
+    for plane in (None, "stress") if mesh.k == mesh.d == 2 else (None,):
+        body = System(mesh, [law_on(mesh, plane), StVK(young=0.5, poisson=0.2, plane=plane, **SECTION[mesh.k])])
+        u = crushed(mesh, 0.3, 0.03).ravel()
+        now = Fields.of(body).at(u)
+        assert now["strain_energy_density"] @ now.fields.volume == pytest.approx(
+            body.energy(u), rel=1e-3 if "curved" in name else 1e-12
+        )
+        if mesh.element.is_linear_simplex:
+            v = state(mesh, seed=9)
+            H = np.zeros((mesh.nt, 3, 3))
+            H[:, : mesh.d, : mesh.d] = displacement_gradient_in_space(mesh, v)
+            power = (now["pk1_stress"] * H).sum(axis=(1, 2)) @ now.fields.volume
+            assert power == pytest.approx(body.internal_force(u) @ v, rel=1e-11)
+        S, E = now["pk2_stress"], now["green_strain"]
+        if mesh.element.is_linear_simplex and (plane == "stress" or mesh.k < mesh.d):
+            across = np.linalg.svd(S)[1]
+            assert (across[:, 2] < 1e-12 * across[:, 0]).all() and (np.linalg.eigvalsh(E)[:, 0] != 0).all()
+
+
+def displacement_gradient_in_space(mesh, v):
+    """(nt, d, d) of linear simplices, none across them."""
+    corners = v.reshape(-1, mesh.d)[mesh.t.T]
+    spokes = mesh.p.T[mesh.t[1:].T] - mesh.p.T[mesh.t[:1].T]
+    return np.swapaxes(corners[:, 1:] - corners[:, :1], 1, 2) @ np.swapaxes(np.linalg.pinv(spokes), 1, 2)
+
+
+def test_what_is_said_of_st_venant_kirchhoff_alone_is_not_said_of_it():
+    mesh = MESHES["tetrahedra"]
+    body = System(mesh, NeoHookean(young=1.0, poisson=0.3))
+    u = -0.5 * mesh.p.T.ravel()
+    assert [finding.name for finding in Monitors(body, ellipticity=False).at(u)] == []
+    with pytest.raises(StvkError, match=r"in NeoHookean: strong ellipticity .* StVK alone"):
+        Monitors(body, ellipticity=True)
+    with pytest.raises(StvkError, match="in NeoHookean"):
+        Fields.of(body).at(u)["smallest_acoustic_eigenvalue"]
+    u[: mesh.d] += 3.0
+    with pytest.raises(StateError, match="inside out or flat"):
+        Fields.of(body).at(u)["cauchy_stress"]
+
+
+def block(law, n=3, amount=0.6):
+    """A block that stands on one face; the other is pushed down to a part of its height by t = 1, both cannot move sideways."""
+    mesh = skfem.MeshTet.init_tensor(*[np.linspace(0, 1, n + 1)] * 3)
+    mesh = mesh.with_boundaries({"foot": lambda x: x[2] == 0, "top": lambda x: x[2] == 1})
+    return System(mesh, law, fixed={"foot": "xyz", "top": "xy"}, prescribed={"top": {"z": -amount}})
+
+
+def test_a_block_is_crushed_by_sixty_percent_where_st_venant_kirchhoff_gives_way():
+    """The force grows all the way; with StVK no state of such a press is reached that is not inside out or past the limit."""
+    found = solve_static(block(NeoHookean(young=1.0, poisson=0.3)), steps=6, quiet=True)
+    assert found.success and 0 < found.system.smallest_volume_ratio(found.u) < 0.4
+    force = -found.reaction("top").resultant[2]
+    half = solve_static(block(NeoHookean(young=1.0, poisson=0.3), amount=0.3), steps=3, quiet=True)
+    assert force > 2.5 * -half.reaction("top").resultant[2] > 0.9
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", StvkWarning)
+        other = solve_static(block(StVK(young=1.0, poisson=0.3)), steps=6, quiet=True, raise_on_failure=False)
+        assert not other.success or other.system.smallest_volume_ratio(other.u) <= 0 or force > -other.reaction("top").resultant[2]
+
+
+def test_modes_at_rest_are_those_of_the_same_constants_and_under_load_others():
+    mesh = skfem.MeshTet.init_tensor(*[np.linspace(0, 1, 3)] * 3)
+    of = {law: System(mesh, law(young=2.0, poisson=0.3, density=1.0)) for law in (NeoHookean, StVK)}
+    at_rest = [modes(body, 8).frequencies for body in of.values()]
+    assert at_rest[0][6:] == pytest.approx(at_rest[1][6:], rel=1e-9) and at_rest[0][6] > 0.1
+
+
+@pytest.mark.parametrize("integrator", [VelocityVerlet(), BackwardEuler(0.02), Newmark(0.02)])
+def test_a_block_that_is_thrown_at_itself_stays_right_side_out(integrator):
+    mesh = skfem.MeshTet.init_tensor(*[np.linspace(0, 1, 3)] * 3)
+    body = System(mesh, NeoHookean(young=1.0, poisson=0.3, density=1.0))
+    run = simulate(body, integrator, until=0.6, v0=(-1.2 * (mesh.p - 0.5)).T.ravel(), quiet=True)
+    assert 0.05 < body.smallest_volume_ratio(run.u) < 0.6
