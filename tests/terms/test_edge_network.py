@@ -161,3 +161,11 @@ def test_a_mesh_that_does_not_fit_is_refused():
     with pytest.raises(StvkError, match="expected at most 20000"):
         n = 20_001
         EdgeNetwork(np.stack([np.arange(n), np.arange(1, n + 1)]), identity(n, format="csr")).definite()
+
+
+def test_statics_says_that_without_opposite_pairs_a_body_is_unstable():
+    """Some states have less energy than rest: what is found is in equilibrium, and not stable."""
+    terms = [NETWORK.without("opposite"), Gravity((0, 0, -0.02))]
+    found = solve_static(System(MESH, terms, {(0, 1, 2, 3): "xyz"}), quiet=True, raise_on_failure=False)
+    whole = solve_static(System(MESH, [NETWORK, *terms[1:]], {(0, 1, 2, 3): "xyz"}), quiet=True)
+    assert whole.success and not found.success and "negative eigenvalue" in found.message

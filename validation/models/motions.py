@@ -24,11 +24,12 @@ MOMENTS = 400
 
 
 class Path(NamedTuple):
-    """A motion: displacements (m, 3) of the tip at `MOMENTS`, drifts of energy and angular momentum, the last state, what was said.
+    """A motion: times (m,) and displacements (m, 3) of the tip at `MOMENTS`, drifts of energy and angular momentum, the last state, what was said.
 
     Drifts are relative to the largest kinetic energy and to the angular momentum at the start; NaN where there is none.
     """
 
+    times: Array
     tip: Array
     energy: float
     spin: float
@@ -88,7 +89,7 @@ def _followed(system: System, v: Array, quick: bool) -> Path:
     spin = np.linalg.norm(momentum - momentum[0], axis=1).max() / first if first > 0 else np.nan
     has_energy = all(term.has_energy for term in system.bound_terms)
     said = "ended" if run.success else run.status.name.lower()
-    return Path(tip, float(energy) if has_energy else np.nan, float(spin), run.u, said)
+    return Path(times, tip, float(energy) if has_energy else np.nan, float(spin), run.u, said)
 
 
 def off(path: Path, truth: Path) -> float:

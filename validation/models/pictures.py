@@ -18,6 +18,8 @@ from . import bars, motions
 from .costs import Cost
 from .models import COLOURS, MODELS, TRUE, Model
 
+#: Lines of the models of one family.
+DASHES: tuple[Any, ...] = ("-", "--", ":", "-.", (0, (5, 1, 1, 1, 1, 1)))
 #: Directions to the right and upwards on the page, as seen from the side and a little from above.
 ACROSS, UP = np.array([0.96, -0.28, 0.0]), np.array([-0.08, -0.28, 0.957])
 
@@ -58,15 +60,16 @@ def paths(found: Mapping[str, motions.Path], folder: Path, name: str) -> Path:
     """How the end moves up and down under each model."""
     figure = Figure(figsize=(8, 4.5), layout="constrained")
     axes = figure.subplots()
-    times = np.linspace(0, motions.UNTIL, motions.MOMENTS)
+    seen: dict[str, int] = {}
     for model in MODELS:
-        bold = model is TRUE
+        bold, number = model is TRUE, seen.get(model.family, 0)
+        seen[model.family] = number + 1
         axes.plot(
-            times,
+            found[model.name].times,
             found[model.name].tip[:, 2],
             color=COLOURS[model.family],
             lw=2.5 if bold else 1.0,
-            ls="--" if "volume" in model.name else "-",
+            ls=DASHES[number],
             zorder=3 if bold else 2,
             label=model.name,
         )
