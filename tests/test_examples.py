@@ -73,6 +73,14 @@ def test_ex09_curved_bar():
     assert linear == pytest.approx(0.5858, rel=1e-3) and quadratic == pytest.approx(5.0e-4, rel=0.2)
 
 
+def test_ex16_edges_and_pairs():
+    example = run("ex16_edges_and_pairs")
+    assert example.error < 1e-9 and sum(example.shares.values()) == pytest.approx(1, rel=1e-10)
+    assert example.widths["edges alone"] == pytest.approx(0.98427, rel=1e-4) and example.expected == pytest.approx(
+        0.89554, rel=1e-4
+    )
+
+
 def test_no_example_is_forgotten():
     tested = {name.removeprefix("test_") for name in globals() if name.startswith("test_ex")}
     assert tested == {path.stem for path in EXAMPLES.glob("ex*.py")}

@@ -55,7 +55,8 @@ def _of_system(system: System, seconds: float) -> Cost:
     step, memory = stable_step(system), sum(system.memory().values())
     dt = 0.5 * step if step == step else 1e-3
     motions = [_step(system, VelocityVerlet(dt)), _step(system, LinearBackwardEuler(20 * dt))]
-    return Cost(taken["F"].best * ns, taken["K"].best * ns, *(one * ns for one in motions), memory / system.mesh.nt, step)
+    explicit, implicit = (one * ns for one in motions)
+    return Cost(taken["F"].best * ns, taken["K"].best * ns, explicit, implicit, memory / system.mesh.nt, step)
 
 
 def _step(system: System, integrator: Any) -> float:

@@ -57,20 +57,19 @@ def _quartic(mesh: ElementMesh) -> EdgeNetwork:
     return EdgeNetwork.of(mesh, StVK(**MATERIAL)).diagonal()
 
 
+def _by_rule(rule: str, *others: Any) -> Terms:
+    return lambda mesh: [SpringNetwork(rule=rule, **MATERIAL), *others]
+
+
 def _springs() -> list[Model]:
+    """Springs of each kind, without and with a volume term."""
     found = [
         Model("quartic springs", "springs", lambda mesh: [_quartic(mesh)]),
         Model("quartic springs + volume", "springs + volume", lambda mesh: [_quartic(mesh), _volume()]),
     ]
     for rule in RULES:
-        found.append(Model(f"{rule} springs", "springs", lambda mesh, rule=rule: [SpringNetwork(rule=rule, **MATERIAL)]))
-        found.append(
-            Model(
-                f"{rule} springs + volume",
-                "springs + volume",
-                lambda mesh, rule=rule: [SpringNetwork(rule=rule, **MATERIAL), _volume()],
-            )
-        )
+        found.append(Model(f"{rule} springs", "springs", _by_rule(rule)))
+        found.append(Model(f"{rule} springs + volume", "springs + volume", _by_rule(rule, _volume())))
     return found
 
 

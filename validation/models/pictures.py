@@ -35,12 +35,12 @@ def side_by_side(mesh: ElementMesh, found: Mapping[Model, Array], folder: Path, 
     behind = _projected(mesh.p.T + found[TRUE], facets)
     every = np.concatenate([_projected(mesh.p.T + u, facets).reshape(-1, 2) for u in found.values() if np.isfinite(u).all()])
     for axes, (model, u) in zip(panels, found.items(), strict=False):
-        axes.add_collection(PolyCollection(behind, facecolors="#dddddd", edgecolors="none"))
+        axes.add_collection(PolyCollection(list(behind), facecolors="#dddddd", edgecolors="none"))
         if np.isfinite(u).all():
             x = mesh.p.T + u
             shown = _projected(x, facets)
             order = np.argsort(x[facets.T].mean(axis=1) @ np.cross(ACROSS, UP))
-            axes.add_collection(PolyCollection(shown[order], facecolors="white", edgecolors=COLOURS[model.family], linewidths=0.6))
+            axes.add_collection(PolyCollection(list(shown[order]), facecolors="white", edgecolors=COLOURS[model.family], linewidths=0.6))
         axes.set_title(model.name, fontsize=8, color=COLOURS[model.family])
         axes.set(xlim=(every[:, 0].min() - 0.2, every[:, 0].max() + 0.2), ylim=(every[:, 1].min() - 0.2, every[:, 1].max() + 0.2))
         axes.set_aspect("equal")
