@@ -25,14 +25,17 @@ from ..referee.players import METHODS
 from ..referee.shape import Shape
 from ..reference import ReferenceStVK, isotropic_tensor
 from ..system import System
+from ..terms import Corotated, EdgeNetwork, InvertibleStVK, LinearElastic, NeoHookean, SpringNetwork
 from .control import Control
 from .costs import best_and_median, least_bytes, most_threads, threads
 from .meshes import POISSON, YOUNG, Specimen
-from .results import CONTROL, CSR, OURS, REFERENCE, TEXTBOOK, Benchmark, ErrorOf
+from .results import CONTROL, CSR, MODELS, OURS, REFERENCE, TEXTBOOK, Benchmark, ErrorOf
 
 Calls = dict[tuple[str, str], Callable[[], Any]]
 
 STRAINS = (1e-3, 1e-6)
+#: How much of the specimen's deformation models are timed at: none of its elements is inside out there.
+MODEST = 0.2
 
 
 def time_contenders(results: Benchmark, specimen: Specimen) -> None:
@@ -113,6 +116,38 @@ def _time_peer(results: Benchmark, specimen: Specimen, name: str) -> None:
 def peer_on(name: str, mesh: ElementMesh) -> Any:
     """A peer of the benchmark's material; a StvkError if it is not installed."""
     return load(name)(mesh.p, mesh.t, YOUNG, POISSON)
+
+
+def time_models(results: Benchmark, specimen: Specimen) -> None:
+    """Time W and F, and K, of other models of the same material on one thread, in turns with St. Venant-Kirchhoff's."""
+    if specimen.size not in results.plan.referenced:
+        return
+    u = MODEST * specimen.u
+    calls: Calls = {}
+    with threads(1):
+        for name, term in models_of(specimen).items():
+            system = System(specimen.mesh, term)
+            calls[name, "W+F"] = partial(system.energy_and_force, u)
+            calls[name, "K"] = partial(system.tangent, u, out=system.tangent(u))
+        for (name, quantity), taken in best_and_median(calls, results.plan.seconds).items():
+            results.add(specimen, name, quantity, taken)
+
+
+def models_of(specimen: Specimen) -> dict[str, Any]:
+    """The models that are timed, by name, `MODELS`."""
+    material: dict[str, Any] = {"young": YOUNG, "poisson": POISSON}
+    network = EdgeNetwork.of(specimen.mesh, specimen.term)
+    made = {
+        "StVK": specimen.term,
+        "linear": LinearElastic(**material),
+        "edges and TSEPs": network,
+        "quartic springs": network.diagonal(),
+        "Hookean springs": SpringNetwork(rule="van-gelder", **material),
+        "neo-Hookean": NeoHookean(**material),
+        "corotated": Corotated(**material),
+        "invertible StVK": InvertibleStVK(**material),
+    }
+    return {name: made[name] for name in MODELS}
 
 
 def leave_out(results: Benchmark) -> None:

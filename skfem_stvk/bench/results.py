@@ -13,10 +13,21 @@ from .meshes import Specimen
 
 CSR, CONTROL, TEXTBOOK = "CSR product", "C loop", "textbook form"
 QUANTITIES = ("W", "F", "W+F", "K", "W+F+K", "K v", "K v: prepare")
+#: Models of the same material that are timed beside one another.
+MODELS = (
+    "StVK",
+    "linear",
+    "edges and TSEPs",
+    "quartic springs",
+    "Hookean springs",
+    "neo-Hookean",
+    "corotated",
+    "invertible StVK",
+)
 MESHES = ("box 5 k", "part 5 k", "box 40 k", "part 40 k", "box 250 k", "part 250 k")
 T = TypeVar("T")
 
-__all__ = ["CONTROL", "CSR", "OURS", "QUANTITIES", "REFERENCE", "TEXTBOOK", "Benchmark", "ErrorOf", "Memory", "Timing"]
+__all__ = ["CONTROL", "CSR", "MODELS", "OURS", "QUANTITIES", "REFERENCE", "TEXTBOOK", "Benchmark", "ErrorOf", "Memory", "Timing"]
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ from ..errors import StvkError
 from ..peers import PEERS
 from ..referee.header import PACKAGES, circumstances
 from ..referee.terminal import CountedProgress
-from .contenders import compare_errors, leave_out, time_contenders, time_peers, time_reference
+from .contenders import compare_errors, leave_out, time_contenders, time_models, time_peers, time_reference
 from .costs import copy_bandwidth, first_use, time_setup, weigh
 from .meshes import Specimen
 from .results import FULL, Benchmark, Plan
@@ -21,6 +21,7 @@ STEPS: dict[str, Callable[[Benchmark, Specimen], None]] = {
     "setup": time_setup,
     "memory": weigh,
     "scikit-fem, the textbook form": time_reference,
+    "models": time_models,
     "peers": time_peers,
 }
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from rich.text import Text
 
-from .results import CONTROL, CSR, OURS, QUANTITIES, REFERENCE, Benchmark
+from .results import CONTROL, CSR, MODELS, OURS, QUANTITIES, REFERENCE, Benchmark
 from .targets import TargetVerdict, judged, of_memory, of_time, verdicts
 
 Row = tuple[str | Text, ...]
@@ -27,7 +27,7 @@ class Table:
 
 def tables(results: Benchmark) -> list[Table]:
     """The tables that hold something, the targets first."""
-    every = (targets, ours, precisions, others, growth, setup, memory, memory_by_mesh, errors, missing)
+    every = (targets, ours, precisions, models, others, growth, setup, memory, memory_by_mesh, errors, missing)
     return [table for make in every if (table := make(results)).rows]
 
 
@@ -114,10 +114,24 @@ def precisions(results: Benchmark) -> Table:
     return Table("Threads and precision", "Best times, ns per tetrahedron.", columns, rows, words=2)
 
 
+def models(results: Benchmark) -> Table:
+    rows: list[Row] = []
+    for mesh in results.meshes:
+        usual = [results.best(mesh, MODELS[0], quantity) for quantity in ("W+F", "K")]
+        for name in MODELS:
+            force, tangent = (results.best(mesh, name, quantity) for quantity in ("W+F", "K"))
+            if force is not None:
+                of_usual = quotient(force, usual[0]), quotient(tangent, usual[1])
+                rows.append((mesh, name, number(force), of_usual[0], number(tangent), of_usual[1]))
+    columns = ("mesh", "model", "W+F", "of StVK", "K", "of StVK's")
+    note = "One thread, double precision, ns per tetrahedron; in turns, at a fifth of the deformation of the other tables."
+    return Table("Models", note, columns, rows, words=2)
+
+
 def others(results: Benchmark) -> Table:
     rows: list[Row] = []
     for timing in results.timings:
-        if timing.player != OURS and timing.dtype == "float64":
+        if timing.player not in (OURS, *MODELS) and timing.dtype == "float64":
             ratio = quotient(timing.best, results.best(timing.mesh, OURS, timing.quantity))
             rows.append((timing.mesh, timing.player, timing.quantity, number(timing.best), number(timing.median), ratio))
     columns = ("mesh", "player", "of", "ns per tet", "median", "x ours")

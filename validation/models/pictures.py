@@ -40,7 +40,9 @@ def side_by_side(mesh: ElementMesh, found: Mapping[Model, Array], folder: Path, 
             x = mesh.p.T + u
             shown = _projected(x, facets)
             order = np.argsort(x[facets.T].mean(axis=1) @ np.cross(ACROSS, UP))
-            axes.add_collection(PolyCollection(list(shown[order]), facecolors="white", edgecolors=COLOURS[model.family], linewidths=0.6))
+            axes.add_collection(
+                PolyCollection(list(shown[order]), facecolors="white", edgecolors=COLOURS[model.family], linewidths=0.6)
+            )
         axes.set_title(model.name, fontsize=8, color=COLOURS[model.family])
         axes.set(xlim=(every[:, 0].min() - 0.2, every[:, 0].max() + 0.2), ylim=(every[:, 1].min() - 0.2, every[:, 1].max() + 0.2))
         axes.set_aspect("equal")
