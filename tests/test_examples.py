@@ -81,6 +81,13 @@ def test_ex16_edges_and_pairs():
     )
 
 
+def test_ex13_torn_sheet():
+    example = run("ex13_torn_sheet")
+    assert example.run.success and 90 < example.torn < 180
+    assert example.strongest == pytest.approx(79.7, rel=0.02) and abs(example.force[-1]) < 0.3 * example.strongest
+    assert example.closure < 0.02
+
+
 def test_no_example_is_forgotten():
     tested = {name.removeprefix("test_") for name in globals() if name.startswith("test_ex")}
     assert tested == {path.stem for path in EXAMPLES.glob("ex*.py")}

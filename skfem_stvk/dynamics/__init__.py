@@ -16,6 +16,7 @@ from .integrators import (
 )
 from .ledger import Ledger
 from .modes import Modes, modes
+from .removal import PrincipalStressLimit
 from .run import Run, SimulationError
 from .simulate import simulate
 
@@ -34,6 +35,7 @@ __all__ = [
     "LinearBackwardEuler",
     "Modes",
     "Newmark",
+    "PrincipalStressLimit",
     "Rayleigh",
     "Run",
     "SimulationError",

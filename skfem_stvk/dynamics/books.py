@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
@@ -23,6 +23,8 @@ from .record import MotionState
 
 #: The column of the number of elements that are inside out.
 INSIDE_OUT = "inside_out"
+#: The column of the energy that went with elements that were taken out.
+REMOVED = "removed_energy"
 Vertices = Mapping[str, NDArray[np.int64]]
 NOWHERE: Vertices = MappingProxyType({})
 
@@ -31,7 +33,7 @@ class Balance(NamedTuple):
     """Energies that add up [J].
 
         total_energy = kinetic + strain + potential
-        closure_error = total_energy - total_energy at the first step - external work + dissipated work
+        closure_error = total_energy - total_energy at the first step - external work + dissipated work + removed energy
 
     The closure error is energy that appeared from nowhere or was lost: by the time integrator, and by round-off.
     """
@@ -43,13 +45,18 @@ class Balance(NamedTuple):
     def of(
         cls, kinetic: float, strain: float, potential: float, external: float, dissipated: float, first: float | None
     ) -> Balance:
-        """The balance of energies now and works since the first step; `first`: the total energy then, None if that is now."""
+        """The balance of energies now and works since the first step; `first`: the total energy then, None if that is now.
+
+        What went with elements that were taken out counts as `dissipated`.
+        """
         total = kinetic + strain + potential
         return cls(total, 0.0 if first is None else total - first - external + dissipated)
 
 
-def column_names(system: SystemLike, probes: Iterable[str] = (), reactions: Iterable[str] = ()) -> tuple[str, ...]:
-    """The columns of a motion's ledger, in their order.
+def column_names(
+    system: SystemLike, probes: Iterable[str] = (), reactions: Iterable[str] = (), *, removing: bool = False
+) -> tuple[str, ...]:
+    """The columns of a motion's ledger, in their order; `removing`: whether elements may be taken out of the body.
 
     ===================================  ====================================================================================
     `time`                               [s]
@@ -60,6 +67,8 @@ def column_names(system: SystemLike, probes: Iterable[str] = (), reactions: Iter
     `external_work`                      done since the first step by those that have none, by prescribed motion and by what
                                          changes with time [J]
     `dissipated_work`                    lost to damping since the first step [J]
+    `removed_energy`                     only with `simulate(..., remove=...)`: kinetic, strain and potential energy that went
+                                         with elements that were taken out since the first step [J]
     `total_energy`, `closure_error`      see `Balance` [J]
     `inside_out`                         number of elements that were inside out or flat when that was looked at last: after
                                          every step of implicit integrators, every 20 of explicit ones, and at both ends
@@ -79,6 +88,7 @@ def column_names(system: SystemLike, probes: Iterable[str] = (), reactions: Iter
         "potential_energy",
         "external_work",
         "dissipated_work",
+        *((REMOVED,) if removing else ()),
         *Balance._fields,
         INSIDE_OUT,
         *(f"linear_momentum_{axis}" for axis in axes),
@@ -119,7 +129,8 @@ class Books:
         self._several = len(motion.system.elastic_terms) > 1
         self._turning = {1: slice(0), 2: slice(6, 7), 3: slice(4, 7)}[mesh.d]
         self._sums, self._Mv = np.zeros(8), np.zeros(motion.system.ndofs)
-        self.external = self.dissipated = 0.0
+        self.external = self.dissipated = self.removed = 0.0
+        self._removing = REMOVED in self.ledger.names
         self._first = float(self.ledger["total_energy"][0]) if self.ledger.steps else None
         self._inside_out = self.ledger.names.index(INSIDE_OUT)
         self._watched = motion.moving or motion.damped or driven(motion.system)
@@ -130,6 +141,7 @@ class Books:
         """Count the work from this state on, which is that of the last row, if there is one."""
         if self.ledger.steps:
             self.external, self.dissipated = (float(self.ledger[name][-1]) for name in ("external_work", "dissipated_work"))
+            self.removed = float(self.ledger[REMOVED][-1]) if self._removing else 0.0
         self._begin(state)
 
     def _begin(self, state: MotionState) -> None:
@@ -157,14 +169,15 @@ class Books:
         potential = self._sum(state)
         sums = self._sums.tolist()
         kinetic = sums[0] / 2
-        balance = Balance.of(kinetic, strain_energy, potential, self.external, self.dissipated, self._first)
+        balance = Balance.of(kinetic, strain_energy, potential, self.external, self.dissipated + self.removed, self._first)
         if self._first is None:
             self._first = balance.total_energy
         row = [state.t, kinetic, strain_energy]
         if self._several:
             row += system.elastic_energies(state.u)
         inside_out = float(self.ledger.rows(self.ledger.steps - 1)[0, self._inside_out]) if self.ledger.steps else 0.0
-        row += [potential, self.external, self.dissipated, *balance, inside_out, *sums[1 : 1 + mesh.d], *sums[self._turning]]
+        row += [potential, self.external, self.dissipated, *([self.removed] if self._removing else []), *balance, inside_out]
+        row += [*sums[1 : 1 + mesh.d], *sums[self._turning]]
         for vertices in self._places.probes.values():
             row += list(state.u.reshape(-1, mesh.d)[vertices].mean(axis=0))
         if self._places.reactions:
@@ -173,6 +186,21 @@ class Books:
             for vertices in self._places.reactions.values():
                 row += list(forces[vertices].sum(axis=0))
         self.ledger.append(row)
+
+    def take_out(self, state: MotionState, remove: Callable[[], None]) -> None:
+        """Book the energy that goes at this state, whose row was entered last, when `remove` takes elements out; strike that row.
+
+        It is what the body has in all less than before: strain energy, kinetic energy of the masses that go, potential of loads.
+        """
+        before = self._energy_in_all(state)
+        remove()
+        self.removed += before - self._energy_in_all(state)
+        self.ledger.truncate(self.ledger.steps - 1)
+        self._begin(state)
+
+    def _energy_in_all(self, state: MotionState) -> float:
+        potential = self._sum(state)
+        return float(self._sums[0]) / 2 + potential + self.motion.system.energy(state.u)
 
     def count_inside_out(self, number: float) -> None:
         """Enter the number of elements that are inside out in the last row."""

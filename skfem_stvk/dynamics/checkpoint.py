@@ -8,15 +8,17 @@ from pathlib import Path
 from typing import Annotated, Any, Literal, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 from pydantic import AllowInfNan, Field, ValidationError
 
 from ..arguments import Array
-from ..errors import StvkError, warn
+from ..errors import StvkError, name_ids, warn
 from ..results.archive import Checkpoint, CheckpointHeader, NotOurs, finite
 from ..results.files import output_path
+from ..system.protocol import SystemLike
 from ..system.signature import Fingerprint, Record, in_words
 from . import record as records
-from .books import LedgerPlaces, column_names
+from .books import REMOVED, LedgerPlaces, column_names
 from .integrators import Integrator
 from .ledger import Ledger
 from .motion import Motion
@@ -104,6 +106,7 @@ class MethodRecord(Record):
     integrator: IntegratorRecord
     mass: Literal["lumped", "consistent"]
     damping: DampingRecord
+    remove: str | None = None
 
 
 class MotionHeader(CheckpointHeader):
@@ -179,9 +182,15 @@ class Saved(NamedTuple):
         then = self._snapshot(now, "")
         kept = None if good is None else self._snapshot(good, "good ")
         record = RunRecord(then.state, then.clock, self.ledger, then.reviews, then.steps, then.cuts, kept)
+        record.removed, record.removed_at = self.removed
         record.counts.add(Counts(**self.header.counts.model_dump()))
         record.watch.add(self.header.seconds)
         return record
+
+    @property
+    def removed(self) -> tuple[NDArray[np.int64], Array]:
+        """Elements that were taken out, and when: not a number where that was before the run."""
+        return self.arrays.get("removed", np.empty(0, dtype=np.int64)), self.arrays.get("removed at", np.empty(0))
 
     def _snapshot(self, moment: MomentRecord, prefix: str) -> Snapshot:
         state = MotionState(moment.t, *(self.arrays[prefix + name] for name in ARRAYS))
@@ -197,6 +206,8 @@ def packed(record: RunRecord, places: LedgerPlaces, found: bool) -> tuple[dict[s
     if found and good is not None and good.steps < record.steps:
         about["good"] = _moment(good, good.rows)
         arrays |= {f"good {name}": getattr(good.state, name) for name in ARRAYS}
+    if len(record.removed):
+        arrays |= {"removed": record.removed, "removed at": record.removed_at}
     for kind, vertices in places._asdict().items():
         about[kind] = list(vertices)
         arrays |= {f"{kind} {name}": ids for name, ids in vertices.items()}
@@ -231,11 +242,12 @@ def refuse_inconsistent(saved: Saved, motion: Motion, integrator: Integrator) ->
     header, ledger, system = saved.header, saved.ledger, motion.system
     probes, reactions = _vertices(saved, "probes", header.probes), _vertices(saved, "reactions", header.reactions)
     places = LedgerPlaces.checked(system, probes, reactions)
-    if ledger.names != column_names(system, *places):
+    if ledger.names != column_names(system, *places, removing=saved.method.remove is not None):
         raise ValueError(f"its ledger has the columns {', '.join(ledger.names)}")
     if ledger.steps != header.now.rows:
         raise ValueError(f"its ledger has {ledger.steps} rows for {header.now.rows}")
     _check_balance(ledger)
+    _check_removed(*saved.removed, system, ledger)
     start = {name: header.problem.numbers.get(name, []) for name in ("t0", "u0", "v0")}
     if start["t0"] != [ledger["time"][0]] or len(start["u0"]) != 2 or len(start["v0"]) != 2:
         raise ValueError(f"it began with {start}, its ledger at t = {ledger['time'][0]:g}")
@@ -245,6 +257,15 @@ def refuse_inconsistent(saved: Saved, motion: Motion, integrator: Integrator) ->
             raise ValueError(f"its last good state is that of step {header.good.steps} of {header.now.steps}")
         _check_moment(saved, header.good, "good ", motion, integrator)
     return places
+
+
+def _check_removed(removed: Array, removed_at: Array, system: SystemLike, ledger: Ledger) -> None:
+    """Refuse elements that are not those which the system has lost, or times that are not of the ledger; raises ValueError."""
+    during = removed_at[~np.isnan(removed_at)]
+    if not np.array_equal(np.sort(removed), system.removed) or removed_at.shape != removed.shape:
+        raise ValueError(f"it took out {name_ids(removed, 'element')}, the system has lost {name_ids(system.removed, 'element')}")
+    if not np.isin(during, ledger["time"]).all() or (np.diff(during) < 0).any() or (len(during) and REMOVED not in ledger):
+        raise ValueError("the times at which it took out elements are not those of its ledger")
 
 
 def _vertices(saved: Saved, kind: str, names: list[str]) -> dict[str, Array]:
@@ -293,6 +314,8 @@ def _check_balance(ledger: Ledger) -> None:
         raise ValueError("the times of its ledger do not ascend")
     total = ledger["kinetic_energy"] + ledger["strain_energy"] + ledger["potential_energy"]
     closure = total - total[:1] - ledger["external_work"] + ledger["dissipated_work"]
+    if REMOVED in ledger:
+        closure = closure + ledger[REMOVED]
     size = ENERGY * max(float(np.abs(ledger[name]).max()) for name in PARTS)
     for name, sums in (("total_energy", total), ("closure_error", closure)):
         if (np.abs(ledger[name] - sums) > size).any():

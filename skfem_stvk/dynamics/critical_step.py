@@ -73,13 +73,19 @@ class LargestFrequency:
     def __init__(self, system: SystemLike, damping: Damping | None = None) -> None:
         checked_system(system)
         self._system, self._mass, self._damping = system, system.mass(), damping_factors(damping)
+        self._operator: TangentOperator | None = None
+        self._products = 0
+        self._follow()
+
+    def _follow(self) -> None:
+        """Take over which elements there are."""
+        system, d = self._system, self._system.mesh.d
+        self._removals = system.removals
         self._is_free = np.ones(system.ndofs, dtype=bool)
         self._is_free[system.supports.held] = False
-        moving = self._is_free.reshape(-1, system.mesh.d).any(axis=1)
-        self._vertex = np.where(moving, self._mass.vertex, 0.0)
-        self._operator: TangentOperator | None = None
+        self._is_free.reshape(-1, d)[system.bare] = False
+        self._vertex = np.where(self._is_free.reshape(-1, d).any(axis=1), self._mass.vertex, 0.0)
         self._at_rest: TangentOperator | None = None
-        self._products = 0
 
     def at(self, u: ArrayLike, t: float = 0.0) -> CriticalStep:
         """The critical step at displacements `u` (ndofs,) [m], with the follower loads at time `t`.
@@ -105,6 +111,8 @@ class LargestFrequency:
         It is where `T^2 lam + 2 T alpha = 4`, with the largest eigenvalue `lam` of `K + 2/T (beta K0 + tau K_GN)`, a convex
         function of 1/T: found by chords from 1/T = 0 on, and in the end shortened by what those have left.
         """
+        if self._removals != self._system.removals:
+            self._follow()
         alpha, beta, tau = self._damping
         loads = self._of_loads(u, t)
 

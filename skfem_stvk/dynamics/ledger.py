@@ -26,6 +26,7 @@ ENERGIES = {
     "potential_energy": "#0072B2",
     "external_work": "#009E73",
     "dissipated_work": "#CC79A7",
+    "removed_energy": "#56B4E9",
     "total_energy": "#000000",
 }
 AXES = {"x": "#D55E00", "y": "#009E73", "z": "#0072B2"}

@@ -4,6 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+import numpy as np
+from numpy.typing import NDArray
+
 from ..errors import StateError, warn
 from ..nonlinear.outcome import Interrupted, Status
 from ..nonlinear.progress import MotionProgress
@@ -15,6 +18,7 @@ from .integrators import StepFailed, Stepper
 from .options import Setup
 from .outputs import Outputs
 from .record import MotionState, RunRecord
+from .removal import Removal, removed_on_the_way
 from .run import Run, SimulationError
 from .stable_step import StableStep, halved_on_the_way
 
@@ -46,6 +50,7 @@ class Loop:
         self._monitors = Monitors(motion.system, ellipticity=False)
         self._cutting = Cutting(self._stepper, self._arrived, motion.system.restore)
         self._jumps = Jumps(motion, record.state)
+        self._removal = None if setup.rule is None else Removal(motion.system, setup.rule)
         self._stepping = False
 
     def _begin(self) -> None:
@@ -118,10 +123,11 @@ class Loop:
                 total = record.ledger["total_energy"][-1]
                 return Status.BLEW_UP, f"energy came from nowhere, {total:.3g} J in all at t = {t:.6g} s"
             if whole:
-                dt, record.reviews = self._limit.review(record)
+                torn = self._removal is not None and self._tear(self._removal.chosen(record))
+                dt, record.reviews = self._limit.review(record, anew=torn)
                 if dt != record.clock.dt:
                     record.clock.change(dt)
-                if self._guard.trusts():
+                if torn or self._guard.trusts():
                     record.keep()
         except StepFailed as error:
             return Status.NOT_CONVERGED, str(error)
@@ -129,6 +135,20 @@ class Loop:
             return Status.BLEW_UP, str(error).rstrip(".")
         self._stepping = False
         return Status.FINISHED, ""
+
+    def _tear(self, elements: NDArray[np.int64]) -> bool:
+        """Take elements out in the state that was entered last, which is entered anew; whether there were any."""
+        if not len(elements):
+            return False
+        record, system = self.record, self.setup.motion.system
+        state, d = record.state, system.mesh.d
+        self._books.take_out(state, lambda: system.remove(elements))
+        record.take_out(elements, state.t)
+        state.v.reshape(-1, d)[system.bare] = 0
+        state.a[:] = 0
+        self._stepper.start(state)
+        self._books.enter(state, self._stepper.energy)
+        return True
 
     def _arrived(self, state: MotionState) -> None:
         self._books.work(state)
@@ -173,6 +193,8 @@ class Loop:
             cuts=record.cuts,
             seconds=record.watch.parts(),
             series=self._outputs.path,
+            removed=record.removed,
+            removed_at=record.removed_at,
         )
 
     def _message(self, status: Status, detail: str, cause: BaseException | None, findings: tuple[Finding, ...]) -> str:
@@ -201,6 +223,7 @@ class Loop:
         cuts = f", {record.cuts} of them cut into smaller ones" if record.cuts else ""
         gained = _gained(from_nowhere(record.ledger))
         way = f"{cuts}{self._stepper.remark}{halved_on_the_way(record.reviews)}{gained}{inside_out_on_the_way(record.ledger)}"
+        way += removed_on_the_way(record.removed, record.removed_at)
         return f"reached t = {record.state.t:.6g} s in {record.steps} steps{way}"
 
 

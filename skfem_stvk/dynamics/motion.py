@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import cached_property
 
 import numpy as np
 
@@ -33,11 +32,15 @@ class Motion:
         self.free = system.free_dofs(system.supports.held)
         self.moving = system.supports.prescribed.size > 0
         self._force = np.zeros(system.ndofs)
+        self._at_rest: tuple[int, TangentOperator] | None = None
+        self._constant: tuple[int, Array | None] | None = None
 
-    @cached_property
+    @property
     def at_rest(self) -> TangentOperator:
-        """Tangent stiffness K(0) of the body at rest, as an operator."""
-        return self.system.linear_operator(np.zeros(self.system.ndofs))
+        """Tangent stiffness K(0) of the body at rest, as an operator; made anew when elements were taken out."""
+        if self._at_rest is None or self._at_rest[0] != self.system.removals:
+            self._at_rest = self.system.removals, self.system.linear_operator(np.zeros(self.system.ndofs))
+        return self._at_rest[1]
 
     @property
     def damped(self) -> bool:
@@ -60,14 +63,16 @@ class Motion:
         velocities: Array = (4 * self.held(t + h) - self.held(t + 2 * h) - 3 * self.held(t)) / (2 * h)
         return velocities
 
-    @cached_property
+    @property
     def constant_loads(self) -> Array | None:
         """(ndofs,) the loads, if they are the same at any time and place [N]."""
-        if not constant_loads(self.system):
-            return None
-        loads = self.system.external_force(np.zeros(self.system.ndofs), self.moment(0.0))
-        loads.flags.writeable = False
-        return loads
+        if self._constant is None or self._constant[0] != self.system.removals:
+            loads = None
+            if constant_loads(self.system):
+                loads = self.system.external_force(np.zeros(self.system.ndofs), self.moment(0.0))
+                loads.flags.writeable = False
+            self._constant = self.system.removals, loads
+        return self._constant[1]
 
     def loads(self, u: Array, t: float) -> Array:
         """(ndofs,) external forces [N]; the same array every time if they are constant."""

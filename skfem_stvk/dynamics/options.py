@@ -24,6 +24,7 @@ from .checkpoint import ANEW, FRACTIONS, IntegratorRecord, MotionCheckpoint
 from .damping import Damping
 from .integrators import INTEGRATORS, Integrator
 from .motion import Motion
+from .removal import Rule, in_words
 
 
 @dataclass(frozen=True)
@@ -39,6 +40,7 @@ class Options:
     damping: Damping | None
     probes: Mapping[str, Where] | None
     reactions: Mapping[str, Where] | None
+    remove: Rule | None
     outlets: Outlets
     every: int | None
     checkpoint: MotionCheckpoint | None  # what is written
@@ -72,15 +74,17 @@ class Setup:
     integrator: Integrator
     places: LedgerPlaces  # what the ledger follows
     until: float  # the end [s]
+    rule: Rule | None = None  # by which elements are taken out
 
     def problem(self, t0: float, start: Mapping[str, list[float]]) -> Fingerprint:
         """The problem from `t0` on, as its files name it; `start`: numbers of the first state that are not zero."""
         moments = [t0 + fraction * (self.until - t0) for fraction in FRACTIONS]
         at_rest = {"t0": [t0], "u0": [0.0, 0.0], "v0": [0.0, 0.0]}
-        return Fingerprint("motion", self.motion.system, described(self.motion, self.integrator), moments, at_rest | dict(start))
+        method = described(self.motion, self.integrator, self.rule)
+        return Fingerprint("motion", self.motion.system, method, moments, at_rest | dict(start))
 
 
-def described(motion: Motion, integrator: Integrator) -> dict[str, Any]:
+def described(motion: Motion, integrator: Integrator, rule: Rule | None = None) -> dict[str, Any]:
     """All options of the method, as `MethodRecord`; a solver that is an object stands there by its name."""
     options = {one.name: getattr(integrator, one.name) for one in fields(integrator)}
     objects = {name: value.name for name, value in options.items() if hasattr(value, "name")}
@@ -89,7 +93,7 @@ def described(motion: Motion, integrator: Integrator) -> dict[str, Any]:
         "integrator": {"name": integrator.name, "options": plain, "objects": objects},
         "mass": motion.mass.kind,
         "damping": {"alpha": motion.alpha, "beta": motion.beta, "tau": motion.tau},
-    }
+    } | ({} if rule is None else {"remove": in_words(rule)})
 
 
 def checked_integrator(integrator: Integrator | None) -> Integrator:

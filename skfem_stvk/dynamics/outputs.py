@@ -40,7 +40,7 @@ class Outputs:
         self.written = -1  # steps at the last checkpoint; below zero if there is none yet
         if series is not None:
             system = setup.motion.system
-            self._fields = Fields.of(system)
+            self._fields, self._removals = Fields.of(system), system.removals
             self._table = LedgerFile(series.path.with_suffix(".csv"), record.ledger)
 
     @classmethod
@@ -49,6 +49,8 @@ class Outputs:
         series, save, overwrite = None, options.outlets.save, options.outlets.overwrite
         if save is not None or options.checkpoint is not None:
             problem = setup.problem(record.state.t, options.start(setup.motion.system))
+            if setup.rule is not None:
+                assert problem.signature  # of the body as it begins, whatever is taken out later
         if options.checkpoint is not None:
             options.checkpoint.belongs_to(problem, overwrite)
         if save is not None:
@@ -91,6 +93,9 @@ class Outputs:
         if series is None:
             return
         with self._record.watch("write"):
+            system = self._setup.motion.system
+            if self._removals != system.removals:
+                self._fields, self._removals = Fields.of(system), system.removals
             if not series.steps or series.steps[-1][0] < state.t:
                 series.add(self._fields.at(state.u, state.v), state.t)
             self._table.write()

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field, replace
 from math import ceil, isfinite, nan, ulp
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..arguments import Array
 from ..nonlinear.stopwatch import Stopwatch
@@ -150,6 +151,13 @@ class RunRecord:
     good: Snapshot | None = None  # the last good state, to which a run that blows up goes back
     counts: Counts = field(default_factory=Counts)  # what the steps took
     watch: Stopwatch = field(default_factory=lambda: Stopwatch("write"))  # how long they took, by part
+    removed: NDArray[np.int64] = field(default_factory=lambda: np.empty(0, dtype=np.int64))  # elements taken out, in turn
+    removed_at: Array = field(default_factory=lambda: np.empty(0))  # when [s]; not a number where that was before the run
+
+    def take_out(self, elements: NDArray[np.int64], t: float) -> None:
+        """Note that elements were taken out at this time. The last good state is never older than that."""
+        self.removed = np.concatenate([self.removed, elements])
+        self.removed_at = np.concatenate([self.removed_at, np.full(len(elements), t)])
 
     @property
     def at_a_step(self) -> bool:

@@ -8,7 +8,8 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-from numpy.typing import ArrayLike
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from ..arguments import Array
 from ..errors import StvkError
@@ -43,6 +44,7 @@ class Run:
     cuts : steps that were made in parts, because no state was found at their end at once.
     seconds : by part: assemble, factor, solve, write (results and checkpoints), other.
     series : the .pvd file, if there is one.
+    removed, removed_at : (n,) elements that were taken out, in turn, and when [s]: not a number where that was before the run.
     """
 
     motion: Motion
@@ -59,6 +61,8 @@ class Run:
     cuts: int
     seconds: dict[str, float]
     series: Path | None
+    removed: NDArray[np.int64]
+    removed_at: Array
 
     @property
     def system(self) -> SystemLike:

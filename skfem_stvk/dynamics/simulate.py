@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import os
+import warnings
 from collections.abc import Mapping
 from contextlib import ExitStack
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from ..arguments import Array, flag, number, path, whole
-from ..errors import LoadError, StvkError, SupportError, name_ids
+from ..errors import LoadError, StvkError, StvkWarning, SupportError, name_ids
 from ..mesh.displacements import by_vertex
 from ..mesh.places import Where
 from ..results.archive import NotOurs
@@ -28,6 +29,7 @@ from .motion import Motion
 from .options import Options, Setup, checked_integrator, described, resumed_integrator
 from .outputs import Outputs
 from .record import SLACK, Clock, MotionState, RunRecord
+from .removal import Rule, checked_rule
 from .run import Run
 
 
@@ -43,6 +45,7 @@ def simulate(
     damping: Damping | None = None,
     probes: Mapping[str, Where] | None = None,
     reactions: Mapping[str, Where] | None = None,
+    remove: Rule | None = None,
     save: str | os.PathLike[str] | None = None,
     every: int | None = None,
     checkpoint: str | os.PathLike[str] | None = None,
@@ -69,6 +72,9 @@ def simulate(
     probes : places by name, whose mean displacements stand in the ledger: `{"A": [17]}` gives the columns "A x", "A y".
     reactions : places with supports or foundations by name, whose forces stand in the ledger, for the price of one force per step:
         `{"B": "left"}` gives "reaction B x", "reaction B y". Of the last state alone there is `run.reaction("left")`.
+    remove : a rule by which elements leave the body after whole steps, as by `System.remove`: `PrincipalStressLimit(1e6)`, or a
+        function of the time and the displacements (ndofs,) that returns ids or a mask of elements, or None. The ledger has the
+        energy that goes with them as `removed_energy`; `run.removed` says which they are. The system stays without them.
     save : a .pvd file, with a .vtu file for each state that is saved, displacements, velocities, stresses and strains, and the
         ledger as .csv beside it.
     every : steps from one saved state to the next, by default 10.
@@ -78,7 +84,7 @@ def simulate(
         again, and has to be the same, or is taken from there. So are `every`, and the name of the series: it goes on where `save`
         says, or beside the checkpoint.
     overwrite : let `save` and `checkpoint` replace what belongs to another problem, with another mesh, other terms, supports,
-        options or beginnings.
+        options or beginnings. A run that is resumed needs its rule to remove elements again.
     quiet : print nothing.
     raise_on_failure : raise where the end is not reached, or elements are inside out there; otherwise look at `run.status`. What
         interrupts a run, such as Ctrl-C or a full disk, is raised in any case.
@@ -133,6 +139,7 @@ def simulate(
         damping=damping,
         probes=probes,
         reactions=reactions,
+        remove=checked_rule(remove),
         outlets=outlets,
         every=every,
         checkpoint=kept,
@@ -155,8 +162,10 @@ def _begun(system: SystemLike, options: Options, stack: ExitStack) -> tuple[Setu
     state = _first_state(motion, options, integrator.dt or 1e-6)
     if not options.until > state.t:
         raise _too_early(options.until, state.t)
-    setup = Setup(motion, integrator, places, options.until)
-    record = RunRecord(state, Clock(state.t, integrator.dt or 0.0), Ledger(column_names(system, *places)))
+    setup = Setup(motion, integrator, places, options.until, options.remove)
+    names = column_names(system, *places, removing=options.remove is not None)
+    record = RunRecord(state, Clock(state.t, integrator.dt or 0.0), Ledger(names))
+    record.take_out(system.removed, np.nan)
     return setup, record, Outputs.opened(setup, record, options, stack)
 
 
@@ -170,9 +179,16 @@ def _resumed(system: SystemLike, options: Options, stack: ExitStack, file: Path)
     damping = kept if options.damping is None else options.damping
     motion = Motion(system, method.mass if options.mass is None else options.mass, damping)
     start = {name: header.problem.numbers.get(name, []) for name in ("t0", "u0", "v0")} | options.start(system)
-    problem = Fingerprint("motion", system, described(motion, integrator), header.problem.moments, start)
+    removed, removed_at = saved.removed
+    if not (removed.ndim == removed_at.ndim == 1 and removed.dtype.kind == "i" and np.unique(removed).size == removed_at.size):
+        raise NotOurs(f"{file} is damaged: the elements that it took out are none. {ANEW}")
+    first = system_at_first(system, removed, removed_at, file)
+    problem = Fingerprint("motion", first, described(motion, integrator, options.remove), header.problem.moments, start)
     again = "Give the same again, or leave it out, to resume it. To start anew: overwrite=True, without resume."
     problem.refuse_other(header.problem, file, again)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", StvkWarning)  # of parts that came loose then
+        system.remove(removed)
     try:
         places = refuse_inconsistent(saved, motion, integrator)
     except (ValueError, KeyError) as error:
@@ -181,8 +197,28 @@ def _resumed(system: SystemLike, options: Options, stack: ExitStack, file: Path)
     record = saved.record()
     if options.until < record.state.t - SLACK * record.clock.dt:
         raise _too_early(options.until, record.state.t)
-    setup = Setup(motion, integrator, places, options.until)
+    setup = Setup(motion, integrator, places, options.until, options.remove)
     return setup, record, Outputs.resumed(setup, record, options, stack, problem, header)
+
+
+def system_at_first(system: SystemLike, removed: NDArray[np.int64], removed_at: Array, file: Path) -> SystemLike:
+    """The system as it was when a motion began, in which these elements were taken out before and on the way.
+
+    StvkError if it has lost others by now, or not yet those that it had lost then.
+    """
+    before, now = removed[np.isnan(removed_at)], system.removed
+    if np.array_equal(now, np.sort(before)):
+        return system
+    if not np.isin(now, removed).all() or not np.isin(before, now).all():
+        raise StvkError(
+            f"The system has lost {name_ids(now, 'element')}, that of {file} {name_ids(np.sort(removed), 'element')} so far, "
+            f"{len(before)} of them before it began. Build the system anew (system.anew()), as it was when the motion began."
+        )
+    first = system.anew()
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", StvkWarning)
+        first.remove(before)
+    return first
 
 
 def _too_early(until: float, t: float) -> StvkError:

@@ -44,17 +44,20 @@ class StableStep:
         return dt, reviews
 
     @np.errstate(over="ignore", invalid="ignore")  # where a body is about to blow up
-    def review(self, record: RunRecord) -> tuple[float, Reviews]:
-        """The step with which the motion goes on [s], and the reviews after this one; computes the critical step if it is time."""
+    def review(self, record: RunRecord, anew: bool = False) -> tuple[float, Reviews]:
+        """The step with which the motion goes on [s], and the reviews after this one; computes the critical step if it is time.
+
+        `anew`: elements were taken out, so that nothing is known of the step.
+        """
         state, clock, reviews = record.state, record.clock, record.reviews
-        if self._largest is None or self._warned or record.steps < reviews.next:
+        if self._largest is None or self._warned or (record.steps < reviews.next and not anew):
             return clock.dt, reviews
         share, given = 0.5**reviews.halvings, self._given is not None
         bound = self._largest.bound(state.u, state.t)
         before = reviews.step
         step, reviews = reviews.estimate(bound, record.steps)
         safe, moved = given and clock.dt <= bound, not abs(step / before - 1) <= MOVED
-        if not safe and (moved or (given and clock.dt > step)):
+        if not safe and (moved or anew or (given and clock.dt > step)):
             step, reviews = self._computed(state, reviews)
         if given:
             self._warn(clock.dt, state.t)

@@ -99,6 +99,7 @@ class StepProblem:
         self._tensions = StartTensions(motion.system) if mean and chosen is not StepTangent.REST else None
         self._lasting_factors: tuple[Any, Factors] | None = None
         self._free_operator: FreeOperator | None = None
+        self._removals = motion.system.removals
         with watch("factor"):
             self.tangent = FreeTangent(motion.system, solver, kind_of_step(motion.system, chosen), lambda: self._u0 + self._w)
         self.free = self.tangent.free
@@ -116,6 +117,9 @@ class StepProblem:
     def begin(self, state: MotionState, coefficients: Coefficients) -> None:
         """Begin a step from this state."""
         with self._watch("assemble"):
+            if self._removals != self.system.removals:  # what is kept is of a body with more elements
+                self._removals = self.system.removals
+                self._rest = self._rest_factors = self._free_operator = None
             c, m, g, d, rest = coefficients
             np.copyto(self._u0, state.u)
             if self._tensions is not None:

@@ -43,7 +43,7 @@ class BoundTerms:
         self.elastic_terms: tuple[Any, ...] = tuple(term for term in self.terms if not is_load(term))
         if not self.elastic_terms:
             raise StvkError("Got only loads; expected at least one elastic term, such as StVK(young=..., poisson=...).")
-        self._body = Body(mesh, self.elastic_terms, quadrature)
+        self._body, self._removals = Body(mesh, self.elastic_terms, quadrature), 0
         self.bound_terms: tuple[BoundTerm, ...] = tuple(term.bind(self._body, self.dtype) for term in self.elastic_terms)
         self.bound_loads: tuple[BoundLoad, ...] = tuple(load.bind(self._body) for load in self.loads)
         self.pair_terms = tuple(with_blocks(term, mesh.nv, mesh.d, self.dtype) for term in self.bound_terms)
@@ -62,7 +62,7 @@ class BoundTerms:
     @property
     def removals(self) -> int:
         """How many elements were taken out: what is worked out for a body is good for one number."""
-        return int(np.count_nonzero(self._body.gone))
+        return self._removals
 
     @property
     def bare(self) -> NDArray[np.int64]:
@@ -102,6 +102,7 @@ class BoundTerms:
         """Take elements out of all terms and loads."""
         body, gone = self._body, self._body.gone.copy()
         gone[elements] = True
+        self._removals = int(np.count_nonzero(gone))
         for specification, term in zip(self.elastic_terms, self.bound_terms, strict=True):
             body.remove(gone, body.bare)
             cast(CanRemove, term).remove(gone[self.mesh.elements(getattr(specification, "region", None))])

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, DTypeLike, NDArray
 from scipy.sparse import csr_matrix
 
-from ..arguments import Array, choice, number, shown
+from ..arguments import Array, choice, frozen, number, shown
 from ..edges import ALL, Rows, Tensions
 from ..edges.elements import Quadrature, nbytes
 from ..edges.pairs import Coupled, joined, version_of
@@ -95,6 +95,7 @@ class System(BoundTerms):
         hourglass: float | None = None,
         dtype: DTypeLike = np.float64,
     ) -> None:
+        self._made_of = frozen({"terms": terms, "fixed": fixed, "prescribed": prescribed}), quadrature, hourglass, dtype
         mesh, double = ElementMesh.of(mesh), _float_type(dtype) == np.float64
         mesh = mesh if degree is None else mesh.with_degree(degree)
         rule = _checked_rule(mesh, quadrature, hourglass)
@@ -120,7 +121,7 @@ class System(BoundTerms):
         They leave all terms, the mass and the loads: facets of none but them carry no traction, pressure or foundation any more,
         and the faces that they leave open carry none either. The pattern of K stays, and what linear solvers know of it; there are
         zeros where they stood. Nodes that are left without elements stay where they are, without mass and force, with a diagonal in
-        K. Elements that are taken out already may be named again. There is no way back: build another `System`.
+        K. Elements that are taken out already may be named again. There is no way back, but for the whole body: `anew()`.
 
         Parameters
         ----------
@@ -166,6 +167,11 @@ class System(BoundTerms):
         loose = Pieces.of(self).come_loose(before)
         if loose:
             warn(f"{loose} In statics fix it or take it out, too; in motion it flies.")
+
+    def anew(self) -> System:
+        """The same body as it was built, with all of its elements."""
+        given, quadrature, hourglass, dtype = self._made_of
+        return System(self.mesh, **given, quadrature=quadrature, hourglass=hourglass, dtype=dtype)
 
     def _turning_loads(self) -> list[TurningLoad]:
         return [load for load in self.bound_loads if isinstance(load, TurningLoad)]

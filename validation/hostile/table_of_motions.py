@@ -13,6 +13,7 @@ from skfem_stvk import (
     GeneralizedAlpha,
     LinearBackwardEuler,
     Newmark,
+    PrincipalStressLimit,
     Rayleigh,
     Run,
     VelocityVerlet,
@@ -67,6 +68,14 @@ def calls() -> list[Call]:
         *(call(kind.__name__, kind, {"dt": POSITIVE | OPTIONAL}, dt=0.125) for kind in (ForwardEuler, VelocityVerlet)),
         call("Rayleigh", Rayleigh, dict.fromkeys(("alpha", "beta"), NOT_NEGATIVE), alpha=0.5, beta=0.25),
         call("EdgeDamping", EdgeDamping, {"tau": NOT_NEGATIVE}, tau=0.5),
+        call(
+            "PrincipalStressLimit",
+            PrincipalStressLimit,
+            {"limit": POSITIVE | {"inf", "inf in it", "one longer"}},
+            {"limit": "limit", "every": "every"},
+            limit=[0.5, 2.0],
+            every=2,
+        ),
         call(
             "critical_step",
             critical_step,

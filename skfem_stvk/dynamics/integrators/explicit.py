@@ -44,7 +44,7 @@ class ExplicitStepper:
             raise StvkError(f"{name} takes no {motion.mass.kind} mass: it would need a solve each step. Leave mass='lumped'.")
         self.motion, self.watch, self.counts = motion, Stopwatch("write"), Counts()
         n = motion.system.ndofs
-        self.inverse = motion.mass.solve(np.ones(n))
+        self.inverse = np.zeros(n)
         self.internal, self._damped = np.zeros(n), np.zeros(n)
         self.energy = 0.0
 
@@ -54,7 +54,8 @@ class ExplicitStepper:
         return ""
 
     def start(self, state: MotionState) -> None:
-        """Evaluate the internal force at the first state."""
+        """Evaluate the internal force at the first state, and take over the masses."""
+        self.inverse[:] = self.motion.mass.solve(np.ones(len(self.inverse)))
         self.evaluate(state)
 
     def external(self, u: Array, v: Array, t: float) -> Array:

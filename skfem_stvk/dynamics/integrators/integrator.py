@@ -38,7 +38,7 @@ class Stepper(Protocol):
         """The stopwatch of its steps."""
 
     def start(self, state: MotionState) -> None:
-        """Prepare for the first step from a state: what is not in it is computed."""
+        """Prepare for the first step from a state: what is not in it is computed. Again, after elements were taken out."""
 
     def step(self, state: MotionState, t: float) -> None:
         """Go on to time `t`, in place; raises StepFailed if there is no state then, or StateError where numbers overflow."""
