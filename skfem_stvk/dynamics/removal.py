@@ -55,8 +55,8 @@ class PrincipalStressLimit:
         stress = state.at_points("cauchy_stress")
         if np.shape(self.limit) not in ((), (len(stress),)):
             raise StvkError(
-                f"PrincipalStressLimit: limit has shape {np.shape(self.limit)}; expected a number or ({len(stress)},), one for each "
-                "element of the mesh."
+                f"PrincipalStressLimit: limit has shape {np.shape(self.limit)}; expected a number or ({len(stress)},), one for "
+                "each element of the mesh."
             )
         largest = np.linalg.eigvalsh(np.ma.filled(stress, 0.0))[..., -1].max(axis=1)
         return np.flatnonzero(largest > np.asarray(self.limit))

@@ -260,6 +260,31 @@ class FreeDofs:
         return f"FreeDofs: {len(self.free)} free, {len(self.fixed)} fixed"
 
 
+class BareDiagonal:
+    """The diagonal of K for `nodes` that nothing holds any more: the mean of that of the whole body, whose `blocks` (nv, d, d) [N/m]
+    are those at rest.
+
+    With it K stays positive definite, and as well conditioned as it was. There is no force to it.
+    """
+
+    def __init__(self, blocks: Array) -> None:
+        mean = float(np.einsum("vcc->", blocks.astype(np.float64))) / blocks[..., 0].size
+        self.stiffness = mean if np.isfinite(mean) and mean > 0 else 1.0
+        self.nodes: NDArray[np.int64] = np.empty(0, dtype=np.int64)
+
+    def write(self, pattern: Pattern, data: Array, free: FreeDofs | None) -> None:
+        """Write it to the values of K, or of K over the `free` degrees of freedom."""
+        a = self.nodes.astype(np.int32)
+        if not len(a):
+            return
+        d = pattern.shape[0] // len(pattern.strides)
+        places = (pattern.places(a, a)[:, None] + np.arange(d) * (pattern.strides[a][:, None] + 1)).ravel()
+        if free is not None:
+            at = np.minimum(np.searchsorted(free.places, places), len(free.places) - 1)
+            places = at[free.places[at] == places]
+        data[places] = self.stiffness
+
+
 def _union(pairs: Sequence[NDArray[np.int32]], nv: int) -> NDArray[np.int32]:
     """(2, n) the pairs of all terms in lexicographic order, each once."""
     every = np.ascontiguousarray(np.concatenate([np.empty((2, 0), dtype=np.int32), *pairs], axis=1), dtype=np.int32)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +16,8 @@ from ..errors import name_ids
 
 #: Below this part of the largest, what resists a motion is rounding: supports that are closer together than 3e-7 of a body are one.
 NOTHING = 1e-13
+#: How many parts that come loose messages name.
+SHOWN = 3
 
 
 def rigid_modes(x: Array) -> Array:
@@ -185,3 +187,57 @@ def _numbers(x: Array, size: float) -> str:
     """Coordinates, with what is nothing against the size as zero."""
     x = np.where(np.abs(x) < 1e-6 * size, 0.0, x)
     return f"({', '.join(f'{value:.6g}' for value in x)})"
+
+
+class Pieces(NamedTuple):
+    """The parts that terms hold together now.
+
+    Attributes
+    ----------
+    part : (nv,) number of the part that each node is of.
+    bare : (nv,) whether nothing holds it any more.
+    held : (parts,) whether a support or a foundation holds it anywhere.
+    element : (nt,) number of the part that each element is of, -1 if it was taken out.
+    word : what messages call a node.
+    """
+
+    part: NDArray[Any]
+    bare: NDArray[np.bool_]
+    held: NDArray[np.bool_]
+    element: NDArray[Any]
+    word: str
+
+    @classmethod
+    def of(cls, system: Any) -> Pieces:
+        """Those of a system as it is."""
+        mesh, part = system.mesh, system.parts()
+        bare, held = np.zeros(mesh.nv, dtype=bool), np.zeros(int(part.max()) + 1, dtype=bool)
+        bare[system.bare] = True
+        held[part[np.union1d(system.supports.held, system.grounded) // mesh.d]] = True
+        element = part[mesh.t[0]].astype(np.int64)
+        element[system.removed] = -1
+        return cls(part, bare, held, element, mesh.word)
+
+    def come_loose(self, before: Pieces) -> str:
+        """The parts that nothing holds now, and that were held, or no parts of their own, before; empty if there are none.
+
+        Of a part that nothing held before, the largest piece is still the body.
+        """
+        size = np.bincount(self.part[~self.bare], minlength=len(self.held))
+        first = np.unique(self.part, return_index=True)[1]
+        was = before.part[first]
+        largest = np.zeros(len(before.held), dtype=np.int64)
+        np.maximum.at(largest, was, size)
+        candidates = np.flatnonzero((size > 0) & (size == largest[was]))
+        the_body = np.zeros(len(size), dtype=bool)
+        the_body[candidates[np.unique(was[candidates], return_index=True)[1]]] = True
+        loose = np.flatnonzero((size > 0) & ~self.held & (before.held[was] | ~the_body))
+        if not len(loose):
+            return ""
+        shown = [
+            f"{name_ids(np.flatnonzero(self.element == i), 'element')} with "
+            f"{name_ids(np.flatnonzero((self.part == i) & ~self.bare), self.word)}"
+            for i in loose[:SHOWN]
+        ]
+        more = f"; and {len(loose) - SHOWN} more" if len(loose) > SHOWN else ""
+        return f"{len(loose)} part{'s come' if len(loose) > 1 else ' comes'} loose: {'; '.join(shown)}{more}."

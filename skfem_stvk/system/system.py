@@ -26,9 +26,8 @@ from .bound import BoundTerms
 from .mass import KINDS, Mass
 from .mechanisms import check_held, grounded_dofs
 from .operator import TangentOperator, refuse_overflow
-from .pattern import FreeDofs, Pattern, Structure
-from .removal import BareDiagonal, Pieces
-from .rigid import parts_of
+from .pattern import BareDiagonal, FreeDofs, Pattern, Structure
+from .rigid import Pieces, parts_of
 from .supports import Displacements, Supports, dofs_at
 
 
@@ -154,7 +153,7 @@ class System(BoundTerms):
         self._refuse_terms_that_keep_elements()
         before = Pieces.of(self)
         if self._bare is None:
-            self._bare = BareDiagonal(self.linear_operator(np.zeros(self.ndofs)))
+            self._bare = BareDiagonal(self.linear_operator(np.zeros(self.ndofs)).diagonal_blocks())
         self._remove(ids)
         self._turning = [(load, of.takes(load)) for load, (_, of) in zip(self._turning_loads(), self._turning, strict=True)]
         self._changing = [term for term in (*self.bound_terms, *self.bound_loads) if hasattr(term, "pattern_version")]

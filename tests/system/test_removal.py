@@ -12,9 +12,13 @@ from terms.toys import Anchors, Friction, Springs, Vortex
 from skfem_stvk import (
     Anisotropic,
     BodyForce,
+    Corotated,
     ElasticFoundation,
     ElementMesh,
     Gravity,
+    InvertibleStVK,
+    LinearElastic,
+    NeoHookean,
     NodalLoad,
     Pressure,
     RegionError,
@@ -460,3 +464,35 @@ def test_films_follow_what_is_taken_out(tmp_path):
     series = save_series(tmp_path / "film.pvd", ["von_mises"], [(0.0, before), (1.0, after)])
     for source in (series, [(0.0, before), (1.0, after)]):
         assert animate(source, tmp_path / "film.gif", "von_mises").stat().st_size > 1000
+
+
+LAWS = {
+    "neo-Hookean": lambda young, region: NeoHookean(young=young, poisson=0.3, region=region),
+    "linear": lambda young, region: LinearElastic(young=young, poisson=0.3, region=region),
+    "corotated": lambda young, region: Corotated(young=young, poisson=0.3, region=region),
+    "invertible": lambda young, region: InvertibleStVK(young=young, poisson=0.3, region=region),
+}
+
+
+@pytest.mark.parametrize("law", LAWS)
+@pytest.mark.parametrize("name", ["tetrahedra", "triangles", "hexahedra"])
+def test_other_laws_lose_elements_too_whatever_becomes_of_those(law, name):
+    """On half of the elements; what is out is turned inside out."""
+    pair = Pair(name, loads=False)
+    mesh, n = pair.mesh, pair.mesh.nt
+    young, some = np.random.default_rng(9).uniform(1, 2, n), np.flatnonzero(np.arange(n) % 4 > 0)
+    other = StVK(young=0.5, poisson=0.2)
+    whole = System(mesh, [other, LAWS[law](young[some], some)])
+    mine = np.flatnonzero(np.isin(pair.kept, some))
+    part = quietly(System, pair.rest, [other, LAWS[law](young[pair.kept[mine]], mine)])
+    u = 0.1 * state(mesh)
+    quietly(whole.remove, pair.out)
+    if len(whole.bare):
+        u.reshape(-1, mesh.d)[whole.bare] += 5 * state(mesh).reshape(-1, mesh.d)[whole.bare]
+    x = u[pair.dofs]
+    assert whole.energy(u) == pytest.approx(part.energy(x), rel=1e-13)
+    assert alike(whole.internal_force(u)[pair.dofs], part.internal_force(x), 1e-13)
+    assert alike(whole.tangent(u)[pair.dofs][:, pair.dofs].toarray(), part.tangent(x).toarray(), 1e-12)
+    assert whole.smallest_volume_ratio(u) == part.smallest_volume_ratio(x)
+    found, wanted = Fields.of(whole).at(u), Fields.of(part).at(x)
+    assert alike(found["cauchy_stress"][pair.kept], wanted["cauchy_stress"], 1e-11)
