@@ -73,6 +73,18 @@ def test_ex09_curved_bar():
     assert linear == pytest.approx(0.5858, rel=1e-3) and quadratic == pytest.approx(5.0e-4, rel=0.2)
 
 
+def test_ex11_springs():
+    example = run("ex11_springs")
+    ratios = [sprung / elastic for elastic, sprung in example.sags.values()]
+    assert ratios == pytest.approx([1.110, 0.9989, 0.878], abs=2e-3)
+
+
+def test_ex12_linear_rotation():
+    example = run("ex12_linear_rotation")
+    assert example.areas["StVK"] == pytest.approx([1, 1, 1], abs=1e-6)
+    assert example.areas["LinearElastic"] == pytest.approx([1, 1.4746, 1.8921], rel=1e-3)
+
+
 def test_ex16_edges_and_pairs():
     example = run("ex16_edges_and_pairs")
     assert example.error < 1e-9 and sum(example.shares.values()) == pytest.approx(1, rel=1e-10)

@@ -226,6 +226,8 @@ class StepProblem:
             return c
 
     def step_limit(self, w: Array, v: Array) -> float:
+        if self.system.constant_tangent:
+            return float("inf")
         with self._watch("assemble"):
             return self.system.step_limit(self._u0 + w, v)
 
@@ -234,6 +236,9 @@ class StepProblem:
         return len(self.inside_out(w)) > 0 or self.step_limit(w, found - w) > 1
 
     def inside_out(self, w: Array) -> NDArray[np.int64]:
+        """As in `Problem`; none of a body that is linear: its one state is what it is, and no other way leads there."""
+        if self.system.constant_tangent:
+            return np.empty(0, dtype=np.int64)
         with self._watch("assemble"):
             return self.system.inside_out(self._u0 + w)
 

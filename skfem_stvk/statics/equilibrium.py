@@ -160,6 +160,8 @@ class Equilibrium:
             return c
 
     def step_limit(self, u: Array, v: Array) -> float:
+        if self.system.constant_tangent:
+            return float("inf")
         with self._watch("assemble"):
             return self.system.step_limit(u, v)
 
@@ -168,6 +170,9 @@ class Equilibrium:
         return len(self.inside_out(u)) > 0 or self.step_limit(u, found - u) > 1
 
     def inside_out(self, u: Array) -> NDArray[np.int64]:
+        """As in `Problem`; none of a body that is linear: its one state is what it is, and no other way leads there."""
+        if self.system.constant_tangent:
+            return np.empty(0, dtype=np.int64)
         with self._watch("assemble"):
             return self.system.inside_out(u)
 
