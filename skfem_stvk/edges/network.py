@@ -62,9 +62,16 @@ class Network(PairTerm):
         coupled = np.sort(place[pairs], axis=0)
         sorting = lexicographic_order(coupled, max(len(order), 1)) if coupled.shape[1] else np.empty(0, dtype=np.int64)
         self.coupled = np.ascontiguousarray(coupled[:, sorting].T)
-        self._own, self._between = np.pad(own[order], (0, filling)).astype(dtype), between[sorting].astype(dtype)
+        self._sorting = sorting
+        self.take(own, between)
         self._joined, self._to = self._find_blocks()
         self._blocks = PairBlocks(self.own, self._joined, self.d)
+
+    def take(self, own: Array, between: Array) -> None:
+        """Have these coefficients (ne,) and (n,) from here on, in the order in which edges and pairs were given."""
+        filling = len(self.edges) - len(self.order)
+        self._own = np.pad(own[self.order], (0, filling)).astype(self.own.dtype)
+        self._between = between[self._sorting].astype(self.own.dtype)
 
     @property
     def nodes_paired(self) -> NDArray[np.int32]:

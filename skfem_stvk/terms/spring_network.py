@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable
 from dataclasses import InitVar, dataclass
 from typing import Any, NamedTuple
@@ -13,7 +14,7 @@ from ..arguments import Array, array, choice, own
 from ..edges.network import HookeanNetwork
 from ..edges.topology import edge_topology
 from ..elements.element import LOCAL_EDGES
-from ..errors import MaterialError, name_ids, warn
+from ..errors import MaterialError, StvkWarning, name_ids, warn
 from ..materials import Hypothesis, Isotropic, Material
 from ..mesh import ElementMesh, MeshLike
 from ..mesh.geometry import Geometry
@@ -145,15 +146,10 @@ class SpringNetwork:
     def bind(self, body: Body | ElementMesh, dtype: DTypeLike = np.float64) -> HookeanNetwork:
         """The springs on a body's mesh."""
         mesh = body.mesh if isinstance(body, Body) else body
-        springs = self._springs(mesh)
-        if not springs.pairs.size:  # pairs are of springs that all pull
-            used = np.flatnonzero(springs.own)
-            if not len(used):
-                raise MaterialError("The stiffness of all springs is zero; expected that of some to be positive.")
-            springs = springs._replace(edges=springs.edges[:, used], own=springs.own[used])
-        return HookeanNetwork(mesh.p, *springs, dtype=dtype)
+        return SpringAssembly(mesh.p, lambda kept: self._springs(mesh, kept), dtype)
 
-    def _springs(self, mesh: ElementMesh) -> Springs:
+    def _springs(self, mesh: ElementMesh, kept: NDArray[np.bool_] | None = None) -> Springs:
+        """The springs, by a rule those of the elements that are `kept` (n,); others, and edges of no element, have no stiffness."""
         t = self._simplices(mesh)
         edges, t2e = edge_topology(t)
         ne, none = edges.shape[1], np.empty((2, 0), dtype=np.int32)
@@ -164,13 +160,15 @@ class SpringNetwork:
                     f"stiffness has {len(k)} values; expected one for each of the {ne} edges of its region, in scikit-fem's order: "
                     "that of edges(mesh)."
                 )
-            return Springs(edges, none, k, np.empty(0))
+            around = np.bincount(t2e.ravel(), None if kept is None else np.tile(kept, len(t2e)), ne)
+            return Springs(edges, none, k * (around > 0), np.empty(0))
         rest = Rest.of(mesh, t, self)
-        k = np.bincount(t2e.ravel(), weights=RULES[self.rule or ""](rest).T.ravel(), minlength=ne)
+        part = np.ones(t.shape[1]) if kept is None else kept.astype(float)
+        k = np.bincount(t2e.ravel(), weights=(RULES[self.rule or ""](rest).T * part).ravel(), minlength=ne)
         if self.rule != "triangular":
             return Springs(edges, none, k, np.empty(0))
         i, j = np.triu_indices(len(t2e), 1)  # two edges share one triangle at most
-        return Springs(edges, np.stack([t2e[i], t2e[j]]).reshape(2, -1), k, rest.stiffness[:, i, j].T.ravel())
+        return Springs(edges, np.stack([t2e[i], t2e[j]]).reshape(2, -1), k, (rest.stiffness[:, i, j].T * part).ravel())
 
     def _simplices(self, mesh: ElementMesh) -> NDArray[np.int32]:
         """(k + 1, n) vertices of the simplices of the region."""
@@ -189,6 +187,32 @@ class Springs(NamedTuple):
     pairs: NDArray[np.int32]
     own: Array
     between: Array
+
+
+class SpringAssembly(HookeanNetwork):
+    """Springs on a mesh: those of `springs(kept)` that have a stiffness, of which elements can be taken out."""
+
+    def __init__(self, p: Array, springs: Callable[[NDArray[np.bool_] | None], Springs], dtype: DTypeLike) -> None:
+        self._springs, whole = springs, springs(None)
+        self._used = (
+            np.flatnonzero(whole.own) if not whole.pairs.size else np.arange(len(whole.own))
+        )  # pairs are of springs that pull
+        if not len(self._used):
+            raise MaterialError("The stiffness of all springs is zero; expected that of some to be positive.")
+        super().__init__(p, whole.edges[:, self._used], whole.pairs, whole.own[self._used], whole.between, dtype=dtype)
+
+    def remove(self, gone: NDArray[np.bool_]) -> None:
+        """Do without the springs of the elements that are `gone` (n,); of given stiffness with those that have no element left."""
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", StvkWarning)  # was said when it was bound
+            left = self._springs(~gone)
+        self.take(left.own[self._used], left.between)
+
+    @property
+    def nodes_joined(self) -> NDArray[np.int32]:
+        """(2, n) vertices of the springs that there are."""
+        ne = len(self.order)
+        return np.sort(self.own.vertices[self.edges[:ne][self._own[:ne] > 0].T], axis=0)
 
 
 class Rest(NamedTuple):

@@ -400,3 +400,27 @@ def test_springs_carry_no_stress_and_the_body_of_them_is_drawn_all_the_same(tmp_
     assert np.array_equal(now["deformation_gradient"], Fields(mesh, StVK(young=1.0, poisson=0.3)).at(u)["deformation_gradient"])
     found = solve_static(hung(), quiet=True, save=tmp_path / "springs.pvd")
     assert found.success and found.plot("displacement").get_axes() and found.plot().get_axes()
+
+
+@pytest.mark.filterwarnings("ignore::skfem_stvk.StvkWarning")  # of parts that come loose
+@pytest.mark.parametrize("rule", ["least-squares", "triangular", "lloyd", "own"])
+def test_elements_can_be_taken_out(rule):
+    """What is left is the network of the other elements, on the vertices that they have."""
+    mesh = MESHES["triangles"] if rule == "triangular" else box(2)
+    out = np.random.default_rng(2).permutation(mesh.nt)[: mesh.nt // 3]
+    kept = np.setdiff1d(np.arange(mesh.nt), out)
+    given = {"young": 3.0, "poisson": 0.25, "rule": rule, "density": 1.0}
+    if rule == "own":
+        given = {"stiffness": np.ones(SPRINGS.edges(mesh).shape[1]), "density": 1.0}
+    system = System(mesh, SpringNetwork(**given))
+    whole = system.energy(u := 0.1 * state(mesh))
+    system.remove(out)
+    if rule == "own":
+        given["stiffness"] = np.ones(SpringNetwork(young=1.0, poisson=0.25, region=kept).edges(mesh).shape[1])
+    rest = System(mesh, [SpringNetwork(**given, region=kept), StVK(young=1e-30, poisson=0.3)])
+    W, F = rest.energy_and_force(u)
+    assert system.energy(u) == pytest.approx(W, rel=1e-12) and 0.95 * whole > W
+    assert np.abs(system.internal_force(u) - F).max() < 1e-12 * np.abs(F).max()
+    K = rest.tangent(u)
+    has = np.repeat(np.isin(np.arange(mesh.nv), mesh.t[:, kept]), mesh.d)
+    assert abs(system.tangent(u) - K)[has][:, has].max() < 1e-12 * abs(K).max()
