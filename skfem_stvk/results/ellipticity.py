@@ -57,9 +57,10 @@ def smallest_acoustic_eigenvalue(state: Response) -> Masked:
 def refuse_other_laws(fields: ElasticBody) -> None:
     """Refuse a body with a law that is not St. Venant-Kirchhoff's: the tensors here are those of that law."""
     for part in fields.parts:
-        if part.law is not None:
+        if part.law is not None or part.linear:
+            law = "LinearElastic" if part.linear else type(part.law).__name__
             raise StvkError(
-                f"{name_ids(part.elements, 'element')} in {type(part.law).__name__}: strong ellipticity is looked at for StVK "
+                f"{name_ids(part.elements, 'element')} in {law}: strong ellipticity is looked at for StVK "
                 "alone. Leave out ellipticity=True, or the field smallest_acoustic_eigenvalue."
             )
 

@@ -25,13 +25,15 @@ Masked: TypeAlias = tuple[Array, NDArray[np.bool_]]
 
 @dataclass(frozen=True)
 class ElasticPart:
-    """The law of a term on its elements, with their sections (thickness, area or 1); `law` if it is not St. Venant-Kirchhoff's."""
+    """The law of a term on its elements, with their sections (thickness, area or 1); `law` if it is not St. Venant-Kirchhoff's, and
+    whether it is linear, `S = C : eps` of the small strain."""
 
     elements: NDArray[np.int64]
     material: Material
     hypothesis: Hypothesis
     section: Array
     law: HasResponse | None
+    linear: bool
 
 
 @dataclass(frozen=True)
@@ -87,7 +89,8 @@ class ElasticBody:
         elements, hypothesis = self.mesh.elements(term.region), term.hypothesis(self.mesh)
         term.material.check(len(elements), hypothesis)
         section = np.broadcast_to(term.section(self.mesh, len(elements)), len(elements))
-        return ElasticPart(elements, term.material, hypothesis, section, term if isinstance(term, HasResponse) else None)
+        law, linear = term if isinstance(term, HasResponse) else None, bool(getattr(term, "small_strain", False))
+        return ElasticPart(elements, term.material, hypothesis, section, law, linear)
 
     def _volume_part(self, term: HasPressure, body: Body) -> VolumePart:
         """A penalty on its elements; those that no other term is on are in plane strain."""
@@ -96,6 +99,16 @@ class ElasticBody:
             held[part.elements] |= not part.hypothesis.condensed
         elements = self.mesh.elements(term.region)
         return VolumePart(elements, term, term.moduli(body), held[elements])
+
+    @cached_property
+    def linear(self) -> NDArray[np.bool_]:
+        """(nt,) whether all that an element has is linear: then its stress is the same in all measures."""
+        linear, others = np.zeros(self.mesh.nt, dtype=bool), np.zeros(self.mesh.nt, dtype=bool)
+        for part in self.parts:
+            (linear if part.linear else others)[part.elements] = True
+        for penalty in self.volume_parts:
+            others[penalty.elements] = True
+        return linear & ~others
 
     @cached_property
     def points(self) -> list[Place]:
@@ -184,17 +197,19 @@ class Response:
 
     def _added_up(self) -> tuple[Array, Array, Array, NDArray[np.bool_]]:
         fields, k = self.fields, self.fields.mesh.k
-        within, frames = strain_within(self.gradient, self.place.geometry.axes), self.place.frames
+        axes, frames = self.place.geometry.axes, self.place.frames
+        within, small = strain_within(self.gradient, axes), small_strain_within(self.gradient, axes)
         strain, stress, density = np.zeros((len(within), 3, 3)), np.zeros((len(within), 3, 3)), np.zeros(len(within))
         shrunk = np.zeros(len(within), dtype=bool)
         for part in fields.parts:
             ids = part.elements
             if part.law is None:
-                E, S = strain_and_stress(part.material, part.hypothesis, within[ids], frames[ids])
+                taken = small if part.linear else within
+                E, S = strain_and_stress(part.material, part.hypothesis, taken[ids], frames[ids])
                 W = (S * E).sum(axis=(1, 2)) / 2
             else:
                 there = ~fields.gone[ids, None, None]  # what was taken out may be anywhere
-                deformed = self.place.geometry.axes[ids], there * self.gradient[ids], there * within[ids]
+                deformed = axes[ids], there * self.gradient[ids], there * within[ids]
                 E, S, W, lost = part.law.response(Deformation(ids, part.hypothesis, *deformed))
                 shrunk[ids] |= lost
             share = part.section / fields.section[ids]
@@ -226,5 +241,10 @@ def displacement_gradient(u: Array, t: NDArray[np.int32], gradients: Array) -> A
 
 def strain_within(gradient: Array, axes: Array) -> Array:
     """Green-Lagrange strain `(A'H + H'A + H'H)/2` (nt, k, k) in the elements' axes `A`, without cancellation."""
-    linear = np.swapaxes(axes, 1, 2) @ gradient
-    return (linear + np.swapaxes(linear, 1, 2) + np.swapaxes(gradient, 1, 2) @ gradient) / 2
+    return small_strain_within(gradient, axes) + np.swapaxes(gradient, 1, 2) @ gradient / 2
+
+
+def small_strain_within(gradient: Array, axes: Array) -> Array:
+    """The strain `(A'H + H'A)/2` (nt, k, k) of linear elasticity in the elements' axes `A`."""
+    within = np.swapaxes(axes, 1, 2) @ gradient
+    return (within + np.swapaxes(within, 1, 2)) / 2

@@ -97,7 +97,8 @@ def principal_stretches(state: Response) -> Masked:
 
 
 def pk2_stress(state: Response) -> Masked:
-    """Second Piola-Kirchhoff stress (nt, 3, 3) [Pa], on rest axes: `S = C : E`, and `psi'(J) J (F'F)^-1` of a `VolumePenalty`.
+    """Second Piola-Kirchhoff stress (nt, 3, 3) [Pa], on rest axes: `S = C : E`, and `psi'(J) J (F'F)^-1` of a `VolumePenalty`; of
+    `LinearElastic` `C : eps` with the small strain.
 
     Elements of a `VolumePenalty` that have shrunk to nothing (`J = 0`) are masked, with a warning.
     """
@@ -112,17 +113,27 @@ def pk1_stress(state: Response) -> Masked:
     There is no stress across where `F` may be missing, so `P` is there all the same.
     """
     S, missing = state.value(pk2_stress)
-    P: Array = state.value(deformation_gradient)[0] @ S
-    return P, missing
+    return _carrying(state)[0] @ S, missing
 
 
-def cauchy_stress(state: Response) -> Masked:
-    """Cauchy (true) stress `F S F'/|J|` (nt, 3, 3) [Pa], force per current area, on current axes.
+def _carrying(state: Response) -> tuple[Array, Array, NDArray[np.bool_]]:
+    """`F` and `J` by which stresses are carried on to the body as it is now, and where there are none.
 
-    `|J|`, so that tension stays tension in elements that are inside out. Where `J = 0` they are masked, with a warning.
+    The stress of linear elasticity is that of a body that has not moved: all measures of it are one.
     """
     F, _ = state.value(deformation_gradient)
     J, missing = state.value(volume_ratio)
+    linear = state.fields.linear
+    return np.where(linear[:, None, None], np.eye(3), F), np.where(linear, 1.0, J), missing & ~linear
+
+
+def cauchy_stress(state: Response) -> Masked:
+    """Cauchy (true) stress `F S F'/|J|` (nt, 3, 3) [Pa], force per current area, on current axes; of `LinearElastic` that of the
+    small strain.
+
+    `|J|`, so that tension stays tension in elements that are inside out. Where `J = 0` they are masked, with a warning.
+    """
+    F, J, missing = _carrying(state)
     S, without = state.value(pk2_stress)
     missing = missing | without
     with np.errstate(divide="ignore", over="ignore", invalid="ignore"):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
@@ -47,6 +48,9 @@ class LinearElastic(ElasticLaw):
     >>> bool(abs(body.internal_force(3 * u) - 3 * body.internal_force(u)).max() < 1e-9)
     True
     """
+
+    #: Its stress is that of the small strain.
+    small_strain: ClassVar[bool] = True
 
     def bind(self, body: Body | ElementMesh, dtype: DTypeLike = np.float64) -> LinearAssembly:
         """The assembly of this material on a body's mesh."""

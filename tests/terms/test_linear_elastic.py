@@ -17,12 +17,14 @@ from skfem_stvk import (
     Pressure,
     Rayleigh,
     StVK,
+    StvkError,
     System,
     VolumePenalty,
     modes,
     simulate,
     solve_static,
 )
+from skfem_stvk.results import Fields
 from skfem_stvk.system.free_tangent import FreeTangent
 
 
@@ -185,3 +187,60 @@ def test_damping_of_it_is_that_of_the_stiffness_at_rest():
     K = System(mesh, LINEAR).tangent(np.zeros(mesh.p.size))
     assert np.abs(force.ravel() - K @ v.ravel()).max() < 1e-13 * np.abs(force).max()
     assert pytest.approx(np.vdot(force, v), rel=1e-12) == 2 * R
+
+
+def turned(mesh, t):
+    """Displacements of a rotation by `t` about z, in the plane about the origin."""
+    c, s = np.cos(t) - 1, np.sin(t)
+    u = np.zeros_like(mesh.p)
+    u[0], u[1] = c * mesh.p[0] - s * mesh.p[1], s * mesh.p[0] + c * mesh.p[1]
+    return u.ravel("F")
+
+
+@pytest.mark.parametrize("name", ["tetrahedra", "quadratic tetrahedra", "hexahedra"])
+@pytest.mark.parametrize("degrees", [1, 45, 90])
+def test_a_rotation_has_a_spurious_stress(name, degrees):
+    """`s_xx = s_yy = 2 (mu + lam) (cos t - 1)`, `s_zz = 2 lam (cos t - 1)`, in all measures; St. Venant-Kirchhoff has none."""
+    mesh, t = EVERY_MESH[name], np.radians(degrees)
+    law = LinearElastic(young=2.6, poisson=0.3)
+    lam, mu = 1.5, 1.0
+    now = Fields(mesh, law).at(turned(mesh, t))
+    expected = 2 * (np.cos(t) - 1) * np.diag([mu + lam, mu + lam, lam])
+    for measure in ("cauchy_stress", "pk1_stress", "pk2_stress"):
+        assert np.abs(now[measure] - expected).max() < 1e-12
+    assert (
+        np.abs(now["green_strain"]).max() < 1e-12 > np.abs(Fields(mesh, StVK(law.material)).at(turned(mesh, t))["pk2_stress"]).max()
+    )
+    energy = now["strain_energy_density"] @ now.fields.volume
+    limit = 1e-10 if name == "tetrahedra" else 1e-4  # volumes of curved elements are not those of the rule
+    assert energy == pytest.approx(System(mesh, law).energy(turned(mesh, t)), rel=limit) and energy > 0
+
+
+def test_in_plane_strain_too_and_in_plane_stress_with_its_own_constants():
+    mesh, t = EVERY_MESH["triangles"], 0.7
+    strain = Fields(mesh, LinearElastic(young=2.6, poisson=0.3)).at(turned(mesh, t))["cauchy_stress"]
+    assert np.abs(strain - 2 * (np.cos(t) - 1) * np.diag([2.5, 2.5, 1.5])).max() < 1e-12
+    stress = Fields(mesh, LinearElastic(young=2.6, poisson=0.3, plane="stress")).at(turned(mesh, t))["cauchy_stress"]
+    lam = 2.6 * 0.3 / (1 - 0.09)
+    assert np.abs(stress - 2 * (np.cos(t) - 1) * np.diag([1 + lam, 1 + lam, 0])).max() < 1e-12
+
+
+@pytest.mark.parametrize("name", ["tetrahedra", "quadrilaterals", "membrane"])
+def test_nodal_forces_are_those_of_the_stress(name):
+    """By virtual work: the stress times the small strain of any motion is the work of the forces."""
+    mesh, (isotropic, anisotropic) = EVERY_MESH[name], materials(EVERY_MESH[name])
+    u, v = state(mesh), state(mesh, seed=9)
+    for material in (isotropic, anisotropic):
+        fields = Fields(mesh, LinearElastic(material))
+        both = (
+            fields.at(u + v)["strain_energy_density"]
+            - fields.at(u)["strain_energy_density"]
+            - fields.at(v)["strain_energy_density"]
+        )
+        assert both @ fields.volume == pytest.approx(System(mesh, LinearElastic(material)).internal_force(u) @ v, rel=1e-9)
+
+
+def test_where_other_laws_are_too_ellipticity_is_not_looked_at():
+    system = loaded()
+    with pytest.raises(StvkError, match=r"48 elements .* in LinearElastic: strong ellipticity is looked at for StVK alone"):
+        solve_static(system, ellipticity=True, quiet=True)
