@@ -27,7 +27,8 @@ def add_mean_force(
     and torques balance about `p`: what conserves energy and momenta. With other weights of sum 1 the work is larger by `(w1 -
     w0) R`, `R = 1/4 dzeta' L dzeta >= 0` with `dzeta = zeta(u1) - zeta(u0)`, which is zero for rigid motions.
 
-    A foundation adds `(w0 + w1) K (p - X)` and nothing to R. A term without a mean force, such as a `VolumePenalty`, adds `(w0
+    Laws without edges, such as `NeoHookean`, take a discrete gradient of their energy instead (`kernels.discrete_gradient`), with
+    the same work. A foundation adds `(w0 + w1) K (p - X)` and nothing to R. A term without a mean force, such as a `VolumePenalty`, adds `(w0
     + w1)` times its force at `p`, the work of which is the difference of its energies to second order only. Returns R [J].
 
     >>> import skfem

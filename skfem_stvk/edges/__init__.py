@@ -1,6 +1,6 @@
 """Edges, tetrahedron-sharing edge pairs (TSEPs), their coefficients L, and the assembly from them: the heart."""
 
-from .assembly import Assembly, LawAssembly
+from .assembly import Assembly, EnergyAssembly, LawAssembly
 from .form import EdgeForm
 from .pairs import ALL, NONE, TENSILE, Linearized, NodeBlocks, Rows, Tensions
 from .penalty import PenaltyAssembly
@@ -11,6 +11,7 @@ __all__ = [
     "TENSILE",
     "Assembly",
     "EdgeForm",
+    "EnergyAssembly",
     "LawAssembly",
     "Linearized",
     "NodeBlocks",

@@ -14,6 +14,7 @@ from numpy.typing import DTypeLike, NDArray
 from ..arguments import Array
 from ..errors import StateError, StvkError, name_ids
 from ..kernels import blocks as block_kernels
+from ..kernels import discrete_gradient as gradient_kernels
 from ..kernels import elements as element_kernels
 from ..kernels import stretches as stretch_kernels
 from ..kernels import volumes as volume_kernels
@@ -285,6 +286,27 @@ class StretchesAssembly(LawAssembly):
         sizes = np.zeros(u.shape)
         self.add_sizes(u, sizes)
         out += 3 * sizes
+
+
+class EnergyAssembly(LawAssembly):
+    """A law with an energy that is one of the strain: it has a force between two states. Parameters as in `LawAssembly`."""
+
+    @in_turn
+    def mean_force(self, u0: Array, u1: Array, weights: tuple[float, float], theta: float, force: Array) -> float:
+        """Add to `force` (nv, d) [N] what stresses between two states `u0`, `u1` (nv, d) pull, as in `HasMeanForce`.
+
+        It is a discrete gradient of the energy (`kernels.discrete_gradient`): forces and torques about `X + (1 - theta) u0 + theta
+        u1` balance, and for `w0 = w1 = theta = 1/2` the work over `u1 - u0` is `W(u1) - W(u0)` to rounding of these two.
+        """
+        with self._adding(u0, force) as (shares, f):
+            change = self.elements.own.gathered("direction", u1, np.float64)
+            change -= self.elements.u
+            arrays = *self._arrays(shares), change, self.elements.k == self.elements.d, *map(float, weights), float(theta)
+            R = sum(run(gradient_kernels.discrete_mean_force, shares.parts, *arrays, f))
+            self._checked(R)
+        if not np.isfinite(R):
+            self.energy_and_force(u1)  # which says why
+        return R
 
 
 class Assembly(LawAssembly):

@@ -6,15 +6,17 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import DTypeLike, NDArray
 
 from ..arguments import Array
+from ..edges import EnergyAssembly
 from ..edges.assembly import refuse_inside_out
 from ..edges.stiffness import Frames, StoredLaw
 from ..errors import MaterialError, name_ids
 from ..kernels.neo_hookean import NeoHookeanLaw, NeoHookeanSheet
 from ..materials import Hypothesis, Isotropic
 from ..mesh import ElementMesh
+from .body import Body
 from .elastic_law import ElasticLaw
 from .protocols import Deformation, PointResponse
 
@@ -57,6 +59,10 @@ class NeoHookean(ElasticLaw):
     """
 
     resists_inversion: ClassVar[bool] = True
+
+    def bind(self, body: Body | ElementMesh, dtype: DTypeLike = np.float64) -> EnergyAssembly:
+        """The assembly of this material on a body's mesh."""
+        return self._bound(EnergyAssembly, body, dtype)
 
     def stiffness(self, mesh: ElementMesh) -> StoredLaw:
         """The law of the kernels, and what it stores of each element of the region."""

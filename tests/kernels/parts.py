@@ -27,7 +27,7 @@ def in_parts(monkeypatch, n):
 
 def on_twins(monkeypatch):
     """From now on nothing compiled is called."""
-    for name in ("element_kernels", "volume_kernels", "stretch_kernels"):
+    for name in ("element_kernels", "gradient_kernels", "volume_kernels", "stretch_kernels"):
         monkeypatch.setattr(assembly, name, readable)
     monkeypatch.setattr(penalty, "penalty_kernels", readable)
     monkeypatch.setattr(network, "network_kernels", readable_networks)

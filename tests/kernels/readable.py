@@ -528,6 +528,54 @@ def mean_force(
     return contracted(dS, dM) / 4
 
 
+def discrete_mean_force(
+    begin: int,
+    end: int,
+    t: Ids,
+    slots: Ids,
+    points: Points | None,
+    law: Any,
+    X: Reals,
+    u: Reals,
+    v: Reals,
+    oriented: bool,
+    w0: float,
+    w1: float,
+    theta: float,
+    f: Reals,
+) -> float:
+    """`S = (w0 + w1) (S_m + a dM) + (w1 - w0) b dM` pulls along `q_i + theta H_i`; `S_m` at the mean strain.
+
+    a = (W1 - W0 - 1/2 S_m : dM)/(1/2 dM : dM)        b = max(0, 1/4 dS : dM)/(1/2 dM : dM)
+    """
+    part = slice(begin, end)
+    elements = elements_of(part, t, points, law)
+    Q, h, H = elements.in_frame(X), elements.in_frame(u), elements.in_frame(v)
+    there = (np.abs(Q).sum(axis=-1) > 0).astype(Q.dtype)  # (n, q, 3) the axes that there are
+    hands = [np.ones(there.shape[:2], Q.dtype)] * 3
+    if oriented:
+        last = np.eye(3, dtype=Q.dtype) * (1 - there)[..., None]
+        hands = [np.where(np.linalg.det(x + last) < 0, -1, 1).astype(Q.dtype) for x in (Q, Q + h, Q + h + H)]
+
+    def by_strain(M: Reals, hand: Reals) -> tuple[Reals, Reals]:
+        """Of triangular frames of a hand, Cholesky's factor of `1 + M`."""
+        turn, straight = (np.stack([np.ones_like(x), x, np.ones_like(x)], axis=-1) for x in (hand, hands[0]))
+        q = np.linalg.cholesky(np.eye(3, dtype=M.dtype) + M)
+        rest, now = there[..., None] * np.eye(3, dtype=M.dtype) * straight[..., None], there[..., None] * q * turn[..., None, :]
+        W, s = LAWS[type(law)].energy_and_pull(elements.numbers, rest, now - rest)
+        return W, np.einsum("nqjx,nqxk->nqjk", s * turn[..., None, :], np.linalg.inv(q))
+
+    M, dM = strains(Q, h), symmetric(Q + h, H) + products(H, H)
+    (W0, S0), (W1, S1), (_, S) = by_strain(M, hands[1]), by_strain(M + dM, hands[2]), by_strain(M + dM / 2, hands[1])
+    change, work, more = ((x * dM).sum(axis=(2, 3)) for x in (dM / 2, S / 2, (S1 - S0) / 4))
+    more = np.maximum(more, 0)
+    a = ((w0 + w1) * (W1 - W0 - work) + (w1 - w0) * more) / np.where(change > 0, change, 1)
+    x, y = elements.differences(u), elements.differences(v)
+    forces = elements.pull((w0 + w1) * S + a[..., None, None] * dM, Q + h + theta * H)
+    add_to_slots(forces + (w0 + w1) * resisted(elements, X, x + theta * y)[1], slots, part, f)
+    return float(more.sum())
+
+
 def damping_force(
     begin: int, end: int, t: Ids, slots: Ids, points: Points | None, law: Any, X: Reals, u: Reals, v: Reals, f: Reals
 ) -> float:

@@ -11,7 +11,20 @@ from numba.core.dispatcher import Dispatcher
 
 from skfem_stvk import Anisotropic, EdgeNetwork, LinearElastic, SpringNetwork, StVK, System, VolumePenalty
 from skfem_stvk.edges import Tensions
-from skfem_stvk.kernels import blocks, cg, elements, geometry, motion, networks, penalty, rows, stretches, topology, volumes
+from skfem_stvk.kernels import (
+    blocks,
+    cg,
+    discrete_gradient,
+    elements,
+    geometry,
+    motion,
+    networks,
+    penalty,
+    rows,
+    stretches,
+    topology,
+    volumes,
+)
 from skfem_stvk.kernels.lanes import LANES
 from skfem_stvk.terms import Body, HasDampingForce, HasRoundOff, HasVolume, Quartic
 
@@ -220,7 +233,9 @@ def test_on_twins_no_kernel_is_called(monkeypatch):
     results(mesh, terms)
 
 
-@pytest.mark.parametrize("module", [elements, blocks, topology, geometry, volumes, stretches, penalty, rows, cg, motion, networks])
+@pytest.mark.parametrize(
+    "module", [elements, discrete_gradient, blocks, topology, geometry, volumes, stretches, penalty, rows, cg, motion, networks]
+)
 def test_every_kernel_that_python_calls_has_a_twin_with_its_signature(module):
     """What is annotated is called from Python."""
     called = {name: value.py_func for name, value in vars(module).items() if hasattr(value, "py_func") and name[0] != "_"}

@@ -12,6 +12,7 @@ from skfem.helpers import ddot, grad, inv, transpose
 
 from skfem_stvk import (
     BackwardEuler,
+    EnergyMomentum,
     Isotropic,
     MaterialError,
     NeoHookean,
@@ -333,3 +334,64 @@ def test_a_block_that_is_thrown_at_itself_stays_right_side_out(integrator):
     body = System(mesh, NeoHookean(young=1.0, poisson=0.3, density=1.0))
     run = simulate(body, integrator, until=0.6, v0=(-1.2 * (mesh.p - 0.5)).T.ravel(), quiet=True)
     assert 0.05 < body.smallest_volume_ratio(run.u) < 0.6
+
+
+@pytest.mark.parametrize("dtype", [np.float64, np.float32])
+@pytest.mark.parametrize("rule", ["usual", "one-point"])
+@pytest.mark.parametrize("name", EVERY)
+def test_the_force_between_two_states_is_the_readable_one_and_does_the_work(name, rule, dtype, monkeypatch):
+    """On all elements; the rounding of small steps, which leaves noise out, is not in the readable one."""
+    mesh = EVERY[name]
+    if rule == "one-point" and name not in BOXES:
+        pytest.skip("one point is for boxes")
+    limit = 1e-11 if dtype == np.float64 else 3e-4
+
+    def found(plane, u, v):
+        term, force = bound(mesh, rule, plane, dtype), np.zeros(u.shape, dtype)
+        gained = term.energy_and_force(u + v) - term.energy_and_force(u)
+        R = term.mean_force(u, u + v, (0.3, 0.7), 0.5, force)
+        assert R > 0 and np.vdot(force, v) == pytest.approx(gained + 0.4 * R, abs=limit * np.abs(force).ravel() @ np.abs(v).ravel())
+        return term.mean_force(u, u + v, (0.5, 0.5), 0.5, force), force
+
+    u, v = crushed(mesh, 0.2, 0.03), 0.03 * state(mesh, seed=9).reshape(-1, mesh.d)
+    planes = (None, "stress") if mesh.k == mesh.d == 2 else (None,)
+    compiled = [found(plane, u, v) for plane in planes]
+    on_twins(monkeypatch)
+    for plane, (R, force) in zip(planes, compiled, strict=True):
+        other_R, other = found(plane, u, v)
+        assert pytest.approx(other_R, rel=10 * limit) == R and np.abs(force - other).max() < limit * np.abs(other).max()
+
+
+def test_of_a_body_that_turns_it_is_nothing_and_of_a_tiny_step_the_force():
+    """However far it turns; and the change of the energy is known to no more than its rounding."""
+    mesh = MESHES["tetrahedra"]
+    term, u = bound(mesh), crushed(mesh, 0.2, 0.03)
+    turn = np.linalg.qr(np.random.default_rng(3).standard_normal((3, 3)))[0]
+    turn *= np.sign(np.linalg.det(turn))
+    now, moved = mesh.p.T + u, (mesh.p.T + u) @ turn.T
+    force, own = np.zeros_like(u), np.zeros_like(u)
+    R = term.mean_force(u, moved - mesh.p.T, (0.5, 0.5), 0.5, force)
+    term.energy_and_force(u, own)
+    assert R < 1e-25 and np.abs(force - own @ (np.eye(3) + turn).T / 2).max() < 1e-12 * np.abs(own).max() and now.any()
+    for size in (1e-6, 1e-9, 1e-12, 1e-15):
+        force[:] = 0
+        term.mean_force(u, u + size * state(mesh).reshape(-1, 3), (0.5, 0.5), 0.5, force)
+        assert np.abs(force - own).max() < (10 * size + 1e-10) * np.abs(own).max()
+
+
+@pytest.mark.parametrize("name", ["block", "quadratic tetrahedra, curved", "membrane"])
+def test_a_free_body_keeps_its_energy_and_momenta(name):
+    """Thrown, turning and swinging, by a force that is a discrete gradient; with a force of one state the energy drifts."""
+    flat = skfem.MeshTet.init_tensor(*[np.linspace(0, 1, 3)] * 2, np.linspace(0, 2, 3))
+    mesh = EVERY[name] if name in EVERY else System(flat, StVK(young=1.0, poisson=0.3)).mesh
+    body = System(mesh, NeoHookean(young=50.0, poisson=0.3, density=1.0))
+    x = mesh.p.T - mesh.p.mean(axis=1)
+    v = (np.cross([0.5, 1.5, 3.0], x) + x * [0.5, -1.0, 1.5] + 0.3 * np.sin(9 * x) + [1.0, 2.0, 3.0]).ravel()
+    ledger = simulate(body, EnergyMomentum(0.02), until=0.2, v0=v, quiet=True).ledger
+    energy = ledger["total_energy"]
+    assert np.ptp(ledger["strain_energy"]) > 0.02 * energy[0] and np.ptp(energy) < 1e-11 * energy[0]
+    for axis in "xyz":
+        for momentum in ("linear", "angular"):
+            values = ledger[f"{momentum}_momentum_{axis}"]
+            assert np.ptp(values) < 1e-10 * np.abs(values).max()
+    assert np.ptp(simulate(body, Newmark(0.02), until=0.2, v0=v, quiet=True).ledger["total_energy"]) > 1e-5 * energy[0]

@@ -95,7 +95,7 @@ WITHOUT = {
         "names",
     ),
     # within: arrays that `System` has checked
-    *("Assembly", "EdgeForm", "LawAssembly", "NodeBlocks", "PenaltyAssembly", "Tensions"),
+    *("Assembly", "EdgeForm", "EnergyAssembly", "LawAssembly", "NodeBlocks", "PenaltyAssembly", "Tensions"),
     # files, which the family "meshes" is for; what the row of `bench` has
     *("read_mesh", "Plan"),
 }

@@ -23,7 +23,8 @@ class EnergyMomentum(Implicit):
         M (v1 - v)/T + sum_i (t_i + t1_i)/2 p_i(1/2) + D (v1 + v)/2 = (h + h1)/2        (u1 - u)/T = (v1 + v)/2
 
     The work of this force over the step is `W1 - W` to round-off, and it has no torque about the middle: a free body keeps its
-    energy and both momenta as well as the equation is solved. A `VolumePenalty` acts with its force at the middle: momenta are
+    energy and both momenta as well as the equation is solved. Laws without edges, such as `NeoHookean`, have a discrete gradient
+    (Gonzalez 2000) in place of mean tensions, which does the same. A `VolumePenalty` acts with its force at the middle: momenta are
     kept, its energy to O(T^2).
 
     The tangent of the force is not symmetric; half of `2 J'LJ` at the middle and of the tensions at the beginning takes its place,
