@@ -28,8 +28,9 @@ def add_mean_force(
     w0) R`, `R = 1/4 dzeta' L dzeta >= 0` with `dzeta = zeta(u1) - zeta(u0)`, which is zero for rigid motions.
 
     Laws without edges, such as `NeoHookean`, take a discrete gradient of their energy instead (`kernels.discrete_gradient`), with
-    the same work. A foundation adds `(w0 + w1) K (p - X)` and nothing to R. A term without a mean force, such as a `VolumePenalty`, adds `(w0
-    + w1)` times its force at `p`, the work of which is the difference of its energies to second order only. Returns R [J].
+    the same work. A foundation adds `(w0 + w1) K (p - X)` and nothing to R. A term without a mean force, such as a
+    `VolumePenalty`, adds `(w0 + w1)` times its force at `p`, the work of which is the difference of its energies to second order
+    only. Returns R [J].
 
     >>> import skfem
     >>> from skfem_stvk import StVK, System

@@ -1,14 +1,15 @@
 """A force between two states whose work is the difference of their energies, for any law whose energy is one of the strain.
 
-At a point, with `q_m` the frame in the middle, strains `M = 2 E` of the beginning, `dM` of the change, and S from the energy at them:
+At a point, with `q_m` the frame in the middle, strains `M = 2 E` of the beginning, `dM` of the change, and S from the energy at
+them:
 
     s_j = sum_k S_jk q_mk        S = (w0 + w1) (S(M + dM/2) + a dM) + (w1 - w0) b dM
     a = (W1 - W0 - 1/2 S(M + dM/2) : dM) / (1/2 dM : dM)        b = max(0, 1/4 (S1 - S0) : dM) / (1/2 dM : dM)
 
-The work of S is `1/2 S : dM`, and S is symmetric: with `w0 = w1 = 1/2` energy and both momenta are conserved. A body that turns as a
-whole has the stress of where it is, `dM = 0`. What `W1 - W0` differs by from the work of the middle is of third order, and where it
-is no more than rounding of the energies it is left out: `a` would be noise over `dM : dM`. For the same reason it is taken to be
-no more than `4 |dM| (|S0 - S| + |S1 - S|)`, of which the integral of `1/2 (S(t) - S) : dM` is a small part.
+The work of S is `1/2 S : dM`, and S is symmetric: with `w0 = w1 = 1/2` energy and both momenta are conserved. A body that turns
+as a whole has the stress of where it is, `dM = 0`. What `W1 - W0` differs by from the work of the middle is of third order, and
+where it is no more than rounding of the energies it is left out: `a` would be noise over `dM : dM`. For the same reason it is taken
+to be no more than `4 |dM| (|S0 - S| + |S1 - S|)`, of which the integral of `1/2 (S(t) - S) : dM` is a small part.
 
 Laws see frames, not strains: of `1 + M` the triangular one is taken, `L L' = 1 + M` (Cholesky, without cancellation), handed as
 the frame of the body is. From its `s_j` follows S.

@@ -389,7 +389,7 @@ def test_a_free_body_keeps_its_energy_and_momenta(name):
     v = (np.cross([0.5, 1.5, 3.0], x) + x * [0.5, -1.0, 1.5] + 0.3 * np.sin(9 * x) + [1.0, 2.0, 3.0]).ravel()
     ledger = simulate(body, EnergyMomentum(0.02), until=0.2, v0=v, quiet=True).ledger
     energy = ledger["total_energy"]
-    assert np.ptp(ledger["strain_energy"]) > 0.02 * energy[0] and np.ptp(energy) < 1e-11 * energy[0]
+    assert np.ptp(ledger["strain_energy"]) > 0.01 * energy[0] and np.ptp(energy) < 1e-11 * energy[0]
     for axis in "xyz":
         for momentum in ("linear", "angular"):
             values = ledger[f"{momentum}_momentum_{axis}"]

@@ -31,6 +31,8 @@ PARTS = (
 WITHOUT = {
     # made by the package for its users: nobody gives them arguments
     *(
+        "Deformation",
+        "PointResponse",
         "Analysis",
         "Attempt",
         "Benchmark",
@@ -70,6 +72,7 @@ WITHOUT = {
         "HasMeanForce",
         "HasMemory",
         "HasPressure",
+        "HasResponse",
         "HasRoundOff",
         "HasState",
         "HasStress",
