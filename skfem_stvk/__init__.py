@@ -18,7 +18,7 @@ from .dynamics import (
     simulate,
 )
 from .errors import LoadError, MaterialError, MeshError, RegionError, StateError, StvkError, StvkWarning, SupportError
-from .materials import Anisotropic, Isotropic, Orthotropic, TransverselyIsotropic
+from .materials import Anisotropic, Isotropic, Orthotropic, TransverselyIsotropic, frames_along
 from .mesh import ElementMesh, embedded_mesh, read_mesh
 from .nonlinear.outcome import Interrupted
 from .referee import Report, verify
@@ -92,6 +92,7 @@ __all__ = [
     "compare_networks",
     "critical_step",
     "embedded_mesh",
+    "frames_along",
     "modes",
     "read_mesh",
     "simulate",

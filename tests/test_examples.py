@@ -100,6 +100,14 @@ def test_ex13_torn_sheet():
     assert example.closure < 0.02
 
 
+def test_ex14_fibres():
+    example = run("ex14_fibres")
+    straight, right, left, none = example.turns.values()
+    assert right[0] == pytest.approx(-38.404, rel=1e-4) == -left[0] and right[1] == pytest.approx(left[1], rel=1e-6)
+    assert abs(straight[0]) < 1e-5 and abs(none[0]) < 1e-5
+    assert straight[1] < right[1] < none[1] and none[1] == pytest.approx(0.1531, rel=1e-3)
+
+
 def test_no_example_is_forgotten():
     tested = {name.removeprefix("test_") for name in globals() if name.startswith("test_ex")}
     assert tested == {path.stem for path in EXAMPLES.glob("ex*.py")}

@@ -1,7 +1,16 @@
 """Linear relations between Green-Lagrange strain and second Piola-Kirchhoff stress."""
 
-from .anisotropic import Anisotropic, Orthotropic, TransverselyIsotropic
+from .anisotropic import Anisotropic, Orthotropic, TransverselyIsotropic, frames_along
 from .isotropic import Isotropic
 from .material import FramedMaterial, Hypothesis, Material
 
-__all__ = ["Anisotropic", "FramedMaterial", "Hypothesis", "Isotropic", "Material", "Orthotropic", "TransverselyIsotropic"]
+__all__ = [
+    "Anisotropic",
+    "FramedMaterial",
+    "Hypothesis",
+    "Isotropic",
+    "Material",
+    "Orthotropic",
+    "TransverselyIsotropic",
+    "frames_along",
+]

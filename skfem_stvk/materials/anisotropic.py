@@ -2,14 +2,25 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..arguments import Array, shown
-from ..errors import MaterialError
+from ..arguments import Array, real_array, shown
+from ..errors import MaterialError, name_ids
 from .material import FramedMaterial, constant
+
+
+class HasElements(Protocol):
+    """A mesh, as fibres need to know it: nodes `p` (d, nv) and elements `t` (n, nt); scikit-fem's, or an `ElementMesh`."""
+
+    @property
+    def p(self) -> Array: ...
+    @property
+    def t(self) -> Array: ...
 
 
 @dataclass(frozen=True, eq=False)
@@ -136,6 +147,38 @@ class TransverselyIsotropic(FramedMaterial):
             object.__setattr__(self, name, constant(getattr(self, name), name, *limits.get(name, (0.0, np.inf))))
         super().__post_init__()
 
+    @classmethod
+    def from_lame(
+        cls, lam: ArrayLike, mu: ArrayLike, along: ArrayLike, *, frame: ArrayLike | None = None, density: ArrayLike | None = None
+    ) -> TransverselyIsotropic:
+        """Isotropic with Lame constants `lam`, `mu` [Pa], and stiffer by `along` [Pa] in the direction `a` of its fibres:
+
+            W = lam/2 (tr E)^2 + mu tr E^2 + along/2 (a'E a)^2
+
+        It is the kind of law that Picinbono, Delingette and Ayache (2003) take for organs with fibres; their printed formula was
+        not found. Where constants of Lame's kind differ by `d_lam` and `d_mu` along the fibres alone, so that `d_lam/2 (a'E a)^2 +
+        d_mu (a'E a)^2` is added, `along = d_lam + 2 d_mu`. Sheared along its fibres it is as stiff as across. `mu`, `3 lam + 2 mu`
+        and the modulus along the fibres have to be positive.
+
+        >>> fibres = TransverselyIsotropic.from_lame(1.5, 1.0, along=10.0)
+        >>> fibres.stiffness().round(12)[:3, :3].tolist(), round(float(fibres.young_axial), 12)
+        ([[13.5, 1.5, 1.5], [1.5, 3.5, 1.5], [1.5, 1.5, 3.5]], 12.6)
+        """
+        lam, mu, along = constant(lam, "lam"), constant(mu, "mu", low=0.0), constant(along, "along")
+        constant(3 * lam + 2 * mu, "3 lam + 2 mu", low=0.0)
+        first, both = lam + 2 * mu + along, 2 * (lam + mu)  # C_11, C_22 + C_23
+        axial = constant(first - 2 * lam**2 / both, "young_axial", low=0.0)
+        minor = first * (lam + 2 * mu) - lam**2
+        return cls(
+            young_axial=axial,
+            young_transverse=2 * mu * axial * both / minor,
+            poisson_axial=lam / both,
+            poisson_transverse=(first * lam - lam**2) / minor,
+            shear_axial=mu,
+            frame=frame,
+            density=density,
+        )
+
     def stiffness(self) -> Array:
         shear = np.asarray(self.young_transverse) / (2 * (1 + np.asarray(self.poisson_transverse)))
         return Orthotropic(
@@ -143,3 +186,73 @@ class TransverselyIsotropic(FramedMaterial):
             poisson=(self.poisson_transverse, self.poisson_axial, self.poisson_axial),
             shear=(shear, self.shear_axial, self.shear_axial),
         ).stiffness()
+
+
+def frames_along(mesh: HasElements, directions: ArrayLike | Callable[[Array], ArrayLike]) -> Array:
+    """(nt, d, d) frames whose first axes are along a field of directions, for fibres: `TransverselyIsotropic(..., frame=...)`.
+
+    The other axes are at right angles to it, in any way: those of a material with fibres alone do not matter. Directions have any
+    length, and fibres no sign: from directions at nodes each element has the axis along which those at its nodes are largest,
+    whichever way they point.
+
+    Parameters
+    ----------
+    mesh : in two or three dimensions.
+    directions : (d,) for all elements; (nt, d), one for each; (nv, d), one at each node; or a function of the centres of the elements
+        x (d, nt) that returns (d,) or (d, nt).
+
+    Raises
+    ------
+    MaterialError
+        if they have another shape, are not finite or zero, with ids; or if there are as many nodes as elements, so that (n, d) may
+        be either: give a function then.
+
+    >>> import skfem
+    >>> ring = skfem.MeshTri.init_tensor(np.linspace(1, 2, 3), np.linspace(0, 1, 3))
+    >>> frames = frames_along(ring, lambda x: np.stack([-x[1], x[0]]))              # round the origin
+    >>> frames.shape, bool(np.allclose(frames.transpose(0, 2, 1) @ frames, np.eye(2)))
+    ((8, 2, 2), True)
+    """
+    (d, nv), nt = mesh.p.shape, mesh.t.shape[1]
+    if d == 1:
+        raise MaterialError("frames_along: the mesh is on a line, where there is one direction; leave the frame out.")
+    given = directions(mesh.p[:, mesh.t].mean(axis=1)) if callable(directions) else directions
+    values = real_array(given)
+    expected = (
+        f"({d},), ({nt}, {d}) for elements or ({nv}, {d}) for nodes" if not callable(directions) else f"({d},) or ({d}, {nt})"
+    )
+    if values is None:
+        raise MaterialError(f"frames_along: directions = {shown(given)}; expected {expected}.")
+    if callable(directions) and values.shape == (d, nt):
+        values = values.T
+    elif not callable(directions) and nv == nt and values.shape == (nt, d):
+        raise MaterialError(
+            f"frames_along: {nt} elements and as many nodes: {values.shape} may be of either. Give a function of x."
+        )
+    elif not callable(directions) and values.shape == (nv, d):
+        values = _at_elements(values, mesh.t)
+    elif values.shape == (d,):
+        values = np.broadcast_to(values, (nt, d))
+    elif callable(directions) or values.shape != (nt, d):
+        raise MaterialError(f"frames_along: directions have shape {values.shape}; expected {expected}.")
+    largest = np.abs(values).max(axis=1)
+    bad = np.flatnonzero(~(np.isfinite(values).all(axis=1) & (largest > 0)))
+    if len(bad):
+        raise MaterialError(f"frames_along: {name_ids(bad, 'element')}: no direction, for it is zero or not finite.")
+    axis = values / largest[:, None]
+    axis /= np.linalg.norm(axis, axis=1, keepdims=True)
+    if d == 2:
+        return np.stack([axis, np.stack([-axis[:, 1], axis[:, 0]], axis=1)], axis=2)
+    second = np.cross(axis, np.eye(3)[np.abs(axis).argmin(axis=1)])
+    second /= np.linalg.norm(second, axis=1, keepdims=True)
+    return np.stack([axis, second, np.cross(axis, second)], axis=2)
+
+
+def _at_elements(at_nodes: Array, t: Array) -> Array:
+    """(nt, d) axes of fibres in elements from directions (nv, d) at nodes: of the largest eigenvalue of the sum of their dyads."""
+    bad = np.flatnonzero(~np.isfinite(at_nodes).all(axis=1))
+    if len(bad):
+        raise MaterialError(f"frames_along: {name_ids(bad, 'node')}: no direction, for it is not finite.")
+    each = at_nodes[t]  # (n, nt, d)
+    values, vectors = np.linalg.eigh(np.einsum("nti,ntj->tij", each, each))
+    return np.asarray(vectors[:, :, -1] * (values[:, -1:] > 0))

@@ -261,8 +261,8 @@ class FreeDofs:
 
 
 class BareDiagonal:
-    """The diagonal of K for `nodes` that nothing holds any more: the mean of that of the whole body, whose `blocks` (nv, d, d) [N/m]
-    are those at rest.
+    """The diagonal of K for `nodes` that nothing holds any more: the mean of that of the whole body at rest, whose `blocks` (nv, d,
+    d) [N/m] are given.
 
     With it K stays positive definite, and as well conditioned as it was. There is no force to it.
     """

@@ -28,6 +28,7 @@ from skfem_stvk import (
     Traction,
     TransverselyIsotropic,
     VolumePenalty,
+    frames_along,
     read_mesh,
 )
 from skfem_stvk.elements import ELEMENTS
@@ -95,6 +96,14 @@ def calls() -> list[Call]:
             shear=(1.0, 2.0, 0.5),
             density=4.0,
             frame=FRAME,
+        ),
+        call(
+            "frames_along",
+            frames_along,
+            {"directions": frozenset()},
+            {"mesh": "mesh|directions", "directions": "directions|direction"},
+            mesh=tetrahedra(),
+            directions=[0.5, 0.25, 1.0],
         ),
         call(
             "TransverselyIsotropic",
