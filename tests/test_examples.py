@@ -73,6 +73,13 @@ def test_ex09_curved_bar():
     assert linear == pytest.approx(0.5858, rel=1e-3) and quadratic == pytest.approx(5.0e-4, rel=0.2)
 
 
+def test_ex10_neo_hookean():
+    example = run("ex10_neo_hookean")
+    assert example.paths["NeoHookean"].success and example.force["NeoHookean"] == pytest.approx(1.1504, rel=1e-3)
+    assert not example.paths["StVK"].success and example.reached["StVK"] == pytest.approx(0.3145, rel=5e-3)
+    assert example.force["StVK"] == pytest.approx(0.1832, rel=5e-3)
+
+
 def test_ex11_springs():
     example = run("ex11_springs")
     ratios = [sprung / elastic for elastic, sprung in example.sags.values()]
