@@ -22,9 +22,9 @@ from .stvk import StVK
 class LinearElastic(ElasticLaw):
     """Elastic body of small strain: `W = integral of 1/2 eps : C : eps`, `eps = (H + H')/2` of the displacement gradient `H`.
 
-    Its stiffness K is the same at all displacements, that of `StVK` at rest: where all of a body is linear and loads are dead, it is
-    factorised once. `solve_static` takes one iteration then, and steps of constant length one factorisation for a whole run. It is
-    wrong under rotation: a body that only turns by `t` about z has the stress `s_xx = s_yy = 2 (mu + lam) (cos t - 1)`,
+    Its stiffness K is the same at all displacements, that of `StVK` at rest. Where all of a body is linear and loads are dead, it
+    is factorised once: `solve_static` takes one iteration then, and steps of constant length one factorisation for a whole run.
+    It is wrong under rotation: a body that only turns by `t` about z has the stress `s_xx = s_yy = 2 (mu + lam) (cos t - 1)`,
     `s_zz = 2 lam (cos t - 1)`, as if it had shrunk.
 
     Parameters
