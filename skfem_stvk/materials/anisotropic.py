@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -14,6 +14,7 @@ from ..errors import MaterialError, name_ids
 from .material import FramedMaterial, constant
 
 
+@runtime_checkable
 class HasElements(Protocol):
     """A mesh, as fibres need to know it: nodes `p` (d, nv) and elements `t` (n, nt); scikit-fem's, or an `ElementMesh`."""
 
@@ -198,8 +199,8 @@ def frames_along(mesh: HasElements, directions: ArrayLike | Callable[[Array], Ar
     Parameters
     ----------
     mesh : in two or three dimensions.
-    directions : (d,) for all elements; (nt, d), one for each; (nv, d), one at each node; or a function of the centres of the elements
-        x (d, nt) that returns (d,) or (d, nt).
+    directions : (d,) for all elements; (nt, d), one for each; (nv, d), one at each node; or a function of the centres x (d, nt) of
+        the elements that returns (d,) or (d, nt).
 
     Raises
     ------
@@ -213,10 +214,19 @@ def frames_along(mesh: HasElements, directions: ArrayLike | Callable[[Array], Ar
     >>> frames.shape, bool(np.allclose(frames.transpose(0, 2, 1) @ frames, np.eye(2)))
     ((8, 2, 2), True)
     """
+    if isinstance(mesh, type) or not isinstance(mesh, HasElements):
+        raise MaterialError(f"frames_along: mesh = {shown(mesh)}; expected a mesh of scikit-fem or an ElementMesh.")
     (d, nv), nt = mesh.p.shape, mesh.t.shape[1]
     if d == 1:
         raise MaterialError("frames_along: the mesh is on a line, where there is one direction; leave the frame out.")
-    given = directions(mesh.p[:, mesh.t].mean(axis=1)) if callable(directions) else directions
+    given = directions
+    if callable(directions):
+        try:
+            given = directions(mesh.p[:, mesh.t].mean(axis=1))
+        except Exception as error:
+            raise MaterialError(
+                f"frames_along: the function directions failed with {type(error).__name__}: {error}. It gets x, of shape ({d}, {nt})."
+            ) from error
     values = real_array(given)
     expected = (
         f"({d},), ({nt}, {d}) for elements or ({nv}, {d}) for nodes" if not callable(directions) else f"({d},) or ({d}, {nt})"

@@ -127,6 +127,8 @@ def test_as_many_nodes_as_elements_are_ambiguous():
     mesh = skfem.MeshTri(np.array([[0.0, 1, 0, 1], [0, 0, 1, 1]]), np.array([[0, 1, 0, 1], [1, 2, 1, 3], [2, 3, 3, 2]]))
     with pytest.raises(MaterialError, match="may be of either"):
         frames_along(mesh, np.ones((4, 2)))
+    with pytest.raises(MaterialError, match="mesh = None"):
+        frames_along(None, [1.0, 0, 0])
     with pytest.raises(MaterialError, match="on a line"):
         frames_along(skfem.MeshLine(), [1.0])
 
