@@ -12,7 +12,7 @@ from ..system import TangentOperator
 from ..system.operator import refuse_overflow
 from ..system.protocol import SystemLike
 from ..system.system import array_to_fill
-from ..terms import BoundLoad, HasDampingForce, HasMeanForce
+from ..terms import BoundLoad, HasDampingForce, HasMeanForce, TakesTime, tell
 from ..terms.load import Moment, Time
 
 
@@ -98,13 +98,15 @@ def driven(system: SystemLike) -> bool:
 
 
 def constant_loads(system: SystemLike) -> bool:
-    """Whether the loads are the same at any time, wherever the body is."""
-    return all(load.steady and load.dead for load in system.bound_loads)
+    """Whether the loads are the same at any time, wherever the body is, and terms need not be told the time."""
+    changing = any(isinstance(term, TakesTime) for term in system.bound_terms)
+    return not changing and all(load.steady and load.dead for load in system.bound_loads)
 
 
 def driving_force(system: SystemLike, u: Array, moment: Moment) -> Array:
     """(ndofs,) force [N] at a moment of loads that change with time or have no potential, and of terms without energy."""
     x, force = by_vertex(system.mesh, u), np.zeros(system.mesh.p.T.shape)
+    tell(system.bound_terms, moment)
     for load in system.bound_loads:
         if not _keeps_energy(load):
             load.add_force(x, moment, force)

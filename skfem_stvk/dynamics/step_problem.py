@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_matrix
 
 from ..arguments import Array
-from ..edges import ALL, NONE, TENSILE, Tensions
+from ..edges import ALL, NONE, TENSILE, WARPED, Tensions
 from ..errors import StateError
 from ..linear import Factors, Kind, LinearSolver, Outcome, Solution, Unknowns
 from ..linear.block_cg import BlockJacobiAnalysis, BlockJacobiCg, BlockJacobiFactors
@@ -41,6 +41,7 @@ class StepTangent(Enum):
     exact           K
     clamped         without negative tensions of edges: positive semi-definite
     gauss-newton    without any tension: 2 J'LJ
+    warped          K(0), turned with each element: without the derivative of its rotation (stiffness warping, Mueller 2004)
     diagonal        the diagonal blocks alone (Debunne 2001, Mueller 2001): no solve, but forces reach one vertex per step
     rest            K(0), made and factorised once: wrong under rotation
     """
@@ -48,13 +49,14 @@ class StepTangent(Enum):
     EXACT = "exact"
     CLAMPED = "clamped"
     GAUSS_NEWTON = "gauss-newton"
+    WARPED = "warped"
     DIAGONAL = "diagonal"
     REST = "rest"
 
     @property
     def kept(self) -> Tensions:
         """The tensions that stay in it."""
-        return {StepTangent.CLAMPED: TENSILE, StepTangent.GAUSS_NEWTON: NONE}.get(self, ALL)
+        return {StepTangent.CLAMPED: TENSILE, StepTangent.GAUSS_NEWTON: NONE, StepTangent.WARPED: WARPED}.get(self, ALL)
 
 
 class Coefficients(NamedTuple):
@@ -286,6 +288,8 @@ class StepProblem:
         Edge damping, a part of `2 J'LJ`, is the factor: `factor (2 J'LJ + tensions / factor)`.
         """
         factor = 1 + self.motion.tau * self._g
+        if kept.warped:
+            return factor, WARPED, NONE
         if self._tensions is not None:
             return factor, NONE, kept if self._with_tensions else NONE
         return factor, Tensions(kept.positive / factor, kept.negative / factor), NONE

@@ -2,13 +2,14 @@
 
 from .assembly import Assembly, EnergyAssembly, LawAssembly
 from .form import EdgeForm
-from .pairs import ALL, NONE, TENSILE, Linearized, NodeBlocks, Rows, Tensions
+from .pairs import ALL, NONE, TENSILE, WARPED, Linearized, NodeBlocks, Rows, Tensions
 from .penalty import PenaltyAssembly
 
 __all__ = [
     "ALL",
     "NONE",
     "TENSILE",
+    "WARPED",
     "Assembly",
     "EdgeForm",
     "EnergyAssembly",

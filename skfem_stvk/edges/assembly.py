@@ -19,14 +19,15 @@ from ..kernels import elements as element_kernels
 from ..kernels import stretches as stretch_kernels
 from ..kernels import volumes as volume_kernels
 from ..kernels.lanes import LANES, MeanPoints, Points
+from ..kernels.principal import WarpedLaw
 from ..kernels.rows import PairSlots, RowSlots
 from ..kernels.threads import in_turn, run
 from .elements import OwnElements, Quadrature, frames_at, nbytes, simplex_quadrature
 from .form import EdgeForm
 from .pairs import ALL, BlockPattern, Linearized, PairBlocks, PairTerm, Tensions
-from .stiffness import GeneralStiffness, Stiffness, StoredLaw, check_range
+from .stiffness import GeneralStiffness, Stiffness, StoredLaw, check_range, flat_of
 from .streaming import ElementRows
-from .topology import OwnOrder, Shares, out_of_lanes, own_order, pairs_of
+from .topology import OwnOrder, Shares, in_lanes, out_of_lanes, own_order, pairs_of
 
 
 class ElementTerm(PairTerm):
@@ -309,6 +310,41 @@ class EnergyAssembly(LawAssembly):
         return R
 
 
+class FramedAssembly(LawAssembly):
+    """Linear elasticity in frames that are given for each moment: what the body gains or loses as they turn is work from outside.
+
+    `frames` gives rotations (nt, 3, 3) for a time or load factor, checked.
+    """
+
+    has_energy = False
+
+    def __init__(self, frames: Callable[[Any], Array], *arguments: Any, **others: Any) -> None:
+        super().__init__(*arguments, **others)
+        self._frames = frames
+        self.at(0.0)
+
+    def at(self, t: Any) -> None:
+        """Turn the frames to where they are at load factor or moment `t`."""
+        elements, m = self.elements, 6 + 11
+        R = in_lanes(self._frames(t).reshape(-1, 9)[elements.elements].T.astype(self.dtype)).reshape(-1, 9, LANES)
+        sets = self._D.reshape(-1, m, LANES)
+        counts = 1 if self.points is None else np.diff(self.points.starts) // (m * LANES)
+        sets[:, 8:] = np.repeat(R, counts, axis=0)
+
+    @in_turn
+    def energy_and_force(self, u: Array, force: Array | None = None) -> float:
+        """0; adds the internal force [N] at `u` (nv, d) to `force` (nv, d)."""
+        super().energy_and_force(u, force)
+        return 0.0
+
+    def _total(self, found: list[Any]) -> tuple[float, float]:
+        return 0.0, super()._total(found)[1]
+
+    def add_round_off(self, u: Array, out: Array) -> None:
+        """Add what `add_sizes` does, and that of the rest frame turned, to `out` (nv, d) [N]."""
+        self.add_sizes(u, out)
+
+
 class Assembly(LawAssembly):
     """St. Venant-Kirchhoff: on linear simplices an edge form. Its strains are quadratic in displacements, so much is known exactly.
 
@@ -346,6 +382,14 @@ class Assembly(LawAssembly):
         elements.gather(u)
         arrays = elements.t.ravel(), elements.at_points, elements.X, elements.u
         return min(run(stretch_kernels.smallest_stretches, elements.forces.parts, *arrays, elements.k, out))
+
+    def _linearize(self, shares: Shares, to: PairSlots | RowSlots, f: Array, kept: Tensions) -> list[Any]:
+        if not kept.warped:
+            return super()._linearize(shares, to, f, kept)
+        elements = self.elements
+        law = WarpedLaw(self.law.D, self.law, flat_of(elements.k, elements.d))
+        arrays = elements.t.ravel(), shares.slots, to, self.points, law, elements.X, elements.u
+        return run(element_kernels.linearize, shares.parts, *arrays, 0.0, 0.0, f)
 
     @cached_property
     def form(self) -> EdgeForm:

@@ -30,10 +30,13 @@ class Tensions(NamedTuple):
         ALL         the exact tangent
         TENSILE     clamped: without negative tensions, positive semi-definite
         NONE        Gauss-Newton, `2 J' L J`: positive semi-definite
+        WARPED      K(0) turned with each element by the rotation nearest to its F: positive semi-definite. Of terms that
+                    have no such thing, `NONE`
 
     Attributes
     ----------
     positive, negative : factors of tensions `t > 0` and `t < 0`.
+    warped : whether K(0), turned, stands in for what does not depend on tensions.
 
     >>> Tensions(1.0, 0.0) == TENSILE
     True
@@ -41,11 +44,13 @@ class Tensions(NamedTuple):
 
     positive: float
     negative: float
+    warped: bool = False
 
 
 ALL = Tensions(1.0, 1.0)
 TENSILE = Tensions(1.0, 0.0)
 NONE = Tensions(0.0, 0.0)
+WARPED = Tensions(0.0, 0.0, warped=True)
 
 
 class Linearized(NamedTuple):

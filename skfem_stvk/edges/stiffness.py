@@ -20,7 +20,7 @@ from ..arguments import Array
 from ..elements.element import LOCAL_EDGES
 from ..errors import MaterialError, name_ids
 from ..kernels.laws import GeneralLaw, IsotropicLaw
-from ..kernels.principal import CABLE, LINE, MEMBRANE, SHEET, Flat
+from ..kernels.principal import CABLE, LINE, MEMBRANE, SHEET, Flat, FramedLaw
 from ..materials import FramedMaterial, Hypothesis
 from ..mesh import ElementMesh
 from ..mesh.geometry import Geometry
@@ -119,8 +119,25 @@ class StretchesStiffness(IsotropicStiffness):
 
     def __init__(self, lam: Array, mu: Array, kind: Callable[..., Any], mesh: ElementMesh, *more: float) -> None:
         super().__init__(lam, mu)
-        flat = None if mesh.k == 3 else Flat(FLAT[mesh.k, mesh.k < mesh.d])
+        flat = flat_of(mesh.k, mesh.d)
         self.law = lambda D: kind(D, flat, *more)
+
+
+def flat_of(k: int, d: int) -> Flat | None:
+    """What elements of dimension `k` in `d` are to laws of principal stretches: None if solid."""
+    return None if k == 3 else Flat(FLAT[k, k < d])
+
+
+class FramedStiffness(IsotropicStiffness):
+    """Lame constants as in `IsotropicStiffness`, and a rotation for each element, which is none at first."""
+
+    def __init__(self, lam: Array, mu: Array) -> None:
+        super().__init__(lam, mu)
+        self.law = FramedLaw
+
+    def stored(self, at: Frames, elements: NDArray[np.int32]) -> Array:
+        """`lam/2` and `mu` times the size, and nine numbers of the rotation, row by row."""
+        return np.concatenate([super().stored(at, elements), np.repeat(np.eye(3).reshape(9, 1), len(elements), axis=1)])
 
 
 class AnisotropicStiffness:

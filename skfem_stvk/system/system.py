@@ -20,7 +20,20 @@ from ..kernels.threads import Turn
 from ..mesh import ElementMesh, MeshLike
 from ..mesh.diagnostics import check_mesh, warn_of_flat_elements
 from ..mesh.places import DofsView
-from ..terms import Grounded, HasMemory, HasRoundOff, HasStress, HoldsShape, Load, Quartic, Term, TurningLoad, is_load
+from ..terms import (
+    Grounded,
+    HasMemory,
+    HasRoundOff,
+    HasStress,
+    HoldsShape,
+    Load,
+    Quartic,
+    TakesTime,
+    Term,
+    TurningLoad,
+    is_load,
+    tell,
+)
 from ..terms.load import Moment, Time
 from .bound import BoundTerms
 from .mass import KINDS, Mass
@@ -267,7 +280,7 @@ class System(BoundTerms):
         with self._turn:
             if self._operator is None:
                 self._operator = self.linear_operator(u)
-            elif not self._operator.is_at(x):
+            elif not self._operator.is_at(x) or any(isinstance(term, TakesTime) for term in self.bound_terms):
                 self._operator.prepare(u)
             product = self._operator.matvec(y)
         refuse_overflow(product, "K v", x)
@@ -289,9 +302,11 @@ class System(BoundTerms):
     def external_force(self, u: ArrayLike, t: Time = 1.0) -> Array:
         """Sum of the loads (ndofs,) [N] at displacements `u` and load factor `t`.
 
+        Terms that change with it, as frames that are given, are from now on what they are at `t`; so they are after `jacobian`.
         Errors as in `energy`, for `t` too, and LoadError if a load that is given as a function does not return finite values.
         """
         x, force, moment = self._state(u), np.zeros(self.mesh.p.T.shape), Moment.checked(t)
+        tell(self.bound_terms, moment)
         for load in self.bound_loads:
             load.add_force(x, moment, force)
         refuse_overflow(force, "The external force", x)
@@ -326,6 +341,7 @@ class System(BoundTerms):
         indefinite, what the pressure of a `VolumePenalty` adds as well. It is positive semi-definite then, but for the loads.
         """
         moment, factors, x = Moment.checked(t), _factors(kept), self._state(u)
+        tell(self.bound_terms, moment)
         if free is not None:
             return self._part(x, free, out, factors, lambda whole: self.jacobian(u, t, whole, kept=kept))
         K = self._matrix(out, self.pattern)
@@ -589,6 +605,6 @@ def _factors(kept: Tensions) -> Tensions:
     """Refuses what are no factors of tensions."""
     if not isinstance(kept, Tensions):
         raise StvkError(
-            f"kept = {shown(kept)}; expected ALL, TENSILE or NONE of skfem_stvk.edges, or Tensions(positive, negative)."
+            f"kept = {shown(kept)}; expected ALL, TENSILE, NONE or WARPED of skfem_stvk.edges, or Tensions(positive, negative)."
         )
-    return Tensions(number("kept: positive", kept.positive), number("kept: negative", kept.negative))
+    return kept._replace(positive=number("kept: positive", kept.positive), negative=number("kept: negative", kept.negative))

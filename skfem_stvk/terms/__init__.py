@@ -29,9 +29,11 @@ from .protocols import (
     Load,
     PointResponse,
     Quartic,
+    TakesTime,
     Term,
     TurningLoad,
     is_load,
+    tell,
 )
 from .spring_network import SpringNetwork
 from .stvk import StVK
@@ -70,9 +72,11 @@ __all__ = [
     "Quartic",
     "SpringNetwork",
     "StVK",
+    "TakesTime",
     "Term",
     "Traction",
     "TurningLoad",
     "VolumePenalty",
     "is_load",
+    "tell",
 ]

@@ -2,18 +2,31 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import ClassVar
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from functools import partial
+from typing import Any, ClassVar
 
 import numpy as np
-from numpy.typing import DTypeLike
+from numpy.typing import ArrayLike, DTypeLike
 
-from ..edges.assembly import StretchesAssembly
-from ..edges.stiffness import StretchesStiffness
+from ..arguments import Array, choice, real_array, shown
+from ..edges.assembly import FramedAssembly, StretchesAssembly
+from ..edges.stiffness import FramedStiffness, StoredLaw, StretchesStiffness
+from ..edges.vertex_warping import VertexWarping
+from ..errors import MaterialError, name_ids
 from ..kernels.principal import CorotatedLaw
+from ..materials import Hypothesis, Isotropic
 from ..mesh import ElementMesh
 from .body import Body
 from .elastic_law import ElasticLaw
+from .load import Moment, Time
+from .protocols import Deformation, PointResponse
+
+#: How far from orthonormal the columns of a rotation may be.
+ORTHONORMAL = 1e-8
+#: Stretches below this are none.
+FLAT = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,9 +38,17 @@ class Corotated(ElasticLaw):
     plane stress `lam* = 2 mu lam/(lam + 2 mu)` is exact. In compression the tangent is not positive definite (`kept=TENSILE` is
     semi-definite), and where two stretches of a mirrored element add up to nothing the rotation nearest to it jumps.
 
-    Parameters as in `StVK`, of an isotropic material.
+    Parameters
+    ----------
+    rotation : where the frames come from.
+        "element": from F at each point of an element, with the energy above;
+        "vertex": one for each node, from the mean of F around it, `F_a = R_a sum_b K_ab (R_a' x_b - X_b)` with K at rest. It has
+        no energy, and its torques do not balance;
+        a function of time, or of the load factor in statics: `rotation(t)` gives (n, 3, 3) for the elements of the region, `f = R
+        K0 (R'x - X)`. What the body gains as they turn is work from outside: it has no energy of its own.
+    material, region, plane, thickness, area, young, poisson, density : as in `StVK`, of an isotropic material.
 
-    Source: McAdams et al., "Efficient elasticity for character skinning" (2011) for the energy and its exact tangent; Mueller and
+    Source: Mueller et al. (2002) by node; Capell et al. (2002) with frames that are given; McAdams et al., "Efficient elasticity for character skinning" (2011) for the energy and its exact tangent; Mueller and
     Gross, "Interactive virtual materials" (2004) for the warped one.
 
     Raises
@@ -46,10 +67,121 @@ class Corotated(ElasticLaw):
 
     resists_inversion: ClassVar[bool] = True
 
-    def bind(self, body: Body | ElementMesh, dtype: DTypeLike = np.float64) -> StretchesAssembly:
-        """The assembly of this law on a body's mesh."""
-        return self._bound(StretchesAssembly, body, dtype)
+    rotation: str | Callable[[float], ArrayLike] = field(default="element", kw_only=True)
 
-    def stiffness(self, mesh: ElementMesh) -> StretchesStiffness:
+    def __post_init__(self, young: ArrayLike | None, poisson: ArrayLike | None, density: ArrayLike | None) -> None:
+        if not callable(self.rotation):
+            expected = ("element", "vertex")
+            choice("Corotated: rotation", self.rotation, expected, MaterialError)
+        super().__post_init__(young, poisson, density)
+
+    def bind(self, body: Body | ElementMesh, dtype: DTypeLike = np.float64) -> Any:
+        """The assembly of this law on a body's mesh."""
+        if callable(self.rotation):
+            mesh = body.mesh if isinstance(body, Body) else body
+            return self._bound(partial(FramedAssembly, self._frames(mesh)), body, dtype)
+        bound = self._bound(StretchesAssembly, body, dtype)
+        if self.rotation == "element":
+            return bound
+        mesh = body.mesh if isinstance(body, Body) else body
+        if mesh.k < 2 or mesh.k < mesh.d:
+            raise MaterialError(
+                f"Corotated(rotation='vertex'): the mesh has {mesh.kind}, around whose nodes there is no mean of F. It is for "
+                "solids and for elements in the plane; take rotation='element'."
+            )
+        t, rule = mesh.t[:, mesh.elements(self.region)], bound.quadrature.rule
+        x = mesh.p[:, t]
+        spokes = [np.einsum("ai,dan->ndi", dN, x) for dN in mesh.element.derivatives(rule.points)]
+        sizes = [weight * np.abs(np.linalg.det(P)) for weight, P in zip(rule.weights, spokes, strict=True)]
+        dNs = mesh.element.derivatives(rule.points)
+        weighted = sum((dN @ np.linalg.inv(P)) * size[:, None, None] for dN, P, size in zip(dNs, spokes, sizes, strict=True))
+        size = sum(sizes, np.zeros(t.shape[1]))
+        return VertexWarping(mesh.p, t, weighted / size[:, None, None], size, bound, dtype)
+
+    def response(self, at: Deformation) -> PointResponse:
+        """As in `HasResponse`, by the rotation of each element; MaterialError where frames are at nodes, or given."""
+        if self.rotation != "element":
+            raise MaterialError(
+                "Corotated: stresses are known for rotation='element' alone; with other frames the forces on nodes are all there is."
+            )
+        assert isinstance(self.material, Isotropic)
+        lam, mu = (np.broadcast_to(value, len(at.elements)) for value in self.material.lame(at.hypothesis))
+
+        def energy(s: Array, e: Array) -> tuple[Array, Array]:
+            trace = e.sum(axis=1)
+            return mu * (e**2).sum(axis=1) + lam / 2 * trace**2, 2 * mu[:, None] * e + (lam * trace)[:, None]
+
+        return response_of_stretches(at, energy, lam / (lam + 2 * mu))
+
+    def stiffness(self, mesh: ElementMesh) -> StoredLaw:
         """The law of the kernels, and what it stores of each element of the region."""
+        if callable(self.rotation):
+            return FramedStiffness(*self.lame(mesh))
         return StretchesStiffness(*self.lame(mesh), CorotatedLaw, mesh)
+
+    def _frames(self, mesh: ElementMesh) -> Callable[[Time], Array]:
+        """The rotations (n, 3, 3) at a load factor or moment, checked."""
+        assert callable(self.rotation)
+        given, ids, d = self.rotation, mesh.elements(self.region), mesh.d
+        if d == 1:
+            raise MaterialError("Corotated(rotation=...): on a line nothing turns. Leave rotation out.")
+
+        def frames(t: Time) -> Array:
+            time = Moment.of(t).time
+            R = real_array(given(time))
+            if R is None or R.shape not in {(len(ids), 3, 3), (len(ids), d, d)}:
+                raise MaterialError(
+                    f"Corotated: rotation({time:g}) gave {shown(R)}; expected an array of shape ({len(ids)}, {d}, {d}), a rotation "
+                    "for each element of the region."
+                )
+            whole = np.zeros((len(ids), 3, 3)) + np.diag([0.0] * R.shape[1] + [1.0] * (3 - R.shape[1]))
+            whole[:, : R.shape[1], : R.shape[1]] = R
+            with np.errstate(invalid="ignore", over="ignore"):
+                off = np.abs(np.swapaxes(whole, 1, 2) @ whole - np.eye(3)).max(axis=(1, 2))
+                bad = ids[~((off < ORTHONORMAL) & (np.linalg.det(whole) > 0))]
+            if len(bad):
+                raise MaterialError(
+                    f"Corotated: rotation({time:g}) is no rotation of {name_ids(bad, 'element')}: expected orthonormal columns and "
+                    "determinant +1. Take the polar factor of what it gives."
+                )
+            return whole
+
+        return frames
+
+
+def response_of_stretches(
+    at: Deformation, energy: Callable[[Array, Array], tuple[Array, Array]], narrowing: Array
+) -> PointResponse:
+    """What an energy of principal stretches says: `S = V diag(p/s) V'`, infinite where a stretch vanishes.
+
+    `energy` gives the density and `p` (n, k) for stretches `s` (n, k) and `s - 1`; the strain across of elements in plane stress is
+    that of linear elasticity in their frame: a stretch less by `narrowing` times the sum of `s - 1`.
+    """
+    n, d, k = at.gradient.shape
+    M, F = 2 * at.strain, at.axes + at.gradient
+    m, V = np.linalg.eigh(M)
+    m, V = m[:, ::-1], V[:, :, ::-1]
+    near = np.abs(M).sum(axis=(1, 2)) < 0.3
+    b = F @ V
+    s = np.sqrt(np.einsum("ndi,ndi->ni", b, b))
+    mirrored = np.linalg.det(F) * np.linalg.det(at.axes) < 0 if k == d else np.zeros(n, dtype=bool)
+    s[mirrored, -1] *= -1
+    near &= ~mirrored
+    e = np.where(near[:, None], m / (1 + np.sqrt(np.maximum(1 + m, 0))), s - 1)
+    across = at.hypothesis is Hypothesis.PLANE_STRAIN  # there the third stretch is 1
+    if across:
+        s, e = np.append(s, np.ones((n, 1)), axis=1), np.append(e, np.zeros((n, 1)), axis=1)
+    w, p = energy(s, e)
+    flat = np.abs(s) < FLAT
+    infinite = flat.any(axis=1)
+    strain, stress = np.zeros((n, 3, 3)), np.zeros((n, 3, 3))
+    strain[:, :k, :k] = at.strain
+    pull = np.where(infinite[:, None], 0, p / np.where(flat, 1, s))
+    stress[:, :k, :k] = (V * pull[:, None, :k]) @ np.swapaxes(V, 1, 2)
+    if across:
+        stress[:, 2, 2] = pull[:, 2]
+    if at.hypothesis.condensed:
+        narrowed = 1 - narrowing * e.sum(axis=1)
+        for i in range(k, 3):
+            strain[:, i, i] = (narrowed**2 - 1) / 2
+    return PointResponse(strain, stress, w, infinite)

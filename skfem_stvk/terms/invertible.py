@@ -8,14 +8,17 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import ArrayLike, DTypeLike
 
-from ..arguments import number
+from ..arguments import Array, number
 from ..edges.assembly import StretchesAssembly
 from ..edges.stiffness import StretchesStiffness
 from ..errors import MaterialError
 from ..kernels.principal import InvertibleLaw
+from ..materials import Isotropic
 from ..mesh import ElementMesh
 from .body import Body
+from .corotated import response_of_stretches
 from .elastic_law import ElasticLaw
+from .protocols import Deformation, PointResponse
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,3 +71,19 @@ class InvertibleStVK(ElasticLaw):
     def stiffness(self, mesh: ElementMesh) -> StretchesStiffness:
         """The law of the kernels, and what it stores of each element of the region."""
         return StretchesStiffness(*self.lame(mesh), InvertibleLaw, mesh, self.threshold)
+
+    def response(self, at: Deformation) -> PointResponse:
+        """As in `HasResponse`."""
+        assert isinstance(self.material, Isotropic)
+        lam, mu = (np.broadcast_to(value, len(at.elements)) for value in self.material.lame(at.hypothesis))
+
+        def energy(s: Array, e: Array) -> tuple[Array, Array]:
+            c, x = np.maximum(s, self.threshold), np.maximum(e, self.threshold - 1)
+            d, E = s - c, x * (1 + x / 2)
+            trace, work, k = E.sum(axis=1), (c * d).sum(axis=1), lam + 2 * mu
+            slope = c * ((lam * trace)[:, None] + 2 * mu[:, None] * E)
+            p = slope + lam[:, None] * c * (work[:, None] - c * d) + k[:, None] * d
+            w = lam / 2 * (trace**2 + work**2 - ((c * d) ** 2).sum(axis=1)) + mu * (E**2).sum(axis=1)
+            return w + (slope * d).sum(axis=1) + k / 2 * (d**2).sum(axis=1), p
+
+        return response_of_stretches(at, energy, lam / (lam + 2 * mu))

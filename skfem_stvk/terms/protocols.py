@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Iterable
 from typing import Any, ClassVar, NamedTuple, Protocol, TypeGuard, runtime_checkable
 
 import numpy as np
@@ -110,6 +111,21 @@ class HasState(Protocol):
 
     def restore(self) -> None:
         """Go back to what was kept last, since later states were not accepted."""
+
+
+@runtime_checkable
+class TakesTime(Protocol):
+    """A term that changes with time, or with the load factor."""
+
+    def at(self, t: Time) -> None:
+        """Be from now on what it is at load factor or moment `t`."""
+
+
+def tell(terms: Iterable[Any], t: Time) -> None:
+    """Tell those terms that change with it which load factor or moment it is, before they are asked."""
+    for term in terms:
+        if isinstance(term, TakesTime):
+            term.at(t)
 
 
 @runtime_checkable

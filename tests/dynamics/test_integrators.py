@@ -29,7 +29,7 @@ MAKERS = {
     "LinearBackwardEuler": lambda dt: LinearBackwardEuler(dt, **TIGHT),
     **{
         f"LinearBackwardEuler, {name}": lambda dt, name=name: LinearBackwardEuler(dt, tangent=name, **TIGHT)
-        for name in ("clamped", "gauss-newton")
+        for name in ("clamped", "gauss-newton", "warped")
     },
     **{
         f"LinearBackwardEuler, {name}": lambda dt, name=name: LinearBackwardEuler(dt, tangent=name, **TIGHT)
@@ -236,7 +236,7 @@ def test_a_spinning_body_comes_to_rest_in_itself_by_its_edges_and_stops_by_its_s
     assert (abs(ends[EdgeDamping][0] - 1) < 1e-11) == (make is EnergyMomentum)  # backward Euler damps rotations itself
 
 
-@pytest.mark.parametrize("tangent", ["clamped", "gauss-newton", "diagonal", "rest"])
+@pytest.mark.parametrize("tangent", ["clamped", "gauss-newton", "warped", "diagonal", "rest"])
 @pytest.mark.parametrize("make", [BackwardEuler, Newmark, GeneralizedAlpha, EnergyMomentum])
 def test_where_an_equation_is_solved_the_tangent_does_not_matter(make, tangent):
     for mass in ("lumped", "consistent")[: 1 if tangent == "diagonal" else 2]:

@@ -632,7 +632,7 @@ def test_mistakes_are_named(mistake, monkeypatch, tmp_path):
         (
             Newmark,
             {"dt": 1.0, "tangent": "newton"},
-            "tangent = 'newton'; known: 'clamped', 'diagonal', 'exact', 'gauss-newton', 'rest'",
+            "tangent = 'newton'; known: 'clamped', 'diagonal', 'exact', 'gauss-newton', 'rest', 'warped'",
         ),
         (Newmark, {"dt": 1.0, "rtol": 1}, "rtol = 1; expected a number between 0 and 1"),
         (Newmark, {"dt": 1.0, "beta": 0.2}, r"beta = 0.2, gamma = 0.5; expected .*beta >= gamma/2"),

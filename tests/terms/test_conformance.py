@@ -154,6 +154,16 @@ def of_stretches():
             law = kind(young=rng.uniform(1, 9, mesh.nt), poisson=rng.uniform(-0.3, 0.45, mesh.nt))
             again = partial(lambda law, other, order: reordered(law, order), law)
             found[f"{kind.__name__}, {name}"] = Case(mesh, law, 1e-7, 1e-5, can=(HasVolume,), renumbered=again)
+    for name in ("tetrahedra", "triangles"):
+        mesh = MESHES[name]
+        law = Corotated(young=rng.uniform(1, 9, mesh.nt), poisson=0.3, rotation="vertex")
+        found[f"Corotated by vertex, {name}"] = Case(mesh, law, 1e-7, 1e-5, grounded=True, can=(HasVolume,))
+    mesh = MESHES["tetrahedra"]
+    R = random_frames(mesh.nt, rng)
+    R *= np.sign(np.linalg.det(R))[:, None, None]
+    found["Corotated in given frames"] = Case(
+        mesh, Corotated(young=3.0, poisson=0.3, rotation=lambda t: R), grounded=True, can=(HasVolume,)
+    )
     return found
 
 
@@ -166,7 +176,7 @@ def any_network(nv):
 
 
 CASES = cases()
-WITH_ENERGY = [name for name, case in CASES.items() if name != "wind"]
+WITH_ENERGY = [name for name, case in CASES.items() if case.term.bind(Body(case.mesh, []), np.float64).has_energy]
 DEFINITE = [name for name in WITH_ENERGY if CASES[name].definite]
 OURS = [name for name, case in CASES.items() if not case.toy]
 INVERTING = [name for name, case in CASES.items() if case.inverts]

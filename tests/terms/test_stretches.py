@@ -19,13 +19,14 @@ from skfem_stvk import (
     Orthotropic,
     Rayleigh,
     StVK,
+    StvkError,
     StvkWarning,
     System,
     VelocityVerlet,
     simulate,
     solve_static,
 )
-from skfem_stvk.edges import ALL, NONE, TENSILE, Tensions
+from skfem_stvk.edges import ALL, NONE, TENSILE, WARPED, Tensions
 
 LAWS = {"corotated": Corotated, "invertible": InvertibleStVK}
 
@@ -248,3 +249,110 @@ def test_above_the_threshold_it_is_st_venant_kirchhoff():
     assert w == pytest.approx(W, rel=1e-13) and f == pytest.approx(F, abs=1e-13 * np.abs(F).max())
     K, k = (body.tangent(u) for body in bodies)
     assert abs(K - k).max() < 1e-12 * abs(K).max()
+
+
+def turned(mesh, amount=0.05, seed=3):
+    """Displacements of a turned and a little strained body, and the turn."""
+    R, x = rotation(seed)[: mesh.d, : mesh.d], mesh.p.T
+    R = np.linalg.qr(R)[0]
+    R[:, 0] *= np.sign(np.linalg.det(R))
+    return ((x + amount * state(mesh).reshape(-1, mesh.d)) @ R.T - x).ravel(), R
+
+
+def by_node(K, R):
+    """`R K R'` for one rotation of all nodes."""
+    d, nv = len(R), len(K) // len(R)
+    return np.einsum("ij,ajbk,lk->aibl", R, K.reshape(nv, d, nv, d), R).reshape(K.shape)
+
+
+@pytest.mark.parametrize("material", ["isotropic", "orthotropic"])
+@pytest.mark.parametrize("name", ["tetrahedra", "triangles", "quadratic tetrahedra", "hexahedra"])
+def test_the_warped_tangent_of_a_turned_body_is_that_at_rest_turned(name, material):
+    mesh = (MESHES | CURVED)[name]
+    orthotropic = Orthotropic(young=(9.0, 2.0, 1.0), poisson=(0.3, 0.2, 0.1), shear=(0.5, 0.6, 0.7))
+    body = System(mesh, StVK(Isotropic(2.0, 0.3) if material == "isotropic" else orthotropic))
+    u, R = turned(mesh, 0.0)
+    K0 = body.tangent(np.zeros(body.ndofs)).toarray()
+    assert body.jacobian(u, kept=WARPED).toarray() == pytest.approx(by_node(K0, R), abs=1e-12 * np.abs(K0).max())
+    u, R = turned(mesh, 0.3)
+    K = body.jacobian(u, kept=WARPED).toarray()
+    lowest, highest = np.linalg.eigvalsh(K)[[0, -1]]
+    assert np.abs(K - K.T).max() < 1e-14 * highest and lowest > -1e-13 * highest
+    assert 1e-3 < np.abs(K - by_node(K0, R)).max() / np.abs(K).max() < 0.5
+
+
+def test_the_warped_tangent_of_corotated_elements_is_near_their_own():
+    mesh = MESHES["tetrahedra"]
+    law, stvk = Corotated(young=2.0, poisson=0.3), StVK(young=2.0, poisson=0.3)
+    u, _ = turned(mesh, 0.3)
+    exact, warped = System(mesh, law).tangent(u), System(mesh, law).jacobian(u, kept=WARPED)
+    assert abs(warped - System(mesh, stvk).jacobian(u, kept=WARPED)).max() < 1e-12 * abs(warped).max()
+    assert 0.01 < np.linalg.norm((exact - warped).toarray()) / np.linalg.norm(exact.toarray()) < 0.3
+
+
+@pytest.mark.parametrize("name", ["tetrahedra", "triangles"])
+def test_rotations_at_nodes_know_a_turn_of_all_but_not_torques(name):
+    mesh = MESHES[name]
+    body = System(mesh, Corotated(young=2.0, poisson=0.3, rotation="vertex"))
+    u, _ = turned(mesh, 0.0)
+    assert np.abs(body.internal_force(u)).max() < 1e-13
+    u, _ = turned(mesh, 0.4)
+    F, x = body.internal_force(u).reshape(-1, mesh.d), mesh.p.T + u.reshape(-1, mesh.d)
+    torque = np.einsum("ni,nj->ij", x, F)
+    assert np.abs(torque - torque.T).max() > 1e-3 * np.abs(torque).max()
+    with pytest.raises(StvkError, match="Corotated has no potential"):
+        body.potential(u)
+    small = 1e-7 * state(mesh)
+    K0 = System(mesh, StVK(young=2.0, poisson=0.3)).tangent(np.zeros(body.ndofs))
+    assert body.internal_force(small) == pytest.approx(K0 @ small, abs=1e-5 * np.abs(K0 @ small).max())
+
+
+@pytest.mark.parametrize("name", ["membrane", "cable", "segments"])
+def test_rotations_at_nodes_need_elements_that_fill_their_space(name):
+    with pytest.raises(MaterialError, match="rotation='vertex'"):
+        System(MESHES[name], Corotated(young=2.0, poisson=0.3, rotation="vertex"))
+
+
+def spin(t):
+    return np.array([[np.cos(t), -np.sin(t), 0], [np.sin(t), np.cos(t), 0], [0, 0, 1.0]])
+
+
+@pytest.mark.parametrize("name", ["tetrahedra", "hexahedra", "quadratic tetrahedra"])
+def test_frames_that_are_given_turn_linear_elasticity(name):
+    mesh = (MESHES | CURVED)[name]
+    body = System(mesh, Corotated(young=2.0, poisson=0.3, rotation=lambda t: np.broadcast_to(spin(t), (mesh.nt, 3, 3))))
+    K0 = System(mesh, StVK(young=2.0, poisson=0.3)).tangent(np.zeros(body.ndofs)).toarray()
+    u, x = 0.3 * state(mesh), mesh.p.T
+    for t in (0.0, 0.7, 2.0):
+        force = body.residual(u, t)
+        wanted = (K0 @ ((x + u.reshape(-1, 3)) @ spin(t) - x).ravel()).reshape(-1, 3) @ spin(t).T
+        assert force.reshape(-1, 3) == pytest.approx(wanted, abs=1e-12 * np.abs(wanted).max())
+        assert body.jacobian(u, t).toarray() == pytest.approx(by_node(K0, spin(t)), abs=1e-12 * np.abs(K0).max())
+
+
+def test_a_body_follows_the_frames_that_are_given():
+    """In statics three nodes go where the frames turn them, and the others follow without stress; in motion all start at rest."""
+    mesh = block()
+    x, n = mesh.p.T, mesh.t.shape[1]
+    law = Corotated(young=1e3, poisson=0.3, density=1.0, rotation=lambda t: np.broadcast_to(spin(0.5 * t), (n, 3, 3)))
+    corners = [int(np.argmin(((x - corner) ** 2).sum(axis=1))) for corner in ([0, 0, 0], [1, 0, 0], [0, 1, 0])]
+    body = System(mesh, law, prescribed={tuple(corners): lambda X, t: spin(0.5 * t) @ X - X})
+    found = solve_static(body, quiet=True)
+    assert found.u.reshape(-1, 3) == pytest.approx(x @ spin(0.5).T - x, abs=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        (lambda n: np.ones((n, 3)), "expected an array of shape"),
+        (lambda n: np.eye(3), "expected an array of shape"),
+        (lambda n: 2 * np.broadcast_to(np.eye(3), (n, 3, 3)), r"no rotation of \d+ elements \(0, 1"),
+        (lambda n: np.diag([1, 1, -1.0]) + np.zeros((n, 1, 1)), "determinant"),
+        (lambda n: np.eye(3) + np.where(np.arange(n) == 4, np.nan, 0)[:, None, None], r"no rotation of (1 )?element"),
+        (lambda n: "round", "expected an array of shape"),
+    ],
+)
+def test_what_is_no_rotation_is_refused_with_its_elements(given, said):
+    mesh = MESHES["tetrahedra"]
+    with pytest.raises(MaterialError, match=said):
+        System(mesh, Corotated(young=2.0, poisson=0.3, rotation=lambda t: given(mesh.nt)))

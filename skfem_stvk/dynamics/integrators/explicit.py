@@ -11,6 +11,7 @@ from ...arguments import Array
 from ...errors import StvkError
 from ...kernels import motion as kernels
 from ...nonlinear.stopwatch import Stopwatch
+from ...terms import tell
 from ..motion import Motion
 from ..record import Counts, MotionState
 from .integrator import ANGULAR_MOMENTUM, LINEAR_MOMENTUM, Integrator, checked_step
@@ -76,6 +77,7 @@ class ExplicitStepper:
     def evaluate(self, state: MotionState) -> None:
         """Evaluate the internal force and the strain energy at the state."""
         with self.watch("assemble"):
+            tell(self.motion.system.bound_terms, self.motion.moment(state.t))
             self.energy, _ = self.motion.system.energy_and_force(state.u, out=self.internal)
 
 

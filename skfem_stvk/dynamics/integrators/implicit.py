@@ -29,7 +29,7 @@ class Implicit(Integrator):
     Parameters
     ----------
     dt : time step [s].
-    tangent : "exact", "clamped", "gauss-newton", "diagonal" or "rest": what its solves are made with, see `StepTangent`.
+    tangent : "exact", "clamped", "gauss-newton", "warped", "diagonal" or "rest": what its solves are made with, see `StepTangent`.
     solver : of linear systems, as in `solve_static`; by default "ssor-cg" for tetrahedra if forces have a potential, otherwise by
         size.
     rtol : the residual is small enough below this part of the forces, those of inertia among them.
