@@ -111,7 +111,7 @@ class Corotated(ElasticLaw):
             trace = e.sum(axis=1)
             return mu * (e**2).sum(axis=1) + lam / 2 * trace**2, 2 * mu[:, None] * e + (lam * trace)[:, None]
 
-        return response_of_stretches(at, energy, lam / (lam + 2 * mu))
+        return response_of_stretches(at, energy, self.material)
 
     def stiffness(self, mesh: ElementMesh) -> StoredLaw:
         """The law of the kernels, and what it stores of each element of the region."""
@@ -150,12 +150,12 @@ class Corotated(ElasticLaw):
 
 
 def response_of_stretches(
-    at: Deformation, energy: Callable[[Array, Array], tuple[Array, Array]], narrowing: Array
+    at: Deformation, energy: Callable[[Array, Array], tuple[Array, Array]], material: Isotropic
 ) -> PointResponse:
     """What an energy of principal stretches says: `S = V diag(p/s) V'`, infinite where a stretch vanishes.
 
     `energy` gives the density and `p` (n, k) for stretches `s` (n, k) and `s - 1`; the strain across of elements in plane stress is
-    that of linear elasticity in their frame: a stretch less by `narrowing` times the sum of `s - 1`.
+    that of linear elasticity of the `material` in their frame.
     """
     n, d, k = at.gradient.shape
     M, F = 2 * at.strain, at.axes + at.gradient
@@ -181,7 +181,8 @@ def response_of_stretches(
     if across:
         stress[:, 2, 2] = pull[:, 2]
     if at.hypothesis.condensed:
-        narrowed = 1 - narrowing * e.sum(axis=1)
+        nu = np.broadcast_to(0.0 if material.poisson is None else material.poisson, n)
+        narrowed = 1 - (nu if k == 1 else nu / (1 - nu)) * e.sum(axis=1)
         for i in range(k, 3):
             strain[:, i, i] = (narrowed**2 - 1) / 2
     return PointResponse(strain, stress, w, infinite)

@@ -86,4 +86,4 @@ class InvertibleStVK(ElasticLaw):
             w = lam / 2 * (trace**2 + work**2 - ((c * d) ** 2).sum(axis=1)) + mu * (E**2).sum(axis=1)
             return w + (slope * d).sum(axis=1) + k / 2 * (d**2).sum(axis=1), p
 
-        return response_of_stretches(at, energy, lam / (lam + 2 * mu))
+        return response_of_stretches(at, energy, self.material)

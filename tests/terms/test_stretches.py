@@ -8,6 +8,7 @@ import skfem
 from bodies import CURVED, MESHES, state
 from kernels.parts import in_parts, on_twins
 from scipy.optimize import minimize
+from terms.test_neo_hookean import displacement_gradient_in_space
 
 from skfem_stvk import (
     Corotated,
@@ -27,6 +28,7 @@ from skfem_stvk import (
     solve_static,
 )
 from skfem_stvk.edges import ALL, NONE, TENSILE, WARPED, Tensions
+from skfem_stvk.results import Fields
 
 LAWS = {"corotated": Corotated, "invertible": InvertibleStVK}
 
@@ -356,3 +358,27 @@ def test_what_is_no_rotation_is_refused_with_its_elements(given, said):
     mesh = MESHES["tetrahedra"]
     with pytest.raises(MaterialError, match=said):
         System(mesh, Corotated(young=2.0, poisson=0.3, rotation=lambda t: given(mesh.nt)))
+
+
+@pytest.mark.parametrize("name", ["tetrahedra", "triangles", "membrane", "segments", "cable"])
+@pytest.mark.parametrize("law", LAWS)
+def test_stresses_and_densities_are_those_of_the_forces(law, name):
+    """The first Piola-Kirchhoff stress pulls the forces, and the densities add up to the energy; also of elements inside out."""
+    mesh = MESHES[name]
+    for plane in ("strain", "stress") if mesh.k == mesh.d == 2 else (None,):
+        body = System(mesh, LAWS[law](young=3.0, poisson=0.3, plane=plane))
+        x = mesh.p.ravel("F")
+        for u in (1e-6 * state(mesh), 0.3 * state(mesh) - 0.3 * x, 0.5 * state(mesh) - 1.6 * x * (np.arange(len(x)) % mesh.d == 0)):
+            now, v = Fields.of(body).at(u), state(mesh, seed=9)
+            assert now["strain_energy_density"] @ now.fields.volume == pytest.approx(body.energy(u), rel=1e-11)
+            H = np.zeros((mesh.nt, 3, 3))
+            H[:, : mesh.d, : mesh.d] = displacement_gradient_in_space(mesh, v)
+            power = (now["pk1_stress"] * H).sum(axis=(1, 2)) @ now.fields.volume
+            F = body.internal_force(u)
+            assert power == pytest.approx(F @ v, abs=1e-10 * np.abs(F) @ np.abs(v))
+
+
+def test_stresses_of_frames_that_are_not_the_elements_are_not_known():
+    mesh = MESHES["tetrahedra"]
+    with pytest.raises(MaterialError, match="stresses are known for rotation='element' alone"):
+        Fields.of(System(mesh, Corotated(young=3.0, poisson=0.3, rotation="vertex"))).at(state(mesh))["pk2_stress"]
