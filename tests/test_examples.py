@@ -3,6 +3,7 @@
 import importlib.util
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 EXAMPLES = Path(__file__).parent.parent / "docs" / "examples"
@@ -113,6 +114,15 @@ def test_ex14_fibres():
     assert right[0] == pytest.approx(-38.404, rel=1e-4) == -left[0] and right[1] == pytest.approx(left[1], rel=1e-6)
     assert abs(straight[0]) < 1e-5 and abs(none[0]) < 1e-5
     assert straight[1] < right[1] < none[1] and none[1] == pytest.approx(0.1531, rel=1e-3)
+
+
+def test_ex15_invertible():
+    example = run("ex15_invertible")
+    ends = {name: (np.abs(u).max(), turned) for name, (u, turned) in example.laws.items()}
+    assert example.inside_out > 40 and ends["InvertibleStVK"][1] == ends["Corotated"][1] == 0 < ends["StVK"][1]
+    assert max(ends["InvertibleStVK"][0], ends["Corotated"][0]) < 1e-3 and ends["StVK"][0] > 0.1
+    linear, corotated = example.energies.values()
+    assert linear[6] > 10 and max(corotated) < 1e-20
 
 
 def test_no_example_is_forgotten():

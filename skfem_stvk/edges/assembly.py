@@ -341,8 +341,10 @@ class FramedAssembly(LawAssembly):
         return 0.0, super()._total(found)[1]
 
     def add_round_off(self, u: Array, out: Array) -> None:
-        """Add what `add_sizes` does, and that of the rest frame turned, to `out` (nv, d) [N]."""
-        self.add_sizes(u, out)
+        """Add what `add_sizes` does, three times, to `out` (nv, d) [N]: frames at rest are turned, with errors of their own."""
+        sizes = np.zeros(u.shape)
+        self.add_sizes(u, sizes)
+        out += 3 * sizes
 
 
 class Assembly(LawAssembly):

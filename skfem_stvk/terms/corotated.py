@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, DTypeLike
 from ..arguments import Array, choice, real_array, shown
 from ..edges.assembly import FramedAssembly, StretchesAssembly
 from ..edges.stiffness import FramedStiffness, StoredLaw, StretchesStiffness
-from ..edges.vertex_warping import VertexWarping
+from ..edges.without_energy import VertexWarping
 from ..errors import MaterialError, name_ids
 from ..kernels.principal import CorotatedLaw
 from ..materials import Hypothesis, Isotropic
@@ -48,8 +48,9 @@ class Corotated(ElasticLaw):
         K0 (R'x - X)`. What the body gains as they turn is work from outside: it has no energy of its own.
     material, region, plane, thickness, area, young, poisson, density : as in `StVK`, of an isotropic material.
 
-    Source: Mueller et al. (2002) by node; Capell et al. (2002) with frames that are given; McAdams et al., "Efficient elasticity for character skinning" (2011) for the energy and its exact tangent; Mueller and
-    Gross, "Interactive virtual materials" (2004) for the warped one.
+    Source: Mueller et al., "Stable real-time deformations" (2002) by node; Capell et al., "Interactive skeleton-driven dynamic
+    deformations" (2002) with frames that are given; McAdams et al., "Efficient elasticity for character skinning" (2011) for the
+    energy and its exact tangent; Mueller and Gross, "Interactive virtual materials" (2004) for the warped one.
 
     Raises
     ------
@@ -89,20 +90,13 @@ class Corotated(ElasticLaw):
                 f"Corotated(rotation='vertex'): the mesh has {mesh.kind}, around whose nodes there is no mean of F. It is for "
                 "solids and for elements in the plane; take rotation='element'."
             )
-        t, rule = mesh.t[:, mesh.elements(self.region)], bound.quadrature.rule
-        x = mesh.p[:, t]
-        spokes = [np.einsum("ai,dan->ndi", dN, x) for dN in mesh.element.derivatives(rule.points)]
-        sizes = [weight * np.abs(np.linalg.det(P)) for weight, P in zip(rule.weights, spokes, strict=True)]
-        dNs = mesh.element.derivatives(rule.points)
-        weighted = sum((dN @ np.linalg.inv(P)) * size[:, None, None] for dN, P, size in zip(dNs, spokes, sizes, strict=True))
-        size = sum(sizes, np.zeros(t.shape[1]))
-        return VertexWarping(mesh.p, t, weighted / size[:, None, None], size, bound, dtype)
+        return VertexWarping(mesh, mesh.t[:, mesh.elements(self.region)], bound)
 
     def response(self, at: Deformation) -> PointResponse:
         """As in `HasResponse`, by the rotation of each element; MaterialError where frames are at nodes, or given."""
         if self.rotation != "element":
             raise MaterialError(
-                "Corotated: stresses are known for rotation='element' alone; with other frames the forces on nodes are all there is."
+                "Corotated: stresses are known for rotation='element' alone; with other frames there are the forces on nodes."
             )
         assert isinstance(self.material, Isotropic)
         lam, mu = (np.broadcast_to(value, len(at.elements)) for value in self.material.lame(at.hypothesis))

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike, DTypeLike
 
-from ..arguments import Array, number
+from ..arguments import Array, choice, number
 from ..edges.assembly import StretchesAssembly
 from ..edges.stiffness import StretchesStiffness
+from ..edges.without_energy import StressExtension
 from ..errors import MaterialError
 from ..kernels.principal import InvertibleLaw
 from ..materials import Isotropic
@@ -37,9 +38,12 @@ class InvertibleStVK(ElasticLaw):
     ----------
     threshold : a stretch above 1/sqrt(3) = 0.577, from where on the stress of `StVK` falls in compression and would pull a mirrored
         element further in, and below 1.
+    extend : what goes on below the threshold: "energy", as above, or "stress", Irving's, Teran's and Fedkiw's own form: each
+        principal stress `w_i(c) + k d_i`. That has no energy, and a tangent that is not symmetric; for comparison, in plain NumPy.
     material, region, plane, thickness, area, young, poisson, density : as in `StVK`, of an isotropic material.
 
-    Source: Stomakhin, Howes, Schroeder, Teran, "Energetically consistent invertible elasticity" (2012).
+    Source: Stomakhin, Howes, Schroeder, Teran, "Energetically consistent invertible elasticity" (2012); Irving, Teran,
+    Fedkiw, "Invertible finite elements for robust simulation of large deformation" (2004) for the stress.
 
     Raises
     ------
@@ -57,23 +61,36 @@ class InvertibleStVK(ElasticLaw):
     resists_inversion: ClassVar[bool] = True
 
     threshold: float = field(default=0.6, kw_only=True)
+    extend: str = field(default="energy", kw_only=True)
 
     def __post_init__(self, young: ArrayLike | None, poisson: ArrayLike | None, density: ArrayLike | None) -> None:
         super().__post_init__(young, poisson, density)
+        choice("InvertibleStVK: extend", self.extend, ("energy", "stress"), MaterialError)
         expected = "a stretch between 1/sqrt(3) = 0.577, below which the stress of StVK falls in compression, and 1"
         threshold = number("InvertibleStVK: threshold", self.threshold, expected, 3**-0.5, 1.0, error=MaterialError)
         object.__setattr__(self, "threshold", threshold)
 
-    def bind(self, body: Body | ElementMesh, dtype: DTypeLike = np.float64) -> StretchesAssembly:
+    def bind(self, body: Body | ElementMesh, dtype: DTypeLike = np.float64) -> Any:
         """The assembly of this law on a body's mesh."""
-        return self._bound(StretchesAssembly, body, dtype)
+        bound = self._bound(StretchesAssembly, body, dtype)
+        if self.extend == "energy":
+            return bound
+        mesh = body.mesh if isinstance(body, Body) else body
+        if mesh.k < 2 or mesh.k < mesh.d:
+            raise MaterialError(
+                f"InvertibleStVK(extend='stress') is for solids and for elements in the plane; the mesh has {mesh.kind}. Take "
+                "extend='energy'."
+            )
+        return StressExtension(mesh, mesh.t[:, mesh.elements(self.region)], self.lame(mesh), self.threshold, bound)
 
     def stiffness(self, mesh: ElementMesh) -> StretchesStiffness:
         """The law of the kernels, and what it stores of each element of the region."""
         return StretchesStiffness(*self.lame(mesh), InvertibleLaw, mesh, self.threshold)
 
     def response(self, at: Deformation) -> PointResponse:
-        """As in `HasResponse`."""
+        """As in `HasResponse`; MaterialError where the stress is extended, which has no energy."""
+        if self.extend == "stress":
+            raise MaterialError("InvertibleStVK: with extend='stress' there is no energy density. Take extend='energy'.")
         assert isinstance(self.material, Isotropic)
         lam, mu = (np.broadcast_to(value, len(at.elements)) for value in self.material.lame(at.hypothesis))
 

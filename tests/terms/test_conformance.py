@@ -158,6 +158,8 @@ def of_stretches():
         mesh = MESHES[name]
         law = Corotated(young=rng.uniform(1, 9, mesh.nt), poisson=0.3, rotation="vertex")
         found[f"Corotated by vertex, {name}"] = Case(mesh, law, 1e-7, 1e-5, grounded=True, can=(HasVolume,))
+        law = InvertibleStVK(young=rng.uniform(1, 9, mesh.nt), poisson=0.3, extend="stress")
+        found[f"InvertibleStVK without energy, {name}"] = Case(mesh, law, 1e-7, 1e-5, grounded=True, can=(HasVolume,))
     mesh = MESHES["tetrahedra"]
     R = random_frames(mesh.nt, rng)
     R *= np.sign(np.linalg.det(R))[:, None, None]

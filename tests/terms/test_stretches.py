@@ -382,3 +382,22 @@ def test_stresses_of_frames_that_are_not_the_elements_are_not_known():
     mesh = MESHES["tetrahedra"]
     with pytest.raises(MaterialError, match="stresses are known for rotation='element' alone"):
         Fields.of(System(mesh, Corotated(young=3.0, poisson=0.3, rotation="vertex"))).at(state(mesh))["pk2_stress"]
+
+
+@pytest.mark.parametrize("name", STRETCHES)
+def test_extended_stresses_pull_by_the_area_vectors_and_have_no_energy(name):
+    """As with the energy above the threshold; below, principal stresses are continued one by one."""
+    F, s = rotation(1) @ np.diag(STRETCHES[name]) @ rotation(2), np.array(STRETCHES[name])
+    mesh = ElementMesh(TET.T, np.array([[0], [1], [2], [3]]))
+    body = System(mesh, InvertibleStVK(Isotropic.from_lame(LAM, MU), extend="stress"))
+    c = np.maximum(s, 0.6)
+    E = (c**2 - 1) / 2
+    p = c * (LAM * E.sum() + 2 * MU * E) + (LAM + 2 * MU) * (s - c)
+    P = rotation(1) @ np.diag(p) @ rotation(2)
+    spokes = (TET[1:] - TET[0]).T
+    wanted = abs(np.linalg.det(spokes)) / 6 * np.linalg.inv(spokes) @ P.T
+    u = (TET @ F.T - TET).ravel()
+    assert body.internal_force(u).reshape(4, 3)[1:] == pytest.approx(wanted, abs=1e-11 * np.abs(wanted).max())
+    assert body.energy(u) == 0 and not body.conservative
+    with pytest.raises(StvkError, match="InvertibleStVK has no potential"):
+        body.potential(u)

@@ -147,6 +147,7 @@ def calls() -> list[Call]:
             poisson=0.25,
             density=4.0,
             region=[0, 1],
+            rotation="vertex",
         ),
         call(
             "InvertibleStVK",
@@ -158,6 +159,7 @@ def calls() -> list[Call]:
             density=4.0,
             region=[0, 1],
             threshold=0.75,
+            extend="stress",
         ),
         call(
             "StVK of segments",

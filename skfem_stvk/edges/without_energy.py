@@ -1,0 +1,261 @@
+"""Forces without an energy: stiffness that is turned at the nodes, and a stress that is continued below a stretch."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..arguments import Array
+from ..mesh import ElementMesh
+from .assembly import LawAssembly
+from .elements import Quadrature
+from .pairs import ALL, NodeBlocks, Tensions
+
+
+class WithoutEnergy:
+    """A force on elements that is the gradient of no energy; volumes are those of the elements of an assembly."""
+
+    symmetric = has_energy = False
+
+    def __init__(self, of: LawAssembly) -> None:
+        self._of, self.nodes_paired = of, of.nodes_paired
+
+    def volume_ratios(self, u: Array) -> NDArray[np.float64]:
+        """As those of the elements."""
+        return self._of.volume_ratios(u)
+
+    def smallest_volume_ratio(self, u: Array) -> float:
+        """As that of the elements."""
+        return self._of.smallest_volume_ratio(u)
+
+    def step_limit(self, u: Array, v: Array) -> float:
+        """As that of the elements."""
+        return self._of.step_limit(u, v)
+
+
+class VertexWarping(WithoutEnergy):
+    """`F_a = R_a sum_b K_ab (R_a' x_b - X_b)`, `R_a` the rotation nearest to the mean of F around node a, K that at rest.
+
+    With the tangent `R_a K_ab R_a' + dF_a/dw_a dw_a/dx_b` of the turn `w_a` of `R_a`; without the second part for other `kept`
+    than `ALL`, which is not symmetric all the same.
+
+    Parameters
+    ----------
+    mesh : whose elements fill their space, of two or three dimensions.
+    t : (n, nt) nodes of the elements.
+    of : the assembly of which K is taken at rest.
+    """
+
+    balanced = False
+
+    def __init__(self, mesh: ElementMesh, t: NDArray[np.int32], of: LawAssembly) -> None:
+        super().__init__(of)
+        self.nodes, d, p = np.unique(of.nodes_paired).astype(np.int32), mesh.d, mesh.p
+        points = gradients_at_points(mesh, t, of.quadrature)
+        sizes = sum((size for _, size in points), np.zeros(t.shape[1]))
+        gradients = sum((g * size[:, None, None] for g, size in points), np.zeros((t.shape[1], len(t), d))) / sizes[:, None, None]
+        a, b = self.nodes_paired
+        own = np.arange(len(self.nodes))
+        a, b = np.searchsorted(self.nodes, a), np.searchsorted(self.nodes, b)
+        self._row, self._column = np.concatenate([a, b, own]), np.concatenate([b, a, own])
+        m = len(self.nodes)
+        key = self._row * m + self._column
+        order = np.argsort(key)
+        K = _blocks_at_rest(of, d)
+        self._K = np.concatenate([K, K.transpose(0, 2, 1), np.zeros((m, d, d))])
+        np.subtract.at(self._K, len(K) * 2 + self._row[: 2 * len(K)], self._K[: 2 * len(K)])
+        # the mean of F around a node: sum_b x_b g_ab'
+        nodes = np.searchsorted(self.nodes, t)
+        n = len(t)
+        first, second = np.repeat(nodes, n, axis=0), np.tile(nodes, (n, 1))
+        weight = np.bincount(nodes.ravel(), np.tile(sizes, n), m)
+        shares = np.tile(gradients.transpose(1, 0, 2), (n, 1, 1)) * sizes[:, None] / weight[first][..., None]
+        self._g = np.zeros((len(key), d))
+        places = order[np.searchsorted(key[order], (first * m + second).ravel())]
+        np.add.at(self._g, places, shares.reshape(-1, d))
+        self._X = p.T[self.nodes]
+
+    def _now(self, u: Array) -> tuple[Array, Array, Array, Array, Array]:
+        """Positions (m, d), rotations and `S` (m, 3, 3), forces (m, d) and the blocks turned (pairs, d, d)."""
+        x, d, row, column = self._X + u[self.nodes], self._X.shape[1], self._row, self._column
+        F = np.zeros((len(x), 3, 3)) + np.diag([0.0] * d + [1.0] * (3 - d))
+        np.add.at(F[:, :d, :d], row, (x[column] - x[row])[:, :, None] * self._g[:, None, :])
+        U, s, V = np.linalg.svd(F)
+        mirrored = np.sign(np.linalg.det(U @ V))
+        U[:, :, 2] *= mirrored[:, None]
+        s[:, 2] *= mirrored
+        R, S = U @ V, np.swapaxes(V, 1, 2) @ (s[..., None] * V)
+        T = R[row, :d, :d]
+        K = T @ self._K @ np.swapaxes(T, 1, 2)
+        pull = np.einsum("nij,nj->ni", K, x[column] - x[row])
+        pull -= np.einsum("nij,njk,nk->ni", T, self._K, self._X[column] - self._X[row])
+        force = np.zeros_like(x)
+        np.add.at(force, row, pull)
+        return x, R, S, force, K
+
+    def energy_and_force(self, u: Array, force: Array | None = None) -> float:
+        """0; adds the internal force [N] at `u` (nv, d) to `force` (nv, d)."""
+        if force is not None:
+            force[self.nodes] += self._now(u)[3]
+        return 0.0
+
+    def add_round_off(self, u: Array, out: Array) -> None:
+        """Add the absolute values of all that adds up to the force at `u` (nv, d) to `out` (nv, d) [N], positions among them."""
+        x, _, _, _, K = self._now(u)
+        ends = np.abs(u[self.nodes])[self._column] + np.abs(u[self.nodes])[self._row] + np.abs(x[self._column] - x[self._row])
+        np.add.at(out, self.nodes[self._row], 2 * np.einsum("nij,nj->ni", np.abs(K), ends))
+
+    def add_blocks(self, u: Array, blocks: NodeBlocks, kept: Tensions = ALL) -> None:
+        """Add the blocks of the derivative of the force [N/m] at `u` (nv, d)."""
+        x, R, S, force, K = self._now(u)
+        d, row, column = x.shape[1], self._row, self._column
+        assert blocks.reverse is not None and blocks.own is not None
+        if kept == ALL:
+            turned = np.zeros((len(x), 3, 3))  # dF_a/dw_a = -[F_a] + sum_b R_a K_ab R_a' [x_b - x_a]
+            wide = np.zeros((len(K), 3, 3))
+            wide[:, :d, :d] = K
+            np.add.at(turned, row, wide @ _cross(_in_space(x[column] - x[row])))
+            turned -= _cross(_in_space(force))
+            # w_a = R (tr S - S)^-1 R' (R g_ab x dx_b)
+            inverse = np.linalg.inv(np.trace(S, axis1=1, axis2=2)[:, None, None] * np.eye(3) - S)
+            turn = R @ inverse @ np.swapaxes(R, 1, 2)
+            g = np.einsum("nij,nj->ni", R[row], _in_space(self._g))
+            K = K + ((turned @ turn)[row] @ _cross(g))[:, :d, :d]
+        n = self.nodes_paired.shape[1]
+        blocks.pairs += K[:n]
+        blocks.reverse += K[n : 2 * n]
+        blocks.own += K[2 * n :]
+
+    def memory(self) -> dict[str, int]:
+        """Bytes of its arrays, by part."""
+        own = sum(x.nbytes for x in (self._K, self._g, self._row, self._column, self._X))
+        return self._of.memory() | {"turned at the nodes": own}
+
+
+class StressExtension(WithoutEnergy):
+    """St. Venant-Kirchhoff's principal stresses, each continued with the slope `lam + 2 mu` below a stretch `threshold`.
+
+    p_i = dw/ds_i at c + (lam + 2 mu) d_i        c_i = max(s_i, threshold), d = s - c
+
+    The derivative of `p_i` by another stretch below the threshold is zero, that of the other by `s_i` is not: there is no energy,
+    and the tangent, which is the exact one for any `kept`, is not symmetric.
+
+    Parameters
+    ----------
+    mesh : whose elements fill their space, of two or three dimensions.
+    t : (n, nt) nodes of the elements.
+    lam, mu : (nt,) times section.
+    threshold : the stretch.
+    of : an assembly on the same elements, whose pairs of nodes and volumes these are.
+    """
+
+    balanced = True
+
+    def __init__(
+        self, mesh: ElementMesh, t: NDArray[np.int32], lame: tuple[Array, Array], threshold: float, of: LawAssembly
+    ) -> None:
+        super().__init__(of)
+        points = gradients_at_points(mesh, t, of.quadrature)
+        self._t, self._X, self._a = t, mesh.p.T, threshold
+        self._g, sizes = np.stack([g for g, _ in points]), np.stack([size for _, size in points])  # (q, nt, n, d), (q, nt)
+        self._lam, self._mu = lame[0] * sizes, lame[1] * sizes
+        n = len(mesh.p.T)
+        ends = np.array([(a, b) for a in range(len(t)) for b in range(len(t)) if a != b])
+        first, second = t[ends.T].astype(np.int64)
+        key, order = self.nodes_paired[0].astype(np.int64) * n + self.nodes_paired[1], None
+        order = np.argsort(key)
+        low, high = np.minimum(first, second), np.maximum(first, second)
+        self._ends, self._place, self._turned = ends, order[np.searchsorted(key[order], low * n + high)], first > second
+
+    def _now(self, u: Array) -> tuple[Array, ...]:
+        """`U`, `V`, `s`, `c`, `E`, whether stretches lie above the threshold, and `p`: (q, nt, d) at each point."""
+        x = (self._X + u)[self._t]
+        U, s, Vt = np.linalg.svd(np.einsum("anx,qnad->qnxd", x, self._g))
+        V = np.swapaxes(Vt, 2, 3)
+        mirrored = np.sign(np.linalg.det(U) * np.linalg.det(V))
+        U[..., -1] *= mirrored[..., None]
+        s[..., -1] *= mirrored
+        c = np.maximum(s, self._a)
+        E = (c**2 - 1) / 2
+        lam, mu = self._lam[..., None], self._mu[..., None]
+        p = c * (lam * E.sum(axis=-1, keepdims=True) + 2 * mu * E) + (lam + 2 * mu) * (s - c)
+        return U, V, s, c, E, s > self._a, p
+
+    def energy_and_force(self, u: Array, force: Array | None = None) -> float:
+        """0; adds the internal force [N] at `u` (nv, d) to `force` (nv, d)."""
+        if force is not None:
+            U, V, *_, p = self._now(u)
+            pulled = np.einsum("qnxi,qni,qndi,qnad->anx", U, p, V, self._g, optimize=True)
+            np.add.at(force, self._t, pulled)
+        return 0.0
+
+    def add_blocks(self, u: Array, blocks: NodeBlocks, kept: Tensions = ALL) -> None:
+        """Add the blocks of the derivative of the force [N/m] at `u` (nv, d)."""
+        U, V, s, c, E, free, p = self._now(u)
+        d, lam, mu = s.shape[-1], self._lam[..., None], self._mu[..., None]
+        slope, k = lam * E.sum(axis=-1, keepdims=True), lam + 2 * mu
+        H = lam[..., None] * c[..., :, None] * (c * free)[..., None, :]
+        own = np.where(free, slope + 2 * mu * E + k * c**2, k)
+        T = np.zeros((*s.shape[:2], d, d, d, d))
+        for i in range(d):
+            for j in range(d):
+                T[..., i, i, j, j] += own[..., i] if i == j else H[..., i, j]
+                if i < j:
+                    apart = s[..., i] - s[..., j]
+                    share = np.where(free[..., j], 1.0, (c[..., i] - c[..., j]) / np.where(apart > 0, apart, 1.0))
+                    inside = slope[..., 0] + mu[..., 0] * (c[..., i] ** 2 + c[..., i] * c[..., j] + c[..., j] ** 2 - 1)
+                    flip = share * inside + (1 - share) * k[..., 0]
+                    both = np.maximum(s[..., i] + s[..., j], np.finfo(float).eps)
+                    twist = (p[..., i] + p[..., j]) / both
+                    for a, b in ((i, j), (j, i)):
+                        T[..., a, b, a, b] += (flip + twist) / 2
+                        T[..., a, b, b, a] += (flip - twist) / 2
+        w = np.einsum("qnad,qndi->qnai", self._g, V)  # gradients in the axes of the stretches
+        K = np.einsum("qnxi,qnaj,qnijkl,qnbl,qnyk->abnxy", U, w, T, w, U, optimize=True)
+        assert blocks.reverse is not None
+        for (a, b), place, turned in zip(self._ends, self._place, self._turned, strict=True):
+            np.add.at(blocks.pairs, place[~turned], K[a, b][~turned])
+            np.add.at(blocks.reverse, place[turned], K[a, b][turned])
+
+    def memory(self) -> dict[str, int]:
+        """Bytes of its arrays, by part."""
+        own = sum(x.nbytes for x in (self._g, self._lam, self._mu, self._place, self._turned))
+        return self._of.memory() | {"gradients at points": own}
+
+
+def gradients_at_points(mesh: ElementMesh, t: NDArray[np.int32], quadrature: Quadrature) -> list[tuple[Array, Array]]:
+    """Gradients of the shape functions (nt, n, d), and sizes (nt,) with the weight, at each point of elements that fill their
+    space.
+    """
+    found, rule = [], quadrature.rule
+    for dN, weight in zip(mesh.element.derivatives(rule.points), rule.weights, strict=True):
+        spokes = np.einsum("ai,dan->ndi", dN, mesh.p[:, t])
+        found.append((dN @ np.linalg.inv(spokes), weight * np.abs(np.linalg.det(spokes))))
+    return found
+
+
+def _blocks_at_rest(of: LawAssembly, d: int) -> Array:
+    """(n, d, d) blocks of K at rest of its pairs of nodes, in their order."""
+    _, blocks = of.blocks(np.zeros((int(of.nodes_paired.max()) + 1, d)))
+    pairs, own = of.pairs, of.elements.own.vertices
+    ends = own[pairs.edges] if pairs.edges is not None else np.empty((0, 2))
+    every = np.asarray(blocks, dtype=np.float64)[: pairs.size].reshape(-1, 3, 3)[:, :d, :d]
+    swapped = ends[:, 0] > ends[:, 1]
+    every = np.where(swapped[:, None, None], every.transpose(0, 2, 1), every)
+    low, high = np.sort(ends, axis=1).T
+    mine, n = np.lexsort((high, low)), int(own.max()) + 1
+    place = np.searchsorted((low * n + high)[mine], of.nodes_paired[0].astype(np.int64) * n + of.nodes_paired[1])
+    return np.asarray(every[mine][place])
+
+
+def _in_space(x: Array) -> Array:
+    """Vectors with three components."""
+    return np.concatenate([x, np.zeros((len(x), 3 - x.shape[1]))], axis=1)
+
+
+def _cross(v: Array) -> Array:
+    """(n, 3, 3) matrices `[v]`, `[v] x = v x x`."""
+    out = np.zeros((len(v), 3, 3))
+    for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
+        out[:, j, i], out[:, i, j] = v[:, k], -v[:, k]
+    return out
