@@ -12,8 +12,9 @@ from ..system import TangentOperator
 from ..system.operator import refuse_overflow
 from ..system.protocol import SystemLike
 from ..system.system import array_to_fill
-from ..terms import BoundLoad, HasDampingForce, HasMeanForce, TakesTime, tell
+from ..terms import BoundLoad, HasDampingForce, HasMeanForce, TakesTime
 from ..terms.load import Moment, Time
+from ..terms.protocols import tell
 
 
 def add_mean_force(

@@ -32,9 +32,9 @@ from ..terms import (
     Term,
     TurningLoad,
     is_load,
-    tell,
 )
 from ..terms.load import Moment, Time
+from ..terms.protocols import tell
 from .bound import BoundTerms
 from .mass import KINDS, Mass
 from .mechanisms import check_held, grounded_dofs

@@ -33,7 +33,6 @@ from .protocols import (
     Term,
     TurningLoad,
     is_load,
-    tell,
 )
 from .spring_network import SpringNetwork
 from .stvk import StVK
@@ -78,5 +77,4 @@ __all__ = [
     "TurningLoad",
     "VolumePenalty",
     "is_load",
-    "tell",
 ]

@@ -69,6 +69,7 @@ WITHOUT = {
         "FramedMaterial",
         "Grounded",
         "HasDampingForce",
+        "TakesTime",
         "HasMeanForce",
         "HasMemory",
         "HasPressure",

@@ -11,7 +11,7 @@ from ...arguments import Array
 from ...errors import StvkError
 from ...kernels import motion as kernels
 from ...nonlinear.stopwatch import Stopwatch
-from ...terms import tell
+from ...terms.protocols import tell
 from ..motion import Motion
 from ..record import Counts, MotionState
 from .integrator import ANGULAR_MOMENTUM, LINEAR_MOMENTUM, Integrator, checked_step
