@@ -16,9 +16,11 @@ from skfem_stvk import (
     ElementMesh,
     Gravity,
     Isotropic,
+    LinearElastic,
     NodalLoad,
     Orthotropic,
     Pressure,
+    SpringNetwork,
     Stop,
     StVK,
     System,
@@ -39,6 +41,7 @@ BASIS = skfem.Basis(skfem.MeshTet(MESH.p, MESH.t), skfem.ElementVector(skfem.Ele
 HALF = np.arange(MESH.nt // 2)
 NETWORK = EdgeNetwork.of(MESH, StVK(young=2.0, poisson=0.3))
 STIFF = np.linspace(1, 2, MESH.nt)
+SPRINGS = np.linspace(1, 2, NETWORK.edges.shape[1])
 
 
 def with_material(material):
@@ -69,6 +72,11 @@ ARRAYS = {
     "ElasticFoundation": (lambda k: with_load(ElasticFoundation(WALL, k)), np.array([1.0, 2.0, 3.0])),
     "ElasticFoundation, where": (lambda ids: with_load(ElasticFoundation(ids, 3.0)), WALL),
     "EdgeNetwork": (lambda edges: [EdgeNetwork(edges, NETWORK.L)], NETWORK.edges),
+    "SpringNetwork": (lambda k: [SpringNetwork(stiffness=k)], SPRINGS),
+    "SpringNetwork, young": (lambda E: [SpringNetwork(young=E, poisson=0.3)], STIFF),
+    "SpringNetwork, region": (lambda ids: with_region(SpringNetwork(young=5.0, poisson=0.2, region=ids)), HALF),
+    "LinearElastic": (lambda E: [LinearElastic(young=E, poisson=0.3)], STIFF),
+    "LinearElastic, region": (lambda ids: with_region(LinearElastic(young=5.0, poisson=0.2, region=ids)), HALF),
     "StVK": (lambda E: [StVK(young=E, poisson=0.3)], STIFF),
     "StVK, region": (lambda ids: with_region(StVK(young=5.0, poisson=0.2, region=ids)), HALF),
     "VolumePenalty": (lambda k: with_region(VolumePenalty(k, "compression")), STIFF),
