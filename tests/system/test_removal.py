@@ -494,5 +494,9 @@ def test_other_laws_lose_elements_too_whatever_becomes_of_those(law, name):
     assert alike(whole.internal_force(u)[pair.dofs], part.internal_force(x), 1e-13)
     assert alike(whole.tangent(u)[pair.dofs][:, pair.dofs].toarray(), part.tangent(x).toarray(), 1e-12)
     assert whole.smallest_volume_ratio(u) == part.smallest_volume_ratio(x)
+    v = 0.05 * state(mesh, seed=8)
+    forces = [np.zeros(body.ndofs) for body in (whole, part)]
+    R = add_mean_force(whole, u, u + v, forces[0]), add_mean_force(part, x, x + v[pair.dofs], forces[1])
+    assert R[0] == pytest.approx(R[1], rel=1e-10, abs=1e-12) and alike(forces[0][pair.dofs], forces[1], 1e-10)
     found, wanted = Fields.of(whole).at(u), Fields.of(part).at(x)
     assert alike(found["cauchy_stress"][pair.kept], wanted["cauchy_stress"], 1e-11)
