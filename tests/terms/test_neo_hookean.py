@@ -395,3 +395,16 @@ def test_a_free_body_keeps_its_energy_and_momenta(name):
             values = ledger[f"{momentum}_momentum_{axis}"]
             assert np.ptp(values) < 1e-10 * np.abs(values).max()
     assert np.ptp(simulate(body, Newmark(0.02), until=0.2, v0=v, quiet=True).ledger["total_energy"]) > 1e-5 * energy[0]
+
+
+def test_elements_that_were_taken_out_may_be_anywhere():
+    """They have no energy, pull nothing, and no field asks them."""
+    mesh = MESHES["tetrahedra"]
+    body = System(mesh, NeoHookean(young=1.0, poisson=0.3, density=1.0))
+    body.remove(np.flatnonzero((mesh.t == 0).any(axis=0)))
+    u, force = np.zeros((mesh.nv, 3)), np.zeros((mesh.nv, 3))
+    u[0] = 5.0
+    (term,) = body.bound_terms
+    assert np.linalg.norm(mesh.p[:, 0]) < 1 and body.energy(u.ravel()) == 0
+    assert term.mean_force(0 * u, u, (0.5, 0.5), 0.5, force) == 0 and not force.any()
+    assert np.isfinite(Fields.of(body).at(u.ravel())["cauchy_stress"].filled(0)).all()
