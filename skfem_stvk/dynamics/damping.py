@@ -47,6 +47,9 @@ class EdgeDamping:
     is ever damped, however far the body has turned. Nor is what resists the hourglass modes of boxes with one point, for its
     tensions do not change; `Rayleigh` damps it. A mode of circular frequency `omega` at rest gets the damping ratio `tau omega/2`.
 
+    The springs of a `SpringNetwork` get dashpots beside them, `c = tau k`. Of `LinearElastic` it is `tau K v`, which resists
+    turning.
+
     Parameters
     ----------
     tau : time of retardation [s], not negative.

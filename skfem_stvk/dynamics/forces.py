@@ -62,7 +62,8 @@ def add_damping_force(system: SystemLike, u: Array, v: Array, out: Array) -> flo
 
     Times a relaxation time tau [s] it is a force: `tau K_GN(u) v`, `K_GN = 2 J' L J` the Gauss-Newton tangent. It takes the power
     `2 tau R`, `R = 1/4 dzeta/dt' L dzeta/dt >= 0`, Rayleigh's function, whose derivative by `v` it is. Rigid motions meet no
-    resistance, turning ones at finite rotations included. Terms without edges, foundations and volume penalties, add nothing.
+    resistance, turning ones at finite rotations included, but of `LinearElastic`, which adds `K v`. Terms that cannot be damped,
+    foundations and volume penalties, add nothing.
     Returns R [J/s^2].
     """
     x, y, force = by_vertex(system.mesh, u), by_vertex(system.mesh, v, "v"), array_to_fill(system.mesh, out)

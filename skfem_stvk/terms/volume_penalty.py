@@ -38,7 +38,7 @@ class VolumePenalty:
 
     Parameters
     ----------
-    stiffness : `k` [Pa], a number or one value per element of the region. By default the usual `c (lam + 2 mu)` of the `StVK` on
+    stiffness : `k` [Pa], a number or one value per element of the region. By default the usual `c (lam + 2 mu)` of the material on
         each element: c = 0.15 ("barrier"), 0.8 ("compression"), 1 ("quadratic"). The least for which confined compression has no
         limit point is 0.025802, 0.27526 and 1/2. Of materials that are not isotropic `lam + 2 mu` is the largest of `C_1111,
         C_2222, C_3333` in material axes.
@@ -102,7 +102,7 @@ class VolumePenalty:
         bare = elements[modulus == 0]
         if len(bare):
             raise MaterialError(
-                f"VolumePenalty: {name_ids(bare, 'element')} in no StVK, from which the stiffness is taken by default. Give "
+                f"VolumePenalty: {name_ids(bare, 'element')} in no material, from which the stiffness is taken by default. Give "
                 "stiffness= [Pa], or a region that has a material."
             )
         return ENERGIES[self.kind].usual * modulus

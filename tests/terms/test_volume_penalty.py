@@ -376,13 +376,13 @@ def test_what_does_not_fit_the_mesh_is_refused():
     with pytest.raises(MaterialError, match=rf"stiffness has 3 values; expected .* {mesh.nt} elements"):
         System(mesh, [solid, VolumePenalty([1.0, 2.0, 3.0])])
     with pytest.raises(
-        MaterialError, match=rf"3 elements \({mesh.nt - 3}, {mesh.nt - 2}, {mesh.nt - 1}\) in no StVK.* Give stiffness="
+        MaterialError, match=rf"3 elements \({mesh.nt - 3}, {mesh.nt - 2}, {mesh.nt - 1}\) in no material.* Give stiffness="
     ):
         System(mesh, [part, VolumePenalty()])
     assert System(mesh, [part, VolumePenalty(2.0, "compression")]).energy(state(mesh)) > 0
     with pytest.raises(RegionError, match="no subdomain 'core'"):
         System(mesh, [solid, VolumePenalty(1.0, region="core")])
-    with pytest.raises(MaterialError, match="in no StVK"):
+    with pytest.raises(MaterialError, match="in no material"):
         VolumePenalty().bind(mesh)
     assert VolumePenalty(1.0).bind(mesh).energy_and_force(np.zeros((mesh.nv, 3))) == 0
 
