@@ -313,7 +313,7 @@ def _least_squares(rest: Rest) -> Array:
     alone: Murty's rule, which ends at the one minimum (1974).
     """
     C, A = rest.crossed, rest.stiffness
-    G, r = C**2, np.einsum("nij,njk,nki->ni", C, A, C)
+    G, r = C**2, np.einsum("nij,nij->ni", C @ A, C)
     n, m = r.shape
     k, used, left, size = np.zeros((n, m)), np.ones((n, m), dtype=bool), np.arange(n), np.abs(r).max(axis=1, keepdims=True)
     for round_ in range(2**m + m):
