@@ -11,15 +11,19 @@ import skfem_stvk
 from skfem_stvk import (
     Anisotropic,
     BodyForce,
+    Corotated,
     EdgeNetwork,
     ElasticFoundation,
     ElementMesh,
     Gravity,
+    InvertibleStVK,
     Isotropic,
     LinearElastic,
+    NeoHookean,
     NodalLoad,
     Orthotropic,
     Pressure,
+    PrincipalStressLimit,
     SpringNetwork,
     Stop,
     StVK,
@@ -75,6 +79,12 @@ ARRAYS = {
     "SpringNetwork": (lambda k: [SpringNetwork(stiffness=k)], SPRINGS),
     "SpringNetwork, young": (lambda E: [SpringNetwork(young=E, poisson=0.3)], STIFF),
     "SpringNetwork, region": (lambda ids: with_region(SpringNetwork(young=5.0, poisson=0.2, region=ids)), HALF),
+    "NeoHookean": (lambda E: [NeoHookean(young=E, poisson=0.3)], STIFF),
+    "NeoHookean, region": (lambda ids: with_region(NeoHookean(young=5.0, poisson=0.2, region=ids)), HALF),
+    "Corotated": (lambda E: [Corotated(young=E, poisson=0.3)], STIFF),
+    "Corotated, region": (lambda ids: with_region(Corotated(young=5.0, poisson=0.2, region=ids)), HALF),
+    "InvertibleStVK": (lambda E: [InvertibleStVK(young=E, poisson=0.3)], STIFF),
+    "InvertibleStVK, region": (lambda ids: with_region(InvertibleStVK(young=5.0, poisson=0.2, region=ids)), HALF),
     "LinearElastic": (lambda E: [LinearElastic(young=E, poisson=0.3)], STIFF),
     "LinearElastic, region": (lambda ids: with_region(LinearElastic(young=5.0, poisson=0.2, region=ids)), HALF),
     "StVK": (lambda E: [StVK(young=E, poisson=0.3)], STIFF),
@@ -153,7 +163,7 @@ def test_every_public_specification_is_in_the_table():
     plain = {"BackwardEuler", "EdgeDamping", "EnergyMomentum", "ForwardEuler", "GeneralizedAlpha", "LinearBackwardEuler", "Newmark"}
     plain |= {"Rayleigh", "VelocityVerlet"}  # numbers and names only, which cannot change
     results = {"Report", "Run", "StaticResult"}
-    known = {name.split(",")[0] for name in ARRAYS} | {"ElementMesh", "Stop"}
+    known = {name.split(",")[0] for name in ARRAYS} | {"ElementMesh", "Stop", "PrincipalStressLimit"}
     public = {name for name in skfem_stvk.__all__ if dataclasses.is_dataclass(getattr(skfem_stvk, name))}
     assert public == plain | results | known
 
@@ -238,3 +248,10 @@ def test_an_operator_and_a_product_keep_their_displacements():
     K, expected = system.linear_operator(u), system.product(u, v)
     u *= 2
     assert np.array_equal(K @ v, expected) and np.abs(system.product(u, v) - expected).max() > 1e-3 * np.abs(expected).max()
+
+
+def test_a_limit_of_stress_keeps_what_it_was_given():
+    given = np.array([1.0, 2.0])
+    limit = PrincipalStressLimit(given)
+    given[:] = 9
+    assert np.array_equal(limit.limit, [1.0, 2.0]) and not limit.limit.flags.writeable
