@@ -56,6 +56,7 @@ class InvertibleStVK(ElasticLaw):
     >>> u = lambda part: -part * (mesh.p * [[0], [0], [1]]).ravel("F")
     >>> bodies = System(mesh, StVK(young=1.0, poisson=0.3)), System(mesh, InvertibleStVK(young=1.0, poisson=0.3))
     >>> [[round(body.energy(u(part)), 4) for part in (0.3, 1.0, 2.0)] for body in bodies]
+    [[0.0438, 0.1683, 0.0], [0.0438, 0.4663, 2.2055]]
     """
 
     resists_inversion: ClassVar[bool] = True
