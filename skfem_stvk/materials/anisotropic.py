@@ -225,7 +225,8 @@ def frames_along(mesh: HasElements, directions: ArrayLike | Callable[[Array], Ar
             given = directions(mesh.p[:, mesh.t].mean(axis=1))
         except Exception as error:
             raise MaterialError(
-                f"frames_along: the function directions failed with {type(error).__name__}: {error}. It gets x, of shape ({d}, {nt})."
+                f"frames_along: the function directions failed with {type(error).__name__}: {error}. It gets x, of shape "
+                f"({d}, {nt})."
             ) from error
     values = real_array(given)
     expected = (

@@ -71,7 +71,7 @@ class Case:
         return [self.ours] + ([self.candidate] if self.candidate else [])
 
     def of_edges(self) -> Case | None:
-        """The case in which the network is held against the reference, with the limits that the edge form has; None without them."""
+        """The case in which the network is held against the reference, with the limits of the edge form; None without it."""
         return None if self.network is None else replace(self, ours=self.network, candidate=None, by_edges=True)
 
     def is_stvk(self, player: Player) -> bool:

@@ -22,8 +22,8 @@ STEPS = 10
 
 
 class Cost(NamedTuple):
-    """Times [ns per tetrahedron] of W and F, of K, of an explicit and of an implicit step (eq. 9), memory [bytes per tetrahedron] and
-    critical step [s]; NaN for what a model does not have."""
+    """Times [ns per tetrahedron] of W and F, of K, of an explicit and of an implicit step (eq. 9), memory [bytes per tetrahedron]
+    and critical step [s]; NaN for what a model does not have."""
 
     force: float
     tangent: float

@@ -24,7 +24,8 @@ MOMENTS = 400
 
 
 class Path(NamedTuple):
-    """A motion: times (m,) and displacements (m, 3) of the tip at `MOMENTS`, drifts of energy and angular momentum, the last state, what was said.
+    """A motion: times (m,) and displacements (m, 3) of the tip at `MOMENTS`, drifts of energy and angular momentum, the last state,
+    what was said.
 
     Drifts are relative to the largest kinetic energy and to the angular momentum at the start; NaN where there is none.
     """
