@@ -20,8 +20,10 @@ from .history import History
 
 GIVES_WAY = "St. Venant-Kirchhoff material gives way in compression, so the branch without inversion may end here."
 RESIST = {
-    False: "a term that resists, VolumePenalty(), a finer mesh there or more steps, or spread the load over more of the boundary.",
-    True: "a stiffer VolumePenalty, a finer mesh there or more steps, or spread the load over more of the boundary.",
+    False: "a term that resists, VolumePenalty(), or NeoHookean in place of StVK, a finer mesh there or more steps, or spread the "
+    "load over more of the boundary.",
+    True: "more steps or a finer mesh there, a stiffer VolumePenalty if there is one, or spread the load over more of the "
+    "boundary.",
 }
 #: What to try; of what is crushed by whether there is a penalty already.
 TRY = {
