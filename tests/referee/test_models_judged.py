@@ -1,4 +1,4 @@
-"""Models that do not claim to be St. Venant-Kirchhoff before the referee: derivatives, invariance, balance, symmetry, rigid modes."""
+"""Models that do not claim to be StVK before the referee: derivatives, invariance, balance, symmetry, rigid modes."""
 
 import pytest
 from bodies import box
