@@ -49,7 +49,7 @@ def side_by_side(mesh: ElementMesh, found: Mapping[Model, Array], folder: Path, 
     for axes in panels:
         axes.axis("off")
     path = folder / f"models-{name}.png"
-    figure.savefig(path, dpi=100)
+    figure.savefig(path, dpi=80)
     return path
 
 
@@ -80,7 +80,7 @@ def paths(found: Mapping[str, motions.Path], folder: Path, name: str) -> Path:
     axes.grid(alpha=0.25)
     figure.legend(loc="outside right upper", fontsize=7)
     path = folder / f"models-{name}.png"
-    figure.savefig(path, dpi=100)
+    figure.savefig(path, dpi=80)
     return path
 
 
