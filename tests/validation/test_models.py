@@ -6,7 +6,7 @@ import pytest
 from validation import models
 from validation.models import bars, motions
 from validation.models.models import MODELS, NEO_HOOKEAN, TRUE
-from validation.models.studies import at_rest, costs, in_motion
+from validation.models.studies import at_rest, costs, in_motion, recovered
 
 
 @pytest.mark.parametrize("trial", [bars.BENT, bars.TWISTED], ids=lambda trial: trial.name)
@@ -46,4 +46,12 @@ def test_a_path_that_ended_early_is_infinitely_far_off():
 def test_costs_are_measured_of_every_model():
     study = costs(quick=True)
     assert {row[0] for row in study.rows} == {model.name for model in MODELS} and study.claim == ""
-    assert models.NAMES == ("bent", "twisted", "released", "thrown", "costs")
+    assert models.NAMES == ("bent", "twisted", "released", "thrown", "recoveries", "costs")
+
+
+def test_invertible_elements_come_back_from_every_start_and_stvk_does_not():
+    study = recovered(quick=True)
+    rows = {row[0]: row[1:] for row in study.rows}
+    assert study.passed, study.failures
+    assert all("back" in one for one in rows["invertible StVK"]) and not any("back" in one for one in rows["StVK"])
+    assert set(rows["neo-Hookean"]) == {"refused"}

@@ -12,7 +12,7 @@ from rich.console import Console
 from skfem_stvk.referee.terminal import WIDTH
 
 from ..statics.study import Study
-from . import bars, motions, pictures
+from . import bars, motions, pictures, recoveries
 from .costs import Cost, cost_of
 from .models import MODELS, NEO_HOOKEAN, TRUE
 
@@ -30,6 +30,7 @@ def run(names: Sequence[str], quick: bool, out: str | None) -> int:
         "twisted": lambda: at_rest(bars.TWISTED, quick, folder),
         "released": lambda: in_motion("released", motions.released, quick, folder),
         "thrown": lambda: in_motion("thrown", motions.thrown, quick, folder),
+        "recoveries": lambda: recovered(quick),
         "costs": lambda: costs(quick, folder),
     }
     console, failed = Console(width=WIDTH, highlight=False), []
@@ -104,6 +105,29 @@ def in_motion(name: str, motion: Callable[..., motions.Path], quick: bool, folde
         tuple(wrong),
         (f"the largest distance of the end's path over {motions.UNTIL:g} s, over the largest displacement; velocity Verlet",),
         drawn,
+    )
+
+
+def recovered(quick: bool) -> Study:
+    """Starts whose elements are tangled, flat or mirrored, and whether a body comes back to rest from them."""
+    mesh = recoveries.box(recoveries.QUICK_CELLS if quick else recoveries.CELLS)
+    starts = recoveries.starts(mesh)
+    found = {
+        model.name: {name: recoveries.at_rest(model, mesh, u0) for name, u0 in starts.items()} for model in recoveries.models()
+    }
+    wrong = [
+        f"{model} from {name}: {one}"
+        for model, several in found.items()
+        for name, one in several.items()
+        if not one.back and model in recoveries.COME_BACK
+    ]
+    return Study(
+        "Starts that are tangled, flat or mirrored",
+        f"{' and '.join(recoveries.COME_BACK)} come back to rest from all of them",
+        ("model", *starts),
+        tuple((model, *map(str, several.values())) for model, several in found.items()),
+        tuple(wrong),
+        (f"{mesh.nt} tetrahedra held at one face, without loads: one static solve from each start, and its iterations",),
     )
 
 
