@@ -14,12 +14,16 @@ from ..arguments import Array, choice, own, shown, whole_array
 from ..edges.form import EdgeForm, meet
 from ..edges.network import QuarticNetwork
 from ..edges.topology import edge_topology
+from ..elements.element import LOCAL_EDGES
 from ..errors import MeshError, StvkError, name_ids
 from ..linear.inertia import COUNTED, inertia
 from ..linear.solver import Unknowns
 from ..mesh import ElementMesh, MeshLike
 from .body import Body
 from .stvk import StVK
+
+#: What is left of sums of coefficients by this part of them is rounding.
+ROUNDED = 1e-13
 
 
 @dataclass(frozen=True, eq=False)
@@ -142,11 +146,37 @@ class EdgeNetwork:
         last = int(self.edges.max(initial=-1))
         if last >= mesh.nv:
             raise MeshError(f"EdgeNetwork: an edge has vertex {last}; the mesh has {mesh.nv}. Was it made of another mesh?")
-        i, j = self.pairs
-        between = np.asarray(triu(self.L, 1).tocoo().data) / 2
-        edges = self.edges.astype(np.int32)
-        pairs = np.stack([i, j]).astype(np.int32)
-        return QuarticNetwork(mesh.p, edges, pairs, self.L.diagonal() / 2, between, dtype=dtype)
+        edges, pairs = self.edges.astype(np.int32), self.pairs.astype(np.int32)
+        own, between = self.L.diagonal() / 2, np.asarray(triu(self.L, 1).tocoo().data) / 2
+        if not self.laws:
+            return QuarticNetwork(mesh.p, edges, pairs, own, between, dtype=dtype)
+        network = LawNetwork(mesh.p, edges, pairs, own, between, dtype=dtype)
+        network.left = lambda gone: self._left(mesh, gone)
+        return network
+
+    def _left(self, mesh: ElementMesh, gone: NDArray[np.bool_]) -> tuple[Array, Array]:
+        """`L_ii/2` and the `L_ij/2` of the pairs, less what the elements (n,) of the region that are `gone` have in them."""
+        out, ne = np.zeros(mesh.nt, dtype=bool), self.edges.shape[1]
+        out[mesh.elements(self.region)] = gone
+        upper = triu(self.L, 1).tocoo()
+        own, between = self.L.diagonal(), np.array(upper.data)
+        size = np.sqrt(np.abs(own))
+        codes, order = self.edges[0] * mesh.nv + self.edges[1], np.lexsort((upper.col, upper.row))
+        keys = (upper.row.astype(np.int64) * ne + upper.col)[order]
+        a, b = np.array(LOCAL_EDGES[mesh.k]).T
+        i, j = np.triu_indices(len(a), 1)
+        for law in self.laws:
+            ids = mesh.elements(law.region)
+            t, L = mesh.t[:, ids[out[ids]]].astype(np.int64), law.coefficients(mesh)[out[ids]]
+            ends = np.sort(np.stack([t[a], t[b]]), axis=0)
+            e, known = _found(codes, ends[0] * mesh.nv + ends[1])
+            np.subtract.at(own, e[known], np.diagonal(L, axis1=1, axis2=2).T[known])
+            n, known_pair = _found(keys, np.minimum(e[i], e[j]) * ne + np.maximum(e[i], e[j]))
+            known_pair &= known[i] & known[j]
+            np.subtract.at(between, order[n[known_pair]], L[:, i, j].T[known_pair])
+        own[np.abs(own) < ROUNDED * size**2] = 0  # where no element is left, rounding of sums is
+        between[np.abs(between) < ROUNDED * size[upper.row] * size[upper.col]] = 0
+        return own / 2, between / 2
 
     @property
     def region(self) -> NDArray[Any] | str | None:
@@ -216,3 +246,25 @@ def _checked_coefficients(given: Any) -> csr_matrix:
         rows = np.unique(difference.tocoo().row[difference.tocoo().data > 1e-12 * abs(L).max()])
         raise StvkError(f"EdgeNetwork: L is not symmetric, in the rows of {name_ids(rows, 'edge')}; expected L_ij = L_ji.")
     return L
+
+
+def _found(known: NDArray[np.int64], wanted: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
+    """Places of numbers among ascending ones, and whether they are there."""
+    places = np.minimum(np.searchsorted(known, wanted), max(len(known) - 1, 0))
+    return places, (known[places] == wanted) if len(known) else np.zeros(wanted.shape, dtype=bool)
+
+
+class LawNetwork(QuarticNetwork):
+    """A network of elements, which can be taken out: `left` gives the coefficients of those that are not `gone`."""
+
+    left: Callable[[NDArray[np.bool_]], tuple[Array, Array]]
+
+    def remove(self, gone: NDArray[np.bool_]) -> None:
+        """Do without the elements that are `gone` (n,), of the region in their order."""
+        self.take(*self.left(gone))
+
+    @property
+    def nodes_joined(self) -> NDArray[np.int32]:
+        """(2, n) vertices of the edges that have a stiffness."""
+        ne = len(self.order)
+        return np.sort(self.own.vertices[self.edges[:ne][self._own[:ne] != 0].T], axis=0)

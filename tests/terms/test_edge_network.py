@@ -169,3 +169,27 @@ def test_statics_says_that_without_opposite_pairs_a_body_is_unstable():
     found = solve_static(System(MESH, terms, {(0, 1, 2, 3): "xyz"}), quiet=True, raise_on_failure=False)
     whole = solve_static(System(MESH, [NETWORK, *terms[1:]], {(0, 1, 2, 3): "xyz"}), quiet=True)
     assert whole.success and not found.success and "negative eigenvalue" in found.message
+
+
+@pytest.mark.parametrize("part", ["all", "edges", "adjacent"])
+def test_elements_can_be_taken_out_of_the_network_of_a_law(part):
+    """What is left is the network of the elements that are left, by itself."""
+    law, gone = StVK(young=9.0, poisson=0.4, density=2.0), np.random.default_rng(2).permutation(MESH.nt)[:30]
+    kept = np.setdiff1d(np.arange(MESH.nt), gone)
+    take = {"all": lambda n: n, "edges": EdgeNetwork.diagonal, "adjacent": lambda n: n.without("opposite")}[part]
+    system = System(MESH, take(EdgeNetwork.of(MESH, law)))
+    rest = System(MESH, take(EdgeNetwork.of(MESH, StVK(young=9.0, poisson=0.4, density=2.0, region=kept))))
+    u, before = state(MESH), system.internal_force(state(MESH))
+    system.remove(gone[:7])
+    system.remove(gone)
+    F = rest.internal_force(u)
+    assert np.abs(before - F).max() > 1e-2 * np.abs(F).max()
+    assert np.abs(system.internal_force(u) - F).max() < 1e-12 * np.abs(F).max()
+    assert system.energy(u) == pytest.approx(rest.energy(u), rel=1e-12)
+    assert abs(system.tangent(u) - rest.tangent(u)).max() < 1e-12 * abs(rest.tangent(u)).max()
+    assert system.mass().vertex == pytest.approx(rest.mass().vertex, rel=1e-12)
+
+
+def test_elements_cannot_be_taken_out_of_coefficients_that_no_law_gave():
+    with pytest.raises(StvkError, match="EdgeNetwork"):
+        System(MESH, EdgeNetwork(NETWORK.edges, NETWORK.L)).remove([3])
