@@ -1,0 +1,403 @@
+"""Laws of principal stretches: against twins and independent forms, where elements are flat, mirrored, or hardly strained."""
+
+import warnings
+
+import numpy as np
+import pytest
+import skfem
+from bodies import CURVED, MESHES, state
+from kernels.parts import in_parts, on_twins
+from scipy.optimize import minimize
+from terms.test_neo_hookean import displacement_gradient_in_space
+
+from skfem_stvk import (
+    Corotated,
+    ElementMesh,
+    InvertibleStVK,
+    Isotropic,
+    MaterialError,
+    NodalLoad,
+    Orthotropic,
+    Rayleigh,
+    StVK,
+    StvkError,
+    StvkWarning,
+    System,
+    VelocityVerlet,
+    simulate,
+    solve_static,
+)
+from skfem_stvk.edges import ALL, NONE, TENSILE, WARPED, Tensions
+from skfem_stvk.results import Fields
+
+LAWS = {"corotated": Corotated, "invertible": InvertibleStVK}
+
+
+def results(mesh, law, shapes=("moderate", "pushed", "inside out")):
+    """W, F and K in all versions, not small and not right side out."""
+    body, noise = System(mesh, law), state(mesh)
+    x = mesh.p.ravel("F")
+    states = {
+        "moderate": 0.4 * noise,
+        "pushed": 0.25 * noise - 0.4 * x,
+        "inside out": noise - 1.6 * x * (np.arange(len(x)) % mesh.d == 0),
+    }
+    found = {}
+    for name in shapes:
+        found[name, "W"], found[name, "F"] = body.energy_and_force(states[name])
+        for kept in (ALL, TENSILE, NONE, Tensions(0.3, 0.8)):
+            found[name, kept] = body.jacobian(states[name], kept=kept).toarray()
+    return found
+
+
+@pytest.mark.parametrize("law", LAWS)
+@pytest.mark.parametrize("name", [*MESHES, "quadratic tetrahedra", "quadratic membrane", "quadrilaterals", "hexahedra"])
+def test_compiled_and_readable_kernels_agree(name, law, monkeypatch):
+    mesh, rng = (MESHES | CURVED)[name], np.random.default_rng(4)
+    term = LAWS[law](young=rng.uniform(1, 9, mesh.nt), poisson=rng.uniform(-0.3, 0.45, mesh.nt))
+    in_parts(monkeypatch, 2)
+    compiled = results(mesh, term)
+    on_twins(monkeypatch)
+    for what, wanted in results(mesh, term).items():
+        assert np.abs(wanted).max() > 1e-3
+        assert np.abs(compiled[what] - wanted).max() <= 1e-11 * np.abs(wanted).max(), what
+
+
+TET = np.array([[0.1, 0, 0], [1.3, 0.2, 0.1], [0.3, 0.9, -0.1], [0.2, 0.1, 1.1]])
+LAM, MU = 2.3, 1.1
+
+
+def one_tet(law, mirrored):
+    """One tetrahedron of either orientation; W, nodal forces and K of affine deformations."""
+    p, t = TET.T, np.array([[0], [2], [1], [3]] if mirrored else [[0], [1], [2], [3]])
+    material = Isotropic.from_lame(LAM, MU)
+    return System(ElementMesh(p, t), LAWS[law](material))
+
+
+def independent(law, F):
+    """`w` and P by NumPy's singular values, P as the derivative of `w` by complex steps."""
+    U, s, V = np.linalg.svd(F)
+    sign = np.sign(np.linalg.det(F)) or 1.0
+    U[:, 2] *= np.sign(np.linalg.det(U))
+    V[2] *= np.sign(np.linalg.det(V))
+    s[2] *= sign
+
+    def w(s):
+        if law == "corotated":
+            return MU * ((s - 1) ** 2).sum() + LAM / 2 * (s - 1).sum() ** 2
+        c = np.where(s.real > 0.6, s, 0.6)
+        d, E = s - c, (c**2 - 1) / 2
+        wi = c * (LAM * E.sum() + 2 * MU * E)
+        wij = LAM * np.outer(c, c) * (1 - np.eye(3))
+        return LAM / 2 * E.sum() ** 2 + MU * (E**2).sum() + wi @ d + d @ wij @ d / 2 + (LAM / 2 + MU) * (d**2).sum()
+
+    p = [w(s + 1e-30j * e).imag / 1e-30 for e in np.eye(3)]
+    return w(s), U @ np.diag(p) @ V
+
+
+def rotation(seed):
+    Q = np.linalg.qr(np.random.default_rng(seed).standard_normal((3, 3)))[0]
+    return Q * np.sign(np.linalg.det(Q))
+
+
+STRETCHES = {
+    "moderate": (1.3, 1.1, 0.8),
+    "equal": (1.4, 1.4, 1.4),
+    "two equal": (1.4, 0.7, 0.7),
+    "two equal below the threshold": (1.2, 0.3, 0.3),
+    "on the threshold": (1.2, 1.1, 0.6),
+    "nearly flat": (1.2, 0.9, 1e-9),
+    "flat": (1.2, 0.9, 0.0),
+    "mirrored": (1.2, 0.9, -0.7),
+    "nearly a line": (1.2, 1e-4, 1e-9),
+    "small": (1e-3, 2e-4, 1e-5),
+    "large": (1e3, 2e2, 1.0),
+}
+
+
+@pytest.mark.parametrize("mirrored", [False, True])
+@pytest.mark.parametrize("name", STRETCHES)
+@pytest.mark.parametrize("law", LAWS)
+def test_energy_and_force_are_those_of_singular_values(law, name, mirrored):
+    """Also the view of finite volumes (Teran et al. 2003): each node is pulled by P times a third of the area vectors around it."""
+    body = one_tet(law, mirrored)
+    F = rotation(1) @ np.diag(STRETCHES[name]) @ rotation(2)
+    W, force = body.energy_and_force((TET @ F.T - TET).ravel())
+    w, P = independent(law, F)
+    spokes = (TET[1:] - TET[0]).T
+    volume = abs(np.linalg.det(spokes)) / 6
+    assert pytest.approx(volume * w, rel=1e-12) == W
+    areas = -volume * np.linalg.inv(spokes)  # a third of the sum of the area vectors of the three facets at a node
+    wanted = -areas @ P.T
+    s = np.sort(STRETCHES[name])
+    known = 3e-13 + 1e-16 * s[2] / (s[0] + s[1])  # in which direction two small stretches are is known no better
+    assert force.reshape(4, 3)[1:] == pytest.approx(wanted, abs=known * np.abs(wanted).max())
+
+
+@pytest.mark.parametrize(
+    "name", [name for name in STRETCHES if name not in ("on the threshold", "nearly a line", "flat", "nearly flat")]
+)
+@pytest.mark.parametrize("law", LAWS)
+def test_the_tangent_is_the_derivative_of_the_force_where_stretches_are_alike_or_mirrored(law, name):
+    body, v = one_tet(law, False), np.random.default_rng(5).standard_normal(12)
+    s = np.array(STRETCHES[name])
+    u, h = (TET @ (rotation(1) @ np.diag(s) @ rotation(2)).T - TET).ravel(), 1e-4 * np.abs(s).min()
+    slope = sum(w * (body.internal_force(u + n * h * v) - body.internal_force(u - n * h * v)) for n, w in {1: 8, 2: -1}.items())
+    Kv = body.tangent(u) @ v
+    assert Kv == pytest.approx(slope / (12 * h), abs=2e-7 * np.abs(Kv).max())
+
+
+@pytest.mark.parametrize("law", LAWS)
+def test_a_flat_element_has_one_rotation_and_finite_forces(law):
+    """Also where nothing is left of it but a line, or a point: the rotation is one of many then."""
+    body = one_tet(law, False)
+    for rank in (2, 1, 0):
+        F = rotation(1) @ np.diag([1.2, 0.9, 0.7] * (np.arange(3) < rank)) @ rotation(2)
+        W, force = body.energy_and_force((TET @ F.T - TET).ravel())
+        w, _ = independent(law, F)
+        volume = abs(np.linalg.det(TET[1:] - TET[0])) / 6
+        assert pytest.approx(volume * w, rel=1e-12) == W and np.isfinite(force).all() and np.abs(force).max() > 0.1
+        lowest, highest = np.linalg.eigvalsh(body.jacobian((TET @ F.T - TET).ravel(), kept=TENSILE).toarray())[[0, -1]]
+        assert lowest > -1e-13 * highest
+
+
+@pytest.mark.parametrize("offset", [0.0, 2.0**20])
+@pytest.mark.parametrize("strain", [1e-3, 1e-12])
+@pytest.mark.parametrize("name", ["tetrahedra", "triangles", "membrane", "hexahedra"])
+@pytest.mark.parametrize("law", LAWS)
+def test_small_strains_have_the_forces_of_linear_elasticity(law, name, strain, offset):
+    """To all digits but for the part that is not linear; far from the origin as near it."""
+    mesh = (MESHES | CURVED)[name]
+    p = np.round(mesh.p * 2**20) / 2**20  # so that the offset rounds nothing
+    mesh = ElementMesh(p + offset, mesh.t, element=mesh.element)
+    body, rest = System(mesh, LAWS[law](young=3.0, poisson=0.3)), System(mesh, StVK(young=3.0, poisson=0.3))
+    u = strain * state(mesh)
+    linear = rest.tangent(np.zeros(body.ndofs)) @ u
+    assert body.internal_force(u) == pytest.approx(linear, abs=(1e-13 + 20 * strain) * np.abs(linear).max())
+    K, K0 = body.tangent(u), rest.tangent(np.zeros(body.ndofs))
+    assert abs(K - K0).max() < (1e-13 + 20 * strain) * abs(K0).max()
+
+
+def test_plane_stress_of_corotated_elements_is_exact():
+    """The stretch across them that takes all stress away there makes of `lam` 2 mu lam/(lam + 2 mu), at any strain."""
+    material = Isotropic.from_lame(LAM, MU)
+    body = System(
+        ElementMesh(np.array([[0.0, 1, 0.2], [0, 0.1, 0.9]]), np.array([[0], [1], [2]])), Corotated(material, plane="stress")
+    )
+    x = body.mesh.p.T
+    for s in ((1.7, 0.6), (0.4, 0.5), (1.0, -0.3)):
+        F = rotation(3)[:2, :2]
+        F = np.linalg.qr(F)[0]
+        F = F * [1, np.linalg.det(F)] @ np.diag(s)
+        least = minimize(
+            lambda z, s=s: MU * ((np.array([*s, z[0]]) - 1) ** 2).sum() + LAM / 2 * (sum(s) + z[0] - 3) ** 2, [1.0], tol=1e-14
+        )
+        area = np.linalg.det((x[1:] - x[0]).T) / 2
+        assert body.energy((x @ F.T - x).ravel()) == pytest.approx(area * least.fun, rel=1e-9)
+
+
+def block(n=2):
+    mesh = skfem.MeshTet.init_tensor(*[np.linspace(0, 1, n + 1)] * 3)
+    return mesh.with_boundaries({"left": lambda x: x[0] < 1e-9})
+
+
+def starts(mesh):
+    """All nodes anywhere in the block, and all in its middle plane; those that are held where they are."""
+    rng, x = np.random.default_rng(7), mesh.p.T
+    free = (x[:, 0] > 1e-9)[:, None]
+    yield "random", ((rng.uniform(0, 1, x.shape) - x) * free).ravel()
+    yield "flat", ((0.5 - x) * [0, 0, 1] * free).ravel()
+
+
+@pytest.mark.parametrize("law", [InvertibleStVK, Corotated])
+def test_bodies_come_back_from_any_start_in_motion(law):
+    mesh = block()
+    for name, u in starts(mesh):
+        body = System(mesh, law(young=1e3, poisson=0.3, density=1.0), fixed={"left": "xyz"})
+        assert len(body.inside_out(u)) > 5, name
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", StvkWarning)  # elements are inside out on the way
+            motion = simulate(body, VelocityVerlet(), until=3.0, u0=u, damping=Rayleigh(alpha=12.0), quiet=True)
+        assert np.abs(motion.u).max() < 1e-3, name
+
+
+@pytest.mark.parametrize("law", [InvertibleStVK, Corotated])
+def test_bodies_come_back_from_any_start_in_statics(law):
+    mesh = block()
+    for name, u in starts(mesh):
+        body = System(mesh, [law(young=1e3, poisson=0.3), NodalLoad([2], (0.0, 0.0, 0.0))], fixed={"left": "xyz"})
+        assert np.abs(solve_static(body, u0=u, quiet=True).u).max() < 1e-6, name
+
+
+@pytest.mark.parametrize("law", LAWS.values())
+def test_only_isotropic_materials(law):
+    material = Orthotropic(young=(9.0, 2.0, 1.0), poisson=(0.3, 0.2, 0.1), shear=(0.5, 0.6, 0.7))
+    with pytest.raises(MaterialError, match=f"{law.__name__} is for isotropic materials; got Orthotropic"):
+        System(MESHES["tetrahedra"], law(material))
+
+
+@pytest.mark.parametrize("threshold", [0.5, 3**-0.5, 1.0, 1.2, float("nan"), "high"])
+def test_thresholds_where_stress_falls_are_refused(threshold):
+    with pytest.raises(MaterialError, match=r"threshold .* 1/sqrt\(3\) = 0.577"):
+        InvertibleStVK(young=1.0, poisson=0.3, threshold=threshold)
+
+
+def test_above_the_threshold_it_is_st_venant_kirchhoff():
+    mesh = MESHES["tetrahedra"]
+    u = 0.1 * state(mesh)
+    bodies = [System(mesh, law(young=3.0, poisson=0.3)) for law in (StVK, InvertibleStVK)]
+    assert bodies[0].smallest_stretch(u) > 0.6
+    (W, F), (w, f) = (body.energy_and_force(u) for body in bodies)
+    assert w == pytest.approx(W, rel=1e-13) and f == pytest.approx(F, abs=1e-13 * np.abs(F).max())
+    K, k = (body.tangent(u) for body in bodies)
+    assert abs(K - k).max() < 1e-12 * abs(K).max()
+
+
+def turned(mesh, amount=0.05, seed=3):
+    """Displacements of a turned and a little strained body, and the turn."""
+    R, x = rotation(seed)[: mesh.d, : mesh.d], mesh.p.T
+    R = np.linalg.qr(R)[0]
+    R[:, 0] *= np.sign(np.linalg.det(R))
+    return ((x + amount * state(mesh).reshape(-1, mesh.d)) @ R.T - x).ravel(), R
+
+
+def by_node(K, R):
+    """`R K R'` for one rotation of all nodes."""
+    d, nv = len(R), len(K) // len(R)
+    return np.einsum("ij,ajbk,lk->aibl", R, K.reshape(nv, d, nv, d), R).reshape(K.shape)
+
+
+@pytest.mark.parametrize("material", ["isotropic", "orthotropic"])
+@pytest.mark.parametrize("name", ["tetrahedra", "triangles", "quadratic tetrahedra", "hexahedra"])
+def test_the_warped_tangent_of_a_turned_body_is_that_at_rest_turned(name, material):
+    mesh = (MESHES | CURVED)[name]
+    orthotropic = Orthotropic(young=(9.0, 2.0, 1.0), poisson=(0.3, 0.2, 0.1), shear=(0.5, 0.6, 0.7))
+    body = System(mesh, StVK(Isotropic(2.0, 0.3) if material == "isotropic" else orthotropic))
+    u, R = turned(mesh, 0.0)
+    K0 = body.tangent(np.zeros(body.ndofs)).toarray()
+    assert body.jacobian(u, kept=WARPED).toarray() == pytest.approx(by_node(K0, R), abs=1e-12 * np.abs(K0).max())
+    u, R = turned(mesh, 0.3)
+    K = body.jacobian(u, kept=WARPED).toarray()
+    lowest, highest = np.linalg.eigvalsh(K)[[0, -1]]
+    assert np.abs(K - K.T).max() < 1e-14 * highest and lowest > -1e-13 * highest
+    assert 1e-3 < np.abs(K - by_node(K0, R)).max() / np.abs(K).max() < 0.5
+
+
+def test_the_warped_tangent_of_corotated_elements_is_near_their_own():
+    mesh = MESHES["tetrahedra"]
+    law, stvk = Corotated(young=2.0, poisson=0.3), StVK(young=2.0, poisson=0.3)
+    u, _ = turned(mesh, 0.3)
+    exact, warped = System(mesh, law).tangent(u), System(mesh, law).jacobian(u, kept=WARPED)
+    assert abs(warped - System(mesh, stvk).jacobian(u, kept=WARPED)).max() < 1e-12 * abs(warped).max()
+    assert 0.01 < np.linalg.norm((exact - warped).toarray()) / np.linalg.norm(exact.toarray()) < 0.3
+
+
+@pytest.mark.parametrize("name", ["tetrahedra", "triangles"])
+def test_rotations_at_nodes_know_a_turn_of_all_but_not_torques(name):
+    mesh = MESHES[name]
+    body = System(mesh, Corotated(young=2.0, poisson=0.3, rotation="vertex"))
+    u, _ = turned(mesh, 0.0)
+    assert np.abs(body.internal_force(u)).max() < 1e-13
+    u, _ = turned(mesh, 0.4)
+    F, x = body.internal_force(u).reshape(-1, mesh.d), mesh.p.T + u.reshape(-1, mesh.d)
+    torque = np.einsum("ni,nj->ij", x, F)
+    assert np.abs(torque - torque.T).max() > 1e-3 * np.abs(torque).max()
+    with pytest.raises(StvkError, match="Corotated has no potential"):
+        body.potential(u)
+    small = 1e-7 * state(mesh)
+    K0 = System(mesh, StVK(young=2.0, poisson=0.3)).tangent(np.zeros(body.ndofs))
+    assert body.internal_force(small) == pytest.approx(K0 @ small, abs=1e-5 * np.abs(K0 @ small).max())
+
+
+@pytest.mark.parametrize("name", ["membrane", "cable", "segments"])
+def test_rotations_at_nodes_need_elements_that_fill_their_space(name):
+    with pytest.raises(MaterialError, match="rotation='vertex'"):
+        System(MESHES[name], Corotated(young=2.0, poisson=0.3, rotation="vertex"))
+
+
+def spin(t):
+    return np.array([[np.cos(t), -np.sin(t), 0], [np.sin(t), np.cos(t), 0], [0, 0, 1.0]])
+
+
+@pytest.mark.parametrize("name", ["tetrahedra", "hexahedra", "quadratic tetrahedra"])
+def test_frames_that_are_given_turn_linear_elasticity(name):
+    mesh = (MESHES | CURVED)[name]
+    body = System(mesh, Corotated(young=2.0, poisson=0.3, rotation=lambda t: np.broadcast_to(spin(t), (mesh.nt, 3, 3))))
+    K0 = System(mesh, StVK(young=2.0, poisson=0.3)).tangent(np.zeros(body.ndofs)).toarray()
+    u, x = 0.3 * state(mesh), mesh.p.T
+    for t in (0.0, 0.7, 2.0):
+        force = body.residual(u, t)
+        wanted = (K0 @ ((x + u.reshape(-1, 3)) @ spin(t) - x).ravel()).reshape(-1, 3) @ spin(t).T
+        assert force.reshape(-1, 3) == pytest.approx(wanted, abs=1e-12 * np.abs(wanted).max())
+        assert body.jacobian(u, t).toarray() == pytest.approx(by_node(K0, spin(t)), abs=1e-12 * np.abs(K0).max())
+
+
+def test_a_body_follows_the_frames_that_are_given():
+    """In statics three nodes go where the frames turn them, and the others follow without stress; in motion all start at rest."""
+    mesh = block()
+    x, n = mesh.p.T, mesh.t.shape[1]
+    law = Corotated(young=1e3, poisson=0.3, density=1.0, rotation=lambda t: np.broadcast_to(spin(0.5 * t), (n, 3, 3)))
+    corners = [int(np.argmin(((x - corner) ** 2).sum(axis=1))) for corner in ([0, 0, 0], [1, 0, 0], [0, 1, 0])]
+    body = System(mesh, law, prescribed={tuple(corners): lambda X, t: spin(0.5 * t) @ X - X})
+    found = solve_static(body, quiet=True)
+    assert found.u.reshape(-1, 3) == pytest.approx(x @ spin(0.5).T - x, abs=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        (lambda n: np.ones((n, 3)), "expected an array of shape"),
+        (lambda n: np.eye(3), "expected an array of shape"),
+        (lambda n: 2 * np.broadcast_to(np.eye(3), (n, 3, 3)), r"no rotation of \d+ elements \(0, 1"),
+        (lambda n: np.diag([1, 1, -1.0]) + np.zeros((n, 1, 1)), "determinant"),
+        (lambda n: np.eye(3) + np.where(np.arange(n) == 4, np.nan, 0)[:, None, None], r"no rotation of (1 )?element"),
+        (lambda n: "round", "expected an array of shape"),
+    ],
+)
+def test_what_is_no_rotation_is_refused_with_its_elements(given, said):
+    mesh = MESHES["tetrahedra"]
+    with pytest.raises(MaterialError, match=said):
+        System(mesh, Corotated(young=2.0, poisson=0.3, rotation=lambda t: given(mesh.nt)))
+
+
+@pytest.mark.parametrize("name", ["tetrahedra", "triangles", "membrane", "segments", "cable"])
+@pytest.mark.parametrize("law", LAWS)
+def test_stresses_and_densities_are_those_of_the_forces(law, name):
+    """The first Piola-Kirchhoff stress pulls the forces, and the densities add up to the energy; also of elements inside out."""
+    mesh = MESHES[name]
+    for plane in ("strain", "stress") if mesh.k == mesh.d == 2 else (None,):
+        body = System(mesh, LAWS[law](young=3.0, poisson=0.3, plane=plane))
+        x = mesh.p.ravel("F")
+        for u in (1e-6 * state(mesh), 0.3 * state(mesh) - 0.3 * x, 0.5 * state(mesh) - 1.6 * x * (np.arange(len(x)) % mesh.d == 0)):
+            now, v = Fields.of(body).at(u), state(mesh, seed=9)
+            assert now["strain_energy_density"] @ now.fields.volume == pytest.approx(body.energy(u), rel=1e-11)
+            H = np.zeros((mesh.nt, 3, 3))
+            H[:, : mesh.d, : mesh.d] = displacement_gradient_in_space(mesh, v)
+            power = (now["pk1_stress"] * H).sum(axis=(1, 2)) @ now.fields.volume
+            F = body.internal_force(u)
+            assert power == pytest.approx(F @ v, abs=1e-10 * np.abs(F) @ np.abs(v))
+
+
+def test_stresses_of_frames_that_are_not_the_elements_are_not_known():
+    mesh = MESHES["tetrahedra"]
+    with pytest.raises(MaterialError, match="stresses are known for rotation='element' alone"):
+        Fields.of(System(mesh, Corotated(young=3.0, poisson=0.3, rotation="vertex"))).at(state(mesh))["pk2_stress"]
+
+
+@pytest.mark.parametrize("name", STRETCHES)
+def test_extended_stresses_pull_by_the_area_vectors_and_have_no_energy(name):
+    """As with the energy above the threshold; below, principal stresses are continued one by one."""
+    F, s = rotation(1) @ np.diag(STRETCHES[name]) @ rotation(2), np.array(STRETCHES[name])
+    mesh = ElementMesh(TET.T, np.array([[0], [1], [2], [3]]))
+    body = System(mesh, InvertibleStVK(Isotropic.from_lame(LAM, MU), extend="stress"))
+    c = np.maximum(s, 0.6)
+    E = (c**2 - 1) / 2
+    p = c * (LAM * E.sum() + 2 * MU * E) + (LAM + 2 * MU) * (s - c)
+    P = rotation(1) @ np.diag(p) @ rotation(2)
+    spokes = (TET[1:] - TET[0]).T
+    wanted = abs(np.linalg.det(spokes)) / 6 * np.linalg.inv(spokes) @ P.T
+    u = (TET @ F.T - TET).ravel()
+    assert body.internal_force(u).reshape(4, 3)[1:] == pytest.approx(wanted, abs=1e-11 * np.abs(wanted).max())
+    assert body.energy(u) == 0 and not body.conservative
+    with pytest.raises(StvkError, match="InvertibleStVK has no potential"):
+        body.potential(u)
