@@ -122,7 +122,13 @@ class Corotated(ElasticLaw):
 
         def frames(t: Time) -> Array:
             time = Moment.of(t).time
-            R = real_array(given(time))
+            try:
+                R = real_array(given(time))
+            except Exception as error:
+                raise MaterialError(
+                    f"Corotated: the function rotation failed with {type(error).__name__}: {error}. It gets the load factor or "
+                    f"time ({time:g}), and gives rotations of shape ({len(ids)}, {d}, {d})."
+                ) from error
             if R is None or R.shape not in {(len(ids), 3, 3), (len(ids), d, d)}:
                 raise MaterialError(
                     f"Corotated: rotation({time:g}) gave {shown(R)}; expected an array of shape ({len(ids)}, {d}, {d}), a rotation "

@@ -59,7 +59,7 @@ class EdgeNetwork:
     >>> bool(abs(System(mesh, network).energy(u) / System(mesh, law).energy(u) - 1) < 1e-13)
     True
     >>> network, network.without("opposite")
-    (EdgeNetwork(98 edges, 276 adjacent and 144 opposite pairs), EdgeNetwork(98 edges, 276 adjacent and 0 opposite pairs))
+    (EdgeNetwork(89 edges, 312 adjacent and 72 opposite pairs), EdgeNetwork(89 edges, 312 adjacent and 0 opposite pairs))
     """
 
     edges: NDArray[Any]

@@ -41,7 +41,8 @@ def forget_names():
     "integrator", [ForwardEuler(dt=1e-5), VelocityVerlet(dt=1e-5), LinearBackwardEuler(dt=1e-3)], ids=lambda one: one.name
 )
 def test_nothing_as_long_as_a_vector_is_allocated_in_the_time_loop(integrator):
-    system = hanging(6)
+    """A call of a kernel with the types of laws takes 15 kB of Python's small objects for a moment: vectors are larger here."""
+    system = hanging(8)
     setup, record = begun(system, integrator, pushed(system))
     loop = Loop(setup, record, Outputs(setup, record), True)
 

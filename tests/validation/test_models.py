@@ -16,16 +16,14 @@ def test_every_model_is_compared_at_rest(trial):
     errors = {row[0]: row[1:4] for row in study.rows}
     assert set(errors) == {model.name for model in MODELS}
     same = {name: float(row[0].rstrip("%")) for name, row in errors.items() if row[0] != "-"}
-    assert same["StVK"] == 0 and same["neo-Hookean"] < 15 and same["linear"] > 5
+    assert same["StVK"] == 0 and same["neo-Hookean"] < 25 and same["linear"] > 5
     assert same["van-gelder springs"] > 10 and same["StVK + volume"] < 10
 
 
 def test_the_neo_hookean_truth_of_scikit_fem_is_this_packages():
     """On the same quadratic tetrahedra: two codes, one solution."""
     truth = bars.true_neo_hookean("bent", 1)
-    system = bars.System(
-        bars.bar(1), [*NEO_HOOKEAN.terms(bars.bar(1)), *bars.BENT.loads], {"wall": "xyz"}, degree=2, quadrature="exact"
-    )
+    system = bars.System(bars.bar(1), [*NEO_HOOKEAN.terms(bars.bar(1)), *bars.BENT.loads], {"wall": "xyz"}, degree=2)
     found = bars.solved(bars.BENT, system)
     assert bars.error(found.measured, truth) < 1e-4 and np.abs(truth).max() > 0.1
 

@@ -20,6 +20,8 @@ from .models import COLOURS, MODELS, TRUE, Model
 
 #: Lines of the models of one family.
 DASHES: tuple[Any, ...] = ("-", "--", ":", "-.", (0, (5, 1, 1, 1, 1, 1)))
+#: Marks likewise.
+MARKS = "os^Dv"
 #: Directions to the right and upwards on the page, as seen from the side and a little from above.
 ACROSS, UP = np.array([0.96, -0.28, 0.0]), np.array([-0.08, -0.28, 0.957])
 
@@ -87,21 +89,27 @@ def paths(found: Mapping[str, motions.Path], folder: Path, name: str) -> Path:
 def speed_against_error(found: Mapping[str, Cost], folder: Path, quick: bool) -> Path:
     """Error of the bent and of the twisted bar, against StVK on the same mesh, over the time of W and F."""
     n = bars.QUICK_ACROSS if quick else bars.ACROSS
-    figure = Figure(figsize=(9, 4.5), layout="constrained")
+    figure = Figure(figsize=(9, 5), layout="constrained")
     for axes, trial in zip(figure.subplots(1, 2), (bars.BENT, bars.TWISTED), strict=True):
         truth = bars.of_model(trial, TRUE, n).measured
+        seen: dict[str, int] = {}
         for model in MODELS:
             one = bars.of_model(trial, model, n).measured
             error = bars.error(one, truth) if one.shape == truth.shape else np.nan
             if not error < 10:
                 continue
-            axes.loglog(found[model.name].force, max(error, 1e-4), "o", color=COLOURS[model.family], ms=6)
-            axes.annotate(
-                model.name, (found[model.name].force, max(error, 1e-4)), fontsize=6, xytext=(4, 3), textcoords="offset points"
-            )
+            number = seen.get(model.family, 0)
+            seen[model.family] = number + 1
+            at, mark, colour = (found[model.name].force, max(error, 1e-4)), MARKS[number], COLOURS[model.family]
+            axes.loglog(*at, mark, color=colour, ms=6, ls="", label=model.name)
+            if not model.family.startswith("springs"):
+                axes.annotate(model.name, at, fontsize=6, xytext=(4, 3), textcoords="offset points")
         axes.set(xlabel="W and F [ns per tetrahedron]", title=f"a bar that is {trial.name}")
         axes.grid(True, which="both", alpha=0.25)
         axes.set_ylabel("error against StVK on the same mesh (at least 1e-4)")
+        handles, labels = axes.get_legend_handles_labels()
+    springs = [(handle, label) for handle, label in zip(handles, labels, strict=True) if "springs" in label]
+    figure.legend(*zip(*springs, strict=True), loc="outside lower center", ncols=5, fontsize=6)
     path = folder / "models-speed-error.png"
     figure.savefig(path, dpi=110)
     return path

@@ -153,8 +153,8 @@ def costs(quick: bool, folder: Path | None = None) -> Study:
         rows,
         (),
         (
-            "ns and bytes per tetrahedron, one thread: W and F together, K, a step of velocity Verlet and one of eq. 9 with their rows",
-            "in the ledger; a stable step of 1 is StVK's",
+            "ns and bytes per tetrahedron, one thread: W and F together, K, a step of velocity Verlet and one of eq. 9, with their",
+            "rows in the ledger; a stable step of 1 is StVK's",
         ),
         drawn,
     )
