@@ -75,10 +75,13 @@ def reason(ending: Ending) -> str:
             f"state.{_critical(history)} Look for the stable one beside it: give the mesh {mode}{otherwise}."
         )
     if status is Status.INVERTED:
+        found = f"At t = {t:.4g} the body is in equilibrium, but turned inside out or flat in {ending.inverted}."
+        if ending.system.resists_inversion:
+            return f"{found} What pushes such elements back is in balance there. Start from a state a little beside it."
         return (
-            f"At t = {t:.4g} the body is in equilibrium, but turned inside out or flat in {ending.inverted}. The energy does not "
-            "change when an element is mirrored, so this is a solution of the equations, not one of the body. Start from a state "
-            "that is not inside out, or add a term that turns elements back: VolumePenalty(kind='compression')."
+            f"{found} The energy does not change when an element is mirrored, so this is a solution of the equations, not one of "
+            "the body. Start from a state that is not inside out, or add a term that turns elements back: "
+            "VolumePenalty(kind='compression')."
         )
     if status is Status.INTERRUPTED:
         by = "" if isinstance(ending.cause, KeyboardInterrupt) else f" by {type(ending.cause).__name__}: {ending.cause}"

@@ -401,3 +401,15 @@ def test_extended_stresses_pull_by_the_area_vectors_and_have_no_energy(name):
     assert body.energy(u) == 0 and not body.conservative
     with pytest.raises(StvkError, match="InvertibleStVK has no potential"):
         body.potential(u)
+
+
+@pytest.mark.parametrize("law", LAWS)
+def test_a_body_that_is_exactly_mirrored_balances_and_is_told_to_start_beside(law):
+    """All stretches are alike there, so that none of the rotations is the nearest; a little beside it comes back."""
+    mesh = ElementMesh.of(skfem.MeshTet().refined(1).with_boundaries({"wall": lambda x: x[0] == 0}))
+    body = System(mesh, LAWS[law](young=2.0, poisson=0.3), {"wall": "xyz"})
+    mirrored = (mesh.p * [[-2.0], [0], [0]]).ravel("F")
+    found = solve_static(body, u0=mirrored, quiet=True, raise_on_failure=False)
+    assert not found.success and "Start from a state a little beside it" in found.message
+    beside = mirrored + 1e-3 * state(mesh) * np.repeat(mesh.p[0] > 0, 3)
+    assert np.abs(solve_static(body, u0=beside, quiet=True).u).max() < 1e-6
