@@ -17,7 +17,7 @@ from .dynamics import (
     modes,
     simulate,
 )
-from .errors import LoadError, MaterialError, MeshError, RegionError, StateError, StvkError, StvkWarning, SupportError
+from .errors import LoadError, MaterialError, MeshError, RegionError, SceneError, StateError, StvkError, StvkWarning, SupportError
 from .materials import Anisotropic, Isotropic, Orthotropic, TransverselyIsotropic, frames_along
 from .mesh import ElementMesh, embedded_mesh, read_mesh
 from .nonlinear.outcome import Interrupted
@@ -74,6 +74,7 @@ __all__ = [
     "RegionError",
     "Report",
     "Run",
+    "SceneError",
     "SimulationError",
     "SolveError",
     "SpringNetwork",

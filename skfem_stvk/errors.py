@@ -44,6 +44,21 @@ class StateError(StvkError):
     """A displacement vector has the wrong length or is not finite."""
 
 
+class SceneError(StvkError):
+    """A scene cannot be read, or does not say what can be built; with all that is wrong in it, one complaint per line.
+
+    `complaints` are `(path, line, message)`: the path of a key as the scene writes it (`terms[1].g`, "" for the scene as a whole),
+    the line of the scene, counted from 1 (None if there is none, as for what `--set` or a program gave), and what is wrong there.
+    """
+
+    def __init__(self, message: str, complaints: Iterable[tuple[str, int | None, str]] = ()) -> None:
+        super().__init__(message)
+        self.complaints = tuple(complaints)
+
+    def __reduce__(self) -> tuple[type[SceneError], tuple[str, tuple[tuple[str, int | None, str], ...]]]:
+        return SceneError, (str(self), self.complaints)
+
+
 class StvkWarning(UserWarning):
     """The input can be used, but is probably not what was meant."""
 

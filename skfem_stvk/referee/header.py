@@ -33,6 +33,9 @@ PACKAGES = (
     "pyamg",
     "filelock",
     "pydantic",
+    "tomlkit",
+    "tree-sitter",
+    "tree-sitter-toml",
 )
 #: Optional packages, and what installs them.
 OPTIONAL = {
