@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import StateError, warn
+from ..nonlinear.interruption import stop_if_asked
 from ..nonlinear.outcome import Interrupted, Status
 from ..nonlinear.progress import MotionProgress
 from ..results.files import WriteError
@@ -107,6 +108,8 @@ class Loop:
             if whole:
                 self._outputs.step()
             progress.step(record.steps, record.steps + (clock.left(until) if whole else 0))
+            if whole and clock.left(until):
+                stop_if_asked()
         return Status.FINISHED, ""
 
     def _step(self, t: float, whole: bool) -> tuple[Status, str]:

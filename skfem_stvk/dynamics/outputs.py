@@ -54,7 +54,7 @@ class Outputs:
         if options.checkpoint is not None:
             options.checkpoint.belongs_to(problem, overwrite)
         if save is not None:
-            series = stack.enter_context(Series(save, problem=problem, overwrite=overwrite))
+            series = stack.enter_context(Series(save, options.outlets.fields, problem=problem, overwrite=overwrite))
         return cls(setup, record, series, options.every or EVERY, options.checkpoint)
 
     @classmethod
@@ -74,7 +74,7 @@ class Outputs:
                 "the checkpoint was written."
             )
         last = float(record.ledger["time"][record.steps - record.steps % every])
-        series = stack.enter_context(Series(save, resume=True, until=last, problem=problem))
+        series = stack.enter_context(Series(save, options.outlets.fields, resume=True, until=last, problem=problem))
         if series.steps and series.steps[-1][0] < last < t and every == then.every:
             warn(
                 f"{series.path} ends at t = {series.steps[-1][0]:g} s: its state at {last:g} s is missing, and cannot be had any "

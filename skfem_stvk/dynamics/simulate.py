@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import warnings
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
 from pathlib import Path
 
@@ -47,6 +47,7 @@ def simulate(
     reactions: Mapping[str, Where] | None = None,
     remove: Rule | None = None,
     save: str | os.PathLike[str] | None = None,
+    fields: Sequence[str] | None = None,
     every: int | None = None,
     checkpoint: str | os.PathLike[str] | None = None,
     resume: bool | str | os.PathLike[str] = False,
@@ -75,8 +76,8 @@ def simulate(
     remove : a rule by which elements leave the body after whole steps, as by `System.remove`: `PrincipalStressLimit(1e6)`, or a
         function of the time and the displacements (ndofs,) that returns ids or a mask of elements, or None. The ledger has the
         energy that goes with them as `removed_energy`; `run.removed` says which they are. The system stays without them.
-    save : a .pvd file, with a .vtu file for each state that is saved, displacements, velocities, stresses and strains, and the
-        ledger as .csv beside it.
+    save : a .pvd file, with a .vtu file for each state that is saved, and the ledger as .csv beside it.
+    fields : what these hold beside displacements and velocities, see `skfem_stvk.results.names()`; by default stresses and strains.
     every : steps from one saved state to the next, by default 10.
     checkpoint : a folder whose one file, `motion.npz`, is replaced every few seconds, and at the end.
     resume : go on with the motion that `checkpoint` holds, if any, bit for bit as if it had never stopped; one that is at its end
@@ -126,7 +127,7 @@ def simulate(
     if every is not None:
         every = whole("every", every, "a whole number of steps, at least 1", least=1)
     named = MotionCheckpoint(path("resume", resume, "True or False"), "resume") if isinstance(resume, str | os.PathLike) else None
-    outlets = Outlets.checked(save, checkpoint, False if named or resume is None else resume, overwrite)
+    outlets = Outlets.checked(save, checkpoint, False if named or resume is None else resume, overwrite, fields)
     kept = named if outlets.checkpoint is None else MotionCheckpoint(outlets.checkpoint)
     source = named or (kept if kept is not None and outlets.resume and kept.file.exists() else None)
     options = Options(

@@ -118,9 +118,10 @@ class Outlets:
     checkpoint: Path | None  # its folder
     resume: bool  # whether to go on with what the checkpoint holds
     overwrite: bool  # whether to replace what belongs to another problem
+    fields: Any = None  # names of what its states hold beside displacements and velocities, None for the usual ones
 
     @classmethod
-    def checked(cls, save: Any, checkpoint: Any, resume: Any, overwrite: Any) -> Outlets:
+    def checked(cls, save: Any, checkpoint: Any, resume: Any, overwrite: Any, fields: Any = None) -> Outlets:
         """Those that were asked for: paths that can be written, and a checkpoint if it is to be resumed."""
         if save is not None:
             save = output_path(arguments.path("save", save, "the path of a file such as 'flag.pvd'"), ".pvd")
@@ -128,4 +129,4 @@ class Outlets:
             checkpoint = arguments.path("checkpoint", checkpoint, "the path of a folder such as 'flag'")
         if arguments.flag("resume", resume) and checkpoint is None:
             raise StvkError("resume=True without a checkpoint: from which folder? checkpoint='...'.")
-        return cls(save, checkpoint, bool(resume), arguments.flag("overwrite", overwrite))
+        return cls(save, checkpoint, bool(resume), arguments.flag("overwrite", overwrite), fields)

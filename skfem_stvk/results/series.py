@@ -35,7 +35,7 @@ class Series:
     Parameters
     ----------
     path : of the .pvd file, in a folder that exists.
-    fields : names of what each step holds, see `write_vtu`.
+    fields : names of what each step holds, see `write_vtu`; None for the usual ones.
     resume : go on with the series that is there, if any: its steps before the first one that is added are kept. By default the
         first step replaces an older series. The .vtu files of steps that are not kept are removed, if the older .pvd lists them
         under this series' name; other files stay.
@@ -54,14 +54,14 @@ class Series:
     def __init__(
         self,
         path: str | os.PathLike[str],
-        fields: Sequence[str] = DEFAULT,
+        fields: Sequence[str] | None = None,
         resume: bool = False,
         until: float = np.inf,
         *,
         problem: Fingerprint | None = None,
         overwrite: bool = False,
     ) -> None:
-        self.fields = tuple(field.name for field in find_all(fields))
+        self.fields = tuple(field.name for field in find_all(DEFAULT if fields is None else fields))
         self.path, self.resume = output_path(path, ".pvd"), flag("resume", resume)
         self._until = np.inf if isinstance(until, float) and until == np.inf else number("until", until, "a time, or infinity")
         self.steps: list[tuple[float, Path]] = []

@@ -38,7 +38,7 @@ def opened(
         if outlets.checkpoint is not None:
             kept = stack.enter_context(PathCheckpoint(outlets.checkpoint, system, problem, outlets))
         if outlets.save is not None:
-            series = stack.enter_context(Series(outlets.save, problem=problem, overwrite=outlets.overwrite))
+            series = stack.enter_context(Series(outlets.save, outlets.fields, problem=problem, overwrite=outlets.overwrite))
             write = partial(_add, series, Fields.of(system))
         yield write, kept
 

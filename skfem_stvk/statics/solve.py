@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -14,6 +14,7 @@ from ..arguments import Array, choice, flag, number, shown, whole
 from ..errors import LoadError, StvkError, warn
 from ..linear import LinearSolver, choose
 from ..mesh.displacements import by_vertex
+from ..nonlinear.interruption import stop_if_asked
 from ..nonlinear.outcome import Interrupted, Status
 from ..nonlinear.stability import Verdict, judged
 from ..nonlinear.stopwatch import Stopwatch
@@ -48,6 +49,7 @@ def solve_static(
     stability: bool = False,
     ellipticity: bool = False,
     save: str | os.PathLike[str] | None = None,
+    fields: Sequence[str] | None = None,
     checkpoint: str | os.PathLike[str] | None = None,
     resume: bool = False,
     overwrite: bool = False,
@@ -76,6 +78,7 @@ def solve_static(
         anyway.
     ellipticity : look at each state for elements that have lost strong ellipticity.
     save : a .pvd file that is written as the states are found, with one .vtu each.
+    fields : what these hold beside displacements, see `skfem_stvk.results.names()`; by default stresses and strains.
     checkpoint : a folder that keeps each state as it is found.
     resume : go on with the states that `checkpoint` holds, if any; another `stop` may be given. Otherwise they are replaced.
     overwrite : let `save` and `checkpoint` replace what belongs to another problem, with another mesh, other terms, supports or
@@ -122,7 +125,7 @@ def solve_static(
         t0=t0,
         stability=stability,
         ellipticity=ellipticity,
-        outlets=Outlets.checked(save, checkpoint, resume, overwrite),
+        outlets=Outlets.checked(save, checkpoint, resume, overwrite, fields),
         quiet=quiet,
         raise_on_failure=raise_on_failure,
     )
@@ -250,6 +253,8 @@ class _Solve:
             self._note(outcome, write, report)
             if isinstance(outcome, Step) and kept is not None:
                 kept.add(outcome, walk.saved())
+            if not walk.reached:
+                stop_if_asked()
 
     def _note(self, outcome: Step | Attempt, write: Write, report: PathProgress) -> None:
         self._history.append(outcome)

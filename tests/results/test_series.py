@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from bodies import MESHES, state
 
-from skfem_stvk import StVK, StvkError, StvkWarning
+from skfem_stvk import Gravity, StVK, StvkError, StvkWarning, System, VelocityVerlet, simulate, solve_static
 from skfem_stvk.results import Fields, Series
 from skfem_stvk.results.files import WriteError
 from skfem_stvk.results.series import save_series
@@ -218,3 +218,15 @@ def test_a_second_writer_of_a_series_is_refused(tmp_path):
                 refused()
         series.add(at(0.2), 0.2)
     assert listed(path) == expected((0.1, 0.2))
+
+
+def test_analyses_write_the_fields_that_are_named(tmp_path):
+    held = {lambda x: x[0] < x[0].mean() - 0.3 * np.ptp(x[0]): "xy"}
+    body = System(MESH, [StVK(young=2.0, poisson=0.3, density=1.0), Gravity(g=(0.0, -1e-3))], fixed=held)
+    solve_static(body, save=tmp_path / "path.pvd", fields=["volume_ratio"], quiet=True)
+    simulate(body, VelocityVerlet(), until=0.01, save=tmp_path / "motion.pvd", fields=["volume_ratio"], quiet=True)
+    for name, vectors in (("path", {"displacement"}), ("motion", {"displacement", "velocity"})):
+        file = meshio.read(tmp_path / f"{name}_0000.vtu")
+        assert vectors <= set(file.point_data) and "volume_ratio" in file.cell_data and "von_mises_stress" not in file.cell_data
+    with pytest.raises(StvkError, match="'volume'"):
+        solve_static(body, save=tmp_path / "other.pvd", fields=["volume"], quiet=True)

@@ -90,7 +90,7 @@ def calls() -> list[Call]:
         call(
             "Series",
             Series,
-            {"fields": frozenset({"empty list"}), "resume": frozenset({"True"}), "until": NUMBER | {"inf"}},
+            {"fields": OPTIONAL | {"empty list"}, "resume": frozenset({"True"}), "until": NUMBER | {"inf"}},
             {"fields": "field"},
             path="series.pvd",
             fields=["cauchy"],
