@@ -13,7 +13,7 @@ from rich.text import Text
 
 from ..referee.terminal import as_text, grid
 from .results import Benchmark
-from .tables import Table, tables
+from .tables import FigureTable, tables
 
 WIDTH = 132
 NAME = "benchmark"
@@ -59,7 +59,7 @@ def head(results: Benchmark) -> str:
     return "\n".join([f"{machine['processor']}, {machine['cores']} cores{bandwidth}", *textwrap.wrap(named, WIDTH - 8)])
 
 
-def grid_of(table: Table, title: str = "") -> RichTable:
+def grid_of(table: FigureTable, title: str = "") -> RichTable:
     """The table for a rich console, in the house style."""
     shown = grid(title, *map(escape, table.columns))
     for column in shown.columns[table.words :]:
@@ -101,7 +101,7 @@ def page(results: Benchmark) -> str:
     return "\n\n".join([*parts, *(_section(table) for table in shown[1:])]) + "\n"
 
 
-def _section(table: Table) -> str:
+def _section(table: FigureTable) -> str:
     note = f"{textwrap.fill(table.note, WIDTH)}\n\n" if table.note else ""
     return f"## {table.title}\n\n{note}{_indented(as_text(grid_of(table), WIDTH - 4))}"
 

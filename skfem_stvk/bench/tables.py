@@ -15,7 +15,7 @@ STYLES = {"met": "green", "missed": "yellow", "not": "dim"}
 
 
 @dataclass(frozen=True)
-class Table:
+class FigureTable:
     """Title, columns and rows; the first `words` columns hold words, the others numbers. `note` says what they mean."""
 
     title: str
@@ -25,7 +25,7 @@ class Table:
     words: int = 1
 
 
-def tables(results: Benchmark) -> list[Table]:
+def tables(results: Benchmark) -> list[FigureTable]:
     """The tables that hold something, the targets first."""
     every = (targets, ours, precisions, models, others, growth, setup, memory, memory_by_mesh, errors, missing)
     return [table for make in every if (table := make(results)).rows]
@@ -46,12 +46,12 @@ def quotient(above: float | None, below: float | None) -> str:
     return "" if above is None or below is None else number(above / below)
 
 
-def targets(results: Benchmark) -> Table:
+def targets(results: Benchmark) -> FigureTable:
     meshes = judged(results)
     rows = [_row_of(verdict, meshes) for verdict in verdicts(results)]
     columns = ("target", "limit", "moonshot", *meshes, "all", "verdict", "moonshot met")
     note = "One thread, double precision. The worst of the meshes decides; two threads are asked for on the largest."
-    return Table("Targets", note, columns, rows if results.meshes else [])
+    return FigureTable("Targets", note, columns, rows if results.meshes else [])
 
 
 def _row_of(verdict: TargetVerdict, meshes: list[str]) -> Row:
@@ -69,7 +69,7 @@ def _row_of(verdict: TargetVerdict, meshes: list[str]) -> Row:
     )
 
 
-def ours(results: Benchmark) -> Table:
+def ours(results: Benchmark) -> FigureTable:
     rows: list[Row] = []
     for mesh in results.meshes:
         product = results.best(mesh, CSR, "K v")
@@ -89,7 +89,7 @@ def ours(results: Benchmark) -> Table:
         "what must be, once, at the speed of a copy between arrays too large for any cache: smaller meshes stay in a large cache "
         "and can beat it."
     )
-    return Table("This package", note, columns, rows, words=2)
+    return FigureTable("This package", note, columns, rows, words=2)
 
 
 def _limit(results: Benchmark, mesh: str, quantity: str) -> float | None:
@@ -98,7 +98,7 @@ def _limit(results: Benchmark, mesh: str, quantity: str) -> float | None:
     return None if least is None or results.bandwidth is None else 1e9 * least / results.bandwidth
 
 
-def precisions(results: Benchmark) -> Table:
+def precisions(results: Benchmark) -> FigureTable:
     rows: list[Row] = []
     for mesh in results.meshes:
         for player, quantity in [(OURS, quantity) for quantity in QUANTITIES] + [(CSR, "K v")]:
@@ -111,10 +111,10 @@ def precisions(results: Benchmark) -> Table:
                 times = number(one), number(two), quotient(one, two), number(single), number(both), quotient(single, both)
                 rows.append((mesh, quantity if player == OURS else player, *times, quotient(one, single)))
     columns = ("mesh", "of", "float64", "2 threads", "gain", "float32", "2 threads", "gain", "float64/float32")
-    return Table("Threads and precision", "Best times, ns per tetrahedron.", columns, rows, words=2)
+    return FigureTable("Threads and precision", "Best times, ns per tetrahedron.", columns, rows, words=2)
 
 
-def models(results: Benchmark) -> Table:
+def models(results: Benchmark) -> FigureTable:
     rows: list[Row] = []
     for mesh in results.meshes:
         usual = [results.best(mesh, MODELS[0], quantity) for quantity in ("W+F", "K")]
@@ -125,30 +125,31 @@ def models(results: Benchmark) -> Table:
                 rows.append((mesh, name, number(force), of_usual[0], number(tangent), of_usual[1]))
     columns = ("mesh", "model", "W+F", "of StVK", "K", "of StVK's")
     note = "One thread, double precision, ns per tetrahedron; in turns, at a fifth of the deformation of the other tables."
-    return Table("Models", note, columns, rows, words=2)
+    return FigureTable("Models", note, columns, rows, words=2)
 
 
-def others(results: Benchmark) -> Table:
+def others(results: Benchmark) -> FigureTable:
     rows: list[Row] = []
     for timing in results.timings:
         if timing.player not in (OURS, *MODELS) and timing.dtype == "float64":
             ratio = quotient(timing.best, results.best(timing.mesh, OURS, timing.quantity))
             rows.append((timing.mesh, timing.player, timing.quantity, number(timing.best), number(timing.median), ratio))
     columns = ("mesh", "player", "of", "ns per tet", "median", "x ours")
-    return Table("Others, in the same run", "One thread, double precision.", columns, rows, words=3)
+    return FigureTable("Others, in the same run", "One thread, double precision.", columns, rows, words=3)
 
 
-def growth(results: Benchmark) -> Table:
+def growth(results: Benchmark) -> FigureTable:
     sizes = [facts["nt"] for name, facts in results.meshes.items() if name.startswith("box")]
     rows: list[Row] = []
     if len(sizes) > 1:
         rows += [(f"time of {q}", number(s)) for q in ("W+F", "K", "K v") if (s := of_time(results, q)) is not None]
         rows += [(f"memory for {q}", number(s)) for q in ("F", "F and K") if (s := of_memory(results, q)) is not None]
     span = f"{min(sizes)} to {max(sizes)} tetrahedra" if sizes else ""
-    return Table("Growth", f"Exponent of the number of tetrahedra, fitted over the boxes of {span}.", ("of", "exponent"), rows)
+    note = f"Exponent of the number of tetrahedra, fitted over the boxes of {span}."
+    return FigureTable("Growth", note, ("of", "exponent"), rows)
 
 
-def setup(results: Benchmark) -> Table:
+def setup(results: Benchmark) -> FigureTable:
     rows: list[Row] = []
     for timing in results.timings:
         if timing.quantity.startswith("setup"):
@@ -156,10 +157,10 @@ def setup(results: Benchmark) -> Table:
             rows.append((timing.mesh, timing.quantity, number(timing.best), number(timing.median), in_k))
     columns = ("mesh", "of", "ns per tet", "median", "in assemblies of K")
     note = "From arrays of points and tetrahedra to the first result, less the time of one such call; the kernels are compiled."
-    return Table("Setup", note, columns, rows, words=2)
+    return FigureTable("Setup", note, columns, rows, words=2)
 
 
-def memory(results: Benchmark) -> Table:
+def memory(results: Benchmark) -> FigureTable:
     """Memory by part, on the largest mesh that is judged."""
     mesh = (judged(results) or [""])[-1]
     held = [m for m in results.memory if m.mesh == mesh]
@@ -171,10 +172,10 @@ def memory(results: Benchmark) -> Table:
     note = (
         "Bytes per tetrahedron that a system holds on one thread. The values of K are the user's, who gets the pattern with them."
     )
-    return Table("Memory by part", note, columns, rows)
+    return FigureTable("Memory by part", note, columns, rows)
 
 
-def memory_by_mesh(results: Benchmark) -> Table:
+def memory_by_mesh(results: Benchmark) -> FigureTable:
     kinds = list(dict.fromkeys((m.quantity, m.dtype) for m in results.memory))
     found = {(m.mesh, m.quantity, m.dtype): m.besides / m.nt for m in results.memory}
     rows: list[Row] = [
@@ -183,10 +184,10 @@ def memory_by_mesh(results: Benchmark) -> Table:
         if any((mesh, *kind) in found for kind in kinds)
     ]
     columns = ("mesh", *(quantity + (", float32" if dtype == "float32" else "") for quantity, dtype in kinds))
-    return Table("Memory by mesh", "Bytes per tetrahedron, all but the pattern of K.", columns, rows)
+    return FigureTable("Memory by mesh", "Bytes per tetrahedron, all but the pattern of K.", columns, rows)
 
 
-def errors(results: Benchmark) -> Table:
+def errors(results: Benchmark) -> FigureTable:
     strains = sorted({e.strain for e in results.errors}, reverse=True)
     found = {(e.player, e.dtype, e.quantity, e.strain): e.error for e in results.errors}
     rows: list[Row] = [
@@ -195,10 +196,10 @@ def errors(results: Benchmark) -> Table:
     ]
     columns = ("player", "in", "of", *(f"strain {strain:.0e}" for strain in strains))
     note = "Largest error of an entry of F, and of K times a vector, against 50 digits, of the largest entry; 64 tetrahedra."
-    return Table("Errors", note, columns, rows, words=3)
+    return FigureTable("Errors", note, columns, rows, words=3)
 
 
-def missing(results: Benchmark) -> Table:
+def missing(results: Benchmark) -> FigureTable:
     rows: list[Row] = list(results.not_measured.items())
     rows += [(what, Text(f"failed: {why}", style="bold red")) for what, why in results.failures.items()]
-    return Table("Not measured", "", ("what", "why"), rows, words=2)
+    return FigureTable("Not measured", "", ("what", "why"), rows, words=2)

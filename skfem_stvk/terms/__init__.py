@@ -36,6 +36,7 @@ from .protocols import (
 )
 from .spring_network import SpringNetwork
 from .stvk import StVK
+from .times import Ramp, Sine, Table
 from .volume_penalty import VolumePenalty
 
 __all__ = [
@@ -69,8 +70,11 @@ __all__ = [
     "PointResponse",
     "Pressure",
     "Quartic",
+    "Ramp",
+    "Sine",
     "SpringNetwork",
     "StVK",
+    "Table",
     "TakesTime",
     "Term",
     "Traction",

@@ -22,9 +22,12 @@ from skfem_stvk import (
     NodalLoad,
     Orthotropic,
     Pressure,
+    Ramp,
+    Sine,
     SpringNetwork,
     StVK,
     System,
+    Table,
     Traction,
     TransverselyIsotropic,
     VolumePenalty,
@@ -264,6 +267,21 @@ def calls() -> list[Call]:
         _load(NodalLoad, where=[2, 5], force=(0.0, -8.0)),
         _load(Traction, where="right", traction=(0.0, -8.0)),
         _load(Pressure, where="right", pressure=2.0),
+        *(
+            call(
+                f"{kind.__name__} at a time",
+                lambda t=0.25, kind=kind, **given: kind(**given)(t),
+                dict.fromkeys(given, NUMBER)
+                | {"until": POSITIVE, "frequency": POSITIVE, "value": NUMBER | ONE_ELEMENT | {"one longer"}, "t": NUMBER},
+                **given,
+                t=0.25,
+            )
+            for kind, given in (
+                (Ramp, {"value": 2.0, "until": 1.0, "start": 0.0}),
+                (Sine, {"value": (2.0, 0.5), "frequency": 1.0, "phase": 0.5}),
+                (Table, {"value": 2.0, "times": [0.0, 1.0], "factors": [0.0, 1.0]}),
+            )
+        ),
         call(
             "System",
             System,

@@ -1,0 +1,168 @@
+"""Functions of time that can be written down: a value times a factor that ramps, oscillates or follows a table."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from math import pi, sin
+from typing import Any
+
+import numpy as np
+
+from ..arguments import array, number, real_array, shown
+from ..errors import LoadError, name_ids
+
+NUMBER = "a finite number"
+
+
+@dataclass(frozen=True)
+class InTime(ABC):
+    """A value times a factor of time: a function of `t`, good wherever loads and prescribed displacements take one.
+
+    In statics `t` is the load factor, in motion the time [s]; the factor replaces the ramp that constants have in statics.
+    """
+
+    value: Any
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "value", _checked_value(type(self).__name__, self.value))
+
+    @abstractmethod
+    def factor(self, t: float) -> float:
+        """What the value is multiplied by at `t`."""
+
+    def __call__(self, t: float) -> float | tuple[float, ...]:
+        factor = self.factor(number("t", t, "a finite load factor or time", error=LoadError))
+        return tuple(factor * one for one in self.value) if isinstance(self.value, tuple) else factor * self.value
+
+    def _keep(self, name: str, expected: str = NUMBER, low: float = -np.inf) -> None:
+        """Keep an attribute as the number that it has to be."""
+        given = number(f"{type(self).__name__}: {name}", getattr(self, name), expected, low, error=LoadError)
+        object.__setattr__(self, name, given)
+
+
+@dataclass(frozen=True)
+class Ramp(InTime):
+    """A value that grows from 0 to its full size at a constant rate, and keeps it.
+
+        f(t) = value min(1, max(0, (t - start)/(until - start)))
+
+    Parameters
+    ----------
+    value : a number, or one to three components.
+    until : when it has its full size [s].
+    start : until when it is 0 [s], before `until`.
+
+    Raises
+    ------
+    LoadError
+        for values that are no finite numbers, and for `until` that is not after `start`.
+
+    >>> push = Ramp((0, 0, -2e6), until=0.1)
+    >>> push(0.05), push(1.0)
+    ((0.0, 0.0, -1000000.0), (0.0, 0.0, -2000000.0))
+    >>> push
+    Ramp(value=(0.0, 0.0, -2000000.0), until=0.1, start=0.0)
+    """
+
+    until: float
+    start: float = 0.0
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        self._keep("start")
+        self._keep("until", f"a finite number after start = {self.start:g}", self.start)
+
+    def factor(self, t: float) -> float:
+        if t >= self.until:
+            return 1.0
+        return 0.0 if t <= self.start else (t - self.start) / (self.until - self.start)
+
+
+@dataclass(frozen=True)
+class Sine(InTime):
+    """A value that oscillates: `f(t) = value sin(2 pi frequency t + phase)`.
+
+    Parameters
+    ----------
+    value : the amplitude, a number, or one to three components.
+    frequency : cycles per time [Hz], positive.
+    phase : angle at t = 0 [rad]; pi/2 makes it a cosine.
+
+    Raises
+    ------
+    LoadError
+        for values that are no finite numbers, and a frequency that is not positive.
+
+    >>> shake = Sine(0.01, frequency=2.0)
+    >>> shake(0.125), round(shake(0.25), 12)
+    (0.01, 0.0)
+    """
+
+    frequency: float
+    phase: float = 0.0
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        self._keep("frequency", "a positive number, cycles per time", 0.0)
+        self._keep("phase", "a finite number, an angle in radians")
+
+    def factor(self, t: float) -> float:
+        return sin(2 * pi * self.frequency * t + self.phase)
+
+
+@dataclass(frozen=True)
+class Table(InTime):
+    """A value times factors at given times, linear between them, and constant before the first and after the last.
+
+    Parameters
+    ----------
+    value : a number, or one to three components.
+    times : (n,) ascending, n >= 1 [s].
+    factors : (n,) what the value is multiplied by at these times.
+
+    Raises
+    ------
+    LoadError
+        for values that are no finite numbers, times that do not ascend, and another number of factors than of times.
+
+    >>> knock = Table(5.0, times=[0.0, 1e-3, 2e-3], factors=[0, 1, 0])
+    >>> knock(5e-4), knock(2.0)
+    (2.5, 0.0)
+    >>> Table(5.0, times=[0, 2, 1], factors=[0, 1, 0])
+    Traceback (most recent call last):
+    skfem_stvk.errors.LoadError: Table: times do not ascend after 1 entry (1). Sort them, with their factors; for a jump give two
+    times that are near each other.
+    """
+
+    times: tuple[float, ...]
+    factors: tuple[float, ...]
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        times = array("Table: times", self.times, (None,), "a list of numbers that ascend", LoadError)
+        if not len(times):
+            raise LoadError("Table: times are empty; expected at least one, and as many factors.")
+        if len(bad := np.flatnonzero(np.diff(times) <= 0)):
+            raise LoadError(
+                f"Table: times do not ascend after {name_ids(bad, 'entry')}. Sort them, with their factors; for a jump give two "
+                "times that are near each other."
+            )
+        expected = f"({len(times)},) numbers, one for each of the times"
+        factors = array("Table: factors", self.factors, (len(times),), expected, LoadError)
+        object.__setattr__(self, "times", tuple(times.tolist()))
+        object.__setattr__(self, "factors", tuple(factors.tolist()))
+
+    def factor(self, t: float) -> float:
+        return float(np.interp(t, self.times, self.factors))
+
+
+def _checked_value(name: str, given: Any) -> float | tuple[float, ...]:
+    """A finite number, or up to three of them."""
+    expected = "a number, or one to three components (x, y, z); for values that depend on the place write a function of (x, t)"
+    values = real_array(given)
+    if values is None or values.shape not in ((), (1,), (2,), (3,)):
+        raise LoadError(f"{name}: value = {shown(given)}; expected {expected}.")
+    if not np.isfinite(values).all():
+        raise LoadError(f"{name}: value = {shown(given)} is not finite; expected {expected}.")
+    return tuple(values.tolist()) if values.ndim else float(values)
