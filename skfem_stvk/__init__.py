@@ -19,7 +19,7 @@ from .dynamics import (
 )
 from .errors import LoadError, MaterialError, MeshError, RegionError, SceneError, StateError, StvkError, StvkWarning, SupportError
 from .materials import Anisotropic, Isotropic, Orthotropic, TransverselyIsotropic, frames_along
-from .mesh import ElementMesh, embedded_mesh, read_mesh
+from .mesh import ElementMesh, MeshQuality, embedded_mesh, mesh_quality, read_mesh
 from .nonlinear.outcome import Interrupted
 from .referee import Report, verify
 from .results import compare_networks
@@ -67,6 +67,7 @@ __all__ = [
     "LoadError",
     "MaterialError",
     "MeshError",
+    "MeshQuality",
     "NeoHookean",
     "Newmark",
     "NodalLoad",
@@ -100,6 +101,7 @@ __all__ = [
     "critical_step",
     "embedded_mesh",
     "frames_along",
+    "mesh_quality",
     "modes",
     "read_mesh",
     "simulate",

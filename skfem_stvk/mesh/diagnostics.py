@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import coo_matrix
@@ -13,6 +16,7 @@ from ..elements.rules import REFERENCE
 from ..errors import MeshError, name_ids, warn
 from ..kernels.geometry import measures
 from ..kernels.topology import lexicographic_order
+from .facets import Cells, MeshArrays
 from .geometry import aspect_ratios, edge_differences
 from .mesh import ElementMesh
 from .points import extremes, signed, spokes_at
@@ -23,10 +27,27 @@ LARGEST_EXPONENT = 50
 CHUNK = 512
 
 
+class MeshFault(NamedTuple):
+    """What is wrong with a mesh, or doubtful.
+
+    Attributes
+    ----------
+    name : in a few words, such as "duplicates".
+    ids : of the elements or nodes, ascending.
+    text : with the first of these, the likely cause and the next step.
+    refused : whether no body can be made of it; else it is probably not what was meant.
+    """
+
+    name: str
+    ids: NDArray[np.integer]
+    text: str
+    refused: bool = True
+
+
 def check_mesh(mesh: ElementMesh) -> None:
     """Refuse a mesh that cannot carry an elastic body, and warn of one that is probably not what was meant.
 
-    Negative orientation is normal (half of the elements of `MeshTet.init_tensor`) and accepted.
+    Negative orientation is normal (half of the elements of `MeshTet.init_tensor`) and accepted. `mesh_quality` tells of all faults.
 
     Raises
     ------
@@ -39,53 +60,81 @@ def check_mesh(mesh: ElementMesh) -> None:
     StvkWarning
         of vertices in the same place, and of parts that are not connected.
     """
-    if len(bad := np.flatnonzero(~np.isfinite(mesh.p).all(axis=0))):
-        raise MeshError(f"{name_ids(bad, mesh.word)}: coordinates that are not finite. Was the mesh exported or scaled wrongly?")
+    for fault in faults(mesh):
+        if fault.refused:
+            raise MeshError(fault.text)
+        warn(fault.text)
+
+
+def faults(mesh: ElementMesh) -> Iterator[MeshFault]:
+    """All that is wrong with a mesh, what is refused first; each is looked for when it is asked for."""
+    finite: NDArray[np.bool_] = np.asarray(np.isfinite(mesh.p).all(axis=0))
+    if len(bad := np.flatnonzero(~finite)):
+        text = f"{name_ids(bad, mesh.word)}: coordinates that are not finite. Was the mesh exported or scaled wrongly?"
+        yield MeshFault("not finite", bad, text)
     ordered = np.sort(mesh.t, axis=0)
-    if len(bad := np.flatnonzero((ordered[1:] == ordered[:-1]).any(axis=0))):
-        raise MeshError(
-            f"{name_ids(bad, 'element')}: the same {mesh.word} twice, so no volume. Collapsed cells of a converter? Remove them."
-        )
-    check_shapes(mesh)
-    check_range(mesh)
+    collapsed = (ordered[1:] == ordered[:-1]).any(axis=0)
+    if len(bad := np.flatnonzero(collapsed)):
+        text = f"{name_ids(bad, 'element')}: the same {mesh.word} twice, so no volume. Collapsed cells of a converter? Remove them."
+        yield MeshFault("collapsed", bad, text)
+    sound, kept = sound_elements(mesh, finite, collapsed)
+    if len(kept):
+        yield from _faults_of_shapes(sound, kept)
+        yield from _faults_of_range(sound)
     ordered = ordered if mesh.element.degree == 1 else np.sort(mesh.corners, axis=0)
     order = lexicographic_order(ordered, mesh.nv)
     if len(same := np.flatnonzero((ordered[:, order[1:]] == ordered[:, order[:-1]]).all(axis=0))):
         bad = np.sort(order[same + 1])
-        raise MeshError(
+        text = (
             f"{name_ids(bad, 'element')}: the same vertices as an earlier element, so the stiffness would count twice. Two "
             "overlapping physical groups, or a part exported twice? Remove the copies."
         )
+        yield MeshFault("duplicates", bad, text)
     if len(unused := np.flatnonzero(np.bincount(mesh.t.ravel(), minlength=mesh.nv) == 0)):
-        raise MeshError(
+        text = (
             f"{name_ids(unused, mesh.word)}: on no element, so K would have zero rows. Remove them: mesh.remove_unused_nodes() in "
             "scikit-fem; `skfem-stvk verify FILE` and `read_mesh` drop them."
         )
-    warn_of_coincident_vertices(mesh)
-    warn_of_parts(mesh)
+        yield MeshFault("unused", unused, text)
+    if len(kept):
+        yield from _coincident_vertices(mesh, sound, finite)
+    yield from _parts_apart(mesh)
 
 
-def check_shapes(mesh: ElementMesh) -> None:
-    """Refuse simplices without volume, and elements whose Jacobian vanishes or changes its sign."""
+def sound_elements(
+    mesh: ElementMesh, finite: NDArray[np.bool_], collapsed: NDArray[np.bool_]
+) -> tuple[MeshArrays, NDArray[np.int64]]:
+    """The elements that have no `collapsed` (nt,) corners and only `finite` (nv,) nodes, on coordinates that all are; their ids."""
+    if finite.all() and not collapsed.any():
+        return mesh, np.arange(mesh.nt)
+    kept = np.flatnonzero(finite[mesh.t].all(axis=0) & ~collapsed)
+    somewhere = mesh.p[:, [np.argmax(finite)]] if finite.any() else np.zeros((mesh.d, 1))
+    return Cells(np.where(finite, mesh.p, somewhere), np.ascontiguousarray(mesh.t[:, kept]), mesh.element), kept
+
+
+def _faults_of_shapes(mesh: MeshArrays, ids: NDArray[np.int64]) -> Iterator[MeshFault]:
+    """Simplices without volume, and elements whose Jacobian vanishes or changes its sign."""
     if mesh.element.is_linear_simplex:
-        if len(bad := flat_elements(mesh)):
-            raise MeshError(
+        if len(bad := ids[flat_elements(mesh)]):
+            text = (
                 f"{name_ids(bad, 'element')}: no volume, all vertices lie in one {('point', 'line', 'plane')[mesh.k - 1]} to "
                 "within rounding. Remesh or remove these slivers."
             )
-    elif len(bad := folded_elements(mesh)):
+            yield MeshFault("flat", bad, text)
+    elif len(bad := ids[folded_elements(mesh)]):
         quadratic = mesh.element.degree == 2
         order = "middles of edges" if quadratic else "vertices"
         otherwise = "an edge that is curved too far" if quadratic else "a corner that is pushed in or flat"
         advice = "take edges as straight (degree=1, or mesh.with_degree(1))" if quadratic else "remesh"
-        raise MeshError(
+        text = (
             f"{name_ids(bad, 'element')}: the Jacobian vanishes or changes its sign among their points and nodes, so they fold "
             f"over themselves. Are their {order} in another order ({element_order(mesh)} is expected), or is there {otherwise}? "
             f"Look at them, or {advice}."
         )
+        yield MeshFault("folded", bad, text)
 
 
-def element_order(mesh: ElementMesh) -> str:
+def element_order(mesh: MeshArrays) -> str:
     """The local order of nodes in words."""
     edges = ", ".join(f"{a}{b}" for a, b in mesh.element.edges)
     if mesh.element.is_box:
@@ -93,7 +142,7 @@ def element_order(mesh: ElementMesh) -> str:
     return f"corners, then the middles of {edges},"
 
 
-def flat_elements(mesh: ElementMesh) -> NDArray[np.int64]:
+def flat_elements(mesh: MeshArrays) -> NDArray[np.int64]:
     """Linear simplices whose smallest height is zero to within rounding: of the coordinates, and 1e-12 of the longest edge."""
     p = mesh.p / scale_of(mesh.p)  # so that volumes neither overflow nor vanish
     parallelepiped, longest, largest_facet = measures(p, mesh.t)
@@ -105,7 +154,7 @@ def flat_elements(mesh: ElementMesh) -> NDArray[np.int64]:
     return np.flatnonzero(flat)
 
 
-def folded_elements(mesh: ElementMesh) -> NDArray[np.int64]:
+def folded_elements(mesh: MeshArrays) -> NDArray[np.int64]:
     """Elements whose Jacobian is zero to within rounding, or of both signs, at the points of the usual and exact rules and nodes.
 
     In a space of more dimensions the sign is that of the turn from the spokes at the centre: no more than a right angle. Zero is a
@@ -136,20 +185,24 @@ def scale_of(p: NDArray[np.float64]) -> float:
     return 2.0 ** np.clip(np.floor(np.log2(largest)), -1021, 1022) if largest > 0 else 1.0
 
 
-def check_range(mesh: ElementMesh) -> None:
-    """Refuse lengths that energies and stiffnesses, made of squares of volumes, cannot be computed from in double precision."""
+def _faults_of_range(mesh: MeshArrays) -> Iterator[MeshFault]:
+    """Lengths that energies and stiffnesses, made of squares of volumes, cannot be computed from in double precision."""
     scale = scale_of(mesh.p)
     longest = longest_edges(mesh, mesh.p / scale)
+    longest = longest[longest > 0]
+    if not len(longest):
+        return
     low, high = (float(np.log10(length) + np.log10(scale)) for length in (longest.min(), longest.max()))
     if low < -LARGEST_EXPONENT or high > LARGEST_EXPONENT:
-        raise MeshError(
+        text = (
             f"The elements are from 1e{low:.0f} to 1e{high:.0f} long, so energies and stiffnesses, which are made of squares of "
             f"volumes, are beyond the range of double precision; expected lengths from 1e-{LARGEST_EXPONENT} to "
             f"1e{LARGEST_EXPONENT}. Choose another unit of length."
         )
+        yield MeshFault("range", np.empty(0, dtype=np.int64), text)
 
 
-def longest_edges(mesh: ElementMesh, p: NDArray[np.float64]) -> NDArray[np.float64]:
+def longest_edges(mesh: MeshArrays, p: NDArray[np.float64]) -> NDArray[np.float64]:
     """(nt,) the longest edge of each element, from corner to corner."""
     if mesh.element.is_box:
         return np.asarray(np.linalg.norm(edge_differences(mesh, p), axis=0).max(axis=0))
@@ -171,17 +224,23 @@ def warn_of_flat_elements(mesh: ElementMesh) -> None:
         )
 
 
-def warn_of_coincident_vertices(mesh: ElementMesh) -> None:
-    """Warn of nodes closer than 1e-6 of the elements' longest edge, in the median: seams that do not hold together."""
-    near = 1e-6 * float(np.median(longest_edges(mesh, mesh.p)))
-    size = np.ptp(mesh.p, axis=1).max()
+def _coincident_vertices(mesh: ElementMesh, sound: MeshArrays, finite: NDArray[np.bool_]) -> Iterator[MeshFault]:
+    """Nodes closer than 1e-6 of the elements' longest edge, in the median: seams that do not hold together."""
+    near = 1e-6 * float(np.median(longest_edges(sound, sound.p)))
+    nodes = np.flatnonzero(finite)
+    p = mesh.p if len(nodes) == mesh.nv else mesh.p[:, nodes]
+    size = np.ptp(p, axis=1).max()
+    if not size > 0:
+        return
     # far from zero, on which scipy's tree never ends where a library has made the process flush denormal numbers
-    away = 1 + (mesh.p - mesh.p.min(axis=1, keepdims=True)) / size
+    away = 1 + (p - p.min(axis=1, keepdims=True)) / size
     if len(pairs := cKDTree(away.T).query_pairs(near / size, output_type="ndarray")):
-        warn(
-            f"{name_ids(np.unique(pairs[:, 1]), mesh.word)}: in the same place as another one, so parts that touch there are not "
+        bad = np.unique(nodes[pairs[:, 1]])
+        text = (
+            f"{name_ids(bad, mesh.word)}: in the same place as another one, so parts that touch there are not "
             "connected. Merge them if they should be, e.g. mesh.remove_duplicate_nodes() in scikit-fem."
         )
+        yield MeshFault("coincident", bad, text, refused=False)
 
 
 def parts(mesh: ElementMesh) -> NDArray[np.int32]:
@@ -192,11 +251,21 @@ def parts(mesh: ElementMesh) -> NDArray[np.int32]:
     return connected_components(links, directed=False)[1]
 
 
-def warn_of_parts(mesh: ElementMesh) -> None:
-    sizes = np.sort(np.bincount(parts(mesh)))[::-1]
+def sizes_of_parts(mesh: ElementMesh) -> tuple[NDArray[np.int32], NDArray[np.int64]]:
+    """(nv,) number of the connected part that each node belongs to, and (n,) how many nodes each has; 0 of those on no element."""
+    part = parts(mesh)
+    used = np.bincount(mesh.t.ravel(), minlength=mesh.nv) > 0
+    return part, np.bincount(part[used], minlength=int(part.max()) + 1).astype(np.int64)
+
+
+def _parts_apart(mesh: ElementMesh) -> Iterator[MeshFault]:
+    """Parts that are not connected, with the nodes of all but the largest."""
+    part, count = sizes_of_parts(mesh)
+    sizes = np.sort(count[count > 0])[::-1]
     if len(sizes) > 1:
         shown = ", ".join(str(size) for size in sizes[:5]) + (", ..." if len(sizes) > 5 else "")
-        warn(
+        text = (
             f"The mesh is in {len(sizes)} parts that are not connected ({shown} {mesh.words}): each needs its own supports. If "
             "they should hold together, merge the vertices of their common faces."
         )
+        yield MeshFault("parts", np.flatnonzero((part != count.argmax()) & (count[part] > 0)), text, refused=False)

@@ -79,6 +79,13 @@ class MeshArrays:
         return facets
 
 
+class Cells(MeshArrays):
+    """Elements as bare arrays, which may leave nodes out."""
+
+    def __init__(self, p: NDArray[np.float64], t: Ids, element: Element) -> None:
+        self.p, self.t, self.element = p, t, element
+
+
 def facets_of(t: Ids, nv: int, element: Element | None = None) -> tuple[Ids, Ids]:
     """All facets (m, nf) of elements `t` in scikit-fem's order, and those of each element (f, nt).
 

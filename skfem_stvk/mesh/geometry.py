@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from ..elements import rule_of
 from . import points
+from .facets import MeshArrays
 from .mesh import ElementMesh
 
 
@@ -104,7 +105,7 @@ def jacobians(mesh: ElementMesh, xi: NDArray[np.float64]) -> NDArray[np.float64]
     return points.signed(spokes_at(mesh, xi), spokes_at(mesh, rule_of(mesh.element, "one-point").points))
 
 
-def edge_differences(mesh: ElementMesh, x: NDArray[np.float64]) -> NDArray[np.float64]:
+def edge_differences(mesh: MeshArrays, x: NDArray[np.float64]) -> NDArray[np.float64]:
     """(d, m, nt) differences of a field `x` (d, nv) between the ends of the edges of the elements, in the order of their nodes.
 
     Of simplices all pairs of corners; of hexahedra and quadrilaterals `element.edges`.
@@ -114,7 +115,7 @@ def edge_differences(mesh: ElementMesh, x: NDArray[np.float64]) -> NDArray[np.fl
     return corners[:, a] - corners[:, b]
 
 
-def edge_lengths(mesh: ElementMesh) -> NDArray[np.float64]:
+def edge_lengths(mesh: MeshArrays) -> NDArray[np.float64]:
     """(m, nt) lengths of the edges of the elements, from end to end [m]."""
     return np.linalg.norm(edge_differences(mesh, mesh.p), axis=0)
 

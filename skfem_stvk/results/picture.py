@@ -13,7 +13,7 @@ from ..arguments import Array, number, real_array, shown, text
 from ..elements import Element
 from ..elements.element import named
 from ..errors import StvkError
-from ..mesh.facets import MeshArrays, facet_ids
+from ..mesh.facets import Cells, MeshArrays, facet_ids
 from .fields import NodalAverage, State, checked_state, masked, split_nodes
 from .law import in_space
 from .table import FIELDS, VECTORS, find
@@ -123,13 +123,6 @@ def _in_words(times: list[float]) -> list[str]:
     gaps = np.diff(np.unique(times))
     digits = int(np.clip(1 - np.floor(np.log10(gaps.min())), 0, 9)) if len(gaps) else 3
     return [f"t = {t:.{digits}f}" for t in times]
-
-
-class Cells(MeshArrays):
-    """Elements that are drawn, which may leave nodes out."""
-
-    def __init__(self, p: Array, t: NDArray[np.int32], element: Element) -> None:
-        self.p, self.t, self.element = p, t, element
 
 
 class Sight:

@@ -19,10 +19,11 @@ from numpy.typing import ArrayLike, NDArray
 from .. import arguments
 from ..arguments import choice
 from ..errors import StvkError, name_known
+from ..mesh.facets import Cells
 from ..mesh.groups import from_cells
 from .fields import State, checked_state, masked
 from .files import output_path, replacing
-from .picture import Cells, Film, Picture, Sight, checked_label, checked_scale, corner_values, picture_of
+from .picture import Film, Picture, Sight, checked_label, checked_scale, corner_values, picture_of
 from .series import read_list
 from .table import FIELDS, VECTORS
 

@@ -50,6 +50,8 @@ WITHOUT = {
         "Linearized",
         "Mass",
         "Modes",
+        "Extreme",
+        "MeshQuality",
         "NetworkComparison",
         "Outcome",
         "Report",

@@ -32,6 +32,7 @@ from skfem_stvk import (
     TransverselyIsotropic,
     VolumePenalty,
     frames_along,
+    mesh_quality,
     read_mesh,
 )
 from skfem_stvk.elements import ELEMENTS
@@ -344,6 +345,7 @@ def calls() -> list[Call]:
             element=ELEMENTS["triangles"],
         ),
         call("ElementMesh.of", ElementMesh.of, {}, {}, mesh=(mesh().p, mesh().t)),
+        call("mesh_quality", mesh_quality, {}, {}, mesh=(mesh().p, mesh().t)),
         call("ElementMesh.with_degree", tetrahedra().with_degree, degree=2),
         call("ElementMesh.elements", mesh().elements, {"region": OPTIONAL}, {"region": PLACE}, region=[0, 2]),
         call(

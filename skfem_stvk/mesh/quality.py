@@ -1,0 +1,225 @@
+"""How good the elements of a mesh are, and which are the worst: also of a mesh that no body can be made of."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..arguments import Array, choice, whole
+from ..elements import Element, rule_of
+from ..errors import name_ids
+from . import points
+from .diagnostics import MeshFault, faults, scale_of, sizes_of_parts, sound_elements
+from .facets import Cells
+from .geometry import edge_lengths
+from .mesh import ElementMesh, MeshLike
+
+#: Elements that are flatter, and edges that are shorter than this part of the usual ones, make a motion slow and stresses poor.
+FLAT, SHORT = 100.0, 1e-3
+
+
+@dataclass(frozen=True)
+class Extreme:
+    """The worst of a measure of elements.
+
+    Attributes
+    ----------
+    name : of the measure, such as "largest aspect ratio".
+    dimension : "length", "size" [m^k], "angle" [degrees] or "" for numbers.
+    median : of all elements, of what the name says.
+    value : of the worst one.
+    elements : ids, the worst first.
+    values : theirs.
+    """
+
+    name: str
+    dimension: str
+    median: float
+    value: float
+    elements: tuple[int, ...]
+    values: tuple[float, ...]
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class MeshQuality:
+    """Shapes of the elements of a mesh, and all that is wrong with it; `mesh_quality` makes it.
+
+    Attributes
+    ----------
+    size : (nt,) lengths, areas or volumes [m^k], positive for both orientations.
+    aspect : (nt,) longest edge over smallest height at the worst of an element's points; 1.22 for a regular tetrahedron, 1 for a
+        segment, a square or a cube; infinite where there is no volume.
+    angles : (2, nt) smallest and largest angle [degrees]: of tetrahedra and hexahedra between faces (dihedral; 70.5 in a regular
+        tetrahedron), of triangles and quadrilaterals between edges. By corners, as if edges were straight; NaN of segments.
+    edges : (2, nt) shortest and longest edge, from corner to corner [m].
+    turned : (nt,) whether an element is turned round, which does no harm; False where elements do not fill the space.
+    parts : (n,) nodes in each connected part, the largest first.
+    faults : all that is wrong or doubtful, with ids, cause and next step; `fault.refused`: `System` refuses such a mesh.
+
+    Elements with nodes that are not finite, or with the same corner twice, have NaN.
+    """
+
+    mesh: ElementMesh
+    size: Array
+    aspect: Array
+    angles: Array
+    edges: Array
+    turned: NDArray[np.bool_]
+    parts: NDArray[np.int64]
+    faults: tuple[MeshFault, ...]
+
+    @property
+    def sound(self) -> bool:
+        """Whether a body can be made of the mesh."""
+        return not any(fault.refused for fault in self.faults)
+
+    def worst(self, name: str, n: int = 5) -> Extreme:
+        """The n worst elements by a measure, such as "largest aspect ratio"; errors name them all.
+
+        Raises
+        ------
+        StvkError
+            if there is no such measure, or n is no whole number from 1 on.
+        """
+        values, sign, dimension = self._measures[choice("name", name, tuple(self._measures))]
+        n = whole("n", n, "a number of elements, from 1", 1)
+        known = np.flatnonzero(~np.isnan(values))
+        if not len(known):
+            return Extreme(name, dimension, np.nan, np.nan, (), ())
+        order = known[np.argsort(-sign * values[known], kind="stable")[:n]]
+        each = tuple(values[order].tolist())
+        return Extreme(name, dimension, float(np.median(values[known])), each[0], tuple(order.tolist()), each)
+
+    def extremes(self, n: int = 5) -> list[Extreme]:
+        """The n worst elements by each measure that the elements have."""
+        return [self.worst(name, n) for name, (values, _, _) in self._measures.items() if not np.isnan(values).all()]
+
+    @cached_property
+    def _measures(self) -> dict[str, tuple[Array, int, str]]:
+        """Values, 1 if the largest and -1 if the smallest is the worst, and the dimension."""
+        return {
+            "largest aspect ratio": (self.aspect, 1, ""),
+            "smallest angle": (self.angles[0], -1, "angle"),
+            "largest angle": (self.angles[1], 1, "angle"),
+            "smallest size": (self.size, -1, "size"),
+            "largest size": (self.size, 1, "size"),
+            "shortest edge": (self.edges[0], -1, "length"),
+            "longest edge": (self.edges[1], 1, "length"),
+        }
+
+    def __repr__(self) -> str:
+        parts = f"{len(self.parts)} part{'s' * (len(self.parts) != 1)}, {self.turned.sum()} of {self.mesh.nt} elements turned round"
+        rows = [
+            f"{one.name} {one.value:.4g} (median {one.median:.4g}) in {name_ids(one.elements, 'element')}"
+            for one in self.extremes(3)
+        ]
+        found = [f"{'refused' if fault.refused else 'doubtful'}: {fault.text}" for fault in self.faults]
+        return "\n".join([f"MeshQuality: {self.mesh.nt} {self.mesh.kind}, {parts}", *rows, *found])
+
+
+def mesh_quality(mesh: MeshLike) -> MeshQuality:
+    """Shapes of all elements of a mesh of any kind, the worst ones, and all that is wrong with it.
+
+    A mesh that `System` refuses is told of as well, with all of its faults at once.
+
+    Parameters
+    ----------
+    mesh : as `System` takes it.
+
+    Raises
+    ------
+    MeshError
+        for arrays that are no mesh.
+
+    >>> import skfem
+    >>> quality = mesh_quality(skfem.MeshTet().refined(1))
+    >>> round(quality.worst("largest aspect ratio").value, 6), quality.sound, quality.parts
+    (3.0, True, array([26]))
+    >>> flat = mesh_quality(([[0, 1, 0, 1.0], [0, 0, 1, 1.0]], [[0, 0], [1, 1], [3, 1]]))
+    >>> [fault.name for fault in flat.faults], flat.aspect.round(3)
+    (['collapsed', 'unused'], array([ 2., nan]))
+    """
+    mesh = ElementMesh.of(mesh)
+    nt, k = mesh.nt, mesh.k
+    size, aspect, angles, edges = np.full(nt, np.nan), np.full(nt, np.nan), np.full((2, nt), np.nan), np.full((2, nt), np.nan)
+    turned = np.zeros(nt, dtype=bool)
+    with np.errstate(all="ignore"):
+        finite, ordered = np.isfinite(mesh.p).all(axis=0), np.sort(mesh.t, axis=0)
+        sound, kept = sound_elements(mesh, finite, (ordered[1:] == ordered[:-1]).any(axis=0))
+        if len(kept):
+            scale = scale_of(sound.p)  # so that volumes neither overflow nor vanish
+            cells = Cells(sound.p / scale, sound.t, sound.element)
+            lengths = edge_lengths(cells)
+            size[kept] = points.sizes_of(cells.p, cells.t, cells.element, "usual") * scale**k
+            aspect[kept], edges[:, kept] = _aspects(cells), [scale * lengths.min(axis=0), scale * lengths.max(axis=0)]
+            if k > 1:
+                angles[:, kept] = _angles(cells)
+            if k == mesh.d:
+                centre = rule_of(cells.element, "one-point").points
+                turned[kept] = points.determinants(points.spokes_at(cells.p, cells.t, cells.element, centre)[:, 0]) < 0
+        count = sizes_of_parts(mesh)[1]
+        found = (*faults(mesh), *_doubts(mesh, aspect, edges))
+    return MeshQuality(mesh, size, aspect, angles, edges, turned=turned, parts=np.sort(count[count > 0])[::-1], faults=found)
+
+
+def _aspects(cells: Cells) -> Array:
+    """(nt,) longest edge over smallest height, infinite where there is none, at the worst of the usual points."""
+    spokes = points.spokes_at(cells.p, cells.t, cells.element, rule_of(cells.element, "usual").points)
+    longest, steepest = points.extremes(spokes, cells.element.is_box)
+    aspect = np.asarray((longest * steepest).max(axis=1))
+    return np.where(np.isnan(aspect), np.inf, aspect) if cells.k > 1 else np.ones(cells.nt)
+
+
+def _angles(cells: Cells) -> Array:
+    """(2, nt) smallest and largest angle [degrees] between edges (k = 2) or faces (k = 3) that meet, by corners."""
+    x = np.zeros((3, *cells.corners.shape))
+    x[: cells.d] = cells.p[:, cells.corners]
+    low, high = np.full(cells.nt, np.inf), np.full(cells.nt, -np.inf)
+    for at, along, one, other in _corners_of_angles(cells.element):
+        a, b = x[:, one] - x[:, at], x[:, other] - x[:, at]
+        if cells.k == 3:  # across the edge from `at` to `along`, in which the faces meet
+            edge = x[:, along] - x[:, at]
+            square = (edge * edge).sum(axis=0)
+            a, b = (side - edge * ((side * edge).sum(axis=0) / square) for side in (a, b))
+        angle = np.degrees(np.arctan2(np.linalg.norm(np.cross(a, b, axis=0), axis=0), (a * b).sum(axis=0)))
+        low, high = np.fmin(low, angle), np.fmax(high, angle)
+    return np.where(np.isfinite([low, high]), [low, high], np.nan)
+
+
+def _corners_of_angles(element: Element) -> Iterator[tuple[int, int, int, int]]:
+    """Local corners of each angle: where it is, the end of the edge in which two faces meet, and a corner on either side."""
+    neighbours = {a: sorted({b for edge in element.edges for b in edge if a in edge} - {a}) for a in range(element.corners)}
+    for at, others in neighbours.items():
+        if element.k == 2:
+            yield at, at, others[0], others[1]
+            continue
+        for along in others:
+            if element.is_box or at < along:  # the angle of a simplex is the same at both ends of an edge
+                one, other = (b for b in others if b != along)
+                yield at, along, one, other
+
+
+def _doubts(mesh: ElementMesh, aspect: Array, edges: Array) -> Iterator[MeshFault]:
+    """Elements that a body can be made of, but none that is fast and good."""
+    flat = np.flatnonzero((aspect > FLAT) & np.isfinite(aspect))
+    if len(flat):
+        worst = flat[np.argsort(-aspect[flat], kind="stable")]
+        text = (
+            f"{name_ids(worst, 'element')}: flatter than 1:{FLAT:g}, the flattest 1:{aspect[worst[0]]:.3g}. They are too stiff, "
+            "their stresses are poor, and explicit steps short. Remesh there, or let the mesher optimise (Gmsh: Mesh.Optimize = 1)."
+        )
+        yield MeshFault("slivers", flat, text, refused=False)
+    usual = float(np.nanmedian(edges[1])) if not np.isnan(edges[1]).all() else 0.0
+    short = np.flatnonzero(edges[0] < SHORT * usual)
+    if len(short):
+        worst = short[np.argsort(edges[0, short], kind="stable")]
+        text = (
+            f"{name_ids(worst, 'element')}: an edge shorter than {SHORT:g} of the usual longest one ({usual:.3g}), the shortest "
+            f"{edges[0, worst[0]]:.3g}. It makes explicit steps short. A detail of the CAD model that nobody needs? Remove it, or "
+            "set a least size of elements (Gmsh: Mesh.MeshSizeMin)."
+        )
+        yield MeshFault("short edges", short, text, refused=False)
