@@ -247,7 +247,7 @@ def _along_axes(ledger: Mapping[str, Array], prefix: str) -> Lines:
 def _fill(axes: Any, panel: _Panel, ledger: Mapping[str, Array]) -> None:
     for name, words, colour in panel.lines:
         total = name == "total_energy"
-        axes.plot(*_thinned(ledger["time"], ledger[name]), color=colour, lw=1.6 if total else 1.0, label=words)
+        axes.plot(*thinned(ledger["time"], ledger[name]), color=colour, lw=1.6 if total else 1.0, label=words)
     axes.set_ylabel(panel.label, fontsize=9)
     axes.tick_params(labelsize=8)
     axes.spines[["top", "right"]].set_visible(False)
@@ -256,7 +256,7 @@ def _fill(axes: Any, panel: _Panel, ledger: Mapping[str, Array]) -> None:
         axes.legend(fontsize=8, frameon=False, loc="center left", bbox_to_anchor=(1.0, 0.5))
 
 
-def _thinned(t: Array, values: Array) -> tuple[Array, Array]:
+def thinned(t: Array, values: Array) -> tuple[Array, Array]:
     """Points that draw the same line: of each of many short stretches the least and the largest value."""
     if len(t) <= MOST_POINTS:
         return t, values

@@ -76,7 +76,7 @@ def _axes_in_plane(figure: Figure, box: Array, picture: Picture) -> Any:
     axes.autoscale(False)
     axes.set_aspect("equal")
     axes.spines[["top", "right"]].set_visible(False)
-    axes.set(xlabel="x [m]", ylabel="y [m]")
+    axes.set(xlabel=f"x [{picture.length_unit}]", ylabel=f"y [{picture.length_unit}]")
     if picture.d == 1:
         axes.set_ylim(np.array([-0.1, 0.06]) * np.ptp(picture.rest[:, 0]))
         axes.yaxis.set_visible(False)

@@ -37,6 +37,7 @@ class Picture:
     lines: NDArray[np.integer]  # (2, ne) edges that outline the body
     label: str  # what the colours mean, with the unit
     scale: float
+    length_unit: str = "m"  # of the coordinates
 
     @property
     def largest(self) -> float:
@@ -103,6 +104,7 @@ class Film:
     times: list[float]  # [s]
     picture: Callable[[int], Picture]  # by its number, with values in their unit
     unit: str  # of the values; empty if they stay as they are
+    length_unit: str = "m"  # of the coordinates
 
     def developed(self) -> tuple[View, Iterator[tuple[str, Picture]]]:
         """The view that all pictures share, and each picture with its time in words.
@@ -114,7 +116,8 @@ class Film:
         factor, unit = prefixed(max(abs(low), abs(high)), self.unit)
         moving = np.flatnonzero(np.ptp(raw.box, axis=0) > 0)
         d = int(max(moving, default=0)) + 1
-        shots = (replace(self.picture(number).in_unit(factor, unit), d=d) for number in range(len(self.times)))
+        length = self.length_unit
+        shots = (replace(self.picture(number).in_unit(factor, unit), d=d, length_unit=length) for number in range(len(self.times)))
         return View(raw.box, (factor * low, factor * high)), zip(_in_words(self.times), shots, strict=True)
 
 

@@ -7,6 +7,7 @@ import shutil
 import sys
 import xml.etree.ElementTree as ET
 from collections.abc import Sequence
+from dataclasses import replace
 from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
@@ -17,7 +18,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .. import arguments
-from ..arguments import choice
+from ..arguments import choice, text
 from ..errors import StvkError, name_known
 from ..mesh.facets import Cells
 from ..mesh.groups import from_cells
@@ -37,6 +38,7 @@ def plot(
     *,
     scale: float = 1.0,
     label: str | None = None,
+    length_unit: str = "m",
     path: str | os.PathLike[str] | None = None,
     backend: str | None = None,
 ) -> Any:
@@ -48,6 +50,7 @@ def plot(
         one per element or one per node. Numbers by element are averaged to the nodes, within each material. Grey: no value there.
     scale : factor for the displacements, 1 for the true shape.
     label : of the colour bar; by default the field's name and unit.
+    length_unit : of coordinates, on the axes of bodies in a plane.
     path : of a .png, .pdf or .svg file to write.
     backend : "matplotlib", or "pyvista" for a scene that the mouse turns and that PyVista exports (`pip install
         'skfem-stvk[plot]'`).
@@ -62,11 +65,12 @@ def plot(
     StvkError
         for an unknown field or backend, or a path that cannot be written, before any work.
     """
+    length_unit = text("length_unit", length_unit)
     backend = "matplotlib" if backend is None else choice("backend", backend, BACKENDS)
     target = None if path is None else output_path(path, ".png", ".pdf", ".svg")
     if backend == "pyvista" and not find_spec("pyvista"):
         raise StvkError("PyVista is not installed: pip install 'skfem-stvk[plot]', or take backend=\"matplotlib\".")
-    picture = picture_of(state, field, scale, label)
+    picture = replace(picture_of(state, field, scale, label), length_unit=length_unit)
     if backend == "matplotlib" or target is not None:
         from .matplotlib_plot import draw
 
@@ -83,6 +87,7 @@ def animate(
     *,
     scale: float = 1.0,
     label: str | None = None,
+    length_unit: str = "m",
     fps: float = 20.0,
 ) -> Path:
     """Write a film of the deformed body, coloured by a field; axes and colours are the same in all frames.
@@ -95,6 +100,7 @@ def animate(
         files hold, averaged to the nodes there.
     scale : factor for the displacements, 1 for the true shape.
     label : of the colour bar; by default the field's name and unit.
+    length_unit : of coordinates, on the axes of bodies in a plane.
     fps : frames per second. A .gif counts in hundredths of a second.
 
     Raises
@@ -104,7 +110,7 @@ def animate(
         before any work.
     """
     path = output_path(path, ".gif", ".mp4")
-    scale, label = checked_scale(scale), checked_label(label)
+    scale, label, length_unit = checked_scale(scale), checked_label(label), text("length_unit", length_unit)
     fps = arguments.number("fps", fps, "frames per second, up to 100", 0.0, np.nextafter(100.0, 101.0))
     if path.suffix.lower() == ".mp4" and not _ffmpeg():
         raise StvkError(
@@ -118,7 +124,7 @@ def animate(
     from .matplotlib_plot import write_film
 
     with replacing(path) as part:
-        write_film(film, part, path.suffix.lower(), fps)
+        write_film(replace(film, length_unit=length_unit), part, path.suffix.lower(), fps)
     return path
 
 

@@ -37,6 +37,12 @@ def test_every_kind_of_mesh_has_a_scene_that_can_be_turned_and_exported(name, tm
     assert (tmp_path / "body.gltf").stat().st_size > 1000 and (tmp_path / "body.png").stat().st_size > 1000
 
 
+def test_axes_in_a_plane_have_the_unit_of_length_that_was_given(tmp_path):
+    now = at(MESHES["triangles"])
+    labels = [plot(now, path=tmp_path / "body.png", **given).axes[0].get_xlabel() for given in ({}, {"length_unit": "mm"})]
+    assert labels == ["x [m]", "x [mm]"]
+
+
 @pytest.mark.parametrize("suffix", [".pdf", ".svg"])
 def test_pictures_are_written_as_vectors_too(suffix, tmp_path):
     path = tmp_path / f"body{suffix}"

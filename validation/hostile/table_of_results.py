@@ -29,8 +29,8 @@ def calls() -> list[Call]:
     u, fields = displacements(), Fields(mesh(), list(system().elastic_terms))
     forces = np.arange(12.0)
     reaction = Reaction.of(mesh(), u, forces, [0, 3])
-    picture = {"scale": NUMBER, "label": TEXT | OPTIONAL, "path": OPTIONAL, "backend": OPTIONAL}
-    film = {"scale": NUMBER, "label": TEXT | OPTIONAL, "fps": POSITIVE}
+    picture = {"scale": NUMBER, "label": TEXT | OPTIONAL, "length_unit": TEXT, "path": OPTIONAL, "backend": OPTIONAL}
+    film = {"scale": NUMBER, "label": TEXT | OPTIONAL, "length_unit": TEXT, "fps": POSITIVE}
     values = np.arange(4.0)
     return [
         call("Fields", Fields, {}, {"terms": "terms"}, mesh=mesh(), terms=list(system().elastic_terms)),
@@ -56,6 +56,7 @@ def calls() -> list[Call]:
             field="von_mises",
             scale=2.0,
             label="text",
+            length_unit="mm",
             path="picture.svg",
             backend="matplotlib",
         ),
@@ -76,6 +77,7 @@ def calls() -> list[Call]:
             field="displacement",
             scale=2.0,
             label="text",
+            length_unit="mm",
             fps=20.0,
         ),
         call(
