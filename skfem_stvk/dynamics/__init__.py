@@ -1,6 +1,7 @@
 """Motion in time: masses, damping, integrators, modes."""
 
 from ..nonlinear.outcome import Interrupted, Status
+from .critical_elements import CriticalElements, critical_elements
 from .critical_step import CriticalStep, LargestFrequency, critical_step
 from .damping import EdgeDamping, Rayleigh
 from .integrators import (
@@ -23,6 +24,7 @@ from .simulate import simulate
 __all__ = [
     "INTEGRATORS",
     "BackwardEuler",
+    "CriticalElements",
     "CriticalStep",
     "EdgeDamping",
     "EnergyMomentum",
@@ -41,6 +43,7 @@ __all__ = [
     "SimulationError",
     "Status",
     "VelocityVerlet",
+    "critical_elements",
     "critical_step",
     "modes",
     "simulate",

@@ -114,7 +114,7 @@ class System(BoundTerms):
         check_mesh(mesh)
         if not double:
             warn_of_flat_elements(mesh)
-        self.quadrature = quadrature  # as it was given
+        self.quadrature, self.rule = quadrature, rule  # as it was given, and what it means
         self.supports = Supports(mesh, fixed, prescribed)
         super().__init__(mesh, terms, np.float64 if double else np.float32, rule)
         self._turning = [(load, Coupled(load, mesh.nv, mesh.d, np.float64)) for load in self._turning_loads()]

@@ -38,6 +38,7 @@ WITHOUT = {
         "Benchmark",
         "CheckOutcome",
         "CriticalPoint",
+        "CriticalElements",
         "CriticalStep",
         "EdgeBlocks",
         "End",

@@ -17,6 +17,7 @@ from skfem_stvk import (
     Rayleigh,
     Run,
     VelocityVerlet,
+    critical_elements,
     critical_step,
     modes,
     simulate,
@@ -84,6 +85,15 @@ def calls() -> list[Call]:
             system=system(),
             u=u,
             damping=damping,
+        ),
+        call(
+            "critical_elements",
+            lambda **given: critical_elements(**given).steps,
+            {"u": OPTIONAL},
+            {"system": "System"},
+            system=system(),
+            n=2,
+            u=u,
         ),
         call(
             "LargestFrequency",

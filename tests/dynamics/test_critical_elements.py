@@ -1,0 +1,116 @@
+"""Elements by themselves: none is left out, the smallest of their steps bounds that of the body, and the right ones are named."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import skfem
+from bodies import MESHES, box, distorted, state
+
+from skfem_stvk import (
+    Corotated,
+    ElasticFoundation,
+    ElementMesh,
+    MaterialError,
+    NeoHookean,
+    SpringNetwork,
+    StVK,
+    StvkError,
+    System,
+    VolumePenalty,
+    critical_elements,
+    critical_step,
+)
+
+RNG = np.random.default_rng(0)
+CELLS = {"quadrilaterals": skfem.MeshQuad().refined(2), "hexahedra": skfem.MeshHex().refined(1)}
+MORE = {name: ElementMesh.of(mesh) for name, mesh in CELLS.items()}
+MORE = {name: replace(mesh, p=distorted(mesh.p, RNG, 0.1)) for name, mesh in MORE.items()}
+MORE |= {f"quadratic {name}": MESHES[name].with_degree(2) for name in ("triangles", "tetrahedra", "segments", "cable")}
+BODIES = MESHES | MORE
+
+
+def body(name, **more):
+    mesh = BODIES[name]
+    rng = np.random.default_rng(1)
+    law = StVK(young=rng.uniform(1, 3, mesh.nt), poisson=0.35, density=rng.uniform(0.5, 2, mesh.nt))
+    return System(mesh, law, **more)
+
+
+def of_one(system, e):
+    """The critical step of a body of one element, as a mesh of its own."""
+    mesh, law = system.mesh, system.terms[0]
+    kept = np.unique(mesh.t[:, e])
+    t = np.searchsorted(kept, mesh.t[:, [e]])
+    one = ElementMesh(mesh.p[:, kept], t, element=mesh.element)
+    material = law.material
+    alone = System(one, StVK(young=material.young[e], poisson=0.35, density=material.density[e]), quadrature=system.quadrature)
+    K, m = alone.tangent(np.zeros(alone.ndofs)).toarray(), np.repeat(alone.mass().vertex, mesh.d)
+    return 2 / np.sqrt(np.linalg.eigvalsh(K / np.sqrt(np.outer(m, m)))[-1])
+
+
+@pytest.mark.parametrize("name", BODIES)
+def test_each_step_is_that_of_a_body_of_one_element(name):
+    system = body(name)
+    found = critical_elements(system, 3)
+    for e in (0, system.mesh.nt // 2, int(found.elements[0])):
+        assert found.every[e] == pytest.approx(of_one(system, e), rel=1e-9)
+
+
+@pytest.mark.parametrize("quadrature", [None, "one-point", "exact"])
+def test_the_rule_of_the_system_counts(quadrature):
+    system = body("hexahedra", quadrature=quadrature)
+    assert critical_elements(system).every[5] == pytest.approx(of_one(system, 5), rel=1e-9)
+
+
+@pytest.mark.parametrize("amount", [0.0, 0.2])
+@pytest.mark.parametrize("name", BODIES)
+def test_the_smallest_is_a_bound_on_the_step_of_the_body_and_not_far_below(name, amount):
+    system = body(name, fixed={tuple(range(0, BODIES[name].nv, 4)): "x"})
+    u = state(system.mesh, amount)
+    least, step = critical_elements(system, 1, u=u).steps[0], critical_step(system, u).step
+    assert least <= step * (1 + 1e-9)
+    assert least > 0.4 * step or amount > 0
+
+
+def test_laws_and_penalties_add_up_and_what_is_not_of_elements_is_named():
+    mesh = box(2)
+    floor = ElementMesh.of(skfem.MeshTet(mesh.p, mesh.t).with_boundaries({"floor": lambda x: x[2] < 0.1}))
+    law = StVK(young=2.0, poisson=0.3, density=1.0)
+    plain = critical_elements(System(floor, law))
+    stiffer = critical_elements(System(floor, [law, VolumePenalty(50.0, kind="quadratic")]))
+    assert (stiffer.every < plain.every).all() and plain.left_out == stiffer.left_out == ()
+    bedded = System(floor, [law, ElasticFoundation("floor", stiffness=1e4)])
+    assert critical_elements(bedded).left_out == ("ElasticFoundation 1",)
+    np.testing.assert_array_equal(critical_elements(bedded).every, plain.every)
+    for other in (NeoHookean, Corotated):
+        np.testing.assert_allclose(critical_elements(System(floor, other(young=2.0, poisson=0.3, density=1.0))).every, plain.every)
+    with pytest.raises(StvkError, match="SpringNetwork 0: no term is of elements"):
+        critical_elements(System(floor, SpringNetwork(young=2.0, poisson=0.25, density=1.0)))
+
+
+def test_the_element_that_was_made_bad_is_found():
+    mesh = box(3)
+    young = np.ones(mesh.nt)
+    young[77] = 1e4
+    found = critical_elements(System(mesh, StVK(young=young, poisson=0.3, density=1.0)), 4)
+    assert found.elements[0] == 77 and found.steps[0] < 0.1 * found.steps[1] and "77" in repr(found)
+    assert (np.diff(found.steps) >= 0).all() and len(found.steps) == 4
+    np.testing.assert_array_equal(found.every[found.elements], found.steps)
+
+
+def test_elements_that_cannot_move_or_are_gone_or_in_no_term_have_no_step():
+    mesh = box(2)
+    held = tuple(mesh.t[:, 5].tolist())
+    system = System(mesh, StVK(young=1.0, poisson=0.3, density=1.0), fixed={held: "xyz"})
+    with_all = critical_elements(system).every
+    assert np.isinf(with_all[5]) and np.isfinite(np.delete(with_all, 5)).all()
+    system.remove([7])
+    assert np.flatnonzero(np.isinf(critical_elements(system).every)).tolist() == [5, 7]
+    some = StVK(young=1.0, poisson=0.3, density=1.0, region=np.delete(np.arange(mesh.nt), 3))
+    assert np.flatnonzero(np.isinf(critical_elements(System(mesh, some)).every)).tolist() == [3]
+
+
+def test_a_body_without_mass_is_refused():
+    with pytest.raises(MaterialError, match="density"):
+        critical_elements(System(box(1), StVK(young=1.0, poisson=0.3)))
