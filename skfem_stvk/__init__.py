@@ -20,7 +20,7 @@ from .dynamics import (
 )
 from .errors import LoadError, MaterialError, MeshError, RegionError, SceneError, StateError, StvkError, StvkWarning, SupportError
 from .materials import Anisotropic, Isotropic, Orthotropic, TransverselyIsotropic, frames_along
-from .mesh import ElementMesh, MeshQuality, embedded_mesh, mesh_quality, read_mesh
+from .mesh import Box, ElementMesh, MeshQuality, NearestNode, Plane, embedded_mesh, mesh_quality, read_mesh
 from .nonlinear.outcome import Interrupted
 from .referee import Report, verify
 from .results import compare_networks
@@ -51,6 +51,7 @@ __all__ = [
     "Anisotropic",
     "BackwardEuler",
     "BodyForce",
+    "Box",
     "Corotated",
     "EdgeDamping",
     "EdgeNetwork",
@@ -69,10 +70,12 @@ __all__ = [
     "MaterialError",
     "MeshError",
     "MeshQuality",
+    "NearestNode",
     "NeoHookean",
     "Newmark",
     "NodalLoad",
     "Orthotropic",
+    "Plane",
     "Pressure",
     "PrincipalStressLimit",
     "Ramp",

@@ -1,7 +1,23 @@
-"""Meshes of elements, their geometry, what is wrong with them, and how they are read."""
+"""Meshes of elements, their geometry, what is wrong with them, and how they are read and made."""
 
+from .generators import bar, box, cylinder
 from .mesh import ElementMesh, MeshLike
+from .places import Box, NearestNode, Plane
 from .quality import Extreme, MeshQuality, mesh_quality
 from .read import embedded_mesh, read_mesh
 
-__all__ = ["ElementMesh", "Extreme", "MeshLike", "MeshQuality", "embedded_mesh", "mesh_quality", "read_mesh"]
+__all__ = [
+    "Box",
+    "ElementMesh",
+    "Extreme",
+    "MeshLike",
+    "MeshQuality",
+    "NearestNode",
+    "Plane",
+    "bar",
+    "box",
+    "cylinder",
+    "embedded_mesh",
+    "mesh_quality",
+    "read_mesh",
+]

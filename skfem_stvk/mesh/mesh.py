@@ -15,12 +15,12 @@ from scipy.sparse.csgraph import reverse_cuthill_mckee
 from skfem.assembly.dofs import DofsView
 from skfem.mesh.mesh_dg import MeshDG
 
-from ..arguments import frozen, real_array, shown, whole, whole_array
+from ..arguments import frozen, number, real_array, shown, whole, whole_array
 from ..elements import ELEMENTS, Element, linear_simplex, named, second_order
 from ..errors import MeshError, RegionError, name_ids, name_known, warn
 from .content import Content, content_in_memory
 from .facets import NamedFacets, edges_of, with_middles
-from .places import Marked, checked_facets, facets_at, vertices_at
+from .places import Box, Marked, checked_facets, describe, facets_at, vertices_at
 
 #: What `System` and `verify` take for a mesh: a scikit-fem mesh, arrays `(p, t)`, a `meshio.Mesh`, or an `ElementMesh`.
 MeshLike: TypeAlias = Any
@@ -226,6 +226,20 @@ class ElementMesh(Marked):
             sets[name] = np.concatenate([ids, n + np.flatnonzero(there[edges].all(axis=0))])
         return replace(self, p=p, t=t, boundaries=boundaries, node_sets=sets, element=element)
 
+    def scaled(self, factor: float) -> ElementMesh:
+        """The same mesh with all coordinates times a positive factor, such as 1e-3 for a file in mm in a model in m.
+
+        Raises
+        ------
+        MeshError
+            if the factor is no finite positive number.
+
+        >>> ElementMesh(p=[[0, 2000, 3000]], t=[[0, 1], [1, 2]]).scaled(1e-3).p
+        array([[0., 2., 3.]])
+        """
+        factor = number("factor", factor, "a positive number, such as 1e-3 from mm to m", 0.0, error=MeshError)
+        return replace(self, p=factor * self.p)
+
     def renumbered(self) -> tuple[ElementMesh, NDArray[np.int32]]:
         """The same body with its vertices in reverse Cuthill-McKee order, and which node of this mesh each of its nodes (nv,) is.
 
@@ -274,8 +288,9 @@ class ElementMesh(Marked):
         """Node sets as ids, from ids or masks."""
         return {name: vertices_at(self, np.asarray(ids), f"Node set {name!r}") for name, ids in self.node_sets.items() if len(ids)}
 
-    def elements(self, region: str | NDArray[Any] | None) -> NDArray[np.int64]:
-        """Ids of the elements of a region: a name in `subdomains`, element ids, a mask, or None for all.
+    def elements(self, region: str | Box | NDArray[Any] | None) -> NDArray[np.int64]:
+        """Ids of the elements of a region: a name in `subdomains`, a `Box` that holds their centres, element ids, a mask, or None
+        for all; the centre of an element is the mean of its corners.
 
         Raises
         ------
@@ -288,6 +303,14 @@ class ElementMesh(Marked):
             if region not in self.subdomains:
                 raise RegionError(f"The mesh has no subdomain {shown(region)}; {name_known(region, self.subdomains)}")
             what, given = f"Subdomain {region!r}", self.subdomains[region]
+        elif isinstance(region, Box):
+            inside = np.flatnonzero(region(self.p[:, self.corners].mean(axis=1)))
+            if not inside.size:
+                extent = f"{self.p.min(axis=1)} to {self.p.max(axis=1)}"
+                raise RegionError(
+                    f"The region is empty: no element has its centre in {describe(region)}. The mesh is from {extent}."
+                )
+            return inside
         else:
             if isinstance(region, DofsView):
                 raise RegionError(

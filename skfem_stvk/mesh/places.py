@@ -1,22 +1,24 @@
-"""Places on a mesh, where it is held or loaded: by name, by node ids, by a predicate of the coordinates."""
+"""Places on a mesh, where it is held or loaded: by name, by node ids, by a predicate of the coordinates, by a shape."""
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from skfem.assembly.dofs import DofsView
 
-from ..arguments import shown, whole_array
+from ..arguments import array, number, shown, whole_array
 from ..elements.element import named
 from ..errors import RegionError, name_ids, name_known
 from .facets import MeshArrays, find_facets
 
 #: The name of a boundary or of a node set; node ids, or a mask; a predicate of coordinates `x` (d, n), as in scikit-fem:
-#: `lambda x: x[0] == 0`; or what scikit-fem's `basis.get_dofs(...)` returned, which stands for its nodes. Nodes are vertices and,
-#: of quadratic elements, middles of edges.
+#: `lambda x: x[0] == 0`, or a shape, which is one: `Box`, `Plane`, `NearestNode`; or what scikit-fem's `basis.get_dofs(...)`
+#: returned, which stands for its nodes. Nodes are vertices and, of quadratic elements, middles of edges.
 Where: TypeAlias = str | ArrayLike | Callable[[NDArray[np.float64]], ArrayLike] | DofsView
 #: scikit-fem's elements with the same nodes.
 OF_ELEMENTS = {
@@ -31,6 +33,189 @@ OF_ELEMENTS = {
 }
 #: Vertices count as the same within this part of the size of the mesh: files keep fewer digits than arrays.
 SAME_PLACE = 1e-6
+
+
+class PlaceShape(ABC):
+    """A place by its shape: a predicate of coordinates `x` (d, n) that can be written down, good wherever a place is."""
+
+    @property
+    @abstractmethod
+    def dimension(self) -> int:
+        """Number of components of its coordinates."""
+
+    @property
+    @abstractmethod
+    def words(self) -> str:
+        """The place in words, for messages."""
+
+    @abstractmethod
+    def holds(self, x: NDArray[np.float64], size: float) -> NDArray[np.bool_]:
+        """(n,) which of the points (d, n) of a body of this size are there."""
+
+    def __call__(self, x: NDArray[np.float64]) -> NDArray[np.bool_]:
+        x = np.asarray(x)
+        if len(x) != self.dimension:
+            raise RegionError(f"{self.words} is in {self.dimension} dimensions, the mesh in {len(x)}: give {len(x)} components.")
+        return self.holds(x, float(np.ptp(x, axis=1).max()))
+
+
+@dataclass(frozen=True)
+class Box(PlaceShape):
+    """The nodes within a box along the axes, its sides included; as a region, the elements with their centres in it.
+
+    Nodes outside by less than 1e-6 of the size of the mesh count as inside.
+
+    Parameters
+    ----------
+    low, high : (d,) the least and the largest coordinates [m]; equal ones make it flat.
+
+    Raises
+    ------
+    RegionError
+        for what are no finite coordinates, and where `low` is above `high`.
+
+    >>> from skfem_stvk import ElementMesh
+    >>> mesh = ElementMesh(p=[[0, 1, 0, 1], [0, 0, 1, 1]], t=[[0, 1], [1, 2], [2, 3]])
+    >>> vertices_at(mesh, Box((0, 0), (1, 0.5))), mesh.elements(Box((0, 0), (0.5, 0.5)))
+    (array([0, 1]), array([0]))
+    """
+
+    low: tuple[float, ...]
+    high: tuple[float, ...]
+
+    def __post_init__(self) -> None:
+        low, high = _point("Box: low", self.low), _point("Box: high", self.high)
+        if len(low) != len(high):
+            raise RegionError(f"Box: low has {len(low)} components and high {len(high)}; expected as many of both.")
+        if wrong := [axis for axis, a, b in zip("xyz", low, high, strict=False) if a > b]:
+            raise RegionError(f"Box: low = {low} is above high = {high} along {', '.join(wrong)}. Exchange them there.")
+        object.__setattr__(self, "low", low)
+        object.__setattr__(self, "high", high)
+
+    @property
+    def dimension(self) -> int:
+        return len(self.low)
+
+    @property
+    def words(self) -> str:
+        return f"the box from {_written(self.low)} to {_written(self.high)}"
+
+    def holds(self, x: NDArray[np.float64], size: float) -> NDArray[np.bool_]:
+        low, high, slack = np.array(self.low)[:, None], np.array(self.high)[:, None], SAME_PLACE * size
+        return np.asarray(((x >= low - slack) & (x <= high + slack)).all(axis=0))
+
+
+@dataclass(frozen=True)
+class Plane(PlaceShape):
+    """The nodes on a plane; in two dimensions on a line, in one at a point.
+
+    Parameters
+    ----------
+    point : (d,) a point of it [m].
+    normal : (d,) its normal, of any length but zero.
+    within : how far from it nodes may be [m]; by default 1e-6 of the size of the mesh.
+
+    Raises
+    ------
+    RegionError
+        for what are no finite coordinates, a normal of length zero, and a distance that is not positive.
+
+    >>> from skfem_stvk import ElementMesh
+    >>> mesh = ElementMesh(p=[[0, 1, 0, 1], [0, 0, 1, 1]], t=[[0, 1], [1, 2], [2, 3]])
+    >>> vertices_at(mesh, Plane(point=(1, 0), normal=(1, 1)))
+    array([1, 2])
+    """
+
+    point: tuple[float, ...]
+    normal: tuple[float, ...]
+    within: float | None = None
+
+    def __post_init__(self) -> None:
+        point, normal = _point("Plane: point", self.point), _point("Plane: normal", self.normal)
+        if len(point) != len(normal):
+            raise RegionError(f"Plane: point has {len(point)} components and normal {len(normal)}; expected as many of both.")
+        if not any(normal):
+            raise RegionError(f"Plane: normal = {normal} has no direction; expected one that is not zero, such as (0, 0, 1).")
+        object.__setattr__(self, "point", point)
+        object.__setattr__(self, "normal", normal)
+        if self.within is not None:
+            within = number("Plane: within", self.within, "a positive distance, or None", 0.0, error=RegionError)
+            object.__setattr__(self, "within", within)
+
+    @property
+    def dimension(self) -> int:
+        return len(self.point)
+
+    @property
+    def words(self) -> str:
+        return f"the plane through {_written(self.point)} with normal {_written(self.normal)}"
+
+    def holds(self, x: NDArray[np.float64], size: float) -> NDArray[np.bool_]:
+        normal = np.array(self.normal) / np.abs(self.normal).max()  # whatever its length, without overflow
+        distance = (normal / np.linalg.norm(normal)) @ (x - np.array(self.point)[:, None])
+        return np.asarray(np.abs(distance) <= (SAME_PLACE * size if self.within is None else self.within))
+
+
+@dataclass(frozen=True)
+class NearestNode(PlaceShape):
+    """The one node that is nearest to a point, of several that are equally near the first.
+
+    Parameters
+    ----------
+    point : (d,) [m].
+
+    Raises
+    ------
+    RegionError
+        for what are no finite coordinates; on a mesh, if the point is further from all nodes than the mesh is large.
+
+    >>> from skfem_stvk import ElementMesh
+    >>> mesh = ElementMesh(p=[[0, 1, 0, 1], [0, 0, 1, 1]], t=[[0, 1], [1, 2], [2, 3]])
+    >>> vertices_at(mesh, NearestNode((1.1, 0.8)))
+    array([3])
+    >>> vertices_at(mesh, NearestNode((0, 3000)))
+    Traceback (most recent call last):
+    skfem_stvk.errors.RegionError: The place: the node nearest to (0, 3000) is 2999 away from it, at (0, 1), and the mesh is 1
+    large. Is the point in the units of the mesh?
+    """
+
+    point: tuple[float, ...]
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "point", _point("NearestNode: point", self.point))
+
+    @property
+    def dimension(self) -> int:
+        return len(self.point)
+
+    @property
+    def words(self) -> str:
+        return f"the node nearest to {_written(self.point)}"
+
+    def holds(self, x: NDArray[np.float64], size: float) -> NDArray[np.bool_]:
+        distance = np.linalg.norm(x - np.array(self.point)[:, None], axis=0)
+        node = int(np.argmin(distance))
+        if distance[node] > size:
+            raise RegionError(
+                f"{self.words} is {distance[node]:.6g} away from it, at {_written(x[:, node])}, and the mesh is {size:.6g} large. "
+                "Is the point in the units of the mesh?"
+            )
+        there = np.zeros(x.shape[1], dtype=bool)
+        there[node] = True
+        return there
+
+
+def _point(name: str, given: Any) -> tuple[float, ...]:
+    """One to three finite coordinates."""
+    expected = "one to three coordinates, as many as the mesh has dimensions"
+    point = array(name, given, (None,), expected, RegionError)
+    if not 1 <= len(point) <= 3:
+        raise RegionError(f"{name} = {shown(given)}; expected {expected}.")
+    return tuple(point.tolist())
+
+
+def _written(point: Any) -> str:
+    return f"({', '.join(f'{one:.6g}' for one in point)})"
 
 
 class Marked(MeshArrays):
@@ -107,9 +292,13 @@ def describe(where: Any) -> str:
 
     >>> describe("tip"), describe([3, 4]), describe(lambda x: x[0] == 0)
     ("'tip'", '2 vertices (3, 4)', "the predicate '<lambda>'")
+    >>> describe(Box((0, 0), (1, 0.5)))
+    'the box from (0, 0) to (1, 0.5)'
     """
     if isinstance(where, str):
         return shown(where)
+    if isinstance(where, PlaceShape):
+        return where.words
     if callable(where):
         return f"the predicate {getattr(where, '__name__', type(where).__name__)!r}"
     ids = _array(where)
@@ -158,6 +347,8 @@ def checked_facets(mesh: Marked, name: str) -> NDArray[np.int32]:
 def _satisfying(mesh: Marked, predicate: Callable[[Any], Any], what: str) -> NDArray[np.int64]:
     try:
         mask = np.asarray(predicate(mesh.p.copy()))
+    except RegionError as error:  # of a shape, which says what is wrong
+        raise RegionError(f"{what}: {error}") from error
     except Exception as error:
         raise RegionError(
             f"{what}: {describe(predicate)} failed with {type(error).__name__}: {error}. It gets coordinates x of shape "
@@ -172,6 +363,8 @@ def _satisfying(mesh: Marked, predicate: Callable[[Any], Any], what: str) -> NDA
         box = ", ".join(
             f"x[{i}] from {low:.9g} to {high:.9g}" for i, (low, high) in enumerate(np.stack([mesh.p.min(1), mesh.p.max(1)], 1))
         )
+        if isinstance(predicate, PlaceShape):
+            raise RegionError(f"{what}: none of the {mesh.nv} {mesh.words} is in {describe(predicate)}. The mesh has {box}.")
         raise RegionError(
             f"{what}: none of the {mesh.nv} {mesh.words} satisfies {describe(predicate)}. The mesh has {box}. Coordinates that are "
             "compared need a tolerance: np.isclose(x[0], 1)."

@@ -9,7 +9,7 @@ import numpy as np
 from ..arguments import Array
 from ..nonlinear.newton import End, Iterations
 from ..nonlinear.problem import PathProblem
-from .continuation import Heading, Plane, correct, heading
+from .continuation import Heading, Hyperplane, correct, heading
 from .critical import CriticalPoint, Point, find, turning_point
 from .history import Attempt, Step
 from .stop import Goal
@@ -94,7 +94,7 @@ class ArcLength(Walk):
         assert way is not None
         u = self.u + length * way.direction
         place = problem.dot(way.direction, self.u) + length  # of the plane across the path, along it
-        found = self._correct(u, self.t + length * way.rate, Plane(way.direction, 0.0, place, length))
+        found = self._correct(u, self.t + length * way.rate, Hyperplane(way.direction, 0.0, place, length))
         if isinstance(found, Attempt):
             return found
         u, t, end, record = found
@@ -157,7 +157,7 @@ class ArcLength(Walk):
             begin = end
         return None
 
-    def _correct(self, u: Array, t: float, plane: Plane) -> tuple[Array, float, End, Iterations] | Attempt:
+    def _correct(self, u: Array, t: float, plane: Hyperplane) -> tuple[Array, float, End, Iterations] | Attempt:
         """The equilibrium in a plane, with no more elements inside out than there are."""
         u, t, end, record = correct(self.problem, u, t, plane, self._rtol, self._course.iterating)
         if not end.converged:

@@ -50,7 +50,7 @@ def heading(problem: PathProblem, u: Array, t: float, singular: bool = False) ->
 
 
 @dataclass(frozen=True)
-class Plane:
+class Hyperplane:
     """The states with `normal . u + weight t = value`.
 
     Across the path it is that of Riks (1979), `weight` 0: it goes through limit points, where t turns back and displacements do
@@ -68,7 +68,7 @@ class Plane:
 
 
 def correct(
-    problem: PathProblem, u: Array, t: float, plane: Plane, rtol: float, watch: Callable[[float, Iterations], None]
+    problem: PathProblem, u: Array, t: float, plane: Hyperplane, rtol: float, watch: Callable[[float, Iterations], None]
 ) -> tuple[Array, float, End, Iterations]:
     """The equilibrium in the plane, from `u` (ndofs,) and `t` near it, by full steps of the exact tangent.
 

@@ -12,7 +12,7 @@ from scipy.optimize import brentq
 from ..arguments import Array
 from ..nonlinear.eigen import lowest_mode, nearest_mode
 from ..nonlinear.problem import PathProblem
-from .continuation import Plane, correct, heading
+from .continuation import Hyperplane, correct, heading
 
 LIMIT_POINT, BIFURCATION = "limit point", "bifurcation"
 #: How well its place is known, as a part of the step on which it lies; residuals there are this much smaller than elsewhere.
@@ -156,7 +156,7 @@ class _Chord:
         u = self.before.u + f * self.direction
         t = self.before.t + f * (self.after.t - self.before.t)
         normal = self.direction / length
-        plane = Plane(normal, 0.0, dot(normal, u), length)
+        plane = Hyperplane(normal, 0.0, dot(normal, u), length)
         u, t, end, record = correct(self._problem, u, t, plane, TIGHTER * self._rtol, lambda t, record: None)
         close = bool(record.residuals) and record.residuals[-1] <= self._rtol
         return (u, t) if end.converged or close else None

@@ -14,7 +14,7 @@ from ..errors import StvkError, name_ids
 from ..mesh.places import Where, describe, vertices_at
 from ..nonlinear.problem import dot
 from ..system.protocol import SystemLike
-from .continuation import Plane
+from .continuation import Hyperplane
 from .history import Step
 
 #: A path that is given no other number of states ends after so many.
@@ -84,13 +84,13 @@ class Goal:
         """Whether a load or a displacement is to be reached."""
         return bool(self._levels)
 
-    def crossed(self, u: Array, t: float, v: Array, s: float) -> tuple[float, Plane] | None:
+    def crossed(self, u: Array, t: float, v: Array, s: float) -> tuple[float, Hyperplane] | None:
         """The part of the way from `(u, t)` to `(v, s)` at which the first level is crossed, and its plane; None if none is."""
         found = []
         for normal, weight, value in self._levels:
             begin, end = dot(normal, u) + weight * t, dot(normal, v) + weight * s
             if (begin - value) * (end - value) <= 0 and abs(begin - value) > STANDS * abs(end - begin):
-                found.append(((value - begin) / (end - begin), Plane(normal, weight, value, end - begin)))
+                found.append(((value - begin) / (end - begin), Hyperplane(normal, weight, value, end - begin)))
         return min(found, key=lambda one: one[0], default=None)
 
     def refuse_passed(self, u0: Array, t0: float, steps: Sequence[Step]) -> None:

@@ -10,6 +10,7 @@ import numpy as np
 from skfem_stvk import (
     Anisotropic,
     BodyForce,
+    Box,
     Corotated,
     EdgeNetwork,
     ElasticFoundation,
@@ -18,9 +19,11 @@ from skfem_stvk import (
     InvertibleStVK,
     Isotropic,
     LinearElastic,
+    NearestNode,
     NeoHookean,
     NodalLoad,
     Orthotropic,
+    Plane,
     Pressure,
     Ramp,
     Sine,
@@ -36,6 +39,8 @@ from skfem_stvk import (
     read_mesh,
 )
 from skfem_stvk.elements import ELEMENTS
+from skfem_stvk.mesh import bar, box, cylinder
+from skfem_stvk.mesh.places import vertices_at
 
 from .call import Call
 from .small_bodies import NOT_NEGATIVE, NOTHING_LISTED, NUMBER, OPTIONAL, PLACE, POSITIVE, call, mesh, square, tetrahedra
@@ -346,6 +351,42 @@ def calls() -> list[Call]:
         ),
         call("ElementMesh.of", ElementMesh.of, {}, {}, mesh=(mesh().p, mesh().t)),
         call("mesh_quality", mesh_quality, {}, {}, mesh=(mesh().p, mesh().t)),
+        call("ElementMesh.scaled", mesh().scaled, {"factor": POSITIVE}, factor=2.0),
+        *(
+            call(
+                f"{kind.__name__} on a mesh",
+                lambda kind=kind, **given: vertices_at(mesh(), kind(**given)),
+                {"within": OPTIONAL | POSITIVE},
+                dict.fromkeys(given, "|".join([*given, "no vertex", "the node nearest", "none of the"])),
+                **given,
+            )
+            for kind, given in (
+                (Box, {"low": (0.0, 0.0), "high": (1.0, 1.0)}),
+                (Plane, {"point": (0.0, 0.0), "normal": (1.0, 0.5), "within": 0.25}),
+                (NearestNode, {"point": (1.0, 0.75)}),
+            )
+        ),
+        call(
+            "box",
+            box,
+            {"element": OPTIONAL, "origin": OPTIONAL},
+            {"size": "size|cells"},
+            size=(2.0, 1.0),
+            cells=(2, 1),
+            element="triangles",
+            origin=(0.5, 0.0),
+        ),
+        call("bar", bar, {"length": POSITIVE, "width": POSITIVE}, length=2.0, width=1.0, cells=(2, 1), element="hexahedra"),
+        call(
+            "cylinder",
+            cylinder,
+            {"radius": POSITIVE, "length": POSITIVE, "inner_radius": NOT_NEGATIVE},
+            {"radius": "radius"},
+            radius=2.0,
+            length=1.0,
+            cells=(2, 1),
+            inner_radius=0.25,
+        ),
         call("ElementMesh.with_degree", tetrahedra().with_degree, degree=2),
         call("ElementMesh.elements", mesh().elements, {"region": OPTIONAL}, {"region": PLACE}, region=[0, 2]),
         call(
