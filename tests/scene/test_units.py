@@ -1,0 +1,158 @@
+"""Systems of units are consistent, and values that are in other units are told."""
+
+import numpy as np
+import pytest
+from pydantic import BaseModel, Field
+
+from skfem_stvk import StvkError
+from skfem_stvk.mesh import box
+from skfem_stvk.scene.units import DIMENSIONS, UNITS, implausible
+
+
+def of(dimension):
+    return Field(default=None, json_schema_extra={"dimension": dimension})
+
+
+class Steel(BaseModel):
+    young: float | None = of("stress")
+    density: float | None = of("density")
+    voigt: list[list[float]] | None = of("stress")
+
+
+class Load(BaseModel):
+    traction: list[float] | None = of("stress")
+    g: list[float] | None = of("acceleration")
+    velocity: list[float] | None = of("velocity")
+
+
+class Motion(BaseModel):
+    dt: float | None = of("time")
+    until: float = of("time")
+
+
+class Bar(BaseModel):
+    length: float | None = of("length")
+    at: list[float] | None = of("length")
+
+
+class Toy(BaseModel):
+    units: str = "SI"
+    mesh: Bar | None = None
+    materials: dict[str, Steel] = {}
+    terms: list[Load] = []
+    analysis: Motion | None = None
+
+
+@pytest.mark.parametrize("name", UNITS)
+def test_a_system_is_consistent(name):
+    """Force is mass times acceleration, stress force per area, energy force times length, as the symbols say, too."""
+    units = UNITS[name]
+    f = units.factor
+    assert np.isclose(f("force"), f("mass") * f("acceleration"), rtol=1e-14)
+    assert np.isclose(f("stress"), f("force") / f("area"), rtol=1e-14) and np.isclose(f("energy"), f("force") * f("length"))
+    assert np.isclose(f("density") * f("velocity") ** 2, f("stress"), rtol=1e-14)
+    known = {"m": 1, "mm": 1e-3, "cm": 1e-2, "um": 1e-6, "in": 0.0254, "kg": 1, "t": 1e3, "g": 1e-3, "s": 1, "ms": 1e-3}
+    known |= {"N": 1, "kN": 1e3, "uN": 1e-6, "dyn": 1e-5, "lbf": 4.4482216152605, "Pa": 1, "MPa": 1e6, "GPa": 1e9, "Ba": 0.1}
+    known |= {"psi": 6894.757293168361, "J": 1, "mJ": 1e-3, "erg": 1e-7, "pJ": 1e-12, "Hz": 1, "kHz": 1e3}
+    known |= {"in*lbf": 0.11298482902761668, "slinch": 4.4482216152605 / 0.0254}
+    for dimension, symbol in units.symbols.items():
+        assert np.isclose(f(dimension), known[symbol], rtol=1e-12), dimension
+
+
+def test_symbols_are_those_that_are_customary():
+    assert [UNITS["SI"].symbol(one) for one in ("density", "stiffness per area", "rate", None)] == ["kg/m^3", "N/m^3", "1/s", ""]
+    assert UNITS["mm-kg-ms"].symbol("velocity") == "mm/ms" and UNITS["cm-g-s"].symbol("density") == "g/cm^3"
+    assert all(units.symbol(one) and units.factor(one) > 0 for units in UNITS.values() for one in DIMENSIONS)
+    with pytest.raises(StvkError, match=r"dimension = 'stres'; known: .* Did you mean 'stress'\?"):
+        UNITS["SI"].symbol("stres")
+
+
+MANY = {
+    "soft tissue": (3e3, 1050.0),
+    "foam": (5e4, 30.0),
+    "rubber": (1e6, 1100.0),
+    "steel": (210e9, 7850.0),
+    "silicon": (169e9, 2330.0),
+    "lead": (16e9, 11340.0),
+    "flexible flag": (1.4e6, 1e3),
+    "wood": (1e10, 500.0),
+}
+
+
+@pytest.mark.parametrize("units", UNITS)
+@pytest.mark.parametrize("name", MANY)
+def test_what_there_is_is_plausible_in_every_system(name, units):
+    young, density = MANY[name]
+    f = UNITS[units].factor
+    steel = Steel(young=young / f("stress"), density=density / f("density"))
+    loads = [Load(g=[0, 0, -9.81 / f("acceleration")], traction=[0, 0, young / 100 / f("stress")])]
+    motion = Motion(dt=1e-4 / f("time"), until=0.5 / f("time"))
+    scene = Toy(units=units, mesh=Bar(length=0.3 / f("length")), materials={name: steel}, terms=loads, analysis=motion)
+    assert implausible(scene, box((0.3 / f("length"), 1e-2 / f("length")), 2)) == []
+
+
+@pytest.mark.parametrize(
+    ("scene", "message"),
+    [
+        (
+            Toy(materials={"steel": Steel(density=7.85)}),
+            "materials.steel.density = 7.85 kg/m^3 is not usual, which is from 10 to 30000 kg/m^3: 7.85 g/cm^3 is 7850 kg/m^3. "
+            'It would be usual with units = "cm-g-s".',
+        ),
+        (
+            Toy(materials={"steel": Steel(young=210)}),
+            "materials.steel.young = 210 Pa is not usual, which is from 500 to 2e+12 Pa: 210 GPa is 2.1e+11 Pa. It would be usual "
+            'with units = "mm-N-MPa", "mm-kg-ms", "mm-g-ms", "um-kg-s" or "in-lbf-s".',
+        ),
+        (
+            Toy(units="mm-N-MPa", materials={"steel": Steel(young=210e9)}),
+            "materials.steel.young = 2.1e+11 MPa is not usual, which is from 0.0005 to 2e+06 MPa: 2.1e+11 Pa is 210000 MPa. It "
+            'would be usual with units = "SI" or "cm-g-s".',
+        ),
+        (
+            Toy(units="mm-N-MPa", materials={"steel": Steel(density=7850)}),
+            "materials.steel.density = 7850 t/mm^3 is not usual, which is from 1e-11 to 3e-08 t/mm^3: 7850 kg/m^3 is 7.85e-09 "
+            't/mm^3. It would be usual with units = "SI".',
+        ),
+        (
+            Toy(mesh=Bar(length=300)),
+            "mesh.length = 300 m is not usual, which is from 1e-07 to 200 m: 300 mm is 0.3 m. It would be usual with units = ",
+        ),
+        (
+            Toy(terms=[Load(), Load(g=[0, 0, -9810])]),
+            "terms[1].g = 9810 m/s^2 is not usual, which is from 0.1 to 5000 m/s^2: 9810 mm/s^2 is 9.81 m/s^2.",
+        ),
+        (
+            Toy(units="mm-N-MPa", terms=[Load(g=[0, 0, -9.81])]),
+            "terms[0].g = 9.81 mm/s^2 is not usual, which is from 100 to 5e+06 mm/s^2: 9.81 m/s^2 is 9810 mm/s^2.",
+        ),
+        (
+            Toy(materials={"steel": Steel(young=2.1e5, density=7850)}),
+            "materials.steel: young = 210000 Pa and density = 7850 kg/m^3 do not go together: sound would travel at 5.17 m/s.",
+        ),
+        (
+            Toy(materials={"rubber": Steel(young=1e6)}, terms=[Load(traction=[0, 0, -2e6])]),
+            "terms[0].traction = 2e+06 Pa is more than the stiffest material is stiff, 1e+06 Pa: no body carries that.",
+        ),
+        (
+            Toy(analysis=Motion(dt=0.1, until=0.05)),
+            "analysis.dt = 0.1 is longer than the whole motion, 0.05: not one step fits in.",
+        ),
+        (Toy(analysis=Motion(dt=1e-12, until=1.0)), "analysis.dt = 1e-12 makes 1e+12 steps until 1."),
+        (Toy(materials={"ply": Steel(voigt=[[210.0, 1.0], [1.0, 80.0]])}), "materials.ply.voigt = 210 Pa is not usual"),
+    ],
+)
+def test_values_in_other_units_are_told_with_the_likely_cause(scene, message):
+    (text,) = implausible(scene)
+    assert text.startswith(message)
+
+
+def test_a_mesh_of_another_size_is_told():
+    (text,) = implausible(Toy(), box((300.0, 20.0), 2))
+    assert text.startswith("the size of the mesh = 300 m is not usual") and text.endswith("can be scaled: mesh.scale.")
+    assert implausible(Toy(units="mm-N-MPa"), box((300.0, 20.0), 2)) == []
+
+
+def test_zeros_and_coordinates_are_always_plausible():
+    scene = Toy(mesh=Bar(length=1.0, at=[1e9, 0.0]), terms=[Load(g=[0, 0, 0], velocity=[0, 0, 0])])
+    assert implausible(scene) == []
