@@ -112,7 +112,7 @@ UNITS = {
 
 @dataclass(frozen=True)
 class Usual:
-    """What values of a kind usually are: from `low` to `high` in SI units, and the units that they are often given in by mistake."""
+    """What values of a kind usually are: from `low` to `high` in SI units, and the units that are often mistaken for theirs."""
 
     dimension: str
     low: float
