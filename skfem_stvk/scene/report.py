@@ -1,0 +1,374 @@
+"""The report of a scene: the plots and the picture it names, and a page that holds them beside the results."""
+
+from __future__ import annotations
+
+import base64
+import re
+import shlex
+import sys
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from functools import partial
+from importlib.resources import files
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import meshio
+import numpy as np
+
+from ..arguments import Array
+from ..dynamics import Modes, Run
+from ..dynamics.ledger import AXES, ENERGIES, thinned
+from ..referee.header import machine, versions
+from ..results import animate, write_vtu
+from ..results.files import replacing
+from ..results.picture import Picture, View, picture_of
+from ..results.series import read_list
+from ..results.table import VECTORS, find
+from ..results.vtu import DEFAULT
+from ..statics import StaticResult
+from .units import UNITS
+
+#: Displacements are enlarged to about this part of the body's size where they are below half of it.
+SHOWN = 0.08
+#: Elastic modes of which there are pictures.
+MOST_MODES = 4
+DOTS_PER_INCH = 130
+#: Dimensions of what fields are measured in.
+DIMENSIONS = {"Pa": "stress", "J/m^3": "stress", "m": "length", "m/s": "velocity"}
+#: Dimensions of results by what their names begin with; those of probes and reactions are known from their curves.
+RESULTS = {"energy": "energy", "frequency": "frequency", "displacement": "length", "time": "time"}
+GREY = "#c8c8c8"
+
+
+class Drawing(NamedTuple):
+    """A file with a picture, and what it shows."""
+
+    title: str
+    path: Path
+
+    @property
+    def file(self) -> str:
+        """Its name."""
+        return self.path.name
+
+    @property
+    def kind(self) -> str:
+        """Its format."""
+        return self.path.suffix[1:]
+
+    @property
+    def encoded(self) -> str:
+        """Its bytes, as a page holds them."""
+        return base64.b64encode(self.path.read_bytes()).decode()
+
+
+def write_report(folder: Path, outcome: Any) -> Path:
+    """Write what a scene's `[output]` names of its last state, and `report.html`, a page that needs no other file.
+
+    Plots are `plot-NAME.png`, the deformed body is `picture.png` (of modes `picture-1.png` and so on). What cannot be drawn is said
+    on the page, and costs nothing else.
+
+    Raises
+    ------
+    StvkError
+        if the last state or the page cannot be written: the disk is full, for example.
+    """
+    troubles: list[str] = []
+    drawings = [*_drawn(folder, outcome, troubles), *_filmed(folder, outcome, troubles)]
+    failure = None
+    try:
+        _save_last_state(folder, outcome)
+    except Exception as error:
+        troubles.append(f"{outcome.built.sections.output.file} is not written: {error}")
+        failure = error
+    path = folder / "report.html"
+    with replacing(path) as part:
+        part.write_text(_page(folder, outcome, drawings, troubles), encoding="utf-8", errors="backslashreplace")
+    if failure is not None:
+        raise failure
+    return path
+
+
+def _save_last_state(folder: Path, outcome: Any) -> None:
+    output, result = outcome.built.sections.output, outcome.result
+    if output.file is None:
+        return
+    fields = DEFAULT if output.fields is None else output.fields
+    if isinstance(result, Modes):
+        if output.file.endswith(".pvd"):
+            result.save(folder / output.file)
+        else:
+            write_vtu(folder / output.file, result.state(_elastic(result)[0]), fields)
+    elif output.file.endswith(".vtu"):
+        result.save(folder / output.file, fields)
+
+
+def _drawn(folder: Path, outcome: Any, troubles: list[str]) -> Iterator[Drawing]:
+    """Draw and write what is wanted; what fails is added to the troubles."""
+    for title, name, draw in _wanted(outcome):
+        try:
+            figure = draw()
+            with replacing(folder / f"{name}.png") as part:
+                figure.savefig(part, format="png", dpi=DOTS_PER_INCH, bbox_inches="tight")
+            yield Drawing(title, folder / f"{name}.png")
+        except Exception as error:  # matplotlib fails in many ways, and results matter more than their pictures
+            troubles.append(f"{title} is not drawn: {error}")
+
+
+def _wanted(outcome: Any) -> Iterator[tuple[str, str, Callable[[], Any]]]:
+    """Title, name of the file without its suffix, and what draws it."""
+    output, result = outcome.built.sections.output, outcome.result
+    if output.picture and isinstance(result, Modes):
+        for number in _elastic(result)[:MOST_MODES]:
+            yield f"mode {number + 1}", f"picture-{number + 1}", partial(_mode, outcome, number)
+    elif output.picture:
+        yield "The last state", "picture", partial(_last_state, outcome)
+    taken: set[str] = set()
+    for name in dict.fromkeys(output.plots):
+        file = _file_name(name, taken)
+        if name in outcome.curves:
+            yield name, file, partial(_curve, outcome, name)
+        elif name == "ledger":
+            yield "Energies", file, partial(_ledger, outcome)
+        else:
+            yield "Load and displacement", file, partial(_path, outcome)
+
+
+def _file_name(name: str, taken: set[str]) -> str:
+    """A name for a file, with letters, digits and such alone, that is not taken."""
+    plain = f"plot-{re.sub('[^A-Za-z0-9_.-]+', '_', name)}"
+    different = (plain if count == 1 else f"{plain}-{count}" for count in range(1, len(taken) + 2))
+    found = next(one for one in different if one.lower() not in taken)
+    taken.add(found.lower())
+    return found
+
+
+def _filmed(folder: Path, outcome: Any, troubles: list[str]) -> Iterator[Drawing]:
+    output = outcome.built.sections.output
+    if output.animation is None or output.file is None:
+        return
+    held = DEFAULT if output.fields is None else output.fields
+    field = output.picture if output.picture in (*held, *VECTORS) else "displacement"
+    series, target = folder / output.file, folder / output.animation
+    try:
+        scale = 1.0 if isinstance(outcome.result, Modes) else _scale(outcome.built.mesh.p, _largest_saved(series))
+        animate(series, target, field, scale=scale, label=_label(outcome, field), length_unit=_symbol(outcome, "length"))
+        if target.suffix == ".gif":
+            yield Drawing(f"The states in {output.file}{_times(scale)}", target)
+    except Exception as error:
+        troubles.append(f"{output.animation} is not made: {error}")
+
+
+def _largest_saved(series: Path) -> float:
+    """The largest displacement of a node in the states of a .pvd file."""
+    states = (meshio.vtu.read(series.with_name(name)).point_data["displacement"] for _, name in read_list(series))
+    return max(_largest(u) for u in states)
+
+
+# pictures
+
+
+def _last_state(outcome: Any) -> Any:
+    """The deformed body, coloured by the field that the scene names."""
+    result, field = outcome.result, outcome.built.sections.output.picture
+    mesh = outcome.built.mesh
+    scale = _scale(mesh.p, _largest(result.u.reshape(-1, mesh.d)))
+    when = f"time {result.t:.6g} {_symbol(outcome, 'time')}" if isinstance(result, Run) else f"load factor {result.t:.6g}"
+    picture = picture_of(result.state, field, scale, _label(outcome, field))
+    return _body(outcome, picture, f"{when}{_times(scale)}")
+
+
+def _mode(outcome: Any, number: int) -> Any:
+    """A mode, as large as it is drawn."""
+    modes = outcome.result
+    frequency = f"{modes.frequencies[number]:.6g} {_symbol(outcome, 'frequency')}"
+    picture = picture_of(modes.state(number), "displacement", 1.0, "displacement, of any size")
+    return _body(outcome, picture, f"mode {number + 1}: {'unstable' if modes.unstable[number] else frequency}")
+
+
+def _body(outcome: Any, picture: Picture, title: str) -> Any:
+    from ..results.matplotlib_plot import SIZE, Stage, new_figure  # matplotlib is imported only when something is drawn
+
+    figure, picture = new_figure(SIZE, interactive=False), replace(picture, length_unit=_symbol(outcome, "length"))
+    Stage(figure, picture, View.of([picture])).show(picture)
+    for text in list(figure.texts):
+        text.remove()  # the title says by what displacements are enlarged
+    figure.suptitle(title, fontsize=11)
+    return figure
+
+
+def _elastic(modes: Modes) -> list[int]:
+    """Numbers of the modes that are not rigid; of all if all are."""
+    found = [int(number) for number in np.flatnonzero(~modes.rigid)]
+    return found or list(range(len(modes)))
+
+
+def _largest(u: Array) -> float:
+    """Length of the largest of displacements (n, d)."""
+    return float(np.linalg.norm(u, axis=1).max())
+
+
+def _scale(p: Array, largest: float) -> float:
+    """A factor of displacements with which the `largest` is seen: 1, or one such as 20 or 500."""
+    size = np.linalg.norm(np.ptp(p, axis=1))
+    if not 0 < largest < SHOWN / 2 * size:
+        return 1.0
+    factor = SHOWN * size / largest
+    power = 10.0 ** np.floor(np.log10(factor))
+    return float(power * next(digit for digit in (5, 2, 1) if digit * power <= factor * (1 + 1e-12)))
+
+
+def _times(scale: float) -> str:
+    return "" if scale == 1 else f", displacements × {scale:g}"
+
+
+# plots
+
+
+def _axes(xlabel: str, rows: tuple[float, ...] = (1.0,)) -> tuple[Any, list[Any]]:
+    """A figure with axes below each other that share their abscissa."""
+    from ..results.matplotlib_plot import new_figure
+
+    figure = new_figure((7.0, 1.2 + 2.4 * sum(rows)), interactive=False)
+    panels = list(figure.subplots(len(rows), 1, sharex=True, squeeze=False, height_ratios=rows)[:, 0])
+    for axes in panels:
+        axes.spines[["top", "right"]].set_visible(False)
+        axes.axhline(0, color=GREY, lw=0.6, zorder=0)
+    panels[-1].set_xlabel(xlabel)
+    return figure, panels
+
+
+def _along(outcome: Any) -> str:
+    """The abscissa of what was followed."""
+    return f"time [{_symbol(outcome, 'time')}]" if isinstance(outcome.result, Run) else "load factor"
+
+
+def _line(axes: Any, t: Array, values: Array, **style: Any) -> None:
+    """A line; a dot for each of few points."""
+    axes.plot(*thinned(t, values), marker="." if len(t) <= 40 else "", **style)
+
+
+def _legend(axes: Any) -> None:
+    axes.legend(fontsize=9, frameon=False, loc="center left", bbox_to_anchor=(1.0, 0.5))
+
+
+def _curve(outcome: Any, name: str) -> Any:
+    """Components of a mean displacement or of a force."""
+    curve = outcome.curves[name]
+    figure, (axes,) = _axes(_along(outcome))
+    for (axis, colour), values in zip(AXES.items(), curve.values.T, strict=False):
+        _line(axes, curve.t, values, color=colour, lw=1.2, label=axis)
+    words = "displacement of" if curve.dimension == "length" else "force of supports at"
+    axes.set_ylabel(f"{words} {name} [{_symbol(outcome, curve.dimension)}]")
+    _legend(axes)
+    return figure
+
+
+def _ledger(outcome: Any) -> Any:
+    """Energies of a motion that are not zero throughout, and what is missing in their sum."""
+    ledger, unit = outcome.result.ledger, _symbol(outcome, "energy")
+    figure, (above, below) = _axes(_along(outcome), (1.3, 0.6))
+    for name, colour in ENERGIES.items():
+        if name in ledger and ledger[name].any():
+            width = 1.6 if name == "total_energy" else 1.0
+            _line(above, ledger["time"], ledger[name], color=colour, lw=width, label=name.replace("_", " "))
+    _legend(above)
+    above.set_ylabel(f"energy [{unit}]")
+    _line(below, ledger["time"], ledger["closure_error"], color="black", lw=1.0)
+    below.set_ylabel(f"closure error [{unit}]")
+    figure.align_ylabels()
+    return figure
+
+
+def _path(outcome: Any) -> Any:
+    """Load factor against the largest displacement of a node, with the critical points."""
+    result, initial = outcome.result, outcome.built.u0
+    d, begin = outcome.built.mesh.d, np.zeros(result.system.ndofs) if initial is None else initial
+
+    def largest(u: Array) -> float:
+        return _largest(u.reshape(-1, d))
+
+    figure, (axes,) = _axes(f"largest displacement [{_symbol(outcome, 'length')}]", (1.5,))
+    t = [outcome.built.sections.initial.t0, *result.history.t]
+    axes.plot([largest(begin), *map(largest, result.history.u)], t, ".-", color="#0072B2", lw=1.2)
+    for point in result.critical_points:
+        axes.plot(largest(point.u), point.t, "o", color="#D55E00", ms=6, mfc="none")
+        axes.annotate(point.kind, (largest(point.u), point.t), (5, 5), textcoords="offset points", fontsize=8, color="#D55E00")
+    axes.set_ylabel("load factor")
+    return figure
+
+
+# units
+
+
+def _symbol(outcome: Any, dimension: str) -> str:
+    return UNITS[outcome.built.sections.units].symbol(dimension)
+
+
+def _label(outcome: Any, field: str) -> str | None:
+    """Words and unit of a field; None in SI, where numbers get prefixes such as M for 1e6."""
+    if outcome.built.sections.units == "SI":
+        return None
+    words, unit = (field, VECTORS[field]) if field in VECTORS else (find(field).words, find(field).unit)
+    return f"{words} [{_symbol(outcome, DIMENSIONS[unit])}]" if unit in DIMENSIONS else words
+
+
+def _unit_of_result(outcome: Any, name: str) -> str:
+    first = name.partition(".")[0]
+    dimension = outcome.curves[first].dimension if first in outcome.curves else RESULTS.get(first)
+    return "" if dimension is None else _symbol(outcome, dimension)
+
+
+# the page
+
+
+def _page(folder: Path, outcome: Any, drawings: list[Drawing], troubles: list[str]) -> str:
+    from jinja2 import Environment  # only when a page is made
+
+    template = Environment(autoescape=True, trim_blocks=True, lstrip_blocks=True).from_string(
+        files(__package__).joinpath("report.html").read_text(encoding="utf-8")
+    )
+    resolved = folder / "resolved.toml"
+    failed = sum(not one.passed for one in outcome.judged)
+    return template.render(
+        title=outcome.built.sections.title or folder.resolve().name,
+        outcome=outcome,
+        verdict=f"{failed} of {len(outcome.judged)} not as expected" if outcome.success and failed else outcome.status,
+        drawings=drawings,
+        troubles=troubles,
+        values=[(name, value, _unit_of_result(outcome, name)) for name, value in outcome.values.items()],
+        built=list(_what_was_built(outcome)),
+        commands=list(_commands(resolved.exists())),
+        scene=resolved.read_text(encoding="utf-8") if resolved.exists() else "",
+        circumstances=versions() | machine(),
+    )
+
+
+def _what_was_built(outcome: Any) -> Iterator[tuple[str, str]]:
+    sections, system, result = outcome.built.sections, outcome.built.system, outcome.result
+    mesh, held = system.mesh, len(system.supports.held)
+    yield "mesh", f"{mesh.nt} {mesh.kind}, {mesh.nv} nodes"
+    yield "unknowns", f"{system.ndofs - held} free, {held} held"
+    for number, term in enumerate(sections.terms):
+        material = getattr(term, "material", None)
+        yield f"terms[{number}]", term.type + (f" of {material}" if material else "")
+    for name, components in sections.fixed.items():
+        yield f"fixed.{name}", components
+    yield "analysis", _analysis(result, sections.analysis.type)
+    yield "units", sections.units
+
+
+def _analysis(result: Any, kind: str) -> str:
+    if isinstance(result, StaticResult):
+        return f"{kind}, {len(result.history)} states, {result.history.iterations} iterations, solver {result.solver}"
+    return f"{kind}, {result.ledger.steps - 1} steps with {result.integrator}" if isinstance(result, Run) else kind
+
+
+def _commands(resolved: bool) -> Iterator[str]:
+    """The command line that wrote the report, if it is ours, and one that repeats it in the folder of results."""
+    program = Path(sys.argv[0]).name
+    if program.startswith("skfem-stvk"):
+        yield shlex.join([program, *sys.argv[1:]])
+    if resolved:
+        yield "skfem-stvk solve resolved.toml --out again"
