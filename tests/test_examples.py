@@ -125,6 +125,14 @@ def test_ex15_invertible():
     assert linear[6] > 10 and max(corotated) < 1e-20
 
 
+def test_ex17_scene():
+    example = run("ex17_scene")
+    assert all(outcome.success for outcome in example.outcomes.values())
+    assert example.lowest["newmark"] == pytest.approx(example.LOWEST, rel=1e-2)
+    assert example.lowest["energy-momentum"] == pytest.approx(example.LOWEST, rel=1e-2)
+    assert example.lowest["backward-euler"] > 0.98 * example.LOWEST
+
+
 def test_no_example_is_forgotten():
     tested = {name.removeprefix("test_") for name in globals() if name.startswith("test_ex")}
     assert tested == {path.stem for path in EXAMPLES.glob("ex*.py")}

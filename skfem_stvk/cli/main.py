@@ -23,13 +23,15 @@ from ..referee.header import caches, machine, optional, versions
 from ..referee.terminal import WIDTH, printable, rendered
 from ..referee.verification import verify
 from ..terms import StVK
+from . import scenes
 
 #: Materials of the embedded mesh: a bracket of aluminium with a bushing of rubber; Poisson's ratios such that lambda != mu.
 EMBEDDED = [StVK(young=70e9, poisson=0.33, region="bracket"), StVK(young=5e6, poisson=0.45, region="bushing")]
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command; the exit code is 0 if all went well, 1 if a check did not pass, 2 for bad input."""
+    """Run the command; the exit code is 0 if all went well, 1 if a check did not pass or a solve did not converge, 2 for bad
+    input, 3 if a scene is not as expected, 130 if it was interrupted."""
     options = _parser().parse_args(arguments)
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
@@ -169,6 +171,7 @@ def _info(options: argparse.Namespace) -> int:
 
 #: All commands, by their names.
 COMMANDS = {
+    "solve": Command(scenes.solve, "solve a scene: a whole job in one TOML file", scenes.solve_arguments),
     "verify": Command(_verify, "hold W, F and K against scikit-fem's on a mesh", _verify_arguments),
     "bench": Command(_bench, "time and memory of W, F, K and K v, against targets", _bench_arguments),
     "info": Command(_info, "versions, machine, optional packages: the head of a bug report"),

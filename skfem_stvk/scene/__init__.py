@@ -1,1 +1,6 @@
 """Scenes: a whole job, from the mesh to what is written and expected, in one TOML file."""
+
+from .outcome import SceneOutcome
+from .scene import Scene
+
+__all__ = ["Scene", "SceneOutcome"]

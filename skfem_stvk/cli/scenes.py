@@ -1,0 +1,57 @@
+"""The commands on scenes: solve."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from rich.console import Console
+
+from ..referee.terminal import printable
+from ..scene import Scene
+from ..scene.outcome import INTERRUPTED, SceneOutcome
+
+
+def add_scene(parser: argparse.ArgumentParser) -> None:
+    """Arguments of all commands that take a scene."""
+    parser.add_argument("scene", help="scene file (.toml)")
+    parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="another value, as analysis.dt=1e-5")
+
+
+def solve_arguments(parser: argparse.ArgumentParser) -> None:
+    """Arguments of `solve`."""
+    add_scene(parser)
+    parser.add_argument("--out", metavar="FOLDER", help="folder of results; by default beside the scene, named after it")
+    parser.add_argument("--resume", action="store_true", help="go on from the checkpoint in the folder of results")
+    parser.add_argument("--force", action="store_true", help="replace the results of another run")
+    parser.add_argument("--threads", type=int, help="threads that kernels run on; by default one for each core")
+    parser.add_argument("--quiet", action="store_true", help="print nothing but errors")
+
+
+def solve(options: argparse.Namespace) -> int:
+    """Solve a scene; exit code 0 if done, 1 if it did not converge, 3 if an expectation failed, 130 if interrupted."""
+    changed = [*options.set, *([f"threads={options.threads}"] if options.threads is not None else [])]
+    scene = Scene.read(options.scene, changed)
+    notes = Console(stderr=True, highlight=False)
+    out = Path(options.out) if options.out is not None else scene.folder_of_results
+    outcome = scene.solve(out, resume=options.resume, force=options.force, quiet=options.quiet)
+    if not options.quiet:
+        _print(outcome)
+    if outcome.exit_code == INTERRUPTED:
+        again = " ".join(
+            ["skfem-stvk solve", options.scene, *(f"--set {one!r}" for one in options.set), "--out", str(out), "--resume"]
+        )
+        notes.print(
+            f"[yellow]interrupted[/] results so far are in {printable(str(out))}; go on with: {printable(again)}", soft_wrap=True
+        )
+    return outcome.exit_code
+
+
+def _print(outcome: SceneOutcome) -> None:
+    """Say how it came out, what was expected, and where results are."""
+    console = Console(highlight=False)
+    console.print(f"{outcome.status}: {printable(outcome.message)}", soft_wrap=True)
+    for one in outcome.judged:
+        verdict = "[green]as expected[/]" if one.passed else "[bold red]not as expected[/]"
+        console.print(f"{verdict} {one.name} = {one.got:.9g}, expected {one.expected:.9g} within {one.allowed:.3g}", soft_wrap=True)
+    console.print(f"results are in {printable(str(outcome.folder))}", soft_wrap=True)

@@ -1,0 +1,322 @@
+"""From the sections of a scene to a mesh, a system and a first state; and the errors that need these to be seen."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from ..arguments import Array
+from ..dynamics import Integrator
+from ..dynamics.motion import Motion
+from ..errors import StvkError, name_known
+from ..linear.choose import choose
+from ..materials import Hypothesis, Material
+from ..mesh import ElementMesh
+from ..mesh.places import Box, Where, vertices_at
+from ..results.state_files import read_state
+from ..system import System
+from ..system.free_tangent import entries_of, kind_of, with_loads
+from ..system.supports import Supports
+from .complaints import Complaints
+from .schema import SceneTables
+from .schema.analyses import ArcLengthAnalysis, DynamicAnalysis, ModesAnalysis
+from .schema.outputs import Expectation
+from .schema.places import where_of
+from .schema.sections import Prescribed
+from .schema.terms import in_time
+from .source import SceneSource
+
+#: Plots that are no probe and no reaction.
+PLOTS = ("ledger", "path")
+
+
+class Names:
+    """What stands behind the names of a scene: its materials, places and regions, on its mesh."""
+
+    def __init__(self, sections: SceneTables, mesh: ElementMesh) -> None:
+        self.mesh, self.sections = mesh, sections
+        self._materials: dict[str, Material] = {}
+
+    def material(self, name: str) -> Material:
+        """A material by its name."""
+        if name not in self._materials:
+            self._materials[name] = self.sections.materials[name].material()
+        return self._materials[name]
+
+    def place(self, where: Any) -> Where:
+        """A place as `System` takes it: those of `[places]` by their name, others as they are."""
+        if isinstance(where, str) and where in self.sections.places:
+            where = self.sections.places[where]
+        return where_of(where)
+
+    def region(self, region: Any) -> Any:
+        """A region as terms take it: a subdomain by its name, or the elements with their centres in a box, or listed ones."""
+        if isinstance(region, str):
+            if region in self.mesh.subdomains or region not in self.sections.places:
+                return region
+            region = self.sections.places[region]
+        found = where_of(region)
+        if isinstance(found, Box):
+            return self.mesh.elements(found)
+        return np.array(found)
+
+
+@dataclass(frozen=True, eq=False)
+class Built:
+    """What a scene builds: a system and its first state.
+
+    Attributes
+    ----------
+    sections : the scene.
+    system : the body, loads and supports.
+    probes, reactions : places by name, as `simulate` takes them.
+    u0, v0 : (ndofs,) first displacements and velocities; None for none.
+    """
+
+    sections: SceneTables
+    system: System
+    names: Names
+    probes: dict[str, Where] = field(default_factory=dict)
+    reactions: dict[str, Where] = field(default_factory=dict)
+    u0: Array | None = None
+    v0: Array | None = None
+
+    @property
+    def mesh(self) -> ElementMesh:
+        """The mesh of the system."""
+        return self.system.mesh
+
+    @cached_property
+    def integrator(self) -> Integrator | None:
+        """The integrator of a motion; None for other analyses."""
+        analysis = self.sections.analysis
+        return analysis.method(self.sections.solver) if isinstance(analysis, DynamicAnalysis) else None
+
+    @cached_property
+    def solver(self) -> str:
+        """Name of the linear solver, where "auto" is chosen; empty for explicit integrators."""
+        analysis, system, asked = self.sections.analysis, self.system, self.sections.solver.name
+        if self.integrator is not None:
+            if self.integrator.explicit:
+                return ""
+            motion = Motion(system, analysis.mass, None)  # type: ignore[union-attr]
+            return str(self.integrator.linear_solver(motion).name)  # type: ignore[attr-defined]
+        free = system.ndofs - len(system.supports.held)
+        indefinite = isinstance(analysis, ArcLengthAnalysis | ModesAnalysis)
+        return str(with_loads(choose(asked, free, kind_of(system), indefinite, entries_of(system)), system).name)
+
+
+def check(sections: SceneTables, source: SceneSource) -> None:
+    """Refuse what can be told without a mesh: names that are not there, files that are missing, keys that do not go together.
+
+    Raises
+    ------
+    SceneError
+        with all that was found.
+    """
+    complaints = Complaints(source)
+    for complain in (_check_files, _check_materials, _check_analysis, _check_outputs):
+        complain(sections, source, complaints)
+    complaints.refuse()
+
+
+def _check_files(sections: SceneTables, source: SceneSource, complaints: Complaints) -> None:
+    files = {("mesh", "file"): getattr(sections.mesh, "file", None), ("initial", "file"): sections.initial.file}
+    for loc, name in files.items():
+        if name is None:
+            continue
+        path = source.folder / name
+        if not path.is_file():
+            what = "is a folder" if path.is_dir() else "does not exist"
+            near = sorted(one.name for one in path.parent.iterdir()) if path.parent.is_dir() else []
+            hint = f" {name_known(path.name, near[:20])}" if near else f" There is no folder {path.parent} either."
+            complaints.add(loc, f"the file {path} {what}; paths are relative to the scene file.{hint}")
+
+
+def _check_materials(sections: SceneTables, source: SceneSource, complaints: Complaints) -> None:
+    used = set()
+    dense = isinstance(sections.analysis, DynamicAnalysis | ModesAnalysis)
+    for number, term in enumerate(sections.terms):
+        name = getattr(term, "material", None)
+        if term.type == "gravity":
+            dense = True
+        if name is None:
+            continue
+        used.add(name)
+        if name not in sections.materials:
+            known = name_known(name, sections.materials)
+            complaints.add(("terms", number, "material"), f"there is no [materials.{name}]; {known}")
+    for name in sorted(set(sections.materials) - used):
+        complaints.add(("materials", name), "no term has this material. Remove it, or name it in a term: material = ...")
+    if not used:
+        complaints.add(("terms",), 'no term has a material, so there is no elastic body. Add one, such as type = "stvk".')
+    for name in sorted(used & set(sections.materials)):
+        if dense and sections.materials[name].density is None:
+            what = "motion, modes and gravity need"
+            complaints.add(("materials", name), f"the density is missing, which {what}. Add density = ...")
+
+
+def _check_analysis(sections: SceneTables, source: SceneSource, complaints: Complaints) -> None:
+    analysis, solver = sections.analysis, sections.solver
+    if isinstance(analysis, DynamicAnalysis):
+        if not analysis.until > sections.initial.t0:
+            complaints.add(("analysis", "until"), f"{analysis.until:g} is not after initial.t0 = {sections.initial.t0:g}")
+        if analysis.dt is None and not analysis.explicit:
+            complaints.add(("analysis", "dt"), f"is missing; {analysis.integrator} needs a time step")
+        if analysis.explicit:
+            for name in sorted(solver.model_fields_set):
+                complaints.add(
+                    ("solver", name), f"{analysis.integrator} solves no linear systems, so it has no use for it; remove it"
+                )
+        with complaints.at("analysis"):
+            if analysis.dt is not None or analysis.explicit:
+                analysis.method(solver)
+        return
+    if solver.tangent is not None:
+        complaints.add(("solver", "tangent"), f"is for implicit integrators, not for type = {analysis.type!r}; remove it")
+    if isinstance(analysis, ModesAnalysis) and solver.rtol is not None:
+        complaints.add(("solver", "rtol"), "is for statics and motion, not for modes; remove it")
+    for name in sorted({"velocity"} & sections.initial.model_fields_set):
+        complaints.add(("initial", name), f"is for motion, not for type = {analysis.type!r}; remove it")
+
+
+def _check_outputs(sections: SceneTables, source: SceneSource, complaints: Complaints) -> None:
+    output, dynamic = sections.output, isinstance(sections.analysis, DynamicAnalysis)
+    followed = [*output.probes, *output.reactions]
+    for name in sorted({name for name in followed if followed.count(name) > 1}):
+        complaints.add(("output", "reactions", name), "is the name of a probe as well; rename one of them")
+    known = [*followed, "ledger" if dynamic else "path"]
+    if isinstance(sections.analysis, ModesAnalysis):
+        known = []
+        for name in ("probes", "reactions"):
+            if getattr(output, name):
+                complaints.add(("output", name), "modes have no course in time to follow; remove it")
+    for number, name in enumerate(output.plots):
+        if name not in known:
+            complaints.add(("output", "plots", number), f"there is nothing to plot by the name {name!r}; {name_known(name, known)}")
+    for name in ("file", "animation"):
+        given = getattr(output, name)
+        if given is not None:
+            inside = (source.folder / given).resolve()
+            if source.folder.resolve() not in inside.parents or given.startswith(("/", "~")):
+                complaints.add(
+                    ("output", name), f"{given!r} is not within the folder of results; give a name alone, such as 'body.pvd'"
+                )
+    if output.animation is not None and not (output.file or "").endswith(".pvd"):
+        complaints.add(("output", "animation"), 'shows the states that are saved; add file = "....pvd"')
+    for loc, one in expectations(sections.expect).items():
+        if (one.rtol is None) == (one.atol is None):
+            complaints.add(("expect", *loc), "give either rtol or atol, the largest difference")
+
+
+def expectations(expect: Mapping[str, Any], above: tuple[str, ...] = ()) -> dict[tuple[str, ...], Expectation]:
+    """Expectations by the name of their result, in its parts."""
+    found: dict[tuple[str, ...], Expectation] = {}
+    for name, one in expect.items():
+        found |= {(*above, name): one} if isinstance(one, Expectation) else expectations(one, (*above, name))
+    return found
+
+
+def build(sections: SceneTables, source: SceneSource) -> Built:
+    """The system and the first state of a scene that was checked.
+
+    Raises
+    ------
+    SceneError
+        with all that was found: a mesh that cannot carry a body, places and regions without anything, materials that do not fit the
+        elements, supports that contradict each other, a result file of another mesh.
+    """
+    complaints, mesh = Complaints(source), None
+    with complaints.at("mesh"):
+        mesh = sections.mesh.mesh(source.folder)
+        if sections.mesh.degree is not None:
+            mesh = mesh.with_degree(sections.mesh.degree)
+    complaints.refuse()
+    assert mesh is not None
+    names = Names(sections, mesh)
+    for name in sections.places:
+        with complaints.at("places", name):
+            if name in {*mesh.boundaries, *mesh.node_sets}:
+                raise StvkError("the mesh has a boundary or a node set of this name as well; rename it.")
+            if not isinstance(names.place(name), Box):  # which may be a region of elements
+                vertices_at(mesh, names.place(name), f"place {name!r}")
+    terms: list[Any] = []
+    for number, term in enumerate(sections.terms):
+        if _fits(complaints, names, number, term):
+            with complaints.at("terms", number):
+                terms.append(term.term(names))
+                _check_poisson(complaints, names, term, terms[-1])
+    fixed = [(names.place(name), components) for name, components in sections.fixed.items()]
+    prescribed = [(names.place(name), _displacements(given)) for name, given in sections.prescribed.items()]
+    for name, held in zip(sections.fixed, fixed, strict=True):
+        with complaints.at("fixed", name):
+            Supports(mesh, [held])
+    for name, moved in zip(sections.prescribed, prescribed, strict=True):
+        with complaints.at("prescribed", name):
+            Supports(mesh, None, [moved])
+    complaints.refuse()
+    system = None
+    with complaints.at():
+        how = {name: getattr(sections.mesh, name) for name in ("quadrature", "hourglass")}
+        system = System(mesh, terms, fixed or None, prescribed or None, **how)
+    complaints.refuse()
+    assert system is not None
+    probes, reactions = ({}, {})  # type: dict[str, Where], dict[str, Where]
+    for table, found in (("probes", probes), ("reactions", reactions)):
+        for name, place in getattr(sections.output, table).items():
+            with complaints.at("output", table, name):
+                found[name] = names.place(place)
+                vertices_at(mesh, found[name], name)
+    u0 = v0 = None
+    if sections.initial.file is not None:
+        with complaints.at("initial", "file"):
+            u0, v0 = read_state(source.folder / sections.initial.file, mesh, sections.initial.at)
+    if sections.initial.velocity is not None:
+        with complaints.at("initial", "velocity"):
+            v0 = np.tile(_components(sections.initial.velocity, mesh.d), mesh.nv)
+            v0[system.supports.held] = 0.0
+    complaints.refuse()
+    return Built(sections, system, names, probes, reactions, u0, v0)
+
+
+def _check_poisson(complaints: Complaints, names: Names, term: Any, law: Any) -> None:
+    """Complain about Poisson's ratios of 1/2 and more where strain or its trace is held: plane stress alone allows them."""
+    name = getattr(term, "material", None)
+    poisson = None if name is None else getattr(names.sections.materials[name], "poisson", None)
+    if name is None or not isinstance(poisson, float | int) or poisson < 0.5 or not hasattr(law, "hypothesis"):
+        return
+    hypothesis = law.hypothesis(names.mesh)
+    if hypothesis in (Hypothesis.SOLID, Hypothesis.PLANE_STRAIN):
+        complaints.add(("materials", name, "poisson"), f"{poisson:g} is outside (-1, 1/2)")
+
+
+def _components(given: list[float], d: int) -> Array:
+    if len(given) != d:
+        raise StvkError(f"has {len(given)} components; expected {d}.")
+    return np.array(given)
+
+
+def _displacements(given: Prescribed) -> dict[str, Any]:
+    """Prescribed displacements as `System` takes them."""
+    components = {name: getattr(given, name) for name in "xyz" if getattr(given, name) is not None}
+    return {name: in_time(value, given.time) for name, value in components.items()}
+
+
+def _fits(complaints: Complaints, names: Names, number: int, term: Any) -> bool:
+    """Whether the region and the place of a term are on the mesh; otherwise that is complained about at its own key."""
+    mesh, fits = names.mesh, {}
+    if getattr(term, "region", None) is not None:
+        fits["region"] = False
+        with complaints.at("terms", number, "region"):
+            mesh.elements(names.region(term.region))
+            fits["region"] = True
+    if getattr(term, "on", None) is not None and not (term.type == "pressure" and mesh.k < mesh.d):
+        fits["on"] = False
+        with complaints.at("terms", number, "on"):
+            vertices_at(mesh, names.place(term.on), "on")
+            fits["on"] = True
+    return all(fits.values())

@@ -1,0 +1,353 @@
+"""All that is wrong with a scene, each thing with its place and line, in words that do not need the schema."""
+
+from __future__ import annotations
+
+import types
+import typing
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from difflib import get_close_matches
+from typing import Annotated, Any, Literal, NamedTuple, get_args, get_origin
+
+from pydantic import BaseModel, Tag, ValidationError
+
+from ..arguments import shown
+from ..errors import SceneError, StvkError
+from .source import SceneSource
+from .syntax import Loc, path_of
+
+#: Limits by their name in the metadata of a key, and how they are written.
+LIMITS = {"gt": "(", "ge": "[", "lt": ")", "le": "]"}
+#: What is written for numbers that are better known otherwise.
+FRACTIONS = {0.5: "1/2", 0.5773502691896258: "1/sqrt(3)"}
+#: What was expected, by pydantic's type of error.
+EXPECTED = {
+    "float_type": "a number",
+    "int_type": "a whole number",
+    "int_from_float": "a whole number",
+    "string_type": "text in quotation marks",
+    "bool_type": "true or false",
+    "list_type": "a list in [brackets]",
+    "dict_type": "a table",
+    "model_type": "a table",
+    "model_attributes_type": "a table",
+}
+
+
+class Spot(NamedTuple):
+    """Where an error is: the place in the data, the table's model there, and the type of the key."""
+
+    loc: Loc
+    model: type[BaseModel] | None
+    annotation: Any
+    metadata: tuple[Any, ...]
+
+
+class Complaints:
+    """What is wrong with a scene, collected to be said at once.
+
+    >>> complaints = Complaints(SceneSource.parse("[analysis]\\ndt = -1"))
+    >>> complaints.add(("analysis", "dt"), "-1 is not above 0")
+    >>> complaints.refuse()
+    Traceback (most recent call last):
+    skfem_stvk.errors.SceneError: scene.toml: analysis.dt, line 2: -1 is not above 0
+    """
+
+    def __init__(self, source: SceneSource) -> None:
+        self._source = source
+        self._found: list[tuple[Loc, str]] = []
+
+    def add(self, loc: Sequence[str | int], message: str) -> None:
+        """Complain about a key; the same is said once."""
+        if (tuple(loc), message) not in self._found:
+            self._found.append((tuple(loc), message))
+
+    @contextmanager
+    def at(self, *loc: str | int) -> Iterator[None]:
+        """Complain about a key whatever error of the package, or of the system, is raised within, and go on."""
+        try:
+            yield
+        except SceneError as error:
+            for path, _, message in error.complaints:
+                self.add(loc, f"{path}: {message}" if path else message)
+        except (StvkError, OSError) as error:
+            self.add(loc, str(error))
+
+    def of_pydantic(self, error: ValidationError, schema: type[BaseModel]) -> None:
+        """Complain about all that pydantic found in data of this schema."""
+        said: dict[Loc, list[str]] = {}
+        for one in error.errors(include_url=False):
+            loc, message = _in_words(one, schema)
+            said.setdefault(loc, [])
+            if message not in said[loc]:
+                said[loc].append(message)
+        for loc, messages in said.items():
+            self.add(loc, "; or ".join(messages))
+
+    def refuse(self) -> None:
+        """Raise SceneError with all complaints, in the order of the lines, if there are any."""
+        if not self._found:
+            return
+        rows = [(path_of(loc), self._source.line(loc), self._source.setting(loc), message) for loc, message in self._found]
+        rows.sort(key=lambda row: (row[1] is None, row[1] or 0))
+        texts = []
+        for path, line, setting, message in rows:
+            where = f", line {line}" if line is not None else f", from --set {setting}" if setting else ""
+            texts.append(f"{path}{where}: {message}" if path else message)
+        head = f"{self._source.name}: " if len(texts) == 1 else f"{self._source.name} has {len(texts)} errors:\n  "
+        raise SceneError(head + "\n  ".join(texts), [(path, line, message) for path, line, _, message in rows])
+
+
+def _in_words(error: Any, schema: type[BaseModel]) -> tuple[Loc, str]:
+    """The place in the data of an error of pydantic's, and what is wrong there."""
+    spot, kind, given = _spot(schema, error["loc"]), error["type"], error.get("input")
+    if kind in ("union_tag_invalid", "union_tag_not_found"):
+        return _kind_is_wrong(spot, error)
+    if kind == "missing":
+        return spot.loc, f"is missing{_sentence(spot)}"
+    for kinds, words in WORDS.items():
+        if kind in kinds:
+            return spot.loc, words(spot, error, given)
+    message = str(error["msg"]).removeprefix("Value error, ").removeprefix("Input should be ")
+    return spot.loc, f"got {shown(given)}; expected {message}"
+
+
+def _kind_is_wrong(spot: Spot, error: Any) -> tuple[Loc, str]:
+    """Say which kinds of a table there are, where one is told by its `type` or `model`."""
+    context, given = error.get("ctx", {}), error.get("input")
+    name = str(context.get("discriminator", "'type'")).strip("'")
+    name = name if name.isidentifier() else "type"
+    known = [tag for tag in _tags(spot) if tag != "file"]  # a mesh file has no type
+    if not isinstance(given, Mapping):
+        return spot.loc, f"got {shown(given)}; expected a table with {name} = one of {_listed(known)}"
+    if name not in given:
+        near = get_close_matches(name, map(str, given), n=1)
+        if near:
+            return (*spot.loc, near[0]), f"unknown key; did you mean {name!r}? It says what it is: one of {_listed(known)}"
+        return spot.loc, f"the key {name!r} is missing, which says what it is: one of {_listed(known)}"
+    return (*spot.loc, name), _none_of(given[name], known)
+
+
+def _unknown(spot: Spot, error: Any, given: Any) -> str:
+    known = sorted(spot.model.model_fields) if spot.model is not None else []
+    name = str(spot.loc[-1])
+    near = get_close_matches(name.lower(), known, n=1)
+    meant = f"; did you mean {near[0]!r}?" if near else "."
+    return f"unknown key{meant} Known here: {', '.join(known)}."
+
+
+def _none_of(given: Any, known: Sequence[str]) -> str:
+    near = get_close_matches(str(given).lower().replace("_", "-"), known, n=1)
+    meant = f"; did you mean {near[0]!r}?" if near else "."
+    return f"{shown(given)} is not known here{meant} Known: {_listed(known)}."
+
+
+def _outside(spot: Spot, error: Any, given: Any) -> str:
+    """A number is outside of its limits, in words."""
+    limits = {name: getattr(one, name) for one in _metadata(spot) for name in LIMITS if hasattr(one, name)}
+    context = {name: value for name, value in error.get("ctx", {}).items() if name in LIMITS}
+    limits = limits or context
+    low = next((name for name in ("gt", "ge") if name in limits), None)
+    high = next((name for name in ("lt", "le") if name in limits), None)
+    value = shown(given) if not isinstance(given, float | int) else f"{given:g}"
+    if low and high:
+        span = f"{LIMITS[low]}{_number(limits[low])}, {_number(limits[high])}{LIMITS[high]}"
+        return f"{value} is outside {span}"
+    words = {"gt": "above", "ge": "at least", "lt": "below", "le": "at most"}
+    name = low or high
+    return f"{value} is not {words[name]} {_number(limits[name])}" if name else f"{value} is out of range"
+
+
+def _of_another_type(spot: Spot, error: Any, given: Any) -> str:
+    expected = EXPECTED[error["type"]]
+    if isinstance(given, str) and expected in ("a number", "a whole number"):
+        try:
+            float(given)
+        except ValueError:
+            return f"got the text {shown(given)}; expected {expected}{_unit(spot)}"
+        return f"got the text {shown(given)}; expected {expected}{_unit(spot)}: leave the quotation marks out"
+    named = {bool: "the truth value ", list: "the list ", dict: "the table "}.get(type(given), "")
+    return f"got {named}{shown(given) if not isinstance(given, bool) else str(given).lower()}; expected {expected}"
+
+
+def _of_another_length(spot: Spot, error: Any, given: Any) -> str:
+    context, count = error.get("ctx", {}), len(given) if hasattr(given, "__len__") else 0
+    least, most = (
+        next((value for one in _metadata(spot) if (value := getattr(one, name, None)) is not None), context.get(name))
+        for name in ("min_length", "max_length")
+    )
+    what = "characters" if isinstance(given, str) else "entries"
+    if isinstance(given, str) and not given:
+        return "is empty; expected text"
+    expected = f"{least}" if least == most else f"at least {least}" if most is None else f"{least} to {most}"
+    return f"has {count} {what}; expected {expected}"
+
+
+def _of_another_form(spot: Spot, error: Any, given: Any) -> str:
+    pattern = error["ctx"]["pattern"]
+    meant = {
+        "^[xyz]+$": 'letters of components, such as "xyz" or "y"',
+        r"\.(pvd|vtu)$": "a name that ends in .pvd (states on the way) or .vtu (the last one)",
+        r"\.(gif|mp4)$": "a name that ends in .gif or .mp4",
+    }
+    return f"got {shown(given)}; expected {meant.get(pattern, 'a name without blanks at its ends')}"
+
+
+def _not_finite(spot: Spot, error: Any, given: Any) -> str:
+    return f"{given} is not finite; expected a number{_unit(spot)}"
+
+
+def _not_one_of(spot: Spot, error: Any, given: Any) -> str:
+    known = [one for one in _literals(spot.annotation) if isinstance(one, str)]
+    return _none_of(given, known) if known else f"got {shown(given)}; expected {error['ctx']['expected']}"
+
+
+def _no_place(spot: Spot, error: Any, given: Any) -> str:
+    known = [tag for tag in _tags(spot) if tag not in ("name", "coordinates")]
+    if isinstance(given, Mapping) and "type" in given:
+        return _none_of(given["type"], known)
+    name = "a name, " if "name" in _tags(spot) else ""
+    return f"got {shown(given)}; expected {name}coordinates [x, y, z], or a table with type = one of {_listed(known)}"
+
+
+Words = Callable[[Spot, Any, Any], str]
+#: What is said of errors, by pydantic's types of them.
+WORDS: dict[tuple[str, ...], Words] = {
+    ("extra_forbidden",): _unknown,
+    ("greater_than", "greater_than_equal", "less_than", "less_than_equal"): _outside,
+    tuple(EXPECTED): _of_another_type,
+    ("too_short", "too_long", "string_too_short", "string_too_long"): _of_another_length,
+    ("string_pattern_mismatch",): _of_another_form,
+    ("finite_number",): _not_finite,
+    ("literal_error",): _not_one_of,
+    ("place", "region"): _no_place,
+}
+
+
+def _listed(names: Sequence[str]) -> str:
+    return ", ".join(names)
+
+
+def _number(value: float) -> str:
+    return FRACTIONS.get(value, f"{value:g}")
+
+
+def _sentence(spot: Spot) -> str:
+    """What a key is, as its sentence says it."""
+    found = spot.model.model_fields.get(str(spot.loc[-1])) if spot.model is not None and spot.loc else None
+    return f": {found.description.rstrip('.')}" if found is not None and found.description else ""
+
+
+def _unit(spot: Spot) -> str:
+    """The dimension of a key's value, in words."""
+    for one in _metadata(spot):
+        extra = getattr(one, "json_schema_extra", None)
+        if isinstance(extra, dict) and extra.get("dimension"):
+            return f" ({extra['dimension']})"
+    return ""
+
+
+def _metadata(spot: Spot) -> list[Any]:
+    """Limits and the like of a key, those within its annotation too."""
+    found = list(spot.metadata)
+    annotation = spot.annotation
+    while get_origin(annotation) is Annotated:
+        annotation, *more = get_args(annotation)
+        found += more
+    found += [inner for one in found for inner in getattr(one, "metadata", [])]
+    members = [one for one in get_args(annotation) if one is not type(None)] if _is_union(annotation) else []
+    if len(members) == 1 and get_origin(members[0]) is Annotated:
+        found += get_args(members[0])[1:]
+    return found
+
+
+# from an error's location to the data: pydantic names the members of unions in it
+
+
+def _spot(schema: type[BaseModel], loc: Sequence[str | int]) -> Spot:
+    """Where in the data an error is, with the model of the table that it is in, by following the types of the schema."""
+    annotation: Any = schema
+    model: type[BaseModel] | None = None
+    metadata: tuple[Any, ...] = ()
+    data: list[str | int] = []
+    rest = [one for one in loc if one != "[key]"]
+    while rest:
+        annotation, more = _bare(annotation)
+        metadata = (*metadata, *more)
+        if _is_union(annotation):
+            member = _member(annotation, rest[0])
+            if member is None:
+                break
+            annotation, consumed = member
+            rest = rest[consumed:]
+        elif isinstance(annotation, type) and issubclass(annotation, BaseModel):
+            model, name = annotation, rest.pop(0)
+            data.append(name)
+            found = annotation.model_fields.get(str(name))
+            if found is None:
+                annotation, metadata = None, ()
+                break
+            annotation, metadata = found.annotation, (*found.metadata, found)
+        elif get_origin(annotation) in (dict, list):
+            data.append(rest.pop(0))
+            annotation, metadata, model = get_args(annotation)[-1], (), None
+        else:
+            break
+    return Spot(tuple(data), model, annotation, metadata)
+
+
+def _bare(annotation: Any) -> tuple[Any, tuple[Any, ...]]:
+    metadata: tuple[Any, ...] = ()
+    while get_origin(annotation) is Annotated:
+        annotation, *more = get_args(annotation)
+        metadata = (*metadata, *more)
+    return annotation, metadata
+
+
+def _is_union(annotation: Any) -> bool:
+    return get_origin(annotation) in (typing.Union, types.UnionType)
+
+
+def _members(annotation: Any) -> Iterator[tuple[tuple[str, ...], Any]]:
+    """Members of a union, those of unions within it too, with the tags that tell them."""
+    annotation, _ = _bare(annotation)
+    for one in get_args(annotation) if _is_union(annotation) else (annotation,):
+        inner, metadata = _bare(one)
+        tags = tuple(tag.tag for tag in metadata if isinstance(tag, Tag))
+        if _is_union(inner) and not tags:
+            yield from _members(inner)
+        elif inner is not type(None):
+            if not tags and isinstance(inner, type) and issubclass(inner, BaseModel):
+                kinds = (inner.model_fields[name] for name in ("type", "model") if name in inner.model_fields)
+                tags = tuple(str(value) for kind in kinds for value in _literals(kind.annotation))
+            yield tags, one
+
+
+def _member(annotation: Any, label: str | int) -> tuple[Any, int] | None:
+    """The member of a union that a label of pydantic's means, and how many parts of the location that takes; None if none."""
+    members = list(_members(annotation))
+    for tags, one in members:
+        if str(label) in tags:
+            return one, 1
+    if len(members) == 1:
+        return members[0][1], 0
+    for _, one in members:  # pydantic labels plain members by their type
+        inner, _ = _bare(one)
+        name = inner.__name__ if isinstance(inner, type) and get_origin(inner) is None else str(inner)
+        if isinstance(label, str) and (label == name or (get_origin(inner) is list and label.startswith("list["))):
+            return one, 1
+    return None
+
+
+def _tags(spot: Spot) -> list[str]:
+    """Kinds of a table that stand in a place."""
+    annotation = spot.annotation
+    return [tag for tags, _ in _members(annotation) for tag in tags] if annotation is not None else []
+
+
+def _literals(annotation: Any) -> list[Any]:
+    """Values that a key may have, if they are listed."""
+    annotation, _ = _bare(annotation)
+    if _is_union(annotation):
+        return [value for one in get_args(annotation) for value in _literals(one)]
+    return list(get_args(annotation)) if get_origin(annotation) is Literal else []

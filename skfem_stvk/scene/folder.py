@@ -1,0 +1,127 @@
+"""The folder of results of a scene: what is in it, and whose it is."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from ..errors import StvkError
+from ..referee.header import machine, versions
+from ..results.files import replacing
+from .outcome import SceneOutcome
+from .schema import SceneTables
+from .schema.analyses import ModesAnalysis
+
+SUMMARY, RESOLVED, CHECKPOINT = "summary.json", "resolved.toml", "checkpoint"
+
+
+@dataclass(frozen=True)
+class Folder:
+    """A folder of results; `resume`: whether to go on with its checkpoint, `force`: whether to replace other results."""
+
+    path: Path
+    resume: bool = False
+    force: bool = False
+
+    def open(self, sections: SceneTables) -> None:
+        """Make the folder, or refuse one with results of another run, before any expensive work.
+
+        Raises
+        ------
+        StvkError
+            if it holds results and they are neither to be resumed nor to be replaced; if there is nothing to resume; if it holds
+            other files than results, or cannot be written.
+        """
+        path, there = self.path, self.path.exists()
+        if there and not path.is_dir():
+            raise StvkError(f"--out {path}: it is a file; expected a folder, which is made if it is missing.")
+        names = sorted(one.name for one in path.iterdir()) if there else []
+        if names and SUMMARY not in names:
+            raise StvkError(
+                f"--out {path}: it holds {len(names)} files (such as {names[0]}), and no {SUMMARY}: it is no folder of results. "
+                "Name another, or empty it."
+            )
+        if self.resume:
+            self._refuse_nothing(sections, names)
+        elif names and not self.force:
+            raise StvkError(
+                f"{path} holds the results of a run that {self.summary()['status']}. --force replaces them, --resume goes on from "
+                "its checkpoint, --out names another folder."
+            )
+        try:
+            path.mkdir(parents=True, exist_ok=True)
+            (path / f".{os.getpid()}").touch()
+            (path / f".{os.getpid()}").unlink()
+        except OSError as error:
+            raise StvkError(f"--out {path} cannot be written: {error.strerror}. Choose another folder.") from error
+
+    def _refuse_nothing(self, sections: SceneTables, names: list[str]) -> None:
+        if isinstance(sections.analysis, ModesAnalysis):
+            raise StvkError(
+                "--resume: modes are found at once and have no checkpoint. Leave --resume out; --force replaces results."
+            )
+        kept = list((self.path / CHECKPOINT).glob("*.npz")) if CHECKPOINT in names else []
+        if not kept:
+            why = "there is no such folder" if not names else "it has no checkpoint: was it written with output.checkpoint = false?"
+            raise StvkError(f"--resume: nothing to resume in {self.path}: {why} Start without --resume.")
+
+    def outlets(self, sections: SceneTables) -> dict[str, Any]:
+        """What `simulate` and `solve_static` need to know of it."""
+        output = sections.output
+        found: dict[str, Any] = {"resume": self.resume, "overwrite": self.force}
+        if output.checkpoint or self.resume:
+            found["checkpoint"] = self.path / CHECKPOINT
+        if output.file is not None and output.file.endswith(".pvd"):
+            found["save"] = self.path / output.file
+        return found
+
+    def summary(self) -> dict[str, Any]:
+        """What is said of the run that wrote the folder; its status is "unknown" if that cannot be read."""
+        try:
+            said = json.loads((self.path / SUMMARY).read_text(encoding="utf-8"))
+            return said if isinstance(said.get("status"), str) else {"status": "unknown"}
+        except (OSError, ValueError, AttributeError):
+            return {"status": "unknown"}
+
+    def begun(self, data: Mapping[str, Any]) -> None:
+        """Say that a run began: a killed one leaves that."""
+        self._say({"status": "was killed or is running", "scene_hash": hash_of(data), "begun": _now()})
+
+    def ended(self, data: Mapping[str, Any], outcome: SceneOutcome) -> None:
+        """Write the summary of a run."""
+        self._say(
+            {
+                "status": outcome.status,
+                "exit_code": outcome.exit_code,
+                "message": outcome.message,
+                "results": outcome.values,
+                "expectations": [one._asdict() for one in outcome.judged],
+                "warnings": list(outcome.warnings),
+                "seconds": outcome.seconds,
+                "ended": _now(),
+                "scene_hash": hash_of(data),
+                "units": outcome.built.sections.units,
+                "versions": versions(),
+                "machine": machine(),
+            }
+        )
+
+    def _say(self, said: dict[str, Any]) -> None:
+        with replacing(self.path / SUMMARY) as part:
+            part.write_text(json.dumps(said, indent=1, default=str) + "\n", encoding="utf-8")
+
+
+def hash_of(data: Mapping[str, Any]) -> str:
+    """What a scene is known by, whatever the order of its keys, its comments and its title."""
+    kept = {name: value for name, value in data.items() if name != "title"}
+    return hashlib.sha256(json.dumps(kept, sort_keys=True).encode()).hexdigest()[:16]
+
+
+def _now() -> str:
+    return time.strftime("%Y-%m-%d %H:%M:%S")

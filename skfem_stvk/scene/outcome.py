@@ -1,0 +1,70 @@
+"""What came of a scene: the result, what was followed on the way, and whether it is what was expected."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from ..arguments import Array
+from .build import Built
+
+
+class Curve(NamedTuple):
+    """What was followed: the mean displacement of a probe, or the force of supports at a place."""
+
+    t: Array  # (n,) times, or load factors
+    values: Array  # (n, d) components
+    dimension: str  # "length" or "force"
+
+
+class Judged(NamedTuple):
+    """A result beside what was expected."""
+
+    name: str  # as `tip.z`
+    got: float
+    expected: float
+    allowed: float  # the largest difference
+    passed: bool
+
+
+#: Exit codes of the command.
+DONE, NOT_CONVERGED, BAD_INPUT, NOT_AS_EXPECTED, INTERRUPTED = 0, 1, 2, 3, 130
+
+
+@dataclass(frozen=True, eq=False)
+class SceneOutcome:
+    """What a scene gave.
+
+    Attributes
+    ----------
+    built : the scene with its system.
+    result : a `StaticResult`, `Run` or `Modes`.
+    success, status, message : how it came out, in a word and in full.
+    curves : probes and reactions by name, over the times or load factors.
+    values : results by dotted name, such as `energy.strain` and `tip.z`: at the end.
+    judged : results beside expectations.
+    seconds : that it took.
+    folder : where results are, if they were written.
+    """
+
+    built: Built
+    result: Any
+    success: bool
+    status: str
+    message: str
+    curves: dict[str, Curve]
+    values: dict[str, float]
+    judged: tuple[Judged, ...]
+    seconds: float
+    folder: Path | None = None
+    warnings: tuple[str, ...] = field(default=())
+
+    @property
+    def exit_code(self) -> int:
+        """0 if it converged and all is as expected, 1 if it did not converge, 3 if an expectation failed, 130 if interrupted."""
+        if self.status == "interrupted":
+            return INTERRUPTED
+        if not self.success:
+            return NOT_CONVERGED
+        return DONE if all(one.passed for one in self.judged) else NOT_AS_EXPECTED

@@ -1,0 +1,234 @@
+"""From a scene to its results: the analysis, what was followed on the way, and whether it is what was expected."""
+
+from __future__ import annotations
+
+import time
+import warnings
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import Any
+
+import numba
+import numpy as np
+
+from ..arguments import Array
+from ..dynamics import Modes, Run, modes, simulate
+from ..errors import StvkError, StvkWarning
+from ..mesh.places import vertices_at
+from ..nonlinear.interruption import finishing_steps
+from ..nonlinear.outcome import Interrupted
+from ..results.reactions import held_vertices
+from ..statics import StaticResult, solve_static
+from .build import Built, expectations
+from .folder import Folder
+from .outcome import Curve, Judged, SceneOutcome
+from .schema import SceneTables
+from .schema.analyses import ArcLengthAnalysis, DynamicAnalysis, ModesAnalysis, StaticAnalysis, stop_of
+
+#: Part of loads and reactions below which the residual of a static state is small enough, by default.
+RTOL = 1e-8
+
+
+def solve(built: Built, folder: Folder | None = None, *, quiet: bool = False) -> SceneOutcome:
+    """Solve a scene; states and checkpoints are written into the folder, if there is one.
+
+    Ctrl-C ends the analysis after the step that it is in, a second one at once.
+
+    Raises
+    ------
+    StvkError
+        where the analysis refuses what it got. Whether it converged is said by the outcome.
+    """
+    sections, begin = built.sections, time.perf_counter()
+    with _threads(sections.threads), _noted() as noted, finishing_steps():
+        result = _analysed(built, folder, quiet)
+    curves = {} if isinstance(result, Modes) else _followed(built, result)
+    values = _values(result) | {
+        f"{name}.{axis}": float(value)
+        for name, curve in curves.items()
+        for axis, value in zip("xyz", curve.values[-1], strict=False)
+    }
+    status, message = ("finished", repr(result)) if isinstance(result, Modes) else (result.status.value, result.message)
+    success = isinstance(result, Modes) or _success(sections, result)
+    judged = _judged(sections, values) if success else ()
+    return SceneOutcome(
+        built=built,
+        result=result,
+        success=success,
+        status=status,
+        message=message,
+        curves=curves,
+        values=values,
+        judged=judged,
+        seconds=time.perf_counter() - begin,
+        folder=None if folder is None else folder.path,
+        warnings=tuple(noted),
+    )
+
+
+def _analysed(built: Built, folder: Folder | None, quiet: bool) -> StaticResult | Run | Modes:
+    """The result of the analysis; of one that was interrupted or failed what there is so far."""
+    analysis, solver, initial = built.sections.analysis, built.sections.solver, built.sections.initial
+    files: dict[str, Any] = {} if folder is None else folder.outlets(built.sections)
+    try:
+        if isinstance(analysis, DynamicAnalysis):
+            return simulate(
+                built.system,
+                built.integrator,
+                until=analysis.until,
+                u0=built.u0,
+                v0=built.v0,
+                t0=initial.t0,
+                mass=analysis.mass,
+                damping=analysis.damping.of_library(),
+                probes=built.probes,
+                reactions=built.reactions,
+                remove=None if analysis.remove is None else analysis.remove.rule(),
+                every=built.sections.output.every,
+                quiet=quiet,
+                raise_on_failure=False,
+                **files,
+            )
+        if isinstance(analysis, ModesAnalysis):
+            return modes(built.system, analysis.n, u=built.u0, t=analysis.load, mass=analysis.mass, solver=solver.name)
+        return solve_static(
+            built.system,
+            analysis.steps,
+            method="arc-length" if isinstance(analysis, ArcLengthAnalysis) else "load-steps",
+            stop=_stop(built, analysis),
+            solver=solver.name,
+            rtol=RTOL if solver.rtol is None else solver.rtol,
+            u0=built.u0,
+            t0=initial.t0,
+            stability=analysis.stability,
+            ellipticity=analysis.ellipticity,
+            quiet=quiet,
+            raise_on_failure=False,
+            **files,
+        )
+    except Interrupted as interrupted:
+        found: StaticResult | Run = interrupted.result
+        return found
+
+
+def _stop(built: Built, analysis: StaticAnalysis | ArcLengthAnalysis) -> Any:
+    if not isinstance(analysis, ArcLengthAnalysis):
+        return None
+    level = analysis.stop.displacement
+    return stop_of(analysis.stop, None if level is None else built.names.place(level.at))
+
+
+def _success(sections: SceneTables, result: StaticResult | Run) -> bool:
+    """Whether the analysis came to its end as it should; unstable states are what arc length is for."""
+    unstable = isinstance(sections.analysis, ArcLengthAnalysis) and result.status.name == "UNSTABLE"
+    return result.success or unstable
+
+
+def _followed(built: Built, result: StaticResult | Run) -> dict[str, Curve]:
+    """Displacements of the probes and forces at the reactions, over the times or load factors."""
+    d = built.mesh.d
+    if isinstance(result, Run):
+        ledger = result.ledger
+
+        def columns(name: str) -> Array:
+            return np.stack([ledger[f"{name} {axis}"] for axis in "xyz"[:d]], axis=1)
+
+        return {name: Curve(ledger["time"], columns(name), "length") for name in built.probes} | {
+            name: Curve(ledger["time"], columns(f"reaction {name}"), "force") for name in built.reactions
+        }
+    states = [(step.t, step.u) for step in result.history] or [(result.t, result.u)]
+    t = np.array([one for one, _ in states])
+    curves = {}
+    for name, where in built.probes.items():
+        at = vertices_at(built.mesh, where, name)
+        curves[name] = Curve(t, np.array([u.reshape(-1, d)[at].mean(axis=0) for _, u in states]), "length")
+    if built.reactions:
+        forces = [_ground(built, u, one) for one, u in states]
+        for name, where in built.reactions.items():
+            at = held_vertices(built.system, where, name)
+            curves[name] = Curve(t, np.array([each[at].sum(axis=0) for each in forces]), "force")
+    return curves
+
+
+def _ground(built: Built, u: Array, t: float) -> Array:
+    """(nv, d) forces of supports and foundations on the body in equilibrium."""
+    system, held = built.system, built.system.supports.held
+    forces = system.foundation_force(u)
+    forces[held] += system.residual(u, t)[held]
+    return forces.reshape(-1, system.mesh.d)
+
+
+def _values(result: StaticResult | Run | Modes) -> dict[str, float]:
+    """Results by dotted name."""
+    if isinstance(result, Modes):
+        return {f"frequency.{number}": float(value) for number, value in enumerate(result.frequencies)} | {
+            "modes.rigid": float(result.rigid.sum()),
+            "modes.unstable": float(result.unstable.sum()),
+        }
+    largest = float(np.linalg.norm(result.u.reshape(-1, result.system.mesh.d), axis=1).max())
+    common = {"displacement.largest": largest}
+    smallest = float(result.system.smallest_volume_ratio(result.u))
+    if np.isfinite(smallest):  # of springs alone there is none
+        common["volume_ratio.smallest"] = smallest
+    if isinstance(result, Run):
+        ledger = result.ledger
+        energies = {f"energy.{name}": float(ledger[column][-1]) for name, column in ENERGIES.items() if column in ledger}
+        return {"time": result.t, "steps": float(ledger.steps - 1)} | energies | common
+    critical = {f"critical.{number}": float(point.t) for number, point in enumerate(result.critical_points)}
+    energy = {"energy.strain": float(result.system.energy(result.u))}
+    return {"load": result.t, "steps": float(len(result.history))} | energy | critical | common
+
+
+#: Results of a motion by their columns in its ledger.
+ENERGIES = {
+    "kinetic": "kinetic_energy",
+    "strain": "strain_energy",
+    "potential": "potential_energy",
+    "total": "total_energy",
+    "dissipated": "dissipated_work",
+    "external": "external_work",
+    "removed": "removed_energy",
+    "closure": "closure_error",
+}
+
+
+def _judged(sections: SceneTables, values: dict[str, float]) -> tuple[Judged, ...]:
+    """Results beside expectations; a result that is not there is NaN, and not as expected."""
+    judged = []
+    for loc, one in expectations(sections.expect).items():
+        name = ".".join(loc)
+        got = values.get(name, float("nan"))
+        allowed = one.atol if one.atol is not None else (one.rtol or 0.0) * abs(one.value)
+        judged.append(Judged(name, got, one.value, allowed, bool(abs(got - one.value) <= allowed)))
+    return tuple(judged)
+
+
+@contextmanager
+def _threads(count: int | None) -> Iterator[None]:
+    """Kernels on so many threads."""
+    before = numba.get_num_threads()
+    if count is not None:
+        most = numba.config.NUMBA_NUM_THREADS  # type: ignore[attr-defined]
+        if count > most:
+            raise StvkError(f"threads = {count}; this process has {most} at most. Take fewer, or set NUMBA_NUM_THREADS={count}.")
+        numba.set_num_threads(count)
+    try:
+        yield
+    finally:
+        numba.set_num_threads(before)
+
+
+@contextmanager
+def _noted() -> Iterator[list[str]]:
+    """Texts of the warnings of this package; all are shown as ever."""
+    noted: list[str] = []
+    show: Callable[..., None] = warnings.showwarning
+
+    def note(message: Warning | str, category: type[Warning], *more: Any, **details: Any) -> None:
+        if issubclass(category, StvkWarning):
+            noted.append(str(message))
+        show(message, category, *more, **details)
+
+    with warnings.catch_warnings():
+        warnings.showwarning = note
+        yield noted

@@ -1,0 +1,185 @@
+"""A scene: a whole job in one file, from the mesh to what is written and expected."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+from pydantic import ValidationError
+
+from ..arguments import path as checked_path
+from ..errors import StvkError
+from ..kernels.threads import threads
+from ..system import System
+from .build import Built, build, check
+from .complaints import Complaints
+from .folder import RESOLVED, Folder, hash_of
+from .outcome import SceneOutcome
+from .run import RTOL, solve
+from .schema import SceneTables
+from .schema.analyses import OPTIONS
+from .source import SceneSource, written
+
+
+class Scene:
+    """A whole job from one file: mesh, materials, terms, supports, an analysis, what is written and what is expected.
+
+    It holds only what its file names; what it does not name costs nothing. All keys are in `docs/scene-keys.md`.
+
+    Attributes
+    ----------
+    sections : its tables and keys, checked.
+    source : its text, and the lines of its keys.
+
+    >>> scene = Scene.of_data({
+    ...     "mesh": {"type": "box", "size": [4.0, 1.0, 1.0], "cells": [8, 2, 2]},
+    ...     "materials": {"rubber": {"model": "isotropic", "young": 1e6, "poisson": 0.45}},
+    ...     "terms": [
+    ...         {"type": "stvk", "material": "rubber"},
+    ...         {"type": "traction", "on": "right", "traction": [0.0, 0.0, -2e3]},
+    ...     ],
+    ...     "fixed": {"left": "xyz"},
+    ...     "analysis": {"type": "static", "steps": 4},
+    ...     "output": {"reactions": {"wall": "left"}},
+    ... })
+    >>> outcome = scene.solve(quiet=True)
+    >>> outcome.status, round(outcome.values["wall.z"])
+    ('converged', 2000)
+    """
+
+    def __init__(self, sections: SceneTables, source: SceneSource) -> None:
+        self.sections, self.source = sections, source
+
+    @classmethod
+    def read(cls, path: str | os.PathLike[str], set: Sequence[str] = ()) -> Scene:
+        """The scene in a TOML file, with keys that are `set` anew, such as "analysis.dt=1e-5" or "terms[1].g=[0,0,-1]".
+
+        Raises
+        ------
+        SceneError
+            with all that is wrong in it, each with its place and line.
+        """
+        source = SceneSource.read(checked_path("path", path, "the path of a scene file such as 'thrown.toml'"))
+        return cls._checked(source.changed(set) if set else source)
+
+    @classmethod
+    def of_data(cls, data: dict[str, Any]) -> Scene:
+        """The scene in tables and lists as a TOML file has them; paths are relative to the folder of the process."""
+        return cls._checked(SceneSource.of(data))
+
+    @classmethod
+    def _checked(cls, source: SceneSource) -> Scene:
+        complaints = Complaints(source)
+        try:
+            sections = SceneTables.model_validate(source.data)
+        except ValidationError as error:
+            complaints.of_pydantic(error, SceneTables)
+            complaints.refuse()
+            raise
+        check(sections, source)
+        return cls(sections, source)
+
+    @cached_property
+    def built(self) -> Built:
+        """The system and the first state. SceneError, with all that does not fit the mesh."""
+        return build(self.sections, self.source)
+
+    def system(self) -> System:
+        """The body with its loads and supports. Raises as `built`."""
+        return self.built.system
+
+    @property
+    def data(self) -> dict[str, Any]:
+        """Its tables with every default filled in, as a TOML file has them; keys without a value are left out."""
+        return _tables(self.sections)
+
+    def solve(
+        self, out: str | os.PathLike[str] | None = None, *, resume: bool = False, force: bool = False, quiet: bool = False
+    ) -> SceneOutcome:
+        """Solve it, and write results into the folder `out`, if one is given.
+
+        Parameters
+        ----------
+        out : folder of results, made if it is missing: summary.json, resolved.toml, report.html, pictures, states and a checkpoint.
+        resume : go on from the checkpoint in it.
+        force : replace the results of another run in it.
+        quiet : print nothing.
+
+        Raises
+        ------
+        SceneError
+            for what does not fit the mesh.
+        StvkError
+            if the folder holds other results, or the analysis refuses what it got. Whether it converged, and is as expected, is
+            said by the outcome.
+        """
+        if out is None:
+            if resume or force:
+                raise StvkError("resume and force are for a folder of results: give out=...")
+            return solve(self.built, quiet=quiet)
+        folder = Folder(checked_path("out", out, "the path of a folder"), resume, force)
+        folder.open(self.sections)
+        built = self.built
+        folder.begun(self.source.data)
+        self.write(folder.path / RESOLVED)
+        outcome = solve(built, folder, quiet=quiet)
+        folder.ended(self.source.data, outcome)
+        return outcome
+
+    def resolved(self, folder: Path | None = None) -> dict[str, Any]:
+        """Its data with what "auto" takes, and with paths that are relative to another folder."""
+        data, built = self.data, self.built
+        data["threads"] = threads() if self.sections.threads is None else self.sections.threads
+        if built.solver:
+            data["solver"]["name"] = built.solver
+        if built.integrator is not None:
+            data["analysis"] |= {name: value for name, value in vars(built.integrator).items() if name in OPTIONS}
+            data["solver"] |= {name: value for name, value in vars(built.integrator).items() if name in ("rtol", "tangent")}
+        elif built.solver and self.sections.analysis.type != "modes":
+            data["solver"].setdefault("rtol", RTOL)
+        for table in ("mesh", "initial"):
+            if "file" in data[table] and folder is not None:
+                data[table]["file"] = os.path.relpath(self.source.folder / data[table]["file"], folder)
+        return _tables(SceneTables.model_validate(data))
+
+    def write(self, path: str | os.PathLike[str]) -> Path:
+        """Write the scene with every default filled in, and what "auto" takes: a valid scene that gives the same results."""
+        target = checked_path("path", path, "the path of a scene file such as 'resolved.toml'")
+        target.write_text(written(self.resolved(target.parent), {}), encoding="utf-8")
+        return target
+
+    @property
+    def folder_of_results(self) -> Path:
+        """Where results go by default: a folder beside the scene, named after it."""
+        return self.source.folder / Path(self.source.name).stem
+
+    @property
+    def hash(self) -> str:
+        """What it is known by, whatever its comments and the order of its keys."""
+        return hash_of(self.source.data)
+
+    def __repr__(self) -> str:
+        return f"Scene({self.source.name}: {self.sections.analysis.type}, {len(self.sections.terms)} terms)"
+
+
+def _tables(sections: SceneTables) -> dict[str, Any]:
+    """All tables in the order of the schema, with all keys that have a value, and in each what tells its kind first."""
+    tables: dict[str, Any] = _kinds_first(sections.model_dump(exclude_none=True))
+    return tables
+
+
+def _kinds_first(data: Any) -> Any:
+    """The same tables, in each of which what tells its kind comes first."""
+    if isinstance(data, list):
+        return [_kinds_first(one) for one in data]
+    if not isinstance(data, dict):
+        return data
+    first = [name for name in KINDS if name in data]
+    return {name: _kinds_first(data[name]) for name in (*first, *(name for name in data if name not in first))}
+
+
+#: Keys that tell the kind of a table.
+KINDS = ("type", "model")

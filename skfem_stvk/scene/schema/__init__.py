@@ -1,0 +1,5 @@
+"""The schema of scenes: every key with its type, default, dimension and one sentence. Docs and templates are printed from it."""
+
+from .sections import SceneTables
+
+__all__ = ["SceneTables"]

@@ -1,0 +1,165 @@
+"""Analyses of a scene: static, arc length, dynamic and modes; and the linear solver."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal, TypeAlias
+
+from pydantic import Field
+
+from ...dynamics import EdgeDamping, Integrator, PrincipalStressLimit, Rayleigh
+from ...dynamics.integrators import INTEGRATORS
+from ...statics import Stop
+from .places import PlaceOrName
+from .quantities import Part, key
+
+Count = Annotated[int, Field(ge=1)]
+Fraction = Annotated[float, Field(gt=0, lt=1)]
+
+
+class Solver(Part):
+    """How linear systems are solved, and how well equilibrium has to be found. Explicit integrators have no use for it."""
+
+    name: Annotated[Literal["auto", "superlu", "pardiso", "amg-cg", "block-jacobi-cg", "ssor-cg"], key("Linear solver.")] = "auto"
+    rtol: Annotated[
+        float | None,
+        key(
+            "Part of the forces below which a residual is small enough; by default 1e-8, or what the integrator needs.", gt=0, lt=1
+        ),
+    ] = None
+    tangent: Annotated[
+        Literal["exact", "clamped", "gauss-newton", "warped", "diagonal", "rest"] | None,
+        key("What implicit integrators solve with; by default the exact tangent."),
+    ] = None
+
+
+class StaticAnalysis(Part):
+    """Equilibrium at the full load, found in steps."""
+
+    type: Literal["static"]
+    steps: Annotated[int, key("The first step is this part of the load: 1/steps.", ge=1)] = 10
+    stability: Annotated[bool, key("Find the lowest eigenvalue of K at each state where the solver does not tell.")] = False
+    ellipticity: Annotated[bool, key("Look at each state for elements that have lost strong ellipticity.")] = False
+
+
+class DisplacementLevel(Part):
+    """A mean displacement that ends a path."""
+
+    at: Annotated[PlaceOrName, key("Where.")]
+    component: Annotated[Literal["x", "y", "z"], key("Which component.")]
+    value: Annotated[float, key("Its value at the end.", "length")]
+
+
+class StopRule(Part):
+    """Where a path by its length ends: at what is reached first."""
+
+    load: Annotated[float | None, key("Load factor.")] = None
+    displacement: Annotated[DisplacementLevel | None, key("A mean displacement.")] = None
+    turns: Annotated[int | None, key("Number of limit points.", ge=1)] = None
+    states: Annotated[int | None, key("Number of states.", ge=1)] = None
+
+
+class ArcLengthAnalysis(Part):
+    """The path of equilibria by its length, through limit points."""
+
+    type: Literal["arc-length"]
+    steps: Annotated[int, key("The first step is this part of the load: 1/steps.", ge=1)] = 10
+    stop: Annotated[StopRule, key("The end of the path; by default load factor 1.")] = StopRule(load=1.0)
+    stability: Annotated[bool, key("Find the lowest eigenvalue of K at each state where the solver does not tell.")] = False
+    ellipticity: Annotated[bool, key("Look at each state for elements that have lost strong ellipticity.")] = False
+
+
+class Damping(Part):
+    """Damping by mass, by the stiffness at rest, and by the rate of strain."""
+
+    alpha: Annotated[float, key("Rayleigh's by mass.", "rate", ge=0)] = 0.0
+    beta: Annotated[float, key("Rayleigh's by the stiffness at rest.", "time", ge=0)] = 0.0
+    tau: Annotated[float, key("Of the edges: time of retardation.", "time", ge=0)] = 0.0
+
+    def of_library(self) -> list[Rayleigh | EdgeDamping]:
+        """The damping that `simulate` takes."""
+        return [Rayleigh(self.alpha, self.beta), EdgeDamping(self.tau)]
+
+
+class Tearing(Part):
+    """Elements leave the body where their largest principal stress is above a limit."""
+
+    stress: Annotated[float, key("The limit.", "stress", gt=0)]
+    every: Annotated[int, key("Steps from one look to the next.", ge=1)] = 1
+
+    def rule(self) -> PrincipalStressLimit:
+        """The rule that `simulate` takes."""
+        return PrincipalStressLimit(self.stress, self.every)
+
+
+#: Integrators by their name in a scene, and the options that they alone have.
+NAMES = {
+    "forward-euler": "ForwardEuler",
+    "velocity-verlet": "VelocityVerlet",
+    "linear-backward-euler": "LinearBackwardEuler",
+    "backward-euler": "BackwardEuler",
+    "newmark": "Newmark",
+    "generalized-alpha": "GeneralizedAlpha",
+    "energy-momentum": "EnergyMomentum",
+}
+EXPLICIT = ("forward-euler", "velocity-verlet")
+OPTIONS = {"beta": "newmark", "gamma": "newmark", "rho": "generalized-alpha"}
+
+
+class DynamicAnalysis(Part):
+    """Motion from a first state."""
+
+    type: Literal["dynamic"]
+    integrator: Annotated[
+        Literal[
+            "forward-euler",
+            "velocity-verlet",
+            "linear-backward-euler",
+            "backward-euler",
+            "newmark",
+            "generalized-alpha",
+            "energy-momentum",
+        ],
+        key("How steps are made."),
+    ] = "energy-momentum"
+    dt: Annotated[float | None, key("Time step; explicit integrators can do without: 0.85 of the critical one.", "time", gt=0)] = (
+        None
+    )
+    until: Annotated[float, key("End.", "time")]
+    mass: Annotated[Literal["lumped", "consistent"], key("Mass matrix.")] = "lumped"
+    beta: Annotated[float | None, key("Of newmark, by default 1/4.", ge=0)] = None
+    gamma: Annotated[float | None, key("Of newmark, by default 1/2.", ge=0)] = None
+    rho: Annotated[float | None, key("Of generalized-alpha: spectral radius at infinity, by default 0.8.", ge=0, le=1)] = None
+    damping: Annotated[Damping, key("Damping; by default none.")] = Damping()
+    remove: Annotated[Tearing | None, key("Elements that tear; by default none.")] = None
+
+    @property
+    def explicit(self) -> bool:
+        """Whether steps need forces alone."""
+        return self.integrator in EXPLICIT
+
+    def method(self, solver: Solver) -> Integrator:
+        """The integrator of the library."""
+        own = self.model_dump(include={"dt", *OPTIONS}, exclude_none=True)
+        if not self.explicit:
+            own |= solver.model_dump(include={"rtol", "tangent"}, exclude_none=True) | {"solver": solver.name}
+        return INTEGRATORS[NAMES[self.integrator]](**own)
+
+
+class ModesAnalysis(Part):
+    """Natural modes about the first state, by default about rest."""
+
+    type: Literal["modes"]
+    n: Annotated[int, key("How many, rigid ones included.", ge=1)] = 10
+    mass: Annotated[Literal["lumped", "consistent"], key("Mass matrix.")] = "lumped"
+    load: Annotated[float, key("Load factor of the first state, for loads that depend on where the body goes.")] = 1.0
+
+
+Path: TypeAlias = StaticAnalysis | ArcLengthAnalysis
+Analysis = Annotated[StaticAnalysis | ArcLengthAnalysis | DynamicAnalysis | ModesAnalysis, Field(discriminator="type")]
+
+
+def stop_of(rule: StopRule, where: object) -> Stop:
+    """The stop of the library; `where` is the place of its displacement as `System` takes it."""
+    level = rule.displacement
+    displacement = None if level is None else (where, level.component, level.value)
+    return Stop(load=rule.load, displacement=displacement, turns=rule.turns, states=rule.states)

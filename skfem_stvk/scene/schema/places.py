@@ -1,0 +1,98 @@
+"""Places and regions of a scene: by name, by coordinates, or in the shapes that are named here."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Annotated, Any, Literal, TypeAlias
+
+from pydantic import Discriminator, Field, Tag
+
+from ...mesh.places import Box, NearestNode, Plane, Where
+from .quantities import Components, Name, Part, key
+
+
+class BoxPlace(Part):
+    """Nodes, or as a region elements by their centres, within a box along the axes."""
+
+    type: Literal["box"]
+    low: Annotated[Components, key("Least coordinates.", "length")]
+    high: Annotated[Components, key("Largest coordinates.", "length")]
+
+    def where(self) -> Box:
+        """The place as `System` takes it."""
+        return Box(tuple(self.low), tuple(self.high))
+
+
+class PlanePlace(Part):
+    """Nodes on a plane; in two dimensions on a line."""
+
+    type: Literal["plane"]
+    point: Annotated[Components, key("A point of the plane.", "length")]
+    normal: Annotated[Components, key("Its normal, of any length.")]
+    within: Annotated[
+        float | None, key("How far from it nodes may be; by default 1e-6 of the size of the mesh.", "length", gt=0)
+    ] = None
+
+    def where(self) -> Plane:
+        """The place as `System` takes it."""
+        return Plane(tuple(self.point), tuple(self.normal), self.within)
+
+
+class NodesPlace(Part):
+    """Nodes by their numbers, from 0."""
+
+    type: Literal["nodes"]
+    ids: Annotated[list[Annotated[int, Field(ge=0)]], key("Numbers of nodes.", min_length=1)]
+
+    def where(self) -> list[int]:
+        """The place as `System` takes it."""
+        return self.ids
+
+
+class ElementsRegion(Part):
+    """Elements by their numbers, from 0."""
+
+    type: Literal["elements"]
+    ids: Annotated[list[Annotated[int, Field(ge=0)]], key("Numbers of elements.", min_length=1)]
+
+    def where(self) -> list[int]:
+        """The region as terms take it."""
+        return self.ids
+
+
+def _kind(otherwise: str) -> Callable[[Any], str]:
+    """How a value says what it is: by its `type` if it is a table, or else by what it is itself."""
+
+    def kind(given: Any) -> str:
+        if isinstance(given, Mapping):
+            return str(given.get("type", "a table without type"))
+        if isinstance(given, Part):
+            return str(given.type)  # type: ignore[attr-defined]
+        return "coordinates" if isinstance(given, list) else otherwise
+
+    return kind
+
+
+Shape: TypeAlias = Annotated[BoxPlace, Tag("box")] | Annotated[PlanePlace, Tag("plane")] | Annotated[NodesPlace, Tag("nodes")]
+#: What stands in `[places]`.
+Place = Annotated[
+    Annotated[Components, Tag("coordinates")] | Shape,
+    Discriminator(_kind("no place"), custom_error_type="place", custom_error_message="expected coordinates, or a table"),
+]
+#: Where something is: a name of the mesh or of `[places]`, coordinates of the nearest node, or a shape.
+PlaceOrName = Annotated[
+    Annotated[Name, Tag("name")] | Annotated[Components, Tag("coordinates")] | Shape,
+    Discriminator(_kind("name"), custom_error_type="place", custom_error_message="expected a name, coordinates, or a table"),
+]
+#: On which elements something is: a subdomain of the mesh or a box of `[places]` by name, a box, or numbers.
+Region = Annotated[
+    Annotated[Name, Tag("name")] | Annotated[BoxPlace, Tag("box")] | Annotated[ElementsRegion, Tag("elements")],
+    Discriminator(_kind("name"), custom_error_type="region", custom_error_message="expected a name, or a table"),
+]
+
+
+def where_of(place: Any) -> Where:
+    """A place as `System` takes it, but for names of `[places]`, which are looked up by the caller."""
+    if isinstance(place, str):
+        return place
+    return NearestNode(tuple(place)) if isinstance(place, list) else place.where()

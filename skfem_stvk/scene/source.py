@@ -1,0 +1,218 @@
+"""The text of a scene: its data, where each key stands, values that are set anew; and how a scene is written."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from copy import deepcopy
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import tomlkit
+
+from ..arguments import shown
+from ..errors import SceneError, name_known
+from .syntax import Loc, lines_of, parsed, path_of
+
+#: Files that are larger are no scenes.
+LARGEST = 10_000_000
+#: A key or an index in the path of `--set`.
+STEP = re.compile(r"""\.?(?:(?P<bare>[A-Za-z0-9_-]+)|"(?P<quoted>[^"]*)"|\[(?P<index>-?\d+)\])""")
+
+
+@dataclass(frozen=True, eq=False)
+class SceneSource:
+    """Data as a TOML file has them, and where they are from.
+
+    Attributes
+    ----------
+    data : tables and lists.
+    name : of the file, for messages.
+    folder : that inputs are relative to.
+    text : of the file; empty if there is none.
+    settings : what was set anew, by its place, as it was given.
+    """
+
+    data: dict[str, Any]
+    name: str = "the scene"
+    folder: Path = Path()
+    text: str = ""
+    settings: Mapping[Loc, str] = field(default_factory=dict)
+
+    @classmethod
+    def read(cls, path: Path) -> SceneSource:
+        """The source in a file. SceneError, with the place, if it cannot be read or is no TOML."""
+        if path.is_dir():
+            raise _not_read(f"{path} is a folder; expected a scene file such as {path / 'scene.toml'}.")
+        if not path.exists():
+            near = [one.name for one in path.parent.glob("*.toml")] if path.parent.is_dir() else []
+            raise _not_read(f"There is no file {path}; in its folder are these scenes, {name_known(path.name, near)}")
+        try:
+            size = path.stat().st_size
+            raw = path.read_bytes() if size <= LARGEST else b"\0"
+        except OSError as error:
+            raise _not_read(f"{path} cannot be read: {error.strerror}.") from error
+        if b"\0" in raw:
+            raise _not_read(f"{path} ({size} bytes) is no text. A mesh file? It is named in a scene: [mesh] file = {path.name!r}.")
+        try:
+            text = raw.decode("utf-8-sig")
+        except UnicodeDecodeError as error:
+            line = raw.count(b"\n", 0, error.start) + 1
+            raise _not_read(
+                f"{path}, line {line}: byte {raw[error.start]:#x} is no UTF-8, which TOML is written in. Save the file as UTF-8."
+            ) from error
+        if not text.strip():
+            raise _not_read(f"{path} is empty. `skfem-stvk init --type static > {path}` writes an example.")
+        return replace(cls.parse(text, path.name), folder=path.parent)
+
+    @classmethod
+    def parse(cls, text: str, name: str = "scene.toml") -> SceneSource:
+        """The source in a text. SceneError, with the place, if it is no TOML."""
+        return cls(parsed(text, name), name, text=text)
+
+    @classmethod
+    def of(cls, data: Mapping[str, Any]) -> SceneSource:
+        """The source of data from Python, whose inputs are relative to the folder of the process."""
+        return cls(deepcopy(dict(data)))
+
+    @cached_property
+    def _lines(self) -> dict[Loc, int]:
+        return lines_of(self.text) if self.text else {}
+
+    def line(self, loc: Sequence[str | int]) -> int | None:
+        """The line of a key, or of the nearest table that it is in; None if it was set anew, or there is no text."""
+        for end in range(len(loc), 0, -1):
+            if tuple(loc[:end]) in self.settings:
+                return None
+            if tuple(loc[:end]) in self._lines:
+                return self._lines[tuple(loc[:end])]
+        return None
+
+    def setting(self, loc: Sequence[str | int]) -> str:
+        """What set a key anew, as it was given; empty if its value is that of the text."""
+        return next((self.settings[tuple(loc[:end])] for end in range(len(loc), 0, -1) if tuple(loc[:end]) in self.settings), "")
+
+    def changed(self, settings: Sequence[str]) -> SceneSource:
+        """The source with values set anew: "analysis.dt=1e-5", "terms[1].g=[0,0,-1]". SceneError if one has no such place."""
+        data, made = deepcopy(self.data), dict(self.settings)
+        for given in settings:
+            loc, value = setting_of(given)
+            _put(data, loc, value, given)
+            made[loc] = given
+        return replace(self, data=data, settings=made)
+
+
+def setting_of(given: str) -> tuple[Loc, Any]:
+    """The place and the value of a setting; text needs no quotation marks where it is nothing else.
+
+    >>> setting_of("terms[1].g=[0, 0, -1]"), setting_of("solver.name=amg-cg"), setting_of('fixed."left wall"="xy"')
+    ((('terms', 1, 'g'), [0, 0, -1]), (('solver', 'name'), 'amg-cg'), (('fixed', 'left wall'), 'xy'))
+    """
+    path, equals, text = _parted(given)
+    if not equals or not path or not text:
+        raise _not_set(given, "expected KEY=VALUE, such as analysis.dt=1e-5 or 'terms[1].g=[0,0,-1]'")
+    loc: list[str | int] = []
+    place = 0
+    while place < len(path):
+        step = STEP.match(path, place)
+        if step is None or (not loc and step["index"] is not None) or (place and path[place] not in ".["):
+            raise _not_set(given, f"{shown(path)} is no key; expected names and [numbers], such as terms[1].g")
+        loc.append(int(step["index"]) if step["index"] is not None else step["bare"] or step["quoted"] or "")
+        place = step.end()
+    try:
+        return tuple(loc), parsed(f"value = {text}", given)["value"]
+    except SceneError as error:
+        if text[0] in "[{\"'" or re.match(r"[-+.\d]", text):
+            raise _not_set(given, f"the value {shown(text)} is not one: {error.complaints[0][2]}") from None
+        return tuple(loc), text
+
+
+def _parted(given: str) -> tuple[str, str, str]:
+    """What is before and behind the first equals sign outside of quotation marks."""
+    quoted = False
+    for place, one in enumerate(given):
+        quoted ^= one == '"'
+        if one == "=" and not quoted:
+            return given[:place].strip(), "=", given[place + 1 :].strip()
+    return given.strip(), "", ""
+
+
+def _put(data: dict[str, Any], loc: Loc, value: Any, given: str) -> None:
+    """Set a value in its place; tables that are not there are made, entries of lists have to be there."""
+    at: Any = data
+    for depth, one in enumerate(loc):
+        above = path_of(loc[:depth])
+        if isinstance(one, int):
+            if not isinstance(at, list):
+                raise _not_set(given, f"{above} is no list, and has no entry {one}")
+            if not -len(at) <= one < len(at):
+                raise _not_set(given, f"{above} has {len(at)} entries, counted from 0; there is none of the number {one}")
+        elif not isinstance(at, dict):
+            hint = f"; entries of a list have a number, as in {above}[0].{one}" if isinstance(at, list) else ""
+            raise _not_set(given, f"{above} is no table, and has no key {one!r}{hint}")
+        if depth == len(loc) - 1:
+            at[one] = value
+        else:
+            at = at[one] if isinstance(one, int) else at.setdefault(one, {})
+
+
+def _not_set(given: str, why: str) -> SceneError:
+    return SceneError(f"--set {given}: {why}.", [("", None, why)])
+
+
+def _not_read(message: str) -> SceneError:
+    return SceneError(message, [("", None, message)])
+
+
+def written(data: Mapping[str, Any], comments: Mapping[Loc, str] | None = None) -> str:
+    """A scene as TOML text: tables under headers, lists of tables with a header each, short tables within in braces.
+
+    `comments` stand behind keys and headers, by their place.
+
+    >>> print(written({"units": "SI", "terms": [{"type": "gravity", "g": [0.0, -9.81]}]}, {("terms", 0, "g"): "[m/s^2]"}))
+    units = "SI"
+    <BLANKLINE>
+    [[terms]]
+    type = "gravity"
+    g = [0.0, -9.81] # [m/s^2]
+    <BLANKLINE>
+    """
+    document = tomlkit.document()
+    _fill(document, data, (), comments or {})
+    return tomlkit.dumps(document).strip() + "\n"
+
+
+def _fill(container: Any, data: Mapping[str, Any], loc: Loc, comments: Mapping[Loc, str]) -> None:
+    """Put data into a table: values first, then tables and lists of tables."""
+    tables = {name: one for name, one in data.items() if isinstance(one, Mapping) or _is_list_of_tables(one)}
+    for name, value in data.items():
+        if name not in tables:
+            container.add(name, _commented(tomlkit.item(value), (*loc, name), comments))
+    for name, value in tables.items():
+        place = (*loc, name)
+        if isinstance(value, Mapping):
+            table = tomlkit.table(is_super_table=_is_super(value))
+            _fill(table, value, place, comments)
+            container.add(name, _commented(table, place, comments))
+            continue
+        entries = tomlkit.aot()
+        for number, one in enumerate(value):
+            table = tomlkit.table()
+            _fill(table, one, (*place, number), comments)
+            entries.append(_commented(table, (*place, number), comments))
+        container.add(name, entries)
+
+
+def _commented(item: Any, place: Loc, comments: Mapping[Loc, str]) -> Any:
+    return item.comment(comments[place]) if place in comments else item
+
+
+def _is_super(table: Mapping[str, Any]) -> bool:
+    """Whether a table holds other tables alone, so that it needs no header of its own."""
+    return bool(table) and all(isinstance(one, Mapping) for one in table.values())
+
+
+def _is_list_of_tables(value: Any) -> bool:
+    return isinstance(value, list) and bool(value) and all(isinstance(one, Mapping) for one in value)

@@ -1,0 +1,228 @@
+"""Scenes that are solved: the same as the program, whatever interrupts them, and with an exit code that says how it went."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+import skfem
+
+from skfem_stvk import EnergyMomentum, Gravity, StVK, StvkError, System, Traction, modes, simulate, solve_static
+from skfem_stvk.cli.main import main
+from skfem_stvk.scene import Scene
+
+BEAM = """
+[mesh]
+type = "box"
+size = [4.0, 1.0, 1.0]
+cells = [8, 2, 2]
+[materials.rubber]
+model = "isotropic"
+young = 1e6
+poisson = 0.45
+density = 1100
+[[terms]]
+type = "stvk"
+material = "rubber"
+[fixed]
+left = "xyz"
+"""
+STATIC = """
+[[terms]]
+type = "traction"
+on = "right"
+traction = [0, 0, -2e3]
+[analysis]
+type = "static"
+steps = 4
+"""
+MOTION = """
+[[terms]]
+type = "gravity"
+g = [0, 0, -9.81]
+[initial]
+velocity = [0, 0.5, 0]
+[analysis]
+type = "dynamic"
+dt = 0.01
+until = 0.2
+"""
+MODES = """
+[analysis]
+type = "modes"
+n = 4
+"""
+FOLLOWED = """
+[output]
+file = "beam.pvd"
+every = 3
+probes = { tip = "right" }
+reactions = { wall = "left" }
+"""
+
+
+def scene(folder, *parts, name="beam.toml"):
+    path = folder / name
+    path.write_text("".join([BEAM, *parts]))
+    return path
+
+
+def body(*loads):
+    axes = np.linspace(0, 4, 9), np.linspace(0, 1, 3), np.linspace(0, 1, 3)
+    mesh = skfem.MeshTet.init_tensor(*axes).with_defaults()
+    return System(mesh, [StVK(young=1e6, poisson=0.45, density=1100.0), *loads], fixed={"left": "xyz"})
+
+
+def test_a_static_scene_gives_what_the_program_gives_bit_for_bit(tmp_path):
+    outcome = Scene.read(scene(tmp_path, STATIC, FOLLOWED)).solve(quiet=True)
+    result = solve_static(body(Traction("right", (0, 0, -2e3))), steps=4, quiet=True)
+    assert outcome.success and outcome.exit_code == 0
+    assert outcome.result.u.tobytes() == result.u.tobytes()
+    assert outcome.values["wall.z"] == result.reaction("left").resultant[2]
+    assert outcome.curves["tip"].values.shape == (len(result.history), 3)
+    assert outcome.values["tip.z"] < -0.1
+
+
+def test_a_motion_gives_what_the_program_gives_bit_for_bit(tmp_path):
+    outcome = Scene.read(scene(tmp_path, MOTION, FOLLOWED)).solve(quiet=True)
+    system = body(Gravity(g=(0, 0, -9.81)))
+    v0 = np.tile([0, 0.5, 0], system.mesh.nv)
+    v0[system.supports.held] = 0
+    run = simulate(
+        system, EnergyMomentum(dt=0.01), until=0.2, v0=v0, probes={"tip": "right"}, reactions={"wall": "left"}, quiet=True
+    )
+    assert outcome.result.u.tobytes() == run.u.tobytes() and outcome.result.v.tobytes() == run.v.tobytes()
+    assert outcome.values["tip.y"] == run.ledger["tip y"][-1]
+    assert outcome.curves["wall"].values[:, 2].tobytes() == run.ledger["reaction wall z"].tobytes()
+
+
+def test_modes_are_what_the_program_gives(tmp_path):
+    outcome = Scene.read(scene(tmp_path, MODES)).solve(quiet=True)
+    assert [outcome.values[f"frequency.{n}"] for n in range(4)] == modes(body(), 4).frequencies.tolist()
+
+
+@pytest.mark.parametrize("parts", [(STATIC, FOLLOWED), (MOTION, FOLLOWED), (MODES,)], ids=["static", "dynamic", "modes"])
+def test_the_resolved_scene_is_one_that_gives_the_same_results(tmp_path, parts):
+    first = Scene.read(scene(tmp_path, *parts)).solve(tmp_path / "first", quiet=True)
+    resolved = Scene.read(tmp_path / "first" / "resolved.toml")
+    second = resolved.solve(tmp_path / "second", quiet=True)
+    assert second.values == first.values
+    assert resolved.data["solver"]["name"] != "auto" and resolved.data["threads"] >= 1
+    text = (tmp_path / "second" / "resolved.toml").read_text()
+    assert text == (tmp_path / "first" / "resolved.toml").read_text()
+
+
+def test_results_are_judged_by_what_is_expected(tmp_path, capsys):
+    good = "[expect]\nwall.z = { value = 2000, rtol = 1e-6 }\nload = { value = 1, atol = 0 }\n"
+    assert main(["solve", str(scene(tmp_path, STATIC, FOLLOWED, good, name="good.toml")), "--quiet"]) == 0
+    bad = "[expect]\nwall.z = { value = 2000, rtol = 1e-6 }\ntip.z = { value = 1, atol = 0.5 }\n"
+    assert main(["solve", str(scene(tmp_path, STATIC, FOLLOWED, bad, name="bad.toml"))]) == 3
+    assert "not as expected tip.z" in capsys.readouterr().out
+    said = json.loads((tmp_path / "bad" / "summary.json").read_text())
+    assert [one["passed"] for one in said["expectations"]] == [True, False] and said["exit_code"] == 3
+
+
+def test_what_does_not_converge_says_so_and_keeps_what_there_is(tmp_path):
+    path = scene(tmp_path, STATIC.replace("-2e3", "-2e7"), FOLLOWED)
+    assert main(["solve", str(path), "--quiet"]) == 1
+    said = json.loads((tmp_path / "beam" / "summary.json").read_text())
+    assert said["status"] == "stopped before the end" and 0 < said["results"]["load"] < 1
+    assert (tmp_path / "beam" / "beam_0000.vtu").is_file()
+
+
+def test_results_of_another_run_are_replaced_only_by_force(tmp_path, capsys):
+    path = scene(tmp_path, STATIC, FOLLOWED)
+    assert main(["solve", str(path), "--quiet"]) == 0
+    before = (tmp_path / "beam" / "summary.json").read_bytes()
+    assert main(["solve", str(path), "--quiet"]) == 2
+    assert "--force replaces them" in capsys.readouterr().err
+    assert (tmp_path / "beam" / "summary.json").read_bytes() == before
+    assert main(["solve", str(path), "--quiet", "--force"]) == 0
+    assert main(["solve", str(path), "--quiet", "--force", "--set", "analysis.steps=3"]) == 0
+    (tmp_path / "other").mkdir()
+    (tmp_path / "other" / "thesis.tex").write_text("mine")
+    assert main(["solve", str(path), "--quiet", "--force", "--out", str(tmp_path / "other")]) == 2
+    assert "thesis.tex" in capsys.readouterr().err
+
+
+def test_nothing_is_begun_anew_where_something_should_be_resumed(tmp_path, capsys):
+    path = scene(tmp_path, MOTION)
+    assert main(["solve", str(path), "--quiet", "--resume"]) == 2
+    assert "nothing to resume" in capsys.readouterr().err and not (tmp_path / "beam").exists()
+    assert main(["solve", str(path), "--quiet", "--set", "output.checkpoint=false"]) == 0
+    assert main(["solve", str(path), "--quiet", "--resume"]) == 2
+    assert main(["solve", str(scene(tmp_path, MODES, name="modes.toml")), "--quiet", "--resume"]) == 2
+
+
+def test_a_checkpoint_of_another_problem_is_refused_with_what_differs(tmp_path, capsys):
+    path = scene(tmp_path, MOTION)
+    assert main(["solve", str(path), "--quiet"]) == 0
+    assert main(["solve", str(path), "--quiet", "--resume", "--set", "materials.rubber.young=2e6"]) == 2
+    assert "elastic terms changed" in capsys.readouterr().err
+    assert main(["solve", str(path), "--quiet", "--resume", "--set", "analysis.until=0.3"]) == 0
+
+
+def started(path, *options):
+    command = [sys.executable, "-m", "skfem_stvk.cli.main", "solve", str(path), *options]
+    return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True)
+
+
+def wait_for(path, process):
+    begin = time.monotonic()
+    while not path.exists():
+        assert process.poll() is None, process.communicate()
+        assert time.monotonic() - begin < 120
+        time.sleep(0.02)
+
+
+@pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGKILL])
+def test_a_run_that_is_interrupted_or_killed_is_resumed_from_the_command_line(tmp_path, how):
+    long = MOTION.replace("until = 0.2", "until = 2.0").replace("dt = 0.01", "dt = 0.002")
+    whole = Scene.read(scene(tmp_path, long, FOLLOWED, name="whole.toml")).solve(quiet=True)
+    path = scene(tmp_path, long, FOLLOWED)
+    process = started(path)
+    wait_for(tmp_path / "beam" / "beam_0009.vtu", process)
+    os.kill(process.pid, how)
+    out, err = process.communicate(timeout=60)
+    said = json.loads((tmp_path / "beam" / "summary.json").read_text())
+    if how == signal.SIGINT:
+        assert process.returncode == 130, out + err
+        assert said["status"] == "interrupted" and f"skfem-stvk solve {path} --out {tmp_path / 'beam'} --resume" in err
+        assert 0 < said["results"]["time"] < 2
+    else:
+        assert said["status"] == "was killed or is running"
+    resumable = (tmp_path / "beam" / "checkpoint" / "motion.npz").exists()
+    on = started(path, "--resume" if resumable else "--force")
+    out, err = on.communicate(timeout=120)
+    assert on.returncode == 0, out + err
+    assert json.loads((tmp_path / "beam" / "summary.json").read_text())["results"] == whole.values
+
+
+def test_a_scene_in_a_program_is_told_by_its_data():
+    data = {
+        "mesh": {"type": "box", "size": [1.0, 1.0], "cells": [2, 2]},
+        "materials": {"m": {"model": "isotropic", "young": 1.0, "poisson": 0.3}},
+        "terms": [{"type": "stvk", "material": "m"}, {"type": "traction", "on": "top", "traction": [0.0, 0.1]}],
+        "fixed": {"bottom": "xy"},
+        "analysis": {"type": "static"},
+    }
+    assert Scene.of_data(data).solve(quiet=True).success
+    with pytest.raises(StvkError, match="resume and force are for a folder"):
+        Scene.of_data(data).solve(resume=True)
+    assert Scene.of_data(data).hash == Scene.of_data(dict(reversed(data.items()))).hash
+    assert Scene.of_data(data).hash != Scene.of_data(data | {"fixed": {"bottom": "y"}}).hash
+
+
+def test_relative_paths_are_relative_to_the_scene(tmp_path, monkeypatch):
+    path = Path(__file__).parents[2] / "docs" / "scenes" / "arch.toml"
+    monkeypatch.chdir(tmp_path)
+    assert (
+        main(["solve", str(path), "--out", "there/arch", "--quiet", "--set", "analysis.stop={states=3}", "--set", "expect={}"]) == 0
+    )
+    again = Scene.read(tmp_path / "there" / "arch" / "resolved.toml")
+    assert again.system().mesh.nt == 240
