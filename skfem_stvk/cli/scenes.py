@@ -33,6 +33,8 @@ def solve(options: argparse.Namespace) -> int:
     changed = [*options.set, *([f"threads={options.threads}"] if options.threads is not None else [])]
     scene = Scene.read(options.scene, changed)
     notes = Console(stderr=True, highlight=False)
+    for text in scene.implausible():
+        notes.print(f"[yellow]note[/] {printable(text)}", soft_wrap=True)
     out = Path(options.out) if options.out is not None else scene.folder_of_results
     outcome = scene.solve(out, resume=options.resume, force=options.force, quiet=options.quiet)
     if not options.quiet:

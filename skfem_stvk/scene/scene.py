@@ -18,10 +18,12 @@ from .build import Built, build, check
 from .complaints import Complaints
 from .folder import RESOLVED, Folder, hash_of
 from .outcome import SceneOutcome
+from .report import write_report
 from .run import RTOL, solve
 from .schema import SceneTables
 from .schema.analyses import OPTIONS
 from .source import SceneSource, written
+from .units import implausible
 
 
 class Scene:
@@ -96,6 +98,10 @@ class Scene:
         """Its tables with every default filled in, as a TOML file has them; keys without a value are left out."""
         return _tables(self.sections)
 
+    def implausible(self) -> list[str]:
+        """Values that are not plausible in its units, and the size of its mesh if it is not, each in a sentence."""
+        return implausible(self.sections, self.built.mesh)
+
     def solve(
         self, out: str | os.PathLike[str] | None = None, *, resume: bool = False, force: bool = False, quiet: bool = False
     ) -> SceneOutcome:
@@ -127,6 +133,7 @@ class Scene:
         self.write(folder.path / RESOLVED)
         outcome = solve(built, folder, quiet=quiet)
         folder.ended(self.source.data, outcome)
+        write_report(folder.path, outcome)
         return outcome
 
     def resolved(self, folder: Path | None = None) -> dict[str, Any]:

@@ -22,5 +22,6 @@ def test_a_scene_gives_what_it_expects(name):
         warnings.simplefilter("error", StvkWarning)
         scene = Scene.read(FOLDER / name)
         outcome = scene.solve(quiet=True)
+    assert scene.implausible() == []
     assert outcome.judged and [one for one in outcome.judged if not one.passed] == []
     assert outcome.exit_code == 0, outcome.message

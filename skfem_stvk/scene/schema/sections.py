@@ -6,6 +6,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
+from ..units import UNITS
 from .analyses import Analysis, Solver
 from .materials import Material
 from .mesh import Mesh
@@ -31,7 +32,7 @@ class SceneTables(Part):
 
     title: Annotated[str, key("What it is, for reports.")] = ""
     units: Annotated[
-        Literal["SI", "mm-N-MPa", "mm-kg-ms", "cm-g-s"],
+        Literal[tuple(UNITS)],  # type: ignore[valid-type]
         key("System of units that all values are in: said in outputs, and used to judge whether values are plausible."),
     ] = "SI"
     threads: Annotated[int | None, key("Threads that kernels run on; by default one for each core.", ge=1)] = None
