@@ -23,7 +23,7 @@ from .materials import Anisotropic, Isotropic, Orthotropic, TransverselyIsotropi
 from .mesh import Box, ElementMesh, MeshQuality, NearestNode, Plane, embedded_mesh, mesh_quality, read_mesh
 from .nonlinear.outcome import Interrupted
 from .referee import Report, verify
-from .results import compare_networks
+from .results import compare_networks, write_mesh
 from .statics import SolveError, StaticResult, Stop, solve_static
 from .system import System
 from .terms import (
@@ -112,4 +112,5 @@ __all__ = [
     "simulate",
     "solve_static",
     "verify",
+    "write_mesh",
 ]

@@ -16,6 +16,9 @@ from .formats import Damaged
 from .formats.source import NODES
 from .groups import cell_groups, count_cells, facet_groups, inner_nodes, is_of, linear_kind, node_groups, nodes, pick
 
+#: The array of cells that says how many coordinates count, where their values do not: of a flat membrane in space.
+DIMENSION = "stvk:dimension"
+
 
 class Content(NamedTuple):
     """What `ElementMesh` is made of."""
@@ -63,7 +66,8 @@ def content_of(raw: meshio.Mesh, name: str, degree: int | None = None) -> Conten
         key: np.sort(numbers.number[ids]) for key, ids in nodes_on(numbers.order, inner, node_groups(raw, sets, base)).items()
     }
     p = np.asarray(raw.points, dtype=np.float64).T[:, numbers.order]
-    return Content(flatten(p, base.k), numbers.number[t], subdomains, boundaries, node_sets, element)
+    p = p[: int(raw.cell_data[DIMENSION][0][0])] if DIMENSION in raw.cell_data else flatten(p, base.k)
+    return Content(p, numbers.number[t], subdomains, boundaries, node_sets, element)
 
 
 def check_cells(mesh: meshio.Mesh) -> None:

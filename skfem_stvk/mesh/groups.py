@@ -82,7 +82,7 @@ def value_sets(raw: meshio.Mesh, base: Element) -> Sets:
     """A group 'NAME:VALUE' for each value of an array of integers that has few values on elements with the corners of `base`."""
     sets: Sets = {}
     for name, arrays in raw.cell_data.items():
-        if name.startswith(("gmsh:", "skfem:", "vtk", "cell_ids")) or any(
+        if name.startswith(("gmsh:", "skfem:", "stvk:", "vtk", "cell_ids")) or any(
             values.ndim != 1 or values.dtype.kind not in "iu" for values in arrays
         ):
             continue

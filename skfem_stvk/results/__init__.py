@@ -6,7 +6,7 @@ from .plotting import animate, plot
 from .reactions import Reaction
 from .series import Series
 from .table import names
-from .vtu import write_vtu
+from .vtu import write_mesh, write_vtu
 
 __all__ = [
     "Fields",
@@ -18,5 +18,6 @@ __all__ = [
     "compare_networks",
     "names",
     "plot",
+    "write_mesh",
     "write_vtu",
 ]

@@ -1,4 +1,4 @@
-"""Results as VTU, the file format of ParaView, through meshio."""
+"""Results and meshes as VTU, the file format of ParaView, through meshio."""
 
 from __future__ import annotations
 
@@ -13,9 +13,14 @@ import meshio
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arguments import Array
+from ..arguments import Array, shown
+from ..elements import named
+from ..errors import MeshError, name_ids
 from ..mesh import ElementMesh
+from ..mesh.content import DIMENSION, flatten
+from ..mesh.formats.xml_files import NODE_SET
 from ..mesh.groups import as_cells
+from ..mesh.places import checked_facets, vertices_at
 from .fields import State, checked_state
 from .files import output_path, replacing
 from .law import in_space
@@ -104,3 +109,82 @@ def as_attribute(name: str) -> str:
     """
     legal = "".join(repr(letter)[1:-1] if category(letter) in ("Cc", "Cs", "Cn") else letter for letter in name)
     return escape(legal, {'"': "&quot;"}).encode("ascii", "xmlcharrefreplace").decode()
+
+
+def write_mesh(path: str | os.PathLike[str], mesh: ElementMesh) -> Path:
+    """Write a mesh as `read_mesh` reads it back: the same numbers of nodes and elements, subdomains, boundaries and node sets.
+
+    ==========================  ============================================================================================
+    elements                    VTK's cells in double precision, quadratic ones with their middles
+    boundaries                  facets as cells after the elements, in their order; of segments scikit-fem's `skfem:b:NAME`
+    `skfem:s:NAME`              1 of cells in the subdomain or boundary
+    `stvk:n:NAME`               1 of nodes in the node set
+    `stvk:dimension`            of flat surfaces and straight cables in space: that their last coordinates count
+    ==========================  ============================================================================================
+
+    Sets are read back in ascending order, facets of boundaries in their own; empty ones are left out, and control characters in
+    their names are escaped. The file is renamed into place when it is complete.
+
+    Raises
+    ------
+    StvkError
+        if the path cannot be written.
+    MeshError
+        for what is no `ElementMesh`, and for nodes on no element, which no file keeps.
+
+    >>> from tempfile import TemporaryDirectory
+    >>> from skfem_stvk import read_mesh
+    >>> from skfem_stvk.mesh import box
+    >>> mesh = box((2.0, 1.0), (4, 2)).with_degree(2)
+    >>> with TemporaryDirectory() as folder:
+    ...     again = read_mesh(write_mesh(folder + "/box.vtu", mesh))
+    >>> again, bool((again.p == mesh.p).all() and (again.t == mesh.t).all()), sorted(again.boundaries)
+    (ElementMesh: 16 quadratic triangles in 2D, 45 nodes, True, ['bottom', 'left', 'right', 'top'])
+    """
+    path = output_path(path, ".vtu")
+    if not isinstance(mesh, ElementMesh):
+        raise MeshError(f"mesh = {shown(mesh)}; expected an ElementMesh: ElementMesh.of(mesh) makes one.")
+    if len(unused := np.setdiff1d(np.arange(mesh.nv), mesh.t)):
+        raise MeshError(f"{name_ids(unused, mesh.word)}: on no element, so they would not be read back. Remove them.")
+    content = _mesh_alone(mesh)
+    with replacing(path) as part:
+        meshio.vtu.write(part, content, compression=None)
+    return path
+
+
+def _mesh_alone(mesh: ElementMesh) -> meshio.Mesh:
+    facets = {name: checked_facets(mesh, name) for name in mesh.boundaries if np.size(mesh.boundaries[name])}
+    members = {name: mesh.elements(name) for name in mesh.subdomains if np.size(mesh.subdomains[name])}
+    sets = {name: vertices_at(mesh, np.asarray(ids), f"Node set {name!r}") for name, ids in mesh.node_sets.items() if len(ids)}
+    blocks, ends = [as_cells(mesh.t, mesh.element)], np.array([0])
+    cells: dict[str, list[NDArray[Any]]] = {}
+    if mesh.k == 1:
+        cells |= {f"skfem:b:{as_attribute(name)}": [_ends_marked(mesh, ids[0])] for name, ids in facets.items()}
+    elif facets:
+        blocks.append(as_cells(np.concatenate(list(facets.values()), axis=1), named(mesh.element.facet)))
+        ends = np.cumsum([0, *(ids.shape[1] for ids in facets.values())])
+    where = {name: np.arange(ends[i], ends[i + 1]) for i, name in enumerate(facets if mesh.k > 1 else ())}
+    none = np.empty(0, dtype=np.int64)
+    for name in members | where:
+        inside = members.get(name, none), where.get(name, none)
+        cells[f"skfem:s:{as_attribute(name)}"] = [_mask(len(block), ids) for (_, block), ids in zip(blocks, inside, strict=False)]
+    points = in_space(mesh.p.T)
+    if len(flatten(points.T, mesh.k)) != mesh.d:
+        cells[DIMENSION] = [np.full(len(block), mesh.d, dtype=np.uint8) for _, block in blocks]
+    marked = {NODE_SET + as_attribute(name): _mask(mesh.nv, ids) for name, ids in sets.items()}
+    return meshio.Mesh(points, blocks, marked, cells)
+
+
+def _mask(count: int, ids: Any) -> NDArray[np.uint8]:
+    """1 of these, 0 of others."""
+    return np.isin(np.arange(count), ids).astype(np.uint8)
+
+
+def _ends_marked(mesh: ElementMesh, nodes: NDArray[Any]) -> NDArray[np.uint8]:
+    """Of segments, bit `j` for their end `j`, which is one of these nodes; of each node at one segment alone."""
+    marked = np.zeros(mesh.nt, dtype=np.uint8)
+    ends = mesh.corners.ravel()
+    ids, first = np.unique(ends, return_index=True)
+    end, element = np.divmod(first[np.isin(ids, nodes)], mesh.nt)
+    np.bitwise_or.at(marked, element, (1 << end).astype(np.uint8))
+    return marked

@@ -10,7 +10,7 @@ import numpy as np
 
 from skfem_stvk import StaticResult, StVK, compare_networks, solve_static
 from skfem_stvk.peers import load
-from skfem_stvk.results import Fields, Reaction, Series, animate, plot, write_vtu
+from skfem_stvk.results import Fields, Reaction, Series, animate, plot, write_mesh, write_vtu
 
 from .call import Call
 from .small_bodies import NUMBER, OPTIONAL, PLACE, POSITIVE, TEXT, call, displacements, drawn, mesh, state, system
@@ -89,6 +89,7 @@ def calls() -> list[Call]:
             state=state(),
             fields=["cauchy"],
         ),
+        call("write_mesh", write_mesh, path="mesh.vtu", mesh=mesh()),
         call(
             "Series",
             Series,

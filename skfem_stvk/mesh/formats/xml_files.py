@@ -30,10 +30,12 @@ TYPES |= {"Float32": "f4", "Float64": "f8"}
 UNPACK: dict[str, Callable[[], Any]] = {"vtkZLibDataCompressor": zlib.decompressobj, "vtkLZMADataCompressor": lzma.LZMADecompressor}
 #: An array is unpacked to at most as many times the size of the file; ids and coordinates pack to a tenth at best.
 MOST = 100
+#: Arrays at points that mark the nodes of a set begin so, and its name follows.
+NODE_SET = "stvk:n:"
 
 
 def read(path: Path) -> meshio.Mesh:
-    """The mesh of all pieces with its cell data of numbers."""
+    """The mesh of all pieces with its cell data of numbers, and its node sets as `write_mesh` writes them."""
     return Document(path.read_bytes()).mesh()
 
 
@@ -71,20 +73,21 @@ class Document:
         starts = np.cumsum([0] + [len(points) for points, *_ in pieces])
         points = np.concatenate([points for points, *_ in pieces])
         connectivity, ends, used = [], [], 0
-        for start, (points_of_piece, nodes, ends_of_piece, _, _) in zip(starts, pieces, strict=False):
+        for start, (points_of_piece, nodes, ends_of_piece, *_) in zip(starts, pieces, strict=False):
             if len(bad := np.flatnonzero((nodes < 0) | (nodes >= len(points_of_piece)))):
                 cells = np.unique(np.searchsorted(ends_of_piece, bad, side="right"))
                 raise Damaged(f"it has {name_ids(cells, 'cell')} with vertex ids outside 0 ... {len(points_of_piece) - 1}")
             connectivity.append(nodes + start)
             ends.append(ends_of_piece + used)
             used += len(nodes)
-        names = set.intersection(*(set(data) for *_, data in pieces))
-        cell_data = {name: np.concatenate([data[name] for *_, data in pieces]) for name in pieces[0][4] if name in names}
-        types = np.concatenate([types for *_, types, _ in pieces])
-        return mesh_of(points, np.concatenate(connectivity), np.concatenate(ends), types, cell_data)
+        cell_data, marked = together([data for *_, data, _ in pieces]), together([sets for *_, sets in pieces])
+        types = np.concatenate([types for _, _, _, types, *_ in pieces])
+        mesh = mesh_of(points, np.concatenate(connectivity), np.concatenate(ends), types, cell_data)
+        mesh.point_sets = {name: np.flatnonzero(values) for name, values in marked.items()}
+        return mesh
 
-    def piece(self, piece: ET.Element) -> tuple[Array, Array, Array, Array, dict[str, Array]]:
-        """Points, nodes of the cells, where those of each cell end, types, and arrays of numbers by name."""
+    def piece(self, piece: ET.Element) -> tuple[Array, Array, Array, Array, dict[str, Array], dict[str, Array]]:
+        """Points, nodes of the cells, where those of each cell end, types, arrays of numbers by name, and node sets as masks."""
         nv, nt = (count_of(piece.get(f"NumberOf{what.title()}", "").strip(), what) for what in ("points", "cells"))
         points = [self.array(item, nv) for item in piece.iterfind("Points/DataArray")]
         cells = {item.get("Name"): self.array(item)[:, 0].astype(np.int64) for item in piece.iterfind("Cells/DataArray")}
@@ -98,7 +101,11 @@ class Document:
             if item.get("type") in TYPES:
                 values = self.array(item, nt)
                 data[item.get("Name", "")] = values[:, 0] if values.shape[1] == 1 else values
-        return points[0], cells["connectivity"], ends, types, data
+        marked: dict[str, Array] = {}
+        for item in piece.iterfind("PointData/DataArray"):
+            if (name := item.get("Name", "")).startswith(NODE_SET) and item.get("type") in TYPES:
+                marked[name.removeprefix(NODE_SET)] = self.array(item, nv)[:, 0] != 0
+        return points[0], cells["connectivity"], ends, types, data, marked
 
     def array(self, item: ET.Element, rows: int | None = None) -> Array:
         """(rows, components) numbers."""
@@ -152,6 +159,12 @@ class Document:
         if sum(map(len, blocks)) != whole:
             raise ValueError(f"{whole} bytes are declared, {sum(map(len, blocks))} are there")
         return b"".join(blocks)
+
+
+def together(pieces: list[dict[str, Array]]) -> dict[str, Array]:
+    """Arrays that all pieces have, one after another."""
+    names = set.intersection(*(set(data) for data in pieces))
+    return {name: np.concatenate([data[name] for data in pieces]) for name in pieces[0] if name in names}
 
 
 def decoded(data: bytes, start: int, count: int, coded: bool) -> tuple[bytes, int]:
