@@ -23,7 +23,7 @@ from .materials import Anisotropic, Isotropic, Orthotropic, TransverselyIsotropi
 from .mesh import Box, ElementMesh, MeshQuality, NearestNode, Plane, embedded_mesh, mesh_quality, read_mesh
 from .nonlinear.outcome import Interrupted
 from .referee import Report, verify
-from .results import compare_networks, write_mesh
+from .results import compare_networks, read_state, write_mesh
 from .statics import SolveError, StaticResult, Stop, solve_static
 from .system import System
 from .terms import (
@@ -109,6 +109,7 @@ __all__ = [
     "mesh_quality",
     "modes",
     "read_mesh",
+    "read_state",
     "simulate",
     "solve_static",
     "verify",

@@ -27,6 +27,7 @@ from .files import output_path, replacing
 from .picture import Film, Picture, Sight, checked_label, checked_scale, corner_values, picture_of
 from .series import read_list
 from .table import FIELDS, VECTORS
+from .vtu import read_vtu
 
 BACKENDS = ("matplotlib", "pyvista")
 States = Sequence[tuple[float, State]]
@@ -163,7 +164,7 @@ def _of_files(series: str | os.PathLike[str], field: str, scale: float, label: s
     if not listed:
         raise StvkError(f"{path} lists no states. Was the run stopped before its first one?")
     files = [file for _, file in listed]
-    first, seen = _read(files[0]), {}
+    first, seen = read_vtu(files[0]), {}
 
     def look(mesh: meshio.Mesh, file: Path) -> tuple[NDArray[Any], Sight]:
         """Nodes of the elements that there are in a file, and what is seen of them: others, once elements were taken out."""
@@ -179,7 +180,7 @@ def _of_files(series: str | os.PathLike[str], field: str, scale: float, label: s
     name, named, unit = _described(first, field, files[0])
 
     def picture(number: int) -> Picture:
-        read = _read(files[number])
+        read = read_vtu(files[number])
         t, sight = look(read, files[number])
         data = read.point_data
         values = np.linalg.norm(data[name], axis=1) if name in VECTORS else data[name]
@@ -200,15 +201,6 @@ def _described(mesh: meshio.Mesh, field: str, file: Path) -> tuple[str, str, str
             units = {one.name: (one.words, one.unit.replace("-", "")) for one in FIELDS}
             return name, *units.get(name, (name.replace("_", " "), ""))
     raise StvkError(f"{file.name} holds no numbers {field!r}; {name_known(field, [*vectors, *scalars])}")
-
-
-def _read(file: Path) -> meshio.Mesh:
-    try:
-        if file.exists() and not file.is_file():
-            raise OSError("it is no regular file")
-        return meshio.vtu.read(file)
-    except Exception as error:  # meshio fails in many ways on files that are damaged
-        raise StvkError(f"{file} cannot be read ({error}): is it where the .pvd file says?") from error
 
 
 def _scene(picture: Picture) -> Any:

@@ -1,39 +1,142 @@
-"""Displacements and velocities from files that this package wrote, to begin with."""
+"""Displacements and velocities out of the files of an earlier run, for another one to begin with."""
 
 from __future__ import annotations
 
 import os
+import xml.etree.ElementTree as ET
+from pathlib import Path
+from typing import Any
 
 import meshio
 import numpy as np
+from numpy.typing import NDArray
 
-from ..arguments import Array
+from ..arguments import Array, number
 from ..arguments import path as checked_path
-from ..errors import StvkError
-from ..mesh import ElementMesh
+from ..errors import StvkError, name_ids, warn
+from ..mesh import ElementMesh, MeshLike
+from ..mesh.groups import from_cells
+from ..mesh.places import SAME_PLACE
 from .series import read_list
+from .vtu import read_vtu
+
+#: A state is at the time that is asked for, up to this part of the largest time of its series.
+SAME_TIME = 1e-9
 
 
-def read_state(path: str | os.PathLike[str], mesh: ElementMesh, time: float | None = None) -> tuple[Array, Array | None]:
-    """Displacements and, if there are any, velocities (ndofs,) in a .vtu file, or in the last (or that of a time) of a .pvd file.
+def read_state(path: str | os.PathLike[str], mesh: MeshLike, time: float | None = None) -> tuple[Array, Array | None]:
+    """Displacements [m] and velocities [m/s] of a state that `write_vtu`, `save=...` or `result.save` wrote.
 
-    StvkError if there is no such state, or it is of another mesh.
+    Parameters
+    ----------
+    path : of a .vtu file; or of a .pvd file, of whose states one is taken.
+    mesh : on which they are wanted, the same as that of the file.
+    time : of the state in a .pvd file, or its load factor; by default the last one.
+
+    Returns
+    -------
+    u, v : (ndofs,) each, as `solve_static` and `simulate` take them for `u0` and `v0`; `v` is None where there are no velocities.
+
+    Raises
+    ------
+    StvkError
+        if the file is missing or none of this package; for another mesh; for a time that is not in it.
+
+    Warns
+    -----
+    StvkWarning
+        of elements that had left the body.
+
+    >>> from tempfile import TemporaryDirectory
+    >>> import skfem
+    >>> from skfem_stvk import StVK
+    >>> from skfem_stvk.results import Fields, write_vtu
+    >>> mesh = ElementMesh.of(skfem.MeshTri().refined(1))
+    >>> u = 0.01 * mesh.p.ravel("F")
+    >>> with TemporaryDirectory() as folder:
+    ...     file = write_vtu(f"{folder}/moved.vtu", Fields(mesh, StVK(young=1.0, poisson=0.3)).at(u))
+    ...     again, v = read_state(file, mesh)
+    >>> bool((again == u).all()), v
+    (True, None)
     """
-    file = checked_path("path", path, "the path of a .vtu or .pvd file")
-    if file.suffix == ".pvd":
-        states = read_list(file)
-        if not states:
-            raise StvkError(f"{file} lists no states.")
-        at = states[-1][0] if time is None else time
-        found = min(states, key=lambda one: abs(one[0] - at))
-        if time is not None and abs(found[0] - time) > 1e-9 * max(abs(time), 1e-300):
-            raise StvkError(f"{file} has no state at {time:g}; the nearest is at {found[0]:g}.")
-        file = file.with_name(found[1])
-    data = meshio.read(file)
-    d = mesh.d
-    if data.points.shape[0] != mesh.nv or np.abs(data.points[:, :d] - mesh.p.T).max() > 1e-9 * np.abs(mesh.p).max():
-        raise StvkError(f"{file} has {len(data.points)} nodes of another mesh; this one has {mesh.nv}.")
-    u, v = (data.point_data.get(name) for name in ("displacement", "velocity"))
+    mesh = ElementMesh.of(mesh)
+    path = checked_path("path", path, "the path of a .vtu or .pvd file")
+    time = None if time is None else number("time", time, "a finite time or load factor")
+    if not path.is_file():
+        raise StvkError(
+            f"There is no file {path}; expected the .vtu or .pvd file of a run. Is the path relative to another folder?"
+        )
+    file = _listed(path, time) if path.suffix.lower() == ".pvd" else path
+    if file is path and time is not None:
+        raise StvkError(
+            f"time = {time:g}, but {path} holds one state, without its time. Give the .pvd file, or leave the time out."
+        )
+    if file.suffix.lower() != ".vtu":
+        raise StvkError(f"{file} is no file of states; expected a .vtu or .pvd file, as write_vtu or save=... writes it.")
+    read = read_vtu(file)
+    _refuse_other(file, read, mesh)
+    u = _vectors(file, read, mesh, "displacement")
     if u is None:
-        raise StvkError(f"{file} has no displacements.")
-    return np.ascontiguousarray(u[:, :d]).ravel(), None if v is None else np.ascontiguousarray(v[:, :d]).ravel()
+        raise StvkError(f"{file} holds no displacements, so it is no result of this package: it has {sorted(read.point_data)}.")
+    return u, _vectors(file, read, mesh, "velocity")
+
+
+def _listed(path: Path, time: float | None) -> Path:
+    """The file of the state at a time, or of the last one, of a series."""
+    try:
+        states = sorted(read_list(path))
+    except (OSError, ET.ParseError, KeyError, ValueError) as error:
+        raise StvkError(f"{path} is no series of results ({error}); expected a .pvd file, as save=... writes it.") from error
+    if not states:
+        raise StvkError(f"{path} lists no states. Was the run stopped before its first one?")
+    times = np.array([t for t, _ in states])
+    if time is None:
+        return path.with_name(states[-1][1])
+    nearest = int(np.argmin(np.abs(times - time)))
+    if abs(times[nearest] - time) > SAME_TIME * max(1e-300, float(np.abs(times).max())):
+        raise StvkError(
+            f"{path} has no state at time = {time:.12g}: of its {len(times)} states from {times[0]:.12g} to {times[-1]:.12g} the "
+            f"nearest is at {times[nearest]:.12g}. Take that, or leave the time out for the last."
+        )
+    return path.with_name(states[nearest][1])
+
+
+def _refuse_other(file: Path, read: meshio.Mesh, mesh: ElementMesh) -> None:
+    """Refuse the file of another mesh, and warn of one of a body that had lost elements."""
+    what = f"{file} is of another mesh"
+    hint = "Its states are of the mesh that they were computed on, with the same degree: give that one."
+    if len(read.points) != mesh.nv:
+        raise StvkError(f"{what}: it has {len(read.points)} {mesh.words}, this one {mesh.nv}. {hint}")
+    p, size = np.zeros((3, mesh.nv)), float(np.ptp(mesh.p, axis=1).max())
+    p[: mesh.d] = mesh.p
+    if len(bad := np.flatnonzero((np.abs(read.points.T - p) > SAME_PLACE * size).any(axis=0))):
+        raise StvkError(f"{what}: {name_ids(bad, mesh.word)} of {mesh.nv} are elsewhere. {hint}")
+    try:
+        t, element = from_cells(read.cells[0].type, read.cells[0].data)
+    except (KeyError, IndexError) as error:
+        raise StvkError(f"{what}: it has no elements that are known here. {hint}") from error
+    if element.name != mesh.element.name:
+        raise StvkError(f"{what}: it has {element.name}, this one {mesh.element.name}. {hint}")
+    there = np.isin(_rows(t), _rows(mesh.t))
+    if others := np.count_nonzero(~there):
+        raise StvkError(f"{what}: {others} of its {t.shape[1]} elements are none of this one. {hint}")
+    if lost := mesh.nt - t.shape[1]:
+        warn(
+            f"{file} is of a body that had lost {lost} of its {mesh.nt} elements; the one that begins with its state has them all."
+        )
+
+
+def _rows(t: NDArray[Any]) -> NDArray[Any]:
+    """(nt,) the nodes of each element as one value."""
+    rows = np.ascontiguousarray(t.T, dtype=np.int64)
+    return rows.view([("", np.int64)] * len(t)).ravel()
+
+
+def _vectors(file: Path, read: meshio.Mesh, mesh: ElementMesh, name: str) -> Array | None:
+    """(ndofs,) finite vectors of the nodes by name; None if there are none."""
+    given = read.point_data.get(name)
+    if given is None:
+        return None
+    if given.shape != (mesh.nv, 3) or not np.isfinite(given).all() or given[:, mesh.d :].any():
+        raise StvkError(f"{file} is damaged: {name} is not {mesh.d} finite components for each of {mesh.nv} {mesh.words}.")
+    return np.ascontiguousarray(given[:, : mesh.d], dtype=np.float64).reshape(-1)

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from ..arguments import Array, shown
 from ..elements import named
-from ..errors import MeshError, name_ids
+from ..errors import MeshError, StvkError, name_ids
 from ..mesh import ElementMesh
 from ..mesh.content import DIMENSION, flatten
 from ..mesh.formats.xml_files import NODE_SET
@@ -60,6 +60,16 @@ def write_vtu(path: str | os.PathLike[str], state: State, fields: Sequence[str] 
     with replacing(path) as part:
         meshio.vtu.write(part, mesh, compression=None)
     return path
+
+
+def read_vtu(file: Path) -> meshio.Mesh:
+    """The content of a file that was written here; StvkError if it is missing or damaged."""
+    try:
+        if file.exists() and not file.is_file():
+            raise OSError("it is no regular file")
+        return meshio.vtu.read(file)
+    except Exception as error:  # meshio fails in many ways on files that are damaged
+        raise StvkError(f"{file} cannot be read ({error}): is it where the .pvd file says?") from error
 
 
 def _with_fields(state: State, fields: Sequence[Field]) -> meshio.Mesh:

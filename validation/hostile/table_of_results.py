@@ -10,11 +10,12 @@ import numpy as np
 
 from skfem_stvk import StaticResult, StVK, compare_networks, solve_static
 from skfem_stvk.peers import load
-from skfem_stvk.results import Fields, Reaction, Series, animate, plot, write_mesh, write_vtu
+from skfem_stvk.results import Fields, Reaction, Series, animate, plot, read_state, write_mesh, write_vtu
 
 from .call import Call
 from .small_bodies import NUMBER, OPTIONAL, PLACE, POSITIVE, TEXT, call, displacements, drawn, mesh, state, system
 
+BODY = mesh()
 FIELD = {"field": "field|numbers"}
 
 
@@ -91,6 +92,15 @@ def calls() -> list[Call]:
         ),
         call("write_mesh", write_mesh, path="mesh.vtu", mesh=mesh()),
         call(
+            "read_state",
+            _read_again,
+            {"time": OPTIONAL | POSITIVE},
+            {"mesh": r"mesh|\b[pt]\b"},
+            mesh=(mesh().p, mesh().t),
+            time=0.5,
+        ),
+        call("read_state of a path", _read_again, {}, {"path": "path|file|state"}, path="again.vtu"),
+        call(
             "Series",
             Series,
             {"fields": OPTIONAL | {"empty list"}, "resume": frozenset({"True"}), "until": NUMBER | {"inf"}},
@@ -135,6 +145,14 @@ def calls() -> list[Call]:
 def result() -> StaticResult:
     """A static result."""
     return solve_static(system(), steps=1, quiet=True)
+
+
+def _read_again(path: Any = "again.pvd", mesh: Any = BODY, time: Any = None) -> Any:
+    """What is read of files with a state at 0.5."""
+    with Series("again.pvd", []) as series:
+        series.add(state(), 0.5)
+    write_vtu("again.vtu", state(), [])
+    return read_state(path, mesh, time)
 
 
 def _series() -> Series:

@@ -1,0 +1,117 @@
+"""States come back out of the files of a run as they were, and not on another mesh."""
+
+import numpy as np
+import pytest
+from bodies import MESHES, boxes, curved, state
+
+from skfem_stvk import ElementMesh, EnergyMomentum, StVK, StvkError, StvkWarning, System, read_state, simulate, solve_static
+from skfem_stvk.mesh import box
+from skfem_stvk.results import Fields, Series, write_vtu
+
+EVERY = {
+    **MESHES,
+    "quadratic tetrahedra": curved(MESHES["tetrahedra"]),
+    "quadratic triangles": curved(MESHES["triangles"]),
+    "hexahedra": boxes(3),
+    "quadrilaterals": boxes(2),
+}
+MESH = box((2.0, 1.0), (4, 2))
+LAW = StVK(young=2.0, poisson=0.3, density=1.0)
+
+
+def moving(mesh, seed=0):
+    fields = Fields(mesh, LAW)
+    u, v = state(mesh, 0.03, seed=seed), np.random.default_rng(seed + 1).normal(size=mesh.p.size)
+    return fields.at(u, v), u, v
+
+
+@pytest.mark.parametrize("name", EVERY)
+def test_displacements_and_velocities_come_back_bit_for_bit(name, tmp_path):
+    mesh = EVERY[name]
+    now, u, v = moving(mesh)
+    again = read_state(write_vtu(tmp_path / "body.vtu", now, []), mesh)
+    assert np.array_equal(again[0], u) and np.array_equal(again[1], v)
+    still = write_vtu(tmp_path / "still.vtu", Fields(mesh, LAW).at(u))
+    assert np.array_equal(read_state(still, mesh)[0], u) and read_state(still, mesh)[1] is None
+
+
+def test_of_a_series_the_last_state_is_taken_or_that_of_a_time(tmp_path):
+    states = {t: moving(MESH, seed) for seed, t in enumerate((0.0, 0.1, 0.30000000000000004))}
+    with Series(tmp_path / "run.pvd", []) as series:
+        for t, (now, *_) in states.items():
+            series.add(now, t)
+    path = tmp_path / "run.pvd"
+    for asked, t in ((None, 0.30000000000000004), (0.3, 0.30000000000000004), (0.1, 0.1), (0, 0.0)):
+        assert np.array_equal(read_state(path, MESH, asked)[0], states[t][1])
+        assert np.array_equal(read_state(str(path), MESH, time=asked)[1], states[t][2])
+    with pytest.raises(StvkError, match=r"no state at time = 0\.2: of its 3 states from 0 to 0\.3 the nearest is at 0\.1"):
+        read_state(path, MESH, 0.2)
+
+
+def test_a_run_goes_on_from_the_files_of_another_as_from_its_arrays(tmp_path):
+    system = System(MESH, LAW, fixed={"left": "xy"})
+    v0 = np.tile([0.0, 0.05], MESH.nv)
+    v0[system.supports.held] = 0
+    first = simulate(system, EnergyMomentum(dt=0.1), until=0.4, v0=v0, save=tmp_path / "run.pvd", every=2, fields=[], quiet=True)
+    u0, v0 = read_state(tmp_path / "run.pvd", MESH)
+    assert np.array_equal(u0, first.u) and np.array_equal(v0, first.v)
+    one, other = (
+        simulate(system, EnergyMomentum(dt=0.1), until=0.8, u0=u, v0=v, t0=0.4, quiet=True)
+        for u, v in ((u0, v0), (first.u, first.v))
+    )
+    assert np.array_equal(one.u, other.u)
+
+
+def test_an_equilibrium_comes_back_as_saved(tmp_path):
+    result = solve_static(System(MESH, LAW, fixed={"left": "xy"}, prescribed={"right": {"x": 0.1}}), quiet=True)
+    result.save(tmp_path / "pulled.vtu")
+    assert np.array_equal(read_state(tmp_path / "pulled.vtu", MESH)[0], result.u)
+
+
+@pytest.mark.parametrize(
+    ("mesh", "message"),
+    [
+        (box((2.0, 1.0), (4, 3)), r"is of another mesh: it has 15 vertices, this one 20\. Its states are of the mesh"),
+        (MESH.with_degree(2), r"is of another mesh: it has 15 nodes, this one 45"),
+        (box((4.0, 1.0), (4, 2)), r"is of another mesh: 12 vertices \(3, 4, 5, 6, 7, \.\.\.\) of 15 are elsewhere"),
+        (box((2.0, 1.0), (4, 2), "quadrilaterals"), r"is of another mesh: it has triangles, this one quadrilaterals"),
+        (ElementMesh(MESH.p, MESH.t[[1, 0, 2]]), r"is of another mesh: 16 of its 16 elements are none of this one"),
+    ],
+)  # fmt: skip
+def test_another_mesh_is_refused(mesh, message, tmp_path):
+    path = write_vtu(tmp_path / "body.vtu", moving(MESH)[0], [])
+    with pytest.raises(StvkError, match=message):
+        read_state(path, mesh)
+
+
+def test_a_body_that_had_lost_elements_is_told(tmp_path):
+    fields, (_, u, _) = Fields(MESH, LAW), moving(MESH)
+    fields.leave_out([0, 5])
+    path = write_vtu(tmp_path / "torn.vtu", fields.at(u))
+    with pytest.warns(
+        StvkWarning, match=r"of a body that had lost 2 of its 16 elements; the one that begins with its state has them"
+    ):
+        assert np.array_equal(read_state(path, MESH)[0], u)
+
+
+def test_what_is_no_file_of_states_is_refused(tmp_path):
+    now = moving(MESH)[0]
+    (tmp_path / "cut.vtu").write_text("<VTKFile>")
+    (tmp_path / "cut.pvd").write_text("<VTKFile")
+    (tmp_path / "empty.pvd").write_text("<VTKFile></VTKFile>")
+    (tmp_path / "notes.txt").write_text("u = 0")
+    good = write_vtu(tmp_path / "good.vtu", now, [])
+    text = good.read_bytes()
+    (tmp_path / "other.vtu").write_bytes(text.replace(b"displacement", b"deplacement_"))
+    for name, time, message in (
+        ("missing.vtu", None, r"There is no file .*missing\.vtu; expected the \.vtu or \.pvd file of a run"),
+        ("cut.vtu", None, r"cut\.vtu cannot be read"),
+        ("cut.pvd", None, r"cut\.pvd is no series of results"),
+        ("empty.pvd", None, r"empty\.pvd lists no states"),
+        ("notes.txt", None, r"notes\.txt is no file of states; expected a \.vtu or \.pvd file"),
+        ("good.vtu", 0.5, r"time = 0\.5, but .*good\.vtu holds one state, without its time"),
+        ("good.vtu", "end", r"time = 'end'; expected a finite time or load factor"),
+        ("other.vtu", None, r"holds no displacements, so it is no result of this package: it has \['deplacement_', 'velocity'\]"),
+    ):
+        with pytest.raises(StvkError, match=message):
+            read_state(tmp_path / name, MESH, time)
