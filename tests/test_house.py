@@ -162,8 +162,8 @@ def test_the_package_has_few_files():
     assert 100 < len(others) <= 232
 
 
-#: Of tables that are wider: of hard cases, where a column is a method.
-WIDE = ("| case |", "| --- |")
+#: Of tables that are wider: of hard cases, where a column is a method, and of all keys of a scene.
+WIDE = ("| case |", "| key |", "| --- |")
 
 
 @pytest.mark.parametrize("folder", ["skfem_stvk", "tests", "validation", "docs"])

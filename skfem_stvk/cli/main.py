@@ -171,6 +171,7 @@ def _info(options: argparse.Namespace) -> int:
 
 #: All commands, by their names.
 COMMANDS = {
+    "init": Command(scenes.init, "print a commented example of a scene", scenes.init_arguments),
     "solve": Command(scenes.solve, "solve a scene: a whole job in one TOML file", scenes.solve_arguments),
     "verify": Command(_verify, "hold W, F and K against scikit-fem's on a mesh", _verify_arguments),
     "bench": Command(_bench, "time and memory of W, F, K and K v, against targets", _bench_arguments),

@@ -1,14 +1,15 @@
-"""The commands on scenes: solve."""
+"""The commands on scenes: init, solve."""
 
 from __future__ import annotations
 
 import argparse
+import sys
 from pathlib import Path
 
 from rich.console import Console
 
 from ..referee.terminal import printable
-from ..scene import Scene
+from ..scene import Scene, templates
 from ..scene.outcome import INTERRUPTED, SceneOutcome
 
 
@@ -16,6 +17,23 @@ def add_scene(parser: argparse.ArgumentParser) -> None:
     """Arguments of all commands that take a scene."""
     parser.add_argument("scene", help="scene file (.toml)")
     parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="another value, as analysis.dt=1e-5")
+
+
+def init_arguments(parser: argparse.ArgumentParser) -> None:
+    """Arguments of `init`."""
+    what = parser.add_mutually_exclusive_group(required=True)
+    what.add_argument(
+        "--type", choices=list(templates.EXAMPLES), help="a commented example of this kind, which solves as it stands"
+    )
+    what.add_argument("--keys", action="store_true", help="all keys of a scene: types, defaults, units, a sentence each (Markdown)")
+    what.add_argument("--schema", action="store_true", help="JSON Schema, by which editors complete and check scenes")
+
+
+def init(options: argparse.Namespace) -> int:
+    """Print a commented example of a scene: `skfem-stvk init --type static > scene.toml`."""
+    text = templates.page() if options.keys else templates.json_schema() if options.schema else templates.example(options.type)
+    sys.stdout.write(text)
+    return 0
 
 
 def solve_arguments(parser: argparse.ArgumentParser) -> None:

@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-import types
-import typing
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from difflib import get_close_matches
-from typing import Annotated, Any, Literal, NamedTuple, get_args, get_origin
+from typing import Annotated, Any, NamedTuple, get_args, get_origin
 
-from pydantic import BaseModel, Tag, ValidationError
+from pydantic import BaseModel, ValidationError
 
 from ..arguments import shown
 from ..errors import SceneError, StvkError
+from .schema.quantities import bare, is_union, literals, members
 from .source import SceneSource
 from .syntax import Loc, path_of
 
@@ -198,7 +197,7 @@ def _not_finite(spot: Spot, error: Any, given: Any) -> str:
 
 
 def _not_one_of(spot: Spot, error: Any, given: Any) -> str:
-    known = [one for one in _literals(spot.annotation) if isinstance(one, str)]
+    known = [one for one in literals(spot.annotation) if isinstance(one, str)]
     return _none_of(given, known) if known else f"got {shown(given)}; expected {error['ctx']['expected']}"
 
 
@@ -255,9 +254,9 @@ def _metadata(spot: Spot) -> list[Any]:
         annotation, *more = get_args(annotation)
         found += more
     found += [inner for one in found for inner in getattr(one, "metadata", [])]
-    members = [one for one in get_args(annotation) if one is not type(None)] if _is_union(annotation) else []
-    if len(members) == 1 and get_origin(members[0]) is Annotated:
-        found += get_args(members[0])[1:]
+    kinds = [one for one in get_args(annotation) if one is not type(None)] if is_union(annotation) else []
+    if len(kinds) == 1 and get_origin(kinds[0]) is Annotated:
+        found += get_args(kinds[0])[1:]
     return found
 
 
@@ -272,9 +271,9 @@ def _spot(schema: type[BaseModel], loc: Sequence[str | int]) -> Spot:
     data: list[str | int] = []
     rest = [one for one in loc if one != "[key]"]
     while rest:
-        annotation, more = _bare(annotation)
+        annotation, more = bare(annotation)
         metadata = (*metadata, *more)
-        if _is_union(annotation):
+        if is_union(annotation):
             member = _member(annotation, rest[0])
             if member is None:
                 break
@@ -296,43 +295,16 @@ def _spot(schema: type[BaseModel], loc: Sequence[str | int]) -> Spot:
     return Spot(tuple(data), model, annotation, metadata)
 
 
-def _bare(annotation: Any) -> tuple[Any, tuple[Any, ...]]:
-    metadata: tuple[Any, ...] = ()
-    while get_origin(annotation) is Annotated:
-        annotation, *more = get_args(annotation)
-        metadata = (*metadata, *more)
-    return annotation, metadata
-
-
-def _is_union(annotation: Any) -> bool:
-    return get_origin(annotation) in (typing.Union, types.UnionType)
-
-
-def _members(annotation: Any) -> Iterator[tuple[tuple[str, ...], Any]]:
-    """Members of a union, those of unions within it too, with the tags that tell them."""
-    annotation, _ = _bare(annotation)
-    for one in get_args(annotation) if _is_union(annotation) else (annotation,):
-        inner, metadata = _bare(one)
-        tags = tuple(tag.tag for tag in metadata if isinstance(tag, Tag))
-        if _is_union(inner) and not tags:
-            yield from _members(inner)
-        elif inner is not type(None):
-            if not tags and isinstance(inner, type) and issubclass(inner, BaseModel):
-                kinds = (inner.model_fields[name] for name in ("type", "model") if name in inner.model_fields)
-                tags = tuple(str(value) for kind in kinds for value in _literals(kind.annotation))
-            yield tags, one
-
-
 def _member(annotation: Any, label: str | int) -> tuple[Any, int] | None:
     """The member of a union that a label of pydantic's means, and how many parts of the location that takes; None if none."""
-    members = list(_members(annotation))
-    for tags, one in members:
+    found = list(members(annotation))
+    for tags, one in found:
         if str(label) in tags:
             return one, 1
-    if len(members) == 1:
-        return members[0][1], 0
-    for _, one in members:  # pydantic labels plain members by their type
-        inner, _ = _bare(one)
+    if len(found) == 1:
+        return found[0][1], 0
+    for _, one in found:  # pydantic labels plain members by their type
+        inner, _ = bare(one)
         name = inner.__name__ if isinstance(inner, type) and get_origin(inner) is None else str(inner)
         if isinstance(label, str) and (label == name or (get_origin(inner) is list and label.startswith("list["))):
             return one, 1
@@ -342,12 +314,4 @@ def _member(annotation: Any, label: str | int) -> tuple[Any, int] | None:
 def _tags(spot: Spot) -> list[str]:
     """Kinds of a table that stand in a place."""
     annotation = spot.annotation
-    return [tag for tags, _ in _members(annotation) for tag in tags] if annotation is not None else []
-
-
-def _literals(annotation: Any) -> list[Any]:
-    """Values that a key may have, if they are listed."""
-    annotation, _ = _bare(annotation)
-    if _is_union(annotation):
-        return [value for one in get_args(annotation) for value in _literals(one)]
-    return list(get_args(annotation)) if get_origin(annotation) is Literal else []
+    return [tag for tags, _ in members(annotation) for tag in tags] if annotation is not None else []

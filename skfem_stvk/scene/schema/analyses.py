@@ -124,7 +124,7 @@ class DynamicAnalysis(Part):
     dt: Annotated[float | None, key("Time step; explicit integrators can do without: 0.85 of the critical one.", "time", gt=0)] = (
         None
     )
-    until: Annotated[float, key("End.", "time")]
+    until: Annotated[float, key("When it ends.", "time")]
     mass: Annotated[Literal["lumped", "consistent"], key("Mass matrix.")] = "lumped"
     beta: Annotated[float | None, key("Of newmark, by default 1/4.", ge=0)] = None
     gamma: Annotated[float | None, key("Of newmark, by default 1/2.", ge=0)] = None

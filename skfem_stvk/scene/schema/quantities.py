@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any
+import types
+import typing
+from collections.abc import Iterator
+from typing import Annotated, Any, Literal, get_args, get_origin
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field, Tag
 
 
 class Part(BaseModel):
@@ -22,3 +25,43 @@ def key(sentence: str, dimension: str | None = None, **limits: Any) -> Any:
 Components = Annotated[list[float], Field(min_length=1, max_length=3)]
 #: A name that outputs are told apart by.
 Name = Annotated[str, Field(min_length=1, max_length=100, pattern=r"^\S(.*\S)?$")]
+
+
+# what the types of keys are made of, for messages and pages
+
+
+def bare(annotation: Any) -> tuple[Any, tuple[Any, ...]]:
+    """A type without what is annotated, and that."""
+    metadata: tuple[Any, ...] = ()
+    while get_origin(annotation) is Annotated:
+        annotation, *more = get_args(annotation)
+        metadata = (*metadata, *more)
+    return annotation, metadata
+
+
+def is_union(annotation: Any) -> bool:
+    """Whether a type is one of several."""
+    return get_origin(annotation) in (typing.Union, types.UnionType)
+
+
+def members(annotation: Any) -> Iterator[tuple[tuple[str, ...], Any]]:
+    """Members of a union, those of unions within it too, with the tags that tell them."""
+    annotation, _ = bare(annotation)
+    for one in get_args(annotation) if is_union(annotation) else (annotation,):
+        inner, metadata = bare(one)
+        tags = tuple(tag.tag for tag in metadata if isinstance(tag, Tag))
+        if is_union(inner) and not tags:
+            yield from members(inner)
+        elif inner is not type(None):
+            if not tags and isinstance(inner, type) and issubclass(inner, BaseModel):
+                kinds = (inner.model_fields[name] for name in ("type", "model") if name in inner.model_fields)
+                tags = tuple(str(value) for kind in kinds for value in literals(kind.annotation))
+            yield tags, one
+
+
+def literals(annotation: Any) -> list[Any]:
+    """Values that a key may have, if they are listed."""
+    annotation, _ = bare(annotation)
+    if is_union(annotation):
+        return [value for one in get_args(annotation) for value in literals(one)]
+    return list(get_args(annotation)) if get_origin(annotation) is Literal else []

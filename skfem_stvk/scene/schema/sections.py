@@ -46,7 +46,7 @@ class SceneTables(Part):
     prescribed: Annotated[dict[Name, Prescribed], key("Displacements, by name of the place.")] = {}
     initial: Annotated[Initial, key("The first state; by default rest.")] = Initial()
     analysis: Annotated[Analysis, key("What is solved.")]
-    solver: Annotated[Solver, key("How.")] = Solver()
+    solver: Annotated[Solver, key("How linear systems are solved, and to which residual.")] = Solver()
     output: Annotated[Output, key("What is written.")] = Output()
     expect: Annotated[Expect, key("Results that the scene is expected to give; the command fails if it does not.")] = {}
 

@@ -1,0 +1,74 @@
+"""What is printed from the schema: examples that solve, the page of all keys, JSON Schema."""
+
+import json
+from pathlib import Path
+
+import pytest
+from pydantic_core import PydanticUndefined
+
+from skfem_stvk.cli.main import main
+from skfem_stvk.scene import Scene, templates
+
+DOCS = Path(__file__).parents[2] / "docs"
+
+
+@pytest.mark.parametrize("kind", templates.EXAMPLES)
+def test_an_example_solves_as_it_stands_and_gives_what_it_expects(kind, tmp_path, capsys):
+    assert main(["init", "--type", kind]) == 0
+    path = tmp_path / "scene.toml"
+    path.write_text(capsys.readouterr().out)
+    scene = Scene.read(path)
+    assert scene.implausible() == [] and scene.solve(quiet=True).exit_code == 0
+
+
+@pytest.mark.parametrize("kind", templates.EXAMPLES)
+def test_each_key_of_an_example_is_explained_and_those_left_out_are_offered(kind):
+    text = templates.example(kind)
+    keys = [line for line in text.splitlines() if "=" in line and not line.startswith("#")]
+    explained = [line for line in keys if "  # " in line or " # " in line]
+    assert len(keys) - len(explained) <= 4  # the title, names of places and of results
+    assert "# thickness = ..." in text and "[m]" in text and "# checkpoint = true" in text
+
+
+@pytest.mark.parametrize("kind", templates.EXAMPLES)
+def test_what_an_example_offers_can_be_taken(kind):
+    """Keys with a default, without their comment signs, are where they belong."""
+    lines = templates.example(kind).splitlines()
+    taken = [line[2:] if line.startswith("# ") and " = " in line and "..." not in line.split("#")[1] else line for line in lines]
+    assert len([1 for one, other in zip(lines, taken, strict=True) if one != other]) >= 2
+    Scene._checked(templates_source("\n".join(taken)))
+
+
+def templates_source(text):
+    from skfem_stvk.scene.source import SceneSource
+
+    return SceneSource.parse(text)
+
+
+def test_the_page_of_all_keys_is_what_the_schema_says():
+    assert (DOCS / "scene-keys.md").read_text() == templates.page()
+
+
+def test_every_key_has_a_sentence_and_every_table_a_name():
+    for model in templates.tables():
+        assert templates.title_of(model)
+        for row in templates.rows_of(model):
+            assert row.sentence.endswith(".") and len(row.sentence) > 5, (model, row)
+            assert row.default is PydanticUndefined or row.type
+
+
+def test_editors_get_a_schema_with_the_same_sentences(capsys):
+    assert main(["init", "--schema"]) == 0
+    schema = json.loads(capsys.readouterr().out)
+    young = schema["$defs"]["IsotropicModel"]["properties"]["young"]
+    assert young["description"] == "Young's modulus." and young["dimension"] == "stress" and young["exclusiveMinimum"] == 0
+    assert schema["additionalProperties"] is False
+
+
+def test_each_term_of_the_library_can_be_named_by_a_scene():
+    from skfem_stvk import terms
+
+    made = {name for name in terms.__all__ if hasattr(getattr(terms, name), "bind") and name[0].isupper()}
+    made -= {"Term", "Load", "BoundTerm", "BoundLoad"}
+    words = {templates.title_of(model).replace("-", "") for model in templates.tables()}
+    assert {name.lower() for name in made} <= words
