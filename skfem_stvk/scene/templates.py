@@ -309,8 +309,8 @@ def page() -> str:
     """The docs' page of all keys, printed by `skfem-stvk init --keys`."""
     parts = [
         "# All keys of a scene\n",
-        "Printed by `skfem-stvk init --keys` from the schema that checks scenes; `skfem-stvk init --schema` prints JSON Schema for\n"
-        'editors. Units are those of `units = "SI"`. [Scenes](scenes.md) says how they go together.\n',
+        "Printed by `skfem-stvk init --keys` from the schema that checks scenes; `skfem-stvk init --schema` prints JSON\n"
+        'Schema for editors. Units are those of `units = "SI"`. [Scenes](scenes.md) says how they go together.\n',
     ]
     for model in tables():
         parts.append(f"## {title_of(model)}\n\n{' '.join((model.__doc__ or '').split())}\n")
