@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from functools import cached_property
 from typing import Any
 
@@ -101,21 +100,25 @@ class ElementTerm(PairTerm):
         """What is made of the blocks."""
         return PairBlocks(self.elements.own, self.elements.edges, self.elements.d)
 
-    @contextmanager
-    def _adding(self, u: Array, force: Array | None) -> Iterator[tuple[Shares, Array]]:
-        """Shares, and slots at displacements `u` (nv, d) that are added to `force` (nv, d) in the end: none without a force."""
+    def _open(self, u: Array, force: Array | None) -> tuple[Shares, Array]:
+        """Shares, and slots at displacements `u` (nv, d) that `_close` adds to `force` (nv, d): none without a force."""
         own, shares = self.elements.own, self.elements.forces
         f = np.empty(0, dtype=self.dtype) if force is None else own.slots("F", shares)
         self.elements.gather(u)
-        yield shares, f
+        return shares, f
+
+    def _close(self, f: Array, force: Array | None) -> None:
+        """Add what stands in the slots to `force` (nv, d). No `with` statement: it takes Python 0.4 kB a call."""
         if force is not None:
-            own.add(f, shares, force)
+            self.elements.own.add(f, self.elements.forces, force)
 
     @in_turn
     def energy_and_force(self, u: Array, force: Array | None = None) -> float:
         """Strain energy [J] at displacements `u` (nv, d) [m]; adds the internal force `dW/du` [N] to `force` (nv, d)."""
-        with self._adding(u, force) as (shares, f):
-            return self._energy(shares, f)
+        shares, f = self._open(u, force)
+        W = self._energy(shares, f)
+        self._close(f, force)
+        return W
 
     @abstractmethod
     def _energy(self, shares: Shares, f: Array) -> float:
@@ -129,9 +132,10 @@ class ElementTerm(PairTerm):
         size = 9 * (total + len(to.extra))
         blocks = np.empty(size, dtype=self.dtype) if out is None or len(out) != size else out
         blocks[9 * total :] = 0
-        with self._adding(u, force) as (shares, f):
-            slots = PairSlots(to.slots.reshape(len(elements.t), -1), elements.edges.marks, blocks)
-            W, _ = self._total(self._linearize(shares, slots, f, kept))
+        shares, f = self._open(u, force)
+        slots = PairSlots(to.slots.reshape(len(elements.t), -1), elements.edges.marks, blocks)
+        W, _ = self._total(self._linearize(shares, slots, f, kept))
+        self._close(f, force)
         block_kernels.fold(blocks, total, to.extra, 9)
         return W, blocks
 
@@ -146,8 +150,9 @@ class ElementTerm(PairTerm):
         self, u: Array, rows: ElementRows, data: Array, add: bool, force: Array | None = None, kept: Tensions = ALL
     ) -> Linearized:
         """As in `PairTerm`, without an array of all blocks."""
-        with self._adding(u, force) as (shares, f):
-            found, more = rows.fill(lambda to: self._linearize(shares, to, f, kept), data, add)
+        shares, f = self._open(u, force)
+        found, more = rows.fill(lambda to: self._linearize(shares, to, f, kept), data, add)
+        self._close(f, force)
         W, total = self._total(found)
         return Linearized(W, total + more)
 
@@ -299,12 +304,12 @@ class EnergyAssembly(LawAssembly):
         It is a discrete gradient of the energy (`kernels.discrete_gradient`): forces and torques about `X + (1 - theta) u0 + theta
         u1` balance, and for `w0 = w1 = theta = 1/2` the work over `u1 - u0` is `W(u1) - W(u0)` to rounding of these two.
         """
-        with self._adding(u0, force) as (shares, f):
-            change = self.elements.own.gathered("direction", u1, np.float64)
-            change -= self.elements.u
-            arrays = *self._arrays(shares), change, self.elements.k == self.elements.d, *map(float, weights), float(theta)
-            R = sum(run(gradient_kernels.discrete_mean_force, shares.parts, *arrays, f))
-            self._checked(R)
+        shares, f = self._open(u0, force)
+        change = self.elements.own.gathered("direction", u1, np.float64)
+        change -= self.elements.u
+        arrays = *self._arrays(shares), change, self.elements.k == self.elements.d, *map(float, weights), float(theta)
+        R = self._checked(sum(run(gradient_kernels.discrete_mean_force, shares.parts, *arrays, f)))
+        self._close(f, force)
         if not np.isfinite(R):
             self.energy_and_force(u1)  # which says why
         return R
@@ -420,8 +425,9 @@ class Assembly(LawAssembly):
 
         Times eps it is the size of the force's rounding error, of which that of `u` itself is a part.
         """
-        with self._adding(u, out) as (shares, f):
-            run(element_kernels.round_off, shares.parts, *self._arrays(shares), f)
+        shares, f = self._open(u, out)
+        run(element_kernels.round_off, shares.parts, *self._arrays(shares), f)
+        self._close(f, out)
 
     @in_turn
     def along(self, u: Array, v: Array) -> NDArray[np.float64]:
@@ -444,11 +450,13 @@ class Assembly(LawAssembly):
         weights of sum 1 more by `(w1 - w0)` times `1/4 dzeta' L dzeta` [J], which is returned: zero for a rigid motion, and never
         negative.
         """
-        with self._adding(u0, force) as (shares, f):
-            change = self.elements.own.gathered("direction", u1, np.float64)
-            change -= self.elements.u
-            states = change, *map(float, weights), float(theta)
-            return sum(run(element_kernels.mean_force, shares.parts, *self._arrays(shares), *states, f))
+        shares, f = self._open(u0, force)
+        change = self.elements.own.gathered("direction", u1, np.float64)
+        change -= self.elements.u
+        states = change, *map(float, weights), float(theta)
+        R = sum(run(element_kernels.mean_force, shares.parts, *self._arrays(shares), *states, f))
+        self._close(f, force)
+        return R
 
     @in_turn
     def damping_force(self, u: Array, v: Array, force: Array) -> float:
@@ -459,9 +467,11 @@ class Assembly(LawAssembly):
         It is `2 J' L J v`, the product with the Gauss-Newton tangent, and the derivative by `v` of `R = 1/4 dzeta/dt' L dzeta/dt`
         [W], which is returned: the power that it takes is `2 R`. Rigid motions, turning ones too, meet no resistance.
         """
-        with self._adding(u, force) as (shares, f):
-            V = self.elements.own.gathered("direction", v, np.float64)
-            return sum(run(element_kernels.damping_force, shares.parts, *self._arrays(shares), V, f))
+        shares, f = self._open(u, force)
+        V = self.elements.own.gathered("direction", v, np.float64)
+        R = sum(run(element_kernels.damping_force, shares.parts, *self._arrays(shares), V, f))
+        self._close(f, force)
+        return R
 
     @in_turn
     def tensions(self, u: Array) -> Array:

@@ -72,9 +72,10 @@ class PenaltyAssembly(ElementTerm):
     @in_turn
     def add_round_off(self, u: Array, out: Array) -> None:
         """Add the absolute values of all that adds up to the force at `u` (nv, d) to `out` (nv, d) [N]: times eps, its rounding."""
-        with self._adding(u, out) as (shares, f):
-            least = run(penalty_kernels.penalty_round_off, shares.parts, *self._arrays(shares), f)
-            self._checked([(0.0, value) for value in least])
+        shares, f = self._open(u, out)
+        least = run(penalty_kernels.penalty_round_off, shares.parts, *self._arrays(shares), f)
+        self._checked([(0.0, value) for value in least])
+        self._close(f, out)
 
     def _arrays(self, shares: Shares) -> tuple[Any, ...]:
         """The arguments of the kernels, behind the blocks that they go over."""
