@@ -150,9 +150,7 @@ class EdgeNetwork:
         own, between = self.L.diagonal() / 2, np.asarray(triu(self.L, 1).tocoo().data) / 2
         if not self.laws:
             return QuarticNetwork(mesh.p, edges, pairs, own, between, dtype=dtype)
-        network = LawNetwork(mesh.p, edges, pairs, own, between, dtype=dtype)
-        network.left = lambda gone: self._left(mesh, gone)
-        return network
+        return LawNetwork(mesh.p, edges, pairs, own, between, dtype=dtype, left=lambda gone: self._left(mesh, gone))
 
     def _left(self, mesh: ElementMesh, gone: NDArray[np.bool_]) -> tuple[Array, Array]:
         """`L_ii/2` and the `L_ij/2` of the pairs, less what the elements (n,) of the region that are `gone` have in them."""
@@ -257,11 +255,13 @@ def _found(known: NDArray[np.int64], wanted: NDArray[np.int64]) -> tuple[NDArray
 class LawNetwork(QuarticNetwork):
     """A network of elements, which can be taken out: `left` gives the coefficients of those that are not `gone`."""
 
-    left: Callable[[NDArray[np.bool_]], tuple[Array, Array]]
+    def __init__(self, *network: Any, left: Callable[[NDArray[np.bool_]], tuple[Array, Array]], **options: Any) -> None:
+        self._left = left
+        super().__init__(*network, **options)
 
     def remove(self, gone: NDArray[np.bool_]) -> None:
         """Do without the elements that are `gone` (n,), of the region in their order."""
-        self.take(*self.left(gone))
+        self.take(*self._left(gone))
 
     @property
     def nodes_joined(self) -> NDArray[np.int32]:

@@ -38,7 +38,7 @@ def forget_names():
 
 
 def memory_of_steps(n, integrator):
-    """Of a body of n cells across: the most bytes that one of three steps takes for a moment, those that all leave, those of `u`."""
+    """Of a body of n cells across: the most bytes that a step takes for a moment, those that three leave, and those of `u`."""
     system = hanging(n)
     setup, record = begun(system, integrator, pushed(system))
     loop, peaks = Loop(setup, record, Outputs(setup, record), True), []

@@ -45,6 +45,7 @@ EVERY = (
 SOLID = [name for name, mesh in EVERY.items() if scikit_fem_of(mesh)]
 SECTION = {2: {"thickness": 0.3}, 3: {}}
 BOXES = [name for name, mesh in EVERY.items() if mesh.element.is_box and mesh.k == mesh.d]
+RULES = [(name, "usual") for name in EVERY] + [(name, "one-point") for name in BOXES]
 
 
 def law_on(mesh, plane=None):
@@ -108,12 +109,9 @@ def test_it_is_what_scikit_fem_assembles(name, rule):
         assert abs(body.tangent(u) - K).max() < 1e-12 * abs(K).max()
 
 
-@pytest.mark.parametrize("rule", ["usual", "one-point"])
-@pytest.mark.parametrize("name", EVERY)
+@pytest.mark.parametrize(("name", "rule"), RULES)
 def test_compiled_and_readable_kernels_agree(name, rule, monkeypatch):
     mesh = EVERY[name]
-    if rule == "one-point" and name not in BOXES:
-        pytest.skip("one point is for boxes")
     planes = (None, "stress") if mesh.k == mesh.d == 2 else (None,)
 
     def found(plane):
@@ -337,13 +335,10 @@ def test_a_block_that_is_thrown_at_itself_stays_right_side_out(integrator):
 
 
 @pytest.mark.parametrize("dtype", [np.float64, np.float32])
-@pytest.mark.parametrize("rule", ["usual", "one-point"])
-@pytest.mark.parametrize("name", EVERY)
+@pytest.mark.parametrize(("name", "rule"), RULES)
 def test_the_force_between_two_states_is_the_readable_one_and_does_the_work(name, rule, dtype, monkeypatch):
     """On all elements; the rounding of small steps, which leaves noise out, is not in the readable one."""
     mesh = EVERY[name]
-    if rule == "one-point" and name not in BOXES:
-        pytest.skip("one point is for boxes")
     limit = 1e-11 if dtype == np.float64 else 3e-4
 
     def found(plane, u, v):
