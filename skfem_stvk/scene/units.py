@@ -151,7 +151,8 @@ MOST_STEPS = 1e9
 def implausible(sections: BaseModel, mesh: ElementMesh | None = None) -> list[str]:
     """Values of a scene that are not plausible in its units, each in a sentence: most often they are in other units.
 
-    Only keys that are set are looked at; zeros always are plausible. With its `mesh`, the size of this is looked at too.
+    Only keys that are set are looked at; zeros always are plausible. With its `mesh`, the size of this is looked at too, unless
+    a key of it was told already.
 
     >>> from pydantic import Field, create_model
     >>> dense = create_model("Dense", density=(float, Field(json_schema_extra={"dimension": "density"})))
@@ -175,10 +176,10 @@ def implausible(sections: BaseModel, mesh: ElementMesh | None = None) -> list[st
                 "carries that. Is one of them in other units, or a force where it should be a force per area?"
             )
     found |= _steps(sections)
-    if mesh is not None:
+    if mesh is not None and not any(path.startswith("mesh.") for path in found):
         size = float(np.ptp(mesh.p, axis=1).max())
         if text := _unusual(units, "the size of the mesh", "size", "length", size):
-            found["mesh"] = text + " A file in other units can be scaled: mesh.scale."
+            found["mesh"] = f"{text} A file in other units can be scaled: mesh.scale."
     return list(found.values())
 
 

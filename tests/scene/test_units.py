@@ -1,12 +1,17 @@
 """Systems of units are consistent, and values that are in other units are told."""
 
+import re
+from pathlib import Path
+
 import numpy as np
 import pytest
 from pydantic import BaseModel, Field
 
 from skfem_stvk import StvkError
 from skfem_stvk.mesh import box
-from skfem_stvk.scene.units import DIMENSIONS, UNITS, implausible
+from skfem_stvk.scene import Scene
+from skfem_stvk.scene.schema import SceneTables
+from skfem_stvk.scene.units import DIMENSIONS, KEYS, LOADS, UNITS, implausible
 
 
 def of(dimension):
@@ -151,6 +156,63 @@ def test_a_mesh_of_another_size_is_told():
     (text,) = implausible(Toy(), box((300.0, 20.0), 2))
     assert text.startswith("the size of the mesh = 300 m is not usual") and text.endswith("can be scaled: mesh.scale.")
     assert implausible(Toy(units="mm-N-MPa"), box((300.0, 20.0), 2)) == []
+
+
+def keys_with_dimensions(schema):
+    """Keys of a JSON Schema and their dimensions, in whatever table."""
+    for table in (schema, *schema.get("$defs", {}).values()):
+        for name, key in table.get("properties", {}).items():
+            if key.get("dimension"):
+                yield name, key["dimension"]
+
+
+def test_the_keys_that_are_looked_at_are_those_of_the_schema():
+    """A key that is renamed there would be looked at no more; a dimension that is unknown here has no symbol."""
+    found = set(keys_with_dimensions(SceneTables.model_json_schema()))
+    assert {dimension for _, dimension in found} <= set(DIMENSIONS) and len(found) > 30
+    assert {(name, usual.dimension) for name, usual in KEYS.items()} <= found
+    assert {(name, "stress") for name in LOADS} <= found
+
+
+BAR = {
+    "mesh": {"type": "box", "size": [0.3, 0.02, 0.02], "cells": [6, 1, 1]},
+    "materials": {"steel": {"model": "isotropic", "young": 210e9, "poisson": 0.3, "density": 7850.0}},
+    "terms": [{"type": "stvk", "material": "steel"}, {"type": "gravity", "g": [0.0, 0.0, -9.81]}],
+    "fixed": {"left": "xyz"},
+    "analysis": {"type": "dynamic", "dt": 1e-4, "until": 0.01},
+}
+
+
+@pytest.mark.parametrize(
+    ("change", "beginning"),
+    [
+        (["materials.steel.density=7.85"], "materials.steel.density = 7.85 kg/m^3 is not usual"),
+        (["materials.steel.young=210.0"], "materials.steel.young = 210 Pa is not usual"),
+        (["mesh.size=[300.0, 20.0, 20.0]"], "mesh.size = 300 m is not usual"),
+        (["terms[1].g=[0.0, 0.0, -9810.0]"], "terms[1].g = 9810 m/s^2 is not usual"),
+        (["analysis.until=1e9"], "analysis.until = 1e+09 s is not usual"),
+        (["analysis.dt=0.1"], "analysis.dt = 0.1 is longer than the whole motion"),
+        (["units=mm-N-MPa", "materials.steel.young=210e3", "materials.steel.density=7.85e-9"], "terms[1].g = 9.81 mm/s^2 is not"),
+    ],
+)
+def test_a_scene_in_other_units_is_told_so_once(change, beginning):
+    scene = Scene.of_data(BAR)
+    assert scene.implausible() == []
+    told = implausible(SceneTables.model_validate(scene.source.changed(change).data), scene.built.mesh)
+    assert [text for text in told if text.startswith(beginning)] and len({text.split(" = ")[0] for text in told}) == len(told)
+
+
+def test_the_documentation_has_every_system_with_steel_and_weight_in_it():
+    page = (Path(__file__).parents[2] / "docs" / "scenes.md").read_text(encoding="utf-8")
+    rows = [re.split(r" *\| *", line)[1:-1] for line in page.splitlines() if re.match(r"\| `[\w-]+` \| ", line) and ";" in line][1:]
+    assert [row[0].strip("`") for row in rows] == list(UNITS)
+    for name, base, derived, values in rows:
+        units = UNITS[name.strip("`")]
+        assert base.split(", ") == [units.symbol(one) for one in ("length", "mass", "time")]
+        assert derived.split(", ") == [units.symbol(one) for one in ("force", "stress", "energy")]
+        young, density, g = (float(one) for one in re.split("[,;] ", values))
+        for value, dimension, si in ((young, "stress", 210e9), (density, "density", 7850), (g, "acceleration", 9.81)):
+            assert np.isclose(value * units.factor(dimension), si, rtol=2e-3), (name, dimension)
 
 
 def test_zeros_and_coordinates_are_always_plausible():
