@@ -184,14 +184,21 @@ def krylov(problem: ShiftedProblem, inverse: LinearOperator, n: int, known: Arra
         x = inverse @ (np.ravel(r) - momenta.T @ (known.T @ np.ravel(r)))
         return np.asarray(x - known @ (momenta @ x))
 
-    M = LinearOperator(inverse.shape, matvec=lambda x: problem.momentum(np.ravel(x)), dtype=np.float64)
+    # units in which the shift and the mass are about 1: ARPACK takes eigenvalues of the inverse below 4e-11 for zero
+    unit, mass = _power_of_two(problem.shift), _power_of_two(problem.mass.total)
+    M = LinearOperator(inverse.shape, matvec=lambda x: problem.momentum(np.ravel(x)) / mass, dtype=np.float64)
     start = np.random.default_rng(known.shape[1]).standard_normal(inverse.shape[0])
     start -= known @ (momenta @ start)
     tolerance = PRECISION if problem.iterative else 0.0
-    across = LinearOperator(inverse.shape, matvec=solved, dtype=np.float64)
+    across = LinearOperator(inverse.shape, matvec=lambda r: unit * mass * solved(r), dtype=np.float64)
     solve = eigs if problem.kind is Kind.GENERAL else eigsh
     try:
-        values, vectors = solve(across, n, M, sigma=-problem.shift, OPinv=across, v0=start, tol=tolerance)
-        return values, vectors
+        values, vectors = solve(across, n, M, sigma=-problem.shift / unit, OPinv=across, v0=start, tol=tolerance)
+        return unit * values, vectors / np.sqrt(mass)
     except ArpackNoConvergence as error:
         raise StvkError(f"Modes: {len(error.eigenvalues)} of {n} were found. Ask for fewer, or for a direct solver=.") from error
+
+
+def _power_of_two(size: float) -> float:
+    """The power of two next to a size, to divide by which costs no digit; 1 of zero."""
+    return float(2.0 ** np.round(np.log2(size))) if size > 0 else 1.0

@@ -340,3 +340,14 @@ def test_it_says_what_it_found():
     assert repr(found).splitlines()[:2] == ["Modes: 4, 3 of them rigid, 0 unstable", "   0  rigid"]
     assert repr(found).splitlines()[4] == f"   3  {found.frequencies[3]:.6g} Hz"
     assert len(found) == 4 and state(sheet()).size == found.shapes.shape[1]
+
+
+@pytest.mark.parametrize("size", [1e-20, 1e-9, 1e20])
+def test_modes_are_found_in_any_unit_of_length(size):
+    """ARPACK takes eigenvalues of the inverse below 4e-11 for zero: at 1e-9 m a rigid mode was not rigid, at 1e-20 it never ended."""
+    cube = skfem.MeshTet().refined(2)
+    one, other = (
+        modes(System(ElementMesh(s * cube.p, cube.t), StVK(young=210e9, poisson=0.3, density=7850.0)), 8) for s in (1.0, size)
+    )
+    assert other.rigid.tolist() == [True] * 6 + [False] * 2
+    np.testing.assert_allclose(size * other.frequencies, one.frequencies, rtol=1e-7)
