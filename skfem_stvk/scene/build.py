@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import re
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, field
+from difflib import get_close_matches
 from functools import cached_property
 from typing import Any
 
+import numba
 import numpy as np
 
-from ..arguments import Array
+from ..arguments import Array, shown
 from ..dynamics import Integrator
 from ..dynamics.motion import Motion
-from ..errors import StvkError, name_known
+from ..errors import RegionError, StvkError, name_known
 from ..linear.choose import choose
 from ..materials import Hypothesis, Material
 from ..mesh import ElementMesh
@@ -20,18 +24,28 @@ from ..mesh.places import Box, Where, vertices_at
 from ..results.state_files import read_state
 from ..system import System
 from ..system.free_tangent import entries_of, kind_of, with_loads
-from ..system.supports import Supports
+from ..system.supports import Supports, fixed_dofs
+from ..terms import Body, is_load
 from .complaints import Complaints
 from .schema import SceneTables
-from .schema.analyses import ArcLengthAnalysis, DynamicAnalysis, ModesAnalysis
+from .schema.analyses import OPTIONS, ArcLengthAnalysis, DynamicAnalysis, ModesAnalysis
 from .schema.outputs import Expectation
-from .schema.places import where_of
+from .schema.places import BoxPlace, where_of
 from .schema.sections import Prescribed
 from .schema.terms import in_time
 from .source import SceneSource
 
-#: Plots that are no probe and no reaction.
-PLOTS = ("ledger", "path")
+_LAST = ("energy.strain", "displacement.largest", "volume_ratio.smallest", "steps")
+_ENERGIES = tuple(f"energy.{name}" for name in ("kinetic", "potential", "total", "dissipated", "external", "removed", "closure"))
+#: Names of results by the type of analysis, beside those of probes and reactions.
+RESULTS = {
+    "static": ("load", *_LAST),
+    "arc-length": ("load", *_LAST),
+    "dynamic": ("time", *_ENERGIES, *_LAST),
+    "modes": ("modes.rigid", "modes.unstable"),
+}
+#: Results that there are several of.
+NUMBERED = re.compile(r"(frequency|critical)\.\d+")
 
 
 class Names:
@@ -48,17 +62,26 @@ class Names:
         return self._materials[name]
 
     def place(self, where: Any) -> Where:
-        """A place as `System` takes it: those of `[places]` by their name, others as they are."""
-        if isinstance(where, str) and where in self.sections.places:
-            where = self.sections.places[where]
+        """A place as `System` takes it: those of `[places]` by their name, others as they are. RegionError for unknown names."""
+        if isinstance(where, str):
+            places, marked = self.sections.places, {*self.mesh.boundaries, *self.mesh.node_sets}
+            if where in places:
+                return where_of(places[where])
+            if where not in marked:
+                hint = " It is a region of elements." if where in self.mesh.subdomains else ""
+                raise RegionError(f"there is no place {shown(where)}; {name_known(where, {*places, *marked})}{hint}")
         return where_of(where)
 
     def region(self, region: Any) -> Any:
         """A region as terms take it: a subdomain by its name, or the elements with their centres in a box, or listed ones."""
         if isinstance(region, str):
-            if region in self.mesh.subdomains or region not in self.sections.places:
+            if region in self.mesh.subdomains:
                 return region
-            region = self.sections.places[region]
+            boxes = {name: place for name, place in self.sections.places.items() if isinstance(place, BoxPlace)}
+            if region not in boxes:
+                known = name_known(region, {*self.mesh.subdomains, *boxes})
+                raise RegionError(f"there is no region {shown(region)}: neither a subdomain of the mesh nor a box; {known}")
+            region = boxes[region]
         found = where_of(region)
         if isinstance(found, Box):
             return self.mesh.elements(found)
@@ -119,6 +142,9 @@ def check(sections: SceneTables, source: SceneSource) -> None:
         with all that was found.
     """
     complaints = Complaints(source)
+    most = numba.config.NUMBA_NUM_THREADS  # type: ignore[attr-defined]
+    if sections.threads is not None and sections.threads > most:
+        complaints.add(("threads",), f"{sections.threads} are more than the {most} of this process; NUMBA_NUM_THREADS sets these")
     for complain in (_check_files, _check_materials, _check_analysis, _check_outputs):
         complain(sections, source, complaints)
     complaints.refuse()
@@ -132,8 +158,9 @@ def _check_files(sections: SceneTables, source: SceneSource, complaints: Complai
         path = source.folder / name
         if not path.is_file():
             what = "is a folder" if path.is_dir() else "does not exist"
-            near = sorted(one.name for one in path.parent.iterdir()) if path.parent.is_dir() else []
-            hint = f" {name_known(path.name, near[:20])}" if near else f" There is no folder {path.parent} either."
+            there = path.parent.is_dir()
+            near = get_close_matches(path.name, [one.name for one in path.parent.iterdir()] if there else [], n=1)
+            hint = f" Did you mean {near[0]!r}?" if near else "" if there else f" There is no folder {path.parent} either."
             complaints.add(loc, f"the file {path} {what}; paths are relative to the scene file.{hint}")
 
 
@@ -150,7 +177,7 @@ def _check_materials(sections: SceneTables, source: SceneSource, complaints: Com
         if name not in sections.materials:
             known = name_known(name, sections.materials)
             complaints.add(("terms", number, "material"), f"there is no [materials.{name}]; {known}")
-    for name in sorted(set(sections.materials) - used):
+    for name in sorted(set(sections.materials) - used) if used <= set(sections.materials) else ():
         complaints.add(("materials", name), "no term has this material. Remove it, or name it in a term: material = ...")
     if not used:
         complaints.add(("terms",), 'no term has a material, so there is no elastic body. Add one, such as type = "stvk".')
@@ -172,9 +199,9 @@ def _check_analysis(sections: SceneTables, source: SceneSource, complaints: Comp
                 complaints.add(
                     ("solver", name), f"{analysis.integrator} solves no linear systems, so it has no use for it; remove it"
                 )
-        with complaints.at("analysis"):
-            if analysis.dt is not None or analysis.explicit:
-                analysis.method(solver)
+        others = [name for name, integrator in OPTIONS.items() if integrator != analysis.integrator]
+        for name in sorted(analysis.model_fields_set.intersection(others)):
+            complaints.add(("analysis", name), f"is an option of {OPTIONS[name]}, not of {analysis.integrator}; remove it")
         return
     if solver.tangent is not None:
         complaints.add(("solver", "tangent"), f"is for implicit integrators, not for type = {analysis.type!r}; remove it")
@@ -208,7 +235,11 @@ def _check_outputs(sections: SceneTables, source: SceneSource, complaints: Compl
                 )
     if output.animation is not None and not (output.file or "").endswith(".pvd"):
         complaints.add(("output", "animation"), 'shows the states that are saved; add file = "....pvd"')
+    results = [*(f"{name}.{axis}" for name in followed for axis in "xyz"), *RESULTS[sections.analysis.type]]
     for loc, one in expectations(sections.expect).items():
+        name = ".".join(loc)
+        if name not in results and not NUMBERED.fullmatch(name):
+            complaints.add(("expect", *loc), f"there is no result {name!r}; {name_known(name, results)}")
         if (one.rtol is None) == (one.atol is None):
             complaints.add(("expect", *loc), "give either rtol or atol, the largest difference")
 
@@ -250,17 +281,18 @@ def build(sections: SceneTables, source: SceneSource) -> Built:
             with complaints.at("terms", number):
                 terms.append(term.term(names))
                 _check_poisson(complaints, names, term, terms[-1])
-    fixed = [(names.place(name), components) for name, components in sections.fixed.items()]
-    prescribed = [(names.place(name), _displacements(given)) for name, given in sections.prescribed.items()]
-    for name, held in zip(sections.fixed, fixed, strict=True):
+    fixed, prescribed = [], []
+    for name, components in sections.fixed.items():
         with complaints.at("fixed", name):
-            Supports(mesh, [held])
-    for name, moved in zip(sections.prescribed, prescribed, strict=True):
+            fixed.append((names.place(name), components))
+            fixed_dofs(mesh, fixed[-1:])
+    for name, given in sections.prescribed.items():
         with complaints.at("prescribed", name):
-            Supports(mesh, None, [moved])
+            prescribed.append((names.place(name), _displacements(given)))
+            Supports(mesh, None, prescribed[-1:])
     complaints.refuse()
     system = None
-    with complaints.at():
+    with complaints.at(), _naming_terms(complaints, mesh, terms):
         how = {name: getattr(sections.mesh, name) for name in ("quadrature", "hourglass")}
         system = System(mesh, terms, fixed or None, prescribed or None, **how)
     complaints.refuse()
@@ -319,4 +351,27 @@ def _fits(complaints: Complaints, names: Names, number: int, term: Any) -> bool:
         with complaints.at("terms", number, "on"):
             vertices_at(mesh, names.place(term.on), "on")
             fits["on"] = True
+    for name in ("g", "force", "traction"):
+        given = getattr(term, name, None)
+        if given is not None and len(given) != mesh.d:
+            complaints.add(("terms", number, name), f"has {len(given)} components; expected {mesh.d}: {', '.join('xyz'[: mesh.d])}")
+            fits[name] = False
     return all(fits.values())
+
+
+@contextmanager
+def _naming_terms(complaints: Complaints, mesh: ElementMesh, terms: list[Any]) -> Iterator[None]:
+    """Where a system is refused, complain at the terms that a body of this mesh refuses each by itself, if there are any."""
+    try:
+        yield
+    except StvkError:
+        found = False
+        body = Body(mesh, [term for term in terms if not is_load(term)])
+        for number, term in enumerate(terms):
+            try:
+                term.bind(body) if is_load(term) else System(mesh, term)
+            except StvkError as error:
+                complaints.add(("terms", number), str(error))
+                found = True
+        if not found:
+            raise

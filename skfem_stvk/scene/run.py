@@ -13,7 +13,7 @@ import numpy as np
 
 from ..arguments import Array
 from ..dynamics import Modes, Run, modes, simulate
-from ..errors import StvkError, StvkWarning
+from ..errors import StvkWarning
 from ..mesh.places import vertices_at
 from ..nonlinear.interruption import finishing_steps
 from ..nonlinear.outcome import Interrupted
@@ -208,9 +208,6 @@ def _threads(count: int | None) -> Iterator[None]:
     """Kernels on so many threads."""
     before = numba.get_num_threads()
     if count is not None:
-        most = numba.config.NUMBA_NUM_THREADS  # type: ignore[attr-defined]
-        if count > most:
-            raise StvkError(f"threads = {count}; this process has {most} at most. Take fewer, or set NUMBA_NUM_THREADS={count}.")
         numba.set_num_threads(count)
     try:
         yield

@@ -1,0 +1,398 @@
+"""Scenes that are broken, each in one way, and the message that each gets: the place, the line, what is wrong, and what is meant."""
+
+import re
+from typing import NamedTuple
+
+import pytest
+
+from skfem_stvk.cli.main import main
+from skfem_stvk.scene import Scene
+
+GOOD = """units = "SI"
+
+[mesh]
+type = "box"
+size = [2.0, 1.0, 1.0]
+cells = [4, 2, 2]
+
+[places]
+edge = { type = "plane", point = [0, 0, 0], normal = [0, 0, 1] }
+half = { type = "box", low = [0, 0, 0], high = [1, 1, 1] }
+
+[materials.steel]
+model = "isotropic"
+young = 210e9
+poisson = 0.3
+density = 7850
+
+[[terms]]
+type = "stvk"
+material = "steel"
+
+[[terms]]
+type = "gravity"
+g = [0, 0, -9.81]
+
+[[terms]]
+type = "traction"
+on = "right"
+traction = [0, 0, -2e6]
+
+[fixed]
+left = "xyz"
+
+[analysis]
+type = "dynamic"
+integrator = "energy-momentum"
+dt = 1e-4
+until = 2e-4
+
+[output]
+file = "beam.pvd"
+probes = { tip = [2, 1, 1] }
+reactions = { wall = "left" }
+plots = ["tip", "ledger"]
+
+[expect]
+tip.z = { value = 0, atol = 1 }
+"""
+
+
+class Broken(NamedTuple):
+    """What is broken, the edits of the good scene that break it, and the message."""
+
+    what: str
+    edits: list[tuple[str, str]]
+    message: str
+
+
+CASES = [
+    Broken(
+        "a misspelt key",
+        [("poisson = 0.3", "poison = 0.3")],
+        "scene.toml: materials.steel.poison, line 15: unknown key; did you mean 'poisson'? Known here: density, model, poisson, young.",
+    ),
+    Broken(
+        "a misspelt table",
+        [("[materials.steel]", "[material.steel]")],
+        "scene.toml: material, line 12: unknown key; did you mean 'materials'? Known here: analysis, expect, fixed, initial, materials, mesh, output, places, prescribed, solver, terms, threads, title, units.",
+    ),
+    Broken(
+        "a misspelt kind",
+        [('type = "gravity"', 'type = "gravitation"')],
+        "scene.toml: terms[1].type, line 23: 'gravitation' is not known here; did you mean 'gravity'? Known: stvk, neo-hookean, linear-elastic, corotated, invertible-stvk, spring-network, edge-network, volume-penalty, elastic-foundation, gravity, body-force, nodal-load, traction, pressure.",
+    ),
+    Broken(
+        "a misspelt type key",
+        [('type = "traction"', 'tipe = "traction"')],
+        "scene.toml: terms[2].tipe, line 27: unknown key; did you mean 'type'? It says what it is: one of stvk, neo-hookean, linear-elastic, corotated, invertible-stvk, spring-network, edge-network, volume-penalty, elastic-foundation, gravity, body-force, nodal-load, traction, pressure",
+    ),
+    Broken(
+        "an unknown integrator",
+        [("energy-momentum", "leapfrog")],
+        "scene.toml: analysis.integrator, line 36: 'leapfrog' is not known here. Known: forward-euler, velocity-verlet, linear-backward-euler, backward-euler, newmark, generalized-alpha, energy-momentum.",
+    ),
+    Broken(
+        "a number in quotes",
+        [("210e9", '"210e9"')],
+        "scene.toml: materials.steel.young, line 14: got the text '210e9'; expected a number (stress): leave the quotation marks out",
+    ),
+    Broken(
+        "a number with its unit",
+        [("210e9", "210 GPa")],
+        "scene.toml, line 14, column 13: '210 GPa' is no number. Values are in the units that `units` names, and written without them; text needs quotes.\n    young = 210 GPa\n                ^",
+    ),
+    Broken(
+        "a comma in a number",
+        [("0.3", "0,3")],
+        "scene.toml, line 15, column 12: a comma within a number; TOML writes 0.3, and lists in [brackets].\n    poisson = 0,3\n               ^",
+    ),
+    Broken(
+        "a negative modulus",
+        [("210e9", "-210e9")],
+        "scene.toml: materials.steel.young, line 14: -2.1e+11 is not above 0",
+    ),
+    Broken(
+        "poisson above a half in a solid",
+        [("0.3", "0.6")],
+        "scene.toml: materials.steel.poisson, line 15: 0.6 is outside (-1, 1/2)",
+    ),
+    Broken(
+        "no material",
+        [('material = "steel"\n', "")],
+        "scene.toml: terms[0].material, line 18: is missing: Name of its material",
+    ),
+    Broken(
+        "an unknown material",
+        [('material = "steel"', 'material = "stele"')],
+        "scene.toml: terms[0].material, line 20: there is no [materials.stele]; known: 'steel'. Did you mean 'steel'?",
+    ),
+    Broken(
+        "a material that nothing uses",
+        [
+            (
+                '[[terms]]\ntype = "stvk"',
+                '[materials.rubber]\nmodel = "isotropic"\nyoung = 1e6\npoisson = 0.4\n\n[[terms]]\ntype = "stvk"',
+            )
+        ],
+        "scene.toml: materials.rubber, line 18: no term has this material. Remove it, or name it in a term: material = ...",
+    ),
+    Broken(
+        "a material twice",
+        [('[[terms]]\ntype = "stvk"', '[materials.steel]\nyoung = 1e6\n\n[[terms]]\ntype = "stvk"')],
+        "scene.toml, line 18, column 17: 'materials.steel' is there already, in line 12. One of the two goes; lists of tables have [[two brackets]] each time.\n    [materials.steel]\n                    ^",
+    ),
+    Broken(
+        "no density",
+        [("density = 7850\n", "")],
+        "scene.toml: materials.steel, line 12: the density is missing, which motion, modes and gravity need. Add density = ...",
+    ),
+    Broken(
+        "an unknown place",
+        [('on = "right"', 'on = "rihgt"')],
+        "scene.toml: terms[2].on, line 28: there is no place 'rihgt'; known: 'back', 'bottom', 'edge', 'front', 'half', 'left', 'right', 'top'. Did you mean 'right'?",
+    ),
+    Broken(
+        "an unknown support",
+        [('left = "xyz"', 'lefft = "xyz"')],
+        "scene.toml: fixed.lefft, line 32: there is no place 'lefft'; known: 'back', 'bottom', 'edge', 'front', 'half', 'left', 'right', 'top'. Did you mean 'left'?",
+    ),
+    Broken(
+        "a wrong component",
+        [('left = "xyz"', 'left = "xyw"')],
+        'scene.toml: fixed.left, line 32: got \'xyw\'; expected letters of components, such as "xyz" or "y"',
+    ),
+    Broken(
+        "an unknown region",
+        [('material = "steel"', 'material = "steel"\nregion = "boddy"')],
+        "scene.toml: terms[0].region, line 21: there is no region 'boddy': neither a subdomain of the mesh nor a box; known: 'half'.",
+    ),
+    Broken(
+        "a place without nodes",
+        [("[2, 1, 1] }", '{ type = "plane", point = [9, 0, 0], normal = [1, 0, 0] } }')],
+        "scene.toml: output.probes.tip, line 42: tip: none of the 45 vertices is in the plane through (9, 0, 0) with normal (1, 0, 0). The mesh has x[0] from 0 to 2, x[1] from 0 to 1, x[2] from 0 to 1.",
+    ),
+    Broken(
+        "a probe far outside",
+        [("[2, 1, 1]", "[2000, 1, 1]")],
+        "scene.toml: output.probes.tip, line 42: tip: the node nearest to (2000, 1, 1) is 1998 away from it, at (2, 1, 1), and the mesh is 2 large. Is the point in the units of the mesh?",
+    ),
+    Broken(
+        "two components of three",
+        [("g = [0, 0, -9.81]", "g = [0, -9.81]")],
+        "scene.toml: terms[1].g, line 24: has 2 components; expected 3: x, y, z",
+    ),
+    Broken(
+        "a step of zero",
+        [("dt = 1e-4", "dt = 0")],
+        "scene.toml: analysis.dt, line 37: 0 is not above 0",
+    ),
+    Broken(
+        "no step",
+        [("dt = 1e-4\n", "")],
+        "scene.toml: analysis.dt, line 34: is missing; energy-momentum needs a time step",
+    ),
+    Broken(
+        "an end before the beginning",
+        [("until = 2e-4", "until = -1")],
+        "scene.toml: analysis.until, line 38: -1 is not after initial.t0 = 0",
+    ),
+    Broken(
+        "an option of another integrator",
+        [("dt = 1e-4", "dt = 1e-4\nrho = 0.8")],
+        "scene.toml: analysis.rho, line 38: is an option of generalized-alpha, not of energy-momentum; remove it",
+    ),
+    Broken(
+        "a solver for an explicit method",
+        [
+            ('integrator = "energy-momentum"', 'integrator = "velocity-verlet"'),
+            ("[output]", '[solver]\nname = "superlu"\n\n[output]'),
+        ],
+        "scene.toml: solver.name, line 41: velocity-verlet solves no linear systems, so it has no use for it; remove it",
+    ),
+    Broken(
+        "a file outside",
+        [('file = "beam.pvd"', 'file = "../beam.pvd"')],
+        "scene.toml: output.file, line 41: '../beam.pvd' is not within the folder of results; give a name alone, such as 'body.pvd'",
+    ),
+    Broken(
+        "a file of an unknown kind",
+        [('file = "beam.pvd"', 'file = "beam.vtk"')],
+        "scene.toml: output.file, line 41: got 'beam.vtk'; expected a name that ends in .pvd (states on the way) or .vtu (the last one)",
+    ),
+    Broken(
+        "nothing to plot",
+        [('["tip", "ledger"]', '["tpi", "ledger"]')],
+        "scene.toml: output.plots[0], line 44: there is nothing to plot by the name 'tpi'; known: 'ledger', 'tip', 'wall'. Did you mean 'tip'?",
+    ),
+    Broken(
+        "one name twice",
+        [("reactions = { wall", "reactions = { tip")],
+        "scene.toml: output.reactions.tip, line 43: is the name of a probe as well; rename one of them",
+    ),
+    Broken(
+        "an expectation of nothing",
+        [("tip.z", "tpi.z")],
+        "scene.toml: expect.tpi.z, line 47: there is no result 'tpi.z'; known: 'displacement.largest', 'energy.closure', 'energy.dissipated', 'energy.external', 'energy.kinetic', 'energy.potential', 'energy.removed', 'energy.strain', 'energy.total', 'steps', 'time', 'tip.x', 'tip.y', 'tip.z', 'volume_ratio.smallest', 'wall.x', 'wall.y', 'wall.z'. Did you mean 'tip.z'?",
+    ),
+    Broken(
+        "an expectation without a tolerance",
+        [(", atol = 1", "")],
+        "scene.toml: expect.tip.z, line 47: give either rtol or atol, the largest difference",
+    ),
+    Broken(
+        "a missing mesh file",
+        [('type = "box"\nsize = [2.0, 1.0, 1.0]\ncells = [4, 2, 2]', 'file = "bracket.msh"')],
+        "scene.toml: mesh.file, line 4: the file bracket.msh does not exist; paths are relative to the scene file.",
+    ),
+    Broken(
+        "a missing first state",
+        [("[output]", '[initial]\nfile = "before.pvd"\n\n[output]')],
+        "scene.toml: initial.file, line 41: the file before.pvd does not exist; paths are relative to the scene file.",
+    ),
+    Broken(
+        "held and moved",
+        [('left = "xyz"', 'left = "xyz"\n\n[prescribed]\nleft = { x = 0.1 }')],
+        "scene.toml: Both fixed and prescribed: x of 9 vertices (0, 1, 2, 15, 16, ...). Places that share an edge or a corner? Leave the component out of one of them, or take the vertices out with a predicate.",
+    ),
+    Broken(
+        "nothing holds it",
+        [
+            ('type = "dynamic"\nintegrator = "energy-momentum"\ndt = 1e-4\nuntil = 2e-4', 'type = "static"'),
+            ('plots = ["tip", "ledger"]', 'plots = ["tip"]'),
+            ('[fixed]\nleft = "xyz"\n\n', ""),
+            ('reactions = { wall = "left" }\n', ""),
+        ],
+        "Not held: the body of 45 vertices has 6 rigid modes left, translation along x, translation along y, translation along z, rotation about the x axis, rotation about the y axis, rotation about the z axis. Fix more components (fixed={place: 'xyz'}), prescribe them, or add an ElasticFoundation. Parts that should hold together: merge the vertices of their common faces.",
+    ),
+    Broken(
+        "unknown units",
+        [('"SI"', '"si"')],
+        "scene.toml: units, line 1: 'si' is not known here. Known: SI, mm-N-MPa, mm-kg-ms, mm-g-ms, cm-g-s, um-kg-s, in-lbf-s.",
+    ),
+    Broken(
+        "too many threads",
+        [('units = "SI"', 'units = "SI"\nthreads = 1000')],
+        "scene.toml: threads, line 2: 1000 are more than the 2 of this process; NUMBA_NUM_THREADS sets these",
+    ),
+    Broken(
+        "a bracket that is not closed",
+        [("[4, 2, 2]", "[4, 2, 2")],
+        "scene.toml, line 8, column 1: expected ',' or ']': the list that begins in line 6, column 9 is not closed, or a comma is missing in it.\n    [places]\n    ^",
+    ),
+    Broken(
+        "yes for true",
+        [("[expect]", "checkpoint = yes\n\n[expect]")],
+        "scene.toml, line 46, column 14: yes is no value; write true.\n    checkpoint = yes\n                 ^",
+    ),
+    Broken(
+        "a name of the mesh taken",
+        [("edge =", "left =")],
+        "scene.toml: places.left, line 9: the mesh has a boundary or a node set of this name as well; rename it.",
+    ),
+    Broken(
+        "a table of times that falls",
+        [("traction = [0, 0, -2e6]", 'traction = [0, 0, -2e6]\ntime = { type = "table", times = [1, 0], factors = [0, 1] }')],
+        "scene.toml: terms[2], line 26: Table: times do not ascend after 1 entry (0). Sort them, with their factors; for a jump give two times that are near each other.",
+    ),
+    Broken(
+        "one point of tetrahedra",
+        [("cells = [4, 2, 2]", 'cells = [4, 2, 2]\nquadrature = "one-point"')],
+        'scene.toml: quadrature = "one-point" is for hexahedra, and quadrilaterals in the plane; the mesh has tetrahedra in 3D: linear simplices have one point as it is. Leave it out.',
+    ),
+    Broken(
+        "plane stress of a solid",
+        [('material = "steel"', 'material = "steel"\nplane = "stress"')],
+        "scene.toml: terms[0], line 18: plane is for triangles; the mesh has tetrahedra in 3D. Leave it out.",
+    ),
+    Broken(
+        "triangles in space",
+        [("cells = [4, 2, 2]", 'cells = [4, 2, 2]\nelement = "triangles"')],
+        "scene.toml: mesh, line 3: element = 'triangles'; known: 'hexahedra', 'tetrahedra'.",
+    ),
+]
+
+
+def broken(folder, edits, name="scene.toml"):
+    text = GOOD
+    for old, new in edits:
+        assert text.count(old) >= 1, old
+        text = text.replace(old, new, 1)
+    path = folder / name
+    path.write_text(text)
+    return path
+
+
+def words(text):
+    """The text without the breaks of its lines."""
+    return re.sub(r"\s+", " ", text).strip()
+
+
+def test_the_scene_is_good_before_it_is_broken(tmp_path, monkeypatch):
+    assert Scene.read(broken(tmp_path, [])).solve(quiet=True).exit_code == 0
+    assert len(CASES) >= 40
+
+
+@pytest.mark.parametrize("case", CASES, ids=[case.what for case in CASES])
+def test_a_broken_scene_gets_its_message(case, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    broken(tmp_path, case.edits)
+    assert main(["solve", "scene.toml", "--quiet"]) == 2
+    said = capsys.readouterr().err
+    assert words(said).removeprefix("error ") == words(case.message)
+    assert "Traceback" not in said
+    assert [path.name for path in tmp_path.iterdir() if path.name not in ("scene.toml", "scene")] == []
+
+
+def test_all_errors_are_said_at_once_in_the_order_of_lines(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    wrong = [
+        ("[2.0, 1.0, 1.0]", "[2.0, -1.0, nan]"),
+        ("0.3", "2"),
+        ("7850", "0"),
+        ("dt = 1e-4", "dtt = 1e-4"),
+        ("value = 0", "value = true"),
+    ]
+    broken(tmp_path, wrong)
+    assert main(["solve", "scene.toml"]) == 2
+    said = capsys.readouterr().err
+    lines = [int(number) for number in re.findall(r"line (\d+)", said)]
+    assert len(lines) >= 5 and lines == sorted(lines)
+
+
+def test_a_value_that_is_set_is_named_by_its_setting(tmp_path, capsys):
+    path = str(broken(tmp_path, []))
+    for setting, message in (
+        ("analysis.dt=0", "analysis.dt, from --set analysis.dt=0: 0 is not above 0"),
+        ("terms[7].g=[0,0,1]", "--set terms[7].g=[0,0,1]: terms has 3 entries, counted from 0; there is none of the number 7."),
+        ("terms.g=1", "terms is no table, and has no key 'g'; entries of a list have a number, as in terms[0].g"),
+        ("analysis.dt", "expected KEY=VALUE"),
+        ("analysis.dt=[1", "is not closed"),
+        (
+            "materials.steel.young=soft",
+            "materials.steel.young, from --set materials.steel.young=soft: got the text 'soft'; expected a number",
+        ),
+    ):
+        assert main(["solve", path, "--set", setting]) == 2
+        assert message in words(capsys.readouterr().err), setting
+
+
+def test_what_is_no_scene_says_so(tmp_path, capsys):
+    (tmp_path / "empty.toml").write_text("")
+    (tmp_path / "mesh.msh").write_bytes(b"$MeshFormat\n\0\0")
+    (tmp_path / "latin.toml").write_bytes("title = 'Träger'".encode("latin-1"))
+    for name, message in (
+        ("empty.toml", "is empty. `skfem-stvk init --type static"),
+        ("mesh.msh", "is no text. A mesh file? It is named in a scene"),
+        ("latin.toml", "line 1: byte 0xe4 is no UTF-8"),
+        ("missing.toml", "There is no file"),
+        (".", "is a folder; expected a scene file"),
+    ):
+        assert main(["solve", str(tmp_path / name)]) == 2
+        assert message in words(capsys.readouterr().err), name
+
+
+def test_windows_line_ends_and_a_mark_of_utf_8_are_fine(tmp_path):
+    path = tmp_path / "windows.toml"
+    path.write_bytes(b"\xef\xbb\xbf" + GOOD.replace("\n", "\r\n").encode())
+    assert Scene.read(path).sections.analysis.type == "dynamic"
