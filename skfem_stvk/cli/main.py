@@ -17,13 +17,12 @@ from rich.console import Console, RenderableType
 
 from ..bench import FULL, QUICK, bench, page
 from ..errors import StvkError, StvkWarning
-from ..kernels.threads import threads
 from ..mesh import ElementMesh, embedded_mesh, read_mesh
-from ..referee.header import caches, machine, optional, versions
 from ..referee.terminal import WIDTH, printable, rendered
 from ..referee.verification import verify
 from ..terms import StVK
 from . import scenes
+from .info import info, info_arguments
 
 #: Materials of the embedded mesh: a bracket of aluminium with a bushing of rubber; Poisson's ratios such that lambda != mu.
 EMBEDDED = [StVK(young=70e9, poisson=0.33, region="bracket"), StVK(young=5e6, poisson=0.45, region="bushing")]
@@ -160,22 +159,13 @@ def _refuse_unwritable(name: str) -> None:
         raise StvkError(f"--out {folder}: {nearest} cannot be written to. Choose another folder, or change its permissions.")
 
 
-def _info(options: argparse.Namespace) -> int:
-    """Print versions, the machine, threads, caches and every optional package, or the line that installs it."""
-    console = Console(highlight=False)
-    facts = machine() | {"kernels run on": f"{threads()} threads"} | caches() | versions() | optional()
-    for name, value in facts.items():
-        console.print(f"{name:>16}  {printable(str(value))}", soft_wrap=True)
-    return 0
-
-
 #: All commands, by their names.
 COMMANDS = {
     "init": Command(scenes.init, "print a commented example of a scene", scenes.init_arguments),
     "solve": Command(scenes.solve, "solve a scene: a whole job in one TOML file", scenes.solve_arguments),
     "verify": Command(_verify, "hold W, F and K against scikit-fem's on a mesh", _verify_arguments),
     "bench": Command(_bench, "time and memory of W, F, K and K v, against targets", _bench_arguments),
-    "info": Command(_info, "versions, machine, optional packages: the head of a bug report"),
+    "info": Command(info, "what would be built of a mesh, and what is wrong with it; alone: versions and machine", info_arguments),
 }
 
 

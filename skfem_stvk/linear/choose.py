@@ -56,10 +56,7 @@ def choose(solver: str | LinearSolver, n: int, kind: Kind, indefinite: bool = Fa
     if is_auto(solver):
         checked_kind(kind)
         # multigrid only where it gains even on slender bodies: direct solvers count negative eigenvalues, take what is indefinite
-        in_a_row = entries / n if entries and n else ENTRIES
-        limit = next(limit for limit in LIMITS if in_a_row < limit.entries)
-        many = limit.beside if pardiso_is_installed() else limit.alone
-        return direct(n) if indefinite or kind == Kind.GENERAL or n < many else AmgCg()
+        return direct(n) if indefinite or kind == Kind.GENERAL or n < _many(n, entries) else AmgCg()
     if isinstance(solver, str):
         known = {one.name: one for one in SOLVERS}
         if solver not in known:
@@ -76,6 +73,35 @@ def choose(solver: str | LinearSolver, n: int, kind: Kind, indefinite: bool = Fa
             "conjugate gradients cannot solve with it."
         )
     return solver
+
+
+def why(solver: str | LinearSolver, n: int, kind: Kind, indefinite: bool = False, entries: int = 0) -> str:
+    """Why `choose` takes what it takes, in words.
+
+    >>> why("auto", 800, Kind.GENERAL), why("superlu", 800, Kind.GENERAL)
+    ('direct: K is not symmetric', 'named')
+    """
+    if not is_auto(solver):
+        return "named"
+    if kind is Kind.GENERAL:
+        said = "direct: K is not symmetric"
+    elif indefinite:
+        said = "direct: K is indefinite, or solved with many times"
+    else:
+        many = _many(n, entries)
+        said = (
+            f"{'direct: multigrid' if n < many else 'multigrid'} pays from {many} unknowns on, with so many entries in a row of K"
+        )
+    if n >= FEW and not pardiso_is_installed() and not said.startswith("multigrid"):
+        said += "; PARDISO would be faster: pip install 'skfem-stvk[pardiso]'"
+    return said
+
+
+def _many(n: int, entries: int) -> int:
+    """From how many unknowns on multigrid pays."""
+    in_a_row = entries / n if entries and n else ENTRIES
+    limit = next(limit for limit in LIMITS if in_a_row < limit.entries)
+    return limit.beside if pardiso_is_installed() else limit.alone
 
 
 def is_auto(solver: object) -> bool:

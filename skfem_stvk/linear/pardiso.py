@@ -23,6 +23,7 @@ from .solver import Kind, Outcome, Solution, Unknowns, Vector
 SYMMETRIC, GENERAL = -2, 11  # mtype
 ANALYSE, FACTORISE, SOLVE = 11, 22, 33  # phase
 NEGATIVE, PERTURBED = 23, 14  # iparm, counted from 1
+KILOBYTES = 16, 17  # of the analysis, and of the factors
 
 #: iparm, counted from 1: ours, METIS, no refinement unless pivots were perturbed (it took five times the solve), pivots below
 #: 10^-iparm(10) perturbed.
@@ -112,6 +113,11 @@ class PardisoFactors:
         self.perturbed_pivots = memory.iparm(PERTURBED)
         certain = self._exact and memory.mtype == SYMMETRIC and not self.perturbed_pivots
         self._negative = memory.iparm(NEGATIVE) if certain else None
+
+    @property
+    def nbytes(self) -> int:
+        """Bytes of the factors and of what the analysis keeps, as PARDISO reports them."""
+        return 1024 * sum(self._memory.iparm(number) for number in KILOBYTES)
 
     @property
     def negative_pivots(self) -> int | None:

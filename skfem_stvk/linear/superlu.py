@@ -77,6 +77,11 @@ class SuperLUFactors:
         return 1 if lu is None or _exchanged(lu) else int((lu.U.diagonal() < 0).sum())
 
     @property
+    def nbytes(self) -> int:
+        """Bytes of L and U."""
+        return 0 if self._lu is None else 12 * int(self._lu.nnz)
+
+    @property
     def negative_determinant(self) -> bool | None:
         """Whether the determinant is negative, by the diagonal of U and the exchanges; None if the matrix is singular."""
         lu = self._lu

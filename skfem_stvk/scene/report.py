@@ -27,6 +27,7 @@ from ..results.series import read_list
 from ..results.table import VECTORS, find
 from ..results.vtu import DEFAULT
 from ..statics import StaticResult
+from .outcome import Curve, SceneOutcome
 from .units import UNITS
 
 #: Displacements are enlarged to about this part of the body's size where they are below half of it.
@@ -63,7 +64,7 @@ class Drawing(NamedTuple):
         return base64.b64encode(self.path.read_bytes()).decode()
 
 
-def write_report(folder: Path, outcome: Any) -> Path:
+def write_report(folder: Path, outcome: SceneOutcome) -> Path:
     """Write what a scene's `[output]` names of its last state, and `report.html`, a page that needs no other file.
 
     Plots are `plot-NAME.png`, the deformed body is `picture.png` (of modes `picture-1.png` and so on). What cannot be drawn is said
@@ -90,7 +91,7 @@ def write_report(folder: Path, outcome: Any) -> Path:
     return path
 
 
-def _save_last_state(folder: Path, outcome: Any) -> None:
+def _save_last_state(folder: Path, outcome: SceneOutcome) -> None:
     output, result = outcome.built.sections.output, outcome.result
     if output.file is None:
         return
@@ -104,7 +105,7 @@ def _save_last_state(folder: Path, outcome: Any) -> None:
         result.save(folder / output.file, fields)
 
 
-def _drawn(folder: Path, outcome: Any, troubles: list[str]) -> Iterator[Drawing]:
+def _drawn(folder: Path, outcome: SceneOutcome, troubles: list[str]) -> Iterator[Drawing]:
     """Draw and write what is wanted; what fails is added to the troubles."""
     for title, name, draw in _wanted(outcome):
         try:
@@ -116,7 +117,7 @@ def _drawn(folder: Path, outcome: Any, troubles: list[str]) -> Iterator[Drawing]
             troubles.append(f"{title} is not drawn: {error}")
 
 
-def _wanted(outcome: Any) -> Iterator[tuple[str, str, Callable[[], Any]]]:
+def _wanted(outcome: SceneOutcome) -> Iterator[tuple[str, str, Callable[[], Any]]]:
     """Title, name of the file without its suffix, and what draws it."""
     output, result = outcome.built.sections.output, outcome.result
     if output.picture and isinstance(result, Modes):
@@ -144,7 +145,7 @@ def _file_name(name: str, taken: set[str]) -> str:
     return found
 
 
-def _filmed(folder: Path, outcome: Any, troubles: list[str]) -> Iterator[Drawing]:
+def _filmed(folder: Path, outcome: SceneOutcome, troubles: list[str]) -> Iterator[Drawing]:
     output = outcome.built.sections.output
     if output.animation is None or output.file is None:
         return
@@ -169,7 +170,7 @@ def _largest_saved(series: Path) -> float:
 # pictures
 
 
-def _last_state(outcome: Any) -> Any:
+def _last_state(outcome: SceneOutcome) -> Any:
     """The deformed body, coloured by the field that the scene names."""
     result, field = outcome.result, outcome.built.sections.output.picture
     mesh = outcome.built.mesh
@@ -179,7 +180,7 @@ def _last_state(outcome: Any) -> Any:
     return _body(outcome, picture, f"{when}{_times(scale)}")
 
 
-def _mode(outcome: Any, number: int) -> Any:
+def _mode(outcome: SceneOutcome, number: int) -> Any:
     """A mode, as large as it is drawn."""
     modes = outcome.result
     frequency = f"{modes.frequencies[number]:.6g} {_symbol(outcome, 'frequency')}"
@@ -187,7 +188,7 @@ def _mode(outcome: Any, number: int) -> Any:
     return _body(outcome, picture, f"mode {number + 1}: {'unstable' if modes.unstable[number] else frequency}")
 
 
-def _body(outcome: Any, picture: Picture, title: str) -> Any:
+def _body(outcome: SceneOutcome, picture: Picture, title: str) -> Any:
     from ..results.matplotlib_plot import SIZE, Stage, new_figure  # matplotlib is imported only when something is drawn
 
     figure, picture = new_figure(SIZE, interactive=False), replace(picture, length_unit=_symbol(outcome, "length"))
@@ -239,7 +240,7 @@ def _axes(xlabel: str, rows: tuple[float, ...] = (1.0,)) -> tuple[Any, list[Any]
     return figure, panels
 
 
-def _along(outcome: Any) -> str:
+def _along(outcome: SceneOutcome) -> str:
     """The abscissa of what was followed."""
     return f"time [{_symbol(outcome, 'time')}]" if isinstance(outcome.result, Run) else "load factor"
 
@@ -253,9 +254,9 @@ def _legend(axes: Any) -> None:
     axes.legend(fontsize=9, frameon=False, loc="center left", bbox_to_anchor=(1.0, 0.5))
 
 
-def _curve(outcome: Any, name: str) -> Any:
+def _curve(outcome: SceneOutcome, name: str) -> Any:
     """Components of a mean displacement or of a force."""
-    curve = outcome.curves[name]
+    curve: Curve = outcome.curves[name]
     figure, (axes,) = _axes(_along(outcome))
     for (axis, colour), values in zip(AXES.items(), curve.values.T, strict=False):
         _line(axes, curve.t, values, color=colour, lw=1.2, label=axis)
@@ -265,7 +266,7 @@ def _curve(outcome: Any, name: str) -> Any:
     return figure
 
 
-def _ledger(outcome: Any) -> Any:
+def _ledger(outcome: SceneOutcome) -> Any:
     """Energies of a motion that are not zero throughout, and what is missing in their sum."""
     ledger, unit = outcome.result.ledger, _symbol(outcome, "energy")
     figure, (above, below) = _axes(_along(outcome), (1.3, 0.6))
@@ -281,7 +282,7 @@ def _ledger(outcome: Any) -> Any:
     return figure
 
 
-def _path(outcome: Any) -> Any:
+def _path(outcome: SceneOutcome) -> Any:
     """Load factor against the largest displacement of a node, with the critical points."""
     result, initial = outcome.result, outcome.built.u0
     d, begin = outcome.built.mesh.d, np.zeros(result.system.ndofs) if initial is None else initial
@@ -302,11 +303,11 @@ def _path(outcome: Any) -> Any:
 # units
 
 
-def _symbol(outcome: Any, dimension: str) -> str:
+def _symbol(outcome: SceneOutcome, dimension: str) -> str:
     return UNITS[outcome.built.sections.units].symbol(dimension)
 
 
-def _label(outcome: Any, field: str) -> str | None:
+def _label(outcome: SceneOutcome, field: str) -> str | None:
     """Words and unit of a field; None in SI, where numbers get prefixes such as M for 1e6."""
     if outcome.built.sections.units == "SI":
         return None
@@ -314,7 +315,7 @@ def _label(outcome: Any, field: str) -> str | None:
     return f"{words} [{_symbol(outcome, DIMENSIONS[unit])}]" if unit in DIMENSIONS else words
 
 
-def _unit_of_result(outcome: Any, name: str) -> str:
+def _unit_of_result(outcome: SceneOutcome, name: str) -> str:
     first = name.partition(".")[0]
     dimension = outcome.curves[first].dimension if first in outcome.curves else RESULTS.get(first)
     return "" if dimension is None else _symbol(outcome, dimension)
@@ -323,7 +324,7 @@ def _unit_of_result(outcome: Any, name: str) -> str:
 # the page
 
 
-def _page(folder: Path, outcome: Any, drawings: list[Drawing], troubles: list[str]) -> str:
+def _page(folder: Path, outcome: SceneOutcome, drawings: list[Drawing], troubles: list[str]) -> str:
     from jinja2 import Environment  # only when a page is made
 
     template = Environment(autoescape=True, trim_blocks=True, lstrip_blocks=True).from_string(
@@ -345,7 +346,7 @@ def _page(folder: Path, outcome: Any, drawings: list[Drawing], troubles: list[st
     )
 
 
-def _what_was_built(outcome: Any) -> Iterator[tuple[str, str]]:
+def _what_was_built(outcome: SceneOutcome) -> Iterator[tuple[str, str]]:
     sections, system, result = outcome.built.sections, outcome.built.system, outcome.result
     mesh, held = system.mesh, len(system.supports.held)
     yield "mesh", f"{mesh.nt} {mesh.kind}, {mesh.nv} nodes"
