@@ -1,4 +1,4 @@
-"""Scenes that are broken, each in one way, and the message that each gets: the place, the line, what is wrong, and what is meant."""
+"Scenes that are broken, each in one way, and the message that each gets: the place, the line, what is wrong, and what is meant."
 
 import re
 from typing import NamedTuple
@@ -70,42 +70,68 @@ CASES = [
     Broken(
         "a misspelt key",
         [("poisson = 0.3", "poison = 0.3")],
-        "scene.toml: materials.steel.poison, line 15: unknown key; did you mean 'poisson'? Known here: density, model, poisson, young.",
+        (
+            "scene.toml: materials.steel.poison, line 15: unknown key; did you mean 'poisson'? Known here: density, "
+            "model, poisson, young."
+        ),
     ),
     Broken(
         "a misspelt table",
         [("[materials.steel]", "[material.steel]")],
-        "scene.toml: material, line 12: unknown key; did you mean 'materials'? Known here: analysis, expect, fixed, initial, materials, mesh, output, places, prescribed, solver, terms, threads, title, units.",
+        (
+            "scene.toml: material, line 12: unknown key; did you mean 'materials'? Known here: analysis, expect, "
+            "fixed, initial, materials, mesh, output, places, prescribed, solver, terms, threads, title, units."
+        ),
     ),
     Broken(
         "a misspelt kind",
         [('type = "gravity"', 'type = "gravitation"')],
-        "scene.toml: terms[1].type, line 23: 'gravitation' is not known here; did you mean 'gravity'? Known: stvk, neo-hookean, linear-elastic, corotated, invertible-stvk, spring-network, edge-network, volume-penalty, elastic-foundation, gravity, body-force, nodal-load, traction, pressure.",
+        (
+            "scene.toml: terms[1].type, line 23: 'gravitation' is not known here; did you mean 'gravity'? Known: stvk, "
+            "neo-hookean, linear-elastic, corotated, invertible-stvk, spring-network, edge-network, volume-penalty, "
+            "elastic-foundation, gravity, body-force, nodal-load, traction, pressure."
+        ),
     ),
     Broken(
         "a misspelt type key",
         [('type = "traction"', 'tipe = "traction"')],
-        "scene.toml: terms[2].tipe, line 27: unknown key; did you mean 'type'? It says what it is: one of stvk, neo-hookean, linear-elastic, corotated, invertible-stvk, spring-network, edge-network, volume-penalty, elastic-foundation, gravity, body-force, nodal-load, traction, pressure",
+        (
+            "scene.toml: terms[2].tipe, line 27: unknown key; did you mean 'type'? It says what it is: one of stvk, "
+            "neo-hookean, linear-elastic, corotated, invertible-stvk, spring-network, edge-network, volume-penalty, "
+            "elastic-foundation, gravity, body-force, nodal-load, traction, pressure"
+        ),
     ),
     Broken(
         "an unknown integrator",
         [("energy-momentum", "leapfrog")],
-        "scene.toml: analysis.integrator, line 36: 'leapfrog' is not known here. Known: forward-euler, velocity-verlet, linear-backward-euler, backward-euler, newmark, generalized-alpha, energy-momentum.",
+        (
+            "scene.toml: analysis.integrator, line 36: 'leapfrog' is not known here. Known: forward-euler, "
+            "velocity-verlet, linear-backward-euler, backward-euler, newmark, generalized-alpha, energy-momentum."
+        ),
     ),
     Broken(
         "a number in quotes",
         [("210e9", '"210e9"')],
-        "scene.toml: materials.steel.young, line 14: got the text '210e9'; expected a number (stress): leave the quotation marks out",
+        (
+            "scene.toml: materials.steel.young, line 14: got the text '210e9'; expected a number (stress): leave the "
+            "quotation marks out"
+        ),
     ),
     Broken(
         "a number with its unit",
         [("210e9", "210 GPa")],
-        "scene.toml, line 14, column 13: '210 GPa' is no number. Values are in the units that `units` names, and written without them; text needs quotes.\n    young = 210 GPa\n                ^",
+        (
+            "scene.toml, line 14, column 13: '210 GPa' is no number. Values are in the units that `units` names, and "
+            "written without them; text needs quotes.\n    young = 210 GPa\n                ^"
+        ),
     ),
     Broken(
         "a comma in a number",
         [("0.3", "0,3")],
-        "scene.toml, line 15, column 12: a comma within a number; TOML writes 0.3, and lists in [brackets].\n    poisson = 0,3\n               ^",
+        (
+            "scene.toml, line 15, column 12: a comma within a number; TOML writes 0.3, and lists in [brackets].\n    "
+            "poisson = 0,3\n               ^"
+        ),
     ),
     Broken(
         "a negative modulus",
@@ -140,7 +166,10 @@ CASES = [
     Broken(
         "a material twice",
         [('[[terms]]\ntype = "stvk"', '[materials.steel]\nyoung = 1e6\n\n[[terms]]\ntype = "stvk"')],
-        "scene.toml, line 18, column 17: 'materials.steel' is there already, in line 12. One of the two goes; lists of tables have [[two brackets]] each time.\n    [materials.steel]\n                    ^",
+        (
+            "scene.toml, line 18, column 17: 'materials.steel' is there already, in line 12. One of the two goes; "
+            "lists of tables have [[two brackets]] each time.\n    [materials.steel]\n                    ^"
+        ),
     ),
     Broken(
         "no density",
@@ -150,12 +179,18 @@ CASES = [
     Broken(
         "an unknown place",
         [('on = "right"', 'on = "rihgt"')],
-        "scene.toml: terms[2].on, line 28: there is no place 'rihgt'; known: 'back', 'bottom', 'edge', 'front', 'half', 'left', 'right', 'top'. Did you mean 'right'?",
+        (
+            "scene.toml: terms[2].on, line 28: there is no place 'rihgt'; known: 'back', 'bottom', 'edge', 'front', "
+            "'half', 'left', 'right', 'top'. Did you mean 'right'?"
+        ),
     ),
     Broken(
         "an unknown support",
         [('left = "xyz"', 'lefft = "xyz"')],
-        "scene.toml: fixed.lefft, line 32: there is no place 'lefft'; known: 'back', 'bottom', 'edge', 'front', 'half', 'left', 'right', 'top'. Did you mean 'left'?",
+        (
+            "scene.toml: fixed.lefft, line 32: there is no place 'lefft'; known: 'back', 'bottom', 'edge', 'front', "
+            "'half', 'left', 'right', 'top'. Did you mean 'left'?"
+        ),
     ),
     Broken(
         "a wrong component",
@@ -165,17 +200,26 @@ CASES = [
     Broken(
         "an unknown region",
         [('material = "steel"', 'material = "steel"\nregion = "boddy"')],
-        "scene.toml: terms[0].region, line 21: there is no region 'boddy': neither a subdomain of the mesh nor a box; known: 'half'.",
+        (
+            "scene.toml: terms[0].region, line 21: there is no region 'boddy': neither a subdomain of the mesh nor a "
+            "box; known: 'half'."
+        ),
     ),
     Broken(
         "a place without nodes",
         [("[2, 1, 1] }", '{ type = "plane", point = [9, 0, 0], normal = [1, 0, 0] } }')],
-        "scene.toml: output.probes.tip, line 42: tip: none of the 45 vertices is in the plane through (9, 0, 0) with normal (1, 0, 0). The mesh has x[0] from 0 to 2, x[1] from 0 to 1, x[2] from 0 to 1.",
+        (
+            "scene.toml: output.probes.tip, line 42: tip: none of the 45 vertices is in the plane through (9, 0, 0) "
+            "with normal (1, 0, 0). The mesh has x[0] from 0 to 2, x[1] from 0 to 1, x[2] from 0 to 1."
+        ),
     ),
     Broken(
         "a probe far outside",
         [("[2, 1, 1]", "[2000, 1, 1]")],
-        "scene.toml: output.probes.tip, line 42: tip: the node nearest to (2000, 1, 1) is 1998 away from it, at (2, 1, 1), and the mesh is 2 large. Is the point in the units of the mesh?",
+        (
+            "scene.toml: output.probes.tip, line 42: tip: the node nearest to (2000, 1, 1) is 1998 away from it, at "
+            "(2, 1, 1), and the mesh is 2 large. Is the point in the units of the mesh?"
+        ),
     ),
     Broken(
         "two components of three",
@@ -213,17 +257,26 @@ CASES = [
     Broken(
         "a file outside",
         [('file = "beam.pvd"', 'file = "../beam.pvd"')],
-        "scene.toml: output.file, line 41: '../beam.pvd' is not within the folder of results; give a name alone, such as 'body.pvd'",
+        (
+            "scene.toml: output.file, line 41: '../beam.pvd' is not within the folder of results; give a name alone, "
+            "such as 'body.pvd'"
+        ),
     ),
     Broken(
         "a file of an unknown kind",
         [('file = "beam.pvd"', 'file = "beam.vtk"')],
-        "scene.toml: output.file, line 41: got 'beam.vtk'; expected a name that ends in .pvd (states on the way) or .vtu (the last one)",
+        (
+            "scene.toml: output.file, line 41: got 'beam.vtk'; expected a name that ends in .pvd (states on the way) "
+            "or .vtu (the last one)"
+        ),
     ),
     Broken(
         "nothing to plot",
         [('["tip", "ledger"]', '["tpi", "ledger"]')],
-        "scene.toml: output.plots[0], line 44: there is nothing to plot by the name 'tpi'; known: 'ledger', 'tip', 'wall'. Did you mean 'tip'?",
+        (
+            "scene.toml: output.plots[0], line 44: there is nothing to plot by the name 'tpi'; known: 'ledger', 'tip', "
+            "'wall'. Did you mean 'tip'?"
+        ),
     ),
     Broken(
         "one name twice",
@@ -233,7 +286,12 @@ CASES = [
     Broken(
         "an expectation of nothing",
         [("tip.z", "tpi.z")],
-        "scene.toml: expect.tpi.z, line 47: there is no result 'tpi.z'; known: 'displacement.largest', 'energy.closure', 'energy.dissipated', 'energy.external', 'energy.kinetic', 'energy.potential', 'energy.removed', 'energy.strain', 'energy.total', 'steps', 'time', 'tip.x', 'tip.y', 'tip.z', 'volume_ratio.smallest', 'wall.x', 'wall.y', 'wall.z'. Did you mean 'tip.z'?",
+        (
+            "scene.toml: expect.tpi.z, line 47: there is no result 'tpi.z'; known: 'displacement.largest', "
+            "'energy.closure', 'energy.dissipated', 'energy.external', 'energy.kinetic', 'energy.potential', "
+            "'energy.removed', 'energy.strain', 'energy.total', 'steps', 'time', 'tip.x', 'tip.y', 'tip.z', "
+            "'volume_ratio.smallest', 'wall.x', 'wall.y', 'wall.z'. Did you mean 'tip.z'?"
+        ),
     ),
     Broken(
         "an expectation without a tolerance",
@@ -253,7 +311,10 @@ CASES = [
     Broken(
         "held and moved",
         [('left = "xyz"', 'left = "xyz"\n\n[prescribed]\nleft = { x = 0.1 }')],
-        "scene.toml: Both fixed and prescribed: x of 9 vertices (0, 1, 2, 15, 16, ...). Places that share an edge or a corner? Leave the component out of one of them, or take the vertices out with a predicate.",
+        (
+            "scene.toml: Both fixed and prescribed: x of 9 vertices (0, 1, 2, 15, 16, ...). Places that share an edge "
+            "or a corner? Leave the component out of one of them, or take the vertices out with a predicate."
+        ),
     ),
     Broken(
         "nothing holds it",
@@ -263,7 +324,12 @@ CASES = [
             ('[fixed]\nleft = "xyz"\n\n', ""),
             ('reactions = { wall = "left" }\n', ""),
         ],
-        "Not held: the body of 45 vertices has 6 rigid modes left, translation along x, translation along y, translation along z, rotation about the x axis, rotation about the y axis, rotation about the z axis. Fix more components (fixed={place: 'xyz'}), prescribe them, or add an ElasticFoundation. Parts that should hold together: merge the vertices of their common faces.",
+        (
+            "Not held: the body of 45 vertices has 6 rigid modes left, translation along x, translation along y, "
+            "translation along z, rotation about the x axis, rotation about the y axis, rotation about the z axis. Fix "
+            "more components (fixed={place: 'xyz'}), prescribe them, or add an ElasticFoundation. Parts that should "
+            "hold together: merge the vertices of their common faces."
+        ),
     ),
     Broken(
         "unknown units",
@@ -278,7 +344,10 @@ CASES = [
     Broken(
         "a bracket that is not closed",
         [("[4, 2, 2]", "[4, 2, 2")],
-        "scene.toml, line 8, column 1: expected ',' or ']': the list that begins in line 6, column 9 is not closed, or a comma is missing in it.\n    [places]\n    ^",
+        (
+            "scene.toml, line 8, column 1: expected ',' or ']': the list that begins in line 6, column 9 is not "
+            "closed, or a comma is missing in it.\n    [places]\n    ^"
+        ),
     ),
     Broken(
         "yes for true",
@@ -293,12 +362,18 @@ CASES = [
     Broken(
         "a table of times that falls",
         [("traction = [0, 0, -2e6]", 'traction = [0, 0, -2e6]\ntime = { type = "table", times = [1, 0], factors = [0, 1] }')],
-        "scene.toml: terms[2], line 26: Table: times do not ascend after 1 entry (0). Sort them, with their factors; for a jump give two times that are near each other.",
+        (
+            "scene.toml: terms[2], line 26: Table: times do not ascend after 1 entry (0). Sort them, with their "
+            "factors; for a jump give two times that are near each other."
+        ),
     ),
     Broken(
         "one point of tetrahedra",
         [("cells = [4, 2, 2]", 'cells = [4, 2, 2]\nquadrature = "one-point"')],
-        'scene.toml: quadrature = "one-point" is for hexahedra, and quadrilaterals in the plane; the mesh has tetrahedra in 3D: linear simplices have one point as it is. Leave it out.',
+        (
+            'scene.toml: quadrature = "one-point" is for hexahedra, and quadrilaterals in the plane; the mesh has '
+            "tetrahedra in 3D: linear simplices have one point as it is. Leave it out."
+        ),
     ),
     Broken(
         "plane stress of a solid",
