@@ -37,6 +37,9 @@ from .build import Built
 from .scene import Scene
 from .units import UNITS, implausible
 
+#: Of a body with more rigid motions than so many, as one in pieces, eigenfrequencies are not looked for; those that are a smaller
+#: part of the largest than that are of mechanisms.
+LOOSE, MECHANISM = 60, 1e-6
 #: Unknowns up to which a factorisation is measured on the whole body, and not on a part of it; SuperLU fills in more.
 WHOLE, WHOLE_BY_SUPERLU, PART = 60_000, 9_000, 6_000
 #: Of a first sample, which compiles kernels and loads packages.
@@ -103,12 +106,14 @@ class Inspection:
     facts : tables of facts, by title.
     extremes : the worst elements, by measure.
     remarks : what is wrong or doubtful, what is refused first.
+    k : dimension of the elements.
     """
 
     units: str
     facts: dict[str, list[Fact]] = field(default_factory=dict)
     extremes: list[Extreme] = field(default_factory=list)
     remarks: list[Remark] = field(default_factory=list)
+    k: int = 3
 
     @property
     def refused(self) -> bool:
@@ -119,7 +124,8 @@ class Inspection:
         """All of it in lists, texts and numbers, in the units of the scene, as JSON has them."""
         facts = {title: {fact.name: _plain(fact.value) for fact in rows} for title, rows in self.facts.items()}
         worst = {
-            one.name: {"median": one.median, "elements": list(one.elements), "values": list(one.values)} for one in self.extremes
+            one.name: {"median": _plain(one.median), "elements": list(one.elements), "values": _plain(one.values)}
+            for one in self.extremes
         }
         return {"units": self.units, **facts, "worst elements": worst, "remarks": [remark._asdict() for remark in self.remarks]}
 
@@ -148,7 +154,7 @@ class Inspection:
 
     def _unit(self, one: Extreme) -> str:
         length = UNITS[self.units].symbol("length")
-        return {"length": f" {length}", "angle": "°"}.get(one.dimension, "")
+        return {"length": f" {length}", "size": f" {_power(length, self.k)}", "angle": "°"}.get(one.dimension, "")
 
 
 def inspect_mesh(
@@ -253,7 +259,7 @@ class _Look:
 
     def mesh(self, mesh: ElementMesh) -> None:
         """Counts, sizes, groups and qualities of a mesh."""
-        length = self._symbol("length")
+        length, self.found.k = self._symbol("length"), mesh.k
         self.add("mesh", Fact("elements", mesh.nt, "", mesh.kind), Fact("nodes", mesh.nv))
         with self.part("edges"):
             edges = edges_of_simplices(np.ascontiguousarray(mesh.corners, dtype=np.int32), np.array(mesh.element.edges), mesh.nv)
@@ -277,7 +283,7 @@ class _Look:
     def _quality(self, quality: MeshQuality, length: str) -> None:
         mesh = quality.mesh
         whole = float(np.nansum(quality.size))
-        self.add("mesh", Fact(("length", "area", "volume")[mesh.k - 1], whole, length + ("", "^2", "^3")[mesh.k - 1]))
+        self.add("mesh", Fact(("length", "area", "volume")[mesh.k - 1], whole, _power(length, mesh.k)))
         self.add("mesh", Fact("parts", len(quality.parts), "", "each needs its own supports" if len(quality.parts) > 1 else ""))
         if mesh.k == mesh.d:
             self.add("mesh", Fact("turned round", int(quality.turned.sum()), "elements", "harmless"))
@@ -321,6 +327,8 @@ class _Look:
 
     def _frequencies(self, system: System, loose: int) -> None:
         unit, free = self._symbol("frequency"), system.ndofs - len(system.supports.held)
+        if loose > LOOSE:
+            return
         if free <= FEW:
             begin = time.perf_counter()
             found = modes(system, min(loose + 4, free))
@@ -328,6 +336,7 @@ class _Look:
             if found.unstable.any():
                 self.remark("eigenfrequencies", "At rest K has negative eigenvalues: a material or a load is not stable there.")
             elastic = found.frequencies[~found.rigid & ~found.unstable]
+            elastic = elastic[elastic > MECHANISM * elastic.max(initial=0.0)]
             note = "the lowest ones"
         else:
             elastic, note = _ritz_frequencies(system), "upper bounds on the lowest ones, by polynomials"
@@ -492,7 +501,7 @@ class Sample(NamedTuple):
     @property
     def whole(self) -> bool:
         """Whether all unknowns were measured, but for some that hold the body."""
-        return self.n > 0.9 * self.of
+        return self.n > 0.9 * self.of or self.of <= SMALL
 
     def scaled(self, seconds: float) -> tuple[float, float]:
         """Least and largest time for all unknowns."""
@@ -594,6 +603,10 @@ def _best(call: Callable[[], Any]) -> float:
     return best
 
 
+def _power(unit: str, k: int) -> str:
+    return unit + ("", "^2", "^3")[k - 1]
+
+
 def _range(low: float, high: float) -> Any:
     return low if high <= 1.001 * low else [low, high]
 
@@ -611,7 +624,8 @@ def _shown(value: Any) -> str:
 
 
 def _plain(value: Any) -> Any:
-    """As JSON has it."""
+    """As JSON has it: None for what is no finite number."""
     if isinstance(value, list | tuple):
         return [_plain(one) for one in value]
-    return value.item() if isinstance(value, np.generic) else value
+    plain = value.item() if isinstance(value, np.generic) else value
+    return None if isinstance(plain, float) and not np.isfinite(plain) else plain

@@ -94,8 +94,31 @@ def test_a_bad_mesh_is_told_of_and_never_fails(name):
     assert found.remarks and all(len(one.text) > 20 for one in found.remarks)
     assert found.refused == (name != "parts"), found.remarks
     assert "elements" in facts(found, "mesh") and found.extremes
-    json.dumps(found.to_dict())
+    json.dumps(found.to_dict(), allow_nan=False)
     assert ("refused" in shown(found)) == found.refused
+
+
+def test_a_mesh_without_any_sound_element_is_told_of():
+    found = inspect_mesh(ElementMesh(np.full((3, 4), np.nan), np.arange(4)[:, None]), **STEEL)
+    assert found.refused and found.extremes == []
+    json.dumps(found.to_dict(), allow_nan=False)
+
+
+def test_elements_that_hang_together_nowhere_are_told_of_without_their_modes():
+    t, p = np.arange(4 * 40).reshape(40, 4).T, np.tile(box(1).p[:, box(1).t[:, 0]], 40) + np.repeat(np.arange(40), 4)
+    found = inspect_mesh(ElementMesh(p, t), **STEEL)
+    assert facts(found, "body")["rigid motions left"] == 240 and "eigenfrequencies" not in facts(found, "body")
+    assert facts(found, "mesh")["parts"] == 40 and any("40 parts" in one.text for one in found.remarks)
+
+
+def test_mechanisms_are_no_eigenfrequencies():
+    cable = ElementMesh([[0.0, 1.0, 2.0], [0.0, 0.0, 0.0], [0.0, 0.0, 0.0]], [[0, 1], [1, 2]])
+    found = inspect_mesh(cable, young=1e9, density=1e3)
+    assert min(facts(found, "body").get("eigenfrequencies", [1.0])) > 1e-3
+
+
+def test_sizes_have_the_unit_that_goes_with_the_elements():
+    assert "m^3" in shown(inspect_mesh(box())) and "m^2" in shown(inspect_mesh(ElementMesh.of(skfem.MeshTri())))
 
 
 def test_all_that_is_wrong_is_told_at_once():
