@@ -344,7 +344,7 @@ def test_it_says_what_it_found():
 
 @pytest.mark.parametrize("size", [1e-20, 1e-9, 1e20])
 def test_modes_are_found_in_any_unit_of_length(size):
-    """ARPACK takes eigenvalues of the inverse below 4e-11 for zero: at 1e-9 m a rigid mode was not rigid, at 1e-20 it never ended."""
+    """ARPACK takes eigenvalues of the inverse below 4e-11 for zero: at 1e-9 m a rigid mode was none, at 1e-20 it never ended."""
     cube = skfem.MeshTet().refined(2)
     one, other = (
         modes(System(ElementMesh(s * cube.p, cube.t), StVK(young=210e9, poisson=0.3, density=7850.0)), 8) for s in (1.0, size)
