@@ -15,6 +15,7 @@ from ..arguments import Array
 from ..errors import StvkError, name_ids, warn
 from ..results.archive import Checkpoint, CheckpointHeader, NotOurs, finite
 from ..results.files import output_path
+from ..results.state_files import MOTION, MOTION_FILE
 from ..system.protocol import SystemLike
 from ..system.signature import Fingerprint, Record, in_words
 from . import record as records
@@ -24,7 +25,6 @@ from .ledger import Ledger
 from .motion import Motion
 from .record import Clock, Counts, MotionState, Reviews, RunRecord, Snapshot
 
-NAME = "motion.npz"
 #: Where in the time of a run its loads and prescribed displacements are evaluated for its signature.
 FRACTIONS = (0.0, 0.31, 0.77, 1.0)
 #: Time from one checkpoint to the next: at least that [s], and so long that writing takes no larger share of it.
@@ -129,14 +129,14 @@ class MotionCheckpoint(Checkpoint[MotionHeader]):
     Until 1.0 `place` may be a .npz file in a folder that exists, and the argument that gave it, `named`, "resume".
     """
 
-    known = "motion of skfem-stvk", 4
+    known = MOTION
     schema = MotionHeader
     remedy = ANEW
 
     def __init__(self, place: Path, named: str = "checkpoint") -> None:
         super().__init__(place)
         self._is_file = place.suffix.lower() == ".npz" and not place.is_dir()
-        self.file = place if self._is_file else place / NAME
+        self.file = place if self._is_file else place / MOTION_FILE
         self._next = -np.inf
         if self._is_file:
             output_path(self.file, ".npz")
@@ -144,7 +144,7 @@ class MotionCheckpoint(Checkpoint[MotionHeader]):
             folder = str(place.with_suffix("") if self._is_file else place)
             warn(
                 f"{named} = {str(place)!r} is taken until 1.0. Name a folder: "
-                f"checkpoint={folder!r}{', resume=True' * (named == 'resume')}; what it holds is {NAME}."
+                f"checkpoint={folder!r}{', resume=True' * (named == 'resume')}; what it holds is {MOTION_FILE}."
             )
 
     def writable(self) -> Path:

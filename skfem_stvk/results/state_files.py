@@ -10,6 +10,7 @@ from typing import Any
 import meshio
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import ConfigDict
 
 from ..arguments import Array, number
 from ..arguments import path as checked_path
@@ -17,21 +18,42 @@ from ..errors import StvkError, name_ids, warn
 from ..mesh import ElementMesh, MeshLike
 from ..mesh.groups import from_cells
 from ..mesh.places import SAME_PLACE
+from ..system.signature import SAME, sums
+from .archive import CheckpointHeader, NotOurs, finite, read_archive
 from .series import read_list
 from .vtu import read_vtu
 
 #: A state is at the time that is asked for, up to this part of the largest time of its series.
 SAME_TIME = 1e-9
+#: Checkpoints of motions and of paths of equilibria: format and version, and their files.
+MOTION, PATH = ("motion of skfem-stvk", 4), ("path of skfem-stvk", 2)
+MOTION_FILE, PATH_FILES = "motion.npz", "state_*.npz"
+#: What to do where a checkpoint cannot be read.
+OTHER = "Take another file of the run, such as its .pvd."
+
+
+class StateInCheckpoint(CheckpointHeader):
+    """What the header of a checkpoint says of the time of its state."""
+
+    model_config = ConfigDict(extra="ignore")
+
+    now: dict[str, Any] | None = None
+    step: dict[str, Any] | None = None
+
+    @property
+    def t(self) -> float:
+        """Time or load factor."""
+        return float((self.now or self.step or {})["t"])
 
 
 def read_state(path: str | os.PathLike[str], mesh: MeshLike, time: float | None = None) -> tuple[Array, Array | None]:
-    """Displacements [m] and velocities [m/s] of a state that `write_vtu`, `save=...` or `result.save` wrote.
+    """Displacements [m] and velocities [m/s] of a state that `write_vtu`, `save=...`, `result.save` or `checkpoint=...` wrote.
 
     Parameters
     ----------
-    path : of a .vtu file; or of a .pvd file, of whose states one is taken.
+    path : of a .vtu file; or of a .pvd file or the folder of a checkpoint, of whose states one is taken.
     mesh : on which they are wanted, the same as that of the file.
-    time : of the state in a .pvd file, or its load factor; by default the last one.
+    time : of the state in a .pvd file or a checkpoint, or its load factor; by default the last one.
 
     Returns
     -------
@@ -60,8 +82,10 @@ def read_state(path: str | os.PathLike[str], mesh: MeshLike, time: float | None 
     (True, None)
     """
     mesh = ElementMesh.of(mesh)
-    path = checked_path("path", path, "the path of a .vtu or .pvd file")
+    path = checked_path("path", path, "the path of a .vtu or .pvd file, or of the folder of a checkpoint")
     time = None if time is None else number("time", time, "a finite time or load factor")
+    if path.is_dir() or (path.is_file() and path.suffix.lower() == ".npz"):
+        return _of_checkpoint(path, mesh, time)
     if not path.is_file():
         raise StvkError(
             f"There is no file {path}; expected the .vtu or .pvd file of a run. Is the path relative to another folder?"
@@ -89,16 +113,52 @@ def _listed(path: Path, time: float | None) -> Path:
         raise StvkError(f"{path} is no series of results ({error}); expected a .pvd file, as save=... writes it.") from error
     if not states:
         raise StvkError(f"{path} lists no states. Was the run stopped before its first one?")
-    times = np.array([t for t, _ in states])
+    return path.with_name(states[_chosen(path, [t for t, _ in states], time)][1])
+
+
+def _chosen(path: Path, ascending: list[float], time: float | None) -> int:
+    """The number of the state at a time, or of the last one."""
+    times = np.array(ascending)
     if time is None:
-        return path.with_name(states[-1][1])
+        return len(times) - 1
     nearest = int(np.argmin(np.abs(times - time)))
     if abs(times[nearest] - time) > SAME_TIME * max(1e-300, float(np.abs(times).max())):
         raise StvkError(
             f"{path} has no state at time = {time:.12g}: of its {len(times)} states from {times[0]:.12g} to {times[-1]:.12g} the "
             f"nearest is at {times[nearest]:.12g}. Take that, or leave the time out for the last."
         )
-    return path.with_name(states[nearest][1])
+    return nearest
+
+
+def _of_checkpoint(path: Path, mesh: ElementMesh, time: float | None) -> tuple[Array, Array | None]:
+    """Displacements, and velocities if it is of a motion."""
+    files = [path] if path.is_file() else [*path.glob(MOTION_FILE), *sorted(path.glob(PATH_FILES))]
+    if not files:
+        raise StvkError(f"The folder {path} is no checkpoint: it has neither {MOTION_FILE} nor {PATH_FILES}. {OTHER}")
+    if files[0].name == MOTION_FILE:
+        files = files[:1]
+    known = [PATH if file.match(PATH_FILES) else MOTION for file in files]
+    headers = [read_archive(file, StateInCheckpoint, one, OTHER, True)[0] for file, one in zip(files, known, strict=True)]
+    try:
+        chosen = _chosen(path, [header.t for header in headers], time)
+        header, arrays = read_archive(files[chosen], StateInCheckpoint, known[chosen], OTHER)
+        then, now = header.problem.numbers["the mesh"], [mesh.nv, mesh.nt, *sums(mesh.p), *sums(mesh.t)]
+        if then[:2] != now[:2]:
+            was = f"it has {then[0]:.0f} {mesh.words} and {then[1]:.0f} elements, this one {mesh.nv} and {mesh.nt}"
+            raise StvkError(f"{files[chosen]} is of another mesh: {was}.")
+        if not np.allclose(then, now, rtol=SAME, atol=0.0):
+            raise StvkError(f"{files[chosen]} is of another mesh: its {mesh.words} are elsewhere, or its elements have others.")
+        u = finite(arrays, "u", (mesh.p.size,))
+        v = finite(arrays, "v", (mesh.p.size,)) if known[chosen] == MOTION else None
+    except StvkError:
+        raise
+    except (KeyError, ValueError, TypeError) as error:
+        raise NotOurs(f"{path} is damaged: {error.args[0]}. {OTHER}") from None
+    if lost := arrays.get("removed", np.empty(0)).size:
+        warn(
+            f"{path} is of a body that had lost {lost} of its {mesh.nt} elements; the one that begins with its state has them all."
+        )
+    return u, v
 
 
 def _refuse_other(file: Path, read: meshio.Mesh, mesh: ElementMesh) -> None:

@@ -16,6 +16,7 @@ from ..nonlinear.outcome import Status
 from ..results.archive import Checkpoint, CheckpointHeader, NotOurs, finite
 from ..results.files import Outlets
 from ..results.monitors import Finding
+from ..results.state_files import PATH, PATH_FILES
 from ..system.protocol import SystemLike
 from ..system.signature import Fingerprint, Record
 from .critical import BIFURCATION, LIMIT_POINT, CriticalPoint
@@ -109,7 +110,7 @@ class PathCheckpoint(Checkpoint[StateHeader]):
     first state replaces what is there, states of another problem only if they are to be overwritten.
     """
 
-    known = "path of skfem-stvk", 2
+    known = PATH
     schema = StateHeader
     remedy = "Remove it and those after it, and resume from the one before; or start anew with overwrite=True and without resume."
 
@@ -122,7 +123,7 @@ class PathCheckpoint(Checkpoint[StateHeader]):
         self.saved: dict[str, Any] = {}
 
     def opened(self) -> None:
-        files = sorted(self.folder.glob("state_*.npz"))
+        files = sorted(self.folder.glob(PATH_FILES))
         if self._outlets.resume:
             self._load(files)
             return

@@ -115,3 +115,49 @@ def test_what_is_no_file_of_states_is_refused(tmp_path):
     ):
         with pytest.raises(StvkError, match=message):
             read_state(tmp_path / name, MESH, time)
+
+
+def pulled(**more):
+    system = System(MESH, LAW, fixed={"left": "xy"}, prescribed={"right": {"x": 0.1}})
+    return solve_static(system, steps=4, quiet=True, **more)
+
+
+def kicked(until, **more):
+    system = System(MESH, LAW, fixed={"left": "xy"})
+    v0 = np.tile([0.0, 0.05], MESH.nv)
+    v0[system.supports.held] = 0
+    return simulate(system, EnergyMomentum(dt=0.1), until=until, v0=v0, quiet=True, **more)
+
+
+def test_a_checkpoint_of_a_motion_holds_its_last_state(tmp_path):
+    run = kicked(0.4, checkpoint=tmp_path / "kept")
+    for path, time in ((tmp_path / "kept", None), (tmp_path / "kept" / "motion.npz", None), (tmp_path / "kept", 0.4)):
+        u, v = read_state(path, MESH, time)
+        assert np.array_equal(u, run.u) and np.array_equal(v, run.v)
+    with pytest.raises(StvkError, match=r"no state at time = 0\.2: of its 1 states from 0\.4 to 0\.4"):
+        read_state(tmp_path / "kept", MESH, 0.2)
+
+
+def test_a_checkpoint_of_a_path_holds_each_of_its_states(tmp_path):
+    path = pulled(checkpoint=tmp_path / "kept")
+    u, v = read_state(tmp_path / "kept", MESH)
+    assert np.array_equal(u, path.u) and v is None and len(path.history) > 2
+    for step in path.history:
+        assert np.array_equal(read_state(tmp_path / "kept", MESH, step.t)[0], step.u)
+
+
+def test_checkpoints_of_another_mesh_and_folders_that_are_none_are_refused(tmp_path):
+    kicked(0.1, checkpoint=tmp_path / "kept")
+    for mesh, message in (
+        (box((2.0, 1.0), (4, 3)), r"is of another mesh: it has 15 vertices and 16 elements, this one 20 and 24"),
+        (MESH.scaled(1.001), r"is of another mesh: its vertices are elsewhere, or its elements have others"),
+    ):
+        with pytest.raises(StvkError, match=message):
+            read_state(tmp_path / "kept", mesh)
+    (tmp_path / "none").mkdir()
+    with pytest.raises(StvkError, match=r"is no checkpoint: it has neither motion\.npz nor state_\*\.npz"):
+        read_state(tmp_path / "none", MESH)
+    file = tmp_path / "kept" / "motion.npz"
+    file.write_bytes(file.read_bytes()[:-200])
+    with pytest.raises(StvkError, match=r"motion\.npz cannot be read as a motion of skfem-stvk: it is incomplete"):
+        read_state(tmp_path / "kept", MESH)
