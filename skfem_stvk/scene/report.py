@@ -39,7 +39,9 @@ DOTS_PER_INCH = 130
 DIMENSIONS = {"Pa": "stress", "J/m^3": "stress", "m": "length", "m/s": "velocity"}
 #: Dimensions of results by what their names begin with; those of probes and reactions are known from their curves.
 RESULTS = {"energy": "energy", "frequency": "frequency", "displacement": "length", "time": "time"}
-GREY = "#c8c8c8"
+GREY, VERMILION = "#c8c8c8", "#D55E00"
+#: Words on a curve.
+BACKED, SMALL = {"fc": "white", "ec": "none", "alpha": 0.8, "pad": 0.5}, {"fontsize": 8, "color": VERMILION}
 
 
 class Drawing(NamedTuple):
@@ -177,6 +179,8 @@ def _last_state(outcome: SceneOutcome) -> Any:
     scale = _scale(mesh.p, _largest(result.u.reshape(-1, mesh.d)))
     when = f"time {result.t:.6g} {_symbol(outcome, 'time')}" if isinstance(result, Run) else f"load factor {result.t:.6g}"
     picture = picture_of(result.state, field, scale, _label(outcome, field))
+    if np.ma.getmaskarray(picture.values).all():  # as of stresses, where no term has any
+        picture = picture_of(result.state, "displacement", scale, _label(outcome, "displacement"))
     return _body(outcome, picture, f"{when}{_times(scale)}")
 
 
@@ -258,12 +262,20 @@ def _curve(outcome: SceneOutcome, name: str) -> Any:
     """Components of a mean displacement or of a force."""
     curve: Curve = outcome.curves[name]
     figure, (axes,) = _axes(_along(outcome))
-    for (axis, colour), values in zip(AXES.items(), curve.values.T, strict=False):
-        _line(axes, curve.t, values, color=colour, lw=1.2, label=axis)
+    t, components = curve.t, curve.values
+    if isinstance(outcome.result, StaticResult) and curve.dimension == "length" and _from_rest(outcome):
+        t, components = np.append(0.0, t), np.concatenate([np.zeros((1, components.shape[1])), components])
+    for (axis, colour), values in zip(AXES.items(), components.T, strict=False):
+        _line(axes, t, values, color=colour, lw=1.2, label=axis)
     words = "displacement of" if curve.dimension == "length" else "force of supports at"
     axes.set_ylabel(f"{words} {name} [{_symbol(outcome, curve.dimension)}]")
     _legend(axes)
     return figure
+
+
+def _from_rest(outcome: SceneOutcome) -> bool:
+    """Whether a path begins with the body at rest, without loads."""
+    return outcome.built.u0 is None and outcome.built.sections.initial.t0 == 0
 
 
 def _ledger(outcome: SceneOutcome) -> Any:
@@ -294,8 +306,8 @@ def _path(outcome: SceneOutcome) -> Any:
     t = [outcome.built.sections.initial.t0, *result.history.t]
     axes.plot([largest(begin), *map(largest, result.history.u)], t, ".-", color="#0072B2", lw=1.2)
     for point in result.critical_points:
-        axes.plot(largest(point.u), point.t, "o", color="#D55E00", ms=6, mfc="none")
-        axes.annotate(point.kind, (largest(point.u), point.t), (5, 5), textcoords="offset points", fontsize=8, color="#D55E00")
+        axes.plot(largest(point.u), point.t, "o", color=VERMILION, ms=6, mfc="none")
+        axes.annotate(point.kind, (largest(point.u), point.t), (5, 5), textcoords="offset points", bbox=BACKED, **SMALL)
     axes.set_ylabel("load factor")
     return figure
 

@@ -9,7 +9,7 @@ import pytest
 import skfem
 from matplotlib.image import imread
 
-from skfem_stvk import EnergyMomentum, Gravity, StVK, System, Traction, modes, simulate, solve_static
+from skfem_stvk import EnergyMomentum, Gravity, SpringNetwork, StVK, System, Traction, modes, simulate, solve_static
 from skfem_stvk.scene import report
 from skfem_stvk.scene.report import write_report
 
@@ -114,6 +114,19 @@ def test_small_displacements_are_enlarged_and_the_title_says_so(bent):
 @pytest.mark.parametrize(("largest", "factor"), [(0.0, 1.0), (0.2, 1.0), (0.03, 2.0), (0.08e-3, 1000.0), (1e-300, 5e298)])
 def test_the_factor_is_round_and_large_displacements_are_shown_as_they_are(largest, factor):
     assert report._scale(np.array([[0.0, 1.0], [0.0, 0.0], [0.0, 0.0]]), largest) == pytest.approx(factor)
+
+
+def test_a_body_without_the_field_is_coloured_by_its_displacements():
+    system = System(beam(2), [SpringNetwork(rule="van-gelder", young=2.1e5, poisson=0.3, density=7.85e-9)], fixed={"left": "xy"})
+    run = simulate(system, EnergyMomentum(dt=1e-3), until=2e-3, quiet=True, v0=np.where(system.mesh.p.T.ravel() > 50, 1.0, 0.0))
+    texts = text_of(report._last_state(outcome_of(run, kind="dynamic", picture="von_mises_stress")))
+    assert "displacement [mm]" in texts and not any("stress" in text for text in texts)
+
+
+def test_curves_of_a_path_from_rest_begin_there(bent):
+    (axes,) = report._curve(outcome_of(bent, kind="static", curves={"tip": tip(bent)}), "tip").axes
+    assert [line.get_xydata()[0].tolist() for line in axes.lines[1:]] == [[0.0, 0.0]] * 3
+    assert len(axes.lines[1].get_xdata()) == len(bent.history) + 1
 
 
 def test_results_stand_beside_what_was_expected(tmp_path, bent):
