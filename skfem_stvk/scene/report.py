@@ -69,7 +69,7 @@ class Drawing(NamedTuple):
 def write_report(folder: Path, outcome: SceneOutcome) -> Path:
     """Write what a scene's `[output]` names of its last state, and `report.html`, a page that needs no other file.
 
-    Plots are `plot-NAME.png`, the deformed body is `picture.png` (of modes `picture-1.png` and so on). What cannot be drawn is said
+    Plots are `plot-NAME.png`, the deformed body is `picture.png` (of modes `picture-0.png` and so on). What cannot be drawn is said
     on the page, and costs nothing else.
 
     Raises
@@ -124,7 +124,7 @@ def _wanted(outcome: SceneOutcome) -> Iterator[tuple[str, str, Callable[[], Any]
     output, result = outcome.built.sections.output, outcome.result
     if output.picture and isinstance(result, Modes):
         for number in _elastic(result)[:MOST_MODES]:
-            yield f"mode {number + 1}", f"picture-{number + 1}", partial(_mode, outcome, number)
+            yield f"mode {number}", f"picture-{number}", partial(_mode, outcome, number)
     elif output.picture:
         yield "The last state", "picture", partial(_last_state, outcome)
     taken: set[str] = set()
@@ -189,7 +189,7 @@ def _mode(outcome: SceneOutcome, number: int) -> Any:
     modes = outcome.result
     frequency = f"{modes.frequencies[number]:.6g} {_symbol(outcome, 'frequency')}"
     picture = picture_of(modes.state(number), "displacement", 1.0, "displacement, of any size")
-    return _body(outcome, picture, f"mode {number + 1}: {'unstable' if modes.unstable[number] else frequency}")
+    return _body(outcome, picture, f"mode {number}: {'unstable' if modes.unstable[number] else frequency}")
 
 
 def _body(outcome: SceneOutcome, picture: Picture, title: str) -> Any:
