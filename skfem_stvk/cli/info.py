@@ -14,6 +14,7 @@ from ..mesh import read_mesh
 from ..referee.header import caches, machine, optional, versions
 from ..referee.terminal import WIDTH, printable
 from ..scene import Scene
+from ..scene.footprint import footprint, table
 from ..scene.info import Inspection, inspect_mesh, inspect_scene
 
 #: Options that make the material of a mesh.
@@ -30,6 +31,7 @@ def info_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--density", type=float, help="its mass density [kg/m^3]")
     parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="another value in a scene")
     parser.add_argument("--json", action="store_true", help="print JSON instead of tables")
+    parser.add_argument("--footprint", action="store_true", help="what each part of a scene costs: bytes, kernels, times, packages")
 
 
 def info(options: argparse.Namespace) -> int:
@@ -39,9 +41,11 @@ def info(options: argparse.Namespace) -> int:
 
     Without a file: versions, the machine, threads, caches and every optional package, or the line that installs it.
     """
+    if options.footprint:
+        return _footprint(options)
     if options.file is None:
         return _of_installation(options)
-    found = _of_scene(options) if options.file.endswith(".toml") else _of_mesh(options)
+    found = inspect_scene(_scene(options)) if options.file.endswith(".toml") else _of_mesh(options)
     console = Console(highlight=False)
     console = console if console.is_terminal else Console(highlight=False, width=WIDTH)
     if options.json:
@@ -62,11 +66,25 @@ def _of_installation(options: argparse.Namespace) -> int:
     return 0
 
 
-def _of_scene(options: argparse.Namespace) -> Inspection:
+def _scene(options: argparse.Namespace) -> Scene:
     given = [f"--{name}" for name in MATERIAL if getattr(options, name) is not None]
     if given:
         raise StvkError(f"{', '.join(given)}: a scene has materials of its own. Change them by --set materials.NAME.young=...")
-    return inspect_scene(Scene.read(options.file, options.set))
+    return Scene.read(options.file, options.set)
+
+
+def _footprint(options: argparse.Namespace) -> int:
+    """Print what each part of a scene costs."""
+    if not (options.file or "").endswith(".toml"):
+        raise StvkError(f"--footprint is of a scene: got {options.file or 'no file'}; expected a scene file (.toml).")
+    rows = footprint(_scene(options).built)
+    if options.json:
+        print(json.dumps([row._asdict() for row in rows], indent=1))
+    else:
+        console = Console(highlight=False)
+        console = console if console.is_terminal else Console(highlight=False, width=WIDTH)
+        console.print(table(rows))
+    return 0
 
 
 def _of_mesh(options: argparse.Namespace) -> Inspection:

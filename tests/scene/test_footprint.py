@@ -1,0 +1,105 @@
+"""What each part of a scene costs, and that what it does not name costs nothing."""
+
+import json
+import subprocess
+import sys
+
+import pytest
+
+from skfem_stvk.cli.main import main
+from skfem_stvk.referee.terminal import as_text
+from skfem_stvk.scene import Scene
+from skfem_stvk.scene.footprint import OF_RESULTS, OF_SOLVERS, footprint, table
+
+BODY = {
+    "mesh": {"type": "box", "size": [4.0, 1.0, 1.0], "cells": [20, 3, 3]},
+    "materials": {"rubber": {"model": "isotropic", "young": 1e6, "poisson": 0.4, "density": 1000.0}},
+    "terms": [{"type": "stvk", "material": "rubber"}],
+    "fixed": {"left": "xyz"},
+    "analysis": {"type": "static"},
+}
+EXPLICIT = {"type": "dynamic", "integrator": "velocity-verlet", "until": 0.1}
+#: Terms, and the kernels that are theirs alone.
+ADDED = {
+    "gravity": ({"g": [0.0, 0.0, -1.0]}, set()),
+    "body-force": ({"force": [0.0, 0.0, -1.0]}, set()),
+    "traction": ({"on": "right", "traction": [0.0, 0.0, -1.0]}, set()),
+    "pressure": ({"on": "right", "pressure": 100.0}, set()),
+    "nodal-load": ({"on": [4.0, 0.0, 0.0], "force": [0.0, 0.0, -1.0]}, set()),
+    "elastic-foundation": ({"on": "bottom", "stiffness": 1e4}, set()),
+    "volume-penalty": ({}, {"penalty_energy_and_force", "penalty_linearize"}),
+    "spring-network": ({"material": "rubber"}, {"springs"}),
+    "edge-network": ({"material": "rubber"}, {"elongate", "pull"}),
+    "neo-hookean": ({"material": "rubber"}, {"energy_and_force", "linearize"}),
+}
+SHARED = {"energy_and_force", "linearize"}
+
+
+def costs(*terms, **changed):
+    rows = footprint(Scene.of_data(BODY | {"terms": [*BODY["terms"], *terms]} | changed).built)
+    return {row.name: row for row in rows}
+
+
+@pytest.mark.parametrize("kind", ADDED)
+def test_a_term_has_a_row_of_its_own_and_what_it_costs_is_in_no_other(kind):
+    options, kernels = ADDED[kind]
+    without, found = costs(), costs({"type": kind} | options)
+    own = found[f"terms[1] {kind}"]
+    assert set(found) - set(without) == {own.name} and own.nbytes > 0 and own.force > 0 and kernels <= set(own.kernels)
+    plain, before = found["terms[0] stvk"], without["terms[0] stvk"]
+    assert (plain.nbytes, plain.kernels, plain.elements) == (before.nbytes, before.kernels, before.elements)
+    assert not (kernels - SHARED) & set(without["all terms"].kernels)
+    assert plain.nbytes < found["all terms"].nbytes <= plain.nbytes + own.nbytes
+
+
+def test_a_term_on_a_part_of_the_elements_costs_that_part():
+    """A twentieth of a longer bar: a column of boxes at its end, and the arrays of its elements."""
+    mesh = {"type": "box", "size": [40.0, 1.0, 1.0], "cells": [80, 5, 5]}
+    places = {"end": {"type": "box", "low": [38.0, -1.0, -1.0], "high": [41.0, 2.0, 2.0]}}
+    found = costs({"type": "neo-hookean", "material": "rubber", "region": "end"}, mesh=mesh, places=places)
+    whole, part = found["terms[0] stvk"], found["terms[1] neo-hookean"]
+    assert part.elements == whole.elements / 20 and part.nbytes < 0.06 * whole.nbytes
+
+
+def test_an_explicit_motion_makes_no_stiffness_and_no_pattern_and_statics_no_mass():
+    static, explicit, modes = costs(), costs(analysis=EXPLICIT), costs(analysis={"type": "modes", "n": 2})
+    assert "linearize" in static["all terms"].kernels and "linearize" not in explicit["all terms"].kernels
+    assert explicit["all terms"].stiffness is None and static["all terms"].stiffness > 0
+    made = {"pattern of K", "rows of K", "mass"}
+    assert (made & set(static), made & set(explicit), made & set(modes)) == (made - {"mass"}, {"mass"}, made)
+    assert explicit["terms[0] stvk"].nbytes < static["terms[0] stvk"].nbytes
+
+
+def test_the_pages_of_a_scene_and_the_command_have_all_rows(tmp_path, capsys):
+    rows = list(costs().values())
+    text = as_text(table(rows))
+    assert all(row.name in text for row in rows)
+    scene = tmp_path / "bar.toml"
+    Scene.of_data(BODY).write(scene)
+    assert main(["info", str(scene), "--footprint", "--json"]) == 0
+    assert [row["name"] for row in json.loads(capsys.readouterr().out)] == [row.name for row in rows]
+    assert main(["info", str(scene), "--footprint"]) == 0 and "linearize" in capsys.readouterr().out
+    assert main(["info", "bar.msh", "--footprint"]) == 2 and main(["info", "--footprint"]) == 2
+
+
+@pytest.mark.parametrize("solver", ["superlu", "amg-cg"])
+def test_packages_are_imported_by_what_names_them(solver):
+    """In a process of its own: those of the solver as it solves, those of the results as they are written."""
+    pulled = BODY | {"prescribed": {"right": {"x": 0.1}}, "solver": {"name": solver}}
+    program = f"""if True:
+        import json, sys, tempfile
+        from skfem_stvk.scene import Scene
+        scene, known = Scene.of_data(json.loads({json.dumps(json.dumps(pulled))})), []
+        scene.built; known.append(sorted(sys.modules))
+        scene.solve(quiet=True); known.append(sorted(sys.modules))
+        with tempfile.TemporaryDirectory() as folder:
+            scene.solve(folder + "/out", quiet=True); known.append(sorted(sys.modules))
+        print(json.dumps(known))
+    """
+    run = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=False)
+    assert run.returncode == 0, run.stderr
+    built, solved, written = map(set, json.loads(run.stdout))
+    of_solvers = {package for packages in OF_SOLVERS.values() for package in packages}
+    assert not (of_solvers | set(OF_RESULTS)) & built
+    assert of_solvers & solved == set(OF_SOLVERS.get(solver, ())) and not set(OF_RESULTS) & solved
+    assert set(OF_RESULTS) <= written and of_solvers & written == of_solvers & solved
