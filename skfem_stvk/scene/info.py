@@ -29,11 +29,12 @@ from ..mesh import ElementMesh, MeshQuality, mesh_quality
 from ..mesh.facets import facet_ids
 from ..mesh.quality import Extreme
 from ..referee.terminal import grid, printable
-from ..system import System
-from ..system.free_tangent import entries_of, kind_of, with_loads
+from ..system import FreeOperator, System
+from ..system.free_tangent import FreeTangent, entries_of, kind_of, with_loads
 from ..system.rigid import rigid_modes, rigid_modes_left
 from ..terms import StVK
 from .build import Built
+from .run import on_threads
 from .scene import Scene
 from .units import UNITS, implausible
 
@@ -198,7 +199,8 @@ def inspect_scene(scene: Scene) -> Inspection:
         return look.done()
     materials = [getattr(term, "material", None) for term in sections.terms]
     terms = [term.type + (f" of {name}" if name else "") for term, name in zip(sections.terms, materials, strict=True)]
-    look.body(built.system, terms, built)
+    with on_threads(sections.threads):
+        look.body(built.system, terms, built)
     return look.done()
 
 
@@ -390,7 +392,8 @@ class _Look:
             self.add("costs", Fact("a tangent K", stiffness, "s", "measured"))
             self.add("memory", Fact("K", _megabytes(K.data.nbytes + K.indices.nbytes + K.indptr.nbytes), "MB"))
         if built is not None and integrator is not None:
-            self._motion(system, built, integrator)
+            with self.part("motion", refused=True):
+                self._motion(system, built, integrator)
         else:
             kind = "static" if built is None else built.sections.analysis.type
             self._solves(system, loose, built, kind, force + stiffness)
@@ -523,7 +526,7 @@ class Sample(NamedTuple):
 def _measured(system: System, solver: LinearSolver, loose: int) -> Sample:
     """Factorise K at rest, of the whole body or of a part of it, held where it is cut off."""
     if solver.matrix_free:
-        raise StvkError(f"solver '{solver.name}' forms no matrix; its time depends on the load, and is not estimated.")
+        return _without_matrix(system, solver)
     u, mesh = np.zeros(system.ndofs), system.mesh
     free = system.free_dofs(system.supports.held).free
     K = system.tangent(u)[free][:, free]
@@ -540,6 +543,21 @@ def _measured(system: System, solver: LinearSolver, loose: int) -> Sample:
         sample = _sample(system, solver, K[ids][:, ids].tocsr(), free[ids])
     assert sample is not None
     return sample._replace(of=n)
+
+
+def _without_matrix(system: System, solver: LinearSolver) -> Sample:
+    """Solve with K at rest as an operator, a little stiffer, so that rigid motions do no harm."""
+    u = np.zeros(system.ndofs)
+    tangent = FreeTangent(system, solver, kind_of(system), lambda: u)
+    operator, n = tangent.operator(u), len(tangent.free.free)
+    stiffer = FreeOperator(operator, tangent.free, tangent.shift(tangent.diagonal_of(operator)))
+    for _ in range(2):  # the first one compiles
+        begin = time.perf_counter()
+        factors = tangent.factorise(stiffer)
+        middle = time.perf_counter()
+        factors.solve(np.ones(n), PRECISION)
+        end = time.perf_counter()
+    return Sample(n, n, system.mesh.k, True, middle - begin, end - middle, operator.memory())
 
 
 def _sample(system: System, solver: LinearSolver, K: Any, dofs: NDArray[np.int64]) -> Sample:

@@ -40,7 +40,7 @@ def solve(built: Built, folder: Folder | None = None, *, quiet: bool = False) ->
         where the analysis refuses what it got. Whether it converged is said by the outcome.
     """
     sections, begin = built.sections, time.perf_counter()
-    with _threads(sections.threads), _noted() as noted, finishing_steps():
+    with on_threads(sections.threads), _noted() as noted, finishing_steps():
         result = _analysed(built, folder, quiet)
     curves = {} if isinstance(result, Modes) else _followed(built, result)
     values = _values(result) | {
@@ -204,7 +204,7 @@ def _judged(sections: SceneTables, values: dict[str, float]) -> tuple[Judged, ..
 
 
 @contextmanager
-def _threads(count: int | None) -> Iterator[None]:
+def on_threads(count: int | None) -> Iterator[None]:
     """Kernels on so many threads."""
     before = numba.get_num_threads()
     if count is not None:

@@ -240,6 +240,23 @@ def test_statics_of_a_body_that_nothing_holds_are_refused():
     assert names(found, refused=True) == ["supports"] and facts(found, "body")["rigid motions left"] == 6
 
 
+def test_a_motion_that_nothing_starts_is_refused_before_it_runs():
+    found = inspect_scene(scene(terms=[{"type": "stvk", "material": "steel"}], analysis=ANALYSES["implicit"]))
+    assert names(found, refused=True) == ["motion"] and "Nothing moves the body" in found.remarks[0].text
+    assert "in all" in facts(found, "memory")
+
+
+@pytest.mark.parametrize("name", ["superlu", "amg-cg", "block-jacobi-cg", "ssor-cg"])
+def test_every_linear_solver_is_measured(name):
+    found = inspect_scene(scene(solver={"name": name}))
+    assert found.remarks == [] and facts(found, "costs")["linear solver"] == name
+    assert facts(found, "costs")["a factorisation"] > 0 and facts(found, "memory")["factors"] > 0
+
+
+def test_times_are_those_on_the_threads_of_the_scene():
+    assert facts(inspect_scene(scene(threads=1)), "costs")["threads"] == 1
+
+
 def test_values_and_labels_are_in_the_units_of_the_scene():
     found = inspect_scene(scene(units="mm-N-MPa"))
     assert {"implausible"} == set(names(found))
