@@ -1,4 +1,4 @@
-"""The elements that make explicit steps short: the critical step of each element by itself."""
+"""The elements that make explicit steps short: the step that each of them allows."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from ..mesh.displacements import by_vertex
 from ..system.bound import BoundTerms
 from ..system.pattern import Pattern
 from ..system.protocol import SystemLike, checked_system
-from ..terms import Body, HasStress
+from ..terms import HasStress
 from ..terms.protocols import HasPressure
 
 #: Elements whose eigenvalues are computed at once: matrices of some megabytes.
@@ -27,7 +27,7 @@ AT_ONCE = 4096
 
 @dataclass(frozen=True, eq=False, repr=False)
 class CriticalElements:
-    """Critical steps of elements by themselves: those of the body are not smaller than the smallest of these.
+    """The elements that make the critical step of a body short, and the step that each element allows at most.
 
     Attributes
     ----------
@@ -45,18 +45,18 @@ class CriticalElements:
     def __repr__(self) -> str:
         usual = float(np.median(self.every))
         shown = ", ".join(f"{step:.3g} s" for step in self.steps[:3])
-        return f"CriticalElements: {name_ids(self.elements, 'element')} have steps of {shown}; in the median {usual:.3g} s"
+        return f"CriticalElements: {name_ids(self.elements, 'element')} allow steps of {shown}; in the median {usual:.3g} s"
 
 
 def critical_elements(system: SystemLike, n: int = 5, *, u: ArrayLike | None = None) -> CriticalElements:
-    """The n elements whose own critical step is the smallest, at displacements `u` (ndofs,) [m], by default at rest.
+    """The n elements that allow the smallest steps of explicit integrators, at displacements `u` (ndofs,) [m], by default at rest.
 
-        T_e = 2/omega_e,    omega_e^2 the largest eigenvalue of (K_e, M_e)        min_e T_e <= T of the body
+        T_e = 2/omega_e,    omega_e^2 the largest eigenvalue of (K_e, M)        T of the body <= min_e T_e
 
-    with an element's own part of K and of the lumped mass, over its free degrees of freedom. Remesh where they are, or give these
-    elements a material that is softer or heavier.
-
-    Source of the bound: Irons (1970); Fried (1972).
+    with an element's own part of K and the lumped masses of the body at its nodes, over its free degrees of freedom: the Rayleigh
+    quotient of a motion of these nodes alone, which the rest of a body at rest makes stiffer still. Where one element is much worse
+    than its neighbours, as a sliver or a stiff one, its `T_e` is the step of the body. Remesh there, or give it a material that is
+    softer or heavier.
 
     Raises
     ------
@@ -73,7 +73,7 @@ def critical_elements(system: SystemLike, n: int = 5, *, u: ArrayLike | None = N
     >>> bar = System(line, StVK(young=4.0, poisson=0.3, density=1.0))     # waves of 2 m/s
     >>> found = critical_elements(bar, 2)
     >>> found.elements, found.steps.round(3)
-    (array([1, 2]), array([0.05, 0.45]))
+    (array([1, 2]), array([0.162, 0.462]))
     """
     checked_system(system)
     n = whole("n", n, "a number of elements, from 1", 1)
@@ -90,7 +90,7 @@ def critical_elements(system: SystemLike, n: int = 5, *, u: ArrayLike | None = N
 
 
 def _steps(system: SystemLike, terms: list[Any], x: Array) -> Array:
-    """(nt,) critical steps of the elements, each with nodes of its own."""
+    """(nt,) steps that the elements allow, from their parts of K as if each had nodes of its own."""
     apart, t = _apart(system.mesh), system.mesh.t
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # of elements that these terms are not on
@@ -100,15 +100,14 @@ def _steps(system: SystemLike, terms: list[Any], x: Array) -> Array:
     u[apart.t] = x[t]
     for term in bound.pair_terms:
         term.fill(u, term.rows(pattern), values, True, None, ALL)
-    mass = Body(apart, system.elastic_terms).lumped_mass
-    d, nodes = apart.d, np.sort(apart.t, axis=0)  # columns of a row of K are in the order of the nodes
-    order = np.argsort(apart.t, axis=0, kind="stable")
+    d, order = apart.d, np.argsort(apart.t, axis=0, kind="stable")  # columns of a row of K are in the order of the nodes
+    nodes, own = np.take_along_axis(apart.t, order, axis=0), np.take_along_axis(t, order, axis=0)  # apart, and in the body
     is_free = np.ones(system.ndofs, dtype=bool)
     is_free[system.supports.held] = False
     is_free.reshape(-1, d)[system.bare] = False
-    free = is_free.reshape(-1, d)[np.take_along_axis(t, order, axis=0)]  # (n, nt, d)
-    inverse = np.divide(1.0, np.sqrt(mass), out=np.zeros(len(mass)), where=mass > 0)
-    scale = (inverse[nodes][:, :, None] * free).transpose(1, 0, 2).reshape(t.shape[1], -1)
+    mass = system.mass().vertex
+    inverse = is_free.reshape(-1, d) * np.divide(1.0, np.sqrt(mass), out=np.zeros(len(mass)), where=mass > 0)[:, None]
+    scale = inverse[own].transpose(1, 0, 2).reshape(t.shape[1], -1)  # (nt, n d)
     dofs = (d * nodes.T[:, :, None] + np.arange(d)).reshape(t.shape[1], -1)
     full = pattern.indptr[dofs[:, 0] + 1] - pattern.indptr[dofs[:, 0]] == dofs.shape[1]
     full[system.removed] = False

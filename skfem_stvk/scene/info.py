@@ -63,7 +63,7 @@ EXPLICIT_STEPS, IMPLICIT_STEPS = 50, 2
 PATIENCE = 2.0
 #: Of explicit steps that are found, as a part of the critical one.
 SAFETY = 0.85
-#: A critical step that is a smaller part of that of most elements is worth a remark.
+#: Elements that allow a smaller part of the step that usual ones allow are worth a remark.
 SHORT = 0.2
 #: Degree of the polynomials whose span bounds eigenfrequencies.
 DEGREE = 3
@@ -369,14 +369,16 @@ class _Look:
         usual, steps = float(np.median(worst.every[np.isfinite(worst.every)])), worst.steps.tolist()
         self.add(
             "explicit steps",
-            Fact("elements that set it", worst.elements.tolist(), "", f"by themselves {_shown(steps[0])} {unit} and longer"),
-            Fact("critical step of most", usual, unit, "of the median element by itself"),
+            Fact("elements that set it", worst.elements.tolist(), "", f"the first allows {_shown(steps[0])} {unit} at most"),
+            Fact("usual elements allow", usual, unit, "at most, the median"),
         )
-        if found.step < SHORT * usual:
+        bad = np.flatnonzero(worst.every < SHORT * usual)
+        if len(bad):
+            named = name_ids(bad[np.argsort(worst.every[bad], kind="stable")], "element")
             self.remark(
                 "critical step",
-                f"{name_ids(worst.elements, 'element')}: explicit steps are {usual / found.step:.3g} times as short as most "
-                "elements need. Remesh there, remove the detail, or take an implicit integrator.",
+                f"{named}: explicit steps have to be {usual / steps[0]:.3g} times as short as usual elements allow. Remesh there, "
+                "remove the detail, or take an implicit integrator.",
             )
 
     # what it costs
