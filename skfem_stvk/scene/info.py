@@ -482,6 +482,8 @@ class _Look:
             how = f"measured on {steps} steps"
         if not result.success:
             self.remark("motion", f"The first steps do not go well: {result.message}")
+        if steps < 1:
+            return  # there is nothing to multiply
         each, total = seconds / max(steps, 1), max((analysis.until - initial.t0) / dt, 1.0)
         spread = (0.8, 1.5) if integrator.explicit else (0.5, 2.5)
         self.add(

@@ -295,3 +295,11 @@ def test_the_command_tells_of_a_mesh_file(tmp_path, capsys):
 def test_the_command_alone_tells_of_the_installation_in_json_too(capsys):
     assert main(["info", "--json"]) == 0
     assert "numpy" in json.loads(capsys.readouterr().out)
+
+
+def test_a_motion_that_blows_up_at_once_has_no_time_but_what_to_do():
+    analysis = {"type": "dynamic", "integrator": "velocity-verlet", "dt": 1e-2, "until": 1.0}
+    found = inspect_scene(scene(analysis=analysis, initial={"velocity": [0.0, 0.0, -2.0]}))
+    assert "estimated time" not in facts(found, "costs")
+    text = " ".join(one.text for one in found.remarks)
+    assert "above the critical step" in text and "leave dt out" in text and "do not go well" in text
