@@ -8,6 +8,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from difflib import get_close_matches
 from functools import cached_property
+from pathlib import Path
 from typing import Any
 
 import numba
@@ -227,12 +228,8 @@ def _check_outputs(sections: SceneTables, source: SceneSource, complaints: Compl
             complaints.add(("output", "plots", number), f"there is nothing to plot by the name {name!r}; {name_known(name, known)}")
     for name in ("file", "animation"):
         given = getattr(output, name)
-        if given is not None:
-            inside = (source.folder / given).resolve()
-            if source.folder.resolve() not in inside.parents or given.startswith(("/", "~")):
-                complaints.add(
-                    ("output", name), f"{given!r} is not within the folder of results; give a name alone, such as 'body.pvd'"
-                )
+        if given is not None and (Path(given).name != given or "\\" in given):
+            complaints.add(("output", name), f"{given!r} is no name in the folder of results; give one alone, such as 'body.pvd'")
     if output.animation is not None and not (output.file or "").endswith(".pvd"):
         complaints.add(("output", "animation"), 'shows the states that are saved; add file = "....pvd"')
     results = [*(f"{name}.{axis}" for name in followed for axis in "xyz"), *RESULTS[sections.analysis.type]]

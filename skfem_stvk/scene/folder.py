@@ -14,10 +14,12 @@ from typing import Any
 from ..errors import StvkError
 from ..referee.header import machine, versions
 from ..results.files import replacing
-from .outcome import SceneOutcome
+from .outcome import BAD_INPUT, SceneOutcome
 from .schema import SceneTables
 from .schema.analyses import ModesAnalysis
 
+#: Status of a run that was refused before it began, so that nothing is lost where its folder is taken again.
+REFUSED = "refused"
 SUMMARY, RESOLVED, CHECKPOINT = "summary.json", "resolved.toml", "checkpoint"
 
 
@@ -49,7 +51,7 @@ class Folder:
             )
         if self.resume:
             self._refuse_nothing(sections, names)
-        elif names and not self.force:
+        elif names and not self.force and self.summary()["status"] != REFUSED:
             raise StvkError(
                 f"{path} holds the results of a run that {self.summary()['status']}. --force replaces them, --resume goes on from "
                 "its checkpoint, --out names another folder."
@@ -92,6 +94,10 @@ class Folder:
     def begun(self, data: Mapping[str, Any]) -> None:
         """Say that a run began: a killed one leaves that."""
         self._say({"status": "was killed or is running", "scene_hash": hash_of(data), "begun": _now()})
+
+    def refused(self, data: Mapping[str, Any], error: StvkError) -> None:
+        """Say that the analysis refused what it got."""
+        self._say({"status": REFUSED, "exit_code": BAD_INPUT, "message": str(error), "scene_hash": hash_of(data), "ended": _now()})
 
     def ended(self, data: Mapping[str, Any], outcome: SceneOutcome) -> None:
         """Write the summary of a run."""

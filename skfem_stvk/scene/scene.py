@@ -131,7 +131,11 @@ class Scene:
         built = self.built
         folder.begun(self.source.data)
         self.write(folder.path / RESOLVED)
-        outcome = solve(built, folder, quiet=quiet)
+        try:
+            outcome = solve(built, folder, quiet=quiet)
+        except StvkError as error:
+            folder.refused(self.source.data, error)
+            raise
         folder.ended(self.source.data, outcome)
         write_report(folder.path, outcome)
         return outcome

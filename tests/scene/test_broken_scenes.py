@@ -257,10 +257,7 @@ CASES = [
     Broken(
         "a file outside",
         [('file = "beam.pvd"', 'file = "../beam.pvd"')],
-        (
-            "scene.toml: output.file, line 41: '../beam.pvd' is not within the folder of results; give a name alone, "
-            "such as 'body.pvd'"
-        ),
+        ("scene.toml: output.file, line 41: '../beam.pvd' is no name in the folder of results; give one alone, such as 'body.pvd'"),
     ),
     Broken(
         "a file of an unknown kind",

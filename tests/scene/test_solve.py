@@ -150,6 +150,14 @@ def test_results_of_another_run_are_replaced_only_by_force(tmp_path, capsys):
     assert "thesis.tex" in capsys.readouterr().err
 
 
+def test_a_run_that_was_refused_leaves_its_folder_free(tmp_path, capsys):
+    path = scene(tmp_path, STATIC)
+    assert main(["solve", str(path), "--quiet", "--set", 'fixed={ left = "x" }']) == 2
+    assert "rigid modes left" in capsys.readouterr().err
+    assert json.loads((tmp_path / "beam" / "summary.json").read_text())["status"] == "refused"
+    assert main(["solve", str(path), "--quiet"]) == 0
+
+
 def test_nothing_is_begun_anew_where_something_should_be_resumed(tmp_path, capsys):
     path = scene(tmp_path, MOTION)
     assert main(["solve", str(path), "--quiet", "--resume"]) == 2
