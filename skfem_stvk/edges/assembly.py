@@ -257,7 +257,8 @@ class LawAssembly(ElementTerm):
 
         super().__init__(p, t, quadrature, stored, dtype, resistance)
         self.law, self._barrier = law.law(self._D), law.barrier
-        self._ids = np.arange(t.shape[1]) if elements is None else elements
+        if law.barrier:  # which needs them for its messages
+            self._ids = np.arange(t.shape[1]) if elements is None else elements
 
     def _energy(self, shares: Shares, f: Array) -> float:
         return self._checked(sum(run(element_kernels.energy_and_force, shares.parts, *self._arrays(shares), f)))

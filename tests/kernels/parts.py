@@ -1,4 +1,7 @@
-"""Small meshes in several parts, and systems on the readable twins of the kernels."""
+"""Small meshes in several parts, systems on the readable twins of the kernels, and which kernels run."""
+
+import sys
+from contextlib import contextmanager
 
 import numba
 from kernels import readable, readable_networks
@@ -37,3 +40,23 @@ def on_twins(monkeypatch):
     for module, names in BY_NAME.items():
         for name in names:
             monkeypatch.setattr(module, name, getattr(readable, name))
+
+
+@contextmanager
+def kernels_run():
+    """Names of the kernels that Python calls meanwhile, which numba tells to Python's profilers."""
+    modules = [module for name, module in sys.modules.items() if name.startswith("skfem_stvk.kernels.")]
+    codes = [value.py_func.__code__ for module in modules for value in vars(module).values() if hasattr(value, "py_func")]
+    known, ran = {(code.co_filename, code.co_name) for code in codes}, set()
+
+    def note(frame, event, argument):
+        code = frame.f_code
+        if event == "call" and (code.co_filename, code.co_name) in known:
+            ran.add(code.co_name)
+
+    before = sys.getprofile()
+    sys.setprofile(note)
+    try:
+        yield ran
+    finally:
+        sys.setprofile(before)

@@ -1,0 +1,223 @@
+"""A body pays for what it names, and for nothing else: arrays, kernels, patterns and masses, for every term and analysis.
+
+Which packages and which parts of this one a use imports is held by fresh processes in `tests/test_imports.py`.
+"""
+
+import tracemalloc
+from functools import partial
+
+import numpy as np
+import pytest
+import skfem
+from kernels.parts import kernels_run
+
+from skfem_stvk import (
+    BodyForce,
+    Corotated,
+    EdgeNetwork,
+    ElasticFoundation,
+    EnergyMomentum,
+    Gravity,
+    InvertibleStVK,
+    LinearElastic,
+    NeoHookean,
+    NodalLoad,
+    Pressure,
+    SpringNetwork,
+    StVK,
+    System,
+    Traction,
+    VelocityVerlet,
+    VolumePenalty,
+    modes,
+    simulate,
+    solve_static,
+    terms,
+)
+from skfem_stvk.edges import assembly
+from skfem_stvk.kernels import elements as element_kernels
+from skfem_stvk.mesh import ElementMesh
+from skfem_stvk.system import pattern, system
+
+ELASTIC = {"young": 1e5, "poisson": 0.3, "density": 1000.0}
+FIXED = {"left": "xyz"}
+#: Terms for a region of a mesh; loads for the facets or nodes "right". A new term is a row.
+ELEMENTS = {
+    StVK: lambda mesh, region: StVK(**ELASTIC, region=region),
+    LinearElastic: lambda mesh, region: LinearElastic(**ELASTIC, region=region),
+    NeoHookean: lambda mesh, region: NeoHookean(**ELASTIC, region=region),
+    Corotated: lambda mesh, region: Corotated(**ELASTIC, region=region),
+    InvertibleStVK: lambda mesh, region: InvertibleStVK(**ELASTIC, region=region),
+    SpringNetwork: lambda mesh, region: SpringNetwork(**ELASTIC, rule="van-gelder", region=region),
+    EdgeNetwork: lambda mesh, region: EdgeNetwork.of(mesh, StVK(**ELASTIC, region=region)),
+    VolumePenalty: lambda mesh, region: VolumePenalty(1e5, region=region),
+}
+OTHERS = {
+    ElasticFoundation: ElasticFoundation("right", 1e4),
+    Gravity: Gravity((0.0, 0.0, -9.81)),
+    BodyForce: BodyForce((0.0, 0.0, -1.0)),
+    NodalLoad: NodalLoad("right", (0.0, 0.0, -1.0)),
+    Pressure: Pressure("right", 100.0),
+    Traction: Traction("right", (0.0, 0.0, -1.0)),
+}
+#: Kernels that run for a term, and for no other of the tables above it.
+OWN = {
+    SpringNetwork: {"springs"},
+    EdgeNetwork: {"elongate", "pull"},
+    VolumePenalty: {"penalty_energy_and_force", "penalty_linearize"},
+}
+
+
+def bar(n=40, across=2):
+    """A bar with its last twentieth as the region "end"."""
+    ends = np.linspace(0, 1, across + 1)
+    mesh = skfem.MeshTet.init_tensor(np.linspace(0, n / 2, n + 1), ends, ends).with_defaults()
+    return ElementMesh.of(mesh.with_subdomains({"end": lambda x: x[0] > 0.95 * n / 2}))
+
+
+def used(body):
+    """The body after W, F and K, and all that acts on it, have been asked for."""
+    u = 1e-3 * np.sin(np.arange(body.ndofs))
+    body.energy(u), body.residual(u), body.jacobian(u)
+    return body
+
+
+def held_bytes(make):
+    """Bytes that stay with what `make` returns, as Python counts them; and that."""
+    make()
+    tracemalloc.start()
+    try:
+        made = make()
+        return tracemalloc.get_traced_memory()[0], made
+    finally:
+        tracemalloc.stop()
+
+
+def refused(*arguments, **named):
+    raise AssertionError("this was not to be made")
+
+
+def test_every_term_has_a_row():
+    public = [getattr(terms, name) for name in terms.__all__]
+    specifications = {one for one in public if hasattr(one, "bind") and one not in (terms.Load, terms.Term)}
+    assert specifications == set(ELEMENTS) | set(OTHERS)
+
+
+def test_a_plain_body_holds_what_it_says_and_no_more():
+    """What Python counts is what `memory` says: no array of another term, analysis or output hides."""
+    mesh = bar(200, 4)
+    held, body = held_bytes(lambda: used(System(mesh, StVK(**ELASTIC), FIXED)))
+    said = body.memory()
+    assert said["mass"] == said["product"] == 0
+    assert held - (sum(said.values()) - said["mesh"]) < 0.8 * body.ndofs * 8
+
+
+@pytest.mark.parametrize("kind", [*ELEMENTS, *OTHERS], ids=lambda kind: kind.__name__)
+def test_without_a_term_its_kernels_do_not_run_and_its_arrays_are_not_there(kind):
+    mesh = bar(10)
+    term = ELEMENTS[kind](mesh, None) if kind in ELEMENTS else OTHERS[kind]
+    without = partial(System, mesh, StVK(**ELASTIC), FIXED)
+    with kernels_run() as plain:
+        bytes_without = sum(used(without()).memory().values())
+    with kernels_run() as both:
+        used(System(mesh, [StVK(**ELASTIC), term], FIXED))
+    with kernels_run() as again:
+        assert sum(used(without()).memory().values()) == bytes_without
+    own = OWN.get(kind, set())
+    assert own <= both - plain and again == plain and not plain & set().union(*OWN.values())
+
+
+@pytest.mark.parametrize("kind", ELEMENTS, ids=lambda kind: kind.__name__)
+def test_a_term_on_a_twentieth_of_the_elements_costs_a_twentieth(kind):
+    """Of the arrays that it has on all of them, and of the elements or edges that its kernels go over; its surface comes on top."""
+    mesh, whole, part = bar(), *(held_of(kind, region) for region in (None, "end"))
+    share = len(mesh.elements("end")) / mesh.nt
+    assert share == pytest.approx(0.05) and part < 1.3 * share * whole + 3500
+
+
+def held_of(kind, region):
+    mesh = bar()
+    bound = System(mesh, [StVK(**ELASTIC), ELEMENTS[kind](mesh, region)], FIXED)
+    used(bound)
+    return sum(bound.bound_terms[1].memory().values())
+
+
+@pytest.mark.parametrize("kind", OTHERS, ids=lambda kind: kind.__name__)
+def test_a_load_makes_no_blocks_of_the_body(kind):
+    mesh = bar(10)
+    plain = used(System(mesh, StVK(**ELASTIC), FIXED)).memory()
+    loaded = used(System(mesh, [StVK(**ELASTIC), OTHERS[kind]], FIXED)).memory()
+    assert {part: loaded[part] for part in ("elements", "pattern of K", "mass")} == {
+        part: plain[part] for part in ("elements", "pattern of K", "mass")
+    }
+
+
+def test_two_laws_on_two_regions_are_two_bodies():
+    mesh = bar(10)
+    rest = np.setdiff1d(np.arange(mesh.nt), mesh.elements("end"))
+    laws = StVK(**ELASTIC, region=rest), NeoHookean(young=3e5, poisson=0.45, density=1.0, region="end")
+    u = 0.02 * np.sin(np.arange(mesh.p.size))
+    both = System(mesh, list(laws))
+    with pytest.warns(match="in no term"):
+        alone = [System(mesh, law) for law in laws]
+    assert both.energy(u) == pytest.approx(sum(one.energy(u) for one in alone), rel=1e-13)
+    assert (
+        np.abs(both.internal_force(u) - sum(one.internal_force(u) for one in alone)).max()
+        < 1e-11 * np.abs(both.internal_force(u)).max()
+    )
+    assert abs(both.tangent(u) - alone[0].tangent(u) - alone[1].tangent(u)).max() < 1e-12 * abs(both.tangent(u)).max()
+    assert alone[0].energy(u) > 0.1 * both.energy(u) and alone[1].energy(u) > 0.01 * both.energy(u)
+
+
+def test_energy_and_force_alone_make_no_pattern_and_no_blocks(monkeypatch):
+    body = System(bar(10), [StVK(**ELASTIC), Pressure("right", 100.0)], FIXED)
+    monkeypatch.setattr(system, "Pattern", refused)
+    monkeypatch.setattr(element_kernels, "linearize", refused)
+    u = np.zeros(body.ndofs)
+    body.energy(u), body.internal_force(u), body.residual(u)
+    assert body.memory()["pattern of K"] == body.memory()["rows of K"] == body.memory()["blocks of edges"] == 0
+
+
+def test_springs_alone_make_nothing_of_simplices(monkeypatch):
+    """Of given stiffness: no coefficients L of elements, no frames, and no kernel on elements."""
+    mesh = bar(10)
+    edges = skfem.MeshTet(mesh.p, mesh.t).edges.shape[1]
+    for name in ("frames_at", "own_order", "OwnElements"):
+        monkeypatch.setattr(assembly, name, refused)
+    monkeypatch.setattr(StVK, "coefficients", refused)
+    with kernels_run() as ran:
+        body = used(System(mesh, SpringNetwork(stiffness=np.full(edges, 9.0)), FIXED))
+    assert "springs" in ran and not ran & {"energy_and_force", "linearize"}
+    assert "elements" not in body.memory()
+
+
+@pytest.mark.parametrize("method", ["load-steps", "arc-length"])
+def test_statics_makes_no_mass(method, monkeypatch):
+    body = System(bar(4), [StVK(**ELASTIC), Traction("right", (0.0, 0.0, -10.0))], FIXED)
+    monkeypatch.setattr(System, "mass", refused)
+    assert solve_static(body, 2, method=method, quiet=True).success and body.memory()["mass"] == 0
+
+
+@pytest.mark.parametrize("step, until", [(None, 3.0), (1e-3, 0.2)], ids=["found", "given"])
+def test_an_explicit_motion_makes_no_matrix_and_looks_at_stiffness_for_its_step_alone(step, until, monkeypatch):
+    body = System(bar(4), [StVK(**ELASTIC), Traction("right", (0.0, 0.0, -10.0))], FIXED)
+    for name in ("tangent", "jacobian"):
+        monkeypatch.setattr(System, name, refused)
+    monkeypatch.setattr(pattern.Pattern, "__init__", refused)
+    linearize, looks = element_kernels.linearize, []
+
+    def counted(*arguments):
+        looks.append(None)
+        return linearize(*arguments)
+
+    monkeypatch.setattr(element_kernels, "linearize", counted)
+    run = simulate(body, VelocityVerlet() if step is None else VelocityVerlet(dt=step), until=until, quiet=True)
+    assert run.success and body.memory()["pattern of K"] == body.memory()["rows of K"] == 0
+    assert 0 < len(looks) < run.ledger.steps / 8
+
+
+def test_an_implicit_motion_and_modes_make_one_kind_of_mass():
+    for analysis in (lambda body: simulate(body, EnergyMomentum(dt=1e-2), until=2e-2, quiet=True), lambda body: modes(body, 2)):
+        body = System(bar(4), [StVK(**ELASTIC), Gravity((0.0, 0.0, -1.0))], FIXED)
+        analysis(body)
+        assert len(body._masses) == 1
