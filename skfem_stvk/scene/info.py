@@ -63,6 +63,8 @@ EXPLICIT_STEPS, IMPLICIT_STEPS = 50, 2
 PATIENCE = 2.0
 #: Of explicit steps that are found, as a part of the critical one.
 SAFETY = 0.85
+#: Numbers in the stiffnesses of all elements beyond which those that make steps short are not looked for: some 2 GB.
+MOST_NUMBERS = 8e7
 #: Elements that allow a smaller part of the step that usual ones allow are worth a remark.
 SHORT = 0.2
 #: Degree of the polynomials whose span bounds eigenfrequencies.
@@ -361,6 +363,10 @@ class _Look:
             self.remark(
                 "critical step", f"{text}Take {SAFETY * found.step:.2g}, leave dt out to have it found, or an implicit integrator."
             )
+        mesh = system.mesh
+        if mesh.nt * (mesh.element.n * mesh.d) ** 2 > MOST_NUMBERS:
+            self.add("explicit steps", Fact("elements that set it", "not looked for", "", "there are too many elements"))
+            return
         try:
             worst = critical_elements(system, 5)
         except StvkError as error:

@@ -303,3 +303,10 @@ def test_a_motion_that_blows_up_at_once_has_no_time_but_what_to_do():
     assert "estimated time" not in facts(found, "costs")
     text = " ".join(one.text for one in found.remarks)
     assert "above the critical step" in text and "leave dt out" in text and "do not go well" in text
+
+
+def test_elements_of_a_body_that_is_too_large_are_not_looked_for(monkeypatch):
+    monkeypatch.setattr(info, "MOST_NUMBERS", 10)
+    found = inspect_mesh(box(), **STEEL)
+    assert facts(found, "explicit steps")["elements that set it"] == "not looked for" and names(found) == []
+    assert facts(found, "explicit steps")["critical step"] > 0
