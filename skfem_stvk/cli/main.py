@@ -163,6 +163,7 @@ def _refuse_unwritable(name: str) -> None:
 COMMANDS = {
     "init": Command(scenes.init, "print a commented example of a scene", scenes.init_arguments),
     "solve": Command(scenes.solve, "solve a scene: a whole job in one TOML file", scenes.solve_arguments),
+    "sweep": Command(scenes.solve_product, "solve a scene with the product of values, in processes", scenes.sweep_arguments),
     "verify": Command(_verify, "hold W, F and K against scikit-fem's on a mesh", _verify_arguments),
     "bench": Command(_bench, "time and memory of W, F, K and K v, against targets", _bench_arguments),
     "info": Command(info, "what would be built of a scene or a mesh, and what is wrong with it; alone: versions", info_arguments),

@@ -1,4 +1,4 @@
-"""The commands on scenes: init, solve."""
+"""The commands on scenes: init, solve, sweep."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ from pathlib import Path
 from rich.console import Console
 
 from ..referee.terminal import printable
-from ..scene import Scene, templates
-from ..scene.outcome import INTERRUPTED, SceneOutcome
+from ..scene import Scene, sweep, templates
+from ..scene.outcome import DONE, INTERRUPTED, NOT_CONVERGED, SceneOutcome
 
 
 def add_scene(parser: argparse.ArgumentParser) -> None:
@@ -75,3 +75,27 @@ def _print(outcome: SceneOutcome) -> None:
         verdict = "[green]as expected[/]" if one.passed else "[bold red]not as expected[/]"
         console.print(f"{verdict} {one.name} = {one.got:.9g}, expected {one.expected:.9g} within {one.allowed:.3g}", soft_wrap=True)
     console.print(f"results are in {printable(str(outcome.folder))}", soft_wrap=True)
+
+
+def sweep_arguments(parser: argparse.ArgumentParser) -> None:
+    """Arguments of `sweep`."""
+    parser.add_argument("scene", help="scene file (.toml)")
+    parser.add_argument(
+        "--set",
+        action="append",
+        default=[],
+        metavar="KEY=VALUES",
+        help="values of a key, as analysis.steps=5,10; several make a product",
+    )
+    parser.add_argument(
+        "--out", metavar="FOLDER", help="folder of all runs, the table and the plot; by default SCENE-sweep beside it"
+    )
+    parser.add_argument("--jobs", type=int, help="runs at a time, each in a process; by default one for each core")
+    parser.add_argument("--force", action="store_true", help="replace runs of another scene")
+    parser.add_argument("--quiet", action="store_true", help="print nothing but errors")
+
+
+def solve_product(options: argparse.Namespace) -> int:
+    """Solve a scene with the product of values, into a table; exit code 0 if all runs are done, 1 if one failed."""
+    rows = sweep(options.scene, options.set, options.out, jobs=options.jobs, force=options.force, quiet=options.quiet)
+    return DONE if all(row.done for row in rows) else NOT_CONVERGED

@@ -37,6 +37,12 @@ def stop_if_asked() -> None:
         raise KeyboardInterrupt
 
 
+def ask_to_finish() -> None:
+    """Let an analysis that runs end after the step that it is in, as the first Ctrl-C does."""
+    global _asked
+    _asked = True
+
+
 def _note(number: int, frame: FrameType | None) -> None:
     global _asked
     if _asked:

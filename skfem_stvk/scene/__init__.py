@@ -2,5 +2,6 @@
 
 from .outcome import SceneOutcome
 from .scene import Scene
+from .sweep import SweepRow, sweep
 
-__all__ = ["Scene", "SceneOutcome"]
+__all__ = ["Scene", "SceneOutcome", "SweepRow", "sweep"]

@@ -40,10 +40,8 @@ class Folder:
             if it holds results and they are neither to be resumed nor to be replaced; if there is nothing to resume; if it holds
             other files than results, or cannot be written.
         """
-        path, there = self.path, self.path.exists()
-        if there and not path.is_dir():
-            raise StvkError(f"--out {path}: it is a file; expected a folder, which is made if it is missing.")
-        names = sorted(one.name for one in path.iterdir()) if there else []
+        path = self.path
+        names = visible(path)
         if names and SUMMARY not in names:
             raise StvkError(
                 f"--out {path}: it holds {len(names)} files (such as {names[0]}), and no {SUMMARY}: it is no folder of results. "
@@ -121,6 +119,13 @@ class Folder:
     def _say(self, said: dict[str, Any]) -> None:
         with replacing(self.path / SUMMARY) as part:
             part.write_text(json.dumps(said, indent=1, default=str) + "\n", encoding="utf-8")
+
+
+def visible(folder: Path) -> list[str]:
+    """Names of what a folder holds, none if it is not there; hidden files are of a write that was killed, or of the system."""
+    if folder.exists() and not folder.is_dir():
+        raise StvkError(f"--out {folder}: it is a file; expected a folder, which is made if it is missing.")
+    return sorted(one.name for one in folder.iterdir() if not one.name.startswith(".")) if folder.exists() else []
 
 
 def hash_of(data: Mapping[str, Any]) -> str:

@@ -1,0 +1,480 @@
+"""Many runs of a scene, with other values each, in processes: into a folder for each, a table and a plot."""
+
+from __future__ import annotations
+
+import csv
+import json
+import multiprocessing
+import os
+import signal
+import threading
+import warnings
+from collections import deque
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from pydantic import BaseModel
+from rich.console import Console
+
+from ..arguments import path as checked_path
+from ..arguments import shown, whole
+from ..errors import StvkError
+from ..kernels.threads import threads
+from ..nonlinear.interruption import ask_to_finish, finishing_steps, stop_if_asked
+from ..referee.header import THREAD_LIMITS
+from ..referee.terminal import printable
+from ..results.files import replacing
+from .build import expectations
+from .folder import CHECKPOINT, SUMMARY, Folder, visible
+from .outcome import BAD_INPUT, DONE, INTERRUPTED, NOT_AS_EXPECTED, NOT_CONVERGED
+from .product import Axis, Planned, in_short, planned
+from .report import DOTS_PER_INCH, RESULTS
+from .scene import Scene
+from .schema import SceneTables
+from .syntax import Loc
+from .units import UNITS
+
+TABLE, PLOT = "table.csv", "sweep.png"
+#: Columns between the values and the results.
+COLUMNS = ("status", "exit_code", "seconds", "folder", "message")
+#: What is asked of the processes.
+GO_ON, FINISH, END = 0, 1, 2
+#: Seconds between looks at what happened.
+PAUSE = 0.1
+#: Results, and lines of each, that a plot holds at most.
+MOST_PANELS, MOST_LINES = 6, 10
+#: From this quotient of the largest value and the smallest on the abscissa is logarithmic.
+WIDE = 30
+#: Parts of the largest component below which values are the same, and below which a component is zero.
+SAME, ZERO = 1e-9, 1e-6
+#: Results that say how a run went rather than what came of it.
+COUNTED = ("steps", "load", "time", "modes.rigid", "modes.unstable")
+
+
+@dataclass(frozen=True)
+class SweepRow:
+    """What came of one run of a sweep.
+
+    Attributes
+    ----------
+    values : of the keys that were swept.
+    status, message : how it came out, in a word, and what failed; the message of a run that is done is empty.
+    exit_code : as of `skfem-stvk solve`; None if its process crashed.
+    seconds : that it took.
+    folder : where its results are.
+    results : by dotted name, such as `energy.strain`.
+    """
+
+    values: dict[str, Any]
+    folder: Path
+    status: str
+    exit_code: int | None = None
+    seconds: float | None = None
+    message: str = ""
+    results: dict[str, float] = field(default_factory=dict)
+
+    @property
+    def done(self) -> bool:
+        """Whether it converged, and all is as expected."""
+        return self.exit_code == DONE
+
+
+def sweep(
+    path: str | os.PathLike[str],
+    settings: Mapping[str, Iterable[Any]] | Sequence[str],
+    out: str | os.PathLike[str] | None = None,
+    *,
+    jobs: int | None = None,
+    force: bool = False,
+    quiet: bool = False,
+) -> list[SweepRow]:
+    """Solve a scene with the product of values, several at a time, each in a process; what is done already is not done again.
+
+    Runs that fail, or whose process crashes, do not stop the others. A run that was killed or interrupted goes on from its
+    checkpoint if it has one. Programs call this under `if __name__ == "__main__":`, as processes import them anew.
+
+    Parameters
+    ----------
+    path : of the scene file.
+    settings : values by key, {"materials.steel.young": [1e9, 2e9]}, or texts such as "materials.steel.young=1e9,2e9".
+    out : folder of table.csv, sweep.png and a folder for each run; by default beside the scene, named `SCENE-sweep`.
+    jobs : runs at a time, by default one for each core; their kernels share the cores.
+    force : replace runs in `out` that are of another scene.
+    quiet : print nothing.
+
+    Returns
+    -------
+    list of SweepRow
+        in the order of the product, the last key changing fastest.
+
+    Raises
+    ------
+    SceneError
+        with all that is wrong in any of the scenes, before anything runs.
+    StvkError
+        if the folder holds runs of another scene, or something else, or cannot be written.
+    KeyboardInterrupt
+        after Ctrl-C, when runs have ended after the step that they were in and the table is written; at once after a second one.
+    """
+    if multiprocessing.parent_process() is not None:
+        raise StvkError('sweep() runs in a process that was started for it. Call it under `if __name__ == "__main__":` alone.')
+    axes, runs = planned(path, settings)
+    sections, beside = runs[0].scene.sections, runs[0].scene.folder_of_results
+    folder = beside.with_name(f"{beside.name}-sweep") if out is None else checked_path("out", out, "the path of a folder")
+    cores, each = threads(), max((run.scene.sections.threads or 1 for run in runs), default=1)
+    jobs = cores if jobs is None else whole("jobs", jobs, "how many runs go on at a time, from 1", least=1)
+    console = Console(highlight=False, quiet=quiet)
+    _open(folder)
+    how = _what_there_is(folder, runs, force)
+    rows = {run.name: _row(run, folder) for run in runs if how[run.name] is None}
+    table = _Table(folder, runs, rows)
+    missing = [run for run in runs if how[run.name] is not None]
+    jobs = max(1, min(jobs, cores // each, len(missing)))
+    each = max(each, cores // jobs)
+    kept = f", {len(rows)} of them there already" if rows else ""
+    console.print(f"{len(runs)} runs{kept}; {jobs} at a time on {each} thread{'s' * (each > 1)} each", soft_wrap=True)
+    tasks = [_Task(Path(path), run, folder / run.name, how[run.name] or "new") for run in missing]
+    try:
+        for run, error in _solved(tasks, jobs, each):
+            table.add(_row(run, folder, error))
+            console.print(f"[{len(rows)}/{len(runs)}] {_in_a_line(rows[run.name])}", soft_wrap=True, markup=False)
+    except KeyboardInterrupt:
+        console.print(f"{len(rows)} of {len(runs)} runs are in {printable(str(folder / TABLE))}; the same again does the rest")
+        raise
+    trouble = _plot(folder, axes, list(rows.values()), sections)
+    if trouble:
+        console.print(f"[yellow]note[/] {PLOT} is not drawn: {printable(trouble)}", soft_wrap=True)
+    return [rows[run.name] for run in runs]
+
+
+# what there is already
+
+
+def _open(folder: Path) -> None:
+    """Make the folder; refuse one that holds something else than a sweep."""
+    names = visible(folder)
+    if names and TABLE not in names:
+        raise StvkError(
+            f"--out {folder}: it holds {len(names)} files (such as {names[0]}), and no {TABLE}: it is no folder of a sweep. "
+            "Name another, or empty it."
+        )
+    if names:
+        with (folder / TABLE).open(encoding="utf-8", newline="") as file:
+            head = next(csv.reader(file), [])
+        if not set(COLUMNS) <= set(head):
+            raise StvkError(f"--out {folder}: its {TABLE} is not one of a sweep, as its columns are {shown(head)}. Name another.")
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise StvkError(f"--out {folder} cannot be written: {error.strerror}. Choose another folder.") from error
+
+
+def _what_there_is(folder: Path, runs: Sequence[Planned], force: bool) -> dict[str, str | None]:
+    """By run how it begins: "new", with "force", or with "resume"; None if it is done."""
+    how: dict[str, str | None] = {}
+    others, strange = [], []
+    for run in runs:
+        path = folder / run.name
+        names = visible(path)
+        if not names:
+            how[run.name] = "new"
+        elif SUMMARY not in names:
+            strange.append(run.name)
+        elif (said := Folder(path).summary()).get("scene_hash") != run.scene.hash:
+            how[run.name] = "force"
+            others.append(run.name)
+        elif said.get("exit_code") in (DONE, NOT_CONVERGED, NOT_AS_EXPECTED):
+            how[run.name] = None
+        else:
+            resumable = run.scene.sections.analysis.type != "modes" and any((path / CHECKPOINT).glob("*.npz"))
+            how[run.name] = "resume" if resumable else "force"
+    if strange:
+        raise StvkError(f"{folder}: {_counted(strange)} hold other files than results. Move them away, or name another --out.")
+    if others and not force:
+        raise StvkError(
+            f"{folder}: {_counted(others)} are of another scene: was it changed since? --force replaces them, --out names another "
+            "folder."
+        )
+    return how
+
+
+def _counted(names: Sequence[str]) -> str:
+    return f"{len(names)} runs ({', '.join(names[:3])}{', ...' if len(names) > 3 else ''})"
+
+
+# what came of runs
+
+
+class _Failure(NamedTuple):
+    """Why there is no summary of a run."""
+
+    status: str
+    exit_code: int | None
+    message: str
+
+
+def _row(run: Planned, folder: Path, error: _Failure | None = None) -> SweepRow:
+    """What the folder of a run says of it, or what went wrong."""
+    path = folder / run.name
+    if error is not None:
+        return SweepRow(run.values, path, error.status, error.exit_code, message=error.message)
+    said = Folder(path).summary()
+    code, message = said.get("exit_code"), str(said.get("message", ""))
+    if code == NOT_AS_EXPECTED:
+        failed = [one for one in said["expectations"] if not one["passed"]]
+        message = "; ".join(f"{one['name']} = {one['got']:.9g}, expected {one['expected']:.9g}" for one in failed)
+    results = {name: float(value) for name, value in said.get("results", {}).items()}
+    return SweepRow(run.values, path, said["status"], code, said.get("seconds"), "" if code == DONE else message, results)
+
+
+def _in_a_line(row: SweepRow) -> str:
+    took = "" if row.seconds is None else f" in {row.seconds:.3g} s"
+    return f"{row.folder.name}: {row.status}{took}" + (f": {row.message}" if row.message else "")
+
+
+class _Table:
+    """The table on the disk: rows of runs that ended, in the order of the product."""
+
+    def __init__(self, folder: Path, runs: Sequence[Planned], rows: dict[str, SweepRow]) -> None:
+        self._path, self._order, self._rows = folder / TABLE, [run.name for run in runs], rows
+        self._keys = list(runs[0].values)
+        self.write()
+
+    def add(self, row: SweepRow) -> None:
+        """Take a row in, and write the table anew."""
+        self._rows[row.folder.name] = row
+        self.write()
+
+    def write(self) -> None:
+        """Write all rows there are."""
+        rows = [self._rows[name] for name in self._order if name in self._rows]
+        results = list(dict.fromkeys(name for row in rows for name in row.results))
+        with replacing(self._path) as part, part.open("w", encoding="utf-8", newline="") as file:
+            writer = csv.writer(file)
+            writer.writerow([*self._keys, *COLUMNS, *results])
+            for row in rows:
+                said = row.status, row.exit_code, row.seconds, row.folder.name, row.message
+                values = (one if isinstance(one, str | int | float) else json.dumps(one) for one in row.values.values())
+                writer.writerow([*values, *said, *(row.results.get(name) for name in results)])
+
+
+# the plot
+
+
+def _plot(folder: Path, axes: Sequence[Axis], rows: Sequence[SweepRow], sections: SceneTables) -> str:
+    """Draw results of a sweep (rows with values, results and an exit code) against its first number; why not, if that fails.
+
+    If no number was swept, or there are not two runs with results, there is no plot, and an old one is removed.
+    """
+    (folder / PLOT).unlink(missing_ok=True)
+    rows = [row for row in rows if row.exit_code in (DONE, NOT_AS_EXPECTED)]
+    axis = next((one for one in axes if one.of_numbers), None)
+    names = list(_worth_drawing(rows, sections))[:MOST_PANELS]
+    if axis is None or not names or len({row.values[axis.path] for row in rows}) < 2:
+        return ""
+    try:
+        figure = _drawn(axis, [one for one in axes if one is not axis], rows, names, sections)
+        with replacing(folder / PLOT) as part:
+            figure.savefig(part, format="png", dpi=DOTS_PER_INCH, bbox_inches="tight")
+    except Exception as error:  # matplotlib fails in many ways, and the table matters more
+        return str(error)
+    return ""
+
+
+def _worth_drawing(rows: Sequence[SweepRow], sections: SceneTables) -> Iterator[str]:
+    """Names of results: what is expected, then probes, reactions, frequencies and critical points, else all that differ."""
+    found = list(dict.fromkeys(name for row in rows for name in row.results))
+    expected = [name for name in (".".join(loc) for loc in expectations(sections.expect)) if name in found]
+    yield from expected
+    others = [name for name in found if name not in expected and name not in COUNTED and _differs(name, rows)]
+    followed = (*sections.output.probes, *sections.output.reactions, "frequency", "critical")
+    asked = [name for name in others if name.startswith(tuple(f"{one}." for one in followed))]
+    yield from asked or ([] if expected else others)
+
+
+def _differs(name: str, rows: Sequence[SweepRow]) -> bool:
+    """Whether a result differs from run to run, and is not only the rounding of one that is zero beside its other components."""
+    values = [row.results[name] for row in rows if name in row.results]
+    family = name.partition(".")[0] + "."
+    largest = max(abs(value) for row in rows for other, value in row.results.items() if other.startswith(family) or other == name)
+    return max(values) - min(values) > SAME * largest and max(map(abs, values)) > ZERO * largest
+
+
+def _drawn(axis: Axis, others: Sequence[Axis], rows: Sequence[SweepRow], names: Sequence[str], sections: SceneTables) -> Any:
+    """A panel for each result; a line in it for each combination of the other values."""
+    from ..results.matplotlib_plot import new_figure  # matplotlib is imported only when something is drawn
+
+    lines: dict[str, list[SweepRow]] = {}
+    for row in sorted(rows, key=lambda row: row.values[axis.path]):
+        label = ", ".join(f"{one.loc[-1]} = {in_short(row.values[one.path])}" for one in others if len(one.values) > 1)
+        lines.setdefault(label, []).append(row)
+    columns = min(len(names), 2)
+    high = -(-len(names) // columns)
+    figure = new_figure((1.5 + 4.0 * columns, 0.6 + 2.6 * high), interactive=False)
+    panels = list(figure.subplots(high, columns, squeeze=False).flat)
+    for panel, name in zip(panels, names, strict=False):
+        for label, of_it in list(lines.items())[:MOST_LINES]:
+            held = [row for row in of_it if name in row.results]
+            panel.plot([row.values[axis.path] for row in held], [row.results[name] for row in held], ".-", lw=1.2, label=label)
+        panel.spines[["top", "right"]].set_visible(False)
+        panel.set_ylabel(_with_unit(name, _dimension_of_result(sections, name), sections))
+        panel.set_xlabel(_with_unit(axis.path, _dimension(sections, axis.loc), sections))
+        if min(axis.values) > 0 and max(axis.values) >= WIDE * min(axis.values):
+            panel.set_xscale("log")
+    for panel in panels[len(names) :]:
+        panel.set_visible(False)
+    if len(lines) > 1:
+        shown, hidden = panels[0].get_legend_handles_labels(), len(lines) - MOST_LINES
+        title = f"{hidden} more are in the table" if hidden > 0 else None
+        figure.legend(*shown, title=title, fontsize=9, title_fontsize=9, frameon=False, loc="outside right center")
+    return figure
+
+
+def _with_unit(name: str, dimension: str | None, sections: SceneTables) -> str:
+    return f"{name} [{UNITS[sections.units].symbol(dimension)}]" if dimension else name
+
+
+def _dimension_of_result(sections: SceneTables, name: str) -> str | None:
+    first = name.partition(".")[0]
+    if first in sections.output.probes:
+        return "length"
+    return "force" if first in sections.output.reactions else RESULTS.get(first)
+
+
+def _dimension(sections: SceneTables, loc: Loc) -> str | None:
+    """The dimension of a key; None if it has none."""
+    at: Any = sections
+    dimension = None
+    for one in loc:
+        if isinstance(at, BaseModel):
+            extra = type(at).model_fields[str(one)].json_schema_extra
+            dimension = extra.get("dimension") if isinstance(extra, dict) else None
+            at = getattr(at, str(one))
+        else:
+            at = at[one]
+    return dimension if isinstance(dimension, str) else None
+
+
+# processes
+
+
+class _Task(NamedTuple):
+    """What a process solves."""
+
+    path: Path
+    run: Planned
+    folder: Path
+    how: str  # "new", "force" or "resume"
+
+
+def _solved(tasks: Sequence[_Task], jobs: int, each: int) -> Iterator[tuple[Planned, _Failure | None]]:
+    """Runs as they end, so many at a time on so many threads each, and why there is no summary of one, if there is none.
+
+    Each of the jobs has a process of its own, so that one that crashes takes no other run with it.
+    """
+    context = multiprocessing.get_context("spawn")
+    asked = context.Value("i", GO_ON, lock=False)
+    waiting, interrupted = deque(tasks), False
+    idle: list[ProcessPoolExecutor] = [_process(context, asked) for _ in range(jobs)]
+    running: dict[Future[_Failure | None], tuple[ProcessPoolExecutor, _Task]] = {}
+    with finishing_steps():
+        try:
+            while running or (waiting and not interrupted):
+                while waiting and idle and not interrupted:
+                    process, task = idle.pop(), waiting.popleft()
+                    with _starting(each):
+                        running[process.submit(_solve, task.path, task.run.settings, task.folder, task.how)] = process, task
+                for future in wait(running, PAUSE, FIRST_COMPLETED).done:
+                    process, task = running.pop(future)
+                    try:
+                        error = future.result()
+                    except BrokenProcessPool:
+                        process.shutdown()
+                        process, error = _process(context, asked), _crashed(task)
+                    idle.append(process)
+                    yield task.run, error
+                try:
+                    stop_if_asked()
+                except KeyboardInterrupt:
+                    interrupted, asked.value = True, FINISH
+            if interrupted:
+                raise KeyboardInterrupt
+        except BaseException:
+            asked.value = END
+            raise
+        finally:
+            for process in [*idle, *(process for process, _ in running.values())]:
+                process.shutdown()
+
+
+def _crashed(task: _Task) -> _Failure:
+    return _Failure(
+        "crashed",
+        None,
+        "its process ended at once: memory ran out, it was killed, or a library crashed. The next call takes it up; alone: "
+        f"skfem-stvk solve {task.path} {' '.join(f'--set {one!r}' for one in task.run.settings)}",
+    )
+
+
+def _process(context: Any, asked: Any) -> ProcessPoolExecutor:
+    return ProcessPoolExecutor(1, context, initializer=_begin, initargs=(asked,))
+
+
+@contextmanager
+def _starting(each: int) -> Iterator[None]:
+    """Processes that start within have so many threads, and leave Ctrl-C to this one."""
+    before = {name: os.environ.get(name) for name in THREAD_LIMITS}
+    masks = hasattr(signal, "pthread_sigmask")  # not on Windows
+    mask = signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT]) if masks else set()
+    try:
+        os.environ.update(dict.fromkeys(THREAD_LIMITS, str(each)))
+        yield
+    finally:
+        for name, value in before.items():
+            if value is None:
+                del os.environ[name]
+            else:
+                os.environ[name] = value
+        if masks:
+            signal.pthread_sigmask(signal.SIG_SETMASK, mask)
+
+
+def _begin(asked: Any) -> None:
+    """Prepare a process: it ends with the one that started it."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    threading.Thread(target=_listen, args=(asked,), daemon=True).start()
+
+
+def _listen(asked: Any) -> None:
+    """Do what is asked, until the process that asks is gone: a run that nobody waits for would be in the way of the next one."""
+    parent = multiprocessing.parent_process()
+    while parent is not None and parent.is_alive() and asked.value != END:
+        if asked.value == FINISH:
+            ask_to_finish()
+        parent.join(PAUSE)
+    os._exit(1)
+
+
+def _solve(path: Path, settings: Sequence[str], folder: Path, how: str) -> _Failure | None:
+    """Solve one scene in a process; why there is no summary, if there is none."""
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("always")
+            warnings.showwarning = _silent  # those of the package are in the summary
+            Scene.read(path, settings).solve(folder, resume=how == "resume", force=how == "force", quiet=True)
+    except (StvkError, OSError) as error:
+        return _Failure("refused", BAD_INPUT, str(error))
+    except KeyboardInterrupt:
+        return _Failure("interrupted", INTERRUPTED, "interrupted before its first step")
+    except Exception as error:  # one that fails does not stop the others
+        return _Failure("crashed", None, f"{type(error).__name__}: {error}")
+    return None
+
+
+def _silent(*warning: Any, **details: Any) -> None:
+    """Show no warning."""

@@ -1,0 +1,276 @@
+"""Sweeps: every run of a product in its folder and its row, whatever fails, crashes, is killed or interrupted on the way."""
+
+import csv
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+
+import numpy as np
+import pytest
+
+from skfem_stvk import SceneError, StvkError
+from skfem_stvk.cli.main import main
+from skfem_stvk.scene import Scene, sweep
+from skfem_stvk.scene.product import planned
+
+BEAM = """
+[mesh]
+type = "box"
+size = [2.0, 1.0]
+cells = [4, 2]
+[materials.rubber]
+model = "isotropic"
+young = 1e6
+poisson = 0.3
+density = 1000
+[[terms]]
+type = "stvk"
+material = "rubber"
+[fixed]
+left = "xy"
+[output]
+picture = ""
+probes = { tip = "right" }
+"""
+STATIC = """
+[[terms]]
+type = "traction"
+on = "right"
+traction = [0, -1e3]
+[analysis]
+type = "static"
+"""
+MOTION = """
+[initial]
+velocity = [0, 0.5]
+[analysis]
+type = "dynamic"
+dt = 0.0005
+until = 0.01
+"""
+YOUNG = "materials.rubber.young"
+
+
+def scene(folder, *parts):
+    path = folder / "beam.toml"
+    path.write_text("".join([BEAM, *parts]))
+    return path
+
+
+def table(folder):
+    with (folder / "table.csv").open(newline="") as file:
+        return list(csv.DictReader(file))
+
+
+def without_seconds(rows):
+    return [{name: value for name, value in row.items() if name != "seconds"} for row in rows]
+
+
+@pytest.fixture(scope="module")
+def swept(tmp_path_factory):
+    """A product of which one run in the middle does not converge, one is refused by the mesh, one is not as expected."""
+    path = scene(tmp_path_factory.mktemp("swept"), STATIC, "[expect]\ntip.y = { value = -0.02, atol = 0.01 }\n")
+    settings = [f"{YOUNG}=1e6,1e3,4e6", "fixed={left='xy'},{hole='xy'}"]
+    code = main(["sweep", str(path), "--set", settings[0], "--set", settings[1], "--jobs", "1", "--quiet"])
+    return path, settings, code
+
+
+def test_a_sweep_is_the_product_of_its_values_and_each_run_what_it_is_alone(swept):
+    path, _, code = swept
+    rows = table(path.parent / "beam-sweep")
+    assert code == 1
+    assert [(row[YOUNG], row["fixed"]) for row in rows] == [
+        (young, fixed) for young in ("1000000.0", "1000.0", "4000000.0") for fixed in ('{"left": "xy"}', '{"hole": "xy"}')
+    ]
+    alone = Scene.read(path, [f"{YOUNG}=1e6"]).solve(quiet=True)
+    assert float(rows[0]["tip.y"]) == alone.values["tip.y"] != 0
+    assert {row["folder"] for row in rows} <= {one.name for one in (path.parent / "beam-sweep").iterdir()} | {
+        row["folder"] for row in rows if row["exit_code"] == "2"
+    }
+    assert rows[0]["folder"] == "young=1e6,fixed=left_xy"
+
+
+def test_a_run_that_fails_has_its_message_in_the_table_and_stops_no_other(swept):
+    rows = table(swept[0].parent / "beam-sweep")
+    assert [row["exit_code"] for row in rows] == ["0", "2", "1", "2", "3", "2"]
+    assert rows[0]["message"] == ""
+    assert "hole" in rows[1]["message"] and rows[1]["status"] == "refused"
+    assert rows[2]["status"] != "converged" and rows[2]["message"] and 0 <= float(rows[2]["load"]) < 1
+    assert rows[4]["message"].startswith("tip.y = -0.0") and rows[4]["message"].endswith("expected -0.02")
+
+
+def test_the_table_is_the_same_with_two_jobs(swept, tmp_path):
+    path, settings, _ = swept
+    rows = sweep(path, settings, tmp_path / "two", jobs=2, quiet=True)
+    assert without_seconds(table(tmp_path / "two")) == without_seconds(table(path.parent / "beam-sweep"))
+    assert [row.done for row in rows] == [True, False, False, False, False, False]
+    assert rows[0].results["tip.y"] == float(table(tmp_path / "two")[0]["tip.y"])
+
+
+def test_a_second_call_does_only_what_is_missing(tmp_path, capsys):
+    path, out = scene(tmp_path, STATIC), tmp_path / "beam-sweep"
+    sweep(path, {YOUNG: [1e6, 2e6]}, jobs=1, quiet=True)
+    before = {one: one.read_bytes() for one in out.glob("*/summary.json")}
+    shutil.rmtree(out / "young=2e6")
+    assert main(["sweep", str(path), "--set", f"{YOUNG}=1e6,2e6,3.5e6", "--jobs", "1"]) == 0
+    said = capsys.readouterr().out
+    assert "3 runs, 1 of them there already" in said and "[2/3] young=2e6: converged" in said and "[3/3] young=3.5e6" in said
+    assert (out / "young=1e6" / "summary.json").read_bytes() == before[out / "young=1e6" / "summary.json"]
+    assert (out / "young=2e6" / "summary.json").read_bytes() != before[out / "young=2e6" / "summary.json"]
+    assert [float(row[YOUNG]) for row in table(out)] == [1e6, 2e6, 3.5e6]
+    tips = [float(row["tip.y"]) for row in table(out)]
+    assert tips[0] < tips[1] < tips[2] < 0
+
+
+def test_runs_of_another_scene_are_replaced_only_by_force(tmp_path, capsys):
+    path, out = scene(tmp_path, STATIC), tmp_path / "beam-sweep"
+    (before,) = sweep(path, {YOUNG: [1e6]}, jobs=1, quiet=True)
+    path.write_text(path.read_text().replace("-1e3", "-2e3"))
+    assert main(["sweep", str(path), "--set", f"{YOUNG}=1e6"]) == 2
+    assert "1 runs (young=1e6) are of another scene" in capsys.readouterr().err
+    assert table(out)[0]["tip.y"] == repr(before.results["tip.y"])
+    (after,) = sweep(path, {YOUNG: [1e6]}, jobs=1, quiet=True, force=True)
+    assert after.results["tip.y"] == pytest.approx(2 * before.results["tip.y"], rel=0.05)
+
+
+def test_what_else_is_in_a_folder_is_left_alone(tmp_path):
+    path = scene(tmp_path, STATIC)
+    (tmp_path / "mine").mkdir()
+    (tmp_path / "mine" / "thesis.tex").write_text("mine")
+    with pytest.raises(StvkError, match=r"such as thesis\.tex"):
+        sweep(path, {YOUNG: [1e6]}, tmp_path / "mine")
+    (tmp_path / "mine" / "table.csv").write_text("a,b\n1,2\n")
+    with pytest.raises(StvkError, match=r"not one of a sweep"):
+        sweep(path, {YOUNG: [1e6]}, tmp_path / "mine")
+    assert (tmp_path / "mine" / "table.csv").read_text() == "a,b\n1,2\n"
+    with pytest.raises(StvkError, match="it is a file"):
+        sweep(path, {YOUNG: [1e6]}, path)
+
+
+def test_all_values_are_checked_before_anything_runs(tmp_path):
+    path = scene(tmp_path, STATIC)
+    with pytest.raises(SceneError) as caught:
+        sweep(path, [f"{YOUNG}=1e6,-1", "analysis.steps=2,0", "analysis.stpes=3"])
+    said = str(caught.value)
+    assert "young, from --set materials.rubber.young=-1: " in said and "(in 2 of 4 runs)" in said
+    assert "steps, from --set analysis.steps=0: " in said and "did you mean 'steps'?" in said
+    assert len(caught.value.complaints) == 3 and not (tmp_path / "beam-sweep").exists()
+
+
+@pytest.mark.parametrize(
+    ("settings", "match"),
+    [
+        ([], "A sweep needs values"),
+        (["analysis.steps"], "expected KEY=VALUE"),
+        (["analysis.steps=1,,2"], "no value that is empty"),
+        (["analysis.steps=1,2", "analysis.steps=3"], "set twice"),
+        (["analysis.steps=[1,2"], "is not one"),
+        ([f"{YOUNG}=1e6,1.0e6"], "the same scene"),
+        ({YOUNG: 1e6}, "expected a list of values"),
+        ({YOUNG: "1e6,2e6"}, "expected a list of values"),
+        ({YOUNG: []}, "expected a list of values"),
+        ({YOUNG: [object()]}, "what TOML has"),
+    ],
+)
+def test_values_that_are_none_are_refused(tmp_path, settings, match):
+    with pytest.raises(StvkError, match=match):
+        sweep(scene(tmp_path, STATIC), settings)
+
+
+def test_values_of_a_program_are_those_of_the_command_line(tmp_path):
+    path = scene(tmp_path, STATIC)
+    forces = [[0, -1e3], [0.0, -2e3]]
+    first = sweep(path, {"terms[1].traction": forces, "title": ["a, 'b'"], YOUNG: np.array([2.5e5])}, jobs=1, quiet=True)
+    again = sweep(path, ["terms[1].traction=[0,-1e3],[0.0, -2e3]", "title=\"a, 'b'\"", f"{YOUNG}=2.5e5"], quiet=True)
+    assert again == first and [row.folder.name for row in first] == [f"traction=0_-{n}000,title=a_b_,young=250000" for n in (1, 2)]
+
+
+def test_names_of_folders_differ_whatever_the_values_are(tmp_path):
+    path = scene(tmp_path, STATIC)
+    probes = ["Ä/..", "Ö/..", "a", "A", "long" * 25, "CON", ".."]
+    axes, runs = planned(path, {"output.probes.tip": probes, "units": ["SI"], YOUNG: [1e6]})
+    names = [run.name for run in runs]
+    assert len({name.lower() for name in names}) == len(probes) == len(axes[0].values)
+    assert all(len(name) <= 120 and not set(name) & set(' /\\:*?"<>|') and name.startswith("tip=") for name in names)
+
+
+def test_numbers_are_drawn_against_the_first_of_them(tmp_path):
+    path = scene(tmp_path, STATIC)
+    plot = tmp_path / "beam-sweep" / "sweep.png"
+    sweep(path, {YOUNG: [1e6, 2e6]}, jobs=1, quiet=True)
+    assert plot.read_bytes().startswith(b"\x89PNG")
+    sweep(path, {YOUNG: [1e6]}, jobs=1, quiet=True)
+    assert not plot.exists()
+
+
+def started(path, *options):
+    command = [sys.executable, "-m", "skfem_stvk.cli.main", "sweep", str(path), *options]
+    return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True)
+
+
+def wait_for(condition, process):
+    begin = time.monotonic()
+    while not condition():
+        assert process.poll() is None, process.communicate()
+        assert time.monotonic() - begin < 120
+        time.sleep(0.02)
+
+
+@pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGKILL])
+def test_a_sweep_that_is_interrupted_or_killed_is_taken_up_by_the_next_call(tmp_path, how):
+    """The scene writes a state every ten steps, of which the killed run has some."""
+    path, out = scene(tmp_path, MOTION), tmp_path / "beam-sweep"
+    path.write_text(path.read_text().replace("[output]\n", '[output]\nfile = "beam.pvd"\n'))
+    until = "analysis.until=0.01,0.6,0.02"
+    process = started(path, "--set", until, "--jobs", "1")
+    wait_for(lambda: (out / "until=0.6" / "beam_0004.vtu").exists(), process)
+    os.killpg(process.pid, how)
+    printed, err = process.communicate(timeout=60)
+    rows = table(out)
+    assert [float(row["analysis.until"]) for row in rows] == [0.01, 0.6][: 2 if how == signal.SIGINT else 1]
+    if how == signal.SIGINT:
+        assert process.returncode == 130 and "2 of 3 runs" in printed and "Traceback" not in err
+        assert rows[1]["exit_code"] == "130" and 0 < float(rows[1]["time"]) < 0.6
+    said = json.loads((out / "until=0.6" / "summary.json").read_text())
+    assert said["status"] == ("interrupted" if how == signal.SIGINT else "was killed or is running")
+    first = (out / "until=0.01" / "summary.json").read_bytes()
+    before = (out / "until=0.6" / "beam_0001.vtu").stat().st_mtime_ns
+    rows = sweep(path, [until], jobs=1, quiet=True)
+    assert (out / "until=0.01" / "summary.json").read_bytes() == first
+    if how == signal.SIGINT:  # a killed run goes on from a checkpoint that is a few seconds old
+        assert (out / "until=0.6" / "beam_0001.vtu").stat().st_mtime_ns == before
+    assert [row.exit_code for row in rows] == [0, 0, 0]
+    assert rows[1].results == Scene.read(path, ["analysis.until=0.6"]).solve(quiet=True).values
+
+
+def test_processes_end_with_the_one_that_started_them(tmp_path):
+    path, states = scene(tmp_path, MOTION), tmp_path / "beam-sweep" / "until=100"
+    path.write_text(path.read_text().replace("[output]\n", '[output]\nfile = "beam.pvd"\n'))
+    process = started(path, "--set", "analysis.until=100.0", "--jobs", "1")
+    wait_for((states / "beam_0001.vtu").exists, process)
+    process.kill()
+    process.wait()
+    time.sleep(0.5)
+    before = len(list(states.glob("*.vtu")))
+    time.sleep(1.5)
+    assert len(list(states.glob("*.vtu"))) == before
+
+
+def test_a_process_that_crashes_takes_no_other_run_with_it(tmp_path):
+    """It is killed from outside, as by a system that is out of memory."""
+    path, out = scene(tmp_path, MOTION), tmp_path / "beam-sweep"
+    path.write_text(path.read_text().replace("[output]\n", '[output]\nfile = "beam.pvd"\n'))
+    process = started(path, "--set", "analysis.until=0.01,100.0,0.02", "--jobs", "1")
+    wait_for((out / "until=100" / "beam_0001.vtu").exists, process)
+    children = subprocess.run(["ps", "-o", "pid=,args=", "--ppid", str(process.pid)], capture_output=True, text=True).stdout
+    (worker,) = [int(line.split()[0]) for line in children.splitlines() if "spawn_main" in line]
+    os.kill(worker, signal.SIGKILL)
+    printed, err = process.communicate(timeout=60)
+    rows = table(out)
+    assert process.returncode == 1 and "Traceback" not in err, printed + err
+    assert [row["exit_code"] for row in rows] == ["0", "", "0"]
+    assert rows[1]["status"] == "crashed" and "--set 'analysis.until=100.0'" in rows[1]["message"]
