@@ -134,8 +134,10 @@ class Built:
         return str(with_loads(choose(asked, free, kind_of(system), indefinite, entries_of(system)), system).name)
 
 
-def check(sections: SceneTables, source: SceneSource) -> None:
+def check(sections: SceneTables, source: SceneSource, mesh: ElementMesh | None = None) -> None:
     """Refuse what can be told without a mesh: names that are not there, files that are missing, keys that do not go together.
+
+    With a `mesh`, its file need not be there.
 
     Raises
     ------
@@ -146,13 +148,15 @@ def check(sections: SceneTables, source: SceneSource) -> None:
     most = numba.config.NUMBA_NUM_THREADS  # type: ignore[attr-defined]
     if sections.threads is not None and sections.threads > most:
         complaints.add(("threads",), f"{sections.threads} are more than the {most} of this process; NUMBA_NUM_THREADS sets these")
-    for complain in (_check_files, _check_materials, _check_analysis, _check_outputs):
+    _check_files(sections, source, complaints, mesh)
+    for complain in (_check_materials, _check_analysis, _check_outputs):
         complain(sections, source, complaints)
     complaints.refuse()
 
 
-def _check_files(sections: SceneTables, source: SceneSource, complaints: Complaints) -> None:
-    files = {("mesh", "file"): getattr(sections.mesh, "file", None), ("initial", "file"): sections.initial.file}
+def _check_files(sections: SceneTables, source: SceneSource, complaints: Complaints, mesh: ElementMesh | None) -> None:
+    mesh_file = getattr(sections.mesh, "file", None) if mesh is None else None
+    files = {("mesh", "file"): mesh_file, ("initial", "file"): sections.initial.file}
     for loc, name in files.items():
         if name is None:
             continue
@@ -249,8 +253,8 @@ def expectations(expect: Mapping[str, Any], above: tuple[str, ...] = ()) -> dict
     return found
 
 
-def build(sections: SceneTables, source: SceneSource) -> Built:
-    """The system and the first state of a scene that was checked.
+def build(sections: SceneTables, source: SceneSource, mesh: ElementMesh | None = None) -> Built:
+    """The system and the first state of a scene that was checked, on a `mesh` that is given, or by default the one that it names.
 
     Raises
     ------
@@ -258,9 +262,9 @@ def build(sections: SceneTables, source: SceneSource) -> Built:
         with all that was found: a mesh that cannot carry a body, places and regions without anything, materials that do not fit the
         elements, supports that contradict each other, a result file of another mesh.
     """
-    complaints, mesh = Complaints(source), None
+    complaints = Complaints(source)
     with complaints.at("mesh"):
-        mesh = sections.mesh.mesh(source.folder)
+        mesh = sections.mesh.mesh(source.folder) if mesh is None else mesh
         if sections.mesh.degree is not None:
             mesh = mesh.with_degree(sections.mesh.degree)
     complaints.refuse()

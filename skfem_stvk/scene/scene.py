@@ -3,20 +3,23 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-from pydantic import ValidationError
+from pydantic import BaseModel, ValidationError
 
 from ..arguments import path as checked_path
-from ..errors import StvkError
+from ..errors import StvkError, warn
 from ..kernels.threads import threads
+from ..mesh import ElementMesh
+from ..results.vtu import write_mesh
 from ..system import System
 from .build import Built, build, check
 from .complaints import Complaints
 from .folder import RESOLVED, Folder, hash_of
+from .named import NamedSystem
 from .outcome import SceneOutcome
 from .report import write_report
 from .run import RTOL, solve
@@ -35,6 +38,7 @@ class Scene:
     ----------
     sections : its tables and keys, checked.
     source : its text, and the lines of its keys.
+    left_out : what of a system that it was made of (`of`) has no name in a scene, in words.
 
     >>> scene = Scene.of_data({
     ...     "mesh": {"type": "box", "size": [4.0, 1.0, 1.0], "cells": [8, 2, 2]},
@@ -52,8 +56,10 @@ class Scene:
     ('converged', 2000)
     """
 
-    def __init__(self, sections: SceneTables, source: SceneSource) -> None:
-        self.sections, self.source = sections, source
+    def __init__(
+        self, sections: SceneTables, source: SceneSource, mesh: ElementMesh | None = None, left_out: tuple[str, ...] = ()
+    ) -> None:
+        self.sections, self.source, self.left_out, self._mesh = sections, source, left_out, mesh
 
     @classmethod
     def read(cls, path: str | os.PathLike[str], set: Sequence[str] = ()) -> Scene:
@@ -73,7 +79,46 @@ class Scene:
         return cls._checked(SceneSource.of(data))
 
     @classmethod
-    def _checked(cls, source: SceneSource) -> Scene:
+    def of(cls, system: System, analysis: Mapping[str, Any] | BaseModel) -> Scene:
+        """The scene of what a program built, as far as it can be named; `write` writes its mesh beside it.
+
+        Places that are predicates or ids become sets of nodes in the mesh, regions of ids subdomains. What has no name is left out
+        and told, in `left_out` and by a warning: functions of place, functions of time other than `Ramp`, `Sine` and `Table`,
+        values for each element or node, terms and materials of one's own, single precision.
+
+        Parameters
+        ----------
+        system : a body with its loads and supports.
+        analysis : a table such as {"type": "static", "steps": 10}, or an analysis of `skfem_stvk.scene.schema.analyses`.
+
+        Raises
+        ------
+        StvkError
+            if no law of the system can be named.
+        SceneError
+            for an analysis that scenes do not have.
+
+        Warns
+        -----
+        StvkWarning
+            with all that is left out.
+
+        >>> from skfem_stvk import Gravity, Ramp, StVK, System, Traction
+        >>> from skfem_stvk.mesh import box
+        >>> law = StVK(young=1e6, poisson=0.45, density=1e3)
+        >>> loads = [Gravity((0, 0, -9.81)), Traction(lambda x: x[0] == 4, Ramp((0, 0, -2e3), until=0.5))]
+        >>> body = System(box((4.0, 1.0, 1.0), (8, 2, 2)), [law, *loads], fixed={"left": "xyz"})
+        >>> scene = Scene.of(body, {"type": "static"})
+        >>> scene.data["terms"][2]["on"], scene.data["terms"][2]["time"], scene.left_out
+        ('nodes-1', {'type': 'ramp', 'until': 0.5, 'start': 0.0}, ())
+        """
+        named = NamedSystem.of(system, analysis)
+        if named.left_out:
+            warn(f"What has no name in a scene is left out: {'; '.join(named.left_out)}.")
+        return cls._checked(SceneSource.of(named.data), named.mesh, named.left_out)
+
+    @classmethod
+    def _checked(cls, source: SceneSource, mesh: ElementMesh | None = None, left_out: tuple[str, ...] = ()) -> Scene:
         complaints = Complaints(source)
         try:
             sections = SceneTables.model_validate(source.data)
@@ -81,13 +126,13 @@ class Scene:
             complaints.of_pydantic(error, SceneTables)
             complaints.refuse()
             raise
-        check(sections, source)
-        return cls(sections, source)
+        check(sections, source, mesh)
+        return cls(sections, source, mesh, left_out)
 
     @cached_property
     def built(self) -> Built:
         """The system and the first state. SceneError, with all that does not fit the mesh."""
-        return build(self.sections, self.source)
+        return build(self.sections, self.source, self._mesh)
 
     def system(self) -> System:
         """The body with its loads and supports. Raises as `built`."""
@@ -154,12 +199,21 @@ class Scene:
         for table in ("mesh", "initial"):
             if "file" in data[table] and folder is not None:
                 data[table]["file"] = os.path.relpath(self.source.folder / data[table]["file"], folder)
-        return _tables(SceneTables.model_validate(data))
+        tables = _tables(SceneTables.model_validate(data))
+        if not built.solver:
+            del tables["solver"]  # explicit integrators solve nothing
+        return tables
 
     def write(self, path: str | os.PathLike[str]) -> Path:
-        """Write the scene with every default filled in, and what "auto" takes: a valid scene that gives the same results."""
+        """Write the scene with every default filled in, and what "auto" takes: a valid scene that gives the same results.
+
+        The mesh of a scene `of` a system is written beside it, as .vtu of the same name.
+        """
         target = checked_path("path", path, "the path of a scene file such as 'resolved.toml'")
-        target.write_text(written(self.resolved(target.parent), {}), encoding="utf-8")
+        data = self.resolved(target.parent)
+        if self._mesh is not None:
+            data["mesh"]["file"] = write_mesh(target.with_suffix(".vtu"), self._mesh).name
+        target.write_text(written(data, {}), encoding="utf-8")
         return target
 
     @property

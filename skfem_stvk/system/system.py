@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import cached_property
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -107,7 +108,8 @@ class System(BoundTerms):
         hourglass: float | None = None,
         dtype: DTypeLike = np.float64,
     ) -> None:
-        self._made_of = frozen({"terms": terms, "fixed": fixed, "prescribed": prescribed}), quadrature, hourglass, dtype
+        own = {"quadrature": quadrature, "hourglass": hourglass, "dtype": dtype}
+        self._made_of: dict[str, Any] = frozen({"terms": terms, "fixed": fixed, "prescribed": prescribed}) | own
         mesh, double = ElementMesh.of(mesh), _float_type(dtype) == np.float64
         mesh = mesh if degree is None else mesh.with_degree(degree)
         rule = _checked_rule(mesh, quadrature, hourglass)
@@ -182,8 +184,13 @@ class System(BoundTerms):
 
     def anew(self) -> System:
         """The same body as it was built, with all of its elements."""
-        given, quadrature, hourglass, dtype = self._made_of
-        return System(self.mesh, **given, quadrature=quadrature, hourglass=hourglass, dtype=dtype)
+        return System(self.mesh, **self.made_of)
+
+    @property
+    def made_of(self) -> Mapping[str, Any]:
+        """What it was built from beside its mesh, as it was given: `terms`, `fixed`, `prescribed`, `quadrature`, `hourglass`,
+        `dtype`."""
+        return MappingProxyType(self._made_of)
 
     def _turning_loads(self) -> list[TurningLoad]:
         return [load for load in self.bound_loads if isinstance(load, TurningLoad)]

@@ -263,7 +263,8 @@ class PressureTerm(Part):
 
     def term(self, known: Known) -> Any:
         """The term of the library."""
-        where = None if self.on is None else known.place(self.on)
+        surface = known.mesh.k < known.mesh.d and isinstance(self.on, str)  # in space, whose places are its elements
+        where = None if self.on is None else known.region(self.on) if surface else known.place(self.on)
         return terms.Pressure(where, in_time(self.pressure, self.time))
 
 

@@ -1,0 +1,333 @@
+"""What a program built, as a scene: what of it has a name there, and what has none."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from copy import deepcopy
+from dataclasses import dataclass, fields, replace
+from itertools import count
+from typing import Any, get_args
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import BaseModel
+
+from .. import materials as library_of_materials
+from .. import terms as library_of_terms
+from ..arguments import real_array, shown
+from ..errors import StvkError, name_ids
+from ..mesh import ElementMesh
+from ..mesh.places import Box, DofsView, NearestNode, Plane, describe, vertices_at
+from ..system import System
+from ..system.supports import fixed_dofs
+from ..terms import EdgeNetwork, Ramp, Sine, Table
+from .schema import materials, terms
+
+#: The tables of a scene for terms and materials, by the name of what they stand for in the library.
+TERMS = {one.__name__.removesuffix("Term"): one for one in get_args(get_args(terms.Term)[0])}
+MATERIALS = {one.__name__.removesuffix("Model"): one for one in get_args(get_args(materials.Material)[0])}
+#: Keys of a scene that have another name in the library.
+KEYS = {"where": "on"}
+#: Keys whose values may be functions of time.
+LOADS = ("g", "force", "traction", "pressure")
+#: Shapes of constants that are no numbers.
+SHAPES = {"frame": (3, 3), "voigt": (6, 6)}
+#: The mesh, beside the scene.
+MESH = "mesh.vtu"
+
+
+class Nameless(StvkError):
+    """Something that a program can build, and a scene cannot name."""
+
+
+@dataclass(frozen=True, eq=False)
+class NamedSystem:
+    """A system as a scene.
+
+    Attributes
+    ----------
+    data : the tables of the scene, whose mesh is in a file.
+    mesh : what that file has to hold: that of the system, with sets of nodes and elements for places and regions without a name.
+    left_out : what has no name in a scene, in words.
+    """
+
+    data: dict[str, Any]
+    mesh: ElementMesh
+    left_out: tuple[str, ...]
+
+    @classmethod
+    def of(cls, system: System, analysis: Any) -> NamedSystem:
+        """What `Scene.of` is made of, which says what is taken and what is refused."""
+        if not isinstance(system, System):
+            raise StvkError(f"system = {shown(system)}; expected a System.")
+        if not isinstance(analysis, BaseModel | Mapping):
+            expected = 'a table such as {"type": "static", "steps": 10}, or an analysis of skfem_stvk.scene.schema.analyses'
+            raise StvkError(f"analysis = {shown(analysis)}; expected {expected}.")
+        made, names = system.made_of, SceneNames(system.mesh)
+        data: dict[str, Any] = {"mesh": {"file": MESH}}
+        data["mesh"] |= {name: made[name] for name in ("quadrature", "hourglass") if made[name] is not None}
+        given = made["terms"] if isinstance(made["terms"], list | tuple) else [made["terms"]]
+        named = []
+        for number, term in enumerate(given):
+            with names.leaving_out(f"terms[{number}], {type(term).__name__}"):
+                named.append(names.term(term))
+        if not any("material" in term for term in named):
+            raise StvkError(f"No law of this system can be named in a scene: {'; '.join(names.left_out)}.")
+        fixed, prescribed = names.fixed(made["fixed"]), names.prescribed(made["prescribed"])
+        if np.dtype(made["dtype"]) != np.float64:
+            names.left_out.append(f"dtype = {np.dtype(made['dtype']).name}: scenes compute in double precision")
+        if len(system.removed):
+            names.left_out.append(f"{name_ids(system.removed, 'element')} that were taken out: the scene has the whole body")
+        tables = {"places": names.places, "materials": names.materials, "terms": named, "fixed": fixed, "prescribed": prescribed}
+        data |= {name: table for name, table in tables.items() if table}
+        data["analysis"] = deepcopy(dict(analysis)) if isinstance(analysis, Mapping) else analysis.model_dump(exclude_none=True)
+        return cls(data, names.marked(), tuple(names.left_out))
+
+
+class SceneNames:
+    """Names and tables for what terms and supports on a mesh were given; what has none raises Nameless."""
+
+    def __init__(self, mesh: ElementMesh) -> None:
+        self.mesh = mesh
+        self.materials: dict[str, dict[str, Any]] = {}
+        self.places: dict[str, Any] = {}
+        self.left_out: list[str] = []
+        self._node_sets: dict[str, NDArray[Any]] = {}
+        self._subdomains: dict[str, NDArray[Any]] = {}
+
+    @contextmanager
+    def leaving_out(self, what: str) -> Iterator[None]:
+        """Go on without what has no name, which is told."""
+        try:
+            yield
+        except Nameless as error:
+            self.left_out.append(f"{what}: {error}")
+
+    def marked(self) -> ElementMesh:
+        """The mesh with the sets of nodes and elements that were named."""
+        if not self._node_sets and not self._subdomains:
+            return self.mesh
+        sets, regions = {**self.mesh.node_sets, **self._node_sets}, {**self.mesh.subdomains, **self._subdomains}
+        return replace(self.mesh, node_sets=sets, subdomains=regions)
+
+    def term(self, term: Any) -> dict[str, Any]:
+        """The table of a term."""
+        model = _model(TERMS, library_of_terms, term, "term")
+        if hasattr(term, "laws"):
+            return self._network(term, model)
+        table = {"type": _kind(model, "type")}
+        for one in fields(term):
+            name, value = KEYS.get(one.name, one.name), getattr(term, one.name)
+            if value is not None:
+                table |= self._entry(model, name, value)
+        return table
+
+    def _entry(self, model: type[BaseModel], name: str, value: Any) -> dict[str, Any]:
+        """A key of a term with its value, and what belongs to it."""
+        if name not in model.model_fields:
+            raise Nameless(f"{name} has no key in a scene")
+        if name == "material":
+            return {name: self.material(value)}
+        if name == "region":
+            return {name: self.region(value)}
+        if name == "on":
+            surface = self.mesh.k < self.mesh.d and "pressure" in model.model_fields  # which is its elements
+            return {name: self._marked_elements(value) if surface else self.place(value)}
+        if name in LOADS:
+            value, time = in_time(value, name, () if name == "pressure" else (self.mesh.d,))
+            return {name: value} if time is None else {name: value, "time": time}
+        if isinstance(value, str):
+            return {name: value}
+        return {name: plain(value, name, (), *([(self.mesh.d,)] if "on" in model.model_fields else []))}
+
+    def _network(self, network: Any, model: type[BaseModel]) -> dict[str, Any]:
+        """The table of a network of edges, if it is that of one law, with all its pairs of edges or with one kind of them."""
+        if len(network.laws) != 1:
+            raise Nameless(f"it is made of {len(network.laws)} laws, not of one")
+        (law,) = network.laws
+        whole = EdgeNetwork.of(self.mesh, law)
+        kinds = {
+            "all": lambda: whole,
+            "none": whole.diagonal,
+            "adjacent": lambda: whole.without("opposite"),
+            "opposite": lambda: whole.without("adjacent"),
+        }
+        for pairs, made in kinds.items():
+            other = made()
+            if np.array_equal(other.edges, network.edges) and not (other.L != network.L).nnz:
+                return self.term(law) | {"type": _kind(model, "type"), "pairs": pairs}
+        raise Nameless("its coefficients are not those of its law")
+
+    def material(self, material: Any) -> str:
+        """The name of a material, the same for the same constants."""
+        model = _model(MATERIALS, library_of_materials, material, "material")
+        table = {"model": _kind(model, "model")}
+        for one in fields(material):
+            value = getattr(material, one.name)
+            if value is not None:
+                shape = (3,) if isinstance(value, tuple) else SHAPES.get(one.name, ())
+                table[one.name] = plain(value, one.name, shape)
+        return self._named(table["model"], table, self.materials)
+
+    def region(self, region: Any) -> Any:
+        """A region as a scene has it: a name, a box, or elements in the order in which they are listed."""
+        if isinstance(region, Box):
+            return shape_of(region)
+        ids = self.mesh.elements(region)
+        if (np.diff(ids) < 0).any():
+            return {"type": "elements", "ids": ids.tolist()}
+        return self._marked_elements(region)
+
+    def _marked_elements(self, region: Any) -> str:
+        """The name of a subdomain, which is made if there is none."""
+        if isinstance(region, str):
+            return checked_name(region)
+        return self._named("region", self.mesh.elements(region), self._subdomains)
+
+    def place(self, where: Any) -> Any:
+        """A place as a scene has it: a name, coordinates or a shape; others get a name for their nodes."""
+        shape = shape_of(where)
+        return self._place_by_name(where) if shape is None else shape
+
+    def _place_by_name(self, where: Any) -> str:
+        """The name of a place, which is made if there is none."""
+        if isinstance(where, str):
+            return checked_name(where)
+        shape = shape_of(where)
+        if shape is not None:
+            return self._named("place", shape, self.places)
+        return self._named("nodes", np.sort(vertices_at(self.mesh, where)), self._node_sets)
+
+    def _another_name(self, where: Any) -> str:
+        """A new name for the nodes of a place."""
+        name = self._free("nodes")
+        self._node_sets[name] = np.sort(vertices_at(self.mesh, where))
+        return name
+
+    def fixed(self, given: Any) -> dict[str, str]:
+        """Components that do not move, by the name of their place."""
+        table: dict[str, str] = {}
+        for where, letters in [(None, given)] if isinstance(given, DofsView) else _pairs(given):
+            parts = [(where, letters)]
+            if isinstance(letters, DofsView):
+                parts = self._by_components(fixed_dofs(self.mesh, letters))
+            for place, those in parts:
+                with self.leaving_out(f"fixed on {describe(place)}"):
+                    name = self._place_by_name(place)
+                    table[name] = "".join(sorted({*table.get(name, ""), *those}))
+        return table
+
+    def _by_components(self, dofs: NDArray[Any]) -> list[tuple[Any, str]]:
+        """Nodes with the same components among these degrees of freedom, and these components."""
+        d = self.mesh.d
+        has = np.zeros((self.mesh.nv, d), dtype=bool)
+        has[dofs // d, dofs % d] = True
+        kinds, which = np.unique(has, axis=0, return_inverse=True)
+        letters = ["".join(np.array(list("xyz"[:d]))[kind]) for kind in kinds]
+        return [(np.flatnonzero(which.ravel() == number), name) for number, name in enumerate(letters) if name]
+
+    def prescribed(self, given: Any) -> dict[str, dict[str, Any]]:
+        """Displacements by the name of their place; those of a place with other functions of time get a name of their own."""
+        table: dict[str, dict[str, Any]] = {}
+        for where, motions in _pairs(given):
+            what, entries = f"prescribed on {describe(where)}", list[dict[str, Any]]()
+            for letters, value in motions.items() if isinstance(motions, Mapping) else [("xyz"[: self.mesh.d], motions)]:
+                with self.leaving_out(f"{what}, component {letters}"):
+                    entries += _moved(letters, value, isinstance(motions, Mapping))
+            for entry in _joined(entries):
+                with self.leaving_out(what):
+                    name = self._place_by_name(where)
+                    table[self._another_name(where) if name in table else name] = entry
+        return table
+
+    def _named(self, kind: str, given: Any, among: dict[str, Any]) -> str:
+        """The name of the same among what has names already, or a new one."""
+        for name, other in among.items():
+            if np.array_equal(given, other) if isinstance(given, np.ndarray) else given == other:
+                return name
+        name = self._free(kind)
+        among[name] = given
+        return name
+
+    def _free(self, kind: str) -> str:
+        mesh = self.mesh
+        taken = {*mesh.boundaries, *mesh.node_sets, *mesh.subdomains, *self.places, *self._node_sets, *self._subdomains}
+        return next(name for number in count(1) if (name := f"{kind}-{number}") not in {*taken, *self.materials})
+
+
+def _model(tables: Mapping[str, type[BaseModel]], library: Any, given: Any, what: str) -> type[BaseModel]:
+    """The table for something of the library; Nameless for what is of somebody else."""
+    name = type(given).__name__
+    if name not in tables or getattr(library, name, None) is not type(given):
+        raise Nameless(f"{name} is a {what} that scenes do not have")
+    return tables[name]
+
+
+def _kind(model: type[BaseModel], key: str) -> str:
+    return str(get_args(model.model_fields[key].annotation)[0])
+
+
+def checked_name(name: str) -> str:
+    """A name as scenes and mesh files have it; Nameless for one that they cannot hold."""
+    if not name.isprintable() or name != name.strip() or not 1 <= len(name) <= 100:
+        raise Nameless(f"the name {shown(name)} is not of 1 to 100 characters that can be printed, without blanks around")
+    return name
+
+
+def shape_of(where: Any) -> Any:
+    """A place by its shape as a scene has it; None for others."""
+    if isinstance(where, NearestNode):
+        return list(where.point)
+    if isinstance(where, Box):
+        return {"type": "box", "low": list(where.low), "high": list(where.high)}
+    if isinstance(where, Plane):
+        within = {} if where.within is None else {"within": where.within}
+        return {"type": "plane", "point": list(where.point), "normal": list(where.normal)} | within
+    return None
+
+
+def in_time(value: Any, name: str, shape: tuple[int, ...] = ()) -> tuple[Any, dict[str, Any] | None]:
+    """Constants of this shape, and the function of time that they are multiplied by; Nameless for other functions."""
+    time: dict[str, Any] | None = None
+    if type(value) in (Ramp, Sine, Table):
+        others = {one.name: getattr(value, one.name) for one in fields(value) if one.name != "value"}
+        plainly = {key: list(one) if isinstance(one, tuple) else one for key, one in others.items()}
+        time = {"type": type(value).__name__.lower(), **plainly}
+        value = value.value
+    elif callable(value):
+        raise Nameless(f"{name} is a function that is no Ramp, Sine or Table")
+    return plain(value, name, shape), time
+
+
+def plain(value: Any, name: str, *shapes: tuple[int, ...]) -> Any:
+    """A number, or, if there are `shapes`, numbers of one of them in lists; Nameless for one for each element or node."""
+    if callable(value):
+        raise Nameless(f"{name} is a function")
+    given = real_array(value)
+    if given is None or given.shape not in (shapes or ((),)):
+        raise Nameless(f"{name} has one value for each element or node")
+    return given.tolist()
+
+
+def _pairs(given: Any) -> list[tuple[Any, Any]]:
+    return list(given.items()) if isinstance(given, Mapping) else list(given or [])
+
+
+def _moved(letters: str, value: Any, alike: bool) -> list[dict[str, Any]]:
+    """Displacements by component, with their function of time: `alike`, or one after another."""
+    constants, time = in_time(value, "it", () if alike else (len(letters),))
+    each = [constants] * len(letters) if alike else constants
+    return [{letter: one} | ({} if time is None else {"time": time}) for letter, one in zip(letters, each, strict=True)]
+
+
+def _joined(entries: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    """Those with the same function of time in one table."""
+    joined: list[dict[str, Any]] = []
+    for entry in entries:
+        same = [one for one in joined if one.get("time") == entry.get("time")]
+        if same:
+            same[0].update(entry)
+        else:
+            joined.append(dict(entry))
+    return joined

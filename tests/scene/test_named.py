@@ -1,0 +1,344 @@
+"""What a program built, as a scene: written, read again and built, it is the same to the last bit."""
+
+import warnings
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pytest
+import skfem
+
+from skfem_stvk import (
+    Anisotropic,
+    BodyForce,
+    Box,
+    Corotated,
+    EdgeNetwork,
+    ElasticFoundation,
+    EnergyMomentum,
+    Gravity,
+    InvertibleStVK,
+    Isotropic,
+    LinearElastic,
+    NearestNode,
+    NeoHookean,
+    NodalLoad,
+    Orthotropic,
+    Plane,
+    Pressure,
+    Ramp,
+    Sine,
+    SpringNetwork,
+    Stop,
+    StVK,
+    StvkError,
+    StvkWarning,
+    System,
+    Table,
+    Traction,
+    TransverselyIsotropic,
+    VelocityVerlet,
+    VolumePenalty,
+    modes,
+    simulate,
+    solve_static,
+)
+from skfem_stvk.mesh import box
+from skfem_stvk.scene.scene import Scene
+from skfem_stvk.scene.schema.analyses import DynamicAnalysis
+
+STATIC = {"type": "static", "steps": 2}
+STEEL = Isotropic(2.1, 0.3, density=7.85)
+WOOD = Orthotropic(
+    (11.0, 0.9, 0.5), (0.6, 0.45, 0.37), (0.04, 0.7, 0.75), frame=np.linalg.qr([[1, 2, 0.3], [0, 1, 4], [2, 0, 1]])[0]
+)
+
+
+def crooked(mesh):
+    """With nodes where no short decimal number is."""
+    rng = np.random.default_rng(5)
+    return replace(mesh, p=mesh.p / 3 + 0.02 * rng.random(mesh.p.shape))
+
+
+SOLID = crooked(box((2, 1, 1), (2, 1, 1)))
+FLAT = crooked(box((2, 1), (3, 2)))
+BOXES = crooked(box((2, 1, 1), (2, 1, 1), "hexahedra"))
+SHEET = replace(FLAT, p=np.append(FLAT.p, [np.full(FLAT.nv, 0.1)], axis=0))
+
+
+def rewritten(system, tmp_path, analysis=STATIC):
+    """The system of the scene that was written and read again; nothing is left out."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        scene = Scene.of(system, analysis)
+    scene.write(tmp_path / "scene.toml")
+    again = Scene.read(tmp_path / "scene.toml")
+    assert scene.left_out == () and again.data["terms"] == scene.data["terms"]
+    return scene.system(), again.system()
+
+
+def assert_same(other, system):
+    rng = np.random.default_rng(7)
+    u = 0.02 * rng.standard_normal(system.ndofs)
+    assert np.array_equal(other.mesh.p, system.mesh.p) and np.array_equal(other.mesh.t, system.mesh.t)
+    assert other.energy(u) == system.energy(u)
+    assert np.array_equal(other.internal_force(u), system.internal_force(u))
+    for t in (0.0, 0.3, 1.0):
+        assert np.array_equal(other.external_force(u, t), system.external_force(u, t))
+        assert np.array_equal(other.supports.values(t), system.supports.values(t))
+    one, two = other.jacobian(u, 0.7), system.jacobian(u, 0.7)
+    assert np.array_equal(one.data, two.data) and np.array_equal(one.indices, two.indices)
+    assert np.array_equal(other.supports.fixed, system.supports.fixed)
+    assert np.array_equal(other.supports.prescribed, system.supports.prescribed)
+
+
+LAWS = {
+    "St. Venant-Kirchhoff": (SOLID, StVK(STEEL)),
+    "of wood": (SOLID, StVK(WOOD)),
+    "of fibres": (BOXES, StVK(TransverselyIsotropic(14.0, 1.0, 0.3, 0.4, 0.5))),
+    "anisotropic": (SOLID, StVK(Anisotropic(np.diag([3.0, 4, 5, 1, 2, 3]) + 0.1))),
+    "plane stress": (FLAT, StVK(young=1.1, poisson=0.7, plane="stress", thickness=0.3)),
+    "membrane": (SHEET, StVK(young=1.1, poisson=0.3, thickness=0.3)),
+    "cable": (crooked(box(2.0, 4)), StVK(young=1.1, area=0.3)),
+    "neo-Hookean": (BOXES, NeoHookean(STEEL)),
+    "linear": (SOLID, LinearElastic(STEEL)),
+    "corotated": (SOLID, Corotated(STEEL, rotation="vertex")),
+    "invertible": (SOLID, InvertibleStVK(STEEL, threshold=0.7, extend="stress")),
+    "springs": (SOLID, SpringNetwork(STEEL, "van-gelder")),
+    "edges": (SOLID, [EdgeNetwork.of(SOLID, StVK(STEEL, Box((0, 0, 0), (0.4, 1, 1)))), StVK(WOOD)]),
+    "adjacent edges": (SOLID, EdgeNetwork.of(SOLID, StVK(STEEL)).without("opposite")),
+    "opposite edges": (SOLID, EdgeNetwork.of(SOLID, StVK(STEEL)).without("adjacent")),
+    "edges alone": (SOLID, EdgeNetwork.of(SOLID, StVK(STEEL)).diagonal()),
+    "several": (
+        SOLID,
+        [StVK(STEEL, [5, 3, 0]), NeoHookean(STEEL, SOLID.p[0, SOLID.t].mean(axis=0) > 0.3), VolumePenalty(2.5, "quadratic")],
+    ),
+    "penalty": (FLAT, [StVK(STEEL), VolumePenalty(region=np.arange(4), kind="compression")]),
+    "quadratic": (SOLID.with_degree(2), StVK(STEEL)),
+    "of scikit-fem": (
+        skfem.MeshTet().refined(1).with_defaults().with_subdomains({"low": lambda x: x[2] < 0.5}),
+        [StVK(STEEL, "low"), NeoHookean(STEEL)],
+    ),
+    "in another order": (replace(SOLID, subdomains={"back": np.arange(12)[::-1]}), StVK(STEEL, "back")),
+}
+
+
+@pytest.mark.parametrize("name", LAWS)
+def test_a_law_is_the_same_in_a_scene(name, tmp_path):
+    mesh, terms = LAWS[name]
+    system = System(mesh, terms)
+    for other in rewritten(system, tmp_path):
+        assert_same(other, system)
+
+
+LOADS = {
+    "gravity": (SOLID, Gravity((0, 0.1, -9.81))),
+    "body force": (FLAT, BodyForce(Ramp((0.1, 1 / 3), 0.4, start=0.1), [4, 2])),
+    "nodes": (SOLID, NodalLoad([3, 1], (0.1, 0.2, 1 / 7))),
+    "the nearest": (SOLID, NodalLoad(NearestNode((0.6, 0.3, 0.3)), Sine((0, 0, 1.0), 3.0, 0.5))),
+    "traction": (BOXES, Traction("right", (0.1, 0.2, 1 / 7))),
+    "traction in a box": (FLAT, Traction(Box((-1, -1), (0.1, 2)), Table((1.0, 2.0), (0, 0.5), (1, 1 / 3)))),
+    "traction where": (SOLID, Traction(lambda x: x[0] > 0.6, (0, 0, 1 / 7))),
+    "traction on scikit-fem's": (SOLID.with_degree(2), Traction("right", (0, 0, 1 / 7))),
+    "pressure": (BOXES, Pressure("top", 1 / 7)),
+    "pressure in time": (FLAT, Pressure(lambda x: x[1] > 0.3, Ramp(1 / 7, 0.5))),
+    "pressure on all": (SHEET, Pressure(None, 1 / 7)),
+    "pressure on some": (SHEET, Pressure([1, 4], Sine(1 / 7, 2.0))),
+    "foundation": (SOLID, ElasticFoundation("left", (0, 1 / 3, 2.0))),
+    "foundation alike": (BOXES, ElasticFoundation(Plane((0, 0, 0), (0, 0, 1), within=0.03), 1 / 3)),
+}
+
+
+@pytest.mark.parametrize("name", LOADS)
+def test_a_load_is_the_same_in_a_scene(name, tmp_path):
+    mesh, load = LOADS[name]
+    system = System(mesh, [StVK(STEEL), load])
+    for other in rewritten(system, tmp_path):
+        assert_same(other, system)
+
+
+VIEW = skfem.Basis(skfem.MeshTet().refined(1), skfem.ElementVector(skfem.ElementTetP1())).get_dofs(lambda x: x[2] == 0)
+SUPPORTS = {
+    "by name": (SOLID, {"left": "xyz"}, {"right": {"x": 0.1, "z": 1 / 3}}),
+    "shapes": (SOLID, {Box((-1, -1, -1), (0.1, 2, 2)): "xz"}, {NearestNode((0.6, 0.3, 0.3)): {"y": Sine(0.1, 2.0)}}),
+    "twice": (FLAT, [("left", "x"), ([0, 4], "y"), ("left", "y")], [("right", {"x": 0.1}), ("right", {"y": Ramp(0.2, 0.5)})]),
+    "predicates": (BOXES, {(lambda x: x[0] < 0.1): "xyz"}, [(lambda x: x[0] > 0.6, Table((0.1, 0, 1 / 3), (0, 1), (0, 2)))]),
+    "other times": (FLAT, {"left": "xy"}, {"right": {"x": Ramp(0.1, 0.3), "y": 0.2}}),
+    "components": (FLAT, {"left": "x"}, {"bottom": {"y": 0.1}}),
+    "of scikit-fem": (skfem.MeshTet().refined(1), VIEW.drop(["u^1"]), None),
+    "of scikit-fem by place": (skfem.MeshTet().refined(1), [(VIEW, "z"), (VIEW, VIEW.keep(["u^1"]))], None),
+}
+
+
+@pytest.mark.parametrize("name", SUPPORTS)
+def test_supports_are_the_same_in_a_scene(name, tmp_path):
+    mesh, fixed, prescribed = SUPPORTS[name]
+    system = System(mesh, StVK(STEEL), fixed, prescribed)
+    for other in rewritten(system, tmp_path):
+        assert_same(other, system)
+
+
+@pytest.mark.parametrize("quadrature", [{"quadrature": "exact"}, {"quadrature": "one-point", "hourglass": 0.07}])
+def test_rules_are_the_same_in_a_scene(quadrature, tmp_path):
+    system = System(BOXES, StVK(STEEL), **quadrature)
+    for other in rewritten(system, tmp_path):
+        assert_same(other, system)
+
+
+def test_a_scene_and_the_same_in_python_give_identical_results(tmp_path):
+    system = System(SOLID, [StVK(STEEL), Traction(lambda x: x[0] > 0.6, (0, 0, -0.01)), Gravity((0, 0, -1e-3))], {"left": "xyz"})
+    expected = solve_static(system, 2, rtol=1e-8, quiet=True)
+    scene = Scene.of(system, {"type": "static", "steps": 2})
+    scene.write(tmp_path / "scene.toml")
+    for one in (scene, Scene.read(tmp_path / "scene.toml")):
+        assert one.solve(quiet=True).result.u.tobytes() == expected.u.tobytes()
+
+
+def test_the_resolved_scene_of_a_run_finds_its_mesh(tmp_path):
+    scene = Scene.of(System(SOLID, [StVK(STEEL), Gravity((0, 0, -1e-3))], {"left": "xyz"}), {"type": "static", "steps": 1})
+    outcome = scene.solve(tmp_path / "results", quiet=True)
+    again = Scene.read(tmp_path / "results" / "resolved.toml").solve(quiet=True)
+    assert again.result.u.tobytes() == outcome.result.u.tobytes()
+
+
+LOADED = [StVK(STEEL), Traction(lambda x: x[0] > 0.6, (0, 0, -0.01)), Gravity(Ramp((0, 0, -1e-2), until=0.5))]
+
+
+@pytest.mark.parametrize(
+    ("analysis", "python"),
+    [
+        (
+            {"type": "arc-length", "steps": 2},
+            lambda body: solve_static(body, 2, rtol=1e-8, quiet=True, method="arc-length", stop=Stop(load=1.0)).u,
+        ),
+        (
+            {"type": "dynamic", "integrator": "energy-momentum", "dt": 0.1, "until": 0.5},
+            lambda body: simulate(body, EnergyMomentum(dt=0.1), until=0.5, quiet=True).u,
+        ),
+        (
+            {"type": "dynamic", "integrator": "velocity-verlet", "dt": 0.01, "until": 0.1},
+            lambda body: simulate(body, VelocityVerlet(dt=0.01), until=0.1, quiet=True).u,
+        ),
+        ({"type": "modes", "n": 3}, lambda body: modes(body, 3).frequencies),
+    ],
+    ids=["arc length", "energy-momentum", "velocity-verlet", "modes"],
+)
+def test_each_analysis_gives_in_a_scene_what_it_gives_in_python(analysis, python, tmp_path):
+    body = System(SOLID, [StVK(STEEL)] if analysis["type"] == "modes" else LOADED, {"left": "xyz"})
+    scene = Scene.of(body, analysis)
+    scene.write(tmp_path / "scene.toml")
+    expected = python(body)
+    assert np.abs(expected).max() > 0
+    for one in (scene, Scene.read(tmp_path / "scene.toml")):
+        result = one.solve(quiet=True).result
+        assert (result.frequencies if analysis["type"] == "modes" else result.u).tobytes() == expected.tobytes()
+
+
+def test_elements_of_a_region_keep_their_order(tmp_path):
+    """In which they are added up: a file has them ascending."""
+    mesh = crooked(box((2, 1, 1), (3, 2, 2)))
+    order = np.random.default_rng(2).permutation(mesh.nt)
+    mesh = replace(mesh, subdomains={"all of it": order})
+    body = System(mesh, [StVK(STEEL, "all of it"), BodyForce((1.0, 2.0, 3.0), "all of it")], {"left": "xyz"})
+    for other in rewritten(body, tmp_path):
+        assert_same(other, body)
+    (region,) = {str(term["region"]) for term in Scene.of(body, STATIC).data["terms"]}
+    assert region == str({"type": "elements", "ids": order.tolist()})
+
+
+ANALYSES = [
+    {"type": "static", "steps": 3, "stability": True},
+    {"type": "arc-length", "stop": {"turns": 2}},
+    {"type": "dynamic", "integrator": "newmark", "dt": 1e-3, "until": 1.0, "beta": 0.3},
+    {"type": "modes", "n": 3},
+    DynamicAnalysis(type="dynamic", until=1.0, integrator="velocity-verlet"),
+]
+
+
+@pytest.mark.parametrize("analysis", ANALYSES, ids=lambda one: one["type"] if isinstance(one, dict) else one.integrator)
+def test_analyses_are_kept(analysis, tmp_path):
+    scene = Scene.of(System(SOLID, StVK(STEEL), {"left": "xyz"}), analysis)
+    scene.write(tmp_path / "scene.toml")
+    again = Scene.read(tmp_path / "scene.toml").sections.analysis
+    given = analysis if isinstance(analysis, dict) else analysis.model_dump(exclude_none=True)
+    for name, value in given.items():
+        kept = getattr(again, name)
+        assert (kept.model_dump(exclude_none=True) if hasattr(kept, "model_dump") else kept) == value, name
+
+
+def test_the_same_constants_are_one_material():
+    system = System(SOLID, [StVK(young=1.0, poisson=0.3, region=[0]), NeoHookean(young=1.0, poisson=0.3, region=[1]), StVK(STEEL)])
+    assert list(Scene.of(system, STATIC).data["materials"]) == ["isotropic-1", "isotropic-2"]
+
+
+def test_names_that_are_taken_are_not_given_again():
+    mesh = replace(SOLID, node_sets={"nodes-1": [0]}, subdomains={"region-1": [0]})
+    scene = Scene.of(System(mesh, [StVK(STEEL, [1, 2]), StVK(WOOD)], {(3, 4): "x"}), STATIC)
+    assert scene.data["fixed"] == {"nodes-2": "x"} and scene.data["terms"][0]["region"] == "region-2"
+    assert list(scene.built.mesh.node_sets["nodes-1"]) == [0]
+
+
+class OwnLaw(StVK):
+    """A law of somebody else."""
+
+
+@dataclass(frozen=True, eq=False)
+class OwnMaterial(Isotropic):
+    """A material of somebody else."""
+
+
+LEFT_OUT = {
+    "terms[1], Traction: traction is a function that is no Ramp, Sine or Table": [Traction("right", lambda t: (t, 0, 0))],
+    "terms[1], Gravity: g is a function": [Gravity(lambda x, t: (x[0], 0, 0))],
+    "terms[1], NodalLoad: force has one value for each": [NodalLoad([0, 1], np.ones((3, 2)))],
+    "terms[1], Pressure: pressure has one value for each": [Pressure("top", np.ones(6))],
+    "terms[1], StVK: young has one value for each element": [StVK(young=np.ones(SOLID.nt), poisson=0.3)],
+    "terms[1], StVK: frame has one value for each element": [
+        StVK(Orthotropic((1, 1, 1), (0, 0, 0), (1, 1, 1), frame=np.broadcast_to(np.eye(3), (SOLID.nt, 3, 3))))
+    ],
+    "terms[1], SpringNetwork: stiffness has no key": [SpringNetwork(STEEL, stiffness=np.ones(35))],
+    "terms[1], Corotated: rotation is a function": [Corotated(STEEL, rotation=lambda t: np.broadcast_to(np.eye(3), (12, 3, 3)))],
+    "terms[1], OwnLaw: OwnLaw is a term that scenes do not have": [OwnLaw(STEEL)],
+    "terms[1], StVK: OwnMaterial is a material that scenes do not have": [StVK(OwnMaterial(1.0, 0.3))],
+    "terms[1], VolumePenalty: stiffness has one value": [VolumePenalty(np.ones(SOLID.nt))],
+    "terms[1], EdgeNetwork: it is made of 2 laws": [EdgeNetwork.of(SOLID, [StVK(STEEL), StVK(STEEL)])],
+}
+
+
+@pytest.mark.parametrize("said", LEFT_OUT)
+def test_what_has_no_name_is_left_out_and_told(said, tmp_path):
+    edges = EdgeNetwork.of(SOLID, StVK(STEEL)).edges.shape[1]
+    terms = [SpringNetwork(STEEL, stiffness=np.ones(edges)) if "SpringNetwork" in said else one for one in LEFT_OUT[said]]
+    with pytest.warns(StvkWarning, match="What has no name in a scene is left out: ") as warnings_:
+        scene = Scene.of(System(SOLID, [StVK(STEEL), *terms]), STATIC)
+    assert len(scene.left_out) == 1 and scene.left_out[0].startswith(said) and scene.left_out[0] in str(warnings_[0].message)
+    assert [term["type"] for term in scene.data["terms"]] == ["stvk"]
+
+
+def test_supports_and_precision_that_have_no_name_are_told():
+    prescribed = [("right", {"x": 0.1, "y": lambda t: t}), ([0, 1], lambda x, t: 0 * x), ([6], {"z": np.array([0.1])})]
+    system = System(replace(SOLID, node_sets={"a\x1b": [2]}), StVK(STEEL), {"a\x1b": "x"}, prescribed, dtype=np.float32)
+    system.remove([1])
+    with pytest.warns(StvkWarning, match="left out"):
+        scene = Scene.of(system, STATIC)
+    reasons = [
+        "fixed on 'a\\x1b': the name",
+        "prescribed on 'right', component y: it is a function",
+        "prescribed on 2 vertices (0, 1), component xyz: it is a function",
+        "prescribed on 1 vertex (6), component z: it has one value for each",
+        "dtype = float32",
+        "1 element (1) that were taken out",
+    ]
+    assert len(scene.left_out) == len(reasons)
+    assert all(one.startswith(reason) for one, reason in zip(scene.left_out, reasons, strict=True)), scene.left_out
+    assert scene.data["prescribed"] == {"right": {"x": 0.1}}
+
+
+def test_what_is_no_system_and_no_analysis_is_refused():
+    with pytest.raises(StvkError, match="expected a System"):
+        Scene.of(SOLID, STATIC)
+    with pytest.raises(StvkError, match=r"analysis = 'static'; expected a table such as"):
+        Scene.of(System(SOLID, StVK(STEEL)), "static")
+    with pytest.raises(StvkError, match="No law of this system can be named in a scene: terms"):
+        Scene.of(System(SOLID, OwnLaw(STEEL)), STATIC)
+    with pytest.raises(StvkError, match="unstatic"):
+        Scene.of(System(SOLID, StVK(STEEL)), {"type": "unstatic"})
