@@ -8,8 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import StateError, warn
-from ..nonlinear.interruption import stop_if_asked
-from ..nonlinear.outcome import Interrupted, Status
+from ..nonlinear.outcome import Interrupted, Status, stop_if_asked
 from ..nonlinear.progress import MotionProgress
 from ..results.files import WriteError
 from ..results.monitors import Finding, Monitors

@@ -15,8 +15,7 @@ from ..arguments import Array
 from ..dynamics import Modes, Run, modes, simulate
 from ..errors import StvkWarning
 from ..mesh.places import vertices_at
-from ..nonlinear.interruption import finishing_steps
-from ..nonlinear.outcome import Interrupted
+from ..nonlinear.outcome import Interrupted, finishing_steps
 from ..results.reactions import held_vertices
 from ..statics import StaticResult, solve_static
 from .build import Built, expectations

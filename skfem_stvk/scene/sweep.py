@@ -25,7 +25,7 @@ from ..arguments import path as checked_path
 from ..arguments import shown, whole
 from ..errors import StvkError
 from ..kernels.threads import threads
-from ..nonlinear.interruption import ask_to_finish, finishing_steps, stop_if_asked
+from ..nonlinear.outcome import ask_to_finish, finishing_steps, stop_if_asked
 from ..referee.header import THREAD_LIMITS
 from ..referee.terminal import printable
 from ..results.files import replacing

@@ -14,8 +14,7 @@ from ..arguments import Array, choice, flag, number, shown, whole
 from ..errors import LoadError, StvkError, warn
 from ..linear import LinearSolver, choose
 from ..mesh.displacements import by_vertex
-from ..nonlinear.interruption import stop_if_asked
-from ..nonlinear.outcome import Interrupted, Status
+from ..nonlinear.outcome import Interrupted, Status, stop_if_asked
 from ..nonlinear.stability import Verdict, judged
 from ..nonlinear.stopwatch import Stopwatch
 from ..results.files import Outlets

@@ -9,7 +9,7 @@ import pytest
 import skfem
 
 from skfem_stvk import Gravity, Interrupted, StVK, System, Traction, VelocityVerlet, simulate, solve_static
-from skfem_stvk.nonlinear.interruption import finishing_steps
+from skfem_stvk.nonlinear.outcome import finishing_steps
 
 TRIES = pytest.mark.parametrize("presses", [1, 2])
 
