@@ -22,7 +22,6 @@ from ..referee.terminal import WIDTH, printable, rendered
 from ..referee.verification import verify
 from ..terms import StVK
 from . import scenes
-from .info import info, info_arguments
 
 #: Materials of the embedded mesh: a bracket of aluminium with a bushing of rubber; Poisson's ratios such that lambda != mu.
 EMBEDDED = [StVK(young=70e9, poisson=0.33, region="bracket"), StVK(young=5e6, poisson=0.45, region="bushing")]
@@ -166,7 +165,9 @@ COMMANDS = {
     "sweep": Command(scenes.solve_product, "solve a scene with the product of values, in processes", scenes.sweep_arguments),
     "verify": Command(_verify, "hold W, F and K against scikit-fem's on a mesh", _verify_arguments),
     "bench": Command(_bench, "time and memory of W, F, K and K v, against targets", _bench_arguments),
-    "info": Command(info, "what would be built of a scene or a mesh, and what is wrong with it; alone: versions", info_arguments),
+    "info": Command(
+        scenes.info, "what would be built of a scene or a mesh, and what is wrong with it; alone: versions", scenes.info_arguments
+    ),
 }
 
 
