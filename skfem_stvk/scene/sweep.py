@@ -137,7 +137,8 @@ def sweep(
     jobs = max(1, min(jobs, cores // each, len(missing)))
     each = max(each, cores // jobs)
     kept = f", {len(rows)} of them there already" if rows else ""
-    console.print(f"{len(runs)} runs{kept}; {jobs} at a time on {each} thread{'s' * (each > 1)} each", soft_wrap=True)
+    how_many = f"; {jobs} at a time on {each} thread{'s' * (each > 1)} each" if missing else ""
+    console.print(f"{len(runs)} runs{kept}{how_many}", soft_wrap=True)
     tasks = [_Task(Path(path), run, folder / run.name, how[run.name] or "new") for run in missing]
     try:
         for run, error in _solved(tasks, jobs, each):

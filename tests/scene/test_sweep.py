@@ -225,26 +225,26 @@ def test_a_sweep_that_is_interrupted_or_killed_is_taken_up_by_the_next_call(tmp_
     """The scene writes a state every ten steps, of which the killed run has some."""
     path, out = scene(tmp_path, MOTION), tmp_path / "beam-sweep"
     path.write_text(path.read_text().replace("[output]\n", '[output]\nfile = "beam.pvd"\n'))
-    until = "analysis.until=0.01,0.6,0.02"
+    until = "analysis.until=0.01,0.3,0.02"
     process = started(path, "--set", until, "--jobs", "1")
-    wait_for(lambda: (out / "until=0.6" / "beam_0004.vtu").exists(), process)
+    wait_for(lambda: (out / "until=0.3" / "beam_0004.vtu").exists(), process)
     os.killpg(process.pid, how)
     printed, err = process.communicate(timeout=60)
     rows = table(out)
-    assert [float(row["analysis.until"]) for row in rows] == [0.01, 0.6][: 2 if how == signal.SIGINT else 1]
+    assert [float(row["analysis.until"]) for row in rows] == [0.01, 0.3][: 2 if how == signal.SIGINT else 1]
     if how == signal.SIGINT:
         assert process.returncode == 130 and "2 of 3 runs" in printed and "Traceback" not in err
-        assert rows[1]["exit_code"] == "130" and 0 < float(rows[1]["time"]) < 0.6
-    said = json.loads((out / "until=0.6" / "summary.json").read_text())
+        assert rows[1]["exit_code"] == "130" and 0 < float(rows[1]["time"]) < 0.3
+    said = json.loads((out / "until=0.3" / "summary.json").read_text())
     assert said["status"] == ("interrupted" if how == signal.SIGINT else "was killed or is running")
     first = (out / "until=0.01" / "summary.json").read_bytes()
-    before = (out / "until=0.6" / "beam_0001.vtu").stat().st_mtime_ns
+    before = (out / "until=0.3" / "beam_0001.vtu").stat().st_mtime_ns
     rows = sweep(path, [until], jobs=1, quiet=True)
     assert (out / "until=0.01" / "summary.json").read_bytes() == first
     if how == signal.SIGINT:  # a killed run goes on from a checkpoint that is a few seconds old
-        assert (out / "until=0.6" / "beam_0001.vtu").stat().st_mtime_ns == before
+        assert (out / "until=0.3" / "beam_0001.vtu").stat().st_mtime_ns == before
     assert [row.exit_code for row in rows] == [0, 0, 0]
-    assert rows[1].results == Scene.read(path, ["analysis.until=0.6"]).solve(quiet=True).values
+    assert rows[1].results == Scene.read(path, ["analysis.until=0.3"]).solve(quiet=True).values
 
 
 def test_processes_end_with_the_one_that_started_them(tmp_path):
