@@ -2,19 +2,20 @@
 
 from __future__ import annotations
 
+import os
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from copy import deepcopy
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import tomlkit
 
 from ..arguments import shown
-from ..errors import SceneError, name_known
-from .syntax import Loc, lines_of, parsed, path_of
+from ..errors import SceneError, StvkError, name_known
+from .syntax import Loc, lines_of, parsed, path_of, quoted
 
 #: Files that are larger are no scenes.
 LARGEST = 10_000_000
@@ -216,3 +217,122 @@ def _is_super(table: Mapping[str, Any]) -> bool:
 
 def _is_list_of_tables(value: Any) -> bool:
     return isinstance(value, list) and bool(value) and all(isinstance(one, Mapping) for one in value)
+
+
+# values of a sweep
+
+
+class Axis(NamedTuple):
+    """A key of a scene with the values that it takes in turn."""
+
+    loc: Loc
+    texts: tuple[str, ...]  # of the values, as TOML has them
+    values: tuple[Any, ...]
+
+    @property
+    def path(self) -> str:
+        """The key as a user writes it."""
+        return path_of(self.loc)
+
+    @property
+    def of_numbers(self) -> bool:
+        """Whether there are several values, all of them numbers."""
+        return len(self.values) > 1 and all(isinstance(one, int | float) and not isinstance(one, bool) for one in self.values)
+
+
+def axes_of(settings: Mapping[str, Iterable[Any]] | Sequence[str]) -> list[Axis]:
+    """Keys with their values, of `--set` texts or of a dictionary.
+
+    Commas part values, but for those within quotation marks, lists and tables.
+
+    >>> [(axis.path, axis.values) for axis in axes_of(["analysis.steps=5,10", "terms[1].g=[0,-1],[0,-2]"])]
+    [('analysis.steps', (5, 10)), ('terms[1].g', ([0, -1], [0, -2]))]
+    >>> axes_of({"analysis.steps": [5, 10]}) == axes_of(["analysis.steps=5,10"])
+    True
+
+    Raises
+    ------
+    SceneError
+        if there is no value, or one that is none, or a key is there twice: all of that at once.
+    """
+    axes: list[Axis] = []
+    wrong: list[str] = []
+    for key, texts in _given(settings, wrong):
+        try:
+            found = [setting_of(f"{key}={text}") for text in texts]
+            if found[0][0] in [axis.loc for axis in axes]:
+                wrong.append(f"--set {key}: it is set twice; give all of its values at once, as {key}=1,2")
+            axes.append(Axis(found[0][0], tuple(texts), tuple(value for _, value in found)))
+        except SceneError as error:
+            wrong.append(str(error))
+    if not axes and not wrong:
+        wrong.append("A sweep needs values: --set materials.steel.young=1e9,2e9,4e9")
+    refuse_all(wrong, "The sweep")
+    return axes
+
+
+def _given(settings: Mapping[str, Iterable[Any]] | Sequence[str], wrong: list[str]) -> Iterable[tuple[str, list[str]]]:
+    """Keys and the texts of their values."""
+    if isinstance(settings, Mapping):
+        for key, values in settings.items():
+            values = values.tolist() if hasattr(values, "tolist") else values
+            if isinstance(values, str | Mapping) or not isinstance(values, Iterable) or not (listed := list(values)):
+                wrong.append(f"{key}: got {shown(values)}; expected a list of values, such as [1e9, 2e9]")
+            else:
+                yield str(key), [_toml(one) for one in listed]
+        return
+    for given in [settings] if isinstance(settings, str) else settings:
+        key, *rest = split(given, "=")
+        texts = split("=".join(rest), ",")
+        if not rest or not all(texts):
+            wrong.append(f"--set {given}: expected KEY=VALUE,VALUE,..., such as analysis.steps=5,10, and no value that is empty")
+        else:
+            yield key, texts
+
+
+def split(text: str, mark: str) -> list[str]:
+    """The parts of a text between marks that stand outside of quotation marks, brackets and braces.
+
+    >>> split("[0, 0, -1], 'a,b', {x = 1, y = 2}", ",")
+    ['[0, 0, -1]', "'a,b'", '{x = 1, y = 2}']
+    """
+    parts, begin, depth, quote, skipped = [], 0, 0, "", False
+    for place, one in enumerate(text):
+        if skipped:
+            skipped = False
+        elif quote:
+            skipped = one == "\\" and quote == '"'
+            quote = "" if one == quote else quote
+        elif one in "\"'":
+            quote = one
+        elif one in "[{":
+            depth += 1
+        elif one in "]}":
+            depth -= 1
+        elif one == mark and depth == 0:
+            parts.append(text[begin:place].strip())
+            begin = place + 1
+    return [*parts, text[begin:].strip()]
+
+
+def _toml(value: Any) -> str:
+    """A value of Python's as TOML has it on one line."""
+    value = value.tolist() if hasattr(value, "tolist") else value
+    if isinstance(value, Mapping):
+        return "{" + ", ".join(f"{quoted(str(name))} = {_toml(one)}" for name, one in value.items()) + "}"
+    if isinstance(value, list | tuple):
+        return "[" + ", ".join(map(_toml, value)) + "]"
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, int | float):
+        return repr(value)
+    if isinstance(value, str | os.PathLike):
+        return quoted(os.fspath(value))
+    raise StvkError(f"got {shown(value)}; expected a number, a text, true or false, or a list or table of such: what TOML has.")
+
+
+def refuse_all(wrong: Sequence[str], name: str) -> None:
+    """Raise SceneError with all that is wrong, if anything is."""
+    if wrong:
+        head = f"{name}: " if len(wrong) == 1 else f"{name} has {len(wrong)} errors:\n  "
+        raise SceneError(head + "\n  ".join(wrong), [("", None, one) for one in wrong])

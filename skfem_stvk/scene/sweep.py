@@ -3,18 +3,21 @@
 from __future__ import annotations
 
 import csv
+import hashlib
 import json
 import multiprocessing
 import os
+import re
 import signal
 import threading
 import warnings
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from itertools import product
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -23,25 +26,27 @@ from rich.console import Console
 
 from ..arguments import path as checked_path
 from ..arguments import shown, whole
-from ..errors import StvkError
+from ..errors import SceneError, StvkError
 from ..kernels.threads import threads
 from ..nonlinear.outcome import ask_to_finish, finishing_steps, stop_if_asked
 from ..referee.header import THREAD_LIMITS
 from ..referee.terminal import printable
 from ..results.files import replacing
 from .build import expectations
-from .folder import CHECKPOINT, SUMMARY, Folder, visible
+from .folder import CHECKPOINT, SUMMARY, Folder, hash_of, visible
 from .outcome import BAD_INPUT, DONE, INTERRUPTED, NOT_AS_EXPECTED, NOT_CONVERGED
-from .product import Axis, Planned, in_short, planned
 from .report import DOTS_PER_INCH, RESULTS
 from .scene import Scene
 from .schema import SceneTables
+from .source import Axis, SceneSource, axes_of, refuse_all
 from .syntax import Loc
 from .units import UNITS
 
 TABLE, PLOT = "table.csv", "sweep.png"
 #: Columns between the values and the results.
 COLUMNS = ("status", "exit_code", "seconds", "folder", "message")
+#: A longer name of a folder is cut.
+LONGEST = 120
 #: What is asked of the processes.
 GO_ON, FINISH, END = 0, 1, 2
 #: Seconds between looks at what happened.
@@ -151,6 +156,115 @@ def sweep(
     if trouble:
         console.print(f"[yellow]note[/] {PLOT} is not drawn: {printable(trouble)}", soft_wrap=True)
     return [rows[run.name] for run in runs]
+
+
+# which scenes a sweep is made of, and what each is called
+
+
+class Planned(NamedTuple):
+    """One scene of a sweep: its values, what is to be set, and the name of its folder."""
+
+    values: dict[str, Any]
+    settings: tuple[str, ...]
+    name: str
+    scene: Scene
+
+
+def planned(
+    path: str | os.PathLike[str], settings: Mapping[str, Iterable[Any]] | Sequence[str]
+) -> tuple[list[Axis], list[Planned]]:
+    """The axes of a sweep, and the product of their values: the last axis changes fastest; every scene is checked.
+
+    Raises
+    ------
+    SceneError
+        with all that is wrong in the scene, in the settings and in any of the scenes, each once; or if two are the same.
+    """
+    axes = axes_of(settings)
+    source = SceneSource.read(checked_path("path", path, "the path of a scene file such as 'thrown.toml'"))
+    combinations = list(product(*(range(len(axis.values)) for axis in axes)))
+    wrong: Counter[str] = Counter()
+    scenes: list[Scene] = []
+    for numbers in combinations:
+        try:
+            scenes.append(Scene.read(path, _settings(axes, numbers)))
+        except SceneError as error:
+            wrong.update(_each(error, source.name))
+    count = len(combinations)
+    refuse_all([text + (f" (in {times} of {count} runs)" if times < count else "") for text, times in wrong.items()], source.name)
+    names = _names(axes, combinations)
+    first: dict[str, str] = {}
+    twice = []
+    for name, scene in zip(names, scenes, strict=True):
+        other = first.setdefault(hash_of(scene.data), name)
+        if other != name:
+            twice.append(f"{other} and {name} are the same scene; give each value once")
+    refuse_all(twice, source.name)
+    values = [{axis.path: axis.values[k] for axis, k in zip(axes, numbers, strict=True)} for numbers in combinations]
+    texts = [_settings(axes, numbers) for numbers in combinations]
+    return axes, [Planned(*one) for one in zip(values, texts, names, scenes, strict=True)]
+
+
+def _settings(axes: Sequence[Axis], numbers: Sequence[int]) -> tuple[str, ...]:
+    return tuple(f"{axis.path}={axis.texts[k]}" for axis, k in zip(axes, numbers, strict=True))
+
+
+def _each(error: SceneError, name: str) -> list[str]:
+    """What an error of a scene says, complaint by complaint."""
+    head, *complaints = str(error).split("\n  ")
+    return complaints or [head.removeprefix(f"{name}: ")]
+
+
+def _names(axes: Sequence[Axis], combinations: Sequence[Sequence[int]]) -> list[str]:
+    """A name for each run that a person reads and every file system takes, of the last names of its keys and its values.
+
+    Names that would be the same, or that are cut, end with a hash of what they are the names of.
+    """
+    short = [_plain(_dotted(_last(axis.loc))) for axis in axes]
+    keys = [one if short.count(one) == 1 else _plain(_dotted(axis.loc)) for one, axis in zip(short, axes, strict=True)]
+    whole = [
+        ",".join(f"{key}={_plain(in_short(axis.values[k]))}" for key, axis, k in zip(keys, axes, numbers, strict=True))
+        for numbers in combinations
+    ]
+    times = Counter(name.lower() for name in whole)  # some file systems do not tell capitals
+    names = []
+    for name, numbers in zip(whole, combinations, strict=True):
+        if times[name.lower()] > 1 or len(name) > LONGEST:
+            hashed = hashlib.sha256(repr(_settings(axes, numbers)).encode()).hexdigest()[:8]
+            name = f"{name[: LONGEST - 9]}-{hashed}"
+        names.append(name)
+    return names
+
+
+def _last(loc: Loc) -> Loc:
+    """The last name in a place, and numbers behind it."""
+    return loc[max(depth for depth, one in enumerate(loc) if isinstance(one, str)) :]
+
+
+def _dotted(loc: Loc) -> str:
+    return ".".join(map(str, loc))
+
+
+def _plain(text: str) -> str:
+    return re.sub(r"[^A-Za-z0-9_.+-]+", "_", text)
+
+
+def in_short(value: Any) -> str:
+    """A value in few characters: numbers as a person writes them, lists without brackets.
+
+    >>> in_short(1e9), in_short(0.25), in_short([0.0, 0.0, -9.81]), in_short(True)
+    ('1e9', '0.25', '0_0_-9.81', 'true')
+    """
+    if isinstance(value, Mapping):
+        return "_".join(f"{name}_{in_short(one)}" for name, one in value.items())
+    if isinstance(value, list | tuple):
+        return "_".join(map(in_short, value))
+    if isinstance(value, bool):
+        return str(value).lower()
+    if not isinstance(value, float):
+        return str(value)
+    text = f"{value:g}" if float(f"{value:g}") == value else repr(value)
+    return re.sub(r"e\+?(-?)0*", r"e\1", text)
 
 
 # what there is already

@@ -15,7 +15,7 @@ import pytest
 from skfem_stvk import SceneError, StvkError
 from skfem_stvk.cli.main import main
 from skfem_stvk.scene import Scene, sweep
-from skfem_stvk.scene.product import planned
+from skfem_stvk.scene.sweep import planned
 
 BEAM = """
 [mesh]
