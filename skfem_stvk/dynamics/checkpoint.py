@@ -17,16 +17,14 @@ from ..results.archive import Checkpoint, CheckpointHeader, NotOurs, finite
 from ..results.files import output_path
 from ..results.state_files import MOTION, MOTION_FILE
 from ..system.protocol import SystemLike
-from ..system.signature import Fingerprint, Record, in_words
-from . import record as records
+from ..system.records import Record, in_words
+from ..system.signature import Fingerprint
 from .books import REMOVED, LedgerPlaces, column_names
 from .integrators import Integrator
 from .ledger import Ledger
 from .motion import Motion
-from .record import Clock, Counts, MotionState, Reviews, RunRecord, Snapshot
+from .record import FEWEST, HALVINGS, MOST, Clock, Counts, MotionState, Reviews, RunRecord, Snapshot
 
-#: Where in the time of a run its loads and prescribed displacements are evaluated for its signature.
-FRACTIONS = (0.0, 0.31, 0.77, 1.0)
 #: Time from one checkpoint to the next: at least that [s], and so long that writing takes no larger share of it.
 EVERY, SHARE = 5.0, 0.05
 #: What to do with a file that cannot be resumed.
@@ -58,12 +56,12 @@ class ReviewsRecord(Record):
     """The `Reviews` of a critical step as checkpoints hold them."""
 
     next: Count
-    interval: Annotated[int, Field(ge=records.FEWEST, le=records.MOST)]
+    interval: Annotated[int, Field(ge=FEWEST, le=MOST)]
     seen: Bound
     step: Bound
     bound: Bound
     largest: Bound
-    halvings: Annotated[int, Field(ge=0, le=records.HALVINGS)]
+    halvings: Annotated[int, Field(ge=0, le=HALVINGS)]
 
 
 class MomentRecord(Record):

@@ -5,26 +5,29 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from ..arguments import shown
 from ..errors import StvkError
-from ..linear.choose import SOLVERS
 from ..mesh.displacements import by_vertex
 from ..mesh.places import Where
-from ..results.archive import NotOurs
 from ..results.files import Outlets
 from ..system.protocol import SystemLike
 from ..system.signature import Fingerprint, sums
 from .books import LedgerPlaces
-from .checkpoint import ANEW, FRACTIONS, IntegratorRecord, MotionCheckpoint
 from .damping import Damping
 from .integrators import INTEGRATORS, Integrator
 from .motion import Motion
 from .removal import Rule, in_words
+
+if TYPE_CHECKING:
+    from .checkpoint import MotionCheckpoint
+
+#: Where in the time of a run its loads and prescribed displacements are evaluated for its signature.
+FRACTIONS = (0.0, 0.31, 0.77, 1.0)
 
 
 @dataclass(frozen=True)
@@ -104,19 +107,6 @@ def checked_integrator(integrator: Integrator | None) -> Integrator:
     return integrator
 
 
-def resumed_integrator(kept: IntegratorRecord, file: Path) -> Integrator:
-    """The integrator of a checkpoint; refuses one with a solver that was an object."""
-    if kept.objects:
-        solver = ", ".join(f"{name}={value!r}" for name, value in kept.objects.items())
-        raise StvkError(
-            f"{file} is a motion with {kept.name}({solver}, ...), whose solver was an object: its options are not in the file. "
-            "Give the same integrator again."
-        )
-    options: dict[str, Any] = dict(kept.options)
-    solvers = ["auto", *(one.name for one in SOLVERS)]
-    try:
-        if options.get("solver", "auto") not in solvers:
-            raise ValueError(f"solver = {options['solver']!r}")
-        return INTEGRATORS[kept.name](**options)
-    except (KeyError, TypeError, ValueError) as error:
-        raise NotOurs(f"{file} is damaged: there is no integrator {kept.name!r} with its options ({error}). {ANEW}") from None
+def too_early(until: float, t: float) -> StvkError:
+    """The error for an end that lies behind."""
+    return StvkError(f"until = {until:g} s is not after t = {t:g} s, where the motion is. Give a later end.")

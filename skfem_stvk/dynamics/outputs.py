@@ -6,14 +6,17 @@ import os
 import time
 from contextlib import ExitStack, suppress
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from ..errors import StvkError, warn
 from ..results import Fields, Series
 from ..system.signature import Fingerprint
-from .checkpoint import MotionCheckpoint, MotionHeader, packed
 from .ledger import LedgerFile
 from .options import Options, Setup
 from .record import RunRecord
+
+if TYPE_CHECKING:
+    from .checkpoint import MotionCheckpoint, MotionHeader
 
 #: Steps from one saved state to the next, by default.
 EVERY = 10
@@ -115,6 +118,8 @@ class Outputs:
         """Write the checkpoint now, after the state if that is to be saved."""
         if self._checkpoint is None:
             return
+        from .checkpoint import packed  # and pydantic, only where one is written
+
         self.frame_in_turn()
         record, setup, seconds = self._record, self._setup, self._record.watch.parts()
         with self._record.watch("write"):

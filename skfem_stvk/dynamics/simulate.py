@@ -3,32 +3,27 @@
 from __future__ import annotations
 
 import os
-import warnings
 from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
-from pathlib import Path
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ..arguments import Array, flag, number, path, whole
-from ..errors import LoadError, StvkError, StvkWarning, SupportError, name_ids
+from ..errors import LoadError, StvkError, SupportError, name_ids
 from ..mesh.displacements import by_vertex
 from ..mesh.places import Where
-from ..results.archive import NotOurs
 from ..results.files import Outlets
 from ..system.protocol import SystemLike, checked_system
-from ..system.signature import Fingerprint
 from .books import LedgerPlaces, column_names
-from .checkpoint import ANEW, MotionCheckpoint, load, refuse_inconsistent
-from .damping import Damping, EdgeDamping, Rayleigh
+from .damping import Damping
 from .integrators import Integrator
 from .ledger import Ledger
 from .loop import Loop
 from .motion import Motion
-from .options import Options, Setup, checked_integrator, described, resumed_integrator
+from .options import Options, Setup, checked_integrator, too_early
 from .outputs import Outputs
-from .record import SLACK, Clock, MotionState, RunRecord
+from .record import Clock, MotionState, RunRecord
 from .removal import Rule, checked_rule
 from .run import Run
 
@@ -126,10 +121,13 @@ def simulate(
     until, t0 = number("until", until, "a time in seconds"), number("t0", t0, "a time in seconds")
     if every is not None:
         every = whole("every", every, "a whole number of steps, at least 1", least=1)
-    named = MotionCheckpoint(path("resume", resume, "True or False"), "resume") if isinstance(resume, str | os.PathLike) else None
+    named = path("resume", resume, "True or False") if isinstance(resume, str | os.PathLike) else None
     outlets = Outlets.checked(save, checkpoint, False if named or resume is None else resume, overwrite, fields)
-    kept = named if outlets.checkpoint is None else MotionCheckpoint(outlets.checkpoint)
-    source = named or (kept if kept is not None and outlets.resume and kept.file.exists() else None)
+    kept, source = None, None
+    if named is not None or outlets.checkpoint is not None:
+        from .resumed import checkpoints  # and pydantic, only where there is one
+
+        kept, source = checkpoints(named, outlets)
     options = Options(
         until=until,
         integrator=integrator,
@@ -144,14 +142,19 @@ def simulate(
         outlets=outlets,
         every=every,
         checkpoint=kept,
-        source=None if source is None else source.file,
+        source=source,
         quiet=quiet,
         raise_on_failure=raise_on_failure,
     )
     with ExitStack() as stack:
         if kept is not None:
             stack.enter_context(kept)
-        start = _begun(system, options, stack) if options.source is None else _resumed(system, options, stack, options.source)
+        if options.source is None:
+            start = _begun(system, options, stack)
+        else:
+            from .resumed import resumed
+
+            start = resumed(system, options, stack, options.source)
         return Loop(*start, quiet).run(raise_on_failure)
 
 
@@ -162,68 +165,12 @@ def _begun(system: SystemLike, options: Options, stack: ExitStack) -> tuple[Setu
     motion = Motion(system, "lumped" if options.mass is None else options.mass, options.damping)
     state = _first_state(motion, options, integrator.dt or 1e-6)
     if not options.until > state.t:
-        raise _too_early(options.until, state.t)
+        raise too_early(options.until, state.t)
     setup = Setup(motion, integrator, places, options.until, options.remove)
     names = column_names(system, *places, removing=options.remove is not None)
     record = RunRecord(state, Clock(state.t, integrator.dt or 0.0), Ledger(names))
     record.take_out(system.removed, np.nan)
     return setup, record, Outputs.opened(setup, record, options, stack)
-
-
-def _resumed(system: SystemLike, options: Options, stack: ExitStack, file: Path) -> tuple[Setup, RunRecord, Outputs]:
-    """A run from a checkpoint, for the problem that it holds: what is given of the beginning has to be what it was."""
-    saved = load(file)
-    header, method = saved.header, saved.method
-    given = options.integrator
-    integrator = resumed_integrator(method.integrator, file) if given is None else checked_integrator(given)
-    kept: Damping = [Rayleigh(method.damping.alpha, method.damping.beta), EdgeDamping(method.damping.tau)]
-    damping = kept if options.damping is None else options.damping
-    motion = Motion(system, method.mass if options.mass is None else options.mass, damping)
-    start = {name: header.problem.numbers.get(name, []) for name in ("t0", "u0", "v0")} | options.start(system)
-    removed, removed_at = saved.removed
-    if not (removed.ndim == removed_at.ndim == 1 and removed.dtype.kind == "i" and np.unique(removed).size == removed_at.size):
-        raise NotOurs(f"{file} is damaged: the elements that it took out are none. {ANEW}")
-    first = system_at_first(system, removed, removed_at, file)
-    problem = Fingerprint("motion", first, described(motion, integrator, options.remove), header.problem.moments, start)
-    again = "Give the same again, or leave it out, to resume it. To start anew: overwrite=True, without resume."
-    problem.refuse_other(header.problem, file, again)
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", StvkWarning)  # of parts that came loose then
-        system.remove(removed)
-    try:
-        places = refuse_inconsistent(saved, motion, integrator)
-    except (ValueError, KeyError) as error:
-        raise NotOurs(f"{file} is damaged: {error.args[0]}. {ANEW}") from None
-    options.refuse_other_places(file, system, places)
-    record = saved.record()
-    if options.until < record.state.t - SLACK * record.clock.dt:
-        raise _too_early(options.until, record.state.t)
-    setup = Setup(motion, integrator, places, options.until, options.remove)
-    return setup, record, Outputs.resumed(setup, record, options, stack, problem, header)
-
-
-def system_at_first(system: SystemLike, removed: NDArray[np.int64], removed_at: Array, file: Path) -> SystemLike:
-    """The system as it was when a motion began, in which these elements were taken out before and on the way.
-
-    StvkError if it has lost others by now, or not yet those that it had lost then.
-    """
-    before, now = removed[np.isnan(removed_at)], system.removed
-    if np.array_equal(now, np.sort(before)):
-        return system
-    if not np.isin(now, removed).all() or not np.isin(before, now).all():
-        raise StvkError(
-            f"The system has lost {name_ids(now, 'element')}, that of {file} {name_ids(np.sort(removed), 'element')} so far, "
-            f"{len(before)} of them before it began. Build the system anew (system.anew()), as it was when the motion began."
-        )
-    first = system.anew()
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", StvkWarning)
-        first.remove(before)
-    return first
-
-
-def _too_early(until: float, t: float) -> StvkError:
-    return StvkError(f"until = {until:g} s is not after t = {t:g} s, where the motion is. Give a later end.")
 
 
 def _first_state(motion: Motion, options: Options, dt: float) -> MotionState:

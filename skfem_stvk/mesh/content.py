@@ -14,10 +14,19 @@ from ..errors import MeshError, name_ids, warn
 from .facets import edges_of, with_middles
 from .formats import Damaged
 from .formats.source import NODES
-from .groups import cell_groups, count_cells, facet_groups, inner_nodes, is_of, linear_kind, node_groups, nodes, pick
-
-#: The array of cells that says how many coordinates count, where their values do not: of a flat membrane in space.
-DIMENSION = "stvk:dimension"
+from .groups import (
+    DIMENSION,
+    cell_groups,
+    count_cells,
+    facet_groups,
+    flatten,
+    inner_nodes,
+    is_of,
+    linear_kind,
+    node_groups,
+    nodes,
+    pick,
+)
 
 
 class Content(NamedTuple):
@@ -242,16 +251,3 @@ def nodes_on(used: NDArray[Any], inner: NDArray[Any], sets: dict[str, NDArray[An
         if len(lost := np.setdiff1d(members, np.union1d(used, inner))):
             warn(f"Node set {name!r}: {name_ids(lost, 'vertex')} of {len(members)} are left out: dropped, since on no element.")
     return {name: members for name, members in kept.items() if len(members)}
-
-
-def flatten(p: NDArray[np.float64], k: int) -> NDArray[np.float64]:
-    """The coordinates without the last ones that are the same everywhere, as far as the simplices allow.
-
-    >>> flatten(np.array([[0.0, 1, 0], [0, 0, 1], [5, 5, 5]]), k=2)
-    array([[0., 1., 0.],
-           [0., 0., 1.]])
-    """
-    d = len(p)
-    while d > k and (p[d - 1] == p[d - 1, 0]).all():
-        d -= 1
-    return p[:d]

@@ -4,18 +4,24 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterable
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-import meshio
 import numpy as np
 from numpy.typing import NDArray
 
 from ..elements import Element, linear_simplex, named
 from ..errors import MeshError, name_ids
 
+if TYPE_CHECKING:
+    import meshio
+
 #: Ids within each cell block of the file, by name.
 Sets = dict[str, list[NDArray[np.int64]]]
 MOST_VALUES = 64
+#: The array of cells that says how many coordinates count, where their values do not: of a flat membrane in space.
+DIMENSION = "stvk:dimension"
+#: Arrays at points that mark the nodes of a set begin so, and its name follows.
+NODE_SET = "stvk:n:"
 
 
 def cell_groups(raw: meshio.Mesh, base: Element) -> Sets:
@@ -207,3 +213,16 @@ def count_cells(cells: Iterable[Any]) -> str:
         counts[block.type] += len(block)
     *most, last = [f"{count} {cell_type}" for cell_type, count in counts.items()]
     return (", ".join(most) + " and " if most else "") + last + " cells"
+
+
+def flatten(p: NDArray[np.float64], k: int) -> NDArray[np.float64]:
+    """The coordinates without the last ones that are the same everywhere, as far as the simplices allow.
+
+    >>> flatten(np.array([[0.0, 1, 0], [0, 0, 1], [5, 5, 5]]), k=2)
+    array([[0., 1., 0.],
+           [0., 0., 1.]])
+    """
+    d = len(p)
+    while d > k and (p[d - 1] == p[d - 1, 0]).all():
+        d -= 1
+    return p[:d]

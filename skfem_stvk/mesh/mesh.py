@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from typing import Any, TypeAlias, cast
+from typing import TYPE_CHECKING, Any, TypeAlias, cast
 
-import meshio
 import numpy as np
 import skfem
 from numpy.typing import NDArray
@@ -18,9 +18,11 @@ from skfem.mesh.mesh_dg import MeshDG
 from ..arguments import frozen, number, real_array, shown, whole, whole_array
 from ..elements import ELEMENTS, Element, linear_simplex, named, second_order
 from ..errors import MeshError, RegionError, name_ids, name_known, warn
-from .content import Content, content_in_memory
 from .facets import NamedFacets, edges_of, with_middles
 from .places import Box, Marked, checked_facets, describe, facets_at, vertices_at
+
+if TYPE_CHECKING:
+    from .content import Content
 
 #: What `System` and `verify` take for a mesh: a scikit-fem mesh, arrays `(p, t)`, a `meshio.Mesh`, or an `ElementMesh`.
 MeshLike: TypeAlias = Any
@@ -124,7 +126,9 @@ class ElementMesh(Marked):
             return cls(p, t, mesh.subdomains or {}, NamedFacets(t, p.shape[1], element, mesh.boundaries or {}), element=element)
         if isinstance(mesh, tuple | list) and len(mesh) == 2:
             return cls(*mesh)
-        if isinstance(mesh, meshio.Mesh):
+        if "meshio" in sys.modules and isinstance(mesh, sys.modules["meshio"].Mesh):  # whoever has one has imported meshio
+            from .content import content_in_memory
+
             return cls.made_of(content_in_memory(mesh, "The meshio.Mesh"), "The meshio.Mesh")
         raise MeshError(
             f"Expected a scikit-fem mesh, arrays (p, t), a meshio.Mesh or an ElementMesh; got {shown(mesh)}. Files are read by "

@@ -5,7 +5,6 @@ from .networks import NetworkComparison, compare_networks
 from .plotting import animate, plot
 from .reactions import Reaction
 from .series import Series
-from .state_files import read_state
 from .table import names
 from .vtu import write_mesh, write_vtu
 
@@ -19,7 +18,6 @@ __all__ = [
     "compare_networks",
     "names",
     "plot",
-    "read_state",
     "write_mesh",
     "write_vtu",
 ]

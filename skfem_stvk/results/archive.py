@@ -14,9 +14,9 @@ import numpy as np
 from pydantic import ValidationError
 
 from ..arguments import Array
-from ..errors import StvkError
-from ..system.signature import Fingerprint, Record, Signature, in_words
-from .files import output_folder, replacing
+from ..system.records import Record, Signature, in_words
+from ..system.signature import Fingerprint
+from .files import NotOurs, output_folder, replacing
 from .one_writer import OneWriter
 
 Header = TypeVar("Header", bound="ArchiveHeader")
@@ -38,10 +38,6 @@ class CheckpointHeader(ArchiveHeader):
     """Entries of the header of each file of a checkpoint: also of which problem it is."""
 
     problem: Signature
-
-
-class NotOurs(StvkError):
-    """A file that cannot be read as what it should be."""
 
 
 def write_archive(path: Path, header: Mapping[str, Any], arrays: Mapping[str, Array]) -> None:

@@ -17,6 +17,10 @@ class WriteError(StvkError, OSError):
     """A file could not be written, because the disk is full for example. What was there before is still there."""
 
 
+class NotOurs(StvkError):
+    """A file that cannot be read as what it should be."""
+
+
 def output_path(path: str | os.PathLike[str], *suffixes: str) -> Path:
     """The path as one that can be written, with one of the suffixes: call it before expensive work.
 

@@ -11,9 +11,8 @@ from dataclasses import replace
 from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-import meshio
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
@@ -28,6 +27,9 @@ from .picture import Film, Picture, Sight, checked_label, checked_scale, corner_
 from .series import read_list
 from .table import FIELDS, VECTORS
 from .vtu import read_vtu
+
+if TYPE_CHECKING:
+    import meshio
 
 BACKENDS = ("matplotlib", "pyvista")
 States = Sequence[tuple[float, State]]

@@ -9,18 +9,20 @@ import xml.etree.ElementTree as ET
 from collections.abc import Iterable, Sequence
 from contextlib import nullcontext, suppress
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
-from pydantic import ValidationError
 
 from ..arguments import flag, number
 from ..errors import StvkError, warn
-from ..system.signature import Fingerprint, Signature
+from ..system.signature import Fingerprint
 from .fields import State
 from .files import cannot_write, output_path, replacing
-from .one_writer import OneWriter
 from .table import find_all
 from .vtu import DEFAULT, write_vtu
+
+if TYPE_CHECKING:
+    from ..system.records import Signature
 
 #: The attribute of a .pvd's collection that holds the signature of the problem whose states it lists.
 PROBLEM = "skfem_stvk_problem"
@@ -61,6 +63,8 @@ class Series:
         problem: Fingerprint | None = None,
         overwrite: bool = False,
     ) -> None:
+        from .one_writer import OneWriter  # and its package, only where something is written
+
         self.fields = tuple(field.name for field in find_all(DEFAULT if fields is None else fields))
         self.path, self.resume = output_path(path, ".pvd"), flag("resume", resume)
         self._until = np.inf if isinstance(until, float) and until == np.inf else number("until", until, "a time, or infinity")
@@ -176,7 +180,7 @@ class Series:
             return
         try:
             then = read_problem(self.path)
-        except (ET.ParseError, ValidationError, ValueError, OSError) as error:
+        except (ET.ParseError, ValueError, OSError) as error:
             raise StvkError(
                 f"{self.path} is there already, and does not say of which problem it is: another program or release wrote it, or "
                 "result.save(...). Name another series, or replace it with overwrite=True."
@@ -229,6 +233,8 @@ def read_list(path: Path) -> list[tuple[float, str]]:
 
 def read_problem(path: Path) -> Signature:
     """The signature of the problem whose states a .pvd lists; raises ParseError or ValueError if it has none."""
+    from ..system.records import Signature
+
     collection = ET.parse(path).find("Collection")
     written = None if collection is None else collection.get(PROBLEM)
     if written is None:

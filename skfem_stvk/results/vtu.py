@@ -5,11 +5,10 @@ from __future__ import annotations
 import os
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 from unicodedata import category
 from xml.sax.saxutils import escape
 
-import meshio
 import numpy as np
 from numpy.typing import NDArray
 
@@ -17,14 +16,15 @@ from ..arguments import Array, shown
 from ..elements import named
 from ..errors import MeshError, StvkError, name_ids
 from ..mesh import ElementMesh
-from ..mesh.content import DIMENSION, flatten
-from ..mesh.formats.xml_files import NODE_SET
-from ..mesh.groups import as_cells
+from ..mesh.groups import DIMENSION, NODE_SET, as_cells, flatten
 from ..mesh.places import checked_facets, vertices_at
 from .fields import State, checked_state
 from .files import output_path, replacing
 from .law import in_space
 from .table import Field, find_all
+
+if TYPE_CHECKING:
+    import meshio
 
 Arrays = dict[str, NDArray[Any]]
 #: VTK's order of the components of a symmetric tensor: XX, YY, ZZ, XY, YZ, XZ.
@@ -55,10 +55,12 @@ def write_vtu(path: str | os.PathLike[str], state: State, fields: Sequence[str] 
     StvkError
         for a field that there is not, or a path that cannot be written, before any work.
     """
+    from meshio import vtu  # only where something is written
+
     wanted, path = find_all(fields), output_path(path, ".vtu")
     mesh = _with_fields(checked_state(state), wanted)
     with replacing(path) as part:
-        meshio.vtu.write(part, mesh, compression=None)
+        vtu.write(part, mesh, compression=None)
     return path
 
 
@@ -67,12 +69,16 @@ def read_vtu(file: Path) -> meshio.Mesh:
     try:
         if file.exists() and not file.is_file():
             raise OSError("it is no regular file")
-        return meshio.vtu.read(file)
+        from meshio import vtu
+
+        return vtu.read(file)
     except Exception as error:  # meshio fails in many ways on files that are damaged
         raise StvkError(f"{file} cannot be read ({error}): is it where the .pvd file says?") from error
 
 
 def _with_fields(state: State, fields: Sequence[Field]) -> meshio.Mesh:
+    import meshio
+
     mesh, there = state.fields.mesh, ~state.fields.gone
     points: Arrays = {name: in_space(vectors) for name, vectors in state.vectors.items()}
     cells = _regions(mesh)
@@ -156,13 +162,17 @@ def write_mesh(path: str | os.PathLike[str], mesh: ElementMesh) -> Path:
         raise MeshError(f"mesh = {shown(mesh)}; expected an ElementMesh: ElementMesh.of(mesh) makes one.")
     if len(unused := np.setdiff1d(np.arange(mesh.nv), mesh.t)):
         raise MeshError(f"{name_ids(unused, mesh.word)}: on no element, so they would not be read back. Remove them.")
+    from meshio import vtu
+
     content = _mesh_alone(mesh)
     with replacing(path) as part:
-        meshio.vtu.write(part, content, compression=None)
+        vtu.write(part, content, compression=None)
     return path
 
 
 def _mesh_alone(mesh: ElementMesh) -> meshio.Mesh:
+    from meshio import Mesh
+
     facets = {name: checked_facets(mesh, name) for name in mesh.boundaries if np.size(mesh.boundaries[name])}
     members = {name: mesh.elements(name) for name in mesh.subdomains if np.size(mesh.subdomains[name])}
     sets = {name: vertices_at(mesh, np.asarray(ids), f"Node set {name!r}") for name, ids in mesh.node_sets.items() if len(ids)}
@@ -182,7 +192,7 @@ def _mesh_alone(mesh: ElementMesh) -> meshio.Mesh:
     if len(flatten(points.T, mesh.k)) != mesh.d:
         cells[DIMENSION] = [np.full(len(block), mesh.d, dtype=np.uint8) for _, block in blocks]
     marked = {NODE_SET + as_attribute(name): _mask(mesh.nv, ids) for name, ids in sets.items()}
-    return meshio.Mesh(points, blocks, marked, cells)
+    return Mesh(points, blocks, marked, cells)
 
 
 def _mask(count: int, ids: Any) -> NDArray[np.uint8]:

@@ -18,7 +18,8 @@ from ..results.files import Outlets
 from ..results.monitors import Finding
 from ..results.state_files import PATH, PATH_FILES
 from ..system.protocol import SystemLike
-from ..system.signature import Fingerprint, Record
+from ..system.records import Record
+from ..system.signature import Fingerprint
 from .critical import BIFURCATION, LIMIT_POINT, CriticalPoint
 from .equilibrium import NOTHING
 from .history import Step

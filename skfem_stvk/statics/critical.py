@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
-from scipy.optimize import brentq
 
 from ..arguments import Array
 from ..nonlinear.eigen import lowest_mode, nearest_mode
@@ -173,6 +172,8 @@ class _Chord:
             def tested(f: float) -> float:
                 value = values[f] if f in values else test(f)
                 return 0.0 if abs(value) < noise else value
+
+            from scipy.optimize import brentq  # takes long to import, and hardly a path needs it
 
             return float(brentq(tested, 0.0, 1.0, xtol=TOLERANCE, rtol=4 * np.finfo(float).eps))
         except _Lost:

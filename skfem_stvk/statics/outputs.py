@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from functools import partial
 from pathlib import Path
-from typing import Any, TypeAlias
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 from rich.progress import BarColumn, TimeElapsedColumn
 
@@ -17,8 +17,10 @@ from ..results import Fields, Series
 from ..results.files import Outlets
 from ..system.protocol import SystemLike
 from ..system.signature import Fingerprint, sums
-from .checkpoint import PathCheckpoint
 from .history import Attempt, Step
+
+if TYPE_CHECKING:
+    from .checkpoint import PathCheckpoint
 
 Write: TypeAlias = Callable[[float, Step], object]
 
@@ -36,6 +38,8 @@ def opened(
         if outlets.save is not None or outlets.checkpoint is not None:
             problem = Fingerprint("path of equilibria", system, options, MOMENTS, {"u0": sums(start)})
         if outlets.checkpoint is not None:
+            from .checkpoint import PathCheckpoint  # and pydantic, only where one is written
+
             kept = stack.enter_context(PathCheckpoint(outlets.checkpoint, system, problem, outlets))
         if outlets.save is not None:
             series = stack.enter_context(Series(outlets.save, outlets.fields, problem=problem, overwrite=outlets.overwrite))

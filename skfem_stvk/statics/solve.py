@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -22,7 +22,6 @@ from ..results.monitors import Monitors
 from ..system.free_tangent import entries_of, kind_of, with_loads
 from ..system.protocol import SystemLike, checked_system
 from .arc_length import ArcLength
-from .checkpoint import PathCheckpoint
 from .equilibrium import Equilibrium
 from .history import Attempt, History, Step
 from .load_steps import LoadSteps
@@ -31,6 +30,9 @@ from .outputs import PathProgress, Write, opened
 from .result import SolveError, StaticResult
 from .stop import Goal, Stop
 from .walk import Course, Walk
+
+if TYPE_CHECKING:
+    from .checkpoint import PathCheckpoint
 
 METHODS = (LoadSteps.name, ArcLength.name)
 

@@ -5,15 +5,17 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from functools import cached_property
 from pathlib import Path
-from typing import Annotated, Any, Literal, TypeAlias
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, JsonValue, ValidationError
 
 from ..arguments import Array
 from ..errors import StvkError
 from ..terms.load import Moment, Time
 from .protocol import SystemLike
+
+if TYPE_CHECKING:
+    from .records import Kind, Signature
 
 #: Two systems are the same if their numbers are, but for rounding.
 SAME = 1e-9
@@ -21,26 +23,6 @@ SAME = 1e-9
 SHEAR, COMPRESSED = 0.01, 0.6
 #: What is solved, and how its loads are asked for at a moment.
 KINDS: dict[str, Callable[[float], Time]] = {"path of equilibria": float, "motion": lambda t: Moment(t, 1.0)}
-Kind: TypeAlias = Literal["path of equilibria", "motion"]
-
-
-class Record(BaseModel):
-    """What stands in a file: exactly these names, of these types, with finite numbers."""
-
-    model_config = ConfigDict(strict=True, extra="forbid", frozen=True, allow_inf_nan=False)
-
-
-class Signature(Record):
-    """The signature of a problem, as it stands in each file of a run.
-
-    The `method` has all options on which the states depend, `numbers` are of the system and of where it starts, by name, with loads
-    and prescribed displacements looked at in `moments`: load factors or times [s].
-    """
-
-    kind: Kind
-    method: dict[str, JsonValue]
-    moments: Annotated[list[float], Field(max_length=9)]
-    numbers: dict[str, Annotated[list[float], Field(max_length=9)]]
 
 
 class Fingerprint:
@@ -65,6 +47,8 @@ class Fingerprint:
     @cached_property
     def signature(self) -> Signature:
         """What its files say of the problem."""
+        from .records import Signature  # pydantic is imported only where there are files
+
         return Signature(kind=self._kind, method=self._method, moments=self._moments, numbers=self._numbers(self._moments))
 
     def differences(self, then: Signature) -> str:
@@ -126,14 +110,6 @@ def sums(values: Array) -> list[float]:
     weights = 1.5 + np.cos(np.arange(values.size))
     size, balance = float(weights @ np.abs(values.ravel())), float(weights @ values.ravel())
     return [size, 2 + balance / size if size else 0.0]
-
-
-def in_words(error: ValidationError, most: int = 3) -> str:
-    """What is wrong with a record: the first few, and how many more."""
-    found = [
-        f"{'.'.join(map(str, one['loc'])) or 'it'}: {one['msg']}" for one in error.errors(include_input=False, include_url=False)
-    ]
-    return "; ".join(found[:most]) + (f"; and {len(found) - most} more" if len(found) > most else "")
 
 
 def _words(value: Any) -> str:

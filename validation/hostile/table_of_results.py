@@ -10,7 +10,8 @@ import numpy as np
 
 from skfem_stvk import StaticResult, StVK, compare_networks, solve_static
 from skfem_stvk.peers import load
-from skfem_stvk.results import Fields, Reaction, Series, animate, plot, read_state, write_mesh, write_vtu
+from skfem_stvk.results import Fields, Reaction, Series, animate, plot, write_mesh, write_vtu
+from skfem_stvk.results.state_files import read_state
 
 from .call import Call
 from .small_bodies import NUMBER, OPTIONAL, PLACE, POSITIVE, TEXT, call, displacements, drawn, mesh, state, system

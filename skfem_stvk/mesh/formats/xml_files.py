@@ -22,6 +22,7 @@ import numpy as np
 
 from ...arguments import Array
 from ...errors import name_ids
+from ..groups import NODE_SET
 from .source import Counts, Damaged, check_consecutive, count_of, regular
 from .vtk import mesh_of
 
@@ -30,8 +31,6 @@ TYPES |= {"Float32": "f4", "Float64": "f8"}
 UNPACK: dict[str, Callable[[], Any]] = {"vtkZLibDataCompressor": zlib.decompressobj, "vtkLZMADataCompressor": lzma.LZMADecompressor}
 #: An array is unpacked to at most as many times the size of the file; ids and coordinates pack to a tenth at best.
 MOST = 100
-#: Arrays at points that mark the nodes of a set begin so, and its name follows.
-NODE_SET = "stvk:n:"
 
 
 def read(path: Path) -> meshio.Mesh:

@@ -1,0 +1,104 @@
+"""A run that goes on from a checkpoint: as if it had never stopped."""
+
+from __future__ import annotations
+
+import warnings
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..arguments import Array
+from ..errors import StvkError, StvkWarning, name_ids
+from ..linear.choose import SOLVERS
+from ..results.files import NotOurs, Outlets
+from ..system.protocol import SystemLike
+from ..system.signature import Fingerprint
+from .checkpoint import ANEW, IntegratorRecord, MotionCheckpoint, load, refuse_inconsistent
+from .damping import Damping, EdgeDamping, Rayleigh
+from .integrators import INTEGRATORS, Integrator
+from .motion import Motion
+from .options import Options, Setup, checked_integrator, described, too_early
+from .outputs import Outputs
+from .record import SLACK, RunRecord
+
+
+def checkpoints(named: Path | None, outlets: Outlets) -> tuple[MotionCheckpoint, Path | None]:
+    """The checkpoint that is written, and the file to go on from, None to begin anew; `named` is a path given to `resume`."""
+    older = None if named is None else MotionCheckpoint(named, "resume")
+    kept = MotionCheckpoint(outlets.checkpoint) if outlets.checkpoint is not None else older
+    assert kept is not None
+    source = older or (kept if outlets.resume and kept.file.exists() else None)
+    return kept, None if source is None else source.file
+
+
+def resumed(system: SystemLike, options: Options, stack: ExitStack, file: Path) -> tuple[Setup, RunRecord, Outputs]:
+    """A run from a checkpoint, for the problem that it holds: what is given of the beginning has to be what it was."""
+    saved = load(file)
+    header, method = saved.header, saved.method
+    given = options.integrator
+    integrator = resumed_integrator(method.integrator, file) if given is None else checked_integrator(given)
+    kept: Damping = [Rayleigh(method.damping.alpha, method.damping.beta), EdgeDamping(method.damping.tau)]
+    damping = kept if options.damping is None else options.damping
+    motion = Motion(system, method.mass if options.mass is None else options.mass, damping)
+    start = {name: header.problem.numbers.get(name, []) for name in ("t0", "u0", "v0")} | options.start(system)
+    removed, removed_at = saved.removed
+    if not (removed.ndim == removed_at.ndim == 1 and removed.dtype.kind == "i" and np.unique(removed).size == removed_at.size):
+        raise NotOurs(f"{file} is damaged: the elements that it took out are none. {ANEW}")
+    first = system_at_first(system, removed, removed_at, file)
+    problem = Fingerprint("motion", first, described(motion, integrator, options.remove), header.problem.moments, start)
+    again = "Give the same again, or leave it out, to resume it. To start anew: overwrite=True, without resume."
+    problem.refuse_other(header.problem, file, again)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", StvkWarning)  # of parts that came loose then
+        system.remove(removed)
+    try:
+        places = refuse_inconsistent(saved, motion, integrator)
+    except (ValueError, KeyError) as error:
+        raise NotOurs(f"{file} is damaged: {error.args[0]}. {ANEW}") from None
+    options.refuse_other_places(file, system, places)
+    record = saved.record()
+    if options.until < record.state.t - SLACK * record.clock.dt:
+        raise too_early(options.until, record.state.t)
+    setup = Setup(motion, integrator, places, options.until, options.remove)
+    return setup, record, Outputs.resumed(setup, record, options, stack, problem, header)
+
+
+def system_at_first(system: SystemLike, removed: NDArray[np.int64], removed_at: Array, file: Path) -> SystemLike:
+    """The system as it was when a motion began, in which these elements were taken out before and on the way.
+
+    StvkError if it has lost others by now, or not yet those that it had lost then.
+    """
+    before, now = removed[np.isnan(removed_at)], system.removed
+    if np.array_equal(now, np.sort(before)):
+        return system
+    if not np.isin(now, removed).all() or not np.isin(before, now).all():
+        raise StvkError(
+            f"The system has lost {name_ids(now, 'element')}, that of {file} {name_ids(np.sort(removed), 'element')} so far, "
+            f"{len(before)} of them before it began. Build the system anew (system.anew()), as it was when the motion began."
+        )
+    first = system.anew()
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", StvkWarning)
+        first.remove(before)
+    return first
+
+
+def resumed_integrator(kept: IntegratorRecord, file: Path) -> Integrator:
+    """The integrator of a checkpoint; refuses one with a solver that was an object."""
+    if kept.objects:
+        solver = ", ".join(f"{name}={value!r}" for name, value in kept.objects.items())
+        raise StvkError(
+            f"{file} is a motion with {kept.name}({solver}, ...), whose solver was an object: its options are not in the file. "
+            "Give the same integrator again."
+        )
+    options: dict[str, Any] = dict(kept.options)
+    solvers = ["auto", *(one.name for one in SOLVERS)]
+    try:
+        if options.get("solver", "auto") not in solvers:
+            raise ValueError(f"solver = {options['solver']!r}")
+        return INTEGRATORS[kept.name](**options)
+    except (KeyError, TypeError, ValueError) as error:
+        raise NotOurs(f"{file} is damaged: there is no integrator {kept.name!r} with its options ({error}). {ANEW}") from None

@@ -1,0 +1,109 @@
+"""What a mesh file holds, read by meshio or by the readers of formats here: a regular file that holds what it declares."""
+
+from __future__ import annotations
+
+import gzip
+from contextlib import redirect_stderr, redirect_stdout
+from io import StringIO
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import meshio
+import numpy as np
+
+from ..errors import MeshError
+from .content import check_cells
+from .formats import CHECKS, READERS, Counts, Damaged
+
+#: A packed file is unpacked to at most as many times its size; text of meshes packs to a third or a tenth.
+MOST_UNPACKED = 50
+
+
+def load(path: Path) -> meshio.Mesh:
+    """Points, cells, groups and data of the file."""
+    check_file(path)
+    try:
+        return (unpacked if path.suffix.lower() == ".gz" else checked)(path)
+    except Damaged as error:
+        raise damaged(path, str(error)) from error
+    except PermissionError as error:
+        raise MeshError(f"{path} may not be read: {error.strerror}. Change its permissions, or copy it.") from error
+    except ModuleNotFoundError as error:
+        raise MeshError(
+            f"Reading {path.suffix} files needs the package {error.name}, which is not installed: pip install {error.name}"
+        ) from error
+    except MemoryError as error:
+        raise MeshError(f"{path} declares more than there is memory for. Is it damaged? Write it anew.") from error
+    except Exception as error:
+        raise damaged(path, f"{type(error).__name__}: {error}") from error
+
+
+def checked(path: Path) -> meshio.Mesh:
+    """The content of a file that was checked before and after it was read."""
+    ending = path.suffix.lower()
+    if ending in READERS:
+        mesh = READERS[ending](path)
+    else:
+        counts: Counts = CHECKS[ending](path) if ending in CHECKS else (None, None)
+        mesh = quietly(path)
+        check_counts(mesh, counts)
+    check_cells(mesh)
+    return mesh
+
+
+def quietly(path: Path) -> meshio.Mesh:
+    """The content as meshio reads it; what it prints becomes part of the error."""
+    printed = StringIO()
+    try:
+        with redirect_stdout(printed), redirect_stderr(StringIO()), np.errstate(over="ignore"):
+            return meshio.read(path)
+    except SystemExit as error:  # how meshio gives up, after printing why
+        raise Damaged(" ".join(printed.getvalue().split()) or "meshio does not say why") from error
+    except KeyError as error:  # how meshio looks up ids
+        raise Damaged(f"it names {error.args[0]!r}, which is not defined in it") from error
+
+
+def unpacked(path: Path) -> meshio.Mesh:
+    """The content of a file that gzip has packed."""
+    most = MOST_UNPACKED * path.stat().st_size + 1_000_000
+    with gzip.open(path) as file:
+        content = file.read(most + 1)
+    if len(content) > most:
+        raise Damaged(f"it unpacks to more than {MOST_UNPACKED} times its size; unpack it yourself if that is right")
+    with TemporaryDirectory() as folder:
+        plain = Path(folder) / path.stem
+        plain.write_bytes(content)
+        return checked(plain)
+
+
+def check_counts(mesh: meshio.Mesh, counts: Counts) -> None:
+    """Refuse a mesh that is not what was declared."""
+    for what, declared, read in zip(("nodes", "cells"), counts, (len(mesh.points), sum(map(len, mesh.cells))), strict=True):
+        if declared is not None and declared != read:
+            raise Damaged(f"{declared} {what} are declared, {read} were read")
+
+
+def check_file(path: Path) -> None:
+    """Refuse what is no regular file, of an unknown format, or empty."""
+    try:
+        if not path.is_file():
+            what = "is no regular file" if path.exists() else "is no file"
+            raise MeshError(f"{path} {what}; expected the path of a mesh file. Is the path relative to another folder?")
+    except OSError as error:
+        raise MeshError(f"{path} may not be read: {error.strerror}. Change the permissions of its folder, or copy it.") from error
+    endings = {ending.lower() for ending in (path.suffix, "".join(path.suffixes[-2:]))}
+    if not endings & set(meshio.extension_to_filetypes):
+        raise MeshError(
+            f"{path} has the unknown extension {path.suffix!r}; known: {', '.join(sorted(meshio.extension_to_filetypes))}. Rename "
+            "the file if it is of one of these formats, or convert it."
+        )
+    if path.stat().st_size == 0:
+        raise MeshError(f"{path} is empty. Did the program that writes it fail, or is it still writing?")
+
+
+def damaged(path: Path, reason: str) -> MeshError:
+    """The error for a file that does not hold together."""
+    again = "Write it anew" + (", from Gmsh with Mesh.SaveAll = 0." if path.suffix.lower() == ".msh" else ".")
+    return MeshError(
+        f"{path} could not be read: {reason.rstrip('.: ')}. Is it cut off, or not really a {path.suffix} file? {again}"
+    )
