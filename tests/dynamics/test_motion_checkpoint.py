@@ -16,6 +16,7 @@ from skfem_stvk import Gravity, NodalLoad, Rayleigh, StVK, StvkError, System, Tr
 from skfem_stvk.dynamics import checkpoint as module
 from skfem_stvk.dynamics.checkpoint import MotionCheckpoint, load
 from skfem_stvk.dynamics.ledger import Ledger
+from skfem_stvk.dynamics.options import FRACTIONS
 from skfem_stvk.dynamics.record import Reviews
 from skfem_stvk.results.files import WriteError
 from skfem_stvk.system.signature import Fingerprint
@@ -128,7 +129,7 @@ def test_constant_loads_do_not_ramp_and_times_are_those_of_the_run(tmp_path):
 
     system = body(loads=[Traction("tip", pull)])
     asked.clear()
-    problem = Fingerprint("motion", system, {}, [3.0 + fraction * 2.0 for fraction in module.FRACTIONS], {})
+    problem = Fingerprint("motion", system, {}, [3.0 + fraction * 2.0 for fraction in FRACTIONS], {})
     assert problem.signature.kind == "motion" and (min(asked), max(asked)) == (3.0, 5.0) and len(asked) == 4
     constant, ramping = Traction("tip", (0, 1.0)), Traction("tip", lambda t: (0, t))
     one, other = (Fingerprint("motion", body(loads=[load]), {}, [0.0, 0.62], {}) for load in (constant, ramping))

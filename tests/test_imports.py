@@ -1,0 +1,113 @@
+"""What a program does not use is not imported: neither packages of others nor parts of this one, each use in a fresh process."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import skfem_stvk
+
+ROOT = Path(__file__).parent.parent
+#: Packages that take long to import, or that need not be there.
+HEAVY = [
+    "pydantic",
+    "meshio",
+    "filelock",
+    "jinja2",
+    "matplotlib",
+    "pyvista",
+    "pyamg",
+    "tree_sitter",
+    "tree_sitter_toml",
+    "tomlkit",
+    "pypardiso",
+    "gmsh",
+    "h5py",
+    "hypothesis",
+    "scipy.spatial",
+    "scipy.optimize",
+    "scipy.integrate",
+    "scipy.interpolate",
+    "scipy.stats",
+    "mujoco",
+    "felupe",
+    "ngsolve",
+]
+#: Parts of this package that an energy does not need.
+PARTS = ["statics", "dynamics", "nonlinear", "referee", "reference", "bench", "peers", "scene", "cli"]
+
+BODY = """
+import numpy, skfem
+from skfem_stvk import StVK, System, Traction
+mesh = skfem.MeshTri.init_tensor(numpy.linspace(0, 2, 5), numpy.linspace(0, 1, 3)).with_defaults()
+terms = [StVK(young=1e5, poisson=0.3, density=1e3), Traction("right", (0.0, -50.0))]
+system = System(mesh, terms, fixed={"left": "xy"})
+u = numpy.zeros(system.ndofs)
+"""
+ENERGY = BODY + "system.energy(u), system.internal_force(u), system.tangent(u)\n"
+STATIC = BODY + "from skfem_stvk import solve_static\nresult = solve_static(system, steps=1, solver='superlu', quiet=True)\n"
+EXPLICIT = (
+    BODY + "from skfem_stvk import VelocityVerlet, simulate\nrun = simulate(system, VelocityVerlet(), until=1e-3, quiet=True)\n"
+)
+IMPLICIT = BODY + "from skfem_stvk import EnergyMomentum, simulate\nstepper = EnergyMomentum(dt=1e-3, solver='superlu')\n"
+#: Uses, and what of the heavy packages each imports, at most.
+USES = {
+    "the package alone": ("import skfem_stvk", ""),
+    "energy, force and tangent": (ENERGY, ""),
+    "springs": (BODY + "from skfem_stvk import SpringNetwork\nSystem(mesh, [SpringNetwork(young=1e5, poisson=0.3)]).energy(u)", ""),
+    "statics": (STATIC, ""),
+    "arc length": (STATIC.replace("quiet", "method='arc-length', quiet"), ""),
+    "explicit motion": (EXPLICIT, ""),
+    "implicit motion": (IMPLICIT + "simulate(system, stepper, until=2e-3, quiet=True)", ""),
+    "modes": (BODY + "from skfem_stvk import modes\nmodes(system, 2, solver='superlu')", ""),
+    "results as numbers": (STATIC + "result.state['cauchy_stress'], result.reaction('left')", ""),
+    "a mesh file": ("from skfem_stvk import embedded_mesh\nembedded_mesh()", "meshio"),
+    "a series": (STATIC + "result.save('series.pvd')", "meshio filelock"),
+    "a table": (EXPLICIT + "run.ledger.save('ledger.csv')", ""),
+    "a checkpoint": (IMPLICIT + "simulate(system, stepper, until=2e-3, checkpoint='here', quiet=True)", "pydantic filelock"),
+    "a path on disk": (STATIC.replace("quiet", "checkpoint='here', quiet"), "pydantic filelock"),
+    "a picture": (STATIC + "result.plot(path='body.png')", "matplotlib"),
+}
+
+
+def imported(code, folder):
+    """The modules of a fresh process that has run the code, beyond those of scikit-fem and numba."""
+    before = "import sys, skfem, numba, scipy.sparse\nbefore = set(sys.modules)\n"
+    after = "\nprint(*sorted(set(sys.modules) - before))"
+    path = f"import sys; sys.path.insert(0, {str(ROOT)!r})\n"
+    done = subprocess.run([sys.executable, "-c", path + before + code + after], cwd=folder, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    return set(done.stdout.splitlines()[-1].split())
+
+
+@pytest.mark.parametrize("use", USES)
+def test_a_use_imports_only_the_packages_that_it_needs(use, tmp_path):
+    code, needed = USES[use]
+    there = imported(code, tmp_path)
+    assert [name for name in HEAVY if name in there] == [name for name in HEAVY if name in needed.split()]
+
+
+@pytest.mark.parametrize(
+    "code, parts", [("import skfem_stvk", "all"), (ENERGY, PARTS), (STATIC, ["dynamics", "referee", "scene", "bench", "peers"])]
+)
+def test_a_use_imports_only_the_parts_of_the_package_that_it_needs(code, parts, tmp_path):
+    ours = {name for name in imported(code, tmp_path) if name.startswith("skfem_stvk.")}
+    if parts == "all":
+        assert ours == set()
+    else:
+        assert ours and not [name for name in ours if name.split(".")[1] in parts]
+
+
+def test_all_public_names_are_there_when_asked_for():
+    """One by one and together, and no others; parts of the package too."""
+    assert {name: getattr(skfem_stvk, name).__name__ for name in skfem_stvk.__all__} == {name: name for name in skfem_stvk.__all__}
+    assert set(skfem_stvk.__all__) <= set(dir(skfem_stvk))
+    everything: dict[str, object] = {}
+    exec("from skfem_stvk import *", everything)
+    assert set(skfem_stvk.__all__) == set(everything) - {"__builtins__"}
+    assert skfem_stvk.dynamics.modes is skfem_stvk.modes
+    with pytest.raises(AttributeError, match="no attribute 'StVX'"):
+        skfem_stvk.StVX  # noqa: B018
+    with pytest.raises(ImportError, match="cannot import name 'Nobody'"):
+        from skfem_stvk import Nobody  # noqa: F401
