@@ -40,6 +40,7 @@ if TYPE_CHECKING:  # what is named like its file is imported from there: mypy ma
     from .referee import Report, verify
     from .results import compare_networks, write_mesh
     from .results.state_files import read_state
+    from .scene import Scene
     from .statics import SolveError, StaticResult, Stop, solve_static
     from .system import System
     from .terms import (
@@ -99,6 +100,7 @@ __all__ = [
     "RegionError",
     "Report",
     "Run",
+    "Scene",
     "SceneError",
     "SimulationError",
     "Sine",
@@ -146,6 +148,7 @@ _PLACES = {
     "referee": "Report verify",
     "results": "compare_networks write_mesh",
     "results.state_files": "read_state",
+    "scene": "Scene",
     "statics": "SolveError StaticResult Stop solve_static",
     "system": "System",
     "terms": (

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import matplotlib.pyplot as plt
 
-from skfem_stvk.scene import Scene
+from skfem_stvk import Scene
 
 FLAG = Path(__file__).parent.parent / "scenes" / "flag.toml"
 INTEGRATORS = ("newmark", "energy-momentum", "backward-euler")

@@ -5,9 +5,8 @@ from __future__ import annotations
 import os
 import xml.etree.ElementTree as ET
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-import meshio
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import ConfigDict
@@ -22,6 +21,9 @@ from ..system.signature import SAME, sums
 from .archive import CheckpointHeader, NotOurs, finite, read_archive
 from .series import read_list
 from .vtu import read_vtu
+
+if TYPE_CHECKING:
+    import meshio
 
 #: A state is at the time that is asked for, up to this part of the largest time of its series.
 SAME_TIME = 1e-9

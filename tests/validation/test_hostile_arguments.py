@@ -103,8 +103,8 @@ WITHOUT = {
     ),
     # within: arrays that `System` has checked
     *("Assembly", "EdgeForm", "EnergyAssembly", "LawAssembly", "NodeBlocks", "PenaltyAssembly", "Tensions"),
-    # files, which the family "meshes" is for; what the row of `bench` has
-    *("read_mesh", "Plan"),
+    # files, which the family "meshes" and tests/scene are for; what the row of `bench` has
+    *("read_mesh", "Scene", "Plan"),
 }
 
 
