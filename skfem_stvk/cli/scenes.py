@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import shlex
 import sys
 from pathlib import Path
 
@@ -68,9 +69,8 @@ def solve(options: argparse.Namespace) -> int:
     if not options.quiet:
         _print(outcome)
     if outcome.exit_code == INTERRUPTED:
-        again = " ".join(
-            ["skfem-stvk solve", options.scene, *(f"--set {one!r}" for one in options.set), "--out", str(out), "--resume"]
-        )
+        settings = [part for one in changed for part in ("--set", one)]
+        again = shlex.join(["skfem-stvk", "solve", options.scene, *settings, "--out", str(out), "--resume"])
         notes.print(
             f"[yellow]interrupted[/] results so far are in {printable(str(out))}; go on with: {printable(again)}", soft_wrap=True
         )

@@ -6,7 +6,7 @@ import hashlib
 import json
 import os
 import time
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -89,15 +89,15 @@ class Folder:
         except (OSError, ValueError, AttributeError):
             return {"status": "unknown"}
 
-    def begun(self, data: Mapping[str, Any]) -> None:
+    def begun(self, known: str) -> None:
         """Say that a run began: a killed one leaves that."""
-        self._say({"status": "was killed or is running", "scene_hash": hash_of(data), "begun": _now()})
+        self._say({"status": "was killed or is running", "scene_hash": known, "begun": _now()})
 
-    def refused(self, data: Mapping[str, Any], error: StvkError) -> None:
+    def refused(self, known: str, error: StvkError) -> None:
         """Say that the analysis refused what it got."""
-        self._say({"status": REFUSED, "exit_code": BAD_INPUT, "message": str(error), "scene_hash": hash_of(data), "ended": _now()})
+        self._say({"status": REFUSED, "exit_code": BAD_INPUT, "message": str(error), "scene_hash": known, "ended": _now()})
 
-    def ended(self, data: Mapping[str, Any], outcome: SceneOutcome) -> None:
+    def ended(self, known: str, outcome: SceneOutcome) -> None:
         """Write the summary of a run."""
         self._say(
             {
@@ -109,7 +109,7 @@ class Folder:
                 "warnings": list(outcome.warnings),
                 "seconds": outcome.seconds,
                 "ended": _now(),
-                "scene_hash": hash_of(data),
+                "scene_hash": known,
                 "units": outcome.built.sections.units,
                 "versions": versions(),
                 "machine": machine(),
@@ -128,10 +128,13 @@ def visible(folder: Path) -> list[str]:
     return sorted(one.name for one in folder.iterdir() if not one.name.startswith(".")) if folder.exists() else []
 
 
-def hash_of(data: Mapping[str, Any]) -> str:
-    """What a scene is known by, whatever the order of its keys, its comments and its title."""
+def hash_of(data: Mapping[str, Any], contents: Iterable[bytes] = ()) -> str:
+    """What a scene is known by, whatever the order of its keys, its comments and its title; with the contents of its files."""
     kept = {name: value for name, value in data.items() if name != "title"}
-    return hashlib.sha256(json.dumps(kept, sort_keys=True).encode()).hexdigest()[:16]
+    digest = hashlib.sha256(json.dumps(kept, sort_keys=True).encode())
+    for content in contents:
+        digest.update(hashlib.sha256(content).digest())
+    return digest.hexdigest()[:16]
 
 
 def _now() -> str:

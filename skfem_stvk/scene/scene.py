@@ -14,6 +14,7 @@ from ..arguments import path as checked_path
 from ..errors import StvkError, warn
 from ..kernels.threads import threads
 from ..mesh import ElementMesh
+from ..results.one_writer import OneWriter
 from ..results.vtu import write_mesh
 from ..system import System
 from .build import Built, build, check
@@ -174,15 +175,16 @@ class Scene:
         folder = Folder(checked_path("out", out, "the path of a folder"), resume, force)
         folder.open(self.sections)
         built = self.built
-        folder.begun(self.source.data)
-        self.write(folder.path / RESOLVED)
-        try:
-            outcome = solve(built, folder, quiet=quiet)
-        except StvkError as error:
-            folder.refused(self.source.data, error)
-            raise
-        folder.ended(self.source.data, outcome)
-        write_report(folder.path, outcome)
+        with OneWriter(folder.path):
+            folder.begun(self.hash)
+            self.write(folder.path / RESOLVED)
+            try:
+                outcome = solve(built, folder, quiet=quiet)
+            except StvkError as error:
+                folder.refused(self.hash, error)
+                raise
+            folder.ended(self.hash, outcome)
+            write_report(folder.path, outcome)
         return outcome
 
     def resolved(self, folder: Path | None = None) -> dict[str, Any]:
@@ -221,10 +223,12 @@ class Scene:
         """Where results go by default: a folder beside the scene, named after it."""
         return self.source.folder / Path(self.source.name).stem
 
-    @property
+    @cached_property
     def hash(self) -> str:
-        """What it is known by, whatever its comments and the order of its keys."""
-        return hash_of(self.source.data)
+        """What it is known by, whatever its title, its comments and the order of its keys; what its files hold is a part of it."""
+        named = (getattr(self.sections.mesh, "file", None), self.sections.initial.file)
+        files = [self.source.folder / name for name in named if name is not None]
+        return hash_of(self.source.data, [file.read_bytes() for file in files if file.is_file()])
 
     def __repr__(self) -> str:
         return f"Scene({self.source.name}: {self.sections.analysis.type}, {len(self.sections.terms)} terms)"

@@ -32,6 +32,7 @@ from ..nonlinear.outcome import ask_to_finish, finishing_steps, stop_if_asked
 from ..referee.header import THREAD_LIMITS
 from ..referee.terminal import printable
 from ..results.files import replacing
+from ..results.one_writer import OneWriter
 from .build import expectations
 from .folder import CHECKPOINT, SUMMARY, Folder, hash_of, visible
 from .outcome import BAD_INPUT, DONE, INTERRUPTED, NOT_AS_EXPECTED, NOT_CONVERGED
@@ -135,27 +136,28 @@ def sweep(
     jobs = cores if jobs is None else whole("jobs", jobs, "how many runs go on at a time, from 1", least=1)
     console = Console(highlight=False, quiet=quiet)
     _open(folder)
-    how = _what_there_is(folder, runs, force)
-    rows = {run.name: _row(run, folder) for run in runs if how[run.name] is None}
-    table = _Table(folder, runs, rows)
-    missing = [run for run in runs if how[run.name] is not None]
-    jobs = max(1, min(jobs, cores // each, len(missing)))
-    each = max(each, cores // jobs)
-    kept = f", {len(rows)} of them there already" if rows else ""
-    how_many = f"; {jobs} at a time on {each} thread{'s' * (each > 1)} each" if missing else ""
-    console.print(f"{len(runs)} runs{kept}{how_many}", soft_wrap=True)
-    tasks = [_Task(Path(path), run, folder / run.name, how[run.name] or "new") for run in missing]
-    try:
-        for run, error in _solved(tasks, jobs, each):
-            table.add(_row(run, folder, error))
-            console.print(f"[{len(rows)}/{len(runs)}] {_in_a_line(rows[run.name])}", soft_wrap=True, markup=False)
-    except KeyboardInterrupt:
-        console.print(f"{len(rows)} of {len(runs)} runs are in {printable(str(folder / TABLE))}; the same again does the rest")
-        raise
-    trouble = _plot(folder, axes, list(rows.values()), sections)
-    if trouble:
-        console.print(f"[yellow]note[/] {PLOT} is not drawn: {printable(trouble)}", soft_wrap=True)
-    return [rows[run.name] for run in runs]
+    with OneWriter(folder):
+        how = _what_there_is(folder, runs, force)
+        rows = {run.name: _row(run, folder) for run in runs if how[run.name] is None}
+        table = _Table(folder, runs, rows)
+        missing = [run for run in runs if how[run.name] is not None]
+        jobs = max(1, min(jobs, cores // each, len(missing)))
+        each = max(each, cores // jobs)
+        kept = f", {len(rows)} of them there already" if rows else ""
+        how_many = f"; {jobs} at a time on {each} thread{'s' * (each > 1)} each" if missing else ""
+        console.print(f"{len(runs)} runs{kept}{how_many}", soft_wrap=True)
+        tasks = [_Task(Path(path), run, folder / run.name, how[run.name] or "new") for run in missing]
+        try:
+            for run, error in _solved(tasks, jobs, each):
+                table.add(_row(run, folder, error))
+                console.print(f"[{len(rows)}/{len(runs)}] {_in_a_line(rows[run.name])}", soft_wrap=True, markup=False)
+        except KeyboardInterrupt:
+            console.print(f"{len(rows)} of {len(runs)} runs are in {printable(str(folder / TABLE))}; the same again does the rest")
+            raise
+        trouble = _plot(folder, axes, list(rows.values()), sections)
+        if trouble:
+            console.print(f"[yellow]note[/] {PLOT} is not drawn: {printable(trouble)}", soft_wrap=True)
+        return [rows[run.name] for run in runs]
 
 
 # which scenes a sweep is made of, and what each is called

@@ -14,6 +14,7 @@ import skfem
 
 from skfem_stvk import EnergyMomentum, Gravity, StVK, StvkError, System, Traction, modes, simulate, solve_static
 from skfem_stvk.cli.main import main
+from skfem_stvk.results.one_writer import OneWriter
 from skfem_stvk.scene import Scene
 
 BEAM = """
@@ -150,6 +151,17 @@ def test_results_of_another_run_are_replaced_only_by_force(tmp_path, capsys):
     assert "thesis.tex" in capsys.readouterr().err
 
 
+def test_two_runs_do_not_write_one_folder_at_the_same_time(tmp_path, capsys):
+    path = scene(tmp_path, STATIC)
+    (tmp_path / "beam").mkdir()
+    with OneWriter(tmp_path / "beam"):
+        assert main(["solve", str(path), "--quiet", "--force"]) == 2
+        assert main(["sweep", str(path), "--quiet", "--set", "analysis.steps=2,3", "--out", str(tmp_path / "beam")]) == 2
+    said = capsys.readouterr().err
+    assert said.count("is being written by") == 2
+    assert main(["solve", str(path), "--quiet"]) == 0
+
+
 def test_a_run_that_was_refused_leaves_its_folder_free(tmp_path, capsys):
     path = scene(tmp_path, STATIC)
     assert main(["solve", str(path), "--quiet", "--set", 'fixed={ left = "x" }']) == 2
@@ -234,6 +246,16 @@ def test_a_scene_in_a_program_is_told_by_its_data():
         Scene.of_data(data).solve(resume=True)
     assert Scene.of_data(data).hash == Scene.of_data(dict(reversed(data.items()))).hash
     assert Scene.of_data(data).hash != Scene.of_data(data | {"fixed": {"bottom": "y"}}).hash
+
+
+def test_a_mesh_that_was_changed_under_its_name_makes_another_scene(tmp_path):
+    path = tmp_path / "arch.toml"
+    for name in ("arch.toml", "arch.msh"):
+        (tmp_path / name).write_bytes((Path(__file__).parents[2] / "docs" / "scenes" / name).read_bytes())
+    before = Scene.read(path).hash
+    assert Scene.read(path).hash == before
+    (tmp_path / "arch.msh").write_bytes((tmp_path / "arch.msh").read_bytes() + b"\n")
+    assert Scene.read(path).hash != before
 
 
 def test_relative_paths_are_relative_to_the_scene(tmp_path, monkeypatch):
