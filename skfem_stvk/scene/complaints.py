@@ -148,7 +148,7 @@ def _outside(spot: Spot, error: Any, given: Any) -> str:
     limits = limits or context
     low = next((name for name in ("gt", "ge") if name in limits), None)
     high = next((name for name in ("lt", "le") if name in limits), None)
-    value = shown(given) if not isinstance(given, float | int) else f"{given:g}"
+    value = f"{given:g}" if isinstance(given, float) or (isinstance(given, int) and abs(given) < 10**300) else shown(given)
     if low and high:
         span = f"{LIMITS[low]}{_number(limits[low])}, {_number(limits[high])}{LIMITS[high]}"
         return f"{value} is outside {span}"

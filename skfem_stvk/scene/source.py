@@ -84,9 +84,9 @@ class SceneSource:
 
     def line(self, loc: Sequence[str | int]) -> int | None:
         """The line of a key, or of the nearest table that it is in; None if it was set anew, or there is no text."""
+        if self.setting(loc):
+            return None
         for end in range(len(loc), 0, -1):
-            if tuple(loc[:end]) in self.settings:
-                return None
             if tuple(loc[:end]) in self._lines:
                 return self._lines[tuple(loc[:end])]
         return None
@@ -100,8 +100,7 @@ class SceneSource:
         data, made = deepcopy(self.data), dict(self.settings)
         for given in settings:
             loc, value = setting_of(given)
-            _put(data, loc, value, given)
-            made[loc] = given
+            made |= dict.fromkeys(_put(data, loc, value, given), given)
         return replace(self, data=data, settings=made)
 
 
@@ -140,9 +139,14 @@ def _parted(given: str) -> tuple[str, str, str]:
     return given.strip(), "", ""
 
 
-def _put(data: dict[str, Any], loc: Loc, value: Any, given: str) -> None:
-    """Set a value in its place; tables that are not there are made, entries of lists have to be there."""
+def _put(data: dict[str, Any], loc: Loc, value: Any, given: str) -> list[Loc]:
+    """Set a value in its place; tables that are not there are made, entries of lists have to be there.
+
+    Returns the places of the value and of these tables, with the entries of lists counted from 0.
+    """
     at: Any = data
+    place: Loc = ()
+    new: list[Loc] = []
     for depth, one in enumerate(loc):
         above = path_of(loc[:depth])
         if isinstance(one, int):
@@ -150,13 +154,20 @@ def _put(data: dict[str, Any], loc: Loc, value: Any, given: str) -> None:
                 raise _not_set(given, f"{above} is no list, and has no entry {one}")
             if not -len(at) <= one < len(at):
                 raise _not_set(given, f"{above} has {len(at)} entries, counted from 0; there is none of the number {one}")
+            one %= len(at)
         elif not isinstance(at, dict):
             hint = f"; entries of a list have a number, as in {above}[0].{one}" if isinstance(at, list) else ""
             raise _not_set(given, f"{above} is no table, and has no key {one!r}{hint}")
+        place = (*place, one)
         if depth == len(loc) - 1:
+            new.append(place)
             at[one] = value
-        else:
-            at = at[one] if isinstance(one, int) else at.setdefault(one, {})
+            continue
+        if isinstance(at, dict) and one not in at:
+            new.append(place)
+            at[one] = {}
+        at = at[one]
+    return new
 
 
 def _not_set(given: str, why: str) -> SceneError:

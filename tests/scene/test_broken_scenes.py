@@ -6,6 +6,7 @@ from typing import NamedTuple
 import pytest
 
 from skfem_stvk.cli.main import main
+from skfem_stvk.kernels.threads import threads
 from skfem_stvk.scene import Scene
 
 GOOD = """units = "SI"
@@ -232,6 +233,11 @@ CASES = [
         "scene.toml: analysis.dt, line 37: 0 is not above 0",
     ),
     Broken(
+        "a whole number that no float holds",
+        [("[4, 2, 2]", f"[4, -1{'0' * 400}, 2]")],
+        f"scene.toml: mesh.cells[1], line 6: -1{'0' * 36}...{'0' * 39} is not at least 1",
+    ),
+    Broken(
         "no step",
         [("dt = 1e-4\n", "")],
         "scene.toml: analysis.dt, line 34: is missing; energy-momentum needs a time step",
@@ -336,7 +342,7 @@ CASES = [
     Broken(
         "too many threads",
         [('units = "SI"', 'units = "SI"\nthreads = 1000')],
-        "scene.toml: threads, line 2: 1000 are more than the 2 of this process; NUMBA_NUM_THREADS sets these",
+        f"scene.toml: threads, line 2: 1000 are more than the {threads()} of this process; NUMBA_NUM_THREADS sets these",
     ),
     Broken(
         "a bracket that is not closed",
@@ -440,6 +446,9 @@ def test_a_value_that_is_set_is_named_by_its_setting(tmp_path, capsys):
         ("terms.g=1", "terms is no table, and has no key 'g'; entries of a list have a number, as in terms[0].g"),
         ("analysis.dt", "expected KEY=VALUE"),
         ("analysis.dt=[1", "is not closed"),
+        ("output.plots=['tpi']", "output.plots[0], from --set output.plots=['tpi']: there is nothing to plot"),
+        ("terms[-1].on=3", "terms[2].on, from --set terms[-1].on=3: got 3"),
+        ("matrials.steel.young=1", "matrials, from --set matrials.steel.young=1: unknown key; did you mean 'materials'?"),
         (
             "materials.steel.young=soft",
             "materials.steel.young, from --set materials.steel.young=soft: got the text 'soft'; expected a number",
