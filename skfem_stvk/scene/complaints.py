@@ -116,14 +116,15 @@ def _kind_is_wrong(spot: Spot, error: Any) -> tuple[Loc, str]:
     context, given = error.get("ctx", {}), error.get("input")
     name = str(context.get("discriminator", "'type'")).strip("'")
     name = name if name.isidentifier() else "type"
-    known = [tag for tag in _tags(spot) if tag != "file"]  # a mesh file has no type
+    known = [tag for tag in _tags(spot) if tag != "file"]
+    of_file = ", or file = the path of a mesh file" if "file" in _tags(spot) else ""  # which has no type
     if not isinstance(given, Mapping):
         return spot.loc, f"got {shown(given)}; expected a table with {name} = one of {_listed(known)}"
     if name not in given:
         near = get_close_matches(name, map(str, given), n=1)
         if near:
             return (*spot.loc, near[0]), f"unknown key; did you mean {name!r}? It says what it is: one of {_listed(known)}"
-        return spot.loc, f"the key {name!r} is missing, which says what it is: one of {_listed(known)}"
+        return spot.loc, f"the key {name!r} is missing, which says what it is: one of {_listed(known)}{of_file}"
     return (*spot.loc, name), _none_of(given[name], known)
 
 

@@ -69,6 +69,17 @@ class Broken(NamedTuple):
 
 CASES = [
     Broken(
+        "an expectation that is a number",
+        [("tip.z = { value = 0, atol = 1 }", "tip.z = 3")],
+        "scene.toml: expect.tip.z, line 47: got 3; expected a table",
+    ),
+    Broken(
+        "a mesh of no kind",
+        [('type = "box"\nsize = [2.0', "size = [2.0")],
+        "scene.toml: mesh, line 3: the key 'type' is missing, which says what it is: one of box, cylinder, bar, or file = the path of a "
+        "mesh file",
+    ),
+    Broken(
         "a misspelt key",
         [("poisson = 0.3", "poison = 0.3")],
         (

@@ -88,7 +88,7 @@ class BarMesh(AnyMesh):
 
 
 def _kind(given: Any) -> str:
-    if isinstance(given, MeshFile) or (isinstance(given, Mapping) and "type" not in given):
+    if isinstance(given, MeshFile) or (isinstance(given, Mapping) and "file" in given and "type" not in given):
         return "file"
     return str(given.get("type") if isinstance(given, Mapping) else getattr(given, "type", "no mesh"))
 

@@ -53,7 +53,7 @@ class Expectation(Part):
 def _kind(given: Any) -> str:
     if isinstance(given, Expectation) or not isinstance(given, Mapping):
         return "value"
-    return "value" if any(not isinstance(one, Mapping | Expectation) for one in given.values()) else "components"
+    return "value" if given.keys() & Expectation.model_fields.keys() else "components"
 
 
 #: By result, as `energy.strain` or `tip.z`.
