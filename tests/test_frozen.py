@@ -24,10 +24,13 @@ from skfem_stvk import (
     Orthotropic,
     Pressure,
     PrincipalStressLimit,
+    Ramp,
+    Sine,
     SpringNetwork,
     Stop,
     StVK,
     System,
+    Table,
     Traction,
     TransverselyIsotropic,
     VolumePenalty,
@@ -63,6 +66,9 @@ def with_region(term):
 #: The specification, what it is made from, and what is done to that; then what is asked of a system of it.
 ARRAYS = {
     "Gravity": (lambda g: with_load(Gravity(g)), np.array([1.0, 2.0, 3.0])),
+    "Ramp": (lambda g: with_load(Gravity(Ramp(g, until=1.0))), np.array([1.0, 2.0, 3.0])),
+    "Sine": (lambda g: with_load(Gravity(Sine(g, frequency=0.3))), np.array([1.0, 2.0, 3.0])),
+    "Table": (lambda f: with_load(Gravity(Table((1.0, 2.0, 3.0), (0.0, 1.0), f))), np.array([0.5, 1.0])),
     "BodyForce": (lambda b: with_load(BodyForce(b)), np.array([1.0, 2.0, 3.0])),
     "BodyForce, region": (lambda ids: with_load(BodyForce((1.0, 2.0, 3.0), ids)), HALF),
     "NodalLoad": (lambda f: with_load(NodalLoad([1, 2], f)), np.arange(6.0).reshape(3, 2)),
@@ -162,7 +168,8 @@ def test_what_numpy_takes_for_an_array_is_kept_too():
 def test_every_public_specification_is_in_the_table():
     plain = {"BackwardEuler", "EdgeDamping", "EnergyMomentum", "ForwardEuler", "GeneralizedAlpha", "LinearBackwardEuler", "Newmark"}
     plain |= {"Rayleigh", "VelocityVerlet"}  # numbers and names only, which cannot change
-    results = {"Report", "Run", "StaticResult"}
+    plain |= {"Box", "NearestNode", "Plane"}  # tuples of numbers
+    results = {"MeshQuality", "Report", "Run", "StaticResult"}
     known = {name.split(",")[0] for name in ARRAYS} | {"ElementMesh", "Stop", "PrincipalStressLimit"}
     public = {name for name in skfem_stvk.__all__ if dataclasses.is_dataclass(getattr(skfem_stvk, name))}
     assert public == plain | results | known

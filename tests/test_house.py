@@ -99,8 +99,10 @@ def own_nodes(function):
 
 
 def test_ci_runs_the_readmes_test_command():
-    (command,) = [line.strip() for line in (ROOT / "README.md").read_text().splitlines() if "python -m pytest" in line]
+    lines = [line.strip() for line in (ROOT / "README.md").read_text().splitlines()]
+    (command,) = [line for line in lines if "python -m pytest" in line and "-m slow" not in line]
     assert command in (ROOT / ".ci" / "run").read_text().splitlines()
+    assert "python -m pytest -n auto -m slow" in lines  # what takes longer
 
 
 # the house of files

@@ -297,6 +297,7 @@ def test_an_unknown_backend_of_matplotlib_costs_the_pictures_and_not_the_table(t
     assert json.loads((tmp_path / "report" / "report.json").read_text())["passed"]
 
 
+@pytest.mark.slow
 def test_without_docstrings_and_asserts_everything_runs(tmp_path):
     mesh = saved(tmp_path / "m.vtu", box(1).p, box(1).t)
     done = command("verify", mesh, *MATERIAL, "--out", str(tmp_path / "report"), flags=["-OO"])

@@ -79,6 +79,7 @@ def each_step(monkeypatch):
     monkeypatch.setattr(checkpoint, "SHARE", np.inf)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("integrator", "stride"), [(VelocityVerlet(0.01), 13), (EnergyMomentum(0.01), 41)])
 def test_ctrl_c_at_lines_that_write_leaves_a_motion_that_goes_on_whole(integrator, stride, tmp_path, each_step):
     (tmp_path / "whole").mkdir()

@@ -149,6 +149,7 @@ def killed(name, folder, threads, moment, resume=False):
         return process.wait() == -signal.SIGKILL
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("name", "threads"), [("superlu", 1), ("two threads", 2)])
 def test_a_process_that_is_killed_at_a_random_moment_loses_nothing_that_was_written(folders, name, threads):
     before, threads = numba.get_num_threads(), min(threads, numba.config.NUMBA_NUM_THREADS)

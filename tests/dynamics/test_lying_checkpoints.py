@@ -82,6 +82,7 @@ def changed(header, path, value):
     return other
 
 
+@pytest.mark.slow
 def test_each_entry_of_the_header_that_is_wrong_is_refused(motion):
     system, folder, header, arrays, until = motion
     assert not go_on(system, folder, header, arrays, until)

@@ -76,8 +76,8 @@ CASES = [
     Broken(
         "a mesh of no kind",
         [('type = "box"\nsize = [2.0', "size = [2.0")],
-        "scene.toml: mesh, line 3: the key 'type' is missing, which says what it is: one of box, cylinder, bar, or file = the path of "
-        "a mesh file",
+        "scene.toml: mesh, line 3: the key 'type' is missing, which says what it is: one of box, cylinder, bar, or file = the "
+        "path of a mesh file",
     ),
     Broken(
         "a misspelt key",

@@ -8,6 +8,7 @@ import signal
 import subprocess
 import sys
 import time
+from contextlib import suppress
 
 import numpy as np
 import pytest
@@ -207,9 +208,22 @@ def test_numbers_are_drawn_against_the_first_of_them(tmp_path):
     assert not plot.exists()
 
 
-def started(path, *options):
-    command = [sys.executable, "-m", "skfem_stvk.cli.main", "sweep", str(path), *options]
-    return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True)
+@pytest.fixture
+def started():
+    """Start a sweep from the command line; what is left of it after the test is killed, also where the test has failed."""
+    processes = []
+
+    def start(path, *options):
+        command = [sys.executable, "-m", "skfem_stvk.cli.main", "sweep", str(path), *options]
+        process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True)
+        processes.append(process)
+        return process
+
+    yield start
+    for process in processes:
+        with suppress(ProcessLookupError):
+            os.killpg(process.pid, signal.SIGKILL)
+        process.wait()
 
 
 def wait_for(condition, process):
@@ -221,7 +235,7 @@ def wait_for(condition, process):
 
 
 @pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGKILL])
-def test_a_sweep_that_is_interrupted_or_killed_is_taken_up_by_the_next_call(tmp_path, how):
+def test_a_sweep_that_is_interrupted_or_killed_is_taken_up_by_the_next_call(tmp_path, how, started):
     """The scene writes a state every ten steps, of which the killed run has some."""
     path, out = scene(tmp_path, MOTION), tmp_path / "beam-sweep"
     path.write_text(path.read_text().replace("[output]\n", '[output]\nfile = "beam.pvd"\n'))
@@ -247,7 +261,7 @@ def test_a_sweep_that_is_interrupted_or_killed_is_taken_up_by_the_next_call(tmp_
     assert rows[1].results == Scene.read(path, ["analysis.until=0.3"]).solve(quiet=True).values
 
 
-def test_processes_end_with_the_one_that_started_them(tmp_path):
+def test_processes_end_with_the_one_that_started_them(tmp_path, started):
     path, states = scene(tmp_path, MOTION), tmp_path / "beam-sweep" / "until=100"
     path.write_text(path.read_text().replace("[output]\n", '[output]\nfile = "beam.pvd"\n'))
     process = started(path, "--set", "analysis.until=100.0", "--jobs", "1")
@@ -260,15 +274,17 @@ def test_processes_end_with_the_one_that_started_them(tmp_path):
     assert len(list(states.glob("*.vtu"))) == before
 
 
-def test_a_process_that_crashes_takes_no_other_run_with_it(tmp_path):
+def test_a_process_that_crashes_takes_no_other_run_with_it(tmp_path, started):
     """It is killed from outside, as by a system that is out of memory."""
     path, out = scene(tmp_path, MOTION), tmp_path / "beam-sweep"
     path.write_text(path.read_text().replace("[output]\n", '[output]\nfile = "beam.pvd"\n'))
     process = started(path, "--set", "analysis.until=0.01,100.0,0.02", "--jobs", "1")
     wait_for((out / "until=100" / "beam_0001.vtu").exists, process)
-    children = subprocess.run(["ps", "-o", "pid=,args=", "--ppid", str(process.pid)], capture_output=True, text=True).stdout
-    (worker,) = [int(line.split()[0]) for line in children.splitlines() if "spawn_main" in line]
-    os.kill(worker, signal.SIGKILL)
+    children = subprocess.run(["ps", "-ww", "-o", "pid=,args=", "--ppid", str(process.pid)], capture_output=True, text=True).stdout
+    workers = [int(line.split()[0]) for line in children.splitlines() if "spawn_main" in line]
+    assert workers, children
+    for worker in workers:
+        os.kill(worker, signal.SIGKILL)
     printed, err = process.communicate(timeout=60)
     rows = table(out)
     assert process.returncode == 1 and "Traceback" not in err, printed + err

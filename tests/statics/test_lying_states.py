@@ -64,6 +64,7 @@ def entries(header, way=()):
             yield from entries(value, (*way, name))
 
 
+@pytest.mark.slow
 def test_each_entry_of_the_header_that_is_wrong_is_refused(path):
     call, file, header, arrays = path
     accepted, refused = [], 0

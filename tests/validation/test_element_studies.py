@@ -64,6 +64,7 @@ def test_the_clamp_of_the_flag_is_curved():
     assert len(mesh.node_sets["clamp"]) == 5
 
 
+@pytest.mark.slow
 def test_work_and_precision_is_drawn(tmp_path):
     pytest.importorskip("pypardiso")
     (found,) = work_precision.work_precision(quick=True, folder=tmp_path)

@@ -120,6 +120,7 @@ def test_a_wrong_body_force_is_seen(monkeypatch):
     assert not manufactured.manufactured(quick=True).passed
 
 
+@pytest.mark.slow
 def test_slender_cantilevers_are_elasticas():
     study = elastica.elastica(quick=True)
     assert study.passed, study.failures
@@ -133,6 +134,7 @@ def test_all_programs_find_the_same_cantilever():
     assert runs[0].iterations == runs[1].iterations > 4
 
 
+@pytest.mark.slow
 def test_work_and_precision_is_drawn(tmp_path):
     pytest.importorskip("pypardiso")
     study = work_precision.work_precision(quick=True, folder=tmp_path)

@@ -1,10 +1,12 @@
 import numpy as np
+import pytest
 
 from skfem_stvk.mesh import embedded_mesh
 from skfem_stvk.mesh.diagnostics import check_mesh
 from validation import aspect
 
 
+@pytest.mark.slow
 def test_a_fine_part_is_a_sound_mesh_on_which_all_agree_to_1e_13_in_every_state(gmsh, capsys, monkeypatch):
     """The generator of the embedded mesh makes it, once: that takes most of the time."""
     from validation import meshes, part
@@ -39,6 +41,7 @@ def test_eigenvalues_at_points_clamp_better_than_tensions_of_pairs():
     assert at_points <= 6 and of_pairs > 2 * at_points
 
 
+@pytest.mark.slow
 def test_all_that_was_tried_for_the_kernels_agrees(capsys):
     from validation import kernels
 

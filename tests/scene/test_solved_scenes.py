@@ -6,6 +6,7 @@ import signal
 import subprocess
 import sys
 import time
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
@@ -187,9 +188,22 @@ def test_a_checkpoint_of_another_problem_is_refused_with_what_differs(tmp_path, 
     assert main(["solve", str(path), "--quiet", "--resume", "--set", "analysis.until=0.3"]) == 0
 
 
-def started(path, *options):
-    command = [sys.executable, "-m", "skfem_stvk.cli.main", "solve", str(path), *options]
-    return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True)
+@pytest.fixture
+def started():
+    """Start a solve from the command line; what is left of it after the test is killed, also where the test has failed."""
+    processes = []
+
+    def start(path, *options):
+        command = [sys.executable, "-m", "skfem_stvk.cli.main", "solve", str(path), *options]
+        process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True)
+        processes.append(process)
+        return process
+
+    yield start
+    for process in processes:
+        with suppress(ProcessLookupError):
+            os.killpg(process.pid, signal.SIGKILL)
+        process.wait()
 
 
 def wait_for(path, process):
@@ -208,7 +222,7 @@ PATH = STATIC.replace('type = "static"', 'type = "arc-length"').replace("steps =
 @pytest.mark.parametrize(
     "how, analysis, until", [(signal.SIGINT, LONG, "beam_0004.vtu"), (signal.SIGKILL, PATH, "checkpoint/state_00005.npz")]
 )
-def test_a_run_that_is_interrupted_or_killed_is_resumed_from_the_command_line(tmp_path, how, analysis, until):
+def test_a_run_that_is_interrupted_or_killed_is_resumed_from_the_command_line(tmp_path, started, how, analysis, until):
     whole = Scene.read(scene(tmp_path, analysis, FOLLOWED, name="whole.toml")).solve(quiet=True)
     path = scene(tmp_path, analysis, FOLLOWED)
     process = started(path)
