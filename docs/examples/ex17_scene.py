@@ -27,9 +27,9 @@ lowest = {integrator: float(outcome.curves["A"].values[:, 1].min()) for integrat
 def picture():
     """The tip over time, beside the lowest point that was published."""
     figure, axes = plt.subplots(figsize=(8, 4), layout="constrained")
-    for integrator, outcome in outcomes.items():
+    for (integrator, outcome), line in zip(outcomes.items(), ("-", "--", "-"), strict=True):
         curve = outcome.curves["A"]
-        axes.plot(curve.t, 1e3 * curve.values[:, 1], label=integrator)
+        axes.plot(curve.t, 1e3 * curve.values[:, 1], line, label=integrator)
     axes.axhline(1e3 * LOWEST, color="0.5", linestyle=":", label="Turek and Hron, lowest")
     axes.set(xlabel="time [s]", ylabel="tip, vertical [mm]")
     axes.legend()
