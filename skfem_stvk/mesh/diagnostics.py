@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -45,8 +45,10 @@ class MeshFault(NamedTuple):
     refused: bool = True
 
 
-def check_mesh(mesh: ElementMesh) -> None:
+def check_mesh(mesh: ElementMesh, beside: Sequence[ElementMesh] = ()) -> None:
     """Refuse a mesh that cannot carry an elastic body, and warn of one that is probably not what was meant.
+
+    Elements `beside` it are on the same nodes: each is looked at as well, and nodes that are on one of them are on an element.
 
     Negative orientation is normal (half of the elements of `MeshTet.init_tensor`) and accepted. `mesh_quality` tells of all faults.
 
@@ -61,14 +63,25 @@ def check_mesh(mesh: ElementMesh) -> None:
     StvkWarning
         of vertices in the same place, and of parts that are not connected.
     """
-    for fault in faults(mesh):
-        if fault.refused:
-            raise MeshError(fault.text)
-        warn(fault.text)
+    for number, one in enumerate((mesh, *beside)):
+        for fault in faults(one, (*beside, mesh)) if number == 0 else _of_elements(faults(one, (*beside, mesh))):
+            text = f"The {one.element.name}: {fault.text}" if beside else fault.text
+            if fault.refused:
+                raise MeshError(text)
+            warn(text)
 
 
-def faults(mesh: ElementMesh) -> Iterator[MeshFault]:
-    """All that is wrong with a mesh, what is refused first; each is looked for when it is asked for."""
+def _of_elements(every: Iterator[MeshFault]) -> Iterator[MeshFault]:
+    """Those faults that are of elements, not of nodes, which are said once."""
+    return (fault for fault in every if fault.name in ("collapsed", "flat", "folded", "duplicates"))
+
+
+def faults(mesh: ElementMesh, together: Sequence[ElementMesh] = ()) -> Iterator[MeshFault]:
+    """All that is wrong with a mesh, what is refused first; each is looked for when it is asked for.
+
+    Meshes `together` with it on the same nodes say which nodes are on elements, and what is connected.
+    """
+    together = together or (mesh,)
     finite: NDArray[np.bool_] = np.asarray(np.isfinite(mesh.p).all(axis=0))
     if len(bad := np.flatnonzero(~finite)):
         text = f"{name_ids(bad, mesh.word)}: coordinates that are not finite. Was the mesh exported or scaled wrongly?"
@@ -91,7 +104,7 @@ def faults(mesh: ElementMesh) -> Iterator[MeshFault]:
             "overlapping physical groups, or a part exported twice? Remove the copies."
         )
         yield MeshFault("duplicates", bad, text)
-    if len(unused := np.flatnonzero(np.bincount(mesh.t.ravel(), minlength=mesh.nv) == 0)):
+    if len(unused := np.flatnonzero(~_on_elements(together))):
         text = (
             f"{name_ids(unused, mesh.word)}: on no element, so K would have zero rows. Remove them: mesh.remove_unused_nodes() in "
             "scikit-fem; `skfem-stvk verify FILE` and `read_mesh` drop them."
@@ -99,7 +112,7 @@ def faults(mesh: ElementMesh) -> Iterator[MeshFault]:
         yield MeshFault("unused", unused, text)
     if len(kept):
         yield from _coincident_vertices(mesh, sound, finite)
-    yield from _parts_apart(mesh)
+    yield from _parts_apart(mesh, together)
 
 
 def sound_elements(
@@ -257,24 +270,34 @@ def _close_along_a_line(x: NDArray[np.float64], near: float) -> NDArray[np.intp]
     return np.sort(order[np.append(meets, False) | np.append(False, meets)])
 
 
-def parts(mesh: ElementMesh) -> NDArray[np.int32]:
-    """(nv,) number of the connected part that each node belongs to; parts that share one node are connected."""
-    links = coo_matrix(
-        (np.ones(mesh.t[1:].size), (np.tile(mesh.t[0], len(mesh.t) - 1), mesh.t[1:].ravel())), shape=(mesh.nv, mesh.nv)
-    )
+def parts(meshes: Sequence[ElementMesh]) -> NDArray[np.int32]:
+    """(nv,) number of the connected part that each node of meshes on the same nodes belongs to; parts that share one node are
+    connected."""
+    a = np.concatenate([np.tile(mesh.t[0], len(mesh.t) - 1) for mesh in meshes])
+    b = np.concatenate([mesh.t[1:].ravel() for mesh in meshes])
+    links = coo_matrix((np.ones(len(a)), (a, b)), shape=(meshes[0].nv,) * 2)
     return connected_components(links, directed=False)[1]
 
 
-def sizes_of_parts(mesh: ElementMesh) -> tuple[NDArray[np.int32], NDArray[np.int64]]:
-    """(nv,) number of the connected part that each node belongs to, and (n,) how many nodes each has; 0 of those on no element."""
-    part = parts(mesh)
-    used = np.bincount(mesh.t.ravel(), minlength=mesh.nv) > 0
+def _on_elements(meshes: Sequence[ElementMesh]) -> NDArray[np.bool_]:
+    """(nv,) whether each node of meshes on the same nodes is on an element."""
+    used = np.zeros(meshes[0].nv, dtype=bool)
+    for mesh in meshes:
+        used[mesh.t.ravel()] = True
+    return used
+
+
+def sizes_of_parts(meshes: Sequence[ElementMesh]) -> tuple[NDArray[np.int32], NDArray[np.int64]]:
+    """(nv,) number of the connected part that each node of meshes on the same nodes belongs to, and (n,) how many nodes each has; 0
+    of those on no element."""
+    part = parts(meshes)
+    used = _on_elements(meshes)
     return part, np.bincount(part[used], minlength=int(part.max()) + 1).astype(np.int64)
 
 
-def _parts_apart(mesh: ElementMesh) -> Iterator[MeshFault]:
+def _parts_apart(mesh: ElementMesh, together: Sequence[ElementMesh]) -> Iterator[MeshFault]:
     """Parts that are not connected, with the nodes of all but the largest."""
-    part, count = sizes_of_parts(mesh)
+    part, count = sizes_of_parts(together)
     sizes = np.sort(count[count > 0])[::-1]
     if len(sizes) > 1:
         shown = ", ".join(str(size) for size in sizes[:5]) + (", ..." if len(sizes) > 5 else "")

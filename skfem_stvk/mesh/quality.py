@@ -161,7 +161,7 @@ def mesh_quality(mesh: MeshLike) -> MeshQuality:
             if k == mesh.d:
                 centre = rule_of(cells.element, "one-point").points
                 turned[kept] = points.determinants(points.spokes_at(cells.p, cells.t, cells.element, centre)[:, 0]) < 0
-        count = sizes_of_parts(mesh)[1]
+        count = sizes_of_parts((mesh,))[1]
         found = (*faults(mesh), *_doubts(mesh, aspect, edges))
     return MeshQuality(mesh, size, aspect, angles, edges, turned=turned, parts=np.sort(count[count > 0])[::-1], faults=found)
 

@@ -54,10 +54,15 @@ class Fields(ElasticBody):
 
     @classmethod
     def of(cls, system: Any) -> Fields:
-        """The fields of a system, at the points where its elements are integrated, without those that were taken out until now."""
-        fields = cls(system.mesh, system.elastic_terms, getattr(system, "quadrature", None))
+        """The fields of a system, at the points where its elements are integrated, without those that were taken out until now; and
+        of the elements beside its mesh."""
+        fields = cls(system.mesh, system.body.terms, getattr(system, "quadrature", None))
         fields.leave_out(system.removed)
+        fields.beside = tuple(cls(body.mesh, body.terms) for body in system.body.beside)
         return fields
+
+    #: Those of elements of lower dimensions on the same nodes.
+    beside: tuple[Fields, ...] = ()
 
     @cached_property
     def average(self) -> NodalAverage:
@@ -99,10 +104,15 @@ class State:
     Attributes
     ----------
     v : (nv, d) velocities [m/s] of a body in motion, otherwise None.
+    beside : the states of elements of lower dimensions on the same nodes: membranes and cables beside tetrahedra.
     """
 
     def __init__(self, fields: Fields, u: Array, v: Array | None = None) -> None:
         self.fields, self.u, self.v = fields, u, v
+
+    @cached_property
+    def beside(self) -> tuple[State, ...]:
+        return tuple(State(fields, self.u, self.v) for fields in self.fields.beside)
 
     @cached_property
     def responses(self) -> list[Response]:

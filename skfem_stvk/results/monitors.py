@@ -79,7 +79,7 @@ class Monitors:
         if element.degree == 2 or getattr(self._system, "quadrature", None) == "one-point":
             return ()
         ratio = np.full(self._system.mesh.nt, -1.0)
-        for term in self._system.elastic_terms:
+        for term in self._system.body.terms:
             if isinstance(term, HasStress) and not term.hypothesis(self._system.mesh).condensed:
                 elements = self._system.mesh.elements(term.region)
                 ratio[elements] = np.maximum(ratio[elements], poisson_of(term.material))

@@ -48,7 +48,8 @@ def write_vtu(path: str | os.PathLike[str], state: State, fields: Sequence[str] 
 
     Quadratic simplices are VTK's quadratic cells, and hexahedra are in VTK's order of nodes. Fields by cell are the means of
     elements with several points, those at nodes are extrapolated from there. Elements that were taken out of the body are left
-    out, their nodes stay. The file is renamed into place when it is complete.
+    out, their nodes stay. Elements beside the mesh, such as cables, are cells after its own; nodes have their values where no
+    element of the mesh gives one. The file is renamed into place when it is complete.
 
     Raises
     ------
@@ -79,14 +80,37 @@ def read_vtu(file: Path) -> meshio.Mesh:
 def _with_fields(state: State, fields: Sequence[Field]) -> meshio.Mesh:
     import meshio
 
-    mesh, there = state.fields.mesh, ~state.fields.gone
     points: Arrays = {name: in_space(vectors) for name, vectors in state.vectors.items()}
-    cells = _regions(mesh)
     for field in fields:
-        points |= _arrays(field, state.at_nodes(field.name))
+        points |= _arrays(field, _at_nodes(state, field.name))
+    kinds = [(one, ~one.fields.gone) for one in (state, *state.beside)]
+    parts = [_by_cell(one, fields) for one, _ in kinds]
+    elements = [as_cells(one.fields.mesh.t[:, there], one.fields.mesh.element) for one, there in kinds]
+    cells: dict[str, list[NDArray[Any]]] = {}
+    for name, values in {name: values for part in reversed(parts) for name, values in part.items()}.items():
+        cells[name] = [
+            part[name][there] if name in part else np.zeros((np.count_nonzero(there), *values.shape[1:]), dtype=values.dtype)
+            for part, (_, there) in zip(parts, kinds, strict=True)
+        ]
+    return meshio.Mesh(in_space(state.fields.mesh.p.T), elements, points, cells)
+
+
+def _by_cell(state: State, fields: Sequence[Field]) -> Arrays:
+    """Values of the elements of one kind."""
+    cells = _regions(state.fields.mesh)
+    for field in fields:
         cells |= _arrays(field, state[field.name])
-    elements, by_cell = as_cells(mesh.t[:, there], mesh.element), {name: [values[there]] for name, values in cells.items()}
-    return meshio.Mesh(in_space(mesh.p.T), [elements], points, by_cell)
+    return cells
+
+
+def _at_nodes(state: State, name: str) -> Array:
+    """Averages at the nodes: of the elements of the highest dimension, and where there are none of those beside."""
+    values = state.at_nodes(name)
+    for other in state.beside:
+        missing = np.ma.getmaskarray(values)
+        if missing.any():
+            values = np.ma.where(missing, other.at_nodes(name), values)
+    return values
 
 
 def _arrays(field: Field, values: Array) -> Arrays:

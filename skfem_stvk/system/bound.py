@@ -16,6 +16,7 @@ from ..errors import RegionError, StvkError, name_ids, warn
 from ..mesh import ElementMesh
 from ..mesh.displacements import by_vertex
 from ..terms import Body, BoundLoad, BoundTerm, CanRemove, Grounded, HasState, HasStretch, HasVolume, Load, Term, is_load
+from ..terms.connectivity import Connected
 
 #: Elements of a smaller part of their volume are flat: what is left of it is rounding.
 FLAT = 1e-9
@@ -26,26 +27,34 @@ class BoundTerms:
 
     Of the specifications `terms`, the `elastic_terms` act within and the `loads` from outside; `bound_terms` and `bound_loads` are
     what those are on this mesh, `pair_terms` the elastic ones with what is made of their blocks.
+
+    The `body` is the mesh with the terms on its elements; terms that are `beside`, with elements of lower dimensions on the same
+    nodes, are those of the bodies `body.beside`. Ids of elements are of the mesh.
     """
 
     def __init__(
-        self, mesh: ElementMesh, terms: Term | Load | Sequence[Term | Load], dtype: DTypeLike, quadrature: Quadrature | None = None
+        self,
+        mesh: ElementMesh,
+        terms: Sequence[Term | Load],
+        dtype: DTypeLike,
+        quadrature: Quadrature | None = None,
+        connectivity: Connected | None = None,
     ) -> None:
-        self.mesh, self.dtype = mesh, np.dtype(dtype)
-        self.terms = tuple(terms) if isinstance(terms, Sequence) else (terms,)
-        if not self.terms:
-            raise StvkError("Got no terms; expected at least one, such as StVK(young=..., poisson=...).")
-        for term in self.terms:
-            if isinstance(term, type) or not hasattr(term, "bind"):
-                name = term.__name__ if isinstance(term, type) else type(term).__name__
-                raise StvkError(f"Got a term of type {name}; expected StVK(...) or a list of terms.")
+        self.mesh, self.dtype, self.terms = mesh, np.dtype(dtype), tuple(terms)
+        beside = () if connectivity is None else connectivity.beside
+        of = (0,) * len(self.terms) if connectivity is None else connectivity.of
         self.loads: tuple[Load, ...] = tuple(filter(is_load, self.terms))
         self.elastic_terms: tuple[Any, ...] = tuple(term for term in self.terms if not is_load(term))
         if not self.elastic_terms:
             raise StvkError("Got only loads; expected at least one elastic term, such as StVK(young=..., poisson=...).")
-        self._body, self._removals = Body(mesh, self.elastic_terms, quadrature), 0
-        self.bound_terms: tuple[BoundTerm, ...] = tuple(term.bind(self._body, self.dtype) for term in self.elastic_terms)
-        self.bound_loads: tuple[BoundLoad, ...] = tuple(load.bind(self._body) for load in self.loads)
+        self._of = tuple(number for number, term in zip(of, self.terms, strict=True) if not is_load(term))
+        others = [Body(one, self._terms_on(number)) for number, one in enumerate(beside, start=1)]
+        self.body, self._removals = Body(mesh, self._terms_on(0), quadrature, others), 0
+        bodies = (self.body, *others)
+        self.bound_terms: tuple[BoundTerm, ...] = tuple(
+            term.bind(bodies[number], self.dtype) for number, term in zip(self._of, self.elastic_terms, strict=True)
+        )
+        self.bound_loads: tuple[BoundLoad, ...] = tuple(load.bind(self.body) for load in self.loads)
         self.pair_terms = tuple(with_blocks(term, mesh.nv, mesh.d, self.dtype) for term in self.bound_terms)
         self._used = np.zeros(mesh.nv, dtype=bool)
         for bound in self.bound_terms:
@@ -54,10 +63,20 @@ class BoundTerms:
         if len(bare):
             warn(f"{name_ids(bare, mesh.word)}: in no term, so their rows of K are zero. Is a region missing from the terms?")
 
+    def _terms_on(self, number: int) -> list[Any]:
+        """The elastic terms on the mesh, for 0, or on one of those beside."""
+        return [term for one, term in zip(self._of, self.elastic_terms, strict=True) if one == number]
+
+    @property
+    def _on_mesh(self) -> list[tuple[Any, BoundTerm]]:
+        """The elastic terms on the elements of the mesh, and what they are there."""
+        every = zip(self._of, self.elastic_terms, self.bound_terms, strict=True)
+        return [(specification, term) for number, specification, term in every if number == 0]
+
     @property
     def removed(self) -> NDArray[np.int64]:
         """Ids of the elements that were taken out, ascending: see `System.remove`."""
-        return np.flatnonzero(self._body.gone)
+        return np.flatnonzero(self.body.gone)
 
     @property
     def removals(self) -> int:
@@ -67,7 +86,7 @@ class BoundTerms:
     @property
     def bare(self) -> NDArray[np.int64]:
         """Nodes that nothing holds any more since their elements were taken out, ascending."""
-        return np.flatnonzero(self._body.bare)
+        return np.flatnonzero(self.body.bare)
 
     def elements_to_remove(self, elements: Any) -> NDArray[np.int64]:
         """Ids of the elements that are meant and are not taken out yet, ascending; errors as in `System.remove`."""
@@ -75,18 +94,18 @@ class BoundTerms:
         none = given is not None and (given.shape == (0,) or (given.dtype == bool and given.shape == (self.mesh.nt,)))
         none = none and not np.any(given)
         ids = np.empty(0, dtype=np.int64) if none else self.mesh.elements(elements)
-        gone = self._body.gone.copy()
+        gone = self.body.gone.copy()
         gone[ids] = True
         if gone.all():
             raise RegionError(
                 f"All {self.mesh.nt} elements would be taken out; expected that at least one stays. Is the limit or the mask meant "
                 "the other way round?"
             )
-        return np.flatnonzero(gone & ~self._body.gone)
+        return np.flatnonzero(gone & ~self.body.gone)
 
     def _refuse_terms_that_keep_elements(self) -> None:
         """Refuse to take elements out of terms that know nothing of it."""
-        keeping = [type(term).__name__ for term, bound in zip(self.elastic_terms, self.bound_terms, strict=True) if not _can(bound)]
+        keeping = [type(term).__name__ for term, bound in self._on_mesh if not _can(bound)]
         keeping += [
             type(load).__name__
             for load, bound in zip(self.loads, self.bound_loads, strict=True)
@@ -100,10 +119,10 @@ class BoundTerms:
 
     def _remove(self, elements: NDArray[np.int64]) -> None:
         """Take elements out of all terms and loads."""
-        body, gone = self._body, self._body.gone.copy()
+        body, gone = self.body, self.body.gone.copy()
         gone[elements] = True
         self._removals = int(np.count_nonzero(gone))
-        for specification, term in zip(self.elastic_terms, self.bound_terms, strict=True):
+        for specification, term in self._on_mesh:
             body.remove(gone, body.bare)
             cast(CanRemove, term).remove(gone[self.mesh.elements(getattr(specification, "region", None))])
         held = np.zeros(self.mesh.nv, dtype=bool)
@@ -196,19 +215,19 @@ class BoundTerms:
         return np.unique(np.concatenate(turned))
 
     def smallest_stretch(self, u: ArrayLike) -> float:
-        """The smallest principal stretch of all elements at `u`, within their own dimensions: 1 at rest, 0 flat. Errors as in
+        """The smallest principal stretch of the mesh's elements at `u`, within their own dimensions: 1 at rest, 0 flat. Errors as in
         `energy`.
 
         Below 1/sqrt(3) = 0.577 a St. Venant-Kirchhoff body gives way: under uniaxial compression more shortening takes less force.
         """
         x = self._state(u)
-        return min((term.smallest_stretch(x) for term in self.bound_terms if isinstance(term, HasStretch)), default=np.inf)
+        return min((term.smallest_stretch(x) for _, term in self._on_mesh if isinstance(term, HasStretch)), default=np.inf)
 
     def compressed(self, u: ArrayLike, below: float) -> NDArray[np.int64]:
         """Ids of the elements whose smallest principal stretch at `u` is less than `below`, ascending. Errors as in `energy`."""
         x, below = self._state(u), number("below", below, "a finite stretch")
         ids = [np.empty(0, dtype=np.int64)]
-        for specification, term in zip(self.elastic_terms, self.bound_terms, strict=True):
+        for specification, term in self._on_mesh:
             if isinstance(term, HasStretch) and term.smallest_stretch(x) < below:
                 ids.append(self.mesh.elements(specification.region)[term.smallest_stretches(x) < below])
         return np.unique(np.concatenate(ids))
@@ -218,7 +237,7 @@ class BoundTerms:
         """Terms that know the volumes of all elements that any term has, and the ids of theirs; most often the first alone."""
         kept: list[tuple[NDArray[np.int64], HasVolume]] = []
         known = np.zeros(self.mesh.nt, dtype=bool)
-        for specification, term in zip(self.elastic_terms, self.bound_terms, strict=True):
+        for specification, term in self._on_mesh:
             if isinstance(term, HasVolume):
                 elements = self.mesh.elements(specification.region)
                 if not known[elements].all():
@@ -238,3 +257,15 @@ class BoundTerms:
 def _can(bound: Any) -> bool:
     """Whether elements can be taken out of a term."""
     return isinstance(bound, CanRemove)
+
+
+def checked_terms(given: Any) -> tuple[Any, ...]:
+    """One term or several, as a tuple; refuses what are no terms."""
+    terms = tuple(given) if isinstance(given, Sequence) else (given,)
+    if not terms:
+        raise StvkError("Got no terms; expected at least one, such as StVK(young=..., poisson=...).")
+    for term in terms:
+        if isinstance(term, type) or not hasattr(term, "bind"):
+            name = term.__name__ if isinstance(term, type) else type(term).__name__
+            raise StvkError(f"Got a term of type {name}; expected StVK(...) or a list of terms.")
+    return terms

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from functools import reduce
 from math import ceil, log, sqrt
+from operator import add
 from typing import Any, ClassVar
 
 import numpy as np
@@ -189,15 +191,23 @@ class ConsistentMass(Mass):
     kind = "consistent"
 
     def __init__(self, system: Patterned, body: Body, held: NDArray[Any]) -> None:
-        self._heavy = np.flatnonzero(body.mass > 0)  # only elements that have mass couple their nodes
-        self._bounds = bounds_of_elements(body.mesh.p, body.mesh.t[:, self._heavy], body.mesh.element)
+        bodies = (body, *body.beside)
+        self._heavy = [np.flatnonzero(one.mass > 0) for one in bodies]  # only elements that have mass couple their nodes
+        bounds = [
+            bounds_of_elements(one.mesh.p, one.mesh.t[:, heavy], one.mesh.element)
+            for one, heavy in zip(bodies, self._heavy, strict=True)
+        ]
+        self._bounds = min(low for low, _ in bounds), max(high for _, high in bounds)
         super().__init__(system, body, held)
 
     def follow(self) -> None:
         super().follow()
-        mesh, heavy = self._body.mesh, self._heavy
-        t = mesh.t[:, heavy]
-        self._scalar = _scalar_matrix(t, Spread(mesh, mesh.element, t, self._body.mass[heavy]).matrices(), mesh.nv)
+        parts = []
+        for body, heavy in zip((self._body, *self._body.beside), self._heavy, strict=True):
+            mesh, t = body.mesh, body.mesh.t[:, heavy]
+            parts.append(_scalar_matrix(t, Spread(mesh, mesh.element, t, body.mass[heavy]).matrices(), mesh.nv))
+        self._scalar = reduce(add, parts)
+        self._scalar.sort_indices()
         self._inverse = _inverse(self._scalar.diagonal(), self._free)
 
     @property

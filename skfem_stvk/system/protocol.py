@@ -13,7 +13,7 @@ from ..arguments import Array, shown
 from ..edges import ALL, Tensions
 from ..errors import StvkError
 from ..mesh import ElementMesh
-from ..terms import BoundLoad, BoundTerm, Load
+from ..terms import Body, BoundLoad, BoundTerm, Load
 from ..terms.load import Time
 from .mass import Mass
 from .operator import TangentOperator
@@ -25,7 +25,7 @@ from .supports import Supports
 class SystemLike(Protocol):
     """The system that `solve_static`, `simulate`, `modes` and `critical_step` take; each member is explained at `System`.
 
-    unknowns    ndofs, mesh, dtype, supports, free_dofs
+    unknowns    ndofs, mesh, body, dtype, supports, free_dofs
     forces      energy, internal_force, energy_and_force, external_force, residual, potential, energies, elastic_energies,
     foundation_force
     tangents    tangent, jacobian, load_stiffness, linear_operator, pattern_version
@@ -39,6 +39,8 @@ class SystemLike(Protocol):
 
     @property
     def mesh(self) -> ElementMesh: ...
+    @property
+    def body(self) -> Body: ...
     @property
     def dtype(self) -> np.dtype[Any]: ...
     @property

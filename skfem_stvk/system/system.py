@@ -11,12 +11,12 @@ import numpy as np
 from numpy.typing import ArrayLike, DTypeLike, NDArray
 from scipy.sparse import csr_matrix
 
-from ..arguments import Array, choice, frozen, number, shown
+from ..arguments import Array, choice, frozen, number, real_array, shown
 from ..edges import ALL, Rows, Tensions
 from ..edges.elements import Quadrature, nbytes
 from ..edges.pairs import Coupled, joined, version_of
 from ..elements import HOURGLASS
-from ..errors import LoadError, StvkError, warn
+from ..errors import LoadError, MeshError, StvkError, warn
 from ..kernels.threads import Turn
 from ..mesh import ElementMesh, MeshLike
 from ..mesh.diagnostics import check_mesh, warn_of_flat_elements
@@ -34,9 +34,10 @@ from ..terms import (
     TurningLoad,
     is_load,
 )
+from ..terms.connectivity import connected
 from ..terms.load import Moment, Time
 from ..terms.protocols import tell
-from .bound import BoundTerms
+from .bound import BoundTerms, checked_terms
 from .mass import KINDS, Mass
 from .mechanisms import check_held, grounded_dofs
 from .operator import TangentOperator, refuse_overflow
@@ -59,7 +60,9 @@ class System(BoundTerms):
 
     Parameters
     ----------
-    mesh : scikit-fem mesh, arrays `(p, t)` of linear simplices, or `ElementMesh`.
+    mesh : scikit-fem mesh, arrays `(p, t)` of linear simplices, or `ElementMesh`; or bare points (d, n), if terms bring elements of
+        their own: `StVK(..., simplices=...)`. Those of the highest dimension are `mesh` then, of which names and ids of elements
+        are; those of lower dimensions, membranes and cables, are beside it, on the same nodes.
     terms : a term, or several that add up: `StVK`, `VolumePenalty`, `ElasticFoundation`; the loads `Gravity`, `BodyForce`,
         `NodalLoad`, `Traction`, `Pressure`.
     fixed : components that do not move, by place: `{"wall": "xyz", "symmetry": "y"}`. A place is the name of a boundary or of a
@@ -110,15 +113,16 @@ class System(BoundTerms):
     ) -> None:
         own = {"quadrature": quadrature, "hourglass": hourglass, "dtype": dtype}
         self._made_of: dict[str, Any] = frozen({"terms": terms, "fixed": fixed, "prescribed": prescribed}) | own
-        mesh, double = ElementMesh.of(mesh), _float_type(dtype) == np.float64
-        mesh = mesh if degree is None else mesh.with_degree(degree)
+        double = _float_type(dtype) == np.float64
+        found = connected(mesh if degree is None else _with_degree(mesh, degree), checked_terms(terms))
+        mesh, self._made_from = found.mesh, found.given
         rule = _checked_rule(mesh, quadrature, hourglass)
-        check_mesh(mesh)
+        check_mesh(mesh, found.beside)
         if not double:
             warn_of_flat_elements(mesh)
         self.quadrature, self.rule = quadrature, rule  # as it was given, and what it means
         self.supports = Supports(mesh, fixed, prescribed)
-        super().__init__(mesh, terms, np.float64 if double else np.float32, rule)
+        super().__init__(mesh, found.terms, np.float64 if double else np.float32, rule, found)
         self._turning = [(load, Coupled(load, mesh.nv, mesh.d, np.float64)) for load in self._turning_loads()]
         self._changing = [term for term in (*self.bound_terms, *self.bound_loads) if hasattr(term, "pattern_version")]
         self._pattern: Pattern | None = None
@@ -184,7 +188,7 @@ class System(BoundTerms):
 
     def anew(self) -> System:
         """The same body as it was built, with all of its elements."""
-        return System(self.mesh, **self.made_of)
+        return System(self._made_from, **self.made_of)
 
     @property
     def made_of(self) -> Mapping[str, Any]:
@@ -388,7 +392,7 @@ class System(BoundTerms):
         MaterialError if a material has no density, or a node that can move has no mass; StvkError if `kind` is unknown.
         """
         if choice("mass", kind, KINDS) not in self._masses:
-            self._masses[kind] = KINDS[kind](self, self._body, self.supports.held)
+            self._masses[kind] = KINDS[kind](self, self.body, self.supports.held)
         return self._masses[kind]
 
     @cached_property
@@ -444,13 +448,13 @@ class System(BoundTerms):
         nodes or edges that join them.
         """
         solid = np.zeros(self.mesh.nt, dtype=bool)
-        for term in self.elastic_terms:
+        for term in self.body.terms:
             if isinstance(term, HasStress):
                 solid[self.mesh.elements(term.region)] = True
             elif isinstance(term, HoldsShape):
                 solid[term.elements_held_in_shape(self.mesh)] = True
         stay = (self.mesh.d * self.bare[:, None] + np.arange(self.mesh.d)).ravel()
-        check_held(self.mesh, self.bound_terms, np.union1d(self.supports.held, stay), solid & ~self._body.gone)
+        check_held(self.mesh, self.bound_terms, np.union1d(self.supports.held, stay), solid & ~self.body.gone)
 
     def parts(self) -> NDArray[np.int32]:
         """(nv,) number of the part that each node is of: parts are what terms hold together."""
@@ -479,7 +483,7 @@ class System(BoundTerms):
         >>> body.memory()["pattern of K"]
         0
         """
-        parts = {"mesh": self.mesh.p.nbytes + self.mesh.t.nbytes}
+        parts = {"mesh": self.mesh.p.nbytes + self.mesh.t.nbytes + sum(body.mesh.t.nbytes for body in self.body.beside)}
         for term in (*self.bound_terms, *self.bound_loads):
             if isinstance(term, HasMemory):
                 for name, count in term.memory().items():
@@ -553,7 +557,21 @@ class System(BoundTerms):
             return free.matrix(self._whole, K)
 
     def __repr__(self) -> str:
-        return f"System: {self.mesh.nt} {self.mesh.kind}, {self.ndofs} degrees of freedom, {len(self.terms)} term(s)"
+        beside = "".join(f", {body.mesh.nt} {body.mesh.element.name}" for body in self.body.beside)
+        return f"System: {self.mesh.nt} {self.mesh.kind}{beside}, {self.ndofs} degrees of freedom, {len(self.terms)} term(s)"
+
+
+def _with_degree(mesh: MeshLike, degree: int) -> ElementMesh:
+    """The mesh with shape functions of this degree."""
+    try:
+        return ElementMesh.of(mesh).with_degree(degree)
+    except MeshError as error:
+        if real_array(mesh) is None:
+            raise
+        raise MeshError(
+            f"degree = {shown(degree)} with bare points: {error} Raise the degree of a mesh of the solid part, and name its "
+            'boundaries: StVK(..., simplices="skin").'
+        ) from error
 
 
 def _checked_rule(mesh: ElementMesh, quadrature: str | None, hourglass: float | None) -> Quadrature:

@@ -50,6 +50,8 @@ class HasSection(Protocol):
 class Body:
     """A mesh and its elastic terms. Everything is worked out when it is first asked for.
 
+    The bodies `beside` it are of elements of lower dimensions on the same nodes, such as membranes and cables on tetrahedra.
+
     >>> import skfem
     >>> from skfem_stvk import StVK
     >>> body = Body(ElementMesh.of(skfem.MeshTri()), [StVK(young=1.0, poisson=0.3, density=2.0, thickness=0.1)])
@@ -57,10 +59,11 @@ class Body:
     (array([0.05, 0.05]), array([0.1, 0.1]))
     """
 
-    def __init__(self, mesh: ElementMesh, terms: Sequence[Any], quadrature: Quadrature | None = None) -> None:
-        self.mesh = mesh
+    def __init__(
+        self, mesh: ElementMesh, terms: Sequence[Any], quadrature: Quadrature | None = None, beside: Sequence[Body] = ()
+    ) -> None:
+        self.mesh, self.terms, self.beside = mesh, tuple(terms), tuple(beside)
         self.quadrature = quadrature or Quadrature.of(mesh.element)
-        self._terms = terms
         self._materials = [term for term in terms if isinstance(term, HasSection)]
         self.gone, self.bare = np.zeros(mesh.nt, dtype=bool), np.zeros(mesh.nv, dtype=bool)
 
@@ -122,7 +125,7 @@ class Body:
         MaterialError
             if a material has no density.
         """
-        heavy = [term for term in self._terms if isinstance(term, HasMass)]
+        heavy = [term for term in self.terms if isinstance(term, HasMass)]
         if not heavy:
             raise MaterialError("No term has a density. Give one to the material: StVK(..., density=...).")
         mass = np.zeros(self.mesh.nt)
@@ -133,13 +136,15 @@ class Body:
 
     @cached_property
     def lumped_mass(self) -> Array:
-        """(nv,) masses of the elements, lumped at their nodes [kg]: see `spread.lumped_shares`. Raises as `mass` does."""
+        """(nv,) masses of the elements, and of those beside, lumped at their nodes [kg]: see `spread.lumped_shares`. Raises as
+        `mass` does."""
         mesh = self.mesh
         if mesh.element.is_linear_simplex:
             shares = np.tile(self.mass / (mesh.k + 1), mesh.k + 1)
         else:
             shares = (lumped_shares(mesh.p, mesh.t, mesh.element) * self.mass).ravel()
-        return np.bincount(mesh.t.ravel(), weights=shares, minlength=mesh.nv).astype(np.float64)
+        own = np.bincount(mesh.t.ravel(), weights=shares, minlength=mesh.nv).astype(np.float64)
+        return sum((body.lumped_mass for body in self.beside), own)
 
     @property
     def facet(self) -> Element:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -47,7 +48,7 @@ class Gravity(Load):
     g: Any
 
     def bind(self, body: Body) -> Weight:
-        spread = Spread(body.mesh, body.mesh.element, body.mesh.t, body.mass)
+        spread = spread_over(body, lambda one: one.mass)
         lumped = Nodes(body.mesh, spread.vertices, body.lumped_mass[spread.vertices])
         return Weight(body.mesh, spread, lumped, Value(self.g, (body.mesh.d,), spread.x, "Gravity", name="g"))
 
@@ -60,7 +61,7 @@ class BodyForce(Load):
     ----------
     force : `b` per volume at rest [N/m^3]: components, which ramp with the load factor; or a function of t or of (x, t), taken as
         it is and interpolated between nodes by their shape functions.
-    region : name of a subdomain, element ids, or None for all elements.
+    region : name of a subdomain, element ids, or None for all elements, those beside the mesh too.
 
     Raises
     ------
@@ -80,8 +81,11 @@ class BodyForce(Load):
     region: str | NDArray[Any] | None = None
 
     def bind(self, body: Body) -> DeadLoad:
-        ids = body.mesh.elements(self.region)
-        spread = Spread(body.mesh, body.mesh.element, body.mesh.t[:, ids], body.volumes[ids])
+        if self.region is None:
+            spread = spread_over(body, lambda one: one.volumes)
+        else:
+            ids = body.mesh.elements(self.region)
+            spread = Spread(body.mesh, body.mesh.element, body.mesh.t[:, ids], body.volumes[ids])
         return DeadLoad(body.mesh, spread, Value(self.force, (body.mesh.d,), spread.x, "BodyForce", name="force"))
 
 
@@ -157,6 +161,28 @@ class Traction(Load):
         return DeadLoad(body.mesh, spread, Value(self.traction, (body.mesh.d,), spread.x, what, name="traction"))
 
 
+def spread_over(body: Body, sizes: Callable[[Body], Values]) -> Spread | Together:
+    """What acts on all elements of a body, with these sizes (nt,), and on those beside."""
+    own = Spread(body.mesh, body.mesh.element, body.mesh.t, sizes(body))
+    if not body.beside:
+        return own
+    return Together(body.mesh, [own, *(Spread(one.mesh, one.mesh.element, one.mesh.t, sizes(one)) for one in body.beside)])
+
+
+class Together:
+    """Elements of several kinds on the same nodes, all of them: what `Spread` is for those of one kind."""
+
+    def __init__(self, mesh: ElementMesh, spreads: Sequence[Spread]) -> None:
+        self.vertices, self.x, self._spreads = np.arange(mesh.nv), mesh.p, spreads
+
+    def integrate(self, values: Values) -> Values:
+        """(nv, d) integral of `N_a f` over all of them, from `values` (d, nv) or (d, 1)."""
+        found = np.zeros(self.x.T.shape)
+        for spread in self._spreads:
+            found[spread.vertices] += spread.integrate(values if values.shape[1] == 1 else values[:, spread.vertices])
+        return found
+
+
 class Nodes:
     """Nodes that take the values as they are, or times a weight (n,): what `Spread` is for forces on nodes."""
 
@@ -177,7 +203,7 @@ class DeadLoad:
 
     has_potential = dead = True
 
-    def __init__(self, mesh: ElementMesh, spread: Spread | Nodes, value: Value) -> None:
+    def __init__(self, mesh: ElementMesh, spread: Spread | Together | Nodes, value: Value) -> None:
         self._at: Any = slice(None) if np.array_equal(spread.vertices, np.arange(mesh.nv)) else spread.vertices
         self._spread, self._value = spread, value
         self._unit = None if value.constant is None else spread.integrate(value.constant)
@@ -215,7 +241,7 @@ class DeadLoad:
 class Weight(DeadLoad):
     """The weight of consistent masses, spread over elements; at moments with lumped ones, of those."""
 
-    def __init__(self, mesh: ElementMesh, spread: Spread, lumped: Nodes, value: Value) -> None:
+    def __init__(self, mesh: ElementMesh, spread: Spread | Together, lumped: Nodes, value: Value) -> None:
         self._lumped = lumped
         super().__init__(mesh, spread, value)
 

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable
-from dataclasses import InitVar, dataclass
+from copy import copy
+from dataclasses import InitVar, dataclass, field
 from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, DTypeLike, NDArray
 
-from ..arguments import Array, choice, own
+from ..arguments import Array, choice, own, shown
 from ..edges import LawAssembly
 from ..edges.stiffness import StoredLaw
 from ..errors import MaterialError
@@ -20,6 +21,7 @@ from ..mesh import ElementMesh
 from .body import Body
 
 Bound = TypeVar("Bound", bound=LawAssembly)
+Law = TypeVar("Law", bound="ElasticLaw")
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,6 +42,7 @@ class ElasticLaw(ABC):
     young: InitVar[ArrayLike | None] = None
     poisson: InitVar[ArrayLike | None] = None
     density: InitVar[ArrayLike | None] = None
+    simplices: str | ArrayLike | None = field(default=None, kw_only=True)
 
     def __post_init__(self, young: ArrayLike | None, poisson: ArrayLike | None, density: ArrayLike | None) -> None:
         if self.material is None:
@@ -55,7 +58,19 @@ class ElasticLaw(ABC):
         for name in ("thickness", "area"):
             if getattr(self, name) is not None:
                 object.__setattr__(self, name, constant(getattr(self, name), name, low=0.0))
+        if self.simplices is not None and self.region is not None:
+            raise MaterialError(
+                f"Got region = {shown(self.region)} and simplices; expected one of them: a region is of the elements of the mesh, "
+                "simplices are elements of the term's own."
+            )
         own(self)
+
+    def on(self: Law, region: NDArray[Any] | None) -> Law:
+        """The same law on the elements of a region, in place of simplices of its own."""
+        law = copy(self)
+        object.__setattr__(law, "simplices", None)
+        object.__setattr__(law, "region", region)
+        return law
 
     def hypothesis(self, mesh: ElementMesh) -> Hypothesis:
         """Which components of strain or stress vanish across the elements of this mesh.
@@ -63,8 +78,13 @@ class ElasticLaw(ABC):
         Raises
         ------
         MaterialError
-            if `plane`, `thickness` or `area` is of no use for them.
+            if `plane`, `thickness` or `area` is of no use for them, or the law has simplices of its own, which a `System` connects.
         """
+        if self.simplices is not None:
+            raise MaterialError(
+                f"{type(self).__name__} has simplices of its own; expected a law on the elements of a mesh. A System connects both: "
+                "System(points, terms)."
+            )
         for name, k in (("plane", 2), ("thickness", 2), ("area", 1)):
             if getattr(self, name) is not None and mesh.k != k:
                 simplices = "triangles" if k == 2 else "segments"

@@ -17,6 +17,7 @@ from ..mesh import ElementMesh
 from ..mesh.facets import find_facets, turned_alike
 from ..mesh.places import Where, describe, facets_at, in_order
 from .body import Body
+from .connectivity import simplices_of
 from .load import Time, Value
 from .protocols import Load
 from .spread import Spread
@@ -39,9 +40,13 @@ class Pressure(Load):
     pressure : `p` per deformed area [N/m^2], positive pushes inwards: a number, or (n,) values at the nodes, in the order of node
         ids as given, otherwise ascending; these ramp with the load factor. Or a function of t or of (x, t), taken as it is, `x`
         reference coordinates. Interpolated between nodes by their shape functions.
+    simplices : of a surface in space that is no part of the mesh, as a membrane beside tetrahedra: (3, n) nodes of its triangles,
+        or the name of a boundary. `where` is ids of those then, or None for all.
 
     Raises
     ------
+    MeshError
+        when it is bound, if `simplices` are no elements of a surface on these nodes.
     RegionError
         when it is bound, if there is no facet or element.
     LoadError
@@ -58,15 +63,19 @@ class Pressure(Load):
 
     where: Where | None
     pressure: Any
+    simplices: Any = None
 
     def bind(self, body: Body) -> FollowerPressure:
-        mesh = body.mesh
+        mesh, gone = body.mesh, body.gone
+        if self.simplices is not None:
+            t, element = simplices_of(self.simplices, mesh.p, mesh.element.degree, mesh, "Pressure: simplices")
+            mesh, gone = ElementMesh(mesh.p, t, element=element), np.zeros(t.shape[1], dtype=bool)
         if mesh.k == 1:
             raise LoadError(f"Pressure: the mesh has {mesh.kind}, which have no surface. Use Traction or NodalLoad.")
         if mesh.k < mesh.d:
             what = "Pressure" if self.where is None else f"Pressure on {describe(self.where)}"
             surface, ids = _membrane(mesh, self.where, what)
-            sizes, vertices, element = np.where(body.gone[ids], 0.0, 1.0), None, mesh.element
+            sizes, vertices, element = np.where(gone[ids], 0.0, 1.0), None, mesh.element
         else:
             what = f"Pressure on {describe(self.where)}"
             surface, element = _outwards(mesh, self.where, what), body.facet

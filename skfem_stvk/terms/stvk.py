@@ -30,6 +30,8 @@ class StVK(ElasticLaw):
     plane : "strain" or "stress" for triangles in the plane, by default "strain". Triangles in space are in plane stress.
     thickness : of triangles [m], by default 1; a number or one value per element.
     area : cross-section of segments [m^2], by default 1; a number or one value per element.
+    simplices : (k + 1, n) nodes of elements of its own on the nodes of the body, beside those of a mesh or in place of one; or the
+        name of a boundary, whose facets they are: a skin. See `System`.
     young, poisson, density : shorthand for `material=Isotropic(young, poisson, density=density)`.
 
     Raises

@@ -121,7 +121,7 @@ def test_the_ledger_closes_to_what_the_integrator_is_off_by_without(name):
     left = sheet()
     before = v @ left.mass().multiply(v) / 2, -(left.external_force(seen[0][1], 1.0) @ seen[0][1])
     quietly(left.remove, own)
-    lumped = [whole._body.lumped_mass, left._body.lumped_mass]
+    lumped = [whole.body.lumped_mass, left.body.lumped_mass]
     weight = [-(m[:, None] * [1.0, 2.0] * seen[0][1].reshape(-1, 2)).sum() for m in lumped]
     kinetic = before[0] - v @ left.mass().multiply(v) / 2
     assert jumps[step] == pytest.approx(strain + kinetic + weight[0] - weight[1], rel=1e-6)

@@ -1,0 +1,159 @@
+"""Terms that bring their own simplices: which elements there are then on the nodes that all of them share."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..arguments import real_array, shown, whole_array
+from ..elements import ELEMENTS, Element, named
+from ..errors import MeshError, name_ids, name_known
+from ..mesh import ElementMesh, MeshLike
+from ..mesh.places import checked_facets
+
+
+class Connected(NamedTuple):
+    """The elements of a body, by their dimension, and which of them each term is on.
+
+    Attributes
+    ----------
+    mesh : those of the highest dimension, with all nodes.
+    beside : those of lower dimensions on the same nodes, the higher first.
+    terms : as they were given, with a region of their mesh in place of simplices.
+    of : for each term 0 if it is on `mesh`, or i + 1 if it is on `beside[i]`.
+    given : the mesh that terms were added to, or the bare points.
+    """
+
+    mesh: ElementMesh
+    beside: tuple[ElementMesh, ...]
+    terms: tuple[Any, ...]
+    of: tuple[int, ...]
+    given: ElementMesh | NDArray[np.float64]
+
+
+def connected(given: MeshLike, terms: Sequence[Any]) -> Connected:
+    """The meshes of a body from a mesh, or from bare points (d, n), and from the simplices that its terms bring.
+
+    Simplices of one dimension are one mesh, each term's a region of it; terms with the same ones are on the same elements. Terms
+    without simplices are on the elements of the highest dimension.
+
+    Raises
+    ------
+    MeshError
+        if simplices do not fit the points or the mesh; if there are points alone and a law of elasticity has no simplices.
+
+    >>> from skfem_stvk import StVK
+    >>> bag = [StVK(young=1.0, poisson=0.3, simplices=[[0], [1], [2]]), StVK(young=1.0, area=0.1, simplices=[[2], [3]])]
+    >>> found = connected(np.array([[0.0, 1, 0, 0], [0, 0, 1, 2], [0, 0, 0, 0]]), bag)
+    >>> found.mesh, found.beside, found.of
+    (ElementMesh: 1 triangles in 3D, 4 vertices, (ElementMesh: 1 segments in 3D, 4 vertices,), (0, 1))
+    """
+    points, bringing = _points(given), [term for term in terms if getattr(term, "simplices", None) is not None]
+    mesh = ElementMesh.of(given) if points is None else None
+    if mesh is not None and not bringing:
+        return Connected(mesh, (), tuple(terms), (0,) * len(terms), mesh)
+    if points is not None:
+        _refuse_without_simplices(terms, bringing)
+    p = mesh.p if mesh is not None else points
+    degree = 1 if mesh is None else mesh.element.degree
+    assert p is not None
+    blocks: dict[str, list[NDArray[np.int32]]] = {}
+    regions: dict[int, tuple[str, slice]] = {}
+    for number, term in enumerate(terms):
+        if getattr(term, "simplices", None) is not None:
+            t, element = simplices_of(term.simplices, p, degree, mesh, f"{type(term).__name__} {number}: simplices")
+            if mesh is not None and element.k >= mesh.k:
+                raise MeshError(
+                    f"{type(term).__name__} {number}: simplices are {element.name}, and the mesh has {mesh.kind}; expected elements "
+                    "of lower dimension beside them. For some of the mesh's own elements give region=...; for a body whose terms "
+                    "all bring their elements give bare points, System(mesh.p, ...)."
+                )
+            regions[number] = element.name, _placed(t, blocks.setdefault(element.name, []))
+    meshes = [] if mesh is None else [mesh]
+    order = sorted(blocks, key=lambda name: -ELEMENTS[name].k)
+    if len({ELEMENTS[name].k for name in order}) < len(order):
+        raise MeshError(f"Got {', '.join(order)} as simplices; expected one kind of elements of each dimension.")
+    for name in order:
+        meshes.append(ElementMesh(p, np.concatenate(blocks[name], axis=1), element=ELEMENTS[name]))
+    numbers = {name: number for number, name in enumerate(order, start=len(meshes) - len(order))}
+    resolved, of = list(terms), [0] * len(terms)
+    for number, (name, part) in regions.items():
+        of[number] = numbers[name]
+        resolved[number] = terms[number].on(_region(part, meshes[of[number]].nt))
+    return Connected(meshes[0], tuple(meshes[1:]), tuple(resolved), tuple(of), p if mesh is None else mesh)
+
+
+def simplices_of(
+    given: Any, p: NDArray[np.float64], degree: int, mesh: ElementMesh | None, what: str
+) -> tuple[NDArray[np.int32], Element]:
+    """The simplices (n, nt) on points `p` (d, nv), as nodes or by the name of a boundary of the `mesh`, and their element.
+
+    Messages begin with `what`. Simplices have the `degree` of the mesh.
+    """
+    if isinstance(given, str):
+        if mesh is None or given not in mesh.boundaries:
+            known = name_known(given, mesh.boundaries) if mesh is not None else "there are points alone, without names."
+            raise MeshError(f"{what} = {shown(given)}; expected the name of a boundary or (k + 1, n) nodes: {known}")
+        return checked_facets(mesh, given), named(mesh.element.facet)
+    kinds = {
+        element.n: element
+        for element in ELEMENTS.values()
+        if not element.is_box and element.degree == degree and element.k <= len(p)
+    }
+    t = whole_array(given)
+    if t is None or t.ndim != 2 or t.dtype == bool or len(t) not in kinds or not t.shape[1]:
+        rows = ", ".join(f"{n} rows for {element.name}" for n, element in kinds.items())
+        raise MeshError(f"{what} = {shown(given)}; expected (n, nt) ids of nodes from 0, one column for each element: {rows}.")
+    if len(bad := np.flatnonzero(((t < 0) | (t >= p.shape[1])).any(axis=0))):
+        raise MeshError(
+            f"{what}: {name_ids(bad, 'element')} with ids of nodes outside 0 ... {p.shape[1] - 1}. Are they counted from 1? "
+            "Subtract 1 then."
+        )
+    return np.ascontiguousarray(t, dtype=np.int32), kinds[len(t)]
+
+
+def _points(given: Any) -> NDArray[np.float64] | None:
+    """Bare points (d, n); None for what is a mesh, or is to be refused as one."""
+    if hasattr(given, "t") or hasattr(given, "cells") or (isinstance(given, tuple | list) and _has_two_shapes(given)):
+        return None
+    points = real_array(given)
+    return points if points is not None and points.ndim == 2 and len(points) in (1, 2, 3) else None
+
+
+def _has_two_shapes(given: Any) -> bool:
+    """Whether these are arrays (p, t)."""
+    return len(given) == 2 and all(np.ndim(one) == 2 for one in given if isinstance(one, np.ndarray | list | tuple))
+
+
+def _refuse_without_simplices(terms: Sequence[Any], bringing: Sequence[Any]) -> None:
+    """Refuse laws on points alone that do not say what they are on."""
+    without = [
+        f"{type(term).__name__} {number}"
+        for number, term in enumerate(terms)
+        if hasattr(term, "simplices") and hasattr(term, "material") and term.simplices is None
+    ]
+    if without or not bringing:
+        who = ", ".join(without) or "No term"
+        raise MeshError(
+            f"Got points without elements, and {who} {'have' if len(without) > 1 else 'has'} {'no ' if without else ''}simplices. "
+            "Give each law its own: StVK(..., simplices=t) with t (k + 1, n); or give a mesh, System((p, t), ...)."
+        )
+
+
+def _placed(t: NDArray[np.int32], blocks: list[NDArray[np.int32]]) -> slice:
+    """Where simplices stand among those of their kind; they are added unless the same ones are there."""
+    begin = 0
+    for block in blocks:
+        if block.shape == t.shape and np.array_equal(block, t):
+            return slice(begin, begin + t.shape[1])
+        begin += block.shape[1]
+    blocks.append(t)
+    return slice(begin, begin + t.shape[1])
+
+
+def _region(part: slice, nt: int) -> NDArray[np.int64] | None:
+    """Ids of elements, None for all of them."""
+    return None if part == slice(0, nt) else np.arange(part.start, part.stop)
