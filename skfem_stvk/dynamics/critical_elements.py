@@ -80,9 +80,7 @@ def critical_elements(system: SystemLike, n: int = 5, *, u: ArrayLike | None = N
     x = np.zeros(system.mesh.p.T.shape) if u is None else by_vertex(system.mesh, u).astype(np.float64)
     system.mass()  # refuses what has no mass
     on_mesh = [any(term is one for one in system.body.terms) for term in system.elastic_terms]
-    chosen = [
-        good and isinstance(term, HasStress | HasPressure) for term, good in zip(system.elastic_terms, on_mesh, strict=True)
-    ]
+    chosen = [good and isinstance(term, HasStress | HasPressure) for term, good in zip(system.elastic_terms, on_mesh, strict=True)]
     names = zip(system.elastic_names, chosen, strict=True)
     if not any(chosen):
         raise StvkError(f"{', '.join(system.elastic_names)}: no term is of elements, so that none has a step of its own.")

@@ -91,8 +91,9 @@ class Fingerprint:
             "the elastic terms": [system.energy(u), *sums(system.internal_force(u)), *sums(system.internal_force(pressed))],
             "the supports": [len(system.supports.held), *sums(system.supports.held)],
         }
-        for body in system.body.beside:
-            numbers["the mesh"] += [body.mesh.nt, *sums(body.mesh.t)]
+        if system.body.beside:
+            every = [[body.mesh.nt, *sums(body.mesh.t)] for body in system.body.beside]
+            numbers["the elements beside the mesh"] = [value for values in every for value in values]
         if not mesh.element.is_linear_simplex:  # others tell their rules apart only where strain differs from point to point
             bent = u + SHEAR * np.sin(x.ravel() / np.abs(x).max())
             numbers["the elastic terms"] += [system.energy(bent), *sums(system.internal_force(bent))]
