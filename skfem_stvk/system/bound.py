@@ -215,8 +215,8 @@ class BoundTerms:
         return np.unique(np.concatenate(turned))
 
     def smallest_stretch(self, u: ArrayLike) -> float:
-        """The smallest principal stretch of the mesh's elements at `u`, within their own dimensions: 1 at rest, 0 flat. Errors as in
-        `energy`.
+        """The smallest principal stretch of the mesh's elements at `u`, within their own dimensions: 1 at rest, 0 flat. Errors as
+        in `energy`.
 
         Below 1/sqrt(3) = 0.577 a St. Venant-Kirchhoff body gives way: under uniaxial compression more shortening takes less force.
         """

@@ -67,9 +67,9 @@ def connected(given: MeshLike, terms: Sequence[Any]) -> Connected:
             t, element = simplices_of(term.simplices, p, degree, mesh, f"{type(term).__name__} {number}: simplices")
             if mesh is not None and element.k >= mesh.k:
                 raise MeshError(
-                    f"{type(term).__name__} {number}: simplices are {element.name}, and the mesh has {mesh.kind}; expected elements "
-                    "of lower dimension beside them. For some of the mesh's own elements give region=...; for a body whose terms "
-                    "all bring their elements give bare points, System(mesh.p, ...)."
+                    f"{type(term).__name__} {number}: simplices are {element.name}, and the mesh has {mesh.kind}; expected "
+                    "elements of lower dimension beside them. For some of the mesh's own elements give region=...; for a body "
+                    "whose terms all bring their elements give bare points, System(mesh.p, ...)."
                 )
             regions[number] = element.name, _placed(t, blocks.setdefault(element.name, []))
     meshes = [] if mesh is None else [mesh]

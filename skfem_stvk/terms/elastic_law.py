@@ -78,12 +78,12 @@ class ElasticLaw(ABC):
         Raises
         ------
         MaterialError
-            if `plane`, `thickness` or `area` is of no use for them, or the law has simplices of its own, which a `System` connects.
+            if `plane`, `thickness` or `area` is of no use for them; if the law has simplices of its own, which a `System` connects.
         """
         if self.simplices is not None:
             raise MaterialError(
-                f"{type(self).__name__} has simplices of its own; expected a law on the elements of a mesh. A System connects both: "
-                "System(points, terms)."
+                f"{type(self).__name__} has simplices of its own; expected a law on the elements of a mesh. A System connects "
+                "both: System(points, terms)."
             )
         for name, k in (("plane", 2), ("thickness", 2), ("area", 1)):
             if getattr(self, name) is not None and mesh.k != k:

@@ -140,7 +140,7 @@ def test_parts_that_are_not_connected_are_counted_with_their_sizes():
         StvkWarning, match=r"in 7 parts that are not connected \(5, 4, 4, 4, 4, \.\.\. vertices\): each needs its own"
     ):
         check_mesh(mesh)
-    assert np.bincount(parts(mesh)).tolist() == [5, 4, 4, 4, 4, 4, 4]
+    assert np.bincount(parts((mesh,))).tolist() == [5, 4, 4, 4, 4, 4, 4]
 
 
 def test_straight_needles_are_not_flat():
