@@ -11,12 +11,10 @@ from numpy.typing import NDArray
 
 from ..arguments import Array, shown
 from ..errors import StvkError
-from ..kernels import motion as kernels
 from ..mesh.places import Where, vertices_at
 from ..nonlinear.problem import dot
 from ..results.reactions import held_vertices
 from ..system.protocol import SystemLike
-from .forces import driven, driving_force, steady_potential
 from .ledger import Ledger
 from .motion import Motion, ground_forces, last_step
 from .record import MotionState
@@ -54,9 +52,16 @@ class Balance(NamedTuple):
 
 
 def column_names(
-    system: SystemLike, probes: Iterable[str] = (), reactions: Iterable[str] = (), *, removing: bool = False
+    system: SystemLike,
+    probes: Iterable[str] = (),
+    reactions: Iterable[str] = (),
+    *,
+    removing: bool = False,
+    by_term: bool = True,
 ) -> tuple[str, ...]:
     """The columns of a motion's ledger, in their order; `removing`: whether elements may be taken out of the body.
+
+    `by_term`: whether the energies of several elastic terms are told apart; those of a reduced system are not.
 
     ===================================  ====================================================================================
     `time`                               [s]
@@ -84,7 +89,7 @@ def column_names(
         "time",
         "kinetic_energy",
         "strain_energy",
-        *(f"strain_energy {name}" for name in terms if len(terms) > 1),
+        *(f"strain_energy {name}" for name in terms if len(terms) > 1 and by_term),
         "potential_energy",
         "external_work",
         "dissipated_work",
@@ -126,16 +131,15 @@ class Books:
     def __init__(self, motion: Motion, places: LedgerPlaces, ledger: Ledger, dt: float) -> None:
         self.motion, self._places, self.ledger, self._dt = motion, places, ledger, dt
         mesh = motion.system.mesh
-        self._several = len(motion.system.elastic_terms) > 1
         self._turning = {1: slice(0), 2: slice(6, 7), 3: slice(4, 7)}[mesh.d]
-        self._sums, self._Mv = np.zeros(8), np.zeros(motion.system.ndofs)
+        self._sums = np.zeros(8)
         self.external = self.dissipated = self.removed = 0.0
         self._removing = REMOVED in self.ledger.names
         self._first = float(self.ledger["total_energy"][0]) if self.ledger.steps else None
         self._inside_out = self.ledger.names.index(INSIDE_OUT)
-        self._watched = motion.moving or motion.damped or driven(motion.system)
-        self._t, self._u = 0.0, np.zeros(motion.system.ndofs)
-        self._driving: Array = np.zeros(motion.system.ndofs)
+        self._watched = motion.moving or motion.damped or motion.driven
+        self._t, self._u = 0.0, np.zeros(motion.n)
+        self._driving: Array = np.zeros(motion.n)
 
     def begin(self, state: MotionState) -> None:
         """Count the work from this state on, which is that of the last row, if there is one."""
@@ -148,7 +152,7 @@ class Books:
         if self._watched:
             self._t = state.t
             np.copyto(self._u, state.u)
-            self._driving = driving_force(self.motion.system, state.u, self.motion.moment(state.t))
+            self._driving = self.motion.driving_force(state.u, state.t)
 
     def work(self, state: MotionState) -> None:
         """Count the work of driving forces, and what damping took, since the state before."""
@@ -165,24 +169,23 @@ class Books:
 
     def enter(self, state: MotionState, strain_energy: float) -> None:
         """Enter a row for this state, with as many elements inside out as in the row before: see `count_inside_out`."""
-        system, mesh = self.motion.system, self.motion.system.mesh
-        potential = self._sum(state)
+        motion, mesh = self.motion, self.motion.system.mesh
+        potential = motion.add_up(state, self._sums)
         sums = self._sums.tolist()
         kinetic = sums[0] / 2
         balance = Balance.of(kinetic, strain_energy, potential, self.external, self.dissipated + self.removed, self._first)
         if self._first is None:
             self._first = balance.total_energy
-        row = [state.t, kinetic, strain_energy]
-        if self._several:
-            row += system.elastic_energies(state.u)
+        row = [state.t, kinetic, strain_energy, *motion.term_energies(state.u)]
         inside_out = float(self.ledger.rows(self.ledger.steps - 1)[0, self._inside_out]) if self.ledger.steps else 0.0
         row += [potential, self.external, self.dissipated, *([self.removed] if self._removing else []), *balance, inside_out]
         row += [*sums[1 : 1 + mesh.d], *sums[self._turning]]
         for vertices in self._places.probes.values():
-            row += list(state.u.reshape(-1, mesh.d)[vertices].mean(axis=0))
+            row += list(motion.mean(state.u, vertices))
         if self._places.reactions:
             since = last_step([*self.ledger["time"][-2:].tolist(), state.t], self._dt)
-            forces = ground_forces(self.motion, state.u, state.v, state.t, since).reshape(-1, mesh.d)
+            u, v = motion.displacements(state.u), motion.displacements(state.v)
+            forces = ground_forces(motion.on_mesh, u, v, state.t, since).reshape(-1, mesh.d)
             for vertices in self._places.reactions.values():
                 row += list(forces[vertices].sum(axis=0))
         self.ledger.append(row)
@@ -199,24 +202,12 @@ class Books:
         self._begin(state)
 
     def _energy_in_all(self, state: MotionState) -> float:
-        potential = self._sum(state)
-        return float(self._sums[0]) / 2 + potential + self.motion.system.energy(state.u)
+        potential = self.motion.add_up(state, self._sums)
+        return float(self._sums[0]) / 2 + potential + self.motion.energy(state.u)
 
     def count_inside_out(self, number: float) -> None:
         """Enter the number of elements that are inside out in the last row."""
         self.ledger.replace_last(INSIDE_OUT, number)
-
-    def _sum(self, state: MotionState) -> float:
-        """Compute twice the kinetic energy and the momenta, in `self._sums`; returns the potential of constant loads [J]."""
-        motion, sums = self.motion, self._sums
-        mesh = motion.system.mesh
-        if motion.mass.kind == "lumped" and motion.constant_loads is not None:
-            kernels.lumped_momenta(mesh.p, state.u, state.v, motion.mass.vertex, motion.constant_loads, sums)
-            return -float(sums[7])
-        u, v, Mv = (x.reshape(mesh.nv, mesh.d) for x in (state.u, state.v, self._Mv))
-        motion.mass.multiply(state.v, out=self._Mv)
-        kernels.momenta(mesh.p, u, v, Mv, sums)
-        return steady_potential(motion.system, state.u, motion.moment(state.t))
 
 
 def _named(name: str, given: Any, example: str) -> Mapping[str, Where]:

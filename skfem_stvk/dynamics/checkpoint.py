@@ -240,7 +240,8 @@ def refuse_inconsistent(saved: Saved, motion: Motion, integrator: Integrator) ->
     header, ledger, system = saved.header, saved.ledger, motion.system
     probes, reactions = _vertices(saved, "probes", header.probes), _vertices(saved, "reactions", header.reactions)
     places = LedgerPlaces.checked(system, probes, reactions)
-    if ledger.names != column_names(system, *places, removing=saved.method.remove is not None):
+    removing = saved.method.remove is not None
+    if ledger.names != column_names(system, *places, removing=removing, by_term=motion.by_term):
         raise ValueError(f"its ledger has the columns {', '.join(ledger.names)}")
     if ledger.steps != header.now.rows:
         raise ValueError(f"its ledger has {ledger.steps} rows for {header.now.rows}")
@@ -294,10 +295,10 @@ def _check_moment(saved: Saved, moment: MomentRecord, prefix: str, motion: Motio
         raise ValueError(f"its steps are of {clock.dt:g} s, and were {looks.largest:g} s at first")
     if looks.next > moment.steps + looks.interval:
         raise ValueError(f"after {moment.steps} steps it would look at the critical step after {looks.next} at first")
-    state = {name: finite(saved.arrays, prefix + name, (motion.system.ndofs,)) for name in ARRAYS}
+    state = {name: finite(saved.arrays, prefix + name, (motion.n,)) for name in ARRAYS}
     row = {name: float(saved.ledger[name][moment.rows - 1]) for name in ("kinetic_energy", "strain_energy")}
     kinetic = float(state["v"] @ motion.mass.multiply(state["v"])) / 2
-    strain = motion.system.energy(state["u"])
+    strain = motion.energy(state["u"])
     for name, energy in (("kinetic_energy", kinetic), ("strain_energy", strain)):
         if not np.isclose(row[name], energy, rtol=ENERGY, atol=ENERGY**2 * (kinetic + abs(strain))):
             raise ValueError(f"its ledger ends with a {name} of {row[name]:g} J; its state has {energy:g} J")

@@ -78,8 +78,8 @@ class Inversions:
     never stopped.
     """
 
-    def __init__(self, motion: Motion, explicit: bool) -> None:
-        self._motion, self._every, self._warned = motion, EXPLICIT if explicit else IMPLICIT, False
+    def __init__(self, motion: Motion, every: int) -> None:
+        self._motion, self._every, self._warned = motion, every, False
 
     def at_first(self, record: RunRecord) -> float:
         """How many to enter for the state from which a run begins or goes on."""
@@ -102,7 +102,7 @@ class Inversions:
         return self._motion.system.resists_inversion
 
     def _elements(self, state: MotionState) -> NDArray[np.int64]:
-        return self._motion.system.inside_out(state.u)
+        return self._motion.inside_out(state.u)
 
     def _advice(self) -> str:
         if self.resisted:
@@ -154,7 +154,7 @@ class Jumps:
         t, sizes = found
         self._looking = False
         jumping = sizes > 0
-        vertices = np.unique(self._motion.free.fixed[fast[jumping]] // self._motion.system.mesh.d)
+        vertices = self._motion.vertices_held(fast[jumping])
         warn(
             f"t = {t:.6g} s: the supports of {name_ids(vertices, 'vertex')} jump by up to {sizes.max():.3g} m. What energy that "
             f"puts in depends on dt: let them get there by a ramp, over {STEPS} steps or more. To begin elsewhere, hand in "

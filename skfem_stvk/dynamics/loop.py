@@ -13,7 +13,7 @@ from ..nonlinear.progress import MotionProgress
 from ..results.files import WriteError
 from ..results.monitors import Finding, Monitors
 from .books import Books
-from .guards import Guard, Inversions, Jumps, from_nowhere, inside_out_on_the_way
+from .guards import EXPLICIT, IMPLICIT, Guard, Inversions, Jumps, from_nowhere, inside_out_on_the_way
 from .integrators import StepFailed, Stepper
 from .options import Setup
 from .outputs import Outputs
@@ -45,13 +45,19 @@ class Loop:
             record.clock.dt, record.reviews = self._limit.first(record.state)
         self._books = Books(motion, setup.places, record.ledger, record.clock.dt)
         self._begin()
-        self._inversions = Inversions(motion, setup.integrator.explicit)
+        self._inversions = Inversions(motion, self._looks())
         self._books.count_inside_out(self._inversions.at_first(record))
         self._monitors = Monitors(motion.system, ellipticity=False)
-        self._cutting = Cutting(self._stepper, self._arrived, motion.system.restore)
+        self._cutting = Cutting(self._stepper, self._arrived, motion.restore)
         self._jumps = Jumps(motion, record.state)
         self._removal = None if setup.rule is None else Removal(motion.system, setup.rule)
         self._stepping = False
+
+    def _looks(self) -> int:
+        """Steps from one count of the elements that are inside out to the next; on a basis those between saved states."""
+        if self.setup.motion.on_mesh is not self.setup.motion:
+            return self._outputs.saved_every
+        return EXPLICIT if self.setup.integrator.explicit else IMPLICIT
 
     def _begin(self) -> None:
         """Start from the state of the record, with what a run that is resumed there would know."""
@@ -71,7 +77,7 @@ class Loop:
         setup, record = self.setup, self.record
         for finding in self._monitors.before():
             warn(finding.text)
-        header = f"{setup.motion.system!r}, {len(setup.motion.free.free)} of them free; {setup.integrator}"
+        header = f"{setup.motion.described}, {len(setup.motion.free.free)} of them free; {setup.integrator}"
         with MotionProgress(header, record.ledger, record.steps, self._quiet) as progress:
             try:
                 self._outputs.frame_in_turn()
@@ -154,7 +160,7 @@ class Loop:
 
     def _arrived(self, state: MotionState) -> None:
         self._books.work(state)
-        self.setup.motion.system.commit(state.u)
+        self.setup.motion.commit(state.u)
 
     def _goes_on(self) -> bool:
         """Return to the last good state after a motion has blown up; whether it can go on from there, with shorter steps."""
@@ -176,15 +182,16 @@ class Loop:
 
     def _result(self, status: Status, detail: str, cause: BaseException | None) -> Run:
         setup, record = self.setup, self.record
-        findings = self._monitors.at(record.state.u)
+        u, v = (setup.motion.displacements(x) for x in (record.state.u, record.state.v))
+        findings = self._monitors.at(u)
         if status is Status.FINISHED and any(finding.name == "inside out" for finding in findings):
             status = Status.ENDED_INVERTED
         message = self._message(status, detail, cause, findings)
         return Run(
-            motion=setup.motion,
+            motion=setup.motion.on_mesh,
             integrator=setup.integrator,
-            u=record.state.u.copy(),
-            v=record.state.v.copy(),
+            u=u.copy(),
+            v=v.copy(),
             t=record.state.t,
             dt=record.clock.dt,
             status=status,

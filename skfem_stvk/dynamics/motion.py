@@ -3,16 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any, ClassVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..arguments import Array
+from ..kernels import motion as kernels
 from ..nonlinear.problem import dot
+from ..nonlinear.stopwatch import Stopwatch
 from ..system import TangentOperator
-from ..system.protocol import SystemLike
+from ..system.protocol import ReducedLike, SystemLike
 from ..terms.load import Moment
 from .damping import Damping, damping_factors
-from .forces import add_damping_force, add_secant_damping, constant_loads
+from .forces import add_damping_force, add_secant_damping, constant_loads, driven, driving_force, steady_potential
+from .record import MotionState
 
 #: A step that is shorter than this part of the one before is too short for differences.
 SHORT = 0.3
@@ -24,16 +29,108 @@ class Motion:
     """`M v' + D v + F(u) = h(u, t)` over the free degrees of freedom, `D = alpha M + beta K(0) + tau K_GN(u)`.
 
     `K_GN = 2 J'LJ` is K without tensions; `moving`: whether any of the held degrees of freedom move.
+
+    States and velocities are displacements (ndofs,) and their rates here. Those of a motion on a basis are coordinates: what the
+    loop over the steps and its ledger ask for is asked of the motion, and `displacements` are what is written and returned.
     """
+
+    #: Whether the ledger tells the energies of several elastic terms apart.
+    by_term: ClassVar[bool] = True
 
     def __init__(self, system: SystemLike, mass: str, damping: Damping | None) -> None:
         self.system, self.mass = system, system.mass(mass)
         self.alpha, self.beta, self.tau = damping_factors(damping)
         self.free = system.free_dofs(system.supports.held)
         self.moving = system.supports.prescribed.size > 0
-        self._force = np.zeros(system.ndofs)
+        self._several = len(system.elastic_terms) > 1
+        self._force, self._Mv = np.zeros(system.ndofs), np.zeros(system.ndofs)
         self._at_rest: tuple[int, TangentOperator] | None = None
         self._constant: tuple[int, Array | None] | None = None
+
+    @property
+    def n(self) -> int:
+        """Number of entries of a state."""
+        return self.system.ndofs
+
+    @property
+    def on_mesh(self) -> Motion:
+        """The motion whose states are displacements."""
+        return self
+
+    @property
+    def described(self) -> str:
+        """The body in a line."""
+        return repr(self.system)
+
+    @property
+    def basis(self) -> list[float]:
+        """A few numbers by which files know the basis again, empty if states are displacements."""
+        return []
+
+    def refuse_other(self, integrator: Any, removing: bool) -> None:
+        """Refuse an integrator that does not take this motion, or that elements are taken out; this one takes all."""
+
+    def step_problem(self, integrator: Any, watch: Stopwatch) -> Any:
+        """The equation of an implicit step if the motion has its own; None if it is that of `StepProblem`."""
+        return None
+
+    def displacements(self, x: Array) -> Array:
+        """(ndofs,) displacements of a state, or velocities of its rate."""
+        return x
+
+    def state(self, x: Array, t: float) -> Array:
+        """The state of displacements (ndofs,), or the rate of their velocities; what is held has to be set to what it is."""
+        return x
+
+    def energy(self, u: Array) -> float:
+        """Strain energy [J]."""
+        return self.system.energy(u)
+
+    def term_energies(self, u: Array) -> list[float]:
+        """Strain energies of the elastic terms, if they are several and told apart [J]."""
+        return self.system.elastic_energies(u) if self._several else []
+
+    def inside_out(self, u: Array) -> NDArray[np.int64]:
+        """Elements that are inside out or flat."""
+        return self.system.inside_out(self.displacements(u))
+
+    def mean(self, u: Array, vertices: NDArray[np.int64]) -> Array:
+        """(d,) mean displacements of these vertices [m]."""
+        means: Array = u.reshape(-1, self.system.mesh.d)[vertices].mean(axis=0)
+        return means
+
+    def vertices_held(self, which: NDArray[np.intp]) -> NDArray[np.int64]:
+        """Vertices of those of the held degrees of freedom."""
+        vertices: NDArray[np.int64] = np.unique(self.free.fixed[which] // self.system.mesh.d)
+        return vertices
+
+    def commit(self, u: Array) -> None:
+        """Tell terms with a memory that this is the next state."""
+        self.system.commit(u)
+
+    def restore(self) -> None:
+        """Tell terms with a memory that the motion goes on from the state that was committed last."""
+        self.system.restore()
+
+    @property
+    def driven(self) -> bool:
+        """Whether loads or terms change the energy, see `driving_force`."""
+        return driven(self.system)
+
+    def driving_force(self, u: Array, t: float) -> Array:
+        """Force of loads that change with time or have no potential, and of terms without energy [N]."""
+        return driving_force(self.system, u, self.moment(t))
+
+    def add_up(self, state: MotionState, sums: Array) -> float:
+        """Twice the kinetic energy, linear and angular momentum, to `sums` (8,); returns the potential of steady loads [J]."""
+        u, v, mesh = state.u, state.v, self.system.mesh
+        if self.mass.kind == "lumped" and self.constant_loads is not None:
+            kernels.lumped_momenta(mesh.p, u, v, self.mass.vertex, self.constant_loads, sums)
+            return -float(sums[7])
+        self.mass.multiply(v, out=self._Mv)
+        shape = mesh.nv, mesh.d
+        kernels.momenta(mesh.p, u.reshape(shape), v.reshape(shape), self._Mv.reshape(shape), sums)
+        return steady_potential(self.system, u, self.moment(state.t))
 
     @property
     def at_rest(self) -> TangentOperator:
@@ -116,6 +213,14 @@ class Motion:
             self._force[:] = 0
             lost += 2 * self.tau / dt * add_secant_damping(self.system, u0, u1, 0.5, self._force)
         return lost
+
+
+def motion_of(body: SystemLike | ReducedLike, mass: str | None, damping: Damping | None) -> Motion:
+    """The motion of a body, or of one on a basis; masses are lumped unless others are asked for."""
+    if isinstance(body, ReducedLike):
+        motion: Motion = body.motion(mass, damping)
+        return motion
+    return Motion(body, "lumped" if mass is None else mass, damping)
 
 
 def ground_forces(motion: Motion, u: Array, v: Array, t: float, since: float) -> Array:

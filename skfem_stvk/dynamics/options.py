@@ -26,6 +26,8 @@ from .removal import Rule, in_words
 if TYPE_CHECKING:
     from .checkpoint import MotionCheckpoint
 
+#: What tells the basis of a motion on one in its files.
+BASIS = "the basis"
 #: Where in the time of a run its loads and prescribed displacements are evaluated for its signature.
 FRACTIONS = (0.0, 0.31, 0.77, 1.0)
 
@@ -82,9 +84,14 @@ class Setup:
     def problem(self, t0: float, start: Mapping[str, list[float]]) -> Fingerprint:
         """The problem from `t0` on, as its files name it; `start`: numbers of the first state that are not zero."""
         moments = [t0 + fraction * (self.until - t0) for fraction in FRACTIONS]
-        at_rest = {"t0": [t0], "u0": [0.0, 0.0], "v0": [0.0, 0.0]}
+        at_rest = {"t0": [t0], "u0": [0.0, 0.0], "v0": [0.0, 0.0]} | basis_of(self.motion)
         method = described(self.motion, self.integrator, self.rule)
         return Fingerprint("motion", self.motion.system, method, moments, at_rest | dict(start))
+
+
+def basis_of(motion: Motion) -> dict[str, list[float]]:
+    """Numbers by which the basis of a motion is known again, if it has one."""
+    return {BASIS: motion.basis} if motion.basis else {}
 
 
 def described(motion: Motion, integrator: Integrator, rule: Rule | None = None) -> dict[str, Any]:

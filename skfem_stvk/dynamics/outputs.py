@@ -20,6 +20,8 @@ if TYPE_CHECKING:
 
 #: Steps from one saved state to the next, by default.
 EVERY = 10
+#: More steps than any run has.
+NEVER = 1 << 62
 
 
 class Outputs:
@@ -90,6 +92,11 @@ class Outputs:
         """The path of the series."""
         return None if self._series is None else self._series.path
 
+    @property
+    def saved_every(self) -> int:
+        """Steps from one saved state to the next; more than any run has where none is saved."""
+        return NEVER if self._series is None else self._every
+
     def frame(self) -> None:
         """Save the state, unless it is saved."""
         series, state = self._series, self._record.state
@@ -100,7 +107,8 @@ class Outputs:
             if self._removals != system.removals:
                 self._fields, self._removals = Fields.of(system), system.removals
             if not series.steps or series.steps[-1][0] < state.t:
-                series.add(self._fields.at(state.u, state.v), state.t)
+                u, v = (self._setup.motion.displacements(x) for x in (state.u, state.v))
+                series.add(self._fields.at(u, v), state.t)
             self._table.write()
 
     def frame_in_turn(self) -> None:

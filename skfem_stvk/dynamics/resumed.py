@@ -14,13 +14,13 @@ from ..arguments import Array
 from ..errors import StvkError, StvkWarning, name_ids
 from ..linear.choose import SOLVERS
 from ..results.files import NotOurs, Outlets
-from ..system.protocol import SystemLike
+from ..system.protocol import ReducedLike, SystemLike
 from ..system.signature import Fingerprint
 from .checkpoint import ANEW, IntegratorRecord, MotionCheckpoint, load, refuse_inconsistent
 from .damping import Damping, EdgeDamping, Rayleigh
 from .integrators import INTEGRATORS, Integrator
-from .motion import Motion
-from .options import Options, Setup, checked_integrator, described, too_early
+from .motion import motion_of
+from .options import BASIS, Options, Setup, basis_of, checked_integrator, described, too_early
 from .outputs import Outputs
 from .record import SLACK, RunRecord
 
@@ -34,7 +34,7 @@ def checkpoints(named: Path | None, outlets: Outlets) -> tuple[MotionCheckpoint,
     return kept, None if source is None else source.file
 
 
-def resumed(system: SystemLike, options: Options, stack: ExitStack, file: Path) -> tuple[Setup, RunRecord, Outputs]:
+def resumed(body: SystemLike | ReducedLike, options: Options, stack: ExitStack, file: Path) -> tuple[Setup, RunRecord, Outputs]:
     """A run from a checkpoint, for the problem that it holds: what is given of the beginning has to be what it was."""
     saved = load(file)
     header, method = saved.header, saved.method
@@ -42,8 +42,12 @@ def resumed(system: SystemLike, options: Options, stack: ExitStack, file: Path) 
     integrator = resumed_integrator(method.integrator, file) if given is None else checked_integrator(given)
     kept: Damping = [Rayleigh(method.damping.alpha, method.damping.beta), EdgeDamping(method.damping.tau)]
     damping = kept if options.damping is None else options.damping
-    motion = Motion(system, method.mass if options.mass is None else options.mass, damping)
-    start = {name: header.problem.numbers.get(name, []) for name in ("t0", "u0", "v0")} | options.start(system)
+    motion = motion_of(body, method.mass if options.mass is None else options.mass, damping)
+    motion.refuse_other(integrator, options.remove is not None)
+    system, then = motion.system, header.problem.numbers
+    start = {name: then.get(name, []) for name in ("t0", "u0", "v0")} | options.start(system) | basis_of(motion)
+    if BASIS in then:
+        start[BASIS] = motion.basis
     removed, removed_at = saved.removed
     if not (removed.ndim == removed_at.ndim == 1 and removed.dtype.kind == "i" and np.unique(removed).size == removed_at.size):
         raise NotOurs(f"{file} is damaged: the elements that it took out are none. {ANEW}")

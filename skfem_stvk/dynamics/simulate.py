@@ -14,13 +14,13 @@ from ..errors import LoadError, StvkError, SupportError, name_ids
 from ..mesh.displacements import by_vertex
 from ..mesh.places import Where
 from ..results.files import Outlets
-from ..system.protocol import SystemLike, checked_system
+from ..system.protocol import ReducedLike, SystemLike, checked_system
 from .books import LedgerPlaces, column_names
 from .damping import Damping
 from .integrators import Integrator
 from .ledger import Ledger
 from .loop import Loop
-from .motion import Motion
+from .motion import Motion, motion_of
 from .options import Options, Setup, checked_integrator, too_early
 from .outputs import Outputs
 from .record import Clock, MotionState, RunRecord
@@ -29,7 +29,7 @@ from .run import Run
 
 
 def simulate(
-    system: SystemLike,
+    system: SystemLike | ReducedLike,
     integrator: Integrator | None = None,
     *,
     until: float,
@@ -57,7 +57,9 @@ def simulate(
 
     Parameters
     ----------
-    system : a body whose materials have densities. It may be free to move.
+    system : a body whose materials have densities. It may be free to move. Or a `ReducedSystem` of one that is held: it takes
+        implicit integrators with their own tangents and solvers, and `Rayleigh` damping; nothing in a step depends on its mesh.
+        Elements inside out are counted in saved states and at both ends, and `EnergyMomentum` keeps the energy, not the momenta.
     integrator : `ForwardEuler`, `VelocityVerlet`, `LinearBackwardEuler`, `BackwardEuler`, `Newmark`, `GeneralizedAlpha`,
         `EnergyMomentum`.
     until : the end [s]; if it is not a whole number of steps away, the last step is shorter.
@@ -116,8 +118,9 @@ def simulate(
     ('finished', True)
     """
     quiet, raise_on_failure = flag("quiet", quiet), flag("raise_on_failure", raise_on_failure)
-    if checked_system(system).dtype != np.float64:
-        raise StvkError(f"The system is in {system.dtype}; expected float64: System(..., dtype=np.float64).")
+    body = system.body if isinstance(system, ReducedLike) else system
+    if checked_system(body).dtype != np.float64:
+        raise StvkError(f"The system is in {body.dtype}; expected float64: System(..., dtype=np.float64).")
     until, t0 = number("until", until, "a time in seconds"), number("t0", t0, "a time in seconds")
     if every is not None:
         every = whole("every", every, "a whole number of steps, at least 1", least=1)
@@ -158,18 +161,20 @@ def simulate(
         return Loop(*start, quiet).run(raise_on_failure)
 
 
-def _begun(system: SystemLike, options: Options, stack: ExitStack) -> tuple[Setup, RunRecord, Outputs]:
+def _begun(system: SystemLike | ReducedLike, options: Options, stack: ExitStack) -> tuple[Setup, RunRecord, Outputs]:
     """A run from a first state."""
     integrator = checked_integrator(options.integrator)
-    places = LedgerPlaces.checked(system, options.probes, options.reactions)
-    motion = Motion(system, "lumped" if options.mass is None else options.mass, options.damping)
+    body = system.body if isinstance(system, ReducedLike) else system
+    places = LedgerPlaces.checked(body, options.probes, options.reactions)
+    motion = motion_of(system, options.mass, options.damping)
+    motion.refuse_other(integrator, options.remove is not None)
     state = _first_state(motion, options, integrator.dt or 1e-6)
     if not options.until > state.t:
         raise too_early(options.until, state.t)
     setup = Setup(motion, integrator, places, options.until, options.remove)
-    names = column_names(system, *places, removing=options.remove is not None)
+    names = column_names(body, *places, removing=options.remove is not None, by_term=motion.by_term)
     record = RunRecord(state, Clock(state.t, integrator.dt or 0.0), Ledger(names))
-    record.take_out(system.removed, np.nan)
+    record.take_out(body.removed, np.nan)
     return setup, record, Outputs.opened(setup, record, options, stack)
 
 
@@ -177,9 +182,8 @@ def _first_state(motion: Motion, options: Options, dt: float) -> MotionState:
     """The first state, with held degrees of freedom as prescribed; their velocities are differences over a part of `dt`."""
     system, t0 = motion.system, options.t0
     u, v = (_vector(name, x, system) for name, x in (("u0", options.u0), ("v0", options.v0)))
-    state = MotionState.at(t0, u, v)
-    fixed, held = motion.free.fixed, motion.held(t0)
-    gap = np.abs(held - state.u[fixed])
+    fixed, held = motion.on_mesh.free.fixed, motion.on_mesh.held(t0)
+    gap = np.abs(held - u[fixed])
     far = fixed[gap > 1e-9 * (1e-3 * np.ptp(system.mesh.p, axis=1).max() + np.abs(held).max(initial=0.0))]
     if len(far):
         raise SupportError(
@@ -187,7 +191,9 @@ def _first_state(motion: Motion, options: Options, dt: float) -> MotionState:
             f"{gap.max():.3g} m from where u0 has them. In dynamics constants do not ramp: prescribe a function of t that begins "
             "at u0, or begin in an equilibrium: u0=solve_static(...).u."
         )
-    state.u[fixed] = held
+    state = MotionState.at(t0, motion.state(u, t0), motion.state(v, t0))
+    fixed = motion.free.fixed
+    state.u[fixed] = motion.held(t0)
     state.v[fixed] = motion.held_velocities(t0, dt)
     if not (state.u.any() or state.v.any() or motion.moving or system.loads):
         raise LoadError("Nothing moves the body: no load, nothing prescribed, u0 and v0 zero. Add Gravity(...), or give u0 or v0.")

@@ -145,6 +145,15 @@ class PathProblem(EigenProblem, Protocol):
     def dead(self) -> bool:
         """Whether no load depends on where the body goes, so that the Jacobian without displacements is that of the body alone."""
 
+    def state(self, u: Array, t: Time) -> Array:
+        """The state that belongs to displacements (ndofs,), as near as there is one; what is held is where it belongs at `t`."""
+
+    def displacements(self, u: Array) -> Array:
+        """(ndofs,) displacements of a state, or of a direction, on the mesh."""
+
+    def functional(self, normal: Array) -> Array:
+        """The vector whose product with a state is `normal . displacements(u)`, of weights (ndofs,)."""
+
     def place(self, u: Array, t: float) -> Array:
         """`u`, in place, with held degrees of freedom where they belong at `t`."""
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
@@ -77,7 +77,8 @@ def find(problem: PathProblem, before: Point, after: Point, turned: bool, rtol: 
         if (before.lowest < 0) == (after.lowest < 0):
             return ()
         part = before.lowest / (before.lowest - after.lowest)
-        return (_unresolved(BIFURCATION, before, after, part, lowest_mode(problem, after.u, after.t).vector),)
+        mode = lowest_mode(problem, after.u, after.t).vector
+        return (_on_mesh(problem, _unresolved(BIFURCATION, before, after, part, mode)),)
     chord, points = _Chord(problem, before, after, rtol), []
     known = before.negative is not None and after.negative is not None
     changes = chord.changes() if known and before.negative != after.negative else 0
@@ -94,7 +95,12 @@ def find(problem: PathProblem, before: Point, after: Point, turned: bool, rtol: 
             points.append(_point(BIFURCATION, chord, f, [point.mode for point in points]))
             places.append(f)
     order = np.argsort([0.5 if f is None else f for f in places], kind="stable")
-    return tuple(points[i] for i in order)
+    return tuple(_on_mesh(problem, points[i]) for i in order)
+
+
+def _on_mesh(problem: PathProblem, point: CriticalPoint) -> CriticalPoint:
+    """The point with displacements in place of states of the problem."""
+    return replace(point, u=problem.displacements(point.u), mode=_scaled(problem.displacements(point.mode)))
 
 
 def turning_point(problem: PathProblem, before: Point, after: Point, rtol: float) -> tuple[Array, float] | None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +14,7 @@ from ..errors import StateError
 from ..linear import Factors, LinearSolver, Solution, Unknowns
 from ..linear.choose import direct
 from ..linear.inertia import COUNTED, inertia
-from ..nonlinear.problem import Residual, Tangent, dot, norm
+from ..nonlinear.problem import PathProblem, Residual, Tangent, dot, norm
 from ..nonlinear.stopwatch import Stopwatch
 from ..results.monitors import named_elements
 from ..system import FreeOperator
@@ -31,6 +31,25 @@ MOST_DOUBTS = 3
 PRECISE = 1e-10
 #: Part of the load factor, or of 1, over which loads and prescribed displacements are differenced; exact for what grows linearly.
 DIFFERENCE = 1e-6
+
+
+class Named(Protocol):
+    """What has a name."""
+
+    @property
+    def name(self) -> str: ...
+
+
+class StaticProblem(PathProblem, Protocol):
+    """A path of states of a body, of all its displacements or of the few coordinates of a basis."""
+
+    @property
+    def system(self) -> SystemLike:
+        """The body with all its displacements."""
+
+    @property
+    def solver(self) -> LinearSolver | Named:
+        """What solves linear systems now, by its name."""
 
 
 class Equilibrium:
@@ -178,6 +197,15 @@ class Equilibrium:
 
     def named(self, inside_out: NDArray[np.int64]) -> str:
         return named_elements(self.system.mesh, inside_out)
+
+    def state(self, u: Array, t: Time) -> Array:
+        return u
+
+    def displacements(self, u: Array) -> Array:
+        return u
+
+    def functional(self, normal: Array) -> Array:
+        return normal
 
     def place(self, u: Array, t: float) -> Array:
         u[self.free.fixed] = self.system.supports.values(t)

@@ -48,7 +48,7 @@ class LoadSteps(Walk):
         start = self.t, self.u
         super().resume(steps, saved)
         self._full_first = saved["full_first"]
-        before = (steps[-2].t, steps[-2].u) if len(steps) > 1 else start
+        before = (steps[-2].t, self.problem.state(steps[-2].u, steps[-2].t)) if len(steps) > 1 else start
         self._before = before if saved["straight"] else None
 
     def _advance(self) -> Step | Attempt | None:

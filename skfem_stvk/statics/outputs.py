@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from functools import partial
 from pathlib import Path
@@ -10,13 +10,12 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 
 from rich.progress import BarColumn, TimeElapsedColumn
 
-from ..arguments import Array
 from ..nonlinear.newton import Iterations
 from ..nonlinear.progress import Progress
 from ..results import Fields, Series
 from ..results.files import Outlets
 from ..system.protocol import SystemLike
-from ..system.signature import Fingerprint, sums
+from ..system.signature import Fingerprint
 from .history import Attempt, Step
 
 if TYPE_CHECKING:
@@ -30,13 +29,13 @@ MOMENTS = 0.5, 1.0
 
 @contextmanager
 def opened(
-    outlets: Outlets, system: SystemLike, options: dict[str, Any], start: Array
+    outlets: Outlets, system: SystemLike, options: dict[str, Any], start: Mapping[str, Sequence[float]]
 ) -> Iterator[tuple[Write, PathCheckpoint | None]]:
     """A function that writes a state to the series, and the checkpoint, where they were asked for; nobody else can write them."""
     with ExitStack() as stack:
         write, kept = _nothing, None
         if outlets.save is not None or outlets.checkpoint is not None:
-            problem = Fingerprint("path of equilibria", system, options, MOMENTS, {"u0": sums(start)})
+            problem = Fingerprint("path of equilibria", system, options, MOMENTS, start)
         if outlets.checkpoint is not None:
             from .checkpoint import PathCheckpoint  # and pydantic, only where one is written
 

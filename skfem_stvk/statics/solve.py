@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike
 from ..arguments import Array, choice, flag, number, shown, whole
 from ..errors import LoadError, StvkError, warn
 from ..linear import LinearSolver, choose
+from ..linear.choose import is_auto
 from ..mesh.displacements import by_vertex
 from ..nonlinear.outcome import Interrupted, Status, stop_if_asked
 from ..nonlinear.stability import Verdict, judged
@@ -20,9 +21,10 @@ from ..nonlinear.stopwatch import Stopwatch
 from ..results.files import Outlets
 from ..results.monitors import Monitors
 from ..system.free_tangent import entries_of, kind_of, with_loads
-from ..system.protocol import SystemLike, checked_system
+from ..system.protocol import ReducedLike, SystemLike, checked_system
+from ..system.signature import sums
 from .arc_length import ArcLength
-from .equilibrium import Equilibrium
+from .equilibrium import Equilibrium, StaticProblem
 from .history import Attempt, History, Step
 from .load_steps import LoadSteps
 from .message import Ending, branch_end, reason
@@ -38,7 +40,7 @@ METHODS = (LoadSteps.name, ArcLength.name)
 
 
 def solve_static(
-    system: SystemLike,
+    system: SystemLike | ReducedLike,
     steps: int = 10,
     *,
     method: str = LoadSteps.name,
@@ -65,7 +67,8 @@ def solve_static(
 
     Parameters
     ----------
-    system : with `fixed` and `prescribed` supports that leave no rigid motion.
+    system : with `fixed` and `prescribed` supports that leave no rigid motion; or a `ReducedSystem` of such a body, whose few
+        coordinates take no `solver` and no `checkpoint`.
     steps : the first step is 1/steps of the load.
     method : "load-steps" to t = 1; or "arc-length", which follows the path by its length through limit points, where the load turns
         back and the body would snap, and through bifurcations, as far as `stop` says. Unstable states on it are what is asked for:
@@ -130,6 +133,8 @@ def solve_static(
         quiet=quiet,
         raise_on_failure=raise_on_failure,
     )
+    if isinstance(system, ReducedLike):
+        return _Solve(system.body, _start(system.body, u0), options, system).result()
     return _Solve(system, _start(system, u0), options).result()
 
 
@@ -169,13 +174,23 @@ class StaticOptions:
         """Whether the path is followed by its length."""
         return self.method == ArcLength.name
 
-    def signature(self, solver: LinearSolver) -> dict[str, Any]:
+    def refuse_what_reduced_systems_have_not(self) -> None:
+        """Refuse what belongs to a solve with all displacements."""
+        if not is_auto(self.solver):
+            raise StvkError(f"solver = {shown(self.solver)} for a reduced system, whose matrices are small and full: leave it out.")
+        if self.outlets.checkpoint is not None:
+            raise StvkError(
+                "checkpoint: solves of a reduced system take less time than a file would, and are not resumed. Leave checkpoint "
+                "and resume out; save=... writes the states."
+            )
+
+    def signature(self, solver: str) -> dict[str, Any]:
         """StaticOptions by which a checkpoint knows its problem again."""
         return {
             "method": self.method,
             "steps": int(self.steps),
             "rtol": float(self.rtol),
-            "solver": solver.name,
+            "solver": solver,
             "t0": float(self.t0),
         }
 
@@ -199,25 +214,31 @@ def _start(system: SystemLike, u0: ArrayLike | None) -> Array:
 class _Solve:
     """One solve: the walk along the path, what is written on the way, and what is said of it in the end."""
 
-    def __init__(self, system: SystemLike, start: Array, options: StaticOptions) -> None:
-        self._system, self._start, self._options = system, start, options
-        self._free = system.ndofs - len(system.supports.held)
-        chosen = choose(options.solver, self._free, kind_of(system), options.arc_length, entries_of(system))
-        self._asked = with_loads(chosen, system)
+    def __init__(self, system: SystemLike, start: Array, options: StaticOptions, reduced: ReducedLike | None = None) -> None:
+        self._system, self._start, self._options, self._reduced = system, start, options, reduced
         self._watch, self._history = Stopwatch(), History()
+        self._problem: StaticProblem
+        if reduced is None:
+            free = system.ndofs - len(system.supports.held)
+            chosen = choose(options.solver, free, kind_of(system), options.arc_length, entries_of(system))
+            self._problem = Equilibrium(system, with_loads(chosen, system), self._watch)
+        else:
+            options.refuse_what_reduced_systems_have_not()
+            self._problem = reduced.equilibrium(self._watch)
+        self._asked = self._problem.solver.name
         self._verdict, self._branch = Verdict(True, None), ""
         self._cause: BaseException | None = None
 
     def result(self) -> StaticResult:
         """The result, or what is raised instead."""
-        options, history = self._options, self._history
-        header = f"{self._system!r}, {self._free} of them free; solver '{self._asked.name}'"
-        files = opened(options.outlets, self._system, options.signature(self._asked), self._start)
+        options, history, problem = self._options, self._history, self._problem
+        header = f"{self._reduced or self._system!r}, {problem.n} of them free; solver '{self._asked}'"
+        start = {"u0": sums(self._start)} | ({} if self._reduced is None else {"the basis": self._reduced.signature})
+        files = opened(options.outlets, self._system, options.signature(self._asked), start)
         with files as (write, kept), PathProgress(header, options.quiet) as report:
             monitors = Monitors(self._system, options.ellipticity)
             for finding in monitors.before():
                 warn(finding.text)
-            problem = Equilibrium(self._system, self._asked, self._watch)
             course = Course(1 / int(options.steps), float(options.rtol), monitors, options.stability, report.iterating)
             walk = self._walk(problem, course)
             if kept is not None and kept.steps:
@@ -237,11 +258,12 @@ class _Solve:
             raise SolveError(result) from self._cause
         return result
 
-    def _walk(self, problem: Equilibrium, course: Course) -> Walk:
+    def _walk(self, problem: StaticProblem, course: Course) -> Walk:
         options, t0 = self._options, float(self._options.t0)
+        start = problem.state(self._start, t0)
         if not options.arc_length:
-            return LoadSteps(problem, self._start, t0, course)
-        return ArcLength(problem, self._start, t0, course, Goal(options.stop or Stop(load=1.0), self._system))
+            return LoadSteps(problem, start, t0, course)
+        return ArcLength(problem, start, t0, course, Goal(options.stop or Stop(load=1.0), self._system, problem.functional))
 
     def _follow(self, walk: Walk, write: Write, kept: PathCheckpoint | None, report: PathProgress) -> None:
         """The states that are kept from before, and those that follow."""
@@ -263,12 +285,12 @@ class _Solve:
         if isinstance(outcome, Step):
             write(len(self._history) if self._options.arc_length else outcome.t, outcome)
 
-    def _judge(self, problem: Equilibrium, walk: Walk) -> None:
+    def _judge(self, problem: StaticProblem, walk: Walk) -> None:
         """What is known of the stability of the last state; of a path that stopped, whether its branch ends there."""
-        history = self._history
+        history, t0 = self._history, float(self._options.t0)
         if not walk.reached:
             if len(history) and not history[-1].negative:
-                self._branch = branch_end(problem, self._start, float(self._options.t0), walk.u, walk.t)
+                self._branch = branch_end(problem, problem.state(self._start, t0), t0, walk.u, walk.t)
             return
         last = history[-1]
         if self._options.arc_length and last.negative is not None and problem.symmetric:
@@ -276,11 +298,11 @@ class _Solve:
         elif last.lowest is not None and last.lowest < 0:
             self._verdict = Verdict(False, None)
         else:
-            self._verdict = judged(problem, last.u, last.t)
+            self._verdict = judged(problem, walk.u, last.t)
 
-    def _ended(self, problem: Equilibrium, walk: Walk) -> StaticResult:
-        t, u, history = walk.t, walk.u, self._history
-        inverted = problem.inside_out(u)
+    def _ended(self, problem: StaticProblem, walk: Walk) -> StaticResult:
+        t, u, history = walk.t, problem.displacements(walk.u), self._history
+        inverted = problem.inside_out(walk.u)
         if self._cause is not None:
             status = Status.INTERRUPTED
         elif not walk.reached:
@@ -303,8 +325,8 @@ class _Solve:
                 cause=self._cause,
             )
         )
-        if problem.solver.name != self._asked.name:
-            message += f" '{self._asked.name}' met its round-off in this body, and '{problem.solver.name}' took over."
+        if problem.solver.name != self._asked:
+            message += f" '{self._asked}' met its round-off in this body, and '{problem.solver.name}' took over."
         return StaticResult(self._system, u, t, status, message, history, problem.solver.name, self._watch.parts())
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields
 from itertools import pairwise
 from typing import Any
@@ -61,15 +61,19 @@ class Stop:
 
 
 class Goal:
-    """A `Stop` on a mesh: levels of load or displacement, and numbers of turns and states."""
+    """A `Stop` on a mesh: levels of load or displacement, and numbers of turns and states.
 
-    def __init__(self, stop: Stop, system: SystemLike) -> None:
+    `functional` makes of weights of displacements (ndofs,) those of the states of a problem.
+    """
+
+    def __init__(self, stop: Stop, system: SystemLike, functional: Callable[[Array], Array] = lambda normal: normal) -> None:
         self._stop, mesh = stop, system.mesh
         self._levels: list[tuple[Array, float, float]] = []
         if stop.load is not None:
-            self._levels.append((np.zeros(mesh.p.size), 1.0, float(stop.load)))
+            self._levels.append((functional(np.zeros(mesh.p.size)), 1.0, float(stop.load)))
         if stop.displacement is not None:
-            self._levels.append(_mean_displacement(stop.displacement, system))
+            normal, weight, value = _mean_displacement(stop.displacement, system)
+            self._levels.append((functional(normal), weight, value))
 
     def towards(self, u: Array, t: float, direction: Array, rate: float) -> float:
         """1 if this direction leads towards the first level, or there is none, -1 if it leads away."""

@@ -35,7 +35,7 @@ class Course:
 
 
 class Walk(ABC):
-    """A walk from `u0` (ndofs,) at `t0` on; `t`, `u`: the last state, `reached`: whether the end that was asked for is."""
+    """A walk from the state `u0` at `t0` on; `t`, `u`: the last state, `reached`: whether the end that was asked for is."""
 
     name: ClassVar[str]
 
@@ -105,9 +105,9 @@ class Walk(ABC):
         """Stand where another walk stood when it had found these states."""
         last, t0 = steps[-1], self.t
         self._size, self._first, self.problem.largest = saved["size"], saved["first"], saved["largest"]
-        self.reached, self.t, self.u = saved["reached"], last.t, last.u
-        self._allowed = len(self.problem.inside_out(last.u))
-        self._point = Point(last.u, last.t, last.negative, last.lowest)
+        self.reached, self.t, self.u = saved["reached"], last.t, self.problem.state(last.u, last.t)
+        self._allowed = len(self.problem.inside_out(self.u))
+        self._point = Point(self.u, last.t, last.negative, last.lowest)
         if len(steps) == 1 and last.t == t0:
             self._leave_the_start()
 
@@ -133,7 +133,7 @@ class Walk(ABC):
         problem, before = self.problem, self._point
         problem.accept(u, t)
         problem.commit(u)
-        inverted = problem.inside_out(u)
+        inverted, full = problem.inside_out(u), problem.displacements(u)
         if critical is None and not problem.iterative and not (before and record.negative_pivots == before.negative):
             problem.factorise(u, t)  # the last tangent of Newton's method, if there was one, was a little before the state
             record.negative_pivots = problem.negative_pivots()
@@ -144,7 +144,7 @@ class Walk(ABC):
         if critical is None:
             critical = () if before is None else find(problem, before, point, False, self._rtol)
         status = Status.INVERTED if len(inverted) else Status.UNSTABLE if point.unstable else end.status
-        energies, smallest, findings = problem.energies(u, t), problem.smallest_volume_ratio(u), self._course.monitors.at(u)
+        energies, smallest, findings = problem.energies(u, t), problem.smallest_volume_ratio(u), self._course.monitors.at(full)
         now, clock = perf_counter(), self._clock
         self.t, self.u, self._point, self._allowed, self._clock = t, u, point, len(inverted), now
-        return Step(t, u, status, end, record, *energies, smallest, lowest, jump, findings, critical, now - clock)
+        return Step(t, full, status, end, record, *energies, smallest, lowest, jump, findings, critical, now - clock)

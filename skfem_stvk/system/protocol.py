@@ -112,6 +112,23 @@ class SystemLike(Protocol):
     def restore(self) -> None: ...
 
 
+@runtime_checkable
+class ReducedLike(Protocol):
+    """A body whose displacements are those of a few coordinates, which `solve_static` and `simulate` take beside a `SystemLike`.
+
+    `body` is the one with all its displacements; results are on its mesh. The problems are on the coordinates: `equilibrium(watch)`
+    is a `statics.equilibrium.StaticProblem`, `motion(mass, damping)` a `dynamics.motion.Motion`. `signature` are a few numbers by
+    which files know the basis again.
+    """
+
+    @property
+    def body(self) -> SystemLike: ...
+    @property
+    def signature(self) -> list[float]: ...
+    def equilibrium(self, watch: Any) -> Any: ...
+    def motion(self, mass: str | None, damping: Any) -> Any: ...
+
+
 def checked_system(system: Any) -> SystemLike:
     """Refuse what is no system."""
     if isinstance(system, type) or not isinstance(system, SystemLike):

@@ -27,8 +27,10 @@ class EnergyMomentum(Implicit):
     (Gonzalez 2000) in place of mean tensions, which does the same. A `VolumePenalty` acts with its force at the middle: momenta are
     kept, its energy to O(T^2).
 
-    The tangent of the force is not symmetric; half of `2 J'LJ` at the middle and of the tensions at the beginning takes its place,
-    which is.
+    On a `ReducedSystem` the mean of the force over the step takes the place of mean tensions, at the two points of Gauss: for a
+    cubic force that is exact, so that the energy is kept to round-off. Momenta are not, and the tangent is symmetric.
+
+    Otherwise it is not; half of `2 J'LJ` at the middle and of the tensions at the beginning takes its place, which is symmetric.
 
     Parameters
     ----------
@@ -38,6 +40,7 @@ class EnergyMomentum(Implicit):
 
     order: ClassVar[int] = 2
     conserves: ClassVar[frozenset[str]] = frozenset({LINEAR_MOMENTUM, ANGULAR_MOMENTUM, ENERGY})
+    conserves_reduced: ClassVar[frozenset[str] | None] = frozenset({ENERGY})
     reversible: ClassVar[bool] = True
     mean: ClassVar[bool] = True
     secant: ClassVar[bool] = True

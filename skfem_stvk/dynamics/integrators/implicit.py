@@ -36,6 +36,7 @@ class Implicit(Integrator):
     """
 
     explicit: ClassVar[bool] = False
+    conserves_reduced: ClassVar[frozenset[str] | None] = frozenset()
 
     dt: float
     tangent: str = "exact"
@@ -92,10 +93,15 @@ class ImplicitStepper:
 
     def __init__(self, motion: Motion, integrator: Implicit) -> None:
         self.motion, self.integrator, self.watch = motion, integrator, Stopwatch("write")
-        solver, tangent = integrator.linear_solver(motion), StepTangent(integrator.tangent)
-        self.problem = StepProblem(motion, solver, tangent, self.watch, integrator.mean, integrator.secant)
+        own: StepProblem | None = motion.step_problem(integrator, self.watch)
+        self.problem = self._on_mesh() if own is None else own
         self.energy, self.counts = 0.0, Counts()
-        self.room = np.zeros(motion.system.ndofs)
+        self.room = np.zeros(motion.n)
+
+    def _on_mesh(self) -> StepProblem:
+        motion, integrator = self.motion, self.integrator
+        solver, tangent = integrator.linear_solver(motion), StepTangent(integrator.tangent)
+        return StepProblem(motion, solver, tangent, self.watch, integrator.mean, integrator.secant)
 
     @property
     def remark(self) -> str:
@@ -104,7 +110,7 @@ class ImplicitStepper:
 
     def start(self, state: MotionState) -> None:
         """Evaluate the strain energy, and the acceleration if the integrator needs it."""
-        self.energy = self.motion.system.energy(state.u)
+        self.energy = self.motion.energy(state.u)
         if self.integrator.needs_acceleration and not state.a.any():
             state.a[:] = self.motion.accelerations(state.u, state.v, state.t)
 
@@ -152,4 +158,4 @@ class ImplicitStepper:
 
     def strain_energy(self, state: MotionState) -> float:
         """The strain energy of a state to which a step has led [J]."""
-        return self.motion.system.energy(state.u)
+        return self.motion.energy(state.u)

@@ -56,12 +56,15 @@ class Integrator(ABC):
         of the solves.
     reversible : whether a step with opposite velocities leads back.
     explicit : whether it needs forces only, at steps below a limit.
+    conserves_reduced : the same of a motion on the basis of a `ReducedSystem`, which is held and has no momenta to keep; None if it
+        does not take one.
     """
 
     order: ClassVar[int]
     conserves: ClassVar[frozenset[str]]
     reversible: ClassVar[bool]
     explicit: ClassVar[bool]
+    conserves_reduced: ClassVar[frozenset[str] | None] = None
 
     dt: float | None
 

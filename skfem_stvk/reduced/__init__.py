@@ -1,0 +1,1 @@
+"""Bodies on the few coordinates of a basis."""

@@ -1,0 +1,266 @@
+"""The equilibrium of a body whose displacements are those of a few coordinates, as a problem for the walk along a path."""
+
+from __future__ import annotations
+
+from typing import Any, ClassVar, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import csr_matrix
+
+from ..arguments import Array
+from ..errors import StateError
+from ..linear import Unknowns
+from ..linear.dense import DenseFactors
+from ..linear.solver import Solution
+from ..nonlinear.problem import Residual, Tangent, dot, norm
+from ..nonlinear.stopwatch import Stopwatch
+from ..results.monitors import named_elements
+from ..system.protocol import SystemLike
+from ..terms.load import Time
+
+#: Loads and reactions below this part of the largest on the path count as this part, as with all coordinates.
+NOTHING = 1e-6
+#: Part of the load factor, or of 1, over which loads and prescribed motions are differenced; exact for what grows linearly.
+DIFFERENCE = 1e-6
+#: A tangent is symmetric to this part of its largest entry.
+SYMMETRIC = 1e-12
+
+
+class OnBasis(Protocol):
+    """What a static solve and a motion ask of a body with displacements `u = columns z`, `z = (q, s)` (m,).
+
+    The first `size` of the coordinates z are free, the others are the amounts of what is prescribed.
+    """
+
+    @property
+    def body(self) -> SystemLike: ...
+    @property
+    def columns(self) -> Array:
+        """(ndofs, m) displacements for each of the coordinates."""
+
+    @property
+    def size(self) -> int: ...
+    @property
+    def quartic(self) -> bool:
+        """Whether the strain energy is a quartic along any line of states."""
+
+    @property
+    def signature(self) -> list[float]:
+        """A few numbers by which files know the basis again."""
+
+    def amounts(self, t: Time) -> Array:
+        """(l,) amounts of what is prescribed."""
+
+    def state(self, u: Array, t: Time) -> Array:
+        """(m,) coordinates of displacements (ndofs,), as near as the basis comes to them, those prescribed as at `t`."""
+
+    def response(self, z: Array) -> tuple[float, Array, Array]:
+        """Strain energy [J], its gradient (m,) and its second derivatives (m, m)."""
+
+    def energy_along_states(self, z: Array, v: Array) -> Array:
+        """(5,) coefficients of the strain energy along `z + s v`, where that is quartic."""
+
+    def loads(self, z: Array, t: Time) -> Array:
+        """(m,) loads on the coordinates, `columns' f_ext`."""
+
+    def load_stiffness_of(self, z: Array, t: Time) -> Array | None:
+        """(m, m) `-d loads/dz`, what all loads that follow the body add to the tangent; None if there are none."""
+
+
+class DenseSolver:
+    """What stands for the choice of a linear solver where matrices are full and small: Cholesky's factors."""
+
+    name, iterative, matrix_free = "dense", False, False
+
+
+class ReducedEquilibrium:
+    """`dW/dq = V' f_ext` over the coordinates of a basis: a `PathProblem` whose states are `z = (q, s)` (m,).
+
+    Nothing in an iteration depends on the mesh. Elements are looked at where a solve begins and where it ends: it is cut back where
+    some are inside out there, not where they would be on the way.
+    """
+
+    iterative: ClassVar[bool] = False
+    solver: ClassVar[DenseSolver] = DenseSolver()
+
+    def __init__(self, reduced: OnBasis, watch: Stopwatch) -> None:
+        self.reduced, self.system, self._watch = reduced, reduced.body, watch
+        self.largest, self.symmetric = 0.0, True
+        self._free = slice(reduced.size)
+        self._K = np.zeros((reduced.columns.shape[1],) * 2)
+        self._negative: int | None = None
+        self._looked: tuple[Array, NDArray[np.int64]] | None = None
+        self._known: tuple[Array, tuple[float, Array, Array]] | None = None
+        lengths = np.sqrt(np.einsum("ij,ij->j", reduced.columns, reduced.columns))
+        held = lengths[reduced.size :]
+        #: Forces on free coordinates over those on prescribed ones that the same forces on nodes make: their units differ.
+        self._alike = float(lengths[self._free].mean() / held.mean()) if len(held) else 0.0
+
+    @property
+    def n(self) -> int:
+        return self.reduced.size
+
+    @property
+    def quartic(self) -> bool:
+        return self.reduced.quartic and self.system.dead
+
+    @property
+    def dead(self) -> bool:
+        return self.system.dead
+
+    def dot(self, x: Array, y: Array) -> float:
+        return dot(x, y)
+
+    def norm(self, x: Array) -> float:
+        return norm(x)
+
+    def direction(self, x: Array) -> Array:
+        v = np.zeros(len(self._K))
+        v[self._free] = x
+        return v
+
+    def unknowns_of(self, v: Array) -> Array:
+        return v[self._free]
+
+    def slope(self, residual: Residual, v: Array) -> float:
+        return dot(residual.vector, v[self._free])
+
+    def displacements(self, u: Array) -> Array:
+        full: Array = self.reduced.columns @ u
+        return full
+
+    def state(self, u: Array, t: Time) -> Array:
+        return self.reduced.state(u, t)
+
+    def functional(self, normal: Array) -> Array:
+        projected: Array = normal @ self.reduced.columns
+        return projected
+
+    def residual(self, u: Array, t: Time) -> Residual:
+        with self._watch("assemble"):
+            _, force, _ = self._response(u)
+            loads = self.reduced.loads(u, t)
+            free = (force - loads)[self._free]
+            size, scale = norm(free), norm(loads[self._free]) + self._alike * norm((force - loads)[self.n :])
+            if not np.isfinite(size + scale):
+                raise StateError(f"The residual overflows at coordinates of up to {np.abs(u).max():.1e}.")
+            return Residual(free, size, max(scale, NOTHING * self.largest))
+
+    def round_off(self, u: Array, t: Time) -> float:
+        sums = np.abs(self._response(u)[2]) @ np.abs(u) + np.abs(self.reduced.loads(u, t))
+        return float(np.finfo(float).eps * np.sqrt(len(u))) * norm(sums[self._free])
+
+    def factorise(self, u: Array, t: Time, tangent: Tangent = Tangent.EXACT) -> DenseFactors:
+        """The tangent; where that is not positive definite, what stands in for it has its eigenvalues without their signs."""
+        with self._watch("assemble"):
+            self._K = self._jacobian(u, t)
+        with self._watch("factor"):
+            factors = DenseFactors(self._K[self._free, self._free], self.symmetric, tangent is not Tangent.EXACT)
+            if tangent is Tangent.EXACT:
+                self._negative = factors.negative_pivots
+            return factors
+
+    def solve(self, factors: DenseFactors, b: Array, rtol: float) -> Solution:
+        with self._watch("solve"):
+            return factors.solve(b, rtol)
+
+    def take_over(self, u: Array, t: Time) -> bool:
+        """Never: the solver is a direct one."""
+        return False
+
+    def negative_pivots(self) -> int | None:
+        return self._negative
+
+    def matrix(self, u: Array, t: Time) -> tuple[csr_matrix, Unknowns]:
+        n, K = self.n, self._jacobian(u, t)[self._free, self._free]
+        indices, indptr = np.tile(np.arange(n), n), n * np.arange(n + 1)  # all entries, also those that are zero
+        sparse = csr_matrix((K.ravel(), indices, indptr), shape=(n, n))
+        return sparse, Unknowns(np.arange(n), np.zeros(n, dtype=np.int64), sparse.indptr, sparse.indices)
+
+    def operator(self, u: Array, t: Time) -> csr_matrix:
+        return self.matrix(u, t)[0]
+
+    def stiffness_norm(self, u: Array, t: Time) -> float:
+        return float(np.abs(self._jacobian(u, t)[self._free, self._free]).sum(axis=1).max())
+
+    def energy_along(self, u: Array, v: Array, t: Time) -> Array:
+        with self._watch("assemble"):
+            c = self.reduced.energy_along_states(u, v)
+            c[1] -= dot(self.reduced.loads(u, t), v)
+            return c
+
+    def step_limit(self, u: Array, v: Array) -> float:
+        """Infinite: elements are not looked at on the way."""
+        return float("inf")
+
+    def on_this_side(self, u: Array, found: Array) -> bool:
+        """Always true, as with `step_limit`."""
+        return True
+
+    def inside_out(self, u: Array) -> NDArray[np.int64]:
+        """As in `Problem`; asked before and after a solve, and answered once for each state."""
+        if self._looked is None or not np.array_equal(self._looked[0], u):
+            with self._watch("assemble"):
+                self._looked = u.copy(), self.system.inside_out(self.displacements(u))
+        return self._looked[1]
+
+    def named(self, inside_out: NDArray[np.int64]) -> str:
+        return named_elements(self.system.mesh, inside_out)
+
+    def place(self, u: Array, t: float) -> Array:
+        u[self.n :] = self.reduced.amounts(t)
+        return u
+
+    def rate(self, u: Array, t: float) -> tuple[Array, Array]:
+        dt = DIFFERENCE * max(abs(t), 1.0) * (1 if t < 0.5 else -1)  # functions of t may end at 0 and 1
+        forces, moves = self.change(u, t, t + dt)
+        return forces / dt, moves / dt
+
+    def change(self, u: Array, t: float, later: float) -> tuple[Array, Array]:
+        moves = np.zeros_like(u)
+        moves[self.n :] = self.reduced.amounts(later) - self.reduced.amounts(t)
+        loads = self.reduced.loads(u, later) - self.reduced.loads(u, t)
+        return loads[self._free] - self.force_of(moves), moves
+
+    def force_of(self, w: Array) -> Array:
+        force: Array = self._K[self._free] @ w
+        return force
+
+    def accept(self, u: Array, t: Time) -> None:
+        residual = self.residual(u, t)
+        self.largest = max(self.largest, residual.scale, residual.size)
+
+    def commit(self, u: Array) -> None:
+        """Do nothing: bodies with a memory have no reduced ones."""
+
+    def restore(self) -> None:
+        """Do nothing, as in `commit`."""
+
+    def energies(self, u: Array, t: Time) -> tuple[float, float]:
+        full = self.displacements(u)
+        loads = self.system.potential(full, t) - self.system.energy(full) if self.system.conservative else float("nan")
+        energy = self._response(u)[0]
+        return energy, energy + loads
+
+    def elastic_along(self, u: Array, v: Array) -> Array | None:
+        return self.reduced.energy_along_states(u, v) if self.reduced.quartic else None
+
+    def smallest_volume_ratio(self, u: Array) -> float:
+        return self.system.smallest_volume_ratio(self.displacements(u))
+
+    def _response(self, z: Array) -> tuple[float, Array, Array]:
+        """Strain energy, forces and stiffness at `z`, which a residual and its tangent share."""
+        if self._known is None or not np.array_equal(self._known[0], z):
+            energy, force, K = self.reduced.response(z)
+            self._known = z.copy(), (energy, force.copy(), K.copy())
+        return self._known[1]
+
+    def _jacobian(self, u: Array, t: Time) -> Any:
+        K, follows = self._response(u)[2], self.reduced.load_stiffness_of(u, t)
+        if follows is not None:
+            K = K + follows
+        if not self.system.conservative:
+            free = K[self._free, self._free]
+            self.symmetric = bool(np.abs(free - free.T).max() <= SYMMETRIC * np.abs(free).max())
+        return K

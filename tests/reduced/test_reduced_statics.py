@@ -1,0 +1,128 @@
+"""`solve_static` on the coordinates of a basis: with all modes it is the full solve, and no part of a solve asks the mesh."""
+
+import numpy as np
+import pytest
+from on_bases import OnModes, bar, column
+
+from skfem_stvk import Gravity, Pressure, Stop, StvkError, Traction, solve_static
+
+
+def tip(x):
+    return x[0] > 1.99
+
+
+GENTLE = (Traction(tip, (0.0, -4.0, 2.5)), Gravity((0.0, -0.3, 0.1)))
+BODIES = {
+    "dead loads": lambda: bar(loads=GENTLE),
+    "prescribed": lambda: bar(prescribed={tip: {"x": -0.1, "y": lambda x, t: 0.5 * t * (1 + x[2])}}),
+    "pressure": lambda: bar(Pressure(lambda x: x[1] < 1e-6, 4.0), loads=GENTLE),
+    "functions of t": lambda: bar(loads=(Traction(tip, lambda t: (0.0, -4.0 * t**2, 9.0 * t)),)),
+}
+
+
+def largest(x):
+    return float(np.abs(x).max())
+
+
+@pytest.mark.parametrize("name", BODIES)
+def test_with_all_modes_the_reduced_solve_is_the_full_one(name):
+    body = BODIES[name]()
+    full = solve_static(body, steps=3, quiet=True)
+    reduced = solve_static(OnModes(body), steps=3, quiet=True)
+    assert largest(full.u) > 0.05 and largest(reduced.u - full.u) < 1e-8 * largest(full.u)
+    assert [step.t for step in reduced.history] == [step.t for step in full.history]
+    assert abs(reduced.history.iterations - full.history.iterations) < len(full.history) + 1 and reduced.solver == "dense"
+    for one, other in zip(reduced.history, full.history, strict=True):
+        assert largest(one.u - other.u) < 1e-8 * largest(full.u)
+        assert one.strain_energy == pytest.approx(other.strain_energy, rel=1e-8)
+        assert one.potential == pytest.approx(other.potential, rel=1e-8, nan_ok=True)
+        assert one.smallest_volume_ratio == pytest.approx(other.smallest_volume_ratio, rel=1e-6)
+    np.testing.assert_allclose(reduced.reaction().resultant, full.reaction().resultant, rtol=1e-8, atol=1e-8)
+
+
+def test_arc_length_reaches_the_same_displacement_at_the_same_load():
+    body = BODIES["dead loads"]()
+    stop = Stop(displacement=(tip, "y", -0.15))
+    full, reduced = (solve_static(one, method="arc-length", stop=stop, quiet=True) for one in (body, OnModes(body)))
+    assert reduced.t == pytest.approx(full.t, rel=1e-8) and largest(reduced.u - full.u) < 1e-8 * largest(full.u)
+
+
+def test_the_error_falls_as_modes_are_added():
+    body = bar(loads=(Traction(tip, (0.0, -0.3, 0.2)),))
+    full = solve_static(body, steps=2, quiet=True)
+    errors = [largest(solve_static(OnModes(body, n), steps=2, quiet=True).u - full.u) / largest(full.u) for n in (2, 12, 40, 70)]
+    assert errors[0] > 3 * errors[1] and errors[-1] < 0.2 * errors[1] and errors[-1] < 2e-3
+
+
+def test_a_bar_that_buckles_says_so_and_shows_the_mode():
+    """A full-rank basis sees the same bifurcation, with the same mode on the mesh."""
+    body, stop = column(60.0), Stop(load=1.0)
+    found = [solve_static(one, steps=4, method="arc-length", stop=stop, quiet=True) for one in (body, OnModes(body))]
+    full, reduced = (one.critical_points[0] for one in found)
+    assert full.kind == reduced.kind == "bifurcation" and reduced.resolved
+    assert reduced.t == pytest.approx(full.t, rel=1e-6) and found[0].status is found[1].status
+    assert largest(reduced.mode - full.mode) < 1e-5 and largest(reduced.u - full.u) < 1e-6
+
+
+@pytest.mark.filterwarnings("ignore::skfem_stvk.errors.StvkWarning")
+def test_a_body_that_gives_way_stops_where_the_full_one_does():
+    body = bar(loads=(Traction(tip, (-400.0, 0.0, 0.0)),))
+    found = [solve_static(one, steps=8, quiet=True, raise_on_failure=False) for one in (body, OnModes(body))]
+    assert [one.status.value for one in found] == ["stopped before the end"] * 2
+    assert found[1].t == pytest.approx(found[0].t, rel=0.02)
+    assert "inside out" in found[1].message and not len(body.inside_out(found[1].u))
+
+
+def test_iterations_do_not_ask_the_body(monkeypatch):
+    """What is asked of the mesh is asked a few times for each state that is found, however many iterations that takes."""
+    reduced = OnModes(bar(loads=GENTLE), 9)
+    asked, names = [], ("energy", "internal_force", "energy_and_force", "inside_out", "step_limit", "smallest_volume_ratio")
+    body, coefficients = reduced.body, {}
+    for name in (*names, "tangent", "external_force"):
+        method = getattr(body, name)
+        monkeypatch.setattr(
+            body, name, lambda *given, name=name, method=method, **more: (asked.append(name), method(*given, **more))[1]
+        )
+    inner = OnModes(bar(loads=GENTLE), 9)
+    reduced.response = inner.response  # stands for precomputed coefficients
+    reduced.loads = lambda z, t: coefficients.setdefault("loads", inner.loads(z, 1.0)) * t
+    result = solve_static(reduced, steps=2, quiet=True)
+    assert result.history.iterations > 7
+    assert "tangent" not in asked and asked.count("step_limit") == 0
+    assert len(asked) < 10 * (len(result.history) + 1)
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [({"solver": "superlu"}, "leave it out"), ({"checkpoint": "kept"}, "are not resumed")],
+    ids=["solver", "checkpoint"],
+)
+def test_what_a_reduced_system_does_not_take_is_refused(options, said, tmp_path):
+    options = {name: tmp_path / value if name == "checkpoint" else value for name, value in options.items()}
+    with pytest.raises(StvkError, match=said):
+        solve_static(OnModes(bar(loads=GENTLE), 3), quiet=True, **options)
+
+
+def test_states_are_saved_on_the_mesh(tmp_path):
+    body = BODIES["dead loads"]()
+    result = solve_static(OnModes(body, 8), steps=2, quiet=True, save=tmp_path / "path.pvd", fields=["von_mises_stress"])
+    assert len(list(tmp_path.glob("*.vtu"))) == len(result.history)
+    assert result.state["von_mises_stress"].shape == (body.mesh.nt,)
+
+
+@pytest.mark.filterwarnings("ignore::skfem_stvk.errors.StvkWarning")
+@pytest.mark.parametrize("fault", ["a lift that is forgotten", "the sign of the loads", "a tangent of another state"])
+def test_faults_are_caught(fault):
+    body = BODIES["prescribed"]()
+    full = solve_static(body, steps=3, quiet=True)
+    reduced = OnModes(body)
+    if fault == "a lift that is forgotten":
+        reduced.columns[:, -1] = 0
+    elif fault == "the sign of the loads":
+        loads = reduced.loads
+        reduced.loads = lambda z, t: -loads(z, t)
+    else:
+        response = reduced.response
+        reduced.response = lambda z: (*response(z)[:2], response(0 * z)[2])
+    result = solve_static(reduced, steps=3, quiet=True, raise_on_failure=False)
+    assert largest(result.u - full.u) > 1e-3 * largest(full.u) or result.history.iterations > 2 * full.history.iterations
