@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
@@ -82,8 +82,8 @@ def picture_of(state: State, field: str | ArrayLike, scale: float, label: str | 
     Values by element are averaged to the nodes within each material, so that stress still jumps from one to the next.
     """
     scale, label = checked_scale(scale), checked_label(label)
-    values, named, unit = corner_values(checked_state(state), field)
-    picture = Sight(state.fields.mesh, state.fields.gone).picture(state.u, values, named if label is None else label, scale)
+    _, named, unit = corner_values(checked_state(state), field)
+    picture = Sights(state).picture(state, field, named if label is None else label, scale)
     return picture.in_unit(*prefixed(picture.largest, unit)) if label is None else picture
 
 
@@ -165,6 +165,45 @@ class Sight:
         moved = self._rest + self._lattice.points(shift[self._nodes])
         seen = self._lattice.values(seen)
         return Picture(self._d, self._rest, moved, self._cells, seen, self._lines, label, scale)
+
+
+class Sights:
+    """The visible parts of a body and of the elements beside it, as they are in a state."""
+
+    def __init__(self, state: State) -> None:
+        self._every = [Sight(one.fields.mesh, one.fields.gone) for one in (state, *state.beside)]
+
+    def picture(self, state: State, field: str | ArrayLike, label: str, scale: float) -> Picture:
+        """The picture of a state with the same elements, coloured by a field."""
+        values = [corner_values(state, field)[0]]
+        for one in state.beside:
+            mesh = one.fields.mesh
+            known = isinstance(field, str) or np.shape(field) == (mesh.nv,) != (state.fields.mesh.nt,)
+            values.append(corner_values(one, field)[0] if known else masked(np.zeros(mesh.t.shape), np.ones(mesh.nt, bool)))
+        return joined([sight.picture(state.u, own, label, scale) for sight, own in zip(self._every, values, strict=True)])
+
+
+def joined(pictures: Sequence[Picture]) -> Picture:
+    """One picture of several, drawn as the first: of others with triangles those faces that it lacks; segments beside as lines."""
+    first, *others = pictures
+    for other in others:
+        begin = len(first.rest)
+        rest, moved = np.concatenate([first.rest, other.rest]), np.concatenate([first.moved, other.moved])
+        first = replace(first, rest=rest, moved=moved, lines=np.concatenate([first.lines, begin + other.lines], axis=1))
+        if len(other.cells) == len(first.cells):
+            new = ~_among(other.rest[other.cells], first.rest[first.cells])
+            cells = np.concatenate([first.cells, begin + other.cells[:, new]], axis=1)
+            first = replace(first, cells=cells, values=np.ma.concatenate([first.values, other.values[:, new]], axis=1))
+    return first
+
+
+def _among(some: Array, every: Array) -> NDArray[np.bool_]:
+    """Which cells (m, n, 3) have their middles where one of the others has."""
+    middles = np.concatenate([some, every], axis=1).mean(axis=0)
+    keys = np.round(middles / (np.abs(middles).max(initial=0.0) or 1.0), 9)
+    _, place = np.unique(keys, axis=0, return_inverse=True)
+    place = place.reshape(-1)
+    return np.isin(place[: some.shape[1]], place[some.shape[1] :])
 
 
 class Lattice:

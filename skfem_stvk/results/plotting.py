@@ -23,7 +23,7 @@ from ..mesh.facets import Cells
 from ..mesh.groups import from_cells
 from .fields import State, checked_state, masked
 from .files import output_path, replacing
-from .picture import Film, Picture, Sight, checked_label, checked_scale, corner_values, picture_of
+from .picture import Film, Picture, Sight, Sights, checked_label, checked_scale, corner_values, joined, picture_of
 from .series import read_list
 from .table import FIELDS, VECTORS
 from .vtu import read_vtu
@@ -144,15 +144,14 @@ def _of_states(states: States, field: str, scale: float, label: str | None) -> F
     if not states:
         raise StvkError(f"The series has no states; expected {expected}.")
     pairs = [(arguments.number("series: a time", t), checked_state(state)) for t, state in states]
-    sights: dict[int, Sight] = {}
+    sights: dict[int, Sights] = {}
     _, named, unit = corner_values(pairs[0][1], field)
 
     def picture(number: int) -> Picture:
         state = pairs[number][1]
-        gone = state.fields.gone
-        if (removals := int(gone.sum())) not in sights:
-            sights[removals] = Sight(state.fields.mesh, gone)
-        return sights[removals].picture(state.u, corner_values(state, field)[0], label or named, scale)
+        if (removals := int(state.fields.gone.sum())) not in sights:
+            sights[removals] = Sights(state)
+        return sights[removals].picture(state, field, label or named, scale)
 
     return Film([t for t, _ in pairs], picture, "" if label else unit)
 
@@ -168,13 +167,14 @@ def _of_files(series: str | os.PathLike[str], field: str, scale: float, label: s
     files = [file for _, file in listed]
     first, seen = read_vtu(files[0]), {}
 
-    def look(mesh: meshio.Mesh, file: Path) -> tuple[NDArray[Any], Sight]:
+    def look(mesh: meshio.Mesh, file: Path) -> list[tuple[NDArray[Any], Sight]]:
         """Nodes of the elements that there are in a file, and what is seen of them: others, once elements were taken out."""
         try:
-            t, element = from_cells(mesh.cells[0].type, mesh.cells[0].data)
-            if t.shape not in seen:
-                seen[t.shape] = t, Sight(Cells(np.ascontiguousarray(mesh.points.T), t, element))
-            return seen[t.shape]
+            every = [from_cells(block.type, block.data) for block in mesh.cells]
+            shape = every[0][0].shape
+            if shape not in seen:
+                seen[shape] = [(t, Sight(Cells(np.ascontiguousarray(mesh.points.T), t, element))) for t, element in every]
+            return seen[shape]
         except (KeyError, IndexError) as error:
             raise StvkError(f"{file} has no cells that are drawn here ({error}): is it where the .pvd file says?") from error
 
@@ -183,11 +183,15 @@ def _of_files(series: str | os.PathLike[str], field: str, scale: float, label: s
 
     def picture(number: int) -> Picture:
         read = read_vtu(files[number])
-        t, sight = look(read, files[number])
         data = read.point_data
         values = np.linalg.norm(data[name], axis=1) if name in VECTORS else data[name]
         missing = data.get(f"{name}_missing", np.zeros(len(values))).astype(bool)
-        return sight.picture(data["displacement"], masked(values, missing)[t], label or named, scale)
+        return joined(
+            [
+                sight.picture(data["displacement"], masked(values, missing)[t], label or named, scale)
+                for t, sight in look(read, files[number])
+            ]
+        )
 
     return Film([t for t, _ in listed], picture, "" if label else unit)
 
