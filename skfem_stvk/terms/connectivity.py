@@ -13,6 +13,7 @@ from ..elements import ELEMENTS, Element, named
 from ..errors import MeshError, name_ids, name_known
 from ..mesh import ElementMesh, MeshLike
 from ..mesh.places import checked_facets
+from .protocols import is_load
 
 
 class Connected(NamedTuple):
@@ -51,7 +52,7 @@ def connected(given: MeshLike, terms: Sequence[Any]) -> Connected:
     >>> found.mesh, found.beside, found.of
     (ElementMesh: 1 triangles in 3D, 4 vertices, (ElementMesh: 1 segments in 3D, 4 vertices,), (0, 1))
     """
-    points, bringing = _points(given), [term for term in terms if getattr(term, "simplices", None) is not None]
+    points, bringing = _points(given), [term for term in terms if _brings_elements(term)]
     mesh = ElementMesh.of(given) if points is None else None
     if mesh is not None and not bringing:
         return Connected(mesh, (), tuple(terms), (0,) * len(terms), mesh)
@@ -63,7 +64,7 @@ def connected(given: MeshLike, terms: Sequence[Any]) -> Connected:
     blocks: dict[str, list[NDArray[np.int32]]] = {}
     regions: dict[int, tuple[str, slice]] = {}
     for number, term in enumerate(terms):
-        if getattr(term, "simplices", None) is not None:
+        if _brings_elements(term):
             t, element = simplices_of(term.simplices, p, degree, mesh, f"{type(term).__name__} {number}: simplices")
             if mesh is not None and element.k >= mesh.k:
                 raise MeshError(
@@ -115,17 +116,17 @@ def simplices_of(
     return np.ascontiguousarray(t, dtype=np.int32), kinds[len(t)]
 
 
+def _brings_elements(term: Any) -> bool:
+    """Whether a term acts within elements of its own; a load's are only where it acts."""
+    return getattr(term, "simplices", None) is not None and not is_load(term)
+
+
 def _points(given: Any) -> NDArray[np.float64] | None:
     """Bare points (d, n); None for what is a mesh, or is to be refused as one."""
-    if hasattr(given, "t") or hasattr(given, "cells") or (isinstance(given, tuple | list) and _has_two_shapes(given)):
+    if hasattr(given, "t") or hasattr(given, "cells"):
         return None
     points = real_array(given)
     return points if points is not None and points.ndim == 2 and len(points) in (1, 2, 3) else None
-
-
-def _has_two_shapes(given: Any) -> bool:
-    """Whether these are arrays (p, t)."""
-    return len(given) == 2 and all(np.ndim(one) == 2 for one in given if isinstance(one, np.ndarray | list | tuple))
 
 
 def _refuse_without_simplices(terms: Sequence[Any], bringing: Sequence[Any]) -> None:

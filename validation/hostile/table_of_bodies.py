@@ -148,6 +148,15 @@ def calls() -> list[Call]:
             thickness=2.0,
         ),
         call(
+            "StVK with simplices",
+            lambda **given: System(mesh(), [StVK(**given), StVK(young=1.0, poisson=0.125)]),
+            {"simplices": OPTIONAL, "young": one, "poisson": NOT_NEGATIVE | OPTIONAL},
+            {"simplices": r"\bsimplices\b|on no element|the same vert|element"},
+            young=2.0,
+            poisson=0.25,
+            simplices=[[0, 1], [1, 2]],
+        ),
+        call(
             "Corotated",
             lambda **given: System(mesh(), [Corotated(**given), StVK(young=1.0, poisson=0.125)]),
             {"young": one, "poisson": NOT_NEGATIVE, "density": one | OPTIONAL, "region": OPTIONAL},
