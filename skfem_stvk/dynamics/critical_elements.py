@@ -34,7 +34,8 @@ class CriticalElements:
     elements : (n,) ids, the smallest step first.
     steps : (n,) their steps [s].
     every : (nt,) the step of each element; infinite of those without stiffness, and that are held all round.
-    left_out : terms that are not of elements of the mesh, such as "ElasticFoundation 1" or cables beside it, which make the step of the body shorter still.
+    left_out : terms that are not of elements of the mesh, such as "ElasticFoundation 1" or cables beside it, which make the step of
+        the body shorter still.
     """
 
     elements: NDArray[np.int64]
