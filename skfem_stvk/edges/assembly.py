@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from functools import cached_property
 from typing import Any
 
@@ -15,18 +15,23 @@ from ..errors import StateError, StvkError, name_ids
 from ..kernels import blocks as block_kernels
 from ..kernels import discrete_gradient as gradient_kernels
 from ..kernels import elements as element_kernels
+from ..kernels import reduced as reduced_kernels
 from ..kernels import stretches as stretch_kernels
 from ..kernels import volumes as volume_kernels
 from ..kernels.lanes import LANES, MeanPoints, Points
+from ..kernels.laws import numbers_in
 from ..kernels.principal import WarpedLaw
 from ..kernels.rows import PairSlots, RowSlots
 from ..kernels.threads import in_turn, run
 from .elements import OwnElements, Quadrature, frames_at, nbytes, simplex_quadrature
 from .form import EdgeForm
 from .pairs import ALL, BlockPattern, Linearized, PairBlocks, PairTerm, Tensions
-from .stiffness import GeneralStiffness, Stiffness, StoredLaw, check_range, flat_of
+from .stiffness import Frames, GeneralStiffness, Stiffness, StoredLaw, check_range, flat_of
 from .streaming import ElementRows
 from .topology import OwnOrder, Shares, in_lanes, out_of_lanes, own_order, pairs_of
+
+#: Places of the strains of elements of so many dimensions in the order 11, 22, 33, 12, 13, 23.
+PLACES = {1: (0,), 2: (0, 1, 3), 3: (0, 1, 2, 3, 4, 5)}
 
 
 class ElementTerm(PairTerm):
@@ -440,6 +445,42 @@ class Assembly(LawAssembly):
         arrays = elements.t.ravel(), self.points, self.law, elements.X, elements.u, V
         return np.asarray(np.sum(run(element_kernels.along, elements.forces.parts, *arrays), axis=0))
 
+    def strain_products(self, fields: Array, most: int) -> Iterator[Array]:
+        """As in `HasStrainProducts`; rows of zeros for elements that were taken out."""
+        elements, X = self.elements, np.zeros((len(fields), 3))
+        X[elements.own.vertices] = elements.X.reshape(-1, 3)
+        k, nt = elements.k, len(elements.elements)
+        fields = np.concatenate([X[:, : elements.d, None], fields], axis=2)  # with x_0 = 1 the place where a node is
+        n, s = fields.shape[2], k * (k + 1) // 2
+        pairs, at_once = n * (n + 1) // 2, max(1, most // s)
+        work, out = np.empty((s, pairs)), np.empty((min(at_once, nt) * s, pairs))
+        nodes = elements.own.vertices[out_of_lanes(elements.t, nt)]
+        tables = [None] if self.points is None else self.points.B
+        for q, B in enumerate(tables if not isinstance(self.points, MeanPoints) else [self.points.B]):
+            for first in range(0, nt, at_once):
+                ids = np.arange(first, min(first + at_once, nt))
+                own = nodes[: elements.element.n, ids]
+                spokes = (fields[own[1:]] - fields[own[:1]]).transpose(1, 0, 2, 3)  # (n, nodes - 1, d, R + 1)
+                Ri, L = self._factors(ids, q)
+                if B is not None:
+                    of = B[None, : spokes.shape[1], :k] if B.ndim == 2 else _of_elements(B, ids)[:, : spokes.shape[1], :k]
+                    spokes = np.einsum("nai,nadr->nidr", np.broadcast_to(of, (len(ids), *of.shape[1:])), spokes)
+                G = np.matmul(np.swapaxes(Ri, 1, 2), spokes[:, :k].reshape(len(ids), k, -1)).reshape(spokes.shape)
+                rows = out[: len(ids) * s]
+                reduced_kernels.strain_rows(np.ascontiguousarray(G), L, work, rows)
+                yield rows
+
+    def _factors(self, ids: NDArray[np.int64], q: int) -> tuple[Array, Array]:
+        """`Ri` (n, k, k) at a point of elements in their own order, and `L` (n, s, s) with `W = 1/2 |L M|^2` there."""
+        m, k, (block, lane) = numbers_in(self.law), self.elements.k, np.divmod(ids, LANES)
+        at, weight = block * m * LANES, 1.0
+        if self.points is not None:
+            sets = np.diff(self.points.starts)[block] // (m * LANES)
+            at, weight = self.points.starts[block] + np.minimum(q, sets - 1) * m * LANES, float(self.points.weights[q])
+        numbers = self._D[(at + lane)[:, None] + LANES * np.arange(m)].astype(np.float64)
+        kept = np.array(PLACES[k])
+        return Frames.upper(numbers[:, :6].T)[:, :k, :k], square_roots(weight * _forms(numbers[:, 6:])[:, kept[:, None], kept])
+
     @in_turn
     def mean_force(self, u0: Array, u1: Array, weights: tuple[float, float], theta: float, force: Array) -> float:
         """Add to `force` (nv, d) [N] what mean tensions of two states `u0`, `u1` (nv, d) pull along the edges as they are in
@@ -526,3 +567,30 @@ def refuse_inside_out(ratios: NDArray[np.float64], ids: NDArray[Any], barrier: s
     raise StateError(
         f"{name_ids(ids[ratios <= max(least, 0.0)], 'element')} inside out or flat (J down to {least:.2g}), where {barrier}"
     )
+
+
+def _forms(numbers: Array) -> Array:
+    """(n, 6, 6) `C` with `W = 1/2 M' C M` for strains in the order of the kernels, from the numbers of a law of StVK (n, m)."""
+    twice = np.array([1.0, 1, 1, 2, 2, 2])
+    if numbers.shape[1] == 2:
+        trace = np.outer(*[np.array([1.0, 1, 1, 0, 0, 0])] * 2)
+        return np.asarray((numbers[:, :1, None] * trace + numbers[:, 1:, None] * np.diag(twice)) / 2)
+    rows, columns = np.triu_indices(6)
+    C = np.zeros((len(numbers), 6, 6))
+    C[:, rows, columns] = C[:, columns, rows] = numbers
+    return np.asarray(C * twice[:, None] * twice / 2)
+
+
+def square_roots(C: Array) -> Array:
+    """(n, s, s) L with `L' L = C`, symmetric and positive semi-definite but for rounding."""
+    try:
+        return np.ascontiguousarray(np.swapaxes(np.linalg.cholesky(C), 1, 2))
+    except np.linalg.LinAlgError:  # no stiffness in some direction
+        values, vectors = np.linalg.eigh(C)
+        return np.ascontiguousarray(np.sqrt(np.maximum(values, 0.0))[:, :, None] * np.swapaxes(vectors, 1, 2))
+
+
+def _of_elements(B: Array, ids: NDArray[np.int64]) -> Array:
+    """(n, m, 3) of elements from a table (blocks, m, 3, LANES)."""
+    block, lane = np.divmod(ids, LANES)
+    return np.asarray(B[block, :, :, lane])

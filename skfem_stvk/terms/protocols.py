@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from typing import Any, ClassVar, NamedTuple, Protocol, TypeGuard, runtime_checkable
 
 import numpy as np
@@ -134,6 +134,18 @@ class Quartic(Protocol):
 
     def along(self, u: Array, v: Array) -> NDArray[np.float64]:
         """(5,) coefficients of the energy along `u + s v`: `c0 + c1 s + c2 s^2 + c3 s^3 + c4 s^4` [J]."""
+
+
+@runtime_checkable
+class HasStrainProducts(Protocol):
+    """A term with an energy `1/2 sum y^2` over strains `y` that are quadratic in displacements, but for what of it is quadratic in
+    displacements alone, which K at rest says."""
+
+    def strain_products(self, fields: Array, most: int) -> Iterator[Array]:
+        """(m, n (n + 1)/2) rows `y = sum over a <= b of y_ab x_a x_b` for displacements `sum_a x_a fields_a`, `x_0 = 1`.
+
+        `fields` (nv, d, n - 1); pairs stand at `b (b + 1)/2 + a`. About `most` rows at once, each time in the same array.
+        """
 
 
 @runtime_checkable

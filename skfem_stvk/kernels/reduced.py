@@ -1,0 +1,120 @@
+"""Reduced St. Venant-Kirchhoff bodies: the coefficients of their energy, and the energy with all its derivatives.
+
+With `x = (1, z)`, `z` (R,) the amounts of fields of displacements and n = R + 1, each strain is a sum of products `x_a x_b`, and the
+energy is one homogeneous quartic, whose cubic and quadratic parts are the terms with one and two factors `x_0 = 1`:
+
+    W = sum over a <= b <= c <= d of T_abcd x_a x_b x_c x_d        n (n + 1) (n + 2) (n + 3)/24 numbers, 46 376 at R = 30
+
+Pairs `a <= b` stand at `b (b + 1)/2 + a`. The numbers of T stand in rows for `d`, then for `c <= d`: all pairs with `b <= c`, which
+are the first `(c + 1) (c + 2)/2`. So each row is multiplied by one number at a time, over its whole length.
+
+Source: Barbic, James, "Real-time subspace integration for St. Venant-Kirchhoff deformable models" (2005).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from .compiled import Reals, kernel
+
+I = np.uint64
+
+
+@kernel
+def strain_rows(G: Reals, L: Reals, work: Reals, out: Reals) -> None:
+    """Write strains of elements as sums of products `x_a x_b` to `out` (n s, pairs): `s = k (k + 1)/2` rows for each of n elements.
+
+        M_ij = q_i . q_j - Q_i . Q_j,  q_j = sum_a G_jca x_a,  G_jc0 = Q_j at rest        in the order 11, 22, 33, 12, 13, 23
+        y = L M
+
+    `G` (n, k, d, R + 1), `L` (n, s, s); `work` (s, pairs) is written to.
+    """
+    n, k, d, m = G.shape
+    s, pairs = work.shape
+    for e in range(n):
+        for row in range(s):
+            i = row if row < k else (0 if row < k + k - 1 else 1)
+            j = row if row < k else (row - k + 1 if row < k + k - 1 else 2)
+            for b in range(m):
+                first = b * (b + 1) // 2
+                for a in range(b + 1):
+                    work[I(row), I(first + a)] = 0.0
+                for c in range(d):
+                    x, y = G[I(e), I(i), I(c), I(b)], G[I(e), I(j), I(c), I(b)]
+                    for a in range(b + 1):
+                        work[I(row), I(first + a)] += G[I(e), I(i), I(c), I(a)] * y + G[I(e), I(j), I(c), I(a)] * x
+                work[I(row), I(first + b)] *= 0.5
+            work[I(row), I(0)] = 0.0
+        for row in range(s):
+            to = e * s + row
+            for p in range(pairs):
+                out[I(to), I(p)] = L[I(e), I(row), I(0)] * work[I(0), I(p)]
+            for other in range(1, s):
+                factor = L[I(e), I(row), I(other)]
+                if factor != 0.0:
+                    for p in range(pairs):
+                        out[I(to), I(p)] += factor * work[I(other), I(p)]
+
+
+@kernel
+def distinct_coefficients(C: Reals, T: Reals) -> None:
+    """Write the coefficients T of `1/2 sum over pairs of C_PQ x_P x_Q`, `C` (pairs, pairs) symmetric with its lower half in use.
+
+    A product `x_a x_b x_c x_d` is one of pairs in three ways, of which some are the same where indices are.
+    """
+    n, at = 0, 0
+    while n * (n + 1) // 2 < C.shape[0]:
+        n += 1
+    for d in range(n):
+        for c in range(d + 1):
+            for b in range(c + 1):
+                for a in range(b + 1):
+                    total = C[d * (d + 1) // 2 + c, b * (b + 1) // 2 + a] * (0.5 if a == d else 1.0)
+                    if b != c:
+                        total += C[d * (d + 1) // 2 + b, c * (c + 1) // 2 + a] * (0.5 if a == b and c == d else 1.0)
+                    if a != b and c != d:
+                        total += C[d * (d + 1) // 2 + a, c * (c + 1) // 2 + b]
+                    T[at] = total
+                    at += 1
+
+
+@kernel
+def hessian(T: Reals, x: Reals, p: Reals, Y: Reals, P: Reals, H: Reals) -> None:
+    """Write `H_ab = d2W/dx_a dx_b` (n, n) of the homogeneous quartic at `x` (n,); then `dW/dx = 1/3 H x` and `W = 1/12 x' H x`.
+
+    `p` and `P` (pairs,) and `Y` (n, pairs) are written to.
+    """
+    n, pairs, at = len(x), len(p), 0
+    for b in range(n):
+        for a in range(b + 1):
+            p[I(b * (b + 1) // 2 + a)] = x[I(a)] * x[I(b)]
+    for c in range(n):
+        for i in range((c + 1) * (c + 2) // 2):
+            Y[I(c), I(i)] = 0.0
+    for i in range(pairs):
+        P[I(i)] = 0.0
+    for d in range(n):
+        for c in range(d + 1):
+            size, xc, xd, total = (c + 1) * (c + 2) // 2, x[I(c)], x[I(d)], 0.0
+            for i in range(size):
+                t = T[I(at + i)]
+                total += t * p[I(i)]
+                Y[I(c), I(i)] += xd * t
+                Y[I(d), I(i)] += xc * t
+            P[I(d * (d + 1) // 2 + c)] += total
+            at += size
+    for e in range(n):
+        half, own = 0.5 * x[I(e)], e * (e + 1) // 2
+        for i in range((e + 1) * (e + 2) // 2):
+            P[I(i)] += half * Y[I(e), I(i)]
+        for b in range(e + 1):
+            first, total = b * (b + 1) // 2, 0.0
+            for a in range(b + 1):
+                y = Y[I(e), I(first + a)]
+                total += x[I(a)] * y
+                P[I(own + a)] += x[I(b)] * y
+            P[I(own + b)] += total
+    for b in range(n):
+        for a in range(b):
+            H[I(a), I(b)] = H[I(b), I(a)] = P[I(b * (b + 1) // 2 + a)]
+        H[I(b), I(b)] = 2.0 * P[I(b * (b + 1) // 2 + b)]

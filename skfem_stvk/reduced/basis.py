@@ -1,0 +1,309 @@
+"""Fields of displacements that span a reduced body: modes, modal derivatives, snapshots, and the lifts of prescribed motion."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ..arguments import Array, array
+from ..dynamics.shift_invert import ShiftedProblem, lowest_vectors
+from ..errors import StvkError, SupportError
+from ..linear import Factors, Kind, LinearSolver, choose
+from ..linear.choose import direct
+from ..nonlinear.newton import usable
+from ..system.free_tangent import FreeTangent
+from ..system.mass import KINDS, Mass
+from ..system.protocol import SystemLike
+from ..terms import Body
+from ..terms.body import HasMass, HasSection
+from ..terms.load import Moment, Time
+
+#: Fields of which less is left beside the others are rounding.
+INDEPENDENT = 1e-10
+#: What prescribed displacements may be off the span of their lifts, as a part of the largest.
+EXACT = 1e-10
+#: At which times functions are looked at, by default; and how many independent fields they may have.
+TIMES, MOST_LIFTS = tuple(np.linspace(0.0, 1.0, 33).tolist()), 12
+#: Up to so many unknowns a direct solver is taken: it factorises once and solves hundreds of times.
+MANY = 200_000
+#: The largest displacement of fields whose second derivative of F is taken: of a quartic energy as a part of the body's size; of
+#: others, where it is not exact, as a part of the least distance of two nodes of an element.
+LARGE, SMALL = 0.3, 1e-3
+
+
+class _UnitDensity:
+    """The elements of a term, with density 1."""
+
+    def __init__(self, term: HasSection) -> None:
+        self.region, self.section, self.confined_modulus = term.region, term.section, term.confined_modulus
+
+    def mass(self, mesh: Any, sizes: Array) -> Array:
+        return np.asarray(sizes * self.section(mesh, len(sizes)))
+
+
+def metric(body: SystemLike) -> Mass:
+    """The lumped mass of a body, by which fields are orthogonal; of a body without any density that of density 1."""
+    materials = [term for term in body.elastic_terms if isinstance(term, HasMass)]
+    if any(getattr(getattr(term, "material", None), "density", 1.0) is not None for term in materials):
+        return body.mass()
+    dense = Body(body.mesh, [_UnitDensity(term) for term in materials if isinstance(term, HasSection)], getattr(body, "rule", None))
+    gone, bare = np.zeros(body.mesh.nt, dtype=bool), np.zeros(body.mesh.nv, dtype=bool)
+    gone[body.removed], bare[body.bare] = True, True
+    dense.remove(gone, bare)
+    return KINDS["lumped"](body, dense, body.supports.held)  # type: ignore[arg-type]
+
+
+class AtRest:
+    """K at rest over the free degrees of freedom, factorised once."""
+
+    def __init__(self, body: SystemLike) -> None:
+        self._body, n = body, body.ndofs - len(body.supports.held)
+        self.solver: LinearSolver = direct(n) if n <= MANY else choose("auto", n, Kind.SYMMETRIC)
+        self._tangent = FreeTangent(body, self.solver, Kind.SYMMETRIC, lambda: np.zeros(body.ndofs))
+        K = self._tangent.restricted(self._tangent.matrix(np.zeros(body.ndofs), None))
+        self._factors: Factors = self._tangent.factorise(K)
+
+    def solve(self, force: Array) -> Array:
+        """Displacements (ndofs,) under a force (ndofs,), 0 where the body is held."""
+        u, free = np.zeros(self._body.ndofs), self._tangent.free.free
+        solution = self._factors.solve(force[free], 1e-12)
+        if not usable(solution):
+            raise SupportError(
+                f"The linear solver '{self.solver.name}' failed with K at rest: {solution.outcome.value}. Expected a body that is held "
+                "so that nothing moves without strain; is a part of it held too little?"
+            )
+        u[free] = solution.x
+        return u
+
+    def follow(self, w: Array) -> Array:
+        """Displacements (ndofs,) where those that are held are `w`, and nothing else acts."""
+        force = np.zeros(self._body.ndofs)
+        force[self._tangent.free.free] = -self._tangent.force_of(w)
+        return self.solve(force) + w
+
+
+class Lifts:
+    """Prescribed displacements as `fields @ s(t)`, with the response of the body at rest to each: `fields` (ndofs, l).
+
+    `held` (n, l) are their displacements at the degrees of freedom that are held, with orthogonal columns.
+    """
+
+    def __init__(self, body: SystemLike, fields: Array) -> None:
+        self._body, self.fields = body, fields
+        self.held = fields[body.supports.held]
+        self._squares = (self.held**2).sum(axis=0)
+        self._last: tuple[Time, Array] | None = None
+
+    @classmethod
+    def of(cls, body: SystemLike, rest: AtRest, times: Sequence[float] | None) -> Lifts:
+        """Lifts of all that is held at any of the times, and of what is given by constants at any factor."""
+        supports, moments = body.supports, TIMES if times is None else times
+        seen = np.array([supports.values(Moment(t, factor)) for t in moments for factor in (0.0, 1.0)]).T
+        if not seen.any():
+            return cls(body, np.zeros((body.ndofs, 0)))
+        left, sizes, _ = np.linalg.svd(seen, full_matrices=False)
+        left = left[:, sizes > EXACT / 10 * sizes[0]]
+        if left.shape[1] > MOST_LIFTS:
+            raise SupportError(
+                f"Prescribed displacements have {left.shape[1]} independent fields at {len(moments)} times; expected at most "
+                f"{MOST_LIFTS}, one lift for each. Prescribe rigid motions or a few fields times functions of t; or name with times= "
+                "those at which the motion is needed."
+            )
+        fields = np.zeros((body.ndofs, left.shape[1]))
+        for i, column in enumerate(left.T):
+            w = np.zeros(body.ndofs)
+            w[supports.held] = column / np.abs(column).max()
+            fields[:, i] = rest.follow(w)
+        return cls(body, fields)
+
+    def amounts(self, t: Time) -> Array:
+        """`s(t)` (l,) [m]; SupportError if what is held at `t` is off the span of the lifts."""
+        if self._last is not None and self._last[0] == t and type(self._last[0]) is type(t):
+            return self._last[1]
+        values = self._body.supports.values(t)
+        s = self.amounts_of(values)
+        off = np.abs(values - self.held @ s).max(initial=0.0)
+        if off > EXACT * np.abs(values).max(initial=0.0):
+            raise SupportError(
+                f"Prescribed displacements at t = {Moment.checked(t).time:g} are off the span of the lifts by {off:.3g}; expected a "
+                "motion that was seen when the reduced body was made. Make it with times= that include this one."
+            )
+        self._last = t, s
+        return s
+
+    def amounts_of(self, held: Array) -> Array:
+        """(l,) least squares of displacements (n,) or (n, m) at what is held."""
+        return np.asarray(((self.held.T @ held).T / self._squares).T)
+
+
+class Candidates(NamedTuple):
+    """Fields that a basis is made of, each of unit mass times its weight.
+
+    Attributes
+    ----------
+    fields : (ndofs, n).
+    words : how many there are, for messages.
+    """
+
+    fields: Array
+    words: str
+
+
+def vibration_modes(body: SystemLike, mass: Mass, n: int) -> tuple[Array, Array]:
+    """Eigenvalues (n,) and vectors (ndofs, n) of unit mass of the lowest modes at rest."""
+    free = body.ndofs - len(body.supports.held)
+    if not 1 <= n <= free:
+        raise StvkError(f"modes = {n}; expected a number from 1 to {free}, that of the free degrees of freedom.")
+    solver = direct(free) if free <= MANY else choose("auto", free, Kind.SYMMETRIC)
+    problem = ShiftedProblem(body, solver, mass, Kind.SYMMETRIC, np.zeros(body.ndofs), Moment(0.0, 0.0))
+    found = lowest_vectors(problem, n)
+    vectors = np.zeros((body.ndofs, found.shape[1]))
+    vectors[problem.free.free] = found
+    vectors = orthonormal(mass, vectors)
+    K = np.array([problem.stiffness() @ vector for vector in vectors.T])
+    small = vectors.T @ K.T
+    values, c = np.linalg.eigh((small + small.T) / 2)
+    return values[:n], vectors @ c[:, :n]
+
+
+def second_derivatives(body: SystemLike, fields: Array) -> Callable[[int, int], Array]:
+    """`d2F/du2` at rest along two of the `fields` (ndofs, n): `(i, j) -> (ndofs,)`, exact where the energy is a quartic.
+
+    F is a cubic then, so that `F(v) + F(-v)` is its second derivative along v, twice; no step is small.
+    """
+    mesh = body.mesh
+    if body.quartic:
+        reach = LARGE * float(np.linalg.norm(np.ptp(mesh.p, axis=1)))
+    else:
+        a, b = np.concatenate([term.nodes_paired for term in body.bound_terms], axis=1)
+        lengths = np.linalg.norm(mesh.p[:, a] - mesh.p[:, b], axis=0)
+        reach = SMALL * float(lengths.min(initial=np.inf, where=lengths > 0))
+    sizes = reach / np.abs(fields).max(axis=0)
+    known: dict[int, Array] = {}
+
+    def twice(v: Array) -> Array:
+        return np.asarray(body.internal_force(v) + body.internal_force(-v))
+
+    def along(i: int, j: int) -> Array:
+        for one in (i, j):
+            if one not in known:
+                known[one] = twice(sizes[one] * fields[:, one])
+        if i == j:
+            return known[i] / sizes[i] ** 2
+        both = twice(sizes[i] * fields[:, i] + sizes[j] * fields[:, j])
+        return np.asarray((both - known[i] - known[j]) / (2 * sizes[i] * sizes[j]))
+
+    return along
+
+
+def candidates_of(
+    body: SystemLike,
+    mass: Mass,
+    rest: AtRest,
+    modes: int,
+    derivatives: bool,
+    snapshots: Array | None,
+    tick: Callable[[str], None] = lambda done: None,
+) -> Candidates:
+    """Modes, modal derivatives and snapshots (ndofs, m), which are 0 where the body is held.
+
+        K(0) phi_ij = -(dK/du . phi_j) phi_i        weights: l_1/l_i of a mode, l_1^2/(l_i l_j) of a derivative
+
+    with `l` the eigenvalues `omega^2`. Source: Barbic, James (2005). Here fields have unit mass before they are weighted, so that
+    units make no difference.
+    """
+    count = modes + (modes * (modes + 1) // 2 if derivatives else 0)
+    m = 0 if snapshots is None else snapshots.shape[1]
+    fields, words, at = np.zeros((body.ndofs, count + m), order="F"), [], modes
+    if modes:
+        tick("modes")
+        values, vectors = vibration_modes(body, mass, modes)
+        fields[:, :modes] = vectors * (values[0] / values)
+        words.append(f"{modes} modes")
+    if derivatives and modes:
+        along = second_derivatives(body, vectors)
+        for i in range(modes):
+            tick(f"derivatives of mode {i + 1} of {modes}")
+            for j in range(i + 1):
+                field = rest.solve(-along(i, j))
+                size = _size(mass, field)
+                if size > 0:
+                    fields[:, at] = field * (values[0] ** 2 / (values[i] * values[j]) / size)
+                at += 1
+        words.append(f"{modes * (modes + 1) // 2} modal derivatives")
+    if snapshots is not None:
+        largest = max([_size(mass, one) for one in snapshots.T])
+        fields[:, count:] = snapshots / (largest if largest > 0 else 1.0)
+        words.append(f"{m} snapshots")
+    return Candidates(fields, " and ".join(words))
+
+
+def checked_snapshots(body: SystemLike, lifts: Lifts, given: ArrayLike | None) -> Array | None:
+    """Snapshots (ndofs, m) less their lifts, 0 where the body is held; refused if they move what is held otherwise."""
+    if given is None:
+        return None
+    n, held = body.ndofs, body.supports.held
+    snapshots = array("snapshots", given, (n, None), f"({n}, m) displacements, a column for each state, such as the u of results")
+    s = lifts.amounts_of(snapshots[held])
+    own = np.asfortranarray(snapshots - lifts.fields @ s)
+    off = np.flatnonzero(np.abs(own[held]).max(axis=0, initial=0.0) > 1e-8 * np.abs(snapshots).max(axis=0, initial=0.0))
+    if len(off):
+        raise StvkError(
+            f"snapshots move what is held in {len(off)} of {snapshots.shape[1]} columns (first {off[0]}); expected displacements of "
+            "this body, as it is held, in which what is held moves as prescribed. Are they of other supports?"
+        )
+    own[held] = 0
+    return own
+
+
+def reduced_to(mass: Mass, candidates: Candidates, size: int) -> Array:
+    """(ndofs, size) fields, orthonormal by mass, that hold most of the candidates: the first principal components.
+
+    StvkError if there are not so many independent ones.
+    """
+    fields, there = candidates.fields, candidates.fields.shape[1]
+    if size > there:
+        raise StvkError(
+            f"size = {size}; expected at most {there}: there are {candidates.words}. Ask for more modes, or for a smaller size."
+        )
+    if not np.isfinite(fields).all():
+        raise StvkError("The basis is not finite: is the body held, and are its elements sound?")
+    root = np.sqrt(np.repeat(mass.vertex, fields.shape[0] // len(mass.vertex)))
+    fields *= root[:, None]
+    _, sizes, directions = np.linalg.svd(np.linalg.qr(fields, mode="r"))
+    independent = int(np.count_nonzero(sizes > INDEPENDENT * sizes[0])) if sizes[0] > 0 else 0
+    if size > independent:
+        raise StvkError(
+            f"size = {size}; expected at most {independent}: of {candidates.words} only so many are independent. Ask for more modes, "
+            "or for a smaller size."
+        )
+    kept = fields @ (directions[:size].T / sizes[:size])
+    weighted = np.linalg.qr(kept)[0]
+    weighted *= np.sign(np.einsum("ij,ij->j", weighted, kept))
+    inverse = np.divide(1.0, root, out=np.zeros_like(root), where=root > 0)
+    basis = orthonormal(mass, weighted * inverse[:, None])
+    off = departure(mass, basis)
+    if not off < 1e-12:
+        raise StvkError(f"The basis is orthonormal to {off:.1g} only; expected 1e-12. Are there nodes without mass?")
+    return basis
+
+
+def departure(mass: Mass, basis: Array) -> float:
+    """The largest entry of `V' M V - I`."""
+    product = basis.T @ np.array([mass.multiply(v) for v in basis.T]).T
+    return float(np.abs(product - np.eye(basis.shape[1])).max(initial=0.0))
+
+
+def orthonormal(mass: Mass, fields: Array) -> Array:
+    """Fields (ndofs, n) that span the same, orthonormal by mass to rounding: Cholesky's factors, twice."""
+    for _ in range(2):
+        product = fields.T @ np.array([mass.multiply(v) for v in fields.T]).T
+        fields = np.linalg.solve(np.linalg.cholesky((product + product.T) / 2), fields.T).T
+    return np.ascontiguousarray(fields)
+
+
+def _size(mass: Mass, field: Array) -> float:
+    return float(np.sqrt(max(field @ mass.multiply(field), 0.0)))

@@ -1,0 +1,149 @@
+"""The energy of a reduced body as one quartic: its coefficients, precomputed in blocks of elements, and W, F and K from them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from math import factorial
+
+import numpy as np
+from scipy.linalg.blas import dsyrk
+
+from ..arguments import Array
+from ..edges import ALL
+from ..edges.pairs import with_blocks
+from ..kernels import reduced as reduced_kernels
+from ..mesh.displacements import by_vertex
+from ..system import Pattern, TangentOperator
+from ..system.operator import refuse_overflow
+from ..system.protocol import SystemLike
+from ..terms import BoundTerm, HasStrainProducts
+
+#: Bytes of the rows of strains that are made at once.
+BLOCK = 32_000_000
+
+
+def coefficients(n: int) -> int:
+    """How many numbers a homogeneous quartic of n variables has."""
+    return n * (n + 1) * (n + 2) * (n + 3) // 24
+
+
+def bytes_needed(size: int) -> int:
+    """Bytes that the quartic of a body with so many unknowns, lifts included, needs while it is made: `r^4/24 + r^4/4` numbers of 8
+    bytes, and a block of strains with what it is made of."""
+    pairs = (size + 1) * (size + 2) // 2
+    return 8 * (coefficients(size + 1) + pairs**2) + 2 * BLOCK
+
+
+class ReducedQuartic:
+    """`W = sum T_abcd x_a x_b x_c x_d` of `x = (1, z)`: a quartic of the amounts `z` (n - 1,), by its distinct coefficients T.
+
+    See `kernels.reduced` for their order. All of one state comes from one pass over T.
+    """
+
+    def __init__(self, n: int, T: Array) -> None:
+        pairs = n * (n + 1) // 2
+        self.n, self.T = n, T
+        self._work = np.empty(pairs), np.empty((n, pairs)), np.empty(pairs)
+
+    def hessian(self, x: Array) -> Array:
+        """(n, n) second derivatives of the homogeneous quartic at `x` (n,)."""
+        H = np.empty((self.n, self.n))
+        reduced_kernels.hessian(self.T, x, *self._work, H)
+        return H
+
+    def along(self, x: Array, y: Array) -> Array:
+        """(5,) coefficients `c` of the energy at `x + s y`, both (n,)."""
+        H, G = self.hessian(x), self.hessian(y)
+        return np.array([x @ H @ x / 12, y @ H @ x / 3, y @ H @ y / 2, x @ G @ y / 3, y @ G @ y / 12])
+
+
+def quartic_of(
+    body: SystemLike, terms: Sequence[BoundTerm], fields: Array, tick: Callable[[str], None] = lambda done: None
+) -> ReducedQuartic:
+    """The energy of bound terms that are `Quartic` for displacements `fields @ z`, `fields` (ndofs, R)."""
+    n, pairs = fields.shape[1] + 1, (fields.shape[1] + 1) * (fields.shape[1] + 2) // 2
+    nodal = np.ascontiguousarray(fields).reshape(body.mesh.nv, body.mesh.d, -1)
+    C, T = np.zeros((pairs, pairs), order="F"), np.empty(coefficients(n))
+    for term in terms:
+        if isinstance(term, HasStrainProducts):
+            for rows in term.strain_products(nodal, BLOCK // (8 * pairs)):
+                C = dsyrk(1.0, rows.T, beta=1.0, c=C, lower=1, overwrite_c=1)
+                tick(f"{len(rows)}")
+    reduced_kernels.distinct_coefficients(C, T)
+    del C
+    for term in terms:
+        if not isinstance(term, HasStrainProducts) and not getattr(term, "constant_tangent", False):
+            tick(type(term).__name__)
+            _add_by_tangents(T, term, fields, body)
+    if terms:
+        pair_terms = [with_blocks(term, body.mesh.nv, body.mesh.d, body.dtype) for term in terms]
+        operator = TangentOperator(pair_terms, lambda u: by_vertex(body.mesh, u), np.zeros(body.ndofs), body.dtype)
+        K = fields.T @ np.array([operator @ field for field in np.ascontiguousarray(fields.T)]).T
+        _set_quadratic(T, n, (K + K.T) / 2)
+    return ReducedQuartic(n, T)
+
+
+def _row(d: int, c: int) -> int:
+    """Where the row of T for `d`, `c <= d` begins."""
+    return d * (d + 1) * (d + 2) * (d + 3) // 24 + c * (c + 1) * (c + 2) // 6
+
+
+def _set_quadratic(T: Array, n: int, K: Array) -> None:
+    """Let the quadratic part be `1/2 z' K z`."""
+    for d in range(1, n):
+        for c in range(1, d + 1):
+            T[_row(d, c)] = K[c - 1, d - 1] / (2 if c == d else 1)
+
+
+def _add_by_tangents(T: Array, term: BoundTerm, fields: Array, body: SystemLike) -> None:
+    """Add the cubic and quartic coefficients of a term of which only W, F and K are known.
+
+    K is quadratic in z, so that its differences along fields and pairs of fields are its parts, exactly: no step is small.
+    """
+    part, R = MeshPart(body, [term], fields), fields.shape[1]
+    h = np.linalg.norm(np.ptp(body.mesh.p, axis=1)) / (2 * np.abs(fields).max(axis=0))
+    unit = np.diag(h)
+    rest, before = part.linearize(np.zeros(body.ndofs))[2], []
+    for d in range(R):
+        plus, minus = (part.linearize(fields @ (sign * unit[d]))[2] for sign in (1, -1))
+        before.append(plus)
+        first = (plus - minus) / (2 * h[d])
+        for c in range(d + 1):
+            if c == d:
+                second = (plus + minus - 2 * rest) / h[d] ** 2
+            else:
+                second = (part.linearize(fields @ (unit[c] + unit[d]))[2] - plus - before[c] + rest) / (h[c] * h[d])
+            at = _row(d + 1, c + 1)
+            for b in range(c + 1):
+                begin = at + (b + 1) * (b + 2) // 2
+                T[begin] += first[b, c] / _orders(b, c, d)
+                for a in range(b + 1):
+                    T[begin + 1 + a] += second[a, b] / _orders(a, b, c, d)
+
+
+def _orders(*indices: int) -> int:
+    """The product of the factorials of how often each index stands there."""
+    return int(np.prod([factorial(indices.count(index)) for index in set(indices)]))
+
+
+class MeshPart:
+    """What some terms of a body have in W, F and K of the reduced one, by those of the mesh; its cost is that of the mesh."""
+
+    def __init__(self, body: SystemLike, terms: Sequence[BoundTerm], fields: Array) -> None:
+        mesh = body.mesh
+        self._mesh, self._fields = mesh, fields
+        self._terms = [with_blocks(term, mesh.nv, mesh.d, body.dtype) for term in terms]
+        self._pattern = Pattern(mesh.nv, mesh.d, [term.nodes_paired for term in terms])
+        self._rows = [term.rows(self._pattern) for term in self._terms]
+        self._K = self._pattern.matrix(np.zeros(self._pattern.nnz))
+
+    def linearize(self, u: Array) -> tuple[float, Array, Array]:
+        """W, F and K over the fields at displacements `u` (ndofs,)."""
+        x, energy = by_vertex(self._mesh, u), 0.0
+        force, data = np.zeros(x.shape), self._K.data
+        data[:] = 0
+        for term, rows in zip(self._terms, self._rows, strict=True):
+            filled = term.fill(x, rows, data, True, force, ALL)
+            refuse_overflow(filled.total, "K", x)
+            energy += filled.energy
+        return energy, self._fields.T @ force.ravel(), self._fields.T @ (self._K @ self._fields)

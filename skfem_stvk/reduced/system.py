@@ -1,0 +1,279 @@
+"""A body with few unknowns: the amounts of some fields of displacements."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..arguments import Array, array, flag, number, whole
+from ..errors import StvkError
+from ..kernels.threads import Turn
+from ..mesh.displacements import finite_vector
+from ..nonlinear.progress import Progress
+from ..system.operator import refuse_overflow
+from ..system.protocol import SystemLike, checked_system
+from ..terms import Quartic
+from ..terms.load import Moment, Time
+from ..terms.protocols import tell
+from .basis import AtRest, Lifts, candidates_of, checked_snapshots, metric, reduced_to
+from .quartic import MeshPart, ReducedQuartic, bytes_needed, quartic_of
+
+#: Bytes that a reduced body may need while it is made, by default.
+MOST_MEMORY = 1e9
+
+
+class ReducedSystem:
+    """A St. Venant-Kirchhoff body in the span of a few fields of displacements, as fast on any mesh.
+
+        u = V q + Phi s(t)        W(q, s) one quartic        F = dW/dq (r,)        K = d2W/dq2 (r, r)
+
+    `V` (ndofs, r) is made of natural modes, their modal derivatives and snapshots, and orthonormal by mass; `Phi` (ndofs, l) are
+    lifts, the response of the body at rest to each independent field of prescribed displacements, and `s(t)` their amounts.
+    `solve_static`, `simulate` and `verify` take it as any system.
+
+    Parameters
+    ----------
+    body : a `System` that is held so that nothing moves without strain.
+    size : r, the number of unknowns.
+    modes : how many of the lowest natural modes the basis is made of; 0 for snapshots alone.
+    derivatives : whether all `modes (modes + 1)/2` modal derivatives are, too: without them nothing can turn far.
+    snapshots : (ndofs, n) displacements of the body, such as states of a path, that the basis has to represent as well.
+    times : at which prescribed displacements that are functions are looked at; by default 33 between 0 and 1.
+    most_memory : bytes that may be needed while it is made.
+    quiet : print nothing.
+
+    Attributes
+    ----------
+    body, size : as given.
+    basis, lifts : V and Phi.
+
+    Source: Barbic, James, "Real-time subspace integration for St. Venant-Kirchhoff deformable models" (2005).
+
+    Raises
+    ------
+    SupportError
+        if the body can move without strain, or prescribed displacements have too many independent fields.
+    StvkError
+        if there are not `size` independent fields, a term has no energy, or it would need more than `most_memory`.
+
+    >>> import skfem
+    >>> from skfem_stvk import StVK, System
+    >>> mesh = skfem.MeshTet.init_tensor(np.linspace(0, 4, 9), np.linspace(0, 1, 3), np.linspace(0, 1, 3))
+    >>> body = System(mesh, StVK(young=1e6, poisson=0.3, density=1e3), fixed=[(lambda x: x[0] == 0, "xyz")])
+    >>> reduced = ReducedSystem(body, size=8, modes=4, quiet=True)
+    >>> q = 3 * np.cos(np.arange(8))
+    >>> u = reduced.displacements(q)
+    >>> bool(abs(reduced.energy(q) / body.energy(u) - 1) < 1e-12)
+    True
+    >>> bool(np.allclose(reduced.internal_force(q), reduced.basis.T @ body.internal_force(u)))
+    True
+    """
+
+    def __init__(
+        self,
+        body: SystemLike,
+        size: int = 30,
+        modes: int = 20,
+        derivatives: bool = True,
+        *,
+        snapshots: ArrayLike | None = None,
+        times: ArrayLike | None = None,
+        most_memory: float = MOST_MEMORY,
+        quiet: bool = False,
+    ) -> None:
+        self.body = checked_system(body)
+        size, modes = whole("size", size, "a number of unknowns", 1), whole("modes", modes, "a number of modes, or 0")
+        derivatives, quiet = flag("derivatives", derivatives), flag("quiet", quiet)
+        most = number("most_memory", most_memory, "a number of bytes", 0)
+        moments = None if times is None else array("times", times, (None,), "a list of times").tolist()
+        if not modes and snapshots is None:
+            raise StvkError("modes = 0 without snapshots; expected at least one of them, for there is nothing to make a basis of.")
+        _refuse_without_energy(body)
+        body.check_held()
+        _refuse_memory(size, most)
+        mass = metric(body)
+        with Progress("reduced", quiet, ()) as progress:
+            rest = AtRest(body)
+            lifts = Lifts.of(body, rest, moments)
+            own = checked_snapshots(body, lifts, snapshots)
+            made = candidates_of(body, mass, rest, modes, derivatives, own)
+            basis = reduced_to(mass, made, size)
+            fields = np.concatenate([basis, lifts.fields], axis=1)
+            terms = [term for term in body.bound_terms if isinstance(term, Quartic)]
+            progress.print(f"reduced: {size} unknowns of {made.words}")
+            self._take(body, basis, lifts, quartic_of(body, terms, fields))
+
+    def _take(self, body: SystemLike, basis: Array, lifts: Lifts, quartic: ReducedQuartic) -> None:
+        self.body, self.basis, self.size = body, basis, basis.shape[1]
+        self._lifts, self.lifts = lifts, lifts.fields
+        self._quartic, self._mass = quartic, metric(body)
+        self._fields = np.concatenate([basis, lifts.fields], axis=1)
+        others = [term for term in body.bound_terms if not isinstance(term, Quartic)]
+        self._others = MeshPart(body, others, self._fields) if others else None
+        self._steady = [load for load in body.bound_loads if load.dead and load.steady]
+        self._changing = [load for load in body.bound_loads if not (load.dead and load.steady)]
+        self._steady_forces: dict[str, Array] = {}
+        self._turn = Turn()
+        self._at: tuple[Array, Array, float, Array] | None = None
+        self._removals = body.removals
+        basis.flags.writeable = self.lifts.flags.writeable = self._fields.flags.writeable = False
+
+    def amounts(self, t: Time = 1.0) -> Array:
+        """`s(t)` (l,) [m] of the lifts. SupportError if what is held at `t` is off their span."""
+        return self._lifts.amounts(t)
+
+    def energy(self, q: ArrayLike, t: Time = 1.0) -> float:
+        """Strain energy `W` [J] at the unknowns `q` (r,).
+
+        StateError if `q` does not have one finite entry for each unknown, or is so large that the result overflows.
+        """
+        return self._evaluated(q, t)[0]
+
+    def internal_force(self, q: ArrayLike, t: Time = 1.0) -> Array:
+        """`F = dW/dq` (r,), which is `V' F(u)` of the body. Errors as in `energy`."""
+        return self._evaluated(q, t)[1][: self.size]
+
+    def tangent(self, q: ArrayLike, t: Time = 1.0) -> Array:
+        """`K = d2W/dq2` (r, r), which is `V' K(u) V` of the body. Errors as in `energy`."""
+        return self._evaluated(q, t)[2][: self.size, : self.size]
+
+    def linearize(self, q: ArrayLike, t: Time = 1.0) -> tuple[float, Array, Array]:
+        """W, F and K, for the price of one of them. Errors as in `energy`."""
+        W, F, K = self._evaluated(q, t)
+        return W, F[: self.size], K[: self.size, : self.size]
+
+    def lift_force(self, q: ArrayLike, t: Time = 1.0) -> Array:
+        """`dW/ds` (l,) [N]: what it takes to hold the lifts where they are. Errors as in `energy`."""
+        return self._evaluated(q, t)[1][self.size :]
+
+    @property
+    def quartic(self) -> bool:
+        """Whether the energy is a quartic altogether, which costs nothing of the mesh."""
+        return self._others is None
+
+    def energy_along(self, q: ArrayLike, v: ArrayLike, t: Time = 1.0) -> NDArray[np.float64]:
+        """(5,) coefficients of the strain energy along `q + s v` [J], exactly. Errors as in `energy`, and StvkError if there is a
+        term whose energy is no quartic."""
+        if self._others is not None:
+            raise StvkError("The strain energy along a line is no quartic with such terms; ask for energy(q + s v) instead.")
+        x, y = self._state(q, t), np.zeros(self._quartic.n)
+        y[1 : self.size + 1] = finite_vector("v", v, self.size, "unknown")
+        with self._turn:
+            c = self._quartic.along(x, y)
+        refuse_overflow(c, "W along a line", x[1:])
+        return c
+
+    def displacements(self, q: ArrayLike, t: Time = 1.0) -> Array:
+        """`u = V q + Phi s(t)` (ndofs,) [m], with what is held exactly where it belongs."""
+        u = np.asarray(self._fields @ self._state(q, t)[1:])
+        u[self.body.supports.held] = self.body.supports.values(t)
+        return u
+
+    def coordinates(self, u: ArrayLike, t: Time = 1.0) -> Array:
+        """`q = V' M (u - Phi s(t))` (r,): the unknowns nearest to displacements `u` (ndofs,), by mass."""
+        x = finite_vector("u", u, self.body.ndofs)
+        return np.asarray(self.basis.T @ self._mass.multiply(x - self.lifts @ self.amounts(t)))
+
+    def external_force(self, q: ArrayLike, t: Time = 1.0) -> Array:
+        """`V' f_ext` (r,) of the loads; those that are dead and given by constants cost nothing of the mesh. Errors as in
+        `energy`."""
+        return self._external(q, t)[: self.size]
+
+    def load_stiffness(self, q: ArrayLike, t: Time = 1.0) -> Array | None:
+        """`-V' df_ext/du V` (r, r); None if all loads are dead. Errors as in `energy`."""
+        if all(load.dead for load in self._changing):
+            return None
+        u = self.displacements(q, t)
+        full = self.body.jacobian(u, t) - self.body.tangent(u)
+        return np.asarray(self.basis.T @ (full @ self.basis))
+
+    def residual(self, q: ArrayLike, t: Time = 1.0) -> Array:
+        """`F - V' f_ext` (r,). Errors as in `energy`."""
+        return self.internal_force(q, t) - self.external_force(q, t)
+
+    def jacobian(self, q: ArrayLike, t: Time = 1.0) -> Array:
+        """The derivative of the residual (r, r): K, and what loads that follow the body add. Errors as in `energy`."""
+        K, more = self.tangent(q, t), self.load_stiffness(q, t)
+        return K if more is None else K + more
+
+    def potential(self, q: ArrayLike, t: Time = 1.0) -> float:
+        """Strain energy and the potentials of the loads [J]; LoadError if one has none."""
+        if self.quartic and not self._changing:
+            z = self._state(q, t)[1:]
+            return self.energy(q, t) - float(self._dead_force(t) @ z)
+        u = self.displacements(q, t)
+        return self.energy(q, t) + self.body.potential(u, t) - self.body.energy(u)
+
+    def _dead_force(self, t: Time) -> Array:
+        """(r + l,) the projected force of what is dead and given by constants."""
+        moment = Moment.checked(t)
+        if moment.mass not in self._steady_forces:
+            force, x = np.zeros(self.body.mesh.p.T.shape), np.zeros(self.body.mesh.p.T.shape)
+            for load in self._steady:
+                load.add_force(x, moment._replace(factor=1.0), force)
+            self._steady_forces[moment.mass] = self._fields.T @ force.ravel()
+        return moment.factor * self._steady_forces[moment.mass]
+
+    def _external(self, q: ArrayLike, t: Time) -> Array:
+        force = self._dead_force(t)
+        if self._changing:
+            u = self.displacements(q, t).reshape(-1, self.body.mesh.d)
+            full, moment = np.zeros(u.shape), Moment.checked(t)
+            tell(self.body.bound_terms, moment)
+            for load in self._changing:
+                load.add_force(u, moment, full)
+            refuse_overflow(full, "The external force", u)
+            force = force + self._fields.T @ full.ravel()
+        return force
+
+    def _state(self, q: ArrayLike, t: Time) -> Array:
+        """`x = (1, q, s(t))`."""
+        if self.body.removals != self._removals:
+            raise StvkError("The body has lost elements since it was reduced; expected the same body. Reduce it anew.")
+        x = np.empty(self._quartic.n)
+        x[0] = 1.0
+        x[1 : self.size + 1] = finite_vector("q", q, self.size, "unknown")
+        x[self.size + 1 :] = self.amounts(t) if self.lifts.shape[1] else 0.0
+        return x
+
+    def _evaluated(self, q: ArrayLike, t: Time) -> tuple[float, Array, Array]:
+        """W, and its derivatives by q and s."""
+        x = self._state(q, t)
+        with self._turn:
+            if self._at is not None and self._others is None and np.array_equal(self._at[0], x):
+                _, H, W, F = self._at
+            else:
+                H = self._quartic.hessian(x)
+                F = H @ x / 3
+                W = float(F @ x) / 4
+                self._at = x, H, W, F
+        force, K = F[1:], H[1:, 1:]
+        if self._others is not None:
+            tell(self.body.bound_terms, Moment.checked(t))
+            more, f, k = self._others.linearize(self.displacements(q, t))
+            W, force, K = W + more, force + f, K + k
+        refuse_overflow(W, "W", x[1:])
+        refuse_overflow(force, "F", x[1:])
+        return W, force.copy(), K.copy()
+
+    def __repr__(self) -> str:
+        lifts = f", {self.lifts.shape[1]} lifts" if self.lifts.shape[1] else ""
+        cost = "" if self.quartic else "; a term is no quartic: each evaluation costs as much as on the mesh"
+        return f"ReducedSystem: {self.size} unknowns{lifts}, of {self.body!r}{cost}"
+
+
+def _refuse_without_energy(body: SystemLike) -> None:
+    """Refuse terms whose force is the gradient of no energy."""
+    names = [type(term).__name__ for term, bound in zip(body.elastic_terms, body.bound_terms, strict=True) if not bound.has_energy]
+    if names:
+        raise StvkError(f"{', '.join(names)}: its force is the gradient of no energy; expected terms that have one, such as StVK.")
+
+
+def _refuse_memory(size: int, most: float) -> None:
+    """Refuse more memory than is allowed."""
+    needed = bytes_needed(size)
+    if needed > most:
+        raise StvkError(
+            f"size = {size} needs about {needed / 1e6:,.0f} MB, {most / 1e6:,.0f} MB are allowed: there are r^4/24 coefficients, and six "
+            "times as many while they are made. Take fewer unknowns, or allow more: most_memory=."
+        )
