@@ -1,7 +1,7 @@
 """Reduced St. Venant-Kirchhoff bodies: the coefficients of their energy, and the energy with all its derivatives.
 
-With `x = (1, z)`, `z` (R,) the amounts of fields of displacements and n = R + 1, each strain is a sum of products `x_a x_b`, and the
-energy is one homogeneous quartic, whose cubic and quadratic parts are the terms with one and two factors `x_0 = 1`:
+With `x = (1, z)`, `z` (R,) the amounts of fields of displacements and n = R + 1, each strain is a sum of products `x_a x_b`, and
+the energy is one homogeneous quartic, whose cubic and quadratic parts are the terms with one and two factors `x_0 = 1`:
 
     W = sum over a <= b <= c <= d of T_abcd x_a x_b x_c x_d        n (n + 1) (n + 2) (n + 3)/24 numbers, 46 376 at R = 30
 

@@ -14,9 +14,9 @@ from ..errors import StvkError, SupportError
 from ..linear import Factors, Kind, LinearSolver, choose
 from ..linear.choose import direct
 from ..nonlinear.newton import usable
+from ..system import System
 from ..system.free_tangent import FreeTangent
 from ..system.mass import KINDS, Mass
-from ..system.protocol import SystemLike
 from ..terms import Body
 from ..terms.body import HasMass, HasSection
 from ..terms.load import Moment, Time
@@ -44,22 +44,26 @@ class _UnitDensity:
         return np.asarray(sizes * self.section(mesh, len(sizes)))
 
 
-def metric(body: SystemLike) -> Mass:
+def metric(system: System) -> Mass:
     """The lumped mass of a body, by which fields are orthogonal; of a body without any density that of density 1."""
-    materials = [term for term in body.elastic_terms if isinstance(term, HasMass)]
-    if any(getattr(getattr(term, "material", None), "density", 1.0) is not None for term in materials):
-        return body.mass()
-    dense = Body(body.mesh, [_UnitDensity(term) for term in materials if isinstance(term, HasSection)], getattr(body, "rule", None))
-    gone, bare = np.zeros(body.mesh.nt, dtype=bool), np.zeros(body.mesh.nv, dtype=bool)
-    gone[body.removed], bare[body.bare] = True, True
-    dense.remove(gone, bare)
-    return KINDS["lumped"](body, dense, body.supports.held)  # type: ignore[arg-type]
+    bodies = [system.body, *system.body.beside]
+    heavy = [term for body in bodies for term in body.terms if isinstance(term, HasMass)]
+    if any(getattr(getattr(term, "material", None), "density", 1.0) is not None for term in heavy):
+        return system.mass()
+    return KINDS["lumped"](system, _of_unit_density(system.body), system.supports.held)
+
+
+def _of_unit_density(body: Body) -> Body:
+    terms = [_UnitDensity(term) for term in body.terms if isinstance(term, HasSection)]
+    dense = Body(body.mesh, terms, body.quadrature, [_of_unit_density(one) for one in body.beside])
+    dense.remove(body.gone, body.bare)
+    return dense
 
 
 class AtRest:
     """K at rest over the free degrees of freedom, factorised once."""
 
-    def __init__(self, body: SystemLike) -> None:
+    def __init__(self, body: System) -> None:
         self._body, n = body, body.ndofs - len(body.supports.held)
         self.solver: LinearSolver = direct(n) if n <= MANY else choose("auto", n, Kind.SYMMETRIC)
         self._tangent = FreeTangent(body, self.solver, Kind.SYMMETRIC, lambda: np.zeros(body.ndofs))
@@ -72,8 +76,8 @@ class AtRest:
         solution = self._factors.solve(force[free], 1e-12)
         if not usable(solution):
             raise SupportError(
-                f"The linear solver '{self.solver.name}' failed with K at rest: {solution.outcome.value}. Expected a body that is held "
-                "so that nothing moves without strain; is a part of it held too little?"
+                f"The linear solver '{self.solver.name}' failed with K at rest: {solution.outcome.value}. Expected a body that is "
+                "held so that nothing moves without strain; is a part of it held too little?"
             )
         u[free] = solution.x
         return u
@@ -91,14 +95,14 @@ class Lifts:
     `held` (n, l) are their displacements at the degrees of freedom that are held, with orthogonal columns.
     """
 
-    def __init__(self, body: SystemLike, fields: Array) -> None:
+    def __init__(self, body: System, fields: Array) -> None:
         self._body, self.fields = body, fields
         self.held = fields[body.supports.held]
         self._squares = (self.held**2).sum(axis=0)
         self._last: tuple[Time, Array] | None = None
 
     @classmethod
-    def of(cls, body: SystemLike, rest: AtRest, times: Sequence[float] | None) -> Lifts:
+    def of(cls, body: System, rest: AtRest, times: Sequence[float] | None) -> Lifts:
         """Lifts of all that is held at any of the times, and of what is given by constants at any factor."""
         supports, moments = body.supports, TIMES if times is None else times
         seen = np.array([supports.values(Moment(t, factor)) for t in moments for factor in (0.0, 1.0)]).T
@@ -109,8 +113,8 @@ class Lifts:
         if left.shape[1] > MOST_LIFTS:
             raise SupportError(
                 f"Prescribed displacements have {left.shape[1]} independent fields at {len(moments)} times; expected at most "
-                f"{MOST_LIFTS}, one lift for each. Prescribe rigid motions or a few fields times functions of t; or name with times= "
-                "those at which the motion is needed."
+                f"{MOST_LIFTS}, one lift for each. Prescribe rigid motions or a few fields times functions of t; or name with "
+                "times= those at which the motion is needed."
             )
         fields = np.zeros((body.ndofs, left.shape[1]))
         for i, column in enumerate(left.T):
@@ -128,8 +132,8 @@ class Lifts:
         off = np.abs(values - self.held @ s).max(initial=0.0)
         if off > EXACT * np.abs(values).max(initial=0.0):
             raise SupportError(
-                f"Prescribed displacements at t = {Moment.checked(t).time:g} are off the span of the lifts by {off:.3g}; expected a "
-                "motion that was seen when the reduced body was made. Make it with times= that include this one."
+                f"Prescribed displacements at t = {Moment.checked(t).time:g} are off the span of the lifts by {off:.3g}; expected "
+                "a motion that was seen when the reduced body was made. Make it with times= that include this one."
             )
         self._last = t, s
         return s
@@ -152,7 +156,7 @@ class Candidates(NamedTuple):
     words: str
 
 
-def vibration_modes(body: SystemLike, mass: Mass, n: int) -> tuple[Array, Array]:
+def vibration_modes(body: System, mass: Mass, n: int) -> tuple[Array, Array]:
     """Eigenvalues (n,) and vectors (ndofs, n) of unit mass of the lowest modes at rest."""
     free = body.ndofs - len(body.supports.held)
     if not 1 <= n <= free:
@@ -169,7 +173,7 @@ def vibration_modes(body: SystemLike, mass: Mass, n: int) -> tuple[Array, Array]
     return values[:n], vectors @ c[:, :n]
 
 
-def second_derivatives(body: SystemLike, fields: Array) -> Callable[[int, int], Array]:
+def second_derivatives(body: System, fields: Array) -> Callable[[int, int], Array]:
     """`d2F/du2` at rest along two of the `fields` (ndofs, n): `(i, j) -> (ndofs,)`, exact where the energy is a quartic.
 
     F is a cubic then, so that `F(v) + F(-v)` is its second derivative along v, twice; no step is small.
@@ -200,12 +204,13 @@ def second_derivatives(body: SystemLike, fields: Array) -> Callable[[int, int], 
 
 
 def candidates_of(
-    body: SystemLike,
+    body: System,
     mass: Mass,
     rest: AtRest,
     modes: int,
     derivatives: bool,
     snapshots: Array | None,
+    *,
     tick: Callable[[str], None] = lambda done: None,
 ) -> Candidates:
     """Modes, modal derivatives and snapshots (ndofs, m), which are 0 where the body is held.
@@ -241,7 +246,7 @@ def candidates_of(
     return Candidates(fields, " and ".join(words))
 
 
-def checked_snapshots(body: SystemLike, lifts: Lifts, given: ArrayLike | None) -> Array | None:
+def checked_snapshots(body: System, lifts: Lifts, given: ArrayLike | None) -> Array | None:
     """Snapshots (ndofs, m) less their lifts, 0 where the body is held; refused if they move what is held otherwise."""
     if given is None:
         return None
@@ -252,8 +257,8 @@ def checked_snapshots(body: SystemLike, lifts: Lifts, given: ArrayLike | None) -
     off = np.flatnonzero(np.abs(own[held]).max(axis=0, initial=0.0) > 1e-8 * np.abs(snapshots).max(axis=0, initial=0.0))
     if len(off):
         raise StvkError(
-            f"snapshots move what is held in {len(off)} of {snapshots.shape[1]} columns (first {off[0]}); expected displacements of "
-            "this body, as it is held, in which what is held moves as prescribed. Are they of other supports?"
+            f"snapshots move what is held in {len(off)} of {snapshots.shape[1]} columns (first {off[0]}); expected displacements "
+            "of this body, as it is held, in which what is held moves as prescribed. Are they of other supports?"
         )
     own[held] = 0
     return own
@@ -277,12 +282,13 @@ def reduced_to(mass: Mass, candidates: Candidates, size: int) -> Array:
     independent = int(np.count_nonzero(sizes > INDEPENDENT * sizes[0])) if sizes[0] > 0 else 0
     if size > independent:
         raise StvkError(
-            f"size = {size}; expected at most {independent}: of {candidates.words} only so many are independent. Ask for more modes, "
-            "or for a smaller size."
+            f"size = {size}; expected at most {independent}: of {candidates.words} only so many are independent. Ask for more "
+            "modes, or for a smaller size."
         )
     kept = fields @ (directions[:size].T / sizes[:size])
     weighted = np.linalg.qr(kept)[0]
     weighted *= np.sign(np.einsum("ij,ij->j", weighted, kept))
+    weighted[~kept.any(axis=1)] = 0  # what is held, but for rounding
     inverse = np.divide(1.0, root, out=np.zeros_like(root), where=root > 0)
     basis = orthonormal(mass, weighted * inverse[:, None])
     off = departure(mass, basis)
@@ -293,7 +299,7 @@ def reduced_to(mass: Mass, candidates: Candidates, size: int) -> Array:
 
 def departure(mass: Mass, basis: Array) -> float:
     """The largest entry of `V' M V - I`."""
-    product = basis.T @ np.array([mass.multiply(v) for v in basis.T]).T
+    product: Array = basis.T @ np.array([mass.multiply(v) for v in basis.T]).T
     return float(np.abs(product - np.eye(basis.shape[1])).max(initial=0.0))
 
 
@@ -306,4 +312,4 @@ def orthonormal(mass: Mass, fields: Array) -> Array:
 
 
 def _size(mass: Mass, field: Array) -> float:
-    return float(np.sqrt(max(field @ mass.multiply(field), 0.0)))
+    return float(np.sqrt(field @ mass.multiply(field)))  # lumped masses are positive: no square is below zero

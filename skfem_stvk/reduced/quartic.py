@@ -13,9 +13,8 @@ from ..edges import ALL
 from ..edges.pairs import with_blocks
 from ..kernels import reduced as reduced_kernels
 from ..mesh.displacements import by_vertex
-from ..system import Pattern, TangentOperator
+from ..system import Pattern, System, TangentOperator
 from ..system.operator import refuse_overflow
-from ..system.protocol import SystemLike
 from ..terms import BoundTerm, HasStrainProducts
 
 #: Bytes of the rows of strains that are made at once.
@@ -58,7 +57,7 @@ class ReducedQuartic:
 
 
 def quartic_of(
-    body: SystemLike, terms: Sequence[BoundTerm], fields: Array, tick: Callable[[str], None] = lambda done: None
+    body: System, terms: Sequence[BoundTerm], fields: Array, tick: Callable[[str], None] = lambda done: None
 ) -> ReducedQuartic:
     """The energy of bound terms that are `Quartic` for displacements `fields @ z`, `fields` (ndofs, R)."""
     n, pairs = fields.shape[1] + 1, (fields.shape[1] + 1) * (fields.shape[1] + 2) // 2
@@ -95,7 +94,7 @@ def _set_quadratic(T: Array, n: int, K: Array) -> None:
             T[_row(d, c)] = K[c - 1, d - 1] / (2 if c == d else 1)
 
 
-def _add_by_tangents(T: Array, term: BoundTerm, fields: Array, body: SystemLike) -> None:
+def _add_by_tangents(T: Array, term: BoundTerm, fields: Array, body: System) -> None:
     """Add the cubic and quartic coefficients of a term of which only W, F and K are known.
 
     K is quadratic in z, so that its differences along fields and pairs of fields are its parts, exactly: no step is small.
@@ -129,7 +128,7 @@ def _orders(*indices: int) -> int:
 class MeshPart:
     """What some terms of a body have in W, F and K of the reduced one, by those of the mesh; its cost is that of the mesh."""
 
-    def __init__(self, body: SystemLike, terms: Sequence[BoundTerm], fields: Array) -> None:
+    def __init__(self, body: System, terms: Sequence[BoundTerm], fields: Array) -> None:
         mesh = body.mesh
         self._mesh, self._fields = mesh, fields
         self._terms = [with_blocks(term, mesh.nv, mesh.d, body.dtype) for term in terms]

@@ -5,13 +5,13 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..arguments import Array, array, flag, number, whole
+from ..arguments import Array, array, flag, number, shown, whole
 from ..errors import StvkError
 from ..kernels.threads import Turn
 from ..mesh.displacements import finite_vector
 from ..nonlinear.progress import Progress
+from ..system import System
 from ..system.operator import refuse_overflow
-from ..system.protocol import SystemLike, checked_system
 from ..terms import Quartic
 from ..terms.load import Moment, Time
 from ..terms.protocols import tell
@@ -20,6 +20,8 @@ from .quartic import MeshPart, ReducedQuartic, bytes_needed, quartic_of
 
 #: Bytes that a reduced body may need while it is made, by default.
 MOST_MEMORY = 1e9
+#: More unknowns, or modes, than that nobody means.
+MOST = 10_000
 
 
 class ReducedSystem:
@@ -71,7 +73,7 @@ class ReducedSystem:
 
     def __init__(
         self,
-        body: SystemLike,
+        body: System,
         size: int = 30,
         modes: int = 20,
         derivatives: bool = True,
@@ -81,8 +83,12 @@ class ReducedSystem:
         most_memory: float = MOST_MEMORY,
         quiet: bool = False,
     ) -> None:
-        self.body = checked_system(body)
-        size, modes = whole("size", size, "a number of unknowns", 1), whole("modes", modes, "a number of modes, or 0")
+        if not isinstance(body, System):
+            raise StvkError(f"body = {shown(body)}; expected a System: System(mesh, terms, fixed=..., prescribed=...).")
+        size, modes = (
+            whole("size", size, "a number of unknowns", 1, MOST),
+            whole("modes", modes, "a number of modes, or 0", 0, MOST),
+        )
         derivatives, quiet = flag("derivatives", derivatives), flag("quiet", quiet)
         most = number("most_memory", most_memory, "a number of bytes", 0)
         moments = None if times is None else array("times", times, (None,), "a list of times").tolist()
@@ -103,7 +109,7 @@ class ReducedSystem:
             progress.print(f"reduced: {size} unknowns of {made.words}")
             self._take(body, basis, lifts, quartic_of(body, terms, fields))
 
-    def _take(self, body: SystemLike, basis: Array, lifts: Lifts, quartic: ReducedQuartic) -> None:
+    def _take(self, body: System, basis: Array, lifts: Lifts, quartic: ReducedQuartic) -> None:
         self.body, self.basis, self.size = body, basis, basis.shape[1]
         self._lifts, self.lifts = lifts, lifts.fields
         self._quartic, self._mass = quartic, metric(body)
@@ -262,7 +268,7 @@ class ReducedSystem:
         return f"ReducedSystem: {self.size} unknowns{lifts}, of {self.body!r}{cost}"
 
 
-def _refuse_without_energy(body: SystemLike) -> None:
+def _refuse_without_energy(body: System) -> None:
     """Refuse terms whose force is the gradient of no energy."""
     names = [type(term).__name__ for term, bound in zip(body.elastic_terms, body.bound_terms, strict=True) if not bound.has_energy]
     if names:
@@ -274,6 +280,6 @@ def _refuse_memory(size: int, most: float) -> None:
     needed = bytes_needed(size)
     if needed > most:
         raise StvkError(
-            f"size = {size} needs about {needed / 1e6:,.0f} MB, {most / 1e6:,.0f} MB are allowed: there are r^4/24 coefficients, and six "
-            "times as many while they are made. Take fewer unknowns, or allow more: most_memory=."
+            f"size = {size} needs about {needed / 1e6:,.0f} MB, {most / 1e6:,.0f} MB are allowed: there are r^4/24 coefficients, and "
+            "six times as many while they are made. Take fewer unknowns, or allow more: most_memory=."
         )

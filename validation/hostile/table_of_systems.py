@@ -6,13 +6,13 @@ from typing import Any
 
 import numpy as np
 
-from skfem_stvk import ElementMesh, StVK, System, Traction
+from skfem_stvk import ElementMesh, ReducedSystem, StVK, System, Traction
 from skfem_stvk.edges import TENSILE
 from skfem_stvk.system import Supports
 from skfem_stvk.terms.load import Moment
 
 from .call import Call
-from .small_bodies import COMPLEX, NUMBER, OPTIONAL, call, displacements, mesh, system
+from .small_bodies import COMPLEX, NUMBER, OPTIONAL, call, costly, displacements, mesh, system
 
 #: Functions of displacements alone, and of displacements and the load factor.
 OF_U = (
@@ -30,6 +30,19 @@ OF_U = (
     "smallest_stretch",
 )
 OF_U_AND_T = ("external_force", "load_stiffness", "potential", "residual", "jacobian", "energies")
+OF_Q_AND_T = (
+    "energy",
+    "internal_force",
+    "tangent",
+    "linearize",
+    "lift_force",
+    "displacements",
+    "external_force",
+    "load_stiffness",
+    "residual",
+    "jacobian",
+    "potential",
+)
 OF_U_AND_V = ("product", "energy_along", "step_limit")
 
 
@@ -38,6 +51,7 @@ def calls() -> list[Call]:
     body, u = system(), displacements()
     time = {"t": NUMBER}
     K = body.tangent(u)
+    reduced, q = ReducedSystem(body, 3, 2, quiet=True), np.array([0.25, -0.5, 0.125])
     held = body.free_dofs([0, 1])
     restricted = held.matrix(K)
     mass = body.mass()
@@ -53,6 +67,24 @@ def calls() -> list[Call]:
             time=0.5,
             factor=0.5,
         ),
+        costly(
+            "ReducedSystem",
+            lambda **given: ReducedSystem(**given).basis,
+            {"snapshots": OPTIONAL, "times": OPTIONAL, "most_memory": frozenset({"inf"}), "modes": frozenset({"0"})},
+            {"body": "System", "most_memory": "most_memory"},
+            body=body,
+            size=3,
+            modes=2,
+            derivatives=True,
+            snapshots=u[:, None] * np.array([0.0, 0, 1, 1, 1, 1, 0, 0, 1, 1, 1, 1])[:, None],
+            times=[0.0, 1.0],
+            most_memory=1e9,
+            quiet=True,
+        ),
+        *(call(f"ReducedSystem.{name}", getattr(reduced, name), time, q=q, t=0.5) for name in OF_Q_AND_T),
+        call("ReducedSystem.energy_along", reduced.energy_along, time, q=q, v=q[::-1].copy(), t=0.5),
+        call("ReducedSystem.coordinates", reduced.coordinates, time, u=u, t=0.5),
+        call("ReducedSystem.amounts", reduced.amounts, time, t=0.5),
         call("System.compressed", body.compressed, {"below": NUMBER | {"inf"}}, u=u, below=0.5),
         call("System.mass", body.mass, {}, {"kind": "mass|kind"}, kind="consistent"),
         call(

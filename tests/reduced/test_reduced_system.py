@@ -1,0 +1,157 @@
+"""A reduced body is the body in the span of its fields: W, F, K, supports, loads; and what is no such thing is refused."""
+
+import numpy as np
+import pytest
+from bodies import box, curved
+
+from skfem_stvk import (
+    BodyForce,
+    ElasticFoundation,
+    Gravity,
+    NeoHookean,
+    Pressure,
+    ReducedSystem,
+    StVK,
+    StvkError,
+    SupportError,
+    System,
+    Traction,
+    VolumePenalty,
+)
+
+LAW = StVK(young=2.0, poisson=0.3, density=1.5)
+
+
+def left(x):
+    return x[0] < 1e-9
+
+
+def right(x):
+    return x[0] > 0.99
+
+
+def upright(n=2):
+    """A cube with plane ends."""
+    mesh = box(n)
+    p = mesh.p.copy()
+    p[0, p[0] < 0.2] = 0
+    p[0, p[0] > 0.8] = 1
+    return type(mesh)(p, mesh.t)
+
+
+def cube(*terms, **held):
+    return System(upright(), [LAW, *terms], **{"fixed": [(left, "xyz")]} | held)
+
+
+def reduced_of(body, size=6, modes=3, **options):
+    return ReducedSystem(body, size, modes, quiet=True, **options)
+
+
+def some_q(reduced, amount=0.3):
+    """Unknowns at which displacements are not small."""
+    q = np.cos(1.0 + np.arange(reduced.size))
+    return q * amount / np.abs(reduced.basis @ q).max()
+
+
+BODIES = {
+    "held": lambda: cube(),
+    "pulled": lambda: cube(prescribed=[(right, {"x": 0.2, "y": 0.1})]),
+    "turned": lambda: cube(
+        prescribed=[(right, lambda x, t: np.stack([0 * x[0], x[1] * (np.cos(t) - 1) - x[2] * np.sin(t), x[1] * np.sin(t)]))]
+    ),
+    "quadratic": lambda: System(curved(upright(1)), LAW, fixed=[(left, "xyz")]),
+    "on springs": lambda: System(upright(), [LAW, ElasticFoundation(left, 3.0)]),
+    "with a penalty": lambda: cube(VolumePenalty(0.7)),
+    "neo-Hookean": lambda: System(upright(), NeoHookean(young=2.0, poisson=0.3, density=1.5), fixed=[(left, "xyz")]),
+    "without density": lambda: System(upright(), StVK(young=2.0, poisson=0.3), fixed=[(left, "xyz")]),
+}
+
+
+@pytest.mark.parametrize("name", BODIES)
+def test_energy_force_and_tangent_are_those_of_the_body_projected(name):
+    body = BODIES[name]()
+    reduced = reduced_of(body)
+    q, t, V = some_q(reduced, 0.1), 0.6, reduced.basis
+    u = reduced.displacements(q, t)
+    W, F, K = reduced.linearize(q, t)
+    assert np.allclose(u[body.supports.held], body.supports.values(t), rtol=0, atol=1e-15)
+    assert np.abs(u).max() > 0.05 and abs(W / body.energy(u) - 1) < 1e-12
+    full, tangent = V.T @ body.internal_force(u), V.T @ (body.tangent(u) @ V)
+    assert np.abs(F - full).max() < 1e-12 * np.abs(full).max()
+    assert np.abs(K - tangent).max() < 1e-12 * np.abs(tangent).max()
+    pulled = reduced.lifts.T @ body.internal_force(u)
+    assert np.abs(reduced.lift_force(q, t) - pulled).max(initial=0) <= 1e-12 * np.abs(pulled).max(initial=0)
+    assert np.allclose(reduced.coordinates(u, t), q, atol=1e-13)
+
+
+@pytest.mark.parametrize("name", BODIES)
+def test_the_basis_is_orthonormal_by_mass_and_zero_where_the_body_is_held(name):
+    body = BODIES[name]()
+    reduced = reduced_of(body)
+    density = 1.0 if name == "without density" else 1.5
+    with_mass = System(body.mesh, StVK(young=1.0, poisson=0.3, density=density), fixed=[(left, "xyz")])
+    masses = np.repeat(with_mass.mass().vertex, 3)
+    assert np.abs(reduced.basis.T * masses @ reduced.basis - np.eye(6)).max() < 1e-13
+    assert not reduced.basis[body.supports.held].any()
+
+
+LOADS = {
+    "dead": [Gravity((0.1, -0.2, 0.3)), Traction(right, (0.1, 0.2, -0.1))],
+    "a function of time": [Traction(right, lambda t: (0.1 * t, 0.2 * np.sin(t), 0.0))],
+    "a function of place and time": [BodyForce(lambda x, t: (x[0] * t, x[1], 0 * x[2] + t))],
+    "following": [Pressure(right, 0.2), Gravity((0, 0, -0.1))],
+}
+
+
+@pytest.mark.parametrize("name", LOADS)
+def test_loads_are_those_of_the_body_projected(name):
+    body = cube(*LOADS[name], prescribed=[([3], {"y": 0.1})] if name == "dead" else None)
+    reduced = reduced_of(body)
+    q, t = some_q(reduced), 0.7
+    u, V = reduced.displacements(q, t), reduced.basis
+    for mine, of_body in (
+        (reduced.external_force(q, t), V.T @ body.external_force(u, t)),
+        (reduced.residual(q, t), V.T @ body.residual(u, t)),
+        (reduced.jacobian(q, t), V.T @ (body.jacobian(u, t) @ V)),
+    ):
+        assert np.abs(mine - of_body).max() < 1e-12 * np.abs(of_body).max()
+    if body.conservative:
+        assert abs(reduced.potential(q, t) - body.potential(u, t)) < 1e-12 * abs(body.energy(u))
+
+
+def test_the_energy_along_a_line_is_a_quartic():
+    reduced = reduced_of(BODIES["pulled"]())
+    q, v = some_q(reduced), some_q(reduced)[::-1].copy()
+    c = reduced.energy_along(q, v, 0.5)
+    for s in (-2.0, 0.5, 3.0):
+        assert abs(np.polynomial.polynomial.polyval(s, c) / reduced.energy(q + s * v, 0.5) - 1) < 1e-13
+
+
+def test_a_body_that_can_move_without_strain_is_refused():
+    with pytest.raises(SupportError, match="rigid"):
+        reduced_of(System(upright(), LAW))
+
+
+def test_more_unknowns_than_fields_are_refused_with_their_number():
+    with pytest.raises(StvkError, match="size = 10; expected at most 9: there are 3 modes and 6 modal derivatives"):
+        reduced_of(cube(), 10, 3)
+    with pytest.raises(StvkError, match="size = 4; expected at most 3: there are 3 modes"):
+        reduced_of(cube(), 4, 3, derivatives=False)
+
+
+def test_memory_above_the_limit_is_refused():
+    with pytest.raises(StvkError, match="size = 6 needs about"):
+        reduced_of(cube(), most_memory=1e6)
+
+
+def test_snapshots_are_in_the_span():
+    body = cube(prescribed=[(right, {"x": 0.2})])
+    states = np.random.default_rng(0).standard_normal((body.ndofs, 3))
+    states[body.supports.held] = 0
+    states[body.supports.held] += body.supports.values(0.4)[:, None]
+    reduced = reduced_of(body, 3, 0, snapshots=states)
+    for u in states.T:
+        assert np.abs(reduced.displacements(reduced.coordinates(u, 0.4), 0.4) - u).max() < 1e-12
+    states[body.supports.held[0], 1] += 0.1
+    with pytest.raises(StvkError, match="snapshots move what is held in 1 of 3"):
+        reduced_of(body, 3, 0, snapshots=states)
