@@ -19,7 +19,7 @@ from ..system.free_tangent import FreeTangent
 from ..system.mass import KINDS, Mass
 from ..terms import Body
 from ..terms.body import HasMass, HasSection
-from ..terms.load import Moment, Time
+from ..terms.load import Moment
 
 #: Fields of which less is left beside the others are rounding.
 INDEPENDENT = 1e-10
@@ -99,7 +99,7 @@ class Lifts:
         self._body, self.fields = body, fields
         self.held = fields[body.supports.held]
         self._squares = (self.held**2).sum(axis=0)
-        self._last: tuple[Time, Array] | None = None
+        self._last: tuple[Moment, Array] | None = None
 
     @classmethod
     def of(cls, body: System, rest: AtRest, times: Sequence[float] | None) -> Lifts:
@@ -123,19 +123,19 @@ class Lifts:
             fields[:, i] = rest.follow(w)
         return cls(body, fields)
 
-    def amounts(self, t: Time) -> Array:
-        """`s(t)` (l,) [m]; SupportError if what is held at `t` is off the span of the lifts."""
-        if self._last is not None and self._last[0] == t and type(self._last[0]) is type(t):
+    def amounts(self, moment: Moment) -> Array:
+        """`s(t)` (l,) [m]; SupportError if what is held then is off the span of the lifts."""
+        if self._last is not None and self._last[0] == moment:
             return self._last[1]
-        values = self._body.supports.values(t)
+        values = self._body.supports.values(moment)
         s = self.amounts_of(values)
         off = np.abs(values - self.held @ s).max(initial=0.0)
         if off > EXACT * np.abs(values).max(initial=0.0):
             raise SupportError(
-                f"Prescribed displacements at t = {Moment.checked(t).time:g} are off the span of the lifts by {off:.3g}; expected "
-                "a motion that was seen when the reduced body was made. Make it with times= that include this one."
+                f"Prescribed displacements at t = {moment.time:g} are off the span of the lifts by {off:.3g}; expected a motion that "
+                "was seen when the reduced body was made. Make it with times= that include this one."
             )
-        self._last = t, s
+        self._last = moment, s
         return s
 
     def amounts_of(self, held: Array) -> Array:

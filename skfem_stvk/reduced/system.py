@@ -92,6 +92,8 @@ class ReducedSystem:
         derivatives, quiet = flag("derivatives", derivatives), flag("quiet", quiet)
         most = number("most_memory", most_memory, "a number of bytes", 0)
         moments = None if times is None else array("times", times, (None,), "a list of times").tolist()
+        if moments == []:
+            raise StvkError("times are empty; expected at least one, or None for 33 between 0 and 1.")
         if not modes and snapshots is None:
             raise StvkError("modes = 0 without snapshots; expected at least one of them, for there is nothing to make a basis of.")
         _refuse_without_energy(body)
@@ -126,7 +128,7 @@ class ReducedSystem:
 
     def amounts(self, t: Time = 1.0) -> Array:
         """`s(t)` (l,) [m] of the lifts. SupportError if what is held at `t` is off their span."""
-        return self._lifts.amounts(t)
+        return self._lifts.amounts(Moment.checked(t))
 
     def energy(self, q: ArrayLike, t: Time = 1.0) -> float:
         """Strain energy `W` [J] at the unknowns `q` (r,).
@@ -187,6 +189,7 @@ class ReducedSystem:
 
     def load_stiffness(self, q: ArrayLike, t: Time = 1.0) -> Array | None:
         """`-V' df_ext/du V` (r, r); None if all loads are dead. Errors as in `energy`."""
+        self._state(q, t)
         if all(load.dead for load in self._changing):
             return None
         u = self.displacements(q, t)
@@ -221,6 +224,7 @@ class ReducedSystem:
         return moment.factor * self._steady_forces[moment.mass]
 
     def _external(self, q: ArrayLike, t: Time) -> Array:
+        self._state(q, t)
         force = self._dead_force(t)
         if self._changing:
             u = self.displacements(q, t).reshape(-1, self.body.mesh.d)
@@ -239,7 +243,7 @@ class ReducedSystem:
         x = np.empty(self._quartic.n)
         x[0] = 1.0
         x[1 : self.size + 1] = finite_vector("q", q, self.size, "unknown")
-        x[self.size + 1 :] = self.amounts(t) if self.lifts.shape[1] else 0.0
+        x[self.size + 1 :] = self.amounts(t)
         return x
 
     def _evaluated(self, q: ArrayLike, t: Time) -> tuple[float, Array, Array]:
@@ -280,6 +284,6 @@ def _refuse_memory(size: int, most: float) -> None:
     needed = bytes_needed(size)
     if needed > most:
         raise StvkError(
-            f"size = {size} needs about {needed / 1e6:,.0f} MB, {most / 1e6:,.0f} MB are allowed: there are r^4/24 coefficients, and "
-            "six times as many while they are made. Take fewer unknowns, or allow more: most_memory=."
+            f"size = {size} needs about {needed / 1e6:,.0f} MB, {most / 1e6:,.0f} MB are allowed: there are r^4/24 coefficients, "
+            "and six times as many while they are made. Take fewer unknowns, or allow more: most_memory=."
         )

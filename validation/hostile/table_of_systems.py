@@ -43,6 +43,8 @@ OF_Q_AND_T = (
     "jacobian",
     "potential",
 )
+#: Legal for what is True or False.
+YES = frozenset({"True"})
 OF_U_AND_V = ("product", "energy_along", "step_limit")
 
 
@@ -70,8 +72,13 @@ def calls() -> list[Call]:
         costly(
             "ReducedSystem",
             lambda **given: ReducedSystem(**given).basis,
-            {"snapshots": OPTIONAL, "times": OPTIONAL, "most_memory": frozenset({"inf"}), "modes": frozenset({"0"})},
-            {"body": "System", "most_memory": "most_memory"},
+            {
+                "snapshots": OPTIONAL,
+                "times": OPTIONAL | {"one longer"},
+                "modes": frozenset({"0"}),
+                **dict.fromkeys(("derivatives", "quiet"), YES),
+            },
+            {"body": "System"},
             body=body,
             size=3,
             modes=2,
