@@ -123,6 +123,14 @@ class Lifts:
             fields[:, i] = rest.follow(w)
         return cls(body, fields)
 
+    def across(self, mass: Mass, basis: Array) -> Array:
+        """The fields less what of them is in the span of a basis: orthogonal to it by mass, the same where the body is held."""
+        across = self.fields
+        for _ in range(2):  # the second time takes what rounding has left
+            momenta = np.array([mass.multiply(field) for field in across.T]).reshape(-1, len(across))
+            across = across - basis @ (momenta @ basis).T
+        return across
+
     def amounts(self, moment: Moment) -> Array:
         """`s(t)` (l,) [m]; SupportError if what is held then is off the span of the lifts."""
         if self._last is not None and self._last[0] == moment:

@@ -6,16 +6,21 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..arguments import Array, array, flag, number, shown, whole
+from ..dynamics.damping import Damping
 from ..errors import StvkError
 from ..kernels.threads import Turn
 from ..mesh.displacements import finite_vector
 from ..nonlinear.progress import Progress
+from ..nonlinear.stopwatch import Stopwatch
 from ..system import System
 from ..system.operator import refuse_overflow
+from ..system.signature import sums
 from ..terms import Quartic
 from ..terms.load import Moment, Time
 from ..terms.protocols import tell
 from .basis import AtRest, Lifts, candidates_of, checked_snapshots, metric, reduced_to
+from .equilibrium import ReducedEquilibrium
+from .motion import ReducedMotion
 from .quartic import MeshPart, ReducedQuartic, bytes_needed, quartic_of
 
 #: Bytes that a reduced body may need while it is made, by default.
@@ -30,7 +35,8 @@ class ReducedSystem:
         u = V q + Phi s(t)        W(q, s) one quartic        F = dW/dq (r,)        K = d2W/dq2 (r, r)
 
     `V` (ndofs, r) is made of natural modes, their modal derivatives and snapshots, and orthonormal by mass; `Phi` (ndofs, l) are
-    lifts, the response of the body at rest to each independent field of prescribed displacements, and `s(t)` their amounts.
+    lifts, the response of the body at rest to each independent field of prescribed displacements less what of it is in V, and `s(t)`
+    their amounts.
     `solve_static`, `simulate` and `verify` take it as any system.
 
     Parameters
@@ -47,7 +53,8 @@ class ReducedSystem:
     Attributes
     ----------
     body, size : as given.
-    basis, lifts : V and Phi.
+    columns : (ndofs, r + l) V, then Phi.
+    basis, lifts : its parts.
 
     Source: Barbic, James, "Real-time subspace integration for St. Venant-Kirchhoff deformable models" (2005).
 
@@ -106,25 +113,24 @@ class ReducedSystem:
             own = checked_snapshots(body, lifts, snapshots)
             made = candidates_of(body, mass, rest, modes, derivatives, own)
             basis = reduced_to(mass, made, size)
-            fields = np.concatenate([basis, lifts.fields], axis=1)
+            columns = np.concatenate([basis, lifts.across(mass, basis)], axis=1)
             terms = [term for term in body.bound_terms if isinstance(term, Quartic)]
             progress.print(f"reduced: {size} unknowns of {made.words}")
-            self._take(body, basis, lifts, quartic_of(body, terms, fields))
+            self._take(body, columns, size, quartic_of(body, terms, columns))
 
-    def _take(self, body: System, basis: Array, lifts: Lifts, quartic: ReducedQuartic) -> None:
-        self.body, self.basis, self.size = body, basis, basis.shape[1]
-        self._lifts, self.lifts = lifts, lifts.fields
-        self._quartic, self._mass = quartic, metric(body)
-        self._fields = np.concatenate([basis, lifts.fields], axis=1)
+    def _take(self, body: System, columns: Array, size: int, quartic: ReducedQuartic) -> None:
+        columns.flags.writeable = False
+        self.body, self.size, self.columns = body, size, columns
+        self.basis, self.lifts = columns[:, :size], columns[:, size:]
+        self._lifts, self._quartic, self._mass = Lifts(body, self.lifts), quartic, metric(body)
         others = [term for term in body.bound_terms if not isinstance(term, Quartic)]
-        self._others = MeshPart(body, others, self._fields) if others else None
+        self._others = MeshPart(body, others, columns) if others else None
         self._steady = [load for load in body.bound_loads if load.dead and load.steady]
         self._changing = [load for load in body.bound_loads if not (load.dead and load.steady)]
         self._steady_forces: dict[str, Array] = {}
         self._turn = Turn()
-        self._at: tuple[Array, Array, float, Array] | None = None
+        self._at: tuple[Array, tuple[float, Array, Array]] | None = None
         self._removals = body.removals
-        basis.flags.writeable = self.lifts.flags.writeable = self._fields.flags.writeable = False
 
     def amounts(self, t: Time = 1.0) -> Array:
         """`s(t)` (l,) [m] of the lifts. SupportError if what is held at `t` is off their span."""
@@ -135,24 +141,37 @@ class ReducedSystem:
 
         StateError if `q` does not have one finite entry for each unknown, or is so large that the result overflows.
         """
-        return self._evaluated(q, t)[0]
+        return self._response(self.unknowns(q, t))[0]
 
     def internal_force(self, q: ArrayLike, t: Time = 1.0) -> Array:
         """`F = dW/dq` (r,), which is `V' F(u)` of the body. Errors as in `energy`."""
-        return self._evaluated(q, t)[1][: self.size]
+        return self._response(self.unknowns(q, t))[1][: self.size].copy()
 
     def tangent(self, q: ArrayLike, t: Time = 1.0) -> Array:
         """`K = d2W/dq2` (r, r), which is `V' K(u) V` of the body. Errors as in `energy`."""
-        return self._evaluated(q, t)[2][: self.size, : self.size]
+        return self._response(self.unknowns(q, t))[2][: self.size, : self.size].copy()
 
     def linearize(self, q: ArrayLike, t: Time = 1.0) -> tuple[float, Array, Array]:
         """W, F and K, for the price of one of them. Errors as in `energy`."""
-        W, F, K = self._evaluated(q, t)
-        return W, F[: self.size], K[: self.size, : self.size]
+        W, F, K = self._response(self.unknowns(q, t))
+        return W, F[: self.size].copy(), K[: self.size, : self.size].copy()
 
     def lift_force(self, q: ArrayLike, t: Time = 1.0) -> Array:
         """`dW/ds` (l,) [N]: what it takes to hold the lifts where they are. Errors as in `energy`."""
-        return self._evaluated(q, t)[1][self.size :]
+        return self._response(self.unknowns(q, t))[1][self.size :].copy()
+
+    @property
+    def signature(self) -> list[float]:
+        """A few numbers by which files know the fields again."""
+        return [float(self.size), *sums(self.columns)]
+
+    def equilibrium(self, watch: Stopwatch) -> ReducedEquilibrium:
+        """The equilibrium of this body as a problem for `solve_static`."""
+        return ReducedEquilibrium(self, watch)
+
+    def motion(self, mass: str | None, damping: Damping | None) -> ReducedMotion:
+        """The motion of this body for `simulate`."""
+        return ReducedMotion(self, mass, damping)
 
     @property
     def quartic(self) -> bool:
@@ -164,37 +183,67 @@ class ReducedSystem:
         term whose energy is no quartic."""
         if self._others is not None:
             raise StvkError("The strain energy along a line is no quartic with such terms; ask for energy(q + s v) instead.")
-        x, y = self._state(q, t), np.zeros(self._quartic.n)
-        y[1 : self.size + 1] = finite_vector("v", v, self.size, "unknown")
+        direction = np.zeros(self.columns.shape[1])
+        direction[: self.size] = finite_vector("v", v, self.size, "unknown")
+        return self.energy_along_states(self.unknowns(q, t), direction)
+
+    def energy_along_states(self, z: Array, v: Array) -> NDArray[np.float64]:
+        """As `energy_along`, along `z + s v` of all amounts `(q, s)`, (r + l,) both."""
+        x, y = np.concatenate([[1.0], z]), np.concatenate([[0.0], v])
         with self._turn:
             c = self._quartic.along(x, y)
-        refuse_overflow(c, "W along a line", x[1:])
+        refuse_overflow(c, "W along a line", z)
         return c
 
     def displacements(self, q: ArrayLike, t: Time = 1.0) -> Array:
         """`u = V q + Phi s(t)` (ndofs,) [m], with what is held exactly where it belongs."""
-        u = np.asarray(self._fields @ self._state(q, t)[1:])
+        u = np.asarray(self.columns @ self.unknowns(q, t))
         u[self.body.supports.held] = self.body.supports.values(t)
         return u
 
     def coordinates(self, u: ArrayLike, t: Time = 1.0) -> Array:
         """`q = V' M (u - Phi s(t))` (r,): the unknowns nearest to displacements `u` (ndofs,), by mass."""
-        x = finite_vector("u", u, self.body.ndofs)
-        return np.asarray(self.basis.T @ self._mass.multiply(x - self.lifts @ self.amounts(t)))
+        return self.state(u, t)[: self.size]
+
+    def state(self, u: ArrayLike, t: Time = 1.0) -> Array:
+        """`z = (q, s(t))` (r + l,), with the `coordinates` of displacements `u` (ndofs,)."""
+        x, s = finite_vector("u", u, self.body.ndofs), self.amounts(t)
+        return np.concatenate([self.basis.T @ self._mass.multiply(x - self.lifts @ s), s])
+
+    def unknowns(self, q: ArrayLike, t: Time = 1.0) -> Array:
+        """`z = (q, s(t))` (r + l,). Errors as in `energy`."""
+        return np.concatenate([finite_vector("q", q, self.size, "unknown"), self.amounts(t)])
 
     def external_force(self, q: ArrayLike, t: Time = 1.0) -> Array:
         """`V' f_ext` (r,) of the loads; those that are dead and given by constants cost nothing of the mesh. Errors as in
         `energy`."""
-        return self._external(q, t)[: self.size]
+        return self.loads(self.unknowns(q, t), t)[: self.size]
 
     def load_stiffness(self, q: ArrayLike, t: Time = 1.0) -> Array | None:
         """`-V' df_ext/du V` (r, r); None if all loads are dead. Errors as in `energy`."""
-        self._state(q, t)
+        K = self.load_stiffness_of(self.unknowns(q, t), t)
+        return None if K is None else K[: self.size, : self.size]
+
+    def loads(self, z: Array, t: Time) -> Array:
+        """(r + l,) loads on all amounts `z = (q, s)`."""
+        force = self._dead_force(t)
+        if self._changing:
+            u, moment = (self.columns @ z).reshape(-1, self.body.mesh.d), Moment.checked(t)
+            full = np.zeros(u.shape)
+            tell(self.body.bound_terms, moment)
+            for load in self._changing:
+                load.add_force(u, moment, full)
+            refuse_overflow(full, "The external force", u)
+            force = force + self.columns.T @ full.ravel()
+        return force
+
+    def load_stiffness_of(self, z: Array, t: Time) -> Array | None:
+        """(r + l, r + l) minus the derivative of `loads`; None if all loads are dead."""
         if all(load.dead for load in self._changing):
             return None
-        u = self.displacements(q, t)
+        u = self.columns @ z
         full = self.body.jacobian(u, t) - self.body.tangent(u)
-        return np.asarray(self.basis.T @ (full @ self.basis))
+        return np.asarray(self.columns.T @ (full @ self.columns))
 
     def residual(self, q: ArrayLike, t: Time = 1.0) -> Array:
         """`F - V' f_ext` (r,). Errors as in `energy`."""
@@ -208,8 +257,7 @@ class ReducedSystem:
     def potential(self, q: ArrayLike, t: Time = 1.0) -> float:
         """Strain energy and the potentials of the loads [J]; LoadError if one has none."""
         if self.quartic and not self._changing:
-            z = self._state(q, t)[1:]
-            return self.energy(q, t) - float(self._dead_force(t) @ z)
+            return self.energy(q, t) - float(self._dead_force(t) @ self.unknowns(q, t))
         u = self.displacements(q, t)
         return self.energy(q, t) + self.body.potential(u, t) - self.body.energy(u)
 
@@ -220,51 +268,32 @@ class ReducedSystem:
             force, x = np.zeros(self.body.mesh.p.T.shape), np.zeros(self.body.mesh.p.T.shape)
             for load in self._steady:
                 load.add_force(x, moment._replace(factor=1.0), force)
-            self._steady_forces[moment.mass] = self._fields.T @ force.ravel()
+            self._steady_forces[moment.mass] = self.columns.T @ force.ravel()
         return moment.factor * self._steady_forces[moment.mass]
 
-    def _external(self, q: ArrayLike, t: Time) -> Array:
-        self._state(q, t)
-        force = self._dead_force(t)
-        if self._changing:
-            u = self.displacements(q, t).reshape(-1, self.body.mesh.d)
-            full, moment = np.zeros(u.shape), Moment.checked(t)
-            tell(self.body.bound_terms, moment)
-            for load in self._changing:
-                load.add_force(u, moment, full)
-            refuse_overflow(full, "The external force", u)
-            force = force + self._fields.T @ full.ravel()
-        return force
+    def response(self, z: Array) -> tuple[float, Array, Array]:
+        """W, `dW/dz` (r + l,) and `d2W/dz2` (r + l, r + l) at all amounts `z = (q, s)`; read only. Errors as in `energy`."""
+        return self._response(finite_vector("z", z, self.columns.shape[1], "amount"))
 
-    def _state(self, q: ArrayLike, t: Time) -> Array:
-        """`x = (1, q, s(t))`."""
+    def _response(self, z: Array) -> tuple[float, Array, Array]:
+        """As `response`; what was asked for last is kept."""
+        if self._at is not None and np.array_equal(self._at[0], z):
+            return self._at[1]
         if self.body.removals != self._removals:
             raise StvkError("The body has lost elements since it was reduced; expected the same body. Reduce it anew.")
-        x = np.empty(self._quartic.n)
-        x[0] = 1.0
-        x[1 : self.size + 1] = finite_vector("q", q, self.size, "unknown")
-        x[self.size + 1 :] = self.amounts(t)
-        return x
-
-    def _evaluated(self, q: ArrayLike, t: Time) -> tuple[float, Array, Array]:
-        """W, and its derivatives by q and s."""
-        x = self._state(q, t)
+        x = np.concatenate([[1.0], z])
         with self._turn:
-            if self._at is not None and self._others is None and np.array_equal(self._at[0], x):
-                _, H, W, F = self._at
-            else:
-                H = self._quartic.hessian(x)
-                F = H @ x / 3
-                W = float(F @ x) / 4
-                self._at = x, H, W, F
-        force, K = F[1:], H[1:, 1:]
+            H = self._quartic.hessian(x)
+        G = H @ x / 3
+        W, F, K = float(G @ x) / 4, G[1:], H[1:, 1:]
         if self._others is not None:
-            tell(self.body.bound_terms, Moment.checked(t))
-            more, f, k = self._others.linearize(self.displacements(q, t))
-            W, force, K = W + more, force + f, K + k
-        refuse_overflow(W, "W", x[1:])
-        refuse_overflow(force, "F", x[1:])
-        return W, force.copy(), K.copy()
+            more, f, k = self._others.linearize(self.columns @ z)
+            W, F, K = W + more, F + f, K + k
+        refuse_overflow(W, "W", z)
+        refuse_overflow(F, "F", z)
+        F.flags.writeable = K.flags.writeable = False
+        self._at = z.copy(), (W, F, K)
+        return self._at[1]
 
     def __repr__(self) -> str:
         lifts = f", {self.lifts.shape[1]} lifts" if self.lifts.shape[1] else ""
