@@ -140,8 +140,8 @@ class Lifts:
         off = np.abs(values - self.held @ s).max(initial=0.0)
         if off > EXACT * np.abs(values).max(initial=0.0):
             raise SupportError(
-                f"Prescribed displacements at t = {moment.time:g} are off the span of the lifts by {off:.3g}; expected a motion that "
-                "was seen when the reduced body was made. Make it with times= that include this one."
+                f"Prescribed displacements at t = {moment.time:g} are off the span of the lifts by {off:.3g}; expected a motion "
+                "that was seen when the reduced body was made. Make it with times= that include this one."
             )
         self._last = moment, s
         return s

@@ -35,8 +35,8 @@ class ReducedSystem:
         u = V q + Phi s(t)        W(q, s) one quartic        F = dW/dq (r,)        K = d2W/dq2 (r, r)
 
     `V` (ndofs, r) is made of natural modes, their modal derivatives and snapshots, and orthonormal by mass; `Phi` (ndofs, l) are
-    lifts, the response of the body at rest to each independent field of prescribed displacements less what of it is in V, and `s(t)`
-    their amounts.
+    lifts, the response of the body at rest to each independent field of prescribed displacements less what of it is in V, and
+    `s(t)` their amounts.
     `solve_static`, `simulate` and `verify` take it as any system.
 
     Parameters
