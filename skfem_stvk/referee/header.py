@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from ..kernels.threads import THREAD_LIMITS
 from ..materials import FramedMaterial, Isotropic
 from ..mesh import ElementMesh
 from ..peers import PEERS
@@ -46,7 +47,6 @@ OPTIONAL = {
     "h5py": "pip install h5py (meshes in .h5, .xdmf, .med)",
     "netCDF4": "pip install netCDF4 (meshes in .exo, .e)",
 }
-THREAD_LIMITS = ("NUMBA_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS")
 
 
 def versions(packages: Sequence[str] = PACKAGES) -> dict[str, str]:

@@ -5,17 +5,11 @@ from __future__ import annotations
 import csv
 import hashlib
 import json
-import multiprocessing
 import os
 import re
-import signal
-import threading
 import warnings
 from collections import Counter, deque
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
-from concurrent.futures.process import BrokenProcessPool
-from contextlib import contextmanager
 from dataclasses import dataclass, field
 from itertools import product
 from pathlib import Path
@@ -28,8 +22,7 @@ from ..arguments import path as checked_path
 from ..arguments import shown, whole
 from ..errors import SceneError, StvkError
 from ..kernels.threads import threads
-from ..nonlinear.outcome import ask_to_finish, finishing_steps, stop_if_asked
-from ..referee.header import THREAD_LIMITS
+from ..nonlinear.processes import Crashed, in_processes, is_started_for_work
 from ..referee.terminal import printable
 from ..results.files import replacing
 from ..results.one_writer import OneWriter
@@ -48,10 +41,6 @@ TABLE, PLOT = "table.csv", "sweep.png"
 COLUMNS = ("status", "exit_code", "seconds", "folder", "message")
 #: A longer name of a folder is cut.
 LONGEST = 120
-#: What is asked of the processes.
-GO_ON, FINISH, END = 0, 1, 2
-#: Seconds between looks at what happened.
-PAUSE = 0.1
 #: Results, and lines of each, that a plot holds at most.
 MOST_PANELS, MOST_LINES = 6, 10
 #: From this quotient of the largest value and the smallest on the abscissa is logarithmic.
@@ -127,7 +116,7 @@ def sweep(
     KeyboardInterrupt
         after Ctrl-C, when runs have ended after the step that they were in and the table is written; at once after a second one.
     """
-    if multiprocessing.parent_process() is not None:
+    if is_started_for_work():
         raise StvkError('sweep() runs in a process that was started for it. Call it under `if __name__ == "__main__":` alone.')
     axes, runs = planned(path, settings)
     sections, beside = runs[0].scene.sections, runs[0].scene.folder_of_results
@@ -146,11 +135,12 @@ def sweep(
         kept = f", {len(rows)} of them there already" if rows else ""
         how_many = f"; {jobs} at a time on {each} thread{'s' * (each > 1)} each" if missing else ""
         console.print(f"{len(runs)} runs{kept}{how_many}", soft_wrap=True)
-        tasks = [_Task(Path(path), run, folder / run.name, how[run.name] or "new") for run in missing]
+        tasks = {_Task(Path(path), run.settings, folder / run.name, how[run.name] or "new"): run for run in missing}
         try:
-            for run, error in _solved(tasks, jobs, each):
-                table.add(_row(run, folder, error))
-                console.print(f"[{len(rows)}/{len(runs)}] {_in_a_line(rows[run.name])}", soft_wrap=True, markup=False)
+            for task, failure in in_processes(_solve, deque(tasks), jobs, each):
+                row = _row(tasks[task], folder, _crashed(task) if isinstance(failure, Crashed) else failure)
+                table.add(row)
+                console.print(f"[{len(rows)}/{len(runs)}] {_in_a_line(row)}", soft_wrap=True, markup=False)
         except KeyboardInterrupt:
             console.print(f"{len(rows)} of {len(runs)} runs are in {printable(str(folder / TABLE))}; the same again does the rest")
             raise
@@ -484,49 +474,9 @@ class _Task(NamedTuple):
     """What a process solves."""
 
     path: Path
-    run: Planned
+    settings: tuple[str, ...]
     folder: Path
     how: str  # "new", "force" or "resume"
-
-
-def _solved(tasks: Sequence[_Task], jobs: int, each: int) -> Iterator[tuple[Planned, _Failure | None]]:
-    """Runs as they end, so many at a time on so many threads each, and why there is no summary of one, if there is none.
-
-    Each of the jobs has a process of its own, so that one that crashes takes no other run with it.
-    """
-    context = multiprocessing.get_context("spawn")
-    asked = context.Value("i", GO_ON, lock=False)
-    waiting, interrupted = deque(tasks), False
-    idle: list[ProcessPoolExecutor] = [_process(context, asked) for _ in range(jobs)]
-    running: dict[Future[_Failure | None], tuple[ProcessPoolExecutor, _Task]] = {}
-    with finishing_steps():
-        try:
-            while running or (waiting and not interrupted):
-                while waiting and idle and not interrupted:
-                    process, task = idle.pop(), waiting.popleft()
-                    with _starting(each):
-                        running[process.submit(_solve, task.path, task.run.settings, task.folder, task.how)] = process, task
-                for future in wait(running, PAUSE, FIRST_COMPLETED).done:
-                    process, task = running.pop(future)
-                    try:
-                        error = future.result()
-                    except BrokenProcessPool:
-                        process.shutdown()
-                        process, error = _process(context, asked), _crashed(task)
-                    idle.append(process)
-                    yield task.run, error
-                try:
-                    stop_if_asked()
-                except KeyboardInterrupt:
-                    interrupted, asked.value = True, FINISH
-            if interrupted:
-                raise KeyboardInterrupt
-        except BaseException:
-            asked.value = END
-            raise
-        finally:
-            for process in [*idle, *(process for process, _ in running.values())]:
-                process.shutdown()
 
 
 def _crashed(task: _Task) -> _Failure:
@@ -534,56 +484,18 @@ def _crashed(task: _Task) -> _Failure:
         "crashed",
         None,
         "its process ended at once: memory ran out, it was killed, or a library crashed. The next call takes it up; alone: "
-        f"skfem-stvk solve {task.path} {' '.join(f'--set {one!r}' for one in task.run.settings)}",
+        f"skfem-stvk solve {task.path} {' '.join(f'--set {one!r}' for one in task.settings)}",
     )
 
 
-def _process(context: Any, asked: Any) -> ProcessPoolExecutor:
-    return ProcessPoolExecutor(1, context, initializer=_begin, initargs=(asked,))
-
-
-@contextmanager
-def _starting(each: int) -> Iterator[None]:
-    """Processes that start within have so many threads, and leave Ctrl-C to this one."""
-    before = {name: os.environ.get(name) for name in THREAD_LIMITS}
-    masks = hasattr(signal, "pthread_sigmask")  # not on Windows
-    mask = signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT]) if masks else set()
-    try:
-        os.environ.update(dict.fromkeys(THREAD_LIMITS, str(each)))
-        yield
-    finally:
-        for name, value in before.items():
-            if value is None:
-                del os.environ[name]
-            else:
-                os.environ[name] = value
-        if masks:
-            signal.pthread_sigmask(signal.SIG_SETMASK, mask)
-
-
-def _begin(asked: Any) -> None:
-    """Prepare a process: it ends with the one that started it."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    threading.Thread(target=_listen, args=(asked,), daemon=True).start()
-
-
-def _listen(asked: Any) -> None:
-    """Do what is asked, until the process that asks is gone: a run that nobody waits for would be in the way of the next one."""
-    parent = multiprocessing.parent_process()
-    while parent is not None and parent.is_alive() and asked.value != END:
-        if asked.value == FINISH:
-            ask_to_finish()
-        parent.join(PAUSE)
-    os._exit(1)
-
-
-def _solve(path: Path, settings: Sequence[str], folder: Path, how: str) -> _Failure | None:
+def _solve(task: _Task) -> _Failure | None:
     """Solve one scene in a process; why there is no summary, if there is none."""
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("always")
             warnings.showwarning = _silent  # those of the package are in the summary
-            Scene.read(path, settings).solve(folder, resume=how == "resume", force=how == "force", quiet=True)
+            scene = Scene.read(task.path, task.settings)
+            scene.solve(task.folder, resume=task.how == "resume", force=task.how == "force", quiet=True)
     except (StvkError, OSError) as error:
         return _Failure("refused", BAD_INPUT, str(error))
     except KeyboardInterrupt:
