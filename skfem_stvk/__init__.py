@@ -37,7 +37,7 @@ if TYPE_CHECKING:  # what is named like its file is imported from there: mypy ma
     from .materials import Anisotropic, Isotropic, Orthotropic, TransverselyIsotropic, frames_along
     from .mesh import Box, ElementMesh, MeshQuality, NearestNode, Plane, embedded_mesh, mesh_quality, read_mesh
     from .nonlinear.outcome import Interrupted
-    from .reduced import ReducedSystem
+    from .reduced import PrecomputedResponse, ReducedSystem
     from .referee import Report, verify
     from .results import compare_networks, write_mesh
     from .results.state_files import read_state
@@ -94,6 +94,7 @@ __all__ = [
     "NodalLoad",
     "Orthotropic",
     "Plane",
+    "PrecomputedResponse",
     "Pressure",
     "PrincipalStressLimit",
     "Ramp",
@@ -147,7 +148,7 @@ _PLACES = {
     "materials": "Anisotropic Isotropic Orthotropic TransverselyIsotropic frames_along",
     "mesh": "Box ElementMesh MeshQuality NearestNode Plane embedded_mesh mesh_quality read_mesh",
     "nonlinear.outcome": "Interrupted",
-    "reduced": "ReducedSystem",
+    "reduced": "PrecomputedResponse ReducedSystem",
     "referee": "Report verify",
     "results": "compare_networks write_mesh",
     "results.state_files": "read_state",

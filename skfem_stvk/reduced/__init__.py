@@ -1,5 +1,6 @@
-"""Bodies with few unknowns: St. Venant-Kirchhoff's energy in the span of some fields of displacements."""
+"""What a body does, worked out before: St. Venant-Kirchhoff's energy in the span of some fields, or a table of answers."""
 
+from .response import BetweenPoints, PrecomputedResponse
 from .system import ReducedSystem
 
-__all__ = ["ReducedSystem"]
+__all__ = ["BetweenPoints", "PrecomputedResponse", "ReducedSystem"]

@@ -1,0 +1,291 @@
+"""Static solves on a grid of displacements of a handle, each started from its neighbour nearer to rest; in processes if asked."""
+
+from __future__ import annotations
+
+import pickle
+import warnings
+from collections import deque
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import product
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.sparse import csr_matrix
+
+from ..arguments import Array
+from ..edges import ALL, Tensions
+from ..errors import StvkError, StvkWarning
+from ..linear import LinearSolver
+from ..mesh import ElementMesh
+from ..nonlinear.outcome import finishing_steps, stop_if_asked
+from ..nonlinear.processes import Crashed, in_processes
+from ..statics import SolveError, solve_static
+from ..system import System
+from ..system.pattern import FreeDofs
+from ..terms.load import Time
+
+
+class DisplacementGrid:
+    """The product of axes of displacements (n_c,), ascending, numbered with the last axis fastest; and the way through it.
+
+    The way begins at the point nearest to zero, `first`; the `nearer` neighbours of a point are one step closer to it.
+    """
+
+    def __init__(self, axes: tuple[Array, ...]) -> None:
+        self.axes = axes
+        self.shape = tuple(map(len, axes))
+        self.points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, len(axes))
+        self._first = tuple(int(np.argmin(np.abs(axis))) for axis in axes)
+        self.first = self.number(self._first)
+
+    def __len__(self) -> int:
+        return len(self.points)
+
+    def number(self, place: tuple[int, ...]) -> int:
+        """The number of a point by its places on the axes."""
+        return int(np.ravel_multi_index(place, self.shape))
+
+    def place(self, number: int) -> tuple[int, ...]:
+        """The places of a point on the axes."""
+        return tuple(map(int, np.unravel_index(number, self.shape)))
+
+    def steps(self, number: int) -> int:
+        """Steps along axes from the first point."""
+        return sum(abs(i - first) for i, first in zip(self.place(number), self._first, strict=True))
+
+    def neighbours(self, number: int, nearer: bool) -> list[int]:
+        """The neighbours along axes that are one step closer to the first point, or further from it; those least away first."""
+        here, found = self.place(number), []
+        for c, (i, first, axis) in enumerate(zip(here, self._first, self.axes, strict=True)):
+            for j in (i - 1, i + 1):
+                if 0 <= j < len(axis) and (abs(j - first) < abs(i - first)) == nearer:
+                    found.append((abs(float(axis[j] - axis[i])), self.number((*here[:c], j, *here[c + 1 :]))))
+        return [neighbour for _, neighbour in sorted(found)]
+
+    @cached_property
+    def cells(self) -> Array:
+        """(m, 2^d) numbers of the corners of each cell between neighbours; axes of one value have no extent."""
+        spans = [range(max(n - 1, 1)) for n in self.shape]
+        corners = list(product(*((0, 1) if n > 1 else (0,) for n in self.shape)))
+        return np.array([[self.number(tuple(np.add(cell, corner))) for corner in corners] for cell in product(*spans)])
+
+    def point(self, number: int) -> Array:
+        """(d,) displacement of a point; numbers that go on after the grid are of the middles of cells."""
+        if number < len(self):
+            return np.asarray(self.points[number])
+        return np.asarray(self.points[self.cells[number - len(self)]].mean(axis=0))
+
+
+class DrivenSystem(System):
+    """A body whose handle moves from displacement `start` to `end` as t goes from 0 to 1, under all of its loads.
+
+    Loads and the body's own prescribed displacements stay as they are at t = 1, or, with `from_rest`, grow as the handle moves.
+    """
+
+    def __init__(self, body: System, handle: NDArray[np.int64]) -> None:
+        d, own = body.mesh.d, body.supports
+        self.start, self.end, self.from_rest = np.zeros(d), np.zeros(d), True
+        self._own = own
+        nodes, components = np.divmod(own.prescribed, d)
+        places = np.searchsorted(own.held, own.prescribed)
+        moved: list[tuple[Any, Any]] = [
+            (nodes[components == c], {"xyz"[c]: self._kept(places[components == c])}) for c in np.unique(components)
+        ]
+        super().__init__(body.mesh, **{**body.made_of, "prescribed": [*moved, (handle, self._moved)]})
+        if len(body.removed):
+            self.remove(body.removed)
+
+    def _kept(self, places: NDArray[np.int64]) -> Callable[[Array, float], Array]:
+        return lambda x, t: self._own.values(self._loads_at(t))[places]
+
+    def _moved(self, x: Array, t: float) -> Array:
+        return np.repeat(((1 - t) * self.start + t * self.end)[:, None], x.shape[1], axis=1)
+
+    def _loads_at(self, t: Time) -> Time:
+        return t if self.from_rest else 1.0
+
+    def external_force(self, u: ArrayLike, t: Time = 1.0) -> Array:
+        return super().external_force(u, self._loads_at(t))
+
+    def potential(self, u: ArrayLike, t: Time = 1.0) -> float:
+        return super().potential(u, self._loads_at(t))
+
+    def jacobian(
+        self, u: ArrayLike, t: Time = 1.0, out: csr_matrix | None = None, *, kept: Tensions = ALL, free: FreeDofs | None = None
+    ) -> csr_matrix:
+        return super().jacobian(u, self._loads_at(t), out, kept=kept, free=free)
+
+    def load_stiffness(self, u: ArrayLike, t: Time = 1.0) -> csr_matrix | None:
+        return super().load_stiffness(u, self._loads_at(t))
+
+
+class HandleTask(NamedTuple):
+    """What is solved: the handle moves from `start`, where the displacements are `u0`, to `end`; None for from rest."""
+
+    number: int
+    start: Array
+    end: Array
+    u0: Array | None
+
+
+class HandleState(NamedTuple):
+    """What came of a displacement of the handle: `u` (ndofs,) [m], the `force` (d,) that holds it there [N].
+
+    If there is no stable equilibrium the `message` says why; `warning` has what is not to be trusted.
+    """
+
+    u: Array
+    force: Array
+    message: str = ""
+    warning: str = ""
+
+
+@dataclass(frozen=True)
+class HandleSolver:
+    """Solves a body with its handle displaced, one displacement after the other; it goes to processes by `pickle`."""
+
+    mesh: ElementMesh
+    made_of: Mapping[str, Any]
+    removed: NDArray[np.int64]
+    handle: NDArray[np.int64]
+    steps: int
+    rtol: float
+    solver: str | LinearSolver
+
+    @cached_property
+    def driven(self) -> DrivenSystem:
+        """The body with the handle among its supports."""
+        body = System(self.mesh, **self.made_of)
+        if len(self.removed):
+            body.remove(self.removed)
+        return DrivenSystem(body, self.handle)
+
+    def __call__(self, task: HandleTask) -> HandleState | None:
+        """The state, or None if Ctrl-C came before it was found."""
+        with warnings.catch_warnings(record=True) as caught:
+            warnings.simplefilter("always")
+            try:
+                driven = self.driven
+                driven.start, driven.end, driven.from_rest = task.start, task.end, task.u0 is None
+                result = solve_static(
+                    driven,
+                    self.steps,
+                    u0=task.u0,
+                    solver=self.solver,
+                    rtol=self.rtol,
+                    quiet=True,
+                    raise_on_failure=False,
+                )
+            except KeyboardInterrupt:
+                return None
+            except (StvkError, SolveError) as error:
+                if task.u0 is None:
+                    raise
+                return self._failed(str(error))
+        if not result.success:
+            if task.u0 is None:
+                raise SolveError(result)
+            return self._failed(result.message)
+        if task.u0 is not None and any(step.jumped for step in result.history):
+            return self._failed("the body snaps on the way to it, where its branch of equilibria ends.")
+        force = driven.residual(result.u).reshape(-1, self.mesh.d)[self.handle].sum(axis=0)
+        said = [str(one.message) for one in caught if issubclass(one.category, StvkWarning)]
+        return HandleState(result.u, force, warning=said[0] if said else "")
+
+    def _failed(self, message: str) -> HandleState:
+        return HandleState(np.zeros(self.mesh.p.size), np.zeros(self.mesh.d), message)
+
+    def refuse_processes(self) -> None:
+        """Refuse bodies that cannot go to processes."""
+        try:
+            pickle.dumps(self)
+        except Exception as error:  # pickle raises what it likes
+            raise StvkError(
+                f"The body cannot go to other processes ({error}). A lambda, or a function within another one, is a place or a load "
+                "of it: use names, Box(...) or functions of a module, or jobs=1."
+            ) from error
+
+
+class HandleSolves:
+    """All solves of a grid, and of `checks` midpoints of cells, in an order in which each has a solved neighbour to start from.
+
+    The neighbour is the same whatever is done first, so that the states do not depend on the number of processes, nor on what
+    `kept` has from before.
+    """
+
+    def __init__(self, grid: DisplacementGrid, solver: HandleSolver, checks: int | None, kept: Mapping[int, HandleState]) -> None:
+        cells = len(grid.cells)
+        self.grid, self._solver, self._kept = grid, solver, kept
+        #: Number of midpoints that are solved, if all points of the grid are.
+        self.checks = cells if checks is None else min(checks, cells)
+        self._between = False
+        self.states: dict[int, HandleState] = {}
+        self._left = {number: len(grid.neighbours(number, nearer=True)) for number in range(len(grid))}
+        self._waiting: deque[HandleTask] = deque()
+
+    def run(self, jobs: int, each: int) -> Iterator[tuple[int, HandleState, bool]]:
+        """Numbers of points and their states as they are found, and whether to keep them; midpoints count on from the grid.
+
+        After Ctrl-C, KeyboardInterrupt is raised when what runs has come to an end.
+        """
+        start = np.zeros(self.grid.points.shape[1])
+        self._offer(HandleTask(self.grid.first, start, self.grid.points[self.grid.first], None))
+        self._go_on()
+        outcomes = self._here() if jobs == 1 else in_processes(self._solver, self._waiting, jobs, each)
+        for task, outcome in outcomes:
+            if outcome is None:
+                continue
+            crashed = isinstance(outcome, Crashed)
+            state = self._solver._failed("its process ended at once") if isinstance(outcome, Crashed) else outcome
+            yield task.number, state, not crashed
+            self._settle(task.number, state)
+            self._go_on()
+
+    def _here(self) -> Iterator[tuple[HandleTask, HandleState | None]]:
+        with finishing_steps():
+            while self._waiting:
+                task = self._waiting.popleft()
+                yield task, self._solver(task)
+                stop_if_asked()
+
+    def _go_on(self) -> None:
+        """Ask for the midpoints when all of the grid is known."""
+        grid = self.grid
+        if self._between or len(self.states) != len(grid):
+            return
+        self._between = True
+        solved = np.array([not self.states[number].message for number in range(len(grid))])
+        cells = np.flatnonzero(solved[grid.cells].all(axis=1))
+        if self.checks < len(cells):
+            cells = np.sort(np.random.default_rng(0).choice(cells, self.checks, replace=False))
+        for cell in cells.tolist():
+            corner = min(grid.cells[cell].tolist(), key=lambda number: (grid.steps(number), number))
+            number = len(grid) + cell
+            self._offer(HandleTask(number, grid.points[corner], grid.point(number), self.states[corner].u))
+
+    def _offer(self, task: HandleTask) -> None:
+        if task.number in self._kept:
+            self._settle(task.number, self._kept[task.number])
+        else:
+            self._waiting.append(task)
+
+    def _settle(self, number: int, state: HandleState) -> None:
+        """Take a state in, and offer those points all of whose nearer neighbours are known now."""
+        grid, known = self.grid, [(number, state)]
+        while known:
+            number, state = known.pop()
+            self.states[number] = state
+            for other in grid.neighbours(number, nearer=False) if number < len(grid) else ():
+                self._left[other] -= 1
+                if self._left[other]:
+                    continue
+                begin = next((one for one in grid.neighbours(other, nearer=True) if not self.states[one].message), None)
+                if begin is None:
+                    known.append((other, self._solver._failed("no neighbour nearer to rest has been reached")))
+                elif other in self._kept:
+                    known.append((other, self._kept[other]))
+                else:
+                    self._waiting.append(HandleTask(other, grid.points[begin], grid.points[other], self.states[begin].u))

@@ -1,0 +1,462 @@
+"""Precomputed response: static solves on a grid of displacements of a handle, and what lies between them by interpolation."""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Mapping, Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from rich.progress import BarColumn, MofNCompleteColumn, TimeElapsedColumn, TimeRemainingColumn
+
+from .. import arguments
+from ..arguments import Array, array, number, shown, whole
+from ..errors import StateError, StvkError, SupportError, name_ids, warn
+from ..kernels.threads import threads
+from ..linear import LinearSolver
+from ..mesh.places import Where, describe, vertices_at
+from ..nonlinear.processes import is_started_for_work
+from ..nonlinear.progress import LINES, Progress, duration
+from ..results.files import output_path
+from ..system import System
+from ..system.signature import Fingerprint, sums
+from .handle_solves import DisplacementGrid, DrivenSystem, HandleSolver, HandleSolves, HandleState
+
+if TYPE_CHECKING:
+    from .response_files import PointsCheckpoint
+
+#: Points of an axis that an answer takes into account, on both sides as many where there are.
+STENCIL = 4
+#: Displacements outside of an axis by this part of its length count as its end.
+ROUNDED = 1e-12
+
+
+@dataclass(frozen=True, eq=False)
+class BetweenPoints:
+    """Errors of the answers in the middle of cells, by solves that are not in the table.
+
+    Attributes
+    ----------
+    points : (m, d) displacements of the handle that were solved for [m].
+    force : (m,) error of the force, as a part of the largest force in the table.
+    u : (m,) largest error of a node's displacement, as a part of the largest displacement in the table.
+    unsolved : what was found out instead at midpoints that have no stable equilibrium, in words.
+    """
+
+    points: Array
+    force: Array
+    u: Array
+    unsolved: tuple[str, ...] = ()
+
+    @property
+    def largest_force(self) -> float:
+        """The largest error of a force; NaN if nothing was measured."""
+        return float(self.force.max()) if len(self.force) else float("nan")
+
+    @property
+    def largest_u(self) -> float:
+        """The largest error of displacements; NaN if nothing was measured."""
+        return float(self.u.max()) if len(self.u) else float("nan")
+
+    def __str__(self) -> str:
+        if not len(self.points):
+            return "errors between points were not measured"
+        at_force, at_u = (_written(self.points[int(np.argmax(errors))]) for errors in (self.force, self.u))
+        lost = f"; {len(self.unsolved)} more have no stable equilibrium: {self.unsolved[0]}" if self.unsolved else ""
+        return (
+            f"at {len(self.points)} midpoints wrong by at most {self.largest_force:.2g} of the largest force, at {at_force}, and "
+            f"{self.largest_u:.2g} of the largest displacement, at {at_u}{lost}"
+        )
+
+
+class PrecomputedResponse:
+    """What a body answers to displacements of a handle, from static solves on a grid of them: `answers(d) -> force, u`.
+
+    The table has the force exactly and the displacements of all nodes in a basis of their singular vectors. Between the points
+    polynomials of degree 3 go through the 4 nearest points of each axis (fewer on shorter axes): answers are exact at the points,
+    continuous, and wrong by O(h^4) between them, of which `error` has measured values. The solves begin at rest, or at the point
+    nearest to it, and go from there to the other points along the axes, so that they stay on the branch of equilibria that begins
+    there. After Zhong, Wachowiak and Peters (2005).
+
+    A point without a stable equilibrium is a hole: it is warned of, answers in cells with it are refused, and cells beside them are
+    interpolated linearly, with a jump of O(h^2) at their sides.
+
+    Parameters
+    ----------
+    body : a `System` with supports that leave no rigid motion once the handle is held. Its loads and prescribed displacements act
+        in full, as at t = 1.
+    handle : the place whose nodes are all displaced alike: a name, node ids, a predicate, a shape; not fixed or prescribed otherwise.
+    displacements : an axis of ascending displacements (n_c,) for each component [m], with zero on each or between its values. An
+        axis of one value holds its component there.
+    tolerance : the displacements in the table are exact up to this part of the largest one, by the 2-norm over all nodes.
+    checks : number of cells in whose middle the error is measured, spread over the grid; None for all of them.
+    steps, rtol, solver : of each solve, as in `solve_static`; the first step of each is 1/steps of its way.
+    jobs : solves at a time, each in a process of its own, of programs under `if __name__ == "__main__":`; 1 is this process.
+    checkpoint : a folder that keeps each solve as it is found. The same call goes on with what is there.
+    quiet : print nothing.
+
+    Attributes
+    ----------
+    axes : the displacements.
+    nodes : (m,) ids of the nodes of the handle.
+    forces : (n_1, ..., n_d, d) force at each point of the grid [N].
+    rank : number of vectors that displacements are made of.
+    holes : why there is no answer, by displacement.
+    error : `BetweenPoints`.
+
+    Raises
+    ------
+    StvkError, RegionError, SupportError
+        for arguments that are not as they should be; for a checkpoint of another problem.
+    SolveError, StvkError
+        if the first solve fails, from which all others go on.
+    KeyboardInterrupt
+        after Ctrl-C; what is done is in the checkpoint.
+
+    Warns
+    -----
+    StvkWarning
+        of holes, and where solves warned.
+
+    >>> import skfem
+    >>> from skfem_stvk import StVK, System
+    >>> mesh = skfem.MeshTri.init_tensor(np.linspace(0, 4, 9), np.linspace(0, 1, 3)).with_defaults()
+    >>> body = System(mesh, StVK(young=1e5, poisson=0.3), fixed={"left": "xy"})
+    >>> x, y = [-0.2, 0.0, 0.2], np.linspace(-1, 1, 7)
+    >>> answers = PrecomputedResponse(body, handle="right", displacements=(x, y), checks=4, quiet=True)
+    >>> force, u = answers((0.1, 0.5))
+    >>> force.shape, u.shape, bool(force[1] > 0), answers.error.largest_force < 0.01
+    ((2,), (54,), True, True)
+    """
+
+    def __init__(
+        self,
+        body: System,
+        handle: Where,
+        displacements: Sequence[ArrayLike],
+        *,
+        tolerance: float = 1e-5,
+        checks: int | None = 20,
+        steps: int = 2,
+        rtol: float = 1e-8,
+        solver: str | LinearSolver = "auto",
+        jobs: int = 1,
+        checkpoint: str | os.PathLike[str] | None = None,
+        quiet: bool = False,
+    ) -> None:
+        if not isinstance(body, System):
+            raise StvkError(f"body = {shown(body)}; expected a System: System(mesh, terms, fixed=...).")
+        nodes = vertices_at(body.mesh, handle, "handle")
+        grid = DisplacementGrid(_axes(displacements, body.mesh.d))
+        number("tolerance", tolerance, "a part of the largest displacement, such as 1e-5", 0.0, 1.0)
+        checks = None if checks is None else whole("checks", checks, "how many midpoints are solved, or None for all")
+        whole("steps", steps, "a whole number of at least 1: the first step is 1/steps of the way", 1)
+        number("rtol", rtol, "a number between 0 and 1, such as 1e-8", 0.0, 1.0)
+        jobs = whole("jobs", jobs, "how many solves go on at a time, from 1", 1)
+        arguments.flag("quiet", quiet)
+        work = HandleSolver(body.mesh, dict(body.made_of), body.removed, nodes, steps, float(rtol), solver)
+        if jobs > 1:
+            if is_started_for_work():
+                raise StvkError(
+                    "This is a process that was started for solves. Make the response under `if __name__ == ...:` alone."
+                )
+            work.refuse_processes()
+        _refuse_held(body, nodes, describe(handle))
+        options = {"axes": [axis.tolist() for axis in grid.axes], "steps": steps, "rtol": float(rtol), "solver": _named(solver)}
+        self._body = body
+        self._problem = _fingerprint(body, options, nodes)
+        with ExitStack() as stack:
+            kept: PointsCheckpoint | None = None
+            if checkpoint is not None:
+                from .response_files import PointsCheckpoint  # and pydantic, only where files are
+
+                folder = arguments.path("checkpoint", checkpoint, "the path of a folder such as 'grip'")
+                sizes, last = (body.ndofs, body.mesh.d), len(grid) + len(grid.cells) - 1
+                kept = stack.enter_context(PointsCheckpoint(folder, self._problem, sizes, last))
+            states = _solved(HandleSolves(grid, work, checks, kept.kept if kept else {}), kept, jobs, quiet)
+        self._make(grid, nodes, states, float(tolerance))
+        if not quiet:
+            print(repr(self), flush=True)
+        self._warn(states)
+
+    def __call__(self, displacement: ArrayLike) -> tuple[Array, Array]:
+        """The force on the handle (d,) [N] and the displacements of all nodes (ndofs,) [m], for a displacement of the handle (d,).
+
+        The force is what holds the handle there, `StaticResult.reaction(handle).resultant`; what a hand feels is its negative.
+
+        Raises
+        ------
+        StateError
+            outside of an axis, which is named with the value and its range; where a hole is near; for what are no finite numbers.
+        """
+        d = array("displacement", displacement, (len(self.axes),), f"{len(self.axes)} finite numbers, one per axis [m]", StateError)
+        found = self._interpolated(d)
+        u: Array = self._basis @ found[len(d) :]
+        u[self._held] = self._held_at
+        u.reshape(-1, len(d))[self.nodes] = d
+        return found[: len(d)], u
+
+    def save(self, path: str | os.PathLike[str]) -> Path:
+        """Write the table to an .npz file, for `PrecomputedResponse.load`; the path, or what `write_vtu` raises."""
+        from .response_files import write_table
+
+        path = output_path(path, ".npz")
+        arrays = {f"axis {c}": axis for c, axis in enumerate(self.axes)}
+        arrays |= {"nodes": self.nodes, "table": self._table, "basis": self._basis, "solved": self._solved}
+        arrays |= {"error points": self.error.points, "error force": self.error.force, "error u": self.error.u}
+        holes = {str(k): why for k, why in enumerate(self._why) if why}
+        about = {"holes": holes, "compression": self.compression, "unsolved": list(self.error.unsolved)}
+        write_table(path, self._problem, about, arrays)
+        return path
+
+    @classmethod
+    def load(cls, path: str | os.PathLike[str], body: System) -> PrecomputedResponse:
+        """The response that `save` wrote.
+
+        Raises
+        ------
+        StvkError
+            if the file is of another body, which it is known by its mesh, terms, supports and loads, or cannot be read.
+        """
+        from .response_files import read_table
+
+        path = arguments.path("path", path, "the path of an .npz file that save() wrote")
+        if not isinstance(body, System):
+            raise StvkError(f"body = {shown(body)}; expected the System that the response is of.")
+        header, arrays = read_table(path)
+        self = cls.__new__(cls)
+        self._body, self.nodes = body, arrays["nodes"]
+        self._problem = _fingerprint(body, header.problem.method, self.nodes)
+        self._problem.refuse_other(header.problem, path, "Load it with the body that it was made of, or compute it anew.")
+        self._grid = DisplacementGrid(tuple(arrays[f"axis {c}"] for c in range(body.mesh.d)))
+        self.axes = self._grid.axes
+        self._table, self._basis, self._solved = arrays["table"], arrays["basis"], arrays["solved"]
+        self._why = [header.holes.get(str(k), "") for k in range(self._solved.size)]
+        self.compression = header.compression
+        self.error = BetweenPoints(arrays["error points"], arrays["error force"], arrays["error u"], tuple(header.unsolved))
+        self._hold()
+        return self
+
+    @property
+    def body(self) -> System:
+        """The body that answers."""
+        return self._body
+
+    @property
+    def forces(self) -> Array:
+        """(n_1, ..., n_d, d) force at each point of the grid [N]; zero at holes."""
+        return self._table[..., : len(self.axes)]
+
+    @property
+    def rank(self) -> int:
+        """Number of vectors that displacements are made of."""
+        return int(self._basis.shape[1])
+
+    @property
+    def holes(self) -> dict[tuple[float, ...], str]:
+        """Why there is no answer, by displacement of the handle, from those nearest to rest on."""
+        near = sorted(range(len(self._grid)), key=lambda k: (self._grid.steps(k), k))
+        return {tuple(self._grid.point(k).tolist()): self._why[k] for k in near if self._why[k]}
+
+    def __repr__(self) -> str:
+        shape = " x ".join(map(str, self._solved.shape))
+        holes = f", {len(self.holes)} of them holes" if not self._solved.all() else ""
+        return (
+            f"PrecomputedResponse: {len(self.nodes)} nodes at {shape} displacements{holes}; {self._body.ndofs} degrees of freedom "
+            f"from {self.rank} vectors, which leave out {self.compression:.1g}; {self.error}"
+        )
+
+    def _make(self, grid: DisplacementGrid, nodes: NDArray[np.int64], states: Mapping[int, HandleState], tolerance: float) -> None:
+        """The table and its basis from the states at the points of the grid, its errors from those between."""
+        self._grid, self.axes, self.nodes, n = grid, grid.axes, nodes, len(grid)
+        self._why = [states[k].message for k in range(n)]
+        self._solved = np.array([not why for why in self._why]).reshape(grid.shape)
+        self._basis, amounts, self.compression = _compressed(np.array([states[k].u for k in range(n)]), tolerance)
+        forces = np.array([states[k].force for k in range(n)])
+        self._table = np.concatenate([forces, amounts], axis=1).reshape(*grid.shape, -1)
+        self._hold()
+        middles = [(grid.point(k), state) for k, state in sorted(states.items()) if k >= n]
+        good = [(at, state) for at, state in middles if not state.message]
+        points = np.array([at for at, _ in good]).reshape(-1, len(grid.axes))
+        largest_u = max(np.abs(state.u).max() for state in states.values())
+        largest_force = np.linalg.norm(forces, axis=1).max()
+        errors = []
+        for point, state in good:
+            force, u = self(point)
+            apart = np.linalg.norm((u - state.u).reshape(-1, len(point)), axis=1).max()
+            errors.append((np.linalg.norm(force - state.force) / largest_force, apart / largest_u))
+        of_force, of_u = np.array(errors).reshape(-1, 2).T
+        lost = [f"{_written(at)}: {state.message}" for at, state in middles if state.message]
+        self.error = BetweenPoints(points, of_force, of_u, tuple(lost))
+
+    def _hold(self) -> None:
+        """What else is held, and where, known exactly; and whether there are holes."""
+        supports = self._body.supports
+        self._held, self._held_at, self._whole = supports.held, supports.values(1.0), bool(self._solved.all())
+
+    def _interpolated(self, d: Array) -> Array:
+        """(d + rank,) force and amounts of the vectors at a displacement of the handle."""
+        wide = [_weights(axis, value, "xyz"[c], STENCIL) for c, (axis, value) in enumerate(zip(self.axes, d, strict=True))]
+        if not self._whole and not self._covered(wide):
+            wide = [_weights(axis, value, "xyz"[c], 2) for c, (axis, value) in enumerate(zip(self.axes, d, strict=True))]
+            if not self._covered(wide):
+                raise StateError(self._near_hole(d, wide))
+        values = self._table[tuple(slice(begin, begin + len(weights)) for begin, weights in wide)]
+        for _, weights in wide:
+            values = np.tensordot(weights, values, axes=1)
+        return values
+
+    def _covered(self, stencil: list[tuple[int, Array]]) -> bool:
+        """Whether there is no hole among the points that count."""
+        return not len(self._missing(stencil))
+
+    def _missing(self, stencil: list[tuple[int, Array]]) -> Array:
+        """(m, d) places of the holes among the points that count."""
+        solved = self._solved[tuple(slice(begin, begin + len(weights)) for begin, weights in stencil)]
+        counts = np.ones((), dtype=bool)
+        for _, weights in stencil:
+            counts = np.logical_and.outer(counts, weights != 0)
+        return np.argwhere(counts & ~solved) + [begin for begin, _ in stencil]
+
+    def _near_hole(self, d: Array, stencil: list[tuple[int, Array]]) -> str:
+        place = self._missing(stencil)[0]
+        hole = self._grid.number(tuple(place))
+        at = _written(self._grid.point(hole))
+        return f"displacement = {_written(d)} is in a cell with {at}, where there is no answer: {self._why[hole]}"
+
+    def _warn(self, states: Mapping[int, HandleState]) -> None:
+        """Warn of holes, and of what the solves warned of."""
+        holes = self.holes
+        if holes:
+            named = ", ".join(_written(at) for at in list(holes)[:3]) + (", ..." if len(holes) > 3 else "")
+            warn(f"No stable equilibrium at {len(holes)} of {len(self._why)} displacements ({named}): {next(iter(holes.values()))}")
+        said = [(k, state.warning) for k, state in sorted(states.items()) if state.warning]
+        if said:
+            at = _written(self._grid.point(said[0][0]))
+            warn(f"{len(said)} of {len(states)} solves warned, the first of them at {at}: {said[0][1]}")
+
+
+class _GridProgress(Progress):
+    """A bar on a terminal, elsewhere a line every few seconds."""
+
+    def __init__(self, header: str, total: int, quiet: bool) -> None:
+        super().__init__("response", quiet, (BarColumn(24), MofNCompleteColumn(), TimeElapsedColumn(), TimeRemainingColumn()))
+        self._total, self._begin, self._next = total, time.perf_counter(), time.perf_counter() + LINES
+        self.print(header)
+        self.show(total=total)
+
+    def count(self, done: int) -> None:
+        """Show how many solves are done."""
+        now = time.perf_counter()
+        self.show(completed=done)
+        if self._bar is None and now >= self._next:
+            self.print(f"{done} of {self._total} solves, {duration(now - self._begin)}")
+            self._next = now + LINES
+
+
+def _solved(solves: HandleSolves, kept: PointsCheckpoint | None, jobs: int, quiet: bool) -> Mapping[int, HandleState]:
+    """All states of a grid and of midpoints."""
+    grid, cores = solves.grid, threads()
+    total = len(grid) + solves.checks
+    jobs = max(1, min(jobs, cores, total))
+    there = f", {len(kept.kept)} of them there already" if kept is not None and kept.kept else ""
+    at_a_time = f"; {jobs} at a time" if jobs > 1 else ""
+    header = f"{len(grid)} displacements of the handle and {solves.checks} between them{there}{at_a_time}"
+    done = len(kept.kept) if kept is not None else 0
+    with _GridProgress(header, total, quiet) as progress:
+        try:
+            for k, state, keep in solves.run(jobs, max(1, cores // jobs)):
+                done += 1
+                progress.count(done)
+                if kept is not None and keep:
+                    kept.add(k, state)
+        except KeyboardInterrupt:
+            where = "no checkpoint was asked for" if kept is None else f"they are in {kept.folder}; the same call does the rest"
+            progress.print(f"{done} of {total} solves are done: {where}")
+            raise
+    return solves.states
+
+
+def _axes(given: Any, d: int) -> tuple[Array, ...]:
+    """Axes of displacements that are good for a grid."""
+    expected = f"a tuple of {d} axes of displacements, one per component, such as (x, y, z) with x = np.linspace(-0.1, 0.1, 5)"
+    if not isinstance(given, list | tuple) or len(given) != d:
+        raise StvkError(f"displacements = {shown(given)}; expected {expected[:-1] if d == 1 else expected}.")
+    axes = []
+    for letter, one in zip("xyz", given, strict=False):
+        name = f"displacements: {letter}"
+        axis = array(name, one, (None,), "(n,) finite displacements").copy()
+        if not len(axis) or (np.diff(axis) <= 0).any():
+            raise StvkError(f"{name} = {shown(one)}; expected at least one displacement, ascending.")
+        if len(axis) > 1 and not axis[0] <= 0 <= axis[-1]:
+            raise StvkError(
+                f"{name} goes from {axis[0]:.6g} to {axis[-1]:.6g}; expected zero on it or between: solves begin at rest."
+            )
+        axes.append(axis)
+    if all(len(axis) == 1 for axis in axes):
+        raise StvkError("displacements have one value each: that is one solve. Give at least one axis two or more.")
+    return tuple(axes)
+
+
+def _refuse_held(body: System, nodes: NDArray[np.int64], where: str) -> None:
+    """Refuse a handle with nodes that are held otherwise, and a body that moves without strain when its handle is held."""
+    both = np.intersect1d(nodes, body.supports.held // body.mesh.d)
+    if len(both):
+        raise SupportError(
+            f"handle: of {where}, {name_ids(both, body.mesh.word)} are fixed or prescribed in the body. Leave them out of the handle, "
+            "or of the supports."
+        )
+    DrivenSystem(body, nodes).check_held()
+
+
+def _named(solver: str | LinearSolver) -> str:
+    return solver if isinstance(solver, str) else str(solver.name)
+
+
+def _fingerprint(body: System, options: Mapping[str, Any], nodes: NDArray[np.int64]) -> Fingerprint:
+    return Fingerprint("path of equilibria", body, options, (1.0,), {"the handle": [len(nodes), *sums(nodes)]})
+
+
+def _weights(axis: Array, value: float, letter: str, most: int) -> tuple[int, Array]:
+    """The first of the points of an axis that count at a value, and their weights: Lagrange's polynomials through them."""
+    low, high, n = axis[0], axis[-1], len(axis)
+    if not low <= value <= high:
+        slack = ROUNDED * max(high - low, abs(low), abs(high))
+        if not low - slack <= value <= high + slack:
+            raise StateError(f"displacement along {letter} = {value:.9g}, outside of its axis from {low:.9g} to {high:.9g}.")
+        value = min(max(value, low), high)
+    count = min(most, n)
+    cell = min(max(int(np.searchsorted(axis, value, side="right")) - 1, 0), max(n - 2, 0))
+    begin = min(max(cell - (count - 1) // 2, 0), n - count)
+    at = axis[begin : begin + count].tolist()
+    weights = []
+    for i, own in enumerate(at):
+        weight = 1.0
+        for j, other in enumerate(at):
+            if j != i:
+                weight *= (value - other) / (own - other)
+        weights.append(weight)
+    return begin, np.array(weights)
+
+
+def _compressed(states: Array, tolerance: float) -> tuple[Array, Array, float]:
+    """Vectors (ndofs, r) and amounts (n, r) of them that make up the states (n, ndofs), and what is left out of one at most.
+
+    What is left out is less than the tolerance times the largest state, by the 2-norm; both are parts of that.
+    """
+    left, sizes, right = np.linalg.svd(states, full_matrices=False)
+    amounts = left * sizes
+    lost = np.sqrt(np.cumsum(amounts[:, ::-1] ** 2, axis=1)[:, ::-1])  # (n, r) without the vectors from each on
+    largest = np.linalg.norm(amounts, axis=1).max()
+    worst = np.append(lost.max(axis=0), 0.0)
+    rank = max(1, int(np.argmax(worst <= tolerance * largest)))
+    return np.ascontiguousarray(right[:rank].T), np.ascontiguousarray(amounts[:, :rank]), float(worst[rank] / largest)
+
+
+def _written(point: Array | tuple[float, ...]) -> str:
+    return f"({', '.join(f'{one:.4g}' for one in point)})"

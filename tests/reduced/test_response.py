@@ -1,0 +1,434 @@
+"""Precomputed response: exact at the points of its grid, between them as wrong as it says, and the same however it was computed."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import skfem_stvk
+from skfem_stvk import (
+    ElementMesh,
+    Gravity,
+    PrecomputedResponse,
+    Pressure,
+    RegionError,
+    SolveError,
+    StateError,
+    StVK,
+    StvkError,
+    StvkWarning,
+    SupportError,
+    System,
+    solve_static,
+)
+from skfem_stvk.mesh import box
+from skfem_stvk.reduced import handle_solves
+from skfem_stvk.reduced.response import _compressed, _weights
+
+BODY, BEAM = box((2.0, 1.0, 0.8), (3, 2, 2)), box((3.0, 1.0), (6, 2))
+AXES = (np.array([-0.1, 0.05, 0.2]), np.array([-0.3, -0.1, 0.0, 0.2, 0.3]), np.array([-0.2, 0.0, 0.25]))
+GRIP = "right"
+
+
+def solid(mesh=BODY, **supports):
+    terms = [StVK(young=1e4, poisson=0.3, density=3.0), Gravity((0, 0, -9.81)[-mesh.d :])]
+    return System(mesh, terms, **({"fixed": {"left": "xyz"[: mesh.d]}} | supports))
+
+
+def solved(body, displacement, **options):
+    """The state in which all loads and displacements have grown together from rest: another path to the same."""
+    nodes = np.unique(body.mesh.boundaries[GRIP])
+    components = {letter: float(value) for letter, value in zip("xyz", displacement, strict=False)}
+    prescribed = [*(body.made_of["prescribed"] or {}).items(), (nodes, components)]
+    result = solve_static(System(body.mesh, **{**body.made_of, "prescribed": prescribed}), quiet=True, rtol=1e-11, **options)
+    return result.reaction(GRIP).resultant, result.u
+
+
+@pytest.fixture(scope="module")
+def answers():
+    return PrecomputedResponse(solid(), GRIP, AXES, tolerance=1e-12, rtol=1e-11, checks=6, quiet=True)
+
+
+def test_answers_at_the_points_of_the_grid_are_the_solves_there(answers):
+    for place in [(0, 0, 0), (2, 4, 2), (1, 2, 1), (2, 0, 1), (0, 3, 2)]:
+        at = [axis[i] for axis, i in zip(AXES, place, strict=True)]
+        force, u = answers(at)
+        expected, states = solved(solid(), at)
+        assert np.abs(force - expected).max() < 1e-8 * np.abs(answers.forces).max() and np.abs(states).max() > 0.04
+        assert np.abs(u - states).max() < 1e-8
+        assert np.array_equal(force, answers.forces[place])
+
+
+def test_the_handle_and_the_supports_are_exactly_where_they_are_held(answers):
+    at = (0.0123, -0.234, 0.111)
+    _, u = answers(at)
+    moved = u.reshape(-1, 3)
+    assert (moved[answers.nodes] == at).all() and not moved[np.unique(BODY.boundaries["left"])].any()
+
+
+def test_the_error_says_what_solves_between_the_points_give(answers):
+    errors = answers.error
+    assert len(errors.points) == 6 and 1e-5 < errors.largest_force < 0.05 and 1e-5 < errors.largest_u < 0.05
+    k = int(np.argmax(errors.force))
+    force, u = answers(errors.points[k])
+    expected, states = solved(solid(), errors.points[k])
+    largest = np.linalg.norm(answers.forces, axis=-1).max()
+    assert np.linalg.norm(force - expected) / largest == pytest.approx(errors.largest_force, rel=1e-4)
+    at = [[axis[i] for axis, i in zip(AXES, corner, strict=True)] for corner in np.ndindex(3, 5, 3)]
+    most = max(np.abs(answers(one)[1]).max() for one in at)
+    apart = np.linalg.norm((u - states).reshape(-1, 3), axis=1).max() / most
+    assert apart == pytest.approx(errors.u[k], rel=0.1)
+    assert str(errors.points[k][0])[:4] in str(errors) and "of the largest force" in str(errors)
+
+
+def test_all_midpoints_can_be_measured():
+    all_of_them = PrecomputedResponse(solid(BEAM), GRIP, ([0.0], [-0.1, 0.0, 0.1, 0.3]), checks=None, quiet=True)
+    assert all_of_them.error.points.tolist() == [[0, -0.05], [0, 0.05], [0, 0.2]]
+    none = PrecomputedResponse(solid(BEAM), GRIP, ([0.0], [-0.1, 0.0, 0.1, 0.3]), checks=0, quiet=True)
+    assert not len(none.error.points) and np.isnan(none.error.largest_u) and "not measured" in repr(none)
+    assert np.array_equal(none.forces, all_of_them.forces)
+
+
+def test_the_error_falls_with_the_fourth_power_of_the_spacing():
+    body, errors = solid(BEAM), []
+    for n in (5, 9, 17):
+        axes = ([0.0], np.linspace(-0.6, 0.6, n))
+        error = PrecomputedResponse(body, GRIP, axes, tolerance=1e-12, rtol=1e-11, checks=None, quiet=True).error
+        errors.append([error.largest_force, error.largest_u])
+    orders = np.log2(np.divide(errors[:-1], errors[1:]))
+    assert (orders > 3.5).all() and (orders[-1] < 4.5).all(), orders
+
+
+@pytest.mark.parametrize("count", [2, 3, 4])
+def test_polynomials_of_the_degree_of_the_points_are_found_exactly(count):
+    axis = np.array([-1.0, -0.3, 0.0, 0.5, 1.2])
+    for value in np.linspace(-1, 1.2, 23):
+        begin, weights = _weights(axis, value, "x", count)
+        assert weights @ axis[begin : begin + count] ** (count - 1) == pytest.approx(value ** (count - 1), abs=1e-14)
+        assert weights.sum() == pytest.approx(1)
+        assert axis[begin] <= value <= axis[begin + count - 1]
+
+
+def test_answers_are_continuous_across_the_sides_of_cells(answers):
+    for y in AXES[1][1:-1]:
+        before, after = (answers((0.01, y + shift, 0.1)) for shift in (-1e-9, 1e-9))
+        assert np.abs(before[0] - after[0]).max() < 1e-6 * np.abs(answers.forces).max()
+        assert np.abs(before[1] - after[1]).max() < 1e-8
+
+
+def test_the_force_is_the_gradient_of_the_potential_energy():
+    """Whose minimum over all other nodes it is: the sign, the components and the loads are right."""
+    body, at, h = solid(BEAM), np.array([0.1, -0.3]), 1e-3
+    found = PrecomputedResponse(body, GRIP, ([0.0, at[0]], [at[1], 0.0]), rtol=1e-11, checks=0, quiet=True)
+
+    def potential(displacement):
+        return body.potential(solved(body, displacement)[1])
+
+    for c, step in enumerate(np.eye(2) * h):
+        slope = sum(w * potential(at + k * step) for k, w in ((-2, 1), (-1, -8), (1, 8), (2, -1))) / (12 * h)
+        assert found(at)[0][c] == pytest.approx(slope, rel=1e-6)
+        assert abs(slope) > 1
+
+
+def test_loads_and_displacements_of_the_body_act_in_full():
+    """Follower loads, functions of t and displacements that are prescribed elsewhere are what they are at t = 1."""
+    terms = [StVK(young=1e4, poisson=0.3), Pressure("top", 200.0), Pressure("bottom", lambda x, t: 100.0 * t + 0 * x[0])]
+    body = System(BEAM, terms, fixed={"left": "x"}, prescribed={"left": {"y": 0.05}})
+    found = PrecomputedResponse(body, GRIP, ([0.0, 0.1], [-0.2, -0.1, 0.0]), tolerance=1e-12, rtol=1e-11, checks=1, quiet=True)
+    for at in [(0.0, 0.0), (0.1, -0.2)]:
+        force, u = found(at)
+        expected, states = solved(body, at)
+        assert np.allclose(force, expected, rtol=1e-7, atol=1e-6) and np.abs(u - states).max() < 1e-8
+        assert u[1 + 2 * np.unique(BEAM.boundaries["left"])] == pytest.approx(0.05)
+
+
+def test_elements_that_were_taken_out_are_not_in_the_answers():
+    body = solid(BEAM)
+    whole = PrecomputedResponse(body, GRIP, ([0.0], [-0.1, 0.0]), checks=0, quiet=True).forces
+    body.remove([10, 11])
+    less = PrecomputedResponse(body, GRIP, ([0.0], [-0.1, 0.0]), checks=0, quiet=True).forces
+    assert abs(less[0, 0, 1] / whole[0, 0, 1] - 1) > 0.01
+
+
+def test_fewer_vectors_are_as_wrong_as_they_say(answers):
+    rough = PrecomputedResponse(solid(), GRIP, AXES, tolerance=1e-3, checks=0, quiet=True)
+    assert 1 < rough.rank < answers.rank and 0 < rough.compression <= 1e-3
+    states = np.array([answers([axis[i] for axis, i in zip(AXES, k, strict=True)])[1] for k in np.ndindex(3, 5, 3)])
+    rougher = np.array([rough([axis[i] for axis, i in zip(AXES, k, strict=True)])[1] for k in np.ndindex(3, 5, 3)])
+    worst = np.linalg.norm(states - rougher, axis=1).max() / np.linalg.norm(states, axis=1).max()
+    assert worst <= 1.01 * rough.compression  # what is held is exact beside
+    basis, amounts, left_out = _compressed(states, 1e-3)
+    assert np.linalg.norm(states - amounts @ basis.T, axis=1).max() / np.linalg.norm(states, axis=1).max() == pytest.approx(
+        left_out
+    )
+
+
+# outside of the grid, and holes in it
+
+
+def test_outside_of_an_axis_is_refused_by_its_name_and_range(answers):
+    with pytest.raises(StateError, match=r"along y = 0\.31, outside of its axis from -0\.3 to 0\.3\."):
+        answers((0, 0.31, 0))
+    held = PrecomputedResponse(solid(BEAM), GRIP, ([0.01], [-0.1, 0.0]), checks=0, quiet=True)
+    with pytest.raises(StateError, match=r"along x = 0, outside of its axis from 0\.01 to 0\.01"):
+        held((0.0, -0.05))
+    assert held((0.01, -0.05 - 0.05))[0].shape == (2,) and held((0.01, -0.1 - 1e-15))[0].shape == (2,)
+    for bad in [(0, 0), (0, np.nan, 0), "x", None, (0, 0, 0, 0)]:
+        with pytest.raises(StateError):
+            answers(bad)
+
+
+@pytest.fixture(scope="module")
+def holed():
+    """Compressed so far that a St. Venant-Kirchhoff body gives way."""
+    body = System(BEAM, StVK(young=1e4, poisson=0.3), fixed={"left": "xy"})
+    with pytest.warns(StvkWarning, match=r"No stable equilibrium at 6 of 15 displacements \(\(-2, 0\), .*: Stopped before"):
+        return PrecomputedResponse(body, GRIP, ([-2.8, -2.0, -0.1, 0.0, 0.1], [-0.1, 0.0, 0.1]), checks=None, quiet=True)
+
+
+def test_points_without_equilibrium_are_holes_whose_cells_are_refused(holed):
+    assert {at[0] for at in holed.holes} <= {-2.8, -2.0} and all(holed.holes.values()) and (-2.8, 0.0) in holed.holes
+    with pytest.raises(StateError, match=r"in a cell with \(-2.*where there is no answer: "):
+        holed((-1.9, 0.05))
+    assert np.isfinite(holed.forces).all() and "holes" in repr(holed)
+    assert len(holed.error.points) == 4 and holed.error.points[:, 0].min() >= -0.1  # cells without holes alone
+
+
+def test_beside_holes_answers_are_linear_between_the_points(holed):
+    force, _ = holed((-0.075, 0.0))
+    assert force == pytest.approx(0.75 * holed.forces[2, 1] + 0.25 * holed.forces[3, 1], rel=1e-12)
+    assert holed((-0.1, 0.05))[0].shape == (2,)  # on the side of a cell with a hole, the other cell answers
+
+
+def test_points_that_are_reached_by_a_jump_alone_are_holes():
+    """Two flat bars that a soft one pulls through: where they snap, answers would jump."""
+    mesh = ElementMesh(
+        p=np.array([[-1.0, 0.0, 1.0, 0.0], [0.0, 0.3, 0.0, -3.0]]),
+        t=np.array([[0, 1, 1], [1, 2, 3]]),
+        subdomains={"flat": [0, 1], "soft": [2]},
+    )
+    bars = [StVK(young=1e5, poisson=0.3, area=1e-2, region="flat"), StVK(young=1e5, poisson=0.3, area=1e-3, region="soft")]
+    body = System(mesh, bars, fixed=[([0, 2], "xy"), ([1], "x")])
+    with pytest.warns(StvkWarning, match="the body snaps"):
+        found = PrecomputedResponse(body, [3], ([0.0], np.linspace(-1.0, 0.2, 13)), checks=0, steps=4, quiet=True)
+    assert 0 < len(found.holes) < 12 and all(at[1] < -0.2 for at in found.holes)
+    assert found((0.0, -0.1))[0][1] < 0
+    with pytest.raises(StateError, match=r"snaps|no neighbour"):
+        found((0.0, -0.95))
+
+
+def test_the_first_point_has_to_have_an_equilibrium():
+    with pytest.raises(SolveError, match=r"inside out|Stopped"):
+        PrecomputedResponse(solid(BEAM), GRIP, ([-3.1, 4.0], [0.0]), quiet=True)
+
+
+# order, processes, files
+
+
+def test_each_point_starts_from_its_solved_neighbour_nearer_to_rest():
+    grid = handle_solves.DisplacementGrid(([-1.0, 0.1, 1.0], np.array([-0.2, 0.0, 0.3])))
+    assert grid.points[grid.first].tolist() == [0.1, 0.0]
+    assert [grid.points[k].tolist() for k in grid.neighbours(grid.number((2, 2)), nearer=True)] == [[1.0, 0.0], [0.1, 0.3]]
+    assert [grid.points[k].tolist() for k in grid.neighbours(grid.number((1, 2)), nearer=False)] == [[1.0, 0.3], [-1.0, 0.3]]
+    assert sorted(map(grid.steps, range(9))) == [0, 1, 1, 1, 1, 2, 2, 2, 2]
+
+
+def test_a_hole_is_walked_around_and_the_order_does_not_matter():
+    """With a toy solver: what lies behind a hole is started from its other neighbour."""
+    axes = (np.arange(-1.0, 3), np.arange(0.0, 3))
+    grid, starts = handle_solves.DisplacementGrid(axes), {}
+
+    class Toy:
+        def __call__(self, task):
+            starts[task.number] = task.start.tolist()
+            hole = task.end.tolist() in ([1.0, 0.0], [0.0, 2.0])
+            return handle_solves.HandleState(task.end, task.end, "hole" if hole else "")
+
+        _failed = staticmethod(lambda message: handle_solves.HandleState(np.zeros(2), np.zeros(2), message))
+
+    solves = handle_solves.HandleSolves(grid, Toy(), 0, {})
+    found = [number for number, _, _ in solves.run(1, 1)]
+    assert starts[grid.number((2, 1))] == [0.0, 1.0] and starts[grid.number((1, 0))] == [0, 0]
+    assert grid.number((3, 0)) not in found and "no neighbour" in solves.states[grid.number((3, 0))].message
+    assert starts[grid.number((2, 2))] == [1.0, 1.0] and len(solves.states) == 12
+    kept = {k: solves.states[k] for k in found[::2]}
+    again = handle_solves.HandleSolves(grid, Toy(), 0, kept)
+    assert sorted(number for number, _, _ in again.run(1, 1)) == sorted(found[1::2])
+    assert {k: s.message for k, s in again.states.items()} == {k: s.message for k, s in solves.states.items()}
+
+
+def test_processes_give_the_same_to_the_last_bit(tmp_path):
+    script = tmp_path / "response.py"
+    script.write_text(SCRIPT.format(jobs=2, checkpoint=str(tmp_path / "points"), n=5))
+    done = subprocess.run([sys.executable, script], capture_output=True, text=True, env=HERE)
+    assert done.returncode == 0, done.stderr
+    alone = PrecomputedResponse(solid(BEAM), GRIP, ([0.0, 0.1], np.linspace(-0.3, 0.3, 5)), checks=2, quiet=True)
+    loaded = PrecomputedResponse.load(tmp_path / "answers.npz", solid(BEAM))
+    assert_same(loaded, alone)
+
+
+#: Scripts in other folders import the package that is tested.
+HERE = os.environ | {"PYTHONPATH": str(Path(skfem_stvk.__file__).parent.parent)}
+SCRIPT = """
+import numpy as np
+from skfem_stvk import Gravity, PrecomputedResponse, StVK, System
+from skfem_stvk.mesh import box
+
+if __name__ == "__main__":
+    terms = [StVK(young=1e4, poisson=0.3, density=3.0), Gravity((0, -9.81))]
+    body = System(box((3.0, 1.0), (6, 2)), terms, fixed={{"left": "xy"}})
+    axes = [0.0, 0.1], np.linspace(-0.3, 0.3, {n})
+    PrecomputedResponse(body, "right", axes, checks=2, jobs={jobs}, checkpoint={checkpoint!r}).save(__file__.replace("response.py", "answers.npz"))
+"""
+
+
+def assert_same(one, other):
+    assert np.array_equal(one._table, other._table) and np.array_equal(one._basis, other._basis)
+    assert np.array_equal(one.error.points, other.error.points) and np.array_equal(one.error.u, other.error.u)
+    assert repr(one) == repr(other)
+
+
+@pytest.mark.parametrize("how, jobs", [(signal.SIGKILL, 1), (signal.SIGINT, 1), (signal.SIGINT, 2)])
+def test_a_response_that_was_killed_goes_on_to_the_same_table(tmp_path, how, jobs):
+    script, points = tmp_path / "response.py", tmp_path / "points"
+    script.write_text(SCRIPT.format(jobs=jobs, checkpoint=str(points), n=61))
+    process = subprocess.Popen(
+        [sys.executable, script],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+        env=HERE,
+    )
+    try:
+        begin = time.monotonic()
+        while len(list(points.glob("*.npz")) if points.exists() else []) < 4:
+            assert process.poll() is None, process.communicate()
+            assert time.monotonic() - begin < 120
+            time.sleep(0.01)
+        os.kill(process.pid, how)
+        printed, _ = process.communicate(timeout=60)
+    finally:
+        process.kill()
+        process.wait()
+    before = {file.name: file.stat().st_mtime_ns for file in points.glob("*.npz")}
+    assert 4 <= len(before) < 124
+    assert how == signal.SIGKILL or f"{len(before)} of 124 solves are done: they are in {points}" in printed
+    axes = ([0.0, 0.1], np.linspace(-0.3, 0.3, 61))
+    resumed = PrecomputedResponse(solid(BEAM), GRIP, axes, checks=2, checkpoint=points, quiet=True)
+    after = {file.name: file.stat().st_mtime_ns for file in points.glob("*.npz")}
+    assert len(after) == 124 and all(after[name] == before[name] for name in before)
+    assert_same(resumed, PrecomputedResponse(solid(BEAM), GRIP, axes, checks=2, quiet=True))
+
+
+def test_a_checkpoint_of_another_problem_is_refused_and_so_is_a_damaged_one(tmp_path):
+    axes = ([0.0], [-0.1, 0.0, 0.1])
+    PrecomputedResponse(solid(BEAM), GRIP, axes, checks=0, checkpoint=tmp_path / "points", quiet=True)
+    for other in [
+        {"displacements": ([0.0], [-0.1, 0.0, 0.2])},
+        {"handle": [int(np.unique(BEAM.boundaries[GRIP])[0])]},
+        {"body": System(BEAM, StVK(young=1e4, poisson=0.3), fixed={"left": "xy"})},
+        {"rtol": 1e-6},
+    ]:
+        options = {"body": solid(BEAM), "handle": GRIP, "displacements": axes} | other
+        with pytest.raises(StvkError, match="of another problem"):
+            PrecomputedResponse(**options, checks=0, checkpoint=tmp_path / "points", quiet=True)
+    file = tmp_path / "points" / "point_000001.npz"
+    file.write_bytes(file.read_bytes()[:-40])
+    with pytest.raises(StvkError, match=r"point_000001.*Remove it: its point is solved anew"):
+        PrecomputedResponse(solid(BEAM), GRIP, axes, checks=0, checkpoint=tmp_path / "points", quiet=True)
+
+
+def test_bodies_with_lambdas_do_not_go_to_processes():
+    body = System(BEAM, StVK(young=1e4, poisson=0.3), fixed=[(lambda x: x[0] == 0, "xy")])
+    with pytest.raises(StvkError, match=r"lambda.*jobs=1"):
+        PrecomputedResponse(body, GRIP, ([0.0], [-0.1, 0.0]), jobs=2, quiet=True)
+
+
+def test_what_is_saved_is_loaded_with_its_own_body_alone(answers, tmp_path):
+    file = answers.save(tmp_path / "grip.npz")
+    loaded = PrecomputedResponse.load(file, solid())
+    assert_same(loaded, answers)
+    at = (0.1, -0.22, 0.01)
+    assert all(np.array_equal(one, other) for one, other in zip(loaded(at), answers(at), strict=True))
+    with pytest.raises(StvkError, match=r"elastic terms.*changed"):
+        PrecomputedResponse.load(file, System(BODY, StVK(young=2e4, poisson=0.3), fixed={"left": "xyz"}))
+    with pytest.raises(StvkError, match="supports changed"):
+        PrecomputedResponse.load(file, solid(fixed={"left": "xy"}))
+    content = dict(np.load(file))
+    for name in ("array table", "array nodes"):
+        np.savez(tmp_path / "changed.npz", **(content | {name: content[name] + 1}))
+        with pytest.raises(StvkError, match="was changed"):
+            PrecomputedResponse.load(tmp_path / "changed.npz", solid())
+
+
+def test_holes_are_saved_too(holed, tmp_path):
+    loaded = PrecomputedResponse.load(holed.save(tmp_path / "holed.npz"), holed.body)
+    assert loaded.holes == holed.holes and loaded.error.unsolved == holed.error.unsolved
+    with pytest.raises(StateError, match="no answer"):
+        loaded((-1.9, 0.0))
+
+
+@pytest.mark.parametrize(
+    "axes, message",
+    [
+        (([0.0], [0.1, 0.2]), "y goes from 0.1 to 0.2; expected zero"),
+        (([0.0], [0.1, 0.0]), "ascending"),
+        (([0.0], []), "at least one"),
+        (([0.0], [0.0]), "one value each"),
+        (([0.0, 0.1],), "2 axes"),
+        (([0.0], "yes"), "displacements: y"),
+        (([0.0], [0.0, np.nan]), "not finite"),
+        (3, "2 axes"),
+    ],
+)
+def test_grids_that_are_none_are_refused(axes, message):
+    with pytest.raises(StvkError, match=message):
+        PrecomputedResponse(solid(BEAM), GRIP, axes, quiet=True)
+
+
+def test_handles_that_cannot_be_displaced_are_refused():
+    with pytest.raises(SupportError, match=r"handle: of 'left', 3 vertices .* fixed or prescribed"):
+        PrecomputedResponse(solid(BEAM), "left", ([0.0], [0.0, 0.1]), quiet=True)
+    with pytest.raises(RegionError, match=r"handle: .*'grip'"):
+        PrecomputedResponse(solid(BEAM), "grip", ([0.0], [0.0, 0.1]), quiet=True)
+    with pytest.raises(SupportError, match="rigid"):
+        PrecomputedResponse(System(BEAM, StVK(young=1e4, poisson=0.3)), [0], ([0.0], [0.0, 0.1]), quiet=True)
+
+
+# faults that the checks are for
+
+
+def test_the_check_of_answers_finds_swapped_axes_and_a_wrong_sign(answers, monkeypatch):
+    """The same grid with its components exchanged, or with the force of the body on the hand, is far from what solves give."""
+    at = (0.2, -0.3, 0.25)
+    true = solved(solid(), at)[0]
+    assert np.abs(answers(at)[0] - true).max() < 1e-8 * np.abs(true).max()
+    monkeypatch.setattr(handle_solves.DrivenSystem, "_moved", lambda self, x, t: np.repeat(t * self.end[::-1, None], x.shape[1], 1))
+    swapped = PrecomputedResponse(solid(), GRIP, AXES, checks=0, quiet=True)
+    assert np.abs(swapped(at)[0] - true).max() > 0.1 * np.abs(true).max()
+    monkeypatch.undo()
+    residual = handle_solves.DrivenSystem.residual
+    monkeypatch.setattr(handle_solves.DrivenSystem, "residual", lambda self, u, t=1.0: -residual(self, u, t))
+    turned = PrecomputedResponse(solid(), GRIP, AXES, checks=0, quiet=True)
+    assert np.abs(turned(at)[0] - true).max() > 0.1 * np.abs(true).max()
+
+
+def test_errors_between_points_see_a_table_that_is_wrong(monkeypatch):
+    """States on another branch, here of a point that was solved for elsewhere, are seen by midpoints beside it."""
+    call = handle_solves.HandleSolver.__call__
+
+    def elsewhere(self, task):
+        state = call(self, task)
+        return state._replace(u=0.7 * state.u, force=0.7 * state.force) if task.number == 3 else state
+
+    axes = ([0.0], np.linspace(-0.2, 0.2, 7))
+    right = PrecomputedResponse(solid(BEAM), GRIP, axes, checks=None, quiet=True)
+    monkeypatch.setattr(handle_solves.HandleSolver, "__call__", elsewhere)
+    wrong = PrecomputedResponse(solid(BEAM), GRIP, axes, checks=None, quiet=True)
+    assert wrong.error.largest_force > 30 * right.error.largest_force
