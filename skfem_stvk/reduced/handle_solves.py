@@ -19,7 +19,7 @@ from ..arguments import Array
 from ..edges import ALL, Tensions
 from ..errors import StvkError, StvkWarning
 from ..linear import LinearSolver
-from ..mesh import ElementMesh
+from ..mesh import MeshLike
 from ..nonlinear.outcome import finishing_steps, stop_if_asked
 from ..nonlinear.processes import Crashed, in_processes
 from ..statics import SolveError, solve_static
@@ -94,7 +94,7 @@ class DrivenSystem(System):
         moved: list[tuple[Any, Any]] = [
             (nodes[components == c], {"xyz"[c]: self._kept(places[components == c])}) for c in np.unique(components)
         ]
-        super().__init__(body.mesh, **{**body.made_of, "prescribed": [*moved, (handle, self._moved)]})
+        super().__init__(body.made_from, **{**body.made_of, "prescribed": [*moved, (handle, self._moved)]})
         if len(body.removed):
             self.remove(body.removed)
 
@@ -147,7 +147,7 @@ class HandleState(NamedTuple):
 class HandleSolver:
     """Solves a body with its handle displaced, one displacement after the other; it goes to processes by `pickle`."""
 
-    mesh: ElementMesh
+    made_from: MeshLike
     made_of: Mapping[str, Any]
     removed: NDArray[np.int64]
     handle: NDArray[np.int64]
@@ -158,7 +158,7 @@ class HandleSolver:
     @cached_property
     def driven(self) -> DrivenSystem:
         """The body with the handle among its supports."""
-        body = System(self.mesh, **self.made_of)
+        body = System(self.made_from, **self.made_of)
         if len(self.removed):
             body.remove(self.removed)
         return DrivenSystem(body, self.handle)
@@ -191,12 +191,12 @@ class HandleSolver:
             return self._failed(result.message)
         if task.u0 is not None and any(step.jumped for step in result.history):
             return self._failed("the body snaps on the way to it, where its branch of equilibria ends.")
-        force = driven.residual(result.u).reshape(-1, self.mesh.d)[self.handle].sum(axis=0)
+        force = driven.residual(result.u).reshape(-1, driven.mesh.d)[self.handle].sum(axis=0)
         said = [str(one.message) for one in caught if issubclass(one.category, StvkWarning)]
         return HandleState(result.u, force, warning=said[0] if said else "")
 
     def _failed(self, message: str) -> HandleState:
-        return HandleState(np.zeros(self.mesh.p.size), np.zeros(self.mesh.d), message)
+        return HandleState(np.zeros(self.driven.ndofs), np.zeros(self.driven.mesh.d), message)
 
     def refuse_processes(self) -> None:
         """Refuse bodies that cannot go to processes."""
@@ -204,8 +204,8 @@ class HandleSolver:
             pickle.dumps(self)
         except Exception as error:  # pickle raises what it likes
             raise StvkError(
-                f"The body cannot go to other processes ({error}). A lambda, or a function within another one, is a place or a load "
-                "of it: use names, Box(...) or functions of a module, or jobs=1."
+                f"The body cannot go to other processes ({error}). A lambda, or a function within another one, is a place or "
+                "a load of it: use names, Box(...) or functions of a module, or jobs=1."
             ) from error
 
 

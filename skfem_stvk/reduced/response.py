@@ -18,12 +18,13 @@ from .. import arguments
 from ..arguments import Array, array, number, shown, whole
 from ..errors import StateError, StvkError, SupportError, name_ids, warn
 from ..kernels.threads import threads
-from ..linear import LinearSolver
+from ..linear import LinearSolver, choose
 from ..mesh.places import Where, describe, vertices_at
 from ..nonlinear.processes import is_started_for_work
 from ..nonlinear.progress import LINES, Progress, duration
 from ..results.files import output_path
 from ..system import System
+from ..system.free_tangent import entries_of, kind_of
 from ..system.signature import Fingerprint, sums
 from .handle_solves import DisplacementGrid, DrivenSystem, HandleSolver, HandleSolves, HandleState
 
@@ -90,7 +91,8 @@ class PrecomputedResponse:
     ----------
     body : a `System` with supports that leave no rigid motion once the handle is held. Its loads and prescribed displacements act
         in full, as at t = 1.
-    handle : the place whose nodes are all displaced alike: a name, node ids, a predicate, a shape; not fixed or prescribed otherwise.
+    handle : the place whose nodes are all displaced alike: a name, node ids, a predicate, a shape; none of them fixed or
+        prescribed in the body.
     displacements : an axis of ascending displacements (n_c,) for each component [m], with zero on each or between its values. An
         axis of one value holds its component there.
     tolerance : the displacements in the table are exact up to this part of the largest one, by the 2-norm over all nodes.
@@ -159,23 +161,23 @@ class PrecomputedResponse:
         number("rtol", rtol, "a number between 0 and 1, such as 1e-8", 0.0, 1.0)
         jobs = whole("jobs", jobs, "how many solves go on at a time, from 1", 1)
         arguments.flag("quiet", quiet)
-        work = HandleSolver(body.mesh, dict(body.made_of), body.removed, nodes, steps, float(rtol), solver)
+        folder = None if checkpoint is None else arguments.path("checkpoint", checkpoint, "the path of a folder such as 'grip'")
+        work = HandleSolver(body.made_from, dict(body.made_of), body.removed, nodes, steps, float(rtol), solver)
         if jobs > 1:
             if is_started_for_work():
                 raise StvkError(
                     "This is a process that was started for solves. Make the response under `if __name__ == ...:` alone."
                 )
             work.refuse_processes()
-        _refuse_held(body, nodes, describe(handle))
-        options = {"axes": [axis.tolist() for axis in grid.axes], "steps": steps, "rtol": float(rtol), "solver": _named(solver)}
+        chosen = _chosen(_driven(body, nodes, describe(handle)), solver)
+        options = {"axes": [axis.tolist() for axis in grid.axes], "steps": steps, "rtol": float(rtol), "solver": chosen.name}
         self._body = body
         self._problem = _fingerprint(body, options, nodes)
         with ExitStack() as stack:
             kept: PointsCheckpoint | None = None
-            if checkpoint is not None:
+            if folder is not None:
                 from .response_files import PointsCheckpoint  # and pydantic, only where files are
 
-                folder = arguments.path("checkpoint", checkpoint, "the path of a folder such as 'grip'")
                 sizes, last = (body.ndofs, body.mesh.d), len(grid) + len(grid.cells) - 1
                 kept = stack.enter_context(PointsCheckpoint(folder, self._problem, sizes, last))
             states = _solved(HandleSolves(grid, work, checks, kept.kept if kept else {}), kept, jobs, quiet)
@@ -403,19 +405,22 @@ def _axes(given: Any, d: int) -> tuple[Array, ...]:
     return tuple(axes)
 
 
-def _refuse_held(body: System, nodes: NDArray[np.int64], where: str) -> None:
-    """Refuse a handle with nodes that are held otherwise, and a body that moves without strain when its handle is held."""
+def _driven(body: System, nodes: NDArray[np.int64], where: str) -> DrivenSystem:
+    """The body with its handle held; refused where nodes of it are held otherwise, or where the body still moves without strain."""
     both = np.intersect1d(nodes, body.supports.held // body.mesh.d)
     if len(both):
         raise SupportError(
-            f"handle: of {where}, {name_ids(both, body.mesh.word)} are fixed or prescribed in the body. Leave them out of the handle, "
-            "or of the supports."
+            f"handle: of {where}, {name_ids(both, body.mesh.word)} are fixed or prescribed in the body. Leave them out of the "
+            "handle, or of the supports."
         )
-    DrivenSystem(body, nodes).check_held()
+    driven = DrivenSystem(body, nodes)
+    driven.check_held()
+    return driven
 
 
-def _named(solver: str | LinearSolver) -> str:
-    return solver if isinstance(solver, str) else str(solver.name)
+def _chosen(driven: DrivenSystem, solver: str | LinearSolver) -> LinearSolver:
+    free = driven.ndofs - len(driven.supports.held)
+    return choose(solver, free, kind_of(driven), False, entries_of(driven))
 
 
 def _fingerprint(body: System, options: Mapping[str, Any], nodes: NDArray[np.int64]) -> Fingerprint:

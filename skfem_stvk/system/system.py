@@ -188,7 +188,12 @@ class System(BoundTerms):
 
     def anew(self) -> System:
         """The same body as it was built, with all of its elements."""
-        return System(self._made_from, **self.made_of)
+        return System(self.made_from, **self.made_of)
+
+    @property
+    def made_from(self) -> MeshLike:
+        """The mesh or the points that it was built from, of which terms may have brought simplices of their own."""
+        return self._made_from
 
     @property
     def made_of(self) -> Mapping[str, Any]:

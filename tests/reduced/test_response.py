@@ -155,6 +155,16 @@ def test_elements_that_were_taken_out_are_not_in_the_answers():
     assert abs(less[0, 0, 1] / whole[0, 0, 1] - 1) > 0.01
 
 
+def test_cables_beside_a_solid_are_pulled_with_it():
+    cable = np.array([[0, BODY.nv - 1], [BODY.nv - 1, 3]]).T
+    terms = [StVK(young=1e4, poisson=0.3), StVK(young=1e5, area=1e-2, simplices=cable)]
+    body = System(BODY, terms, fixed={"left": "xyz"})
+    found = PrecomputedResponse(body, [BODY.nv - 1], ([0.0, 0.1], [0.0], [0.0]), rtol=1e-11, checks=0, quiet=True)
+    without = System(BODY, terms[0], fixed={"left": "xyz"})
+    alone = PrecomputedResponse(without, [BODY.nv - 1], ([0.0, 0.1], [0.0], [0.0]), rtol=1e-11, checks=0, quiet=True)
+    assert found((0.1, 0, 0))[0][0] > 1.05 * alone((0.1, 0, 0))[0][0] > 1
+
+
 def test_fewer_vectors_are_as_wrong_as_they_say(answers):
     rough = PrecomputedResponse(solid(), GRIP, AXES, tolerance=1e-3, checks=0, quiet=True)
     assert 1 < rough.rank < answers.rank and 0 < rough.compression <= 1e-3
@@ -283,7 +293,8 @@ if __name__ == "__main__":
     terms = [StVK(young=1e4, poisson=0.3, density=3.0), Gravity((0, -9.81))]
     body = System(box((3.0, 1.0), (6, 2)), terms, fixed={{"left": "xy"}})
     axes = [0.0, 0.1], np.linspace(-0.3, 0.3, {n})
-    PrecomputedResponse(body, "right", axes, checks=2, jobs={jobs}, checkpoint={checkpoint!r}).save(__file__.replace("response.py", "answers.npz"))
+    answers = PrecomputedResponse(body, "right", axes, checks=2, jobs={jobs}, checkpoint={checkpoint!r})
+    answers.save(__file__.replace("response.py", "answers.npz"))
 """
 
 

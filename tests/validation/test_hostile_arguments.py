@@ -37,6 +37,7 @@ WITHOUT = {
         "Analysis",
         "Attempt",
         "Benchmark",
+        "BetweenPoints",
         "CheckOutcome",
         "CriticalPoint",
         "CriticalElements",

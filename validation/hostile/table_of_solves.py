@@ -12,6 +12,7 @@ from skfem_stvk import (
     EnergyMomentum,
     Isotropic,
     NodalLoad,
+    PrecomputedResponse,
     Report,
     StaticResult,
     Stop,
@@ -26,7 +27,7 @@ from skfem_stvk.linear import SOLVERS, BlockJacobiCg, Kind, SsorCg, Unknowns, ch
 from skfem_stvk.linear.solver import Analysis, Factors
 
 from .call import Call
-from .small_bodies import NOT_NEGATIVE, NUMBER, OPTIONAL, POSITIVE, call, costly, drawn, square, tetrahedra
+from .small_bodies import NOT_NEGATIVE, NUMBER, OPTIONAL, PLACE, POSITIVE, call, costly, drawn, square, system, tetrahedra
 
 RIGHT = np.arange(1.0, 5.0)
 FLAG = frozenset({"True"})
@@ -136,6 +137,27 @@ def calls() -> list[Call]:
             displacement=([1], "y", -0.125),
             turns=2,
             states=2,
+        ),
+        costly(
+            "PrecomputedResponse",
+            _response,
+            {
+                "rtol": POSITIVE,
+                "tolerance": POSITIVE,
+                "checks": OPTIONAL | {"0"},
+                "quiet": FLAG,
+            },
+            {"handle": rf"handle|{PLACE}"},
+            body=system(),
+            handle="tip",
+            displacements=([0.0], [-0.125, 0.0, 0.125]),
+            tolerance=0.0009765625,
+            checks=1,
+            steps=2,
+            rtol=0.0009765625,
+            solver="superlu",
+            jobs=1,
+            quiet=True,
         ),
         costly(
             "solve_static",
@@ -251,6 +273,11 @@ def calls() -> list[Call]:
             folder="report",
         ),
     ]
+
+
+def _response(**given: Any) -> Any:
+    answers = PrecomputedResponse(**given)
+    return answers.forces, answers((0.0, 0.0625))
 
 
 def _path(stop: Stop) -> Any:
