@@ -322,6 +322,8 @@ def _check_poisson(complaints: Complaints, names: Names, term: Any, law: Any) ->
     poisson = None if name is None else getattr(names.sections.materials[name], "poisson", None)
     if name is None or not isinstance(poisson, float | int) or poisson < 0.5 or not hasattr(law, "hypothesis"):
         return
+    if law.simplices is not None:  # in plane stress, or uniaxial
+        return
     hypothesis = law.hypothesis(names.mesh)
     if hypothesis in (Hypothesis.SOLID, Hypothesis.PLANE_STRAIN):
         complaints.add(("materials", name, "poisson"), f"{poisson:g} is outside (-1, 1/2)")

@@ -89,7 +89,8 @@ def footprint(built: Built) -> list[PartCost]:
     for number, (section, term) in enumerate(zip(sections.terms, system.terms, strict=True)):
         x = u.reshape(-1, system.mesh.d)
         cost = _of_load(next(loads), system.mesh, x, implicit) if is_load(term) else _of_term(*next(elastic), system, x, implicit)
-        found = len(system.mesh.elements(term.region)) if hasattr(term, "region") else None
+        on = next((body.mesh for body in system.body.beside if any(term is one for one in body.terms)), system.mesh)
+        found = len(on.elements(term.region)) if hasattr(term, "region") else None
         rows.append(cost._replace(name=f"terms[{number}] {section.type}", elements=found))
     rows.append(_of_all(system, u, implicit))
     if isinstance(analysis, DynamicAnalysis | ModesAnalysis):

@@ -302,6 +302,8 @@ class _Look:
         held = len(system.supports.held)
         self.add("body", Fact("unknowns", system.ndofs - held, "free", f"and {held} held"))
         self.add("body", *(Fact(f"terms[{number}]", term) for number, term in enumerate(terms)))
+        beside = [body.mesh for body in system.body.beside]
+        self.add("body", *(Fact(f"{one.element.name} beside the mesh", one.nt) for one in beside))
         loose, has_mass = 0, True
         try:
             self.add("body", Fact("mass", system.mass().total, self._symbol("mass")))

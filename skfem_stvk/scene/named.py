@@ -68,8 +68,10 @@ class NamedSystem:
         data: dict[str, Any] = {"mesh": {"file": MESH}}
         data["mesh"] |= {name: made[name] for name in ("quadrature", "hourglass") if made[name] is not None}
         given = made["terms"] if isinstance(made["terms"], list | tuple) else [made["terms"]]
+        beside = [id(term) for body in system.body.beside for term in body.terms]
         named = []
-        for number, term in enumerate(given):
+        for number, (own, bound) in enumerate(zip(given, system.terms, strict=True)):
+            term = own if id(bound) in beside else bound  # on the mesh those with simplices have regions
             with names.leaving_out(f"terms[{number}], {type(term).__name__}"):
                 named.append(names.term(term))
         if not any("material" in term for term in named):
@@ -131,6 +133,8 @@ class SceneNames:
             return {name: self.material(value)}
         if name == "region":
             return {name: self.region(value)}
+        if name == "simplices":
+            return {name: checked_name(value) if isinstance(value, str) else np.asarray(value).T.tolist()}
         if name == "on":
             surface = self.mesh.k < self.mesh.d and "pressure" in model.model_fields  # which is its elements
             return {name: self._marked_elements(value) if surface else self.place(value)}

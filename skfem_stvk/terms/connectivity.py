@@ -97,7 +97,7 @@ def simplices_of(
     if isinstance(given, str):
         if mesh is None or given not in mesh.boundaries:
             known = name_known(given, mesh.boundaries) if mesh is not None else "there are points alone, without names."
-            raise MeshError(f"{what} = {shown(given)}; expected the name of a boundary or (k + 1, n) nodes: {known}")
+            raise MeshError(f"{what} = {shown(given)}; expected (k + 1, n) nodes, or the name of a boundary; {known}")
         return checked_facets(mesh, given), named(mesh.element.facet)
     kinds = {
         element.n: element

@@ -80,6 +80,27 @@ CASES = [
         "path of a mesh file",
     ),
     Broken(
+        "a skin on no boundary",
+        [
+            (
+                '[[terms]]\ntype = "gravity"',
+                '[[terms]]\ntype = "stvk"\nmaterial = "steel"\nsimplices = "lef"\n\n[[terms]]\ntype = "gravity"',
+            )
+        ],
+        "scene.toml: terms[1], line 22: StVK 0: simplices = 'lef'; expected (k + 1, n) nodes, or the name of a boundary; known: "
+        "'back', 'bottom', 'front', 'left', 'right', 'top'. Did you mean 'left'?",
+    ),
+    Broken(
+        "elements of different kinds",
+        [
+            (
+                '[[terms]]\ntype = "gravity"',
+                '[[terms]]\ntype = "stvk"\nmaterial = "steel"\nsimplices = [[0, 1], [2]]\n\n[[terms]]\ntype = "gravity"',
+            )
+        ],
+        "scene.toml: terms[1], line 22: simplices = [[0, 1], [2]]; expected elements with as many nodes each.",
+    ),
+    Broken(
         "a misspelt key",
         [("poisson = 0.3", "poison = 0.3")],
         (

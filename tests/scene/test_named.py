@@ -342,3 +342,13 @@ def test_what_is_no_system_and_no_analysis_is_refused():
         Scene.of(System(SOLID, OwnLaw(STEEL)), STATIC)
     with pytest.raises(StvkError, match="unstatic"):
         Scene.of(System(SOLID, StVK(STEEL)), {"type": "unstatic"})
+
+
+def test_elements_that_terms_bring_are_listed_and_boundaries_are_named(tmp_path):
+    ropes = StVK(young=100.0, area=0.01, simplices=[[0, 3], [3, 5]])
+    skin = StVK(STEEL, thickness=0.1, simplices="left")
+    system = System(SOLID, [StVK(STEEL), skin, ropes, Pressure(None, 0.1, simplices="left")], fixed={"right": "xyz"})
+    first, again = rewritten(system, tmp_path)
+    for other in (first, again):
+        assert_same(other, system)
+        assert [body.mesh.nt for body in other.body.beside] == [2, 2]

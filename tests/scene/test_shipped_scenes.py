@@ -14,8 +14,8 @@ SCENES = sorted(path.name for path in FOLDER.glob("*.toml"))
 QUICK = {"thrown.toml": ["analysis.until=5e-4"]}
 
 
-def test_there_are_eight():
-    assert len(SCENES) == 8
+def test_there_are_nine():
+    assert len(SCENES) == 9
 
 
 @pytest.mark.parametrize("name", SCENES)

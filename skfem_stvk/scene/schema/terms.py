@@ -4,9 +4,12 @@ from __future__ import annotations
 
 from typing import Annotated, Any, Literal, Protocol, TypeAlias
 
+import numpy as np
 from pydantic import Field
 
 from ... import terms
+from ...arguments import shown
+from ...errors import MeshError
 from ...materials import Material
 from ...mesh import ElementMesh
 from ...mesh.places import Where
@@ -71,6 +74,20 @@ Time = Annotated[RampTime | SineTime | TableTime, Field(discriminator="type")]
 TIME = "Factor of time; by default constants ramp with the load factor in statics, and are what they are in motion."
 
 
+#: Elements that a term brings on the nodes of the mesh: the facets of a boundary by its name, or the nodes of each element.
+Simplices: TypeAlias = Name | Annotated[list[list[Annotated[int, Field(ge=0)]]], Field(min_length=1)]
+OWN = "Elements of its own on the nodes of the mesh: a boundary, or the nodes of each, from 0: [[0, 5], [5, 9]] are two segments."
+
+
+def in_columns(given: Any) -> Any:
+    """The nodes of elements (n, nt), from a list of the nodes of each; names as they are."""
+    if given is None or isinstance(given, str):
+        return given
+    if len({len(nodes) for nodes in given}) > 1:
+        raise MeshError(f"simplices = {shown(given)}; expected elements with as many nodes each.")
+    return np.array(given).T
+
+
 class AnyLaw(Part):
     """What all laws on elements share."""
 
@@ -82,12 +99,22 @@ class AnyLaw(Part):
 
     def given(self, known: Known) -> dict[str, Any]:
         """The arguments of the library's law."""
-        own = self.model_dump(exclude={"type", "region", "material"}, exclude_none=True)
+        own = self.model_dump(exclude={"type", "region", "material", "simplices"}, exclude_none=True)
         region = None if self.region is None else known.region(self.region)
         return {"material": known.material(self.material), "region": region} | own
 
 
-class StVKTerm(AnyLaw):
+class LawOnElements(AnyLaw):
+    """What laws share that may bring elements of their own."""
+
+    simplices: Annotated[Simplices | None, key(OWN)] = None
+
+    def given(self, known: Known) -> dict[str, Any]:
+        """The arguments of the library's law."""
+        return super().given(known) | {"simplices": in_columns(self.simplices)}
+
+
+class StVKTerm(LawOnElements):
     """St. Venant-Kirchhoff's law: energy quadratic in the Green-Lagrange strain."""
 
     type: Literal["stvk"]
@@ -97,7 +124,7 @@ class StVKTerm(AnyLaw):
         return terms.StVK(**self.given(known))
 
 
-class NeoHookeanTerm(AnyLaw):
+class NeoHookeanTerm(LawOnElements):
     """Neo-Hookean law, which does not give way when it is crushed."""
 
     type: Literal["neo-hookean"]
@@ -107,7 +134,7 @@ class NeoHookeanTerm(AnyLaw):
         return terms.NeoHookean(**self.given(known))
 
 
-class LinearElasticTerm(AnyLaw):
+class LinearElasticTerm(LawOnElements):
     """Linear elasticity of small strain, wrong under rotation."""
 
     type: Literal["linear-elastic"]
@@ -117,7 +144,7 @@ class LinearElasticTerm(AnyLaw):
         return terms.LinearElastic(**self.given(known))
 
 
-class CorotatedTerm(AnyLaw):
+class CorotatedTerm(LawOnElements):
     """Linear elasticity in frames that turn with the elements."""
 
     type: Literal["corotated"]
@@ -128,7 +155,7 @@ class CorotatedTerm(AnyLaw):
         return terms.Corotated(**self.given(known))
 
 
-class InvertibleStVKTerm(AnyLaw):
+class InvertibleStVKTerm(LawOnElements):
     """St. Venant-Kirchhoff's law, continued so that elements which are inside out come back."""
 
     type: Literal["invertible-stvk"]
@@ -258,6 +285,7 @@ class PressureTerm(Part):
 
     type: Literal["pressure"]
     on: Annotated[PlaceOrName | None, key("Place of the boundary facets; of surfaces in space a subdomain, or all.")] = None
+    simplices: Annotated[Simplices | None, key("A surface in space beside the mesh that it acts on: as those of its law.")] = None
     pressure: Annotated[float, key("Force per deformed area, positive inwards.", "stress")]
     time: Annotated[Time | None, key(TIME)] = None
 
@@ -265,7 +293,7 @@ class PressureTerm(Part):
         """The term of the library."""
         surface = known.mesh.k < known.mesh.d and isinstance(self.on, str)  # in space, whose places are its elements
         where = None if self.on is None else known.region(self.on) if surface else known.place(self.on)
-        return terms.Pressure(where, in_time(self.pressure, self.time))
+        return terms.Pressure(where, in_time(self.pressure, self.time), in_columns(self.simplices))
 
 
 def in_time(value: Any, time: Any) -> Any:
