@@ -135,6 +135,24 @@ def test_a_term_on_a_twentieth_of_the_elements_costs_a_twentieth(kind):
     assert share == pytest.approx(0.05) and part < 1.3 * share * whole + 3500
 
 
+def test_elements_beside_a_mesh_cost_what_they_are_and_nothing_else_changes():
+    """A skin on a twentieth of the surface costs a twentieth of what it costs on all of it."""
+    mesh = bar()
+    skin = mesh.surface[:, mesh.p[0, mesh.surface].mean(axis=0) > 0.95 * mesh.p[0].max()]
+
+    def bytes_of(*more):
+        bound = System(mesh, [StVK(**ELASTIC), *more], FIXED)
+        return sum(bound.pair_terms[-1].memory().values()), sum(used(bound).memory().values())
+
+    _, plain = bytes_of()
+    whole, _ = bytes_of(StVK(**ELASTIC, simplices=mesh.surface))
+    part, both = bytes_of(StVK(**ELASTIC, simplices=skin))
+    share = skin.shape[1] / mesh.surface.shape[1]
+    assert share < 0.08 and part < 1.3 * share * whole + 3500
+    assert both - plain < 3 * part + skin.nbytes + 1000  # where its blocks stand in the rows of K comes on top
+    assert bytes_of() == bytes_of() and bytes_of()[1] == plain
+
+
 def held_of(kind, region):
     mesh = bar()
     bound = System(mesh, [StVK(**ELASTIC), ELEMENTS[kind](mesh, region)], FIXED)

@@ -7,7 +7,7 @@ import meshio
 import numpy as np
 import pytest
 import skfem
-from bodies import box, distorted, turned_round
+from bodies import box, distorted, reference_of, turned_round
 
 from skfem_stvk import (
     BodyForce,
@@ -92,6 +92,20 @@ def test_W_F_and_K_are_the_sums_of_the_parts():
 def nodes_of(body):
     """Nodes of the points that a part alone has, by its coordinates."""
     return [int(np.flatnonzero((x == POINTS.T).all(axis=1))[0]) for x in body.mesh.p.T]
+
+
+def test_W_F_and_K_are_the_sums_of_scikit_fems():
+    body, u, W, K = bag(), displaced(), 0.0, np.zeros((3 * POINTS.shape[1],) * 2)
+    F = np.zeros(len(K))
+    for t, law in LAWS.values():
+        one, nodes = alone(t, law)
+        reference, dofs = reference_of(one.mesh, [StVK(**law)]), (3 * nodes[:, None] + np.arange(3)).ravel()
+        W += reference.energy(u[dofs])
+        F[dofs] += reference.internal_force(u[dofs])
+        K[np.ix_(dofs, dofs)] += reference.tangent(u[dofs]).toarray()
+    assert body.energy(u) == pytest.approx(W, rel=1e-12)
+    assert np.abs(body.internal_force(u) - F).max() < 1e-13 * np.abs(F).max()
+    assert np.abs(body.tangent(u).toarray() - K).max() < 1e-13 * np.abs(K).max()
 
 
 def test_the_tangent_is_the_hessian_by_the_exact_stencil():
