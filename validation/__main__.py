@@ -6,7 +6,23 @@ import argparse
 import sys
 from collections.abc import Callable
 
-from . import aspect, clamp, dynamics, elements, hard, hostile, kernels, models, operations, part, rows, solvers, stability, statics
+from . import (
+    aspect,
+    clamp,
+    dynamics,
+    elements,
+    hard,
+    hostile,
+    kernels,
+    models,
+    operations,
+    part,
+    reduced,
+    rows,
+    solvers,
+    stability,
+    statics,
+)
 
 #: Studies and the options that they take.
 STUDIES: dict[str, tuple[Callable[..., int], tuple[str, ...]]] = {
@@ -23,6 +39,7 @@ STUDIES: dict[str, tuple[Callable[..., int], tuple[str, ...]]] = {
     "dynamics": (dynamics.main, ("quick", "only", "out")),
     "elements": (elements.main, ("quick", "only", "out")),
     "models": (models.main, ("quick", "only", "out")),
+    "reduced": (reduced.main, ("quick", "only", "out")),
     "hostile": (hostile.main, ("quick", "only", "case")),
 }
 
@@ -34,6 +51,7 @@ PARTS = {
     "dynamics": dynamics.NAMES,
     "elements": elements.NAMES,
     "models": models.NAMES,
+    "reduced": reduced.NAMES,
     "hostile": hostile.NAMES,
 }
 

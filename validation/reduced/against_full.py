@@ -1,0 +1,213 @@
+"""A bar that bends and twists, on bases of several kinds and sizes, beside the bar with all its displacements."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Iterable
+from functools import cache
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import skfem
+
+from skfem_stvk import (
+    EnergyMomentum,
+    GeneralizedAlpha,
+    Newmark,
+    ReducedSystem,
+    StVK,
+    StvkWarning,
+    System,
+    Traction,
+    modes,
+    simulate,
+    solve_static,
+)
+from skfem_stvk.arguments import Array
+from skfem_stvk.mesh import ElementMesh
+
+from ..statics.study import Study
+
+LENGTH, HEIGHT, WIDTH = 5.0, 1.0, 0.5
+MATERIAL = {"young": 1e6, "poisson": 0.3, "density": 1e3}
+#: Loads on the end [Pa]: one that bends it and one that twists it, in static solves; the motion begins under a part of them.
+BEND, TWIST, PART = 900.0, 40e3, 0.5
+#: Parts of both loads at which the path is solved for snapshots; what is compared is at (1, 1), which is not among them.
+SEEN = ((1.0, 0.0), (0.0, 1.0), (0.7, -0.7), (0.6, 0.9))
+SIZES, QUICK_SIZES = (5, 10, 20, 30, 45), (5, 20)
+CELLS, QUICK_CELLS = 4, 2
+UNTIL, DT = 4.0, 0.02
+
+
+class Kind(NamedTuple):
+    """A way to make a basis: how many modes for a size, and what else."""
+
+    name: str
+    modes: Any
+    derivatives: bool
+    snapshots: bool
+
+
+KINDS = (
+    Kind("modes", lambda size: size, False, False),
+    Kind("modes and derivatives", lambda size: 12, True, False),
+    Kind("snapshots", lambda size: 0, False, True),
+    Kind("all three", lambda size: 12, True, True),
+)
+
+
+def bar(n: int) -> ElementMesh:
+    """`n` cells across, in each of which both diagonals are unequal."""
+    x = [np.linspace(0, LENGTH, 5 * n + 1), np.linspace(0, HEIGHT, n + 1), np.linspace(0, WIDTH, max(n // 2, 1) + 1)]
+    return ElementMesh.of(skfem.MeshTet.init_tensor(*x))
+
+
+def end(x: Array) -> Array:
+    found: Array = x[0] > LENGTH - 1e-9
+    return found
+
+
+def clamp(x: Array) -> Array:
+    found: Array = x[0] < 1e-9
+    return found
+
+
+def body(n: int, bend: float = 1.0, twist: float = 1.0) -> System:
+    """The bar, clamped at one end, with parts of both loads at the other."""
+    if not (bend or twist):
+        return System(bar(n), StVK(**MATERIAL), fixed={clamp: "xyz"})
+
+    def load(x: Array, t: float) -> Array:
+        y, z = x[1] - HEIGHT / 2, x[2] - WIDTH / 2
+        return t * np.stack([0 * y, -twist * TWIST * z, twist * TWIST * y - bend * BEND])
+
+    return System(bar(n), [StVK(**MATERIAL), Traction(end, load)], fixed={clamp: "xyz"})
+
+
+@cache
+def solved(n: int, bend: float = 1.0, twist: float = 1.0) -> tuple[Array, ...]:
+    """The states of the full bar on the path to these loads."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", StvkWarning)
+        return tuple(step.u for step in solve_static(body(n, bend, twist), steps=4, quiet=True).history)
+
+
+@cache
+def on_basis(n: int, kind: Kind, size: int, loads: float = 1.0) -> ReducedSystem:
+    """The bar on a basis of a kind and a size, with this part of both loads."""
+    seen = np.stack([u for loads in SEEN for u in solved(n, *loads)], axis=1) if kind.snapshots else None
+    size = size if seen is None or kind.modes(size) else min(size, seen.shape[1])
+    return ReducedSystem(body(n, loads, loads), size, kind.modes(size), kind.derivatives, snapshots=seen, quiet=True)
+
+
+def off(found: Array, truth: Array) -> float:
+    """`|found - truth| / |truth|`."""
+    return float(np.linalg.norm(found - truth) / np.linalg.norm(truth))
+
+
+def at_rest(quick: bool, folder: Path | None) -> Iterable[Study]:
+    """The error of the static state against size, by the kind of the basis."""
+    n, sizes = (QUICK_CELLS, QUICK_SIZES) if quick else (CELLS, SIZES)
+    truth = solved(n)[-1]
+    errors: dict[str, list[float]] = {}
+    states: dict[str, Array] = {}
+    for kind in KINDS:
+        errors[kind.name] = []
+        for size in sizes:
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore", StvkWarning)
+                result = solve_static(on_basis(n, kind, size), steps=4, quiet=True, raise_on_failure=False)
+            errors[kind.name].append(off(result.u, truth) if result.t == 1 else np.nan)
+            states[f"{kind.name}, {size}"] = result.u
+    wrong = []
+    last = {name: several[-1] for name, several in errors.items()}
+    if not last["modes and derivatives"] < 0.3 * last["modes"]:
+        wrong.append("modal derivatives do not bring the error of modes below a third")
+    if not last["all three"] < 0.03:
+        wrong.append(f"with all three the error is {last['all three']:.1%}")
+    drawn: tuple[Path, ...] = ()
+    if folder is not None:
+        from .pictures import states_and_errors
+
+        chosen = {"full": truth} | {f"{kind.name}, {sizes[-1]}": states[f"{kind.name}, {sizes[-1]}"] for kind in KINDS[:2]}
+        drawn = (states_and_errors(bar(n), chosen, (sizes, errors), folder / "reduced-bar.png"),)
+    turned = np.abs(truth).max() / LENGTH
+    yield Study(
+        "The bar at rest: error of the displacements against size",
+        "modal derivatives bring the error of modes below a third, and all three below 3 %",
+        ("basis", *(f"r = {size}" for size in sizes)),
+        tuple((name, *(_percent(e) for e in several)) for name, several in errors.items()),
+        tuple(wrong),
+        (
+            f"{bar(n).nt} tetrahedra, {3 * bar(n).nv} unknowns, bent and twisted at once; the end moves by {turned:.2f} of the length",
+            f"snapshots: states on the paths to {len(SEEN)} other loads",
+        ),
+        drawn,
+    )
+
+
+def _percent(error: float) -> str:
+    return "-" if error != error else f"{error:.2%}"
+
+
+def in_motion(quick: bool, folder: Path | None) -> Iterable[Study]:
+    """The error of the motion after the loads are let go, over its whole time."""
+    n, sizes = (QUICK_CELLS, QUICK_SIZES) if quick else (CELLS - 1, SIZES[1:-1])
+    until = UNTIL / 4 if quick else UNTIL
+    full = body(n, 0.0, 0.0)
+    u0 = solved(n, PART, PART)[-1]
+    probes, integrator = {"end": end}, Newmark(DT)
+    columns = [f"end {axis}" for axis in "xyz"]
+    truth = _path(simulate(full, integrator, until=until, u0=u0, probes=probes, quiet=True), columns)
+    rows, last = [], {}
+    for kind in KINDS:
+        found = []
+        for size in sizes:
+            reduced = on_basis(n, kind, size, 0.0)
+            path = _path(simulate(reduced, integrator, until=until, u0=u0, probes=probes, quiet=True), columns)
+            found.append(float(np.abs(path - truth).max() / np.abs(truth).max()))
+        rows.append((kind.name, *map(_percent, found)))
+        last[kind.name] = found[-1]
+    better = last["modes and derivatives"] < 0.5 * last["modes"]
+    yield Study(
+        "The bar let go: error of the path of its end against size",
+        "modal derivatives bring the error of modes below a half",
+        ("basis", *(f"r = {size}" for size in sizes)),
+        tuple(rows),
+        () if better else (f"modes and derivatives: {last['modes and derivatives']:.1%}, modes alone: {last['modes']:.1%}",),
+        (f"Newmark's method, dt = {DT:g} s, over {until:g} s; the largest distance over the largest displacement",),
+    )
+
+
+def kept_energy(quick: bool, folder: Path | None) -> Iterable[Study]:
+    """Energy of the bar let go, over many periods: what the integrators lose or gain on a basis."""
+    n, size = (QUICK_CELLS, 10) if quick else (CELLS - 1, 30)
+    reduced = on_basis(n, KINDS[1], size, 0.0)
+    u0 = solved(n, PART, PART)[-1]
+    lowest = float(modes(body(n, 0.0, 0.0), 1).frequencies[0])
+    periods = 20 if quick else 100
+    rows, wrong, rates = (
+        [],
+        [],
+        {"EnergyMomentum": EnergyMomentum(DT), "Newmark": Newmark(DT), "GeneralizedAlpha": GeneralizedAlpha(DT)},
+    )
+    for name, integrator in rates.items():
+        run = simulate(reduced, integrator, until=periods / lowest, u0=u0, quiet=True)
+        total = run.ledger["total_energy"]
+        drift = float(np.abs(total / total[0] - 1).max())
+        rows.append((name, f"{drift:.0e}", f"{total[-1] / total[0] - 1:+.1e}", str(run.ledger.steps - 1), f"{run.iterations}"))
+        if name == "EnergyMomentum" and not drift < 1e-10:
+            wrong.append(f"{name} is off by {drift:.0e} of the energy")
+    yield Study(
+        "The bar let go: energy over many periods",
+        "the mean of the force at the two points of Gauss keeps it to 1e-10",
+        ("integrator", "largest error", "at the end", "steps", "iterations"),
+        tuple(rows),
+        tuple(wrong),
+        (f"r = {size}, dt = {DT:g} s, {periods} periods of the lowest mode ({lowest:.2f} Hz), no damping",),
+    )
+
+
+def _path(run: Any, columns: list[str]) -> Array:
+    return np.stack([run.ledger[name] for name in columns])

@@ -1,0 +1,99 @@
+"""What a reduced model costs: making it, one evaluation, one step; beside a step of the full model. One run."""
+
+from __future__ import annotations
+
+import tracemalloc
+import warnings
+from collections.abc import Iterable
+from pathlib import Path
+from time import perf_counter
+from typing import Any
+
+import numpy as np
+import skfem
+
+from skfem_stvk import Gravity, LinearBackwardEuler, Newmark, ReducedSystem, StVK, StvkWarning, System, simulate
+from skfem_stvk.bench.costs import best_and_median
+
+from ..statics.study import Study
+from .against_full import MATERIAL, clamp
+
+#: Cells along the bar, and how many across; tetrahedra are 5 in each.
+MESHES, QUICK_MESHES = ((20, 4, 2), (40, 8, 6), (50, 16, 12)), ((20, 4, 2),)
+SIZES, QUICK_SIZES = (5, 20, 30, 60), (5, 20)
+#: Sizes above this are made on the smallest mesh only: that takes as the fourth power of the size.
+LARGE = 30
+DT, STEPS, QUICK_STEPS = 0.01, 200, 20
+SECONDS = 0.2
+
+
+def body(cells: tuple[int, int, int]) -> System:
+    """A bar under its weight."""
+    x = [np.linspace(0, length, n + 1) for length, n in zip((5.0, 1.0, 0.75), cells, strict=True)]
+    return System(skfem.MeshTet.init_tensor(*x), [StVK(**MATERIAL), Gravity((0.0, -9.81, 0.0))], fixed={clamp: "xyz"})
+
+
+def costs(quick: bool, folder: Path | None) -> Iterable[Study]:
+    """Time and memory to make a basis and its coefficients, of an evaluation, and of a step beside the full model."""
+    meshes, sizes, steps = (QUICK_MESHES, QUICK_SIZES, QUICK_STEPS) if quick else (MESHES, SIZES, STEPS)
+    rows = []
+    for cells in meshes:
+        full = body(cells)
+        ours = _step(full, LinearBackwardEuler(DT), max(steps // 20, 4)), _step(full, Newmark(DT), max(steps // 20, 4))
+        rows.append((f"{full.mesh.nt}", "full", "", "", "", *(f"{1e3 * one:.2f}" for one in ours)))
+        for size in sizes:
+            if size > LARGE and cells != meshes[0]:
+                continue
+            reduced, seconds, memory = _made(full, size)
+            q = 0.1 * np.cos(np.arange(size)) / (1 + np.arange(size))
+            places = iter(np.linspace(1.0, 1.1, 1_000_003))  # another state each time: the last one is remembered
+            taken = best_and_median({"WFK": lambda q=q, at=places, reduced=reduced: reduced.linearize(next(at) * q)}, SECONDS)[
+                "WFK"
+            ]
+            fast = (_step(reduced, one, steps) for one in (LinearBackwardEuler(DT), Newmark(DT)))
+            rows.append(
+                (
+                    "",
+                    f"r = {size}",
+                    f"{seconds:.1f}",
+                    f"{memory / 1e6:.0f}",
+                    f"{1e6 * taken.best:.0f}",
+                    *(f"{1e3 * one:.2f}" for one in fast),
+                )
+            )
+    yield Study(
+        "What reduced models cost",
+        "",
+        ("tetrahedra", "model", "made in [s]", "[MB]", "W + F + K [us]", "eq. 9 [ms]", "Newmark [ms]"),
+        tuple(rows),
+        (),
+        (
+            "made: modes, their derivatives, PCA and coefficients, all threads; [MB] at most, beside what the body has. Steps with",
+            f"their rows in the ledger, from rest under weight, dt = {DT:g} s; full: their own default solvers",
+        ),
+    )
+
+
+def _made(full: System, size: int) -> tuple[ReducedSystem, float, int]:
+    """The body on a basis of this size, and seconds and bytes that making it took, in two runs."""
+    modes = 20 if size > 10 else 5
+    start = perf_counter()
+    reduced = ReducedSystem(full, size, modes, quiet=True)
+    seconds = perf_counter() - start
+    tracemalloc.start()
+    ReducedSystem(full, size, modes, quiet=True)
+    memory = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    return reduced, seconds, memory
+
+
+def _step(system: System | ReducedSystem, integrator: Any, steps: int) -> float:
+    """Seconds of one step: the difference of a long and a short run, so that what comes once is left out."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", StvkWarning)
+        taken = []
+        for n in (steps, 3 * steps):
+            start = perf_counter()
+            simulate(system, integrator, until=n * integrator.dt, quiet=True)
+            taken.append(perf_counter() - start)
+    return max(taken[1] - taken[0], 0.0) / (2 * steps)

@@ -1,0 +1,50 @@
+"""Pictures of reduced bodies beside full ones."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from skfem_stvk.arguments import Array
+from skfem_stvk.mesh import ElementMesh
+from skfem_stvk.results.matplotlib_plot import new_figure
+
+COLOURS = "#000000", "#D55E00", "#0072B2", "#009E73", "#CC79A7"
+
+
+def states_and_errors(
+    mesh: ElementMesh, states: Mapping[str, Array], errors: tuple[Sequence[int], Mapping[str, Sequence[float]]], path: Path
+) -> Path:
+    """Deformed outlines side by side, and errors against size."""
+    figure = new_figure((11, 4.2), interactive=False)
+    for i, (name, u) in enumerate(states.items()):
+        axes = figure.add_subplot(1, len(states) + 1, i + 1, projection="3d")
+        x = mesh.p + u.reshape(-1, mesh.d).T
+        axes.plot_trisurf(
+            x[0], x[2], x[1], triangles=surface(mesh), color=COLOURS[i] if i else "#999999", lw=0.1, edgecolor="#333333"
+        )
+        axes.set_title(name, fontsize=8)
+        axes.set_box_aspect(np.ptp(x, axis=1)[[0, 2, 1]])
+        axes.set_axis_off()
+        axes.view_init(20, -60)
+    axes = figure.add_subplot(1, len(states) + 1, len(states) + 1)
+    sizes, found = errors
+    for (name, several), colour in zip(found.items(), COLOURS[1:], strict=False):
+        axes.semilogy(sizes, several, "o-", ms=3, lw=1, color=colour, label=name)
+    axes.set_xlabel("r")
+    axes.set_ylabel("error of u")
+    axes.legend(fontsize=7, frameon=False)
+    axes.grid(alpha=0.3)
+    figure.savefig(path, dpi=140)
+    return path
+
+
+def surface(mesh: ElementMesh) -> Array:
+    """(n, 3) facets of one tetrahedron only."""
+    t = mesh.t
+    facets = np.sort(np.concatenate([t[list(three)].T for three in ((0, 1, 2), (0, 1, 3), (0, 2, 3), (1, 2, 3))]), axis=1)
+    unique, counts = np.unique(facets, axis=0, return_counts=True)
+    outer: Array = unique[counts == 1]
+    return outer

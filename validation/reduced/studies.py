@@ -1,0 +1,39 @@
+"""All studies of reduced models, membranes and cables, one after the other."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from pathlib import Path
+from time import perf_counter
+
+from rich.console import Console
+
+from skfem_stvk.referee.terminal import WIDTH
+
+from ..statics.study import Study
+from .against_full import at_rest, in_motion, kept_energy
+from .costs import costs
+
+#: By its name: what makes one or several studies of whether it is quick, and of a folder for pictures, None for none.
+STUDIES: dict[str, Callable[[bool, Path | None], Iterable[Study]]] = {
+    "statics": at_rest,
+    "motion": in_motion,
+    "energy": kept_energy,
+    "costs": costs,
+}
+
+
+def run(names: Sequence[str], quick: bool, out: str | None) -> int:
+    """Run the studies of these names and print them; pictures go to the folder `out`. The exit code is 0 if all claims hold."""
+    folder = None if out is None else Path(out)
+    if folder is not None:
+        folder.mkdir(parents=True, exist_ok=True)
+    console, failed = Console(width=WIDTH, highlight=False), []
+    for name in names:
+        start = perf_counter()
+        for study in STUDIES[name](quick, folder):
+            console.print(study.rendered())
+            failed += [] if study.passed else [study.name]
+        console.print(f"{name}: {perf_counter() - start:.1f} s\n")
+    console.print(f"DOES NOT HOLD: {', '.join(failed)}" if failed else "all claims hold")
+    return 1 if failed else 0
