@@ -17,6 +17,7 @@ from skfem_stvk import (
     Newmark,
     Pressure,
     Rayleigh,
+    ReducedSystem,
     StvkError,
     Traction,
     VelocityVerlet,
@@ -70,6 +71,16 @@ def test_with_all_modes_the_reduced_motion_is_the_full_one(name, integrator):
         scale = largest(full.ledger[column]) + 1e-6 * largest(full.ledger["total_energy"])
         assert largest(reduced.ledger[column] - full.ledger[column]) < 1e-6 * scale, column
     np.testing.assert_allclose(reduced.reaction().resultant, full.reaction().resultant, rtol=1e-7, atol=1e-8)
+
+
+@pytest.mark.parametrize("name", BODIES)
+def test_so_it_is_with_precomputed_coefficients(name):
+    body = BODIES[name]()
+    free = body.ndofs - len(body.supports.held)
+    reduced = ReducedSystem(body, free, free, derivatives=False, quiet=True)
+    for integrator in (TIGHT[0], TIGHT[2]):
+        full, found = (simulate(one, integrator, until=0.1, quiet=True, damping=Rayleigh(0.3, 1e-3)) for one in (body, reduced))
+        assert largest(found.u - full.u) < 1e-8 * largest(full.u) and largest(found.v - full.v) < 1e-8 * largest(full.v)
 
 
 def test_energy_and_momentum_keeps_the_energy_on_a_basis():

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from on_bases import OnModes, bar, column
 
-from skfem_stvk import Gravity, Pressure, Stop, StvkError, Traction, solve_static
+from skfem_stvk import Gravity, Pressure, ReducedSystem, Stop, StvkError, Traction, solve_static
 
 
 def tip(x):
@@ -38,6 +38,16 @@ def test_with_all_modes_the_reduced_solve_is_the_full_one(name):
         assert one.potential == pytest.approx(other.potential, rel=1e-8, nan_ok=True)
         assert one.smallest_volume_ratio == pytest.approx(other.smallest_volume_ratio, rel=1e-6)
     np.testing.assert_allclose(reduced.reaction().resultant, full.reaction().resultant, rtol=1e-8, atol=1e-8)
+
+
+@pytest.mark.parametrize("name", BODIES)
+def test_so_it_is_with_precomputed_coefficients(name):
+    body = BODIES[name]()
+    free = body.ndofs - len(body.supports.held)
+    full = solve_static(body, steps=3, quiet=True)
+    reduced = solve_static(ReducedSystem(body, free, free, derivatives=False, quiet=True), steps=3, quiet=True)
+    assert largest(reduced.u - full.u) < 1e-8 * largest(full.u)
+    np.testing.assert_allclose(reduced.reaction().resultant, full.reaction().resultant, rtol=1e-7, atol=1e-8)
 
 
 def test_arc_length_reaches_the_same_displacement_at_the_same_load():

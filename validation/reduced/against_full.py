@@ -14,6 +14,7 @@ import skfem
 from skfem_stvk import (
     EnergyMomentum,
     GeneralizedAlpha,
+    Isotropic,
     Newmark,
     ReducedSystem,
     StVK,
@@ -30,14 +31,15 @@ from skfem_stvk.mesh import ElementMesh
 from ..statics.study import Study
 
 LENGTH, HEIGHT, WIDTH = 5.0, 1.0, 0.5
-MATERIAL = {"young": 1e6, "poisson": 0.3, "density": 1e3}
+MATERIAL = Isotropic(young=1e6, poisson=0.3, density=1e3)
 #: Loads on the end [Pa]: one that bends it and one that twists it, in static solves; the motion begins under a part of them.
-BEND, TWIST, PART = 900.0, 40e3, 0.5
+BEND, TWIST, PART = 2500.0, 80e3, 0.5
 #: Parts of both loads at which the path is solved for snapshots; what is compared is at (1, 1), which is not among them.
-SEEN = ((1.0, 0.0), (0.0, 1.0), (0.7, -0.7), (0.6, 0.9))
+SEEN = ((1.0, 0.0), (0.0, 1.0), (0.6, -0.6))
 SIZES, QUICK_SIZES = (5, 10, 20, 30, 45), (5, 20)
 CELLS, QUICK_CELLS = 4, 2
 UNTIL, DT = 4.0, 0.02
+PERIODS, QUICK_PERIODS = 100, 5
 
 
 class Kind(NamedTuple):
@@ -76,13 +78,13 @@ def clamp(x: Array) -> Array:
 def body(n: int, bend: float = 1.0, twist: float = 1.0) -> System:
     """The bar, clamped at one end, with parts of both loads at the other."""
     if not (bend or twist):
-        return System(bar(n), StVK(**MATERIAL), fixed={clamp: "xyz"})
+        return System(bar(n), StVK(MATERIAL), fixed={clamp: "xyz"})
 
     def load(x: Array, t: float) -> Array:
         y, z = x[1] - HEIGHT / 2, x[2] - WIDTH / 2
         return t * np.stack([0 * y, -twist * TWIST * z, twist * TWIST * y - bend * BEND])
 
-    return System(bar(n), [StVK(**MATERIAL), Traction(end, load)], fixed={clamp: "xyz"})
+    return System(bar(n), [StVK(MATERIAL), Traction(end, load)], fixed={clamp: "xyz"})
 
 
 @cache
@@ -93,10 +95,14 @@ def solved(n: int, bend: float = 1.0, twist: float = 1.0) -> tuple[Array, ...]:
         return tuple(step.u for step in solve_static(body(n, bend, twist), steps=4, quiet=True).history)
 
 
+def _snapshots(n: int) -> Array:
+    return np.stack([u for loads in SEEN for u in solved(n, *loads)], axis=1)
+
+
 @cache
 def on_basis(n: int, kind: Kind, size: int, loads: float = 1.0) -> ReducedSystem:
     """The bar on a basis of a kind and a size, with this part of both loads."""
-    seen = np.stack([u for loads in SEEN for u in solved(n, *loads)], axis=1) if kind.snapshots else None
+    seen = _snapshots(n) if kind.snapshots else None
     size = size if seen is None or kind.modes(size) else min(size, seen.shape[1])
     return ReducedSystem(body(n, loads, loads), size, kind.modes(size), kind.derivatives, snapshots=seen, quiet=True)
 
@@ -120,12 +126,9 @@ def at_rest(quick: bool, folder: Path | None) -> Iterable[Study]:
                 result = solve_static(on_basis(n, kind, size), steps=4, quiet=True, raise_on_failure=False)
             errors[kind.name].append(off(result.u, truth) if result.t == 1 else np.nan)
             states[f"{kind.name}, {size}"] = result.u
-    wrong = []
     last = {name: several[-1] for name, several in errors.items()}
-    if not last["modes and derivatives"] < 0.3 * last["modes"]:
-        wrong.append("modal derivatives do not bring the error of modes below a third")
-    if not last["all three"] < 0.03:
-        wrong.append(f"with all three the error is {last['all three']:.1%}")
+    better = last["modes and derivatives"] < min(last["modes"] / 3, 0.2)
+    wrong = () if better else (f"modes and derivatives: {last['modes and derivatives']:.1%}, modes alone: {last['modes']:.1%}",)
     drawn: tuple[Path, ...] = ()
     if folder is not None:
         from .pictures import states_and_errors
@@ -135,13 +138,13 @@ def at_rest(quick: bool, folder: Path | None) -> Iterable[Study]:
     turned = np.abs(truth).max() / LENGTH
     yield Study(
         "The bar at rest: error of the displacements against size",
-        "modal derivatives bring the error of modes below a third, and all three below 3 %",
+        "modal derivatives bring the error of modes below a third, and below 20 %",
         ("basis", *(f"r = {size}" for size in sizes)),
         tuple((name, *(_percent(e) for e in several)) for name, several in errors.items()),
-        tuple(wrong),
+        wrong,
         (
             f"{bar(n).nt} tetrahedra, {3 * bar(n).nv} unknowns, bent and twisted at once; the end moves by {turned:.2f} of the length",
-            f"snapshots: states on the paths to {len(SEEN)} other loads",
+            f"snapshots: the {_snapshots(n).shape[1]} states on the paths to {len(SEEN)} other loads, and r is no larger than that",
         ),
         drawn,
     )
@@ -186,7 +189,7 @@ def kept_energy(quick: bool, folder: Path | None) -> Iterable[Study]:
     reduced = on_basis(n, KINDS[1], size, 0.0)
     u0 = solved(n, PART, PART)[-1]
     lowest = float(modes(body(n, 0.0, 0.0), 1).frequencies[0])
-    periods = 20 if quick else 100
+    periods = QUICK_PERIODS if quick else PERIODS
     rows, wrong, rates = (
         [],
         [],

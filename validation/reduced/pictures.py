@@ -18,24 +18,27 @@ def states_and_errors(
     mesh: ElementMesh, states: Mapping[str, Array], errors: tuple[Sequence[int], Mapping[str, Sequence[float]]], path: Path
 ) -> Path:
     """Deformed outlines side by side, and errors against size."""
-    figure = new_figure((11, 4.2), interactive=False)
+    figure = new_figure((11, 3.4), interactive=False)
+    lowest, highest = (
+        np.stack([edge(mesh.p + u.reshape(-1, mesh.d).T, axis=1) for u in states.values()]) for edge in (np.min, np.max)
+    )
+    box = np.stack([lowest.min(axis=0), highest.max(axis=0)])
     for i, (name, u) in enumerate(states.items()):
         axes = figure.add_subplot(1, len(states) + 1, i + 1, projection="3d")
         x = mesh.p + u.reshape(-1, mesh.d).T
-        axes.plot_trisurf(
-            x[0], x[2], x[1], triangles=surface(mesh), color=COLOURS[i] if i else "#999999", lw=0.1, edgecolor="#333333"
-        )
+        axes.plot_trisurf(*x, triangles=surface(mesh), color=COLOURS[i] if i else "#999999", lw=0.1, edgecolor="#333333")
         axes.set_title(name, fontsize=8)
-        axes.set_box_aspect(np.ptp(x, axis=1)[[0, 2, 1]])
+        axes.set(xlim=box[:, 0], ylim=box[:, 1], zlim=box[:, 2])
+        axes.set_box_aspect(np.ptp(box, axis=0), zoom=1.25)
         axes.set_axis_off()
-        axes.view_init(20, -60)
+        axes.view_init(20, -55)
     axes = figure.add_subplot(1, len(states) + 1, len(states) + 1)
     sizes, found = errors
     for (name, several), colour in zip(found.items(), COLOURS[1:], strict=False):
         axes.semilogy(sizes, several, "o-", ms=3, lw=1, color=colour, label=name)
     axes.set_xlabel("r")
     axes.set_ylabel("error of u")
-    axes.legend(fontsize=7, frameon=False)
+    axes.legend(fontsize=7, frameon=False, loc="lower left")
     axes.grid(alpha=0.3)
     figure.savefig(path, dpi=140)
     return path
