@@ -135,7 +135,7 @@ def at_rest(quick: bool, folder: Path | None) -> Iterable[Study]:
 
         chosen = {"full": truth} | {f"{kind.name}, {sizes[-1]}": states[f"{kind.name}, {sizes[-1]}"] for kind in KINDS[:2]}
         drawn = (states_and_errors(bar(n), chosen, (sizes, errors), folder / "reduced-bar.png"),)
-    turned = np.abs(truth).max() / LENGTH
+    mesh, moved = bar(n), np.abs(truth).max() / LENGTH
     yield Study(
         "The bar at rest: error of the displacements against size",
         "modal derivatives bring the error of modes below a third, and below 20 %",
@@ -143,7 +143,7 @@ def at_rest(quick: bool, folder: Path | None) -> Iterable[Study]:
         tuple((name, *(_percent(e) for e in several)) for name, several in errors.items()),
         wrong,
         (
-            f"{bar(n).nt} tetrahedra, {3 * bar(n).nv} unknowns, bent and twisted at once; the end moves by {turned:.2f} of the length",
+            f"{mesh.nt} tetrahedra, {3 * mesh.nv} unknowns, bent and twisted at once; the end moves by {moved:.2f} of the length",
             f"snapshots: the {_snapshots(n).shape[1]} states on the paths to {len(SEEN)} other loads, and r is no larger than that",
         ),
         drawn,
