@@ -133,6 +133,12 @@ def test_ex17_scene():
     assert example.lowest["backward-euler"] > 0.98 * example.LOWEST
 
 
+def test_ex21_haptics():
+    example = run("ex21_haptics")
+    assert example.error < 1e-4 and len(example.forces) == 1001 and not example.answers.holes
+    assert example.largest == pytest.approx(3524.5, rel=1e-3) and abs(example.work) < 1e-5 * example.largest
+
+
 def test_no_example_is_forgotten():
     tested = {name.removeprefix("test_") for name in globals() if name.startswith("test_ex")}
     assert tested == {path.stem for path in EXAMPLES.glob("ex*.py")}

@@ -62,3 +62,13 @@ def test_edge_by_edge_gives_the_blocks_of_K():
     K = System(mesh, StVK(young=2.6, poisson=0.3)).tangent(u.ravel()).toarray().reshape(mesh.nv, 3, mesh.nv, 3)
     blocks = K[candidate.edges[0], :, candidate.edges[1]]
     assert np.abs(candidate.tangent(u) - blocks).max() < 1e-13 * np.abs(K).max()
+
+
+def test_finer_tables_are_less_wrong_and_lose_less_work(capsys, monkeypatch):
+    from validation import response
+
+    monkeypatch.setattr(response, "SECONDS", 0.05)
+    assert response.main(quick=True) == 0
+    coarse, fine = (line.split() for line in capsys.readouterr().out.splitlines()[1:3])
+    assert coarse[:4] == ["192", "3", "x", "3"] and fine[:4] == ["192", "5", "x", "5"]
+    assert float(fine[6]) < 0.05 * float(coarse[6]) and float(fine[7]) < 0.1 * float(coarse[7]) and float(fine[8]) < 1e-3
