@@ -51,11 +51,15 @@ class Walk(ABC):
         problem.accept(u0, t0)
 
     def _negative_at_rest(self) -> int | None:
-        """Negative eigenvalues of K without displacements: none without tension of edges, unless loads have a stiffness."""
+        """Negative eigenvalues of K without displacements: none without tension of edges, unless loads have a stiffness.
+
+        Membranes and cables move across themselves without any then: pivots have the sign of rounding, so they are confirmed.
+        """
         if self.problem.dead:
             return 0
         self.problem.factorise(self.u, self.t)
-        return self.problem.negative_pivots()
+        found = self.problem.negative_pivots()
+        return judged(self.problem, self.u, self.t).negative if found else found
 
     def states(self, resumed: bool) -> Iterator[Step | Attempt]:
         """The states, as far as there are any, and the attempts that failed in between."""
