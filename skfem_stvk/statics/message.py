@@ -33,6 +33,12 @@ TRY = {
     End.OVERFLOW: "Are units mixed up, or is the load far too large for the stiffness?",
     End.TOO_SHARP: "Try more steps.",
 }
+#: What to try where no state was found of a body that has no stiffness across itself at rest.
+SLACK = (
+    "Membranes and cables have no stiffness across themselves until they are in tension. Take one step (steps=1); or stretch them "
+    "first, by displacements of their rim; or let them swing into place under the load and go on from there: run = "
+    "simulate(system, BackwardEuler(dt), until=...), then solve_static(system, u0=run.u, t0=0.999)."
+)
 #: A branch ends where the lowest eigenvalue of K has fallen below this part of what it was at the start.
 GIVEN_WAY = 0.1
 #: So many elements take part most are named.
@@ -100,6 +106,11 @@ def reason(ending: Ending) -> str:
     return f"Converged: {end}{rounding}, residual {residual:.1e} of loads and reactions.{seen}"
 
 
+def _may_be_slack(system: SystemLike) -> bool:
+    """Whether a body has membranes or cables, which move across themselves without stiffness at rest."""
+    return any(body.mesh.k < body.mesh.d for body in (system.body, *system.body.beside))
+
+
 def _why(ending: Ending) -> str:
     history, t, penalty = ending.history, ending.t, ending.system.resists_inversion
     if not history.ends_in_failure:
@@ -113,6 +124,8 @@ def _why(ending: Ending) -> str:
             start = f"Give another u0, for from this one no equilibrium was found{turn_back}."
         return f": {last.end.value}{detail}, before the first step. {start} {what_to_try(last.end, penalty)}"
     failed = f"{last.end.value}{detail}, in a step of {abs(last.t - t):.1e} too."
+    if not len(history) and _may_be_slack(ending.system):
+        return f": {failed} {SLACK}"
     if not ending.branch:
         return f": {failed} {what_to_try(last.end, penalty)}"
     beyond = "To follow the path beyond it, where it is unstable, there is method='arc-length'."

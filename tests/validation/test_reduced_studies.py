@@ -3,7 +3,7 @@
 import pytest
 
 from validation import reduced
-from validation.reduced import against_full
+from validation.reduced import against_full, cables
 from validation.reduced.costs import costs
 from validation.reduced.studies import STUDIES
 
@@ -24,6 +24,44 @@ def test_modes_in_place_of_their_derivatives_do_not(monkeypatch):
     kinds = against_full.KINDS
     monkeypatch.setattr(against_full, "KINDS", (kinds[0], kinds[1]._replace(derivatives=False, modes=kinds[0].modes), *kinds[2:]))
     (found,) = against_full.at_rest(True, None)
+    assert not found.passed
+
+
+@pytest.mark.parametrize("study", [cables.hanging_cable, cables.cable_net, cables.inflated_sphere])
+def test_cables_and_membranes_are_as_their_own_equations_say(study):
+    (found,) = study(True, None)
+    assert found.passed, found.failures
+
+
+def test_another_law_of_the_cables_is_noticed(monkeypatch):
+    """Of engineering strain: `T = E A (s - 1)`, alike for small strain."""
+    monkeypatch.setattr(cables, "stretch_of", lambda tension, stiffness: 1 + tension / stiffness)
+    (found,) = cables.hanging_cable(True, None)
+    assert not found.passed
+
+
+@pytest.mark.parametrize(("name", "value"), [("STRETCH", 1.51), ("POISSON", 0.31)])
+def test_a_sphere_of_another_law_is_noticed(monkeypatch, name, value):
+    """The pressure is that of the closed form for the right numbers, the sphere is made of others."""
+    right = cables.System
+
+    def other(mesh, terms, **given):
+        skin = terms[0]
+        if name == "POISSON":
+            terms = [cables.StVK(young=cables.YOUNG, poisson=value, thickness=skin.thickness), terms[1]]
+        else:
+            terms = [skin, cables.Pressure(None, 1.02 * terms[1].pressure)]
+        return right(mesh, terms, **given)
+
+    monkeypatch.setattr(cables, "System", other)
+    (found,) = cables.inflated_sphere(True, None)
+    assert not found.passed
+
+
+def test_loads_that_are_not_those_of_the_net_are_noticed(monkeypatch):
+    right = cables.NodalLoad
+    monkeypatch.setattr(cables, "NodalLoad", lambda nodes, force: right(nodes, force * 1.0001))
+    (found,) = cables.cable_net(True, None)
     assert not found.passed
 
 

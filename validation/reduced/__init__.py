@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-NAMES = ("statics", "motion", "energy", "costs")
+NAMES = ("statics", "motion", "energy", "costs", "cable", "net", "sphere")
 
 
 def main(quick: bool = False, only: Sequence[str] = (), out: str | None = None) -> int:
-    """reduced models against full ones: error against size at rest and in motion, energy that is kept, time and memory"""
+    """reduced models against full ones, in error, energy, time and memory; membranes and cables against closed forms"""
     from .studies import run
 
     return run(only or NAMES, quick, out)

@@ -12,6 +12,7 @@ from skfem_stvk.referee.terminal import WIDTH
 
 from ..statics.study import Study
 from .against_full import at_rest, in_motion, kept_energy
+from .cables import cable_net, hanging_cable, inflated_sphere
 from .costs import costs
 
 #: By its name: what makes one or several studies of whether it is quick, and of a folder for pictures, None for none.
@@ -20,6 +21,9 @@ STUDIES: dict[str, Callable[[bool, Path | None], Iterable[Study]]] = {
     "motion": in_motion,
     "energy": kept_energy,
     "costs": costs,
+    "cable": hanging_cable,
+    "net": cable_net,
+    "sphere": inflated_sphere,
 }
 
 
