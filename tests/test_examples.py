@@ -125,6 +125,17 @@ def test_ex15_invertible():
     assert linear[6] > 10 and max(corotated) < 1e-20
 
 
+def test_ex20_bag():
+    example = run("ex20_bag")
+    assert example.pulled == pytest.approx(example.weight, rel=1e-9)
+    x = example.points + example.bag.u.reshape(-1, 3).T
+    down = x[2, example.ropes[1]] - x[2, example.ropes[0]]
+    length = np.linalg.norm(x[:, example.ropes[1]] - x[:, example.ropes[0]], axis=0)
+    ropes = example.bag.system.body.beside[1].mass.sum() * example.G
+    assert (example.tension(example.bag) * down / length).sum() == pytest.approx(example.weight - ropes / 2, rel=1e-7)
+    assert 0.03 < example.dent(example.bag) < 0.8 * example.dent(example.bare)
+
+
 def test_ex17_scene():
     example = run("ex17_scene")
     assert all(outcome.success for outcome in example.outcomes.values())

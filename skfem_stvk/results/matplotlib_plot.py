@@ -153,7 +153,7 @@ def _brightness(triangles: Array) -> Array:
     normals = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
     length = np.linalg.norm(normals, axis=1)
     cosine: Array = np.abs(normals @ LIGHT) / np.where(length > 0, length, 1.0)
-    return 0.8 + 0.2 * cosine
+    return np.minimum(0.8 + 0.2 * cosine, 1.0)  # rounding may leave more than all
 
 
 def _pieces(points: Array, values: Array) -> tuple[Array, Array]:

@@ -37,6 +37,16 @@ def test_every_kind_of_mesh_has_a_scene_that_can_be_turned_and_exported(name, tm
     assert (tmp_path / "body.gltf").stat().st_size > 1000 and (tmp_path / "body.png").stat().st_size > 1000
 
 
+def test_a_face_towards_the_light_throws_back_no_more_than_it_gets():
+    from skfem_stvk.results.matplotlib_plot import LIGHT, _brightness
+
+    across = np.linalg.svd(LIGHT[None])[2][1:]
+    turned = np.random.default_rng(0).uniform(0, 2 * np.pi, 500)
+    spoke = np.stack([np.cos(turned), np.sin(turned)], axis=1) @ across
+    triangles = np.stack([0 * spoke, spoke, np.cross(LIGHT, spoke)], axis=1)
+    assert _brightness(triangles).max() <= 1 and _brightness(triangles).min() > 1 - 1e-12
+
+
 def test_axes_in_a_plane_have_the_unit_of_length_that_was_given(tmp_path):
     now = at(MESHES["triangles"])
     labels = [plot(now, path=tmp_path / "body.png", **given).axes[0].get_xlabel() for given in ({}, {"length_unit": "mm"})]

@@ -66,8 +66,8 @@ def hanging_cable(quick: bool, folder: Path | None) -> Iterable[Study]:
         tuple(rows),
         tuple(wrong),
         (
-            f"{SEGMENTS} unequal segments, {REST} m of cable between points {SPAN} m apart, one {DROP} m lower; the elastic catenary is that of "
-            "StVK, T = E A (s^3 - s)/2",
+            f"{SEGMENTS} unequal segments, {REST} m of cable between points {SPAN} m apart, one {DROP} m lower; the elastic "
+            "catenary is that of StVK, T = E A (s^3 - s)/2",
             f"beyond {STIFF:g} it swings into its place first: simulate(body, BackwardEuler(dt=0.02), until=4.0)",
         ),
     )
@@ -104,7 +104,8 @@ def own_chain(p: Array, stiffness: float) -> Array:
 
 
 def lowest_point(stiffness: float) -> float:
-    """How far below its higher end a continuous cable hangs [m]: the elastic catenary of StVK, of infinite stiffness the catenary."""
+    """How far below its higher end a continuous cable hangs [m]: the elastic catenary of StVK, of infinite stiffness the
+    catenary."""
 
     def stretch(tension: float) -> float:
         return 1.0 if np.isinf(stiffness) else float(stretch_of(np.array(tension), stiffness))
@@ -204,7 +205,7 @@ def _with(points: Array, inside: NDArray[np.int64], free: Array) -> Array:
 
 
 def inflated_sphere(quick: bool, folder: Path | None) -> Iterable[Study]:
-    """An eighth of a sphere under pressure: `p = h E (s^2 - 1)/((1 - nu) s r)` at the stretch s, from `N = h S` and `p = 2 N/(s r)`."""
+    """An eighth of a sphere under pressure `p = 2 N/(s r) = h E (s^2 - 1)/((1 - nu) s r)` at the stretch s, from `N = h S`."""
     rows, wrong = [], []
     for degree in (1, 2):
         errors, sizes = [], (4, 8) if quick else (4, 8, 16, 32)

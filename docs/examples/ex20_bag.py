@@ -1,0 +1,59 @@
+"""A bag that hangs on four ropes: tetrahedra, membranes and cables on shared nodes, each term with its own elements.
+
+A soft ball in a bag of cloth, which is the ball's surface. Where a rope holds it the cloth spreads the pull; without cloth the
+ball gives way there. What the ropes pull at their hooks is the weight of all three, and each rope's tension follows from its
+stretch alone.
+"""
+
+from pathlib import Path
+
+import numpy as np
+import skfem
+
+from skfem_stvk import ElementMesh, Gravity, StVK, System, solve_static
+
+RADIUS, G = 0.3, 9.81
+ball = ElementMesh.of(skfem.MeshTet.init_ball(3))
+hooks = np.array([[-1, -1, 1, 1], [-1, 1, -1, 1], [1.4, 1.4, 1.4, 1.4]]) * 0.6
+points = np.concatenate([RADIUS * ball.p, hooks], axis=1)
+held = [int(np.argmax(towards @ ball.p)) for towards in hooks.T]
+ropes = np.array([held, range(ball.nv, ball.nv + 4)])
+
+filling = StVK(young=2e4, poisson=0.45, density=300.0, simplices=ball.t)
+cloth = StVK(young=2e7, poisson=0.3, thickness=5e-4, density=900.0, simplices=ball.surface)
+rope = StVK(young=1e9, area=2e-5, density=1000.0, simplices=ropes)
+
+
+def hung(*terms):
+    """The equilibrium of the ball with these terms, hung on the hooks."""
+    fixed = {tuple(range(ball.nv, ball.nv + 4)): "xyz"}
+    return solve_static(System(points, [*terms, Gravity(g=(0, 0, -G))], fixed=fixed), steps=4, quiet=True)
+
+
+bag, bare = hung(filling, cloth, rope), hung(filling, rope)
+weight = bag.system.mass().total * G
+pulled = bag.reaction().resultant[2]
+
+
+def tension(result):
+    """What each rope pulls [N], from its own length: `E A (s^3 - s)/2`."""
+    x = points + result.u.reshape(-1, 3).T
+    s = np.linalg.norm(x[:, ropes[1]] - x[:, ropes[0]], axis=0) / np.linalg.norm(points[:, ropes[1]] - points[:, ropes[0]], axis=0)
+    return 1e9 * 2e-5 * (s**3 - s) / 2
+
+
+def dent(result):
+    """How far the nodes at the ropes are pulled out of the ball, against its middle [m]."""
+    u = result.u.reshape(-1, 3)
+    return float(np.linalg.norm(u[held] - u[: ball.nv].mean(axis=0), axis=1).mean())
+
+
+def picture():
+    """The bag on its ropes, coloured by the stress of the cloth and the ball."""
+    return bag.plot("von_mises_stress")
+
+
+if __name__ == "__main__":
+    print(f"The ropes pull {tension(bag).round(3)} N each; at their hooks {pulled:.4f} N upwards, of a weight of {weight:.4f} N.")
+    print(f"Where they hold it, the ball is pulled out by {1e3 * dent(bag):.1f} mm, without its bag by {1e3 * dent(bare):.1f} mm.")
+    picture().savefig(Path(__file__).with_suffix(".png"), dpi=80)
