@@ -150,6 +150,12 @@ def test_ex21_haptics():
     assert example.largest == pytest.approx(3524.5, rel=1e-3) and abs(example.work) < 1e-5 * example.largest
 
 
+def test_ex18_reduced():
+    example = run("ex18_reduced")
+    assert example.errors["modes and derivatives"] == pytest.approx(0.0124, rel=0.05) and example.errors["modes alone"] > 0.5
+    assert example.apart < 0.05 and example.drift < 1e-11
+
+
 def test_no_example_is_forgotten():
     tested = {name.removeprefix("test_") for name in globals() if name.startswith("test_ex")}
     assert tested == {path.stem for path in EXAMPLES.glob("ex*.py")}
