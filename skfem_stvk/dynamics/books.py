@@ -16,7 +16,7 @@ from ..nonlinear.problem import dot
 from ..results.reactions import held_vertices
 from ..system.protocol import SystemLike
 from .ledger import Ledger
-from .motion import Motion, ground_forces, last_step
+from .motion import Motion, last_step
 from .record import MotionState
 
 #: The column of the number of elements that are inside out.
@@ -185,7 +185,7 @@ class Books:
         if self._places.reactions:
             since = last_step([*self.ledger["time"][-2:].tolist(), state.t], self._dt)
             u, v = motion.displacements(state.u), motion.displacements(state.v)
-            forces = ground_forces(motion.on_mesh, u, v, state.t, since).reshape(-1, mesh.d)
+            forces = motion.ground_forces(u, v, state.t, since).reshape(-1, mesh.d)
             for vertices in self._places.reactions.values():
                 row += list(forces[vertices].sum(axis=0))
         self.ledger.append(row)

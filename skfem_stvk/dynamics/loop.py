@@ -188,7 +188,7 @@ class Loop:
             status = Status.ENDED_INVERTED
         message = self._message(status, detail, cause, findings)
         return Run(
-            motion=setup.motion.on_mesh,
+            motion=setup.motion,
             integrator=setup.integrator,
             u=u.copy(),
             v=v.copy(),

@@ -112,6 +112,10 @@ class Motion:
         """Tell terms with a memory that the motion goes on from the state that was committed last."""
         self.system.restore()
 
+    def ground_forces(self, u: Array, v: Array, t: float, since: float) -> Array:
+        """(ndofs,) forces of supports and foundations at displacements and velocities (ndofs,), see `ground_forces` [N]."""
+        return ground_forces(self, u, v, t, since)
+
     @property
     def driven(self) -> bool:
         """Whether loads or terms change the energy, see `driving_force`."""

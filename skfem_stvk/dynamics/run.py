@@ -22,7 +22,7 @@ from ..results.vtu import DEFAULT
 from ..system.protocol import SystemLike
 from .integrators import Integrator
 from .ledger import Ledger
-from .motion import Motion, ground_forces, last_step
+from .motion import Motion, last_step
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -96,7 +96,7 @@ class Run:
         """
         vertices = held_vertices(self.system, where)
         since = last_step(self.ledger["time"][-3:].tolist(), self.dt)
-        return Reaction.of(self.system.mesh, self.u, ground_forces(self.motion, self.u, self.v, self.t, since), vertices)
+        return Reaction.of(self.system.mesh, self.u, self.motion.ground_forces(self.u, self.v, self.t, since), vertices)
 
     def plot(self, field: str | ArrayLike = "von_mises_stress", **options: Any) -> Any:
         """Draw the last state, coloured by a field; options as in `results.plot`."""

@@ -11,7 +11,7 @@ from ..arguments import Array
 from ..dynamics.damping import Damping
 from ..dynamics.forces import driving_force, steady_potential
 from ..dynamics.integrators import INTEGRATORS, Implicit, Integrator
-from ..dynamics.motion import Motion
+from ..dynamics.motion import Motion, ground_forces
 from ..dynamics.record import MotionState
 from ..dynamics.step_problem import Coefficients
 from ..errors import StateError, StvkError
@@ -21,6 +21,7 @@ from ..linear.solver import Solution
 from ..nonlinear.problem import SQUARES, Residual, Tangent, dot, norm
 from ..nonlinear.stopwatch import Stopwatch
 from ..terms.load import Moment, Time
+from .basis import AtRest
 from .equilibrium import SYMMETRIC, OnBasis
 
 #: The points of Gauss at which the force over a step is averaged: exact for a cubic.
@@ -89,6 +90,7 @@ class ReducedMotion(Motion):
         self._nowhere = np.zeros(self.system.ndofs)
         self._steady = self._steady_loads() if self._plain else None
         self._all_steady = None if self._on_mesh.constant_loads is None else self._steady
+        self._rest: AtRest | None = None
         self._rows: dict[bytes, Array] = {}
 
     def _momenta_of(self, reduced: OnBasis) -> None:
@@ -182,6 +184,21 @@ class ReducedMotion(Motion):
         dofs = self.system.supports.held[np.abs(moves).max(axis=1) > 0]
         vertices: NDArray[np.int64] = np.unique(dofs // self.system.mesh.d)
         return vertices
+
+    def ground_forces(self, u: Array, v: Array, t: float, since: float) -> Array:
+        """As those of the body; what the basis leaves at free degrees of freedom is carried to the ground by K at rest.
+
+        That is `M a + D v + F - h` with the accelerations `a = V V' (h - D v - F)` of the basis.
+        """
+        forces, left = ground_forces(self._on_mesh, u, v, t, since), -self._on_mesh.force(u, v, t)
+        basis, mass = self.reduced.columns[:, : self.reduced.size], self._on_mesh.mass
+        left -= mass.multiply(basis @ (basis.T @ left))
+        if self._rest is None:
+            self._rest = AtRest(self.system)
+        carried = self._on_mesh.at_rest.matvec(self._rest.solve(left))
+        held = self._on_mesh.free.fixed
+        forces[held] -= carried[held]
+        return forces
 
     def commit(self, u: Array) -> None:
         """Do nothing: bodies with a memory have no reduced ones."""

@@ -10,9 +10,12 @@ from numpy.typing import ArrayLike, NDArray
 from .. import arguments
 from ..arguments import Array
 from ..errors import SupportError
+from ..linear import Kind, Unknowns
+from ..linear.choose import direct
 from ..mesh import ElementMesh
 from ..mesh.displacements import by_vertex
 from ..mesh.places import Where, describe, vertices_at
+from ..system import FreeDofs
 from ..system.protocol import SystemLike
 
 
@@ -88,6 +91,28 @@ class Reaction:
         count = f"{len(self.vertices)} {'vertex' if len(self.vertices) == 1 else 'vertices'}"
         moment = "" if self.rest.shape[1] == 1 else f", moment {_digits(self.moment())} N m about {_digits(self.centroid)}"
         return f"Reaction at {count}: resultant {_digits(self.resultant)} N{moment}"
+
+
+def ground_forces_at_rest(system: SystemLike, u: Array, t: float, projected: bool = False) -> Array:
+    """(ndofs,) forces of supports and foundations on a body in equilibrium at the load factor `t` [N].
+
+    `projected`: the displacements are in equilibrium on a basis only. Forces that are left at free degrees of freedom are carried
+    to the ground by the tangent there, as after one more step of Newton's method: with them the reactions balance the loads.
+    """
+    held, forces, residual = system.supports.held, system.foundation_force(u), system.residual(u, t)
+    if projected:
+        K, free = system.jacobian(u, t), system.free_dofs(held)
+        factors = direct(len(free.free)).analyse(unknowns_of(free, system.mesh.d)).factorise(free.matrix(K), Kind.GENERAL)
+        du = free.vector(factors.solve(-residual[free.free]).x)
+        residual += K @ du
+        forces = system.foundation_force(u + du)
+    forces[held] += residual[held]
+    return forces
+
+
+def unknowns_of(free: FreeDofs, d: int) -> Unknowns:
+    """The free degrees of freedom as direct solvers take them."""
+    return Unknowns(*np.divmod(free.free, d), free.structure.indptr, free.structure.indices)
 
 
 def held_vertices(system: SystemLike, where: Where | None, what: str = "reaction") -> NDArray[np.int64]:

@@ -122,8 +122,10 @@ class Built:
 
     @cached_property
     def solver(self) -> str:
-        """Name of the linear solver, where "auto" is chosen; empty for explicit integrators."""
+        """Name of the linear solver, where "auto" is chosen; empty for explicit integrators. Those of few unknowns stay "auto"."""
         analysis, system, asked = self.sections.analysis, self.system, self.sections.solver.name
+        if self.sections.reduced is not None:
+            return asked
         if self.integrator is not None:
             if self.integrator.explicit:
                 return ""
@@ -149,7 +151,7 @@ def check(sections: SceneTables, source: SceneSource, mesh: ElementMesh | None =
     if sections.threads is not None and sections.threads > most:
         complaints.add(("threads",), f"{sections.threads} are more than the {most} of this process; NUMBA_NUM_THREADS sets these")
     _check_files(sections, source, complaints, mesh)
-    for complain in (_check_materials, _check_analysis, _check_outputs):
+    for complain in (_check_materials, _check_analysis, _check_reduced, _check_outputs):
         complain(sections, source, complaints)
     complaints.refuse()
 
@@ -214,6 +216,31 @@ def _check_analysis(sections: SceneTables, source: SceneSource, complaints: Comp
         complaints.add(("solver", "rtol"), "is for statics and motion, not for modes; remove it")
     for name in sorted({"velocity"} & sections.initial.model_fields_set):
         complaints.add(("initial", name), f"is for motion, not for type = {analysis.type!r}; remove it")
+
+
+def _check_reduced(sections: SceneTables, source: SceneSource, complaints: Complaints) -> None:
+    """Complain about what needs all displacements."""
+    analysis, solver = sections.analysis, sections.solver
+    if sections.reduced is None:
+        return
+    if isinstance(analysis, ModesAnalysis):
+        complaints.add(("reduced",), "is for statics, arc length and motion; modes are of the whole body. Remove it")
+    if solver.name != "auto":
+        complaints.add(
+            ("solver", "name"), "a reduced body has a few unknowns and full matrices, with a solver of their own; remove it"
+        )
+    if solver.tangent not in (None, "exact"):
+        complaints.add(("solver", "tangent"), "the tangent of a reduced body is exact; remove it")
+    if not isinstance(analysis, DynamicAnalysis):
+        return
+    if analysis.explicit:
+        complaints.add(("analysis", "integrator"), f"{analysis.integrator} does not work on a reduced body; take an implicit one")
+    if analysis.mass != "lumped":
+        complaints.add(("analysis", "mass"), "the basis of a reduced body is orthonormal in lumped masses; remove it")
+    if analysis.damping.tau:
+        complaints.add(("analysis", "damping", "tau"), "acts at each edge, which a reduced body does not see; take alpha or beta")
+    if analysis.remove is not None:
+        complaints.add(("analysis", "remove"), "a reduced body is made of all its elements; remove it")
 
 
 def _check_outputs(sections: SceneTables, source: SceneSource, complaints: Complaints) -> None:

@@ -16,7 +16,7 @@ from ..dynamics import Modes, Run, modes, simulate
 from ..errors import StvkWarning
 from ..mesh.places import vertices_at
 from ..nonlinear.outcome import Interrupted, finishing_steps
-from ..results.reactions import held_vertices
+from ..results.reactions import ground_forces_at_rest, held_vertices
 from ..statics import StaticResult, solve_static
 from .build import Built, expectations
 from .folder import Folder
@@ -69,10 +69,14 @@ def _analysed(built: Built, folder: Folder | None, quiet: bool) -> StaticResult 
     """The result of the analysis; of one that was interrupted or failed what there is so far."""
     analysis, solver, initial = built.sections.analysis, built.sections.solver, built.sections.initial
     files: dict[str, Any] = {} if folder is None else folder.outlets(built.sections)
+    basis, system = built.sections.reduced, built.system
+    body = system if basis is None else basis.of_body(system, quiet)
+    if basis is not None and not isinstance(analysis, DynamicAnalysis):
+        files = {name: value for name, value in files.items() if name not in ("checkpoint", "resume")}  # it begins anew
     try:
         if isinstance(analysis, DynamicAnalysis):
             return simulate(
-                built.system,
+                body,
                 built.integrator,
                 until=analysis.until,
                 u0=built.u0,
@@ -89,9 +93,9 @@ def _analysed(built: Built, folder: Folder | None, quiet: bool) -> StaticResult 
                 **files,
             )
         if isinstance(analysis, ModesAnalysis):
-            return modes(built.system, analysis.n, u=built.u0, t=analysis.load, mass=analysis.mass, solver=solver.name)
+            return modes(system, analysis.n, u=built.u0, t=analysis.load, mass=analysis.mass, solver=solver.name)
         return solve_static(
-            built.system,
+            body,
             analysis.steps,
             method="arc-length" if isinstance(analysis, ArcLengthAnalysis) else "load-steps",
             stop=_stop(built, analysis),
@@ -142,19 +146,11 @@ def _followed(built: Built, result: StaticResult | Run) -> dict[str, Curve]:
         at = vertices_at(built.mesh, where, name)
         curves[name] = Curve(t, np.array([u.reshape(-1, d)[at].mean(axis=0) for _, u in states]), "length")
     if built.reactions:
-        forces = [_ground(built, u, one) for one, u in states]
+        forces = [ground_forces_at_rest(built.system, u, one, result.projected).reshape(-1, built.mesh.d) for one, u in states]
         for name, where in built.reactions.items():
             at = held_vertices(built.system, where, name)
             curves[name] = Curve(t, np.array([each[at].sum(axis=0) for each in forces]), "force")
     return curves
-
-
-def _ground(built: Built, u: Array, t: float) -> Array:
-    """(nv, d) forces of supports and foundations on the body in equilibrium."""
-    system, held = built.system, built.system.supports.held
-    forces = system.foundation_force(u)
-    forces[held] += system.residual(u, t)[held]
-    return forces.reshape(-1, system.mesh.d)
 
 
 def _values(result: StaticResult | Run | Modes) -> dict[str, float]:

@@ -277,6 +277,7 @@ TITLES = {
     "Initial": "Initial state",
     "StopRule": "Stop",
     "DisplacementLevel": "Level",
+    "ReducedBasis": "Reduced basis",
     "Solver": "Solver",
     "Damping": "Damping",
     "Tearing": "Tearing",

@@ -18,7 +18,7 @@ from ..errors import StvkError
 from ..mesh.places import Where
 from ..nonlinear.outcome import Status
 from ..results import Fields, Reaction, State, plot, write_vtu
-from ..results.reactions import held_vertices
+from ..results.reactions import ground_forces_at_rest, held_vertices
 from ..results.series import save_series
 from ..results.vtu import DEFAULT
 from ..system.protocol import SystemLike
@@ -39,6 +39,7 @@ class StaticResult:
         failed.
     solver : name of the linear solver.
     seconds : by part: assemble, factor, solve, other.
+    projected : whether the states are those of a `ReducedSystem`, in equilibrium on its basis. Reactions take a linear solve then.
     """
 
     system: SystemLike
@@ -49,6 +50,7 @@ class StaticResult:
     history: History
     solver: str
     seconds: dict[str, float]
+    projected: bool = False
 
     @property
     def success(self) -> bool:
@@ -73,10 +75,9 @@ class StaticResult:
         SupportError
             if no support and no foundation is there.
         """
-        system, held = self.system, self.system.supports.held
-        vertices, forces = held_vertices(system, where), system.foundation_force(self.u)
-        forces[held] += system.residual(self.u, self.t)[held]
-        return Reaction.of(system.mesh, self.u, forces, vertices)
+        vertices = held_vertices(self.system, where)
+        forces = ground_forces_at_rest(self.system, self.u, self.t, self.projected)
+        return Reaction.of(self.system.mesh, self.u, forces, vertices)
 
     @cached_property
     def state(self) -> State:

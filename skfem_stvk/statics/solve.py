@@ -327,7 +327,8 @@ class _Solve:
         )
         if problem.solver.name != self._asked:
             message += f" '{self._asked}' met its round-off in this body, and '{problem.solver.name}' took over."
-        return StaticResult(self._system, u, t, status, message, history, problem.solver.name, self._watch.parts())
+        projected, parts = self._reduced is not None, self._watch.parts()
+        return StaticResult(self._system, u, t, status, message, history, problem.solver.name, parts, projected)
 
 
 def _new_findings(history: History) -> Iterator[str]:

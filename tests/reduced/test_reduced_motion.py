@@ -83,6 +83,17 @@ def test_so_it_is_with_precomputed_coefficients(name):
         assert largest(found.u - full.u) < 1e-8 * largest(full.u) and largest(found.v - full.v) < 1e-8 * largest(full.v)
 
 
+def test_reactions_and_loads_are_the_rate_of_the_momentum():
+    """Of a motion on few coordinates, whose momentum the ledger has: what is left at free nodes is carried to the wall."""
+    body = bar(loads=GENTLE)
+    watched = {"reactions": {"wall": lambda x: x[0] == 0}, "until": 0.2, "quiet": True}
+    ledger = simulate(ReducedSystem(body, 8, 6, quiet=True), Newmark(dt=0.0025), **watched).ledger
+    load = body.external_force(np.zeros(body.ndofs)).reshape(-1, 3).sum(axis=0)
+    for axis, applied in zip("yz", load[1:], strict=True):
+        rate = np.gradient(ledger[f"linear_momentum_{axis}"], ledger["time"])[2:-2]
+        assert largest(rate - ledger[f"reaction wall {axis}"][2:-2] - applied) < 0.01 * largest(rate)
+
+
 def test_energy_and_momentum_keeps_the_energy_on_a_basis():
     """To round-off, over many turns of a motion that is far from linear; Newmark's method does not."""
     reduced = OnModes(bar(loads=GENTLE), 6)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal, TypeAlias
+from typing import TYPE_CHECKING, Annotated, Literal, TypeAlias
 
 from pydantic import Field
 
@@ -11,6 +11,10 @@ from ...dynamics.integrators import INTEGRATORS
 from ...statics import Stop
 from .places import PlaceOrName
 from .quantities import Part, key
+
+if TYPE_CHECKING:
+    from ...reduced import ReducedSystem
+    from ...system import System
 
 Count = Annotated[int, Field(ge=1)]
 Fraction = Annotated[float, Field(gt=0, lt=1)]
@@ -30,6 +34,20 @@ class Solver(Part):
         Literal["exact", "clamped", "gauss-newton", "warped", "diagonal", "rest"] | None,
         key("What implicit integrators solve with; by default the exact tangent."),
     ] = None
+
+
+class ReducedBasis(Part):
+    """Few unknowns: the amounts of some fields of displacements, made of vibration modes. For statics, arc length and motion."""
+
+    size: Annotated[int, key("Number of unknowns.", ge=1)] = 30
+    modes: Annotated[int, key("How many of the lowest modes the fields are made of.", ge=1)] = 20
+    derivatives: Annotated[bool, key("Whether of the derivatives of the modes, too: without them nothing can turn far.")] = True
+
+    def of_body(self, body: System, quiet: bool) -> ReducedSystem:
+        """The body on this basis."""
+        from ...reduced import ReducedSystem  # only where one is asked for
+
+        return ReducedSystem(body, self.size, self.modes, self.derivatives, quiet=quiet)
 
 
 class StaticAnalysis(Part):

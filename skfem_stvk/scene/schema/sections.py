@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 from pydantic import Field
 
 from ..units import UNITS
-from .analyses import Analysis, Solver
+from .analyses import Analysis, ReducedBasis, Solver
 from .materials import Material
 from .mesh import Mesh
 from .outputs import Expect, Initial, Output
@@ -46,6 +46,7 @@ class SceneTables(Part):
     prescribed: Annotated[dict[Name, Prescribed], key("Displacements, by name of the place.")] = {}
     initial: Annotated[Initial, key("The first state; by default rest.")] = Initial()
     analysis: Annotated[Analysis, key("What is solved.")]
+    reduced: Annotated[ReducedBasis | None, key("A basis of few unknowns, on which that is solved; by default none.")] = None
     solver: Annotated[Solver, key("How linear systems are solved, and to which residual.")] = Solver()
     output: Annotated[Output, key("What is written.")] = Output()
     expect: Annotated[Expect, key("Results that the scene is expected to give; the command fails if it does not.")] = {}
