@@ -35,7 +35,7 @@ HEAVY = [
     "ngsolve",
 ]
 #: Parts of this package that an energy does not need.
-PARTS = ["statics", "dynamics", "nonlinear", "referee", "reference", "bench", "peers", "scene", "cli"]
+PARTS = ["statics", "dynamics", "nonlinear", "referee", "reference", "bench", "peers", "reduced", "scene", "cli"]
 
 BODY = """
 import numpy, skfem
@@ -67,6 +67,16 @@ USES = {
     "a table": (EXPLICIT + "run.ledger.save('ledger.csv')", ""),
     "a checkpoint": (IMPLICIT + "simulate(system, stepper, until=2e-3, checkpoint='here', quiet=True)", "pydantic filelock"),
     "a path on disk": (STATIC.replace("quiet", "checkpoint='here', quiet"), "pydantic filelock"),
+    "a precomputed response": (
+        BODY + "from skfem_stvk import PrecomputedResponse\n"
+        "free = System(mesh, terms, fixed={'left': 'xy'})\n"
+        "PrecomputedResponse(free, 'right', ([0.0, 0.1], [0.0]), checks=0, solver='superlu', quiet=True)",
+        "",
+    ),
+    "a scene": (
+        BODY + "from skfem_stvk import Scene\nScene.of(system, {'type': 'static'}).system()",
+        "pydantic meshio filelock tree_sitter tree_sitter_toml tomlkit scipy.spatial",
+    ),
     "a picture": (STATIC + "result.plot(path='body.png')", "matplotlib"),
 }
 
@@ -89,7 +99,8 @@ def test_a_use_imports_only_the_packages_that_it_needs(use, tmp_path):
 
 
 @pytest.mark.parametrize(
-    "code, parts", [("import skfem_stvk", "all"), (ENERGY, PARTS), (STATIC, ["dynamics", "referee", "scene", "bench", "peers"])]
+    "code, parts",
+    [("import skfem_stvk", "all"), (ENERGY, PARTS), (STATIC, ["dynamics", "referee", "reduced", "scene", "bench", "peers"])],
 )
 def test_a_use_imports_only_the_parts_of_the_package_that_it_needs(code, parts, tmp_path):
     ours = {name for name in imported(code, tmp_path) if name.startswith("skfem_stvk.")}

@@ -25,13 +25,13 @@ MATERIAL = ("young", "poisson", "density")
 
 
 def add_scene(parser: argparse.ArgumentParser) -> None:
-    """Arguments of all commands that take a scene."""
+    """Add the arguments of all commands that take a scene."""
     parser.add_argument("scene", help="scene file (.toml)")
     parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="another value, as analysis.dt=1e-5")
 
 
 def init_arguments(parser: argparse.ArgumentParser) -> None:
-    """Arguments of `init`."""
+    """Add the arguments of `skfem-stvk init`."""
     what = parser.add_mutually_exclusive_group(required=True)
     what.add_argument(
         "--type", choices=list(templates.EXAMPLES), help="a commented example of this kind, which solves as it stands"
@@ -48,7 +48,7 @@ def init(options: argparse.Namespace) -> int:
 
 
 def solve_arguments(parser: argparse.ArgumentParser) -> None:
-    """Arguments of `solve`."""
+    """Add the arguments of `skfem-stvk solve`."""
     add_scene(parser)
     parser.add_argument("--out", metavar="FOLDER", help="folder of results; by default beside the scene, named after it")
     parser.add_argument("--resume", action="store_true", help="go on from the checkpoint in the folder of results")
@@ -88,7 +88,7 @@ def _print(outcome: SceneOutcome) -> None:
 
 
 def sweep_arguments(parser: argparse.ArgumentParser) -> None:
-    """Arguments of `sweep`."""
+    """Add the arguments of `skfem-stvk sweep`."""
     parser.add_argument("scene", help="scene file (.toml)")
     parser.add_argument(
         "--set",
@@ -101,7 +101,7 @@ def sweep_arguments(parser: argparse.ArgumentParser) -> None:
         "--out", metavar="FOLDER", help="folder of all runs, the table and the plot; by default SCENE-sweep beside it"
     )
     parser.add_argument("--jobs", type=int, help="runs at a time, each in a process; by default one for each core")
-    parser.add_argument("--force", action="store_true", help="replace runs of another scene")
+    parser.add_argument("--force", action="store_true", help="replace runs of another scene, and solve again what failed")
     parser.add_argument("--quiet", action="store_true", help="print nothing but errors")
 
 
@@ -112,7 +112,7 @@ def solve_product(options: argparse.Namespace) -> int:
 
 
 def info_arguments(parser: argparse.ArgumentParser) -> None:
-    """Arguments of `info`."""
+    """Add the arguments of `skfem-stvk info`."""
     parser.add_argument(
         "file", nargs="?", help="scene file (.toml), or mesh file; without one: versions, machine, optional packages"
     )

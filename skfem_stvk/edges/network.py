@@ -151,7 +151,7 @@ class Network(PairTerm):
         return z, g, over
 
     def _tensions(self, z: Array, name: str = "s") -> Array:
-        """(ne,) `s = A z`."""
+        """The tensions `s = A z` (ne,) of the edges, from their elongations `z` (ne,)."""
         ne, shares = len(self.edges), self._coupling
         s = self.own.room(name, ne + len(shares.extra), self.own.dtype)
         np.multiply(self._own, z, out=s[:ne])

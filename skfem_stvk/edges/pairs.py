@@ -96,7 +96,7 @@ class Rows(NamedTuple):
 
     @property
     def size(self) -> int:
-        """Number of blocks."""
+        """The number of blocks that are written to the matrix."""
         return len(self.entries)
 
 

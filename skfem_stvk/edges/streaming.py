@@ -63,7 +63,7 @@ class ElementRows:
 
     @property
     def size(self) -> int:
-        """Number of blocks."""
+        """The number of blocks of this term in the matrix: one for each node, two for each pair of nodes."""
         return len(self._elements.own.vertices) + 2 * self._elements.edges.total
 
     @cached_property
@@ -161,7 +161,7 @@ class ElementRows:
 
     @property
     def nbytes(self) -> int:
-        """Bytes of its arrays."""
+        """The number of bytes that its arrays take."""
         plan = () if self._plan is None else [value for value in self._plan[1].slots if isinstance(value, np.ndarray)]
         return nbytes(plan) + nbytes(self.__dict__.get("of_all_pairs", ()))
 

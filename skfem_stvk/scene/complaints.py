@@ -19,6 +19,8 @@ from .syntax import Loc, path_of
 LIMITS = {"gt": "(", "ge": "[", "lt": ")", "le": "]"}
 #: What is written for numbers that are better known otherwise.
 FRACTIONS = {0.5: "1/2", 0.5773502691896258: "1/sqrt(3)"}
+#: Limits of a key that depend on what else stands in the scene.
+SPANS = {"poisson": "(-1, 1/2), in plane stress (-1, 1)"}
 #: What was expected, by pydantic's type of error.
 EXPECTED = {
     "float_type": "a number",
@@ -152,7 +154,7 @@ def _outside(spot: Spot, error: Any, given: Any) -> str:
     value = f"{given:g}" if isinstance(given, float) or (isinstance(given, int) and abs(given) < 10**300) else shown(given)
     if low and high:
         span = f"{LIMITS[low]}{_number(limits[low])}, {_number(limits[high])}{LIMITS[high]}"
-        return f"{value} is outside {span}"
+        return f"{value} is outside {SPANS.get(str(spot.loc[-1]), span)}"
     words = {"gt": "above", "ge": "at least", "lt": "below", "le": "at most"}
     name = low or high
     return f"{value} is not {words[name]} {_number(limits[name])}" if name else f"{value} is out of range"
@@ -203,11 +205,13 @@ def _not_one_of(spot: Spot, error: Any, given: Any) -> str:
 
 
 def _no_place(spot: Spot, error: Any, given: Any) -> str:
-    known = [tag for tag in _tags(spot) if tag not in ("name", "coordinates")]
+    tags = _tags(spot)
+    known = [tag for tag in tags if tag not in ("name", "coordinates")]
     if isinstance(given, Mapping) and "type" in given:
         return _none_of(given["type"], known)
-    name = "a name, " if "name" in _tags(spot) else ""
-    return f"got {shown(given)}; expected {name}coordinates [x, y, z], or a table with type = one of {_listed(known)}"
+    words = {"name": "a name, ", "coordinates": "coordinates [x, y, z], "}
+    others = "".join(word for tag, word in words.items() if tag in tags)
+    return f"got {shown(given)}; expected {others}{'or ' if others else ''}a table with type = one of {_listed(known)}"
 
 
 Words = Callable[[Spot, Any, Any], str]

@@ -20,7 +20,7 @@ from .syntax import Loc, lines_of, parsed, path_of, quoted
 #: Files that are larger are no scenes.
 LARGEST = 10_000_000
 #: A key or an index in the path of `--set`.
-STEP = re.compile(r"""\.?(?:(?P<bare>[A-Za-z0-9_-]+)|"(?P<quoted>[^"]*)"|\[(?P<index>-?\d+)\])""")
+STEP = re.compile(r"""\.?(?:(?P<bare>[A-Za-z0-9_-]+)|"(?P<quoted>[^"]*)"|'(?P<literal>[^']*)'|\[(?P<index>-?\d+)\])""")
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,8 +107,8 @@ class SceneSource:
 def setting_of(given: str) -> tuple[Loc, Any]:
     """The place and the value of a setting; text needs no quotation marks where it is nothing else.
 
-    >>> setting_of("terms[1].g=[0, 0, -1]"), setting_of("solver.name=amg-cg"), setting_of('fixed."left wall"="xy"')
-    ((('terms', 1, 'g'), [0, 0, -1]), (('solver', 'name'), 'amg-cg'), (('fixed', 'left wall'), 'xy'))
+    >>> setting_of("terms[1].g=[0, 0, -1]"), setting_of("mesh.file=2nd.msh"), setting_of("fixed.'left wall'=xy")
+    ((('terms', 1, 'g'), [0, 0, -1]), (('mesh', 'file'), '2nd.msh'), (('fixed', 'left wall'), 'xy'))
     """
     path, equals, text = _parted(given)
     if not equals or not path or not text:
@@ -119,22 +119,23 @@ def setting_of(given: str) -> tuple[Loc, Any]:
         step = STEP.match(path, place)
         if step is None or (not loc and step["index"] is not None) or (place and path[place] not in ".["):
             raise _not_set(given, f"{shown(path)} is no key; expected names and [numbers], such as terms[1].g")
-        loc.append(int(step["index"]) if step["index"] is not None else step["bare"] or step["quoted"] or "")
+        loc.append(int(step["index"]) if step["index"] is not None else step["bare"] or step["quoted"] or step["literal"] or "")
         place = step.end()
     try:
         return tuple(loc), parsed(f"value = {text}", given)["value"]
     except SceneError as error:
-        if text[0] in "[{\"'" or re.match(r"[-+.\d]", text):
-            raise _not_set(given, f"the value {shown(text)} is not one: {error.complaints[0][2]}") from None
+        if text[0] in "[{\"'":
+            raise _not_set(given, f"the value {shown(text)} is not one: {error.complaints[0][2].rstrip('.')}") from None
         return tuple(loc), text
 
 
 def _parted(given: str) -> tuple[str, str, str]:
     """What is before and behind the first equals sign outside of quotation marks."""
-    quoted = False
+    quote = ""
     for place, one in enumerate(given):
-        quoted ^= one == '"'
-        if one == "=" and not quoted:
+        if one in "\"'" and quote in ("", one):
+            quote = "" if quote else one
+        if one == "=" and not quote:
             return given[:place].strip(), "=", given[place + 1 :].strip()
     return given.strip(), "", ""
 

@@ -34,11 +34,13 @@ from .scene import Scene
 from .schema import SceneTables
 from .source import Axis, SceneSource, axes_of, refuse_all
 from .syntax import Loc
-from .units import UNITS
+from .units import UNITS, implausible
 
 TABLE, PLOT = "table.csv", "sweep.png"
 #: Columns between the values and the results.
 COLUMNS = ("status", "exit_code", "seconds", "folder", "message")
+#: Exit codes of runs that came to an end: they are not solved again unasked.
+ENDED = (DONE, NOT_CONVERGED, NOT_AS_EXPECTED)
 #: A longer name of a folder is cut.
 LONGEST = 120
 #: Results, and lines of each, that a plot holds at most.
@@ -99,7 +101,7 @@ def sweep(
     settings : values by key, {"materials.steel.young": [1e9, 2e9]}, or texts such as "materials.steel.young=1e9,2e9".
     out : folder of table.csv, sweep.png and a folder for each run; by default beside the scene, named `SCENE-sweep`.
     jobs : runs at a time, by default one for each core; their kernels share the cores.
-    force : replace runs in `out` that are of another scene.
+    force : replace runs in `out` that are of another scene, and solve those again that failed.
     quiet : print nothing.
 
     Returns
@@ -135,6 +137,9 @@ def sweep(
         kept = f", {len(rows)} of them there already" if rows else ""
         how_many = f"; {jobs} at a time on {each} thread{'s' * (each > 1)} each" if missing else ""
         console.print(f"{len(runs)} runs{kept}{how_many}", soft_wrap=True)
+        for text, times in Counter(text for run in missing for text in implausible(run.scene.sections)).items():
+            how_many = f" (in {times} of {len(missing)} runs)" if times < len(missing) else ""
+            console.print(f"[yellow]note[/] {printable(text)}{how_many}", soft_wrap=True)
         tasks = {_Task(Path(path), run.settings, folder / run.name, how[run.name] or "new"): run for run in missing}
         try:
             for task, failure in in_processes(_solve, deque(tasks), jobs, each):
@@ -295,8 +300,8 @@ def _what_there_is(folder: Path, runs: Sequence[Planned], force: bool) -> dict[s
         elif (said := Folder(path).summary()).get("scene_hash") != run.scene.hash:
             how[run.name] = "force"
             others.append(run.name)
-        elif said.get("exit_code") in (DONE, NOT_CONVERGED, NOT_AS_EXPECTED):
-            how[run.name] = None
+        elif said.get("exit_code") in ENDED:
+            how[run.name] = None if said["exit_code"] == DONE or not force else "force"
         else:
             resumable = run.scene.sections.analysis.type != "modes" and any((path / CHECKPOINT).glob("*.npz"))
             how[run.name] = "resume" if resumable else "force"

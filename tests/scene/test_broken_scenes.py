@@ -172,6 +172,17 @@ CASES = [
         "scene.toml: materials.steel.young, line 14: -2.1e+11 is not above 0",
     ),
     Broken(
+        "poisson below its range",
+        [("poisson = 0.3", "poisson = -1")],
+        "scene.toml: materials.steel.poisson, line 15: -1 is outside (-1, 1/2), in plane stress (-1, 1)",
+    ),
+    Broken(
+        "a probe that is a number",
+        [("tip = [2, 1, 1]", "tip = 3")],
+        "scene.toml: output.probes.tip, line 42: got 3; expected a name, coordinates [x, y, z], or a table with type = one of box, "
+        "plane, nodes",
+    ),
+    Broken(
         "poisson above a half in a solid",
         [("0.3", "0.6")],
         "scene.toml: materials.steel.poisson, line 15: 0.6 is outside (-1, 1/2)",

@@ -3,10 +3,7 @@
 import json
 import os
 import signal
-import subprocess
-import sys
 import time
-from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
@@ -188,24 +185,6 @@ def test_a_checkpoint_of_another_problem_is_refused_with_what_differs(tmp_path, 
     assert main(["solve", str(path), "--quiet", "--resume", "--set", "analysis.until=0.3"]) == 0
 
 
-@pytest.fixture
-def started():
-    """Start a solve from the command line; what is left of it after the test is killed, also where the test has failed."""
-    processes = []
-
-    def start(path, *options):
-        command = [sys.executable, "-m", "skfem_stvk.cli.main", "solve", str(path), *options]
-        process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True)
-        processes.append(process)
-        return process
-
-    yield start
-    for process in processes:
-        with suppress(ProcessLookupError):
-            os.killpg(process.pid, signal.SIGKILL)
-        process.wait()
-
-
 def wait_for(path, process):
     begin = time.monotonic()
     while not path.exists():
@@ -225,7 +204,7 @@ PATH = STATIC.replace('type = "static"', 'type = "arc-length"').replace("steps =
 def test_a_run_that_is_interrupted_or_killed_is_resumed_from_the_command_line(tmp_path, started, how, analysis, until):
     whole = Scene.read(scene(tmp_path, analysis, FOLLOWED, name="whole.toml")).solve(quiet=True)
     path = scene(tmp_path, analysis, FOLLOWED)
-    process = started(path)
+    process = started("solve", path)
     wait_for(tmp_path / "beam" / until, process)
     os.kill(process.pid, how)
     out, err = process.communicate(timeout=60)
@@ -237,7 +216,7 @@ def test_a_run_that_is_interrupted_or_killed_is_resumed_from_the_command_line(tm
     else:
         assert said["status"] == "was killed or is running"
     kept = {file.name: file.stat().st_mtime_ns for file in (tmp_path / "beam" / "checkpoint").glob("state_*.npz")}
-    on = started(path, "--resume")
+    on = started("solve", path, "--resume")
     out, err = on.communicate(timeout=120)
     assert on.returncode == 0, out + err
     assert json.loads((tmp_path / "beam" / "summary.json").read_text())["results"] == pytest.approx(

@@ -6,9 +6,7 @@ import os
 import shutil
 import signal
 import subprocess
-import sys
 import time
-from contextlib import suppress
 
 import numpy as np
 import pytest
@@ -138,6 +136,31 @@ def test_runs_of_another_scene_are_replaced_only_by_force(tmp_path, capsys):
     assert after.results["tip.y"] == pytest.approx(2 * before.results["tip.y"], rel=0.05)
 
 
+def test_runs_that_failed_are_solved_again_by_force(tmp_path):
+    """A run that is not as expected stays as it is until then; one that is done stays even so."""
+    path, out = scene(tmp_path, STATIC, "[expect]\ntip.y = { value = -0.02, atol = 0.01 }\n"), tmp_path / "beam-sweep"
+    values = {YOUNG: [1e6, 4e6]}
+    before = sweep(path, values, jobs=1, quiet=True)
+    assert [row.exit_code for row in before] == [0, 3]
+    stamps = [(out / row.folder.name / "summary.json").stat().st_mtime_ns for row in before]
+
+    def changed():
+        return [(out / row.folder.name / "summary.json").stat().st_mtime_ns for row in before] != stamps
+
+    sweep(path, values, jobs=1, quiet=True)
+    assert not changed()
+    again = sweep(path, values, jobs=1, quiet=True, force=True)
+    assert changed() and [row.exit_code for row in again] == [0, 3]
+    assert (out / before[0].folder.name / "summary.json").stat().st_mtime_ns == stamps[0]
+
+
+def test_values_that_are_not_plausible_are_told(tmp_path, capsys):
+    path = scene(tmp_path, STATIC)
+    sweep(path, {"materials.rubber.density": [1000.0, 1.0]}, jobs=1)
+    printed = capsys.readouterr().out
+    assert printed.count("note materials.rubber.density = 1 kg/m^3 is not usual") == 1 and "(in 1 of 2 runs)" in printed
+
+
 def test_what_else_is_in_a_folder_is_left_alone(tmp_path):
     path = scene(tmp_path, STATIC)
     (tmp_path / "mine").mkdir()
@@ -208,24 +231,6 @@ def test_numbers_are_drawn_against_the_first_of_them(tmp_path):
     assert not plot.exists()
 
 
-@pytest.fixture
-def started():
-    """Start a sweep from the command line; what is left of it after the test is killed, also where the test has failed."""
-    processes = []
-
-    def start(path, *options):
-        command = [sys.executable, "-m", "skfem_stvk.cli.main", "sweep", str(path), *options]
-        process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True)
-        processes.append(process)
-        return process
-
-    yield start
-    for process in processes:
-        with suppress(ProcessLookupError):
-            os.killpg(process.pid, signal.SIGKILL)
-        process.wait()
-
-
 def wait_for(condition, process):
     begin = time.monotonic()
     while not condition():
@@ -240,7 +245,7 @@ def test_a_sweep_that_is_interrupted_or_killed_is_taken_up_by_the_next_call(tmp_
     path, out = scene(tmp_path, MOTION), tmp_path / "beam-sweep"
     path.write_text(path.read_text().replace("[output]\n", '[output]\nfile = "beam.pvd"\n'))
     until = "analysis.until=0.01,0.3,0.02"
-    process = started(path, "--set", until, "--jobs", "1")
+    process = started("sweep", path, "--set", until, "--jobs", "1")
     wait_for(lambda: (out / "until=0.3" / "beam_0004.vtu").exists(), process)
     os.killpg(process.pid, how)
     printed, err = process.communicate(timeout=60)
@@ -264,7 +269,7 @@ def test_a_sweep_that_is_interrupted_or_killed_is_taken_up_by_the_next_call(tmp_
 def test_processes_end_with_the_one_that_started_them(tmp_path, started):
     path, states = scene(tmp_path, MOTION), tmp_path / "beam-sweep" / "until=100"
     path.write_text(path.read_text().replace("[output]\n", '[output]\nfile = "beam.pvd"\n'))
-    process = started(path, "--set", "analysis.until=100.0", "--jobs", "1")
+    process = started("sweep", path, "--set", "analysis.until=100.0", "--jobs", "1")
     wait_for((states / "beam_0001.vtu").exists, process)
     process.kill()
     process.wait()
@@ -278,7 +283,7 @@ def test_a_process_that_crashes_takes_no_other_run_with_it(tmp_path, started):
     """It is killed from outside, as by a system that is out of memory."""
     path, out = scene(tmp_path, MOTION), tmp_path / "beam-sweep"
     path.write_text(path.read_text().replace("[output]\n", '[output]\nfile = "beam.pvd"\n'))
-    process = started(path, "--set", "analysis.until=0.01,100.0,0.02", "--jobs", "1")
+    process = started("sweep", path, "--set", "analysis.until=0.01,100.0,0.02", "--jobs", "1")
     wait_for((out / "until=100" / "beam_0001.vtu").exists, process)
     children = subprocess.run(["ps", "-ww", "-o", "pid=,args=", "--ppid", str(process.pid)], capture_output=True, text=True).stdout
     workers = [int(line.split()[0]) for line in children.splitlines() if "spawn_main" in line]

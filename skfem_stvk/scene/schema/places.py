@@ -68,7 +68,9 @@ def _kind(otherwise: str) -> Callable[[Any], str]:
             return str(given.get("type", "a table without type"))
         if isinstance(given, Part):
             return str(given.type)  # type: ignore[attr-defined]
-        return "coordinates" if isinstance(given, list) else otherwise
+        if isinstance(given, list):
+            return "coordinates"
+        return otherwise if isinstance(given, str) else "neither"
 
     return kind
 

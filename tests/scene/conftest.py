@@ -1,0 +1,27 @@
+"""What tests of the commands on scenes need."""
+
+import os
+import signal
+import subprocess
+import sys
+from contextlib import suppress
+
+import pytest
+
+
+@pytest.fixture
+def started():
+    """Start `skfem-stvk COMMAND PATH ...`; what is left of it after the test is killed, also where the test has failed."""
+    processes = []
+
+    def start(command, path, *options):
+        arguments = [sys.executable, "-m", "skfem_stvk.cli.main", command, str(path), *options]
+        process = subprocess.Popen(arguments, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True)
+        processes.append(process)
+        return process
+
+    yield start
+    for process in processes:
+        with suppress(ProcessLookupError):
+            os.killpg(process.pid, signal.SIGKILL)
+        process.wait()
