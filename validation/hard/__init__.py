@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 #: Each a file of cases at rest, and the two tables of motions.
-NAMES = ("deformed", "crushed", "elements", "starts", "unstable", "slender", "scales", "motion", "memory")
+NAMES = ("deformed", "crushed", "elements", "starts", "unstable", "slender", "slack", "scales", "motion", "memory")
 
 
 def main(quick: bool = False, only: Sequence[str] = (), out: str | None = None) -> int:

@@ -75,17 +75,25 @@ def faults_of(system: System, u: Array, limit: float) -> list[str]:
 
 def volume_ratios(system: System, u: Array) -> Array:
     """(nt,) volume of each element at `u` over that at rest, by determinants; of quadratic ones the smallest ratio of all
-    points and nodes.
+    points and nodes. Of membranes and cables in space, which have no inside, that of areas or lengths.
     """
     X, element = system.mesh.p.T, system.mesh.element
     if element.degree == 2:
         derivatives = element.derivatives(np.concatenate([rule_of(element).points, element.nodes]))
         both = (np.einsum("qak,tad->tqdk", derivatives, x[system.mesh.t.T], optimize=True) for x in (X, X + u.reshape(X.shape)))
-        now_by_rest = [np.linalg.det(J) for J in both]
+        now_by_rest = [_measure(J) for J in both]
         return np.asarray((now_by_rest[1] / now_by_rest[0]).min(axis=1))
-    rest, now = (np.linalg.det(x[system.mesh.t[1:].T] - x[system.mesh.t[:1].T]) for x in (X, X + u.reshape(X.shape)))
+    rest, now = (_measure(x[system.mesh.t[1:].T] - x[system.mesh.t[:1].T]) for x in (X, X + u.reshape(X.shape)))
     ratios: Array = now / rest
     return ratios
+
+
+def _measure(spokes: Array) -> Array:
+    """(...,) volumes that spokes in the last two dimensions span, with their sign where they fill the space."""
+    if spokes.shape[-1] == spokes.shape[-2]:
+        return np.asarray(np.linalg.det(spokes))
+    gram = spokes @ np.swapaxes(spokes, -1, -2) if spokes.shape[-2] < spokes.shape[-1] else np.swapaxes(spokes, -1, -2) @ spokes
+    return np.asarray(np.sqrt(np.linalg.det(gram)))
 
 
 def not_positive(K: csr_matrix) -> int:

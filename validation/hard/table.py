@@ -37,7 +37,7 @@ class Row:
     @property
     def size(self) -> str:
         mesh = self.system.mesh
-        cells = "quadratic " * (mesh.element.degree == 2) + ("tets" if mesh.k == 3 else "triangles")
+        cells = "quadratic " * (mesh.element.degree == 2) + {1: "segments", 2: "triangles", 3: "tets"}[mesh.k]
         return f"{self.system.mesh.nt} {cells}, {self.system.ndofs} dofs"
 
     @property
