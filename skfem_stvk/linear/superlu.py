@@ -99,6 +99,11 @@ class SuperLUFactors:
         lu, K = self._lu, self._transpose.T
         return handed_out(solve_checked(lambda x: K @ x, lambda r: lu.solve(r, trans="T"), b, rtol), out)
 
+    def solve_many(self, B: Vector) -> Vector:
+        """Solutions (n, m) for the columns of B (n, m), not refined, NaN if K is singular."""
+        self._newest.check(self._number)
+        return np.full(B.shape, np.nan) if self._lu is None else np.asarray(self._lu.solve(B, trans="T"))
+
 
 def _exchanged(lu: Any) -> bool:
     """Whether rows were exchanged, or there are no factors."""

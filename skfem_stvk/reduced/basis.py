@@ -9,14 +9,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..arguments import Array, array
-from ..dynamics.shift_invert import ShiftedProblem, lowest_vectors
 from ..errors import StvkError, SupportError
 from ..linear import Factors, Kind, LinearSolver, choose
 from ..linear.choose import direct
 from ..nonlinear.newton import usable
 from ..system import System
 from ..system.free_tangent import FreeTangent
-from ..system.mass import KINDS, Mass
 from ..system.protocol import SystemLike
 from ..terms import Body
 from ..terms.body import HasMass, HasSection
@@ -28,6 +26,10 @@ INDEPENDENT = 1e-10
 EXACT = 1e-10
 #: At which times functions are looked at, by default; and how many independent fields they may have.
 TIMES, MOST_LIFTS = tuple(np.linspace(0.0, 1.0, 33).tolist()), 12
+#: Residual of linear solves, and of modes.
+PRECISION, CONVERGED = 1e-8, 1e-6
+#: Modes are looked for in a Krylov space of blocks of so many more than asked for; so many blocks at most.
+MORE, MOST_BLOCKS = 8, 12
 #: Up to so many unknowns a direct solver is taken: it factorises once and solves hundreds of times.
 MANY = 200_000
 #: The largest displacement of fields whose second derivative of F is taken: of a quartic energy as a part of the body's size; of
@@ -45,13 +47,13 @@ class _UnitDensity:
         return np.asarray(sizes * self.section(mesh, len(sizes)))
 
 
-def metric(system: System) -> Mass:
-    """The lumped mass of a body, by which fields are orthogonal; of a body without any density that of density 1."""
+def masses_of(system: System) -> Array:
+    """(ndofs,) lumped masses, by which fields are orthogonal; of a body without any density those of density 1."""
     bodies = [system.body, *system.body.beside]
     heavy = [term for body in bodies for term in body.terms if isinstance(term, HasMass)]
     if any(getattr(getattr(term, "material", None), "density", 1.0) is not None for term in heavy):
-        return system.mass()
-    return KINDS["lumped"](system, _of_unit_density(system.body), system.supports.held)
+        return np.repeat(system.mass().vertex, system.mesh.d)
+    return np.repeat(_of_unit_density(system.body).lumped_mass, system.mesh.d)
 
 
 def _of_unit_density(body: Body) -> Body:
@@ -68,26 +70,33 @@ class AtRest:
         self._body, n = body, body.ndofs - len(body.supports.held)
         self.solver: LinearSolver = direct(n) if n <= MANY else choose("auto", n, Kind.SYMMETRIC)
         self._tangent = FreeTangent(body, self.solver, Kind.SYMMETRIC, lambda: np.zeros(body.ndofs))
-        K = self._tangent.restricted(self._tangent.matrix(np.zeros(body.ndofs), None))
-        self._factors: Factors = self._tangent.factorise(K)
+        self.free = self._tangent.free.free
+        self.K = self._tangent.restricted(self._tangent.matrix(np.zeros(body.ndofs), None))
+        self._factors: Factors = self._tangent.factorise(self.K)
 
-    def solve(self, force: Array) -> Array:
-        """Displacements (ndofs,) under a force (ndofs,), 0 where the body is held."""
-        u, free = np.zeros(self._body.ndofs), self._tangent.free.free
-        solution = self._factors.solve(force[free], 1e-12)
+    def solve(self, forces: Array) -> Array:
+        """Displacements (n, m) of the free degrees of freedom under forces (n, m)."""
+        if hasattr(self._factors, "solve_many"):
+            X = self._factors.solve_many(forces)
+            misfit = np.abs(self.K @ X - forces).max(axis=0) / np.maximum(np.abs(forces).max(axis=0), np.finfo(float).tiny)
+            if np.isfinite(X).all() and misfit.max(initial=0.0) <= PRECISION:
+                return np.asarray(X)
+        return np.array([self._solve_one(force) for force in forces.T]).T.reshape(forces.shape)
+
+    def _solve_one(self, force: Array) -> Array:
+        solution = self._factors.solve(force, PRECISION / 100)
         if not usable(solution):
             raise SupportError(
                 f"The linear solver '{self.solver.name}' failed with K at rest: {solution.outcome.value}. Expected a body that is "
                 "held so that nothing moves without strain; is a part of it held too little?"
             )
-        u[free] = solution.x
-        return u
+        return solution.x
 
     def follow(self, w: Array) -> Array:
         """Displacements (ndofs,) where those that are held are `w`, and nothing else acts."""
-        force = np.zeros(self._body.ndofs)
-        force[self._tangent.free.free] = -self._tangent.force_of(w)
-        return self.solve(force) + w
+        u = w.copy()
+        u[self.free] = self.solve(-self._tangent.force_of(w)[:, None])[:, 0]
+        return u
 
 
 class Lifts:
@@ -124,12 +133,11 @@ class Lifts:
             fields[:, i] = rest.follow(w)
         return cls(body, fields)
 
-    def across(self, mass: Mass, basis: Array) -> Array:
+    def across(self, masses: Array, basis: Array) -> Array:
         """The fields less what of them is in the span of a basis: orthogonal to it by mass, the same where the body is held."""
         across = self.fields
         for _ in range(2):  # the second time takes what rounding has left
-            momenta = np.array([mass.multiply(field) for field in across.T]).reshape(-1, len(across))
-            across = across - basis @ (momenta @ basis).T
+            across = across - basis @ (basis.T @ (masses[:, None] * across))
         return across
 
     def amounts(self, moment: Moment) -> Array:
@@ -165,21 +173,45 @@ class Candidates(NamedTuple):
     words: str
 
 
-def vibration_modes(body: System, mass: Mass, n: int) -> tuple[Array, Array]:
-    """Eigenvalues (n,) and vectors (ndofs, n) of unit mass of the lowest modes at rest."""
-    free = body.ndofs - len(body.supports.held)
-    if not 1 <= n <= free:
-        raise StvkError(f"modes = {n}; expected a number from 1 to {free}, that of the free degrees of freedom.")
-    solver = direct(free) if free <= MANY else choose("auto", free, Kind.SYMMETRIC)
-    problem = ShiftedProblem(body, solver, mass, Kind.SYMMETRIC, np.zeros(body.ndofs), Moment(0.0, 0.0))
-    found = lowest_vectors(problem, n)
-    vectors = np.zeros((body.ndofs, found.shape[1]))
-    vectors[problem.free.free] = found
-    vectors = orthonormal(mass, vectors)
-    K = np.array([problem.stiffness() @ vector for vector in vectors.T])
-    small = vectors.T @ K.T
-    values, c = np.linalg.eigh((small + small.T) / 2)
-    return values[:n], vectors @ c[:, :n]
+def vibration_modes(masses: Array, rest: AtRest, n: int) -> tuple[Array, Array]:
+    """Eigenvalues (n,) and vectors (free, n) of unit mass of the lowest modes at rest: `K x = omega^2 M x`.
+
+    By a block Krylov space of `K^-1 M`, so that one factorisation does for all that is solved, with many right sides at once; its
+    blocks are larger than any multiple eigenvalue is likely to be.
+    """
+    count, M = len(rest.free), masses[rest.free]
+    if not 1 <= n <= count:
+        raise StvkError(f"modes = {n}; expected a number from 1 to {count}, that of the free degrees of freedom.")
+    block = np.random.default_rng(0).standard_normal((count, min(n + MORE, count)))
+    space = np.zeros((count, 0))
+    for _ in range(MOST_BLOCKS):
+        new = rest.solve(M[:, None] * block)
+        for _ in range(2):
+            new = new - space @ (space.T @ (M[:, None] * new))
+            new = _independent(M, new)
+        space = np.hstack([space, new])[:, :count]
+        images = rest.K @ space
+        small = space.T @ images
+        values, c = np.linalg.eigh((small + small.T) / 2)
+        vectors = space @ c[:, :n]
+        residuals = (images @ c[:, :n] - M[:, None] * vectors * values[:n]) / np.sqrt(M)[:, None]
+        enough = space.shape[1] >= n and (np.linalg.norm(residuals, axis=0) <= CONVERGED * values[:n]).all()
+        if enough or space.shape[1] >= count or not new.shape[1]:
+            break
+        block = new
+    if space.shape[1] < n or not values[0] > 0:
+        raise SupportError(f"modes = {n}: {min(n, space.shape[1])} were found, the lowest with omega^2 = {values[0]:.3g}.")
+    return values[:n], vectors
+
+
+def _independent(masses: Array, fields: Array) -> Array:
+    """Orthonormal fields (n, k) that span `fields` (n, m), less what is rounding of others."""
+    sizes = np.sqrt((masses[:, None] * fields**2).sum(axis=0))
+    fields = fields[:, sizes > 0] / sizes[sizes > 0]
+    values, c = np.linalg.eigh(fields.T @ (masses[:, None] * fields))
+    kept = values > INDEPENDENT
+    independent: Array = fields @ (c[:, kept] / np.sqrt(values[kept]))
+    return independent
 
 
 def second_derivatives(body: System, fields: Array) -> Callable[[int, int], Array]:
@@ -214,7 +246,7 @@ def second_derivatives(body: System, fields: Array) -> Callable[[int, int], Arra
 
 def candidates_of(
     body: System,
-    mass: Mass,
+    masses: Array,
     rest: AtRest,
     modes: int,
     derivatives: bool,
@@ -229,29 +261,30 @@ def candidates_of(
     with `l` the eigenvalues `omega^2`. Source: Barbic, James (2005). Here fields have unit mass before they are weighted, so that
     units make no difference.
     """
+    free, words = rest.free, []
     count = modes + (modes * (modes + 1) // 2 if derivatives else 0)
-    m = 0 if snapshots is None else snapshots.shape[1]
-    fields, words, at = np.zeros((body.ndofs, count + m), order="F"), [], modes
+    fields = np.zeros((body.ndofs, count + (0 if snapshots is None else snapshots.shape[1])), order="F")
     if modes:
         tick("modes")
-        values, vectors = vibration_modes(body, mass, modes)
-        fields[:, :modes] = vectors * (values[0] / values)
+        values, vectors = vibration_modes(masses, rest, modes)
+        fields[free, :modes] = vectors
         words.append(f"{modes} modes")
     if derivatives and modes:
-        along = second_derivatives(body, vectors)
+        along, at = second_derivatives(body, fields[:, :modes]), modes
         for i in range(modes):
             tick(f"derivatives of mode {i + 1} of {modes}")
-            for j in range(i + 1):
-                field = rest.solve(-along(i, j))
-                size = _size(mass, field)
-                if size > 0:
-                    fields[:, at] = field * (values[0] ** 2 / (values[i] * values[j]) / size)
-                at += 1
+            forces = np.array([along(i, j)[free] for j in range(i + 1)]).T
+            fields[free, at : at + i + 1] = rest.solve(-forces)
+            weights = values[0] ** 2 / (values[i] * values[: i + 1])
+            fields[:, at : at + i + 1] *= weights / np.maximum(_sizes(masses, fields[:, at : at + i + 1]), np.finfo(float).tiny)
+            at += i + 1
         words.append(f"{modes * (modes + 1) // 2} modal derivatives")
+    if modes:
+        fields[:, :modes] *= values[0] / values
     if snapshots is not None:
-        largest = max([_size(mass, one) for one in snapshots.T])
+        largest = _sizes(masses, snapshots).max()
         fields[:, count:] = snapshots / (largest if largest > 0 else 1.0)
-        words.append(f"{m} snapshots")
+        words.append(f"{snapshots.shape[1]} snapshots")
     return Candidates(fields, " and ".join(words))
 
 
@@ -273,7 +306,7 @@ def checked_snapshots(body: System, lifts: Lifts, given: ArrayLike | None) -> Ar
     return own
 
 
-def reduced_to(mass: Mass, candidates: Candidates, size: int) -> Array:
+def reduced_to(masses: Array, candidates: Candidates, size: int) -> Array:
     """(ndofs, size) fields, orthonormal by mass, that hold most of the candidates: the first principal components.
 
     StvkError if there are not so many independent ones.
@@ -285,7 +318,7 @@ def reduced_to(mass: Mass, candidates: Candidates, size: int) -> Array:
         )
     if not np.isfinite(fields).all():
         raise StvkError("The basis is not finite: is the body held, and are its elements sound?")
-    root = np.sqrt(np.repeat(mass.vertex, fields.shape[0] // len(mass.vertex)))
+    root = np.sqrt(masses)
     fields *= root[:, None]
     _, sizes, directions = np.linalg.svd(np.linalg.qr(fields, mode="r"))
     independent = int(np.count_nonzero(sizes > INDEPENDENT * sizes[0])) if sizes[0] > 0 else 0
@@ -299,26 +332,19 @@ def reduced_to(mass: Mass, candidates: Candidates, size: int) -> Array:
     weighted *= np.sign(np.einsum("ij,ij->j", weighted, kept))
     weighted[~kept.any(axis=1)] = 0  # what is held, but for rounding
     inverse = np.divide(1.0, root, out=np.zeros_like(root), where=root > 0)
-    basis = orthonormal(mass, weighted * inverse[:, None])
-    off = departure(mass, basis)
+    basis = np.ascontiguousarray(weighted * inverse[:, None])
+    off = departure(masses, basis)
     if not off < 1e-12:
         raise StvkError(f"The basis is orthonormal to {off:.1g} only; expected 1e-12. Are there nodes without mass?")
     return basis
 
 
-def departure(mass: Mass, basis: Array) -> float:
+def departure(masses: Array, basis: Array) -> float:
     """The largest entry of `V' M V - I`."""
-    product: Array = basis.T @ np.array([mass.multiply(v) for v in basis.T]).T
+    product: Array = basis.T @ (masses[:, None] * basis)
     return float(np.abs(product - np.eye(basis.shape[1])).max(initial=0.0))
 
 
-def orthonormal(mass: Mass, fields: Array) -> Array:
-    """Fields (ndofs, n) that span the same, orthonormal by mass to rounding: Cholesky's factors, twice."""
-    for _ in range(2):
-        product = fields.T @ np.array([mass.multiply(v) for v in fields.T]).T
-        fields = np.linalg.solve(np.linalg.cholesky((product + product.T) / 2), fields.T).T
-    return np.ascontiguousarray(fields)
-
-
-def _size(mass: Mass, field: Array) -> float:
-    return float(np.sqrt(field @ mass.multiply(field)))  # lumped masses are positive: no square is below zero
+def _sizes(masses: Array, fields: Array) -> Array:
+    """(n,) norms of fields (ndofs, n) by mass."""
+    return np.asarray(np.sqrt(np.einsum("in,i,in->n", fields, masses, fields)))

@@ -18,7 +18,7 @@ from ..system.signature import sums
 from ..terms import Quartic
 from ..terms.load import Moment, Time
 from ..terms.protocols import tell
-from .basis import AtRest, Lifts, candidates_of, checked_snapshots, metric, reduced_to
+from .basis import AtRest, Lifts, candidates_of, checked_snapshots, masses_of, reduced_to
 from .equilibrium import ReducedEquilibrium
 from .motion import ReducedMotion
 from .quartic import MeshPart, ReducedQuartic, bytes_needed, quartic_of
@@ -106,14 +106,14 @@ class ReducedSystem:
         _refuse_without_energy(body)
         body.check_held()
         _refuse_memory(size, most)
-        mass = metric(body)
+        masses = masses_of(body)
         with Progress("reduced", quiet, ()) as progress:
             rest = AtRest(body)
             lifts = Lifts.of(body, rest, moments)
             own = checked_snapshots(body, lifts, snapshots)
-            made = candidates_of(body, mass, rest, modes, derivatives, own)
-            basis = reduced_to(mass, made, size)
-            columns = np.concatenate([basis, lifts.across(mass, basis)], axis=1)
+            made = candidates_of(body, masses, rest, modes, derivatives, own)
+            basis = reduced_to(masses, made, size)
+            columns = np.concatenate([basis, lifts.across(masses, basis)], axis=1)
             terms = [term for term in body.bound_terms if isinstance(term, Quartic)]
             progress.print(f"reduced: {size} unknowns of {made.words}")
             self._take(body, columns, size, quartic_of(body, terms, columns))
@@ -122,7 +122,7 @@ class ReducedSystem:
         columns.flags.writeable = False
         self.body, self.size, self.columns = body, size, columns
         self.basis, self.lifts = columns[:, :size], columns[:, size:]
-        self._lifts, self._quartic, self._mass = Lifts(body, self.lifts), quartic, metric(body)
+        self._lifts, self._quartic, self._masses = Lifts(body, self.lifts), quartic, masses_of(body)
         others = [term for term in body.bound_terms if not isinstance(term, Quartic)]
         self._others = MeshPart(body, others, columns) if others else None
         self._steady = [load for load in body.bound_loads if load.dead and load.steady]
@@ -208,7 +208,7 @@ class ReducedSystem:
     def state(self, u: ArrayLike, t: Time = 1.0) -> Array:
         """`z = (q, s(t))` (r + l,), with the `coordinates` of displacements `u` (ndofs,)."""
         x, s = finite_vector("u", u, self.body.ndofs), self.amounts(t)
-        return np.concatenate([self.basis.T @ self._mass.multiply(x - self.lifts @ s), s])
+        return np.concatenate([self.basis.T @ (self._masses * (x - self.lifts @ s)), s])
 
     def unknowns(self, q: ArrayLike, t: Time = 1.0) -> Array:
         """`z = (q, s(t))` (r + l,). Errors as in `energy`."""
