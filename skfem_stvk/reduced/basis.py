@@ -27,7 +27,7 @@ EXACT = 1e-10
 #: At which times functions are looked at, by default; and how many independent fields they may have.
 TIMES, MOST_LIFTS = tuple(np.linspace(0.0, 1.0, 33).tolist()), 12
 #: Residual of linear solves, and of modes.
-PRECISION, CONVERGED = 1e-8, 1e-6
+PRECISION, CONVERGED = 1e-8, 1e-5
 #: Modes are looked for in a Krylov space of blocks of so many more than asked for; so many blocks at most.
 MORE, MOST_BLOCKS = 8, 12
 #: Up to so many unknowns a direct solver is taken: it factorises once and solves hundreds of times.
@@ -183,22 +183,22 @@ def vibration_modes(masses: Array, rest: AtRest, n: int) -> tuple[Array, Array]:
     if not 1 <= n <= count:
         raise StvkError(f"modes = {n}; expected a number from 1 to {count}, that of the free degrees of freedom.")
     block = np.random.default_rng(0).standard_normal((count, min(n + MORE, count)))
-    space = np.zeros((count, 0))
+    space, small = np.zeros((count, 0)), np.zeros((0, 0))
     for _ in range(MOST_BLOCKS):
-        new = rest.solve(M[:, None] * block)
+        block = rest.solve(M[:, None] * block)
         for _ in range(2):
-            new = new - space @ (space.T @ (M[:, None] * new))
-            new = _independent(M, new)
-        space = np.hstack([space, new])[:, :count]
-        images = rest.K @ space
-        small = space.T @ images
+            block = _independent(M, block - space @ (space.T @ (M[:, None] * block)))
+        block, m = block[:, : count - space.shape[1]], space.shape[1]
+        space = np.hstack([space, block])
+        small = np.pad(small, (0, block.shape[1]))
+        small[:, m:] = space.T @ (rest.K @ block)
+        small[m:, :m] = small[:m, m:].T
         values, c = np.linalg.eigh((small + small.T) / 2)
         vectors = space @ c[:, :n]
-        residuals = (images @ c[:, :n] - M[:, None] * vectors * values[:n]) / np.sqrt(M)[:, None]
+        residuals = (rest.K @ vectors - M[:, None] * vectors * values[:n]) / np.sqrt(M)[:, None]
         enough = space.shape[1] >= n and (np.linalg.norm(residuals, axis=0) <= CONVERGED * values[:n]).all()
-        if enough or space.shape[1] >= count or not new.shape[1]:
+        if enough or space.shape[1] >= count or not block.shape[1]:
             break
-        block = new
     if space.shape[1] < n or not values[0] > 0:
         raise SupportError(f"modes = {n}: {min(n, space.shape[1])} were found, the lowest with omega^2 = {values[0]:.3g}.")
     return values[:n], vectors

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+import skfem
 from bodies import box, curved
 
 from skfem_stvk import (
@@ -17,7 +18,9 @@ from skfem_stvk import (
     System,
     Traction,
     VolumePenalty,
+    modes,
 )
+from skfem_stvk.reduced.basis import AtRest, masses_of, second_derivatives, vibration_modes
 
 LAW = StVK(young=2.0, poisson=0.3, density=1.5)
 
@@ -155,3 +158,24 @@ def test_snapshots_are_in_the_span():
     states[body.supports.held[0], 1] += 0.1
     with pytest.raises(StvkError, match="snapshots move what is held in 1 of 3"):
         reduced_of(body, 3, 0, snapshots=states)
+
+
+@pytest.mark.parametrize("count", [3, 40])
+def test_modes_of_the_basis_are_those_of_the_body(count):
+    """A square bar has each bending mode twice."""
+    mesh = skfem.MeshTet.init_tensor(np.linspace(0, 3, 7), np.linspace(0, 1, 3), np.linspace(0, 1, 3))
+    body = System(mesh, LAW, fixed=[(left, "xyz")])
+    values, vectors = vibration_modes(masses_of(body), AtRest(body), count)
+    expected = modes(body, count).eigenvalues
+    assert np.abs(values / expected - 1).max() < 1e-8
+    assert vectors.shape == (body.ndofs - len(body.supports.held), count)
+
+
+def test_modal_derivatives_are_how_modes_change_with_the_amplitude_of_others():
+    """`K(u) phi` at small amplitudes, by differences of the tangent: two ways to the second derivative of F."""
+    body = cube()
+    fields = np.random.default_rng(0).standard_normal((body.ndofs, 3))
+    along = second_derivatives(body, fields)
+    for i, j in ((0, 0), (0, 2), (1, 2)):
+        plus, minus = (body.tangent(sign * fields[:, j]) @ fields[:, i] for sign in (1, -1))
+        assert np.abs(along(i, j) - (plus - minus) / 2).max() < 1e-12 * np.abs(plus).max()
