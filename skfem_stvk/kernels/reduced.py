@@ -79,10 +79,12 @@ def distinct_coefficients(C: Reals, T: Reals) -> None:
 
 
 @kernel
-def hessian(T: Reals, x: Reals, p: Reals, Y: Reals, P: Reals, H: Reals) -> None:
-    """Write `H_ab = d2W/dx_a dx_b` (n, n) of the homogeneous quartic at `x` (n,); then `dW/dx = 1/3 H x` and `W = 1/12 x' H x`.
+def quartic(T: Reals, x: Reals, p: Reals, Y: Reals, P: Reals, G: Reals, H: Reals) -> float:
+    """`W = 1/12 x' H x` at `x` (n,); writes `G = dW/dx = 1/3 H x` (n,) and `H_ab = d2W/dx_a dx_b` (n, n).
 
-    `p` and `P` (pairs,) and `Y` (n, pairs) are written to.
+    A product `T_abcd x_a x_b x_c x_d` adds to H in six places, once for each two of its factors. Of rows `t` for `c, d`, `Y_c = sum_d
+    x_d t` and `Y_d = sum_c x_c t` are kept, whose entries `a, b` have one of the two factors `c, d` left. `p` and `P` (pairs,) and
+    `Y` (n, pairs) are written to.
     """
     n, pairs, at = len(x), len(p), 0
     for b in range(n):
@@ -118,3 +120,11 @@ def hessian(T: Reals, x: Reals, p: Reals, Y: Reals, P: Reals, H: Reals) -> None:
         for a in range(b):
             H[I(a), I(b)] = H[I(b), I(a)] = P[I(b * (b + 1) // 2 + a)]
         H[I(b), I(b)] = 2.0 * P[I(b * (b + 1) // 2 + b)]
+    energy = 0.0
+    for a in range(n):
+        total = 0.0
+        for b in range(n):
+            total += H[I(a), I(b)] * x[I(b)]
+        G[I(a)] = total / 3.0
+        energy += G[I(a)] * x[I(a)]
+    return energy / 4.0

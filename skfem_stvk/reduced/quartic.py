@@ -44,16 +44,16 @@ class ReducedQuartic:
         self.n, self.T = n, T
         self._work = np.empty(pairs), np.empty((n, pairs)), np.empty(pairs)
 
-    def hessian(self, x: Array) -> Array:
-        """(n, n) second derivatives of the homogeneous quartic at `x` (n,)."""
-        H = np.empty((self.n, self.n))
-        reduced_kernels.hessian(self.T, x, *self._work, H)
-        return H
+    def linearize(self, x: Array) -> tuple[float, Array, Array]:
+        """W at `x` (n,), its gradient (n,) and its second derivatives (n, n), those by `x_0` among them."""
+        G, H = np.empty(self.n), np.empty((self.n, self.n))
+        return reduced_kernels.quartic(self.T, x, *self._work, G, H), G, H
 
     def along(self, x: Array, y: Array) -> Array:
         """(5,) coefficients `c` of the energy at `x + s y`, both (n,)."""
-        H, G = self.hessian(x), self.hessian(y)
-        return np.array([x @ H @ x / 12, y @ H @ x / 3, y @ H @ y / 2, x @ G @ y / 3, y @ G @ y / 12])
+        W, G, H = self.linearize(x)
+        last, g, _ = self.linearize(y)
+        return np.array([W, G @ y, y @ H @ y / 2, g @ x, last])
 
 
 def quartic_of(

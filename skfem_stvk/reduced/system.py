@@ -283,9 +283,8 @@ class ReducedSystem:
             raise StvkError("The body has lost elements since it was reduced; expected the same body. Reduce it anew.")
         x = np.concatenate([[1.0], z])
         with self._turn:
-            H = self._quartic.hessian(x)
-        G = H @ x / 3
-        W, F, K = float(G @ x) / 4, G[1:], H[1:, 1:]
+            W, G, H = self._quartic.linearize(x)
+        F, K = G[1:], H[1:, 1:]
         if self._others is not None:
             more, f, k = self._others.linearize(self.columns @ z)
             W, F, K = W + more, F + f, K + k

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from bodies import BODIES, CURVED, MESHES, box, random_frames, some_voigt, state
-from kernels import readable, readable_networks
+from kernels import readable, readable_networks, readable_reduced
 from kernels.parts import in_parts, on_twins
 from kernels.test_readable import LAWS, quadrature, rules
 from kernels.test_readable import MESHES as EVERY_MESH
@@ -20,6 +20,7 @@ from skfem_stvk.kernels import (
     motion,
     networks,
     penalty,
+    reduced,
     rows,
     stretches,
     topology,
@@ -234,7 +235,8 @@ def test_on_twins_no_kernel_is_called(monkeypatch):
 
 
 @pytest.mark.parametrize(
-    "module", [elements, discrete_gradient, blocks, topology, geometry, volumes, stretches, penalty, rows, cg, motion, networks]
+    "module",
+    [elements, discrete_gradient, blocks, topology, geometry, volumes, stretches, penalty, rows, cg, motion, networks, reduced],
 )
 def test_every_kernel_that_python_calls_has_a_twin_with_its_signature(module):
     """What is annotated is called from Python."""
@@ -243,7 +245,7 @@ def test_every_kernel_that_python_calls_has_a_twin_with_its_signature(module):
     annotated = {name: function for name, function in called.items() if function.__annotations__}
     assert annotated
     for name, function in annotated.items():
-        twin = getattr(readable_networks if module is networks else readable, name)
+        twin = getattr({networks: readable_networks, reduced: readable_reduced}.get(module, readable), name)
         assert twin.__annotations__ == function.__annotations__, name
 
 

@@ -3,9 +3,13 @@
 import numpy as np
 import pytest
 from bodies import BODIES, CURVED, MESHES, STRAIGHT, box, some_voigt
+from kernels import readable_reduced
 
 from skfem_stvk import Anisotropic, EdgeNetwork, ElasticFoundation, LinearElastic, StVK, System
-from skfem_stvk.reduced.quartic import quartic_of
+from skfem_stvk.edges import assembly
+from skfem_stvk.kernels import reduced as kernels
+from skfem_stvk.reduced import quartic as of_quartic
+from skfem_stvk.reduced.quartic import coefficients, quartic_of
 
 
 def errors(body, size=4, amount=0.3):
@@ -14,12 +18,12 @@ def errors(body, size=4, amount=0.3):
     fields = rng.standard_normal((body.ndofs, size)) * np.exp(rng.uniform(-1, 1, size))
     z = amount * rng.standard_normal(size)
     quartic, x, u = quartic_of(body, body.bound_terms, fields), np.concatenate([[1.0], z]), fields @ z
-    H = quartic.hessian(x)
+    W, G, H = quartic.linearize(x)
     F, K = fields.T @ body.internal_force(u), fields.T @ (body.tangent(u) @ fields)
     assert np.abs(F).max() > 0
     return (
-        abs(x @ H @ x / 12 / body.energy(u) - 1),
-        np.abs((H @ x / 3)[1:] - F).max() / np.abs(F).max(),
+        abs(W / body.energy(u) - 1),
+        np.abs(G[1:] - F).max() / np.abs(F).max(),
         np.abs(H[1:, 1:] - K).max() / np.abs(K).max(),
     )
 
@@ -61,3 +65,53 @@ def test_elements_that_were_taken_out_are_not_in_it():
     body = System(MESHES["tetrahedra"], StVK(young=2.0, poisson=0.3))
     body.remove([3, 7, 30])
     assert max(errors(body)) < 1e-13
+
+
+@pytest.mark.parametrize("name", ["tetrahedra, anisotropic", "membrane, isotropic", "cable, area"])
+def test_it_is_the_same_on_the_readable_kernels(name, monkeypatch):
+    for module in (assembly, of_quartic):
+        monkeypatch.setattr(module, "reduced_kernels", readable_reduced)
+    assert max(errors(System(*BODIES[name]))) < 1e-13
+
+
+@pytest.mark.parametrize("n", [1, 2, 7, 9])
+def test_compiled_kernels_agree_with_the_readable_ones(n):
+    rng = np.random.default_rng(n)
+    pairs = n * (n + 1) // 2
+    A = rng.standard_normal((pairs + 2, pairs))
+    T, again, C, x = np.empty(coefficients(n)), np.empty(coefficients(n)), A.T @ A, rng.standard_normal(n)
+    kernels.distinct_coefficients(np.asfortranarray(np.tril(C)), T)
+    readable_reduced.distinct_coefficients(C, again)
+    assert np.abs(T - again).max() < 1e-14 * np.abs(T).max()
+    work = np.empty(pairs), np.empty((n, pairs)), np.empty(pairs)
+    G, H, g, h = np.empty(n), np.empty((n, n)), np.empty(n), np.empty((n, n))
+    W, w = kernels.quartic(T, x, *work, G, H), readable_reduced.quartic(T, x, *work, g, h)
+    products = np.array([x[a] * x[b] for b in range(n) for a in range(b + 1)])
+    assert abs(W - products @ C @ products / 2) < 1e-13 * abs(W)
+    for one, other in ((W, w), (G, g), (H, h)):
+        assert np.abs(one - other).max() < 1e-13 * np.abs(other).max()
+
+
+def test_a_change_of_any_coefficient_changes_the_energy():
+    """None is left out: at a state without zeros each has a part in W, in the gradient and in the second derivatives."""
+    n = 4
+    x, work, zero = np.arange(1.0, n + 1), (np.empty(10), np.empty((n, 10)), np.empty(10)), np.zeros(coefficients(n))
+    for i, indices in enumerate(readable_reduced.ordered(n, 4)):
+        T, G, H = zero.copy(), np.empty(n), np.empty((n, n))
+        T[i] = 1
+        assert kernels.quartic(T, x, *work, G, H) == pytest.approx(np.prod(x[list(indices)]), rel=1e-14)
+        assert np.flatnonzero(G).tolist() == sorted(set(indices))
+
+
+def test_memory_while_it_is_made_does_not_grow_with_the_mesh(monkeypatch):
+    """Rows of strains are made in blocks, each time in the same array."""
+    monkeypatch.setattr(of_quartic, "BLOCK", 8 * 15 * 60)
+    sizes = []
+    for n in (2, 4):
+        body = System(box(n), StVK(young=2.0, poisson=0.3))
+        term, fields = body.bound_terms[0], np.random.default_rng(0).standard_normal((body.mesh.nv, 3, 4))
+        rows = list(term.strain_products(fields, 60))
+        assert sum(map(len, rows)) == 6 * body.mesh.nt and len({id(one.base) for one in rows}) == 1
+        sizes.append(max(one.nbytes for one in rows))
+        assert max(errors(body)) < 1e-13
+    assert sizes[0] == sizes[1] == 8 * 15 * 60

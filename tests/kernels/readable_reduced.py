@@ -1,0 +1,51 @@
+"""The kernels of reduced bodies once more: quartics of few variables by their whole symmetric tensors."""
+
+from __future__ import annotations
+
+from itertools import combinations_with_replacement, permutations
+
+import numpy as np
+
+from skfem_stvk.kernels.compiled import Reals
+
+#: The order of the components of strains.
+PAIRS = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
+
+
+def ordered(n: int, factors: int) -> list[tuple[int, ...]]:
+    """Indices `a <= b <= ...` of products of so many of n variables, in the order of the kernels: by the last, then the one before."""
+    return sorted(combinations_with_replacement(range(n), factors), key=lambda indices: indices[::-1])
+
+
+def strain_rows(G: Reals, L: Reals, work: Reals, out: Reals) -> None:
+    """`L M` with `M_ij = q_i . q_j - Q_i . Q_j`."""
+    k, n = G.shape[1], G.shape[3]
+    M = np.einsum("eixa,ejxb->eijab", G, G)
+    M = M + np.swapaxes(M, 3, 4)
+    components = [(i, j) for i, j in PAIRS if j < k]
+    sums = np.array([[M[:, i, j, a, b] / (2 if a == b else 1) for a, b in ordered(n, 2)] for i, j in components])
+    sums[:, 0] = 0
+    out[:] = np.einsum("est,tpe->esp", L, sums).reshape(out.shape)
+
+
+def distinct_coefficients(C: Reals, T: Reals) -> None:
+    """Every pair of products of pairs, added to where its four factors stand."""
+    pairs = ordered(int(np.sqrt(2 * len(C))), 2)
+    place = {indices: at for at, indices in enumerate(ordered(int(np.sqrt(2 * len(C))), 4))}
+    T[:] = 0
+    for first, P in enumerate(pairs):
+        for second, Q in enumerate(pairs):
+            T[place[tuple(sorted(P + Q))]] += C[max(first, second), min(first, second)] / 2
+
+
+def quartic(T: Reals, x: Reals, p: Reals, Y: Reals, P: Reals, G: Reals, H: Reals) -> float:
+    """W, its gradient and its second derivatives, of the symmetric tensor S with the same sum."""
+    n = len(x)
+    S = np.zeros((n,) * 4)
+    for value, indices in zip(T, ordered(n, 4), strict=True):
+        same = set(permutations(indices))
+        for each in same:
+            S[each] = value / len(same)
+    H[:] = 12 * np.einsum("abcd,c,d", S, x, x)
+    G[:] = 4 * np.einsum("abcd,b,c,d", S, x, x, x)
+    return float(np.einsum("abcd,a,b,c,d", S, x, x, x, x))
