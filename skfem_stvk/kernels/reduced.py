@@ -82,9 +82,9 @@ def distinct_coefficients(C: Reals, T: Reals) -> None:
 def quartic(T: Reals, x: Reals, p: Reals, Y: Reals, P: Reals, G: Reals, H: Reals) -> float:
     """`W = 1/12 x' H x` at `x` (n,); writes `G = dW/dx = 1/3 H x` (n,) and `H_ab = d2W/dx_a dx_b` (n, n).
 
-    A product `T_abcd x_a x_b x_c x_d` adds to H in six places, once for each two of its factors. Of rows `t` for `c, d`, `Y_c = sum_d
-    x_d t` and `Y_d = sum_c x_c t` are kept, whose entries `a, b` have one of the two factors `c, d` left. `p` and `P` (pairs,) and
-    `Y` (n, pairs) are written to.
+    A product `T_abcd x_a x_b x_c x_d` adds to H in six places, once for each two of its factors. Of rows `t` for `c, d`, `Y_c =
+    sum_d x_d t` and `Y_d = sum_c x_c t` are kept, whose entries `a, b` have one of the two factors `c, d` left. `p` and `P`
+    (pairs,) and `Y` (n, pairs) are written to.
     """
     n, pairs, at = len(x), len(p), 0
     for b in range(n):

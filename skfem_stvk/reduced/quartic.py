@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Sequence
 from math import factorial
 
@@ -33,6 +34,23 @@ def bytes_needed(size: int) -> int:
     return 8 * (coefficients(size + 1) + pairs**2) + 2 * BLOCK
 
 
+def rows_of(term: BoundTerm, body: System) -> int:
+    """How many rows of strains a term gives, about: of all points of all elements."""
+    if not isinstance(term, HasStrainProducts):
+        return 0
+    return len(body.rule.rule.weights) * body.mesh.nt * body.mesh.k * (body.mesh.k + 1) // 2
+
+
+def seconds_needed(size: int, rows: int) -> float:
+    """About how long it takes to add up the products of so many rows, by how long a few take now."""
+    pairs, some = (size + 1) * (size + 2) // 2, 64
+    few = np.ones((pairs, some), order="F")
+    dsyrk(1.0, few, lower=1)
+    begin = time.perf_counter()
+    dsyrk(1.0, few, lower=1)
+    return 2 * (time.perf_counter() - begin) * rows / some
+
+
 class ReducedQuartic:
     """`W = sum T_abcd x_a x_b x_c x_d` of `x = (1, z)`: a quartic of the amounts `z` (n - 1,), by its distinct coefficients T.
 
@@ -57,7 +75,7 @@ class ReducedQuartic:
 
 
 def quartic_of(
-    body: System, terms: Sequence[BoundTerm], fields: Array, tick: Callable[[str], None] = lambda done: None
+    body: System, terms: Sequence[BoundTerm], fields: Array, tick: Callable[[int], None] = lambda done: None
 ) -> ReducedQuartic:
     """The energy of bound terms that are `Quartic` for displacements `fields @ z`, `fields` (ndofs, R)."""
     n, pairs = fields.shape[1] + 1, (fields.shape[1] + 1) * (fields.shape[1] + 2) // 2
@@ -67,12 +85,11 @@ def quartic_of(
         if isinstance(term, HasStrainProducts):
             for rows in term.strain_products(nodal, BLOCK // (8 * pairs)):
                 C = dsyrk(1.0, rows.T, beta=1.0, c=C, lower=1, overwrite_c=1)
-                tick(f"{len(rows)}")
+                tick(len(rows))
     reduced_kernels.distinct_coefficients(C, T)
     del C
     for term in terms:
         if not isinstance(term, HasStrainProducts) and not getattr(term, "constant_tangent", False):
-            tick(type(term).__name__)
             _add_by_tangents(T, term, fields, body)
     if terms:
         pair_terms = [with_blocks(term, body.mesh.nv, body.mesh.d, body.dtype) for term in terms]

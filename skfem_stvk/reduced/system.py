@@ -2,15 +2,21 @@
 
 from __future__ import annotations
 
+import time
+from pathlib import Path
+from typing import Any
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from rich.progress import BarColumn, TimeElapsedColumn
 
 from ..arguments import Array, array, flag, number, shown, whole
+from ..arguments import path as path_of
 from ..dynamics.damping import Damping
 from ..errors import StvkError
 from ..kernels.threads import Turn
 from ..mesh.displacements import finite_vector
-from ..nonlinear.progress import Progress
+from ..nonlinear.progress import Progress, duration
 from ..nonlinear.stopwatch import Stopwatch
 from ..system import System
 from ..system.operator import refuse_overflow
@@ -21,7 +27,7 @@ from ..terms.protocols import tell
 from .basis import AtRest, Lifts, candidates_of, checked_snapshots, masses_of, reduced_to
 from .equilibrium import ReducedEquilibrium
 from .motion import ReducedMotion
-from .quartic import MeshPart, ReducedQuartic, bytes_needed, quartic_of
+from .quartic import MeshPart, ReducedQuartic, bytes_needed, coefficients, quartic_of, rows_of, seconds_needed
 
 #: Bytes that a reduced body may need while it is made, by default.
 MOST_MEMORY = 1e9
@@ -55,6 +61,7 @@ class ReducedSystem:
     body, size : as given.
     columns : (ndofs, r + l) V, then Phi.
     basis, lifts : its parts.
+    masses : (ndofs,) lumped masses M, of density 1 if the body has none.
 
     Source: Barbic, James, "Real-time subspace integration for St. Venant-Kirchhoff deformable models" (2005).
 
@@ -90,8 +97,7 @@ class ReducedSystem:
         most_memory: float = MOST_MEMORY,
         quiet: bool = False,
     ) -> None:
-        if not isinstance(body, System):
-            raise StvkError(f"body = {shown(body)}; expected a System: System(mesh, terms, fixed=..., prescribed=...).")
+        _refuse_no_system(body)
         size, modes = (
             whole("size", size, "a number of unknowns", 1, MOST),
             whole("modes", modes, "a number of modes, or 0", 0, MOST),
@@ -105,24 +111,28 @@ class ReducedSystem:
             raise StvkError("modes = 0 without snapshots; expected at least one of them, for there is nothing to make a basis of.")
         _refuse_without_energy(body)
         body.check_held()
-        _refuse_memory(size, most)
-        masses = masses_of(body)
-        with Progress("reduced", quiet, ()) as progress:
+        if body.dtype != np.float64:
+            raise StvkError("The body is in float32; expected float64: coefficients of a quartic are sums over all elements.")
+        count = modes + (modes * (modes + 1) // 2 if derivatives else 0)
+        with _Stages(body, size, count, most, quiet) as stages:
+            masses = masses_of(body)
             rest = AtRest(body)
             lifts = Lifts.of(body, rest, moments)
             own = checked_snapshots(body, lifts, snapshots)
-            made = candidates_of(body, masses, rest, modes, derivatives, own)
+            made = candidates_of(body, masses, rest, modes, derivatives, own, tick=stages.stage)
+            stages.stage(f"{size} principal components")
             basis = reduced_to(masses, made, size)
-            columns = np.concatenate([basis, lifts.across(masses, basis)], axis=1)
+            del rest, made
+            columns = np.ascontiguousarray(np.concatenate([basis, lifts.across(masses, basis)], axis=1))
+            stages.stage("coefficients")
             terms = [term for term in body.bound_terms if isinstance(term, Quartic)]
-            progress.print(f"reduced: {size} unknowns of {made.words}")
-            self._take(body, columns, size, quartic_of(body, terms, columns))
+            self._take(body, columns, size, quartic_of(body, terms, columns, stages.rows))
 
     def _take(self, body: System, columns: Array, size: int, quartic: ReducedQuartic) -> None:
         columns.flags.writeable = False
         self.body, self.size, self.columns = body, size, columns
         self.basis, self.lifts = columns[:, :size], columns[:, size:]
-        self._lifts, self._quartic, self._masses = Lifts(body, self.lifts), quartic, masses_of(body)
+        self._lifts, self._quartic, self.masses = Lifts(body, self.lifts), quartic, masses_of(body)
         others = [term for term in body.bound_terms if not isinstance(term, Quartic)]
         self._others = MeshPart(body, others, columns) if others else None
         self._steady = [load for load in body.bound_loads if load.dead and load.steady]
@@ -131,6 +141,41 @@ class ReducedSystem:
         self._turn = Turn()
         self._at: tuple[Array, tuple[float, Array, Array]] | None = None
         self._removals = body.removals
+
+    def save(self, path: str | Path) -> Path:
+        """Write the fields and the coefficients to a file (.npz), from which `load` makes this again within a second.
+
+        StvkError if the path cannot be written to.
+        """
+        from .stored import write_reduced  # pydantic is imported only where there are files
+
+        file = npz("path", path)
+        arrays = {"columns": self.columns, "T": self._quartic.T}
+        write_reduced(file, self.body, self.masses, self.size, arrays)
+        return file
+
+    @classmethod
+    def load(cls, path: str | Path, body: System) -> ReducedSystem:
+        """The reduced body of a file that `save` wrote, for the same body; loads may be others.
+
+        StvkError if it is no such file, is damaged, or is of a body with another mesh, other terms, masses or supports.
+
+        >>> import skfem, tempfile, os
+        >>> from skfem_stvk import StVK, System
+        >>> body = System(skfem.MeshTet().refined(1), StVK(young=1.0, poisson=0.3), fixed=[(lambda x: x[0] == 0, "xyz")])
+        >>> reduced = ReducedSystem(body, 4, 3, quiet=True)
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     again = ReducedSystem.load(reduced.save(os.path.join(folder, "cube.npz")), body)
+        >>> bool(again.energy(np.ones(4)) == reduced.energy(np.ones(4)))
+        True
+        """
+        from .stored import read_reduced
+
+        _refuse_no_system(body)
+        size, columns, T = read_reduced(npz("path", path), body, masses_of(body))
+        made: ReducedSystem = cls.__new__(cls)
+        made._take(body, columns, size, ReducedQuartic(columns.shape[1] + 1, T))
+        return made
 
     def amounts(self, t: Time = 1.0) -> Array:
         """`s(t)` (l,) [m] of the lifts. SupportError if what is held at `t` is off their span."""
@@ -208,7 +253,7 @@ class ReducedSystem:
     def state(self, u: ArrayLike, t: Time = 1.0) -> Array:
         """`z = (q, s(t))` (r + l,), with the `coordinates` of displacements `u` (ndofs,)."""
         x, s = finite_vector("u", u, self.body.ndofs), self.amounts(t)
-        return np.concatenate([self.basis.T @ (self._masses * (x - self.lifts @ s)), s])
+        return np.concatenate([self.basis.T @ (self.masses * (x - self.lifts @ s)), s])
 
     def unknowns(self, q: ArrayLike, t: Time = 1.0) -> Array:
         """`z = (q, s(t))` (r + l,). Errors as in `energy`."""
@@ -300,6 +345,19 @@ class ReducedSystem:
         return f"ReducedSystem: {self.size} unknowns{lifts}, of {self.body!r}{cost}"
 
 
+def npz(name: str, given: Any) -> Path:
+    """The path of an .npz file."""
+    file = path_of(name, given, "the path of an .npz file")
+    if file.suffix != ".npz":
+        raise StvkError(f"{name} = {shown(given)} does not end in .npz; expected the path of an .npz file.")
+    return file
+
+
+def _refuse_no_system(body: Any) -> None:
+    if not isinstance(body, System):
+        raise StvkError(f"body = {shown(body)}; expected a System: System(mesh, terms, fixed=..., prescribed=...).")
+
+
 def _refuse_without_energy(body: System) -> None:
     """Refuse terms whose force is the gradient of no energy."""
     names = [type(term).__name__ for term, bound in zip(body.elastic_terms, body.bound_terms, strict=True) if not bound.has_energy]
@@ -307,11 +365,38 @@ def _refuse_without_energy(body: System) -> None:
         raise StvkError(f"{', '.join(names)}: its force is the gradient of no energy; expected terms that have one, such as StVK.")
 
 
-def _refuse_memory(size: int, most: float) -> None:
-    """Refuse more memory than is allowed."""
-    needed = bytes_needed(size)
-    if needed > most:
-        raise StvkError(
-            f"size = {size} needs about {needed / 1e6:,.0f} MB, {most / 1e6:,.0f} MB are allowed: there are r^4/24 coefficients, "
-            "and six times as many while they are made. Take fewer unknowns, or allow more: most_memory=."
-        )
+class _Stages(Progress):
+    """What a reduced body costs while it is made: said before, refused above a limit, shown while it is worked for.
+
+    `count` is the number of modes and derivatives.
+    """
+
+    def __init__(self, body: System, size: int, count: int, most: float, quiet: bool) -> None:
+        needed, self._begin = bytes_needed(size) + 16 * body.ndofs * (count + size), time.perf_counter()
+        if needed > most:
+            raise StvkError(
+                f"size = {size} needs about {needed / 1e6:,.0f} MB, {most / 1e6:,.0f} MB are allowed: there are r^4/24 "
+                "coefficients, six times as many while they are made, and the fields. Take fewer unknowns, or allow more: "
+                "most_memory=."
+            )
+        super().__init__("reduced", quiet, (BarColumn(), TimeElapsedColumn()))
+        self._rows = sum(rows_of(term, body) for term in body.bound_terms)
+        if not quiet:
+            seconds = seconds_needed(size, self._rows)
+            self.print(
+                f"reduced: {size} unknowns on {body.mesh.nt} {body.mesh.kind}; about {needed / 1e6:,.0f} MB, and {duration(seconds)} "
+                f"for {coefficients(size + 1):,} coefficients after {count} fields"
+            )
+
+    def stage(self, words: str) -> None:
+        """Say what begins."""
+        self.show(description=words)
+
+    def rows(self, done: int) -> None:
+        """Count rows of strains that are in the coefficients."""
+        self.show(total=self._rows, advance=done)
+
+    def __exit__(self, *error: object) -> None:
+        super().__exit__(*error)
+        if error[0] is None:
+            self.print(f"reduced: took {duration(time.perf_counter() - self._begin)}")

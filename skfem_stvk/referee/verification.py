@@ -23,6 +23,7 @@ from .case import CANDIDATE, EDGES, OURS, REFERENCE, STRETCH, Case, named_states
 from .checks.agreement import agreement, derivatives
 from .checks.homogeneous import homogeneous_states
 from .checks.precision import error_table, precision, speed_table
+from .checks.reduced import OfFewUnknowns, checks_of_reduced
 from .checks.rigid_motions import balance, invariance, zero_modes
 from .discretisation import Discretisation
 from .exact import Truth
@@ -48,7 +49,7 @@ OF_EDGES = (agreement, derivatives, invariance, balance, zero_modes)
 
 
 def verify(
-    mesh: MeshLike,
+    mesh: MeshLike | OfFewUnknowns,
     material: Material | StVK | Sequence[StVK] | None = None,
     *,
     young: ArrayLike | None = None,
@@ -65,7 +66,8 @@ def verify(
 
     Parameters
     ----------
-    mesh : scikit-fem mesh, arrays `(p, t)` of linear simplices, or `ElementMesh`.
+    mesh : scikit-fem mesh, arrays `(p, t)` of linear simplices, or `ElementMesh`. Or a `ReducedSystem`, without any other argument
+        but `seed` and `quiet`: it is held against its body.
     material : a material, an `StVK` term, or several terms for several regions; or instead
     young, poisson : of an isotropic one.
     degree, quadrature, hourglass : of the elements and where they are integrated, as `System` takes them.
@@ -97,6 +99,9 @@ def verify(
     seed, quiet = whole("seed", seed, "a whole number from 0"), flag("quiet", quiet)
     candidate_is_stvk = flag("candidate_is_stvk", candidate_is_stvk)
     given: dict[str, Any] = {"degree": degree, "quadrature": quadrature, "hourglass": hourglass}
+    if isinstance(mesh, OfFewUnknowns):
+        others = {"material": material, "young": young, "poisson": poisson, "candidate": candidate} | given
+        return _of_reduced(mesh, [name for name, value in others.items() if value is not None], seed, quiet)
     terms = _terms(material, young, poisson)
     system = System(ElementMesh.of(mesh), terms, **{name: value for name, value in given.items() if value is not None})
     how = Discretisation(system.mesh.element.name, quadrature, HOURGLASS if hourglass is None else hourglass)
@@ -116,6 +121,23 @@ def verify(
         except KeyboardInterrupt:  # what is there is kept, what is not says so
             report.interrupted = True
             report.results += [task.missed("interrupted") for task in tasks[len(report.results) :]]
+    report.seconds = time.perf_counter() - started
+    return report
+
+
+def _of_reduced(reduced: OfFewUnknowns, others: Sequence[str], seed: int, quiet: bool) -> Report:
+    """The report on a reduced body."""
+    if others:
+        raise StvkError(f"{', '.join(others)} beside a reduced body, which has them; expected verify(reduced).")
+    started, body = time.perf_counter(), reduced.body
+    how = Discretisation(body.mesh.element.name, body.quadrature, body.rule.hourglass or 0.0)
+    laws = [term for term in body.elastic_terms if hasattr(term, "material")]
+    report = Report(header(Shape(body.mesh, how), laws, repr(reduced), seed) | {"reference": "the body in the span of its fields"})
+    tasks = list(checks_of_reduced(reduced, np.random.default_rng(seed)))
+    with CountedProgress("verify", len(tasks), quiet) as progress:
+        for task in tasks:
+            progress.step(f"{task.check}: {task.quantity}, {task.state}")
+            report.results.append(task.run())
     report.seconds = time.perf_counter() - started
     return report
 

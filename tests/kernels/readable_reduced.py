@@ -13,7 +13,7 @@ PAIRS = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
 
 
 def ordered(n: int, factors: int) -> list[tuple[int, ...]]:
-    """Indices `a <= b <= ...` of products of so many of n variables, in the order of the kernels: by the last, then the one before."""
+    """Indices `a <= b <= ...` of products of so many of n variables, in the kernels' order: by the last, then the one before."""
     return sorted(combinations_with_replacement(range(n), factors), key=lambda indices: indices[::-1])
 
 

@@ -89,6 +89,7 @@ def calls() -> list[Call]:
             quiet=True,
         ),
         *(call(f"ReducedSystem.{name}", getattr(reduced, name), time, q=q, t=0.5) for name in OF_Q_AND_T),
+        call("ReducedSystem.save", lambda path: reduced.save(path), path="reduced.npz"),
         call("ReducedSystem.energy_along", reduced.energy_along, time, q=q, v=q[::-1].copy(), t=0.5),
         call("ReducedSystem.coordinates", reduced.coordinates, time, u=u, t=0.5),
         call("ReducedSystem.amounts", reduced.amounts, time, t=0.5),

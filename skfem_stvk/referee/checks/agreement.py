@@ -118,10 +118,10 @@ def _along(case: Case, player: Player, quantity: str, line: Line) -> dict[str, A
 
 def _taylor(case: Case, player: Player, quantity: str, state: str) -> dict[str, Any]:
     case.refuse_undefined(player, state)
-    return max((_order(line.function, line.claimed) for line in _lines(case, player, quantity, state)), key=_badness)
+    return max((taylor_order(line.function, line.claimed) for line in _lines(case, player, quantity, state)), key=_badness)
 
 
-def _order(function: Callable[[float], Array], claimed: Array) -> dict[str, Any]:
+def taylor_order(function: Callable[[float], Array], claimed: Array) -> dict[str, Any]:
     """`|f(s) - f(0) - s f'(0)|` must fall with order 2: the deficit from 2 of the fitted order is measured."""
     start, steps = function(0.0), 0.5 ** np.arange(2, 16)
     remainders = np.array([np.abs(function(s) - start - s * claimed).max() for s in steps])
