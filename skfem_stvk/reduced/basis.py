@@ -74,8 +74,14 @@ class AtRest:
         self.K = self._tangent.restricted(self._tangent.matrix(np.zeros(body.ndofs), None))
         self._factors: Factors = self._tangent.factorise(self.K)
 
-    def solve(self, forces: Array) -> Array:
-        """Displacements (n, m) of the free degrees of freedom under forces (n, m)."""
+    def solve(self, force: Array) -> Array:
+        """Displacements (ndofs,) under a force (ndofs,), 0 where the body is held."""
+        u = np.zeros(self._body.ndofs)
+        u[self.free] = self.solve_free(force[self.free][:, None])[:, 0]
+        return u
+
+    def solve_free(self, forces: Array) -> Array:
+        """Displacements (n, m) of the free degrees of freedom under forces (n, m) on them."""
         if hasattr(self._factors, "solve_many"):
             X = self._factors.solve_many(forces)
             misfit = np.abs(self.K @ X - forces).max(axis=0) / np.maximum(np.abs(forces).max(axis=0), np.finfo(float).tiny)
@@ -94,9 +100,9 @@ class AtRest:
 
     def follow(self, w: Array) -> Array:
         """Displacements (ndofs,) where those that are held are `w`, and nothing else acts."""
-        u = w.copy()
-        u[self.free] = self.solve(-self._tangent.force_of(w)[:, None])[:, 0]
-        return u
+        force = np.zeros(self._body.ndofs)
+        force[self.free] = -self._tangent.force_of(w)
+        return self.solve(force) + w
 
 
 class Lifts:
@@ -185,7 +191,7 @@ def vibration_modes(masses: Array, rest: AtRest, n: int) -> tuple[Array, Array]:
     block = np.random.default_rng(0).standard_normal((count, min(n + MORE, count)))
     space, small = np.zeros((count, 0)), np.zeros((0, 0))
     for _ in range(MOST_BLOCKS):
-        block = rest.solve(M[:, None] * block)
+        block = rest.solve_free(M[:, None] * block)
         for _ in range(2):
             block = _independent(M, block - space @ (space.T @ (M[:, None] * block)))
         block, m = block[:, : count - space.shape[1]], space.shape[1]
@@ -274,7 +280,7 @@ def candidates_of(
         for i in range(modes):
             tick(f"derivatives of mode {i + 1} of {modes}")
             forces = np.array([along(i, j)[free] for j in range(i + 1)]).T
-            fields[free, at : at + i + 1] = rest.solve(-forces)
+            fields[free, at : at + i + 1] = rest.solve_free(-forces)
             weights = values[0] ** 2 / (values[i] * values[: i + 1])
             fields[:, at : at + i + 1] *= weights / np.maximum(_sizes(masses, fields[:, at : at + i + 1]), np.finfo(float).tiny)
             at += i + 1

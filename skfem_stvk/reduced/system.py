@@ -384,8 +384,8 @@ class _Stages(Progress):
         if not quiet:
             seconds = seconds_needed(size, self._rows)
             self.print(
-                f"reduced: {size} unknowns on {body.mesh.nt} {body.mesh.kind}; about {needed / 1e6:,.0f} MB, and {duration(seconds)} "
-                f"for {coefficients(size + 1):,} coefficients after {count} fields"
+                f"reduced: {size} unknowns on {body.mesh.nt} {body.mesh.kind}; about {needed / 1e6:,.0f} MB, and "
+                f"{duration(seconds)} for {coefficients(size + 1):,} coefficients after {count} fields"
             )
 
     def stage(self, words: str) -> None:
