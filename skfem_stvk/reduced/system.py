@@ -20,17 +20,19 @@ from ..nonlinear.progress import Progress, duration
 from ..nonlinear.stopwatch import Stopwatch
 from ..system import System
 from ..system.operator import refuse_overflow
-from ..system.signature import sums
+from ..system.signature import Fingerprint, sums
 from ..terms import Quartic
 from ..terms.load import Moment, Time
 from ..terms.protocols import tell
-from .basis import AtRest, Lifts, candidates_of, checked_snapshots, masses_of, reduced_to
+from .basis import AtRest, Lifts, candidates_of, checked_snapshots, departure, masses_of, reduced_to
 from .equilibrium import ReducedEquilibrium
 from .motion import ReducedMotion
 from .quartic import MeshPart, ReducedQuartic, bytes_needed, coefficients, quartic_of, rows_of, seconds_needed
 
 #: Bytes that a reduced body may need while it is made, by default.
 MOST_MEMORY = 1e9
+#: Files of reduced bodies, and what to do with one that cannot be used.
+FORMAT, REMEDY = ("reduced body of skfem-stvk", 1), "Reduce the body anew: ReducedSystem(body, ...)."
 #: More unknowns, or modes, than that nobody means.
 MOST = 10_000
 
@@ -147,11 +149,13 @@ class ReducedSystem:
 
         StvkError if the path cannot be written to.
         """
-        from .stored import write_reduced  # pydantic is imported only where there are files
+        from ..results.archive import write_archive  # pydantic is imported only where there are files
 
         file = npz("path", path)
-        arrays = {"columns": self.columns, "T": self._quartic.T}
-        write_reduced(file, self.body, self.masses, self.size, arrays)
+        header = {"format": FORMAT[0], "version": FORMAT[1]}
+        problem = _fingerprint(self.body, self.masses).signature.model_dump()
+        arrays = {"basis": self.basis, "lifts": self.lifts, "T": self._quartic.T}
+        write_archive(file, header | {"problem": problem}, arrays)
         return file
 
     @classmethod
@@ -169,12 +173,22 @@ class ReducedSystem:
         >>> bool(again.energy(np.ones(4)) == reduced.energy(np.ones(4)))
         True
         """
-        from .stored import read_reduced
+        from ..results.archive import CheckpointHeader, finite, read_archive
 
         _refuse_no_system(body)
-        size, columns, T = read_reduced(npz("path", path), body, masses_of(body))
+        file, masses = npz("path", path), masses_of(body)
+        header, arrays = read_archive(file, CheckpointHeader, FORMAT, REMEDY)
+        _fingerprint(body, masses).refuse_other(header.problem, file, REMEDY)
+        try:
+            V, Phi = (finite(arrays, name, (body.ndofs, arrays[name].shape[-1])) for name in ("basis", "lifts"))
+            n = V.shape[1] + Phi.shape[1] + 1
+            quartic = ReducedQuartic(n, finite(arrays, "T", (coefficients(n),)))
+        except (KeyError, ValueError, IndexError) as error:
+            raise StvkError(f"{file} is damaged: {error.args[0]}. {REMEDY}") from None
+        if not departure(masses, V) < 1e-11:
+            raise StvkError(f"{file} holds a basis that is not orthonormal by the masses of the body. {REMEDY}")
         made: ReducedSystem = cls.__new__(cls)
-        made._take(body, columns, size, ReducedQuartic(columns.shape[1] + 1, T))
+        made._take(body, np.ascontiguousarray(np.concatenate([V, Phi], axis=1)), V.shape[1], quartic)
         return made
 
     def amounts(self, t: Time = 1.0) -> Array:
@@ -343,6 +357,11 @@ class ReducedSystem:
         lifts = f", {self.lifts.shape[1]} lifts" if self.lifts.shape[1] else ""
         cost = "" if self.quartic else "; a term is no quartic: each evaluation costs as much as on the mesh"
         return f"ReducedSystem: {self.size} unknowns{lifts}, of {self.body!r}{cost}"
+
+
+def _fingerprint(body: System, masses: Array) -> Fingerprint:
+    """A reduced body depends on the mesh, the elastic terms, on what is held and on masses; not on loads."""
+    return Fingerprint("path of equilibria", body, {}, [], {"masses": sums(masses)})
 
 
 def npz(name: str, given: Any) -> Path:
