@@ -2,6 +2,7 @@
 
 from .outcome import SceneOutcome
 from .scene import Scene
-from .sweep import SweepRow, sweep
+from .sweep import sweep
+from .sweep_rows import SweepRow
 
 __all__ = ["Scene", "SceneOutcome", "SweepRow", "sweep"]
