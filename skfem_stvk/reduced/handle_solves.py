@@ -182,12 +182,8 @@ class HandleSolver:
             except KeyboardInterrupt:
                 return None
             except (StvkError, SolveError) as error:
-                if task.u0 is None:
-                    raise
                 return self._failed(str(error))
         if not result.success:
-            if task.u0 is None:
-                raise SolveError(result)
             return self._failed(result.message)
         if task.u0 is not None and any(step.jumped for step in result.history):
             return self._failed("the body snaps on the way to it, where its branch of equilibria ends.")
@@ -240,6 +236,10 @@ class HandleSolves:
                 continue
             crashed = isinstance(outcome, Crashed)
             state = self._solver._failed("its process ended at once") if isinstance(outcome, Crashed) else outcome
+            if state.message and task.number == self.grid.first:
+                raise StvkError(
+                    f"The first displacement of the handle, from which all others are reached, has no answer: {state.message}"
+                )
             yield task.number, state, not crashed
             self._settle(task.number, state)
             self._go_on()

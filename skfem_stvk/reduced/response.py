@@ -116,9 +116,8 @@ class PrecomputedResponse:
     Raises
     ------
     StvkError, RegionError, SupportError
-        for arguments that are not as they should be; for a checkpoint of another problem.
-    SolveError, StvkError
-        if the first solve fails, from which all others go on.
+        for arguments that are not as they should be; for a checkpoint of another problem; if the first solve fails, from which all
+        others go on.
     KeyboardInterrupt
         after Ctrl-C; what is done is in the checkpoint.
 

@@ -17,7 +17,6 @@ from skfem_stvk import (
     PrecomputedResponse,
     Pressure,
     RegionError,
-    SolveError,
     StateError,
     StVK,
     StvkError,
@@ -27,6 +26,7 @@ from skfem_stvk import (
     solve_static,
 )
 from skfem_stvk.mesh import box
+from skfem_stvk.nonlinear.processes import Crashed
 from skfem_stvk.reduced import handle_solves
 from skfem_stvk.reduced.response import _compressed, _weights
 
@@ -233,8 +233,32 @@ def test_points_that_are_reached_by_a_jump_alone_are_holes():
 
 
 def test_the_first_point_has_to_have_an_equilibrium():
-    with pytest.raises(SolveError, match=r"inside out|Stopped"):
+    with pytest.raises(StvkError, match=r"The first displacement .* has no answer: .*(inside out|Stopped)"):
         PrecomputedResponse(solid(BEAM), GRIP, ([-3.1, 4.0], [0.0]), quiet=True)
+    with pytest.raises(StvkError, match=r"The first displacement .* float64"):
+        PrecomputedResponse(System(BEAM, StVK(young=1e4, poisson=0.3), {"left": "xy"}, dtype=np.float32), GRIP, ([0, 1], [0]))
+
+
+def test_a_crash_is_a_hole_that_the_next_call_fills(tmp_path, monkeypatch):
+    axes = ([0.0], [-0.1, 0.0, 0.1])
+    whole = PrecomputedResponse(solid(BEAM), GRIP, axes, checks=0, quiet=True)
+
+    def crashing(work, waiting, jobs, each):
+        while waiting:
+            task = waiting.popleft()
+            yield task, Crashed() if task.number == lost else work(task)
+
+    monkeypatch.setattr(handle_solves, "in_processes", crashing)
+    lost = 2
+    with pytest.warns(StvkWarning, match=r"at 1 of 3 displacements \(\(0, 0.1\)\): its process ended at once"):
+        PrecomputedResponse(solid(BEAM), GRIP, axes, checks=0, jobs=2, checkpoint=tmp_path / "points", quiet=True)
+    assert [file.name for file in sorted((tmp_path / "points").glob("*.npz"))] == ["point_000000.npz", "point_000001.npz"]
+    monkeypatch.undo()
+    assert_same(PrecomputedResponse(solid(BEAM), GRIP, axes, checks=0, checkpoint=tmp_path / "points", quiet=True), whole)
+    monkeypatch.setattr(handle_solves, "in_processes", crashing)
+    lost = 1
+    with pytest.raises(StvkError, match="first displacement"):
+        PrecomputedResponse(solid(BEAM), GRIP, axes, checks=0, jobs=2, quiet=True)
 
 
 # order, processes, files
