@@ -27,7 +27,7 @@ from skfem_stvk import (
 )
 from skfem_stvk.mesh import box
 from skfem_stvk.nonlinear.processes import Crashed
-from skfem_stvk.reduced import handle_solves
+from skfem_stvk.reduced import handle_solves, response
 from skfem_stvk.reduced.response import _compressed, _weights
 
 BODY, BEAM = box((2.0, 1.0, 0.8), (3, 2, 2)), box((3.0, 1.0), (6, 2))
@@ -248,6 +248,7 @@ def test_a_crash_is_a_hole_that_the_next_call_fills(tmp_path, monkeypatch):
             task = waiting.popleft()
             yield task, Crashed() if task.number == lost else work(task)
 
+    monkeypatch.setattr(response, "threads", lambda: 2)
     monkeypatch.setattr(handle_solves, "in_processes", crashing)
     lost = 2
     with pytest.warns(StvkWarning, match=r"at 1 of 3 displacements \(\(0, 0.1\)\): its process ended at once"):
@@ -255,6 +256,7 @@ def test_a_crash_is_a_hole_that_the_next_call_fills(tmp_path, monkeypatch):
     assert [file.name for file in sorted((tmp_path / "points").glob("*.npz"))] == ["point_000000.npz", "point_000001.npz"]
     monkeypatch.undo()
     assert_same(PrecomputedResponse(solid(BEAM), GRIP, axes, checks=0, checkpoint=tmp_path / "points", quiet=True), whole)
+    monkeypatch.setattr(response, "threads", lambda: 2)
     monkeypatch.setattr(handle_solves, "in_processes", crashing)
     lost = 1
     with pytest.raises(StvkError, match="first displacement"):
