@@ -2,7 +2,6 @@
 
 from .outcome import SceneOutcome
 from .scene import Scene
-from .sweep import sweep
-from .sweep_rows import SweepRow
+from .sweep import SweepRow, sweep
 
 __all__ = ["Scene", "SceneOutcome", "SweepRow", "sweep"]

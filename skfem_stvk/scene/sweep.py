@@ -4,15 +4,18 @@ from __future__ import annotations
 
 import csv
 import hashlib
+import json
 import os
 import re
 import warnings
 from collections import Counter, deque
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 from itertools import product
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from pydantic import BaseModel
 from rich.console import Console
 
 from ..arguments import path as checked_path
@@ -21,19 +24,61 @@ from ..errors import SceneError, StvkError
 from ..kernels.threads import threads
 from ..nonlinear.processes import Crashed, in_processes, is_started_for_work
 from ..referee.terminal import printable
+from ..results.files import replacing
 from ..results.one_writer import OneWriter
+from .build import expectations
 from .folder import CHECKPOINT, SUMMARY, Folder, hash_of, visible
 from .outcome import BAD_INPUT, DONE, INTERRUPTED, NOT_AS_EXPECTED, NOT_CONVERGED
+from .report import DOTS_PER_INCH, RESULTS
 from .scene import Scene
+from .schema import SceneTables
 from .source import Axis, SceneSource, axes_of, refuse_all
-from .sweep_rows import COLUMNS, PLOT, TABLE, RunFailure, SweepRow, SweepTable, draw, in_a_line, in_short, row_of
 from .syntax import Loc
-from .units import implausible
+from .units import UNITS, implausible
 
+TABLE, PLOT = "table.csv", "sweep.png"
+#: Columns between the values and the results.
+COLUMNS = ("status", "exit_code", "seconds", "folder", "message")
 #: Exit codes of runs that came to an end: they are not solved again unasked.
 ENDED = (DONE, NOT_CONVERGED, NOT_AS_EXPECTED)
 #: A longer name of a folder is cut.
 LONGEST = 120
+#: Results, and lines of each, that a plot holds at most.
+MOST_PANELS, MOST_LINES = 6, 10
+#: From this quotient of the largest value and the smallest on the abscissa is logarithmic.
+WIDE = 30
+#: Parts of the largest component below which values are the same, and below which a component is zero.
+SAME, ZERO = 1e-9, 1e-6
+#: Results that say how a run went rather than what came of it.
+COUNTED = ("steps", "load", "time", "modes.rigid", "modes.unstable")
+
+
+@dataclass(frozen=True)
+class SweepRow:
+    """What came of one run of a sweep.
+
+    Attributes
+    ----------
+    values : of the keys that were swept.
+    status, message : how it came out, in a word, and what failed; the message of a run that is done is empty.
+    exit_code : as of `skfem-stvk solve`; None if its process crashed.
+    seconds : that it took.
+    folder : where its results are.
+    results : by dotted name, such as `energy.strain`.
+    """
+
+    values: dict[str, Any]
+    folder: Path
+    status: str
+    exit_code: int | None = None
+    seconds: float | None = None
+    message: str = ""
+    results: dict[str, float] = field(default_factory=dict)
+
+    @property
+    def done(self) -> bool:
+        """Whether it converged, and all is as expected."""
+        return self.exit_code == DONE
 
 
 def sweep(
@@ -84,8 +129,8 @@ def sweep(
     _open(folder)
     with OneWriter(folder):
         how = _what_there_is(folder, runs, force)
-        rows = {run.name: row_of(run.values, folder / run.name) for run in runs if how[run.name] is None}
-        table = SweepTable(folder, list(runs[0].values), [run.name for run in runs], rows)
+        rows = {run.name: _row(run, folder) for run in runs if how[run.name] is None}
+        table = _Table(folder, runs, rows)
         missing = [run for run in runs if how[run.name] is not None]
         jobs = max(1, min(jobs, cores // each, len(missing)))
         each = max(each, cores // jobs)
@@ -98,13 +143,13 @@ def sweep(
         tasks = {_Task(Path(path), run.settings, folder / run.name, how[run.name] or "new"): run for run in missing}
         try:
             for task, failure in in_processes(_solve, deque(tasks), jobs, each):
-                row = row_of(tasks[task].values, task.folder, _crashed(task) if isinstance(failure, Crashed) else failure)
+                row = _row(tasks[task], folder, _crashed(task) if isinstance(failure, Crashed) else failure)
                 table.add(row)
-                console.print(f"[{len(rows)}/{len(runs)}] {in_a_line(row)}", soft_wrap=True, markup=False)
+                console.print(f"[{len(rows)}/{len(runs)}] {_in_a_line(row)}", soft_wrap=True, markup=False)
         except KeyboardInterrupt:
             console.print(f"{len(rows)} of {len(runs)} runs are in {printable(str(folder / TABLE))}; the same again does the rest")
             raise
-        trouble = draw(folder, axes, list(rows.values()), sections)
+        trouble = _plot(folder, axes, list(rows.values()), sections)
         if trouble:
             console.print(f"[yellow]note[/] {PLOT} is not drawn: {printable(trouble)}", soft_wrap=True)
         return [rows[run.name] for run in runs]
@@ -201,6 +246,24 @@ def _plain(text: str) -> str:
     return re.sub(r"[^A-Za-z0-9_.+-]+", "_", text)
 
 
+def in_short(value: Any) -> str:
+    """A value in few characters: numbers as a person writes them, lists without brackets.
+
+    >>> in_short(1e9), in_short(0.25), in_short([0.0, 0.0, -9.81]), in_short(True)
+    ('1e9', '0.25', '0_0_-9.81', 'true')
+    """
+    if isinstance(value, Mapping):
+        return "_".join(f"{name}_{in_short(one)}" for name, one in value.items())
+    if isinstance(value, list | tuple):
+        return "_".join(map(in_short, value))
+    if isinstance(value, bool):
+        return str(value).lower()
+    if not isinstance(value, float):
+        return str(value)
+    text = f"{value:g}" if float(f"{value:g}") == value else repr(value)
+    return re.sub(r"e\+?(-?)0*", r"e\1", text)
+
+
 # what there is already
 
 
@@ -256,6 +319,159 @@ def _counted(names: Sequence[str]) -> str:
     return f"{len(names)} runs ({', '.join(names[:3])}{', ...' if len(names) > 3 else ''})"
 
 
+# what came of runs
+
+
+class _Failure(NamedTuple):
+    """Why there is no summary of a run."""
+
+    status: str
+    exit_code: int | None
+    message: str
+
+
+def _row(run: Planned, folder: Path, error: _Failure | None = None) -> SweepRow:
+    """What the folder of a run says of it, or what went wrong."""
+    path = folder / run.name
+    if error is not None:
+        return SweepRow(run.values, path, error.status, error.exit_code, message=error.message)
+    said = Folder(path).summary()
+    code, message = said.get("exit_code"), str(said.get("message", ""))
+    if code == NOT_AS_EXPECTED:
+        failed = [one for one in said["expectations"] if not one["passed"]]
+        message = "; ".join(f"{one['name']} = {one['got']:.9g}, expected {one['expected']:.9g}" for one in failed)
+    results = {name: float(value) for name, value in said.get("results", {}).items()}
+    return SweepRow(run.values, path, said["status"], code, said.get("seconds"), "" if code == DONE else message, results)
+
+
+def _in_a_line(row: SweepRow) -> str:
+    took = "" if row.seconds is None else f" in {row.seconds:.3g} s"
+    return f"{row.folder.name}: {row.status}{took}" + (f": {row.message}" if row.message else "")
+
+
+class _Table:
+    """The table on the disk: rows of runs that ended, in the order of the product."""
+
+    def __init__(self, folder: Path, runs: Sequence[Planned], rows: dict[str, SweepRow]) -> None:
+        self._path, self._order, self._rows = folder / TABLE, [run.name for run in runs], rows
+        self._keys = list(runs[0].values)
+        self.write()
+
+    def add(self, row: SweepRow) -> None:
+        """Take a row in, and write the table anew."""
+        self._rows[row.folder.name] = row
+        self.write()
+
+    def write(self) -> None:
+        """Write all rows there are."""
+        rows = [self._rows[name] for name in self._order if name in self._rows]
+        results = list(dict.fromkeys(name for row in rows for name in row.results))
+        with replacing(self._path) as part, part.open("w", encoding="utf-8", newline="") as file:
+            writer = csv.writer(file)
+            writer.writerow([*self._keys, *COLUMNS, *results])
+            for row in rows:
+                said = row.status, row.exit_code, row.seconds, row.folder.name, row.message
+                values = (one if isinstance(one, str | int | float) else json.dumps(one) for one in row.values.values())
+                writer.writerow([*values, *said, *(row.results.get(name) for name in results)])
+
+
+# the plot
+
+
+def _plot(folder: Path, axes: Sequence[Axis], rows: Sequence[SweepRow], sections: SceneTables) -> str:
+    """Draw results of a sweep (rows with values, results and an exit code) against its first number; why not, if that fails.
+
+    If no number was swept, or there are not two runs with results, there is no plot, and an old one is removed.
+    """
+    (folder / PLOT).unlink(missing_ok=True)
+    rows = [row for row in rows if row.exit_code in (DONE, NOT_AS_EXPECTED)]
+    axis = next((one for one in axes if one.of_numbers), None)
+    names = list(_worth_drawing(rows, sections))[:MOST_PANELS]
+    if axis is None or not names or len({row.values[axis.path] for row in rows}) < 2:
+        return ""
+    try:
+        figure = _drawn(axis, [one for one in axes if one is not axis], rows, names, sections)
+        with replacing(folder / PLOT) as part:
+            figure.savefig(part, format="png", dpi=DOTS_PER_INCH, bbox_inches="tight")
+    except Exception as error:  # matplotlib fails in many ways, and the table matters more
+        return str(error)
+    return ""
+
+
+def _worth_drawing(rows: Sequence[SweepRow], sections: SceneTables) -> Iterator[str]:
+    """Names of results: what is expected, then probes, reactions, frequencies and critical points, else all that differ."""
+    found = list(dict.fromkeys(name for row in rows for name in row.results))
+    expected = [name for name in (".".join(loc) for loc in expectations(sections.expect)) if name in found]
+    yield from expected
+    others = [name for name in found if name not in expected and name not in COUNTED and _differs(name, rows)]
+    followed = (*sections.output.probes, *sections.output.reactions, "frequency", "critical")
+    asked = [name for name in others if name.startswith(tuple(f"{one}." for one in followed))]
+    yield from asked or ([] if expected else others)
+
+
+def _differs(name: str, rows: Sequence[SweepRow]) -> bool:
+    """Whether a result differs from run to run, and is not only the rounding of one that is zero beside its other components."""
+    values = [row.results[name] for row in rows if name in row.results]
+    family = name.partition(".")[0] + "."
+    largest = max(abs(value) for row in rows for other, value in row.results.items() if other.startswith(family) or other == name)
+    return max(values) - min(values) > SAME * largest and max(map(abs, values)) > ZERO * largest
+
+
+def _drawn(axis: Axis, others: Sequence[Axis], rows: Sequence[SweepRow], names: Sequence[str], sections: SceneTables) -> Any:
+    """A panel for each result; a line in it for each combination of the other values."""
+    from ..results.matplotlib_plot import new_figure  # matplotlib is imported only when something is drawn
+
+    lines: dict[str, list[SweepRow]] = {}
+    for row in sorted(rows, key=lambda row: row.values[axis.path]):
+        label = ", ".join(f"{one.loc[-1]} = {in_short(row.values[one.path])}" for one in others if len(one.values) > 1)
+        lines.setdefault(label, []).append(row)
+    columns = min(len(names), 2)
+    high = -(-len(names) // columns)
+    figure = new_figure((1.5 + 4.0 * columns, 0.6 + 2.6 * high), interactive=False)
+    panels = list(figure.subplots(high, columns, squeeze=False).flat)
+    for panel, name in zip(panels, names, strict=False):
+        for label, of_it in list(lines.items())[:MOST_LINES]:
+            held = [row for row in of_it if name in row.results]
+            panel.plot([row.values[axis.path] for row in held], [row.results[name] for row in held], ".-", lw=1.2, label=label)
+        panel.spines[["top", "right"]].set_visible(False)
+        panel.set_ylabel(_with_unit(name, _dimension_of_result(sections, name), sections))
+        panel.set_xlabel(_with_unit(axis.path, _dimension(sections, axis.loc), sections))
+        if min(axis.values) > 0 and max(axis.values) >= WIDE * min(axis.values):
+            panel.set_xscale("log")
+    for panel in panels[len(names) :]:
+        panel.set_visible(False)
+    if len(lines) > 1:
+        shown, hidden = panels[0].get_legend_handles_labels(), len(lines) - MOST_LINES
+        title = f"{hidden} more are in the table" if hidden > 0 else None
+        figure.legend(*shown, title=title, fontsize=9, title_fontsize=9, frameon=False, loc="outside right center")
+    return figure
+
+
+def _with_unit(name: str, dimension: str | None, sections: SceneTables) -> str:
+    return f"{name} [{UNITS[sections.units].symbol(dimension)}]" if dimension else name
+
+
+def _dimension_of_result(sections: SceneTables, name: str) -> str | None:
+    first = name.partition(".")[0]
+    if first in sections.output.probes:
+        return "length"
+    return "force" if first in sections.output.reactions else RESULTS.get(first)
+
+
+def _dimension(sections: SceneTables, loc: Loc) -> str | None:
+    """The dimension of a key; None if it has none."""
+    at: Any = sections
+    dimension = None
+    for one in loc:
+        if isinstance(at, BaseModel):
+            extra = type(at).model_fields[str(one)].json_schema_extra
+            dimension = extra.get("dimension") if isinstance(extra, dict) else None
+            at = getattr(at, str(one))
+        else:
+            at = at[one]
+    return dimension if isinstance(dimension, str) else None
+
+
 # processes
 
 
@@ -268,8 +484,8 @@ class _Task(NamedTuple):
     how: str  # "new", "force" or "resume"
 
 
-def _crashed(task: _Task) -> RunFailure:
-    return RunFailure(
+def _crashed(task: _Task) -> _Failure:
+    return _Failure(
         "crashed",
         None,
         "its process ended at once: memory ran out, it was killed, or a library crashed. The next call takes it up; alone: "
@@ -277,7 +493,7 @@ def _crashed(task: _Task) -> RunFailure:
     )
 
 
-def _solve(task: _Task) -> RunFailure | None:
+def _solve(task: _Task) -> _Failure | None:
     """Solve one scene in a process; why there is no summary, if there is none."""
     try:
         with warnings.catch_warnings():
@@ -286,11 +502,11 @@ def _solve(task: _Task) -> RunFailure | None:
             scene = Scene.read(task.path, task.settings)
             scene.solve(task.folder, resume=task.how == "resume", force=task.how == "force", quiet=True)
     except (StvkError, OSError) as error:
-        return RunFailure("refused", BAD_INPUT, str(error))
+        return _Failure("refused", BAD_INPUT, str(error))
     except KeyboardInterrupt:
-        return RunFailure("interrupted", INTERRUPTED, "interrupted before its first step")
+        return _Failure("interrupted", INTERRUPTED, "interrupted before its first step")
     except Exception as error:  # one that fails does not stop the others
-        return RunFailure("crashed", None, f"{type(error).__name__}: {error}")
+        return _Failure("crashed", None, f"{type(error).__name__}: {error}")
     return None
 
 
