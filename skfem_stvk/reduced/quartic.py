@@ -13,6 +13,7 @@ from ..arguments import Array
 from ..edges import ALL
 from ..edges.pairs import with_blocks
 from ..kernels import reduced as reduced_kernels
+from ..mesh import ElementMesh
 from ..mesh.displacements import by_vertex
 from ..system import Pattern, System, TangentOperator
 from ..system.operator import refuse_overflow
@@ -116,19 +117,19 @@ def _add_by_tangents(T: Array, term: BoundTerm, fields: Array, body: System) -> 
 
     K is quadratic in z, so that its differences along fields and pairs of fields are its parts, exactly: no step is small.
     """
-    part, R = MeshPart(body, [term], fields), fields.shape[1]
+    part, R = MeshPart(body.mesh, [term], fields), fields.shape[1]
     h = np.linalg.norm(np.ptp(body.mesh.p, axis=1)) / (2 * np.abs(fields).max(axis=0))
     unit = np.diag(h)
-    rest, before = part.linearize(np.zeros(body.ndofs))[2], []
+    rest, before = part.linearize(np.zeros(R))[2], []
     for d in range(R):
-        plus, minus = (part.linearize(fields @ (sign * unit[d]))[2] for sign in (1, -1))
+        plus, minus = (part.linearize(sign * unit[d])[2] for sign in (1, -1))
         before.append(plus)
         first = (plus - minus) / (2 * h[d])
         for c in range(d + 1):
             if c == d:
                 second = (plus + minus - 2 * rest) / h[d] ** 2
             else:
-                second = (part.linearize(fields @ (unit[c] + unit[d]))[2] - plus - before[c] + rest) / (h[c] * h[d])
+                second = (part.linearize(unit[c] + unit[d])[2] - plus - before[c] + rest) / (h[c] * h[d])
             at = _row(d + 1, c + 1)
             for b in range(c + 1):
                 begin = at + (b + 1) * (b + 2) // 2
@@ -143,19 +144,19 @@ def _orders(*indices: int) -> int:
 
 
 class MeshPart:
-    """What some terms of a body have in W, F and K of the reduced one, by those of the mesh; its cost is that of the mesh."""
+    """What some bound terms have in W, F and K over fields of displacements (ndofs, R), by those of their mesh: its cost is that of
+    the mesh."""
 
-    def __init__(self, body: System, terms: Sequence[BoundTerm], fields: Array) -> None:
-        mesh = body.mesh
+    def __init__(self, mesh: ElementMesh, terms: Sequence[BoundTerm], fields: Array) -> None:
         self._mesh, self._fields = mesh, fields
-        self._terms = [with_blocks(term, mesh.nv, mesh.d, body.dtype) for term in terms]
+        self._terms = [with_blocks(term, mesh.nv, mesh.d, np.float64) for term in terms]
         self._pattern = Pattern(mesh.nv, mesh.d, [term.nodes_paired for term in terms])
         self._rows = [term.rows(self._pattern) for term in self._terms]
         self._K = self._pattern.matrix(np.zeros(self._pattern.nnz))
 
-    def linearize(self, u: Array) -> tuple[float, Array, Array]:
-        """W, F and K over the fields at displacements `u` (ndofs,)."""
-        x, energy = by_vertex(self._mesh, u), 0.0
+    def linearize(self, z: Array) -> tuple[float, Array, Array]:
+        """W, F (R,) and K (R, R) at amounts z (R,)."""
+        x, energy = by_vertex(self._mesh, self._fields @ z), 0.0
         force, data = np.zeros(x.shape), self._K.data
         data[:] = 0
         for term, rows in zip(self._terms, self._rows, strict=True):

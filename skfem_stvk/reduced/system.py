@@ -28,6 +28,7 @@ from .basis import AtRest, Lifts, candidates_of, checked_snapshots, departure, m
 from .equilibrium import ReducedEquilibrium
 from .motion import ReducedMotion
 from .quartic import MeshPart, ReducedQuartic, bytes_needed, coefficients, quartic_of, rows_of, seconds_needed
+from .sampled import Sampling, sampled_part
 
 #: Bytes that a reduced body may need while it is made, by default.
 MOST_MEMORY = 1e9
@@ -55,6 +56,8 @@ class ReducedSystem:
     derivatives : whether all `modes (modes + 1)/2` modal derivatives are, too: without them nothing can turn far.
     snapshots : (ndofs, n) displacements of the body, such as states of a path, that the basis has to represent as well.
     times : at which prescribed displacements that are functions are looked at; by default 33 between 0 and 1.
+    sampled : how many elements stand for all, with weights, in terms whose energy is no quartic, such as `NeoHookean`, so that they
+        do not cost the mesh either; 0 for all. `sampling` says how good they are.
     most_memory : bytes that may be needed while it is made.
     quiet : print nothing.
 
@@ -63,6 +66,8 @@ class ReducedSystem:
     body, size : as given.
     columns : (ndofs, r + l) V, then Phi.
     basis, lifts : its parts.
+    sampling : by the name of a term its sampled elements, their weights, and the error of the force on states that were fitted
+        and on others.
     masses : (ndofs,) lumped masses M, of density 1 if the body has none.
 
     Source: Barbic, James, "Real-time subspace integration for St. Venant-Kirchhoff deformable models" (2005).
@@ -96,6 +101,7 @@ class ReducedSystem:
         *,
         snapshots: ArrayLike | None = None,
         times: ArrayLike | None = None,
+        sampled: int = 0,
         most_memory: float = MOST_MEMORY,
         quiet: bool = False,
     ) -> None:
@@ -105,6 +111,7 @@ class ReducedSystem:
             whole("modes", modes, "a number of modes, or 0", 0, MOST),
         )
         derivatives, quiet = flag("derivatives", derivatives), flag("quiet", quiet)
+        sampled = whole("sampled", sampled, "a number of elements, or 0 for all", 0, MOST)
         most = number("most_memory", most_memory, "a number of bytes", 0)
         moments = None if times is None else array("times", times, (None,), "a list of times").tolist()
         if moments == []:
@@ -128,15 +135,21 @@ class ReducedSystem:
             columns = np.ascontiguousarray(np.concatenate([basis, lifts.across(masses, basis)], axis=1))
             stages.stage("coefficients")
             terms = [term for term in body.bound_terms if isinstance(term, Quartic)]
-            self._take(body, columns, size, quartic_of(body, terms, columns, stages.rows))
+            self._take(body, columns, size, quartic_of(body, terms, columns, stages.rows), sampled)
 
-    def _take(self, body: System, columns: Array, size: int, quartic: ReducedQuartic) -> None:
+    def _take(self, body: System, columns: Array, size: int, quartic: ReducedQuartic, sampled: int = 0) -> None:
         columns.flags.writeable = False
         self.body, self.size, self.columns = body, size, columns
         self.basis, self.lifts = columns[:, :size], columns[:, size:]
         self._lifts, self._quartic, self.masses = Lifts(body, self.lifts), quartic, masses_of(body)
         others = [term for term in body.bound_terms if not isinstance(term, Quartic)]
-        self._others = MeshPart(body, others, columns) if others else None
+        self._others = [MeshPart(body.mesh, others, columns)] if others and not sampled else []
+        self.sampling: dict[str, Sampling] = {}
+        if sampled:
+            for name, term, bound in zip(body.elastic_names, body.elastic_terms, body.bound_terms, strict=True):
+                if not isinstance(bound, Quartic):
+                    part, self.sampling[name] = sampled_part(body, term, columns, sampled)
+                    self._others.append(part)
         self._steady = [load for load in body.bound_loads if load.dead and load.steady]
         self._changing = [load for load in body.bound_loads if not (load.dead and load.steady)]
         self._steady_forces: dict[str, Array] = {}
@@ -152,6 +165,8 @@ class ReducedSystem:
         from ..results.archive import write_archive  # pydantic is imported only where there are files
 
         file = npz("path", path)
+        if self.sampling:
+            raise StvkError("Sampled elements are not kept in files; expected a body without them. Leave sampled out.")
         header = {"format": FORMAT[0], "version": FORMAT[1]}
         problem = _fingerprint(self.body, self.masses).signature.model_dump()
         arrays = {"basis": self.basis, "lifts": self.lifts, "T": self._quartic.T}
@@ -235,12 +250,12 @@ class ReducedSystem:
     @property
     def quartic(self) -> bool:
         """Whether the energy is a quartic altogether, which costs nothing of the mesh."""
-        return self._others is None
+        return not self._others
 
     def energy_along(self, q: ArrayLike, v: ArrayLike, t: Time = 1.0) -> NDArray[np.float64]:
         """(5,) coefficients of the strain energy along `q + s v` [J], exactly. Errors as in `energy`, and StvkError if there is a
         term whose energy is no quartic."""
-        if self._others is not None:
+        if self._others:
             raise StvkError("The strain energy along a line is no quartic with such terms; ask for energy(q + s v) instead.")
         direction = np.zeros(self.columns.shape[1])
         direction[: self.size] = finite_vector("v", v, self.size, "unknown")
@@ -344,8 +359,8 @@ class ReducedSystem:
         with self._turn:
             W, G, H = self._quartic.linearize(x)
         F, K = G[1:], H[1:, 1:]
-        if self._others is not None:
-            more, f, k = self._others.linearize(self.columns @ z)
+        for part in self._others:
+            more, f, k = part.linearize(z)
             W, F, K = W + more, F + f, K + k
         refuse_overflow(W, "W", z)
         refuse_overflow(F, "F", z)
@@ -356,6 +371,9 @@ class ReducedSystem:
     def __repr__(self) -> str:
         lifts = f", {self.lifts.shape[1]} lifts" if self.lifts.shape[1] else ""
         cost = "" if self.quartic else "; a term is no quartic: each evaluation costs as much as on the mesh"
+        if self.sampling:
+            error = max(one.unseen for one in self.sampling.values())
+            cost = f"; {sum(len(one.elements) for one in self.sampling.values())} sampled elements, error {error:.1e}"
         return f"ReducedSystem: {self.size} unknowns{lifts}, of {self.body!r}{cost}"
 
 

@@ -85,6 +85,7 @@ def calls() -> list[Call]:
             derivatives=True,
             snapshots=u[:, None] * np.array([0.0, 0, 1, 1, 1, 1, 0, 0, 1, 1, 1, 1])[:, None],
             times=[0.0, 1.0],
+            sampled=0,
             most_memory=1e9,
             quiet=True,
         ),
