@@ -20,10 +20,9 @@ from ..system import System
 from ..terms import EdgeNetwork, StVK
 from .bodies import elasticity, homogeneous_copy, hourglass_control, reference_on
 from .case import CANDIDATE, EDGES, OURS, REFERENCE, STRETCH, Case, named_states
-from .checks.agreement import agreement, derivatives
+from .checks.agreement import OfFewUnknowns, agreement, checks_of_reduced, derivatives
 from .checks.homogeneous import homogeneous_states
 from .checks.precision import error_table, precision, speed_table
-from .checks.reduced import OfFewUnknowns, checks_of_reduced
 from .checks.rigid_motions import balance, invariance, zero_modes
 from .discretisation import Discretisation
 from .exact import Truth

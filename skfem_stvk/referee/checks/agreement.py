@@ -6,21 +6,25 @@ stencil
     f'(0) = [ f(-2) - 8 f(-1) + 8 f(1) - f(2) ] / 12
 
 has no truncation error, and there is no step size to choose. Other laws get a Taylor test with a fitted order.
+
+A reduced body is held against its body in the span of its fields, `u = columns z`, z all amounts, those of lifts among them: W
+against `W(u)`, `dW/dz` against `columns' F(u)`, and `d2W/dz2` against `columns' K(u) columns`.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from functools import partial
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_matrix, issparse
 
 from ...arguments import Array
+from ...system import System
 from ..case import EPS, Case
-from ..judgement import as_a_whole, by_entry, by_node, largest_component, largest_rows
+from ..judgement import LIMIT, as_a_whole, by_entry, by_node, largest_component, largest_rows
 from ..players import Player
 from ..results import CannotTell, NotApplicable, Task
 
@@ -28,6 +32,9 @@ AGREEMENT = "1e-12 is for round-off of two orders of summation, 1e-15 is usual"
 DERIVATIVES = "1e-12 is for round-off, all that the five-point stencil leaves of this law; 1e-15 is usual"
 STENCIL = ((-2, 1 / 12), (-1, -8 / 12), (1, 8 / 12), (2, -1 / 12))
 ORDER, DIRECTIONS = 1.9, 2
+REDUCED, FULL = "the reduced body", "the body"
+#: The largest displacements of the states of reduced bodies, as parts of their size.
+STATES = {"at rest, nearly": 1e-4, "small": 0.02, "large": 0.3}
 
 
 def agreement(case: Case) -> Iterator[Task]:
@@ -154,3 +161,89 @@ def _fitted_order(steps: NDArray[Any], remainders: NDArray[Any]) -> float:
     """Slope of the last half of the usable steps, where the leading term rules."""
     half = slice(len(steps) // 2 if len(steps) >= 6 else 0, None)
     return float(np.polyfit(np.log(steps[half]), np.log(remainders[half]), 1)[0])
+
+
+@runtime_checkable
+class OfFewUnknowns(Protocol):
+    """A body whose displacements are `columns z`: the first `size` of the z are unknown, and their fields orthonormal by `masses`
+    (ndofs,)."""
+
+    @property
+    def body(self) -> System: ...
+    @property
+    def columns(self) -> Array: ...
+    @property
+    def masses(self) -> Array: ...
+    @property
+    def size(self) -> int: ...
+    @property
+    def quartic(self) -> bool: ...
+    def response(self, z: Array) -> tuple[float, Array, Array]: ...
+
+
+def checks_of_reduced(reduced: OfFewUnknowns, rng: np.random.Generator) -> Iterator[Task]:
+    """The tasks of a reduced body."""
+    player = Player(REDUCED, reduced, reduced.size)
+    yield Task("orthonormality", player, "V' M V", "", "", partial(_orthonormal, reduced), against="the identity")
+    size = float(np.linalg.norm(np.ptp(reduced.body.mesh.p, axis=1)))
+    for state, amount in STATES.items():
+        z, v = (_amounts(reduced, amount * size, rng) for _ in range(2))
+        for number, quantity in enumerate("WFK"):
+            yield Task("agreement", player, quantity, state, "", partial(_projected_difference, reduced, z, number), against=FULL)
+        for number, quantity in enumerate("FK"):
+            test = partial(_reduced_stencil if reduced.quartic else _reduced_taylor, reduced, z, v, number)
+            yield Task("derivatives", player, quantity, state, "", test)
+        yield Task("symmetry", player, "K", state, "", partial(_symmetry, reduced, z))
+
+
+def _amounts(reduced: OfFewUnknowns, largest: float, rng: np.random.Generator) -> Array:
+    """Random amounts, of which softer fields have more, with a largest displacement."""
+    K = reduced.response(np.zeros(reduced.columns.shape[1]))[2]
+    z = rng.standard_normal(len(K)) / np.sqrt(np.maximum(np.diagonal(K), np.finfo(float).tiny))
+    return np.asarray(z * largest / np.abs(reduced.columns @ z).max())
+
+
+def _orthonormal(reduced: OfFewUnknowns) -> dict[str, Any]:
+    V = reduced.columns[:, : reduced.size]
+    error = np.abs(V.T @ (reduced.masses[:, None] * V) - np.eye(reduced.size)).max()
+    return {"measured": float(error), "limit": LIMIT, "scale": "1", "reason": "1e-12 is for round-off of a sum over all nodes"}
+
+
+def _projected_difference(reduced: OfFewUnknowns, z: Array, number: int) -> dict[str, Any]:
+    """W, F or K against those of the body."""
+    V, u = reduced.columns, reduced.columns @ z
+    full: Callable[[], Any] = (
+        lambda: reduced.body.energy(u),
+        lambda: V.T @ reduced.body.internal_force(u),
+        lambda: V.T @ (reduced.body.tangent(u) @ V),
+    )[number]
+    truth = np.asarray(full())
+    return _relative(np.asarray(reduced.response(z)[number]) - truth, truth, "largest entry of the body's", AGREEMENT)
+
+
+def _reduced_along(reduced: OfFewUnknowns, z: Array, v: Array, number: int, s: float) -> Array:
+    return np.atleast_1d(np.array(reduced.response(z + s * v)[number]))
+
+
+def _reduced_stencil(reduced: OfFewUnknowns, z: Array, v: Array, number: int) -> dict[str, Any]:
+    """The derivative of W or F along a line, exactly, against F or K."""
+    claimed = np.atleast_1d(reduced.response(z)[number + 1] @ v)
+    terms = np.array([weight * _reduced_along(reduced, z, v, number, s) for s, weight in STENCIL])
+    return _relative(terms.sum(axis=0) - claimed, terms, "largest term of the stencil", DERIVATIVES)
+
+
+def _reduced_taylor(reduced: OfFewUnknowns, z: Array, v: Array, number: int) -> dict[str, Any]:
+    return taylor_order(
+        partial(_reduced_along, reduced, z, 0.1 * v, number), 0.1 * np.atleast_1d(reduced.response(z)[number + 1] @ v)
+    )
+
+
+def _symmetry(reduced: OfFewUnknowns, z: Array) -> dict[str, Any]:
+    K = np.asarray(reduced.response(z)[2])
+    return _relative(K - K.T, K, "largest entry of K", "1e-12 is for round-off")
+
+
+def _relative(error: Array, truth: Array, words: str, reason: str) -> dict[str, Any]:
+    scale = float(np.abs(truth).max())
+    measured = float(np.abs(error).max()) / scale if scale else np.inf
+    return {"measured": measured, "limit": LIMIT, "scale": f"{scale:.3e} ({words})", "reason": reason}
