@@ -74,6 +74,7 @@ def calls() -> list[Call]:
             lambda **given: ReducedSystem(**given).basis,
             {
                 "snapshots": OPTIONAL,
+                "sampled": frozenset({"0"}),
                 "times": OPTIONAL | {"one longer"},
                 "modes": frozenset({"0"}),
                 **dict.fromkeys(("derivatives", "quiet"), YES),
