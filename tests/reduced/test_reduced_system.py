@@ -20,6 +20,7 @@ from skfem_stvk import (
     VolumePenalty,
     modes,
 )
+from skfem_stvk.linear import Kind, Pardiso, SuperLU
 from skfem_stvk.reduced.basis import AtRest, masses_of, second_derivatives, vibration_modes
 
 LAW = StVK(young=2.0, poisson=0.3, density=1.5)
@@ -179,3 +180,16 @@ def test_modal_derivatives_are_how_modes_change_with_the_amplitude_of_others():
     for i, j in ((0, 0), (0, 2), (1, 2)):
         plus, minus = (body.tangent(sign * fields[:, j]) @ fields[:, i] for sign in (1, -1))
         assert np.abs(along(i, j) - (plus - minus) / 2).max() < 1e-12 * np.abs(plus).max()
+
+
+@pytest.mark.parametrize("solver", [SuperLU(), Pardiso()])
+def test_many_right_sides_at_once_have_the_solutions_that_they_have_one_by_one(solver):
+    if solver.name == "pardiso":
+        pytest.importorskip("pypardiso")
+    rest = AtRest(cube())
+    factors = solver.analyse(rest._tangent.unknowns()).factorise(rest.K, Kind.SYMMETRIC)
+    B = np.random.default_rng(0).standard_normal((len(rest.free), 5))
+    X = factors.solve_many(B)
+    for x, b in zip(X.T, B.T, strict=True):
+        assert np.abs(x - factors.solve(b).x).max() < 1e-11 * np.abs(x).max()
+    assert np.abs(rest.K @ X - B).max() < 1e-10
