@@ -113,7 +113,7 @@ CASES = [
         [("[materials.steel]", "[material.steel]")],
         (
             "scene.toml: material, line 12: unknown key; did you mean 'materials'? Known here: analysis, expect, "
-            "fixed, initial, materials, mesh, output, places, prescribed, solver, terms, threads, title, units."
+            "fixed, initial, materials, mesh, output, places, prescribed, reduced, solver, terms, threads, title, units."
         ),
     ),
     Broken(

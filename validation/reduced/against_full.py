@@ -39,7 +39,7 @@ SEEN = ((1.0, 0.0), (0.0, 1.0), (0.6, -0.6))
 SIZES, QUICK_SIZES = (5, 10, 20, 30, 45), (5, 20)
 CELLS, QUICK_CELLS = 4, 2
 UNTIL, DT = 4.0, 0.02
-PERIODS, QUICK_PERIODS = 100, 5
+PERIODS, QUICK_PERIODS = 30, 5
 
 
 class Kind(NamedTuple):
@@ -185,7 +185,7 @@ def in_motion(quick: bool, folder: Path | None) -> Iterable[Study]:
 
 def kept_energy(quick: bool, folder: Path | None) -> Iterable[Study]:
     """Energy of the bar let go, over many periods: what the integrators lose or gain on a basis."""
-    n, size = (QUICK_CELLS, 10) if quick else (CELLS - 1, 30)
+    n, size = (QUICK_CELLS, 10) if quick else (CELLS - 1, 20)
     reduced = on_basis(n, KINDS[1], size, 0.0)
     u0 = solved(n, PART, PART)[-1]
     lowest = float(modes(body(n, 0.0, 0.0), 1).frequencies[0])

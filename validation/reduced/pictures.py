@@ -29,7 +29,7 @@ def states_and_errors(
         axes.plot_trisurf(*x, triangles=surface(mesh), color=COLOURS[i] if i else "#999999", lw=0.1, edgecolor="#333333")
         axes.set_title(name, fontsize=8)
         axes.set(xlim=box[:, 0], ylim=box[:, 1], zlim=box[:, 2])
-        axes.set_box_aspect(np.ptp(box, axis=0), zoom=1.25)
+        axes.set_box_aspect(np.ptp(box, axis=0), zoom=1.1)
         axes.set_axis_off()
         axes.view_init(20, -55)
     axes = figure.add_subplot(1, len(states) + 1, len(states) + 1)
