@@ -16,13 +16,12 @@ from ..dynamics.record import MotionState
 from ..dynamics.step_problem import Coefficients
 from ..errors import StateError, StvkError
 from ..linear.choose import is_auto
-from ..linear.dense import DenseFactors
 from ..linear.solver import Solution
 from ..nonlinear.problem import SQUARES, Residual, Tangent, dot, norm
 from ..nonlinear.stopwatch import Stopwatch
 from ..terms.load import Moment, Time
 from .basis import AtRest
-from .equilibrium import SYMMETRIC, OnBasis
+from .equilibrium import SYMMETRIC, DenseFactors, OnBasis
 
 #: The points of Gauss at which the force over a step is averaged: exact for a cubic.
 GAUSS = 0.5 - np.sqrt(3) / 6, 0.5 + np.sqrt(3) / 6
