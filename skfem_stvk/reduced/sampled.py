@@ -7,7 +7,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import nnls
 
 from ..arguments import Array
 from ..errors import StateError, StvkError
@@ -125,6 +124,8 @@ def _equations(apart: _Apart, states: Array, chosen: NDArray[np.int64]) -> tuple
 
 def _greedy(A: Array, b: Array, count: int) -> tuple[NDArray[np.int64], Array]:
     """Columns and their weights, not negative, with `A w = b` nearly."""
+    from scipy.optimize import nnls  # which is large: imported only where elements are sampled
+
     norms, own = np.maximum(np.linalg.norm(A, axis=0), np.finfo(float).tiny), np.empty(0, dtype=np.int64)
     r, weights = b, np.empty(0)
     for _ in range(MOST_ROUNDS):
