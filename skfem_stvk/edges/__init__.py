@@ -1,6 +1,6 @@
 """Edges, tetrahedron-sharing edge pairs (TSEPs), their coefficients L, and the assembly from them: the heart."""
 
-from .assembly import Assembly, EnergyAssembly, LawAssembly
+from .assembly import Assembly, EnergyAssembly, LawAssembly, TensionAssembly
 from .form import EdgeForm
 from .pairs import ALL, NONE, TENSILE, WARPED, Linearized, NodeBlocks, Rows, Tensions
 from .penalty import PenaltyAssembly
@@ -18,5 +18,6 @@ __all__ = [
     "NodeBlocks",
     "PenaltyAssembly",
     "Rows",
+    "TensionAssembly",
     "Tensions",
 ]

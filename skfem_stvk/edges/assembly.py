@@ -19,7 +19,7 @@ from ..kernels import reduced as reduced_kernels
 from ..kernels import stretches as stretch_kernels
 from ..kernels import volumes as volume_kernels
 from ..kernels.lanes import LANES, MeanPoints, Points
-from ..kernels.laws import numbers_in
+from ..kernels.laws import IsotropicLaw, numbers_in
 from ..kernels.principal import WarpedLaw
 from ..kernels.rows import PairSlots, RowSlots
 from ..kernels.threads import in_turn, run
@@ -319,6 +319,18 @@ class EnergyAssembly(LawAssembly):
         if not np.isfinite(R):
             self.energy_and_force(u1)  # which says why
         return R
+
+
+class TensionAssembly(EnergyAssembly):
+    """Sheets and cables that bear no compression: their rounding errors are at most those of St. Venant-Kirchhoff's law."""
+
+    @in_turn
+    def add_round_off(self, u: Array, out: Array) -> None:
+        """As `Assembly.add_round_off`, of the same strains with all of their stress."""
+        shares, f = self._open(u, out)
+        t, slots, points, law, X, own = self._arrays(shares)
+        run(element_kernels.round_off, shares.parts, t, slots, points, IsotropicLaw(law.D), X, own, f)
+        self._close(f, out)
 
 
 class FramedAssembly(LawAssembly):

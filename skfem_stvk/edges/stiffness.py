@@ -21,6 +21,7 @@ from ..elements.element import LOCAL_EDGES
 from ..errors import MaterialError, name_ids
 from ..kernels.laws import GeneralLaw, IsotropicLaw
 from ..kernels.principal import CABLE, LINE, MEMBRANE, SHEET, Flat, FramedLaw
+from ..kernels.tension import TensionLaw
 from ..materials import FramedMaterial, Hypothesis
 from ..mesh import ElementMesh
 from ..mesh.geometry import Geometry
@@ -109,6 +110,20 @@ class IsotropicStiffness:
         if at.k == 1:  # one strain: lam + 2 mu is all there is, and mu may be zero
             lam, mu = 0 * lam, mu + lam / 2
         return np.stack([at.size * lam / 2, at.size * mu])
+
+
+class TensionStiffness(IsotropicStiffness):
+    """Lame constants as in `IsotropicStiffness`, of elements that bear no compression."""
+
+    def __init__(self, lam: Array, mu: Array) -> None:
+        super().__init__(lam, mu)
+        self.law = TensionLaw
+
+    def coefficients(self, p: Array, t: NDArray[np.int32]) -> Array:
+        raise MaterialError(
+            "StVK(wrinkling=True) has no coefficients of edges: where a membrane wrinkles, its energy is not quadratic in squared "
+            "lengths. Leave wrinkling out."
+        )
 
 
 class StretchesStiffness(IsotropicStiffness):

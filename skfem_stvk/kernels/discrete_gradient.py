@@ -12,7 +12,7 @@ where it is no more than rounding of the energies it is left out: `a` would be n
 to be no more than `4 |dM| (|S0 - S| + |S1 - S|)`, of which the integral of `1/2 (S(t) - S) : dM` is a small part.
 
 Laws see frames, not strains: of `1 + M` the triangular one is taken, `L L' = 1 + M` (Cholesky, without cancellation), handed as
-the frame of the body is. From its `s_j` follows S.
+the frame of the body is. From its `s_j` follows S. A law that knows S for strains says so itself (`by_strain`).
 
 Source: Gonzalez (2000), with the stress of the mean strain.
 """
@@ -23,7 +23,7 @@ from typing import Any
 
 import numpy as np
 
-from .compiled import Ids, Reals, inlined, kernel
+from .compiled import Ids, Reals, by_type, inlined, kernel
 from .hourglass import resist
 from .lanes import (
     LANES,
@@ -46,7 +46,8 @@ from .lanes import (
     vectors,
     weight_of,
 )
-from .laws import contracted, in_frame, numbers_in, on_spokes, pulled, respond, strain
+from .laws import FORMULAS, contracted, in_frame, numbers_in, on_spokes, pulled, respond, strain
+from .neo_hookean import NeoHookeanLaw, NeoHookeanSheet
 
 #: Of the energies: what their difference is known to.
 ROUNDING = 32
@@ -65,9 +66,15 @@ def _more(x, one):
     return x / (one + np.sqrt(one + x))
 
 
-@inlined
-def _by_strain(law, at, weight, M, rest, hand, second, third, one):
+def by_strain(law: Any, at: Any, weight: Any, M: Any, rest: Any, hand: Any, second: Any, third: Any, one: Any) -> Any:
     """`4 w W` and `S` of a law for strains, of elements of a hand at rest and now; second and third say which axes there are."""
+    return FORMULAS["by_strain", type(law)](law, at, weight, M, rest, hand, second, third, one)
+
+
+@by_type(by_strain, NeoHookeanLaw, FORMULAS)
+@by_type(by_strain, NeoHookeanSheet, FORMULAS)
+def _by_frames(law, at, weight, M, rest, hand, second, third, one):
+    """By the triangular frame of `1 + M`."""
     a1 = _more(M[0], one)
     l1 = one + a1
     l21, l31 = M[3] / l1, M[4] / l1
@@ -158,9 +165,9 @@ def discrete_mean_force(
                         _hand(q1, q2, q3, third, one),
                         _hand(e1, e2, e3, third, one),
                     )
-                W0, S0 = _by_strain(law, at, weight, M, rest, before, second, third, one)
-                W1, S1 = _by_strain(law, at, weight, _sum(one, M, one, dM), rest, after, second, third, one)
-                _, S = _by_strain(law, at, weight, _sum(one, M, half, dM), rest, before, second, third, one)
+                W0, S0 = by_strain(law, at, weight, M, rest, before, second, third, one)
+                W1, S1 = by_strain(law, at, weight, _sum(one, M, one, dM), rest, after, second, third, one)
+                _, S = by_strain(law, at, weight, _sum(one, M, half, dM), rest, before, second, third, one)
                 change = half * contracted(dM, dM)
                 error = (W1 - W0) / 4 - half * contracted(S, dM)
                 noise = rounding * (abs(W0) + abs(W1)) / 4

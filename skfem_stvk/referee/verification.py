@@ -181,6 +181,11 @@ def _terms(material: Material | StVK | Sequence[StVK] | None, young: ArrayLike |
     for term in terms:
         if not isinstance(term, StVK):
             raise MaterialError(f"material holds an object of type {type(term).__name__}; {expected}")
+        if term.wrinkling:
+            raise MaterialError(
+                "material holds StVK(wrinkling=True), whose energy is not the one that verify knows; expected StVK without it. Check "
+                "your own code by verify, and what wrinkles by its derivatives."
+            )
     if not terms:
         raise MaterialError("material is an empty list; expected at least one StVK term.")
     return terms

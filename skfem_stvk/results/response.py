@@ -89,7 +89,9 @@ class ElasticBody:
         elements, hypothesis = self.mesh.elements(term.region), term.hypothesis(self.mesh)
         term.material.check(len(elements), hypothesis)
         section = np.broadcast_to(term.section(self.mesh, len(elements)), len(elements))
-        law, linear = term if isinstance(term, HasResponse) else None, bool(getattr(term, "small_strain", False))
+        # StVK has one with wrinkling
+        law = term if isinstance(term, HasResponse) and term.response is not None else None
+        linear = bool(getattr(term, "small_strain", False))
         return ElasticPart(elements, term.material, hypothesis, section, law, linear)
 
     def _volume_part(self, term: HasPressure, body: Body) -> VolumePart:

@@ -121,7 +121,7 @@ class SceneNames:
         table = {"type": _kind(model, "type")}
         for one in fields(term):
             name, value = KEYS.get(one.name, one.name), getattr(term, one.name)
-            if value is not None:
+            if value is not None and value is not False:
                 table |= self._entry(model, name, value)
         return table
 
@@ -141,7 +141,7 @@ class SceneNames:
         if name in LOADS:
             value, time = in_time(value, name, () if name == "pressure" else (self.mesh.d,))
             return {name: value} if time is None else {name: value, "time": time}
-        if isinstance(value, str):
+        if isinstance(value, str | bool):
             return {name: value}
         return {name: plain(value, name, (), *([(self.mesh.d,)] if "on" in model.model_fields else []))}
 

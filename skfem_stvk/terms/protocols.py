@@ -283,7 +283,7 @@ class PointResponse(NamedTuple):
 
 @runtime_checkable
 class HasResponse(Protocol):
-    """A specification that `HasStress` by a law of its own, other than St. Venant-Kirchhoff's `S = C : E`."""
+    """A specification that `HasStress` by a law of its own, other than St. Venant-Kirchhoff's `S = C : E`; None if it is that."""
 
     def response(self, at: Deformation) -> PointResponse:
         """Strain, stress and energy of the elements of its `region`, all of them, in their order."""

@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
-from numpy.typing import DTypeLike, NDArray
+from numpy.typing import ArrayLike, DTypeLike, NDArray
 
-from ..edges import Assembly
-from ..edges.stiffness import AnisotropicStiffness, IsotropicStiffness, Stiffness
+from ..arguments import flag
+from ..edges import Assembly, TensionAssembly
+from ..edges.stiffness import AnisotropicStiffness, IsotropicStiffness, Stiffness, TensionStiffness
 from ..errors import MaterialError
 from ..materials import FramedMaterial, Isotropic
 from ..mesh import ElementMesh
 from .body import Body
 from .elastic_law import ElasticLaw
+from .protocols import Deformation, PointResponse
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,32 +36,63 @@ class StVK(ElasticLaw):
     area : cross-section of segments [m^2], by default 1; a number or one value per element.
     simplices : (k + 1, n) nodes of elements of its own on the nodes of the body, beside those of a mesh or in place of one; or the
         name of a boundary, whose facets they are: a skin. See `System`.
+    wrinkling : whether surfaces and cables give way to compression, as thin ones do: the relaxed energy of tension fields, for
+        isotropic materials of triangles and quadrilaterals in space, in plane stress, or of segments. With the principal strains
+        `E1 >= E2` it is `1/2 E : C : E` per volume where `E2 >= -nu E1` (taut), `E E1^2/2` below (wrinkled, pulled one way), and 0
+        where `E1 <= 0` (slack). Wrinkles have no size. The energy is no quartic along lines, and K, which is positive semi-definite,
+        jumps between the three: it is that of the state at hand.
     young, poisson, density : shorthand for `material=Isotropic(young, poisson, density=density)`.
 
     Raises
     ------
     MaterialError
-        if a constant is missing, given twice or out of range; when it is bound, if it does not fit the mesh.
+        if a constant is missing, given twice or out of range; when it is bound, if it does not fit the mesh, or wrinkling the
+        elements or the material.
     RegionError
         when it is bound, if the region is not in the mesh.
 
     >>> StVK(young=1e5, poisson=0.3).material.poisson
     array(0.3)
+
+    Source of the relaxed energy: Pipkin, "The relaxed energy density for isotropic elastic membranes" (1986).
     """
 
-    def bind(self, body: Body | ElementMesh, dtype: DTypeLike = np.float64) -> Assembly:
-        """The assembly of this material on a body's mesh; its `form` is the edge form."""
-        return self._bound(Assembly, body, dtype)
+    wrinkling: bool = field(default=False, kw_only=True)
+
+    def __post_init__(self, young: ArrayLike | None, poisson: ArrayLike | None, density: ArrayLike | None) -> None:
+        super().__post_init__(young, poisson, density)
+        flag("StVK: wrinkling", self.wrinkling, MaterialError)
+        if self.wrinkling and not isinstance(self.material, Isotropic):
+            raise MaterialError(
+                f"StVK(wrinkling=True) is for isotropic materials; got {type(self.material).__name__}. Give young= and poisson=, or "
+                "leave wrinkling out."
+            )
+
+    def bind(self, body: Body | ElementMesh, dtype: DTypeLike = np.float64) -> Any:
+        """The assembly of this material on a body's mesh; its `form` is the edge form, which there is none of with wrinkling."""
+        return self._bound(TensionAssembly if self.wrinkling else Assembly, body, dtype)
+
+    @property
+    def response(self) -> Callable[[Deformation], PointResponse] | None:
+        """As in `HasResponse`, with wrinkling; otherwise None, for then the law is `S = C : E`."""
+        return self._relaxed if self.wrinkling else None
 
     def stiffness(self, mesh: ElementMesh) -> Stiffness:
         """The stiffness of each simplex of the region, in the form that stores least."""
         assert self.material is not None
         n, hypothesis = len(mesh.elements(self.region)), self.hypothesis(mesh)
+        if self.wrinkling and not hypothesis.condensed:
+            flat = mesh.k == 2
+            remedy = "Give plane='stress'" if flat else "Leave it out there, or give triangles of a skin: simplices='boundary'"
+            raise MaterialError(
+                "StVK(wrinkling=True) is for surfaces in space, segments, and elements in plane stress; the mesh has "
+                f"{mesh.kind}{' in plane strain' * flat}. {remedy}."
+            )
         self.material.check(n, hypothesis)
         section = self.section(mesh, n)
         if isinstance(self.material, Isotropic):
             lam, mu = (np.broadcast_to(value * section, n) for value in self.material.lame(hypothesis))
-            return IsotropicStiffness(lam, mu)
+            return (TensionStiffness if self.wrinkling else IsotropicStiffness)(lam, mu)
         if isinstance(self.material, FramedMaterial):
             return AnisotropicStiffness(self.material, hypothesis, np.broadcast_to(section, n))
         name = type(self.material).__name__
@@ -66,3 +101,19 @@ class StVK(ElasticLaw):
     def coefficients(self, mesh: ElementMesh) -> NDArray[np.float64]:
         """(n, m, m) coefficients `L` of each linear simplex of the region, for the pairs of its edges [J/m^4]."""
         return self.stiffness(mesh).coefficients(mesh.p, mesh.t[:, mesh.elements(self.region)])
+
+    def _relaxed(self, at: Deformation) -> PointResponse:
+        """Of the principal strains: the stress along each that is pulled, and the strain that it makes across."""
+        assert isinstance(self.material, Isotropic)
+        n, _, k = at.gradient.shape
+        young, nu = (np.broadcast_to(0.0 if value is None else value, n) for value in (self.material.young, self.material.poisson))
+        E, V = np.linalg.eigh(at.strain)
+        first, last = E[:, -1], E[:, 0]
+        strain, stress, pull = np.zeros((n, 3, 3)), np.zeros((n, 3, 3)), np.zeros((n, k))
+        taut = (last >= -nu * first) & (first > 0) & (k > 1)
+        pull[:, -1] = young * np.where(taut, (first + nu * last) / (1 - nu**2), np.maximum(first, 0))
+        pull[taut, 0] = (young * (last + nu * first) / (1 - nu**2))[taut]
+        strain[:, :k, :k] = at.strain
+        strain[:, range(k, 3), range(k, 3)] = (-nu / young * pull.sum(axis=1))[:, None]
+        stress[:, :k, :k] = (V * pull[:, None]) @ np.swapaxes(V, 1, 2)
+        return PointResponse(strain, stress, (pull * E).sum(axis=1) / 2, np.zeros(n, dtype=bool))

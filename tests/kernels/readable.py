@@ -26,6 +26,7 @@ from skfem_stvk.kernels.neo_hookean import NeoHookeanLaw, NeoHookeanSheet
 from skfem_stvk.kernels.penalty import BARRIER, COMPRESSION, QUADRATIC
 from skfem_stvk.kernels.principal import LINE, SHEET, CorotatedLaw, InvertibleLaw
 from skfem_stvk.kernels.rows import PairSlots, RowSlots
+from skfem_stvk.kernels.tension import TensionLaw
 from skfem_stvk.kernels.topology import OWN
 from skfem_stvk.terms.neo_hookean import neo_hookean, thickening
 
@@ -172,6 +173,48 @@ def bound(B: Reals) -> Reals:
     return mean + np.sqrt(2 / 3 * (deviators**2).sum(axis=(-2, -1)))
 
 
+def relaxed(numbers: Reals, M: Reals) -> tuple[Reals, Reals, Reals]:
+    """`W` (n, q), S and `dS/dM` (n, q, 3, 3, 3, 3) of the relaxed energy for strains `M` within sheets.
+
+    Each of the three energies of the principal values is written out, with what it is the derivative of.
+    """
+    (lam, mu), (m, V) = np.moveaxis(numbers, -1, 0), np.linalg.eigh(M[..., :2, :2])
+    second, first = m[..., 0], m[..., 1]
+    nu = lam / np.where(lam + mu > 0, lam + mu, 1)
+    young = mu * (1 + nu)
+    slack, zero = first <= 0, 0 * first
+    taut = ~slack & (second >= -nu * first)
+    p1 = np.where(slack, 0, np.where(taut, lam * (first + second) + mu * first, young * first))
+    p2 = np.where(taut, lam * (first + second) + mu * second, 0)
+    T = np.stack([np.where(taut, lam + mu, np.where(slack, 0, young)), taut * lam, taut * lam, taut * (lam + mu)], axis=-1)
+    apart = np.where(first > second, first - second, 1)
+    turn = np.where(taut, mu, (p1 - p2) / apart)
+    v = np.zeros((*V.shape[:2], 2, 3), V.dtype)
+    v[..., :2] = np.swapaxes(V, -1, -2)[..., ::-1, :]  # rows are the first and the second axis
+    own = np.einsum("nqai,nqaj->nqaij", v, v)
+    S = np.einsum("nqa,nqaij->nqij", np.stack([p1, p2], axis=-1), own)
+    C = np.einsum("nqab,nqaij,nqbkl->nqijkl", T.reshape(*T.shape[:2], 2, 2), own, own)
+    shear = np.einsum("nqi,nqj->nqij", v[..., 0, :], v[..., 1, :])
+    shear = shear + np.swapaxes(shear, -1, -2)
+    C += np.einsum("nq,nqij,nqkl->nqijkl", turn / 2, shear, shear)
+    return np.where(slack, zero, p1 * first + p2 * second) / 4, S, C
+
+
+def tension() -> PointLaw:
+    """`s_j = sum_k S_jk q_k`, `A_mn = 2 sum_kl dS_mk/dM_nl q_k q_l' + S_mn I`, S of `relaxed`; no stress is negative."""
+
+    def energy_and_pull(numbers: Reals, Q: Reals, h: Reals) -> tuple[Reals, Reals]:
+        W, S, _ = relaxed(numbers, strains(Q, h))
+        return W, np.einsum("nqjk,nqkx->nqjx", S, Q + h)
+
+    def tangent(numbers: Reals, Q: Reals, h: Reals, positive: float, negative: float, simplices: bool) -> Reals:
+        q, (_, S, C) = Q + h, relaxed(numbers, strains(Q, h))
+        A = 2 * np.einsum("nqikjl,nqkx,nqly->nqijxy", C, q, q, optimize=True)
+        return A + positive * np.einsum("nqij,xy->nqijxy", S, np.eye(3, dtype=S.dtype))
+
+    return PointLaw(2, energy_and_pull, tangent)
+
+
 def linear(count: int, tensor: Callable[[Reals], Reals]) -> PointLaw:
     """`W = 1/4 S : M`, `M_ij = Q_i . h_j + h_i . Q_j`, `s_j = sum_k S_jk Q_k`, `A_mn = 2 sum_kl C_mknl Q_k Q_l'`: no tensions."""
 
@@ -288,6 +331,7 @@ LAWS: dict[type, PointLaw] = {
     GeneralLaw: stvk(21, general),
     NeoHookeanLaw: neo_hookean_law(sheet=False),
     NeoHookeanSheet: neo_hookean_law(sheet=True),
+    TensionLaw: tension(),
     LinearIsotropicLaw: linear(2, isotropic),
     LinearGeneralLaw: linear(21, general),
 }
@@ -558,7 +602,9 @@ def discrete_mean_force(
         hands = [np.where(np.linalg.det(x + last) < 0, -1, 1).astype(Q.dtype) for x in (Q, Q + h, Q + h + H)]
 
     def by_strain(M: Reals, hand: Reals) -> tuple[Reals, Reals]:
-        """Of triangular frames of a hand, Cholesky's factor of `1 + M`."""
+        """Of triangular frames of a hand, Cholesky's factor of `1 + M`; what is relaxed knows strains."""
+        if type(law) is TensionLaw:
+            return relaxed(elements.numbers, M)[:2]
         turn, straight = (np.stack([np.ones_like(x), x, np.ones_like(x)], axis=-1) for x in (hand, hands[0]))
         q = np.linalg.cholesky(np.eye(3, dtype=M.dtype) + M)
         rest, now = there[..., None] * np.eye(3, dtype=M.dtype) * straight[..., None], there[..., None] * q * turn[..., None, :]

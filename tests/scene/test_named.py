@@ -99,6 +99,7 @@ LAWS = {
     "plane stress": (FLAT, StVK(young=1.1, poisson=0.7, plane="stress", thickness=0.3)),
     "membrane": (SHEET, StVK(young=1.1, poisson=0.3, thickness=0.3)),
     "cable": (crooked(box(2.0, 4)), StVK(young=1.1, area=0.3)),
+    "wrinkling": (SHEET, StVK(young=1.1, poisson=0.3, thickness=0.3, wrinkling=True)),
     "neo-Hookean": (BOXES, NeoHookean(STEEL)),
     "linear": (SOLID, LinearElastic(STEEL)),
     "corotated": (SOLID, Corotated(STEEL, rotation="vertex")),

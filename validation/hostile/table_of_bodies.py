@@ -148,6 +148,14 @@ def calls() -> list[Call]:
             thickness=2.0,
         ),
         call(
+            "StVK that wrinkles",
+            lambda **given: System(mesh(), [StVK(**given, plane="stress"), StVK(young=1.0, poisson=0.125)]),
+            {"young": one, "poisson": NOT_NEGATIVE, "wrinkling": frozenset({"True"})},
+            young=2.0,
+            poisson=0.25,
+            wrinkling=True,
+        ),
+        call(
             "StVK with simplices",
             lambda **given: System(mesh(), [StVK(**given), StVK(young=1.0, poisson=0.125)]),
             {"simplices": OPTIONAL, "young": one, "poisson": NOT_NEGATIVE | OPTIONAL},

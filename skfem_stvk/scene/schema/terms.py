@@ -118,6 +118,7 @@ class StVKTerm(LawOnElements):
     """St. Venant-Kirchhoff's law: energy quadratic in the Green-Lagrange strain."""
 
     type: Literal["stvk"]
+    wrinkling: Annotated[bool, key("Whether surfaces and cables give way to compression: tension fields.")] = False
 
     def term(self, known: Known) -> Any:
         """The term of the library."""
