@@ -183,8 +183,8 @@ def _terms(material: Material | StVK | Sequence[StVK] | None, young: ArrayLike |
             raise MaterialError(f"material holds an object of type {type(term).__name__}; {expected}")
         if term.wrinkling:
             raise MaterialError(
-                "material holds StVK(wrinkling=True), whose energy is not the one that verify knows; expected StVK without it. Check "
-                "your own code by verify, and what wrinkles by its derivatives."
+                "material holds StVK(wrinkling=True), whose energy is not the one that verify knows; expected StVK without "
+                "wrinkling. What wrinkles is checked by its derivatives."
             )
     if not terms:
         raise MaterialError("material is an empty list; expected at least one StVK term.")

@@ -39,8 +39,8 @@ class StVK(ElasticLaw):
     wrinkling : whether surfaces and cables give way to compression, as thin ones do: the relaxed energy of tension fields, for
         isotropic materials of triangles and quadrilaterals in space, in plane stress, or of segments. With the principal strains
         `E1 >= E2` it is `1/2 E : C : E` per volume where `E2 >= -nu E1` (taut), `E E1^2/2` below (wrinkled, pulled one way), and 0
-        where `E1 <= 0` (slack). Wrinkles have no size. The energy is no quartic along lines, and K, which is positive semi-definite,
-        jumps between the three: it is that of the state at hand.
+        where `E1 <= 0` (slack). Wrinkles have no size. The energy is no quartic along lines, and K, which is positive
+        semi-definite, jumps between the three: it is that of the state at hand.
     young, poisson, density : shorthand for `material=Isotropic(young, poisson, density=density)`.
 
     Raises
@@ -64,8 +64,8 @@ class StVK(ElasticLaw):
         flag("StVK: wrinkling", self.wrinkling, MaterialError)
         if self.wrinkling and not isinstance(self.material, Isotropic):
             raise MaterialError(
-                f"StVK(wrinkling=True) is for isotropic materials; got {type(self.material).__name__}. Give young= and poisson=, or "
-                "leave wrinkling out."
+                f"StVK(wrinkling=True) is for isotropic materials; got {type(self.material).__name__}. Give young= and poisson=, "
+                "or leave wrinkling out."
             )
 
     def bind(self, body: Body | ElementMesh, dtype: DTypeLike = np.float64) -> Any:
