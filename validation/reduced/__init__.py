@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-NAMES = ("statics", "motion", "energy", "costs", "cable", "net", "sphere")
+NAMES = ("statics", "motion", "energy", "costs", "cable", "net", "sphere", "disc", "wrinkles")
 
 
 def main(quick: bool = False, only: Sequence[str] = (), out: str | None = None) -> int:

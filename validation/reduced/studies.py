@@ -14,6 +14,7 @@ from ..statics.study import Study
 from .against_full import at_rest, in_motion, kept_energy
 from .cables import cable_net, hanging_cable, inflated_sphere
 from .costs import costs
+from .membranes import clamped_disc, sheared_sheet
 
 #: By its name: what makes one or several studies of whether it is quick, and of a folder for pictures, None for none.
 STUDIES: dict[str, Callable[[bool, Path | None], Iterable[Study]]] = {
@@ -24,6 +25,8 @@ STUDIES: dict[str, Callable[[bool, Path | None], Iterable[Study]]] = {
     "cable": hanging_cable,
     "net": cable_net,
     "sphere": inflated_sphere,
+    "disc": clamped_disc,
+    "wrinkles": sheared_sheet,
 }
 
 
