@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import skfem
@@ -67,7 +68,7 @@ def deflection(n: int, degree: int, load: float) -> float:
     p[:, rim] /= r[rim]
     mesh = ElementMesh(p, flat.t, element=flat.element)
     q = load * YOUNG * THICKNESS
-    sheet = [StVK(young=YOUNG, poisson=POISSON, thickness=THICKNESS), BodyForce((0.0, 0.0, q / THICKNESS))]
+    sheet: list[Any] = [StVK(young=YOUNG, poisson=POISSON, thickness=THICKNESS), BodyForce((0.0, 0.0, q / THICKNESS))]
     result = solve_static(System(mesh, sheet, fixed={tuple(rim.tolist()): "xyz"}), quiet=True)
     middle = int(np.argmin(np.hypot(p[0], p[1])))
     return float(result.u.reshape(-1, 3)[middle, 2]) / (HENCKY * load ** (1 / 3))
@@ -144,7 +145,7 @@ def sheared(shear: float, degree: int, wrinkling: bool) -> tuple[System, Array]:
 
 def clamped(body: System, u: Array) -> Array:
     """(ndofs,) forces on nodes [N] of the tensions of edges that pull."""
-    (term,) = body.bound_terms
+    term: Any = body.bound_terms[0]
     form, x = term.form, u.reshape(-1, 3)
     pull = np.maximum(form.tensions(x), 0)[:, None] * (form.P + form.differences(x))
     force = np.zeros(x.shape)
