@@ -21,7 +21,7 @@ from ..elements.element import LOCAL_EDGES
 from ..errors import MaterialError, name_ids
 from ..kernels.laws import GeneralLaw, IsotropicLaw
 from ..kernels.principal import CABLE, LINE, MEMBRANE, SHEET, Flat, FramedLaw
-from ..kernels.tension import TensionLaw
+from ..kernels.stvk import TensionLaw
 from ..materials import FramedMaterial, Hypothesis
 from ..mesh import ElementMesh
 from ..mesh.geometry import Geometry

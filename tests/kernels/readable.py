@@ -26,7 +26,7 @@ from skfem_stvk.kernels.neo_hookean import NeoHookeanLaw, NeoHookeanSheet
 from skfem_stvk.kernels.penalty import BARRIER, COMPRESSION, QUADRATIC
 from skfem_stvk.kernels.principal import LINE, SHEET, CorotatedLaw, InvertibleLaw
 from skfem_stvk.kernels.rows import PairSlots, RowSlots
-from skfem_stvk.kernels.tension import TensionLaw
+from skfem_stvk.kernels.stvk import TensionLaw
 from skfem_stvk.kernels.topology import OWN
 from skfem_stvk.terms.neo_hookean import neo_hookean, thickening
 

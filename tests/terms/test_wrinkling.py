@@ -18,7 +18,7 @@ from skfem_stvk import (
     verify,
 )
 from skfem_stvk.edges import ALL, NONE, TENSILE, Tensions
-from skfem_stvk.kernels import tension
+from skfem_stvk.kernels import stvk
 from skfem_stvk.results import Fields
 from skfem_stvk.terms import HasDampingForce, HasMeanForce, HasStretch, Quartic
 
@@ -212,7 +212,7 @@ PLANTS = {
 @pytest.mark.parametrize("name", PLANTS)
 def test_faults_in_the_formulas_are_seen(name):
     """The formulas as plain Python, with one line of them altered, against the energy that is written out above."""
-    source = inspect.getsource(tension)
+    source = inspect.getsource(stvk)
     right, wrong = PLANTS[name]
     assert source.count(right) == 1
     one = np.float64(1)
