@@ -31,6 +31,9 @@ MOST = int(np.iinfo(np.int64).max)
 _SHORT = reprlib.Repr()
 _SHORT.maxstring = _SHORT.maxother = _SHORT.maxlong = 80
 
+#: Variables of the environment by which a process that starts learns how many threads it has.
+THREAD_LIMITS = ("NUMBA_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS")
+
 
 def shown(value: Any) -> str:
     """A value as a message shows it: on one line, never long, whatever its own `repr` does.

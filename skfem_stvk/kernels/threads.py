@@ -23,8 +23,6 @@ Method = TypeVar("Method", bound=Callable[..., Any])
 
 #: Simplices, or work of as many, that a thread gets at least: with fewer, waking it takes longer than the work.
 SMALLEST_PART = 4096
-#: Variables of the environment by which a process that starts learns how many threads it has.
-THREAD_LIMITS = ("NUMBA_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS")
 
 
 def threads() -> int:

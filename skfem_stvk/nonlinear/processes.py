@@ -13,7 +13,7 @@ from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from typing import Any, TypeVar
 
-from ..kernels.threads import THREAD_LIMITS
+from ..arguments import THREAD_LIMITS
 from .outcome import ask_to_finish, finishing_steps, stop_if_asked
 
 Task = TypeVar("Task")

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from ..kernels.threads import THREAD_LIMITS
+from ..arguments import THREAD_LIMITS
 from ..materials import FramedMaterial, Isotropic
 from ..mesh import ElementMesh
 from ..peers import PEERS
