@@ -125,6 +125,16 @@ def test_ex15_invertible():
     assert linear[6] > 10 and max(corotated) < 1e-20
 
 
+def test_ex19_wrinkles():
+    example = run("ex19_wrinkles")
+    wrinkled, plain = example.principal.values()
+    assert example.results["with wrinkling"].success and wrinkled[1] == pytest.approx(example.YOUNG * example.E1, rel=0.005)
+    assert abs(wrinkled[0]) < 1e-6 * wrinkled[1] and plain[0] < -0.5 * wrinkled[1]
+    assert "unstable" in example.results["without"].status.value
+    with_wrinkling, without = example.forces.values()
+    assert with_wrinkling == pytest.approx(241.8, rel=1e-3) and with_wrinkling < 0.85 * without
+
+
 def test_ex20_bag():
     example = run("ex20_bag")
     assert example.pulled == pytest.approx(example.weight, rel=1e-9)
