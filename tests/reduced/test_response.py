@@ -330,7 +330,13 @@ def assert_same(one, other):
     assert repr(one) == repr(other)
 
 
-@pytest.mark.parametrize("how, jobs", [(signal.SIGKILL, 1), (signal.SIGINT, 1), (signal.SIGINT, 2)])
+SLOW = pytest.mark.slow
+
+
+@pytest.mark.parametrize(
+    "how, jobs",
+    [(signal.SIGKILL, 1), pytest.param(signal.SIGINT, 1, marks=SLOW), pytest.param(signal.SIGINT, 2, marks=SLOW)],
+)
 def test_a_response_that_was_killed_goes_on_to_the_same_table(tmp_path, how, jobs):
     script, points = tmp_path / "response.py", tmp_path / "points"
     script.write_text(SCRIPT.format(jobs=jobs, checkpoint=str(points), n=61))

@@ -199,7 +199,11 @@ PATH = STATIC.replace('type = "static"', 'type = "arc-length"').replace("steps =
 
 
 @pytest.mark.parametrize(
-    "how, analysis, until", [(signal.SIGINT, LONG, "beam_0004.vtu"), (signal.SIGKILL, PATH, "checkpoint/state_00005.npz")]
+    "how, analysis, until",
+    [
+        pytest.param(signal.SIGINT, LONG, "beam_0004.vtu", marks=pytest.mark.slow),
+        (signal.SIGKILL, PATH, "checkpoint/state_00005.npz"),
+    ],
 )
 def test_a_run_that_is_interrupted_or_killed_is_resumed_from_the_command_line(tmp_path, started, how, analysis, until):
     whole = Scene.read(scene(tmp_path, analysis, FOLLOWED, name="whole.toml")).solve(quiet=True)

@@ -239,7 +239,7 @@ def wait_for(condition, process):
         time.sleep(0.02)
 
 
-@pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGKILL])
+@pytest.mark.parametrize("how", [signal.SIGINT, pytest.param(signal.SIGKILL, marks=pytest.mark.slow)])
 def test_a_sweep_that_is_interrupted_or_killed_is_taken_up_by_the_next_call(tmp_path, how, started):
     """The scene writes a state every ten steps, of which the killed run has some."""
     path, out = scene(tmp_path, MOTION), tmp_path / "beam-sweep"

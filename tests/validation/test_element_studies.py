@@ -102,6 +102,7 @@ def test_costs_and_solvers_are_measured():
     assert {row[0] for row in cost.rows} == {choice.name for choice in costs.CHOICES}
 
 
+@pytest.mark.slow
 def test_hard_cases_with_quadratic_elements_are_not_wrong_without_a_word():
     at_rest, in_motion = hard.hard_cases(quick=True)
     assert at_rest.passed and in_motion.passed, (at_rest.failures, in_motion.failures)
