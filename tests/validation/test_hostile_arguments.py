@@ -105,7 +105,7 @@ WITHOUT = {
         "names",
     ),
     # within: arrays that `System` has checked
-    *("Assembly", "EdgeForm", "EnergyAssembly", "LawAssembly", "NodeBlocks", "PenaltyAssembly", "Tensions"),
+    *("Assembly", "EdgeForm", "EnergyAssembly", "LawAssembly", "NodeBlocks", "PenaltyAssembly", "TensionAssembly", "Tensions"),
     # files, which the family "meshes" and tests/scene are for; what the row of `bench` has
     *("read_mesh", "Scene", "Plan"),
 }
