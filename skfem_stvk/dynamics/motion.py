@@ -59,7 +59,7 @@ class Motion:
 
     @property
     def described(self) -> str:
-        """The body in a line."""
+        """The body in words that fit on one line, for headers."""
         return repr(self.system)
 
     @property

@@ -123,7 +123,42 @@ class DenseSolver:
     name, iterative, matrix_free = "dense", False, False
 
 
-class ReducedEquilibrium:
+class DenseProblem:
+    """The part of a `Problem` on the first `n` of a state's coordinates, `q` of `(q, s)`, whose full matrices are factorised."""
+
+    def __init__(self, n: int, m: int, watch: Stopwatch) -> None:
+        self._free, self._m, self._watch = slice(n), m, watch
+        self._negative: int | None = None
+
+    def direction(self, x: Array) -> Array:
+        v = np.zeros(self._m)
+        v[self._free] = x
+        return v
+
+    def slope(self, residual: Residual, v: Array) -> float:
+        return dot(residual.vector, v[self._free])
+
+    def solve(self, factors: DenseFactors, b: Array, rtol: float) -> Solution:
+        with self._watch("solve"):
+            return factors.solve(b, rtol)
+
+    def take_over(self, u: Array, t: Time) -> bool:
+        """Never: the solver is a direct one."""
+        return False
+
+    def negative_pivots(self) -> int | None:
+        return self._negative
+
+    def _factors(self, K: Array, symmetric: bool, tangent: Tangent) -> DenseFactors:
+        """Factors of K (n, n); where it is not positive definite, what stands in for it has its eigenvalues without their signs."""
+        with self._watch("factor"):
+            factors = DenseFactors(K, symmetric, tangent is not Tangent.EXACT)
+            if tangent is Tangent.EXACT:
+                self._negative = factors.negative_pivots
+            return factors
+
+
+class ReducedEquilibrium(DenseProblem):
     """`dW/dq = V' f_ext` over the coordinates of a basis: a `PathProblem` whose states are `z = (q, s)` (m,).
 
     Nothing in an iteration depends on the mesh. Elements are looked at where a solve begins and where it ends: it is cut back where
@@ -134,11 +169,10 @@ class ReducedEquilibrium:
     solver: ClassVar[DenseSolver] = DenseSolver()
 
     def __init__(self, reduced: OnBasis, watch: Stopwatch) -> None:
-        self.reduced, self.system, self._watch = reduced, reduced.body, watch
+        super().__init__(reduced.size, reduced.columns.shape[1], watch)
+        self.reduced, self.system = reduced, reduced.body
         self.largest, self.symmetric = 0.0, True
-        self._free = slice(reduced.size)
         self._K = np.zeros((reduced.columns.shape[1],) * 2)
-        self._negative: int | None = None
         self._looked: tuple[Array, NDArray[np.int64]] | None = None
         self._known: tuple[Array, tuple[float, Array, Array]] | None = None
         lengths = np.sqrt(np.einsum("ij,ij->j", reduced.columns, reduced.columns))
@@ -164,16 +198,8 @@ class ReducedEquilibrium:
     def norm(self, x: Array) -> float:
         return norm(x)
 
-    def direction(self, x: Array) -> Array:
-        v = np.zeros(len(self._K))
-        v[self._free] = x
-        return v
-
     def unknowns_of(self, v: Array) -> Array:
         return v[self._free]
-
-    def slope(self, residual: Residual, v: Array) -> float:
-        return dot(residual.vector, v[self._free])
 
     def displacements(self, u: Array) -> Array:
         full: Array = self.reduced.columns @ u
@@ -201,25 +227,9 @@ class ReducedEquilibrium:
         return float(np.finfo(float).eps * np.sqrt(len(u))) * norm(sums[self._free])
 
     def factorise(self, u: Array, t: Time, tangent: Tangent = Tangent.EXACT) -> DenseFactors:
-        """The tangent; where that is not positive definite, what stands in for it has its eigenvalues without their signs."""
         with self._watch("assemble"):
             self._K = self._jacobian(u, t)
-        with self._watch("factor"):
-            factors = DenseFactors(self._K[self._free, self._free], self.symmetric, tangent is not Tangent.EXACT)
-            if tangent is Tangent.EXACT:
-                self._negative = factors.negative_pivots
-            return factors
-
-    def solve(self, factors: DenseFactors, b: Array, rtol: float) -> Solution:
-        with self._watch("solve"):
-            return factors.solve(b, rtol)
-
-    def take_over(self, u: Array, t: Time) -> bool:
-        """Never: the solver is a direct one."""
-        return False
-
-    def negative_pivots(self) -> int | None:
-        return self._negative
+        return self._factors(self._K[self._free, self._free], self.symmetric, tangent)
 
     def matrix(self, u: Array, t: Time) -> tuple[csr_matrix, Unknowns]:
         n, K = self.n, self._jacobian(u, t)[self._free, self._free]

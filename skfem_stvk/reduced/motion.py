@@ -16,12 +16,11 @@ from ..dynamics.record import MotionState
 from ..dynamics.step_problem import Coefficients
 from ..errors import StateError, StvkError
 from ..linear.choose import is_auto
-from ..linear.solver import Solution
 from ..nonlinear.problem import SQUARES, Residual, Tangent, dot, norm
 from ..nonlinear.stopwatch import Stopwatch
 from ..terms.load import Moment, Time
 from .basis import AtRest
-from .equilibrium import SYMMETRIC, DenseFactors, OnBasis
+from .equilibrium import SYMMETRIC, DenseFactors, DenseProblem, OnBasis
 
 #: The points of Gauss at which the force over a step is averaged: exact for a cubic.
 GAUSS = 0.5 - np.sqrt(3) / 6, 0.5 + np.sqrt(3) / 6
@@ -242,7 +241,7 @@ class ReducedMotion(Motion):
         return None if self.system.dead else self.reduced.load_stiffness_of(u, self.moment(t))
 
 
-class ReducedStep:
+class ReducedStep(DenseProblem):
     """One step from `z_0` as a `Problem`, whose state is the change `w` (m,) of the coordinates over the step.
 
         (c M + g D) w + F - h - offset = 0        F(z_0 + w), or F(z_0 + a w) + F(z_0 + b w) at the two points of Gauss
@@ -254,15 +253,13 @@ class ReducedStep:
     iterative: ClassVar[bool] = False
 
     def __init__(self, motion: ReducedMotion, mean: bool, watch: Stopwatch) -> None:
-        self.motion, self.reduced, self._mean, self._watch = motion, motion.reduced, mean, watch
-        self._n = motion.reduced.size
-        self._free = slice(self._n)
-        self._u0, self._offset, self._rest = np.zeros(motion.n), np.zeros(motion.n), 0.0
+        super().__init__(motion.reduced.size, motion.n, watch)
+        self.motion, self.reduced, self._mean = motion, motion.reduced, mean
+        self._u0, self._offset = np.zeros(motion.n), np.zeros(motion.n)
         self._key: tuple[float, float] | None = None
         self._A = self._tangent = np.zeros((motion.n, motion.n))
         self._at: Array | None = None
         self._K = self._A
-        self._negative: int | None = None
         self.full: Array = self._offset
 
     @property
@@ -309,16 +306,7 @@ class ReducedStep:
         sums += np.abs(self._K) @ np.abs(self._u0 + w)
         return EPS * _norm(sums[self._free])
 
-    def direction(self, x: Array) -> Array:
-        v = np.zeros(len(self._u0))
-        v[self._free] = x
-        return v
-
-    def slope(self, residual: Residual, v: Array) -> float:
-        return float(residual.vector @ v[self._free])
-
     def factorise(self, w: Array, t: Time, tangent: Tangent = Tangent.EXACT) -> DenseFactors:
-        """The tangent; where that is not positive definite, what stands in for it has its eigenvalues without their signs."""
         with self._watch("assemble"):
             if self._at is None or not np.array_equal(self._at, w):
                 self._forces(w)
@@ -329,22 +317,7 @@ class ReducedStep:
             K, symmetric = self._tangent[self._free, self._free], True
             if not self.motion.system.conservative:
                 symmetric = bool(np.abs(K - K.T).max() <= SYMMETRIC * np.abs(K).max())
-        with self._watch("factor"):
-            factors = DenseFactors(K, symmetric, tangent is not Tangent.EXACT)
-            if tangent is Tangent.EXACT:
-                self._negative = factors.negative_pivots
-            return factors
-
-    def solve(self, factors: DenseFactors, b: Array, rtol: float) -> Solution:
-        with self._watch("solve"):
-            return factors.solve(b, rtol)
-
-    def take_over(self, w: Array, t: Time) -> bool:
-        """Never: the solver is a direct one."""
-        return False
-
-    def negative_pivots(self) -> int | None:
-        return self._negative
+        return self._factors(K, symmetric, tangent)
 
     def force_of(self, w: Array) -> Array:
         """(n,) force on the free coordinates where prescribed ones change by `w`, by the tangent that was made last."""
