@@ -39,6 +39,11 @@ if TYPE_CHECKING:  # what is named like its file is imported from there: mypy ma
     from .nonlinear.outcome import Interrupted
     from .reduced import PrecomputedResponse, ReducedSystem
     from .referee import Report, verify
+    from .referee.integrators import verify_integrator
+    from .referee.law import verify_law
+    from .referee.read_back import verify_results
+    from .referee.solvers import verify_solver
+    from .referee.vectors import export_vectors, published_vectors
     from .results import compare_networks, write_mesh
     from .results.state_files import read_state
     from .scene import Scene
@@ -126,14 +131,20 @@ __all__ = [
     "critical_elements",
     "critical_step",
     "embedded_mesh",
+    "export_vectors",
     "frames_along",
     "mesh_quality",
     "modes",
+    "published_vectors",
     "read_mesh",
     "read_state",
     "simulate",
     "solve_static",
     "verify",
+    "verify_integrator",
+    "verify_law",
+    "verify_results",
+    "verify_solver",
     "write_mesh",
 ]
 
@@ -150,6 +161,11 @@ _PLACES = {
     "nonlinear.outcome": "Interrupted",
     "reduced": "PrecomputedResponse ReducedSystem",
     "referee": "Report verify",
+    "referee.integrators": "verify_integrator",
+    "referee.law": "verify_law",
+    "referee.read_back": "verify_results",
+    "referee.solvers": "verify_solver",
+    "referee.vectors": "export_vectors published_vectors",
     "results": "compare_networks write_mesh",
     "results.state_files": "read_state",
     "scene": "Scene",

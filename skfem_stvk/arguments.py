@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import os
 import reprlib
+import sys
 from collections.abc import Iterable, Mapping
 from dataclasses import fields, replace
 from math import inf, isfinite
@@ -17,7 +18,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from skfem.assembly.dofs import DofsView
 
 from .errors import StateError, StvkError, name_ids, name_known
 
@@ -254,7 +254,7 @@ def frozen(given: Any, depth: int = 8) -> Any:
         copy = np.array(given, subok=True)
         copy.flags.writeable = False
         return copy
-    if isinstance(given, DofsView):
+    if "skfem" in sys.modules and isinstance(given, sys.modules["skfem"].DofsView):  # whoever has one has imported it
         return replace(given, nodal_ix=frozen(given.nodal_ix), nodal_rows=frozen(given.nodal_rows))
     if depth and isinstance(given, Mapping):
         return {key: frozen(value, depth - 1) for key, value in given.items()}

@@ -166,6 +166,32 @@ def test_ex18_reduced():
     assert example.apart < 0.08 and example.drift < 1e-11
 
 
+def test_ex22_named():
+    example = run("ex22_named")
+    assert [example.FAULTS[name].named in example.named[name].names for name in example.PLANTED] == [True] * 10
+    assert all(one.residual < 1e-10 < 0.03 < naming.before for naming in example.named.values() for one in naming.explanations)
+    page = (EXAMPLES.parent / "naming-bugs.md").read_text(encoding="utf-8")
+    assert "\n".join(f"    {line}" for line in example.told()) in page
+
+
+def test_ex25_test_vectors():
+    example = run("ex25_test_vectors")
+    assert [report.passed for report in example.reports.values()] == [True, False, False]
+    errors = {name: max(of.values()) for name, of in example.errors.items()}
+    assert errors["double precision"] < 2e-15 and 1e-8 < errors["single precision"] < 1e-5
+    assert errors["one pair of edges forgotten"] > 1e-3
+
+
+def test_ex26_own_law():
+    example = run("ex26_own_law")
+    assert example.failed == {
+        "": [],
+        "indices of K": ["derivatives (K)", "rigid modes (K)"],
+        "log 2J": ["derivatives (F)", "derivatives (K)"],
+    }
+    assert max(example.worst_errors(example.reports[""]).values()) < 0.1
+
+
 def test_no_example_is_forgotten():
     tested = {name.removeprefix("test_") for name in globals() if name.startswith("test_ex")}
     assert tested == {path.stem for path in EXAMPLES.glob("ex*.py")}

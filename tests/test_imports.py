@@ -5,6 +5,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from slow import slow_but
 
 import skfem_stvk
 
@@ -91,7 +92,10 @@ def imported(code, folder):
     return set(done.stdout.splitlines()[-1].split())
 
 
-@pytest.mark.parametrize("use", USES)
+QUICK = ("the package alone", "energy, force and tangent", "statics", "implicit motion", "a series", "a scene", "a picture")
+
+
+@pytest.mark.parametrize("use", slow_but(QUICK, USES))
 def test_a_use_imports_only_the_packages_that_it_needs(use, tmp_path):
     code, needed = USES[use]
     there = imported(code, tmp_path)

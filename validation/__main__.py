@@ -6,11 +6,14 @@ import argparse
 import sys
 from collections.abc import Callable
 
+from skfem_stvk.errors import StvkError
+
 from . import (
     aspect,
     clamp,
     dynamics,
     elements,
+    fuzz,
     hard,
     hostile,
     kernels,
@@ -24,6 +27,7 @@ from . import (
     stability,
     statics,
 )
+from .report import catalogue, report
 
 #: Studies and the options that they take.
 STUDIES: dict[str, tuple[Callable[..., int], tuple[str, ...]]] = {
@@ -43,6 +47,7 @@ STUDIES: dict[str, tuple[Callable[..., int], tuple[str, ...]]] = {
     "models": (models.main, ("quick", "only", "out")),
     "reduced": (reduced.main, ("quick", "only", "out")),
     "hostile": (hostile.main, ("quick", "only", "case")),
+    "fuzz": (fuzz.main, ("cases",)),
 }
 
 #: Parts of a study that `--only` picks.
@@ -59,9 +64,16 @@ PARTS = {
 
 
 def main() -> int:
-    """Run one study; the exit code is 0 if it ended as it must."""
-    parser = argparse.ArgumentParser(prog="python -m validation", description=__doc__)
-    commands = parser.add_subparsers(dest="study", required=True, metavar="STUDY")
+    """Run one study, or all claims of all parts into one report; the exit code is 0 if it ended as it must."""
+    parser = argparse.ArgumentParser(
+        prog="python -m validation",
+        description=f"{__doc__} Without a study: all claims in one report; `report GROUP ...` for some.",
+    )
+    _report_arguments(parser)
+    commands = parser.add_subparsers(dest="study", metavar="STUDY")
+    some = commands.add_parser("report", help="the report on some groups", description="the report on some groups")
+    some.add_argument("groups", nargs="+", choices=list(catalogue.PARTS), metavar="GROUP", help=", ".join(catalogue.PARTS))
+    _report_arguments(some)
     for name, (study, options) in STUDIES.items():
         command = commands.add_parser(name, help=study.__doc__, description=study.__doc__)
         if "quick" in options:
@@ -73,11 +85,31 @@ def main() -> int:
             command.add_argument(
                 "--case", action="append", default=[], metavar="FAMILY/CASE", help="just this one, with all that it says"
             )
+        if "cases" in options:
+            command.add_argument("--cases", type=int, default=2000, metavar="N", help="random cases at least, 2000 by default")
+            command.add_argument("--seconds", type=float, metavar="S", help="begin no more after so many seconds")
+            command.add_argument("--seed", type=int, default=0, help="of the first cases, 0 by default")
         if "out" in options:
             command.add_argument("--out", metavar="FOLDER", help="write pictures and tables there")
     arguments = vars(parser.parse_args())
-    study, _ = STUDIES[arguments.pop("study")]
+    name = arguments.pop("study")
+    if name not in STUDIES:
+        try:
+            return report(**arguments)
+        except StvkError as error:
+            print(f"error: {error}", file=sys.stderr)
+            return 2
+    for unused in ("speed", "compare", *({"quick", "out"} - set(STUDIES[name][1]))):
+        arguments.pop(unused, None)
+    study, _ = STUDIES[name]
     return study(**arguments)
+
+
+def _report_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--quick", action="store_true", help="smaller meshes, a few minutes")
+    parser.add_argument("--out", metavar="FOLDER", help="write validation.html and validation.json there")
+    parser.add_argument("--speed", action="store_true", help="also what measures time and growth")
+    parser.add_argument("--compare", metavar="FILE", help="validation.json of an earlier run: what moved")
 
 
 if __name__ == "__main__":

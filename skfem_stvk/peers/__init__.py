@@ -18,7 +18,7 @@ def available() -> dict[str, str]:
     """The version of each peer's package, or the line that installs it.
 
     >>> list(available())
-    ['MuJoCo', 'FElupe', 'NGSolve', 'DOLFINx']
+    ['MuJoCo', 'FElupe', 'NGSolve', 'DOLFINx', 'JAX', 'PyTorch']
     """
     return {name: package.version() or package.install for name, package in PEERS.items()}
 

@@ -22,8 +22,8 @@ class MuJoCo:
 
     name = "MuJoCo"
 
-    def __init__(self, p: Array, t: NDArray[np.int32], young: float, poisson: float) -> None:
-        self._engine = mujoco = require("MuJoCo")
+    def __init__(self, p: Array, t: NDArray[np.int32], young: float, poisson: float, *, any_version: bool = False) -> None:
+        self._engine = mujoco = require("MuJoCo", any_version)
         self.version: str = mujoco.__version__
         self._rest = np.ascontiguousarray(p.T, dtype=float)
         self._model = compiled(mujoco, flex(mujoco, self._rest, t, young, poisson))

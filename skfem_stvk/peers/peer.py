@@ -76,8 +76,11 @@ class Reordering:
 class Package:
     """An optional package: the name it is imported by, its name where it is installed from, and the line that installs it.
 
-    The file in this folder that wraps it is named like the module. `least` is the first major version that computes this model,
-    and `why` says what is wrong with those before.
+    The file in this folder that wraps it is named like the module. `least` is the first major version that computes this model, and
+    `why` says what is wrong with those before: the class of such a peer takes `any_version`, to be judged all the same.
+
+    `elements` are those that it is made of, `gives` which of W, F and K it has, `deviates` is what it is known to do otherwise, and
+    `tried` the versions that were judged (docs/peers.md).
     """
 
     module: str
@@ -85,6 +88,10 @@ class Package:
     install: str
     least: int = 0
     why: str = ""
+    elements: tuple[str, ...] = ("tetrahedra",)
+    gives: str = "W, F and K"
+    deviates: str = ""
+    tried: str = ""
 
     def version(self) -> str | None:
         """The installed version; None if it is missing or too old."""
@@ -100,15 +107,48 @@ class Package:
 
 #: The package of each peer, by the name of its class.
 PEERS = {
-    "MuJoCo": Package("mujoco", "mujoco", 'pip install "mujoco>=4"', least=4, why="Releases before 4.0 take lambda twice."),
-    "FElupe": Package("felupe", "felupe", "pip install felupe"),
-    "NGSolve": Package("ngsolve", "ngsolve", "pip install ngsolve"),
-    "DOLFINx": Package("dolfinx", "fenics-dolfinx", "conda install -c conda-forge fenics-dolfinx"),
+    "MuJoCo": Package(
+        "mujoco",
+        "mujoco",
+        'pip install "mujoco>=4"',
+        least=4,
+        why="Releases before 4.0 take lambda twice.",
+        gives="F",
+        deviates="its energy leaves flexes out, and its tangent keeps tensile tensions alone; Poisson's ratio is at least 0",
+        tried="3.3.7, 3.17.0 (fail: twice lambda), 4.0.0",
+    ),
+    "FElupe": Package(
+        "felupe",
+        "felupe",
+        "pip install felupe",
+        elements=("tetrahedra", "quadratic tetrahedra"),
+        deviates="nothing",
+        tried="11.3.0",
+    ),
+    "NGSolve": Package("ngsolve", "ngsolve", "pip install ngsolve", deviates="nothing", tried="6.2.2608"),
+    "DOLFINx": Package(
+        "dolfinx",
+        "fenics-dolfinx",
+        "conda install -c conda-forge fenics-dolfinx",
+        deviates="nothing, but it has not been run here, as pip does not install it",
+        tried="none; written after the documents of 0.9 and 0.10",
+    ),
+    "JAX": Package(
+        "jax",
+        "jax",
+        "pip install jax",
+        deviates="it computes in single precision, to 1e-7, until jax_enable_x64 is set, which this class does",
+        tried="0.10.2",
+    ),
+    "PyTorch": Package("torch", "torch", "pip install torch", deviates="nothing, in torch.float64", tried="2.15.0"),
 }
 
 
-def require(name: str) -> Any:
-    """The imported package of a peer; if it is missing or too old, a StvkError with the line that installs it."""
+def require(name: str, any_version: bool = False) -> Any:
+    """The imported package of a peer; if it is missing or too old, a StvkError with the line that installs it.
+
+    `any_version`: or however old it is, to be judged.
+    """
     package = PEERS[name]
     module = package.module
     try:
@@ -116,6 +156,6 @@ def require(name: str) -> Any:
     except ImportError as error:
         raise StvkError(f"The package {module} cannot be imported ({error}). It is optional: {package.install}") from error
     version = str(getattr(imported, "__version__", ""))
-    if package.least and not package.fits(version):
+    if package.least and not any_version and not package.fits(version):
         raise StvkError(f"Expected {module} {package.least}.0 or later, got {version}. {package.why} Get it: {package.install}")
     return imported

@@ -61,7 +61,7 @@ def hourglass_control(mesh: ElementMesh, terms: Sequence[StVK], how: Discretisat
             modulus = _tensor(mesh, term, np.eye(mesh.d)[None, :, : mesh.k])[:, 0, 0, 0, 0]
         else:
             section = _section(mesh, term)
-            modulus = np.einsum("nii->ni", _voigt_matrix(term.material))[:, :3].max(axis=1) * (1.0 if section is None else section)
+            modulus = np.einsum("nii->ni", voigt_matrix(term.material))[:, :3].max(axis=1) * (1.0 if section is None else section)
         total[mesh.elements(term.region)] += how.hourglass * modulus
     return total
 
@@ -74,7 +74,7 @@ def _tensor(mesh: ElementMesh, term: StVK, axes: Array) -> Array:
     else:
         given = material.frame if isinstance(material, FramedMaterial) else None
         points = axes.shape[1] if axes.ndim == 4 else 1
-        voigt, frame = _at_points(_voigt_matrix(material), points), None if given is None else _at_points(np.asarray(given), points)
+        voigt, frame = _at_points(voigt_matrix(material), points), None if given is None else _at_points(np.asarray(given), points)
         tensor = anisotropic_tensor(voigt, frame, axes.reshape(-1, *axes.shape[-2:]), condensed)
         tensor = tensor.reshape(*axes.shape[:-2], *4 * (mesh.k,))
     return tensor if section is None else tensor * section.reshape(-1, *[1] * (tensor.ndim - 1))
@@ -86,7 +86,7 @@ def _at_points(matrices: Array, points: int) -> Array:
     return each if len(each) == 1 else np.repeat(each, points, axis=0)
 
 
-def _voigt_matrix(material: Material | None) -> Array:
+def voigt_matrix(material: Material | None) -> Array:
     """(n, 6, 6) in material axes, from the constants as they were given."""
     if isinstance(material, Orthotropic):
         return engineering_matrix(material.young, material.poisson, material.shear)
@@ -163,7 +163,7 @@ def _isotropic_constants(term: StVK) -> tuple[Array, Array]:
     material = term.material
     if isinstance(material, Isotropic):
         return np.asarray(material.young), np.asarray(0.0 if material.poisson is None else material.poisson)
-    C = _voigt_matrix(material).reshape(-1, 6, 6)
+    C = voigt_matrix(material).reshape(-1, 6, 6)
     axial, mixed = np.einsum("nii->n", C[:, :3, :3]), C[:, 0, 1] + C[:, 0, 2] + C[:, 1, 2]
     shear = np.einsum("nii->n", C[:, 3:, 3:])
     bulk, mu = (axial + 2 * mixed) / 9, (axial - mixed + 3 * shear) / 15

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import warnings
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
@@ -11,7 +13,10 @@ from scipy.sparse import issparse
 from scipy.spatial.transform import Rotation
 
 from ..arguments import Array
+from ..errors import StvkWarning
 from ..mesh import ElementMesh
+from ..system import System
+from ..terms import StVK
 from .bodies import Homogeneous
 from .discretisation import Discretisation
 from .judgement import Limits, largest_component, largest_rows
@@ -26,13 +31,21 @@ STRETCH = "100 % stretch"
 INVERTED = ("large random", "reflected random")
 
 
+def built(mesh: ElementMesh, terms: Sequence[StVK], how: Discretisation) -> System:
+    """A body of this package, quietly: whatever there is to say of the mesh has been said, or it is a piece of one."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", StvkWarning)
+        return System(mesh, terms, **how.options)
+
+
 @dataclass
 class Case:
     """Everything that a check needs.
 
     This package and somebody's candidate are held against the reference (`Truth`); scikit-fem's assembly of all elements is there
     for its speed. States are displacements (ndofs,) [m], `bare` counts the elements of no term, and the check of precision fills
-    the rows of error against strain.
+    the rows of error against strain. `candidate_is_homogeneous` is asked of laws other than St. Venant-Kirchhoff's.
+    `build` makes what this package is on other meshes: homogeneous copies and patches.
 
     `network` is the same body by the sum of eq. 14 over edges and pairs of edges; None for elements without an edge form. Of it
     checks ask in a case of its own (`of_edges`), in which it is what this package has to say.
@@ -43,13 +56,15 @@ class Case:
     reference: Player
     scikit_fem: Player
     candidate: Player | None
-    candidate_is_stvk: bool
     states: dict[str, Array]
     seed: int
     homogeneous: Homogeneous
+    candidate_is_stvk: bool = True
+    candidate_is_homogeneous: bool = False
     bare: int = 0
     network: Player | None = None
     by_edges: bool = False
+    build: Callable[[ElementMesh, Sequence[StVK], Discretisation], Any] = built
     precision: list[dict[str, Any]] = field(default_factory=list)
     _state: str = field(default="", init=False)
     _values: dict[tuple[str, str], Any] = field(default_factory=dict, init=False)

@@ -9,19 +9,23 @@ with the dual vectors `g_i . D_j = delta_ij`:
     F_a = sum_i dN_a/dxi_i F_i,   K_ab = sum_ij dN_a/dxi_i dN_b/dxi_j K_ij
 
 Isotropic materials have `c_ijmn = lam G_ij G_mn + mu (G_im G_jn + G_in G_jm)` with `G` the inverse of `D_i . D_j`. `K v` is the
-derivative of F along v. Points and weights are the reference's doubles, taken as exact.
+derivative of F along v. Points and weights are the reference's doubles, taken as exact, but for the weight 1/k! of simplices.
 
 Python's decimal numbers are exact on every platform (a `longdouble` is a mere double on some), and fast enough for a patch.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from decimal import Context, Decimal, localcontext
+from functools import cached_property
+from itertools import product
+from math import factorial
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import coo_matrix, csr_matrix
+from scipy.sparse import bsr_matrix, csr_matrix
 
 from ..arguments import Array
 from ..reference import KINDS, curved_elements
@@ -47,7 +51,8 @@ class ExactStVK:
     p : (d, nv) coordinates, taken as exact.
     t : (n, nt) nodes of the elements.
     tensor : (nt, k, k, k, k) or (1, k, k, k, k) elasticity tensors in the elements' own axes times their section, or
-        (nt, nq, k, k, k, k) at each point, as `reference` takes them; or the Lame pair within the elements' dimensions.
+        (nt, nq, k, k, k, k) at each point, as `reference` takes them; or the Lame pair within the elements' dimensions, numbers or
+        decimal numbers (nt,).
     how : kind of element and rule; by default linear simplices with as many nodes.
     control : of mean gradients, `bodies.hourglass_control`.
     """
@@ -56,7 +61,7 @@ class ExactStVK:
         self,
         p: Array,
         t: NDArray[np.int32],
-        tensor: Array | tuple[float, float],
+        tensor: Array | tuple[float, float] | tuple[Exact, Exact],
         how: Discretisation | None = None,
         control: Array | None = None,
     ) -> None:
@@ -68,7 +73,8 @@ class ExactStVK:
             self._rest = self._spokes(X)
             metric = np.einsum("ix...,jx...->ij...", self._rest, self._rest)
             inverse, determinant = _inverse(metric)
-            self._metric, self._volume = metric, _root(determinant) * _decimal(weights)[:, None]
+            exactly = np.array([1 / Decimal(factorial(len(xi)))]) if KINDS[how.kind].is_linear_simplex else _decimal(weights)
+            self._metric, self._volume = metric, _root(determinant) * exactly[:, None]
             self._control: tuple[Exact, Exact] | None = None
             if how.is_one_point:
                 assert control is not None
@@ -111,6 +117,24 @@ class ExactStVK:
 
     def tangent(self, u: Array) -> csr_matrix:
         """Tangent stiffness [N/m]."""
+        (first, second), blocks, n = self.pairs, self.blocks(u), self.ndofs // self.d
+        rows = np.concatenate([[0], np.cumsum(np.bincount(first, minlength=n))])
+        return csr_matrix(bsr_matrix((blocks, second, rows), shape=(self.ndofs,) * 2).tocsr())
+
+    @cached_property
+    def pairs(self) -> NDArray[np.int64]:
+        """(2, m) pairs of nodes that share an element, each with itself too, in lexicographic order: the blocks of K."""
+        return self._pairs[0]
+
+    @cached_property
+    def _pairs(self) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        """`pairs`, and which of them each two nodes (n, n, nt) of the elements are."""
+        own = np.broadcast_arrays(self.t[:, None].astype(np.int64), self.t[None].astype(np.int64))
+        pairs, of = np.unique(np.stack([one.ravel() for one in own]), axis=1, return_inverse=True)
+        return pairs, of.reshape(own[0].shape)
+
+    def blocks(self, u: Array) -> Array:
+        """(m, d, d) the blocks of K that belong to `pairs` [N/m]."""
         with localcontext(CONTEXT):
             d, _, s = self._state(self._at_nodes(u))
             K = np.einsum("ixjp...,py...->ixjy...", np.einsum("imjp...,mx...->ixjp...", self._moduli, d), d)
@@ -123,9 +147,38 @@ class ExactStVK:
                 gamma, stiffness = self._control
                 for x in range(self.d):
                     values[:, x, :, x] += np.einsum("n,kan,kbn->abn", stiffness, gamma, gamma)
-        dofs = self.d * self.t[:, None] + np.arange(self.d)[:, None]  # (n, d, nt)
-        places = (np.broadcast_to(of, values.shape).ravel() for of in (dofs[:, :, None, None], dofs))
-        return csr_matrix(coo_matrix((values.astype(float).ravel(), tuple(places)), shape=(self.ndofs,) * 2))
+            pairs, of = self._pairs
+            total = np.full((pairs.shape[1], self.d, self.d), Decimal(0), dtype=object)
+            np.add.at(total, of, values.transpose(0, 2, 4, 1, 3))
+            return np.asarray(total.astype(float))
+
+    def edge_form(self, local_edges: Sequence[tuple[int, int]]) -> Exact:
+        """(m, m, nt) coefficients `L` of `W = 1/4 sum L_ij zeta_i zeta_j` of each linear simplex, of edges `local_edges` (m).
+
+        `2 e_ii` is the zeta of the edge (0, i), and `4 e_ij` those of (0, i) and (0, j) without that of (i, j). Unlike all else
+        they are handed back in decimal numbers.
+        """
+        k, m = len(self._rest), len(local_edges)
+        number = {frozenset(edge): a for a, edge in enumerate(local_edges)}
+        with localcontext(CONTEXT):
+            B = np.full((k, k, m), Decimal(0), dtype=object)  # e_ij = sum_a B_ija zeta_a
+            for i, j in product(range(k), repeat=2):
+                if i == j:
+                    B[i, i, number[frozenset((0, i + 1))]] = Decimal("0.5")
+                else:
+                    for edge, factor in (((0, i + 1), "0.25"), ((0, j + 1), "0.25"), ((i + 1, j + 1), "-0.25")):
+                        B[i, j, number[frozenset(edge)]] = Decimal(factor)
+            half = np.einsum("ijpqn,pqb->ijbn", self._moduli[..., 0, :], B)
+            return np.asarray(2 * self._volume * np.einsum("ija,ijbn->abn", B, half))
+
+    def inverse_triangles(self) -> tuple[Array, Array]:
+        """(nt, nq, k, k) inverses of the upper triangles R with `dX/dxi = axes R` [1/m], and (nt, nq) what a point measures.
+
+        The axes are those of Gram and Schmidt, as `reference.element_axes`, of elements that fill the space too.
+        """
+        with localcontext(CONTEXT):
+            inverse, _ = _inverse(_in_own_axes(self._rest))
+            return np.asarray(inverse.transpose(3, 2, 1, 0).astype(float)), np.asarray(self._volume.T.astype(float))
 
     def product(self, u: Array, v: Array) -> Array:
         """`K(u) v` (ndofs,) [N]."""
@@ -229,10 +282,11 @@ def _decimal(array: Array) -> Exact:
     return np.array([Decimal(value) for value in array.ravel().tolist()], dtype=object).reshape(array.shape)
 
 
-def _isotropic(inverse: Exact, lam: float, mu: float) -> Exact:
+def _isotropic(inverse: Exact, lam: float | Exact, mu: float | Exact) -> Exact:
     """(k, k, k, k, nq, nt) from the inverse metric."""
+    first, second = (value if isinstance(value, np.ndarray) else Decimal(value) for value in (lam, mu))
     mixed = np.einsum("im...,jp...->ijmp...", inverse, inverse)
-    return Decimal(lam) * np.einsum("ij...,mp...->ijmp...", inverse, inverse) + Decimal(mu) * (mixed + np.swapaxes(mixed, 2, 3))
+    return np.asarray(first * np.einsum("ij...,mp...->ijmp...", inverse, inverse) + second * (mixed + np.swapaxes(mixed, 2, 3)))
 
 
 def _general(rest: Exact, tensor: Array) -> Exact:

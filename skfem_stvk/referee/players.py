@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable
+from importlib import import_module
+from importlib.util import module_from_spec, spec_from_file_location
+from pathlib import Path
 from typing import Any, TypeVar
 
 import numpy as np
@@ -11,6 +15,7 @@ from scipy.sparse import bsr_matrix, coo_matrix, csc_matrix, csr_matrix, isspars
 from scipy.sparse.linalg import LinearOperator
 
 from ..arguments import Array, shown
+from ..errors import StvkError, name_known
 
 Value = TypeVar("Value")
 
@@ -33,6 +38,48 @@ def fairly(name: str, call: Callable[[], Value]) -> Value:
         raise
     except BaseException as error:  # sys.exit, and a candidate's own
         raise Foul(f"{name} raised {type(error).__name__}: {_words(error)}") from error
+
+
+def users_function(argument: str, given: str) -> Callable[..., Any]:
+    """A user's function by `module:function`, with modules of the working folder too, or by `file.py:function`.
+
+    Raises
+    ------
+    StvkError
+        if there is none, or its module raises: with the `argument` that named it.
+
+    >>> users_function("--against", "math:sin")(0.0)
+    0.0
+    >>> users_function("--against", "math:sine")
+    Traceback (most recent call last):
+    skfem_stvk.errors.StvkError: --against = 'math:sine': there is no function 'sine' in math; known: ... Did you mean 'sin'?
+    """
+    place, _, name = given.rpartition(":")
+    what = f"{argument} = {shown(given)}"
+    if not place or not name:
+        raise StvkError(f"{what}; expected module:function, or file.py:function.")
+    try:
+        module = fairly(place, lambda: _module(place))
+    except Foul as foul:
+        raise StvkError(f"{what}: {foul}. Expected module:function, or file.py:function, which can be imported.") from foul
+    known = [other for other in vars(module) if not other.startswith("_") and callable(getattr(module, other, None))]
+    function = getattr(module, name, None)
+    if not callable(function):
+        raise StvkError(f"{what}: there is no function {name!r} in {place}; {name_known(name, known)}")
+    return function
+
+
+def _module(place: str) -> Any:
+    if not place.endswith(".py"):
+        if "" not in sys.path:
+            sys.path.insert(0, "")
+        return import_module(place)
+    spec = spec_from_file_location(Path(place).stem, place)
+    if spec is None or spec.loader is None or not Path(place).is_file():
+        raise ImportError(f"{place} is no file of Python")
+    module = sys.modules[spec.name] = module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
 
 
 def _words(error: BaseException) -> str:

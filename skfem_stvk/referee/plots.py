@@ -69,5 +69,6 @@ def page(report: Findings) -> str:
     environment = Environment(autoescape=True, trim_blocks=True, lstrip_blocks=True)
     environment.filters["in_words"] = in_words
     template = environment.from_string(files(__package__).joinpath("page.html").read_text(encoding="utf-8"))
-    pictures = [as_svg(error_against_strain(report)), as_svg(speed_against_error(report))]
+    measured = "lines" not in report.header
+    pictures = [as_svg(error_against_strain(report)), as_svg(speed_against_error(report))] if measured else []
     return template.render(report=report, header=report.header, pictures=pictures)

@@ -29,13 +29,9 @@ class Report(Findings):
         StvkError
             if the folder cannot be written to, or a picture cannot be drawn.
         """
-        folder = path("folder", folder, "the path of a folder")
-        try:
-            folder.mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            raise cannot_write(folder, error) from error
-        _write(folder / "report.json", json.dumps(self.to_dict(), indent=1))
-        _write(folder / "report.html", self._page())
+        folder = folder_for(folder)
+        write(folder / "report.json", json.dumps(self.to_dict(), indent=1))
+        write(folder / "report.html", self._page())
         return folder
 
     def _page(self) -> str:
@@ -49,6 +45,17 @@ class Report(Findings):
         return page(self)
 
 
-def _write(path: Path, text: str) -> None:
+def folder_for(name: str | Path) -> Path:
+    """The folder of that name, which is made if it is missing; StvkError if it cannot be."""
+    folder = path("folder", name, "the path of a folder")
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise cannot_write(folder, error) from error
+    return folder
+
+
+def write(path: Path, text: str) -> None:
+    """Write a file under another name first and then rename it."""
     with replacing(path) as beside:
         beside.write_text(text, encoding="utf-8", errors="backslashreplace")

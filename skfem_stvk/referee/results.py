@@ -117,6 +117,53 @@ class Task:
             return self.missed(f"{type(error).__name__}: {error}")
 
 
+@dataclass(frozen=True)
+class Explanation:
+    """A hypothesis that explains the candidate: its name, a sentence, and the largest relative error that it leaves."""
+
+    name: str
+    words: str
+    residual: float
+
+
+@dataclass
+class Naming:
+    """What explains the candidate's values; several explanations are one on this body.
+
+    Attributes
+    ----------
+    explanations : all hypotheses that make the residual vanish; none if there is none.
+    tried : how many were tried.
+    before : the largest relative error without a hypothesis.
+    smallest : where nothing explains it, the least that still fails, in words.
+    """
+
+    explanations: list[Explanation] = field(default_factory=list)
+    tried: int = 0
+    before: float = 0.0
+    smallest: str = ""
+
+    @property
+    def names(self) -> list[str]:
+        """The names of the explanations."""
+        return [one.name for one in self.explanations]
+
+    def lines(self) -> list[str]:
+        """What a report says."""
+        if not self.explanations:
+            smallest = f" {self.smallest}" if self.smallest else ""
+            return [f"No hypothesis explains it: {self.tried} were tried.{smallest}"]
+        one = "This explains" if len(self.explanations) == 1 else "These are one thing on this body, and explain"
+        head = f"{one} all of it; the error falls from {self.before:.1e} to {max(e.residual for e in self.explanations):.1e}:"
+        return [head, *(f"{e.name}: {e.words}" for e in self.explanations)]
+
+    def to_dict(self) -> dict[str, Any]:
+        """Everything, in types that JSON has."""
+        names = [vars(explanation) for explanation in self.explanations]
+        before = self.before if math.isfinite(self.before) else str(self.before)
+        return {"explanations": names, "tried": self.tried, "error before": before, "smallest": self.smallest}
+
+
 @dataclass
 class Findings:
     """What a verification has found so far.
@@ -128,6 +175,7 @@ class Findings:
     precision : rows of error against strain (`checks.precision.precision_table`).
     speed : rows of time and memory (`checks.precision.speed_table`).
     errors : errors against 50 digits that the speed is shown against.
+    named : what explains a candidate that does not agree; None where none was looked for.
     interrupted : whether it was stopped before the end.
     seconds : how long the verification took.
     """
@@ -137,6 +185,7 @@ class Findings:
     precision: list[dict[str, Any]] = field(default_factory=list)
     speed: list[dict[str, Any]] = field(default_factory=list)
     errors: dict[str, dict[str, float]] = field(default_factory=dict)
+    named: Naming | None = None
     interrupted: bool = False
     seconds: float = 0.0
 
@@ -184,4 +233,5 @@ class Findings:
             "precision": self.precision,
             "speed": self.speed,
             "errors": self.errors,
+            "named": None if self.named is None else self.named.to_dict(),
         }

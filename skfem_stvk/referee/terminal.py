@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import math
+from typing import Any
 
 from rich import box
 from rich.console import Console, Group, RenderableType
@@ -44,23 +45,34 @@ def as_text(renderable: RenderableType, width: int = WIDTH) -> str:
 
 def rendered(report: Findings, width: int = WIDTH) -> RenderableType:
     """The report for a rich console: head, checks, what did not pass, precision, speed, verdict; fewer columns if narrow."""
-    tables = _precision(report, width), _speed(report, width)
-    return Group(_head(report), _checks(report, width), *_reasons(report), *_troubles(report), *tables, _verdict(report))
+    tables = [table(report, width) for table, rows in ((_precision, report.precision), (_speed, report.speed)) if rows]
+    lines = [*_reasons(report), *_troubles(report), *_named(report)]
+    return Group(_head(report), _checks(report, width), *lines, *tables, _verdict(report))
 
 
 def _head(report: Findings) -> RenderableType:
-    mesh, machine, versions = report.header["mesh"], report.header["machine"], report.header["versions"]
-    curved = f", {mesh['curved elements']} of them curved" if mesh["curved elements"] else ""
+    """What was judged, with what: the `lines` of a report without a mesh, or those on mesh and material; machine and versions."""
+    machine, versions = report.header["machine"], report.header["versions"]
+    first = ("python", "skfem-stvk", "scikit-fem", "numpy", "scipy")
     lines = [
+        *(report.header["lines"] if "lines" in report.header else _on_the_body(report.header)),
+        f"{machine['processor']}, {machine['cores']} cores; "
+        + ", ".join(f"{name} {versions[name]}" for name in first if name in versions),
+    ]
+    return printable("\n".join(lines))
+
+
+def _on_the_body(header: dict[str, Any]) -> list[str]:
+    mesh = header["mesh"]
+    curved = f", {mesh['curved elements']} of them curved" if mesh["curved elements"] else ""
+    return [
         f"{mesh['source']}: {mesh['elements']}{curved}, {mesh['nodes']} nodes, {mesh['dofs']} dofs, edges "
         f"{mesh['edges']['shortest']:.3g} ... {mesh['edges']['longest']:.3g}, sha256 {mesh['sha256']}",
         f"integrated by {mesh['rule']}",
-        *report.header["material"],
-        f"held against {report.header['reference']}",
-        f"{machine['processor']}, {machine['cores']} cores; "
-        + ", ".join(f"{name} {versions[name]}" for name in ("python", "skfem-stvk", "scikit-fem", "numpy", "scipy")),
+        *header["material"],
+        *(f"candidate: {line}" for line in header.get("candidate", [])),
+        f"held against {header['reference']}",
     ]
-    return printable("\n".join(lines))
 
 
 def grid(title: str, *columns: str, right: tuple[str, ...] = ()) -> Table:
@@ -77,7 +89,7 @@ def _checks(report: Findings, width: int) -> Table:
     table = grid("Checks, the worst state of each", *shown, right=("error", "limit"))
     for (check, subject, against, quantity), results in report.groups().items():
         outcome = next(outcome for outcome in WORST_FIRST if any(r.outcome is outcome for r in results))
-        worst = max((r for r in results if r.outcome is outcome), key=_size)
+        worst = max((r for r in results if r.outcome is outcome), key=badness)
         row = {
             "check": check,
             "of": subject,
@@ -98,12 +110,12 @@ def _reasons(report: Findings) -> list[RenderableType]:
     for (check, _, _, quantity), results in report.groups().items():
         judged = [r for r in results if r.limit is not None]
         if judged:
-            reasons.setdefault(max(judged, key=_size).reason, {})[f"{check} ({quantity})"] = None
+            reasons.setdefault(max(judged, key=badness).reason, {})[f"{check} ({quantity})"] = None
     lines = [f"[dim]{printable(', '.join(names))}: {printable(reason)}[/]" for reason, names in reasons.items()]
     return ["[bold]Why these limits[/]", *lines, ""] if lines else []
 
 
-def _size(result: Result) -> float:
+def badness(result: Result) -> float:
     """How bad a result is: below zero if nothing was measured, else the error over its limit; infinite for not a number."""
     if result.measured is None:
         return -1.0
@@ -130,7 +142,7 @@ def _troubles(report: Findings) -> list[RenderableType]:
     for results in report.groups().values():
         failed = [r for r in results if r.outcome is CheckOutcome.FAILED]
         if failed:
-            parts.append(f"[{STYLE[CheckOutcome.FAILED]}]failed[/] {printable(_story(max(failed, key=_size)))}")
+            parts.append(f"[{STYLE[CheckOutcome.FAILED]}]failed[/] {printable(story(max(failed, key=badness)))}")
     for outcome in (CheckOutcome.COULD_NOT_RUN, CheckOutcome.NOT_APPLICABLE):
         reasons: dict[str, dict[str, None]] = {}
         for result in report.results:
@@ -141,11 +153,20 @@ def _troubles(report: Findings) -> list[RenderableType]:
     return [*parts, ""] if parts else []
 
 
-def _story(result: Result) -> str:
+def story(result: Result) -> str:
+    """What failed, in which state, by how much, and where it is worst; or why it did not run."""
     what = f"{result.check}, {result.quantity} of {result.subject}" + (f" against {result.against}" if result.against else "")
     if result.measured is None:
         return f"{what}, {result.state}: {result.reason}"
     return f"{what}, {result.state}: {result.measured:.2e} > {result.limit:.0e} of {result.scale}. {in_words(result.worst)}"
+
+
+def _named(report: Findings) -> list[RenderableType]:
+    """What explains a candidate that failed."""
+    if report.named is None:
+        return []
+    first, *others = report.named.lines()
+    return [f"[bold]What it is[/] {printable(first)}", *(f"  [bold]{printable(line)}[/]" for line in others), ""]
 
 
 def _precision(report: Findings, width: int) -> Table:

@@ -27,9 +27,10 @@ from .checks.rigid_motions import balance, invariance, zero_modes
 from .discretisation import Discretisation
 from .exact import Truth
 from .header import header
-from .players import METHODS, Player
+from .hypotheses import name_the_fault
+from .players import METHODS, Foul, Player, fairly
 from .report import Report
-from .results import CheckOutcome, NotApplicable, Result, Task
+from .results import CheckOutcome, Naming, NotApplicable, Result, Task
 from .shape import Shape
 from .terminal import CountedProgress
 
@@ -71,7 +72,8 @@ def verify(
     young, poisson : of an isotropic one.
     degree, quadrature, hourglass : of the elements and where they are integrated, as `System` takes them.
     candidate : any object with any of `energy(u)`, `internal_force(u)`, `tangent(u)` (dense, sparse or a `LinearOperator`), for the
-        same mesh and rule, with scikit-fem's order of degrees of freedom.
+        same mesh and rule, with scikit-fem's order of degrees of freedom. Or a class or function that makes one of an
+        `ElementMesh`: if nothing explains why it fails, the smallest piece of the mesh on which it does is looked for.
     candidate_is_stvk : whether the candidate claims to be St. Venant-Kirchhoff. If not, it is not compared with it, and its
         derivatives get a Taylor test instead of the exact stencil.
     seed : of the random numbers.
@@ -101,20 +103,17 @@ def verify(
     if isinstance(mesh, OfFewUnknowns):
         others = {"material": material, "young": young, "poisson": poisson, "candidate": candidate} | given
         return _of_reduced(mesh, [name for name, value in others.items() if value is not None], seed, quiet)
-    terms = _terms(material, young, poisson)
-    system = System(ElementMesh.of(mesh), terms, **{name: value for name, value in given.items() if value is not None})
-    how = Discretisation(system.mesh.element.name, quadrature, HOURGLASS if hourglass is None else hourglass)
-    shape = Shape(system.mesh, how)
-    case = _case(system, shape, terms, candidate, candidate_is_stvk, seed)
-    if case.candidate is not None and not any(case.candidate.has(quantity) for quantity in METHODS):
-        raise StvkError(f"candidate, of type {type(candidate).__name__}, has none of {', '.join(METHODS.values())}.")
-    head = header(shape, terms, type(mesh).__name__, seed) | {"reference": case.reference.model.described()}
+    terms = claimed_terms(material, young, poisson)
+    case = _case(mesh, terms, given, candidate, seed)
+    case.candidate_is_stvk = candidate_is_stvk
+    head = header(case.shape, terms, type(mesh).__name__, seed) | {"reference": case.reference.model.described()}
     report, tasks = Report(head, precision=case.precision), list(_tasks(case))
     with CountedProgress("verify", len(tasks) + 1, quiet) as progress:
         try:
             for task in tasks:
                 progress.step(f"{task.check}: {task.player.name}, {task.quantity}, {task.state}")
                 report.results.append(task.run())
+            name_what_failed(report, case, terms, candidate)
             progress.step("speed")
             _measure_speed(report, case)
         except KeyboardInterrupt:  # what is there is kept, what is not says so
@@ -122,6 +121,71 @@ def verify(
             report.results += [task.missed("interrupted") for task in tasks[len(report.results) :]]
     report.seconds = time.perf_counter() - started
     return report
+
+
+def verify_candidate(
+    candidate: Any,
+    mesh: MeshLike,
+    terms: Sequence[StVK] | None = None,
+    *,
+    homogeneous: bool = True,
+    given: dict[str, Any] | None = None,
+    seed: int = 0,
+) -> Report:
+    """The checks of a candidate alone, without progress, times, and a grip on Ctrl-C.
+
+    `terms` are the body that the candidate claims to be; None for another law, of a body that is `homogeneous` or not. `given` are
+    `degree`, `quadrature` and `hourglass`; all else, what is raised too, is as in `verify`.
+    """
+    started = time.perf_counter()
+    stand_in = [StVK(young=1.0, poisson=0.3)]  # which nothing of another law is relative to
+    case = _case(mesh, stand_in if terms is None else terms, given or {}, candidate, seed)
+    case.candidate_is_stvk, case.candidate_is_homogeneous = terms is not None, homogeneous
+    head = header(case.shape, terms or [], type(mesh).__name__, seed) | {"reference": case.reference.model.described()}
+    if terms is None:
+        head |= {"material": ["another law: the candidate's"], "reference": "what is true of every elastic law"}
+    report = Report(head, [task.run() for check in CHECKS for task in check(case) if task.player is case.candidate])
+    name_what_failed(report, case, terms or [], candidate)
+    report.seconds = time.perf_counter() - started
+    return report
+
+
+def name_what_failed(report: Report, case: Case, terms: Sequence[StVK], candidate: Any) -> None:
+    """Say what is wrong with a candidate that claims to be this body and is not."""
+    if case.candidate is None or not case.candidate_is_stvk or not report.failures(CANDIDATE):
+        return
+    try:
+        report.named = name_the_fault(case, terms, candidate if _makes_candidates(candidate) else None)
+    except Exception as error:  # nothing that was found before is lost
+        report.named = Naming(smallest=f"The hypotheses stopped: {type(error).__name__}: {error}")
+
+
+def _makes_candidates(candidate: Any) -> bool:
+    """Whether it is a class or a function of a mesh, and no candidate itself."""
+    return callable(candidate) and (isinstance(candidate, type) or not any(hasattr(candidate, name) for name in METHODS.values()))
+
+
+def _made(make: Callable[[ElementMesh], Any], mesh: ElementMesh) -> Any:
+    """What the user's class or function makes; a StvkError says what went wrong by itself."""
+    try:
+        made = fairly("candidate(mesh)", lambda: make(mesh))
+    except Foul as foul:
+        raise (foul.__cause__ if isinstance(foul.__cause__, StvkError) else StvkError(f"{foul}.")) from foul
+    if made is None:
+        raise StvkError(f"candidate(mesh) gave None; expected an object that has any of {', '.join(METHODS.values())}.")
+    return made
+
+
+def failures_of(
+    make: Callable[[ElementMesh, Sequence[StVK]], Any], mesh: ElementMesh, terms: Sequence[StVK], given: dict[str, Any], seed: int
+) -> list[Result]:
+    """What fails where a model stands in the place of this package: all checks, of precision too, but for the edge form's."""
+    case = _case(mesh, terms, given, None, seed)
+    case.ours = Player(OURS, make(mesh, terms), case.ours.ndofs)
+    if case.homogeneous.same:
+        case.build = lambda mesh, terms, how: make(mesh, terms)
+    results = [task.run() for check in CHECKS for task in check(case) if task.player.name == OURS]
+    return [result for result in results if result.outcome in (CheckOutcome.FAILED, CheckOutcome.COULD_NOT_RUN)]
 
 
 def _of_reduced(reduced: OfFewUnknowns, others: Sequence[str], seed: int, quiet: bool) -> Report:
@@ -165,7 +229,10 @@ def _measure_speed(report: Report, case: Case) -> None:
         report.results.append(Result("speed", OURS, "W, F, K", STRETCH, CheckOutcome.COULD_NOT_RUN, reason=reason))
 
 
-def _terms(material: Material | StVK | Sequence[StVK] | None, young: ArrayLike | None, poisson: ArrayLike | None) -> list[StVK]:
+def claimed_terms(
+    material: Material | StVK | Sequence[StVK] | None, young: ArrayLike | None, poisson: ArrayLike | None
+) -> list[StVK]:
+    """The terms that are meant, which `verify` takes as a material, as terms, or as constants of an isotropic one."""
     if material is None:
         return [StVK(young=young, poisson=poisson)]
     if young is not None or poisson is not None:
@@ -191,22 +258,33 @@ def _terms(material: Material | StVK | Sequence[StVK] | None, young: ArrayLike |
     return terms
 
 
-def _case(system: System, shape: Shape, terms: Sequence[StVK], candidate: Any, candidate_is_stvk: bool, seed: int) -> Case:
-    mesh, how, ndofs = shape.mesh, shape.how, system.ndofs
-    tensor, control = elasticity(mesh, terms, how), hourglass_control(mesh, terms, how) if how.is_one_point else None
+def _case(mesh: MeshLike, terms: Sequence[StVK], given: dict[str, Any], candidate: Any, seed: int) -> Case:
+    """The body before the referee; `given` may hold `degree`, `quadrature` and `hourglass` of its elements.
+
+    What a candidate claims, the caller sets.
+    """
+    system = System(ElementMesh.of(mesh), terms, **{name: value for name, value in given.items() if value is not None})
+    if candidate is not None and _makes_candidates(candidate):
+        candidate = _made(candidate, system.mesh)
+    hourglass = given.get("hourglass")
+    how = Discretisation(system.mesh.element.name, given.get("quadrature"), HOURGLASS if hourglass is None else hourglass)
+    shape, ndofs = Shape(system.mesh, how), system.ndofs
+    body, tensor = system.mesh, elasticity(system.mesh, terms, how)
+    control = hourglass_control(body, terms, how) if how.is_one_point else None
     case = Case(
         shape=shape,
         ours=Player(OURS, system, ndofs),
         reference=Player(REFERENCE, Truth(shape, tensor, control), ndofs),
-        scikit_fem=Player(REFERENCE, reference_on(mesh.p, mesh.t, tensor, how, control), ndofs),
+        scikit_fem=Player(REFERENCE, reference_on(body.p, body.t, tensor, how, control), ndofs),
         candidate=None if candidate is None else Player(CANDIDATE, candidate, ndofs),
-        candidate_is_stvk=candidate_is_stvk,
         states={},
         seed=seed,
-        homogeneous=homogeneous_copy(mesh, terms, shape),
-        network=Player(EDGES, _network(mesh, terms), ndofs) if mesh.element.is_linear_simplex else None,
-        bare=mesh.nt - len(np.unique(np.concatenate([mesh.elements(term.region) for term in terms]))),
+        homogeneous=homogeneous_copy(body, terms, shape),
+        network=Player(EDGES, _network(body, terms), ndofs) if body.element.is_linear_simplex else None,
+        bare=body.nt - len(np.unique(np.concatenate([body.elements(term.region) for term in terms]))),
     )
+    if case.candidate is not None and not any(case.candidate.has(quantity) for quantity in METHODS):
+        raise StvkError(f"candidate, of type {type(candidate).__name__}, has none of {', '.join(METHODS.values())}.")
     case.states.update(named_states(case.centred, case.node_size, case.random("states")))
     return case
 

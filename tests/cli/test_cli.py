@@ -15,7 +15,7 @@ from rich.console import Console
 
 from skfem_stvk import StVK, System, verify
 from skfem_stvk.bench import Benchmark, Plan
-from skfem_stvk.cli import main as cli
+from skfem_stvk.cli import referee
 from skfem_stvk.cli.main import main
 from skfem_stvk.referee import verification
 from skfem_stvk.referee.checks import agreement, precision
@@ -249,7 +249,7 @@ def measured(monkeypatch, **outcome):
         plans.append(plan)
         return Benchmark(plan, circumstances(PACKAGES), **outcome)
 
-    monkeypatch.setattr(cli, "bench", run)
+    monkeypatch.setattr(referee, "bench", run)
     return plans
 
 

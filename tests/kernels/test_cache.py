@@ -6,6 +6,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from slow import slow_but
 
 from skfem_stvk import StvkWarning
 from skfem_stvk.kernels import compiled
@@ -67,7 +68,7 @@ def cache(tmp_path_factory):
     return folder
 
 
-@pytest.mark.parametrize("damage", DAMAGE)
+@pytest.mark.parametrize("damage", slow_but({"an index cut off", "code with one bit turned"}, DAMAGE))
 def test_a_damaged_cache_is_said_deleted_and_made_anew(damage, cache):
     suffix, change = DAMAGE[damage]
     (file,) = [file for file in cache.rglob(f"*.{suffix}") if file.name.startswith("topology.lexicographic_order")]
@@ -85,6 +86,7 @@ def test_a_whole_cache_is_used_in_silence(cache):
     assert said(KERNEL, cache) == ""
 
 
+@pytest.mark.slow
 def test_laws_and_elements_find_their_code_in_another_process_whatever_their_order(tmp_path):
     """Their formulas are chosen by type: the code of one is not that of another, and none is compiled again."""
     assert "compiling" in said(LAWS.format(kinds=f"[{', '.join(KINDS)}]"), tmp_path)

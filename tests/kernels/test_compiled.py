@@ -73,6 +73,7 @@ def test_without_a_cache_kernels_are_compiled_in_every_process(decorate, no_cach
     assert options["fastmath"] == compiled.FASTMATH and options["nogil"] and options["error_model"] == "numpy"
 
 
+@pytest.mark.slow
 def test_a_body_has_its_energy_where_nothing_can_be_cached(tmp_path):
     code = """
 import numba

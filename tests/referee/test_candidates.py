@@ -51,7 +51,7 @@ def test_a_candidate_with_F_alone_is_checked_for_what_it_has():
 )
 def test_K_may_be_dense_sparse_or_an_operator(convert):
     good = Candidate(tangent=lambda u: convert(BODY.tangent(u)))
-    bad = Candidate(tangent=lambda u: convert(FAULTS["one wrong sign"].make(MESH, TERM).tangent(u)))
+    bad = Candidate(tangent=lambda u: convert(FAULTS["one wrong sign"].make(MESH, [TERM]).tangent(u)))
     assert verify(MESH, TERM, candidate=good, quiet=True).passed
     failures = verify(MESH, TERM, candidate=bad, quiet=True).failures("candidate")
     assert {r.worst["suspects"][0] for r in failures if r.check == "agreement"} == {MESH.nt // 2}
@@ -175,7 +175,7 @@ def test_candidates_on_every_kind_of_simplex(name):
 
 
 def test_an_operator_that_is_not_symmetric_is_caught():
-    wrong = FAULTS["skew K"].make(MESH, TERM)
+    wrong = FAULTS["skew K"].make(MESH, [TERM])
     operator = Candidate(tangent=lambda u: LinearOperator((MESH.p.size,) * 2, matvec=lambda v: wrong.tangent(u) @ v, dtype=float))
     failed = {r.check for r in verify(MESH, TERM, candidate=operator, quiet=True).failures("candidate")}
     assert {"agreement", "symmetry"} <= failed
@@ -259,3 +259,17 @@ def test_the_worst_place_is_where_the_error_is_largest():
     place = worst_places(MESH, error, 0.7)
     assert (place["dof"], place["node"], place["component"], place["nodes_off"]) == (17, 5, "z", 1)
     assert all(5 in MESH.t[:, element] for element in place["elements"]) and place["elements_off"] == 0
+
+
+@pytest.mark.parametrize(
+    ("make", "words"),
+    [
+        (lambda mesh: None, "gave None; expected an object"),
+        (lambda mesh: 1 / 0, "raised ZeroDivisionError"),
+        (lambda mesh: exec("raise SystemExit(3)"), "raised SystemExit"),
+    ],
+)
+def test_what_makes_no_candidate_is_refused_and_passes_nothing(make, words):
+    """A function of the mesh that gives nothing is not taken for no candidate at all."""
+    with pytest.raises(StvkError, match=words):
+        verify(box(1), young=2.0, poisson=0.3, candidate=make, quiet=True)

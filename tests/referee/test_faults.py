@@ -1,13 +1,10 @@
-"""Every planted fault is caught, by the checks that it is for, and found."""
-
-from pathlib import Path
+"""What reports say of planted faults: which check failed, in which state, and where."""
 
 import numpy as np
 import pytest
 from bodies import MESHES, box
 
 from skfem_stvk import ElementMesh, StVK, StvkError, System, embedded_mesh, verify
-from skfem_stvk.referee.element_faults import ONE_POINT_FAULTS, QUADRATIC_FAULTS, TABLE_FAULTS
 from skfem_stvk.referee.faults import FAULTS
 from skfem_stvk.referee.results import CheckOutcome
 
@@ -19,18 +16,9 @@ def checked(candidate, mesh=MESH, **options):
     return verify(mesh, TERM, candidate=candidate, quiet=True, **options)
 
 
-@pytest.mark.parametrize("name", FAULTS)
-def test_a_planted_fault_is_caught_by_its_checks(name):
-    report = checked(FAULTS[name].make(MESH, TERM))
-    failed = {(result.check, result.quantity) for result in report.failures("candidate")}
-    assert not report.passed
-    assert FAULTS[name].caught_by <= failed
-    assert not [r for r in report.results if r.subject != "candidate" and r.outcome is not CheckOutcome.PASSED]
-
-
 @pytest.mark.parametrize("name", ["twice lambda", "no geometric term", "linear strain", "one wrong sign"])
 def test_the_report_names_check_quantity_state_and_place(name):
-    report = checked(FAULTS[name].make(MESH, TERM))
+    report = checked(FAULTS[name].make(MESH, [TERM]))
     text = str(report)
     assert "NOT PASSED" in text and "failed agreement, K of candidate against scikit-fem" in text.replace("\n", " ")
     failures = [r for r in report.failures("candidate") if r.check == "agreement" and r.quantity == "K"]
@@ -38,7 +26,7 @@ def test_the_report_names_check_quantity_state_and_place(name):
 
 
 def test_a_single_wrong_sign_in_one_tetrahedron_is_found_in_that_tetrahedron():
-    report = checked(FAULTS["one wrong sign"].make(MESH, TERM))
+    report = checked(FAULTS["one wrong sign"].make(MESH, [TERM]))
     places = [r.worst for r in report.failures("candidate") if r.check == "agreement" and r.quantity in "FK"]
     assert places
     for place in places:
@@ -48,7 +36,7 @@ def test_a_single_wrong_sign_in_one_tetrahedron_is_found_in_that_tetrahedron():
 
 def test_a_single_wrong_sign_is_caught_on_the_embedded_mesh():
     mesh = ElementMesh(embedded_mesh().p, embedded_mesh().t)
-    report = checked(FAULTS["one wrong sign"].make(mesh, TERM), mesh)
+    report = checked(FAULTS["one wrong sign"].make(mesh, [TERM]), mesh)
     assert {r.worst["suspects"][0] for r in report.failures("candidate") if r.check == "agreement" and r.quantity == "K"} == {
         mesh.nt // 2
     }
@@ -57,11 +45,11 @@ def test_a_single_wrong_sign_is_caught_on_the_embedded_mesh():
 def test_twice_lambda_cannot_be_seen_at_nu_zero():
     """The fault that a test at nu = 0 missed for years: why the checks insist on nu != 0."""
     term = StVK(young=2.0, poisson=0.0)
-    assert verify(MESH, term, candidate=FAULTS["twice lambda"].make(MESH, term), quiet=True).passed
+    assert verify(MESH, term, candidate=FAULTS["twice lambda"].make(MESH, [term]), quiet=True).passed
 
 
 def test_without_the_geometric_term_K_is_right_at_rest_only():
-    report = checked(FAULTS["no geometric term"].make(MESH, TERM))
+    report = checked(FAULTS["no geometric term"].make(MESH, [TERM]))
     states = {
         r.state
         for r in report.results
@@ -91,21 +79,14 @@ def test_W_alone_off_by_a_rounding_of_a_float32_is_caught():
     assert {r.quantity for r in failed if r.check == "agreement"} == {"W"}
 
 
-def test_the_docs_list_the_faults():
-    text = " ".join((Path(__file__).parents[2] / "docs" / "referee.md").read_text().split())
-    for name, fault in (FAULTS | TABLE_FAULTS | QUADRATIC_FAULTS | ONE_POINT_FAULTS).items():
-        checks = ", ".join(sorted(f"{check} ({quantity})" for check, quantity in fault.caught_by))
-        assert f"- **{name}**: {fault.description}. Caught at least by {checks}." in text
-
-
 @pytest.mark.parametrize("name", ["twice lambda", "half mu", "no pairs", "no opposite pairs", "one wrong sign"])
 def test_a_fault_of_tetrahedra_refuses_triangles(name):
     with pytest.raises(StvkError, match="This fault is for isotropic tetrahedra; got triangles in 2D of Isotropic"):
-        FAULTS[name].make(MESHES["triangles"], TERM)
+        FAULTS[name].make(MESHES["triangles"], [TERM])
 
 
 def test_twice_lambda_is_off_in_every_closed_form():
-    failed = checked(FAULTS["twice lambda"].make(MESH, TERM)).failures("candidate")
+    failed = checked(FAULTS["twice lambda"].make(MESH, [TERM])).failures("candidate")
     states = {"uniaxial strain", "uniaxial stress", "equibiaxial", "hydrostatic", "simple shear"}
     assert {r.state for r in failed if r.check == "closed forms" and r.quantity == "P"} == states
     (pressure,) = [r.measured for r in failed if r.state == "hydrostatic" and r.quantity == "P"]
@@ -113,7 +94,7 @@ def test_twice_lambda_is_off_in_every_closed_form():
 
 
 def test_an_energy_of_a_place_fails_under_translation():
-    failed = checked(FAULTS["energy of a place"].make(MESH, TERM)).failures("candidate")
+    failed = checked(FAULTS["energy of a place"].make(MESH, [TERM])).failures("candidate")
     assert {r.state for r in failed if r.check == "invariance"} == {"translation", "rotation", "reflection"}
 
 
@@ -145,6 +126,6 @@ def test_the_worst_entry_of_K_is_named():
 
 
 def test_a_table_row_says_how_many_of_its_checks_failed():
-    text = str(checked(FAULTS["no geometric term"].make(MESH, TERM)))
+    text = str(checked(FAULTS["no geometric term"].make(MESH, [TERM])))
     rows = [line for line in text.splitlines() if line.split()[:2] == ["agreement", "candidate"] and " K " in line]
     assert rows and all(line.rstrip().endswith("2/8 failed") for line in rows)

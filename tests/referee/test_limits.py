@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 import skfem
 from bodies import box
+from slow import slow
 
 from skfem_stvk import ElementMesh, StVK, System, embedded_mesh, verify
 from skfem_stvk.mesh.geometry import aspect_ratios
@@ -117,7 +118,7 @@ def test_the_limits_of_edges_grow_with_the_square_of_the_aspect_ratio_and_are_ne
     assert max(r.measured for r in of["skfem-stvk"]) < 20 * eps * aspect < max(r.measured for r in of[EDGES])
 
 
-@pytest.mark.parametrize("poisson", [-0.999, 0.3, 0.499])
+@pytest.mark.parametrize("poisson", [slow(-0.999), slow(0.3), 0.499])
 def test_an_energy_that_is_off_by_more_than_flat_elements_cost_does_not_pass_the_closed_forms(poisson):
     """Also where lambda and mu cancel in W: at nu = -0.999 parts of opposite signs may leave 3e-11 of it."""
     mesh = box(3)

@@ -16,6 +16,8 @@ from skfem_stvk import (
     System,
     verify,
 )
+from skfem_stvk.referee.header import circumstances
+from skfem_stvk.referee.results import judged
 
 TERM = StVK(young=2.0, poisson=0.3)
 QUIET = {"quiet": True}
@@ -139,3 +141,12 @@ def test_the_terminal_says_why_limits_are_what_they_are_also_of_what_passed():
     assert (
         "20 eps x (longest edge + displacement)/smallest height" in text and "1e-13 is for round-off, whatever the strain" in text
     )
+
+
+def test_a_report_without_a_mesh_shows_its_lines(tmp_path):
+    report = Report(header=circumstances(["numpy"]) | {"lines": ["a law of [mine]", "at three states"]})
+    report.results.append(judged(1e-15, 1e-12, check="objectivity", subject="law", quantity="W", state="generic"))
+    assert report.passed and str(report).startswith("a law of [mine]\nat three states\n") and "Precision" not in str(report)
+    page = (report.save(tmp_path) / "report.html").read_text()
+    assert "<td>a law of [mine]</td>" in page and "<svg" not in page
+    assert json.loads((tmp_path / "report.json").read_text())["header"]["lines"][1] == "at three states"

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from skfem_stvk import ElementMesh, Isotropic, StateError, StVK, StvkWarning, System
 from skfem_stvk.mesh.geometry import Geometry
-from skfem_stvk.referee.bodies import _voigt_matrix, is_condensed
+from skfem_stvk.referee.bodies import is_condensed, voigt_matrix
 from skfem_stvk.reference import anisotropic_tensor, engineering_matrix
 from skfem_stvk.results import Fields
 
@@ -127,7 +127,7 @@ def stiffness_in_space(term, n):
         G = E / 2 / (1 + nu)
         voigt = engineering_matrix((E, E, E), (nu, nu, nu), (G, G, G))
     else:
-        voigt = _voigt_matrix(material)
+        voigt = voigt_matrix(material)
     return anisotropic_tensor(voigt, frame, np.broadcast_to(np.eye(3), (n, 3, 3)), False)
 
 

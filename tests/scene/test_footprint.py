@@ -5,6 +5,7 @@ import subprocess
 import sys
 
 import pytest
+from slow import slow
 
 from skfem_stvk.cli.main import main
 from skfem_stvk.referee.terminal import as_text
@@ -82,7 +83,7 @@ def test_the_pages_of_a_scene_and_the_command_have_all_rows(tmp_path, capsys):
     assert main(["info", "bar.msh", "--footprint"]) == 2 and main(["info", "--footprint"]) == 2
 
 
-@pytest.mark.parametrize("solver", ["superlu", "amg-cg"])
+@pytest.mark.parametrize("solver", ["superlu", slow("amg-cg")])
 def test_packages_are_imported_by_what_names_them(solver):
     """In a process of its own: those of the solver as it solves, those of the results as they are written."""
     pulled = BODY | {"prescribed": {"right": {"x": 0.1}}, "solver": {"name": solver}}

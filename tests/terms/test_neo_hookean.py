@@ -9,6 +9,7 @@ from bodies import CURVED, MESHES, STRAIGHT, membrane, scikit_fem_of, sheet, sta
 from kernels.parts import in_parts, on_twins
 from scipy.optimize import brentq
 from skfem.helpers import ddot, grad, inv, transpose
+from slow import slow
 
 from skfem_stvk import (
     BackwardEuler,
@@ -334,7 +335,7 @@ def test_a_block_that_is_thrown_at_itself_stays_right_side_out(integrator):
     assert 0.05 < body.smallest_volume_ratio(run.u) < 0.6
 
 
-@pytest.mark.parametrize("dtype", [np.float64, np.float32])
+@pytest.mark.parametrize("dtype", [np.float64, slow(np.float32)])
 @pytest.mark.parametrize(("name", "rule"), RULES)
 def test_the_force_between_two_states_is_the_readable_one_and_does_the_work(name, rule, dtype, monkeypatch):
     """On all elements; the rounding of small steps, which leaves noise out, is not in the readable one."""

@@ -7,6 +7,7 @@ from functools import partial
 import numpy as np
 import pytest
 from scipy.sparse import csr_matrix
+from slow import slow
 
 from skfem_stvk import System
 from skfem_stvk.nonlinear import stability
@@ -23,7 +24,7 @@ QUICK = study.cases(hard.NAMES, quick=True)
 LONG = [case for case in study.cases([name for name in hard.NAMES if name != "slender"], quick=False) if not case.quick]
 
 
-@pytest.mark.parametrize("case", [*QUICK, *LONG], ids=lambda case: case.name)
+@pytest.mark.parametrize("case", [*QUICK, *map(slow, LONG)], ids=lambda case: case.name)
 def test_the_default_is_right_or_says_why_not(case):
     """By our methods only: of the others nothing is claimed."""
     ours = tuple(name for name in case.methods or methods.METHODS if name in methods.OURS)
@@ -150,7 +151,7 @@ def test_the_held_block_has_the_energy_that_is_known():
 
 @pytest.mark.parametrize(
     ("make", "steps", "end"),
-    [(partial(crushed.block, 0.4, 0.3), 16, 0.315 / 0.4), (partial(deformed._twisted, 5.0, 360), 40, 242 / 360)],
+    [slow(partial(crushed.block, 0.4, 0.3), 16, 0.315 / 0.4), (partial(deformed._twisted, 5.0, 360), 40, 242 / 360)],
     ids=["block", "bar"],
 )
 def test_branches_end_where_the_table_says(make, steps, end):

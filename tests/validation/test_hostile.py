@@ -53,6 +53,7 @@ def test_a_case_that_is_not_there_is_told():
         hostile.main(case=["meshes/nothing"])
 
 
+@pytest.mark.slow
 def test_the_quick_version_finds_nothing_in_any_family(capsys):
     assert hostile.main(quick=True) == 0, capsys.readouterr().out
     out = capsys.readouterr().out

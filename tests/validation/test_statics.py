@@ -142,6 +142,7 @@ def test_work_and_precision_is_drawn(tmp_path):
     assert study.pictures[0].stat().st_size > 10_000
 
 
+@pytest.mark.slow
 def test_speed_is_compared_on_the_same_answer():
     pytest.importorskip("pypardiso")
     pytest.importorskip("felupe")

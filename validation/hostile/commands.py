@@ -180,6 +180,37 @@ ARGUMENTS: dict[str, tuple[str, ...]] = {
     "bench --out is a file": ("bench", "--quick", "--out", "body.msh"),
     "bench --quick 3": ("bench", "--quick", "3"),
     "info with an argument": ("info", "more"),
+    "export without --out": ("export", "body.msh", "--young", "1", "--poisson", "0.3"),
+    "export without a material": ("export", "body.msh", "--out", "vectors"),
+    "export to a file": ("export", "body.msh", "--young", "1", "--poisson", "0.3", "--out", "body.msh"),
+    "export of nothing": ("export", "nothing.msh", "--young", "1", "--poisson", "0.3", "--out", "vectors"),
+    **{
+        f"--results {name}": ("verify", "--results", name)
+        for name in ("", ".", "body.msh", "nothing", LONG, "/dev/zero", "\x1b[31m")
+    },
+    "--results and a mesh": (*VERIFY, "--results", "."),
+    "--vectors alone": (*VERIFY, "--vectors", "."),
+    **{
+        f"--against {name}": (*VERIFY, "--against", name)
+        for name in (
+            "",
+            "nobody",
+            ":",
+            "::",
+            "os:nothing",
+            "os:_exit",
+            "nothing.py:f",
+            "/dev/zero:f",
+            "\x1b[31m",
+            LONG,
+            "mujoco:a:b",
+        )
+    },
+    **{
+        f"--python {name}": (*VERIFY, "--against", "felupe", "--python", name)
+        for name in ("", "nothing", ".", "/dev/null", "body.msh", "/bin/true", "/bin/cat", LONG)
+    },
+    "--python alone": (*VERIFY, "--python", sys.executable),
 }
 NAMES = (
     "\x1b[31mred.msh",

@@ -4,17 +4,43 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import cache
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from skfem_stvk import StaticResult, StVK, compare_networks, solve_static
+from skfem_stvk import (
+    Isotropic,
+    StaticResult,
+    StVK,
+    compare_networks,
+    export_vectors,
+    published_vectors,
+    solve_static,
+    verify_law,
+    verify_results,
+)
 from skfem_stvk.peers import load
+from skfem_stvk.referee.vector_files import write_text
 from skfem_stvk.results import Fields, Reaction, Series, animate, plot, write_mesh, write_vtu
 from skfem_stvk.results.state_files import read_state
 
 from .call import Call
-from .small_bodies import NUMBER, OPTIONAL, PLACE, POSITIVE, TEXT, call, displacements, drawn, mesh, state, system
+from .small_bodies import (
+    NOT_NEGATIVE,
+    NUMBER,
+    OPTIONAL,
+    PLACE,
+    POSITIVE,
+    TEXT,
+    call,
+    costly,
+    displacements,
+    drawn,
+    mesh,
+    state,
+    system,
+)
 
 BODY = mesh()
 FIELD = {"field": "field|numbers"}
@@ -139,6 +165,49 @@ def calls() -> list[Call]:
             FIELD,
         ),
         call("peers.load", load, {}, {"name": "peer"}, name="FElupe"),
+        costly(
+            "export_vectors",
+            _exported,
+            {
+                "quadrature": OPTIONAL,
+                "title": frozenset({"text", "number as text", "empty text"}),
+                "seed": frozenset({"0"}),
+                "quiet": frozenset({"True", "False"}),
+            },
+            mesh=mesh(),
+            material=Isotropic(2.0, 0.25),
+            quadrature="exact",
+            title="two",
+            seed=1,
+            quiet=True,
+        ),
+        costly(
+            "export_vectors of constants",
+            _exported,
+            {"young": POSITIVE, "poisson": NOT_NEGATIVE},
+            mesh=mesh(),
+            young=2.0,
+            poisson=0.25,
+        ),
+        call("published_vectors", lambda name: published_vectors(name).title, name="tetrahedron"),
+        call(
+            "verify_results",
+            _judged,
+            {"vectors": OPTIONAL},
+            {"folder": "folder|results", "vectors": "vectors|read"},
+            folder="results",
+            vectors=published_vectors("tetrahedron"),
+        ),
+        costly(
+            "verify_law",
+            _judged_law,
+            {"seed": frozenset({"0"}), "at": OPTIONAL, "claims": OPTIONAL, "dimension": OPTIONAL, "measure": OPTIONAL},
+            at=np.diag([1.2, 1.0, 0.9]),
+            claims=StVK(young=2.0, poisson=0.25),
+            dimension=3,
+            measure="S",
+            seed=0,
+        ),
     ]
 
 
@@ -146,6 +215,31 @@ def calls() -> list[Call]:
 def result() -> StaticResult:
     """A static result."""
     return solve_static(system(), steps=1, quiet=True)
+
+
+def _exported(**given: Any) -> Any:
+    vectors = export_vectors(**{"quiet": True} | given)
+    return [vectors.arrays[name] for name in ("W", "F", "K_values")]
+
+
+def _judged(folder: Any, vectors: Any) -> Any:
+    """A report on results that lie in the folder `results`."""
+    Path("results").mkdir(exist_ok=True)
+    right = published_vectors("tetrahedron").arrays
+    write_text(Path("results") / "results.txt", {name: right[name] for name in ("digest", "W")})
+    report = verify_results(folder, vectors)
+    return report.passed, len(report.results)
+
+
+def _judged_law(**given: Any) -> Any:
+    """A report on a stress at one deformation gradient."""
+
+    def stress(F: Any) -> Any:
+        E = (F.T @ F - np.eye(3)) / 2
+        return 0.8 * np.trace(E) * np.eye(3) + 1.6 * E
+
+    report = verify_law(**given, stress=stress)
+    return report.passed, len(report.results)
 
 
 def _read_again(path: Any = "again.pvd", mesh: Any = BODY, time: Any = None) -> Any:

@@ -38,6 +38,9 @@ ALGORITHMS = (
     Algorithm("Total Lagrangian, matrix B", "K", total_lagrangian_matrices.prepare, total_lagrangian_matrices.tangent),
 )
 
+#: Elements of small strain, which compute another F: what a law of large strain costs in theirs.
+LINEAR = Algorithm("linear elements", "F", picinbono.prepare, picinbono.linear_force, True)
+
 
 def algorithm(quantity: str, name: str) -> Algorithm:
     """The one of that name."""

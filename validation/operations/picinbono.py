@@ -66,6 +66,16 @@ def force(rest: Rest, u: Any, out: Any) -> None:
     add_products(rest, u, out)
 
 
+def linear_force(rest: Rest, u: Any, out: Any) -> None:
+    """Add the linear part `B_pk U_k` to `out`, which is all that linear elements have: `K(0) u`."""
+    for a in range(len(rest.B_vertex)):
+        add(out, a, product(matrix(rest.B_vertex, a), vector(u, a)))
+    for i in range(len(rest.ends)):
+        a, b, M = rest.ends[i, 0], rest.ends[i, 1], matrix(rest.B_edge, i)
+        add(out, a, product(M, vector(u, b)))
+        add(out, b, product(transposed(M), vector(u, a)))
+
+
 @jitable
 def add_products(rest: Any, u: Any, out: Any) -> None:
     """`(B_pk + n_pk I) U_k`: 22 operations a vertex, 39 an edge."""

@@ -9,7 +9,7 @@ from rich.table import Table
 
 from skfem_stvk.referee.terminal import WIDTH, grid
 
-from .algorithms import ALGORITHMS
+from .algorithms import ALGORITHMS, LINEAR
 from .body import Body
 from .claims import verdicts
 from .costs import LAM, MU, costs, operations
@@ -35,7 +35,7 @@ def show(quick: bool) -> int:
     """Print the tables; the exit code is 0 if whole meshes, counted, agree with the sums over their entities."""
     console = Console(width=WIDTH, highlight=False)
     bodies = {name: Body(mesh, LAM, MU) for name, mesh in meshes(quick).items()}
-    found = {(a.quantity, a.name): costs(a) for a in ALGORITHMS}
+    found = {(a.quantity, a.name): costs(a) for a in (*ALGORITHMS, LINEAR)}
     largest = list(bodies)[-1]
     seconds = {} if quick else _seconds(console, bodies[largest])
     console.print(_entities(found, seconds, bodies[largest]))
@@ -53,7 +53,7 @@ def _seconds(console: Console, body: Body) -> dict[tuple[str, str], float]:
     from .timing import times
 
     try:
-        return times(ALGORITHMS, body)
+        return times((*ALGORITHMS, LINEAR), body)
     except ImportError as error:
         console.print(str(error))
         return {}
@@ -98,11 +98,13 @@ def _own() -> Table:
 
 def _claims(found: Costs, bodies: dict[str, Body]) -> Table:
     table = grid(
-        "Operations of the edge form, in those of another", "of", "against", "claimed", "tetrahedron", "largest", "holds on"
+        "Operations of an algorithm, in those of another", "", "of", "against", "claimed", "tetrahedron", "largest", "holds on"
     )
     entities = {name: body.entities for name, body in bodies.items()}
     for claim, ratios, holds in verdicts(found, entities):
         first, last = next(iter(ratios.values())), list(ratios.values())[-1]
         where = "none" if not holds else "all" if len(holds) == len(ratios) else ", ".join(holds)
-        table.add_row(claim.quantity, claim.against, f"{claim.low:.0%} - {claim.high:.0%}", f"{first:.0%}", f"{last:.0%}", where)
+        table.add_row(
+            claim.quantity, claim.of, claim.against, f"{claim.low:.0%} - {claim.high:.0%}", f"{first:.0%}", f"{last:.0%}", where
+        )
     return table

@@ -1,25 +1,16 @@
-"""Meshes of the studies: boxes whose inner vertices are moved at random, and strips of triangles."""
+"""Meshes of the studies: boxes whose inner vertices are moved at random, which the referee has too, and strips of triangles."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
 import numpy as np
-import skfem
 
 from skfem_stvk import ElementMesh
 from skfem_stvk.arguments import Array
+from skfem_stvk.referee.manufactured import moved_box
 
-
-def moved_box(d: int, n: int, amount: float = 0.2, seed: int = 1) -> ElementMesh:
-    """The unit cube, square or line in `n^d` cells, inner vertices moved by up to `amount` of a cell, half of all turned round."""
-    lines, rng = [np.linspace(0, 1, n + 1)] * d, np.random.default_rng(seed)
-    mesh = skfem.MeshLine(lines[0]) if d == 1 else {2: skfem.MeshTri, 3: skfem.MeshTet}[d].init_tensor(*lines)
-    inner = ((mesh.p > 0) & (mesh.p < 1)).all(axis=0)
-    p, t = mesh.p + amount / n * inner * rng.uniform(-1, 1, mesh.p.shape), mesh.t.copy()
-    half = rng.random(t.shape[1]) < 0.5
-    t[:2, half] = t[1::-1, half]
-    return ElementMesh(p, t)
+__all__ = ["Array", "moved_box", "strip"]
 
 
 def strip(nx: int, ny: int, place: Callable[[Array, Array], Sequence[Array]]) -> ElementMesh:

@@ -5,14 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
+from skfem_stvk.referee.manufactured import fitted_order
 
-def fitted_order(sizes: ArrayLike, errors: ArrayLike) -> float:
-    """Slope of the straight line through `log(errors)` over `log(sizes)`, by least squares.
-
-    >>> round(fitted_order([1, 1 / 2, 1 / 4], [3, 3 / 4, 3 / 16]), 12)
-    2.0
-    """
-    return float(np.polyfit(np.log(np.asarray(sizes)), np.log(np.asarray(errors)), 1)[0])
+__all__ = ["extrapolated", "fitted_order"]
 
 
 def extrapolated(values: ArrayLike) -> float:

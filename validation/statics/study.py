@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -9,6 +11,18 @@ from rich.console import Group, RenderableType
 from rich.markup import escape
 
 from skfem_stvk.referee.terminal import grid
+
+_recorded: list[list[Study]] = []
+
+
+@contextmanager
+def recording() -> Iterator[list[Study]]:
+    """The studies that are rendered within: a report has them as they are, besides what is printed."""
+    _recorded.append([])
+    try:
+        yield _recorded[-1]
+    finally:
+        _recorded.pop()
 
 
 @dataclass(frozen=True)
@@ -40,6 +54,8 @@ class Study:
 
     def rendered(self) -> RenderableType:
         """The study for a rich console."""
+        for studies in _recorded:
+            studies.append(self)
         right = tuple(column for i, column in enumerate(self.columns) if all(_is_number(row[i]) for row in self.rows))
         table = grid(self.name, *self.columns, right=right)
         for row in self.rows:

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import time
 import tracemalloc
-import warnings
 from collections.abc import Callable, Iterator
 from functools import partial
 from typing import Any
@@ -19,13 +18,11 @@ from scipy.sparse import csr_matrix
 
 from ...arguments import Array
 from ...edges import EdgeForm
-from ...errors import StvkWarning
 from ...mesh import ElementMesh
 from ...reference import curved_elements
 from ...reference.kinds import middles
-from ...system import System
 from ..bodies import Homogeneous, reference_on
-from ..case import EPS, OURS, REFERENCE, STRETCH, Case, random_rotation
+from ..case import EPS, OURS, REFERENCE, STRETCH, Case, built, random_rotation
 from ..discretisation import Discretisation, derivatives
 from ..exact import ExactStVK
 from ..judgement import HIGHEST, LIMIT_BY_ASPECT
@@ -52,7 +49,9 @@ def _worst(case: Case, degrees: int) -> dict[str, Any]:
     if degrees and case.mesh.d == 1:
         raise NotApplicable("a line cannot turn")
     if not case.precision:
-        case.precision += list(precision_table(case.shape, case.homogeneous, case.random("precision")))  # all of it or nothing
+        case.precision += list(
+            precision_table(case.shape, case.homogeneous, case.random("precision"), case.build)
+        )  # all of it or nothing
     rows = [row for row in case.precision if row["form"] == OURS and row["rotation_deg"] == degrees]
     flat = min(LIMIT_BY_ASPECT * float(patch(case.shape).aspect.max()), HIGHEST)
     errors = np.array([row["error"] * (row["strain"] if degrees else 1.0) for row in rows])
@@ -71,7 +70,9 @@ def _worst(case: Case, degrees: int) -> dict[str, Any]:
     }
 
 
-def precision_table(shape: Shape, body: Homogeneous, rng: np.random.Generator) -> Iterator[dict[str, Any]]:
+def precision_table(
+    shape: Shape, body: Homogeneous, rng: np.random.Generator, build: Callable[..., Any] = built
+) -> Iterator[dict[str, Any]]:
     """Rows form, rotation_deg, offset_m, strain, error: max |F - F_exact| / max |F_exact| on a patch of the mesh."""
     piece, d = patch(shape), shape.mesh.d
     mesh, how, sizes = piece.mesh, piece.how, piece.node_size
@@ -81,7 +82,7 @@ def precision_table(shape: Shape, body: Homogeneous, rng: np.random.Generator) -
     for offset in (offset for offset in OFFSETS if EPS * offset < 1e-4 * lowest):  # beyond, the offset itself flattens elements
         x = _representable(mesh.p, how.kind, mesh.t, offset)
         p = x + offset
-        forms = forms_on(ElementMesh(p, mesh.t, element=mesh.element), how, body)
+        forms = forms_on(ElementMesh(p, mesh.t, element=mesh.element), how, body, build)
         exact = ExactStVK(p, mesh.t, body.lame, how, np.broadcast_to(body.control(how), mesh.nt))
         for degrees, Q in ((0, np.eye(d)), (170, turn)):
             if degrees and d == 1:
@@ -117,12 +118,11 @@ def patch(shape: Shape) -> Shape:
     return Shape(ElementMesh(p - p.mean(axis=1, keepdims=True), own, element=mesh.element), shape.how)
 
 
-def forms_on(mesh: ElementMesh, how: Discretisation, body: Homogeneous) -> dict[str, Callable[[Array], Array]]:
+def forms_on(
+    mesh: ElementMesh, how: Discretisation, body: Homogeneous, build: Callable[..., Any] = built
+) -> dict[str, Callable[[Array], Array]]:
     """F(u) by name: our form, the textbook form and scikit-fem's."""
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", StvkWarning)  # the patch may be in pieces
-        ours = System(mesh, body.term, **how.options)
-    forms: dict[str, Callable[[Array], Array]] = {OURS: ours.internal_force}
+    forms: dict[str, Callable[[Array], Array]] = {OURS: build(mesh, [body.term], how).internal_force}
     if mesh.element.is_linear_simplex:
         forms[TEXTBOOK] = Textbook(body.term.bind(mesh).form).internal_force
     elif not how.is_one_point:
@@ -237,9 +237,7 @@ def error_table(case: Case) -> dict[str, dict[str, float]]:
     """Errors of W, F and K v against 50 digits on a patch of the body, strained by 0.1 %: what the speed is shown against."""
     piece, body, how = patch(case.shape), case.homogeneous, case.how
     mesh, control = piece.mesh, body.control(how)
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", StvkWarning)  # the patch may be in pieces
-        ours = System(mesh, body.term, **how.options)
+    ours = built(mesh, [body.term], how)
     reference = reference_on(mesh.p, mesh.t, body.tensor, how, control)
     noise = 1e-3 * piece.node_size[:, None] * case.random("speed").standard_normal((2, mesh.nv, mesh.d))
     u, v = noise.reshape(2, -1)

@@ -20,7 +20,7 @@ from scipy.sparse.linalg import splu
 
 from ...arguments import Array
 from ...mesh import ElementMesh
-from ..case import STRETCH, Case, random_rotation
+from ..case import EPS, STRETCH, Case, random_rotation
 from ..judgement import as_a_whole, by_entry, by_node, largest_component, largest_rows
 from ..players import Player
 from ..results import CannotTell, NotApplicable, Task
@@ -202,10 +202,12 @@ def _columns(K: Any, free: NDArray[np.int64]) -> NDArray[np.float64]:
 def _pivots(K: csc_matrix) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Pivots of a factorisation that keeps to the diagonal, and the diagonal entries, in the order of K.
 
-    A shift far below what counts as zero keeps an exactly singular matrix from stopping it.
+    A shift keeps an exactly singular matrix from stopping it. The pivot of a mode that is spread over all degrees of freedom grows
+    by their number times the shift, and has to stay far below what counts as zero.
     """
     diagonal = np.abs(K.diagonal())
-    shift = np.where(diagonal > 0, 0.01 * ZERO * diagonal, 1e-3 * ZERO * diagonal.max())
+    part = max(0.01 * ZERO / max(len(diagonal), 1), EPS)
+    shift = np.where(diagonal > 0, part * diagonal, 1e-3 * ZERO * diagonal.max())
     try:
         shifted, symmetric = K + diags(shift, format="csc"), {"SymmetricMode": True}
         lu = splu(shifted, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options=symmetric)

@@ -1,0 +1,112 @@
+"""The referee as a plugin of pytest: a fixture that judges models, meshes to judge them on, and marks.
+
+    @pytest.mark.stvk_meshes("tetrahedra", "triangles")
+    def test_my_model(stvk_referee, stvk_mesh):
+        stvk_referee.assert_consistent(MyModel(stvk_mesh), stvk_mesh, young=1e5, poisson=0.3)
+
+Every run of pytest in an environment with skfem-stvk imports this file: it imports nothing but pytest before a test asks for one of
+its fixtures.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import pytest
+
+if TYPE_CHECKING:
+    from skfem_stvk import Report
+
+MARKS = (
+    "stvk(**arguments): judged by skfem-stvk; the arguments are those of stvk_referee's assertions that they are not given. "
+    "Every test that uses stvk_referee has this mark: -m stvk, -m 'not stvk'.",
+    "stvk_meshes(*kinds): the kinds of elements of the fixture stvk_mesh, a test each; without it all that there are.",
+)
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    """Add `--stvk-report FOLDER`."""
+    parser.getgroup("skfem-stvk").addoption(
+        "--stvk-report", metavar="FOLDER", help="write report.json and report.html of all that stvk_referee judges there"
+    )
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """Make the marks known, so that --strict-markers takes them."""
+    for mark in MARKS:
+        config.addinivalue_line("markers", mark)
+
+
+def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
+    """A test for each kind of elements that it is marked with."""
+    if "stvk_mesh" in metafunc.fixturenames:
+        mark = metafunc.definition.get_closest_marker("stvk_meshes")
+        if mark is not None:
+            kinds = mark.args
+        else:
+            from skfem_stvk.testing import KINDS
+
+            kinds = tuple(KINDS)
+        metafunc.parametrize("stvk_mesh", kinds, indirect=True)
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Mark the tests that use the referee, so that they can be chosen or left out."""
+    for item in items:
+        if "stvk_referee" in getattr(item, "fixturenames", ()) and item.get_closest_marker("stvk") is None:
+            item.add_marker("stvk")
+
+
+@pytest.fixture
+def stvk_mesh(request: pytest.FixtureRequest) -> Any:
+    """A small scikit-fem mesh whose edges all differ, with elements of both orientations and inner nodes."""
+    from skfem_stvk.testing import small_mesh
+
+    return small_mesh(request.param)
+
+
+@pytest.fixture
+def stvk_referee(request: pytest.FixtureRequest, record_property: Callable[[str, object], None]) -> Referee:
+    """`assert_consistent` and `assert_law` of `skfem_stvk.testing`, with the counts of checks in JUnit's properties of the test."""
+    return Referee(request.node, request.config.getoption("--stvk-report"), record_property)
+
+
+class Referee:
+    """The assertions of `skfem_stvk.testing` for one test, whose mark `stvk` may hold arguments for them."""
+
+    def __init__(self, test: pytest.Item, folder: str | None, record: Callable[[str, object], None]) -> None:
+        self.test, self.folder, self.record = test, folder, record
+        self.judged = 0
+
+    def assert_consistent(self, model: Any, mesh: Any, material: Any = None, **options: Any) -> Report:
+        """Assert that W, F and K of a model are those of an elastic body: see `skfem_stvk.testing.assert_consistent`."""
+        __tracebackhide__ = True
+        from skfem_stvk.testing import assert_consistent
+
+        return self._judge(assert_consistent, model, mesh, material, **options)
+
+    def _judge(self, judge: Callable[..., Report], *candidate: Any, **options: Any) -> Report:
+        __tracebackhide__ = True
+        from skfem_stvk.testing import Inconsistent
+
+        mark = self.test.get_closest_marker("stvk")
+        arguments: dict[str, Any] = {**mark.kwargs, **options} if mark is not None else options
+        try:
+            report = judge(*candidate, **arguments)
+        except Inconsistent as failure:
+            self._record(failure.report)
+            raise
+        self._record(report)
+        return report
+
+    def _record(self, report: Report) -> None:
+        """Counts of checks as properties of the test, and the report's files in a folder that is named like the test."""
+        self.judged += 1
+        counts = ", ".join(f"{number} {outcome}" for outcome, number in report.to_dict()["counts"].items())
+        self.record("skfem-stvk", f"{'passed' if report.passed else 'not passed'}: {counts}")
+        if self.folder is not None:
+            name = re.sub(r"[^\w.-]+", "-", self.test.nodeid).strip("-")
+            self.record("skfem-stvk report", str(report.save(Path(self.folder) / f"{name}-{self.judged}")))

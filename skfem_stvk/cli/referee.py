@@ -1,0 +1,254 @@
+"""The commands that judge and measure, and how they write and print their results."""
+
+from __future__ import annotations
+
+import argparse
+import os
+from collections.abc import Callable
+from contextlib import AbstractContextManager, nullcontext
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from rich.console import Console, RenderableType
+
+from ..bench import FULL, QUICK, bench, page
+from ..errors import StvkError
+from ..mesh import ElementMesh, embedded_mesh, read_mesh
+from ..peers import PEERS
+from ..referee.against import opponent
+from ..referee.law import verify_law
+from ..referee.law_readings import MEASURES, ORDERS, TANGENTS
+from ..referee.players import users_function
+from ..referee.read_back import folders_of_results, verify_results
+from ..referee.self_test import self_test
+from ..referee.terminal import WIDTH, printable, rendered
+from ..referee.vectors import PUBLISHED, export_vectors, published_vectors
+from ..referee.verification import verify
+from ..terms import StVK
+
+#: Materials of the embedded mesh: a bracket of aluminium with a bushing of rubber; Poisson's ratios such that lambda != mu.
+EMBEDDED = [StVK(young=70e9, poisson=0.33, region="bracket"), StVK(young=5e6, poisson=0.45, region="bushing")]
+
+
+def verify_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments of `skfem-stvk verify`."""
+    parser.add_argument("mesh", nargs="?", help="mesh file that meshio reads; by default an embedded bracket of two materials")
+    parser.add_argument("--young", type=float, help="Young's modulus [Pa]")
+    parser.add_argument("--poisson", type=float, help="Poisson's ratio")
+    parser.add_argument("--degree", type=int, help="1 or 2: of the shape functions of simplices, by default the mesh's")
+    parser.add_argument("--quadrature", help="exact, or one-point for quadrilaterals and hexahedra; by default the usual rule")
+    parser.add_argument("--hourglass", type=float, help="coefficient of the hourglass control of one-point elements")
+    parser.add_argument("--out", metavar="FOLDER", help="write report.json and report.html there")
+    parser.add_argument("--seed", type=int, default=0, help="of the random states, 0 by default")
+    parser.add_argument(
+        "--self-test",
+        action="store_true",
+        help="hold the referee itself against planted faults, and print which check catches which",
+    )
+    parser.add_argument(
+        "--against", metavar="CODE", help=f"judge another code as well: {', '.join(PEERS)}, module:function, or jax:module:function"
+    )
+    parser.add_argument("--python", metavar="PATH", help="Python of another environment, which has the peer of --against")
+    parser.add_argument("--results", metavar="FOLDER", help="judge what another program computed from test vectors (export)")
+    parser.add_argument("--vectors", metavar="FOLDER", help="the vectors of --results, if they are not in the same folder")
+
+
+def check(options: argparse.Namespace) -> int:
+    """Hold W, F and K against scikit-fem's standard assembly and against what must be true; exit code 0 if all passed."""
+    if options.out is not None:
+        refuse_unwritable(options.out)
+    if options.self_test:
+        return _check_the_referee(options)
+    if options.results is not None:
+        return _check_results(options)
+    if options.vectors is not None:
+        raise StvkError("--vectors are those of --results; add --results FOLDER, the folder of what was computed from them.")
+    mesh, terms = _body(options)
+    how = {name: getattr(options, name) for name in ("degree", "quadrature", "hourglass")}
+    if options.against is None and options.python is not None:
+        raise StvkError("--python is that of --against; add --against NAME, one of " + ", ".join(PEERS) + ".")
+    if options.against is not None and options.degree is not None:
+        mesh, how["degree"] = mesh.with_degree(options.degree), None
+    with _opponent(options, mesh) as (candidate, line):
+        report = verify(mesh, terms, **how, candidate=candidate, seed=options.seed)
+    report.header["candidate"] = [line] if line else []
+    report.header["mesh"]["source"] = "embedded bracket" if options.mesh is None else options.mesh
+    give(partial(rendered, report), WIDTH, report.save, options.out, "report.json and report.html")
+    return 0 if report.passed else 1
+
+
+def _opponent(options: argparse.Namespace, mesh: ElementMesh) -> AbstractContextManager[tuple[Any, str]]:
+    """What `--against` names, and a line on it; nobody without it."""
+    if options.against is None:
+        return nullcontext((None, ""))
+    if options.young is None or options.poisson is None:
+        raise StvkError("--against needs --young (Pa) and --poisson: other codes are given one material everywhere.")
+    if options.quadrature is not None:
+        raise StvkError("--quadrature beside --against: other codes have the usual rule. Leave it out.")
+    return opponent(options.against, mesh, options.young, options.poisson, options.python)
+
+
+def _check_the_referee(options: argparse.Namespace) -> int:
+    """Run the referee's own test."""
+    _refuse_a_body(options, "--self-test: faults are planted in small bodies of its own", "results", "vectors", "against", "python")
+    found = self_test(seed=options.seed)
+    give(found.rendered, WIDTH, found.save, options.out, "self-test.json and self-test.html")
+    return 0 if found.passed else 1
+
+
+def _refuse_a_body(options: argparse.Namespace, beside: str, *others: str) -> None:
+    """Refuse a mesh, a material and options of elements, and others."""
+    names = ("young", "poisson", "degree", "quadrature", "hourglass", *others)
+    given = [f"--{name}" for name in names if getattr(options, name) is not None]
+    given += ["a mesh"] if options.mesh is not None else []
+    if given:
+        raise StvkError(f"{', '.join(given)} beside {beside}. Leave them out.")
+
+
+def _check_results(options: argparse.Namespace) -> int:
+    """Judge results of test vectors, in a folder or in each of its folders."""
+    _refuse_a_body(options, "--results: the vectors have a mesh and a material", "against", "python")
+    folders, passed = folders_of_results(options.results), True
+    for folder in folders:
+        vectors = None
+        if options.vectors is not None:
+            own = Path(options.vectors) / folder.name
+            vectors = own if own.is_dir() else options.vectors
+        report = verify_results(folder, vectors)
+        out = options.out if options.out is None or len(folders) == 1 else str(Path(options.out) / folder.name)
+        give(partial(rendered, report), WIDTH, report.save, out, "report.json and report.html")
+        passed = passed and report.passed
+    return 0 if passed else 1
+
+
+def verify_law_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments of `skfem-stvk verify-law`."""
+    parser.add_argument("energy", nargs="?", help="module:function or file.py:function: the energy density W(F), one number")
+    parser.add_argument("--stress", metavar="FUNCTION", help="module:function of the stress")
+    parser.add_argument("--elasticity", metavar="FUNCTION", help="module:function of the tangent")
+    parser.add_argument("--young", type=float, help="Young's modulus [Pa] of the St. Venant-Kirchhoff law that it claims to be")
+    parser.add_argument("--poisson", type=float, help="its Poisson's ratio")
+    parser.add_argument("--plane", choices=("strain", "stress"), help="its hypothesis in two dimensions")
+    parser.add_argument("--dimension", type=int, help="2 or 3; by default 3, or 2 with --plane")
+    parser.add_argument("--measure", choices=MEASURES, help="which stress it is; by default guessed")
+    parser.add_argument("--tangent", choices=TANGENTS, help="which tangent it is; by default guessed")
+    parser.add_argument("--voigt", choices=(*ORDERS, "12"), help="the order of shear in Voigt arrays; by default guessed")
+    parser.add_argument(
+        "--engineering", action=argparse.BooleanOptionalAction, help="a Voigt matrix acts on engineering shear; by default guessed"
+    )
+    parser.add_argument("--out", metavar="FOLDER", help="write report.json and report.html there")
+    parser.add_argument("--seed", type=int, default=0, help="of the deformation gradients, 0 by default")
+
+
+def check_law(options: argparse.Namespace) -> int:
+    """Check a law without a mesh: energy density, stress and tangent, any subset; exit code 0 if all passed."""
+    if options.out is not None:
+        refuse_unwritable(options.out)
+    claims = None
+    if options.young is not None or options.poisson is not None:
+        claims = StVK(young=options.young, poisson=options.poisson, plane=options.plane)
+    elif options.plane is not None:
+        raise StvkError("--plane is that of the law that is claimed; add --young (Pa) and --poisson, or say --dimension 2.")
+    named = {"energy": options.energy, "stress": options.stress, "elasticity": options.elasticity}
+    functions: dict[str, Any] = {name: users_function(name, given) for name, given in named.items() if given is not None}
+    how = {name: getattr(options, name) for name in ("dimension", "measure", "tangent", "voigt", "engineering", "seed")}
+    report = verify_law(**functions, **how, claims=claims)
+    give(partial(rendered, report), WIDTH, report.save, options.out, "report.json and report.html")
+    return 0 if report.passed else 1
+
+
+def export_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments of `skfem-stvk export`."""
+    parser.add_argument("mesh", nargs="?", help="mesh file that meshio reads; by default the five published sets are written")
+    parser.add_argument("--young", type=float, help="Young's modulus [Pa]")
+    parser.add_argument("--poisson", type=float, help="Poisson's ratio")
+    parser.add_argument("--degree", type=int, help="1 or 2: of the shape functions of simplices, by default the mesh's")
+    parser.add_argument("--quadrature", help="exact; by default the usual rule")
+    parser.add_argument("--seed", type=int, default=0, help="of the random states, 0 by default")
+    parser.add_argument("--out", metavar="FOLDER", required=True, help="write the vectors there")
+
+
+def export(options: argparse.Namespace) -> int:
+    """Write test vectors for codes that are not Python: mesh, material, states, W, F and K in 50 digits, rounded once."""
+    refuse_unwritable(options.out)
+    if options.mesh is None:
+        given = [f"--{name}" for name in ("young", "poisson", "degree", "quadrature") if getattr(options, name) is not None]
+        if given:
+            raise StvkError(
+                f"{', '.join(given)} without a mesh: the published sets have theirs. Name a mesh file, or leave them out."
+            )
+        folders = [published_vectors(name).save(Path(options.out) / name) for name in PUBLISHED]
+    else:
+        mesh, terms = _body(options)
+        mesh = mesh if options.degree is None else mesh.with_degree(options.degree)
+        title = "".join(c for c in Path(options.mesh).stem if c.isprintable())[:100]
+        made = export_vectors(mesh, terms, quadrature=options.quadrature, title=title, seed=options.seed)
+        folders = [made.save(options.out)]
+    for folder in folders:
+        print_line(f"vectors.npz, vectors.txt and README.txt are in {folder}")
+    return 0
+
+
+def bench_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments of `skfem-stvk bench`."""
+    parser.add_argument("--quick", action="store_true", help="under two minutes; the full run takes about a quarter of an hour")
+    parser.add_argument("--out", metavar="FOLDER", help="write benchmark.md, its pictures and benchmark.json there")
+
+
+def measure(options: argparse.Namespace) -> int:
+    """Measure time, memory and errors of W, F, K and K v, of this package and of what else is installed; exit code 0 if all ran."""
+    if options.out is not None:
+        refuse_unwritable(options.out)
+    results = bench(QUICK if options.quick else FULL)
+    files = "benchmark.md, its pictures and benchmark.json"
+    give(lambda width: page.rendered(results), page.WIDTH, partial(page.save, results), options.out, files)
+    return 130 if results.interrupted else 1 if results.failures else 0
+
+
+def _body(options: argparse.Namespace) -> tuple[ElementMesh, list[StVK]]:
+    given = options.young is not None or options.poisson is not None
+    if options.mesh is not None and not given:
+        raise StvkError("A mesh needs a material: add --young (Pa) and --poisson, e.g. --young 70e9 --poisson 0.33.")
+    terms = [StVK(young=options.young, poisson=options.poisson)] if given else EMBEDDED
+    return embedded_mesh() if options.mesh is None else read_mesh(options.mesh), terms
+
+
+Rendering = Callable[[int], RenderableType]
+
+
+def give(rendering: Rendering, width: int, save: Callable[[str], object], folder: str | None, files: str) -> None:
+    """Write results before anything is printed, as a closed pipe ends the program; what goes wrong waits until they are printed.
+
+    Standard output is as wide as the terminal, or `width` if it is none.
+    """
+    failure = None
+    try:
+        if folder is not None:
+            save(folder)
+    except (StvkError, OSError) as error:
+        failure = error
+    console = Console(highlight=False, emoji=False)
+    console = console if console.is_terminal else Console(highlight=False, emoji=False, width=width)
+    console.print(rendering(console.width))
+    if failure is not None:
+        raise failure
+    if folder is not None:
+        print_line(f"{files} are in {folder}")
+
+
+def print_line(text: str) -> None:
+    """One line on standard output, however wide the terminal is."""
+    Console(highlight=False, emoji=False).print(printable(text), soft_wrap=True)
+
+
+def refuse_unwritable(name: str) -> None:
+    """Before the work, say so if its results could not be written; nothing is made yet."""
+    if not name:
+        raise StvkError("--out is empty; expected the name of a folder, which is made if it is missing.")
+    folder = Path(name)
+    nearest = next(parent for parent in (folder.absolute(), *folder.absolute().parents) if parent.exists())
+    if not nearest.is_dir():
+        raise StvkError(f"--out {folder}: {nearest} is a file; expected a folder, which is made if it is missing.")
+    if not os.access(nearest, os.W_OK | os.X_OK):
+        raise StvkError(f"--out {folder}: {nearest} cannot be written to. Choose another folder, or change its permissions.")

@@ -1,0 +1,187 @@
+"""A peer in an environment of its own: a process of another Python, which needs NumPy, SciPy and the peer's package alone.
+
+Questions and answers are NPZ files in pipes, each after its length in eight bytes.
+"""
+
+from __future__ import annotations
+
+import io
+import os
+import subprocess
+import sys
+import tempfile
+from contextlib import suppress
+from functools import partial
+from pathlib import Path
+from typing import IO, Any
+from zipfile import BadZipFile
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import csr_matrix, issparse
+
+from ..arguments import Array, shown
+from ..errors import StvkError
+
+METHODS = ("energy", "internal_force", "tangent")
+#: What the other Python runs: it takes this package's files from here, and imports nothing of it but the peers.
+START = """
+import importlib.util, sys
+folder = sys.argv[1]
+spec = importlib.util.spec_from_file_location("skfem_stvk", folder + "/__init__.py", submodule_search_locations=[folder])
+package = sys.modules["skfem_stvk"] = importlib.util.module_from_spec(spec)
+spec.loader.exec_module(package)
+from skfem_stvk.peers.elsewhere import serve
+serve()
+"""
+#: Seconds that the other process has to end by itself, once nobody asks any more.
+PATIENCE = 5.0
+#: Bytes of the longest question or answer.
+LONGEST = 2**33
+
+
+class Elsewhere:
+    """A peer whose package stands in another environment; close it, or take it by `with`.
+
+    Parameters
+    ----------
+    python : path of the other environment's Python, 3.10 or later.
+    peer : name of the peer.
+    p, t, young, poisson : as in `Peer`.
+
+    Attributes
+    ----------
+    name, version : of the code.
+    methods : which of `energy`, `internal_force` and `tangent` it has; they are methods of this object as well.
+
+    Raises
+    ------
+    StvkError
+        if there is no such Python, or it cannot make the peer; later, if its process ends.
+    """
+
+    def __init__(self, python: str | Path, peer: str, p: Array, t: NDArray[np.int32], young: float, poisson: float) -> None:
+        self._python = str(python)
+        self._said: Any = tempfile.TemporaryFile()  # noqa: SIM115 - closed by `close`
+        command = [self._python, "-I", "-B", "-c", START, str(Path(__file__).parent.parent)]
+        try:
+            self._process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=self._said)
+        except OSError as error:
+            self._said.close()
+            raise StvkError(
+                f"{shown(self._python)} cannot be run: {error.strerror}. Expected the path of another Python."
+            ) from error
+        try:
+            made = self._ask({"peer": np.array(peer), "p": p, "t": t, "constants": np.array([young, poisson])})
+            if "error" in made:
+                raise StvkError(f"{self._python}: {made['error']}")
+        except BaseException:
+            self.close()
+            raise
+        self.name, self.version, self.methods = str(made["name"]), str(made["version"]), made["methods"].tolist()
+
+    def __enter__(self) -> Elsewhere:
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self.close()
+
+    def __getattr__(self, name: str) -> Any:
+        if name in METHODS and name in self.__dict__.get("methods", ()):
+            return partial(self._called, name)
+        raise AttributeError(f"{type(self).__name__} has no {name}")
+
+    def close(self) -> None:
+        """End the other process."""
+        for pipe in (self._process.stdin, self._process.stdout):
+            if pipe is not None:
+                with suppress(OSError):  # what was not sent to a process that has ended
+                    pipe.close()
+        try:
+            self._process.wait(PATIENCE)
+        except subprocess.TimeoutExpired:
+            self._process.kill()
+            self._process.wait()
+        self._said.close()
+
+    def _called(self, method: str, u: Array) -> Any:
+        answer = self._ask({"method": np.array(method), "u": u})
+        if "error" in answer:
+            raise StvkError(str(answer["error"]))
+        if "indptr" in answer:
+            return csr_matrix((answer["data"], answer["indices"], answer["indptr"]), shape=tuple(answer["shape"].tolist()))
+        return answer["value"]
+
+    def _ask(self, question: dict[str, Array]) -> dict[str, Array]:
+        assert self._process.stdin is not None and self._process.stdout is not None
+        try:
+            _send(self._process.stdin, question)
+            answer = _receive(self._process.stdout)
+        except OSError:  # a broken pipe
+            answer = None
+        except (ValueError, EOFError, BadZipFile) as error:
+            raise StvkError(f"The process of {self._python} answers what no peer does ({error}). Is it a Python?") from error
+        if answer is None:
+            raise StvkError(f"The process of {self._python} has ended, with exit code {self._process.wait()}: {self._last_words()}")
+        return answer
+
+    def _last_words(self) -> str:
+        self._said.seek(0)
+        return " ".join(self._said.read()[-2000:].decode("utf-8", "replace").split())[-500:] or "it said nothing"
+
+
+def serve() -> None:
+    """Answer the questions on standard input until there are no more; what the peer prints goes to standard error."""
+    answers = os.fdopen(os.dup(1), "wb")
+    os.dup2(2, 1)
+    model: Any = None
+    while (question := _receive(sys.stdin.buffer)) is not None:
+        try:
+            if model is None:
+                model, answer = _made(question)
+            else:
+                answer = _answer(getattr(model, str(question["method"]))(question["u"]))
+        except Exception as error:
+            answer = {"error": np.array(f"{type(error).__name__}: {str(error)[:500]}")}
+        _send(answers, answer)
+
+
+def _made(question: dict[str, Array]) -> tuple[Any, dict[str, Array]]:
+    from . import PEERS, load
+
+    name = str(question["peer"])
+    options = {"any_version": True} if PEERS[name].least else {}
+    young, poisson = question["constants"].tolist()
+    model: Any = load(name)(question["p"], question["t"], young, poisson, **options)
+    there = [method for method in METHODS if hasattr(model, method)]
+    return model, {"name": np.array(model.name), "version": np.array(model.version), "methods": np.array(there)}
+
+
+def _answer(value: Any) -> dict[str, Array]:
+    if issparse(value):
+        K = csr_matrix(value)
+        return {"data": K.data, "indices": K.indices, "indptr": K.indptr, "shape": np.array(K.shape)}
+    return {"value": np.asarray(value)}
+
+
+def _send(pipe: IO[bytes], arrays: dict[str, Array]) -> None:
+    file = io.BytesIO()
+    named: dict[str, Any] = dict(arrays)
+    np.savez(file, **named)
+    content = file.getvalue()
+    pipe.write(len(content).to_bytes(8, "big"))
+    pipe.write(content)
+    pipe.flush()
+
+
+def _receive(pipe: IO[bytes]) -> dict[str, Array] | None:
+    """What was sent; None at the end, or if it ends too early."""
+    head = pipe.read(8)
+    length = int.from_bytes(head, "big")
+    if length > LONGEST:
+        raise ValueError(f"an answer of {length} bytes")
+    content = pipe.read(length) if len(head) == 8 else b""
+    if len(head) < 8 or len(content) < length:
+        return None
+    with np.load(io.BytesIO(content), allow_pickle=False) as arrays:
+        return dict(arrays)

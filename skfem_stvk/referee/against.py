@@ -1,0 +1,105 @@
+"""Another code as the candidate of a verification: a peer of this or of another environment, or a user's function."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from functools import partial
+from typing import Any
+
+from ..arguments import Array
+from ..errors import StvkError, name_known
+from ..mesh import ElementMesh
+from ..mesh.diagnostics import check_mesh
+from ..peers import PEERS, load
+from ..peers.elsewhere import Elsewhere
+from ..terms import StVK
+from .players import METHODS, Foul, fairly, users_function
+
+ARGUMENT = "--against"
+#: Peers that take the user's own energy density.
+OF_DENSITIES = ("JAX", "PyTorch")
+
+
+@contextmanager
+def opponent(name: str, mesh: ElementMesh, young: float, poisson: float, python: str | None = None) -> Iterator[tuple[Any, str]]:
+    """Another code on this body, to be judged as a candidate, and a line of what it is and what is known of it.
+
+    The candidate is a function of a mesh, so that the smallest piece on which it fails is found; not of another environment.
+
+    Parameters
+    ----------
+    name : of a peer, in any case, whatever its version; `jax:module:function` or `torch:module:function`, an energy density W(F)
+        that the user has written for it; or `module:function`, a function of `p` (d, nv), `t` (n, nt), `young` and `poisson` that
+        gives an object with any of `energy`, `internal_force` and `tangent`.
+    mesh, young, poisson : of the body, of one material.
+    python : path of the Python of another environment, which has the peer.
+
+    Raises
+    ------
+    MeshError, MaterialError
+        for what cannot carry an elastic body.
+    StvkError
+        if there is no such peer or function, it is not installed, or it does not take these elements.
+    """
+    check_mesh(mesh)
+    StVK(young=young, poisson=poisson).stiffness(mesh)  # both before other codes see them, whose words may be dark
+    first, _, function = name.partition(":")
+    peer = next((one for one, package in PEERS.items() if first.lower() in (one.lower(), package.module)), None)
+    if peer is None:
+        if not function:
+            raise StvkError(f"{ARGUMENT} = {name[:80]!r}; {name_known(name[:80], PEERS)} Or name a function: module:function.")
+        yield _users(name, mesh, young, poisson, python)
+        return
+    package = PEERS[peer]
+    if mesh.element.name not in package.elements or mesh.d != 3:
+        raise StvkError(
+            f"{ARGUMENT} {peer}: the mesh has {mesh.kind}; {peer} is judged on {' or '.join(package.elements)} in 3D. Take another "
+            f"mesh{', or --degree 1' if mesh.element.degree == 2 else ''}."
+        )
+    if function and (peer not in OF_DENSITIES or python is not None):
+        where = "in another environment" if peer in OF_DENSITIES else peer
+        raise StvkError(
+            f"{ARGUMENT} = {name[:80]!r}; a function is taken by {' and '.join(OF_DENSITIES)} of this environment, not {where}."
+        )
+    known = f"known of it: {package.deviates}; tried {package.tried}" + (f"; {package.why}" if package.why else "")
+    if python is not None:
+        with Elsewhere(python, peer, mesh.p, mesh.t, young, poisson) as model:
+            yield model, f"{model.name} {model.version} of {python}, {package.gives}; {known}"
+        return
+    options: dict[str, Any] = {"any_version": True} if package.least else {}
+    if function:
+        options["density"] = users_function(ARGUMENT, function)
+    make: Any = load(peer)
+    of = partial(make, young=young, poisson=poisson, **options)
+    model = _made(peer, of, mesh)
+    yield _on(mesh, model, of), f"{f'{function} in ' if function else ''}{model.name} {model.version}, {package.gives}; {known}"
+
+
+def _users(name: str, mesh: ElementMesh, young: float, poisson: float, python: str | None) -> tuple[Any, str]:
+    if python is not None:
+        raise StvkError(f"--python is for peers, {', '.join(PEERS)}; run the function {name[:80]!r} in this environment.")
+    make = users_function(ARGUMENT, name)
+
+    def of(p: Array, t: Array) -> Any:
+        return make(p, t, young, poisson)
+
+    model = _made(name, of, mesh)
+    if model is None:
+        raise StvkError(f"{name} gave None; expected an object that has any of {', '.join(METHODS.values())}.")
+    return _on(mesh, model, of), f"what {name} gives"
+
+
+def _on(mesh: ElementMesh, model: Any, of: Callable[[Array, Array], Any]) -> Callable[[ElementMesh], Any]:
+    """The candidate on the whole body, which is made, or on a piece of it, of which one is made if nothing explains a failure."""
+    return lambda piece: model if piece is mesh else of(piece.p.copy(), piece.t.copy())
+
+
+def _made(name: str, of: Callable[[Array, Array], Any], mesh: ElementMesh) -> Any:
+    """What is made of copies, which it may change; a StvkError says what went wrong by itself."""
+    try:
+        return fairly(name, lambda: of(mesh.p.copy(), mesh.t.copy()))
+    except Foul as foul:
+        if isinstance(foul.__cause__, StvkError):
+            raise foul.__cause__ from None
+        raise StvkError(f"{foul}. It is to be made of (p, t, young, poisson).") from foul

@@ -1,0 +1,665 @@
+"""What is wrong with a candidate: hypotheses are tried, and those that make the residual vanish are its name.
+
+A hypothesis is a model that is wrong in one way. If the candidate's W, F and K are the model's in strained states, to round-off,
+the hypothesis explains them. Several may: a missing 1/2 in E, a doubled stress and a doubled volume are one thing on every body,
+and the lambda of plane stress is half of lambda at nu = 1/3. All that fit are printed together.
+
+Factors are fitted by least squares: of W, F and K as a whole; of lambda and mu, in each region, on six homogeneous states; of
+single elements, where the error is on the nodes of a few. All else is tried as it stands, the planted faults (`faults`) among
+them.
+"""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
+from functools import partial
+from itertools import permutations
+from typing import Any
+
+import numpy as np
+from scipy.sparse import csr_matrix, issparse
+from scipy.sparse.linalg import LinearOperator
+
+from ..arguments import Array
+from ..errors import StvkError
+from ..materials import Anisotropic, Isotropic
+from ..mesh import ElementMesh
+from ..reference import isotropic_tensor
+from ..terms import StVK
+from .bodies import elasticity, hourglass_control, is_condensed, reference_on
+from .case import STRETCH, Case
+from .element_model import model_of
+from .faults import FAULTS
+from .judgement import largest_component
+from .players import Foul, Player
+from .results import Explanation, Naming
+
+#: States in which hypotheses are held against the candidate, none of them small; the last one has elements inside out.
+STATES = ("rotated strained", STRETCH, "35 % compression", "large random")
+#: Residuals below vanish; those of single precision lie between it and COARSE.
+VANISHES, COARSE = 1e-8, 1e-4
+#: Names of what FAULTS have that is found by a fit here, or needs more than one state.
+FITTED = (
+    "lambda doubled", "lambda halved", "lambda of plane stress", "bulk modulus for lambda", "mu halved", "mu doubled",
+    "lambda and mu exchanged", "lambda and mu by region", "W, F, K x 4", "F, K x 2", "W, F, K x 2", "K x -1", "F, K x -1",
+    "one element x 0", "one element x 2", "K of the state before", "single precision", "not a number at inversion",
+    "a constant force", "results component by component",
+)  # fmt: skip
+Values = dict[str, Any]
+#: Those of W, F and K that are asked for, at displacements (ndofs,).
+Model = Callable[[Array, str], Values]
+
+
+def name_the_fault(case: Case, terms: Sequence[StVK], make: Callable[[ElementMesh], Any] | None = None) -> Naming:
+    """Try all hypotheses on the case's candidate, which claims to be the body of these terms.
+
+    `make`, if it is given, makes the candidate on any mesh: where no hypothesis holds, the smallest piece that fails is looked for.
+    """
+    assert case.candidate is not None
+    evidence = _Evidence(case, case.candidate)
+    if not evidence.found and not evidence.not_finite:
+        return Naming(smallest="It has no values in strained states.")
+    naming = Naming(before=evidence.error(evidence.truth, np.inf))
+    if naming.before <= VANISHES and not evidence.not_finite and not _is_stale(evidence):
+        naming.smallest = (
+            "In strained states its values are right to eight digits of the body's largest: what failed is in the digits behind "
+            "them, or in a part that is far softer."
+        )
+        return naming
+    for found, (name, words) in _in_words(evidence):
+        naming.tried += 1
+        if found:
+            naming.explanations.append(Explanation(name, words, naming.before))
+    if naming.explanations:
+        return naming
+    naming.explanations, naming.tried = _those_that_fit(evidence, terms, naming.tried)
+    if not naming.explanations and len(evidence.quantities) > 1:
+        naming.explanations, naming.tried = _one_by_one(evidence, terms, naming.tried)
+    if not naming.explanations and make is not None:
+        naming.smallest = smallest_piece(make, case, terms)
+    elif not naming.explanations:
+        naming.smallest = _fewest_nodes(evidence)
+    return naming
+
+
+def _those_that_fit(evidence: _Evidence, terms: Sequence[StVK], tried: int) -> tuple[list[Explanation], int]:
+    """The hypotheses that explain all of the evidence, and how many have been tried."""
+    fit = []
+    for name, words, model in _models(evidence, terms):
+        tried += 1
+        residual = evidence.error(model)
+        if residual <= VANISHES:
+            fit.append(Explanation(name, words, residual))
+    return fit, tried
+
+
+def _one_by_one(evidence: _Evidence, terms: Sequence[StVK], tried: int) -> tuple[list[Explanation], int]:
+    """One explanation that says of W, F and K, each by itself, what it is; none if one of them has none."""
+    names, words, largest = [], [], 0.0
+    for quantity in evidence.quantities:
+        single = evidence.of(quantity)
+        residual = single.error(single.truth)
+        if residual <= VANISHES:
+            names.append(f"{quantity}: right")
+        else:
+            fit, tried = _those_that_fit(single, terms, tried)
+            if not fit:
+                return [], tried
+            residual = max(one.residual for one in fit)
+            names.append(f"{quantity}: {' or '.join(one.name for one in fit)}")
+            words.append(f"of {quantity}, {fit[0].words}")
+        largest = max(largest, residual)
+    return [Explanation("; ".join(names), "; ".join(words), largest)], tried
+
+
+class _Evidence:
+    """The candidate's values in strained states, and how far a model is from them."""
+
+    def __init__(self, case: Case, player: Player) -> None:
+        self.case, self.player = case, player
+        self.quantities = [quantity for quantity in "WFK" if player.has(quantity)]
+        self.found: dict[str, Values] = {}
+        self.not_finite: list[str] = []
+        self._by_products = False
+        for state in STATES:
+            try:
+                values = self.values(player, case.states[state])
+            except Foul:
+                continue
+            if all(np.isfinite(_flat(value)).all() for value in values.values()):
+                self.found[state] = values
+            else:
+                self.not_finite.append(state)
+
+    def values(self, player: Player, u: Array, quantities: str = "WFK") -> Values:
+        """W, F and K of a player, of what is asked for and the candidate has; an operator counts by its products."""
+        return {quantity: self._value(getattr(player, quantity)(u)) for quantity in self.quantities if quantity in quantities}
+
+    def _value(self, value: Any) -> Any:
+        self._by_products |= isinstance(value, LinearOperator)  # and so is every K that it is compared with
+        if isinstance(value, LinearOperator) or (self._by_products and issparse(value)):
+            return self._products(value)
+        return value
+
+    def _products(self, K: Any) -> Array:
+        """Products (ndofs, 4) with vectors of random signs: K is never made dense."""
+        return np.asarray(K @ self.case.random("hypotheses").choice([-1.0, 1.0], size=(K.shape[1], 4)))
+
+    def column(self, value: Any) -> Array:
+        """A value as a column of a least-squares problem; a matrix counts by its products."""
+        return np.asarray(self._products(value) if issparse(value) else value, dtype=float).ravel()
+
+    def of(self, quantity: str) -> _Evidence:
+        """What there is of one of W, F and K alone."""
+        single = copy.copy(self)
+        single.quantities = [quantity]
+        single.found = {state: {quantity: values[quantity]} for state, values in self.found.items()}
+        return single
+
+    def truth(self, u: Array, quantities: str = "WFK") -> Values:
+        """The reference's values."""
+        return self.values(self.case.reference, u, quantities)
+
+    def error(self, model: Model, most: float = COARSE) -> float:
+        """The largest relative error of a model in all states; infinite where it is not defined.
+
+        What does not fit by `most` is left alone: K, which costs most, is computed of models alone whose W and F fit.
+        """
+        largest = 0.0 if self.found else np.inf
+        for quantities in ("W", "F", "K"):
+            for state, values in self.found.items():
+                if quantities not in values:
+                    continue
+                try:
+                    claimed = model(self.case.states[state], quantities)
+                except (StvkError, ArithmeticError, np.linalg.LinAlgError, ValueError, IndexError, AssertionError):
+                    return np.inf
+                apart = self.apart(values[quantities], claimed[quantities])
+                largest = max(largest, apart if np.isfinite(apart) else np.inf)
+                if largest > most:
+                    return largest
+        return largest
+
+    def apart(self, value: Any, claimed: Any) -> float:
+        claimed = csr_matrix(claimed) if issparse(value) and not issparse(claimed) else self._value(claimed)
+        scale, off = np.abs(_flat(claimed)).max(initial=0.0), np.abs(_flat(value - claimed)).max(initial=0.0)
+        return float(off / scale) if scale else (0.0 if off == 0 else np.inf)
+
+
+def _flat(value: Any) -> Array:
+    return np.asarray(value.data if issparse(value) else value, dtype=float).ravel()
+
+
+def _of(model: Any) -> Model:
+    """W, F and K of a model as a function."""
+    methods = {"W": "energy", "F": "internal_force", "K": "tangent"}
+    return lambda u, quantities: {quantity: getattr(model, methods[quantity])(u) for quantity in quantities}
+
+
+# what needs no model
+
+
+def _in_words(evidence: _Evidence) -> Iterator[tuple[bool, tuple[str, str]]]:
+    """Explanations by looking at the values: not a number, single precision, a constant force, K of the state before."""
+    case, found = evidence.case, evidence.found
+    inverted = [state for state in evidence.not_finite if state == STATES[-1]]
+    right = evidence.error(evidence.truth) <= VANISHES
+    words = "values are not finite where elements are inside out, as by a logarithm or a root of J; elsewhere they are right"
+    yield bool(inverted) and len(inverted) == len(evidence.not_finite) and right, ("not a number at inversion", words)
+    error = evidence.error(evidence.truth)
+    words = f"errors of {error:.0e} that change from state to state like rounding: sums or positions in float32"
+    yield VANISHES < error < COARSE and _is_rounding(evidence), ("single precision", words)
+    if "F" in evidence.quantities and len(found) == len(STATES):
+        off = [values["F"] - case.reference.F(case.states[state]) for state, values in found.items()]
+        mean, size = np.mean(off, axis=0), max(float(np.abs(values["F"]).max()) for values in found.values())
+        same = max(np.abs(one - mean).max() for one in off) <= 1e-11 * size < np.abs(mean).max()
+        nodes = np.flatnonzero(largest_component(mean, case.mesh.d) > 1e-3 * np.abs(mean).max())[:5]
+        words = f"F has the same additional force in every state, on nodes {', '.join(map(str, nodes))}: a load left in"
+        yield bool(same), ("a constant force", words)
+    if "K" in evidence.quantities:
+        words = "K is that of the state that was asked for before: what is kept is not made anew"
+        yield _is_stale(evidence), ("K of the state before", words)
+
+
+def _is_rounding(evidence: _Evidence) -> bool:
+    """Whether errors, where there are any, change by their own size with a tiny change of the state."""
+    u = evidence.case.states[STRETCH]
+    there, beside = (_differences(evidence, v) for v in (u, (1 + 1e-4) * u))
+    large = [quantity for quantity in evidence.quantities if there[quantity][1] > VANISHES]
+    return bool(large) and all(
+        abs(beside[q][0] - there[q][0]).max() > 0.1 * abs(there[q][0]).max()
+        if issparse(there[q][0])
+        else np.abs(beside[q][0] - there[q][0]).max() > 0.1 * np.abs(there[q][0]).max()
+        for q in large
+    )
+
+
+def _differences(evidence: _Evidence, u: Array) -> dict[str, tuple[Any, float]]:
+    """Candidate minus reference at a state, and how large that is."""
+    values, truth = evidence.values(evidence.player, u), evidence.truth(u)
+    return {q: (values[q] - truth[q], evidence.apart(values[q], truth[q])) for q in evidence.quantities}
+
+
+def _is_stale(evidence: _Evidence) -> bool:
+    case, player = evidence.case, evidence.player
+    a, b = (case.states[state] for state in (STRETCH, "35 % compression"))
+    try:
+        player.K(a)
+        late = evidence._value(player.K(b))
+    except Foul:
+        return False
+    return evidence.apart(late, case.reference.K(a)) <= VANISHES < evidence.apart(late, case.reference.K(b))
+
+
+# models
+
+
+def _models(evidence: _Evidence, terms: Sequence[StVK]) -> Iterator[tuple[str, str, Model]]:
+    """Name, words and model of each hypothesis."""
+    yield from _factors(evidence)
+    yield from _lame(evidence, terms)
+    yield from _elements(evidence, terms)
+    yield from _orders_of_dofs(evidence)
+    yield from _other_displacements(evidence)
+    yield from _orders_of_voigt(evidence, terms)
+    yield from _orders_of_nodes(evidence, terms)
+    yield from _planted(evidence, terms)
+
+
+READINGS = {
+    4.0: "E without its 1/2 in all of them, E doubled, or moduli four times too large",
+    2.0: "Young's modulus, the stress, the volume, or E in the stress alone is doubled (a missing 1/2)",
+    0.5: "Young's modulus, the stress or the volume is halved",
+    0.25: "moduli or E are halved twice",
+    -1.0: "the sign is turned",
+    6.0: "the determinant is taken for the volume of a tetrahedron, without 1/6",
+    3.0: "1/2 in the place of 1/6 in the volume of a tetrahedron",
+    1 / 6: "1/6 counts twice in the volume of a tetrahedron",
+    **{10.0**power: "units, as of Pa, kPa, MPa and GPa, or m and mm, are mixed" for power in (-9, -6, -3, 3, 6, 9)},
+}
+
+
+def _factors(evidence: _Evidence) -> Iterator[tuple[str, str, Model]]:
+    """W, F and K each times a number."""
+    factors = {}
+    for quantity in evidence.quantities:
+        pairs = [
+            (values[quantity], evidence.truth(evidence.case.states[s], quantity)[quantity]) for s, values in evidence.found.items()
+        ]
+        above, below = (sum(float(_product(a[i], a[1])) for a in pairs) for i in (0, 1))
+        factors[quantity] = above / below if below else 1.0
+    off: dict[float, list[str]] = {}
+    for quantity, factor in factors.items():
+        if abs(factor - 1) > 1e-6:
+            off.setdefault(float(f"{factor:.6g}"), []).append(quantity)
+    if not off:
+        return
+    name = "; ".join(f"{', '.join(names)} x {factor:g}" for factor, names in off.items())
+    reading = "; ".join(dict.fromkeys(_reading(factor) for factor in off))
+
+    def model(u: Array, quantities: str) -> Values:
+        return {quantity: factors[quantity] * value for quantity, value in evidence.truth(u, quantities).items()}
+
+    words = "; ".join(
+        f"your {' and '.join(names)} {'is' if len(names) == 1 else 'are'} {_number(factor)} x" for factor, names in off.items()
+    )
+    yield name, f"{words}: {reading}", model
+
+
+def _product(a: Any, b: Any) -> float:
+    return float(a.multiply(b).sum()) if issparse(a) and issparse(b) else float(np.vdot(_flat(a), _flat(b)))
+
+
+def _reading(factor: float) -> str:
+    if abs(factor) < 1e-14:
+        return "nothing is added up"
+    near = [words for value, words in READINGS.items() if abs(factor / value - 1) < 1e-5]
+    return near[0] if near else "a factor without a usual cause"
+
+
+def _lame(evidence: _Evidence, terms: Sequence[StVK]) -> Iterator[tuple[str, str, Model]]:
+    """lambda and mu times factors in each region, fitted to six homogeneous states."""
+    case = evidence.case
+    if not all(isinstance(term.material, Isotropic) for term in terms) or case.mesh.k == 1:
+        return
+    parts = [part for term in terms for part in _lame_parts(case, term)]
+    quantity = "F" if "F" in evidence.quantities else evidence.quantities[-1]
+    rows, columns = [], []
+    # W of regions is told apart by other states alone, and a candidate may raise in some
+    for u in [*_homogeneous(case), *(case.states[state] for state in evidence.found)]:
+        try:
+            rows.append(evidence.column(evidence.values(evidence.player, u, quantity)[quantity]))
+        except Foul:
+            continue
+        columns.append(np.stack([evidence.column(evidence.values(part, u, quantity)[quantity]) for part in parts], axis=1))
+    if not rows:
+        return
+    A, b = np.concatenate(columns), np.concatenate(rows)
+    if len(b) < A.shape[1] + 3 or not (np.isfinite(b).all() and np.isfinite(A).all()):
+        return  # as many unknowns as values of W would fit anything
+    size = np.linalg.norm(A, axis=0)
+    factors = np.linalg.lstsq(A / np.where(size, size, 1.0), b, rcond=None)[0] / np.where(size, size, 1.0)
+    factors = np.where(size, factors, np.roll(factors, -1))  # at nu = 0 there is no lambda: it counts as mu does
+    if np.abs(factors - 1).max() < 1e-6 or np.ptp(factors) <= 1e-6 * np.abs(factors).max():
+        return  # right, or all of it times one number
+
+    def model(u: Array, quantities: str) -> Values:
+        each = [evidence.values(part, u, quantities) for part in parts]
+        return {q: sum(f * value[q] for f, value in zip(factors, each, strict=True)) for q in quantities}
+
+    pairs = factors.reshape(-1, 2)
+    readings = [_lame_readings(case.mesh, term, *pair) for term, pair in zip(terms, pairs, strict=True)]
+    off = [i for i, pair in enumerate(pairs) if np.abs(pair - 1).max() > 1e-6]
+    numbers = "; ".join(
+        f"your lambda is {_number(pairs[i, 0])} x, your mu {_number(pairs[i, 1])} x{_where(terms[i], len(terms))}" for i in off
+    )
+    common = set.intersection(*(set(readings[i]) for i in off))
+    for name in [name for name in readings[off[0]] if name in common] or ["lambda and mu by region"]:
+        yield name, f"{numbers}{LAME_WORDS.get(name, '')}", model
+
+
+LAME_WORDS = {
+    "lambda of plane strain": ": lam = E nu/((1 + nu) (1 - 2 nu)) is for plane strain and solids",
+    "lambda of plane stress": ": 2 lam mu/(lam + 2 mu) = E nu/(1 - nu^2) is for plane stress",
+    "mu halved": ": E/(4 (1 + nu)), or the engineering shear strain taken for the tensor's",
+    "mu doubled": ": E/(1 + nu) is 2 G",
+    "bulk modulus for lambda": ": lam + 2/3 mu is the bulk modulus",
+}
+
+
+def _number(factor: float) -> str:
+    """A factor with three decimals, or three digits if it is far from one.
+
+    >>> _number(2.0), _number(1e-9)
+    ('2.000', '1e-09')
+    """
+    return f"{factor + 0.0:.3f}" if factor == 0 or 0.01 <= abs(factor) < 1000 else f"{factor:.3g}"
+
+
+def _where(term: StVK, count: int) -> str:
+    if count == 1 or term.region is None:
+        return ""
+    if isinstance(term.region, str):
+        return f" in {term.region}"
+    ids = np.asarray(term.region).ravel()
+    return f" in the region of elements {', '.join(map(str, ids[:3]))}, ... ({len(ids)})"
+
+
+def _lame_readings(mesh: ElementMesh, term: StVK, of_lam: float, of_mu: float) -> list[str]:
+    """The usual causes of these factors, in the order of likelihood; those that are equal at this nu are all there."""
+    assert isinstance(term.material, Isotropic)
+    E, nu = np.asarray(term.material.young), np.asarray(term.material.poisson)
+    if E.ndim or nu.ndim:
+        E, nu = E.ravel()[0], nu.ravel()[0]
+    lam, mu = E * nu / ((1 + nu) * (1 - 2 * nu)), E / (2 * (1 + nu))
+    condensed, solid = is_condensed(mesh, term), lam
+    lam = 2 * lam * mu / (lam + 2 * mu) if condensed else lam
+    usual = {
+        "lambda doubled": (2, 1),
+        "lambda halved": (0.5, 1),
+        "lambda of plane strain": (solid / lam if condensed and lam else np.nan, 1),
+        "lambda of plane stress": (np.nan if condensed else 2 * mu / (lam + 2 * mu), 1),
+        "bulk modulus for lambda": (1 + 2 * mu / (3 * lam) if lam else np.nan, 1),
+        "lambda is left out": (0, 1),
+        "mu halved": (1, 0.5),
+        "mu doubled": (1, 2),
+        "mu is left out": (1, 0),
+        "lambda and mu exchanged": (mu / lam if lam else np.nan, lam / mu),
+        "Young's modulus for mu": (1, E / mu),
+    }
+    return [name for name, pair in usual.items() if np.allclose(pair, (of_lam, of_mu), rtol=1e-6, atol=1e-7)]
+
+
+def _lame_parts(case: Case, term: StVK) -> Iterator[Player]:
+    """The reference of a region with lambda alone, and with mu alone."""
+    assert isinstance(term.material, Isotropic)
+    mesh, how, ids = case.mesh, case.how, case.mesh.elements(term.region)
+    young, poisson = np.asarray(term.material.young, float), np.asarray(term.material.poisson, float)
+    tensor = isotropic_tensor(young, poisson, mesh.k, is_condensed(mesh, term))
+    section = {1: term.area, 2: term.thickness}.get(mesh.k)
+    tensor = tensor if section is None else tensor * np.asarray(section).reshape(-1, 1, 1, 1, 1)
+    lam = np.zeros_like(tensor)
+    eye = np.eye(mesh.k)
+    lam[:] = tensor[:, 0, 0, 1, 1][:, None, None, None, None] * np.einsum("ij,kl->ijkl", eye, eye)
+    moduli = tensor[:, 0, 0, 0, 0]
+    for part in (lam, tensor - lam):
+        control = how.hourglass * part[:, 0, 0, 0, 0] * np.ones(len(ids)) if how.is_one_point else None
+        assert len(moduli)
+        yield Player("part", reference_on(mesh.p, mesh.t[:, ids], part, how, control), mesh.p.size)
+
+
+def _homogeneous(case: Case) -> Iterator[Array]:
+    """Six homogeneous states, each with another strain of 10 to 20 % and a turn."""
+    d = case.mesh.d
+    turn = np.linalg.qr(case.random("homogeneous").standard_normal((d, d)))[0]
+    for number in range(6):
+        strain = 0.1 * case.random(f"homogeneous {number}").standard_normal((d, d))
+        F = turn @ (np.eye(d) + strain + strain.T)
+        yield (case.centred @ (F - np.eye(d)).T).ravel()
+
+
+def _elements(evidence: _Evidence, terms: Sequence[StVK]) -> Iterator[tuple[str, str, Model]]:
+    """A few elements times a factor each: those on whose nodes alone the force, or K, is off."""
+    case = evidence.case
+    if case.how.is_one_point or not set("FK") & set(evidence.quantities):
+        return
+    quantity = "F" if "F" in evidence.quantities else "K"
+    mesh, state = case.mesh, next(iter(evidence.found), None)
+    if state is None:
+        return
+    u = case.states[state]
+    off = evidence.found[state][quantity] - evidence.truth(u)[quantity]
+    rows = np.asarray(abs(off).max(axis=1).todense()).ravel() if issparse(off) else np.abs(off).reshape(mesh.p.size, -1).max(axis=1)
+    bad = largest_component(rows, mesh.d) > 1e-9 * max(float(rows.max()), np.finfo(float).tiny)
+    suspects = np.flatnonzero(bad[mesh.t].all(axis=0))
+    if not 0 < len(suspects) <= 5 or len(suspects) == mesh.nt:
+        return
+    tensor = elasticity(mesh, terms, case.how)
+    single = [
+        Player("part", reference_on(mesh.p, mesh.t[:, [e]], tensor if len(tensor) == 1 else tensor[[e]], case.how), mesh.p.size)
+        for e in suspects
+    ]
+    A = np.stack([evidence.column(evidence.values(one, u, quantity)[quantity]) for one in single], axis=1)
+    change = np.linalg.lstsq(A, evidence.column(off), rcond=None)[0].round(9)
+    there = [i for i in range(len(suspects)) if abs(change[i]) > 1e-6]
+    if not there:
+        return
+
+    def model(v: Array, quantities: str) -> Values:
+        values, parts = evidence.truth(v, quantities), [evidence.values(one, v, quantities) for one in single]
+        return {q: value + sum(c * part[q] for c, part in zip(change, parts, strict=True)) for q, value in values.items()}
+
+    numbers = ", ".join(f"element {suspects[i]} counts {1 + change[i] + 0.0:.3f} x" for i in there)
+    name = f"one element x {1 + change[there[0]] + 0.0:.3g}" if len(there) == 1 else "some elements"
+    usual = {0: ": it is left out", 2: ": it is summed twice", -1: ": its sign is turned"}
+    yield name, numbers + (usual.get(round(1 + change[there[0]], 6), "") if len(there) == 1 else ""), model
+
+
+def _orders_of_dofs(evidence: _Evidence) -> Iterator[tuple[str, str, Model]]:
+    """Degrees of freedom component by component, in what is taken, what is returned, or both."""
+    d, n = evidence.case.mesh.d, evidence.case.mesh.p.size
+    if d == 1:
+        return
+    blocked = np.arange(n).reshape(-1, d).T.ravel()
+
+    def model(taken: bool, returned: bool, u: Array, quantities: str) -> Values:
+        values = evidence.truth(u.reshape(d, -1).T.ravel() if taken else u, quantities)
+        if returned:
+            turned = {"F": lambda F: F[blocked], "K": lambda K: K[blocked][:, blocked] if issparse(K) else K[blocked]}
+            values = {q: turned[q](value) if q in turned else value for q, value in values.items()}
+        return values
+
+    words = "degrees of freedom are {} component by component (x of all nodes, then y, ...), not node by node"
+    yield "results component by component", words.format("returned"), partial(model, False, True)
+    yield "displacements component by component", words.format("read"), partial(model, True, False)
+    yield "all component by component", words.format("read and returned"), partial(model, True, True)
+
+
+def _read_otherwise(evidence: _Evidence, read: Callable[[Array], Array], u: Array, quantities: str) -> Values:
+    """The reference at what is read in the place of the displacements."""
+    return evidence.truth(read(u), quantities)
+
+
+def _other_displacements(evidence: _Evidence) -> Iterator[tuple[str, str, Model]]:
+    """Something else taken for the displacements, and components in another order."""
+    d, rest = evidence.case.mesh.d, evidence.case.mesh.p.T.ravel()
+    readings: list[tuple[str, str, Callable[[Array], Array]]] = [
+        ("sign of u turned", "displacements are subtracted from the positions at rest", lambda u: -u),
+        ("u doubled", "displacements are added to the positions at rest twice", lambda u: 2 * u),
+        ("u halved", "half of the displacements is added to the positions at rest", lambda u: u / 2),
+        ("u taken for positions", "displacements are taken for positions: the positions at rest are not added", lambda u: u - rest),
+    ]
+    for name, words, read in readings:
+        yield name, words, partial(_read_otherwise, evidence, read)
+
+    def model(order: Array, taken: bool, u: Array, quantities: str) -> Values:
+        values = evidence.truth(u[order] if taken else u, quantities)
+        turned = {"F": lambda F: F[order], "K": lambda K: K[order][:, order] if issparse(K) else K[order]}
+        return {q: turned[q](value) if q in turned else value for q, value in values.items()}
+
+    dofs = np.arange(len(rest)).reshape(-1, d)
+    for order in list(permutations(range(d)))[1:]:
+        said = ", ".join("xyz"[i] for i in order)
+        for taken, words in ((False, "returned"), (True, "read and returned")):
+            name = f"components {words} in the order {said}"
+            yield name, f"components of each node are {words} in this order", partial(model, dofs[:, order].ravel(), taken)
+
+
+def _orders_of_voigt(evidence: _Evidence, terms: Sequence[StVK]) -> Iterator[tuple[str, str, Model]]:
+    """Matrices with their shears in another order, or with shear entries times a factor."""
+    names = {3: "23", 4: "13", 5: "12"}
+    for order in ((5, 4, 3), (4, 3, 5), (3, 5, 4), (4, 5, 3), (5, 3, 4)):
+        said = ", ".join(names[i] for i in order)
+        change = partial(_reordered, [0, 1, 2, *order])
+        words = f"rows and columns of the elasticity matrix are read as if shears were in the order {said}, not 23, 13, 12"
+        yield f"shears in the order {said}", words, partial(_remade, evidence, terms, change)
+    for factor in (2.0, 4.0, 0.5, 0.25):
+        words = (
+            f"shear entries of the elasticity matrix count {factor:g} x: engineering shear strains and the tensor's are confused"
+        )
+        name = "shear stresses doubled" if factor == 2 else f"shear stresses x {factor:g}"
+        if all(isinstance(term.material, Anisotropic) for term in terms):
+            yield name, words, partial(_remade, evidence, terms, partial(_scaled_shear, factor))
+
+
+def _reordered(order: list[int], voigt: Array) -> Array:
+    return np.asarray(voigt[..., order, :][..., order])
+
+
+def _scaled_shear(factor: float, voigt: Array) -> Array:
+    scaled = voigt.copy()
+    scaled[..., 3:, 3:] *= factor
+    return scaled
+
+
+def _remade(evidence: _Evidence, terms: Sequence[StVK], change: Callable[[Array], Array], u: Array, quantities: str) -> Values:
+    """The reference of the body with changed elasticity matrices."""
+    case = evidence.case
+    altered = []
+    for term in terms:
+        if not isinstance(term.material, Anisotropic):
+            raise StvkError("Only anisotropic materials are given as matrices; got another.")
+        material = Anisotropic(change(np.asarray(term.material.voigt)), frame=term.material.frame)
+        altered.append(StVK(material, term.region, plane=term.plane, thickness=term.thickness, area=term.area))
+    control = hourglass_control(case.mesh, altered, case.how) if case.how.is_one_point else None
+    model = reference_on(case.mesh.p, case.mesh.t, elasticity(case.mesh, altered, case.how), case.how, control)
+    return evidence.values(Player("altered", model, case.mesh.p.size), u, quantities)
+
+
+def _orders_of_nodes(evidence: _Evidence, terms: Sequence[StVK]) -> Iterator[tuple[str, str, Model]]:
+    """Two nodes of every element exchanged: of elements with several points; linear simplices do not mind."""
+    case = evidence.case
+    if case.mesh.element.is_linear_simplex or case.how.quadrature is not None or case.mesh.k != case.mesh.d:
+        return
+    right, n = model_of(case.mesh, terms), len(case.mesh.t)
+    for a in range(n):
+        for b in range(a):
+            order = np.arange(n)
+            order[[a, b]] = b, a
+            model = _of(replace(right, X=right.X[order], t=right.t[order]))
+            words = f"nodes {b} and {a} of every element are exchanged: another program's order of nodes"
+            yield "nodes in another order", words, model
+
+
+def _planted(evidence: _Evidence, terms: Sequence[StVK]) -> Iterator[tuple[str, str, Model]]:
+    """The planted faults that have a name, on this body."""
+    case = evidence.case
+    for fault in FAULTS.values():
+        if fault.named and fault.named not in FITTED and not _is_of_another_body(case, fault.body):
+            try:
+                model = fault.make(case.mesh, terms)
+            except Exception:  # it is not for such bodies
+                continue
+            yield fault.named, fault.description, _of(model)
+
+
+def _is_of_another_body(case: Case, name: str) -> bool:
+    """Whether a fault of this body has no meaning on the case's."""
+    if name == "one point":
+        return not case.how.is_one_point
+    if name == "curved":
+        return case.mesh.element.is_linear_simplex or case.how.quadrature is not None
+    return case.how.quadrature is not None
+
+
+# where nothing explains it
+
+
+def _fewest_nodes(evidence: _Evidence) -> str:
+    """The first node whose displacement alone is enough to fail, in words."""
+    case, mesh = evidence.case, evidence.case.mesh
+    for node in range(min(mesh.nv, 60)):
+        u = np.zeros(mesh.p.size)
+        u[mesh.d * node : mesh.d * (node + 1)] = 0.2 * case.node_size[node] * np.array([1.0, 0.7, -0.4])[: mesh.d]
+        try:
+            values, truth = evidence.values(evidence.player, u), evidence.truth(u)
+        except Foul:
+            continue
+        if any(evidence.apart(values[q], truth[q]) > VANISHES for q in evidence.quantities):
+            around = np.flatnonzero((mesh.t == node).any(axis=0))
+            ids = ", ".join(map(str, around[:5])) + (", ..." if len(around) > 5 else "")
+            return f"It is enough to move node {node} alone, in the elements {ids}."
+    return "No displacement of a single node among the first ones shows it."
+
+
+def smallest_piece(make: Callable[[ElementMesh], Any], case: Case, terms: Sequence[StVK]) -> str:
+    """The fewest elements on which a candidate, made anew there, still disagrees with the reference, in words."""
+    mesh = case.mesh
+    if any(not isinstance(term.material, Isotropic) or np.ndim(term.material.young) for term in terms) or len(terms) > 1:
+        return "Pieces of bodies of several materials are not tried."
+
+    def fails(ids: Array) -> bool:
+        used, t = np.unique(mesh.t[:, ids], return_inverse=True)
+        piece = ElementMesh(mesh.p[:, used], t.reshape(len(mesh.t), -1).astype(np.int32), element=mesh.element)
+        tensor = elasticity(piece, terms, case.how)
+        control = hourglass_control(piece, terms, case.how) if case.how.is_one_point else None
+        truth = Player("reference", reference_on(piece.p, piece.t, tensor, case.how, control), piece.p.size)
+        try:
+            player = Player("candidate", make(piece), piece.p.size)
+            u = 0.1 * case.median_edge * case.random("piece").standard_normal(piece.p.size)
+            for quantity in "WFK":
+                if player.has(quantity):
+                    value, right = getattr(player, quantity)(u), getattr(truth, quantity)(u)
+                    if not np.abs(_flat(value - right)).max(initial=0.0) <= VANISHES * np.abs(_flat(right)).max(initial=0.0):
+                        return True
+        except Exception:  # a candidate that cannot be made there, or not on this piece
+            return False
+        return False
+
+    pieces: list[Array] = [np.arange(mesh.nt)]
+    failing = pieces[0] if fails(pieces[0]) else None
+    for element in range(min(mesh.nt, 30)):
+        if fails(np.array([element])):
+            return f"The smallest mesh that fails is one element: {element}, nodes {mesh.t[:, element].tolist()}."
+    while failing is not None and len(failing) > 2:
+        halves = [failing[: len(failing) // 2], failing[len(failing) // 2 :], failing[::2], failing[1::2]]
+        smaller = next((half for half in halves if fails(half)), None)
+        if smaller is None:
+            break
+        failing = smaller
+    if failing is None:
+        return "A candidate that is made anew on this mesh does not fail."
+    ids = ", ".join(map(str, failing[:8])) + (", ..." if len(failing) > 8 else "")
+    return f"The smallest mesh found that fails has {len(failing)} elements: {ids}."

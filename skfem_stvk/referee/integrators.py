@@ -1,0 +1,268 @@
+"""Checks of anybody's time integrator, by bodies whose motion is known."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator, Sequence
+from functools import partial
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+from scipy.integrate import solve_ivp
+
+from ..arguments import Array, flag, number, whole
+from ..errors import StvkError
+from ..mesh import ElementMesh
+from ..system import System
+from ..terms import StVK
+from .header import PACKAGES, circumstances
+from .manufactured import fitted_order
+from .players import Foul, Player, fairly
+from .report import Report
+from .results import Task
+from .terminal import CountedProgress
+
+#: Young's moduli of the two bodies [Pa], a bar of length 1.3 m and section 2e-4 m^2 with half of its mass at each end.
+YOUNG = {"soft": 1e4, "stiff": 1e10}
+LENGTH, SECTION = 1.3, 2e-4
+#: Periods of the motion that orders and drifts are fitted on, and steps in it.
+PERIODS, STEPS = 1.5, (60, 120, 240)
+#: Distance of a fitted order from the claimed, or from a whole number; drift that counts as none.
+SLACK, NO_DRIFT = 0.25, 1e-9
+#: `omega dt` that are tried, amplitude of the vibration as a part of the length, and growth per step that counts as none.
+SCAN, AMPLITUDE, NO_GROWTH = np.geomspace(0.05, 1e3, 40), 1e-4, 1e-6
+QUANTITIES = ("energy", "linear momentum", "angular momentum")
+
+Step = Callable[[System, Array, Array, float], Any]
+
+
+def verify_integrator(
+    step: Step,
+    *,
+    density: float = 1000.0,
+    order: int | None = None,
+    conserves: Sequence[str] = ("linear momentum",),
+    stable: float | None = None,
+    quiet: bool = False,
+) -> Report:
+    """Judge a time integrator by a soft and a stiff body of two masses and a spring, whose motion is known.
+
+    `step(system, u, v, dt)` returns displacements and velocities (ndofs,) a time `dt` later, of `M v' + F(u) = 0`, free in space:
+    `system.internal_force(u)` is F [N], `system.tangent(u)` its derivative, and `system.mass()` the lumped M, with `solve(f)` and
+    `multiply(v)`. There are no loads and no supports. What it returns may depend on its arguments alone.
+
+    The spring is a bar with the energy of St. Venant-Kirchhoff; it turns, vibrates by 15 % and drifts. The relative motion is that
+    of a point in a central field, an ordinary differential equation that is solved to 13 digits.
+
+    - memory: the same arguments give the same result, whatever was asked between: a kept force is stale.
+    - order: the error at the end falls with the claimed order, or with a whole one from 1 on.
+    - drifts: of energy, linear and angular momentum: none of those in `conserves`, others fall with the step, as they do not where
+      there is damping.
+    - stability limit: no growth of small vibrations up to `omega dt = stable`; or up to 0.05, and the limit is told.
+
+    Parameters
+    ----------
+    density : of the bar [kg/m^3].
+    order : the claimed order; None to have it told.
+    conserves : those of "energy", "linear momentum" and "angular momentum" that are claimed to be conserved.
+    stable : the claimed limit of `omega dt`: 2 for central differences, 1000 for integrators without a limit.
+    quiet : show no progress.
+
+    Raises
+    ------
+    StvkError
+        if `step` cannot be called, or a claim is out of range.
+
+    >>> def verlet(system, u, v, dt):
+    ...     M = system.mass()
+    ...     v = v - dt / 2 * M.solve(system.internal_force(u))
+    ...     u = u + dt * v
+    ...     return u, v - dt / 2 * M.solve(system.internal_force(u))
+    >>> verify_integrator(verlet, order=2, conserves=("linear momentum", "angular momentum"), stable=2.0, quiet=True).passed
+    True
+    """
+    started = time.perf_counter()
+    if not callable(step):
+        raise StvkError(f"step is a {type(step).__name__}; expected a function step(system, u, v, dt) -> (u, v).")
+    density = number("density", density, "a density in kg/m^3, a positive number", low=0.0)
+    claimed = None if order is None else whole("order", order, "a whole number from 1, or None", least=1, most=12)
+    limit = None if stable is None else number("stable", stable, "a positive omega dt up to 1000", low=0.0, high=1e3, closed=True)
+    if isinstance(conserves, str) or not set(conserves) <= set(QUANTITIES):
+        raise StvkError(f"conserves = {conserves!r}; expected a sequence of {', '.join(map(repr, QUANTITIES))}.")
+    flag("quiet", quiet)
+    lines = [
+        f"integrator: {getattr(step, '__name__', type(step).__name__)}(system, u, v, dt)",
+        f"claims: order {claimed or 'none'}, conserves {', '.join(conserves) or 'nothing'}, "
+        f"stable up to omega dt = {'no claim' if limit is None else f'{limit:g}'}",
+    ]
+    report = Report(circumstances(PACKAGES) | {"lines": lines})
+    bodies = {name: _Body(step, young, density) for name, young in YOUNG.items()}
+    tasks = [task for name, body in bodies.items() for task in _tasks(name, body, claimed, conserves, limit)]
+    with CountedProgress("verify integrator", len(tasks), quiet) as progress:
+        try:
+            for task in tasks:
+                progress.step(f"{task.check}: {task.state}")
+                report.results.append(task.run())
+        except KeyboardInterrupt:
+            report.interrupted = True
+            report.results += [task.missed("interrupted") for task in tasks[len(report.results) :]]
+    report.seconds = time.perf_counter() - started
+    return report
+
+
+def _tasks(name: str, body: _Body, order: int | None, conserves: Sequence[str], stable: float | None) -> Iterator[Task]:
+    task = partial(Task, player=body.player, needs="", state=name)
+    yield task("memory", quantity="u, v", measure=partial(_memory, body))
+    yield task("order", quantity="u, v", measure=partial(_order, body, order))
+    for quantity in QUANTITIES:
+        yield task("drift", quantity=quantity, measure=partial(_drift, body, quantity, quantity in conserves))
+    yield task("stability limit", quantity="omega dt", measure=partial(_stability, body, stable))
+
+
+class _Body:
+    """Two masses and a bar in space, their known motion, and the integrator that moves them."""
+
+    def __init__(self, step: Step, young: float, density: float) -> None:
+        self.step, self.player = step, Player("integrator", None, 6)
+        along = np.array([2.0, -1.0, 2.0]) / 3
+        self.X = np.stack([np.zeros(3), LENGTH * along])
+        mesh = ElementMesh(np.ascontiguousarray(self.X.T), np.array([[0], [1]]))
+        self.system = System(mesh, StVK(young=young, area=SECTION, density=density))
+        self.m = density * SECTION * LENGTH / 2
+        self.omega = float(np.sqrt(2 * young * SECTION / (LENGTH * self.m)))
+        across = np.array([1.0, 2.0, 0.0]) / np.sqrt(5)
+        #: Relative position and velocity at first, and the velocity of the centre.
+        self.r, self.rate = 1.15 * LENGTH * along, 0.6 * self.omega * LENGTH * across
+        self.drift = 0.2 * self.omega * LENGTH * np.array([0.3, -0.5, 0.8])
+        self.until = PERIODS * 2 * np.pi / self.omega
+        self._runs: dict[int, tuple[Array, Array]] = {}
+
+    def state(self, t: float) -> tuple[Array, Array]:
+        """The known `u`, `v` (6,) at a time."""
+        r, rate = self.r, self.rate
+        if t > 0:
+
+            def motion(_: float, y: Array) -> Array:
+                r = y[:3]
+                return np.concatenate([y[3:], -(self.omega**2) / 2 * (r @ r / LENGTH**2 - 1) * r])
+
+            found = solve_ivp(motion, (0, t), np.concatenate([r, rate]), method="DOP853", rtol=1e-13, atol=1e-15 * self.omega)
+            r, rate = found.y[:3, -1], found.y[3:, -1]
+        centre = self.X.mean(axis=0) + self.drift * t
+        x = np.stack([centre - r / 2, centre + r / 2])
+        return (x - self.X).ravel(), np.concatenate([self.drift - rate / 2, self.drift + rate / 2])
+
+    def ask(self, u: Array, v: Array, dt: float) -> tuple[Array, Array]:
+        """A step of the integrator, of copies, looked at before it is believed."""
+        found = fairly("step", lambda: self.step(self.system, u.copy(), v.copy(), dt))
+        pair = fairly("What step returned", lambda: [np.array(one) for one in found])
+        if len(pair) != 2 or any(one.shape != (6,) or one.dtype.kind not in "fiu" for one in pair):
+            told = ", ".join(f"{one.shape} of {one.dtype}" for one in pair)
+            raise Foul(f"step returned {told}; expected u and v, two arrays of 6 real numbers.")
+        return pair[0].astype(float), pair[1].astype(float)
+
+    def run(self, steps: int) -> tuple[Array, Array]:
+        """(steps + 1, 6) displacements and velocities, from the first state on; they are computed once."""
+        if steps not in self._runs:
+            states = [self.state(0.0)]
+            for _ in range(steps):
+                states.append(self.ask(*states[-1], self.until / steps))
+            us, vs = zip(*states, strict=True)
+            self._runs[steps] = np.array(us), np.array(vs)
+        return self._runs[steps]
+
+    def drifts(self, quantity: str, steps: int) -> float:
+        """The largest change of a conserved quantity, as a part of its scale."""
+        u, v = self.run(steps)
+        x, V = (u.reshape(-1, 2, 3) + self.X), v.reshape(-1, 2, 3)
+        if quantity == "energy":
+            kinetic = self.m / 2 * (v**2).sum(axis=1)
+            values = kinetic + np.array([self.system.energy(one) if np.isfinite(one).all() else np.nan for one in u])
+            scale = float(kinetic[0])
+        elif quantity == "linear momentum":
+            values, scale = self.m * V.sum(axis=1), float(self.m * np.abs(V[0]).sum())
+        else:
+            each = self.m * np.cross(x, V)
+            values, scale = each.sum(axis=1), float(np.abs(each[0]).sum())
+        return float(np.abs(values - values[0]).max() / scale)
+
+
+def _memory(body: _Body) -> dict[str, Any]:
+    """A step, a step from elsewhere, the first one again."""
+    u, v = body.state(0.0)
+    dt = body.until / STEPS[0]
+    first = np.concatenate(body.ask(u, v, dt))
+    body.ask(*body.state(body.until / 3), dt)
+    again = np.concatenate(body.ask(u, v, dt))
+    reason = "the same arguments give the same step; if not, a force or a state of an earlier call was kept and is stale"
+    size = np.repeat([np.abs(first[:6]).max(), np.abs(first[6:]).max()], 6)
+    off = float(np.abs((again - first) / size).max())
+    return {"measured": off, "limit": 1e-12, "scale": f"{size[0]:.3e} (largest displacement)", "reason": reason}
+
+
+def _order(body: _Body, claimed: int | None) -> dict[str, Any]:
+    u, v = body.state(body.until)
+    errors = []
+    for steps in STEPS:
+        us, vs = body.run(steps)
+        errors.append(float(np.hypot(np.linalg.norm(us[-1] - u), np.linalg.norm(vs[-1] - v) / body.omega) / LENGTH))
+    told = " -> ".join(f"{error:.1e}" for error in errors)
+    if not np.isfinite(errors).all() or min(errors) == 0:
+        return {"measured": np.nan, "limit": SLACK, "scale": f"order; errors {told}", "reason": "the motion is not a number"}
+    order = float(np.log2(errors[-2] / errors[-1]))
+    expected = claimed or max(round(order), 1)
+    why = "a whole order; 0 is a motion of something else: masses, the sign or size of the force" if claimed is None else (
+        "the claimed order; one less is most often a force or velocity of the wrong end of the step, or a mean of one end only"
+    )  # fmt: skip
+    scale = f"order {expected}; fitted {order:.2f}, errors {told} of the length"
+    return {
+        "measured": max(expected - order, 0.0) if claimed else abs(expected - order),
+        "limit": SLACK,
+        "scale": scale,
+        "reason": why,
+    }
+
+
+def _drift(body: _Body, quantity: str, claimed: bool) -> dict[str, Any]:
+    drifts = [body.drifts(quantity, steps) for steps in STEPS]
+    told = " -> ".join(f"{drift:.1e}" for drift in drifts)
+    if claimed or max(drifts) <= NO_DRIFT:
+        reason = "claimed to be conserved" if claimed else "no drift is seen"
+        return {"measured": float(np.max(drifts)), "limit": NO_DRIFT, "scale": f"what there is of it; {told}", "reason": reason}
+    order = fitted_order(1 / np.array(STEPS), drifts) if np.isfinite(drifts).all() and min(drifts) > 0 else np.nan
+    reason = "a drift that does not fall with the step is damping, or a force that is not the energy's derivative"
+    return {"measured": max(1 - order, 0.0) if np.isfinite(order) else np.nan, "limit": SLACK, "reason": reason,
+            "scale": f"order 1 at least; fitted {order:.2f}, drifts {told}"}  # fmt: skip
+
+
+def _growth(body: _Body, omega_dt: float) -> float:
+    """Spectral radius of the step of small vibrations along the bar, less 1; differences of both signs take out even terms."""
+    along = np.concatenate([-body.r, body.r]) / np.linalg.norm(body.r) / np.sqrt(2)
+    dt, eps = omega_dt / body.omega, AMPLITUDE * LENGTH
+    A = np.zeros((2, 2))
+    for column, (a, b) in enumerate(((eps, 0.0), (0.0, eps * body.omega))):
+        (u, v), (w, z) = (body.ask(sign * a * along, sign * b * along, dt) for sign in (1, -1))
+        A[:, column] = (u - w) @ along / (2 * eps), (v - z) @ along / (2 * eps * body.omega)
+    return float(np.abs(np.linalg.eigvals(A)).max() - 1) if np.isfinite(A).all() else np.inf
+
+
+def _stability(body: _Body, claimed: float | None) -> dict[str, Any]:
+    tried = [
+        float(SCAN[0]),
+        *(float(x) for x in SCAN[1:] if claimed is None or x < claimed),
+        *([0.99 * claimed] if claimed else []),
+    ]
+    found = 0.0
+    growth = {omega_dt: _growth(body, omega_dt) for omega_dt in tried}
+    for below, above in pairwise([0.0, *tried]):
+        if growth[above] > NO_GROWTH:
+            found = below
+            break
+        found = above
+    asked = (
+        max(growth[x] for x in tried if x <= (claimed or SCAN[0])) if claimed is None or claimed > SCAN[0] else growth[tried[-1]]
+    )
+    reason = "small vibrations must not grow; growth at any step is that of explicit Euler, or of a force of the wrong sign"
+    scale = f"amplification per step, less 1, up to omega dt = {claimed or SCAN[0]:g}; stable up to {found:.3g} at least"
+    return {"measured": max(asked, 0.0), "limit": NO_GROWTH, "scale": scale, "reason": reason}

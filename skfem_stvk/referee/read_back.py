@@ -1,0 +1,185 @@
+"""What another program computed from test vectors, read back and judged."""
+
+from __future__ import annotations
+
+import time
+from collections import Counter
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+
+from ..arguments import Array, path
+from ..errors import StvkError, name_known
+from ..results.files import NotOurs
+from .bodies import elasticity, homogeneous_copy
+from .case import CANDIDATE, REFERENCE, Case
+from .checks.agreement import agreement
+from .checks.rigid_motions import balance
+from .exact import Truth
+from .header import header
+from .players import Player
+from .report import Report
+from .results import Task
+from .shape import Shape
+from .vector_files import read, type_of
+from .vectors import LAYOUT, NAME, PUBLISHED, RESULTS, Vectors, published_vectors, read_vectors, sizes_of
+from .verification import name_what_failed
+
+FILES = ("results.npz", "results.txt")
+EXACT = "50 digits"
+
+
+def verify_results(folder: str | Path, vectors: Vectors | str | Path | None = None) -> Report:
+    """Judge the W, F and K that another program computed from test vectors, whatever language it is written in.
+
+    They are held against 50 digits in every state that they are given for, forces and torques must balance, and K be symmetric and
+    know the rigid modes. Limits are those of `verify`: of linear simplices those of the edge form.
+
+    Parameters
+    ----------
+    folder : a folder with `results.txt` or `results.npz`: any of `W`, `F` and `K_blocks` or `K_values`, laid out as in the vectors.
+    vectors : what they were computed from, or their folder; by default the vectors in the same folder as the results, or the
+        published ones of the same digest.
+
+    Raises
+    ------
+    StvkError
+        if there are no results or no vectors, or the file is damaged, has arrays of other names or sizes, or belongs to other
+        vectors.
+
+    >>> import tempfile
+    >>> from skfem_stvk.referee.vectors import published_vectors
+    >>> from skfem_stvk.referee.vector_files import write_text
+    >>> one = published_vectors("tetrahedron")
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     write_text(Path(folder) / "results.txt", {name: one.arrays[name] for name in ("digest", "W", "F")})
+    ...     verify_results(folder).passed
+    True
+    """
+    started = time.perf_counter()
+    if vectors is not None and not isinstance(vectors, Vectors):
+        vectors = read_vectors(path("vectors", vectors, "Vectors, or the path of a folder of them"))
+    file = _file_of(path("folder", folder, "the path of a folder"))
+    returned = read(file, RESULTS)
+    vectors = _vectors_of(file, returned) if vectors is None else vectors
+    _refuse_wrong(file, returned, vectors)
+    case = _case(vectors, returned)
+    program = str(returned["program"][0])[:200] if "program" in returned else "a program that is not named"
+    head = header(case.shape, [vectors.term], f"test vectors {vectors.title!r}", 0)
+    report = Report(head | {"reference": f"{EXACT}, rounded once", "candidate": [f"{file}, by {program}"]})
+    report.results += [task.run() for task in _tasks(case)]
+    name_what_failed(report, _of_all_states(case, vectors), [vectors.term], None)
+    report.seconds = time.perf_counter() - started
+    return report
+
+
+def folders_of_results(folder: str | Path) -> list[Path]:
+    """The folder itself if it has results, or those of its folders that have.
+
+    Raises
+    ------
+    StvkError
+        if there are none.
+    """
+    place = path("folder", folder, "the path of a folder")
+    if not place.is_dir():
+        raise StvkError(f"{place} is no folder; expected one with {' or '.join(FILES)}, or with folders that have them.")
+    found = [one for one in (place, *sorted(place.iterdir())) if any((one / name).is_file() for name in FILES)]
+    if not found:
+        raise StvkError(
+            f"{place} has neither {' nor '.join(FILES)}, and none of its folders has. Write them as README.txt beside the vectors "
+            "says."
+        )
+    return found[:1] if found[0] == place else found
+
+
+def _file_of(folder: Path) -> Path:
+    found = [folder / name for name in FILES if (folder / name).is_file()]
+    if len(found) != 1:
+        what = f"both {' and '.join(FILES)}; which are meant? Remove the others" if found else f"neither {' nor '.join(FILES)}"
+        raise StvkError(f"{folder} has {what}.")
+    return found[0]
+
+
+def _vectors_of(file: Path, returned: dict[str, Array]) -> Vectors:
+    """The vectors beside the results, or the published ones that they name."""
+    if any((file.parent / f"{NAME}{suffix}").is_file() for suffix in (".npz", ".txt")):
+        return read_vectors(file.parent)
+    named = returned["digest"].tolist() if "digest" in returned else []
+    for name in PUBLISHED:
+        vectors = published_vectors(name)
+        if vectors.arrays["digest"].tolist() == named:
+            return vectors
+    raise StvkError(
+        f"{file.parent} has no {NAME}.npz or {NAME}.txt, and {file.name} has "
+        f"{'the digest of no published set' if named else 'no digest'}. Put the vectors that it was computed "
+        "from beside it, or name their folder: --vectors FOLDER"
+    )
+
+
+def _refuse_wrong(file: Path, returned: dict[str, Array], vectors: Vectors) -> None:
+    """Refuse results of other vectors, or of other sizes; what is not a number is for the checks to find."""
+    arrays, sizes = vectors.arrays, sizes_of(vectors.arrays)
+    if not {"W", "F", "K_blocks", "K_values"} & set(returned):
+        raise NotOurs(f"{file} has none of W, F, K_blocks and K_values.")
+    if {"K_blocks", "K_values"} <= set(returned):
+        raise NotOurs(f"{file} has both K_blocks and K_values; expected one of them, as it could not be told which is meant.")
+    for name, array in returned.items():
+        if type_of(array) != RESULTS[name].type and not (type_of(array) == "int" and RESULTS[name].type == "real"):
+            raise NotOurs(f"{file}: {name} is of type {type_of(array)}; expected {RESULTS[name].type}.")
+    if "digest" in returned and returned["digest"].tolist() != arrays["digest"].tolist():
+        raise NotOurs(f"{file} belongs to other vectors than {vectors.title!r}: its digest is another. Compute it anew from these.")
+    known = arrays["states"].tolist()
+    names = returned["states"].tolist() if "states" in returned else known
+    unknown = [name for name in names if name not in known]
+    if unknown:
+        raise NotOurs(f"{file}: states has {unknown[0][:80]!r}; {name_known(unknown[0][:80], known)}")
+    twice = [name for name, count in Counter(names).items() if count > 1]
+    if twice or not names:
+        raise NotOurs(f"{file}: states {f'has {twice[0]!r} more than once' if twice else 'is empty'}.")
+    for name in ("program", "W", "F", "K_blocks", "K_values"):
+        if name in returned:
+            sized = sizes | {"ns": len(names), "1": 1}
+            shape = tuple(sized[size] for size in LAYOUT.get(name, RESULTS[name]).sizes)
+            if returned[name].shape != shape:
+                raise NotOurs(
+                    f"{file}: {name} has the sizes {returned[name].shape}; expected {shape}, {' x '.join(RESULTS[name].sizes)}. "
+                    "If not all states were computed, say which in states."
+                )
+
+
+def _case(vectors: Vectors, returned: dict[str, Array]) -> Case:
+    mesh, term, ndofs = vectors.mesh, vectors.term, vectors.mesh.p.size
+    shape = Shape(mesh, vectors.how)
+    truth = Player(EXACT, vectors.model(), ndofs)
+    names = returned["states"].tolist() if "states" in returned else list(vectors.states)
+    as_real = {name: array.astype(float) if RESULTS[name].type == "real" else array for name, array in returned.items()}
+    return Case(
+        shape=shape,
+        ours=truth,
+        reference=truth,
+        scikit_fem=truth,
+        candidate=Player(CANDIDATE, vectors.model(as_real), ndofs),
+        states={name: u for name, u in vectors.states.items() if name in names},
+        seed=0,
+        homogeneous=homogeneous_copy(mesh, [term], shape),
+        by_edges=mesh.element.is_linear_simplex,
+    )
+
+
+def _of_all_states(case: Case, vectors: Vectors) -> Case:
+    """The same candidate before a reference that knows any state, as hypotheses need it."""
+    tensor = elasticity(vectors.mesh, [vectors.term], vectors.how)
+    reference = Player(REFERENCE, Truth(case.shape, tensor), case.mesh.p.size)
+    return replace(case, reference=reference, states=vectors.states)
+
+
+def _tasks(case: Case) -> Iterator[Task]:
+    """The checks that need no other states than those there are."""
+    seen = set()
+    for check in (agreement, balance):
+        for task in check(case):
+            key = task.check, task.quantity, task.state
+            if task.player is case.candidate and task.state in case.states and key not in seen:
+                seen.add(key)
+                yield task

@@ -1,0 +1,180 @@
+"""The referee before its own test: every check against every planted fault, and which of them catches which."""
+
+from __future__ import annotations
+
+import io
+import json
+import time
+from dataclasses import dataclass, field
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from rich.console import Console, Group, RenderableType
+
+from ..arguments import flag, whole
+from ..system import System
+from .faults import FAULTS, bodies
+from .report import folder_for, write
+from .terminal import CountedProgress, as_text, grid, printable
+from .verification import failures_of
+
+#: Columns of the matrix: the check, and what the letters in its cells mean.
+CHECKS = {
+    "agreement": "W, F, K",
+    "derivatives": "F, K",
+    "invariance": "W, F, K",
+    "balance": "f: sum of forces, t: sum of torques",
+    "symmetry": "K",
+    "rigid modes": "K",
+    "no further zero mode": "K",
+    "closed forms": "W, P",
+    "patch test": "F",
+    "precision": "F",
+}
+SHORT = {
+    "agreement": "agree",
+    "derivatives": "deriv.",
+    "invariance": "invar.",
+    "symmetry": "symm.",
+    "rigid modes": "rigid",
+    "no further zero mode": "zero",
+    "closed forms": "closed",
+    "patch test": "patch",
+    "precision": "digits",
+}
+LETTERS = {"sum of forces": "f", "sum of torques": "t"}
+#: Checks that catch no fault which no other catches: the checks that they stand in for where those cannot judge, and where.
+#: Without those each catches a fault alone, which is held.
+BACKS_UP: dict[str, tuple[tuple[str, ...], str]] = {
+    "derivatives": (("agreement",), "of other laws, which have no reference"),
+    "invariance": (("agreement", "derivatives", "closed forms", "precision"), "where W of another law is all there is"),
+    "balance": (("agreement", "derivatives", "invariance", "closed forms", "precision"), "it says what is wrong with F"),
+    "symmetry": (("agreement", "derivatives", "invariance", "rigid modes"), "where K of another law is all there is"),
+    "rigid modes": (("agreement", "derivatives", "invariance"), "where K at rest is all there is"),
+    "no further zero mode": (("agreement", "derivatives", "invariance"), "where K at rest is all there is"),
+    "closed forms": (("agreement", "precision"), "which need other code"),
+    "patch test": (("agreement", "closed forms", "precision"), "of other laws, whose closed forms are not known"),
+}
+
+
+@dataclass
+class SelfTest:
+    """Which check caught which fault.
+
+    Attributes
+    ----------
+    caught : by fault and check, the quantities that failed, as in `"WFK"`.
+    right : by body, what failed of the right model there: nothing, or the test is void.
+    seconds : how long it took.
+    """
+
+    caught: dict[str, dict[str, str]] = field(default_factory=dict)
+    right: dict[str, dict[str, str]] = field(default_factory=dict)
+    seconds: float = 0.0
+
+    @property
+    def missed(self) -> list[str]:
+        """Faults that no check catches."""
+        return [name for name, checks in self.caught.items() if not checks]
+
+    def alone(self, check: str, without: tuple[str, ...] = ()) -> list[str]:
+        """Faults that this check alone catches, or would without some others."""
+        return [name for name, checks in self.caught.items() if set(checks) - set(without) == {check}]
+
+    @property
+    def idle(self) -> list[str]:
+        """Checks that catch nothing alone, nor without those that they back up."""
+        return [check for check in CHECKS if not (self.alone(check) or self.alone(check, *BACKS_UP.get(check, ())[:1]))]
+
+    @property
+    def passed(self) -> bool:
+        """Whether every fault is caught, every check has its use, and right models pass."""
+        return bool(self.caught) and not (self.missed or self.idle or any(self.right.values()))
+
+    def __str__(self) -> str:
+        return as_text(self.rendered())
+
+    def rendered(self, width: int = 124) -> RenderableType:
+        """The matrix for a rich console."""
+        table = grid(
+            "Planted faults, and what fails of each check", "fault", "body", *(SHORT.get(check, check) for check in CHECKS)
+        )
+        for name, checks in self.caught.items():
+            table.add_row(name, FAULTS[name].body, *(checks.get(check, "") for check in CHECKS))
+        lines = [f"[bold]{check}[/] ({letters}): {printable(self._use(check))}" for check, letters in CHECKS.items()]
+        right = [f"[bold red]the right model fails[/] on {body}: {checks}" for body, checks in self.right.items() if checks]
+        missed = [f"[bold red]not caught[/]: {printable(name)}" for name in self.missed]
+        return Group(table, *lines, *right, *missed, self._verdict())
+
+    def _use(self, check: str) -> str:
+        caught, alone = sum(check in checks for checks in self.caught.values()), self.alone(check)
+        words = f"catches {caught}"
+        if alone:
+            words += f", alone: {', '.join(alone)}"
+        if check in BACKS_UP:
+            others, where = BACKS_UP[check]
+            words += f"; backs up {', '.join(others)}: {where}; without them alone {len(self.alone(check, others))}"
+        return words
+
+    def _verdict(self) -> str:
+        word, style = ("PASSED", "bold green") if self.passed else ("NOT PASSED", "bold red")
+        caught = len(self.caught) - len(self.missed)
+        return f"[{style}]{word}[/]: {caught} of {len(self.caught)} faults caught by {len(CHECKS)} checks in {self.seconds:.0f} s"
+
+    def to_dict(self) -> dict[str, Any]:
+        """Everything, in types that JSON has."""
+        faults = {
+            name: {"description": FAULTS[name].description, "body": FAULTS[name].body, "caught by": checks}
+            for name, checks in self.caught.items()
+        }
+        uses = {check: {"letters": letters, "use": self._use(check)} for check, letters in CHECKS.items()}
+        return {"passed": self.passed, "seconds": self.seconds, "faults": faults, "checks": uses, "right": self.right}
+
+    def save(self, folder: str | Path) -> Path:
+        """Write `self-test.json` and `self-test.html` into a folder, which is made if it is missing; errors as of a report."""
+        folder = folder_for(folder)
+        write(folder / "self-test.json", json.dumps(self.to_dict(), indent=1))
+        console = Console(record=True, width=140, file=io.StringIO(), highlight=False)
+        console.print(self.rendered(140))
+        write(folder / "self-test.html", console.export_html())
+        return folder
+
+
+def self_test(*, seed: int = 0, quiet: bool = False) -> SelfTest:
+    """Run every check of `verify` against every planted fault.
+
+    A fault is a copy of the model that is wrong in one way, and stands in this package's place before all checks, on a small body
+    that shows it. Right models have to pass on all bodies.
+
+    Raises
+    ------
+    StvkError
+        if an argument is none.
+
+    >>> from skfem_stvk.referee.self_test import SelfTest
+    >>> SelfTest(caught={"a fault": {}}).missed
+    ['a fault']
+    """
+    seed, quiet = whole("seed", seed, "a whole number from 0"), flag("quiet", quiet)
+    started, found, places = time.perf_counter(), SelfTest(), bodies()
+    with CountedProgress("verify --self-test", len(FAULTS) + len(places), quiet) as progress:
+        for name, body in places.items():
+            progress.step(f"right model, {name}")
+            found.right[name] = _letters(failures_of(partial(System, **body.options), body.mesh, body.terms, body.options, seed))
+        for name, fault in FAULTS.items():
+            progress.step(name)
+            body = places[fault.body]
+            found.caught[name] = _letters(failures_of(fault.make, body.mesh, body.terms, body.options, seed))
+    found.seconds = time.perf_counter() - started
+    return found
+
+
+def _letters(results: list[Any]) -> dict[str, str]:
+    """The quantities that failed, by check, in the order of the columns."""
+    found: dict[str, str] = {}
+    for check in CHECKS:
+        quantities = dict.fromkeys(LETTERS.get(r.quantity, r.quantity) for r in results if r.check == check)
+        if quantities:
+            found[check] = "".join(sorted(quantities, key="WFKPft".index))
+    return found

@@ -1,0 +1,496 @@
+"""Checks of anybody's static solver, by problems whose solutions are known."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from functools import partial
+from typing import Any
+
+import numpy as np
+import skfem
+from numpy.typing import NDArray
+
+from ..arguments import Array, flag, number, whole
+from ..errors import StvkError
+from ..materials import Hypothesis, Isotropic
+from .header import PACKAGES, circumstances
+from .manufactured import Manufactured, fitted_order, moved_box
+from .players import Foul, Player, fairly
+from .report import Report
+from .results import CheckOutcome, Explanation, Naming, Result, Task
+from .terminal import CountedProgress
+
+#: Cells along each side of the ladder's meshes, by dimension; the first of the second row is the mesh of all other checks.
+LADDER = {2: (8, 12, 18), 3: (4, 6, 9)}
+SMALL = {2: 4, 3: 3}
+#: Orders of linear elements, and by how much a fitted one may be smaller.
+ORDERS, SLACK = {"L2": 2.0, "H1": 1.0}, 0.25
+#: Displacement gradients: of the patch test, and of rigid motions the angles [degrees].
+STRAINED = np.array([[0.25, 0.10, -0.05], [-0.07, -0.15, 0.12], [0.04, 0.09, 0.20]])
+ANGLES = (30.0, 60.0)
+#: Constant body forces, as parts of Young's modulus over the length of the body; small ones for reciprocity.
+LOAD, SMALL_LOAD = np.array([0.6, -0.4, 0.5]), 0.02
+#: A hypothesis holds if it leaves this part of the load, or this multiple of what rounding of the solver may leave.
+VANISHES = 1e-4
+#: Hypotheses: three on the boundary, no load, a factor in it, lambda and mu, three other forces or loads.
+TRIED = 9
+
+BodyForceOf = Callable[[Array], Array]
+Solve = Callable[[Any, Isotropic, BodyForceOf, "PrescribedNodes"], Any]
+
+
+@dataclass(frozen=True)
+class PrescribedNodes:
+    """Nodes whose displacement is prescribed, all components of it; the others are free, and no traction acts.
+
+    Attributes
+    ----------
+    nodes : (m,) ids of nodes, columns of `mesh.p`.
+    values : (m, d) their displacements [m].
+    dofs : (m d,) their degrees of freedom, `d * node + component`, in the order of `values.ravel()`.
+    """
+
+    nodes: NDArray[np.int64]
+    values: Array
+
+    @property
+    def dofs(self) -> NDArray[np.int64]:
+        d = self.values.shape[1]
+        return (d * self.nodes[:, None] + np.arange(d)).ravel()
+
+
+def verify_solver(
+    solve: Solve,
+    *,
+    young: float,
+    poisson: float,
+    dimension: int = 3,
+    rtol: float = 1e-6,
+    quiet: bool = False,
+) -> Report:
+    """Judge a static solver for St. Venant-Kirchhoff bodies of linear tetrahedra, or triangles in plane strain.
+
+    `solve(mesh, material, body_force, boundary)` is called about twenty times, on cubes of 27 cells or more:
+
+    - `mesh`: `skfem.MeshTet` or `MeshTri`; `mesh.p` (d, nv) are the nodes [m], `mesh.t` (d + 1, nt) the elements, of either
+      orientation.
+    - `material`: `material.young` [Pa], `material.poisson`, and `lam, mu = material.lame(Hypothesis.SOLID)`.
+    - `body_force(X)` (d, n) at points `X` (d, n) of the undeformed body: force per undeformed volume [N/m^3]; it does not turn or
+      grow with the body.
+    - `boundary.nodes` (m,), `boundary.values` (m, d): nodes with a prescribed displacement, `boundary.dofs` (m d,) their degrees of
+      freedom `d * node + component`. On the rest of the surface no traction acts.
+
+    It returns the displacements of all nodes, (nv, d), or (ndofs,) with the degrees of freedom `d * node + component`. Large
+    displacements are asked for: where a solver needs load steps, it scales `boundary.values` and `body_force` together.
+
+    What must hold, to `rtol` of the largest displacement unless another limit is told:
+
+    - boundary values: prescribed nodes are where they are prescribed to be.
+    - rigid motion: a boundary, one face of which is free, turns the body with it, by 30 and 60 degrees.
+    - patch test: a homogeneous strain of 25 % on the boundary is found everywhere; with one free face too, whose traction vanishes.
+    - equilibrium: under a constant load, forces of the nodes balance; of linear elements this has one answer.
+    - symmetry: a mirrored and turned problem has the mirrored and turned solution.
+    - reciprocity (Betti): small loads in turn, `int b1 . u2 = int b2 . u1`, on a strained body.
+    - order: of a manufactured solution on three meshes the errors fall with order 2 in L2 and 1 in H1, at most 0.25 less.
+
+    If a check fails, hypotheses are tried on the solution under the constant load, and the report says what explains it: a factor
+    in the load or in lambda and mu, linear strain, a load per deformed volume, components that are stored in blocks, ...
+
+    Parameters
+    ----------
+    young, poisson : Young's modulus [Pa] and Poisson's ratio. Take `poisson` neither 0 nor 1/4: lambda is 0, or mu, then.
+    dimension : 2 or 3.
+    rtol : how exactly the solver solves its equations, relative to the displacements.
+    quiet : show no progress.
+
+    Raises
+    ------
+    StvkError, MaterialError
+        if `solve` cannot be called, or a number is out of range.
+
+    >>> from skfem_stvk import BodyForce, StVK, System, solve_static
+    >>> def solve(mesh, material, body_force, boundary):
+    ...     prescribed = {tuple(boundary.nodes): lambda x, t: t * boundary.values.T}
+    ...     system = System(mesh, [StVK(material), BodyForce(lambda x, t: t * body_force(x))], prescribed=prescribed)
+    ...     return solve_static(system, steps=2, quiet=True).u
+    >>> verify_solver(solve, young=1e5, poisson=0.3, dimension=2, quiet=True).passed
+    True
+    """
+    started = time.perf_counter()
+    if not callable(solve):
+        raise StvkError(f"solve is a {type(solve).__name__}; expected a function solve(mesh, material, body_force, boundary) -> u.")
+    young = number("young", young, "Young's modulus in Pa, a positive number", low=0.0)
+    poisson = number("poisson", poisson, "Poisson's ratio, between -1 and 1/2", low=-1.0, high=0.5)
+    rtol = number("rtol", rtol, "a relative tolerance between 0 and 1e-2", low=0.0, high=1e-2)
+    d, quiet = whole("dimension", dimension, "2 or 3", least=2, most=3), flag("quiet", quiet)
+    trial = _Trial(solve, Isotropic(young=young, poisson=poisson), d, rtol)
+    lines = [
+        f"solver: {getattr(solve, '__name__', type(solve).__name__)}(mesh, material, body_force, boundary)",
+        f"linear {'tetrahedra' if d == 3 else 'triangles, plane strain'}, E = {young:g}, nu = {poisson:g}, "
+        f"equations solved to {rtol:g}",
+    ]
+    report, tasks = Report(circumstances(PACKAGES) | {"lines": lines}), list(_tasks(trial))
+    with CountedProgress("verify solver", len(tasks), quiet) as progress:
+        try:
+            for task in tasks:
+                progress.step(f"{task.check}: {task.state}")
+                report.results.append(task.run())
+        except KeyboardInterrupt:
+            report.interrupted = True
+            report.results += [task.missed("interrupted") for task in tasks[len(report.results) :]]
+    if not (report.passed or report.interrupted):
+        report.named = _named(trial, report.results)
+    report.seconds = time.perf_counter() - started
+    return report
+
+
+@dataclass(frozen=True)
+class _Problem:
+    mesh: Any
+    boundary: PrescribedNodes
+    force: BodyForceOf
+
+
+class _Trial:
+    """The solver, the problems that it is given, and what it answered: each is solved once."""
+
+    def __init__(self, solve: Solve, material: Isotropic, d: int, rtol: float) -> None:
+        self.solve, self.material, self.d, self.rtol = solve, material, d, rtol
+        self.lam, self.mu = (float(value) for value in material.lame(Hypothesis.SOLID))
+        self.young = float(np.asarray(material.young))
+        self.player = Player("solver", None, 0)
+        self.exact = Manufactured(self.lam, self.mu)
+        self.small = self.box(SMALL[d])
+        self.strained = STRAINED[:d, :d]
+        self._answers: dict[str, Array | Foul] = {}
+
+    def box(self, n: int) -> Any:
+        """The unit cube or square with moved inner nodes, a mesh of scikit-fem."""
+        moved = moved_box(self.d, n)
+        return {2: skfem.MeshTri, 3: skfem.MeshTet}[self.d](moved.p, np.asarray(moved.t, dtype=np.int64))
+
+    def constant(self, part: Array) -> BodyForceOf:
+        """A constant body force, `part` (d,) of Young's modulus over the length of the body."""
+        b = self.young * part
+        return lambda X: np.repeat(b[:, None], np.shape(X)[1], axis=1)
+
+    def loaded(self) -> _Problem:
+        """A constant load on the strained body."""
+        return self.problem(self.small, lambda X: self.strained @ X, self.constant(LOAD[: self.d]))
+
+    def problem(self, mesh: Any, moved: BodyForceOf, force: BodyForceOf | None = None, free: bool = False) -> _Problem:
+        """A body whose surface is displaced by `moved(X)`, the face x = 1 perhaps free."""
+        X = mesh.p
+        held = ((X == 0) | (X == 1))[free:].any(axis=0) | (X[0] == 0)
+        nodes = np.flatnonzero(held)
+        boundary = PrescribedNodes(nodes, np.array(moved(X[:, nodes]).T))
+        return _Problem(mesh, boundary, self.constant(np.zeros(self.d)) if force is None else force)
+
+    def answer(self, name: str, problem: _Problem) -> Array:
+        """(nv, d) displacements that the solver found; it is asked once for each name."""
+        if name not in self._answers:
+            try:
+                self._answers[name] = self._ask(problem)
+            except Foul as foul:
+                self._answers[name] = foul
+        answer = self._answers[name]
+        if isinstance(answer, Foul):
+            raise answer
+        return answer
+
+    def _ask(self, problem: _Problem) -> Array:
+        p, t = problem.mesh.p.copy(), problem.mesh.t.copy()
+        given = PrescribedNodes(problem.boundary.nodes.copy(), problem.boundary.values.copy())
+        mesh = type(problem.mesh)(p, t)
+        found = fairly("solve", lambda: self.solve(mesh, self.material, problem.force, given))
+        nv, kind = problem.mesh.p.shape[1], type(found).__name__
+        u = fairly("What solve returned", lambda: np.array(found))
+        if u.dtype.kind not in "fiu" or u.shape not in ((nv, self.d), (nv * self.d,)):
+            raise Foul(
+                f"solve returned a {kind} of shape {u.shape} and {u.dtype}; expected the displacements of all nodes, real numbers "
+                f"({nv}, {self.d}) or ({nv * self.d},) with {self.d} * node + component."
+            )
+        return u.reshape(nv, self.d).astype(float)
+
+
+def _tasks(trial: _Trial) -> Iterator[Task]:
+    d = trial.d
+    task = partial(Task, player=trial.player, needs="")
+    yield task("boundary values", quantity="u", state="constant load", measure=partial(_boundary, trial))
+    for angle in ANGLES:
+        gradient = _rotation(d, angle) - np.eye(d)
+        measure = partial(_affine, trial, f"turned by {angle:g} degrees", gradient, True)
+        yield task("rigid motion", quantity="u", state=f"{angle:g} degrees", measure=measure)
+    for free, gradient in ((False, trial.strained), (True, _free_at_x(trial))):
+        state = "one face free" if free else "homogeneous strain"
+        yield task("patch test", quantity="u", state=state, measure=partial(_affine, trial, state, gradient, free))
+    yield task("equilibrium", quantity="F", state="constant load", measure=partial(_equilibrium, trial))
+    for name, Q in _symmetries(d).items():
+        yield task("symmetry", quantity="u", state=name, measure=partial(_symmetric, trial, name, Q))
+    yield task("reciprocity", quantity="work", state="small loads on the strained body", measure=partial(_reciprocal, trial))
+    for norm in ORDERS:
+        yield task("order", quantity=norm, state=f"{LADDER[d]} cells per side", measure=partial(_order, trial, norm))
+
+
+def _boundary(trial: _Trial) -> dict[str, Any]:
+    problem = trial.loaded()
+    u = trial.answer("loaded", problem)
+    off, size = np.abs(u[problem.boundary.nodes] - problem.boundary.values).max(), np.abs(problem.boundary.values).max()
+    return _relative(off, size, trial.rtol, "largest prescribed displacement")
+
+
+def _affine(trial: _Trial, name: str, gradient: Array, free: bool) -> dict[str, Any]:
+    shift = np.array([0.3, -0.2, 0.1])[: trial.d, None]
+    u = trial.answer(name, trial.problem(trial.small, lambda X: gradient @ X + shift, free=free))
+    exact = (gradient @ trial.small.p + shift).T
+    return _relative(np.abs(u - exact).max(), np.abs(exact).max(), trial.rtol, "largest displacement")
+
+
+def _equilibrium(trial: _Trial) -> dict[str, Any]:
+    evidence = _Evidence(trial)
+    off = np.abs((evidence.force(evidence.stvk) - evidence.load)[evidence.free]).max()
+    size = np.abs(evidence.force(evidence.stvk)).max()
+    words = "largest force at a node; a solver's rtol counts 10 times, as forces are stiffer than displacements"
+    return _relative(off, size, 10 * trial.rtol, words)
+
+
+def _symmetric(trial: _Trial, name: str, Q: Array) -> dict[str, Any]:
+    """The problem in axes that are turned by `Q`: `x -> Q (x - c) + c`, `u -> Q u`, `b -> Q b`."""
+    d, problem, c = trial.d, trial.loaded(), np.full((trial.d, 1), 0.5)
+    u = trial.answer("loaded", problem)
+    mesh = type(problem.mesh)(Q @ (problem.mesh.p - c) + c, problem.mesh.t)
+    boundary = PrescribedNodes(problem.boundary.nodes, problem.boundary.values @ Q.T)
+    turned = trial.answer(name, _Problem(mesh, boundary, trial.constant(Q @ LOAD[:d])))
+    return _relative(np.abs(turned - u @ Q.T).max(), np.abs(u).max(), 2 * trial.rtol, "largest displacement")
+
+
+def _reciprocal(trial: _Trial) -> dict[str, Any]:
+    """`C_ij`: the integral of `u_i` that a small load along `j` makes; loads of both signs take its square out."""
+    d, volume = trial.d, _Elements(trial.small)
+    C = np.zeros((d, d))
+    for j in range(d):
+        for sign in (1, -1):
+            load = trial.constant(sign * SMALL_LOAD * np.eye(d)[j])
+            u = trial.answer(f"small {sign * (j + 1)}", trial.problem(trial.small, lambda X: trial.strained @ X, load))
+            C[:, j] += sign * volume.weights @ u
+    limit = max(1e-5, 2 * trial.rtol * np.abs(trial.strained @ trial.small.p).max() / max(np.abs(C).max(), 1e-300))
+    words = "largest compliance; the limit is 1e-5, or the solver's rtol over the size of the response"
+    return _relative(np.abs(C - C.T).max(), np.abs(C).max(), min(limit, 0.01), words)
+
+
+def _order(trial: _Trial, norm: str) -> dict[str, Any]:
+    errors = []
+    for n in LADDER[trial.d]:
+        mesh = trial.box(n)
+        problem = trial.problem(
+            mesh, lambda X: trial.exact.displacement(X, 1.0), lambda X: trial.exact.body_force(np.asarray(X, dtype=float), 1.0)
+        )
+        u = trial.answer(f"manufactured {n}", problem)
+        errors.append(trial.exact.errors(mesh, u.ravel()))
+    of_norm = [error[list(ORDERS).index(norm)] for error in errors]
+    order = fitted_order(1 / np.array(LADDER[trial.d]), of_norm) if np.isfinite(of_norm).all() and min(of_norm) > 0 else np.nan
+    told = " -> ".join(f"{error:.1e}" for error in of_norm)
+    return {
+        "measured": max(ORDERS[norm] - order, 0.0) if np.isfinite(order) else np.nan,
+        "limit": SLACK,
+        "scale": f"order {ORDERS[norm]:g}; fitted {order:.2f}, relative errors {told}",
+        "reason": "the order of linear elements; meshes are too coarse for the last quarter",
+    }
+
+
+def _relative(off: float, size: float, limit: float, words: str) -> dict[str, Any]:
+    return {
+        "measured": off / size if size > 0 else np.inf,
+        "limit": limit,
+        "scale": f"{size:.3e} ({words})",
+        "reason": "the solver's tolerance, rtol",
+    }
+
+
+def _rotation(d: int, degrees: float) -> Array:
+    """A rotation about an axis that is none of the coordinates'."""
+    angle = np.radians(degrees)
+    if d == 2:
+        return np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+    n = np.array([1.0, 2.0, -2.0]) / 3
+    W = np.array([[0, -n[2], n[1]], [n[2], 0, -n[0]], [-n[1], n[0], 0]])
+    return np.asarray(np.eye(3) + np.sin(angle) * W + (1 - np.cos(angle)) * W @ W)
+
+
+def _free_at_x(trial: _Trial) -> Array:
+    """Displacement gradient of a homogeneous state without traction across x: `S e_x = 0`, turned by 20 degrees.
+
+    E has no shear with x; of its other entries those of STRAINED, and E_xx = -lam/(lam + 2 mu) (E_yy + E_zz).
+    """
+    d, E = trial.d, 0.5 * (trial.strained + trial.strained.T)
+    E[0, :] = E[:, 0] = 0
+    E[0, 0] = -trial.lam / (trial.lam + 2 * trial.mu) * np.trace(E)
+    values, vectors = np.linalg.eigh(np.eye(d) + 2 * E)
+    return np.asarray(_rotation(d, 20.0) @ (vectors * np.sqrt(values)) @ vectors.T - np.eye(d))
+
+
+def _symmetries(d: int) -> dict[str, Array]:
+    mirror = np.diag([-1.0, *[1.0] * (d - 1)])
+    if d == 2:
+        return {"mirrored": mirror, "turned by 90 degrees": np.array([[0.0, -1.0], [1.0, 0.0]])}
+    return {"mirrored": mirror, "axes in turn": np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])}
+
+
+class _Elements:
+    """Volumes and gradients of the shape functions of linear simplices."""
+
+    def __init__(self, mesh: Any) -> None:
+        self.t, (d, nv) = mesh.t, mesh.p.shape
+        spokes = (mesh.p[:, self.t[1:]] - mesh.p[:, self.t[:1]]).transpose(2, 0, 1)  # (nt, d, d), a column each
+        inner = np.linalg.inv(spokes)
+        self.gradients = np.concatenate([-inner.sum(axis=1, keepdims=True), inner], axis=1)  # (nt, d + 1, d)
+        self.volumes = np.abs(np.linalg.det(spokes)) / (2 if d == 2 else 6)
+        self.weights = self.gathered(np.repeat(self.volumes[:, None] / (d + 1), d + 1, axis=1)[:, :, None], nv)[:, 0]
+
+    def gathered(self, values: Array, nv: int) -> Array:
+        """(nv, m) sums at nodes of `values` (nt, d + 1, m)."""
+        sums = np.zeros((nv, values.shape[2]))
+        np.add.at(sums, self.t.T, values)
+        return sums
+
+    def deformation(self, u: Array) -> Array:
+        """(nt, d, d) deformation gradients."""
+        return np.asarray(np.eye(u.shape[1]) + np.einsum("eai,eaJ->eiJ", u[self.t.T], self.gradients))
+
+
+class _Evidence:
+    """The solution under a constant load: forces that its nodes have by several laws, and the load."""
+
+    def __init__(self, trial: _Trial) -> None:
+        problem = trial.loaded()
+        self.u = trial.answer("loaded", problem)
+        self.elements, self.boundary, nv = _Elements(trial.small), problem.boundary, trial.small.p.shape[1]
+        self.free = np.setdiff1d(np.arange(nv), problem.boundary.nodes)
+        self.b, self.lam, self.mu = trial.young * LOAD[: trial.d], trial.lam, trial.mu
+        self.F = self.elements.deformation(self.u)
+        self.load = self.elements.weights[:, None] * self.b
+        self.I = np.eye(trial.d)
+
+    def force(self, stress: Callable[[Array], Array], times: Array | float = 1.0) -> Array:
+        """(nv, d) forces of the nominal stress `stress(F)` (nt, d, d), by elements that count `times`."""
+        weighted = np.einsum("e,eiJ,eaJ->eai", self.elements.volumes * times, stress(self.F), self.elements.gradients)
+        return self.elements.gathered(weighted, len(self.u))
+
+    def per_deformed_volume(self) -> Array:
+        """(nv, d) the load where it is one per deformed volume."""
+        e, J = self.elements, np.linalg.det(self.F)
+        share = np.repeat((e.volumes * J / (len(self.b) + 1))[:, None], len(self.b) + 1, axis=1)
+        return np.asarray(e.gathered(share[:, :, None], len(self.u)) * self.b)
+
+    def parts(self, F: Array) -> tuple[Array, Array]:
+        """The nominal stresses of lambda and of mu alone."""
+        E = 0.5 * (np.einsum("eiM,eiN->eMN", F, F) - self.I)
+        trace = np.einsum("eMM->e", E)[:, None, None]
+        return self.lam * trace * F, 2 * self.mu * F @ E
+
+    def stvk(self, F: Array) -> Array:
+        """Nominal stress of St. Venant-Kirchhoff."""
+        return sum(self.parts(F), np.zeros_like(F))
+
+    def linear(self, F: Array) -> Array:
+        """Stress of linear elasticity."""
+        e = 0.5 * (F + F.transpose(0, 2, 1)) - self.I
+        return np.asarray(self.lam * np.einsum("eMM->e", e)[:, None, None] * self.I + 2 * self.mu * e)
+
+    def second(self, F: Array) -> Array:
+        """The second Piola-Kirchhoff stress in the place of the nominal one."""
+        return np.asarray(np.linalg.solve(F, self.stvk(F)))
+
+    def fitted(self, columns: list[Array], right: Array) -> tuple[Array, float]:
+        """Factors of the columns by least squares at free nodes, and the part of the right-hand side that they leave."""
+        A, f = np.stack([column[self.free].ravel() for column in columns], axis=1), right[self.free].ravel()
+        factors, *_ = np.linalg.lstsq(A, f, rcond=None)
+        return factors, float(np.linalg.norm(A @ factors - f) / np.linalg.norm(f))
+
+
+def _named(trial: _Trial, results: list[Result]) -> Naming:
+    """What explains the failures: by the solution under a constant load, or else in words by which checks failed."""
+    bad = {r.check for r in results if r.outcome is CheckOutcome.FAILED}
+    naming = Naming(tried=TRIED)
+    try:
+        evidence = _Evidence(trial)
+        if np.isfinite(evidence.u).all():
+            off = (evidence.force(evidence.stvk) - evidence.load)[evidence.free]
+            naming.before = float(np.linalg.norm(off) / np.linalg.norm(evidence.load[evidence.free]))
+            naming.explanations += [Explanation(*one) for one in _by_forces(trial, evidence)]
+        else:
+            naming.smallest = "The solution is not a number: Newton's method diverged, and its result was returned."
+    except (Foul, np.linalg.LinAlgError):
+        naming.tried = 0
+    if not naming.explanations and not naming.smallest:
+        naming.smallest = " ".join(f"Likely, by {check}: {WORDS[check]}." for check in WORDS if check in bad)
+    return naming
+
+
+#: What a failure most often means where no hypothesis explains it, in the order of trust.
+WORDS = {
+    "boundary values": "prescribed displacements are ignored or applied in part: their values, or load steps that do not reach 1",
+    "rigid motion": "the strain is not objective: linear strain, or updates that add up small rotations",
+    "patch test": "gradients of shape functions, orientation or numbering of elements; with a free face alone: a traction there",
+    "equilibrium": "the equations that were solved are others, or the solver stopped early: loosen rtol if that is meant",
+    "symmetry": "axes are confused, or the answer depends on the orientation of the elements",
+    "reciprocity": "the force is no derivative of an energy: terms that are lagged, explicit or not symmetric",
+    "order": "the load where it varies: evaluated at displaced points, at wrong ones, or per deformed volume",
+}
+
+
+def _by_forces(trial: _Trial, e: _Evidence) -> Iterator[tuple[str, str, float]]:
+    """Name, words and residual of each hypothesis that holds: on the boundary, and of the forces at free nodes."""
+    limit = max(VANISHES, 100 * trial.rtol)
+    yield from _of_boundary(trial, e, limit)
+    inner, load = e.force(e.stvk), np.linalg.norm(e.load[e.free])
+    if np.linalg.norm(inner[e.free]) <= limit * load:
+        yield "no load", "the solution is that without the body force", float(np.linalg.norm(inner[e.free]) / load)
+        return
+    (c,), rest = e.fitted([e.load], inner)
+    if rest <= limit:
+        if abs(c - 1) > limit:
+            words = f"the load is {c:.3f} x what was asked for, or lambda and mu are both {1 / c:.3f} x"
+            yield f"load x {c:.3f}", words, rest
+        return
+    lam_mu = [e.force(lambda F: e.parts(F)[0]), e.force(lambda F: e.parts(F)[1])]
+    (lam, mu), rest = e.fitted(lam_mu, e.load)
+    if rest <= limit:
+        yield f"lambda x {lam:.3f}, mu x {mu:.3f}", f"your lambda is {lam:.3f} x and your mu {mu:.3f} x what was asked for", rest
+        return
+    for name, words, stress, right in (
+        ("linear strain", "the solution is that of linear elasticity", e.linear, e.load),
+        ("S for P", "the force lacks the deformation gradient: S stands in the place of P = F S", e.second, e.load),
+        ("load per deformed volume", "it is integrated over the deformed body, or follows it", e.stvk, e.per_deformed_volume()),
+    ):
+        (c,), rest = e.fitted([right], e.force(stress))
+        if rest <= limit:
+            yield name, words + (f"; and the load is {c:.3f} x" if abs(c - 1) > limit else ""), rest
+
+
+def _of_boundary(trial: _Trial, e: _Evidence, limit: float) -> Iterator[tuple[str, str, float]]:
+    """What was made of the prescribed displacements, and whether components are stored in blocks."""
+    at, values = e.u[e.boundary.nodes], e.boundary.values
+    size = np.abs(values).max()
+    if np.abs(at - values).max() <= limit * size:
+        return
+    blocked = np.abs(e.u.reshape(trial.d, -1).T[e.boundary.nodes] - values).max() / size
+    c = float((at * values).sum() / (values**2).sum())
+    off = float(np.abs(at - c * values).max() / size)
+    if blocked <= limit:
+        yield (
+            "components in blocks",
+            f"degrees of freedom are stored in blocks; expected {trial.d} * node + component",
+            float(blocked),
+        )
+    elif off <= limit:
+        name = "boundary ignored" if abs(c) <= limit else f"boundary x {c:.3f}"
+        yield (
+            name,
+            "prescribed displacements are " + ("taken as zero" if abs(c) <= limit else f"{c:.3f} x what they should be"),
+            off,
+        )
+    else:
+        yield "boundary not kept", "prescribed nodes move", float(np.abs(at - values).max() / size)

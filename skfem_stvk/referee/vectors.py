@@ -1,0 +1,451 @@
+"""Test vectors: a body, states, and its W, F and K there, for programs in any language.
+
+All numbers are computed from the coordinates, displacements and constants, taken as exact, in 50 decimal digits (`exact`) and
+rounded to double once. Of linear simplices there is L, with which `W = 1/4 sum L_ii zeta_i^2 + 1/2 sum_{pairs} L_ij zeta_i zeta_j`
+over edges and pairs of edges; of other elements the points, and what their deformation gradients are made of.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Sequence
+from decimal import Decimal, localcontext
+from functools import cached_property
+from importlib.resources import as_file, files
+from itertools import combinations
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.sparse import bsr_matrix, csr_matrix
+
+from ..arguments import Array, choice, flag, path, shown, text, whole
+from ..elements import ELEMENTS
+from ..errors import MaterialError, StvkError, name_ids
+from ..materials import Isotropic, Material
+from ..mesh import ElementMesh, MeshLike
+from ..mesh.diagnostics import check_mesh
+from ..results.files import NotOurs, cannot_write, replacing
+from ..terms import StVK
+from .bodies import is_condensed
+from .case import named_states
+from .discretisation import Discretisation, Exact, derivatives
+from .exact import CONTEXT, ExactStVK
+from .players import METHODS
+from .shape import Shape
+from .terminal import CountedProgress
+from .vector_files import TYPES, read, type_of, write_npz, write_text
+from .verification import claimed_terms
+
+
+class ArrayOfVectors(NamedTuple):
+    """An array of the layout: its type, its sizes by name, its unit, and what it is; and which bodies have it."""
+
+    type: str
+    sizes: tuple[str, ...]
+    unit: str
+    what: str
+    of: str = "all elements"
+
+
+SIMPLICES, OTHERS = "linear simplices", "other elements"
+LAYOUT = {
+    "digest": ArrayOfVectors("text", ("1",), "", "SHA-256 of all that follows; results may give it back, to say what they are of"),
+    "title": ArrayOfVectors("text", ("1",), "", "the name of the set"),
+    "kind": ArrayOfVectors("text", ("1",), "", "the kind of elements: their nodes are in scikit-fem's local order"),
+    "rule": ArrayOfVectors("text", ("1",), "", "usual or exact: which points integrals are taken over"),
+    "hypothesis": ArrayOfVectors("text", ("1",), "", "none (solids), plane strain, plane stress or uniaxial stress"),
+    "nodes": ArrayOfVectors("real", ("nv", "d"), "m", "coordinates at rest"),
+    "elements": ArrayOfVectors("int", ("nt", "n"), "", "nodes of each element, from 0; of either orientation"),
+    "young": ArrayOfVectors("real", ("nt",), "Pa", "Young's modulus of each element"),
+    "poisson": ArrayOfVectors("real", ("nt",), "", "Poisson's ratio; nan for segments without one"),
+    "section": ArrayOfVectors(
+        "real", ("nt",), "m^(3-k)", "thickness of surfaces, area of segments; 1 for solids, and if none was given"
+    ),
+    "lame": ArrayOfVectors(
+        "real", ("nt", "2"), "N/m^(k-1)", "lambda and mu within the element's dimensions under its hypothesis, times section"
+    ),
+    "edges": ArrayOfVectors("int", ("ne", "2"), "", "nodes a < b of each edge", SIMPLICES),
+    "edge_coefficients": ArrayOfVectors("real", ("ne",), "J/m^4", "L_ii of each edge", SIMPLICES),
+    "pairs": ArrayOfVectors("int", ("np", "2"), "", "edges i < j that share an element (TSEPs), as rows of `edges`", SIMPLICES),
+    "pair_coefficients": ArrayOfVectors("real", ("np",), "J/m^4", "L_ij of each pair", SIMPLICES),
+    "points": ArrayOfVectors("real", ("nq", "k"), "", "reference coordinates of the points", OTHERS),
+    "weights": ArrayOfVectors("real", ("nq",), "", "their weights", OTHERS),
+    "dN": ArrayOfVectors("real", ("nq", "n", "k"), "", "derivatives dN_a/dxi_i of the shape functions at each point", OTHERS),
+    "R_inverse": ArrayOfVectors(
+        "real", ("nt", "nq", "k", "k"), "1/m", "inverse of the upper triangle R (diagonal > 0) with dX/dxi = Q R, Q' Q = 1", OTHERS
+    ),
+    "volumes": ArrayOfVectors("real", ("nt", "nq"), "m^k", "weight times det R: what each point stands for", OTHERS),
+    "states": ArrayOfVectors("text", ("ns",), "", "the name of each state"),
+    "u": ArrayOfVectors("real", ("ns", "ndofs"), "m", "displacements; degree of freedom d * node + component"),
+    "W": ArrayOfVectors("real", ("ns",), "J", "strain energy"),
+    "F": ArrayOfVectors("real", ("ns", "ndofs"), "N", "internal force dW/du"),
+    "K_node_pairs": ArrayOfVectors("int", ("m", "2"), "", "nodes a, b that share an element, a = b too, in lexicographic order"),
+    "K_blocks": ArrayOfVectors(
+        "real", ("ns", "m", "d", "d"), "N/m", "tangent stiffness dF/du: the block of each pair, row of a, column of b"
+    ),
+    "K_row_starts": ArrayOfVectors("int", ("ndofs+1",), "", "the same as compressed sparse rows: where each row begins"),
+    "K_columns": ArrayOfVectors("int", ("nnz",), "", "column of each value"),
+    "K_values": ArrayOfVectors("real", ("ns", "nnz"), "N/m", "values"),
+}
+#: What another program may give back: any of W, F and one form of K; `states` if it has not all of them, or in another order.
+RESULTS = {
+    "digest": LAYOUT["digest"],
+    "program": ArrayOfVectors("text", ("1",), "", "the name of the program, for the report"),
+    **{name: LAYOUT[name] for name in ("states", "W", "F", "K_blocks", "K_values")},
+}
+#: Names of the published sets, which lie in the package.
+PUBLISHED = ("tetrahedron", "block", "membrane", "curved", "hexahedra")
+HYPOTHESES = {"none": None, "plane strain": "strain", "plane stress": "stress", "uniaxial stress": None}
+NAME = "vectors"
+
+
+class Vectors:
+    """Test vectors as arrays of the layout, which are never written to.
+
+    >>> one = published_vectors("tetrahedron")
+    >>> one
+    Vectors('tetrahedron': 1 tetrahedra in 3D, 8 states)
+    >>> one.arrays["edge_coefficients"].shape, one.arrays["pairs"].shape
+    ((6,), (15, 2))
+    """
+
+    def __init__(self, arrays: dict[str, Array]) -> None:
+        self.arrays = arrays
+
+    def __repr__(self) -> str:
+        return f"Vectors({self.title!r}: {self.mesh.nt} {self.mesh.kind}, {len(self.states)} states)"
+
+    @property
+    def title(self) -> str:
+        """The name of the set."""
+        return str(self.arrays["title"][0])
+
+    @cached_property
+    def mesh(self) -> ElementMesh:
+        """The body at rest."""
+        return ElementMesh(self.arrays["nodes"].T, self.arrays["elements"].T, element=ELEMENTS[str(self.arrays["kind"][0])])
+
+    @property
+    def how(self) -> Discretisation:
+        """The kind of element and the rule."""
+        rule = str(self.arrays["rule"][0])
+        return Discretisation(str(self.arrays["kind"][0]), None if rule == "usual" else rule)
+
+    @property
+    def term(self) -> StVK:
+        """The law with its constants, one number where they are the same everywhere."""
+        young, poisson, section = (_one_if_same(self.arrays[name]) for name in ("young", "poisson", "section"))
+        if np.isnan(poisson).all():
+            poisson = None
+        sections = {1: {"area": section}, 2: {"thickness": section}}.get(self.mesh.k, {})
+        return StVK(young=young, poisson=poisson, plane=HYPOTHESES[str(self.arrays["hypothesis"][0])], **sections)
+
+    @property
+    def states(self) -> dict[str, Array]:
+        """Displacements (ndofs,) [m] by name."""
+        return dict(zip(self.arrays["states"].tolist(), self.arrays["u"], strict=True))
+
+    def model(self, returned: dict[str, Array] | None = None) -> Any:
+        """An object with `energy`, `internal_force` and `tangent`, as far as there are values, in the states alone.
+
+        `returned` are values of another program, by default those of these vectors; `states` among them says of which states.
+        """
+        values = self.arrays if returned is None else returned
+        of = {self.states[name].tobytes(): i for i, name in enumerate(values.get("states", self.arrays["states"]).tolist())}
+        make = {"W": self._energy, "F": self._force, "K_blocks": self._from_blocks, "K_values": self._from_values}
+        model = SimpleNamespace()
+        for name, take in make.items():
+            if name in values:
+                setattr(model, METHODS[name[0]], _Lookup(of, values[name], take))
+        return model
+
+    @staticmethod
+    def _energy(value: Array) -> float:
+        return float(value)
+
+    @staticmethod
+    def _force(value: Array) -> Array:
+        return value.copy()
+
+    def _from_values(self, value: Array) -> csr_matrix:
+        n = self.arrays["u"].shape[1]
+        return csr_matrix((value, self.arrays["K_columns"], self.arrays["K_row_starts"]), shape=(n, n), copy=True)
+
+    def _from_blocks(self, value: Array) -> csr_matrix:
+        first, second = self.arrays["K_node_pairs"].T
+        return _from_blocks(first, second, value, self.arrays["u"].shape[1])
+
+    def save(self, folder: str | Path) -> Path:
+        """Write `vectors.npz`, `vectors.txt` and `README.txt`, which says what is in them, into a folder; it is made if missing.
+
+        Raises
+        ------
+        StvkError
+            if the folder cannot be written to.
+        """
+        folder = path("folder", folder, "the path of a folder")
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise cannot_write(folder, error) from error
+        write_npz(folder / f"{NAME}.npz", self.arrays)
+        write_text(folder / f"{NAME}.txt", self.arrays)
+        with replacing(folder / "README.txt") as beside:
+            beside.write_text(readme(self), encoding="utf-8")
+        return folder
+
+
+class _Lookup:
+    """A function of states that are known, and of no others."""
+
+    def __init__(self, of: dict[bytes, int], values: Array, take: Any) -> None:
+        self._of, self._values, self._take = of, values, take
+
+    def __call__(self, u: Array) -> Any:
+        i = self._of.get(u.tobytes())
+        if i is None:
+            raise StvkError("there is no value for this state: values are known in the states of the vectors alone")
+        return self._take(self._values[i])
+
+
+def export_vectors(
+    mesh: MeshLike,
+    material: Material | StVK | Sequence[StVK] | None = None,
+    *,
+    young: ArrayLike | None = None,
+    poisson: ArrayLike | None = None,
+    quadrature: str | None = None,
+    title: str = "vectors",
+    seed: int = 0,
+    quiet: bool = False,
+) -> Vectors:
+    """Test vectors of a body of an isotropic St. Venant-Kirchhoff material, in eight states.
+
+    Computed in 50 decimal digits: a linear tetrahedron takes about 4 ms, and 10 kB of text. Take a small mesh.
+
+    Parameters
+    ----------
+    mesh : as `verify` takes it.
+    material : an isotropic material, or `StVK` of isotropic materials, each element in one of them; or instead
+    young, poisson : of one material for all elements [Pa, -].
+    quadrature : "exact", or by default the usual rule.
+    title : the name of the set.
+    seed : of the random states.
+    quiet : show no progress.
+
+    Returns
+    -------
+    Vectors
+        `vectors.save("folder")` writes them.
+
+    Raises
+    ------
+    MaterialError
+        if a material is not isotropic, or an element has none or several.
+    MeshError, RegionError, StvkError
+        as `verify` raises them.
+
+    >>> import skfem
+    >>> two = export_vectors(skfem.MeshTri().scaled((2, 1)), young=1e5, poisson=0.3, quiet=True)
+    >>> two, list(two.states)[:3]
+    (Vectors('vectors': 2 triangles in 2D, 8 states), ['rest', 'small random strain', 'rigid rotation'])
+    >>> float(two.arrays["W"][0]), two.arrays["K_blocks"].shape
+    (0.0, (8, 14, 2, 2))
+    """
+    seed, title = whole("seed", seed, "a whole number from 0"), text("title", title)
+    rule = "usual" if quadrature is None else choice("quadrature", quadrature, ["exact"])
+    laws, quiet = claimed_terms(material, young, poisson), flag("quiet", quiet)
+    body = ElementMesh.of(mesh)
+    check_mesh(body)
+    how = Discretisation(body.element.name, None if rule == "usual" else rule)
+    shape = Shape(body, how)
+    facts, exact_lame = _material(body, laws)
+    exact = ExactStVK(body.p, body.t, exact_lame, how)
+    centred = (body.p - body.p.mean(axis=1, keepdims=True)).T
+    states = named_states(centred, shape.node_size, np.random.default_rng([seed, *b"states"]))
+    arrays: dict[str, Any] = {
+        "title": [title],
+        "kind": [body.element.name],
+        "rule": [rule],
+        "hypothesis": [_hypothesis(body, laws[0])],
+        "nodes": body.p.T,
+        "elements": body.t.T,
+        **facts,
+        **(_edge_form(body, exact) if body.element.is_linear_simplex else _points(how, exact)),
+        "states": list(states),
+        "u": np.stack(list(states.values())),
+    }
+    W, F, blocks = [], [], []
+    with CountedProgress("export", len(states), quiet) as progress:
+        for name, u in states.items():
+            progress.step(name)
+            energy, force = exact.energy_and_force(u)
+            W.append(energy)
+            F.append(force)
+            blocks.append(exact.blocks(u))
+    arrays |= {"W": W, "F": F, "K_node_pairs": exact.pairs.T, "K_blocks": blocks}
+    first, second = exact.pairs
+    rows = [_from_blocks(first, second, values, body.p.size) for values in blocks]
+    arrays |= {"K_row_starts": rows[0].indptr, "K_columns": rows[0].indices, "K_values": [row.data for row in rows]}
+    plain = {name: np.array(arrays[name], dtype=TYPES[of.type]) for name, of in LAYOUT.items() if name in arrays}
+    return Vectors({"digest": np.array([digest(plain)])} | plain)
+
+
+def published_vectors(name: str) -> Vectors:
+    """One of the five published sets, which lie in the package: `PUBLISHED`.
+
+    One scalene tetrahedron; a block of tetrahedra of both orientations and two materials; a membrane of triangles in space; two
+    curved quadratic tetrahedra; two distorted hexahedra. Made by `python -m validation.vectors`.
+    """
+    choice("name", name, PUBLISHED)
+    with as_file(files("skfem_stvk.referee") / "data" / f"{name}.npz") as file:
+        return read_vectors(file)
+
+
+def read_vectors(place: str | Path) -> Vectors:
+    """The vectors of a folder, or of a file `.npz` or `.txt`; whatever has been changed in them is noticed.
+
+    Raises
+    ------
+    StvkError
+        if there are none, or the file is damaged or was changed.
+    """
+    file = path("place", place, "the path of a folder or a file of vectors")
+    if file.is_dir():
+        found = [file / f"{NAME}{suffix}" for suffix in (".npz", ".txt") if (file / f"{NAME}{suffix}").is_file()]
+        if not found:
+            raise StvkError(f"{file} has neither {NAME}.npz nor {NAME}.txt. Export vectors there: skfem-stvk export --out {file}")
+        file = found[0]
+    arrays = read(file, LAYOUT)
+    missing = [name for name, of in LAYOUT.items() if of.of == "all elements" and name not in arrays]
+    if missing:
+        raise NotOurs(f"{file} lacks {', '.join(missing[:5])}; expected the vectors of `skfem-stvk export`.")
+    if arrays["digest"].tolist() != [digest(arrays)]:
+        raise NotOurs(f"{file} has been changed since it was written: its digest is another. Export the vectors anew.")
+    return Vectors(arrays)
+
+
+def digest(arrays: dict[str, Array]) -> str:
+    """SHA-256 of all arrays of the layout but the digest itself: names, shapes and values."""
+    total = hashlib.sha256()
+    for name in LAYOUT:
+        if name in arrays and name != "digest":
+            array = arrays[name]
+            kind = type_of(array)
+            values = "\n".join(array.tolist()).encode() if kind == "text" else array.astype(TYPES[kind].newbyteorder("<")).tobytes()
+            total.update(f"{name} {kind} {array.shape}".encode() + values)
+    return total.hexdigest()
+
+
+def sizes_of(arrays: dict[str, Array]) -> dict[str, int]:
+    """What the names of sizes stand for in vectors."""
+    sizes = {"k": ELEMENTS[str(arrays["kind"][0])].k}
+    for name, array in arrays.items():
+        sizes |= dict(zip(LAYOUT[name].sizes, array.shape, strict=True))
+    return sizes
+
+
+def readme(vectors: Vectors) -> str:
+    """What is in the files of a folder of vectors."""
+    sizes = sizes_of(vectors.arrays)
+    lines = [
+        f"Test vectors '{vectors.title}' of skfem-stvk: {vectors.mesh.nt} {vectors.mesh.kind}, St. Venant-Kirchhoff.",
+        "",
+        "vectors.npz (NumPy) and vectors.txt hold the same arrays. In the text, each begins with a line",
+        "NAME TYPE RANK N1 ... NRANK (TYPE real, int or text), and its values follow in C order, the last index fastest;",
+        "a text has one line for each entry. All numbers were computed in 50 decimal digits and rounded to double once.",
+        "",
+        *(_line(name, sizes) for name in vectors.arrays),
+        "",
+        "Give back results.txt or results.npz, in the same layout, with any of W, F and K_blocks or K_values (and digest, program,",
+        "and states if not all of them are there), beside these files, and have it judged: skfem-stvk verify --results FOLDER",
+        "",
+    ]
+    return "\n".join(lines)
+
+
+def _line(name: str, sizes: dict[str, int]) -> str:
+    of = LAYOUT[name]
+    shape = " x ".join(f"{size}={sizes[size]}" if size.isalpha() else size for size in of.sizes)
+    return f"{name:<18} {of.type:<5} {shape:<24} {'[' + of.unit + ']' if of.unit else '':<12} {of.what}".rstrip()
+
+
+def _hypothesis(mesh: ElementMesh, law: StVK) -> str:
+    return {1: "uniaxial stress", 2: "plane stress" if is_condensed(mesh, law) else "plane strain"}.get(mesh.k, "none")
+
+
+def _material(mesh: ElementMesh, laws: Sequence[StVK]) -> tuple[dict[str, Any], tuple[Exact, Exact]]:
+    """The constants of each element, and their Lame pair in decimal numbers."""
+    young, poisson, section = np.full(mesh.nt, np.nan), np.full(mesh.nt, np.nan), np.ones(mesh.nt)
+    laid = np.zeros(mesh.nt, dtype=np.int64)
+    for law in laws:
+        if not isinstance(law.material, Isotropic) or law.simplices is not None:
+            raise MaterialError(
+                f"material = {shown(law)}; expected isotropic materials on the elements of the mesh, as StVK(young=..., "
+                "poisson=...) without simplices: vectors have constants of nothing else."
+            )
+        law.stiffness(mesh)  # which refuses constants that do not fit the mesh
+        ids = mesh.elements(law.region)
+        laid[ids] += 1
+        thick = {1: law.area, 2: law.thickness}.get(mesh.k)
+        young[ids] = law.material.young
+        poisson[ids] = np.nan if law.material.poisson is None else law.material.poisson
+        section[ids] = 1.0 if thick is None else thick
+    if (laid != 1).any():
+        raise MaterialError(f"{name_ids(np.flatnonzero(laid != 1), 'element')}: of no law, or of several; expected one each.")
+    if len({_hypothesis(mesh, law) for law in laws}) > 1:
+        raise MaterialError("Some elements are in plane strain and others in plane stress; expected one of them.")
+    pairs = [_lame(E, nu, t, mesh.k, is_condensed(mesh, laws[0])) for E, nu, t in zip(young, poisson, section, strict=True)]
+    exact = np.array(pairs, dtype=object).reshape(-1, 2)
+    facts = {"young": young, "poisson": poisson, "section": section, "lame": exact.astype(float)}
+    return facts, (exact[:, 0], exact[:, 1])
+
+
+def _lame(young: float, poisson: float, section: float, k: int, condensed: bool) -> tuple[Decimal, Decimal]:
+    with localcontext(CONTEXT):
+        E = Decimal(float(young)) * Decimal(float(section))
+        if k == 1:
+            return E, Decimal(0)
+        nu = Decimal(float(poisson))
+        mu = E / (2 * (1 + nu))
+        return 2 * mu * nu / (1 - (1 if condensed else 2) * nu), mu
+
+
+def _edge_form(mesh: ElementMesh, exact: ExactStVK) -> dict[str, Any]:
+    """Edges, pairs of edges that share an element, and their coefficients, summed in decimal numbers."""
+    local = mesh.element.edges
+    L = exact.edge_form(local)
+    ends = np.sort(mesh.t.T[:, np.array(local)].astype(np.int64), axis=2)  # (nt, m, 2)
+    edges, of = np.unique(ends.reshape(-1, 2), axis=0, return_inverse=True)
+    of = of.reshape(ends.shape[:2])
+    own = np.full(len(edges), Decimal(0), dtype=object)
+    with localcontext(CONTEXT):
+        np.add.at(own, of, np.einsum("aan->na", L))
+        found: dict[str, Any] = {"edges": edges, "edge_coefficients": own.astype(float)}
+        first, second = np.array(list(combinations(range(len(local)), 2)), dtype=np.int64).reshape(-1, 2).T
+        both = np.sort(np.stack([of[:, first], of[:, second]], axis=2).reshape(-1, 2), axis=1)
+        pairs, place = np.unique(both, axis=0, return_inverse=True)
+        between = np.full(len(pairs), Decimal(0), dtype=object)
+        np.add.at(between, place.ravel(), L[first, second].T.ravel())
+        return found | {"pairs": pairs, "pair_coefficients": between.astype(float)}
+
+
+def _points(how: Discretisation, exact: ExactStVK) -> dict[str, Any]:
+    xi, weights = how.points
+    inverse, volumes = exact.inverse_triangles()
+    dN = derivatives(how.kind, xi).astype(float)
+    return {"points": xi.T, "weights": weights, "dN": dN, "R_inverse": inverse, "volumes": volumes}
+
+
+def _from_blocks(first: NDArray[np.int64], second: NDArray[np.int64], blocks: Array, ndofs: int) -> csr_matrix:
+    """(ndofs, ndofs) matrix of blocks (m, d, d) of pairs of nodes in lexicographic order."""
+    d = blocks.shape[1]
+    starts = np.concatenate([[0], np.cumsum(np.bincount(first, minlength=ndofs // d))])
+    return csr_matrix(bsr_matrix((blocks, second, starts), shape=(ndofs, ndofs)).tocsr())
+
+
+def _one_if_same(values: Array) -> Any:
+    return float(values[0]) if (values == values[0]).all() else values

@@ -1,0 +1,200 @@
+"""The referee in the tests of other packages: an assertion per kind of candidate, which fails with what was found.
+
+The fixture and marks of the pytest plugin (`pytest_skfem_stvk`) call these functions.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import skfem
+from numpy.typing import ArrayLike
+
+from .arguments import choice, flag, whole
+from .materials import Material
+from .mesh import MeshLike
+from .referee import Report
+from .referee.law import verify_law
+from .referee.results import CheckOutcome
+from .referee.terminal import as_text, badness, printable, story
+from .referee.verification import claimed_terms, verify_candidate
+from .terms import StVK
+
+#: Classes of the meshes of `small_mesh`, by the kinds of their elements; those of second order are made from others.
+KINDS: dict[str, tuple[type[skfem.Mesh], type[skfem.Mesh] | None]] = {
+    "segments": (skfem.MeshLine, None),
+    "triangles": (skfem.MeshTri, None),
+    "tetrahedra": (skfem.MeshTet, None),
+    "quadratic triangles": (skfem.MeshTri, skfem.MeshTri2),
+    "quadratic tetrahedra": (skfem.MeshTet, skfem.MeshTet2),
+    "quadrilaterals": (skfem.MeshQuad, None),
+    "hexahedra": (skfem.MeshHex, None),
+}
+ONE_LINE = 100_000  # columns: whoever shows the text breaks its lines
+
+
+class Inconsistent(AssertionError):
+    """A candidate that did not pass; `report` is all that was found. Its text names every check that failed or could not run."""
+
+    def __init__(self, report: Report, candidate: Any) -> None:
+        self.report = report
+        name = candidate if isinstance(candidate, str) else getattr(candidate, "__name__", type(candidate).__name__)
+        super().__init__(_story(report, name))
+
+
+def _story(report: Report, name: str) -> str:
+    """A line that says how many checks did not pass; what the bug is, if it was asked; a line for each check and quantity that
+    failed, at its worst; and for each check that could not run somewhere the first reason.
+    """
+    failed, missed = report.counts[CheckOutcome.FAILED], report.counts[CheckOutcome.COULD_NOT_RUN]
+    asked = len(report.results) - report.counts[CheckOutcome.NOT_APPLICABLE]
+    numbers = f"{failed} of {asked} checks failed, {missed} could not run" if asked else "no check applies to it"
+    lines = [f"{name} is not consistent: {numbers} (seed {report.header.get('seed', 0)})"]
+    if report.named is not None:  # before all else: JUnit's message has only the first lines
+        lines += report.named.lines()
+    lines += report.header.get("lines", [])
+    for results in report.groups().values():
+        worst = [result for result in results if result.outcome is CheckOutcome.FAILED]
+        if worst:
+            lines.append(f"failed {len(worst)} of {len(results)}: {story(max(worst, key=badness))}")
+    reasons: dict[str, str] = {}
+    for result in report.results:
+        if result.outcome is CheckOutcome.COULD_NOT_RUN:
+            reasons.setdefault(result.check, f"{result.quantity}, {result.state}: {' '.join(result.reason.split())}")
+    lines += [f"could not run: {check}, {reason}" for check, reason in reasons.items()]
+    return as_text(printable("\n".join(lines)), width=ONE_LINE)
+
+
+def assert_consistent(
+    model: Any,
+    mesh: MeshLike,
+    material: Material | StVK | Sequence[StVK] | None = None,
+    *,
+    young: ArrayLike | None = None,
+    poisson: ArrayLike | None = None,
+    degree: int | None = None,
+    quadrature: str | None = None,
+    hourglass: float | None = None,
+    homogeneous: bool = True,
+    seed: int = 0,
+) -> Report:
+    """Assert that W, F and K of a model fit each other and are those of an elastic body: of St. Venant-Kirchhoff, or of any law.
+
+    With a material the model claims to be St. Venant-Kirchhoff, and must agree with scikit-fem and with this package; its
+    derivatives must be exact. Without one it may be any hyperelastic law, such as neo-Hookean: F is the derivative of W and K that
+    of F, to second order in Taylor tests; translations and rotations change nothing; forces and torques balance; K is symmetric and
+    has the rigid modes, and no others, as its null space at rest; and under an affine motion no force is left on inner nodes.
+
+    Parameters
+    ----------
+    model : any object with any of `energy(u)` [J], `internal_force(u)` (ndofs,) [N] and `tangent(u)` (ndofs, ndofs) [N/m], dense,
+        sparse or a `LinearOperator`. Degrees of freedom are `d * node + component`.
+    mesh, material, young, poisson, degree, quadrature, hourglass, seed : as in `verify`.
+    homogeneous : of another law, whether its constants and directions are the same everywhere: only then a patch test has meaning.
+
+    Returns
+    -------
+    Report
+        of what passed.
+
+    Raises
+    ------
+    Inconsistent
+        an `AssertionError` whose text names every check that failed, with its error, limit and worst place; it has the `report`.
+    StvkError, MeshError, MaterialError, RegionError
+        as `verify` does.
+
+    >>> import skfem
+    >>> from skfem_stvk import NeoHookean, StVK, System
+    >>> mesh = skfem.MeshTet().refined(1)
+    >>> assert_consistent(System(mesh, StVK(young=1e5, poisson=0.3)), mesh, young=1e5, poisson=0.3).passed
+    True
+    >>> other = System(mesh, NeoHookean(young=1e5, poisson=0.3))
+    >>> assert_consistent(other, mesh).passed
+    True
+    >>> assert_consistent(other, mesh, young=1e5, poisson=0.3)
+    Traceback (most recent call last):
+    skfem_stvk.testing.Inconsistent: System is not consistent: 36 of 109 checks failed, 35 could not run (seed 0)
+    ...agreement, W of candidate against scikit-fem, 100 % stretch: 6.03e-01 > 1e-12 of 1.540e+05 (W_ref). ...
+    """
+    __tracebackhide__ = True  # pytest shows the line of the test
+    seed, homogeneous = whole("seed", seed, "a whole number from 0"), flag("homogeneous", homogeneous)
+    another = material is None and young is None and poisson is None
+    given = {"degree": degree, "quadrature": quadrature, "hourglass": hourglass}
+    terms = None if another else claimed_terms(material, young, poisson)
+    report = verify_candidate(model, mesh, terms, homogeneous=homogeneous, given=given, seed=seed)
+    if not report.passed:
+        raise Inconsistent(report, model)
+    return report
+
+
+def assert_law(**law: Any) -> Report:
+    """Assert that an energy density, a stress and a tangent, any subset, fit each other and are a hyperelastic law.
+
+    Parameters
+    ----------
+    law : the arguments of `verify_law`: `energy`, `stress`, `elasticity`, `claims`, `at`, ...
+
+    Returns
+    -------
+    Report
+        of what passed.
+
+    Raises
+    ------
+    Inconsistent
+        an `AssertionError` whose text names every check that failed; it has the `report`.
+    StvkError, MaterialError
+        as `verify_law` does.
+
+    >>> import numpy as np
+    >>> def S(F):
+    ...     E = (F.T @ F - np.eye(3)) / 2
+    ...     return 10.0 * np.trace(E) * np.eye(3) + 8.0 * E
+    >>> assert_law(stress=S).passed
+    True
+    >>> assert_law(stress=S, claims=StVK(young=1.0, poisson=0.3))
+    Traceback (most recent call last):
+    skfem_stvk.testing.Inconsistent: law is not consistent: ... checks failed, 0 could not run (seed 0)
+    a law in 3 dimensions: P of F
+    stress read as S (guessed)
+    stress at rest: lambda is 17.333 x, mu is 10.400 x that of the claim
+    ...
+    """
+    __tracebackhide__ = True  # pytest shows the line of the test
+    report = verify_law(**law)
+    if not report.passed:
+        raise Inconsistent(report, "law")
+    return report
+
+
+def small_mesh(kind: str, seed: int = 0) -> skfem.Mesh:
+    """A scikit-fem mesh of the unit interval, square or cube to try a model on: 3 nodes along each edge, the inner ones for a patch
+    test; no two edges alike, simplices of both orientations, those of second order with curved edges.
+
+    Raises
+    ------
+    StvkError
+        for kinds of elements that are not in `KINDS`.
+
+    >>> small_mesh("tetrahedra").t.shape
+    (4, 48)
+    >>> small_mesh("tets")
+    Traceback (most recent call last):
+    skfem_stvk.errors.StvkError: kind = 'tets'; known: 'hexahedra', ...
+    """
+    (linear, quadratic), seed = KINDS[choice("kind", kind, KINDS)], whole("seed", seed, "a whole number from 0")
+    rng, d = np.random.default_rng(seed), linear.elem.refdom.dim()
+    mesh = linear.init_tensor(*[np.array([0.0, 0.4, 1.0])] * d)
+    t = mesh.t.copy()
+    if len(t) == d + 1:  # a simplex is turned round by exchanging two vertices
+        half = rng.random(t.shape[1]) < 0.5
+        t[:2, half] = t[1::-1, half]
+    mesh = replace(mesh, doflocs=mesh.doflocs + 0.06 * rng.uniform(-1, 1, mesh.doflocs.shape), t=t)
+    if quadratic is None:
+        return mesh
+    straight = quadratic.from_mesh(mesh)
+    return replace(straight, doflocs=straight.doflocs + 0.02 * rng.uniform(-1, 1, straight.doflocs.shape))

@@ -1,0 +1,374 @@
+"""Other codes are judged: those that are installed, those of other environments, and functions of users; what is wrong is told."""
+
+import re
+import subprocess
+import sys
+from importlib import metadata
+from pathlib import Path
+from types import ModuleType, SimpleNamespace
+
+import meshio
+import numpy as np
+import pytest
+from bodies import box, sheet
+
+from skfem_stvk import ElementMesh, StVK, StvkError, System, verify
+from skfem_stvk.cli.main import main
+from skfem_stvk.peers import PEERS, available, load
+from skfem_stvk.peers.elsewhere import Elsewhere
+from skfem_stvk.peers.peer import lame
+from skfem_stvk.referee.against import opponent
+from skfem_stvk.referee.checks import precision
+from skfem_stvk.reference import ReferenceStVK, isotropic_tensor
+
+MESH = box(1)
+YOUNG, POISSON = 1e5, 0.3
+CONSTANTS = ["--young", "1e5", "--poisson", "0.3"]
+
+
+def judged(name, **given):
+    with opponent(name, MESH, YOUNG, POISSON, **given) as (candidate, line):
+        return verify(MESH, young=YOUNG, poisson=POISSON, candidate=candidate, quiet=True), line
+
+
+@pytest.fixture(autouse=True)
+def frugal(monkeypatch):
+    """No time for timing, nor for NGSolve's compiler."""
+    monkeypatch.setattr(precision, "SECONDS", 0.0)
+    monkeypatch.setattr("skfem_stvk.peers.ngsolve.shutil.which", lambda program: None)
+
+
+@pytest.fixture
+def part(tmp_path, monkeypatch):
+    """The folder of a mesh, where the program works: MuJoCo writes its log there."""
+    monkeypatch.chdir(tmp_path)
+    meshio.Mesh(MESH.p.T, [("tetra", MESH.t.T)]).write("part.vtu")
+    return tmp_path
+
+
+@pytest.mark.parametrize("name", [name for name in PEERS if PEERS[name].version() is not None])
+def test_a_peer_that_is_installed_passes(name, part, capsys):
+    assert main(["verify", "part.vtu", *CONSTANTS, "--against", PEERS[name].module.upper()]) == 0
+    out = " ".join(capsys.readouterr().out.split())
+    assert f"candidate: {name}" in out and "known of it: " in out
+
+
+class OldFlex:
+    """A stand-in of MuJoCo's flex: the force of lambda times `factor`."""
+
+    def __init__(self, p, t, factor):
+        lam, mu = lame(YOUNG, POISSON)
+        lam = factor * lam
+        young, poisson = mu * (3 * lam + 2 * mu) / (lam + mu), lam / (2 * (lam + mu))
+        self._body = ReferenceStVK(p, t, isotropic_tensor(young, poisson, 3, condensed=False))
+
+    def internal_force(self, u):
+        return self._body.internal_force(u)
+
+
+@pytest.mark.parametrize(("version", "factor"), [("3.17.0", 2.0), ("4.0.0", 1.0)])
+def test_a_version_that_is_known_to_be_bad_is_judged_all_the_same(version, factor, part, capsys, monkeypatch):
+    """The gate of the benchmark refuses it; here it runs, and fails in F where lambda counts."""
+
+    def made(self, p, t, young, poisson, *, any_version=False):
+        from skfem_stvk.peers.peer import require
+
+        self.version = require("MuJoCo", any_version).__version__
+        self._flex = OldFlex(p, t, factor)
+
+    old = ModuleType("mujoco")
+    old.__version__ = version
+    monkeypatch.setitem(sys.modules, "mujoco", old)
+    peer = load("MuJoCo")
+    monkeypatch.setattr(peer, "__init__", made)
+    monkeypatch.setattr(peer, "internal_force", lambda self, u: self._flex.internal_force(u))
+    if factor != 1:
+        with pytest.raises(StvkError, match=r"Expected mujoco 4\.0 or later, got 3\.17\.0"):
+            peer(MESH.p, MESH.t, YOUNG, POISSON)
+    assert main(["verify", "part.vtu", *CONSTANTS, "--against", "mujoco", "--out", "report"]) == (1 if factor != 1 else 0)
+    assert "<th>candidate</th><td>MuJoCo" in (part / "report" / "report.html").read_text()
+    out = " ".join(capsys.readouterr().out.split())
+    assert f"candidate: MuJoCo {version}, F; known of it" in out and "Releases before 4.0 take lambda twice" in out
+    assert ("lambda doubled: your lambda is 2.000 x, your mu 1.000 x" in out) == (factor != 1)
+    if factor != 1:
+        report, _ = judged("mujoco")
+        assert report.named.names == ["lambda doubled"]
+        assert {(r.check, r.quantity) for r in report.failures("candidate")} == {("agreement", "F"), ("closed forms", "P")}
+
+
+USERS = """
+import numpy as np
+from skfem_stvk.reference import ReferenceStVK, isotropic_tensor
+class Mine:
+    def __init__(self, p, t, young, poisson, factor=1.0):
+        self.body, self.factor = ReferenceStVK(p, t, isotropic_tensor(young, poisson, 3, condensed=False)), factor
+    def energy(self, u): return self.body.energy(u)
+    def internal_force(self, u): return self.factor * self.body.internal_force(u)
+def wrong(p, t, young, poisson): return Mine(p, t, young, poisson, factor=2.0)
+def spoiling(p, t, young, poisson):
+    mine = Mine(p.copy(), t.copy(), young, poisson)
+    p *= np.nan; t *= 0
+    return mine
+def raising(p, t, young, poisson): raise KeyError("no such thing")
+def leaving(p, t, young, poisson): raise SystemExit(3)
+def empty(p, t, young, poisson): return None
+number = 3
+"""
+
+
+def test_a_users_function_makes_a_candidate(part, capsys):
+    (part / "users_own_code.py").write_text(USERS)
+    run = ["verify", "part.vtu", *CONSTANTS, "--against"]
+    assert main([*run, "users_own_code.py:Mine"]) == 0
+    assert main([*run, "users_own_code:spoiling"]) == 0
+    assert "candidate: what users_own_code:spoiling gives" in capsys.readouterr().out
+    assert main([*run, "users_own_code:wrong"]) == 1
+    out = " ".join(capsys.readouterr().out.split())
+    assert "failed agreement, F of candidate" in out and "What it is" in out
+    for function, words in {
+        "raising": "raised KeyError: 'no such thing'",
+        "leaving": "raised SystemExit: 3",
+        "empty": "users_own_code:empty gave None; expected an object that has any of energy",
+        "number": "there is no function 'number'",
+        "Mein": "Did you mean 'Mine'?",
+    }.items():
+        assert main([*run, f"users_own_code:{function}"]) == 2
+        assert words in " ".join(capsys.readouterr().err.split())
+    (part / "broken_code.py").write_text("import nothing_of_this_name")
+    for name, words in {
+        "broken_code:f": "No module named 'nothing_of_this_name'",
+        "no_file.py:f": "no_file.py is no file of Python",
+        "abaqus": "known: 'DOLFINx', 'FElupe'",
+        ":f": "expected module:function",
+        "f:": "known: 'DOLFINx', 'FElupe'",
+        "mujoco:a:b": "a function is taken by JAX and PyTorch",
+    }.items():
+        assert main([*run, name]) == 2
+        assert words in " ".join(capsys.readouterr().err.split())
+
+
+def stand_in(name):
+    """JAX and PyTorch as far as their classes ask: derivatives by differences in the complex plane."""
+
+    def gradient(f):
+        def of(u, *others):
+            values = np.empty(u.shape)
+            for at in np.ndindex(u.shape):
+                moved = u.astype(complex)
+                moved[at] += 1e-30j
+                values[at] = f(moved, *others).imag / 1e-30
+            return values
+
+        return of
+
+    def hessian(f):
+        def of(u, *others):
+            values = np.empty(2 * u.shape)
+            for at in np.ndindex(u.shape):
+                ends = []
+                for sign in (-1, 1):
+                    moved = u.copy()
+                    moved[at] += sign * 1e-5
+                    ends.append(gradient(f)(moved, *others))
+                values[at] = (ends[1] - ends[0]) / 2e-5
+            return values
+
+        return of
+
+    def vmap(f):
+        return lambda *arrays: np.array([f(*row) for row in zip(*arrays, strict=True)])
+
+    calls = {"grad": gradient, "hessian": hessian, "vmap": vmap}
+    if name == "JAX":
+        config, known = SimpleNamespace(update=lambda key, value: None), {"numpy": np, "jit": lambda f: f}
+        return SimpleNamespace(__version__="0.0", config=config, **known, **calls)
+    return SimpleNamespace(__version__="0.0", func=SimpleNamespace(**calls), from_numpy=lambda array: array)
+
+
+def density(F):
+    lam, mu = lame(YOUNG, POISSON)
+    E = (F.T @ F - np.eye(3)) / 2
+    return lam / 2 * E.trace() ** 2 + mu * (E * E).sum()
+
+
+def doubled(F):
+    return density(F) + lame(YOUNG, POISSON)[0] / 2 * ((F.T @ F).trace() / 2 - 1.5) ** 2
+
+
+@pytest.mark.parametrize("name", ["JAX", "PyTorch"])
+def test_an_energy_density_is_differentiated_by_a_library(name, monkeypatch):
+    """W and F by a stand-in of the library, exactly; K by differences. The user's density is the body's, or has lambda twice."""
+    monkeypatch.setitem(sys.modules, PEERS[name].module, stand_in(name))
+    body, u = System(MESH, StVK(young=YOUNG, poisson=POISSON)), 0.1 * np.random.default_rng(0).standard_normal(MESH.p.size)
+    peer = load(name)
+    for law in (None, density):
+        model = peer(MESH.p, MESH.t, YOUNG, POISSON, density=law)
+        assert model.energy(u) == pytest.approx(body.energy(u), rel=1e-13)
+        force = body.internal_force(u)
+        assert np.abs(model.internal_force(u) - force).max() < 1e-13 * np.abs(force).max()
+    K = body.tangent(u)
+    assert abs(model.tangent(u) - K).max() < 1e-8 * abs(K).max()
+    wrong = peer(MESH.p, MESH.t, YOUNG, POISSON, density=doubled)
+    assert wrong.energy(u) > 1.01 * body.energy(u)
+
+
+def test_a_density_is_found_by_its_name(part, monkeypatch):
+    (part / "users_density.py").write_text("def W(F): return (F * F).sum()")
+    monkeypatch.setitem(sys.modules, "torch", stand_in("PyTorch"))
+    with opponent("torch:users_density.py:W", MESH, YOUNG, POISSON) as (on, line):
+        assert line.startswith("users_density.py:W in PyTorch 0.0") and on(MESH).energy(np.zeros(24)) == pytest.approx(3.0, rel=0.2)
+
+
+def test_peers_take_the_elements_that_their_row_says():
+    with pytest.raises(StvkError, match="the mesh has triangles in 2D; MuJoCo is judged on tetrahedra in 3D"):
+        opponent("mujoco", sheet(1), YOUNG, POISSON).__enter__()
+    with pytest.raises(StvkError, match=r"quadratic tetrahedra in 3D; .*--degree 1"):
+        opponent("ngsolve", MESH.with_degree(2), YOUNG, POISSON).__enter__()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["--against", "mujoco"], "--against needs --young"),
+        (["--young", "nan", "--poisson", "0.3", "--against", "mujoco"], "young = nan is not finite"),
+        (["--young", "1", "--poisson", "0.5", "--against", "mujoco"], "poisson .* is outside"),
+        ([*CONSTANTS, "--python", "python3"], "--python is that of --against"),
+        ([*CONSTANTS, "--against", "felupe", "--quadrature", "exact"], "--quadrature beside --against"),
+        ([*CONSTANTS, "--against", "felupe", "--results", "x"], "--against beside --results|--young"),
+        ([*CONSTANTS, "--against", "math:sin", "--python", "python3"], "--python is for peers"),
+        ([*CONSTANTS, "--against", "mujoco", "--python", "no/python"], "'no/python' cannot be run"),
+    ],
+)
+def test_what_does_not_go_together_is_refused(arguments, words, part, capsys):
+    assert main(["verify", *([] if arguments[0] == "--against" else ["part.vtu"]), *arguments]) == 2
+    assert re.search(words, " ".join(capsys.readouterr().err.split()))
+
+
+# another environment
+
+
+TOY = """
+import sys
+import numpy as np
+from scipy.sparse import csr_matrix
+from skfem_stvk.peers.peer import require
+
+class FElupe:
+    name = "FElupe"
+    def __init__(self, p, t, young, poisson):
+        self.version = "0.1"
+        self.n = p.size
+        print("this goes to standard error, and is no answer")
+    def energy(self, u): return float(u @ u) / 2
+    def internal_force(self, u):
+        if u[0] == 7: raise ValueError("seven")
+        if u[0] == 8: print("eight", file=sys.stderr); sys.stderr.flush(); import os; os._exit(5)
+        return u.copy()
+    def tangent(self, u): return csr_matrix(np.eye(self.n))
+"""
+
+
+@pytest.fixture
+def toy(tmp_path, monkeypatch):
+    """A package of its own with another FElupe, as the other process finds it."""
+    import skfem_stvk.peers.elsewhere as module
+
+    there = Path(module.__file__).parent.parent
+    for part in ("__init__.py", "arguments.py", "errors.py", "peers/__init__.py", "peers/peer.py", "peers/elsewhere.py"):
+        (tmp_path / "peers").mkdir(exist_ok=True)
+        (tmp_path / part).write_text((there / part).read_text())
+    (tmp_path / "peers" / "felupe.py").write_text(TOY)
+    monkeypatch.setattr(module, "__file__", str(tmp_path / "peers" / "elsewhere.py"))
+    return lambda: Elsewhere(sys.executable, "FElupe", MESH.p, MESH.t, YOUNG, POISSON)
+
+
+def test_a_peer_elsewhere_answers_as_it_would_here(toy):
+    u = np.arange(24.0)
+    with toy() as peer:
+        assert (peer.name, peer.version, peer.methods) == ("FElupe", "0.1", ["energy", "internal_force", "tangent"])
+        assert peer.energy(u) == u @ u / 2 and (peer.internal_force(u) == u).all()
+        assert (peer.tangent(u).toarray() == np.eye(24)).all() and not hasattr(peer, "hessian")
+        u[0] = 7
+        with pytest.raises(StvkError, match="ValueError: seven"):
+            peer.internal_force(u)
+        assert peer.energy(u) == u @ u / 2
+        u[0] = 8
+        with pytest.raises(StvkError, match=r"has ended, with exit code 5: .*eight"):
+            peer.internal_force(u)
+        with pytest.raises(StvkError, match="has ended"):
+            peer.energy(u)
+
+
+def test_a_process_that_dies_ends_no_report(toy):
+    with toy() as peer:
+        peer.internal_force(np.zeros(24))
+        peer._process.kill()
+        report = verify(MESH, young=YOUNG, poisson=POISSON, candidate=peer, quiet=True)
+    assert not report.passed and any("has ended" in result.reason for result in report.results)
+
+
+def test_the_other_environment_needs_nothing_of_this_package_but_its_peers():
+    """Neither scikit-fem nor numba: they are hidden from the process, which makes a peer that is missing and says so."""
+    from skfem_stvk.peers.elsewhere import START
+
+    hidden = "import sys\nfor name in ('skfem', 'numba', 'meshio', 'rich', 'pydantic'): sys.modules[name] = None\n"
+    folder = str(Path(sys.modules["skfem_stvk"].__file__).parent)
+    code = hidden + START.replace(
+        "serve()", "from skfem_stvk.peers import available, load; print(list(available())); load('MuJoCo')"
+    )
+    done = subprocess.run([sys.executable, "-I", "-c", code, folder], capture_output=True, text=True)
+    assert done.returncode == 0 and eval(done.stdout) == list(PEERS), done.stderr
+
+
+@pytest.mark.parametrize(
+    "words", ["yes", "head -c 8 /dev/zero | tr '\\0' '\\1'; yes", "printf '\\0\\0\\0\\0\\0\\0\\0\\5hello'; cat > /dev/null"]
+)
+def test_a_program_that_is_no_python_is_told(words, tmp_path):
+    program = tmp_path / "program"
+    program.write_text(f"#!/bin/sh\n{words}\n")
+    program.chmod(0o755)
+    with pytest.raises(StvkError, match=r"answers what no peer does .* Is it a Python\?"):
+        Elsewhere(program, "FElupe", MESH.p, MESH.t, YOUNG, POISSON)
+
+
+def test_a_python_that_lacks_the_peer_says_so(monkeypatch):
+    """This one, in which JAX or PyTorch or DOLFINx is missing."""
+    name = next(name for name, package in PEERS.items() if package.version() is None)
+    with pytest.raises(StvkError, match=f"cannot be imported.*{available()[name].split()[0]}"):
+        Elsewhere(sys.executable, name, MESH.p, MESH.t, YOUNG, POISSON)
+
+
+def test_every_row_says_what_is_known(tmp_path):
+    for name, package in PEERS.items():
+        assert package.deviates and package.tried and package.elements, name
+
+
+def test_a_degenerate_answer_is_told_and_not_believed():
+    """A user's model that returns NaN, another shape, or changes what it is given."""
+    body = System(MESH, StVK(young=YOUNG, poisson=POISSON))
+    for force in (lambda u: np.full(u.size, np.nan), lambda u: u[:3], lambda u: None):
+        report = verify(MESH, young=YOUNG, poisson=POISSON, candidate=SimpleNamespace(internal_force=force), quiet=True)
+        assert not report.passed
+    u = np.zeros(24)
+    assert (ElementMesh.of(MESH).p == MESH.p).all() and body.energy(u) == 0
+
+
+def test_the_page_has_every_row():
+    page = " ".join((Path(__file__).parents[2] / "docs" / "peers.md").read_text().split())
+    for name, of in PEERS.items():
+        known = f"Known to do otherwise: {of.deviates}.{' ' * bool(of.why)}{of.why} Judged: {of.tried}. `{of.install}`"
+        assert f"- **{name}** (`--against {of.module}`): {of.gives} of {' and '.join(of.elements)}. {known}" in page, name
+
+
+def test_no_package_under_the_gpl_is_a_dependency():
+    """Nor a peer's, whatever its licence; extras are somebody's own choice."""
+    lines = (Path(__file__).parents[2] / "pyproject.toml").read_text().split("dependencies = [")[1].split("]")[0]
+    needed = re.findall(r'"([\w-]+)', lines)
+    assert len(needed) > 10 and not set(needed) & {package.distribution for package in PEERS.values()}
+    for name in needed:
+        try:
+            facts = metadata.metadata(name)
+        except metadata.PackageNotFoundError:  # of another version of Python
+            continue
+        licence = [facts.get("License-Expression"), *(facts.get_all("Classifier") or [])]
+        assert not re.search(r"\bA?GPL|General Public", " ".join(filter(None, licence))), name

@@ -1,0 +1,231 @@
+"""The report says what is wrong with a candidate, in the right words, and says so where it does not know."""
+
+import json
+
+import numpy as np
+import pytest
+import skfem
+from bodies import box
+from scipy.sparse import csr_matrix
+from scipy.sparse.linalg import aslinearoperator
+
+from skfem_stvk import ElementMesh, NeoHookean, StVK, System, verify
+from skfem_stvk.referee.faults import FAULTS, bodies
+from skfem_stvk.referee.hypotheses import name_the_fault
+from skfem_stvk.referee.verification import _case, verify_candidate
+from skfem_stvk.testing import Inconsistent, assert_consistent
+
+MESH, TERM = bodies()["isotropic"].mesh, bodies()["isotropic"].terms[0]
+
+
+def named(candidate, mesh=MESH, terms=(TERM,), options=None):
+    return name_the_fault(_case(mesh, list(terms), options or {}, candidate, 0), list(terms))
+
+
+class Only:
+    """Some of the three methods of a model."""
+
+    def __init__(self, model, *methods):
+        for method in methods:
+            setattr(self, method, getattr(model, method))
+
+
+@pytest.mark.parametrize("name", FAULTS)
+def test_a_planted_fault_is_named_by_its_class_or_by_none(name):
+    fault = FAULTS[name]
+    body = bodies()[fault.body]
+    naming = named(fault.make(body.mesh, body.terms), body.mesh, body.terms, body.options)
+    assert fault.named in naming.names if fault.named else not naming.names
+    assert all(
+        one.residual <= 1e-8
+        or one.name in ("single precision", "not a number at inversion", "a constant force")
+        or "K of the state" in one.name
+        for one in naming.explanations
+    )
+    assert naming.names or naming.smallest
+
+
+@pytest.mark.parametrize("methods", [["energy"], ["internal_force"], ["tangent"]], ids=lambda methods: methods[0])
+@pytest.mark.parametrize("name", ["twice lambda", "half mu", "linear strain", "materials exchanged"])
+def test_any_one_of_the_three_is_enough(name, methods):
+    fault = FAULTS[name]
+    body = bodies()[fault.body]
+    assert fault.named in named(Only(fault.make(body.mesh, body.terms), *methods), body.mesh, body.terms).names
+
+
+def test_an_operator_will_do():
+    model = FAULTS["twice lambda"].make(MESH, [TERM])
+
+    class Operator:
+        def tangent(self, u):
+            return aslinearoperator(model.tangent(u))
+
+    assert "K x" not in str(named(Operator()).names)
+    assert "volume of the deformed body" not in named(Operator()).names
+
+
+def test_the_factors_are_in_the_words():
+    report = verify(MESH, TERM, candidate=FAULTS["twice lambda"].make(MESH, [TERM]), quiet=True)
+    text = " ".join(str(report).split())
+    assert "lambda doubled: your lambda is 2.000 x, your mu 1.000 x" in text
+    assert report.to_dict()["named"]["explanations"][0]["name"] == "lambda doubled"
+    json.dumps(report.to_dict())
+
+
+def test_what_is_equal_on_this_body_is_printed_together():
+    """At nu = 1/3 the lambda of plane stress is half of lambda."""
+    term = StVK(young=2.0, poisson=1 / 3)
+    naming = named(FAULTS["half lambda"].make(MESH, [term]), terms=[term])
+    assert naming.names == ["lambda halved", "lambda of plane stress"] and "one thing on this body" in naming.lines()[0]
+
+
+def test_the_element_that_is_left_out_is_told():
+    naming = named(FAULTS["one tet skipped"].make(MESH, [TERM]))
+    assert f"element {MESH.nt // 2} counts 0.000 x: it is left out" in naming.explanations[0].words
+
+
+def test_a_region_is_named():
+    left = np.arange(MESH.nt) % 3 == 0
+    mesh = ElementMesh(MESH.p, MESH.t, subdomains={"left": np.flatnonzero(left), "right": np.flatnonzero(~left)})
+    terms = [StVK(young=2.0, poisson=0.3, region="left"), StVK(young=1.0, poisson=0.4, region="right")]
+    candidate = System(mesh, [StVK(young=2.0, poisson=0.3, region="left"), StVK(young=3.0, poisson=0.4, region="right")])
+    naming = named(candidate, mesh, terms)
+    assert naming.names == ["lambda and mu by region"]
+    assert naming.explanations[0].words == "your lambda is 3.000 x, your mu 3.000 x in right"
+
+
+def test_what_no_hypothesis_explains_is_said_with_the_least_that_fails():
+    other = verify_candidate(System(MESH, NeoHookean(young=2.0, poisson=0.3)), MESH, [TERM]).named
+    assert not other.names and "No hypothesis explains it" in other.lines()[0] and "move node 0 alone" in other.smallest
+
+
+def test_a_candidate_that_can_be_made_anew_fails_on_one_element():
+    report = verify_candidate(lambda mesh: System(mesh, NeoHookean(young=2.0, poisson=0.3)), MESH, [TERM])
+    assert "The smallest mesh that fails is one element: 0, nodes" in report.named.smallest
+
+
+def test_a_fault_between_two_elements_has_a_smallest_mesh_of_some():
+    class Pairs(System):
+        """A force between elements that share a node."""
+
+        def internal_force(self, u):
+            shared = np.bincount(self.mesh.t.ravel(), minlength=self.mesh.nv) > 1
+            return super().internal_force(u) + 1e-3 * np.repeat(shared, 3) * u
+
+    report = verify_candidate(lambda mesh: Pairs(mesh, TERM), MESH, [TERM])
+    assert "The smallest mesh found that fails has" in report.named.smallest
+
+
+def test_right_candidates_and_other_laws_cost_nothing(monkeypatch):
+    def looked(*arguments):
+        raise AssertionError("hypotheses were tried")
+
+    monkeypatch.setattr("skfem_stvk.referee.verification.name_the_fault", looked)
+    assert verify_candidate(System(MESH, TERM), MESH, [TERM]).named is None
+    assert verify_candidate(System(MESH, NeoHookean(young=2.0, poisson=0.3)), MESH).named is None
+
+
+def test_hypotheses_that_stop_lose_nothing(monkeypatch):
+    monkeypatch.setattr("skfem_stvk.referee.verification.name_the_fault", lambda *arguments: 1 / 0)
+    report = verify_candidate(FAULTS["half mu"].make(MESH, [TERM]), MESH, [TERM])
+    assert report.failures() and "ZeroDivisionError" in report.named.smallest
+
+
+@pytest.mark.parametrize("name", ["twice lambda", "deformed volume", "components first"])
+def test_it_is_named_on_another_mesh_too(name):
+    mesh = box(3)
+    assert FAULTS[name].named in named(FAULTS[name].make(mesh, [TERM]), mesh).names
+
+
+def test_the_assertion_says_it():
+    with pytest.raises(Inconsistent, match=r"lambda doubled: your lambda is 2\.000 x"):
+        assert_consistent(FAULTS["twice lambda"].make(MESH, [TERM]), MESH, TERM)
+
+
+LAMBDA_TWICE = FAULTS["twice lambda"].make(MESH, [TERM])
+RIGHT = System(MESH, TERM)
+
+
+class Of:
+    """W, F and K as functions of u."""
+
+    def __init__(self, **methods):
+        self.__dict__.update(methods)
+
+
+def test_a_tangent_alone_is_named_without_a_dense_matrix(monkeypatch):
+    def dense(*arguments, **options):
+        raise AssertionError("a matrix of the size of the mesh was made dense")
+
+    monkeypatch.setattr(csr_matrix, "toarray", dense)
+    monkeypatch.setattr(csr_matrix, "todense", dense)
+    assert named(Only(LAMBDA_TWICE, "tangent")).names == ["lambda doubled"]
+    assert named(Only(FAULTS["one tet skipped"].make(MESH, [TERM]), "tangent")).names == ["one element x 0"]
+
+
+def test_lambda_is_not_judged_where_it_is_zero():
+    """At nu = 0 forces do not say what lambda is multiplied by."""
+    term = StVK(young=2.0, poisson=0.0)
+    naming = named(System(MESH, StVK(young=4.0, poisson=0.0)), terms=[term])
+    assert naming.names == ["W, F, K x 2"] and "lambda" not in naming.explanations[0].words
+
+
+@pytest.mark.parametrize("farthest", [4.5, 5.6])
+def test_a_candidate_that_raises_in_some_states_is_named_by_the_others(farthest):
+    raised = []
+
+    def force(u):
+        if np.linalg.norm(u) > farthest:  # all of the six homogeneous states, or a few
+            raised.append(u)
+            raise ValueError("too far")
+        return LAMBDA_TWICE.internal_force(u)
+
+    assert named(Of(internal_force=force)).names == ["lambda doubled"] and len(raised) == (7 if farthest == 4.5 else 3)
+
+
+@pytest.mark.parametrize("factor", [1e-9, 1e-3, 1e6])
+def test_units_are_named_with_their_digits(factor):
+    (one,) = named(System(MESH, StVK(young=2.0 * factor, poisson=0.3))).explanations
+    assert one.name == f"W, F, K x {factor:g}" and "units" in one.words and " 0.000 x" not in one.words
+
+
+def test_one_of_the_three_that_is_wrong_by_itself_is_told_apart():
+    candidate = Of(energy=RIGHT.energy, internal_force=LAMBDA_TWICE.internal_force, tangent=RIGHT.tangent)
+    (one,) = named(candidate).explanations
+    assert one.name == "W: right; F: lambda doubled; K: right" and "of F, your lambda is 2.000 x" in one.words
+    candidate.tangent = FAULTS["no geometric term"].make(MESH, [TERM]).tangent
+    assert named(candidate).names == ["W: right; F: lambda doubled; K: no initial stress in K"]
+
+
+REST = MESH.p.T.ravel()
+REVERSED = np.arange(MESH.p.size).reshape(-1, 3)[:, ::-1].ravel()
+
+
+@pytest.mark.parametrize(
+    ("name", "force"),
+    [
+        ("sign of u turned", lambda u: RIGHT.internal_force(-u)),
+        ("u doubled", lambda u: RIGHT.internal_force(2 * u)),
+        ("u halved", lambda u: RIGHT.internal_force(u / 2)),
+        ("u taken for positions", lambda u: RIGHT.internal_force(u - REST)),
+        ("components returned in the order z, y, x", lambda u: RIGHT.internal_force(u)[REVERSED]),
+        ("components read and returned in the order z, y, x", lambda u: RIGHT.internal_force(u[REVERSED])[REVERSED]),
+    ],
+    ids=lambda value: value if isinstance(value, str) else "",
+)
+def test_what_is_taken_for_displacements_is_named(name, force):
+    assert named(Of(internal_force=force)).names == [name]
+
+
+def test_plane_strain_in_the_place_of_plane_stress_is_named_and_the_reverse():
+    mesh = ElementMesh.of(skfem.MeshTri.init_symmetric())
+    plane = {kind: StVK(young=2.0, poisson=0.3, plane=kind) for kind in ("strain", "stress")}
+    assert named(System(mesh, plane["strain"]), mesh, [plane["stress"]]).names == ["lambda of plane strain"]
+    assert named(System(mesh, plane["stress"]), mesh, [plane["strain"]]).names == ["lambda of plane stress"]
+
+
+def test_no_more_is_fitted_than_an_energy_can_tell():
+    """Five regions have ten constants, as many as there are values of W."""
+    regions = np.array_split(np.arange(MESH.nt), 5)
+    terms = [StVK(young=1.0 + i, poisson=0.2 + 0.05 * i, region=region) for i, region in enumerate(regions)]
+    assert not named(Of(energy=lambda u: float(np.sum(np.cos(u)) + 7)), MESH, terms).names

@@ -1,0 +1,136 @@
+"""`verify_integrator`: right integrators pass with what they claim, and planted faults are caught by the check they are for."""
+
+import numpy as np
+import pytest
+
+from skfem_stvk import StvkError, verify_integrator
+from skfem_stvk.dynamics import INTEGRATORS
+from skfem_stvk.dynamics.motion import Motion
+from skfem_stvk.dynamics.record import MotionState
+from skfem_stvk.referee.results import CheckOutcome
+
+BOTH = ("linear momentum", "angular momentum")
+
+
+def own(kind, **options):
+    """A step of one of this package's integrators, each from a start of its own."""
+
+    def step(system, u, v, dt):
+        motion, state = Motion(system, "lumped", None), MotionState.at(0.0, u, v)
+        stepper = kind(dt, **options).stepper(motion)
+        stepper.start(state)
+        stepper.step(state, dt)
+        return state.u, state.v
+
+    return step
+
+
+def verlet(system, u, v, dt, *, damping=0.0, force=1.0, late=False):
+    M = system.mass()
+    v = v - dt / 2 * force * M.solve(system.internal_force(u))
+    moved = u + dt * v
+    return moved, (v - dt / 2 * force * M.solve(system.internal_force(u if late else moved))) * (1 - damping)
+
+
+def symplectic_euler(system, u, v, dt):
+    v = v - dt * system.mass().solve(system.internal_force(u))
+    return u + dt * v, v
+
+
+def explicit_euler(system, u, v, dt):
+    return u + dt * v, v - dt * system.mass().solve(system.internal_force(u))
+
+
+class Stale:
+    """Velocity Verlet that keeps the force of its last step, whichever state it is asked about."""
+
+    force = None
+
+    def __call__(self, system, u, v, dt):
+        M = system.mass()
+        v = v - dt / 2 * M.solve(system.internal_force(u) if self.force is None else self.force)
+        u = u + dt * v
+        self.force = system.internal_force(u)
+        return u, v - dt / 2 * M.solve(self.force)
+
+
+def pushed(system, u, v, dt):
+    """Velocity Verlet with a force on one end that nothing answers."""
+    u, v = verlet(system, u, v, dt)
+    v[0] += 1e-3 * dt * np.abs(v).max() / dt
+    return u, v
+
+
+def judged(step, **claims):
+    return verify_integrator(step, quiet=True, **claims)
+
+
+def checks(report):
+    return {(r.check, r.quantity) if r.check == "drift" else r.check for r in report.results if r.outcome is CheckOutcome.FAILED}
+
+
+@pytest.mark.parametrize("name", [name for name in INTEGRATORS if name != "GeneralizedAlpha"])  # keeps accelerations
+def test_own_integrators_pass_with_what_they_declare(name):
+    kind = INTEGRATORS[name]
+    options = {} if kind(1.0).explicit else {"rtol": 1e-12}
+    limit = 1.99 if kind.explicit else 20.0
+    report = judged(own(kind, **options), order=kind(1.0).order, conserves=tuple(kind(1.0, **options).conserves), stable=limit)
+    assert report.passed, str(report)
+
+
+@pytest.mark.parametrize(("step", "order"), [(verlet, 2), (symplectic_euler, 1)])
+def test_integrators_as_users_write_them_pass(step, order):
+    report = judged(step, order=order, conserves=BOTH, stable=2.0)
+    assert report.passed, str(report)
+    assert judged(step).passed and not judged(step, order=order + 1).passed and not judged(step, stable=2.5).passed
+
+
+def damped(*state):
+    return verlet(*state, damping=1e-3)
+
+
+def too_strong(*state):
+    return verlet(*state, force=1.02)
+
+
+def late(*state):
+    return verlet(*state, late=True)
+
+
+@pytest.mark.parametrize(
+    ("step", "claims", "caught"),
+    [
+        (explicit_euler, {}, {"stability limit"}),
+        (symplectic_euler, {"order": 2}, {"order"}),
+        (late, {"order": 2}, {"order"}),
+        (damped, {"order": 2}, {"order", ("drift", "energy")}),
+        (too_strong, {"order": 2}, {"order"}),
+        (Stale(), {}, {"memory"}),
+        (pushed, {}, {("drift", "linear momentum")}),
+        (lambda system, u, v, dt: (np.nan * u, v), {}, {"memory", "order"}),
+    ],
+    ids=["explicit Euler", "order 1", "old force", "damping", "force too strong", "stale force", "pushed", "nan"],
+)
+def test_planted_faults_are_caught(step, claims, caught):
+    report = judged(step, **claims)
+    assert not report.passed and caught <= checks(report), checks(report)
+
+
+def test_what_is_no_step_could_not_run():
+    report = judged(lambda system, u, v, dt: u)
+    assert not report.passed and all(r.outcome is CheckOutcome.COULD_NOT_RUN for r in report.results)
+
+
+@pytest.mark.parametrize(
+    ("how", "words"),
+    [
+        ({"step": 3}, "step is a int"),
+        ({"density": 0.0}, "density"),
+        ({"order": 0}, "order"),
+        ({"stable": -1.0}, "stable"),
+        ({"conserves": ("mass",)}, "conserves"),
+    ],
+)
+def test_arguments_are_refused_by_name(how, words):
+    with pytest.raises(StvkError, match=words):
+        verify_integrator(**{"step": verlet, "quiet": True} | how)

@@ -1,0 +1,253 @@
+"""The referee of laws: right laws of textbooks pass, and mistakes are caught and named."""
+
+import numpy as np
+import pytest
+from referee.textbook_laws import LAM, LAWS, MU, ONE, voigt
+
+from skfem_stvk import Isotropic, StVK, TransverselyIsotropic, verify_law
+from skfem_stvk.errors import MaterialError, StvkError
+
+CLAIMS = StVK(young=MU * (3 * LAM + 2 * MU) / (LAM + MU), poisson=LAM / 2 / (LAM + MU))
+KIRCHHOFF, HOLZAPFEL = LAWS["St. Venant-Kirchhoff"], LAWS["Holzapfel-Gasser-Ogden"]
+
+
+def lines(report):
+    return "\n".join(report.header["lines"])
+
+
+def failed(report):
+    return {(result.check, result.quantity) for result in report.failures()}
+
+
+@pytest.mark.parametrize("name", LAWS)
+def test_laws_of_textbooks_pass(name):
+    law = LAWS[name]
+    report = verify_law(energy=law.W, stress=law.S, elasticity=law.C)
+    assert report.passed, str(report)
+    assert "stress read as S (guessed)" in lines(report) and "elasticity read as C (guessed)" in lines(report)
+
+
+@pytest.mark.parametrize("name", LAWS)
+def test_a_stress_without_its_two_is_caught_and_named(name):
+    """`S = dW/dC` for `2 dW/dC`."""
+    law = LAWS[name]
+    report = verify_law(energy=law.W, stress=lambda F: law.S(F) / 2)
+    assert ("derivatives", "P") in failed(report) and "S: it is 0.500 x what it should be" in lines(report)
+
+
+@pytest.mark.parametrize("name", LAWS)
+def test_a_tangent_by_c_for_one_by_e_is_caught_and_named(name):
+    """`dS/dC` for `dS/dE = 2 dS/dC`, or `d2W/dC2` for 4 times that."""
+    law = LAWS[name]
+    for factor in (2, 4):
+        report = verify_law(stress=law.S, elasticity=lambda F, factor=factor: law.C(F) / factor, measure="S", at=states())
+        assert ("derivatives", "A") in failed(report)
+        assert f"C: it is {1 / factor:.3f} x what it should be" in lines(report)
+
+
+def states(d=3):
+    rng = np.random.default_rng(5)
+    return np.eye(d) + 0.2 * rng.uniform(-1, 1, (2, d, d))
+
+
+MEASURES = {
+    "P": lambda F, P: P,
+    "S": lambda F, P: np.linalg.solve(F, P),
+    "sigma": lambda F, P: P @ F.T / np.linalg.det(F),
+    "tau": lambda F, P: P @ F.T,
+    "P transposed": lambda F, P: P.T,
+}
+
+
+@pytest.mark.parametrize("measure", MEASURES)
+@pytest.mark.parametrize("with_energy", [True, False])
+def test_stress_measures_are_told_from_each_other(measure, with_energy):
+    given = {"stress": lambda F: MEASURES[measure](F, HOLZAPFEL.P(F))} | ({"energy": HOLZAPFEL.W} if with_energy else {})
+    report = verify_law(**given, at=states())
+    assert report.passed, str(report)
+    assert f"stress read as {measure} (guessed)" in report.header["lines"]
+
+
+@pytest.mark.parametrize("order", ["23-13-12", "12-13-23", "12-23-13"])
+@pytest.mark.parametrize("engineering", [True, False])
+def test_voigt_orders_are_told_from_each_other(order, engineering):
+    report = verify_law(
+        stress=HOLZAPFEL.S, elasticity=lambda F: voigt(HOLZAPFEL.C(F), order, engineering), measure="S", at=states()
+    )
+    assert report.passed, str(report)
+    words = f"elasticity read as C, in the order {order}, {'' if engineering else 'no '}engineering shear (guessed)"
+    assert words in report.header["lines"]
+
+
+def test_all_orders_are_listed_where_an_isotropic_matrix_leaves_them_open():
+    report = verify_law(stress=KIRCHHOFF.S, elasticity=lambda F: voigt(KIRCHHOFF.C(F), "12-23-13"), claims=CLAIMS, at=states())
+    assert report.passed, str(report)
+    (line,) = [line for line in report.header["lines"] if line.startswith("elasticity")]
+    assert line.count("; or ") == 2 and line.count("no engineering") == 0
+
+
+def test_what_is_told_wrongly_is_said():
+    report = verify_law(stress=HOLZAPFEL.S, elasticity=lambda F: voigt(HOLZAPFEL.C(F), "12-23-13"), voigt="23-13-12", at=states())
+    assert ("derivatives", "A") in failed(report)
+    assert "elasticity fits: C, in the order 12-23-13, engineering shear" in report.header["lines"]
+
+
+def wrong_energy(F):
+    """W without the 1/2 of lambda: twice lambda."""
+    E = (F.T @ F - ONE) / 2
+    return LAM * np.trace(E) ** 2 + MU * np.sum(E * E)
+
+
+def strain_without_half(F):
+    E = F.T @ F - ONE
+    return LAM * np.trace(E) * ONE + 2 * MU * E
+
+
+def linear(F):
+    e = (F + F.T) / 2 - ONE
+    return LAM * np.trace(e) * ONE + 2 * MU * e
+
+
+def plastic_like(F):
+    """A stress that has no energy: E mixed with its square, with a coefficient that breaks the major symmetry."""
+    E = (F.T @ F - ONE) / 2
+    return LAM * np.trace(E @ E) * ONE + 2 * MU * E + 3 * np.trace(E) * np.diag([1.0, 0, 0])
+
+
+def at_rest_stressed(F):
+    return KIRCHHOFF.S(F) + 0.1 * ONE
+
+
+@pytest.mark.parametrize(
+    ("given", "check", "words"),
+    [
+        ({"energy": wrong_energy}, ("moduli at rest", "W"), "energy at rest: lambda is 2.000 x, mu is 1.000 x"),
+        ({"stress": strain_without_half}, ("agreement", "P"), "stress at rest: lambda is 2.000 x, mu is 2.000 x"),
+        ({"stress": lambda F: KIRCHHOFF.S(F) - MU * (F.T @ F - ONE) / 2}, ("agreement", "P"), "mu is 0.500 x"),
+        ({"stress": linear}, ("objectivity", "P"), ""),
+        ({"stress": plastic_like, "elasticity": KIRCHHOFF.C, "measure": "S"}, ("derivatives", "A"), ""),
+        ({"stress": at_rest_stressed}, ("rest", "P"), ""),
+        ({"energy": lambda F: KIRCHHOFF.W(F) if np.linalg.det(F) > 0 else np.nan}, ("inversion", "W"), ""),
+    ],
+)  # fmt: skip
+def test_mistakes_in_st_venant_kirchhoff_are_caught_and_named(given, check, words):
+    report = verify_law(**given, claims=CLAIMS)
+    assert check in failed(report) and not report.passed and words in lines(report), str(report)
+
+
+def test_a_tangent_without_its_geometric_term_is_named():
+    def incomplete(F):
+        return np.einsum("im,kn,mjnl->ijkl", F, F, KIRCHHOFF.C(F))
+
+    report = verify_law(stress=KIRCHHOFF.P, elasticity=incomplete, measure="P", tangent="A")
+    assert ("derivatives", "A") in failed(report) and "the geometric term is missing" in lines(report)
+
+
+def test_a_tangent_without_symmetry_is_caught():
+    skew = np.random.default_rng(1).uniform(-1, 1, (3, 3, 3, 3))
+    report = verify_law(
+        energy=KIRCHHOFF.W, stress=KIRCHHOFF.S, elasticity=lambda F: KIRCHHOFF.C(F) + skew, tangent="C", at=states()
+    )
+    assert {("major symmetry", "A"), ("minor symmetries", "C"), ("objectivity", "A")} - failed(report) <= {("objectivity", "A")}
+
+
+def test_fibres_are_no_isotropic_law():
+    isotropic = verify_law(energy=HOLZAPFEL.W, claims=CLAIMS)
+    assert ("isotropy", "W") in failed(isotropic)
+
+
+def test_anisotropic_claims_are_held():
+    fibres = TransverselyIsotropic(
+        young_axial=20.0, young_transverse=9.0, poisson_axial=0.2, poisson_transverse=0.3, shear_axial=4.0
+    )
+    tensor = np.zeros((3, 3, 3, 3))
+    for a, (i, j) in enumerate([(0, 0), (1, 1), (2, 2), (1, 2), (0, 2), (0, 1)]):
+        for b, (k, l) in enumerate([(0, 0), (1, 1), (2, 2), (1, 2), (0, 2), (0, 1)]):
+            for one in {(i, j), (j, i)}:
+                for other in {(k, l), (l, k)}:
+                    tensor[(*one, *other)] = np.asarray(fibres.stiffness()).reshape(6, 6)[a, b]
+
+    def stress(F):
+        return np.einsum("ijkl,kl->ij", tensor, (F.T @ F - ONE) / 2)
+
+    assert verify_law(stress=stress, claims=StVK(fibres), at=states()).passed
+    turned = TransverselyIsotropic(20.0, 9.0, 0.2, 0.3, 4.0, frame=np.roll(ONE, 1, axis=0))
+    assert not verify_law(stress=stress, claims=StVK(turned), at=states()).passed
+
+
+@pytest.mark.parametrize("plane", ["strain", "stress"])
+def test_laws_in_the_plane(plane):
+    lam = LAM if plane == "strain" else 2 * LAM * MU / (LAM + 2 * MU)
+    claims = StVK(Isotropic(CLAIMS.material.young, CLAIMS.material.poisson), plane=plane)
+
+    def law(lam):
+        def S(F):
+            E = (F.T @ F - np.eye(2)) / 2
+            return lam * np.trace(E) * np.eye(2) + 2 * MU * E
+
+        return S
+
+    matrix = np.array([[lam + 2 * MU, lam, 0], [lam, lam + 2 * MU, 0], [0, 0, MU]])
+    assert verify_law(stress=law(lam), elasticity=lambda F: matrix, claims=claims).passed
+    other = LAM if plane == "stress" else 2 * LAM * MU / (LAM + 2 * MU)
+    report = verify_law(stress=law(other), claims=claims)
+    assert ("moduli at rest", "P") in failed(report) and "lambda is" in lines(report)
+
+
+def test_loss_of_strong_ellipticity_is_where_a_fine_net_of_closed_forms_has_it():
+    """`a . Q(N) a = (N . S N) |a|^2 + lambda (b . N)^2 + mu (|b|^2 + (b . N)^2)` with `b = F' a`, in the plane of the axis."""
+    report = verify_law(stress=KIRCHHOFF.S, elasticity=KIRCHHOFF.C, at=states())
+    (line,) = [line for line in report.header["lines"] if "uniaxial compression" in line]
+    N, a = (np.array([np.cos(angles), np.sin(angles)]) for angles in np.meshgrid(*2 * [np.linspace(0, np.pi, 721)]))
+
+    def least(s):
+        E = (s**2 - 1) / 2
+        b = np.array([s * a[0], a[1]])
+        along = (b * N).sum(axis=0)
+        S = (LAM + 2 * MU) * E * N[0] ** 2 + LAM * E * N[1] ** 2
+        return (S + LAM * along**2 + MU * ((b**2).sum(axis=0) + along**2)).min()
+
+    s = float(line.rsplit(" ", 1)[1])
+    assert least(s + 2e-3) > 0 > least(s - 2e-3)
+
+
+def raising(F):
+    raise SystemExit(3)
+
+
+def mutating(F):
+    F *= 2
+    return KIRCHHOFF.W(F / 2)
+
+
+def test_candidates_are_not_trusted():
+    assert verify_law(energy=mutating, at=states()).passed
+    assert not verify_law(energy=lambda F: float("nan"), at=states()).passed
+    assert not verify_law(energy=lambda F: 0.0, at=states()).passed
+    report = verify_law(energy=raising)
+    assert not report.passed and "SystemExit" in str(report)
+
+
+@pytest.mark.parametrize(
+    ("given", "words"),
+    [
+        ({}, "nothing to check"),
+        ({"energy": 3}, "expected a function"),
+        ({"energy": KIRCHHOFF.W, "at": np.zeros((3, 3))}, "det F <= 0"),
+        ({"energy": KIRCHHOFF.W, "dimension": 4}, "2 or 3"),
+        ({"stress": lambda F: np.zeros(4)}, "(3, 3), or (6,)"),
+        ({"stress": KIRCHHOFF.S, "measure": "PK2"}, "known:"),
+        ({"elasticity": KIRCHHOFF.C, "voigt": "11"}, "known:"),
+        ({"energy": KIRCHHOFF.W, "claims": 3}, "expected a law"),
+        ({"energy": KIRCHHOFF.W, "claims": StVK(young=1.0, poisson=0.3, plane="strain"), "dimension": 3}, "plane"),
+    ],
+)
+def test_bad_arguments_are_refused(given, words):
+    with pytest.raises(StvkError) as refused:
+        verify_law(**given)
+    assert words in str(refused.value)
+
+
+def test_claims_are_one_material():
+    with pytest.raises(MaterialError, match="one Young's modulus"):
+        verify_law(energy=KIRCHHOFF.W, claims=StVK(young=[1.0, 2.0], poisson=0.3))

@@ -1,0 +1,52 @@
+"""docs/equations.md: no equation of the overview is missing, and every file, name and test that it refers to exists."""
+
+import re
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+PAGE = (ROOT / "docs" / "equations.md").read_text(encoding="utf-8")
+ENTRIES = dict(re.findall(r"^### (.+?)\n(.*?)(?=^##|\Z)", PAGE, re.MULTILINE | re.DOTALL))
+VERDICTS = {"held", "held in part", "did not hold", "erratum"}
+#: What the overview claims, in its order, by a word of each that no other has.
+CLAIMS = (
+    "unnaturally", "mass-spring", "explicit and implicit", "conservative", "diagonal, which", "need no K", "more stable",
+    "conjugate gradients", "constant and need", "simpler", "simplest", "costly", "cubic", "in advance from", "element by element",
+    "vertices, edges, faces", "5 times", "semi-implicit", "expanded quadratic", "warping", "invariant", "signed volume",
+    "avoid StVK", "determined by", "nonlinear springs", "non-negative", "two kinds", "70 %", "15 - 27 %", "efficient",
+)  # fmt: skip
+
+
+def test_every_equation_has_one_entry():
+    numbers = [int(number) for number in re.findall(r"^### Eq\. (\d+):", PAGE, re.MULTILINE)]
+    assert numbers == list(range(1, 15))
+
+
+def test_every_claim_has_one_entry():
+    claims = [title for title in ENTRIES if title.startswith("Claim")]
+    assert len(claims) == len(CLAIMS)
+    assert all(word in title for word, title in zip(CLAIMS, claims, strict=True))
+
+
+@pytest.mark.parametrize("title", ENTRIES)
+def test_code_and_tests_exist_and_there_is_a_verdict(title):
+    lines = {key: " ".join(text.split()) for key, text in re.findall(r"^- (\w+): (.*?)(?=^- |\Z)", ENTRIES[title], re.M | re.S)}
+    assert list(lines) == ["Code", "Test", "Measured", "Verdict"]
+    assert set(re.findall(r"\*\*(.+?)\*\*", lines["Verdict"])) <= VERDICTS and "**" in lines["Verdict"]
+    code = re.findall(r"`([\w/]+\.py)` \(((?:`\w+`(?:, )?)+)\)", lines["Code"])
+    assert code
+    for file, names in code:
+        text = (ROOT / file).read_text(encoding="utf-8")
+        missing = [
+            name for name in re.findall(r"\w+", names) if not re.search(rf"(class|def) {name}\b|^\s*{name}(:.*)? = ", text, re.M)
+        ]
+        assert not missing, (file, missing)
+    tests = re.findall(r"`(tests/[\w/]+\.py)::(\w+)`", lines["Test"])
+    assert len(tests) == lines["Test"].count("::") > 0
+    for file, name in tests:
+        assert f"def {name}(" in (ROOT / file).read_text(encoding="utf-8"), (file, name)
+    for page, section in re.findall(r"\]\(([\w-]+\.md)(?:#([\w-]+))?\)", lines["Measured"]):
+        text = (ROOT / "docs" / page).read_text(encoding="utf-8")
+        slugs = {re.sub(r"[^\w -]", "", head.lower()).strip().replace(" ", "-") for head in re.findall(r"^#+ (.+)$", text, re.M)}
+        assert not section or section in slugs, (page, section)

@@ -1,0 +1,98 @@
+"""The plugin of pytest, in the package that docs/testing.md makes: in a folder of its own, found as an installed plugin is."""
+
+import json
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+from xml.etree import ElementTree
+
+import pytest
+
+if sys.version_info >= (3, 11):
+    import tomllib
+else:
+    import tomli as tomllib
+
+ROOT = Path(__file__).parent.parent
+PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())
+NAMES = "test_st_venant_kirchhoff", "test_neo_hookean"
+TUTORIAL = (ROOT / "docs" / "testing.md").read_text()
+
+
+def test_the_plugin_imports_nothing_before_it_is_used():
+    """Each run of pytest in the environment imports it: its own lines take a millisecond."""
+    code = "import sys, pytest; before = set(sys.modules); import pytest_skfem_stvk; print(sorted(set(sys.modules) - before))"
+    done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True)
+    assert done.stdout.strip() == "['pytest_skfem_stvk']", done.stderr
+
+
+def test_the_wheel_holds_the_plugin_and_says_that_it_is_one():
+    assert PROJECT["project"]["entry-points"]["pytest11"] == {"pytest_skfem_stvk": "pytest_skfem_stvk"}
+    assert PROJECT["tool"]["hatch"]["build"]["targets"]["wheel"]["only-include"] == ["skfem_stvk", "pytest_skfem_stvk.py"]
+
+
+@pytest.fixture(scope="module")
+def package(tmp_path_factory):
+    """The folder of the tutorial's package; beside it what an installed distribution has of the plugin."""
+    folder = tmp_path_factory.mktemp("downstream")
+    files = re.findall(r"^`([\w/.]+)`:\n\n```python\n(.*?)^```", TUTORIAL, re.DOTALL | re.MULTILINE)
+    assert len(files) == 2
+    for name, text in files:
+        (folder / name).parent.mkdir(parents=True)
+        (folder / name).write_text(text)
+    installed = folder / "site" / "skfem_stvk_plugin-0.dist-info"
+    installed.mkdir(parents=True)
+    (installed / "METADATA").write_text("Metadata-Version: 2.1\nName: skfem-stvk-plugin\nVersion: 0\n")
+    (installed / "entry_points.txt").write_text("[pytest11]\npytest_skfem_stvk = pytest_skfem_stvk\n")
+    return folder
+
+
+def run(folder, *options):
+    """What pytest says in the package, its exit code, and JUnit's cases by their names."""
+    paths = [str(folder / "src"), str(folder / "site"), str(ROOT)]
+    environment = {k: v for k, v in os.environ.items() if not k.startswith("PYTEST")} | {"PYTHONPATH": os.pathsep.join(paths)}
+    command = [sys.executable, "-m", "pytest", "-q", "--strict-markers", "-p", "no:cacheprovider", "--rootdir=.", "tests"]
+    command += ["--junitxml=junit.xml", *options]
+    done = subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True)
+    return (
+        done.returncode,
+        done.stdout + done.stderr,
+        {c.get("name"): c for c in ElementTree.parse(folder / "junit.xml").iter("testcase")},
+    )
+
+
+def test_the_tutorials_package_passes(package):
+    (package / "tests" / "test_other.py").write_text("def test_that_fails():\n    assert False\n")
+    code, said, cases = run(package, "-m", "stvk")  # which leaves the other out
+    assert code == 0, said
+    kinds = {"triangles", "tetrahedra"}, {"tetrahedra", "quadratic triangles", "quadrilaterals"}
+    assert set(cases) == {f"{name}[{kind}]" for name, some in zip(NAMES, kinds, strict=True) for kind in some}
+    for case in cases.values():
+        (value,) = [p.get("value") for p in case.iter("property") if p.get("name") == "skfem-stvk"]
+        assert re.match(r"passed: \d+ passed", value)
+
+
+def test_its_failures_say_what_is_wrong_where_junit_shows_it(package):
+    """Lambda doubled as in the tutorial; and a model whose message would break the file."""
+    module = package / "src" / "softbody" / "__init__.py"
+    right = module.read_text()
+    module.write_text(right.replace("self.lam = young", "self.lam = 2 * young").replace("log = np.log", "log = boom(); np.log"))
+    module.write_text(module.read_text() + '\n\ndef boom():\n    raise RuntimeError("\\x1b[31m ]]> \\0 <b>")\n')
+    try:
+        code, said, cases = run(package, "-k", "tetrahedra", "--stvk-report=reports")
+    finally:
+        module.write_text(right)
+    assert code == 1
+    told = {name: next(case.iter("failure")) for name, case in cases.items()}
+    stvk, other = (told[f"{name}[tetrahedra]"] for name in NAMES)
+    assert stvk.get("message").startswith("skfem_stvk.testing.Inconsistent: Body is not consistent: ")
+    assert "lambda doubled: your lambda is 2.000 x, your mu 1.000 x" in stvk.get("message")
+    assert "agreement, F of candidate against scikit-fem" in stvk.text and stvk.text in said
+    assert "pytest_skfem_stvk.py:" not in said and "testing.py:" not in said  # the frames that fail are those of the tests
+    assert "raised RuntimeError: \\x1b[31m ]]> \\x00 <b>" in other.text
+    folders = [package / "reports" / f"tests-test_softbody.py-{name}-tetrahedra-1" for name in NAMES]
+    reports = [json.loads((folder / "report.json").read_text()) for folder in folders]
+    assert [report["header"]["seed"] for report in reports] == [0, 1]  # the argument of the mark
+    assert all((folder / "report.html").stat().st_size > 1000 for folder in folders)

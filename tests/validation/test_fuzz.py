@@ -1,0 +1,79 @@
+"""A few random cases of every family, and planted faults that they must find."""
+
+from collections import Counter
+
+import numpy as np
+import pytest
+
+from skfem_stvk import StvkError, System
+from validation.fuzz import bodies, files, programs, study
+
+
+@pytest.mark.parametrize("family", ["bodies", "programs", "mesh files", "scene files"])
+def test_random_cases_are_right_or_refused_with_a_clear_error(family, tmp_path):
+    counts = Counter()
+    drawn, check = study.families(tmp_path)[family]
+    assert study.chunk(drawn, check, 5, 40, counts) == ""
+    assert counts["cases"] >= 30 and counts["went through"] and counts["refused"]
+
+
+def found(drawn, check, size=60):
+    """What is told of the smallest case that is wrong."""
+    return study.chunk(drawn, check, 5, size, Counter())
+
+
+def test_a_result_that_depends_on_what_was_asked_before_is_found(monkeypatch):
+    def remembering(system, u):
+        system.__dict__.setdefault("asked", []).append(1)
+        return energy(system, u) * len(system.asked)
+
+    energy = System.energy
+    monkeypatch.setattr(System, "energy", remembering)
+    story = found(programs.programs(), lambda drawn: programs.run_program(*drawn), 80)
+    assert "of a fresh system" in story and story.count("'energy'") >= 1
+
+
+def test_a_force_that_is_not_the_derivative_is_found(monkeypatch):
+    internal_force = System.internal_force
+    monkeypatch.setattr(System, "internal_force", lambda system, u: 1.001 * internal_force(system, u))
+    story = found(bodies.recipes(), bodies.check_body)
+    assert "is not the derivative of" in story and "size=1" in story  # the smallest body that shows it
+
+
+def test_an_error_from_the_depths_and_one_that_says_nothing_are_found(monkeypatch, tmp_path):
+    drawn, check = study.families(tmp_path)["mesh files"]
+
+    def deep(path):
+        raise KeyError("nodes")
+
+    monkeypatch.setattr(files, "read_mesh", deep)
+    assert "KeyError: 'nodes'" in found(drawn, check)
+
+    def silent(path):
+        raise StvkError("no")
+
+    monkeypatch.setattr(files, "read_mesh", silent)
+    assert "an error that says nothing" in found(drawn, check)
+
+
+def test_what_never_ends_is_found(monkeypatch):
+    def endless():
+        while True:
+            pass
+
+    monkeypatch.setattr(study, "LONGEST", 1)
+    with pytest.raises(study.Hang, match="no answer within 1 s"):
+        study.limited(endless)
+
+
+def test_meshes_are_of_all_kinds():
+    """Single elements, up to about a thousand, and boxes, both orientations, slivers, linear and quadratic, in all dimensions."""
+    made = []
+
+    def check(recipe):
+        made.append(bodies.mesh_of(recipe, np.random.default_rng(recipe.seed)))
+        return True
+
+    assert found(bodies.recipes(largest=5), check, 150) == ""
+    kinds = {(mesh.element.name, mesh.d) for mesh in made}
+    assert len(kinds) >= 12 and {1} < {mesh.nt for mesh in made} and max(mesh.nt for mesh in made) > 300

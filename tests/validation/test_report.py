@@ -1,0 +1,109 @@
+"""The validation report: kinds apart, each claim with its reference, what is missing shown as such, and what moved is told."""
+
+import json
+import sys
+
+import numpy as np
+import pytest
+
+from validation import __main__ as command
+from validation.report import catalogue, job, numbers
+from validation.report import report as make_report
+from validation.report.catalogue import PARTS, Kind, Part
+
+module = sys.modules["validation.report.report"]
+
+
+def claim(name="a", outcome="holds", value=1.0, **more):
+    return job.Claim(
+        Kind.CODE.value, "statics", "one", name, outcome=outcome, value=value, expected=1.0, error=0.0, tolerance=0.1, **more
+    )
+
+
+@pytest.fixture
+def jobs(monkeypatch):
+    """Stand-ins for the jobs: by part, the claims, or why there are none."""
+    part = Part(Kind.CODE, "closed forms", "analytic", "a book")
+    monkeypatch.setitem(
+        PARTS, "statics", {"one": part, "two": part._replace(kind=Kind.SOLUTION), "timed": part._replace(speed=True)}
+    )
+    found = {"one": [claim()], "two": [claim("b")], "timed": [claim("c")]}
+    monkeypatch.setattr(module, "_run", lambda group, name, quick: found[name])
+    return found
+
+
+def test_every_part_of_every_study_is_in_the_report():
+    for group, names in command.PARTS.items():
+        left_out = set(names) - set(PARTS[group])
+        assert left_out <= {"large"}, group
+    studies = set(command.STUDIES) - set(PARTS)
+    assert studies <= {"fuzz"}
+    assert {part.kind for parts in PARTS.values() for part in parts.values()} == set(Kind)
+    assert all(part.reference and part.reference_kind and part.source for parts in PARTS.values() for part in parts.values())
+
+
+def test_it_is_written_as_html_and_json_and_compared_with_an_earlier_run(jobs, tmp_path, capsys):
+    assert make_report(["statics"], quick=True, out=str(tmp_path / "first")) == 0
+    first = json.loads((tmp_path / "first" / "validation.json").read_text())
+    assert first["holds"] and len(first["claims"]) == 2 and first["not run without --speed"]
+    assert first["provenance"]["commit"] and first["provenance"]["versions"]["scikit-fem"]
+    jobs["one"][0].value = 1.05
+    code = make_report(["statics"], quick=True, out=str(tmp_path), compare=str(tmp_path / "first" / "validation.json"))
+    out = capsys.readouterr().out
+    assert code == 0 and "1 values moved since" in out
+    page = (tmp_path / "validation.html").read_text()
+    assert "Code verification" in page and "all claims hold" in page and "1.05" in page
+
+
+def test_what_measures_time_runs_only_when_it_is_asked_for(jobs):
+    assert module._jobs(["statics"], True, False) == [("statics", "one"), ("statics", "two")]
+    assert ("statics", "timed") in module._jobs(["statics"], True, True)
+
+
+def test_what_does_not_hold_or_is_missing_does_not_pass(jobs, capsys):
+    jobs["one"] = [claim(outcome="does not hold", reason="round-off")]
+    assert make_report(["statics"], quick=True) == 1
+    jobs["one"], jobs["two"] = [claim()], [claim("b", outcome="missing", failures=["no such package"])]
+    assert make_report(["statics"], quick=True) == 1
+    assert "missing statics, one: b: no such package" in " ".join(capsys.readouterr().out.split())
+
+
+def test_a_job_that_crashes_or_takes_too_long_is_missing(monkeypatch):
+    monkeypatch.setitem(PARTS, "nowhere", {"all": Part(Kind.CODE, "a", "b", "c", "words")})
+    (crashed,) = module._run("nowhere", "all", True)
+    assert crashed.outcome == "missing" and "nowhere" in crashed.failures[0]
+    monkeypatch.setitem(module.MOST, True, 0.05)
+    (late,) = module._run("statics", "homogeneous", True)
+    assert late.outcome == "missing" and "took longer than" in late.failures[0]
+
+
+def test_a_number_holds_within_its_tolerance_alone():
+    number = numbers.Number("n", "words", 1.02, 1.0, 0.01, "reason", "analytic", "a book")
+    assert job.of_number(number, Kind.CODE, "g", "p").outcome == "does not hold"
+    for value in (float("nan"), float("inf")):
+        wrong = numbers.Number("n", "words", value, 1.0, 10.0, "reason", "analytic", "a book")
+        assert job.of_number(wrong, Kind.CODE, "g", "p").outcome == "does not hold"
+
+
+def test_studies_are_recorded_with_their_tables():
+    claims = list(job.claims_of("stability", "law", True))
+    assert claims and all(c.outcome == "holds" and c.rows and c.columns and c.reference for c in claims)
+
+
+def test_richardson_finds_order_limit_and_uncertainty():
+    h = np.array([1.0, 0.5, 0.25])
+    order, limit, uncertainty = numbers.richardson(3 + 2 * h**1.5, 2.0)
+    assert (order, limit) == pytest.approx((1.5, 3.0)) and uncertainty == pytest.approx(1.25 * 0.25 / 3.25, rel=1e-6)
+
+
+def test_coefficients_of_the_regular_tetrahedron_hold():
+    assert {job.of_number(n, Kind.PUBLISHED, "g", "p").outcome for n in numbers.coefficients(True)} == {"holds"}
+
+
+def test_bad_arguments_are_told(capsys, monkeypatch, tmp_path):
+    (tmp_path / "no.json").write_text("{}")
+    monkeypatch.setattr(sys, "argv", ["validation", "--quick", "--compare", str(tmp_path / "no.json")])
+    assert command.main() == 2 and "is no report of this command" in capsys.readouterr().err
+    with pytest.raises(Exception, match="There is no group nothing"):
+        make_report(["nothing"])
+    assert catalogue.PARTS is PARTS

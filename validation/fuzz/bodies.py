@@ -1,0 +1,207 @@
+"""Random bodies and states, and what is true of every one of them.
+
+Hypothesis chooses the kinds and the sizes, which shrink; coordinates, constants and displacements come from a seed that it chooses.
+"""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import skfem
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+from scipy.spatial import Delaunay
+
+from skfem_stvk import (
+    Anisotropic,
+    BodyForce,
+    ElementMesh,
+    Gravity,
+    InvertibleStVK,
+    Isotropic,
+    LinearElastic,
+    NeoHookean,
+    NodalLoad,
+    StVK,
+    StvkError,
+    StvkWarning,
+    System,
+    TransverselyIsotropic,
+    VolumePenalty,
+)
+from skfem_stvk.elements import ELEMENTS
+from skfem_stvk.referee.discretisation import Discretisation
+from skfem_stvk.referee.judgement import Limits
+from skfem_stvk.referee.shape import Shape
+
+SHAPES = ("single", "grid", "delaunay", "sliver", "far away")
+MATERIALS = ("isotropic", "auxetic", "nearly incompressible", "by element", "anisotropic", "fibres", "two regions")
+LAWS = ("stvk", "stvk", "stvk", "neo-hookean", "linear", "invertible", "with a penalty")
+AMOUNTS = (0.0, 1e-9, 1e-3, 0.1, 1.0, 30.0)
+
+
+@dataclass(frozen=True)
+class Recipe:
+    """What a body and its states are made of."""
+
+    k: int
+    d: int
+    degree: int
+    boxes: bool
+    shape: str
+    size: int
+    material: str
+    law: str
+    loads: tuple[str, ...]
+    held: str
+    amount: float
+    seed: int
+
+
+@st.composite
+def recipes(draw: st.DrawFn, largest: int = 4) -> Recipe:
+    """All kinds of elements in all dimensions, from one to about a thousand elements."""
+    k = draw(st.integers(1, 3))
+    return Recipe(
+        k=k,
+        d=draw(st.integers(k, 3)),
+        degree=draw(st.sampled_from((1, 1, 2))),
+        boxes=k > 1 and draw(st.booleans()) and draw(st.booleans()),
+        shape=draw(st.sampled_from(SHAPES)),
+        size=draw(st.integers(1, largest)),
+        material=draw(st.sampled_from(MATERIALS)),
+        law=draw(st.sampled_from(LAWS)),
+        loads=tuple(draw(st.lists(st.sampled_from(("gravity", "body force", "nodal")), max_size=2, unique=True))),
+        held=draw(st.sampled_from(("nothing", "a node", "half"))),
+        amount=draw(st.sampled_from(AMOUNTS)),
+        seed=draw(st.integers(0, 2**32 - 1)),
+    )
+
+
+def made(recipe: Recipe) -> System:
+    """The body of a recipe, if there is one."""
+    rng = np.random.default_rng(recipe.seed)
+    mesh = mesh_of(recipe, rng)
+    nodes = range({"nothing": 0, "a node": 1, "half": max(1, mesh.nv // 2)}[recipe.held])
+    fixed = {tuple(nodes): "xyz"[: mesh.d]} if nodes else None
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", StvkWarning)
+        return System(mesh, [*_terms(recipe, mesh, rng), *_loads(recipe, mesh, rng)], fixed=fixed)
+
+
+def mesh_of(recipe: Recipe, rng: np.random.Generator) -> ElementMesh:
+    """A mesh: a single element, a distorted grid, random points with Delaunay's simplices, one sliver in a grid, far from 0."""
+    k, n = recipe.k, 1 if recipe.shape == "single" else recipe.size
+    simple = {
+        1: skfem.MeshLine,
+        2: skfem.MeshQuad if recipe.boxes else skfem.MeshTri,
+        3: skfem.MeshHex if recipe.boxes else skfem.MeshTet,
+    }
+    grid = simple[k].init_tensor(*[np.linspace(0, 1, n + 1)] * k)
+    p, t = grid.p + 0.2 / n * rng.uniform(-1, 1, grid.p.shape), grid.t.astype(np.int64)
+    if not recipe.boxes:
+        if recipe.shape == "delaunay" and k > 1:
+            p = rng.random((k, n**k + k + 1))
+            t = Delaunay(p.T).simplices.T.astype(np.int64)
+        if recipe.shape == "single":
+            t = t[:, :1]
+            p, t = p[:, np.unique(t)], np.searchsorted(np.unique(t), t)
+        if recipe.shape == "sliver" and k > 1:
+            p[:, t[0, 0]] = p[:, t[1:, 0]].mean(axis=1) + 10.0 ** -rng.uniform(1, 9) * rng.standard_normal(k)
+        half = rng.random(t.shape[1]) < 0.5
+        t[:2, half] = t[1::-1, half]
+    p = 10.0 ** rng.uniform(-3, 3) * p
+    if recipe.d > k:  # bent, not only embedded
+        p = np.vstack([p, *(0.2 * np.sin(p.sum(axis=0) / np.ptp(p) * (1 + i)) * np.ptp(p) for i in range(recipe.d - k))])
+    if recipe.shape == "far away":
+        p = p + 10.0 ** rng.uniform(0, 5) * np.ptp(p)
+    element = {2: "quadrilaterals", 3: "hexahedra"}.get(k, "") if recipe.boxes else ""
+    mesh = ElementMesh(p, t, element=ELEMENTS[element]) if element else ElementMesh(p, t)
+    return mesh.with_degree(2) if recipe.degree == 2 and not recipe.boxes else mesh
+
+
+def _material(recipe: Recipe, n: int, rng: np.random.Generator) -> Any:
+    E, density = 10.0 ** rng.uniform(0, 11), 1e3
+    if recipe.material in ("anisotropic", "fibres"):
+        frame = np.linalg.qr(rng.standard_normal((3, 3)))[0]
+        if recipe.material == "fibres":
+            return TransverselyIsotropic(14 * E, E, 0.3, 0.4, 0.6 * E, frame=frame, density=density)
+        a = rng.standard_normal((6, 6))
+        return Anisotropic(E * (a @ a.T + 3 * np.eye(6)), frame=frame, density=density)
+    nu = {"auxetic": -0.6, "nearly incompressible": 0.4999}.get(recipe.material, 0.3)
+    return Isotropic(E * rng.uniform(0.5, 2, n) if recipe.material == "by element" else E, nu, density=density)
+
+
+def _terms(recipe: Recipe, mesh: ElementMesh, rng: np.random.Generator) -> list[Any]:
+    law = {"neo-hookean": NeoHookean, "linear": LinearElastic, "invertible": InvertibleStVK}.get(recipe.law, StVK)
+    if recipe.material == "two regions" and mesh.nt > 1:
+        half = mesh.nt // 2
+        regions = np.arange(half), np.arange(half, mesh.nt)
+        return [law(_material(recipe, len(ids), rng), region=ids) for ids in regions]
+    terms: list[Any] = [law(_material(recipe, mesh.nt, rng))]
+    return [*terms, VolumePenalty(1e3, kind="quadratic")] if recipe.law == "with a penalty" else terms
+
+
+def _loads(recipe: Recipe, mesh: ElementMesh, rng: np.random.Generator) -> list[Any]:
+    makers = {
+        "gravity": lambda: Gravity(rng.standard_normal(mesh.d)),
+        "body force": lambda: BodyForce(rng.standard_normal(mesh.d)),
+        "nodal": lambda: NodalLoad([0], rng.standard_normal(mesh.d)),
+    }
+    return [makers[name]() for name in recipe.loads]
+
+
+def states(recipe: Recipe, system: System) -> list[NDArray[np.float64]]:
+    """Rest, a state of the recipe's amount over the size of the body, and one a little further on."""
+    rng = np.random.default_rng([recipe.seed, 1])
+    u = recipe.amount * np.ptp(system.mesh.p) / max(1.0, system.mesh.nt ** (1 / recipe.k)) * rng.standard_normal(system.ndofs)
+    return [np.zeros(system.ndofs), u, 1.01 * u]
+
+
+def check_body(recipe: Recipe) -> bool:
+    """W, F and K of a state are numbers that fit each other; or an error of this package says why there are none.
+
+    Returns whether there was a body to check.
+    """
+    try:
+        system = made(recipe)
+        u = states(recipe, system)[1]
+        W, F, K = system.linearize(u)
+    except StvkError as error:
+        assert len(str(error)) > 20, f"an error that says nothing: {error!r}"
+        return False
+    assert np.isfinite(W) and np.isfinite(F).all() and np.isfinite(K.data).all(), "not a number"
+    assert -1e-9 * max(abs(W), float(np.abs(F) @ np.abs(u))) <= W or recipe.law == "with a penalty", f"a negative energy: {W}"
+    shape = Shape(system.mesh, Discretisation(system.mesh.element.name, None, 0.05))
+    limit = 100 * Limits(shape, np.ones(system.mesh.nt)).of_body(u)
+    sums, scale = np.abs(F.reshape(-1, system.mesh.d).sum(axis=0)).max(), float(np.abs(F).sum()) + _floor(system, K)
+    assert sums <= limit * scale, f"forces of sum {sums:g} in {scale:g}"
+    skew = abs(K - K.T)
+    assert not skew.nnz or skew.max() <= limit * abs(K).max(), f"K is not symmetric: {skew.max():g}"
+    v = np.random.default_rng([recipe.seed, 2]).standard_normal(system.ndofs)
+    product, Kv = system.product(u, v), K @ v
+    assert np.abs(product - Kv).max() <= limit * float((abs(K) @ np.abs(v)).max()), "the product is not that of the matrix"
+    assert np.array_equal(F, system.internal_force(u)) or np.abs(F - system.internal_force(u)).max() <= limit * scale, "two forces"
+    if recipe.law == "stvk":
+        _check_derivatives(system, u, v, limit)
+    return True
+
+
+def _floor(system: System, K: Any) -> float:
+    return float(abs(K).max() * np.ptp(system.mesh.p))
+
+
+def _check_derivatives(system: System, u: NDArray[Any], v: NDArray[Any], limit: float) -> None:
+    """The five-point stencil is exact along a line, as W is a quartic."""
+    change = 0.1 * max(float(np.abs(u).max()), 1e-3 * float(np.ptp(system.mesh.p)))
+    v = change * v
+    weights = {-2: 1 / 12, -1: -8 / 12, 1: 8 / 12, 2: -1 / 12}
+    energies = [w * system.energy(u + s * v) for s, w in weights.items()]
+    claimed = float(system.internal_force(u) @ v)
+    assert abs(sum(energies) - claimed) <= limit * max(np.abs(energies).max(), abs(claimed)), "F is not the derivative of W"
+    forces = np.array([w * system.internal_force(u + s * v) for s, w in weights.items()])
+    error = np.abs(forces.sum(axis=0) - system.product(u, v)).max()
+    assert error <= limit * np.abs(forces).max(), "K is not the derivative of F"

@@ -1,0 +1,152 @@
+"""What the report runs: every part of every group, its kind, what it is held against, and where that is from."""
+
+from __future__ import annotations
+
+from enum import Enum
+from typing import NamedTuple
+
+
+class Kind(Enum):
+    """The three questions that the report keeps apart (ASME V&V 10)."""
+
+    CODE = "code verification"
+    SOLUTION = "solution verification"
+    PUBLISHED = "validation against published values"
+
+
+class Part(NamedTuple):
+    """A part of a group.
+
+    Attributes
+    ----------
+    kind, reference, reference_kind, source : of its claims.
+    words : what it claims, where its study does not say it in a table.
+    speed : whether it measures time, and runs only with `--speed`.
+    numbers : the function of `numbers` that computes it; empty for a study.
+    takes_quick : whether the study has a quick version.
+    whole_only : whether quick reports leave it out.
+    """
+
+    kind: Kind
+    reference: str
+    reference_kind: str
+    source: str
+    words: str = ""
+    speed: bool = False
+    numbers: str = ""
+    takes_quick: bool = True
+    whole_only: bool = False
+
+
+CODE, SOLUTION, PUBLISHED = Kind.CODE, Kind.SOLUTION, Kind.PUBLISHED
+ANALYTIC, OTHER_CODE, ITSELF, VALUE = "analytic", "another code", "itself, on other meshes or steps", "published value"
+
+PARTS: dict[str, dict[str, Part]] = {
+    "referee": {
+        "embedded": Part(CODE, "scikit-fem's assembly", OTHER_CODE, "skfem_stvk/reference", numbers="agreement"),
+        "self-test": Part(CODE, "planted faults", "mutation", "docs/planted-faults.md", numbers="planted_faults"),
+        "coefficients": Part(PUBLISHED, "regular tetrahedron", VALUE, "Delingette 2008; literature", numbers="coefficients"),
+    },
+    "orders": {
+        "mesh": Part(SOLUTION, "2 and 1", ITSELF, "Richardson, Roache 1994", numbers="orders_in_space"),
+        "time": Part(SOLUTION, "declared orders", ITSELF, "Richardson, Roache 1994", numbers="orders_in_time"),
+        "flag": Part(PUBLISHED, "CSM1 and CSM2", VALUE, "Turek and Hron 2006, FeatFlow's page", numbers="flag"),
+    },
+    "part": {
+        "all": Part(
+            CODE,
+            "scikit-fem's assembly",
+            OTHER_CODE,
+            "validation/part.py",
+            "F and K of a Gmsh part agree to 1e-13",
+            takes_quick=False,
+            whole_only=True,
+        )
+    },
+    "operations": {
+        "all": Part(
+            PUBLISHED,
+            "15 - 27 %, 27 - 38 %, 70 % fewer",
+            VALUE,
+            "Kikuuwe et al. 2009; the overview",
+            "operations counted on whole meshes are the sums over their entities",
+            takes_quick=True,
+        )
+    },
+    "statics": {
+        "homogeneous": Part(CODE, "closed forms", ANALYTIC, "literature: homogeneous states"),
+        "turek-hron": Part(PUBLISHED, "CSM1 and CSM2", VALUE, "Turek and Hron 2006, FeatFlow's page"),
+        "manufactured": Part(SOLUTION, "orders 2 and 1", ITSELF, "manufactured solution"),
+        "elastica": Part(PUBLISHED, "the elastica", VALUE, "Euler's equation, tables in the literature"),
+        "work-precision": Part(SOLUTION, "finer meshes, other codes", OTHER_CODE, "scikit-fem, FElupe", speed=True),
+        "speed": Part(CODE, "other codes", OTHER_CODE, "scikit-fem, FElupe", speed=True),
+    },
+    "stability": {
+        "snap-through": Part(PUBLISHED, "one bar with Green's strain", ANALYTIC, "closed form"),
+        "arch": Part(SOLUTION, "finer meshes", ITSELF, "validation/stability"),
+        "dome": Part(SOLUTION, "finer meshes", ITSELF, "validation/stability"),
+        "column": Part(PUBLISHED, "Euler's load", ANALYTIC, "Euler 1744"),
+        "post-buckling": Part(PUBLISHED, "the elastica after buckling", ANALYTIC, "Euler's equation"),
+        "law": Part(CODE, "limit points of the law", ANALYTIC, "literature: closed forms"),
+        "ellipticity": Part(CODE, "loss of strong ellipticity", ANALYTIC, "literature: closed forms"),
+    },
+    "dynamics": {
+        "independent": Part(CODE, "scikit-fem and SciPy's DOP853", OTHER_CODE, "validation/dynamics/independent.py"),
+        "csm3": Part(PUBLISHED, "CSM3", VALUE, "Turek and Hron 2006, FeatFlow's page"),
+        "flight": Part(CODE, "energy and momenta", ANALYTIC, "conservation laws"),
+        "vibrations": Part(SOLUTION, "numerical dispersion", ANALYTIC, "linear theory of each integrator"),
+        "limit": Part(CODE, "2/omega_max", ANALYTIC, "linear stability"),
+        "large-steps": Part(SOLUTION, "small steps", ITSELF, "validation/dynamics/large_steps.py"),
+        "fast-swings": Part(SOLUTION, "small steps", ITSELF, "validation/dynamics/fast_swings.py"),
+        "blow-ups": Part(CODE, "runs that blow up end and say so", "mutation", "validation/dynamics/blow_ups.py"),
+        "tangents": Part(CODE, "the exact tangent", ANALYTIC, "validation/dynamics/tangents.py"),
+        "work-precision": Part(SOLUTION, "velocity Verlet, extrapolated", ITSELF, "validation/dynamics", speed=True),
+        "speed": Part(CODE, "one force", ITSELF, "validation/dynamics/real_time.py", speed=True),
+        "step-solvers": Part(CODE, "direct solves", ITSELF, "validation/dynamics/step_solvers.py", speed=True),
+    },
+    "elements": {
+        "orders": Part(SOLUTION, "orders of each element", ITSELF, "manufactured solution"),
+        "turek-hron": Part(PUBLISHED, "CSM1", VALUE, "Turek and Hron 2006, FeatFlow's page"),
+        "hard": Part(CODE, "hard cases on other elements", OTHER_CODE, "validation/elements/hard.py", whole_only=True),
+        "work-precision": Part(SOLUTION, "finer meshes", ITSELF, "validation/elements", speed=True),
+        "costs": Part(CODE, "linear tetrahedra", ITSELF, "validation/elements/costs.py", speed=True),
+        "solvers": Part(CODE, "direct solves", ITSELF, "validation/elements/solvers.py", speed=True),
+        "peers": Part(CODE, "other codes", OTHER_CODE, "FElupe, scikit-fem", speed=True),
+    },
+    "models": {
+        "bent": Part(CODE, "StVK on fine meshes; neo-Hookean by scikit-fem", OTHER_CODE, "validation/models"),
+        "twisted": Part(CODE, "StVK on fine meshes; neo-Hookean by scikit-fem", OTHER_CODE, "validation/models"),
+        "released": Part(CODE, "energy and spin are kept", ANALYTIC, "conservation laws"),
+        "thrown": Part(CODE, "energy and spin are kept", ANALYTIC, "conservation laws"),
+        "recoveries": Part(CODE, "the state of rest", ANALYTIC, "validation/models/recoveries.py"),
+        "costs": Part(CODE, "StVK", ITSELF, "validation/models/costs.py", speed=True),
+    },
+    "reduced": {
+        "statics": Part(SOLUTION, "the full body", ITSELF, "validation/reduced"),
+        "motion": Part(SOLUTION, "the full body", ITSELF, "validation/reduced"),
+        "energy": Part(CODE, "energy is kept", ANALYTIC, "conservation laws"),
+        "cable": Part(PUBLISHED, "the catenary", ANALYTIC, "closed form and the chain's own equations"),
+        "net": Part(CODE, "the net's own equations", ANALYTIC, "validation/reduced/cables.py"),
+        "sphere": Part(PUBLISHED, "p = 2 h S/(s r)", ANALYTIC, "closed form"),
+        "disc": Part(PUBLISHED, "Hencky's series", VALUE, "Hencky 1915; Fichter 1997"),
+        "wrinkles": Part(PUBLISHED, "tension fields", ANALYTIC, "Pipkin 1986"),
+        "costs": Part(CODE, "the full body", ITSELF, "validation/reduced/costs.py", speed=True),
+    },
+    "hard": {
+        name: Part(CODE, "tiny steps of Newton or Verlet by scikit-fem, closed forms", OTHER_CODE, "validation/hard")
+        for name in ("deformed", "crushed", "elements", "starts", "unstable", "slender", "slack", "scales", "motion")
+    }
+    | {"memory": Part(CODE, "no growth", ITSELF, "validation/hard/motion", whole_only=True)},
+    "hostile": {
+        name: Part(
+            CODE, "a right result, or an error in words", "mutation", "docs/hostile.md", f"hostile inputs of the family {name}"
+        )
+        for name in ("meshes", "physics", "checkpoints", "interruptions", "names", "commands", "candidates", "arguments")
+    },
+    "aspect": {"all": Part(CODE, "50 digits", ANALYTIC, "docs/precision.md", "flat elements", takes_quick=False, whole_only=True)},
+    "clamp": {"all": Part(CODE, "eigenvalues", ANALYTIC, "validation/clamp.py", "the clamped tangent", whole_only=True)},
+    "response": {"all": Part(SOLUTION, "static solves", ITSELF, "validation/response.py", "errors fall with h^4", whole_only=True)},
+    "solvers": {"all": Part(CODE, "direct solves", ITSELF, "validation/solvers.py", "linear solvers", speed=True)},
+    "kernels": {"all": Part(CODE, "plain C", OTHER_CODE, "validation/kernels.py", "kernels", speed=True)},
+    "rows": {"all": Part(CODE, "one CSR product", ITSELF, "validation/rows.py", "rows of K", speed=True)},
+}

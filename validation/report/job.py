@@ -1,0 +1,130 @@
+"""A claim with all that a reader asks of it, and the jobs of the report: each a process of its own.
+
+`python -m validation.report.job GROUP PART FILE [--quick]` runs one job and writes its claims as JSON.
+"""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import io
+import json
+import math
+import sys
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import asdict, dataclass, field
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+from ..statics import study
+from . import numbers
+from .catalogue import PARTS, Kind, Part
+
+
+@dataclass
+class Claim:
+    """What is claimed, and what was measured.
+
+    Attributes
+    ----------
+    kind : code verification, solution verification, or validation against published values.
+    group, part, name, words : where it stands, and what it says.
+    reference, reference_kind, source : what it is held against, of which kind that is, and where it is from.
+    outcome : "holds", "does not hold", "measured" (where nothing is claimed) or "missing".
+    value, expected, error, tolerance, reason : of a number: computed, reference, error, what is allowed and why.
+    previous : the value of the run that this one is compared with.
+    failures, columns, rows, notes : of a study: what contradicts the claim, and its table.
+    seconds : of the job.
+    """
+
+    kind: str
+    group: str
+    part: str
+    name: str
+    words: str = ""
+    reference: str = ""
+    reference_kind: str = ""
+    source: str = ""
+    outcome: str = "holds"
+    value: float | None = None
+    expected: float | None = None
+    error: float | None = None
+    tolerance: float | None = None
+    reason: str = ""
+    previous: float | None = None
+    failures: list[str] = field(default_factory=list)
+    columns: list[str] = field(default_factory=list)
+    rows: list[list[str]] = field(default_factory=list)
+    notes: list[str] = field(default_factory=list)
+    seconds: float = 0.0
+
+    @property
+    def key(self) -> str:
+        """By which the same claim of another run is found."""
+        return f"{self.group}/{self.part}/{self.name}"
+
+
+def of_number(number: numbers.Number, kind: Kind, group: str, part: str) -> Claim:
+    """The claim of a number: it holds if it is within its tolerance, and what is not a number does not."""
+    error = abs(number.value - number.expected)
+    if number.relative and number.expected:
+        error /= abs(number.expected)
+    holds = math.isfinite(error) and error <= number.tolerance
+    text = f"{number.expected:.6g}"
+    claim = Claim(kind.value, group, part, number.name, number.words, text, number.reference_kind, number.source)
+    claim.outcome = "holds" if holds else "does not hold"
+    claim.value, claim.expected, claim.error = number.value, number.expected, error
+    claim.tolerance, claim.reason, claim.notes = number.tolerance, number.reason, list(number.notes)
+    return claim
+
+
+def of_study(found: study.Study, part: Part, group: str, name: str) -> Claim:
+    """The claim of a study, with its table."""
+    outcome = "measured" if not found.claim and found.passed else "holds" if found.passed else "does not hold"
+    claim = Claim(part.kind.value, group, name, found.name, found.claim, part.reference, part.reference_kind, part.source, outcome)
+    claim.failures = list(found.failures) if found.rows else ["nothing was measured"]
+    claim.columns, claim.rows, claim.notes = list(found.columns), [list(row) for row in found.rows], list(found.notes)
+    return claim
+
+
+def claims_of(group: str, name: str, quick: bool) -> Iterator[Claim]:
+    """The claims of one part of a group; whatever it prints is kept with the last one, if it is no study."""
+    part = PARTS[group][name]
+    if part.numbers:
+        compute: Callable[[bool], Iterator[numbers.Number]] = getattr(numbers, part.numbers)
+        for number in compute(quick):
+            yield of_number(number, part.kind, group, name)
+        return
+    main, printed = import_module(f"validation.{group}").main, io.StringIO()
+    options: dict[str, Any] = {"quick": quick} if part.takes_quick else {}
+    options |= {"only": [name]} if name != "all" else {}
+    with study.recording() as studies, contextlib.redirect_stdout(printed):
+        code = main(**options)
+    for found in studies:
+        yield of_study(found, part, group, name)
+    if not studies:
+        claim = Claim(part.kind.value, group, name, part.words, part.words, part.reference, part.reference_kind, part.source)
+        claim.outcome = "holds" if code == 0 else "does not hold"
+        claim.notes = printed.getvalue().rstrip().splitlines()[-60:]
+        yield claim
+
+
+def main() -> int:
+    """Run one job and write its claims."""
+    parser = argparse.ArgumentParser(prog="python -m validation.report.job", description=__doc__)
+    parser.add_argument("group")
+    parser.add_argument("part")
+    parser.add_argument("file")
+    parser.add_argument("--quick", action="store_true")
+    given, start = parser.parse_args(), time.perf_counter()
+    claims = list(claims_of(given.group, given.part, given.quick))
+    for claim in claims:
+        claim.seconds = time.perf_counter() - start
+    Path(given.file).write_text(json.dumps([asdict(claim) for claim in claims], allow_nan=True), encoding="utf-8")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,142 @@
+"""Claims that are one number each: computed, with its reference, what is allowed, and why."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+import skfem
+
+from skfem_stvk import ElementMesh, Gravity, StVK, System, embedded_mesh, simulate, verify
+from skfem_stvk.cli.referee import EMBEDDED
+from skfem_stvk.dynamics.integrators import INTEGRATORS
+from skfem_stvk.referee.faults import FAULTS, bodies
+from skfem_stvk.referee.self_test import self_test
+from skfem_stvk.referee.verification import verify_candidate
+
+from ..statics import manufactured, turek_hron
+from ..statics.meshes import Array
+
+
+@dataclass(frozen=True)
+class Number:
+    """A computed value; its error is relative to `expected`, or absolute."""
+
+    name: str
+    words: str
+    value: float
+    expected: float
+    tolerance: float
+    reason: str
+    reference_kind: str
+    source: str
+    relative: bool = False
+    notes: tuple[str, ...] = ()
+
+
+def agreement(quick: bool) -> Iterator[Number]:
+    """The largest disagreements with scikit-fem on the embedded bracket of two materials."""
+    report = verify(embedded_mesh(), EMBEDDED, quiet=True)
+    reason = "round-off of two orders of summation is 1e-15 to 1e-14; the limit is a hundred times that"
+    for quantity in "WFK":
+        worst = max(r.measured or 0.0 for r in report.results if r.check == "agreement" and r.quantity == quantity)
+        yield Number(
+            f"{quantity} on the bracket", f"{quantity} is scikit-fem's in eight states", worst, 0.0, 1e-12, reason,
+            "another code", "skfem_stvk verify",
+        )  # fmt: skip
+    failed = float(len(report.results) - sum(r.outcome.value in ("passed", "not applicable") for r in report.results))
+    yield Number(
+        "checks that did not pass", "every check passes", failed, 0.0, 0.0, "none may fail", "the referee", "docs/referee.md"
+    )
+
+
+def planted_faults(quick: bool) -> Iterator[Number]:
+    """Planted faults that no check catches, idle checks, and faults that are not named."""
+    found = self_test(quiet=True)
+    source, many = "docs/planted-faults.md", f"of {len(found.caught)}"
+    none = "none may be left"
+    yield Number(
+        "faults not caught", f"every planted fault is caught, {many}", len(found.missed), 0.0, 0.0, none, "mutation", source
+    )
+    yield Number("idle checks", "every check catches what no other does, or says what it backs up", len(found.idle), 0.0, 0.0, none,
+                 "mutation", source)  # fmt: skip
+    wrong = []
+    for name, fault in FAULTS.items():
+        body = bodies()[fault.body]
+        named = verify_candidate(fault.make(body.mesh, body.terms), body.mesh, body.terms, given=body.options).named
+        names = [] if named is None else named.names
+        wrong += [] if (fault.named in names if fault.named else not names) else [name]
+    yield Number("faults with a wrong name", f"every planted fault is named by its class or by none, {many}", len(wrong), 0.0, 0.0,
+                 none, "mutation", "docs/naming-bugs.md", notes=tuple(wrong))  # fmt: skip
+
+
+def coefficients(quick: bool) -> Iterator[Number]:
+    """L of the regular tetrahedron with edges of 1 m and E = 1 Pa, nu = 0.3."""
+    p = np.array([[0, 0, 0], [1, 0, 0], [0.5, np.sqrt(3) / 2, 0], [0.5, np.sqrt(3) / 6, np.sqrt(2 / 3)]]).T
+    L = StVK(young=1.0, poisson=0.3).coefficients(ElementMesh(p, np.array([[0], [1], [2], [3]], dtype=np.int32)))[0]
+    values = np.sort(np.unique(L.round(9)))
+    for name, value, expected in zip(("adjacent", "opposite", "edge"), values, (-0.0028, 0.0198, 0.0652), strict=True):
+        reason = "published with four decimals"
+        yield Number(f"L, {name}", f"L of the regular tetrahedron, {name}", value, expected, 5.1e-5, reason, "published value",
+                     "literature: Delingette's coefficients at nu = 0.3")  # fmt: skip
+
+
+def richardson(values: Array, ratio: float) -> tuple[float, float, float]:
+    """Observed order, extrapolated value, and Roache's uncertainty (GCI, factor 1.25) of values from coarse to fine.
+
+    >>> order, limit, uncertainty = richardson(np.array([5 + 3, 5 + 3 / 4, 5 + 3 / 16]), 2.0)
+    >>> round(order, 6), round(limit, 6), round(uncertainty, 4)
+    (2.0, 5.0, 0.0452)
+    """
+    coarse, middle, fine = values
+    order = float(np.log(abs((coarse - middle) / (middle - fine))) / np.log(ratio))
+    limit = float(fine + (fine - middle) / (ratio**order - 1))
+    return order, limit, float(1.25 * abs((fine - middle) / fine) / (ratio**order - 1))
+
+
+def orders_in_space(quick: bool) -> Iterator[Number]:
+    """Orders of the manufactured solution in space, on unstructured meshes."""
+    cells = (6, 9, 13) if quick else (8, 12, 16, 24)
+    errors = np.array([manufactured._errors(manufactured.moved_box(3, n)) for n in cells])
+    for i, (norm, order) in enumerate(manufactured.ORDERS.items()):
+        fitted = manufactured.fitted_order(1 / np.array(cells), errors[:, i])
+        yield Number(
+            f"order in {norm}", f"a manufactured solution converges with order {order:g} in {norm}", fitted, order, 0.15,
+            "meshes are unstructured, so that errors scatter by some percent", "itself, on other meshes", "manufactured solution",
+            notes=(f"errors {', '.join(f'{e:.3e}' for e in errors[:, i])} on {', '.join(map(str, cells))} cells a side",),
+        )  # fmt: skip
+
+
+def orders_in_time(quick: bool) -> Iterator[Number]:
+    """Observed orders of all integrators, by Richardson, on a bar that is let go."""
+    mesh = skfem.MeshTri.init_tensor(np.linspace(0, 1, 9), np.linspace(0, 0.2, 3)).with_boundaries({"wall": lambda x: x[0] == 0})
+    body = System(mesh, [StVK(young=1e4, poisson=0.3, density=1000.0), Gravity((0.0, -0.2))], fixed={"wall": "xy"})
+    steps = np.array([200, 400, 800]) * (1 if quick else 2)
+    for name, integrator in INTEGRATORS.items():
+        exact = {"rtol": 1e-10} if "rtol" in getattr(integrator, "__dataclass_fields__", {}) else {}
+        values = []
+        for count in steps:
+            run = simulate(body, integrator(dt=0.4 / count, **exact), until=0.4, quiet=True)
+            values.append(float(run.u.reshape(-1, 2)[:, 1].min()))
+        order, limit, uncertainty = richardson(np.array(values), 2.0)
+        yield Number(
+            f"order of {name}", f"{name} has the order that it declares", order, float(integrator(dt=0.01).order), 0.15,
+            "the next term of the error", "itself, with other steps", "Richardson, Roache 1994",
+            notes=(f"lowest point {values[-1]:.8g} m in {steps[-1]} steps, limit {limit:.8g} m, uncertainty {uncertainty:.1e}",),
+        )  # fmt: skip
+
+
+def flag(quick: bool) -> Iterator[Number]:
+    """Displacements of the flag's end, extrapolated, against the published ones, with their uncertainty."""
+    meshes = turek_hron.MESHES[:3]
+    for case in turek_hron.CASES:
+        tips = np.array([turek_hron.tip(case, nx, ny) for nx, ny in meshes])
+        for i, component in enumerate("xy"):
+            order, limit, uncertainty = richardson(tips[:, i], 2.0)
+            yield Number(
+                f"{case.name}, u_{component}", f"u_{component} of the flag's end [m], extrapolated", limit, case.reference[i], 5e-3,
+                "extrapolation from three meshes with the observed order", "published value",
+                "Turek and Hron 2006; FeatFlow's benchmark page, 392 196 unknowns", relative=True,
+                notes=(f"observed order {order:.2f}; uncertainty of the finest mesh (GCI) {uncertainty:.2%}",),
+            )  # fmt: skip

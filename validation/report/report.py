@@ -1,0 +1,164 @@
+"""All claims of all parts in one report: HTML, JSON and a table, compared with an earlier run."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+import tempfile
+import time
+from collections import Counter
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import asdict
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+from rich.console import Console
+from rich.markup import escape
+
+from skfem_stvk.errors import StvkError
+from skfem_stvk.referee.header import PACKAGES, circumstances
+from skfem_stvk.referee.terminal import WIDTH, grid
+
+from .catalogue import PARTS, Kind
+from .job import Claim
+
+#: Seconds that a job may take.
+MOST = {True: 400.0, False: 1800.0}
+MARKS = {"holds": "green", "does not hold": "bold red", "missing": "yellow", "measured": "dim"}
+PROCESSES = 2
+
+
+def report(
+    groups: Sequence[str] = (), quick: bool = False, out: str | None = None, speed: bool = False, compare: str | None = None
+) -> int:
+    """Run the claims of these groups, all by default, and write the report; the exit code is 0 if all hold and none is missing."""
+    before = None if compare is None else _read(compare)
+    started, jobs = time.perf_counter(), _jobs(groups, quick, speed)
+    console = Console(width=WIDTH, highlight=False)
+    with ThreadPoolExecutor(PROCESSES) as pool:
+        claims = []
+        for (group, part), found in zip(jobs, pool.map(lambda job: _run(job[0], job[1], quick), jobs), strict=True):
+            outcomes = Counter(claim.outcome for claim in found)
+            said = ", ".join(f"{count} {outcome}" for outcome, count in outcomes.items())
+            console.print(f"{group}, {part}: {said} ({max((claim.seconds for claim in found), default=0.0):.0f} s)")
+            claims += found
+    if before is not None:
+        for claim in claims:
+            claim.previous = before.get(claim.key)
+    data = _data(claims, quick, speed, compare, time.perf_counter() - started)
+    if out is not None:
+        folder = Path(out)
+        folder.mkdir(parents=True, exist_ok=True)
+        (folder / "validation.json").write_text(json.dumps(data, indent=1), encoding="utf-8")
+        (folder / "validation.html").write_text(page(data), encoding="utf-8")
+    _print(console, claims, data)
+    return 0 if data["holds"] else 1
+
+
+def _jobs(groups: Sequence[str], quick: bool, speed: bool) -> list[tuple[str, str]]:
+    """Groups and parts that are run: what measures time only if it is asked for."""
+    unknown = [group for group in groups if group not in PARTS]
+    if unknown:
+        raise StvkError(f"There is no group {', '.join(unknown)}; there are {', '.join(PARTS)}.")
+    return [
+        (group, name)
+        for group in groups or PARTS
+        for name, part in PARTS[group].items()
+        if (speed or not part.speed) and not (quick and part.whole_only)
+    ]
+
+
+def _run(group: str, name: str, quick: bool) -> list[Claim]:
+    """The claims of one part, run in a process of its own; one that is missing if that crashed, or took too long."""
+    part, start = PARTS[group][name], time.perf_counter()
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder) / "claims.json"
+        command = [sys.executable, "-m", "validation.report.job", group, name, str(file)] + ["--quick"] * quick
+        try:
+            done = subprocess.run(command, capture_output=True, text=True, timeout=MOST[quick], cwd=Path(__file__).parents[2])
+            why = done.stderr.strip().splitlines()[-1:] or [f"it ended with exit code {done.returncode}"]
+        except subprocess.TimeoutExpired:
+            why = [f"it took longer than {MOST[quick]:.0f} s"]
+        if file.exists():
+            found = [Claim(**claim) for claim in json.loads(file.read_text(encoding="utf-8"))]
+            if found:
+                return found
+            why = ["it made no claim"]
+    missing = Claim(part.kind.value, group, name, part.words or name, part.words, part.reference, part.reference_kind, part.source)
+    missing.outcome, missing.failures, missing.seconds = "missing", why, time.perf_counter() - start
+    return [missing]
+
+
+def _read(name: str) -> dict[str, float | None]:
+    """Values of an earlier report, by the claim's key."""
+    try:
+        data = json.loads(Path(name).read_text(encoding="utf-8"))
+        return {f"{c['group']}/{c['part']}/{c['name']}": c["value"] for c in data["claims"]}
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise StvkError(f"--compare {name} is no report of this command ({type(error).__name__}: {error}); expected a "
+                        "validation.json that an earlier run wrote.") from error  # fmt: skip
+
+
+def _data(claims: Sequence[Claim], quick: bool, speed: bool, compare: str | None, seconds: float) -> dict[str, Any]:
+    counts = Counter(claim.outcome for claim in claims)
+    skipped = [f"{g}, {n}" for g, parts in PARTS.items() for n, part in parts.items() if part.speed and not speed]
+    return {
+        "holds": bool(claims) and not (counts["does not hold"] or counts["missing"]),
+        "counts": dict(counts),
+        "seconds": seconds,
+        "quick": quick,
+        "compared with": compare,
+        "not run without --speed": skipped,
+        "provenance": circumstances(PACKAGES) | {"commit": _commit(), "seeds": "stand in the sources; the referee's is 0"},
+        "claims": [asdict(claim) for claim in claims],
+    }
+
+
+def _commit() -> str:
+    try:
+        found = subprocess.run(
+            ["git", "describe", "--always", "--dirty"], capture_output=True, text=True, cwd=Path(__file__).parent, timeout=20
+        )
+        return found.stdout.strip() or "unknown"
+    except OSError:
+        return "unknown"
+
+
+def page(data: dict[str, Any]) -> str:
+    """The report as one HTML file that needs no other."""
+    from jinja2 import Environment, StrictUndefined
+
+    environment = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)
+    template = environment.from_string(files(__package__).joinpath("page.html").read_text(encoding="utf-8"))
+    return template.render(data=data, kinds=[kind.value for kind in Kind])
+
+
+def _print(console: Console, claims: Sequence[Claim], data: dict[str, Any]) -> None:
+    for kind in Kind:
+        of_kind = [claim for claim in claims if claim.kind == kind.value]
+        if not of_kind:
+            continue
+        columns = ("claim", "computed", "reference", "error", "allowed", "previous", "")
+        table = grid(kind.value.capitalize(), *columns, right=columns[1:6])
+        for claim in of_kind:
+            numbers = (claim.value, claim.expected, claim.error, claim.tolerance, claim.previous)
+            shown = ["" if x is None else f"{x:.4g}" for x in numbers]
+            table.add_row(escape(f"{claim.group}: {claim.name}"), *shown, f"[{MARKS[claim.outcome]}]{claim.outcome}[/]")
+        console.print(table)
+    for claim in claims:
+        if claim.outcome in ("does not hold", "missing"):
+            why = "; ".join(claim.failures) or f"{claim.error:.3g} > {claim.tolerance:.3g}: {claim.reason}"
+            console.print(
+                f"[{MARKS[claim.outcome]}]{claim.outcome}[/] {escape(f'{claim.group}, {claim.part}: {claim.name}: {why}')}"
+            )
+    moved = [
+        c for c in claims if c.previous is not None and c.value is not None and abs(c.value - c.previous) > 1e-6 * abs(c.previous)
+    ]
+    if data["compared with"] is not None:
+        console.print(f"{len(moved)} values moved since {data['compared with']}: {', '.join(c.name for c in moved[:10])}")
+    counts = ", ".join(f"{count} {outcome}" for outcome, count in data["counts"].items())
+    verdict = "[bold green]ALL HOLD[/]" if data["holds"] else "[bold red]NOT ALL HOLD[/]"
+    console.print(f"{verdict}: {counts} in {data['seconds']:.0f} s")
