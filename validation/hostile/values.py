@@ -209,7 +209,7 @@ def _zero_d(good: Any) -> Any:
 DISGUISED = (
     Hostile("fraction", _of_number(Fraction), _self),
     Hostile("decimal", _of_number(Decimal), _self),
-    Hostile("float16", _of_number(np.float16), _self),
+    Hostile("float16", _of_number(lambda good: np.float16(good) if abs(good) < 6e4 else NOTHING), _self),
     Hostile("float32", _of_number(np.float32), _self),
     Hostile("longdouble", _of_number(np.longdouble), _self),
     Hostile("int8", _of_number(lambda good: np.int8(good) if good == int(good) and abs(good) < 128 else NOTHING), _self),
