@@ -177,6 +177,23 @@ def test_ex22_named():
     assert "\n".join(f"    {line}" for line in example.told()) in page
 
 
+def test_ex23_law():
+    example = run("ex23_law")
+    moduli = [f"moduli at rest ({quantity})" for quantity in "APW"]
+    assert example.failed == {
+        "right": [],
+        "lambda doubled everywhere": moduli,
+        "E/(1 + nu) taken for mu": moduli,
+        "S = dW/dC, not 2 dW/dC": ["derivatives (A)", "derivatives (P)", "moduli at rest (P)"],
+        "C = dS/dC, not 2 dS/dC": ["derivatives (A)", "moduli at rest (A)"],
+        "2 lambda ln J in C": ["derivatives (A)"],
+    }
+    lines = {name: " ".join(example.said(report)) for name, report in example.reports.items()}
+    assert "stress at rest: lambda is 2.000 x, mu is 1.000 x" in lines["lambda doubled everywhere"]
+    assert "stress would fit as S: it is 0.500 x" in lines["S = dW/dC, not 2 dW/dC"]
+    assert "elasticity would fit as C: it is 0.500 x" in lines["C = dS/dC, not 2 dS/dC"] and not lines["right"]
+
+
 def test_ex25_test_vectors():
     example = run("ex25_test_vectors")
     assert [report.passed for report in example.reports.values()] == [True, False, False]

@@ -276,7 +276,7 @@ class _Law:
         right = [r for r in asked if r in good]
         named = [f"{r}: {found[r][1]}" for r in asked if found[r][1]]
         named = named or [f"{r}: {found[r][1]}" for r in known if found[r][1]]
-        self.reading[name] = (right or [r for r in asked if found[r][1]] or asked)[0]
+        self.reading[name] = (right or [r for r in asked if found[r][1]] or sorted(asked, key=lambda r: found[r][0]))[0]
         how = "told" if len(asked) == 1 else "guessed"
         if right:
             return [f"{word} read as {right[0]} ({how})" + "".join(f"; or {r}" for r in right[1:])]
