@@ -194,6 +194,16 @@ def test_ex23_law():
     assert "elasticity would fit as C: it is 0.500 x" in lines["C = dS/dC, not 2 dS/dC"] and not lines["right"]
 
 
+def test_ex24_solver():
+    example = run("ex24_solver")
+    assert example.failed == {
+        "right": [],
+        "half_of_the_load": ["equilibrium", "order"],
+        "linear_elasticity_of_scikit_fem": ["equilibrium", "order", "patch test", "rigid motion"],
+    }
+    assert list(example.named.values()) == [[], ["load x 0.500"], ["linear strain"]]
+
+
 def test_ex25_test_vectors():
     example = run("ex25_test_vectors")
     assert [report.passed for report in example.reports.values()] == [True, False, False]

@@ -7,12 +7,15 @@ from __future__ import annotations
 
 import io
 import os
+import signal
 import subprocess
 import sys
 import tempfile
-from contextlib import suppress
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from functools import partial
 from pathlib import Path
+from threading import Event, Timer
 from typing import IO, Any
 from zipfile import BadZipFile
 
@@ -36,6 +39,8 @@ serve()
 """
 #: Seconds that the other process has to end by itself, once nobody asks any more.
 PATIENCE = 5.0
+#: Seconds that it has for an answer: the first one may compile.
+LONGEST_ANSWER = 600.0
 #: Bytes of the longest question or answer.
 LONGEST = 2**33
 
@@ -57,7 +62,7 @@ class Elsewhere:
     Raises
     ------
     StvkError
-        if there is no such Python, or it cannot make the peer; later, if its process ends.
+        if there is no such Python, or it cannot make the peer; later, if its process ends or does not answer.
     """
 
     def __init__(self, python: str | Path, peer: str, p: Array, t: NDArray[np.int32], young: float, poisson: float) -> None:
@@ -95,7 +100,7 @@ class Elsewhere:
         """End the other process."""
         for pipe in (self._process.stdin, self._process.stdout):
             if pipe is not None:
-                with suppress(OSError):  # what was not sent to a process that has ended
+                with suppress(OSError), _broken_pipes_raise():  # what was not sent to a process that has ended
                     pipe.close()
         try:
             self._process.wait(PATIENCE)
@@ -114,13 +119,25 @@ class Elsewhere:
 
     def _ask(self, question: dict[str, Array]) -> dict[str, Array]:
         assert self._process.stdin is not None and self._process.stdout is not None
+        too_long = Event()
+        limit = Timer(LONGEST_ANSWER, lambda: (too_long.set(), self._process.kill()))
+        limit.daemon = True
+        limit.start()
         try:
-            _send(self._process.stdin, question)
+            with _broken_pipes_raise():
+                _send(self._process.stdin, question)
             answer = _receive(self._process.stdout)
         except OSError:  # a broken pipe
             answer = None
         except (ValueError, EOFError, BadZipFile) as error:
             raise StvkError(f"The process of {self._python} answers what no peer does ({error}). Is it a Python?") from error
+        finally:
+            limit.cancel()
+        if answer is None and too_long.is_set():
+            raise StvkError(
+                f"The process of {self._python} gave no answer within {LONGEST_ANSWER:g} s, and was ended. Its peer hangs, or the mesh "
+                "is too large for it: take a smaller one."
+            )
         if answer is None:
             raise StvkError(f"The process of {self._python} has ended, with exit code {self._process.wait()}: {self._last_words()}")
         return answer
@@ -162,6 +179,21 @@ def _answer(value: Any) -> dict[str, Array]:
         K = csr_matrix(value)
         return {"data": K.data, "indices": K.indices, "indptr": K.indptr, "shape": np.array(K.shape)}
     return {"value": np.asarray(value)}
+
+
+@contextmanager
+def _broken_pipes_raise() -> Iterator[None]:
+    """Writing to a process that has ended raises an OSError, even where a library lets SIGPIPE kill (Gmsh's `initialize` does)."""
+    if not hasattr(signal, "pthread_sigmask"):
+        yield
+        return
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGPIPE})
+    try:
+        yield
+    finally:
+        if signal.SIGPIPE not in before and signal.SIGPIPE in signal.sigpending():
+            signal.sigwait({signal.SIGPIPE})
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 def _send(pipe: IO[bytes], arrays: dict[str, Array]) -> None:

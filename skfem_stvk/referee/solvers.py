@@ -76,7 +76,7 @@ def verify_solver(
 
     - `mesh`: `skfem.MeshTet` or `MeshTri`; `mesh.p` (d, nv) are the nodes [m], `mesh.t` (d + 1, nt) the elements, of either
       orientation.
-    - `material`: `material.young` [Pa], `material.poisson`, and `lam, mu = material.lame(Hypothesis.SOLID)`.
+    - `material`: `material.young` [Pa], `material.poisson`, and `skfem.models.elasticity.lame_parameters` of both.
     - `body_force(X)` (d, n) at points `X` (d, n) of the undeformed body: force per undeformed volume [N/m^3]; it does not turn or
       grow with the body.
     - `boundary.nodes` (m,), `boundary.values` (m, d): nodes with a prescribed displacement, `boundary.dofs` (m d,) their degrees of

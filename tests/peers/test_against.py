@@ -262,6 +262,7 @@ class FElupe:
     def energy(self, u): return float(u @ u) / 2
     def internal_force(self, u):
         if u[0] == 7: raise ValueError("seven")
+        if u[0] == 9: import time; time.sleep(60)
         if u[0] == 8: print("eight", file=sys.stderr); sys.stderr.flush(); import os; os._exit(5)
         return u.copy()
     def tangent(self, u): return csr_matrix(np.eye(self.n))
@@ -297,6 +298,35 @@ def test_a_peer_elsewhere_answers_as_it_would_here(toy):
             peer.internal_force(u)
         with pytest.raises(StvkError, match="has ended"):
             peer.energy(u)
+
+
+def test_a_process_that_does_not_answer_is_ended(toy, monkeypatch):
+    with toy() as peer:
+        monkeypatch.setattr("skfem_stvk.peers.elsewhere.LONGEST_ANSWER", 0.5)
+        with pytest.raises(StvkError, match=r"gave no answer within 0\.5 s, and was ended"):
+            peer.internal_force(np.full(24, 9.0))
+        with pytest.raises(StvkError, match="has ended"):
+            peer.energy(np.zeros(24))
+
+
+DYING = """
+import signal
+from skfem_stvk import StvkError
+from skfem_stvk.peers import elsewhere
+signal.signal(signal.SIGPIPE, signal.SIG_DFL)
+elsewhere.START = "import os; os._exit(7)"
+try:
+    elsewhere.Elsewhere(sys.executable, "FElupe", np.zeros((3, 100_000)), np.zeros((4, 1), np.int32), 1.0, 0.3)
+except StvkError as error:
+    print(error)
+"""
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="no SIGPIPE")
+def test_a_process_that_dies_is_told_even_where_broken_pipes_kill():
+    """As they do once `gmsh.initialize()` was called; more is sent than a pipe holds."""
+    done = subprocess.run([sys.executable, "-c", f"import sys\nimport numpy as np\n{DYING}"], capture_output=True, text=True)
+    assert done.returncode == 0 and "has ended, with exit code 7" in done.stdout, done
 
 
 def test_a_process_that_dies_ends_no_report(toy):
