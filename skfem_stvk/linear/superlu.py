@@ -120,7 +120,7 @@ def _cycles(order: Any) -> int:
 def _factors(transpose: csc_matrix, kind: Kind) -> Any:
     try:
         return splu(transpose, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=PIVOT[kind], options={"SymmetricMode": True})
-    except RuntimeError as error:
-        if "singular" in str(error):
+    except RuntimeError as error:  # of some singular matrices SuperLU says only that it "failed to factorize matrix at line ..."
+        if "singular" in str(error) or "failed to factorize" in str(error):
             return None
         raise

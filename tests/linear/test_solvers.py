@@ -201,6 +201,20 @@ def test_a_singular_matrix_never_passes_as_solved(solver):
     assert np.isfinite(solution.x).all() and solution.residual > 1e-10
 
 
+@pytest.mark.parametrize("words", ["Factor is exactly singular", "failed to factorize matrix at line 406 in file dpanel_bmod.c"])
+def test_superlu_has_two_ways_to_say_singular(words, monkeypatch):
+    """The second one came from a flat membrane, whose matrix is exactly singular."""
+
+    def refused(*_, **__):
+        raise RuntimeError(words)
+
+    monkeypatch.setattr("skfem_stvk.linear.superlu.splu", refused)
+    K, unknowns = problem()
+    solver = SOLVERS["superlu"]()
+    solution = solver.analyse(unknowns).factorise(given(solver, K, unknowns), SYMMETRIC).solve(load(unknowns.n))
+    assert solution.outcome is Outcome.SINGULAR and not solution.x.any()
+
+
 @all_solvers
 def test_what_round_off_does_not_allow_is_not_claimed(solver):
     K, unknowns = problem("soft and stiff")
