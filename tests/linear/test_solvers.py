@@ -5,7 +5,7 @@ import pytest
 from linear.problems import NAMES, given, indefinite, problem
 
 from skfem_stvk.errors import StateError, StvkError
-from skfem_stvk.linear import SOLVERS, BlockJacobiCg, Kind, Outcome, Solution, SsorCg, Unknowns
+from skfem_stvk.linear import SOLVERS, BlockJacobiCg, Kind, Outcome, Solution, SsorCg, SuperLU, Unknowns
 from skfem_stvk.linear.pardiso import pardiso_is_installed
 
 EVERY = [
@@ -210,7 +210,7 @@ def test_superlu_has_two_ways_to_say_singular(words, monkeypatch):
 
     monkeypatch.setattr("skfem_stvk.linear.superlu.splu", refused)
     K, unknowns = problem()
-    solver = SOLVERS["superlu"]()
+    solver = SuperLU()
     solution = solver.analyse(unknowns).factorise(given(solver, K, unknowns), SYMMETRIC).solve(load(unknowns.n))
     assert solution.outcome is Outcome.SINGULAR and not solution.x.any()
 
