@@ -120,7 +120,12 @@ class Elsewhere:
     def _ask(self, question: dict[str, Array]) -> dict[str, Array]:
         assert self._process.stdin is not None and self._process.stdout is not None
         too_long = Event()
-        limit = Timer(LONGEST_ANSWER, lambda: (too_long.set(), self._process.kill()))
+
+        def end_it() -> None:
+            too_long.set()
+            self._process.kill()
+
+        limit = Timer(LONGEST_ANSWER, end_it)
         limit.daemon = True
         limit.start()
         try:

@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
-from referee.textbook_laws import LAM, LAWS, MU, ONE, voigt
 
 from skfem_stvk import Isotropic, StVK, TransverselyIsotropic, verify_law
 from skfem_stvk.errors import MaterialError, StvkError
+from validation.textbook_laws import LAM, LAWS, MU, ONE, voigt
 
 CLAIMS = StVK(young=MU * (3 * LAM + 2 * MU) / (LAM + MU), poisson=LAM / 2 / (LAM + MU))
 KIRCHHOFF, HOLZAPFEL = LAWS["St. Venant-Kirchhoff"], LAWS["Holzapfel-Gasser-Ogden"]

@@ -45,6 +45,13 @@ PARTS: dict[str, dict[str, Part]] = {
     "referee": {
         "embedded": Part(CODE, "scikit-fem's assembly", OTHER_CODE, "skfem_stvk/reference", numbers="agreement"),
         "self-test": Part(CODE, "planted faults", "mutation", "docs/planted-faults.md", numbers="planted_faults"),
+        "laws": Part(CODE, "ten laws of textbooks, and mistakes in them", "mutation", "docs/verify-law.md", numbers="laws"),
+        "judged": Part(CODE, "solvers and integrators, right and wrong", "mutation", "docs/verify-solver.md", numbers="judged"),
+        "vectors": Part(CODE, "W, F and K in 50 digits", ANALYTIC, "docs/test-vectors.md", numbers="vectors"),
+        "C": Part(CODE, "a program in C", OTHER_CODE, "docs/vectors.c", numbers="round_trip"),
+        "MuJoCo": Part(CODE, "MuJoCo's flex", OTHER_CODE, "docs/peers.md", numbers="mujoco"),
+        "FElupe": Part(CODE, "FElupe", OTHER_CODE, "docs/peers.md", numbers="felupe"),
+        "NGSolve": Part(CODE, "NGSolve", OTHER_CODE, "docs/peers.md", numbers="ngsolve"),
         "coefficients": Part(PUBLISHED, "regular tetrahedron", VALUE, "Delingette 2008; literature", numbers="coefficients"),
     },
     "orders": {
@@ -142,6 +149,17 @@ PARTS: dict[str, dict[str, Part]] = {
             CODE, "a right result, or an error in words", "mutation", "docs/hostile.md", f"hostile inputs of the family {name}"
         )
         for name in ("meshes", "physics", "checkpoints", "interruptions", "names", "commands", "candidates", "arguments")
+    },
+    "fuzz": {
+        "all": Part(
+            CODE,
+            "a right result, or an error in words",
+            "mutation",
+            "docs/fuzzing.md",
+            "random bodies, programs and files",
+            takes_quick=False,
+            whole_only=True,
+        )
     },
     "aspect": {"all": Part(CODE, "50 digits", ANALYTIC, "docs/precision.md", "flat elements", takes_quick=False, whole_only=True)},
     "clamp": {"all": Part(CODE, "eigenvalues", ANALYTIC, "validation/clamp.py", "the clamped tangent", whole_only=True)},

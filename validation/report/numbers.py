@@ -2,19 +2,44 @@
 
 from __future__ import annotations
 
+import subprocess
+import tempfile
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import skfem
+from scipy.sparse import issparse
 
-from skfem_stvk import ElementMesh, Gravity, StVK, System, embedded_mesh, simulate, verify
+from skfem_stvk import (
+    BodyForce,
+    ElementMesh,
+    Gravity,
+    Report,
+    StVK,
+    System,
+    embedded_mesh,
+    published_vectors,
+    simulate,
+    solve_static,
+    verify,
+    verify_integrator,
+    verify_law,
+    verify_results,
+    verify_solver,
+)  # fmt: skip
 from skfem_stvk.cli.referee import EMBEDDED
 from skfem_stvk.dynamics.integrators import INTEGRATORS
+from skfem_stvk.referee.against import opponent
 from skfem_stvk.referee.faults import FAULTS, bodies
 from skfem_stvk.referee.self_test import self_test
+from skfem_stvk.referee.vectors import PUBLISHED
 from skfem_stvk.referee.verification import verify_candidate
 
+from .. import textbook_laws
 from ..statics import manufactured, turek_hron
 from ..statics.meshes import Array
 
@@ -45,10 +70,7 @@ def agreement(quick: bool) -> Iterator[Number]:
             f"{quantity} on the bracket", f"{quantity} is scikit-fem's in eight states", worst, 0.0, 1e-12, reason,
             "another code", "skfem_stvk verify",
         )  # fmt: skip
-    failed = float(len(report.results) - sum(r.outcome.value in ("passed", "not applicable") for r in report.results))
-    yield Number(
-        "checks that did not pass", "every check passes", failed, 0.0, 0.0, "none may fail", "the referee", "docs/referee.md"
-    )
+    yield _of_checks("the bracket", report, "docs/referee.md", "the referee")
 
 
 def planted_faults(quick: bool) -> Iterator[Number]:
@@ -69,6 +91,127 @@ def planted_faults(quick: bool) -> Iterator[Number]:
         wrong += [] if (fault.named in names if fault.named else not names) else [name]
     yield Number("faults with a wrong name", f"every planted fault is named by its class or by none, {many}", len(wrong), 0.0, 0.0,
                  none, "mutation", "docs/naming-bugs.md", notes=tuple(wrong))  # fmt: skip
+
+
+def _of_checks(name: str, report: Report, source: str, kind: str, *notes: str) -> Number:
+    """How many checks of a report did not pass, without those that do not apply."""
+    failed = float(sum(r.outcome.value not in ("passed", "not applicable") for r in report.results))
+    words = f"every check of {name} passes"
+    return Number(f"{name}: checks that did not pass", words, failed, 0.0, 0.0, "none may fail", kind, source, notes=notes)
+
+
+def _named(name: str, fits: bool, said: str, source: str) -> Number:
+    """Whether a planted mistake is caught and named."""
+    return Number(
+        f"planted: {name}", "a planted mistake is caught and named", float(not fits), 0.0, 0.0, "each must be", "mutation", source,
+        notes=(said,),
+    )  # fmt: skip
+
+
+def laws(quick: bool) -> Iterator[Number]:
+    """Checks of the ten laws that did not pass, and mistakes of factors that are not named."""
+    source = "docs/verify-law.md"
+    for name, law in textbook_laws.LAWS.items():
+        yield _of_checks(name, verify_law(energy=law.W, stress=law.S, elasticity=law.C), source, "analytic")
+    lam, mu, right = textbook_laws.LAM, textbook_laws.MU, textbook_laws.LAWS["St. Venant-Kirchhoff"]
+    claims = StVK(young=mu * (3 * lam + 2 * mu) / (lam + mu), poisson=lam / 2 / (lam + mu))
+
+    def twice_lambda(F: Array) -> Array:
+        return np.asarray(right.S(F) + lam * np.trace(F.T @ F - np.eye(3)) / 2 * np.eye(3))
+
+    mistakes: dict[str, tuple[dict[str, Any], str]] = {
+        "lambda doubled": ({"stress": twice_lambda}, "stress at rest: lambda is 2.000 x, mu is 1.000 x"),
+        "S = dW/dC": ({"energy": right.W, "stress": lambda F: right.S(F) / 2}, "stress would fit as S: it is 0.500 x"),
+        "C = dS/dC": ({"stress": right.S, "elasticity": lambda F: right.C(F) / 2}, "elasticity would fit as C: it is 0.500 x"),
+    }
+    for name, (functions, words) in mistakes.items():
+        report = verify_law(**functions, claims=claims)
+        lines = "; ".join(report.header["lines"])
+        yield _named(name, words in lines and not report.passed, lines, source)
+
+
+def judged(quick: bool) -> Iterator[Number]:
+    """A solver and an integrator that are right, and each with a mistake."""
+    source = "docs/verify-solver.md"
+
+    def solve(mesh: Any, material: Any, body_force: Any, boundary: Any, factor: float = 1.0) -> Array:
+        load = BodyForce(lambda x, t: factor * t * body_force(x))
+        prescribed = {tuple(boundary.nodes): lambda x, t: t * boundary.values.T}
+        return solve_static(System(mesh, [StVK(material), load], prescribed=prescribed), steps=2, quiet=True).u
+
+    given: Any = {"young": 1e5, "poisson": 0.3, "dimension": 2 if quick else 3, "quiet": True}
+    yield _of_checks("solve_static", verify_solver(solve, **given), source, "manufactured and closed solutions")
+    named = verify_solver(partial(solve, factor=0.5), **given).named
+    names = [] if named is None else named.names
+    yield _named("half of the load", names == ["load x 0.500"], ", ".join(names), source)
+
+    def verlet(system: System, u: Array, v: Array, dt: float, late: bool = False) -> tuple[Array, Array]:
+        M = system.mass()
+        v = v - dt / 2 * M.solve(system.internal_force(u))
+        moved = u + dt * v
+        return moved, v - dt / 2 * M.solve(system.internal_force(u if late else moved))
+
+    momenta = ("linear momentum", "angular momentum")
+    claims: Any = {"density": 1000.0, "order": 2, "conserves": momenta, "stable": 2.0, "quiet": True}
+    yield _of_checks("velocity Verlet", verify_integrator(verlet, **claims), source, "closed form")
+    wrong = verify_integrator(partial(verlet, late=True), **claims)
+    checks = sorted({result.check for result in wrong.failures()})
+    yield _named("the force of the step before", "order" in checks, ", ".join(checks), source)
+
+
+def vectors(quick: bool) -> Iterator[Number]:
+    """Errors of this package's W, F and K in the published test vectors."""
+
+    def largest(value: Any) -> float:
+        return float(np.abs(value.data if issparse(value) else value).max())
+
+    for name in PUBLISHED:
+        published = published_vectors(name)
+        system, exact = System(published.mesh, published.term), published.model()
+        for quantity, method in (("W", "energy"), ("F", "internal_force"), ("K", "tangent")):
+            off = scale = 0.0
+            for u in published.states.values():
+                found, true = (getattr(model, method)(u) for model in (system, exact))
+                off, scale = max(off, largest(found - true)), max(scale, largest(true))
+            yield Number(
+                f"{quantity} of {name}", f"{quantity} is that of the test vectors in {len(published.states)} states", off / scale, 0.0,
+                1e-13, "round-off of sums of some ten numbers, relative to the largest value of all states", "analytic",
+                "50 digits, docs/test-vectors.md",
+            )  # fmt: skip
+
+
+def round_trip(quick: bool) -> Iterator[Number]:
+    """The C program of the docs computes from the published vectors of simplices, and is judged."""
+    with tempfile.TemporaryDirectory() as place:
+        program = Path(place) / "vectors"
+        source = Path(__file__).parents[2] / "docs" / "vectors.c"
+        subprocess.run(["cc", "-O2", "-o", program, source], check=True, capture_output=True)
+        for name in ("tetrahedron", "block", "membrane"):
+            folder = published_vectors(name).save(Path(place) / name)
+            subprocess.run([program, folder / "vectors.txt", folder / "results.txt"], check=True)
+            yield _of_checks(f"the C program, {name}", verify_results(folder), "docs/test-vectors.md", "another code")
+
+
+def mujoco(quick: bool) -> Iterator[Number]:
+    """Checks of MuJoCo's flex that did not pass."""
+    yield _peer("MuJoCo")
+
+
+def felupe(quick: bool) -> Iterator[Number]:
+    """Checks of FElupe that did not pass."""
+    yield _peer("FElupe")
+
+
+def ngsolve(quick: bool) -> Iterator[Number]:
+    """Checks of NGSolve that did not pass."""
+    yield _peer("NGSolve")
+
+
+def _peer(name: str) -> Number:
+    mesh = embedded_mesh()
+    with opponent(name, mesh, 1e5, 0.3) as (candidate, line):
+        report = verify(mesh, young=1e5, poisson=0.3, candidate=candidate, quiet=True)
+    return _of_checks(name, report, "docs/peers.md", "another code", line)
 
 
 def coefficients(quick: bool) -> Iterator[Number]:

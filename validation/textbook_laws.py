@@ -1,4 +1,4 @@
-"""Ten hyperelastic laws of textbooks, as W(F), S(F) and C(F) = dS/dE, and the mistakes of factors 2 that are made with them.
+"""Ten hyperelastic laws of textbooks, as W(F), S(F) and C(F) = dS/dE.
 
 W is a function of the right Cauchy-Green tensor alone, S = 2 dW/dC in closed form, and C = 2 dS/dC by complex steps, exact to
 round-off. Sources: Bonet, Wood (2008), chapter 6; Holzapfel, "Nonlinear Solid Mechanics" (2000), chapter 6; Gent (1996);
@@ -9,15 +9,18 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
+
+from .statics.meshes import Array
 
 LAM, MU = 10.0, 4.0
 FIBRE = np.array([0.6, 0.64, 0.48])
 ONE = np.eye(3)
 
 
-def invariants(C):
+def invariants(C: Array) -> tuple[Any, Any, Any]:
     return np.trace(C), (np.trace(C) ** 2 - np.trace(C @ C)) / 2, np.sqrt(np.linalg.det(C))
 
 
@@ -25,26 +28,26 @@ def invariants(C):
 class Textbook:
     """W of the invariants I1, I2, J and I4 = a . C a, and its derivatives by them, in closed form."""
 
-    density: Callable[..., complex]
-    slopes: Callable[..., tuple[complex, complex, complex, complex]]
+    density: Callable[..., Any]
+    slopes: Callable[..., tuple[Any, Any, Any, Any]]
     isotropic: bool = True
 
-    def W(self, F):
+    def W(self, F: Array) -> float:
         C = F.T @ F
         return float(np.real(self.density(*invariants(C), FIBRE @ C @ FIBRE)))
 
-    def stress(self, C):
+    def stress(self, C: Array) -> Array:
         I1, I2, J = invariants(C)
         w1, w2, wJ, w4 = self.slopes(I1, I2, J, FIBRE @ C @ FIBRE)
         return 2 * ((w1 + w2 * I1) * ONE - w2 * C + w4 * np.outer(FIBRE, FIBRE)) + wJ * J * np.linalg.inv(C)
 
-    def S(self, F):
+    def S(self, F: Array) -> Array:
         return np.real(self.stress(F.T @ F))
 
-    def P(self, F):
+    def P(self, F: Array) -> Array:
         return F @ self.S(F)
 
-    def C(self, F):
+    def C(self, F: Array) -> Array:
         """2 dS/dC, by complex steps along symmetric directions."""
         right, h, result = (F.T @ F).astype(complex), 1e-30, np.zeros((3, 3, 3, 3))
         for k in range(3):
@@ -56,11 +59,11 @@ class Textbook:
         return result
 
 
-def volume(J):
+def volume(J: Any) -> tuple[Any, Any]:
     return LAM / 2 * np.log(J) ** 2 - MU * np.log(J), LAM * np.log(J) / J - MU / J
 
 
-def stvk(I1, I2, J, I4):
+def stvk(I1: Any, I2: Any, J: Any, I4: Any) -> Any:
     trace, square = (I1 - 3) / 2, (I1**2 - 2 * I2 - 2 * I1 + 3) / 4
     return LAM / 2 * trace**2 + MU * square
 
@@ -111,7 +114,7 @@ ORDERS = {
 }
 
 
-def voigt(C, order, engineering=True):
+def voigt(C: Array, order: str, engineering: bool = True) -> Array:
     """(6, 6) matrix that acts on engineering shear strain, or on shear components E_ij."""
     pairs = ORDERS[order]
     M = np.array([[C[i, j, k, l] for k, l in pairs] for i, j in pairs])
