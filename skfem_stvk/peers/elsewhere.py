@@ -140,8 +140,8 @@ class Elsewhere:
             limit.cancel()
         if answer is None and too_long.is_set():
             raise StvkError(
-                f"The process of {self._python} gave no answer within {LONGEST_ANSWER:g} s, and was ended. Its peer hangs, or the mesh "
-                "is too large for it: take a smaller one."
+                f"The process of {self._python} gave no answer within {LONGEST_ANSWER:g} s, and was ended. Its peer hangs, or the "
+                "mesh is too large for it: take a smaller one."
             )
         if answer is None:
             raise StvkError(f"The process of {self._python} has ended, with exit code {self._process.wait()}: {self._last_words()}")

@@ -174,8 +174,8 @@ def vectors(quick: bool) -> Iterator[Number]:
                 found, true = (getattr(model, method)(u) for model in (system, exact))
                 off, scale = max(off, largest(found - true)), max(scale, largest(true))
             yield Number(
-                f"{quantity} of {name}", f"{quantity} is that of the test vectors in {len(published.states)} states", off / scale, 0.0,
-                1e-13, "round-off of sums of some ten numbers, relative to the largest value of all states", "analytic",
+                f"{quantity} of {name}", f"{quantity} is that of the test vectors in {len(published.states)} states",
+                off / scale, 0.0, 1e-13, "round-off of sums of some ten numbers, relative to the largest value of all states", "analytic",
                 "50 digits, docs/test-vectors.md",
             )  # fmt: skip
 
