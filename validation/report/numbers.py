@@ -175,7 +175,8 @@ def vectors(quick: bool) -> Iterator[Number]:
                 off, scale = max(off, largest(found - true)), max(scale, largest(true))
             yield Number(
                 f"{quantity} of {name}", f"{quantity} is that of the test vectors in {len(published.states)} states",
-                off / scale, 0.0, 1e-13, "round-off of sums of some ten numbers, relative to the largest value of all states", "analytic",
+                off / scale, 0.0, 1e-13, "round-off of sums of some ten numbers, relative to the largest value of all states",
+                "analytic",
                 "50 digits, docs/test-vectors.md",
             )  # fmt: skip
 
