@@ -42,7 +42,7 @@ PACKAGES = (
 OPTIONAL = {
     "pypardiso": "pip install 'skfem-stvk[pardiso]'",
     "pyvista": "pip install 'skfem-stvk[plot]'",
-    "gmsh": "pip install 'skfem-stvk[gmsh]'",
+    "gmsh": "pip install gmsh",
     **{package.distribution: package.install for package in PEERS.values()},
     "h5py": "pip install h5py (meshes in .h5, .xdmf, .med)",
     "netCDF4": "pip install netCDF4 (meshes in .exo, .e)",
