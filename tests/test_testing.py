@@ -29,7 +29,7 @@ def checks_of(report):
 def test_a_law_that_claims_nothing_is_held_to_what_is_true_of_every_law():
     report = assert_consistent(System(MESH, OTHER), MESH)
     passed = {result.check for result in report.results if result.outcome is CheckOutcome.PASSED}
-    every = {"derivatives", "invariance", "balance", "symmetry", "rigid modes", "no further zero mode", "patch test"}
+    every = {"derivatives", "memory", "invariance", "balance", "symmetry", "rigid modes", "no further zero mode", "patch test"}
     assert passed == every
     assert {result.subject for result in report.results} == {"candidate"}
 
@@ -142,8 +142,8 @@ def test_the_text_of_a_failure_has_a_line_for_each_kind_and_no_control_character
     with pytest.raises(Inconsistent) as failure:
         assert_consistent(Changed(OTHER, internal_force=broken, tangent=lambda K, u: 2 * K), MESH, seed=3)
     first, *lines = str(failure.value).splitlines()
-    assert first == "Changed is not consistent: 0 of 39 checks failed, 27 could not run (seed 3)"
-    assert all(line.startswith(("failed", "could not run: ")) for line in lines) and len(lines) == 4
+    assert first == "Changed is not consistent: 0 of 42 checks failed, 28 could not run (seed 3)"
+    assert all(line.startswith(("failed", "could not run: ")) for line in lines) and len(lines) == 5
     assert str(failure.value).replace("\n", "").isprintable() and "first line second \\x1b[31mred" in lines[0]
 
 

@@ -390,6 +390,21 @@ class _StaleTangent:
         return self._body.tangent(before)
 
 
+class _KeptTangent:
+    """K that is kept as long as the displacements are nearly the same."""
+
+    def __init__(self, mesh: ElementMesh, terms: Terms) -> None:
+        body = System(mesh, terms)
+        self.energy, self.internal_force = body.energy, body.internal_force
+        self._body, self._at, self._kept = body, np.zeros(body.ndofs), body.tangent(np.zeros(body.ndofs))
+
+    def tangent(self, u: Array) -> csr_matrix:
+        """K where it was computed last, or here."""
+        if not np.allclose(u, self._at):
+            self._at, self._kept = u.copy(), self._body.tangent(u)
+        return self._kept
+
+
 def _blind_to_inversion(mesh: ElementMesh, terms: Terms) -> _Model:
     """Not a number as soon as an element is inside out, as by the logarithm or the root of J."""
     body = System(mesh, terms)
@@ -556,6 +571,7 @@ FAULTS: dict[str, Fault] = {
         "degrees of freedom component by component", _components_first, named="results component by component"
     ),
     "stale K": Fault("K of the state before", _StaleTangent, named="K of the state before"),
+    "K kept nearby": Fault("K is kept while u is nearly the same", _KeptTangent, named="K kept while u is nearly the same"),
     "stale rest shape": Fault("the mesh as it was before it was moved", _stale_rest_shape),
     "single precision": Fault(
         "sums in float32", lambda mesh, terms: System(mesh, terms, dtype=np.float32), named="single precision"

@@ -30,6 +30,7 @@ from ..reference import isotropic_tensor
 from ..terms import StVK
 from .bodies import elasticity, hourglass_control, is_condensed, reference_on
 from .case import STRETCH, Case
+from .checks.agreement import NEARBY
 from .element_model import model_of
 from .faults import FAULTS
 from .judgement import largest_component
@@ -44,8 +45,8 @@ VANISHES, COARSE = 1e-8, 1e-4
 FITTED = (
     "lambda doubled", "lambda halved", "lambda of plane stress", "bulk modulus for lambda", "mu halved", "mu doubled",
     "lambda and mu exchanged", "lambda and mu by region", "W, F, K x 4", "F, K x 2", "W, F, K x 2", "K x -1", "F, K x -1",
-    "one element x 0", "one element x 2", "K of the state before", "single precision", "not a number at inversion",
-    "a constant force", "results component by component",
+    "one element x 0", "one element x 2", "K of the state before", "K kept while u is nearly the same", "single precision",
+    "not a number at inversion", "a constant force", "results component by component",
 )  # fmt: skip
 Values = dict[str, Any]
 #: Those of W, F and K that are asked for, at displacements (ndofs,).
@@ -62,7 +63,7 @@ def name_the_fault(case: Case, terms: Sequence[StVK], make: Callable[[ElementMes
     if not evidence.found and not evidence.not_finite:
         return Naming(smallest="It has no values in strained states.")
     naming = Naming(before=evidence.error(evidence.truth, np.inf))
-    if naming.before <= VANISHES and not evidence.not_finite and not _is_stale(evidence):
+    if naming.before <= VANISHES and not (evidence.not_finite or _is_stale(evidence) or _is_kept(evidence)):
         naming.smallest = (
             "In strained states its values are right to eight digits of the body's largest: what failed is in the digits behind "
             "them, or in a part that is far softer."
@@ -221,6 +222,8 @@ def _in_words(evidence: _Evidence) -> Iterator[tuple[bool, tuple[str, str]]]:
     if "K" in evidence.quantities:
         words = "K is that of the state that was asked for before: what is kept is not made anew"
         yield _is_stale(evidence), ("K of the state before", words)
+        words = "K is not computed anew where u has hardly changed, as by `numpy.allclose` with the state before"
+        yield _is_kept(evidence), ("K kept while u is nearly the same", words)
 
 
 def _is_rounding(evidence: _Evidence) -> bool:
@@ -251,6 +254,19 @@ def _is_stale(evidence: _Evidence) -> bool:
     except Foul:
         return False
     return evidence.apart(late, case.reference.K(a)) <= VANISHES < evidence.apart(late, case.reference.K(b))
+
+
+def _is_kept(evidence: _Evidence) -> bool:
+    """Whether K, which is right in a state, is the same beside it to the last bit, where the reference's is not."""
+    u, player, truth = evidence.case.states[STRETCH], evidence.player, evidence.case.reference
+    beside = (1 + NEARBY) * u
+    try:
+        player.K(evidence.case.states["35 % compression"])
+        here, there = (evidence._value(player.K(v)) for v in (u, beside))
+    except Foul:
+        return False
+    right = evidence.apart(here, truth.K(u)) <= VANISHES
+    return right and evidence.apart(there, here) == 0.0 < evidence.apart(truth.K(beside), truth.K(u))
 
 
 # models

@@ -154,8 +154,9 @@ class Naming:
             smallest = f" {self.smallest}" if self.smallest else ""
             return [f"No hypothesis explains it: {self.tried} were tried.{smallest}"]
         one = "This explains" if len(self.explanations) == 1 else "These are one thing on this body, and explain"
-        head = f"{one} all of it; the error falls from {self.before:.1e} to {max(e.residual for e in self.explanations):.1e}:"
-        return [head, *(f"{e.name}: {e.words}" for e in self.explanations)]
+        after = max(explanation.residual for explanation in self.explanations)
+        falls = f"; the error falls from {self.before:.1e} to {after:.1e}" if after < self.before else ""
+        return [f"{one} all of it{falls}:", *(f"{e.name}: {e.words}" for e in self.explanations)]
 
     def to_dict(self) -> dict[str, Any]:
         """Everything, in types that JSON has."""

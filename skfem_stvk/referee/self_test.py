@@ -23,6 +23,7 @@ from .verification import failures_of
 CHECKS = {
     "agreement": "W, F, K",
     "derivatives": "F, K",
+    "memory": "W, F, K",
     "invariance": "W, F, K",
     "balance": "f: sum of forces, t: sum of torques",
     "symmetry": "K",
@@ -35,6 +36,7 @@ CHECKS = {
 SHORT = {
     "agreement": "agree",
     "derivatives": "deriv.",
+    "memory": "mem.",
     "invariance": "invar.",
     "symmetry": "symm.",
     "rigid modes": "rigid",

@@ -20,7 +20,7 @@ from ..system import System
 from ..terms import EdgeNetwork, StVK
 from .bodies import elasticity, homogeneous_copy, hourglass_control, reference_on
 from .case import CANDIDATE, EDGES, OURS, REFERENCE, STRETCH, Case, named_states
-from .checks.agreement import OfFewUnknowns, agreement, checks_of_reduced, derivatives
+from .checks.agreement import OfFewUnknowns, agreement, checks_of_reduced, derivatives, memory
 from .checks.homogeneous import homogeneous_states
 from .checks.precision import error_table, precision, speed_table
 from .checks.rigid_motions import balance, invariance, zero_modes
@@ -38,6 +38,7 @@ from .terminal import CountedProgress
 CHECKS: tuple[Callable[[Case], Iterator[Task]], ...] = (
     agreement,
     derivatives,
+    memory,
     invariance,
     balance,
     zero_modes,

@@ -23,7 +23,7 @@ from scipy.sparse import csr_matrix, issparse
 
 from ...arguments import Array
 from ...system import System
-from ..case import EPS, Case
+from ..case import EPS, STRETCH, Case
 from ..judgement import LIMIT, as_a_whole, by_entry, by_node, largest_component, largest_rows
 from ..players import Player
 from ..results import CannotTell, NotApplicable, Task
@@ -32,6 +32,9 @@ AGREEMENT = "1e-12 is for round-off of two orders of summation, 1e-15 is usual"
 DERIVATIVES = "1e-12 is for round-off, all that the five-point stencil leaves of this law; 1e-15 is usual"
 STENCIL = ((-2, 1 / 12), (-1, -8 / 12), (1, 8 / 12), (2, -1 / 12))
 ORDER, DIRECTIONS = 1.9, 2
+#: How near the other state of `memory` is: `numpy.allclose` takes the two for one. The values differ by about as much.
+NEARBY = 1e-6
+MEMORY = "1e-12 is for sums in another order; what is kept while u is nearly the same is off by 1e-6"
 REDUCED, FULL = "the reduced body", "the body"
 #: The largest displacements of the states of reduced bodies, as parts of their size.
 STATES = {"at rest, nearly": 1e-4, "small": 0.02, "large": 0.3}
@@ -84,6 +87,29 @@ def derivatives(case: Case) -> Iterator[Task]:
         for state in case.states:
             for quantity, needs in (("F", "WF"), ("K", "FK")):
                 yield Task("derivatives", player, quantity, state, needs, partial(test, case, player, quantity, state))
+
+
+def memory(case: Case) -> Iterator[Task]:
+    """W, F and K at u are the same whatever was asked before, at a state that u is nearly equal to among others."""
+    for player in case.players:
+        for quantity in "WFK":
+            yield Task("memory", player, quantity, STRETCH, quantity, partial(_remembered, case, player, quantity))
+
+
+def _remembered(case: Case, player: Player, quantity: str) -> dict[str, Any]:
+    u, far, ask = case.states[STRETCH], case.states["35 % compression"], getattr(player, quantity)
+    v = case.random("memory").standard_normal(len(u))
+
+    def value(u: Array) -> Array:
+        return np.atleast_1d(ask(u) @ v if quantity == "K" else ask(u))
+
+    value(far)  # whatever is kept is of a state far away
+    alone = value((1 + NEARBY) * u)
+    value(far)
+    value(u)
+    after = value((1 + NEARBY) * u)
+    scale, words = float(np.abs(alone).max()), "largest entry of K v" if quantity == "K" else f"largest |{quantity}|"
+    return as_a_whole(float(np.abs(after - alone).max()), scale, case.limits.of_body(u), words, MEMORY)
 
 
 class Line(NamedTuple):
