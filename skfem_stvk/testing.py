@@ -117,7 +117,7 @@ def assert_consistent(
     True
     >>> assert_consistent(other, mesh, young=1e5, poisson=0.3)
     Traceback (most recent call last):
-    skfem_stvk.testing.Inconsistent: System is not consistent: 36 of 109 checks failed, 35 could not run (seed 0)
+    skfem_stvk.testing.Inconsistent: System is not consistent: 36 of 112 checks failed, 35 could not run (seed 0)
     ...agreement, W of candidate against scikit-fem, 100 % stretch: 6.03e-01 > 1e-12 of 1.540e+05 (W_ref). ...
     """
     __tracebackhide__ = True  # pytest shows the line of the test

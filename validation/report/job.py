@@ -83,7 +83,8 @@ def of_number(number: numbers.Number, kind: Kind, group: str, part: str) -> Clai
 def of_study(found: study.Study, part: Part, group: str, name: str) -> Claim:
     """The claim of a study, with its table."""
     outcome = "measured" if not found.claim and found.passed else "holds" if found.passed else "does not hold"
-    claim = Claim(part.kind.value, group, name, found.name, found.claim, part.reference, part.reference_kind, part.source, outcome)
+    title = found.name or name
+    claim = Claim(part.kind.value, group, name, title, found.claim, part.reference, part.reference_kind, part.source, outcome)
     claim.failures = list(found.failures) if found.rows else ["nothing was measured"]
     claim.columns, claim.rows, claim.notes = list(found.columns), [list(row) for row in found.rows], list(found.notes)
     return claim
