@@ -69,16 +69,16 @@ def stvk_mesh(request: pytest.FixtureRequest) -> Any:
 
 
 @pytest.fixture
-def stvk_referee(request: pytest.FixtureRequest, record_property: Callable[[str, object], None]) -> Referee:
+def stvk_referee(request: pytest.FixtureRequest) -> Referee:
     """`assert_consistent` and `assert_law` of `skfem_stvk.testing`, with the counts of checks in JUnit's properties of the test."""
-    return Referee(request.node, request.config.getoption("--stvk-report"), record_property)
+    return Referee(request.node, request.config.getoption("--stvk-report"))
 
 
 class Referee:
     """The assertions of `skfem_stvk.testing` for one test, whose mark `stvk` may hold arguments for them."""
 
-    def __init__(self, test: pytest.Item, folder: str | None, record: Callable[[str, object], None]) -> None:
-        self.test, self.folder, self.record = test, folder, record
+    def __init__(self, test: pytest.Item, folder: str | None) -> None:
+        self.test, self.folder = test, folder
         self.judged = 0
 
     def assert_consistent(self, model: Any, mesh: Any, material: Any = None, **options: Any) -> Report:
@@ -106,7 +106,8 @@ class Referee:
         """Counts of checks as properties of the test, and the report's files in a folder that is named like the test."""
         self.judged += 1
         counts = ", ".join(f"{number} {outcome}" for outcome, number in report.to_dict()["counts"].items())
-        self.record("skfem-stvk", f"{'passed' if report.passed else 'not passed'}: {counts}")
+        properties = self.test.user_properties  # `record_property` fills it too, but warns of pytest's own default for JUnit
+        properties.append(("skfem-stvk", f"{'passed' if report.passed else 'not passed'}: {counts}"))
         if self.folder is not None:
             name = re.sub(r"[^\w.-]+", "-", self.test.nodeid).strip("-")
-            self.record("skfem-stvk report", str(report.save(Path(self.folder) / f"{name}-{self.judged}")))
+            properties.append(("skfem-stvk report", str(report.save(Path(self.folder) / f"{name}-{self.judged}"))))

@@ -29,7 +29,8 @@ int main(int argc, char **argv) {
         int text = !strcmp(a->type, "text");
         for (; i < n && good; i++) good = (text ? fscanf(in, " %127[^\n]", a->text) : fscanf(in, "%lf", &a->at[i])) == 1;
     }
-    if (!good) return fprintf(stderr, "usage: vectors VECTORS.txt RESULTS.txt, of skfem-stvk vectors 1\n"), 1;
+    if (!out) return fprintf(stderr, "usage: vectors VECTORS.txt RESULTS.txt; one that can be read, one that can be written\n"), 1;
+    if (!good) return fprintf(stderr, "%s is not whole, or no text of skfem-stvk vectors 1\n", argv[1]), 1;
     double *X = find("nodes")->at, *u = find("u")->at, *ends = find("edges")->at, *pair = find("pairs")->at;
     double *own = find("edge_coefficients")->at, *between = find("pair_coefficients")->at;
     double *starts = find("K_row_starts")->at, *columns = find("K_columns")->at;

@@ -60,13 +60,14 @@ def name_the_fault(case: Case, terms: Sequence[StVK], make: Callable[[ElementMes
     """
     assert case.candidate is not None
     evidence = _Evidence(case, case.candidate)
-    if not evidence.found and not evidence.not_finite:
-        return Naming(smallest="It has no values in strained states.")
+    if not evidence.found:
+        values = "values that are numbers" if evidence.not_finite else "values"
+        return Naming(smallest=f"It has no {values} in strained states.")
     naming = Naming(before=evidence.error(evidence.truth, np.inf))
     if naming.before <= VANISHES and not (evidence.not_finite or _is_stale(evidence) or _is_kept(evidence)):
         naming.smallest = (
             "In strained states its values are right to eight digits of the body's largest: what failed is in the digits behind "
-            "them, or in a part that is far softer."
+            "them, in a part that is far softer, or in another state, such as rest."
         )
         return naming
     for found, (name, words) in _in_words(evidence):

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 
 from ..arguments import Array, choice, flag, real_array, shown, whole
 from ..errors import MaterialError, StvkError
-from ..materials import FramedMaterial, Isotropic
+from ..materials import FramedMaterial, Hypothesis, Isotropic
 from ..reference import anisotropic_tensor, isotropic_tensor
 from ..terms import Corotated, InvertibleStVK, LinearElastic, NeoHookean, StVK
 from .bodies import voigt_matrix
@@ -165,8 +165,10 @@ def _tensor(claims: Any, d: int) -> Array:
         raise StvkError(f"claims = {shown(claims)}; expected a law such as StVK(young=1e5, poisson=0.3).")
     material, condensed = claims.material, d == 2 and claims.plane == "stress"
     if isinstance(material, Isotropic):
-        if material.poisson is None or np.size(material.young) != 1 or np.size(material.poisson) != 1:
+        if np.size(material.young) != 1 or np.size(material.poisson) != 1:
             raise MaterialError("claims needs one Young's modulus and one Poisson's ratio: a law is checked at points.")
+        plane = Hypothesis.PLANE_STRESS if condensed else Hypothesis.PLANE_STRAIN
+        material.check(1, Hypothesis.SOLID if d == 3 else plane)  # refuses a Poisson's ratio that is missing or impossible
         return np.array(isotropic_tensor(material.young, material.poisson, d, condensed)[0])
     matrices = voigt_matrix(material)
     frame = np.asarray(material.frame) if isinstance(material, FramedMaterial) and material.frame is not None else None
@@ -621,7 +623,9 @@ class _Checks:
         except Foul:
             return []
         true, shear, _ = lame_of(self.tensor)
-        if not np.isfinite(rest) or rest > 1e-6:
+        if not np.isfinite(rest):
+            return [f"{word} at rest: the moduli are not numbers"]
+        if rest > 1e-6:
             return [f"{word} at rest: the moduli are not isotropic"]
         if abs(lam - true) < 1e-6 * abs(true) and abs(mu - shear) < 1e-6 * shear:
             return []
@@ -643,7 +647,10 @@ class _Checks:
         """The stretch at which strong ellipticity is lost first, by halving."""
         try:
             steps = np.linspace(0, 1, 31)[1:]
-            signs = [least_wave(self._tangent(path(s, self.law.d))) > 0 for s in steps]
+            waves = [least_wave(self._tangent(path(s, self.law.d))) for s in steps]
+            if not np.isfinite(waves).all():
+                return [f"strong ellipticity in {name} is not known: the tangent is not a number somewhere on the way"]
+            signs = [wave > 0 for wave in waves]
             if all(signs):
                 return [f"strong ellipticity is kept in {name} to a stretch of {path(1.0, self.law.d)[0, 0]:.2f}"]
             first = signs.index(False)

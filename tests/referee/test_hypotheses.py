@@ -99,6 +99,16 @@ def test_what_no_hypothesis_explains_is_said_with_the_least_that_fails():
     assert not other.names and "No hypothesis explains it" in other.lines()[0] and "move node 0 alone" in other.smallest
 
 
+@pytest.mark.parametrize(("states", "words"), [("all", "no values that are numbers"), ("rest", "in another state, such as rest")])
+def test_nothing_is_concluded_from_what_is_no_number(states, words):
+    class Broken(System):
+        def energy(self, u):
+            return np.nan if states == "all" or not u.any() else super().energy(u)
+
+    naming = verify_candidate(Broken(MESH, TERM), MESH, [TERM]).named
+    assert not naming.names and words in naming.smallest
+
+
 def test_a_candidate_that_can_be_made_anew_fails_on_one_element():
     report = verify_candidate(lambda mesh: System(mesh, NeoHookean(young=2.0, poisson=0.3)), MESH, [TERM])
     assert "The smallest mesh that fails is one element: 0, nodes" in report.named.smallest

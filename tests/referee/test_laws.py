@@ -251,3 +251,14 @@ def test_bad_arguments_are_refused(given, words):
 def test_claims_are_one_material():
     with pytest.raises(MaterialError, match="one Young's modulus"):
         verify_law(energy=KIRCHHOFF.W, claims=StVK(young=[1.0, 2.0], poisson=0.3))
+    with pytest.raises(MaterialError, match="poisson is missing"):
+        verify_law(energy=KIRCHHOFF.W, claims=StVK(young=1.0))
+    with pytest.raises(MaterialError, match="outside"):
+        verify_law(energy=KIRCHHOFF.W, claims=StVK(young=1.0, poisson=0.7))
+    verify_law(energy=KIRCHHOFF.W, claims=StVK(young=1.0, poisson=0.7, plane="stress"))  # there it is possible
+
+
+def test_nothing_is_concluded_from_what_is_no_number():
+    said = " ".join(verify_law(energy=lambda F: float("nan"), claims=StVK(young=1.0, poisson=0.3)).header["lines"])
+    assert "the moduli are not numbers" in said and "strong ellipticity in uniaxial compression is not known" in said
+    assert "not isotropic" not in said and "is lost" not in said

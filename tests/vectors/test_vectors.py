@@ -184,6 +184,16 @@ def test_the_c_program_refuses_vectors_of_other_elements(program, published, tmp
     assert done.returncode == 1 and "there is no edges" in done.stderr
 
 
+def test_the_c_program_says_what_it_cannot_read(program, published, tmp_path):
+    published["block"].save(tmp_path)
+    whole = tmp_path / "vectors.txt"
+    (tmp_path / "cut.txt").write_text(whole.read_text()[:3000])
+    for given, words in (("cut.txt", "is not whole"), ("none.txt", "usage"), ("vectors.txt", "usage")):
+        out = tmp_path / ("none/results.txt" if given == "vectors.txt" else "results.txt")
+        done = subprocess.run([program, tmp_path / given, out], capture_output=True, text=True)
+        assert done.returncode == 1 and words in done.stderr
+
+
 def test_a_part_is_exported_and_judged_by_command(tmp_path, capsys):
     import meshio
 
