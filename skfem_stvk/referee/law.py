@@ -165,10 +165,11 @@ def _tensor(claims: Any, d: int) -> Array:
         raise StvkError(f"claims = {shown(claims)}; expected a law such as StVK(young=1e5, poisson=0.3).")
     material, condensed = claims.material, d == 2 and claims.plane == "stress"
     if isinstance(material, Isotropic):
-        if np.size(material.young) != 1 or np.size(material.poisson) != 1:
+        if np.size(material.young) != 1 or (material.poisson is not None and np.size(material.poisson) != 1):
             raise MaterialError("claims needs one Young's modulus and one Poisson's ratio: a law is checked at points.")
         plane = Hypothesis.PLANE_STRESS if condensed else Hypothesis.PLANE_STRAIN
         material.check(1, Hypothesis.SOLID if d == 3 else plane)  # refuses a Poisson's ratio that is missing or impossible
+        assert material.poisson is not None
         return np.array(isotropic_tensor(material.young, material.poisson, d, condensed)[0])
     matrices = voigt_matrix(material)
     frame = np.asarray(material.frame) if isinstance(material, FramedMaterial) and material.frame is not None else None
