@@ -136,6 +136,7 @@ def test_runs_of_another_scene_are_replaced_only_by_force(tmp_path, capsys):
     assert after.results["tip.y"] == pytest.approx(2 * before.results["tip.y"], rel=0.05)
 
 
+@pytest.mark.slow
 def test_runs_that_failed_are_solved_again_by_force(tmp_path):
     """A run that is not as expected stays as it is until then; one that is done stays even so."""
     path, out = scene(tmp_path, STATIC, "[expect]\ntip.y = { value = -0.02, atol = 0.01 }\n"), tmp_path / "beam-sweep"

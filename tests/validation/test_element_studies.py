@@ -96,6 +96,7 @@ def test_another_answer_is_no_speed():
     assert len(list(work_precision._failures(found))) == 1
 
 
+@pytest.mark.slow
 def test_costs_and_solvers_are_measured():
     (cost,), of_solvers = costs.costs(quick=True), list(solvers.solvers(quick=True))
     assert cost.passed and len(of_solvers) == 3 and all(study.passed for study in of_solvers)

@@ -110,6 +110,7 @@ def test_on_one_tetrahedron_the_edge_form_saves_nothing_of_the_tangent(found):
     assert found["K", "edges"] @ alone > found["K", "Total Lagrangian"] @ alone
 
 
+@pytest.mark.slow
 def test_the_quick_study_prints_its_tables(capsys):
     """The package's own kernels too, which check what they compute while they count."""
     assert operations.main(quick=True) == 0

@@ -108,7 +108,7 @@ def _remembered(case: Case, player: Player, quantity: str) -> dict[str, Any]:
     value(far)
     value(u)
     after = value((1 + NEARBY) * u)
-    scale, words = float(np.abs(alone).max()), "largest entry of K v" if quantity == "K" else f"largest |{quantity}|"
+    scale, words = float(np.abs(alone).max()) or 1.0, "largest entry of K v" if quantity == "K" else f"largest |{quantity}|"
     return as_a_whole(float(np.abs(after - alone).max()), scale, case.limits.of_body(u), words, MEMORY)
 
 
