@@ -159,9 +159,8 @@ def assert_law(**law: Any) -> Report:
     >>> assert_law(stress=S, claims=StVK(young=1.0, poisson=0.3))
     Traceback (most recent call last):
     skfem_stvk.testing.Inconsistent: law is not consistent: ... checks failed, 0 could not run (seed 0)
-    a law in 3 dimensions: P of F
-    stress read as S (guessed)
-    stress at rest: lambda is 17.333 x, mu is 10.400 x that of the claim
+    This explains all of it; the error falls from ... to ...:
+    lambda x 17.333, mu x 10.400: at rest the moduli are lambda 17.333 x and mu 10.400 x those of the claim
     ...
     """
     __tracebackhide__ = True  # pytest shows the line of the test

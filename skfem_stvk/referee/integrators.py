@@ -20,7 +20,7 @@ from .header import PACKAGES, circumstances
 from .manufactured import fitted_order
 from .players import Foul, Player, fairly
 from .report import Report
-from .results import Task
+from .results import CheckOutcome, Explanation, Naming, Result, Task
 from .terminal import CountedProgress
 
 #: Young's moduli of the two bodies [Pa], a bar of length 1.3 m and section 2e-4 m^2 with half of its mass at each end.
@@ -61,6 +61,9 @@ def verify_integrator(
       there is damping.
     - stability limit: no growth of small vibrations up to `omega dt = stable`; or up to 0.05, and the limit is told.
 
+    Where it fails, `named` says which repair of the step passes all of this, if one does: of the size of the force or of the time
+    step, both measured on small vibrations and on a drift, or of the state that a force or velocity is taken from.
+
     Parameters
     ----------
     density : of the bar [kg/m^3].
@@ -97,9 +100,8 @@ def verify_integrator(
         f"stable up to omega dt = {'no claim' if limit is None else f'{limit:g}'}",
     ]
     report = Report(circumstances(PACKAGES) | {"lines": lines})
-    bodies = {name: _Body(step, young, density) for name, young in YOUNG.items()}
-    tasks = [task for name, body in bodies.items() for task in _tasks(name, body, claimed, conserves, limit)]
-    with CountedProgress("verify integrator", len(tasks), quiet) as progress:
+    tasks = _tasks(step, density, claimed, conserves, limit)
+    with CountedProgress("verify integrator", len(tasks) + 1, quiet) as progress:
         try:
             for task in tasks:
                 progress.step(f"{task.check}: {task.state}")
@@ -107,11 +109,20 @@ def verify_integrator(
         except KeyboardInterrupt:
             report.interrupted = True
             report.results += [task.missed("interrupted") for task in tasks[len(report.results) :]]
+        if report.failures() and not report.interrupted:
+            progress.step("what it is")
+            report.named = _named(step, density, (claimed, conserves, limit), report.failures())
     report.seconds = time.perf_counter() - started
     return report
 
 
-def _tasks(name: str, body: _Body, order: int | None, conserves: Sequence[str], stable: float | None) -> Iterator[Task]:
+def _tasks(step: Step, density: float, order: int | None, conserves: Sequence[str], stable: float | None) -> list[Task]:
+    """Those of both bodies."""
+    bodies = {name: _Body(step, young, density) for name, young in YOUNG.items()}
+    return [task for name, body in bodies.items() for task in _tasks_of(name, body, order, conserves, stable)]
+
+
+def _tasks_of(name: str, body: _Body, order: int | None, conserves: Sequence[str], stable: float | None) -> Iterator[Task]:
     task = partial(Task, player=body.player, needs="", state=name)
     yield task("memory", quantity="u, v", measure=partial(_memory, body))
     yield task("order", quantity="u, v", measure=partial(_order, body, order))
@@ -237,14 +248,20 @@ def _drift(body: _Body, quantity: str, claimed: bool) -> dict[str, Any]:
 
 
 def _growth(body: _Body, omega_dt: float) -> float:
-    """Spectral radius of the step of small vibrations along the bar, less 1; differences of both signs take out even terms."""
+    """Spectral radius of the step of small vibrations along the bar, less 1."""
+    A = _amplification(body, omega_dt)
+    return float(np.abs(np.linalg.eigvals(A)).max() - 1) if np.isfinite(A).all() else np.inf
+
+
+def _amplification(body: _Body, omega_dt: float) -> Array:
+    """(2, 2) the step of small vibrations along the bar, `u` and `v / omega`; differences of both signs take out even terms."""
     along = np.concatenate([-body.r, body.r]) / np.linalg.norm(body.r) / np.sqrt(2)
     dt, eps = omega_dt / body.omega, AMPLITUDE * LENGTH
     A = np.zeros((2, 2))
     for column, (a, b) in enumerate(((eps, 0.0), (0.0, eps * body.omega))):
         (u, v), (w, z) = (body.ask(sign * a * along, sign * b * along, dt) for sign in (1, -1))
         A[:, column] = (u - w) @ along / (2 * eps), (v - z) @ along / (2 * eps * body.omega)
-    return float(np.abs(np.linalg.eigvals(A)).max() - 1) if np.isfinite(A).all() else np.inf
+    return A
 
 
 def _stability(body: _Body, claimed: float | None) -> dict[str, Any]:
@@ -266,3 +283,117 @@ def _stability(body: _Body, claimed: float | None) -> dict[str, Any]:
     reason = "small vibrations must not grow; growth at any step is that of explicit Euler, or of a force of the wrong sign"
     scale = f"amplification per step, less 1, up to omega dt = {claimed or SCAN[0]:g}; stable up to {found:.3g} at least"
     return {"measured": max(asked, 0.0), "limit": NO_GROWTH, "scale": scale, "reason": reason}
+
+
+def _named(step: Step, density: float, claims: tuple[int | None, Sequence[str], float | None], failures: list[Result]) -> Naming:
+    """The repairs of the step with which it passes every check."""
+    naming = Naming(before=max((r.measured for r in failures if r.measured is not None and np.isfinite(r.measured)), default=0.0))
+    try:
+        repairs = [*_of_size(step, _Body(step, YOUNG["soft"], density)), *_OF_PLACE.items()]
+        naming.tried = len(_OF_PLACE) + 2
+    except (Foul, np.linalg.LinAlgError):
+        repairs = []
+    for (name, words), repair in repairs:
+        results = [task.run() for task in _tasks(partial(repair, step), density, *claims)]
+        if all(result.outcome is CheckOutcome.PASSED for result in results):
+            residual = max(result.measured for result in results if result.measured is not None)
+            naming.explanations.append(Explanation(name, words, residual))
+    if not naming.explanations:
+        least = {result.check: result.reason for result in failures}
+        naming.smallest = " ".join(f"By {check}: {reason}." for check, reason in least.items())
+    return naming
+
+
+Repair = Callable[[Step, System, Array, Array, float], Any]
+
+
+class _Scaled:
+    """A system whose forces are multiplied."""
+
+    def __init__(self, system: System, factor: float) -> None:
+        self._system, self._factor = system, factor
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._system, name)
+
+    def energy(self, u: Array) -> float:
+        return self._factor * self._system.energy(u)
+
+    def internal_force(self, u: Array) -> Array:
+        return self._factor * self._system.internal_force(u)
+
+    def tangent(self, u: Array) -> Any:
+        return self._factor * self._system.tangent(u)
+
+
+def _of_size(step: Step, body: _Body) -> Iterator[tuple[tuple[str, str], Repair]]:
+    """The time step by the way of a body that drifts, and the force by the frequency of small vibrations at small steps."""
+    dt = 0.02 / body.omega
+    drift = np.tile(body.drift, 2)
+    moved, _ = body.ask(np.zeros(6), drift, dt)
+    b = float(moved @ drift / (drift @ drift) / dt)
+    if abs(b - 1) > 1e-3 and np.isfinite(b) and abs(b) > 1e-3:
+
+        def of_another_time(step: Step, system: System, u: Array, v: Array, dt: float) -> Any:
+            return step(system, u, v, dt / b)
+
+        yield (f"dt x {b:.3f}", f"the body moves on by {b:.3f} dt"), of_another_time
+    coarse, fine = (_stiffness(body, omega_dt) for omega_dt in (0.04, 0.02))
+    c = (4 * fine - coarse) / 3
+    if abs(c - 1) > 1e-3 and np.isfinite(c) and abs(c) > 1e-3:
+
+        def of_another_force(step: Step, system: System, u: Array, v: Array, dt: float) -> Any:
+            return step(_Scaled(system, 1 / c), u, v, dt)  # type: ignore[arg-type]  # a stand-in
+
+        words = f"your force is {c:.3f} x what it should be, or your mass {1 / c:.3f} x"
+        words += " (3 x is that of the consistent mass for the lumped one)" if abs(c - 3) < 1e-2 else ""
+        yield (f"force x {c:.3f}", words if c > 0 else "your force has the wrong sign"), of_another_force
+
+
+def _stiffness(body: _Body, omega_dt: float) -> float:
+    """The square of the frequency that is seen, as a part of `omega^2`; negative where small vibrations grow as by a hyperbola."""
+    A = _amplification(body, omega_dt)
+    if not np.isfinite(A).all():
+        return np.nan
+    angles = np.log(np.linalg.eigvals(A).astype(complex)) / omega_dt
+    return float(((angles[0] - angles[1]) ** 2).real / -4)
+
+
+def _accelerated(system: System, u: Array) -> Array:
+    return -system.mass().solve(system.internal_force(u))
+
+
+def _by_new_force(step: Step, system: System, u: Array, v: Array, dt: float) -> Any:
+    moved, rate = step(system, u, v, dt)
+    return moved, rate + dt / 2 * (_accelerated(system, moved) - _accelerated(system, u))
+
+
+def _by_other_half(step: Step, system: System, u: Array, v: Array, dt: float) -> Any:
+    moved, rate = step(system, u, v, dt)
+    return moved, rate + dt / 2 * _accelerated(system, moved)
+
+
+def _by_new_velocity(step: Step, system: System, u: Array, v: Array, dt: float) -> Any:
+    moved, rate = step(system, u, v, dt)
+    return moved + dt * (rate - v), rate
+
+
+def _by_first_half(step: Step, system: System, u: Array, v: Array, dt: float) -> Any:
+    short, rate = step(system, u, v, dt)
+    moved = short + dt**2 / 2 * _accelerated(system, u)
+    return moved, rate + dt / 2 * (_accelerated(system, moved) - _accelerated(system, short))
+
+
+#: Name and words of each repair of where a force or a velocity is taken.
+_OF_PLACE: dict[tuple[str, str], Repair] = {
+    (
+        "old force",
+        "the second half of the velocity's change is by the force of the start; it should be that of the end",
+    ): _by_new_force,
+    ("velocity of the middle", "the velocity that is returned is that of the middle of the step"): _by_other_half,
+    (
+        "old velocity",
+        "displacements are moved by the velocity of the start, as by explicit Euler; expected that of the end",
+    ): _by_new_velocity,
+    ("no dt^2/2 a", "displacements lack dt^2/2 times the acceleration of the start"): _by_first_half,
+}

@@ -1,17 +1,30 @@
-"""What a stress or a tangent of a law may mean: stress measures, tangents and Voigt orders, each turned into P and A = dP/dF."""
+"""What a stress or a tangent of a law may mean: stress measures, tangents and Voigt orders, each turned into P and A = dP/dF; and
+which of them fits what a law returns.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from itertools import product
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..arguments import Array
+from ..arguments import Array, real_array, shown
+from ..errors import StvkError
+from .case import random_rotation
+from .players import Foul, fairly
 
 MEASURES = ("P", "S", "sigma", "tau", "P transposed")
 TANGENTS = ("A", "C", "A transposed")
 #: Pairs of indices of shear in each Voigt order; normal components come first.
 ORDERS = {"23-13-12": ((1, 2), (0, 2), (0, 1)), "12-13-23": ((0, 1), (0, 2), (1, 2)), "12-23-13": ((0, 1), (1, 2), (0, 2))}
+#: Relative residuals of a reading that fits: differences of sixth order are good to 1e-10 or so, twice taken to 1e-8.
+FITS = 1e-6
+SIXTH = ((1, 45 / 60), (2, -9 / 60), (3, 1 / 60))  # antisymmetric weights of the derivative of sixth order
+WORD = {"W": "energy", "P": "stress", "A": "elasticity"}
+Told = dict[str, tuple[str | None, str | None, bool | None]]
 
 
 @dataclass(frozen=True)
@@ -90,23 +103,253 @@ def nominal_tangent(value: Array, F: Array, P: Array, reading: Reading) -> Array
     return material_part(value, F, reading) + geometric_part(P, F)
 
 
+def full_tensor(value: Array, reading: Reading, d: int) -> Array:
+    """`C_MJNL` (d, d, d, d) of a tangent C, from a Voigt matrix if it is one."""
+    if value.ndim == 4:
+        return value
+    i, j = _indices(reading.order, d)
+    matrix = value.copy()
+    if not reading.engineering:  # the columns of shear act on E_ij, which stands for E_ij and E_ji
+        matrix[:, d:] /= 2
+    full = np.zeros((d, d, d, d))
+    for a, b in ((i, j), (j, i)):
+        for k, l in ((i, j), (j, i)):
+            full[a[:, None], b[:, None], k, l] = matrix
+    return full
+
+
 def material_part(value: Array, F: Array, reading: Reading) -> Array:
     """`F_iM F_kN C_MJNL` of a tangent C."""
-    d = len(F)
-    if value.ndim == 2:
-        i, j = _indices(reading.order, d)
-        matrix = value.copy()
-        if not reading.engineering:  # the columns of shear act on E_ij, which stands for E_ij and E_ji
-            matrix[:, d:] /= 2
-        full = np.zeros((d, d, d, d))
-        for a, b in ((i, j), (j, i)):
-            for k, l in ((i, j), (j, i)):
-                full[a[:, None], b[:, None], k, l] = matrix
-        value = full
-    return np.einsum("im,kn,mjnl->ijkl", F, F, value)
+    return np.einsum("im,kn,mjnl->ijkl", F, F, full_tensor(value, reading, len(F)))
 
 
 def second_of(A: Array, F: Array, P: Array) -> Array:
     """`C_MJNL` (d, d, d, d) of A, by pulling both first indices back without the geometric part."""
     inverse = np.linalg.inv(F)
     return np.einsum("mi,nk,ijkl->mjnl", inverse, inverse, A - geometric_part(P, F))
+
+
+class Fit(NamedTuple):
+    """How far a reading is from what it should be, and what would make it fit: a factor, or the geometric term; neither, if 1."""
+
+    residual: float
+    factor: float = 1.0
+    lacks_geometric: bool = False
+
+    @property
+    def words(self) -> str:
+        """What is wrong; empty if no word says it."""
+        if self.lacks_geometric:
+            return "the geometric term is missing"
+        return "" if self.factor == 1 else f"it is {self.factor:.3f} x what it should be"
+
+
+class JudgedLaw:
+    """W, P and A = dP/dF of the functions that are given, each as a reading says; trusts nothing that they return."""
+
+    def __init__(self, functions: dict[str, Callable[[Array], Any]], d: int, rng: np.random.Generator) -> None:
+        self.functions, self.d = dict(functions), d
+        self.reading: dict[str, Reading] = {}
+        #: Of stress and tangent that do not fit as they are told: what would, and how many readings were tried.
+        self.would_fit: dict[str, tuple[Reading, Fit]] = {}
+        self.before: dict[str, float] = {}
+        self.tried = 0
+        one = np.eye(d)
+        self.generic = [random_rotation(d, rng) @ (one + 0.3 * rng.uniform(-1, 1, (d, d))) for _ in range(3)]
+        self.turn = random_rotation(d, rng, 70.0)
+
+    def value(self, name: str, F: Array) -> Array:
+        """What the function returned, as real numbers in an array of its own."""
+        returned = fairly(f"{name}(F)", lambda: self.functions[name](F.copy()))
+        values = real_array(fairly(f"{name}(F)", lambda: np.array(returned, dtype=None)))
+        if values is None or (name == "W" and values.size != 1):
+            raise Foul(f"{name}(F) returned {shown(returned)}; expected {'one number' if name == 'W' else 'real numbers'}.")
+        if name != "W" and name in self.reading and values.shape != self.shape[name]:
+            raise Foul(f"{name}(F) returned shape {values.shape}; before it was {self.shape[name]}.")
+        return np.array(values)
+
+    def W(self, F: Array) -> float:
+        return float(self.value("W", F).reshape(()))
+
+    def P(self, F: Array) -> Array:
+        return nominal_stress(self.value("P", F), F, self.reading["P"])
+
+    def A(self, F: Array) -> Array:
+        return nominal_tangent(self.value("A", F), F, self.any_stress(F), self.reading["A"])
+
+    def any_stress(self, F: Array) -> Array:
+        """P as it is given, else as the derivative of W, else none: of a lone C, of which the claims know the stress."""
+        if "P" in self.functions:
+            return self.P(F)
+        if "W" in self.functions:
+            return differences(self.W, F, 2e-3)
+        return self.claimed(F) if self.claimed is not None else np.zeros_like(F)
+
+    claimed: Callable[[Array], Array] | None = None
+    shape: dict[str, tuple[int, ...]]
+    _true: list[Array] | None = None
+
+    def tangent_by_differences(self, F: Array) -> Array | None:
+        """(d, d, d, d) of P, or else of W; None if there is neither."""
+        if "P" in self.functions:
+            return differences(self.P, F, 2e-3)
+        return differences(lambda G: differences(self.W, G, 1e-2), F, 1e-2) if "W" in self.functions else None
+
+    def read(self, told: Told, tensor: Array | None, stvk: bool) -> list[str]:
+        """Choose the readings of stress and tangent; lines that say how they are read."""
+        self.shape, lines = {}, []
+        if tensor is not None and stvk:
+            self.claimed = lambda F: stvk_stress(tensor, F)
+        for name, all_of, fits in (("P", readings_of_stress, self._stress_fits), ("A", readings_of_tangent, self._tangent_fits)):
+            if name not in self.functions:
+                continue
+            word = WORD[name]
+            try:
+                self.shape[name] = self.value(name, self.generic[0]).shape
+            except Foul as foul:
+                raise StvkError(f"{word}: {foul}") from foul
+            known = all_of(self.shape[name], self.d)
+            if not known:
+                raise StvkError(f"{word} returned an array of shape {self.shape[name]}; expected {_EXPECTED[name][self.d]}.")
+            kind, order, engineering = told[name]
+            asked = [
+                r
+                for r in known
+                if kind in (None, r.kind) and (order in (None, r.order) or r.order in (None, "12")) and
+                (engineering is None or r.engineering in (None, engineering))
+            ]  # fmt: skip
+            if not asked:
+                raise StvkError(
+                    f"{word} of shape {self.shape[name]} cannot be what is told; it may be: {'; '.join(map(str, known))}."
+                )
+            lines.append(self._chosen(name, known, asked, fits))
+        return lines
+
+    def _chosen(self, name: str, known: list[Reading], asked: list[Reading], fits: Callable[[Reading], Fit]) -> str:
+        found: dict[Reading, Fit] = {}
+        for reading in known:
+            self.reading[name] = reading
+            try:
+                found[reading] = fits(reading)
+            except Foul:
+                found[reading] = Fit(np.inf)
+        self.tried += len(known)
+        good = [r for r in known if found[r].residual < FITS]
+        right = [r for r in asked if r in good]
+        named = [r for r in asked if found[r].words]
+        self.reading[name] = (right or named or sorted(asked, key=lambda r: found[r].residual))[0]
+        if right:
+            how = "told" if len(asked) == 1 else "guessed"
+            return f"{WORD[name]} read as {right[0]} ({how})" + "".join(f"; or {r}" for r in right[1:])
+        fitting = good or named or [r for r in known if found[r].words]
+        if fitting:
+            self.would_fit[name] = fitting[0], found[fitting[0]]
+        self.before[name] = found[self.reading[name]].residual
+        return f"{WORD[name]} read as {self.reading[name]}, which does not fit"
+
+    def _stress_fits(self, reading: Reading) -> Fit:
+        """A reading against the derivative of W, or in itself."""
+        given = np.array([nominal_stress(self.value("P", F), F, reading) for F in self.generic])
+        if "W" in self.functions:
+            return fitted(given, np.array([differences(self.W, F, 2e-3) for F in self.generic]))
+        worst = 0.0
+        for F, P in zip(self.generic, given, strict=True):
+            scale = np.abs(P).max() or 1.0
+            moments, A = P @ F.T, differences(self.P, F, 2e-3)
+            worst = max(worst, float(np.abs(moments - moments.T).max() / scale))
+            worst = max(worst, float(np.abs(self.P(self.turn @ F) - self.turn @ P).max() / scale))
+            worst = max(worst, float(np.abs(A - A.transpose(2, 3, 0, 1)).max() / (np.abs(A).max() or 1.0)))
+        return Fit(worst if np.isfinite(worst) else np.inf)
+
+    def _tangent_fits(self, reading: Reading) -> Fit:
+        given, geometric = [], []
+        for F in self.generic:
+            P, value = self.any_stress(F), self.value("A", F)
+            given.append(nominal_tangent(value, F, P, reading))
+            geometric.append(geometric_part(P, F))
+        true = self._true_tangents()
+        if not true:
+            return Fit(self._objective(reading))
+        A, B, G = np.array(given), np.array(true), np.array(geometric)
+        fit = fitted(A, B) if reading.kind != "C" else fitted(A - G, B - G)
+        if reading.kind != "C" and not fit.words and fit.residual > FITS and fitted(A, B - G).residual < FITS:
+            return Fit(fit.residual, lacks_geometric=True)
+        return fit
+
+    def _true_tangents(self) -> list[Array]:
+        """A in the generic states by differences of P, of W, or of what is claimed; none if there is none of them."""
+        if self._true is None:
+            self._true = []
+            for F in self.generic:
+                A = self.tangent_by_differences(F)
+                if A is None and self.claimed is not None:
+                    A = differences(self.claimed, F, 2e-3)
+                if A is not None:
+                    self._true.append(A)
+        return self._true
+
+    def _objective(self, reading: Reading) -> float:
+        """How far a lone tangent is from major symmetry and objectivity."""
+        worst, d = 0.0, self.d
+        for F in self.generic:
+            if reading.kind == "C":
+                one = np.eye(d)
+                first, turned = (material_part(self.value("A", G), one, reading) for G in (F, self.turn @ F))
+                first_symmetric = np.abs(first - first.transpose(1, 0, 2, 3)).max()
+            else:
+                first, turned = (nominal_tangent(self.value("A", G), G, 0 * F, reading) for G in (F, self.turn @ F))
+                turned, first_symmetric = np.einsum("ai,bk,ijkl->ajbl", self.turn.T, self.turn.T, turned), 0.0
+            errors = np.abs(turned - first).max(), np.abs(first - first.transpose(2, 3, 0, 1)).max(), first_symmetric
+            worst = max(worst, float(max(errors) / (np.abs(first).max() or 1.0)))
+        return worst if np.isfinite(worst) else np.inf
+
+
+_EXPECTED = {
+    "P": {2: "(2, 2), or (3,) in Voigt order", 3: "(3, 3), or (6,) in Voigt order"},
+    "A": {2: "(2, 2, 2, 2), (4, 4), or (3, 3) in Voigt order", 3: "(3, 3, 3, 3), (9, 9), or (6, 6) in Voigt order"},
+}
+
+
+def differences(function: Callable[[Array], Any], F: Array, h: float) -> Array:
+    """(..., d, d) derivative by F, by central differences of sixth order."""
+    d, columns = len(F), []
+    for i, j in product(range(d), range(d)):
+        step = np.zeros((d, d))
+        step[i, j] = h
+        columns.append(sum(w * (np.asarray(function(F + n * step)) - function(F - n * step)) for n, w in SIXTH) / h)
+    return np.moveaxis(np.array(columns), 0, -1).reshape(*np.shape(columns[0]), d, d)
+
+
+def second_differences(function: Callable[[Array], float], F: Array, h: float = 1e-3) -> Array:
+    """(d, d, d, d) second derivatives of a number by F, of second order: enough to see where they lose their sign."""
+    d = len(F)
+    steps = h * np.eye(d * d).reshape(-1, d, d)
+    H = np.zeros((d * d, d * d))
+    for a, b in product(range(d * d), range(d * d)):
+        if a <= b:
+            D, E = steps[a], steps[b]
+            mixed = function(F + D + E) - function(F + D - E) - function(F - D + E) + function(F - D - E)
+            H[a, b] = H[b, a] = mixed / (4 * h * h)
+    return H.reshape(d, d, d, d)
+
+
+def fitted(given: Array, true: Array) -> Fit:
+    """Relative residual of `given = true`; and if `given = c true` with another c, that factor."""
+    scale = np.abs(true).max() or 1.0
+    residual = float(np.abs(given - true).max() / scale)
+    if not np.isfinite(residual):
+        return Fit(np.inf)
+    c = float((given * true).sum() / ((true * true).sum() or 1.0))
+    explained = abs(c) > FITS and np.abs(given - c * true).max() / scale / abs(c) < FITS
+    return Fit(residual, c if explained and residual > FITS else 1.0)
+
+
+def stvk_energy(tensor: Array, F: Array) -> float:
+    """`1/2 E : C : E`."""
+    E = (F.T @ F - np.eye(len(F))) / 2
+    return float(np.einsum("ij,ijkl,kl", E, tensor, E) / 2)
+
+
+def stvk_stress(tensor: Array, F: Array) -> Array:
+    """`P = F (C : E)`."""
+    return F @ np.einsum("ijkl,kl->ij", tensor, (F.T @ F - np.eye(len(F))) / 2)

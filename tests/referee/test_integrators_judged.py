@@ -116,9 +116,46 @@ def test_planted_faults_are_caught(step, claims, caught):
     assert not report.passed and caught <= checks(report), checks(report)
 
 
+def half_velocity(system, u, v, dt):
+    v = v - dt / 2 * system.mass().solve(system.internal_force(u))
+    return u + dt * v, v
+
+
+def without_second_order(system, u, v, dt):
+    M, moved = system.mass(), u + dt * v
+    return moved, v - dt / 2 * M.solve(system.internal_force(u) + system.internal_force(moved))
+
+
+def by_consistent_mass(system, u, v, dt):
+    """Velocity Verlet; the consistent mass of a bar is a third of the lumped one where its ends move against each other."""
+    return verlet(system, u, v, dt, force=3.0)
+
+
+@pytest.mark.parametrize(
+    ("step", "claims", "names"),
+    [
+        (late, {"order": 2}, ["old force"]),
+        (half_velocity, {"order": 2}, ["velocity of the middle"]),
+        (without_second_order, {"order": 2}, ["no dt^2/2 a"]),
+        (explicit_euler, {}, ["old velocity"]),
+        (too_strong, {"order": 2}, ["force x 1.020"]),
+        (by_consistent_mass, {}, ["force x 3.000"]),
+        (lambda *state: verlet(*state, force=-1.0), {}, ["force x -1.000"]),
+        (lambda system, u, v, dt: verlet(system, u, v, dt / 4), {}, ["dt x 0.250"]),
+        (damped, {"order": 2}, []),
+        (pushed, {}, []),
+        (Stale(), {}, []),
+    ],
+    ids=["late", "half", "second order", "explicit Euler", "force", "mass", "sign", "dt", "damped", "pushed", "stale"],
+)
+def test_planted_faults_are_named(step, claims, names):
+    report = judged(step, **claims)
+    assert report.named.names == names and (names or report.named.smallest), str(report)
+
+
 def test_what_is_no_step_could_not_run():
     report = judged(lambda system, u, v, dt: u)
-    assert not report.passed and all(r.outcome is CheckOutcome.COULD_NOT_RUN for r in report.results)
+    assert report.named is None and not report.passed and all(r.outcome is CheckOutcome.COULD_NOT_RUN for r in report.results)
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,301 @@
+"""Checks of a law at deformation gradients: derivatives, objectivity, symmetries, moduli at rest, inversion, strong ellipticity."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from ...arguments import Array
+from ...materials import Isotropic
+from ...terms import StVK
+from ..case import random_rotation
+from ..law_readings import (
+    SIXTH,
+    JudgedLaw,
+    Reading,
+    differences,
+    geometric_part,
+    material_part,
+    second_differences,
+    second_of,
+    stvk_energy,
+    stvk_stress,
+)
+from ..players import Foul, Player
+from ..results import CannotTell, NotApplicable, Task
+
+LAW = "law"
+Measurement = dict[str, Any]
+
+
+class LawChecks:
+    """The tasks on a law, and facts that are no checks."""
+
+    def __init__(
+        self, law: JudgedLaw, states: dict[str, Array], tensor: Array | None, claims: Any, rng: np.random.Generator
+    ) -> None:
+        self.law, self.states, self.tensor, self.claims = law, states, tensor, claims
+        d = law.d
+        self.player = Player(LAW, law, d * d)
+        self.turn = random_rotation(d, rng, 110.0)
+        self.along = rng.uniform(-1, 1, (d, d))
+        self.has = law.functions.keys()
+        self.scales: dict[str, float] = {}
+        self.stvk = isinstance(claims, StVK)
+        self.isotropic = claims is not None and isinstance(claims.material, Isotropic)
+
+    def tasks(self) -> Iterator[Task]:
+        """Every check in every state."""
+        for name, F in self.states.items():
+            for what in ("P", "A"):
+                if what in self.has and ("W" in self.has or (what == "A" and "P" in self.has)):
+                    yield self._task("derivatives", what, name, self._taylor, what, F)
+                    yield self._task("exact derivatives", what, name, self._exactly, what, F)
+            for what in self.has:
+                yield self._task("objectivity", what, name, self._objectivity, what, F)
+                if self.isotropic:
+                    yield self._task("isotropy", what, name, self._isotropy, what, F)
+                if self.stvk:
+                    yield self._task("agreement", what, name, self._agreement, what, F)
+            if "P" in self.has:
+                yield self._task("balance of moments", "P", name, self._moments, F)
+            if "A" in self.has:
+                yield self._task("major symmetry", "A", name, self._major, F)
+                yield self._task("minor symmetries", "C", name, self._minor, F)
+        one = np.eye(self.law.d)
+        for what in self.has:
+            if what != "A":
+                yield self._task("rest", what, "rest", self._rest, what)
+            if self.tensor is not None:
+                yield self._task("moduli at rest", what, "rest", self._moduli, what)
+            yield self._task("inversion", what, "mirrored", self._inversion, what)
+        yield self._task("strong ellipticity", "A", "rest", self._elliptic, one)
+
+    def _task(self, check: str, quantity: str, state: str, measured: Callable[..., Measurement], *arguments: Any) -> Task:
+        against = "St. Venant-Kirchhoff" if check == "agreement" else ""
+        return Task(check, self.player, quantity, state, "", partial(measured, *arguments), against)
+
+    def _value(self, what: str, F: Array) -> Array:
+        return np.asarray({"W": self.law.W, "P": self.law.P, "A": self.law.A}[what](F))
+
+    def _scale(self, what: str) -> float:
+        """The largest value in the generic states."""
+        if what not in self.scales:
+            self.scales[what] = max(float(np.abs(self._value(what, F)).max()) for F in self.law.generic) or np.inf
+        return self.scales[what]
+
+    def _relative(self, what: str, error: Array, limit: float, reason: str) -> Measurement:
+        scale = self._scale(what)
+        measured = float(np.abs(error).max()) / scale if np.isfinite(scale) else float("nan")  # a law that is zero is none
+        return {
+            "measured": measured,
+            "limit": limit,
+            "scale": f"{scale:.3e} (largest |{what}| in strained states)",
+            "reason": reason,
+        }
+
+    def _lower(self, what: str) -> str:
+        return "P" if what == "A" and "P" in self.has else "W"
+
+    def _derivative(self, what: str, F: Array) -> tuple[Callable[[float], Array], Array]:
+        """The function along a line whose derivative is tested, and the derivative that is claimed."""
+        lower, D = self._lower(what), self.along
+        if what == "A" and lower == "W":
+
+            def slope(s: float) -> Array:
+                steps = ((n, w * (self.law.W(F + (s + 1e-2 * n) * D) - self.law.W(F + (s - 1e-2 * n) * D))) for n, w in SIXTH)
+                return np.asarray(sum(difference for _, difference in steps) / 1e-2)
+
+            return slope, np.asarray(np.einsum("ij,ijkl,kl", D, self.law.A(F), D))
+        if what == "P":
+            return lambda s: self._value("W", F + s * D), np.asarray(np.sum(self.law.P(F) * D))
+        return lambda s: self._value("P", F + s * D), np.einsum("ijkl,kl->ij", self.law.A(F), D)
+
+    def _taylor(self, what: str, F: Array) -> Measurement:
+        """2 minus the order of remainders, for the worst pair of steps above round-off."""
+        line, slope = self._derivative(what, F)
+        steps, start = 0.02 * 0.25 ** np.arange(7), line(0.0)
+        scale = self._scale(self._lower(what)) + float(np.abs(slope).max())
+        remainders = np.array([np.abs(line(h) - start - h * slope).max() for h in steps])
+        reason = "remainders of Taylor's formula have order 2; between the smallest steps above round-off it is at least 1.9"
+        result = {"limit": 0.1, "scale": "1 (2 minus the order)", "reason": reason}
+        if not np.isfinite(remainders).all():
+            return {"measured": float("nan"), **result}
+        seen = remainders[remainders > 1e-11 * scale]
+        if len(seen) < 2:
+            return {"measured": 0.0, **result}
+        orders = np.log(seen[:-1] / seen[1:]) / np.log(4)
+        return {"measured": max(0.0, 2 - float(orders[-2:].max())), **result}
+
+    def _exactly(self, what: str, F: Array) -> Measurement:
+        """By the five-point stencil, which is exact if the function is a quartic along lines."""
+        if what == "A" and "P" not in self.has:
+            raise NotApplicable("a second derivative of W has no five-point stencil of its own; its Taylor test is held")
+        line, slope = self._derivative(what, F)
+        try:
+            at = {n: line(0.5 * n) for n in range(-4, 5)}
+        except Foul as foul:
+            raise NotApplicable(f"the law is no polynomial: {foul}") from foul
+        largest = max(float(np.abs(value).max()) for value in at.values())
+        fifth = [at[n + 3] - 5 * at[n + 2] + 10 * at[n + 1] - 10 * at[n] + 5 * at[n - 1] - at[n - 2] for n in (-2, -1, 0, 1)]
+        if not np.isfinite(largest) or not np.abs(fifth).max() <= 1e-11 * largest:
+            raise NotApplicable("the law is no polynomial of degree four along lines")
+        stencil = (at[-2] - 8 * at[-1] + 8 * at[1] - at[2]) / 6
+        return {
+            "measured": float(np.abs(stencil - slope).max()) / (largest or np.inf),
+            "limit": 1e-11,
+            "scale": f"{largest:.3e} (largest value along the line)",
+            "reason": "round-off of a stencil that is exact for polynomials of degree four",
+        }
+
+    def _objectivity(self, what: str, F: Array) -> Measurement:
+        Q = self.turn
+        turned, value = self._value(what, Q @ F), self._value(what, F)
+        if what != "W":
+            value = Q @ value if what == "P" else np.einsum("ai,bk,ijkl->ajbl", Q, Q, value)
+        return self._relative(what, turned - value, self._limit(what), _ROUND)
+
+    def _isotropy(self, what: str, F: Array) -> Measurement:
+        Q = self.turn
+        turned, value = self._value(what, F @ Q), self._value(what, F)
+        if what != "W":
+            value = value @ Q if what == "P" else np.einsum("ijkl,ja,lb->iakb", value, Q, Q)
+        return self._relative(what, turned - value, self._limit(what), _ROUND)
+
+    def _limit(self, what: str) -> float:
+        """Round-off; of a C whose geometric part is a derivative by differences, what those leave."""
+        return 1e-7 if what == "A" and self.law.reading["A"].kind == "C" and "P" not in self.has else 1e-10
+
+    def _agreement(self, what: str, F: Array) -> Measurement:
+        assert self.tensor is not None
+        return self._relative(what, self._value(what, F) - self._claimed(what, F), self._limit(what), _ROUND)
+
+    def _claimed(self, what: str, F: Array) -> Array:
+        assert self.tensor is not None
+        if what == "W":
+            return np.asarray(stvk_energy(self.tensor, F))
+        P = stvk_stress(self.tensor, F)
+        return P if what == "P" else material_part(self.tensor, F, Reading("C")) + geometric_part(P, F)
+
+    def _moments(self, F: Array) -> Measurement:
+        moments = self.law.P(F) @ F.T
+        return self._relative("P", moments - moments.T, 1e-10, "tau = P F' is symmetric, to round-off")
+
+    def _major(self, F: Array) -> Measurement:
+        A = self.law.A(F)
+        return self._relative("A", A - A.transpose(2, 3, 0, 1), self._limit("A"), "A is a second derivative, to round-off")
+
+    def _minor(self, F: Array) -> Measurement:
+        C = second_of(self.law.A(F), F, self.law.any_stress(F))
+        error = np.maximum(np.abs(C - C.transpose(1, 0, 2, 3)), np.abs(C - C.transpose(0, 1, 3, 2)))
+        limit = 1e-10 if "P" in self.has else 1e-7
+        if not self.has & {"W", "P"} and not self.stvk:
+            raise CannotTell("C is what remains of A without the stress, which is not given. Give stress= or energy=.") \
+                if self.law.reading["A"].kind != "C" else NotApplicable("without a stress C stands as it is given")  # fmt: skip
+        return self._relative("A", error, limit, _ROUND)
+
+    def _rest(self, what: str) -> Measurement:
+        return self._relative(what, self._value(what, np.eye(self.law.d)), 1e-10, "a body at rest has neither energy nor stress")
+
+    def moduli(self, what: str) -> Array:
+        """(d, d, d, d) moduli at rest of W, of P or of A."""
+        one = np.eye(self.law.d)
+        if what == "A":
+            return self.law.A(one)
+        return differences(self.law.P if what == "P" else partial(differences, self.law.W, h=1e-2), one, 1e-2)
+
+    def _moduli(self, what: str) -> Measurement:
+        assert self.tensor is not None
+        scale = float(np.abs(self.tensor).max())
+        error = float(np.abs(self.moduli(what) - self.tensor).max()) / scale
+        reason = "differences of sixth order" if what != "A" else "round-off, and of a C stresses by differences"
+        return {"measured": error, "limit": 1e-7, "scale": f"{scale:.3e} (largest modulus of the claim)", "reason": reason}
+
+    def _inversion(self, what: str) -> Measurement:
+        """St. Venant-Kirchhoff is defined there; another law is either defined with its stress and tangent, or none is."""
+        mirrored = self.law.generic[0] @ np.diag([-1.0, *[1.0] * (self.law.d - 1)])
+        if self.stvk:
+            return self._agreement(what, mirrored)
+        defined = {other: self._defined(other, mirrored) for other in self.has}
+        reason = "W, P and A are all defined where det F < 0, or none is"
+        return {"measured": float(len(set(defined.values())) - 1), "limit": 0.0, "scale": "1", "reason": reason}
+
+    def _defined(self, what: str, F: Array) -> bool:
+        try:
+            return bool(np.isfinite(self._value(what, F)).all())
+        except Foul:
+            return False
+
+    def _tangent(self, F: Array) -> Array:
+        if "A" in self.has:
+            return self.law.A(F)
+        return differences(self.law.P, F, 2e-3) if "P" in self.has else second_differences(self.law.W, F)
+
+    def _elliptic(self, F: Array) -> Measurement:
+        A = self._tangent(F)
+        least, scale = least_wave(A), float(np.abs(A).max())
+        words = "the smallest eigenvalue of the acoustic tensor is positive in all directions tried"
+        return {"measured": -least / (scale or np.nan), "limit": -1e-9, "scale": f"{scale:.3e} (largest |A|)", "reason": words}
+
+    def facts(self) -> list[str]:
+        """Lines on inversion and strong ellipticity."""
+        lines = [self._when_crushed()] if "W" in self.has else []
+        for name, path in _PATHS.items():
+            lines += self._loss(name, path)
+        return lines
+
+    def _when_crushed(self) -> str:
+        flat, mirrored = (np.diag([s, *[1.0] * (self.law.d - 1)]) for s in (1e-6, -1.0))
+        words = []
+        for state, F in (("nearly flat", flat), ("mirrored", mirrored)):
+            try:
+                W = self.law.W(F)
+                words.append(f"W = {W:.4g} when {state}")
+            except Foul:
+                words.append(f"W is not defined when {state}")
+        return "inversion: " + ", ".join(words)
+
+    def _loss(self, name: str, path: Callable[[float, int], Array]) -> list[str]:
+        """The stretch at which strong ellipticity is lost first, by halving."""
+        try:
+            steps = np.linspace(0, 1, 31)[1:]
+            waves = [least_wave(self._tangent(path(s, self.law.d))) for s in steps]
+            if not np.isfinite(waves).all():
+                return [f"strong ellipticity in {name} is not known: the tangent is not a number somewhere on the way"]
+            signs = [wave > 0 for wave in waves]
+            if all(signs):
+                return [f"strong ellipticity is kept in {name} to a stretch of {path(1.0, self.law.d)[0, 0]:.2f}"]
+            first = signs.index(False)
+            low, high = (0.0 if first == 0 else float(steps[first - 1])), float(steps[first])
+            for _ in range(12):
+                middle = (low + high) / 2
+                low, high = (middle, high) if least_wave(self._tangent(path(middle, self.law.d))) > 0 else (low, middle)
+            return [f"strong ellipticity is lost in {name} at a stretch of {path(high, self.law.d)[0, 0]:.4f}"]
+        except (Foul, np.linalg.LinAlgError):
+            return []
+
+
+_ROUND = "round-off; 1e-7 where a stress or tangent is taken by differences"
+_PATHS: dict[str, Callable[[float, int], Array]] = {
+    "uniaxial compression": lambda s, d: np.diag([1 - 0.9 * s, *[1.0] * (d - 1)]),
+    "uniaxial extension": lambda s, d: np.diag([1 + s, *[1.0] * (d - 1)]),
+}
+
+
+def least_wave(A: Array) -> float:
+    """The smallest eigenvalue of the acoustic tensors `A_iJkL N_J N_L` of unit vectors N, over a net of directions."""
+    d = A.shape[0]
+    if not np.isfinite(A).all():
+        return float("nan")
+    if d == 2:
+        angles = np.linspace(0, np.pi, 48, endpoint=False)
+        N = np.stack([np.cos(angles), np.sin(angles)], axis=1)
+    else:
+        z, turn = np.linspace(-1, 1, 15), np.linspace(0, 2 * np.pi, 24, endpoint=False)
+        r = np.sqrt(1 - z**2)
+        N = np.array([(a * np.cos(t), a * np.sin(t), b) for a, b in zip(r, z, strict=True) for t in turn] + [*np.eye(3)])
+    Q = np.einsum("ijkl,nj,nl->nik", A, N, N)
+    return float(np.linalg.eigvalsh((Q + Q.transpose(0, 2, 1)) / 2).min())

@@ -1,0 +1,223 @@
+"""What is wrong with a law that fails: the repair of its functions after which every check passes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from ..arguments import Array
+from ..errors import StvkError
+from .checks.law import LawChecks
+from .law_readings import (
+    FITS,
+    WORD,
+    JudgedLaw,
+    Reading,
+    Told,
+    fitted,
+    full_tensor,
+    geometric_part,
+    material_part,
+    nominal_stress,
+    stvk_energy,
+    stvk_stress,
+)
+from .players import Foul
+from .results import CheckOutcome, Explanation, Naming, Result
+
+#: Relative distance of moduli that are the same: differences of sixth order, taken twice, are good to 1e-8.
+SAME = 1e-6
+SELF_EXPLAINING = {"inversion", "strong ellipticity"}  # their names say what is wrong
+
+
+def named_law(law: JudgedLaw, checks: LawChecks, told: Told, results: list[Result]) -> Naming | None:
+    """What explains all failures; None if none of them needs a name.
+
+    Moduli at rest are held against the claims first; then stress and tangent, so repaired, are read again. What is found is an
+    explanation if the law with all its repairs passes every check.
+    """
+    failures = [result for result in results if result.outcome is CheckOutcome.FAILED and result.check not in SELF_EXPLAINING]
+    if not failures:
+        return None
+    naming = Naming(tried=law.tried, before=_largest(failures))
+    repair = _Repair(law, checks, told)
+    try:
+        after = repair.results()
+    except (Foul, StvkError, np.linalg.LinAlgError):  # what the repaired law returns is trusted no more than the law
+        after = []
+    naming.tried += len(law.functions) * (checks.isotropic + checks.stvk)
+    if repair.found and after and not any(result.outcome is CheckOutcome.FAILED for result in after):
+        residual = _largest([r for r in after if r.outcome is CheckOutcome.PASSED and r.check not in SELF_EXPLAINING])
+        names, words = zip(*repair.found, strict=True)
+        naming.explanations = [Explanation("; ".join(names), "; ".join(words), residual)]
+        return naming
+    size = {name: float(np.abs(F.T @ F - np.eye(law.d)).max()) for name, F in checks.states.items()}
+    least = min((result.state for result in failures), key=lambda name: size.get(name, np.inf))
+    blind = any(result.state == least and np.isnan(result.measured) for result in failures if result.measured is not None)
+    part = "; ".join(words for _, words in repair.found)
+    naming.smallest = f"Nearest to rest it fails in the state {least!r}{', where it is not a number' if blind else ''}."
+    naming.smallest += f" In part: {part}." if part else ""
+    return naming
+
+
+def _largest(results: list[Result]) -> float:
+    return max((r.measured for r in results if r.measured is not None and np.isfinite(r.measured)), default=0.0)
+
+
+class _Repair:
+    """A law whose functions are repaired one by one, and the words for what was done."""
+
+    def __init__(self, law: JudgedLaw, checks: LawChecks, told: Told) -> None:
+        self.law, self.checks, self.told = law, checks, dict(told)
+        self.functions: dict[str, Callable[[Array], Any]] = dict(law.functions)
+        self.tensor = checks.tensor
+        self.found: list[tuple[str, str]] = []
+
+    def results(self) -> list[Result]:
+        """Of all checks of the law that is repaired."""
+        if self.checks.isotropic:
+            self._moduli()
+        if self.tensor is not None and self.checks.stvk:
+            self._linear(self.tensor)
+        for _ in range(3):  # the stress, the tangent, and a last look
+            law = JudgedLaw(self.functions, self.law.d, np.random.default_rng(1))
+            law.read(self.told, self.tensor, self.checks.stvk)
+            if not law.would_fit:
+                break
+            self._reading(law, next(iter(law.would_fit)))
+        checks = LawChecks(law, self.checks.states, self.tensor, self.checks.claims, np.random.default_rng(2))
+        return [task.run() for task in checks.tasks()]
+
+    def _moduli(self) -> None:
+        """Where moduli at rest are others than the claims': all functions by other claims, or each by itself."""
+        assert self.tensor is not None
+        lam, mu, _ = lame_of(self.tensor)
+        found = {what: lame_of(self.checks.moduli(what)) for what in self.functions}
+        found = {what: one for what, one in found.items() if one[2] < SAME and abs(one[1]) > SAME * mu}
+        wrong = {what: one[:2] for what, one in found.items() if max(abs(one[0] - lam), abs(one[1] - mu)) > SAME * (abs(lam) + mu)}
+        if not wrong:
+            return
+        first = next(iter(wrong.values()))
+        alike = all(np.allclose(one, first, rtol=SAME, atol=SAME * mu) for one in wrong.values())
+        if alike and len(wrong) == len(self.functions):
+            self.found.append(_moduli_in_words("", *first, lam, mu))
+            self.tensor = isotropic(*first, self.law.d)
+            return
+        for what, (other, shear) in wrong.items():
+            c = shear / mu
+            if abs(other - c * lam) < SAME * (abs(other) + mu):
+                self._scaled(what, c)
+            elif self.checks.stvk:
+                self._of_other_constants(what, isotropic(other, shear, self.law.d))
+            self.found.append(_moduli_in_words(WORD[what], other, shear, lam, mu))
+
+    def _linear(self, tensor: Array) -> None:
+        """Energy and stress that are those of linear elasticity."""
+        found = []
+        for what in self.functions.keys() & {"W", "P"}:
+            at = [(self._raw(what, F), *linear(tensor, F)) for F in self.law.generic]
+            given = np.array([raw for raw, *_ in at])
+            fit = fitted(given, np.array([W if what == "W" else sigma for _, W, sigma in at]))
+            if fit.residual < FITS:
+                found.append(what)
+        for what in found:
+            self.functions[what] = partial(stvk_energy if what == "W" else stvk_stress, tensor)
+        if "P" in found:
+            self.told["P"] = "P", None, None
+        if found:
+            words = " and ".join(WORD[what] for what in sorted(found, reverse=True))
+            self.found.append(("linear strain", f"the {words} {'are those' if len(found) > 1 else 'is that'} of linear elasticity"))
+
+    def _raw(self, what: str, F: Array) -> Array:
+        """The number, or the full (d, d) matrix, that was returned, whichever stress it is."""
+        value = self.law.value(what, F)
+        return value.reshape(()) if what == "W" else nominal_stress(value, F, Reading("P", self.law.reading["P"].order))
+
+    def _scaled(self, what: str, c: float) -> None:
+        raw = partial(self.law.value, what)
+        self.functions[what] = lambda F: raw(F) / c
+        if what != "W":
+            self._tell(what, self.law.reading[what])
+
+    def _tell(self, what: str, reading: Reading) -> None:
+        self.told[what] = reading.kind, reading.order, reading.engineering
+
+    def _of_other_constants(self, what: str, other: Array) -> None:
+        """The function less St. Venant-Kirchhoff of its own constants, and with that of the claims."""
+        law, tensor = self.law, self.tensor
+        assert tensor is not None
+        if what == "W":
+            self.functions[what] = lambda F: law.W(F) + stvk_energy(tensor - other, F)
+        elif what == "P":
+            self.functions[what] = lambda F: law.P(F) + stvk_stress(tensor - other, F)
+            self.told[what] = "P", None, None
+        elif law.reading[what].kind == "C":
+            self.functions[what] = lambda F: full_tensor(law.value(what, F), law.reading[what], law.d) + tensor - other
+            self.told[what] = "C", None, None
+        else:
+            more = tensor - other
+            self.functions[what] = lambda F: (
+                law.A(F) + material_part(more, F, Reading("C")) + geometric_part(stvk_stress(more, F), F)
+            )
+            self.told[what] = "A", None, None
+
+    def _reading(self, law: JudgedLaw, what: str) -> None:
+        """A stress or tangent that fits otherwise: by another reading, a factor, or with its geometric part."""
+        reading, fit = law.would_fit[what]
+        if fit.lacks_geometric:
+            law.reading[what] = reading
+            self.functions[what] = lambda F: law.A(F) + geometric_part(law.any_stress(F), F)
+            self.told[what] = "A", None, None
+        else:
+            raw = partial(law.value, what)
+            self.functions[what] = lambda F: raw(F) / fit.factor
+            self._tell(what, reading)
+        word = WORD[what]
+        short = "without its geometric term" if fit.lacks_geometric else f"x {fit.factor:.3f}" if fit.words else f"is {reading}"
+        self.found.append((f"{word} {short}", f"the {word} fits as {reading}" + (f": {fit.words}" if fit.words else "")))
+
+
+def _moduli_in_words(word: str, lam: float, mu: float, true: float, shear: float) -> tuple[str, str]:
+    """Name and words of moduli at rest, of one function or, without a word, of all of them."""
+    of = f"at rest the moduli of the {word} are" if word else "at rest the moduli are"
+    if abs(true) < SAME * shear:
+        return (
+            f"{word} lambda for 0".strip(),
+            f"{of} lambda = {lam:.4g}, which should be 0, and mu {mu / shear:.3f} x that of the claim",
+        )
+    if word and abs(lam / true - mu / shear) < SAME:
+        return f"{word} x {mu / shear:.3f}", f"the {word} is {mu / shear:.3f} x what the claim says"
+    name = f"lambda x {lam / true:.3f}, mu x {mu / shear:.3f}"
+    return f"{word}: {name}" if word else name, f"{of} lambda {lam / true:.3f} x and mu {mu / shear:.3f} x those of the claim"
+
+
+def linear(tensor: Array, F: Array) -> tuple[float, Array]:
+    """`1/2 e : C : e` and `C : e` of linear elasticity."""
+    e = (F + F.T) / 2 - np.eye(len(F))
+    sigma = np.einsum("ijkl,kl->ij", tensor, e)
+    return float(np.sum(e * sigma) / 2), sigma
+
+
+def isotropic(lam: float, mu: float, d: int) -> Array:
+    """(d, d, d, d) `lam d_ij d_kl + mu (d_ik d_jl + d_il d_jk)`."""
+    spherical, shear = _basis(d)
+    return np.asarray(lam * spherical + mu * shear)
+
+
+def _basis(d: int) -> tuple[Array, Array]:
+    one = np.eye(d)
+    spherical = np.einsum("ij,kl->ijkl", one, one)
+    return spherical, np.einsum("ik,jl->ijkl", one, one) + np.einsum("il,jk->ijkl", one, one)
+
+
+def lame_of(C: Array) -> tuple[float, float, float]:
+    """(lambda, mu) nearest to a tensor (d, d, d, d), and the relative residual, infinite if it holds what is not a number."""
+    if not np.isfinite(C).all():
+        return 0.0, 0.0, np.inf
+    basis = np.stack([part.ravel() for part in _basis(C.shape[0])], axis=1)
+    (lam, mu), *_ = np.linalg.lstsq(basis, C.ravel(), rcond=None)
+    rest = np.abs(basis @ (lam, mu) - C.ravel()).max() / (np.abs(C).max() or 1.0)
+    return float(lam), float(mu), float(rest)
