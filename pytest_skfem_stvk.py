@@ -12,7 +12,9 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable
+from inspect import signature
 from pathlib import Path
+from tempfile import TemporaryFile
 from typing import TYPE_CHECKING, Any
 
 import pytest
@@ -38,6 +40,14 @@ def pytest_configure(config: pytest.Config) -> None:
     """Make the marks known, so that --strict-markers takes them."""
     for mark in MARKS:
         config.addinivalue_line("markers", mark)
+    folder = config.getoption("--stvk-report")
+    if folder is not None:
+        try:  # before the first test, which may take its time
+            Path(folder).mkdir(parents=True, exist_ok=True)
+            with TemporaryFile(dir=folder):
+                pass
+        except OSError as error:
+            raise pytest.UsageError(f"--stvk-report={folder}: no reports can be written there ({error.strerror}).") from error
 
 
 def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
@@ -86,14 +96,31 @@ class Referee:
         __tracebackhide__ = True
         from skfem_stvk.testing import assert_consistent
 
-        return self._judge(assert_consistent, model, mesh, material, **options)
+        return self._judge(assert_consistent, assert_consistent, model, mesh, material, **options)
 
-    def _judge(self, judge: Callable[..., Report], *candidate: Any, **options: Any) -> Report:
+    def assert_law(self, **law: Any) -> Report:
+        """Assert that energy, stress and tangent, any subset, are a hyperelastic law: see `skfem_stvk.testing.assert_law`."""
+        __tracebackhide__ = True
+        from skfem_stvk import verify_law
+        from skfem_stvk.testing import assert_law
+
+        return self._judge(assert_law, verify_law, **law)
+
+    def _judge(self, judge: Callable[..., Report], declared: Callable[..., Report], *candidate: Any, **options: Any) -> Report:
+        """What an assertion says, with the arguments of the mark; those that it knows are those that are `declared`."""
         __tracebackhide__ = True
         from skfem_stvk.testing import Inconsistent
 
         mark = self.test.get_closest_marker("stvk")
-        arguments: dict[str, Any] = {**mark.kwargs, **options} if mark is not None else options
+        given = {} if mark is None else dict(mark.kwargs)
+        known = signature(declared).parameters
+        unknown = [name for name in given if name not in known]
+        if unknown or (mark is not None and mark.args):
+            got = ", ".join([*unknown, *map(repr, mark.args if mark is not None else ())])
+            pytest.fail(
+                f"The mark stvk has {got}; expected arguments of {judge.__name__} by name: {', '.join(known)}.", pytrace=False
+            )
+        arguments = {**given, **options}
         try:
             report = judge(*candidate, **arguments)
         except Inconsistent as failure:

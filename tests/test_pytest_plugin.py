@@ -68,7 +68,8 @@ def test_the_tutorials_package_passes(package):
     code, said, cases = run(package, "-m", "stvk")  # which leaves the other out
     assert code == 0 and "warning" not in said, said
     kinds = {"triangles", "tetrahedra"}, {"tetrahedra", "quadratic triangles", "quadrilaterals"}
-    assert set(cases) == {f"{name}[{kind}]" for name, some in zip(NAMES, kinds, strict=True) for kind in some}
+    models = {f"{name}[{kind}]" for name, some in zip(NAMES, kinds, strict=True) for kind in some}
+    assert set(cases) == models | {"test_the_law_alone"}
     for case in cases.values():
         (value,) = [p.get("value") for p in case.iter("property") if p.get("name") == "skfem-stvk"]
         assert re.match(r"passed: \d+ passed", value)
@@ -96,3 +97,32 @@ def test_its_failures_say_what_is_wrong_where_junit_shows_it(package):
     reports = [json.loads((folder / "report.json").read_text()) for folder in folders]
     assert [report["header"]["seed"] for report in reports] == [0, 1]  # the argument of the mark
     assert all((folder / "report.html").stat().st_size > 1000 for folder in folders)
+
+
+@pytest.mark.parametrize(
+    ("mark", "words"),
+    [
+        ("yuong=1e5", "The mark stvk has yuong; expected arguments of assert_law by name: energy, stress,"),
+        ("1e5", "The mark stvk has 100000.0; expected arguments"),
+        ("seed=-1", "seed = -1"),
+    ],
+)
+def test_a_mark_that_is_mistaken_is_said(package, mark, words):
+    text = f"import pytest\n\n\n@pytest.mark.stvk({mark})\ndef test_it(stvk_referee):\n"
+    module = package / "tests" / "test_mark.py"
+    module.write_text(text + "    stvk_referee.assert_law(energy=lambda F: 0.0)\n")
+    try:
+        code, said, _ = run(package, "-k", "test_it")
+    finally:
+        module.unlink()
+    assert code == 1 and words in said and "TypeError" not in said
+
+
+def test_a_report_that_cannot_be_written_is_said_before_the_tests(package):
+    (package / "a file").write_text("")
+    paths = [str(package / "src"), str(package / "site"), str(ROOT)]
+    environment = {k: v for k, v in os.environ.items() if not k.startswith("PYTEST")} | {"PYTHONPATH": os.pathsep.join(paths)}
+    command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "--stvk-report=a file/reports", "tests"]
+    done = subprocess.run(command, cwd=package, env=environment, capture_output=True, text=True)
+    assert done.returncode == 4 and "--stvk-report=a file/reports: no reports can be written there" in done.stderr
+    assert "Traceback" not in done.stderr and "passed" not in done.stdout

@@ -160,7 +160,8 @@ class JudgedLaw:
 
     def value(self, name: str, F: Array) -> Array:
         """What the function returned, as real numbers in an array of its own."""
-        returned = fairly(f"{name}(F)", lambda: self.functions[name](F.copy()))
+        with np.errstate(all="ignore"):  # a logarithm of det F is asked where that is negative, too
+            returned = fairly(f"{name}(F)", lambda: self.functions[name](F.copy()))
         values = real_array(fairly(f"{name}(F)", lambda: np.array(returned, dtype=None)))
         if values is None or (name == "W" and values.size != 1):
             raise Foul(f"{name}(F) returned {shown(returned)}; expected {'one number' if name == 'W' else 'real numbers'}.")
