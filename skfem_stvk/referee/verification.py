@@ -267,8 +267,8 @@ def _case(mesh: MeshLike, terms: Sequence[StVK], given: dict[str, Any], candidat
     system = System(ElementMesh.of(mesh), terms, **{name: value for name, value in given.items() if value is not None})
     if candidate is not None and _makes_candidates(candidate):
         candidate = _made(candidate, system.mesh)
-    hourglass = given.get("hourglass")
-    how = Discretisation(system.mesh.element.name, given.get("quadrature"), HOURGLASS if hourglass is None else hourglass)
+    hourglass = given.get("hourglass")  # which the system has looked at
+    how = Discretisation(system.mesh.element.name, given.get("quadrature"), HOURGLASS if hourglass is None else float(hourglass))
     shape, ndofs = Shape(system.mesh, how), system.ndofs
     body, tensor = system.mesh, elasticity(system.mesh, terms, how)
     control = hourglass_control(body, terms, how) if how.is_one_point else None

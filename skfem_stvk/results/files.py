@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
+from tempfile import TemporaryFile
 from typing import Any
 
 from .. import arguments
@@ -46,7 +47,7 @@ def output_path(path: str | os.PathLike[str], *suffixes: str) -> Path:
     if path.exists() and not path.is_file():
         raise StvkError(f"{path} is {'a folder' if path.is_dir() else 'no regular file'}; expected the path of a file.")
     try:
-        _try_to_write(path.with_name(f".{path.name}.{os.getpid()}"))
+        try_to_write(path.parent, f".{path.name}.part")
     except OSError as error:
         raise StvkError(f"{path} cannot be written: {error.strerror}. Choose another folder, or change its permissions.") from error
     return path
@@ -86,10 +87,15 @@ def cannot_write(path: Path, error: OSError) -> WriteError:
     return said
 
 
-def _try_to_write(probe: Path) -> None:
-    """Make a file and remove it; its name is that of no file which another process may be writing there now."""
-    probe.touch()
-    probe.unlink(missing_ok=True)
+def try_to_write(folder: Path, name: str = "") -> None:
+    """Raise the OSError that writing a file of this name to the folder would end with.
+
+    The file that is made has no name itself, so that nothing is left of it whenever the program is killed.
+    """
+    with suppress(FileNotFoundError):
+        (folder / name).lstat()  # a name may be too long
+    with TemporaryFile(dir=folder):
+        pass
 
 
 def _sync_folder(folder: Path) -> None:
@@ -106,7 +112,7 @@ def output_folder(path: Path) -> Path:
     """The path as a folder that can be written to, made if it is not there: call it before expensive work."""
     try:
         path.mkdir(exist_ok=True)
-        _try_to_write(path / f".{os.getpid()}")
+        try_to_write(path)
     except OSError as error:
         raise StvkError(
             f"The checkpoint {path} cannot be written: {error.strerror}. Does its parent exist, and is it a folder?"

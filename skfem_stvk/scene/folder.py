@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-import os
 import time
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
@@ -13,7 +12,7 @@ from typing import Any
 
 from ..errors import StvkError
 from ..referee.header import machine, versions
-from ..results.files import replacing
+from ..results.files import replacing, try_to_write
 from .outcome import BAD_INPUT, SceneOutcome
 from .schema import SceneTables
 from .schema.analyses import ModesAnalysis
@@ -56,8 +55,7 @@ class Folder:
             )
         try:
             path.mkdir(parents=True, exist_ok=True)
-            (path / f".{os.getpid()}").touch()
-            (path / f".{os.getpid()}").unlink()
+            try_to_write(path)
         except OSError as error:
             raise StvkError(f"--out {path} cannot be written: {error.strerror}. Choose another folder.") from error
 

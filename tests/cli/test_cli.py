@@ -12,6 +12,7 @@ import pytest
 import skfem
 from bodies import box
 from rich.console import Console
+from slow import slow
 
 from skfem_stvk import StVK, System, verify
 from skfem_stvk.bench import Benchmark, Plan
@@ -215,7 +216,7 @@ def test_a_narrow_terminal_gets_fewer_columns_and_whole_words():
     assert "error" in head and "against" not in head
 
 
-@pytest.mark.parametrize("call", [1, 3, 20, 70])
+@pytest.mark.parametrize("call", [slow(1), 3, slow(20), 70])
 @pytest.mark.parametrize("kind", [KeyboardInterrupt, ValueError])
 def test_a_stop_in_the_midst_of_the_precision_keeps_the_rest(call, kind, monkeypatch, tmp_path):
     calls = iter(range(1, 10**6))

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from dense import Dense, root
 from motions import MESHES, Scene, material, moved, pushed, spinning, velocities
+from slow import slow
 
 from skfem_stvk import NodalLoad, System
 from skfem_stvk.dynamics import (
@@ -183,7 +184,7 @@ BY_MASS = [(name, False) for name in EQUATIONS] + [(name, True) for name, (one, 
 
 
 @pytest.mark.parametrize("damping", ["undamped", "damped"])
-@pytest.mark.parametrize("d", [2, 3])
+@pytest.mark.parametrize("d", [slow(2), 3])
 @pytest.mark.parametrize(("name", "consistent"), BY_MASS)
 def test_steps_are_those_of_the_equation(name, d, damping, consistent):
     integrator, step = EQUATIONS[name]

@@ -60,7 +60,7 @@ def cases():
         for scene in SCENES:
             for d in (2, 3):
                 if scene != ("driven and damped" if name in CRUDE else "driven") and not (name in CRUDE and "damped" in scene):
-                    yield pytest.param(name, scene, d, "lumped", id=f"{name}, {scene}, {d}D")
+                    yield pytest.param(name, scene, d, "lumped", id=f"{name}, {scene}, {d}D", marks=[pytest.mark.slow] * (d == 3))
     for name in ("LinearBackwardEuler", "BackwardEuler", "Newmark", "GeneralizedAlpha, 0.5", "EnergyMomentum"):
         for scene in ("driven and damped", "spinning"):
             yield pytest.param(name, scene, 3, "consistent", id=f"{name}, {scene}, consistent")

@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import skfem
+from slow import slow
 
 from skfem_stvk import Gravity, NodalLoad, Rayleigh, StVK, StvkError, System, Traction, VelocityVerlet, simulate
 from skfem_stvk.dynamics import checkpoint as module
@@ -256,7 +257,7 @@ while True:
 
 
 @pytest.mark.skipif(not hasattr(signal, "SIGKILL"), reason="no signal that cannot be caught")
-@pytest.mark.parametrize("delay", [0.0, 0.0007, 0.003, 0.008])
+@pytest.mark.parametrize("delay", [0.0, slow(0.0007), 0.003, slow(0.008)])
 def test_a_killed_run_leaves_a_checkpoint_that_is_whole(tmp_path, delay):
     path = tmp_path / "flag"
     code = ENDLESS.format(path=[os.path.dirname(os.path.abspath(__file__)), *sys.path], file=str(path))

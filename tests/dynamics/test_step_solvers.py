@@ -82,7 +82,7 @@ def test_by_default_converged_integrators_iterate_on_tetrahedra_where_k_is_symme
     ],
     ids=lambda one: getattr(one, "name", None),
 )
-@pytest.mark.parametrize("dim", [2, 3])
+@pytest.mark.parametrize("dim", [slow(2), 3])
 def test_follower_loads_are_taken_with_every_tangent(dim, integrator, limit, tangent):
     """By a solver for their matrix; as a dead load the pressure leads 4 to 9 % off."""
     mesh = motions.MESHES[dim]

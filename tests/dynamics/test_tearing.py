@@ -5,6 +5,7 @@ import warnings
 import numpy as np
 import pytest
 import skfem
+from slow import slow
 
 from skfem_stvk import (
     ElementMesh,
@@ -185,7 +186,7 @@ def test_the_critical_step_follows():
 
 
 @pytest.mark.parametrize("name", [*INTEGRATORS])
-@pytest.mark.parametrize("again", ["a new system", "the same system"])
+@pytest.mark.parametrize("again", ["a new system", slow("the same system")])
 def test_a_run_that_is_resumed_goes_on_bit_for_bit(name, again, tmp_path):
     options = {"damping": Rayleigh(0.1), "every": 3}
     wanted = torn(0.0451, integrator=INTEGRATORS[name](), save=tmp_path / "one.pvd", **options)

@@ -8,6 +8,7 @@ from kernels.parts import in_parts, on_twins
 from kernels.test_readable import LAWS, quadrature, rules
 from kernels.test_readable import MESHES as EVERY_MESH
 from numba.core.dispatcher import Dispatcher
+from slow import slow, slow_but
 
 from skfem_stvk import Anisotropic, EdgeNetwork, LinearElastic, SpringNetwork, StVK, System, VolumePenalty
 from skfem_stvk.edges import Tensions
@@ -131,7 +132,7 @@ def test_compiled_and_readable_kernels_agree_on_elements_with_several_points(nam
         assert_same(results(mesh, term, kind=kind), compiled[kind], 1e-14)
 
 
-@pytest.mark.parametrize("name", ["tetrahedra", "membrane", "segments", "quadratic tetrahedra", "quadrilaterals"])
+@pytest.mark.parametrize("name", ["tetrahedra", "membrane", "segments", slow("quadratic tetrahedra"), slow("quadrilaterals")])
 def test_those_of_linear_elasticity_agree(name, monkeypatch):
     mesh, frames = EVERY_MESH[name], random_frames(1, np.random.default_rng(5))[0]
     terms = LinearElastic(young=2.0, poisson=0.3), LinearElastic(Anisotropic(some_voigt(np.random.default_rng(7)), frame=frames))
@@ -165,7 +166,7 @@ def penalties(kind):
 
 @pytest.mark.parametrize("dtype", [np.float64, np.float32])
 @pytest.mark.parametrize("parts", [1, 3])
-@pytest.mark.parametrize("kind", ["quadratic", "compression", "barrier"])
+@pytest.mark.parametrize("kind", [slow("quadratic"), "compression", "barrier"])
 def test_those_of_penalties_agree_with_the_readable_ones_in_double(kind, parts, dtype, monkeypatch):
     in_parts(monkeypatch, parts)
     bodies = list(penalties(kind))
@@ -196,7 +197,7 @@ SINGLE = {name: BODIES[name] for name in ("tetrahedra, two regions", "membrane, 
 SINGLE["quadratic tetrahedra"] = CURVED["quadratic tetrahedra"], [LAWS["isotropic"]]
 
 
-@pytest.mark.parametrize("name", SINGLE)
+@pytest.mark.parametrize("name", slow_but(["tetrahedra, two regions", "cable, area"], SINGLE))
 def test_kernels_in_single_precision_agree_with_the_readable_ones_in_double(name, monkeypatch):
     in_parts(monkeypatch, 2)
     compiled = results(*SINGLE[name], dtype=np.float32)

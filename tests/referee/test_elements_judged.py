@@ -1,5 +1,7 @@
 """All elements are judged: ours pass, straight, curved, flat and far from the origin; faults in their tables are caught."""
 
+from fractions import Fraction
+
 import numpy as np
 import pytest
 import skfem
@@ -77,7 +79,7 @@ def test_four_points_on_curved_tetrahedra_have_no_patch_test_and_it_says_so():
 
 
 @pytest.mark.parametrize("kind", ["hexahedra", "quadrilaterals"])
-@pytest.mark.parametrize("hourglass", [None, 0.2])
+@pytest.mark.parametrize("hourglass", [None, 0.2, np.float32(0.3), Fraction(1, 5)])
 def test_one_point_with_hourglass_control_passes(kind, hourglass):
     mesh = boxes(kind, 2)
     report = verify(mesh, TERM, quadrature="one-point", hourglass=hourglass, **QUIET)

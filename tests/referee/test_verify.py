@@ -2,6 +2,7 @@ import numpy as np
 import pytest
 import skfem
 from bodies import BODIES, CURVED, MESHES, box, node_sizes
+from slow import slow_but
 
 from skfem_stvk import (
     EdgeNetwork,
@@ -25,7 +26,11 @@ TERM = StVK(young=2.0, poisson=0.3)
 QUIET = {"quiet": True}
 
 
-@pytest.mark.parametrize("name", BODIES)
+#: Those of unlike kinds; `python -m pytest -m slow` has all.
+FEW = [name for i, name in enumerate(BODIES) if i % 2 == 0]
+
+
+@pytest.mark.parametrize("name", slow_but(FEW, BODIES))
 def test_every_body_passes(name):
     mesh, terms = BODIES[name]
     report = verify(mesh, terms, **QUIET)

@@ -9,6 +9,7 @@ import meshio
 import numpy as np
 import pytest
 from bodies import MESHES, state
+from slow import slow
 
 from skfem_stvk import Gravity, StVK, StvkError, StvkWarning, System, VelocityVerlet, simulate, solve_static
 from skfem_stvk.results import Fields, Series
@@ -140,7 +141,7 @@ while True:
 
 
 @pytest.mark.skipif(os.name == "nt", reason="no SIGKILL")
-@pytest.mark.parametrize("delay", [0.0, 0.003, 0.011, 0.02])
+@pytest.mark.parametrize("delay", [slow(0.0), 0.003, 0.011, slow(0.02)])
 def test_a_killed_run_leaves_a_series_that_opens(tmp_path, delay):
     path = tmp_path / "flag.pvd"
     run(path, np.arange(1, 30) / 100)  # an older and longer run

@@ -102,6 +102,7 @@ def test_a_run_that_fails_has_its_message_in_the_table_and_stops_no_other(swept)
     assert rows[4]["message"].startswith("tip.y = -0.0") and rows[4]["message"].endswith("expected -0.02")
 
 
+@pytest.mark.slow
 def test_the_table_is_the_same_with_two_jobs(swept, tmp_path):
     path, settings, _ = swept
     rows = sweep(path, settings, tmp_path / "two", jobs=2, quiet=True)

@@ -362,6 +362,7 @@ def steep_arch():
     return System(mesh, terms, fixed=[(np.flatnonzero(np.abs(x) == 0.5), "xy")]), apex
 
 
+@pytest.mark.slow
 def test_the_path_of_a_steep_arch_does_not_depend_on_the_steps():
     system, apex = steep_arch()
     paths = [solve_static(system, n, stop=Stop(displacement=(apex, "y", -0.16)), **OPTIONS) for n in (5, 20, 80)]

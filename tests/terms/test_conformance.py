@@ -381,7 +381,11 @@ def test_numbers_of_vertices_and_elements_and_orientations_do_not_matter(name):
         assert np.abs(force_of(two, v)[to] - F).max() < 1e-11 * np.abs(F).max()
 
 
-@pytest.mark.parametrize("name", slow_but([name for name in CASES if CASES[name].toy or "tetrahedra" in name], CASES))
+#: Beside toys; each other term has kernels of its own in single precision, which are compiled for this alone.
+SINGLE = [name for name in CASES if "tetrahedra" in name and not name.startswith(("Corotated", "Invertible", "linear"))]
+
+
+@pytest.mark.parametrize("name", slow_but([name for name in CASES if CASES[name].toy or name in SINGLE], CASES))
 def test_single_precision_has_errors_of_single_precision(name):
     case = CASES[name]
     single, double = bound(case, np.float32), bound(case)

@@ -47,6 +47,7 @@ SOLID = [name for name, mesh in EVERY.items() if scikit_fem_of(mesh)]
 SECTION = {2: {"thickness": 0.3}, 3: {}}
 BOXES = [name for name, mesh in EVERY.items() if mesh.element.is_box and mesh.k == mesh.d]
 RULES = [(name, "usual") for name in EVERY] + [(name, "one-point") for name in BOXES]
+COMPILED = [slow(name, rule) if name == "quadrilaterals, curved" and rule == "one-point" else (name, rule) for name, rule in RULES]
 
 
 def law_on(mesh, plane=None):
@@ -110,7 +111,7 @@ def test_it_is_what_scikit_fem_assembles(name, rule):
         assert abs(body.tangent(u) - K).max() < 1e-12 * abs(K).max()
 
 
-@pytest.mark.parametrize(("name", "rule"), RULES)
+@pytest.mark.parametrize(("name", "rule"), COMPILED)
 def test_compiled_and_readable_kernels_agree(name, rule, monkeypatch):
     mesh = EVERY[name]
     planes = (None, "stress") if mesh.k == mesh.d == 2 else (None,)
@@ -336,7 +337,7 @@ def test_a_block_that_is_thrown_at_itself_stays_right_side_out(integrator):
 
 
 @pytest.mark.parametrize("dtype", [np.float64, slow(np.float32)])
-@pytest.mark.parametrize(("name", "rule"), RULES)
+@pytest.mark.parametrize(("name", "rule"), COMPILED)
 def test_the_force_between_two_states_is_the_readable_one_and_does_the_work(name, rule, dtype, monkeypatch):
     """On all elements; the rounding of small steps, which leaves noise out, is not in the readable one."""
     mesh = EVERY[name]

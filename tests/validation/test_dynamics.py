@@ -119,7 +119,9 @@ def test_errors_at_a_cost_and_costs_of_an_error_are_read_on_lines():
 # the studies
 
 
-@pytest.mark.parametrize("name", slow_but(set(dynamics.NAMES) - {"independent", "csm3", "limit"}, dynamics.NAMES))
+@pytest.mark.parametrize(
+    "name", slow_but(set(dynamics.NAMES) - {"independent", "csm3", "limit", "speed", "step-solvers"}, dynamics.NAMES)
+)
 def test_the_studies_hold(name, tmp_path, capsys):
     code = dynamics.main(quick=True, only=[name], out=str(tmp_path / "new"))
     out = capsys.readouterr().out

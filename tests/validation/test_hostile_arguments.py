@@ -5,6 +5,7 @@ from inspect import isclass, isfunction
 
 import numpy as np
 import pytest
+from slow import slow_but
 
 from skfem_stvk import StvkError, System
 from validation.hostile import arguments
@@ -127,7 +128,7 @@ def fault_of(case, folder):
 
 
 @pytest.mark.filterwarnings("ignore")
-@pytest.mark.parametrize("table", arguments.TABLES)
+@pytest.mark.parametrize("table", slow_but([name for name in arguments.TABLES if name != "table_of_results"], arguments.TABLES))
 def test_what_is_no_argument_is_refused_by_its_name_and_what_is_one_gives_the_right_result(table, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     cases = list(arguments.cases_of_calls(arguments.calls_of(table), costly=False))

@@ -67,6 +67,13 @@ def test_what_does_not_hold_or_is_missing_does_not_pass(jobs, capsys):
     assert "missing statics, one: b: no such package" in " ".join(capsys.readouterr().out.split())
 
 
+def test_why_a_command_does_not_hold_is_its_last_line(jobs, capsys):
+    """What is no study and no number has neither failures nor an error."""
+    jobs["one"] = [job.Claim(Kind.CODE.value, "statics", "one", "a", outcome="does not hold", notes=["a table", "3 WRONG"])]
+    assert make_report(["statics"], quick=True) == 1
+    assert "does not hold statics, one: a: 3 WRONG" in capsys.readouterr().out
+
+
 def test_a_job_that_crashes_or_takes_too_long_is_missing(monkeypatch):
     monkeypatch.setitem(PARTS, "nowhere", {"all": Part(Kind.CODE, "a", "b", "c", "words")})
     (crashed,) = module._run("nowhere", "all", True)

@@ -21,7 +21,7 @@ class Part(NamedTuple):
     ----------
     kind, reference, reference_kind, source : of its claims.
     words : what it claims, where its study does not say it in a table.
-    speed : whether it measures time, and runs only with `--speed`.
+    speed : whether it measures time, or memory over many steps, and runs only with `--speed`.
     numbers : the function of `numbers` that computes it; empty for a study.
     takes_quick : whether the study has a quick version.
     whole_only : whether quick reports leave it out.
@@ -143,7 +143,7 @@ PARTS: dict[str, dict[str, Part]] = {
         name: Part(CODE, "tiny steps of Newton or Verlet by scikit-fem, closed forms", OTHER_CODE, "validation/hard")
         for name in ("deformed", "crushed", "elements", "starts", "unstable", "slender", "slack", "scales", "motion")
     }
-    | {"memory": Part(CODE, "no growth", ITSELF, "validation/hard/motion", whole_only=True)},
+    | {"memory": Part(CODE, "no growth", ITSELF, "validation/hard/motion", speed=True, whole_only=True)},
     "hostile": {
         name: Part(
             CODE, "a right result, or an error in words", "mutation", "docs/hostile.md", f"hostile inputs of the family {name}"

@@ -150,7 +150,9 @@ def _print(console: Console, claims: Sequence[Claim], data: dict[str, Any]) -> N
         console.print(table)
     for claim in claims:
         if claim.outcome in ("does not hold", "missing"):
-            why = "; ".join(claim.failures) or f"{claim.error:.3g} > {claim.tolerance:.3g}: {claim.reason}"
+            why = "; ".join(claim.failures or claim.notes[-1:])  # of a study, or of a command that says it in its last line
+            if not claim.failures and claim.error is not None and claim.tolerance is not None:
+                why = f"{claim.error:.3g} > {claim.tolerance:.3g}: {claim.reason}"
             console.print(
                 f"[{MARKS[claim.outcome]}]{claim.outcome}[/] {escape(f'{claim.group}, {claim.part}: {claim.name}: {why}')}"
             )
