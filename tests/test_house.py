@@ -80,6 +80,24 @@ def test_random_numbers_have_seeds():
     assert not unseeded
 
 
+@pytest.mark.parametrize(
+    ("code", "unseeded"),
+    [
+        ("np.random.default_rng()", True),
+        ("default_rng()", True),
+        ("numpy.random.rand(3)", True),
+        ("random.random()", True),
+        ("make().default_rng()", True),
+        ("np.random.default_rng(3)", False),
+        ("rng().random()", False),
+        ("rng.random(3)", False),
+    ],
+)
+def test_generators_without_seeds_are_seen(code, unseeded):
+    call = ast.parse(code, mode="eval").body
+    assert is_unseeded(ast.unparse(call.func), call) == unseeded
+
+
 def is_unseeded(name, call):
     if name.split(".")[-1] in ("default_rng", "Random", "RandomState"):
         return not (call.args or call.keywords)

@@ -99,23 +99,26 @@ def test_its_failures_say_what_is_wrong_where_junit_shows_it(package):
     assert all((folder / "report.html").stat().st_size > 1000 for folder in folders)
 
 
-@pytest.mark.parametrize(
-    ("mark", "words"),
-    [
-        ("yuong=1e5", "The mark stvk has yuong; expected arguments of assert_law by name: energy, stress,"),
-        ("1e5", "The mark stvk has 100000.0; expected arguments"),
-        ("seed=-1", "seed = -1"),
-    ],
-)
-def test_a_mark_that_is_mistaken_is_said(package, mark, words):
-    text = f"import pytest\n\n\n@pytest.mark.stvk({mark})\ndef test_it(stvk_referee):\n"
+MISTAKEN = {
+    "yuong=1e5": "The mark stvk has yuong; expected arguments of assert_law by name: energy, stress,",
+    "1e5": "The mark stvk has 100000.0; expected arguments",
+    "seed=-1": "seed = -1",
+}
+
+
+def test_a_mark_that_is_mistaken_is_said(package):
+    body = "    stvk_referee.assert_law(energy=lambda F: 0.0)\n"
+    tests = [f"\n\n@pytest.mark.stvk({mark})\ndef test_{i}(stvk_referee):\n{body}" for i, mark in enumerate(MISTAKEN)]
     module = package / "tests" / "test_mark.py"
-    module.write_text(text + "    stvk_referee.assert_law(energy=lambda F: 0.0)\n")
+    module.write_text("import pytest\n" + "".join(tests))
     try:
-        code, said, _ = run(package, "-k", "test_it")
+        code, said, cases = run(package, "-k", "test_mark")
     finally:
         module.unlink()
-    assert code == 1 and words in said and "TypeError" not in said
+    assert code == 1 and "TypeError" not in said
+    for i, words in enumerate(MISTAKEN.values()):
+        (failure,) = cases[f"test_{i}"].iter("failure")
+        assert words in failure.get("message")
 
 
 def test_a_report_that_cannot_be_written_is_said_before_the_tests(package):
