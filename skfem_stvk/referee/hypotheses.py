@@ -1,17 +1,12 @@
-"""What is wrong with a candidate: hypotheses are tried, and those that make the residual vanish are its name.
+"""Models that are wrong in one way each.
 
-A hypothesis is a model that is wrong in one way. If the candidate's W, F and K are the model's in strained states, to round-off,
-the hypothesis explains them. Several may: a missing 1/2 in E, a doubled stress and a doubled volume are one thing on every body,
-and the lambda of plane stress is half of lambda at nu = 1/3. All that fit are printed together.
-
-Factors are fitted by least squares: of W, F and K as a whole; of lambda and mu, in each region, on six homogeneous states; of
-single elements, where the error is on the nodes of a few. All else is tried as it stands, the planted faults (`faults`) among
-them.
+A hypothesis explains the candidate if its W, F and K are the candidate's in strained states, to round-off. Factors are fitted by
+least squares: of W, F and K as a whole; of lambda and mu, in each region, on six homogeneous states; of single elements, where the
+error is on the nodes of a few. All else is tried as it stands, the planted faults (`faults`) among them.
 """
 
 from __future__ import annotations
 
-import copy
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from functools import partial
@@ -19,8 +14,7 @@ from itertools import permutations
 from typing import Any
 
 import numpy as np
-from scipy.sparse import csr_matrix, issparse
-from scipy.sparse.linalg import LinearOperator
+from scipy.sparse import issparse
 
 from ..arguments import Array
 from ..errors import StvkError
@@ -29,18 +23,13 @@ from ..mesh import ElementMesh
 from ..reference import isotropic_tensor
 from ..terms import StVK
 from .bodies import elasticity, hourglass_control, is_condensed, reference_on
-from .case import STRETCH, Case
-from .checks.agreement import NEARBY
+from .case import Case
 from .element_model import model_of
+from .evidence import Evidence, Model, Values, flat
 from .faults import FAULTS
 from .judgement import largest_component
 from .players import Foul, Player
-from .results import Explanation, Naming
 
-#: States in which hypotheses are held against the candidate, none of them small; the last one has elements inside out.
-STATES = ("rotated strained", STRETCH, "35 % compression", "large random")
-#: Residuals below vanish; those of single precision lie between it and COARSE.
-VANISHES, COARSE = 1e-8, 1e-4
 #: Names of what FAULTS have that is found by a fit here, or needs more than one state.
 FITTED = (
     "lambda doubled", "lambda halved", "lambda of plane stress", "bulk modulus for lambda", "mu halved", "mu doubled",
@@ -48,232 +37,9 @@ FITTED = (
     "one element x 0", "one element x 2", "K of the state before", "K kept while u is nearly the same", "single precision",
     "not a number at inversion", "a constant force", "results component by component",
 )  # fmt: skip
-Values = dict[str, Any]
-#: Those of W, F and K that are asked for, at displacements (ndofs,).
-Model = Callable[[Array, str], Values]
 
 
-def name_the_fault(case: Case, terms: Sequence[StVK], make: Callable[[ElementMesh], Any] | None = None) -> Naming:
-    """Try all hypotheses on the case's candidate, which claims to be the body of these terms.
-
-    `make`, if it is given, makes the candidate on any mesh: where no hypothesis holds, the smallest piece that fails is looked for.
-    """
-    assert case.candidate is not None
-    evidence = _Evidence(case, case.candidate)
-    if not evidence.found:
-        values = "values that are numbers" if evidence.not_finite else "values"
-        return Naming(smallest=f"It has no {values} in strained states.")
-    naming = Naming(before=evidence.error(evidence.truth, np.inf))
-    if naming.before <= VANISHES and not (evidence.not_finite or _is_stale(evidence) or _is_kept(evidence)):
-        naming.smallest = (
-            "In strained states its values are right to eight digits of the body's largest: what failed is in the digits behind "
-            "them, in a part that is far softer, or in another state, such as rest."
-        )
-        return naming
-    for found, (name, words) in _in_words(evidence):
-        naming.tried += 1
-        if found:
-            naming.explanations.append(Explanation(name, words, naming.before))
-    if naming.explanations:
-        return naming
-    naming.explanations, naming.tried = _those_that_fit(evidence, terms, naming.tried)
-    if not naming.explanations and len(evidence.quantities) > 1:
-        naming.explanations, naming.tried = _one_by_one(evidence, terms, naming.tried)
-    if not naming.explanations and make is not None:
-        naming.smallest = smallest_piece(make, case, terms)
-    elif not naming.explanations:
-        naming.smallest = _fewest_nodes(evidence)
-    return naming
-
-
-def _those_that_fit(evidence: _Evidence, terms: Sequence[StVK], tried: int) -> tuple[list[Explanation], int]:
-    """The hypotheses that explain all of the evidence, and how many have been tried."""
-    fit = []
-    for name, words, model in _models(evidence, terms):
-        tried += 1
-        residual = evidence.error(model)
-        if residual <= VANISHES:
-            fit.append(Explanation(name, words, residual))
-    return fit, tried
-
-
-def _one_by_one(evidence: _Evidence, terms: Sequence[StVK], tried: int) -> tuple[list[Explanation], int]:
-    """One explanation that says of W, F and K, each by itself, what it is; none if one of them has none."""
-    names, words, largest = [], [], 0.0
-    for quantity in evidence.quantities:
-        single = evidence.of(quantity)
-        residual = single.error(single.truth)
-        if residual <= VANISHES:
-            names.append(f"{quantity}: right")
-        else:
-            fit, tried = _those_that_fit(single, terms, tried)
-            if not fit:
-                return [], tried
-            residual = max(one.residual for one in fit)
-            names.append(f"{quantity}: {' or '.join(one.name for one in fit)}")
-            words.append(f"of {quantity}, {fit[0].words}")
-        largest = max(largest, residual)
-    return [Explanation("; ".join(names), "; ".join(words), largest)], tried
-
-
-class _Evidence:
-    """The candidate's values in strained states, and how far a model is from them."""
-
-    def __init__(self, case: Case, player: Player) -> None:
-        self.case, self.player = case, player
-        self.quantities = [quantity for quantity in "WFK" if player.has(quantity)]
-        self.found: dict[str, Values] = {}
-        self.not_finite: list[str] = []
-        self._by_products = False
-        for state in STATES:
-            try:
-                values = self.values(player, case.states[state])
-            except Foul:
-                continue
-            if all(np.isfinite(_flat(value)).all() for value in values.values()):
-                self.found[state] = values
-            else:
-                self.not_finite.append(state)
-
-    def values(self, player: Player, u: Array, quantities: str = "WFK") -> Values:
-        """W, F and K of a player, of what is asked for and the candidate has; an operator counts by its products."""
-        return {quantity: self._value(getattr(player, quantity)(u)) for quantity in self.quantities if quantity in quantities}
-
-    def _value(self, value: Any) -> Any:
-        self._by_products |= isinstance(value, LinearOperator)  # and so is every K that it is compared with
-        if isinstance(value, LinearOperator) or (self._by_products and issparse(value)):
-            return self._products(value)
-        return value
-
-    def _products(self, K: Any) -> Array:
-        """Products (ndofs, 4) with vectors of random signs: K is never made dense."""
-        return np.asarray(K @ self.case.random("hypotheses").choice([-1.0, 1.0], size=(K.shape[1], 4)))
-
-    def column(self, value: Any) -> Array:
-        """A value as a column of a least-squares problem; a matrix counts by its products."""
-        return np.asarray(self._products(value) if issparse(value) else value, dtype=float).ravel()
-
-    def of(self, quantity: str) -> _Evidence:
-        """What there is of one of W, F and K alone."""
-        single = copy.copy(self)
-        single.quantities = [quantity]
-        single.found = {state: {quantity: values[quantity]} for state, values in self.found.items()}
-        return single
-
-    def truth(self, u: Array, quantities: str = "WFK") -> Values:
-        """The reference's values."""
-        return self.values(self.case.reference, u, quantities)
-
-    def error(self, model: Model, most: float = COARSE) -> float:
-        """The largest relative error of a model in all states; infinite where it is not defined.
-
-        What does not fit by `most` is left alone: K, which costs most, is computed of models alone whose W and F fit.
-        """
-        largest = 0.0 if self.found else np.inf
-        for quantities in ("W", "F", "K"):
-            for state, values in self.found.items():
-                if quantities not in values:
-                    continue
-                try:
-                    claimed = model(self.case.states[state], quantities)
-                except (StvkError, ArithmeticError, np.linalg.LinAlgError, ValueError, IndexError, AssertionError):
-                    return np.inf
-                apart = self.apart(values[quantities], claimed[quantities])
-                largest = max(largest, apart if np.isfinite(apart) else np.inf)
-                if largest > most:
-                    return largest
-        return largest
-
-    def apart(self, value: Any, claimed: Any) -> float:
-        claimed = csr_matrix(claimed) if issparse(value) and not issparse(claimed) else self._value(claimed)
-        scale, off = np.abs(_flat(claimed)).max(initial=0.0), np.abs(_flat(value - claimed)).max(initial=0.0)
-        return float(off / scale) if scale else (0.0 if off == 0 else np.inf)
-
-
-def _flat(value: Any) -> Array:
-    return np.asarray(value.data if issparse(value) else value, dtype=float).ravel()
-
-
-def _of(model: Any) -> Model:
-    """W, F and K of a model as a function."""
-    methods = {"W": "energy", "F": "internal_force", "K": "tangent"}
-    return lambda u, quantities: {quantity: getattr(model, methods[quantity])(u) for quantity in quantities}
-
-
-# what needs no model
-
-
-def _in_words(evidence: _Evidence) -> Iterator[tuple[bool, tuple[str, str]]]:
-    """Explanations by looking at the values: not a number, single precision, a constant force, K of the state before."""
-    case, found = evidence.case, evidence.found
-    inverted = [state for state in evidence.not_finite if state == STATES[-1]]
-    right = evidence.error(evidence.truth) <= VANISHES
-    words = "values are not finite where elements are inside out, as by a logarithm or a root of J; elsewhere they are right"
-    yield bool(inverted) and len(inverted) == len(evidence.not_finite) and right, ("not a number at inversion", words)
-    error = evidence.error(evidence.truth)
-    words = f"errors of {error:.0e} that change from state to state like rounding: sums or positions in float32"
-    yield VANISHES < error < COARSE and _is_rounding(evidence), ("single precision", words)
-    if "F" in evidence.quantities and len(found) == len(STATES):
-        off = [values["F"] - case.reference.F(case.states[state]) for state, values in found.items()]
-        mean, size = np.mean(off, axis=0), max(float(np.abs(values["F"]).max()) for values in found.values())
-        same = max(np.abs(one - mean).max() for one in off) <= 1e-11 * size < np.abs(mean).max()
-        nodes = np.flatnonzero(largest_component(mean, case.mesh.d) > 1e-3 * np.abs(mean).max())[:5]
-        words = f"F has the same additional force in every state, on nodes {', '.join(map(str, nodes))}: a load left in"
-        yield bool(same), ("a constant force", words)
-    if "K" in evidence.quantities:
-        words = "K is that of the state that was asked for before: what is kept is not made anew"
-        yield _is_stale(evidence), ("K of the state before", words)
-        words = "K is not computed anew where u has hardly changed, as by `numpy.allclose` with the state before"
-        yield _is_kept(evidence), ("K kept while u is nearly the same", words)
-
-
-def _is_rounding(evidence: _Evidence) -> bool:
-    """Whether errors, where there are any, change by their own size with a tiny change of the state."""
-    u = evidence.case.states[STRETCH]
-    there, beside = (_differences(evidence, v) for v in (u, (1 + 1e-4) * u))
-    large = [quantity for quantity in evidence.quantities if there[quantity][1] > VANISHES]
-    return bool(large) and all(
-        abs(beside[q][0] - there[q][0]).max() > 0.1 * abs(there[q][0]).max()
-        if issparse(there[q][0])
-        else np.abs(beside[q][0] - there[q][0]).max() > 0.1 * np.abs(there[q][0]).max()
-        for q in large
-    )
-
-
-def _differences(evidence: _Evidence, u: Array) -> dict[str, tuple[Any, float]]:
-    """Candidate minus reference at a state, and how large that is."""
-    values, truth = evidence.values(evidence.player, u), evidence.truth(u)
-    return {q: (values[q] - truth[q], evidence.apart(values[q], truth[q])) for q in evidence.quantities}
-
-
-def _is_stale(evidence: _Evidence) -> bool:
-    case, player = evidence.case, evidence.player
-    a, b = (case.states[state] for state in (STRETCH, "35 % compression"))
-    try:
-        player.K(a)
-        late = evidence._value(player.K(b))
-    except Foul:
-        return False
-    return evidence.apart(late, case.reference.K(a)) <= VANISHES < evidence.apart(late, case.reference.K(b))
-
-
-def _is_kept(evidence: _Evidence) -> bool:
-    """Whether K, which is right in a state, is the same beside it to the last bit, where the reference's is not."""
-    u, player, truth = evidence.case.states[STRETCH], evidence.player, evidence.case.reference
-    beside = (1 + NEARBY) * u
-    try:
-        player.K(evidence.case.states["35 % compression"])
-        here, there = (evidence._value(player.K(v)) for v in (u, beside))
-    except Foul:
-        return False
-    right = evidence.apart(here, truth.K(u)) <= VANISHES
-    return right and evidence.apart(there, here) == 0.0 < evidence.apart(truth.K(beside), truth.K(u))
-
-
-# models
-
-
-def _models(evidence: _Evidence, terms: Sequence[StVK]) -> Iterator[tuple[str, str, Model]]:
+def models(evidence: Evidence, terms: Sequence[StVK]) -> Iterator[tuple[str, str, Model]]:
     """Name, words and model of each hypothesis."""
     yield from _factors(evidence)
     yield from _lame(evidence, terms)
@@ -298,7 +64,7 @@ READINGS = {
 }
 
 
-def _factors(evidence: _Evidence) -> Iterator[tuple[str, str, Model]]:
+def _factors(evidence: Evidence) -> Iterator[tuple[str, str, Model]]:
     """W, F and K each times a number."""
     factors = {}
     for quantity in evidence.quantities:
@@ -326,7 +92,7 @@ def _factors(evidence: _Evidence) -> Iterator[tuple[str, str, Model]]:
 
 
 def _product(a: Any, b: Any) -> float:
-    return float(a.multiply(b).sum()) if issparse(a) and issparse(b) else float(np.vdot(_flat(a), _flat(b)))
+    return float(a.multiply(b).sum()) if issparse(a) and issparse(b) else float(np.vdot(flat(a), flat(b)))
 
 
 def _reading(factor: float) -> str:
@@ -336,7 +102,7 @@ def _reading(factor: float) -> str:
     return near[0] if near else "a factor without a usual cause"
 
 
-def _lame(evidence: _Evidence, terms: Sequence[StVK]) -> Iterator[tuple[str, str, Model]]:
+def _lame(evidence: Evidence, terms: Sequence[StVK]) -> Iterator[tuple[str, str, Model]]:
     """lambda and mu times factors in each region, fitted to six homogeneous states."""
     case = evidence.case
     if not all(isinstance(term.material, Isotropic) for term in terms) or case.mesh.k == 1:
@@ -437,13 +203,10 @@ def _lame_parts(case: Case, term: StVK) -> Iterator[Player]:
     tensor = isotropic_tensor(young, poisson, mesh.k, is_condensed(mesh, term))
     section = {1: term.area, 2: term.thickness}.get(mesh.k)
     tensor = tensor if section is None else tensor * np.asarray(section).reshape(-1, 1, 1, 1, 1)
-    lam = np.zeros_like(tensor)
     eye = np.eye(mesh.k)
-    lam[:] = tensor[:, 0, 0, 1, 1][:, None, None, None, None] * np.einsum("ij,kl->ijkl", eye, eye)
-    moduli = tensor[:, 0, 0, 0, 0]
+    lam = tensor[:, :1, :1, 1:2, 1:2] * np.einsum("ij,kl->ijkl", eye, eye)
     for part in (lam, tensor - lam):
         control = how.hourglass * part[:, 0, 0, 0, 0] * np.ones(len(ids)) if how.is_one_point else None
-        assert len(moduli)
         yield Player("part", reference_on(mesh.p, mesh.t[:, ids], part, how, control), mesh.p.size)
 
 
@@ -457,7 +220,7 @@ def _homogeneous(case: Case) -> Iterator[Array]:
         yield (case.centred @ (F - np.eye(d)).T).ravel()
 
 
-def _elements(evidence: _Evidence, terms: Sequence[StVK]) -> Iterator[tuple[str, str, Model]]:
+def _elements(evidence: Evidence, terms: Sequence[StVK]) -> Iterator[tuple[str, str, Model]]:
     """A few elements times a factor each: those on whose nodes alone the force, or K, is off."""
     case = evidence.case
     if case.how.is_one_point or not set("FK") & set(evidence.quantities):
@@ -494,7 +257,7 @@ def _elements(evidence: _Evidence, terms: Sequence[StVK]) -> Iterator[tuple[str,
     yield name, numbers + (usual.get(round(1 + change[there[0]], 6), "") if len(there) == 1 else ""), model
 
 
-def _orders_of_dofs(evidence: _Evidence) -> Iterator[tuple[str, str, Model]]:
+def _orders_of_dofs(evidence: Evidence) -> Iterator[tuple[str, str, Model]]:
     """Degrees of freedom component by component, in what is taken, what is returned, or both."""
     d, n = evidence.case.mesh.d, evidence.case.mesh.p.size
     if d == 1:
@@ -514,12 +277,12 @@ def _orders_of_dofs(evidence: _Evidence) -> Iterator[tuple[str, str, Model]]:
     yield "all component by component", words.format("read and returned"), partial(model, True, True)
 
 
-def _read_otherwise(evidence: _Evidence, read: Callable[[Array], Array], u: Array, quantities: str) -> Values:
+def _read_otherwise(evidence: Evidence, read: Callable[[Array], Array], u: Array, quantities: str) -> Values:
     """The reference at what is read in the place of the displacements."""
     return evidence.truth(read(u), quantities)
 
 
-def _other_displacements(evidence: _Evidence) -> Iterator[tuple[str, str, Model]]:
+def _other_displacements(evidence: Evidence) -> Iterator[tuple[str, str, Model]]:
     """Something else taken for the displacements, and components in another order."""
     d, rest = evidence.case.mesh.d, evidence.case.mesh.p.T.ravel()
     readings: list[tuple[str, str, Callable[[Array], Array]]] = [
@@ -544,7 +307,7 @@ def _other_displacements(evidence: _Evidence) -> Iterator[tuple[str, str, Model]
             yield name, f"components of each node are {words} in this order", partial(model, dofs[:, order].ravel(), taken)
 
 
-def _orders_of_voigt(evidence: _Evidence, terms: Sequence[StVK]) -> Iterator[tuple[str, str, Model]]:
+def _orders_of_voigt(evidence: Evidence, terms: Sequence[StVK]) -> Iterator[tuple[str, str, Model]]:
     """Matrices with their shears in another order, or with shear entries times a factor."""
     names = {3: "23", 4: "13", 5: "12"}
     for order in ((5, 4, 3), (4, 3, 5), (3, 5, 4), (4, 5, 3), (5, 3, 4)):
@@ -571,7 +334,7 @@ def _scaled_shear(factor: float, voigt: Array) -> Array:
     return scaled
 
 
-def _remade(evidence: _Evidence, terms: Sequence[StVK], change: Callable[[Array], Array], u: Array, quantities: str) -> Values:
+def _remade(evidence: Evidence, terms: Sequence[StVK], change: Callable[[Array], Array], u: Array, quantities: str) -> Values:
     """The reference of the body with changed elasticity matrices."""
     case = evidence.case
     altered = []
@@ -585,7 +348,7 @@ def _remade(evidence: _Evidence, terms: Sequence[StVK], change: Callable[[Array]
     return evidence.values(Player("altered", model, case.mesh.p.size), u, quantities)
 
 
-def _orders_of_nodes(evidence: _Evidence, terms: Sequence[StVK]) -> Iterator[tuple[str, str, Model]]:
+def _orders_of_nodes(evidence: Evidence, terms: Sequence[StVK]) -> Iterator[tuple[str, str, Model]]:
     """Two nodes of every element exchanged: of elements with several points; linear simplices do not mind."""
     case = evidence.case
     if case.mesh.element.is_linear_simplex or case.how.quadrature is not None or case.mesh.k != case.mesh.d:
@@ -600,7 +363,7 @@ def _orders_of_nodes(evidence: _Evidence, terms: Sequence[StVK]) -> Iterator[tup
             yield "nodes in another order", words, model
 
 
-def _planted(evidence: _Evidence, terms: Sequence[StVK]) -> Iterator[tuple[str, str, Model]]:
+def _planted(evidence: Evidence, terms: Sequence[StVK]) -> Iterator[tuple[str, str, Model]]:
     """The planted faults that have a name, on this body."""
     case = evidence.case
     for fault in FAULTS.values():
@@ -621,62 +384,7 @@ def _is_of_another_body(case: Case, name: str) -> bool:
     return case.how.quadrature is not None
 
 
-# where nothing explains it
-
-
-def _fewest_nodes(evidence: _Evidence) -> str:
-    """The first node whose displacement alone is enough to fail, in words."""
-    case, mesh = evidence.case, evidence.case.mesh
-    for node in range(min(mesh.nv, 60)):
-        u = np.zeros(mesh.p.size)
-        u[mesh.d * node : mesh.d * (node + 1)] = 0.2 * case.node_size[node] * np.array([1.0, 0.7, -0.4])[: mesh.d]
-        try:
-            values, truth = evidence.values(evidence.player, u), evidence.truth(u)
-        except Foul:
-            continue
-        if any(evidence.apart(values[q], truth[q]) > VANISHES for q in evidence.quantities):
-            around = np.flatnonzero((mesh.t == node).any(axis=0))
-            ids = ", ".join(map(str, around[:5])) + (", ..." if len(around) > 5 else "")
-            return f"It is enough to move node {node} alone, in the elements {ids}."
-    return "No displacement of a single node among the first ones shows it."
-
-
-def smallest_piece(make: Callable[[ElementMesh], Any], case: Case, terms: Sequence[StVK]) -> str:
-    """The fewest elements on which a candidate, made anew there, still disagrees with the reference, in words."""
-    mesh = case.mesh
-    if any(not isinstance(term.material, Isotropic) or np.ndim(term.material.young) for term in terms) or len(terms) > 1:
-        return "Pieces of bodies of several materials are not tried."
-
-    def fails(ids: Array) -> bool:
-        used, t = np.unique(mesh.t[:, ids], return_inverse=True)
-        piece = ElementMesh(mesh.p[:, used], t.reshape(len(mesh.t), -1).astype(np.int32), element=mesh.element)
-        tensor = elasticity(piece, terms, case.how)
-        control = hourglass_control(piece, terms, case.how) if case.how.is_one_point else None
-        truth = Player("reference", reference_on(piece.p, piece.t, tensor, case.how, control), piece.p.size)
-        try:
-            player = Player("candidate", make(piece), piece.p.size)
-            u = 0.1 * case.median_edge * case.random("piece").standard_normal(piece.p.size)
-            for quantity in "WFK":
-                if player.has(quantity):
-                    value, right = getattr(player, quantity)(u), getattr(truth, quantity)(u)
-                    if not np.abs(_flat(value - right)).max(initial=0.0) <= VANISHES * np.abs(_flat(right)).max(initial=0.0):
-                        return True
-        except Exception:  # a candidate that cannot be made there, or not on this piece
-            return False
-        return False
-
-    pieces: list[Array] = [np.arange(mesh.nt)]
-    failing = pieces[0] if fails(pieces[0]) else None
-    for element in range(min(mesh.nt, 30)):
-        if fails(np.array([element])):
-            return f"The smallest mesh that fails is one element: {element}, nodes {mesh.t[:, element].tolist()}."
-    while failing is not None and len(failing) > 2:
-        halves = [failing[: len(failing) // 2], failing[len(failing) // 2 :], failing[::2], failing[1::2]]
-        smaller = next((half for half in halves if fails(half)), None)
-        if smaller is None:
-            break
-        failing = smaller
-    if failing is None:
-        return "A candidate that is made anew on this mesh does not fail."
-    ids = ", ".join(map(str, failing[:8])) + (", ..." if len(failing) > 8 else "")
-    return f"The smallest mesh found that fails has {len(failing)} elements: {ids}."
+def _of(model: Any) -> Model:
+    """W, F and K of a model as a function."""
+    methods = {"W": "energy", "F": "internal_force", "K": "tangent"}
+    return lambda u, quantities: {quantity: getattr(model, methods[quantity])(u) for quantity in quantities}

@@ -27,7 +27,7 @@ from .checks.rigid_motions import balance, invariance, zero_modes
 from .discretisation import Discretisation
 from .exact import Truth
 from .header import header
-from .hypotheses import name_the_fault
+from .naming import name_the_fault
 from .players import METHODS, Foul, Player, fairly
 from .report import Report
 from .results import CheckOutcome, Naming, NotApplicable, Result, Task

@@ -11,7 +11,7 @@ from scipy.sparse.linalg import aslinearoperator
 
 from skfem_stvk import ElementMesh, NeoHookean, StVK, System, verify
 from skfem_stvk.referee.faults import FAULTS, bodies
-from skfem_stvk.referee.hypotheses import name_the_fault
+from skfem_stvk.referee.naming import name_the_fault
 from skfem_stvk.referee.verification import _case, verify_candidate
 from skfem_stvk.testing import Inconsistent, assert_consistent
 

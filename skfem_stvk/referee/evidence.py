@@ -1,0 +1,102 @@
+"""The candidate's values in strained states, against which hypotheses are held."""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from scipy.sparse import csr_matrix, issparse
+from scipy.sparse.linalg import LinearOperator
+
+from ..arguments import Array
+from ..errors import StvkError
+from .case import STRETCH, Case
+from .players import Foul, Player
+
+#: States in which hypotheses are held against the candidate, none of them small; the last one has elements inside out.
+STATES = ("rotated strained", STRETCH, "35 % compression", "large random")
+#: Residuals below vanish; those of single precision lie between it and COARSE.
+VANISHES, COARSE = 1e-8, 1e-4
+Values = dict[str, Any]
+#: Those of W, F and K that are asked for, at displacements (ndofs,).
+Model = Callable[[Array, str], Values]
+
+
+class Evidence:
+    """The candidate's values in strained states, and how far a model is from them."""
+
+    def __init__(self, case: Case, player: Player) -> None:
+        self.case, self.player = case, player
+        self.quantities = [quantity for quantity in "WFK" if player.has(quantity)]
+        self.found: dict[str, Values] = {}
+        self.not_finite: list[str] = []
+        self._by_products = False
+        for state in STATES:
+            try:
+                values = self.values(player, case.states[state])
+            except Foul:
+                continue
+            if all(np.isfinite(flat(value)).all() for value in values.values()):
+                self.found[state] = values
+            else:
+                self.not_finite.append(state)
+
+    def values(self, player: Player, u: Array, quantities: str = "WFK") -> Values:
+        """W, F and K of a player, of what is asked for and the candidate has; an operator counts by its products."""
+        return {quantity: self.value(getattr(player, quantity)(u)) for quantity in self.quantities if quantity in quantities}
+
+    def value(self, value: Any) -> Any:
+        self._by_products |= isinstance(value, LinearOperator)  # and so is every K that it is compared with
+        if isinstance(value, LinearOperator) or (self._by_products and issparse(value)):
+            return self._products(value)
+        return value
+
+    def _products(self, K: Any) -> Array:
+        """Products (ndofs, 4) with vectors of random signs: K is never made dense."""
+        return np.asarray(K @ self.case.random("hypotheses").choice([-1.0, 1.0], size=(K.shape[1], 4)))
+
+    def column(self, value: Any) -> Array:
+        """A value as a column of a least-squares problem; a matrix counts by its products."""
+        return np.asarray(self._products(value) if issparse(value) else value, dtype=float).ravel()
+
+    def of(self, quantity: str) -> Evidence:
+        """What there is of one of W, F and K alone."""
+        single = copy.copy(self)
+        single.quantities = [quantity]
+        single.found = {state: {quantity: values[quantity]} for state, values in self.found.items()}
+        return single
+
+    def truth(self, u: Array, quantities: str = "WFK") -> Values:
+        """The reference's values."""
+        return self.values(self.case.reference, u, quantities)
+
+    def error(self, model: Model, most: float = COARSE) -> float:
+        """The largest relative error of a model in all states; infinite where it is not defined.
+
+        What does not fit by `most` is left alone: K, which costs most, is computed of models alone whose W and F fit.
+        """
+        largest = 0.0 if self.found else np.inf
+        for quantities in ("W", "F", "K"):
+            for state, values in self.found.items():
+                if quantities not in values:
+                    continue
+                try:
+                    claimed = model(self.case.states[state], quantities)
+                except (StvkError, ArithmeticError, np.linalg.LinAlgError, ValueError, IndexError, AssertionError):
+                    return np.inf
+                apart = self.apart(values[quantities], claimed[quantities])
+                largest = max(largest, apart if np.isfinite(apart) else np.inf)
+                if largest > most:
+                    return largest
+        return largest
+
+    def apart(self, value: Any, claimed: Any) -> float:
+        claimed = csr_matrix(claimed) if issparse(value) and not issparse(claimed) else self.value(claimed)
+        scale, off = np.abs(flat(claimed)).max(initial=0.0), np.abs(flat(value - claimed)).max(initial=0.0)
+        return float(off / scale) if scale else (0.0 if off == 0 else np.inf)
+
+
+def flat(value: Any) -> Array:
+    return np.asarray(value.data if issparse(value) else value, dtype=float).ravel()

@@ -1,0 +1,220 @@
+"""What is wrong with a candidate: hypotheses are tried, and those that make the residual vanish are its name.
+
+Several may: a missing 1/2 in E, a doubled stress and a doubled volume are one thing on every body, and the lambda of plane stress
+is half of lambda at nu = 1/3. All that fit are printed together. Where none does, the smallest piece that fails is looked for.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from typing import Any
+
+import numpy as np
+from scipy.sparse import issparse
+
+from ..arguments import Array
+from ..materials import Isotropic
+from ..mesh import ElementMesh
+from ..terms import StVK
+from .bodies import elasticity, hourglass_control, reference_on
+from .case import STRETCH, Case
+from .checks.agreement import NEARBY
+from .evidence import COARSE, STATES, VANISHES, Evidence, flat
+from .hypotheses import models
+from .judgement import largest_component
+from .players import Foul, Player
+from .results import Explanation, Naming
+
+
+def name_the_fault(case: Case, terms: Sequence[StVK], make: Callable[[ElementMesh], Any] | None = None) -> Naming:
+    """Try all hypotheses on the case's candidate, which claims to be the body of these terms.
+
+    `make`, if it is given, makes the candidate on any mesh: where no hypothesis holds, the smallest piece that fails is looked for.
+    """
+    assert case.candidate is not None
+    evidence = Evidence(case, case.candidate)
+    if not evidence.found:
+        values = "values that are numbers" if evidence.not_finite else "values"
+        return Naming(smallest=f"It has no {values} in strained states.")
+    naming = Naming(before=evidence.error(evidence.truth, np.inf))
+    if naming.before <= VANISHES and not (evidence.not_finite or _is_stale(evidence) or _is_kept(evidence)):
+        naming.smallest = (
+            "In strained states its values are right to eight digits of the body's largest: what failed is in the digits behind "
+            "them, in a part that is far softer, or in another state, such as rest."
+        )
+        return naming
+    for found, (name, words) in _in_words(evidence):
+        naming.tried += 1
+        if found:
+            naming.explanations.append(Explanation(name, words, naming.before))
+    if naming.explanations:
+        return naming
+    naming.explanations, naming.tried = _those_that_fit(evidence, terms, naming.tried)
+    if not naming.explanations and len(evidence.quantities) > 1:
+        naming.explanations, naming.tried = _one_by_one(evidence, terms, naming.tried)
+    if not naming.explanations and make is not None:
+        naming.smallest = smallest_piece(make, case, terms)
+    elif not naming.explanations:
+        naming.smallest = _fewest_nodes(evidence)
+    return naming
+
+
+def _those_that_fit(evidence: Evidence, terms: Sequence[StVK], tried: int) -> tuple[list[Explanation], int]:
+    """The hypotheses that explain all of the evidence, and how many have been tried."""
+    fit = []
+    for name, words, model in models(evidence, terms):
+        tried += 1
+        residual = evidence.error(model)
+        if residual <= VANISHES:
+            fit.append(Explanation(name, words, residual))
+    return fit, tried
+
+
+def _one_by_one(evidence: Evidence, terms: Sequence[StVK], tried: int) -> tuple[list[Explanation], int]:
+    """One explanation that says of W, F and K, each by itself, what it is; none if one of them has none."""
+    names, words, largest = [], [], 0.0
+    for quantity in evidence.quantities:
+        single = evidence.of(quantity)
+        residual = single.error(single.truth)
+        if residual <= VANISHES:
+            names.append(f"{quantity}: right")
+        else:
+            fit, tried = _those_that_fit(single, terms, tried)
+            if not fit:
+                return [], tried
+            residual = max(one.residual for one in fit)
+            names.append(f"{quantity}: {' or '.join(one.name for one in fit)}")
+            words.append(f"of {quantity}, {fit[0].words}")
+        largest = max(largest, residual)
+    return [Explanation("; ".join(names), "; ".join(words), largest)], tried
+
+
+# what needs no model
+
+
+def _in_words(evidence: Evidence) -> Iterator[tuple[bool, tuple[str, str]]]:
+    """Explanations by looking at the values: not a number, single precision, a constant force, K of the state before."""
+    case, found = evidence.case, evidence.found
+    inverted = [state for state in evidence.not_finite if state == STATES[-1]]
+    right = evidence.error(evidence.truth) <= VANISHES
+    words = "values are not finite where elements are inside out, as by a logarithm or a root of J; elsewhere they are right"
+    yield bool(inverted) and len(inverted) == len(evidence.not_finite) and right, ("not a number at inversion", words)
+    error = evidence.error(evidence.truth)
+    words = f"errors of {error:.0e} that change from state to state like rounding: sums or positions in float32"
+    yield VANISHES < error < COARSE and _is_rounding(evidence), ("single precision", words)
+    if "F" in evidence.quantities and len(found) == len(STATES):
+        off = [values["F"] - case.reference.F(case.states[state]) for state, values in found.items()]
+        mean, size = np.mean(off, axis=0), max(float(np.abs(values["F"]).max()) for values in found.values())
+        same = max(np.abs(one - mean).max() for one in off) <= 1e-11 * size < np.abs(mean).max()
+        nodes = np.flatnonzero(largest_component(mean, case.mesh.d) > 1e-3 * np.abs(mean).max())[:5]
+        words = f"F has the same additional force in every state, on nodes {', '.join(map(str, nodes))}: a load left in"
+        yield bool(same), ("a constant force", words)
+    if "K" in evidence.quantities:
+        words = "K is that of the state that was asked for before: what is kept is not made anew"
+        yield _is_stale(evidence), ("K of the state before", words)
+        words = "K is not computed anew where u has hardly changed, as by `numpy.allclose` with the state before"
+        yield _is_kept(evidence), ("K kept while u is nearly the same", words)
+
+
+def _is_rounding(evidence: Evidence) -> bool:
+    """Whether errors, where there are any, change by their own size with a tiny change of the state."""
+    u = evidence.case.states[STRETCH]
+    there, beside = (_differences(evidence, v) for v in (u, (1 + 1e-4) * u))
+    large = [quantity for quantity in evidence.quantities if there[quantity][1] > VANISHES]
+    return bool(large) and all(
+        abs(beside[q][0] - there[q][0]).max() > 0.1 * abs(there[q][0]).max()
+        if issparse(there[q][0])
+        else np.abs(beside[q][0] - there[q][0]).max() > 0.1 * np.abs(there[q][0]).max()
+        for q in large
+    )
+
+
+def _differences(evidence: Evidence, u: Array) -> dict[str, tuple[Any, float]]:
+    """Candidate minus reference at a state, and how large that is."""
+    values, truth = evidence.values(evidence.player, u), evidence.truth(u)
+    return {q: (values[q] - truth[q], evidence.apart(values[q], truth[q])) for q in evidence.quantities}
+
+
+def _is_stale(evidence: Evidence) -> bool:
+    case, player = evidence.case, evidence.player
+    a, b = (case.states[state] for state in (STRETCH, "35 % compression"))
+    try:
+        player.K(a)
+        late = evidence.value(player.K(b))
+    except Foul:
+        return False
+    return evidence.apart(late, case.reference.K(a)) <= VANISHES < evidence.apart(late, case.reference.K(b))
+
+
+def _is_kept(evidence: Evidence) -> bool:
+    """Whether K, which is right in a state, is the same beside it to the last bit, where the reference's is not."""
+    u, player, truth = evidence.case.states[STRETCH], evidence.player, evidence.case.reference
+    beside = (1 + NEARBY) * u
+    try:
+        player.K(evidence.case.states["35 % compression"])
+        here, there = (evidence.value(player.K(v)) for v in (u, beside))
+    except Foul:
+        return False
+    right = evidence.apart(here, truth.K(u)) <= VANISHES
+    return right and evidence.apart(there, here) == 0.0 < evidence.apart(truth.K(beside), truth.K(u))
+
+
+# where nothing explains it
+
+
+def _fewest_nodes(evidence: Evidence) -> str:
+    """The first node whose displacement alone is enough to fail, in words."""
+    case, mesh = evidence.case, evidence.case.mesh
+    for node in range(min(mesh.nv, 60)):
+        u = np.zeros(mesh.p.size)
+        u[mesh.d * node : mesh.d * (node + 1)] = 0.2 * case.node_size[node] * np.array([1.0, 0.7, -0.4])[: mesh.d]
+        try:
+            values, truth = evidence.values(evidence.player, u), evidence.truth(u)
+        except Foul:
+            continue
+        if any(evidence.apart(values[q], truth[q]) > VANISHES for q in evidence.quantities):
+            around = np.flatnonzero((mesh.t == node).any(axis=0))
+            ids = ", ".join(map(str, around[:5])) + (", ..." if len(around) > 5 else "")
+            return f"It is enough to move node {node} alone, in the elements {ids}."
+    return "No displacement of a single node among the first ones shows it."
+
+
+def smallest_piece(make: Callable[[ElementMesh], Any], case: Case, terms: Sequence[StVK]) -> str:
+    """The fewest elements on which a candidate, made anew there, still disagrees with the reference, in words."""
+    mesh = case.mesh
+    if any(not isinstance(term.material, Isotropic) or np.ndim(term.material.young) for term in terms) or len(terms) > 1:
+        return "Pieces of bodies of several materials are not tried."
+
+    def fails(ids: Array) -> bool:
+        used, t = np.unique(mesh.t[:, ids], return_inverse=True)
+        piece = ElementMesh(mesh.p[:, used], t.reshape(len(mesh.t), -1).astype(np.int32), element=mesh.element)
+        tensor = elasticity(piece, terms, case.how)
+        control = hourglass_control(piece, terms, case.how) if case.how.is_one_point else None
+        truth = Player("reference", reference_on(piece.p, piece.t, tensor, case.how, control), piece.p.size)
+        try:
+            player = Player("candidate", make(piece), piece.p.size)
+            u = 0.1 * case.median_edge * case.random("piece").standard_normal(piece.p.size)
+            for quantity in "WFK":
+                if player.has(quantity):
+                    value, right = getattr(player, quantity)(u), getattr(truth, quantity)(u)
+                    if not np.abs(flat(value - right)).max(initial=0.0) <= VANISHES * np.abs(flat(right)).max(initial=0.0):
+                        return True
+        except Exception:  # a candidate that cannot be made there, or not on this piece
+            return False
+        return False
+
+    pieces: list[Array] = [np.arange(mesh.nt)]
+    failing = pieces[0] if fails(pieces[0]) else None
+    for element in range(min(mesh.nt, 30)):
+        if fails(np.array([element])):
+            return f"The smallest mesh that fails is one element: {element}, nodes {mesh.t[:, element].tolist()}."
+    while failing is not None and len(failing) > 2:
+        halves = [failing[: len(failing) // 2], failing[len(failing) // 2 :], failing[::2], failing[1::2]]
+        smaller = next((half for half in halves if fails(half)), None)
+        if smaller is None:
+            break
+        failing = smaller
+    if failing is None:
+        return "A candidate that is made anew on this mesh does not fail."
+    ids = ", ".join(map(str, failing[:8])) + (", ..." if len(failing) > 8 else "")
+    return f"The smallest mesh found that fails has {len(failing)} elements: {ids}."
