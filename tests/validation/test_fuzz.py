@@ -1,15 +1,17 @@
 """A few random cases of every family, and planted faults that they must find."""
 
 from collections import Counter
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from skfem_stvk import StvkError, System
-from validation.fuzz import bodies, files, programs, study
+from skfem_stvk import EnergyMomentum, StvkError, System, VelocityVerlet
+from skfem_stvk.dynamics.integrators.explicit import VelocityVerletStepper
+from validation.fuzz import bodies, files, programs, solves, study
 
 
-@pytest.mark.parametrize("family", ["bodies", "programs", "mesh files", "scene files"])
+@pytest.mark.parametrize("family", ["bodies", "programs", "solves", "motions", "mesh files", "scene files"])
 def test_random_cases_are_right_or_refused_with_a_clear_error(family, tmp_path):
     counts = Counter()
     drawn, check = study.families(tmp_path)[family]
@@ -38,6 +40,38 @@ def test_a_force_that_is_not_the_derivative_is_found(monkeypatch):
     monkeypatch.setattr(System, "internal_force", lambda system, u: 1.001 * internal_force(system, u))
     story = found(bodies.recipes(), bodies.check_body)
     assert "is not the derivative of" in story and "size=1" in story  # the smallest body that shows it
+
+
+@pytest.mark.parametrize(
+    ("of_state", "of_tangent", "said"),
+    [(1.001, 1.0, "not in equilibrium"), (1.0, -1.0, "unstable: the lowest eigenvalue of K is -")],
+)
+def test_a_solve_that_is_called_a_success_and_is_none_is_found(monkeypatch, of_state, of_tangent, said):
+    def wrong(system, *arguments, **options):
+        result, jacobian = solve_static(system, *arguments, **options), system.jacobian
+        system.jacobian = lambda *at: of_tangent * jacobian(*at)
+        return replace(result, u=of_state * result.u)
+
+    solve_static = solves.solve_static
+    monkeypatch.setattr(solves, "solve_static", wrong)
+    assert said in found(solves.solves(), solves.check_solve)
+
+
+@pytest.mark.parametrize(
+    ("owner", "method", "held", "said"),
+    [(VelocityVerletStepper, "step", "nothing", "linear momentum of"), (EnergyMomentum, "update", "a node", "energy of")],
+)
+def test_a_motion_that_loses_a_thousandth_of_its_velocity_is_found(monkeypatch, owner, method, held, said):
+    def braked(self, state, *arguments):
+        original(self, state, *arguments)
+        state.v *= 0.999
+
+    original = getattr(owner, method)
+    monkeypatch.setattr(owner, method, braked)
+    integrator = EnergyMomentum if owner is EnergyMomentum else VelocityVerlet
+    drawn = solves.motions().map(lambda one: replace(one, recipe=replace(one.recipe, held=held), integrator=integrator))
+    story = found(drawn, solves.check_motion)
+    assert said in story and "is lost" in story
 
 
 def test_an_error_from_the_depths_and_one_that_says_nothing_are_found(monkeypatch, tmp_path):

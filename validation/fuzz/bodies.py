@@ -81,15 +81,17 @@ def recipes(draw: st.DrawFn, largest: int = 4) -> Recipe:
     )
 
 
-def made(recipe: Recipe) -> System:
-    """The body of a recipe, if there is one."""
+def made(recipe: Recipe, strain: float | None = None) -> System:
+    """The body of a recipe, if there is one; with loads that strain elements by about so much, or of any size."""
     rng = np.random.default_rng(recipe.seed)
     mesh = mesh_of(recipe, rng)
-    nodes = range({"nothing": 0, "a node": 1, "half": max(1, mesh.nv // 2)}[recipe.held])
+    nodes = range({"nothing": 0, "a node": 1, "half": max(min(mesh.k, mesh.nv - 1), mesh.nv // 2)}[recipe.held])
     fixed = {tuple(nodes): "xyz"[: mesh.d]} if nodes else None
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", StvkWarning)
-        return System(mesh, [*_terms(recipe, mesh, rng), *_loads(recipe, mesh, rng)], fixed=fixed)
+        terms = _terms(recipe, mesh, rng)
+        size = None if strain is None else strain * _resistance(System(mesh, terms))
+        return System(mesh, [*terms, *_loads(recipe, mesh, rng, size)], fixed=fixed)
 
 
 def mesh_of(recipe: Recipe, rng: np.random.Generator) -> ElementMesh:
@@ -145,19 +147,38 @@ def _terms(recipe: Recipe, mesh: ElementMesh, rng: np.random.Generator) -> list[
     return [*terms, VolumePenalty(1e3, kind="quadratic")] if recipe.law == "with a penalty" else terms
 
 
-def _loads(recipe: Recipe, mesh: ElementMesh, rng: np.random.Generator) -> list[Any]:
+def _loads(recipe: Recipe, mesh: ElementMesh, rng: np.random.Generator, size: float | None) -> list[Any]:
+    """Loads of this size on each node [N], or of one unit."""
+    volume = _volume_of_nodes(mesh)
+    g, f, q = (1.0, 1.0, 1.0) if size is None else (size / (1e3 * volume), size / volume, size)
     makers = {
-        "gravity": lambda: Gravity(rng.standard_normal(mesh.d)),
-        "body force": lambda: BodyForce(rng.standard_normal(mesh.d)),
-        "nodal": lambda: NodalLoad([0], rng.standard_normal(mesh.d)),
+        "gravity": lambda: Gravity(g * rng.standard_normal(mesh.d)),
+        "body force": lambda: BodyForce(f * rng.standard_normal(mesh.d)),
+        "nodal": lambda: NodalLoad([mesh.nv - 1], q * rng.standard_normal(mesh.d)),
     }
     return [makers[name]() for name in recipe.loads]
+
+
+def _volume_of_nodes(mesh: ElementMesh) -> float:
+    """What is about the volume of a node, or its area or length."""
+    return float(np.prod(np.sort(np.ptp(mesh.p, axis=1))[-mesh.k :])) / mesh.nv
+
+
+def _resistance(system: System) -> float:
+    """What is about the force on a node that strains the elements around it by one [N]."""
+    K = system.tangent(np.zeros(system.ndofs))
+    return float(np.median(K.diagonal()) * edge_length(system))
+
+
+def edge_length(system: System) -> float:
+    """What is about the length of an edge [m]."""
+    return float(np.ptp(system.mesh.p) / max(1.0, system.mesh.nt ** (1 / system.mesh.k)))
 
 
 def states(recipe: Recipe, system: System) -> list[NDArray[np.float64]]:
     """Rest, a state of the recipe's amount over the size of the body, and one a little further on."""
     rng = np.random.default_rng([recipe.seed, 1])
-    u = recipe.amount * np.ptp(system.mesh.p) / max(1.0, system.mesh.nt ** (1 / recipe.k)) * rng.standard_normal(system.ndofs)
+    u = recipe.amount * edge_length(system) * rng.standard_normal(system.ndofs)
     return [np.zeros(system.ndofs), u, 1.01 * u]
 
 

@@ -20,6 +20,7 @@ from skfem_stvk.referee.terminal import WIDTH, grid
 from .bodies import check_body, recipes
 from .files import mesh_files, read_damaged_mesh, read_damaged_scene, scene_files
 from .programs import programs, run_program
+from .solves import check_motion, check_solve, motions, solves
 
 #: Cases of a family at a time, and how long one may take [s]: the first ones compile kernels, which is most of it.
 CHUNK, LONGEST = 250, 120.0
@@ -35,13 +36,15 @@ def families(folder: Path) -> dict[str, tuple[Any, Callable[[Any], bool]]]:
         "bodies": (recipes(), check_body),
         "larger bodies": (recipes(largest=8), check_body),
         "programs": (programs(), lambda drawn: run_program(*drawn)),
+        "solves": (solves(), check_solve),
+        "motions": (motions(), check_motion),
         "mesh files": (mesh_files, lambda drawn: read_damaged_mesh(folder, *drawn)),
         "scene files": (scene_files, lambda drawn: read_damaged_scene(folder, *drawn)),
     }
 
 
 #: Of a family that is slow only every so many chunks.
-EVERY = {"bodies": 2, "larger bodies": 10, "programs": 2}
+EVERY = {"bodies": 2, "larger bodies": 10, "programs": 2, "solves": 10, "motions": 10}
 
 
 def run(cases: int, seconds: float | None, first: int) -> int:
@@ -56,7 +59,7 @@ def run(cases: int, seconds: float | None, first: int) -> int:
         while not (sum(c["cases"] for c in counts.values()) >= cases or (seconds and perf_counter() - begin > seconds)):
             for name, (drawn, check) in todo.items():
                 if number % EVERY.get(name, 1) == 0:
-                    failure = chunk(drawn, check, first + number, min(CHUNK, max(1, cases // 5)), counts[name])
+                    failure = chunk(drawn, check, first + number, min(CHUNK, max(1, cases // len(todo))), counts[name])
                     if failure:
                         failures.append(f"{name}, seed {first + number}: {failure}")
                         console.print(f"[bold red]wrong[/] {name}, seed {first + number}", soft_wrap=True)

@@ -1,0 +1,167 @@
+"""Random static solves and motions: what is called a success is one, and what is none says why."""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from hypothesis import strategies as st
+
+from skfem_stvk import (
+    BackwardEuler,
+    EnergyMomentum,
+    ForwardEuler,
+    GeneralizedAlpha,
+    LinearBackwardEuler,
+    Newmark,
+    Run,
+    StaticResult,
+    StvkError,
+    StvkWarning,
+    System,
+    VelocityVerlet,
+    critical_step,
+    simulate,
+    solve_static,
+)
+
+from .bodies import Recipe, edge_length, made, recipes, states
+
+STRAINS = (1e-9, 1e-6, 1e-3, 0.03, 0.3, 3.0)
+SOLVERS = ("auto", "auto", "superlu", "amg-cg", "block-jacobi-cg", "ssor-cg")
+IMPLICIT = (LinearBackwardEuler, BackwardEuler, Newmark, GeneralizedAlpha, EnergyMomentum)
+INTEGRATORS = (ForwardEuler, VelocityVerlet, *IMPLICIT)
+#: Steps of a motion, and of each in critical steps: explicit integrators blow up at the last two, and say so.
+STEPS, LENGTHS = 6, (0.1, 0.8, 10.0, 1e3)
+#: The part of the largest forces that may be left over in an equilibrium which converged to 1e-8 of the norm of loads and reactions.
+LEFT = 1e-7
+#: Laws of which `EnergyMomentum` keeps the energy to the order of the step only: their force is taken at its middle.
+AT_THE_MIDDLE = ("invertible", "with a penalty")
+
+
+@dataclass(frozen=True)
+class Solve:
+    """A body whose loads strain it by about so much, and how its equilibrium is looked for."""
+
+    recipe: Recipe
+    strain: float
+    method: str
+    solver: str
+    steps: int
+
+
+@dataclass(frozen=True)
+class Motion:
+    """A body that starts strained and with velocities that strain it by about so much in a critical step."""
+
+    recipe: Recipe
+    strain: float
+    integrator: type[Any]
+    length: float
+
+
+@st.composite
+def solves(draw: st.DrawFn) -> Solve:
+    """Bodies that are held at half of their nodes, as a rule, and carry a load."""
+    recipe = draw(recipes(largest=3))
+    as_drawn = draw(st.sampled_from((False,) * 9 + (True,)))
+    return Solve(
+        recipe if as_drawn else replace(recipe, held="half", loads=recipe.loads or ("nodal",)),
+        strain=draw(st.sampled_from(STRAINS)),
+        method=draw(st.sampled_from(("load-steps", "load-steps", "arc-length"))),
+        solver=draw(st.sampled_from(SOLVERS)),
+        steps=draw(st.integers(1, 5)),
+    )
+
+
+@st.composite
+def motions(draw: st.DrawFn) -> Motion:
+    """Bodies that are free or held, with loads or without."""
+    return Motion(
+        draw(recipes(largest=3)),
+        strain=draw(st.sampled_from(STRAINS)),
+        integrator=draw(st.sampled_from(INTEGRATORS)),
+        length=draw(st.sampled_from(LENGTHS)),
+    )
+
+
+def check_solve(drawn: Solve) -> bool:
+    """A state of equilibrium that is stable, with no element inside out; or an error that says why there is none."""
+    try:
+        system = made(drawn.recipe, drawn.strain)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", StvkWarning)
+            result = solve_static(
+                system, drawn.steps, method=drawn.method, solver=drawn.solver, stability=True, quiet=True, raise_on_failure=False
+            )
+    except StvkError as error:
+        assert len(str(error)) > 20, f"an error that says nothing: {error!r}"
+        return False
+    assert np.isfinite(result.u).all(), "displacements that are no numbers"
+    if not result.success:
+        assert len(result.message) > 20, f"a message that says nothing: {result.message!r}"
+        return False
+    _check_equilibrium(drawn.recipe, system, result)
+    return True
+
+
+def _check_equilibrium(recipe: Recipe, system: System, result: StaticResult) -> None:
+    u, free = result.u, system.free_dofs(system.supports.fixed)
+    assert not u[free.fixed].any(), "what is held has moved"
+    assert recipe.law == "linear" or not len(system.inside_out(u)), "elements are inside out"
+    left, loads = system.residual(u, result.t), system.external_force(u, result.t)
+    forces = float(np.linalg.norm(loads) + np.linalg.norm(left[free.fixed]))
+    off = float(np.linalg.norm(left[free.free]))
+    rounding = 10 * float(np.finfo(float).eps * np.linalg.norm(system.round_off(u)))
+    assert off <= LEFT * forces + rounding, f"not in equilibrium: {off:g} N of {forces:g} N"
+    K = system.jacobian(u, result.t)[free.free][:, free.free].toarray()
+    scale = 1 / np.sqrt(np.abs(np.diag(K)) + np.finfo(float).tiny)
+    lowest = float(np.linalg.eigvalsh(scale[:, None] * (K + K.T) / 2 * scale)[0])
+    assert lowest >= -1e-8, f"unstable: the lowest eigenvalue of K is {lowest:g}"
+
+
+def check_motion(drawn: Motion) -> bool:
+    """A motion that keeps what its integrator promises to keep; or an error that says why it has ended."""
+    recipe = drawn.recipe
+    try:
+        system = made(recipe, drawn.strain)
+        dt = drawn.length * critical_step(system).step
+        free = system.free_dofs(system.supports.fixed)
+        u, v = states(recipe, system)[1], np.random.default_rng([recipe.seed, 4]).standard_normal(system.ndofs)
+        v *= drawn.strain * edge_length(system) / critical_step(system).step
+        u[free.fixed] = v[free.fixed] = 0.0
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", StvkWarning)
+            integrator = drawn.integrator(dt=dt)
+            run = simulate(system, integrator, until=STEPS * dt, u0=u, v0=v, quiet=True, raise_on_failure=False)
+    except StvkError as error:
+        assert len(str(error)) > 20, f"an error that says nothing: {error!r}"
+        return False
+    assert np.isfinite(run.u).all() and np.isfinite(run.v).all(), "a state that is no number"
+    assert all(np.isfinite(column).all() for column in run.ledger.values()), "a ledger that is no number"
+    assert not run.u[free.fixed].any() and not run.v[free.fixed].any(), "what is held has moved"
+    if not run.success:
+        assert len(run.message) > 20, f"a message that says nothing: {run.message!r}"
+        return False
+    assert run.ledger.steps > STEPS and abs(run.t - STEPS * dt) <= 1e-9 * run.t, f"it ends at {run.t:g} s, not at {STEPS * dt:g} s"
+    _check_what_is_kept(drawn, system, run, dt)
+    return True
+
+
+def _check_what_is_kept(drawn: Motion, system: System, run: Run, dt: float) -> None:
+    """Linear momentum of bodies that are free of all, and the energy of `EnergyMomentum`, to the tolerance of a step's solve."""
+    ledger, recipe = run.ledger, drawn.recipe
+    rtol = max(1e-12, getattr(drawn.integrator(dt=dt), "rtol", 0.0))
+    if recipe.held == "nothing" and not recipe.loads:
+        moved = np.array([ledger[f"linear_momentum_{axis}"] for axis in "xyz"[: system.mesh.d]])
+        forces = max(float(np.abs(system.internal_force(u)).sum()) for u in (states(recipe, system)[1], run.u))
+        swing = np.sqrt(2 * system.mass().total * ledger["kinetic_energy"].max())
+        lost, scale = float(np.abs(moved - moved[:, :1]).max()), dt * forces + swing
+        assert lost <= 10 * STEPS * rtol * scale, f"linear momentum of {lost:g} is lost, in {scale:g}"
+    if drawn.integrator is EnergyMomentum and recipe.law not in AT_THE_MIDDLE:
+        energy = ledger["kinetic_energy"] + np.abs(ledger["strain_energy"])
+        off = float(np.abs(ledger["closure_error"]).max())
+        scale = float(energy.max() + np.abs(ledger.get("potential_energy", np.zeros(1))).max())
+        assert off <= 1e-8 * scale, f"energy of {off:g} is lost, in {scale:g}"
