@@ -23,6 +23,9 @@ LARGEST, PARTS = 4.0, 2.0
 SHARPEST, SHARP = 0.5, 0.9
 #: Steps are shortened down to this part of the first one where it is not sure that they stay on the path.
 SURE = 0.02
+#: The load may change by so many times what the tangent foretells. Where it changes more, a body that was nearly a mechanism has
+#: become stiff, and the first step is as short as it takes to see how, down to a part of itself that is next to nothing.
+FAR, TINY = 100.0, 1e-15
 #: A state that is looked for between two others is no further beside them than this part of the way.
 BESIDE = 1e-6
 
@@ -98,6 +101,9 @@ class ArcLength(Walk):
         if isinstance(found, Attempt):
             return found
         u, t, end, record = found
+        if abs(t - self.t) > FAR * max(abs(length * way.rate), self._first_load):
+            self._first = min(self._first, max(length / 2, TINY * self._first_load / abs(way.rate)))
+            return Attempt(t, End.TOO_SHARP, record)
         ahead = heading(problem, u, t)
         landed = False
         if not isinstance(ahead, str):
@@ -174,4 +180,5 @@ class ArcLength(Walk):
             factor = min(factor, 1 / GROWTH)
         so_far = self.u - self._from
         part = PARTS * self._first_load * float(np.sqrt(self.problem.dot(so_far, so_far)))
-        self._size = min(factor * self._size, max(LARGEST * self._first, part))
+        longest, shortest = max(LARGEST * self._first, part), SMALLEST * self._first  # only what fails ends the path
+        self._size = max(min(factor * self._size, longest), shortest)

@@ -19,8 +19,9 @@ from .history import Step
 
 #: A path that is given no other number of states ends after so many.
 MOST_STATES = 1000
-#: A path that begins on a level does not cross it there; so near, as a part of the step, it is on it.
-STANDS = 1e-9
+#: A path that begins on a level does not cross it there, and one that ends on it does; so near, as a part of the step, it is on it.
+#: But a step counts as no longer than so many times the level: the first one of a body that is nearly a mechanism goes far beyond.
+STANDS, FAR = 1e-9, 1e3
 
 
 @dataclass(frozen=True, repr=False)
@@ -93,7 +94,9 @@ class Goal:
         found = []
         for normal, weight, value in self._levels:
             begin, end = dot(normal, u) + weight * t, dot(normal, v) + weight * s
-            if (begin - value) * (end - value) <= 0 and abs(begin - value) > STANDS * abs(end - begin):
+            near = STANDS * min(abs(end - begin), FAR * abs(value) or np.inf)
+            crossed = (begin - value) * (end - value) <= 0 or abs(end - value) <= near
+            if crossed and abs(begin - value) > near:
                 found.append(((value - begin) / (end - begin), Hyperplane(normal, weight, value, end - begin)))
         return min(found, key=lambda one: one[0], default=None)
 

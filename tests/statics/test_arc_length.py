@@ -287,6 +287,29 @@ def test_a_path_that_begins_on_a_level_goes_on_until_it_comes_back_to_it():
     assert result.t == 0 and -result.u[3] == pytest.approx(RISE, rel=1e-9)
 
 
+@pytest.mark.parametrize("steps", [1, 10])
+@pytest.mark.parametrize("stop", [Stop(load=1.0), Stop(displacement=([1], "y", -0.01))])
+@pytest.mark.parametrize("sag", [1e-3, 1e-7])
+def test_a_cable_that_is_nearly_a_mechanism_is_not_pulled_past_what_is_asked_for(sag, stop, steps):
+    """The tangent at rest leads 5e8 m away at t = 1, where the load would be 1e31; the level was not seen in such a step."""
+    cable = ElementMesh([[0.0, 1, 2], [0, -sag, 0]], [[0, 1], [1, 2]])
+    system = System(cable, [StVK(young=1e5, poisson=0.3, area=1.0), NodalLoad([1], (0, -1.0))], fixed={(0, 2): "xy"})
+    result = solve_static(system, steps, stop=stop, **OPTIONS)
+    w = -result.u[3]
+    assert 1e5 * w * (w + sag) * (w + 2 * sag) / np.hypot(1, sag) ** 3 == pytest.approx(result.t, rel=1e-6)
+    assert result.t == 1 if stop.load else w == pytest.approx(0.01)
+
+
+def test_a_step_that_ends_on_a_level_but_for_rounding_ends_the_path():
+    """A bar that is hardly strained: the first step leads to t = 1, or to 1 - 1e-16, from where no step crosses it."""
+    rng = np.random.default_rng(0)
+    for _ in range(60):
+        p, force = np.array([[0.0, rng.uniform(0.1, 3)]]), 10.0 ** rng.uniform(-4, -1)
+        bar = System((p, np.array([[0], [1]])), [StVK(young=1e5, poisson=0.3, area=1.0), NodalLoad([1], (force,))], {(0,): "x"})
+        result = solve_static(bar, 1, **OPTIONS)
+        assert result.t == 1 and len(result.history) == 1
+
+
 @pytest.mark.parametrize(("load", "w"), [(0.3, 0.02), (0.4, 0.02), (0.4, 0.03)])
 def test_of_two_levels_in_one_step_the_first_one_ends_the_path(load, w):
     result = solve_static(bar(), steps=2, stop=Stop(load=load, displacement=([1], "y", -w)), **OPTIONS)
