@@ -46,6 +46,7 @@ def test_a_mesh_file_is_verified_and_reported(tmp_path, capsys):
     assert (tmp_path / "a" / "report" / "report.html").stat().st_size > 10_000
 
 
+@pytest.mark.slow
 def test_a_curved_c3d10_file_is_verified_as_what_it_is(tmp_path, capsys):
     mesh = box(1).with_degree(2)
     p = mesh.p.copy()

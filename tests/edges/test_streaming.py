@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 from bodies import MESHES, box, boxes, curved, state
 from kernels.parts import in_parts
+from slow import slow
 
 from skfem_stvk import ElementMesh, StVK, System, VolumePenalty
 from skfem_stvk.edges import ALL, NONE, TENSILE, streaming
@@ -51,7 +52,7 @@ def in_both_ways(body, u, data, add=False, kept=ALL):
 
 
 @pytest.mark.parametrize(
-    ("kind", "dtype"), [*((kind, np.float64) for kind in KINDS), ("shuffled", np.float32), ("hexahedra", np.float32)]
+    ("kind", "dtype"), [*((kind, np.float64) for kind in KINDS), ("shuffled", np.float32), slow("hexahedra", np.float32)]
 )
 @pytest.mark.parametrize("parts", [1, 3])
 def test_rows_written_at_once_are_those_of_all_pairs(kind, parts, dtype, monkeypatch):

@@ -45,9 +45,10 @@ from skfem_stvk.terms.load import Moment
 
 RNG = np.random.default_rng(21)
 BOXES = [name for name, mesh in EVERY_MESH.items() if mesh.element.is_box and mesh.k == mesh.d]
-#: Quadrilaterals with one point and quadratic tetrahedra have kernels that no other test compiles.
-CASES = [slow(name, None) if name == "quadratic tetrahedra" else (name, None) for name in EVERY_MESH] + [
-    slow(name, "one-point") if name == "quadrilaterals" else (name, "one-point") for name in BOXES
+#: Kernels of these take half a minute to compile, and others of their kind say the same.
+RARE = "quadratic tetrahedra", "quadratic triangles"
+CASES = [slow(name, None) if name in RARE else (name, None) for name in EVERY_MESH] + [
+    slow(name, "one-point") if name == "hexahedra" else (name, "one-point") for name in BOXES
 ]
 
 
@@ -246,6 +247,7 @@ def test_a_barrier_does_not_mind_what_is_out_and_inside_out():
     assert np.isfinite(body.energy(u)) and np.isfinite(body.tangent(u).data).all()
 
 
+@pytest.mark.slow
 def test_single_precision_and_threads():
     import numba
 
@@ -483,7 +485,7 @@ ON_MESHES = [
 
 
 @pytest.mark.parametrize(
-    ("law", "name"), [slow(*row) if row[1] != "tetrahedra" and row[0] != "wrinkling" else row for row in ON_MESHES]
+    ("law", "name"), [row if row == ("neo-Hookean", "tetrahedra") or row[0] == "wrinkling" else slow(*row) for row in ON_MESHES]
 )
 def test_other_laws_lose_elements_too_whatever_becomes_of_those(law, name):
     """On half of the elements; what is out is turned inside out."""

@@ -7,6 +7,7 @@ from bodies import CURVED, STRAIGHT, box, scikit_fem_of, state
 from kernels import readable
 from kernels.parts import in_parts
 from skfem.helpers import ddot, grad
+from slow import slow
 
 from skfem_stvk import StateError, StVK, System, VolumePenalty
 from skfem_stvk.edges import Tensions
@@ -151,7 +152,7 @@ def point_ratios(mesh, u):
     return (now / rest).min(axis=1)
 
 
-@pytest.mark.parametrize("dtype", [np.float64, np.float32])
+@pytest.mark.parametrize("dtype", [np.float64, slow(np.float32)])
 def test_the_barrier_names_elements_with_no_volume_at_a_point(dtype):
     """A node alone does not matter to it: there `inside_out` sees it, and a step ends before."""
     mesh = box(2).with_degree(2)
