@@ -23,6 +23,7 @@ def test_what_went_wrong_is_told(outcomes):
     assert "KeyError: 'connectivity'" in outcomes["an error from the depths"].why
     assert "SIGSEGV" in outcomes["a segmentation fault"].why and "SIGKILL" in outcomes["a kill"].why
     assert outcomes["a loss"].why == "state 7 is gone"
+    assert "in forever" in outcomes["a hang"].why
 
 
 def test_wrong_cases_are_counted_listed_with_how_to_repeat_them_and_fail_the_command(outcomes, monkeypatch, capsys):

@@ -124,10 +124,13 @@ class Child:
             print(json.dumps({"module": job.module, "case": job.case.name, "folder": str(work)}), file=process.stdin, flush=True)
             answer = self._answer(job.case.seconds)
         except (TimeoutError, EOFError, BrokenPipeError) as error:
-            hung, printed = isinstance(error, TimeoutError), self._printed()
+            hung = isinstance(error, TimeoutError)
+            if hung:
+                self._tell_where()
+            printed = self._printed()
             self.end()
             if hung:
-                return Verdict.HANG, f"no end within {job.case.seconds:g} s"
+                return Verdict.HANG, f"no end within {job.case.seconds:g} s; it was at: {printed[-2000:]}"
             return Verdict.CRASH, f"the process ended by {_ending(process.returncode)}; it printed: {printed[-2000:]}"
         return Verdict[answer["verdict"]], answer["why"]
 
@@ -163,6 +166,13 @@ class Child:
             os.close(theirs)
             self._answer(START)  # it is ready
         return self._process
+
+    def _tell_where(self) -> None:
+        """Let the process, and those that it has started, print where they are, by `faulthandler`; it ends them."""
+        assert self._process is not None
+        with suppress(ProcessLookupError, subprocess.TimeoutExpired):
+            os.killpg(self._process.pid, signal.SIGABRT)
+            self._process.wait(10.0)
 
     def _printed(self) -> str:
         return (self._folder / "printed").read_text(errors="replace")

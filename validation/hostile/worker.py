@@ -5,6 +5,7 @@ It reads a line of JSON for each case from standard input, and writes one with t
 
 from __future__ import annotations
 
+import faulthandler
 import json
 import os
 import resource
@@ -28,6 +29,7 @@ LONGEST = 20_000
 
 def serve(descriptor: int) -> None:
     """Run what standard input names, until it ends."""
+    faulthandler.enable()  # a case that never ends is told where it is
     _load_libraries()
     with os.fdopen(descriptor, "w", encoding="utf-8") as answers:
         print("{}", file=answers, flush=True)  # ready: imports have no part in the limits of a case

@@ -156,7 +156,7 @@ PARTS: dict[str, dict[str, Part]] = {
             "a right result, or an error in words",
             "mutation",
             "docs/fuzzing.md",
-            "random bodies, programs and files",
+            "random bodies, programs, solves, motions and files",
             takes_quick=False,
             whole_only=True,
         )
