@@ -10,7 +10,7 @@ from scipy.sparse import bsr_matrix, csr_matrix
 
 from ..arguments import Array
 from ..errors import StvkError
-from .peer import Reordering, lame, require
+from .peer import PEERS, Reordering, lame, require
 
 OPTIONS = {"cffi_extra_compile_args": ["-O3", "-march=native", "-ffast-math"]}
 
@@ -18,8 +18,8 @@ OPTIONS = {"cffi_extra_compile_args": ["-O3", "-march=native", "-ffast-math"]}
 class DOLFINx:
     """`W`, its derivative and its second derivative as forms with one quadrature point, on one process; see `Peer`.
 
-    Written after the documented interface of DOLFINx 0.9 and 0.10 and **not yet run**: pip does not install it. DOLFINx renumbers
-    vertices and degrees of freedom, and leaves out vertices that no tetrahedron has; their forces and rows of K are zero here.
+    DOLFINx renumbers vertices and degrees of freedom, and leaves out vertices that no tetrahedron has; their forces and rows of K are
+    zero here.
     """
 
     name = "DOLFINx"
@@ -30,7 +30,10 @@ class DOLFINx:
             mpi, ufl, basix = (import_module(module) for module in ("mpi4py.MPI", "ufl", "basix.ufl"))
             fem, la, meshes = (import_module(f"dolfinx.{module}") for module in ("fem", "la", "mesh"))
         except ImportError as error:
-            raise StvkError(f"dolfinx is here, but not all that comes with it ({error}). Install it anew.") from error
+            raise StvkError(
+                f"DOLFINx {dolfinx.__version__} lacks what 0.9 and later come with ({error}): it is older, or parts of it are missing. "
+                f"Get it: {PEERS[self.name].install}"
+            ) from error
         self.version: str = dolfinx.__version__
         self._fem, self._ndofs = fem, p.size
         mesh = meshes.create_mesh(

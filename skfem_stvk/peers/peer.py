@@ -130,8 +130,8 @@ PEERS = {
         "dolfinx",
         "fenics-dolfinx",
         "conda install -c conda-forge fenics-dolfinx",
-        deviates="nothing, but it has not been run here, as pip does not install it",
-        tried="none; written after the documents of 0.9 and 0.10",
+        deviates="nothing",
+        tried="0.9.0, 0.11.0",
     ),
     "JAX": Package(
         "jax",

@@ -34,9 +34,9 @@ class ArcLength(Walk):
     """States along the path, whose length `s` is that of the displacements; t is unknown like them.
 
     A step goes along the tangent of the path, `K du = -dr/dt dt`, and from there, by Newton's method, to the equilibrium in the
-    plane across it (Riks 1979, in the space of displacements). It is halved where that fails, elements would turn inside out or the
-    path turns sharply. Which of the two ways the tangent points is told by the last one: it passes bifurcations on the path that it
-    is on.
+    plane across it (Riks 1979, in the space of displacements). It is halved where that fails, elements would turn inside out, the
+    path turns sharply or the load changes far more than the tangent foretells. Which of the two ways the tangent points is told by
+    the last one: it passes bifurcations on the path that it is on.
     """
 
     name: ClassVar[str] = "arc-length"
