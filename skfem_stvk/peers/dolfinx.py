@@ -31,8 +31,8 @@ class DOLFINx:
             fem, la, meshes = (import_module(f"dolfinx.{module}") for module in ("fem", "la", "mesh"))
         except ImportError as error:
             raise StvkError(
-                f"DOLFINx {dolfinx.__version__} lacks what 0.9 and later come with ({error}): it is older, or parts of it are missing. "
-                f"Get it: {PEERS[self.name].install}"
+                f"DOLFINx {dolfinx.__version__} lacks what 0.9 and later come with ({error}): it is older, or parts of it are "
+                f"missing. Get it: {PEERS[self.name].install}"
             ) from error
         self.version: str = dolfinx.__version__
         self._fem, self._ndofs = fem, p.size
