@@ -18,8 +18,8 @@ OPTIONS = {"cffi_extra_compile_args": ["-O3", "-march=native", "-ffast-math"]}
 class DOLFINx:
     """`W`, its derivative and its second derivative as forms with one quadrature point, on one process; see `Peer`.
 
-    DOLFINx renumbers vertices and degrees of freedom, and leaves out vertices that no tetrahedron has; their forces and rows of K are
-    zero here.
+    DOLFINx renumbers vertices and degrees of freedom, and leaves out vertices that no tetrahedron has; their forces and rows of K
+    are zero here.
     """
 
     name = "DOLFINx"
