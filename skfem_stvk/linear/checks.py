@@ -96,6 +96,7 @@ def handed_out(found: Solution, out: Vector | None) -> Solution:
     return replace(found, x=out)
 
 
+@np.errstate(over="ignore", invalid="ignore")  # what overflows is an outcome
 def solve_checked(product: Callable[[Vector], Vector], inverse: Callable[[Vector], Vector], b: Vector, rtol: float) -> Solution:
     """`x = inverse(b)`, refined once where `|b - K x| > rtol |b|` to `x += inverse(b - K x)`, if that is better."""
     size = float(np.linalg.norm(b))

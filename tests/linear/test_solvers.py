@@ -1,5 +1,7 @@
 """One suite for all solvers: what they answer, what they refuse, and that nothing stale is used."""
 
+import warnings
+
 import numpy as np
 import pytest
 from linear.problems import NAMES, given, indefinite, problem
@@ -101,12 +103,15 @@ def test_units_of_stiffness_do_not_matter(solver, size):
 
 
 @all_solvers
-@pytest.mark.parametrize("bad", [np.nan, np.inf])
+@pytest.mark.parametrize("bad", [np.nan, np.inf, 1e160, 1e308])
 def test_a_load_that_is_not_finite_is_an_outcome_and_the_answer_is_finite(solver, bad):
+    """Nor is one whose norm overflows, of which NumPy says nothing by itself."""
     K, unknowns = problem()
     b = load(unknowns.n)
     b[5] = bad
-    solution = solver.analyse(unknowns).factorise(given(solver, K, unknowns), SYMMETRIC).solve(b)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        solution = solver.analyse(unknowns).factorise(given(solver, K, unknowns), SYMMETRIC).solve(b)
     assert solution.outcome is Outcome.NOT_FINITE and np.isfinite(solution.x).all()
 
 
