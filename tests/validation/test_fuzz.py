@@ -74,6 +74,24 @@ def test_a_motion_that_loses_a_thousandth_of_its_velocity_is_found(monkeypatch, 
     assert said in story and "is lost" in story
 
 
+def test_a_motion_that_is_turned_about_its_centre_of_mass_is_found(monkeypatch):
+    """Linear momentum stays as it is."""
+
+    def turned(self, state, *arguments):
+        original(self, state, *arguments)
+        mass, mesh = self.motion.mass.vertex, self.motion.system.mesh
+        x, v = mesh.p.T + state.u.reshape(-1, mesh.d), state.v.reshape(-1, mesh.d)
+        arm = x - mass @ x / mass.sum()
+        spin = 1e-3 * np.abs(v).max() / np.abs(arm).max()
+        v[:, :2] += spin * np.stack([-arm[:, 1], arm[:, 0]], axis=1)
+
+    original = VelocityVerletStepper.step
+    monkeypatch.setattr(VelocityVerletStepper, "step", turned)
+    free = {"held": "nothing", "loads": (), "d": 3}
+    drawn = solves.motions().map(lambda one: replace(one, recipe=replace(one.recipe, **free), integrator=VelocityVerlet))
+    assert "angular momentum of" in found(drawn, solves.check_motion)
+
+
 def test_an_error_from_the_depths_and_one_that_says_nothing_are_found(monkeypatch, tmp_path):
     drawn, check = study.families(tmp_path)["mesh files"]
 

@@ -27,6 +27,7 @@ from skfem_stvk import (
     solve_static,
 )
 from skfem_stvk.arguments import Array
+from skfem_stvk.dynamics.integrators.integrator import ANGULAR_MOMENTUM, ENERGY, LINEAR_MOMENTUM
 
 from .bodies import Recipe, edge_length, made, recipes, states
 
@@ -111,6 +112,7 @@ def check_solve(drawn: Solve) -> bool:
 
 def _check_equilibrium(recipe: Recipe, system: System, result: StaticResult) -> None:
     u, free = result.u, system.free_dofs(system.supports.fixed)
+    assert result.t == 1.0, f"it ends at the load {result.t:g}"
     assert not u[free.fixed].any(), "what is held has moved"
     assert recipe.law == "linear" or not len(system.inside_out(u)), "elements are inside out"
     left, loads = system.residual(u, result.t), system.external_force(u, result.t)
@@ -154,21 +156,27 @@ def check_motion(drawn: Motion) -> bool:
 
 
 def _check_what_is_kept(drawn: Motion, system: System, run: Run, begin: tuple[Array, Array], dt: float) -> None:
-    """Linear momentum of bodies that are free of all, and the energy of `EnergyMomentum`, to the tolerance of a step's solve."""
-    ledger, recipe = run.ledger, drawn.recipe
-    rtol = max(1e-12, getattr(drawn.integrator(dt=dt), "rtol", 0.0))
+    """What its integrator promises to keep, to the tolerance of a step's solve: momenta of bodies that are free, and energy."""
+    ledger, recipe, d, integrator = run.ledger, drawn.recipe, system.mesh.d, drawn.integrator(dt=dt)
+    kept, rtol = integrator.conserves, max(1e-12, getattr(integrator, "rtol", 0.0))
     if recipe.held == "nothing" and not recipe.loads:
-        moved = np.array([ledger[f"linear_momentum_{axis}"] for axis in "xyz"[: system.mesh.d]])
         u0, v0 = begin
         last = [system.internal_force(u0), system.internal_force(run.u)]
         if drawn.integrator is LinearBackwardEuler:  # what its linear solve is held to has the change of the forces in a step in it
             last.append(system.product(u0, dt * v0))
         forces = max(float(np.abs(force).sum()) for force in last)
-        swing = np.sqrt(2 * system.mass().total * ledger["kinetic_energy"].max())
-        lost, scale = float(np.abs(moved - moved[:, :1]).max()), dt * forces + swing
-        assert lost <= 10 * STEPS * rtol * scale, f"linear momentum of {lost:g} is lost, in {scale:g}"
-    if drawn.integrator is EnergyMomentum and recipe.law not in AT_THE_MIDDLE:
+        scale = dt * forces + np.sqrt(2 * system.mass().total * ledger["kinetic_energy"].max())
+        arm = max(float(np.abs(system.mesh.p.T + u.reshape(-1, d)).max()) for u in (u0, run.u))
+        assert LINEAR_MOMENTUM in kept
+        momenta = {"linear_momentum": ("xyz"[:d], scale)}
+        if ANGULAR_MOMENTUM in kept and recipe.law != "linear" and d > 1:  # linear elasticity mistakes rotations for strains
+            momenta["angular_momentum"] = "xyz" if d == 3 else "z", arm * scale
+        for name, (axes, size) in momenta.items():
+            moved = np.array([ledger[f"{name}_{axis}"] for axis in axes])
+            lost = float(np.abs(moved - moved[:, :1]).max())
+            assert lost <= 10 * STEPS * rtol * size, f"{name.replace('_', ' ')} of {lost:g} is lost, in {size:g}"
+    if ENERGY in kept and recipe.law not in AT_THE_MIDDLE:
         energy = ledger["kinetic_energy"] + np.abs(ledger["strain_energy"])
         off = float(np.abs(ledger["closure_error"]).max())
-        scale = float(energy.max() + np.abs(ledger.get("potential_energy", np.zeros(1))).max())
-        assert off <= 1e-8 * scale, f"energy of {off:g} is lost, in {scale:g}"
+        size = float(energy.max() + np.abs(ledger.get("potential_energy", np.zeros(1))).max())
+        assert off <= 1e-8 * size, f"energy of {off:g} is lost, in {size:g}"
