@@ -48,7 +48,8 @@ class Evidence:
         return {quantity: self.value(getattr(player, quantity)(u)) for quantity in self.quantities if quantity in quantities}
 
     def value(self, value: Any) -> Any:
-        self._by_products |= isinstance(value, LinearOperator)  # and so is every K that it is compared with
+        """A value as it is compared: an operator, and every K beside one, by its products."""
+        self._by_products |= isinstance(value, LinearOperator)
         if isinstance(value, LinearOperator) or (self._by_products and issparse(value)):
             return self._products(value)
         return value
@@ -93,10 +94,12 @@ class Evidence:
         return largest
 
     def apart(self, value: Any, claimed: Any) -> float:
+        """The largest difference of two values over the largest entry of the second one."""
         claimed = csr_matrix(claimed) if issparse(value) and not issparse(claimed) else self.value(claimed)
         scale, off = np.abs(flat(claimed)).max(initial=0.0), np.abs(flat(value - claimed)).max(initial=0.0)
         return float(off / scale) if scale else (0.0 if off == 0 else np.inf)
 
 
 def flat(value: Any) -> Array:
+    """The entries of a value, of a sparse matrix those that are stored."""
     return np.asarray(value.data if issparse(value) else value, dtype=float).ravel()

@@ -24,8 +24,8 @@ SHARPEST, SHARP = 0.5, 0.9
 #: Steps are shortened down to this part of the first one where it is not sure that they stay on the path.
 SURE = 0.02
 #: The load may change by so many times what the tangent foretells. Where it changes more, a body that was nearly a mechanism has
-#: become stiff, and the first step is as short as it takes to see how, down to a part of itself that is next to nothing.
-FAR, TINY = 100.0, 1e-15
+#: become stiff; then the first step is shortened until it does not, or foretells no more than such a part of the first load.
+FORETOLD, TINY = 100.0, 1e-15
 #: A state that is looked for between two others is no further beside them than this part of the way.
 BESIDE = 1e-6
 
@@ -101,8 +101,10 @@ class ArcLength(Walk):
         if isinstance(found, Attempt):
             return found
         u, t, end, record = found
-        if abs(t - self.t) > FAR * max(abs(length * way.rate), self._first_load):
-            self._first = min(self._first, max(length / 2, TINY * self._first_load / abs(way.rate)))
+        foretold = abs(length * way.rate)
+        if abs(t - self.t) > FORETOLD * max(foretold, self._first_load):
+            if foretold > TINY * self._first_load:
+                self._first = min(self._first, length / 2)
             return Attempt(t, End.TOO_SHARP, record)
         ahead = heading(problem, u, t)
         landed = False

@@ -94,7 +94,8 @@ class Goal:
         found = []
         for normal, weight, value in self._levels:
             begin, end = dot(normal, u) + weight * t, dot(normal, v) + weight * s
-            near = STANDS * min(abs(end - begin), FAR * abs(value) or np.inf)
+            size = FAR * abs(value) if value else np.inf
+            near = STANDS * min(abs(end - begin), size)
             crossed = (begin - value) * (end - value) <= 0 or abs(end - value) <= near
             if crossed and abs(begin - value) > near:
                 found.append(((value - begin) / (end - begin), Hyperplane(normal, weight, value, end - begin)))

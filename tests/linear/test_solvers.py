@@ -105,7 +105,7 @@ def test_units_of_stiffness_do_not_matter(solver, size):
 @all_solvers
 @pytest.mark.parametrize("bad", [np.nan, np.inf, 1e160, 1e308])
 def test_a_load_that_is_not_finite_is_an_outcome_and_the_answer_is_finite(solver, bad):
-    """Nor is one whose norm overflows, of which NumPy says nothing by itself."""
+    """A load whose norm overflows counts as not finite, too, and no warning of NumPy's comes beside the outcome."""
     K, unknowns = problem()
     b = load(unknowns.n)
     b[5] = bad

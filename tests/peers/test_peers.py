@@ -1,6 +1,7 @@
 """The peers compute what this package computes, or say what is missing."""
 
 import sys
+from types import ModuleType
 
 import numpy as np
 import pytest
@@ -24,6 +25,15 @@ def part():
     p = distorted(mesh.p, rng)[:, np.argsort(number)]
     t = turned_round(number[mesh.t][:, rng.permutation(mesh.t.shape[1])], rng)
     return p, t.astype(np.int32)
+
+
+def test_a_dolfinx_that_is_too_old_says_its_version_and_what_to_get(monkeypatch):
+    """Debian 12 has 0.5.2, which lacks `basix.ufl`."""
+    old = ModuleType("dolfinx")
+    old.__version__ = "0.5.2"
+    monkeypatch.setitem(sys.modules, "dolfinx", old)
+    with pytest.raises(StvkError, match=r"DOLFINx 0\.5\.2 lacks what 0\.9 and later come with .* Get it: conda install"):
+        load("DOLFINx")(*part(), YOUNG, POISSON)
 
 
 @pytest.fixture(scope="module", params=PEERS)

@@ -9,7 +9,7 @@ from bodies import CURVED, MESHES, STRAIGHT, membrane, scikit_fem_of, sheet, sta
 from kernels.parts import in_parts, on_twins
 from scipy.optimize import brentq
 from skfem.helpers import ddot, grad, inv, transpose
-from slow import slow
+from slow import slow, slow_but
 
 from skfem_stvk import (
     BackwardEuler,
@@ -134,9 +134,7 @@ def test_compiled_and_readable_kernels_agree(name, rule, monkeypatch):
             assert np.abs(one).max() > 1e-5 and np.abs(one - other).max() < 1e-12 * np.abs(one).max()
 
 
-@pytest.mark.parametrize(
-    "name", [name if name in ("triangles", "tetrahedra", "quadratic tetrahedra, curved") else slow(name) for name in EVERY]
-)
+@pytest.mark.parametrize("name", slow_but(["triangles", "tetrahedra", "quadratic tetrahedra, curved"], EVERY))
 def test_the_clamped_tangent_is_positive_semi_definite_however_crushed(name):
     mesh = EVERY[name]
     for rule in ("usual", *(["one-point"] if name in BOXES else [])):

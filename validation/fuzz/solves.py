@@ -131,10 +131,11 @@ def check_motion(drawn: Motion) -> bool:
     recipe = drawn.recipe
     try:
         system = made(recipe, drawn.strain)
-        dt = drawn.length * critical_step(system).step
+        critical = critical_step(system).step
+        dt = drawn.length * critical
         free = system.free_dofs(system.supports.fixed)
         u, v = states(recipe, system)[1], np.random.default_rng([recipe.seed, 4]).standard_normal(system.ndofs)
-        v *= drawn.strain * edge_length(system) / critical_step(system).step
+        v *= drawn.strain * edge_length(system) / critical
         u[free.fixed] = v[free.fixed] = 0.0
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", StvkWarning)

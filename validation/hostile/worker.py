@@ -29,7 +29,7 @@ LONGEST = 20_000
 
 def serve(descriptor: int) -> None:
     """Run what standard input names, until it ends."""
-    faulthandler.enable()  # a case that never ends is told where it is
+    faulthandler.enable()  # so that a case that never ends can say where it is
     _load_libraries()
     with os.fdopen(descriptor, "w", encoding="utf-8") as answers:
         print("{}", file=answers, flush=True)  # ready: imports have no part in the limits of a case
