@@ -1,5 +1,7 @@
 """The path by its length: every state on it, limit points forwards and back, and where it ends."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 import skfem
@@ -13,6 +15,7 @@ from skfem_stvk.statics import CriticalPoint, SolveError, Status
 from skfem_stvk.statics.arc_length import ArcLength
 from skfem_stvk.statics.critical import Point
 from skfem_stvk.statics.equilibrium import Equilibrium
+from skfem_stvk.statics.walk import SMALLEST
 
 SPAN, RISE, EA = 1.0, 0.1, 1e3
 LENGTH = np.hypot(SPAN, RISE)
@@ -258,10 +261,7 @@ def test_what_is_not_linear_in_the_load_factor_is_followed_too():
 
 def test_the_rate_of_a_path_is_the_derivative_of_its_states():
     """`dr/dt` by its definition, with supports that move and loads that curve."""
-    from skfem_stvk.linear import SuperLU
-    from skfem_stvk.nonlinear.stopwatch import Stopwatch
     from skfem_stvk.statics.continuation import heading
-    from skfem_stvk.statics.equilibrium import Equilibrium
 
     def move(x, t):
         return np.stack([0 * x[0], 0.5 * np.sin(2 * t) * x[1], -2 * t**2 + 0 * x[0]])
@@ -433,3 +433,13 @@ def test_a_step_stays_on_the_path_if_its_critical_points_explain_the_change(befo
     walk._point = Point(u, 0.0, before, None)
     points = tuple(CriticalPoint("bifurcation", 0.5, u, u, one) for one in resolved)
     assert walk._hopped(Point(u, 1.0, after, None), points) is hopped
+
+
+def test_steps_that_succeed_are_never_too_short_to_go_on():
+    """A path that turned sharply at each of twenty states ended for its short steps, and said that nothing was reached."""
+    walk = object.__new__(ArcLength)
+    walk.problem, walk.u, walk._from = SimpleNamespace(dot=np.dot), np.zeros(2), np.zeros(2)
+    walk._first, walk._first_load, walk._size = 1.0, 0.1, 1.0
+    for _ in range(20):
+        walk._adapt(iterations=4, cosine=0.6)
+    assert walk._size == SMALLEST
