@@ -11,20 +11,23 @@ import signal
 import subprocess
 import sys
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from functools import partial
 from pathlib import Path
 from threading import Event, Timer
-from typing import IO, Any
-from zipfile import BadZipFile
+from typing import IO, Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_matrix, issparse
 
 from ..arguments import Array, shown
+from ..arguments import path as checked_path
 from ..errors import StvkError
+from ..npz import NotArrays, arrays_of
+
+Answer = TypeVar("Answer")
 
 METHODS = ("energy", "internal_force", "tangent")
 #: What the other Python runs: it takes this package's files from here, and imports nothing of it but the peers.
@@ -41,8 +44,8 @@ serve()
 PATIENCE = 5.0
 #: Seconds that it has for an answer: the first one may compile.
 LONGEST_ANSWER = 600.0
-#: Bytes of the longest question or answer.
-LONGEST = 2**33
+#: Bytes of the longest question or answer; those of an answer, beside the 16 of each entry of a full K; and those read at once.
+LONGEST, BESIDE, PIECE = 2**33, 2**20, 2**20
 
 
 class Elsewhere:
@@ -66,7 +69,9 @@ class Elsewhere:
     """
 
     def __init__(self, python: str | Path, peer: str, p: Array, t: NDArray[np.int32], young: float, poisson: float) -> None:
+        checked_path("python", python, "the path of another Python")
         self._python = str(python)
+        self._longest = min(LONGEST, BESIDE + 16 * p.size**2)
         self._said: Any = tempfile.TemporaryFile()  # noqa: SIM115 - closed by `close`
         command = [self._python, "-I", "-B", "-c", START, str(Path(__file__).parent.parent)]
         try:
@@ -77,13 +82,11 @@ class Elsewhere:
                 f"{shown(self._python)} cannot be run: {error.strerror}. Expected the path of another Python."
             ) from error
         try:
-            made = self._ask({"peer": np.array(peer), "p": p, "t": t, "constants": np.array([young, poisson])})
-            if "error" in made:
-                raise StvkError(f"{self._python}: {made['error']}")
+            question = {"peer": np.array(peer), "p": p, "t": t, "constants": np.array([young, poisson])}
+            self.name, self.version, self.methods = self._ask(question, _introduced)
         except BaseException:
             self.close()
             raise
-        self.name, self.version, self.methods = str(made["name"]), str(made["version"]), made["methods"].tolist()
 
     def __enter__(self) -> Elsewhere:
         return self
@@ -110,14 +113,18 @@ class Elsewhere:
         self._said.close()
 
     def _called(self, method: str, u: Array) -> Any:
-        answer = self._ask({"method": np.array(method), "u": u})
-        if "error" in answer:
-            raise StvkError(str(answer["error"]))
-        if "indptr" in answer:
-            return csr_matrix((answer["data"], answer["indices"], answer["indptr"]), shape=tuple(answer["shape"].tolist()))
-        return answer["value"]
+        return self._ask({"method": np.array(method), "u": u}, _value)
 
-    def _ask(self, question: dict[str, Array]) -> dict[str, Array]:
+    def _ask(self, question: dict[str, Array], understood: Callable[[dict[str, Array]], Answer]) -> Answer:
+        answer = self._answer(question)
+        if "error" in answer:
+            raise StvkError(f"{self._python}: {str(answer['error'])[:1000]}")
+        try:
+            return understood(answer)
+        except (KeyError, ValueError, TypeError) as error:
+            raise self._is_no_peer(error) from error
+
+    def _answer(self, question: dict[str, Array]) -> dict[str, Array]:
         assert self._process.stdin is not None and self._process.stdout is not None
         too_long = Event()
 
@@ -131,11 +138,11 @@ class Elsewhere:
         try:
             with _broken_pipes_raise():
                 _send(self._process.stdin, question)
-            answer = _receive(self._process.stdout)
+            answer = _receive(self._process.stdout, self._longest)
         except OSError:  # a broken pipe
             answer = None
-        except (ValueError, EOFError, BadZipFile) as error:
-            raise StvkError(f"The process of {self._python} answers what no peer does ({error}). Is it a Python?") from error
+        except NotArrays as error:
+            raise self._is_no_peer(error) from error
         finally:
             limit.cancel()
         if answer is None and too_long.is_set():
@@ -147,9 +154,29 @@ class Elsewhere:
             raise StvkError(f"The process of {self._python} has ended, with exit code {self._process.wait()}: {self._last_words()}")
         return answer
 
+    def _is_no_peer(self, error: Exception) -> StvkError:
+        return StvkError(f"The process of {self._python} answers what no peer does ({shown(error)}). Is it a Python?")
+
     def _last_words(self) -> str:
         self._said.seek(0)
         return " ".join(self._said.read()[-2000:].decode("utf-8", "replace").split())[-500:] or "it said nothing"
+
+
+def _introduced(answer: dict[str, Array]) -> tuple[str, str, list[str]]:
+    """Name, version and methods of a peer that was made."""
+    return str(answer["name"]), str(answer["version"]), [name for name in METHODS if name in answer["methods"].tolist()]
+
+
+def _value(answer: dict[str, Array]) -> Any:
+    """Energy, force or matrix; the matrix after a check of its rows, since compiled routines trust them."""
+    if "indptr" not in answer:
+        return answer["value"]
+    rows = answer["indptr"]
+    K = csr_matrix((answer["data"], answer["indices"], rows), shape=tuple(answer["shape"].tolist()))
+    if (np.diff(rows) < 0).any():  # `check_format` looks at no rows if the last of them ends at 0
+        raise ValueError("the row pointers of its matrix decrease")
+    K.check_format(full_check=True)
+    return K
 
 
 def serve() -> None:
@@ -211,14 +238,15 @@ def _send(pipe: IO[bytes], arrays: dict[str, Array]) -> None:
     pipe.flush()
 
 
-def _receive(pipe: IO[bytes]) -> dict[str, Array] | None:
-    """What was sent; None at the end, or if it ends too early."""
+def _receive(pipe: IO[bytes], longest: int = LONGEST) -> dict[str, Array] | None:
+    """Arrays that were sent; None if the pipe ends before they do. They take no more memory than was sent."""
     head = pipe.read(8)
     length = int.from_bytes(head, "big")
-    if length > LONGEST:
-        raise ValueError(f"an answer of {length} bytes")
-    content = pipe.read(length) if len(head) == 8 else b""
-    if len(head) < 8 or len(content) < length:
+    if length > longest:
+        raise NotArrays(f"an answer of {length} bytes; expected at most {longest}")
+    content = io.BytesIO()
+    while content.tell() < length and (piece := pipe.read(min(PIECE, length - content.tell()))):
+        content.write(piece)
+    if len(head) < 8 or content.tell() < length:
         return None
-    with np.load(io.BytesIO(content), allow_pickle=False) as arrays:
-        return dict(arrays)
+    return arrays_of(content)

@@ -136,6 +136,8 @@ class Player:
             if K.format in COMPRESSED:
                 if not {K.indices.dtype.kind, K.indptr.dtype.kind} <= set("iu"):
                     raise TypeError(f"its indices are of {K.indices.dtype} and {K.indptr.dtype}")
+                if (np.diff(K.indptr) < 0).any():  # `check_format` looks at no rows if the last of them ends at 0
+                    raise ValueError("its row pointers decrease")
                 own = COMPRESSED[K.format]((K.data, K.indices, K.indptr), shape=K.shape, copy=True)
                 own.check_format(full_check=True)
             else:

@@ -8,8 +8,6 @@ one line for each of its N1 entries. Numbers are written with as many digits as 
 from __future__ import annotations
 
 import math
-import zipfile
-import zlib
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
@@ -19,6 +17,7 @@ from numpy.typing import NDArray
 
 from ..arguments import Array
 from ..errors import name_known
+from ..npz import NotArrays, arrays_of
 from ..results.files import NotOurs, replacing
 
 FIRST_LINE = "skfem-stvk vectors 1"
@@ -67,19 +66,14 @@ def read(path: Path, wanted: Iterable[str]) -> dict[str, Array]:
 
 
 def _read_npz(path: Path, wanted: list[str]) -> dict[str, Array]:
+    def known(name: str) -> bool:
+        _refuse_unknown(f"{path}", name, wanted)
+        return True
+
     try:
-        with zipfile.ZipFile(path) as archive:
-            sizes = {entry.filename.removesuffix(".npy"): entry.file_size for entry in archive.infolist()}
-        for name, size in sizes.items():
-            _refuse_unknown(f"{path}", name, wanted)
-            if size > LARGEST:
-                raise NotOurs(f"{path}: {name} has {size} bytes; expected at most {LARGEST}.")
-        with np.load(path, allow_pickle=False) as archive:
-            return {name: _plain(path, name, archive[name]) for name in sizes}
-    except (ValueError, zipfile.BadZipFile, EOFError, KeyError, NotImplementedError, zlib.error) as error:
-        if isinstance(error, NotOurs):
-            raise
-        raise NotOurs(f"{path} is no NPZ file of numbers and texts, or it is damaged ({error}). Write it anew.") from error
+        return {name: _plain(path, name, array) for name, array in arrays_of(path, known, LARGEST).items()}
+    except NotArrays as error:
+        raise NotOurs(f"{path} is no NPZ file of numbers and texts: {error}. Write it again.") from error
 
 
 def _plain(path: Path, name: str, array: Array) -> Array:

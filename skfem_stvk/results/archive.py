@@ -5,15 +5,14 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Mapping
-from math import prod
 from pathlib import Path
-from typing import IO, Any, ClassVar, Generic, TypeVar
-from zipfile import BadZipFile, ZipFile, is_zipfile
+from typing import Any, ClassVar, Generic, TypeVar
 
 import numpy as np
 from pydantic import ValidationError
 
 from ..arguments import Array
+from ..npz import arrays_of
 from ..system.records import Record, Signature, in_words
 from ..system.signature import Fingerprint
 from .files import NotOurs, output_folder, replacing
@@ -117,7 +116,7 @@ def read_archive(
             raise NotOurs("was changed after it was written.")
     except NotOurs as error:
         raise NotOurs(f"{path} {error} {remedy}") from None
-    except (OSError, EOFError, ValueError, KeyError, TypeError, MemoryError, RuntimeError, BadZipFile) as error:
+    except (OSError, ValueError, KeyError, TypeError, MemoryError, RuntimeError) as error:
         why = f"it is incomplete, or was not written here ({type(error).__name__}: {error})"
         raise NotOurs(f"{path} cannot be read as a {known[0]}: {why}. {remedy}") from error
     try:
@@ -128,25 +127,9 @@ def read_archive(
 
 def _unpacked(path: Path, only_header: bool) -> tuple[str, str, dict[str, Array]]:
     """Header, digest and arrays as they stand in the file."""
-    if not path.is_file() or not is_zipfile(path):
-        raise ValueError("it is no whole .npz file")
-    with ZipFile(path) as whole:
-        for member in whole.infolist():
-            if member.file_size != member.compress_size:
-                raise ValueError("it is compressed")  # a small file could unpack to a large one
-            with whole.open(member) as content:
-                if _declared(content) > member.file_size:
-                    raise ValueError(f"{member.filename} declares more numbers than there are")
-    with np.load(path, allow_pickle=False) as file:
-        names = [] if only_header else [name for name in file.files if name.startswith(ARRAY)]
-        return str(file["header"]), str(file["digest"]), {name.removeprefix(ARRAY): file[name] for name in names}
-
-
-def _declared(content: IO[bytes]) -> int:
-    """Bytes of the array that begins here in NumPy's format, as far as its header says."""
-    old = np.lib.format.read_magic(content) == (1, 0)
-    shape, _, dtype = (np.lib.format.read_array_header_1_0 if old else np.lib.format.read_array_header_2_0)(content)
-    return prod(shape) * int(dtype.itemsize)
+    named = arrays_of(path, lambda name: name in ("header", "digest") or (name.startswith(ARRAY) and not only_header))
+    text, digest = str(named.pop("header")), str(named.pop("digest"))
+    return text, digest, {name.removeprefix(ARRAY): array for name, array in named.items()}
 
 
 def _digest(header: str, arrays: Mapping[str, Array]) -> str:

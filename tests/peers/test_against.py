@@ -1,8 +1,10 @@
 """Other codes are judged: those that are installed, those of other environments, and functions of users; what is wrong is told."""
 
+import io
 import re
 import subprocess
 import sys
+import tracemalloc
 from importlib import metadata
 from pathlib import Path
 from types import ModuleType, SimpleNamespace
@@ -275,7 +277,7 @@ def toy(tmp_path, monkeypatch):
     import skfem_stvk.peers.elsewhere as module
 
     there = Path(module.__file__).parent.parent
-    for part in ("__init__.py", "arguments.py", "errors.py", "peers/__init__.py", "peers/peer.py", "peers/elsewhere.py"):
+    for part in ("__init__.py", "arguments.py", "errors.py", "npz.py", "peers/__init__.py", "peers/peer.py", "peers/elsewhere.py"):
         (tmp_path / "peers").mkdir(exist_ok=True)
         (tmp_path / part).write_text((there / part).read_text())
     (tmp_path / "peers" / "felupe.py").write_text(TOY)
@@ -359,6 +361,81 @@ def test_a_program_that_is_no_python_is_told(words, tmp_path):
     program.chmod(0o755)
     with pytest.raises(StvkError, match=r"answers what no peer does .* Is it a Python\?"):
         Elsewhere(program, "FElupe", MESH.p, MESH.t, YOUNG, POISSON)
+
+
+def npz(save=np.savez, **arrays):
+    """Bytes of an NPZ file."""
+    file = io.BytesIO()
+    save(file, **arrays)
+    return file.getvalue()
+
+
+def with_method(content, method):
+    """The same NPZ file with another number for the compression of each member."""
+    changed = bytearray(content)
+    for head, offset in ((b"PK\x03\x04", 8), (b"PK\x01\x02", 10)):
+        at = content.find(head)
+        while at >= 0:
+            changed[at + offset : at + offset + 2] = method.to_bytes(2, "little")
+            at = content.find(head, at + 1)
+    return bytes(changed)
+
+
+PACKED = npz(np.savez_compressed, name=np.zeros(1000), version=np.array("1"), methods=np.array(["energy"]))
+ANSWERS = {
+    "no name": npz(version=np.array("1"), methods=np.array(["energy"])),
+    "no methods": npz(name=np.array("a"), version=np.array("1")),
+    "compressed": PACKED,
+    "an unknown compression": with_method(npz(name=np.array("a")), 77),
+    "corrupt compressed data": with_method(npz(name=np.array("a")), 8),
+    "a header with one bit flipped": npz(name=np.zeros(10_000)).replace(b"{'descr'", b"z'descr'"),
+    "objects": npz(name=np.array([None])),
+}
+
+
+def program_of(answer, folder, length=None):
+    """A program that answers its first question with these bytes."""
+    (folder / "answer").write_bytes((len(answer) if length is None else length).to_bytes(8, "big") + answer)
+    program = folder / "program"
+    program.write_text(f"#!/bin/sh\ncat {folder}/answer; cat > /dev/null\n")
+    program.chmod(0o755)
+    return program
+
+
+@pytest.mark.parametrize("name", ANSWERS)
+def test_an_answer_that_is_malformed_is_refused_in_words(name, tmp_path):
+    with pytest.raises(StvkError, match=r"answers what no peer does .* Is it a Python\?"):
+        Elsewhere(program_of(ANSWERS[name], tmp_path), "FElupe", MESH.p, MESH.t, YOUNG, POISSON)
+
+
+@pytest.mark.parametrize("length", [2**33, 2**20 + 16 * MESH.p.size**2])
+def test_an_answer_takes_no_more_memory_than_was_sent(length, tmp_path):
+    """The first length is more than any answer on this mesh may have, the second is that of the longest one."""
+    program = tmp_path / "program"
+    program.write_text(f"#!{sys.executable}\nimport sys\nsys.stdout.buffer.write(({length}).to_bytes(8, 'big'))\n")
+    program.chmod(0o755)
+    tracemalloc.start()
+    try:
+        with pytest.raises(StvkError, match="expected at most" if length == 2**33 else "has ended"):
+            Elsewhere(program, "FElupe", MESH.p, MESH.t, YOUNG, POISSON)
+        assert tracemalloc.get_traced_memory()[1] < 2**22
+    finally:
+        tracemalloc.stop()
+
+
+@pytest.mark.parametrize("python", ["a\0", "", "x" * 5000])
+def test_a_path_that_no_system_takes_is_refused(python):
+    with pytest.raises(StvkError, match=r"python = .*; expected the path of another Python"):
+        Elsewhere(python, "FElupe", MESH.p, MESH.t, YOUNG, POISSON)
+
+
+def test_row_pointers_that_go_back_end_no_process(toy, tmp_path):
+    """The last of them is 0, so that SciPy's own check looks at none."""
+    file = tmp_path / "peers" / "felupe.py"
+    wrong = "K = csr_matrix(np.eye(self.n)); K.indptr[1], K.indptr[2:] = 10**7, 0; return K"
+    file.write_text(file.read_text().replace("return csr_matrix(np.eye(self.n))", wrong))
+    with toy() as peer, pytest.raises(StvkError, match="the row pointers of its matrix decrease"):
+        peer.tangent(np.zeros(24))
 
 
 def test_a_python_that_lacks_the_peer_says_so(monkeypatch):

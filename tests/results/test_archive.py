@@ -23,3 +23,21 @@ def test_an_array_that_declares_more_than_there_is_takes_no_memory(tmp_path, ver
     with pytest.raises(NotOurs, match=r"array y.npy declares more numbers than there are") as caught:
         read_archive(path, ArchiveHeader, known, "")
     assert not isinstance(caught.value.__cause__, MemoryError)
+
+
+def test_a_flipped_bit_in_the_header_of_an_array_is_refused_in_words(tmp_path):
+    """Python's tokenizer, which NumPy asks then, has an error of its own; the checksum is compared at the end of an array."""
+    path, known = tmp_path / "a.npz", ("test", 1)
+    write_archive(path, {"format": "test", "version": 1}, {"x": np.ones(100_000)})
+    before, _, after = path.read_bytes().rpartition(b"{'descr'")
+    path.write_bytes(before + b"z'descr'" + after)
+    with pytest.raises(NotOurs, match=r"incomplete, or was not written here .*TokenError"):
+        read_archive(path, ArchiveHeader, known, "")
+
+
+def test_a_compressed_archive_is_refused(tmp_path):
+    """It may unpack to more than memory holds."""
+    path = tmp_path / "a.npz"
+    np.savez_compressed(path, header=np.array("{}"), digest=np.array(""), **{"array x": np.zeros(10_000)})
+    with pytest.raises(NotOurs, match=r"header.npy is compressed; expected arrays as np.savez writes them"):
+        read_archive(path, ArchiveHeader, ("test", 1), "")

@@ -250,6 +250,7 @@ WRONG: dict[str, Callable[[System], Any]] = dict(
         wrong_of("row pointers far outside", tangent=changed(indptr=entry(-1, 10**9))),
         wrong_of("row pointers that go back", tangent=changed(indptr=entry(2, 0))),
         wrong_of("negative row pointers", tangent=changed(indptr=entry(1, -7))),
+        wrong_of("row pointers that end at 0", tangent=changed(indptr=lambda a: np.where(np.arange(len(a)) == 1, 10**7, 0))),
         wrong_of("too few row pointers", tangent=changed(indptr=lambda a: a[:-3])),
         wrong_of("too few values", tangent=changed(data=lambda a: a[: len(a) // 2])),
         wrong_of("no values", tangent=changed(data=lambda a: a[:0])),

@@ -1,0 +1,79 @@
+"""NPZ files that others may have written or damaged: their arrays, or an error in words."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from math import prod
+from pathlib import Path
+from typing import IO, Any
+from zipfile import ZipFile
+
+import numpy as np
+
+from .arguments import Array
+from .errors import StvkError
+
+
+class NotArrays(StvkError):
+    """A fault of an NPZ file, as a clause that follows its name."""
+
+
+def arrays_of(file: Path | IO[bytes], wanted: Callable[[str], bool] = lambda name: True, largest: int = 0) -> dict[str, Array]:
+    """Return the wanted arrays by name. Each array takes as much memory as the file holds of it.
+
+    Parameters
+    ----------
+    file : path of a regular file, or the content of one.
+    wanted : whether to read the array of a name; may raise a StvkError.
+    largest : bytes of the largest array in a compressed file. By default compressed files are refused, since a small one may unpack
+        to a large one.
+
+    Raises
+    ------
+    NotArrays
+        if the file is damaged, no NPZ file, or declares more numbers than there are.
+
+    >>> import io
+    >>> content = io.BytesIO()
+    >>> np.savez(content, u=np.ones(2))
+    >>> arrays_of(content)
+    {'u': array([1., 1.])}
+    >>> arrays_of(io.BytesIO(b"hello"))
+    Traceback (most recent call last):
+    skfem_stvk.npz.NotArrays: it is no whole .npz file (BadZipFile: File is not a zip file)
+    """
+    if isinstance(file, Path) and not file.is_file():
+        raise NotArrays("it is no regular file or not there")
+    try:
+        with ZipFile(file) as archive:
+            return {
+                name: _array(archive, member, largest)
+                for member in archive.infolist()
+                if wanted(name := member.filename.removesuffix(".npy"))
+            }
+    except StvkError:
+        raise
+    except Exception as error:  # any that zipfile, its decoders, NumPy and Python's tokenizer raise for damaged bytes
+        raise NotArrays(f"it is no whole .npz file ({type(error).__name__}: {error})") from error
+
+
+def _array(archive: ZipFile, member: Any, largest: int) -> Array:
+    """One array, after its declared size was compared with that of the member that holds it."""
+    if member.file_size != member.compress_size and member.file_size > largest:
+        raise NotArrays(
+            f"{member.filename} is compressed, and unpacks to {member.file_size} bytes; expected at most {largest}"
+            if largest
+            else f"{member.filename} is compressed; expected arrays as np.savez writes them"
+        )
+    with archive.open(member) as content:
+        if _declared(content) > member.file_size:
+            raise NotArrays(f"{member.filename} declares more numbers than there are")
+    with archive.open(member) as content:
+        return np.lib.format.read_array(content, allow_pickle=False)
+
+
+def _declared(content: IO[bytes]) -> int:
+    """Bytes of the array that begins here in NumPy's format, as far as its header says."""
+    old = np.lib.format.read_magic(content) == (1, 0)
+    shape, _, dtype = (np.lib.format.read_array_header_1_0 if old else np.lib.format.read_array_header_2_0)(content)
+    return prod(shape) * int(dtype.itemsize)
