@@ -25,23 +25,31 @@ Model = Callable[[Array, str], Values]
 
 
 class Evidence:
-    """The candidate's values in strained states, and how far a model is from them."""
+    """The candidate's values in strained states, and how far a model is from them.
+
+    Attributes
+    ----------
+    quantities : those of W, F and K that the candidate has.
+    found : values by state, where all of them are finite.
+    not_finite : by state, at rest and under rotation too, the quantities with an entry that is not a number or infinite.
+    """
 
     def __init__(self, case: Case, player: Player) -> None:
         self.case, self.player = case, player
         self.quantities = [quantity for quantity in "WFK" if player.has(quantity)]
         self.found: dict[str, Values] = {}
-        self.not_finite: list[str] = []
+        self.not_finite: dict[str, list[str]] = {}
         self._by_products = False
-        for state in STATES:
+        for state in [*STATES, *(state for state in case.states if state not in STATES)]:
             try:
                 values = self.values(player, case.states[state])
             except Foul:
                 continue
-            if all(np.isfinite(flat(value)).all() for value in values.values()):
+            not_finite = [quantity for quantity, value in values.items() if not np.isfinite(flat(value)).all()]
+            if not_finite:
+                self.not_finite[state] = not_finite
+            elif state in STATES:
                 self.found[state] = values
-            else:
-                self.not_finite.append(state)
 
     def values(self, player: Player, u: Array, quantities: str = "WFK") -> Values:
         """W, F and K of a player, of what is asked for and the candidate has; an operator counts by its products."""

@@ -17,13 +17,15 @@ from ..materials import Isotropic
 from ..mesh import ElementMesh
 from ..terms import StVK
 from .bodies import elasticity, hourglass_control, reference_on
-from .case import STRETCH, Case
+from .case import INVERTED, STRETCH, Case
 from .checks.agreement import NEARBY
 from .evidence import COARSE, STATES, VANISHES, Evidence, flat
 from .hypotheses import models
 from .judgement import largest_component
 from .players import Foul, Player
 from .results import Explanation, Naming
+
+INVERSION, SINGLE = "not a number at inversion", "single precision"
 
 
 def name_the_fault(case: Case, terms: Sequence[StVK], make: Callable[[ElementMesh], Any] | None = None) -> Naming:
@@ -36,26 +38,28 @@ def name_the_fault(case: Case, terms: Sequence[StVK], make: Callable[[ElementMes
     if not evidence.found:
         values = "values that are numbers" if evidence.not_finite else "values"
         return Naming(smallest=f"It has no {values} in strained states.")
-    naming = Naming(before=evidence.error(evidence.truth, np.inf))
-    if naming.before <= VANISHES and not (evidence.not_finite or _is_stale(evidence) or _is_kept(evidence)):
-        naming.smallest = (
-            "In strained states its values are right to eight digits of the body's largest: what failed is in the digits behind "
-            "them, in a part that is far softer, or in another state, such as rest."
-        )
-        return naming
+    naming = Naming(before=evidence.error(evidence.truth, np.inf), smallest=_not_finite(evidence))
     for found, (name, words) in _in_words(evidence):
         naming.tried += 1
         if found:
             naming.explanations.append(Explanation(name, words, naming.before))
-    if naming.explanations:
+    if naming.explanations or naming.before <= VANISHES:  # where all values are right, every model that leaves them alone fits
+        if naming.names == [INVERSION]:
+            naming.smallest = ""
+        elif naming.smallest and not naming.explanations:
+            naming.smallest += " Elsewhere its values are right to eight digits of the body's largest."
+        elif not naming.explanations:
+            naming.smallest = (
+                "In strained states its values are right to eight digits of the body's largest: what failed is in the digits behind "
+                "them, in a part that is far softer, or in another state, such as rest."
+            )
         return naming
     naming.explanations, naming.tried = _those_that_fit(evidence, terms, naming.tried)
     if not naming.explanations and len(evidence.quantities) > 1:
         naming.explanations, naming.tried = _one_by_one(evidence, terms, naming.tried)
-    if not naming.explanations and make is not None:
-        naming.smallest = smallest_piece(make, case, terms)
-    elif not naming.explanations:
-        naming.smallest = _fewest_nodes(evidence)
+    if not naming.explanations:
+        fewest = _fewest_nodes(evidence) if make is None else smallest_piece(make, case, terms)
+        naming.smallest = " ".join(filter(None, (naming.smallest, fewest)))
     return naming
 
 
@@ -89,19 +93,28 @@ def _one_by_one(evidence: Evidence, terms: Sequence[StVK], tried: int) -> tuple[
     return [Explanation("; ".join(names), "; ".join(words), largest)], tried
 
 
+def _not_finite(evidence: Evidence) -> str:
+    """Where values are not numbers, in words."""
+    by_quantity: dict[str, list[str]] = {}
+    for state, quantities in evidence.not_finite.items():
+        for quantity in quantities:
+            by_quantity.setdefault(quantity, []).append(state)
+    return " ".join(f"{quantity} has entries that are not finite in: {', '.join(by_quantity[quantity])}." for quantity in by_quantity)
+
+
 # what needs no model
 
 
 def _in_words(evidence: Evidence) -> Iterator[tuple[bool, tuple[str, str]]]:
     """Explanations by looking at the values: not a number, single precision, a constant force, K of the state before."""
-    case, found = evidence.case, evidence.found
-    inverted = [state for state in evidence.not_finite if state == STATES[-1]]
-    right = evidence.error(evidence.truth) <= VANISHES
+    case, found, error = evidence.case, evidence.found, evidence.error(evidence.truth)
+    inverted = [state for state in INVERTED if state in evidence.not_finite]
     words = "values are not finite where elements are inside out, as by a logarithm or a root of J; elsewhere they are right"
-    yield bool(inverted) and len(inverted) == len(evidence.not_finite) and right, ("not a number at inversion", words)
-    error = evidence.error(evidence.truth)
-    words = f"errors of {error:.0e} that change from state to state like rounding: sums or positions in float32"
-    yield VANISHES < error < COARSE and _is_rounding(evidence), ("single precision", words)
+    yield bool(inverted) and len(inverted) == len(evidence.not_finite) and error <= VANISHES, (INVERSION, words)
+    few = VANISHES < error < COARSE and _has_few_digits(evidence)
+    how = "in values of nine digits at most" if few else "that change from state to state like rounding"
+    rounded = few or (VANISHES < error < COARSE and _is_rounding(evidence))
+    yield rounded, (SINGLE, f"errors of {error:.0e} {how}: sums, positions or what is written in float32")
     if "F" in evidence.quantities and len(found) == len(STATES):
         off = [values["F"] - case.reference.F(case.states[state]) for state, values in found.items()]
         mean, size = np.mean(off, axis=0), max(float(np.abs(values["F"]).max()) for values in found.values())
@@ -116,10 +129,26 @@ def _in_words(evidence: Evidence) -> Iterator[tuple[bool, tuple[str, str]]]:
         yield _is_kept(evidence), ("K kept while u is nearly the same", words)
 
 
+def _has_few_digits(evidence: Evidence) -> bool:
+    """Whether W, F or K, wherever it is off, has nothing but numbers of float32 or of nine decimal digits."""
+    off = [quantity for quantity in evidence.quantities if evidence.of(quantity).error(evidence.truth) > VANISHES]
+    values = [flat(found[quantity]) for quantity in off for found in evidence.found.values()]
+    with np.errstate(over="ignore"):
+        return all((value.astype(np.float32) == value).all() or _are_decimal(value) for value in values)
+
+
+def _are_decimal(values: Array) -> bool:
+    """Whether all values have nine decimal digits at most."""
+    return all(float(f"{value:.8e}") == value for value in values.tolist())
+
+
 def _is_rounding(evidence: Evidence) -> bool:
     """Whether errors, where there are any, change by their own size with a tiny change of the state."""
     u = evidence.case.states[STRETCH]
-    there, beside = (_differences(evidence, v) for v in (u, (1 + 1e-4) * u))
+    try:
+        there, beside = (_differences(evidence, v) for v in (u, (1 + 1e-4) * u))
+    except Foul:  # values that were computed before are known in no other state
+        return False
     large = [quantity for quantity in evidence.quantities if there[quantity][1] > VANISHES]
     return bool(large) and all(
         abs(beside[q][0] - there[q][0]).max() > 0.1 * abs(there[q][0]).max()
@@ -163,8 +192,8 @@ def _is_kept(evidence: Evidence) -> bool:
 
 
 def _fewest_nodes(evidence: Evidence) -> str:
-    """The first node whose displacement alone is enough to fail, in words."""
-    case, mesh = evidence.case, evidence.case.mesh
+    """The first node whose displacement alone is enough to fail, in words; none for values that were computed before."""
+    case, mesh, called = evidence.case, evidence.case.mesh, False
     for node in range(min(mesh.nv, 60)):
         u = np.zeros(mesh.p.size)
         u[mesh.d * node : mesh.d * (node + 1)] = 0.2 * case.node_size[node] * np.array([1.0, 0.7, -0.4])[: mesh.d]
@@ -172,11 +201,12 @@ def _fewest_nodes(evidence: Evidence) -> str:
             values, truth = evidence.values(evidence.player, u), evidence.truth(u)
         except Foul:
             continue
+        called = True
         if any(evidence.apart(values[q], truth[q]) > VANISHES for q in evidence.quantities):
             around = np.flatnonzero((mesh.t == node).any(axis=0))
             ids = ", ".join(map(str, around[:5])) + (", ..." if len(around) > 5 else "")
             return f"It is enough to move node {node} alone, in the elements {ids}."
-    return "No displacement of a single node among the first ones shows it."
+    return "No displacement of a single node among the first ones shows it." if called else ""
 
 
 def smallest_piece(make: Callable[[ElementMesh], Any], case: Case, terms: Sequence[StVK]) -> str:

@@ -135,7 +135,7 @@ class Naming:
     explanations : all hypotheses that make the residual vanish; none if there is none.
     tried : how many were tried.
     before : the largest relative error without a hypothesis.
-    smallest : where nothing explains it, the least that still fails, in words.
+    smallest : where nothing explains it, the least that still fails, or where the explanations hold for a part, the rest; in words.
     """
 
     explanations: list[Explanation] = field(default_factory=list)
@@ -156,7 +156,8 @@ class Naming:
         one = "This explains" if len(self.explanations) == 1 else "These are one thing on this body, and explain"
         after = max(explanation.residual for explanation in self.explanations)
         falls = f"; the error falls from {self.before:.1e} to {after:.1e}" if after < self.before else ""
-        return [f"{one} all of it{falls}:", *(f"{e.name}: {e.words}" for e in self.explanations)]
+        much, rest = ("a part of it", [self.smallest]) if self.smallest else ("all of it", [])
+        return [f"{one} {much}{falls}:", *(f"{e.name}: {e.words}" for e in self.explanations), *rest]
 
     def to_dict(self) -> dict[str, Any]:
         """Everything, in types that JSON has."""

@@ -268,6 +268,7 @@ def test_what_is_wrong_with_results_is_named(name, published, tmp_path):
         "F x -1": {"F": -F},
         "blocks of K transposed": {"K_blocks": np.swapaxes(blocks, 2, 3)},
         "results component by component": {"F": F.reshape(len(F), -1, vectors.mesh.d).swapaxes(1, 2).reshape(F.shape)},
+        "a constant force": {"F": F + np.eye(F.shape[1])[2]},
     }
     for fault, arrays in faults.items():
         assert fault in judged(tmp_path, vectors, arrays).named.names
@@ -284,6 +285,41 @@ def test_a_doubled_lambda_is_named_in_results(name, published, tmp_path):
     body = System(vectors.mesh, StVK(young=mu * (3 * lam + 2 * mu) / (lam + mu), poisson=lam / (2 * (lam + mu))))
     report = judged(tmp_path, vectors, {"F": np.array([body.internal_force(u) for u in vectors.arrays["u"]])})
     assert report.named.names == ["lambda doubled"] and "your lambda is 2.000 x, your mu 1.000 x" in str(report)
+
+
+@pytest.mark.parametrize("digits", ["float32", "%.7g", "%g"])
+@pytest.mark.parametrize("name", PUBLISHED)
+def test_single_precision_is_named_in_results(name, digits, published, tmp_path):
+    """Whether a few quantities are in single precision, or all that were given, and in some states alone."""
+    vectors = published[name]
+
+    def rounded(array):
+        return array.astype(np.float32).astype(float) if digits == "float32" else np.char.mod(digits, array).astype(float)
+
+    all_three, some = right(vectors, "W", "F", "K_values"), [3, 4]
+    for arrays in (
+        {"F": rounded(all_three["F"])},
+        {of: rounded(array) for of, array in all_three.items()},
+        all_three | {"F": rounded(all_three["F"])},
+        {"states": vectors.arrays["states"][some], "W": rounded(all_three["W"][some])},
+    ):
+        assert judged(tmp_path, vectors, arrays).named.names == ["single precision"]
+    off = {"F": all_three["F"] * (1 + 1e-6 * np.cos(np.arange(all_three["F"].shape[1])))}
+    assert judged(tmp_path, vectors, off).named.names == []
+
+
+def test_values_that_are_not_finite_are_named_by_their_states(published, tmp_path):
+    """And explained by no hypothesis that leaves the other values alone."""
+    vectors = published["block"]
+    F = vectors.arrays["F"].copy()
+    F[[0, 3], 5] = np.nan, np.inf
+    (line,) = judged(tmp_path, vectors, {"F": F}).named.lines()
+    assert "F has entries that are not finite in: rotated strained, rest. Elsewhere its values are right to eight digits" in line
+    first, name, last = judged(tmp_path, vectors, {"F": 2 * F}).named.lines()
+    assert first.startswith("This explains a part of it") and name.startswith("F x 2") and last.startswith("F has entries")
+    F[[0, 3]] = vectors.arrays["F"][[0, 3]]
+    F[-1] = np.nan
+    assert judged(tmp_path, vectors, {"F": F}).named.names == ["not a number at inversion"]
 
 
 def test_what_nothing_explains_is_told_with_where_it_is(published, tmp_path):
