@@ -18,17 +18,16 @@ from scipy.sparse import issparse
 
 from ..arguments import Array
 from ..errors import StvkError
-from ..materials import Anisotropic, Isotropic
-from ..mesh import ElementMesh
-from ..reference import isotropic_tensor
+from ..materials import Anisotropic
 from ..terms import StVK
-from .bodies import elasticity, hourglass_control, is_condensed, reference_on
+from .bodies import elasticity, hourglass_control, reference_on
 from .case import Case
 from .element_model import model_of
 from .evidence import Evidence, Model, Values, flat
 from .faults import FAULTS
 from .judgement import largest_component
-from .players import Foul, Player
+from .moduli import lame_factors, number
+from .players import Player
 
 #: Names of what FAULTS have that is found by a fit here, or needs more than one state.
 FITTED = (
@@ -42,7 +41,7 @@ FITTED = (
 def models(evidence: Evidence, terms: Sequence[StVK]) -> Iterator[tuple[str, str, Model]]:
     """Name, words and model of each hypothesis."""
     yield from _factors(evidence)
-    yield from _lame(evidence, terms)
+    yield from lame_factors(evidence, terms)
     yield from _elements(evidence, terms)
     yield from _orders_of_dofs(evidence)
     yield from _other_displacements(evidence)
@@ -86,7 +85,7 @@ def _factors(evidence: Evidence) -> Iterator[tuple[str, str, Model]]:
         return {quantity: factors[quantity] * value for quantity, value in evidence.truth(u, quantities).items()}
 
     words = "; ".join(
-        f"your {' and '.join(names)} {'is' if len(names) == 1 else 'are'} {_number(factor)} x" for factor, names in off.items()
+        f"your {' and '.join(names)} {'is' if len(names) == 1 else 'are'} {number(factor)} x" for factor, names in off.items()
     )
     yield name, f"{words}: {reading}", model
 
@@ -100,124 +99,6 @@ def _reading(factor: float) -> str:
         return "nothing is added up"
     near = [words for value, words in READINGS.items() if abs(factor / value - 1) < 1e-5]
     return near[0] if near else "a factor without a usual cause"
-
-
-def _lame(evidence: Evidence, terms: Sequence[StVK]) -> Iterator[tuple[str, str, Model]]:
-    """lambda and mu times factors in each region, fitted to six homogeneous states."""
-    case = evidence.case
-    if not all(isinstance(term.material, Isotropic) for term in terms) or case.mesh.k == 1:
-        return
-    parts = [part for term in terms for part in _lame_parts(case, term)]
-    quantity = "F" if "F" in evidence.quantities else evidence.quantities[-1]
-    rows, columns = [], []
-    # W of regions is told apart by other states alone, and a candidate may raise in some
-    for u in [*_homogeneous(case), *(case.states[state] for state in evidence.found)]:
-        try:
-            rows.append(evidence.column(evidence.values(evidence.player, u, quantity)[quantity]))
-        except Foul:
-            continue
-        columns.append(np.stack([evidence.column(evidence.values(part, u, quantity)[quantity]) for part in parts], axis=1))
-    if not rows:
-        return
-    A, b = np.concatenate(columns), np.concatenate(rows)
-    if len(b) < A.shape[1] + 3 or not (np.isfinite(b).all() and np.isfinite(A).all()):
-        return  # as many unknowns as values of W would fit anything
-    size = np.linalg.norm(A, axis=0)
-    factors = np.linalg.lstsq(A / np.where(size, size, 1.0), b, rcond=None)[0] / np.where(size, size, 1.0)
-    factors = np.where(size, factors, np.roll(factors, -1))  # at nu = 0 there is no lambda: it counts as mu does
-    if np.abs(factors - 1).max() < 1e-6 or np.ptp(factors) <= 1e-6 * np.abs(factors).max():
-        return  # right, or all of it times one number
-
-    def model(u: Array, quantities: str) -> Values:
-        each = [evidence.values(part, u, quantities) for part in parts]
-        return {q: sum(f * value[q] for f, value in zip(factors, each, strict=True)) for q in quantities}
-
-    pairs = factors.reshape(-1, 2)
-    readings = [_lame_readings(case.mesh, term, *pair) for term, pair in zip(terms, pairs, strict=True)]
-    off = [i for i, pair in enumerate(pairs) if np.abs(pair - 1).max() > 1e-6]
-    numbers = "; ".join(
-        f"your lambda is {_number(pairs[i, 0])} x, your mu {_number(pairs[i, 1])} x{_where(terms[i], len(terms))}" for i in off
-    )
-    common = set.intersection(*(set(readings[i]) for i in off))
-    for name in [name for name in readings[off[0]] if name in common] or ["lambda and mu by region"]:
-        yield name, f"{numbers}{LAME_WORDS.get(name, '')}", model
-
-
-LAME_WORDS = {
-    "lambda of plane strain": ": lam = E nu/((1 + nu) (1 - 2 nu)) is for plane strain and solids",
-    "lambda of plane stress": ": 2 lam mu/(lam + 2 mu) = E nu/(1 - nu^2) is for plane stress",
-    "mu halved": ": E/(4 (1 + nu)), or the engineering shear strain taken for the tensor's",
-    "mu doubled": ": E/(1 + nu) is 2 G",
-    "bulk modulus for lambda": ": lam + 2/3 mu is the bulk modulus",
-}
-
-
-def _number(factor: float) -> str:
-    """A factor with three decimals, or three digits if it is far from one.
-
-    >>> _number(2.0), _number(1e-9)
-    ('2.000', '1e-09')
-    """
-    return f"{factor + 0.0:.3f}" if factor == 0 or 0.01 <= abs(factor) < 1000 else f"{factor:.3g}"
-
-
-def _where(term: StVK, count: int) -> str:
-    if count == 1 or term.region is None:
-        return ""
-    if isinstance(term.region, str):
-        return f" in {term.region}"
-    ids = np.asarray(term.region).ravel()
-    return f" in the region of elements {', '.join(map(str, ids[:3]))}, ... ({len(ids)})"
-
-
-def _lame_readings(mesh: ElementMesh, term: StVK, of_lam: float, of_mu: float) -> list[str]:
-    """The usual causes of these factors, in the order of likelihood; those that are equal at this nu are all there."""
-    assert isinstance(term.material, Isotropic)
-    E, nu = np.asarray(term.material.young), np.asarray(term.material.poisson)
-    if E.ndim or nu.ndim:
-        E, nu = E.ravel()[0], nu.ravel()[0]
-    lam, mu = E * nu / ((1 + nu) * (1 - 2 * nu)), E / (2 * (1 + nu))
-    condensed, solid = is_condensed(mesh, term), lam
-    lam = 2 * lam * mu / (lam + 2 * mu) if condensed else lam
-    usual = {
-        "lambda doubled": (2, 1),
-        "lambda halved": (0.5, 1),
-        "lambda of plane strain": (solid / lam if condensed and lam else np.nan, 1),
-        "lambda of plane stress": (np.nan if condensed else 2 * mu / (lam + 2 * mu), 1),
-        "bulk modulus for lambda": (1 + 2 * mu / (3 * lam) if lam else np.nan, 1),
-        "lambda is left out": (0, 1),
-        "mu halved": (1, 0.5),
-        "mu doubled": (1, 2),
-        "mu is left out": (1, 0),
-        "lambda and mu exchanged": (mu / lam if lam else np.nan, lam / mu),
-        "Young's modulus for mu": (1, E / mu),
-    }
-    return [name for name, pair in usual.items() if np.allclose(pair, (of_lam, of_mu), rtol=1e-6, atol=1e-7)]
-
-
-def _lame_parts(case: Case, term: StVK) -> Iterator[Player]:
-    """The reference of a region with lambda alone, and with mu alone."""
-    assert isinstance(term.material, Isotropic)
-    mesh, how, ids = case.mesh, case.how, case.mesh.elements(term.region)
-    young, poisson = np.asarray(term.material.young, float), np.asarray(term.material.poisson, float)
-    tensor = isotropic_tensor(young, poisson, mesh.k, is_condensed(mesh, term))
-    section = {1: term.area, 2: term.thickness}.get(mesh.k)
-    tensor = tensor if section is None else tensor * np.asarray(section).reshape(-1, 1, 1, 1, 1)
-    eye = np.eye(mesh.k)
-    lam = tensor[:, :1, :1, 1:2, 1:2] * np.einsum("ij,kl->ijkl", eye, eye)
-    for part in (lam, tensor - lam):
-        control = how.hourglass * part[:, 0, 0, 0, 0] * np.ones(len(ids)) if how.is_one_point else None
-        yield Player("part", reference_on(mesh.p, mesh.t[:, ids], part, how, control), mesh.p.size)
-
-
-def _homogeneous(case: Case) -> Iterator[Array]:
-    """Six homogeneous states, each with another strain of 10 to 20 % and a turn."""
-    d = case.mesh.d
-    turn = np.linalg.qr(case.random("homogeneous").standard_normal((d, d)))[0]
-    for number in range(6):
-        strain = 0.1 * case.random(f"homogeneous {number}").standard_normal((d, d))
-        F = turn @ (np.eye(d) + strain + strain.T)
-        yield (case.centred @ (F - np.eye(d)).T).ravel()
 
 
 def _elements(evidence: Evidence, terms: Sequence[StVK]) -> Iterator[tuple[str, str, Model]]:

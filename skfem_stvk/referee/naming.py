@@ -99,7 +99,9 @@ def _not_finite(evidence: Evidence) -> str:
     for state, quantities in evidence.not_finite.items():
         for quantity in quantities:
             by_quantity.setdefault(quantity, []).append(state)
-    return " ".join(f"{quantity} has entries that are not finite in: {', '.join(by_quantity[quantity])}." for quantity in by_quantity)
+    return " ".join(
+        f"{quantity} has entries that are not finite in: {', '.join(by_quantity[quantity])}." for quantity in by_quantity
+    )
 
 
 # what needs no model

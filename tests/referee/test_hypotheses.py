@@ -94,12 +94,45 @@ def test_a_region_is_named():
     assert naming.explanations[0].words == "your lambda is 3.000 x, your mu 3.000 x in right"
 
 
+def of_lame(lam, mu):
+    return System(MESH, StVK(young=mu * (3 * lam + 2 * mu) / (lam + mu), poisson=lam / (2 * (lam + mu))))
+
+
+def test_one_value_of_an_array_is_told_from_the_others():
+    """As the same body of two terms is."""
+    stiff = np.arange(MESH.nt) % 3 == 0
+    E, nu = np.where(stiff, 2.0, 1.0), np.where(stiff, 0.3, 0.4)
+    term, lam, mu = StVK(young=E, poisson=nu), E * nu / ((1 + nu) * (1 - 2 * nu)), E / (2 * (1 + nu))
+    where = f"in the region of elements 0, 3, 6, ... ({stiff.sum()})"
+    (one,) = named(of_lame(np.where(stiff, 2 * lam, lam), mu), terms=[term]).explanations
+    assert one.name == "lambda doubled" and one.words == f"your lambda is 2.000 x, your mu 1.000 x {where}"
+    (one,) = named(of_lame(np.where(stiff, mu, lam), np.where(stiff, lam, mu)), terms=[term]).explanations
+    assert one.name == "lambda and mu exchanged" and one.words == f"your lambda is 0.667 x, your mu 1.500 x {where}"
+    assert named(of_lame(mu, lam), terms=[term]).names == ["lambda and mu exchanged"]
+    (one,) = named(of_lame(2 * lam, mu), terms=[term]).explanations
+    assert one.words == "your lambda is 2.000 x, your mu 1.000 x"
+    assert named(of_lame(2 * lam, 3 * mu), terms=[term]).names == ["lambda and mu by region"]
+
+
+def test_usual_causes_are_named_where_every_element_has_constants_of_its_own():
+    rng = np.random.default_rng(4)
+    E, nu = rng.uniform(1, 3, MESH.nt), rng.uniform(0.1, 0.45, MESH.nt)
+    term, lam, mu = StVK(young=E, poisson=nu), E * nu / ((1 + nu) * (1 - 2 * nu)), E / (2 * (1 + nu))
+    assert named(of_lame(mu, lam), terms=[term]).names == ["lambda and mu exchanged"]
+    assert named(of_lame(2 * lam * mu / (lam + 2 * mu), mu), terms=[term]).names == ["lambda of plane stress"]
+    assert named(of_lame(lam, E), terms=[term]).names == ["Young's modulus for mu"]
+    assert named(of_lame(2 * lam, mu), terms=[term]).names == ["lambda doubled"]
+    assert not named(of_lame(lam * rng.uniform(1, 2, MESH.nt), mu), terms=[term]).names
+
+
 def test_what_no_hypothesis_explains_is_said_with_the_least_that_fails():
     other = verify_candidate(System(MESH, NeoHookean(young=2.0, poisson=0.3)), MESH, [TERM]).named
     assert not other.names and "No hypothesis explains it" in other.lines()[0] and "move node 0 alone" in other.smallest
 
 
-@pytest.mark.parametrize(("states", "words"), [("all", "no values that are numbers"), ("rest", "W has entries that are not finite in: rest.")])
+@pytest.mark.parametrize(
+    ("states", "words"), [("all", "no values that are numbers"), ("rest", "W has entries that are not finite in: rest.")]
+)
 def test_nothing_is_concluded_from_what_is_no_number(states, words):
     class Broken(System):
         def energy(self, u):
