@@ -111,24 +111,28 @@ class Player:
         return self._numbers("F", u, (self.ndofs,), f"({self.ndofs},)")
 
     def K(self, u: Array) -> Any:
-        """Tangent stiffness [N/m]: a `csr_matrix` of its own, or an operator whose products are checked."""
+        """Tangent stiffness [N/m]: a copy as `csr_matrix`, or an operator whose products are checked."""
         returned = self.call("K", u)
         return fairly(f"What {self.name}.tangent(u) returned", lambda: self._matrix(returned))
 
     def _matrix(self, returned: Any) -> Any:
-        kind, shape = type(returned).__name__, getattr(returned, "shape", None)
-        if shape != (self.ndofs, self.ndofs):
+        kind, size = type(returned).__name__, (self.ndofs, self.ndofs)
+        dense = not issparse(returned) and (isinstance(returned, list | tuple) or hasattr(returned, "__array__"))
+        if dense and getattr(returned, "shape", size) == size:  # before a copy, which may be huge
+            returned = _as_array(returned)
+        shape = getattr(returned, "shape", None)
+        if shape != size:
             raise Foul(
                 f"{self.name}.tangent(u) returned {kind} of shape {shown(shape)}; expected a dense or sparse matrix or a "
-                f"LinearOperator of shape {(self.ndofs, self.ndofs)}."
+                f"LinearOperator of shape {size}."
             )
         if np.dtype(getattr(returned, "dtype", float) or float).kind not in "fiu":
             raise Foul(f"{self.name}.tangent(u) returned a matrix of {returned.dtype}; expected real numbers.")
         if issparse(returned):
             return self._sparse(returned)
-        if isinstance(returned, np.ndarray):
-            return csr_matrix(_as_array(returned).astype(float))
-        return LinearOperator(returned.shape, matvec=lambda v: self._product(returned, v), dtype=np.float64)
+        if dense:
+            return csr_matrix(returned.astype(float))
+        return LinearOperator(size, matvec=lambda v: self._product(returned, v), dtype=np.float64)
 
     def _sparse(self, K: Any) -> csr_matrix:
         """A copy in the referee's own hands, after its indices have been looked at: compiled routines trust them."""

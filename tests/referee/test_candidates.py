@@ -26,6 +26,16 @@ class Candidate:
             setattr(self, name, method)
 
 
+class Array:
+    """Values of another package, which NumPy reads by `__array__`."""
+
+    def __init__(self, values):
+        self.values = values
+
+    def __array__(self, dtype=None, copy=None):
+        return np.array(self.values, dtype=dtype)
+
+
 def outcomes(report, check, quantity):
     return {r.outcome for r in report.results if r.subject == "candidate" and (r.check, r.quantity) == (check, quantity)}
 
@@ -43,11 +53,13 @@ def test_a_candidate_with_F_alone_is_checked_for_what_it_has():
     [
         lambda K: K.toarray(),
         lambda K: K.todense(),
+        lambda K: K.toarray().tolist(),
+        lambda K: Array(K.toarray()),
         lambda K: K.tocoo(),
         csr_array,
         lambda K: LinearOperator(K.shape, matvec=lambda v: K @ v, dtype=float),
     ],
-    ids=["dense", "matrix", "coo", "array", "operator"],
+    ids=["dense", "matrix", "lists", "__array__", "coo", "array", "operator"],
 )
 def test_K_may_be_dense_sparse_or_an_operator(convert):
     good = Candidate(tangent=lambda u: convert(BODY.tangent(u)))
@@ -68,6 +80,8 @@ def test_K_may_be_dense_sparse_or_an_operator(convert):
         ({"internal_force": lambda u: 1 / 0}, CheckOutcome.COULD_NOT_RUN, r"raised ZeroDivisionError"),
         ({"energy": lambda u: [1.0, 2.0]}, CheckOutcome.COULD_NOT_RUN, r"energy\(u\) returned shape \(2,\)"),
         ({"tangent": lambda u: np.eye(3)}, CheckOutcome.COULD_NOT_RUN, r"tangent\(u\) returned ndarray of shape \(3, 3\)"),
+        ({"tangent": lambda u: [[1.0], [1.0, 2.0]]}, CheckOutcome.COULD_NOT_RUN, r"returned list of shape \(\); expected a dense"),
+        ({"tangent": lambda u: Array(["K"])}, CheckOutcome.COULD_NOT_RUN, r"returned Array of shape \(1,\); expected a dense"),
         ({"tangent": lambda u: "K"}, CheckOutcome.COULD_NOT_RUN, r"returned str of shape None"),
         ({"energy": lambda u: "abc"}, CheckOutcome.COULD_NOT_RUN, r"energy\(u\) returned a str of <U3; expected real numbers"),
         ({"energy": lambda u: {}}, CheckOutcome.COULD_NOT_RUN, r"energy\(u\) returned a dict; expected real numbers"),
