@@ -1,0 +1,101 @@
+"""Faulty elements: W, F and K by the plain formulas, with tables, moduli, measures or strains that are wrong in one way."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from ..mesh import ElementMesh
+from ..reference import ReferenceOnePoint
+from ..reference.kinds import middles
+from ..terms import StVK
+from .bodies import elasticity, hourglass_control
+from .discretisation import Discretisation, derivatives
+from .element_model import ElementModel, model_of
+
+Terms = Sequence[StVK]
+
+
+def altered(change: Callable[[ElementModel], dict[str, Any]], mesh: ElementMesh, terms: Terms) -> ElementModel:
+    right = model_of(mesh, terms)
+    return replace(right, **change(right))
+
+
+def with_shear(model: ElementModel, factor: float) -> dict[str, Any]:
+    """Shear stresses times a factor: `C_1212` is, `C_1122` and `C_1111` are not."""
+    tensor = model.tensor.copy()
+    for i in range(3):
+        for j in range(3):
+            if i != j:
+                tensor[:, i, j, i, j] *= factor
+                tensor[:, i, j, j, i] *= factor
+    return {"tensor": tensor}
+
+
+def unsymmetric_moduli(model: ElementModel) -> dict[str, Any]:
+    tensor = model.tensor.copy()
+    tensor[:, 0, 0, 1, 1] *= 1.01
+    return {"tensor": tensor}
+
+
+def shifted_materials(model: ElementModel) -> dict[str, Any]:
+    return {"tensor": np.roll(model.tensor, 1, axis=0)}
+
+
+def deformed_volume(model: ElementModel) -> dict[str, Any]:
+    return {"counted": lambda F: np.abs(np.linalg.det(F))}
+
+
+def signed_volume(model: ElementModel) -> dict[str, Any]:
+    spokes = np.einsum("qai,atc->tqci", model.table, model.X)
+    return {"counted": lambda F: np.sign(np.linalg.det(spokes))}
+
+
+def inverted_skipped(model: ElementModel) -> dict[str, Any]:
+    return {"counted": lambda F: (np.linalg.det(F) > 0).astype(float)}
+
+
+def counted(element: int, model: ElementModel, times: float) -> dict[str, Any]:
+    factors = np.ones((model.t.shape[1], 1))
+    factors[element] = times
+    return {"counted": lambda F: np.broadcast_to(factors, F.shape[:2])}
+
+
+def middle(change: Callable[[int, ElementModel], dict[str, Any]], mesh: ElementMesh, terms: Terms) -> ElementModel:
+    """A change of the element in the middle of the list."""
+    return altered(partial(change, mesh.nt // 2), mesh, terms)
+
+
+def point_dropped(model: ElementModel) -> dict[str, Any]:
+    return {"table": model.table[:-1], "weights": model.weights[:-1]}
+
+
+def wrong_weight(model: ElementModel) -> dict[str, Any]:
+    return {"weights": model.weights * np.where(np.arange(len(model.weights)) == 0, 1 + 1e-6, 1)}
+
+
+def last_two_exchanged(model: ElementModel) -> dict[str, Any]:
+    order = [*range(len(model.t) - 2), len(model.t) - 1, len(model.t) - 2]
+    return {"X": model.X[order], "t": model.t[order]}
+
+
+def straightened(mesh: ElementMesh, terms: Terms) -> ElementModel:
+    right = model_of(mesh, terms)
+    X = right.X.copy()
+    for middle, (a, b) in middles(mesh.element.name):
+        X[middle] = (X[a] + X[b]) / 2
+    return replace(right, X=X)
+
+
+def without_control(mesh: ElementMesh, terms: Terms) -> ReferenceOnePoint:
+    how = Discretisation(mesh.element.name, "one-point", 0.0)
+    return ReferenceOnePoint(mesh.p, mesh.t, elasticity(mesh, terms, how), hourglass_control(mesh, terms, how))
+
+
+def gradients_at_the_centre(mesh: ElementMesh, terms: Terms) -> ElementModel:
+    table = derivatives(mesh.element.name, np.full((mesh.k, 1), 0.5)).astype(float)
+    return replace(model_of(mesh, terms), table=table, weights=np.ones(1))

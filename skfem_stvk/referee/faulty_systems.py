@@ -1,0 +1,330 @@
+"""Faulty bodies: systems, their coefficients, matrices and forces, wrong in one way."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import DTypeLike
+from scipy.sparse import coo_matrix, csr_matrix, diags, identity, kron, tril, triu
+
+from ..arguments import Array
+from ..edges import Assembly
+from ..edges.stiffness import GeneralStiffness
+from ..edges.topology import LOCAL_EDGES
+from ..errors import StvkError
+from ..materials import Anisotropic, Hypothesis, Isotropic
+from ..mesh import ElementMesh
+from ..system import System
+from ..terms import Body, StVK
+from .checks.precision import Textbook
+
+Terms = Sequence[StVK]
+
+
+@dataclass(frozen=True)
+class FaultyModel:
+    """W, F and K as functions of u."""
+
+    energy: Callable[[Array], float]
+    internal_force: Callable[[Array], Array]
+    tangent: Callable[[Array], csr_matrix]
+
+
+def disturbed(
+    body: System,
+    energy: Callable[[Array], float] = lambda u: 0.0,
+    force: Callable[[Array], Any] = lambda u: 0.0,
+    tangent: Callable[[Array], Any] | None = None,
+) -> FaultyModel:
+    """A right model with something added to W, F or K."""
+    return FaultyModel(
+        lambda u: body.energy(u) + energy(u),
+        lambda u: body.internal_force(u) + np.asarray(force(u)),
+        lambda u: body.tangent(u) if tangent is None else csr_matrix(body.tangent(u) + tangent(u)),
+    )
+
+
+def times(W: float, F: float, K: float, mesh: ElementMesh, terms: Terms) -> FaultyModel:
+    body = System(mesh, terms)
+    return FaultyModel(
+        lambda u: W * body.energy(u), lambda u: F * body.internal_force(u), lambda u: csr_matrix(K * body.tangent(u))
+    )
+
+
+def with_tangent(of: Callable[[System, Array], Any], mesh: ElementMesh, terms: Terms) -> FaultyModel:
+    """A right model but for its K."""
+    body = System(mesh, terms)
+    return FaultyModel(body.energy, body.internal_force, lambda u: csr_matrix(of(body, u)))
+
+
+@dataclass(frozen=True)
+class AlteredTerm:
+    """A term whose coefficients are changed on the way to the mesh."""
+
+    term: StVK
+    change: Callable[[Array, ElementMesh], None]
+
+    def bind(self, body: Body, dtype: DTypeLike = np.float64) -> Assembly:
+        mesh, coefficients = body.mesh, self.term.coefficients(body.mesh).copy()
+        self.change(coefficients, mesh)
+        return Assembly(mesh.p, mesh.t[:, mesh.elements(self.term.region)], GeneralStiffness(lambda: coefficients), None, dtype)
+
+
+def with_coefficients(change: Callable[[Array, ElementMesh], None], mesh: ElementMesh, terms: Terms) -> System:
+    refuse_other_bodies(mesh, terms)
+    return System(mesh, [AlteredTerm(term, change) for term in terms])
+
+
+def refuse_other_bodies(mesh: ElementMesh, terms: Terms) -> None:
+    other = [type(term.material).__name__ for term in terms if not isinstance(term.material, Isotropic)]
+    if mesh.k != 3 or not mesh.element.is_linear_simplex or other:
+        kinds = ", ".join(other or ["Isotropic"])
+        raise StvkError(f"This fault is for isotropic tetrahedra; got {mesh.kind} of {kinds}.")
+
+
+def with_lame(change: Callable[[float, float], tuple[float, float]], mesh: ElementMesh, terms: Terms) -> System:
+    refuse_other_bodies(mesh, terms)
+    altered = []
+    for term in terms:
+        assert isinstance(term.material, Isotropic)
+        lam, mu = (float(value) for value in term.material.lame(Hypothesis.SOLID))
+        altered.append(StVK(Isotropic.from_lame(*change(lam, mu)), term.region))
+    return System(mesh, altered)
+
+
+def exchanged_materials(mesh: ElementMesh, terms: Terms) -> System:
+    first, second = terms
+    return System(mesh, [StVK(first.material, second.region), StVK(second.material, first.region)])
+
+
+def frames(change: Callable[[Array], Array], mesh: ElementMesh, terms: Terms) -> System:
+    material = terms[0].material
+    assert isinstance(material, Anisotropic) and material.frame is not None
+    return System(mesh, StVK(Anisotropic(material.voigt, frame=change(np.asarray(material.frame)))))
+
+
+def voigt_order(mesh: ElementMesh, terms: Terms) -> System:
+    material, order = terms[0].material, [0, 1, 2, 5, 4, 3]
+    assert isinstance(material, Anisotropic)
+    return System(mesh, StVK(Anisotropic(np.asarray(material.voigt)[..., order, :][..., order], frame=material.frame)))
+
+
+def linear(mesh: ElementMesh, terms: Terms) -> FaultyModel:
+    """Small-strain elasticity: `W = 1/2 u' K0 u`."""
+    body = System(mesh, terms)
+    K0 = body.tangent(np.zeros(body.ndofs))
+    return FaultyModel(lambda u: float(u @ (K0 @ u)) / 2, lambda u: np.asarray(K0 @ u), lambda u: K0)
+
+
+def stale_rest_shape(mesh: ElementMesh, terms: Terms) -> System:
+    p = mesh.p.copy()
+    p[0] += 0.01 * np.sin(3 * p[0])
+    return System(ElementMesh(p, mesh.t, element=mesh.element), terms)
+
+
+def wrong_origin(mesh: ElementMesh, terms: Terms) -> FaultyModel:
+    """Spokes of the deformed body from where the first vertex of each element *was*."""
+    body, n = System(mesh, terms), mesh.nv
+
+    def moved(u: Array) -> Array:
+        return u - np.tile(u.reshape(n, -1)[mesh.t[0, 0]] / 100, n) * np.repeat(np.arange(n) != mesh.t[0, 0], mesh.d)
+
+    return FaultyModel(lambda u: body.energy(moved(u)), lambda u: body.internal_force(moved(u)), lambda u: body.tangent(moved(u)))
+
+
+def drop_pairs(L: Array, mesh: ElementMesh) -> None:
+    L *= np.eye(L.shape[1])
+
+
+def opposite(m: int) -> tuple[list[int], list[int]]:
+    """Local numbers of the three pairs of edges of a tetrahedron that do not meet."""
+    edges = LOCAL_EDGES[3]
+    pairs = [(i, j) for i in range(m) for j in range(i) if not set(edges[i]) & set(edges[j])]
+    return [i for i, _ in pairs], [j for _, j in pairs]
+
+
+def drop_opposite(L: Array, mesh: ElementMesh) -> None:
+    i, j = opposite(L.shape[1])
+    L[:, i, j] = L[:, j, i] = 0.0
+
+
+def flip_one_opposite(L: Array, mesh: ElementMesh) -> None:
+    (i, *_), (j, *_) = opposite(L.shape[1])
+    L[len(L) // 2, [i, j], [j, i]] *= -1
+
+
+def drop_one_adjacent(L: Array, mesh: ElementMesh) -> None:
+    L[len(L) // 2, [0, 1], [1, 0]] = 0.0
+
+
+def permute_negative(L: Array, mesh: ElementMesh) -> None:
+    """The third and the fourth edge exchanged where an element is turned round."""
+    spokes = mesh.p[:, mesh.t[1:]] - mesh.p[:, mesh.t[:1]]
+    negative, order = np.linalg.det(np.moveaxis(spokes, 2, 0)) < 0, [0, 1, 3, 2, 4, 5]
+    L[negative] = L[negative][:, order][:, :, order]
+
+
+def geometric(mesh: ElementMesh, terms: Terms) -> Callable[[Array], csr_matrix]:
+    forms = [term.bind(mesh).form for term in terms]
+
+    def matrix(u: Array) -> csr_matrix:
+        total = csr_matrix((mesh.nv, mesh.nv))
+        for form in forms:
+            tension, (a, b) = form.tensions(u.reshape(-1, mesh.d)), form.edges
+            entries = np.concatenate([tension, tension, -tension, -tension])
+            places = np.concatenate([a, b, a, b]), np.concatenate([a, b, b, a])
+            total = total + coo_matrix((entries, places), shape=total.shape)
+        return csr_matrix(kron(total, identity(mesh.d)))
+
+    return matrix
+
+
+def no_geometric_term(mesh: ElementMesh, terms: Terms) -> FaultyModel:
+    term = geometric(mesh, terms)
+    return disturbed(System(mesh, terms), tangent=lambda u: -term(u))
+
+
+def blocks_transposed(body: System, u: Array) -> csr_matrix:
+    K = body.tangent(u).tobsr((body.mesh.d,) * 2)
+    K.data = np.swapaxes(K.data, 1, 2).copy()
+    return csr_matrix(K)
+
+
+def symmetrised_wrongly(body: System, u: Array) -> csr_matrix:
+    """The upper half mirrored with its diagonal, which then counts twice."""
+    upper = triu(body.tangent(u))
+    return csr_matrix(upper + upper.T)
+
+
+def upper_alone(body: System, u: Array) -> csr_matrix:
+    return csr_matrix(triu(body.tangent(u)))
+
+
+def of_one_sided_rows(body: System, u: Array) -> csr_matrix:
+    """The lower half is half of what it should be, and added to its transpose without the diagonal's share."""
+    K = body.tangent(u)
+    return csr_matrix(tril(K, -1) + diags(K.diagonal()) / 2 + triu(K, 1))
+
+
+def components_first(mesh: ElementMesh, terms: Terms) -> FaultyModel:
+    """Degrees of freedom component by component in what is returned."""
+    body = System(mesh, terms)
+    order = np.arange(body.ndofs).reshape(-1, mesh.d).T.ravel()
+    return FaultyModel(body.energy, lambda u: body.internal_force(u)[order], lambda u: csr_matrix(body.tangent(u)[order][:, order]))
+
+
+class StaleTangent:
+    """K of the state before: what is kept is not made anew when the state changes."""
+
+    def __init__(self, mesh: ElementMesh, terms: Terms) -> None:
+        body = System(mesh, terms)
+        self.energy, self.internal_force = body.energy, body.internal_force
+        self._body, self._before = body, np.zeros(body.ndofs)
+
+    def tangent(self, u: Array) -> csr_matrix:
+        """K where it was asked for last."""
+        before, self._before = self._before, u.copy()
+        return self._body.tangent(before)
+
+
+class KeptTangent:
+    """K that is kept as long as the displacements are nearly the same."""
+
+    def __init__(self, mesh: ElementMesh, terms: Terms) -> None:
+        body = System(mesh, terms)
+        self.energy, self.internal_force = body.energy, body.internal_force
+        self._body, self._at, self._kept = body, np.zeros(body.ndofs), body.tangent(np.zeros(body.ndofs))
+
+    def tangent(self, u: Array) -> csr_matrix:
+        """K where it was computed last, or here."""
+        if not np.allclose(u, self._at):
+            self._at, self._kept = u.copy(), self._body.tangent(u)
+        return self._kept
+
+
+def blind_to_inversion(mesh: ElementMesh, terms: Terms) -> FaultyModel:
+    """Not a number as soon as an element is inside out, as by the logarithm or the root of J."""
+    body = System(mesh, terms)
+
+    def factor(u: Array) -> float:
+        return 1.0 if body.smallest_volume_ratio(u) > 0 else float("nan")
+
+    return FaultyModel(
+        lambda u: factor(u) * body.energy(u),
+        lambda u: factor(u) * body.internal_force(u),
+        lambda u: csr_matrix(factor(u) * body.tangent(u)),
+    )
+
+
+class FromPositions(Textbook):
+    """F of squared lengths of positions, as textbooks write it; W and K are right."""
+
+    def __init__(self, mesh: ElementMesh, terms: Terms) -> None:
+        super().__init__(terms[0].bind(mesh).form)
+        body = System(mesh, terms)
+        self.energy, self.tangent = body.energy, body.tangent
+
+
+def units(mesh: ElementMesh, terms: Terms) -> tuple[System, float, float]:
+    """The body, a force and a stiffness that are small on it, but far beyond round-off."""
+    body = System(mesh, terms)
+    stiffness = 1e-6 * float(abs(body.tangent(np.zeros(body.ndofs))).max())
+    return body, stiffness * float(np.ptp(mesh.p)) / mesh.nv, stiffness
+
+
+def lone_force(mesh: ElementMesh, terms: Terms) -> FaultyModel:
+    body, force, _ = units(mesh, terms)
+    return disturbed(body, force=lambda u: force * unit(mesh, 0, 0))
+
+
+def couple(mesh: ElementMesh, terms: Terms) -> FaultyModel:
+    """Opposite forces along x at the lowest and the highest vertex: no sum, but a torque, and a mean stress P_13."""
+    body, force, _ = units(mesh, terms)
+    low, high = int(np.argmin(mesh.p[2])), int(np.argmax(mesh.p[2]))
+    return disturbed(body, force=lambda u: force * (unit(mesh, high, 0) - unit(mesh, low, 0)))
+
+
+def skew_tangent(mesh: ElementMesh, terms: Terms) -> FaultyModel:
+    body, _, stiffness = units(mesh, terms)
+    skew = coo_matrix(([stiffness, -stiffness], ([0, 1], [1, 0])), shape=(body.ndofs,) * 2)
+    return disturbed(body, tangent=lambda u: skew)
+
+
+def anchored(mesh: ElementMesh, terms: Terms) -> FaultyModel:
+    body, _, stiffness = units(mesh, terms)
+    return disturbed(
+        body,
+        energy=lambda u: stiffness / 2 * float(u @ u),
+        force=lambda u: stiffness * u,
+        tangent=lambda u: stiffness * identity(body.ndofs),
+    )
+
+
+def energy_of_a_place(mesh: ElementMesh, terms: Terms) -> FaultyModel:
+    body, _, stiffness = units(mesh, terms)
+    return disturbed(body, energy=lambda u: stiffness / 2 * float(u[0]) ** 2)
+
+
+def soft_mode(mesh: ElementMesh, terms: Terms) -> FaultyModel:
+    """K at rest resists one more motion by nothing: its softest mode that is not rigid is taken out, symmetrically."""
+    body = System(mesh, terms)
+    K0 = body.tangent(np.zeros(body.ndofs)).toarray()
+    values, vectors = np.linalg.eigh(K0)
+    soft = vectors[:, 6]
+    out = csr_matrix(values[6] * np.outer(soft, soft))
+    return disturbed(body, tangent=lambda u: -out)
+
+
+def unit(mesh: ElementMesh, vertex: int, component: int) -> Array:
+    unit = np.zeros(mesh.p.size)
+    unit[mesh.d * vertex + component] = 1.0
+    return unit
+
+
+def with_lame_of(term: StVK, factor: float) -> StVK:
+    assert isinstance(term.material, Isotropic)
+    lam, mu = term.material.lame(Hypothesis.SOLID)
+    return StVK(Isotropic.from_lame(factor * lam, mu), term.region)
