@@ -58,10 +58,12 @@ def replacing(path: Path) -> Iterator[Path]:
     """A path beside `path` to write to; renamed into place at the end, removed on an error.
 
     Whoever reads `path` finds the old file or the new one, never a part of it, whenever the program is killed; what is left beside
-    it then, `.NAME.part`, is overwritten by the next one. If it cannot be written, a WriteError says what to do.
+    it then, `.NAME.part`, is removed by the next one. If it cannot be written, a WriteError says what to do. The target of a
+    symbolic link stays as it is, whether `path` or `.NAME.part` is the link.
     """
     part = path.with_name(f".{path.name}.part")
     try:
+        part.unlink(missing_ok=True)
         yield part
         with part.open("rb") as file:
             os.fsync(file.fileno())

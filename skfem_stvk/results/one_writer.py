@@ -48,6 +48,7 @@ class OneWriter:
             if self._acquire(self._lock):
                 _HELD.add(self)
                 with suppress(OSError):  # it is a courtesy: the lock is what counts
+                    self._holder.unlink(missing_ok=True)  # a symbolic link would have its target overwritten
                     now = time.strftime("%Y-%m-%d %H:%M:%S")
                     self._holder.write_text(json.dumps({"host": socket.gethostname(), "process": os.getpid(), "since": now}))
             return self

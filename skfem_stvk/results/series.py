@@ -208,6 +208,8 @@ def save_series(path: str | os.PathLike[str], fields: Sequence[str], states: Ite
     with Series(path, fields) as series:
         aside = series.path.with_name(f".{series.path.stem}.part")
         try:
+            if aside.is_symlink():
+                aside.unlink()
             aside.mkdir(exist_ok=True)
             written = [(float(t), write_vtu(aside / f"{n:04d}.vtu", state, fields)) for n, (t, state) in enumerate(states)]
             steps = [(t, series.path.with_name(f"{series.path.stem}_{file.name}")) for t, file in written]

@@ -23,6 +23,7 @@ from ..materials import Hypothesis, Material
 from ..mesh import ElementMesh
 from ..mesh.places import Box, Where, vertices_at
 from ..results.state_files import read_state
+from ..results.table import find
 from ..system import System
 from ..system.free_tangent import entries_of, kind_of, with_loads
 from ..system.supports import Supports, fixed_dofs
@@ -257,6 +258,9 @@ def _check_outputs(sections: SceneTables, source: SceneSource, complaints: Compl
     for number, name in enumerate(output.plots):
         if name not in known:
             complaints.add(("output", "plots", number), f"there is nothing to plot by the name {name!r}; {name_known(name, known)}")
+    for number, name in enumerate(output.fields or ()):
+        with complaints.at("output", "fields", number):
+            find(name)
     for name in ("file", "animation"):
         given = getattr(output, name)
         if given is not None and (Path(given).name != given or "\\" in given):

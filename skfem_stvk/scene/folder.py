@@ -4,22 +4,36 @@ from __future__ import annotations
 
 import hashlib
 import json
+import re
 import time
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
-from ..errors import StvkError
+from pydantic import ValidationError
+
+from ..errors import SceneError, StvkError
 from ..referee.header import machine, versions
 from ..results.files import replacing, try_to_write
 from .outcome import BAD_INPUT, SceneOutcome
+from .report import plot_files
 from .schema import SceneTables
 from .schema.analyses import ModesAnalysis
+from .schema.outputs import Output
+from .source import SceneSource
 
 #: Status of a run that was refused before it began, so that nothing is lost where its folder is taken again.
 REFUSED = "refused"
 SUMMARY, RESOLVED, CHECKPOINT = "summary.json", "resolved.toml", "checkpoint"
+
+
+class Former(NamedTuple):
+    """Contents of a folder before a run writes into it."""
+
+    said: dict[str, bytes]  # the summary and the resolved scene of a run with results
+    files: dict[str, tuple[int, int]]  # inode and time of the last change of every other file
+    written: list[str]  # pictures, states and the report of the run that --force replaces
 
 
 @dataclass(frozen=True)
@@ -36,8 +50,23 @@ class Folder:
         Raises
         ------
         StvkError
+            as `refuse_other`; if the folder cannot be written.
+        """
+        self.refuse_other(sections)
+        try:
+            self.path.mkdir(parents=True, exist_ok=True)
+            try_to_write(self.path)
+        except OSError as error:
+            raise StvkError(f"--out {self.path} cannot be written: {error.strerror}. Choose another folder.") from error
+
+    def refuse_other(self, sections: SceneTables) -> None:
+        """Refuse a folder with results of another run.
+
+        Raises
+        ------
+        StvkError
             if it holds results and they are neither to be resumed nor to be replaced; if there is nothing to resume; if it holds
-            other files than results, or cannot be written.
+            other files than results.
         """
         path = self.path
         names = visible(path)
@@ -53,11 +82,6 @@ class Folder:
                 f"{path} holds the results of a run that {self.summary()['status']}. --force replaces them, --resume goes on from "
                 "its checkpoint, --out names another folder."
             )
-        try:
-            path.mkdir(parents=True, exist_ok=True)
-            try_to_write(path)
-        except OSError as error:
-            raise StvkError(f"--out {path} cannot be written: {error.strerror}. Choose another folder.") from error
 
     def _refuse_nothing(self, sections: SceneTables, names: list[str]) -> None:
         if isinstance(sections.analysis, ModesAnalysis):
@@ -76,7 +100,7 @@ class Folder:
         if output.checkpoint or self.resume:
             found["checkpoint"] = self.path / CHECKPOINT
         if output.file is not None and output.file.endswith(".pvd"):
-            found["save"] = self.path / output.file
+            found |= {"save": self.path / output.file, "fields": output.fields}
         return found
 
     def summary(self) -> dict[str, Any]:
@@ -87,16 +111,38 @@ class Folder:
         except (OSError, ValueError, AttributeError):
             return {"status": "unknown"}
 
+    def former(self) -> Former:
+        """Return what the folder holds before a run."""
+        there = [name for name in (SUMMARY, RESOLVED) if (self.path / name).is_file()]
+        held = SUMMARY in there and self.summary()["status"] != REFUSED
+        said = {name: (self.path / name).read_bytes() for name in there} if held else {}
+        return Former(said, self._files(), _written_names(self.path) if self.force else [])
+
+    def _files(self) -> dict[str, tuple[int, int]]:
+        """Return inode and time of the last change of all files except the summary and the resolved scene."""
+        names = (str(path.relative_to(self.path)) for path in self.path.rglob("[!.]*") if path.is_file())
+        stats = {name: (self.path / name).stat() for name in names if name not in (SUMMARY, RESOLVED)}
+        return {name: (stat.st_ino, stat.st_mtime_ns) for name, stat in stats.items()}
+
     def begun(self, known: str) -> None:
         """Say that a run began: a killed one leaves that."""
         self._say({"status": "was killed or is running", "scene_hash": known, "begun": _now()})
 
-    def refused(self, known: str, error: StvkError) -> None:
-        """Say that the analysis refused what it got."""
-        self._say({"status": REFUSED, "exit_code": BAD_INPUT, "message": str(error), "scene_hash": known, "ended": _now()})
+    def failed(self, known: str, error: BaseException, former: Former) -> None:
+        """Put back the former summary and scene if no result has changed; otherwise say that the analysis refused its input."""
+        if former.said and self._files() == former.files:
+            for name, content in former.said.items():
+                with replacing(self.path / name) as part:
+                    part.write_bytes(content)
+        elif isinstance(error, StvkError):
+            self._say({"status": REFUSED, "exit_code": BAD_INPUT, "message": str(error), "scene_hash": known, "ended": _now()})
 
-    def ended(self, known: str, outcome: SceneOutcome) -> None:
-        """Write the summary of a run."""
+    def ended(self, known: str, outcome: SceneOutcome, former: Former) -> None:
+        """Write the summary of a run, and remove the files of the replaced run that this run has not replaced."""
+        now = self._files()
+        for name in former.written:
+            if now.get(name) == former.files.get(name):
+                (self.path / name).unlink(missing_ok=True)
         self._say(
             {
                 "status": outcome.status,
@@ -124,6 +170,18 @@ def visible(folder: Path) -> list[str]:
     if folder.exists() and not folder.is_dir():
         raise StvkError(f"--out {folder}: it is a file; expected a folder, which is made if it is missing.")
     return sorted(one.name for one in folder.iterdir() if not one.name.startswith(".")) if folder.exists() else []
+
+
+def _written_names(path: Path) -> list[str]:
+    """Return the names of the pictures, states and the report that the scene in a folder of results has written there."""
+    try:
+        output = Output.model_validate(SceneSource.read(path / RESOLVED).data.get("output", {}))
+    except (SceneError, ValidationError):
+        return []
+    names = {"report.html", output.animation, *(f"{name}.png" for name in plot_files(output.plots).values())}
+    series = rf"|{re.escape(Path(output.file).stem)}(_\d{{4,}})?\.(pvd|vtu|csv)" if output.file else ""
+    pattern = re.compile(rf"picture(-\d+)?\.png{series}")
+    return [name for name in visible(path) if name in names or pattern.fullmatch(name)]
 
 
 def hash_of(data: Mapping[str, Any], contents: Iterable[bytes] = ()) -> str:

@@ -6,7 +6,7 @@ import base64
 import re
 import shlex
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from functools import partial
 from importlib.resources import files
@@ -127,9 +127,7 @@ def _wanted(outcome: SceneOutcome) -> Iterator[tuple[str, str, Callable[[], Any]
             yield f"mode {number}", f"picture-{number}", partial(_mode, outcome, number)
     elif output.picture:
         yield "The last state", "picture", partial(_last_state, outcome)
-    taken: set[str] = set()
-    for name in dict.fromkeys(output.plots):
-        file = _file_name(name, taken)
+    for name, file in plot_files(output.plots).items():
         if name in outcome.curves:
             yield name, file, partial(_curve, outcome, name)
         elif name == "ledger":
@@ -138,13 +136,20 @@ def _wanted(outcome: SceneOutcome) -> Iterator[tuple[str, str, Callable[[], Any]
             yield "Load and displacement", file, partial(_path, outcome)
 
 
-def _file_name(name: str, taken: set[str]) -> str:
-    """A name for a file, with letters, digits and such alone, that is not taken."""
-    plain = f"plot-{re.sub('[^A-Za-z0-9_.-]+', '_', name)}"
-    different = (plain if count == 1 else f"{plain}-{count}" for count in range(1, len(taken) + 2))
-    found = next(one for one in different if one.lower() not in taken)
-    taken.add(found.lower())
-    return found
+def plot_files(names: Sequence[str]) -> dict[str, str]:
+    """Return the file name of each plot without its suffix: letters, digits, `_`, `.` and `-` only, and no name twice.
+
+    >>> plot_files(["tip", "a b", "a/b"])
+    {'tip': 'plot-tip', 'a b': 'plot-a_b', 'a/b': 'plot-a_b-2'}
+    """
+    files: dict[str, str] = {}
+    taken: set[str] = set()
+    for name in dict.fromkeys(names):
+        plain = f"plot-{re.sub('[^A-Za-z0-9_.-]+', '_', name)}"
+        different = (plain if count == 1 else f"{plain}-{count}" for count in range(1, len(taken) + 2))
+        files[name] = next(one for one in different if one.lower() not in taken)
+        taken.add(files[name].lower())
+    return files
 
 
 def _filmed(folder: Path, outcome: SceneOutcome, troubles: list[str]) -> Iterator[Drawing]:

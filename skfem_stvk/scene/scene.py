@@ -14,6 +14,7 @@ from ..arguments import path as checked_path
 from ..errors import StvkError, warn
 from ..kernels.threads import threads
 from ..mesh import ElementMesh
+from ..results.files import replacing
 from ..results.one_writer import OneWriter
 from ..results.vtu import write_mesh
 from ..system import System
@@ -174,16 +175,17 @@ class Scene:
             return solve(self.built, quiet=quiet)
         folder = Folder(checked_path("out", out, "the path of a folder"), resume, force)
         folder.open(self.sections)
-        built = self.built
         with OneWriter(folder.path):
-            folder.begun(self.hash)
-            self.write(folder.path / RESOLVED)
+            folder.refuse_other(self.sections)  # again: another run may have ended between the first look and the lock
+            built, former = self.built, folder.former()
             try:
+                folder.begun(self.hash)
+                self.write(folder.path / RESOLVED)
                 outcome = solve(built, folder, quiet=quiet)
-            except StvkError as error:
-                folder.refused(self.hash, error)
+            except BaseException as error:
+                folder.failed(self.hash, error, former)
                 raise
-            folder.ended(self.hash, outcome)
+            folder.ended(self.hash, outcome, former)
             write_report(folder.path, outcome)
         return outcome
 
@@ -215,7 +217,8 @@ class Scene:
         data = self.resolved(target.parent)
         if self._mesh is not None:
             data["mesh"]["file"] = write_mesh(target.with_suffix(".vtu"), self._mesh).name
-        target.write_text(written(data, {}), encoding="utf-8")
+        with replacing(target) as part:
+            part.write_text(written(data, {}), encoding="utf-8")
         return target
 
     @property

@@ -231,3 +231,17 @@ def test_analyses_write_the_fields_that_are_named(tmp_path):
         assert vectors <= set(file.point_data) and "volume_ratio" in file.cell_data and "von_mises_stress" not in file.cell_data
     with pytest.raises(StvkError, match="'volume'"):
         solve_static(body, save=tmp_path / "other.pvd", fields=["volume"], quiet=True)
+
+
+def test_a_series_is_not_written_through_symbolic_links(tmp_path):
+    mine, files = tmp_path / "mine", ["film.pvd", "film_0000.vtu", ".film.pvd.part", ".film_0001.vtu.part", ".film.pvd.writer"]
+    mine.mkdir()
+    (mine / "0000.vtu").write_text("mine")
+    (tmp_path / ".film.part").symlink_to(mine)
+    for name in files:
+        (mine / name).write_text("mine")
+        (tmp_path / name).symlink_to(mine / name)
+    run(tmp_path / "film.pvd", (0.1, 0.2), overwrite=True)
+    assert save_series(tmp_path / "film.pvd", ["cauchy"], [(t, at(t)) for t in (0.1, 0.2)]).is_file()
+    assert listed(tmp_path / "film.pvd") == expected((0.1, 0.2))
+    assert {file.read_text() for file in mine.iterdir()} == {"mine"} and len(names(mine)) == 6

@@ -160,8 +160,7 @@ def test_of_modes_the_first_elastic_ones_are_drawn_and_all_are_saved(tmp_path):
 
 
 def test_names_of_plots_cannot_leave_the_folder():
-    taken = set()
-    assert [report._file_name(name, taken) for name in ("../a/b", "a b", "a/b", "A_B")] == [
+    assert list(report.plot_files(["../a/b", "a b", "a/b", "A_B"]).values()) == [
         "plot-.._a_b",
         "plot-a_b",
         "plot-a_b-2",

@@ -10,10 +10,12 @@ import numpy as np
 import pytest
 import skfem
 
-from skfem_stvk import EnergyMomentum, Gravity, StVK, StvkError, System, Traction, modes, simulate, solve_static
+from skfem_stvk import EnergyMomentum, Gravity, SceneError, StVK, StvkError, System, Traction, modes, simulate, solve_static
 from skfem_stvk.cli.main import main
 from skfem_stvk.results.one_writer import OneWriter
+from skfem_stvk.results.vtu import read_vtu
 from skfem_stvk.scene import Scene
+from skfem_stvk.scene.folder import Folder
 
 BEAM = """
 [mesh]
@@ -100,6 +102,15 @@ def test_a_motion_gives_what_the_program_gives_bit_for_bit(tmp_path):
     assert outcome.curves["wall"].values[:, 2].tobytes() == run.ledger["reaction wall z"].tobytes()
 
 
+@pytest.mark.parametrize("analysis", [STATIC, MOTION], ids=["static", "dynamic"])
+def test_states_on_the_way_hold_the_fields_that_are_named(tmp_path, analysis):
+    path = scene(tmp_path, analysis, FOLLOWED, 'fields = ["volume_ratio"]\n')
+    Scene.read(path).solve(tmp_path / "beam", quiet=True)
+    assert list(read_vtu(tmp_path / "beam" / "beam_0000.vtu").cell_data) == ["volume_ratio"]
+    with pytest.raises(SceneError, match=r"output.fields.1., .*There is no field 'volume'"):
+        Scene.read(path, ["output.fields=['volume_ratio', 'volume']"])
+
+
 def test_modes_are_what_the_program_gives(tmp_path):
     outcome = Scene.read(scene(tmp_path, MODES)).solve(quiet=True)
     assert [outcome.values[f"frequency.{n}"] for n in range(4)] == modes(body(), 4).frequencies.tolist()
@@ -183,6 +194,71 @@ def test_a_checkpoint_of_another_problem_is_refused_with_what_differs(tmp_path, 
     assert main(["solve", str(path), "--quiet", "--resume", "--set", "materials.rubber.young=2e6"]) == 2
     assert "elastic terms changed" in capsys.readouterr().err
     assert main(["solve", str(path), "--quiet", "--resume", "--set", "analysis.until=0.3"]) == 0
+
+
+def contents(folder):
+    return {str(path.relative_to(folder)): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+
+
+@pytest.mark.parametrize(
+    "analysis, options",
+    [
+        (MOTION, ("--resume", "--set", "analysis.until=0.1")),
+        (MOTION, ("--resume", "--set", "materials.rubber.young=2e6")),
+        (STATIC, ("--force", "--set", "fixed={ left = 'x' }")),
+    ],
+)
+def test_a_run_that_is_refused_leaves_the_results_that_are_there(tmp_path, capsys, analysis, options):
+    path = scene(tmp_path, analysis, FOLLOWED)
+    assert main(["solve", str(path), "--quiet"]) == 0
+    before = contents(tmp_path / "beam")
+    assert main(["solve", str(path), "--quiet", *options]) == 2
+    assert contents(tmp_path / "beam") == before
+    assert main(["solve", str(path), "--quiet", *options[1:]]) == 2
+    assert "--force replaces them" in capsys.readouterr().err
+    assert contents(tmp_path / "beam") == before
+
+
+def test_results_that_another_run_finishes_while_a_scene_is_built_are_not_replaced(tmp_path, monkeypatch):
+    slow, fast = Scene.read(scene(tmp_path, STATIC)), Scene.read(scene(tmp_path, STATIC.replace("-2e3", "-1e3")))
+    look = Folder.open
+
+    def look_before_the_other_run(folder, sections):
+        look(folder, sections)
+        monkeypatch.undo()
+        fast.solve(tmp_path / "out", quiet=True)
+
+    monkeypatch.setattr(Folder, "open", look_before_the_other_run)
+    with pytest.raises(StvkError, match="holds the results of a run that converged"):
+        slow.solve(tmp_path / "out", quiet=True)
+    assert json.loads((tmp_path / "out" / "summary.json").read_text())["scene_hash"] == fast.hash
+
+
+def test_force_leaves_no_file_of_the_former_run_and_all_others(tmp_path):
+    path = scene(tmp_path, MOTION, FOLLOWED, 'plots = ["tip", "ledger"]\nanimation = "beam.gif"\n')
+    assert main(["solve", str(path), "--quiet"]) == 0
+    (tmp_path / "beam" / "plot-mine.png").write_text("mine")
+    (tmp_path / "beam" / "beam_notes.vtu").write_text("mine")
+    other = scene(tmp_path, MODES, '[output]\nfile = "bar.pvd"\n', name="other.toml")
+    assert main(["solve", str(other), "--quiet", "--force", "--out", str(tmp_path / "beam")]) == 0
+    assert main(["solve", str(other), "--quiet", "--out", str(tmp_path / "alone")]) == 0
+    left = {name for name in contents(tmp_path / "beam") if not name.startswith("checkpoint")}
+    assert left == {*contents(tmp_path / "alone"), "plot-mine.png", "beam_notes.vtu"}
+
+
+def test_nothing_is_written_through_symbolic_links(tmp_path):
+    path, folder = scene(tmp_path, MODES), tmp_path / "beam"
+    assert main(["solve", str(path), "--quiet"]) == 0
+    names = sorted(contents(folder))
+    for file in [*names, *(f".{name}.part" for name in names), ".lock", ".writer"]:
+        (folder / file).unlink(missing_ok=True)
+        (tmp_path / f"target of {file}").write_text('{"status": "mine"}')
+        (folder / file).symlink_to(tmp_path / f"target of {file}")
+    main(["solve", str(path), "--quiet", "--force"])
+    (folder / ".lock").unlink(missing_ok=True)
+    assert main(["solve", str(path), "--quiet", "--force"]) == 0
+    assert {file.read_text() for file in tmp_path.glob("target of *")} == {'{"status": "mine"}'}
+    assert sorted(contents(folder)) == names and not any((folder / name).is_symlink() for name in names)
 
 
 def wait_for(path, process):
