@@ -98,7 +98,7 @@ class Loop:
     def _steps(self, progress: MotionProgress) -> tuple[Status, str]:
         record, motion, until = self.record, self.setup.motion, self.setup.until
         state, clock = record.state, record.clock
-        while record.at_a_step and clock.left(until):
+        while record.at_a_step and (clock.left(until) or (record.steps == 0 and state.t < until)):  # at least one step
             t, whole = clock.next(until)
             if not whole:
                 self._outputs.checkpoint()

@@ -64,7 +64,7 @@ def resumed(body: SystemLike | ReducedLike, options: Options, stack: ExitStack, 
         raise NotOurs(f"{file} is damaged: {error.args[0]}. {ANEW}") from None
     options.refuse_other_places(file, system, places)
     record = saved.record()
-    if options.until < record.state.t - SLACK * record.clock.dt:
+    if options.until < record.state.t - (SLACK * record.clock.dt if record.steps else 0.0):
         raise too_early(options.until, record.state.t)
     setup = Setup(motion, integrator, places, options.until, options.remove)
     return setup, record, Outputs.resumed(setup, record, options, stack, problem, header)

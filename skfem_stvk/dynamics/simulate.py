@@ -168,9 +168,9 @@ def _begun(system: SystemLike | ReducedLike, options: Options, stack: ExitStack)
     places = LedgerPlaces.checked(body, options.probes, options.reactions)
     motion = motion_of(system, options.mass, options.damping)
     motion.refuse_other(integrator, options.remove is not None)
-    state = _first_state(motion, options, integrator.dt or 1e-6)
-    if not options.until > state.t:
-        raise too_early(options.until, state.t)
+    if not options.until > options.t0:
+        raise too_early(options.until, options.t0)
+    state = _first_state(motion, options, min(integrator.dt or 1e-6, options.until - options.t0))
     setup = Setup(motion, integrator, places, options.until, options.remove)
     names = column_names(body, *places, removing=options.remove is not None, by_term=motion.by_term)
     record = RunRecord(state, Clock(state.t, integrator.dt or 0.0), Ledger(names))

@@ -1,11 +1,12 @@
-"""What a motion begins with, where it is held."""
+"""What a motion begins with, where it is held; and its first step."""
 
 import numpy as np
 import pytest
-from motions import MESHES, material, velocities
+from motions import MESHES, driven, material, velocities
 
-from skfem_stvk import SupportError, System, simulate
+from skfem_stvk import StvkError, SupportError, System, simulate
 from skfem_stvk.dynamics import EnergyMomentum, VelocityVerlet
+from skfem_stvk.dynamics.integrators import INTEGRATORS
 
 MESH = MESHES[2]
 LEFT = np.unique(MESH.boundaries["left"])
@@ -36,3 +37,23 @@ def test_supports_begin_at_the_speed_that_a_step_sees(dt):
     run = simulate(system, EnergyMomentum(dt), until=dt, quiet=True)
     moving = system.mass().vertex[LEFT].sum()
     assert run.ledger["kinetic_energy"][0] == pytest.approx(moving * (1e-4 * omega) ** 2 / 2, rel=1e-6)
+
+
+@pytest.mark.filterwarnings("ignore:.*above the critical one")
+@pytest.mark.parametrize("integrator", INTEGRATORS.values())
+def test_a_step_far_longer_than_the_motion_is_one_step_to_its_end(integrator, tmp_path):
+    system, until = driven(2).system, 0.004
+    one, huge = (simulate(system, integrator(dt), until=until, quiet=True) for dt in (until, 1e9))
+    assert huge.success and huge.t == until and huge.ledger.steps == 2
+    np.testing.assert_array_equal(huge.u, one.u)
+    np.testing.assert_array_equal(huge.ledger.rows(), one.ledger.rows())
+    assert np.abs(huge.u).max() > 0.5 * 0.6 * until  # the supports have moved
+    simulate(system, integrator(1e9), until=until, checkpoint=tmp_path / "c", quiet=True)
+    with pytest.raises(StvkError, match=r"until = -1 s is not after t = 0 s"):
+        simulate(system, checkpoint=tmp_path / "c", resume=True, until=-1.0, quiet=True)
+
+
+def test_a_step_that_is_found_far_longer_than_the_motion_is_one_step_to_its_end():
+    run = simulate(System(MESH, material(MESH)), VelocityVerlet(), until=1e-9, v0=velocities(MESH), quiet=True)
+    assert run.success and run.t == 1e-9 and run.ledger.steps == 2
+    np.testing.assert_allclose(run.u, 1e-9 * velocities(MESH), rtol=1e-6)
