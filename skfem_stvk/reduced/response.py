@@ -224,9 +224,10 @@ class PrecomputedResponse:
         Raises
         ------
         StvkError
-            if the file is of another body, which it is known by its mesh, terms, supports and loads, or cannot be read.
+            if the file is of another body, which it is known by its mesh, terms, supports and loads, or cannot be read, or if its
+            arrays are not those of a table.
         """
-        from .response_files import read_table
+        from .response_files import check_table, read_table
 
         path = arguments.path("path", path, "the path of an .npz file that save() wrote")
         if not isinstance(body, System):
@@ -236,6 +237,7 @@ class PrecomputedResponse:
         self._body, self.nodes = body, arrays["nodes"]
         self._problem = _fingerprint(body, header.problem.method, self.nodes)
         self._problem.refuse_other(header.problem, path, "Load it with the body that it was made of, or compute it anew.")
+        check_table(path, header, arrays, body.mesh.nv, body.mesh.d)
         self._grid = DisplacementGrid(tuple(arrays[f"axis {c}"] for c in range(body.mesh.d)))
         self.axes = self._grid.axes
         self._table, self._basis, self._solved = arrays["table"], arrays["basis"], arrays["solved"]

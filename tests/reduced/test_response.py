@@ -29,6 +29,9 @@ from skfem_stvk.mesh import box
 from skfem_stvk.nonlinear.processes import Crashed
 from skfem_stvk.reduced import handle_solves, response
 from skfem_stvk.reduced.response import _compressed, _weights
+from skfem_stvk.reduced.response_files import read_table
+from skfem_stvk.results.archive import write_archive
+from skfem_stvk.system.signature import sums
 
 BODY, BEAM = box((2.0, 1.0, 0.8), (3, 2, 2)), box((3.0, 1.0), (6, 2))
 AXES = (np.array([-0.1, 0.05, 0.2]), np.array([-0.3, -0.1, 0.0, 0.2, 0.3]), np.array([-0.2, 0.0, 0.25]))
@@ -408,6 +411,54 @@ def test_what_is_saved_is_loaded_with_its_own_body_alone(answers, tmp_path):
         np.savez(tmp_path / "changed.npz", **(content | {name: content[name] + 1}))
         with pytest.raises(StvkError, match="was changed"):
             PrecomputedResponse.load(tmp_path / "changed.npz", solid())
+
+
+ALTERED = {
+    "missing": lambda array: None,
+    "empty": lambda array: array[:0],
+    "one shorter": lambda array: array[:-1] if len(array) > 1 else None,
+    "of more axes": lambda array: array[None],
+    "a scalar": lambda array: array.reshape(-1)[0],
+    "complex": lambda array: array.astype(complex),
+    "text": lambda array: array.astype(str),
+    "numbers of one byte": lambda array: array.astype(np.uint8),
+    "NaN": lambda array: np.where(np.ones(array.shape, bool), np.nan, array) if array.dtype.kind == "f" else None,
+    "infinite": lambda array: np.full(array.shape, np.inf, array.dtype) if array.dtype.kind == "f" else None,
+    "reversed": lambda array: array[::-1] if array.ndim == 1 and array.dtype.kind == "f" and len(array) > 1 else None,
+}
+
+
+@pytest.mark.parametrize("how", ALTERED)
+def test_a_file_with_other_arrays_is_refused_though_its_digest_fits(holed, tmp_path, how):
+    file = holed.save(tmp_path / "grip.npz")
+    header, arrays = read_table(file)
+    for name in [name for name in arrays if how != "reversed" or name.startswith("axis")]:  # errors may be in any order
+        altered = ALTERED[how](arrays[name])
+        others = arrays | {name: altered} if altered is not None else {one: arrays[one] for one in arrays if one != name}
+        write_archive(file, header.model_dump(), others)
+        with pytest.raises(StvkError, match=r"grip\.npz is (damaged: .*Compute it again|of another .*handle)"):
+            PrecomputedResponse.load(file, holed.body)
+
+
+@pytest.mark.parametrize("holes", [{}, {"0": ""}, {"no number": "why"}])
+def test_a_file_with_other_holes_is_refused_though_its_digest_fits(holed, tmp_path, holes):
+    file = holed.save(tmp_path / "grip.npz")
+    header, arrays = read_table(file)
+    write_archive(file, header.model_dump() | {"holes": holes}, arrays)
+    with pytest.raises(StvkError, match="holes in its header"):
+        PrecomputedResponse.load(file, holed.body)
+
+
+@pytest.mark.parametrize("node", [-1, 10**6])
+def test_a_file_with_nodes_that_are_not_in_the_mesh_is_refused(holed, tmp_path, node):
+    file = holed.save(tmp_path / "grip.npz")
+    header, arrays = read_table(file)
+    nodes = np.append(arrays["nodes"], node)
+    problem = header.problem.model_dump()
+    problem["numbers"]["the handle"] = [len(nodes), *sums(nodes)]
+    write_archive(file, header.model_dump() | {"problem": problem}, arrays | {"nodes": nodes})
+    with pytest.raises(StvkError, match="numbers of nodes from 0 to"):
+        PrecomputedResponse.load(file, holed.body)
 
 
 def test_holes_are_saved_too(holed, tmp_path):
