@@ -109,8 +109,8 @@ def animate(
     Raises
     ------
     StvkError
-        for a series that cannot be read or has no states, an unknown field, a path that cannot be written, or without ffmpeg:
-        before any work.
+        for a series that cannot be read, has no states or is of several meshes, an unknown field, a path that cannot be written,
+        or without ffmpeg: before any work.
     """
     path = output_path(path, ".gif", ".mp4")
     scale, label, length_unit = checked_scale(scale), checked_label(label), text("length_unit", length_unit)
@@ -144,14 +144,20 @@ def _of_states(states: States, field: str, scale: float, label: str | None) -> F
     if not states:
         raise StvkError(f"The series has no states; expected {expected}.")
     pairs = [(arguments.number("series: a time", t), checked_state(state)) for t, state in states]
-    sights: dict[int, Sights] = {}
+    mesh = pairs[0][1].fields.mesh
+    for number, (_, state) in enumerate(pairs):
+        own = state.fields.mesh
+        if own is not mesh and not (np.array_equal(own.p, mesh.p) and np.array_equal(own.t, mesh.t)):
+            raise StvkError(f"series: state {number} is of another mesh than state 0; expected states of one mesh.")
+    sights: dict[bytes, Sights] = {}
     _, named, unit = corner_values(pairs[0][1], field)
 
     def picture(number: int) -> Picture:
         state = pairs[number][1]
-        if (removals := int(state.fields.gone.sum())) not in sights:
-            sights[removals] = Sights(state)
-        return sights[removals].picture(state, field, label or named, scale)
+        gone = b"".join(one.fields.gone.tobytes() for one in (state, *state.beside))
+        if gone not in sights:
+            sights[gone] = Sights(state)
+        return sights[gone].picture(state, field, label or named, scale)
 
     return Film([t for t, _ in pairs], picture, "" if label else unit)
 
@@ -165,33 +171,33 @@ def _of_files(series: str | os.PathLike[str], field: str, scale: float, label: s
     if not listed:
         raise StvkError(f"{path} lists no states. Was the run stopped before its first one?")
     files = [file for _, file in listed]
-    first, seen = read_vtu(files[0]), {}
+    first = read_vtu(files[0])
+    _, named, unit = _described(first, field, files[0])
+    seen: dict[tuple[tuple[str, bytes], ...], list[tuple[NDArray[Any], Sight]]] = {}
 
     def look(mesh: meshio.Mesh, file: Path) -> list[tuple[NDArray[Any], Sight]]:
         """Nodes of the elements that there are in a file, and what is seen of them: others, once elements were taken out."""
+        if not np.array_equal(mesh.points, first.points):
+            raise StvkError(f"{file} is of another mesh than {files[0].name}: other nodes. Expected states of one mesh.")
+        key = tuple((block.type, block.data.tobytes()) for block in mesh.cells)
         try:
-            every = [from_cells(block.type, block.data) for block in mesh.cells]
-            shape = every[0][0].shape
-            if shape not in seen:
-                seen[shape] = [(t, Sight(Cells(np.ascontiguousarray(mesh.points.T), t, element))) for t, element in every]
-            return seen[shape]
-        except (KeyError, IndexError) as error:
+            if key not in seen:
+                every = [from_cells(block.type, block.data) for block in mesh.cells]
+                if not every:
+                    raise KeyError("none")
+                seen[key] = [(t, Sight(Cells(np.ascontiguousarray(mesh.points.T), t, element))) for t, element in every]
+            return seen[key]
+        except KeyError as error:
             raise StvkError(f"{file} has no cells that are drawn here ({error}): is it where the .pvd file says?") from error
 
-    look(first, files[0])
-    name, named, unit = _described(first, field, files[0])
-
     def picture(number: int) -> Picture:
-        read = read_vtu(files[number])
+        read, file = read_vtu(files[number]), files[number]
+        name = _described(read, field, file)[0]
         data = read.point_data
         values = np.linalg.norm(data[name], axis=1) if name in VECTORS else data[name]
         missing = data.get(f"{name}_missing", np.zeros(len(values))).astype(bool)
-        return joined(
-            [
-                sight.picture(data["displacement"], masked(values, missing)[t], label or named, scale)
-                for t, sight in look(read, files[number])
-            ]
-        )
+        u, every = _described(read, "displacement", file)[0], look(read, file)
+        return joined([sight.picture(data[u], masked(values, missing)[t], label or named, scale) for t, sight in every])
 
     return Film([t for t, _ in listed], picture, "" if label else unit)
 

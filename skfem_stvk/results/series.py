@@ -227,10 +227,13 @@ def save_series(path: str | os.PathLike[str], fields: Sequence[str], states: Ite
 
 
 def read_list(path: Path) -> list[tuple[float, str]]:
-    """Times and files that a .pvd lists; raises ParseError, KeyError or ValueError if it is none."""
+    """Finite times and files that a .pvd lists; raises ParseError, KeyError or ValueError if it is none."""
     if path.exists() and not path.is_file():
         raise ValueError("it is no regular file")
-    return [(float(item.attrib["timestep"]), item.attrib["file"]) for item in ET.parse(path).iter("DataSet")]
+    listed = [(float(item.attrib["timestep"]), item.attrib["file"]) for item in ET.parse(path).iter("DataSet")]
+    if strange := [f"{t} of {file}" for t, file in listed if not np.isfinite(t)]:
+        raise ValueError(f"{len(strange)} times are not finite, the first of them {strange[0][:80]}")
+    return listed
 
 
 def read_problem(path: Path) -> Signature:

@@ -9,9 +9,10 @@ import pytest
 from bodies import MESHES, state
 from PIL import Image
 
-from skfem_stvk import StVK, StvkError
-from skfem_stvk.results import Fields, Series, animate, plotting
+from skfem_stvk import ElementMesh, StVK, StvkError
+from skfem_stvk.results import Fields, Series, animate, plotting, write_vtu
 from skfem_stvk.results.picture import _in_words
+from skfem_stvk.results.state_files import read_state
 
 COUNT = 5
 
@@ -159,6 +160,48 @@ def test_what_cannot_be_filmed_is_refused(tmp_path):
         with pytest.raises(StvkError, match=message):
             animate(**({"series": series, "path": tmp_path / "body.gif"} | arguments))
     assert not list(tmp_path.glob("*.gif")) and not list(tmp_path.glob(".*"))
+
+
+def test_frames_of_another_mesh_are_refused(tmp_path):
+    """Also where it has as many nodes and elements, and where another mesh has the same nodes."""
+    mesh = MESHES["triangles"]
+    moved = ElementMesh(mesh.p * [[1.0], [1.5]], mesh.t)
+    others = [motion("tetrahedra")[0][1], Fields(moved, StVK(young=1.0, poisson=0.3)).at(0 * mesh.p.ravel())]
+    for number, other in enumerate(others):
+        states = [*motion(count=2), (0.1, other)]
+        with pytest.raises(StvkError, match="state 2 is of another mesh than state 0"):
+            animate(states, tmp_path / "body.gif")
+        with pytest.raises(StvkError, match=r"_0002\.vtu is of another mesh than .*_0000\.vtu"):
+            animate(saved(tmp_path / f"{number}.pvd", states), tmp_path / "body.gif")
+    half = ElementMesh(mesh.p, mesh.t[:, ::2])
+    with pytest.raises(StvkError, match="state 1 is of another mesh"):
+        animate([motion()[0], (0.1, Fields(half, StVK(young=1.0, poisson=0.3)).at(0 * mesh.p.ravel()))], tmp_path / "body.gif")
+    assert not list(tmp_path.glob("*.gif"))
+
+
+def test_files_with_as_many_other_elements_are_drawn_as_they_are(tmp_path):
+    mesh, law = MESHES["triangles"], StVK(young=1.0, poisson=0.3)
+    halves = [ElementMesh(mesh.p, mesh.t[:, begin : begin + mesh.nt // 2]) for begin in (0, mesh.nt // 2)]
+    series = saved(tmp_path / "body.pvd", [(0.1 * k, Fields(half, law).at(0 * mesh.p.ravel())) for k, half in enumerate(halves)])
+    _, shots = plotting._of_files(series, "displacement", 1.0, None).developed()
+    drawn = [{tuple(sorted(cell)) for cell in picture.cells.T.tolist()} for _, picture in shots]
+    assert drawn == [{tuple(sorted(cell)) for cell in half.t.T.tolist()} for half in halves]
+
+
+@pytest.mark.parametrize("time", ["inf", "-inf", "nan"])
+def test_times_that_are_not_finite_are_refused(tmp_path, time):
+    series = saved(tmp_path / "body.pvd", motion())
+    series.write_text(series.read_text().replace('timestep="0.05"', f'timestep="{time}"'))
+    for call in (lambda: animate(series, tmp_path / "body.gif"), lambda: read_state(series, MESHES["triangles"])):
+        with pytest.raises(StvkError, match=rf"1 times are not finite, the first of them {time} of body_0001\.vtu"):
+            call()
+
+
+def test_a_frame_without_the_field_is_refused(tmp_path):
+    series = saved(tmp_path / "body.pvd", motion())
+    write_vtu(tmp_path / "body_0001.vtu", motion()[1][1], ["volume_ratio"])
+    with pytest.raises(StvkError, match=r"body_0001\.vtu holds no numbers 'von_mises'"):
+        animate(series, tmp_path / "body.gif", "von_mises")
 
 
 def test_without_ffmpeg_an_mp4_is_refused_with_what_to_install(tmp_path):
