@@ -300,7 +300,7 @@ def test_tensions_of_the_beginning_are_those_that_are_asked_for():
         tensions.begin(u)
         for kept in (ALL, TENSILE, ALL):
             difference = system.jacobian(u, kept=kept) - system.jacobian(u, kept=NONE)
-            assert abs(difference).max() > 0 or kept == TENSILE
+            assert abs(difference).max() > 0.01
             np.testing.assert_allclose(
                 tensions.values(1.0, kept), system.jacobian(u, kept=kept).data - system.jacobian(u, kept=NONE).data
             )

@@ -90,14 +90,16 @@ def test_a_pressed_arch_beyond_its_bifurcation_is_unstable():
     assert [step.negative for step in result.history if step.t * 480 < 360] == [0, 0, 0]
 
 
-@pytest.mark.parametrize("times", [1.1, 3.0])
+@pytest.mark.parametrize("times", [1.1, 6.0])
 def test_a_column_whose_load_follows_its_free_head_does_not_diverge_and_flutter_is_not_looked_at(times):
-    """Beck's column: it has no other equilibrium, but vibrates beyond 8 times the load of Euler; K is not symmetric."""
+    """Beck's column has no other equilibrium, but flutters beyond 8 times the load of Euler. K is not symmetric. Its symmetric part
+    is indefinite long before.
+    """
     result = solve_static(
         pressed_column(Pressure(head, times * EULER), False), steps=3, stability=True, solver="superlu", **OPTIONS
     )
     K = tangent(result)
-    assert np.linalg.eigvalsh((K + K.T) / 2)[0] > 0 or times > 1.5
+    assert (np.linalg.eigvalsh((K + K.T) / 2)[0] > 0) == (times < 4)
     values = np.linalg.eigvals(K)
     assert values.real[values.imag == 0].min() > 0
     assert result.success and "does not diverge; flutter not looked at" in result.message
