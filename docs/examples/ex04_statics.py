@@ -36,4 +36,4 @@ def picture():
 if __name__ == "__main__":
     print(result)
     print(f"The bore is pushed by {push:.0f} N.")
-    picture().savefig(Path(__file__).with_suffix(".png"), dpi=150)
+    picture().savefig(Path(__file__).with_suffix(".png"), dpi=110)

@@ -12,7 +12,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 import skfem
 
-from skfem_stvk import NeoHookean, StVK, StvkWarning, System, solve_static
+from skfem_stvk import ElementMesh, NeoHookean, StVK, StvkWarning, System, solve_static
 
 mesh = skfem.MeshTet.init_tensor(*[np.linspace(0, 1, 7)] * 3).with_boundaries(
     {"foot": lambda x: x[2] == 0, "plate": lambda x: x[2] == 1}
@@ -52,7 +52,8 @@ def picture():
     shape = figure.add_subplot(1, 2, 2, projection="3d")
     found = paths["NeoHookean"]
     p = mesh.p + found.u.reshape(-1, 3).T
-    shape.plot_trisurf(*p, triangles=mesh.facets[:, mesh.boundary_facets()].T, color="tab:blue", edgecolor="white", linewidth=0.3)
+    outwards = ElementMesh.of(mesh).surface.T
+    shape.plot_trisurf(*p, triangles=outwards, color="tab:blue", edgecolor="white", linewidth=0.3)
     shape.set(xlabel="x [m]", ylabel="y [m]", zlabel="z [m]", zticks=[0, 0.2, 0.4])
     shape.set_box_aspect(np.ptp(p, axis=1))
     return figure

@@ -41,14 +41,17 @@ def picture():
     from matplotlib.collections import PolyCollection
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(10, 3.2), layout="constrained")
-    for axes, (nu, both) in zip(figure.subplots(1, 3, sharey=True), states.items(), strict=True):
-        for u, style in zip(both, ({"fc": "#56B4E9", "ec": "none"}, {"fc": "none", "ec": "#D55E00", "lw": 0.5}), strict=True):
+    figure = Figure(figsize=(10, 2.9), layout="constrained")
+    styles = {"fc": "#56B4E9", "ec": "none", "label": "StVK"}, {"fc": "none", "ec": "#D55E00", "lw": 0.5, "label": "springs"}
+    for axes, (nu, both) in zip(figure.subplots(1, 3, sharex=True, sharey=True), states.items(), strict=True):
+        for u, style in zip(both, styles, strict=True):
             axes.add_collection(PolyCollection((mesh.p.T + u.reshape(-1, 2))[mesh.t.T], **style))
         elastic, sprung = sags[nu]
-        axes.set(title=f"nu = {nu:.2f}\nsag {elastic:.2f} m, of springs {sprung:.2f} m", aspect="equal")
+        axes.set(title=f"nu = {nu:.2f}\nsag {elastic:.2f} m, of springs {sprung:.2f} m", aspect="equal", xlabel="x [m]")
+    figure.axes[0].set_ylabel("y [m]")
+    figure.axes[0].legend(loc="lower left", fontsize=8)
     return figure
 
 
 if __name__ == "__main__":
-    picture().savefig(Path(__file__).with_suffix(".png"), dpi=150)
+    picture().savefig(Path(__file__).with_suffix(".png"), dpi=110)

@@ -51,7 +51,8 @@ def picture():
             x = mesh.p.T + results[law, angles[k]].u.reshape(-1, 2)
             axes.add_collection(PolyCollection(x[mesh.t.T], fc=colour, ec="white", lw=0.2, alpha=0.75, label=law.__name__))
         axes.set(title=f"{angles[k]} degrees: areas {areas['StVK'][k]:.2f}, {areas['LinearElastic'][k]:.2f}", aspect="equal")
-        axes.set(xlim=(-1.2, 4.9), ylim=(-1.2, 4.9))
+        axes.set(xlim=(-1.2, 4.9), ylim=(-1.2, 4.9), xlabel="x [m]")
+    figure.axes[0].set_ylabel("y [m]")
     figure.axes[0].legend(loc="upper left", fontsize=8)
     return figure
 
@@ -59,4 +60,4 @@ def picture():
 if __name__ == "__main__":
     for law, ratios in areas.items():
         print(f"{law:14} area over that at rest at {angles} degrees: {', '.join(f'{ratio:.3f}' for ratio in ratios)}")
-    picture().savefig(Path(__file__).with_suffix(".png"), dpi=150)
+    picture().savefig(Path(__file__).with_suffix(".png"), dpi=110)

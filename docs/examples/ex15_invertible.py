@@ -12,6 +12,7 @@ from pathlib import Path
 import matplotlib.pyplot as plt
 import numpy as np
 import skfem
+from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
 from skfem_stvk import (
     Corotated,
@@ -60,25 +61,30 @@ energies = {
 
 
 def draw(axes, u, title):
-    """The edges of the block at displacements `u`."""
-    p = x + u.reshape(-1, 3)
-    edges = skfem.MeshTet(mesh.p, mesh.t).edges
-    flat = p @ np.array([[1.0, 0.0], [0.35, 0.25], [0.0, 1.0]])
-    axes.plot(*np.stack([flat[edges[0]], flat[edges[1]], np.full((edges.shape[1], 2), np.nan)], axis=1).reshape(-1, 2).T, lw=0.5)
-    axes.set(aspect="equal", title=title)
-    axes.axis("off")
+    """The elements at displacements `u`, shrunk to half their size about their middles; inverted ones are red."""
+    corners = (x + u.reshape(-1, 3))[mesh.t.T]
+    middles = corners.mean(axis=1, keepdims=True)
+    faces = (middles + 0.5 * (corners - middles))[:, [[0, 1, 2], [0, 3, 1], [0, 2, 3], [1, 3, 2]]].reshape(-1, 3, 3)
+    colours = np.full(mesh.nelements, "#56B4E9")
+    colours[System(mesh, StVK(young=YOUNG, poisson=0.3)).inside_out(u)] = "#D62728"
+    axes.add_collection3d(Poly3DCollection(faces, facecolors=colours.repeat(4), edgecolors="black", linewidths=0.15, shade=True))
+    axes.set(xlim=(-0.6, 1), ylim=(0, 1), zlim=(0, 1), title=title)
+    axes.set_box_aspect((1.6, 1, 1), zoom=1.25)
+    axes.set_axis_off()
 
 
 def picture():
-    """The block at its start and where it ends with each law, and what a turned bar costs."""
-    figure, axes = plt.subplots(1, 5, figsize=(15, 3.4), layout="constrained")
-    draw(axes[0], start, f"start: {inside_out} of {mesh.nelements} inside out")
-    for place, (name, (u, turned)) in zip(axes[1:], laws.items(), strict=False):
-        draw(place, u, f"{name}: {turned} inside out")
+    """The block at its start and where it ends with each law, and the energy of a bar that only rotates."""
+    figure = plt.figure(figsize=(15, 3.4), layout="constrained")
+    states = {f"start: {inside_out} of {mesh.nelements} inverted": start}
+    states |= {f"{name}: {inverted} inverted": u for name, (u, inverted) in laws.items()}
+    for number, (title, u) in enumerate(states.items(), 1):
+        draw(figure.add_subplot(1, 5, number, projection="3d"), u, title)
+    axes = figure.add_subplot(1, 5, 5)
     for name, values in energies.items():
-        axes[4].plot(np.degrees(angles), values, "o-", markersize=3, label=name)
-    axes[4].set(xlabel="a bar that only turns [degrees]", ylabel="strain energy [J]")
-    axes[4].legend()
+        axes.plot(np.degrees(angles), values, "o-", markersize=3, label=name)
+    axes.set(xlabel="a bar that only rotates [degrees]", ylabel="strain energy [J]")
+    axes.legend()
     return figure
 
 

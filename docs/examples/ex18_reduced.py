@@ -13,7 +13,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 import skfem
 
-from skfem_stvk import EnergyMomentum, Newmark, ReducedSystem, StVK, System, Traction, simulate, solve_static
+from skfem_stvk import ElementMesh, EnergyMomentum, Newmark, ReducedSystem, StVK, System, Traction, simulate, solve_static
 
 LENGTH, HEIGHT, WIDTH, SIZE, UNTIL, DT = 5.0, 1.0, 0.5, 30, 8.0, 0.02
 mesh = skfem.MeshTet.init_tensor(np.linspace(0, LENGTH, 16), np.linspace(0, HEIGHT, 4), np.linspace(0, WIDTH, 3)).with_boundaries(
@@ -53,7 +53,7 @@ drift = np.abs(motion.ledger["closure_error"]).max() / motion.ledger["total_ener
 def picture():
     """The bar under load, in full and on both bases, and the height of its end as it is let go."""
     figure = plt.figure(figsize=(11, 3.8), layout="constrained")
-    facets = mesh.facets[:, mesh.boundary_facets()].T
+    facets = ElementMesh.of(mesh).surface.T  # outwards, for the light
     unknowns = loaded.ndofs - len(loaded.supports.held)
     states = {f"full, {unknowns} unknowns": full.u} | {f"{name}, {SIZE} unknowns": one.u for name, one in reduced.items()}
     for i, ((name, u), colour) in enumerate(zip(states.items(), ("0.75", "#56B4E9", "#E69F00"), strict=True)):

@@ -50,7 +50,11 @@ def dent(result):
 
 def picture():
     """The bag on its ropes, coloured by the stress of the cloth and the ball."""
-    return bag.plot("von_mises_stress")
+    figure = bag.plot("von_mises_stress")
+    near = {"xlim": (-0.4, 0.4), "ylim": (-0.4, 0.4), "zlim": (-0.3, 0.75)}
+    figure.axes[0].set(**near)
+    figure.axes[0].set_box_aspect([high - low for low, high in near.values()], zoom=0.95)
+    return figure
 
 
 if __name__ == "__main__":

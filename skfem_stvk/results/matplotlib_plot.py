@@ -112,9 +112,21 @@ def _axes_in_space(figure: Figure, box: Array, picture: Picture) -> Any:
     axes.set_axis_off()
     axes.auto_scale_xyz(*box.T)
     axes.autoscale(False)
-    size = np.ptp(box, axis=0)
-    axes.set_box_aspect(np.maximum(size, 1e-3 * size.max()), zoom=1.1)
+    size = np.maximum(np.ptp(box, axis=0), 1e-3 * np.ptp(box, axis=0).max())
+    axes.set_box_aspect(size, zoom=_zoom(size))
     return axes
+
+
+def _zoom(size: Array) -> float:
+    """Return the zoom at which a box of this size (3,) fills the axes, which matplotlib keeps square, in one direction.
+
+    matplotlib's zoom of 1 leaves room for a box of any shape and view.
+    """
+    elevation, azimuth = np.radians(VIEW)
+    across = np.array([np.sin(azimuth), np.cos(azimuth), 0.0])
+    up = np.array([np.sin(elevation) * np.cos(azimuth), np.sin(elevation) * np.sin(azimuth), np.cos(elevation)])
+    seen = np.abs([across, up]) @ size
+    return float(np.linalg.norm(size) / seen.max())
 
 
 def _draw_in_space(axes: Any, picture: Picture, colours: ScalarMappable) -> list[Any]:

@@ -27,11 +27,11 @@ ACROSS, UP = np.array([0.96, -0.28, 0.0]), np.array([-0.08, -0.28, 0.957])
 
 
 def side_by_side(mesh: ElementMesh, found: Mapping[Model, Array], folder: Path, name: str) -> Path:
-    """Each model's deformed bar, in front of the outline of StVK's."""
+    """Each model's deformed bar in front of StVK's; the panel after the last shows the scale."""
     surface = skfem.MeshTet(mesh.p, mesh.t)
     facets = surface.facets[:, surface.boundary_facets()]
     columns = 5
-    rows = -(-len(found) // columns)
+    rows = len(found) // columns + 1
     figure = Figure(figsize=(2.5 * columns, 1.9 * rows), layout="constrained")
     panels = np.array(figure.subplots(rows, columns, sharex=True, sharey=True)).ravel()
     behind = _projected(mesh.p.T + found[TRUE], facets)
@@ -48,6 +48,9 @@ def side_by_side(mesh: ElementMesh, found: Mapping[Model, Array], folder: Path, 
         axes.set_title(model.name, fontsize=8, color=COLOURS[model.family])
         axes.set(xlim=(every[:, 0].min() - 0.2, every[:, 0].max() + 0.2), ylim=(every[:, 1].min() - 0.2, every[:, 1].max() + 0.2))
         axes.set_aspect("equal")
+    start = np.array([every.min(axis=0)[0], every.mean(axis=0)[1]])
+    panels[len(found)].plot(*np.transpose([start, start + [ACROSS[0], UP[0]]]), color="black", lw=1.5)
+    panels[len(found)].text(*(start - 0.2), "1 m along the bar;\ngrey: StVK", fontsize=8, va="top")
     for axes in panels:
         axes.axis("off")
     path = folder / f"models-{name}.png"

@@ -26,7 +26,7 @@ def states_and_errors(
     for i, (name, u) in enumerate(states.items()):
         axes = figure.add_subplot(1, len(states) + 1, i + 1, projection="3d")
         x = mesh.p + u.reshape(-1, mesh.d).T
-        axes.plot_trisurf(*x, triangles=surface(mesh), color=COLOURS[i] if i else "#999999", lw=0.1, edgecolor="#333333")
+        axes.plot_trisurf(*x, triangles=mesh.surface.T, color=COLOURS[i] if i else "#999999", lw=0.1, edgecolor="#333333")
         axes.set_title(name, fontsize=8)
         axes.set(xlim=box[:, 0], ylim=box[:, 1], zlim=box[:, 2])
         axes.set_box_aspect(np.ptp(box, axis=0), zoom=1.1)
@@ -42,12 +42,3 @@ def states_and_errors(
     axes.grid(alpha=0.3)
     figure.savefig(path, dpi=140)
     return path
-
-
-def surface(mesh: ElementMesh) -> Array:
-    """(n, 3) facets of one tetrahedron only."""
-    t = mesh.t
-    facets = np.sort(np.concatenate([t[list(three)].T for three in ((0, 1, 2), (0, 1, 3), (0, 2, 3), (1, 2, 3))]), axis=1)
-    unique, counts = np.unique(facets, axis=0, return_counts=True)
-    outer: Array = unique[counts == 1]
-    return outer
