@@ -99,7 +99,7 @@ def main() -> int:
         except StvkError as error:
             print(f"error: {error}", file=sys.stderr)
             return 2
-    for unused in ("speed", "compare", *({"quick", "out"} - set(STUDIES[name][1]))):
+    for unused in ("speed", "compare", "resume", *({"quick", "out"} - set(STUDIES[name][1]))):
         arguments.pop(unused, None)
     study, _ = STUDIES[name]
     return study(**arguments)
@@ -109,6 +109,7 @@ def _report_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--quick", action="store_true", help="smaller meshes, a few minutes")
     parser.add_argument("--out", metavar="FOLDER", help="write validation.html and validation.json there")
     parser.add_argument("--speed", action="store_true", help="also what measures time and growth")
+    parser.add_argument("--resume", action="store_true", help="go on where a run into the folder of --out was ended")
     parser.add_argument("--compare", metavar="FILE", help="validation.json of an earlier run: what moved")
 
 

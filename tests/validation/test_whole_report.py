@@ -1,11 +1,16 @@
 """The validation report: kinds apart, each claim with its reference, what is missing shown as such, and what moved is told."""
 
 import json
+import os
+import subprocess
 import sys
+import time
+from pathlib import Path
 
 import numpy as np
 import pytest
 
+from skfem_stvk.errors import StvkError
 from validation import __main__ as command
 from validation.report import catalogue, job, numbers
 from validation.report import report as make_report
@@ -14,9 +19,9 @@ from validation.report.catalogue import PARTS, Kind, Part
 module = sys.modules["validation.report.report"]
 
 
-def claim(name="a", outcome="holds", value=1.0, **more):
+def claim(name="a", outcome="holds", value=1.0, part="one", **more):
     return job.Claim(
-        Kind.CODE.value, "statics", "one", name, outcome=outcome, value=value, expected=1.0, error=0.0, tolerance=0.1, **more
+        Kind.CODE.value, "statics", part, name, outcome=outcome, value=value, expected=1.0, error=0.0, tolerance=0.1, **more
     )
 
 
@@ -52,6 +57,51 @@ def test_it_is_written_as_html_and_json_and_compared_with_an_earlier_run(jobs, t
     assert code == 0 and "1 values moved since" in out
     page = (tmp_path / "validation.html").read_text()
     assert "Code verification" in page and "all claims hold" in page and "1.05" in page
+
+
+#: A run whose second part never ends.
+ENDLESS = """
+import sys, time
+from tests.validation.test_whole_report import claim, module
+from validation.report import report
+module._jobs = lambda *given: [("statics", "one"), ("statics", "two")]
+module._run = lambda group, name, quick: [claim()] if name == "one" else time.sleep(600)
+report(quick=True, out=sys.argv[1])
+"""
+
+
+def test_a_run_that_is_killed_leaves_the_parts_that_had_ended_and_is_resumed(jobs, tmp_path, monkeypatch):
+    file = tmp_path / "validation.json"
+    root = Path(__file__).parents[2]
+    paths = os.pathsep.join([str(root), str(root / "tests")])
+    with subprocess.Popen([sys.executable, "-c", ENDLESS, tmp_path], env=os.environ | {"PYTHONPATH": paths}) as run:
+        end = time.monotonic() + 60
+        while not file.exists() and time.monotonic() < end:
+            time.sleep(0.05)
+        run.terminate()
+    left = json.loads(file.read_text())
+    assert not left["holds"] and left["unfinished"] == ["statics, two"] and [c["name"] for c in left["claims"]] == ["a"]
+    asked = []
+    monkeypatch.setattr(module, "_run", lambda group, name, quick: asked.append(name) or [claim("b", part=name)])
+    assert make_report(["statics"], quick=True, out=str(tmp_path), resume=True) == 0
+    last = json.loads(file.read_text())
+    assert asked == ["two"] and last["holds"] and last["unfinished"] == [] and [c["name"] for c in last["claims"]] == ["a", "b"]
+    assert last["seconds"] > left["seconds"]
+    with pytest.raises(StvkError, match=r"has commit, quick = .*True.*expected .*False"):
+        make_report(["statics"], out=str(tmp_path), resume=True)
+    file.write_text(json.dumps(last | {"provenance": {"commit": "another"}}))
+    with pytest.raises(StvkError, match="'another'"):
+        make_report(["statics"], quick=True, out=str(tmp_path), resume=True)
+    with pytest.raises(StvkError, match="Add --out FOLDER"):
+        make_report(["statics"], quick=True, resume=True)
+
+
+def test_a_resumed_run_repeats_what_was_missing(jobs, tmp_path, capsys):
+    jobs["two"] = [claim("b", "missing", part="two")]
+    assert make_report(["statics"], quick=True, out=str(tmp_path)) == 1
+    jobs["one"], jobs["two"] = [claim("not asked")], [claim("b", part="two")]
+    assert make_report(["statics"], quick=True, out=str(tmp_path), resume=True) == 0
+    assert "not asked" not in (tmp_path / "validation.html").read_text()
 
 
 def test_what_measures_time_runs_only_when_it_is_asked_for(jobs):

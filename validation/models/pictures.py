@@ -48,9 +48,9 @@ def side_by_side(mesh: ElementMesh, found: Mapping[Model, Array], folder: Path, 
         axes.set_title(model.name, fontsize=8, color=COLOURS[model.family])
         axes.set(xlim=(every[:, 0].min() - 0.2, every[:, 0].max() + 0.2), ylim=(every[:, 1].min() - 0.2, every[:, 1].max() + 0.2))
         axes.set_aspect("equal")
-    start = np.array([every.min(axis=0)[0], every.mean(axis=0)[1]])
-    panels[len(found)].plot(*np.transpose([start, start + [ACROSS[0], UP[0]]]), color="black", lw=1.5)
-    panels[len(found)].text(*(start - 0.2), "1 m along the bar;\ngrey: StVK", fontsize=8, va="top")
+    left, middle = every[:, 0].min(), every[:, 1].mean()
+    panels[len(found)].plot([left, left + ACROSS[0]], [middle, middle + UP[0]], color="black", lw=1.5)
+    panels[len(found)].text(left, middle - 0.2, "1 m along the bar;\ngrey: StVK", fontsize=8, va="top")
     for axes in panels:
         axes.axis("off")
     path = folder / f"models-{name}.png"

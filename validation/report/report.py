@@ -8,8 +8,8 @@ import sys
 import tempfile
 import time
 from collections import Counter
-from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor, as_completed
 from dataclasses import asdict
 from importlib.resources import files
 from pathlib import Path
@@ -21,6 +21,7 @@ from rich.markup import escape
 from skfem_stvk.errors import StvkError
 from skfem_stvk.referee.header import PACKAGES, circumstances
 from skfem_stvk.referee.terminal import WIDTH, grid
+from skfem_stvk.results.files import replacing
 
 from .catalogue import PARTS, Kind
 from .job import Claim
@@ -29,36 +30,91 @@ from .job import Claim
 MOST = {True: 400.0, False: 1800.0}
 MARKS = {"holds": "green", "does not hold": "bold red", "missing": "yellow", "measured": "dim"}
 PROCESSES = 2
+#: Group and part.
+
+Job = tuple[str, str]
 
 
 def report(
-    groups: Sequence[str] = (), quick: bool = False, out: str | None = None, speed: bool = False, compare: str | None = None
+    groups: Sequence[str] = (),
+    quick: bool = False,
+    out: str | None = None,
+    speed: bool = False,
+    compare: str | None = None,
+    resume: bool = False,
 ) -> int:
-    """Run the claims of these groups, all by default, and write the report; the exit code is 0 if all hold and none is missing."""
-    before = None if compare is None else _read(compare)
-    started, jobs = time.perf_counter(), _jobs(groups, quick, speed)
-    console = Console(width=WIDTH, highlight=False)
-    with ThreadPoolExecutor(PROCESSES) as pool:
-        claims = []
-        for (group, part), found in zip(jobs, pool.map(lambda job: _run(job[0], job[1], quick), jobs), strict=True):
-            outcomes = Counter(claim.outcome for claim in found)
-            said = ", ".join(f"{count} {outcome}" for outcome, count in outcomes.items())
-            console.print(f"{group}, {part}: {said} ({max((claim.seconds for claim in found), default=0.0):.0f} s)")
-            claims += found
-    if before is not None:
+    """Run the claims of these groups, all by default. Write the report after each part, so that a run that is ended can be resumed.
+
+    Return 0 if all claims hold and none is missing.
+    """
+    before = {} if compare is None else _read(compare)
+    jobs = _jobs(groups, quick, speed)
+    found, seconds = _earlier(out, quick) if resume else ({}, 0.0)
+    console, started = Console(width=WIDTH, highlight=False), time.perf_counter() - seconds
+
+    def data() -> dict[str, Any]:
+        claims = [claim for job in jobs for claim in found.get(job, ())]
         for claim in claims:
             claim.previous = before.get(claim.key)
-    data = _data(claims, quick, speed, compare, time.perf_counter() - started)
+        unfinished = [", ".join(job) for job in jobs if job not in found]
+        return _data(claims, unfinished, quick, speed, time.perf_counter() - started) | {"compared with": compare}
+
+    for job, claims in _run_all([job for job in jobs if job not in found], quick):
+        found[job] = claims
+        outcomes = Counter(claim.outcome for claim in claims)
+        said = ", ".join(f"{count} {outcome}" for outcome, count in outcomes.items())
+        console.print(f"{', '.join(job)}: {said} ({max((claim.seconds for claim in claims), default=0.0):.0f} s)")
+        if out is not None:
+            _write(data(), Path(out))
+    last = data()
     if out is not None:
-        folder = Path(out)
-        folder.mkdir(parents=True, exist_ok=True)
-        (folder / "validation.json").write_text(json.dumps(data, indent=1), encoding="utf-8")
-        (folder / "validation.html").write_text(page(data), encoding="utf-8")
-    _print(console, claims, data)
-    return 0 if data["holds"] else 1
+        _write(last, Path(out))
+    _print(console, [claim for job in jobs for claim in found[job]], last)
+    return 0 if last["holds"] else 1
 
 
-def _jobs(groups: Sequence[str], quick: bool, speed: bool) -> list[tuple[str, str]]:
+def _run_all(jobs: Sequence[Job], quick: bool) -> Iterator[tuple[Job, list[Claim]]]:
+    """Yield each job with its claims when it ends."""
+    with ThreadPoolExecutor(PROCESSES) as pool:
+        running = {pool.submit(_run, *job, quick): job for job in jobs}
+        try:
+            for ended in as_completed(running):
+                yield running[ended], ended.result()
+        finally:
+            pool.shutdown(wait=False, cancel_futures=True)
+
+
+def _write(data: dict[str, Any], folder: Path) -> None:
+    """Write the report; a reader finds the one before or this one, never a part."""
+    folder.mkdir(parents=True, exist_ok=True)
+    for name, text in (("validation.json", json.dumps(data, indent=1)), ("validation.html", page(data))):
+        with replacing(folder / name) as part:
+            part.write_text(text, encoding="utf-8")
+
+
+def _earlier(out: str | None, quick: bool) -> tuple[dict[Job, list[Claim]], float]:
+    """Return the claims by job that the report in this folder has, without missing ones, and the seconds that they took."""
+    if out is None:
+        raise StvkError("--resume needs the folder of the report that is resumed. Add --out FOLDER.")
+    file = Path(out) / "validation.json"
+    if not file.exists():
+        return {}, 0.0
+    try:
+        data = json.loads(file.read_text(encoding="utf-8"))
+        given, seconds = (data["provenance"]["commit"], data["quick"]), float(data["seconds"])
+        claims = [Claim(**claim) for claim in data["claims"]]
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise StvkError(f"{file} is no report of this command ({type(error).__name__}: {error}). Leave --resume out.") from error
+    if given != (_commit(), quick):
+        raise StvkError(f"{file} has commit, quick = {given}; expected {(_commit(), quick)}, those of this run: "
+                        "claims of two versions are not mixed. Leave --resume out to begin again.")  # fmt: skip
+    found: dict[Job, list[Claim]] = {}
+    for claim in claims:
+        found.setdefault((claim.group, claim.part), []).append(claim)
+    return {job: several for job, several in found.items() if all(claim.outcome != "missing" for claim in several)}, seconds
+
+
+def _jobs(groups: Sequence[str], quick: bool, speed: bool) -> list[Job]:
     """Groups and parts that are run: what measures time only if it is asked for."""
     unknown = [group for group in groups if group not in PARTS]
     if unknown:
@@ -102,15 +158,15 @@ def _read(name: str) -> dict[str, float | None]:
                         "validation.json that an earlier run wrote.") from error  # fmt: skip
 
 
-def _data(claims: Sequence[Claim], quick: bool, speed: bool, compare: str | None, seconds: float) -> dict[str, Any]:
+def _data(claims: Sequence[Claim], unfinished: Sequence[str], quick: bool, speed: bool, seconds: float) -> dict[str, Any]:
     counts = Counter(claim.outcome for claim in claims)
     skipped = [f"{g}, {n}" for g, parts in PARTS.items() for n, part in parts.items() if part.speed and not speed]
     return {
-        "holds": bool(claims) and not (counts["does not hold"] or counts["missing"]),
+        "holds": bool(claims) and not (unfinished or counts["does not hold"] or counts["missing"]),
         "counts": dict(counts),
         "seconds": seconds,
         "quick": quick,
-        "compared with": compare,
+        "unfinished": list(unfinished),
         "not run without --speed": skipped,
         "provenance": circumstances(PACKAGES) | {"commit": _commit(), "seeds": "stand in the sources; the referee's is 0"},
         "claims": [asdict(claim) for claim in claims],
