@@ -1,4 +1,4 @@
-"""What the studies ask of meshes: `python -m validation.meshes` writes the one that comes with the package."""
+"""What the studies ask of meshes: `python -m validation.meshes` writes those that come with the package and its scenes."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ from pathlib import Path
 
 import meshio
 import numpy as np
+import skfem
 from numpy.typing import NDArray
 
 import skfem_stvk.mesh
@@ -17,19 +18,47 @@ from skfem_stvk.mesh.geometry import Geometry
 EMBEDDED = Path(skfem_stvk.mesh.__file__).with_name("data") / "bracket.msh"
 EMBEDDED_SIZE = 8e-3  # [m]
 FINE_SIZE = 2.5e-3  # [m]; 26 000 tetrahedra
+SCENES = Path(__file__).parents[1] / "docs" / "scenes"
+#: Gmsh's dimension and meshio's type of elements, by the number of their nodes.
+CELLS = {1: (0, "vertex"), 2: (1, "line"), 3: (2, "triangle"), 4: (3, "tetra")}
 
 
 def save(mesh: ElementMesh, file: Path) -> None:
-    """Write the groups of tetrahedra and of facets as physical groups of a binary Gmsh 2.2 file."""
+    """Write the groups of linear simplices, facets, lines and nodes as physical groups of a binary Gmsh 2.2 file."""
     cells, tags, names = [], [], {}
-    groups = [(3, "tetra", name, mesh.t[:, ids]) for name, ids in mesh.subdomains.items()]
-    groups += [(2, "triangle", name, facets) for name, facets in mesh.boundaries.items()]
-    for tag, (dimension, cell_type, name, vertices) in enumerate(groups, start=1):
+    groups = [(name, mesh.t[:, ids]) for name, ids in mesh.subdomains.items()]
+    groups += [*mesh.boundaries.items(), *mesh.lines.items()]
+    groups += [(name, np.reshape(ids, (1, -1))) for name, ids in mesh.node_sets.items()]
+    for tag, (name, vertices) in enumerate(groups, start=1):
+        dimension, cell_type = CELLS[len(vertices)]
         cells.append((cell_type, vertices.T))
         tags.append(np.full(vertices.shape[1], tag))
         names[name] = np.array([tag, dimension])
     data = {"gmsh:physical": tags, "gmsh:geometrical": tags}
-    meshio.write(file, meshio.Mesh(mesh.p.T, cells, cell_data=data, field_data=names), file_format="gmsh22", binary=True)
+    points = np.pad(mesh.p.T, ((0, 0), (0, 3 - mesh.d)))
+    meshio.write(file, meshio.Mesh(points, cells, cell_data=data, field_data=names), file_format="gmsh22", binary=True)
+
+
+def bag() -> ElementMesh:
+    """Return the ball, its skin, the four ropes that hold it and their hooks, of `docs/examples/ex20_bag.py`."""
+    ball = ElementMesh.of(skfem.MeshTet.init_ball(3))
+    towards = np.array([[-1, -1, 1, 1], [-1, 1, -1, 1], [1.4, 1.4, 1.4, 1.4]]) * 0.6
+    hooks = ball.nv + np.arange(4, dtype=np.int32)
+    return ElementMesh(
+        np.concatenate([0.3 * ball.p, towards], axis=1),
+        ball.t,
+        subdomains={"filling": np.arange(ball.nt, dtype=np.int32)},
+        boundaries={"skin": ball.surface},
+        node_sets={"hooks": hooks},
+        lines={"ropes": np.array([np.argmax(towards.T @ ball.p, axis=1), hooks], dtype=np.int32)},
+    )
+
+
+def disc() -> ElementMesh:
+    """Return the flat disc of `docs/membranes.md`, in the plane: a scene has it in space."""
+    mesh = skfem.MeshTri.init_circle(3)
+    rim = np.flatnonzero(np.hypot(*mesh.p) > 1 - 1e-9).astype(np.int32)
+    return ElementMesh(mesh.p, mesh.t, {"sheet": np.arange(mesh.nelements, dtype=np.int32)}, node_sets={"rim": rim})
 
 
 def signed_volumes(mesh: ElementMesh) -> NDArray[np.float64]:
@@ -56,4 +85,6 @@ def describe(mesh: ElementMesh) -> str:
 
 if __name__ == "__main__":
     save(bracket(EMBEDDED_SIZE), EMBEDDED)
+    save(bag(), SCENES / "bag.msh")
+    save(disc(), SCENES / "disc.msh")
     print(f"{EMBEDDED.name}: {describe(read_mesh(EMBEDDED))}; {EMBEDDED.stat().st_size} bytes")

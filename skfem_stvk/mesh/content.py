@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from typing import Any, NamedTuple
 
 import meshio
@@ -9,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..arguments import real_array
-from ..elements import Element, named, second_order
+from ..elements import Element, linear_simplex, named, second_order
 from ..errors import MeshError, name_ids, warn
 from .facets import edges_of, with_middles
 from .formats import Damaged
@@ -19,9 +20,10 @@ from .groups import (
     cell_groups,
     count_cells,
     facet_groups,
-    flatten,
+    in_dimension,
     inner_nodes,
     is_of,
+    line_groups,
     linear_kind,
     node_groups,
     nodes,
@@ -38,6 +40,7 @@ class Content(NamedTuple):
     boundaries: dict[str, NDArray[Any]]
     node_sets: dict[str, NDArray[Any]]
     element: Element
+    lines: dict[str, NDArray[Any]]
 
 
 def content_in_memory(raw: meshio.Mesh, name: str) -> Content:
@@ -49,10 +52,12 @@ def content_in_memory(raw: meshio.Mesh, name: str) -> Content:
     return content_of(raw, name)
 
 
-def content_of(raw: meshio.Mesh, name: str, degree: int | None = None) -> Content:
+def content_of(
+    raw: meshio.Mesh, name: str, degree: int | None = None, dimension: int | None = None, keep: Collection[str] = ()
+) -> Content:
     """The elements of what was read, whose cells have been checked; `name` stands for it in messages.
 
-    Quadratic simplices are taken as they are, but for `degree` 1 by their corners.
+    The other arguments are those of `read_mesh`.
     """
     base = base_of(raw, name)
     element = element_of(raw, base, degree)
@@ -62,21 +67,25 @@ def content_of(raw: meshio.Mesh, name: str, degree: int | None = None) -> Conten
         t, subdomains = nodes(raw.cells, base, element), pick(sets, raw, base)
         if "gmsh:physical" in raw.cell_data:
             t, subdomains = merge_copies(t, subdomains)
-        facets = facet_groups(raw, sets, base)
-        numbers = numbers_of(t, base, element, len(raw.points))
+        facets, lines = facet_groups(raw, sets, base), line_groups(raw, sets, base)
+        ends = [groups[key].ravel() for groups in (facets, lines) for key in keep if key in groups]
+        numbers = numbers_of(t, base, element, len(raw.points), np.concatenate([t[:0].ravel(), *ends]))
+        p = in_dimension(np.asarray(raw.points, dtype=np.float64).T[:, numbers.order], base.k, dimension_of(raw, dimension))
     except MeshError as error:
         raise MeshError(f"{name}: {error}") from error
     inner = inner_nodes(raw.cells)
     warn_of_vertices(len(raw.points), base, numbers.order, inner)
     boundaries = {key: numbers.number[ids] for key, ids in facets_on(numbers.order, facets).items()}
+    cables = {key: numbers.number[ids] for key, ids in lines.items()}
+    cables = {key: kept for key, ids in cables.items() if (kept := ids[:, (ids >= 0).all(axis=0)]).size}
     if element.degree == 2:
-        boundaries = completed(boundaries, element, numbers)
+        boundaries = completed("Boundary", boundaries, named(element.facet), numbers, keep)
+        cables = completed("Lines", cables, second_order(linear_simplex(1)), numbers, keep)
+        cables = {key: ids[:, np.argsort(ids[-1])] for key, ids in cables.items()}  # as `check_numbers` has them
     node_sets = {
         key: np.sort(numbers.number[ids]) for key, ids in nodes_on(numbers.order, inner, node_groups(raw, sets, base)).items()
     }
-    p = np.asarray(raw.points, dtype=np.float64).T[:, numbers.order]
-    p = p[: int(raw.cell_data[DIMENSION][0][0])] if DIMENSION in raw.cell_data else flatten(p, base.k)
-    return Content(p, numbers.number[t], subdomains, boundaries, node_sets, element)
+    return Content(p, numbers.number[t], subdomains, boundaries, node_sets, element, cables)
 
 
 def check_cells(mesh: meshio.Mesh) -> None:
@@ -163,9 +172,12 @@ class Numbers(NamedTuple):
     edges: NDArray[np.int32]
 
 
-def numbers_of(t: NDArray[Any], base: Element, element: Element, count: int) -> Numbers:
-    """Numbers of the nodes of elements `t` (n, nt) among `count` in a file: vertices keep their order, middles get scikit-fem's."""
-    used = np.unique(t[: base.n])
+def numbers_of(t: NDArray[Any], base: Element, element: Element, count: int, ends: NDArray[Any]) -> Numbers:
+    """Return the numbers of the nodes of elements `t` (n, nt), and of other `ends`, among `count` in a file.
+
+    Vertices keep their order, middles get scikit-fem's.
+    """
+    used = np.union1d(t[: base.n], ends)
     number = np.full(count, -1, dtype=np.int32)
     number[used] = np.arange(len(used))
     if element.degree == 1:
@@ -195,17 +207,36 @@ def numbers_of(t: NDArray[Any], base: Element, element: Element, count: int) -> 
     return Numbers(np.concatenate([used, middles]), number, edges)
 
 
-def completed(boundaries: dict[str, NDArray[Any]], element: Element, numbers: Numbers) -> dict[str, NDArray[Any]]:
-    """Facets of quadratic elements with the middles of their edges, with a warning of those that are on no element."""
+def completed(
+    what: str, groups: dict[str, NDArray[Any]], kind: Element, numbers: Numbers, keep: Collection[str]
+) -> dict[str, NDArray[Any]]:
+    """Add the middles of edges to facets or segments of this quadratic `kind`; leave out those on no element, with a warning.
+
+    Raises
+    ------
+    MeshError
+        if a group of `keep` has any on no element.
+    """
     kept, n = {}, len(numbers.order) - numbers.edges.shape[1]
-    for name, facets in boundaries.items():
-        whole = with_middles(facets, named(element.facet), numbers.edges, n)
+    for name, corners in groups.items():
+        whole = with_middles(corners, kind, numbers.edges, n)
         good: NDArray[np.bool_] = np.all(whole >= 0, axis=0)
         if len(bad := np.flatnonzero(~good)):
-            warn(f"Boundary {name!r}: {name_ids(bad, 'facet')} of {len(good)} are left out: their edges are on no element.")
+            off = f"{what} {name!r}: {name_ids(bad, 'facet' if what == 'Boundary' else 'segment')}"
+            if name in keep:
+                raise MeshError(
+                    f"{off} of {len(good)} are on no edge of the quadratic elements; expected all. Read it with degree=1."
+                )
+            warn(f"{off} of {len(good)} are left out: their edges are on no element.")
         if good.any():
             kept[name] = whole[:, good]
     return kept
+
+
+def dimension_of(raw: meshio.Mesh, dimension: int | None) -> int | None:
+    """Return the dimension that was asked for, or the one that the file states, if any."""
+    stated = raw.cell_data.get(DIMENSION)
+    return int(stated[0][0]) if dimension is None and stated is not None else dimension
 
 
 def warn_of_vertices(count: int, base: Element, used: NDArray[Any], inner: NDArray[Any]) -> None:
@@ -213,7 +244,7 @@ def warn_of_vertices(count: int, base: Element, used: NDArray[Any], inner: NDArr
     if len(unused := np.setdiff1d(np.arange(count), np.union1d(used, inner))):
         warn(
             f"{name_ids(unused, 'vertex')}: on none of the {base.name}, so dropped; the later ones move up. Centres of arcs, or "
-            "cells that are left out?"
+            "cells that are left out? Cables and membranes keep theirs by name: read_mesh(path, keep=[names])."
         )
 
 

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..arguments import whole
 from ..elements import Element, linear_simplex, named
 from ..errors import MeshError, name_ids
 
@@ -116,6 +117,13 @@ def facet_groups(raw: meshio.Mesh, sets: Sets, base: Element) -> dict[str, NDArr
             found = [t[list(local)][:, bits >> j & 1 == 1] for j, local in enumerate(base.facets)]
             boundaries[name.removeprefix(prefix)] = np.concatenate(found, axis=1)
     return boundaries
+
+
+def line_groups(raw: meshio.Mesh, sets: Sets, base: Element) -> dict[str, NDArray[np.int64]]:
+    """(2, n) ends of the segments of each group in a file of solids, such as cables; on surfaces segments are facets."""
+    line = linear_simplex(1)
+    segments = corners(raw.cells, line)
+    return {name: segments[:, ids] for name, ids in pick(sets, raw, line).items()} if base.k == 3 else {}
 
 
 def node_groups(raw: meshio.Mesh, sets: Sets, base: Element) -> dict[str, NDArray[np.int64]]:
@@ -226,3 +234,23 @@ def flatten(p: NDArray[np.float64], k: int) -> NDArray[np.float64]:
     while d > k and (p[d - 1] == p[d - 1, 0]).all():
         d -= 1
     return p[:d]
+
+
+def in_dimension(p: NDArray[np.float64], k: int, dimension: int | None) -> NDArray[np.float64]:
+    """Return the coordinates in a space of this dimension; by default in the smallest one, see `flatten`.
+
+    Raises
+    ------
+    MeshError
+        if the dimension is too small for elements of dimension `k` with these coordinates.
+
+    >>> in_dimension(np.array([[0.0, 1, 0], [0, 0, 1]]), 2, 3)
+    array([[0., 1., 0.],
+           [0., 0., 1.],
+           [0., 0., 0.]])
+    """
+    least = len(flatten(p, k))
+    dimension = least if dimension is None else whole("dimension", dimension, "1, 2 or 3 coordinates", 1, 3, MeshError)
+    if dimension < least:
+        raise MeshError(f"dimension = {dimension}; expected at least {least}: coordinate {'xyz'[least - 1]} is needed.")
+    return np.concatenate([p, np.zeros((3, p.shape[1]))])[:dimension] if dimension > len(p) else p[:dimension]

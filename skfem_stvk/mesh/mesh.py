@@ -19,7 +19,7 @@ from ..arguments import frozen, number, real_array, shown, whole, whole_array
 from ..elements import ELEMENTS, Element, linear_simplex, named, second_order
 from ..errors import MeshError, RegionError, name_ids, name_known, warn
 from .facets import NamedFacets, edges_of, with_middles
-from .places import Box, Marked, checked_facets, describe, facets_at, vertices_at
+from .places import Box, Marked, checked_facets, checked_lines, describe, facets_at, vertices_at
 
 if TYPE_CHECKING:
     from .content import Content
@@ -46,6 +46,7 @@ class ElementMesh(Marked):
     boundaries : facets by name, each as an (m, n) array of the nodes of a facet: its corners, then middles.
     node_sets : node ids by name.
     element : the kind of elements, by default the linear simplices with as many vertices.
+    lines : segments by name, each as an (m, n) array of the nodes of a segment: its ends, then its middle. Cables of a solid.
 
     Raises
     ------
@@ -63,6 +64,7 @@ class ElementMesh(Marked):
     boundaries: Mapping[str, NDArray[np.int32]] = field(default_factory=dict)
     node_sets: Mapping[str, NDArray[np.int32]] = field(default_factory=dict)
     element: Element = field(default_factory=lambda: cast(Element, None))  # by default what follows from t
+    lines: Mapping[str, NDArray[np.int32]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         p = real_array(self.p)
@@ -101,7 +103,7 @@ class ElementMesh(Marked):
         object.__setattr__(self, "t", np.array(t, dtype=np.int32, order="C"))
         if self.element.degree == 2:
             check_numbers(self.t, self.element)
-        for name in ("subdomains", "boundaries", "node_sets"):
+        for name in ("subdomains", "boundaries", "node_sets", "lines"):
             named = getattr(self, name)
             if named is not None and not isinstance(named, Mapping):
                 raise MeshError(f"{name} = {shown(named)}; expected a dict of arrays of ids by name.")
@@ -212,7 +214,8 @@ class ElementMesh(Marked):
             corners = self.facet.corners
             boundaries = {name: ids[:corners] if np.ndim(ids) == 2 else ids for name, ids in self.boundaries.items()}
         sets = {name: ids[ids < n] for name, ids in self._node_ids().items()}
-        return replace(self, p=self.p[:, :n], t=self.corners, boundaries=boundaries, node_sets=sets, element=element)
+        lines = {name: np.asarray(ends)[:2] for name, ends in self.lines.items()}
+        return replace(self, p=self.p[:, :n], t=self.corners, boundaries=boundaries, node_sets=sets, element=element, lines=lines)
 
     def _raised(self) -> ElementMesh:
         element, n = second_order(self.element), self.nv
@@ -222,13 +225,15 @@ class ElementMesh(Marked):
             boundaries: Mapping[str, Any] = self.boundaries.on(t, p.shape[1], element)
         else:
             facet = named(element.facet)
-            boundaries = {name: with_middles(checked_facets(self, name), facet, edges, n) for name in self.boundaries}
+            boundaries = {name: _with_all_middles(checked_facets(self, name), facet, edges, n, name) for name in self.boundaries}
+        line = linear_simplex(1)
+        lines = {name: _with_all_middles(checked_lines(self, name), line, edges, n, name) for name in self.lines}
         sets: dict[str, NDArray[Any]] = {}
         for name, ids in self._node_ids().items():
             there = np.zeros(n, dtype=bool)
             there[ids] = True
             sets[name] = np.concatenate([ids, n + np.flatnonzero(there[edges].all(axis=0))])
-        return replace(self, p=p, t=t, boundaries=boundaries, node_sets=sets, element=element)
+        return replace(self, p=p, t=t, boundaries=boundaries, node_sets=sets, element=element, lines=lines)
 
     def scaled(self, factor: float) -> ElementMesh:
         """The same mesh with all coordinates times a positive factor, such as 1e-3 for a file in mm in a model in m.
@@ -270,7 +275,8 @@ class ElementMesh(Marked):
             nodes = np.append(nodes, middles)
         boundaries = {name: number[np.asarray(facets)] for name, facets in self.boundaries.items()}
         sets = {name: np.sort(number[ids]) for name, ids in self._node_ids().items()}
-        mesh = replace(self, p=self.p[:, nodes], t=number[self.t], boundaries=boundaries, node_sets=sets)
+        lines = {name: number[np.asarray(ends)] for name, ends in self.lines.items()}
+        mesh = replace(self, p=self.p[:, nodes], t=number[self.t], boundaries=boundaries, node_sets=sets, lines=lines)
         return mesh, nodes
 
     def ends(self) -> NDArray[np.int32] | None:
@@ -376,6 +382,17 @@ def _element_of(mesh: skfem.Mesh) -> Element:
         f"{name} is not a mesh of tetrahedra, hexahedra, triangles, quadrilaterals or segments; expected MeshTet1, MeshTet2, "
         "MeshHex1, MeshTri1, MeshTri2, MeshQuad1 or MeshLine1. Wedges can be split: mesh.to_meshtet()."
     )
+
+
+def _with_all_middles(corners: NDArray[np.int32], kind: Element, edges: NDArray[np.int32], n: int, name: str) -> NDArray[np.int32]:
+    """Facets or segments of a name with the middles of their edges, which must be among the `edges` of the elements."""
+    whole = with_middles(corners, kind, edges, n)
+    if len(bad := np.flatnonzero((whole < 0).any(axis=0))):
+        raise MeshError(
+            f"degree = 2, but {name_ids(bad, 'element')} of {name!r} {'are' if len(bad) > 1 else 'is'} on no edge of the other "
+            "elements, so that there are no middles. Leave the degree out."
+        )
+    return whole
 
 
 def _other_arrays(t: NDArray[Any]) -> str:

@@ -224,6 +224,7 @@ class Marked(MeshArrays):
     boundaries: Mapping[str, NDArray[np.int32]]
     node_sets: Mapping[str, NDArray[np.int32]]
     subdomains: Mapping[str, NDArray[np.int32]]
+    lines: Mapping[str, NDArray[np.int32]]
 
 
 def vertices_at(mesh: Marked, where: Where, what: str = "The place") -> NDArray[np.int64]:
@@ -334,14 +335,22 @@ def _refuse_unknown(mesh: Marked, name: str, what: str) -> None:
 
 def checked_facets(mesh: Marked, name: str) -> NDArray[np.int32]:
     """(m, n) facets of a named boundary, each once."""
-    facets, m = np.asarray(mesh.boundaries[name]), named(mesh.element.facet).n
-    if facets.ndim != 2 or len(facets) != m or not facets.size or facets.dtype.kind not in "iu":
-        raise RegionError(
-            f"Boundary {name!r} has shape {facets.shape} and dtype {facets.dtype}; expected ({m}, n), n > 0: the nodes of facets."
-        )
-    if len(bad := np.flatnonzero(((facets < 0) | (facets >= mesh.nv)).any(axis=0))):
-        raise RegionError(f"Boundary {name!r}: {name_ids(bad, 'facet')} with {mesh.word} ids outside 0 ... {mesh.nv - 1}.")
-    return facets[:, np.unique(find_facets(facets, facets, mesh.nv))].astype(np.int32)
+    return _checked(mesh, mesh.boundaries[name], named(mesh.element.facet).n, f"Boundary {name!r}", "facet")
+
+
+def checked_lines(mesh: Marked, name: str) -> NDArray[np.int32]:
+    """(m, n) segments of named lines, each once."""
+    return _checked(mesh, mesh.lines[name], mesh.element.degree + 1, f"Lines {name!r}", "segment")
+
+
+def _checked(mesh: Marked, given: Any, m: int, what: str, word: str) -> NDArray[np.int32]:
+    """(m, n) nodes of facets or segments, each once. RegionError, which begins with `what`, for other arrays."""
+    ids = np.asarray(given)
+    if ids.ndim != 2 or len(ids) != m or not ids.size or ids.dtype.kind not in "iu":
+        raise RegionError(f"{what} has shape {ids.shape} and dtype {ids.dtype}; expected ({m}, n), n > 0: the nodes of {word}s.")
+    if len(bad := np.flatnonzero(((ids < 0) | (ids >= mesh.nv)).any(axis=0))):
+        raise RegionError(f"{what}: {name_ids(bad, word)} with {mesh.word} ids outside 0 ... {mesh.nv - 1}.")
+    return ids[:, np.unique(find_facets(ids, ids, mesh.nv))].astype(np.int32)
 
 
 def _satisfying(mesh: Marked, predicate: Callable[[Any], Any], what: str) -> NDArray[np.int64]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -121,7 +121,7 @@ class MeshQuality:
         return "\n".join([f"MeshQuality: {self.mesh.nt} {self.mesh.kind}, {parts}", *rows, *found])
 
 
-def mesh_quality(mesh: MeshLike) -> MeshQuality:
+def mesh_quality(mesh: MeshLike, others: Sequence[ElementMesh] = ()) -> MeshQuality:
     """Shapes of all elements of a mesh of any kind, the worst ones, and all that is wrong with it.
 
     A mesh that `System` refuses is told of as well, with all of its faults at once.
@@ -129,6 +129,7 @@ def mesh_quality(mesh: MeshLike) -> MeshQuality:
     Parameters
     ----------
     mesh : as `System` takes it.
+    others : meshes of cables and membranes on the same nodes, which connect parts: those of `system.body.beside`.
 
     Raises
     ------
@@ -161,8 +162,8 @@ def mesh_quality(mesh: MeshLike) -> MeshQuality:
             if k == mesh.d:
                 centre = rule_of(cells.element, "one-point").points
                 turned[kept] = points.determinants(points.spokes_at(cells.p, cells.t, cells.element, centre)[:, 0]) < 0
-        count = sizes_of_parts((mesh,))[1]
-        found = (*faults(mesh), *_doubts(mesh, aspect, edges))
+        count = sizes_of_parts((mesh, *others))[1]
+        found = (*faults(mesh, (*others, mesh)), *_doubts(mesh, aspect, edges))
     return MeshQuality(mesh, size, aspect, angles, edges, turned=turned, parts=np.sort(count[count > 0])[::-1], faults=found)
 
 

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from importlib.resources import as_file, files
 from pathlib import Path
 
 from .mesh import ElementMesh, checked_degree
 
 
-def read_mesh(path: str | Path, degree: int | None = None) -> ElementMesh:
+def read_mesh(
+    path: str | Path, degree: int | None = None, *, dimension: int | None = None, keep: Collection[str] = ()
+) -> ElementMesh:
     """The elements of a mesh file: Gmsh, VTK, VTU, Abaqus and whatever else meshio reads.
 
     Taken are the elements of the highest dimension in the file: tetrahedra, triangles and segments, of second order too, with their
@@ -18,19 +21,24 @@ def read_mesh(path: str | Path, degree: int | None = None) -> ElementMesh:
 
     Physical groups, element sets and the subdomains of scikit-fem's `mesh.save` become `subdomains`, or `boundaries`
     where they hold facets. Node sets and physical points (and curves between solids) become
-    `node_sets`. If the elements are in no such group, arrays of integers with at most 64 values become
-    subdomains 'NAME:VALUE'. Elements that Gmsh writes once for each of several groups are taken once.
+    `node_sets`. Segments of a file of solids become `lines` as well. If the elements are in no such group, arrays of integers with
+    at most 64 values become subdomains 'NAME:VALUE'. Elements that Gmsh writes once for each of several groups are taken once.
 
     Parameters
     ----------
     degree : 1 takes elements of second order by their corners, with a warning that says so; 2 makes straight quadratic simplices
         of linear ones. By default each file is what it is.
+    dimension : number of coordinates, if elements that are flat are to be in a space of more: 3 makes membranes of triangles
+        whose z are all equal.
+    keep : names of groups of facets or segments that terms bring as elements of their own, `StVK(..., simplices=NAME)`. Their
+        nodes stay, though no other element has them.
 
     Raises
     ------
     MeshError
-        if the file is missing, empty, of an unknown format or damaged, needs a package that is not installed, has no such elements
-        of the dimension of its cells, or both simplices and hexahedra or quadrilaterals.
+        if the file is missing, empty, of an unknown format or damaged, needs a package that is not installed, has no such
+        elements of the dimension of its cells, or both simplices and hexahedra or quadrilaterals; if `dimension` is too small;
+        if elements to `keep` are on no edge of quadratic ones.
 
     Warns
     -----
@@ -45,7 +53,8 @@ def read_mesh(path: str | Path, degree: int | None = None) -> ElementMesh:
     from .files import load
 
     path, degree = Path(path), None if degree is None else checked_degree(degree)
-    mesh = ElementMesh.made_of(content_of(load(path), str(path), degree), str(path))
+    names = (keep,) if isinstance(keep, str) else keep
+    mesh = ElementMesh.made_of(content_of(load(path), str(path), degree, dimension, names), str(path))
     return mesh if degree is None else mesh.with_degree(degree)
 
 

@@ -17,7 +17,7 @@ from ..elements import named
 from ..errors import MeshError, StvkError, name_ids
 from ..mesh import ElementMesh
 from ..mesh.groups import DIMENSION, NODE_SET, as_cells, flatten
-from ..mesh.places import checked_facets, vertices_at
+from ..mesh.places import checked_facets, checked_lines, vertices_at
 from .fields import State, checked_state
 from .files import output_path, replacing
 from .law import in_space
@@ -157,7 +157,8 @@ def write_mesh(path: str | os.PathLike[str], mesh: ElementMesh) -> Path:
     ==========================  ============================================================================================
     elements                    VTK's cells in double precision, quadratic ones with their middles
     boundaries                  facets as cells after the elements, in their order; of segments scikit-fem's `skfem:b:NAME`
-    `skfem:s:NAME`              1 of cells in the subdomain or boundary
+    lines                       segments as cells after these
+    `skfem:s:NAME`              1 of cells in the subdomain, boundary or lines
     `stvk:n:NAME`               1 of nodes in the node set
     `stvk:dimension`            of flat surfaces and straight cables in space: that their last coordinates count
     ==========================  ============================================================================================
@@ -184,7 +185,8 @@ def write_mesh(path: str | os.PathLike[str], mesh: ElementMesh) -> Path:
     path = output_path(path, ".vtu")
     if not isinstance(mesh, ElementMesh):
         raise MeshError(f"mesh = {shown(mesh)}; expected an ElementMesh: ElementMesh.of(mesh) makes one.")
-    if len(unused := np.setdiff1d(np.arange(mesh.nv), mesh.t)):
+    brought = [np.ravel(ids) for groups in (mesh.boundaries, mesh.lines) if mesh.element.degree == 1 for ids in groups.values()]
+    if len(unused := np.setdiff1d(np.arange(mesh.nv), np.concatenate([mesh.t.ravel(), *brought]))):
         raise MeshError(f"{name_ids(unused, mesh.word)}: on no element, so they would not be read back. Remove them.")
     from meshio import vtu
 
@@ -200,18 +202,23 @@ def _mesh_alone(mesh: ElementMesh) -> meshio.Mesh:
     facets = {name: checked_facets(mesh, name) for name in mesh.boundaries if np.size(mesh.boundaries[name])}
     members = {name: mesh.elements(name) for name in mesh.subdomains if np.size(mesh.subdomains[name])}
     sets = {name: vertices_at(mesh, np.asarray(ids), f"Node set {name!r}") for name, ids in mesh.node_sets.items() if len(ids)}
-    blocks, ends = [as_cells(mesh.t, mesh.element)], np.array([0])
+    blocks, inside = [as_cells(mesh.t, mesh.element)], [members]
     cells: dict[str, list[NDArray[Any]]] = {}
     if mesh.k == 1:
         cells |= {f"skfem:b:{as_attribute(name)}": [_ends_marked(mesh, ids[0])] for name, ids in facets.items()}
-    elif facets:
-        blocks.append(as_cells(np.concatenate(list(facets.values()), axis=1), named(mesh.element.facet)))
-        ends = np.cumsum([0, *(ids.shape[1] for ids in facets.values())])
-    where = {name: np.arange(ends[i], ends[i + 1]) for i, name in enumerate(facets if mesh.k > 1 else ())}
+        facets = {}
+    segments = named("segments" if mesh.element.degree == 1 else "quadratic segments")
+    lines = {name: checked_lines(mesh, name) for name in mesh.lines}
+    for groups, element in ((facets, mesh.facet), (lines, segments)):
+        if groups:
+            blocks.append(as_cells(np.concatenate(list(groups.values()), axis=1), element))
+            ends = np.cumsum([0, *(ids.shape[1] for ids in groups.values())])
+            inside.append({name: np.arange(ends[i], ends[i + 1]) for i, name in enumerate(groups)})
     none = np.empty(0, dtype=np.int64)
-    for name in members | where:
-        inside = members.get(name, none), where.get(name, none)
-        cells[f"skfem:s:{as_attribute(name)}"] = [_mask(len(block), ids) for (_, block), ids in zip(blocks, inside, strict=False)]
+    for name in {name: None for groups in inside for name in groups}:
+        cells[f"skfem:s:{as_attribute(name)}"] = [
+            _mask(len(block), groups.get(name, none)) for (_, block), groups in zip(blocks, inside, strict=True)
+        ]
     points = in_space(mesh.p.T)
     if len(flatten(points.T, mesh.k)) != mesh.d:
         cells[DIMENSION] = [np.full(len(block), mesh.d, dtype=np.uint8) for _, block in blocks]

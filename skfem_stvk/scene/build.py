@@ -295,7 +295,8 @@ def build(sections: SceneTables, source: SceneSource, mesh: ElementMesh | None =
     """
     complaints = Complaints(source)
     with complaints.at("mesh"):
-        mesh = sections.mesh.mesh(source.folder) if mesh is None else mesh
+        own = [getattr(term, "simplices", None) for term in sections.terms]
+        mesh = sections.mesh.mesh(source.folder, [name for name in own if isinstance(name, str)]) if mesh is None else mesh
         if sections.mesh.degree is not None:
             mesh = mesh.with_degree(sections.mesh.degree)
     complaints.refuse()

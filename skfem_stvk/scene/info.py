@@ -6,7 +6,7 @@ import itertools
 import time
 import tracemalloc
 import warnings
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import Annotated, Any, NamedTuple
@@ -194,7 +194,7 @@ def inspect_scene(scene: Scene) -> Inspection:
         built = scene.built
     with look.part("mesh", refused=True):
         mesh = sections.mesh.mesh(scene.source.folder) if built is None else built.mesh
-        look.mesh(mesh)
+        look.mesh(mesh, () if built is None else [body.mesh for body in built.system.body.beside])
     with look.part("units"):
         look.implausible(implausible(sections, mesh))
     if built is None:
@@ -261,8 +261,8 @@ class _Look:
 
     # the mesh
 
-    def mesh(self, mesh: ElementMesh) -> None:
-        """Counts, sizes, groups and qualities of a mesh."""
+    def mesh(self, mesh: ElementMesh, others: Sequence[ElementMesh] = ()) -> None:
+        """Counts, sizes, groups and qualities of a mesh; the `others` are on the same nodes."""
         length, self.found.k = self._symbol("length"), mesh.k
         self.add("mesh", Fact("elements", mesh.nt, "", mesh.kind), Fact("nodes", mesh.nv))
         with self.part("edges"):
@@ -273,15 +273,15 @@ class _Look:
                 opposite = 3 * mesh.nt if mesh.k == 3 else 0
                 self.add("mesh", Fact("TSEPs", 3 * faces + opposite, "", "pairs of edges that share an element"))
         with self.part("quality"):
-            quality = mesh_quality(mesh)
+            quality = mesh_quality(mesh, others)
             finite = mesh.p[:, np.isfinite(mesh.p).all(axis=0)]
             if finite.size:
                 low, high = finite.min(axis=1), finite.max(axis=1)
                 self.add("mesh", Fact("size of the box", (high - low).tolist(), length, f"from {_shown(low)} to {_shown(high)}"))
             self._quality(quality, length)
-        for title, groups in (("boundaries", mesh.boundaries), ("node sets", mesh.node_sets), ("subdomains", mesh.subdomains)):
-            if groups:
-                unit = {"boundaries": "facets", "node sets": mesh.words, "subdomains": "elements"}[title]
+        units = {"boundaries": "facets", "lines": "segments", "node sets": mesh.words, "subdomains": "elements"}
+        for title, unit in units.items():
+            if groups := getattr(mesh, title.replace(" ", "_")):
                 self.add(title, *(Fact(name, int(np.shape(ids)[-1]), unit) for name, ids in groups.items()))
 
     def _quality(self, quality: MeshQuality, length: str) -> None:

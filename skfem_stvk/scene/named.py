@@ -97,6 +97,8 @@ class SceneNames:
         self.left_out: list[str] = []
         self._node_sets: dict[str, NDArray[Any]] = {}
         self._subdomains: dict[str, NDArray[Any]] = {}
+        self._boundaries: dict[str, NDArray[Any]] = {}
+        self._lines: dict[str, NDArray[Any]] = {}
 
     @contextmanager
     def leaving_out(self, what: str) -> Iterator[None]:
@@ -108,10 +110,10 @@ class SceneNames:
 
     def marked(self) -> ElementMesh:
         """The mesh with the sets of nodes and elements that were named."""
-        if not self._node_sets and not self._subdomains:
-            return self.mesh
-        sets, regions = {**self.mesh.node_sets, **self._node_sets}, {**self.mesh.subdomains, **self._subdomains}
-        return replace(self.mesh, node_sets=sets, subdomains=regions)
+        kinds = ("node_sets", "subdomains", "boundaries", "lines")
+        named = {kind: getattr(self, f"_{kind}") for kind in kinds}
+        new: dict[str, Any] = {kind: {**getattr(self.mesh, kind), **own} for kind, own in named.items() if own}
+        return replace(self.mesh, **new) if new else self.mesh
 
     def term(self, term: Any) -> dict[str, Any]:
         """The table of a term."""
@@ -134,7 +136,7 @@ class SceneNames:
         if name == "region":
             return {name: self.region(value)}
         if name == "simplices":
-            return {name: checked_name(value) if isinstance(value, str) else np.asarray(value).T.tolist()}
+            return {name: self.simplices(value)}
         if name == "on":
             surface = self.mesh.k < self.mesh.d and "pressure" in model.model_fields  # which is its elements
             return {name: self._marked_elements(value) if surface else self.place(value)}
@@ -182,6 +184,14 @@ class SceneNames:
         if (np.diff(ids) < 0).any():
             return {"type": "elements", "ids": ids.tolist()}
         return self._marked_elements(region)
+
+    def simplices(self, given: Any) -> Any:
+        """Elements that a term brings: the name of a boundary or lines, which is made if there is none; else the nodes of each."""
+        if isinstance(given, str):
+            return checked_name(given)
+        t, degree = np.asarray(given), self.mesh.element.degree
+        groups = {degree + 1: self._lines} | {self.mesh.facet.n: self._boundaries}
+        return self._named("simplices", t, groups[len(t)]) if len(t) in groups else t.T.tolist()
 
     def _marked_elements(self, region: Any) -> str:
         """The name of a subdomain, which is made if there is none."""
@@ -256,8 +266,10 @@ class SceneNames:
 
     def _free(self, kind: str) -> str:
         mesh = self.mesh
-        taken = {*mesh.boundaries, *mesh.node_sets, *mesh.subdomains, *self.places, *self._node_sets, *self._subdomains}
-        return next(name for number in count(1) if (name := f"{kind}-{number}") not in {*taken, *self.materials})
+        kinds = (mesh.boundaries, mesh.lines, mesh.node_sets, mesh.subdomains, self.places, self.materials)
+        own = (self._node_sets, self._subdomains, self._boundaries, self._lines)
+        taken = {name for names in (*kinds, *own) for name in names}
+        return next(name for number in count(1) if (name := f"{kind}-{number}") not in taken)
 
 
 def _model(tables: Mapping[str, type[BaseModel]], library: Any, given: Any, what: str) -> type[BaseModel]:

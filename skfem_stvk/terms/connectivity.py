@@ -12,7 +12,7 @@ from ..arguments import real_array, shown, whole_array
 from ..elements import ELEMENTS, Element, named
 from ..errors import MeshError, name_ids, name_known
 from ..mesh import ElementMesh, MeshLike
-from ..mesh.places import checked_facets
+from ..mesh.places import checked_facets, checked_lines
 from .protocols import is_load
 
 
@@ -90,15 +90,17 @@ def connected(given: MeshLike, terms: Sequence[Any]) -> Connected:
 def simplices_of(
     given: Any, p: NDArray[np.float64], degree: int, mesh: ElementMesh | None, what: str
 ) -> tuple[NDArray[np.int32], Element]:
-    """The simplices (n, nt) on points `p` (d, nv), as nodes or by the name of a boundary of the `mesh`, and their element.
+    """The simplices (n, nt) on points `p` (d, nv), as nodes or by the name of a boundary or lines of the `mesh`, and their element.
 
     Messages begin with `what`. Simplices have the `degree` of the mesh.
     """
     if isinstance(given, str):
-        if mesh is None or given not in mesh.boundaries:
-            known = name_known(given, mesh.boundaries) if mesh is not None else "there are points alone, without names."
-            raise MeshError(f"{what} = {shown(given)}; expected (k + 1, n) nodes, or the name of a boundary; {known}")
-        return checked_facets(mesh, given), named(mesh.element.facet)
+        if mesh is not None and given in mesh.boundaries:
+            return checked_facets(mesh, given), named(mesh.element.facet)
+        if mesh is not None and given in mesh.lines:
+            return checked_lines(mesh, given), named("segments" if degree == 1 else "quadratic segments")
+        names = "there are points alone, without names." if mesh is None else name_known(given, {*mesh.boundaries, *mesh.lines})
+        raise MeshError(f"{what} = {shown(given)}; expected (k + 1, n) nodes, or the name of a boundary or of lines; {names}")
     kinds = {
         element.n: element
         for element in ELEMENTS.values()

@@ -191,10 +191,8 @@ def test_periodic_meshes_are_refused_with_the_way_out():
 @pytest.mark.parametrize("cls", [skfem.MeshTet2, skfem.MeshTri2])
 def test_of_degree_one_a_curved_mesh_is_its_corners_with_a_line_that_says_so(cls):
     curved_mesh = ElementMesh.of(curved(cls))
-    sets = {"some": np.array([0, curved_mesh.nv - 1])}
-    curved_mesh = ElementMesh(
-        curved_mesh.p, curved_mesh.t, curved_mesh.subdomains, curved_mesh.boundaries, sets, curved_mesh.element
-    )
+    sets, rope = {"some": np.array([0, curved_mesh.nv - 1])}, curved_mesh.t[[0, 1, curved_mesh.element.corners], :1]
+    curved_mesh = replace(curved_mesh, node_sets=sets, lines={"rope": rope})
     n, ne = curved_mesh.nvertices, curved_mesh.nv - curved_mesh.nvertices
     with pytest.warns(StvkWarning, match=rf"reduced to their corners, {n} vertices: {ne} of their {ne} edges are curved and taken"):
         mesh = curved_mesh.with_degree(1)
@@ -202,6 +200,7 @@ def test_of_degree_one_a_curved_mesh_is_its_corners_with_a_line_that_says_so(cls
     assert np.array_equal(mesh.boundaries["wall"], curved_mesh.boundaries["wall"][: mesh.k]) and mesh.boundaries["wall"].size
     assert mesh.node_sets["some"].tolist() == [0] and np.array_equal(mesh.elements("left_half"), curved_mesh.elements("left_half"))
     again = mesh.with_degree(2)
+    assert mesh.lines["rope"].tolist() == rope[:2].tolist() and again.lines["rope"].tolist() == rope.tolist()
     assert np.array_equal(again.t, curved_mesh.t) and again.with_degree(2) is again
     with pytest.warns(StvkWarning, match=": 0 of their"):
         again.with_degree(1)
@@ -267,7 +266,8 @@ def test_a_renumbered_mesh_is_the_same_body(name):
     number = np.argsort(order).astype(np.int32)
     boundaries = {key: number[facets] for key, facets in mesh.boundaries.items()}
     sets = {key: number[np.asarray(ids)] for key, ids in mesh.node_sets.items()}
-    shuffled = replace(mesh, p=mesh.p[:, order], t=number[mesh.t], boundaries=boundaries, node_sets=sets)
+    lines = {"rope": number[mesh.t[:2, :2]]} if mesh.k > 1 else {}
+    shuffled = replace(mesh, p=mesh.p[:, order], t=number[mesh.t], boundaries=boundaries, node_sets=sets, lines=lines)
     if name.startswith("quadratic"):
         shuffled = shuffled.with_degree(2)
     new, nodes = shuffled.renumbered()
@@ -275,6 +275,8 @@ def test_a_renumbered_mesh_is_the_same_body(name):
     np.testing.assert_array_equal(nodes[new.t], shuffled.t)
     for key in ("left",):
         np.testing.assert_array_equal(nodes[new.boundaries[key]], shuffled.boundaries[key])
+    for key in lines:
+        np.testing.assert_array_equal(nodes[new.lines[key]], shuffled.lines[key])
     assert set(nodes[new.node_sets["some"]]) == set(shuffled.node_sets["some"])
     width = [np.abs(np.diff(m.corners, axis=0)).max() for m in (new, shuffled)]
     assert width[0] < width[1] or mesh.k == 1

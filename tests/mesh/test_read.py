@@ -7,7 +7,7 @@ import skfem
 from meshfiles import CUBE, FIVE_TETS, HEXAHEDRON, LEFT, SEGMENTS, TETS, TRIANGLES, same_facets, write
 
 from skfem_stvk import MeshError, StvkWarning
-from skfem_stvk.mesh import read_mesh
+from skfem_stvk.mesh import content, read_mesh
 
 
 @pytest.mark.parametrize("ending", ["vtu", "vtk", "msh"])
@@ -81,6 +81,86 @@ def test_triangles_at_one_height_are_in_the_plane(tmp_path):
 def test_segments_are_in_as_many_dimensions_as_they_need(last, d, tmp_path):
     mesh = read_mesh(write(tmp_path / "mesh.vtu", [[0, 0, 0], [1, 0, 0], [2, *last[1:]]], [("line", [[0, 1], [1, 2]])]))
     assert (mesh.k, mesh.d) == (1, d)
+
+
+@pytest.mark.parametrize("ending", ["vtu", "msh"])
+def test_triangles_at_one_height_stay_in_space_if_that_is_asked_for(ending, tmp_path):
+    points = np.column_stack([TRIANGLES.p.T, np.full(TRIANGLES.nvertices, 2.5)])
+    mesh = read_mesh(write(tmp_path / f"mesh.{ending}", points, [("triangle", TRIANGLES.t.T)]), dimension=3)
+    assert np.array_equal(mesh.p.T, points)
+
+
+def test_a_straight_cable_is_in_as_many_dimensions_as_are_asked_for(tmp_path):
+    file = write(tmp_path / "mesh.vtu", [[0, 0, 0], [1, 0, 0], [2, 0, 0]], [("line", [[0, 1], [1, 2]])])
+    for d in (1, 2, 3):
+        assert read_mesh(file, dimension=d).d == d
+
+
+def test_a_dimension_that_is_too_small_is_refused(tmp_path):
+    file = write(tmp_path / "mesh.vtu", [[0, 0, 0], [1, 0, 0], [1, 1, 0]], [("line", [[0, 1], [1, 2]])])
+    with pytest.raises(MeshError, match=r"mesh.vtu: dimension = 1; expected at least 2: coordinate y is needed"):
+        read_mesh(file, dimension=1)
+    with pytest.raises(MeshError, match="dimension = 4; expected"):
+        read_mesh(file, dimension=4)
+
+
+#: A cube with two ropes from its top to two hooks, a rope along an edge of a tetrahedron, and a sail from one edge to a hook.
+HOOKED = [*CUBE, [9, 9, 9], [0, 0, 3], [1, 0, 3]]
+ROPES, EDGE, SAIL = [[9, 4], [5, 10]], [[0, 1]], [[4, 5, 9]]
+
+
+def hooked(path):
+    cells = [("line", np.array(ROPES)), ("line", np.array(EDGE)), ("triangle", np.array(SAIL)), ("vertex", np.array([[9], [10]]))]
+    cells.append(("tetra", np.array(FIVE_TETS)))
+    tags = {"gmsh:physical": [np.full(len(block), tag) for tag, (_, block) in enumerate(cells, start=1)]}
+    tags["gmsh:geometrical"] = tags["gmsh:physical"]
+    names = {"ropes": [1, 1], "stiffener": [2, 1], "sail": [3, 2], "hooks": [4, 0], "cube": [5, 3]}
+    data = {name: np.array(values) for name, values in names.items()}
+    meshio.Mesh(np.array(HOOKED, dtype=float), cells, cell_data=tags, field_data=data).write(path, file_format="gmsh22")
+    return path
+
+
+def test_nodes_of_ropes_and_sails_stay_if_these_are_named(tmp_path):
+    file = hooked(tmp_path / "mesh.msh")
+    with pytest.warns(StvkWarning, match=r"^1 vertex \(8\): on none of the tetrahedra, so dropped"):
+        mesh = read_mesh(file, keep=["ropes", "sail"])
+    assert mesh.p.T.tolist() == [*CUBE, *HOOKED[9:]]
+    assert {name: ends.T.tolist() for name, ends in mesh.lines.items()} == {"ropes": [[8, 4], [5, 9]], "stiffener": EDGE}
+    assert mesh.boundaries["sail"].T.tolist() == [[4, 5, 8]] and mesh.node_sets["hooks"].tolist() == [8, 9]
+
+
+def test_nodes_of_ropes_and_sails_are_dropped_if_nothing_names_these(tmp_path):
+    with pytest.warns(StvkWarning) as said:
+        mesh = read_mesh(hooked(tmp_path / "mesh.msh"))
+    assert any("3 vertices (8, 9, 10)" in str(one.message) and "keep=[names]" in str(one.message) for one in said)
+    assert mesh.p.T.tolist() == CUBE and list(mesh.lines) == ["stiffener"] and "hooks" not in mesh.node_sets
+
+
+def test_hooks_lift_a_flat_sheet_into_space(tmp_path):
+    cells = [("line", np.array([[0, 3]])), ("triangle", np.array([[0, 1, 2]]))]
+    tags = {"gmsh:physical": [np.array([1]), np.array([2])], "gmsh:geometrical": [np.array([1]), np.array([2])]}
+    names = {"rope": np.array([1, 1]), "sheet": np.array([2, 2])}
+    file = tmp_path / "mesh.msh"
+    raw = meshio.Mesh(np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 2.0]]), cells, cell_data=tags, field_data=names)
+    raw.write(file, file_format="gmsh22")
+    mesh = read_mesh(file, keep="rope")
+    assert (mesh.d, mesh.nv, mesh.boundaries["rope"].tolist()) == (3, 4, [[0], [3]])
+
+
+def test_ropes_and_sails_of_quadratic_elements_are_on_their_edges(tmp_path):
+    """Middles of edges that no quadratic element has are in no numbering of scikit-fem's."""
+    with pytest.warns(StvkWarning, match="1 vertex"):
+        straight = read_mesh(hooked(tmp_path / "mesh.msh"), keep=["ropes", "sail"])
+    with pytest.raises(MeshError, match=r"degree = 2, but 1 element \(0\) of 'sail' is on no edge of the other elements"):
+        straight.with_degree(2)
+    with pytest.warns(StvkWarning):
+        mesh = read_mesh(hooked(tmp_path / "mesh.msh"), degree=2)
+    assert mesh.lines["stiffener"][:2].T.tolist() == EDGE
+    assert mesh.p[:, mesh.lines["stiffener"][2]].T.tolist() == [[0.5, 0, 0]]
+    raw = meshio.read(write(tmp_path / "mesh.vtu", mesh.p.T, [("tetra10", mesh.t.T), ("line3", [[0, 1, 8], [0, 6, 9]])]))
+    raw.cell_sets = {"ropes": [np.array([], dtype=int), np.array([0, 1])]}
+    with pytest.raises(MeshError, match=r"Lines 'ropes': 1 segment \(1\) of 2 are on no edge of the quadratic elements"):
+        content.content_of(raw, "mesh", keep=["ropes"])
 
 
 def test_a_vertex_that_is_dropped_does_not_lift_the_rest_into_space(tmp_path):
@@ -195,7 +275,5 @@ def test_facets_on_dropped_vertices_leave_their_boundary_with_a_warning(tmp_path
 
 
 def test_empty_blocks_do_not_count(tmp_path):
-    from skfem_stvk.mesh import content
-
     raw = meshio.Mesh(np.array(CUBE, dtype=float), [("triangle", [[0, 1, 2], [0, 2, 3]]), ("tetra", np.empty((0, 4), dtype=int))])
     assert content.base_of(raw, "mesh").name == "triangles"

@@ -97,6 +97,28 @@ def test_a_net_of_segments_marks_each_joint_once(tmp_path):
     assert sorted(again.boundaries["ends"][0]) == [0, 1, 3]
 
 
+@pytest.mark.parametrize("degree", [1, 2])
+def test_lines_come_along(degree, tmp_path):
+    straight = box((2, 1, 1), (2, 1, 1))
+    mesh = replace(straight, lines={"rope": straight.t[[2, 0], 4:1:-2], "other": straight.t[1:3, :1]})
+    mesh = crooked(mesh.with_degree(degree))
+    again = read_mesh(write_mesh(tmp_path / "mesh.vtu", mesh))
+    assert set(again.lines) == {"rope", "other"}
+    for name, ends in mesh.lines.items():
+        assert np.array_equal(again.lines[name], ends if degree == 1 else ends[:, np.argsort(ends[2])]), name
+
+
+def test_nodes_on_lines_and_boundaries_alone_are_read_back_by_their_names(tmp_path):
+    cube = box((2, 1, 1), (2, 1, 1))
+    points = np.concatenate([cube.p, [[0, 3.0], [0, 1], [2, 2]]], axis=1)
+    mesh = replace(cube, p=points, lines={"rope": [[0], [12]]}, boundaries={"sail": [[11], [13], [9]]})
+    again = read_mesh(write_mesh(tmp_path / "mesh.vtu", mesh), keep=["rope", "sail"])
+    assert np.array_equal(again.p, mesh.p) and np.array_equal(again.lines["rope"], mesh.lines["rope"])
+    assert np.array_equal(again.boundaries["sail"], mesh.boundaries["sail"])
+    with pytest.raises(MeshError, match=r"1 vertex \(13\): on no element"):
+        write_mesh(tmp_path / "mesh.vtu", replace(mesh, boundaries={}))
+
+
 def test_node_sets_are_no_subdomains_and_need_no_others(tmp_path):
     mesh = replace(box((1, 1), 2), boundaries={}, node_sets={"corner": [8, 0]})
     with warnings.catch_warnings():

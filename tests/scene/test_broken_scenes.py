@@ -87,8 +87,8 @@ CASES = [
                 '[[terms]]\ntype = "stvk"\nmaterial = "steel"\nsimplices = "lef"\n\n[[terms]]\ntype = "gravity"',
             )
         ],
-        "scene.toml: terms[1], line 22: StVK 0: simplices = 'lef'; expected (k + 1, n) nodes, or the name of a boundary; known: "
-        "'back', 'bottom', 'front', 'left', 'right', 'top'. Did you mean 'left'?",
+        "scene.toml: terms[1], line 22: StVK 0: simplices = 'lef'; expected (k + 1, n) nodes, or the name of a boundary or of lines; "
+        "known: 'back', 'bottom', 'front', 'left', 'right', 'top'. Did you mean 'left'?",
     ),
     Broken(
         "elements of different kinds",

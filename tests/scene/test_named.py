@@ -14,6 +14,7 @@ from skfem_stvk import (
     Corotated,
     EdgeNetwork,
     ElasticFoundation,
+    ElementMesh,
     EnergyMomentum,
     Gravity,
     InvertibleStVK,
@@ -345,7 +346,7 @@ def test_what_is_no_system_and_no_analysis_is_refused():
         Scene.of(System(SOLID, StVK(STEEL)), {"type": "unstatic"})
 
 
-def test_elements_that_terms_bring_are_listed_and_boundaries_are_named(tmp_path):
+def test_elements_that_terms_bring_are_named_in_the_mesh_and_boundaries_keep_their_names(tmp_path):
     ropes = StVK(young=100.0, area=0.01, simplices=[[0, 3], [3, 5]])
     skin = StVK(STEEL, thickness=0.1, simplices="left")
     system = System(SOLID, [StVK(STEEL), skin, ropes, Pressure(None, 0.1, simplices="left")], fixed={"right": "xyz"})
@@ -353,3 +354,42 @@ def test_elements_that_terms_bring_are_listed_and_boundaries_are_named(tmp_path)
     for other in (first, again):
         assert_same(other, system)
         assert [body.mesh.nt for body in other.body.beside] == [2, 2]
+    assert again.mesh.lines["simplices-1"].tolist() == [[0, 3], [3, 5]]
+
+
+def bag():
+    """The first body of docs/membranes.md: a ball in its skin, on a rope to a hook that no other element has."""
+    ball = crooked(ElementMesh.of(skfem.MeshTet.init_ball(1)))
+    top = int(np.argmax(ball.p[2]))
+    terms = [
+        StVK(young=1e3, poisson=0.3, thickness=1e-3, density=9.0, simplices=ball.surface),
+        StVK(young=1e5, area=1e-4, density=10.0, simplices=[[top], [ball.nv]]),
+        StVK(young=1e2, poisson=0.45, density=5.0, simplices=ball.t),
+        Gravity((0, 0, -9.81)),
+    ]
+    return System(np.append(ball.p, [[0], [0], [2.0]], axis=1), terms, {(ball.nv,): "xyz"})
+
+
+def sail():
+    """A flat sheet in space on two ropes, one along its edge."""
+    terms = [StVK(young=10.0, poisson=0.3), StVK(young=100.0, area=0.01, simplices=[[0, 1], [SHEET.nv, 2]])]
+    points = np.append(SHEET.p, [[1.0], [1.0], [0.1]], axis=1)
+    return System(replace(SHEET, p=points), [*terms, NodalLoad([SHEET.nv], (0.1, 0.2, 0.3))], {"left": "xyz"})
+
+
+@pytest.mark.parametrize("body", [bag, sail])
+def test_nodes_of_cables_and_membranes_alone_come_along(body, tmp_path):
+    system = body()
+    for other in rewritten(system, tmp_path):
+        assert_same(other, system)
+        assert [one.mesh.nt for one in other.body.beside] == [one.mesh.nt for one in system.body.beside]
+
+
+def test_a_flat_membrane_of_a_scene_is_in_space():
+    data = {"terms": [{"type": "stvk", "material": "a"}], "materials": {"a": {"model": "isotropic", "young": 1.0, "poisson": 0.3}}}
+    data |= {"mesh": {"type": "box", "size": [2.0, 1.0], "cells": [3, 2], "dimension": 3}, "analysis": {"type": "static"}}
+    flat = box((2.0, 1.0), (3, 2))
+    expected = System(replace(flat, p=np.append(flat.p, np.zeros((1, flat.nv)), axis=0)), StVK(young=1.0, poisson=0.3))
+    assert_same(Scene.of_data(data).system(), expected)
+    with pytest.raises(StvkError, match="mesh: dimension = 1; expected at least 2"):
+        _ = Scene.of_data(data | {"mesh": data["mesh"] | {"dimension": 1}}).built

@@ -1,12 +1,17 @@
 """The scenes that the documentation shows: each gives what it expects, and none is a warning's."""
 
+import runpy
 import warnings
 from pathlib import Path
 
+import numpy as np
 import pytest
+import skfem
 
+from skfem_stvk import Gravity, StVK, System, solve_static
 from skfem_stvk.errors import StvkWarning
 from skfem_stvk.scene import Scene
+from skfem_stvk.scene.info import inspect_scene
 
 FOLDER = Path(__file__).parents[2] / "docs" / "scenes"
 SCENES = sorted(path.name for path in FOLDER.glob("*.toml"))
@@ -14,8 +19,8 @@ SCENES = sorted(path.name for path in FOLDER.glob("*.toml"))
 QUICK = {"thrown.toml": ["analysis.until=5e-4"]}
 
 
-def test_there_are_nine():
-    assert len(SCENES) == 9
+def test_there_are_eleven():
+    assert len(SCENES) == 11
 
 
 @pytest.mark.parametrize("name", SCENES)
@@ -27,3 +32,22 @@ def test_a_scene_gives_what_it_expects(name):
     assert scene.implausible() == []
     assert outcome.judged and [one for one in outcome.judged if not one.passed] == []
     assert outcome.exit_code == 0, outcome.message
+
+
+def test_the_bag_is_the_body_of_its_example():
+    example = runpy.run_path(str(FOLDER.parent / "examples" / "ex20_bag.py"))
+    assert Scene.read(FOLDER / "bag.toml").solve(quiet=True).result.u.tobytes() == example["bag"].u.tobytes()
+
+
+def test_the_disc_is_the_membrane_of_its_page():
+    disc = skfem.MeshTri.init_circle(3)
+    rim = np.flatnonzero(np.hypot(*disc.p) > 1 - 1e-9)
+    flat = np.concatenate([disc.p, np.zeros((1, disc.p.shape[1]))])
+    sheet = [StVK(young=1e9, poisson=0.3, thickness=1e-3, density=1000.0), Gravity(g=(0, 0, -9.81))]
+    sagged = solve_static(System((flat, disc.t), sheet, fixed={tuple(rim): "xyz"}), quiet=True)
+    assert Scene.read(FOLDER / "disc.toml").solve(quiet=True).result.u.tobytes() == sagged.u.tobytes()
+
+
+@pytest.mark.parametrize("name", ["bag.toml", "disc.toml", "block.toml"])
+def test_nothing_is_wrong_with_elements_of_several_kinds(name):
+    assert inspect_scene(Scene.read(FOLDER / name)).remarks == []

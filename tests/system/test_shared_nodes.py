@@ -296,7 +296,7 @@ LAW = {"young": 1.0, "poisson": 0.3}
         (SOLID, [StVK(**LAW), StVK(simplices=SKIN.T, **LAW)], MeshError, "one column for each element"),
         (SOLID, [StVK(**LAW), StVK(simplices=SKIN + N, **LAW)], MeshError, "outside 0 ... "),
         (SOLID, [StVK(**LAW), StVK(simplices=SKIN * 1.5, **LAW)], MeshError, "expected (n, nt) ids of nodes"),
-        (SOLID, [StVK(**LAW), StVK(simplices="skin", **LAW)], MeshError, "or the name of a boundary; "),
+        (SOLID, [StVK(**LAW), StVK(simplices="skin", **LAW)], MeshError, "or the name of a boundary or of lines; "),
         (POINTS, [StVK(simplices="skin", **LAW)], MeshError, "points alone, without names"),
         (POINTS, [StVK(simplices=SOLID.t, **LAW)], MeshError, "3 vertices (27, 28, 29): on no element"),
         (

@@ -74,7 +74,7 @@ def _load(kind: type, **good: Any) -> Call:
 
 def calls() -> list[Call]:
     """All of them."""
-    names = dict.fromkeys(("subdomains", "boundaries", "node_sets"), OPTIONAL | {"empty dict", "dict"})
+    names = dict.fromkeys(("subdomains", "boundaries", "node_sets", "lines"), OPTIONAL | {"empty dict", "dict"})
     one, three = frozenset({"0.5"}), ("young", "poisson", "shear")
     material = {"density": OPTIONAL | POSITIVE, "frame": OPTIONAL}
     return [
@@ -335,9 +335,10 @@ def calls() -> list[Call]:
         ),
         call(
             "read_mesh",
-            lambda degree: read_mesh(str(files("skfem_stvk.mesh") / "data" / "bracket.msh"), degree=degree),
-            {"degree": OPTIONAL},
+            lambda **given: read_mesh(str(files("skfem_stvk.mesh") / "data" / "bracket.msh"), **given),
+            {"degree": OPTIONAL, "dimension": OPTIONAL},
             degree=2,
+            dimension=3,
         ),
         call(
             "System of a place that is fixed",
@@ -359,6 +360,7 @@ def calls() -> list[Call]:
             subdomains={"a": [0]},
             boundaries={"b": [[0], [3]]},
             node_sets={"c": [5]},
+            lines={"d": [[0], [1]]},
         ),
         call(
             "ElementMesh of an element",

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -10,8 +11,14 @@ from pydantic import Discriminator, Field, Tag
 
 from ...mesh import ElementMesh, read_mesh
 from ...mesh.generators import bar, box, cylinder
+from ...mesh.groups import in_dimension
 from .quantities import Components, Part, key
 
+#: The key of the number of coordinates, of meshes that may be flat.
+Dimension = Annotated[
+    int | None,
+    key("Number of coordinates: 3 keeps a flat mesh in space, as a membrane; by default no more than needed.", ge=1, le=3),
+]
 Cells = Annotated[list[Annotated[int, Field(ge=1)]], Field(min_length=1, max_length=3)]
 
 
@@ -35,10 +42,11 @@ class MeshFile(AnyMesh):
 
     file: Annotated[str, key("Path of the mesh file, relative to the scene file.", min_length=1)]
     scale: Annotated[float, key("Factor of the coordinates, as 0.001 for a file in mm in a scene in m.", gt=0)] = 1.0
+    dimension: Dimension = None
 
-    def mesh(self, folder: Path) -> ElementMesh:
-        """The mesh, from a file relative to this folder."""
-        mesh = read_mesh(folder / self.file)
+    def mesh(self, folder: Path, keep: Collection[str] = ()) -> ElementMesh:
+        """The mesh, from a file relative to this folder, with all nodes of the groups to `keep`."""
+        mesh = read_mesh(folder / self.file, self.degree, dimension=self.dimension, keep=keep)
         return mesh if self.scale == 1.0 else mesh.scaled(self.scale)
 
 
@@ -53,10 +61,12 @@ class BoxMesh(AnyMesh):
         key("Kind of the elements; by default simplices."),
     ] = None
     origin: Annotated[Components | None, key("Corner with the least coordinates; by default the origin.", "length")] = None
+    dimension: Dimension = None
 
-    def mesh(self, folder: Path) -> ElementMesh:
+    def mesh(self, folder: Path, keep: Collection[str] = ()) -> ElementMesh:
         """The mesh."""
-        return box(self.size, self.cells, element=self.element, origin=self.origin)
+        mesh = box(self.size, self.cells, element=self.element, origin=self.origin)
+        return mesh if self.dimension is None else replace(mesh, p=in_dimension(mesh.p, mesh.k, self.dimension))
 
 
 class CylinderMesh(AnyMesh):
@@ -68,7 +78,7 @@ class CylinderMesh(AnyMesh):
     length: Annotated[float, key("Length along x.", "length", gt=0)]
     cells: Annotated[list[Annotated[int, Field(ge=1)]], key("Number of cells along x, and across.", min_length=2, max_length=2)]
 
-    def mesh(self, folder: Path) -> ElementMesh:
+    def mesh(self, folder: Path, keep: Collection[str] = ()) -> ElementMesh:
         """The mesh."""
         return cylinder(self.radius, self.length, self.cells, inner_radius=self.inner_radius)
 
@@ -82,7 +92,7 @@ class BarMesh(AnyMesh):
     cells: Annotated[list[Annotated[int, Field(ge=1)]], key("Number of cells along x, and across.", min_length=2, max_length=2)]
     element: Annotated[Literal["tetrahedra", "hexahedra"], key("Kind of the elements.")] = "tetrahedra"
 
-    def mesh(self, folder: Path) -> ElementMesh:
+    def mesh(self, folder: Path, keep: Collection[str] = ()) -> ElementMesh:
         """The mesh."""
         return bar(self.length, self.width, self.cells, element=self.element)
 

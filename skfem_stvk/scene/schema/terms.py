@@ -74,9 +74,12 @@ Time = Annotated[RampTime | SineTime | TableTime, Field(discriminator="type")]
 TIME = "Factor of time; by default constants ramp with the load factor in statics, and are what they are in motion."
 
 
-#: Elements that a term brings on the nodes of the mesh: the facets of a boundary by its name, or the nodes of each element.
+#: Elements that a term brings on the nodes of the mesh: a boundary or lines of the mesh by name, or the nodes of each element.
 Simplices: TypeAlias = Name | Annotated[list[list[Annotated[int, Field(ge=0)]]], Field(min_length=1)]
-OWN = "Elements of its own on the nodes of the mesh: a boundary, or the nodes of each, from 0: [[0, 5], [5, 9]] are two segments."
+OWN = (
+    "Elements of its own on the nodes of the mesh: a boundary or lines by name, or the nodes of each, from 0: "
+    "[[0, 5], [5, 9]] are two segments."
+)
 
 
 def in_columns(given: Any) -> Any:
