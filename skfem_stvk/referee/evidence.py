@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Callable
+from contextlib import suppress
 from typing import Any
 
 import numpy as np
@@ -29,27 +30,36 @@ class Evidence:
 
     Attributes
     ----------
-    quantities : those of W, F and K that the candidate has.
+    quantities : those of W, F and K that the candidate returns in any strained state.
     found : values by state, where all of them are finite.
     not_finite : by state, at rest and under rotation too, the quantities with an entry that is not a number or infinite.
     """
 
     def __init__(self, case: Case, player: Player) -> None:
         self.case, self.player = case, player
-        self.quantities = [quantity for quantity in "WFK" if player.has(quantity)]
         self.found: dict[str, Values] = {}
         self.not_finite: dict[str, list[str]] = {}
         self._by_products = False
-        for state in [*STATES, *(state for state in case.states if state not in STATES)]:
-            try:
-                values = self.values(player, case.states[state])
-            except Foul:
+        asked = [quantity for quantity in "WFK" if player.has(quantity)]
+        states = [*STATES, *(state for state in case.states if state not in STATES)]
+        answers = {state: self._answers(asked, case.states[state]) for state in states}
+        self.quantities = [quantity for quantity in asked if any(quantity in answers[state] for state in STATES)]
+        for state, values in answers.items():
+            if len(values) < max(len(self.quantities), 1):
                 continue
             not_finite = [quantity for quantity, value in values.items() if not np.isfinite(flat(value)).all()]
             if not_finite:
                 self.not_finite[state] = not_finite
             elif state in STATES:
                 self.found[state] = values
+
+    def _answers(self, asked: list[str], u: Array) -> Values:
+        """Values of the candidate, of those of W, F and K that do not raise."""
+        values: Values = {}
+        for quantity in asked:
+            with suppress(Foul):
+                values[quantity] = self.value(getattr(self.player, quantity)(u))
+        return values
 
     def values(self, player: Player, u: Array, quantities: str = "WFK") -> Values:
         """W, F and K of a player, of what is asked for and the candidate has; an operator counts by its products."""

@@ -272,3 +272,11 @@ def test_no_more_is_fitted_than_an_energy_can_tell():
     regions = np.array_split(np.arange(MESH.nt), 5)
     terms = [StVK(young=1.0 + i, poisson=0.2 + 0.05 * i, region=region) for i, region in enumerate(regions)]
     assert not named(Of(energy=lambda u: float(np.sum(np.cos(u)) + 7)), MESH, terms).names
+
+
+def test_a_candidate_without_an_energy_is_named_by_its_force_and_tangent():
+    def energy(u):
+        raise ValueError("there is none")
+
+    naming = named(Of(energy=energy, internal_force=LAMBDA_TWICE.internal_force, tangent=LAMBDA_TWICE.tangent))
+    assert naming.names == ["lambda doubled"]
