@@ -34,7 +34,7 @@ class Fields(ElasticBody):
     ----------
     section : (nt,) thickness [m], area [m^2] or 1.
     volume : (nt,) rest volume [m^3]: length, area or volume times section.
-    without_term : (nt,) whether an element is in no term.
+    without_term : (nt,) whether an element is in no term, or in one whose stress is not known.
 
     Raises
     ------

@@ -17,6 +17,7 @@ from ..mesh import ElementMesh, MeshLike
 from ..mesh.geometry import Geometry, PointGeometry, geometries
 from ..mesh.points import sizes_of
 from ..terms import Body, Deformation, HasPressure, HasResponse, HasStress, is_load
+from ..terms.protocols import has_stress
 from .law import dilation, rest_frames, strain_and_stress, volume_stress
 
 #: One value per element, or one at a point of each, and a mask of the elements that have none.
@@ -26,7 +27,7 @@ Masked: TypeAlias = tuple[Array, NDArray[np.bool_]]
 @dataclass(frozen=True)
 class ElasticPart:
     """The law of a term on its elements, with their sections (thickness, area or 1); `law` if it is not St. Venant-Kirchhoff's, and
-    whether it is linear, `S = C : eps` of the small strain."""
+    whether it is linear, `S = C : eps` of the small strain, and whether its stress and energy density are known."""
 
     elements: NDArray[np.int64]
     material: Material
@@ -34,6 +35,7 @@ class ElasticPart:
     section: Array
     law: HasResponse | None
     linear: bool
+    known: bool
 
 
 @dataclass(frozen=True)
@@ -78,6 +80,8 @@ class ElasticBody:
         self.volume_parts = [self._volume_part(term, body) for term in penalties]
         for penalty in self.volume_parts:
             self.without_term[penalty.elements] = False
+        for part in self.parts:
+            self.without_term[part.elements] |= not part.known
         self.gone = np.zeros(self.mesh.nt, dtype=bool)
 
     def leave_out(self, elements: NDArray[np.int64]) -> None:
@@ -92,7 +96,7 @@ class ElasticBody:
         # StVK has one with wrinkling
         law = term if isinstance(term, HasResponse) and term.response is not None else None
         linear = bool(getattr(term, "small_strain", False))
-        return ElasticPart(elements, term.material, hypothesis, section, law, linear)
+        return ElasticPart(elements, term.material, hypothesis, section, law, linear, has_stress(term))
 
     def _volume_part(self, term: HasPressure, body: Body) -> VolumePart:
         """A penalty on its elements; those that no other term is on are in plane strain."""
@@ -203,7 +207,7 @@ class Response:
         within, small = strain_within(self.gradient, axes), small_strain_within(self.gradient, axes)
         strain, stress, density = np.zeros((len(within), 3, 3)), np.zeros((len(within), 3, 3)), np.zeros(len(within))
         shrunk = np.zeros(len(within), dtype=bool)
-        for part in fields.parts:
+        for part in (part for part in fields.parts if part.known):
             ids = part.elements
             if part.law is None:
                 taken = small if part.linear else within

@@ -92,9 +92,14 @@ class Corotated(ElasticLaw):
             )
         return VertexWarping(mesh, mesh.t[:, mesh.elements(self.region)], bound)
 
+    @property
+    def has_stress(self) -> bool:
+        """Whether stresses are known: with other frames than those of the elements there are only forces on nodes."""
+        return self.rotation == "element"
+
     def response(self, at: Deformation) -> PointResponse:
         """As in `HasResponse`, by the rotation of each element; MaterialError where frames are at nodes, or given."""
-        if self.rotation != "element":
+        if not self.has_stress:
             raise MaterialError(
                 "Corotated: stresses are known for rotation='element' alone; with other frames there are the forces on nodes."
             )

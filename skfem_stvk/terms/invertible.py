@@ -88,9 +88,14 @@ class InvertibleStVK(ElasticLaw):
         """The law of the kernels, and what it stores of each element of the region."""
         return StretchesStiffness(*self.lame(mesh), InvertibleLaw, mesh, self.threshold)
 
+    @property
+    def has_stress(self) -> bool:
+        """Whether there are fields of stress and energy density."""
+        return self.extend == "energy"
+
     def response(self, at: Deformation) -> PointResponse:
         """As in `HasResponse`; MaterialError where the stress is extended, which has no energy."""
-        if self.extend == "stress":
+        if not self.has_stress:
             raise MaterialError("InvertibleStVK: with extend='stress' there is no energy density. Take extend='energy'.")
         assert isinstance(self.material, Isotropic)
         lam, mu = (np.broadcast_to(value, len(at.elements)) for value in self.material.lame(at.hypothesis))

@@ -237,6 +237,11 @@ class HasStress(Protocol):
         """What turns the measure of an element into a volume, a number or (n,)."""
 
 
+def has_stress(term: HasStress) -> bool:
+    """Whether stress and energy density of a term are known; a law of forces on nodes has the attribute `has_stress`, False."""
+    return bool(getattr(term, "has_stress", True))
+
+
 @runtime_checkable
 class HoldsShape(Protocol):
     """A specification without stress on elements that yet resists all strain of some, as springs along all their edges do."""

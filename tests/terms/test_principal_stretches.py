@@ -1,6 +1,7 @@
 """Laws of principal stretches: against twins and independent forms, where elements are flat, mirrored, or hardly strained."""
 
 import warnings
+from functools import partial
 
 import numpy as np
 import pytest
@@ -305,7 +306,7 @@ def test_rotations_at_nodes_know_a_turn_of_all_but_not_torques(name):
     F, x = body.internal_force(u).reshape(-1, mesh.d), mesh.p.T + u.reshape(-1, mesh.d)
     torque = np.einsum("ni,nj->ij", x, F)
     assert np.abs(torque - torque.T).max() > 1e-3 * np.abs(torque).max()
-    with pytest.raises(StvkError, match="Corotated has no potential"):
+    with pytest.raises(StvkError, match="Corotated 0 has no energy"):
         body.potential(u)
     small = 1e-7 * state(mesh)
     K0 = System(mesh, StVK(young=2.0, poisson=0.3)).tangent(np.zeros(body.ndofs))
@@ -381,10 +382,22 @@ def test_stresses_and_densities_are_those_of_the_forces(law, name):
             assert power == pytest.approx(F @ v, abs=1e-10 * np.abs(F) @ np.abs(v))
 
 
+@pytest.mark.parametrize("name", ["tetrahedra", "triangles"])
+@pytest.mark.parametrize("law", [partial(Corotated, rotation="vertex"), partial(InvertibleStVK, extend="stress")])
+def test_fields_of_laws_without_stress_are_masked_on_their_elements_alone(law, name):
+    mesh = MESHES[name]
+    half, others, u = np.arange(mesh.nt // 2), np.arange(mesh.nt // 2, mesh.nt), 0.2 * state(mesh)
+    mixed = Fields(mesh, [law(young=3.0, poisson=0.3, region=half), StVK(young=3.0, poisson=0.3)]).at(u)
+    whole = Fields(mesh, StVK(young=3.0, poisson=0.3)).at(u)
+    for field in ("pk2_stress", "von_mises_stress", "strain_energy_density"):
+        assert np.ma.getmaskarray(mixed[field])[half].all() and not np.ma.getmaskarray(mixed[field])[others].any()
+        np.testing.assert_array_equal(mixed[field][others], whole[field][others])
+    np.testing.assert_array_equal(mixed["volume_ratio"][others], whole["volume_ratio"][others])
+
+
 def test_stresses_of_frames_that_are_not_the_elements_are_not_known():
-    mesh = MESHES["tetrahedra"]
     with pytest.raises(MaterialError, match="stresses are known for rotation='element' alone"):
-        Fields.of(System(mesh, Corotated(young=3.0, poisson=0.3, rotation="vertex"))).at(state(mesh))["pk2_stress"]
+        Corotated(young=3.0, poisson=0.3, rotation="vertex").response(None)
 
 
 @pytest.mark.parametrize("name", STRETCHES)
@@ -401,9 +414,9 @@ def test_extended_stresses_pull_by_the_area_vectors_and_have_no_energy(name):
     wanted = abs(np.linalg.det(spokes)) / 6 * np.linalg.inv(spokes) @ P.T
     u = (TET @ F.T - TET).ravel()
     assert body.internal_force(u).reshape(4, 3)[1:] == pytest.approx(wanted, abs=1e-11 * np.abs(wanted).max())
-    assert body.energy(u) == 0 and not body.conservative
-    with pytest.raises(StvkError, match="InvertibleStVK has no potential"):
-        body.potential(u)
+    assert np.isnan(body.energies(u)["InvertibleStVK 0"]) and not body.conservative
+    with pytest.raises(StvkError, match="InvertibleStVK 0 has no energy"):
+        body.energy(u)
 
 
 @pytest.mark.parametrize("law", LAWS)
