@@ -18,7 +18,7 @@ from ..referee.terminal import WIDTH, printable
 from ..scene import Scene, sweep, templates
 from ..scene.footprint import footprint, table
 from ..scene.info import Inspection, inspect_mesh, inspect_scene
-from ..scene.outcome import DONE, INTERRUPTED, NOT_CONVERGED, SceneOutcome
+from ..scene.outcome import DONE, INTERRUPTED, NOT_CONVERGED, SceneOutcome, as_printed
 
 #: Options that make the material of a mesh.
 MATERIAL = ("young", "poisson", "density")
@@ -83,7 +83,9 @@ def _print(outcome: SceneOutcome) -> None:
     console.print(f"{outcome.status}: {printable(outcome.message)}", soft_wrap=True)
     for one in outcome.judged:
         verdict = "[green]as expected[/]" if one.passed else "[bold red]not as expected[/]"
-        console.print(f"{verdict} {one.name} = {one.got:.9g}, expected {one.expected:.9g} within {one.allowed:.3g}", soft_wrap=True)
+        console.print(
+            f"{verdict} {one.name} = {as_printed(one.got)}, expected {one.expected:.9g} within {one.allowed:.3g}", soft_wrap=True
+        )
     console.print(f"results are in {printable(str(outcome.folder))}", soft_wrap=True)
 
 

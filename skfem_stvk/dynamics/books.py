@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
+from math import nan
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
@@ -33,7 +34,8 @@ class Balance(NamedTuple):
         total_energy = kinetic + strain + potential
         closure_error = total_energy - total_energy at the first step - external work + dissipated work + removed energy
 
-    The closure error is energy that appeared from nowhere or was lost: by the time integrator, and by round-off.
+    The closure error is energy that appeared from nowhere or was lost: by the time integrator, and by round-off. The forces of
+    terms without an energy count as external work.
     """
 
     total_energy: float
@@ -67,14 +69,14 @@ def column_names(
     `time`                               [s]
     `kinetic_energy`                     `1/2 v . M v` [J]
     `strain_energy`                      `W(u)` [J]; if there are several elastic terms, then `strain_energy StVK 0` and so on
-                                         too, named as in `System.energies`
+                                         too, named as in `System.energies`; NaN where a term has no energy
     `potential_energy`                   of the loads that have a potential [J]
     `external_work`                      done since the first step by those that have none, by prescribed motion and by what
                                          changes with time [J]
     `dissipated_work`                    lost to damping since the first step [J]
     `removed_energy`                     only with `simulate(..., remove=...)`: kinetic, strain and potential energy that went
                                          with elements that were taken out since the first step [J]
-    `total_energy`, `closure_error`      see `Balance` [J]
+    `total_energy`, `closure_error`      see `Balance` [J]; the total energy is NaN where a term has no energy
     `inside_out`                         number of elements that were inside out or flat when that was looked at last: after
                                          every step of implicit integrators, every 20 of explicit ones, and at both ends
     `linear_momentum_x`, ...             [kg m/s]
@@ -101,6 +103,26 @@ def column_names(
         *(f"{probe} {axis}" for probe in probes for axis in axes),
         *(f"reaction {place} {axis}" for place in reactions for axis in axes),
     )
+
+
+def columns_without_value(system: SystemLike) -> list[str]:
+    """Columns of energies that do not exist, because a term has none."""
+    names = [f"strain_energy {name}" for name in system.without_energy if len(system.elastic_names) > 1]
+    return ["strain_energy", *names, "total_energy"] if system.without_energy else []
+
+
+def known_strain(ledger: Mapping[str, Array]) -> Array:
+    """(n,) strain energy of the terms that have one [J]."""
+    strain, names = ledger["strain_energy"], list(ledger)
+    by_term = names[names.index("strain_energy") + 1 : names.index("potential_energy")]
+    known = sum((np.nan_to_num(ledger[name]) for name in by_term), np.zeros(len(strain)))
+    return np.where(np.isnan(strain), known, strain)
+
+
+def known_total(ledger: Mapping[str, Array]) -> Array:
+    """(n,) total energy, with the strain energy of the terms that have one [J]; added up as in `Balance`."""
+    total: Array = ledger["kinetic_energy"] + known_strain(ledger) + ledger["potential_energy"]
+    return total
 
 
 class LedgerPlaces(NamedTuple):
@@ -135,7 +157,8 @@ class Books:
         self._sums = np.zeros(8)
         self.external = self.dissipated = self.removed = 0.0
         self._removing = REMOVED in self.ledger.names
-        self._first = float(self.ledger["total_energy"][0]) if self.ledger.steps else None
+        self._without_value = [ledger.names.index(name) for name in columns_without_value(motion.system)]
+        self._first = float(known_total(ledger)[0]) if ledger.steps else None
         self._inside_out = self.ledger.names.index(INSIDE_OUT)
         self._watched = motion.moving or motion.damped or motion.driven
         self._t, self._u = 0.0, np.zeros(motion.n)
@@ -168,7 +191,10 @@ class Books:
             self.external += dot(state.reaction[held], change[held])
 
     def enter(self, state: MotionState, strain_energy: float) -> None:
-        """Enter a row for this state, with as many elements inside out as in the row before: see `count_inside_out`."""
+        """Enter a row for this state, with as many elements inside out as in the row before: see `count_inside_out`.
+
+        `strain_energy` is that of the terms that have one [J].
+        """
         motion, mesh = self.motion, self.motion.system.mesh
         potential = motion.add_up(state, self._sums)
         sums = self._sums.tolist()
@@ -188,6 +214,8 @@ class Books:
             forces = motion.ground_forces(u, v, state.t, since).reshape(-1, mesh.d)
             for vertices in self._places.reactions.values():
                 row += list(forces[vertices].sum(axis=0))
+        for column in self._without_value:
+            row[column] = nan
         self.ledger.append(row)
 
     def take_out(self, state: MotionState, remove: Callable[[], None]) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from pathlib import Path
 from typing import Annotated, Any, Literal, NamedTuple
 
@@ -19,7 +19,7 @@ from ..results.state_files import MOTION, MOTION_FILE
 from ..system.protocol import SystemLike
 from ..system.records import Record, in_words
 from ..system.signature import Fingerprint
-from .books import REMOVED, LedgerPlaces, column_names
+from .books import REMOVED, LedgerPlaces, column_names, columns_without_value, known_strain, known_total
 from .integrators import Integrator
 from .ledger import Ledger
 from .motion import Motion
@@ -35,8 +35,8 @@ ARRAYS = ("u", "v", "a", "reaction")
 ENERGY = 1e-6
 #: Steps that are found do not shrink below this part of the first one.
 SHORTEST = 1e-9
-#: Columns of which the total energy and the closure error are sums.
-PARTS = "kinetic_energy", "strain_energy", "potential_energy", "external_work", "dissipated_work"
+#: Columns of which, with the strain energy, the total energy and the closure error are sums.
+PARTS = "kinetic_energy", "potential_energy", "external_work", "dissipated_work"
 
 Count = Annotated[int, Field(ge=0)]
 NotNegative = Annotated[float, Field(ge=0)]
@@ -245,7 +245,7 @@ def refuse_inconsistent(saved: Saved, motion: Motion, integrator: Integrator) ->
         raise ValueError(f"its ledger has the columns {', '.join(ledger.names)}")
     if ledger.steps != header.now.rows:
         raise ValueError(f"its ledger has {ledger.steps} rows for {header.now.rows}")
-    _check_balance(ledger)
+    _check_balance(ledger, columns_without_value(system))
     _check_removed(*saved.removed, system, ledger)
     start = {name: header.problem.numbers.get(name, []) for name in ("t0", "u0", "v0")}
     if start["t0"] != [ledger["time"][0]] or len(start["u0"]) != 2 or len(start["v0"]) != 2:
@@ -296,7 +296,8 @@ def _check_moment(saved: Saved, moment: MomentRecord, prefix: str, motion: Motio
     if looks.next > moment.steps + looks.interval:
         raise ValueError(f"after {moment.steps} steps it would look at the critical step after {looks.next} at first")
     state = {name: finite(saved.arrays, prefix + name, (motion.n,)) for name in ARRAYS}
-    row = {name: float(saved.ledger[name][moment.rows - 1]) for name in ("kinetic_energy", "strain_energy")}
+    last = moment.rows - 1
+    row = {"kinetic_energy": saved.ledger["kinetic_energy"][last], "strain_energy": known_strain(saved.ledger)[last]}
     kinetic = float(state["v"] @ motion.mass.multiply(state["v"])) / 2
     strain = motion.energy(state["u"])
     for name, energy in (("kinetic_energy", kinetic), ("strain_energy", strain)):
@@ -304,18 +305,22 @@ def _check_moment(saved: Saved, moment: MomentRecord, prefix: str, motion: Motio
             raise ValueError(f"its ledger ends with a {name} of {row[name]:g} J; its state has {energy:g} J")
 
 
-def _check_balance(ledger: Ledger) -> None:
-    """Refuse rows that are not finite, not in order or do not add up; raises ValueError in words."""
+def _check_balance(ledger: Ledger, without_value: Collection[str]) -> None:
+    """Refuse rows that are not finite, not in order or do not add up; raises ValueError in words.
+
+    The columns `without_value` are of energies that do not exist: they have NaN.
+    """
     rows = ledger.rows()
-    if not np.isfinite(rows).all():
-        raise ValueError(f"row {int(np.argmin(np.isfinite(rows).all(axis=1)))} of its ledger is not finite")
+    right = np.where([name in without_value for name in ledger.names], np.isnan(rows), np.isfinite(rows)).all(axis=1)
+    if not right.all():
+        raise ValueError(f"row {int(np.argmin(right))} of its ledger is not finite, or has an energy that does not exist")
     if not (np.diff(ledger["time"]) > 0).all():
         raise ValueError("the times of its ledger do not ascend")
-    total = ledger["kinetic_energy"] + ledger["strain_energy"] + ledger["potential_energy"]
+    total = known_total(ledger)
     closure = total - total[:1] - ledger["external_work"] + ledger["dissipated_work"]
     if REMOVED in ledger:
         closure = closure + ledger[REMOVED]
-    size = ENERGY * max(float(np.abs(ledger[name]).max()) for name in PARTS)
+    size = ENERGY * max(float(np.abs(part).max()) for part in (known_strain(ledger), *(ledger[name] for name in PARTS)))
     for name, sums in (("total_energy", total), ("closure_error", closure)):
         if (np.abs(ledger[name] - sums) > size).any():
             raise ValueError(f"the {name} of row {int(np.argmax(np.abs(ledger[name] - sums)))} of its ledger does not add up")

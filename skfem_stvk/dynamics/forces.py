@@ -96,7 +96,7 @@ def damping_is_of_edges(system: SystemLike) -> bool:
 
 def driven(system: SystemLike) -> bool:
     """Whether the energy of the moving body is not kept: a load changes with time, or has no potential, or a term no energy."""
-    return not (all(map(_keeps_energy, system.bound_loads)) and all(term.has_energy for term in system.bound_terms))
+    return bool(system.without_energy) or not all(map(_keeps_energy, system.bound_loads))
 
 
 def constant_loads(system: SystemLike) -> bool:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from ..arguments import Array
 from ..errors import name_ids, warn
-from .books import INSIDE_OUT
+from .books import INSIDE_OUT, known_strain
 from .ledger import Ledger
 from .motion import Motion
 from .record import MotionState, RunRecord
@@ -19,7 +19,7 @@ from .record import MotionState, RunRecord
 TOO_MUCH = 20.0
 #: Up to this part of it a state counts as good, unless so much of it came within as many steps; every so many steps one is kept.
 GOOD, QUICKLY, EVERY = 1.0, 0.1, 20
-COLUMNS = "kinetic_energy", "strain_energy", "potential_energy", "external_work", "closure_error"
+COLUMNS = "kinetic_energy", "potential_energy", "external_work", "closure_error"
 #: Elements are counted after so many steps of explicit integrators, for a count costs half a force; of implicit ones after each.
 EXPLICIT, IMPLICIT = 20, 1
 #: A step over which a support moves so many times faster than ever before is searched: it is halved so often, and then it is a jump
@@ -44,10 +44,10 @@ class Guard:
     def blown_up(self) -> bool:
         """Whether the last row shows energy from nowhere."""
         ledger = self._record.ledger
-        kinetic, strain, potential, external, excess = self._pick(ledger.rows(ledger.steps - 1)[0].tolist())
+        kinetic, potential, external, excess = self._pick(ledger.rows(ledger.steps - 1)[0].tolist())
         self._most = max(self._most, abs(potential - self._potential), abs(external))
         self._excess = excess
-        return not isfinite(kinetic + strain + excess) or excess > TOO_MUCH * self._most > 0
+        return not isfinite(kinetic + excess) or excess > TOO_MUCH * self._most > 0
 
     def trusts(self) -> bool:
         """Whether to keep the state of the last row, after `blown_up` was asked: it is good, and the one that is kept is old."""
@@ -67,8 +67,8 @@ def from_nowhere(ledger: Ledger) -> float:
 
 def energy_given(ledger: Ledger) -> float:
     """The energy at first, or the most that was given since [J]: more than that damping takes only of what came from nowhere."""
-    kinetic, strain, *changing = (ledger[name] for name in COLUMNS[:-1])
-    return max(float(kinetic[0] + strain[0]), *(float(max(x.max() - x[0], x[0] - x.min())) for x in changing))
+    kinetic, *changing = (ledger[name] for name in COLUMNS[:-1])
+    return max(float(kinetic[0] + known_strain(ledger)[0]), *(float(max(x.max() - x[0], x[0] - x.min())) for x in changing))
 
 
 class Inversions:

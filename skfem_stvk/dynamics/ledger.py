@@ -222,13 +222,19 @@ def _draw(ledger: Mapping[str, Array], path: Path | None) -> Any:
     return figure
 
 
+def energy_lines(ledger: Mapping[str, Array]) -> Lines:
+    """Columns of energies that are not zero throughout, with their words and colours; "-" for energies that do not exist."""
+    return [
+        (name, name.replace("_", " ") + ": -" * bool(np.isnan(ledger[name]).all()), colour)
+        for name, colour in ENERGIES.items()
+        if name in ledger and ledger[name].any()
+    ]
+
+
 def _panels(ledger: Mapping[str, Array]) -> list[_Panel]:
     """Panels of energies that are not zero throughout, the closure error, momenta, displacements of probes, and reactions."""
-    energies = [
-        (name, name.replace("_", " "), colour) for name, colour in ENERGIES.items() if name in ledger and ledger[name].any()
-    ]
     panels = [
-        _Panel("energy [J]", energies, 2.6),
+        _Panel("energy [J]", energy_lines(ledger), 2.6),
         _Panel("closure\nerror [J]", [(name, "", "#000000") for name in ledger if name == "closure_error"], 1.0),
     ]
     for quantity, label in MOMENTA.items():

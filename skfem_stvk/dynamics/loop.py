@@ -12,7 +12,7 @@ from ..nonlinear.outcome import Interrupted, Status, stop_if_asked
 from ..nonlinear.progress import MotionProgress
 from ..results.files import WriteError
 from ..results.monitors import Finding, Monitors
-from .books import Books
+from .books import Books, known_total
 from .guards import EXPLICIT, IMPLICIT, Guard, Inversions, Jumps, from_nowhere, inside_out_on_the_way
 from .integrators import StepFailed, Stepper
 from .options import Setup
@@ -128,7 +128,7 @@ class Loop:
                 record.clock.tick()
             self._books.enter(state, self._stepper.energy)
             if self._guard.blown_up():
-                total = record.ledger["total_energy"][-1]
+                total = known_total(record.ledger)[-1]
                 return Status.BLEW_UP, f"energy came from nowhere, {total:.3g} J in all at t = {t:.6g} s"
             if whole:
                 torn = self._removal is not None and self._tear(self._removal.chosen(record))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from math import isnan
 from typing import Any, ClassVar
 
 import numpy as np
@@ -83,11 +84,18 @@ class Motion:
         return x
 
     def energy(self, u: Array) -> float:
-        """Strain energy [J]."""
-        return self.system.energy(u)
+        """Strain energy of the terms that have one [J]."""
+        return sum((energy for energy in self.system.elastic_energies(u) if not isnan(energy)), 0.0)
+
+    def energy_and_force(self, u: Array, out: Array) -> float:
+        """The strain energy of `energy` [J]; the internal force [N] is written to `out` (ndofs,)."""
+        if not self.system.without_energy:
+            return self.system.energy_and_force(u, out=out)[0]
+        np.copyto(out, self.system.internal_force(u))
+        return self.energy(u)
 
     def term_energies(self, u: Array) -> list[float]:
-        """Strain energies of the elastic terms, if they are several and told apart [J]."""
+        """Strain energies of the elastic terms, if they are several and told apart [J]; NaN for one without an energy."""
         return self.system.elastic_energies(u) if self._several else []
 
     def inside_out(self, u: Array) -> NDArray[np.int64]:

@@ -134,10 +134,9 @@ class StepProblem:
                 self.motion.add_linear_damping(d, self._offset)
 
     def arrive(self, u: Array) -> float:
-        """The strain energy at `u` (ndofs,) [J]; the internal force that comes with it is where `before_step` begins."""
+        """`Motion.energy` at `u` (ndofs,) [J]; the internal force that comes with it is where `before_step` begins."""
         with self._watch("assemble"):
-            energy, _ = self.system.energy_and_force(u, out=self._arrived)
-            return energy
+            return self.motion.energy_and_force(u, self._arrived)
 
     def before_step(self, t: float) -> Array:
         """(ndofs,) the residual for `w = 0`, from forces that are known; for equations at the end of a step, without a rate."""
@@ -271,7 +270,7 @@ class StepProblem:
             add_mean_force(self.system, u0, u1, force)
             force *= 2
         else:
-            self.system.energy_and_force(u1, out=force)
+            self.motion.energy_and_force(u1, force)
         if self.motion.tau:
             damping = np.zeros_like(force)
             if self._secant:

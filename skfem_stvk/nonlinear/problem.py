@@ -176,7 +176,7 @@ class PathProblem(EigenProblem, Protocol):
         """Tell what has a memory that the path goes on from the state that was committed last."""
 
     def energies(self, u: Array, t: Time) -> tuple[float, float]:
-        """Strain energy and potential [J]; that is NaN if a load has none."""
+        """Strain energy and potential [J]; NaN if a term has no energy, or a load no potential."""
 
     def elastic_along(self, u: Array, v: Array) -> Array | None:
         """(5,) coefficients of the strain energy along `u + s v`; None if that is no quartic."""

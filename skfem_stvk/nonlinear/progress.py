@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections import deque
 from collections.abc import Mapping
+from math import isnan
 from typing import Any, TypeVar
 
 from rich.console import Console
@@ -103,8 +104,13 @@ class MotionProgress(Progress):
         parts = [f"step {self._number}/{self._steps}", speed, end]
         if len(ledger["time"]):
             parts.append(f"t {ledger['time'][-1]:.4g} s")
-            parts += [f"{words} {ledger[name][-1]:.3g} J" for words, name in ENERGIES.items() if name in ledger]
+            parts += [f"{words} {_joules(ledger[name][-1])}" for words, name in ENERGIES.items() if name in ledger]
         return "   ".join(part for part in parts if part)
+
+
+def _joules(energy: float) -> str:
+    """An energy in words; "-" for one that does not exist."""
+    return "-" if isnan(energy) else f"{energy:.3g} J"
 
 
 def duration(seconds: float) -> str:

@@ -84,7 +84,7 @@ class ReducedMotion(Motion):
         self._known: tuple[Array, tuple[float, Array, Array]] | None = None
         self._stiffness_at_rest = reduced.response(np.zeros(m))[2].copy()
         self.damping_matrix = self.alpha * self.mass.matrix + self.beta * self._stiffness_at_rest
-        self._plain = self.system.dead and all(term.has_energy for term in self.system.bound_terms)
+        self._plain = self.system.dead
         self._nowhere = np.zeros(self.system.ndofs)
         self._steady = self._steady_loads() if self._plain else None
         self._all_steady = None if self._on_mesh.constant_loads is None else self._steady

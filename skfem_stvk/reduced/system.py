@@ -397,9 +397,9 @@ def _refuse_no_system(body: Any) -> None:
 
 def _refuse_without_energy(body: System) -> None:
     """Refuse terms whose force is the gradient of no energy."""
-    names = [type(term).__name__ for term, bound in zip(body.elastic_terms, body.bound_terms, strict=True) if not bound.has_energy]
-    if names:
-        raise StvkError(f"{', '.join(names)}: its force is the gradient of no energy; expected terms that have one, such as StVK.")
+    if body.without_energy:
+        names = ", ".join(body.without_energy)
+        raise StvkError(f"{names}: its force is the gradient of no energy; expected terms that have one, such as StVK.")
 
 
 class _Stages(Progress):

@@ -46,6 +46,8 @@ RESULTS = {
     "dynamic": ("time", *_ENERGIES, *_LAST),
     "modes": ("modes.rigid", "modes.unstable"),
 }
+#: Results that need an energy of each term.
+OF_ENERGY = "energy.strain", "energy.total"
 #: Results that there are several of.
 NUMBERED = re.compile(r"(frequency|critical)\.\d+")
 
@@ -330,6 +332,7 @@ def build(sections: SceneTables, source: SceneSource, mesh: ElementMesh | None =
         system = System(mesh, terms, fixed or None, prescribed or None, **how)
     complaints.refuse()
     assert system is not None
+    _check_energies(complaints, sections, system)
     probes, reactions = ({}, {})  # type: dict[str, Where], dict[str, Where]
     for table, found in (("probes", probes), ("reactions", reactions)):
         for name, place in getattr(sections.output, table).items():
@@ -346,6 +349,14 @@ def build(sections: SceneTables, source: SceneSource, mesh: ElementMesh | None =
             v0[system.supports.held] = 0.0
     complaints.refuse()
     return Built(sections, system, names, probes, reactions, u0, v0)
+
+
+def _check_energies(complaints: Complaints, sections: SceneTables, system: System) -> None:
+    """Complain about expected energies that do not exist."""
+    for loc in expectations(sections.expect) if system.without_energy else ():
+        if ".".join(loc) in OF_ENERGY:
+            names = ", ".join(system.without_energy)
+            complaints.add(("expect", *loc), f"does not exist: {names} has no energy; expect displacements or forces instead")
 
 
 def _check_poisson(complaints: Complaints, names: Names, term: Any, law: Any) -> None:

@@ -8,6 +8,7 @@ import re
 import time
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from math import isnan
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -148,8 +149,8 @@ class Folder:
                 "status": outcome.status,
                 "exit_code": outcome.exit_code,
                 "message": outcome.message,
-                "results": outcome.values,
-                "expectations": [one._asdict() for one in outcome.judged],
+                "results": {name: _number(value) for name, value in outcome.values.items()},
+                "expectations": [one._asdict() | {"got": _number(one.got)} for one in outcome.judged],
                 "warnings": list(outcome.warnings),
                 "seconds": outcome.seconds,
                 "ended": _now(),
@@ -191,6 +192,11 @@ def hash_of(data: Mapping[str, Any], contents: Iterable[bytes] = ()) -> str:
     for content in contents:
         digest.update(hashlib.sha256(content).digest())
     return digest.hexdigest()[:16]
+
+
+def _number(value: float) -> float | None:
+    """A result as JSON has it; none for one that does not exist."""
+    return None if isnan(value) else value
 
 
 def _now() -> str:

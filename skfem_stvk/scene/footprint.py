@@ -107,7 +107,8 @@ def _of_term(bound: Any, pairs: Any, system: System, x: Array, implicit: bool) -
     if implicit:
         pattern = Pattern(system.mesh.nv, system.mesh.d, [bound.nodes_paired])
         fill = partial(pairs.fill, x, pairs.rows(pattern), np.empty(pattern.nnz, dtype=system.dtype), False)
-    cost = _measured(partial(bound.energy_and_force, x), partial(bound.energy_and_force, x, force), fill)
+    energy = partial(bound.energy_and_force, x) if bound.has_energy else None
+    cost = _measured(energy, partial(bound.energy_and_force, x, force), fill)
     return cost._replace(nbytes=_bytes(bound) + (pairs.own_memory() if isinstance(pairs, Coupled) else 0))
 
 
@@ -124,10 +125,9 @@ def _of_load(bound: Any, mesh: ElementMesh, x: Array, implicit: bool) -> PartCos
 
 def _of_all(system: System, u: Array, implicit: bool) -> PartCost:
     """Costs of all elastic terms together, as an analysis asks for them."""
-    force, tangent = np.zeros(system.ndofs, dtype=system.dtype), None
-    if implicit:
-        tangent = partial(system.tangent, u, system.tangent(u))
-    cost = _measured(partial(system.energy, u), partial(system.energy_and_force, u, force), tangent)
+    tangent = partial(system.tangent, u, system.tangent(u)) if implicit else None
+    energy = None if system.without_energy else partial(system.energy, u)
+    cost = _measured(energy, partial(system.internal_force, u), tangent)
     size = sum(map(_bytes, (*system.bound_terms, *system.bound_loads)))
     return cost._replace(name="all terms", nbytes=size, elements=system.mesh.nt)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from math import isnan
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -28,6 +29,11 @@ class Judged(NamedTuple):
     passed: bool
 
 
+def as_printed(value: float | None) -> str:
+    """A result with nine digits; "-" for one that does not exist."""
+    return "-" if value is None or isnan(value) else f"{value:.9g}"
+
+
 #: Exit codes of the command.
 DONE, NOT_CONVERGED, BAD_INPUT, NOT_AS_EXPECTED, INTERRUPTED = 0, 1, 2, 3, 130
 
@@ -42,7 +48,7 @@ class SceneOutcome:
     result : a `StaticResult`, `Run` or `Modes`.
     success, status, message : how it came out, in a word and in full.
     curves : probes and reactions by name, over the times or load factors.
-    values : results by dotted name, such as `energy.strain` and `tip.z`: at the end.
+    values : results by dotted name, such as `energy.strain` and `tip.z`: at the end. NaN for an energy that does not exist.
     judged : results beside expectations.
     seconds : that it took.
     folder : where results are, if they were written.

@@ -18,7 +18,7 @@ import numpy as np
 
 from ..arguments import Array
 from ..dynamics import Modes, Run
-from ..dynamics.ledger import AXES, ENERGIES, thinned
+from ..dynamics.ledger import AXES, energy_lines, thinned
 from ..referee.header import machine, versions
 from ..results import animate, write_vtu
 from ..results.files import replacing
@@ -27,7 +27,7 @@ from ..results.series import read_list
 from ..results.table import VECTORS, find
 from ..results.vtu import DEFAULT
 from ..statics import StaticResult
-from .outcome import Curve, SceneOutcome
+from .outcome import Curve, SceneOutcome, as_printed
 from .units import UNITS
 
 #: Displacements are enlarged to about this part of the body's size where they are below half of it.
@@ -287,10 +287,8 @@ def _ledger(outcome: SceneOutcome) -> Any:
     """Energies of a motion that are not zero throughout, and what is missing in their sum."""
     ledger, unit = outcome.result.ledger, _symbol(outcome, "energy")
     figure, (above, below) = _axes(_along(outcome), (1.3, 0.6))
-    for name, colour in ENERGIES.items():
-        if name in ledger and ledger[name].any():
-            width = 1.6 if name == "total_energy" else 1.0
-            _line(above, ledger["time"], ledger[name], color=colour, lw=width, label=name.replace("_", " "))
+    for name, words, colour in energy_lines(ledger):
+        _line(above, ledger["time"], ledger[name], color=colour, lw=1.6 if name == "total_energy" else 1.0, label=words)
     _legend(above)
     above.set_ylabel(f"energy [{unit}]")
     _line(below, ledger["time"], ledger["closure_error"], color="black", lw=1.0)
@@ -352,6 +350,7 @@ def _page(folder: Path, outcome: SceneOutcome, drawings: list[Drawing], troubles
     return template.render(
         title=outcome.built.sections.title or folder.resolve().name,
         outcome=outcome,
+        as_printed=as_printed,
         verdict=f"{failed} of {len(outcome.judged)} not as expected" if outcome.success and failed else outcome.status,
         drawings=drawings,
         troubles=troubles,

@@ -154,7 +154,7 @@ def _followed(built: Built, result: StaticResult | Run) -> dict[str, Curve]:
 
 
 def _values(result: StaticResult | Run | Modes) -> dict[str, float]:
-    """Results by dotted name."""
+    """Results by dotted name; NaN for an energy that does not exist."""
     if isinstance(result, Modes):
         return {f"frequency.{number}": float(value) for number, value in enumerate(result.frequencies)} | {
             "modes.rigid": float(result.rigid.sum()),
@@ -170,7 +170,7 @@ def _values(result: StaticResult | Run | Modes) -> dict[str, float]:
         energies = {f"energy.{name}": float(ledger[column][-1]) for name, column in ENERGIES.items() if column in ledger}
         return {"time": result.t, "steps": float(ledger.steps - 1)} | energies | common
     critical = {f"critical.{number}": float(point.t) for number, point in enumerate(result.critical_points)}
-    energy = {"energy.strain": float(result.system.energy(result.u))}
+    energy = {"energy.strain": float(sum(result.system.elastic_energies(result.u)))}
     return {"load": result.t, "steps": float(len(result.history))} | energy | critical | common
 
 

@@ -28,7 +28,7 @@ from ..results.files import replacing
 from ..results.one_writer import OneWriter
 from .build import expectations
 from .folder import CHECKPOINT, SUMMARY, Folder, hash_of, visible
-from .outcome import BAD_INPUT, DONE, INTERRUPTED, NOT_AS_EXPECTED, NOT_CONVERGED
+from .outcome import BAD_INPUT, DONE, INTERRUPTED, NOT_AS_EXPECTED, NOT_CONVERGED, as_printed
 from .report import DOTS_PER_INCH, RESULTS
 from .scene import Scene
 from .schema import SceneTables
@@ -339,8 +339,8 @@ def _row(run: Planned, folder: Path, error: _Failure | None = None) -> SweepRow:
     code, message = said.get("exit_code"), str(said.get("message", ""))
     if code == NOT_AS_EXPECTED:
         failed = [one for one in said["expectations"] if not one["passed"]]
-        message = "; ".join(f"{one['name']} = {one['got']:.9g}, expected {one['expected']:.9g}" for one in failed)
-    results = {name: float(value) for name, value in said.get("results", {}).items()}
+        message = "; ".join(f"{one['name']} = {as_printed(one['got'])}, expected {one['expected']:.9g}" for one in failed)
+    results = {name: float(value) for name, value in said.get("results", {}).items() if value is not None}
     return SweepRow(run.values, path, said["status"], code, said.get("seconds"), "" if code == DONE else message, results)
 
 

@@ -239,8 +239,7 @@ class Equilibrium:
 
     def energies(self, u: Array, t: Time) -> tuple[float, float]:
         with self._watch("assemble"):
-            energy = self.system.energy(u)
-            return energy, self.system.potential(u, t) if self.system.conservative else float("nan")
+            return sum(self.system.elastic_energies(u)), self.system.potential(u, t) if self.system.conservative else float("nan")
 
     def elastic_along(self, u: Array, v: Array) -> Array | None:
         return self.system.energy_along(u, v) if self.system.quartic else None

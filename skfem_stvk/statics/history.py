@@ -30,8 +30,8 @@ class Step:
     end : how Newton's method ended.
     iterations : residuals (relative to loads and reactions), line-search factors, tangents and linear iterations of Newton's
         method.
-    strain_energy : [J].
-    potential : strain energy less the work of the loads [J]; NaN if a load has none.
+    strain_energy : [J]; NaN if a term has no energy.
+    potential : strain energy less the work of the loads [J]; NaN if a term has no energy, or a load no potential.
     smallest_volume_ratio : the smallest J of an element; below 0 it is inside out.
     lowest : the lowest eigenvalue of K [N/m], with an iterative solver and `stability=True`; otherwise None.
     jump : how far the state is from where the two before it pointed to, as a multiple of the way there. Above 5 the body has

@@ -99,7 +99,7 @@ class StaticResult:
         return self.state[name] if at == "elements" else self.state.at_nodes(name)
 
     def energies(self) -> dict[str, float]:
-        """Energy by term [J]: strain energies, and the potentials of those loads that have one."""
+        """Energy by term [J]: strain energies, NaN for a term without one, and the potentials of those loads that have one."""
         return self.system.energies(self.u, self.t)
 
     def save(self, path: str | os.PathLike[str], fields: Sequence[str] = DEFAULT) -> Path:

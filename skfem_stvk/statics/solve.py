@@ -206,7 +206,7 @@ def _start(system: SystemLike, u0: ArrayLike | None) -> Array:
             "Nothing acts on the body: no load, nothing prescribed. Add Gravity(...), Traction(...) or prescribed={...}."
         )
     start = np.zeros(system.ndofs) if u0 is None else np.array(by_vertex(system.mesh, u0, "u0"), dtype=np.float64).ravel()
-    system.energy(start)  # refuses what overflows
+    system.elastic_energies(start)  # refuses what overflows
     system.check_held()
     return start
 

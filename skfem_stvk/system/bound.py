@@ -143,6 +143,11 @@ class BoundTerms:
         """Names of `elastic_terms` in `energies` and in messages: their types and their numbers among all terms."""
         return [name for name, term in self._named if not is_load(term)]
 
+    @cached_property
+    def without_energy(self) -> list[str]:
+        """Names of the elastic terms whose force is not the gradient of an energy."""
+        return [name for name, term in zip(self.elastic_names, self.bound_terms, strict=True) if not term.has_energy]
+
     @property
     def resists_inversion(self) -> bool:
         """Whether a term resists that elements turn inside out, as `VolumePenalty` does."""
@@ -165,7 +170,7 @@ class BoundTerms:
 
     @property
     def _elastic(self) -> bool:
-        return all(term.has_energy and term.symmetric for term in self.bound_terms)
+        return not self.without_energy and all(term.symmetric for term in self.bound_terms)
 
     def commit(self, u: ArrayLike) -> None:
         """Tell terms with a memory that displacements `u` (ndofs,) are those of a state that an analysis has accepted."""
@@ -182,9 +187,10 @@ class BoundTerms:
         return [term for term in (*self.bound_terms, *self.bound_loads) if isinstance(term, HasState)]
 
     def smallest_volume_ratio(self, u: ArrayLike) -> float:
-        """The smallest ratio `J` of an element's volume at `u` to that at rest; below zero it is inside out. Errors as in `energy`.
+        """The smallest ratio `J` of an element's volume at `u` to that at rest; below zero it is inside out.
 
-        Of triangles in space and segments in more than one dimension the ratio of areas and lengths, which has no sign.
+        For triangles in space and segments in more than one dimension it is the ratio of areas and lengths, which has no sign.
+        StateError as in `energy`.
         """
         x = self._state(u)
         return min((term.smallest_volume_ratio(x) for _, term in self._with_volume), default=np.inf)
@@ -193,7 +199,7 @@ class BoundTerms:
         """The smallest `s > 0` at which an element right side out at `u` (`J > 0`) has no volume left at `u + s v`; or infinity.
 
         Exact: `J` is a cubic in `s`. Triangles in space and segments in more than one dimension have no inside: nothing limits
-        them. Errors as in `energy`, for `v` too.
+        them. StateError as in `energy`, for `v` too.
 
         >>> import skfem
         >>> from skfem_stvk import StVK, System
@@ -207,7 +213,7 @@ class BoundTerms:
         return min((term.step_limit(x, y) for _, term in self._with_volume), default=np.inf)
 
     def inside_out(self, u: ArrayLike) -> NDArray[np.int64]:
-        """Ids of the elements that are inside out or flat at `u`, ascending: `J <= FLAT`. Errors as in `energy`."""
+        """Ids of the elements that are inside out or flat at `u`, ascending: `J <= FLAT`. StateError as in `energy`."""
         if self.mesh.k < self.mesh.d or self.smallest_volume_ratio(u) > FLAT:
             return np.empty(0, dtype=np.int64)
         x = self._state(u)
@@ -224,7 +230,10 @@ class BoundTerms:
         return min((term.smallest_stretch(x) for _, term in self._on_mesh if isinstance(term, HasStretch)), default=np.inf)
 
     def compressed(self, u: ArrayLike, below: float) -> NDArray[np.int64]:
-        """Ids of the elements whose smallest principal stretch at `u` is less than `below`, ascending. Errors as in `energy`."""
+        """Ids of the elements whose smallest principal stretch at `u` is less than `below`, ascending.
+
+        StateError as in `energy`.
+        """
         x, below = self._state(u), number("below", below, "a finite stretch")
         ids = [np.empty(0, dtype=np.int64)]
         for specification, term in self._on_mesh:

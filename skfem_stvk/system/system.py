@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from functools import cached_property
+from math import nan
 from types import MappingProxyType
 from typing import Any
 
@@ -237,16 +238,19 @@ class System(BoundTerms):
 
         Raises
         ------
+        StvkError
+            if a term has no energy, as `Corotated(rotation="vertex")`.
         StateError
             if `u` does not have one finite entry for each degree of freedom, or is so large that the result overflows.
         """
-        x = self._state(u)
-        energy = sum(term.energy_and_force(x) for term in self.bound_terms)
-        refuse_overflow(energy, "W", x)
-        return energy
+        self._refuse_without_energy()
+        return sum(self.elastic_energies(u))
 
     def internal_force(self, u: ArrayLike) -> Array:
-        """Internal force `F = dW/du` (ndofs,) [N]; the residual of statics is `F - f_ext`. Errors as in `energy`."""
+        """Internal force `F = dW/du` (ndofs,) [N]; the residual of statics is `F - f_ext`.
+
+        StateError as in `energy`.
+        """
         x = self._state(u)
         _, force = self._energy_and_force(x)
         refuse_overflow(force, "F", x)
@@ -258,6 +262,7 @@ class System(BoundTerms):
         F is written to `out`, by default a new array. Errors as in `energy`, and StvkError if `out` is no array of floats of that
         shape, in one piece.
         """
+        self._refuse_without_energy()
         x = self._state(u)
         energy, force = self._energy_and_force(x, None if out is None else array_to_fill(self.mesh, out))
         refuse_overflow(energy, "W", x)
@@ -269,7 +274,7 @@ class System(BoundTerms):
 
         `out` is a matrix that this method returned before, to be filled anew; by default a new one. With `free`, which `free_dofs`
         returned, K has the rows and columns of the free degrees of freedom alone; where elements alone have a part in it, it is
-        written straight, without the others. Errors as in `energy`, and StvkError if `out` has another pattern.
+        written straight, without the others. StateError as in `energy`, and StvkError if `out` has another pattern.
         """
         x = self._state(u)
         if free is not None:
@@ -279,7 +284,11 @@ class System(BoundTerms):
         return K
 
     def linearize(self, u: ArrayLike, out: csr_matrix | None = None) -> tuple[float, Array, csr_matrix]:
-        """`W(u)`, `F(u)` and `K(u)` in one pass over the elements, for little more than K; `out` and errors as in `tangent`."""
+        """`W(u)`, `F(u)` and `K(u)` in one pass over the elements, for little more than K.
+
+        `out` as in `tangent`, errors as in `energy`.
+        """
+        self._refuse_without_energy()
         x = self._state(u)
         K, force = self._matrix(out, self.pattern), np.zeros(x.shape, dtype=self.dtype)
         energy = self._fill(x, K.data, self._rows()[0], force)
@@ -288,7 +297,7 @@ class System(BoundTerms):
         return energy, force.ravel(), K
 
     def product(self, u: ArrayLike, v: ArrayLike) -> Array:
-        """`K(u) v` (ndofs,) [N], without forming K. Errors as in `energy`, for `v` too.
+        """`K(u) v` (ndofs,) [N], without forming K. StateError as in `energy`, for `v` too.
 
         The first product at a `u` prepares what the next ones there use again; they take less time than one with an assembled K.
         """
@@ -319,7 +328,7 @@ class System(BoundTerms):
         """Sum of the loads (ndofs,) [N] at displacements `u` and load factor `t`.
 
         Terms that change with it, as frames that are given, are from now on what they are at `t`; so they are after `jacobian`.
-        Errors as in `energy`, for `t` too, and LoadError if a load that is given as a function does not return finite values.
+        StateError as in `energy`, for `t` too, and LoadError if a load that is given as a function does not return finite values.
         """
         x, force, moment = self._state(u), np.zeros(self.mesh.p.T.shape), Moment.checked(t)
         tell(self.bound_terms, moment)
@@ -331,19 +340,21 @@ class System(BoundTerms):
     def potential(self, u: ArrayLike, t: Time = 1.0) -> float:
         """Total potential energy `W(u) + sum of the loads' potentials` [J]; its gradient is the residual.
 
-        Errors as in `external_force`, and LoadError if a load has no potential, such as follower pressure.
+        Errors as in `energy` and `external_force`, and LoadError if a load has no potential, such as follower pressure.
         """
         moment, energy = Moment.checked(t), self.energy(u)
-        if not self.conservative:
-            elastic, loads = zip(self.elastic_terms, self.bound_terms, strict=True), zip(self.loads, self.bound_loads, strict=True)
-            without = [type(term).__name__ for term, bound in elastic if not bound.has_energy]
-            without += [type(load).__name__ for load, bound in loads if not bound.has_potential]
+        loads = zip(self.loads, self.bound_loads, strict=True)
+        without = [type(load).__name__ for load, bound in loads if not bound.has_potential]
+        if without:
             raise LoadError(f"{', '.join(without)} has no potential: its work depends on the path. Ask for residual(u, t) instead.")
         x = self._state(u)
         return energy + sum(load.potential(x, moment) for load in self.bound_loads)
 
     def residual(self, u: ArrayLike, t: Time = 1.0) -> Array:
-        """`F(u) - f_ext(u, t)` (ndofs,) [N]; at rest it vanishes but for the reactions at the supports. Errors as in `energy`."""
+        """`F(u) - f_ext(u, t)` (ndofs,) [N]; at rest it vanishes but for the reactions at the supports.
+
+        StateError as in `energy`.
+        """
         loads = self.external_force(u, t)
         return self.internal_force(u) - loads
 
@@ -379,7 +390,10 @@ class System(BoundTerms):
         return K
 
     def energies(self, u: ArrayLike, t: Time = 1.0) -> dict[str, float]:
-        """Energy by term [J], named after its type and number: strain energies, and the potentials of loads that have one."""
+        """Energy by term [J], named after its type and number: strain energies, and the potentials of loads that have one.
+
+        NaN for an elastic term without an energy.
+        """
         x, moment = self._state(u), Moment.checked(t)
         elastic = iter(self.elastic_energies(u))
         loads = iter([load.potential(x, moment) if load.has_potential else None for load in self.bound_loads])
@@ -387,9 +401,11 @@ class System(BoundTerms):
         return {name: value for name, value in values.items() if value is not None}
 
     def elastic_energies(self, u: ArrayLike) -> list[float]:
-        """Strain energy of each of `elastic_terms` [J]."""
+        """Strain energy of each of `elastic_terms` [J]; NaN for one without an energy. StateError as in `energy`."""
         x = self._state(u)
-        return [term.energy_and_force(x) for term in self.bound_terms]
+        energies = [term.energy_and_force(x) if term.has_energy else 0.0 for term in self.bound_terms]
+        refuse_overflow(sum(energies), "W", x)
+        return [energy if term.has_energy else nan for term, energy in zip(self.bound_terms, energies, strict=True)]
 
     def mass(self, kind: str = "lumped") -> Mass:
         """The mass of the body by the density of its materials: "lumped" at its nodes, or "consistent" with its shape functions.
@@ -406,7 +422,7 @@ class System(BoundTerms):
         return grounded_dofs(self.bound_terms)
 
     def foundation_force(self, u: ArrayLike) -> Array:
-        """Force of the foundations on the body (ndofs,) [N]: minus their part of the internal force. Errors as in `energy`."""
+        """Force of the foundations on the body (ndofs,) [N]: minus their part of the internal force. StateError as in `energy`."""
         x, force = self._state(u), np.zeros(self.mesh.p.T.shape)
         for term in self.bound_terms:
             if isinstance(term, Grounded):
@@ -422,7 +438,7 @@ class System(BoundTerms):
     def energy_along(self, u: ArrayLike, v: ArrayLike) -> NDArray[np.float64]:
         """(5,) coefficients of the strain energy along `u + s v` [J]: `W(u + s v) = c0 + c1 s + c2 s^2 + c3 s^3 + c4 s^4`, exactly.
 
-        Errors as in `energy`, for `v` too, and StvkError if the energy is no quartic: ask `quartic`.
+        StateError as in `energy`, for `v` too, and StvkError if the energy is no quartic: ask `quartic`.
         """
         quartics = [term for term in self.bound_terms if isinstance(term, Quartic)]
         if len(quartics) < len(self.bound_terms):
@@ -501,6 +517,14 @@ class System(BoundTerms):
         parts["product"] = self._operator.memory() if self._operator is not None else 0
         parts["mass"] = sum(mass.memory() for mass in self._masses.values())
         return parts
+
+    def _refuse_without_energy(self) -> None:
+        """Refuse to return one energy for terms of which some have none."""
+        if self.without_energy:
+            raise StvkError(
+                f"{', '.join(self.without_energy)} has no energy; expected terms whose force is the gradient of one, such as StVK. "
+                "Ask for internal_force(u) and tangent(u) instead."
+            )
 
     def _energy_and_force(self, x: Array, out: Array | None = None) -> tuple[float, Array]:
         force = np.zeros(x.shape, dtype=self.dtype) if out is None else out

@@ -339,3 +339,21 @@ def test_relative_paths_are_relative_to_the_scene(tmp_path, monkeypatch):
     )
     again = Scene.read(tmp_path / "there" / "arch" / "resolved.toml")
     assert again.system().mesh.nt == 240
+
+
+@pytest.mark.parametrize("law", ["corotated'\nrotation = 'vertex", "invertible-stvk'\nextend = 'stress"])
+def test_an_energy_that_does_not_exist_is_a_dash_wherever_a_scene_lists_it(tmp_path, capsys, law):
+    """In the summary it is null; what expects it is refused before the analysis."""
+    parts = [MOTION, 'plots = ["ledger"]\n'.join([FOLLOWED, "[expect]\n"])]
+    path = scene(tmp_path, *parts, "energy.closure = { value = 0, atol = 1 }\n")
+    path.write_text(path.read_text().replace('"stvk"', f"'{law}'"))
+    assert main(["solve", str(path)]) == 0
+    assert "J   strain -   total -   closure" in capsys.readouterr().out
+    results = json.loads((tmp_path / "beam" / "summary.json").read_text())["results"]
+    assert [name for name, value in results.items() if value is None] == ["energy.strain", "energy.total"]
+    page = (tmp_path / "beam" / "report.html").read_text()
+    assert all(f'<td>energy.{name}</td><td class="n">-</td>' in page for name in ("strain", "total"))
+    assert 'class="failed"' not in page and (tmp_path / "beam" / "plot-ledger.png").is_file()
+    path.write_text(path.read_text().replace("energy.closure", "energy.total"))
+    assert main(["solve", str(path), "--force"]) == 2
+    assert "expect.energy.total" in (said := capsys.readouterr().err) and " 0 has no energy" in said

@@ -297,3 +297,11 @@ def test_a_process_that_crashes_takes_no_other_run_with_it(tmp_path, started):
     assert process.returncode == 1 and "Traceback" not in err, printed + err
     assert [row["exit_code"] for row in rows] == ["0", "", "0"]
     assert rows[1]["status"] == "crashed" and "--set 'analysis.until=100.0'" in rows[1]["message"]
+
+
+def test_an_energy_that_does_not_exist_has_an_empty_cell(tmp_path):
+    path = scene(tmp_path, STATIC)
+    path.write_text(path.read_text().replace('"stvk"', '"corotated"'))
+    code = main(["sweep", str(path), "--set", 'terms[0].rotation="element","vertex"', "--jobs", "1", "--quiet"])
+    (own, at_vertices) = table(tmp_path / "beam-sweep")
+    assert code == 0 and float(own["energy.strain"]) > 0 and at_vertices["energy.strain"] == ""

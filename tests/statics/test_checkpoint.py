@@ -9,10 +9,10 @@ import time
 import meshio
 import numpy as np
 import pytest
-from scenes import bent, block, column
+from scenes import beam, bent, block, column
 from test_arc_length import bar
 
-from skfem_stvk import Gravity, NodalLoad, Stop, StVK, System, Traction, solve_static
+from skfem_stvk import Corotated, Gravity, InvertibleStVK, NodalLoad, Stop, StVK, System, Traction, solve_static
 from skfem_stvk.errors import StvkError
 from skfem_stvk.linear import AmgCg, SuperLU
 from skfem_stvk.nonlinear.stopwatch import Stopwatch
@@ -456,3 +456,17 @@ def test_files_of_a_path_that_turns_back_are_in_its_order(tmp_path):
     solve_static(bar(), steps=20, method="arc-length", stop=Stop(turns=1), save=tmp_path / "bar.pvd", quiet=True)
     times = [float(item.attrib["timestep"]) for item in ET.parse(tmp_path / "bar.pvd").iter("DataSet")]
     assert times == list(range(1, len(times) + 1))
+
+
+@pytest.mark.parametrize("law", [{"rotation": "vertex"}, {"extend": "stress"}])
+def test_a_path_of_a_body_without_an_energy_is_resumed(tmp_path, law):
+    mesh, kind = beam(1), Corotated if "rotation" in law else InvertibleStVK
+    half, others = np.arange(0, mesh.nt, 2), np.arange(1, mesh.nt, 2)
+    terms = [kind(young=1e4, poisson=0.3, region=half, **law), StVK(young=1e4, poisson=0.3, region=others)]
+    system = System(mesh, [*terms, Traction("tip", (3.0, -2.0, -4.0))], fixed={"wall": "xyz"})
+    first = solve_static(system, 3, checkpoint=tmp_path / "path", quiet=True)
+    again = solve_static(system, 3, checkpoint=tmp_path / "path", resume=True, quiet=True)
+    listed = first.energies()
+    assert np.isnan([step.strain_energy for step in first.history]).all() and len(again.history) == len(first.history) > 1
+    assert np.isnan(listed[f"{kind.__name__} 0"]) and listed["StVK 1"] > 0
+    np.testing.assert_array_equal(again.u, first.u)

@@ -22,6 +22,7 @@ from skfem_stvk import (
     NeoHookean,
     SpringNetwork,
     StVK,
+    StvkError,
     System,
     VolumePenalty,
 )
@@ -267,6 +268,23 @@ def test_force_and_tangent_are_derivatives(name):
             assert slope == pytest.approx(np.vdot(F, v), abs=case.limit * np.abs(F).ravel() @ np.abs(v).ravel())
         assert np.abs(force - Kv).max() < case.limit * np.abs(Kv).max()
         assert (np.abs(K - K.T).max() <= 1e-14 * np.abs(K).max()) == term.symmetric
+
+
+@pytest.mark.parametrize("name", sorted(CASES.keys() - WITH_ENERGY))
+def test_a_system_names_the_term_that_has_no_energy(name):
+    """The bound term returns 0, the system refuses to return one energy and lists NaN."""
+    case = CASES[name]
+    term, others = bound(case), StVK(young=2.0, poisson=0.3).bind(case.mesh)
+    system, own = System(case.mesh, [case.term, StVK(young=2.0, poisson=0.3)]), f"{type(case.term).__name__} 0"
+    for _, x in states(case):
+        u = x.ravel()
+        assert term.energy_and_force(x) == 0 and others.energy_and_force(x) > 1e-3
+        F = (force_of(term, x) + force_of(others, x)).ravel()
+        assert system.internal_force(u) == pytest.approx(F, abs=1e-12 * np.abs(F).max())
+        assert system.energies(u) == pytest.approx({own: np.nan, "StVK 1": others.energy_and_force(x)}, nan_ok=True)
+        for one in (system.energy, system.energy_and_force, system.linearize, system.potential):
+            with pytest.raises(StvkError, match=rf"^{own} has no energy; .*internal_force\(u\) and tangent\(u\)"):
+                one(u)
 
 
 @pytest.mark.parametrize("name", CASES)

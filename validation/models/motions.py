@@ -88,9 +88,8 @@ def _followed(system: System, v: Array, quick: bool) -> Path:
     energy = np.abs(total - total[0]).max() / kinetic
     first = np.linalg.norm(momentum[0])
     spin = np.linalg.norm(momentum - momentum[0], axis=1).max() / first if first > 0 else np.nan
-    has_energy = all(term.has_energy for term in system.bound_terms)
     said = "ended" if run.success else run.status.name.lower()
-    return Path(times, tip, float(energy) if has_energy else np.nan, float(spin), run.u, said)
+    return Path(times, tip, float(energy), float(spin), run.u, said)
 
 
 def off(path: Path, truth: Path) -> float:

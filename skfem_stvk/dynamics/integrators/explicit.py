@@ -75,10 +75,10 @@ class ExplicitStepper:
         state.t = t
 
     def evaluate(self, state: MotionState) -> None:
-        """Evaluate the internal force and the strain energy at the state."""
+        """Evaluate the internal force, and the strain energy of the terms that have one, at the state."""
         with self.watch("assemble"):
             tell(self.motion.system.bound_terms, self.motion.moment(state.t))
-            self.energy, _ = self.motion.system.energy_and_force(state.u, out=self.internal)
+            self.energy = self.motion.energy_and_force(state.u, self.internal)
 
 
 @dataclass(frozen=True)

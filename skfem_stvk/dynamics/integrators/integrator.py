@@ -23,7 +23,7 @@ class Stepper(Protocol):
 
     @property
     def energy(self) -> float:
-        """Strain energy of the last state [J]."""
+        """Strain energy of the last state [J], of the terms that have one."""
 
     @property
     def counts(self) -> Counts:
