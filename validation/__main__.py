@@ -26,6 +26,7 @@ from . import (
     solvers,
     stability,
     statics,
+    threads,
 )
 from .report import catalogue, report
 
@@ -39,6 +40,7 @@ STUDIES: dict[str, tuple[Callable[..., int], tuple[str, ...]]] = {
     "response": (response.main, ("quick",)),
     "rows": (rows.main, ("quick",)),
     "solvers": (solvers.main, ("quick",)),
+    "threads": (threads.main, ("quick",)),
     "statics": (statics.main, ("quick", "only", "out")),
     "hard": (hard.main, ("quick", "only", "out")),
     "stability": (stability.main, ("quick", "only", "out")),

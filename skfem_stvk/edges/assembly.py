@@ -346,6 +346,7 @@ class FramedAssembly(LawAssembly):
         self._frames = frames
         self.at(0.0)
 
+    @in_turn
     def at(self, t: Any) -> None:
         """Turn the frames to where they are at load factor or moment `t`."""
         elements, m = self.elements, 6 + 11

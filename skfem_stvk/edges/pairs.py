@@ -368,14 +368,16 @@ class Coupled:
 
     def __init__(self, term: Any, nv: int, d: int, dtype: DTypeLike) -> None:
         self.term, self._space = term, (nv, d, dtype)
-        self._version, self._pairs = version_of(term), blocks_between(term, *self._space)
+        self._known = version_of(term), blocks_between(term, *self._space)
 
     @property
     def pairs(self) -> PairBlocks:
         """What is made of the blocks."""
-        if version_of(self.term) != self._version:
-            self._version, self._pairs = version_of(self.term), blocks_between(self.term, *self._space)
-        return self._pairs
+        version, (of, pairs) = version_of(self.term), self._known
+        if of != version:
+            pairs = blocks_between(self.term, *self._space)
+            self._known = version, pairs
+        return pairs
 
     def takes(self, term: Any) -> Coupled:
         """This, with another term or load in the place of its own, which couples the same pairs."""

@@ -96,9 +96,10 @@ class ElementRows:
 
     def part(self, places: NDArray[np.int32]) -> PartOfRows:
         """The same for a matrix of the values at these `places` (n,) alone, ascending; that for others is thrown away."""
-        if self._part is None or self._part.places is not places:
-            self._part = PartOfRows(self, places)
-        return self._part
+        part = self._part
+        if part is None or part.places is not places:
+            self._part = part = PartOfRows(self, places)
+        return part
 
     def _made(self, shares: Shares) -> RowPlan:
         elements, pairs, pattern, parts = self._elements, self._elements.edges, self._pattern, shares.parts

@@ -8,10 +8,10 @@ from typing import Any, ClassVar
 import numpy as np
 
 from ..errors import StvkError
-from ..kernels.threads import parts_of, threads
+from ..kernels.threads import in_turn, parts_of, threads
 from .blocks import VertexRows
 from .cg import conjugate_gradients, dot
-from .checks import Newest, check_kind, checked_right, checked_unknowns, checked_values, handed_out
+from .checks import Newest, by_newest, check_kind, checked_right, checked_unknowns, checked_values, handed_out
 from .multigrid import SINGLE, Hierarchy, Level
 from .solver import Kind, Solution, Unknowns, Vector, structure_of
 
@@ -62,6 +62,7 @@ class AmgAnalysis:
 
     def __init__(self, solver: AmgCg, unknowns: Unknowns) -> None:
         self._solver, self._unknowns, self._newest = solver, unknowns, Newest()
+        self._turn = self._newest.turn
         if unknowns.near_null_space is None:
             raise StvkError("The unknowns have no near_null_space; multigrid expects a function that gives the rigid motions.")
         self.rows = VertexRows(unknowns)
@@ -73,6 +74,7 @@ class AmgAnalysis:
         self.hierarchy: Hierarchy | None = None
         self._pace = _Pace()
 
+    @in_turn
     def factorise(self, K: Any, kind: Kind) -> AmgFactors:
         """Fill all levels; build a hierarchy if there is none, or if the last one has become slow."""
         check_kind(self._solver, kind)
@@ -99,9 +101,9 @@ class AmgFactors:
         self._single = np.empty_like(analysis.finest.x)
         self._product = np.empty(len(self._single))
 
+    @by_newest
     def solve(self, b: Vector, rtol: float = 1e-10, x0: Vector | None = None, out: Vector | None = None) -> Solution:
         """Solve by conjugate gradients, with a product in double precision and a cycle in single per iteration."""
-        self._newest.check(self._number)
         rows = self._analysis.rows
         b, rtol, x0 = checked_right(b, rows.n, rtol, x0, out)
         b = rows.padded(b)

@@ -13,10 +13,10 @@ from ..arguments import flag, shown
 from ..errors import StateError, StvkError, name_ids
 from ..kernels.cg import fill_edges
 from ..kernels.sparse import invert_diagonal, multiply_diagonal
-from ..kernels.threads import parts_of, run, threads
+from ..kernels.threads import in_turn, parts_of, run, threads
 from .blocks import BlockStructure, VertexRows
 from .cg import MOST, EdgeCg, EdgeFactors, conjugate_gradients
-from .checks import Newest, check_kind, checked_right, checked_unknowns, checked_values, handed_out
+from .checks import Newest, by_newest, check_kind, checked_right, checked_unknowns, checked_values, handed_out
 from .solver import EdgeBlocks, Kind, LinearSolver, Operator, Solution, Unknowns, Vector
 
 
@@ -76,12 +76,14 @@ class BlockJacobiAnalysis:
 
     def __init__(self, solver: BlockJacobiCg, unknowns: Unknowns) -> None:
         self._solver, self._unknowns, self.n, self._newest = solver, unknowns, unknowns.n, Newest()
+        self._turn = self._newest.turn
         self._vertices, row = np.unique(unknowns.vertex, return_inverse=True)
         self._row, self._component = row.ravel(), unknowns.component
         self.places = 3 * self._row + self._component
         self._edges: NDArray[np.integer[Any]] | None = None
         self._search: EdgeCg | None = None
 
+    @in_turn
     def factorise(self, K: Operator, kind: Kind) -> BlockJacobiFactors | EdgeFactors:
         """Invert the diagonal blocks. K itself is not copied: it must stay as it is while the factors are used."""
         check_kind(self._solver, kind)
@@ -133,13 +135,14 @@ class BlockJacobiFactors:
         self._padded, self._out = np.zeros(len(inverse) // 3), np.empty(len(inverse) // 3)
         self._parts: NDArray[np.int64] = parts_of(len(inverse) // 9, 1, threads())
 
+    @by_newest
     def solve(self, b: Vector, rtol: float = 1e-10, x0: Vector | None = None, out: Vector | None = None) -> Solution:
         """Solve by conjugate gradients, with one product per iteration."""
-        self._newest.check(self._number)
         n = self._analysis.n
         b, rtol, x0 = checked_right(b, n, rtol, x0, out)
         return handed_out(conjugate_gradients(self._multiply, self.precondition, b, rtol, MOST, x0), out)
 
+    @by_newest
     def precondition(self, r: Vector) -> Vector:
         """(n,) the inverses of the diagonal blocks times `r`."""
         self._padded[self._analysis.places] = r
@@ -155,12 +158,14 @@ class AssembledAnalysis:
 
     def __init__(self, solver: LinearSolver, unknowns: Unknowns, omega: float) -> None:
         self._solver, self._unknowns, self._newest = solver, unknowns, Newest()
+        self._turn = self._newest.turn
         self._rows = VertexRows(unknowns)
         self._above = BlockStructure.of(triu(self._rows.graph, 1, format="csr"))
         edges = np.stack([self._above.row_of_each(), self._above.columns], axis=1)
         self._blocks = self._above.room()
         self._search = EdgeCg(edges, self._rows.vertices, self._rows.places, assembled=True, omega=omega)
 
+    @in_turn
     def factorise(self, K: Any, kind: Kind) -> EdgeFactors:
         """Copy the values, and invert the diagonal blocks."""
         check_kind(self._solver, kind)

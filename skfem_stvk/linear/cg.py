@@ -16,7 +16,7 @@ from ..kernels import cg as kernels
 from ..kernels import sparse as products
 from ..kernels.compiled import Ids
 from ..kernels.threads import parts_of, run, threads
-from .checks import Newest, checked_right, handed_out
+from .checks import Newest, by_newest, checked_right, handed_out
 from .solver import Outcome, Solution, Vector
 
 Map = Callable[[Vector], Vector]
@@ -249,12 +249,13 @@ class EdgeFactors:
         self._search, self._n = search, n
         self._newest, self._number = newest, newest.next()
 
+    @by_newest
     def solve(self, b: Vector, rtol: float = 1e-10, x0: Vector | None = None, out: Vector | None = None) -> Solution:
         """Solve by conjugate gradients, all compiled."""
-        self._newest.check(self._number)
         b, rtol, x0 = checked_right(b, self._n, rtol, x0, out)
         return handed_out(self._search.solve(b, rtol, MOST, x0, out), out)
 
+    @by_newest
     def precondition(self, r: Vector) -> Vector:
         """The preconditioned residual `M^-1 r` (n,); with `omega = 0` the inverse diagonal blocks times `r`."""
         return self._search.precondition(r)

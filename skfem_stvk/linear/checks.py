@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Any
+from functools import wraps
+from typing import Any, TypeVar, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,14 +13,17 @@ from scipy.sparse import csr_matrix
 
 from ..arguments import number, shown, vector
 from ..errors import StateError, StvkError, name_ids
+from ..kernels.threads import Turn
 from .solver import Kind, LinearSolver, Outcome, Solution, Unknowns, Vector, structure_of
+
+Method = TypeVar("Method", bound=Callable[..., Any])
 
 
 class Newest:
-    """The number of the factors that an analysis made last: only those may solve."""
+    """The number of the factors that an analysis made last: only those may solve. Python threads take `turn`s."""
 
     def __init__(self) -> None:
-        self._number = 0
+        self._number, self.turn = 0, Turn()
 
     def next(self) -> int:
         """A number for new factors, which makes all others stale."""
@@ -33,6 +37,18 @@ class Newest:
                 "These factors are stale: their analysis has factorised another matrix since. Solve with what factorise() "
                 "returned last, or analyse once more for a second set of factors."
             )
+
+
+def by_newest(method: Method) -> Method:
+    """A method of factors that waits for its turn, and refuses if they are not the newest."""
+
+    @wraps(method)
+    def waiting(self: Any, *arguments: Any, **named: Any) -> Any:
+        with self._newest.turn:
+            self._newest.check(self._number)
+            return method(self, *arguments, **named)
+
+    return cast(Method, waiting)
 
 
 def checked_kind(kind: Any) -> None:

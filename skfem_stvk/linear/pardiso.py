@@ -17,7 +17,8 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_matrix
 
 from ..errors import StvkError, name_ids
-from .checks import Newest, check_kind, checked_right, checked_unknowns, checked_values, handed_out, solve_checked
+from ..kernels.threads import in_turn
+from .checks import Newest, by_newest, check_kind, checked_right, checked_unknowns, checked_values, handed_out, solve_checked
 from .solver import Kind, Outcome, Solution, Unknowns, Vector
 
 SYMMETRIC, GENERAL = -2, 11  # mtype
@@ -78,9 +79,11 @@ class PardisoAnalysis:
 
     def __init__(self, solver: Pardiso, unknowns: Unknowns) -> None:
         self._solver, self._unknowns, self._newest = solver, unknowns, Newest()
+        self._turn = self._newest.turn
         self._memory = _Memory(unknowns, SYMMETRIC)
         self._memory.call(ANALYSE)
 
+    @in_turn
     def factorise(self, K: Any, kind: Kind) -> PardisoFactors:
         """Factorise in the order of elimination that there is.
 
@@ -124,17 +127,17 @@ class PardisoFactors:
         """The number of negative eigenvalues; None where pivots were perturbed, for their signs say nothing."""
         return self._negative
 
+    @by_newest
     def solve(self, b: Vector, rtol: float = 1e-10, x0: Vector | None = None, out: Vector | None = None) -> Solution:
         """Solve with the factors, and refine as often as the residual asks for; `x0` is not needed."""
-        self._newest.check(self._number)
         b, rtol, _ = checked_right(b, self._memory.n, rtol, x0, out)
         if not self._exact:
             return handed_out(Solution.none(b, Outcome.SINGULAR), out)
         return handed_out(solve_checked(self._memory.product, self._memory.solve, b, rtol), out)
 
+    @by_newest
     def solve_many(self, B: Vector) -> Vector:
         """Solutions (n, m) for the columns of B (n, m), not refined, NaN if K is singular: ten times as fast as one by one."""
-        self._newest.check(self._number)
         return self._memory.solve(np.asfortranarray(B)) if self._exact else np.full(B.shape, np.nan)
 
 

@@ -11,7 +11,7 @@ from scipy.sparse import csc_matrix, csr_matrix
 from scipy.sparse.csgraph import connected_components
 from scipy.sparse.linalg import splu
 
-from .checks import Newest, check_kind, checked_right, checked_unknowns, checked_values, handed_out, solve_checked
+from .checks import Newest, by_newest, check_kind, checked_right, checked_unknowns, checked_values, handed_out, solve_checked
 from .solver import Kind, Outcome, Solution, Unknowns, Vector
 
 #: A diagonal entry is the pivot unless it is smaller than this part of the largest of its column.
@@ -90,18 +90,18 @@ class SuperLUFactors:
         exchanges = sum(len(order) - _cycles(order) for order in (lu.perm_r, lu.perm_c))
         return bool((int((lu.U.diagonal() < 0).sum()) + exchanges) % 2)
 
+    @by_newest
     def solve(self, b: Vector, rtol: float = 1e-10, x0: Vector | None = None, out: Vector | None = None) -> Solution:
         """Solve with the factors, and refine as often as the residual asks for; `x0` is not needed."""
-        self._newest.check(self._number)
         b, rtol, _ = checked_right(b, self._transpose.shape[0], rtol, x0, out)
         if self._lu is None:
             return handed_out(Solution.none(b, Outcome.SINGULAR), out)
         lu, K = self._lu, self._transpose.T
         return handed_out(solve_checked(lambda x: K @ x, lambda r: lu.solve(r, trans="T"), b, rtol), out)
 
+    @by_newest
     def solve_many(self, B: Vector) -> Vector:
         """Solutions (n, m) for the columns of B (n, m), not refined, NaN if K is singular."""
-        self._newest.check(self._number)
         return np.full(B.shape, np.nan) if self._lu is None else np.asarray(self._lu.solve(B, trans="T"))
 
 

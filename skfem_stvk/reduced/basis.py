@@ -115,7 +115,7 @@ class Lifts:
         self._body, self.fields = body, fields
         self.held = fields[body.supports.held]
         self._squares = (self.held**2).sum(axis=0)
-        self._last: tuple[Moment, Array] | None = None
+        self._last: tuple[Moment | bytes | None, Array] = None, np.empty(0)
 
     @classmethod
     def of(cls, body: System, rest: AtRest, times: Sequence[float] | None) -> Lifts:
@@ -148,9 +148,13 @@ class Lifts:
 
     def amounts(self, moment: Moment) -> Array:
         """`s(t)` (l,) [m]; SupportError if what is held then is off the span of the lifts."""
-        if self._last is not None and self._last[0] == moment:
-            return self._last[1]
-        values = self._body.supports.values(moment)
+        supports, (key, s) = self._body.supports, self._last  # read once, since other threads write it
+        if supports.steady and key == moment:
+            return s
+        values = supports.values(moment)  # functions may depend on more than time
+        wanted = moment if supports.steady else values.tobytes()
+        if key == wanted:
+            return s
         s = self.amounts_of(values)
         off = np.abs(values - self.held @ s).max(initial=0.0)
         if off > EXACT * np.abs(values).max(initial=0.0):
@@ -158,7 +162,7 @@ class Lifts:
                 f"Prescribed displacements at t = {moment.time:g} are off the span of the lifts by {off:.3g}; expected a motion "
                 "that was seen when the reduced body was made. Make it with times= that include this one."
             )
-        self._last = moment, s
+        self._last = wanted, s
         return s
 
     def amounts_of(self, held: Array) -> Array:

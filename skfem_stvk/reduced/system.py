@@ -14,7 +14,7 @@ from ..arguments import Array, array, flag, number, shown, whole
 from ..arguments import path as path_of
 from ..dynamics.damping import Damping
 from ..errors import StvkError
-from ..kernels.threads import Turn
+from ..kernels.threads import Turn, in_turn
 from ..mesh.displacements import finite_vector
 from ..nonlinear.progress import Progress, duration
 from ..nonlinear.stopwatch import Stopwatch
@@ -208,7 +208,7 @@ class ReducedSystem:
 
     def amounts(self, t: Time = 1.0) -> Array:
         """`s(t)` (l,) [m] of the lifts. SupportError if what is held at `t` is off their span."""
-        return self._lifts.amounts(Moment.checked(t))
+        return self._lifts.amounts(Moment.checked(t)).copy()
 
     def energy(self, q: ArrayLike, t: Time = 1.0) -> float:
         """Strain energy `W` [J] at the unknowns `q` (r,).
@@ -261,11 +261,11 @@ class ReducedSystem:
         direction[: self.size] = finite_vector("v", v, self.size, "unknown")
         return self.energy_along_states(self.unknowns(q, t), direction)
 
+    @in_turn
     def energy_along_states(self, z: Array, v: Array) -> NDArray[np.float64]:
         """As `energy_along`, along `z + s v` of all amounts `(q, s)`, (r + l,) both."""
         x, y = np.concatenate([[1.0], z]), np.concatenate([[0.0], v])
-        with self._turn:
-            c = self._quartic.along(x, y)
+        c = self._quartic.along(x, y)
         refuse_overflow(c, "W along a line", z)
         return c
 
@@ -349,15 +349,14 @@ class ReducedSystem:
         """W, `dW/dz` (r + l,) and `d2W/dz2` (r + l, r + l) at all amounts `z = (q, s)`; read only. Errors as in `energy`."""
         return self._response(finite_vector("z", z, self.columns.shape[1], "amount"))
 
+    @in_turn
     def _response(self, z: Array) -> tuple[float, Array, Array]:
-        """As `response`; what was asked for last is kept."""
-        if self._at is not None and np.array_equal(self._at[0], z):
-            return self._at[1]
+        """As `response`; the result for the last `z` is kept. Python threads take turns: the parts have arrays to work in."""
         if self.body.removals != self._removals:
             raise StvkError("The body has lost elements since it was reduced; expected the same body. Reduce it anew.")
-        x = np.concatenate([[1.0], z])
-        with self._turn:
-            W, G, H = self._quartic.linearize(x)
+        if self._at is not None and np.array_equal(self._at[0], z):
+            return self._at[1]
+        W, G, H = self._quartic.linearize(np.concatenate([[1.0], z]))
         F, K = G[1:], H[1:, 1:]
         for part in self._others:
             more, f, k = part.linearize(z)

@@ -63,7 +63,6 @@ class Mass(ABC):
         mesh = body.mesh
         self._d, self._system, self._word = mesh.d, system, mesh.word
         self._body, self._held = body, held
-        self._version = 0
         self.follow()
 
     def follow(self) -> None:
@@ -72,7 +71,7 @@ class Mass(ABC):
         is_free = np.ones(self.vertex.size * self._d, dtype=bool)
         is_free[self._held] = False
         self._free = is_free.reshape(-1, self._d) & ~self._body.bare[:, None]
-        self._places: NDArray[np.intp] | None = None
+        self._places: tuple[int, NDArray[np.intp]] | None = None
         self._part: tuple[NDArray[np.int32], NDArray[np.intp], Array] | None = None
         self._refuse_bare()
 
@@ -109,7 +108,7 @@ class Mass(ABC):
 
     def memory(self) -> int:
         """Bytes of its arrays."""
-        return sum(value.nbytes for value in vars(self).values() if isinstance(value, np.ndarray))
+        return nbytes([value for value in (*vars(self).values(), *(self._places or ())) if isinstance(value, np.ndarray)])
 
     def add_to(self, K: csr_matrix, factor: float, free: FreeDofs | None = None) -> None:
         """Add `factor` M to a K of the system, in place, or to one over the `free` degrees of freedom.
@@ -125,20 +124,21 @@ class Mass(ABC):
             K.data[places] += number("factor", factor, "a finite number") * values
             return
         free.structure.refuse_other(K)
-        if self._part is None or self._part[0] is not free.places:
+        part = self._part
+        if part is None or part[0] is not free.places:
             at = np.minimum(np.searchsorted(free.places, places), len(free.places) - 1)
             there = free.places[at] == places
-            self._part = free.places, at[there], np.broadcast_to(values, places.shape)[there]
-        _, places, values = self._part
+            self._part = part = free.places, at[there], np.broadcast_to(values, places.shape)[there]
+        _, places, values = part
         K.data[places] += number("factor", factor, "a finite number") * values
 
     def _diagonals(self, a: NDArray[np.int32], b: NDArray[np.int32]) -> NDArray[np.intp]:
         """(n, d) places of the diagonals of blocks `(a, b)` in the values of K, worked out once for each version of its pattern."""
-        pattern = self._system.pattern
-        if self._places is None or self._version != pattern.version:
+        pattern, known = self._system.pattern, self._places
+        if known is None or known[0] != pattern.version:
             first, steps = pattern.places(a, b), np.arange(self._d)
-            self._places, self._version = first[:, None] + steps * (pattern.strides[a][:, None] + 1), pattern.version
-        return self._places
+            self._places = known = pattern.version, first[:, None] + steps * (pattern.strides[a][:, None] + 1)
+        return known[1]
 
     def _vector(self, name: str, given: Any) -> Array:
         """(ndofs,) finite numbers in double precision."""

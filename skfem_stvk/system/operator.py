@@ -16,7 +16,7 @@ from ..edges import ALL, Tensions
 from ..edges.pairs import PairTerm
 from ..errors import StateError, StvkError
 from ..kernels import blocks as block_kernels
-from ..kernels.threads import parts_of, run, threads
+from ..kernels.threads import Turn, in_turn, parts_of, run, threads
 from ..linear import EdgeBlocks
 from ..mesh.displacements import all_finite
 from .pattern import FreeDofs
@@ -156,8 +156,8 @@ class TangentOperator(LinearOperator):
 class FreeOperator(LinearOperator):
     """The tangent restricted to the degrees of freedom that are free, for solvers that need no matrix.
 
-    It is always that of `tangent`: when that is prepared anew, so is this. The vectors that it works in are made once: it is for
-    one Python thread at a time.
+    It is always that of `tangent`: when that is prepared anew, so is this. Python threads take turns, since the vectors that it
+    works in are made once.
 
     Parameters
     ----------
@@ -180,6 +180,7 @@ class FreeOperator(LinearOperator):
     def __init__(self, tangent: TangentOperator, held: FreeDofs, shift: Array | None = None) -> None:
         self.tangent, self.held, self.shift = tangent, held, shift
         self._all, self._out = (np.zeros(tangent.nodal_shape, dtype=tangent.dtype) for _ in range(2))
+        self._turn = Turn()
         super().__init__(tangent.dtype, (len(held.free), len(held.free)))
 
     def diagonal_blocks(self) -> Array:
@@ -200,6 +201,7 @@ class FreeOperator(LinearOperator):
         """The blocks as in the tangent, with the shift."""
         return self.tangent.by_edges(self.shift)
 
+    @in_turn
     def _matvec(self, v: Array) -> Array:
         if np.iscomplexobj(v):
             return np.asarray(self._matvec(v.real) + 1j * self._matvec(v.imag))

@@ -43,7 +43,8 @@ class Structure:
             return False
         if matrix.data.shape != (self.nnz,) or not matrix.data.flags.c_contiguous or not matrix.data.flags.writeable:
             return False
-        if self._known and self._known[0]() is matrix and self._known[1] is matrix.indices and self._known[2] is matrix.indptr:
+        known = self._known
+        if known and known[0]() is matrix and known[1] is matrix.indices and known[2] is matrix.indptr:
             return True
         fits: bool = np.array_equal(matrix.indptr, self.indptr) and np.array_equal(matrix.indices, self.indices)
         if fits:
@@ -205,10 +206,10 @@ class FreeDofs:
 
     def _restriction(self) -> tuple[Structure, NDArray[np.int32]]:
         """Structure of K over the free degrees of freedom, and where its values stand in those of K: once for each version."""
-        pattern = self._system.pattern
-        if self._known is None or self._known[0] != pattern.version:
-            self._known = pattern.version, *self._restricted(pattern)
-        return self._known[1:]
+        pattern, known = self._system.pattern, self._known
+        if known is None or known[0] != pattern.version:
+            self._known = known = pattern.version, *self._restricted(pattern)
+        return known[1:]
 
     def _restricted(self, pattern: Pattern) -> tuple[Structure, NDArray[np.int32]]:
         free = self.free

@@ -35,6 +35,7 @@ class Supports:
     Attributes
     ----------
     fixed, prescribed, held : degrees of freedom `d * node + component`, ascending; `held` are both.
+    steady : whether all displacements are given by constants, not by functions.
 
     Raises
     ------
@@ -63,6 +64,7 @@ class Supports:
         if len(self.held) == mesh.p.size:
             raise SupportError(f"All {mesh.p.size} degrees of freedom are fixed or prescribed: there is nothing to solve for.")
         self._motions = [(np.searchsorted(self.held, dofs), value) for dofs, value in motions]
+        self.steady = all(value.constant is not None for _, value in self._motions)
         places = np.concatenate([np.empty(0, dtype=np.int64), *(place.ravel() for place, _ in self._motions)])
         self._twice = len(places) > len(self.prescribed)
         for t in (0.0, 1 / 3, 1.0):

@@ -18,7 +18,7 @@ from ..edges.elements import Quadrature, nbytes
 from ..edges.pairs import Coupled, joined, version_of
 from ..elements import HOURGLASS
 from ..errors import LoadError, MeshError, StvkError, warn
-from ..kernels.threads import Turn
+from ..kernels.threads import Turn, in_turn
 from ..mesh import ElementMesh, MeshLike
 from ..mesh.diagnostics import check_mesh, warn_of_flat_elements
 from ..mesh.places import DofsView
@@ -216,6 +216,7 @@ class System(BoundTerms):
         return sum(map(version_of, self._changing))
 
     @property
+    @in_turn
     def pattern(self) -> Pattern:
         """The pattern of all K of this system, unless a term changes which nodes it couples; made when it is first needed."""
         version = self.pattern_version
@@ -225,6 +226,7 @@ class System(BoundTerms):
             self._pattern = Pattern(self.mesh.nv, self.mesh.d, pairs, version)
         return self._pattern
 
+    @in_turn
     def _rows(self) -> tuple[list[Any], list[Rows]]:
         """Where blocks of terms and of loads stand in the values of K, worked out once for each version of the pattern."""
         pattern = self.pattern
@@ -296,18 +298,18 @@ class System(BoundTerms):
         refuse_overflow(force, "F", x)
         return energy, force.ravel(), K
 
+    @in_turn
     def product(self, u: ArrayLike, v: ArrayLike) -> Array:
         """`K(u) v` (ndofs,) [N], without forming K. StateError as in `energy`, for `v` too.
 
         The first product at a `u` prepares what the next ones there use again; they take less time than one with an assembled K.
         """
         x, y = self._state(u), self._state(v, "v").ravel()
-        with self._turn:
-            if self._operator is None:
-                self._operator = self.linear_operator(u)
-            elif not self._operator.is_at(x) or any(isinstance(term, TakesTime) for term in self.bound_terms):
-                self._operator.prepare(u)
-            product = self._operator.matvec(y)
+        if self._operator is None:
+            self._operator = self.linear_operator(u)
+        elif not self._operator.is_at(x) or any(isinstance(term, TakesTime) for term in self.bound_terms):
+            self._operator.prepare(u)
+        product = self._operator.matvec(y)
         refuse_overflow(product, "K v", x)
         return product
 
@@ -324,6 +326,7 @@ class System(BoundTerms):
         """
         return TangentOperator(self.pair_terms, self._state, u, self.dtype, _factors(kept))
 
+    @in_turn
     def external_force(self, u: ArrayLike, t: Time = 1.0) -> Array:
         """Sum of the loads (ndofs,) [N] at displacements `u` and load factor `t`.
 
@@ -350,6 +353,7 @@ class System(BoundTerms):
         x = self._state(u)
         return energy + sum(load.potential(x, moment) for load in self.bound_loads)
 
+    @in_turn
     def residual(self, u: ArrayLike, t: Time = 1.0) -> Array:
         """`F(u) - f_ext(u, t)` (ndofs,) [N]; at rest it vanishes but for the reactions at the supports.
 
@@ -358,6 +362,7 @@ class System(BoundTerms):
         loads = self.external_force(u, t)
         return self.internal_force(u) - loads
 
+    @in_turn
     def jacobian(
         self, u: ArrayLike, t: Time = 1.0, out: csr_matrix | None = None, *, kept: Tensions = ALL, free: FreeDofs | None = None
     ) -> csr_matrix:
@@ -407,6 +412,7 @@ class System(BoundTerms):
         refuse_overflow(sum(energies), "W", x)
         return [energy if term.has_energy else nan for term, energy in zip(self.bound_terms, energies, strict=True)]
 
+    @in_turn
     def mass(self, kind: str = "lumped") -> Mass:
         """The mass of the body by the density of its materials: "lumped" at its nodes, or "consistent" with its shape functions.
 

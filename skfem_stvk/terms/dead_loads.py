@@ -198,7 +198,8 @@ class Nodes:
 class DeadLoad:
     """Values `f(t)` at the nodes of the `spread`, with the potential `-f . u`.
 
-    Those of constants are computed once, others once for each new `t`.
+    Constants are spread once, and values of a function when they differ from those of the call before: the function may depend on
+    more than `t`.
     """
 
     has_potential = dead = True
@@ -207,7 +208,8 @@ class DeadLoad:
         self._at: Any = slice(None) if np.array_equal(spread.vertices, np.arange(mesh.nv)) else spread.vertices
         self._spread, self._value = spread, value
         self._unit = None if value.constant is None else spread.integrate(value.constant)
-        self._known = Moment(1.0, 1.0), self._compute(Moment(1.0, 1.0))
+        self._known: tuple[Any, Values] = None, np.empty(0)
+        self.forces(1.0)
 
     @property
     def steady(self) -> bool:
@@ -216,14 +218,20 @@ class DeadLoad:
 
     def forces(self, t: Time) -> Values:
         """(n, d) forces on its nodes [N]."""
-        moment = Moment.of(t)
-        known = self._known[0]
-        if moment != known and not (self.steady and moment[1:] == known[1:]):
-            self._known = moment, self._compute(moment)
-        return self._known[1]
+        moment, (key, forces) = Moment.of(t), self._known  # read once, since other threads write it
+        values = None if self.steady else self._value.at(moment)
+        wanted = (moment.factor if values is None else values.tobytes(), moment.mass)
+        if key != wanted:
+            forces = self._compute(moment, values)
+            self._known = wanted, forces
+        return forces
 
-    def _compute(self, moment: Moment) -> Values:
-        return self._spread.integrate(self._value.at(moment)) if self._unit is None else moment.factor * self._unit
+    def _compute(self, moment: Moment, values: Values | None) -> Values:
+        """Forces of these values, or of the constants."""
+        if self._unit is not None:
+            return moment.factor * self._unit
+        assert values is not None
+        return self._spread.integrate(values)
 
     def potential(self, u: Array, t: Time) -> float:
         """`-f(t) . u` [J]."""
@@ -245,5 +253,7 @@ class Weight(DeadLoad):
         self._lumped = lumped
         super().__init__(mesh, spread, value)
 
-    def _compute(self, moment: Moment) -> Values:
-        return self._lumped.integrate(self._value.at(moment)) if moment.mass == "lumped" else super()._compute(moment)
+    def _compute(self, moment: Moment, values: Values | None) -> Values:
+        if moment.mass != "lumped":
+            return super()._compute(moment, values)
+        return self._lumped.integrate(self._value.at(moment) if values is None else values)

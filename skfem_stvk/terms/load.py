@@ -112,8 +112,8 @@ class Value:
         if values.shape not in ((*self._shape, 1), wanted):
             hint = " Transpose it: values.T." if values.shape == wanted[::-1] else ""
             raise self._error(f"{self._what}: {source} has shape {values.shape}; expected {self._expected}.{hint}")
-        bad = np.flatnonzero(~np.isfinite(values).all(axis=tuple(range(len(self._shape)))))
-        if len(bad):
+        if not np.isfinite(values).all():
+            bad = np.flatnonzero(~np.isfinite(values).all(axis=tuple(range(len(self._shape)))))
             where = f" in {name_ids(bad, 'entry')}" if values.shape[-1] > 1 else ""
             raise self._error(f"{self._what}: {source} is not finite{where}.")
         return np.array(values)
@@ -161,7 +161,11 @@ def _together(components: Sequence[Any]) -> Array | None:
     """(d, ...) components, each a number or one for each point; None if one is neither."""
     arrays = [real_array(component) for component in components]
     known = [array for array in arrays if array is not None]
+    if not known or len(known) < len(arrays):
+        return None
+    if not any(array.ndim for array in known):  # a tenth of the time
+        return np.array(known)
     try:
-        return np.stack(np.broadcast_arrays(*known)) if known and len(known) == len(arrays) else None
+        return np.stack(np.broadcast_arrays(*known))
     except ValueError:  # of unlike lengths
         return None

@@ -131,6 +131,36 @@ def test_the_energy_along_a_line_is_a_quartic():
         assert abs(np.polynomial.polynomial.polyval(s, c) / reduced.energy(q + s * v, 0.5) - 1) < 1e-13
 
 
+def test_another_prescribed_displacement_counts_at_the_same_time():
+    """It may come from outside, as that of a handle does."""
+    given = [0.1]
+    reduced = reduced_of(cube(prescribed=[(right, {"x": lambda t: t * given[0]})]))
+    q = some_q(reduced)
+    before, s = reduced.energy(q, 0.5), reduced.amounts(0.5)
+    assert reduced.energy(q, 0.5) == before
+    given[0] = -0.3
+    np.testing.assert_allclose(reduced.amounts(0.5), -3 * s, rtol=1e-14)
+    u = reduced.displacements(q, 0.5)
+    assert abs(reduced.energy(q, 0.5) / reduced.body.energy(u) - 1) < 1e-12 and abs(reduced.energy(q, 0.5) / before - 1) > 0.01
+
+
+def test_amounts_can_be_overwritten():
+    reduced = reduced_of(BODIES["pulled"]())
+    s = reduced.amounts(0.5)
+    kept = s.copy()
+    s[:] = np.nan
+    np.testing.assert_array_equal(reduced.amounts(0.5), kept)
+
+
+def test_a_body_that_has_lost_elements_is_refused_at_the_last_unknowns_too():
+    reduced = reduced_of(cube())
+    q = some_q(reduced)
+    reduced.energy(q)
+    reduced.body.remove([5])
+    with pytest.raises(StvkError, match="has lost elements since it was reduced"):
+        reduced.energy(q)
+
+
 def test_a_body_that_can_move_without_strain_is_refused():
     with pytest.raises(SupportError, match="rigid"):
         reduced_of(System(upright(), LAW))

@@ -2,6 +2,7 @@
 
 import multiprocessing
 import os
+import time
 from concurrent.futures import ThreadPoolExecutor
 
 import numba
@@ -12,6 +13,8 @@ from kernels.parts import in_parts
 
 from skfem_stvk import Anisotropic, StVK, System
 from skfem_stvk.kernels import threads as kernel_threads
+from skfem_stvk.system.pattern import Pattern
+from validation.threads import CASES, measure
 
 SOME = ["tetrahedra, two regions", "tetrahedra, anisotropic", "membrane, isotropic", "cable, fibres"]
 needs_two = pytest.mark.skipif(numba.config.NUMBA_NUM_THREADS < 2, reason="this machine has one core")
@@ -148,9 +151,21 @@ def test_preparing_again_with_another_number_leaves_other_operators_alone(n, mon
     assert_close([before], [operator @ v])
 
 
-def test_python_threads_that_share_a_system_take_turns():
-    from concurrent.futures import ThreadPoolExecutor
+def test_threads_that_ask_for_the_pattern_first_get_the_same(monkeypatch):
+    """Degrees of freedom of one system are refused by a system with another pattern."""
 
+    class Slow(Pattern):
+        def __init__(self, *arguments):
+            time.sleep(0.05)
+            super().__init__(*arguments)
+
+    monkeypatch.setattr("skfem_stvk.system.system.Pattern", Slow)
+    body = System(MESHES["tetrahedra"], StVK(young=2.0, poisson=0.3))
+    with ThreadPoolExecutor(4) as pool:
+        assert len({id(found) for found in pool.map(lambda _: body.pattern, range(4))}) == 1
+
+
+def test_python_threads_that_share_a_system_take_turns():
     body = System(MESHES["tetrahedra"], StVK(young=2.0, poisson=0.3))
     states = [state(body.mesh, seed=seed) for seed in range(8)]
     wanted = [(body.energy(u), body.internal_force(u), body.tangent(u).data, body.product(u, u)) for u in states]
@@ -159,3 +174,9 @@ def test_python_threads_that_share_a_system_take_turns():
             found = pool.map(lambda u: (body.energy(u), body.internal_force(u), body.tangent(u).data, body.product(u, u)), states)
             for one, other in zip(wanted, found, strict=True):
                 assert all(np.array_equal(a, b) for a, b in zip(one, other, strict=True))
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_python_threads_that_share_an_object_get_what_one_thread_gets(name):
+    found = measure(CASES[name], 0.3)
+    assert found.calls >= 40 and found.wrong == 0, found
