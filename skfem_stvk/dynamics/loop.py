@@ -200,6 +200,7 @@ class Loop:
             ledger=record.ledger,
             iterations=record.counts.iterations,
             cuts=record.cuts,
+            blow_ups=record.reviews.halvings,
             seconds=record.watch.parts(),
             series=self._outputs.path,
             removed=record.removed,

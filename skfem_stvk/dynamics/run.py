@@ -20,6 +20,7 @@ from ..results.monitors import Finding
 from ..results.reactions import held_vertices
 from ..results.vtu import DEFAULT
 from ..system.protocol import SystemLike
+from .guards import from_nowhere
 from .integrators import Integrator
 from .ledger import Ledger
 from .motion import Motion, last_step
@@ -42,6 +43,7 @@ class Run:
     iterations : of Newton's method, or of the linear solver where a step is one linear solve. Like `cuts` and `seconds` they are of
         the whole motion, also where it was resumed.
     cuts : steps that were made in parts, because no state was found at their end at once.
+    blow_ups : how often the motion blew up, and went on from its last good state with shorter steps.
     seconds : by part: assemble, factor, solve, write (results and checkpoints), other.
     series : the .pvd file, if there is one.
     removed, removed_at : (n,) elements that were taken out, in turn, and when [s]: not a number where that was before the run.
@@ -59,6 +61,7 @@ class Run:
     ledger: Ledger
     iterations: int
     cuts: int
+    blow_ups: int
     seconds: dict[str, float]
     series: Path | None
     removed: NDArray[np.int64]
@@ -73,6 +76,11 @@ class Run:
     def success(self) -> bool:
         """Whether it reached the end in a state with no element inside out."""
         return self.status.success
+
+    @property
+    def gained(self) -> float:
+        """The closure error in the end, as a part of the energy that there was or was given: below zero where the steps lost it."""
+        return from_nowhere(self.ledger)
 
     @cached_property
     def state(self) -> State:

@@ -34,7 +34,7 @@ from .sampled import Sampling, sampled_part
 MOST_MEMORY = 1e9
 #: Files of reduced bodies, and what to do with one that cannot be used.
 FORMAT, REMEDY = ("reduced body of skfem-stvk", 1), "Reduce the body anew: ReducedSystem(body, ...)."
-#: More unknowns, or modes, than that nobody means.
+#: More modes, or sampled elements, than that nobody means; unknowns are limited by memory.
 MOST = 10_000
 
 
@@ -107,11 +107,11 @@ class ReducedSystem:
     ) -> None:
         _refuse_no_system(body)
         size, modes = (
-            whole("size", size, "a number of unknowns", 1, MOST),
-            whole("modes", modes, "a number of modes, or 0", 0, MOST),
+            whole("size", size, "a number of unknowns", 1),
+            whole("modes", modes, f"a number of modes, or 0, at most {MOST}", 0, MOST),
         )
         derivatives, quiet = flag("derivatives", derivatives), flag("quiet", quiet)
-        sampled = whole("sampled", sampled, "a number of elements, or 0 for all", 0, MOST)
+        sampled = whole("sampled", sampled, f"a number of elements, or 0 for all, at most {MOST}", 0, MOST)
         most = number("most_memory", most_memory, "a number of bytes", 0)
         moments = None if times is None else array("times", times, (None,), "a list of times").tolist()
         if moments == []:

@@ -43,7 +43,7 @@ _ENERGIES = tuple(f"energy.{name}" for name in ("kinetic", "potential", "total",
 RESULTS = {
     "static": ("load", *_LAST),
     "arc-length": ("load", *_LAST),
-    "dynamic": ("time", *_ENERGIES, *_LAST),
+    "dynamic": ("time", *_ENERGIES, "energy_gained", "blow_ups", *_LAST),
     "modes": ("modes.rigid", "modes.unstable"),
 }
 #: Results that need an energy of each term.
@@ -98,13 +98,14 @@ class Built:
 
     Attributes
     ----------
-    sections : the scene.
+    sections, source : the scene, and its text with the lines of its keys.
     system : the body, loads and supports.
     probes, reactions : places by name, as `simulate` takes them.
     u0, v0 : (ndofs,) first displacements and velocities; None for none.
     """
 
     sections: SceneTables
+    source: SceneSource
     system: System
     names: Names
     probes: dict[str, Where] = field(default_factory=dict)
@@ -297,8 +298,8 @@ def build(sections: SceneTables, source: SceneSource, mesh: ElementMesh | None =
     """
     complaints = Complaints(source)
     with complaints.at("mesh"):
-        own = [getattr(term, "simplices", None) for term in sections.terms]
-        mesh = sections.mesh.mesh(source.folder, [name for name in own if isinstance(name, str)]) if mesh is None else mesh
+        given = [getattr(term, "simplices", None) for term in sections.terms]
+        mesh = sections.mesh.mesh(source.folder, [name for name in given if isinstance(name, str)]) if mesh is None else mesh
         if sections.mesh.degree is not None:
             mesh = mesh.with_degree(sections.mesh.degree)
     complaints.refuse()
@@ -316,15 +317,18 @@ def build(sections: SceneTables, source: SceneSource, mesh: ElementMesh | None =
             with complaints.at("terms", number):
                 terms.append(term.term(names))
                 _check_poisson(complaints, names, term, terms[-1])
-    fixed, prescribed = [], []
+    fixed: list[Any] = []
+    prescribed: list[Any] = []
     for name, components in sections.fixed.items():
         with complaints.at("fixed", name):
-            fixed.append((names.place(name), components))
-            fixed_dofs(mesh, fixed[-1:])
-    for name, given in sections.prescribed.items():
+            held = names.place(name), components
+            fixed_dofs(mesh, [held])
+            fixed.append(held)
+    for name, motion in sections.prescribed.items():
         with complaints.at("prescribed", name):
-            prescribed.append((names.place(name), _displacements(given)))
-            Supports(mesh, None, prescribed[-1:])
+            moved = names.place(name), _displacements(motion)
+            Supports(mesh, fixed, [*prescribed, moved])
+            prescribed.append(moved)
     complaints.refuse()
     system = None
     with complaints.at(), _naming_terms(complaints, mesh, terms):
@@ -348,7 +352,7 @@ def build(sections: SceneTables, source: SceneSource, mesh: ElementMesh | None =
             v0 = np.tile(_components(sections.initial.velocity, mesh.d), mesh.nv)
             v0[system.supports.held] = 0.0
     complaints.refuse()
-    return Built(sections, system, names, probes, reactions, u0, v0)
+    return Built(sections, source, system, names, probes, reactions, u0, v0)
 
 
 def _check_energies(complaints: Complaints, sections: SceneTables, system: System) -> None:

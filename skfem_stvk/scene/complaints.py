@@ -59,7 +59,9 @@ class Complaints:
         self._found: list[tuple[Loc, str]] = []
 
     def add(self, loc: Sequence[str | int], message: str) -> None:
-        """Complain about a key; the same is said once."""
+        """Complain about a key, in words of a scene (`IN_TOML`); the same is said once."""
+        for said, in_toml in IN_TOML.items():
+            message = message.replace(said, in_toml)
         if (tuple(loc), message) not in self._found:
             self._found.append((tuple(loc), message))
 
@@ -212,6 +214,22 @@ def _no_place(spot: Spot, error: Any, given: Any) -> str:
     words = {"name": "a name, ", "coordinates": "coordinates [x, y, z], "}
     others = "".join(word for tag, word in words.items() if tag in tags)
     return f"got {shown(given)}; expected {others}{'or ' if others else ''}a table with type = one of {_listed(known)}"
+
+
+#: What messages say to programs, and what they say to scenes.
+IN_TOML = {
+    "Fix more components (fixed={place: 'xyz'}), prescribe them, or add an ElasticFoundation.": (
+        'Fix more components ([fixed] place = "xyz"), prescribe them ([prescribed] place = { x = 0.0 }), or add a term of type = '
+        '"elastic-foundation".'
+    ),
+    "or take the vertices out with a predicate.": ('or name other nodes: [places] some = { type = "nodes", ids = [...] }.'),
+    "prescribe a function of t that begins at u0, or begin in an equilibrium: u0=solve_static(...).u.": (
+        'give them a time, such as time = { type = "ramp", until = 0.1 }, or begin in an equilibrium: [initial] file = '
+        '"static.vtu".'
+    ),
+    "Add Gravity(...), or give u0 or v0.": 'Add a term such as type = "gravity", or [initial] velocity = [...] or file = "...".',
+    "Take fewer unknowns, or allow more: most_memory=.": "Take fewer unknowns.",
+}
 
 
 Words = Callable[[Spot, Any, Any], str]

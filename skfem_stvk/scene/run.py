@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import time
 import warnings
 from collections.abc import Callable, Iterator
@@ -13,12 +14,14 @@ import numpy as np
 
 from ..arguments import Array
 from ..dynamics import Modes, Run, modes, simulate
-from ..errors import StvkWarning
+from ..dynamics.loop import WORTH_SAYING
+from ..errors import LoadError, SceneError, StvkError, StvkWarning, SupportError, warn
 from ..mesh.places import vertices_at
 from ..nonlinear.outcome import Interrupted, finishing_steps
 from ..results.reactions import ground_forces_at_rest, held_vertices
 from ..statics import StaticResult, solve_static
 from .build import Built, expectations
+from .complaints import Complaints
 from .folder import Folder
 from .outcome import Curve, Judged, SceneOutcome
 from .schema import SceneTables
@@ -36,11 +39,19 @@ def solve(built: Built, folder: Folder | None = None, *, quiet: bool = False) ->
     Raises
     ------
     StvkError
-        where the analysis refuses what it got. Whether it converged is said by the outcome.
+        where the analysis refuses what it got: a SceneError where a key is to blame. Whether it converged is said by the outcome.
+
+    Warns
+    -----
+    StvkWarning
+        of a motion that blew up on the way, or whose steps gained energy.
     """
     sections, begin = built.sections, time.perf_counter()
     with on_threads(sections.threads), _noted() as noted, finishing_steps():
-        result = _analysed(built, folder, quiet)
+        with _at_its_key(built):
+            result = _analysed(built, folder, quiet)
+        if isinstance(result, Run) and result.success and (result.blow_ups or result.gained > WORTH_SAYING):
+            warn(_gained(result))
     curves = {} if isinstance(result, Modes) else _followed(built, result)
     values = _values(result) | {
         f"{name}.{axis}": float(value)
@@ -70,7 +81,8 @@ def _analysed(built: Built, folder: Folder | None, quiet: bool) -> StaticResult 
     analysis, solver, initial = built.sections.analysis, built.sections.solver, built.sections.initial
     files: dict[str, Any] = {} if folder is None else folder.outlets(built.sections)
     basis, system = built.sections.reduced, built.system
-    body = system if basis is None else basis.of_body(system, quiet)
+    with _at_its_key(built, "reduced"):
+        body = system if basis is None else basis.of_body(system, quiet)
     if basis is not None and not isinstance(analysis, DynamicAnalysis):
         files = {name: value for name, value in files.items() if name not in ("checkpoint", "resume")}  # it begins anew
     try:
@@ -112,6 +124,37 @@ def _analysed(built: Built, folder: Folder | None, quiet: bool) -> StaticResult 
     except Interrupted as interrupted:
         found: StaticResult | Run = interrupted.result
         return found
+
+
+@contextmanager
+def _at_its_key(built: Built, *loc: str) -> Iterator[None]:
+    """Complain about a key of the scene where supports, loads or the table at `loc` are refused."""
+    try:
+        yield
+    except SceneError:
+        raise
+    except StvkError as error:
+        found = re.match(r"(size|modes) = ", str(error))
+        if isinstance(error, SupportError):
+            moved = built.sections.prescribed and not str(error).startswith("Not held")
+            loc = ("prescribed",) if moved else ("fixed",)
+        elif isinstance(error, LoadError):
+            loc = ("terms",)
+        elif loc and found:
+            loc = (*loc, found[1])
+        if not loc:
+            raise
+        complaints = Complaints(built.source)
+        complaints.add(loc, str(error))
+        complaints.refuse()
+
+
+def _gained(run: Run) -> str:
+    """Say what came from nowhere in a motion that reached its end."""
+    times = "once" if run.blow_ups == 1 else f"{run.blow_ups} times"
+    up = f"The motion blew up {times} on the way, and its steps" if run.blow_ups else "The steps"
+    part = f"{'gained' if run.gained > 0 else 'lost'} {abs(run.gained) * 100:.2g} % of the energy"
+    return f"{up} {part}. Take a smaller dt or an implicit integrator. [expect] can limit energy_gained and blow_ups."
 
 
 def _stop(built: Built, analysis: StaticAnalysis | ArcLengthAnalysis) -> Any:
@@ -168,7 +211,8 @@ def _values(result: StaticResult | Run | Modes) -> dict[str, float]:
     if isinstance(result, Run):
         ledger = result.ledger
         energies = {f"energy.{name}": float(ledger[column][-1]) for name, column in ENERGIES.items() if column in ledger}
-        return {"time": result.t, "steps": float(ledger.steps - 1)} | energies | common
+        nowhere = {"energy_gained": result.gained, "blow_ups": float(result.blow_ups)}
+        return {"time": result.t, "steps": float(ledger.steps - 1)} | energies | nowhere | common
     critical = {f"critical.{number}": float(point.t) for number, point in enumerate(result.critical_points)}
     energy = {"energy.strain": float(sum(result.system.elastic_energies(result.u)))}
     return {"load": result.t, "steps": float(len(result.history))} | energy | critical | common

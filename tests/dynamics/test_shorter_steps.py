@@ -26,6 +26,7 @@ def test_a_motion_that_blows_up_goes_on_with_steps_half_as_long(d, scene, make):
     shorter, first = map(float, re.search(ONCE, run.message).groups())
     times, ledger = run.ledger["time"], run.ledger
     assert run.t == times[-1] == 4.0 and shorter == pytest.approx(first / 2, rel=1e-3)
+    assert run.blow_ups == 1 and run.gained == ledger["closure_error"][-1] / guards.energy_given(ledger)
     assert (np.diff(times) > 0).all() and f"in {len(times) - 1} steps" in run.message
     assert run.dt < 1.001 * shorter
     kinetic = run.v @ run.motion.mass.multiply(run.v) / 2

@@ -87,8 +87,8 @@ CASES = [
                 '[[terms]]\ntype = "stvk"\nmaterial = "steel"\nsimplices = "lef"\n\n[[terms]]\ntype = "gravity"',
             )
         ],
-        "scene.toml: terms[1], line 22: StVK 0: simplices = 'lef'; expected (k + 1, n) nodes, or the name of a boundary or of lines; "
-        "known: 'back', 'bottom', 'front', 'left', 'right', 'top'. Did you mean 'left'?",
+        "scene.toml: terms[1], line 22: StVK 0: simplices = 'lef'; expected (k + 1, n) nodes, or the name of a boundary or of "
+        "lines; known: 'back', 'bottom', 'front', 'left', 'right', 'top'. Did you mean 'left'?",
     ),
     Broken(
         "elements of different kinds",
@@ -333,9 +333,9 @@ CASES = [
         "an expectation of nothing",
         [("tip.z", "tpi.z")],
         (
-            "scene.toml: expect.tpi.z, line 47: there is no result 'tpi.z'; known: 'displacement.largest', "
+            "scene.toml: expect.tpi.z, line 47: there is no result 'tpi.z'; known: 'blow_ups', 'displacement.largest', "
             "'energy.closure', 'energy.dissipated', 'energy.external', 'energy.kinetic', 'energy.potential', "
-            "'energy.removed', 'energy.strain', 'energy.total', 'steps', 'time', 'tip.x', 'tip.y', 'tip.z', "
+            "'energy.removed', 'energy.strain', 'energy.total', 'energy_gained', 'steps', 'time', 'tip.x', 'tip.y', 'tip.z', "
             "'volume_ratio.smallest', 'wall.x', 'wall.y', 'wall.z'. Did you mean 'tip.z'?"
         ),
     ),
@@ -358,23 +358,71 @@ CASES = [
         "held and moved",
         [('left = "xyz"', 'left = "xyz"\n\n[prescribed]\nleft = { x = 0.1 }')],
         (
-            "scene.toml: Both fixed and prescribed: x of 9 vertices (0, 1, 2, 15, 16, ...). Places that share an edge "
-            "or a corner? Leave the component out of one of them, or take the vertices out with a predicate."
+            "scene.toml: prescribed.left, line 35: Both fixed and prescribed: x of 9 vertices (0, 1, 2, 15, 16, ...). Places "
+            "that share an edge or a corner? Leave the component out of one of them, or name other nodes: [places] some = { type = "
+            '"nodes", ids = [...] }.'
         ),
+    ),
+    Broken(
+        "moved in two ways",
+        [('left = "xyz"', 'left = "x"\n\n[prescribed]\nright = { y = 0.1 }\ntop = { y = 0.2 }\nback = { x = 0.1 }')],
+        (
+            "scene.toml has 2 errors: prescribed.top, line 36: Prescribed twice, with different displacements at t = 0.333: y of 3 "
+            "vertices (14, 29, 44). Places that share an edge or a corner? Leave the component out of one of them. "
+            "prescribed.back, line 37: Both fixed and prescribed: x of 3 vertices (30, 31, 32). Places that share an edge or a "
+            "corner? Leave the component out of one of them, or name other nodes: [places] some = { type = "
+            '"nodes", ids = [...] }.'
+        ),
+    ),
+    Broken(
+        "moved at once",
+        [('left = "xyz"', 'left = "yz"\n\n[prescribed]\nleft = { x = 0.1 }')],
+        (
+            "scene.toml: prescribed, line 34: 9 vertices (0, 1, 2, 15, 16, ...): at t0 = 0 s the supports hold them up to 0.1 m "
+            "from where u0 has them. In dynamics constants do not ramp: give them a time, such as time = "
+            '{ type = "ramp", until = 0.1 }, or begin in an equilibrium: [initial] file = "static.vtu".'
+        ),
+    ),
+    Broken(
+        "nothing moves it",
+        [
+            (
+                '[[terms]]\ntype = "gravity"\ng = [0, 0, -9.81]\n\n'
+                '[[terms]]\ntype = "traction"\non = "right"\ntraction = [0, 0, -2e6]\n\n',
+                "",
+            )
+        ],
+        (
+            "scene.toml: terms, line 18: Nothing moves the body: no load, nothing prescribed, u0 and v0 zero. Add a term such as "
+            'type = "gravity", or [initial] velocity = [...] or file = "...".'
+        ),
+    ),
+    Broken(
+        "more unknowns than memory",
+        [("[output]", "[reduced]\nsize = 20000\n\n[output]")],
+        (
+            "scene.toml: reduced.size, line 41: size = 20000 needs about 373,456,015,175 MB, 1,000 MB are allowed: there are "
+            "r^4/24 coefficients, six times as many while they are made, and the fields. Take fewer unknowns."
+        ),
+    ),
+    Broken(
+        "more modes than there are",
+        [("[output]", "[reduced]\nmodes = 300\nderivatives = false\n\n[output]")],
+        "scene.toml: reduced.modes, line 41: modes = 300; expected a number from 1 to 108, that of the free degrees of freedom.",
     ),
     Broken(
         "nothing holds it",
         [
             ('type = "dynamic"\nintegrator = "energy-momentum"\ndt = 1e-4\nuntil = 2e-4', 'type = "static"'),
             ('plots = ["tip", "ledger"]', 'plots = ["tip"]'),
-            ('[fixed]\nleft = "xyz"\n\n', ""),
+            ('left = "xyz"', 'left = "x"'),
             ('reactions = { wall = "left" }\n', ""),
         ],
         (
-            "Not held: the body of 45 vertices has 6 rigid modes left, translation along x, translation along y, "
-            "translation along z, rotation about the x axis, rotation about the y axis, rotation about the z axis. Fix "
-            "more components (fixed={place: 'xyz'}), prescribe them, or add an ElasticFoundation. Parts that should "
-            "hold together: merge the vertices of their common faces."
+            "scene.toml: fixed, line 31: Not held: the body of 45 vertices has 3 rigid modes left, translation along y, "
+            "translation along z, rotation about the x axis. Fix more components "
+            '([fixed] place = "xyz"), prescribe them ([prescribed] place = { x = 0.0 }), or add a term of type = '
+            '"elastic-foundation". Parts that should hold together: merge the vertices of their common faces.'
         ),
     ),
     Broken(
