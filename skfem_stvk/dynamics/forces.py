@@ -12,7 +12,7 @@ from ..system import TangentOperator
 from ..system.operator import refuse_overflow
 from ..system.protocol import SystemLike
 from ..system.system import array_to_fill
-from ..terms import BoundLoad, HasDampingForce, HasMeanForce, TakesTime
+from ..terms import BoundLoad, HasDampingForce, HasMeanForce, HasVolume, TakesTime
 from ..terms.load import Moment, Time
 from ..terms.protocols import tell
 
@@ -29,9 +29,8 @@ def add_mean_force(
     w0) R`, `R = 1/4 dzeta' L dzeta >= 0` with `dzeta = zeta(u1) - zeta(u0)`, which is zero for rigid motions.
 
     Laws without edges, such as `NeoHookean`, take a discrete gradient of their energy instead (`kernels.discrete_gradient`), with
-    the same work. A foundation adds `(w0 + w1) K (p - X)` and nothing to R. A term without a mean force, such as a
-    `VolumePenalty`, adds `(w0 + w1)` times its force at `p`, the work of which is the difference of its energies to second order
-    only. Returns R [J].
+    the same work. A term without a mean force, such as a `VolumePenalty`, adds `(w0 + w1)` times its force at `p` and nothing to
+    R. The work of that force is the difference of its energies to second order only, for foundations exactly. Returns R [J].
 
     >>> import skfem
     >>> from skfem_stvk import StVK, System
@@ -92,6 +91,11 @@ def add_secant_damping(system: SystemLike, u0: Array, u1: Array, theta: float, o
 def damping_is_of_edges(system: SystemLike) -> bool:
     """Whether the Gauss-Newton tangent is that of the edges alone, so that `tau K_GN` damps nothing else."""
     return system.dead and all(isinstance(term, HasDampingForce) for term in system.bound_terms)
+
+
+def passes_inversion(system: SystemLike) -> bool:
+    """Return whether all elements have finite forces that push them back where they are inverted."""
+    return all(getattr(term, "passes_inversion", False) for term in system.bound_terms if isinstance(term, HasVolume))
 
 
 def driven(system: SystemLike) -> bool:

@@ -293,6 +293,8 @@ class LawAssembly(ElementTerm):
 class StretchesAssembly(LawAssembly):
     """A law of principal stretches, whose decomposition rounds more than a sum does."""
 
+    passes_inversion = True
+
     def add_round_off(self, u: Array, out: Array) -> None:
         """Add what `add_sizes` does, three times, to `out` (nv, d) [N]: stretches have errors of several eps."""
         sizes = np.zeros(u.shape)

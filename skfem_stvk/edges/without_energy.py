@@ -149,7 +149,7 @@ class StressExtension(WithoutEnergy):
     of : an assembly on the same elements, whose pairs of nodes and volumes these are.
     """
 
-    balanced = True
+    balanced = passes_inversion = True
 
     def __init__(
         self, mesh: ElementMesh, t: NDArray[np.int32], lame: tuple[Array, Array], threshold: float, of: LawAssembly
@@ -205,8 +205,8 @@ class StressExtension(WithoutEnergy):
                     share = np.where(free[..., j], 1.0, (c[..., i] - c[..., j]) / np.where(apart > 0, apart, 1.0))
                     inside = slope[..., 0] + mu[..., 0] * (c[..., i] ** 2 + c[..., i] * c[..., j] + c[..., j] ** 2 - 1)
                     flip = share * inside + (1 - share) * k[..., 0]
-                    both = np.maximum(s[..., i] + s[..., j], np.finfo(float).eps)
-                    twist = (p[..., i] + p[..., j]) / both
+                    both, least = s[..., i] + s[..., j], 64 * np.finfo(float).eps * (1 + s[..., 0])
+                    twist = np.where(both > least, p[..., i] + p[..., j], 0) / np.maximum(both, least)
                     for a, b in ((i, j), (j, i)):
                         T[..., a, b, a, b] += (flip + twist) / 2
                         T[..., a, b, b, a] += (flip - twist) / 2

@@ -369,10 +369,12 @@ def _invertible(law, at, weight, s, e):
 
 @inlined
 def _twist(p, r, s, t, least):
-    """`(p_i + p_j)/(s_i + s_j)`, which has no limit where both stretches vanish."""
+    """Return `(p_i + p_j)/(s_i + s_j)`, or 0 where the sum of stretches is round-off.
+
+    The energy is a cone around such states. The decomposition chooses one side of it, which is straight.
+    """
     both = s + t
-    both = both if both > least else least
-    return (p + r) / both
+    return (p + r) / both if both > least else least - least
 
 
 @by_type(numbers_in, CorotatedLaw, FORMULAS)
@@ -395,7 +397,7 @@ def _stretches_pull(law, at, weight, Q, h, q):
     M = strain(h[0], h[1], h[2], Q[0], Q[1], Q[2], q[0], q[1], q[2])
     u1, u2, u3, v1, v2, v3, s, e = decompose(law.flat, D, Q, q, M)
     w, p, H, (f12, f13, f23) = answer(law, at, weight, s, e)
-    least = D.dtype.type(np.finfo(D.dtype).eps)
+    least = D.dtype.type(64 * np.finfo(D.dtype).eps) * (D.dtype.type(1) + abs(s[0]))
     t12, t13, t23 = (
         _twist(p[0], p[1], s[0], s[1], least),
         _twist(p[0], p[2], s[0], s[2], least),

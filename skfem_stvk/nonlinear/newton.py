@@ -91,7 +91,8 @@ def newton(problem: Problem, u: Array, t: Time, wanted: NewtonOptions) -> tuple[
     full step stretches them first and a line search does not let it. Unless they arrive, at a stable state, with no more than
     `most_inside_out` elements inside out and none that would be flat on the straight way there, it begins anew with the line
     search, which is exact where W is a quartic along any line and loads are dead, a tangent that is positive definite where the
-    exact one gives no descent, and steps that end before elements turn inside out, unless some are already.
+    exact one gives no descent, and steps that end before elements turn inside out, unless some are already. Starts with such
+    elements lie among saddle points, which an indefinite tangent leads to: the positive definite one leads past them.
     """
     record = Iterations()
     if wanted.full_first:
@@ -132,7 +133,7 @@ class _Descent:
                         record.detail = "K is not positive definite there: the body gives way or buckles"
                         record.detail += ", or it is too ill-conditioned for CG: try solver='superlu'" * problem.iterative
                     return u, End.OUT_OF_ITERATIONS
-                v = self._direction(u, residual, max(forcing, 0.3 * rtol / residual.relative))
+                v = self._direction(u, residual, max(forcing, 0.3 * rtol / residual.relative), tangled)
                 if v is None:
                     return u, End.NO_DESCENT
                 moved = self._moved(u, v, residual, tangled)
@@ -144,11 +145,16 @@ class _Descent:
         except StateError:
             return u, End.OVERFLOW
 
-    def _direction(self, u: Array, residual: Residual, rtol: float) -> Array | None:
-        """Newton's direction, with the first tangent that gives one of descent; for full steps the exact one only."""
+    def _direction(self, u: Array, residual: Residual, rtol: float, tangled: bool) -> Array | None:
+        """Newton's direction, with the first tangent that gives one of descent; for full steps the exact one only.
+
+        With elements inside out, an exact tangent with negative eigenvalues is left out.
+        """
         problem, t, record = self._problem, self._t, self._record
         for tangent in Tangent if self._search else (Tangent.EXACT,):
             factors = problem.factorise(u, t, tangent)
+            if tangled and tangent is Tangent.EXACT and problem.negative_pivots():
+                continue  # it would lead to a saddle point
             solution = problem.solve(factors, -residual.vector, rtol)
             if not usable(solution) and tangent is Tangent.EXACT and problem.take_over(u, t):
                 solution = problem.solve(problem.factorise(u, t), -residual.vector, rtol)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import cached_property
 from typing import Any, ClassVar, Protocol
 
 import numpy as np
@@ -17,6 +18,7 @@ from ..nonlinear.problem import Residual, Tangent, dot, norm
 from ..nonlinear.stopwatch import Stopwatch
 from ..results.monitors import named_elements
 from ..system.protocol import SystemLike
+from ..system.round_off import EPS, below, largest_error
 from ..terms.load import Time
 
 #: Loads and reactions below this part of the largest on the path count as this part, as with all coordinates.
@@ -68,6 +70,12 @@ class OnBasis(Protocol):
 
     def load_stiffness_of(self, z: Array, t: Time) -> Array | None:
         """(m, m) `-d loads/dz`, what all loads that follow the body add to the tangent; None if there are none."""
+
+
+def largest_error_on(reduced: OnBasis) -> Array:
+    """Return the bound of `largest_error` on the coordinates (m,) [N m]: that of all nodes, times the fields."""
+    bound: Array = largest_error(reduced.body) @ np.abs(reduced.columns)
+    return bound
 
 
 class DenseFactors:
@@ -223,8 +231,12 @@ class ReducedEquilibrium(DenseProblem):
             return Residual(free, size, max(scale, NOTHING * self.largest))
 
     def round_off(self, u: Array, t: Time) -> float:
-        sums = np.abs(self._response(u)[2]) @ np.abs(u) + np.abs(self.reduced.loads(u, t))
-        return float(np.finfo(float).eps * np.sqrt(len(u))) * norm(sums[self._free])
+        sums = below(self._largest_error, np.abs(self._response(u)[2]) @ np.abs(u)) + np.abs(self.reduced.loads(u, t))
+        return EPS * float(np.sqrt(len(u))) * norm(sums[self._free])
+
+    @cached_property
+    def _largest_error(self) -> Array:
+        return largest_error_on(self.reduced)
 
     def factorise(self, u: Array, t: Time, tangent: Tangent = Tangent.EXACT) -> DenseFactors:
         with self._watch("assemble"):

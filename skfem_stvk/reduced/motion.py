@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import cached_property
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
@@ -18,13 +19,13 @@ from ..errors import StateError, StvkError
 from ..linear.choose import is_auto
 from ..nonlinear.problem import SQUARES, Residual, Tangent, dot, norm
 from ..nonlinear.stopwatch import Stopwatch
+from ..system.round_off import EPS, below
 from ..terms.load import Moment, Time
 from .basis import AtRest
-from .equilibrium import SYMMETRIC, DenseFactors, DenseProblem, OnBasis
+from .equilibrium import SYMMETRIC, DenseFactors, DenseProblem, OnBasis, largest_error_on
 
 #: The points of Gauss at which the force over a step is averaged: exact for a cubic.
 GAUSS = 0.5 - np.sqrt(3) / 6, 0.5 + np.sqrt(3) / 6
-EPS = float(np.finfo(float).eps)
 NO_ELEMENTS: NDArray[np.int64] = np.empty(0, dtype=np.int64)
 
 
@@ -303,8 +304,12 @@ class ReducedStep(DenseProblem):
 
     def round_off(self, w: Array, t: Time) -> float:
         sums = np.abs(self._A) @ np.abs(w) + np.abs(self._offset) + np.abs(self.motion.loads(self._u0 + w, Moment.of(t).time))
-        sums += np.abs(self._K) @ np.abs(self._u0 + w)
+        sums += below(self._largest_error, np.abs(self._K) @ np.abs(self._u0 + w))
         return EPS * _norm(sums[self._free])
+
+    @cached_property
+    def _largest_error(self) -> Array:
+        return largest_error_on(self.reduced)
 
     def factorise(self, w: Array, t: Time, tangent: Tangent = Tangent.EXACT) -> DenseFactors:
         with self._watch("assemble"):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import cached_property
 from typing import Any, Protocol
 
 import numpy as np
@@ -20,6 +21,7 @@ from ..results.monitors import named_elements
 from ..system import FreeOperator
 from ..system.free_tangent import FreeTangent, kind_of
 from ..system.protocol import SystemLike
+from ..system.round_off import EPS, below, largest_error
 from ..terms.load import Time
 
 #: Loads and reactions below this part of the largest on the path count as this part: where they go back to zero, nothing else is
@@ -116,8 +118,12 @@ class Equilibrium:
 
     def round_off(self, u: Array, t: Time) -> float:
         with self._watch("assemble"):
-            sums = self.system.round_off(u) + np.abs(self.system.external_force(u, t))
-            return float(np.finfo(float).eps) * norm(sums[self.free.free])
+            sums = below(self._largest_error, self.system.round_off(u)) + np.abs(self.system.external_force(u, t))
+            return EPS * norm(sums[self.free.free])
+
+    @cached_property
+    def _largest_error(self) -> Array:
+        return largest_error(self.system)
 
     def factorise(self, u: Array, t: Time, tangent: Tangent = Tangent.EXACT) -> Factors:
         if tangent is Tangent.EXACT and self.tangent.lasting is not None:

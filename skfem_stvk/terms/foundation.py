@@ -124,12 +124,6 @@ class Bedding:
         pull = self._pull(V)
         return np.array([np.vdot(U, self._pull(U)) / 2, np.vdot(U, pull), np.vdot(V, pull) / 2, 0.0, 0.0])
 
-    def mean_force(self, u0: Array, u1: Array, weights: tuple[float, float], theta: float, force: Array) -> float:
-        """Add `(w0 + w1) K ((1 - theta) u0 + theta u1)` to `force` (nv, d); unlike weights lose nothing in springs: always 0."""
-        own, after = u0[self.nodes], u1[self.nodes]
-        force[self.nodes] += sum(weights) * self._pull((1 - theta) * own + theta * after)
-        return 0.0
-
     def add_round_off(self, u: Array, out: Array) -> None:
         """Add `|K| |u|`, all that adds up to the force [N], to `out` (nv, d)."""
         out[self.nodes] += self._sizes @ np.abs(u[self.nodes]) * self._k.astype(self._M.dtype)

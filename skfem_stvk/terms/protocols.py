@@ -183,7 +183,11 @@ class Grounded(Protocol):
 
 @runtime_checkable
 class HasVolume(Protocol):
-    """A term with elements that can turn inside out; its specification has their `region`."""
+    """A term with elements that can turn inside out; its specification has their `region`.
+
+    Where its forces are finite in inverted elements and push them back, `passes_inversion` is True, and motions may pass through
+    such states.
+    """
 
     def volume_ratios(self, u: Array) -> NDArray[np.float64]:
         """(n,) volume at `u` (nv, d) over that at rest of the region's elements, in their order."""

@@ -308,7 +308,8 @@ def of_stretches(law: Any, energy: Callable[[Any, Reals, Reals], tuple[Reals, Re
         with np.errstate(divide="ignore", invalid="ignore"):
             apart = s[..., i] - s[..., j]
             f = np.where(there[j] & (apart != 0), (p[..., i] - p[..., j]) / apart, 0)  # zero apart are those that fill a block
-            t = (p[..., i] + p[..., j]) / np.maximum(s[..., i] + s[..., j], np.finfo(s.dtype).eps)
+            both, least = s[..., i] + s[..., j], 64 * np.finfo(s.dtype).eps * (1 + np.abs(s[..., :1]))
+            t = np.where(both > least, (p[..., i] + p[..., j]) / both, 0)
         if (positive, negative) != (1, 1):
             H, f = weighed(H, 1, negative), np.where(f > 0, f, negative * f)
             t = np.where(t > 0, positive * t, negative * t)

@@ -16,6 +16,7 @@ from ...nonlinear.stopwatch import Stopwatch
 from ...system.free_tangent import entries_of, with_loads
 from ...system.protocol import SystemLike
 from ...terms.load import Moment
+from ..forces import passes_inversion
 from ..motion import Motion
 from ..record import SLACK, Counts, MotionState
 from ..step_problem import Coefficients, StepProblem, StepTangent, kind_of_step
@@ -95,6 +96,7 @@ class ImplicitStepper:
         self.motion, self.integrator, self.watch = motion, integrator, Stopwatch("write")
         own: StepProblem | None = motion.step_problem(integrator, self.watch)
         self.problem = self._on_mesh() if own is None else own
+        self._most_inside_out = motion.system.mesh.nt if passes_inversion(motion.system) else None
         self.energy, self.counts = 0.0, Counts()
         self.room = np.zeros(motion.n)
 
@@ -118,7 +120,8 @@ class ImplicitStepper:
         h, problem, moment = self.length(state, t), self.problem, self.motion.moment(t)
         problem.begin(state, self.integrator.coefficients(state, h, self))
         w = self.predicted(state, t)
-        w, found, record = self.solve(w, moment, len(problem.inside_out(np.zeros_like(w))))
+        turned = self._most_inside_out or len(problem.inside_out(np.zeros_like(w)))
+        w, found, record = self.solve(w, moment, turned)
         self.counts.iterations += len(record)
         if found:
             raise StepFailed(found)

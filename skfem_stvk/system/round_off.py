@@ -1,0 +1,35 @@
+"""Bounds of rounding errors, above which an estimate says nothing about a residual."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..arguments import Array
+from ..edges.pairs import joined
+from .protocol import SystemLike
+
+EPS = float(np.finfo(float).eps)
+#: The largest rounding error of a force that counts, as a part of the stiffness at rest times an edge. Errors are 1e-10 of it and
+#: less, unless stretches of inverted elements nearly cancel: there the tangent has no bound, and they are 1e-3 to 100 of it.
+MOST = 1e-6
+
+
+def largest_error(system: SystemLike) -> Array:
+    """Return `MOST |K_aa| l_a` (ndofs,) [N], with the tangent K at rest and the longest edge `l_a` of each node.
+
+    Nodes without stiffness at rest get the largest value of all nodes.
+    """
+    p, d, lengths = system.mesh.p, system.mesh.d, np.zeros(system.mesh.nv)
+    for term in system.bound_terms:
+        ends = joined(term)
+        edges = np.linalg.norm(p[:, ends[0]] - p[:, ends[1]], axis=0)
+        for end in ends:
+            np.maximum.at(lengths, end, edges)
+    blocks = system.linear_operator(np.zeros(system.ndofs)).diagonal_blocks()
+    errors = MOST * np.abs(blocks).max(axis=(1, 2)) * lengths
+    return np.repeat(np.where(errors > 0, errors, errors.max(initial=0.0)), d)
+
+
+def below(largest: Array, sums: Array) -> Array:
+    """Return `sums`, which are rounding errors over eps, with 0 in place of entries whose errors are above `largest`."""
+    return np.where(EPS * sums <= largest, sums, 0.0)

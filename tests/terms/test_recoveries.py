@@ -1,0 +1,234 @@
+"""Bodies of principal stretches come back to rest from starts whose elements are inverted or flat, also where stretches cancel."""
+
+import warnings
+
+import numpy as np
+import pytest
+import skfem
+from bodies import MESHES, state
+from reduced.on_bases import OnModes
+
+from skfem_stvk import (
+    BackwardEuler,
+    Corotated,
+    ElementMesh,
+    EnergyMomentum,
+    Gravity,
+    InvertibleStVK,
+    Newmark,
+    NodalLoad,
+    Rayleigh,
+    StVK,
+    StvkWarning,
+    System,
+    Traction,
+    VelocityVerlet,
+    simulate,
+    solve_static,
+)
+from skfem_stvk.dynamics.integrators.implicit import ImplicitStepper
+from skfem_stvk.dynamics.motion import Motion
+from skfem_stvk.dynamics.record import MotionState
+from skfem_stvk.edges import TENSILE
+from skfem_stvk.linear import SuperLU
+from skfem_stvk.nonlinear.problem import norm
+from skfem_stvk.nonlinear.stopwatch import Stopwatch
+from skfem_stvk.statics.equilibrium import Equilibrium
+from skfem_stvk.system.round_off import EPS
+from skfem_stvk.terms.load import Moment
+
+LAWS = {"corotated": Corotated, "invertible": InvertibleStVK}
+FIRST, SECOND, LAST = np.eye(3)
+
+
+def block(n=2):
+    mesh = skfem.MeshTet.init_tensor(*[np.linspace(0, 1, n + 1)] * 3)
+    return ElementMesh.of(mesh.with_boundaries({"left": lambda x: x[0] < 1e-9}))
+
+
+def uneven():
+    """A block of 48 tetrahedra with unequal edges, half of them of negative orientation; its coordinates are exact in binary."""
+    mesh = skfem.MeshTet.init_tensor(np.array([0, 0.375, 1]), np.array([0, 0.4375, 1]), np.array([0, 0.5625, 1]))
+    return ElementMesh.of(mesh.with_boundaries({"left": lambda x: x[0] == 0}))
+
+
+def one_vertex(x, t):
+    """Reflect a vertex within the body through the opposite face of one of its elements."""
+    vertex = int(np.argmin(np.linalg.norm(x - 0.5, axis=1)))
+    element = t[:, (t == vertex).any(axis=0)][:, 0]
+    a, b, c = x[element[element != vertex]]
+    normal = np.cross(b - a, c - a)
+    u = np.zeros(x.shape)
+    u[vertex] = -2 * (x[vertex] - a) @ normal / (normal @ normal) * normal
+    return u
+
+
+#: Displacements (nv, 3) in which whole elements are exactly mirrored or flat, of vertices `x` (nv, 3) and elements `t` (4, nt).
+EXACT = {
+    "mirrored": lambda x, t: -2 * x * FIRST,
+    "mirrored along the wall": lambda x, t: (1 - 2 * x) * SECOND,
+    "mirrored at a point": lambda x, t: -2 * x,
+    "in a plane": lambda x, t: (0.5 - x) * LAST,
+    "on a line": lambda x, t: (0.5 - x) * (SECOND + LAST),
+    "at a point": lambda x, t: 0.5 - x,
+    "one vertex mirrored": one_vertex,
+}
+
+
+def exact(name, mesh):
+    """A start (ndofs,) by name; the face on the left stays where it is."""
+    x = mesh.p.T
+    return (EXACT[name](x, mesh.t) * (x[:, :1] > 0)).ravel()
+
+
+@pytest.mark.parametrize("name", EXACT)
+@pytest.mark.parametrize("law", LAWS)
+def test_bodies_come_back_from_exact_mirrors_planes_lines_and_points_in_statics(law, name):
+    mesh = uneven()
+    young = np.random.default_rng(1).uniform(1e3, 3e3, mesh.nt)
+    body = System(mesh, LAWS[law](young=young, poisson=0.3), fixed={"left": "xyz"})
+    u0 = exact(name, mesh)
+    assert len(body.inside_out(u0)) and np.linalg.norm(body.internal_force(u0)) > 10
+    found = solve_static(body, u0=u0, steps=1, quiet=True)
+    assert found.success and np.abs(found.u).max() < 1e-9
+
+
+@pytest.mark.parametrize(
+    "integrator", [Newmark(0.002), BackwardEuler(0.002), EnergyMomentum(0.002), VelocityVerlet(5e-4)], ids=lambda one: one.name
+)
+@pytest.mark.parametrize("name", ["mirrored", "on a line", "at a point", "one vertex mirrored"])
+@pytest.mark.parametrize("law", LAWS)
+def test_bodies_come_back_from_exact_mirrors_lines_and_points_in_motion(law, name, integrator):
+    mesh = uneven()
+    body = System(mesh, [LAWS[law](young=1e3, poisson=0.3, density=1.0), Gravity((0.0, 0.0, -10.0))], fixed={"left": "xyz"})
+    rest, u0 = solve_static(body, quiet=True).u, exact(name, mesh)
+    assert len(body.inside_out(u0)) and np.abs(u0 - rest).max() > 0.3
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", StvkWarning)  # elements are inside out on the way
+        motion = simulate(body, integrator, until=1.2, u0=u0, damping=Rayleigh(alpha=12.0), quiet=True)
+    assert motion.success and motion.ledger["inside_out"][0] > 0
+    assert np.abs(motion.u - rest).max() < 0.02 * np.abs(u0 - rest).max()
+
+
+def starts(mesh):
+    """All nodes anywhere in the block, and all in its middle plane; those that are held where they are."""
+    rng, x = np.random.default_rng(7), mesh.p.T
+    free = (x[:, 0] > 1e-9)[:, None]
+    yield "random", ((rng.uniform(0, 1, x.shape) - x) * free).ravel()
+    yield "flat", ((0.5 - x) * [0, 0, 1] * free).ravel()
+
+
+@pytest.mark.parametrize("law", LAWS.values())
+def test_bodies_come_back_from_random_and_flat_starts_in_motion(law):
+    mesh = block()
+    for name, u in starts(mesh):
+        body = System(mesh, law(young=1e3, poisson=0.3, density=1.0), fixed={"left": "xyz"})
+        assert len(body.inside_out(u)) > 5, name
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", StvkWarning)  # elements are inside out on the way
+            motion = simulate(body, VelocityVerlet(), until=3.0, u0=u, damping=Rayleigh(alpha=12.0), quiet=True)
+        assert np.abs(motion.u).max() < 1e-3, name
+
+
+@pytest.mark.parametrize("law", LAWS.values())
+def test_bodies_come_back_from_random_and_flat_starts_in_statics(law):
+    mesh = block()
+    for name, u in starts(mesh):
+        body = System(mesh, [law(young=1e3, poisson=0.3), NodalLoad([2], (0.0, 0.0, 0.0))], fixed={"left": "xyz"})
+        assert np.abs(solve_static(body, u0=u, quiet=True).u).max() < 1e-6, name
+
+
+@pytest.mark.parametrize("law", LAWS.values())
+def test_no_random_start_of_linear_elements_ends_inverted_or_at_a_saddle_point(law):
+    """An indefinite tangent leads to saddle points. One of 40 starts ends in another stable equilibrium, folded."""
+    mesh = block()
+    body, back = System(mesh, law(young=1e3, poisson=0.3), fixed={"left": "xyz"}), 0
+    for seed in range(20):
+        u0 = (np.random.default_rng(seed).uniform(-0.5, 1.5, mesh.p.T.shape) - mesh.p.T) * (mesh.p.T[:, :1] > 0)
+        found = solve_static(body, u0=u0.ravel(), steps=1, quiet=True)
+        assert found.success and not len(body.inside_out(found.u)), seed
+        back += np.abs(found.u).max() < 1e-9
+    assert back >= 19
+
+
+@pytest.mark.parametrize("where", ["mirrored", "on a line", "at a point"])
+@pytest.mark.parametrize("name", ["tetrahedra", "triangles", "membrane", "cable"])
+@pytest.mark.parametrize("law", LAWS)
+def test_where_stretches_cancel_the_energy_falls_as_fast_as_the_force_says(law, name, where):
+    """The energy is a cone there: it lies below the plane of the force in all directions. The tangent stays bounded."""
+    mesh = MESHES[name]
+    body, x = System(mesh, LAWS[law](young=2.0, poisson=0.3)), mesh.p.T
+    axes = np.arange(mesh.d)
+    u = {"mirrored": -2 * x * (axes < 1), "on a line": -x * (axes > 0), "at a point": -x}[where].ravel()
+    W, F = body.energy_and_force(u)
+    K, highest = body.tangent(u).toarray(), np.abs(body.tangent(0 * u)).max()
+    lowest = np.linalg.eigvalsh(body.jacobian(u, kept=TENSILE).toarray())[0]
+    assert np.abs(K).max() < 100 * highest and np.abs(K - K.T).max() < 1e-12 * highest and lowest > -1e-12 * highest
+    for seed in range(20):
+        v = state(mesh, seed=seed)
+        h = 1e-6 / np.abs(v).max()
+        assert (body.energy(u + h * v) - W) / h < F @ v + 1e-4 * highest * np.abs(v).sum()
+
+
+FAR = 3000.0
+
+
+def nearly_mirrored(law):
+    """A body far away, and a state in which its elements are mirrored but for 1e-12."""
+    mesh = uneven()
+    body = System(mesh, LAWS[law](young=1e3, poisson=0.3, density=1.0), prescribed={"left": {"x": FAR, "y": 0.0, "z": 0.0}})
+    u = exact("mirrored along the wall", mesh) + 1e-12 * state(mesh) * np.repeat(mesh.p[0] > 0, 3)
+    return body, u + FAR * np.tile(FIRST, mesh.nv)
+
+
+def in_a_step(motion, u):
+    """The equation of a step of Newmark's method that begins at rest in the state `u`."""
+    stepper, start = ImplicitStepper(motion, Newmark(0.1)), MotionState.at(0.0, u, np.zeros(len(u)))
+    stepper.problem.begin(start, stepper.integrator.coefficients(start, 0.1, stepper))
+    return stepper.problem, np.zeros(len(u))
+
+
+#: The equations, and their state at displacements `u`.
+EQUATIONS = {
+    "equilibrium": lambda body, u: (Equilibrium(body, SuperLU(), Stopwatch("write")), u),
+    "step": lambda body, u: in_a_step(Motion(body, "lumped", None), u),
+    "equilibrium on a basis": lambda body, u: (OnModes(body).equilibrium(Stopwatch("write")), OnModes(body).state(u, 1.0)),
+    "step on a basis": lambda body, u: in_a_step(OnModes(body).motion("lumped", None), OnModes(body).state(u, 1.0)),
+}
+
+
+@pytest.mark.parametrize("equation", EQUATIONS)
+@pytest.mark.parametrize("law", LAWS)
+def test_rounding_errors_without_bound_excuse_no_residual(law, equation):
+    """Where stretches nearly cancel, the tangent has no bound, and the estimate for the body exceeds all its forces."""
+    body, u = nearly_mirrored(law)
+    free = body.free_dofs(body.supports.held).free
+    assert EPS * norm(body.round_off(u)[free]) > 5 * norm(body.internal_force(u)[free]) > 100
+    problem, here = EQUATIONS[equation](body, u)
+    moment = Moment(1.0, 1.0)
+    size = problem.residual(here, moment).size  # first, since a basis takes its tangent from there
+    assert problem.round_off(here, moment) < 1e-6 * size
+
+
+@pytest.mark.parametrize("law", LAWS)
+def test_bodies_come_back_where_stretches_nearly_cancel(law):
+    body, u = nearly_mirrored(law)
+    found = solve_static(body, u0=u, steps=1, quiet=True)
+    assert np.abs(found.u - FAR * np.tile(FIRST, body.mesh.nv)).max() < 1e-8
+
+
+@pytest.mark.parametrize("law", [StVK, *LAWS.values()])
+@pytest.mark.parametrize("load", [0.0, 200.0])
+def test_states_without_forces_arrive_although_the_estimate_exceeds_all_forces(load, law):
+    """After a rotation by 2 rad, without loads and with a load that goes back to zero."""
+    mesh = uneven()
+
+    def turned(x, t):
+        c, s = np.cos(2 * t), np.sin(2 * t)
+        return np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]]) @ x - x
+
+    pulled = Traction(lambda x: x[0] == 1, lambda t: (0.0, load * t * (1 - t), 0.0))
+    body = System(mesh, [law(young=1e3, poisson=0.3), pulled], prescribed={"left": turned})
+    found = solve_static(body, steps=8, quiet=True)
+    assert found.success and np.abs(found.u.reshape(-1, 3) - turned(mesh.p, 1.0).T).max() < 1e-9
+    assert EPS * norm(body.round_off(found.u)) > 5 * norm(body.internal_force(found.u))
