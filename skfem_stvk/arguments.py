@@ -24,8 +24,8 @@ from .errors import StateError, StvkError, name_ids, name_known
 #: Numbers in an array, mostly of double precision: docstrings say the shape.
 Array = NDArray[Any]
 
-#: The longest path that systems take.
-LONGEST_PATH = 4096
+#: The longest path that systems take [characters], and the longest name of a file or folder in it [bytes].
+LONGEST_PATH, LONGEST_NAME = 4096, 255
 #: The largest whole number of 64 bits.
 MOST = int(np.iinfo(np.int64).max)
 _SHORT = reprlib.Repr()
@@ -129,7 +129,7 @@ def text(name: str, given: Any, expected: str = "a text", most: int = 1000, erro
 
 
 def path(name: str, given: Any, expected: str = "a path", error: type[StvkError] = StvkError) -> Path:
-    """A path that the system's functions take: not empty, and without NUL.
+    """A path that the system's functions take: not empty, without NUL, and with no name that is too long.
 
     >>> path("save", 3, "the path of a .pvd file")
     Traceback (most recent call last):
@@ -138,7 +138,17 @@ def path(name: str, given: Any, expected: str = "a path", error: type[StvkError]
     text = os.fspath(given) if isinstance(given, str | os.PathLike) else None
     if not isinstance(text, str) or not text.strip() or "\0" in text or len(text) > LONGEST_PATH:
         raise error(f"{name} = {shown(given)}; expected {expected}.")
+    if max((_bytes(part) for part in Path(text).parts), default=0) > LONGEST_NAME:
+        raise error(f"{name} = {shown(given)}; expected {expected}, in which names have at most {LONGEST_NAME} bytes.")
     return Path(text)
+
+
+def _bytes(part: str) -> float:
+    """Number of bytes of a name of a file; infinite if no file can have it."""
+    try:
+        return len(os.fsencode(part))
+    except UnicodeEncodeError:  # half of a pair of surrogates
+        return inf
 
 
 def array(

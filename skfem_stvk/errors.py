@@ -10,6 +10,7 @@ import sys
 import warnings
 from collections.abc import Iterable
 from difflib import get_close_matches
+from heapq import nsmallest
 from pathlib import Path
 
 import numpy as np
@@ -89,15 +90,17 @@ def name_ids(ids: ArrayLike, what: str, most: int = 5) -> str:
     return f"{len(ids)} {what if len(ids) == 1 else plural} ({shown})"
 
 
-def name_known(name: str, known: Iterable[str]) -> str:
-    """The known names, and the one that was probably meant.
+def name_known(name: str, known: Iterable[str], most: int = 100) -> str:
+    """The known names, the first of them if they are many, and the one that was probably meant.
 
     >>> name_known("tpi", ["wall", "tip"])
     "known: 'tip', 'wall'. Did you mean 'tip'?"
     >>> name_known("tip", [])
     'known: none.'
     """
-    names = sorted(known)
-    lower = {other.lower(): other for other in names}
-    near = get_close_matches(name.lower(), lower, n=1)
-    return f"known: {', '.join(map(repr, names)) or 'none'}." + (f" Did you mean {lower[near[0]]!r}?" if near else "")
+    known = list(known)
+    names = nsmallest(most, known)
+    lower = {other.lower(): other for other in names} if len(known) <= most else {}
+    near = get_close_matches(name[:100].lower(), lower, n=1)
+    listed = ", ".join(map(repr, names)) + (f" and {len(known) - most} more" if len(known) > most else "")
+    return f"known: {listed or 'none'}." + (f" Did you mean {lower[near[0]]!r}?" if near else "")

@@ -12,6 +12,7 @@ from typing import Any
 
 from rich.console import Console, RenderableType
 
+from ..arguments import path
 from ..bench import FULL, QUICK, bench, page
 from ..errors import StvkError
 from ..mesh import ElementMesh, embedded_mesh, read_mesh
@@ -244,9 +245,7 @@ def print_line(text: str) -> None:
 
 def refuse_unwritable(name: str) -> None:
     """Before the work, say so if its results could not be written; nothing is made yet."""
-    if not name:
-        raise StvkError("--out is empty; expected the name of a folder, which is made if it is missing.")
-    folder = Path(name)
+    folder = path("--out", name, "the path of a folder, which is made if it is missing")
     nearest = next(parent for parent in (folder.absolute(), *folder.absolute().parents) if parent.exists())
     if not nearest.is_dir():
         raise StvkError(f"--out {folder}: {nearest} is a file; expected a folder, which is made if it is missing.")

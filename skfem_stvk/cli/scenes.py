@@ -71,9 +71,8 @@ def solve(options: argparse.Namespace) -> int:
     if outcome.exit_code == INTERRUPTED:
         settings = [part for one in changed for part in ("--set", one)]
         again = shlex.join(["skfem-stvk", "solve", options.scene, *settings, "--out", str(out), "--resume"])
-        notes.print(
-            f"[yellow]interrupted[/] results so far are in {printable(str(out))}; go on with: {printable(again)}", soft_wrap=True
-        )
+        text = f"{outcome.message.rstrip('.')}. Results so far are in {out}; go on with: {again}"
+        notes.print(f"[yellow]interrupted[/] {printable(text)}", soft_wrap=True)
     return outcome.exit_code
 
 
@@ -83,9 +82,8 @@ def _print(outcome: SceneOutcome) -> None:
     console.print(f"{outcome.status}: {printable(outcome.message)}", soft_wrap=True)
     for one in outcome.judged:
         verdict = "[green]as expected[/]" if one.passed else "[bold red]not as expected[/]"
-        console.print(
-            f"{verdict} {one.name} = {as_printed(one.got)}, expected {one.expected:.9g} within {one.allowed:.3g}", soft_wrap=True
-        )
+        name, got = printable(one.name), as_printed(one.got)
+        console.print(f"{verdict} {name} = {got}, expected {one.expected:.9g} within {one.allowed:.3g}", soft_wrap=True)
     console.print(f"results are in {printable(str(outcome.folder))}", soft_wrap=True)
 
 

@@ -117,6 +117,7 @@ class Loop:
                 stop_if_asked()
         return Status.FINISHED, ""
 
+    @np.errstate(over="ignore", invalid="ignore")  # such a state is refused where it is found
     def _step(self, t: float, whole: bool) -> tuple[Status, str]:
         """Go on to time `t`, with all that belongs to a step; returns how that came out."""
         record, state = self.record, self.record.state

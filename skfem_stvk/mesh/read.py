@@ -6,6 +6,8 @@ from collections.abc import Collection
 from importlib.resources import as_file, files
 from pathlib import Path
 
+from ..arguments import path as checked_path
+from ..errors import MeshError
 from .mesh import ElementMesh, checked_degree
 
 
@@ -52,9 +54,9 @@ def read_mesh(
     from .content import content_of  # meshio is imported only when a file is read
     from .files import load
 
-    path, degree = Path(path), None if degree is None else checked_degree(degree)
-    names = (keep,) if isinstance(keep, str) else keep
-    mesh = ElementMesh.made_of(content_of(load(path), str(path), degree, dimension, names), str(path))
+    file = checked_path("path", path, "the path of a mesh file", MeshError)
+    degree, names = None if degree is None else checked_degree(degree), (keep,) if isinstance(keep, str) else keep
+    mesh = ElementMesh.made_of(content_of(load(file), str(file), degree, dimension, names), str(file))
     return mesh if degree is None else mesh.with_degree(degree)
 
 

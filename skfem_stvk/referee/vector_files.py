@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from ..arguments import Array
 from ..errors import name_known
 from ..npz import NotArrays, arrays_of
-from ..results.files import NotOurs, replacing
+from ..results.files import NotOurs, content_of, replacing
 
 FIRST_LINE = "skfem-stvk vectors 1"
 TYPES = {"real": np.dtype(np.float64), "int": np.dtype(np.int64), "text": np.dtype(str)}
@@ -84,7 +84,7 @@ def _plain(path: Path, name: str, array: Array) -> Array:
 
 
 def _read_text(path: Path, wanted: list[str]) -> dict[str, Array]:
-    lines = path.read_text(encoding="utf-8", errors="replace").splitlines()
+    lines = content_of(path, LARGEST).decode(errors="replace").splitlines()
     if not lines or lines[0].split() != FIRST_LINE.split():
         got = repr(lines[0][:80]) if lines else "an empty file"
         raise NotOurs(f"{path}: the first line is {FIRST_LINE!r}; got {got}. Is it another file, or of another version?")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
@@ -51,6 +52,17 @@ def output_path(path: str | os.PathLike[str], *suffixes: str) -> Path:
     except OSError as error:
         raise StvkError(f"{path} cannot be written: {error.strerror}. Choose another folder, or change its permissions.") from error
     return path
+
+
+def content_of(path: Path, largest: int) -> bytes:
+    """Return the content of a regular file of at most `largest` bytes; raise an OSError for a larger one, a pipe or a device."""
+    if path.exists() and not path.is_file():
+        raise OSError(errno.EINVAL, "it is no regular file")
+    with path.open("rb") as file:
+        content = file.read(largest + 1)
+    if len(content) > largest:
+        raise OSError(errno.EFBIG, f"it has more than {largest} bytes")
+    return content
 
 
 @contextmanager

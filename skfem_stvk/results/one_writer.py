@@ -15,6 +15,7 @@ from weakref import WeakSet
 from filelock import FileLock, SoftFileLock, Timeout
 
 from ..errors import StvkError, warn
+from .files import content_of
 
 #: What systems say where a disk has no locks, such as some network disks.
 NO_LOCKS = (errno.ENOLCK, errno.ENOSYS, errno.EOPNOTSUPP, errno.ENOTSUP)
@@ -96,7 +97,7 @@ class OneWriter:
     def _named(self) -> str:
         """The holder, as far as it has said who it is."""
         try:
-            holder = json.loads(self._holder.read_text())
+            holder = json.loads(content_of(self._holder, 600))
             here = holder["process"] == os.getpid() and holder["host"] == socket.gethostname()
             process = "another run in this process" if here else f"process {int(holder['process'])} on {str(holder['host'])[:99]!r}"
             return f"{process} since {str(holder['since'])[:20]}"

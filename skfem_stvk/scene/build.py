@@ -15,6 +15,7 @@ import numba
 import numpy as np
 
 from ..arguments import Array, shown
+from ..arguments import path as checked_path
 from ..dynamics import Integrator
 from ..dynamics.motion import Motion
 from ..errors import RegionError, StvkError, name_known
@@ -166,13 +167,14 @@ def _check_files(sections: SceneTables, source: SceneSource, complaints: Complai
     for loc, name in files.items():
         if name is None:
             continue
-        path = source.folder / name
-        if not path.is_file():
-            what = "is a folder" if path.is_dir() else "does not exist"
-            there = path.parent.is_dir()
-            near = get_close_matches(path.name, [one.name for one in path.parent.iterdir()] if there else [], n=1)
-            hint = f" Did you mean {near[0]!r}?" if near else "" if there else f" There is no folder {path.parent} either."
-            complaints.add(loc, f"the file {path} {what}; paths are relative to the scene file.{hint}")
+        with complaints.at(*loc):
+            path = checked_path("path", source.folder / name, "the path of a file")
+            if not path.is_file():
+                what = "is a folder" if path.is_dir() else "is no regular file" if path.exists() else "does not exist"
+                there = path.parent.is_dir()
+                near = get_close_matches(path.name, {one.name for one in path.parent.iterdir()} - {path.name} if there else [], n=1)
+                hint = f" Did you mean {near[0]!r}?" if near else "" if there else f" There is no folder {path.parent} either."
+                complaints.add(loc, f"the file {path} {what}; paths are relative to the scene file.{hint}")
 
 
 def _check_materials(sections: SceneTables, source: SceneSource, complaints: Complaints) -> None:
@@ -250,7 +252,7 @@ def _check_reduced(sections: SceneTables, source: SceneSource, complaints: Compl
 def _check_outputs(sections: SceneTables, source: SceneSource, complaints: Complaints) -> None:
     output, dynamic = sections.output, isinstance(sections.analysis, DynamicAnalysis)
     followed = [*output.probes, *output.reactions]
-    for name in sorted({name for name in followed if followed.count(name) > 1}):
+    for name in sorted(output.probes.keys() & output.reactions.keys()):
         complaints.add(("output", "reactions", name), "is the name of a probe as well; rename one of them")
     known = [*followed, "ledger" if dynamic else "path"]
     if isinstance(sections.analysis, ModesAnalysis):
@@ -266,11 +268,13 @@ def _check_outputs(sections: SceneTables, source: SceneSource, complaints: Compl
             find(name)
     for name in ("file", "animation"):
         given = getattr(output, name)
+        with complaints.at("output", name):
+            checked_path("name", f".{given}_0000.part", "the name of a file")  # under which its states are written
         if given is not None and (Path(given).name != given or "\\" in given):
             complaints.add(("output", name), f"{given!r} is no name in the folder of results; give one alone, such as 'body.pvd'")
     if output.animation is not None and not (output.file or "").endswith(".pvd"):
         complaints.add(("output", "animation"), 'shows the states that are saved; add file = "....pvd"')
-    results = [*(f"{name}.{axis}" for name in followed for axis in "xyz"), *RESULTS[sections.analysis.type]]
+    results = {*(f"{name}.{axis}" for name in followed for axis in "xyz"), *RESULTS[sections.analysis.type]}
     for loc, one in expectations(sections.expect).items():
         name = ".".join(loc)
         if name not in results and not NUMBERED.fullmatch(name):

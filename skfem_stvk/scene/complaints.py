@@ -56,14 +56,13 @@ class Complaints:
 
     def __init__(self, source: SceneSource) -> None:
         self._source = source
-        self._found: list[tuple[Loc, str]] = []
+        self._found: dict[tuple[Loc, str], None] = {}
 
     def add(self, loc: Sequence[str | int], message: str) -> None:
         """Complain about a key, in words of a scene (`IN_TOML`); the same is said once."""
         for said, in_toml in IN_TOML.items():
             message = message.replace(said, in_toml)
-        if (tuple(loc), message) not in self._found:
-            self._found.append((tuple(loc), message))
+        self._found[tuple(loc), message] = None
 
     @contextmanager
     def at(self, *loc: str | int) -> Iterator[None]:

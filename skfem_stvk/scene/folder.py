@@ -12,12 +12,12 @@ from math import isnan
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from pydantic import ValidationError
+from pydantic import BaseModel, ValidationError
 
 from ..errors import SceneError, StvkError
 from ..referee.header import machine, versions
-from ..results.files import replacing, try_to_write
-from .outcome import BAD_INPUT, SceneOutcome
+from ..results.files import content_of, replacing, try_to_write
+from .outcome import BAD_INPUT, Judged, SceneOutcome
 from .report import plot_files
 from .schema import SceneTables
 from .schema.analyses import ModesAnalysis
@@ -27,6 +27,20 @@ from .source import SceneSource
 #: Status of a run that was refused before it began, so that nothing is lost where its folder is taken again.
 REFUSED = "refused"
 SUMMARY, RESOLVED, CHECKPOINT = "summary.json", "resolved.toml", "checkpoint"
+#: Bytes of the largest summary that is read.
+LARGEST = 100_000_000
+
+
+class Summary(BaseModel):
+    """Entries of a summary that later commands read."""
+
+    status: str
+    scene_hash: str | None = None
+    exit_code: int | None = None
+    message: str = ""
+    seconds: float | None = None
+    results: dict[str, float | None] = {}
+    expectations: list[Judged] = []
 
 
 class Former(NamedTuple):
@@ -105,12 +119,12 @@ class Folder:
         return found
 
     def summary(self) -> dict[str, Any]:
-        """What is said of the run that wrote the folder; its status is "unknown" if that cannot be read."""
+        """What is said of the run that wrote the folder; a damaged summary has a status that says so."""
         try:
-            said = json.loads((self.path / SUMMARY).read_text(encoding="utf-8"))
-            return said if isinstance(said.get("status"), str) else {"status": "unknown"}
-        except (OSError, ValueError, AttributeError):
-            return {"status": "unknown"}
+            said = json.loads(content_of(self.path / SUMMARY, LARGEST))
+            return dict(Summary.model_validate(said))
+        except (OSError, ValueError, RecursionError):
+            return {"status": "has no readable summary"}
 
     def former(self) -> Former:
         """Return what the folder holds before a run."""
@@ -194,9 +208,9 @@ def hash_of(data: Mapping[str, Any], contents: Iterable[bytes] = ()) -> str:
     return digest.hexdigest()[:16]
 
 
-def _number(value: float) -> float | None:
+def _number(value: float | None) -> float | None:
     """A result as JSON has it; none for one that does not exist."""
-    return None if isnan(value) else value
+    return None if value is None or isnan(value) else value
 
 
 def _now() -> str:

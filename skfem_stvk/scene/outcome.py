@@ -23,7 +23,7 @@ class Judged(NamedTuple):
     """A result beside what was expected."""
 
     name: str  # as `tip.z`
-    got: float
+    got: float | None  # None where it does not exist
     expected: float
     allowed: float  # the largest difference
     passed: bool

@@ -13,13 +13,13 @@ import numba
 import numpy as np
 
 from ..arguments import Array
-from ..dynamics import Modes, Run, modes, simulate
+from ..dynamics import Modes, Run, SimulationError, modes, simulate
 from ..dynamics.loop import WORTH_SAYING
 from ..errors import LoadError, SceneError, StvkError, StvkWarning, SupportError, warn
 from ..mesh.places import vertices_at
 from ..nonlinear.outcome import Interrupted, finishing_steps
 from ..results.reactions import ground_forces_at_rest, held_vertices
-from ..statics import StaticResult, solve_static
+from ..statics import SolveError, StaticResult, solve_static
 from .build import Built, expectations
 from .complaints import Complaints
 from .folder import Folder
@@ -124,6 +124,10 @@ def _analysed(built: Built, folder: Folder | None, quiet: bool) -> StaticResult 
     except Interrupted as interrupted:
         found: StaticResult | Run = interrupted.result
         return found
+    except (SolveError, SimulationError) as error:
+        if not isinstance(error.__cause__, OSError | StvkError):  # a full disk, most often
+            raise
+        return error.result if isinstance(error, SolveError) else error.run
 
 
 @contextmanager

@@ -15,7 +15,8 @@ import tomlkit
 
 from ..arguments import shown
 from ..errors import SceneError, StvkError, name_known
-from .syntax import Loc, lines_of, parsed, path_of, quoted
+from ..results.files import content_of
+from .syntax import DEEPEST, Loc, lines_of, parsed, path_of, quoted, refuse_too_much
 
 #: Files that are larger are no scenes.
 LARGEST = 10_000_000
@@ -52,7 +53,7 @@ class SceneSource:
             raise _not_read(f"There is no file {path}; in its folder are these scenes, {name_known(path.name, near)}")
         try:
             size = path.stat().st_size
-            raw = path.read_bytes() if size <= LARGEST else b"\0"
+            raw = content_of(path, LARGEST) if size <= LARGEST else b"\0"
         except OSError as error:
             raise _not_read(f"{path} cannot be read: {error.strerror}.") from error
         if b"\0" in raw:
@@ -76,6 +77,7 @@ class SceneSource:
     @classmethod
     def of(cls, data: Mapping[str, Any]) -> SceneSource:
         """The source of data from Python, whose inputs are relative to the folder of the process."""
+        refuse_too_much(data, cls.name)
         return cls(deepcopy(dict(data)))
 
     @cached_property
@@ -121,6 +123,8 @@ def setting_of(given: str) -> tuple[Loc, Any]:
             raise _not_set(given, f"{shown(path)} is no key; expected names and [numbers], such as terms[1].g")
         loc.append(int(step["index"]) if step["index"] is not None else step["bare"] or step["quoted"] or step["literal"] or "")
         place = step.end()
+        if len(loc) > DEEPEST:
+            raise _not_set(given, f"the key has more than {DEEPEST} parts")
     try:
         return tuple(loc), parsed(f"value = {text}", given)["value"]
     except SceneError as error:
@@ -172,7 +176,7 @@ def _put(data: dict[str, Any], loc: Loc, value: Any, given: str) -> list[Loc]:
 
 
 def _not_set(given: str, why: str) -> SceneError:
-    return SceneError(f"--set {given}: {why}.", [("", None, why)])
+    return SceneError(f"--set {given[:200]}: {why}.", [("", None, why)])
 
 
 def _not_read(message: str) -> SceneError:

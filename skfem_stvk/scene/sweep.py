@@ -12,6 +12,7 @@ from collections import Counter, deque
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import product
+from math import prod
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -24,7 +25,7 @@ from ..errors import SceneError, StvkError
 from ..kernels.threads import threads
 from ..nonlinear.processes import Crashed, in_processes, is_started_for_work
 from ..referee.terminal import printable
-from ..results.files import replacing
+from ..results.files import content_of, replacing
 from ..results.one_writer import OneWriter
 from .build import expectations
 from .folder import CHECKPOINT, SUMMARY, Folder, hash_of, visible
@@ -41,6 +42,8 @@ TABLE, PLOT = "table.csv", "sweep.png"
 COLUMNS = ("status", "exit_code", "seconds", "folder", "message")
 #: Exit codes of runs that came to an end: they are not solved again unasked.
 ENDED = (DONE, NOT_CONVERGED, NOT_AS_EXPECTED)
+#: Runs of one sweep at most: each has a folder and a line of the table.
+MOST_RUNS = 10_000
 #: A longer name of a folder is cut.
 LONGEST = 120
 #: Results, and lines of each, that a plot holds at most.
@@ -49,6 +52,8 @@ MOST_PANELS, MOST_LINES = 6, 10
 WIDE = 30
 #: Parts of the largest component below which values are the same, and below which a component is zero.
 SAME, ZERO = 1e-9, 1e-6
+#: Bytes of the largest table that is read.
+LARGEST_TABLE = 100_000_000
 #: Results that say how a run went rather than what came of it.
 COUNTED = ("steps", "load", "time", "modes.rigid", "modes.unstable")
 
@@ -145,7 +150,7 @@ def sweep(
             for task, failure in in_processes(_solve, deque(tasks), jobs, each):
                 row = _row(tasks[task], folder, _crashed(task) if isinstance(failure, Crashed) else failure)
                 table.add(row)
-                console.print(f"[{len(rows)}/{len(runs)}] {_in_a_line(row)}", soft_wrap=True, markup=False)
+                console.print(printable(f"[{len(rows)}/{len(runs)}] {_in_a_line(row)}"), soft_wrap=True)
         except KeyboardInterrupt:
             console.print(f"{len(rows)} of {len(runs)} runs are in {printable(str(folder / TABLE))}; the same again does the rest")
             raise
@@ -178,6 +183,8 @@ def planned(
         with all that is wrong in the scene, in the settings and in any of the scenes, each once; or if two are the same.
     """
     axes = axes_of(settings)
+    if (count := prod(len(axis.values) for axis in axes)) > MOST_RUNS:
+        raise SceneError(f"The sweep has {count} runs; expected at most {MOST_RUNS}. Give fewer values, or make several sweeps.")
     source = SceneSource.read(checked_path("path", path, "the path of a scene file such as 'thrown.toml'"))
     combinations = list(product(*(range(len(axis.values)) for axis in axes)))
     wrong: Counter[str] = Counter()
@@ -187,7 +194,6 @@ def planned(
             scenes.append(Scene.read(path, _settings(axes, numbers)))
         except SceneError as error:
             wrong.update(_each(error, source.name))
-    count = len(combinations)
     refuse_all([text + (f" (in {times} of {count} runs)" if times < count else "") for text, times in wrong.items()], source.name)
     names = _names(axes, combinations)
     first: dict[str, str] = {}
@@ -276,8 +282,11 @@ def _open(folder: Path) -> None:
             "Name another, or empty it."
         )
     if names:
-        with (folder / TABLE).open(encoding="utf-8", newline="") as file:
-            head = next(csv.reader(file), [])
+        try:
+            lines = content_of(folder / TABLE, LARGEST_TABLE).decode(errors="replace").splitlines()
+            head = next(csv.reader(lines), [])
+        except (OSError, csv.Error) as error:
+            raise StvkError(f"--out {folder}: its {TABLE} cannot be read ({error}). Name another.") from error
         if not set(COLUMNS) <= set(head):
             raise StvkError(f"--out {folder}: its {TABLE} is not one of a sweep, as its columns are {shown(head)}. Name another.")
     try:
@@ -338,9 +347,9 @@ def _row(run: Planned, folder: Path, error: _Failure | None = None) -> SweepRow:
     said = Folder(path).summary()
     code, message = said.get("exit_code"), str(said.get("message", ""))
     if code == NOT_AS_EXPECTED:
-        failed = [one for one in said["expectations"] if not one["passed"]]
-        message = "; ".join(f"{one['name']} = {as_printed(one['got'])}, expected {one['expected']:.9g}" for one in failed)
-    results = {name: float(value) for name, value in said.get("results", {}).items() if value is not None}
+        failed = [one for one in said["expectations"] if not one.passed]
+        message = "; ".join(f"{one.name} = {as_printed(one.got)}, expected {one.expected:.9g}" for one in failed)
+    results = {name: value for name, value in said.get("results", {}).items() if value is not None}
     return SweepRow(run.values, path, said["status"], code, said.get("seconds"), "" if code == DONE else message, results)
 
 

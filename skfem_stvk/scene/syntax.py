@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from typing import Any, TypeAlias
 
 import tree_sitter_toml
@@ -20,6 +20,11 @@ else:
 
 #: The place of a value: keys of tables and indices of lists, ("terms", 1, "g").
 Loc: TypeAlias = tuple[str | int, ...]
+#: Levels of tables and lists that a scene may have, parts of a dotted key, and entries of a table or a list of other things than
+#: numbers: no scene comes near, and more takes time that grows with the square.
+DEEPEST, MOST_ENTRIES = 50, 5_000
+#: A dotted key, among other things.
+DOTTED = re.compile(r"[^\s.=,\[\]{}#]+(?:[ \t]*\.[ \t]*[^\s.=,\[\]{}#]+)*")
 #: What a line is cut to in a message.
 MOST = 100
 CLOSING = {"[": "]", "{": "}"}
@@ -55,12 +60,35 @@ def quoted(text: str) -> str:
 def parsed(text: str, name: str) -> dict[str, Any]:
     """The data of TOML text. SceneError with the line, the column and the likely cause if it is none; `name` is its file's."""
     text = text if text.endswith("\n") else text + "\n"
+    if any(one[0].count(".") >= DEEPEST for one in DOTTED.finditer(text)):
+        raise _too_much(name, f"a key has more than {DEEPEST} parts between dots.")
     try:
-        return tomllib.loads(text)
+        data = tomllib.loads(text)
     except RecursionError:
-        raise SceneError(f"{name}: lists or tables are nested too deep.", [("", None, "nested too deep")]) from None
+        raise _too_much(name, "lists or tables are nested too deep.") from None
     except ValueError as error:  # TOMLDecodeError is one; so is what Python says of a number with thousands of digits
         raise _refusal(text, name, str(error)) from None
+    refuse_too_much(data, name)
+    return data
+
+
+def refuse_too_much(data: Any, name: str) -> None:
+    """Raise SceneError if tables and lists are nested too deep, or have too many entries."""
+    level = [data]
+    for _ in range(DEEPEST):
+        inner: dict[int, Any] = {}  # a table of Python's may be in several places
+        for one in level:
+            entries = list(one.values() if isinstance(one, Mapping) else one)
+            if len(entries) > MOST_ENTRIES and (isinstance(one, Mapping) or any(isinstance(e, Mapping | str) for e in entries)):
+                raise _too_much(name, f"a table or list has {len(entries)} entries; expected at most {MOST_ENTRIES}.")
+            inner |= {id(entry): entry for entry in entries if isinstance(entry, Mapping | list | tuple)}
+        level = list(inner.values())
+    if level:
+        raise _too_much(name, f"lists or tables are nested too deep; expected at most {DEEPEST} levels.")
+
+
+def _too_much(name: str, why: str) -> SceneError:
+    return SceneError(f"{name}: {why}", [("", None, why)])
 
 
 def lines_of(text: str) -> dict[Loc, int]:
@@ -110,6 +138,8 @@ def _pair(node: Node, table: Loc) -> Iterator[tuple[Loc, int]]:
 
 
 def _value(node: Node, loc: Loc) -> Iterator[tuple[Loc, int]]:
+    if len(loc) > DEEPEST:
+        return
     if node.type == "inline_table":
         for child in node.children:
             if child.type == "pair":

@@ -114,10 +114,12 @@ def _energy(system: SystemLike, u: Array) -> float:
 
 
 def sums(values: Array) -> list[float]:
-    """Two numbers, never near zero by cancellation, that change with each value, its sign and its place."""
+    """Two numbers, never near zero by cancellation, that change with each value, its sign and its place; finite if values overflow."""
     weights = 1.5 + np.cos(np.arange(values.size))
-    size, balance = float(weights @ np.abs(values.ravel())), float(weights @ values.ravel())
-    return [size, 2 + balance / size if size else 0.0]
+    with np.errstate(over="ignore", invalid="ignore"):
+        size, balance = weights @ np.abs(values.ravel()), weights @ values.ravel()
+        found: list[float] = np.nan_to_num([size, 2 + balance / size if size else 0.0]).tolist()
+    return found
 
 
 def _words(value: Any) -> str:

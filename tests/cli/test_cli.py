@@ -189,7 +189,7 @@ def test_the_command_is_installed():
 
 def test_an_empty_folder_name_is_an_error(capsys):
     assert main(["verify", "--out", ""]) == 2
-    assert "--out is empty" in capsys.readouterr().err
+    assert "--out = ''; expected the path of a folder" in capsys.readouterr().err
 
 
 def test_a_report_that_cannot_be_written_after_all_is_printed_first(tmp_path, capsys):

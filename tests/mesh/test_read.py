@@ -277,3 +277,9 @@ def test_facets_on_dropped_vertices_leave_their_boundary_with_a_warning(tmp_path
 def test_empty_blocks_do_not_count(tmp_path):
     raw = meshio.Mesh(np.array(CUBE, dtype=float), [("triangle", [[0, 1, 2], [0, 2, 3]]), ("tetra", np.empty((0, 4), dtype=int))])
     assert content.base_of(raw, "mesh").name == "triangles"
+
+
+@pytest.mark.parametrize("path", [None, 3, "", "a\0.msh", "x" * 300 + ".msh", 5_000 * "x"])
+def test_what_is_no_path_is_refused_by_its_name(path):
+    with pytest.raises(MeshError, match=r"^path = .*; expected the path of a mesh file"):
+        read_mesh(path)

@@ -1,13 +1,16 @@
 "Scenes that are broken, each in one way, and the message that each gets: the place, the line, what is wrong, and what is meant."
 
+import os
 import re
 from typing import NamedTuple
 
 import pytest
 
 from skfem_stvk.cli.main import main
+from skfem_stvk.errors import SceneError, name_known
 from skfem_stvk.kernels.threads import threads
 from skfem_stvk.scene import Scene
+from skfem_stvk.scene.source import SceneSource
 
 GOOD = """units = "SI"
 
@@ -562,6 +565,74 @@ def test_what_is_no_scene_says_so(tmp_path, capsys):
     ):
         assert main(["solve", str(tmp_path / name)]) == 2
         assert message in words(capsys.readouterr().err), name
+
+
+#: Text after a good scene, and what is said of it within seconds.
+TOO_MUCH = {
+    "tables in tables": ("x = " + 60 * "{a = " + "1" + 60 * "}" + "\n", "nested too deep; expected at most 50 levels"),
+    "lists in lists": ("x = " + 900 * "[" + 900 * "]" + "\n", "nested too deep"),
+    "a header of many parts": ("[expect." + 900 * "a." + "a]\n", "a key has more than 50 parts between dots"),
+    "a key of many parts": (100_000 * "a." + "a = 1\n", "a key has more than 50 parts between dots"),
+    "many terms": (100_000 * "[[terms]]\n", "a table or list has 100003 entries; expected at most 5000"),
+    "many materials": ("".join(f"[materials.m{n}]\n" for n in range(20_000)), "a table or list has 20001 entries; expected"),
+    "many plots": (f"[places.there]\nnodes = {20_000 * ['a']}\n", "a table or list has 20000 entries; expected at most 5000"),
+}
+
+
+@pytest.mark.parametrize("name", TOO_MUCH)
+def test_a_scene_of_more_than_anybody_writes_is_refused_at_once(name, tmp_path, capsys):
+    text, message = TOO_MUCH[name]
+    path = broken(tmp_path, [])
+    path.write_text(path.read_text() + text)
+    assert main(["solve", str(path)]) == 2
+    assert message in words(capsys.readouterr().err)
+
+
+def test_many_numbers_and_dots_elsewhere_are_fine(tmp_path):
+    path = broken(tmp_path, [])
+    dots, ids = f"# {80 * '.'} {80 * 'A sentence. '}\n", [n / 10 for n in range(20_000)]
+    path.write_text(dots + path.read_text() + f"[prescribed]\ntimes = {ids}\n")
+    with pytest.raises(SceneError, match=r"prescribed\.times"):
+        Scene.read(path)
+
+
+def test_data_and_settings_that_are_nested_too_deep_are_refused():
+    data = {"value": 1.0}
+    for _ in range(900):
+        data = {"a": data}
+    with pytest.raises(SceneError, match="nested too deep"):
+        Scene.of_data({"expect": data})
+    with pytest.raises(SceneError, match=r"--set a\.a.*: the key has more than 50 parts"):
+        SceneSource.of({}).changed([100_000 * "a." + "a=1"])
+
+
+def test_as_many_wrong_names_as_right_ones_take_seconds():
+    """Each complaint names the first hundred of the right ones alone."""
+    complaint = name_known("k", (f"p{n}" for n in range(5_000)))
+    assert "'p1087' and 4900 more" in complaint and len(complaint) < 1000
+
+
+@pytest.mark.parametrize("name", ["pipe", "zero"])
+def test_a_scene_that_never_ends_is_refused(name, tmp_path, capsys):
+    os.mkfifo(tmp_path / "pipe")
+    (tmp_path / "zero").symlink_to("/dev/zero")
+    assert main(["solve", str(tmp_path / name)]) == 2
+    assert "cannot be read: it is no regular file" in words(capsys.readouterr().err)
+
+
+@pytest.mark.parametrize("name", [300 * "y", 5_000 * "y", "half a pair \ud800"])
+def test_names_that_no_file_has_are_refused(name, tmp_path, capsys):
+    path = broken(tmp_path, [])
+    for arguments in (
+        [name + ".toml"],
+        [str(path), "--out", name],
+        [str(path), "--set", f'mesh={{file="{name}.msh"}}'],
+        [str(path), "--set", f'initial.file="{name}.vtu"'],
+        [str(path), "--set", f'output.file="{name}.vtu"'],
+    ):
+        if "ud800" not in ascii(name) or "--set" not in arguments:  # which is no TOML
+            assert main(["solve", *arguments, "--quiet"]) == 2
+            assert re.search(r"= .*; expected the (path|name) of a", words(capsys.readouterr().err)), arguments
 
 
 def test_windows_line_ends_and_a_mark_of_utf_8_are_fine(tmp_path):

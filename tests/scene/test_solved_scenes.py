@@ -2,6 +2,7 @@
 
 import json
 import os
+import resource
 import signal
 import time
 from pathlib import Path
@@ -182,6 +183,53 @@ def test_energy_from_nowhere_is_a_warning_and_can_be_expected_not_to_come(speed,
     assert outcome.success and outcome.warnings == tuple(str(one.message) for one in warnings_)
     assert {one.name for one in outcome.judged if not one.passed} == failed and outcome.exit_code == 3
     assert outcome.values["energy_gained"] == outcome.result.gained and outcome.values["blow_ups"] == outcome.result.blow_ups
+
+
+def test_names_of_results_reach_no_terminal_as_control_codes(tmp_path, capsys):
+    probes = '[output]\nprobes = { "\\u001b[31mtip" = "right" }\n[expect."\\u001b[31mtip"]\nz = { value = 9, rtol = 0.1 }\n'
+    assert main(["solve", str(scene(tmp_path, STATIC, probes))]) == 3
+    said = capsys.readouterr()
+    assert "\\x1b" in said.out and "\x1b" not in said.out + said.err
+
+
+@pytest.mark.parametrize("parts", [STATIC, MOTION])
+def test_a_disk_that_is_full_is_an_outcome_that_the_summary_has(parts, tmp_path, capsys):
+    """Files may have so many bytes: enough for a summary, too few for a state."""
+    path = scene(tmp_path, parts, FOLLOWED)
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (8_000, before[1]))
+    try:
+        code = main(["solve", str(path), "--quiet"])
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+    said = json.loads((tmp_path / "beam" / "summary.json").read_text())
+    assert said["status"] == "interrupted" and "beam_0000.vtu could not be written" in said["message"]
+    err = " ".join(capsys.readouterr().err.split())
+    assert code == 2 or (code == 130 and "beam_0000.vtu could not be written" in err and "--resume" in err)
+    assert main(["solve", str(path), "--quiet", "--force"]) == 0
+
+
+def test_a_velocity_that_overflows_is_an_outcome(tmp_path):
+    outcome = Scene.read(scene(tmp_path, MOTION.replace("[0, 0.5, 0]", "[1e308, 1e308, 1e308]"))).solve(
+        tmp_path / "out", quiet=True
+    )
+    assert not outcome.success and outcome.exit_code == 1 and outcome.message
+
+
+@pytest.mark.parametrize("content", ["pipe", "/dev/zero", '{"status": "finished", "results": 3}', 2_000 * "[", "\0"])
+def test_a_summary_that_cannot_be_read_is_told(content, tmp_path, capsys):
+    out = tmp_path / "beam"
+    out.mkdir()
+    if content == "pipe":
+        os.mkfifo(out / "summary.json")
+    elif content == "/dev/zero":
+        (out / "summary.json").symlink_to(content)
+    else:
+        (out / "summary.json").write_text(content)
+    assert main(["solve", str(scene(tmp_path, STATIC)), "--quiet"]) == 2
+    assert "holds the results of a run that has no readable summary. --force replaces them" in " ".join(
+        capsys.readouterr().err.split()
+    )
 
 
 def test_what_does_not_converge_says_so_and_keeps_what_there_is(tmp_path):

@@ -177,6 +177,34 @@ def test_what_else_is_in_a_folder_is_left_alone(tmp_path):
         sweep(path, {YOUNG: [1e6]}, path)
 
 
+def test_a_product_of_more_runs_than_anybody_wants_is_refused_at_once(tmp_path):
+    many = list(range(1, 1001))
+    with pytest.raises(SceneError, match=r"has 1000000000 runs; expected at most 10000\. Give fewer values"):
+        sweep(scene(tmp_path, STATIC), {"analysis.steps": many, "threads": many, YOUNG: many}, quiet=True)
+
+
+@pytest.mark.parametrize("content", [b"\xff\xfe\0", b"a,\0\n", 200_000 * b"x", b"", "pipe"])
+def test_the_table_of_another_program_is_refused(content, tmp_path):
+    out = tmp_path / "out"
+    out.mkdir()
+    os.mkfifo(out / "table.csv") if content == "pipe" else (out / "table.csv").write_bytes(content)
+    with pytest.raises(StvkError, match=r"its table\.csv (is not one of a sweep|cannot be read)"):
+        sweep(scene(tmp_path, STATIC), {YOUNG: [1e6, 2e6]}, out, quiet=True)
+
+
+@pytest.mark.parametrize(
+    "change", [{"results": {"tip.y": [1]}}, {"results": 3}, {"exit_code": 3, "expectations": [{}]}, {"seconds": "x"}]
+)
+def test_a_damaged_summary_is_no_run_that_is_done(change, tmp_path):
+    path, out = scene(tmp_path, STATIC), tmp_path / "beam-sweep"
+    sweep(path, {YOUNG: [1e6, 2e6]}, jobs=1, quiet=True)
+    summary = out / "young=2e6" / "summary.json"
+    summary.write_text(json.dumps(json.loads(summary.read_text()) | change))
+    with pytest.raises(StvkError, match=r"1 runs \(young=2e6\) are of another scene.* --force replaces them"):
+        sweep(path, {YOUNG: [1e6, 2e6]}, jobs=1, quiet=True)
+    assert [row.done for row in sweep(path, {YOUNG: [1e6, 2e6]}, jobs=1, quiet=True, force=True)] == [True, True]
+
+
 def test_all_values_are_checked_before_anything_runs(tmp_path):
     path = scene(tmp_path, STATIC)
     with pytest.raises(SceneError) as caught:

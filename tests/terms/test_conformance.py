@@ -122,9 +122,7 @@ def cases():
         found[f"linear, {name}"] = Case(mesh, linear, grounded=True, can=can)
         linear = LinearElastic(Anisotropic(some_voigt(np.random.default_rng(7))))
         found[f"linear, {name}, anisotropic"] = Case(mesh, linear, grounded=True, can=can)
-        found[f"foundation, {name}"] = Case(
-            mesh, ElasticFoundation(lambda x: x[0] > -9, 3.0), grounded=True, can=(Quartic,)
-        )
+        found[f"foundation, {name}"] = Case(mesh, ElasticFoundation(lambda x: x[0] > -9, 3.0), grounded=True, can=(Quartic,))
         network = EdgeNetwork.of(mesh, law)
         again = partial(lambda law, other, order: EdgeNetwork.of(other, reordered(law, order)), law)
         found[f"network, {name}"] = Case(mesh, network, can=OF_EDGES, renumbered=again)
