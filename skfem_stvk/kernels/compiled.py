@@ -7,8 +7,10 @@ from __future__ import annotations
 
 import pickle
 import re
-from collections.abc import Callable
-from contextlib import suppress
+import signal
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager, suppress
 from functools import cache
 from hashlib import sha256
 from pathlib import Path
@@ -54,6 +56,42 @@ class _Announcement(Listener):
 
     def on_end(self, event: Any) -> None:
         pass
+
+
+@contextmanager
+def ctrl_c_waits() -> Iterator[None]:
+    """Let Ctrl-C take effect at the end of the block: LLVM's callbacks lose exceptions, and the process may end by a signal.
+
+    Signals are of the main thread; in others nothing changes.
+    """
+    handler = signal.getsignal(signal.SIGINT)
+    if handler is None or threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    came: list[int] = []
+    signal.signal(signal.SIGINT, lambda number, frame: came.append(number))
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, handler)
+        if came:
+            signal.raise_signal(signal.SIGINT)
+
+
+class _Lowering(Listener):
+    """Ctrl-C waits while LLVM compiles a function."""
+
+    def __init__(self) -> None:
+        self._waiting: list[AbstractContextManager[None]] = []
+
+    def on_start(self, event: Any) -> None:
+        if event.data["name"].startswith("native_lowering "):
+            self._waiting.append(ctrl_c_waits())
+            self._waiting[-1].__enter__()
+
+    def on_end(self, event: Any) -> None:
+        if event.data["name"].startswith("native_lowering "):
+            self._waiting.pop().__exit__(None, None, None)
 
 
 options_of_kernels: dict[str, Any] = {"fastmath": FASTMATH, "nogil": True, "error_model": "numpy"}
@@ -103,6 +141,7 @@ def by_type(stub: Callable[..., Any], kind: type, formulas: dict[tuple[str, type
 
 
 register("numba:compile", _Announcement())
+register("numba:run_pass", _Lowering())
 
 
 @cache
@@ -157,7 +196,8 @@ def keep_with_care(dispatcher: Any, stamp: str) -> None:
 
     def loaded(signature: Any, target: Any) -> Any:
         try:
-            return load(signature, target)
+            with ctrl_c_waits():
+                return load(signature, target)
         except Exception as error:  # whatever pickle and LLVM make of damaged bytes
             cache._cache_file.delete()
             _say(

@@ -1,11 +1,15 @@
 """Machine code on disk: damaged files are deleted and said, a full disk costs time and nothing else."""
 
 import os
+import signal
 import subprocess
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 
+import numba
 import pytest
+from numba.core.event import Listener, install_listener
 from slow import slow_but
 
 from skfem_stvk import StvkWarning
@@ -139,3 +143,38 @@ def test_code_on_disk_is_keyed_by_the_files_that_it_is_made_of(name, edited, ane
     before = compiled.stamp_of.__wrapped__(name)
     (tmp_path / f"{edited}.py").write_text((tmp_path / f"{edited}.py").read_text() + "# edited\n")
     assert (compiled.stamp_of.__wrapped__(name) != before) is anew
+
+
+def test_ctrl_c_while_code_is_loaded_takes_effect_when_it_is():
+    """In the middle of it a process ended by a signal now and then, as callbacks of LLVM lose exceptions."""
+    whole = []
+
+    def load(signature, target):
+        signal.raise_signal(signal.SIGINT)
+        whole.append(signature)
+
+    cache = SimpleNamespace(load_overload=load, save_overload=None, _cache_file=compiled.CheckedFile.__new__(compiled.CheckedFile))
+    compiled.keep_with_care(SimpleNamespace(_cache=cache), "stamp")
+    before = signal.getsignal(signal.SIGINT)
+    with pytest.raises(KeyboardInterrupt):
+        cache.load_overload("f8", None)
+    assert whole == ["f8"] and signal.getsignal(signal.SIGINT) is before
+
+
+def test_ctrl_c_while_llvm_compiles_takes_effect_when_it_has():
+    """In a callback of LLVM it was lost, and the next call found "no compiled object"."""
+    whole = []
+
+    class Pressed(Listener):
+        def on_start(self, event):
+            if event.data["name"].startswith("native_lowering "):
+                signal.raise_signal(signal.SIGINT)
+                whole.append(event.data["name"])
+
+        def on_end(self, event):
+            pass
+
+    double = numba.njit(lambda x: 2 * x)
+    with install_listener("numba:run_pass", Pressed()), pytest.raises(KeyboardInterrupt):
+        double(1.0)
+    assert len(whole) == 1 and double(1.5) == 3.0
