@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from itertools import product
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +23,11 @@ def unchanged(F: Array) -> Array:
     return np.ones(F.shape[:2])
 
 
+def green_lagrange(D: Array) -> Array:
+    """`E = (F'F - I)/2` of displacement gradients `D = F - I` (..., d, d)."""
+    return np.asarray((D + np.swapaxes(D, -1, -2) + np.swapaxes(D, -1, -2) @ D) / 2)
+
+
 @dataclass(frozen=True)
 class ElementModel:
     """W, F and K of elements that fill the space.
@@ -34,7 +41,10 @@ class ElementModel:
     weights : (nq,) of the points.
     tensor : (1 or nt, d, d, d, d) elasticity tensors, in which `S = C : E`.
     counted : factors (nt, nq) of the points at deformation gradients (nt, nq, d, d).
-    initial : how much of the initial stress is in K.
+    initial : how much of the initial stress is in K, a number or (nt, 1, 1).
+    strain : of displacement gradients.
+    stress : first Piola-Kirchhoff stress `P` of the internal force, from `F` and `S`.
+    derived : whether K is the derivative of the internal force; by default it is that of St. Venant-Kirchhoff, from `F` and `S`.
     """
 
     p: Array
@@ -44,43 +54,69 @@ class ElementModel:
     weights: Array
     tensor: Array
     counted: Callable[[Array], Array] = unchanged
-    initial: float = 1.0
+    initial: float | Array = 1.0
+    strain: Callable[[Array], Array] = green_lagrange
+    stress: Callable[[Array, Array], Array] = np.matmul
+    derived: bool = False
 
     def energy(self, u: Array) -> float:
         """Strain energy [J]."""
-        _, measure, _, E, S = self._state(u)
+        _, measure, D = self._state(u)
+        E, S = self._strain_and_stress(D)
         return float((measure * (E * S).sum(axis=(2, 3))).sum() / 2)
 
     def internal_force(self, u: Array) -> Array:
         """Internal force (ndofs,) [N]."""
-        gradients, measure, F, _, S = self._state(u)
+        gradients, measure, D = self._state(u)
         force = np.zeros(self.p.T.shape)
-        np.add.at(force, self.t, np.einsum("tq,tqiM,tqMJ,tqaJ->ati", measure, F, S, gradients, optimize=True))
+        np.add.at(force, self.t, np.einsum("tq,tqiJ,tqaJ->ati", measure, self._P(D), gradients, optimize=True))
         return force.ravel()
 
     def tangent(self, u: Array) -> csr_matrix:
         """Tangent stiffness [N/m]."""
-        g, measure, F, _, S = self._state(u)
-        tensor = np.broadcast_to(self.tensor, (self.t.shape[1], *self.tensor.shape[1:]))
-        K = np.einsum("tq,tqiM,tMJNL,tqkN,tqaJ,tqbL->taibk", measure, F, tensor, F, g, g, optimize=True)
-        initial = self.initial * np.einsum("tq,tqJL,tqaJ,tqbL->tab", measure, S, g, g, optimize=True)
+        g, measure, D = self._state(u)
+        if self.derived:
+            K = np.einsum("tq,tqiJkL,tqaJ,tqbL->taibk", measure, self._derivative(D), g, g, optimize=True)
+        else:
+            F, tensor = np.eye(len(self.p)) + D, np.broadcast_to(self.tensor, (self.t.shape[1], *self.tensor.shape[1:]))
+            K = np.einsum("tq,tqiM,tMJNL,tqkN,tqaJ,tqbL->taibk", measure, F, tensor, F, g, g, optimize=True)
+            initial = self.initial * self.initial_stress(u)
+            for i in range(len(self.p)):
+                K[:, :, i, :, i] += initial
         d = len(self.p)
-        for i in range(d):
-            K[:, :, i, :, i] += initial
         dofs = d * self.t.T[:, :, None] + np.arange(d)
         rows, columns = np.broadcast_to(dofs[:, :, :, None, None], K.shape), np.broadcast_to(dofs[:, None, None], K.shape)
         return csr_matrix(coo_matrix((K.ravel(), (rows.ravel(), columns.ravel())), shape=(self.p.size,) * 2))
 
-    def _state(self, u: Array) -> tuple[Array, ...]:
-        """Gradients (nt, nq, n, d), measures (nt, nq), `F`, `E` and `S` (nt, nq, d, d)."""
+    def initial_stress(self, u: Array) -> Array:
+        """(nt, n, n) initial-stress stiffness between the nodes of each element, which is the same for all components [N/m]."""
+        g, measure, D = self._state(u)
+        return np.asarray(np.einsum("tq,tqJL,tqaJ,tqbL->tab", measure, self._strain_and_stress(D)[1], g, g, optimize=True))
+
+    def _state(self, u: Array) -> tuple[Array, Array, Array]:
+        """Gradients (nt, nq, n, d), measures (nt, nq), and displacement gradients (nt, nq, d, d)."""
         spokes = np.einsum("qai,atc->tqci", self.table, self.X)
         gradients = np.einsum("qai,tqic->tqac", self.table, np.linalg.inv(spokes))
         D = np.einsum("ati,tqaJ->tqiJ", u.reshape(self.p.T.shape)[self.t], gradients)
-        F = np.eye(len(self.p)) + D
-        E = (D + np.swapaxes(D, 2, 3) + np.swapaxes(D, 2, 3) @ D) / 2
-        tensor = np.broadcast_to(self.tensor, (self.t.shape[1], *self.tensor.shape[1:]))
-        S = np.einsum("tIJKL,tqKL->tqIJ", tensor, E, optimize=True)
-        return gradients, np.abs(np.linalg.det(spokes)) * self.weights * self.counted(F), F, E, S
+        return gradients, np.abs(np.linalg.det(spokes)) * self.weights * self.counted(np.eye(len(self.p)) + D), D
+
+    def _strain_and_stress(self, D: Any) -> tuple[Any, Any]:
+        """`E` and `S` (nt, nq, d, d)."""
+        E, tensor = self.strain(D), np.broadcast_to(self.tensor, (self.t.shape[1], *self.tensor.shape[1:]))
+        return E, np.einsum("tIJKL,tqKL->tqIJ", tensor, E, optimize=True)
+
+    def _P(self, D: Any) -> Any:
+        return self.stress(np.eye(len(self.p)) + D, self._strain_and_stress(D)[1])
+
+    def _derivative(self, D: Array) -> Array:
+        """(nt, nq, d, d, d, d) `dP_iJ/dF_kL`, by a complex step, which has no truncation error."""
+        d, step = len(self.p), 1e-30
+        A = np.zeros((*D.shape, d, d))
+        for k, L in product(range(d), repeat=2):
+            moved = D.astype(complex)
+            moved[..., k, L] += 1j * step
+            A[..., k, L] = self._P(moved).imag / step
+        return A
 
 
 def model_of(mesh: ElementMesh, terms: Sequence[StVK]) -> ElementModel:
@@ -89,3 +125,9 @@ def model_of(mesh: ElementMesh, terms: Sequence[StVK]) -> ElementModel:
     points, weights = how.points
     table = derivatives(how.kind, points).astype(float)
     return ElementModel(mesh.p, mesh.p.T[mesh.t], mesh.t, table, weights, elasticity(mesh, terms, how))
+
+
+def of_model(model: Any) -> Callable[[Array, str], dict[str, Any]]:
+    """Return those of W, F and K that are asked for as a function of the displacements."""
+    methods = {"W": "energy", "F": "internal_force", "K": "tangent"}
+    return lambda u, quantities: {quantity: getattr(model, methods[quantity])(u) for quantity in quantities}

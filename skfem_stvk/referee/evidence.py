@@ -74,7 +74,11 @@ class Evidence:
 
     def _products(self, K: Any) -> Array:
         """Products (ndofs, 4) with vectors of random signs: K is never made dense."""
-        return np.asarray(K @ self.case.random("hypotheses").choice([-1.0, 1.0], size=(K.shape[1], 4)))
+        return np.asarray(K @ self.signs(K.shape[1]))
+
+    def signs(self, ndofs: int) -> Array:
+        """(ndofs, 4) the vectors of random signs."""
+        return self.case.random("hypotheses").choice([-1.0, 1.0], size=(ndofs, 4))
 
     def column(self, value: Any) -> Array:
         """A value as a column of a least-squares problem; a matrix counts by its products."""

@@ -22,6 +22,8 @@ from ..system import System
 from ..terms import StVK
 from . import faulty_elements as elements
 from . import faulty_systems as systems
+from . import strains
+from .element_model import green_lagrange
 
 Terms = Sequence[StVK]
 
@@ -128,6 +130,40 @@ FAULTS: dict[str, Fault] = {
         "elements that are turned round count negatively", partial(elements.altered, elements.signed_volume), named="signed volumes"
     ),
     "linear strain": Fault("small-strain elasticity", systems.linear, named="linear strain"),
+    "Biot strain": Fault(
+        "U - I in W, from which F and K are derived",
+        partial(elements.strained, strains.biot, strains.derivative_of_biot, True),
+        named="Biot strain",
+    ),
+    "Biot strain in S": Fault(
+        "U - I taken for E in every formula", partial(elements.strained, strains.biot, np.matmul, False), named="Biot strain"
+    ),
+    "corotated": Fault("R'F - I in W, from which F and K are derived", systems.corotated, named="Biot strain"),
+    "Almansi strain": Fault(
+        "(I - C^-1)/2 in W, from which F and K are derived",
+        partial(elements.strained, strains.pulled_back_almansi, strains.derivative_of_almansi, True),
+        named="Almansi strain",
+    ),
+    "Almansi strain in S": Fault(
+        "(I - b^-1)/2 taken for E in every formula",
+        partial(elements.strained, strains.almansi, np.matmul, False),
+        named="Almansi strain",
+    ),
+    "b for C": Fault(
+        "E of F F' in the place of F'F in every formula",
+        partial(elements.strained, strains.of_left_stretch, np.matmul, False),
+        named="b for C",
+    ),
+    "S F for F S": Fault(
+        "P = S F in the force, and K derived from it",
+        partial(elements.strained, green_lagrange, strains.times_F_on_the_right, True),
+        named="S F for F S",
+    ),
+    "P = S": Fault(
+        "the second Piola-Kirchhoff stress taken for the first in the force, and K derived from it",
+        partial(elements.strained, green_lagrange, strains.S_alone, True),
+        named="P = S",
+    ),
     "one tet skipped": Fault(
         "an element is left out", partial(elements.middle, partial(elements.counted, times=0.0)), named="one element x 0"
     ),
@@ -155,6 +191,11 @@ FAULTS: dict[str, Fault] = {
     ),
     "no geometric term": Fault(
         "K without the edge tensions (initial stress)", systems.no_geometric_term, named="no initial stress in K"
+    ),
+    "geometric term in part": Fault(
+        "K without initial stress in every third element",
+        partial(elements.altered, elements.initial_stress_in_part),
+        named="no initial stress in some elements",
     ),
     "geometric term clamped": Fault(
         "K with tensile edge tensions alone, without a word",
@@ -204,6 +245,12 @@ FAULTS: dict[str, Fault] = {
     "lone force": Fault("a constant force on one vertex: a boundary term left in", systems.lone_force, named="a constant force"),
     "couple": Fault("two opposite forces that do not pull along their line", systems.couple, named="a constant force"),
     "skew K": Fault("one entry of K that its mirror does not have", systems.skew_tangent),
+    "sign of a node's force": Fault(
+        "the force on one vertex has the other sign", systems.force_of_a_node_turned, named="force of one node x -1"
+    ),
+    "another zero of energy": Fault(
+        "an energy that is off by a constant", systems.another_zero_of_energy, named="a constant energy"
+    ),
     "anchored": Fault("a weak spring from every vertex to its rest position; W, F and K fit each other", systems.anchored),
     "energy of a place": Fault("an energy that knows where the body is", systems.energy_of_a_place),
     "a mode for nothing": Fault("one mode too many costs nothing at rest", systems.soft_mode),
@@ -234,6 +281,16 @@ FAULTS: dict[str, Fault] = {
         "frames",
         "frames ignored",
     ),
+    **{
+        f"{given} for {meant}{' of a reflex angle' if full_turns else ''}": Fault(
+            f"angles of frames in {given} are taken for {meant}{', from 180 to 360 degrees' if full_turns else ''}",
+            partial(systems.frames, partial(systems.rotated_by, factor, full_turns)),
+            "frames",
+            f"{given} taken for {meant}",
+        )
+        for given, meant, factor in (("degrees", "radians", 180 / np.pi), ("radians", "degrees", np.pi / 180))
+        for full_turns in (0, -1)
+    },
     "Voigt order": Fault(
         "the matrix has its shears in the order 12, 13, 23", systems.voigt_order, "frames", "shears in the order 12, 13, 23"
     ),
@@ -241,6 +298,13 @@ FAULTS: dict[str, Fault] = {
         "the last quadrature point is left out", partial(elements.altered, elements.point_dropped), "curved", "one point left out"
     ),
     "a wrong weight": Fault("the first weight is off by a millionth", partial(elements.altered, elements.wrong_weight), "curved"),
+    "one-point rule": Fault("integrals by the value at the centroid", elements.one_point, "curved", "one-point rule"),
+    "middles in a cycle": Fault(
+        "the last three middles are each in the place of the next",
+        partial(elements.altered, elements.middles_in_a_cycle),
+        "curved",
+        "nodes in another order",
+    ),
     "middles exchanged": Fault(
         "the last two middles are exchanged, as between the orders of Gmsh and VTK",
         partial(elements.altered, elements.last_two_exchanged),

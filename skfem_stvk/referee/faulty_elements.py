@@ -9,9 +9,10 @@ from typing import Any
 
 import numpy as np
 
+from ..arguments import Array
 from ..mesh import ElementMesh
 from ..reference import ReferenceOnePoint
-from ..reference.kinds import middles
+from ..reference.kinds import KINDS, middles
 from ..terms import StVK
 from .bodies import elasticity, hourglass_control
 from .discretisation import Discretisation, derivatives
@@ -70,6 +71,18 @@ def middle(change: Callable[[int, ElementModel], dict[str, Any]], mesh: ElementM
     return altered(partial(change, mesh.nt // 2), mesh, terms)
 
 
+def strained(
+    strain: Callable[[Array], Array], stress: Callable[[Array, Array], Array], derived: bool, mesh: ElementMesh, terms: Terms
+) -> ElementModel:
+    """Another strain in `S = C : E`, or another first Piola-Kirchhoff stress of `S`."""
+    return replace(model_of(mesh, terms), strain=strain, stress=stress, derived=derived)
+
+
+def initial_stress_in_part(model: ElementModel) -> dict[str, Any]:
+    """K without initial stress in every third element."""
+    return {"initial": np.where(np.arange(model.t.shape[1]) % 3 == 0, 0.0, 1.0)[:, None, None]}
+
+
 def point_dropped(model: ElementModel) -> dict[str, Any]:
     return {"table": model.table[:-1], "weights": model.weights[:-1]}
 
@@ -80,6 +93,11 @@ def wrong_weight(model: ElementModel) -> dict[str, Any]:
 
 def last_two_exchanged(model: ElementModel) -> dict[str, Any]:
     order = [*range(len(model.t) - 2), len(model.t) - 1, len(model.t) - 2]
+    return {"X": model.X[order], "t": model.t[order]}
+
+
+def middles_in_a_cycle(model: ElementModel) -> dict[str, Any]:
+    order = [*range(len(model.t) - 3), len(model.t) - 2, len(model.t) - 1, len(model.t) - 3]
     return {"X": model.X[order], "t": model.t[order]}
 
 
@@ -94,6 +112,13 @@ def straightened(mesh: ElementMesh, terms: Terms) -> ElementModel:
 def without_control(mesh: ElementMesh, terms: Terms) -> ReferenceOnePoint:
     how = Discretisation(mesh.element.name, "one-point", 0.0)
     return ReferenceOnePoint(mesh.p, mesh.t, elasticity(mesh, terms, how), hourglass_control(mesh, terms, how))
+
+
+def one_point(mesh: ElementMesh, terms: Terms) -> ElementModel:
+    """Integrals by the value at the centroid."""
+    of, right = KINDS[mesh.element.name], model_of(mesh, terms)
+    centroid = np.mean(of.nodes[: of.corners], axis=0, dtype=float)[:, None]
+    return replace(right, table=derivatives(mesh.element.name, centroid).astype(float), weights=right.weights.sum(keepdims=True))
 
 
 def gradients_at_the_centre(mesh: ElementMesh, terms: Terms) -> ElementModel:

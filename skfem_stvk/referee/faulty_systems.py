@@ -3,22 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import DTypeLike
 from scipy.sparse import coo_matrix, csr_matrix, diags, identity, kron, tril, triu
+from scipy.spatial.transform import Rotation
 
 from ..arguments import Array
 from ..edges import Assembly
 from ..edges.stiffness import GeneralStiffness
 from ..edges.topology import LOCAL_EDGES
 from ..errors import StvkError
-from ..materials import Anisotropic, Hypothesis, Isotropic
+from ..materials import Anisotropic, FramedMaterial, Hypothesis, Isotropic
 from ..mesh import ElementMesh
 from ..system import System
-from ..terms import Body, StVK
+from ..terms import Body, Corotated, StVK
 from .checks.precision import Textbook
 
 Terms = Sequence[StVK]
@@ -101,9 +102,23 @@ def exchanged_materials(mesh: ElementMesh, terms: Terms) -> System:
 
 
 def frames(change: Callable[[Array], Array], mesh: ElementMesh, terms: Terms) -> System:
-    material = terms[0].material
-    assert isinstance(material, Anisotropic) and material.frame is not None
-    return System(mesh, StVK(Anisotropic(material.voigt, frame=change(np.asarray(material.frame)))))
+    """Other material axes, where they are given."""
+    altered = []
+    for term in terms:
+        material = term.material
+        if isinstance(material, FramedMaterial) and material.frame is not None:
+            material = replace(material, frame=change(np.asarray(material.frame)))
+        altered.append(StVK(material, term.region, plane=term.plane, thickness=term.thickness, area=term.area))
+    return System(mesh, altered)
+
+
+def rotated_by(factor: float, full_turns: int, frame: Array) -> Array:
+    """Frames whose angle about their own axis is times a factor, from an angle of so many full turns more."""
+    right_handed = frame * np.linalg.det(frame)[..., None, None]
+    vectors = Rotation.from_matrix(right_handed.reshape(-1, 3, 3)).as_rotvec()
+    angles = np.linalg.norm(vectors, axis=1, keepdims=True)
+    axes = vectors / np.where(angles == 0, 1.0, angles)
+    return np.asarray(Rotation.from_rotvec(factor * (angles + 2 * np.pi * full_turns) * axes).as_matrix().reshape(frame.shape))
 
 
 def voigt_order(mesh: ElementMesh, terms: Terms) -> System:
@@ -117,6 +132,12 @@ def linear(mesh: ElementMesh, terms: Terms) -> FaultyModel:
     body = System(mesh, terms)
     K0 = body.tangent(np.zeros(body.ndofs))
     return FaultyModel(lambda u: float(u @ (K0 @ u)) / 2, lambda u: np.asarray(K0 @ u), lambda u: K0)
+
+
+def corotated(mesh: ElementMesh, terms: Terms) -> System:
+    """`W = 1/2 E : C : E` with `E = R'F - I`, which is Biot's strain but where elements are inverted."""
+    refuse_other_bodies(mesh, terms)
+    return System(mesh, [Corotated(term.material, term.region) for term in terms])
 
 
 def stale_rest_shape(mesh: ElementMesh, terms: Terms) -> System:
@@ -301,6 +322,18 @@ def anchored(mesh: ElementMesh, terms: Terms) -> FaultyModel:
         force=lambda u: stiffness * u,
         tangent=lambda u: stiffness * identity(body.ndofs),
     )
+
+
+def another_zero_of_energy(mesh: ElementMesh, terms: Terms) -> FaultyModel:
+    body, force, _ = units(mesh, terms)
+    return disturbed(body, energy=lambda u: force * float(np.ptp(mesh.p)))
+
+
+def force_of_a_node_turned(mesh: ElementMesh, terms: Terms) -> FaultyModel:
+    """The force on the vertex in the middle of the list, with the other sign."""
+    body, sign = System(mesh, terms), np.ones(mesh.p.size)
+    sign[mesh.d * (mesh.nv // 2) :][: mesh.d] = -1
+    return FaultyModel(body.energy, lambda u: sign * body.internal_force(u), body.tangent)
 
 
 def energy_of_a_place(mesh: ElementMesh, terms: Terms) -> FaultyModel:

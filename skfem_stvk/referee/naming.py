@@ -19,9 +19,8 @@ from ..terms import StVK
 from .bodies import elasticity, hourglass_control, reference_on
 from .case import INVERTED, STRETCH, Case
 from .checks.agreement import NEARBY
-from .evidence import COARSE, STATES, VANISHES, Evidence, flat
+from .evidence import COARSE, VANISHES, Evidence, flat
 from .hypotheses import models
-from .judgement import largest_component
 from .players import Foul, Player
 from .results import Explanation, Naming
 
@@ -50,16 +49,17 @@ def name_the_fault(case: Case, terms: Sequence[StVK], make: Callable[[ElementMes
             naming.smallest += " Elsewhere its values are right to eight digits of the body's largest."
         elif not naming.explanations:
             naming.smallest = (
-                "In strained states its values are right to eight digits of the body's largest: what failed is in the digits behind "
-                "them, in a part that is far softer, or in another state, such as rest."
+                "In strained states its values are right to eight digits of the body's largest: what failed is in the digits "
+                "behind them, in a part that is far softer, or in another state, such as rest."
             )
         return naming
     naming.explanations, naming.tried = _those_that_fit(evidence, terms, naming.tried)
+    unexplained: list[str] = []
     if not naming.explanations and len(evidence.quantities) > 1:
-        naming.explanations, naming.tried = _one_by_one(evidence, terms, naming.tried)
+        unexplained = _one_by_one(naming, evidence, terms)
     if not naming.explanations:
-        fewest = _fewest_nodes(evidence) if make is None else smallest_piece(make, case, terms)
-        naming.smallest = " ".join(filter(None, (naming.smallest, fewest)))
+        unexplained.append(_fewest_nodes(evidence) if make is None else smallest_piece(make, case, terms))
+    naming.smallest = " ".join(filter(None, (naming.smallest, *unexplained)))
     return naming
 
 
@@ -74,23 +74,33 @@ def _those_that_fit(evidence: Evidence, terms: Sequence[StVK], tried: int) -> tu
     return fit, tried
 
 
-def _one_by_one(evidence: Evidence, terms: Sequence[StVK], tried: int) -> tuple[list[Explanation], int]:
-    """One explanation that says of W, F and K, each by itself, what it is; none if one of them has none."""
-    names, words, largest = [], [], 0.0
+def _one_by_one(naming: Naming, evidence: Evidence, terms: Sequence[StVK]) -> list[str]:
+    """Explain each of W, F and K by itself, in one explanation, and return what is left to explain."""
+    right, fits = [], {}
     for quantity in evidence.quantities:
         single = evidence.of(quantity)
-        residual = single.error(single.truth)
-        if residual <= VANISHES:
-            names.append(f"{quantity}: right")
+        if single.error(single.truth) <= VANISHES:
+            right.append(quantity)
         else:
-            fit, tried = _those_that_fit(single, terms, tried)
-            if not fit:
-                return [], tried
-            residual = max(one.residual for one in fit)
-            names.append(f"{quantity}: {' or '.join(one.name for one in fit)}")
-            words.append(f"of {quantity}, {fit[0].words}")
-        largest = max(largest, residual)
-    return [Explanation("; ".join(names), "; ".join(words), largest)], tried
+            fits[quantity], naming.tried = _those_that_fit(single, terms, naming.tried)
+    found = {quantity: fit for quantity, fit in fits.items() if fit}
+    common = [
+        one.name for fit in list(found.values())[:1] for one in fit if all(one.name in _names(each) for each in found.values())
+    ]
+    said = {quantity: common or _names(fit) for quantity, fit in found.items()} | {quantity: ["right"] for quantity in right}
+    names = [f"{quantity}: {' or '.join(said[quantity])}" for quantity in evidence.quantities if quantity in said]
+    if found:
+        words = "; ".join(
+            f"of {quantity}, {next(one.words for one in fit if one.name in said[quantity])}" for quantity, fit in found.items()
+        )
+        residual = max(one.residual for fit in found.values() for one in fit)
+        naming.explanations = [Explanation("; ".join(names), words, residual)]
+        return [f"{quantity} has a further fault, which no hypothesis explains." for quantity, fit in fits.items() if not fit]
+    return [f"{' and '.join(right)} {'are' if len(right) > 1 else 'is'} right."] if right else []
+
+
+def _names(fit: list[Explanation]) -> list[str]:
+    return [one.name for one in fit]
 
 
 def _not_finite(evidence: Evidence) -> str:
@@ -108,8 +118,8 @@ def _not_finite(evidence: Evidence) -> str:
 
 
 def _in_words(evidence: Evidence) -> Iterator[tuple[bool, tuple[str, str]]]:
-    """Explanations by looking at the values: not a number, single precision, a constant force, K of the state before."""
-    case, found, error = evidence.case, evidence.found, evidence.error(evidence.truth)
+    """Explanations by looking at the values: not a number, single precision, K of the state before."""
+    error = evidence.error(evidence.truth)
     inverted = [state for state in INVERTED if state in evidence.not_finite]
     words = "values are not finite where elements are inside out, as by a logarithm or a root of J; elsewhere they are right"
     yield bool(inverted) and len(inverted) == len(evidence.not_finite) and error <= VANISHES, (INVERSION, words)
@@ -117,14 +127,8 @@ def _in_words(evidence: Evidence) -> Iterator[tuple[bool, tuple[str, str]]]:
     how = "in values of nine digits at most" if few else "that change from state to state like rounding"
     rounded = few or (VANISHES < error < COARSE and _is_rounding(evidence))
     yield rounded, (SINGLE, f"errors of {error:.0e} {how}: sums, positions or what is written in float32")
-    if "F" in evidence.quantities and len(found) == len(STATES):
-        off = [values["F"] - case.reference.F(case.states[state]) for state, values in found.items()]
-        mean, size = np.mean(off, axis=0), max(float(np.abs(values["F"]).max()) for values in found.values())
-        same = max(np.abs(one - mean).max() for one in off) <= 1e-11 * size < np.abs(mean).max()
-        nodes = np.flatnonzero(largest_component(mean, case.mesh.d) > 1e-3 * np.abs(mean).max())[:5]
-        words = f"F has the same additional force in every state, on nodes {', '.join(map(str, nodes))}: a load left in"
-        yield bool(same), ("a constant force", words)
-    if "K" in evidence.quantities:
+    others = [quantity for quantity in evidence.quantities if quantity != "K"]
+    if "K" in evidence.quantities and all(evidence.of(quantity).error(evidence.truth) <= VANISHES for quantity in others):
         words = "K is that of the state that was asked for before: what is kept is not made anew"
         yield _is_stale(evidence), ("K of the state before", words)
         words = "K is not computed anew where u has hardly changed, as by `numpy.allclose` with the state before"

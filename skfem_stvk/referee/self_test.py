@@ -1,4 +1,4 @@
-"""The referee before its own test: every check against every planted fault, and which of them catches which."""
+"""The referee before its own test: every check against every planted fault, which of them catches which, and its name."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from ..system import System
 from .faults import FAULTS, bodies
 from .report import folder_for, write
 from .terminal import CountedProgress, as_text, grid, printable
-from .verification import failures_of
+from .verification import failures_of, name_of
 
 #: Columns of the matrix: the check, and what the letters in its cells mean.
 CHECKS = {
@@ -67,18 +67,31 @@ class SelfTest:
     Attributes
     ----------
     caught : by fault and check, the quantities that failed, as in `"WFK"`.
+    named : by fault, the names that a report gives it.
     right : by body, what failed of the right model there: nothing, or the test is void.
     seconds : how long it took.
     """
 
     caught: dict[str, dict[str, str]] = field(default_factory=dict)
     right: dict[str, dict[str, str]] = field(default_factory=dict)
+    named: dict[str, list[str]] = field(default_factory=dict)
     seconds: float = 0.0
 
     @property
     def missed(self) -> list[str]:
         """Faults that no check catches."""
         return [name for name, checks in self.caught.items() if not checks]
+
+    @property
+    def unnamed(self) -> list[str]:
+        """Faults that do not get the name that they have."""
+        return [fault for fault, names in self.named.items() if FAULTS[fault].named and FAULTS[fault].named not in names]
+
+    @property
+    def wrong_names(self) -> dict[str, list[str]]:
+        """By fault, the names that it gets and does not have."""
+        wrong = {fault: [name for name in names if name != FAULTS[fault].named] for fault, names in self.named.items()}
+        return {fault: names for fault, names in wrong.items() if names}
 
     def alone(self, check: str, without: tuple[str, ...] = ()) -> list[str]:
         """Faults that this check alone catches, or would without some others."""
@@ -91,8 +104,9 @@ class SelfTest:
 
     @property
     def passed(self) -> bool:
-        """Whether every fault is caught, every check has its use, and right models pass."""
-        return bool(self.caught) and not (self.missed or self.idle or any(self.right.values()))
+        """Whether every fault is caught and named, every check has its use, and right models pass."""
+        wrong = self.missed or self.idle or any(self.right.values()) or self.unnamed or self.wrong_names
+        return bool(self.caught) and not wrong
 
     def __str__(self) -> str:
         return as_text(self.rendered())
@@ -107,7 +121,18 @@ class SelfTest:
         lines = [f"[bold]{check}[/] ({letters}): {printable(self._use(check))}" for check, letters in CHECKS.items()]
         right = [f"[bold red]the right model fails[/] on {body}: {checks}" for body, checks in self.right.items() if checks]
         missed = [f"[bold red]not caught[/]: {printable(name)}" for name in self.missed]
-        return Group(table, *lines, *right, *missed, self._verdict())
+        named = [f"[bold red]not named[/]: {printable(name)}" for name in self.unnamed]
+        wrong = [f"[bold red]wrong name[/]: {printable(f'{fault}: {names}')}" for fault, names in self.wrong_names.items()]
+        return Group(table, *lines, *right, *missed, *named, *wrong, self._names(), self._verdict())
+
+    def _names(self) -> str:
+        with_one = [fault for fault in self.named if FAULTS[fault].named]
+        others = len(self.named) - len(with_one)
+        wrong = sum(map(len, self.wrong_names.values()))
+        return (
+            f"[bold]names[/]: {len(with_one) - len(self.unnamed)} of {len(with_one)} faults get the name that they have; "
+            f"{others} have none; wrong names: {wrong}"
+        )
 
     def _use(self, check: str) -> str:
         caught, alone = sum(check in checks for checks in self.caught.values()), self.alone(check)
@@ -127,7 +152,12 @@ class SelfTest:
     def to_dict(self) -> dict[str, Any]:
         """Everything, in types that JSON has."""
         faults = {
-            name: {"description": FAULTS[name].description, "body": FAULTS[name].body, "caught by": checks}
+            name: {
+                "description": FAULTS[name].description,
+                "body": FAULTS[name].body,
+                "caught by": checks,
+                "named": self.named.get(name, []),
+            }
             for name, checks in self.caught.items()
         }
         uses = {check: {"letters": letters, "use": self._use(check)} for check, letters in CHECKS.items()}
@@ -168,6 +198,7 @@ def self_test(*, seed: int = 0, quiet: bool = False) -> SelfTest:
             progress.step(name)
             body = places[fault.body]
             found.caught[name] = _letters(failures_of(fault.make, body.mesh, body.terms, body.options, seed))
+            found.named[name] = name_of(fault.make, body.mesh, body.terms, body.options, seed).names
     found.seconds = time.perf_counter() - started
     return found
 

@@ -189,6 +189,13 @@ def failures_of(
     return [result for result in results if result.outcome in (CheckOutcome.FAILED, CheckOutcome.COULD_NOT_RUN)]
 
 
+def name_of(
+    make: Callable[[ElementMesh, Sequence[StVK]], Any], mesh: ElementMesh, terms: Sequence[StVK], given: dict[str, Any], seed: int
+) -> Naming:
+    """Return what a faulty model is named where it is a candidate."""
+    return name_the_fault(_case(mesh, terms, given, make(mesh, terms), seed), terms)
+
+
 def _of_reduced(reduced: OfFewUnknowns, others: Sequence[str], seed: int, quiet: bool) -> Report:
     """The report on a reduced body."""
     if others:

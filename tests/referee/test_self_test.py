@@ -48,6 +48,14 @@ def test_a_fault_that_nothing_catches_does_not_pass():
     assert not missed.passed and missed.missed == ["twice lambda"] and "not caught: twice lambda" in str(missed)
 
 
+def test_a_wrong_name_does_not_pass(found):
+    assert len(found.named) == len(FAULTS) and not found.unnamed and not found.wrong_names and "wrong names: 0" in str(found)
+    for names in ([], ["mu halved", "lambda doubled"]):
+        wrong = SelfTest(found.caught, found.right, found.named | {"half mu": names})
+        assert not wrong.passed and ("not named: half mu" if not names else "half mu: ['lambda doubled']") in str(wrong)
+    assert SelfTest(named={"skew K": ["K x 2"]}).wrong_names == {"skew K": ["K x 2"]}
+
+
 def test_a_check_that_catches_nothing_does_not_pass():
     idle = SelfTest(caught={"twice lambda": {check: "F" for check in CHECKS if check != "patch test"}}, right={})
     assert "patch test" in idle.idle and not idle.passed

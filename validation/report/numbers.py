@@ -34,10 +34,8 @@ from skfem_stvk import (
 from skfem_stvk.cli.referee import EMBEDDED
 from skfem_stvk.dynamics.integrators import INTEGRATORS
 from skfem_stvk.referee.against import opponent
-from skfem_stvk.referee.faults import FAULTS, bodies
 from skfem_stvk.referee.self_test import self_test
 from skfem_stvk.referee.vectors import PUBLISHED
-from skfem_stvk.referee.verification import verify_candidate
 
 from .. import textbook_laws
 from ..statics import manufactured, turek_hron
@@ -83,12 +81,7 @@ def planted_faults(quick: bool) -> Iterator[Number]:
     )
     yield Number("idle checks", "every check catches what no other does, or says what it backs up", len(found.idle), 0.0, 0.0, none,
                  "mutation", source)  # fmt: skip
-    wrong = []
-    for name, fault in FAULTS.items():
-        body = bodies()[fault.body]
-        named = verify_candidate(fault.make(body.mesh, body.terms), body.mesh, body.terms, given=body.options).named
-        names = [] if named is None else named.names
-        wrong += [] if (fault.named in names if fault.named else not names) else [name]
+    wrong = sorted({*found.unnamed, *found.wrong_names})
     yield Number("faults with a wrong name", f"every planted fault is named by its class or by none, {many}", len(wrong), 0.0, 0.0,
                  none, "mutation", "docs/naming-bugs.md", notes=tuple(wrong))  # fmt: skip
 
