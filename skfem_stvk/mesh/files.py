@@ -13,7 +13,7 @@ import numpy as np
 
 from ..errors import MeshError
 from .content import check_cells
-from .formats import CHECKS, READERS, Counts, Damaged
+from .formats import CHECKS, PARTS, READERS, Counts, Damaged
 
 #: A packed file is unpacked to at most as many times its size; text of meshes packs to a third or a tenth.
 MOST_UNPACKED = 50
@@ -36,6 +36,15 @@ def load(path: Path) -> meshio.Mesh:
         raise MeshError(f"{path} declares more than there is memory for. Is it damaged? Write it anew.") from error
     except Exception as error:
         raise damaged(path, f"{type(error).__name__}: {error}") from error
+
+
+def parts_of(path: Path) -> list[Path]:
+    """Return the regular files that a mesh is read from: a file, and the files that it includes or names, if it is not damaged."""
+    try:
+        parts = [path, *PARTS.get(path.suffix.lower(), lambda path: ())(path)]
+    except (Damaged, OSError):
+        parts = [path]
+    return [part for part in parts if part.is_file()]
 
 
 def checked(path: Path) -> meshio.Mesh:

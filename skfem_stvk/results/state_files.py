@@ -107,6 +107,15 @@ def read_state(path: str | os.PathLike[str], mesh: MeshLike, time: float | None 
     return u, _vectors(file, read, mesh, "velocity")
 
 
+def parts_of_state(path: Path, time: float | None = None) -> list[Path]:
+    """Return the regular files that a state is read from: a file, and of a .pvd that is not damaged the file that it lists."""
+    try:
+        parts = [path, _listed(path, time)] if path.suffix.lower() == ".pvd" else [path]
+    except StvkError:
+        parts = [path]
+    return [part for part in parts if part.is_file()]
+
+
 def _listed(path: Path, time: float | None) -> Path:
     """The file of the state at a time, or of the last one, of a series."""
     try:

@@ -16,6 +16,7 @@ from ..kernels.threads import threads
 from ..mesh import ElementMesh
 from ..results.files import replacing
 from ..results.one_writer import OneWriter
+from ..results.state_files import parts_of_state
 from ..results.vtu import write_mesh
 from ..system import System
 from .build import Built, build, check
@@ -229,9 +230,12 @@ class Scene:
     @cached_property
     def hash(self) -> str:
         """What it is known by, whatever its title, its comments and the order of its keys; what its files hold is a part of it."""
-        named = (getattr(self.sections.mesh, "file", None), self.sections.initial.file)
-        files = [self.source.folder / name for name in named if name is not None]
-        return hash_of(self.source.data, [file.read_bytes() for file in files if file.is_file()])
+        from ..mesh.files import parts_of  # meshio is imported only where there is a file
+
+        folder, mesh, initial = self.source.folder, getattr(self.sections.mesh, "file", None), self.sections.initial
+        files = [] if mesh is None else parts_of(folder / mesh)
+        files += [] if initial.file is None else parts_of_state(folder / initial.file, initial.at)
+        return hash_of(self.source.data, [file.read_bytes() for file in files])
 
     def __repr__(self) -> str:
         return f"Scene({self.source.name}: {self.sections.analysis.type}, {len(self.sections.terms)} terms)"

@@ -426,6 +426,41 @@ def test_a_mesh_that_was_changed_under_its_name_makes_another_scene(tmp_path):
     assert Scene.read(path).hash != before
 
 
+LISTED = "<VTKFile><Collection>{}</Collection></VTKFile>".format(
+    "".join(f'<DataSet timestep="{t}" file="last_{t}.vtu"/>' for t in (0, 1))
+)
+
+
+@pytest.mark.parametrize(
+    "setting, name, text, part, other",
+    [
+        ("mesh={{ file = '{}' }}", "a.inp", "*NODE\n *Include , input=b.inp\n", "b.inp", "c.inp"),
+        ("mesh={{ file = '{}' }}", "a.inp", "*INCLUDE, INPUT=between.inp\n", "b.inp", "c.inp"),
+        ("mesh={{ file = '{}' }}", "a.ele", "", "a.node", "b.node"),
+        ("mesh={{ file = '{}' }}", "a.node", "", "a.ele", "b.ele"),
+        ("mesh={{ file = '{}' }}", "a.xml", "<dolfin/>", "a_region.xml", "b_region.xml"),
+        ("mesh={{ file = '{}' }}", "a.xdmf", '<Xdmf><DataItem Format="HDF">a.h5:/x</DataItem></Xdmf>', "a.h5", "b.h5"),
+        ("initial.file='{}'", "a.pvd", LISTED, "last_1.vtu", "last_0.vtu"),
+        ("initial={{ file = '{}', at = 0.0 }}", "a.pvd", LISTED, "last_0.vtu", "last_1.vtu"),
+    ],
+)
+def test_a_file_that_belongs_to_another_file_makes_another_scene(tmp_path, setting, name, text, part, other):
+    path = scene(tmp_path, STATIC)
+    (tmp_path / "between.inp").write_text("*NODE\n** *INCLUDE, INPUT=c.inp\n*INCLUDE,INPUT=b.inp\n")
+    for file in (part, other, name):
+        (tmp_path / file).write_text(text if file == name else "1")
+    before = Scene.read(path, [setting.format(name)]).hash
+    (tmp_path / other).write_text("2")
+    assert Scene.read(path, [setting.format(name)]).hash == before
+    (tmp_path / part).write_text("2")
+    assert Scene.read(path, [setting.format(name)]).hash != before
+
+
+def test_files_that_include_themselves_have_a_hash(tmp_path):
+    (tmp_path / "a.inp").write_text("*INCLUDE, INPUT=a.inp\n")
+    assert Scene.read(scene(tmp_path, STATIC), ["mesh={ file = 'a.inp' }"]).hash
+
+
 def test_relative_paths_are_relative_to_the_scene(tmp_path, monkeypatch):
     path = Path(__file__).parents[2] / "docs" / "scenes" / "arch.toml"
     monkeypatch.chdir(tmp_path)

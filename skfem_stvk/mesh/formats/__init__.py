@@ -5,7 +5,7 @@ Formats whose reader cannot be asked are read here; of the others the file is co
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 
 import meshio
@@ -52,5 +52,14 @@ CHECKS: dict[str, Callable[[Path], Counts]] = {
     ".xdmf": xml_files.xdmf,
     ".xmf": xml_files.xdmf,
 }
+#: Other files that belong to a mesh file, by its ending.
+PARTS: dict[str, Callable[[Path], Iterable[Path]]] = {
+    ".inp": abaqus.included,
+    ".ele": counted.tetgen_files,
+    ".node": counted.tetgen_files,
+    ".xml": xml_files.dolfin_data,
+    ".xdmf": xml_files.xdmf_data,
+    ".xmf": xml_files.xdmf_data,
+}
 
-__all__ = ["CHECKS", "READERS", "Counts", "Damaged"]
+__all__ = ["CHECKS", "PARTS", "READERS", "Counts", "Damaged"]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -10,13 +11,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import name_ids
-from .source import ABAQUS, NODES, Damaged, Source, check_known, check_last_line, check_unique
+from .source import ABAQUS, NODES, Damaged, Source, check_known, check_last_line, check_unique, regular
 
 Ids = NDArray[np.int64]
 #: Keyword, options and data lines in words.
 Section = tuple[str, dict[str, str], list[list[str]]]
 #: What a file may include: so deep, and so many files in all.
 DEEPEST, MOST_FILES = 8, 100
+INCLUDE = re.compile(rb"^[ \t]*\*[ \t]*INCLUDE\b.*$", re.IGNORECASE | re.MULTILINE)
 
 
 def read(path: Path) -> meshio.Mesh:
@@ -39,6 +41,11 @@ def read(path: Path) -> meshio.Mesh:
         point_sets={name: np.flatnonzero(np.isin(nodes, members)) for name, members in sets_of(parts, "NSET", nodes).items()},
         cell_sets={name: [np.flatnonzero(np.isin(block, members)) for block in ids] for name, members in named.items()},
     )
+
+
+def included(path: Path) -> Iterator[Path]:
+    """Yield the files that a file includes, also within others."""
+    return Files(path).every(path)
 
 
 def nodes_of(parts: list[Section]) -> tuple[Ids, NDArray[np.float64]]:
@@ -188,9 +195,7 @@ class Files:
 
     def lines(self, path: Path, depth: int) -> Iterator[str]:
         """Lines that say something; of an included file in place of `*INCLUDE`."""
-        self.count += 1
-        if depth > DEEPEST or self.count > MOST_FILES:
-            raise Damaged(f"it includes files more than {DEEPEST} deep, or more than {MOST_FILES}: itself? {path.name[:60]}")
+        self.enter(path, depth)
         with Source(path) as source:
             check_last_line(source.file)
             source.file.seek(0)
@@ -202,6 +207,21 @@ class Files:
                     yield from self.lines(self.included(head_of(line)[1].get("INPUT", "")), depth + 1)
                 else:
                     yield line
+
+    def every(self, path: Path, depth: int = 0) -> Iterator[Path]:
+        """Yield the files that a file includes, and the files that these include."""
+        self.enter(path, depth)
+        regular(path)
+        for line in INCLUDE.findall(path.read_bytes()):
+            found = self.included(head_of(line.decode(errors="replace").strip())[1].get("INPUT", ""))
+            yield found
+            yield from self.every(found, depth + 1)
+
+    def enter(self, path: Path, depth: int) -> None:
+        """Count a file, and refuse files that are included too deep, or too many."""
+        self.count += 1
+        if depth > DEEPEST or self.count > MOST_FILES:
+            raise Damaged(f"it includes files more than {DEEPEST} deep, or more than {MOST_FILES}: itself? {path.name[:60]}")
 
     def included(self, name: str) -> Path:
         """A regular file in the folder of the mesh file, or below."""

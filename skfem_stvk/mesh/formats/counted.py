@@ -56,6 +56,11 @@ def tetgen(path: Path) -> Counts:
     return nodes, elements
 
 
+def tetgen_files(path: Path) -> list[Path]:
+    """Return both files of TetGen's pair."""
+    return [path.with_suffix(".node"), path.with_suffix(".ele")]
+
+
 def heads(source: Source, what: str, count: int) -> list[int]:
     """Counts on the first line."""
     words = source.line().split()

@@ -207,15 +207,20 @@ def dolfin(path: Path) -> Counts:
             raise Damaged(f"{size} {name} are declared, {len(found[0])} are there")
         check_consecutive(np.sort([count_of(item.get("index", ""), name) for item in found[0]]), 0, name)
         sizes.append(size)
-    for beside in path.resolve().parent.iterdir():
-        if re.match(rf"{re.escape(path.stem)}_([^.]+)\.xml", beside.name):
-            regular(beside)
-            for item in root_of(beside):
-                ids = np.sort([count_of(one.get("index", ""), "values") for one in item])
-                check_consecutive(ids, 0, f"values in {beside.name}")
-                if len(item) != count_of(item.get("size", ""), "values"):
-                    raise Damaged(f"{item.get('size')} values are declared in {beside.name}, {len(item)} are there")
+    for beside in dolfin_data(path):
+        regular(beside)
+        for item in root_of(beside):
+            ids = np.sort([count_of(one.get("index", ""), "values") for one in item])
+            check_consecutive(ids, 0, f"values in {beside.name}")
+            if len(item) != count_of(item.get("size", ""), "values"):
+                raise Damaged(f"{item.get('size')} values are declared in {beside.name}, {len(item)} are there")
     return sizes[0], sizes[1]
+
+
+def dolfin_data(path: Path) -> list[Path]:
+    """Return the files with arrays of a mesh, `NAME_ARRAY.xml`, in the order of their names."""
+    pattern = re.compile(rf"{re.escape(path.stem)}_([^.]+)\.xml")
+    return sorted(one for one in path.resolve().parent.iterdir() if pattern.match(one.name))
 
 
 def xdmf(path: Path) -> Counts:
@@ -225,11 +230,24 @@ def xdmf(path: Path) -> Counts:
         text, form = (item.text or "").strip(), item.get("Format", "XML")
         dims = [count_of(word, "numbers") for word in item.get("Dimensions", "").split()]
         size = len(text)
-        if form in ("HDF", "Binary"):
-            beside = path.resolve().parent / text.rpartition(":")[0] if form == "HDF" else Path(text)
+        if (beside := _outside(path, item)) is not None:
             regular(beside)
             size = beside.stat().st_size * (1000 if form == "HDF" else 1)  # HDF5 may be packed
         if prod(dims) > size + 1:
             raise Damaged(f"{prod(dims)} numbers are declared, more than {size} bytes can hold")
     counts = [topology.get("NumberOfElements") or topology.get("Dimensions") for topology in root.iter("Topology")]
     return None, sum(count_of(count, "elements") for count in counts if count) if counts and all(counts) else None
+
+
+def xdmf_data(path: Path) -> list[Path]:
+    """Return the files with arrays that a file names, each once."""
+    files = [_outside(path, item) for item in root_of(path).iter("DataItem")]
+    return list(dict.fromkeys(file for file in files if file is not None))
+
+
+def _outside(path: Path, item: ET.Element) -> Path | None:
+    """Return the file that holds an array; None if the array stands in the text itself."""
+    text = (item.text or "").strip()
+    if item.get("Format") == "HDF":
+        return path.resolve().parent / text.rpartition(":")[0]
+    return Path(text) if item.get("Format") == "Binary" else None
