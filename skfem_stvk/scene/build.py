@@ -255,6 +255,10 @@ def _check_outputs(sections: SceneTables, source: SceneSource, complaints: Compl
     for name in sorted(output.probes.keys() & output.reactions.keys()):
         complaints.add(("output", "reactions", name), "is the name of a probe as well; rename one of them")
     known = [*followed, "ledger" if dynamic else "path"]
+    taken = {known[-1], "critical", *(name.partition(".")[0] for name in RESULTS[sections.analysis.type])}
+    for table in ("probes", "reactions"):
+        for name in sorted(taken.intersection(getattr(output, table))):
+            complaints.add(("output", table, name), "is the name of results or of a plot as well; choose another name")
     if isinstance(sections.analysis, ModesAnalysis):
         known = []
         for name in ("probes", "reactions"):

@@ -21,7 +21,7 @@ from .syntax import DEEPEST, Loc, lines_of, parsed, path_of, quoted, refuse_too_
 #: Files that are larger are no scenes.
 LARGEST = 10_000_000
 #: A key or an index in the path of `--set`.
-STEP = re.compile(r"""\.?(?:(?P<bare>[A-Za-z0-9_-]+)|"(?P<quoted>[^"]*)"|'(?P<literal>[^']*)'|\[(?P<index>-?\d+)\])""")
+STEP = re.compile(r"""\.?(?:(?P<bare>[A-Za-z0-9_-]+)|"(?P<quoted>[^"]*)"|'(?P<literal>[^']*)')|\[(?P<index>-?\d+)\]""")
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,18 +119,23 @@ def setting_of(given: str) -> tuple[Loc, Any]:
     place = 0
     while place < len(path):
         step = STEP.match(path, place)
-        if step is None or (not loc and step["index"] is not None) or (place and path[place] not in ".["):
+        if step is None or (path[place] not in ".[" if loc else path[place] in ".["):
             raise _not_set(given, f"{shown(path)} is no key; expected names and [numbers], such as terms[1].g")
         loc.append(int(step["index"]) if step["index"] is not None else step["bare"] or step["quoted"] or step["literal"] or "")
         place = step.end()
         if len(loc) > DEEPEST:
             raise _not_set(given, f"the key has more than {DEEPEST} parts")
     try:
-        return tuple(loc), parsed(f"value = {text}", given)["value"]
+        found = parsed(f"value = {text}", given)
     except SceneError as error:
         if text[0] in "[{\"'":
             raise _not_set(given, f"the value {shown(text)} is not one: {error.complaints[0][2].rstrip('.')}") from None
         return tuple(loc), text
+    if len(found) > 1:
+        raise _not_set(
+            given, f"the value {shown(text)} has several lines with keys; expected one value. Set each key by its own --set"
+        )
+    return tuple(loc), found["value"]
 
 
 def _parted(given: str) -> tuple[str, str, str]:

@@ -196,12 +196,12 @@ def planned(
             wrong.update(_each(error, source.name))
     refuse_all([text + (f" (in {times} of {count} runs)" if times < count else "") for text, times in wrong.items()], source.name)
     names = _names(axes, combinations)
-    first: dict[str, str] = {}
+    first: dict[str, int] = {}
     twice = []
-    for name, scene in zip(names, scenes, strict=True):
-        other = first.setdefault(hash_of(scene.data), name)
-        if other != name:
-            twice.append(f"{other} and {name} are the same scene; give each value once")
+    for number, (name, scene) in enumerate(zip(names, scenes, strict=True)):
+        other = first.setdefault(hash_of(scene.data), number)
+        if other != number:
+            twice.append(f"runs {other} ({names[other]}) and {number} ({name}) are the same scene; give each value once")
     refuse_all(twice, source.name)
     values = [{axis.path: axis.values[k] for axis, k in zip(axes, numbers, strict=True)} for numbers in combinations]
     texts = [_settings(axes, numbers) for numbers in combinations]

@@ -332,6 +332,19 @@ CASES = [
         [("reactions = { wall", "reactions = { tip")],
         "scene.toml: output.reactions.tip, line 43: is the name of a probe as well; rename one of them",
     ),
+    *(
+        Broken(
+            f"a probe named {name}",
+            [("probes = { tip", f'probes = {{ {name} = "right", tip')],
+            f"scene.toml: output.probes.{name}, line 42: is the name of results or of a plot as well; choose another name",
+        )
+        for name in ("energy", "ledger", "time", "displacement", "critical")
+    ),
+    Broken(
+        "a reaction named as a plot",
+        [("reactions = { wall", 'reactions = { ledger = "left", wall')],
+        "scene.toml: output.reactions.ledger, line 43: is the name of results or of a plot as well; choose another name",
+    ),
     Broken(
         "an expectation of nothing",
         [("tip.z", "tpi.z")],
@@ -540,6 +553,10 @@ def test_a_value_that_is_set_is_named_by_its_setting(tmp_path, capsys):
         ("terms.g=1", "terms is no table, and has no key 'g'; entries of a list have a number, as in terms[0].g"),
         ("analysis.dt", "expected KEY=VALUE"),
         ("analysis.dt=[1", "is not closed"),
+        ("analysis.dt=0.1\nuntil=5", "has several lines with keys; expected one value"),
+        ("analysis.dt=0.1\n[output]\nevery = 3", "has several lines with keys; expected one value"),
+        (".analysis.dt=1", "'.analysis.dt' is no key"),
+        ("terms.[0].g=1", "'terms.[0].g' is no key"),
         ("output.plots=['tpi']", "output.plots[0], from --set output.plots=['tpi']: there is nothing to plot"),
         ("terms[-1].on=3", "terms[2].on, from --set terms[-1].on=3: got 3"),
         ("matrials.steel.young=1", "matrials, from --set matrials.steel.young=1: unknown key; did you mean 'materials'?"),

@@ -223,7 +223,12 @@ def test_all_values_are_checked_before_anything_runs(tmp_path):
         (["analysis.steps=1,,2"], "no value that is empty"),
         (["analysis.steps=1,2", "analysis.steps=3"], "set twice"),
         (["analysis.steps=[1,2"], "is not one"),
-        ([f"{YOUNG}=1e6,1.0e6"], "the same scene"),
+        ([f"{YOUNG}=1e6,1.0e6"], r"runs 0 \(young=1e6-\w+\) and 1 \(young=1e6-\w+\) are the same scene; give each value once"),
+        (
+            [f"{YOUNG}=1e5,2e5,1e5"],
+            r"runs 0 \(young=100000-\w+\) and 2 \(young=100000-\w+\) are the same scene; give each value once",
+        ),
+        ({YOUNG: [1e5, 1e5]}, "are the same scene"),
         ({YOUNG: 1e6}, "expected a list of values"),
         ({YOUNG: "1e6,2e6"}, "expected a list of values"),
         ({YOUNG: []}, "expected a list of values"),
