@@ -19,7 +19,7 @@ from skfem_stvk.bench.meshes import bracket
 from skfem_stvk.edges.stiffness import GeneralStiffness
 from skfem_stvk.edges.topology import OwnOrder
 
-from .asked import costs
+from .asked import costs, costs_of_laws
 from .edge_gather import EdgeGather
 from .operations import edges, total_lagrangian
 from .operations.algorithms import Algorithm, state
@@ -60,6 +60,7 @@ def main(quick: bool = False) -> int:
         "1e-11."
     )
     console.print(costs(meshes, TERM, seconds))
+    console.print(costs_of_laws(meshes, seconds))
     return 0
 
 
