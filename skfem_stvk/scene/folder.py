@@ -26,6 +26,8 @@ from .source import SceneSource
 
 #: Status of a run that was refused before it began, so that nothing is lost where its folder is taken again.
 REFUSED = "refused"
+#: Status of a run that an error ended after it had written results.
+FAILED = "failed"
 SUMMARY, RESOLVED, CHECKPOINT = "summary.json", "resolved.toml", "checkpoint"
 #: Bytes of the largest summary that is read.
 LARGEST = 100_000_000
@@ -144,13 +146,15 @@ class Folder:
         self._say({"status": "was killed or is running", "scene_hash": known, "begun": _now()})
 
     def failed(self, known: str, error: BaseException, former: Former) -> None:
-        """Put back the former summary and scene if no result has changed; otherwise say that the analysis refused its input."""
-        if former.said and self._files() == former.files:
+        """Put back the former summary and scene if no result has changed; otherwise write why the run was refused, or failed."""
+        unchanged = self._files() == former.files
+        if former.said and unchanged:
             for name, content in former.said.items():
                 with replacing(self.path / name) as part:
                     part.write_bytes(content)
         elif isinstance(error, StvkError):
-            self._say({"status": REFUSED, "exit_code": BAD_INPUT, "message": str(error), "scene_hash": known, "ended": _now()})
+            status = REFUSED if unchanged else FAILED
+            self._say({"status": status, "exit_code": BAD_INPUT, "message": str(error), "scene_hash": known, "ended": _now()})
 
     def ended(self, known: str, outcome: SceneOutcome, former: Former) -> None:
         """Write the summary of a run, and remove the files of the replaced run that this run has not replaced."""

@@ -314,6 +314,21 @@ def test_a_run_that_is_refused_leaves_the_results_that_are_there(tmp_path, capsy
     assert contents(tmp_path / "beam") == before
 
 
+def test_results_of_a_run_that_an_error_ended_are_not_replaced(tmp_path, monkeypatch, capsys):
+    path = scene(tmp_path, STATIC, FOLLOWED)
+
+    def fails(built, folder, quiet):
+        (folder.path / "beam_0000.vtu").write_text("a state")
+        raise StvkError("No space left on device.")
+
+    monkeypatch.setattr("skfem_stvk.scene.scene.solve", fails)
+    assert main(["solve", str(path), "--quiet"]) == 2
+    monkeypatch.undo()
+    assert main(["solve", str(path), "--quiet"]) == 2
+    assert "holds the results of a run that failed" in capsys.readouterr().err
+    assert (tmp_path / "beam" / "beam_0000.vtu").read_text() == "a state"
+
+
 def test_results_that_another_run_finishes_while_a_scene_is_built_are_not_replaced(tmp_path, monkeypatch):
     slow, fast = Scene.read(scene(tmp_path, STATIC)), Scene.read(scene(tmp_path, STATIC.replace("-2e3", "-1e3")))
     look = Folder.open
