@@ -114,7 +114,7 @@ def _energy(system: SystemLike, u: Array) -> float:
 
 
 def sums(values: Array) -> list[float]:
-    """Two numbers, never near zero by cancellation, that change with each value, its sign and its place; finite if values overflow."""
+    """Two finite numbers, never near zero by cancellation, that change with each value, its sign and its place."""
     weights = 1.5 + np.cos(np.arange(values.size))
     with np.errstate(over="ignore", invalid="ignore"):
         size, balance = weights @ np.abs(values.ravel()), weights @ values.ravel()

@@ -68,6 +68,16 @@ FILES: dict[str, tuple[str, str, dict[str, str]]] = {
     "INCLUDE of nothing": ("body.inp", INP + "*INCLUDE\n", {}),
     "Gmsh's file with 1e12 nodes, version 2.2": ("body.msh", MSH.format(last=4).replace("$Nodes\n4", "$Nodes\n1000000000000"), {}),
     "Gmsh's file with 1e12 nodes, version 4.1": ("body.msh", MSH4.format(last=4).replace("3 1 0 4", "3 1 0 1000000000000"), {}),
+    **{
+        f"Gmsh's data with {name}": ("body.msh", MSH.format(last=4) + f"$NodeData\n{head}\n$EndNodeData\n", {})
+        for name, head in {
+            "1e9 texts": '1000000000\n"a"',
+            "1e9 real tags": '1\n"a"\n1000000000\n0.0',
+            "1e9 whole tags": '1\n"a"\n1\n0.0\n1000000000\n0',
+            "1e12 values": '1\n"a"\n1\n0.0\n3\n0\n1\n1000000000000\n1 0.0',
+            "1e12 components": '1\n"a"\n1\n0.0\n3\n0\n1000000000000\n4\n1 0.0',
+        }.items()
+    },
     "Geomview's file with 1e12 vertices": ("body.off", "OFF\n1000000000000 1 0\n0 0 0\n", {}),
     ".node with 1e12 nodes": ("body.node", "1000000000000 3 0 0\n0 0 0 0\n", {"body.ele": "1 4 0\n0 0 1 2 3\n"}),
     ".node of one newline": ("body.node", "\n", {"body.ele": "\n"}),

@@ -63,6 +63,8 @@ class Sections:
                 look()
                 self.source.expect(f"$End{name}", f"what {line} declares")
             else:
+                if name in ("NodeData", "ElementData", "ElementNodeData"):
+                    self.head_of_data()
                 self.skip(name)
         if self.nodes is None or self.elements is None:
             raise Damaged("$Nodes or $Elements is missing")
@@ -74,6 +76,15 @@ class Sections:
             if raw.strip() == f"$End{name}".encode():
                 return
         raise Damaged(f"${name[:60]} not closed by $End{name[:60]}")
+
+    def head_of_data(self) -> None:
+        """Look at the numbers of tags and of values, which meshio takes for granted."""
+        words: list[list[str]] = []
+        for what in ("texts", "real tags", "whole tags"):
+            words = self.source.rows(what, count_of(self.source.line(), what))
+        if len(words) > 2:
+            components, items = (count_of(words[place][0], "values") for place in (1, 2))
+            self.source.fits("values", items, 2 * (1 + components))
 
     def physical_names(self) -> None:
         count = count_of(self.source.line(), "physical names")
