@@ -13,6 +13,7 @@ from pydantic import AllowInfNan, Field, ValidationError
 
 from ..arguments import Array
 from ..errors import StvkError, name_ids, warn
+from ..nonlinear.problem import Tangent
 from ..results.archive import Checkpoint, CheckpointHeader, NotOurs, finite
 from ..results.files import output_path
 from ..results.state_files import MOTION, MOTION_FILE
@@ -23,7 +24,7 @@ from .books import REMOVED, LedgerPlaces, column_names, columns_without_value, k
 from .integrators import Integrator
 from .ledger import Ledger
 from .motion import Motion
-from .record import FEWEST, HALVINGS, MOST, Clock, Counts, MotionState, Reviews, RunRecord, Snapshot
+from .record import FEWEST, HALVINGS, MOST, Clock, Counts, HierarchyOrigin, MotionState, Reviews, RunRecord, Snapshot
 
 #: Time from one checkpoint to the next: at least that [s], and so long that writing takes no larger share of it.
 EVERY, SHARE = 5.0, 0.05
@@ -31,6 +32,8 @@ EVERY, SHARE = 5.0, 0.05
 ANEW = "Start anew: overwrite=True, without resume."
 #: Arrays of a state that a checkpoint holds.
 ARRAYS = ("u", "v", "a", "reaction")
+#: Arrays of the origin of a hierarchy.
+HIERARCHY = ("hierarchy u0", "hierarchy w")
 #: Energies agree, but for this part of the largest.
 ENERGY = 1e-6
 #: Steps that are found do not shrink below this part of the first one.
@@ -73,6 +76,18 @@ class MomentRecord(Record):
     steps: Count
     cuts: Count
     rows: Annotated[int, Field(ge=1)]
+
+
+class OriginRecord(Record):
+    """`HierarchyOrigin`, but for its arrays."""
+
+    t: float
+    c: NotNegative
+    g: NotNegative
+    tangent: Literal[tuple(one.value for one in Tangent)]  # type: ignore[valid-type]
+    with_tensions: bool
+    pace: NotNegative | None
+    slow: bool
 
 
 class StepperRecord(Record):
@@ -119,6 +134,7 @@ class MotionHeader(CheckpointHeader):
     columns: list[str]
     save: str | None  # the name of its series, as the run was given it; nothing is written there: a checkpoint does not say where
     every: Annotated[int, Field(ge=1)]  # steps from one saved state to the next
+    hierarchy: OriginRecord | None = None  # that multigrid keeps
 
 
 class MotionCheckpoint(Checkpoint[MotionHeader]):
@@ -181,6 +197,9 @@ class Saved(NamedTuple):
         kept = None if good is None else self._snapshot(good, "good ")
         record = RunRecord(then.state, then.clock, self.ledger, then.reviews, then.steps, then.cuts, kept)
         record.removed, record.removed_at = self.removed
+        if self.header.hierarchy is not None:
+            u0, w = (self.arrays[name] for name in HIERARCHY)
+            record.origin = HierarchyOrigin(u0, w, **self.header.hierarchy.model_dump())
         record.counts.add(Counts(**self.header.counts.model_dump()))
         record.watch.add(self.header.seconds)
         return record
@@ -204,6 +223,10 @@ def packed(record: RunRecord, places: LedgerPlaces, found: bool) -> tuple[dict[s
     if found and good is not None and good.steps < record.steps:
         about["good"] = _moment(good, good.rows)
         arrays |= {f"good {name}": getattr(good.state, name) for name in ARRAYS}
+    if record.origin is not None:
+        u0, w, *others = record.origin
+        about["hierarchy"] = dict(zip(HierarchyOrigin._fields[2:], others, strict=True))
+        arrays |= dict(zip(HIERARCHY, (u0, w), strict=True))
     if len(record.removed):
         arrays |= {"removed": record.removed, "removed at": record.removed_at}
     for kind, vertices in places._asdict().items():
@@ -251,6 +274,9 @@ def refuse_inconsistent(saved: Saved, motion: Motion, integrator: Integrator) ->
     if start["t0"] != [ledger["time"][0]] or len(start["u0"]) != 2 or len(start["v0"]) != 2:
         raise ValueError(f"it began with {start}, its ledger at t = {ledger['time'][0]:g}")
     _check_moment(saved, header.now, "", motion, integrator)
+    if header.hierarchy is not None:
+        for name in HIERARCHY:
+            finite(saved.arrays, name, (motion.n,))
     if header.good is not None:
         if integrator.dt is not None or not header.good.steps < header.now.steps:
             raise ValueError(f"its last good state is that of step {header.good.steps} of {header.now.steps}")

@@ -45,6 +45,8 @@ class Loop:
             record.clock.dt, record.reviews = self._limit.first(record.state)
         self._books = Books(motion, setup.places, record.ledger, record.clock.dt)
         self._begin()
+        if record.origin is not None:
+            self._stepper.rebuild(record.origin)
         self._inversions = Inversions(motion, self._looks())
         self._books.count_inside_out(self._inversions.at_first(record))
         self._monitors = Monitors(motion.system, ellipticity=False)
@@ -138,6 +140,7 @@ class Loop:
                     record.clock.change(dt)
                 if torn or self._guard.trusts():
                     record.keep()
+            record.origin = self._stepper.origin
         except StepFailed as error:
             return Status.NOT_CONVERGED, str(error)
         except StateError as error:

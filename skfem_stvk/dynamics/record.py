@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 from math import ceil, isfinite, nan, ulp
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -126,6 +127,31 @@ class Counts:
         self.clamped += before.clamped
 
 
+class HierarchyOrigin(NamedTuple):
+    """The matrix from which multigrid has built the hierarchy that it keeps. A resumed run builds it from the same matrix.
+
+    Attributes
+    ----------
+    u0, w : (ndofs,) displacements at the beginning of the step, and over it [m].
+    t : time of the equation [s].
+    c, g : factors of accelerations and velocities, as in `Coefficients`.
+    tangent : value of a `Tangent` of Newton's method.
+    with_tensions : whether it has the tensions of the beginning.
+    pace : iterations per decade of the residual in the first solve; None before it.
+    slow : whether the next matrix gets a new hierarchy.
+    """
+
+    u0: Array
+    w: Array
+    t: float
+    c: float
+    g: float
+    tangent: str
+    with_tensions: bool
+    pace: float | None = None
+    slow: bool = False
+
+
 @dataclass(frozen=True)
 class Snapshot:
     """A copy of the record after a whole step."""
@@ -151,6 +177,7 @@ class RunRecord:
     good: Snapshot | None = None  # the last good state, to which a run that blows up goes back
     counts: Counts = field(default_factory=Counts)  # what the steps took
     watch: Stopwatch = field(default_factory=lambda: Stopwatch("write"))  # how long they took, by part
+    origin: HierarchyOrigin | None = None  # of the hierarchy that multigrid keeps
     removed: NDArray[np.int64] = field(default_factory=lambda: np.empty(0, dtype=np.int64))  # elements taken out, in turn
     removed_at: Array = field(default_factory=lambda: np.empty(0))  # when [s]; not a number where that was before the run
 

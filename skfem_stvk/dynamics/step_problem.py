@@ -14,6 +14,7 @@ from ..arguments import Array
 from ..edges import ALL, NONE, TENSILE, WARPED, Tensions
 from ..errors import StateError
 from ..linear import Factors, Kind, LinearSolver, Outcome, Solution, Unknowns
+from ..linear.amg import Pace
 from ..linear.block_cg import BlockJacobiAnalysis, BlockJacobiCg, BlockJacobiFactors
 from ..linear.cg import EdgeFactors
 from ..nonlinear.problem import Residual, Tangent, dot, norm
@@ -27,7 +28,7 @@ from ..terms import HasMeanForce
 from ..terms.load import Moment, Time
 from .forces import StartTensions, add_damping_force, add_mean_force, add_secant_damping, passes_inversion
 from .motion import Motion
-from .record import MotionState
+from .record import HierarchyOrigin, MotionState
 
 #: Linear solves of Newton's method are as precise as this at least, so that it converges as with a direct solver, for a sixth more
 #: time than with 1e-5: with that, and where `rtol` allows much, small steps of Newmark's method were off by 1e-5 in place of 3e-9.
@@ -107,6 +108,7 @@ class StepProblem:
         self._unlimited = motion.system.constant_tangent or passes_inversion(motion.system)
         self._lasting_factors: tuple[Any, Factors] | None = None
         self._free_operator: FreeOperator | None = None
+        self._origin: HierarchyOrigin | None = None
         self._removals = motion.system.removals
         with watch("factor"):
             self.tangent = FreeTangent(motion.system, solver, kind_of_step(motion.system, chosen), lambda: self._u0 + self._w)
@@ -211,7 +213,37 @@ class StepProblem:
                 if tangent is Tangent.SHIFTED:
                     K.setdiag(K.diagonal() + self.tangent.shift(K.diagonal()))
         with self._watch("factor"):
-            return self.tangent.factorise(K, exact)
+            multigrid = self.tangent.multigrid
+            before = None if multigrid is None else multigrid.hierarchy
+            factors = self.tangent.factorise(K, exact)
+            if multigrid is not None and multigrid.hierarchy is not before:
+                at = self._u0.copy(), w.copy(), Moment.of(t).time
+                self._origin = HierarchyOrigin(*at, self._c, self._g, tangent.value, self._with_tensions)
+            return factors
+
+    @property
+    def origin(self) -> HierarchyOrigin | None:
+        """The origin of the hierarchy that multigrid keeps; None where there is none."""
+        multigrid = self.tangent.multigrid
+        if multigrid is None or multigrid.hierarchy is None or self._origin is None:
+            return None
+        return self._origin._replace(pace=multigrid.pace.first, slow=multigrid.pace.is_slow)
+
+    def forget(self) -> None:
+        """Drop the hierarchy of multigrid, so that the next matrix gets a new one."""
+        if self.tangent.multigrid is not None:
+            self.tangent.multigrid.hierarchy = None
+
+    def rebuild(self, origin: HierarchyOrigin) -> None:
+        """Build the hierarchy of multigrid again that another run kept."""
+        if self.tangent.multigrid is None:
+            return
+        np.copyto(self._u0, origin.u0)
+        if self._tensions is not None:
+            self._tensions.begin(origin.u0)
+        self._c, self._g, self._with_tensions = origin.c, origin.g, origin.with_tensions
+        self._factorise(origin.w, self.motion.moment(origin.t), Tangent(origin.tangent))
+        self.tangent.multigrid.pace = Pace(origin.pace, origin.slow)
 
     def solve(self, factors: Factors, b: Array, rtol: float) -> Solution:
         """The solution of `K x = b`, as precise as `PRECISE` at least."""

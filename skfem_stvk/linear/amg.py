@@ -72,7 +72,7 @@ class AmgAnalysis:
         self.finest = Level(self.rows.graph, structure, self.rows.diagonal, structure.room(), structure.room(SINGLE))
         self.parts = parts_of(len(self.finest.x), 0.1, threads())
         self.hierarchy: Hierarchy | None = None
-        self._pace = _Pace()
+        self.pace = Pace()
 
     @in_turn
     def factorise(self, K: Any, kind: Kind) -> AmgFactors:
@@ -83,12 +83,12 @@ class AmgAnalysis:
         size = float(np.abs(values[self._diagonal]).mean())
         scale = 1 / size if size > 0 else 1.0
         self.rows.fill(values, scale, self.finest.blocks, self.finest.single)
-        if self.hierarchy is None or self._pace.is_slow:
+        if self.hierarchy is None or self.pace.is_slow:
             modes = self.rows.padded(_modes(self._unknowns))
-            self.hierarchy, self._pace = Hierarchy(self.finest, modes, scale, self.rows.middles()), _Pace()
+            self.hierarchy, self.pace = Hierarchy(self.finest, modes, scale, self.rows.middles()), Pace()
         else:
             self.hierarchy.refresh(scale)
-        return AmgFactors(self, self._newest, number, self._pace)
+        return AmgFactors(self, self._newest, number, self.pace)
 
 
 class AmgFactors:
@@ -96,7 +96,7 @@ class AmgFactors:
 
     negative_pivots: ClassVar[None] = None
 
-    def __init__(self, analysis: AmgAnalysis, newest: Newest, number: int, pace: _Pace) -> None:
+    def __init__(self, analysis: AmgAnalysis, newest: Newest, number: int, pace: Pace) -> None:
         self._analysis, self._newest, self._number, self._pace = analysis, newest, number, pace
         self._single = np.empty_like(analysis.finest.x)
         self._product = np.empty(len(self._single))
@@ -125,20 +125,19 @@ class AmgFactors:
         return np.multiply(self._analysis.hierarchy(self._single), size, dtype=np.float64)
 
 
-class _Pace:
+class Pace:
     """Iterations per decade of the residual, in the first solve with a hierarchy and in the last."""
 
-    def __init__(self) -> None:
-        self._first: float | None = None
-        self.is_slow = False
+    def __init__(self, first: float | None = None, is_slow: bool = False) -> None:
+        self.first, self.is_slow = first, is_slow
 
     def note(self, found: Solution) -> None:
         """Take note of the pace of a solve; one of few iterations says nothing."""
         if found.iterations < 5 or not 0 < found.residual < 0.1 * found.start:
             return
-        pace = found.iterations / np.log10(found.start / found.residual)
-        self._first = self._first or pace
-        self.is_slow = pace > GROWTH * self._first
+        pace = found.iterations / float(np.log10(found.start / found.residual))
+        self.first = self.first or pace
+        self.is_slow = pace > GROWTH * self.first
 
 
 def _modes(unknowns: Unknowns) -> Vector:

@@ -252,6 +252,7 @@ class ReducedStep(DenseProblem):
     """
 
     iterative: ClassVar[bool] = False
+    origin: ClassVar[None] = None
 
     def __init__(self, motion: ReducedMotion, mean: bool, watch: Stopwatch) -> None:
         super().__init__(motion.reduced.size, motion.n, watch)
@@ -278,6 +279,9 @@ class ReducedStep(DenseProblem):
         self._offset -= rest
         if isinstance(d, np.ndarray):
             self.motion.add_linear_damping(d, self._offset)
+
+    def forget(self) -> None:
+        """Do nothing: there is no multigrid."""
 
     def arrive(self, u: Array) -> float:
         """The strain energy at `u` (m,) [J]; the force that comes with it is where `before_step` begins."""

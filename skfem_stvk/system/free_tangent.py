@@ -14,6 +14,7 @@ from ..arguments import Array
 from ..edges import ALL, Tensions
 from ..errors import StvkError
 from ..linear import BlockJacobiCg, Factors, Kind, LinearSolver, Unknowns
+from ..linear.amg import AmgAnalysis
 from ..linear.inertia import transposition
 from ..terms.load import Time
 from .operator import FreeOperator, TangentOperator
@@ -133,6 +134,11 @@ class FreeTangent:
         if exact:
             self.exact = factors
         return factors
+
+    @property
+    def multigrid(self) -> AmgAnalysis | None:
+        """The analysis of multigrid, which keeps its hierarchy from matrix to matrix; None with other solvers."""
+        return self._analysis if isinstance(self._analysis, AmgAnalysis) else None
 
     @property
     def lasting(self) -> Factors | None:

@@ -16,8 +16,9 @@ import pytest
 import skfem
 from motions import BOTH, MESHES, clamped, driven, ended, kicked, material, reached, spinning, stretched, velocities
 
-from skfem_stvk import NodalLoad, StvkError, StvkWarning, System, simulate
+from skfem_stvk import Gravity, NodalLoad, StVK, StvkError, StvkWarning, System, simulate
 from skfem_stvk.dynamics import (
+    INTEGRATORS,
     EdgeDamping,
     EnergyMomentum,
     LinearBackwardEuler,
@@ -29,8 +30,9 @@ from skfem_stvk.dynamics import (
 )
 from skfem_stvk.dynamics.checkpoint import MotionCheckpoint, load
 from skfem_stvk.dynamics.ledger import LedgerFile
-from skfem_stvk.linear import SuperLU
+from skfem_stvk.linear import SuperLU, amg
 from skfem_stvk.results import Series
+from skfem_stvk.results.archive import write_archive
 from skfem_stvk.results.series import read_list
 
 HERE = Path(__file__).parent
@@ -133,6 +135,48 @@ def test_a_run_goes_on_bit_for_bit_from_any_checkpoint(folders, monkeypatch, nam
     stopped(name, folders[1], monkeypatch, first)
     stopped(name, folders[1], monkeypatch, second, resume=True)
     same(expected, whole(name, folders[1], resume=True), folders)
+
+
+def of_many_levels(young=2e4):
+    """A bar whose multigrid has more than its coarsest level, under its weight."""
+    mesh = ended(skfem.MeshTet.init_tensor(*(np.linspace(0, length, n) for length, n in ((3.0, 14), (1.1, 5), (0.9, 5)))))
+    law = StVK(young=young, poisson=0.3, density=1e3)
+    return System(mesh, [law, Gravity((0, 0, -9.0))], fixed=[(lambda x: x[0] == 0, "xyz")])
+
+
+@pytest.mark.parametrize("solver", ["superlu", "amg-cg", "ssor-cg", "block-jacobi-cg"])
+@pytest.mark.parametrize("integrator", [name for name, one in INTEGRATORS.items() if not one.explicit])
+def test_each_integrator_goes_on_bit_for_bit_with_each_solver(integrator, solver, tmp_path):
+    steps, system = INTEGRATORS[integrator](0.02, solver=solver), of_many_levels()
+    whole = simulate(system, steps, until=0.32, quiet=True)
+    for n in (3, 9):
+        simulate(system, steps, until=n * 0.02, checkpoint=tmp_path / str(n), quiet=True)
+        again = simulate(system, checkpoint=tmp_path / str(n), resume=True, until=0.32, quiet=True)
+        np.testing.assert_array_equal(again.u, whole.u)
+        np.testing.assert_array_equal(again.ledger.rows(), whole.ledger.rows())
+
+
+@pytest.mark.parametrize("integrator", [Newmark, EnergyMomentum])
+def test_a_hierarchy_that_was_replaced_on_the_way_is_built_again(integrator, tmp_path, monkeypatch):
+    monkeypatch.setattr(amg, "GROWTH", 0.95)  # so that most of them count as slow
+    steps, system = integrator(0.02, solver="amg-cg"), of_many_levels(young=2e7)
+    whole = simulate(system, steps, until=0.32, quiet=True)
+    simulate(system, steps, until=0.14, checkpoint=tmp_path / "run", quiet=True)
+    origin = load(tmp_path / "run" / "motion.npz").header.hierarchy
+    assert origin.t > 0.02 and origin.pace > 0
+    again = simulate(system, checkpoint=tmp_path / "run", resume=True, until=0.32, quiet=True)
+    np.testing.assert_array_equal(again.u, whole.u)
+
+
+def test_a_checkpoint_with_a_hierarchy_whose_origin_is_not_finite_is_refused(tmp_path):
+    steps = LinearBackwardEuler(0.02, solver="amg-cg")
+    simulate(of_many_levels(), steps, until=0.06, checkpoint=tmp_path / "run", quiet=True)
+    header, arrays = MotionCheckpoint.read_file(tmp_path / "run" / "motion.npz")
+    assert header.hierarchy is not None and header.hierarchy.t == 0.02
+    arrays["hierarchy w"] = np.full_like(arrays["hierarchy w"], np.nan)
+    write_archive(tmp_path / "run" / "motion.npz", header.model_dump(), arrays)
+    with pytest.raises(StvkError, match=r"damaged: .*hierarchy w"):
+        simulate(of_many_levels(), checkpoint=tmp_path / "run", resume=True, until=0.1, quiet=True)
 
 
 def killed(name, folder, threads, moment, resume=False):

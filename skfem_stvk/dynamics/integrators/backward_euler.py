@@ -113,6 +113,7 @@ class LinearStepper(ImplicitStepper):
 
     def start(self, state: MotionState) -> None:
         """Evaluate the strain energy and the internal force."""
+        self.problem.forget()
         self.energy = self.problem.arrive(state.u)
 
     def step(self, state: MotionState, t: float) -> None:

@@ -13,7 +13,7 @@ from ...kernels import motion as kernels
 from ...nonlinear.stopwatch import Stopwatch
 from ...terms.protocols import tell
 from ..motion import Motion
-from ..record import Counts, MotionState
+from ..record import Counts, HierarchyOrigin, MotionState
 from .integrator import ANGULAR_MOMENTUM, LINEAR_MOMENTUM, Integrator, checked_step
 
 
@@ -53,6 +53,11 @@ class ExplicitStepper:
     def remark(self) -> str:
         """Empty: an explicit step is worth no remark."""
         return ""
+
+    origin: ClassVar[None] = None
+
+    def rebuild(self, origin: HierarchyOrigin) -> None:
+        """Do nothing: there is no multigrid."""
 
     def start(self, state: MotionState) -> None:
         """Evaluate the internal force at the first state, and take over the masses."""

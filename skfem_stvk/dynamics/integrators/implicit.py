@@ -18,7 +18,7 @@ from ...system.protocol import SystemLike
 from ...terms.load import Moment
 from ..forces import passes_inversion
 from ..motion import Motion
-from ..record import SLACK, Counts, MotionState
+from ..record import SLACK, Counts, HierarchyOrigin, MotionState
 from ..step_problem import Coefficients, StepProblem, StepTangent, kind_of_step
 from .integrator import Integrator, StepFailed, checked_step
 
@@ -110,8 +110,18 @@ class ImplicitStepper:
         """Empty: Newton's method is worth no remark."""
         return ""
 
+    @property
+    def origin(self) -> HierarchyOrigin | None:
+        """The origin of the hierarchy that multigrid keeps; None where there is none."""
+        return self.problem.origin
+
+    def rebuild(self, origin: HierarchyOrigin) -> None:
+        """Build the hierarchy of multigrid again that another run kept."""
+        self.problem.rebuild(origin)
+
     def start(self, state: MotionState) -> None:
         """Evaluate the strain energy, and the acceleration if the integrator needs it."""
+        self.problem.forget()
         self.energy = self.motion.energy(state.u)
         if self.integrator.needs_acceleration and not state.a.any():
             state.a[:] = self.motion.accelerations(state.u, state.v, state.t)

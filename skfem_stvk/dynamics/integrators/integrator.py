@@ -9,7 +9,7 @@ from typing import ClassVar, Protocol
 from ...arguments import number
 from ...nonlinear.stopwatch import Stopwatch
 from ..motion import Motion
-from ..record import Counts, MotionState
+from ..record import Counts, HierarchyOrigin, MotionState
 
 LINEAR_MOMENTUM, ANGULAR_MOMENTUM, ENERGY = "linear momentum", "angular momentum", "energy"
 
@@ -36,6 +36,13 @@ class Stepper(Protocol):
     @property
     def watch(self) -> Stopwatch:
         """The stopwatch of its steps."""
+
+    @property
+    def origin(self) -> HierarchyOrigin | None:
+        """The origin of the hierarchy that multigrid keeps; None where there is none."""
+
+    def rebuild(self, origin: HierarchyOrigin) -> None:
+        """Build the hierarchy of multigrid again that another run kept."""
 
     def start(self, state: MotionState) -> None:
         """Prepare for the first step from a state: what is not in it is computed. Again, after elements were taken out."""
