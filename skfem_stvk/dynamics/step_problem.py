@@ -231,8 +231,7 @@ class StepProblem:
 
     def forget(self) -> None:
         """Drop the hierarchy of multigrid, so that the next matrix gets a new one."""
-        if self.tangent.multigrid is not None:
-            self.tangent.multigrid.hierarchy = None
+        self.tangent.forget()
 
     def rebuild(self, origin: HierarchyOrigin) -> None:
         """Build the hierarchy of multigrid again that another run kept."""

@@ -169,6 +169,9 @@ class PathProblem(EigenProblem, Protocol):
     def accept(self, u: Array, t: Time) -> None:
         """Note that `u` is a state of the path: its forces are something that others are small against."""
 
+    def forget(self) -> None:
+        """Drop what a solver keeps from the steps before, so that a path resumed here has the same numbers."""
+
     def commit(self, u: Array) -> None:
         """Tell what has a memory, such as friction, that `u` is the next state of the path."""
 

@@ -302,6 +302,9 @@ class ReducedEquilibrium(DenseProblem):
         residual = self.residual(u, t)
         self.largest = max(self.largest, residual.scale, residual.size)
 
+    def forget(self) -> None:
+        """Do nothing: nothing is kept."""
+
     def commit(self, u: Array) -> None:
         """Do nothing: bodies with a memory have no reduced ones."""
 

@@ -237,6 +237,10 @@ class Equilibrium:
         residual = self.residual(u, t)
         self.largest = max(self.largest, residual.scale, residual.size)
 
+    def forget(self) -> None:
+        if self.tangent.lasting is None:
+            self.tangent.forget()
+
     def commit(self, u: Array) -> None:
         self.system.commit(u)
 

@@ -276,6 +276,7 @@ class _Solve:
             self._note(outcome, write, report)
             if isinstance(outcome, Step) and kept is not None:
                 kept.add(outcome, walk.saved())
+                walk.problem.forget()
             if not walk.reached:
                 stop_if_asked()
 

@@ -140,6 +140,11 @@ class FreeTangent:
         """The analysis of multigrid, which keeps its hierarchy from matrix to matrix; None with other solvers."""
         return self._analysis if isinstance(self._analysis, AmgAnalysis) else None
 
+    def forget(self) -> None:
+        """Drop the hierarchy of multigrid, so that the next matrix gets a new one."""
+        if self.multigrid is not None:
+            self.multigrid.hierarchy = None
+
     @property
     def lasting(self) -> Factors | None:
         """The factors of the last Jacobian, where it is the same everywhere and still what it was then; None elsewhere."""

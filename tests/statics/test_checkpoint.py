@@ -25,6 +25,7 @@ from skfem_stvk.statics.load_steps import LoadSteps
 from skfem_stvk.statics.stop import Goal
 from skfem_stvk.statics.walk import Course
 from skfem_stvk.system.signature import Fingerprint
+from validation import resumed
 
 CRITICAL = np.pi**2 * (1e4 / (1 - 0.3**2)) / 12 / (4 * 20**2)
 OPTIONS = {"quiet": True, "raise_on_failure": False, "solver": "superlu"}
@@ -470,3 +471,8 @@ def test_a_path_of_a_body_without_an_energy_is_resumed(tmp_path, law):
     assert np.isnan([step.strain_energy for step in first.history]).all() and len(again.history) == len(first.history) > 1
     assert np.isnan(listed[f"{kind.__name__} 0"]) and listed["StVK 1"] > 0
     np.testing.assert_array_equal(again.u, first.u)
+
+
+@pytest.mark.parametrize("solver", ["superlu", "amg-cg", "ssor-cg", "block-jacobi-cg"])
+def test_a_path_goes_on_bit_for_bit_with_each_solver(solver):
+    assert resumed.path(solver) == 0
