@@ -26,6 +26,8 @@ INDEPENDENT = 1e-10
 EXACT = 1e-10
 #: At which times functions are looked at, by default; and how many independent fields they may have.
 TIMES, MOST_LIFTS = tuple(np.linspace(0.0, 1.0, 33).tolist()), 12
+#: Number of unknowns by default.
+SIZE = 30
 #: Residual of linear solves, and of modes.
 PRECISION, CONVERGED = 1e-8, 1e-5
 #: Modes are looked for in a Krylov space of blocks of so many more than asked for; so many blocks at most.
@@ -316,13 +318,13 @@ def checked_snapshots(body: System, lifts: Lifts, given: ArrayLike | None) -> Ar
     return own
 
 
-def reduced_to(masses: Array, candidates: Candidates, size: int) -> Array:
+def reduced_to(masses: Array, candidates: Candidates, size: int | None) -> Array:
     """(ndofs, size) fields, orthonormal by mass, that hold most of the candidates: the first principal components.
 
-    StvkError if there are not so many independent ones.
+    By default `SIZE`, or as many as are independent. StvkError if there are not so many.
     """
     fields, there = candidates.fields, candidates.fields.shape[1]
-    if size > there:
+    if size is not None and size > there:
         raise StvkError(
             f"size = {size}; expected at most {there}: there are {candidates.words}. Ask for more modes, or for a smaller size."
         )
@@ -332,6 +334,7 @@ def reduced_to(masses: Array, candidates: Candidates, size: int) -> Array:
     fields *= root[:, None]
     _, sizes, directions = np.linalg.svd(np.linalg.qr(fields, mode="r"))
     independent = int(np.count_nonzero(sizes > INDEPENDENT * sizes[0])) if sizes[0] > 0 else 0
+    size = min(SIZE, max(independent, 1)) if size is None else size
     if size > independent:
         raise StvkError(
             f"size = {size}; expected at most {independent}: of {candidates.words} only so many are independent. Ask for more "

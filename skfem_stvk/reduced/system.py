@@ -24,7 +24,7 @@ from ..system.signature import Fingerprint, sums
 from ..terms import Quartic
 from ..terms.load import Moment, Time
 from ..terms.protocols import tell
-from .basis import AtRest, Lifts, candidates_of, checked_snapshots, departure, masses_of, reduced_to
+from .basis import SIZE, AtRest, Lifts, candidates_of, checked_snapshots, departure, masses_of, reduced_to
 from .equilibrium import ReducedEquilibrium
 from .motion import ReducedMotion
 from .quartic import MeshPart, ReducedQuartic, bytes_needed, coefficients, quartic_of, rows_of, seconds_needed
@@ -32,6 +32,8 @@ from .sampled import Sampling, sampled_part
 
 #: Bytes that a reduced body may need while it is made, by default.
 MOST_MEMORY = 1e9
+#: Modes by default.
+MODES = 20
 #: Files of reduced bodies, and what to do with one that cannot be used.
 FORMAT, REMEDY = ("reduced body of skfem-stvk", 1), "Reduce the body anew: ReducedSystem(body, ...)."
 #: More modes, or sampled elements, than that nobody means; unknowns are limited by memory.
@@ -51,8 +53,9 @@ class ReducedSystem:
     Parameters
     ----------
     body : a `System` that is held so that nothing moves without strain.
-    size : r, the number of unknowns.
-    modes : how many of the lowest natural modes the basis is made of; 0 for snapshots alone.
+    size : r, the number of unknowns; by default 30, or as many as there are independent fields.
+    modes : how many of the lowest natural modes the basis is made of; 0 for snapshots alone. By default 20, or as many as the body
+        has free degrees of freedom.
     derivatives : whether all `modes (modes + 1)/2` modal derivatives are, too: without them nothing can turn far.
     snapshots : (ndofs, n) displacements of the body, such as states of a path, that the basis has to represent as well.
     times : at which prescribed displacements that are functions are looked at; by default 33 between 0 and 1.
@@ -95,8 +98,8 @@ class ReducedSystem:
     def __init__(
         self,
         body: System,
-        size: int = 30,
-        modes: int = 20,
+        size: int | None = None,
+        modes: int | None = None,
         derivatives: bool = True,
         *,
         snapshots: ArrayLike | None = None,
@@ -106,10 +109,10 @@ class ReducedSystem:
         quiet: bool = False,
     ) -> None:
         _refuse_no_system(body)
-        size, modes = (
-            whole("size", size, "a number of unknowns", 1),
-            whole("modes", modes, f"a number of modes, or 0, at most {MOST}", 0, MOST),
-        )
+        size = None if size is None else whole("size", size, "a number of unknowns", 1)
+        if modes is None:
+            modes = min(MODES, body.ndofs - len(body.supports.held))
+        modes = whole("modes", modes, f"a number of modes, or 0, at most {MOST}", 0, MOST)
         derivatives, quiet = flag("derivatives", derivatives), flag("quiet", quiet)
         sampled = whole("sampled", sampled, f"a number of elements, or 0 for all, at most {MOST}", 0, MOST)
         most = number("most_memory", most_memory, "a number of bytes", 0)
@@ -123,19 +126,20 @@ class ReducedSystem:
         if body.dtype != np.float64:
             raise StvkError("The body is in float32; expected float64: coefficients of a quartic are sums over all elements.")
         count = modes + (modes * (modes + 1) // 2 if derivatives else 0)
-        with _Stages(body, size, count, most, quiet) as stages:
+        expected = size or (min(SIZE, count) if snapshots is None else SIZE)
+        with _Stages(body, expected, count, most, quiet) as stages:
             masses = masses_of(body)
             rest = AtRest(body)
             lifts = Lifts.of(body, rest, moments)
             own = checked_snapshots(body, lifts, snapshots)
             made = candidates_of(body, masses, rest, modes, derivatives, own, tick=stages.stage)
-            stages.stage(f"{size} principal components")
+            stages.stage("principal components")
             basis = reduced_to(masses, made, size)
             del rest, made
             columns = np.ascontiguousarray(np.concatenate([basis, lifts.across(masses, basis)], axis=1))
             stages.stage("coefficients")
             terms = [term for term in body.bound_terms if isinstance(term, Quartic)]
-            self._take(body, columns, size, quartic_of(body, terms, columns, stages.rows), sampled)
+            self._take(body, columns, basis.shape[1], quartic_of(body, terms, columns, stages.rows), sampled)
 
     def _take(self, body: System, columns: Array, size: int, quartic: ReducedQuartic, sampled: int = 0) -> None:
         columns.flags.writeable = False

@@ -173,6 +173,33 @@ def test_more_unknowns_than_fields_are_refused_with_their_number():
         reduced_of(cube(), 4, 3, derivatives=False)
 
 
+@pytest.mark.parametrize(
+    ("given", "size"),
+    [
+        ({"modes": 2}, 5),
+        ({"modes": 2, "derivatives": False}, 2),
+        ({"modes": 0, "snapshots": 4}, 4),
+        ({"modes": 0, "snapshots": 40}, 30),
+        ({"size": 4}, 4),
+        ({}, 30),
+    ],
+)
+def test_numbers_that_are_not_given_follow_from_those_that_are(given, size):
+    """Snapshots that are the same twice count once."""
+    body, rng = cube(), np.random.default_rng(2)
+    if "snapshots" in given:
+        states = rng.standard_normal((body.ndofs, given["snapshots"]))
+        states[body.supports.held] = 0
+        given = given | {"snapshots": np.hstack([states, states])}
+    reduced = ReducedSystem(body, quiet=True, **given)
+    assert (reduced.size, reduced.basis.shape[1]) == (size, size)
+
+
+def test_a_body_of_few_nodes_has_as_many_modes_as_degrees_of_freedom():
+    body = System(skfem.MeshTet(), LAW, fixed={(0, 1, 2): "xyz"})
+    assert ReducedSystem(body, quiet=True).size == body.ndofs - 9
+
+
 def test_memory_above_the_limit_is_refused():
     with pytest.raises(StvkError, match="size = 6 needs about"):
         reduced_of(cube(), most_memory=1e6)

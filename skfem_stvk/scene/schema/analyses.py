@@ -39,8 +39,10 @@ class Solver(Part):
 class ReducedBasis(Part):
     """Few unknowns: the amounts of some fields of displacements, made of vibration modes. For statics, arc length and motion."""
 
-    size: Annotated[int, key("Number of unknowns.", ge=1)] = 30
-    modes: Annotated[int, key("How many of the lowest modes the fields are made of.", ge=1)] = 20
+    size: Annotated[int | None, key("Number of unknowns; by default 30, or as many as there are independent fields.", ge=1)] = None
+    modes: Annotated[
+        int | None, key("How many of the lowest modes the fields are made of; by default 20, or all that there are.", ge=1)
+    ] = None
     derivatives: Annotated[bool, key("Whether of the derivatives of the modes, too: without them nothing can turn far.")] = True
 
     def of_body(self, body: System, quiet: bool) -> ReducedSystem:
