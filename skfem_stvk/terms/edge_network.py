@@ -146,11 +146,29 @@ class EdgeNetwork:
         last = int(self.edges.max(initial=-1))
         if last >= mesh.nv:
             raise MeshError(f"EdgeNetwork: an edge has vertex {last}; the mesh has {mesh.nv}. Was it made of another mesh?")
+        if self.laws:
+            self._refuse_another(mesh)
         edges, pairs = self.edges.astype(np.int32), self.pairs.astype(np.int32)
         own, between = self.L.diagonal() / 2, np.asarray(triu(self.L, 1).tocoo().data) / 2
         if not self.laws:
             return QuarticNetwork(mesh.p, edges, pairs, own, between, dtype=dtype)
         return LawNetwork(mesh.p, edges, pairs, own, between, dtype=dtype, left=lambda gone: self._left(mesh, gone))
+
+    def _refuse_another(self, mesh: ElementMesh) -> None:
+        """Refuse a mesh whose edges, in the regions of the laws, are not those of the network."""
+        if not mesh.element.is_linear_simplex:
+            raise MeshError(
+                f"EdgeNetwork: it has the edges of linear simplices; the mesh has {mesh.kind}, whose other nodes would have no "
+                "stiffness. Take degree=1."
+            )
+        elements = np.unique(np.concatenate([mesh.elements(law.region) for law in self.laws]))
+        own, there = (edges[0] * np.int64(mesh.nv) + edges[1] for edges in (self.edges, edge_topology(mesh.t[:, elements])[0]))
+        foreign, missing = np.flatnonzero(~np.isin(own, there)), np.setdiff1d(there, own)
+        if len(foreign) or len(missing):
+            raise MeshError(
+                f"EdgeNetwork: the mesh lacks {name_ids(foreign, 'edge')} of the network, and has {len(missing)} other edges; "
+                "expected the mesh that the network was made of. Make it again: EdgeNetwork.of(mesh, law)."
+            )
 
     def _left(self, mesh: ElementMesh, gone: NDArray[np.bool_]) -> tuple[Array, Array]:
         """`L_ii/2` and the `L_ij/2` of the pairs, less what the elements (n,) of the region that are `gone` have in them."""

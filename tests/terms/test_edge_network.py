@@ -156,6 +156,13 @@ def test_a_mesh_that_does_not_fit_is_refused():
         EdgeNetwork.of(CURVED["quadratic tetrahedra"], StVK(young=1.0, poisson=0.3))
     with pytest.raises(MeshError, match=f"has vertex {MESH.nv - 1}; the mesh has 9"):
         System((np.arange(9.0)[None], np.array([range(8), range(1, 9)])), NETWORK)
+    with pytest.raises(MeshError, match=r"^EdgeNetwork: it has .*quadratic tetrahedra .*Take degree=1"):
+        System(MESH, NETWORK, degree=2)
+    with pytest.raises(MeshError, match=r"^EdgeNetwork: the mesh lacks \d+ edges \(.*and has \d+ other edges"):
+        System((MESH.p, np.random.default_rng(3).permutation(MESH.nv)[MESH.t]), NETWORK)
+    with pytest.raises(MeshError, match=r"^EdgeNetwork: the mesh lacks 0 edges .*and has \d+ other edges"):
+        half = EdgeNetwork.of(MESH, StVK(young=1.0, poisson=0.3, region=np.arange(MESH.nt // 2)))
+        System(MESH, EdgeNetwork(half.edges, half.L, NETWORK.laws))
     with pytest.raises(StvkError, match="expected StVK"):
         EdgeNetwork.of(MESH, 3.0)
     with pytest.raises(StvkError, match="expected at most 20000"):
