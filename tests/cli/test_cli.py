@@ -112,7 +112,7 @@ DOUBLE = np.concatenate([BOX.t, BOX.t[[2, 0, 1, 3], 4:6]], axis=1)
         (lambda f: [saved(f / "m.vtu", BOX.p, BOX.t), "--young", "nan", "--poisson", "0.3"], "young = nan is not finite"),
         (lambda f: [saved(f / "m.vtu", BOX.p, BOX.t), "--young", "-1", "--poisson", "0.3"], "young = -1. is outside"),
         (lambda f: [str(f / "nothing.msh"), *MATERIAL], "nothing.msh is no file"),
-        (lambda f: ["", *MATERIAL], "is no regular file"),
+        (lambda f: ["", *MATERIAL], "expected the path of a mesh file"),
         (
             lambda f: [saved(f / "m.vtu", box(2).p, box(2).t[[0, 1, 2, 3, 0, 1, 2, 3]], "hexahedron"), *MATERIAL],
             "the same vertex twice",
