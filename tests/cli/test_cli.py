@@ -5,6 +5,7 @@ import re
 import subprocess
 import sys
 from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
 
 import meshio
 import numpy as np
@@ -23,6 +24,11 @@ from skfem_stvk.referee.checks import agreement, precision
 from skfem_stvk.referee.header import OPTIONAL, PACKAGES, circumstances
 from skfem_stvk.referee.results import CheckOutcome
 from skfem_stvk.referee.terminal import rendered
+
+if sys.version_info >= (3, 11):
+    import tomllib
+else:
+    import tomli as tomllib
 
 MATERIAL = ["--young", "70e9", "--poisson", "0.33"]
 
@@ -172,19 +178,39 @@ def without_pyvista(package):
     return version(package)
 
 
+def project():
+    """The table `project` of pyproject.toml."""
+    return tomllib.loads((Path(__file__).parents[2] / "pyproject.toml").read_text())["project"]
+
+
 def test_every_extra_of_the_package_is_among_the_optional_packages_of_info():
-    from pathlib import Path
-
-    import tomllib
-
-    extras = tomllib.loads((Path(__file__).parents[2] / "pyproject.toml").read_text())["project"]["optional-dependencies"]
+    extras = project()["optional-dependencies"]
     names = {re.split("[><=;]", line)[0].strip() for extra, lines in extras.items() if extra != "test" for line in lines}
     assert names <= set(OPTIONAL)
 
 
+def entry_point(*arguments, **environment):
+    """A process that does what the installed command does."""
+    module, function = project()["scripts"]["skfem-stvk"].split(":")
+    return subprocess.run(
+        [sys.executable, "-c", f"import sys; from {module} import {function}; sys.exit({function}())", *arguments],
+        env={**os.environ, **environment},
+        capture_output=True,
+        text=True,
+    )
+
+
 def test_the_command_is_installed():
-    done = subprocess.run([sys.executable, "-m", "skfem_stvk.cli.main", "--help"], capture_output=True, text=True)
-    assert done.returncode == 0 and "verify" in done.stdout and "info" in done.stdout
+    module = subprocess.run([sys.executable, "-m", "skfem_stvk.cli", "--help"], capture_output=True, text=True)
+    for done in (entry_point("--help"), module):
+        assert done.returncode == 0 and "verify" in done.stdout and "info" in done.stdout
+
+
+@pytest.mark.parametrize("package", ["rich", "numpy", "scipy", "skfem", "numba", "meshio"])
+def test_ctrl_c_while_a_package_is_imported_is_one_line(package, tmp_path):
+    (tmp_path / f"{package}.py").write_text("import signal, time\nsignal.raise_signal(signal.SIGINT)\ntime.sleep(60)\n")
+    done = entry_point("info", PYTHONPATH=str(tmp_path))
+    assert (done.returncode, done.stdout, done.stderr) == (130, "", "interrupted\n")
 
 
 def test_an_empty_folder_name_is_an_error(capsys):
@@ -284,7 +310,7 @@ def test_a_folder_for_the_benchmark_that_cannot_be_is_an_error_before_the_work(n
 
 def command(*arguments, flags=(), **environment):
     return subprocess.run(
-        [sys.executable, *flags, "-m", "skfem_stvk.cli.main", *arguments],
+        [sys.executable, *flags, "-m", "skfem_stvk.cli", *arguments],
         env={**os.environ, **environment},
         capture_output=True,
         text=True,

@@ -15,7 +15,7 @@ def started():
     processes = []
 
     def start(command, path, *options):
-        arguments = [sys.executable, "-m", "skfem_stvk.cli.main", command, str(path), *options]
+        arguments = [sys.executable, "-m", "skfem_stvk.cli", command, str(path), *options]
         process = subprocess.Popen(arguments, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True)
         processes.append(process)
         return process

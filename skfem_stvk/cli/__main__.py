@@ -1,0 +1,18 @@
+"""The entry point of the command `skfem-stvk`, which is `python -m skfem_stvk.cli` as well."""
+
+import sys
+
+
+def main() -> int:
+    """Import the command and run it. Ctrl-C ends the imports with one line and exit code 130."""
+    try:
+        from .main import main as command
+
+        return command()
+    except KeyboardInterrupt:
+        print("interrupted", file=sys.stderr)
+        return 130
+
+
+if __name__ == "__main__":
+    sys.exit(main())
