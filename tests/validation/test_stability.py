@@ -9,10 +9,10 @@ from scipy.integrate import quad, solve_ivp
 from scipy.spatial.transform import Rotation
 from slow import slow
 
-from skfem_stvk import StVK, System
+from skfem_stvk import Corotated, StVK, System
 from skfem_stvk.results import Fields
 from validation import stability
-from validation.stability import arch, column, dome, ellipticity, independent, law, picture, post_buckling, snap_through
+from validation.stability import arch, column, corotated, dome, ellipticity, independent, law, picture, post_buckling, snap_through
 from validation.stability.limit_points import Convergence, wrong
 from validation.stability.not_found import NotFoundError
 from validation.stability.studies import run
@@ -224,6 +224,7 @@ def test_the_dome_is_a_quarter_of_a_cap():
         slow(arch.arch),
         slow(dome.dome),
         column.column,
+        corotated.corotated,
         post_buckling.post_buckling,
         law.law,
         ellipticity.ellipticity,
@@ -291,6 +292,19 @@ def test_a_wrong_moment_of_inertia_is_seen(monkeypatch):
     monkeypatch.setattr(column.Column, "euler_load", wrong_load)
     failures = column.column(quick=True).failures
     assert any("thin columns" in failure for failure in failures)
+
+
+def test_critical_loads_of_the_straight_column_are_the_bifurcations_of_its_path():
+    body = column.Column(corotated.SLENDERNESS, 2)
+    found = corotated.critical_load(body.mesh(), StVK(young=column.YOUNG, poisson=0.0))
+    assert found == pytest.approx(body.buckled().t, rel=1e-5)
+
+
+def test_another_stiffness_of_corotated_columns_is_seen(monkeypatch):
+    monkeypatch.setattr(corotated, "meshes", lambda: {"quadratic triangles, 2 through h": column.Column(20, 2).mesh()})
+    monkeypatch.setitem(corotated.LAWS, "Corotated", lambda young, poisson: Corotated(young=1.01 * young, poisson=poisson))
+    failures = corotated.corotated().failures
+    assert len(failures) == 2 and "StVK 1.7468" in failures[0] and "1.7468" in failures[1]
 
 
 def test_another_mode_is_seen():

@@ -93,6 +93,7 @@ PARTS: dict[str, dict[str, Part]] = {
         "arch": Part(SOLUTION, "finer meshes", ITSELF, "validation/stability"),
         "dome": Part(SOLUTION, "finer meshes", ITSELF, "validation/stability"),
         "column": Part(PUBLISHED, "Euler's load", ANALYTIC, "Euler 1744"),
+        "corotated": Part(CODE, "StVK on the same mesh", ITSELF, "validation/stability/corotated.py"),
         "post-buckling": Part(PUBLISHED, "the elastica after buckling", ANALYTIC, "Euler's equation"),
         "law": Part(CODE, "limit points of the law", ANALYTIC, "literature: closed forms"),
         "ellipticity": Part(CODE, "loss of strong ellipticity", ANALYTIC, "literature: closed forms"),

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-NAMES = ("snap-through", "arch", "dome", "column", "post-buckling", "law", "ellipticity")
+NAMES = ("snap-through", "arch", "dome", "column", "corotated", "post-buckling", "law", "ellipticity")
 
 
 def main(quick: bool = False, only: Sequence[str] = (), out: str | None = None) -> int:

@@ -13,6 +13,7 @@ from skfem_stvk.referee.terminal import WIDTH
 from ..statics.study import Study
 from .arch import arch
 from .column import column
+from .corotated import corotated
 from .dome import dome
 from .ellipticity import ellipticity
 from .law import law
@@ -29,6 +30,7 @@ def run(names: Sequence[str], quick: bool, out: str | None) -> int:
         "arch": arch,
         "dome": dome,
         "column": column,
+        "corotated": corotated,
         "post-buckling": post_buckling,
         "law": law,
         "ellipticity": ellipticity,
