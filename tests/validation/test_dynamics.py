@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from slow import slow_but
 
-from skfem_stvk import Gravity, System
+from skfem_stvk import BodyForce, Gravity, System
 from skfem_stvk.dynamics import BackwardEuler, EnergyMomentum, ForwardEuler, GeneralizedAlpha, Newmark, VelocityVerlet, simulate
 from skfem_stvk.dynamics.critical_step import critical_step
 from skfem_stvk.dynamics.forces import add_mean_force
@@ -154,6 +154,14 @@ def test_energy_that_is_not_kept_is_seen(monkeypatch):
     found = flight.fly(block(1), Newmark(dt=1e-3, rtol=1e-12), 0.02)
     assert any("energy drifts" in failure for failure in flight._failures(found, flight.KEPT))
     assert ENERGY in Newmark.conserves
+
+
+def test_a_load_that_strains_is_seen_in_free_fall(monkeypatch):
+    monkeypatch.setattr(flight, "FALLS", flight.FALLS[3:5])
+    assert flight._falls(0.01).passed
+    uneven = BodyForce(lambda x, t: np.outer([0, 0, -9810], 1 + 1e-4 * x[0]))
+    monkeypatch.setattr(flight, "Gravity", lambda g: uneven)
+    assert len(flight._falls(0.01).failures) == 2
 
 
 def test_loose_solves_are_seen_in_the_long_flight(monkeypatch):

@@ -1,7 +1,8 @@
 """A soft block that spins and vibrates in free flight: what each integrator makes of its energy and its momenta.
 
 The block of unstructured tetrahedra spins at about 10 rad/s about an axis that is none of its own, and vibrates with about a tenth
-of its energy. Its centre of mass is at rest at the origin; once it flies through the room, too.
+of its energy. Its centre of mass is at rest at the origin; once it flies through the room, too. It also falls from rest,
+where its strain is an error of the linear solves.
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from matplotlib.figure import Figure
 
-from skfem_stvk import System
+from skfem_stvk import Gravity, System
 from skfem_stvk.dynamics import (
     BackwardEuler,
     EnergyMomentum,
@@ -29,9 +30,10 @@ from skfem_stvk.dynamics import (
     simulate,
 )
 from skfem_stvk.dynamics.integrators import ANGULAR_MOMENTUM, ENERGY, LINEAR_MOMENTUM
+from skfem_stvk.dynamics.integrators.implicit import Implicit
 
 from ..statics.study import Study
-from .scenes import COLOURS, Array, block
+from .scenes import COLOURS, SOFT, Array, block
 
 QUANTITIES = (ENERGY, LINEAR_MOMENTUM, ANGULAR_MOMENTUM)
 DT, UNTIL, QUICK_UNTIL = 1e-3, 2.0, 0.2
@@ -55,6 +57,19 @@ INTEGRATORS: tuple[Integrator, ...] = (
     GeneralizedAlpha(dt=DT, rtol=RTOL),
     EnergyMomentum(dt=DT, rtol=RTOL),
 )
+#: Duration of a fall, in steps of 1/60 s or `DT`. Limits of the strain, over the way fallen: `SOLVES_LEAVE` times `rtol`, and
+#: `FALL_EXACT` with a direct solver.
+FALL, QUICK_FALL, FRAME, CLOSE = 1.0, 0.1, 1 / 60, 1e-8
+SOLVES_LEAVE, FALL_EXACT = 10, 1e-12
+FALLS: tuple[Implicit, ...] = (
+    LinearBackwardEuler(dt=FRAME),
+    LinearBackwardEuler(dt=DT),
+    LinearBackwardEuler(dt=FRAME, rtol=CLOSE),
+    LinearBackwardEuler(dt=DT, rtol=CLOSE),
+    LinearBackwardEuler(dt=FRAME, solver="superlu"),
+    Newmark(dt=FRAME),
+    Newmark(dt=DT),
+)
 
 
 class Flight(NamedTuple):
@@ -71,7 +86,8 @@ class Flight(NamedTuple):
 
 def flight(quick: bool = False, folder: Path | None = None) -> Sequence[Study]:
     """a spinning soft body keeps what its integrator declares, with energy-momentum energy and both momenta to 1e-12"""
-    return _all(quick, folder), _long(QUICK_STEPS if quick else STEPS, QUICK_REAL_STEPS if quick else REAL_STEPS)
+    long = _long(QUICK_STEPS if quick else STEPS, QUICK_REAL_STEPS if quick else REAL_STEPS)
+    return _all(quick, folder), long, _falls(QUICK_FALL if quick else FALL)
 
 
 def _all(quick: bool, folder: Path | None) -> Study:
@@ -109,6 +125,36 @@ def _long(steps: int, real_steps: int) -> Study:
         tuple(f"{name}: {failure}" for name, _, one, most in flights for failure in _failures(one, most)),
         (f"rtol = {ROUND_OFF:g}; far from the origin angular momentum about it is a small difference of large numbers",),
     )
+
+
+def _falls(until: float) -> Study:
+    """Measure the strain of a body that falls freely, which is an error of the linear solves."""
+    body = System(block(3, SIDES).mesh, [SOFT, Gravity((0.0, 0.0, -9.81))])
+    strains = [[fall_strain(body, one, end) for end in (2 * (one.dt or 0), until)] for one in FALLS]
+    rows = [(*_solve(one), *(f"{strain:.1e}" for strain in both)) for one, both in zip(FALLS, strains, strict=True)]
+    limits = [SOLVES_LEAVE * one.rtol if one.solver == "auto" else FALL_EXACT for one in FALLS]
+    return Study(
+        "Free fall",
+        f"strained by at most {SOLVES_LEAVE} times rtol of the way fallen, by {FALL_EXACT:g} with a direct solver",
+        ("integrator", "dt in ms", "solver", "rtol", "after 2 steps", f"after {until:g} s"),
+        tuple(rows),
+        tuple(", ".join(row) for row, both, most in zip(rows, strains, limits, strict=True) if not max(both) <= most),
+        (f"{body.mesh.nt} tetrahedra; largest displacement relative to the centre of mass, over the way fallen",),
+    )
+
+
+def _solve(one: Implicit) -> tuple[str, str, str, str]:
+    """Name the integrator, its step in ms, its linear solver and the tolerance."""
+    iterative = one.solver == "auto"
+    name = "conjugate gradients" if iterative else str(one.solver)
+    return one.name, f"{1e3 * (one.dt or 0):.3g}", name, f"{one.rtol:g}" if iterative else ""
+
+
+def fall_strain(body: System, integrator: Integrator, until: float) -> float:
+    """Return the largest displacement relative to the centre of mass after a fall from rest, over the way fallen."""
+    mass, u = body.mass().vertex, simulate(body, integrator, until=until, quiet=True).u.reshape(-1, 3)
+    mean = mass @ u / mass.sum()
+    return float(np.linalg.norm(u - mean, axis=1).max() / np.linalg.norm(mean))
 
 
 def fly(system: System, integrator: Integrator, until: float, through: Sequence[float] = (0.0, 0.0, 0.0)) -> Flight:
