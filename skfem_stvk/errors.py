@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike
 
 
 class StvkError(ValueError):
-    """Base of all errors that this package raises for bad input."""
+    """Base of all errors that this package raises."""
 
 
 class MeshError(StvkError):
@@ -43,6 +43,13 @@ class SupportError(StvkError):
 
 class StateError(StvkError):
     """A displacement vector has the wrong length or is not finite."""
+
+
+class AnalysisError(StvkError, RuntimeError):
+    """A solve or a motion did not end as it should: the base of `SolveError` and `SimulationError`.
+
+    Its `__cause__` may be any exception that interrupted the analysis, also one that is no `StvkError`.
+    """
 
 
 class SceneError(StvkError):

@@ -13,7 +13,7 @@ from typing import Any
 
 from rich.console import Console
 
-from ..errors import StvkError, StvkWarning
+from ..errors import AnalysisError, StvkError, StvkWarning
 from ..referee.terminal import printable
 from . import referee, scenes
 
@@ -32,6 +32,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
             warnings.showwarning = partial(_show, console, warnings.showwarning)
             code: int = options.run(options)
             return code
+    except AnalysisError:  # which something unforeseen has interrupted
+        raise
     except (StvkError, OSError) as error:
         console.print(f"[bold red]error[/] {printable(str(error))}", soft_wrap=True)
         return 2

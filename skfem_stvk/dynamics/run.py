@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..arguments import Array
-from ..errors import StvkError
+from ..errors import AnalysisError, StvkError
 from ..mesh.places import Where
 from ..nonlinear.outcome import Status
 from ..results import Fields, Reaction, State, animate, plot, write_vtu
@@ -131,7 +131,7 @@ class Run:
         return f"Run: {self.message}\n{self.ledger.steps - 1} steps with {self.integrator}; {parts}"
 
 
-class SimulationError(RuntimeError):
+class SimulationError(AnalysisError):
     """A simulation did not reach its end, or reached it with elements inside out.
 
     Attributes

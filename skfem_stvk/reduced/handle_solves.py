@@ -22,7 +22,7 @@ from ..linear import LinearSolver
 from ..mesh import MeshLike
 from ..nonlinear.outcome import finishing_steps, stop_if_asked
 from ..nonlinear.processes import Crashed, in_processes
-from ..statics import SolveError, solve_static
+from ..statics import solve_static
 from ..system import System
 from ..system.pattern import FreeDofs
 from ..terms.load import Time
@@ -181,7 +181,7 @@ class HandleSolver:
                 )
             except KeyboardInterrupt:
                 return None
-            except (StvkError, SolveError) as error:
+            except StvkError as error:
                 return self._failed(str(error))
         if not result.success:
             return self._failed(result.message)

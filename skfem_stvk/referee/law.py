@@ -21,6 +21,7 @@ from .header import PACKAGES, circumstances
 from .law_naming import named_law
 from .law_readings import MEASURES, ORDERS, TANGENTS, JudgedLaw, Told
 from .report import Report
+from .terminal import CountedProgress
 
 Claims = StVK | NeoHookean | LinearElastic | Corotated | InvertibleStVK
 Measurement = dict[str, Any]
@@ -39,6 +40,7 @@ def verify_law(
     voigt: str | None = None,
     engineering: bool | None = None,
     seed: int = 0,
+    quiet: bool = False,
 ) -> Report:
     """Check a hyperelastic law, any subset of energy density, stress and tangent, at deformation gradients F; no mesh is needed.
 
@@ -62,6 +64,7 @@ def verify_law(
         "A transposed"; the order of shear "23-13-12", "12-13-23", "12-23-13"; and whether a matrix acts on engineering shear.
         What is not told is guessed on generic F; the report lists all that fit.
     seed : of the sampled F.
+    quiet : show no progress.
 
     Raises
     ------
@@ -101,6 +104,7 @@ def verify_law(
     gradients = None if at is None else _gradients(at)
     d = _dimension(dimension, gradients, claims)
     tensor = None if claims is None else _tensor(claims, d)
+    quiet = flag("quiet", quiet)
     rng = np.random.default_rng(whole("seed", seed, "a whole number from 0"))
     law = JudgedLaw(functions, d, rng)
     states = _samples(d, rng) if gradients is None else {f"F {i}": F for i, F in enumerate(gradients)}
@@ -108,7 +112,11 @@ def verify_law(
     lines = law.read(told, tensor, isinstance(claims, StVK))
     checks = LawChecks(law, states, tensor, claims, rng)
     report = Report(circumstances(PACKAGES) | {"seed": seed})
-    report.results += [task.run() for task in checks.tasks()]
+    tasks = list(checks.tasks())
+    with CountedProgress("verify law", len(tasks), quiet) as progress:
+        for task in tasks:
+            progress.step(f"{task.check}: {task.state}")
+            report.results.append(task.run())
     report.named = named_law(law, checks, told, report.results)
     report.header["lines"] = [f"a law in {d} dimensions: {', '.join(functions)} of F", *lines, *checks.facts()]
     report.seconds = time.monotonic() - began

@@ -21,7 +21,7 @@ from rich.console import Console
 
 from ..arguments import path as checked_path
 from ..arguments import shown, whole
-from ..errors import SceneError, StvkError
+from ..errors import AnalysisError, SceneError, StvkError
 from ..kernels.threads import threads
 from ..nonlinear.processes import Crashed, in_processes, is_started_for_work
 from ..referee.terminal import printable
@@ -511,12 +511,16 @@ def _solve(task: _Task) -> _Failure | None:
             scene = Scene.read(task.path, task.settings)
             scene.solve(task.folder, resume=task.how == "resume", force=task.how == "force", quiet=True)
     except (StvkError, OSError) as error:
-        return _Failure("refused", BAD_INPUT, str(error))
+        return _failed(error) if isinstance(error, AnalysisError) else _Failure("refused", BAD_INPUT, str(error))
     except KeyboardInterrupt:
         return _Failure("interrupted", INTERRUPTED, "interrupted before its first step")
     except Exception as error:  # one that fails does not stop the others
-        return _Failure("crashed", None, f"{type(error).__name__}: {error}")
+        return _failed(error)
     return None
+
+
+def _failed(error: Exception) -> _Failure:
+    return _Failure("crashed", None, f"{type(error).__name__}: {error}")
 
 
 def _silent(*warning: Any, **details: Any) -> None:

@@ -45,11 +45,13 @@ GIVEN_WAY = 0.1
 MOST_NAMED = 5
 
 
-def what_to_try(end: End, penalty: bool) -> str:
-    """Advice after a step that failed; `penalty`: whether a VolumePenalty is among the terms."""
+def what_to_try(end: End, system: SystemLike) -> str:
+    """Advice after a step that failed."""
+    softens = np.isfinite(system.smallest_stretch(np.zeros(system.ndofs)))  # only laws that soften are asked for stretches
+    advice = f"{GIVES_WAY} " * bool(softens) + f"Try {RESIST[system.resists_inversion]}"
     if end is End.OUT_OF_ITERATIONS:
-        return f"Try more steps, or look at the last state: result.plot(). {GIVES_WAY} Try {RESIST[penalty]}"
-    return f"{GIVES_WAY} Try {RESIST[penalty]}" if end is End.INSIDE_OUT else TRY[end]
+        return f"Try more steps, or look at the last state: result.plot(). {advice}"
+    return advice if end is End.INSIDE_OUT else TRY[end]
 
 
 @dataclass(frozen=True)
@@ -122,12 +124,12 @@ def _why(ending: Ending) -> str:
         if ending.started:
             turn_back = ", or add VolumePenalty(kind='compression'), which turns elements back that are inside out" * (not penalty)
             start = f"Give another u0, for from this one no equilibrium was found{turn_back}."
-        return f": {last.end.value}{detail}, before the first step. {start} {what_to_try(last.end, penalty)}"
+        return f": {last.end.value}{detail}, before the first step. {start} {what_to_try(last.end, ending.system)}"
     failed = f"{last.end.value}{detail}, in a step of {abs(last.t - t):.1e} too."
     if not len(history) and _may_be_slack(ending.system):
         return f": {failed} {SLACK}"
     if not ending.branch:
-        return f": {failed} {what_to_try(last.end, penalty)}"
+        return f": {failed} {what_to_try(last.end, ending.system)}"
     beyond = "To follow the path beyond it, where it is unstable, there is method='arc-length'."
     material = f"Where it is the material that gives way in compression, try {RESIST[penalty]}"
     return f": {ending.branch} Beyond it, {failed} {beyond} {material}"
@@ -190,4 +192,4 @@ def _where(problem: StaticProblem, u: Array, mode: Array) -> str:
     most = np.argsort(-(moves**2).sum(axis=(0, 2)))[:MOST_NAMED]
     pressed = problem.system.smallest_stretch(problem.displacements(u))
     named = f"{name_ids(np.sort(most), 'element')}, near x = {point_of(mesh, most[0])}"
-    return f"{named}; the smallest principal stretch of all is {pressed:.2g}"
+    return named if np.isinf(pressed) else f"{named}; the smallest principal stretch of all is {pressed:.2g}"

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 
 from .. import arguments
 from ..arguments import Array
-from ..errors import StvkError
+from ..errors import AnalysisError, StvkError
 from ..mesh.places import Where
 from ..nonlinear.outcome import Status
 from ..results import Fields, Reaction, State, plot, write_vtu
@@ -129,7 +129,7 @@ class StaticResult:
         )
 
 
-class SolveError(RuntimeError):
+class SolveError(AnalysisError):
     """A static solve did not end as it should.
 
     Attributes

@@ -36,7 +36,7 @@ class Gravity(Load):
     MaterialError
         when it is bound, if a material has no density.
     LoadError
-        when it is bound, if `g` does not have one finite value per component.
+        if `g` is no finite numbers; when it is bound, if it does not have one value per component.
 
     >>> import numpy as np, skfem
     >>> from skfem_stvk import StVK, System
@@ -44,6 +44,8 @@ class Gravity(Load):
     >>> cube.external_force(np.zeros(cube.ndofs)).reshape(-1, 3).sum(axis=0).round(6)
     array([     0.,      0., -26487.])
     """
+
+    given_by = "g"
 
     g: Any
 
@@ -68,7 +70,7 @@ class BodyForce(Load):
     RegionError
         when it is bound, if the region is not in the mesh.
     LoadError
-        when it is bound, if `force` does not have one finite value per component.
+        if `force` is no finite numbers; when it is bound, if it does not have one value per component.
 
     >>> import numpy as np, skfem
     >>> from skfem_stvk import StVK, System
@@ -76,6 +78,8 @@ class BodyForce(Load):
     >>> cube.external_force(np.zeros(cube.ndofs), t=0.5).reshape(-1, 3).sum(axis=0).round(6)
     array([0.25, 0.  , 0.  ])
     """
+
+    given_by = "force"
 
     force: Any
     region: str | NDArray[Any] | None = None
@@ -104,7 +108,7 @@ class NodalLoad(Load):
     RegionError
         when it is bound, if there is no node.
     LoadError
-        when it is bound, if `force` does not have one finite value per component.
+        if `force` is no finite numbers; when it is bound, if it does not have one value per component.
 
     >>> import numpy as np, skfem
     >>> from skfem_stvk import StVK, System
@@ -112,6 +116,8 @@ class NodalLoad(Load):
     >>> bar.external_force(np.zeros(2), t=0.1)
     array([0. , 0.5])
     """
+
+    given_by = "force"
 
     where: Where
     force: Any
@@ -142,7 +148,7 @@ class Traction(Load):
     RegionError
         when it is bound, if there is no facet.
     LoadError
-        when it is bound, if `traction` does not have one finite value per component.
+        if `traction` is no finite numbers; when it is bound, if it does not have one value per component.
 
     >>> import numpy as np, skfem
     >>> from skfem_stvk import StVK, System
@@ -150,6 +156,8 @@ class Traction(Load):
     >>> cube.external_force(np.zeros(cube.ndofs), t=0.5).reshape(-1, 3).sum(axis=0)
     array([       0.,        0., -1000000.])
     """
+
+    given_by = "traction"
 
     where: Where
     traction: Any

@@ -157,6 +157,24 @@ class Value:
         return len(positional)
 
 
+def check_given(given: Any, what: str) -> None:
+    """Refuse constants that are no finite numbers, before there is a mesh that says how many are expected.
+
+    >>> check_given((0, 0, 10**400), "Gravity: g")
+    Traceback (most recent call last):
+    skfem_stvk.errors.LoadError: Gravity: g = (0, 0, 1000...); expected finite numbers, or a function of t or of (x, t).
+    """
+    if callable(given):
+        return
+    values = _together(given) if isinstance(given, tuple | list) else real_array(given)
+    if values is None:
+        raise LoadError(f"{what} = {shown(given)}; expected finite numbers, or a function of t or of (x, t).")
+    bad = np.flatnonzero(~np.isfinite(values).all(axis=tuple(range(values.ndim - 1))))
+    if len(bad):
+        where = f" in {name_ids(bad, 'entry')}" if values.ndim and values.shape[-1] > 3 else ""
+        raise LoadError(f"{what} is not finite{where}; expected finite numbers, or a function of t or of (x, t).")
+
+
 def _together(components: Sequence[Any]) -> Array | None:
     """(d, ...) components, each a number or one for each point; None if one is neither."""
     arrays = [real_array(component) for component in components]

@@ -50,7 +50,7 @@ class Pressure(Load):
     RegionError
         when it is bound, if there is no facet or element.
     LoadError
-        when it is bound: if `pressure` is not finite or no number; for segments, which have no surface; if facets are not on the
+        if `pressure` is not finite or no number; when it is bound: for segments, which have no surface; if facets are not on the
         boundary, so that both sides are inside; if surfaces in space have no two sides, as a Moebius strip.
 
     >>> import numpy as np, skfem
@@ -60,6 +60,8 @@ class Pressure(Load):
     >>> cube.external_force(stretched.ravel()).reshape(-1, 3).sum(axis=0)
     array([-3000000.,        0.,        0.])
     """
+
+    given_by = "pressure"
 
     where: Where | None
     pressure: Any

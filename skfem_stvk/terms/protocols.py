@@ -14,7 +14,7 @@ from ..edges.pairs import BoundTerm, NodeBlocks
 from ..materials import Hypothesis
 from ..mesh import ElementMesh
 from .body import Body
-from .load import Time
+from .load import Time, check_given
 
 
 class Term(Protocol):
@@ -28,9 +28,13 @@ class Load(ABC):
     """A load without a mesh, good for many systems; as a dataclass it keeps copies of what it is given."""
 
     external: ClassVar[bool] = True
+    #: Name of the attribute that holds its values, for those that are checked before there is a mesh.
+    given_by: ClassVar[str] = ""
 
     def __post_init__(self) -> None:
         own(self)
+        if self.given_by:
+            check_given(getattr(self, self.given_by), f"{type(self).__name__}: {self.given_by}")
 
     @abstractmethod
     def bind(self, body: Body) -> BoundLoad:

@@ -296,3 +296,9 @@ def test_nothing_is_concluded_from_what_is_no_number():
         and "strong ellipticity in uniaxial compression is not known" in said
     )
     assert "not isotropic" not in said and "is lost" not in said
+
+
+def test_it_is_quiet_if_asked():
+    assert verify_law(energy=KIRCHHOFF.W, quiet=True).passed
+    with pytest.raises(StvkError, match="quiet = 1"):
+        verify_law(energy=KIRCHHOFF.W, quiet=1)

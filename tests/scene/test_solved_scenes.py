@@ -25,10 +25,12 @@ from skfem_stvk import (
     solve_static,
 )
 from skfem_stvk.cli.main import main
+from skfem_stvk.errors import AnalysisError
 from skfem_stvk.results.one_writer import OneWriter
 from skfem_stvk.results.vtu import read_vtu
 from skfem_stvk.scene import Scene
 from skfem_stvk.scene.folder import Folder
+from skfem_stvk.scene.sweep import _solve, _Task
 
 BEAM = """
 [mesh]
@@ -502,3 +504,19 @@ def test_an_energy_that_does_not_exist_is_a_dash_wherever_a_scene_lists_it(tmp_p
     path.write_text(path.read_text().replace("energy.closure", "energy.total"))
     assert main(["solve", str(path), "--force"]) == 2
     assert "expect.energy.total" in (said := capsys.readouterr().err) and " 0 has no energy" in said
+
+
+@pytest.mark.parametrize("parts", [STATIC, MOTION], ids=["static", "dynamic"])
+def test_what_nobody_foresaw_is_not_refused_as_bad_input(tmp_path, monkeypatch, parts):
+    """A failed analysis is a `StvkError`, which hides neither the traceback nor that the run has begun."""
+
+    def fault(*given):
+        raise KeyError("a fault")
+
+    monkeypatch.setattr(System, "commit", fault)
+    path = scene(tmp_path, parts)
+    with pytest.raises(AnalysisError, match="a fault"):
+        main(["solve", str(path), "--quiet"])
+    assert json.loads((tmp_path / "beam" / "summary.json").read_text())["status"] == "was killed or is running"
+    failure = _solve(_Task(path, (), tmp_path / "swept", "new"))
+    assert failure.status == "crashed" and "a fault" in failure.message

@@ -7,7 +7,7 @@ import pytest
 import skfem
 from scenes import beam, bent, block, column
 
-from skfem_stvk import Gravity, NodalLoad, Pressure, StVK, System, Traction, solve_static
+from skfem_stvk import Corotated, Gravity, NodalLoad, Pressure, StVK, System, Traction, solve_static
 from skfem_stvk.errors import StvkError, StvkWarning, SupportError
 from skfem_stvk.linear import SuperLU
 from skfem_stvk.nonlinear.eigen import Mode
@@ -290,6 +290,25 @@ def test_a_branch_that_is_as_stiff_as_ever_does_not_end():
     system = column(0.5 * CRITICAL)
     result = solve_static(system, quiet=True)
     assert branch_end(Equilibrium(system, SuperLU(), Stopwatch()), np.zeros(system.ndofs), 0.0, result.u, 1.0) == ""
+
+
+def test_a_law_that_does_not_soften_has_neither_the_words_of_one_that_does_nor_its_stretches(monkeypatch):
+    system = bent()
+    corotated = System(system.mesh, [Corotated(young=1e4, poisson=0.3), Traction("tip", (-1e5, 0, 1e3))], fixed={"wall": "xyz"})
+    result = solve_static(corotated, steps=1, **OPTIONS)
+    assert result.status is Status.STOPPED and "Venant" not in result.message and "Try" in result.message
+    problem, values = Equilibrium(corotated, SuperLU(), Stopwatch()), iter([1.0, 1e-3])
+    u = np.zeros(corotated.ndofs)
+    monkeypatch.setattr(message, "nearest_mode", lambda problem, u, t: problem.factorise(u, t) and Mode(next(values), u + 1))
+    said = branch_end(problem, u, 0.0, u, 1.0)
+    assert "gives way most in" in said and "inf" not in said and "principal stretch" not in said
+
+
+def test_a_failed_solve_is_an_error_of_the_package_and_a_runtime_error():
+    system = bent(load=(0, 0, -1e9))
+    for kind in (SolveError, StvkError, RuntimeError):
+        with pytest.raises(kind, match="Stopped before the full load"):
+            solve_static(system, steps=1, quiet=True)
 
 
 def test_of_a_tangent_that_is_not_symmetric_no_branch_is_said_to_end(monkeypatch):

@@ -1,5 +1,7 @@
 """Gravity, body forces, tractions and nodal loads have the resultant and the moment of what is given, on all kinds of simplices."""
 
+from functools import partial
+
 import numpy as np
 import pytest
 from bodies import MESHES, sheet
@@ -11,7 +13,7 @@ from skfem_stvk import ElementMesh, MaterialError, RegionError, StVK
 from skfem_stvk.errors import LoadError
 from skfem_stvk.mesh.geometry import Geometry
 from skfem_stvk.mesh.points import sizes_of
-from skfem_stvk.terms import Body, BodyForce, Gravity, NodalLoad, Traction
+from skfem_stvk.terms import Body, BodyForce, Gravity, NodalLoad, Pressure, Traction
 
 NAMES = list(MESHES)
 
@@ -187,8 +189,6 @@ LOADS = [
         r"The material has no density\. Give it one: StVK\(\.\.\., density=\.\.\.\) \[kg/m\^3\]",
     ),
     (BodyForce((0, 0)), LoadError, r"BodyForce: force has shape \(2,\); expected 3 components \(x, y, z\), or \(3, \d+\)"),
-    (BodyForce((0, 0, np.nan)), LoadError, r"BodyForce: force is not finite\."),
-    (BodyForce("down"), LoadError, r"BodyForce: force is 'down'; expected 3 components"),
     (BodyForce((0, 0, 1), region="steel"), RegionError, "The mesh has no subdomain 'steel'; known: none"),
     (
         Traction("tpi", (0, 0, 1)),
@@ -244,6 +244,24 @@ def test_a_load_that_has_no_meaning_is_refused_with_what_to_do(load, error, mess
     named = ElementMesh(mesh.p, mesh.t, boundaries={"tip": mesh.surface[:, :4]})
     with pytest.raises(error, match=message):
         load.bind(body_of(named))
+
+
+@pytest.mark.parametrize("make", [Gravity, BodyForce, partial(NodalLoad, [1]), partial(Traction, "tip"), partial(Pressure, "tip")])
+@pytest.mark.parametrize(
+    ("value", "message"),
+    [
+        ((0, 0, 10**400), r"= \(0, 0, 1000.*; expected finite numbers, or a function"),
+        ("down", r"= 'down'; expected finite numbers"),
+        ((0, "1"), r"= \(0, .1.\); expected finite numbers"),
+        ((0, 0, np.nan), r"is not finite; expected finite numbers"),
+        (np.where(np.arange(12) == 4, np.inf, 1.0).reshape(1, 12), r"is not finite in 1 entry \(4\)"),
+        (1j, "= 1j; expected finite numbers"),
+    ],
+)
+def test_a_load_that_is_no_number_is_refused_before_there_is_a_mesh(make, value, message):
+    kind = getattr(make, "func", make)
+    with pytest.raises(LoadError, match=rf"^{kind.__name__}: {kind.given_by} {message}"):
+        make(value)
 
 
 def test_a_function_that_fails_later_says_when():

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from skfem_stvk import StvkError
+from skfem_stvk.errors import AnalysisError, StvkError
 
 from .call import Call
 from .case import Case, Verdict, Wrong
@@ -72,9 +72,8 @@ def case_of(call: Call, argument: str, value: Hostile) -> Case:
 
 def _refused(names: re.Pattern[str], error: BaseException) -> bool:
     """Whether an error in words names the argument, or Python itself refuses the call."""
-    return (isinstance(error, StvkError) and names.search(str(error)) is not None) or (
-        isinstance(error, TypeError) and _raised_at_the_call(error)
-    )
+    known = isinstance(error, StvkError) and not isinstance(error, AnalysisError)
+    return (known and names.search(str(error)) is not None) or (isinstance(error, TypeError) and _raised_at_the_call(error))
 
 
 def _raised_at_the_call(error: BaseException) -> bool:

@@ -8,7 +8,7 @@ from enum import Enum
 from pathlib import Path
 from typing import Any, NoReturn
 
-from skfem_stvk.errors import StvkError
+from skfem_stvk.errors import AnalysisError, StvkError
 
 
 class Verdict(Enum):
@@ -48,8 +48,8 @@ def accepted(result: Any) -> NoReturn:
 
 
 def in_words(error: BaseException) -> bool:
-    """Whether an error is one of this package, and says more than a word or two."""
-    return isinstance(error, StvkError) and len(str(error).split()) > 3
+    """Whether an error is one of this package, but for failed analyses, and says more than a word or two."""
+    return isinstance(error, StvkError) and not isinstance(error, AnalysisError) and len(str(error).split()) > 3
 
 
 @dataclass(frozen=True)

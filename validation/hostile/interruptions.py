@@ -17,9 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from skfem_stvk.dynamics import SimulationError
-from skfem_stvk.errors import StvkError
-from skfem_stvk.statics import SolveError
+from skfem_stvk.errors import AnalysisError, StvkError
 
 from .case import Case, Verdict, Wrong, in_words
 from .runs_on_disk import KINDS, check_same, whole
@@ -93,7 +91,7 @@ def _outcome(run: Callable[[], object]) -> tuple[int, str]:
         return FINISHED, ""
     except KeyboardInterrupt as error:
         return INTERRUPTED, str(error)
-    except (StvkError, SolveError, SimulationError) as error:
+    except StvkError as error:
         words = in_words(error) or len(str(error).split()) > 5
         return (IN_WORDS, str(error)) if words else (RAW, traceback.format_exc())
     except BaseException:
@@ -173,6 +171,8 @@ def two(name: str, other: bool, seed: int, folder: Path) -> Path | None:
         raise Wrong(Verdict.LOSS, "the files of one problem were replaced by those of another")
     try:
         kind.run(folder, resume=True)
+    except AnalysisError:
+        raise
     except StvkError:
         return None
     raise Wrong(Verdict.SILENT, "the files of another problem were resumed")

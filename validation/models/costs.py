@@ -11,6 +11,7 @@ import numpy as np
 
 from skfem_stvk import LinearBackwardEuler, StvkError, StvkWarning, System, VelocityVerlet, simulate
 from skfem_stvk.bench.costs import best_and_median
+from skfem_stvk.errors import AnalysisError
 
 from .models import Model, bar, system_of
 from .motions import stable_step
@@ -68,6 +69,8 @@ def _step(system: System, integrator: Any) -> float:
             simulate(system, integrator, until=n * integrator.dt, v0=v.ravel(), quiet=True, raise_on_failure=False)
             for n in (STEPS, 3 * STEPS)
         ]
+    except AnalysisError:
+        raise
     except StvkError:
         return np.nan
     if not all(run.success for run in runs):

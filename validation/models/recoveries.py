@@ -10,6 +10,7 @@ import skfem
 
 from skfem_stvk import ElementMesh, StvkError, StvkWarning, VolumePenalty, solve_static
 from skfem_stvk.arguments import Array
+from skfem_stvk.errors import AnalysisError
 
 from .models import MODELS, TRUE, Model, system_of
 
@@ -68,6 +69,8 @@ def at_rest(model: Model, mesh: ElementMesh, u0: Array) -> Recovery:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", StvkWarning)
             found = solve_static(system, steps=1, u0=u0.ravel(), quiet=True, raise_on_failure=False)
+    except AnalysisError:
+        raise
     except StvkError as error:
         return Recovery(False, 0, "refused" if "inside out" in str(error) else type(error).__name__)
     turned = len(system.inside_out(found.u))
