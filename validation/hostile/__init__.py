@@ -12,6 +12,7 @@ FAMILIES = {
     "interruptions": "validation.hostile.interruptions",
     "names": "validation.hostile.names",
     "commands": "validation.hostile.commands",
+    "scenes": "validation.hostile.scenes",
     "candidates": "validation.hostile.candidates",
     "arguments": "validation.hostile.arguments",
 }

@@ -1,4 +1,4 @@
-"""Checkpoints that are cut, changed or lie: what is resumed is the run that was kept, to the last bit, or it is refused."""
+"""Checkpoints and responses that are cut, changed or lie: read back is what was written, to the last bit, or it is refused."""
 
 from __future__ import annotations
 
@@ -27,7 +27,13 @@ from .runs_on_disk import KINDS, beam, check_same, strip
 Header = dict[str, Any]
 
 #: Kinds of runs whose checkpoints are changed, with the file that is changed.
-FILES = {"verlet": "motion.npz", "energy-momentum": "motion.npz", "load steps": "state_00002.npz", "arc length": "state_00011.npz"}
+FILES = {
+    "verlet": "motion.npz",
+    "energy-momentum": "motion.npz",
+    "load steps": "state_00002.npz",
+    "arc length": "state_00011.npz",
+    "response": "table.npz",
+}
 WRONG_VALUES: dict[str, Any] = {
     "removed": ...,
     "None": None,

@@ -22,8 +22,9 @@ import skfem_stvk
 from skfem_stvk.errors import StvkError
 
 from .case import Case, Verdict, Wrong
+from .checkpoints import NOT_OURS
 
-COMMAND = (sys.executable, "-m", "skfem_stvk.cli.main")
+COMMAND = (sys.executable, "-m", "skfem_stvk.cli")
 VERIFY = ("verify", "body.msh", "--young", "1e5", "--poisson", "0.3")
 #: One kernel, and what it has to give.
 PROGRAM = """
@@ -62,10 +63,12 @@ def cases() -> Iterator[Case]:
         yield command(f"verify with {name}", VERIFY, environment=given)
     for name, given in THREADS_AND_CACHES.items():
         yield command(f"kernel with {name}", (), environment=given, start=(sys.executable, "-c", PROGRAM))
+    for what in ANSWERS:
+        yield Case(f"--python answers with {what}", partial(answered, NOT_OURS[what]), seconds=120, gigabytes=4)
     for name, options in STREAMS.items():
         yield command(f"verify with {name}", VERIFY, EITHER, options=options, seen=False)
     for flag in ("-OO", "-Werror", "-I", "-bb", "-Xdev", "-Xutf8=0"):
-        yield command(f"python {flag}", VERIFY, WORKS, start=(sys.executable, flag, "-m", "skfem_stvk.cli.main"))
+        yield command(f"python {flag}", VERIFY, WORKS, start=(sys.executable, flag, "-m", "skfem_stvk.cli"))
     for name, change in OUTPUTS.items():
         yield Case(f"--out {name}", partial(written, change), partial(right, worked="PASSED"), seconds=120, gigabytes=4)
     for damage in DAMAGES:
@@ -212,6 +215,21 @@ ARGUMENTS: dict[str, tuple[str, ...]] = {
     },
     "--python alone": (*VERIFY, "--python", sys.executable),
 }
+ANSWERS = ("empty", "text", "a pickle", "an .npz file of pickles", "an .npz file of others", "an .npy file", "a bomb of zeros")
+
+
+def answered(make: Callable[[Path], object], folder: Path) -> Finished:
+    """A peer whose program answers its first question with this file."""
+    body(folder)
+    answer, program = folder / "answer.npz", folder / "program"
+    answer.touch()
+    make(answer)
+    (folder / "length").write_bytes(answer.stat().st_size.to_bytes(8, "big"))
+    program.write_text("#!/bin/sh\ncat length answer.npz; cat > /dev/null\n")
+    program.chmod(0o755)
+    return told(ran([*COMMAND, *VERIFY, "--against", "felupe", "--python", "./program"], {}), REFUSED)
+
+
 NAMES = (
     "\x1b[31mred.msh",
     "new\nline.msh",
@@ -399,15 +417,15 @@ def damaged(damage: str, folder: Path) -> Finished:
 
 
 def interrupted(seed: int, folder: Path) -> Finished:
-    """Ctrl-C at a random time after the command has begun."""
+    """Ctrl-C at a random time after the command has begun: while it imports, or later."""
     body(folder)
-    begin = "import sys; from skfem_stvk.cli.main import main; print('begun', flush=True); sys.exit(main(sys.argv[1:]))"
+    begin = "import sys; from skfem_stvk.cli.__main__ import main; print('begun', flush=True); sys.exit(main())"
     with subprocess.Popen(
         [sys.executable, "-c", begin, *VERIFY, "--out", "report"], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
     ) as process:
         assert process.stdout is not None
         process.stdout.readline()
-        time.sleep(float(np.random.default_rng(seed).uniform(0, 2)))
+        time.sleep(float(np.random.default_rng(seed).uniform(0, 4)))
         process.send_signal(signal.SIGINT)
         out, err = process.communicate()
     finished = Finished(process.returncode, out, err)

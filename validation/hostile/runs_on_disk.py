@@ -8,13 +8,25 @@ from functools import lru_cache
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from time import perf_counter
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import skfem
 from numpy.typing import NDArray
 
-from skfem_stvk import EnergyMomentum, Gravity, NodalLoad, Stop, StVK, System, VelocityVerlet, simulate, solve_static
+from skfem_stvk import (
+    EnergyMomentum,
+    Gravity,
+    NodalLoad,
+    PrecomputedResponse,
+    Stop,
+    StVK,
+    System,
+    VelocityVerlet,
+    simulate,
+    solve_static,
+)
 from skfem_stvk.dynamics import EdgeDamping, checkpoint
 from skfem_stvk.results.series import read_list
 
@@ -99,7 +111,21 @@ def _bits_of_path(result: Any) -> list[NDArray[Any]]:
     return [result.u, np.array([result.t]), np.array(numbers), np.array(words), *[step.u for step in result.history]]
 
 
-KINDS = {
+def _response(system: System, checkpoint: Path, save: Path, quiet: bool, resume: bool = False) -> Any:
+    """Compute the response of a body and save it, or load it (`resume`); return all its numbers as `u`."""
+    path, axes = checkpoint / "table.npz", [[-0.2, -0.1, 0.0, 0.1], [-0.1, 0.0, 0.2]]
+    if not resume:
+        checkpoint.mkdir()
+        PrecomputedResponse(system, lambda x: x[0] >= 5, axes, checks=2, quiet=quiet).save(path)
+    response = PrecomputedResponse.load(path, system)
+    force, u = response((-0.05, 0.05))
+    error = response.error
+    numbers = [*response.axes, response.nodes, response.forces, force, u, error.points, error.force, error.u]
+    return SimpleNamespace(u=np.concatenate([np.ravel(array) for array in numbers]), t=0.0)
+
+
+#: Runs that can be interrupted and resumed.
+RUNS = {
     "verlet": Kind(strip, _motion(VelocityVerlet(0.01), 0.605), _bits_of_motion),
     "energy-momentum": Kind(
         strip, _motion(EnergyMomentum(0.05, solver="superlu"), 2.025, damping=EdgeDamping(1e-3)), _bits_of_motion
@@ -111,6 +137,8 @@ KINDS = {
         _bits_of_path,
     ),
 }
+#: Everything that is read back from a file: runs from their checkpoints, and a response.
+KINDS = RUNS | {"response": Kind(beam, _response, lambda result: [result.u])}
 
 
 @lru_cache
@@ -129,7 +157,7 @@ def files_of(folder: Path) -> tuple[dict[str, bytes | None], list[float]]:
     """Files by name, with what they hold where that is to be the same from run to run; and the times of the series."""
     found = {str(path.relative_to(folder)): path for path in sorted(folder.rglob("*")) if path.is_file()}
     held = {name: path.read_bytes() if path.suffix in (".vtu", ".csv") else None for name, path in found.items()}
-    return held, [t for t, _ in read_list(folder / "run.pvd")]
+    return held, [t for t, _ in read_list(folder / "run.pvd")] if "run.pvd" in found else []
 
 
 def check_same(name: str, result: Any, folder: Path | None) -> None:
