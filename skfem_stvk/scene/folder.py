@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 
 from pydantic import BaseModel, ValidationError
 
-from ..errors import SceneError, StvkError
+from ..errors import AnalysisError, SceneError, StvkError
 from ..referee.header import machine, versions
 from ..results.files import content_of, replacing, try_to_write
 from .outcome import BAD_INPUT, Judged, SceneOutcome
@@ -152,7 +152,7 @@ class Folder:
             for name, content in former.said.items():
                 with replacing(self.path / name) as part:
                     part.write_bytes(content)
-        elif isinstance(error, StvkError):
+        elif isinstance(error, StvkError) and not isinstance(error, AnalysisError):
             status = REFUSED if unchanged else FAILED
             self._say({"status": status, "exit_code": BAD_INPUT, "message": str(error), "scene_hash": known, "ended": _now()})
 
