@@ -32,6 +32,8 @@ PERIODS, STEPS = 1.5, (60, 120, 240)
 SLACK, NO_DRIFT = 0.25, 1e-9
 #: `omega dt` that are tried, amplitude of the vibration as a part of the length, and growth per step that counts as none.
 SCAN, AMPLITUDE, NO_GROWTH = np.geomspace(0.05, 1e3, 40), 1e-4, 1e-6
+#: Newmark's beta is told to that precision.
+EXACT = 1e-3
 QUANTITIES = ("energy", "linear momentum", "angular momentum")
 
 Step = Callable[[System, Array, Array, float], Any]
@@ -298,6 +300,8 @@ def _named(step: Step, density: float, claims: tuple[int | None, Sequence[str], 
         if all(result.outcome is CheckOutcome.PASSED for result in results):
             residual = max(result.measured for result in results if result.measured is not None)
             naming.explanations.append(Explanation(name, words, residual))
+    if not naming.explanations and any(result.check == "stability limit" for result in failures):
+        naming.explanations += [Explanation(*one) for one in _of_beta(_Body(step, YOUNG["soft"], density))]
     if not naming.explanations:
         least = {result.check: result.reason for result in failures}
         naming.smallest = " ".join(f"By {check}: {reason}." for check, reason in least.items())
@@ -357,6 +361,21 @@ def _stiffness(body: _Body, omega_dt: float) -> float:
         return np.nan
     angles = np.log(np.linalg.eigvals(A).astype(complex)) / omega_dt
     return float(((angles[0] - angles[1]) ** 2).real / -4)
+
+
+def _of_beta(body: _Body) -> Iterator[tuple[str, str, float]]:
+    """Newmark's beta of an implicit step with gamma = 1/2, for which `cos(theta) = 1 - x^2/2 / (1 + beta x^2)`, `x = omega dt`."""
+    found = []
+    for x in (0.5, 1.0):
+        A = _amplification(body, x)
+        if not (np.isfinite(A).all() and abs(np.linalg.det(A) - 1) < EXACT):
+            return
+        found.append(float(1 / (2 - np.trace(A)) - 1 / x**2))
+    beta, off = found[0], abs(found[1] - found[0])
+    if off < EXACT and EXACT < beta < 0.25 - EXACT:
+        limit = 2 / np.sqrt(1 - 4 * beta)
+        words = f"small vibrations are those of Newmark's beta = {beta:.4f}, stable up to omega dt = {limit:.3g}; 1/4 has no limit"
+        yield f"beta = {beta:.3f}", words, off
 
 
 def _accelerated(system: System, u: Array) -> Array:

@@ -6,6 +6,7 @@ is half of lambda at nu = 1/3. All that fit are printed together. Where none doe
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
@@ -25,6 +26,8 @@ from .players import Foul, Player
 from .results import Explanation, Naming
 
 INVERSION, SINGLE = "not a number at inversion", "single precision"
+#: Calls that are compared at one state, unless they take longer than that [s].
+REPEATED, LONGEST = 25, 5.0
 
 
 def name_the_fault(case: Case, terms: Sequence[StVK], make: Callable[[ElementMesh], Any] | None = None) -> Naming:
@@ -33,6 +36,9 @@ def name_the_fault(case: Case, terms: Sequence[StVK], make: Callable[[ElementMes
     `make`, if it is given, makes the candidate on any mesh: where no hypothesis holds, the smallest piece that fails is looked for.
     """
     assert case.candidate is not None
+    differing = _not_repeatable(case, case.candidate)
+    if differing:
+        return Naming(explanations=[Explanation("not repeatable", differing, np.inf)], tried=1)
     evidence = Evidence(case, case.candidate)
     if not evidence.found:
         values = "values that are numbers" if evidence.not_finite else "values"
@@ -61,6 +67,32 @@ def name_the_fault(case: Case, terms: Sequence[StVK], make: Callable[[ElementMes
         unexplained.append(_fewest_nodes(evidence) if make is None else smallest_piece(make, case, terms))
     naming.smallest = " ".join(filter(None, (naming.smallest, *unexplained)))
     return naming
+
+
+def _not_repeatable(case: Case, player: Player) -> str:
+    """Which quantities change from call to call at one state, in words; empty if none does by more than `VANISHES`."""
+    u, told = case.states[STRETCH], []
+    v = case.random("repeated").standard_normal(len(u))
+    for quantity in filter(player.has, "WFK"):
+        ask = getattr(player, quantity)
+        begin = time.perf_counter()
+        values: list[Array] = []
+        try:
+            ask(u)  # this one may be of the state before, which has words of its own
+            while len(values) < REPEATED and (len(values) < 2 or time.perf_counter() - begin < LONGEST):
+                values.append(np.ravel(ask(u) @ v if quantity == "K" else ask(u)))
+        except Foul:
+            continue
+        size = max(np.abs(value).max(initial=0.0) for value in values)
+        off = [np.abs(value - values[0]).max(initial=0.0) > VANISHES * size for value in values]
+        if any(off):
+            told.append(f"{quantity} in {sum(off)} of {len(off) - 1} calls")
+    if not told:
+        return ""
+    return (
+        f"at one u it returns other values from call to call ({', '.join(told)}): threads that write to the same array, or an "
+        "array that is not filled. Mend that first: all other checks judge values of chance"
+    )
 
 
 def _those_that_fit(evidence: Evidence, terms: Sequence[StVK], tried: int) -> tuple[list[Explanation], int]:

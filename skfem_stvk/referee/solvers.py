@@ -34,8 +34,10 @@ ANGLES = (30.0, 60.0)
 LOAD, SMALL_LOAD = np.array([0.6, -0.4, 0.5]), 0.02
 #: A hypothesis holds if it leaves this part of the load, or this multiple of what rounding of the solver may leave.
 VANISHES = 1e-4
-#: Hypotheses: three on the boundary, no load, a factor in it, lambda and mu, three other forces or loads.
-TRIED = 9
+#: Hypotheses: three on the boundary, no load, a factor in it, lambda and mu, three forces or loads, another equilibrium.
+TRIED = 10
+#: Another equilibrium is off the exact gradient by more than that; the load is integrated by a rule of this order.
+FAR, LOAD_ORDER = 0.5, 4
 
 BodyForceOf = Callable[[Array], Array]
 Solve = Callable[[Any, Isotropic, BodyForceOf, "PrescribedNodes"], Any]
@@ -180,6 +182,13 @@ class _Trial:
         """A constant load on the strained body."""
         return self.problem(self.small, lambda X: self.strained @ X, self.constant(LOAD[: self.d]))
 
+    def manufactured(self, n: int) -> _Problem:
+        """The problem with the manufactured solution, on `n` cells per side."""
+        exact = self.exact
+        return self.problem(
+            self.box(n), lambda X: exact.displacement(X, 1.0), lambda X: exact.body_force(np.asarray(X, dtype=float), 1.0)
+        )
+
     def problem(self, mesh: Any, moved: BodyForceOf, force: BodyForceOf | None = None, free: bool = False) -> _Problem:
         """A body whose surface is displaced by `moved(X)`, the face x = 1 perhaps free."""
         X = mesh.p
@@ -283,12 +292,8 @@ def _reciprocal(trial: _Trial) -> dict[str, Any]:
 def _order(trial: _Trial, norm: str) -> dict[str, Any]:
     errors = []
     for n in LADDER[trial.d]:
-        mesh = trial.box(n)
-        problem = trial.problem(
-            mesh, lambda X: trial.exact.displacement(X, 1.0), lambda X: trial.exact.body_force(np.asarray(X, dtype=float), 1.0)
-        )
-        u = trial.answer(f"manufactured {n}", problem)
-        errors.append(trial.exact.errors(mesh, u.ravel()))
+        problem = trial.manufactured(n)
+        errors.append(trial.exact.errors(problem.mesh, trial.answer(f"manufactured {n}", problem).ravel()))
     of_norm = [error[list(ORDERS).index(norm)] for error in errors]
     order = fitted_order(1 / np.array(LADDER[trial.d]), of_norm) if np.isfinite(of_norm).all() and min(of_norm) > 0 else np.nan
     told = " -> ".join(f"{error:.1e}" for error in of_norm)
@@ -361,12 +366,12 @@ class _Elements:
 
 
 class _Evidence:
-    """The solution under a constant load: forces that its nodes have by several laws, and the load."""
+    """The solution of a problem, by default under a constant load: forces that its nodes have by several laws, and the load."""
 
-    def __init__(self, trial: _Trial) -> None:
-        problem = trial.loaded()
-        self.u = trial.answer("loaded", problem)
-        self.elements, self.boundary, nv = _Elements(trial.small), problem.boundary, trial.small.p.shape[1]
+    def __init__(self, trial: _Trial, name: str = "loaded", problem: _Problem | None = None) -> None:
+        problem = problem or trial.loaded()
+        self.u = trial.answer(name, problem)
+        self.elements, self.boundary, nv = _Elements(problem.mesh), problem.boundary, problem.mesh.p.shape[1]
         self.free = np.setdiff1d(np.arange(nv), problem.boundary.nodes)
         self.b, self.lam, self.mu = trial.young * LOAD[: trial.d], trial.lam, trial.mu
         self.F = self.elements.deformation(self.u)
@@ -424,6 +429,8 @@ def _named(trial: _Trial, results: list[Result]) -> Naming:
             naming.smallest = "The solution is not a number: Newton's method diverged, and its result was returned."
     except (Foul, np.linalg.LinAlgError):
         naming.tried = 0
+    if not naming.explanations and not naming.smallest and "order" in bad:
+        naming.explanations += [Explanation(*one) for one in _other_equilibria(trial)]
     if not naming.explanations and not naming.smallest:
         naming.smallest = " ".join(f"Likely, by {check}: {WORDS[check]}." for check in WORDS if check in bad)
     return naming
@@ -468,6 +475,33 @@ def _by_forces(trial: _Trial, e: _Evidence) -> Iterator[tuple[str, str, float]]:
         (c,), rest = e.fitted([right], e.force(stress))
         if rest <= limit:
             yield name, words + (f"; and the load is {c:.3f} x" if abs(c - 1) > limit else ""), rest
+
+
+def _other_equilibria(trial: _Trial) -> Iterator[tuple[str, str, float]]:
+    """The manufactured problem if a solution of it is in balance with the load, but far from the exact one."""
+    for n in LADDER[trial.d]:
+        problem = trial.manufactured(n)
+        e = _Evidence(trial, f"manufactured {n}", problem)
+        far = trial.exact.errors(problem.mesh, e.u.ravel())[1]
+        fine, coarse = (_load(problem, order) for order in (LOAD_ORDER, 1))
+        size, inner = np.linalg.norm(fine[e.free]), e.force(e.stvk)
+        rest, rounded = (float(np.linalg.norm((fine - other)[e.free]) / size) for other in (inner, coarse))
+        if far > FAR and rest <= max(rounded, VANISHES, 100 * trial.rtol):
+            words = (
+                f"on {n} cells per side the solution is in balance with the load, but its gradient is off the exact one by "
+                f"{far:.0%}: start from rest and raise load and prescribed displacements in steps"
+            )
+            yield "another equilibrium", words, rest
+            return
+
+
+def _load(problem: _Problem, order: int) -> Array:
+    """(nv, d) integral of the body force times the shape functions, by a rule of this order."""
+    d, kind = len(problem.mesh.p), {2: skfem.ElementTriP1, 3: skfem.ElementTetP1}
+    basis = skfem.Basis(problem.mesh, skfem.ElementVector(kind[d]()), intorder=order)
+    X = np.asarray(basis.global_coordinates())
+    b = np.asarray(problem.force(X.reshape(d, -1))).reshape(X.shape)
+    return np.asarray(skfem.LinearForm(lambda v, w: (w.b * v).sum(axis=0)).assemble(basis, b=b)).reshape(-1, d)
 
 
 def _of_boundary(trial: _Trial, e: _Evidence, limit: float) -> Iterator[tuple[str, str, float]]:

@@ -51,6 +51,27 @@ def test_any_one_of_the_three_is_enough(name, methods):
     assert fault.named in named(Only(fault.make(body.mesh, body.terms), *methods), body.mesh, body.terms).names
 
 
+class Racing:
+    """A candidate whose calls lose a share of the elements now and then, as where threads write to one array."""
+
+    def __init__(self, chance=0.3):
+        body, rng = System(MESH, [TERM]), np.random.default_rng(3)
+        lost = System(MESH, [StVK(TERM.material, region=np.arange(1, MESH.nt))])
+        for name in ("energy", "internal_force", "tangent"):
+            setattr(self, name, lambda u, name=name: getattr(lost if rng.random() < chance else body, name)(u))
+
+
+def test_a_data_race_is_named_before_all_else():
+    report = verify(MESH, TERM, candidate=Racing(), quiet=True)
+    assert not report.passed and report.named.names == ["not repeatable"], str(report.named)
+    words = report.named.explanations[0].words
+    assert all(f"{quantity} in " in words for quantity in "WFK") and "Mend that first" in words
+
+
+def test_a_seldom_race_is_named_too():
+    assert named(Racing(0.1)).names == ["not repeatable"]
+
+
 def test_an_operator_will_do():
     model = FAULTS["twice lambda"].make(MESH, [TERM])
 

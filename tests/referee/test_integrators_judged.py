@@ -131,6 +131,35 @@ def by_consistent_mass(system, u, v, dt):
     return verlet(system, u, v, dt, force=3.0)
 
 
+def newmark(beta):
+    """A step whose equation is solved by Newton's method, with gamma = 1/2."""
+
+    def step(system, u, v, dt):
+        M = system.mass()
+        a = -M.solve(system.internal_force(u))
+        new = a
+        for _ in range(50):
+            w = u + dt * v + dt**2 * ((0.5 - beta) * a + beta * new)
+            left = M.multiply(new) + system.internal_force(w)
+            change = np.linalg.solve(M.matrix.toarray() + beta * dt**2 * system.tangent(w).toarray(), left)
+            new = new - change
+            if np.abs(change).max() <= 1e-14 * np.abs(new).max():
+                break
+        w = u + dt * v + dt**2 * ((0.5 - beta) * a + beta * new)
+        return w, v + dt / 2 * (a + new)
+
+    return step
+
+
+def test_a_wrong_beta_of_newmark_is_caught_by_its_limit_and_named():
+    claims = {"order": 2, "stable": 20.0}
+    assert judged(newmark(1 / 4), **claims).passed
+    report = judged(newmark(1 / 6), **claims)
+    assert checks(report) == {"stability limit"} and report.named.names == ["beta = 0.167"], str(report)
+    assert "stable up to omega dt = 3.46" in report.named.explanations[0].words
+    assert judged(newmark(1 / 6), order=2, stable=3.4).passed
+
+
 @pytest.mark.parametrize(
     ("step", "claims", "names"),
     [

@@ -45,6 +45,7 @@ def newton(
     iterations=40,
     free=True,
     signed=False,
+    seed=None,
 ):
     """A solver of scikit-fem, as users write it, with the faults that are asked for; K by differences of P."""
 
@@ -86,6 +87,9 @@ def newton(
         u = basis.zeros()
         u[dofs] = values.ravel()
         u += skfem.solve(*skfem.condense(tangent(0 * u), -tangent(0 * u) @ u, D=dofs))
+        if seed is not None:
+            inner = np.setdiff1d(np.arange(len(u)), dofs)
+            u[inner] += 0.3 * np.random.default_rng(seed).standard_normal(len(inner))
         for _ in range(iterations):
             change = skfem.solve(*skfem.condense(tangent(u), -force(u), D=dofs))
             u = u + change
@@ -123,6 +127,17 @@ def test_right_solvers_pass(solve, dimension):
     assert all("fitted" in r.scale for r in report.results if r.check == "order")
 
 
+def elsewhere(mesh, material, body_force, boundary):
+    """Newton's method from random starts, on the finest mesh, until it converges to another solution than the one from rest."""
+    near, where = newton()(mesh, material, body_force, boundary), (mesh, material, body_force, boundary)
+    finest = mesh.p.shape[1] > 100 and np.ptp(body_force(mesh.p), axis=1).any()
+    for seed in range(40) if finest else ():
+        found, more = newton(seed=seed)(*where), newton(seed=seed, iterations=41)(*where)
+        if np.isfinite(found).all() and np.abs(found - more).max() < 1e-8 and 0.05 < np.abs(found - near).max() < 10:
+            return found
+    return near
+
+
 FAULTS = {
     "load doubled": ({"load": 2.0}, {"equilibrium", "order"}, "load x 2.000"),
     "load with the wrong sign": ({"load": -1.0}, {"equilibrium", "order"}, "load x -1.000"),
@@ -149,6 +164,12 @@ def test_planted_faults_are_caught_and_named(fault, few):
     report = judged(newton(**how))
     assert not report.passed and caught <= checks(report), (checks(report), report.named)
     assert names(report) == ([name] if name else []), report.named
+
+
+def test_another_equilibrium_is_named(few):
+    report = judged(elsewhere)
+    assert checks(report) == {"order"} and names(report) == ["another equilibrium"], str(report)
+    assert report.named.explanations[0].residual < 0.2 and "in balance with the load" in report.named.explanations[0].words
 
 
 def test_each_check_is_needed_or_seen_to_catch():
