@@ -9,7 +9,7 @@ import pytest
 from scipy.sparse import csr_matrix
 from slow import slow
 
-from skfem_stvk import System
+from skfem_stvk import InvertibleStVK, System
 from skfem_stvk.nonlinear import stability
 from skfem_stvk.statics import solve
 from validation import hard
@@ -77,6 +77,22 @@ def test_the_judge_does_not_ask_the_project_what_is_inside_out(monkeypatch):
     system = crushed.block(0.2, 0.3, n=2).system(volume=False)
     mirrored = (-2 * system.mesh.p * [[1], [0], [0]]).ravel("F")
     assert any("inside out" in fault for fault in judge.faults_of(system, mirrored, 1e-6))
+
+
+def test_invertible_bodies_are_solved_and_judged_as_such():
+    """From a flat start only they are right; a bar that is twisted too far for StVK has a right state of their own alone."""
+    runs = {run.method: run.verdict for run in study.row_of(a_case("start from a flattened body")).runs}
+    assert runs["default"] is Verdict.SAID_SO and runs["default, invertible"] is Verdict.RIGHT
+    case = a_case("twist a bar of 5 x 1 x 1 by 360°")
+    assert isinstance(case.of_invertible().body().system(volume=False).terms[0], InvertibleStVK)
+    run = methods.run(replace(case, invertible=None), "default, invertible")
+    assert run.verdict is Verdict.WRONG and run.judgement.why == "there is no right state"
+
+
+@pytest.mark.parametrize("name", ["shear by 200 % between plates", "shear a mesh graded"])
+def test_the_state_of_stvk_is_not_taken_for_that_of_invertible_bodies(name):
+    run = methods.run(replace(a_case(name), invertible=None), "default, invertible")
+    assert run.verdict is Verdict.WRONG and "another state" in run.judgement.why
 
 
 def test_flat_elements_are_no_success():

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import Any
 
-from skfem_stvk import ElementMesh, StVK, System, VolumePenalty
+from skfem_stvk import ElementMesh, InvertibleStVK, StVK, System, VolumePenalty
 from skfem_stvk.arguments import Array
 
 
@@ -23,6 +24,7 @@ class Body:
     penalty : the volume term.
     density : of those that move [kg/m^3], a number, or one per element.
     v0 : (ndofs,) velocities to start from [m/s]; None for none.
+    law : the class of its elastic law.
     """
 
     mesh: ElementMesh
@@ -35,10 +37,11 @@ class Body:
     penalty: VolumePenalty = field(default_factory=VolumePenalty)
     density: float | Array | None = None
     v0: Array | None = None
+    law: type[StVK] | type[InvertibleStVK] = StVK
 
     def system(self, volume: bool) -> System:
         """The system, with the volume term or without it."""
-        terms = [StVK(young=self.young, poisson=self.poisson, density=self.density), *[self.penalty] * volume, *self.loads]
+        terms = [self.law(young=self.young, poisson=self.poisson, density=self.density), *[self.penalty] * volume, *self.loads]
         return System(self.mesh, terms, self.fixed, self.prescribed)
 
     def quadratic(self) -> Body:
@@ -53,6 +56,11 @@ class Body:
 def made(make: Callable[[], Body], degree: int) -> Body:
     """The body that is made, of elements of this degree."""
     return make().quadratic() if degree == 2 else make()
+
+
+def invertible(make: Callable[[], Body]) -> Body:
+    """Return the same body of `InvertibleStVK`."""
+    return replace(make(), law=InvertibleStVK)
 
 
 @dataclass(frozen=True)
@@ -89,6 +97,8 @@ class Case:
     quick : whether it is part of the quick table.
     methods : names of those that are run; None for all.
     solver : the linear solver of the default.
+    invertible : the right outcome of `InvertibleStVK` without the volume term; None if it is that of `StVK`, whose right state then
+        has no principal stretch below the threshold or is homogeneous.
     """
 
     name: str
@@ -99,7 +109,12 @@ class Case:
     quick: bool = True
     methods: tuple[str, ...] | None = None
     solver: str = "auto"
+    invertible: Truth | None = None
 
     def truth_of(self, volume: bool) -> Truth:
         """The truth of the system with the volume term or without it."""
         return self.with_volume if volume else self.truth
+
+    def of_invertible(self) -> Case:
+        """Return the same case of `InvertibleStVK`."""
+        return replace(self, body=partial(invertible, self.body), truth=self.invertible or self.truth)

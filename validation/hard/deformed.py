@@ -40,6 +40,7 @@ def _twist_too_far() -> Case:
         4,
         truths.none("in tiny steps, by scikit-fem, the branch ends at 242°", *truths.ENDS),
         truths.tiny_steps(make, 40, volume=True),
+        invertible=truths.tiny_steps_of_invertible(make, 40),
     )
 
 
@@ -120,10 +121,11 @@ def _side_left(stretch: float) -> float:
 
 def _shear() -> list[Case]:
     closed = truths.homogeneous(np.eye(3) + 2 * np.outer([1, 0, 0], [0, 1, 0]), "closed form: simple shear")
-    plates = _between_plates
+    plates, invertible = _between_plates, truths.tiny_steps_of_invertible(_between_plates, 20)
+    with_volume = truths.tiny_steps(plates, 20, volume=True)
     return [
         Case("shear by 200 %, whole boundary", _sheared_boundary, 1, closed, closed),
-        Case("shear by 200 % between plates", plates, 4, truths.tiny_steps(plates, 20), truths.tiny_steps(plates, 20, volume=True)),
+        Case("shear by 200 % between plates", plates, 4, truths.tiny_steps(plates, 20), with_volume, invertible=invertible),
     ]
 
 

@@ -78,10 +78,15 @@ def _default(case: Case, volume: bool) -> Answer:
 
 
 class Method(NamedTuple):
-    """What solves a case, and whether the volume term is in the system."""
+    """What solves a case, whether the volume term is in the system, and whether its law is `InvertibleStVK`."""
 
     solve: Callable[[Case], Answer]
     volume: bool
+    invertible: bool = False
+
+    def case(self, case: Case) -> Case:
+        """Return the case that this method solves."""
+        return case.of_invertible() if self.invertible else case
 
 
 #: By name, in the order of the table; those of the project come last.
@@ -90,18 +95,20 @@ METHODS = {
     "Newton, clamped": Method(partial(_newton, clamped=True), volume=False),
     "default": Method(partial(_default, volume=False), volume=False),
     "default + volume": Method(partial(_default, volume=True), volume=True),
+    "default, invertible": Method(partial(_default, volume=False), volume=False, invertible=True),
 }
-OURS = ("default", "default + volume")
+OURS = ("default", "default + volume", "default, invertible")
 
 
 def run(case: Case, method: str) -> Run:
     """Run a method on a case, and judge what it says."""
-    solve, volume = METHODS[method]
+    chosen = METHODS[method]
+    case, volume = chosen.case(case), chosen.volume
     truth = case.truth_of(volume)
     begin = perf_counter()
     with warnings.catch_warnings(record=True) as caught, np.errstate(all="ignore"):
         warnings.simplefilter("always")
-        answer = solve(case)
+        answer = chosen.solve(case)
     seconds = perf_counter() - begin
     said = " ".join([answer.message, *(str(one.message) for one in caught)])
     with warnings.catch_warnings():

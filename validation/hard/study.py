@@ -71,7 +71,7 @@ def failures(row: Row) -> Iterator[str]:
     for run in row.runs:
         if run.method not in OURS:
             continue
-        truth = row.case.truth_of(run.volume)
+        truth = METHODS[run.method].case(row.case).truth_of(run.volume)
         name = f"{row.case.name}, {run.method}"
         if run.verdict is Verdict.WRONG:
             yield f"{name}: reported as success, but {run.judgement.why}"

@@ -42,9 +42,11 @@ class Row:
 
     @property
     def truth(self) -> str:
-        """The source of the right outcome, without and with the volume term."""
-        without, with_volume = self.case.truth.source, self.case.with_volume.source
-        return without if without == with_volume else f"{without}; with the volume term: {with_volume}"
+        """The source of the right outcome, and where others differ those with the volume term and of the invertible law."""
+        case = self.case
+        others = {"with the volume term": case.with_volume, "invertible": case.invertible or case.truth}
+        differ = [f"{name}: {truth.source}" for name, truth in others.items() if truth.source != case.truth.source]
+        return "; ".join([case.truth.source, *differ])
 
 
 def printed(rows: Sequence[Row], title: str = "Hard cases", reasons: bool = True) -> Table:
@@ -101,7 +103,7 @@ def save(rows: Sequence[Row], folder: Path, name: str = "hard-cases", methods: I
 def _marked(row: Row, methods: Sequence[str]) -> list[str]:
     """A line of Markdown: what each method made of the case, in how many steps and iterations, and how long it took."""
     runs = {run.method: run for run in row.runs}
-    return [row.case.name, row.size, row.truth, *(_marked_run(runs[method]) if method in runs else "" for method in methods)]
+    return [row.case.name, row.size, row.truth, *(_marked_run(runs[method]) if method in runs else "-" for method in methods)]
 
 
 def _marked_run(run: Run) -> str:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_matrix
 from scipy.sparse.linalg import splu
 
-from skfem_stvk import System
+from skfem_stvk import StVK, System
 from skfem_stvk.reference import ReferenceStVK, isotropic_tensor
 
 from ..elements.families import of_scikit_fem
@@ -45,7 +45,7 @@ def followed(make: Callable[[], Body], volume: bool, steps: int, degree: int = 1
     """
     body = made(make, degree)
     system = body.system(volume)
-    by_itself = volume or (degree == 2 and body.mesh.d < 3)
+    by_itself = volume or body.law is not StVK or (degree == 2 and body.mesh.d < 3)
     force, tangent = _by_itself(system) if by_itself else by_scikit_fem(body)
     held, u, t, size = system.supports.held, np.zeros(system.ndofs), 0.0, 1 / steps
     free = np.setdiff1d(np.arange(system.ndofs), held)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -18,12 +17,11 @@ from .case import Array, Body, Case, Truth
 YOUNG, POISSON = 1e5, 0.3
 THICKNESS = 0.02
 #: Methods of loads that follow the body and have no potential, along which a clamped tangent could be shortened.
-FOLLOWED = ("plain Newton", "default", "default + volume")
+FOLLOWED = ("plain Newton", "default", "default + volume", "default, invertible")
 
 
 def unstable() -> list[Case]:
-    stable = Truth("its own K: any stable state, none inside out", lambda system, u: 0.0)
-    perfect = replace(stable, refused=True, says=("imperfection",))
+    stable, perfect = truths.any_stable(), truths.any_stable("imperfection")
     straight = Truth("by symmetry: it stays straight, with no other state beside", _off_axis, 1e-6, ("flutter not looked at",))
     block, edge, node = meshes.cube(2), _joined((1.0, 0.0, 1.0)), _joined((1.0, 1.0, 1.0))
     return [
