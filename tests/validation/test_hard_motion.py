@@ -10,13 +10,17 @@ from slow import slow
 
 from skfem_stvk.dynamics import ForwardEuler, Status, VelocityVerlet, simulate
 from validation.hard import table
+from validation.hard.case import made
 from validation.hard.judge import Verdict, volume_ratios
 from validation.hard.motion import endings, judge, memory, methods, study, verlet
 from validation.hard.motion.impacts import UNTIL, _crushed, _dropped, _shaken
 from validation.hard.motion.released import _let_go
 from validation.hard.motion.stiff import SPIN, THROWN, _between, _spun, _turned
+from validation.hard.tiny_steps import by_scikit_fem
 
 QUICK = study.scenes(quick=True)
+QUADRATIC = [scene for scene in study.scenes(quick=False) if "quadratic" in scene.name]
+DROPPED, STRETCHED = (scene.body.args[0] for scene in QUADRATIC[:2])
 #: Of these, what takes the most steps.
 LONG = (
     "crack a whip",
@@ -29,7 +33,11 @@ SAYS_INSIDE_OUT, SAYS_ENERGY = (
 )
 
 
-@pytest.mark.parametrize("scene", [slow(scene) if scene.name in LONG else scene for scene in QUICK], ids=lambda scene: scene.name)
+@pytest.mark.parametrize(
+    "scene",
+    [*(slow(scene) if scene.name in LONG else scene for scene in QUICK), *map(slow, QUADRATIC)],
+    ids=lambda scene: scene.name,
+)
 def test_no_integrator_is_wrong_without_a_word_and_the_plain_one_is(scene, tmp_path):
     row = study.row_of(scene)
     assert not list(study.failures(row))
@@ -139,6 +147,24 @@ def test_a_good_state_where_there_is_no_right_motion_is_wrong(landing):
 )
 def test_elements_turn_inside_out_when_the_table_says(make, turned):
     assert verlet.followed(make, False, 0.3, 600).turned == pytest.approx(turned, abs=0.006)
+
+
+def test_quadratic_elements_turn_inside_out_when_the_table_says():
+    assert verlet.followed(STRETCHED, False, 0.3, 2400, 2).turned == pytest.approx(0.24, abs=0.006)
+    assert verlet.followed(DROPPED, False, UNTIL, 2000, 2).turned == np.inf
+
+
+@pytest.mark.parametrize(("make", "volume"), [(DROPPED, False), (DROPPED, True), (STRETCHED, True)])
+def test_tiny_steps_of_quadratic_elements_are_small_enough(make, volume):
+    """Half of the steps change far less than the limit of the judge."""
+    motion, half = (verlet.followed(make, volume, UNTIL, steps, 2) for steps in (2000, 1000))
+    assert 0 < np.sqrt(((motion.u - half.u) ** 2).mean()) < 0.1 * endings.LIMIT * motion.size
+
+
+def test_forces_of_quadratic_elements_that_are_followed_are_those_of_scikit_fem():
+    body, motion = made(DROPPED, 2), verlet.followed(DROPPED, False, UNTIL, 2000, 2)
+    right = by_scikit_fem(body)[0](motion.u)
+    np.testing.assert_allclose(verlet.elasticity(body, False).force(motion.u), right, atol=1e-11 * np.abs(right).max())
 
 
 def test_the_reference_follows_the_package_with_all_that_acts():

@@ -17,14 +17,19 @@ from .verlet import Motion, followed, total_energy
 LIMIT = 0.1
 
 
-def none(when: float) -> Ending:
+def _forces(volume: bool, degree: int) -> str:
+    return "own forces" if volume or degree == 2 else "scikit-fem"
+
+
+def none(when: float, degree: int = 1) -> Ending:
     """The material gives way: St. Venant-Kirchhoff does not resist what turns it inside out."""
-    return Ending(f"none: in tiny steps of Verlet, by scikit-fem, elements turn inside out at {when:.2f} s", None)
+    return Ending(f"none: in tiny steps of Verlet, {_forces(False, degree)}, elements turn inside out at {when:.2f} s", None)
 
 
-def tiny_steps(make: Make, until: float, steps: int, volume: bool = False) -> Ending:
-    """Velocity Verlet in so many steps, by scikit-fem's forces where there is no volume term; quadratic elements, which vibrate
-    faster, take four times as many.
+def tiny_steps(make: Make, until: float, steps: int, volume: bool = False, degree: int = 1) -> Ending:
+    """Return the end of velocity Verlet in so many steps, by scikit-fem's forces for linear elements without a volume term.
+
+    Quadratic elements vibrate faster and take four times as many. The source names those of elements of this `degree`.
     """
 
     def _followed(system: System) -> Motion:
@@ -39,7 +44,8 @@ def tiny_steps(make: Make, until: float, steps: int, volume: bool = False) -> En
         right = _followed(system)
         return (total_energy(made(make, system.mesh.element.degree), volume, u, v) - right.energy) / right.most
 
-    return Ending(f"{steps} steps of Verlet" + (", own forces" if volume else ", scikit-fem"), error, LIMIT, energy=energy)
+    source = f"{steps * degree**2} steps of Verlet, {_forces(volume, degree)}"
+    return Ending(source, error, LIMIT, energy=energy)
 
 
 def state(source: str, make: Make, expected: Callable[[System], Array], free: bool = False, limit: float = LIMIT) -> Ending:

@@ -10,7 +10,7 @@ import numpy as np
 from skfem_stvk import Gravity
 
 from .. import meshes
-from ..case import Array, Body
+from ..case import Array, Body, made
 from ..truths import Make
 from . import endings
 from .scene import Scene
@@ -28,6 +28,7 @@ CRUSHED = 0.4
 def impacts() -> list[Scene]:
     return [
         _scene("drop a block from 0.2 m", partial(_dropped, 2.0), 60, 0.16),
+        replace(_scene("drop a block of quadratic elements from 0.1 m", partial(_dropped, 1.4, 2), 160, degree=2), quick=False),
         replace(_scene("drop a block from 1 m", partial(_dropped, 4.43), 120, 0.06), quick=False),
         _scene("crush a block by 25 % and back in 0.4 s", partial(_crushed, 0.25), 60),
         _scene("crush a block by 60 % and back in 0.4 s", partial(_crushed, 0.6), 120, 0.13),
@@ -49,16 +50,16 @@ def _shake() -> Scene:
     )
 
 
-def _scene(name: str, make: Make, steps: int, turned: float | None = None) -> Scene:
+def _scene(name: str, make: Make, steps: int, turned: float | None = None, *, degree: int = 1) -> Scene:
     """`turned`: when elements turn inside out where no volume term resists."""
-    truth = endings.tiny_steps(make, UNTIL, TINY) if turned is None else endings.none(turned)
-    with_volume = endings.tiny_steps(make, UNTIL, TINY, volume=True)
-    return Scene(name, make, steps, truth=truth, with_volume=with_volume, until=UNTIL)
+    truth = endings.tiny_steps(make, UNTIL, TINY, False, degree) if turned is None else endings.none(turned, degree)
+    with_volume = endings.tiny_steps(make, UNTIL, TINY, True, degree)
+    return Scene(name, partial(made, make, degree), steps, truth=truth, with_volume=with_volume, until=UNTIL)
 
 
-def _dropped(speed: float) -> Body:
+def _dropped(speed: float, n: int = 4) -> Body:
     """A cube as it hits the ground at this speed [m/s], where its foot stays."""
-    mesh = meshes.bar(1.0, 4)
+    mesh = meshes.bar(1.0, n)
     v0 = np.where(mesh.p[2] > 0, -speed, 0.0)[:, None] * [0.0, 0.0, 1.0]
     weight = Gravity(g=(0, 0, -9.81))
     return Body(mesh, YOUNG, POISSON, (weight,), {lambda x: x[2] == 0: "xyz"}, density=DENSITY, v0=v0.ravel())

@@ -10,7 +10,7 @@ import numpy as np
 from skfem_stvk import ElementMesh, Gravity
 
 from .. import meshes
-from ..case import Array, Body
+from ..case import Array, Body, made
 from ..truths import Make
 from . import endings
 from .scene import Scene
@@ -21,20 +21,24 @@ LASH, ANGLE, STROKE = 1e7, 1.0, 0.25
 
 
 def released() -> list[Scene]:
+    coarse = partial(_let_go, 3.0, 2, (1.3, 0.9, 0.9))
     stretched, flat = partial(_let_go, 3.0, 3, (1.3, 0.9, 0.9)), partial(_let_go, 1.0, 4, (1.2, 1.2, 0.6))
     return [
         _scene("stretch a bar by 30 % and let go", stretched, 0.5, 60, 500, 0.29),
+        replace(
+            _scene("stretch a bar of quadratic elements by 30 % and let go", coarse, 0.5, 60, 500, 0.24, degree=2), quick=False
+        ),
         replace(_scene("press a block flat by 40 % and let go", flat, 0.5, 120, 1000, 0.21), quick=False),
         _scene("let a bar swing, in steps of 1/30 s", _swinging, 1.0, 30, 500),
         _scene("crack a whip", _whip, 0.3, 72, 3000),
     ]
 
 
-def _scene(name: str, make: Make, until: float, steps: int, tiny: int, turned: float | None = None) -> Scene:
+def _scene(name: str, make: Make, until: float, steps: int, tiny: int, turned: float | None = None, *, degree: int = 1) -> Scene:
     """`turned`: when elements turn inside out where no volume term resists."""
-    truth = endings.tiny_steps(make, until, tiny) if turned is None else endings.none(turned)
-    with_volume = endings.tiny_steps(make, until, tiny, volume=True)
-    return Scene(name, make, steps, truth=truth, with_volume=with_volume, until=until)
+    truth = endings.tiny_steps(make, until, tiny, False, degree) if turned is None else endings.none(turned, degree)
+    with_volume = endings.tiny_steps(make, until, tiny, True, degree)
+    return Scene(name, partial(made, make, degree), steps, truth=truth, with_volume=with_volume, until=until)
 
 
 def _let_go(length: float, n: int, stretches: tuple[float, float, float]) -> Body:

@@ -8,7 +8,7 @@ from functools import partial
 from skfem_stvk.dynamics import Rayleigh
 
 from .. import starts, truths
-from ..case import Body
+from ..case import Body, made
 from ..tiny_steps import followed
 from . import endings
 from .scene import Ending, Scene
@@ -26,14 +26,24 @@ def tangled() -> list[Scene]:
             "eq. 9 + volume",
             "backward Euler + volume",
         ),
+        replace(
+            _scene(
+                "start with quadratic elements inside out, damped",
+                starts.some_inside_out,
+                "eq. 9 + volume",
+                "backward Euler + volume",
+                degree=2,
+            ),
+            quick=False,
+        ),
     ]
 
 
-def _scene(name: str, u0: truths.Start, *right: str) -> Scene:
+def _scene(name: str, u0: truths.Start, *right: str, degree: int = 1) -> Scene:
     make = partial(_from, u0)
-    return Scene(
-        name, make, 120, truth=_at_rest(make, False), with_volume=_at_rest(make, True), until=UNTIL, damping=DAMPING, right=right
-    )
+    truth, with_volume = (_at_rest(make, volume) for volume in (False, True))
+    body = partial(made, make, degree)
+    return Scene(name, body, 120, truth=truth, with_volume=with_volume, until=UNTIL, damping=DAMPING, right=right)
 
 
 def _at_rest(make: truths.Make, volume: bool) -> Ending:
