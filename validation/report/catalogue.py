@@ -165,6 +165,20 @@ PARTS: dict[str, dict[str, Part]] = {
     "aspect": {"all": Part(CODE, "50 digits", ANALYTIC, "docs/precision.md", "flat elements", takes_quick=False, whole_only=True)},
     "clamp": {"all": Part(CODE, "eigenvalues", ANALYTIC, "validation/clamp.py", "the clamped tangent", whole_only=True)},
     "response": {"all": Part(SOLUTION, "static solves", ITSELF, "validation/response.py", "errors fall with h^4", whole_only=True)},
+    "threads": {
+        "all": Part(CODE, "one thread", ITSELF, "docs/speed.md", "calls of four threads, to the last bit", whole_only=True)
+    },
+    "resumed": {
+        "all": Part(
+            CODE,
+            "uninterrupted runs",
+            ITSELF,
+            "docs/dynamics.md",
+            "runs that go on from a checkpoint, to the last bit",
+            takes_quick=False,
+            whole_only=True,
+        )
+    },
     "solvers": {"all": Part(CODE, "direct solves", ITSELF, "validation/solvers.py", "linear solvers", speed=True)},
     "kernels": {"all": Part(CODE, "plain C", OTHER_CODE, "validation/kernels.py", "kernels", speed=True)},
     "rows": {"all": Part(CODE, "one CSR product", ITSELF, "validation/rows.py", "rows of K", speed=True)},
