@@ -149,7 +149,7 @@ PARTS: dict[str, dict[str, Part]] = {
         name: Part(
             CODE, "a right result, or an error in words", "mutation", "docs/hostile.md", f"hostile inputs of the family {name}"
         )
-        for name in ("meshes", "physics", "checkpoints", "interruptions", "names", "commands", "candidates", "arguments")
+        for name in ("meshes", "physics", "checkpoints", "interruptions", "names", "scenes", "commands", "candidates", "arguments")
     },
     "fuzz": {
         "all": Part(
