@@ -208,7 +208,7 @@ def test_the_command_is_installed():
 
 @pytest.mark.parametrize("package", ["rich", "numpy", "scipy", "skfem", "numba", "meshio"])
 def test_ctrl_c_while_a_package_is_imported_is_one_line(package, tmp_path):
-    (tmp_path / f"{package}.py").write_text("import signal, time\nsignal.raise_signal(signal.SIGINT)\ntime.sleep(60)\n")
+    (tmp_path / f"{package}.py").write_text("raise KeyboardInterrupt\n")
     done = entry_point("info", PYTHONPATH=str(tmp_path))
     assert (done.returncode, done.stdout, done.stderr) == (130, "", "interrupted\n")
 

@@ -425,7 +425,7 @@ def interrupted(seed: int, folder: Path) -> Finished:
     ) as process:
         assert process.stdout is not None
         process.stdout.readline()
-        time.sleep(float(np.random.default_rng(seed).uniform(0, 4)))
+        time.sleep(float(np.random.default_rng(seed).uniform(0, 3)))
         process.send_signal(signal.SIGINT)
         out, err = process.communicate()
     finished = Finished(process.returncode, out, err)

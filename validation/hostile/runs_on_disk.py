@@ -115,7 +115,7 @@ def _response(system: System, checkpoint: Path, save: Path, quiet: bool, resume:
     """Compute the response of a body and save it, or load it (`resume`); return all its numbers as `u`."""
     path, axes = checkpoint / "table.npz", [[-0.2, -0.1, 0.0, 0.1], [-0.1, 0.0, 0.2]]
     if not resume:
-        checkpoint.mkdir()
+        checkpoint.mkdir(exist_ok=True)
         PrecomputedResponse(system, lambda x: x[0] >= 5, axes, checks=2, quiet=quiet).save(path)
     response = PrecomputedResponse.load(path, system)
     force, u = response((-0.05, 0.05))
