@@ -421,7 +421,11 @@ def interrupted(seed: int, folder: Path) -> Finished:
     body(folder)
     begin = "import sys; from skfem_stvk.cli.__main__ import main; print('begun', flush=True); sys.exit(main())"
     with subprocess.Popen(
-        [sys.executable, "-c", begin, *VERIFY, "--out", "report"], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+        [sys.executable, "-c", begin, *VERIFY, "--out", "report"],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        preexec_fn=partial(signal.signal, signal.SIGINT, signal.SIG_DFL),  # a shell ignores it in the background
     ) as process:
         assert process.stdout is not None
         process.stdout.readline()
