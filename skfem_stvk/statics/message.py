@@ -85,7 +85,10 @@ def reason(ending: Ending) -> str:
     if status is Status.INVERTED:
         found = f"At t = {t:.4g} the body is in equilibrium, but turned inside out or flat in {ending.inverted}."
         if ending.system.resists_inversion:
-            return f"{found} What pushes such elements back is in balance there. Start from a state a little beside it."
+            return (
+                f"{found} The forces that push such elements back are in balance there. Start from another state, with quadratic "
+                "elements from the state that linear ones find (degree=1)."
+            )
         return (
             f"{found} The energy does not change when an element is mirrored, so this is a solution of the equations, not one of "
             "the body. Start from a state that is not inside out, or add a term that turns elements back: "

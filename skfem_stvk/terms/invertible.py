@@ -32,7 +32,8 @@ class InvertibleStVK(ElasticLaw):
         W = w(c) + sum w_i(c) d_i + sum_{i<j} w_ij(c) d_i d_j + k/2 |d|^2        k = lam + 2 mu
 
     Above the threshold it is `StVK`. Below, the stress goes on falling with slope k, so that an element that is flattened or
-    inside out is pushed back the harder the further it is: any state has finite forces, and bodies come back from all.
+    inverted is pushed back the harder the further it is. Any state has finite forces. Linear elements come back from inverted
+    starts; quadratic ones have stable inverted states as well.
 
     Parameters
     ----------

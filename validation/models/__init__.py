@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-NAMES = ("bent", "twisted", "released", "thrown", "recoveries", "costs")
+NAMES = ("bent", "twisted", "released", "thrown", "recoveries", "random-starts", "costs")
 
 
 def main(quick: bool = False, only: Sequence[str] = (), out: str | None = None) -> int:

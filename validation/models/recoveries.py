@@ -1,36 +1,45 @@
-"""Which models come back to rest from starts in which their elements are tangled, flat or mirrored."""
+"""Which models come back to rest from starts in which their elements are inverted, flat or exactly mirrored."""
 
 from __future__ import annotations
 
 import warnings
+from collections import Counter
 from typing import NamedTuple
 
 import numpy as np
 import skfem
 
-from skfem_stvk import ElementMesh, StvkError, StvkWarning, VolumePenalty, solve_static
+from skfem_stvk import ElementMesh, StvkError, StvkWarning, System, VolumePenalty, solve_static
 from skfem_stvk.arguments import Array
 from skfem_stvk.errors import AnalysisError
+from skfem_stvk.statics import StaticResult
 
 from .models import MODELS, TRUE, Model, system_of
 
 #: Cells of the box in each direction; a body is back if it is nearer to rest than this part of its size.
 CELLS, QUICK_CELLS, BACK = 4, 2, 1e-5
 KINDS = ("StVK", "StVK + compression", "StVK + quadratic", "corotated by element", "invertible StVK", "neo-Hookean")
-#: Those that must come back from every start.
-COME_BACK = ("StVK + quadratic", "invertible StVK")
+#: Those of which no element may stay inverted.
+COME_BACK = ("corotated by element", "invertible StVK")
+#: Random starts of each law and element, and cells of their box.
+SEEDS, QUICK_SEEDS, FEW_CELLS = 20, 3, 2
+#: How a solve from a random start may end.
+ENDS = BACK_AT_REST, FOLDED, INVERTED, SADDLE, NOT_SOLVED = "back", "folded, stable", "inverted, stable", "saddle", "not solved"
 
 
 class Recovery(NamedTuple):
-    """How a solve from a start came out: whether the body is back at rest, elements inside out in the end, and what was said."""
+    """How a solve from a start came out: back at rest, or folded in another stable equilibrium; inverted elements; what was said."""
 
     back: bool
+    folded: bool
     turned: int
     said: str
 
     def __str__(self) -> str:
         if self.back:
             return f"back, {self.said}"
+        if self.folded:
+            return f"folded, {self.said}"
         return f"{self.turned} inside out, {self.said}" if self.turned else self.said
 
 
@@ -62,6 +71,51 @@ def starts(mesh: ElementMesh) -> dict[str, Array]:
     return {name: np.where(free[:, None], u, 0.0) for name, u in found.items()}
 
 
+def exact_starts(mesh: ElementMesh) -> dict[str, Array]:
+    """Return displacements (nv, 3) in which stretches of whole elements cancel: mirrored, on a line, at a point."""
+    x, free = mesh.p.T, mesh.p[0] > 0
+    found = {
+        "exactly mirrored": -2 * x * [1, 0, 0],
+        "on a line": (0.5 - x) * [0, 1, 1],
+        "at a point": 0.5 - x,
+    }
+    return {name: np.where(free[:, None], u, 0.0) for name, u in found.items()}
+
+
+def random_starts(model: Model, degree: int, seeds: int, linear_first: bool) -> Counter[str]:
+    """Return how static solves from random starts end; with `linear_first` from what linear elements find at the corners."""
+    mesh, ends = box(FEW_CELLS), Counter[str]()
+    for seed in range(seeds):
+        system = System(mesh, model.terms(mesh), {"wall": "xyz"}, degree=degree)
+        x, free = system.mesh.p.T, system.mesh.p[0] > 0
+        u0 = np.where(free[:, None], np.random.default_rng(seed).uniform(-0.5, 1.5, x.shape) - x, 0.0)
+        if linear_first:
+            linear = _solved(System(mesh, model.terms(mesh), {"wall": "xyz"}), u0[: mesh.nv])
+            u0 = linear.u.reshape(-1, 3)[system.mesh.ends()].mean(axis=1)
+        ends[_end(system, _solved(system, u0))] += 1
+    return ends
+
+
+def _solved(system: System, u0: Array) -> StaticResult:
+    """Return the result of one static solve from `u0` (nv, 3)."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", StvkWarning)
+        return solve_static(system, steps=1, u0=u0.ravel(), quiet=True, raise_on_failure=False)
+
+
+def _end(system: System, found: StaticResult) -> str:
+    """Return how a solve ended: in equilibrium there are no forces at free nodes, and it is stable if K is positive definite."""
+    if np.abs(found.u).max() < BACK:
+        return BACK_AT_REST
+    free = system.free_dofs(system.supports.held)
+    force, scale = system.internal_force(found.u), np.abs(system.tangent(0 * found.u)).max()
+    if np.abs(force[free.free]).max() > BACK * scale:
+        return NOT_SOLVED
+    if np.linalg.eigvalsh(free.matrix(system.tangent(found.u)).toarray())[0] <= 0:
+        return SADDLE
+    return INVERTED if len(system.inside_out(found.u)) else FOLDED
+
+
 def at_rest(model: Model, mesh: ElementMesh, u0: Array) -> Recovery:
     """By a static solve without loads."""
     system = system_of(model, mesh, (), {"wall": "xyz"})
@@ -72,6 +126,7 @@ def at_rest(model: Model, mesh: ElementMesh, u0: Array) -> Recovery:
     except AnalysisError:
         raise
     except StvkError as error:
-        return Recovery(False, 0, "refused" if "inside out" in str(error) else type(error).__name__)
+        return Recovery(False, False, 0, "refused" if "inside out" in str(error) else type(error).__name__)
     turned = len(system.inside_out(found.u))
-    return Recovery(np.abs(found.u).max() < BACK, turned, f"{found.history.iterations} it.")
+    back = bool(np.abs(found.u).max() < BACK)
+    return Recovery(back, found.success and not back, turned, f"{found.history.iterations} it.")

@@ -31,6 +31,7 @@ def run(names: Sequence[str], quick: bool, out: str | None) -> int:
         "released": lambda: in_motion("released", motions.released, quick, folder),
         "thrown": lambda: in_motion("thrown", motions.thrown, quick, folder),
         "recoveries": lambda: recovered(quick),
+        "random-starts": lambda: from_random_starts(quick),
         "costs": lambda: costs(quick, folder),
     }
     console, failed = Console(width=WIDTH, highlight=False), []
@@ -109,9 +110,9 @@ def in_motion(name: str, motion: Callable[..., motions.Path], quick: bool, folde
 
 
 def recovered(quick: bool) -> Study:
-    """Starts whose elements are tangled, flat or mirrored, and whether a body comes back to rest from them."""
+    """Starts whose elements are inverted, flat or mirrored, and whether a body comes back to rest from them."""
     mesh = recoveries.box(recoveries.QUICK_CELLS if quick else recoveries.CELLS)
-    starts = recoveries.starts(mesh)
+    starts = recoveries.starts(mesh) | recoveries.exact_starts(mesh)
     found = {
         model.name: {name: recoveries.at_rest(model, mesh, u0) for name, u0 in starts.items()} for model in recoveries.models()
     }
@@ -119,15 +120,39 @@ def recovered(quick: bool) -> Study:
         f"{model} from {name}: {one}"
         for model, several in found.items()
         for name, one in several.items()
-        if not one.back and model in recoveries.COME_BACK
+        if not (one.back or one.folded) and model in recoveries.COME_BACK
     ]
     return Study(
         "Starts that are tangled, flat or mirrored",
-        f"{' and '.join(recoveries.COME_BACK)} come back to rest from all of them",
-        ("model", *starts),
-        tuple((model, *map(str, several.values())) for model, several in found.items()),
+        f"{' and '.join(recoveries.COME_BACK)} come back from all of them, to rest or to another stable state without inverted elements",
+        ("start", *found),
+        tuple((name, *(str(several[name]) for several in found.values())) for name in starts),
         tuple(wrong),
         (f"{mesh.nt} tetrahedra held at one face, without loads: one static solve from each start, and its iterations",),
+    )
+
+
+def from_random_starts(quick: bool) -> Study:
+    """How static solves from random starts end, by law and element."""
+    seeds = recoveries.QUICK_SEEDS if quick else recoveries.SEEDS
+    rows, wrong = [], []
+    laws = [model for model in MODELS if model.name in recoveries.COME_BACK]
+    for model in laws:
+        for name, degree, linear_first in (("linear", 1, False), ("quadratic", 2, False), ("quadratic, linear first", 2, True)):
+            counts = recoveries.random_starts(model, degree, seeds, linear_first)
+            rows.append((f"{model.name}, {name}", *(str(counts[end]) for end in recoveries.ENDS)))
+            if counts[recoveries.SADDLE] or (counts[recoveries.INVERTED] and name != "quadratic"):
+                wrong.append(f"{rows[-1][0]}: {dict(counts)}")
+    return Study(
+        "Random starts",
+        "no solve ends at a saddle point, and none of linear elements inverted",
+        ("law and elements", *recoveries.ENDS),
+        tuple(rows),
+        tuple(wrong),
+        (
+            f"{seeds} starts each of {6 * recoveries.FEW_CELLS**3} tetrahedra held at one face, without loads: all nodes anywhere",
+            "stable: all eigenvalues of K are positive; linear first: from the state that linear elements find at the corners",
+        ),
     )
 
 

@@ -127,6 +127,7 @@ PARTS: dict[str, dict[str, Part]] = {
         "released": Part(CODE, "energy and spin are kept", ANALYTIC, "conservation laws"),
         "thrown": Part(CODE, "energy and spin are kept", ANALYTIC, "conservation laws"),
         "recoveries": Part(CODE, "the state of rest", ANALYTIC, "validation/models/recoveries.py"),
+        "random-starts": Part(CODE, "eigenvalues of K", ANALYTIC, "validation/models/recoveries.py"),
         "costs": Part(CODE, "StVK", ITSELF, "validation/models/costs.py", speed=True),
     },
     "reduced": {

@@ -31,6 +31,7 @@ class EnergyMomentum(Implicit):
     cubic force that is exact, so that the energy is kept to round-off. Momenta are not, and the tangent is symmetric.
 
     Otherwise it is not; half of `2 J'LJ` at the middle and of the tensions at the beginning takes its place, which is symmetric.
+    Where all terms act with their force at the middle, as those of `Corotated` do, K there is exact and symmetric.
 
     Parameters
     ----------
