@@ -28,7 +28,7 @@ ENDS = BACK_AT_REST, FOLDED, INVERTED, SADDLE, NOT_SOLVED = "back", "folded, sta
 
 
 class Recovery(NamedTuple):
-    """How a solve from a start came out: back at rest, or folded in another stable equilibrium; inverted elements; what was said."""
+    """Outcome of a solve from a start: back at rest, or folded in another stable equilibrium; inverted elements; a note."""
 
     back: bool
     folded: bool

@@ -124,7 +124,8 @@ def recovered(quick: bool) -> Study:
     ]
     return Study(
         "Starts that are tangled, flat or mirrored",
-        f"{' and '.join(recoveries.COME_BACK)} come back from all of them, to rest or to another stable state without inverted elements",
+        f"{' and '.join(recoveries.COME_BACK)} come back from all of them, to rest or to another stable state without inverted "
+        "elements",
         ("start", *found),
         tuple((name, *(str(several[name]) for several in found.values())) for name in starts),
         tuple(wrong),
