@@ -117,7 +117,8 @@ class VertexWarping(WithoutEnergy):
             np.add.at(turned, row, wide @ _cross(_in_space(x[column] - x[row])))
             turned -= _cross(_in_space(force))
             # w_a = R (tr S - S)^-1 R' (R g_ab x dx_b)
-            inverse = np.linalg.inv(np.trace(S, axis1=1, axis2=2)[:, None, None] * np.eye(3) - S)
+            both = np.trace(S, axis1=1, axis2=2)[:, None, None] * np.eye(3) - S  # its eigenvalues are s_i + s_j
+            inverse = np.linalg.pinv(both, rcond=64 * np.finfo(float).eps, hermitian=True)  # 0 where they cancel
             turn = R @ inverse @ np.swapaxes(R, 1, 2)
             g = np.einsum("nij,nj->ni", R[row], _in_space(self._g))
             K = K + ((turned @ turn)[row] @ _cross(g))[:, :d, :d]

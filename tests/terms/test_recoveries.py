@@ -151,6 +151,15 @@ def test_no_random_start_of_linear_elements_ends_inverted_or_at_a_saddle_point(l
     assert back >= 19
 
 
+@pytest.mark.parametrize("name", ["mirrored", "on a line", "at a point"])
+def test_frames_at_nodes_have_a_tangent_where_stretches_cancel(name):
+    """No rotation is the nearest to F there, so that its derivative is left out."""
+    mesh = uneven()
+    body = System(mesh, Corotated(young=1e3, poisson=0.3, rotation="vertex"), fixed={"left": "xyz"})
+    found = solve_static(body, u0=exact(name, mesh), steps=1, quiet=True)
+    assert found.success and np.abs(found.u).max() < 1e-9
+
+
 @pytest.mark.parametrize("where", ["mirrored", "on a line", "at a point"])
 @pytest.mark.parametrize("name", ["tetrahedra", "triangles", "membrane", "cable"])
 @pytest.mark.parametrize("law", LAWS)
