@@ -139,7 +139,9 @@ def path(name: str, given: Any, expected: str = "a path", error: type[StvkError]
     if not isinstance(text, str) or not text.strip() or "\0" in text or len(text) > LONGEST_PATH:
         raise error(f"{name} = {shown(given)}; expected {expected}.")
     if max((_bytes(part) for part in Path(text).parts), default=0) > LONGEST_NAME:
-        raise error(f"{name} = {shown(given)}; expected {expected}, in which names have at most {LONGEST_NAME} bytes.")
+        raise error(
+            f"{name} = {shown(given)}; expected {expected}, in which names can be encoded, in at most {LONGEST_NAME} bytes."
+        )
     return Path(text)
 
 

@@ -747,6 +747,8 @@ def test_names_that_cannot_be_printed_are_refused_as_names_of_probes_and_of_seri
         scene.run(VelocityVerlet(0.01), 0.1, probes={name: [1]})
     assert str(caught.value).isprintable()
     if "\0" not in name:
-        with pytest.raises(StvkError, match="cannot be printed, and that lists of files cannot hold") as caught:
+        with pytest.raises(
+            StvkError, match=r"cannot be printed, and that lists of files cannot hold|names can be encoded"
+        ) as caught:
             scene.run(VelocityVerlet(0.01), 0.1, save=tmp_path / f"{name}.pvd")
         assert str(caught.value).isprintable() and not list(tmp_path.iterdir())
