@@ -70,7 +70,7 @@ def name_the_fault(case: Case, terms: Sequence[StVK], make: Callable[[ElementMes
 
 
 def _not_repeatable(case: Case, player: Player) -> str:
-    """Which quantities change from call to call at one state, in words; empty if none does by more than `VANISHES`."""
+    """Name the quantities that change from call to call at one state, in words; empty if none does by more than `VANISHES`."""
     u, told = case.states[STRETCH], []
     v = case.random("repeated").standard_normal(len(u))
     for quantity in filter(player.has, "WFK"):

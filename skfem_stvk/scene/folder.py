@@ -121,7 +121,7 @@ class Folder:
         return found
 
     def summary(self) -> dict[str, Any]:
-        """What is said of the run that wrote the folder; a damaged summary has a status that says so."""
+        """Return the summary of the run that wrote the folder; a damaged summary has a status that says so."""
         try:
             said = json.loads(content_of(self.path / SUMMARY, LARGEST))
             return dict(Summary.model_validate(said))

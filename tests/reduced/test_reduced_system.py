@@ -132,7 +132,7 @@ def test_the_energy_along_a_line_is_a_quartic():
 
 
 def test_another_prescribed_displacement_counts_at_the_same_time():
-    """It may come from outside, as that of a handle does."""
+    """The value may come from outside, as that of a handle does."""
     given = [0.1]
     reduced = reduced_of(cube(prescribed=[(right, {"x": lambda t: t * given[0]})]))
     q = some_q(reduced)

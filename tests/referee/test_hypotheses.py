@@ -118,7 +118,7 @@ def of_lame(lam, mu):
 
 
 def test_one_value_of_an_array_is_told_from_the_others():
-    """As the same body of two terms is."""
+    """The same body of two terms is named likewise."""
     stiff = np.arange(MESH.nt) % 3 == 0
     E, nu = np.where(stiff, 2.0, 1.0), np.where(stiff, 0.3, 0.4)
     term, lam, mu = StVK(young=E, poisson=nu), E * nu / ((1 + nu) * (1 - 2 * nu)), E / (2 * (1 + nu))
@@ -293,7 +293,7 @@ def test_elements_without_initial_stress_are_told_of_an_operator_too():
 
 @pytest.mark.parametrize(("degrees", "name"), [(True, "degrees taken for radians"), (False, "radians taken for degrees")])
 def test_angles_of_fibres_are_named(degrees, name):
-    """Of every angle from 0 to 360 degrees, and of other materials than those of the planted fault."""
+    """Angles from 0 to 360 degrees are named, with other materials than those of the planted fault."""
 
     def fibres(angles):
         c, s, zero, one = np.cos(angles), np.sin(angles), np.zeros(MESH.nt), np.ones(MESH.nt)

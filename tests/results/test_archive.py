@@ -36,7 +36,7 @@ def test_a_flipped_bit_in_the_header_of_an_array_is_refused_in_words(tmp_path):
 
 
 def test_a_compressed_archive_is_refused(tmp_path):
-    """It may unpack to more than memory holds."""
+    """A compressed archive may unpack to more than memory holds."""
     path = tmp_path / "a.npz"
     np.savez_compressed(path, header=np.array("{}"), digest=np.array(""), **{"array x": np.zeros(10_000)})
     with pytest.raises(NotOurs, match=r"header.npy is compressed; expected arrays as np.savez writes them"):

@@ -160,7 +160,7 @@ def test_loads_on_part_of_a_body_leave_the_rest_alone():
 
 @pytest.mark.parametrize("density", [None, 2.0])
 def test_another_value_of_a_function_counts_at_the_same_time(density):
-    """It may come from outside, as that of a device does. Values that are the same are spread over the body once."""
+    """The value may come from outside, as that of a device does. Equal values are spread over the body once."""
     mesh, given = MESHES["tetrahedra"], [1.0]
     function = lambda t: (0, 0, t * given[0])  # noqa: E731
     term = BodyForce(function) if density is None else Gravity(function)

@@ -78,7 +78,7 @@ def _default(case: Case, volume: bool) -> Answer:
 
 
 class Method(NamedTuple):
-    """What solves a case, whether the volume term is in the system, and whether its law is `InvertibleStVK`."""
+    """Solver of a case, whether the volume term is in the system, and whether its law is `InvertibleStVK`."""
 
     solve: Callable[[Case], Answer]
     volume: bool
