@@ -355,7 +355,7 @@ class ReducedSystem:
 
     @in_turn
     def _response(self, z: Array) -> tuple[float, Array, Array]:
-        """Return `response`, and remember the result for the last `z`. Python threads take turns, since the parts work in shared arrays."""
+        """Return `response`, and remember it for the last `z`. Python threads take turns, since the parts work in shared arrays."""
         if self.body.removals != self._removals:
             raise StvkError("The body has lost elements since it was reduced; expected the same body. Reduce it anew.")
         if self._at is not None and np.array_equal(self._at[0], z):
