@@ -1,5 +1,6 @@
 """The entry point of the command `skfem-stvk`, which is `python -m skfem_stvk.cli` as well."""
 
+import signal
 import sys
 
 
@@ -8,7 +9,9 @@ def main() -> int:
     try:
         from .main import main as command
 
-        return command()
+        code = command()
+        signal.signal(signal.SIGINT, signal.SIG_IGN)  # the work is done, and its exit code holds
+        return code
     except KeyboardInterrupt:
         print("interrupted", file=sys.stderr)
         return 130

@@ -1,12 +1,14 @@
 """Archives that promise more than they hold."""
 
 import io
+import tracemalloc
 import zipfile
 
 import numpy as np
 import pytest
 
 from skfem_stvk.results.archive import ArchiveHeader, NotOurs, read_archive, write_archive
+from skfem_stvk.results.files import content_of
 
 
 @pytest.mark.parametrize("version", [(1, 0), (2, 0)])
@@ -41,3 +43,16 @@ def test_a_compressed_archive_is_refused(tmp_path):
     np.savez_compressed(path, header=np.array("{}"), digest=np.array(""), **{"array x": np.zeros(10_000)})
     with pytest.raises(NotOurs, match=r"header.npy is compressed; expected arrays as np.savez writes them"):
         read_archive(path, ArchiveHeader, ("test", 1), "")
+
+
+def test_a_small_file_takes_little_memory_whatever_is_allowed(tmp_path):
+    path = tmp_path / "small.txt"
+    path.write_bytes(b"12")
+    tracemalloc.start()
+    try:
+        assert content_of(path, 2**40) == b"12"
+        assert tracemalloc.get_traced_memory()[1] < 2**20
+    finally:
+        tracemalloc.stop()
+    with pytest.raises(OSError, match="more than 1 bytes"):
+        content_of(path, 1)
