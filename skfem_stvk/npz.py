@@ -58,7 +58,7 @@ def arrays_of(file: Path | IO[bytes], wanted: Callable[[str], bool] = lambda nam
 
 
 def _array(archive: ZipFile, member: Any, largest: int) -> Array:
-    """One array, after its declared size was compared with that of the member that holds it."""
+    """Return one array, after its declared size was compared with that of the member that holds it."""
     if member.file_size != member.compress_size and member.file_size > largest:
         raise NotArrays(
             f"{member.filename} is compressed, and unpacks to {member.file_size} bytes; expected at most {largest}"

@@ -21,7 +21,7 @@ STEPS, STOPS = 16, (3, 9)
 
 
 class Resumed(NamedTuple):
-    """What was resumed, with which solver, and the largest difference of displacements, as a part of the largest displacement."""
+    """A resumed run, its solver, and the largest difference of displacements, as a part of the largest displacement."""
 
     what: str
     solver: str
