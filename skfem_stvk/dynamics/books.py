@@ -15,7 +15,7 @@ from ..errors import StvkError
 from ..mesh.places import Where, vertices_at
 from ..nonlinear.problem import dot
 from ..results.reactions import held_vertices
-from ..system.protocol import SystemLike
+from ..system import System
 from .ledger import Ledger
 from .motion import Motion, last_step
 from .record import MotionState
@@ -54,7 +54,7 @@ class Balance(NamedTuple):
 
 
 def column_names(
-    system: SystemLike,
+    system: System,
     probes: Iterable[str] = (),
     reactions: Iterable[str] = (),
     *,
@@ -105,7 +105,7 @@ def column_names(
     )
 
 
-def columns_without_value(system: SystemLike) -> list[str]:
+def columns_without_value(system: System) -> list[str]:
     """Columns of energies that do not exist, because a term has none."""
     names = [f"strain_energy {name}" for name in system.without_energy if len(system.elastic_names) > 1]
     return ["strain_energy", *names, "total_energy"] if system.without_energy else []
@@ -132,7 +132,7 @@ class LedgerPlaces(NamedTuple):
     reactions: Vertices = NOWHERE  # at which the forces of supports and foundations are entered
 
     @classmethod
-    def checked(cls, system: SystemLike, probes: Mapping[str, Where] | None, reactions: Mapping[str, Where] | None) -> LedgerPlaces:
+    def checked(cls, system: System, probes: Mapping[str, Where] | None, reactions: Mapping[str, Where] | None) -> LedgerPlaces:
         """Vertices of the places that were asked for; refuses places without any, and reactions where nothing holds the body."""
         places, supports = _named("probes", probes, "'tip': [17]"), _named("reactions", reactions, "'clamp': 'left'")
         moving = {name: vertices_at(system.mesh, where, f"probe {name!r}") for name, where in places.items()}

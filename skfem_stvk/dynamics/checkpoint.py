@@ -17,7 +17,7 @@ from ..nonlinear.problem import Tangent
 from ..results.archive import Checkpoint, CheckpointHeader, NotOurs, finite
 from ..results.files import output_path
 from ..results.state_files import MOTION, MOTION_FILE
-from ..system.protocol import SystemLike
+from ..system import System
 from ..system.records import Record, in_words
 from ..system.signature import Fingerprint
 from .books import REMOVED, LedgerPlaces, column_names, columns_without_value, known_strain, known_total
@@ -284,7 +284,7 @@ def refuse_inconsistent(saved: Saved, motion: Motion, integrator: Integrator) ->
     return places
 
 
-def _check_removed(removed: Array, removed_at: Array, system: SystemLike, ledger: Ledger) -> None:
+def _check_removed(removed: Array, removed_at: Array, system: System, ledger: Ledger) -> None:
     """Refuse elements that are not those which the system has lost, or times that are not of the ledger; raises ValueError."""
     during = removed_at[~np.isnan(removed_at)]
     if not np.array_equal(np.sort(removed), system.removed) or removed_at.shape != removed.shape:

@@ -15,9 +15,10 @@ from ..elements import linear_simplex
 from ..errors import StvkError, name_ids
 from ..mesh import ElementMesh
 from ..mesh.displacements import by_vertex
+from ..system import System
 from ..system.bound import BoundTerms
 from ..system.pattern import Pattern
-from ..system.protocol import SystemLike, checked_system
+from ..system.protocol import checked_system
 from ..terms import HasStress
 from ..terms.protocols import HasPressure
 
@@ -49,7 +50,7 @@ class CriticalElements:
         return f"CriticalElements: {name_ids(self.elements, 'element')} allow steps of {shown}; in the median {usual:.3g} s"
 
 
-def critical_elements(system: SystemLike, n: int = 5, *, u: ArrayLike | None = None) -> CriticalElements:
+def critical_elements(system: System, n: int = 5, *, u: ArrayLike | None = None) -> CriticalElements:
     """The n elements that allow the smallest steps of explicit integrators, at displacements `u` (ndofs,) [m], by default at rest.
 
         T_e = 2/omega_e,    omega_e^2 the largest eigenvalue of (K_e, M)        T of the body <= min_e T_e
@@ -91,7 +92,7 @@ def critical_elements(system: SystemLike, n: int = 5, *, u: ArrayLike | None = N
     return CriticalElements(order, every[order], every, tuple(name for name, good in names if not good))
 
 
-def _steps(system: SystemLike, terms: list[Any], x: Array) -> Array:
+def _steps(system: System, terms: list[Any], x: Array) -> Array:
     """(nt,) steps that the elements allow, from their parts of K as if each had nodes of its own."""
     apart, t = _apart(system.mesh), system.mesh.t
     with warnings.catch_warnings():

@@ -12,9 +12,9 @@ from numpy.typing import ArrayLike
 from ..arguments import Array
 from ..edges import ALL, Tensions
 from ..nonlinear.problem import dot
-from ..system import TangentOperator
+from ..system import System, TangentOperator
 from ..system.mass import Mass
-from ..system.protocol import SystemLike, checked_system
+from ..system.protocol import checked_system
 from ..terms.load import Moment
 from .damping import Damping, damping_factors
 
@@ -70,7 +70,7 @@ class LargestFrequency:
     damping : `Rayleigh`, `EdgeDamping`, or several.
     """
 
-    def __init__(self, system: SystemLike, damping: Damping | None = None) -> None:
+    def __init__(self, system: System, damping: Damping | None = None) -> None:
         checked_system(system)
         self._system, self._mass, self._damping = system, system.mass(), damping_factors(damping)
         self._operator: TangentOperator | None = None
@@ -169,7 +169,7 @@ class LargestFrequency:
         return min(max(found.value + found.residual, 0.0), bound)
 
 
-def critical_step(system: SystemLike, u: ArrayLike | None = None, *, damping: Damping | None = None) -> CriticalStep:
+def critical_step(system: System, u: ArrayLike | None = None, *, damping: Damping | None = None) -> CriticalStep:
     """The largest stable step of explicit integrators with the lumped mass, at displacements `u` (ndofs,) [m], by default at rest.
 
     With `damping` it is that of `ForwardEuler`; for `VelocityVerlet` damping counts twice, and it is that of twice the damping.

@@ -8,9 +8,8 @@ from scipy.sparse import csr_matrix
 from ..arguments import Array
 from ..edges import NONE, Tensions
 from ..mesh.displacements import by_vertex
-from ..system import TangentOperator
+from ..system import System, TangentOperator
 from ..system.operator import refuse_overflow
-from ..system.protocol import SystemLike
 from ..system.system import array_to_fill
 from ..terms import BoundLoad, HasDampingForce, HasMeanForce, HasVolume, TakesTime
 from ..terms.load import Moment, Time
@@ -18,7 +17,7 @@ from ..terms.protocols import tell
 
 
 def add_mean_force(
-    system: SystemLike, u0: Array, u1: Array, out: Array, *, weights: tuple[float, float] = (0.5, 0.5), theta: float = 0.5
+    system: System, u0: Array, u1: Array, out: Array, *, weights: tuple[float, float] = (0.5, 0.5), theta: float = 0.5
 ) -> float:
     """Add to `out` (ndofs,) [N] what mean tensions of two states pull along the edges as they are in between.
 
@@ -54,7 +53,7 @@ def add_mean_force(
     return R
 
 
-def add_damping_force(system: SystemLike, u: Array, v: Array, out: Array) -> float:
+def add_damping_force(system: System, u: Array, v: Array, out: Array) -> float:
     """Add to `out` (ndofs,) the resistance of the edges to the rate of their squared elongations at velocities `v` (ndofs,) [m/s].
 
         f_a = sum_b t_ab (p_a - p_b)        t = L dzeta/dt,  dzeta_ab/dt = 2 (p_a - p_b) . (v_a - v_b)
@@ -72,7 +71,7 @@ def add_damping_force(system: SystemLike, u: Array, v: Array, out: Array) -> flo
     return R
 
 
-def add_secant_damping(system: SystemLike, u0: Array, u1: Array, theta: float, out: Array) -> float:
+def add_secant_damping(system: System, u0: Array, u1: Array, theta: float, out: Array) -> float:
     """Add the resistance of the edges to the whole change from `u0` to `u1`, in place of the rate of `add_damping_force`.
 
         f_a = sum_b t_ab (p_a - p_b)        t = L (zeta(u1) - zeta(u0)),  p = X + (1 - theta) u0 + theta u1
@@ -88,28 +87,28 @@ def add_secant_damping(system: SystemLike, u0: Array, u1: Array, theta: float, o
     return R
 
 
-def damping_is_of_edges(system: SystemLike) -> bool:
+def damping_is_of_edges(system: System) -> bool:
     """Whether the Gauss-Newton tangent is that of the edges alone, so that `tau K_GN` damps nothing else."""
     return system.dead and all(isinstance(term, HasDampingForce) for term in system.bound_terms)
 
 
-def passes_inversion(system: SystemLike) -> bool:
+def passes_inversion(system: System) -> bool:
     """Return whether all elements have finite forces that push them back where they are inverted."""
     return all(getattr(term, "passes_inversion", False) for term in system.bound_terms if isinstance(term, HasVolume))
 
 
-def driven(system: SystemLike) -> bool:
+def driven(system: System) -> bool:
     """Whether the energy of the moving body is not kept: a load changes with time, or has no potential, or a term no energy."""
     return bool(system.without_energy) or not all(map(_keeps_energy, system.bound_loads))
 
 
-def constant_loads(system: SystemLike) -> bool:
+def constant_loads(system: System) -> bool:
     """Whether the loads are the same at any time, wherever the body is, and terms need not be told the time."""
     changing = any(isinstance(term, TakesTime) for term in system.bound_terms)
     return not changing and all(load.steady and load.dead for load in system.bound_loads)
 
 
-def driving_force(system: SystemLike, u: Array, moment: Moment) -> Array:
+def driving_force(system: System, u: Array, moment: Moment) -> Array:
     """(ndofs,) force [N] at a moment of loads that change with time or have no potential, and of terms without energy."""
     x, force = by_vertex(system.mesh, u), np.zeros(system.mesh.p.T.shape)
     tell(system.bound_terms, moment)
@@ -124,7 +123,7 @@ def driving_force(system: SystemLike, u: Array, moment: Moment) -> Array:
     return force.ravel()
 
 
-def steady_potential(system: SystemLike, u: Array, moment: Moment) -> float:
+def steady_potential(system: System, u: Array, moment: Moment) -> float:
     """Potential of the loads that are given by constants and have one, at a moment of a motion [J]."""
     x = by_vertex(system.mesh, u)
     return sum(load.potential(x, moment) for load in system.bound_loads if _keeps_energy(load))
@@ -140,7 +139,7 @@ class StartTensions:
     It is the difference of two tangents at `u_0`: one with the tensions that are kept, one without any.
     """
 
-    def __init__(self, system: SystemLike) -> None:
+    def __init__(self, system: System) -> None:
         self._system, self._u0 = system, np.zeros(system.ndofs)
         self._matrices: list[csr_matrix | None] = [None, None]
         self._operators: list[TangentOperator] = []

@@ -19,9 +19,10 @@ from ..mesh.displacements import by_vertex
 from ..results import Fields, plot
 from ..results.fields import State
 from ..results.series import save_series
+from ..system import System
 from ..system.free_tangent import SYMMETRIC, with_loads
 from ..system.mass import Mass
-from ..system.protocol import SystemLike, checked_system
+from ..system.protocol import checked_system
 from ..system.rigid import motions
 from .critical_step import bound_on_eigenvalues
 from .shift_invert import ShiftedProblem, lowest_vectors, nearest_vectors
@@ -66,7 +67,7 @@ class Modes:
     flutter: NDArray[np.bool_]
     growth: Array
     residuals: Array
-    system: SystemLike = field(compare=False)
+    system: System = field(compare=False)
     u: Array
 
     def __len__(self) -> int:
@@ -113,7 +114,7 @@ class Modes:
 
 
 def modes(
-    system: SystemLike,
+    system: System,
     n: int = 10,
     *,
     u: ArrayLike | None = None,
@@ -161,7 +162,7 @@ def modes(
     return _ritz(problem, np.array([problem.free.vector(vector) for vector in vectors.T]), int(n))
 
 
-def _kind(system: SystemLike, u: Array, t: float, free: Array) -> Kind:
+def _kind(system: System, u: Array, t: float, free: Array) -> Kind:
     """The kind of K; with follower loads by its entries over the free degrees of freedom."""
     if system.conservative:
         return Kind.SYMMETRIC
@@ -223,7 +224,7 @@ def _product(a: Array, b: Array) -> Array:
     return (product + product.T) / 2
 
 
-def _rigid_part(system: SystemLike, mass: Mass, u: Array, shapes: Array) -> Array:
+def _rigid_part(system: System, mass: Mass, u: Array, shapes: Array) -> Array:
     """(n,) `|P x|^2 / |x|^2` in M for motions x, the rows of `shapes` (n, ndofs).
 
     P projects on the rigid motions, at displacements `u` (ndofs,), of each part of the body that the supports allow.

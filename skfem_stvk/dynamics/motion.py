@@ -13,8 +13,8 @@ from ..arguments import Array
 from ..kernels import motion as kernels
 from ..nonlinear.problem import dot
 from ..nonlinear.stopwatch import Stopwatch
-from ..system import TangentOperator
-from ..system.protocol import ReducedLike, SystemLike
+from ..system import System, TangentOperator
+from ..system.protocol import ReducedLike
 from ..terms.load import Moment
 from .damping import Damping, damping_factors
 from .forces import add_damping_force, add_secant_damping, constant_loads, driven, driving_force, steady_potential
@@ -38,7 +38,7 @@ class Motion:
     #: Whether the ledger tells the energies of several elastic terms apart.
     by_term: ClassVar[bool] = True
 
-    def __init__(self, system: SystemLike, mass: str, damping: Damping | None) -> None:
+    def __init__(self, system: System, mass: str, damping: Damping | None) -> None:
         self.system, self.mass = system, system.mass(mass)
         self.alpha, self.beta, self.tau = damping_factors(damping)
         self.free = system.free_dofs(system.supports.held)
@@ -227,7 +227,7 @@ class Motion:
         return lost
 
 
-def motion_of(body: SystemLike | ReducedLike, mass: str | None, damping: Damping | None) -> Motion:
+def motion_of(body: System | ReducedLike, mass: str | None, damping: Damping | None) -> Motion:
     """The motion of a body, or of one on a basis; masses are lumped unless others are asked for."""
     if isinstance(body, ReducedLike):
         motion: Motion = body.motion(mass, damping)

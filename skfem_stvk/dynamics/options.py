@@ -15,7 +15,7 @@ from ..errors import StvkError
 from ..mesh.displacements import by_vertex
 from ..mesh.places import Where
 from ..results.files import Outlets
-from ..system.protocol import SystemLike
+from ..system import System
 from ..system.signature import Fingerprint, sums
 from .books import LedgerPlaces
 from .damping import Damping
@@ -53,13 +53,13 @@ class Options:
     quiet: bool
     raise_on_failure: bool
 
-    def start(self, system: SystemLike) -> dict[str, list[float]]:
+    def start(self, system: System) -> dict[str, list[float]]:
         """Numbers by which a first state is known again, of what is given of it."""
         given = {"u0": self.u0, "v0": self.v0}
         found = {name: sums(by_vertex(system.mesh, x, name)) for name, x in given.items() if x is not None}
         return found | ({"t0": [self.t0]} if self.t0 else {})
 
-    def refuse_other_places(self, file: Path, system: SystemLike, kept: LedgerPlaces) -> None:
+    def refuse_other_places(self, file: Path, system: System, kept: LedgerPlaces) -> None:
         """Refuse probes and reactions that are given again, but are not those of the file."""
         now = LedgerPlaces.checked(system, self.probes, self.reactions)
         for kind, given in (("probes", self.probes), ("reactions", self.reactions)):

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from ..arguments import Array, own, real_array, shown, whole
 from ..errors import StvkError, name_ids
 from ..results import Fields, State
-from ..system.protocol import SystemLike
+from ..system import System
 from .record import RunRecord
 
 
@@ -94,7 +94,7 @@ def in_words(rule: Rule) -> str:
 class Removal:
     """Looks at states for elements that are to be taken out by a rule."""
 
-    def __init__(self, system: SystemLike, rule: Rule) -> None:
+    def __init__(self, system: System, rule: Rule) -> None:
         self._system, self._rule = system, rule
         self._fields: Fields | None = None
 

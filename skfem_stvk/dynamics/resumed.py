@@ -14,7 +14,8 @@ from ..arguments import Array
 from ..errors import StvkError, StvkWarning, name_ids
 from ..linear.choose import SOLVERS
 from ..results.files import NotOurs, Outlets
-from ..system.protocol import ReducedLike, SystemLike
+from ..system import System
+from ..system.protocol import ReducedLike
 from ..system.signature import Fingerprint
 from .checkpoint import ANEW, IntegratorRecord, MotionCheckpoint, load, refuse_inconsistent
 from .damping import Damping, EdgeDamping, Rayleigh
@@ -34,7 +35,7 @@ def checkpoints(named: Path | None, outlets: Outlets) -> tuple[MotionCheckpoint,
     return kept, None if source is None else source.file
 
 
-def resumed(body: SystemLike | ReducedLike, options: Options, stack: ExitStack, file: Path) -> tuple[Setup, RunRecord, Outputs]:
+def resumed(body: System | ReducedLike, options: Options, stack: ExitStack, file: Path) -> tuple[Setup, RunRecord, Outputs]:
     """A run from a checkpoint, for the problem that it holds: what is given of the beginning has to be what it was."""
     saved = load(file)
     header, method = saved.header, saved.method
@@ -70,7 +71,7 @@ def resumed(body: SystemLike | ReducedLike, options: Options, stack: ExitStack, 
     return setup, record, Outputs.resumed(setup, record, options, stack, problem, header)
 
 
-def system_at_first(system: SystemLike, removed: NDArray[np.int64], removed_at: Array, file: Path) -> SystemLike:
+def system_at_first(system: System, removed: NDArray[np.int64], removed_at: Array, file: Path) -> System:
     """The system as it was when a motion began, in which these elements were taken out before and on the way.
 
     StvkError if it has lost others by now, or not yet those that it had lost then.

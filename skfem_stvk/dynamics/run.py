@@ -19,7 +19,7 @@ from ..results import Fields, Reaction, State, animate, plot, write_vtu
 from ..results.monitors import Finding
 from ..results.reactions import held_vertices
 from ..results.vtu import DEFAULT
-from ..system.protocol import SystemLike
+from ..system import System
 from .guards import from_nowhere
 from .integrators import Integrator
 from .ledger import Ledger
@@ -68,7 +68,7 @@ class Run:
     removed_at: Array
 
     @property
-    def system(self) -> SystemLike:
+    def system(self) -> System:
         """The system whose motion this is."""
         return self.motion.system
 

@@ -13,10 +13,9 @@ from ..arguments import Array
 from ..errors import StvkError
 from ..linear import Factors, Kind, LinearSolver, Outcome
 from ..nonlinear.newton import usable
-from ..system import FreeOperator
+from ..system import FreeOperator, System
 from ..system.free_tangent import FreeTangent
 from ..system.mass import Mass
-from ..system.protocol import SystemLike
 from ..terms.load import Time
 from .critical_step import bound_on_eigenvalues
 
@@ -42,7 +41,7 @@ class Indefinite(Exception):
 class ShiftedProblem:
     """`K + shift M` over the free degrees of freedom at `u` (ndofs,), with loads at `t` that depend on it; `kind` is that of K."""
 
-    def __init__(self, system: SystemLike, solver: LinearSolver, mass: Mass, kind: Kind, u: Array, t: Time) -> None:
+    def __init__(self, system: System, solver: LinearSolver, mass: Mass, kind: Kind, u: Array, t: Time) -> None:
         if solver.matrix_free and mass.kind != "lumped":
             raise StvkError(
                 f"Got mass = {mass.kind!r} with solver '{solver.name}', which forms no matrix; expected 'lumped' or another solver."

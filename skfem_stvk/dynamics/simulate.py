@@ -14,7 +14,8 @@ from ..errors import LoadError, StvkError, SupportError, name_ids
 from ..mesh.displacements import by_vertex
 from ..mesh.places import Where
 from ..results.files import Outlets
-from ..system.protocol import ReducedLike, SystemLike, checked_system
+from ..system import System
+from ..system.protocol import ReducedLike, checked_system
 from .books import LedgerPlaces, column_names
 from .damping import Damping
 from .integrators import Integrator
@@ -29,7 +30,7 @@ from .run import Run
 
 
 def simulate(
-    system: SystemLike | ReducedLike,
+    system: System | ReducedLike,
     integrator: Integrator | None = None,
     *,
     until: float,
@@ -161,7 +162,7 @@ def simulate(
         return Loop(*start, quiet).run(raise_on_failure)
 
 
-def _begun(system: SystemLike | ReducedLike, options: Options, stack: ExitStack) -> tuple[Setup, RunRecord, Outputs]:
+def _begun(system: System | ReducedLike, options: Options, stack: ExitStack) -> tuple[Setup, RunRecord, Outputs]:
     """A run from a first state."""
     integrator = checked_integrator(options.integrator)
     body = system.body if isinstance(system, ReducedLike) else system
@@ -200,6 +201,6 @@ def _first_state(motion: Motion, options: Options, dt: float) -> MotionState:
     return state
 
 
-def _vector(name: str, given: ArrayLike | None, system: SystemLike) -> Array:
+def _vector(name: str, given: ArrayLike | None, system: System) -> Array:
     """(ndofs,) zeros, or what was given."""
     return np.zeros(system.ndofs) if given is None else by_vertex(system.mesh, given, name).astype(np.float64).ravel()

@@ -20,9 +20,8 @@ from ..linear.cg import EdgeFactors
 from ..nonlinear.problem import Residual, Tangent, dot, norm
 from ..nonlinear.stopwatch import Stopwatch
 from ..results.monitors import named_elements
-from ..system import FreeOperator, TangentOperator
+from ..system import FreeOperator, System, TangentOperator
 from ..system.free_tangent import FreeTangent, kind_of
-from ..system.protocol import SystemLike
 from ..system.round_off import EPS, below, largest_error
 from ..terms import HasMeanForce
 from ..terms.load import Moment, Time
@@ -73,7 +72,7 @@ class Coefficients(NamedTuple):
     rest: Array | float = 0.0  # (ndofs,) forces that do not depend on `w`
 
 
-def kind_of_step(system: SystemLike, tangent: StepTangent) -> Kind:
+def kind_of_step(system: System, tangent: StepTangent) -> Kind:
     """The kind of the tangent of a step: diagonal blocks and K(0) are symmetric, without loads that follow the body."""
     return Kind.SYMMETRIC if tangent in (StepTangent.DIAGONAL, StepTangent.REST) else kind_of(system)
 

@@ -15,7 +15,6 @@ from ..linear.choose import direct
 from ..nonlinear.newton import usable
 from ..system import System
 from ..system.free_tangent import FreeTangent
-from ..system.protocol import SystemLike
 from ..terms import Body
 from ..terms.body import HasMass, HasSection
 from ..terms.load import Moment
@@ -68,7 +67,7 @@ def _of_unit_density(body: Body) -> Body:
 class AtRest:
     """K at rest over the free degrees of freedom, factorised once."""
 
-    def __init__(self, body: SystemLike) -> None:
+    def __init__(self, body: System) -> None:
         self._body, n = body, body.ndofs - len(body.supports.held)
         self.solver: LinearSolver = direct(n) if n <= MANY else choose("auto", n, Kind.SYMMETRIC)
         self._tangent = FreeTangent(body, self.solver, Kind.SYMMETRIC, lambda: np.zeros(body.ndofs))

@@ -17,7 +17,7 @@ from ..linear.solver import Outcome, Solution
 from ..nonlinear.problem import Residual, Tangent, dot, norm
 from ..nonlinear.stopwatch import Stopwatch
 from ..results.monitors import named_elements
-from ..system.protocol import SystemLike
+from ..system import System
 from ..system.round_off import EPS, below, largest_error
 from ..terms.load import Time
 
@@ -38,7 +38,7 @@ class OnBasis(Protocol):
     """
 
     @property
-    def body(self) -> SystemLike: ...
+    def body(self) -> System: ...
     @property
     def columns(self) -> Array:
         """(ndofs, m) displacements for each of the coordinates."""

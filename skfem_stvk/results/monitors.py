@@ -12,7 +12,7 @@ from ..arguments import Array
 from ..errors import name_ids
 from ..materials import FramedMaterial, Isotropic, Material
 from ..mesh import ElementMesh
-from ..system.protocol import SystemLike
+from ..system import System
 from ..terms import HasStress
 from .ellipticity import refuse_other_laws, without_ellipticity
 from .fields import Fields
@@ -61,7 +61,7 @@ class Monitors:
     [('compressed', 0.5)]
     """
 
-    def __init__(self, system: SystemLike, ellipticity: bool) -> None:
+    def __init__(self, system: System, ellipticity: bool) -> None:
         self._system = system
         self._fields = Fields.of(system) if ellipticity else None
         if self._fields is not None:

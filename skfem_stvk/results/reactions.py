@@ -15,8 +15,7 @@ from ..linear.choose import direct
 from ..mesh import ElementMesh
 from ..mesh.displacements import by_vertex
 from ..mesh.places import Where, describe, vertices_at
-from ..system import FreeDofs
-from ..system.protocol import SystemLike
+from ..system import FreeDofs, System
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,7 +92,7 @@ class Reaction:
         return f"Reaction at {count}: resultant {_digits(self.resultant)} N{moment}"
 
 
-def ground_forces_at_rest(system: SystemLike, u: Array, t: float, projected: bool = False) -> Array:
+def ground_forces_at_rest(system: System, u: Array, t: float, projected: bool = False) -> Array:
     """(ndofs,) forces of supports and foundations on a body in equilibrium at the load factor `t` [N].
 
     `projected`: the displacements are in equilibrium on a basis only. Forces that are left at free degrees of freedom are carried
@@ -115,7 +114,7 @@ def unknowns_of(free: FreeDofs, d: int) -> Unknowns:
     return Unknowns(*np.divmod(free.free, d), free.structure.indptr, free.structure.indices)
 
 
-def held_vertices(system: SystemLike, where: Where | None, what: str = "reaction") -> NDArray[np.int64]:
+def held_vertices(system: System, where: Where | None, what: str = "reaction") -> NDArray[np.int64]:
     """Ids of the vertices at a place, everywhere if it is None, that supports hold or foundations tie to the ground; ascending.
 
     There is at least one, or else a SupportError. Messages begin with `what` they are asked for.

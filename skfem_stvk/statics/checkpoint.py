@@ -17,7 +17,7 @@ from ..results.archive import Checkpoint, CheckpointHeader, NotOurs, finite
 from ..results.files import Outlets
 from ..results.monitors import Finding
 from ..results.state_files import PATH, PATH_FILES
-from ..system.protocol import SystemLike
+from ..system import System
 from ..system.records import Record
 from ..system.signature import Fingerprint
 from .critical import BIFURCATION, LIMIT_POINT, CriticalPoint
@@ -115,7 +115,7 @@ class PathCheckpoint(Checkpoint[StateHeader]):
     schema = StateHeader
     remedy = "Remove it and those after it, and resume from the one before; or start anew with overwrite=True and without resume."
 
-    def __init__(self, folder: Path, system: SystemLike, problem: Fingerprint, outlets: Outlets) -> None:
+    def __init__(self, folder: Path, system: System, problem: Fingerprint, outlets: Outlets) -> None:
         super().__init__(folder)
         self.problem, self._system, self._outlets = problem, system, outlets
         self._count = 0
@@ -177,7 +177,7 @@ def _packed(step: Step, saved: dict[str, Any]) -> tuple[dict[str, Any], dict[str
     return {"step": plain, "walk": saved}, arrays
 
 
-def _unpacked(record: StepRecord, arrays: dict[str, Array], system: SystemLike) -> Step:
+def _unpacked(record: StepRecord, arrays: dict[str, Array], system: System) -> Step:
     """The state; raises ValueError or KeyError in words if it is none of the system."""
     n = system.ndofs
     plain = record.model_dump()
@@ -196,7 +196,7 @@ def _unpacked(record: StepRecord, arrays: dict[str, Array], system: SystemLike) 
     return Step(u=u, **(plain | {"critical": tuple(critical)}))
 
 
-def _elements(arrays: dict[str, Array], name: str, system: SystemLike) -> Array:
+def _elements(arrays: dict[str, Array], name: str, system: System) -> Array:
     elements = arrays.get(name, np.empty(0))
     if elements.ndim != 1 or elements.dtype.kind not in "iu" or not ((elements >= 0) & (elements < system.mesh.nt)).all():
         raise ValueError(f"the array '{name}' holds no ids of elements")
@@ -223,7 +223,7 @@ def _check_order(steps: list[Step], header: StateHeader, number: int) -> None:
         raise ValueError(f"the next step is {walk.size:g} of the load, the first was {walk.first:g}")
 
 
-def _check_equilibrium(system: SystemLike, step: Step, header: StateHeader) -> None:
+def _check_equilibrium(system: System, step: Step, header: StateHeader) -> None:
     """Refuse displacements and a load factor that are no equilibrium of the system; raises ValueError in words."""
     held, places = system.supports.held, system.supports.values(step.t)
     gap = np.abs(step.u[held] - places).max(initial=0.0)

@@ -18,9 +18,8 @@ from ..linear.inertia import COUNTED, inertia
 from ..nonlinear.problem import PathProblem, Residual, Tangent, dot, norm
 from ..nonlinear.stopwatch import Stopwatch
 from ..results.monitors import named_elements
-from ..system import FreeOperator
+from ..system import FreeOperator, System
 from ..system.free_tangent import FreeTangent, kind_of
-from ..system.protocol import SystemLike
 from ..system.round_off import EPS, below, largest_error
 from ..terms.load import Time
 
@@ -46,7 +45,7 @@ class StaticProblem(PathProblem, Protocol):
     """A path of states of a body, of all its displacements or of the few coordinates of a basis."""
 
     @property
-    def system(self) -> SystemLike:
+    def system(self) -> System:
         """The body with all its displacements."""
 
     @property
@@ -57,7 +56,7 @@ class StaticProblem(PathProblem, Protocol):
 class Equilibrium:
     """`F(u) = f_ext(u, t)` over the free degrees of freedom, a `PathProblem` whose states are displacements (ndofs,)."""
 
-    def __init__(self, system: SystemLike, solver: LinearSolver, watch: Stopwatch) -> None:
+    def __init__(self, system: System, solver: LinearSolver, watch: Stopwatch) -> None:
         self.system, self._watch, self._u = system, watch, np.zeros(system.ndofs)
         self.largest, self._doubts = 0.0, MOST_DOUBTS
         with watch("factor"):

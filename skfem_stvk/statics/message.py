@@ -13,7 +13,7 @@ from ..nonlinear.newton import End
 from ..nonlinear.outcome import Status
 from ..nonlinear.stability import Verdict
 from ..results.monitors import point_of
-from ..system.protocol import SystemLike
+from ..system import System
 from .arc_length import ArcLength
 from .equilibrium import StaticProblem
 from .history import History
@@ -45,7 +45,7 @@ GIVEN_WAY = 0.1
 MOST_NAMED = 5
 
 
-def what_to_try(end: End, system: SystemLike) -> str:
+def what_to_try(end: End, system: System) -> str:
     """Advice after a step that failed."""
     softens = np.isfinite(system.smallest_stretch(np.zeros(system.ndofs)))  # only laws that soften are asked for stretches
     advice = f"{GIVES_WAY} " * bool(softens) + f"Try {RESIST[system.resists_inversion]}"
@@ -58,7 +58,7 @@ def what_to_try(end: End, system: SystemLike) -> str:
 class Ending:
     """What is known of a solve when it ends, of which its message is made."""
 
-    system: SystemLike
+    system: System
     status: Status
     method: str  # name of the walk
     history: History
@@ -111,7 +111,7 @@ def reason(ending: Ending) -> str:
     return f"Converged: {end}{rounding}, residual {residual:.1e} of loads and reactions.{seen}"
 
 
-def _may_be_slack(system: SystemLike) -> bool:
+def _may_be_slack(system: System) -> bool:
     """Whether a body has membranes or cables, which move across themselves without stiffness at rest."""
     return any(body.mesh.k < body.mesh.d for body in (system.body, *system.body.beside))
 

@@ -14,7 +14,7 @@ from ..nonlinear.newton import Iterations
 from ..nonlinear.progress import Progress
 from ..results import Fields, Series
 from ..results.files import Outlets
-from ..system.protocol import SystemLike
+from ..system import System
 from ..system.signature import Fingerprint
 from .history import Attempt, Step
 
@@ -29,7 +29,7 @@ MOMENTS = 0.5, 1.0
 
 @contextmanager
 def opened(
-    outlets: Outlets, system: SystemLike, options: dict[str, Any], start: Mapping[str, Sequence[float]]
+    outlets: Outlets, system: System, options: dict[str, Any], start: Mapping[str, Sequence[float]]
 ) -> Iterator[tuple[Write, PathCheckpoint | None]]:
     """A function that writes a state to the series, and the checkpoint, where they were asked for; nobody else can write them."""
     with ExitStack() as stack:

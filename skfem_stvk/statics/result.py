@@ -21,7 +21,7 @@ from ..results import Fields, Reaction, State, plot, write_vtu
 from ..results.reactions import ground_forces_at_rest, held_vertices
 from ..results.series import save_series
 from ..results.vtu import DEFAULT
-from ..system.protocol import SystemLike
+from ..system import System
 from .critical import CriticalPoint
 from .history import History
 
@@ -42,7 +42,7 @@ class StaticResult:
     projected : whether the states are those of a `ReducedSystem`, in equilibrium on its basis. Reactions take a linear solve then.
     """
 
-    system: SystemLike
+    system: System
     u: Array
     t: float
     status: Status

@@ -20,8 +20,9 @@ from ..nonlinear.stability import Verdict, judged
 from ..nonlinear.stopwatch import Stopwatch
 from ..results.files import Outlets
 from ..results.monitors import Monitors
+from ..system import System
 from ..system.free_tangent import entries_of, kind_of, with_loads
-from ..system.protocol import ReducedLike, SystemLike, checked_system
+from ..system.protocol import ReducedLike, checked_system
 from ..system.signature import sums
 from .arc_length import ArcLength
 from .equilibrium import Equilibrium, StaticProblem
@@ -40,7 +41,7 @@ METHODS = (LoadSteps.name, ArcLength.name)
 
 
 def solve_static(
-    system: SystemLike | ReducedLike,
+    system: System | ReducedLike,
     steps: int = 10,
     *,
     method: str = LoadSteps.name,
@@ -195,7 +196,7 @@ class StaticOptions:
         }
 
 
-def _start(system: SystemLike, u0: ArrayLike | None) -> Array:
+def _start(system: System, u0: ArrayLike | None) -> Array:
     """The displacements to start from; refuses a system on which nothing acts, or that moves without strain."""
     if checked_system(system).dtype != np.float64:
         raise StvkError(
@@ -214,7 +215,7 @@ def _start(system: SystemLike, u0: ArrayLike | None) -> Array:
 class _Solve:
     """One solve: the walk along the path, what is written on the way, and what is said of it in the end."""
 
-    def __init__(self, system: SystemLike, start: Array, options: StaticOptions, reduced: ReducedLike | None = None) -> None:
+    def __init__(self, system: System, start: Array, options: StaticOptions, reduced: ReducedLike | None = None) -> None:
         self._system, self._start, self._options, self._reduced = system, start, options, reduced
         self._watch, self._history = Stopwatch(), History()
         self._problem: StaticProblem

@@ -13,7 +13,7 @@ from ..arguments import Array, number, own, shown, whole
 from ..errors import StvkError, name_ids
 from ..mesh.places import Where, describe, vertices_at
 from ..nonlinear.problem import dot
-from ..system.protocol import SystemLike
+from ..system import System
 from .continuation import Hyperplane
 from .history import Step
 
@@ -67,7 +67,7 @@ class Goal:
     `functional` makes of weights of displacements (ndofs,) those of the states of a problem.
     """
 
-    def __init__(self, stop: Stop, system: SystemLike, functional: Callable[[Array], Array] = lambda normal: normal) -> None:
+    def __init__(self, stop: Stop, system: System, functional: Callable[[Array], Array] = lambda normal: normal) -> None:
         self._stop, mesh = stop, system.mesh
         self._levels: list[tuple[Array, float, float]] = []
         if stop.load is not None:
@@ -128,7 +128,7 @@ class Goal:
         return self._stop.states is None and states >= MOST_STATES
 
 
-def _mean_displacement(given: Any, system: SystemLike) -> tuple[Array, float, float]:
+def _mean_displacement(given: Any, system: System) -> tuple[Array, float, float]:
     """The mean over the vertices of a place as a level."""
     mesh = system.mesh
     if not isinstance(given, tuple | list) or len(given) != 3:

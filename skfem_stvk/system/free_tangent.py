@@ -18,8 +18,8 @@ from ..linear.amg import AmgAnalysis
 from ..linear.inertia import transposition
 from ..terms.load import Time
 from .operator import FreeOperator, TangentOperator
-from .protocol import SystemLike
 from .rigid import rigid_modes
+from .system import System
 
 #: What is added to a tangent without any stiffness in some direction, as a part of the largest diagonal entry of each vertex.
 SHIFT = 1e-4
@@ -36,7 +36,7 @@ class FreeTangent:
     the factors of the last Jacobian that nothing stood in for.
     """
 
-    def __init__(self, system: SystemLike, solver: LinearSolver, kind: Kind, displacements: Callable[[], Array]) -> None:
+    def __init__(self, system: System, solver: LinearSolver, kind: Kind, displacements: Callable[[], Array]) -> None:
         self.system, self.kind, self._displacements = system, kind, displacements
         self.free = system.free_dofs(system.supports.held)
         self.symmetric = kind is not Kind.GENERAL
@@ -185,18 +185,18 @@ class FreeTangent:
         return Kind.SYMMETRIC if self.symmetric else Kind.GENERAL
 
 
-def entries_of(system: SystemLike) -> int:
+def entries_of(system: System) -> int:
     """About how many entries K has, from the term that couples the most pairs of nodes."""
     pairs = max((term.nodes_paired.shape[1] for term in system.bound_terms), default=0)
     return int(system.mesh.d**2 * (system.mesh.nv + 2 * pairs))
 
 
-def kind_of(system: SystemLike) -> Kind:
+def kind_of(system: System) -> Kind:
     """What the Jacobian of a system is."""
     return Kind.SYMMETRIC if system.conservative else Kind.GENERAL
 
 
-def with_loads(solver: LinearSolver, system: SystemLike) -> LinearSolver:
+def with_loads(solver: LinearSolver, system: System) -> LinearSolver:
     """The solver, with a matrix where loads have a stiffness, since operators have that of elastic terms alone; or an error."""
     if system.dead or not solver.matrix_free:
         return solver

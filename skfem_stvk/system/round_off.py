@@ -6,7 +6,7 @@ import numpy as np
 
 from ..arguments import Array
 from ..edges.pairs import joined
-from .protocol import SystemLike
+from .system import System
 
 EPS = float(np.finfo(float).eps)
 #: The largest rounding error of a force that counts, as a part of the stiffness at rest times an edge. Errors are 1e-10 of it and
@@ -14,7 +14,7 @@ EPS = float(np.finfo(float).eps)
 MOST = 1e-6
 
 
-def largest_error(system: SystemLike) -> Array:
+def largest_error(system: System) -> Array:
     """Return `MOST |K_aa| l_a` (ndofs,) [N], with the tangent K at rest and the longest edge `l_a` of each node.
 
     Nodes without stiffness at rest get the largest value of all nodes.

@@ -12,7 +12,7 @@ import numpy as np
 from ..arguments import Array
 from ..errors import StvkError
 from ..terms.load import Moment, Time
-from .protocol import SystemLike
+from .system import System
 
 if TYPE_CHECKING:
     from .records import Kind, Signature
@@ -34,7 +34,7 @@ class Fingerprint:
     def __init__(
         self,
         kind: Kind,
-        system: SystemLike,
+        system: System,
         method: Mapping[str, Any],
         moments: Sequence[float],
         start: Mapping[str, Sequence[float]],
@@ -108,7 +108,7 @@ class Fingerprint:
         return {name: [float(value) for value in np.nan_to_num(values)] for name, values in numbers.items()} | self._start
 
 
-def _energy(system: SystemLike, u: Array) -> float:
+def _energy(system: System, u: Array) -> float:
     """Strain energy of the terms that have one [J]."""
     return float(np.nansum(system.elastic_energies(u)))
 

@@ -11,7 +11,7 @@ from ...arguments import Array
 from ...errors import StvkError
 from ...nonlinear.newton import usable
 from ...nonlinear.problem import Tangent
-from ...system.protocol import SystemLike
+from ...system import System
 from ...terms.load import Moment
 from ..forces import damping_is_of_edges
 from ..motion import Motion
@@ -66,7 +66,7 @@ class LinearBackwardEuler(BackwardEuler):
             return frozenset({LINEAR_MOMENTUM, ANGULAR_MOMENTUM})
         return frozenset() if self.tangent == StepTangent.DIAGONAL.value else frozenset({LINEAR_MOMENTUM})
 
-    def iterates(self, system: SystemLike) -> bool:
+    def iterates(self, system: System) -> bool:
         """Unless factors are kept for the whole run: a step is one solve only, and starts near its solution."""
         return not system.constant_tangent
 

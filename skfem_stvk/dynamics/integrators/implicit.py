@@ -13,8 +13,8 @@ from ...linear import BlockJacobiCg, Kind, LinearSolver, SsorCg, choose
 from ...linear.choose import is_auto
 from ...nonlinear.newton import Iterations, NewtonOptions, newton
 from ...nonlinear.stopwatch import Stopwatch
+from ...system import System
 from ...system.free_tangent import entries_of, with_loads
-from ...system.protocol import SystemLike
 from ...terms.load import Moment
 from ..forces import passes_inversion
 from ..motion import Motion
@@ -61,13 +61,13 @@ class Implicit(Integrator):
         several = isinstance(solver, SsorCg) and len(motion.system.elastic_terms) > 1
         return replace(own, assembled=True) if several or motion.mass.kind == "consistent" else solver
 
-    def _named(self, system: SystemLike, kind: Kind) -> str | LinearSolver:
+    def _named(self, system: System, kind: Kind) -> str | LinearSolver:
         """The solver that is meant: conjugate gradients for diagonal blocks, and by default where they are fast."""
         if StepTangent(self.tangent) is StepTangent.DIAGONAL:
             return "block-jacobi-cg"
         return "ssor-cg" if is_auto(self.solver) and kind is Kind.SYMMETRIC and self.iterates(system) else self.solver
 
-    def iterates(self, system: SystemLike) -> bool:
+    def iterates(self, system: System) -> bool:
         """Whether conjugate gradients are fast: for tetrahedra, whose factors are large, unless factors are kept."""
         return system.mesh.k == 3 and StepTangent(self.tangent) is not StepTangent.REST and not system.constant_tangent
 
