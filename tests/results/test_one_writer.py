@@ -8,11 +8,9 @@ import socket
 import threading
 from pathlib import Path
 
-import filelock
 import pytest
 
 from skfem_stvk import StvkError, StvkWarning
-from skfem_stvk.results import one_writer
 from skfem_stvk.results.one_writer import OneWriter
 
 pytestmark = pytest.mark.skipif(not hasattr(os, "fork"), reason="no forks")
@@ -136,17 +134,6 @@ def test_where_a_disk_has_no_locks_it_goes_on_and_says_so(path, code, monkeypatc
     monkeypatch.setattr("fcntl.flock", refuse)
     with pytest.warns(StvkWarning, match=r"has no locks: see to it that no other run writes there"), OneWriter(path) as writer:
         assert writer.held
-
-
-def test_releases_of_filelock_that_do_not_say_why_they_fail_are_seen_through(path, monkeypatch):
-    """The older ones take any error for that of a lock that somebody holds."""
-
-    def never(lock, *_, **__):
-        raise filelock.Timeout(lock.lock_file)
-
-    monkeypatch.setattr(one_writer.FileLock, "acquire", never)
-    with pytest.warns(StvkWarning, match="has no locks"), OneWriter(path):
-        pass
 
 
 def test_what_the_holder_says_of_itself_is_not_believed_blindly(path):
